@@ -1,0 +1,317 @@
+"""The camera: lens, mount, and the way between pixels and the road.
+
+Conventions
+-----------
+- pixels are (column u, row v), integer coordinates at pixel centres, as in OpenCV;
+- camera axes are OpenCV's: x right, y down, z forward;
+- the road frame is ISO 8855: x forward, y left, z up, metres, origin on the road below the camera;
+- mount angles: pitch > 0 looks down, yaw > 0 looks left, roll > 0 has the right side down.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from datetime import date
+from functools import cached_property, lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import yaml
+
+from lanes.images import PictureError, require_rgb, write_whole
+
+# Pictures whose aspect ratios differ by less than this come from the same sensor area: 1281x721 beside 1280x720
+# differs by 0.0006, the next common format (16:10 beside 16:9) by 0.18.
+SAME_ASPECT = 0.005
+
+
+class CameraError(ValueError):
+    """A camera file or a picture does not fit; the message says which and what to do."""
+
+
+@dataclass(frozen=True)
+class Mount:
+    """Where the camera sits on the car: height above the road in metres, angles in radians (signs: module docstring)."""
+
+    height_m: float
+    pitch_rad: float = 0.0
+    yaw_rad: float = 0.0
+    roll_rad: float = 0.0
+
+    def rotation(self) -> np.ndarray:
+        """(3, 3) matrix that takes directions in the road frame to camera axes."""
+        cy, sy = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
+        cp, sp = np.cos(self.pitch_rad), np.sin(self.pitch_rad)
+        cr, sr = np.cos(self.roll_rad), np.sin(self.roll_rad)
+        yaw = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+        pitch = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+        roll = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+        body_to_camera = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
+        return body_to_camera @ (yaw @ pitch @ roll).T
+
+
+@dataclass(frozen=True)
+class CalibrationReport:
+    """How a calibration went: root mean square error in pixels over all corners, and each board's own."""
+
+    rms_px: float
+    board_rms_px: dict[str, float] = field(default_factory=dict)
+    rejected: dict[str, str] = field(default_factory=dict)
+    date: str = field(default_factory=lambda: date.today().isoformat())
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """Lens and mount of one camera at one picture size.
+
+    Parameters
+    ----------
+    width, height : int
+        Picture size in pixels that the numbers below belong to.
+    matrix : ndarray of shape (3, 3)
+        Camera matrix (focal lengths and principal point, pixels).
+    distortion : ndarray of shape (5,)
+        Brown-Conrady coefficients k1, k2, p1, p2, k3 in OpenCV's order ("plumb_bob" in ROS).
+    mount : Mount, optional
+        Needed by everything that speaks of the road.
+    report : CalibrationReport, optional
+        How the numbers were found.
+    """
+
+    width: int
+    height: int
+    matrix: np.ndarray
+    distortion: np.ndarray
+    mount: Mount | None = None
+    report: CalibrationReport | None = None
+
+    @classmethod
+    def from_fov(cls, size: tuple[int, int], hfov_deg: float, mount: Mount | None = None) -> Camera:
+        """A camera without distortion from its horizontal field of view in degrees; `size` is (width, height)."""
+        if not 10 <= hfov_deg <= 150:
+            raise CameraError(
+                f"a horizontal field of view of {hfov_deg} degrees is not that of a dashcam; give 10 to 150."
+            )
+        width, height = size
+        focal_px = width / 2 / np.tan(np.radians(hfov_deg) / 2)
+        matrix = np.array([[focal_px, 0, (width - 1) / 2], [0, focal_px, (height - 1) / 2], [0, 0, 1]])
+        return cls(width, height, matrix, np.zeros(5), mount)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) in pixels."""
+        return self.width, self.height
+
+    def with_mount(self, mount: Mount) -> Camera:
+        """The same lens on another mount."""
+        return replace(self, mount=mount)
+
+    def scaled(self, size: tuple[int, int]) -> Camera:
+        """The same camera for pictures resized to `size` (width, height).
+
+        Raises
+        ------
+        CameraError
+            If the aspect ratio differs, because then the picture was cropped and the principal point is unknown.
+        """
+        width, height = size
+        if abs(width / height - self.width / self.height) > SAME_ASPECT:
+            raise CameraError(
+                f"a {width}x{height} picture has another shape than the calibrated {self.width}x{self.height}: "
+                "it was cropped, so the calibration cannot be rescaled; calibrate at that size."
+            )
+        # Pixel centres lie at integers, so the picture's edge is at -0.5: shift by half a pixel, scale, shift back.
+        scale = np.diag([width / self.width, height / self.height, 1.0])
+        shift = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
+        return replace(self, width=width, height=height, matrix=np.linalg.inv(shift) @ scale @ shift @ self.matrix)
+
+    def require_size(self, image: np.ndarray, name: object = "picture") -> None:
+        """Refuse a picture of another size than the calibration's, with a sentence that names both."""
+        require_rgb(image, name)
+        got = (image.shape[1], image.shape[0])
+        if got != self.size:
+            raise PictureError(
+                f"{name}: is {got[0]}x{got[1]} pixels, but the camera was calibrated for {self.width}x{self.height}; "
+                "use a picture of that size, or ask for rescaling (camera.scaled) when it was only resized."
+            )
+
+    def undistort_points(self, pixels: np.ndarray) -> np.ndarray:
+        """Raw pixels (N, 2) to the pixels (N, 2) of the undistorted picture."""
+        rays = self.rays(pixels)
+        return rays[:, :2] @ self.matrix[:2, :2].T + self.matrix[:2, 2]
+
+    def distort_points(self, pixels: np.ndarray) -> np.ndarray:
+        """Pixels (N, 2) of the undistorted picture to raw pixels (N, 2)."""
+        pixels = np.asarray(pixels, float).reshape(-1, 2)
+        rays = np.column_stack(
+            [(pixels - self.matrix[:2, 2]) @ np.linalg.inv(self.matrix[:2, :2]).T, np.ones(len(pixels))]
+        )
+        return self._project_camera_points(rays)
+
+    def rays(self, pixels: np.ndarray) -> np.ndarray:
+        """Directions (N, 3) in camera axes, z = 1, that raw pixels (N, 2) look along."""
+        pixels = np.asarray(pixels, float).reshape(-1, 1, 2)
+        # 50 steps of the fixed-point iteration: the default 5 leave up to 0.1 px at the corners of a wide lens.
+        stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-12)
+        xy = cv2.undistortPoints(pixels, self.matrix, self.distortion, criteria=stop)
+        return np.column_stack([xy.reshape(-1, 2), np.ones(len(pixels))])
+
+    def road_to_pixels(self, points_m: np.ndarray) -> np.ndarray:
+        """Points (N, 2) on the road or (N, 3) above it, metres, to raw pixels (N, 2); NaN where the lens cannot see them."""
+        mount = self._require_mount()
+        points = np.asarray(points_m, float)
+        if points.shape[-1] == 2:
+            points = np.column_stack([points, np.zeros(len(points))])
+        return self._project_camera_points((points - [0, 0, mount.height_m]) @ mount.rotation().T)
+
+    def pixels_to_road(self, pixels: np.ndarray) -> np.ndarray:
+        """Raw pixels (N, 2) to points (N, 2) on the flat road, metres; NaN at and above the horizon."""
+        mount = self._require_mount()
+        directions = self.rays(pixels) @ mount.rotation()
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = np.where(directions[:, 2] < -1e-9, -mount.height_m / directions[:, 2], np.nan)
+        return directions[:, :2] * distance[:, None]
+
+    @cached_property
+    def largest_ray(self) -> float:
+        """Tangent of the widest angle from the axis at which the distortion polynomial still grows with the angle.
+
+        Beyond it the polynomial folds back and would put points far outside the view into the picture.
+        """
+        k1, k2, _, _, k3 = self.distortion
+        # derivative of r (1 + k1 r^2 + k2 r^4 + k3 r^6), as a polynomial in r^2
+        roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1.0])
+        real = roots[np.isreal(roots)].real
+        return float(np.sqrt(min(real[real > 0], default=np.inf)))
+
+    def _project_camera_points(self, points: np.ndarray) -> np.ndarray:
+        z = points[:, 2]
+        visible = (z > 1e-6) & (np.hypot(points[:, 0], points[:, 1]) < self.largest_ray * z)
+        pixels = np.full((len(points), 2), np.nan)
+        if visible.any():
+            projected, _ = cv2.projectPoints(points[visible], np.zeros(3), np.zeros(3), self.matrix, self.distortion)
+            pixels[visible] = projected.reshape(-1, 2)
+        return pixels
+
+    def _require_mount(self) -> Mount:
+        if self.mount is None:
+            raise CameraError(
+                "this camera has no mount (height and angles), so pixels cannot be placed on the road; give one or estimate it."
+            )
+        return self.mount
+
+
+def undistort(image: np.ndarray, camera: Camera, *, rescale: bool = False) -> np.ndarray:
+    """Take the lens distortion out of a picture.
+
+    Parameters
+    ----------
+    image : ndarray of shape (height, width, 3), uint8
+        RGB, as taken.
+    camera : Camera
+        The undistorted picture keeps its camera matrix, so straight lines are straight and the centre stays put.
+    rescale : bool
+        Accept a picture that was resized (same aspect ratio) and rescale the calibration to it.
+
+    Returns
+    -------
+    ndarray of the same shape, uint8
+
+    Raises
+    ------
+    PictureError
+        If the size is not the calibration's and `rescale` was not asked for.
+    CameraError
+        If `rescale` was asked for and the aspect ratio differs.
+    """
+    require_rgb(image)
+    size = (image.shape[1], image.shape[0])
+    if rescale and size != camera.size:
+        camera = camera.scaled(size)
+    camera.require_size(image)
+    map_u, map_v = _undistortion_maps(size, tuple(camera.matrix.ravel()), tuple(np.ravel(camera.distortion)))
+    return cv2.remap(image, map_u, map_v, cv2.INTER_LINEAR)
+
+
+@lru_cache(maxsize=8)
+def _undistortion_maps(size: tuple[int, int], matrix: tuple, distortion: tuple) -> tuple[np.ndarray, np.ndarray]:
+    """Lookup maps, built once for each lens: building them costs as much as using them ten times."""
+    matrix = np.reshape(matrix, (3, 3))
+    return cv2.initUndistortRectifyMap(matrix, np.array(distortion), None, matrix, size, cv2.CV_16SC2)
+
+
+def save_camera(camera: Camera, path: str | Path) -> Path:
+    """Write camera.yaml in the layout of ROS camera_info plus `mount:` and `calibration:` blocks; see `load_camera`."""
+    matrix = [float(x) for x in np.ravel(camera.matrix)]
+    content: dict = {
+        "image_width": int(camera.width),
+        "image_height": int(camera.height),
+        "camera_name": "dashcam",
+        "camera_matrix": {"rows": 3, "cols": 3, "data": matrix},
+        "distortion_model": "plumb_bob",
+        "distortion_coefficients": {"rows": 1, "cols": 5, "data": [float(x) for x in np.ravel(camera.distortion)]},
+    }
+    if camera.mount:
+        content["mount"] = {name: float(getattr(camera.mount, name)) for name in Mount.__dataclass_fields__}
+    if camera.report:
+        r = camera.report
+        content["calibration"] = {
+            "rms_px": round(float(r.rms_px), 4),
+            "boards_used": len(r.board_rms_px),
+            "board_rms_px": {name: round(float(e), 4) for name, e in r.board_rms_px.items()},
+            "rejected": dict(r.rejected),
+            "date": r.date,
+        }
+    path = Path(path)
+    write_whole(path, yaml.safe_dump(content, sort_keys=False, allow_unicode=True).encode())
+    return path
+
+
+def load_camera(path: str | Path) -> Camera:
+    """Read camera.yaml.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    CameraError
+        If it is no camera file, lacks an entry or holds numbers that are no camera's.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: there is no such camera file; make one by calibrating, or check the name.")
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        camera = _camera_from_dict(content)
+    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
+        reason = f"entry {error} is missing" if isinstance(error, KeyError) else str(error).splitlines()[0]
+        raise CameraError(f"{path}: is no usable camera file ({reason}); make it again by calibrating.") from error
+    return camera
+
+
+def _camera_from_dict(content: dict) -> Camera:
+    if not isinstance(content, dict):
+        raise ValueError("it holds no entries")
+    if content["distortion_model"] != "plumb_bob":
+        raise ValueError(f"distortion model {content['distortion_model']} is not supported, only plumb_bob")
+    matrix = np.array(content["camera_matrix"]["data"], float).reshape(3, 3)
+    distortion = np.array(content["distortion_coefficients"]["data"], float).reshape(5)
+    width, height = int(content["image_width"]), int(content["image_height"])
+    if not (
+        np.isfinite(matrix).all()
+        and np.isfinite(distortion).all()
+        and matrix[0, 0] > 0
+        and matrix[1, 1] > 0
+        and width > 0
+        and height > 0
+    ):
+        raise ValueError("its numbers are not finite, or a size or focal length is not positive")
+    mount = Mount(**{name: float(value) for name, value in content["mount"].items()}) if "mount" in content else None
+    report = None
+    if "calibration" in content:
+        c = content["calibration"]
+        report = CalibrationReport(
+            float(c["rms_px"]), dict(c["board_rms_px"]), dict(c.get("rejected", {})), str(c["date"])
+        )
+    return Camera(width, height, matrix, distortion, mount, report)

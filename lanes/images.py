@@ -1,0 +1,162 @@
+"""Pictures in and out of files: the only place besides video.py that talks to an image codec.
+
+Everywhere else an image is an ndarray of shape (height, width, 3), dtype uint8, channels in RGB order.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png")
+
+
+class PictureError(ValueError):
+    """A picture cannot be used; the message names the file, what is wrong and what to do."""
+
+
+def read_image(path: str | Path) -> np.ndarray:
+    """Read a picture file as RGB.
+
+    Gray pictures are repeated over three channels and a fourth (alpha) channel is dropped, so that every
+    caller gets the one layout this project uses.
+
+    Parameters
+    ----------
+    path : str or Path
+        A JPEG or PNG file.
+
+    Returns
+    -------
+    ndarray of shape (height, width, 3), uint8
+        Channels in RGB order.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    PictureError
+        If the file is empty, truncated or not a picture.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: there is no such picture file; check the name and the folder.")
+    data = path.read_bytes()
+    _require_whole(path, data)
+    bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    if bgr is None:
+        raise PictureError(f"{path}: this file cannot be decoded as a picture; save it again as JPEG or PNG.")
+    return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
+
+
+def write_image(path: str | Path, image: np.ndarray, *, jpeg_quality: int = 92) -> Path:
+    """Write an RGB picture so that the file appears under its name only when it is whole.
+
+    Parameters
+    ----------
+    path : str or Path
+        Ends in .jpg, .jpeg or .png; the folder is created where needed.
+    image : ndarray of shape (height, width, 3), uint8
+        RGB.
+    jpeg_quality : int, in range 1..100
+        Ignored for PNG. The default 92 keeps edges clean at about a fifth of the size of PNG.
+
+    Returns
+    -------
+    Path
+        The path written.
+
+    Raises
+    ------
+    PictureError
+        If `image` is no RGB picture or the suffix is not one of `PICTURE_SUFFIXES`.
+    OSError
+        If the folder cannot be written to.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in PICTURE_SUFFIXES:
+        raise PictureError(
+            f"{path}: cannot write {path.suffix or 'a name without suffix'}; end the name in .jpg or .png."
+        )
+    require_rgb(image, path)
+    options = [] if path.suffix.lower() == ".png" else [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality]
+    done, data = cv2.imencode(path.suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)
+    if not done:
+        raise PictureError(f"{path}: the picture of shape {image.shape} could not be encoded as {path.suffix}.")
+    write_whole(path, data.tobytes())
+    return path
+
+
+def write_whole(path: str | Path, data: bytes) -> None:
+    """Write `data` beside `path` and rename it, so that an interruption never leaves half a file."""
+    path = Path(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = partial_path(path)
+        partial.write_bytes(data)
+        os.replace(partial, path)
+    except OSError as error:
+        raise type(error)(
+            f"{path}: cannot be written ({error.strerror}); choose another folder or free some space."
+        ) from error
+
+
+def partial_path(path: Path) -> Path:
+    """The name under which an output is written until it is whole: same folder and suffix, so a rename is atomic."""
+    return path.with_name(f"{path.stem}.partial.{os.getpid()}{path.suffix}")
+
+
+def list_pictures(folder: str | Path) -> list[Path]:
+    """Picture files of a folder in natural order (board2 before board10).
+
+    Raises
+    ------
+    FileNotFoundError
+        If the folder does not exist or holds no picture.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise FileNotFoundError(f"{folder}: there is no such folder; name the folder that holds the pictures.")
+    found = [p for p in folder.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES]
+    if not found:
+        raise FileNotFoundError(
+            f"{folder}: holds no picture ({', '.join(PICTURE_SUFFIXES)}); put some there or name another folder."
+        )
+    return sorted(found, key=natural_key)
+
+
+def natural_key(path: Path) -> list:
+    """Sort key that compares digit runs as numbers."""
+    return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name)]
+
+
+def require_rgb(image: np.ndarray, name: object = "picture") -> None:
+    """Refuse anything that is not an (H, W, 3) uint8 array, naming what it is instead."""
+    if not isinstance(image, np.ndarray) or image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
+        got = f"shape {image.shape}, dtype {image.dtype}" if isinstance(image, np.ndarray) else type(image).__name__
+        raise PictureError(
+            f"{name}: expected an RGB picture of shape (height, width, 3) and dtype uint8, got {got}; read it with read_image."
+        )
+
+
+def _require_whole(path: Path, data: bytes) -> None:
+    """Refuse empty and truncated files, which OpenCV would decode with a gray remainder and a warning on stderr."""
+    if not data:
+        raise PictureError(f"{path}: the file is empty; copy it again from its source.")
+    # A JPEG ends with the marker FFD9 (ITU-T T.81, B.1.1.3), some cameras pad with zeros behind it; a PNG ends with IEND.
+    if data[:2] == b"\xff\xd8":
+        whole = data.rstrip(b"\0").endswith(b"\xff\xd9")
+    elif data[:8] == b"\x89PNG\r\n\x1a\n":
+        whole = b"IEND" in data[-12:]
+    else:
+        raise PictureError(
+            f"{path}: this is neither a JPEG nor a PNG picture, whatever its name says; save it again as JPEG or PNG."
+        )
+    if not whole:
+        raise PictureError(
+            f"{path}: the picture is cut off (its end marker is missing); copy it again from its source."
+        )
