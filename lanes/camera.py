@@ -32,7 +32,7 @@ class CameraError(ValueError):
 
 @dataclass(frozen=True)
 class Mount:
-    """Where the camera sits on the car: height above the road in metres, angles in radians (signs: module docstring)."""
+    """Where the camera sits on the car: height above the road, angles with the signs of the module docstring."""
 
     height_m: float
     pitch_rad: float = 0.0
@@ -158,7 +158,7 @@ class Camera:
         return np.column_stack([xy.reshape(-1, 2), np.ones(len(pixels))])
 
     def road_to_pixels(self, points_m: np.ndarray) -> np.ndarray:
-        """Points (N, 2) on the road or (N, 3) above it, metres, to raw pixels (N, 2); NaN where the lens cannot see them."""
+        """Points (N, 2) on the road or (N, 3) above it, metres, to raw pixels (N, 2); NaN where the lens is blind."""
         mount = self._require_mount()
         points = np.asarray(points_m, float)
         if points.shape[-1] == 2:
@@ -197,7 +197,8 @@ class Camera:
     def _require_mount(self) -> Mount:
         if self.mount is None:
             raise CameraError(
-                "this camera has no mount (height and angles), so pixels cannot be placed on the road; give one or estimate it."
+                "this camera has no mount (height and angles), so pixels cannot be placed on the road; "
+                "give one or estimate it."
             )
         return self.mount
 

@@ -139,7 +139,8 @@ def require_rgb(image: np.ndarray, name: object = "picture") -> None:
     if not isinstance(image, np.ndarray) or image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
         got = f"shape {image.shape}, dtype {image.dtype}" if isinstance(image, np.ndarray) else type(image).__name__
         raise PictureError(
-            f"{name}: expected an RGB picture of shape (height, width, 3) and dtype uint8, got {got}; read it with read_image."
+            f"{name}: expected an RGB picture of shape (height, width, 3) and dtype uint8, got {got}; "
+            "read it with read_image."
         )
 
 
@@ -147,7 +148,7 @@ def _require_whole(path: Path, data: bytes) -> None:
     """Refuse empty and truncated files, which OpenCV would decode with a gray remainder and a warning on stderr."""
     if not data:
         raise PictureError(f"{path}: the file is empty; copy it again from its source.")
-    # A JPEG ends with the marker FFD9 (ITU-T T.81, B.1.1.3), some cameras pad with zeros behind it; a PNG ends with IEND.
+    # A JPEG ends with the marker FFD9 (ITU-T T.81, B.1.1.3), which some cameras pad with zeros; a PNG ends with IEND.
     if data[:2] == b"\xff\xd8":
         whole = data.rstrip(b"\0").endswith(b"\xff\xd9")
     elif data[:8] == b"\x89PNG\r\n\x1a\n":
