@@ -1,0 +1,56 @@
+# Two commands: `make run` executes the course, `make test` checks everything.
+# They need Python 3.11-3.13 and make, and the network only the first time.
+
+.DEFAULT_GOAL := help
+.PHONY: help run test clean
+
+# An own choice is possible: make run PYTHON=/path/to/python3.12
+PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
+	$$p -c 'import sys, venv, ensurepip; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' \
+	>/dev/null 2>&1 && echo $$p && break; done)
+ENV := .venv/bin
+INSTALLED := .venv/installed.txt
+
+# Figures belong into the notebook, whatever the caller's shell asks of matplotlib.
+unexport MPLBACKEND
+# Jupyter's own notice about its folders is no news to the reader.
+export JUPYTER_PLATFORM_DIRS := 1
+
+help:
+	@echo "make run    execute project.ipynb, regenerate output_images/ and the annotated video"
+	@echo "make test   lint, unit tests, and project.ipynb re-executed and compared by nbval"
+	@echo "make clean  remove .venv and caches"
+	@echo "Real pictures: make run LANES_DATA=path/to/folder   (results go to output_real/)"
+
+run: $(INSTALLED)
+ifdef LANES_DATA
+	@echo "== Running the course on $(LANES_DATA); pictures and the executed notebook go to output_real/"
+	@mkdir -p output_real
+	@$(ENV)/jupyter nbconvert --log-level WARN --to notebook --execute --ExecutePreprocessor.record_timing=False \
+		--output-dir output_real project.ipynb
+	@echo "== Done: open output_real/project.ipynb"
+else
+	@echo "== Running the course (about a minute): project.ipynb is executed in place"
+	@$(ENV)/jupyter nbconvert --log-level WARN --to notebook --execute --ExecutePreprocessor.record_timing=False \
+		--inplace project.ipynb
+	@echo "== Done: read project.ipynb, see output_images/"
+endif
+
+test: $(INSTALLED)
+	@echo "== Lint"
+	@$(ENV)/ruff check . && $(ENV)/ruff format --check .
+	@echo "== Unit tests, then the notebook against its committed outputs (some minutes)"
+	@env -u LANES_DATA $(ENV)/python -m pytest tests project.ipynb --nbval --nbval-current-env \
+		--nbval-cell-timeout 120 -p tests.compare_figures
+
+# Written last, so that a broken installation is tried again.
+$(INSTALLED): requirements.txt
+	@test -n "$(PYTHON)" || { echo "No Python 3.11, 3.12 or 3.13 with venv found; install one, or say make PYTHON=/path/to/python"; exit 1; }
+	@echo "== Installing requirements.txt into .venv with $(PYTHON) (once)"
+	@test -x $(ENV)/python || $(PYTHON) -m venv .venv
+	@$(ENV)/python -m pip install --quiet --disable-pip-version-check -r requirements.txt
+	@cp requirements.txt $@
+
+clean:
+	rm -rf .venv .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -prune -exec rm -rf {} +
