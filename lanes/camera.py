@@ -284,14 +284,14 @@ def load_camera(path: str | Path) -> Camera:
         raise FileNotFoundError(f"{path}: there is no such camera file; make one by calibrating, or check the name.")
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
-        camera = _camera_from_dict(content)
+        camera = camera_from_dict(content)
     except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
         reason = f"entry {error} is missing" if isinstance(error, KeyError) else str(error).splitlines()[0]
         raise CameraError(f"{path}: is no usable camera file ({reason}); make it again by calibrating.") from error
     return camera
 
 
-def _camera_from_dict(content: dict) -> Camera:
+def camera_from_dict(content: dict) -> Camera:
     if not isinstance(content, dict):
         raise ValueError("it holds no entries")
     if content["distortion_model"] != "plumb_bob":

@@ -1,0 +1,136 @@
+"""Where the course's pictures, videos and truth are, and how a measured number is held against the truth.
+
+The embedded data are rendered and come with truth files. `LANES_DATA=path/to/folder` names other data, laid out as
+here or as in Udacity's repository; where those have no truth, a check says so instead of failing.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from lanes.camera import Camera, camera_from_dict
+from lanes.images import list_pictures
+
+PROJECT_ROOT = Path(__file__).resolve().parents[1]
+
+
+class DatasetError(OSError):
+    """A data folder lacks something; the message says what and where it was looked for."""
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """A folder with camera_cal/, test_images/ and videos; `output` is where results made from it go."""
+
+    root: Path
+    output: Path
+
+    @property
+    def boards(self) -> Path:
+        """Folder of the chessboard pictures."""
+        return self.root / "camera_cal"
+
+    @property
+    def stills(self) -> list[Path]:
+        """The test pictures in natural order."""
+        return list_pictures(self.root / "test_images")
+
+    def still(self, name: str) -> Path:
+        """The test picture called `name` (without suffix).
+
+        Raises
+        ------
+        DatasetError
+            If there is none.
+        """
+        for path in self.stills:
+            if path.stem == name:
+                return path
+        raise DatasetError(f"{self.root / 'test_images'}: holds no picture called {name}; see which names it has.")
+
+    def video(self, name: str) -> Path:
+        """The video called `name`, in test_videos/ or beside it as in Udacity's repository."""
+        for folder in (self.root / "test_videos", self.root):
+            if (folder / name).is_file():
+                return folder / name
+        raise DatasetError(f"{self.root}: holds no video {name}, neither in test_videos/ nor beside it; copy it there.")
+
+    def true_camera(self) -> Camera | None:
+        """The camera that the pictures were taken with, where it is known exactly."""
+        path = self.root / "test_images" / "truth.json"
+        return camera_from_dict(json.loads(path.read_text(encoding="utf-8"))["camera"]) if path.is_file() else None
+
+    def true_lane(self, still: Path) -> dict | None:
+        """What is known of the lane in a test picture (keys: DESIGN of truth.json), or None."""
+        path = still.parent / "truth.json"
+        if not path.is_file():
+            return None
+        frames = json.loads(path.read_text(encoding="utf-8"))["frames"]
+        return next((frame for frame in frames if Path(frame["raw_file"]).name == still.name), None)
+
+    def true_drive(self, video: Path) -> list[dict[str, float]] | None:
+        """What is known of the lane in each frame of a video, or None."""
+        path = video.with_suffix(".csv")
+        if not path.is_file():
+            return None
+        with path.open(newline="", encoding="utf-8") as file:
+            return [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
+
+
+def open_dataset(root: str | Path | None = None) -> Dataset:
+    """Open the data folder that `root`, else the environment variable LANES_DATA, names; else the embedded data.
+
+    Raises
+    ------
+    DatasetError
+        If the folder lacks camera_cal/ or test_images/.
+    """
+    named = root or os.environ.get("LANES_DATA")
+    folder = Path(named) if named else PROJECT_ROOT
+    for part in ("camera_cal", "test_images"):
+        if not (folder / part).is_dir():
+            raise DatasetError(
+                f"{folder}: has no {part}/; LANES_DATA must name a folder with camera_cal/, test_images/."
+            )
+    return Dataset(folder, PROJECT_ROOT / ("output_real" if named else "output_images"))
+
+
+def check(name: str, measured: float, truth: float | None, unit: str, *, within: float, digits: int = 2) -> str:
+    """Hold a number against the truth and put the outcome in words.
+
+    Parameters
+    ----------
+    name, unit : str
+        For the sentence.
+    measured : float
+    truth : float or None
+        None where it is not known, as in real pictures.
+    within : float
+        The difference that counts as right, in `unit`.
+    digits : int
+        Decimals printed.
+
+    Returns
+    -------
+    str
+        "offset: 0.12 m, truth 0.10 m, off by 0.02 m (allowed 0.05 m)"
+
+    Raises
+    ------
+    AssertionError
+        If the truth is known and missed by more than `within`: a check that cannot fail would be none.
+    """
+    if truth is None:
+        return f"{name}: {measured:.{digits}f} {unit} (no truth known for these pictures)"
+    error = abs(measured - truth)
+    sentence = (
+        f"{name}: {measured:.{digits}f} {unit}, truth {truth:.{digits}f} {unit}, "
+        f"off by {error:.{digits}f} {unit} (allowed {within:g} {unit})"
+    )
+    if not error <= within:
+        raise AssertionError(sentence)
+    return sentence

@@ -1,0 +1,78 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from lanes.dataset import DatasetError, check, open_dataset
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for part in ("camera_cal", "test_images"):
+        (tmp_path / part).mkdir()
+    for name in ("test10.jpg", "test2.jpg"):
+        (tmp_path / "test_images" / name).write_bytes(b"")
+    return tmp_path
+
+
+def test_embedded_data_by_default_and_lanes_data_by_environment(folder, monkeypatch):
+    monkeypatch.delenv("LANES_DATA", raising=False)
+    assert open_dataset().output.name == "output_images"
+    monkeypatch.setenv("LANES_DATA", str(folder))
+    assert open_dataset().root == folder
+    assert open_dataset().output.name == "output_real"
+
+
+def test_a_folder_without_boards_is_refused_by_name(tmp_path):
+    with pytest.raises(DatasetError, match="has no camera_cal"):
+        open_dataset(tmp_path)
+
+
+def test_stills_come_in_natural_order_and_by_name(folder):
+    data = open_dataset(folder)
+    assert [path.name for path in data.stills] == ["test2.jpg", "test10.jpg"]
+    assert data.still("test10").name == "test10.jpg"
+    with pytest.raises(DatasetError, match="test7"):
+        data.still("test7")
+
+
+def test_videos_are_found_in_their_folder_or_beside_it(folder):
+    data = open_dataset(folder)
+    with pytest.raises(DatasetError, match="project_video.mp4"):
+        data.video("project_video.mp4")
+    (folder / "project_video.mp4").write_bytes(b"x")
+    assert data.video("project_video.mp4").parent == folder
+    (folder / "test_videos").mkdir()
+    (folder / "test_videos" / "project_video.mp4").write_bytes(b"x")
+    assert data.video("project_video.mp4").parent.name == "test_videos"
+
+
+def test_truth_is_none_where_there_is_none(folder):
+    data = open_dataset(folder)
+    assert data.true_camera() is None
+    assert data.true_lane(data.still("test2")) is None
+    (folder / "clip.mp4").write_bytes(b"x")
+    assert data.true_drive(data.video("clip.mp4")) is None
+
+
+def test_truth_is_found_by_the_pictures_name(folder):
+    frames = [{"raw_file": "test_images/test2.jpg", "offset_m": 0.25}]
+    (folder / "test_images" / "truth.json").write_text(json.dumps({"camera": {}, "frames": frames}))
+    data = open_dataset(folder)
+    assert data.true_lane(data.still("test2"))["offset_m"] == 0.25
+    assert data.true_lane(data.still("test10")) is None
+    (folder / "clip.csv").write_text("frame,offset_m\n0,0.5\n1,-0.5\n")
+    (folder / "clip.mp4").write_bytes(b"x")
+    assert [row["offset_m"] for row in data.true_drive(data.video("clip.mp4"))] == [0.5, -0.5]
+
+
+def test_check_words_the_difference_and_fails_when_it_is_too_large():
+    assert check("offset", 0.12, 0.10, "m", within=0.05) == (
+        "offset: 0.12 m, truth 0.10 m, off by 0.02 m (allowed 0.05 m)"
+    )
+    with pytest.raises(AssertionError, match="off by 0.30 m"):
+        check("offset", 0.40, 0.10, "m", within=0.05)
+    with pytest.raises(AssertionError):
+        check("offset", float("nan"), 0.10, "m", within=0.05)
+    assert "no truth" in check("offset", 0.40, None, "m", within=0.05)
