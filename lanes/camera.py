@@ -292,6 +292,7 @@ def load_camera(path: str | Path) -> Camera:
 
 
 def camera_from_dict(content: dict) -> Camera:
+    """The camera in a parsed camera.yaml or in the `camera` part of a truth file; KeyError or ValueError if unfit."""
     if not isinstance(content, dict):
         raise ValueError("it holds no entries")
     if content["distortion_model"] != "plumb_bob":
