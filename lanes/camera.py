@@ -107,6 +107,10 @@ class Camera:
         """The same lens on another mount."""
         return replace(self, mount=mount)
 
+    def with_report(self, report: CalibrationReport) -> Camera:
+        """The same camera with another account of its calibration."""
+        return replace(self, report=report)
+
     def scaled(self, size: tuple[int, int]) -> Camera:
         """The same camera for pictures resized to `size` (width, height).
 
@@ -244,12 +248,18 @@ def _undistortion_maps(size: tuple[int, int], matrix: tuple, distortion: tuple) 
 
 def save_camera(camera: Camera, path: str | Path) -> Path:
     """Write camera.yaml in the layout of ROS camera_info plus `mount:` and `calibration:` blocks; see `load_camera`."""
-    matrix = [float(x) for x in np.ravel(camera.matrix)]
+    path = Path(path)
+    write_whole(path, yaml.safe_dump(camera_to_dict(camera), sort_keys=False, allow_unicode=True).encode())
+    return path
+
+
+def camera_to_dict(camera: Camera) -> dict:
+    """The content of camera.yaml, and of the `camera` part of a truth file, as plain numbers; see `camera_from_dict`."""
     content: dict = {
         "image_width": int(camera.width),
         "image_height": int(camera.height),
         "camera_name": "dashcam",
-        "camera_matrix": {"rows": 3, "cols": 3, "data": matrix},
+        "camera_matrix": {"rows": 3, "cols": 3, "data": [float(x) for x in np.ravel(camera.matrix)]},
         "distortion_model": "plumb_bob",
         "distortion_coefficients": {"rows": 1, "cols": 5, "data": [float(x) for x in np.ravel(camera.distortion)]},
     }
@@ -264,9 +274,7 @@ def save_camera(camera: Camera, path: str | Path) -> Path:
             "rejected": dict(r.rejected),
             "date": r.date,
         }
-    path = Path(path)
-    write_whole(path, yaml.safe_dump(content, sort_keys=False, allow_unicode=True).encode())
-    return path
+    return content
 
 
 def load_camera(path: str | Path) -> Camera:
