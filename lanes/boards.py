@@ -275,7 +275,7 @@ def _calibrate_once(boards: dict[str, Board], size: tuple[int, int]) -> Camera:
     focal, focal_std = matrix[0, 0], std[0, 0]
     if not (np.isfinite(matrix).all() and focal_std <= LARGEST_FOCAL_STD * focal):
         raise CameraError(
-            f"these boards leave the focal length open ({focal:.0f} px with a standard deviation of {focal_std:.0f} px); "
+            f"these boards leave the focal length open ({focal:.0f} px give or take {focal_std:.0f} px); "
             f"{_HOW_TO_TAKE}."
         )
     report = CalibrationReport(float(rms), dict(zip(boards, errors.ravel().tolist(), strict=True)))

@@ -254,7 +254,7 @@ def save_camera(camera: Camera, path: str | Path) -> Path:
 
 
 def camera_to_dict(camera: Camera) -> dict:
-    """The content of camera.yaml, and of the `camera` part of a truth file, as plain numbers; see `camera_from_dict`."""
+    """The content of camera.yaml, and of the `camera` part of a truth file; `camera_from_dict` reads it back."""
     content: dict = {
         "image_width": int(camera.width),
         "image_height": int(camera.height),
