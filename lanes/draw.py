@@ -2,7 +2,7 @@
 
 Every function takes a picture and returns a new one; its input is never changed, so read-only frames are welcome.
 Points are (column u, row v) in pixels, floats, shape (N, 2), pixel centres at integers; rows with NaN are dropped.
-Edges are anti-aliased to 1/16 px.
+Edges are anti-aliased, and places count to 1/16 px.
 """
 
 from __future__ import annotations
@@ -71,8 +71,7 @@ def draw_line(image: np.ndarray, points_px: np.ndarray, *, colour: Colour, width
     require_rgb(image)
     drawn, points = image.copy(), _finite(points_px)
     if len(points) >= 2:
-        width = max(1, round(width_px))
-        cv2.polylines(drawn, [_fixed_point(points)], False, colour, width, cv2.LINE_AA, _SHIFT)
+        cv2.polylines(drawn, [_fixed_point(points)], False, colour, _thickness(width_px), cv2.LINE_AA, _SHIFT)
     return drawn
 
 
@@ -164,7 +163,9 @@ def write_text(
     top = 0 if "top" in corner else height - box_height
     _shade(drawn, left, top, left + box_width, top + box_height, panel_alpha)
     for number, line in enumerate(lines):
-        _letters(drawn, line, left + size // 2, top + size // 3 + number * _line_height(size), size, colour)
+        _letters(
+            drawn, line, left + _margin(size), top + _margin(size) // 2 + number * _line_height(size), size, colour
+        )
     return drawn
 
 
@@ -219,7 +220,7 @@ def draw_windows(view: np.ndarray, windows_px: np.ndarray, *, colour: Colour = W
     `windows_px` has shape (N, 4): left, top, right, bottom edge of each window in pixels. Returns RGB.
     """
     drawn = to_rgb(view)
-    width = max(1, round(drawn.shape[1] / 400))
+    width = _thickness(drawn.shape[1] / 320)
     for left, top, right, bottom in np.asarray(windows_px, float).reshape(-1, 4):
         outline = np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
         cv2.polylines(drawn, [_fixed_point(outline)], True, colour, width, cv2.LINE_AA, _SHIFT)
@@ -273,6 +274,14 @@ def _fixed_point(points_px: np.ndarray) -> np.ndarray:
     return np.round(points_px.clip(-_FARTHEST_PX, _FARTHEST_PX) * (1 << _SHIFT)).astype(np.int32)
 
 
+def _thickness(width_px: float) -> int:
+    """What to ask of OpenCV for a line that is `width_px` wide, to about a pixel.
+
+    Measured on 5.0 with smooth edges: 1 gives 1.3 px, an even number n gives n + 1.4 px, an odd one as much as n + 1.
+    """
+    return max(1, 2 * round((width_px - 1.4) / 2))
+
+
 def _on_raw_picture(points_px: np.ndarray | None, camera: Camera | None) -> np.ndarray:
     """Where the points of the undistorted picture lie on the raw one; none for None."""
     if points_px is None:
@@ -318,7 +327,12 @@ def _font() -> cv2.FontFace:
 
 
 def _line_height(size: int) -> int:
-    return size + size // 3
+    return size + max(2, size // 3)
+
+
+def _margin(size: int) -> int:
+    """Space beside the letters; half of it goes above and below, where letters are seldom as tall as their line."""
+    return max(2, round(size * 0.6))
 
 
 def _fitting_size(lines: Sequence[str], size: int, width: int, height: int) -> tuple[int, int, int]:
@@ -326,8 +340,8 @@ def _fitting_size(lines: Sequence[str], size: int, width: int, height: int) -> t
     font = _font()
     for smaller in range(max(size, 1), 0, -1):
         longest = max(cv2.getTextSize((0, 0), line, (0, 0), font, smaller, 500)[2] for line in lines)
-        box_width = longest + 2 * (smaller // 2)
-        box_height = len(lines) * _line_height(smaller) + 2 * (smaller // 3)
+        box_width = longest + 2 * _margin(smaller)
+        box_height = len(lines) * _line_height(smaller) + _margin(smaller)
         if box_width <= width and box_height <= height:
             break
     return smaller, min(box_width, width), min(box_height, height)

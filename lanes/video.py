@@ -130,7 +130,7 @@ def annotate_video(
         _stopping_cleanly(),
         writer,
         # Without a terminal there is no bar: it would fill log files and change a notebook's stored output.
-        tqdm(total=expected, unit="frame", disable=None if progress else True) as bar,
+        tqdm(total=max(expected, 0), unit="frame", disable=None if progress else True) as bar,
     ):
         for frame in read_timed_frames(source, start_s=start_s, end_s=end_s):
             picture, row = _processed(process, frame.image, f"frame {frame.number} of {source}")

@@ -131,25 +131,22 @@ def open_video(path: str | Path) -> av.container.InputContainer:
             f"{path}: cannot be read as a video ({error.strerror}): it is none, or it was cut off; copy it again."
         ) from error
     if not container.streams.video:
+        kinds = " and ".join(sorted({stream.type for stream in container.streams})) or "none"
         container.close()
-        raise VideoError(f"{path}: holds no video stream, only {_kinds(container)}; name a video file.")
+        raise VideoError(f"{path}: holds no frame of a video (its streams: {kinds}); name a video file.")
     return container
-
-
-def _kinds(container: av.container.InputContainer) -> str:
-    return " and ".join(sorted({stream.type for stream in container.streams})) or "other data"
 
 
 def _count_packets(path: str | Path, container: av.container.InputContainer) -> tuple[int, int, av.VideoFrame | None]:
     """Stored frames, those of them that are shown, and the first one decoded (None if there is none)."""
     stored = shown = 0
     first = None
-    for packet in _guarded(container.demux(container.streams.video[0]), path):
+    for packet in guarded(container.demux(container.streams.video[0]), path):
         stored += packet.size > 0
         # A clip that was cut without encoding it again begins with frames that serve only to decode the others.
         shown += packet.size > 0 and not packet.is_discard
         if first is None:
-            first = next(_guarded(iter(packet.decode()), path), None)
+            first = next(guarded(iter(packet.decode()), path), None)
     return stored, shown, first
 
 
@@ -158,10 +155,10 @@ def _decoded_from(path: str | Path, container: av.container.InputContainer, star
     stream = container.streams.video[0]
     if start_s > 1:
         container.seek(int((start_s - 1 + start_time(stream)) / stream.time_base), stream=stream)
-    return _guarded(container.decode(stream), path)
+    return guarded(container.decode(stream), path)
 
 
-def _guarded(items: Iterator, path: str | Path) -> Iterator:
+def guarded(items: Iterator, path: str | Path) -> Iterator:
     """The same items; FFmpeg's errors on the way become sentences."""
     try:
         yield from items

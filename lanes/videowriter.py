@@ -15,7 +15,7 @@ import numpy as np
 from av.video.reformatter import ColorRange, Colorspace, ColorTrc
 
 from lanes.images import partial_path, require_rgb
-from lanes.videofile import STAMP_TOLERANCE_S, VideoError, inspect_video, open_video, start_time
+from lanes.videofile import STAMP_TOLERANCE_S, VideoError, guarded, inspect_video, open_video, start_time
 
 # Sound that an mp4 file may hold and browsers play; any other is encoded as AAC.
 _COPIED_SOUND = {"aac", "mp3", "opus", "flac"}
@@ -174,6 +174,7 @@ class _Sound:
     """The sound track of `source`, brought into `target` piece by piece so that it lies beside the frames."""
 
     def __init__(self, source: str | Path, target: av.container.OutputContainer, *, start_s: float) -> None:
+        self._path = source
         self._source = open_video(source)
         self._target = target
         self._start_s = start_s
@@ -212,7 +213,7 @@ class _Sound:
         if self._start_s > 0:
             self._source.seek(int(zero_s * av.time_base))
         pieces = self._source.demux(self._input) if self._copied else self._source.decode(self._input)
-        for piece in pieces:
+        for piece in guarded(pieces, self._path):
             if piece.pts is None:
                 continue
             piece.pts -= round(zero_s / piece.time_base)

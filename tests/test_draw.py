@@ -1,0 +1,276 @@
+"""Drawing: where things land, what they leave alone, and that the input is never changed."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from lanes import draw
+from lanes.camera import Camera
+from lanes.images import PictureError
+
+LEFT = np.array([[60.0, 20.0], [20.0, 80.0]])
+RIGHT = np.array([[100.0, 20.0], [140.0, 80.0]])
+
+
+@pytest.fixture
+def picture() -> np.ndarray:
+    """Read-only noise: a function that writes on its input raises, one that copies does not."""
+    image = np.random.default_rng(4).integers(0, 256, (96, 160, 3)).astype(np.uint8)
+    image.flags.writeable = False
+    return image
+
+
+@pytest.fixture
+def gray() -> np.ndarray:
+    return np.full((96, 160, 3), 100, np.uint8)
+
+
+@pytest.fixture
+def lens() -> Camera:
+    """A lens that moves a point near the corner by more than ten pixels."""
+    matrix = np.array([[120.0, 0, 79.5], [0, 120.0, 47.5], [0, 0, 1]])
+    return Camera(160, 96, matrix, np.array([-0.25, 0.03, 0.001, -0.001, 0.0]))
+
+
+ALL = {
+    "fill_lane": lambda p: draw.fill_lane(p, LEFT, RIGHT),
+    "draw_line": lambda p: draw.draw_line(p, LEFT, colour=draw.LEFT),
+    "draw_lane": lambda p: draw.draw_lane(p, LEFT, RIGHT),
+    "write_text": lambda p: draw.write_text(p, ["R 640 m"]),
+    "draw_mosaic": lambda p: draw.draw_mosaic(p, [p[..., 0], p], ["binary", "warp"], lines=["x"]),
+    "draw_windows": lambda p: draw.draw_windows(p, [[10, 10, 30, 30]]),
+    "draw_pixels": lambda p: draw.draw_pixels(p, [[3, 4]], colour=draw.LEFT),
+    "draw_fit": lambda p: draw.draw_fit(p, LEFT, RIGHT, band_px=5),
+    "to_rgb": draw.to_rgb,
+}
+
+
+@pytest.mark.parametrize("name", ALL)
+class TestEveryFunction:
+    def test_leaves_its_input_alone(self, picture, name):
+        before = picture.copy()
+        drawn = ALL[name](picture)
+        np.testing.assert_array_equal(picture, before)
+        assert not np.shares_memory(drawn, picture)
+        assert (drawn.shape, drawn.dtype) == (picture.shape, np.uint8)
+        assert drawn.flags.writeable
+
+    def test_writable_input_is_left_alone_too(self, gray, name):
+        before = gray.copy()
+        ALL[name](gray)
+        np.testing.assert_array_equal(gray, before)
+
+    def test_refuses_floats_with_a_sentence(self, gray, name):
+        with pytest.raises(PictureError, match="float64"):
+            ALL[name](gray / 255)
+
+
+class TestFillLane:
+    def test_mixes_by_alpha_inside_and_nowhere_else(self, gray):
+        drawn = draw.fill_lane(gray, LEFT, RIGHT, colour=(0, 200, 50), alpha=0.3)
+        np.testing.assert_allclose(drawn[50, 80], [70, 130, 85], atol=1)
+        changed = (drawn != gray).any(axis=2)
+        assert not changed[:19].any() and not changed[82:].any() and not changed[:, :18].any()
+
+    def test_edges_between_pixels(self, gray):
+        """OpenCV's smooth edges reach out 0.7 px on each side; the area must not be more off than that."""
+        left, right = np.array([[40.5, 20], [40.5, 60]]), np.array([[80.25, 20], [80.25, 60]])
+        drawn = draw.fill_lane(gray, left, right, colour=(255, 255, 255), alpha=1.0)
+        covered = (drawn[40, :, 0].astype(float) - 100).sum() / 155
+        assert covered == pytest.approx(80.25 - 40.5, abs=1.5)
+        assert len(np.unique(drawn[40])) > 2
+
+    def test_rows_with_nan_are_dropped(self, gray):
+        gap = np.insert(LEFT, 1, [np.nan, 50], axis=0)
+        np.testing.assert_array_equal(draw.fill_lane(gray, gap, RIGHT), draw.fill_lane(gray, LEFT, RIGHT))
+
+    @pytest.mark.parametrize("left", [np.empty((0, 2)), np.full((5, 2), np.nan), LEFT[:1]])
+    def test_nothing_to_fill(self, gray, left):
+        np.testing.assert_array_equal(draw.fill_lane(gray, left, RIGHT), gray)
+
+    def test_points_far_outside(self, gray):
+        drawn = draw.fill_lane(gray, [[-1e9, 40], [-1e9, 60]], [[1e9, 40], [1e9, 60]], alpha=1.0)
+        np.testing.assert_array_equal(drawn[50], np.broadcast_to(draw.LANE, (160, 3)))
+        np.testing.assert_array_equal(drawn[:39], gray[:39])
+
+
+class TestDrawLine:
+    @pytest.mark.parametrize("width_px", [1, 2.5, 4, 7, 8, 20, 50])
+    def test_width_and_place(self, width_px):
+        black = np.zeros((96, 160, 3), np.uint8)
+        red = draw.draw_line(black, [[80, 10], [80, 90]], colour=(255, 0, 0), width_px=width_px)[50, :, 0] / 255
+        assert red.sum() == pytest.approx(width_px, abs=1.3)
+        assert red @ np.arange(160) / red.sum() == pytest.approx(80, abs=0.1)
+
+    def test_fractions_of_a_pixel_show(self, gray):
+        rows = [draw.draw_line(gray, [[x, 0], [x, 95]], colour=(255, 255, 255), width_px=3)[50] for x in (50, 50.5)]
+        assert (rows[0] != rows[1]).any()
+
+    def test_edges_are_smooth(self, gray):
+        drawn = draw.draw_line(gray, LEFT, colour=(255, 255, 255), width_px=5)
+        assert len(np.unique(drawn)) > 10
+
+
+class TestDrawLane:
+    def test_goes_through_the_lens(self, lens):
+        """A line seen straight after undistortion is drawn on the raw picture's own, bent, paint."""
+        straight = np.array([[5.0, 8.0], [30.0, 92.0]])
+        many = np.column_stack([np.linspace(5, 30, 200), np.linspace(8, 92, 200)])
+        paint = lens.distort_points(many)
+        drawn = draw.draw_lane(np.zeros((96, 160, 3), np.uint8), straight, None, lens, line_width_px=3)
+        rows, columns = np.nonzero(drawn[..., 0] > 120)
+        inside = paint[(paint[:, 1] > rows.min()) & (paint[:, 1] < rows.max())]
+        for u, v in inside[::20]:
+            assert columns[rows == round(v)].mean() == pytest.approx(u, abs=1.0)
+        # The example must be able to tell: without the lens model the line would lie elsewhere.
+        assert np.abs(paint - many).max() > 5
+
+    def test_without_camera_points_are_taken_as_they_are(self, gray):
+        expected = draw.fill_lane(gray, LEFT, RIGHT)
+        np.testing.assert_array_equal(draw.draw_lane(gray, LEFT, RIGHT, line_width_px=0), expected)
+
+    def test_left_is_red_and_right_is_blue(self, gray):
+        drawn = draw.draw_lane(gray, LEFT, RIGHT, line_width_px=4)
+        np.testing.assert_array_equal(drawn[50, 40], draw.LEFT)
+        np.testing.assert_array_equal(drawn[50, 120], draw.RIGHT)
+
+    def test_one_line_only(self, gray):
+        drawn = draw.draw_lane(gray, None, RIGHT, line_width_px=4)
+        np.testing.assert_array_equal(drawn[50, 120], draw.RIGHT)
+        np.testing.assert_array_equal(drawn[:, :90], gray[:, :90])
+
+    def test_no_line_at_all(self, picture):
+        np.testing.assert_array_equal(draw.draw_lane(picture, None, None), picture)
+
+    def test_picture_of_another_size_is_refused(self, gray, lens):
+        with pytest.raises(PictureError, match="150x96 pixels, but the camera was calibrated for 160x96"):
+            draw.draw_lane(np.ascontiguousarray(gray[:, :150]), LEFT, RIGHT, lens)
+
+
+class TestWriteText:
+    @pytest.mark.parametrize("size", [(1280, 720), (640, 360), (160, 96), (97, 41), (30, 12)])
+    @pytest.mark.parametrize("corner", draw.CORNERS)
+    def test_nothing_is_cut_off(self, size, corner):
+        """Letters never touch the picture's edge, whatever the picture's size and the text's length."""
+        image = np.full((*size[::-1], 3), 128, np.uint8)
+        lines = ["bends right, R 640 m ± 20 m, and some more of it", "0.12 m left of centre", "gjpqy"]
+        drawn = draw.write_text(image, lines, corner=corner, panel_alpha=0.0, colour=(255, 255, 255))
+        changed = (drawn != image).any(axis=2)
+        assert changed.any()
+        edges = [changed[0], changed[-1], changed[:, 0], changed[:, -1]]
+        assert not any(edge.any() for edge in edges)
+
+    @pytest.mark.parametrize(("corner", "row", "column"), [("top left", 0, 0), ("bottom right", 1, 1)])
+    def test_corner(self, gray, corner, row, column):
+        rows, columns = np.nonzero((draw.write_text(gray, "R 640 m", corner=corner) != gray).any(axis=2))
+        assert (rows.mean() > 48, columns.mean() > 80) == (bool(row), bool(column))
+
+    @pytest.mark.parametrize("background", [0, 128, 255])
+    def test_readable_on_any_background(self, background):
+        """Contrast of letters and panel by WCAG 2.1 is at least 4.5, its limit for text."""
+        drawn = draw.write_text(np.full((360, 640, 3), background, np.uint8), "R 640 m", size_px=40)
+        value = drawn[4:50, 4:150].astype(float) / 255
+        luminance = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4) @ [
+            0.2126,
+            0.7152,
+            0.0722,
+        ]
+        assert (luminance.max() + 0.05) / (np.median(luminance) + 0.05) >= 4.5
+
+    def test_size_follows_the_picture(self):
+        heights = []
+        for height in (180, 720):
+            image = np.zeros((height, height * 2, 3), np.uint8)
+            rows = np.nonzero((draw.write_text(image, "R", panel_alpha=0) != image).any(axis=2))[0]
+            heights.append(np.ptp(rows) + 1)
+        assert heights[1] / heights[0] == pytest.approx(4, rel=0.15)
+
+    def test_signs_beyond_ascii_are_letters_and_no_question_marks(self):
+        image = np.zeros((60, 80, 3), np.uint8)
+        pictures = [draw.write_text(image, sign, size_px=40) for sign in "?±°éΩ"]
+        for one in range(5):
+            for other in range(one):
+                assert (pictures[one] != pictures[other]).any()
+
+    def test_lines_do_not_overlap(self):
+        image = np.zeros((200, 400, 3), np.uint8)
+        drawn = draw.write_text(image, ["gpqy"] * 3, size_px=30, panel_alpha=0).max(axis=(1, 2)) > 40
+        starts = np.flatnonzero(np.diff(drawn.astype(int)) == 1)
+        assert len(starts) == 3
+
+    def test_no_lines(self, gray):
+        np.testing.assert_array_equal(draw.write_text(gray, []), gray)
+
+    def test_unknown_corner(self, gray):
+        with pytest.raises(ValueError, match="'middle'"):
+            draw.write_text(gray, "x", corner="middle")
+
+
+class TestMosaic:
+    def test_thumbnails_stand_in_order_on_the_strip(self):
+        image = np.full((720, 1280, 3), 200, np.uint8)
+        red, green, blue = (np.full((360, 640, 3), c, np.uint8) for c in ((255, 0, 0), (0, 255, 0), (0, 0, 255)))
+        drawn = draw.draw_mosaic(image, [red, green, blue], ["binary", "warp", "fit"])
+        np.testing.assert_array_equal(drawn[180:], image[180:])
+        centres = [
+            np.nonzero((drawn[:180] == c).all(axis=2))[1].mean() for c in ((255, 0, 0), (0, 255, 0), (0, 0, 255))
+        ]
+        assert centres == sorted(centres)
+        assert drawn[:180].mean() < 120
+
+    def test_masks_are_shown_black_and_white(self):
+        image = np.full((720, 1280, 3), 90, np.uint8)
+        mask = np.zeros((720, 1280), np.uint8)
+        mask[:, 640:] = 1
+        drawn = draw.draw_mosaic(image, [mask], ["binary"])
+        strip = drawn[60:170]
+        assert (strip == 255).all(axis=2).any() and (strip == 0).all(axis=2).any()
+
+    def test_keeps_the_shape_of_a_tall_view(self):
+        tall = np.full((600, 200, 3), (255, 0, 255), np.uint8)
+        drawn = draw.draw_mosaic(np.zeros((720, 1280, 3), np.uint8), [tall], ["view"])
+        rows, columns = np.nonzero((drawn == (255, 0, 255)).all(axis=2))
+        assert np.ptp(rows) / np.ptp(columns) == pytest.approx(3, rel=0.05)
+
+    def test_text_stays_on_the_strip_beside_the_thumbnails(self):
+        image = np.zeros((720, 1280, 3), np.uint8)
+        thumbnails = [np.full((720, 1280, 3), 30, np.uint8)] * 3
+        with_text = draw.draw_mosaic(image, thumbnails, list("abc"), lines=["R 640 m"])
+        rows, columns = np.nonzero((with_text > 230).all(axis=2) & (np.arange(1280) > 760))
+        assert rows.max() < 180 and columns.min() > 760 and len(rows) > 50
+
+    def test_titles_missing(self, gray):
+        with pytest.raises(ValueError, match="got 1 and 0"):
+            draw.draw_mosaic(gray, [gray], [])
+
+
+class TestView:
+    def test_windows_are_outlines(self):
+        drawn = draw.draw_windows(np.zeros((96, 160), np.uint8), [[20, 30, 60, 50]])
+        # One pixel wide and smooth, so the colour is not quite full.
+        np.testing.assert_allclose(drawn[30, 40], draw.WINDOW, atol=30)
+        np.testing.assert_allclose(drawn[40, 20], draw.WINDOW, atol=30)
+        assert not drawn[40, 40].any()
+
+    def test_no_windows(self, gray):
+        np.testing.assert_array_equal(draw.draw_windows(gray, np.empty((0, 4))), gray)
+
+    def test_pixels_outside_are_left_out(self, gray):
+        drawn = draw.draw_pixels(gray, [[5, 7], [-1, 3], [160, 3], [3, 96]], colour=draw.LEFT)
+        assert [tuple(p) for p in np.argwhere((drawn != gray).any(axis=2))] == [(7, 5)]
+
+    def test_fit_with_its_band(self, gray):
+        drawn = draw.draw_fit(gray, None, [[100, 0], [100, 95]], band_px=10)
+        np.testing.assert_allclose(drawn[50, 100], draw.RIGHT, atol=30)
+        tinted = np.flatnonzero((drawn[50] != gray[50]).any(axis=1))
+        assert (tinted.min(), tinted.max()) == pytest.approx((90, 110), abs=1.5)
+
+    @pytest.mark.parametrize("mask", [np.eye(9, dtype=bool), np.eye(9, dtype=np.uint8)])
+    def test_mask_to_rgb(self, mask):
+        assert np.array_equal(draw.to_rgb(mask), cv2.merge([np.eye(9, dtype=np.uint8) * 255] * 3))
+
+    def test_gray_to_rgb_keeps_its_levels(self):
+        levels = np.array([[0, 1, 7, 255]], np.uint8)
+        assert draw.to_rgb(levels)[0, :, 1].tolist() == [0, 1, 7, 255]

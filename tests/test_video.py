@@ -1,0 +1,472 @@
+"""Videos: every frame once and in order, a file that browsers play, nothing left behind by a failure."""
+
+from __future__ import annotations
+
+import os
+import signal
+import struct
+import subprocess
+import sys
+import time
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from lanes import draw
+from lanes.video import annotate_video, open_clip
+from lanes.videofile import VideoError, inspect_video, read_frames, read_timed_frames
+from lanes.videowriter import VideoWriter
+
+SIZE = (160, 96)
+YELLOW, RED, BLUE = (255, 200, 0), (200, 30, 30), (20, 60, 220)
+NTSC = Fraction(30000, 1001)
+
+
+def numbered(number: int, size: tuple[int, int] = SIZE) -> np.ndarray:
+    """A picture that says its number by ten bars, white for 1 and black for 0, on coloured ground."""
+    width, height = size
+    image = np.empty((height, width, 3), np.uint8)
+    image[:] = YELLOW
+    for bit in range(10):
+        image[height // 2 :, bit * 16 : bit * 16 + 16] = 235 if number >> bit & 1 else 20
+    return image
+
+
+def number_of(image: np.ndarray) -> int:
+    row = image[-10:-2].mean(axis=(0, 2))
+    return sum(int(row[bit * 16 + 8] > 128) << bit for bit in range(10))
+
+
+def make_video(path: Path, frames: int = 25, *, fps=25, size=SIZE, sound: str | None = None, seconds=None) -> Path:
+    """A video written by another way than the tested one: straight through PyAV, in any container."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=Fraction(fps), options={"preset": "ultrafast", "g": "12"})
+        stream.width, stream.height, stream.pix_fmt = *size, "yuv420p" if size[0] % 2 == 0 else "yuv444p"
+        track = container.add_stream(sound, rate=48000, layout="mono") if sound else None
+        for number in range(frames):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(numbered(number, size))))
+        container.mux(stream.encode(None))
+        if track:
+            add_tone(container, track, seconds or frames / float(fps))
+    return path
+
+
+def add_tone(container, track, seconds: float) -> None:
+    """A tone that is silent in its first half, so that a shift can be heard."""
+    times = np.arange(int(48000 * seconds)) / 48000
+    wave = 0.5 * np.sin(2 * np.pi * 440 * times) * (times > seconds / 2)
+    frame = av.AudioFrame.from_ndarray((wave * 32767).astype(np.int16)[None], format="s16", layout="mono")
+    frame.sample_rate, frame.pts = 48000, 0
+    container.mux(track.encode(frame))
+    container.mux(track.encode(None))
+
+
+def tone_starts_s(path: Path) -> float:
+    with av.open(str(path)) as container:
+        stream = container.streams.audio[0]
+        for frame in container.decode(stream):
+            loud = np.flatnonzero(np.abs(frame.to_ndarray().astype(float)[0]) > 0.1)
+            if len(loud):
+                return frame.time + loud[0] / frame.sample_rate
+    return np.nan
+
+
+def unchanged(frame: np.ndarray) -> np.ndarray:
+    return frame
+
+
+def boxes(path: Path) -> list[str]:
+    """Names of the top-level boxes of an mp4 file, in order (ISO 14496-12, 4.2)."""
+    data, at, names = path.read_bytes(), 0, []
+    while at < len(data):
+        length, name = struct.unpack(">I4s", data[at : at + 8])
+        names.append(name.decode())
+        at += length
+    return names
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory) -> Path:
+    return make_video(tmp_path_factory.mktemp("video") / "drive.mp4", 50, sound="aac")
+
+
+class TestInspect:
+    def test_tells_size_rate_length_and_sound(self, video):
+        info = inspect_video(video)
+        assert (info.width, info.height, info.fps, info.frames) == (160, 96, 25.0, 50)
+        assert (info.duration_s, info.has_audio) == (2.0, True)
+
+    @pytest.mark.parametrize("suffix", ["mkv", "avi", "ts", "mov"])
+    def test_counts_frames_of_every_container(self, tmp_path, suffix):
+        path = make_video(tmp_path / f"drive.{suffix}", 31, fps=NTSC)
+        info = inspect_video(path)
+        assert info.frames == 31
+        assert info.fps == pytest.approx(30000 / 1001, abs=1e-3)
+        assert [number_of(frame) for frame in read_frames(path)] == list(range(31))
+
+    def test_missing_file(self, tmp_path):
+        with pytest.raises(FileNotFoundError, match="nowhere.mp4: there is no such video"):
+            inspect_video(tmp_path / "nowhere.mp4")
+
+    @pytest.mark.parametrize(
+        ("content", "sentence"),
+        [(b"", "the file is empty"), (b"this is no video at all\n" * 50, "cannot be read as a video")],
+    )
+    def test_files_that_are_no_video(self, tmp_path, content, sentence):
+        path = tmp_path / "drive.mp4"
+        path.write_bytes(content)
+        with pytest.raises(VideoError, match=f"drive.mp4: .*{sentence}"):
+            inspect_video(path)
+
+    def test_sound_without_pictures(self, tmp_path):
+        path = tmp_path / "song.mp4"
+        with av.open(str(path), "w") as container:
+            add_tone(container, container.add_stream("aac", rate=48000, layout="mono"), 0.2)
+        with pytest.raises(VideoError, match="holds no frame of a video .its streams: audio"):
+            inspect_video(path)
+
+    @pytest.mark.parametrize("suffix", ["mp4", "avi"])
+    def test_video_without_frames(self, tmp_path, suffix):
+        path = tmp_path / f"hollow.{suffix}"
+        with av.open(str(path), "w") as container:
+            stream = container.add_stream("libx264", rate=25)
+            stream.width, stream.height, stream.pix_fmt = *SIZE, "yuv420p"
+            container.start_encoding()
+        with pytest.raises(VideoError, match=r"hollow\..*holds no frame"):
+            inspect_video(path)
+
+    def test_cut_off_with_the_index_behind(self, video, tmp_path):
+        path = tmp_path / "cut.mp4"
+        path.write_bytes(video.read_bytes()[: video.stat().st_size // 2])
+        with pytest.raises(VideoError, match="cut off"):
+            inspect_video(path)
+
+    def test_cut_off_with_the_index_in_front(self, video, tmp_path):
+        annotate_video(video, tmp_path / "whole.mp4", unchanged, progress=False)
+        path = tmp_path / "cut.mp4"
+        path.write_bytes((tmp_path / "whole.mp4").read_bytes()[:-3000])
+        with pytest.raises(VideoError, match=r"cut\.mp4: .*(cut off after|damaged)"):
+            inspect_video(path)
+
+
+class TestRead:
+    def test_frames_are_rgb_and_writable(self, video):
+        frame = next(read_frames(video))
+        frame[0, 0] = 1
+        np.testing.assert_allclose(frame[20, 80], YELLOW, atol=4)
+
+    @pytest.mark.parametrize(
+        ("start_s", "end_s", "first", "last"), [(0, None, 0, 49), (0.4, 1, 10, 24), (1.6, 9, 40, 49)]
+    )
+    def test_piece(self, video, start_s, end_s, first, last):
+        frames = list(read_timed_frames(video, start_s=start_s, end_s=end_s))
+        assert [number_of(f.image) for f in frames] == [f.number for f in frames] == list(range(first, last + 1))
+        assert frames[0].time_s == pytest.approx(first / 25)
+
+    def test_piece_behind_the_end(self, video):
+        with pytest.raises(VideoError, match="no frame at or after 2.5 s"):
+            next(read_frames(video, start_s=2.5))
+
+    def test_piece_that_ends_before_it_starts(self, video):
+        with pytest.raises(VideoError, match="start_s < end_s"):
+            next(read_frames(video, start_s=1.5, end_s=1.0))
+
+    @pytest.mark.parametrize(("degrees", "corner"), [(90, (0, -1)), (180, (-1, -1)), (270, (-1, 0))])
+    def test_turned_camera(self, tmp_path, degrees, corner):
+        """The top left corner of what was stored lands where players that obey the display matrix show it."""
+        path = make_video(tmp_path / "upright.mp4", 2)
+        turned = tmp_path / "turned.mp4"
+        set_rotation(path, turned, degrees)
+        marked = next(read_frames(turned))
+        assert marked.shape[:2] == ((160, 96) if degrees % 180 else (96, 160))
+        info = inspect_video(turned)
+        assert (info.height, info.width) == marked.shape[:2]
+        # The stored top half is yellow, the bottom half dark: find where the top went.
+        top = {90: marked[:, -20:], 180: marked[-20:], 270: marked[:, :20]}[degrees]
+        np.testing.assert_allclose(top.mean(axis=(0, 1)), YELLOW, atol=6)
+
+
+def set_rotation(source: Path, target: Path, degrees: int) -> None:
+    """Write the matrix of a clockwise turn into the track header of an mp4 (ISO 14496-12, 8.3.2)."""
+    data = bytearray(source.read_bytes())
+    at = data.index(b"tkhd") + 4 + 4 + 20 + 16
+    cos, sin = {90: (0, 1), 180: (-1, 0), 270: (0, -1)}[degrees]
+    data[at : at + 36] = struct.pack(">9i", cos << 16, sin << 16, 0, -sin << 16, cos << 16, 0, 0, 0, 1 << 30)
+    target.write_bytes(data)
+
+
+class TestAnnotate:
+    def test_each_frame_once_in_order_and_none_lost(self, video, tmp_path):
+        seen = []
+
+        def process(frame):
+            seen.append(number_of(frame))
+            return frame
+
+        summary = annotate_video(video, tmp_path / "out.mp4", process, progress=False)
+        assert seen == list(range(50))
+        assert (summary.frames_in, summary.frames_out) == (50, 50)
+        assert [number_of(frame) for frame in read_frames(tmp_path / "out.mp4")] == seen
+
+    @pytest.mark.parametrize("fps", [25, NTSC, Fraction(24000, 1001), Fraction(60000, 1001), 12])
+    def test_rate_is_exact(self, tmp_path, fps):
+        path = make_video(tmp_path / "drive.mp4", 20, fps=fps)
+        summary = annotate_video(path, tmp_path / "out.mp4", unchanged, progress=False)
+        with av.open(str(tmp_path / "out.mp4")) as container:
+            assert container.streams.video[0].average_rate == fps
+        assert summary.fps == float(fps)
+        assert summary.frames_out == 20
+
+    def test_browsers_can_play_it(self, video, tmp_path):
+        target = tmp_path / "out.mp4"
+        annotate_video(video, target, unchanged, progress=False)
+        with av.open(str(target)) as container:
+            codec = container.streams.video[0].codec_context
+            assert (codec.name, codec.pix_fmt, codec.profile) == ("h264", "yuv420p", "High")
+            assert (codec.colorspace, codec.color_range) == (1, 1)
+            assert container.streams.audio[0].codec_context.name == "aac"
+        order = boxes(target)
+        assert order.index("moov") < order.index("mdat")
+
+    def test_colours_arrive(self, tmp_path):
+        image = numbered(0)
+        image[:30, :60], image[:30, 60:120] = RED, BLUE
+        with VideoWriter(tmp_path / "colours.mp4", fps=25, crf=10) as writer:
+            for _ in range(5):
+                writer.write(image)
+        frame = list(read_frames(tmp_path / "colours.mp4"))[3]
+        for place, colour in (((15, 30), RED), ((15, 90), BLUE), ((15, 140), YELLOW)):
+            np.testing.assert_allclose(frame[place], colour, atol=6)
+
+    def test_odd_size_is_padded(self, tmp_path):
+        path = make_video(tmp_path / "odd.mkv", 5, size=(161, 97))
+        frames = []
+        summary = annotate_video(path, tmp_path / "out.mp4", lambda f: frames.append(f) or f, progress=False)
+        assert frames[0].shape == (97, 161, 3)
+        assert (summary.width, summary.height) == (162, 98)
+        written = next(read_frames(tmp_path / "out.mp4"))
+        np.testing.assert_allclose(written[:97, :161].astype(int), frames[0], atol=30)
+        np.testing.assert_allclose(written[20, 161], YELLOW, atol=10)
+
+    def test_single_frame(self, tmp_path):
+        summary = annotate_video(make_video(tmp_path / "one.mp4", 1), tmp_path / "out.mp4", unchanged, progress=False)
+        assert (summary.frames_in, summary.frames_out, summary.duration_s) == (1, 1, 0.04)
+
+    def test_piece_with_sound_beside_its_frames(self, tmp_path):
+        path = make_video(tmp_path / "drive.mp4", 100, sound="aac")
+        assert tone_starts_s(path) == pytest.approx(2.0, abs=0.05)
+        target = tmp_path / "out.mp4"
+        summary = annotate_video(path, target, unchanged, start_s=1.2, end_s=3.2, progress=False)
+        assert (summary.frames_out, summary.duration_s) == (50, 2.0)
+        assert tone_starts_s(target) == pytest.approx(0.8, abs=0.05)
+        with av.open(str(target)) as container:
+            sound = container.streams.audio[0]
+            assert float(sound.duration * sound.time_base) == pytest.approx(2.0, abs=0.05)
+
+    @pytest.mark.parametrize(("suffix", "codec"), [("ts", "aac"), ("avi", "pcm_s16le"), ("mov", "pcm_s16le")])
+    def test_sound_of_other_containers(self, tmp_path, suffix, codec):
+        path = make_video(tmp_path / f"drive.{suffix}", 40, sound=codec)
+        summary = annotate_video(path, tmp_path / "out.mp4", unchanged, progress=False)
+        assert summary.has_audio
+        assert tone_starts_s(tmp_path / "out.mp4") == pytest.approx(0.8, abs=0.05)
+
+    def test_without_sound(self, video, tmp_path):
+        assert not annotate_video(video, tmp_path / "out.mp4", unchanged, sound=False, progress=False).has_audio
+
+    def test_variable_rate_keeps_its_times(self, tmp_path):
+        times_s = [0, 0.04, 0.08, 0.3, 0.34, 0.75, 0.9, 1.0]
+        with VideoWriter(tmp_path / "variable.mp4", fps=25) as writer:
+            for number, time_s in enumerate(times_s):
+                writer.write(numbered(number), time_s)
+        target = tmp_path / "out.mp4"
+        annotate_video(tmp_path / "variable.mp4", target, unchanged, progress=False)
+        np.testing.assert_allclose([f.time_s for f in read_timed_frames(target)], times_s, atol=1e-3)
+
+    def test_telemetry(self, video, tmp_path):
+        values = iter(range(100))
+        annotate_video(
+            video,
+            tmp_path / "out.mp4",
+            lambda frame: (frame, {"offset_m": next(values) / 10}),
+            start_s=1.0,
+            progress=False,
+            telemetry=tmp_path / "out.csv",
+        )
+        lines = (tmp_path / "out.csv").read_text().splitlines()
+        assert lines[0] == "frame,time_s,offset_m,latency_ms"
+        assert lines[1].startswith("25,1,0,")
+        assert lines[25].startswith("49,1.96,2.4,")
+        assert len(lines) == 26
+
+    def test_same_input_gives_the_same_bytes(self, video, tmp_path):
+        for name in ("a.mp4", "b.mp4"):
+            annotate_video(video, tmp_path / name, unchanged, progress=False)
+        assert (tmp_path / "a.mp4").read_bytes() == (tmp_path / "b.mp4").read_bytes()
+
+    def test_quiet(self, video, tmp_path, capfd):
+        annotate_video(video, tmp_path / "out.mp4", unchanged)
+        assert capfd.readouterr() == ("", "")
+
+
+class TestFailure:
+    @pytest.fixture
+    def target(self, tmp_path) -> Path:
+        """An earlier result, which a failed run must leave as it was."""
+        path = tmp_path / "out" / "drive.mp4"
+        path.parent.mkdir()
+        path.write_bytes(b"earlier")
+        return path
+
+    @staticmethod
+    def assert_untouched(target: Path) -> None:
+        assert [p.name for p in target.parent.iterdir()] == ["drive.mp4"]
+        assert target.read_bytes() == b"earlier"
+
+    @pytest.mark.parametrize("error", [ZeroDivisionError("radius"), KeyboardInterrupt(), SystemExit(1)])
+    def test_exception_in_process(self, video, target, error):
+        calls = []
+
+        def process(frame):
+            calls.append(frame)
+            if len(calls) == 20:
+                raise error
+            return frame
+
+        with pytest.raises(type(error)) as caught:
+            annotate_video(video, target, process, progress=False)
+        self.assert_untouched(target)
+        if isinstance(error, ZeroDivisionError):
+            assert f"frame 19 of {video}" in caught.value.__notes__[0]
+
+    @pytest.mark.parametrize("result", [None, np.zeros((96, 160), np.uint8), np.zeros((96, 160, 3))])
+    def test_process_that_returns_no_picture(self, video, target, result):
+        with pytest.raises(VideoError, match="frame 0 of .*process returned"):
+            annotate_video(video, target, lambda frame: result, progress=False)
+        self.assert_untouched(target)
+
+    def test_process_that_changes_its_size(self, video, target):
+        sizes = iter(range(100, 10, -1))
+        with pytest.raises(VideoError, match="frame 1 is .*99 pixels, the first one was 160x100"):
+            annotate_video(video, target, lambda f: np.zeros((next(sizes), 160, 3), np.uint8), progress=False)
+        self.assert_untouched(target)
+
+    def test_terminated_from_outside(self, video, target):
+        """A real process gets a real SIGTERM in the middle of its work."""
+        code = (
+            "import sys, time\n"
+            "from lanes.video import annotate_video\n"
+            "def slow(frame):\n"
+            "    print('frame', flush=True)\n"
+            "    time.sleep(0.05)\n"
+            "    return frame\n"
+            "annotate_video(sys.argv[1], sys.argv[2], slow)\n"
+        )
+        root = Path(__file__).parents[1]
+        command = [sys.executable, "-c", code, str(video), str(target)]
+        with subprocess.Popen(command, cwd=root, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+            for _ in range(5):
+                assert run.stdout.readline() == "frame\n"
+            assert len(list(target.parent.iterdir())) == 2
+            run.send_signal(signal.SIGTERM)
+            assert run.wait(timeout=10) == 128 + signal.SIGTERM
+            assert "Traceback" not in run.stderr.read()
+        self.assert_untouched(target)
+
+    def test_no_handler_is_left(self, video, tmp_path):
+        before = signal.getsignal(signal.SIGTERM)
+        annotate_video(video, tmp_path / "out.mp4", unchanged, progress=False, end_s=0.2)
+        assert signal.getsignal(signal.SIGTERM) == before
+
+    def test_damaged_middle(self, video, target, tmp_path):
+        data = bytearray(video.read_bytes())
+        start = data.index(b"mdat")
+        middle = start + (len(data) - start) // 4
+        data[middle : middle + 600] = b"\xff" * 600
+        broken = tmp_path / "broken.mp4"
+        broken.write_bytes(data)
+        try:
+            annotate_video(broken, target, unchanged, progress=False)
+        except VideoError as error:
+            assert "broken.mp4" in str(error)
+            self.assert_untouched(target)
+        else:
+            assert inspect_video(target).frames == 50
+
+    def test_other_suffix(self, video, tmp_path):
+        with pytest.raises(VideoError, match=r"out\.avi: .*\.mp4"):
+            annotate_video(video, tmp_path / "out.avi", unchanged, progress=False)
+
+    def test_onto_itself(self, video):
+        before = video.read_bytes()
+        with pytest.raises(VideoError, match="is the source itself"):
+            annotate_video(video, video, unchanged, progress=False)
+        assert video.read_bytes() == before
+
+    def test_unwritable_folder_is_known_before_the_work(self, video, tmp_path):
+        (tmp_path / "file").write_text("not a folder")
+        calls = []
+        with pytest.raises(OSError, match=r"out\.mp4: cannot be written"):
+            annotate_video(video, tmp_path / "file" / "out.mp4", calls.append, progress=False)
+        assert not calls
+
+    def test_unwritable_telemetry(self, video, target, tmp_path):
+        (tmp_path / "file").write_text("not a folder")
+        with pytest.raises(OSError, match=r"rows\.csv: cannot be written"):
+            annotate_video(video, target, unchanged, progress=False, telemetry=tmp_path / "file" / "rows.csv")
+        self.assert_untouched(target)
+
+    def test_missing_source_makes_no_folder(self, tmp_path):
+        with pytest.raises(FileNotFoundError, match="nowhere.mp4"):
+            annotate_video(tmp_path / "nowhere.mp4", tmp_path / "new" / "out.mp4", unchanged, progress=False)
+        assert not (tmp_path / "new").exists()
+
+    def test_writer_without_frames(self, tmp_path):
+        with pytest.raises(VideoError, match="no frame was written"), VideoWriter(tmp_path / "out.mp4", fps=25):
+            pass
+        assert not list(tmp_path.iterdir())
+
+
+class TestClip:
+    """What the course does with moviepy; the numbers are those that it tells."""
+
+    def test_moviepy_with_a_drawing_function(self, video, tmp_path):
+        def process(frame):
+            assert not frame.flags.writeable
+            return draw.write_text(frame, "hello")
+
+        with open_clip(video, start_s=0.4, end_s=0.8) as clip:
+            clip.image_transform(process).write_videofile(str(tmp_path / "out.mp4"), audio=False, logger=None)
+        info = inspect_video(tmp_path / "out.mp4")
+        assert (info.frames, info.width, info.height) == (10, *SIZE)
+
+    def test_moviepy_calls_once_too_often(self, video):
+        calls = []
+        with open_clip(video, end_s=0.6) as clip:
+            frames = list(clip.image_transform(lambda frame: calls.append(0) or frame).iter_frames())
+        assert (len(frames), len(calls)) == (15, 16)
+
+    def test_piece_behind_the_end(self, video):
+        with pytest.raises(VideoError, match="lasts 2.0 s"):
+            open_clip(video, start_s=3)
+
+    def test_bad_file(self, tmp_path):
+        (tmp_path / "drive.mp4").write_text("no video")
+        with pytest.raises(VideoError, match="cannot be read as a video"):
+            open_clip(tmp_path / "drive.mp4")
+
+
+REAL = Path(os.environ.get("LANES_DATA", Path(__file__).parents[2] / "shared" / "real")) / "test_videos"
+
+
+@pytest.mark.skipif(not (REAL / "project_video_0513.mp4").is_file(), reason="the real drives are not here")
+def test_real_clip_that_was_cut_without_encoding(tmp_path):
+    """It stores 91 frames, of which the first three serve only to decode the others."""
+    source = REAL / "project_video_0513.mp4"
+    began_s = time.perf_counter()
+    summary = annotate_video(source, tmp_path / "out.mp4", lambda f: f[::4, ::4], end_s=1.0, progress=False)
+    assert (inspect_video(source).frames, summary.frames_out, summary.fps) == (88, 25, 25.0)
+    assert (summary.width, summary.height) == (320, 180)
+    assert time.perf_counter() - began_s < 30
