@@ -1,0 +1,377 @@
+"""What stands still behind the road: sky, clouds, hills and the woods on them, painted once as a panorama.
+
+Directions are unit vectors in the world frame (x forward where the road starts, y left, z up). The panorama is an
+equal-area cylinder: columns follow the azimuth, rows the z component of the direction, so that looking a direction up
+costs one arc tangent and one remap. Everything in it is so far away that driving does not move it; only turning does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from lanes.scenes.foliage import SUN_IN_SPRITE, plant_sprite
+from lanes.scenes.noise import fractal_noise, fractal_profile, smoothstep
+
+# 1304 columns a radian: a little finer than the 1160 px/rad of a 63 degree wide picture of 1280 columns.
+COLUMNS = 8192
+PIXELS_PER_RAD = COLUMNS / (2 * np.pi)
+Z_TOP, Z_BOTTOM = 0.64, -0.06
+ROWS = round((Z_TOP - Z_BOTTOM) * PIXELS_PER_RAD)
+HORIZON_ROW = Z_TOP * PIXELS_PER_RAD
+
+# Linear radiance of a dry summer sky, sunlit white paint = 1: at the zenith, what the horizon adds, and how fast that
+# fades with height, for red, green and blue (red fades fastest: that is why the sky above is blue).
+ZENITH = np.array([0.035, 0.165, 0.440], np.float32)
+HORIZON_GLOW = np.array([0.50, 0.47, 0.32], np.float32)
+GLOW_FALL = np.array([6.5, 5.2, 4.2], np.float32)
+# What distance fades to: the sky just above the horizon, a little darker and bluer.
+HAZE_COLOUR = (ZENITH + HORIZON_GLOW) * np.array([0.57, 0.74, 0.90], np.float32)
+
+DRY_GRASS = np.array([0.44, 0.285, 0.140], np.float32)
+DRY_SOIL = np.array([0.26, 0.175, 0.105], np.float32)
+GREEN_GRASS = np.array([0.17, 0.20, 0.055], np.float32)
+CHAPARRAL = np.array([0.050, 0.050, 0.022], np.float32)
+FOREST_SUN = np.array([0.075, 0.080, 0.035], np.float32)
+FOREST_SHADE = np.array([0.012, 0.017, 0.012], np.float32)
+
+
+@dataclass(frozen=True)
+class BackdropStyle:
+    """What the country looks like.
+
+    Parameters
+    ----------
+    cloud_cover : float
+        Share of the sky that cumulus clouds cover; 0 is a clear sky.
+    hill_height_rad, ridge_height_rad : float
+        How high the near hills and the far wooded ridge typically stand above the horizon.
+    greenness : float
+        Grass of the hills, from dry gold (0) to spring green (1).
+    tree_density : float
+        Woods on the hills and in front of them: 0 bare, 1 closed.
+    haze_per_km : float
+        Extinction of the air; 0.06 is a clear day, 0.4 a hazy one.
+    sun_azimuth_rad, sun_elevation_rad : float
+        Where the sun stands in the world frame (azimuth > 0 is left of the road's first heading).
+    """
+
+    cloud_cover: float = 0.0
+    hill_height_rad: float = 0.060
+    ridge_height_rad: float = 0.062
+    greenness: float = 0.0
+    tree_density: float = 0.5
+    haze_per_km: float = 0.06
+    sun_azimuth_rad: float = 0.9
+    sun_elevation_rad: float = 0.9
+
+    def __post_init__(self) -> None:
+        for name in ("cloud_cover", "greenness", "tree_density"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} is a share from 0 to 1, not {getattr(self, name)}.")
+        if not 0 < self.sun_elevation_rad <= np.pi / 2:
+            raise ValueError(f"the sun must be above the horizon, not at {self.sun_elevation_rad} rad.")
+        if self.haze_per_km < 0:
+            raise ValueError(f"haze_per_km is an extinction, 0 or more, not {self.haze_per_km}.")
+
+    def sun_direction(self) -> np.ndarray:
+        """(3,) unit vector towards the sun, world frame."""
+        level = np.cos(self.sun_elevation_rad)
+        return np.array(
+            [
+                level * np.cos(self.sun_azimuth_rad),
+                level * np.sin(self.sun_azimuth_rad),
+                np.sin(self.sun_elevation_rad),
+            ]
+        )
+
+
+def paint_backdrop(directions: np.ndarray, style: BackdropStyle, *, seed: int = 0) -> np.ndarray:
+    """Light that comes from far away along each direction.
+
+    Parameters
+    ----------
+    directions : ndarray of shape (H, W, 3), float32
+        Unit vectors in the world frame, already turned by the car's heading.
+    style : BackdropStyle
+    seed : int
+        Another country of the same style for every number.
+
+    Returns
+    -------
+    ndarray of shape (H, W, 3), float32
+        Linear RGB radiance; 1 is white paint in the sun.
+
+    Raises
+    ------
+    ValueError
+        If `directions` is not a picture of vectors.
+    """
+    directions = np.asarray(directions, np.float32)
+    if directions.ndim != 3 or directions.shape[2] != 3:
+        raise ValueError(f"directions must have the shape (rows, columns, 3), not {directions.shape}.")
+    x, y, z = cv2.split(directions)
+    # cv2.phase runs from 0 to 2 pi; the panorama has one column more on either side, copies of the opposite ones.
+    column = cv2.phase(x, y) * np.float32(PIXELS_PER_RAD) + np.float32(0.5)
+    row = (np.float32(Z_TOP) - z) * np.float32(PIXELS_PER_RAD) - np.float32(0.5)
+    panorama = _panorama(style, seed)
+    return cv2.remap(panorama, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+
+
+def air_between(distance_m: np.ndarray | float, haze_per_km: float) -> tuple[np.ndarray, np.ndarray]:
+    """What the air does to the light of a thing at a distance.
+
+    Parameters
+    ----------
+    distance_m : float or ndarray of any shape
+        From the eye, metres.
+    haze_per_km : float
+        Extinction, 1/km.
+
+    Returns
+    -------
+    (through, air) : ndarrays of that shape with 3 more entries
+        Colour seen = colour * through + air; blue is scattered in first and most.
+
+    References
+    ----------
+    Koschmieder's law of the contrast of far things.
+    """
+    extinction = haze_per_km / 1000 * np.array([0.8, 1.0, 1.3], np.float32)
+    through = np.exp(-np.multiply.outer(np.asarray(distance_m, np.float32), extinction))
+    return through, HAZE_COLOUR * (1 - through)
+
+
+def _veil(colour: np.ndarray, distance_km: np.ndarray | float, style: BackdropStyle) -> np.ndarray:
+    through, air = air_between(np.asarray(distance_km) * 1000, style.haze_per_km)
+    return colour * through + air
+
+
+@lru_cache(maxsize=2)
+def _panorama(style: BackdropStyle, seed: int) -> np.ndarray:
+    """(ROWS, COLUMNS + 2, 3) float32, about 90 MB; row 0 looks up to Z_TOP, column 1 along azimuth 0."""
+    rng = np.random.default_rng([seed, 20])
+    panorama = _paint_sky(style)
+    if style.cloud_cover > 0:
+        _paint_clouds(panorama, style, np.random.default_rng([seed, 21]))
+    _paint_plain(panorama, style, rng)
+    _paint_ridge(panorama, style, rng)
+    for distance_km, share in ((4.0, 0.62), (1.6, 0.75), (0.7, 1.0)):
+        _paint_hills(panorama, style, rng, distance_km=distance_km, height_rad=share * style.hill_height_rad)
+    _paint_woods(panorama, style, rng)
+    panorama = cv2.copyMakeBorder(panorama, 0, 0, 1, 1, cv2.BORDER_WRAP)
+    panorama.setflags(write=False)
+    return panorama
+
+
+def _azimuths() -> np.ndarray:
+    return (np.arange(COLUMNS, dtype=np.float32) + 0.5) / np.float32(PIXELS_PER_RAD)
+
+
+def _heights() -> np.ndarray:
+    """z component of the direction of each row."""
+    return (Z_TOP - (np.arange(ROWS, dtype=np.float32) + 0.5) / PIXELS_PER_RAD).astype(np.float32)
+
+
+def _paint_sky(style: BackdropStyle) -> np.ndarray:
+    """Gradient from the horizon up, and the bright side where the sun stands."""
+    z = np.maximum(_heights(), 0)
+    gradient = ZENITH + HORIZON_GLOW * np.exp(-GLOW_FALL * z[:, None])
+    level = np.sqrt(1 - z * z)
+    sun = style.sun_direction()
+    facing = np.cos(_azimuths() - style.sun_azimuth_rad) * np.hypot(sun[0], sun[1])
+    cosine = np.clip(level[:, None] * facing[None, :] + z[:, None] * sun[2], -1, 1)
+    # Aureole (forward scattering) plus the weak brightening of the whole sun side.
+    glow = 0.30 * np.exp(-(1 - cosine) / 0.05) + 0.13 * np.exp(-(1 - cosine) / 0.5)
+    sky = gradient[:, None, :] * (0.94 + 0.06 * (1 + cosine[..., None]))
+    tint = np.array([0.95, 1.0, 1.0], np.float32) * (1 + 1.5 * style.haze_per_km)
+    return (sky + glow[..., None] * tint).astype(np.float32)
+
+
+def _paint_clouds(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Generator) -> None:
+    """Cumulus as a flat layer seen in perspective: rows of clouds crowd towards the horizon."""
+    size = 2048
+    noise = fractal_noise((size, size), rng, cell_px=(420, 420), octaves=8, gain=0.52)
+    sun = style.sun_direction()
+    shift = np.float32([[1, 0, 16 * sun[0]], [0, 1, 16 * sun[1]]])
+    towards_sun = cv2.warpAffine(noise, shift, (size, size), borderMode=cv2.BORDER_WRAP)
+    rows = int(HORIZON_ROW)
+    z = np.maximum(_heights()[:rows], 0.015)
+    # A layer 1 unit up; a curved sky keeps the clouds near the horizon from becoming lines.
+    reach = 190 * np.sqrt(1 - z * z) / (z + 0.08)
+    azimuth = _azimuths()
+    map_x = (reach[:, None] * np.cos(azimuth)).astype(np.float32) + size / 2
+    map_y = (reach[:, None] * np.sin(azimuth)).astype(np.float32) + size / 2
+    density = cv2.remap(noise, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    lit = density - cv2.remap(towards_sun, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    edge = float(np.quantile(density[::8, ::8], 1 - style.cloud_cover))
+    cover = smoothstep(edge - 0.10, edge + 0.45, density)[..., None]
+    thick = smoothstep(edge + 0.1, edge + 1.6, density)
+    brightness = np.clip(0.86 - 0.50 * thick + 0.35 * lit, 0.25, 1.05)[..., None]
+    colour = brightness * np.array([1.0, 1.0, 1.02], np.float32) + (1 - brightness) * [0.03, 0.05, 0.09]
+    fade = np.exp(-0.012 / np.maximum(_heights()[:rows], 1e-3))[:, None, None]
+    panorama[:rows] += (cover * fade * (colour - panorama[:rows])).astype(np.float32)
+
+
+def _paint_plain(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Generator) -> None:
+    """Everything below the horizon: fields that grow finer and hazier with distance."""
+    first = int(HORIZON_ROW)
+    z = np.minimum(_heights()[first:], -2e-4)
+    noise = fractal_noise((len(z), COLUMNS), rng, cell_px=(14, 220), octaves=6, gain=0.6)
+    share = smoothstep(-0.6, 1.4, noise)[..., None]
+    grass = DRY_GRASS + (GREEN_GRASS - DRY_GRASS) * style.greenness
+    colour = grass * (1 - share) + CHAPARRAL * 1.6 * share
+    distance_km = np.minimum(1.4e-3 / -z, 6.0)
+    panorama[first:] = _veil(colour, distance_km[:, None], style)
+
+
+def _skyline(rng: np.random.Generator, height_rad: float, *, cell_rad: float, roughness: float) -> np.ndarray:
+    """(COLUMNS,) z of a ridge line: broad hills that sometimes fall below the horizon."""
+    profile = fractal_profile(COLUMNS, rng, cell_px=cell_rad * PIXELS_PER_RAD, octaves=9, gain=roughness)
+    return height_rad * np.clip(0.62 + 0.42 * profile, -0.3, 1.6)
+
+
+def _cover(panorama: np.ndarray, first: int, last: int, colour: np.ndarray, skyline: np.ndarray) -> None:
+    """Lay `colour` (rows first to last) over the panorama below `skyline`, with a soft edge of one pixel."""
+    z = _heights()[first:last]
+    alpha = np.clip((skyline[None, :] - z[:, None]) * PIXELS_PER_RAD + 0.5, 0, 1)[..., None]
+    panorama[first:last] += alpha * (colour - panorama[first:last])
+
+
+def _band(skyline: np.ndarray) -> tuple[int, int]:
+    """Rows that a ridge reaches, down to the horizon."""
+    return max(0, int(HORIZON_ROW - skyline.max() * PIXELS_PER_RAD) - 2), int(HORIZON_ROW) + 1
+
+
+def _relief(shape: tuple[int, int], rng: np.random.Generator, style: BackdropStyle, *, cell_rad: float) -> np.ndarray:
+    """Sunlight on folded slopes: about 1, brighter where they face the sun; slopes seen at a glance are squeezed."""
+    cell = cell_rad * PIXELS_PER_RAD
+    ground = fractal_noise(shape, rng, cell_px=(0.45 * cell, cell), octaves=6, gain=0.5)
+    across = np.gradient(ground, axis=1) * cell
+    # From the viewer, the sun lights the right-hand slopes where it stands to the right of the line of sight.
+    side = np.sin(_azimuths() - style.sun_azimuth_rad)
+    return np.clip(1 + 0.11 * across * side[None, :] + 0.10 * ground, 0.45, 1.6)
+
+
+def _paint_ridge(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Generator) -> None:
+    """The far wooded ridge, blue with distance: two lines of it."""
+    for distance_km, share in ((14.0, 1.0), (7.0, 0.72)):
+        skyline = _skyline(rng, share * style.ridge_height_rad, cell_rad=0.45, roughness=0.40)
+        skyline += 0.0007 * fractal_profile(COLUMNS, rng, cell_px=7, octaves=3)
+        first, last = _band(skyline)
+        shape = (last - first, COLUMNS)
+        relief = _relief(shape, rng, style, cell_rad=0.10)
+        trees = fractal_noise(shape, rng, cell_px=(5, 7), octaves=3, gain=0.8)
+        clearings = smoothstep(1.7, 2.2, fractal_noise(shape, rng, cell_px=(16, 90), octaves=5))[..., None]
+        light = np.clip(0.55 * relief + 0.16 * trees, 0.05, 1.3)[..., None]
+        colour = FOREST_SHADE + (FOREST_SUN - FOREST_SHADE) * light
+        grass = DRY_GRASS + (GREEN_GRASS - DRY_GRASS) * style.greenness
+        colour += clearings * (0.8 * grass * relief[..., None] - colour)
+        _cover(panorama, first, last, _veil(colour, distance_km, style), skyline)
+
+
+def _paint_hills(
+    panorama: np.ndarray, style: BackdropStyle, rng: np.random.Generator, *, distance_km: float, height_rad: float
+) -> None:
+    """One line of grassy hills with scrub in the folds, and its trees."""
+    skyline = _skyline(rng, height_rad, cell_rad=0.30 + 0.25 * (1.6 / (1 + distance_km)), roughness=0.36)
+    # The road runs along a valley: ahead and behind, near hills stay low.
+    valley = smoothstep(0.02, 0.55, np.abs(np.sin(_azimuths())))
+    skyline = skyline * (1 - (1 - valley) * min(1.0, 1.2 / distance_km) * 0.85)
+    skyline += 0.0006 * fractal_profile(COLUMNS, rng, cell_px=9, octaves=3)
+    first, last = _band(skyline)
+    shape = (last - first, COLUMNS)
+    relief = _relief(shape, rng, style, cell_rad=0.16)
+    grain = fractal_noise(shape, rng, cell_px=(7, 18), octaves=4, gain=0.75)
+    patches = fractal_noise(shape, rng, cell_px=(34, 150), octaves=6, gain=0.6)
+    grass = DRY_GRASS + (GREEN_GRASS - DRY_GRASS) * style.greenness
+    dry = smoothstep(-0.4, 1.6, patches)[..., None]
+    colour = grass * (1 - 0.55 * dry) + DRY_SOIL * 0.55 * dry
+    colour = colour * (relief * (1 + 0.10 * grain))[..., None]
+    brush = smoothstep(2.2 - 2.2 * style.tree_density, 2.7 - 2.0 * style.tree_density, patches + 0.55 * grain)
+    bushes = CHAPARRAL * np.clip(1 + 0.45 * grain, 0.2, 2)[..., None]
+    colour += 0.85 * brush[..., None] * (bushes - colour)
+    _cover(panorama, first, last, _veil(colour, distance_km, style), skyline)
+    count = int(1500 * style.tree_density * min(1.5, distance_km))
+    column, depth = rng.integers(0, COLUMNS, count), rng.uniform(0, 1, count) ** 0.8
+    grove = fractal_profile(COLUMNS, rng, cell_px=260, octaves=4)
+    keep = (grove[column] > rng.normal(0.25, 0.5, count)) & (skyline[column] > 0.004)
+    column, depth = column[keep], depth[keep]
+    base = skyline[column] * (1 - 0.9 * depth) - 0.001
+    _plant(panorama, style, rng, column, base, distance_km, kinds=("oak", "oak", "bush", "scrub", "cypress", "bush"))
+
+
+def _paint_woods(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Generator) -> None:
+    """Trees and hedges on the plain, from a kilometre away to three hundred metres."""
+    grove = fractal_profile(COLUMNS, rng, cell_px=900, octaves=5, gain=0.6)
+    for distance_km, kinds in (
+        (1.0, ("oak", "oak", "eucalyptus", "bush", "cypress")),
+        (0.6, ("oak", "plane", "eucalyptus", "bush", "oak")),
+        (0.35, ("oak", "plane", "eucalyptus", "bush", "bush")),
+    ):
+        count = int(1500 * style.tree_density)
+        column = rng.integers(0, COLUMNS, count)
+        # Near trees leave the road's own direction free; those in the picture there are the scene's.
+        valley = np.abs(np.sin(column / PIXELS_PER_RAD))
+        keep = (grove[column] > rng.normal(0.9 - 1.3 * style.tree_density, 0.4, count)) & (valley > 0.045 / distance_km)
+        column = column[keep]
+        base = np.full(len(column), -0.0015 / distance_km, np.float32) * rng.uniform(0.5, 1.1, len(column))
+        _plant(panorama, style, rng, column, base, distance_km, kinds=kinds)
+
+
+def _plant(
+    panorama: np.ndarray,
+    style: BackdropStyle,
+    rng: np.random.Generator,
+    column: np.ndarray,
+    base_z: np.ndarray,
+    distance_km: float,
+    *,
+    kinds: tuple[str, ...],
+) -> None:
+    """Stand trees on the panorama, the highest feet first, because those are the farthest."""
+    metres = {"oak": 9, "plane": 13, "eucalyptus": 19, "cypress": 12, "redwood": 24, "bush": 3, "scrub": 1.5}
+    for i in np.argsort(-base_z):
+        kind = kinds[rng.integers(len(kinds))]
+        height_m = metres[kind] * rng.uniform(0.55, 1.25)
+        rows = height_m / (1000 * distance_km) * PIXELS_PER_RAD
+        sprite = _sized_sprite(kind, int(rng.integers(4)), int(max(2, round(rows))))
+        # Sprites are lit from the left; the sun is to the left of the line of sight where this sine is positive.
+        if np.sin(style.sun_azimuth_rad - column[i] / PIXELS_PER_RAD) * -SUN_IN_SPRITE[0] < 0:
+            sprite = sprite[:, ::-1]
+        tint = np.exp(rng.normal(0, 0.16) + rng.normal(0, 0.05, 3)).astype(np.float32)
+        foot = int(round(HORIZON_ROW - base_z[i] * PIXELS_PER_RAD))
+        _stamp(panorama, sprite, int(column[i]), foot, tint, distance_km, style)
+
+
+@lru_cache(maxsize=512)
+def _sized_sprite(kind: str, seed: int, rows: int) -> np.ndarray:
+    sprites = plant_sprite(kind, seed)
+    level = next((s for s in reversed(sprites) if s.shape[0] >= rows), sprites[0])
+    columns = max(1, round(level.shape[1] * rows / level.shape[0]))
+    return cv2.resize(level, (columns, rows), interpolation=cv2.INTER_AREA)
+
+
+def _stamp(
+    panorama: np.ndarray,
+    sprite: np.ndarray,
+    column: int,
+    foot: int,
+    tint: np.ndarray,
+    distance_km: float,
+    style: BackdropStyle,
+) -> None:
+    """Lay a sprite over the panorama, foot at (column, foot), around the end of the panorama where needed."""
+    rows, columns = sprite.shape[:2]
+    top, bottom = max(0, foot - rows), min(ROWS, foot)
+    sprite = sprite[top - (foot - rows) : bottom - (foot - rows)]
+    where = (np.arange(columns) + column - columns // 2) % COLUMNS
+    alpha = sprite[..., 3:]
+    air = _veil(np.zeros(3, np.float32), distance_km, style)
+    through = _veil(np.ones(3, np.float32), distance_km, style) - air
+    panorama[top:bottom, where] = (
+        panorama[top:bottom, where] * (1 - alpha) + sprite[..., :3] * tint * through + air * alpha
+    )

@@ -1,0 +1,164 @@
+"""Painting solid things into a picture through the lens: clipping, projecting, and edges without steps."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from lanes.camera import Camera
+
+# Nothing nearer than this before the camera is drawn: the own bonnet hides it, and projection degenerates at 0.
+NEAREST_M = 0.5
+# Subpixel bits of OpenCV's polygon coordinates.
+_SHIFT = 4
+
+
+def viewing_planes(camera: Camera) -> np.ndarray:
+    """Half spaces, in the road frame, inside which a point can be projected.
+
+    Returns
+    -------
+    ndarray of shape (5, 4)
+        Rows (nx, ny, nz, d): a point p is inside where n.p + d >= 0. First x > NEAREST_M, then the sides of
+        a pyramid a little wider than the picture and narrower than what the distortion polynomial can take.
+    """
+    width, height = camera.size
+    across, down = np.linspace(0, width - 1, 9), np.linspace(0, height - 1, 9)
+    border = np.vstack(
+        [np.column_stack([across, np.full(9, v)]) for v in (0, height - 1)]
+        + [np.column_stack([np.full(9, u), down]) for u in (0, width - 1)]
+    )
+    reach = np.abs(camera.rays(border)[:, :2]).max(axis=0) * 1.15
+    reach *= min(1.0, 0.98 * camera.largest_ray / np.hypot(*reach))
+    sides = np.array([[1, 0, reach[0]], [-1, 0, reach[0]], [0, 1, reach[1]], [0, -1, reach[1]]])
+    normals = sides @ camera.mount.rotation()
+    planes = np.column_stack([normals, -normals[:, 2] * camera.mount.height_m])
+    return np.vstack([[1.0, 0, 0, -NEAREST_M], planes])
+
+
+def inside(points_m: np.ndarray, planes: np.ndarray) -> np.ndarray:
+    """(...,) bool: which points (..., 3) lie inside all planes."""
+    return (points_m @ planes[:, :3].T + planes[:, 3] >= -1e-9).all(axis=-1)
+
+
+def clip_polygon(points_m: np.ndarray, planes: np.ndarray) -> np.ndarray:
+    """The part of a polygon inside all planes.
+
+    Parameters
+    ----------
+    points_m : ndarray of shape (N, 3)
+        Corners in the road frame, metres.
+    planes : ndarray of shape (P, 4)
+        As from `viewing_planes`.
+
+    Returns
+    -------
+    ndarray of shape (M, 3)
+        M is 0 when nothing remains.
+
+    References
+    ----------
+    Sutherland and Hodgman, Reentrant polygon clipping, CACM 1974.
+    """
+    points = np.asarray(points_m, float)
+    for plane in planes:
+        if len(points) == 0:
+            break
+        height = points @ plane[:3] + plane[3]
+        kept = []
+        for i in range(len(points)):
+            before = i - 1
+            if (height[before] >= 0) != (height[i] >= 0):
+                share = height[before] / (height[before] - height[i])
+                kept.append(points[before] + share * (points[i] - points[before]))
+            if height[i] >= 0:
+                kept.append(points[i])
+        points = np.array(kept).reshape(-1, 3)
+    return points
+
+
+def project_faces(camera: Camera, faces_m: np.ndarray) -> list[np.ndarray | None]:
+    """Pixels of each face (F, corners, 3), clipped to what the lens can see; None for a face out of sight."""
+    planes = viewing_planes(camera)
+    count, corners = faces_m.shape[:2]
+    whole = inside(faces_m, planes).all(axis=1)
+    pixels = np.full((count, corners, 2), np.nan)
+    if whole.any():
+        pixels[whole] = camera.road_to_pixels(faces_m[whole].reshape(-1, 3)).reshape(-1, corners, 2)
+    result: list[np.ndarray | None] = list(pixels)
+    for i in np.flatnonzero(~whole):
+        part = clip_polygon(faces_m[i], planes)
+        result[i] = camera.road_to_pixels(part) if len(part) >= 3 else None
+    return result
+
+
+def paint_polygons(
+    image: np.ndarray,
+    polygons_px: list[np.ndarray | None],
+    colours: np.ndarray,
+    *,
+    opacity: np.ndarray | None = None,
+    through: np.ndarray | float = 1.0,
+    air: np.ndarray | float = 0.0,
+    softness_px: float = 0.35,
+) -> None:
+    """Paint convex polygons one after the other, in place, with smooth edges.
+
+    Parameters
+    ----------
+    image : ndarray of shape (H, W, 3), float32
+        Linear RGB, changed.
+    polygons_px : list of (N, 2) arrays or None
+        Raw pixels; None is skipped.
+    colours : ndarray of shape (F, 3)
+        Linear RGB of each polygon.
+    opacity : ndarray of shape (F,), optional
+        1 hides what is behind.
+    through, air
+        What the air leaves of the colour and what it adds, RGB or scalar (see `backdrop.air_between`).
+    softness_px : float
+        Blur of the whole group: a lens never shows a harder edge.
+    """
+    height, width = image.shape[:2]
+    seen = [i for i, p in enumerate(polygons_px) if p is not None]
+    if not seen:
+        return
+    points = np.vstack([polygons_px[i] for i in seen])
+    margin = 2 + int(3 * softness_px)
+    low = np.maximum(np.floor(points.min(axis=0)).astype(int) - margin, 0)
+    high = np.minimum(np.ceil(points.max(axis=0)).astype(int) + margin + 1, [width, height])
+    if (high <= low).any():
+        return
+    size = high - low
+    # Four samples a pixel each way; two are enough where a thing fills a good part of the picture.
+    fine = 4 if size[0] * size[1] < 60_000 else 2
+    layer = np.zeros((size[1] * fine, size[0] * fine, 4), np.float32)
+    opacity = np.ones(len(polygons_px)) if opacity is None else opacity
+    for i in seen:
+        corners = ((polygons_px[i] - low + 0.5) * fine - 0.5) * (1 << _SHIFT)
+        a = float(opacity[i])
+        r, g, b = (float(c) * a for c in colours[i])
+        cv2.fillConvexPoly(layer, np.round(corners).astype(np.int32), (r, g, b, a), cv2.LINE_8, _SHIFT)
+    layer = cv2.resize(layer, (int(size[0]), int(size[1])), interpolation=cv2.INTER_AREA)
+    if softness_px > 0:
+        layer = cv2.GaussianBlur(layer, (0, 0), softness_px)
+    lay_over(image, layer, int(low[0]), int(low[1]), through=through, air=air)
+
+
+def lay_over(
+    image: np.ndarray,
+    layer: np.ndarray,
+    left: int,
+    top: int,
+    *,
+    through: np.ndarray | float = 1.0,
+    air: np.ndarray | float = 0.0,
+) -> None:
+    """Lay a picture with coverage (h, w, 4: RGB times coverage, coverage) over `image` in place, at (left, top)."""
+    region = image[max(top, 0) : top + layer.shape[0], max(left, 0) : left + layer.shape[1]]
+    if region.size == 0:
+        return
+    layer = layer[max(-top, 0) :, max(-left, 0) :][: region.shape[0], : region.shape[1]]
+    alpha = layer[..., 3:]
+    region *= 1 - alpha
+    region += layer[..., :3] * np.asarray(through, np.float32) + alpha * np.asarray(air, np.float32)

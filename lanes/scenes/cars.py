@@ -1,0 +1,313 @@
+"""Other cars: a lofted body with windows, lamps, plate and wheels, as faces with shaded colours.
+
+A body is a stack of rounded rectangles (rings) from the sill to the roof. Windows, lamps and the rest lie on its
+surface. Colours come from a diffuse part, the sky and the road mirrored in paint and glass, and the sun's highlight.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+PAINTS = {
+    "white": (0.74, 0.74, 0.72),
+    "silver": (0.36, 0.37, 0.385),
+    "grey": (0.12, 0.125, 0.13),
+    "black": (0.010, 0.010, 0.012),
+    "blue": (0.020, 0.045, 0.13),
+    "red": (0.26, 0.014, 0.014),
+    "beige": (0.42, 0.37, 0.28),
+}
+GLASS, RUBBER, RIM, PLASTIC = (0.012, 0.016, 0.017), (0.018, 0.018, 0.019), (0.34, 0.34, 0.35), (0.02, 0.02, 0.021)
+LAMP, HEADLAMP, PLATE = (0.28, 0.010, 0.012), (0.55, 0.57, 0.60), (0.72, 0.72, 0.70)
+
+# Rings: height, rear end, front end, half width, roundness of the corners (exponent of a superellipse), metres, with
+# the origin on the ground below the middle of the car. The fifth and sixth rings are the waist and the windows' foot.
+BODIES = {
+    "sedan": np.array(
+        [
+            [0.19, -2.16, 2.20, 0.78, 5.0],
+            [0.30, -2.36, 2.36, 0.88, 5.0],
+            [0.48, -2.42, 2.42, 0.908, 5.0],
+            [0.66, -2.42, 2.38, 0.912, 5.0],
+            [0.86, -2.36, 2.26, 0.895, 4.6],
+            [0.985, -2.22, 2.02, 0.840, 4.4],
+            [1.02, -1.80, 1.02, 0.775, 4.2],
+            [1.14, -1.52, 0.72, 0.735, 4.0],
+            [1.33, -1.02, 0.20, 0.640, 3.6],
+            [1.41, -0.80, -0.05, 0.575, 3.2],
+            [1.45, -0.62, -0.22, 0.44, 3.0],
+            [1.46, -0.45, -0.38, 0.12, 2.5],
+        ]
+    ),
+    "suv": np.array(
+        [
+            [0.24, -2.14, 2.16, 0.80, 5.5],
+            [0.36, -2.30, 2.32, 0.90, 5.5],
+            [0.56, -2.36, 2.38, 0.930, 5.5],
+            [0.80, -2.36, 2.36, 0.935, 5.5],
+            [1.00, -2.31, 2.26, 0.920, 5.0],
+            [1.07, -2.27, 2.02, 0.890, 5.0],
+            [1.10, -2.24, 1.12, 0.860, 5.0],
+            [1.22, -2.18, 0.90, 0.830, 5.0],
+            [1.52, -1.98, 0.42, 0.740, 4.6],
+            [1.64, -1.86, 0.20, 0.690, 4.2],
+            [1.69, -1.70, -0.05, 0.56, 3.5],
+            [1.70, -1.20, -0.50, 0.15, 2.5],
+        ]
+    ),
+}
+WHEEL_RADIUS_M = 0.33
+AXLES_M = (-1.40, 1.38)
+SUN_SHARE = 0.84
+
+
+@dataclass(frozen=True)
+class Faces:
+    """Four-cornered faces (F, 4, 3) in metres with colour (F, 3), gloss (F,: 0 matt, 1 paint, 2 glass), layer (F,)."""
+
+    corners: np.ndarray
+    albedo: np.ndarray
+    gloss: np.ndarray
+    layer: np.ndarray
+
+    @classmethod
+    def joined(cls, parts: list[Faces]) -> Faces:
+        return cls(*(np.concatenate([getattr(p, n) for p in parts]) for n in ("corners", "albedo", "gloss", "layer")))
+
+    @classmethod
+    def of(cls, corners: np.ndarray, albedo: tuple, gloss: float, layer: int) -> Faces:
+        corners = np.reshape(corners, (-1, 4, 3))
+        count = len(corners)
+        return cls(corners, np.tile(np.float64(albedo), (count, 1)), np.full(count, gloss), np.full(count, layer))
+
+
+class Shell:
+    """The surface of a body: the rings, and points on its rear, front and sides."""
+
+    def __init__(self, body: str):
+        if body not in BODIES:
+            raise ValueError(f"there is no car body {body!r}; there are {', '.join(sorted(BODIES))}.")
+        self.rings = BODIES[body]
+
+    def ring(self, z: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Middle, half length, half width and exponent at heights z."""
+        rear, front, width, power = (np.interp(z, self.rings[:, 0], self.rings[:, i]) for i in range(1, 5))
+        return (rear + front) / 2, (front - rear) / 2, width, power
+
+    def droop(self, points: np.ndarray) -> np.ndarray:
+        """The bonnet falls towards the front: lower what is high and far forward."""
+        points = np.array(points, float)
+        forward = np.clip((points[..., 0] - 0.9) / 1.5, 0, 1)
+        points[..., 2] -= 0.20 * forward**1.5 * np.clip((points[..., 2] - 0.45) / 0.5, 0, 1)
+        return points
+
+    def end(self, y: np.ndarray, z: np.ndarray, *, side: int, lift_m: float = 0.006) -> np.ndarray:
+        """Points (..., 3) on the rear (side -1) or front (+1) at lateral y and height z."""
+        middle, length, width, power = self.ring(z)
+        inner = np.clip(1 - np.abs(y / width) ** power, 0, 1) ** (1 / power)
+        return self.droop(np.stack([middle + side * (length * inner + lift_m), y, z], axis=-1))
+
+    def flank(self, x: np.ndarray, z: np.ndarray, *, side: int, lift_m: float = 0.006) -> np.ndarray:
+        """Points (..., 3) on the left (side +1) or right (-1) flank at x and height z."""
+        middle, length, width, power = self.ring(z)
+        inner = np.clip(1 - np.abs((x - middle) / length) ** power, 0, 1) ** (1 / power)
+        return self.droop(np.stack([x, side * (width * inner + lift_m), z], axis=-1))
+
+    def loft(self, around: int, between: int) -> np.ndarray:
+        """Faces (F, 4, 3) of the whole body; their corners run so that normals point outwards."""
+        count = len(self.rings)
+        level = np.linspace(0, count - 1, (count - 1) * between + 1)
+        z, rear, front, width, power = (np.interp(level, np.arange(count), self.rings[:, i]) for i in range(5))
+        angle = np.linspace(0, 2 * np.pi, around + 1)
+        c, s = np.cos(angle), np.sin(angle)
+        exponent = 2 / power[:, None]
+        x = ((rear + front) / 2)[:, None] + ((front - rear) / 2)[:, None] * np.sign(c) * np.abs(c) ** exponent
+        y = width[:, None] * np.sign(s) * np.abs(s) ** exponent
+        grid = self.droop(np.stack([x, y, np.broadcast_to(z[:, None], x.shape)], axis=-1))
+        return np.stack([grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]], axis=2).reshape(-1, 4, 3)
+
+
+def _patch(corners: np.ndarray, surface, *, columns: int = 4, rows: int = 3) -> np.ndarray:
+    """A piece of a surface as faces; `corners` (4, 2) in surface coordinates, anticlockwise seen from outside."""
+    a, b, c, d = np.asarray(corners, float)
+    p, q = np.linspace(0, 1, columns + 1)[None, :, None], np.linspace(0, 1, rows + 1)[:, None, None]
+    grid = surface((1 - q) * ((1 - p) * a + p * b) + q * ((1 - p) * d + p * c))
+    return np.stack([grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]], axis=2).reshape(-1, 4, 3)
+
+
+def car_faces(body: str, paint: str, *, detail: int = 2) -> Faces:
+    """All faces of a car in its own frame (x forward, y left, z up, origin on the ground below its middle).
+
+    Parameters
+    ----------
+    body : str
+        A name in `BODIES`.
+    paint : str
+        A name in `PAINTS`.
+    detail : int
+        1 for a far car, 2 or more for a near one: how finely curved parts are cut up.
+
+    Raises
+    ------
+    ValueError
+        If there is no such body or paint.
+    """
+    if paint not in PAINTS:
+        raise ValueError(f"there is no car paint {paint!r}; there are {', '.join(sorted(PAINTS))}.")
+    shell = Shell(body)
+    parts = [Faces.of(shell.loft(20 * detail, detail), PAINTS[paint], 1.0, 1)]
+    parts += _end_parts(shell) + _flank_parts(shell, PAINTS[paint]) + _wheels(shell, detail)
+    return Faces.joined(parts)
+
+
+def _end_parts(shell: Shell) -> list[Faces]:
+    """Windows, lamps, plate and bumper of the rear and the front."""
+    z = shell.rings[:, 0]
+    waist, foot, top = z[4], z[6], z[8]
+    parts = []
+    for side, glow in ((-1, LAMP), (1, HEADLAMP)):
+
+        def surface(yz: np.ndarray, side: int = side) -> np.ndarray:
+            return shell.end(side * yz[..., 0], yz[..., 1], side=side)
+
+        def add(y: tuple, zz: tuple, albedo: tuple, gloss: float, surface=surface, columns: int = 4) -> None:
+            corners = [(y[0], zz[0]), (y[1], zz[0]), (y[2], zz[1]), (y[3], zz[1])]
+            parts.append(Faces.of(_patch(corners, surface, columns=columns), albedo, gloss, 2))
+
+        width = shell.ring(np.array([foot, top]))[2]
+        low, high = 0.90 * width[0], 0.86 * width[1]
+        add((-low, low, high, -high), (foot + 0.02, top + 0.02), GLASS, 2.0, columns=10)
+        lamp = (waist - 0.10, waist + 0.05) if side < 0 else (waist - 0.16, waist - 0.03)
+        for y0, y1 in ((0.50, 0.86), (-0.86, -0.50)):
+            add((y0, y1, y1, y0), lamp, glow, 1.3)
+        add((-0.80, 0.80, 0.78, -0.78), (0.21, 0.34), PLASTIC, 0.3, columns=8)
+        if side < 0:
+            add((-0.155, 0.155, 0.155, -0.155), (waist - 0.19, waist - 0.04), PLATE, 0.0)
+            add((-0.11, 0.11, 0.11, -0.11), (waist - 0.135, waist - 0.085), (0.20, 0.22, 0.32), 0.0)
+            add((-0.82, 0.82, 0.82, -0.82), (waist - 0.245, waist - 0.235), PLASTIC, 0.2, columns=8)
+        else:
+            add((-0.45, 0.45, 0.42, -0.42), (waist - 0.30, waist - 0.10), PLASTIC, 0.6, columns=8)
+    return parts
+
+
+def _flank_parts(shell: Shell, paint: tuple) -> list[Faces]:
+    """Side windows, wheel arches, seams, wrapped lamps and mirrors."""
+    z = shell.rings[:, 0]
+    waist, foot, top = z[4], z[6], z[8]
+    bottom_rear, bottom_front = shell.rings[6, 1:3]
+    top_rear, top_front = shell.rings[8, 1:3]
+    pillar = 0.35 * (bottom_rear + bottom_front) + 0.30 * (top_rear + top_front) / 2
+    parts = []
+    for side in (-1, 1):
+
+        def surface(xz: np.ndarray, side: int = side) -> np.ndarray:
+            return shell.flank(-side * xz[..., 0], xz[..., 1], side=side)
+
+        def add(x: tuple, zz: tuple, albedo: tuple, gloss: float, surface=surface, side: int = side) -> None:
+            # Anticlockwise from outside: on the left flank forward is to the left, so x is mirrored there.
+            corners = [(x[0], zz[0]), (x[1], zz[0]), (x[2], zz[1]), (x[3], zz[1])]
+            if side > 0:
+                corners = [(-x[1], zz[0]), (-x[0], zz[0]), (-x[3], zz[1]), (-x[2], zz[1])]
+            parts.append(Faces.of(_patch(corners, surface), albedo, gloss, 2))
+
+        windows = (foot + 0.02, top - 0.02)
+        add((bottom_rear + 0.38, pillar - 0.04, pillar - 0.06, top_rear + 0.22), windows, GLASS, 2.0)
+        add((pillar + 0.04, bottom_front - 0.34, top_front - 0.12, pillar + 0.02), windows, GLASS, 2.0)
+        for x in (-0.62, 0.28, 1.08):
+            add((x - 0.006, x + 0.006, x + 0.006, x - 0.006), (0.30, foot - 0.02), PLASTIC, 0.2)
+        add((-1.0, 1.0, 1.0, -1.0), (0.21, 0.29), PLASTIC, 0.3)
+        add((-2.30, -2.02, -2.06, -2.27), (waist - 0.09, waist + 0.04), LAMP, 1.3)
+        add((1.86, 2.16, 2.10, 1.90), (waist - 0.10, waist + 0.0), HEADLAMP, 1.3)
+        parts.append(_box((0.72, side * 0.99, foot + 0.05), (0.08, 0.10, 0.07), paint))
+    return parts
+
+
+def _box(middle: tuple, half: tuple, albedo: tuple) -> Faces:
+    corners = np.array(
+        [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]]
+    )
+    corners = corners * half + np.array(middle)
+    sides = [[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [4, 5, 6, 7]]
+    return Faces.of(corners[sides], albedo, 1.0, 2)
+
+
+def _wheels(shell: Shell, detail: int) -> list[Faces]:
+    """Treads below the body, and the discs, arches and rims on the flanks."""
+    angle = np.linspace(0, 2 * np.pi, 12 * detail + 1)
+    width = float(shell.rings[2, 3])
+    parts = []
+
+    def disc(x: float, y: float, radius: float, side: int, albedo: tuple, layer: int, gloss: float = 0.3) -> None:
+        ring = np.stack(
+            [x + radius * np.cos(angle), np.full(len(angle), y), WHEEL_RADIUS_M + radius * np.sin(angle)], -1
+        )
+        middle = np.broadcast_to([x, y, WHEEL_RADIUS_M], ring[1:].shape)
+        a, b = (ring[1:], ring[:-1]) if side > 0 else (ring[:-1], ring[1:])
+        parts.append(Faces.of(np.stack([middle, a, b, middle], axis=1), albedo, gloss, layer))
+
+    for x in AXLES_M:
+        for side in (-1, 1):
+            outer, inner = side * (width - 0.015), side * (width - 0.24)
+            rim = np.stack([x + WHEEL_RADIUS_M * np.cos(angle), WHEEL_RADIUS_M * (1 + np.sin(angle))], -1)
+            near = np.insert(rim, 1, outer, axis=1)
+            far = np.insert(rim, 1, inner, axis=1)
+            a, b = (near, far) if side > 0 else (far, near)
+            parts.append(Faces.of(np.stack([a[:-1], a[1:], b[1:], b[:-1]], axis=1), RUBBER, 0.0, 0))
+            lift = side * 0.012
+            disc(x, outer + lift, WHEEL_RADIUS_M + 0.055, side, (0.008, 0.008, 0.008), 3, 0.0)
+            disc(x, outer + 2 * lift, WHEEL_RADIUS_M, side, RUBBER, 4)
+            disc(x, outer + 2.5 * lift, WHEEL_RADIUS_M * 0.68, side, RIM, 5, 0.6)
+            for k in range(5):
+                turn = 2 * np.pi * (k + 0.5) / 5
+                disc(
+                    x + 0.13 * np.cos(turn), outer + 3 * lift, 0.055, side, (0.03, 0.03, 0.03), 6
+                ) if detail > 1 else None
+    return parts
+
+
+def shade_faces(faces: Faces, eye_m: np.ndarray, sun: np.ndarray) -> np.ndarray:
+    """Radiance of each face seen from `eye_m` (3,) under the sun in direction `sun` (3,), all in the faces' frame.
+
+    Returns
+    -------
+    ndarray of shape (F, 3)
+        Linear RGB; white paint lying in the sun is 1.
+    """
+    middle = faces.corners.mean(axis=1)
+    normal = face_normals(faces.corners)
+    view = eye_m - middle
+    view /= np.linalg.norm(view, axis=1, keepdims=True)
+    facing = np.clip((normal * view).sum(axis=1), 0, 1)
+    diffuse = faces.albedo / 0.8 * irradiance(normal, sun)
+    mirrored = 2 * facing[:, None] * normal - view
+    base = np.array([0.0, 0.045, 0.085])[np.clip(np.round(faces.gloss), 0, 2).astype(int)]
+    fresnel = (base + (np.minimum(faces.gloss, 1) - base) * (1 - facing) ** 5)[:, None]
+    highlight = np.clip(mirrored @ sun, 0, 1) ** 260 * 6.0 * np.minimum(faces.gloss, 1) * (sun @ normal.T > 0)
+    return diffuse * (1 - fresnel) + fresnel * (_surroundings(mirrored) + highlight[:, None])
+
+
+def face_normals(corners: np.ndarray) -> np.ndarray:
+    """(F, 3) unit normals from the diagonals, so that a face whose corners coincide in pairs still has one."""
+    normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+
+
+def irradiance(normal: np.ndarray, sun: np.ndarray) -> np.ndarray:
+    """Light (N, 3) on surfaces with `normal` (N, 3): sun, blue sky from above, warm light from the road below."""
+    direct = SUN_SHARE * np.clip(normal @ sun, 0, None) / max(float(sun[2]), 0.45)
+    up = 0.5 + 0.5 * normal[:, 2]
+    sky = (1 - SUN_SHARE) * up[:, None] * np.array([0.80, 0.98, 1.25])
+    road = 0.11 * (1 - up)[:, None] * np.array([1.05, 1.0, 0.92])
+    return 0.8 * (direct[:, None] * np.array([1.02, 1.0, 0.95]) + sky + road) / 0.8
+
+
+def _surroundings(direction: np.ndarray) -> np.ndarray:
+    """What paint and glass mirror: sky, a dark line of trees at the horizon, the road."""
+    z = direction[:, 2:3]
+    sky = np.array([0.06, 0.20, 0.46]) + np.array([0.42, 0.40, 0.28]) * np.exp(-5 * np.maximum(z, 0))
+    trees, road = np.array([0.07, 0.07, 0.05]), np.array([0.10, 0.10, 0.10])
+    horizon = np.clip((z - 0.04) / 0.12, 0, 1)
+    ground = np.clip((-z - 0.02) / 0.08, 0, 1)
+    return sky * horizon + (1 - horizon) * (trees * (1 - ground) + road * ground)

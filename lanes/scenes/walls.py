@@ -1,0 +1,304 @@
+"""Long things along the road: concrete barriers, guard rails, parapets and the grassy banks of a cutting.
+
+A wall is a stack of strips between lines that follow a path at given lateral distances and heights. A strip is painted
+column by column: where its lower and upper line are seen in a column says which part of its texture is there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from lanes.camera import Camera
+from lanes.scenes.brush import inside, viewing_planes
+from lanes.scenes.cars import irradiance
+from lanes.scenes.noise import fractal_noise, smoothstep
+
+TEXTURE_LENGTH_M = 48.0
+TEXTURE_PX_PER_M = 40
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Lines of a kind of wall from the road outwards, (lateral distance, height) in metres, and the strips between."""
+
+    lines: tuple[tuple[float, float], ...]
+    textures: tuple[str, ...]
+
+
+WALLS = {
+    "jersey": Profile(((0.0, 0.0), (0.20, 0.81), (0.36, 0.81)), ("concrete", "top")),
+    "rail": Profile(((0.0, 0.0), (0.0, 0.80)), ("rail",)),
+    "parapet": Profile(((0.0, 0.0), (0.05, 0.62), (0.30, 0.62), (0.30, 1.02)), ("concrete", "top", "handrail")),
+    "bank": Profile(((0.0, 0.0), (2.5, 0.5), (7.0, 2.6), (13.0, 5.6), (19.0, 7.6), (25.0, 8.4)), ("grass",) * 5),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Wall:
+    """A barrier along a path.
+
+    Parameters
+    ----------
+    path_m : ndarray of shape (N, 2)
+        Foot of the traffic face in the road frame, x increasing along the road, metres.
+    kind : str
+        A name in `WALLS`.
+    side : int
+        +1: it stands to the left of us (its back is further left), -1: to the right.
+    height_scale : float
+        1 is the kind's own height.
+    start_m : float
+        Place along the wall of the first point, so that its joints and stains stay where they are when we drive on.
+    seed : int
+    """
+
+    path_m: np.ndarray
+    kind: str = "jersey"
+    side: int = 1
+    height_scale: float = 1.0
+    start_m: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.kind not in WALLS:
+            raise ValueError(f"there is no wall {self.kind!r}; there are {', '.join(sorted(WALLS))}.")
+        if self.side not in (-1, 1):
+            raise ValueError(f"side is +1 (left) or -1 (right), not {self.side}.")
+        path = np.asarray(self.path_m, float)
+        if path.ndim != 2 or path.shape[1] != 2 or len(path) < 2:
+            raise ValueError(f"a wall's path has the shape (points, 2) with two points at least, not {path.shape}.")
+
+    def distance_m(self) -> float:
+        """Distance that painters sort by: the path's middle; a bank is ground, behind all that stands on it."""
+        if self.kind == "bank":
+            return 500.0
+        return float(np.hypot(*np.asarray(self.path_m)[len(self.path_m) // 2]))
+
+    def pieces(self) -> list[Wall]:
+        """The wall cut into lengths that a painter can sort by distance."""
+        points, along = _resample(np.asarray(self.path_m, float))
+        if self.kind == "bank":
+            return [replace(self, path_m=points)]
+        distance = np.hypot(points[:, 0], points[:, 1])
+        band = np.floor(np.log(np.maximum(distance, 1.0)) / np.log(1.3)).astype(int)
+        cuts = [0, *(np.flatnonzero(np.diff(band)) + 1), len(points) - 1]
+        # Pieces overlap, because foot and top of the same place are seen in different columns.
+        spans = [(max(0, a - 8), b + 9) for a, b in zip(cuts[:-1], cuts[1:], strict=True) if b > a]
+        return [replace(self, path_m=points[a:b], start_m=self.start_m + float(along[a])) for a, b in spans]
+
+    def lines(self) -> np.ndarray:
+        """(K, N, 3) points of the profile's lines along the path, road frame."""
+        path = np.asarray(self.path_m, float)
+        along = np.gradient(path, axis=0)
+        along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
+        outward = np.column_stack([-along[:, 1], along[:, 0]]) * self.side
+        rise = np.full(len(path), self.height_scale)
+        if self.kind == "bank":
+            # The cutting ends gently, far away.
+            rise *= smoothstep(len(path) - 1, 0.75 * (len(path) - 1), np.arange(len(path)))
+        return np.stack(
+            [np.column_stack([path + outward * lateral, height * rise]) for lateral, height in WALLS[self.kind].lines]
+        )
+
+    def shadows(self, drift: np.ndarray) -> list[np.ndarray]:
+        """Ground shadow as quadrilaterals along the path; none for a bank, whose foot is the ground."""
+        if self.kind == "bank":
+            return []
+        lines = self.lines()[:, :: max(1, len(self.path_m) // 40)]
+        cast = lines[..., :2] + lines[..., 2:] * drift
+        shadows = []
+        for low, high in zip(cast[:-1], cast[1:], strict=True):
+            shadows += [np.array([low[i], low[i + 1], high[i + 1], high[i]]) for i in range(len(low) - 1)]
+        return shadows
+
+
+def _resample(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points along a path, dense where near, and their arc lengths."""
+    length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    along, s = [0.0], 0.0
+    while s < length[-1]:
+        x, y = np.interp(s, length, path[:, 0]), np.interp(s, length, path[:, 1])
+        s += max(0.15, 0.02 * float(np.hypot(x, y)))
+        along.append(min(s, length[-1]))
+    along = np.array(along)
+    return np.column_stack([np.interp(along, length, path[:, 0]), np.interp(along, length, path[:, 1])]), along
+
+
+def paint_wall(image: np.ndarray, camera: Camera, wall: Wall, sun: np.ndarray, air: tuple) -> None:
+    """Paint one piece of a wall, in place; strips that turn their back are skipped by themselves."""
+    lines = wall.lines()
+    seen = inside(lines, viewing_planes(camera))
+    pixels = np.full((*lines.shape[:2], 2), np.nan)
+    pixels[seen] = camera.road_to_pixels(lines[seen])
+    along = wall.start_m + np.concatenate([[0], np.cumsum(np.hypot(*np.diff(np.asarray(wall.path_m), axis=0).T))])
+    for strip in reversed(range(len(lines) - 1)):
+        normal = _strip_normals(lines[strip], lines[strip + 1], wall.side)
+        light = irradiance(normal, sun) / 0.8
+        texture = _texture(WALLS[wall.kind].textures[strip], wall.seed + strip)
+        _paint_strip(image, pixels[strip], pixels[strip + 1], along, light, texture, air)
+
+
+def _strip_normals(low: np.ndarray, high: np.ndarray, side: int) -> np.ndarray:
+    """(N, 3) unit normals towards the road and up."""
+    normal = np.cross(np.gradient(low, axis=0), high - low) * side
+    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
+
+
+def _paint_strip(
+    image: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    along: np.ndarray,
+    light: np.ndarray,
+    texture: tuple[np.ndarray, ...],
+    air: tuple,
+) -> None:
+    """Paint between two lines seen at `low` and `high` (N, 2), one run of rising or falling columns at a time."""
+    direction = np.sign(np.nan_to_num(np.diff(low[:, 0])))
+    turns = np.flatnonzero(direction[1:] * direction[:-1] < 0) + 1
+    bounds = [0, *turns, len(low) - 1]
+    for a, b in reversed(list(zip(bounds[:-1], bounds[1:], strict=True))):
+        order = slice(a, b + 1) if direction[a:b].sum() > 0 else slice(b, a - 1 if a else None, -1)
+        _paint_run(image, low[order], high[order], along[order], light[order], texture, air)
+
+
+def _rising(line: np.ndarray, along: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, ...]:
+    """The seen part of a line: columns that never fall back, rows, places, light."""
+    seen = np.isfinite(line[:, 0])
+    return np.maximum.accumulate(line[seen, 0]), line[seen, 1], along[seen], light[seen]
+
+
+def _paint_run(
+    image: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    along: np.ndarray,
+    light: np.ndarray,
+    texture: tuple[np.ndarray, ...],
+    air: tuple,
+) -> None:
+    """Paint a run in which columns rise: every column looks up both lines, every pixel the texture between them."""
+    height, width = image.shape[:2]
+    low_u, low_v, low_s, low_light = _rising(low, along, light)
+    high_u, high_v, high_s, _ = _rising(high, along, light)
+    if min(len(low_u), len(high_u)) < 2:
+        return
+    start = max(0, int(np.ceil(max(low_u[0], high_u[0]))))
+    stop = min(width, int(np.ceil(min(low_u[-1], high_u[-1]))))
+    if stop <= start:
+        return
+    u = np.arange(start, stop, dtype=float)
+    bottom, top = np.interp(u, low_u, low_v), np.interp(u, high_u, high_v)
+    first, last = max(0, int(top.min()) - 1), min(height, int(bottom.max()) + 2)
+    if last <= first:
+        return
+    v = np.arange(first, last, dtype=float)[:, None]
+    alpha = np.clip(v - top + 0.5, 0, 1) * np.clip(bottom - v + 0.5, 0, 1)
+    tall = np.maximum(bottom - top, 1e-3)
+    share = np.clip((bottom - v) / tall, 0, 1)
+    s_low, s_high = np.interp(u, low_u, low_s), np.interp(u, high_u, high_s)
+    map_x = ((s_low + (s_high - s_low) * share) * TEXTURE_PX_PER_M).astype(np.float32)
+    speed = np.abs(np.gradient(s_low)) if len(u) > 1 else np.ones(1)
+    level = np.clip(np.log2(np.maximum(speed * TEXTURE_PX_PER_M, 1)), 0, len(texture) - 1).astype(int)
+    colour = np.zeros((len(v), len(u), 4), np.float32)
+    for k in np.unique(level):
+        columns = np.flatnonzero(level == k)
+        picture = texture[k]
+        x = np.mod(map_x[:, columns] / 2**k, picture.shape[1]).astype(np.float32)
+        y = ((1 - share[:, columns]) * (picture.shape[0] - 1)).astype(np.float32)
+        colour[:, columns] = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    lit = np.stack([np.interp(u, low_u, low_light[:, c]) for c in range(3)], axis=-1).astype(np.float32)
+    cover = colour[..., 3:] * alpha[..., None].astype(np.float32)
+    region = image[first:last, start:stop]
+    region *= 1 - cover
+    rgb = colour[..., :3] * alpha[..., None].astype(np.float32) * lit
+    region += rgb * np.asarray(air[0], np.float32) + cover * np.asarray(air[1], np.float32)
+
+
+@lru_cache(maxsize=32)
+def _texture(name: str, seed: int) -> tuple[np.ndarray, ...]:
+    """(rows, columns, 4) RGB reflectance times coverage and coverage, top row first, then shorter and shorter ones."""
+    rng = np.random.default_rng([seed, 5])
+    columns = int(TEXTURE_LENGTH_M * TEXTURE_PX_PER_M)
+    picture = {"concrete": _concrete, "top": _concrete_top, "rail": _rail, "handrail": _handrail, "grass": _grass}[
+        name
+    ](rng, columns).astype(np.float32)
+    levels = [picture]
+    while levels[-1].shape[1] > 16:
+        # A wall is seen at a glance: shorten it much more than it is lowered.
+        rows = max(8, levels[-1].shape[0] // 2) if len(levels) > 2 else levels[-1].shape[0]
+        levels.append(cv2.resize(levels[-1], (levels[-1].shape[1] // 2, rows), interpolation=cv2.INTER_AREA))
+    return tuple(levels)
+
+
+def _with_cover(rgb: np.ndarray, cover: np.ndarray | float = 1.0) -> np.ndarray:
+    cover = np.broadcast_to(np.asarray(cover, np.float32), rgb.shape[:2])[..., None]
+    return np.concatenate([rgb * cover, cover], axis=2)
+
+
+def _concrete(rng: np.random.Generator, columns: int) -> np.ndarray:
+    """Cast concrete: blotches, water stains that run down, joints every 6 m, dirt at the foot."""
+    rows = 40
+    shape = (rows, columns)
+    blotches = fractal_noise(shape, rng, cell_px=(30, 90), octaves=5, gain=0.6)
+    drips = fractal_noise(shape, rng, cell_px=(60, 12), octaves=3, gain=0.7)
+    grain = rng.normal(0, 1, shape)
+    height = np.linspace(1, 0, rows)[:, None]
+    grey = 0.34 * (1 + 0.10 * blotches + 0.05 * grain - 0.10 * np.clip(drips, 0, 2) * height)
+    # The foot flares out towards the road and looks up more.
+    grey *= 1 + 0.16 * smoothstep(0.36, 0.28, height) - 0.45 * smoothstep(0.13, 0.0, height) * (1 + 0.3 * blotches)
+    joint = (np.arange(columns) % int(6 * TEXTURE_PX_PER_M)) < 2
+    grey[:, joint] *= 0.45
+    return _with_cover(np.clip(grey, 0.03, 0.8)[..., None] * np.array([1.03, 1.0, 0.93]))
+
+
+def _concrete_top(rng: np.random.Generator, columns: int) -> np.ndarray:
+    blotches = fractal_noise((12, columns), rng, cell_px=(20, 60), octaves=5, gain=0.7)
+    grey = 0.42 * (1 + 0.10 * blotches + 0.04 * rng.normal(0, 1, blotches.shape))
+    grey[:, (np.arange(columns) % int(6 * TEXTURE_PX_PER_M)) < 2] *= 0.5
+    return _with_cover(np.clip(grey, 0.05, 0.8)[..., None] * np.array([1.03, 1.0, 0.93]))
+
+
+def _rail(rng: np.random.Generator, columns: int) -> np.ndarray:
+    """W-beam on posts every 2 m, open below."""
+    rows = 48
+    height = np.linspace(0.80, 0, rows)[:, None]
+    beam = smoothstep(0.44, 0.46, height) * smoothstep(0.79, 0.77, height)
+    # Two ridges: each looks up on its upper half and down on its lower one.
+    fold = np.sin((height - 0.46) / 0.31 * 4 * np.pi)
+    rust = fractal_noise((rows, columns), rng, cell_px=(20, 50), octaves=5, gain=0.7)
+    steel = (0.34 + 0.17 * fold) * (1 + 0.07 * rust)
+    post = ((np.arange(columns) % (2 * TEXTURE_PX_PER_M)) < 6) & (height < 0.70)
+    grey = np.where(beam > 0.5, steel, 0.16)
+    return _with_cover(grey[..., None] * np.array([0.98, 1.0, 1.0]), np.maximum(beam, post))
+
+
+def _handrail(rng: np.random.Generator, columns: int) -> np.ndarray:
+    """Round rail on stubby posts every 2.4 m, as on bridges."""
+    rows = 32
+    height = np.linspace(1, 0, rows)[:, None]
+    rail = smoothstep(0.50, 0.56, height)
+    bright = 0.30 + 0.38 * np.sin(np.clip((height - 0.5) / 0.5, 0, 1) * np.pi * 0.75 + 0.1)
+    noise = fractal_noise((rows, columns), rng, cell_px=(20, 80), octaves=4)
+    place = np.abs((np.arange(columns) % (2.4 * TEXTURE_PX_PER_M)) - 8)
+    post = place < 4 + 5 * (1 - height)
+    grey = np.where(rail > 0.5, bright, 0.42) * (1 + 0.05 * noise)
+    return _with_cover(grey[..., None] * np.array([1.0, 1.0, 0.98]), np.maximum(rail, post))
+
+
+def _grass(rng: np.random.Generator, columns: int) -> np.ndarray:
+    """Dry grass with darker weeds and bare soil."""
+    rows = 96
+    shape = (rows, columns)
+    blades = fractal_noise(shape, rng, cell_px=(14, 5), octaves=3, gain=0.8)
+    patches = fractal_noise(shape, rng, cell_px=(60, 260), octaves=6, gain=0.6)
+    grass, soil = np.array([0.42, 0.275, 0.135]), np.array([0.24, 0.165, 0.10])
+    weeds = smoothstep(1.0, 2.0, patches + 0.5 * blades)[..., None]
+    bare = smoothstep(-0.6, -2.0, patches)[..., None]
+    colour = grass * (1 + 0.18 * blades + 0.10 * patches)[..., None]
+    colour += bare * 0.6 * (soil - colour) + weeds * 0.7 * (np.array([0.10, 0.09, 0.045]) - colour)
+    return _with_cover(np.clip(colour, 0.01, 0.9))

@@ -1,0 +1,203 @@
+"""Things by the road: where the lens puts them, what hides what, and where their shadows fall."""
+
+import numpy as np
+import pytest
+
+from lanes.camera import Camera, Mount
+from lanes.scenes.bonnet import bonnet_outline
+from lanes.scenes.brush import clip_polygon, inside, viewing_planes
+from lanes.scenes.objects import Car, Post, Sign, Tree, Wall, draw_bonnet, draw_objects, shadow_polygons
+
+SUN = np.array([-0.3, -0.5, 0.8]) / np.linalg.norm([-0.3, -0.5, 0.8])
+
+
+def camera(*, distortion=(-0.24, -0.02, -0.001, 0.0003, -0.012), yaw=0.0, roll=0.0) -> Camera:
+    matrix = np.array([[580.0, 0, 319.5], [0, 578.0, 190.0], [0, 0, 1]])
+    return Camera(640, 360, matrix, np.array(distortion), Mount(1.3, np.radians(-1.5), yaw, roll))
+
+
+def empty() -> np.ndarray:
+    return np.full((360, 640, 3), 0.3, np.float32)
+
+
+def draw(things, lens=None, sun=SUN) -> np.ndarray:
+    return draw_objects(empty(), lens or camera(), things, sun_direction=sun, haze=0.0)
+
+
+def changed(things, lens=None) -> np.ndarray:
+    return np.abs(draw(things, lens) - empty()).max(axis=2) > 0.02
+
+
+def straight_wall(y: float, kind: str, side: int, *, start: float = -4.0) -> Wall:
+    x = np.arange(start, 150.0)
+    return Wall(np.column_stack([x, np.full(len(x), y)]), kind, side)
+
+
+EVERYTHING = [
+    Car(14.0, -3.0, 0.02, "black"),
+    Car(30.0, 0.0, 0.0, "red", "suv"),
+    straight_wall(3.5, "jersey", 1),
+    straight_wall(-9.0, "rail", -1),
+    straight_wall(-12.0, "bank", -1),
+    Tree(40.0, -11.0, 9.0, "oak", 1),
+    Sign(35.0, -9.5, "green", 2.5, 1.4),
+    Post(25.0, 5.0, 8.0, 0.15, arm_m=-2.0),
+]
+
+
+def test_drawing_is_repeatable_and_leaves_its_input_alone():
+    before = empty()
+    first = draw_objects(before, camera(), EVERYTHING, sun_direction=SUN, haze=0.05)
+    again = draw_objects(before, camera(), EVERYTHING, sun_direction=SUN, haze=0.05)
+    np.testing.assert_array_equal(first, again)
+    np.testing.assert_array_equal(before, empty())
+    assert first.dtype == np.float32 and np.isfinite(first).all() and first.min() >= 0
+
+
+@pytest.mark.parametrize(("x", "y"), [(12.0, -3.2), (25.0, 2.5), (45.0, -1.0)])
+def test_car_is_where_the_lens_sees_its_box(x, y):
+    lens = camera(yaw=0.02, roll=0.01)
+    rows, columns = np.nonzero(changed([Car(x, y, 0.0, "white")], lens))
+    corners = np.array([[x + i, y + j, k] for i in (-2.42, 2.42) for j in (-0.92, 0.92) for k in (0.0, 1.46)])
+    box = lens.road_to_pixels(corners)
+    # Mirrors stick out of the box by 0.2 m, the contact shadow is soft, and edges are soft by a pixel.
+    metre_px = 580 / (x - 2.4)
+    assert columns.min() == pytest.approx(box[:, 0].min(), abs=3 + 0.2 * metre_px)
+    assert columns.max() == pytest.approx(box[:, 0].max(), abs=3 + 0.2 * metre_px)
+    assert rows.max() == pytest.approx(box[:, 1].max(), abs=3 + 0.12 * metre_px)
+    assert box[:, 1].min() - 2 <= rows.min() <= box[:, 1].min() + 0.2 * (rows.max() - rows.min())
+
+
+def test_wall_stands_between_its_lines():
+    lens = camera()
+    s = np.arange(2.0, 100, 1.0)
+    mask = changed([Wall(np.column_stack([s, 3.0 + s**2 / 1600]), "jersey", 1)], lens)
+    # Middle of the traffic face: half way up, 0.1 m behind the foot.
+    x = np.array([8.0, 15.0, 30.0])
+    face = lens.road_to_pixels(np.column_stack([x, 3.0 + x**2 / 1600 + 0.1, np.full(3, 0.4)]))
+    foot = lens.road_to_pixels(np.column_stack([x, 3.0 + x**2 / 1600 - 0.25, np.zeros(3)]))
+    for (u, v), (u0, v0) in zip(np.round(face).astype(int), np.round(foot).astype(int), strict=True):
+        assert mask[v, u]
+        assert not mask[v0, u0]
+
+
+@pytest.mark.parametrize("kind", ["jersey", "parapet", "bank"])
+def test_wall_has_no_gaps_along_its_face(kind):
+    lens = camera()
+    mask = changed([straight_wall(3.5, kind, 1)], lens)
+    # Its foot's height in every column from the picture's edge to 60 m away.
+    end = lens.road_to_pixels(np.array([[60.0, 3.5, 0.0]]))[0, 0]
+    assert mask[:, 2 : int(end)].any(axis=0).all()
+
+
+def test_parts_behind_the_camera_are_cut_and_never_thrown_across_the_picture():
+    beside = changed([Car(3.5, -2.6, 0.0, "white")])
+    assert beside[:, 560:].any() and not beside[:, :400].any()
+    assert not changed([Car(-6.0, 0.0), Tree(-3.0, 1.0, 8.0), Sign(-1.0, 3.0), Post(0.1, 0.0)]).any()
+
+
+def test_clipping_keeps_what_is_inside_and_cuts_on_the_plane():
+    planes = np.array([[1.0, 0, 0, -0.5]])
+    square = np.array([[-1.0, 0, 0], [2, 0, 0], [2, 1, 0], [-1, 1, 0]])
+    part = clip_polygon(square, planes)
+    assert sorted(part[:, 0].tolist()) == pytest.approx([0.5, 0.5, 2, 2])
+    np.testing.assert_array_equal(clip_polygon(square + [5, 0, 0], planes), square + [5, 0, 0])
+    assert len(clip_polygon(square - [5, 0, 0], planes)) == 0
+
+
+def test_whatever_the_planes_let_through_can_be_projected():
+    lens = camera(yaw=0.1, roll=-0.05)
+    rng = np.random.default_rng(0)
+    points = rng.uniform([-20, -60, 0], [80, 60, 30], (4000, 3))
+    kept = points[inside(points, viewing_planes(lens))]
+    assert len(kept) > 100
+    assert np.isfinite(lens.road_to_pixels(kept)).all()
+    on_road = lens.pixels_to_road(np.array([[0.0, 359.0], [639.0, 359.0], [320.0, 300.0]]))
+    assert inside(np.column_stack([on_road, np.zeros(3)]), viewing_planes(lens)).all()
+
+
+def test_near_things_hide_far_ones_whatever_their_order_in_the_list():
+    near, far = Car(12.0, 0.0, 0.0, "white"), Car(30.0, 0.0, 0.0, "red", "suv")
+    one, other = draw([near, far]), draw([far, near])
+    np.testing.assert_array_equal(one, other)
+    u, v = np.round(camera().road_to_pixels(np.array([[10.0, 0.0, 0.8]]))[0]).astype(int)
+    window = slice(v - 3, v + 3), slice(u - 3, u + 3)
+    np.testing.assert_allclose(one[window], draw([near])[window], atol=1e-6)
+    assert np.abs(draw([far])[window] - one[window]).max() > 0.05
+
+
+def test_mirrored_world_gives_the_mirrored_picture():
+    """With a symmetric lens, exchanging left and right mirrors cars and walls."""
+    matrix = np.array([[580.0, 0, 319.5], [0, 580.0, 190.0], [0, 0, 1]])
+    lens = Camera(640, 360, matrix, np.array([-0.24, -0.02, 0, 0, 0]), Mount(1.3, np.radians(-1.5)))
+    left = [Car(15.0, 2.5, 0.1, "silver"), straight_wall(3.9, "jersey", 1, start=1.0)]
+    right = [Car(15.0, -2.5, -0.1, "silver"), straight_wall(-3.9, "jersey", -1, start=1.0)]
+    one = draw(left, lens)
+    other = draw(right, lens, sun=SUN * [1, -1, 1])[:, ::-1]
+    difference = np.abs(one - other).max(axis=2)
+    assert difference.mean() < 2e-3
+    assert (difference > 0.1).mean() < 2e-3
+    assert np.abs(one - one[:, ::-1]).mean() > 0.01, "the scene itself is not symmetric"
+
+
+def test_side_towards_the_sun_is_brighter():
+    u, v = np.round(camera().road_to_pixels(np.array([[10.0, 3.1, 0.5]]))[0]).astype(int)
+    wall = [straight_wall(3.0, "jersey", 1)]
+    lit, backlit = (draw(wall, sun=np.array([0.0, y, 0.6]))[v, u].mean() for y in (-0.8, 0.8))
+    assert lit > 2 * backlit
+
+
+def test_shadows_fall_away_from_the_sun():
+    polygon = shadow_polygons([Car(20.0, -2.0)], np.array([0.0, -0.6, 0.8]))[0]
+    assert polygon.dtype == np.float32 and polygon.shape[1] == 2
+    # The roof throws its shadow 0.75 m to the left for each metre of height.
+    assert polygon[:, 1].max() == pytest.approx(-2.0 + 0.75 * 1.41 + 0.57, abs=0.15)
+    assert polygon[:, 1].min() > -2.0 - 0.95
+    tree = np.vstack(shadow_polygons([Tree(30.0, 5.0, 10.0, "oak", 1)], np.array([0.6, 0.0, 0.8])))
+    assert tree[:, 0].min() < 30 - 5 and tree[:, 0].mean() < 28
+    post = shadow_polygons([Post(10.0, 0.0, 4.0)], np.array([0.0, 0.6, 0.8]))[0]
+    assert post[:, 1].min() == pytest.approx(-3.0, abs=0.1)
+
+
+def test_every_wall_but_a_bank_casts_a_shadow_along_its_path():
+    path = np.column_stack([np.arange(0.0, 50), np.full(50, 4.0)])
+    every = np.vstack(shadow_polygons([Wall(path, "jersey", 1)], np.array([0.0, 0.6, 0.8])))
+    assert every[:, 0].min() == pytest.approx(0, abs=0.1) and every[:, 0].max() == pytest.approx(49, abs=1.1)
+    assert every[:, 1].min() == pytest.approx(4.0 - 0.75 * 0.81 + 0.2, abs=0.05)
+    assert shadow_polygons([Wall(path, "bank", 1)], SUN) == []
+
+
+def test_bonnet_hides_the_bottom_edge_only_and_is_soft():
+    before = np.full((720, 1280, 3), 0.5, np.float32)
+    lens = camera().scaled((1280, 720))
+    after = draw_bonnet(before, lens, seed=3)
+    edge = bonnet_outline(lens.size)
+    assert edge.shape == (1280,) and edge.min() > 650 and edge.max() < 692
+    np.testing.assert_array_equal(after[:640], before[:640])
+    assert after[700:].mean() < 0.3 and after[700:, :, 0].mean() > after[700:, :, 2].mean()
+    steps = np.abs(np.diff(after.mean(axis=2), axis=0)).max(axis=0)
+    assert np.median(steps) < 0.2, "the edge is a ramp, not a step"
+    np.testing.assert_array_equal(after, draw_bonnet(before, lens, seed=3))
+    assert np.abs(after - draw_bonnet(before, lens, seed=4)).max() > 0.01
+
+
+@pytest.mark.parametrize(
+    ("make", "named"),
+    [
+        (lambda: draw([Car(10, 0, paint="tartan")]), "tartan"),
+        (lambda: draw([Car(10, 0, body="tank")]), "tank"),
+        (lambda: draw([Tree(10, 0, species="lamp")]), "lamp"),
+        (lambda: draw([Sign(10, 0, kind="pub")]), "pub"),
+        (lambda: Wall(np.zeros((4, 2)), "hedge"), "hedge"),
+        (lambda: Wall(np.zeros((4, 3))), r"\(4, 3\)"),
+        (lambda: shadow_polygons([], np.array([1.0, 0, -0.1])), "sun"),
+    ],
+)
+def test_unknown_things_are_named(make, named):
+    with pytest.raises(ValueError, match=named):
+        make()
+
+
+def test_a_thing_of_another_kind_is_refused():
+    with pytest.raises(TypeError, match="str"):
+        draw(["car"])
