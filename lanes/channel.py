@@ -81,13 +81,14 @@ class Channel:
         r = self.recipe
         if r.ransac_px is None:
             return fit_line(pixels, min_span_px=r.min_span_px)
-        return ransac_line(
+        fit = ransac_line(
             pixels,
             trials=r.ransac_trials,
             samples=r.ransac_samples,
             residual_px=r.ransac_px,
             min_span_px=r.min_span_px,
         )
+        return fit if fit and fit.pixels >= r.ransac_share * len(pixels) else None
 
 
 def nearest_line(channels: Sequence[Channel], memory: LineMemory, side: int) -> FoundLine:

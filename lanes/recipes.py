@@ -51,6 +51,10 @@ class Recipe:
         Residual threshold of RANSAC; None fits by least squares.
     ransac_trials, ransac_samples : int
         See `fit.ransac_line`.
+    ransac_share : float, in range 0..1
+        A line must explain this share of the pixels near it. A channel full of noise fills the band around the line
+        so far evenly and would otherwise confirm that line for ever. Measured on motorway stills: paint 0.5 to 1.0,
+        noise and flooded thresholds 0.2 to 0.38.
     min_span_px : float
         A line seen over fewer rows is no line: no bend can be measured on it.
     memories : tuple of LineMemory
@@ -75,6 +79,7 @@ class Recipe:
     ransac_px: float | None = None
     ransac_trials: int = 100
     ransac_samples: int = 150
+    ransac_share: float = 0.4
     min_span_px: float = 160  # two windows
 
     def warp(self) -> FourPointWarp:
@@ -84,7 +89,7 @@ class Recipe:
     def scaled(self, size: tuple[int, int]) -> Recipe:
         """The same recipe for pictures resized to `size` (width, height).
 
-        Lengths and pixel counts are scaled; filter kernels (3, 5 and 9 pixels) stay, being no smaller than useful.
+        Lengths, pixel counts and kernels are scaled, gradients are not: a picture made smaller has sharper edges.
         """
         width, height = size
         if width < 1 or height < 1:
@@ -96,6 +101,8 @@ class Recipe:
             size=(width, height),
             source_px=_scale_points(self.source_px, sx, sy),
             destination_px=_scale_points(self.destination_px, sx, sy),
+            thresholds=self.thresholds.scaled(area**0.5),
+            video_thresholds=self.video_thresholds.scaled(area**0.5),
             histogram_rows_px=tuple(round(row * sy) for row in self.histogram_rows_px),
             margin_px=self.margin_px * sx,
             still_band_px=self.still_band_px * sx,

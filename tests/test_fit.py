@@ -1,0 +1,73 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lanes.fit import LineFit, fit_line, mean_distance_px, mean_fit, ransac_line
+
+ROWS = np.arange(0, 720)
+
+
+def line_pixels(a, b, c, rows=ROWS):
+    return np.column_stack([a * rows**2 + b * rows + c, rows])
+
+
+@given(st.floats(-1e-3, 1e-3), st.floats(-1, 1), st.floats(0, 1280))
+def test_exact_pixels_give_their_parabola_back(a, b, c):
+    fit = fit_line(line_pixels(a, b, c))
+    np.testing.assert_allclose(fit.columns(ROWS), a * ROWS**2 + b * ROWS + c, atol=1e-6)
+    assert fit.pixels == 720
+    assert fit.rows_px == (0, 719)
+
+
+def test_fit_agrees_with_numpy_polyfit():
+    rng = np.random.default_rng(3)
+    pixels = line_pixels(2e-4, -0.3, 400) + rng.normal(0, 4, (720, 2)) * [1, 0]
+    np.testing.assert_allclose(fit_line(pixels).coefficients, np.polyfit(pixels[:, 1], pixels[:, 0], 2), rtol=1e-8)
+
+
+@pytest.mark.parametrize("fitter", [fit_line, ransac_line])
+@pytest.mark.parametrize(
+    "pixels",
+    [np.empty((0, 2)), [[5, 5]], [[5, 1], [6, 2]], [[1, 7], [2, 7], [3, 7], [4, 7]], [[1, 0], [2, 9], [3, 9], [4, 0]]],
+    ids=["none", "one", "two", "one row", "two rows"],
+)
+def test_too_little_for_a_parabola_is_none(fitter, pixels):
+    assert fitter(np.array(pixels)) is None
+
+
+@pytest.mark.parametrize("fitter", [fit_line, ransac_line])
+def test_a_short_stub_is_no_line_when_a_span_is_asked_for(fitter):
+    stub = line_pixels(0, 0, 300, np.arange(600, 700))
+    assert fitter(stub) is not None
+    assert fitter(stub, min_span_px=160) is None
+
+
+def test_ransac_ignores_a_third_of_outliers_that_bend_least_squares():
+    rng = np.random.default_rng(4)
+    line = np.repeat(line_pixels(3e-4, -0.2, 300), 10, axis=0) + rng.normal(0, 2, (7200, 2)) * [1, 0]
+    # A shadow across the upper view: one wide block on one side.
+    block = np.column_stack([rng.uniform(320, 420, 3000), rng.integers(0, 120, 3000)])
+    pixels = np.vstack([line, block])
+    truth = np.polyval([3e-4, -0.2, 300], ROWS)
+    assert np.abs(fit_line(pixels).columns(ROWS) - truth).max() > 25
+    assert np.abs(ransac_line(pixels, samples=12).columns(ROWS) - truth).max() < 8
+
+
+def test_ransac_gives_the_same_line_for_the_same_seed():
+    pixels = line_pixels(1e-4, 0, 300) + np.random.default_rng(5).normal(0, 12, (720, 2)) * [1, 0]
+    assert ransac_line(pixels, seed=1) == ransac_line(pixels, seed=1)
+    assert ransac_line(pixels, seed=1) != ransac_line(pixels, seed=2)
+
+
+def test_mean_is_a_mean():
+    fits = [LineFit((1.0, 2.0, 3.0), 10, (0, 50)), LineFit((3.0, 4.0, 9.0), 20, (10, 90))]
+    assert mean_fit(fits) == LineFit((2.0, 3.0, 6.0), 30, (0, 90))
+    assert mean_fit([]) is None
+
+
+def test_distance_is_the_mean_gap():
+    upright, shifted = LineFit((0, 0, 100.0), 1, (0, 1)), LineFit((0, 0, 107.0), 1, (0, 1))
+    crossing = LineFit((0, 2.0, 100.0 - 2 * 50), 1, (0, 1))
+    assert mean_distance_px(upright, shifted, 101) == pytest.approx(7)
+    assert mean_distance_px(upright, crossing, 101) == pytest.approx(2 * np.abs(np.arange(101) - 50).mean())

@@ -1,0 +1,106 @@
+from functools import partial
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lanes import measure
+from lanes.fit import LineFit, fit_line
+from lanes.view import scale_to_road
+
+SIZE = (1280, 720)
+SCALES = (3.7 / 700, 30 / 720)
+TO_ROAD = partial(scale_to_road, metres_per_px=SCALES, view_size=SIZE)
+
+
+def circle_in_view(radius_m, y0_m=0.0):
+    """Pixels of a circle that touches the car's direction `y0_m` left of the car; radius > 0 bends left."""
+    rows = np.arange(720)
+    x = (719 - rows) * SCALES[1]
+    y = y0_m + radius_m - np.sign(radius_m) * np.sqrt(radius_m**2 - x**2)
+    return np.column_stack([639.5 - y / SCALES[0], rows])
+
+
+@given(st.floats(200, 2500), st.sampled_from([-1, 1]), st.floats(-2, 2))
+def test_a_circle_of_radius_r_measures_r(radius, side, y0):
+    line = measure.road_line(fit_line(circle_in_view(side * radius, y0)), TO_ROAD, 720)
+    # A parabola through 30 m of a circle of 200 m is off by 1 %.
+    assert measure.radius_m(line.curvature_per_m()) == pytest.approx(side * radius, rel=0.012)
+    assert line.c0_m == pytest.approx(y0, abs=0.01)
+
+
+@given(st.floats(20, 5000), st.sampled_from([-1, 1]), st.floats(0.01, 0.5), st.floats(0.6, 1.2))
+def test_three_points_of_a_circle_give_its_curvature(radius, side, middle, end):
+    angles = np.array([0, middle, end])
+    points = np.column_stack([radius * np.sin(angles), side * radius * (1 - np.cos(angles))])
+    assert measure.curvature_through(points) == pytest.approx(side / radius, rel=1e-6)
+
+
+def test_curvature_is_the_published_formula_at_the_bottom_row():
+    """(1 + (2Ay + B)^2)^1.5 / |2A| of the fit in metres, as the course writes it."""
+    fit = LineFit((2e-4, -0.35, 500.0), 1, (0, 719))
+    a, b = 2e-4 * SCALES[0] / SCALES[1] ** 2, -0.35 * SCALES[0] / SCALES[1]
+    published = (1 + (2 * a * 719 * SCALES[1] + b) ** 2) ** 1.5 / abs(2 * a)
+    line = measure.road_line(fit, TO_ROAD, 720)
+    assert abs(measure.radius_m(line.curvature_per_m())) == pytest.approx(published, rel=1e-9)
+
+
+def test_curvature_further_ahead_follows_the_line():
+    line = measure.RoadLine(0.0, 0.0, 0.01)
+    assert line.curvature_per_m(0) == pytest.approx(0.01)
+    assert line.curvature_per_m(50) == pytest.approx(0.01 / 1.25**1.5)
+    assert line.lateral_m(10.0) == pytest.approx(0.5)
+
+
+def test_points_above_the_horizon_are_left_out():
+    def half_sky(points):
+        road = TO_ROAD(points)
+        road[points[:, 1] < 360] = np.nan
+        return road
+
+    fit = fit_line(circle_in_view(400))
+    assert measure.road_line(fit, half_sky, 720).c2_per_m == pytest.approx(1 / 400, rel=0.02)
+    assert measure.road_line(fit, lambda points: np.full((len(points), 2), np.nan), 720) is None
+    assert measure.road_line(fit, TO_ROAD, 1) is None
+
+
+def test_offset_is_positive_left_of_the_centre():
+    left, right = measure.RoadLine(1.55, 0.0, 0.0), measure.RoadLine(-2.15, 0.0, 0.0)
+    assert measure.lane_offset_m(left, right) == pytest.approx(0.3)
+    assert measure.lane_width_m(left, right) == pytest.approx(3.7)
+
+
+def test_width_is_measured_across_the_lane():
+    heading = 0.1
+    left, right = (measure.RoadLine(side * 1.85 / np.cos(heading), np.tan(heading), 0.0) for side in (1, -1))
+    assert measure.lane_width_m(left, right) == pytest.approx(3.7)
+
+
+@pytest.mark.parametrize(
+    ("curvature", "words"),
+    [
+        (-1 / 644, "bends right, R 640 m"),
+        (1 / 2990, "bends left, R 2990 m"),
+        (1 / 54_000, "straight (R > 3 km)"),
+        (-1 / 3001, "straight (R > 3 km)"),
+        (0.0, "straight (R > 3 km)"),
+        (1 / 37.4, "bends left, R 37 m"),
+        (None, "bend unknown"),
+    ],
+)
+def test_words_for_a_bend(curvature, words):
+    assert measure.describe_bend(curvature) == words
+
+
+@pytest.mark.parametrize(
+    ("offset", "words"),
+    [
+        (0.124, "0.12 m left of centre"),
+        (-0.3, "0.30 m right of centre"),
+        (-0.004, "in the centre"),
+        (None, "offset unknown"),
+    ],
+)
+def test_words_for_an_offset(offset, words):
+    assert measure.describe_offset(offset) == words
