@@ -1,18 +1,19 @@
 """Videos: read frames, process them in order, write them so that every browser plays the result.
 
-The course teaches moviepy (`open_clip` gives its clip: `image_transform` and `write_videofile` follow), because three
-lines of it show the idea. `annotate_video` does the same job frame by frame with PyAV, which is FFmpeg in the same
-process. Measured on moviepy 2.2.1 and PyAV 18.1:
+The course teaches moviepy (`open_clip` gives its clip; `image_transform` and `write_videofile` follow), because three
+lines of it show the idea. `annotate_video` does the same job frame by frame with PyAV, which is FFmpeg inside this
+process. What decided it, measured with moviepy 2.2.1 and PyAV 18.1:
 
-- moviepy calls the function once too often (at construction), which moves a tracker's memory by a frame, and computes
-  the number of frames from a rounded duration, which loses the last one; here each frame comes once, and is counted;
-- it hands FFmpeg the frame rate with two decimals (23.976 becomes 23.98); here the rate is an exact fraction, and a
-  video of variable rate keeps its time stamps;
-- it writes its sound track into the working directory and encodes it again; here the packets are copied;
-- pictures of odd size come out as yuv444p, which browsers refuse; here they are padded to even size;
-- it does not look at FFmpeg's exit code, and after an exception leaves a playable half of the video under the final
-  name; here the file gets its name when it is whole;
-- the speed is the same: encoding and the lane finder take the time, not the library.
+- moviepy calls the function once before the first frame, so that a tracker sees that frame twice, and derives the
+  number of frames from a rounded duration: 251 frames at 25 a second come out as 250. Here each frame comes once, and
+  what was written is counted;
+- it hands the frame rate on with two decimals: 24000/1001 becomes 1199/50. Here the rate is exact, and a video of
+  variable rate keeps its time stamps;
+- it encodes the sound again, by way of a file in the working directory. Here its packets are copied;
+- pictures of odd size come out in the profile High 4:4:4, which not every browser plays. Here they are padded;
+- it ignores FFmpeg's exit code, and after an exception leaves a playable half under the final name. Here a file gets
+  its name when it is whole;
+- the speed does not tell them apart: 30 and 32 ms of processor time for each frame of 1280x720, reading and writing.
 """
 
 from __future__ import annotations

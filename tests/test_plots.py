@@ -78,7 +78,7 @@ def test_histogram():
 
 
 def test_fit_keeps_the_view_and_its_rows_downwards():
-    curve = np.array([[30.0, 0], [-500, 95]])
+    curve = np.array([[30.0, -40], [-500, 300]])
     _, axis = plots.plot_fit(np.zeros((96, 160), np.uint8), [[10, 60, 50, 90]], {"left": curve})
     assert axis.get_xlim() == (-0.5, 159.5)
     assert axis.get_ylim() == (95.5, -0.5)

@@ -7,7 +7,6 @@ import signal
 import struct
 import subprocess
 import sys
-import time
 from fractions import Fraction
 from pathlib import Path
 
@@ -106,6 +105,20 @@ class TestInspect:
         assert info.frames == 31
         assert info.fps == pytest.approx(30000 / 1001, abs=1e-3)
         assert [number_of(frame) for frame in read_frames(path)] == list(range(31))
+
+    def test_frames_that_are_not_shown_do_not_count(self, video, tmp_path):
+        """A clip cut between key frames without encoding again stores frames that only help to decode the others."""
+        path = tmp_path / "clip.mp4"
+        with av.open(str(video)) as source, av.open(str(path), "w") as target:
+            output = target.add_stream_from_template(source.streams.video[0])
+            for packet in source.demux(source.streams.video[0]):
+                if packet.size:
+                    packet.stream = output
+                    packet.pts -= round(Fraction(5, 25) / packet.time_base)
+                    packet.dts -= round(Fraction(5, 25) / packet.time_base)
+                    target.mux(packet)
+        assert inspect_video(path).frames == 45
+        assert [number_of(frame) for frame in read_frames(path)] == list(range(5, 50))
 
     def test_missing_file(self, tmp_path):
         with pytest.raises(FileNotFoundError, match="nowhere.mp4: there is no such video"):
@@ -405,12 +418,14 @@ class TestFailure:
             annotate_video(video, video, unchanged, progress=False)
         assert video.read_bytes() == before
 
-    def test_unwritable_folder_is_known_before_the_work(self, video, tmp_path):
+    @pytest.mark.parametrize("name", ["file/out.mp4", "long" * 62 + "out.mp4"])
+    def test_unwritable_target_is_known_before_the_work(self, video, tmp_path, name):
         (tmp_path / "file").write_text("not a folder")
         calls = []
         with pytest.raises(OSError, match=r"out\.mp4: cannot be written"):
-            annotate_video(video, tmp_path / "file" / "out.mp4", calls.append, progress=False)
+            annotate_video(video, tmp_path / name, calls.append, progress=False)
         assert not calls
+        assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
     def test_unwritable_telemetry(self, video, target, tmp_path):
         (tmp_path / "file").write_text("not a folder")
@@ -465,8 +480,6 @@ REAL = Path(os.environ.get("LANES_DATA", Path(__file__).parents[2] / "shared" / 
 def test_real_clip_that_was_cut_without_encoding(tmp_path):
     """It stores 91 frames, of which the first three serve only to decode the others."""
     source = REAL / "project_video_0513.mp4"
-    began_s = time.perf_counter()
     summary = annotate_video(source, tmp_path / "out.mp4", lambda f: f[::4, ::4], end_s=1.0, progress=False)
     assert (inspect_video(source).frames, summary.frames_out, summary.fps) == (88, 25, 25.0)
     assert (summary.width, summary.height) == (320, 180)
-    assert time.perf_counter() - began_s < 30
