@@ -25,13 +25,13 @@ HORIZON_ROW = Z_TOP * PIXELS_PER_RAD
 
 # Linear radiance of a dry summer sky, sunlit white paint = 1: at the zenith, what the horizon adds, and how fast that
 # fades with height, for red, green and blue (red fades fastest: that is why the sky above is blue).
-ZENITH = np.array([0.035, 0.165, 0.440], np.float32)
-HORIZON_GLOW = np.array([0.50, 0.47, 0.32], np.float32)
-GLOW_FALL = np.array([6.5, 5.2, 4.2], np.float32)
+ZENITH = np.array([0.020, 0.120, 0.380], np.float32)
+HORIZON_GLOW = np.array([0.50, 0.46, 0.32], np.float32)
+GLOW_FALL = np.array([5.6, 3.1, 1.9], np.float32)
 # What distance fades to: the sky just above the horizon, a little darker and bluer.
 HAZE_COLOUR = (ZENITH + HORIZON_GLOW) * np.array([0.57, 0.74, 0.90], np.float32)
 
-DRY_GRASS = np.array([0.44, 0.285, 0.140], np.float32)
+DRY_GRASS = np.array([0.40, 0.265, 0.135], np.float32)
 DRY_SOIL = np.array([0.26, 0.175, 0.105], np.float32)
 GREEN_GRASS = np.array([0.17, 0.20, 0.055], np.float32)
 CHAPARRAL = np.array([0.050, 0.050, 0.022], np.float32)
@@ -150,7 +150,7 @@ def _veil(colour: np.ndarray, distance_km: np.ndarray | float, style: BackdropSt
     return colour * through + air
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=3)
 def _panorama(style: BackdropStyle, seed: int) -> np.ndarray:
     """(ROWS, COLUMNS + 2, 3) float32, about 90 MB; row 0 looks up to Z_TOP, column 1 along azimuth 0."""
     rng = np.random.default_rng([seed, 20])
@@ -178,42 +178,43 @@ def _heights() -> np.ndarray:
 
 def _paint_sky(style: BackdropStyle) -> np.ndarray:
     """Gradient from the horizon up, and the bright side where the sun stands."""
-    z = np.maximum(_heights(), 0)
-    gradient = ZENITH + HORIZON_GLOW * np.exp(-GLOW_FALL * z[:, None])
-    level = np.sqrt(1 - z * z)
-    sun = style.sun_direction()
-    facing = np.cos(_azimuths() - style.sun_azimuth_rad) * np.hypot(sun[0], sun[1])
-    cosine = np.clip(level[:, None] * facing[None, :] + z[:, None] * sun[2], -1, 1)
-    # Aureole (forward scattering) plus the weak brightening of the whole sun side.
-    glow = 0.30 * np.exp(-(1 - cosine) / 0.05) + 0.13 * np.exp(-(1 - cosine) / 0.5)
-    sky = gradient[:, None, :] * (0.94 + 0.06 * (1 + cosine[..., None]))
-    tint = np.array([0.95, 1.0, 1.0], np.float32) * (1 + 1.5 * style.haze_per_km)
-    return (sky + glow[..., None] * tint).astype(np.float32)
+    coarse = 4
+    z = cv2.resize(_heights()[:, None], (1, ROWS // coarse), interpolation=cv2.INTER_AREA).ravel()
+    azimuth = _azimuths().reshape(-1, coarse).mean(axis=1)
+    gradient = ZENITH + HORIZON_GLOW * np.exp(-GLOW_FALL * np.maximum(z, 0)[:, None])
+    sun = style.sun_direction().astype(np.float32)
+    facing = np.cos(azimuth - style.sun_azimuth_rad) * np.hypot(sun[0], sun[1])
+    away = 1 - (np.sqrt(1 - z * z)[:, None] * facing[None, :] + z[:, None] * sun[2])[..., None]
+    # Aureole (forward scattering), the weak brightening of the sun's whole side, and haze that whitens both.
+    glow = 0.30 * np.exp(-away / 0.05) + (0.05 + 0.35 * style.haze_per_km) * np.exp(-away / 0.5)
+    sky = gradient[:, None, :] * (1.06 - 0.06 * away) + glow * np.array([0.85, 0.97, 1.0], np.float32)
+    return cv2.resize(sky.astype(np.float32), (COLUMNS, ROWS), interpolation=cv2.INTER_LINEAR)
 
 
 def _paint_clouds(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Generator) -> None:
-    """Cumulus as a flat layer seen in perspective: rows of clouds crowd towards the horizon."""
-    size = 2048
-    noise = fractal_noise((size, size), rng, cell_px=(420, 420), octaves=8, gain=0.52)
-    sun = style.sun_direction()
-    shift = np.float32([[1, 0, 16 * sun[0]], [0, 1, 16 * sun[1]]])
-    towards_sun = cv2.warpAffine(noise, shift, (size, size), borderMode=cv2.BORDER_WRAP)
-    rows = int(HORIZON_ROW)
-    z = np.maximum(_heights()[:rows], 0.015)
-    # A layer 1 unit up; a curved sky keeps the clouds near the horizon from becoming lines.
-    reach = 190 * np.sqrt(1 - z * z) / (z + 0.08)
-    azimuth = _azimuths()
-    map_x = (reach[:, None] * np.cos(azimuth)).astype(np.float32) + size / 2
-    map_y = (reach[:, None] * np.sin(azimuth)).astype(np.float32) + size / 2
+    """Cumulus: noise on a flat layer seen in perspective, so that clouds shrink and crowd towards the horizon."""
+    size, coarse = 2048, 2
+    noise = fractal_noise((size, size), rng, cell_px=(420, 420), octaves=8, gain=0.55)
+    rows = int(HORIZON_ROW) // coarse
+    z = np.maximum(_heights()[: rows * coarse : coarse], 0.004)[:, None]
+    # The exponent is 1 for paper-thin clouds; less gives them the height that makes them cumulus.
+    reach = 330 * np.sqrt(1 - z * z) / (z + 0.06) ** 0.55
+    azimuth = _azimuths()[::coarse]
+    map_x = (reach * np.cos(azimuth) + size / 2).astype(np.float32)
+    map_y = (reach * np.sin(azimuth) + size / 2).astype(np.float32)
     density = cv2.remap(noise, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
-    lit = density - cv2.remap(towards_sun, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
-    edge = float(np.quantile(density[::8, ::8], 1 - style.cloud_cover))
-    cover = smoothstep(edge - 0.10, edge + 0.45, density)[..., None]
-    thick = smoothstep(edge + 0.1, edge + 1.6, density)
-    brightness = np.clip(0.86 - 0.50 * thick + 0.35 * lit, 0.25, 1.05)[..., None]
-    colour = brightness * np.array([1.0, 1.0, 1.02], np.float32) + (1 - brightness) * [0.03, 0.05, 0.09]
-    fade = np.exp(-0.012 / np.maximum(_heights()[:rows], 1e-3))[:, None, None]
-    panorama[:rows] += (cover * fade * (colour - panorama[:rows])).astype(np.float32)
+    # Tops are lit: where there is less cloud a little higher up. Bases are flat and grey.
+    lit = density - np.roll(cv2.GaussianBlur(density, (0, 0), 5), 12, axis=0)
+    edge = np.float32(np.quantile(density[::8, ::8], 1 - style.cloud_cover))
+    cover = smoothstep(edge - 0.08, edge + 0.40, density)
+    thick = smoothstep(edge + 0.1, edge + 1.7, cv2.GaussianBlur(density, (0, 0), 3))
+    brightness = np.clip(0.84 - 0.46 * thick + 0.22 * lit, 0.26, 1.05)[..., None]
+    colour = brightness * np.float32([1.0, 1.0, 1.01]) + (1 - brightness) * np.float32([0.03, 0.05, 0.09])
+    cover *= np.exp(-0.012 / z)
+    layer = np.concatenate([colour * cover[..., None], cover[..., None]], axis=2).astype(np.float32)
+    layer = cv2.resize(layer, (COLUMNS, rows * coarse), interpolation=cv2.INTER_LINEAR)
+    panorama[: rows * coarse] *= 1 - layer[..., 3:]
+    panorama[: rows * coarse] += layer[..., :3]
 
 
 def _paint_plain(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Generator) -> None:
@@ -338,7 +339,7 @@ def _plant(
         kind = kinds[rng.integers(len(kinds))]
         height_m = metres[kind] * rng.uniform(0.55, 1.25)
         rows = height_m / (1000 * distance_km) * PIXELS_PER_RAD
-        sprite = _sized_sprite(kind, int(rng.integers(4)), int(max(2, round(rows))))
+        sprite = _sized_sprite(kind, int(rng.integers(2)), int(max(2, round(rows))))
         # Sprites are lit from the left; the sun is to the left of the line of sight where this sine is positive.
         if np.sin(style.sun_azimuth_rad - column[i] / PIXELS_PER_RAD) * -SUN_IN_SPRITE[0] < 0:
             sprite = sprite[:, ::-1]

@@ -19,7 +19,7 @@ _OUTLINE = np.array(
         [0.90, 0.931], [0.95, 0.922], [1.02, 0.917],
     ]
 )  # fmt: skip
-DUSTY_PAINT = np.array([0.215, 0.142, 0.125])
+DUSTY_PAINT = np.array([0.235, 0.160, 0.138])
 CLEAN_PAINT = np.array([0.125, 0.070, 0.066])
 SKY_IN_PAINT = np.array([0.125, 0.090, 0.140])
 
@@ -70,10 +70,10 @@ def _bonnet_layer(size: tuple[int, int], seed: int) -> tuple[np.ndarray, int]:
     rng = np.random.default_rng([seed, 31])
     inward = (v - edge) / scale
     colour = _paint(size, inward, rng)
-    # Out of focus: the edge is a ramp of some four rows.
-    cover = smoothstep(-2.2, 2.2, inward)[..., None]
+    # Out of focus: the edge is a ramp of some three rows.
+    cover = smoothstep(-1.6, 1.6, inward)[..., None]
     layer = np.concatenate([colour * cover, cover], axis=2).astype(np.float32)
-    layer = cv2.GaussianBlur(layer, (0, 0), 0.8 * scale, borderType=cv2.BORDER_REPLICATE)
+    layer = cv2.GaussianBlur(layer, (0, 0), 0.6 * scale, borderType=cv2.BORDER_REPLICATE)
     layer.setflags(write=False)
     return layer, top
 
@@ -83,18 +83,23 @@ def _paint(size: tuple[int, int], inward: np.ndarray, rng: np.random.Generator) 
     width = size[0]
     shape = inward.shape
     across = (np.arange(width) / width)[None, :]
-    broad = fractal_noise(shape, rng, cell_px=(18, 190), octaves=4, gain=0.55)
-    flecks = fractal_noise(shape, rng, cell_px=(3.2, 13), octaves=2, gain=0.7)
+    broad = fractal_noise(shape, rng, cell_px=(14, 150), octaves=5, gain=0.6)
+    dark = fractal_noise(shape, rng, cell_px=(3.0, 20), octaves=3, gain=0.8)
+    flecks = fractal_noise(shape, rng, cell_px=(2.6, 17), octaves=2, gain=0.7)
     grain = fractal_noise(shape, rng, cell_px=(1.6, 3.5), octaves=1)
-    hump = np.exp(-(((across - 0.52) / 0.27) ** 4))
-    clean = smoothstep(16, 44, inward + 5 * broad) * (0.25 + 0.55 * hump)
+    # The hump in the middle, between two creases that run towards us and outwards.
+    run = np.clip(inward / 48, 0, 1) ** 0.7
+    left, right = 0.335 - 0.16 * run, 0.70 + 0.19 * run
+    hump = smoothstep(-0.006, 0.006, across - left) * smoothstep(-0.012, 0.012, right - across)
+    clean = np.clip(hump * smoothstep(4, 30, inward) * 0.75 + 0.22 * broad + 0.12, 0, 1)
     colour = DUSTY_PAINT * (1 - clean[..., None]) + CLEAN_PAINT * clean[..., None]
     # The wings slope away and mirror the blue of the sky.
     wings = np.maximum(smoothstep(0.13, 0.04, across), smoothstep(0.90, 0.97, across)) * smoothstep(26, 8, inward)
     colour += (0.8 * wings)[..., None] * (SKY_IN_PAINT - colour)
-    light = 1 + 0.10 * broad + 0.05 * grain
-    light -= 0.42 * smoothstep(1.4, 2.3, flecks) * smoothstep(3, 9, inward)
-    light += 0.35 * smoothstep(1.9, 2.7, -flecks) * smoothstep(5, 14, inward)
+    light = 1 + 0.05 * grain - 0.04 * np.clip(dark, -1, 2)
+    light += 0.18 * (np.exp(-(((across - left) / 0.006) ** 2)) + 0.6 * np.exp(-(((across - right) / 0.008) ** 2)))
+    light -= 0.38 * smoothstep(1.6, 2.5, dark) * smoothstep(3, 9, inward)
+    light += 0.55 * smoothstep(2.1, 2.8, flecks) * smoothstep(5, 14, inward)
     # A brighter line where the sheet bends over towards the road and mirrors the sky at a glance.
-    light += 0.16 * np.exp(-(((inward - 3) / 3.5) ** 2))
+    light += 0.14 * np.exp(-(((inward - 2.5) / 2.5) ** 2))
     return np.clip(colour * light[..., None], 0.005, 1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 
@@ -13,6 +15,7 @@ NEAREST_M = 0.5
 _SHIFT = 4
 
 
+@lru_cache(maxsize=4)
 def viewing_planes(camera: Camera) -> np.ndarray:
     """Half spaces, in the road frame, inside which a point can be projected.
 
@@ -101,6 +104,7 @@ def paint_polygons(
     through: np.ndarray | float = 1.0,
     air: np.ndarray | float = 0.0,
     softness_px: float = 0.35,
+    blend_px: float = 0.0,
 ) -> None:
     """Paint convex polygons one after the other, in place, with smooth edges.
 
@@ -118,6 +122,8 @@ def paint_polygons(
         What the air leaves of the colour and what it adds, RGB or scalar (see `backdrop.air_between`).
     softness_px : float
         Blur of the whole group: a lens never shows a harder edge.
+    blend_px : float
+        Blur of the colours within the group's outline: shading without facets.
     """
     height, width = image.shape[:2]
     seen = [i for i, p in enumerate(polygons_px) if p is not None]
@@ -140,6 +146,9 @@ def paint_polygons(
         r, g, b = (float(c) * a for c in colours[i])
         cv2.fillConvexPoly(layer, np.round(corners).astype(np.int32), (r, g, b, a), cv2.LINE_8, _SHIFT)
     layer = cv2.resize(layer, (int(size[0]), int(size[1])), interpolation=cv2.INTER_AREA)
+    if blend_px > 0.3:
+        spread = cv2.GaussianBlur(layer, (0, 0), blend_px)
+        layer[..., :3] = spread[..., :3] * (layer[..., 3:] / np.maximum(spread[..., 3:], 1e-3))
     if softness_px > 0:
         layer = cv2.GaussianBlur(layer, (0, 0), softness_px)
     lay_over(image, layer, int(low[0]), int(low[1]), through=through, air=air)

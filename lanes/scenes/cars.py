@@ -6,7 +6,8 @@ surface. Colours come from a diffuse part, the sky and the road mirrored in pain
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -19,8 +20,8 @@ PAINTS = {
     "red": (0.26, 0.014, 0.014),
     "beige": (0.42, 0.37, 0.28),
 }
-GLASS, RUBBER, RIM, PLASTIC = (0.012, 0.016, 0.017), (0.018, 0.018, 0.019), (0.34, 0.34, 0.35), (0.02, 0.02, 0.021)
-LAMP, HEADLAMP, PLATE = (0.28, 0.010, 0.012), (0.55, 0.57, 0.60), (0.72, 0.72, 0.70)
+GLASS, RUBBER, RIM, PLASTIC = (0.012, 0.016, 0.017), (0.018, 0.018, 0.019), (0.46, 0.46, 0.47), (0.02, 0.02, 0.021)
+LAMP, HEADLAMP, PLATE = (0.17, 0.008, 0.010), (0.50, 0.52, 0.55), (0.72, 0.72, 0.70)
 
 # Rings: height, rear end, front end, half width, roundness of the corners (exponent of a superellipse), metres, with
 # the origin on the ground below the middle of the car. The fifth and sixth rings are the waist and the windows' foot.
@@ -61,26 +62,39 @@ BODIES = {
 WHEEL_RADIUS_M = 0.33
 AXLES_M = (-1.40, 1.38)
 SUN_SHARE = 0.84
+# Layers are painted in this order: treads and mirrors, the body, then what lies on it.
+BEHIND_BODY, BODY, ON_BODY = 0, 1, 2
 
 
 @dataclass(frozen=True)
 class Faces:
-    """Four-cornered faces (F, 4, 3) in metres with colour (F, 3), gloss (F,: 0 matt, 1 paint, 2 glass), layer (F,)."""
+    """Faces (F, 4, 3), metres; normals and colours (F, 3); gloss (F,): 0 matt, 1 paint, 2 glass; layer (F,)."""
 
     corners: np.ndarray
+    normal: np.ndarray
     albedo: np.ndarray
     gloss: np.ndarray
     layer: np.ndarray
 
     @classmethod
     def joined(cls, parts: list[Faces]) -> Faces:
-        return cls(*(np.concatenate([getattr(p, n) for p in parts]) for n in ("corners", "albedo", "gloss", "layer")))
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in cls.__dataclass_fields__))
+
+    def chosen(self, which: np.ndarray) -> Faces:
+        """Some of the faces, by mask or by order."""
+        return Faces(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
 
     @classmethod
     def of(cls, corners: np.ndarray, albedo: tuple, gloss: float, layer: int) -> Faces:
         corners = np.reshape(corners, (-1, 4, 3))
         count = len(corners)
-        return cls(corners, np.tile(np.float64(albedo), (count, 1)), np.full(count, gloss), np.full(count, layer))
+        return cls(
+            corners,
+            face_normals(corners),
+            np.tile(np.float64(albedo), (count, 1)),
+            np.full(count, gloss),
+            np.full(count, layer),
+        )
 
 
 class Shell:
@@ -116,17 +130,49 @@ class Shell:
         return self.droop(np.stack([x, side * (width * inner + lift_m), z], axis=-1))
 
     def loft(self, around: int, between: int) -> np.ndarray:
-        """Faces (F, 4, 3) of the whole body; their corners run so that normals point outwards."""
-        count = len(self.rings)
-        level = np.linspace(0, count - 1, (count - 1) * between + 1)
-        z, rear, front, width, power = (np.interp(level, np.arange(count), self.rings[:, i]) for i in range(5))
-        angle = np.linspace(0, 2 * np.pi, around + 1)
+        """Faces (levels, around, 4, 3) of the whole body; their corners run so that normals point outwards."""
+        z, rear, front, width, power = _rounded(self.rings, between).T[:, :, None]
+        angle = _even_angles(around)
         c, s = np.cos(angle), np.sin(angle)
-        exponent = 2 / power[:, None]
-        x = ((rear + front) / 2)[:, None] + ((front - rear) / 2)[:, None] * np.sign(c) * np.abs(c) ** exponent
-        y = width[:, None] * np.sign(s) * np.abs(s) ** exponent
-        grid = self.droop(np.stack([x, y, np.broadcast_to(z[:, None], x.shape)], axis=-1))
-        return np.stack([grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]], axis=2).reshape(-1, 4, 3)
+        x = (rear + front) / 2 + (front - rear) / 2 * np.sign(c) * np.abs(c) ** (2 / power)
+        y = width * np.sign(s) * np.abs(s) ** (2 / power)
+        return _cells(self.droop(np.stack([x, y, np.broadcast_to(z, x.shape)], axis=-1)))
+
+
+def _rounded(rings: np.ndarray, between: int) -> np.ndarray:
+    """More rings on a smooth curve through the given ones (Catmull-Rom)."""
+    padded = np.vstack([2 * rings[0] - rings[1], rings, 2 * rings[-1] - rings[-2]])
+    t = (np.arange(between) / between)[:, None, None]
+    a, b, c, d = padded[:-3], padded[1:-2], padded[2:-1], padded[3:]
+    curve = 0.5 * (2 * b + (c - a) * t + (2 * a - 5 * b + 4 * c - d) * t**2 + (3 * b - a - 3 * c + d) * t**3)
+    return np.vstack([curve.transpose(1, 0, 2).reshape(-1, rings.shape[1]), rings[-1:]])
+
+
+def _even_angles(count: int) -> np.ndarray:
+    """Parameters of points round a car-shaped superellipse, from front to left, close where it turns sharply."""
+    angle = np.linspace(0, 2 * np.pi, 4001)
+    c, s = np.cos(angle), np.sin(angle)
+    x, y = 2.3 * np.sign(c) * np.abs(c) ** 0.45, 0.9 * np.sign(s) * np.abs(s) ** 0.45
+    dx, dy = np.diff(x), np.diff(y)
+    turn = np.abs(np.diff(np.unwrap(np.arctan2(dy, dx)), prepend=np.pi / 2))
+    # The ends count more than the flanks: they are what a driver sees of other cars.
+    length = np.hypot(dx, 2.5 * dy)
+    spent = np.concatenate([[0], np.cumsum(length / length.sum() + 1.2 * turn / turn.sum())])
+    return np.interp(np.linspace(0, spent[-1], count + 1), spent, angle)
+
+
+def _cells(grid: np.ndarray) -> np.ndarray:
+    """Faces (rows, columns, 4, 3) between the points of a grid (rows + 1, columns + 1, 3)."""
+    return np.stack([grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]], axis=2)
+
+
+def _smooth_normals(cells: np.ndarray) -> np.ndarray:
+    """Normals (F, 3) of a loft, averaged with their neighbours' so that the shading has no facets."""
+    normal = face_normals(cells.reshape(-1, 4, 3)).reshape(*cells.shape[:2], 3)
+    around = normal + 0.6 * (np.roll(normal, 1, axis=1) + np.roll(normal, -1, axis=1))
+    up = np.concatenate([around[:1], around, around[-1:]])
+    mixed = up[1:-1] + 0.5 * (up[:-2] + up[2:])
+    return (mixed / np.linalg.norm(mixed, axis=2, keepdims=True)).reshape(-1, 3)
 
 
 def _patch(corners: np.ndarray, surface, *, columns: int = 4, rows: int = 3) -> np.ndarray:
@@ -134,9 +180,10 @@ def _patch(corners: np.ndarray, surface, *, columns: int = 4, rows: int = 3) -> 
     a, b, c, d = np.asarray(corners, float)
     p, q = np.linspace(0, 1, columns + 1)[None, :, None], np.linspace(0, 1, rows + 1)[:, None, None]
     grid = surface((1 - q) * ((1 - p) * a + p * b) + q * ((1 - p) * d + p * c))
-    return np.stack([grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]], axis=2).reshape(-1, 4, 3)
+    return _cells(grid).reshape(-1, 4, 3)
 
 
+@lru_cache(maxsize=32)
 def car_faces(body: str, paint: str, *, detail: int = 2) -> Faces:
     """All faces of a car in its own frame (x forward, y left, z up, origin on the ground below its middle).
 
@@ -157,8 +204,9 @@ def car_faces(body: str, paint: str, *, detail: int = 2) -> Faces:
     if paint not in PAINTS:
         raise ValueError(f"there is no car paint {paint!r}; there are {', '.join(sorted(PAINTS))}.")
     shell = Shell(body)
-    parts = [Faces.of(shell.loft(20 * detail, detail), PAINTS[paint], 1.0, 1)]
-    parts += _end_parts(shell) + _flank_parts(shell, PAINTS[paint]) + _wheels(shell, detail)
+    cells = shell.loft(28 * detail, detail)
+    skin = replace(Faces.of(cells, PAINTS[paint], 1.0, BODY), normal=_smooth_normals(cells))
+    parts = [skin, *_end_parts(shell), *_flank_parts(shell, PAINTS[paint]), *_wheels(shell, detail)]
     return Faces.joined(parts)
 
 
@@ -174,7 +222,7 @@ def _end_parts(shell: Shell) -> list[Faces]:
 
         def add(y: tuple, zz: tuple, albedo: tuple, gloss: float, surface=surface, columns: int = 4) -> None:
             corners = [(y[0], zz[0]), (y[1], zz[0]), (y[2], zz[1]), (y[3], zz[1])]
-            parts.append(Faces.of(_patch(corners, surface, columns=columns), albedo, gloss, 2))
+            parts.append(Faces.of(_patch(corners, surface, columns=columns), albedo, gloss, ON_BODY))
 
         width = shell.ring(np.array([foot, top]))[2]
         low, high = 0.90 * width[0], 0.86 * width[1]
@@ -182,8 +230,11 @@ def _end_parts(shell: Shell) -> list[Faces]:
         lamp = (waist - 0.10, waist + 0.05) if side < 0 else (waist - 0.16, waist - 0.03)
         for y0, y1 in ((0.50, 0.86), (-0.86, -0.50)):
             add((y0, y1, y1, y0), lamp, glow, 1.3)
+            inner = (0.52, 0.66) if y0 > 0 else (-0.66, -0.52)
+            add((inner[0], inner[1], inner[1], inner[0]), (lamp[0] + 0.02, lamp[0] + 0.06), (0.34, 0.22, 0.22), 1.0)
         add((-0.80, 0.80, 0.78, -0.78), (0.21, 0.34), PLASTIC, 0.3, columns=8)
         if side < 0:
+            add((-0.19, 0.19, 0.18, -0.18), (waist - 0.215, waist - 0.02), PLASTIC, 0.4)
             add((-0.155, 0.155, 0.155, -0.155), (waist - 0.19, waist - 0.04), PLATE, 0.0)
             add((-0.11, 0.11, 0.11, -0.11), (waist - 0.135, waist - 0.085), (0.20, 0.22, 0.32), 0.0)
             add((-0.82, 0.82, 0.82, -0.82), (waist - 0.245, waist - 0.235), PLASTIC, 0.2, columns=8)
@@ -210,7 +261,7 @@ def _flank_parts(shell: Shell, paint: tuple) -> list[Faces]:
             corners = [(x[0], zz[0]), (x[1], zz[0]), (x[2], zz[1]), (x[3], zz[1])]
             if side > 0:
                 corners = [(-x[1], zz[0]), (-x[0], zz[0]), (-x[3], zz[1]), (-x[2], zz[1])]
-            parts.append(Faces.of(_patch(corners, surface), albedo, gloss, 2))
+            parts.append(Faces.of(_patch(corners, surface), albedo, gloss, ON_BODY))
 
         windows = (foot + 0.02, top - 0.02)
         add((bottom_rear + 0.38, pillar - 0.04, pillar - 0.06, top_rear + 0.22), windows, GLASS, 2.0)
@@ -220,7 +271,7 @@ def _flank_parts(shell: Shell, paint: tuple) -> list[Faces]:
         add((-1.0, 1.0, 1.0, -1.0), (0.21, 0.29), PLASTIC, 0.3)
         add((-2.30, -2.02, -2.06, -2.27), (waist - 0.09, waist + 0.04), LAMP, 1.3)
         add((1.86, 2.16, 2.10, 1.90), (waist - 0.10, waist + 0.0), HEADLAMP, 1.3)
-        parts.append(_box((0.72, side * 0.99, foot + 0.05), (0.08, 0.10, 0.07), paint))
+        parts.append(_box((0.72, side * 0.95, foot + 0.04), (0.06, 0.09, 0.055), paint))
     return parts
 
 
@@ -230,41 +281,36 @@ def _box(middle: tuple, half: tuple, albedo: tuple) -> Faces:
     )
     corners = corners * half + np.array(middle)
     sides = [[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [4, 5, 6, 7]]
-    return Faces.of(corners[sides], albedo, 1.0, 2)
+    return Faces.of(corners[sides], albedo, 1.0, BEHIND_BODY)
 
 
 def _wheels(shell: Shell, detail: int) -> list[Faces]:
-    """Treads below the body, and the discs, arches and rims on the flanks."""
+    """Treads below the body, and the arches, tyres, rims and their gaps on the flanks."""
     angle = np.linspace(0, 2 * np.pi, 12 * detail + 1)
-    width = float(shell.rings[2, 3])
+    width, radius = float(shell.rings[2, 3]), WHEEL_RADIUS_M
+    rings = ((radius + 0.055, (0.008, 0.008, 0.008), 0.0), (radius, RUBBER, 0.3), (0.68 * radius, RIM, 0.6))
     parts = []
-
-    def disc(x: float, y: float, radius: float, side: int, albedo: tuple, layer: int, gloss: float = 0.3) -> None:
-        ring = np.stack(
-            [x + radius * np.cos(angle), np.full(len(angle), y), WHEEL_RADIUS_M + radius * np.sin(angle)], -1
-        )
-        middle = np.broadcast_to([x, y, WHEEL_RADIUS_M], ring[1:].shape)
-        a, b = (ring[1:], ring[:-1]) if side > 0 else (ring[:-1], ring[1:])
-        parts.append(Faces.of(np.stack([middle, a, b, middle], axis=1), albedo, gloss, layer))
-
     for x in AXLES_M:
         for side in (-1, 1):
             outer, inner = side * (width - 0.015), side * (width - 0.24)
-            rim = np.stack([x + WHEEL_RADIUS_M * np.cos(angle), WHEEL_RADIUS_M * (1 + np.sin(angle))], -1)
-            near = np.insert(rim, 1, outer, axis=1)
-            far = np.insert(rim, 1, inner, axis=1)
-            a, b = (near, far) if side > 0 else (far, near)
-            parts.append(Faces.of(np.stack([a[:-1], a[1:], b[1:], b[:-1]], axis=1), RUBBER, 0.0, 0))
-            lift = side * 0.012
-            disc(x, outer + lift, WHEEL_RADIUS_M + 0.055, side, (0.008, 0.008, 0.008), 3, 0.0)
-            disc(x, outer + 2 * lift, WHEEL_RADIUS_M, side, RUBBER, 4)
-            disc(x, outer + 2.5 * lift, WHEEL_RADIUS_M * 0.68, side, RIM, 5, 0.6)
-            for k in range(5):
-                turn = 2 * np.pi * (k + 0.5) / 5
-                disc(
-                    x + 0.13 * np.cos(turn), outer + 3 * lift, 0.055, side, (0.03, 0.03, 0.03), 6
-                ) if detail > 1 else None
+            rim = np.stack([x + radius * np.cos(angle), radius * (1 + np.sin(angle))], -1)
+            a, b = (np.insert(rim, 1, y, axis=1) for y in ((outer, inner) if side > 0 else (inner, outer)))
+            tread = np.stack([a[:-1], a[1:], b[1:], b[:-1]], axis=1)
+            parts.append(Faces.of(tread, RUBBER, 0.0, BEHIND_BODY))
+            for layer, (size, albedo, gloss) in enumerate(rings, start=1):
+                disc = _disc((x, outer + 0.012 * layer * side, radius), size, angle * side)
+                parts.append(Faces.of(disc, albedo, gloss, ON_BODY + layer))
+            for turn in 2 * np.pi * (np.arange(5) + 0.5) / 5:
+                gap = (x + 0.14 * np.cos(turn), outer + 0.045 * side, radius + 0.14 * np.sin(turn))
+                parts.append(Faces.of(_disc(gap, 0.05, angle * side), PLASTIC, 0.0, ON_BODY + 4))
     return parts
+
+
+def _disc(middle: tuple[float, float, float], radius: float, angle: np.ndarray) -> np.ndarray:
+    """Faces (F, 4, 3) of an upright disc; it looks to the left when `angle` rises, to the right when it falls."""
+    ring = np.stack([radius * np.cos(angle), 0 * angle, radius * np.sin(angle)], axis=-1) + middle
+    centre = np.broadcast_to(middle, ring[1:].shape)
+    return np.stack([centre, ring[1:], ring[:-1], centre], axis=1)
 
 
 def shade_faces(faces: Faces, eye_m: np.ndarray, sun: np.ndarray) -> np.ndarray:
@@ -276,7 +322,7 @@ def shade_faces(faces: Faces, eye_m: np.ndarray, sun: np.ndarray) -> np.ndarray:
         Linear RGB; white paint lying in the sun is 1.
     """
     middle = faces.corners.mean(axis=1)
-    normal = face_normals(faces.corners)
+    normal = faces.normal
     view = eye_m - middle
     view /= np.linalg.norm(view, axis=1, keepdims=True)
     facing = np.clip((normal * view).sum(axis=1), 0, 1)
@@ -284,7 +330,7 @@ def shade_faces(faces: Faces, eye_m: np.ndarray, sun: np.ndarray) -> np.ndarray:
     mirrored = 2 * facing[:, None] * normal - view
     base = np.array([0.0, 0.045, 0.085])[np.clip(np.round(faces.gloss), 0, 2).astype(int)]
     fresnel = (base + (np.minimum(faces.gloss, 1) - base) * (1 - facing) ** 5)[:, None]
-    highlight = np.clip(mirrored @ sun, 0, 1) ** 260 * 6.0 * np.minimum(faces.gloss, 1) * (sun @ normal.T > 0)
+    highlight = np.clip(mirrored @ sun, 0, 1) ** 400 * 3.0 * np.minimum(faces.gloss, 1) * (sun @ normal.T > 0)
     return diffuse * (1 - fresnel) + fresnel * (_surroundings(mirrored) + highlight[:, None])
 
 
@@ -300,7 +346,7 @@ def irradiance(normal: np.ndarray, sun: np.ndarray) -> np.ndarray:
     up = 0.5 + 0.5 * normal[:, 2]
     sky = (1 - SUN_SHARE) * up[:, None] * np.array([0.80, 0.98, 1.25])
     road = 0.11 * (1 - up)[:, None] * np.array([1.05, 1.0, 0.92])
-    return 0.8 * (direct[:, None] * np.array([1.02, 1.0, 0.95]) + sky + road) / 0.8
+    return direct[:, None] * np.array([1.02, 1.0, 0.95]) + sky + road
 
 
 def _surroundings(direction: np.ndarray) -> np.ndarray:
@@ -308,6 +354,6 @@ def _surroundings(direction: np.ndarray) -> np.ndarray:
     z = direction[:, 2:3]
     sky = np.array([0.06, 0.20, 0.46]) + np.array([0.42, 0.40, 0.28]) * np.exp(-5 * np.maximum(z, 0))
     trees, road = np.array([0.07, 0.07, 0.05]), np.array([0.10, 0.10, 0.10])
-    horizon = np.clip((z - 0.04) / 0.12, 0, 1)
+    horizon = np.clip((z - 0.06) / 0.30, 0, 1)
     ground = np.clip((-z - 0.02) / 0.08, 0, 1)
     return sky * horizon + (1 - horizon) * (trees * (1 - ground) + road * ground)

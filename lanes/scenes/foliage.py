@@ -39,34 +39,34 @@ class Species:
 
 
 SPECIES = {
-    "oak": Species(1.0, 0.14, 40, 0.135, 0.0046, 30000, (0.150, 0.145, 0.042), (0.008, 0.010, 0.004), airy=0.15),
+    "oak": Species(1.0, 0.14, 40, 0.135, 0.0036, 44000, (0.150, 0.145, 0.042), (0.008, 0.010, 0.004), airy=0.15),
     "eucalyptus": Species(
-        0.66, 0.16, 44, 0.10, 0.0042, 28000, (0.165, 0.155, 0.062), (0.010, 0.011, 0.007), (0.30, 0.26, 0.21), airy=0.35
+        0.66, 0.16, 44, 0.10, 0.0033, 42000, (0.165, 0.155, 0.062), (0.010, 0.011, 0.007), (0.30, 0.26, 0.21), airy=0.35
     ),
     "plane": Species(
-        1.05, 0.2, 70, 0.085, 0.0040, 19000, (0.16, 0.13, 0.058), (0.022, 0.019, 0.012), (0.16, 0.125, 0.10), airy=0.9
+        1.05, 0.2, 70, 0.085, 0.0031, 34000, (0.16, 0.13, 0.058), (0.022, 0.019, 0.012), (0.16, 0.125, 0.10), airy=0.9
     ),
     "cypress": Species(
-        0.30, 0.03, 60, 0.07, 0.0042, 22000, (0.062, 0.080, 0.030), (0.006, 0.009, 0.005), taper=0.85, airy=0.1
+        0.30, 0.03, 60, 0.07, 0.0034, 32000, (0.062, 0.080, 0.030), (0.006, 0.009, 0.005), taper=0.85, airy=0.1
     ),
     "redwood": Species(
         0.46,
         0.06,
         70,
         0.075,
-        0.0040,
-        24000,
+        0.0032,
+        38000,
         (0.070, 0.088, 0.032),
         (0.006, 0.009, 0.005),
         (0.10, 0.06, 0.045),
         taper=0.8,
     ),
-    "bush": Species(1.45, -0.12, 34, 0.20, 0.0085, 26000, (0.175, 0.175, 0.050), (0.010, 0.013, 0.005), airy=0.1),
-    "scrub": Species(1.9, -0.12, 34, 0.19, 0.010, 16000, (0.21, 0.165, 0.075), (0.026, 0.022, 0.012), airy=0.4),
+    "bush": Species(1.45, -0.12, 34, 0.20, 0.0060, 44000, (0.175, 0.175, 0.050), (0.010, 0.013, 0.005), airy=0.1),
+    "scrub": Species(1.9, -0.12, 34, 0.19, 0.0075, 26000, (0.21, 0.165, 0.075), (0.026, 0.022, 0.012), airy=0.4),
 }
 
 
-@lru_cache(maxsize=48)
+@lru_cache(maxsize=32)
 def plant_sprite(species: str, seed: int) -> tuple[np.ndarray, ...]:
     """Picture of one plant at halving sizes.
 
@@ -132,17 +132,29 @@ def _to_canvas(canvas: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def _draw_branches(canvas: np.ndarray, kind: Species, lumps: np.ndarray, rng: np.random.Generator) -> None:
-    """Trunk and a curved, tapering branch to every lump, lit from the left."""
+    """Trunk, a few big limbs, and a branch from one of them to every lump."""
     rows = canvas.shape[0]
     fork = np.array([0.0, 0, max(kind.crown_bottom, 0.0) * rng.uniform(0.7, 1.0) + 0.02])
     bend = rng.uniform(-0.012, 0.012)
     t = np.linspace(0, 1, 14)[:, None]
-    for x, y, z, radius in lumps:
-        end = np.array([x, y, z + 0.3 * radius])
-        middle = 0.5 * (fork + end) + np.array([bend - 0.12 * x, 0, 0.06]) + rng.normal(0, 0.015, 3)
-        curve = (1 - t) ** 2 * fork + 2 * t * (1 - t) * middle + t**2 * end
-        width = kind.trunk_width * (0.55 - 0.5 * t[:, 0]) * rng.uniform(0.5, 1.0)
-        _draw_limb(canvas, _to_canvas(canvas, curve), width * rows, kind.bark_colour)
+
+    def limb(start: np.ndarray, end: np.ndarray, thick: float, thin: float) -> np.ndarray:
+        rise = 0.22 * np.linalg.norm(end - start)
+        middle = 0.5 * (start + end) + [-0.25 * (end[0] - start[0]), 0, rise] + rng.normal(0, 0.012, 3)
+        curve = (1 - t) ** 2 * start + 2 * t * (1 - t) * middle + t**2 * end
+        _draw_limb(canvas, _to_canvas(canvas, curve), (thick + (thin - thick) * t[:, 0]) * rows, kind.bark_colour)
+        return curve
+
+    ends = lumps[:, :3] + [0, 0, 0.3] * lumps[:, 3:4]
+    chosen = rng.choice(len(lumps), min(6, len(lumps)), replace=False)
+    mains = [limb(fork, ends[i], 0.55 * kind.trunk_width, 0.15 * kind.trunk_width) for i in chosen]
+    for i in np.setdiff1d(np.arange(len(lumps)), chosen):
+        # A branch leaves the big limb that comes closest, below where it is going.
+        joints = np.array([curve[rng.integers(4, 11)] for curve in mains])
+        joint = joints[
+            np.argmin(np.linalg.norm(joints - ends[i], axis=1) + 2 * np.maximum(joints[:, 2] - ends[i, 2], 0))
+        ]
+        limb(joint, ends[i], 0.24 * kind.trunk_width, 0.05 * kind.trunk_width)
     trunk = np.column_stack([bend * np.sin(np.linspace(0, 3, 8)), np.zeros(8), np.linspace(0, fork[2] + 0.05, 8)])
     width = kind.trunk_width * (1 + 0.5 * np.exp(-np.linspace(0, 8, 8)))
     _draw_limb(canvas, _to_canvas(canvas, trunk), width * rows, kind.bark_colour)
@@ -176,7 +188,7 @@ def _draw_leaves(canvas: np.ndarray, kind: Species, lumps: np.ndarray, rng: np.r
     corners = np.stack([centre + along, centre + across, centre - along, centre - across], axis=1)
     corners = np.round(corners * 16).astype(np.int32)
     sunny, shaded = np.array(kind.sun_colour), np.array(kind.shade_colour)
-    colour = shaded + (sunny - shaded) * light[:, None]
+    colour = shaded + 1.25 * (sunny - shaded) * light[:, None] ** 1.4
     colour *= np.exp(rng.normal(0, 0.22, (count, 1)) + rng.normal(0, 0.07, (count, 3)))
     for polygon, rgb in zip(corners, colour.tolist(), strict=True):
         cv2.fillConvexPoly(canvas, polygon, (*rgb, 1.0), cv2.LINE_8, 4)
@@ -198,7 +210,7 @@ def _scatter_leaves(kind: Species, lumps: np.ndarray, rng: np.random.Generator) 
     crown_middle = np.array([0, 0, (1 + kind.crown_bottom) / 2])
     crown_size = np.array([kind.crown_width / 2, kind.crown_width / 2, (1 - kind.crown_bottom) / 2])
     crown = (position - crown_middle) / crown_size
-    facing = 0.5 * (local @ SUN_IN_SPRITE) + 0.38 * (crown @ SUN_IN_SPRITE)
+    facing = 0.58 * (local @ SUN_IN_SPRITE) + 0.38 * (crown @ SUN_IN_SPRITE)
     clump = rng.normal(0, 0.13, (len(lumps), clusters))[owner, which]
     light = 0.22 + 0.95 * facing + clump + rng.normal(0, 0.09, kind.leaves) + 0.15 * kind.airy
     # Inside the crown leaves are shaded by all the others.

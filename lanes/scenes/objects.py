@@ -15,7 +15,7 @@ from lanes.camera import Camera
 from lanes.scenes.backdrop import air_between
 from lanes.scenes.bonnet import draw_bonnet
 from lanes.scenes.brush import inside, lay_over, paint_polygons, project_faces, viewing_planes
-from lanes.scenes.cars import Faces, Shell, car_faces, face_normals, irradiance, shade_faces
+from lanes.scenes.cars import BODY, ON_BODY, Shell, car_faces, face_normals, irradiance, shade_faces
 from lanes.scenes.foliage import SPECIES, SUN_IN_SPRITE, plant_sprite
 from lanes.scenes.walls import Wall, paint_wall
 
@@ -137,19 +137,26 @@ def _paint_car(image: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, air
     place = np.array([car.x_m, car.y_m, 0.0])
     eye = (np.array([0, 0, camera.mount.height_m]) - place) @ turn
     distance = float(np.hypot(car.x_m, car.y_m))
-    faces = car_faces(car.body, car.paint, detail=1 if distance > 45 else 3 if distance < 12 else 2)
+    faces = car_faces(car.body, car.paint, detail=1 if distance > 40 else 2)
     middle = faces.corners.mean(axis=1)
     toward = ((eye - middle) * face_normals(faces.corners)).sum(axis=1) > 0
-    faces = Faces(faces.corners[toward], faces.albedo[toward], faces.gloss[toward], faces.layer[toward])
-    colours = shade_faces(faces, eye, sun @ turn)
-    order = np.lexsort((-np.linalg.norm(middle[toward] - eye, axis=1), faces.layer))
+    faces = faces.chosen(toward)
+    # What lies on the body keeps its order (plate on bumper); body and wheels go from far to near.
+    apart = np.where(faces.layer < ON_BODY, -np.linalg.norm(middle[toward] - eye, axis=1), 0)
+    faces = faces.chosen(np.lexsort((apart, faces.layer)))
     ground = np.array([[-2.35, -0.88, 0], [2.3, -0.88, 0], [2.3, 0.88, 0], [-2.35, 0.88, 0]])
     pixels = project_faces(camera, np.stack([ground * 1.03, ground * 0.97]) @ turn.T + place)
     blur = float(np.clip(40 / max(distance, 1), 0.5, 4))
     dark = np.full((2, 3), 0.004)
     paint_polygons(image, pixels, dark, opacity=np.array([0.55, 0.85]), through=air[0], air=air[1], softness_px=blur)
-    pixels = project_faces(camera, faces.corners[order] @ turn.T + place)
-    paint_polygons(image, pixels, colours[order], through=air[0], air=air[1])
+    colours = shade_faces(faces, eye, sun @ turn)
+    pixels = project_faces(camera, faces.corners @ turn.T + place)
+    cuts = np.searchsorted(faces.layer, [BODY, ON_BODY])
+    # Facets are some 0.1 m wide: their shading is blended, the outline stays sharp.
+    blend = 0.05 * camera.matrix[0, 0] / max(distance, 2)
+    parts = (slice(0, cuts[0]), slice(*cuts), slice(cuts[1], None))
+    for part, blend_px in zip(parts, (0.0, blend, 0.0), strict=True):
+        paint_polygons(image, pixels[part], colours[part], through=air[0], air=air[1], blend_px=blend_px)
 
 
 def _turn(heading_rad: float) -> np.ndarray:

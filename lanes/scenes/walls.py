@@ -292,13 +292,15 @@ def _handrail(rng: np.random.Generator, columns: int) -> np.ndarray:
 
 def _grass(rng: np.random.Generator, columns: int) -> np.ndarray:
     """Dry grass with darker weeds and bare soil."""
-    rows = 96
+    rows = 128
     shape = (rows, columns)
-    blades = fractal_noise(shape, rng, cell_px=(14, 5), octaves=3, gain=0.8)
-    patches = fractal_noise(shape, rng, cell_px=(60, 260), octaves=6, gain=0.6)
-    grass, soil = np.array([0.42, 0.275, 0.135]), np.array([0.24, 0.165, 0.10])
-    weeds = smoothstep(1.0, 2.0, patches + 0.5 * blades)[..., None]
-    bare = smoothstep(-0.6, -2.0, patches)[..., None]
-    colour = grass * (1 + 0.18 * blades + 0.10 * patches)[..., None]
-    colour += bare * 0.6 * (soil - colour) + weeds * 0.7 * (np.array([0.10, 0.09, 0.045]) - colour)
+    tufts = fractal_noise(shape, rng, cell_px=(9, 10), octaves=3, gain=0.8)
+    mottle = fractal_noise(shape, rng, cell_px=(40, 60), octaves=5, gain=0.75)
+    patches = fractal_noise(shape, rng, cell_px=(64, 300), octaves=7, gain=0.62)
+    straw, grey, soil = np.array([0.385, 0.265, 0.140]), np.array([0.27, 0.20, 0.125]), np.array([0.25, 0.175, 0.11])
+    colour = grey + (straw - grey) * smoothstep(-1.5, 1.2, mottle)[..., None]
+    bare = smoothstep(0.9, 1.9, patches + 0.3 * mottle)[..., None]
+    weeds = smoothstep(0.9, 1.7, -patches + 0.55 * mottle + 0.35 * tufts)[..., None]
+    colour += bare * 0.7 * (soil - colour) + weeds * 0.8 * (np.array([0.085, 0.075, 0.040]) - colour)
+    colour *= (1 + 0.13 * tufts)[..., None]
     return _with_cover(np.clip(colour, 0.01, 0.9))
