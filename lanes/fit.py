@@ -33,6 +33,11 @@ class LineFit:
         """Columns in pixels at the given rows."""
         return np.polyval(self.coefficients, rows_px)
 
+    def points(self, height: int, *, step_px: int = 8) -> np.ndarray:
+        """Points (N, 2) as (column, row) from the view's top row to its bottom row, far to near, for drawing."""
+        rows = np.append(np.arange(0, height - 1, step_px), height - 1)
+        return np.column_stack([self.columns(rows), rows])
+
 
 def fit_line(pixels: np.ndarray, *, min_span_px: float = 2) -> LineFit | None:
     """Least-squares parabola through the pixels of one line.

@@ -9,7 +9,7 @@ import numpy as np
 
 from lanes.fit import LineFit
 from lanes.measure import RoadLine, lane_offset_m, lane_width_m, radius_m
-from lanes.search import Window
+from lanes.search import Window, window_edges
 from lanes.view import FourPointWarp
 
 
@@ -56,6 +56,11 @@ class Steps:
         """The windows of both lines; none for a line that was looked for near its last place."""
         return self.left.windows + self.right.windows
 
+    @property
+    def windows_px(self) -> np.ndarray:
+        """(N, 4) left, top, right, bottom edge of each window, for drawing."""
+        return window_edges(self.windows)
+
 
 @dataclass(frozen=True, eq=False)
 class LaneResult:
@@ -90,6 +95,16 @@ class LaneResult:
         return self.steps.warp
 
     @property
+    def left_px(self) -> np.ndarray | None:
+        """The left line in the undistorted picture, (N, 2) from far to near, as `draw.draw_lane` takes it."""
+        return self.left and self.warp.points_to_picture(self.left.points(self.warp.size[1]))
+
+    @property
+    def right_px(self) -> np.ndarray | None:
+        """The right line, see `left_px`."""
+        return self.right and self.warp.points_to_picture(self.right.points(self.warp.size[1]))
+
+    @property
     def left_radius_m(self) -> float | None:
         """Signed radius of the left line beside the car, > 0 bends left."""
         return radius_m(self.left_road.curvature_per_m()) if self.left_road else None
@@ -114,3 +129,11 @@ class LaneResult:
     def lane_width_m(self) -> float | None:
         """Distance between the lines."""
         return lane_width_m(self.left_road, self.right_road) if self.left_road and self.right_road else None
+
+    def as_row(self) -> dict[str, str | float | None]:
+        """The measures by the column names of the telemetry."""
+        row = {name: getattr(self, name) for name in ("state", "offset_m", "curvature_per_m", "lane_width_m")}
+        for side, line in (("left", self.left_road), ("right", self.right_road)):
+            for name in ("c0_m", "c1", "c2_per_m"):
+                row[f"{side}_{name}"] = line and getattr(line, name)
+        return row

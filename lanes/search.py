@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -34,6 +35,16 @@ class WindowSearch:
     def windows(self) -> tuple[Window, ...]:
         """The windows of both lines."""
         return self.left_windows + self.right_windows
+
+    @property
+    def windows_px(self) -> np.ndarray:
+        """(N, 4) left, top, right, bottom edge of each window, for drawing."""
+        return window_edges(self.windows)
+
+
+def window_edges(windows: Sequence[Window]) -> np.ndarray:
+    """(N, 4) left, top, right, bottom edge of each window in pixels."""
+    return np.array([(w.left, w.top, w.right, w.bottom) for w in windows], float).reshape(-1, 4)
 
 
 def lane_histogram(binary: np.ndarray, *, first_row: int | None = None, last_row: int | None = None) -> np.ndarray:

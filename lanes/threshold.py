@@ -244,19 +244,22 @@ class BestChannelThresholds(Thresholds):
 
     def masks(self, image: np.ndarray) -> dict[str, np.ndarray]:
         """Binaries of an RGB picture (height, width, 3): the six candidates and combined (saturation, red or b)."""
+        region = region_mask(image.shape[1::-1], self.region)
+        # Above the region all is dark, so nothing needs to be computed there.
+        top = int(region.any(axis=1).argmax())
+        masks = self._road_masks(image[top:], region[top:])
+        return {name: cv2.copyMakeBorder(mask, top, 0, 0, 0, cv2.BORDER_CONSTANT) for name, mask in masks.items()}
+
+    def _road_masks(self, image: np.ndarray, region: np.ndarray) -> dict[str, np.ndarray]:
         gray = to_gray(image)
         hue, _, saturation = split_channels(image, "HLS")
-        region = region_mask(image.shape[1::-1], self.region)
         direction = direction_mask(gray, self.direction_rad) & region
         step = self.full_step
+        along_both = gradient_x_mask(gray, self.gradient, full_step=step) & region
+        along_both &= gradient_y_mask(gray, self.gradient, full_step=step)
         masks = {
             "red": range_mask(np.ascontiguousarray(image[..., 0]), self.red) & region,
-            "gradients": (
-                gradient_x_mask(gray, self.gradient, full_step=step)
-                & gradient_y_mask(gray, self.gradient, full_step=step)
-                & region
-            )
-            | (magnitude_mask(gray, self.magnitude, full_step=step) & direction),
+            "gradients": along_both | (magnitude_mask(gray, self.magnitude, full_step=step) & direction),
             "hue": range_mask(hue, self.hue) & direction,
             "saturation": range_mask(saturation, self.saturation) & region,
             "luv lightness": range_mask(split_channels(image, "LUV")[0], self.luv_lightness) & region,

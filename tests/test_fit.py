@@ -71,3 +71,9 @@ def test_distance_is_the_mean_gap():
     crossing = LineFit((0, 2.0, 100.0 - 2 * 50), 1, (0, 1))
     assert mean_distance_px(upright, shifted, 101) == pytest.approx(7)
     assert mean_distance_px(upright, crossing, 101) == pytest.approx(2 * np.abs(np.arange(101) - 50).mean())
+
+
+def test_points_run_from_the_top_row_to_the_bottom_row():
+    points = LineFit((0.0, 2.0, 100.0), 1, (0, 20)).points(21, step_px=8)
+    assert points.tolist() == [[100, 0], [116, 8], [132, 16], [140, 20]]
+    assert len(LineFit((0.0, 2.0, 100.0), 1, (0, 0)).points(1)) == 1

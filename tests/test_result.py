@@ -47,3 +47,18 @@ def test_steps_show_the_view_and_all_windows():
     steps = result().steps
     np.testing.assert_array_equal(steps.view, steps.warp.warp(steps.undistorted))
     assert [w.pixels for w in steps.windows] == [12]
+    assert steps.windows_px.tolist() == [[220, 640, 380, 719]]
+
+
+def test_lines_in_the_picture_run_from_far_to_near():
+    lane = result(right=None)
+    assert lane.right_px is None
+    np.testing.assert_allclose(lane.warp.points_to_view(lane.left_px), FIT.points(720), atol=1e-6)
+    assert lane.left_px[0, 1] < lane.left_px[-1, 1]
+
+
+def test_a_row_of_telemetry_has_units_in_its_names_and_gaps_where_nothing_was_measured():
+    row = result(right=None, state="lost").as_row()
+    assert row["state"] == "lost"
+    assert (row["left_c0_m"], row["left_c2_per_m"]) == (1.7, 0.002)
+    assert row["offset_m"] is row["right_c0_m"] is None

@@ -65,6 +65,7 @@ def test_windows_tile_the_height_and_count_what_they_catch():
     windows = sliding_windows(binary, count=9, margin_px=80).left_windows
     assert [(w.top, w.bottom) for w in windows] == [(640 - 80 * i, 719 - 80 * i) for i in range(9)]
     assert all(w.pixels == 15 * 80 for w in windows)
+    assert sliding_windows(binary, margin_px=80).windows_px[1].tolist() == [220, 560, 380, 639]
 
 
 def test_an_empty_side_has_no_windows():
@@ -99,6 +100,7 @@ def test_band_takes_the_pixels_beside_the_known_line_only():
     assert len(found.left_pixels) == 15 * 720
     assert found.right_pixels.shape == (0, 2)
     assert found.windows == ()
+    assert found.windows_px.shape == (0, 4)
     everything = binary_pixels(binary)
     near = everything[np.abs(everything[:, 0] - slanted(everything[:, 1])) <= 3.1]
     assert band_pixels(everything, known, 3.1).tolist() == near.tolist()
