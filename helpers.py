@@ -3,7 +3,7 @@
 Each function lives in the module of `lanes` named beside its chapter and is documented there
 (`help(helpers.undistort)`); this file only brings them together.
 
-Data             open_dataset, check                                                        lanes.dataset
+Data             open_dataset, check, PROJECT_ROOT                                          lanes.dataset
 1 Why            read_image, write_image, list_pictures                                     lanes.images
 2 Calibrate      find_board, draw_board, calibrate_folder                                   lanes.boards
                  Camera, Mount, save_camera, load_camera                                    lanes.camera
@@ -19,6 +19,96 @@ Data             open_dataset, check                                            
                  worst_lateral_error_m, paint_share                                         lanes.benchmark
 8 Draw, video    draw_line, draw_lane, draw_pixels, draw_fit, write_text                    lanes.draw
                  annotate, diagnose, draw_search, line_points, follow_lane                  lanes.overlay
-                 open_clip, annotate_video, read_telemetry                                  lanes.video
-Figures          show_pictures, plot_bars, plot_histogram, plot_telemetry                   lanes.plots
+                 open_clip, annotate_video                                                  lanes.video
+                 read_telemetry                                                             lanes.telemetry
+Figures          show_pictures, plot_bars, plot_histogram, plot_series, save_figure         lanes.plots
 """
+
+from lanes.benchmark import paint_share, worst_lateral_error_m
+from lanes.boards import calibrate_folder, draw_board, find_board
+from lanes.camera import Camera, Mount, load_camera, save_camera, undistort
+from lanes.dataset import PROJECT_ROOT, check, open_dataset
+from lanes.draw import draw_fit, draw_lane, draw_line, draw_pixels, write_text
+from lanes.fit import fit_line, ransac_line
+from lanes.images import list_pictures, read_image, write_image
+from lanes.measure import describe_bend, describe_offset
+from lanes.mount import estimate_mount
+from lanes.overlay import annotate, diagnose, draw_search, follow_lane, line_points
+from lanes.plots import plot_bars, plot_histogram, plot_series, save_figure, show_pictures
+from lanes.recipes import RECIPES, LaneFinder, get_recipe
+from lanes.search import find_peaks, lane_histogram, search_band, sliding_windows
+from lanes.telemetry import read_telemetry
+from lanes.threshold import (
+    direction_mask,
+    equalized_white_mask,
+    gradient_x_mask,
+    magnitude_mask,
+    range_mask,
+    saturation_mask,
+    split_channels,
+    to_gray,
+    yellow_mask,
+)
+from lanes.video import annotate_video, open_clip
+from lanes.view import FourPointWarp, metres_per_pixel, view_to_road
+
+__all__ = [
+    "Camera",
+    "FourPointWarp",
+    "LaneFinder",
+    "Mount",
+    "PROJECT_ROOT",
+    "RECIPES",
+    "annotate",
+    "annotate_video",
+    "calibrate_folder",
+    "check",
+    "describe_bend",
+    "describe_offset",
+    "diagnose",
+    "direction_mask",
+    "draw_board",
+    "draw_fit",
+    "draw_lane",
+    "draw_line",
+    "draw_pixels",
+    "draw_search",
+    "equalized_white_mask",
+    "estimate_mount",
+    "find_board",
+    "find_peaks",
+    "fit_line",
+    "follow_lane",
+    "get_recipe",
+    "gradient_x_mask",
+    "lane_histogram",
+    "line_points",
+    "list_pictures",
+    "load_camera",
+    "magnitude_mask",
+    "metres_per_pixel",
+    "open_clip",
+    "open_dataset",
+    "paint_share",
+    "plot_bars",
+    "plot_histogram",
+    "plot_series",
+    "range_mask",
+    "ransac_line",
+    "read_image",
+    "read_telemetry",
+    "saturation_mask",
+    "save_camera",
+    "save_figure",
+    "search_band",
+    "show_pictures",
+    "sliding_windows",
+    "split_channels",
+    "to_gray",
+    "undistort",
+    "view_to_road",
+    "worst_lateral_error_m",
+    "write_image",
+    "write_text",
+    "yellow_mask",
+]

@@ -156,6 +156,8 @@ class Camera:
     def rays(self, pixels: np.ndarray) -> np.ndarray:
         """Directions (N, 3) in camera axes, z = 1, that raw pixels (N, 2) look along."""
         pixels = np.asarray(pixels, float).reshape(-1, 1, 2)
+        if not len(pixels):
+            return np.empty((0, 3))
         # 50 steps of the fixed-point iteration: the default 5 leave up to 0.1 px at the corners of a wide lens.
         stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-12)
         xy = cv2.undistortPoints(pixels, self.matrix, self.distortion, criteria=stop)

@@ -93,6 +93,15 @@ def plot_histogram(
     return figure, axis
 
 
+def plot_bars(values: Mapping[str, float], *, label: str, title: str = "") -> tuple[Figure, Axes]:
+    """Plot a number for each of several named things; `label` names the number and its unit."""
+    figure, (axis,) = _figure(1, 1, (10, 3))
+    axis.bar(list(values), list(values.values()), color=_rgb(WINDOW))
+    axis.tick_params(axis="x", rotation=90)
+    axis.set(ylabel=label, title=title)
+    return figure, axis
+
+
 def plot_fit(
     view: np.ndarray,
     windows_px: np.ndarray | None,

@@ -151,3 +151,10 @@ def test_importing_does_not_import_pyplot():
     """So that commands that draw no figure start quickly."""
     code = "import sys, lanes.plots, lanes.draw; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[1]).returncode == 0
+
+
+def test_bars_stand_at_their_values_under_their_names():
+    _, axis = plots.plot_bars({"calibration1.jpg": 0.5, "calibration2.jpg": 0.25}, label="error (px)", title="boards")
+    assert [bar.get_height() for bar in axis.patches] == [0.5, 0.25]
+    assert [text.get_text() for text in axis.get_xticklabels()] == ["calibration1.jpg", "calibration2.jpg"]
+    assert axis.get_ylabel() == "error (px)"
