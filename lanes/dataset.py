@@ -6,14 +6,16 @@ here or as in Udacity's repository; where those have no truth, a check says so i
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from lanes.camera import Camera, camera_from_dict
 from lanes.images import list_pictures
+from lanes.telemetry import read_telemetry
 
 PROJECT_ROOT = Path(__file__).resolve().parents[1]
 
@@ -72,13 +74,10 @@ class Dataset:
         frames = json.loads(path.read_text(encoding="utf-8"))["frames"]
         return next((frame for frame in frames if Path(frame["raw_file"]).name == still.name), None)
 
-    def true_drive(self, video: Path) -> list[dict[str, float]] | None:
-        """What is known of the lane in each frame of a video, or None."""
+    def true_drive(self, video: Path) -> dict[str, np.ndarray] | None:
+        """What is known of the lane in the frames of a video, an array for each column, or None."""
         path = video.with_suffix(".csv")
-        if not path.is_file():
-            return None
-        with path.open(newline="", encoding="utf-8") as file:
-            return [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
+        return read_telemetry(path) if path.is_file() else None
 
 
 def open_dataset(root: str | Path | None = None) -> Dataset:

@@ -64,7 +64,7 @@ def test_truth_is_found_by_the_pictures_name(folder):
     assert data.true_lane(data.still("test10")) is None
     (folder / "clip.csv").write_text("frame,offset_m\n0,0.5\n1,-0.5\n")
     (folder / "clip.mp4").write_bytes(b"x")
-    assert [row["offset_m"] for row in data.true_drive(data.video("clip.mp4"))] == [0.5, -0.5]
+    assert data.true_drive(data.video("clip.mp4"))["offset_m"].tolist() == [0.5, -0.5]
 
 
 def test_check_words_the_difference_and_fails_when_it_is_too_large():
