@@ -9,6 +9,7 @@ PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
 	$$p -c 'import sys, venv, ensurepip; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' \
 	>/dev/null 2>&1 && echo $$p && break; done)
 ENV := .venv/bin
+EXECUTE := $(ENV)/jupyter nbconvert --log-level WARN --to notebook --execute --ExecutePreprocessor.record_timing=False
 INSTALLED := .venv/installed.txt
 
 # Figures belong into the notebook, whatever the caller's shell asks of matplotlib.
@@ -20,19 +21,16 @@ help:
 	@echo "make run    execute project.ipynb, regenerate output_images/ and the annotated video"
 	@echo "make test   lint, unit tests, and project.ipynb re-executed and compared by nbval"
 	@echo "make clean  remove .venv and caches"
-	@echo "Real pictures: make run LANES_DATA=path/to/folder   (results go to output_real/)"
+	@echo "Real pictures: make run LANES_DATA=path/to/folder   (results: project_real.ipynb, output_real/)"
 
 run: $(INSTALLED)
 ifdef LANES_DATA
-	@echo "== Running the course on $(LANES_DATA); pictures and the executed notebook go to output_real/"
-	@mkdir -p output_real
-	@$(ENV)/jupyter nbconvert --log-level WARN --to notebook --execute --ExecutePreprocessor.record_timing=False \
-		--output-dir output_real project.ipynb
-	@echo "== Done: open output_real/project.ipynb"
+	@echo "== Running the course on $(LANES_DATA) (some minutes): notebook project_real.ipynb, results in output_real/"
+	@$(EXECUTE) --output project_real.ipynb project.ipynb
+	@echo "== Done: read project_real.ipynb, see output_real/"
 else
 	@echo "== Running the course (about a minute): project.ipynb is executed in place"
-	@$(ENV)/jupyter nbconvert --log-level WARN --to notebook --execute --ExecutePreprocessor.record_timing=False \
-		--inplace project.ipynb
+	@$(EXECUTE) --inplace project.ipynb
 	@echo "== Done: read project.ipynb, see output_images/"
 endif
 
