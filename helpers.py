@@ -9,7 +9,7 @@ Data             open_dataset, check, PROJECT_ROOT                              
                  Camera, Mount, save_camera, load_camera                                    lanes.camera
 3 Undistort      undistort                                                                  lanes.camera
 4 From above     FourPointWarp, metres_per_pixel, view_to_road                              lanes.view
-                 estimate_mount                                                             lanes.mount
+                 estimate_mount, mount_camera                                               lanes.mount
 5 Thresholds     split_channels, to_gray, range_mask, gradient_x_mask, magnitude_mask,
                  direction_mask, saturation_mask, yellow_mask, equalized_white_mask         lanes.threshold
                  RECIPES, get_recipe, LaneFinder                                            lanes.recipes
@@ -18,7 +18,7 @@ Data             open_dataset, check, PROJECT_ROOT                              
                  describe_bend, describe_offset                                             lanes.measure
                  worst_lateral_error_m, paint_share                                         lanes.benchmark
 8 Draw, video    draw_line, draw_lane, draw_pixels, draw_fit, write_text                    lanes.draw
-                 annotate, diagnose, draw_search, line_points, follow_lane                  lanes.overlay
+                 annotate, annotate_folder, diagnose, draw_search, line_points, follow_lane lanes.overlay
                  open_clip, annotate_video                                                  lanes.video
                  read_telemetry                                                             lanes.telemetry
 Figures          show_pictures, plot_bars, plot_histogram, plot_series, save_figure         lanes.plots
@@ -32,8 +32,8 @@ from lanes.draw import draw_fit, draw_lane, draw_line, draw_pixels, write_text
 from lanes.fit import fit_line, ransac_line
 from lanes.images import list_pictures, read_image, write_image
 from lanes.measure import describe_bend, describe_offset
-from lanes.mount import estimate_mount
-from lanes.overlay import annotate, diagnose, draw_search, follow_lane, line_points
+from lanes.mount import estimate_mount, mount_camera
+from lanes.overlay import annotate, annotate_folder, diagnose, draw_search, follow_lane, line_points
 from lanes.plots import plot_bars, plot_histogram, plot_series, save_figure, show_pictures
 from lanes.recipes import RECIPES, LaneFinder, get_recipe
 from lanes.search import find_peaks, lane_histogram, search_band, sliding_windows
@@ -60,6 +60,7 @@ __all__ = [
     "PROJECT_ROOT",
     "RECIPES",
     "annotate",
+    "annotate_folder",
     "annotate_video",
     "calibrate_folder",
     "check",
@@ -87,6 +88,7 @@ __all__ = [
     "load_camera",
     "magnitude_mask",
     "metres_per_pixel",
+    "mount_camera",
     "open_clip",
     "open_dataset",
     "paint_share",

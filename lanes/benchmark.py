@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.recipes import LaneResult
+from lanes.result import LaneResult
 from lanes.search import binary_pixels
 from lanes.view import view_to_road
 

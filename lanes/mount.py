@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
 
 from lanes.camera import Camera, Mount
+from lanes.images import list_pictures, read_image
 from lanes.lanewidth import USUAL_HEIGHT_M, USUAL_ROLL_STD, LaneView, lane_share, view_lanes
 from lanes.stripes import Segments, find_segments
 from lanes.vanishing import DIRECTIONS, HORIZONS, RoadLines, fit_lines, vote
@@ -140,6 +142,11 @@ def estimate_mount(
         lanes = view_lanes(lines, lane_width_m, height_m or USUAL_HEIGHT_M, lanes.roll_rad)
     _require_lanes(lines, lane_width_m / lanes.height_m)
     return _conclude(lines, lanes, len(images), lane_width_m, height_m)
+
+
+def mount_camera(camera: Camera, folder: str | Path) -> Camera:
+    """The camera on the mount that a folder of pictures from one drive shows; see `estimate_mount`."""
+    return camera.with_mount(estimate_mount(map(read_image, list_pictures(folder)), camera).mount)
 
 
 def _angle_line(name: str, angle_rad: float, std_rad: float, positive: str, negative: str) -> str:

@@ -4,11 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from lanes.measure import RoadLine
-from lanes.view import FourPointWarp, view_to_road
 
 from lanes.benchmark import paint_share, worst_lateral_error_m
 from lanes.camera import Camera, Mount
+from lanes.measure import RoadLine
+from lanes.view import FourPointWarp, view_to_road
 
 X = np.arange(0.0, 45, 5)
 CAMERA = Camera.from_fov((640, 360), 60, Mount(1.4, pitch_rad=0.03))
