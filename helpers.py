@@ -18,7 +18,7 @@ Data             open_dataset, check, PROJECT_ROOT                              
                  describe_bend, describe_offset                                             lanes.measure
                  worst_lateral_error_m, paint_share                                         lanes.benchmark
 8 Draw, video    draw_line, draw_lane, draw_pixels, draw_fit, write_text                    lanes.draw
-                 annotate, annotate_folder, diagnose, draw_search, line_points, follow_lane lanes.overlay
+                 annotate, annotate_folder, diagnose, draw_search, follow_lane              lanes.overlay
                  open_clip, annotate_video                                                  lanes.video
                  read_telemetry                                                             lanes.telemetry
 Figures          show_pictures, plot_bars, plot_histogram, plot_series, save_figure         lanes.plots
@@ -33,7 +33,7 @@ from lanes.fit import fit_line, ransac_line
 from lanes.images import list_pictures, read_image, write_image
 from lanes.measure import describe_bend, describe_offset
 from lanes.mount import estimate_mount, mount_camera
-from lanes.overlay import annotate, annotate_folder, diagnose, draw_search, follow_lane, line_points
+from lanes.overlay import annotate, annotate_folder, diagnose, draw_search, follow_lane
 from lanes.plots import plot_bars, plot_histogram, plot_series, save_figure, show_pictures
 from lanes.recipes import RECIPES, LaneFinder, get_recipe
 from lanes.search import find_peaks, lane_histogram, search_band, sliding_windows
@@ -83,7 +83,6 @@ __all__ = [
     "get_recipe",
     "gradient_x_mask",
     "lane_histogram",
-    "line_points",
     "list_pictures",
     "load_camera",
     "magnitude_mask",

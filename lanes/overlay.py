@@ -9,22 +9,10 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.draw import LEFT, RIGHT, WINDOW, draw_fit, draw_lane, draw_mosaic, draw_pixels, draw_windows, write_text
-from lanes.fit import LineFit
 from lanes.images import PictureError, list_pictures, read_image, write_image
 from lanes.measure import describe_bend, describe_offset
 from lanes.recipes import LaneFinder, get_recipe
 from lanes.result import LaneResult
-
-# A row in twenty is plenty for a parabola: drawn as straight pieces it leaves the curve by less than 0.1 px.
-_ROW_STEP_PX = 20
-
-
-def line_points(fit: LineFit | None, height: int) -> np.ndarray | None:
-    """Points (N, 2) of a fitted line from the bottom of the view to its top, view pixels; None of no line."""
-    if fit is None:
-        return None
-    rows = np.append(np.arange(height - 1, 0, -_ROW_STEP_PX), 0.0)
-    return np.column_stack([fit.columns(rows), rows])
 
 
 def describe_result(result: LaneResult) -> list[str]:
@@ -55,10 +43,7 @@ def annotate(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarra
     """
     if result.state == "lost":
         return write_text(image, describe_result(result))
-    left, right = (
-        result.warp.points_to_picture(line_points(fit, result.warp.size[1])) for fit in (result.left, result.right)
-    )
-    return write_text(draw_lane(image, left, right, camera), describe_result(result))
+    return write_text(draw_lane(image, result.left_px, result.right_px, camera), describe_result(result))
 
 
 def draw_search(result: LaneResult) -> np.ndarray:
@@ -66,10 +51,9 @@ def draw_search(result: LaneResult) -> np.ndarray:
     steps = result.steps
     drawn = draw_pixels(steps.warped_binary, steps.left.pixels, colour=LEFT)
     drawn = draw_pixels(drawn, steps.right.pixels, colour=RIGHT)
-    boxes = np.array([(w.left, w.top, w.right, w.bottom) for w in steps.windows], float).reshape(-1, 4)
-    drawn = draw_windows(drawn, boxes, colour=WINDOW)
-    height = drawn.shape[0]
-    return draw_fit(drawn, line_points(result.left, height), line_points(result.right, height))
+    drawn = draw_windows(drawn, steps.windows_px, colour=WINDOW)
+    left, right = (fit and fit.points(drawn.shape[0]) for fit in (result.left, result.right))
+    return draw_fit(drawn, left, right)
 
 
 def diagnose(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarray:
@@ -79,27 +63,12 @@ def diagnose(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarra
     return draw_mosaic(annotated, thumbnails, ["binary", "view", "search"], lines=describe_result(result))
 
 
-def telemetry_row(result: LaneResult) -> dict[str, object]:
-    """The numbers of one frame, named as in the telemetry's columns; what was not measured is None."""
-    row: dict[str, object] = {
-        "state": result.state,
-        "offset_m": result.offset_m,
-        "curvature_per_m": result.curvature_per_m,
-        "lane_width_m": result.lane_width_m,
-    }
-    for side, line in (("left", result.left_road), ("right", result.right_road)):
-        row[f"{side}_c0_m"] = line and line.c0_m
-        row[f"{side}_c1"] = line and line.c1
-        row[f"{side}_c2_per_m"] = line and line.c2_per_m
-    return row
-
-
 def follow_lane(finder: LaneFinder, camera: Camera) -> Callable[[np.ndarray], tuple[np.ndarray, dict[str, object]]]:
     """A function for `video.annotate_video`: takes the frames in order, gives each annotated and its telemetry."""
 
     def process(frame: np.ndarray) -> tuple[np.ndarray, dict[str, object]]:
         result = finder.follow(frame)
-        return annotate(frame, result, camera), telemetry_row(result)
+        return annotate(frame, result, camera), result.as_row()
 
     return process
 

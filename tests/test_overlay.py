@@ -14,8 +14,6 @@ from lanes.overlay import (
     diagnose,
     draw_search,
     follow_lane,
-    line_points,
-    telemetry_row,
 )
 from lanes.recipes import LaneFinder, get_recipe
 
@@ -56,7 +54,7 @@ def test_the_input_stays_as_it_is(picture, result):
 def test_words_and_telemetry_agree_with_the_result(result):
     assert describe_result(result)[0].startswith("bends left")
     assert "right of centre" not in describe_result(result)[1]
-    row = telemetry_row(result)
+    row = result.as_row()
     assert row["offset_m"] == result.offset_m == pytest.approx(0.28, abs=0.03)
     assert row["left_c0_m"] - row["right_c0_m"] == pytest.approx(LANE_WIDTH_M, abs=0.05)
 
@@ -67,9 +65,7 @@ def test_a_lost_lane_is_said_and_nothing_is_drawn():
     assert describe_result(lost) == ["lane lost"]
     annotated = annotate(black, lost, CAMERA)
     assert annotated[:200].any() and not annotated[200:].any()
-    assert telemetry_row(lost)["offset_m"] is None
     assert diagnose(black, lost, CAMERA).shape == black.shape
-    assert line_points(None, 720) is None
 
 
 def test_following_gives_each_frame_its_picture_and_numbers(picture):
