@@ -1,0 +1,136 @@
+"""Which piece of ground each pixel sees: its place on the road, and how far its footprint reaches there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lanes.camera import Camera
+from lanes.scenes.road import RoadAhead
+
+# Beyond this the ground is less than 2 px below the horizon and belongs to the backdrop.
+FARTHEST_M = 800.0
+
+
+@dataclass(frozen=True)
+class Ground:
+    """What the pixels below the horizon see, as arrays of shape (rows, width), float32, metres.
+
+    Rows start at picture row `top`. Pixels that see no ground hold places at `FARTHEST_M`; `visible` is False there.
+    The footprint of a pixel in s and d is the parallelogram spanned by one step right (`_u`) and one step down (`_v`).
+    """
+
+    top: int
+    visible: np.ndarray
+    distance: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    s: np.ndarray
+    d: np.ndarray
+    s_u: np.ndarray
+    s_v: np.ndarray
+    d_u: np.ndarray
+    d_v: np.ndarray
+
+    def below(self, row: int) -> Ground:
+        """The same from picture row `row` downwards (views, no copies)."""
+        cut = max(row - self.top, 0)
+        names = ("visible", "distance", "x", "y", "s", "d", "s_u", "s_v", "d_u", "d_v")
+        return replace(self, top=self.top + cut, **{name: getattr(self, name)[cut:] for name in names})
+
+    def reach_s(self) -> np.ndarray:
+        """Length of the footprint along the road."""
+        return np.abs(self.s_u) + np.abs(self.s_v)
+
+    def reach_d(self) -> np.ndarray:
+        """Width of the footprint across the road."""
+        return np.abs(self.d_u) + np.abs(self.d_v)
+
+
+def picture_rays(camera: Camera) -> np.ndarray:
+    """Directions (height, width, 3) float32 in camera axes, z = 1, of every raw pixel; computed once for a lens."""
+    u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    rays = camera.rays(np.column_stack([u.ravel(), v.ravel()]))
+    return rays.reshape(camera.height, camera.width, 3).astype(np.float32)
+
+
+def cast_on_ground(rays: np.ndarray, camera: Camera, road: RoadAhead) -> Ground:
+    """Cast the rays of `picture_rays` onto the flat road and find their places along it.
+
+    Parameters
+    ----------
+    rays : ndarray of shape (height, width, 3), float32
+        Camera axes.
+    camera : Camera
+        Its mount holds the pitch of this moment.
+    road : RoadAhead
+        The road as seen from the car.
+    """
+    mount = camera.mount
+    to_road = mount.rotation().astype(np.float32)
+    least_drop = np.float32(mount.height_m / FARTHEST_M)
+    drop = -(rays @ to_road[:, 2])
+    top = int(np.argmax((drop > least_drop).any(axis=1)))
+    rays, drop = rays[top:], drop[top:]
+    visible = drop > least_drop
+    scale = np.float32(mount.height_m) / np.maximum(drop, least_drop)
+    x, y = (rays @ to_road[:, 0]) * scale, (rays @ to_road[:, 1]) * scale
+    s, d = road.locate(x, y)
+    s_u, s_v = _steps(s)
+    d_u, d_v = _steps(d)
+    return Ground(top, visible, np.hypot(x, y), x, y, s, d, s_u, s_v, d_u, d_v)
+
+
+def _steps(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Change per pixel to the right and per pixel down, by central differences."""
+    right, down = np.empty_like(values), np.empty_like(values)
+    right[:, 1:-1] = (values[:, 2:] - values[:, :-2]) / 2
+    right[:, 0], right[:, -1] = right[:, 1], right[:, -2]
+    down[1:-1] = (values[2:] - values[:-2]) / 2
+    down[0], down[-1] = values[1] - values[0], values[-1] - values[-2]
+    return right, down
+
+
+def edge_coverage(t: np.ndarray, step_u: np.ndarray, step_v: np.ndarray) -> np.ndarray:
+    """Share of a square pixel that lies on the positive side of a straight edge, exactly.
+
+    Parameters
+    ----------
+    t : ndarray
+        Signed distance of the pixel's centre from the edge, any unit.
+    step_u, step_v : ndarray
+        Change of that distance per pixel to the right and down, same unit.
+
+    Notes
+    -----
+    The pixel's values of t are distributed as the sum of two uniform variables of widths |step_u| and |step_v|: a
+    trapezoid. Its integral is a difference of four one-sided parabolas.
+    """
+    a = np.maximum(np.abs(step_u), np.float32(1e-6))
+    b = np.maximum(np.abs(step_v), np.float32(1e-3) * a)
+    a = np.maximum(a, np.float32(1e-3) * b)
+    outer, inner = (a + b) / 2, (a - b) / 2
+    # Clipping first keeps the differences of small numbers exact in float32.
+    t = np.clip(t, -outer, outer)
+    area = (t + outer) ** 2 - np.maximum(t + inner, 0) ** 2 - np.maximum(t - inner, 0) ** 2
+    return area / (2 * a * b)
+
+
+def strip_coverage(d: np.ndarray, step_u: np.ndarray, step_v: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Share of each pixel between the edges d = low and d = high."""
+    return edge_coverage(d - np.float32(low), step_u, step_v) - edge_coverage(d - np.float32(high), step_u, step_v)
+
+
+def dash_coverage(s: np.ndarray, reach: np.ndarray, paint_m: float, period_m: float) -> np.ndarray:
+    """Share of [s - reach/2, s + reach/2] that is painted when paint begins at every multiple of the period."""
+    reach = np.maximum(reach, np.float32(1e-4))
+    painted = _painted_until(s + reach / 2, paint_m, period_m) - _painted_until(s - reach / 2, paint_m, period_m)
+    return np.clip(painted / reach, 0, 1)
+
+
+def _painted_until(s: np.ndarray, paint_m: float, period_m: float) -> np.ndarray:
+    """Length of paint between 0 and s."""
+    whole = np.floor(s / np.float32(period_m))
+    rest = s - whole * np.float32(period_m)
+    return whole * np.float32(paint_m) + np.minimum(rest, np.float32(paint_m))

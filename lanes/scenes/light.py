@@ -1,0 +1,140 @@
+"""Sun and sky on the ground: where the sun reaches, and the blue light of the sky where it does not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from lanes.camera import Camera
+from lanes.scenes.ground import Ground, edge_coverage
+from lanes.scenes.texture import band_noise_tile, fade, sample_noise
+
+# Share of the light on open ground that comes from the sky; measured on shaded asphalt: dark and blue.
+SKY_SHARE = np.array([0.11, 0.15, 0.22], np.float32)
+
+
+@dataclass(frozen=True)
+class Sun:
+    """Where the sun stands: azimuth in the world frame (0 along the road's start, > 0 to the left), and elevation."""
+
+    azimuth_rad: float
+    elevation_rad: float
+
+    def direction(self, heading_rad: float = 0.0) -> np.ndarray:
+        """Unit vector (3,) towards the sun, in a road frame that points along `heading_rad`."""
+        angle = self.azimuth_rad - heading_rad
+        level = np.cos(self.elevation_rad)
+        return np.array([level * np.cos(angle), level * np.sin(angle), np.sin(self.elevation_rad)])
+
+
+@dataclass(frozen=True)
+class TreeShade:
+    """The dappled shadow of a crown or a row of them: a rounded stretch of road between lateral `low_m` and `high_m`."""
+
+    start_m: float
+    end_m: float
+    low_m: float
+    high_m: float
+    density: float = 0.8
+
+    def mirrored(self) -> TreeShade:
+        """The shade with left and right exchanged."""
+        return replace(self, low_m=-self.high_m, high_m=-self.low_m)
+
+
+@dataclass(frozen=True)
+class BridgeShade:
+    """The sharp shadow of a bridge across the whole road; `skew` is ds/dd of its edges."""
+
+    start_m: float
+    end_m: float
+    skew: float = 0.0
+
+    def mirrored(self) -> BridgeShade:
+        """The shade with left and right exchanged."""
+        return replace(self, skew=-self.skew)
+
+
+def sunlight_on_ground(
+    shades: tuple[TreeShade | BridgeShade, ...], ground: Ground, *, station_m: float, seed: int
+) -> np.ndarray:
+    """Share of the sun that reaches each pixel's ground: (rows, width) float32, 1 in the open, 0 in full shade."""
+    s = ground.s + np.float32(station_m)
+    sun = np.ones_like(s)
+    for number, shade in enumerate(shades):
+        rows = np.flatnonzero(((s > shade.start_m - 12) & (s < shade.end_m + 12)).any(axis=1))
+        if not len(rows):
+            continue
+        cut = slice(rows[0], rows[-1] + 1)
+        part = _cut(ground, cut)
+        if isinstance(shade, BridgeShade):
+            sun[cut] *= _under_bridge(shade, part, s[cut])
+        else:
+            sun[cut] *= _under_tree(shade, part, s[cut], seed + number)
+    return sun
+
+
+def light_on_ground(sun: np.ndarray) -> np.ndarray:
+    """Irradiance (rows, width, 3) float32 relative to open ground, from the share of the sun."""
+    return SKY_SHARE + sun[..., None] * (1 - SKY_SHARE)
+
+
+def darken_polygons(sun: np.ndarray, polygons_m: list[np.ndarray], camera: Camera, ground: Ground) -> None:
+    """Shadows of things on the ground, in place.
+
+    Parameters
+    ----------
+    sun : ndarray of shape (rows, width), float32
+    polygons_m : list of ndarray of shape (N, 2)
+        Outlines in the car's road frame, metres.
+    camera : Camera
+    ground : Ground
+        Tells which picture row `sun` starts at.
+    """
+    mask = np.zeros(sun.shape, np.uint8)
+    for polygon in polygons_m:
+        outline = camera.road_to_pixels(_densified(polygon))
+        if np.isnan(outline).any():
+            continue
+        points = np.rint((outline - [0, ground.top]) * 16).astype(np.int32)
+        cv2.fillPoly(mask, [points], 255, cv2.LINE_AA, 4)
+    # A penumbra of about a pixel; at car height it is a few centimetres wide.
+    sun *= 1 - cv2.GaussianBlur(mask, (0, 0), 0.8).astype(np.float32) * np.float32(0.97 / 255)
+
+
+def _densified(polygon: np.ndarray, *, points_per_edge: int = 8) -> np.ndarray:
+    """More points on each edge, because the lens bends straight lines; nothing closer than the camera can see."""
+    following = np.roll(polygon, -1, axis=0)
+    share = np.arange(points_per_edge)[:, None] / points_per_edge
+    dense = np.concatenate([a + share * (b - a) for a, b in zip(polygon, following, strict=True)])
+    return np.column_stack([np.maximum(dense[:, 0], 1.5), dense[:, 1]])
+
+
+def _cut(ground: Ground, rows: slice) -> Ground:
+    names = ("visible", "distance", "x", "y", "s", "d", "s_u", "s_v", "d_u", "d_v")
+    return replace(ground, top=ground.top + rows.start, **{name: getattr(ground, name)[rows] for name in names})
+
+
+def _under_bridge(shade: BridgeShade, ground: Ground, s: np.ndarray) -> np.ndarray:
+    t = s - np.float32(shade.skew) * ground.d
+    # The sun is half a degree wide, so an edge 6 m up is soft over 6 cm and more along a low sun's way.
+    soft = np.float32(0.1)
+    into = edge_coverage(t - np.float32(shade.start_m), np.abs(ground.s_u) + soft, ground.s_v)
+    out = edge_coverage(t - np.float32(shade.end_m), np.abs(ground.s_u) + soft, ground.s_v)
+    return 1 - (into - out)
+
+
+def _under_tree(shade: TreeShade, ground: Ground, s: np.ndarray, seed: int) -> np.ndarray:
+    """Clusters of leaves: cloudy noise cut at a level that falls from the middle of the crown to its edge."""
+    reach = ground.reach_s()
+    cloudy = band_noise_tile(seed + 31, octaves=3)
+    clusters = sample_noise(cloudy, s, ground.d, wave_s_m=0.55, wave_d_m=0.42) * fade(reach, 4.0)
+    leaves = sample_noise(band_noise_tile(seed + 32), s, ground.d, wave_s_m=0.22, wave_d_m=0.16) * fade(reach, 0.5)
+    along = (s - np.float32((shade.start_m + shade.end_m) / 2)) * np.float32(2 / (shade.end_m - shade.start_m))
+    across = (ground.d - np.float32((shade.low_m + shade.high_m) / 2)) * np.float32(2 / (shade.high_m - shade.low_m))
+    middle = 1 - along**2 - across**2
+    level = np.float32(1.6) * np.clip(middle, -3, 0.8) + np.float32(0.75) * clusters + np.float32(0.35) * leaves
+    share = np.clip((level + np.float32(0.05)) * 2 + np.float32(0.5) - np.float32(0.6), 0, 1)
+    return 1 - np.float32(shade.density) * share * share * (3 - 2 * share)

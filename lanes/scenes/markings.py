@@ -1,0 +1,143 @@
+"""Paint on the road: where it is, and how much of each pixel it covers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lanes.scenes.ground import Ground, dash_coverage, strip_coverage
+from lanes.scenes.texture import band_noise_tile, fade, sample_noise
+
+# Linear-light reflectance relative to fresh white paint in the sun.
+WHITE = (1.0, 0.99, 0.95)
+YELLOW = (1.0, 0.56, 0.055)
+# Ten feet of paint and thirty of gap: the broken line of the US manual (MUTCD 3A.06).
+DASH_PAINT_M = 3.05
+DASH_GAP_M = 9.15
+
+
+@dataclass(frozen=True)
+class Marking:
+    """One longitudinal marking.
+
+    Parameters
+    ----------
+    lateral_m : float
+        Distance of its centre from the reference line, > 0 to the left.
+    width_m : float
+        Width of one stripe.
+    colour : tuple of three floats
+        Linear RGB, 1.0 = sunlit white paint.
+    dashed : bool
+        3.05 m of paint, 9.15 m of gap.
+    phase_m : float
+        Arc length at which one dash begins.
+    double_gap_m : float
+        > 0: two stripes with this clear width between them.
+    wear : float
+        0 fresh, 1 mostly gone.
+    dots : bool
+        Raised reflectors: in the middle of each gap, or every 14.6 m beside a solid line.
+    """
+
+    lateral_m: float
+    width_m: float = 0.12
+    colour: tuple[float, float, float] = WHITE
+    dashed: bool = False
+    phase_m: float = 0.0
+    double_gap_m: float = 0.0
+    wear: float = 0.15
+    dots: bool = False
+
+    def mirrored(self) -> Marking:
+        """The marking with left and right exchanged."""
+        return replace(self, lateral_m=-self.lateral_m)
+
+    @property
+    def stripes(self) -> list[tuple[float, float]]:
+        """(low, high) lateral edges of its stripes, metres."""
+        if not self.double_gap_m:
+            return [(self.lateral_m - self.width_m / 2, self.lateral_m + self.width_m / 2)]
+        inner = self.double_gap_m / 2
+        return [
+            (self.lateral_m + inner, self.lateral_m + inner + self.width_m),
+            (self.lateral_m - inner - self.width_m, self.lateral_m - inner),
+        ]
+
+
+def paint_coverage(marking: Marking, ground: Ground, *, station_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """How much of each pixel fresh paint of this marking covers.
+
+    The lateral edges are integrated exactly over the pixel; the ends of dashes over its length along the road.
+
+    Parameters
+    ----------
+    marking : Marking
+    ground : Ground
+    station_m : float
+        Arc length of the car, from which ground.s counts.
+
+    Returns
+    -------
+    pixels : ndarray of shape (K,), int64
+        Indices into the raveled ground arrays of the pixels that paint touches.
+    coverage : ndarray of shape (K,), float32, in range 0..1
+    """
+    low, high = min(e[0] for e in marking.stripes), max(e[1] for e in marking.stripes)
+    margin = ground.reach_d() / 2
+    near = (ground.d > low - margin) & (ground.d < high + margin) & ground.visible
+    pixels = np.flatnonzero(near)
+    d, d_u, d_v = (array.ravel()[pixels] for array in (ground.d, ground.d_u, ground.d_v))
+    coverage = sum(strip_coverage(d, d_u, d_v, *edges) for edges in marking.stripes)
+    if marking.dashed:
+        period = DASH_PAINT_M + DASH_GAP_M
+        phase = np.float32((station_m - marking.phase_m) % period)
+        s, reach = ground.s.ravel()[pixels], _reach_s(ground, pixels)
+        coverage = coverage * dash_coverage(s + phase, reach, DASH_PAINT_M, period)
+    return pixels, coverage
+
+
+def paint_markings(
+    albedo: np.ndarray, markings: tuple[Marking, ...], ground: Ground, *, station_m: float, seed: int
+) -> None:
+    """Paint the markings onto the road's reflectance (rows, width, 3) float32, in place."""
+    flat = albedo.reshape(-1, 3)
+    for number, marking in enumerate(markings):
+        pixels, coverage = paint_coverage(marking, ground, station_m=station_m)
+        if marking.wear:
+            coverage = coverage * _wear(marking, ground, pixels, station_m, seed + number)
+        colour = np.array(marking.colour, np.float32)
+        flat[pixels] += coverage[:, None] * (colour - flat[pixels])
+        if marking.dots:
+            _paint_dots(flat, marking, ground, station_m)
+
+
+def _wear(marking: Marking, ground: Ground, pixels: np.ndarray, station_m: float, seed: int) -> np.ndarray:
+    """Share of the paint that is left: fine chips, and stretches where tyres cross it."""
+    s, d = (array.ravel()[pixels] for array in (ground.s, ground.d))
+    s = s + np.float32(station_m)
+    tile = band_noise_tile(seed)
+    chips = sample_noise(tile, s, d, wave_s_m=0.10, wave_d_m=0.05) * fade(_reach_s(ground, pixels), 0.10)
+    broad = sample_noise(tile, s, d + 3, wave_s_m=2.5, wave_d_m=0.6) * fade(_reach_s(ground, pixels), 2.5)
+    lost = np.clip((chips * 0.8 + broad * 0.7 - 1.6) * 0.9 + 1.5 * marking.wear, 0, 1) * min(1.0, 3 * marking.wear)
+    return (1 - 0.12 * marking.wear) * (1 - np.float32(0.85) * lost)
+
+
+def _paint_dots(flat: np.ndarray, marking: Marking, ground: Ground, station_m: float) -> None:
+    """Raised markers, 0.10 m square, 12.2 m apart in the middle of the gaps or 14.6 m apart beside a solid line."""
+    period, side = (DASH_PAINT_M + DASH_GAP_M, 0.0) if marking.dashed else (14.63, marking.width_m / 2 + 0.12)
+    first = marking.phase_m + DASH_PAINT_M + DASH_GAP_M / 2 if marking.dashed else marking.phase_m
+    centre = marking.lateral_m - np.copysign(side, marking.lateral_m)
+    reach = ground.reach_d() / 2 + np.float32(0.06)
+    pixels = np.flatnonzero((np.abs(ground.d - np.float32(centre)) < reach) & ground.visible)
+    d, d_u, d_v, s = (array.ravel()[pixels] for array in (ground.d, ground.d_u, ground.d_v, ground.s))
+    coverage = strip_coverage(d, d_u, d_v, centre - 0.05, centre + 0.05)
+    # Markers are 2 cm high, so from the car each looks about twice as long as it is.
+    phase = np.float32((station_m - first) % period)
+    coverage = coverage * dash_coverage(s + phase, _reach_s(ground, pixels), 0.20, period)
+    flat[pixels] += coverage[:, None] * (np.array(marking.colour, np.float32) - flat[pixels])
+
+
+def _reach_s(ground: Ground, pixels: np.ndarray) -> np.ndarray:
+    return np.abs(ground.s_u.ravel()[pixels]) + np.abs(ground.s_v.ravel()[pixels])

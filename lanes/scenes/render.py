@@ -1,0 +1,174 @@
+"""A drive along a rendered road: everything that a frame is made of, and the frame at a moment, with its truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+
+import numpy as np
+
+from lanes.camera import Camera
+from lanes.scenes.backdrop import BackdropStyle, paint_backdrop
+from lanes.scenes.ground import FARTHEST_M, Ground, cast_on_ground, picture_rays
+from lanes.scenes.lens import LUMINANCE, Lens, develop
+from lanes.scenes.light import BridgeShade, Sun, TreeShade, light_on_ground, sunlight_on_ground
+from lanes.scenes.markings import Marking, paint_markings
+from lanes.scenes.road import Pose, RoadAhead, RoadGeometry
+from lanes.scenes.surface import Surface, ground_albedo
+from lanes.scenes.truth import Truth, lane_truth
+
+# Light that the air adds before distant ground, and the distance over which it does (metres).
+AIR_LIGHT = np.array([0.42, 0.48, 0.56], np.float32)
+AIR_LENGTH_M = 3500.0
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How the car moves: along the road at constant speed, wandering a little in its lane, nodding a little.
+
+    Parameters
+    ----------
+    start_m : float
+        Arc length at time 0.
+    speed_mps : float
+    offset_m : float
+        Mean lateral place relative to the reference line, > 0 left.
+    wander_m, wander_period_s : float
+        Sideways sine on top of it; the heading follows from it.
+    pitch_rad, pitch_period_s : float
+        Amplitude and period of the nodding.
+    heading_rad : float
+        Additional heading relative to the road (for stills taken in the act of steering).
+    """
+
+    start_m: float = 0.0
+    speed_mps: float = 27.0
+    offset_m: float = 0.0
+    wander_m: float = 0.0
+    wander_period_s: float = 7.0
+    pitch_rad: float = 0.0
+    pitch_period_s: float = 1.3
+    heading_rad: float = 0.0
+
+    def pose(self, time_s: float) -> Pose:
+        """Place and heading at a moment."""
+        rate = 2 * np.pi / self.wander_period_s
+        lateral = self.offset_m + self.wander_m * np.sin(rate * time_s)
+        heading = self.heading_rad
+        if self.speed_mps:
+            heading += float(np.arctan(self.wander_m * rate * np.cos(rate * time_s) / self.speed_mps))
+        return Pose(self.start_m + self.speed_mps * time_s, float(lateral), heading)
+
+    def pitch(self, time_s: float) -> float:
+        """Nodding angle at a moment: two sines that do not repeat together, as springs and road make them."""
+        phase = 2 * np.pi * time_s / self.pitch_period_s
+        return float(self.pitch_rad * (0.7 * np.sin(phase) + 0.3 * np.sin(2.63 * phase + 1.0)))
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """Everything that a rendered picture or video is made of.
+
+    Parameters
+    ----------
+    camera : Camera
+        With its mount.
+    road : RoadGeometry
+    line_laterals_m : (float, float)
+        Lateral places of the centres of the ego lane's left and right lines.
+    markings, surface, shades, sun, backdrop, lens
+        See their modules.
+    motion : Motion
+    seed : int
+        Of everything that is random.
+    """
+
+    camera: Camera
+    road: RoadGeometry
+    line_laterals_m: tuple[float, float]
+    markings: tuple[Marking, ...]
+    surface: Surface
+    sun: Sun
+    motion: Motion = Motion()
+    shades: tuple[TreeShade | BridgeShade, ...] = ()
+    backdrop: BackdropStyle = BackdropStyle()
+    lens: Lens = Lens()
+    seed: int = 0
+
+    def truth(self, time_s: float = 0.0) -> Truth:
+        """What is known of the frame at a moment, without rendering it."""
+        pitch = self.camera.mount.pitch_rad + self.motion.pitch(time_s)
+        return lane_truth(self.road, self.motion.pose(time_s), self.line_laterals_m, time_s=time_s, pitch_rad=pitch)
+
+    def camera_at(self, time_s: float) -> Camera:
+        """The camera as it nods at a moment."""
+        return self.camera.with_mount(replace(self.camera.mount, pitch_rad=self.truth(time_s).pitch_rad))
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A rendered picture with its truth.
+
+    Attributes
+    ----------
+    image : ndarray of shape (height, width, 3), uint8
+        RGB.
+    truth : Truth
+    hidden : ndarray of shape (height, width), bool
+        Pixels where something stands before the ground.
+    """
+
+    image: np.ndarray
+    truth: Truth
+    hidden: np.ndarray = field(repr=False)
+
+
+def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
+    """The picture that the drive's camera takes at `time_s`, and its truth."""
+    truth, camera = drive.truth(time_s), drive.camera_at(time_s)
+    station = truth.pose.s_m
+    ground = cast_on_ground(_rays(drive.camera), camera, RoadAhead(drive.road, truth.pose))
+    light = _backdrop(drive, camera, truth.pose.absolute_heading(drive.road), ground)
+    sun = sunlight_on_ground(drive.shades, ground, station_m=station, seed=drive.seed)
+    albedo = ground_albedo(drive.surface, ground, station_m=station, seed=drive.seed)
+    paint_markings(albedo, drive.markings, ground, station_m=station, seed=drive.seed + 100)
+    albedo *= light_on_ground(sun)
+    road_light = _mean_luminance(albedo[-250:-60:4, ::8])
+    _lay_ground(light, albedo, ground)
+    hidden = np.zeros(light.shape[:2], bool)
+    image = develop(light, drive.lens, road_light=road_light, seed=drive.seed * 7919 + round(time_s * 1000))
+    return Frame(image, truth, hidden)
+
+
+@lru_cache(maxsize=2)
+def _rays(camera: Camera) -> np.ndarray:
+    return picture_rays(camera)
+
+
+def _backdrop(drive: Drive, camera: Camera, heading_rad: float, ground: Ground) -> np.ndarray:
+    """The picture (height, width, 3) with the backdrop painted down to where all is ground."""
+    rays = _rays(drive.camera)
+    covered = ground.visible.all(axis=1) & (ground.distance.max(axis=1) < FARTHEST_M / 3)
+    bottom = ground.top + int(np.argmax(covered)) + 1
+    cosine, sine = np.cos(heading_rad), np.sin(heading_rad)
+    to_world = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
+    directions = rays[:bottom] @ (camera.mount.rotation() @ to_world).astype(np.float32)
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    light = np.empty((camera.height, camera.width, 3), np.float32)
+    light[:bottom] = paint_backdrop(directions, drive.backdrop, seed=drive.seed)
+    return light
+
+
+def _lay_ground(light: np.ndarray, radiance: np.ndarray, ground: Ground) -> None:
+    """Put the ground before the backdrop, in place: behind air, and fading out where it is too far to tell."""
+    far = int(np.argmax(ground.distance.min(axis=1) < 40.0))
+    air = (1 - np.exp(-ground.distance[:far] / np.float32(AIR_LENGTH_M)))[..., None]
+    radiance[:far] += air * (AIR_LIGHT - radiance[:far])
+    share = np.clip((FARTHEST_M - ground.distance[:far]) / np.float32(FARTHEST_M / 2), 0, 1) * ground.visible[:far]
+    before = light[ground.top : ground.top + far]
+    before += share[..., None] * (radiance[:far] - before)
+    light[ground.top + far :] = radiance[far:]
+
+
+def _mean_luminance(light: np.ndarray) -> float:
+    return float((light @ LUMINANCE).mean())

@@ -1,0 +1,270 @@
+"""What the ground reflects: asphalt and concrete with their wear, seams and patches, shoulder and verge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from lanes.scenes.ground import Ground, dash_coverage, edge_coverage, strip_coverage
+from lanes.scenes.texture import band_noise_tile, fade, sample_noise
+
+GRAVEL = (0.30, 0.255, 0.185)
+DIRT = (0.34, 0.265, 0.165)
+DRY_GRASS = (0.40, 0.285, 0.135)
+TAR = (0.028, 0.027, 0.029)
+
+
+@dataclass(frozen=True)
+class Material:
+    """A pavement: mean reflectance (linear RGB, 1.0 = white paint) and how strongly each kind of texture shows.
+
+    Strengths are relative changes of reflectance: `grain` of single stones, `blotch` of stains, `streak` of lanes worn
+    lengthwise, `track` in the wheel tracks, `oil` in the middle of the lane. `slab_m` > 0 has transverse joints.
+    """
+
+    colour: tuple[float, float, float]
+    grain: float
+    blotch: float
+    streak: float
+    track: float
+    oil: float
+    slab_m: float = 0.0
+
+
+MATERIALS = {
+    "fresh asphalt": Material((0.058, 0.0535, 0.069), grain=0.10, blotch=0.05, streak=0.05, track=0.07, oil=-0.07),
+    "asphalt": Material((0.098, 0.092, 0.098), grain=0.14, blotch=0.08, streak=0.06, track=0.08, oil=-0.12),
+    "old asphalt": Material((0.165, 0.152, 0.148), grain=0.13, blotch=0.12, streak=0.07, track=-0.07, oil=-0.16),
+    "concrete": Material((0.43, 0.365, 0.31), grain=0.05, blotch=0.11, streak=0.05, track=-0.10, oil=-0.22, slab_m=4.6),
+}
+
+
+@dataclass(frozen=True)
+class Zone:
+    """Pavement of one material from arc length `start_m` on; its edge runs across the road with `skew` (ds/dd)."""
+
+    start_m: float
+    material: str
+    skew: float = 0.0
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A rectangle of other pavement: a repair, a trench."""
+
+    start_m: float
+    end_m: float
+    low_m: float
+    high_m: float
+    material: str
+
+
+@dataclass(frozen=True)
+class Seam:
+    """A line of tar along the road at `lateral_m`, meandering by `wander_m`, from `start_m` to `end_m`."""
+
+    lateral_m: float
+    width_m: float = 0.03
+    wander_m: float = 0.02
+    start_m: float = -1e5
+    end_m: float = 1e5
+    strength: float = 0.7
+
+
+@dataclass(frozen=True)
+class Surface:
+    """The ground from side to side.
+
+    Parameters
+    ----------
+    zones : tuple of Zone
+        Pavements in the order of their starts; the first reaches back without end.
+    right_edge_m, left_edge_m : float
+        Lateral edges of the pavement.
+    lane_centres_m : tuple of float
+        Where wheels roll.
+    gravel_m : float
+        Width of the strip of gravel beside the pavement, before the grass.
+    opposite_m : (float, float) or None
+        Lateral edges of the other carriageway.
+    """
+
+    zones: tuple[Zone, ...]
+    right_edge_m: float
+    left_edge_m: float
+    lane_centres_m: tuple[float, ...] = (0.0,)
+    gravel_m: float = 1.2
+    opposite_m: tuple[float, float] | None = None
+    patches: tuple[Patch, ...] = field(default=())
+    seams: tuple[Seam, ...] = field(default=())
+
+    def mirrored(self) -> Surface:
+        """The ground with left and right exchanged."""
+        return replace(
+            self,
+            right_edge_m=-self.left_edge_m,
+            left_edge_m=-self.right_edge_m,
+            lane_centres_m=tuple(-c for c in self.lane_centres_m),
+            opposite_m=None if self.opposite_m is None else (-self.opposite_m[1], -self.opposite_m[0]),
+            zones=tuple(replace(z, skew=-z.skew) for z in self.zones),
+            patches=tuple(replace(p, low_m=-p.high_m, high_m=-p.low_m) for p in self.patches),
+            seams=tuple(replace(s, lateral_m=-s.lateral_m) for s in self.seams),
+        )
+
+
+@dataclass(frozen=True)
+class Layers:
+    """Noise shared by all materials, each about 1 in strength near the car, faded by footprint; (rows, width)."""
+
+    grain: np.ndarray
+    blotch: np.ndarray
+    streak: np.ndarray
+    track: np.ndarray
+    oil: np.ndarray
+
+
+def ground_albedo(surface: Surface, ground: Ground, *, station_m: float, seed: int) -> np.ndarray:
+    """Reflectance of the ground without paint.
+
+    Parameters
+    ----------
+    surface : Surface
+    ground : Ground
+    station_m : float
+        Arc length of the car.
+    seed : int
+        Chooses the noise.
+
+    Returns
+    -------
+    ndarray of shape (rows, width, 3), float32
+        Linear RGB, 1.0 = white paint.
+    """
+    s = ground.s + np.float32(station_m)
+    layers = noise_layers(surface, ground, s, seed)
+    albedo = _pavement(surface, ground, s, layers)
+    for patch in surface.patches:
+        _lay_patch(albedo, patch, ground, s, layers)
+    for number, seam in enumerate(surface.seams):
+        _lay_seam(albedo, seam, ground, s, seed + 50 + number)
+    _lay_verge(albedo, surface, ground, s, layers, seed)
+    return albedo
+
+
+def noise_layers(surface: Surface, ground: Ground, s: np.ndarray, seed: int) -> Layers:
+    """The noise and the wear profile across the lanes."""
+    reach = ground.reach_s()
+    grain = np.zeros_like(s)
+    for number, (wave, strength) in enumerate(((0.035, 1.0), (0.13, 0.6), (0.45, 0.35))):
+        # Only rows near enough for this grain to be seen at all.
+        near = reach[:, s.shape[1] // 2] < 3 * wave
+        first = int(np.argmax(near)) if near.any() else len(s)
+        if first < len(s):
+            part = sample_noise(
+                band_noise_tile(seed + number), s[first:], ground.d[first:], wave_s_m=wave, wave_d_m=wave
+            )
+            grain[first:] += part * fade(reach[first:], wave) * np.float32(strength)
+    tile = band_noise_tile(seed + 7, octaves=4)
+    blotch = sample_noise(tile, s, ground.d, wave_s_m=0.9, wave_d_m=0.5) * fade(reach, 6.0)
+    streak = sample_noise(band_noise_tile(seed + 8, octaves=3), s, ground.d, wave_s_m=18.0, wave_d_m=0.22)
+    track, oil = _wear_profiles(surface, ground.d)
+    uneven = 1 + np.float32(0.35) * sample_noise(tile, s, ground.d, wave_s_m=6.0, wave_d_m=1.3)
+    return Layers(grain, blotch, streak * fade(ground.reach_d(), 0.3), track * uneven, oil * uneven)
+
+
+def _wear_profiles(surface: Surface, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Wheel tracks (0.85 m either side of a lane's centre) and the oil streak in the middle, looked up by d."""
+    step = 0.02
+    at = np.arange(-40, 40, step)
+    track, oil = np.zeros_like(at), np.zeros_like(at)
+    for centre in surface.lane_centres_m:
+        track += np.exp(-(((np.abs(at - centre) - 0.85) / 0.30) ** 2))
+        oil += np.exp(-(((at - centre) / 0.38) ** 2))
+    index = np.clip((d + np.float32(40)) / np.float32(step), 0, len(at) - 1).astype(np.int32)
+    return track.astype(np.float32)[index], oil.astype(np.float32)[index]
+
+
+def _pavement(surface: Surface, ground: Ground, s: np.ndarray, layers: Layers) -> np.ndarray:
+    """The zones one after the other along the road."""
+    zones = [z for z in surface.zones if z.start_m < s.max()]
+    started = [z for z in zones if z.start_m < s.min()]
+    zones = started[-1:] + [z for z in zones if z not in started] or list(surface.zones[:1])
+    albedo = _material(MATERIALS[zones[0].material], ground, s, layers)
+    for zone in zones[1:]:
+        # The edge is ragged by a few centimetres.
+        t = s - np.float32(zone.start_m) - np.float32(zone.skew) * ground.d + np.float32(0.05) * layers.blotch
+        share = edge_coverage(t, ground.s_u, ground.s_v)[..., None]
+        albedo += share * (_material(MATERIALS[zone.material], ground, s, layers) - albedo)
+    return albedo
+
+
+def _material(material: Material, ground: Ground, s: np.ndarray, layers: Layers) -> np.ndarray:
+    tone = 1 + np.float32(material.grain) * layers.grain + np.float32(material.blotch) * layers.blotch
+    tone += np.float32(material.streak) * layers.streak
+    tone += np.float32(material.track) * layers.track + np.float32(material.oil) * layers.oil
+    if material.slab_m:
+        joint = dash_coverage(s, ground.reach_s(), 0.02, material.slab_m)
+        tone -= np.float32(0.35) * joint
+    return np.maximum(tone, np.float32(0.25))[..., None] * np.array(material.colour, np.float32)
+
+
+def _lay_patch(albedo: np.ndarray, patch: Patch, ground: Ground, s: np.ndarray, layers: Layers) -> None:
+    reach = ground.reach_s()
+    wobble = np.float32(0.03) * layers.blotch
+    rows = ((s > patch.start_m - reach) & (s < patch.end_m + reach)).any(axis=1)
+    if not rows.any():
+        return
+    cut = slice(int(np.argmax(rows)), len(rows) - int(np.argmax(rows[::-1])))
+    part, s, wobble = ground.below(ground.top + cut.start), s[cut.start :], wobble[cut.start :]
+    along = edge_coverage(s - np.float32(patch.start_m) + wobble, part.s_u, part.s_v)
+    along -= edge_coverage(s - np.float32(patch.end_m) + wobble, part.s_u, part.s_v)
+    share = along * strip_coverage(part.d + wobble, part.d_u, part.d_v, patch.low_m, patch.high_m)
+    cut_layers = Layers(**{name: getattr(layers, name)[cut.start :] for name in Layers.__dataclass_fields__})
+    other = _material(MATERIALS[patch.material], part, s, cut_layers)
+    albedo[cut.start :] += share[..., None] * (other - albedo[cut.start :])
+
+
+def _lay_seam(albedo: np.ndarray, seam: Seam, ground: Ground, s: np.ndarray, seed: int) -> None:
+    margin = ground.reach_d() / 2 + np.float32(seam.width_m + 3 * seam.wander_m)
+    near = (np.abs(ground.d - np.float32(seam.lateral_m)) < margin) & (s > seam.start_m) & (s < seam.end_m)
+    pixels = np.flatnonzero(near & ground.visible)
+    if not len(pixels):
+        return
+    d, d_u, d_v, along = (array.ravel()[pixels] for array in (ground.d, ground.d_u, ground.d_v, s))
+    tile = band_noise_tile(seed, octaves=3)
+    bend = sample_noise(tile, along, np.zeros_like(along), wave_s_m=1.1, wave_d_m=1.0)
+    width = np.float32(seam.width_m) * (1 + np.float32(0.5) * np.roll(bend, 7))
+    offset = d - np.float32(seam.lateral_m) - np.float32(seam.wander_m) * bend
+    share = edge_coverage(offset + width / 2, d_u, d_v) - edge_coverage(offset - width / 2, d_u, d_v)
+    flat = albedo.reshape(-1, 3)
+    share = np.clip(share, 0, 1)[:, None] * np.float32(seam.strength)
+    flat[pixels] += share * (np.array(TAR, np.float32) - flat[pixels])
+
+
+def _lay_verge(albedo: np.ndarray, surface: Surface, ground: Ground, s: np.ndarray, layers: Layers, seed: int) -> None:
+    """Gravel beside the pavement, then dry grass; where there is another carriageway, its asphalt."""
+    beyond = np.maximum(ground.d - np.float32(surface.left_edge_m), np.float32(surface.right_edge_m) - ground.d)
+    pixels = np.flatnonzero(beyond > -ground.reach_d() - np.float32(0.4))
+    if not len(pixels):
+        return
+    flat = albedo.reshape(-1, 3)
+    take = lambda array: array.ravel()[pixels]  # noqa: E731
+    s, d, d_u, d_v, reach = take(s), take(ground.d), take(ground.d_u), take(ground.d_v), take(ground.reach_s())
+    cloudy = band_noise_tile(seed + 11, octaves=4)
+    rough = sample_noise(cloudy, s, d, wave_s_m=0.5, wave_d_m=0.3) * fade(reach, 3.0)
+    fine = sample_noise(band_noise_tile(seed + 12), s, d, wave_s_m=0.12, wave_d_m=0.07) * fade(reach, 0.2)
+    broad = sample_noise(cloudy, s, d + 5, wave_s_m=5.0, wave_d_m=1.8) * fade(reach, 30.0)
+    edge = take(beyond)
+    gravel = np.array(GRAVEL, np.float32) * (1 + 0.16 * rough + 0.15 * fine)[..., None]
+    grass = np.array(DRY_GRASS, np.float32) * (1 + 0.20 * broad)[..., None]
+    grass += np.clip(0.35 * broad - 0.2, 0, 0.6)[..., None] * (np.array(DIRT, np.float32) - grass)
+    grass *= np.maximum(1 + 0.20 * rough + 0.28 * fine, 0.15)[..., None]
+    to_grass = edge_coverage(edge - np.float32(surface.gravel_m) + 0.25 * rough, d_u + 0.3, d_v)[..., None]
+    verge = gravel + to_grass * (grass - gravel)
+    if surface.opposite_m is not None:
+        share = strip_coverage(d, d_u, d_v, *surface.opposite_m)[..., None]
+        tone = (1 + 0.1 * take(layers.blotch))[..., None]
+        verge += share * (np.array(MATERIALS["asphalt"].colour, np.float32) * tone - verge)
+    share = edge_coverage(edge + np.float32(0.06) * rough, d_u, d_v)[..., None]
+    flat[pixels] += share * (verge - flat[pixels])

@@ -1,0 +1,58 @@
+"""Seeded noise on the ground, looked up by place, so that texture moves with the road."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+TILE = 512
+# Texels in one wavelength of the tile's band: enough for bilinear lookup, and 64 waves before it repeats.
+TEXELS_PER_WAVE = 8
+LIST_ROW = 1024
+
+
+@lru_cache(maxsize=32)
+def band_noise_tile(seed: int, *, octaves: int = 1) -> np.ndarray:
+    """Periodic noise (TILE + 1, TILE + 1) float32, mean 0, standard deviation 1, wavelengths about TEXELS_PER_WAVE.
+
+    With more octaves, longer waves are added, each half as steep: cloudy instead of grainy.
+    """
+    rng = np.random.default_rng(seed)
+    white = np.fft.rfft2(rng.standard_normal((TILE, TILE)))
+    frequency = np.hypot(np.fft.fftfreq(TILE)[:, None], np.fft.rfftfreq(TILE)[None, :]) * TEXELS_PER_WAVE
+    gain = sum(2.0**k * np.exp(-(((frequency * 2.0**k) - 1) ** 2) / 0.18) * 1.4**k for k in range(octaves))
+    gain[0, 0] = 0
+    tile = np.fft.irfft2(white * gain, s=(TILE, TILE))
+    # One more row and column, so that bilinear lookup wraps without a seam.
+    return np.pad(tile / tile.std(), ((0, 1), (0, 1)), mode="wrap").astype(np.float32)
+
+
+def sample_noise(tile: np.ndarray, s: np.ndarray, d: np.ndarray, *, wave_s_m: float, wave_d_m: float) -> np.ndarray:
+    """Noise at places (s, d) with the given wavelengths along and across the road.
+
+    Parameters
+    ----------
+    tile : ndarray of shape (TILE + 1, TILE + 1), float32
+        From `band_noise_tile`.
+    s, d : ndarray of shape (rows, width) or (K,), float32
+        Metres.
+    """
+    u, v = _wrapped(s, wave_s_m), _wrapped(d, wave_d_m)
+    if s.ndim == 2:
+        return cv2.remap(tile, u, v, cv2.INTER_LINEAR)
+    # OpenCV refuses maps longer than 32767, so a list is folded into rows.
+    folded = (-(-len(s) // LIST_ROW), LIST_ROW)
+    return cv2.remap(tile, np.resize(u, folded), np.resize(v, folded), cv2.INTER_LINEAR).ravel()[: len(s)]
+
+
+def fade(reach: np.ndarray, wave_m: float) -> np.ndarray:
+    """How much of a wave is left after averaging over a footprint of length `reach`: 1 when short, 0 when long."""
+    ratio = reach * np.float32(1.6 / wave_m)
+    return 1 / (1 + ratio * ratio)
+
+
+def _wrapped(metres: np.ndarray, wave_m: float) -> np.ndarray:
+    texels = metres * np.float32(TEXELS_PER_WAVE / wave_m)
+    return texels - np.floor(texels / TILE) * TILE
