@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -33,11 +33,10 @@ class Ground:
     d_u: np.ndarray
     d_v: np.ndarray
 
-    def below(self, row: int) -> Ground:
-        """The same from picture row `row` downwards (views, no copies)."""
-        cut = max(row - self.top, 0)
-        names = ("visible", "distance", "x", "y", "s", "d", "s_u", "s_v", "d_u", "d_v")
-        return replace(self, top=self.top + cut, **{name: getattr(self, name)[cut:] for name in names})
+    def rows(self, cut: slice) -> Ground:
+        """The same for some rows only (views, no copies)."""
+        arrays = {f.name: getattr(self, f.name)[cut] for f in fields(self) if f.name != "top"}
+        return replace(self, top=self.top + (cut.start or 0), **arrays)
 
     def reach_s(self) -> np.ndarray:
         """Length of the footprint along the road."""

@@ -13,6 +13,9 @@ from lanes.scenes.texture import band_noise_tile, fade, sample_noise
 
 # Share of the light on open ground that comes from the sky; measured on shaded asphalt: dark and blue.
 SKY_SHARE = np.array([0.11, 0.15, 0.22], np.float32)
+# Shadows of things are followed between these distances ahead; the bonnet hides what is nearer.
+NEAREST_M = 1.5
+SHADOWS_UNTIL_M = 160.0
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,7 @@ class Sun:
 
 @dataclass(frozen=True)
 class TreeShade:
-    """The dappled shadow of a crown or a row of them: a rounded stretch of road between lateral `low_m` and `high_m`."""
+    """The dappled shadow of tree crowns: a rounded stretch of road between lateral `low_m` and `high_m`."""
 
     start_m: float
     end_m: float
@@ -68,7 +71,7 @@ def sunlight_on_ground(
         if not len(rows):
             continue
         cut = slice(rows[0], rows[-1] + 1)
-        part = _cut(ground, cut)
+        part = ground.rows(cut)
         if isinstance(shade, BridgeShade):
             sun[cut] *= _under_bridge(shade, part, s[cut])
         else:
@@ -78,7 +81,7 @@ def sunlight_on_ground(
 
 def light_on_ground(sun: np.ndarray) -> np.ndarray:
     """Irradiance (rows, width, 3) float32 relative to open ground, from the share of the sun."""
-    return SKY_SHARE + sun[..., None] * (1 - SKY_SHARE)
+    return cv2.merge([sky + sun * (1 - sky) for sky in SKY_SHARE])
 
 
 def darken_polygons(sun: np.ndarray, polygons_m: list[np.ndarray], camera: Camera, ground: Ground) -> None:
@@ -93,28 +96,28 @@ def darken_polygons(sun: np.ndarray, polygons_m: list[np.ndarray], camera: Camer
     ground : Ground
         Tells which picture row `sun` starts at.
     """
+    near = [p for p in polygons_m if p[:, 0].max() > NEAREST_M and p[:, 0].min() < SHADOWS_UNTIL_M]
+    if not near:
+        return
+    dense = [_densified(polygon) for polygon in near]
+    outlines = camera.road_to_pixels(np.concatenate(dense)) - [0, ground.top]
     mask = np.zeros(sun.shape, np.uint8)
-    for polygon in polygons_m:
-        outline = camera.road_to_pixels(_densified(polygon))
-        if np.isnan(outline).any():
-            continue
-        points = np.rint((outline - [0, ground.top]) * 16).astype(np.int32)
-        cv2.fillPoly(mask, [points], 255, cv2.LINE_AA, 4)
+    for outline in np.split(outlines, np.cumsum([len(p) for p in dense])[:-1]):
+        if not np.isnan(outline).any():
+            cv2.fillPoly(mask, [np.rint(outline * 16).astype(np.int32)], 255, cv2.LINE_AA, 4)
     # A penumbra of about a pixel; at car height it is a few centimetres wide.
     sun *= 1 - cv2.GaussianBlur(mask, (0, 0), 0.8).astype(np.float32) * np.float32(0.97 / 255)
 
 
-def _densified(polygon: np.ndarray, *, points_per_edge: int = 8) -> np.ndarray:
-    """More points on each edge, because the lens bends straight lines; nothing closer than the camera can see."""
+def _densified(polygon: np.ndarray, *, edge_m: float = 1.5) -> np.ndarray:
+    """More points on long edges, because the lens bends straight lines; nothing closer than the camera can see."""
     following = np.roll(polygon, -1, axis=0)
-    share = np.arange(points_per_edge)[:, None] / points_per_edge
-    dense = np.concatenate([a + share * (b - a) for a, b in zip(polygon, following, strict=True)])
-    return np.column_stack([np.maximum(dense[:, 0], 1.5), dense[:, 1]])
-
-
-def _cut(ground: Ground, rows: slice) -> Ground:
-    names = ("visible", "distance", "x", "y", "s", "d", "s_u", "s_v", "d_u", "d_v")
-    return replace(ground, top=ground.top + rows.start, **{name: getattr(ground, name)[rows] for name in names})
+    parts = np.clip(np.hypot(*(following - polygon).T) / edge_m, 1, 12).astype(int)
+    first = np.repeat(np.cumsum(parts) - parts, parts)
+    share = (np.arange(parts.sum()) - first) / np.repeat(parts, parts)
+    edge = np.repeat(np.arange(len(polygon)), parts)
+    dense = polygon[edge] + share[:, None] * (following - polygon)[edge]
+    return np.column_stack([np.maximum(dense[:, 0], NEAREST_M), dense[:, 1]])
 
 
 def _under_bridge(shade: BridgeShade, ground: Ground, s: np.ndarray) -> np.ndarray:

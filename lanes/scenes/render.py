@@ -9,17 +9,30 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.scenes.backdrop import BackdropStyle, paint_backdrop
+from lanes.scenes.bonnet import draw_bonnet
 from lanes.scenes.ground import FARTHEST_M, Ground, cast_on_ground, picture_rays
 from lanes.scenes.lens import LUMINANCE, Lens, develop
-from lanes.scenes.light import BridgeShade, Sun, TreeShade, light_on_ground, sunlight_on_ground
+from lanes.scenes.light import (
+    SHADOWS_UNTIL_M,
+    BridgeShade,
+    Sun,
+    TreeShade,
+    darken_polygons,
+    light_on_ground,
+    sunlight_on_ground,
+)
 from lanes.scenes.markings import Marking, paint_markings
+from lanes.scenes.objects import Thing, Wall, draw_objects, shadow_polygons
 from lanes.scenes.road import Pose, RoadAhead, RoadGeometry
+from lanes.scenes.roadside import Along, Placed, things_in_view
 from lanes.scenes.surface import Surface, ground_albedo
 from lanes.scenes.truth import Truth, lane_truth
 
 # Light that the air adds before distant ground, and the distance over which it does (metres).
 AIR_LIGHT = np.array([0.42, 0.48, 0.56], np.float32)
 AIR_LENGTH_M = 3500.0
+# Trees farther aside than this throw their shadows on the grass.
+SHADOWS_ASIDE_M = 35.0
 
 
 @dataclass(frozen=True)
@@ -76,8 +89,10 @@ class Drive:
     road : RoadGeometry
     line_laterals_m : (float, float)
         Lateral places of the centres of the ego lane's left and right lines.
-    markings, surface, shades, sun, backdrop, lens
+    markings, surface, sun, things, shades, backdrop, lens
         See their modules.
+    bonnet : bool
+        Whether the own bonnet is in the picture.
     motion : Motion
     seed : int
         Of everything that is random.
@@ -90,9 +105,11 @@ class Drive:
     surface: Surface
     sun: Sun
     motion: Motion = Motion()
+    things: tuple[Placed | Along, ...] = ()
     shades: tuple[TreeShade | BridgeShade, ...] = ()
     backdrop: BackdropStyle = BackdropStyle()
     lens: Lens = Lens()
+    bonnet: bool = True
     seed: int = 0
 
     def truth(self, time_s: float = 0.0) -> Truth:
@@ -129,15 +146,27 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     station = truth.pose.s_m
     ground = cast_on_ground(_rays(drive.camera), camera, RoadAhead(drive.road, truth.pose))
     light = _backdrop(drive, camera, truth.pose.absolute_heading(drive.road), ground)
+    sun_direction = drive.sun.direction(truth.pose.absolute_heading(drive.road))
+    things = things_in_view(drive.things, drive.road, truth.pose, time_s=time_s)
     sun = sunlight_on_ground(drive.shades, ground, station_m=station, seed=drive.seed)
+    darken_polygons(sun, shadow_polygons(_near(things), sun_direction), camera, ground)
     albedo = ground_albedo(drive.surface, ground, station_m=station, seed=drive.seed)
     paint_markings(albedo, drive.markings, ground, station_m=station, seed=drive.seed + 100)
     albedo *= light_on_ground(sun)
     road_light = _mean_luminance(albedo[-250:-60:4, ::8])
     _lay_ground(light, albedo, ground)
-    hidden = np.zeros(light.shape[:2], bool)
+    bare = light
+    light = draw_objects(bare, camera, things, sun_direction=sun_direction, haze=drive.backdrop.haze_per_km)
+    if drive.bonnet:
+        light = draw_bonnet(light, camera, light=0.2 + 0.8 * float(sun[-60:].mean()))
+    hidden = (light != bare).any(axis=-1)
     image = develop(light, drive.lens, road_light=road_light, seed=drive.seed * 7919 + round(time_s * 1000))
     return Frame(image, truth, hidden)
+
+
+def _near(things: list[Thing]) -> list[Thing]:
+    """Those whose shadows can be told from the ground's own texture."""
+    return [t for t in things if isinstance(t, Wall) or (t.x_m < SHADOWS_UNTIL_M and abs(t.y_m) < SHADOWS_ASIDE_M)]
 
 
 @lru_cache(maxsize=2)
@@ -154,7 +183,7 @@ def _backdrop(drive: Drive, camera: Camera, heading_rad: float, ground: Ground) 
     to_world = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
     directions = rays[:bottom] @ (camera.mount.rotation() @ to_world).astype(np.float32)
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-    light = np.empty((camera.height, camera.width, 3), np.float32)
+    light = np.zeros((camera.height, camera.width, 3), np.float32)
     light[:bottom] = paint_backdrop(directions, drive.backdrop, seed=drive.seed)
     return light
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+import cv2
 import numpy as np
 
 from lanes.scenes.ground import Ground, dash_coverage, edge_coverage, strip_coverage
@@ -123,6 +124,10 @@ class Layers:
     track: np.ndarray
     oil: np.ndarray
 
+    def rows(self, cut: slice) -> Layers:
+        """The same for some rows only."""
+        return Layers(self.grain[cut], self.blotch[cut], self.streak[cut], self.track[cut], self.oil[cut])
+
 
 def ground_albedo(surface: Surface, ground: Ground, *, station_m: float, seed: int) -> np.ndarray:
     """Reflectance of the ground without paint.
@@ -186,16 +191,22 @@ def _wear_profiles(surface: Surface, d: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _pavement(surface: Surface, ground: Ground, s: np.ndarray, layers: Layers) -> np.ndarray:
-    """The zones one after the other along the road."""
-    zones = [z for z in surface.zones if z.start_m < s.max()]
-    started = [z for z in zones if z.start_m < s.min()]
-    zones = started[-1:] + [z for z in zones if z not in started] or list(surface.zones[:1])
-    albedo = _material(MATERIALS[zones[0].material], ground, s, layers)
-    for zone in zones[1:]:
+    """The zones one after the other along the road, each computed only where it is seen."""
+    zones = sorted(surface.zones, key=lambda zone: zone.start_m)
+    started = [z for z in zones if z.start_m < s.min() - 10]
+    albedo = _material(MATERIALS[(started or zones)[-1 if started else 0].material], ground, s, layers)
+    for zone in zones[len(started) if started else 1 :]:
+        beyond = np.flatnonzero((s > zone.start_m - 10).any(axis=1))
+        if not len(beyond):
+            break
+        cut = slice(0, beyond[-1] + 1)
+        part = ground.rows(cut)
+        part_layers = layers.rows(cut)
         # The edge is ragged by a few centimetres.
-        t = s - np.float32(zone.start_m) - np.float32(zone.skew) * ground.d + np.float32(0.05) * layers.blotch
-        share = edge_coverage(t, ground.s_u, ground.s_v)[..., None]
-        albedo += share * (_material(MATERIALS[zone.material], ground, s, layers) - albedo)
+        t = s[cut] - np.float32(zone.start_m) - np.float32(zone.skew) * part.d
+        t += np.float32(0.05) * part_layers.blotch
+        share = edge_coverage(t, part.s_u, part.s_v)
+        _mix(albedo[cut], _material(MATERIALS[zone.material], part, s[cut], part_layers), share)
     return albedo
 
 
@@ -206,23 +217,28 @@ def _material(material: Material, ground: Ground, s: np.ndarray, layers: Layers)
     if material.slab_m:
         joint = dash_coverage(s, ground.reach_s(), 0.02, material.slab_m)
         tone -= np.float32(0.35) * joint
-    return np.maximum(tone, np.float32(0.25))[..., None] * np.array(material.colour, np.float32)
+    np.maximum(tone, np.float32(0.25), out=tone)
+    return cv2.merge([tone * np.float32(channel) for channel in material.colour])
+
+
+def _mix(below: np.ndarray, above: np.ndarray, share: np.ndarray) -> None:
+    """Lay `above` over `below` in place with opacity `share`."""
+    above -= below
+    above *= share[..., None]
+    below += above
 
 
 def _lay_patch(albedo: np.ndarray, patch: Patch, ground: Ground, s: np.ndarray, layers: Layers) -> None:
-    reach = ground.reach_s()
-    wobble = np.float32(0.03) * layers.blotch
-    rows = ((s > patch.start_m - reach) & (s < patch.end_m + reach)).any(axis=1)
-    if not rows.any():
+    seen = np.flatnonzero(((s > patch.start_m - 2) & (s < patch.end_m + 2)).any(axis=1))
+    if not len(seen):
         return
-    cut = slice(int(np.argmax(rows)), len(rows) - int(np.argmax(rows[::-1])))
-    part, s, wobble = ground.below(ground.top + cut.start), s[cut.start :], wobble[cut.start :]
+    cut = slice(seen[0], seen[-1] + 1)
+    part, s, part_layers = ground.rows(cut), s[cut], layers.rows(cut)
+    wobble = np.float32(0.03) * part_layers.blotch
     along = edge_coverage(s - np.float32(patch.start_m) + wobble, part.s_u, part.s_v)
     along -= edge_coverage(s - np.float32(patch.end_m) + wobble, part.s_u, part.s_v)
     share = along * strip_coverage(part.d + wobble, part.d_u, part.d_v, patch.low_m, patch.high_m)
-    cut_layers = Layers(**{name: getattr(layers, name)[cut.start :] for name in Layers.__dataclass_fields__})
-    other = _material(MATERIALS[patch.material], part, s, cut_layers)
-    albedo[cut.start :] += share[..., None] * (other - albedo[cut.start :])
+    _mix(albedo[cut], _material(MATERIALS[patch.material], part, s, part_layers), share)
 
 
 def _lay_seam(albedo: np.ndarray, seam: Seam, ground: Ground, s: np.ndarray, seed: int) -> None:

@@ -1,0 +1,84 @@
+"""Things that stand beside the road or drive on it, by their places along the road."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lanes.scenes.objects import Car, Post, Sign, Thing, Tree, Wall
+from lanes.scenes.road import Pose, RoadGeometry, offset_point
+
+# How far ahead walls are followed: at 450 m a barrier is a pixel high.
+WALL_AHEAD_M = 450.0
+WALL_STEP_M = 2.0
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A thing at arc length `s_m` and lateral `lateral_m` at time 0, moving along the road at `speed_mps`.
+
+    `thing` says what it is; its own x and y are ignored, and the heading of a car is relative to the road.
+    """
+
+    s_m: float
+    lateral_m: float
+    thing: Car | Tree | Sign | Post
+    speed_mps: float = 0.0
+
+
+@dataclass(frozen=True)
+class Along:
+    """A wall of a kind from `start_m` to `end_m` whose foot is at `lateral_m`; it stands away from the lane."""
+
+    lateral_m: float
+    kind: str = "jersey"
+    start_m: float = -100.0
+    end_m: float = 1500.0
+    height_scale: float = 1.0
+    seed: int = 0
+
+
+def things_in_view(placed: tuple[Placed | Along, ...], road: RoadGeometry, pose: Pose, *, time_s: float) -> list[Thing]:
+    """The things as the car at `pose` has them in its road frame at a moment.
+
+    Parameters
+    ----------
+    placed : tuple of Placed or Along
+    road : RoadGeometry
+    pose : Pose
+    time_s : float
+
+    Returns
+    -------
+    list of Car, Wall, Tree, Sign, Post
+        Those ahead; walls cut to what can be seen.
+    """
+    things = [_wall(p, road, pose) if isinstance(p, Along) else _thing(p, road, pose, time_s) for p in placed]
+    return [thing for thing in things if thing is not None]
+
+
+def _thing(placed: Placed, road: RoadGeometry, pose: Pose, time_s: float) -> Thing | None:
+    s = placed.s_m + placed.speed_mps * time_s
+    x, y = pose.to_car(road, offset_point(road, s, placed.lateral_m))
+    # A tree behind the camera may still shade the road ahead; other things behind are of no use.
+    if x < (-30 if isinstance(placed.thing, Tree) else 1.0):
+        return None
+    if isinstance(placed.thing, Car):
+        heading = placed.thing.heading_rad + float(road.heading(s)) - pose.absolute_heading(road)
+        return replace(placed.thing, x_m=float(x), y_m=float(y), heading_rad=heading)
+    return replace(placed.thing, x_m=float(x), y_m=float(y))
+
+
+def _wall(along: Along, road: RoadGeometry, pose: Pose) -> Wall | None:
+    # On a grid that stands still, so that its joints do not swim when we drive on.
+    first = max(along.start_m, np.floor((pose.s_m - 6) / WALL_STEP_M) * WALL_STEP_M)
+    last = min(along.end_m, pose.s_m + WALL_AHEAD_M)
+    if last - first < 2 * WALL_STEP_M:
+        return None
+    s = np.arange(first, last, WALL_STEP_M)
+    path = pose.to_car(road, offset_point(road, s, along.lateral_m))
+    turned = np.flatnonzero(np.diff(path[:, 0]) <= 0.2)
+    path = path[: turned[0] + 1] if len(turned) else path
+    side = 1 if along.lateral_m > pose.lateral_m else -1
+    return Wall(path, along.kind, side, height_scale=along.height_scale, start_m=float(first), seed=along.seed)

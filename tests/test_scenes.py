@@ -1,0 +1,188 @@
+"""Rendered frames: anti-aliased paint against brute force, truth against the picture, determinism."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lanes.camera import Camera, Mount
+from lanes.dataset import PROJECT_ROOT
+from lanes.images import read_image
+from lanes.scenes.backdrop import BackdropStyle
+from lanes.scenes.catalogue import LANE_M, VIDEO_FPS, freeway_markings, freeway_surface, project_video, still_scenes
+from lanes.scenes.dashcam import DASHCAM
+from lanes.scenes.ground import cast_on_ground, dash_coverage, edge_coverage, picture_rays
+from lanes.scenes.lens import Lens
+from lanes.scenes.light import Sun
+from lanes.scenes.markings import WHITE, Marking, paint_coverage
+from lanes.scenes.render import Drive, Motion, render_frame
+from lanes.scenes.road import Pose, RoadAhead, RoadGeometry, line_polynomial
+from lanes.scenes.surface import Zone
+from lanes.scenes.truth import H_SAMPLES, line_pixels, truth_row
+
+MOUNT = Mount(1.3, np.radians(2.0), np.radians(-1.0), np.radians(0.6))
+SMALL = replace(DASHCAM.scaled((640, 360)), mount=MOUNT)
+PLAIN_LENS = Lens(noise=0.0, sharpening=0.0, blur_px=0.0, vignette=0.0, adaptation=0.0)
+
+
+def small_drive(curvature: float = 1 / 250, **changes) -> Drive:
+    """An off-centre car in a bend, small picture, no noise: cheap, and nothing cancels."""
+    road = RoadGeometry([0.0, 40.0, 300.0, 340.0], [0.0, curvature, curvature, 0.0])
+    base = Drive(
+        camera=SMALL,
+        road=road,
+        line_laterals_m=(LANE_M / 2, -LANE_M / 2),
+        markings=tuple(replace(m, wear=0.0, dots=False) for m in freeway_markings()),
+        surface=freeway_surface((Zone(0.0, "fresh asphalt"),)),
+        sun=Sun(1.0, 0.9),
+        motion=Motion(60.0, offset_m=0.3, heading_rad=0.01),
+        lens=PLAIN_LENS,
+        seed=5,
+    )
+    return replace(base, **changes)
+
+
+@pytest.mark.parametrize(("a", "b"), [(1.0, 0.3), (0.2, 0.9), (0.5, 0.5), (0.7, 0.0)])
+def test_edge_coverage_is_the_area_of_a_pixel_behind_an_edge(a, b):
+    side = (np.arange(400) + 0.5) / 400 - 0.5
+    u, v = np.meshgrid(side, side)
+    for t in (-0.6, -0.31, 0.0, 0.17, 0.45):
+        brute = (t + a * u + b * v > 0).mean()
+        assert edge_coverage(np.float32(t), np.float32(a), np.float32(-b)) == pytest.approx(brute, abs=4e-3)
+
+
+def test_dash_coverage_is_the_share_of_paint_in_the_footprint():
+    s, reach = np.linspace(-5, 40, 97, dtype=np.float32), np.float32(2.7)
+    fine = s[:, None] + np.linspace(-reach / 2, reach / 2, 4001)
+    brute = (fine % 12.2 < 3.05).mean(axis=1)
+    np.testing.assert_allclose(dash_coverage(s, np.full_like(s, reach), 3.05, 12.2), brute, atol=2e-3)
+
+
+@pytest.mark.parametrize(("dashed", "worst", "mean"), [(False, 0.02, 5e-4), (True, 0.3, 2e-3)])
+def test_paint_coverage_equals_brute_force_supersampling(dashed, worst, mean):
+    """Exact along a line; only where a dash ends within a pixel on the line's edge is it an approximation."""
+    road, pose = RoadGeometry([0.0, 300.0], [1 / 300, 1 / 300]), Pose(50.0, 0.3, 0.01)
+    marking = Marking(-1.8, 0.12, WHITE, dashed=dashed, phase_m=1.0)
+    ground = cast_on_ground(picture_rays(SMALL), SMALL, RoadAhead(road, pose))
+    pixels, coverage = paint_coverage(marking, ground, station_m=50.0)
+    picture = np.zeros(ground.s.shape, np.float32)
+    picture.ravel()[pixels] = coverage
+    # Seventeen by seventeen rays in each of the pixels of a window with the line from 9 m to 40 m ahead.
+    rows, columns, n = np.arange(195, 260), np.arange(300, 520), 17
+    inner = (np.arange(n) + 0.5) / n - 0.5
+    v, u = np.meshgrid((rows[:, None] + inner).ravel(), (columns[:, None] + inner).ravel(), indexing="ij")
+    points = SMALL.pixels_to_road(np.column_stack([u.ravel(), v.ravel()])).astype(np.float32)
+    s, d = RoadAhead(road, pose).locate(points[:, 0], points[:, 1])
+    painted = (np.abs(d + 1.8) < 0.06) & (((s + 49.0) % 12.2 < 3.05) | (not dashed))
+    brute = painted.reshape(len(rows), n, len(columns), n).mean(axis=(1, 3))
+    got = picture[rows[0] - ground.top : rows[-1] + 1 - ground.top, columns]
+    assert brute.max() == 1.0
+    assert np.abs(got - brute).mean() < mean
+    assert np.abs(got - brute).max() < worst
+
+
+@pytest.mark.parametrize("curvature", [1 / 250, -1 / 250])
+def test_truth_lies_on_the_paint_of_the_picture(curvature):
+    drive = small_drive(curvature)
+    camera = replace(DASHCAM, mount=MOUNT)
+    drive = replace(
+        drive,
+        camera=camera,
+        markings=(Marking(LANE_M / 2, 0.15, WHITE, wear=0.0), Marking(-LANE_M / 2, 0.15, WHITE, wear=0.0)),
+    )
+    frame = render_frame(drive)
+    light = frame.image[..., 2].astype(float)
+    errors = []
+    for side in (0, 1):
+        for row, u in zip(H_SAMPLES, line_pixels(frame.truth, side, camera), strict=True):
+            if u > 50 and row > 440 and u < camera.width - 50:
+                at = np.arange(round(u) - 45, round(u) + 46)
+                weight = np.clip(light[row, at] - 120, 0, None)
+                errors.append((weight * at).sum() / weight.sum() - u)
+    assert len(errors) > 30
+    assert np.abs(errors).max() < 0.35
+    assert abs(np.mean(errors)) < 0.1
+
+
+def test_truth_agrees_with_itself():
+    truth = small_drive().truth(0.5)
+    row = truth_row(truth, frame=3)
+    assert row["offset_m"] == pytest.approx(0.3)
+    assert row["heading_rad"] == pytest.approx(-0.01)
+    assert row["left_c0_m"] - row["right_c0_m"] == pytest.approx(row["lane_width_m"], rel=1e-3)
+    assert row["left_c1"] == pytest.approx(np.tan(row["heading_rad"]), abs=2e-4)
+    x = 5.0
+    cubic = row["left_c0_m"] + row["left_c1"] * x + row["left_c2_per_m"] * x**2 / 2 + row["left_c3_per_m2"] * x**3 / 6
+    assert row["left_y05_m"] == pytest.approx(cubic, abs=1e-3)
+
+
+def test_heading_follows_from_wander():
+    motion = Motion(0.0, 25.0, 0.1, wander_m=0.3, wander_period_s=6.0)
+    before, now, after = (motion.pose(t) for t in (1.99, 2.0, 2.01))
+    slope = (after.lateral_m - before.lateral_m) / (after.s_m - before.s_m)
+    assert now.heading_rad == pytest.approx(np.arctan(slope), abs=1e-6)
+
+
+def test_same_seed_same_picture_other_seed_another():
+    drive = small_drive(lens=Lens())
+    first, again = render_frame(drive, 0.2), render_frame(drive, 0.2)
+    assert np.array_equal(first.image, again.image)
+    assert not np.array_equal(first.image, render_frame(replace(drive, seed=6), 0.2).image)
+
+
+def test_mirrored_scene_gives_mirrored_lines():
+    """Mirror road, car, paint and camera: the columns of the lines mirror too."""
+    drive = small_drive()
+    flipped_matrix = SMALL.matrix.copy()
+    flipped_matrix[0, 2] = SMALL.width - 1 - SMALL.matrix[0, 2]
+    distortion = SMALL.distortion * [1, 1, 1, -1, 1]
+    mount = replace(MOUNT, yaw_rad=-MOUNT.yaw_rad, roll_rad=-MOUNT.roll_rad)
+    camera = Camera(SMALL.width, SMALL.height, flipped_matrix, distortion, mount)
+    mirrored = replace(
+        drive,
+        camera=camera,
+        road=drive.road.mirrored(),
+        motion=replace(drive.motion, offset_m=-0.3, heading_rad=-0.01),
+        markings=tuple(m.mirrored() for m in drive.markings),
+        surface=drive.surface.mirrored(),
+    )
+    assert mirrored.truth().offset_m == -drive.truth().offset_m
+    ours = (render_frame(drive).image[..., 2] > 180)[200:]
+    theirs = (render_frame(mirrored).image[..., 2] > 180)[200:, ::-1]
+    assert ours.sum() > 300
+    assert (ours != theirs).mean() < 2e-3
+
+
+def test_pitch_moves_the_horizon():
+    """Nodding changes the truth's pitch and where the line is seen, not where it is."""
+    drive = small_drive(motion=Motion(60.0, 20.0, 0.3, pitch_rad=0.01, pitch_period_s=1.0))
+    still, nodding = drive.truth(0.0), drive.truth(0.25)
+    assert abs(nodding.pitch_rad - MOUNT.pitch_rad) > 0.003
+    assert nodding.pitch_rad != still.pitch_rad
+    assert line_polynomial(drive.road, nodding.pose, 1.83) == nodding.left
+
+
+def test_committed_still_is_rendered_again():
+    for name in ("test2", "test4"):
+        path = PROJECT_ROOT / "test_images" / f"{name}.jpg"
+        committed = read_image(path).astype(int)
+        again = render_frame(still_scenes()[name]).image.astype(int)
+        # JPEG at quality 92 moves texture by a few levels; another scene by dozens.
+        assert np.abs(committed - again).mean() < 2.5
+
+
+def test_project_video_bends_both_ways():
+    drive = project_video()
+    truths = [drive.truth(i / VIDEO_FPS) for i in range(250)]
+    radii = 1 / np.array([t.curvature_per_m for t in truths if t.curvature_per_m])
+    assert truths[0].curvature_per_m == 0
+    assert 350 < radii[radii > 0].min() < 600
+    assert -450 < radii[radii < 0].max() < -350
+    assert np.ptp([t.offset_m for t in truths]) > 0.2
+
+
+def test_refuses_a_sun_below_the_horizon():
+    with pytest.raises(ValueError, match="-0.1"):
+        BackdropStyle(sun_elevation_rad=-0.1)
