@@ -11,8 +11,9 @@ from lanes.camera import Camera, Mount
 from lanes.dataset import PROJECT_ROOT
 from lanes.images import read_image
 from lanes.scenes.backdrop import BackdropStyle
-from lanes.scenes.catalogue import LANE_M, VIDEO_FPS, freeway_markings, freeway_surface, project_video, still_scenes
+from lanes.scenes.catalogue import VIDEO_FPS, project_video, still_scenes
 from lanes.scenes.dashcam import DASHCAM
+from lanes.scenes.freeway import LANE_M, freeway_markings, freeway_surface
 from lanes.scenes.ground import cast_on_ground, dash_coverage, edge_coverage, picture_rays
 from lanes.scenes.lens import Lens
 from lanes.scenes.light import Sun
@@ -35,7 +36,7 @@ def small_drive(curvature: float = 1 / 250, **changes) -> Drive:
         road=road,
         line_laterals_m=(LANE_M / 2, -LANE_M / 2),
         markings=tuple(replace(m, wear=0.0, dots=False) for m in freeway_markings()),
-        surface=freeway_surface((Zone(0.0, "fresh asphalt"),)),
+        surface=freeway_surface(Zone(0.0, "fresh asphalt")),
         sun=Sun(1.0, 0.9),
         motion=Motion(60.0, offset_m=0.3, heading_rad=0.01),
         lens=PLAIN_LENS,

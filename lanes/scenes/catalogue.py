@@ -6,321 +6,169 @@ its lane, most are curved, and light, pavement and traffic differ.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
-from lanes.scenes.backdrop import BackdropStyle
 from lanes.scenes.dashcam import DASHCAM
+from lanes.scenes.freeway import LANE_M, bend, car, freeway_markings, freeway_surface, grove, oncoming, weather
 from lanes.scenes.lens import Lens
-from lanes.scenes.light import Sun, TreeShade
-from lanes.scenes.markings import WHITE, YELLOW, Marking
-from lanes.scenes.objects import Car, Post, Sign, Tree
+from lanes.scenes.light import TreeShade
+from lanes.scenes.objects import Post, Sign, Tree
 from lanes.scenes.render import Drive, Motion
 from lanes.scenes.road import RoadGeometry
 from lanes.scenes.roadside import Along, Placed
-from lanes.scenes.surface import Patch, Seam, Surface, Zone
+from lanes.scenes.surface import Patch, Seam, Zone
 
-# Twelve feet, the lane of a US freeway; the second is what older ones have.
-LANE_M = 3.66
 VIDEO_SECONDS = 10.0
 VIDEO_FPS = 25
+EGO_LINES_M = (LANE_M / 2, -LANE_M / 2)
+STRAIGHT = RoadGeometry([0.0, 2000.0], [0.0, 0.0])
 
 
-def freeway_markings(
-    *, lanes_left: int = 0, lanes_right: int = 3, lane_m: float = LANE_M, phase_m: float = 0.0, wear: float = 0.15
-) -> tuple[Marking, ...]:
-    """Lines of one carriageway around the ego lane, whose centre is the reference line: solid yellow on the far left,
-    solid white on the far right, broken white between."""
-    marks = [Marking((lanes_left + 0.5) * lane_m, 0.15, YELLOW, wear=wear, dots=True)]
-    for number in range(lanes_left + lanes_right):
-        lateral = (lanes_left - 0.5 - number) * lane_m
-        # Neighbouring lines are painted in one pass, so their dashes are nearly, not exactly, abreast.
-        marks.append(Marking(lateral, 0.12, WHITE, dashed=True, phase_m=phase_m + 0.35 * number, wear=wear, dots=True))
-    marks.append(Marking(-(lanes_right + 0.5) * lane_m, 0.12, WHITE, wear=wear))
-    return tuple(marks)
-
-
-def freeway_surface(
-    zones: tuple[Zone, ...],
-    *,
-    lanes_left: int = 0,
-    lanes_right: int = 3,
-    lane_m: float = LANE_M,
-    left_shoulder_m: float = 2.4,
-    right_shoulder_m: float = 2.8,
-    patches: tuple[Patch, ...] = (),
-    seams: tuple[Seam, ...] = (),
-) -> Surface:
-    """Pavement of the same carriageway, with the paving joint that runs beside each broken line."""
-    centres = tuple((lanes_left - number) * lane_m for number in range(lanes_left + lanes_right + 1))
-    joints = tuple(Seam(c - lane_m / 2 - 0.18, 0.025, 0.02, strength=0.5) for c in centres[:-1])
-    return Surface(
-        zones,
-        right_edge_m=-(lanes_right + 0.5) * lane_m - right_shoulder_m,
-        left_edge_m=(lanes_left + 0.5) * lane_m + left_shoulder_m,
-        lane_centres_m=centres,
-        patches=patches,
-        seams=joints + seams,
-    )
-
-
-def bend(curvature_per_m: float, *, before_m: float = 60.0, ahead_m: float = 300.0, rate: float = 1.5e-5):
-    """A road that is already bending where the car is (arc length 100) and eases out again far ahead."""
-    ease = max(abs(curvature_per_m) / rate, 30.0)
-    return RoadGeometry(
-        [0.0, 100 - before_m, 100 + ahead_m, 100 + ahead_m + ease],
-        [curvature_per_m * 0.4, curvature_per_m, curvature_per_m, 0.0],
-    )
-
-
-def weather(azimuth_deg: float, elevation_deg: float, **country) -> dict:
-    """The sun and the backdrop that it lights; `country` as in BackdropStyle."""
-    sun = Sun(float(np.radians(azimuth_deg)), float(np.radians(elevation_deg)))
-    return {
-        "sun": sun,
-        "backdrop": BackdropStyle(sun_azimuth_rad=sun.azimuth_rad, sun_elevation_rad=sun.elevation_rad, **country),
-    }
-
-
-def row_of_trees(
-    seed: int,
-    *,
-    start_m: float,
-    end_m: float,
-    lateral_m: tuple[float, float],
-    every_m: float,
-    height_m: tuple[float, float],
-    species: tuple[str, ...],
-    base_m: float = 0.0,
-) -> tuple[Placed, ...]:
-    """Trees or bushes strewn along the road between two lateral distances."""
-    rng = np.random.default_rng(seed)
-    trees = []
-    for s in np.arange(start_m, end_m, every_m):
-        tree = Tree(0, 0, rng.uniform(*height_m), str(rng.choice(species)), int(rng.integers(6)), base_m)
-        trees.append(Placed(float(s + rng.uniform(-0.4, 0.4) * every_m), float(rng.uniform(*lateral_m)), tree))
-    return tuple(trees)
-
-
-def oncoming(
-    seed: int, *, start_m: float, end_m: float, lateral_m: float, speed_mps: float = 0.0
-) -> tuple[Placed, ...]:
-    """Some cars on the other carriageway."""
-    rng = np.random.default_rng(seed)
-    cars = []
-    for s in np.arange(start_m, end_m, 38.0):
-        paint, body = str(rng.choice(["white", "silver", "grey", "blue", "black"])), str(rng.choice(["sedan", "suv"]))
-        lateral = lateral_m + LANE_M * float(rng.integers(3))
-        cars.append(Placed(float(s + rng.uniform(-15, 15)), lateral, Car(0, 0, np.pi, paint, body), -speed_mps))
-    return tuple(cars)
-
-
-def car(
-    s_m: float, lane: int, paint: str, body: str = "sedan", *, speed_mps: float = 0.0, lane_m: float = LANE_M
-) -> Placed:
-    """A car in the middle of a lane, counted from the ego lane to the left."""
-    return Placed(s_m, lane * lane_m, Car(0, 0, 0.0, paint, body), speed_mps)
+def still_scenes() -> dict[str, Drive]:
+    """The eight stills by file name without suffix."""
+    return {name: build() for name, build in _STILLS.items()}
 
 
 def _straight_lines1() -> Drive:
-    """Straight, solid yellow left, broken white right, fresh asphalt, open country; car left of the centre."""
+    """Straight; solid yellow left, broken white right; fresh asphalt, dry hills; car left of the centre."""
+    bank = Along(-17.5, "bank", height_scale=0.9, seed=3)
     return Drive(
         camera=DASHCAM,
-        road=RoadGeometry([0.0, 2000.0], [0.0, 0.0]),
-        line_laterals_m=(LANE_M / 2, -LANE_M / 2),
-        markings=freeway_markings(phase_m=102.2),
-        surface=freeway_surface((Zone(0.0, "fresh asphalt"),)),
+        road=STRAIGHT,
+        line_laterals_m=EGO_LINES_M,
+        markings=freeway_markings(phase_m=102.2, opposite_m=14.0),
+        surface=freeway_surface(Zone(0.0, "fresh asphalt"), opposite_m=14.0),
         things=(
-            Along(-17.5, "bank", 100.0, 900.0, 0.9, seed=3),
-            Along(9.5, "jersey", -100.0, 900.0, 0.7),
-            Placed(190.0, -16.6, Sign(0, 0, "green", 3.2, 1.6, 2.6)),
+            bank,
+            Along(12.6, "jersey"),
+            Placed(200.0, -16.6, Sign(0, 0, "green", 3.2, 1.6, 2.6)),
             Placed(155.0, -16.4, Sign(0, 0, "speed", 0.9, 1.2, 2.1)),
-            Placed(142.0, 7.6, Tree(0, 0, 3.6, "bush", 2)),
-            Placed(147.0, 7.4, Tree(0, 0, 3.9, "bush", 4)),
-            Placed(152.0, 7.8, Tree(0, 0, 3.4, "bush", 1)),
+            *(Placed(142.0 + 5 * i, 8.4, Tree(0, 0, 3.4 + 0.3 * i, "bush", 2 * i)) for i in range(3)),
             car(245.0, 0, "white"),
             car(268.0, -1, "black", "suv"),
-            *oncoming(1, start_m=160.0, end_m=300.0, lateral_m=13.0),
-            *row_of_trees(
-                5,
-                start_m=150,
-                end_m=420,
-                lateral_m=(-34, -27),
-                every_m=11,
-                height_m=(3, 9),
-                species=("oak", "bush"),
-                base_m=5.0,
-            ),
-            *row_of_trees(
-                6,
-                start_m=112,
-                end_m=260,
-                lateral_m=(-25, -20),
-                every_m=7,
-                height_m=(0.8, 1.8),
-                species=("scrub", "bush"),
-                base_m=1.5,
-            ),
+            *oncoming(1, along=(160, 300), opposite_m=14.0),
+            *grove(5, "oak bush", along=(150, 420), aside=(-36, -30), tall=(3, 9), every_m=11, bank=bank),
+            *grove(6, "scrub bush", along=(112, 260), aside=(-27, -20), tall=(0.8, 1.8), every_m=7, bank=bank),
         ),
-        **weather(70, 55),
         motion=Motion(100.0, offset_m=0.14, heading_rad=0.003),
         seed=11,
+        **weather(70, 55),
     )
 
 
 def _straight_lines2() -> Drive:
-    """Straight, right-hand lane: broken white left, solid white right; traffic in the lanes to the left."""
+    """Straight, in the right-hand lane: broken white left, solid white right; traffic in the lanes to the left."""
+    bank = Along(-6.2, "bank", height_scale=0.45, seed=7)
     side = {"lanes_left": 3, "lanes_right": 0}
     return Drive(
         camera=DASHCAM,
-        road=RoadGeometry([0.0, 2000.0], [0.0, 0.0]),
-        line_laterals_m=(LANE_M / 2, -LANE_M / 2),
-        markings=freeway_markings(**side, phase_m=105.1),
-        surface=freeway_surface((Zone(0.0, "fresh asphalt"),), **side, right_shoulder_m=3.4),
+        road=STRAIGHT,
+        line_laterals_m=EGO_LINES_M,
+        markings=freeway_markings(**side, phase_m=105.1, opposite_m=17.0),
+        surface=freeway_surface(Zone(0.0, "fresh asphalt"), **side, right_shoulder_m=3.4, opposite_m=17.0),
         things=(
-            Along(-6.2, "bank", -100.0, 900.0, 0.45, seed=7),
-            Along(15.5, "jersey"),
+            bank,
+            Along(15.6, "jersey"),
             car(123.0, 3, "red", "suv"),
             car(152.0, 2, "black", "suv"),
             car(176.0, 2, "red"),
             car(163.0, 1, "white"),
             car(210.0, 1, "grey", "suv"),
             car(232.0, 0, "silver"),
-            *oncoming(2, start_m=150.0, end_m=300.0, lateral_m=20.0),
-            *(Placed(120.0 + 32 * i, -9.0, Post(0, 0, 9.0, 0.28)) for i in range(3)),
-            *row_of_trees(
-                7,
-                start_m=112,
-                end_m=330,
-                lateral_m=(-26, -17),
-                every_m=9,
-                height_m=(9, 17),
-                species=("eucalyptus", "oak"),
-                base_m=2.5,
-            ),
-            *row_of_trees(
-                8, start_m=118, end_m=190, lateral_m=(30, 36), every_m=6, height_m=(8, 13), species=("cypress",)
-            ),
+            *oncoming(2, along=(150, 300), opposite_m=17.0),
+            *(Placed(128.0 + 40 * i, -9.5, Post(0, 0, 9.0, 0.28)) for i in range(3)),
+            *grove(7, "eucalyptus oak", along=(112, 330), aside=(-29, -17), tall=(9, 17), every_m=9, bank=bank),
+            *grove(8, "cypress", along=(140, 260), aside=(34, 37), tall=(8, 13), every_m=6),
         ),
-        **weather(-40, 48),
         motion=Motion(100.0, offset_m=-0.11, heading_rad=-0.002),
         seed=22,
+        **weather(-40, 48),
     )
 
 
 def _test1() -> Drive:
-    """Light concrete, gentle bend to the right, two cars on the right."""
+    """Light concrete with a repair and a crack, gentle bend to the right, two cars on the right."""
     return Drive(
         camera=DASHCAM,
         road=bend(-1 / 900),
-        line_laterals_m=(LANE_M / 2, -LANE_M / 2),
-        markings=freeway_markings(phase_m=107.0, wear=0.35),
+        line_laterals_m=EGO_LINES_M,
+        markings=freeway_markings(phase_m=107.0, wear=0.35, opposite_m=5.4),
         surface=freeway_surface(
-            (Zone(0.0, "concrete"), Zone(176.0, "fresh asphalt", 0.2)),
+            Zone(0.0, "concrete"),
+            Zone(176.0, "fresh asphalt", 0.2),
+            opposite_m=5.4,
             seams=(Seam(0.4, 0.02, 0.15, 104.0, 113.0),),
             patches=(Patch(108.0, 112.5, -1.3, -0.4, "old asphalt"),),
         ),
         things=(
             Along(4.35, "parapet", seed=2),
+            Along(-16.4, "rail", seed=5),
             car(121.0, -1, "black"),
-            car(115.0, -3, "white"),
+            car(119.0, -2, "white"),
             car(196.0, -1, "silver"),
             car(214.0, -2, "grey", "suv"),
-            *oncoming(3, start_m=125.0, end_m=300.0, lateral_m=9.0),
-            Along(-16.4, "rail", seed=5),
-            *row_of_trees(
-                9, start_m=135, end_m=340, lateral_m=(23, 40), every_m=16, height_m=(6, 13), species=("plane", "oak")
-            ),
-            *row_of_trees(
-                10,
-                start_m=150,
-                end_m=380,
-                lateral_m=(-34, -21),
-                every_m=13,
-                height_m=(8, 17),
-                species=("eucalyptus", "oak"),
-            ),
+            *oncoming(3, along=(125, 300), opposite_m=5.4),
+            *grove(9, "plane oak", along=(135, 340), aside=(23, 40), tall=(6, 13), every_m=16),
+            *grove(10, "eucalyptus oak", along=(150, 380), aside=(-34, -21), tall=(8, 17), every_m=13),
         ),
-        **weather(100, 60, tree_density=0.9),
         motion=Motion(100.0, offset_m=0.22, heading_rad=0.004),
         seed=33,
+        **weather(100, 60, tree_density=0.9),
     )
 
 
 def _test2() -> Drive:
-    """Bends left, R about 480 m, barrier on the left, empty road."""
+    """Bends left, R 480 m, behind a median barrier; nearly empty road."""
+    bank = Along(-18.0, "bank", seed=8)
     return Drive(
         camera=DASHCAM,
         road=bend(1 / 480),
-        line_laterals_m=(LANE_M / 2, -LANE_M / 2),
-        markings=freeway_markings(phase_m=108.3),
-        surface=freeway_surface((Zone(0.0, "fresh asphalt"),), seams=(Seam(-0.1, 0.05, 0.03, strength=0.25),)),
+        line_laterals_m=EGO_LINES_M,
+        markings=freeway_markings(phase_m=108.3, opposite_m=5.4),
+        surface=freeway_surface(
+            Zone(0.0, "fresh asphalt"), opposite_m=5.4, seams=(Seam(-0.1, 0.05, 0.03, strength=0.25),)
+        ),
         things=(
             Along(4.35, "jersey", seed=4),
-            Along(-18.0, "bank", -100.0, 900.0, 1.0, seed=8),
-            Placed(121.0, 5.6, Sign(0, 0, "warning", 1.1, 1.1, 2.0)),
+            bank,
+            Placed(121.0, 5.1, Sign(0, 0, "warning", 1.1, 1.1, 2.0)),
             Placed(158.0, -16.6, Sign(0, 0, "blue", 1.2, 0.6, 2.0)),
             car(232.0, -1, "blue"),
-            *oncoming(4, start_m=140.0, end_m=300.0, lateral_m=9.5),
-            *row_of_trees(
-                11,
-                start_m=120,
-                end_m=400,
-                lateral_m=(-40, -31),
-                every_m=10,
-                height_m=(3, 9),
-                species=("oak", "bush"),
-                base_m=7.0,
-            ),
-            *row_of_trees(
-                12,
-                start_m=112,
-                end_m=300,
-                lateral_m=(-27, -22),
-                every_m=6,
-                height_m=(0.7, 1.8),
-                species=("scrub", "bush"),
-                base_m=2.0,
-            ),
+            *oncoming(4, along=(140, 300), opposite_m=5.4),
+            *grove(11, "oak bush", along=(120, 400), aside=(-42, -33), tall=(3, 9), every_m=10, bank=bank),
+            *grove(12, "scrub bush", along=(112, 300), aside=(-29, -22), tall=(0.7, 1.8), every_m=6, bank=bank),
         ),
-        **weather(35, 52),
         motion=Motion(100.0, offset_m=0.33, heading_rad=-0.004),
         seed=44,
+        **weather(35, 52),
     )
 
 
 def _test3() -> Drive:
-    """Bends right, R about 620 m, older asphalt, wooded ridge, one car ahead on the right."""
+    """Bends right, R 620 m, older asphalt with a tar seam, wooded ridge, one car ahead on the right."""
+    bank = Along(-17.0, "bank", height_scale=1.25, seed=9)
     return Drive(
         camera=DASHCAM,
         road=bend(-1 / 620),
-        line_laterals_m=(LANE_M / 2, -LANE_M / 2),
+        line_laterals_m=EGO_LINES_M,
         markings=freeway_markings(phase_m=104.6),
         surface=freeway_surface(
-            (Zone(0.0, "asphalt"),), left_shoulder_m=3.0, seams=(Seam(0.9, 0.03, 0.08, 103.0, 160.0, 0.5),)
+            Zone(0.0, "asphalt"), left_shoulder_m=3.0, seams=(Seam(0.9, 0.03, 0.08, 103.0, 160.0, 0.5),)
         ),
         things=(
             Along(5.0, "jersey", seed=6),
+            bank,
             car(130.0, -2, "white"),
             car(197.0, -1, "blue", "suv"),
-            Along(-17.0, "bank", 122.0, 900.0, 1.25, seed=9),
-            Placed(205.0, -16.8, Sign(0, 0, "warning", 1.1, 1.1, 2.0)),
-            *row_of_trees(
-                13, start_m=112, end_m=330, lateral_m=(12, 24), every_m=10, height_m=(3, 7), species=("plane", "oak")
-            ),
-            *row_of_trees(
-                14,
-                start_m=200,
-                end_m=330,
-                lateral_m=(-34, -24),
-                every_m=12,
-                height_m=(6, 9),
-                species=("oak",),
-                base_m=3.0,
-            ),
+            Placed(215.0, -16.5, Sign(0, 0, "warning", 1.1, 1.1, 2.0)),
+            *grove(13, "plane oak", along=(112, 330), aside=(12, 24), tall=(3, 7), every_m=10),
+            *grove(14, "oak", along=(180, 330), aside=(-34, -24), tall=(4, 8), every_m=12, bank=bank),
         ),
-        **weather(60, 50, ridge_height_rad=0.11, tree_density=0.9),
         motion=Motion(100.0, offset_m=-0.18, heading_rad=0.006),
         seed=55,
+        **weather(60, 50, ridge_height_rad=0.11, tree_density=0.9),
     )
 
 
@@ -329,114 +177,88 @@ def _test4() -> Drive:
     return Drive(
         camera=DASHCAM,
         road=bend(-1 / 780),
-        line_laterals_m=(LANE_M / 2, -LANE_M / 2),
-        markings=freeway_markings(phase_m=111.2, wear=0.25),
-        surface=freeway_surface((Zone(0.0, "fresh asphalt"), Zone(111.5, "concrete", 0.35), Zone(150.0, "asphalt"))),
-        shades=(TreeShade(103.0, 109.5, -3.2, 4.5, 0.95),),
+        line_laterals_m=EGO_LINES_M,
+        markings=freeway_markings(phase_m=111.2, wear=0.25, opposite_m=5.4),
+        surface=freeway_surface(
+            Zone(0.0, "fresh asphalt"), Zone(111.5, "concrete", 0.35), Zone(150.0, "asphalt"), opposite_m=5.4
+        ),
+        shades=(TreeShade(102.5, 108.5, -2.6, 4.4, 0.95),),
         things=(
             Along(4.35, "parapet", seed=11),
+            Along(-16.4, "rail", seed=5),
             car(119.5, -1, "black"),
-            car(117.0, -3, "white"),
+            car(121.0, -2, "white"),
             car(190.0, -1, "silver"),
             car(228.0, -2, "grey"),
-            *oncoming(5, start_m=130.0, end_m=300.0, lateral_m=9.0),
-            Along(-16.4, "rail", seed=5),
-            *row_of_trees(
-                15, start_m=140, end_m=340, lateral_m=(22, 36), every_m=18, height_m=(7, 12), species=("plane", "oak")
-            ),
-            *row_of_trees(
-                16,
-                start_m=150,
-                end_m=380,
-                lateral_m=(-34, -22),
-                every_m=12,
-                height_m=(8, 17),
-                species=("eucalyptus", "oak"),
-            ),
+            *oncoming(5, along=(130, 300), opposite_m=5.4),
+            *grove(15, "plane oak", along=(140, 340), aside=(22, 36), tall=(7, 12), every_m=18),
+            *grove(16, "eucalyptus oak", along=(150, 380), aside=(-34, -22), tall=(8, 17), every_m=12),
         ),
-        **weather(80, 50, tree_density=0.9),
         motion=Motion(100.0, offset_m=0.16, heading_rad=-0.003),
         seed=66,
+        **weather(80, 50, tree_density=0.9),
     )
 
 
 def _test5() -> Drive:
-    """Concrete ends in the deep shade of trees 14 m ahead; bends right, R about 560 m; two cars."""
+    """Concrete ends in the deep shade of trees 14 m ahead; bends right, R 560 m; two cars."""
+    trunks = ((116.0, 10.0, 15.0, "eucalyptus"), (124.0, 12.5, 14.0, "plane"), (133.0, 11.0, 15.0, "eucalyptus"))
     return Drive(
         camera=DASHCAM,
         road=bend(-1 / 560),
-        line_laterals_m=(LANE_M / 2, -LANE_M / 2),
-        markings=freeway_markings(phase_m=103.0, wear=0.3),
-        surface=freeway_surface((Zone(0.0, "concrete"), Zone(118.0, "asphalt", -0.3))),
+        line_laterals_m=EGO_LINES_M,
+        markings=freeway_markings(phase_m=103.0, wear=0.3, opposite_m=17.0),
+        surface=freeway_surface(Zone(0.0, "concrete"), Zone(118.0, "asphalt", -0.3), opposite_m=17.0),
         shades=(TreeShade(114.0, 131.0, -6.0, 9.0, 0.97), TreeShade(133.0, 150.0, -3.0, 9.0, 0.95)),
         things=(
             Along(4.35, "jersey", seed=12),
             car(121.0, -1, "black"),
-            car(114.5, -3, "white"),
+            car(118.0, -2, "white"),
             car(186.0, -1, "white"),
-            Placed(116.0, 10.0, Tree(0, 0, 15.0, "eucalyptus", 3)),
-            Placed(124.0, 13.0, Tree(0, 0, 14.0, "plane", 1)),
-            Placed(133.0, 11.0, Tree(0, 0, 15.0, "eucalyptus", 5)),
-            Placed(141.0, 14.0, Tree(0, 0, 13.0, "oak", 2)),
-            *row_of_trees(
-                17, start_m=160, end_m=340, lateral_m=(16, 30), every_m=14, height_m=(7, 12), species=("oak", "plane")
-            ),
-            *row_of_trees(
-                18,
-                start_m=128,
-                end_m=300,
-                lateral_m=(-27, -19),
-                every_m=8,
-                height_m=(11, 18),
-                species=("eucalyptus", "redwood"),
-            ),
+            *(Placed(s, d, Tree(0, 0, tall, kind, i + 1)) for i, (s, d, tall, kind) in enumerate(trunks)),
+            *oncoming(8, along=(130, 300), opposite_m=17.0),
+            *grove(17, "oak plane", along=(160, 340), aside=(33, 45), tall=(7, 12), every_m=12),
+            *grove(18, "eucalyptus redwood", along=(128, 300), aside=(-27, -19), tall=(11, 18), every_m=8),
         ),
-        **weather(75, 50, tree_density=1.0),
         motion=Motion(100.0, offset_m=-0.26, heading_rad=0.005),
         seed=77,
+        **weather(75, 50, tree_density=1.0),
     )
 
 
 def _test6() -> Drive:
-    """Bends left, R about 380 m, old asphalt with patches and a stretch of fresh, a car alongside."""
+    """Bends left, R 380 m; old asphalt with a patch, tar and a stretch of fresh; a car alongside."""
+    bank = Along(-18.5, "bank", height_scale=0.8, seed=14)
     return Drive(
         camera=DASHCAM,
         road=bend(1 / 380),
-        line_laterals_m=(LANE_M / 2, -LANE_M / 2),
-        markings=freeway_markings(phase_m=106.4, wear=0.45),
+        line_laterals_m=EGO_LINES_M,
+        markings=freeway_markings(phase_m=106.4, wear=0.45, opposite_m=5.6),
         surface=freeway_surface(
-            (Zone(0.0, "old asphalt"), Zone(124.0, "fresh asphalt", 0.1), Zone(163.0, "old asphalt")),
+            Zone(0.0, "old asphalt"),
+            Zone(124.0, "fresh asphalt", 0.1),
+            Zone(163.0, "old asphalt"),
+            opposite_m=5.6,
             patches=(Patch(109.0, 114.0, -1.9, 0.2, "fresh asphalt"),),
             seams=(Seam(0.75, 0.04, 0.12, 100.0, 124.0), Seam(-0.9, 0.03, 0.1, 106.0, 124.0)),
         ),
         things=(
             Along(4.6, "jersey", seed=13),
-            car(116.0, -1, "silver", "suv"),
+            bank,
+            car(114.0, -1, "silver", "suv"),
             car(150.0, -2, "red"),
             car(196.0, 0, "grey"),
-            *oncoming(6, start_m=130.0, end_m=300.0, lateral_m=9.5),
-            Along(-18.5, "bank", 118.0, 900.0, 0.8, seed=14),
-            *row_of_trees(
-                19, start_m=125, end_m=300, lateral_m=(23, 34), every_m=15, height_m=(7, 12), species=("plane",)
-            ),
-            *row_of_trees(
-                20,
-                start_m=130,
-                end_m=400,
-                lateral_m=(-36, -29),
-                every_m=10,
-                height_m=(4, 10),
-                species=("oak", "bush"),
-                base_m=5.0,
-            ),
+            *oncoming(6, along=(130, 300), opposite_m=5.6),
+            *grove(19, "plane", along=(125, 300), aside=(23, 34), tall=(7, 12), every_m=15),
+            *grove(20, "oak bush", along=(130, 400), aside=(-38, -31), tall=(4, 10), every_m=10, bank=bank),
         ),
-        **weather(-70, 45, tree_density=0.6),
         motion=Motion(100.0, offset_m=0.2, heading_rad=0.002),
         seed=88,
+        **weather(-70, 45, tree_density=0.6),
     )
 
 
-_STILLS = {
+_STILLS: dict[str, Callable[[], Drive]] = {
     "straight_lines1": _straight_lines1,
     "straight_lines2": _straight_lines2,
     "test1": _test1,
@@ -448,90 +270,48 @@ _STILLS = {
 }
 
 
-def still_scenes() -> dict[str, Drive]:
-    """The eight stills by file name without suffix."""
-    return {name: build() for name, build in _STILLS.items()}
-
-
 def project_video() -> Drive:
     """Ten seconds at 27 m/s: straight, an S-bend left (R 520 m) and right (R 400 m), tree shadows, light concrete."""
-    road = RoadGeometry(
-        [0.0, 75.0, 125.0, 175.0, 255.0, 330.0, 420.0, 600.0],
-        [0.0, 0.0, 1 / 520, 1 / 520, -1 / 400, -1 / 400, 0.0, 0.0],
-    )
+    bank = Along(-18.0, "bank", seed=16)
     return Drive(
         camera=DASHCAM,
-        road=road,
-        line_laterals_m=(LANE_M / 2, -LANE_M / 2),
-        markings=freeway_markings(phase_m=4.0, wear=0.25),
+        road=RoadGeometry(
+            [0.0, 75.0, 125.0, 175.0, 255.0, 330.0, 420.0, 600.0],
+            [0.0, 0.0, 1 / 520, 1 / 520, -1 / 400, -1 / 400, 0.0, 0.0],
+        ),
+        line_laterals_m=EGO_LINES_M,
+        markings=freeway_markings(phase_m=4.0, wear=0.25, opposite_m=17.0),
         surface=freeway_surface(
-            (Zone(-100.0, "fresh asphalt"), Zone(190.0, "concrete", 0.3), Zone(245.0, "asphalt", 0.2)),
+            Zone(-100.0, "fresh asphalt"),
+            Zone(190.0, "concrete", 0.3),
+            Zone(245.0, "asphalt", 0.2),
+            opposite_m=17.0,
             patches=(Patch(70.0, 78.0, -1.6, 0.1, "asphalt"),),
             seams=(Seam(0.5, 0.03, 0.12, 95.0, 130.0),),
         ),
-        shades=(TreeShade(142.0, 158.0, -5.0, 8.0, 0.95), TreeShade(163.0, 172.0, -1.0, 8.0, 0.9))
-        + (TreeShade(238.0, 254.0, -4.0, 9.0, 0.95),),
+        shades=(
+            TreeShade(142.0, 158.0, -5.0, 8.0, 0.95),
+            TreeShade(163.0, 172.0, -1.0, 8.0, 0.9),
+            TreeShade(238.0, 254.0, -4.0, 9.0, 0.95),
+        ),
         things=(
-            Along(4.4, "jersey", -100.0, 1500.0, seed=15),
-            Along(-18.0, "bank", -100.0, 170.0, 0.9, seed=16),
-            Along(-18.0, "bank", 290.0, 1500.0, 1.0, seed=17),
+            Along(4.4, "jersey", seed=15),
+            bank,
             car(14.0, -1, "white", speed_mps=25.3),
             car(46.0, -2, "black", "suv", speed_mps=27.5),
             car(95.0, -1, "silver", speed_mps=29.0),
             car(130.0, 0, "grey", speed_mps=28.5),
-            *oncoming(7, start_m=60.0, end_m=640.0, lateral_m=9.0, speed_mps=26.0),
-            *row_of_trees(
-                21,
-                start_m=10,
-                end_m=170,
-                lateral_m=(-38, -30),
-                every_m=11,
-                height_m=(4, 9),
-                species=("oak", "bush"),
-                base_m=5.5,
-            ),
-            *row_of_trees(
-                22,
-                start_m=140,
-                end_m=176,
-                lateral_m=(11, 14),
-                every_m=8,
-                height_m=(11, 15),
-                species=("eucalyptus", "oak"),
-            ),
-            *row_of_trees(
-                23,
-                start_m=238,
-                end_m=262,
-                lateral_m=(11, 14),
-                every_m=8,
-                height_m=(11, 15),
-                species=("eucalyptus", "plane"),
-            ),
-            *row_of_trees(
-                24,
-                start_m=180,
-                end_m=300,
-                lateral_m=(-34, -22),
-                every_m=10,
-                height_m=(8, 16),
-                species=("eucalyptus", "oak"),
-            ),
-            *row_of_trees(
-                25,
-                start_m=300,
-                end_m=620,
-                lateral_m=(-40, -30),
-                every_m=13,
-                height_m=(4, 9),
-                species=("oak", "bush"),
-                base_m=6.0,
-            ),
             Placed(120.0, -16.7, Sign(0, 0, "green", 3.2, 1.6, 2.6)),
             Placed(205.0, -16.5, Sign(0, 0, "speed", 0.9, 1.2, 2.1)),
+            *oncoming(7, along=(60, 640), opposite_m=17.0, speed_mps=26.0),
+            *grove(21, "oak bush", along=(10, 620), aside=(-40, -31), tall=(4, 9), every_m=14, bank=bank),
+            *grove(22, "scrub bush", along=(10, 620), aside=(-30, -21), tall=(0.8, 2.0), every_m=13, bank=bank),
+            *grove(23, "eucalyptus oak", along=(140, 176), aside=(11, 13), tall=(11, 14), every_m=9),
+            *grove(24, "eucalyptus plane", along=(238, 262), aside=(11, 13), tall=(11, 14), every_m=9),
+            *grove(25, "plane oak", along=(60, 620), aside=(34, 50), tall=(6, 11), every_m=22),
         ),
-        **weather(75, 50, tree_density=0.7),
-        motion=Motion(0.0, 27.0, offset_m=0.05, wander_m=0.22, wander_period_s=6.5, pitch_rad=np.radians(0.22)),
+        motion=Motion(0.0, 27.0, offset_m=0.05, wander_m=0.22, wander_period_s=6.5, pitch_rad=float(np.radians(0.22))),
         lens=Lens(noise=0.005),
         seed=99,
+        **weather(75, 50, tree_density=0.7),
     )

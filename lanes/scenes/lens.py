@@ -39,7 +39,7 @@ class Lens:
     noise: float = 0.007
     sharpening: float = 0.55
     exposure: float = 0.0
-    adaptation: float = 0.28
+    adaptation: float = 0.22
 
 
 def develop(light: np.ndarray, lens: Lens, *, road_light: float, seed: int) -> np.ndarray:
@@ -60,7 +60,7 @@ def develop(light: np.ndarray, lens: Lens, *, road_light: float, seed: int) -> n
     ndarray of shape (height, width, 3), uint8
     """
     height, width = light.shape[:2]
-    gain = np.float32(2.0**lens.exposure * (0.08 / max(road_light, 0.01)) ** lens.adaptation)
+    gain = np.float32(2.0**lens.exposure * (0.10 / max(road_light, 0.01)) ** lens.adaptation)
     light = cv2.GaussianBlur(light, (0, 0), lens.blur_px) if lens.blur_px else light
     light = light * (gain * _vignette(height, width, lens.vignette))[..., None]
     # Work on the square root of light, where photon noise has the same size everywhere.

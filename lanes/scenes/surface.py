@@ -37,7 +37,7 @@ MATERIALS = {
     "fresh asphalt": Material((0.058, 0.0535, 0.069), grain=0.10, blotch=0.05, streak=0.05, track=0.07, oil=-0.07),
     "asphalt": Material((0.098, 0.092, 0.098), grain=0.14, blotch=0.08, streak=0.06, track=0.08, oil=-0.12),
     "old asphalt": Material((0.165, 0.152, 0.148), grain=0.13, blotch=0.12, streak=0.07, track=-0.07, oil=-0.16),
-    "concrete": Material((0.43, 0.365, 0.31), grain=0.05, blotch=0.11, streak=0.05, track=-0.10, oil=-0.22, slab_m=4.6),
+    "concrete": Material((0.52, 0.445, 0.385), grain=0.06, blotch=0.10, streak=0.05, track=-0.06, oil=-0.15, slab_m=4.6),
 }
 
 
@@ -171,7 +171,8 @@ def noise_layers(surface: Surface, ground: Ground, s: np.ndarray, seed: int) -> 
             )
             grain[first:] += part * fade(reach[first:], wave) * np.float32(strength)
     tile = band_noise_tile(seed + 7, octaves=4)
-    blotch = sample_noise(tile, s, ground.d, wave_s_m=0.9, wave_d_m=0.5) * fade(reach, 6.0)
+    # Stains are drawn out along the way that tyres roll.
+    blotch = sample_noise(tile, s, ground.d, wave_s_m=2.2, wave_d_m=0.45) * fade(reach, 10.0)
     streak = sample_noise(band_noise_tile(seed + 8, octaves=3), s, ground.d, wave_s_m=18.0, wave_d_m=0.22)
     track, oil = _wear_profiles(surface, ground.d)
     uneven = 1 + np.float32(0.35) * sample_noise(tile, s, ground.d, wave_s_m=6.0, wave_d_m=1.3)
@@ -276,11 +277,13 @@ def _lay_verge(albedo: np.ndarray, surface: Surface, ground: Ground, s: np.ndarr
     grass = np.array(DRY_GRASS, np.float32) * (1 + 0.20 * broad)[..., None]
     grass += np.clip(0.35 * broad - 0.2, 0, 0.6)[..., None] * (np.array(DIRT, np.float32) - grass)
     grass *= np.maximum(1 + 0.20 * rough + 0.28 * fine, 0.15)[..., None]
-    to_grass = edge_coverage(edge - np.float32(surface.gravel_m) + 0.25 * rough, d_u + 0.3, d_v)[..., None]
+    to_grass = edge_coverage(edge - np.float32(surface.gravel_m) + 0.15 * rough + 0.2 * broad, d_u + 0.5, d_v)[
+        ..., None
+    ]
     verge = gravel + to_grass * (grass - gravel)
     if surface.opposite_m is not None:
         share = strip_coverage(d, d_u, d_v, *surface.opposite_m)[..., None]
         tone = (1 + 0.1 * take(layers.blotch))[..., None]
         verge += share * (np.array(MATERIALS["asphalt"].colour, np.float32) * tone - verge)
-    share = edge_coverage(edge + np.float32(0.06) * rough, d_u, d_v)[..., None]
+    share = edge_coverage(edge + np.float32(0.02) * rough + np.float32(0.04) * broad, d_u, d_v)[..., None]
     flat[pixels] += share * (verge - flat[pixels])
