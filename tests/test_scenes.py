@@ -40,6 +40,7 @@ def small_drive(curvature: float = 1 / 250, **changes) -> Drive:
         sun=Sun(1.0, 0.9),
         motion=Motion(60.0, offset_m=0.3, heading_rad=0.01),
         lens=PLAIN_LENS,
+        bonnet=False,
         seed=5,
     )
     return replace(base, **changes)

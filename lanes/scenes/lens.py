@@ -39,7 +39,7 @@ class Lens:
     noise: float = 0.007
     sharpening: float = 0.55
     exposure: float = 0.0
-    adaptation: float = 0.22
+    adaptation: float = 0.18
 
 
 def develop(light: np.ndarray, lens: Lens, *, road_light: float, seed: int) -> np.ndarray:

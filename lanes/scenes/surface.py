@@ -37,7 +37,9 @@ MATERIALS = {
     "fresh asphalt": Material((0.058, 0.0535, 0.069), grain=0.10, blotch=0.05, streak=0.05, track=0.07, oil=-0.07),
     "asphalt": Material((0.098, 0.092, 0.098), grain=0.14, blotch=0.08, streak=0.06, track=0.08, oil=-0.12),
     "old asphalt": Material((0.165, 0.152, 0.148), grain=0.13, blotch=0.12, streak=0.07, track=-0.07, oil=-0.16),
-    "concrete": Material((0.52, 0.445, 0.385), grain=0.06, blotch=0.10, streak=0.05, track=-0.06, oil=-0.15, slab_m=4.6),
+    "concrete": Material(
+        (0.555, 0.475, 0.41), grain=0.06, blotch=0.10, streak=0.05, track=-0.06, oil=-0.15, slab_m=4.6
+    ),
 }
 
 
