@@ -26,10 +26,10 @@ HORIZON_ROW = Z_TOP * PIXELS_PER_RAD
 # Linear radiance of a dry summer sky, sunlit white paint = 1: at the zenith, what the horizon adds, and how fast that
 # fades with height, for red, green and blue (red fades fastest: that is why the sky above is blue).
 ZENITH = np.array([0.020, 0.120, 0.380], np.float32)
-HORIZON_GLOW = np.array([0.50, 0.46, 0.32], np.float32)
-GLOW_FALL = np.array([5.6, 3.1, 1.9], np.float32)
+HORIZON_GLOW = np.array([0.43, 0.47, 0.32], np.float32)
+GLOW_FALL = np.array([5.0, 3.1, 1.9], np.float32)
 # What distance fades to: the sky just above the horizon, a little darker and bluer.
-HAZE_COLOUR = (ZENITH + HORIZON_GLOW) * np.array([0.57, 0.74, 0.90], np.float32)
+HAZE_COLOUR = (ZENITH + HORIZON_GLOW) * np.array([0.62, 0.72, 0.90], np.float32)
 
 DRY_GRASS = np.array([0.40, 0.265, 0.135], np.float32)
 DRY_SOIL = np.array([0.26, 0.175, 0.105], np.float32)
@@ -248,13 +248,13 @@ def _band(skyline: np.ndarray) -> tuple[int, int]:
 
 
 def _relief(shape: tuple[int, int], rng: np.random.Generator, style: BackdropStyle, *, cell_rad: float) -> np.ndarray:
-    """Sunlight on folded slopes: about 1, brighter where they face the sun; slopes seen at a glance are squeezed."""
+    """Sunlight on folded slopes, about 1: spurs and gullies run downhill, their sides face the sun or do not."""
     cell = cell_rad * PIXELS_PER_RAD
-    ground = fractal_noise(shape, rng, cell_px=(0.45 * cell, cell), octaves=6, gain=0.5)
+    ground = fractal_noise(shape, rng, cell_px=(0.9 * cell, 0.6 * cell), octaves=4, gain=0.42)
     across = np.gradient(ground, axis=1) * cell
     # From the viewer, the sun lights the right-hand slopes where it stands to the right of the line of sight.
     side = np.sin(_azimuths() - style.sun_azimuth_rad)
-    return np.clip(1 + 0.11 * across * side[None, :] + 0.10 * ground, 0.45, 1.6)
+    return np.clip(1 + 0.07 * across * side[None, :] + 0.06 * ground, 0.5, 1.5)
 
 
 def _paint_ridge(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Generator) -> None:
@@ -286,23 +286,23 @@ def _paint_hills(
     first, last = _band(skyline)
     shape = (last - first, COLUMNS)
     relief = _relief(shape, rng, style, cell_rad=0.16)
-    grain = fractal_noise(shape, rng, cell_px=(7, 18), octaves=4, gain=0.75)
+    grain = fractal_noise(shape, rng, cell_px=(6, 9), octaves=3, gain=0.8)
     patches = fractal_noise(shape, rng, cell_px=(34, 150), octaves=6, gain=0.6)
     grass = DRY_GRASS + (GREEN_GRASS - DRY_GRASS) * style.greenness
     dry = smoothstep(-0.4, 1.6, patches)[..., None]
     colour = grass * (1 - 0.55 * dry) + DRY_SOIL * 0.55 * dry
-    colour = colour * (relief * (1 + 0.10 * grain))[..., None]
+    colour = colour * (relief * (1 + 0.06 * grain))[..., None]
     brush = smoothstep(2.2 - 2.2 * style.tree_density, 2.7 - 2.0 * style.tree_density, patches + 0.55 * grain)
     bushes = CHAPARRAL * np.clip(1 + 0.45 * grain, 0.2, 2)[..., None]
     colour += 0.85 * brush[..., None] * (bushes - colour)
     _cover(panorama, first, last, _veil(colour, distance_km, style), skyline)
-    count = int(1500 * style.tree_density * min(1.5, distance_km))
+    count = int(3600 * style.tree_density * min(1.5, distance_km))
     column, depth = rng.integers(0, COLUMNS, count), rng.uniform(0, 1, count) ** 0.8
     grove = fractal_profile(COLUMNS, rng, cell_px=260, octaves=4)
     keep = (grove[column] > rng.normal(0.25, 0.5, count)) & (skyline[column] > 0.004)
     column, depth = column[keep], depth[keep]
     base = skyline[column] * (1 - 0.9 * depth) - 0.001
-    _plant(panorama, style, rng, column, base, distance_km, kinds=("oak", "oak", "bush", "scrub", "cypress", "bush"))
+    _plant(panorama, style, rng, column, base, distance_km, kinds=("oak", "oak", "bush", "scrub", "bush"))
 
 
 def _paint_woods(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Generator) -> None:

@@ -6,6 +6,7 @@ surface. Colours come from a diffuse part, the sky and the road mirrored in pain
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -226,21 +227,37 @@ def _end_parts(shell: Shell) -> list[Faces]:
 
         width = shell.ring(np.array([foot, top]))[2]
         low, high = 0.90 * width[0], 0.86 * width[1]
-        add((-low, low, high, -high), (foot + 0.02, top + 0.02), GLASS, 2.0, columns=10)
+        frame = (-low - 0.03, low + 0.03, high + 0.03, -high - 0.03)
+        add(frame, (foot + 0.005, top + 0.035), PLASTIC, 0.5, columns=10)
+        add((-low, low, high, -high), (foot + 0.025, top + 0.015), GLASS, 2.0, columns=10)
+        add((-0.80, 0.80, 0.78, -0.78), (0.21, 0.34), PLASTIC, 0.3, columns=8)
+        if side < 0:
+            _add_rear(add, waist, foot, top)
+        else:
+            add((-0.45, 0.45, 0.42, -0.42), (waist - 0.30, waist - 0.10), PLASTIC, 0.6, columns=8)
         lamp = (waist - 0.10, waist + 0.05) if side < 0 else (waist - 0.16, waist - 0.03)
         for y0, y1 in ((0.50, 0.86), (-0.86, -0.50)):
             add((y0, y1, y1, y0), lamp, glow, 1.3)
             inner = (0.52, 0.66) if y0 > 0 else (-0.66, -0.52)
             add((inner[0], inner[1], inner[1], inner[0]), (lamp[0] + 0.02, lamp[0] + 0.06), (0.34, 0.22, 0.22), 1.0)
-        add((-0.80, 0.80, 0.78, -0.78), (0.21, 0.34), PLASTIC, 0.3, columns=8)
-        if side < 0:
-            add((-0.19, 0.19, 0.18, -0.18), (waist - 0.215, waist - 0.02), PLASTIC, 0.4)
-            add((-0.155, 0.155, 0.155, -0.155), (waist - 0.19, waist - 0.04), PLATE, 0.0)
-            add((-0.11, 0.11, 0.11, -0.11), (waist - 0.135, waist - 0.085), (0.20, 0.22, 0.32), 0.0)
-            add((-0.82, 0.82, 0.82, -0.82), (waist - 0.245, waist - 0.235), PLASTIC, 0.2, columns=8)
-        else:
-            add((-0.45, 0.45, 0.42, -0.42), (waist - 0.30, waist - 0.10), PLASTIC, 0.6, columns=8)
     return parts
+
+
+def _add_rear(add: Callable, waist: float, foot: float, top: float) -> None:
+    """Head rests behind the glass, gaps of the lid, badge, plate, reflectors."""
+    for y in (-0.36, 0.36):
+        add(
+            (y - 0.13, y + 0.13, y + 0.10, y - 0.10), (foot + 0.04, foot + 0.55 * (top - foot)), (0.03, 0.03, 0.03), 1.6
+        )
+    add((-0.82, 0.82, 0.82, -0.82), (waist - 0.245, waist - 0.233), PLASTIC, 0.2, columns=8)
+    for y in (-0.70, 0.70):
+        add((y - 0.007, y + 0.007, y + 0.007, y - 0.007), (waist - 0.24, foot), PLASTIC, 0.2)
+        add((y - 0.09, y + 0.09, y + 0.09, y - 0.09), (waist - 0.43, waist - 0.39), LAMP, 0.6)
+    add((-0.34, 0.34, 0.34, -0.34), (waist - 0.03, waist + 0.0), RIM, 1.0)
+    add((-0.05, 0.05, 0.05, -0.05), (waist + 0.02, waist + 0.08), RIM, 1.0)
+    add((-0.19, 0.19, 0.18, -0.18), (waist - 0.215, waist - 0.035), PLASTIC, 0.4)
+    add((-0.155, 0.155, 0.155, -0.155), (waist - 0.20, waist - 0.05), PLATE, 0.0)
+    add((-0.11, 0.11, 0.11, -0.11), (waist - 0.145, waist - 0.095), (0.20, 0.22, 0.32), 0.0)
 
 
 def _flank_parts(shell: Shell, paint: tuple) -> list[Faces]:
@@ -264,8 +281,13 @@ def _flank_parts(shell: Shell, paint: tuple) -> list[Faces]:
             parts.append(Faces.of(_patch(corners, surface), albedo, gloss, ON_BODY))
 
         windows = (foot + 0.02, top - 0.02)
+        around = (bottom_rear + 0.33, bottom_front - 0.27, top_front - 0.08, top_rear + 0.17)
+        add(around, (foot + 0.0, top + 0.005), PLASTIC, 0.5)
         add((bottom_rear + 0.38, pillar - 0.04, pillar - 0.06, top_rear + 0.22), windows, GLASS, 2.0)
         add((pillar + 0.04, bottom_front - 0.34, top_front - 0.12, pillar + 0.02), windows, GLASS, 2.0)
+        for x in (-0.48, 0.42):
+            add((x, x + 0.16, x + 0.16, x), (waist + 0.015, waist + 0.045), paint, 1.0)
+            add((x, x + 0.16, x + 0.16, x), (waist - 0.005, waist + 0.012), PLASTIC, 0.2)
         for x in (-0.62, 0.28, 1.08):
             add((x - 0.006, x + 0.006, x + 0.006, x - 0.006), (0.30, foot - 0.02), PLASTIC, 0.2)
         add((-1.0, 1.0, 1.0, -1.0), (0.21, 0.29), PLASTIC, 0.3)
@@ -326,9 +348,11 @@ def shade_faces(faces: Faces, eye_m: np.ndarray, sun: np.ndarray) -> np.ndarray:
     view = eye_m - middle
     view /= np.linalg.norm(view, axis=1, keepdims=True)
     facing = np.clip((normal * view).sum(axis=1), 0, 1)
-    diffuse = faces.albedo / 0.8 * irradiance(normal, sun)
+    # Near the road less sky is seen, and what comes back from it has been in the car's own shadow.
+    open_air = 0.5 + 0.5 * np.clip((middle[:, 2:] - 0.15) / 0.5, 0, 1)
+    diffuse = faces.albedo / 0.8 * irradiance(normal, sun) * open_air
     mirrored = 2 * facing[:, None] * normal - view
-    base = np.array([0.0, 0.045, 0.085])[np.clip(np.round(faces.gloss), 0, 2).astype(int)]
+    base = np.array([0.0, 0.07, 0.085])[np.clip(np.round(faces.gloss), 0, 2).astype(int)]
     fresnel = (base + (np.minimum(faces.gloss, 1) - base) * (1 - facing) ** 5)[:, None]
     highlight = np.clip(mirrored @ sun, 0, 1) ** 400 * 3.0 * np.minimum(faces.gloss, 1) * (sun @ normal.T > 0)
     return diffuse * (1 - fresnel) + fresnel * (_surroundings(mirrored) + highlight[:, None])

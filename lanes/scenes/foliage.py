@@ -189,7 +189,7 @@ def _draw_leaves(canvas: np.ndarray, kind: Species, lumps: np.ndarray, rng: np.r
     corners = np.round(corners * 16).astype(np.int32)
     sunny, shaded = np.array(kind.sun_colour), np.array(kind.shade_colour)
     colour = shaded + 1.25 * (sunny - shaded) * light[:, None] ** 1.4
-    colour *= np.exp(rng.normal(0, 0.22, (count, 1)) + rng.normal(0, 0.07, (count, 3)))
+    colour *= np.exp(rng.normal(0, 0.15, (count, 1)) + rng.normal(0, 0.05, (count, 3)))
     for polygon, rgb in zip(corners, colour.tolist(), strict=True):
         cv2.fillConvexPoly(canvas, polygon, (*rgb, 1.0), cv2.LINE_8, 4)
 
@@ -203,7 +203,8 @@ def _scatter_leaves(kind: Species, lumps: np.ndarray, rng: np.random.Generator) 
     cluster_direction /= np.linalg.norm(cluster_direction, axis=2, keepdims=True)
     which = rng.integers(0, clusters, kind.leaves)
     outward = cluster_direction[owner, which]
-    scatter = rng.normal(0, 0.2 + 0.16 * kind.airy, (kind.leaves, 3))
+    # Clipped, because no leaf hangs in the air away from its spray.
+    scatter = (0.2 + 0.16 * kind.airy) * np.clip(rng.standard_normal((kind.leaves, 3)), -1.8, 1.8)
     local = outward * (0.8 + 0.2 * kind.airy) + scatter
     position = lumps[owner, :3] + local * lumps[owner, 3:4] * [1, 1, 0.8]
     position[:, 2] = np.clip(position[:, 2], 0.002, 0.998)
@@ -211,8 +212,8 @@ def _scatter_leaves(kind: Species, lumps: np.ndarray, rng: np.random.Generator) 
     crown_size = np.array([kind.crown_width / 2, kind.crown_width / 2, (1 - kind.crown_bottom) / 2])
     crown = (position - crown_middle) / crown_size
     facing = 0.58 * (local @ SUN_IN_SPRITE) + 0.38 * (crown @ SUN_IN_SPRITE)
-    clump = rng.normal(0, 0.13, (len(lumps), clusters))[owner, which]
-    light = 0.22 + 0.95 * facing + clump + rng.normal(0, 0.09, kind.leaves) + 0.15 * kind.airy
+    clump = rng.normal(0, 0.17, (len(lumps), clusters))[owner, which]
+    light = 0.22 + 0.95 * facing + clump + rng.normal(0, 0.06, kind.leaves) + 0.15 * kind.airy
     # Inside the crown leaves are shaded by all the others.
     depth = np.linalg.norm(crown, axis=1)
     light *= 0.25 + 0.75 * np.clip(depth, 0, 1)

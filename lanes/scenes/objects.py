@@ -323,12 +323,12 @@ def _tree_shadows(tree: Tree, place: np.ndarray, drift: np.ndarray) -> list[np.n
     angle = np.linspace(0, 2 * np.pi, 14, endpoint=False)
     low = max(kind.crown_bottom, 0.0)
     blots = []
-    for _ in range(30):
+    for _ in range(60):
         z = tree.height_m * (low + (1 - low) * rng.uniform(0.08, 0.92))
         reach = np.sqrt(rng.uniform(0, 1)) * kind.crown_width / 2 * tree.height_m * (1 - kind.taper * z / tree.height_m)
         toward = rng.uniform(0, 2 * np.pi)
         middle = place + reach * np.array([np.cos(toward), np.sin(toward)]) + (z + tree.base_m) * drift
-        radius = tree.height_m * kind.lump_radius * rng.uniform(0.45, 1.0) * rng.uniform(0.6, 1.2, len(angle))
+        radius = tree.height_m * kind.lump_radius * rng.uniform(0.25, 0.85) * rng.uniform(0.6, 1.2, len(angle))
         stretch = radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
         blots.append(middle + stretch + np.outer(stretch @ drift, drift) / max(drift @ drift, 1e-9) * 0.3)
     half = max(0.12, kind.trunk_width * tree.height_m / 2)

@@ -297,10 +297,11 @@ def _grass(rng: np.random.Generator, columns: int) -> np.ndarray:
     tufts = fractal_noise(shape, rng, cell_px=(9, 10), octaves=3, gain=0.8)
     mottle = fractal_noise(shape, rng, cell_px=(40, 60), octaves=5, gain=0.75)
     patches = fractal_noise(shape, rng, cell_px=(64, 300), octaves=7, gain=0.62)
-    straw, grey, soil = np.array([0.385, 0.265, 0.140]), np.array([0.27, 0.20, 0.125]), np.array([0.25, 0.175, 0.11])
-    colour = grey + (straw - grey) * smoothstep(-1.5, 1.2, mottle)[..., None]
+    straw, grey, soil = np.array([0.37, 0.26, 0.140]), np.array([0.235, 0.18, 0.115]), np.array([0.25, 0.18, 0.12])
+    broad = fractal_noise(shape, rng, cell_px=(128, 420), octaves=3, gain=0.5)
+    colour = grey + (straw - grey) * smoothstep(-1.6, 1.4, mottle + 0.9 * broad)[..., None]
     bare = smoothstep(0.9, 1.9, patches + 0.3 * mottle)[..., None]
-    weeds = smoothstep(0.9, 1.7, -patches + 0.55 * mottle + 0.35 * tufts)[..., None]
-    colour += bare * 0.7 * (soil - colour) + weeds * 0.8 * (np.array([0.085, 0.075, 0.040]) - colour)
-    colour *= (1 + 0.13 * tufts)[..., None]
+    weeds = smoothstep(0.7, 1.7, -patches + 0.5 * mottle + 0.3 * tufts)[..., None]
+    colour += bare * 0.6 * (soil - colour) + weeds * 0.75 * (np.array([0.085, 0.078, 0.040]) - colour)
+    colour *= (1 + 0.08 * tufts)[..., None]
     return _with_cover(np.clip(colour, 0.01, 0.9))
