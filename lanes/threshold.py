@@ -211,7 +211,7 @@ class EqualizedHsvThresholds(Thresholds):
         """Binaries of an RGB picture (height, width, 3): white, yellow, magnitude, combined (with gaps closed)."""
         gray = to_gray(image)
         masks = {
-            "white": range_mask(cv2.equalizeHist(gray), self.white),
+            "white": equalized_white_mask(image, self.white),
             "yellow": yellow_mask(image, self.yellow_low, self.yellow_high),
             "magnitude": magnitude_mask(gray, self.magnitude, full_step=self.full_step, kernel=self.magnitude_kernel),
         }

@@ -261,6 +261,9 @@ def test_bends_have_a_sign_and_straight_roads_no_radius(name):
     left, right, straight = (finder(name).find(picture(road)) for road in (LEFT_BEND, Road(-1 / 600), STRAIGHT))
     assert left.curvature_per_m > 0 > right.curvature_per_m
     assert left.left_radius_m > 0 > right.right_radius_m
+    # Beside the car, not at the far end of the view, where a parabola bends less.
+    assert left.left_radius_m == pytest.approx(1 / left.left_road.curvature_per_m(0.0))
+    assert left.left_radius_m < 0.995 / left.left_road.curvature_per_m(30.0)
     assert describe_bend(left.curvature_per_m).startswith("bends left, R ")
     assert describe_bend(right.curvature_per_m).startswith("bends right, R ")
     assert describe_bend(straight.curvature_per_m) == "straight (R > 3 km)"

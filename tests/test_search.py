@@ -106,7 +106,7 @@ def test_band_takes_the_pixels_beside_the_known_line_only():
     assert band_pixels(everything, known, 3.1).tolist() == near.tolist()
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(st.integers(100, 500), st.integers(700, 1150), st.floats(-0.15, 0.15), st.integers(0, 2**31))
 def test_a_mirrored_binary_has_mirrored_lines(left, right, slope, seed):
     binary = paint_view(SIZE, [lambda y: left + slope * y, lambda y: right - slope * y])

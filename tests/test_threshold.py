@@ -28,6 +28,20 @@ def test_channels_come_in_the_order_of_the_letters():
     assert th.split_channels(picture((1, 2, 3)), "RGB")[2][0, 0] == 3
 
 
+@pytest.mark.parametrize(
+    ("space", "red"), [("RGB", (255, 0, 0)), ("HLS", (0, 128, 255)), ("HSV", (0, 255, 255)), ("LAB", (136, 208, 195))]
+)
+def test_red_is_red_in_every_space(space, red):
+    """The values of OpenCV's documentation for pure red; blue would have hue 120 and b below 128."""
+    assert tuple(int(channel[0, 0]) for channel in th.split_channels(picture((255, 0, 0)), space)) == red
+
+
+def test_luv_lightness_is_that_of_lab():
+    image = np.random.default_rng(2).integers(0, 256, (9, 9, 3), np.uint8)
+    luv, lab = (th.split_channels(image, space)[0].astype(int) for space in ("LUV", "LAB"))
+    assert np.abs(luv - lab).max() <= 1
+
+
 def test_unknown_colour_space_is_named():
     with pytest.raises(ValueError, match="'CMYK' is not known"):
         th.split_channels(picture(GRAY), "CMYK")
