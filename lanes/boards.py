@@ -1,25 +1,21 @@
-"""Chessboard pictures -> Camera: corners of full and cut boards, calibration, outliers dropped and named.
-
-A board may hang over the picture's edge: the largest part of it that forms a full grid is as good as a whole board,
-because each board only brings its own plane; where that plane's origin lies does not matter.
-"""
+"""Chessboard pictures -> Camera: calibration from full and cut boards, with outliers dropped and named."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from lanes.camera import SAME_ASPECT, CalibrationReport, Camera, CameraError
-from lanes.images import PictureError, list_pictures, read_image, require_rgb
+from lanes.corners import Board, draw_board, find_board
+from lanes.images import PictureError, list_pictures, read_image
 
-# A grid of fewer corners than this is found by chance in wall textures and keyboards.
-SMALLEST_PART = (5, 4)
+__all__ = ["Board", "calibrate", "calibrate_folder", "draw_board", "find_board"]
+
 # Five intrinsics beyond the pose of each view: two views determine them in theory, three make mistakes visible.
 FEWEST_BOARDS = 3
 # Two grids nearer than this are one view: what differs is noise, and noise must not pass for a second perspective.
@@ -33,68 +29,6 @@ OUTLIER_FLOOR_PX = 0.3
 CUT_PX = 2
 # Share of the focal length that its standard deviation may reach; three tilted real boards reach 0.4 %.
 LARGEST_FOCAL_STD = 0.02
-
-
-@dataclass(frozen=True, eq=False)
-class Board:
-    """The inner corners found in one picture.
-
-    Parameters
-    ----------
-    corners_px : ndarray of shape (columns * rows, 2), float32
-        Pixels (u, v), row by row.
-    columns, rows : int
-        Size of the grid found, which may be a part of the board.
-    size : tuple of int
-        (width, height) of the picture it was found in, pixels.
-    """
-
-    corners_px: np.ndarray
-    columns: int
-    rows: int
-    size: tuple[int, int]
-
-    @property
-    def plane_points(self) -> np.ndarray:
-        """The corners on the board itself, ndarray (N, 3) float32, z = 0; the unit is one square."""
-        y, x = np.mgrid[: self.rows, : self.columns]
-        return np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]).astype(np.float32)
-
-
-def find_board(image: np.ndarray, pattern: tuple[int, int] = (9, 6)) -> Board | None:
-    """Find the inner corners of a chessboard, or of the largest part of it that is in the picture.
-
-    The sector-based finder (Duda and Frese, BMVC 2018) places corners to a few hundredths of a pixel by itself; the
-    classic finder with sub-pixel refinement is the second choice, parts of the board the third.
-
-    Parameters
-    ----------
-    image : ndarray of shape (height, width, 3), uint8
-        RGB.
-    pattern : tuple of int
-        Inner corners (columns, rows) of the whole board.
-
-    Returns
-    -------
-    Board or None
-        None if there is no grid of at least 5 x 4 corners.
-
-    Raises
-    ------
-    PictureError
-        If `image` is no RGB picture.
-    ValueError
-        If `pattern` is smaller than 3 x 3.
-    """
-    require_rgb(image)
-    if min(pattern) < 3:
-        raise ValueError(f"a board of {pattern[0]}x{pattern[1]} inner corners is too small; give 3x3 or more.")
-    gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    found = _find_whole(gray, pattern) or _find_part(gray, pattern)
-    if found is None:
-        return None
-    corners, (columns, rows) = found
-    return Board(corners.reshape(-1, 2).astype(np.float32), columns, rows, (image.shape[1], image.shape[0]))
 
 
 def calibrate(boards: dict[str, Board], size: tuple[int, int]) -> Camera:
@@ -184,55 +118,6 @@ def calibrate_folder(
         raise CameraError(f"{folder}: {error}{unused}") from error
     report = camera.report
     return camera.with_report(CalibrationReport(report.rms_px, report.board_rms_px, rejected | report.rejected))
-
-
-def draw_board(image: np.ndarray, board: Board) -> np.ndarray:
-    """A copy of `image` (height, width, 3) uint8 RGB with the corners joined row by row, each row in its own colour."""
-    require_rgb(image)
-    # A copy of our own, because frames that come from a video are read-only.
-    canvas = image.copy()
-    cv2.drawChessboardCorners(canvas, (board.columns, board.rows), board.corners_px, True)
-    return canvas
-
-
-def _find_whole(gray: np.ndarray, pattern: tuple[int, int]) -> tuple[np.ndarray, tuple[int, int]] | None:
-    # Without CALIB_CB_NORMALIZE_IMAGE: on a big board it moves corners by pixels (2.7 px against 1.0 px on a real one).
-    for flags in (0, cv2.CALIB_CB_EXHAUSTIVE):
-        found, corners = cv2.findChessboardCornersSB(gray, pattern, flags=flags)
-        if found:
-            return corners, pattern
-    flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
-    found, corners = cv2.findChessboardCorners(gray, pattern, flags=flags)
-    return (_refine(gray, corners, pattern), pattern) if found else None
-
-
-def _refine(gray: np.ndarray, corners: np.ndarray, pattern: tuple[int, int]) -> np.ndarray:
-    """Move corners to sub-pixel places; the window stays well inside the smallest square."""
-    grid = corners.reshape(pattern[1], pattern[0], 2)
-    steps = [np.linalg.norm(np.diff(grid, axis=axis), axis=2).min() for axis in (0, 1)]
-    half = int(np.clip(min(steps) / 4, 2, 11))
-    stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-4)
-    return cv2.cornerSubPix(gray, corners.astype(np.float32), (half, half), (-1, -1), stop)
-
-
-def _find_part(gray: np.ndarray, pattern: tuple[int, int]) -> tuple[np.ndarray, tuple[int, int]] | None:
-    """The largest grid that grows out of a small one; six tries bound the time where there is no board at all."""
-    best = None
-    for seed in ((3, 3), (4, 4), (5, 4), (5, 5), (6, 5), (7, 5)):
-        found, corners, kind = cv2.findChessboardCornersSBWithMeta(gray, seed, flags=cv2.CALIB_CB_LARGER)
-        if not found:
-            continue
-        rows, columns = kind.shape
-        if _fits((columns, rows), pattern) and (best is None or columns * rows > best[1][0] * best[1][1]):
-            best = corners, (columns, rows)
-    return best
-
-
-def _fits(part: tuple[int, int], pattern: tuple[int, int]) -> bool:
-    """Whether a grid can be a part of the board, either way round, and is large enough to be no accident."""
-    (long, short), (whole_long, whole_short) = sorted(part, reverse=True), sorted(pattern, reverse=True)
-    enough = long >= SMALLEST_PART[0] and short >= SMALLEST_PART[1]
-    return enough and long <= whole_long and short <= whole_short
 
 
 def _most_common_size(boards: dict[str, Board]) -> tuple[int, int]:
