@@ -39,6 +39,11 @@ class Mount:
     yaw_rad: float = 0.0
     roll_rad: float = 0.0
 
+    def __post_init__(self) -> None:
+        angles = self.pitch_rad, self.yaw_rad, self.roll_rad
+        if not (np.isfinite([self.height_m, *angles]).all() and self.height_m > 0):
+            raise CameraError(f"{self} is no camera mount: the height must be positive and every angle finite.")
+
     def rotation(self) -> np.ndarray:
         """(3, 3) matrix that takes directions in the road frame to camera axes."""
         cy, sy = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
@@ -295,7 +300,7 @@ def load_camera(path: str | Path) -> Camera:
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
         camera = camera_from_dict(content)
-    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
+    except (yaml.YAMLError, AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
         reason = f"entry {error} is missing" if isinstance(error, KeyError) else str(error).splitlines()[0]
         raise CameraError(f"{path}: is no usable camera file ({reason}); make it again by calibrating.") from error
     return camera
@@ -310,14 +315,8 @@ def camera_from_dict(content: dict) -> Camera:
     matrix = np.array(content["camera_matrix"]["data"], float).reshape(3, 3)
     distortion = np.array(content["distortion_coefficients"]["data"], float).reshape(5)
     width, height = int(content["image_width"]), int(content["image_height"])
-    if not (
-        np.isfinite(matrix).all()
-        and np.isfinite(distortion).all()
-        and matrix[0, 0] > 0
-        and matrix[1, 1] > 0
-        and width > 0
-        and height > 0
-    ):
+    numbers_are_finite = np.isfinite(matrix).all() and np.isfinite(distortion).all()
+    if not (numbers_are_finite and min(matrix[0, 0], matrix[1, 1], width, height) > 0):
         raise ValueError("its numbers are not finite, or a size or focal length is not positive")
     mount = Mount(**{name: float(value) for name, value in content["mount"].items()}) if "mount" in content else None
     report = None

@@ -52,8 +52,9 @@ class Board:
 def find_board(image: np.ndarray, pattern: tuple[int, int] = (9, 6)) -> Board | None:
     """Find the inner corners of a chessboard, or of the largest part of it that is in the picture.
 
-    The sector-based finder (Duda and Frese, BMVC 2018) places corners to a tenth of a pixel by itself; the classic
-    finder with sub-pixel refinement is the second choice, parts of the board the third.
+    The sector-based finder (Duda and Frese, BMVC 2018) sees boards in bad light, the classic one is the second choice,
+    parts of the board the third. Corners of all three are refined by the gradients around them, which halves the
+    largest error and with it that of the lens in the picture's corners (measured on the rendered boards).
 
     Parameters
     ----------
@@ -83,6 +84,7 @@ def find_board(image: np.ndarray, pattern: tuple[int, int] = (9, 6)) -> Board | 
         grid = _find_part(gray, pattern)
     if grid is None:
         return None
+    grid = _refine(gray, grid)
     rows, columns, _ = grid.shape
     return Board(grid.reshape(-1, 2).astype(np.float32), columns, rows, (image.shape[1], image.shape[0]))
 
@@ -99,14 +101,14 @@ def draw_board(image: np.ndarray, board: Board) -> np.ndarray:
 def _find_whole(gray: np.ndarray, pattern: tuple[int, int]) -> np.ndarray | None:
     """All corners as a grid (rows, columns, 2), or None."""
     columns, rows = pattern
-    # Without CALIB_CB_NORMALIZE_IMAGE, which moves corners: 0.12 px off against 0.08 px on rendered boards, and on a
-    # big real one 2.7 px against 1.0 px. CALIB_CB_ACCURACY would give 0.06 px for four times the time.
+    # Without CALIB_CB_NORMALIZE_IMAGE, which moves corners of a big real board by pixels, and without
+    # CALIB_CB_ACCURACY, which takes four times as long and is not needed before a refinement.
     found, corners = cv2.findChessboardCornersSB(gray, pattern, flags=0)
     if found:
         return corners.reshape(rows, columns, 2)
     flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
     found, corners = cv2.findChessboardCorners(gray, pattern, flags=flags)
-    return _refine(gray, corners.reshape(rows, columns, 2)) if found else None
+    return corners.reshape(rows, columns, 2) if found else None
 
 
 def _find_part(gray: np.ndarray, pattern: tuple[int, int]) -> np.ndarray | None:
@@ -208,9 +210,12 @@ def _brightness(gray: np.ndarray, places: np.ndarray) -> np.ndarray:
 
 
 def _refine(gray: np.ndarray, grid: np.ndarray) -> np.ndarray:
-    """Move corners (rows, columns, 2) to sub-pixel places; the window stays well inside the smallest square."""
+    """Move corners (rows, columns, 2) to where all gradients around point past them (Foerstner and Guelch, 1987).
+
+    The window reaches over two thirds of the smallest square: more brings in its neighbours, less brings in noise.
+    """
     steps = [np.linalg.norm(np.diff(grid, axis=axis), axis=2).min() for axis in (0, 1)]
-    half = int(np.clip(min(steps) / 4, 2, 11))
+    half = int(np.clip(min(steps) / 3, 2, 11))
     stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-4)
     corners = np.ascontiguousarray(grid.reshape(-1, 1, 2), np.float32)
     return cv2.cornerSubPix(gray, corners, (half, half), (-1, -1), stop).reshape(grid.shape)

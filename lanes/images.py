@@ -94,11 +94,15 @@ def write_image(path: str | Path, image: np.ndarray, *, jpeg_quality: int = 92) 
 def write_whole(path: str | Path, data: bytes) -> None:
     """Write `data` beside `path` and rename it, so that an interruption never leaves half a file."""
     path = Path(path)
+    partial = partial_path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial = partial_path(path)
-        partial.write_bytes(data)
-        os.replace(partial, path)
+        try:
+            partial.write_bytes(data)
+            os.replace(partial, path)
+        except BaseException:
+            partial.unlink(missing_ok=True)
+            raise
     except OSError as error:
         raise type(error)(
             f"{path}: cannot be written ({error.strerror}); choose another folder or free some space."
@@ -121,7 +125,9 @@ def list_pictures(folder: str | Path) -> list[Path]:
     folder = Path(folder)
     if not folder.is_dir():
         raise FileNotFoundError(f"{folder}: there is no such folder; name the folder that holds the pictures.")
-    found = [p for p in folder.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES]
+    found = [p for p in folder.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES and p.is_file()]
+    # Neither what an interrupted run left behind nor the shadow files that some systems put beside pictures.
+    found = [p for p in found if ".partial." not in p.name and not p.name.startswith(".")]
     if not found:
         raise FileNotFoundError(
             f"{folder}: holds no picture ({', '.join(PICTURE_SUFFIXES)}); put some there or name another folder."
@@ -131,7 +137,7 @@ def list_pictures(folder: str | Path) -> list[Path]:
 
 def natural_key(path: Path) -> list:
     """Sort key that compares digit runs as numbers."""
-    return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name)]
+    return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", path.name)]
 
 
 def require_rgb(image: np.ndarray, name: object = "picture") -> None:
@@ -148,11 +154,12 @@ def _require_whole(path: Path, data: bytes) -> None:
     """Refuse empty and truncated files, which OpenCV would decode with a gray remainder and a warning on stderr."""
     if not data:
         raise PictureError(f"{path}: the file is empty; copy it again from its source.")
-    # A JPEG ends with the marker FFD9 (ITU-T T.81, B.1.1.3), which some cameras pad with zeros; a PNG ends with IEND.
+    # A JPEG's last scan (FFDA) ends with FFD9 (ITU-T T.81, B.1.1), after which some cameras append data of their own;
+    # a thumbnail's FFD9 comes before that scan. A PNG ends with IEND.
     if data[:2] == b"\xff\xd8":
-        whole = data.rstrip(b"\0").endswith(b"\xff\xd9")
+        whole = data.rfind(b"\xff\xd9") > data.rfind(b"\xff\xda")
     elif data[:8] == b"\x89PNG\r\n\x1a\n":
-        whole = b"IEND" in data[-12:]
+        whole = b"IEND" in data
     else:
         raise PictureError(
             f"{path}: this is neither a JPEG nor a PNG picture, whatever its name says; save it again as JPEG or PNG."

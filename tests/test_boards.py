@@ -1,0 +1,213 @@
+"""Calibration: against the known lens, with every kind of unfit board among the good ones."""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from lanes.boards import Board, calibrate, calibrate_folder
+from lanes.camera import Camera, CameraError
+from lanes.dataset import PROJECT_ROOT
+from lanes.images import read_image, write_image
+from lanes.scenes.boards import VIEWS, true_corners
+from lanes.scenes.dashcam import DASHCAM
+
+SIZE = (1280, 720)
+
+
+def true_board(number: int, noise_px: float = 0.05) -> Board:
+    """The corners of rendered board `number` where they truly are, give or take a finder's noise."""
+    noise = np.random.default_rng(number).normal(0, noise_px, (54, 2))
+    return Board((true_corners(VIEWS[number - 1]) + noise).astype(np.float32), 9, 6, SIZE)
+
+
+@pytest.fixture
+def boards() -> dict[str, Board]:
+    return {f"board{number}.jpg": true_board(number) for number in (2, 3, 6, 8, 9, 10, 12, 13, 17, 19)}
+
+
+@pytest.fixture(scope="module")
+def rendered() -> Camera:
+    return calibrate_folder(PROJECT_ROOT / "camera_cal")
+
+
+def assert_is_the_dashcam(camera: Camera) -> None:
+    focal, true_focal = np.diag(camera.matrix)[:2], np.diag(DASHCAM.matrix)[:2]
+    np.testing.assert_allclose(focal, true_focal, rtol=0.002)
+    np.testing.assert_allclose(camera.matrix[:2, 2], DASHCAM.matrix[:2, 2], atol=2)
+
+
+# --- the rendered pictures -------------------------------------------------------------------------------------------
+
+
+def test_rendered_boards_give_the_lens_they_were_taken_with(rendered):
+    assert_is_the_dashcam(rendered)
+    assert rendered.size == SIZE
+
+
+def test_rendered_lens_undistorts_like_the_true_one(rendered):
+    u, v = np.meshgrid(np.linspace(0, 1279, 15), np.linspace(0, 719, 9))
+    pixels = np.column_stack([u.ravel(), v.ravel()])
+    angle = np.linalg.norm(rendered.rays(pixels) - DASHCAM.rays(pixels), axis=1)
+    assert np.degrees(angle).max() < 0.05
+
+
+def test_all_rendered_boards_are_used_also_the_cut_and_the_larger_ones(rendered):
+    assert rendered.report.rejected == {}
+    assert list(rendered.report.board_rms_px) == [f"calibration{n}.jpg" for n in range(1, 21)]
+    assert rendered.report.rms_px < 0.1
+
+
+def test_real_boards_are_used_and_fit():
+    folder = Path(os.environ.get("LANES_DATA") or PROJECT_ROOT.parent / "shared" / "real") / "camera_cal"
+    if not (folder / "calibration1.jpg").is_file() or (folder / "truth.json").is_file():
+        pytest.skip(f"no real boards in {folder}; name their folder with LANES_DATA")
+    camera = calibrate_folder(folder)
+    assert len(camera.report.board_rms_px) >= 19
+    assert camera.report.rms_px <= 0.90
+    assert 1100 < camera.matrix[0, 0] < 1220
+
+
+# --- which boards count ----------------------------------------------------------------------------------------------
+
+
+def test_errors_are_those_of_the_corners(boards):
+    """Noise of 0.05 px in each coordinate leaves an error of 0.05 * sqrt(2) px."""
+    report = calibrate(boards, SIZE).report
+    assert list(report.board_rms_px) == list(boards)
+    assert report.rms_px == pytest.approx(0.05 * np.sqrt(2), rel=0.1)
+    assert np.sqrt(np.mean(np.square(list(report.board_rms_px.values())))) == pytest.approx(report.rms_px)
+
+
+def test_a_bent_board_is_dropped_by_name_and_the_rest_is_as_without_it(boards):
+    without = {name: board for name, board in boards.items() if name != "board9.jpg"}
+    bent = boards["board9.jpg"].corners_px.copy()
+    bent[:, 1] += 4 * np.sin(bent[:, 0] / 40)
+    boards["board9.jpg"] = replace(boards["board9.jpg"], corners_px=bent)
+    camera = calibrate(boards, SIZE)
+    assert list(camera.report.rejected) == ["board9.jpg"]
+    assert "2.5 times the median" in camera.report.rejected["board9.jpg"]
+    np.testing.assert_array_equal(camera.matrix, calibrate(without, SIZE).matrix)
+
+
+def test_several_bad_boards_are_dropped(boards):
+    for name, amount in (("board3.jpg", 6), ("board12.jpg", 3)):
+        corners = boards[name].corners_px.copy()
+        corners[10:20] += amount
+        boards[name] = replace(boards[name], corners_px=corners)
+    camera = calibrate(boards, SIZE)
+    assert set(camera.report.rejected) == {"board3.jpg", "board12.jpg"}
+    assert_is_the_dashcam(camera)
+
+
+def test_boards_that_are_only_a_little_worse_are_kept(boards):
+    boards["board6.jpg"] = true_board(6, noise_px=0.18)
+    assert calibrate(boards, SIZE).report.rejected == {}
+
+
+def test_a_part_of_a_board_counts_wherever_it_lies_on_it(boards):
+    grid = boards["board17.jpg"].corners_px.reshape(6, 9, 2)[1:, 3:]
+    boards["board17.jpg"] = Board(grid.reshape(-1, 2), 6, 5, SIZE)
+    camera = calibrate(boards, SIZE)
+    assert camera.report.board_rms_px["board17.jpg"] < 0.12
+    assert_is_the_dashcam(camera)
+
+
+def test_two_runs_give_the_same_numbers_and_restore_the_threads(boards):
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(2)
+    try:
+        first, second = calibrate(boards, SIZE), calibrate(boards, SIZE)
+        assert cv2.getNumThreads() == 2
+    finally:
+        cv2.setNumThreads(threads)
+    assert first.matrix.tobytes() == second.matrix.tobytes()
+    assert first.distortion.tobytes() == second.distortion.tobytes()
+
+
+# --- mixed sizes -----------------------------------------------------------------------------------------------------
+
+
+def test_a_picture_cut_one_pixel_later_is_the_same_camera(boards):
+    boards["board8.jpg"] = replace(boards["board8.jpg"], size=(1281, 721))
+    camera = calibrate(boards, SIZE)
+    assert "board8.jpg" in camera.report.board_rms_px and camera.report.rejected == {}
+    np.testing.assert_allclose(camera.matrix, calibrate({**boards, "board8.jpg": true_board(8)}, SIZE).matrix)
+
+
+def test_a_resized_picture_of_the_same_camera_is_rescaled(boards):
+    half = (boards["board8.jpg"].corners_px + 0.5) / 2 - 0.5
+    boards["board8.jpg"] = replace(boards["board8.jpg"], corners_px=half.astype(np.float32), size=(640, 360))
+    camera = calibrate(boards, SIZE)
+    assert camera.report.board_rms_px["board8.jpg"] < 0.12
+    assert_is_the_dashcam(camera)
+
+
+def test_another_shape_is_refused_with_both_sizes(boards):
+    boards["board8.jpg"] = replace(boards["board8.jpg"], size=(640, 480))
+    report = calibrate(boards, SIZE).report
+    assert "640x480 pixels, the others 1280x720" in report.rejected["board8.jpg"]
+    assert "board8.jpg" not in report.board_rms_px
+
+
+def test_the_same_shape_from_another_lens_is_refused(boards):
+    """The corners are those of the full picture, so at half the size they would need twice the focal length."""
+    cut_out = boards["board8.jpg"].corners_px - np.float32([600, 180])
+    boards["board8.jpg"] = replace(boards["board8.jpg"], corners_px=cut_out, size=(640, 360))
+    report = calibrate(boards, SIZE).report
+    assert "does not fit the same lens" in report.rejected["board8.jpg"]
+
+
+# --- too little ------------------------------------------------------------------------------------------------------
+
+
+def test_two_boards_are_too_few(boards):
+    two = dict(list(boards.items())[:2])
+    with pytest.raises(CameraError, match=r"2 different view\(s\).*needs at least 3"):
+        calibrate(two, SIZE)
+
+
+def test_one_view_three_times_is_one_view(boards):
+    same = {f"{n}.jpg": true_board(6, noise_px=0.05 + 0.01 * n) for n in range(4)}
+    with pytest.raises(CameraError, match=r"1 different view\(s\)"):
+        calibrate(same, SIZE)
+
+
+def test_views_without_tilt_do_not_determine_the_focal_length():
+    grid = true_board(6).plane_points[:, :2]
+    flat = {f"{n}.jpg": Board(grid * 30 + np.float32([100 + 300 * n, 200]), 9, 6, SIZE) for n in range(4)}
+    with pytest.raises(CameraError, match="tilted"):
+        calibrate(flat, SIZE)
+
+
+def test_a_folder_names_what_it_could_not_use(tmp_path):
+    write_image(tmp_path / "wall.png", np.full((120, 160, 3), 90, np.uint8))
+    (tmp_path / "text.jpg").write_text("no picture")
+    with pytest.raises(CameraError, match="0 different view") as error:
+        calibrate_folder(tmp_path)
+    assert "wall.png: no chessboard of 9x6" in str(error.value) and "neither a JPEG" in str(error.value)
+    assert str(tmp_path) in str(error.value)
+
+
+def test_a_folder_with_unfit_files_among_good_ones(tmp_path):
+    for number in (2, 9, 12, 13):
+        source = PROJECT_ROOT / "camera_cal" / f"calibration{number}.jpg"
+        (tmp_path / source.name).write_bytes(source.read_bytes())
+    (tmp_path / "calibration3.jpg").write_bytes((tmp_path / "calibration2.jpg").read_bytes()[:5000])
+    write_image(tmp_path / "small.png", cv2.resize(read_image(tmp_path / "calibration12.jpg"), (640, 480)))
+    seen = []
+    report = calibrate_folder(tmp_path, progress=lambda done, total: seen.append((done, total))).report
+    assert list(report.board_rms_px) == [f"calibration{n}.jpg" for n in (2, 9, 12, 13)]
+    assert "cut off" in report.rejected["calibration3.jpg"]
+    assert "640x480" in report.rejected["small.png"]
+    assert seen == [(n, 6) for n in range(1, 7)]
+
+
+def test_empty_and_missing_folders_are_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match="holds no picture"):
+        calibrate_folder(tmp_path)
+    with pytest.raises(FileNotFoundError, match="no such folder"):
+        calibrate_folder(tmp_path / "nowhere")

@@ -1,0 +1,276 @@
+"""The camera: its signs one by one, the ways between pixels and road and back, and its file."""
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lanes.camera import (
+    CalibrationReport,
+    Camera,
+    CameraError,
+    Mount,
+    camera_from_dict,
+    camera_to_dict,
+    load_camera,
+    save_camera,
+    undistort,
+)
+from lanes.images import PictureError
+from lanes.scenes.dashcam import DASHCAM
+
+CENTRE = np.array([[667.4, 386.1]])
+picture_points = st.tuples(st.floats(0, 1279), st.floats(0, 719))
+mounts = st.builds(
+    Mount,
+    height_m=st.floats(0.8, 3),
+    pitch_rad=st.floats(-0.1, 0.3),
+    yaw_rad=st.floats(-0.3, 0.3),
+    roll_rad=st.floats(-0.2, 0.2),
+)
+
+
+def see(mount: Mount, point_m: tuple[float, float, float]) -> np.ndarray:
+    """Where a camera without distortion, centre (639.5, 359.5), sees a point of the road frame."""
+    return Camera.from_fov((1280, 720), 60, mount).road_to_pixels(np.array([point_m]))[0]
+
+
+# --- signs, each by itself -------------------------------------------------------------------------------------------
+
+
+def test_level_camera_sees_the_point_ahead_at_its_height_in_the_middle():
+    np.testing.assert_allclose(see(Mount(1.5), (20, 0, 1.5)), (639.5, 359.5), atol=1e-9)
+
+
+def test_left_is_left_and_the_road_is_below_the_horizon():
+    u, v = see(Mount(1.5), (20, 2, 0))
+    assert u < 639.5 and v > 359.5
+
+
+def test_positive_pitch_looks_down_so_the_horizon_rises():
+    _, v = see(Mount(1.5, pitch_rad=0.05), (20, 0, 1.5))
+    focal_px = 640 / np.tan(np.radians(30))
+    np.testing.assert_allclose(v, 359.5 - focal_px * np.tan(0.05), atol=1e-9)
+
+
+def test_positive_yaw_looks_left_so_what_is_ahead_moves_right():
+    u, _ = see(Mount(1.5, yaw_rad=0.05), (20, 0, 1.5))
+    focal_px = 640 / np.tan(np.radians(30))
+    np.testing.assert_allclose(u, 639.5 + focal_px * np.tan(0.05), atol=1e-9)
+
+
+def test_positive_roll_has_the_right_side_down_so_the_horizon_falls_to_the_left():
+    left, right = (see(Mount(1.5, roll_rad=0.05), (20, y, 1.5)) for y in (5, -5))
+    assert left[0] < right[0]
+    np.testing.assert_allclose((left[1] - right[1]) / (right[0] - left[0]), np.tan(0.05), atol=1e-9)
+
+
+@given(mounts)
+def test_rotation_is_one(mount):
+    rotation = mount.rotation()
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(rotation) > 0
+
+
+@pytest.mark.parametrize("bad", [{"height_m": 0.0}, {"height_m": -1.0}, {"height_m": 1.3, "pitch_rad": np.nan}])
+def test_impossible_mount_is_refused(bad):
+    with pytest.raises(CameraError, match="height must be positive"):
+        Mount(**bad)
+
+
+# --- there and back --------------------------------------------------------------------------------------------------
+
+
+@given(picture_points)
+def test_distort_undoes_undistort(point):
+    there = DASHCAM.undistort_points(np.array([point]))
+    np.testing.assert_allclose(DASHCAM.distort_points(there)[0], point, atol=1e-5)
+
+
+def test_undistort_points_moves_corners_outward_for_a_barrel_lens():
+    corner = np.array([[0.0, 0.0]])
+    assert np.linalg.norm(DASHCAM.undistort_points(corner) - CENTRE) > np.linalg.norm(corner - CENTRE) + 20
+    np.testing.assert_allclose(DASHCAM.undistort_points(CENTRE), CENTRE, atol=1e-9)
+
+
+def test_distortion_follows_brown_and_conrady():
+    """The polynomial written out by hand for one ray."""
+    k1, k2, p1, p2, k3 = DASHCAM.distortion
+    x, y = 0.4, -0.2
+    r2 = x * x + y * y
+    radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
+    seen = (
+        x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+        y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+    )
+    pixel = DASHCAM.matrix[:2, :2] @ seen + DASHCAM.matrix[:2, 2]
+    np.testing.assert_allclose(DASHCAM.rays(pixel[None])[0], (x, y, 1), atol=1e-8)
+
+
+@given(mounts, st.floats(4, 60), st.floats(-6, 6))
+def test_road_to_pixels_and_back(mount, x_m, y_m):
+    camera = DASHCAM.with_mount(mount)
+    pixel = camera.road_to_pixels(np.array([[x_m, y_m]]))
+    if np.isnan(pixel).any() or not ((pixel >= 0) & (pixel <= [1279, 719])).all():
+        return
+    np.testing.assert_allclose(camera.pixels_to_road(pixel)[0], (x_m, y_m), rtol=1e-4, atol=1e-4)
+
+
+def test_sky_is_no_road_and_what_is_behind_is_not_seen():
+    assert np.isnan(DASHCAM.pixels_to_road(np.array([[640.0, 20.0]]))).all()
+    assert np.isnan(DASHCAM.road_to_pixels(np.array([[-5.0, 0.0]]))).all()
+
+
+def test_rays_that_the_distortion_polynomial_folds_back_are_not_seen():
+    folding = Camera(1280, 720, DASHCAM.matrix, np.array([-0.3, 0, 0, 0, 0]), Mount(1.3))
+    assert folding.largest_ray == pytest.approx(np.sqrt(1 / 0.9))
+    assert np.isnan(folding.road_to_pixels(np.array([[2.0, 8.0]]))).all()
+    assert Camera.from_fov((640, 480), 60).largest_ray == np.inf
+
+
+def test_a_camera_without_mount_says_so():
+    with pytest.raises(CameraError, match="no mount"):
+        Camera.from_fov((640, 480), 60).pixels_to_road(np.zeros((1, 2)))
+
+
+# --- sizes -----------------------------------------------------------------------------------------------------------
+
+
+def test_scaled_camera_sees_the_same_ray_at_the_same_share_of_the_picture():
+    half = DASHCAM.scaled((640, 360))
+    pixels = np.array([[100.0, 50.0], [1200.0, 700.0]])
+    np.testing.assert_allclose(half.rays((pixels + 0.5) / 2 - 0.5), DASHCAM.rays(pixels), atol=1e-9)
+
+
+def test_other_shape_cannot_be_rescaled():
+    with pytest.raises(CameraError, match="640x480 picture has another shape than the calibrated 1280x720"):
+        DASHCAM.scaled((640, 480))
+
+
+@pytest.mark.parametrize("fov", [0, 5, 180])
+def test_impossible_field_of_view_is_refused(fov):
+    with pytest.raises(CameraError, match=f"{fov} degrees"):
+        Camera.from_fov((640, 480), fov)
+
+
+def test_undistort_makes_a_bent_line_straight():
+    """A straight line of the world at v = 80 of the ideal picture, painted where the lens shows it."""
+    ideal = np.column_stack([np.arange(-100, 1400, 0.25), np.full(6000, 80.0)])
+    seen = np.round(DASHCAM.distort_points(ideal)).astype(int)
+    inside = ((seen >= [0, 2]) & (seen < [1280, 718])).all(axis=1)
+    image = np.zeros((720, 1280, 3), np.uint8)
+    for dv in (-2, -1, 0, 1, 2):
+        image[seen[inside, 1] + dv, seen[inside, 0]] = 255
+    rows = np.arange(720)[:, None]
+
+    def centre(picture: np.ndarray) -> np.ndarray:
+        weight = picture[:, 100:1180, 0].astype(float)
+        return (weight * rows).sum(axis=0) / weight.sum(axis=0)
+
+    assert np.ptp(centre(image)) > 20
+    straight = undistort(image, DASHCAM)
+    assert straight.shape == image.shape and straight.dtype == np.uint8
+    np.testing.assert_allclose(centre(straight), 80, atol=0.6)
+
+
+def test_undistort_refuses_another_size_unless_asked_to_rescale():
+    small = np.full((360, 640, 3), 90, np.uint8)
+    with pytest.raises(PictureError, match="640x360 pixels, but the camera was calibrated for 1280x720"):
+        undistort(small, DASHCAM)
+    assert undistort(small, DASHCAM, rescale=True).shape == (360, 640, 3)
+    with pytest.raises(CameraError, match="another shape"):
+        undistort(np.zeros((480, 640, 3), np.uint8), DASHCAM, rescale=True)
+
+
+@pytest.mark.parametrize("shape", [(720, 1280), (720, 1280, 4)])
+def test_undistort_refuses_gray_and_rgba(shape):
+    with pytest.raises(PictureError, match="expected an RGB picture"):
+        undistort(np.zeros(shape, np.uint8), DASHCAM)
+
+
+# --- the file --------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def content() -> dict:
+    report = CalibrationReport(0.5, {"a.jpg": 0.4, "b.jpg": 0.6}, {"c.jpg": "no chessboard"}, "2020-01-02")
+    return camera_to_dict(DASHCAM.with_report(report))
+
+
+def write(path, content):
+    path.write_text(content if isinstance(content, str) else yaml.safe_dump(content))
+    return path
+
+
+def test_camera_file_round_trip(tmp_path, content):
+    camera = camera_from_dict(content)
+    loaded = load_camera(save_camera(camera, tmp_path / "new" / "camera.yaml"))
+    assert loaded.size == (1280, 720)
+    np.testing.assert_array_equal(loaded.matrix, DASHCAM.matrix)
+    np.testing.assert_array_equal(loaded.distortion, DASHCAM.distortion)
+    assert loaded.mount == DASHCAM.mount
+    assert loaded.report == camera.report
+
+
+def test_camera_file_without_mount_and_report(tmp_path):
+    loaded = load_camera(save_camera(Camera.from_fov((640, 480), 60), tmp_path / "camera.yaml"))
+    assert loaded.mount is None and loaded.report is None
+
+
+def test_camera_file_has_the_layout_of_ros(content):
+    assert content["camera_matrix"] == {"rows": 3, "cols": 3, "data": [1157.8, 0, 667.4, 0, 1153.2, 386.1, 0, 0, 1]}
+    assert content["distortion_model"] == "plumb_bob"
+    assert content["calibration"]["boards_used"] == 2
+
+
+@pytest.mark.parametrize(
+    "entry", ["image_width", "image_height", "camera_matrix", "distortion_model", "distortion_coefficients"]
+)
+def test_missing_entry_is_named(tmp_path, content, entry):
+    del content[entry]
+    with pytest.raises(CameraError, match=rf"camera\.yaml.*'{entry}' is missing"):
+        load_camera(write(tmp_path / "camera.yaml", content))
+
+
+@pytest.mark.parametrize(
+    ("entry", "value"),
+    [
+        ("image_width", 0),
+        ("image_width", float("nan")),
+        ("image_height", float("inf")),
+        ("image_height", "tall"),
+        ("distortion_model", "fisheye"),
+        ("camera_matrix", {"data": [float("nan")] * 9}),
+        ("camera_matrix", {"data": [-1000.0, 0, 640, 0, 1000.0, 360, 0, 0, 1]}),
+        ("camera_matrix", {"data": [1.0, 2.0]}),
+        ("distortion_coefficients", {"data": [0.1] * 4}),
+        ("distortion_coefficients", None),
+        ("mount", None),
+        ("mount", {"height_m": float("nan")}),
+        ("mount", {"height": 1.3}),
+        ("calibration", 3),
+    ],
+)
+def test_bad_entry_is_refused(tmp_path, content, entry, value):
+    content[entry] = value
+    with pytest.raises(CameraError, match=r"camera\.yaml: is no usable camera file"):
+        load_camera(write(tmp_path / "camera.yaml", content))
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "just words", "- a\n- list", "a: [1, 2", "!!python/object/apply:os.getcwd []", "\0"],
+    ids=["empty", "words", "list", "broken", "python tag", "binary"],
+)
+def test_what_is_no_camera_file_is_refused(tmp_path, text):
+    with pytest.raises(CameraError, match=r"camera\.yaml: is no usable camera file"):
+        load_camera(write(tmp_path / "camera.yaml", text))
+
+
+def test_missing_and_unwritable_camera_files_are_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"camera\.yaml: there is no such camera file"):
+        load_camera(tmp_path / "camera.yaml")
+    (tmp_path / "file").touch()
+    with pytest.raises(OSError, match="cannot be written"):
+        save_camera(DASHCAM, tmp_path / "file" / "camera.yaml")

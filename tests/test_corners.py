@@ -1,0 +1,125 @@
+"""Finding corners: whole and cut boards against their true corners, and pictures that hold none."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lanes.corners import Board, draw_board, find_board
+from lanes.dataset import PROJECT_ROOT
+from lanes.images import PictureError, read_image
+from lanes.scenes.boards import CREAM, View, render_board, true_corners
+
+BOARDS = PROJECT_ROOT / "camera_cal"
+TRUTH = json.loads((BOARDS / "truth.json").read_text())["boards"]
+
+
+def errors_px(board: Board, true_px: np.ndarray) -> np.ndarray:
+    """Distance of each corner found from the true corner nearest to it."""
+    return np.linalg.norm(board.corners_px[:, None] - true_px, axis=2).min(axis=1)
+
+
+def is_a_grid_of(board: Board, true_px: np.ndarray) -> bool:
+    """Whether the corners found are, in order, a block of the true 6 x 9 grid, turned or not."""
+    nearest = np.linalg.norm(board.corners_px[:, None] - true_px, axis=2).argmin(axis=1).reshape(board.rows, -1)
+    row, column = nearest // 9, nearest % 9
+    steps = {tuple(np.unique(np.diff(index, axis=axis))) for index in (row, column) for axis in (0, 1)}
+    return steps in ({(0,), (1,)}, {(0,), (-1,)}, {(0,), (1,), (-1,)}) and len(np.unique(nearest)) == nearest.size
+
+
+@pytest.mark.parametrize("number", [2, 6, 7, 13, 17])
+def test_whole_boards_are_found_to_a_tenth_of_a_pixel(number):
+    name = f"calibration{number}.jpg"
+    board = find_board(read_image(BOARDS / name))
+    assert {board.columns, board.rows} == {9, 6}
+    assert board.size == (TRUTH[name]["width"], TRUTH[name]["height"])
+    error = errors_px(board, np.array(TRUTH[name]["corners_px"]))
+    assert np.sqrt((error**2).mean()) < 0.12 and error.max() < 0.3
+    assert is_a_grid_of(board, np.array(TRUTH[name]["corners_px"]))
+
+
+@pytest.mark.parametrize(("number", "size"), [(1, (9, 5)), (4, (8, 6)), (5, (9, 5))])
+def test_boards_cut_by_the_edge_give_all_their_whole_rows(number, size):
+    name = f"calibration{number}.jpg"
+    board = find_board(read_image(BOARDS / name))
+    assert sorted((board.columns, board.rows)) == sorted(size)
+    assert errors_px(board, np.array(TRUTH[name]["corners_px"])).max() < 0.5
+    assert is_a_grid_of(board, np.array(TRUTH[name]["corners_px"]))
+
+
+@pytest.mark.parametrize(
+    ("number", "keep", "at_least"),
+    [(13, np.s_[:, 430:], 40), (13, np.s_[:, :740], 36), (9, np.s_[:, :800], 30), (17, np.s_[300:], 27)],
+    ids=["turned, cut left", "turned, cut right", "steep, cut right", "cut top"],
+)
+def test_turned_and_cut_boards_are_never_joined_askew(number, keep, at_least):
+    """The finder's own sub-grids mix rows here; what is returned must be a true block of the board."""
+    name = f"calibration{number}.jpg"
+    image = np.ascontiguousarray(read_image(BOARDS / name)[keep])
+    rows, columns = (keep if isinstance(keep, tuple) else (keep, np.s_[:]))[:2]
+    true = np.array(TRUTH[name]["corners_px"]) - [columns.start or 0, rows.start or 0]
+    board = find_board(image)
+    assert errors_px(board, true).max() < 0.6
+    assert is_a_grid_of(board, true)
+    assert len(board.corners_px) >= at_least
+
+
+def test_a_board_with_glare_across_it_is_found():
+    view = View(CREAM, 640, 360, 700, 20, 10, 5, (700, 300, 150, 3.0), (0.1, 0.2))
+    board = find_board(render_board(view, seed=5))
+    assert errors_px(board, true_corners(view)).max() < 0.5
+
+
+@pytest.mark.parametrize("name", ["flat", "noise", "stripes", "few squares"])
+def test_pictures_without_a_board_give_none(name):
+    y, x = np.mgrid[:240, :320]
+    gray = {
+        "flat": np.full((240, 320), 128),
+        "noise": np.random.default_rng(1).integers(0, 256, (240, 320)),
+        "stripes": (x // 20 % 2) * 255,
+        # 3 x 3 inner corners: too few to be sure
+        "few squares": np.where((abs(x - 160) < 80) & (abs(y - 120) < 80), (x // 40 + y // 40) % 2 * 200, 230),
+    }[name]
+    assert find_board(np.repeat(gray[..., None], 3, axis=2).astype(np.uint8)) is None
+
+
+def test_other_patterns_are_found_and_larger_ones_only_in_part():
+    y, x = np.mgrid[:400, :480]
+    inside = (x >= 40) & (x < 440) & (y >= 40) & (y < 360)
+    gray = np.where(inside, ((x - 40) // 50 + (y - 40) // 53) % 2 * 200 + 20, 235)
+    image = np.repeat(gray[..., None], 3, axis=2).astype(np.uint8)
+    board = find_board(image, (7, 5))
+    assert (board.columns, board.rows) == (7, 5)
+    grid = board.corners_px.reshape(5, 7, 2)
+    np.testing.assert_allclose(np.sort(grid[0, :, 0]), 89.5 + 50 * np.arange(7), atol=0.1)
+    part = find_board(image, (9, 6))
+    assert sorted((part.columns, part.rows)) == [5, 7]
+
+
+@pytest.mark.parametrize("wrong", [np.zeros((50, 50), np.uint8), np.zeros((50, 50, 4), np.uint8)])
+def test_only_rgb_is_searched(wrong):
+    with pytest.raises(PictureError, match="expected an RGB picture"):
+        find_board(wrong)
+
+
+def test_a_pattern_of_nothing_is_refused():
+    with pytest.raises(ValueError, match="2x6 inner corners is too small"):
+        find_board(np.zeros((50, 50, 3), np.uint8), (2, 6))
+
+
+def test_drawing_marks_the_corners_on_a_copy():
+    grid = np.stack(np.meshgrid(np.arange(40, 140, 20), np.arange(30, 110, 20)), axis=-1).reshape(-1, 2)
+    board = Board(grid.astype(np.float32), 5, 4, (200, 150))
+    image = np.full((150, 200, 3), 128, np.uint8)
+    image.setflags(write=False)
+    drawn = draw_board(image, board)
+    assert (image == 128).all()
+    changed = np.argwhere((drawn != 128).any(axis=2))[:, ::-1]
+    assert np.linalg.norm(grid[:, None] - changed, axis=2).min(axis=1).max() < 6
+    assert changed.min() > 20 and (changed < [135, 105]).all()
+
+
+def test_plane_points_run_like_the_corners():
+    board = replace(Board(np.zeros((12, 2), np.float32), 4, 3, (10, 10)))
+    assert board.plane_points.tolist()[:5] == [[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0], [0, 1, 0]]

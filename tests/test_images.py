@@ -1,0 +1,175 @@
+"""Pictures in and out of files: the one layout, and each way in which a file can be unfit."""
+
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from lanes.images import PictureError, list_pictures, natural_key, partial_path, read_image, write_image, write_whole
+
+RED, GREEN = (220, 30, 20), (20, 200, 40)
+
+
+@pytest.fixture
+def picture() -> np.ndarray:
+    """Red on the left, green on the right: a swap of channels, sides or axes shows."""
+    image = np.zeros((40, 64, 3), np.uint8)
+    image[:, :32], image[:, 32:] = RED, GREEN
+    return image
+
+
+def test_png_round_trip_keeps_every_value(tmp_path, picture):
+    assert np.array_equal(read_image(write_image(tmp_path / "a.png", picture)), picture)
+
+
+def test_jpeg_round_trip_keeps_red_red(tmp_path, picture):
+    read = read_image(write_image(tmp_path / "a.jpg", picture))
+    assert read.shape == (40, 64, 3) and read.dtype == np.uint8
+    np.testing.assert_allclose(read[20, 10], RED, atol=6)
+    np.testing.assert_allclose(read[20, 54], GREEN, atol=6)
+
+
+def test_files_hold_red_as_others_read_it(tmp_path, picture):
+    bgr = cv2.imread(str(write_image(tmp_path / "a.png", picture)))
+    assert tuple(bgr[0, 0]) == RED[::-1]
+
+
+def test_gray_file_becomes_three_equal_channels(tmp_path):
+    gray = np.arange(200, dtype=np.uint8).reshape(10, 20)
+    cv2.imwrite(str(tmp_path / "gray.png"), gray)
+    assert np.array_equal(read_image(tmp_path / "gray.png"), np.repeat(gray[..., None], 3, axis=2))
+
+
+def test_alpha_is_dropped(tmp_path, picture):
+    rgba = np.dstack([picture[..., ::-1], np.full(picture.shape[:2], 7, np.uint8)])
+    cv2.imwrite(str(tmp_path / "alpha.png"), rgba)
+    assert np.array_equal(read_image(tmp_path / "alpha.png"), picture)
+
+
+def test_missing_file_is_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"nowhere\.jpg.*no such picture"):
+        read_image(tmp_path / "nowhere.jpg")
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png"])
+@pytest.mark.parametrize("share", [0.3, 0.9, 0.99])
+def test_truncated_file_is_refused(tmp_path, picture, suffix, share):
+    noisy = np.random.default_rng(3).integers(0, 256, (60, 80, 3), dtype=np.uint8)
+    whole = write_image(tmp_path / f"whole{suffix}", noisy).read_bytes()
+    cut = tmp_path / f"cut{suffix}"
+    cut.write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(PictureError, match=f"cut{suffix}.*cut off"):
+        read_image(cut)
+
+
+def test_truncated_jpeg_with_whole_thumbnail_is_refused(tmp_path, picture):
+    """A thumbnail in the header brings an end marker of its own, which must not pass for the picture's."""
+    whole = write_image(tmp_path / "a.jpg", picture).read_bytes()
+    thumbnail = b"\xff\xe1" + (2 + len(whole)).to_bytes(2, "big") + whole
+    with_thumbnail = tmp_path / "with.jpg"
+    with_thumbnail.write_bytes(whole[:2] + thumbnail + whole[2:])
+    assert read_image(with_thumbnail).shape == picture.shape
+    with_thumbnail.write_bytes(with_thumbnail.read_bytes()[:-4])
+    with pytest.raises(PictureError, match="cut off"):
+        read_image(with_thumbnail)
+
+
+def test_data_after_the_end_of_a_jpeg_is_no_fault(tmp_path, picture):
+    path = write_image(tmp_path / "a.jpg", picture)
+    path.write_bytes(path.read_bytes() + b"maker's own data\0\0")
+    assert read_image(path).shape == picture.shape
+
+
+def test_empty_file_is_refused(tmp_path):
+    (tmp_path / "empty.jpg").touch()
+    with pytest.raises(PictureError, match=r"empty\.jpg.*is empty"):
+        read_image(tmp_path / "empty.jpg")
+
+
+def test_text_named_jpg_is_refused(tmp_path):
+    (tmp_path / "text.jpg").write_text("not a picture")
+    with pytest.raises(PictureError, match=r"text\.jpg.*neither a JPEG nor a PNG"):
+        read_image(tmp_path / "text.jpg")
+
+
+def test_markers_without_content_are_refused(tmp_path):
+    (tmp_path / "hollow.jpg").write_bytes(b"\xff\xd8\xff\xda\xff\xd9")
+    with pytest.raises(PictureError, match=r"hollow\.jpg.*cannot be decoded"):
+        read_image(tmp_path / "hollow.jpg")
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        np.zeros((4, 4), np.uint8),
+        np.zeros((4, 4, 4), np.uint8),
+        np.zeros((4, 4, 3), np.float32),
+        [[0, 0, 0]],
+        None,
+    ],
+    ids=["gray", "rgba", "float", "list", "none"],
+)
+def test_only_rgb_is_written(tmp_path, wrong):
+    with pytest.raises(PictureError, match="expected an RGB picture"):
+        write_image(tmp_path / "a.png", wrong)
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["a.bmp", "a"])
+def test_other_formats_are_refused(tmp_path, picture, name):
+    with pytest.raises(PictureError, match=r"end the name in \.jpg or \.png"):
+        write_image(tmp_path / name, picture)
+
+
+def test_unwritable_folder_is_named(tmp_path, picture):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(OSError, match=r"file.a\.png.*cannot be written.*choose another folder"):
+        write_image(tmp_path / "file" / "a.png", picture)
+
+
+def test_interrupted_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
+    target = tmp_path / "a.txt"
+    write_whole(target, b"old")
+
+    def interrupted(self: Path, data: bytes) -> None:
+        with self.open("wb") as file:
+            file.write(data[:2])
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "write_bytes", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_whole(target, b"new and longer")
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+    assert target.read_bytes() == b"old"
+
+
+def test_full_disk_is_said_and_leaves_nothing(tmp_path, monkeypatch):
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(OSError, match=r"a\.txt.*No space left"):
+        write_whole(tmp_path / "a.txt", b"new")
+    assert not any(tmp_path.iterdir())
+
+
+def test_pictures_are_listed_in_natural_order_without_leftovers(tmp_path, picture):
+    for name in ("board10.png", "board2.PNG", "board1.jpeg", "notes.txt", "._board1.png"):
+        (tmp_path / name).touch()
+    partial_path(tmp_path / "board3.png").touch()
+    (tmp_path / "folder.jpg").mkdir()
+    assert [p.name for p in list_pictures(tmp_path)] == ["board1.jpeg", "board2.PNG", "board10.png"]
+
+
+def test_names_with_other_digits_can_be_sorted():
+    names = [Path("m²"), Path("m10"), Path("m9"), Path("7")]
+    assert [p.name for p in sorted(names, key=natural_key)] == ["7", "m9", "m10", "m²"]
+
+
+def test_empty_and_missing_folders_are_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match="holds no picture"):
+        list_pictures(tmp_path)
+    with pytest.raises(FileNotFoundError, match="nowhere: there is no such folder"):
+        list_pictures(tmp_path / "nowhere")

@@ -1,0 +1,123 @@
+"""Rendered boards: the truth is checked against the pictures by other means than those that made it."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from lanes.camera import camera_from_dict
+from lanes.dataset import PROJECT_ROOT
+from lanes.images import read_image
+from lanes.scenes import boards as scene
+from lanes.scenes.boards import VIEWS, render_board, true_corners, write_boards
+from lanes.scenes.dashcam import DASHCAM
+
+BOARDS = PROJECT_ROOT / "camera_cal"
+
+
+@pytest.fixture(scope="module")
+def truth() -> dict:
+    return json.loads((BOARDS / "truth.json").read_text())
+
+
+def test_twenty_boards_with_three_cut_and_two_larger(truth):
+    boards = truth["boards"]
+    assert list(boards) == [f"calibration{n}.jpg" for n in range(1, 21)]
+    assert [n for n, b in boards.items() if (b["width"], b["height"]) == (1281, 721)] == [
+        "calibration7.jpg",
+        "calibration15.jpg",
+    ]
+    assert [n for n, b in boards.items() if not all(b["inside"])] == [f"calibration{n}.jpg" for n in (1, 4, 5)]
+    for name, board in boards.items():
+        assert read_image(BOARDS / name).shape == (board["height"], board["width"], 3)
+
+
+def test_pictures_are_light_enough_for_git():
+    assert sum(path.stat().st_size for path in BOARDS.iterdir()) < 3_000_000
+
+
+def test_truth_holds_the_camera(truth):
+    camera = camera_from_dict(truth["camera"])
+    np.testing.assert_array_equal(camera.matrix, DASHCAM.matrix)
+    np.testing.assert_array_equal(camera.distortion, DASHCAM.distortion)
+
+
+def test_corners_outside_are_told_from_those_inside(truth):
+    for board in truth["boards"].values():
+        corners = np.array(board["corners_px"])
+        inside = (corners.min(axis=1) >= 0) & (corners[:, 0] < board["width"]) & (corners[:, 1] < board["height"])
+        assert inside.tolist() == [bool(i) for i in board["inside"]]
+
+
+@pytest.mark.parametrize("number", range(1, 21))
+def test_true_corners_lie_where_the_picture_has_them(truth, number):
+    """Refinement by gradients, started at the truth, must stay there."""
+    board = truth["boards"][f"calibration{number}.jpg"]
+    gray = cv2.cvtColor(read_image(BOARDS / f"calibration{number}.jpg"), cv2.COLOR_RGB2GRAY)
+    corners = np.array(board["corners_px"], np.float32)
+    well_inside = ((corners > 12) & (corners < [board["width"] - 12, board["height"] - 12])).all(axis=1)
+    corners = corners[well_inside]
+    stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-4)
+    moved = cv2.cornerSubPix(gray, corners.reshape(-1, 1, 2).copy(), (4, 4), (-1, -1), stop).reshape(-1, 2) - corners
+    assert np.sqrt((moved**2).sum(axis=1).mean()) < 0.25
+    assert np.abs(moved.mean(axis=0)).max() < 0.05
+
+
+@pytest.mark.parametrize("number", [3, 7, 13])
+def test_undistorted_corners_are_a_flat_grid_in_perspective(number):
+    corners = DASHCAM.undistort_points(true_corners(VIEWS[number - 1]))
+    y, x = np.mgrid[:6, :9]
+    plane = np.column_stack([x.ravel(), y.ravel()]).astype(float)
+    perspective, _ = cv2.findHomography(plane, corners)
+    seen = cv2.perspectiveTransform(plane.reshape(-1, 1, 2), perspective).reshape(-1, 2)
+    np.testing.assert_allclose(seen, corners, atol=1e-3)
+
+
+def test_views_differ_enough_to_determine_the_lens():
+    """Turned to all four sides, in all four quarters of the picture, near and far."""
+    turns, tilts = np.array([v.turn_deg for v in VIEWS]), np.array([v.tilt_deg for v in VIEWS])
+    assert min(turns.max(), -turns.min(), tilts.max(), -tilts.min()) > 25
+    quarters = {(v.u > 640, v.v > 360) for v in VIEWS}
+    assert len(quarters) == 4
+    assert max(v.span_px for v in VIEWS) > 3 * min(v.span_px for v in VIEWS)
+
+
+def test_the_committed_picture_is_what_the_renderer_makes():
+    again = render_board(VIEWS[10], seed=11)
+    committed = read_image(BOARDS / "calibration11.jpg")
+    difference = np.abs(again.astype(int) - committed)
+    assert difference.mean() < 3 and np.percentile(difference, 99.9) < 20
+
+
+def test_rendering_twice_gives_the_same_bits_and_another_seed_others():
+    first, second, other = (render_board(VIEWS[5], seed=seed) for seed in (3, 3, 4))
+    assert first.tobytes() == second.tobytes()
+    assert (first != other).mean() > 0.3
+
+
+def test_square_edges_are_soft_as_a_lens_makes_them():
+    """From black to white within 2 to 4 pixels: neither a staircase nor a smear."""
+    image = render_board(VIEWS[0], seed=1)[..., 1].astype(float)
+    a, b = true_corners(VIEWS[0])[[20, 21]]
+    middle = ((a + b) / 2).round().astype(int)
+    edge = image[middle[1] - 8 : middle[1] + 9, middle[0] - 5 : middle[0] + 6].mean(axis=1)
+    low, high = np.sort(edge[[0, -1]])
+    between = ((edge > low + 0.1 * (high - low)) & (edge < low + 0.9 * (high - low))).sum()
+    assert high - low > 120 and 1 <= between <= 4
+
+
+def test_writing_says_how_far_it_is_and_writes_the_same_truth(tmp_path, monkeypatch):
+    monkeypatch.setattr(scene, "VIEWS", VIEWS[5:7])
+    seen = []
+    written = write_boards(tmp_path / "new", progress=lambda done, total: seen.append((done, total)))
+    assert [p.name for p in written] == ["calibration1.jpg", "calibration2.jpg", "truth.json"]
+    assert seen == [(1, 2), (2, 2)]
+    boards = json.loads(written[-1].read_text())["boards"]
+    np.testing.assert_allclose(boards["calibration2.jpg"]["corners_px"], true_corners(VIEWS[6]), atol=1e-3)
+
+
+def test_unwritable_folder_is_named(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(OSError, match="cannot be written"):
+        write_boards(tmp_path / "file")
