@@ -40,7 +40,7 @@ class Wall:
 
 # Near a window, and in the dim corridor where the sensor's gain is up.
 CREAM = Wall(paint=(0.68, 0.67, 0.58), paper=(0.84, 0.84, 0.85), ink=0.004, relief=0.6, noise=0.9)
-GRAY = Wall(paint=(0.250, 0.246, 0.238), paper=(0.385, 0.385, 0.435), ink=0.018, relief=0.5, noise=1.5)
+GRAY = Wall(paint=(0.250, 0.246, 0.238), paper=(0.385, 0.385, 0.435), ink=0.010, relief=0.5, noise=1.4)
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def render_board(view: View, *, seed: int = 0, camera: Camera = DASHCAM) -> np.n
     size = _picture_size(view, camera)
     x, y = _wall_coordinates(view, camera, size)
     light = _light(view, size)
-    scene = _wall(view, x, y, light, rng) * light[..., None]
+    scene = _wall(view, x, y, rng) * light[..., None]
     paper, coverage = _sheet(view, x, y, rng)
     scene += coverage[..., None] * (paper * light[..., None] - scene)
     return _expose(scene, view.wall.noise, rng)
@@ -192,7 +192,7 @@ def _light(view: View, size: tuple[int, int]) -> np.ndarray:
     u, v = np.meshgrid(np.linspace(-1, 1, size[0]), np.linspace(-1, 1, size[1]))
     falloff = 1 - (view.falloff[0] * u + view.falloff[1] * v)
     vignette = 1 - 0.07 * (u**2 + v**2)
-    return falloff * vignette + 0.35 * _glow(view, size)
+    return falloff * vignette + 0.25 * _glow(view, size)
 
 
 def _glow(view: View, size: tuple[int, int]) -> np.ndarray:
@@ -203,19 +203,21 @@ def _glow(view: View, size: tuple[int, int]) -> np.ndarray:
     return strength / (1 + squared) ** 2
 
 
-def _wall(view: View, x: np.ndarray, y: np.ndarray, light: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _wall(view: View, x: np.ndarray, y: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Colour (height, width, 3) of the painted wall with the relief of its plaster and the sheet's soft shadow."""
     start = rng.uniform(0, WALL_TEXELS, 2)
     footprint = float(np.median(np.hypot(np.gradient(x, axis=1), np.gradient(y, axis=1)))) / WALL_TEXEL_M
     plaster = _seen_from_afar(_plaster(), footprint)
     relief = np.clip(_sample(plaster, x / WALL_TEXEL_M + start[0], y / WALL_TEXEL_M + start[1]), -4, 4)
-    # In the lamp's reflection the slopes facing it glint and the others do not.
-    glint = 1 + 4 * _glow(view, light.shape[::-1])
+    # Satin paint reflects the lamp in the lamp's colour; slopes that face it glint, the others do not.
+    glow = _glow(view, x.shape[::-1])
+    glint = 1 + 4 * glow
     shade = 1 + view.wall.relief * 0.055 * relief * glint
     # The sheet stands off the wall by a few millimetres, more at its lower edge.
     distance = _outside(x - 0.0015, y - 0.0025)
     shade *= 1 - 0.34 * np.exp(-np.maximum(distance, 0) / 0.0022)
-    return np.clip(shade, 0.2, 2.0)[..., None] * np.array(view.wall.paint)
+    reflection = (glow * shade**2)[..., None] * np.array([0.30, 0.30, 0.34])
+    return np.clip(shade, 0.2, 2.0)[..., None] * np.array(view.wall.paint) + reflection
 
 
 def _sheet(view: View, x: np.ndarray, y: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
