@@ -9,6 +9,7 @@ They differ from their originals where those were wrong; tests/test_recipes.py h
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
@@ -17,8 +18,9 @@ import numpy as np
 
 from lanes.camera import Camera, CameraError, undistort
 from lanes.channel import Channel, nearest_line
+from lanes.fit import LineFit
 from lanes.measure import road_line
-from lanes.result import LaneResult, Steps
+from lanes.result import FoundLine, LaneResult, Steps
 from lanes.threshold import BestChannelThresholds, EqualizedHsvThresholds, HlsSobelThresholds, Thresholds
 from lanes.track import LineMemory
 from lanes.view import FourPointWarp, scale_to_road, view_to_road
@@ -291,7 +293,15 @@ class LaneFinder:
         masks = thresholds.masks(self.warp.warp(undistorted) if self.recipe.warp_first else undistorted)
         return undistorted, {name: Channel(name, mask, self.recipe, self.warp) for name, mask in masks.items()}
 
-    def _result(self, undistorted, channels, lines, shown, measured, state) -> LaneResult:
+    def _result(
+        self,
+        undistorted: np.ndarray,
+        channels: dict[str, Channel],
+        lines: Sequence[FoundLine],
+        shown: Sequence[LineFit | None],
+        measured: Sequence[LineFit | None],
+        state: str,
+    ) -> LaneResult:
         roads = [fit and road_line(fit, self._to_road, self.recipe.size[1]) for fit in measured]
         binary = channels[lines[0].channel].binary | channels[lines[1].channel].binary
         masks = {name: channel.mask for name, channel in channels.items()}
