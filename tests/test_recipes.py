@@ -245,8 +245,8 @@ def test_a_glint_changes_nothing_elsewhere(name):
     before = finder(name).find(image)
     # A wet spot in the middle of the lane: the steepest edge there can be.
     (u, v) = np.round(CAMERA.road_to_pixels(np.array([[12.0, 0.0]]))).astype(int)[0]
-    image[v, u : u + 2] = 255
-    image[v, u - 2 : u] = 0
+    image[v - 5 : v + 6, u : u + 6] = 255
+    image[v - 5 : v + 6, u - 6 : u] = 0
     after = finder(name).find(image)
     for mask, other in ((m, after.steps.masks[key]) for key, m in before.steps.masks.items()):
         if get_recipe(name).warp_first:
