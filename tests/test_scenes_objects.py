@@ -90,6 +90,28 @@ def test_wall_has_no_gaps_along_its_face(kind):
     assert mask[:, 2 : int(end)].any(axis=0).all()
 
 
+def test_bank_hides_what_is_round_the_bend():
+    """A road that bends right beside a cutting: what stands far along it is hidden, what stands near is not."""
+    x = np.arange(-4.0, 300.0, 2.0)
+    bank = Wall(np.column_stack([x, -8.0 - x**2 / 800]), "bank", -1)
+    near, far = Post(30.0, -6.5, 3.0, 0.4), Post(260.0, -2.0 - 260.0**2 / 800, 3.0, 2.0)
+    assert changed([far]).any()
+    alone = draw([bank])
+    np.testing.assert_array_equal(draw([bank, far]), alone)
+    assert np.abs(draw([bank, near]) - alone).max() > 0.05
+
+
+def test_bank_ends_in_one_smooth_outline_where_it_turns_away():
+    x = np.arange(-4.0, 300.0, 2.0)
+    mask = changed([Wall(np.column_stack([x, -8.0 - x**2 / 800]), "bank", -1)])
+    columns = np.flatnonzero(mask.any(axis=0))
+    np.testing.assert_array_equal(columns, np.arange(columns[0], 640))
+    outline = mask[:, columns].argmax(axis=0)
+    # It rises from left to right and never jumps by a step of several rows.
+    steps = np.diff(outline[:-2])
+    assert steps.max() <= 1 and steps.min() >= -6
+
+
 def test_parts_behind_the_camera_are_cut_and_never_thrown_across_the_picture():
     beside = changed([Car(3.5, -2.6, 0.0, "white")])
     assert beside[:, 560:].any() and not beside[:, :400].any()

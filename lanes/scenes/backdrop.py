@@ -266,7 +266,8 @@ def _paint_ridge(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Gene
         shape = (last - first, COLUMNS)
         relief = _relief(shape, rng, style, cell_rad=0.10)
         trees = fractal_noise(shape, rng, cell_px=(5, 7), octaves=3, gain=0.8)
-        clearings = smoothstep(1.7, 2.2, fractal_noise(shape, rng, cell_px=(16, 90), octaves=5))[..., None]
+        glades = fractal_noise(shape, rng, cell_px=(14, 70), octaves=5, gain=0.65)
+        clearings = 0.6 * smoothstep(1.9, 2.8, glades + 0.3 * trees)[..., None]
         light = np.clip(0.55 * relief + 0.16 * trees, 0.05, 1.3)[..., None]
         colour = FOREST_SHADE + (FOREST_SUN - FOREST_SHADE) * light
         grass = DRY_GRASS + (GREEN_GRASS - DRY_GRASS) * style.greenness

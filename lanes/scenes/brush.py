@@ -140,11 +140,11 @@ def paint_polygons(
     fine = 4 if size[0] * size[1] < 60_000 else 2
     layer = np.zeros((size[1] * fine, size[0] * fine, 4), np.float32)
     opacity = np.ones(len(polygons_px)) if opacity is None else opacity
-    for i in seen:
-        corners = ((polygons_px[i] - low + 0.5) * fine - 0.5) * (1 << _SHIFT)
-        a = float(opacity[i])
-        r, g, b = (float(c) * a for c in colours[i])
-        cv2.fillConvexPoly(layer, np.round(corners).astype(np.int32), (r, g, b, a), cv2.LINE_8, _SHIFT)
+    paint = np.column_stack([np.asarray(colours) * opacity[:, None], opacity])[seen].tolist()
+    corners = np.rint(((points - low + 0.5) * fine - 0.5) * (1 << _SHIFT)).astype(np.int32)
+    ends = np.cumsum([len(polygons_px[i]) for i in seen]).tolist()
+    for first, last, rgba in zip([0, *ends[:-1]], ends, paint, strict=True):
+        cv2.fillConvexPoly(layer, corners[first:last], rgba, cv2.LINE_8, _SHIFT)
     layer = cv2.resize(layer, (int(size[0]), int(size[1])), interpolation=cv2.INTER_AREA)
     if blend_px > 0.3:
         spread = cv2.GaussianBlur(layer, (0, 0), blend_px)

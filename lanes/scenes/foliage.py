@@ -13,6 +13,8 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
+from lanes.scenes.noise import fractal_noise
+
 # Sunlight in a plant's own picture comes from the upper left and a little from behind the viewer (x right, y towards
 # the viewer, z up); the painter mirrors the picture where the sun stands on the other side.
 SUN_IN_SPRITE = np.array([-0.55, 0.35, 0.76])
@@ -113,6 +115,9 @@ def _place_lumps(kind: Species, rng: np.random.Generator) -> np.ndarray:
     # Square root: more lumps near the crown's skin, where the leaves are.
     reach = np.sqrt(rng.uniform(0.15, 1.0, kind.lumps))
     unit = direction * reach[:, None]
+    if kind.taper:
+        # Slender crowns are filled from bottom to top without gaps.
+        unit[:, 2] = np.linspace(-0.98, 0.98, kind.lumps)
     radius = kind.lump_radius * rng.uniform(0.65, 1.25, kind.lumps)
     middle, half = (1 + kind.crown_bottom) / 2, (1 - kind.crown_bottom) / 2
     z = middle + unit[:, 2] * np.maximum(half - radius, 0.02)
@@ -122,7 +127,8 @@ def _place_lumps(kind: Species, rng: np.random.Generator) -> np.ndarray:
     sway = 1 + 0.22 * (1 - kind.taper) * np.sin(3 * np.arctan2(unit[:, 2], unit[:, 0]) + rng.uniform(0, 6.28))
     lumps = np.column_stack([unit[:, 0] * width * sway, unit[:, 1] * width, z, radius * (0.35 + 0.65 * narrowing)])
     # One lump on the top, so that the plant has the height that it was given.
-    lumps[0] = [rng.uniform(-0.1, 0.1) * width[0], 0, 1 - radius[0] * 0.9, radius[0]]
+    top = np.argmax(lumps[:, 2])
+    lumps[top] = [rng.uniform(-0.1, 0.1) * width[top], 0, 1 - lumps[top, 3] * 0.9, lumps[top, 3]]
     return lumps[np.argsort(lumps[:, 1])]
 
 
@@ -155,19 +161,24 @@ def _draw_branches(canvas: np.ndarray, kind: Species, lumps: np.ndarray, rng: np
             np.argmin(np.linalg.norm(joints - ends[i], axis=1) + 2 * np.maximum(joints[:, 2] - ends[i, 2], 0))
         ]
         limb(joint, ends[i], 0.24 * kind.trunk_width, 0.05 * kind.trunk_width)
-    trunk = np.column_stack([bend * np.sin(np.linspace(0, 3, 8)), np.zeros(8), np.linspace(0, fork[2] + 0.05, 8)])
+    trunk_z = np.linspace(0, fork[2] + 0.05, 8)
+    trunk = np.column_stack([bend * np.sin(np.linspace(0, 3, 8)), np.zeros(8), trunk_z])
     width = kind.trunk_width * (1 + 0.5 * np.exp(-np.linspace(0, 8, 8)))
     _draw_limb(canvas, _to_canvas(canvas, trunk), width * rows, kind.bark_colour)
+    # Bark is furrowed along the stem.
+    furrows = fractal_noise((rows // 2, canvas.shape[1] // 2), rng, cell_px=(20, 4.5), octaves=2, gain=0.7)
+    furrows = cv2.resize(furrows, canvas.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+    canvas[..., :3] *= np.clip(1 + 0.28 * furrows, 0.3, 1.8)[..., None]
 
 
 def _draw_limb(canvas: np.ndarray, path: np.ndarray, width_px: np.ndarray, colour: tuple) -> None:
-    """A tapering limb in three strips from sunlit to shaded."""
+    """A tapering limb in strips from sunlit to shaded."""
     across = np.column_stack([-np.gradient(path[:, 1]), np.gradient(path[:, 0])])
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-6)
     # Strips run over the limb's width from its left side to its right one.
     across *= -np.sign(across[len(across) // 2, 0] or 1)
-    edges = np.array([0.5, 0.22, -0.12, -0.5])
-    for outer, inner, light in zip(edges[:-1], edges[1:], (0.9, 0.45, 0.16), strict=True):
+    edges = np.linspace(0.5, -0.5, 6)
+    for outer, inner, light in zip(edges[:-1], edges[1:], (0.75, 0.85, 0.6, 0.35, 0.16), strict=True):
         sides = [path + across * (edge * np.maximum(width_px, 1.5))[:, None] for edge in (outer, inner)]
         polygon = np.round(np.vstack([sides[0], sides[1][::-1]])).astype(np.int32)
         cv2.fillPoly(canvas, [polygon], (*(light * c for c in colour), 1.0))
@@ -198,13 +209,13 @@ def _scatter_leaves(kind: Species, lumps: np.ndarray, rng: np.random.Generator) 
     """Positions (N, 3) of the leaves and the light (N,), 0 to 1, that each one gets."""
     share = lumps[:, 3] ** 2
     owner = rng.choice(len(lumps), kind.leaves, p=share / share.sum())
-    clusters = 14
+    clusters = 18
     cluster_direction = rng.standard_normal((len(lumps), clusters, 3))
     cluster_direction /= np.linalg.norm(cluster_direction, axis=2, keepdims=True)
     which = rng.integers(0, clusters, kind.leaves)
     outward = cluster_direction[owner, which]
     # Clipped, because no leaf hangs in the air away from its spray.
-    scatter = (0.2 + 0.16 * kind.airy) * np.clip(rng.standard_normal((kind.leaves, 3)), -1.8, 1.8)
+    scatter = (0.15 + 0.10 * kind.airy) * np.clip(rng.standard_normal((kind.leaves, 3)), -2.2, 2.2)
     local = outward * (0.8 + 0.2 * kind.airy) + scatter
     position = lumps[owner, :3] + local * lumps[owner, 3:4] * [1, 1, 0.8]
     position[:, 2] = np.clip(position[:, 2], 0.002, 0.998)

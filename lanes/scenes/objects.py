@@ -320,17 +320,19 @@ def _tree_shadows(tree: Tree, place: np.ndarray, drift: np.ndarray) -> list[np.n
     """Ragged blots, so that sun flecks remain between them, and the trunk."""
     kind = SPECIES[tree.species]
     rng = np.random.default_rng([tree.seed, 7])
-    angle = np.linspace(0, 2 * np.pi, 14, endpoint=False)
-    low = max(kind.crown_bottom, 0.0)
-    blots = []
-    for _ in range(60):
-        z = tree.height_m * (low + (1 - low) * rng.uniform(0.08, 0.92))
-        reach = np.sqrt(rng.uniform(0, 1)) * kind.crown_width / 2 * tree.height_m * (1 - kind.taper * z / tree.height_m)
-        toward = rng.uniform(0, 2 * np.pi)
-        middle = place + reach * np.array([np.cos(toward), np.sin(toward)]) + (z + tree.base_m) * drift
-        radius = tree.height_m * kind.lump_radius * rng.uniform(0.25, 0.85) * rng.uniform(0.6, 1.2, len(angle))
-        stretch = radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-        blots.append(middle + stretch + np.outer(stretch @ drift, drift) / max(drift @ drift, 1e-9) * 0.3)
+    angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    count, low = 45, max(kind.crown_bottom, 0.0)
+    share = low + (1 - low) * rng.uniform(0.08, 0.92, count)
+    reach = np.sqrt(rng.uniform(0, 1, count)) * kind.crown_width / 2 * tree.height_m * (1 - kind.taper * share)
+    toward = rng.uniform(0, 2 * np.pi, count)
+    aside = reach[:, None] * np.column_stack([np.cos(toward), np.sin(toward)])
+    middle = place + aside + (share * tree.height_m + tree.base_m)[:, None] * drift
+    size = tree.height_m * kind.lump_radius * rng.uniform(0.2, 0.8, (count, 1)) * rng.uniform(0.3, 1.4, (count, 12))
+    outline = size[..., None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    # A lump is as tall as it is wide, so a low sun draws its shadow out.
+    away = drift / max(np.linalg.norm(drift), 1e-9)
+    outline += 0.3 * np.linalg.norm(drift) * (outline @ away)[..., None] * away
+    blots = list(middle[:, None] + outline)
     half = max(0.12, kind.trunk_width * tree.height_m / 2)
     trunk = _upright(0, 0, half, half, 0, tree.height_m * (low + 0.3))
     return [*blots, _hull(place + trunk[:, :2] + trunk[:, 2:] * drift)]

@@ -13,12 +13,14 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.scenes.brush import inside, viewing_planes
+from lanes.scenes.brush import inside, lay_over, viewing_planes
 from lanes.scenes.cars import irradiance
 from lanes.scenes.noise import fractal_noise, smoothstep
 
 TEXTURE_LENGTH_M = 48.0
 TEXTURE_PX_PER_M = 40
+# Where a bank comes in the order of painting when nothing of it is hidden: behind everything.
+BANK_DISTANCE_M = 590.0
 
 
 @dataclass(frozen=True)
@@ -73,10 +75,16 @@ class Wall:
             raise ValueError(f"a wall's path has the shape (points, 2) with two points at least, not {path.shape}.")
 
     def distance_m(self) -> float:
-        """Distance that painters sort by: the path's middle; a bank is ground, behind all that stands on it."""
-        if self.kind == "bank":
-            return 500.0
-        return float(np.hypot(*np.asarray(self.path_m)[len(self.path_m) // 2]))
+        """Distance that painters sort by: the path's middle.
+
+        A bank is ground, behind all that stands on it, up to where it turns out of sight in a bend.
+        """
+        path = np.asarray(self.path_m, float)
+        if self.kind != "bank":
+            return float(np.hypot(*path[len(path) // 2]))
+        ahead = path[path[:, 0] > 1]
+        turn = np.argmin(self.side * np.arctan2(ahead[:, 1], ahead[:, 0])) if len(ahead) else 0
+        return float(np.hypot(*ahead[turn])) if 0 < turn < len(ahead) - 1 else BANK_DISTANCE_M
 
     def pieces(self) -> list[Wall]:
         """The wall cut into lengths that a painter can sort by distance."""
@@ -99,7 +107,8 @@ class Wall:
         rise = np.full(len(path), self.height_scale)
         if self.kind == "bank":
             # The cutting ends gently, far away.
-            rise *= smoothstep(len(path) - 1, 0.75 * (len(path) - 1), np.arange(len(path)))
+            step = np.hypot(*np.diff(path, axis=0).T)
+            rise *= smoothstep(0, 80, np.concatenate([np.cumsum(step[::-1])[::-1], [0]]))
         return np.stack(
             [np.column_stack([path + outward * lateral, height * rise]) for lateral, height in WALLS[self.kind].lines]
         )
@@ -139,7 +148,8 @@ def paint_wall(image: np.ndarray, camera: Camera, wall: Wall, sun: np.ndarray, a
         normal = _strip_normals(lines[strip], lines[strip + 1], wall.side)
         light = irradiance(normal, sun) / 0.8
         texture = _texture(WALLS[wall.kind].textures[strip], wall.seed + strip)
-        _paint_strip(image, pixels[strip], pixels[strip + 1], along, light, texture, air)
+        low, high = _Line(pixels[strip], along, light), _Line(pixels[strip + 1], along, light)
+        (_paint_slope if wall.kind == "bank" else _paint_strip)(image, low, high, texture, air)
 
 
 def _strip_normals(low: np.ndarray, high: np.ndarray, side: int) -> np.ndarray:
@@ -148,45 +158,66 @@ def _strip_normals(low: np.ndarray, high: np.ndarray, side: int) -> np.ndarray:
     return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
 
 
-def _paint_strip(
-    image: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-    along: np.ndarray,
-    light: np.ndarray,
-    texture: tuple[np.ndarray, ...],
-    air: tuple,
-) -> None:
-    """Paint between two lines seen at `low` and `high` (N, 2), one run of rising or falling columns at a time."""
-    direction = np.sign(np.nan_to_num(np.diff(low[:, 0])))
-    turns = np.flatnonzero(direction[1:] * direction[:-1] < 0) + 1
-    bounds = [0, *turns, len(low) - 1]
-    for a, b in reversed(list(zip(bounds[:-1], bounds[1:], strict=True))):
-        order = slice(a, b + 1) if direction[a:b].sum() > 0 else slice(b, a - 1 if a else None, -1)
-        _paint_run(image, low[order], high[order], along[order], light[order], texture, air)
+@dataclass(frozen=True)
+class _Line:
+    """A line as the lens sees it: pixels (N, 2), places along the wall (N,), light (N, 3)."""
+
+    pixels: np.ndarray
+    along: np.ndarray
+    light: np.ndarray
+
+    def part(self, order: slice) -> _Line:
+        return _Line(self.pixels[order], self.along[order], self.light[order])
+
+    def seen(self) -> _Line:
+        which = np.isfinite(self.pixels[:, 0])
+        return _Line(self.pixels[which], self.along[which], self.light[which])
+
+    def turns(self) -> np.ndarray:
+        """Indices at which its columns change between rising and falling."""
+        direction = np.sign(np.diff(self.pixels[:, 0]))
+        return np.flatnonzero(direction[1:] * direction[:-1] < 0) + 1
+
+    def rising(self) -> _Line:
+        """The line from left to right."""
+        line = self if self.pixels[-1, 0] > self.pixels[0, 0] else self.part(slice(None, None, -1))
+        return _Line(np.maximum.accumulate(line.pixels, axis=0) * [1, 0] + line.pixels * [0, 1], line.along, line.light)
 
 
-def _rising(line: np.ndarray, along: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The seen part of a line: columns that never fall back, rows, places, light."""
-    seen = np.isfinite(line[:, 0])
-    return np.maximum.accumulate(line[seen, 0]), line[seen, 1], along[seen], light[seen]
+def _paint_strip(image: np.ndarray, low: _Line, high: _Line, texture: tuple[np.ndarray, ...], air: tuple) -> None:
+    """Paint between two lines of an upright wall, one run of rising or falling columns at a time, the far ones first.
 
-
-def _paint_run(
-    image: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-    along: np.ndarray,
-    light: np.ndarray,
-    texture: tuple[np.ndarray, ...],
-    air: tuple,
-) -> None:
-    """Paint a run in which columns rise: every column looks up both lines, every pixel the texture between them."""
-    height, width = image.shape[:2]
-    low_u, low_v, low_s, low_light = _rising(low, along, light)
-    high_u, high_v, high_s, _ = _rising(high, along, light)
-    if min(len(low_u), len(high_u)) < 2:
+    Lower and upper line turn at the same place, because one stands on the other.
+    """
+    both = np.isfinite(low.pixels[:, 0]) & np.isfinite(high.pixels[:, 0])
+    if both.sum() < 2:
         return
+    low, high = (_Line(x.pixels[both], x.along[both], x.light[both]) for x in (low, high))
+    bounds = [0, *low.turns(), len(low.along) - 1]
+    for a, b in reversed(list(zip(bounds[:-1], bounds[1:], strict=True))):
+        run = slice(a, b + 1)
+        _paint_run(image, low.part(run).rising(), high.part(run).rising(), texture, air)
+
+
+def _paint_slope(image: np.ndarray, low: _Line, high: _Line, texture: tuple[np.ndarray, ...], air: tuple) -> None:
+    """Paint between two lines of a bank up to where it turns out of sight; what is beyond, the near part hides."""
+    low, high = low.seen(), high.seen()
+    if min(len(low.along), len(high.along)) < 2:
+        return
+    low, high = (x.part(slice(0, x.turns()[0] + 1 if len(x.turns()) else None)) for x in (low, high))
+    # Both lines end where the farther reaching one does: between their ends runs the outline of the bank.
+    forward = np.sign(low.pixels[-1, 0] - low.pixels[0, 0])
+    ends = sorted((low, high), key=lambda line: forward * line.pixels[-1, 0])
+    last = ends[1].part(slice(-1, None))
+    longer = _Line(*(np.concatenate([getattr(ends[0], n), getattr(last, n)]) for n in ("pixels", "along", "light")))
+    low, high = (longer if line is ends[0] else line for line in (low, high))
+    _paint_run(image, low.rising(), high.rising(), texture, air)
+
+
+def _paint_run(image: np.ndarray, low: _Line, high: _Line, texture: tuple[np.ndarray, ...], air: tuple) -> None:
+    """Every column looks up both lines, which run from left to right; every pixel the texture between them."""
+    height, width = image.shape[:2]
+    (low_u, low_v), (high_u, high_v) = low.pixels.T, high.pixels.T
     start = max(0, int(np.ceil(max(low_u[0], high_u[0]))))
     stop = min(width, int(np.ceil(min(low_u[-1], high_u[-1]))))
     if stop <= start:
@@ -198,25 +229,26 @@ def _paint_run(
         return
     v = np.arange(first, last, dtype=float)[:, None]
     alpha = np.clip(v - top + 0.5, 0, 1) * np.clip(bottom - v + 0.5, 0, 1)
-    tall = np.maximum(bottom - top, 1e-3)
-    share = np.clip((bottom - v) / tall, 0, 1)
-    s_low, s_high = np.interp(u, low_u, low_s), np.interp(u, high_u, high_s)
-    map_x = ((s_low + (s_high - s_low) * share) * TEXTURE_PX_PER_M).astype(np.float32)
-    speed = np.abs(np.gradient(s_low)) if len(u) > 1 else np.ones(1)
-    level = np.clip(np.log2(np.maximum(speed * TEXTURE_PX_PER_M, 1)), 0, len(texture) - 1).astype(int)
-    colour = np.zeros((len(v), len(u), 4), np.float32)
+    share = np.clip((bottom - v) / np.maximum(bottom - top, 1e-3), 0, 1)
+    s_low, s_high = np.interp(u, low_u, low.along), np.interp(u, high_u, high.along)
+    colour = _look_up(texture, s_low + (s_high - s_low) * share, share) * alpha[..., None].astype(np.float32)
+    lit = np.stack([np.interp(u, low_u, low.light[:, c]) for c in range(3)], axis=-1).astype(np.float32)
+    colour[..., :3] *= lit
+    lay_over(image, colour, start, first, through=air[0], air=air[1])
+
+
+def _look_up(texture: tuple[np.ndarray, ...], along_m: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Texture (rows, columns, 4) at places along the wall and shares of its height, blurred where it is far."""
+    x, y = along_m.astype(np.float32) * TEXTURE_PX_PER_M, (1 - share).astype(np.float32)
+    step = np.abs(np.gradient(along_m[-1])) if along_m.shape[1] > 1 else np.ones(1)
+    level = np.clip(np.log2(np.maximum(step * TEXTURE_PX_PER_M, 1)), 0, len(texture) - 1).astype(int)
+    colour = np.empty((*share.shape, 4), np.float32)
     for k in np.unique(level):
-        columns = np.flatnonzero(level == k)
-        picture = texture[k]
-        x = np.mod(map_x[:, columns] / 2**k, picture.shape[1]).astype(np.float32)
-        y = ((1 - share[:, columns]) * (picture.shape[0] - 1)).astype(np.float32)
-        colour[:, columns] = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
-    lit = np.stack([np.interp(u, low_u, low_light[:, c]) for c in range(3)], axis=-1).astype(np.float32)
-    cover = colour[..., 3:] * alpha[..., None].astype(np.float32)
-    region = image[first:last, start:stop]
-    region *= 1 - cover
-    rgb = colour[..., :3] * alpha[..., None].astype(np.float32) * lit
-    region += rgb * np.asarray(air[0], np.float32) + cover * np.asarray(air[1], np.float32)
+        columns, picture = np.flatnonzero(level == k), texture[k]
+        map_x = np.mod(x[:, columns] / np.float32(2**k), picture.shape[1])
+        map_y = y[:, columns] * np.float32(picture.shape[0] - 1)
+        colour[:, columns] = cv2.remap(picture, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    return colour
 
 
 @lru_cache(maxsize=32)
