@@ -5,7 +5,8 @@ import time
 import numpy as np
 import pytest
 
-from lanes.scenes.backdrop import BackdropStyle, air_between, paint_backdrop
+from lanes.scenes.backdrop import BackdropStyle, paint_backdrop
+from lanes.scenes.sky import air_between
 
 STYLE = BackdropStyle()
 

@@ -6,6 +6,8 @@ import pytest
 from lanes.camera import Camera, Mount
 from lanes.scenes.bonnet import bonnet_outline
 from lanes.scenes.brush import clip_polygon, inside, viewing_planes
+from lanes.scenes.foliage import SPECIES, plant_sprite
+from lanes.scenes.noise import fractal_noise, fractal_profile
 from lanes.scenes.objects import Car, Post, Sign, Tree, Wall, draw_bonnet, draw_objects, shadow_polygons
 
 SUN = np.array([-0.3, -0.5, 0.8]) / np.linalg.norm([-0.3, -0.5, 0.8])
@@ -223,3 +225,28 @@ def test_unknown_things_are_named(make, named):
 def test_a_thing_of_another_kind_is_refused():
     with pytest.raises(TypeError, match="str"):
         draw(["car"])
+
+
+@pytest.mark.parametrize("species", sorted(SPECIES))
+def test_plant_stands_on_its_foot_and_is_green_or_brown(species):
+    sprites = plant_sprite(species, 3)
+    whole = sprites[0]
+    assert whole.dtype == np.float32 and (whole[..., 3] <= 1 + 1e-6).all() and (whole >= 0).all()
+    rows = np.flatnonzero((whole[..., 3] > 0.5).any(axis=1))
+    assert rows[0] < 0.06 * len(whole) and rows[-1] >= len(whole) - 2
+    # Nothing of the sun's colour where nothing is: colours come with their coverage.
+    assert whole[whole[..., 3] == 0].max(initial=0) == 0
+    red, green, blue, cover = whole.reshape(-1, 4).sum(axis=0)
+    assert blue < 0.8 * min(red, green) and 0.005 < green / cover < 0.2
+    # The smaller pictures show the same plant.
+    for smaller in sprites[1:3]:
+        assert smaller[..., 3].mean() == pytest.approx(whole[..., 3].mean(), rel=0.03)
+
+
+def test_noise_closes_on_itself_and_is_normalised():
+    noise = fractal_noise((60, 200), np.random.default_rng(5), cell_px=(20, 33), octaves=4)
+    assert noise.mean() == pytest.approx(0, abs=1e-4) and noise.std() == pytest.approx(1, abs=1e-4)
+    inner = np.abs(np.diff(noise, axis=1)).mean()
+    assert np.abs(noise[:, 0] - noise[:, -1]).mean() < 2 * inner
+    profile = fractal_profile(500, np.random.default_rng(5), cell_px=60)
+    assert abs(profile[0] - profile[-1]) < 4 * np.abs(np.diff(profile)).mean()

@@ -1,13 +1,11 @@
 """What stands still behind the road: sky, clouds, hills and the woods on them, painted once as a panorama.
 
-Directions are unit vectors in the world frame (x forward where the road starts, y left, z up). The panorama is an
-equal-area cylinder: columns follow the azimuth, rows the z component of the direction, so that looking a direction up
-costs one arc tangent and one remap. Everything in it is so far away that driving does not move it; only turning does.
+The land of the panorama is here, its sky and its geometry in `sky`. Everything in it is so far away that driving does
+not move it; only turning does.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import cv2
@@ -15,21 +13,21 @@ import numpy as np
 
 from lanes.scenes.foliage import SUN_IN_SPRITE, plant_sprite
 from lanes.scenes.noise import fractal_noise, fractal_profile, smoothstep
+from lanes.scenes.sky import (
+    COLUMNS,
+    HORIZON_ROW,
+    PIXELS_PER_RAD,
+    ROWS,
+    Z_TOP,
+    BackdropStyle,
+    air_between,
+    azimuths,
+    heights,
+    paint_clouds,
+    paint_sky,
+)
 
-# 1304 columns a radian: a little finer than the 1160 px/rad of a 63 degree wide picture of 1280 columns.
-COLUMNS = 8192
-PIXELS_PER_RAD = COLUMNS / (2 * np.pi)
-Z_TOP, Z_BOTTOM = 0.64, -0.06
-ROWS = round((Z_TOP - Z_BOTTOM) * PIXELS_PER_RAD)
-HORIZON_ROW = Z_TOP * PIXELS_PER_RAD
-
-# Linear radiance of a dry summer sky, sunlit white paint = 1: at the zenith, what the horizon adds, and how fast that
-# fades with height, for red, green and blue (red fades fastest: that is why the sky above is blue).
-ZENITH = np.array([0.020, 0.120, 0.380], np.float32)
-HORIZON_GLOW = np.array([0.43, 0.47, 0.32], np.float32)
-GLOW_FALL = np.array([5.0, 3.1, 1.9], np.float32)
-# What distance fades to: the sky just above the horizon, a little darker and bluer.
-HAZE_COLOUR = (ZENITH + HORIZON_GLOW) * np.array([0.62, 0.72, 0.90], np.float32)
+__all__ = ["BackdropStyle", "paint_backdrop"]
 
 DRY_GRASS = np.array([0.40, 0.265, 0.135], np.float32)
 DRY_SOIL = np.array([0.26, 0.175, 0.105], np.float32)
@@ -37,56 +35,6 @@ GREEN_GRASS = np.array([0.17, 0.20, 0.055], np.float32)
 CHAPARRAL = np.array([0.050, 0.050, 0.022], np.float32)
 FOREST_SUN = np.array([0.075, 0.080, 0.035], np.float32)
 FOREST_SHADE = np.array([0.012, 0.017, 0.012], np.float32)
-
-
-@dataclass(frozen=True)
-class BackdropStyle:
-    """What the country looks like.
-
-    Parameters
-    ----------
-    cloud_cover : float
-        Share of the sky that cumulus clouds cover; 0 is a clear sky.
-    hill_height_rad, ridge_height_rad : float
-        How high the near hills and the far wooded ridge typically stand above the horizon.
-    greenness : float
-        Grass of the hills, from dry gold (0) to spring green (1).
-    tree_density : float
-        Woods on the hills and in front of them: 0 bare, 1 closed.
-    haze_per_km : float
-        Extinction of the air; 0.06 is a clear day, 0.4 a hazy one.
-    sun_azimuth_rad, sun_elevation_rad : float
-        Where the sun stands in the world frame (azimuth > 0 is left of the road's first heading).
-    """
-
-    cloud_cover: float = 0.0
-    hill_height_rad: float = 0.060
-    ridge_height_rad: float = 0.062
-    greenness: float = 0.0
-    tree_density: float = 0.5
-    haze_per_km: float = 0.06
-    sun_azimuth_rad: float = 0.9
-    sun_elevation_rad: float = 0.9
-
-    def __post_init__(self) -> None:
-        for name in ("cloud_cover", "greenness", "tree_density"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise ValueError(f"{name} is a share from 0 to 1, not {getattr(self, name)}.")
-        if not 0 < self.sun_elevation_rad <= np.pi / 2:
-            raise ValueError(f"the sun must be above the horizon, not at {self.sun_elevation_rad} rad.")
-        if self.haze_per_km < 0:
-            raise ValueError(f"haze_per_km is an extinction, 0 or more, not {self.haze_per_km}.")
-
-    def sun_direction(self) -> np.ndarray:
-        """(3,) unit vector towards the sun, world frame."""
-        level = np.cos(self.sun_elevation_rad)
-        return np.array(
-            [
-                level * np.cos(self.sun_azimuth_rad),
-                level * np.sin(self.sun_azimuth_rad),
-                np.sin(self.sun_elevation_rad),
-            ]
-        )
 
 
 def paint_backdrop(directions: np.ndarray, style: BackdropStyle, *, seed: int = 0) -> np.ndarray:
@@ -121,30 +69,6 @@ def paint_backdrop(directions: np.ndarray, style: BackdropStyle, *, seed: int = 
     return cv2.remap(panorama, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
-def air_between(distance_m: np.ndarray | float, haze_per_km: float) -> tuple[np.ndarray, np.ndarray]:
-    """What the air does to the light of a thing at a distance.
-
-    Parameters
-    ----------
-    distance_m : float or ndarray of any shape
-        From the eye, metres.
-    haze_per_km : float
-        Extinction, 1/km.
-
-    Returns
-    -------
-    (through, air) : ndarrays of that shape with 3 more entries
-        Colour seen = colour * through + air; blue is scattered in first and most.
-
-    References
-    ----------
-    Koschmieder's law of the contrast of far things.
-    """
-    extinction = haze_per_km / 1000 * np.array([0.8, 1.0, 1.3], np.float32)
-    through = np.exp(-np.multiply.outer(np.asarray(distance_m, np.float32), extinction))
-    return through, HAZE_COLOUR * (1 - through)
-
-
 def _veil(colour: np.ndarray, distance_km: np.ndarray | float, style: BackdropStyle) -> np.ndarray:
     through, air = air_between(np.asarray(distance_km) * 1000, style.haze_per_km)
     return colour * through + air
@@ -154,9 +78,9 @@ def _veil(colour: np.ndarray, distance_km: np.ndarray | float, style: BackdropSt
 def _panorama(style: BackdropStyle, seed: int) -> np.ndarray:
     """(ROWS, COLUMNS + 2, 3) float32, about 90 MB; row 0 looks up to Z_TOP, column 1 along azimuth 0."""
     rng = np.random.default_rng([seed, 20])
-    panorama = _paint_sky(style)
+    panorama = paint_sky(style)
     if style.cloud_cover > 0:
-        _paint_clouds(panorama, style, np.random.default_rng([seed, 21]))
+        paint_clouds(panorama, style, np.random.default_rng([seed, 21]))
     _paint_plain(panorama, style, rng)
     _paint_ridge(panorama, style, rng)
     for distance_km, share in ((4.0, 0.62), (1.6, 0.75), (0.7, 1.0)):
@@ -167,60 +91,10 @@ def _panorama(style: BackdropStyle, seed: int) -> np.ndarray:
     return panorama
 
 
-def _azimuths() -> np.ndarray:
-    return (np.arange(COLUMNS, dtype=np.float32) + 0.5) / np.float32(PIXELS_PER_RAD)
-
-
-def _heights() -> np.ndarray:
-    """z component of the direction of each row."""
-    return (Z_TOP - (np.arange(ROWS, dtype=np.float32) + 0.5) / PIXELS_PER_RAD).astype(np.float32)
-
-
-def _paint_sky(style: BackdropStyle) -> np.ndarray:
-    """Gradient from the horizon up, and the bright side where the sun stands."""
-    coarse = 4
-    z = cv2.resize(_heights()[:, None], (1, ROWS // coarse), interpolation=cv2.INTER_AREA).ravel()
-    azimuth = _azimuths().reshape(-1, coarse).mean(axis=1)
-    gradient = ZENITH + HORIZON_GLOW * np.exp(-GLOW_FALL * np.maximum(z, 0)[:, None])
-    sun = style.sun_direction().astype(np.float32)
-    facing = np.cos(azimuth - style.sun_azimuth_rad) * np.hypot(sun[0], sun[1])
-    away = 1 - (np.sqrt(1 - z * z)[:, None] * facing[None, :] + z[:, None] * sun[2])[..., None]
-    # Aureole (forward scattering), the weak brightening of the sun's whole side, and haze that whitens both.
-    glow = 0.30 * np.exp(-away / 0.05) + (0.05 + 0.35 * style.haze_per_km) * np.exp(-away / 0.5)
-    sky = gradient[:, None, :] * (1.06 - 0.06 * away) + glow * np.array([0.85, 0.97, 1.0], np.float32)
-    return cv2.resize(sky.astype(np.float32), (COLUMNS, ROWS), interpolation=cv2.INTER_LINEAR)
-
-
-def _paint_clouds(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Generator) -> None:
-    """Cumulus: noise on a flat layer seen in perspective, so that clouds shrink and crowd towards the horizon."""
-    size, coarse = 2048, 2
-    noise = fractal_noise((size, size), rng, cell_px=(420, 420), octaves=8, gain=0.55)
-    rows = int(HORIZON_ROW) // coarse
-    z = np.maximum(_heights()[: rows * coarse : coarse], 0.004)[:, None]
-    # The exponent is 1 for paper-thin clouds; less gives them the height that makes them cumulus.
-    reach = 330 * np.sqrt(1 - z * z) / (z + 0.06) ** 0.55
-    azimuth = _azimuths()[::coarse]
-    map_x = (reach * np.cos(azimuth) + size / 2).astype(np.float32)
-    map_y = (reach * np.sin(azimuth) + size / 2).astype(np.float32)
-    density = cv2.remap(noise, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
-    # Tops are lit: where there is less cloud a little higher up. Bases are flat and grey.
-    lit = density - np.roll(cv2.GaussianBlur(density, (0, 0), 5), 12, axis=0)
-    edge = np.float32(np.quantile(density[::8, ::8], 1 - style.cloud_cover))
-    cover = smoothstep(edge - 0.08, edge + 0.40, density)
-    thick = smoothstep(edge + 0.1, edge + 1.7, cv2.GaussianBlur(density, (0, 0), 3))
-    brightness = np.clip(0.84 - 0.46 * thick + 0.22 * lit, 0.26, 1.05)[..., None]
-    colour = brightness * np.float32([1.0, 1.0, 1.01]) + (1 - brightness) * np.float32([0.03, 0.05, 0.09])
-    cover *= np.exp(-0.012 / z)
-    layer = np.concatenate([colour * cover[..., None], cover[..., None]], axis=2).astype(np.float32)
-    layer = cv2.resize(layer, (COLUMNS, rows * coarse), interpolation=cv2.INTER_LINEAR)
-    panorama[: rows * coarse] *= 1 - layer[..., 3:]
-    panorama[: rows * coarse] += layer[..., :3]
-
-
 def _paint_plain(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Generator) -> None:
     """Everything below the horizon: fields that grow finer and hazier with distance."""
     first = int(HORIZON_ROW)
-    z = np.minimum(_heights()[first:], -2e-4)
+    z = np.minimum(heights()[first:], -2e-4)
     noise = fractal_noise((len(z), COLUMNS), rng, cell_px=(14, 220), octaves=6, gain=0.6)
     share = smoothstep(-0.6, 1.4, noise)[..., None]
     grass = DRY_GRASS + (GREEN_GRASS - DRY_GRASS) * style.greenness
@@ -237,7 +111,7 @@ def _skyline(rng: np.random.Generator, height_rad: float, *, cell_rad: float, ro
 
 def _cover(panorama: np.ndarray, first: int, last: int, colour: np.ndarray, skyline: np.ndarray) -> None:
     """Lay `colour` (rows first to last) over the panorama below `skyline`, with a soft edge of one pixel."""
-    z = _heights()[first:last]
+    z = heights()[first:last]
     alpha = np.clip((skyline[None, :] - z[:, None]) * PIXELS_PER_RAD + 0.5, 0, 1)[..., None]
     panorama[first:last] += alpha * (colour - panorama[first:last])
 
@@ -253,7 +127,7 @@ def _relief(shape: tuple[int, int], rng: np.random.Generator, style: BackdropSty
     ground = fractal_noise(shape, rng, cell_px=(0.9 * cell, 0.6 * cell), octaves=4, gain=0.42)
     across = np.gradient(ground, axis=1) * cell
     # From the viewer, the sun lights the right-hand slopes where it stands to the right of the line of sight.
-    side = np.sin(_azimuths() - style.sun_azimuth_rad)
+    side = np.sin(azimuths() - style.sun_azimuth_rad)
     return np.clip(1 + 0.07 * across * side[None, :] + 0.06 * ground, 0.5, 1.5)
 
 
@@ -281,7 +155,7 @@ def _paint_hills(
     """One line of grassy hills with scrub in the folds, and its trees."""
     skyline = _skyline(rng, height_rad, cell_rad=0.30 + 0.25 * (1.6 / (1 + distance_km)), roughness=0.36)
     # The road runs along a valley: ahead and behind, near hills stay low.
-    valley = smoothstep(0.02, 0.55, np.abs(np.sin(_azimuths())))
+    valley = smoothstep(0.02, 0.55, np.abs(np.sin(azimuths())))
     skyline = skyline * (1 - (1 - valley) * min(1.0, 1.2 / distance_km) * 0.85)
     skyline += 0.0006 * fractal_profile(COLUMNS, rng, cell_px=9, octaves=3)
     first, last = _band(skyline)

@@ -1,4 +1,4 @@
-"""Things beside and on the road: cars, barriers, trees, signs, posts; their pictures and their shadows.
+"""The pictures of things beside and on the road: cars, barriers, trees, signs, posts.
 
 Every thing is given in the car's road frame (x forward, y left, z up, metres; the camera above the origin). The sun's
 direction points towards the sun, in the same frame.
@@ -6,73 +6,24 @@ direction points towards the sun, in the same frame.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.scenes.backdrop import air_between
 from lanes.scenes.bonnet import draw_bonnet
 from lanes.scenes.brush import inside, lay_over, paint_polygons, project_faces, viewing_planes
-from lanes.scenes.cars import BODY, ON_BODY, Shell, car_faces, face_normals, irradiance, shade_faces
-from lanes.scenes.foliage import SPECIES, SUN_IN_SPRITE, plant_sprite
+from lanes.scenes.cars import BODY, ON_BODY, car_faces
+from lanes.scenes.foliage import plant_sprite
+from lanes.scenes.shading import face_normals, irradiance, shade_faces
+from lanes.scenes.shadows import shadow_polygons
+from lanes.scenes.sky import air_between
+from lanes.scenes.things import Car, Post, Sign, Thing, Tree, turned_by, upright
 from lanes.scenes.walls import Wall, paint_wall
 
-__all__ = ["Car", "Post", "Sign", "Tree", "Wall", "draw_bonnet", "draw_objects", "shadow_polygons"]
+__all__ = ["Car", "Post", "Sign", "Thing", "Tree", "Wall", "draw_bonnet", "draw_objects", "shadow_polygons"]
 
 # Things farther than this are not worth drawing: a car is 4 pixels wide there.
 FARTHEST_M = 600.0
-
-
-@dataclass(frozen=True)
-class Car:
-    """A car on the ground at (x_m, y_m) of its middle; heading 0 drives with us, pi comes towards us."""
-
-    x_m: float
-    y_m: float
-    heading_rad: float = 0.0
-    paint: str = "white"
-    body: str = "sedan"
-
-
-@dataclass(frozen=True)
-class Tree:
-    """A tree or bush; `species` as in `foliage.SPECIES`."""
-
-    x_m: float
-    y_m: float
-    height_m: float = 10.0
-    species: str = "oak"
-    seed: int = 0
-    base_m: float = 0.0
-
-
-@dataclass(frozen=True)
-class Sign:
-    """A sign on one or two posts that faces the traffic: kind "green", "speed", "warning" or "blue"."""
-
-    x_m: float
-    y_m: float
-    kind: str = "green"
-    width_m: float = 1.8
-    height_m: float = 1.2
-    bottom_m: float = 2.1
-
-
-@dataclass(frozen=True)
-class Post:
-    """An upright pole: a delineator (1 m), a utility pole or, with `arm_m` reaching over the road, a street lamp."""
-
-    x_m: float
-    y_m: float
-    height_m: float = 1.0
-    width_m: float = 0.1
-    arm_m: float = 0.0
-    colour: tuple[float, float, float] = (0.55, 0.55, 0.53)
-
-
-Thing = Car | Wall | Tree | Sign | Post
 SIGN_COLOURS = {
     "green": ((0.012, 0.16, 0.085), (0.75, 0.77, 0.74)),
     "blue": ((0.015, 0.07, 0.26), (0.75, 0.77, 0.78)),
@@ -133,7 +84,7 @@ def _painter(thing: Thing):
 
 def _paint_car(image: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, air: tuple) -> None:
     """Contact shadow, then the faces that look at the camera, by layer and from far to near."""
-    turn = _turn(car.heading_rad)
+    turn = turned_by(car.heading_rad)
     place = np.array([car.x_m, car.y_m, 0.0])
     eye = (np.array([0, 0, camera.mount.height_m]) - place) @ turn
     distance = float(np.hypot(car.x_m, car.y_m))
@@ -159,11 +110,6 @@ def _paint_car(image: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, air
         paint_polygons(image, pixels[part], colours[part], through=air[0], air=air[1], blend_px=blend_px)
 
 
-def _turn(heading_rad: float) -> np.ndarray:
-    c, s = np.cos(heading_rad), np.sin(heading_rad)
-    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-
-
 def _paint_tree(image: np.ndarray, camera: Camera, tree: Tree, sun: np.ndarray, air: tuple) -> None:
     """The plant's picture, placed by where its foot and its top are seen."""
     ends = np.array([[tree.x_m, tree.y_m, tree.base_m], [tree.x_m, tree.y_m, tree.base_m + tree.height_m]])
@@ -179,8 +125,9 @@ def _paint_tree(image: np.ndarray, camera: Camera, tree: Tree, sun: np.ndarray, 
     rows = float(np.linalg.norm(pixels[1] - pixels[0]))
     sprites = plant_sprite(tree.species, tree.seed)
     sprite = next((s for s in reversed(sprites) if s.shape[0] >= rows), sprites[0])
-    # The sprite is lit from its left; mirror it where the sun is to the right of the line of sight.
-    if -SUN_IN_SPRITE[0] * (tree.x_m * sun[1] - tree.y_m * sun[0]) < 0:
+    # The sprite is lit from its left. Mirrored by the side of the road on which the sun stands, not by the line of
+    # sight, because a tree must not flip over while we drive past.
+    if sun[1] < 0:
         sprite = sprite[:, ::-1]
     _warp_sprite(image, sprite, pixels, through=air[0], air=air[1])
 
@@ -201,11 +148,6 @@ def _warp_sprite(image: np.ndarray, sprite: np.ndarray, ends_px: np.ndarray, **a
     lay_over(image, layer, int(low[0]), int(low[1]), **air)
 
 
-def _upright(x: float, y: float, left: float, right: float, bottom: float, top: float) -> np.ndarray:
-    """(4, 3) corners of an upright rectangle across the road, anticlockwise as seen by the driver."""
-    return np.array([[x, y - right, bottom], [x, y - right, top], [x, y + left, top], [x, y + left, bottom]])
-
-
 def _paint_sign(image: np.ndarray, camera: Camera, sign: Sign, sun: np.ndarray, air: tuple) -> None:
     """Posts, plate, border and lines of writing."""
     if sign.kind not in SIGN_COLOURS:
@@ -216,7 +158,7 @@ def _paint_sign(image: np.ndarray, camera: Camera, sign: Sign, sun: np.ndarray, 
     faces, colours = [], []
     feet = (-0.6 * half, 0.6 * half) if half > 0.7 else (0.0,)
     for foot in feet:
-        faces.append(_upright(sign.x_m + 0.05, sign.y_m + foot, 0.04, 0.04, 0, low + 0.9 * tall))
+        faces.append(upright(sign.x_m + 0.05, sign.y_m + foot, 0.04, 0.04, 0, low + 0.9 * tall))
         colours.append((0.25, 0.24, 0.22))
     if sign.kind == "warning":
         for size, colour in ((1.0, field), (0.93, ink), (0.89, field), (0.28, ink)):
@@ -227,7 +169,7 @@ def _paint_sign(image: np.ndarray, camera: Camera, sign: Sign, sun: np.ndarray, 
     else:
         for inset, colour in ((0.0, field), (0.035 * tall, ink), (0.07 * tall, field)):
             edge = half - inset
-            faces.append(_upright(sign.x_m, sign.y_m, edge, edge, low + inset, low + tall - inset))
+            faces.append(upright(sign.x_m, sign.y_m, edge, edge, low + inset, low + tall - inset))
             colours.append(colour)
         lines, colour = _writing(sign), ink
         faces += lines
@@ -249,7 +191,7 @@ def _writing(sign: Sign) -> list[np.ndarray]:
         while y > -reach:
             width = letter * rng.uniform(0.10, 0.22)
             top = bottom + letter * rng.choice([0.7, 1.0])
-            strokes.append(_upright(sign.x_m - 0.01, sign.y_m + y, 0, width, bottom, top))
+            strokes.append(upright(sign.x_m - 0.01, sign.y_m + y, 0, width, bottom, top))
             y -= width + letter * rng.uniform(0.14, 0.4)
     return strokes
 
@@ -258,85 +200,14 @@ def _paint_post(image: np.ndarray, camera: Camera, post: Post, sun: np.ndarray, 
     """Three upright strips from light to shade; a lamp's arm reaches `arm_m` to the left (negative: right)."""
     half = post.width_m / 2
     edges = np.linspace(-half, half, 4)
-    faces = [_upright(post.x_m, post.y_m, b, -a, 0, post.height_m) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    faces = [upright(post.x_m, post.y_m, b, -a, 0, post.height_m) for a, b in zip(edges[:-1], edges[1:], strict=True)]
     normals = np.array([[-0.5, -0.86, 0], [-1.0, 0, 0], [-0.5, 0.86, 0]])
     if post.arm_m:
         low, high = sorted((0.0, post.arm_m))
         top = post.height_m
-        faces.append(_upright(post.x_m, post.y_m, high, -low, top - 0.06, top + 0.06))
+        faces.append(upright(post.x_m, post.y_m, high, -low, top - 0.06, top + 0.06))
         end = post.arm_m
-        faces.append(_upright(post.x_m, post.y_m, end + 0.35, -end + 0.35, top - 0.12, top + 0.10))
+        faces.append(upright(post.x_m, post.y_m, end + 0.35, -end + 0.35, top - 0.12, top + 0.10))
         normals = np.vstack([normals, [[-1.0, 0, 0], [-1.0, 0, 0]]])
     colours = np.array(post.colour) / 0.8 * irradiance(normals, sun)
     paint_polygons(image, project_faces(camera, np.array(faces)), colours, through=air[0], air=air[1])
-
-
-def shadow_polygons(objects: list[Thing], sun_direction: np.ndarray) -> list[np.ndarray]:
-    """Where things keep the sun from the ground.
-
-    Parameters
-    ----------
-    objects : list of Car, Wall, Tree, Sign, Post
-    sun_direction : ndarray of shape (3,)
-        Unit vector towards the sun, road frame.
-
-    Returns
-    -------
-    list of ndarray of shape (N, 2), float32
-        Polygons in the road frame, metres; their union is the shadow. A tree gives one for each lump of leaves.
-
-    Raises
-    ------
-    ValueError
-        If the sun is not above the horizon.
-    """
-    sun = np.asarray(sun_direction, float)
-    if sun[2] <= 0:
-        raise ValueError("the sun is at or below the horizon, so nothing casts a shadow; give a direction with z > 0.")
-    drift = -sun[:2] / sun[2]
-    return [polygon.astype(np.float32) for thing in objects for polygon in _shadows(thing, drift)]
-
-
-def _shadows(thing: Thing, drift: np.ndarray) -> list[np.ndarray]:
-    """`drift` is how far the shadow of a point 1 m up lies from the point's foot."""
-    if isinstance(thing, Wall):
-        return thing.shadows(drift)
-    place = np.array([thing.x_m, thing.y_m])
-    if isinstance(thing, Car):
-        rings = Shell(thing.body).loft(8, 1).reshape(-1, 3) @ _turn(thing.heading_rad).T
-        return [_hull(place + rings[:, :2] + rings[:, 2:] * drift)]
-    if isinstance(thing, Tree):
-        return _tree_shadows(thing, place, drift)
-    if isinstance(thing, Sign):
-        plate = _upright(0, 0, thing.width_m / 2, thing.width_m / 2, thing.bottom_m, thing.bottom_m + thing.height_m)
-        pole = _upright(0, 0, 0.05, 0.05, 0, thing.bottom_m)
-    else:
-        half = thing.width_m / 2
-        plate, pole = _upright(0, 0, half, half, 0, thing.height_m), None
-    return [_hull(place + part[:, :2] + part[:, 2:] * drift) for part in (plate, pole) if part is not None]
-
-
-def _tree_shadows(tree: Tree, place: np.ndarray, drift: np.ndarray) -> list[np.ndarray]:
-    """Ragged blots, so that sun flecks remain between them, and the trunk."""
-    kind = SPECIES[tree.species]
-    rng = np.random.default_rng([tree.seed, 7])
-    angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
-    count, low = 45, max(kind.crown_bottom, 0.0)
-    share = low + (1 - low) * rng.uniform(0.08, 0.92, count)
-    reach = np.sqrt(rng.uniform(0, 1, count)) * kind.crown_width / 2 * tree.height_m * (1 - kind.taper * share)
-    toward = rng.uniform(0, 2 * np.pi, count)
-    aside = reach[:, None] * np.column_stack([np.cos(toward), np.sin(toward)])
-    middle = place + aside + (share * tree.height_m + tree.base_m)[:, None] * drift
-    size = tree.height_m * kind.lump_radius * rng.uniform(0.2, 0.8, (count, 1)) * rng.uniform(0.3, 1.4, (count, 12))
-    outline = size[..., None] * np.column_stack([np.cos(angle), np.sin(angle)])
-    # A lump is as tall as it is wide, so a low sun draws its shadow out.
-    away = drift / max(np.linalg.norm(drift), 1e-9)
-    outline += 0.3 * np.linalg.norm(drift) * (outline @ away)[..., None] * away
-    blots = list(middle[:, None] + outline)
-    half = max(0.12, kind.trunk_width * tree.height_m / 2)
-    trunk = _upright(0, 0, half, half, 0, tree.height_m * (low + 0.3))
-    return [*blots, _hull(place + trunk[:, :2] + trunk[:, 2:] * drift)]
-
-
-def _hull(points: np.ndarray) -> np.ndarray:
-    return cv2.convexHull(points.astype(np.float32)).reshape(-1, 2)
