@@ -56,7 +56,7 @@ def calibrate(boards: dict[str, Board], size: tuple[int, int]) -> Camera:
     rejected: dict[str, str] = {}
     camera = _calibrate_without_outliers(ours, size, rejected)
     adopted = {}
-    for name in boards.keys() - ours.keys():
+    for name in [name for name in boards if name not in ours]:
         board, reason = _adopt(boards[name], camera)
         if board is None:
             rejected[name] = reason

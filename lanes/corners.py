@@ -15,6 +15,8 @@ from lanes.images import require_rgb
 
 # A grid of fewer corners than this is found by chance in wall textures and keyboards.
 SMALLEST_PART = (5, 4)
+# Larger pictures are searched at this width, in pixels: the finders take time and lose their way in more of them.
+SEARCHED_WIDTH = 1600
 # Sizes of the grids that a part of a board grows from; which of them the finder sees depends on the picture.
 SEEDS = ((3, 3), (4, 4), (5, 4), (5, 5), (6, 5))
 # Share of the board's contrast that is left, in glare, between the darker white and the brighter black square of four.
@@ -79,12 +81,15 @@ def find_board(image: np.ndarray, pattern: tuple[int, int] = (9, 6)) -> Board | 
     if min(pattern) < 3:
         raise ValueError(f"a board of {pattern[0]}x{pattern[1]} inner corners is too small; give 3x3 or more.")
     gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    grid = _find_whole(gray, pattern)
+    shrink = max(1.0, gray.shape[1] / SEARCHED_WIDTH)
+    small = cv2.resize(gray, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA) if shrink > 1 else gray
+    grid = _find_whole(small, pattern)
     if grid is None:
-        grid = _find_part(gray, pattern)
+        grid = _find_part(small, pattern)
     if grid is None:
         return None
-    grid = _refine(gray, grid)
+    # Pixel centres lie at integers, so the picture's edge is at -0.5: shift by half a pixel, scale, shift back.
+    grid = _refine(gray, (grid + 0.5) * shrink - 0.5)
     rows, columns, _ = grid.shape
     return Board(grid.reshape(-1, 2).astype(np.float32), columns, rows, (image.shape[1], image.shape[0]))
 

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -63,6 +64,15 @@ def test_turned_and_cut_boards_are_never_joined_askew(number, keep, at_least):
     assert errors_px(board, true).max() < 0.6
     assert is_a_grid_of(board, true)
     assert len(board.corners_px) >= at_least
+
+
+def test_large_pictures_are_searched_small_and_measured_whole():
+    name = "calibration12.jpg"
+    image = cv2.resize(read_image(BOARDS / name), (3840, 2160), interpolation=cv2.INTER_CUBIC)
+    board = find_board(image)
+    assert board.size == (3840, 2160)
+    error = errors_px(board, (np.array(TRUTH[name]["corners_px"]) + 0.5) * 3 - 0.5)
+    assert np.sqrt((error**2).mean()) < 3 * 0.15
 
 
 def test_a_board_with_glare_across_it_is_found():
