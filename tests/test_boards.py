@@ -103,9 +103,16 @@ def test_several_bad_boards_are_dropped(boards):
     assert_is_the_dashcam(camera)
 
 
-def test_boards_that_are_only_a_little_worse_are_kept(boards):
-    boards["board6.jpg"] = true_board(6, noise_px=0.18)
-    assert calibrate(boards, SIZE).report.rejected == {}
+def test_a_board_with_twice_the_median_error_is_kept():
+    boards = {f"{n}": true_board(n, noise_px=0.5 if n == 6 else 0.25) for n in (2, 3, 6, 8, 9, 12, 17)}
+    report = calibrate(boards, SIZE).report
+    assert report.rejected == {} and report.board_rms_px["6"] > 0.6
+
+
+def test_tiny_errors_are_no_reason_to_drop_a_board(boards):
+    boards["board6.jpg"] = true_board(6, noise_px=0.19)
+    report = calibrate(boards, SIZE).report
+    assert report.rejected == {} and report.board_rms_px["board6.jpg"] > 2.5 * 0.05 * np.sqrt(2)
 
 
 def test_a_part_of_a_board_counts_wherever_it_lies_on_it(boards):
@@ -143,7 +150,9 @@ def test_a_resized_picture_of_the_same_camera_is_rescaled(boards):
     boards["board8.jpg"] = replace(boards["board8.jpg"], corners_px=half.astype(np.float32), size=(640, 360))
     camera = calibrate(boards, SIZE)
     assert camera.report.board_rms_px["board8.jpg"] < 0.12
-    assert_is_the_dashcam(camera)
+    np.testing.assert_allclose(
+        camera.matrix, calibrate({**boards, "board8.jpg": true_board(8)}, SIZE).matrix, atol=0.01
+    )
 
 
 def test_another_shape_is_refused_with_both_sizes(boards):

@@ -29,7 +29,7 @@ def is_a_grid_of(board: Board, true_px: np.ndarray) -> bool:
     return steps in ({(0,), (1,)}, {(0,), (-1,)}, {(0,), (1,), (-1,)}) and len(np.unique(nearest)) == nearest.size
 
 
-@pytest.mark.parametrize("number", [2, 6, 7, 13, 17])
+@pytest.mark.parametrize("number", [2, 6, 7, 13, 14, 17, 19])
 def test_whole_boards_are_found_to_a_seventh_of_a_pixel(number):
     name = f"calibration{number}.jpg"
     board = find_board(read_image(BOARDS / name))
