@@ -31,17 +31,32 @@ def paint_road(
     picture = _backdrop(camera, rng)
     for number in lines:
         colour = (235, 190, 60) if number == 0 else (235, 235, 235)
-        lateral = LANE_M * (0.5 - number) - offset_m
-        starts = np.arange(3.0, 90.0, 1.0) if number in solid else np.arange(3.0 + phase_m % 12, 90, 12.0)
+        lateral = LANE_M * (0.5 - number)
+        starts = np.arange(1.0, 90.0, 1.0) if number in solid else np.arange(1.0 + phase_m % 12, 90, 12.0)
         for start in starts:
-            x = np.linspace(start, start + (1.0 if number in solid else 3.0), 4)
-            y = lateral + heading_rad * x + curvature_per_m * x**2 / 2
-            edge = np.vstack([np.column_stack([x, y + STRIPE_M / 2]), np.column_stack([x, y - STRIPE_M / 2])[::-1]])
-            outline = camera.road_to_pixels(edge)
+            along = np.linspace(start, start + (1.0 if number in solid else 3.0), 4)
+            left, right = (
+                _beside_the_road(along, lateral + side * STRIPE_M / 2, offset_m, heading_rad, curvature_per_m)
+                for side in (1, -1)
+            )
+            outline = camera.road_to_pixels(np.vstack([left, right[::-1]]))
             if np.isfinite(outline).all() and (np.abs(outline) < 10 * width).all():
                 cv2.fillPoly(picture, [np.round(outline * 16).astype(np.int32)], colour, cv2.LINE_AA, 4)
     noisy = cv2.GaussianBlur(picture, (3, 3), 0) + 4 * rng.standard_normal((height, width, 1), np.float32)
     return np.clip(noisy, 0, 255).astype(np.uint8)
+
+
+def _beside_the_road(
+    along_m: np.ndarray, lateral_m: float, offset_m: float, heading_rad: float, curvature_per_m: float
+) -> np.ndarray:
+    """Points (N, 2) to the left of the middle of a lane that runs along a circle: lines are truly parallel."""
+    turn = curvature_per_m * along_m
+    # sinc keeps the chord exact for straight roads, too.
+    chord, direction = along_m * np.sinc(turn / 2 / np.pi), heading_rad + turn / 2
+    normal = heading_rad + turn
+    x = chord * np.cos(direction) - lateral_m * np.sin(normal)
+    y = chord * np.sin(direction) + lateral_m * np.cos(normal) - offset_m
+    return np.column_stack([x, y])
 
 
 def _backdrop(camera: Camera, rng: np.random.Generator) -> np.ndarray:

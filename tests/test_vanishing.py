@@ -62,5 +62,5 @@ def test_fewer_than_two_lines_are_none():
 def test_no_votes_outside_the_grid():
     outside = road(0.0)
     outside = Segments(outside.x + 2, outside.y, outside.slope, outside.x_std, outside.slope_std, outside.rows)
-    assert vote(outside)[:, 6].sum() == 0
+    assert vote(outside)[:, 10].sum() == 0
     assert len(DIRECTIONS) == vote(outside).shape[2]
