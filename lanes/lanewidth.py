@@ -15,7 +15,8 @@ from lanes.vanishing import RoadLines
 
 # Cameras of passenger cars sit at 1.1 to 1.6 m, of vans and lorries up to 2.5 m.
 USUAL_HEIGHT_M, USUAL_HEIGHT_LOG_STD = 1.35, 0.25
-HEIGHTS_M = np.geomspace(0.5, 4.5, 400)
+# Heights that are tried, as multiples of the usual one.
+HEIGHTS = np.geomspace(0.4, 2.5, 240)
 # A camera is fixed by eye: level within about a degree.
 USUAL_ROLL_STD = np.radians(1.0)
 ROLLS = np.radians(np.linspace(-4, 4, 81))
@@ -63,14 +64,15 @@ def view_lanes(lines: list[RoadLines], lane_width_m: float, usual_height_m: floa
     grid of heights and rolls, which shows a second solution where there is one.
     """
     width, middle, _, weight = _pairs(lines)
+    heights_m = usual_height_m * HEIGHTS
     level = width[:, None] * (1 - 2 * ROLLS * middle[:, None])
-    miss = (level[:, None, :] * (HEIGHTS_M / lane_width_m)[:, None] - 1) / LANE_SCATTER
+    miss = (level[:, None, :] * (heights_m / lane_width_m)[:, None] - 1) / LANE_SCATTER
     evidence = np.einsum("p,phr->hr", weight, np.log(0.05 + np.exp(-0.5 * miss**2)))
     evidence *= min(1.0, INDEPENDENT_PICTURES / len(lines))
-    usual_height = np.log(HEIGHTS_M / usual_height_m) / USUAL_HEIGHT_LOG_STD
+    usual_height = np.log(HEIGHTS) / USUAL_HEIGHT_LOG_STD
     evidence -= 0.5 * (usual_height[:, None] ** 2 + ((roll_rad + ROLLS) / USUAL_ROLL_STD) ** 2)
     posterior = np.exp(evidence - evidence.max())
-    height = _peak(HEIGHTS_M, posterior.sum(axis=1))
+    height = _peak(heights_m, posterior.sum(axis=1))
     roll, roll_std = _peak(ROLLS, posterior.sum(axis=0))
     if roll_std > LEAST_GAIN * USUAL_ROLL_STD:
         return LaneView(*height, 0.0, USUAL_ROLL_STD)

@@ -24,16 +24,17 @@ from lanes.vanishing import DIRECTIONS, HORIZONS, RoadLines, fit_lines, vote
 # 12 ft, the lane of US Interstates (AASHTO, A Policy on Design Standards: Interstate System); motorway lanes elsewhere
 # are 3.50 to 3.75 m, hence the standard deviation.
 LANE_WIDTH_M, LANE_WIDTH_STD_M = 3.66, 0.10
-# A camera is aimed ahead by eye, within about ten degrees.
-USUAL_AIM_STD = np.radians(10.0)
+# A camera is aimed ahead by eye, and a car along its lane: both together within about ten degrees.
+USUAL_DIRECTION_STD = np.radians(10.0)
 # How much the horizon nods on the road, and how far the car may head away from its lane (radians, one picture).
 PITCH_MOTION, HEADING_MOTION = np.radians(0.3), np.radians(1.0)
 # Refused below: rows of paint in a picture, share of pictures with lines, share of those with a lane.
-FEWEST_ROWS, FEWEST_PICTURES, FEWEST_LANES = 60, 0.15, 0.3
-WIDEST_HEADINGS_DEG = 10.0
+FEWEST_ROWS, FEWEST_PICTURES, FEWEST_LANES = 60, 0.25, 0.3
+# Refused above: scatter of the road's direction, and its angle to the camera.
+WIDEST_SCATTER_DEG, WIDEST_YAW_DEG = 10.0, 12.0
 # Fewer pictures than this do not average the heading out.
 FEW_HEADINGS = 5
-# The pictures are worked on at this width at most: more pixels find no more paint.
+# The pictures are worked on at this width: more pixels find no more paint.
 WORKING_WIDTH = 1280
 # First look for the horizon: in this many pictures, from these shares of the picture's height.
 ROUGH_PICTURES, ROUGH_HORIZONS = 8, np.array([0.3, 0.45, 0.6, 0.75])
@@ -135,8 +136,8 @@ def estimate_mount(
             progress(done, len(images))
     horizon = _voted_horizon(pieces)
     lanes = LaneView(USUAL_HEIGHT_M, 0.0, 0.0, USUAL_ROLL_STD)
-    for _ in range(3):
-        # Roll tilts the horizon, so it is taken out before the lines are fitted; the third round changes nothing.
+    for _ in range(2):
+        # Roll tilts the horizon, so it is taken out before the lines are fitted again.
         lines = _usable_lines([p.rolled_back(lanes.roll_rad) for p in pieces], horizon)
         _require_lines(lines, len(images))
         lanes = view_lanes(lines, lane_width_m, height_m or USUAL_HEIGHT_M, lanes.roll_rad)
@@ -163,17 +164,16 @@ def _require_plausible(lane_width_m: float, height_m: float | None) -> None:
 
 
 def _working_copies(images: Iterable[np.ndarray], camera: Camera) -> tuple[list[np.ndarray], Camera]:
-    """The pictures and the camera at WORKING_WIDTH, if they are larger."""
-    size = camera.size
-    if camera.width > WORKING_WIDTH:
-        size = (WORKING_WIDTH, round(camera.height * WORKING_WIDTH / camera.width))
+    """The pictures and the camera at WORKING_WIDTH, for which the numbers of pixels in `lanes.stripes` are meant."""
+    working = camera.scaled((WORKING_WIDTH, round(camera.height * WORKING_WIDTH / camera.width)))
+    way = cv2.INTER_AREA if camera.width > WORKING_WIDTH else cv2.INTER_LINEAR
     copies = []
     for number, image in enumerate(images, 1):
         camera.require_size(image, f"picture {number}")
-        copies.append(image if size == camera.size else cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+        copies.append(image if camera.size == working.size else cv2.resize(image, working.size, interpolation=way))
     if not copies:
         raise MountError("no picture was given; name stills or a video of the drive.")
-    return copies, camera if size == camera.size else camera.scaled(size)
+    return copies, working
 
 
 def _horizon_row(camera: Camera, y0: float) -> float:
@@ -189,8 +189,8 @@ def _rough_horizon(images: list[np.ndarray], camera: Camera) -> float:
 
 def _voted_horizon(pieces: list[Segments]) -> float:
     """The y0 on which the pictures agree, each free in its own direction and bend."""
-    aim = np.exp(-0.5 * ((DIRECTIONS / USUAL_AIM_STD) ** 2 + (HORIZONS[:, None] / USUAL_AIM_STD) ** 2))
-    votes = sum((vote(p) * aim[:, None]).max(axis=(1, 2)) for p in pieces)
+    usual = np.exp(-0.5 * (DIRECTIONS / USUAL_DIRECTION_STD) ** 2)
+    votes = sum((vote(p) * usual).max(axis=(1, 2)) for p in pieces)
     return float(HORIZONS[np.argmax(votes)])
 
 
@@ -206,11 +206,12 @@ def _require_lines(lines: list[RoadLines], total: int) -> None:
             f"only {len(lines)} of {total} pictures show two or more parallel lane lines; "
             "give pictures of a marked road by day, with the lines of the own lane in view."
         )
-    scatter = np.degrees(_spread(np.array([line.x0 for line in lines])))
-    if scatter > WIDEST_HEADINGS_DEG:
+    directions_deg = np.degrees(np.arctan([line.x0 for line in lines]))
+    if _spread(directions_deg) > WIDEST_SCATTER_DEG or abs(np.median(directions_deg)) > WIDEST_YAW_DEG:
         raise MountError(
-            f"the road's direction scatters by {scatter:.0f} degrees over the {len(lines)} pictures with lane lines: "
-            "most are no lane lines, or the road winds too much; give pictures of a straighter stretch."
+            f"the lines found in {len(lines)} pictures run {np.median(directions_deg):.0f} degrees off the camera's "
+            f"axis and scatter by {_spread(directions_deg):.0f}: they are no lane lines, or the road winds too much; "
+            "give pictures of a straighter stretch from a camera that looks ahead."
         )
 
 

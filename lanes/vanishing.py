@@ -80,31 +80,24 @@ def vote(segments: Segments, horizons: np.ndarray = HORIZONS) -> np.ndarray:
     ndarray of shape (H, len(BENDS), len(DIRECTIONS)), float
         Picture rows of stripe that agree.
     """
-    votes = np.zeros((len(horizons), len(BENDS), len(DIRECTIONS)))
-    for at, y0 in enumerate(horizons):
-        s = segments.select(segments.y - y0 > NEAREST_TO_HORIZON)
-        t = s.y - y0
-        x0 = s.x - s.slope * t - 2 * BENDS[:, None] / t
-        k = s.slope + BENDS[:, None] / t**2
-        votes[at] = _histogram(x0, np.abs(k) < WIDEST_LINE, _voting_weight(s, t))
-    return votes
-
-
-def _voting_weight(s: Segments, t: np.ndarray) -> np.ndarray:
+    t = segments.y - horizons[:, None, None]
+    below = t > NEAREST_TO_HORIZON
+    t = np.where(below, t, 1.0)
+    x0 = segments.x - segments.slope * t - 2 * BENDS[:, None] / t
+    k = segments.slope + BENDS[:, None] / t**2
     step = DIRECTIONS[1] - DIRECTIONS[0]
-    std = np.hypot(_model_std(s, t), t * s.slope_std)
+    cell = np.round((x0 - DIRECTIONS[0]) / step).astype(int)
+    heard = below & (np.abs(k) < WIDEST_LINE) & (cell >= 0) & (cell < len(DIRECTIONS))
+    std = np.hypot(_model_std(segments, t), t * segments.slope_std)
     # A long line is one witness, not a hundred; a vague one spreads over more cells than it is given here.
-    return np.minimum(s.rows, 12) * step / np.maximum(std, step)
-
-
-def _histogram(x0: np.ndarray, allowed: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Weighted histograms over DIRECTIONS of each row of x0, with a kernel three cells wide."""
-    cell = np.round((x0 - DIRECTIONS[0]) / (DIRECTIONS[1] - DIRECTIONS[0])).astype(int)
-    allowed = allowed & (cell >= 0) & (cell < len(DIRECTIONS))
-    flat = cell + np.arange(len(x0))[:, None] * len(DIRECTIONS)
-    counts = np.bincount(flat[allowed], np.broadcast_to(weight, x0.shape)[allowed], x0.shape[0] * len(DIRECTIONS))
-    counts = np.pad(counts.reshape(len(x0), -1), ((0, 0), (1, 1)))
-    return counts[:, 1:-1] + 0.7 * (counts[:, :-2] + counts[:, 2:])
+    weight = np.broadcast_to(np.minimum(segments.rows, 12) * step / np.maximum(std, step), cell.shape)
+    ballot = cell + len(DIRECTIONS) * np.arange(len(horizons) * len(BENDS)).reshape(len(horizons), -1, 1)
+    shape = (len(horizons), len(BENDS), len(DIRECTIONS))
+    votes = np.bincount(ballot[heard], weight[heard], np.prod(shape)).reshape(shape)
+    beside = np.zeros(shape)
+    beside[..., 1:] += votes[..., :-1]
+    beside[..., :-1] += votes[..., 1:]
+    return votes + 0.7 * beside
 
 
 def _model_std(s: Segments, t: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ def pieces(k, bend, noise=0.0, seed=0):
     t = np.geomspace(0.06, 0.4, 8)
     k = np.repeat(k, len(t))
     t = np.tile(t, len(k) // len(t))
+    bend = bend * (1 + 2 * bend * k)
     x = X0 + k * t + bend / t + rng.normal(0, noise, len(t))
     ones = np.ones_like(t)
     return Segments(x, Y0 + t, k - bend / t**2, 3e-4 * ones, 0.01 * ones, 20 * ones)

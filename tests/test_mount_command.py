@@ -1,0 +1,81 @@
+"""python -m lanes mount: files in, camera file out."""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+import pytest
+from painted_roads import paint_road
+
+from lanes.camera import Camera, Mount, load_camera, save_camera
+from lanes.commands.mount import add_options, pick_pictures
+from lanes.images import write_image
+from lanes.mount import MountError
+from lanes.videowriter import VideoWriter
+
+MOUNT = Mount(1.3, np.radians(3.0), np.radians(1.5), np.radians(-0.6))
+CAMERA = Camera.from_fov((960, 540), 66, MOUNT)
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    """Two stills and a video of six frames, 2 a second."""
+    folder = tmp_path_factory.mktemp("drive")
+    for i in range(2):
+        write_image(folder / f"still{i}.jpg", paint_road(CAMERA, offset_m=0.3 * i, phase_m=5 * i, seed=i))
+    with VideoWriter(folder / "drive.mp4", fps=2) as video:
+        for i in range(6):
+            video.write(paint_road(CAMERA, offset_m=0.1 * i, phase_m=3 * i, seed=i), i / 2)
+    return folder
+
+
+def run(*arguments: object) -> int:
+    parser = argparse.ArgumentParser()
+    add_options(parser)
+    options = parser.parse_args([str(a) for a in arguments])
+    return options.run(options)
+
+
+def test_stills_with_a_calibrated_lens(drive, tmp_path, capsys):
+    lens = save_camera(Camera(960, 540, CAMERA.matrix, CAMERA.distortion), tmp_path / "lens.yaml")
+    assert run("--camera", lens, drive / "still0.jpg", drive / "still1.jpg", "-o", tmp_path / "camera.yaml") == 0
+    found = load_camera(tmp_path / "camera.yaml")
+    np.testing.assert_array_equal(found.matrix, CAMERA.matrix)
+    assert np.degrees(found.mount.pitch_rad) == pytest.approx(3.0, abs=0.2)
+    assert np.degrees(found.mount.yaw_rad) == pytest.approx(1.5, abs=0.4)
+    assert found.mount.height_m == pytest.approx(1.3, abs=0.05)
+    printed = capsys.readouterr().out
+    assert "from 2 of 2 pictures" in printed and "looks left" in printed and "camera.yaml" in printed
+
+
+def test_video_with_a_field_of_view_alone(drive, tmp_path, capsys):
+    run("--hfov", 66, "--pictures", 3, "--height", 1.4, drive / "drive.mp4", "-o", tmp_path / "camera.yaml")
+    found = load_camera(tmp_path / "camera.yaml")
+    assert found.size == (960, 540)
+    assert np.degrees(found.mount.pitch_rad) == pytest.approx(3.0, abs=0.2)
+    assert found.mount.height_m == 1.4
+    assert "from 3 of 3 pictures" in capsys.readouterr().out
+
+
+def test_pictures_are_spread_over_stills_and_video(drive):
+    files = [drive / "still0.jpg", drive / "drive.mp4", drive / "still1.jpg"]
+    pictures = list(pick_pictures(files, 40))
+    assert len(pictures) == 8
+    # Four places in the video lie 0.75 s apart; what is shown from 0.75 s and 1.5 s on are its third and fourth frame.
+    few = list(pick_pictures(files, 4))
+    assert len(few) == 4
+    for got, expected in zip(few, (0, 3, 4, 7), strict=True):
+        np.testing.assert_array_equal(got, pictures[expected])
+
+
+def test_refusals_are_sentences(drive, tmp_path, capsys):
+    with pytest.raises(FileNotFoundError, match="nowhere.jpg"):
+        run("--hfov", 60, tmp_path / "nowhere.jpg")
+    sky = write_image(tmp_path / "sky.png", np.full((540, 960, 3), 200, np.uint8))
+    with pytest.raises(MountError, match="0 of 1 pictures"):
+        run("--hfov", 60, sky, "-o", tmp_path / "camera.yaml")
+    assert not (tmp_path / "camera.yaml").exists()
+    with pytest.raises(SystemExit):
+        run("--hfov", 60, "--size", "big", sky)
+    assert "write it like 1280x720" in capsys.readouterr().err
