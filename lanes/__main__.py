@@ -15,6 +15,7 @@ def main(arguments: list[str] | None = None) -> int:
     render.add_argument("what", nargs="?", default="all", choices=("boards", "stills", "video", "all"))
     render.add_argument("--out", type=Path, default=Path("."), help="folder to write into (default: here)")
     render.set_defaults(run=run_render)
+    _add_mount(commands)
     options = parser.parse_args(arguments)
     try:
         return options.run(options)
@@ -41,6 +42,62 @@ def run_render(options: argparse.Namespace) -> int:
             written = job(_progress_line(name))
             print(f"{name}: wrote {', '.join(str(path) for path in written[-3:])}, {len(written)} files in all")
     return 0
+
+
+def _add_mount(commands: argparse._SubParsersAction) -> None:
+    mount = commands.add_parser(
+        "mount",
+        help="estimate how the camera sits on the car, from its own pictures",
+        description="Estimate height, pitch, yaw and roll of the camera from stills or videos of one drive, and write "
+        "them, with the lens, into a camera file. Best are 20 pictures or more of a marked road by day; one will do, "
+        "less surely.",
+    )
+    mount.add_argument("files", nargs="+", type=Path, metavar="FILE", help="stills or videos of one drive")
+    lens = mount.add_mutually_exclusive_group(required=True)
+    lens.add_argument("--camera", type=Path, metavar="YAML", help="the calibrated lens")
+    lens.add_argument("--hfov", type=float, metavar="DEG", help="horizontal field of view, if never calibrated")
+    mount.add_argument("--size", type=_size, metavar="WxH", help="picture size for --hfov (default: the first file's)")
+    mount.add_argument("--lane-width", type=float, metavar="M", help="lane width (default: 3.66, a US Interstate's)")
+    mount.add_argument("--height", type=float, metavar="M", help="measured height of the camera above the road")
+    mount.add_argument("--pictures", type=_count, default=40, metavar="N", help="use at most (default: %(default)s)")
+    mount.add_argument("-o", "--output", type=Path, default=Path("camera.yaml"), help="default: %(default)s")
+    mount.set_defaults(run=run_mount)
+
+
+def run_mount(options: argparse.Namespace) -> int:
+    """Estimate the mount, print it and write it with the lens into `options.output`."""
+    from lanes.camera import Camera, load_camera, save_camera
+    from lanes.footage import pick_pictures
+    from lanes.mount import LANE_WIDTH_M, estimate_mount
+
+    if options.camera:
+        camera = load_camera(options.camera)
+    else:
+        first = next(pick_pictures(options.files, 1))
+        camera = Camera.from_fov(options.size or (first.shape[1], first.shape[0]), options.hfov)
+    estimate = estimate_mount(
+        pick_pictures(options.files, options.pictures),
+        camera,
+        lane_width_m=LANE_WIDTH_M if options.lane_width is None else options.lane_width,
+        height_m=options.height,
+        progress=_progress_line("mount"),
+    )
+    print(estimate.describe())
+    print(f"wrote {save_camera(camera.with_mount(estimate.mount), options.output)}")
+    return 0
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.lower().partition("x")
+    if not (width.isdecimal() and height.isdecimal() and int(width) and int(height)):
+        raise argparse.ArgumentTypeError(f"{text} is no picture size; write it like 1280x720")
+    return int(width), int(height)
+
+
+def _count(text: str) -> int:
+    if not (text.isdecimal() and int(text)):
+        raise argparse.ArgumentTypeError(f"{text} is no number of pictures; give 1 or more")
+    return int(text)
 
 
 def _progress_line(name: str):

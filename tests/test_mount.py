@@ -62,7 +62,7 @@ def test_the_horizon_may_be_far_from_the_middle(pitch_deg):
 def test_a_lens_with_distortion_and_a_larger_picture():
     lens = Camera.from_fov((1920, 1080), 75, Mount(1.2, np.radians(-1.5), np.radians(1.2), np.radians(-0.5)))
     lens = replace(lens, distortion=np.array([-0.25, 0.06, 0.0, 0.0, 0.0]))
-    estimate = estimate_mount(drive(lens)[:4], lens)
+    estimate = estimate_mount(drive(lens)[:3], lens)
     assert_near(estimate, lens.mount, pitch_deg=0.15, yaw_deg=0.7, roll_deg=0.3, height_m=0.03)
 
 
@@ -100,7 +100,7 @@ def test_errors_stay_within_three_standard_deviations():
     for seed in range(3):
         mount = Mount(rng.uniform(1.1, 1.7), *np.radians(rng.uniform([-5, -3, -1.5], [5, 3, 1.5])))
         camera = Camera.from_fov((1280, 720), rng.uniform(50, 80), mount)
-        e = estimate_mount([paint_road(camera, offset_m=rng.normal(0, 0.3), seed=seed + i) for i in range(3)], camera)
+        e = estimate_mount([paint_road(camera, offset_m=rng.normal(0, 0.3), seed=seed + i) for i in range(2)], camera)
         for name in ("height_m", "pitch_rad", "yaw_rad", "roll_rad"):
             std = getattr(e, name.replace("_", "_std_"))
             assert abs(getattr(e.mount, name) - getattr(mount, name)) < 3 * std, (seed, name)
