@@ -21,8 +21,9 @@ SEARCHED_WIDTH = 1600
 SEEDS = ((3, 3), (4, 4), (5, 4), (5, 5), (6, 5))
 # Share of the board's contrast that is left, in glare, between the darker white and the brighter black square of four.
 SMALLEST_CONTRAST = 0.3
-# How far a corner may lie from where its neighbours' perspective puts it, in squares; lenses bend by less than 0.1.
-LARGEST_BEND = 0.2
+# How much a step from corner to corner may differ from the next one, as a share of the board's smallest step;
+# perspective and lens together reach 0.23 on forty rendered and real boards.
+LARGEST_CHANGE = 0.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,9 +191,9 @@ def _is_chessboard(gray: np.ndarray, grid: np.ndarray) -> bool:
     if min(grid.shape[:2]) < 3:
         return False
     step_u, step_v = np.gradient(grid, axis=1), np.gradient(grid, axis=0)
-    bends = [np.linalg.norm(np.diff(grid, 2, axis=axis), axis=2).max() for axis in (0, 1)]
+    changes = [np.linalg.norm(np.diff(grid, 2, axis=axis), axis=2).max() for axis in (0, 1)]
     smallest = min(np.linalg.norm(step, axis=2).min() for step in (step_u, step_v))
-    if max(bends) > 2 * LARGEST_BEND * smallest:
+    if max(changes) > LARGEST_CHANGE * smallest:
         return False
     return _alternates(gray, grid, step_u, step_v)
 
