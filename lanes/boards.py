@@ -21,7 +21,7 @@ FEWEST_BOARDS = 3
 # Two grids nearer than this are one view: what differs is noise, and noise must not pass for a second perspective.
 SAME_VIEW_PX = 2.0
 # A board whose error is this many times the median board's was bent, moved or misread: on twenty real boards of paper
-# on a wall the worst one has 1.5 times the median, and 3.2 times when its corners are misread.
+# on a wall the worst one has 1.5 times the median, and one with misread corners 2.9 times.
 OUTLIER_RATIO = 2.5
 # Errors below this are the finder's on a compressed picture, whatever the median is.
 OUTLIER_FLOOR_PX = 0.3
