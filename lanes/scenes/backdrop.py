@@ -183,19 +183,18 @@ def _paint_hills(
 def _paint_woods(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Generator) -> None:
     """Trees and hedges on the plain, from a kilometre away to three hundred metres."""
     grove = fractal_profile(COLUMNS, rng, cell_px=900, octaves=5, gain=0.6)
-    for distance_km, kinds in (
-        (1.0, ("oak", "oak", "eucalyptus", "bush", "cypress")),
-        (0.6, ("oak", "plane", "eucalyptus", "bush", "oak")),
-        (0.35, ("oak", "plane", "eucalyptus", "bush", "bush")),
-    ):
-        count = int(1500 * style.tree_density)
-        column = rng.integers(0, COLUMNS, count)
-        # Near trees leave the road's own direction free; those in the picture there are the scene's.
-        valley = np.abs(np.sin(column / PIXELS_PER_RAD))
-        keep = (grove[column] > rng.normal(0.9 - 1.3 * style.tree_density, 0.4, count)) & (valley > 0.045 / distance_km)
-        column = column[keep]
-        base = np.full(len(column), -0.0015 / distance_km, np.float32) * rng.uniform(0.5, 1.1, len(column))
-        _plant(panorama, style, rng, column, base, distance_km, kinds=kinds)
+    trees = ("oak", "plane", "eucalyptus", "oak", "bush")
+    for distance_km in (1.0, 0.6, 0.35):
+        # Undergrowth stands around and before the trees and hides their feet.
+        for kinds, share, spread in ((trees, 2000, 0.0), (("bush", "bush", "scrub"), 4500, 0.3)):
+            count = int(share * style.tree_density)
+            column = rng.integers(0, COLUMNS, count)
+            # Near trees leave the road's own direction free; those in the picture there are the scene's.
+            valley = np.abs(np.sin(column / PIXELS_PER_RAD))
+            edge = rng.normal(0.9 - 1.4 * style.tree_density - spread, 0.35, count)
+            column = column[(grove[column] > edge) & (valley > 0.045 / distance_km)]
+            base = -0.0015 / distance_km * rng.uniform(0.5, 1.1, len(column))
+            _plant(panorama, style, rng, column, base, distance_km, kinds=kinds)
 
 
 def _plant(
