@@ -209,7 +209,7 @@ def _plant(
 ) -> None:
     """Stand trees on the panorama, the highest feet first, because those are the farthest."""
     metres = {"oak": 9, "plane": 13, "eucalyptus": 19, "cypress": 12, "redwood": 24, "bush": 3, "scrub": 1.5}
-    for i in np.argsort(-base_z):
+    for i in np.argsort(-base_z, kind="stable"):
         kind = kinds[rng.integers(len(kinds))]
         height_m = metres[kind] * rng.uniform(0.55, 1.25)
         rows = height_m / (1000 * distance_km) * PIXELS_PER_RAD

@@ -129,7 +129,7 @@ def _place_lumps(kind: Species, rng: np.random.Generator) -> np.ndarray:
     # One lump on the top, so that the plant has the height that it was given.
     top = np.argmax(lumps[:, 2])
     lumps[top] = [rng.uniform(-0.1, 0.1) * width[top], 0, 1 - lumps[top, 3] * 0.9, lumps[top, 3]]
-    return lumps[np.argsort(lumps[:, 1])]
+    return lumps[np.argsort(lumps[:, 1], kind="stable")]
 
 
 def _to_canvas(canvas: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -187,7 +187,7 @@ def _draw_limb(canvas: np.ndarray, path: np.ndarray, width_px: np.ndarray, colou
 def _draw_leaves(canvas: np.ndarray, kind: Species, lumps: np.ndarray, rng: np.random.Generator) -> None:
     """All leaves, the farthest first."""
     position, light = _scatter_leaves(kind, lumps, rng)
-    order = np.argsort(position[:, 1])
+    order = np.argsort(position[:, 1], kind="stable")
     position, light = position[order], light[order]
     count = len(position)
     # Each leaf a diamond of random turn and size: at picture scale a spray of leaves, not a single one.
