@@ -36,6 +36,8 @@ SAME_LINE = 0.18
 # How far off a line may be without being wrong: half a pixel at a focal length of 1000, and the share of hills and of
 # changing curvature, which grows with the square of the distance (in camera heights): 2 px at 25 m, 8 px at 50 m.
 NEAR_STD, FAR_STD = 5e-4, 5e-6
+# Bends of lanes, as c: a radius of about 60 m is one standard deviation.
+BEND_STD = 0.01
 # Beyond this many standard deviations a piece does not belong.
 GATE = 3.0
 
@@ -125,23 +127,19 @@ def fit_lines(segments: Segments, y0: float, y0_std: float) -> RoadLines | None:
     if votes.max() <= 0:
         return None
     at = np.unravel_index(votes.argmax(), votes.shape)
-    start = np.array([DIRECTIONS[at[2]], near[at[0]], BENDS[at[1]]])
-    chosen, line = _assign(s, start, slack=DIRECTIONS[1] - DIRECTIONS[0])
-    for _ in range(4):
+    start, slack = np.array([DIRECTIONS[at[2]], near[at[0]], BENDS[at[1]]]), DIRECTIONS[1] - DIRECTIONS[0]
+    for _ in range(5):
+        chosen, line = _assign(s, start, slack)
         if line.max(initial=-1) < 1:
             return None
         solution, covariance = _solve(s.select(chosen), line, start, (y0, y0_std))
-        start = solution[:3]
-        chosen, line = _assign(s, start, slack=0.0)
-    if line.max(initial=-1) < 1:
-        return None
-    solution, covariance = _solve(s.select(chosen), line, start, (y0, y0_std))
+        start, slack = solution[:3], 0.0
     x0, y0, bend = solution[:3]
     x0_std, y0_std = np.sqrt(np.diag(covariance)[:2])
     return RoadLines(x0, y0, bend, x0_std, y0_std, solution[3:], np.bincount(line, s.rows[chosen]))
 
 
-def _assign(s: Segments, start: np.ndarray, *, slack: float) -> tuple[np.ndarray, np.ndarray]:
+def _assign(s: Segments, start: np.ndarray, slack: float) -> tuple[np.ndarray, np.ndarray]:
     """Indices of the pieces that fit (x0, y0, c), and the number of the line each belongs to, from left to right."""
     x0, y0, bend = start
     t = s.y - y0
@@ -157,29 +155,27 @@ def _assign(s: Segments, start: np.ndarray, *, slack: float) -> tuple[np.ndarray
     return chosen, np.cumsum(np.diff(k[chosen], prepend=-np.inf) > SAME_LINE) - 1
 
 
-def _solve(s: Segments, line: np.ndarray, start: np.ndarray, horizon: tuple[float, float]) -> tuple:
-    """Least squares for (x0, y0, c, k of each line) by Gauss-Newton; returns the solution and its covariance."""
+def _solve(
+    s: Segments, line: np.ndarray, start: np.ndarray, horizon: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Robust least squares for (x0, y0, c, k of each line) by Gauss-Newton; the solution and its covariance."""
     lines = np.eye(line[-1] + 1)[line]
-    k = np.zeros(len(lines[0]))
-    p = np.concatenate([start, k])
-    std = np.concatenate([_model_std(s, s.y - start[1]), np.hypot(s.slope_std, _model_std(s, s.y - start[1]))])
+    place_std = _model_std(s, s.y - start[1])
+    std = np.concatenate([place_std, np.hypot(s.slope_std, place_std)])
+    # What is known beforehand: the horizon, that bends are gentle, and next to nothing of the rest.
+    p = np.concatenate([start, np.zeros(lines.shape[1])])
+    known, information = np.zeros_like(p), np.full_like(p, 1e-6)
+    known[1], information[1:3] = horizon[0], (horizon[1] ** -2, BEND_STD**-2)
     for _ in range(4):
         x0, y0, c, k = p[0], p[1], p[2], p[3:][line]
         t = np.maximum(s.y - y0, NEAREST_TO_HORIZON / 2)
-        one, nil = np.ones_like(t), np.zeros_like(t)
         own, by_c, by_k = c * (1 + 2 * c * k), 1 + 4 * c * k, 2 * c**2
         miss = np.concatenate([s.x - x0 - k * t - own / t, s.slope - k + own / t**2]) / std
-        place = np.column_stack([one, own / t**2 - k, by_c / t, lines * (t + by_k / t)[:, None]])
-        slope = np.column_stack([nil, -2 * own / t**3, -by_c / t**2, lines * (1 - by_k / t**2)[:, None]])
+        place = np.column_stack([np.ones_like(t), own / t**2 - k, by_c / t, lines * (t + by_k / t)[:, None]])
+        slope = np.column_stack([np.zeros_like(t), -2 * own / t**3, -by_c / t**2, lines * (1 - by_k / t**2)[:, None]])
         design = np.vstack([place, slope]) / std[:, None]
+        # Cauchy's weights: a piece two standard deviations off counts half.
         weight = 1 / (1 + (miss / 2) ** 2)
-        normal = design.T @ (design * weight[:, None])
-        gain = design.T @ (miss * weight)
-        normal[1, 1] += horizon[1] ** -2
-        gain[1] += (horizon[0] - p[1]) * horizon[1] ** -2
-        # A prior on the bend (radius about 60 m) and a trace on the rest keep a poor picture solvable.
-        normal[2, 2] += 0.01**-2
-        gain[2] -= p[2] * 0.01**-2
-        normal += 1e-6 * np.eye(len(p))
-        p = p + np.linalg.solve(normal, gain)
+        normal = design.T @ (design * weight[:, None]) + np.diag(information)
+        p = p + np.linalg.solve(normal, design.T @ (miss * weight) + information * (known - p))
     return p, np.linalg.inv(normal)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
+import os
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from painted_roads import paint_road
 
-from lanes.camera import Camera, Mount
-from lanes.images import PictureError
+from lanes.camera import Camera, Mount, camera_from_dict
+from lanes.images import PictureError, read_image
 from lanes.mount import MountError, estimate_mount
 
 MOUNT = Mount(1.35, np.radians(2.5), np.radians(-1.8), np.radians(0.9))
@@ -152,3 +155,41 @@ def test_bad_input_is_named():
         estimate_mount([unmarked()], CAMERA, lane_width_m=12)
     with pytest.raises(MountError, match="camera 0.1 m above"):
         estimate_mount([unmarked()], CAMERA, height_m=0.1)
+
+
+STILLS = Path(__file__).parents[1] / "test_images"
+
+
+def test_the_embedded_stills_give_their_true_mount():
+    truth = json.loads((STILLS / "truth.json").read_text())
+    camera = camera_from_dict(truth["camera"])
+    images = [read_image(STILLS.parent / frame["raw_file"]) for frame in truth["frames"]]
+    estimate = estimate_mount(images, camera)
+    assert_near(estimate, camera.mount, pitch_deg=0.1, yaw_deg=0.4, roll_deg=0.4, height_m=0.05)
+
+
+REAL = Path(os.environ.get("LANES_DATA") or Path(__file__).parents[2] / "shared" / "real")
+
+
+@pytest.mark.skipif(
+    not (REAL / "labels.jsonl").is_file(),
+    reason=f"no labelled real stills in {REAL.name}; name their folder LANES_DATA",
+)
+def test_real_stills_meet_where_their_labels_meet():
+    """With a guessed lens, the labelled lines of the straight stills meet within 0.3 degrees of straight ahead."""
+    labels = map(json.loads, (REAL / "labels.jsonl").read_text().splitlines())
+    stills = [label for label in labels if "test_images" in label["raw_file"]]
+    camera = Camera.from_fov((1280, 720), 60)
+    mount = estimate_mount([read_image(REAL / still["raw_file"]) for still in stills], camera).mount
+    far_ahead = camera.with_mount(mount).road_to_pixels(np.array([[1e6, 0.0]]))[0]
+    meetings = [meeting_point(still) for still in stills if "straight" in still["raw_file"]]
+    assert len(meetings) == 2
+    np.testing.assert_allclose(far_ahead, np.mean(meetings, axis=0), atol=camera.matrix[0, 0] * np.radians(0.3))
+
+
+def meeting_point(label: dict) -> tuple[float, float]:
+    """Where straight lines through the two labelled lines cross, in pixels (u, v)."""
+    rows = np.array(label["h_samples"])
+    (a, b), (c, d) = (np.polyfit(rows[np.array(u) > 0], np.array(u)[np.array(u) > 0], 1) for u in label["lanes"])
+    row = (d - b) / (a - c)
+    return a * row + b, row
