@@ -16,15 +16,16 @@ Data             open_dataset, check, PROJECT_ROOT                              
 6 Find           lane_histogram, find_peaks, sliding_windows, search_band                   lanes.search
 7 Fit, measure   fit_line, ransac_line                                                      lanes.fit
                  describe_bend, describe_offset                                             lanes.measure
-                 worst_lateral_error_m, paint_share                                         lanes.benchmark
+                 worst_lateral_error_m, paint_share, describe_error, format_table           lanes.benchmark
 8 Draw, video    draw_line, draw_lane, draw_pixels, draw_fit, write_text                    lanes.draw
-                 annotate, annotate_folder, diagnose, draw_search, follow_lane              lanes.overlay
+                 annotate, annotate_folder, describe_result, diagnose, draw_search,
+                 follow_lane                                                                lanes.overlay
                  open_clip, annotate_video                                                  lanes.video
                  read_telemetry                                                             lanes.telemetry
 Figures          show_pictures, plot_bars, plot_histogram, plot_series, save_figure         lanes.plots
 """
 
-from lanes.benchmark import paint_share, worst_lateral_error_m
+from lanes.benchmark import describe_error, format_table, paint_share, worst_lateral_error_m
 from lanes.boards import calibrate_folder, draw_board, find_board
 from lanes.camera import Camera, Mount, load_camera, save_camera, undistort
 from lanes.dataset import PROJECT_ROOT, check, open_dataset
@@ -33,7 +34,7 @@ from lanes.fit import fit_line, ransac_line
 from lanes.images import list_pictures, read_image, write_image
 from lanes.measure import describe_bend, describe_offset
 from lanes.mount import estimate_mount, mount_camera
-from lanes.overlay import annotate, annotate_folder, diagnose, draw_search, follow_lane
+from lanes.overlay import annotate, annotate_folder, describe_result, diagnose, draw_search, follow_lane
 from lanes.plots import plot_bars, plot_histogram, plot_series, save_figure, show_pictures
 from lanes.recipes import RECIPES, LaneFinder, get_recipe
 from lanes.search import find_peaks, lane_histogram, search_band, sliding_windows
@@ -65,7 +66,9 @@ __all__ = [
     "calibrate_folder",
     "check",
     "describe_bend",
+    "describe_error",
     "describe_offset",
+    "describe_result",
     "diagnose",
     "direction_mask",
     "draw_board",
@@ -80,6 +83,7 @@ __all__ = [
     "find_peaks",
     "fit_line",
     "follow_lane",
+    "format_table",
     "get_recipe",
     "gradient_x_mask",
     "lane_histogram",

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lanes.benchmark import paint_share, worst_lateral_error_m
+from lanes.benchmark import describe_error, format_table, paint_share, worst_lateral_error_m
 from lanes.camera import Camera, Mount
 from lanes.measure import RoadLine
 from lanes.view import FourPointWarp, view_to_road
@@ -61,3 +61,15 @@ class TestPaintShare:
     def test_nothing_set_or_nothing_known_is_none(self):
         assert paint_share(self.result(np.zeros((360, 640), np.uint8)), truth(), CAMERA) is None
         assert paint_share(self.result(np.zeros((360, 640), np.uint8)), None, CAMERA) is None
+
+
+def test_errors_are_worded():
+    assert [describe_error(e) for e in (None, np.inf, 0.123)] == ["unknown", "lost", "0.12 m"]
+
+
+def test_a_table_is_aligned_to_the_right():
+    assert format_table(["a", "long"], {"one": ["1", "2"], "three": ["lost", "4"]}).splitlines() == [
+        "          a  long",
+        "one       1     2",
+        "three  lost     4",
+    ]
