@@ -41,9 +41,7 @@ def annotate(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarra
     -------
     ndarray of the same shape, uint8
     """
-    if result.state == "lost":
-        return write_text(image, describe_result(result))
-    return write_text(draw_lane(image, result.left_px, result.right_px, camera), describe_result(result))
+    return write_text(_draw_result(image, result, camera), describe_result(result))
 
 
 def draw_search(result: LaneResult) -> np.ndarray:
@@ -59,8 +57,8 @@ def draw_search(result: LaneResult) -> np.ndarray:
 def diagnose(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarray:
     """The annotated picture under a strip of the steps that led to it: binary, view, search."""
     thumbnails = [result.steps.warped_binary, result.steps.view, draw_search(result)]
-    annotated = annotate(image, result, camera)
-    return draw_mosaic(annotated, thumbnails, ["binary", "view", "search"], lines=describe_result(result))
+    drawn = _draw_result(image, result, camera)
+    return draw_mosaic(drawn, thumbnails, ["binary", "view", "search"], lines=describe_result(result))
 
 
 def follow_lane(finder: LaneFinder, camera: Camera) -> Callable[[np.ndarray], tuple[np.ndarray, dict[str, object]]]:
@@ -99,3 +97,10 @@ def annotate_folder(folder: str | Path, output: str | Path, camera: Camera, *, r
         camera.require_size(image, path)
         written.append(write_image(Path(output) / path.name, annotate(image, finder.find(image), camera)))
     return written
+
+
+def _draw_result(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarray:
+    """The lane alone; nothing of a lane that is lost."""
+    if result.state == "lost":
+        return image.copy()
+    return draw_lane(image, result.left_px, result.right_px, camera)
