@@ -13,10 +13,11 @@ Data             open_dataset, check, PROJECT_ROOT                              
 5 Thresholds     split_channels, to_gray, range_mask, gradient_x_mask, magnitude_mask,
                  direction_mask, saturation_mask, yellow_mask, equalized_white_mask         lanes.threshold
                  RECIPES, get_recipe, LaneFinder                                            lanes.recipes
+                 binary_on_road, paint_share                                                lanes.benchmark
 6 Find           lane_histogram, find_peaks, sliding_windows, search_band                   lanes.search
 7 Fit, measure   fit_line, ransac_line                                                      lanes.fit
                  describe_bend, describe_offset                                             lanes.measure
-                 worst_lateral_error_m, paint_share, describe_error, format_table           lanes.benchmark
+                 worst_lateral_error_m, describe_error, format_table                        lanes.benchmark
 8 Draw, video    draw_line, draw_lane, draw_pixels, draw_fit, write_text                    lanes.draw
                  annotate, annotate_folder, describe_result, diagnose, draw_search,
                  follow_lane                                                                lanes.overlay
@@ -25,7 +26,7 @@ Data             open_dataset, check, PROJECT_ROOT                              
 Figures          show_pictures, plot_bars, plot_histogram, plot_series, save_figure         lanes.plots
 """
 
-from lanes.benchmark import describe_error, format_table, paint_share, worst_lateral_error_m
+from lanes.benchmark import binary_on_road, describe_error, format_table, paint_share, worst_lateral_error_m
 from lanes.boards import calibrate_folder, draw_board, find_board
 from lanes.camera import Camera, Mount, load_camera, save_camera, undistort
 from lanes.dataset import PROJECT_ROOT, check, open_dataset
@@ -63,6 +64,7 @@ __all__ = [
     "annotate",
     "annotate_folder",
     "annotate_video",
+    "binary_on_road",
     "calibrate_folder",
     "check",
     "describe_bend",

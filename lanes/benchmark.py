@@ -6,6 +6,7 @@ Truth is a frame of truth.json (see lanes.dataset): points of both lines in the 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Protocol
 
 import numpy as np
 
@@ -18,49 +19,57 @@ from lanes.view import view_to_road
 NEAR_M, FAR_M = 5.0, 30.0
 
 
-def worst_lateral_error_m(result: LaneResult, truth: dict | None) -> float | None:
+class HasLines(Protocol):
+    """Any result that can say where its two lines are."""
+
+    def lateral_m(self, x_m: np.ndarray) -> np.ndarray | None:
+        """Lateral places (2, N) of the left and the right line at distances (N,), metres; None if not both are known."""
+
+
+def worst_lateral_error_m(result: HasLines | None, truth: dict | None) -> float | None:
     """Largest lateral distance between found and true lines, 5 to 30 m ahead, metres.
 
     Infinite where a line was not found: a lane that is lost is not half right. None where no truth is known.
     """
     if truth is None:
         return None
-    if result.left_road is None or result.right_road is None:
+    x_m = np.array(truth["x_m"])
+    ahead = (x_m >= NEAR_M) & (x_m <= FAR_M)
+    found = result and result.lateral_m(x_m[ahead])
+    if found is None:
         return np.inf
-    x = np.array(truth["x_m"])
-    ahead = (x >= NEAR_M) & (x <= FAR_M)
-    errors = [
-        np.abs(line.lateral_m(x[ahead]) - np.array(truth[key])[ahead])
-        for line, key in ((result.left_road, "left_y_m"), (result.right_road, "right_y_m"))
-    ]
-    return float(np.max(errors))
+    true = np.array([truth["left_y_m"], truth["right_y_m"]])[:, ahead]
+    return float(np.abs(found - true).max())
+
+
+def binary_on_road(result: LaneResult, camera: Camera) -> np.ndarray:
+    """Road points (N, 2), metres, of the set pixels of a classic result's binary."""
+    return view_to_road(binary_pixels(result.steps.warped_binary), result.warp, camera)
 
 
 def paint_share(
-    result: LaneResult, truth: dict | None, camera: Camera, *, beside_m: float = 1.0, paint_m: float = 0.2
+    points_m: np.ndarray, truth: dict | None, *, beside_m: float = 1.0, paint_m: float = 0.2
 ) -> float | None:
-    """Share of a recipe's set pixels that lie on the paint of the own lane.
+    """Share of the points taken for paint that lie on the paint of the own lane.
 
-    Counted are the pixels from 5 to 30 m ahead in the own lane and `beside_m` to each side of it; right are those
+    Counted are the points from 5 to 30 m ahead in the own lane and `beside_m` to each side of it; right are those
     within `paint_m` of the centre of a line (half a painted line, and as much again for blur).
 
     Parameters
     ----------
-    result : LaneResult
-        Its `steps.warped_binary` is judged.
+    points_m : ndarray of shape (N, 2)
+        x forward, y left, metres.
     truth : dict or None
         A frame of truth.json.
-    camera : Camera
-        With a mount.
 
     Returns
     -------
     float or None
-        In range 0..1; None where no truth is known or nothing is set there.
+        In range 0..1; None where no truth is known or no point is counted.
     """
     if truth is None:
         return None
-    x, y = view_to_road(binary_pixels(result.steps.warped_binary), result.warp, camera).T
+    x, y = np.asarray(points_m, float).reshape(-1, 2).T
     left, right = (np.interp(x, truth["x_m"], truth[key]) for key in ("left_y_m", "right_y_m"))
     counted = (x >= NEAR_M) & (x <= FAR_M) & (y < left + beside_m) & (y > right - beside_m)
     if not counted.any():

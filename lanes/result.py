@@ -130,6 +130,12 @@ class LaneResult:
         """Distance between the lines."""
         return lane_width_m(self.left_road, self.right_road) if self.left_road and self.right_road else None
 
+    def lateral_m(self, x_m: np.ndarray) -> np.ndarray | None:
+        """Lateral places (2, N) of the left and the right line at distances (N,), metres; None if not both are known."""
+        if self.left_road is None or self.right_road is None:
+            return None
+        return np.array([self.left_road.lateral_m(x_m), self.right_road.lateral_m(x_m)])
+
     def as_row(self) -> dict[str, str | float | None]:
         """The measures by the column names of the telemetry."""
         row = {name: getattr(self, name) for name in ("state", "offset_m", "curvature_per_m", "lane_width_m")}

@@ -5,10 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lanes.benchmark import describe_error, format_table, paint_share, worst_lateral_error_m
+from lanes.benchmark import binary_on_road, describe_error, format_table, paint_share, worst_lateral_error_m
 from lanes.camera import Camera, Mount
 from lanes.measure import RoadLine
-from lanes.view import FourPointWarp, view_to_road
+from lanes.recipes import LaneFinder, get_recipe
+from lanes.view import FourPointWarp
 
 X = np.arange(0.0, 45, 5)
 CAMERA = Camera.from_fov((640, 360), 60, Mount(1.4, pitch_rad=0.03))
@@ -22,45 +23,56 @@ def truth() -> dict:
     return {"x_m": X.tolist(), "left_y_m": left.lateral_m(X).tolist(), "right_y_m": right.lateral_m(X).tolist()}
 
 
+class Lines:
+    """A result with these two lines."""
+
+    def __init__(self, left: RoadLine, right: RoadLine) -> None:
+        self.lines = left, right
+
+    def lateral_m(self, x_m):
+        return np.array([line.lateral_m(x_m) for line in self.lines])
+
+
 class TestWorstLateralError:
     def test_it_is_the_largest_of_both_lines_within_the_range(self):
-        found = SimpleNamespace(left_road=RoadLine(1.65, 0.02, 0.001), right_road=RoadLine(-2.0, 0.03, 0.001))
+        found = Lines(RoadLine(1.65, 0.02, 0.001), RoadLine(-2.0, 0.03, 0.001))
         # the right line leaves the truth by 0.01 a metre, so by 0.3 m at 30 m; what lies beyond does not count
         assert worst_lateral_error_m(found, truth()) == pytest.approx(0.3)
 
-    def test_a_missing_line_is_infinitely_wrong(self):
-        assert worst_lateral_error_m(SimpleNamespace(left_road=None, right_road=RoadLine(-2, 0, 0)), truth()) == np.inf
+    def test_a_lane_that_was_not_found_is_infinitely_wrong(self):
+        assert worst_lateral_error_m(None, truth()) == np.inf
+        lost = LaneFinder(get_recipe("hls_sobel", CAMERA.size), CAMERA).find(np.zeros((360, 640, 3), np.uint8))
+        assert worst_lateral_error_m(lost, truth()) == np.inf
 
     def test_without_truth_there_is_no_error(self):
-        assert worst_lateral_error_m(SimpleNamespace(left_road=None, right_road=None), None) is None
+        assert worst_lateral_error_m(None, None) is None
 
 
 class TestPaintShare:
-    def result(self, binary):
-        return SimpleNamespace(steps=SimpleNamespace(warped_binary=binary), warp=WARP)
-
-    def binary(self, *, within_m: float, of: float) -> np.ndarray:
-        """All view pixels whose road point lies within `within_m` of a line `of` metres left of the true ones."""
-        rows, columns = np.mgrid[0:360, 0:640]
-        points = view_to_road(np.column_stack([columns.ravel(), rows.ravel()]), WARP, CAMERA)
-        left, right = (np.interp(points[:, 0], X, truth()[key]) + of for key in ("left_y_m", "right_y_m"))
-        near = np.minimum(np.abs(points[:, 1] - left), np.abs(points[:, 1] - right)) <= within_m
-        return (near.reshape(360, 640) * 255).astype(np.uint8)
+    def road_points(self, of_m: float) -> np.ndarray:
+        """Points along two stripes 0.3 m wide, `of_m` metres left of the true lines."""
+        x, across = (grid.ravel() for grid in np.meshgrid(np.arange(3.0, 40, 0.1), np.linspace(-0.15, 0.15, 7)))
+        lines = [np.interp(x, X, truth()[key]) + of_m + across for key in ("left_y_m", "right_y_m")]
+        return np.vstack([np.column_stack([x, y]) for y in lines])
 
     def test_paint_on_the_lines_is_all_paint(self):
-        assert paint_share(self.result(self.binary(within_m=0.15, of=0)), truth(), CAMERA) == 1
+        assert paint_share(self.road_points(0.0), truth()) == 1
 
-    def test_a_stripe_beside_the_line_is_none(self):
-        assert paint_share(self.result(self.binary(within_m=0.15, of=0.6)), truth(), CAMERA) == 0
+    def test_stripes_beside_the_lines_are_none(self):
+        assert paint_share(self.road_points(0.6), truth()) == 0
+
+    def test_other_lanes_and_the_far_road_do_not_count(self):
+        elsewhere = [[20.0, 8.0], [20.0, -8.0], [3.0, 0.0], [35.0, 0.0]]
+        assert paint_share(np.vstack([self.road_points(0.0), elsewhere]), truth()) == 1
+        assert paint_share(np.array(elsewhere), truth()) is None
 
     def test_a_flooded_binary_has_the_share_of_the_paint_in_the_lane(self):
-        share = paint_share(self.result(np.full((360, 640), 255, np.uint8)), truth(), CAMERA)
+        flooded = SimpleNamespace(steps=SimpleNamespace(warped_binary=np.full((360, 640), 255, np.uint8)), warp=WARP)
         # two stripes of 0.4 m in 3.6 m of lane and a metre on each side
-        assert share == pytest.approx(0.8 / 5.6, abs=0.05)
+        assert paint_share(binary_on_road(flooded, CAMERA), truth()) == pytest.approx(0.8 / 5.6, abs=0.05)
 
-    def test_nothing_set_or_nothing_known_is_none(self):
-        assert paint_share(self.result(np.zeros((360, 640), np.uint8)), truth(), CAMERA) is None
-        assert paint_share(self.result(np.zeros((360, 640), np.uint8)), None, CAMERA) is None
+    def test_nothing_known_is_none(self):
+        assert paint_share(self.road_points(0.0), None) is None
 
 
 def test_errors_are_worded():
