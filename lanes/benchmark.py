@@ -23,7 +23,7 @@ class HasLines(Protocol):
     """Any result that can say where its two lines are."""
 
     def lateral_m(self, x_m: np.ndarray) -> np.ndarray | None:
-        """Lateral places (2, N) of the left and the right line at distances (N,), metres; None if not both are known."""
+        """Lateral places (2, N) of the left and right line at distances (N,), metres; None if not both are known."""
 
 
 def worst_lateral_error_m(result: HasLines | None, truth: dict | None) -> float | None:

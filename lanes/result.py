@@ -131,7 +131,7 @@ class LaneResult:
         return lane_width_m(self.left_road, self.right_road) if self.left_road and self.right_road else None
 
     def lateral_m(self, x_m: np.ndarray) -> np.ndarray | None:
-        """Lateral places (2, N) of the left and the right line at distances (N,), metres; None if not both are known."""
+        """Lateral places (2, N) of the left and right line at distances (N,), metres; None if not both are known."""
         if self.left_road is None or self.right_road is None:
             return None
         return np.array([self.left_road.lateral_m(x_m), self.right_road.lateral_m(x_m)])
