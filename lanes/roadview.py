@@ -1,0 +1,112 @@
+"""The road from above, on a grid in metres, straight from the raw picture.
+
+The four-point warp of the course's first half has pixels of unknown size. Here every cell has a place on the road:
+its centre goes through mount and lens once, when the view is made, and from then on a frame costs one lookup.
+
+Rows follow a geometric series: each is a fixed share farther than the last, as pixel rows are. A cell near the car
+covers many pixels, one far away less than one; the lookup therefore reads from a picture reduced so far that the cell
+covers about one of its pixels (the idea of mip maps, L. Williams, "Pyramidal parametrics", SIGGRAPH 1983).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+
+from lanes.camera import Camera
+
+REDUCTIONS = (1, 2, 4, 8)
+
+
+@dataclass(frozen=True, eq=False)
+class RoadView:
+    """A grid on the flat road ahead; row 0 is the farthest, column 0 the leftmost, as one looks.
+
+    Parameters
+    ----------
+    camera : Camera
+        With a mount.
+    near_m, far_m : float
+        Distance ahead of the nearest and the farthest row.
+    growth : float
+        Each row lies this share farther than the one before it.
+    half_width_m : float
+        How far the grid reaches to the left and to the right; wide enough for a hairpin.
+    cell_m : float
+        Distance between columns.
+    """
+
+    camera: Camera
+    near_m: float = 5.0
+    far_m: float = 70.0
+    growth: float = 0.022
+    half_width_m: float = 12.0
+    cell_m: float = 0.05
+
+    @cached_property
+    def x_m(self) -> np.ndarray:
+        """(rows,) distance ahead of each row, farthest first."""
+        rows = int(np.log(self.far_m / self.near_m) / np.log1p(self.growth)) + 1
+        return (self.near_m * (1 + self.growth) ** np.arange(rows))[::-1]
+
+    @cached_property
+    def y_m(self) -> np.ndarray:
+        """(columns,) lateral place of each column, positive (left) first."""
+        half = round(self.half_width_m / self.cell_m)
+        return np.arange(half, -half - 1, -1) * self.cell_m
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, columns)."""
+        return len(self.x_m), len(self.y_m)
+
+    @cached_property
+    def pixels(self) -> np.ndarray:
+        """(rows, columns, 2) raw pixel (u, v) of each cell's centre; NaN where the lens is blind."""
+        x, y = np.meshgrid(self.x_m, self.y_m, indexing="ij")
+        return self.camera.road_to_pixels(np.column_stack([x.ravel(), y.ravel()])).reshape(*self.shape, 2)
+
+    @cached_property
+    def seen(self) -> np.ndarray:
+        """(rows, columns) bool: the cell lies inside the picture."""
+        u, v = np.moveaxis(self.pixels, 2, 0)
+        with np.errstate(invalid="ignore"):
+            return (u >= 0) & (u <= self.camera.width - 1) & (v >= 0) & (v <= self.camera.height - 1)
+
+    @cached_property
+    def _lookups(self) -> list[tuple[int, slice, np.ndarray, np.ndarray]]:
+        """(reduction, rows, map, map fraction): which rows are read from which reduced picture, and where."""
+        focal_px = self.camera.matrix[0, 0]
+        cell_px = self.cell_m * focal_px / self.x_m
+        level = np.clip(np.floor(np.log2(np.maximum(cell_px, 1))).astype(int), 0, len(REDUCTIONS) - 1)
+        lookups = []
+        for index, reduction in enumerate(REDUCTIONS):
+            rows = np.flatnonzero(level == index)
+            if len(rows):
+                part = slice(rows[0], rows[-1] + 1)
+                # pixel centres lie at integers: the first reduced pixel is centred on (reduction - 1) / 2
+                place = (np.nan_to_num(self.pixels[part] - [0, self.top_px], nan=-99.0) - (reduction - 1) / 2) / reduction
+                lookups.append((reduction, part, *cv2.convertMaps(place.astype(np.float32), None, cv2.CV_16SC2)))
+        return lookups
+
+    @cached_property
+    def top_px(self) -> int:
+        """First picture row that any cell is read from, rounded down to whole reduced pixels."""
+        top = int(np.nanmin(np.where(self.seen, self.pixels[..., 1], np.nan)))
+        return max(0, top - 2) // REDUCTIONS[-1] * REDUCTIONS[-1]
+
+    def warp(self, image: np.ndarray) -> np.ndarray:
+        """The road in `image` (raw, (height, width, 3) uint8) from above: (rows, columns, 3) uint8, 0 where unseen."""
+        self.camera.require_size(image)
+        view = np.empty((*self.shape, 3), np.uint8)
+        reduced, done = image[self.top_px :], 1
+        for reduction, rows, place, fraction in self._lookups:
+            if reduction != done:
+                height, width = reduced.shape[0] * done // reduction, self.camera.width // reduction
+                reduced = cv2.resize(reduced, (width, height), interpolation=cv2.INTER_AREA)
+                done = reduction
+            cv2.remap(reduced, place, fraction, cv2.INTER_LINEAR, dst=view[rows], borderMode=cv2.BORDER_CONSTANT)
+        return view
