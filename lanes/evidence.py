@@ -53,6 +53,7 @@ class Stripes:
     strength: np.ndarray
     double: np.ndarray
     yellow: np.ndarray
+    angle: np.ndarray
 
     def __len__(self) -> int:
         return len(self.row)
@@ -136,7 +137,20 @@ def find_stripes(evidence: np.ndarray, view: RoadView) -> Stripes:
     shift = np.where(bend < 0, 0.5 * (left - right) / np.minimum(bend, -1e-9), 0.0)
     kind = evidence[:, row, column].argmax(axis=0)
     y = view.y_m[0] - (column + np.clip(shift, -0.5, 0.5)) * view.cell_m
-    return Stripes(row, view.x_m[row], y, middle, kind % 2 == 1, kind >= 2)
+    angle = stripe_angle(best, view)[row, column]
+    return Stripes(row, view.x_m[row], y, middle, kind % 2 == 1, kind >= 2, angle)
+
+
+def stripe_angle(evidence: np.ndarray, view: RoadView) -> np.ndarray:
+    across = cv2.Sobel(evidence, cv2.CV_32F, 1, 0, scale=1 / 8)
+    along = cv2.Sobel(evidence, cv2.CV_32F, 0, 1, scale=1 / 8)
+    xx, yy, xy = (cv2.boxFilter(p, -1, (7, 5)) for p in (across * across, along * along, across * along))
+    # columns that a stripe moves from one row to the next lower one
+    theta = 0.5 * np.arctan2(2 * xy, xx - yy)  # direction of the gradient
+    move = -np.tan(theta)
+    step = view.x_m[:, None] * view.growth / (1 + view.growth)
+    # down one row: x falls by step, column grows by move -> y falls by move * cell
+    return np.arctan2(move * view.cell_m, step)
 
 
 def _strongest_of_each_row(row: np.ndarray, column: np.ndarray, best: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -33,13 +33,31 @@ class Prior:
     mean: np.ndarray
     std: np.ndarray
 
-PRIOR = Prior(np.array([0.0, 3.5, 0, 0, 0, 0]), np.array([0.7, 0.4, 0.08, 0.05, 2e-4, 0.015]))
+PRIOR = Prior(np.array([0.0, 3.5, 0, 0, 0, 0]), np.array([0.8, 0.5, 0.15, 0.05, 2e-3, 0.015]))
+
+
+def flatten_angle(x, y, angle, pitch, height):
+    stretch = np.maximum(1 + pitch * x / height, 0.2)
+    return np.arctan(stretch * np.tan(angle) - pitch / height * y)
+
+
+def confidence(stripes):
+    s2 = stripes.strength**2
+    return s2 / (s2 + 36)
 
 
 def residuals(p, x, y, side, height):
     xs, ys = flatten_pitch(x, y, p[PITCH], height)
     a = distance_to_arc(xs, ys, p[HEADING], p[CURVATURE])
     return a - p[RATE] * xs**3 / 6 - p[CENTRE] - side * p[WIDTH] / 2
+
+
+def angle_agreement(p, x, y, angle, height, std=0.1):
+    xs, ys = flatten_pitch(x, y, p[PITCH], height)
+    a = distance_to_arc(xs, ys, p[HEADING], p[CURVATURE])
+    sin = (np.sin(p[HEADING]) + p[CURVATURE] * xs) / np.maximum(1 - p[CURVATURE] * a, 0.1) + p[RATE] * xs**2 / 2
+    miss = np.arcsin(np.clip(sin, -1, 1)) - flatten_angle(x, y, angle, p[PITCH], height)
+    return 1 / (1 + (miss / std) ** 2) ** 2
 
 
 STEP = np.array([0.01, 0.01, 1e-4, 1e-5, 1e-7, 1e-5])
@@ -58,18 +76,19 @@ def nearest_side(p, x, y, height):
     a = residuals(p, x, y, 0.0, height)
     return np.where(a >= 0, 1.0, -1.0)
 
+GROW = ((14, 3), (18, 3), (23, 2.5), (30, 2), (38, 2), (48, 1.5), (60, 1.2), (70, 1), (70, 1))
 
-def fit(p, stripes, sigma, height, prior=PRIOR, scales=(4, 3, 2, 1.5, 1, 1, 1), sides=(1.0, -1.0)):
+def fit(p, stripes, sigma, height, prior=PRIOR, schedule=GROW):
     """IRLS; returns p, cov, weights, side"""
     x, y = stripes.x_m, stripes.y_m
-    conf = np.minimum(stripes.strength / 8, 1.0)
-    for s in scales:
+    conf = confidence(stripes)
+    for far, s in schedule:
         side = nearest_side(p, x, y, height)
         r = residuals(p, x, y, side, height)
         z = r / (sigma * s)
-        robust = 1 / (1 + z * z) ** 2
-        use = (robust > 0.02) & np.isin(side, sides)
-        w = (conf * robust / sigma**2)[use]
+        robust = angle_agreement(p, x, y, stripes.angle, height) / (1 + z * z) ** 2
+        use = (robust > 0.02) & (x < far)
+        w = (conf * robust / (sigma * s)**2)[use]
         J = jacobian(p, x[use], y[use], side[use], height)
         A = J.T @ (J * w[:, None]) + np.diag(1 / prior.std**2)
         b = J.T @ (w * r[use]) + (p - prior.mean) / prior.std**2
@@ -79,5 +98,5 @@ def fit(p, stripes, sigma, height, prior=PRIOR, scales=(4, 3, 2, 1.5, 1, 1, 1), 
     cov = np.linalg.inv(A)
     side = nearest_side(p, x, y, height)
     r = residuals(p, x, y, side, height)
-    robust = 1 / (1 + (r / sigma) ** 2) ** 2
+    robust = angle_agreement(p, x, y, stripes.angle, height) / (1 + (r / sigma) ** 2) ** 2
     return p, cov, conf * robust, side
