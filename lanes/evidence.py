@@ -9,7 +9,7 @@ shade needs a threshold of its own.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import cv2
 import numpy as np
@@ -57,6 +57,10 @@ class Stripes:
 
     def __len__(self) -> int:
         return len(self.row)
+
+    def select(self, which: np.ndarray) -> Stripes:
+        """The stripes that `which` (bool or index) picks."""
+        return Stripes(*(getattr(self, f.name)[which] for f in fields(self)))
 
 
 def lightness(view: np.ndarray) -> np.ndarray:

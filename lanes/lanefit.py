@@ -1,102 +1,188 @@
+"""One model for both lines: where the lane is, which way it goes and bends, and how tilted the camera looks at it.
+
+Seven numbers describe the lane. The lane's middle is an arc that passes the car at `centre` with `heading` and
+`curvature`, which changes by `rate` for each metre ahead; the two lines run half a `width` to its left and right.
+`pitch` is how much farther down than its mount says the camera looks in this frame (bumps, brakes), and `vertical` the
+curvature of the road upwards (crests and dips): both show in that the lines do not look parallel.
+
+A stripe's distance from the middle arc, taken at right angles, needs no x as the running variable, so that hairpins
+that fold back are as good as straight roads:
+
+    a (1 - k a / 2) = y cos h - x sin h - k (x^2 + y^2) / 2        for heading h and curvature k,
+
+which follows from |P - C| = 1/k - a for a circle of centre C; concentric lines then differ in `a` alone. The derivatives
+are as short: da = (1 - k a)^-1 (...), with the direction of the road at the stripe as sine and cosine.
+
+All functions are written for several lanes at once, parameters (..., 7), so that rival hypotheses share one pass.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
 import numpy as np
-from dataclasses import dataclass, replace
 
-# order of the parameters
-CENTRE, WIDTH, HEADING, CURVATURE, RATE, PITCH = range(6)
+from lanes.evidence import Stripes
+
+CENTRE, WIDTH, HEADING, CURVATURE, RATE, PITCH, VERTICAL = range(7)
+LEFT, RIGHT = 1.0, -1.0
+
+# What is known of any lane before looking, and its standard deviation: lanes are 2.5 to 4.5 m wide, cars drive near
+# their middle and along them, mountain hairpins have radii down to 12 m, cars nod by a degree, crests have radii of
+# hundreds of metres.
+PRIOR_MEAN = np.array([0.0, 3.5, 0.0, 0.0, 0.0, 0.0, 0.0])
+PRIOR_STD = np.array([0.8, 0.5, 0.15, 0.05, 2e-3, 0.015, 1e-3])
+LIMIT = np.array([3.0, 6.0, 0.7, 0.12, 0.01, 0.06, 5e-3])
+
+# Strength (times the noise) at which a stripe counts half, and angle by which half a stripe's vote is lost.
+HALF_STRENGTH = 6.0
+ANGLE_STD_RAD = 0.1
+# The fit follows the lines outwards: (how far it looks, how many standard deviations still pull).
+GROW = ((14, 3), (18, 3), (23, 2.5), (30, 2), (38, 2), (48, 1.5), (60, 1.2), (70, 1), (70, 1))
 
 
-def flatten_pitch(x, y, pitch, height):
-    stretch = np.maximum(1 + pitch * x / height, 0.2)
-    return x / stretch, y / stretch
+def flatten(stripes: Stripes, pitch, vertical, height_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Stripes seen with another pitch, on a road that bends up or down: x, y in metres and angle in radians.
+
+    The ray to a stripe at the flat distance x falls by h / x; a camera that looks `pitch` farther down makes that
+    h / x + pitch, and a road that has risen by v x^2 / 2 is met v x / 2 earlier.
+    """
+    pitch, vertical = np.asarray(pitch)[..., None], np.asarray(vertical)[..., None]
+    share = stripes.x_m / height_m
+    stretch = np.maximum(1 + pitch * share, 0.2)
+    bend = vertical * np.minimum(stripes.x_m / stretch, 80)
+    stretch = np.clip(stretch + bend / 2 * share, 0.2, 5)
+    change = (pitch + bend) * share
+    slope = (stretch * np.tan(stripes.angle) - change * stripes.y_m / stripes.x_m) / np.maximum(stretch - change, 0.1)
+    return stripes.x_m / stretch, stripes.y_m / stretch, np.arctan(slope)
 
 
-def distance_to_arc(x, y, heading, curvature):
+def place(x, y, heading, curvature) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Distance of points left of an arc, at right angles, with the arc's direction there: (a, sin, cos, 1 - k a)."""
+    heading, curvature = np.asarray(heading)[..., None], np.asarray(curvature)[..., None]
     sin, cos = np.sin(heading), np.cos(heading)
-    along = 2 * (y * cos - x * sin) - curvature * (x * x + y * y)
-    return along / (1 + np.sqrt(np.maximum(1 - curvature * along, 0)))
+    twice = 2 * (y * cos - x * sin) - curvature * (x * x + y * y)
+    scale = np.sqrt(np.maximum(1 - curvature * twice, 1e-2))
+    return twice / (1 + scale), (sin + curvature * x) / scale, (cos - curvature * y) / scale, scale
 
 
-def arc_y(x, offset, heading, curvature):
-    """y at x of the curve at `offset` left of the arc; NaN where folded"""
-    m = 1 - curvature * offset
-    sin, k = np.sin(heading) / m, curvature / m
-    root = np.sqrt(np.maximum(m * m - np.sin(heading) ** 2, 0))
-    c0 = offset * (2 - curvature * offset) / (np.cos(heading) + root)
-    q = sin + k * x
-    inside = np.abs(q) < 0.995
-    y = c0 + x * (sin + q) / (root / m + np.sqrt(np.maximum(1 - q * q, 1e-4)))
-    return np.where(inside, y, np.nan)
+def line_y(x, lane: np.ndarray, side: float) -> np.ndarray:
+    """Lateral place of a line of the lane (7,) at distances x (N,); NaN where it has turned back before."""
+    centre, width, heading, curvature, rate = lane[:PITCH]
+    a = centre + side * width / 2
+    scale = 1 - curvature * a
+    sin, k = np.sin(heading) / scale, curvature / scale
+    cos = np.sqrt(max(1 - sin * sin, 0))
+    start = a * (1 + scale) / (np.cos(heading) + scale * cos)
+    turned = sin + k * x
+    y = start + x * (sin + turned) / (cos + np.sqrt(np.maximum(1 - turned * turned, 1e-4))) + rate * x**3 / 6
+    return np.where(np.abs(turned) < 0.995, y, np.nan)
 
 
 @dataclass(frozen=True)
-class Prior:
-    mean: np.ndarray
-    std: np.ndarray
+class LaneFit:
+    """Lanes fitted to the stripes of one frame; K of them, or one.
 
-PRIOR = Prior(np.array([0.0, 3.5, 0, 0, 0, 0]), np.array([0.8, 0.5, 0.15, 0.05, 2e-3, 0.015]))
+    Attributes
+    ----------
+    lane : ndarray (..., 7)
+        The parameters, in the order of the module's constants.
+    information : ndarray (..., 7, 7)
+        Inverse covariance, prior included.
+    weight : ndarray (..., stripes)
+        How much each stripe supports the lane, 0 to 1.
+    side : ndarray (..., stripes)
+        `LEFT` or `RIGHT`: the line that the stripe is nearer to.
+    residual_m : ndarray (..., stripes)
+        Distance of each stripe to the left of that line.
+    """
 
-
-def flatten_angle(x, y, angle, pitch, height):
-    stretch = np.maximum(1 + pitch * x / height, 0.2)
-    return np.arctan(stretch * np.tan(angle) - pitch / height * y)
-
-
-def confidence(stripes):
-    s2 = stripes.strength**2
-    return s2 / (s2 + 36)
-
-
-def residuals(p, x, y, side, height):
-    xs, ys = flatten_pitch(x, y, p[PITCH], height)
-    a = distance_to_arc(xs, ys, p[HEADING], p[CURVATURE])
-    return a - p[RATE] * xs**3 / 6 - p[CENTRE] - side * p[WIDTH] / 2
-
-
-def angle_agreement(p, x, y, angle, height, std=0.1):
-    xs, ys = flatten_pitch(x, y, p[PITCH], height)
-    a = distance_to_arc(xs, ys, p[HEADING], p[CURVATURE])
-    sin = (np.sin(p[HEADING]) + p[CURVATURE] * xs) / np.maximum(1 - p[CURVATURE] * a, 0.1) + p[RATE] * xs**2 / 2
-    miss = np.arcsin(np.clip(sin, -1, 1)) - flatten_angle(x, y, angle, p[PITCH], height)
-    return 1 / (1 + (miss / std) ** 2) ** 2
+    lane: np.ndarray
+    information: np.ndarray
+    weight: np.ndarray
+    side: np.ndarray
+    residual_m: np.ndarray
 
 
-STEP = np.array([0.01, 0.01, 1e-4, 1e-5, 1e-7, 1e-5])
+def paint_weight(stripes: Stripes) -> np.ndarray:
+    """How likely a stripe is paint, from its strength: 0 to 1."""
+    return stripes.strength**2 / (stripes.strength**2 + HALF_STRENGTH**2)
 
 
-def jacobian(p, x, y, side, height):
-    cols = [-np.ones_like(x), -side / 2]
-    for k in range(HEADING, 6):
-        d = np.zeros(6)
-        d[k] = STEP[k]
-        cols.append((residuals(p + d, x, y, side, height) - residuals(p - d, x, y, side, height)) / (2 * STEP[k]))
-    return np.column_stack(cols)
+def position_std(stripes: Stripes, focal_px: float) -> np.ndarray:
+    """Standard deviation of a stripe's lateral place: worn paint and half a cell near by, one pixel far away."""
+    return np.hypot(0.04, stripes.x_m / focal_px)
 
 
-def nearest_side(p, x, y, height):
-    a = residuals(p, x, y, 0.0, height)
-    return np.where(a >= 0, 1.0, -1.0)
+def fit_lanes(
+    lanes: np.ndarray,
+    stripes: Stripes,
+    height_m: float,
+    focal_px: float,
+    *,
+    prior_mean: np.ndarray = PRIOR_MEAN,
+    prior_information: np.ndarray | None = None,
+    schedule: tuple = GROW,
+) -> LaneFit:
+    """Refine lanes (K, 7) by reweighted least squares, following both lines outwards.
 
-GROW = ((14, 3), (18, 3), (23, 2.5), (30, 2), (38, 2), (48, 1.5), (60, 1.2), (70, 1), (70, 1))
+    Each step weighs a stripe by its strength, by its distance from the nearer line (Geman-McClure) and by how well its
+    direction agrees with the line's, then solves the normal equations together with the prior.
 
-def fit(p, stripes, sigma, height, prior=PRIOR, schedule=GROW):
-    """IRLS; returns p, cov, weights, side"""
-    x, y = stripes.x_m, stripes.y_m
-    conf = confidence(stripes)
-    for far, s in schedule:
-        side = nearest_side(p, x, y, height)
-        r = residuals(p, x, y, side, height)
-        z = r / (sigma * s)
-        robust = angle_agreement(p, x, y, stripes.angle, height) / (1 + z * z) ** 2
-        use = (robust > 0.02) & (x < far)
-        w = (conf * robust / (sigma * s)**2)[use]
-        J = jacobian(p, x[use], y[use], side[use], height)
-        A = J.T @ (J * w[:, None]) + np.diag(1 / prior.std**2)
-        b = J.T @ (w * r[use]) + (p - prior.mean) / prior.std**2
-        p = p - np.linalg.solve(A, b)
-        p[CURVATURE] = np.clip(p[CURVATURE], -0.12, 0.12)
-        p[PITCH] = np.clip(p[PITCH], -0.06, 0.06)
-    cov = np.linalg.inv(A)
-    side = nearest_side(p, x, y, height)
-    r = residuals(p, x, y, side, height)
-    robust = angle_agreement(p, x, y, stripes.angle, height) / (1 + (r / sigma) ** 2) ** 2
-    return p, cov, conf * robust, side
+    Parameters
+    ----------
+    lanes : ndarray (K, 7)
+        Starts.
+    stripes : Stripes
+    height_m, focal_px : float
+        Of the camera.
+    prior_mean : ndarray (7,)
+    prior_information : ndarray (7, 7), optional
+        Inverse covariance of the prior; by default from `PRIOR_STD`.
+    schedule : sequence of (far_m, scale)
+
+    Returns
+    -------
+    LaneFit
+    """
+    if prior_information is None:
+        prior_information = np.diag(PRIOR_STD**-2)
+    lanes, std, paint = np.array(lanes, float), position_std(stripes, focal_px), paint_weight(stripes)
+    information = None
+    for far_m, scale in schedule:
+        weight, residual, _, derivative = compare(lanes, stripes, height_m, std * scale)
+        weight = weight * paint * (stripes.x_m < far_m) / (std * scale) ** 2
+        weighted = derivative * weight[..., None]
+        information = np.swapaxes(derivative, -1, -2) @ weighted + prior_information
+        gradient = (weighted * residual[..., None]).sum(-2) + (lanes - prior_mean) @ prior_information
+        lanes = lanes - np.linalg.solve(information, gradient[..., None])[..., 0]
+        lanes = np.clip(lanes, -LIMIT, LIMIT)
+    weight, residual, side, _ = compare(lanes, stripes, height_m, std)
+    return LaneFit(lanes, information, weight * paint, side, residual)
+
+
+def compare(lanes, stripes: Stripes, height_m: float, std_m):
+    """How stripes agree with lanes (K, 7): weight 0..1, residual in metres, side, and derivative (K, stripes, 7)."""
+    column = lanes[..., None, :]
+    x, y, angle = flatten(stripes, lanes[..., PITCH], lanes[..., VERTICAL], height_m)
+    a, sin, cos, scale = place(x, y, lanes[..., HEADING], lanes[..., CURVATURE])
+    from_middle = a - column[..., RATE] * x**3 / 6 - column[..., CENTRE]
+    side = np.where(from_middle >= 0, LEFT, RIGHT)
+    residual = from_middle - side * column[..., WIDTH] / 2
+    turned = np.clip(sin + column[..., RATE] * x * x / 2, -1, 1)
+    miss = np.arcsin(turned) - angle
+    weight = ((1 + (residual / std_m) ** 2) * (1 + (miss / ANGLE_STD_RAD) ** 2)) ** -2.0
+    tilt = x / height_m * (x * sin - y * cos)
+    derivative = np.stack(
+        [
+            -np.ones_like(x),
+            -side / 2,
+            -(y * np.sin(column[..., HEADING]) + x * np.cos(column[..., HEADING])) / scale,
+            (a * a - x * x - y * y) / (2 * scale),
+            -(x**3) / 6,
+            tilt,
+            tilt * x / 2,
+        ],
+        axis=-1,
+    )
+    return weight, residual, side, derivative

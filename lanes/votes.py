@@ -1,68 +1,88 @@
+"""Where could a lane be? Votes over heading, curvature and pitch: the histogram of the course's first half, generalised.
+
+For each hypothesis the stripes are laid out straight, by their distance from its arc, and counted in bins: a line that
+follows the hypothesis piles up in one bin, whatever its shape on the road. Stripes whose own direction contradicts the
+hypothesis do not count. Peaks left and right of the car are then paired by how a lane is wide.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
 import numpy as np
-from lanes.lanefit import *
 
-BIN = 0.15
-REACH = 4.5
-def hypotheses():
-    k = np.arange(-15, 16)
-    curv = np.sign(k) * 0.0012 * (np.exp(np.abs(k) * 0.26) - 1) / 0.26
-    k = np.arange(-12, 13)
-    head = np.sign(k) * 0.015 * (np.exp(np.abs(k) * 0.09) - 1) / 0.09
-    pitch = np.arange(-2, 3) * 0.012
-    h, c, d = np.meshgrid(head, curv, pitch, indexing="ij")
-    return h.ravel(), c.ravel(), d.ravel()
+from lanes.evidence import Stripes
+from lanes.lanefit import ANGLE_STD_RAD, PRIOR_MEAN, PRIOR_STD, flatten, paint_weight, place
+
+FAR_M = 22.0
+BIN_M = 0.15
+BINS = 60
+PRIOR_WEIGHT = 0.1
 
 
-def vote(stripes, height, far=22.0):
-    head, curv, pitch = hypotheses()
-    near = stripes.x_m < far
-    x, y = stripes.x_m[near], stripes.y_m[near]
-    w = confidence(stripes)[near].astype(np.float32)
-    bins = int(2 * REACH / BIN) + 2
-    H = np.zeros((len(head), bins), np.float32)
-    ps, inv = np.unique(pitch, return_inverse=True)
-    for i, dp in enumerate(ps):
-        xs, ys = flatten_pitch(x, y, dp, height)
-        sel = np.flatnonzero(inv == i)
-        a = distance_to_arc(xs.astype(np.float32)[None], ys.astype(np.float32)[None], head[sel].astype(np.float32)[:, None], curv[sel].astype(np.float32)[:, None])
-        th = flatten_angle(x, y, stripes.angle[near], dp, height).astype(np.float32)
-        k = curv[sel].astype(np.float32)[:, None]
-        sin = (np.sin(head[sel]).astype(np.float32)[:, None] + k * xs.astype(np.float32)) / np.maximum(1 - k * a, 0.2)
-        miss = np.arcsin(np.clip(sin, -1, 1)) - th[None]
-        ww = w[None] / (1 + (miss / 0.12) ** 2) ** 2
-        idx = np.clip((a + REACH) / BIN, 0, bins - 1).astype(np.int32)
-        flat = idx + np.arange(len(sel), dtype=np.int32)[:, None] * bins
-        H[sel] = np.bincount(flat.ravel(), ww.ravel(), minlength=len(sel) * bins).reshape(len(sel), bins)
-    H[:, 0] = H[:, -1] = 0
-    return (head, curv, pitch), H
+def _spread(count: int, step: float, growth: float) -> np.ndarray:
+    """Values around zero, `count` on either side, whose spacing grows outwards."""
+    k = np.arange(-count, count + 1)
+    return np.sign(k) * step * np.expm1(np.abs(k) * growth) / growth
 
 
-def pairs(hyp, H, rows, top=8):
-    """best (score, p) list"""
-    head, curv, pitch = hyp
-    S = H.copy()
-    S[:, 1:-1] = H[:, 1:-1] + 0.6 * (H[:, :-2] + H[:, 2:])
-    centre = (np.arange(H.shape[1]) + 0.5) * BIN - REACH
-    G = np.sqrt(S / rows)
-    left = np.flatnonzero((centre > 0.3) & (centre < 3.6))
-    right = np.flatnonzero((centre < -0.3) & (centre > -3.6))
-    W = centre[left][:, None] - centre[right][None]
-    C = (centre[left][:, None] + centre[right][None]) / 2
-    prior = -0.5 * ((W - 3.5) / 0.5) ** 2 * 0.1 - 0.5 * (C / 0.7) ** 2 * 0.1
-    hp = -0.5 * (head / 0.15) ** 2 * 0.1 - 0.5 * (pitch / 0.015) ** 2 * 0.1 - 0.5 * (curv / 0.05) ** 2 * .1
-    bound = G[:, left].max(1) + G[:, right].max(1) + hp
-    best = np.argsort(-bound)[:300]
-    sc = G[best][:, left, None] + G[best][:, None, right] + prior + hp[best, None, None]
-    flat = sc.reshape(len(best), -1)
-    arg = flat.argmax(1)
-    val = flat[np.arange(len(best)), arg]
-    order = np.argsort(-val)
-    out = []
-    for o in order:
-        i, j = np.unravel_index(arg[o], W.shape)
-        p = np.array([C[i, j], W[i, j], head[best[o]], curv[best[o]], 0, pitch[best[o]]])
-        if all(np.any(np.abs(p - q)[[0, 1]] > 0.35) or abs(p[3]-q[3])>.3*abs(p[3])+.002 for _, q in out):
-            out.append((val[o], p))
-        if len(out) >= top:
+@lru_cache(maxsize=1)
+def hypotheses() -> np.ndarray:
+    """(H, 3): heading, curvature, pitch."""
+    heading, curvature, pitch = _spread(12, 0.015, 0.09), _spread(15, 0.0012, 0.26), np.arange(-2, 3) * 0.012
+    return np.stack([g.ravel() for g in np.meshgrid(heading, curvature, pitch, indexing="ij")], axis=1)
+
+
+def count_votes(stripes: Stripes, height_m: float) -> np.ndarray:
+    """(H, BINS) votes: paint at each distance left of each hypothesis' arc."""
+    heading, curvature, pitch = hypotheses().T
+    near = stripes.select(stripes.x_m < FAR_M)
+    paint = paint_weight(near)
+    votes = np.zeros((len(heading), BINS))
+    for tilt in np.unique(pitch):
+        of = np.flatnonzero(pitch == tilt)
+        x, y, angle = flatten(near, tilt, 0.0, height_m)
+        a, sin, _, _ = place(x, y, heading[of], curvature[of])
+        weight = paint / (1 + ((np.arcsin(np.clip(sin, -1, 1)) - angle) / ANGLE_STD_RAD) ** 2) ** 2
+        index = np.clip(a / BIN_M + BINS / 2, 0, BINS - 1).astype(np.int64) + np.arange(len(of))[:, None] * BINS
+        votes[of] = np.bincount(index.ravel(), weight.ravel(), minlength=len(of) * BINS).reshape(-1, BINS)
+    votes[:, [0, -1]] = 0
+    return votes
+
+
+def best_pairs(votes: np.ndarray, rows: int, *, most: int = 8) -> np.ndarray:
+    """The lanes (K, 7), best first, that the votes speak for; `rows` is how many a solid line would get."""
+    guess = hypotheses()
+    smooth = votes.copy()
+    smooth[:, 1:-1] += 0.6 * (votes[:, :-2] + votes[:, 2:])
+    support = np.sqrt(smooth / rows)
+    middle = (np.arange(BINS) + 0.5 - BINS / 2) * BIN_M
+    left, right = np.flatnonzero((middle > 0.3) & (middle < 3.6)), np.flatnonzero((middle < -0.3) & (middle > -3.6))
+    width = middle[left][:, None] - middle[right]
+    centre = (middle[left][:, None] + middle[right]) / 2
+    pair_prior = ((width - PRIOR_MEAN[1]) / PRIOR_STD[1]) ** 2 + ((centre - PRIOR_MEAN[0]) / PRIOR_STD[0]) ** 2
+    guess_prior = ((guess / PRIOR_STD[[2, 3, 5]]) ** 2).sum(1)
+    bound = support[:, left].max(1) + support[:, right].max(1) - PRIOR_WEIGHT / 2 * guess_prior
+    best = np.argsort(-bound, kind="stable")[:300]
+    score = support[best][:, left, None] + support[best][:, None, right]
+    score -= PRIOR_WEIGHT / 2 * (pair_prior + guess_prior[best, None, None])
+    score = score.reshape(len(best), -1)
+    pair = score.argmax(1)
+    value = score[np.arange(len(best)), pair]
+    lanes = np.zeros((len(best), 7))
+    lanes[:, 0], lanes[:, 1] = centre.ravel()[pair], width.ravel()[pair]
+    lanes[:, [2, 3, 5]] = guess[best]
+    return _distinct(lanes[np.argsort(-value, kind="stable")], most)
+
+
+def _distinct(lanes: np.ndarray, most: int) -> np.ndarray:
+    chosen: list[np.ndarray] = []
+    for lane in lanes:
+        if all(
+            np.any(np.abs(lane - other)[:2] > 0.35) or abs(lane[3] - other[3]) > 0.3 * abs(lane[3]) + 0.002
+            for other in chosen
+        ):
+            chosen.append(lane)
+        if len(chosen) == most:
             break
-    return out
+    return np.array(chosen)
