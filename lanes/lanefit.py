@@ -31,7 +31,7 @@ LEFT, RIGHT = 1.0, -1.0
 # their middle and along them, mountain hairpins have radii down to 12 m, cars nod by a degree, crests have radii of
 # hundreds of metres.
 PRIOR_MEAN = np.array([0.0, 3.5, 0.0, 0.0, 0.0, 0.0, 0.0])
-PRIOR_STD = np.array([0.8, 0.5, 0.15, 0.05, 2e-3, 0.015, 1e-3])
+PRIOR_STD = np.array([0.8, 0.5, 0.15, 0.05, 5e-4, 0.015, 2e-4])
 LIMIT = np.array([3.0, 6.0, 0.7, 0.12, 0.01, 0.06, 5e-3])
 
 # Strength (times the noise) at which a stripe counts half, and angle by which half a stripe's vote is lost.
@@ -55,6 +55,14 @@ def flatten(stripes: Stripes, pitch, vertical, height_m: float) -> tuple[np.ndar
     change = (pitch + bend) * share
     slope = (stretch * np.tan(stripes.angle) - change * stripes.y_m / stripes.x_m) / np.maximum(stretch - change, 0.1)
     return stripes.x_m / stretch, stripes.y_m / stretch, np.arctan(slope)
+
+
+def unflatten(x_m, lane: np.ndarray, side: float, height_m: float) -> np.ndarray:
+    """Lateral place of a line of the lane (7,) on the flat grid of a view, at the view's distances x (N,)."""
+    share = x_m / height_m
+    stretch = np.maximum(1 + lane[PITCH] * share, 0.2)
+    stretch = np.clip(stretch + lane[VERTICAL] * np.minimum(x_m / stretch, 80) / 2 * share, 0.2, 5)
+    return line_y(x_m / stretch, lane, side) * stretch
 
 
 def place(x, y, heading, curvature) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

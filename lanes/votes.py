@@ -18,6 +18,7 @@ FAR_M = 22.0
 BIN_M = 0.15
 BINS = 60
 PRIOR_WEIGHT = 0.1
+HG,KG,PG=(6, 0.03, 0.18), (9, 0.0015, 0.44), np.arange(-1, 2) * 0.018
 
 
 def _spread(count: int, step: float, growth: float) -> np.ndarray:
@@ -29,7 +30,7 @@ def _spread(count: int, step: float, growth: float) -> np.ndarray:
 @lru_cache(maxsize=1)
 def hypotheses() -> np.ndarray:
     """(H, 3): heading, curvature, pitch."""
-    heading, curvature, pitch = _spread(12, 0.015, 0.09), _spread(15, 0.0012, 0.26), np.arange(-2, 3) * 0.012
+    heading, curvature, pitch = _spread(*HG), _spread(*KG), PG
     return np.stack([g.ravel() for g in np.meshgrid(heading, curvature, pitch, indexing="ij")], axis=1)
 
 
