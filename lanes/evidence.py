@@ -17,19 +17,37 @@ import numpy as np
 from lanes.roadview import RoadView
 
 # Painted widths, metres: one stripe (0.10-0.15 m in most of the world), and a double line taken as one.
-SINGLE_M, DOUBLE_M = 0.15, 0.35
-# Width of the road strips that the stripe is compared with, on either side, and their distance from it.
-BESIDE_M, GAP_M = 0.15, 0.05
-# Noise is averaged over this window along a row (metres) and over so many rows.
-NOISE_WINDOW_M, NOISE_ROWS = 2.5, 5
+# Then the width of the road strips that the stripe is compared with, on either side, and their distance from it, and
+# the window along a row over which noise is averaged.
+SIZES_M = (0.15, 0.35, 0.15, 0.05, 2.5)
+NOISE_ROWS = 5
 # Rounding to whole grey levels alone makes about this much noise; less is never assumed.
 NOISE_FLOOR = 1.0
 # A stripe's strength above which it is worth keeping: so many times the local noise.
-LEAST_STRENGTH = 2.0
-STRIPES_PER_ROW = 24
+LEAST_STRENGTH = 3.0
+STRIPES_PER_ROW = 14
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """How much each cell of a view looks like a painted stripe.
+
+    Attributes
+    ----------
+    strength : ndarray of shape (rows, columns), float32
+        The best filter's response in units of the local noise; 0 where there is nothing.
+    filters : tuple of 2 pairs of ndarray of shape (rows, columns), float32
+        Responses of the narrow and the wide filter, in grey levels, for lightness and for yellowness.
+    noise : tuple of 2 ndarray of shape (rows, columns), float32
+        Local noise of lightness and of yellowness, in grey levels.
+    """
+
+    strength: np.ndarray
+    filters: tuple[tuple[np.ndarray, np.ndarray], ...]
+    noise: tuple[np.ndarray, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class Stripes:
     """Stripe centres found row by row; all arrays have shape (stripes,).
 
@@ -39,6 +57,8 @@ class Stripes:
         Row of the view.
     x_m, y_m : float
         Where on the road, metres ahead and to the left, between the columns.
+    angle : float
+        Which way the stripe runs, radians, positive to the left of straight ahead.
     strength : float
         Band filter response over local noise.
     double : bool
@@ -50,10 +70,10 @@ class Stripes:
     row: np.ndarray
     x_m: np.ndarray
     y_m: np.ndarray
+    angle: np.ndarray
     strength: np.ndarray
     double: np.ndarray
     yellow: np.ndarray
-    angle: np.ndarray
 
     def __len__(self) -> int:
         return len(self.row)
@@ -63,35 +83,32 @@ class Stripes:
         return Stripes(*(getattr(self, f.name)[which] for f in fields(self)))
 
 
-def lightness(view: np.ndarray) -> np.ndarray:
+def lightness(view_image: np.ndarray) -> np.ndarray:
     """Luma of an RGB view as float32 (rows, columns), weights of ITU-R BT.601."""
-    return cv2.cvtColor(view, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    return cv2.cvtColor(view_image, cv2.COLOR_RGB2GRAY).astype(np.float32)
 
 
-def yellowness(view: np.ndarray) -> np.ndarray:
+def yellowness(view_image: np.ndarray) -> np.ndarray:
     """How much blue is missing: min(R, G) - B as float32 (rows, columns); yellow paint has it in sun and in shade."""
-    red, green, blue = cv2.split(view)
-    return cv2.min(red, green).astype(np.float32) - blue
+    red, green, blue = cv2.split(view_image)
+    return cv2.subtract(cv2.min(red, green), blue, dtype=cv2.CV_32F)
 
 
-def filter_band(channel: np.ndarray, width: int, beside: int, gap: int) -> np.ndarray:
-    """Mean over a stripe of `width` cells minus the larger of the means over `beside` cells to its left and right."""
+def filter_band(channel: np.ndarray, side: np.ndarray, width: int, reach: int) -> np.ndarray:
+    """Mean over a stripe of `width` cells minus the larger of `side` at `reach` cells to its left and right."""
     centre = cv2.blur(channel, (width, 1), borderType=cv2.BORDER_REPLICATE)
-    side = cv2.blur(channel, (beside, 1), borderType=cv2.BORDER_REPLICATE)
-    reach = width // 2 + gap + beside // 2 + 1
     padded = cv2.copyMakeBorder(side, 0, 0, reach, reach, cv2.BORDER_REPLICATE)
-    return centre - cv2.max(padded[:, : -2 * reach], padded[:, 2 * reach :])
+    return cv2.subtract(centre, cv2.max(padded[:, : -2 * reach], padded[:, 2 * reach :]))
 
 
 def local_noise(channel: np.ndarray, window: int) -> np.ndarray:
     """Mean absolute step from column to column in a window around each cell, at least `NOISE_FLOOR`."""
-    step = np.zeros_like(channel)
-    step[:, 1:] = cv2.absdiff(channel[:, 1:], channel[:, :-1])
-    return cv2.blur(step, (window, NOISE_ROWS)) + NOISE_FLOOR
+    step = cv2.absdiff(channel, cv2.copyMakeBorder(channel, 0, 0, 1, 0, cv2.BORDER_REPLICATE)[:, :-1])
+    return cv2.add(cv2.blur(step, (window, NOISE_ROWS)), (NOISE_FLOOR,))
 
 
-def measure_paint(view_image: np.ndarray, view: RoadView) -> np.ndarray:
-    """Evidence of the four kinds of stripe in each cell.
+def measure_paint(view_image: np.ndarray, view: RoadView) -> Evidence:
+    """Look for stripes everywhere in a view.
 
     Parameters
     ----------
@@ -101,65 +118,65 @@ def measure_paint(view_image: np.ndarray, view: RoadView) -> np.ndarray:
 
     Returns
     -------
-    ndarray of shape (4, rows, columns), float32
-        In units of local noise: light single, light double, yellow single, yellow double; 0 where there is nothing.
+    Evidence
     """
-    cells = [max(1, round(length / view.cell_m)) for length in (SINGLE_M, DOUBLE_M, BESIDE_M, GAP_M, NOISE_WINDOW_M)]
-    single, double, beside, gap, window = (n | 1 for n in cells)
-    evidence = []
+    single, double, beside, gap, window = (round(length / view.cell_m) | 1 for length in SIZES_M)
+    filters, noises, strengths = [], [], []
     for channel in (lightness(view_image), yellowness(view_image)):
-        noise = local_noise(channel, window)
-        for width in (single, double):
-            evidence.append(filter_band(channel, width, beside, gap) / noise)
-    evidence = np.maximum(np.stack(evidence), 0)
-    evidence[:, ~view.seen] = 0
-    return evidence
+        side = cv2.blur(channel, (beside, 1), borderType=cv2.BORDER_REPLICATE)
+        filters.append(
+            tuple(filter_band(channel, side, n, n // 2 + gap + beside // 2 + 1) for n in (single, double))
+        )
+        noises.append(local_noise(channel, window))
+        strengths.append(cv2.divide(cv2.max(*filters[-1]), noises[-1]))
+    strength = cv2.max(cv2.max(*strengths), (0.0,))
+    strength[~view.seen] = 0
+    return Evidence(strength, tuple(filters), tuple(noises))
 
 
-def find_stripes(evidence: np.ndarray, view: RoadView) -> Stripes:
+def find_stripes(evidence: Evidence, view: RoadView) -> Stripes:
     """Peaks of the evidence along each row, placed between the columns.
-
-    Parameters
-    ----------
-    evidence : ndarray of shape (4, rows, columns), float32
-        From `measure_paint`.
-    view : RoadView
 
     Returns
     -------
     Stripes
         At most `STRIPES_PER_ROW` a row, the strongest, each at least `LEAST_STRENGTH` times the noise.
     """
-    best = evidence.max(axis=0)
-    highest = cv2.dilate(best, np.ones((1, 5), np.uint8))
-    row, column = np.nonzero((best >= highest) & (best > LEAST_STRENGTH))
+    best = evidence.strength
+    peak = cv2.compare(best, cv2.dilate(best, np.ones((1, 5), np.uint8)), cv2.CMP_GE)
+    row, column = np.nonzero(peak.view(bool) & (best > LEAST_STRENGTH))
     inside = (column > 0) & (column < best.shape[1] - 1)
-    row, column = row[inside], column[inside]
-    row, column = _strongest_of_each_row(row, column, best)
+    row, column = _strongest_of_each_row(row[inside], column[inside], best)
     left, middle, right = (best[row, column + k] for k in (-1, 0, 1))
     bend = left - 2 * middle + right
     shift = np.where(bend < 0, 0.5 * (left - right) / np.minimum(bend, -1e-9), 0.0)
-    kind = evidence[:, row, column].argmax(axis=0)
     y = view.y_m[0] - (column + np.clip(shift, -0.5, 0.5)) * view.cell_m
-    angle = stripe_angle(best, view)[row, column]
-    return Stripes(row, view.x_m[row], y, middle, kind % 2 == 1, kind >= 2, angle)
-
-
-def stripe_angle(evidence: np.ndarray, view: RoadView) -> np.ndarray:
-    across = cv2.Sobel(evidence, cv2.CV_32F, 1, 0, scale=1 / 8)
-    along = cv2.Sobel(evidence, cv2.CV_32F, 0, 1, scale=1 / 8)
-    xx, yy, xy = (cv2.boxFilter(p, -1, (7, 5)) for p in (across * across, along * along, across * along))
-    # columns that a stripe moves from one row to the next lower one
-    theta = 0.5 * np.arctan2(2 * xy, xx - yy)  # direction of the gradient
-    move = -np.tan(theta)
-    step = view.x_m[:, None] * view.growth / (1 + view.growth)
-    # down one row: x falls by step, column grows by move -> y falls by move * cell
-    return np.arctan2(move * view.cell_m, step)
+    narrow, wide = (
+        [f[kind][row, column] / n[row, column] for f, n in zip(evidence.filters, evidence.noise, strict=True)]
+        for kind in (0, 1)
+    )
+    double = np.maximum(*wide) > np.maximum(*narrow)
+    yellow = np.maximum(narrow[1], wide[1]) > np.maximum(narrow[0], wide[0])
+    return Stripes(row, view.x_m[row], y, _stripe_angle(best, row, column, view), middle, double, yellow)
 
 
 def _strongest_of_each_row(row: np.ndarray, column: np.ndarray, best: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     order = np.lexsort((-best[row, column], row))
     row, column = row[order], column[order]
-    first = np.searchsorted(row, row)
-    keep = np.arange(len(row)) - first < STRIPES_PER_ROW
+    keep = np.arange(len(row)) - np.searchsorted(row, row) < STRIPES_PER_ROW
     return row[keep], column[keep]
+
+
+def _stripe_angle(evidence: np.ndarray, row: np.ndarray, column: np.ndarray, view: RoadView) -> np.ndarray:
+    """Direction of stripes on the road from the structure tensor of the evidence (Bigun and Granlund, 1987)."""
+    across = cv2.Sobel(evidence, cv2.CV_32F, 1, 0)
+    along = cv2.Sobel(evidence, cv2.CV_32F, 0, 1)
+    xx, yy, xy = (
+        cv2.boxFilter(cv2.multiply(p, q), -1, (7, 5))[row, column]
+        for p, q in ((across, across), (along, along), (across, along))
+    )
+    normal = 0.5 * np.arctan2(2 * xy, xx - yy)
+    # One row down the stripe moves this many columns to the right, while x falls by one row's depth.
+    columns = -np.tan(normal)
+    depth_m = view.x_m[row] * view.growth / (1 + view.growth)
+    return np.arctan2(columns * view.cell_m, depth_m)

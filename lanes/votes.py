@@ -38,14 +38,16 @@ def count_votes(stripes: Stripes, height_m: float) -> np.ndarray:
     """(H, BINS) votes: paint at each distance left of each hypothesis' arc."""
     heading, curvature, pitch = hypotheses().T
     near = stripes.select(stripes.x_m < FAR_M)
-    paint = paint_weight(near)
+    paint = paint_weight(near).astype(np.float32)
     votes = np.zeros((len(heading), BINS))
     for tilt in np.unique(pitch):
         of = np.flatnonzero(pitch == tilt)
-        x, y, angle = flatten(near, tilt, 0.0, height_m)
-        a, sin, _, _ = place(x, y, heading[of], curvature[of])
-        weight = paint / (1 + ((np.arcsin(np.clip(sin, -1, 1)) - angle) / ANGLE_STD_RAD) ** 2) ** 2
-        index = np.clip(a / BIN_M + BINS / 2, 0, BINS - 1).astype(np.int64) + np.arange(len(of))[:, None] * BINS
+        x, y, angle = (q.astype(np.float32) for q in flatten(near, tilt, 0.0, height_m))
+        a, sin, cos, _ = place(x, y, heading[of].astype(np.float32), curvature[of].astype(np.float32))
+        astray = (sin * np.cos(angle) - cos * np.sin(angle)) / np.float32(ANGLE_STD_RAD)
+        weight = paint / np.square(1 + astray * astray)
+        index = np.clip(a / BIN_M + BINS / 2, 0, BINS - 1).astype(np.int32)
+        index += np.arange(len(of), dtype=np.int32)[:, None] * BINS
         votes[of] = np.bincount(index.ravel(), weight.ravel(), minlength=len(of) * BINS).reshape(-1, BINS)
     votes[:, [0, -1]] = 0
     return votes
