@@ -19,6 +19,7 @@ from lanes.lanefit import (
     PRIOR_STD,
     RATE,
     RIGHT,
+    START,
     VERTICAL,
     WIDTH,
     LaneFit,
@@ -27,7 +28,7 @@ from lanes.lanefit import (
     unflatten,
 )
 from lanes.roadview import RoadView
-from lanes.votes import FAR_M, best_pairs, count_votes
+from lanes.votes import FAR_M, best_pairs, count_votes, distinct
 
 SUPPORT_FAR_M = 50.0
 LEAST_ROWS = 30
@@ -86,12 +87,20 @@ def _cross_rows(outline: np.ndarray, rows: np.ndarray, camera: Camera) -> np.nda
     return np.where((columns >= 0) & (columns <= camera.width - 1), columns, -2.0)
 
 
+SIDES = np.array([LEFT, RIGHT])
+RIVALS = 4
+
+
 def find_lane(image: np.ndarray, view: RoadView) -> Lane | None:
     view_image = view.warp(image)
     stripes = find_stripes(measure_paint(view_image, view), view)
     height, focal = view.camera.mount.height_m, view.camera.matrix[0, 0]
     starts = best_pairs(count_votes(stripes, height), int((view.x_m < FAR_M).sum()))
-    fit = fit_lanes(starts, stripes, height, focal)
+    near = stripes.select(stripes.x_m < START[-1][0])
+    first = fit_lanes(starts, near, height, focal, schedule=START)
+    support = np.sqrt((first.weight[:, None] * (first.side[:, None] == SIDES[:, None])).sum(-1)).sum(-1)
+    lanes = distinct(first.lane[np.argsort(-support, kind="stable")], RIVALS)
+    fit = fit_lanes(lanes, stripes, height, focal)
     return choose_lane(fit, stripes, view, view_image)
 
 

@@ -38,7 +38,8 @@ LIMIT = np.array([3.0, 6.0, 0.7, 0.12, 0.01, 0.06, 5e-3])
 HALF_STRENGTH = 6.0
 ANGLE_STD_RAD = 0.1
 # The fit follows the lines outwards: (how far it looks, how many standard deviations still pull).
-GROW = ((14, 3), (18, 3), (23, 2.5), (30, 2), (38, 2), (48, 1.5), (60, 1.2), (70, 1), (70, 1))
+START = ((16, 6), (20, 4), (26, 4))
+GROW = ((34, 3), (44, 3), (56, 2), (70, 2), (70, 1.5), (70, 1))
 
 
 def flatten(stripes: Stripes, pitch, vertical, height_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -75,10 +75,10 @@ def best_pairs(votes: np.ndarray, rows: int, *, most: int = 8) -> np.ndarray:
     lanes = np.zeros((len(best), 7))
     lanes[:, 0], lanes[:, 1] = centre.ravel()[pair], width.ravel()[pair]
     lanes[:, [2, 3, 5]] = guess[best]
-    return _distinct(lanes[np.argsort(-value, kind="stable")], most)
+    return distinct(lanes[np.argsort(-value, kind="stable")], most)
 
 
-def _distinct(lanes: np.ndarray, most: int) -> np.ndarray:
+def distinct(lanes: np.ndarray, most: int) -> np.ndarray:
     chosen: list[np.ndarray] = []
     for lane in lanes:
         if all(
