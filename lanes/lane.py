@@ -1,17 +1,23 @@
-"""The lane in one picture: from raw pixels to metres, with an honest account of how sure that is."""
+"""The lane in one picture: from raw pixels to metres, with an account of how sure that is.
+
+    raw picture -> observe -> Sight -> search_lane or follow_lane -> LaneFit -> describe_lane -> Lane
+
+`find_lane` runs through all of it for a picture of which nothing is known.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lanes.attributes import Paint, describe_paint
-from lanes.camera import Camera, Mount
+from lanes.camera import Camera
 from lanes.evidence import Stripes, find_stripes, measure_paint
 from lanes.lanefit import (
     CENTRE,
     CURVATURE,
+    FOLLOW,
     HEADING,
     LEFT,
     PITCH,
@@ -19,124 +25,248 @@ from lanes.lanefit import (
     PRIOR_STD,
     RATE,
     RIGHT,
+    SIDES,
     START,
     VERTICAL,
     WIDTH,
     LaneFit,
     fit_lanes,
+    line_coefficients,
     line_y,
-    unflatten,
+    on_view,
 )
 from lanes.roadview import RoadView
 from lanes.votes import FAR_M, best_pairs, count_votes, distinct
 
-SUPPORT_FAR_M = 50.0
-LEAST_ROWS = 30
+# Rival hypotheses that are followed to the end, and how near two of them are the same lane.
+RIVALS, SAME_M = 3, 0.5
+# Support is counted up to this distance, against at least so many rows, that a line just leaving the picture is not
+# thought perfect for the three rows it has.
+SUPPORT_FAR_M, LEAST_ROWS = 50.0, 30
+# How much one squared standard deviation from the prior costs, beside the square roots of the two supports.
 PRIOR_WEIGHT = 0.01
+# A stripe belongs to a line from this weight on; a line is seen from this support on.
+LEAST_WEIGHT, LEAST_SUPPORT = 0.25, 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What one picture shows: the road from above, (rows, columns, 3) uint8, and the stripes on it."""
+
+    view_image: np.ndarray
+    stripes: Stripes
 
 
 @dataclass(frozen=True, eq=False)
 class LaneLine:
-    """One line of the lane: y(x) = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6, metres, x forward, y left."""
+    """One line of the lane: y(x) = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6 near the car, metres, x forward, y left.
+
+    Attributes
+    ----------
+    c0_m, c1, c2_per_m, c3_per_m2 : float
+    c0_std_m : float
+        Standard deviation of `c0_m`.
+    support : float
+        Share of the line's rows in sight, up to 50 m, that have paint on it: 0.3 is a good dashed line.
+    reach_m : float
+        How far the evidence goes.
+    seen : bool
+        False if the line was only inferred from the other one and the usual width of lanes.
+    paint : Paint, optional
+    """
 
     c0_m: float
     c1: float
     c2_per_m: float
     c3_per_m2: float
+    c0_std_m: float
     support: float
     reach_m: float
+    seen: bool
     paint: Paint | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Lane:
-    model: np.ndarray
-    covariance: np.ndarray
+    """The lane that the car is in; SI units, signs as everywhere (offset > 0: car left of the middle).
+
+    Attributes
+    ----------
+    offset_m, offset_std_m, heading_rad, curvature_per_m, curvature_std_per_m, curvature_rate_per_m2, width_m,
+    width_std_m, pitch_rad, vertical_per_m : float
+        `heading_rad` is the road's direction seen from the car, positive to the left; `pitch_rad` what the camera looks
+        farther down than its mount says; `vertical_per_m` the road's curvature upwards.
+    left, right : LaneLine
+    score, margin : float
+        Sum of the square roots of the supports less what the lane is unusual; and how much better than the next lane.
+    model : ndarray (7,)
+        Parameters as in `lanes.lanefit`, for the stripes next to the lane.
+    covariance : ndarray (7, 7)
+    """
+
+    offset_m: float
+    offset_std_m: float
+    heading_rad: float
+    curvature_per_m: float
+    curvature_std_per_m: float
+    curvature_rate_per_m2: float
+    width_m: float
+    width_std_m: float
+    pitch_rad: float
+    vertical_per_m: float
     left: LaneLine
     right: LaneLine
     score: float
     margin: float
+    model: np.ndarray
+    covariance: np.ndarray
 
-    def y_m(self, x_m, side): 
+    def line_y(self, x_m: np.ndarray, side: float) -> np.ndarray:
+        """Lateral place of the left (side +1) or right (-1) line at distances (N,); NaN where it has turned back."""
         return line_y(np.asarray(x_m, float), self.model, side)
 
-    def pixels(self, camera: Camera, rows: np.ndarray) -> np.ndarray:
-        """Column of each line, (2, rows), left first, at picture rows; -2 where it does not pass."""
-        rows = np.asarray(rows, float)
-        return np.stack([_cross_rows(self.outline(camera, side), rows, camera) for side in (LEFT, RIGHT)])
-
-    def outline(self, camera: Camera, side: float, x_m: np.ndarray | None = None) -> np.ndarray:
+    def outline(self, camera: Camera, side: float, *, x_m: np.ndarray | None = None) -> np.ndarray:
         """Raw pixels (N, 2) along a line, nearest first, up to where it turns back or dips out of sight."""
-        if x_m is None:
-            x_m = np.geomspace(3.5, 400, 300)
-        y = line_y(x_m, self.model, side)
-        x_m, y = x_m[np.isfinite(y)], y[np.isfinite(y)]
-        m = camera.mount
-        seen = camera.with_mount(Mount(m.height_m, m.pitch_rad + self.model[PITCH], m.yaw_rad, m.roll_rad))
-        z = self.model[VERTICAL] * np.minimum(x_m, 80) * x_m / 2
-        pixels = seen.road_to_pixels(np.column_stack([x_m, y, z]))
-        rising = np.flatnonzero(~(np.diff(pixels[:, 1]) < 0))
-        pixels = pixels[: rising[0] + 1] if len(rising) else pixels
-        return pixels[np.isfinite(pixels).all(axis=1)]
+        x = np.geomspace(3.5, 400, 200) if x_m is None else np.asarray(x_m, float)
+        y = self.line_y(x, side)
+        x, y = x[np.isfinite(y)], y[np.isfinite(y)]
+        z = self.vertical_per_m * np.minimum(x, 80) * x / 2
+        mount = replace(camera.mount, pitch_rad=camera.mount.pitch_rad + self.pitch_rad)
+        pixels = camera.with_mount(mount).road_to_pixels(np.column_stack([x, y, z]))
+        back = np.flatnonzero(~(np.diff(pixels[:, 1]) < 0))
+        return pixels[: back[0] + 1] if len(back) else pixels
 
-
-def _cross_rows(outline: np.ndarray, rows: np.ndarray, camera: Camera) -> np.ndarray:
-    if len(outline) < 2:
-        return np.full(len(rows), -2.0)
-    columns = np.interp(rows, outline[::-1, 1], outline[::-1, 0], left=-2, right=-2)
-    return np.where((columns >= 0) & (columns <= camera.width - 1), columns, -2.0)
-
-
-SIDES = np.array([LEFT, RIGHT])
-RIVALS = 4
+    def pixels(self, camera: Camera, rows: np.ndarray) -> np.ndarray:
+        """Columns (2, rows) of the left and the right line at picture rows; -2 where they do not pass."""
+        rows = np.asarray(rows, float)
+        columns = np.full((2, len(rows)), -2.0)
+        for k, side in enumerate(SIDES):
+            outline = self.outline(camera, side)
+            outline = outline[np.isfinite(outline).all(axis=1)]
+            if len(outline) > 1:
+                columns[k] = np.interp(rows, outline[::-1, 1], outline[::-1, 0], left=-2, right=-2)
+        return np.where((columns >= 0) & (columns <= camera.width - 1), columns, -2.0)
 
 
 def find_lane(image: np.ndarray, view: RoadView) -> Lane | None:
+    """Find the lane in a picture of which nothing else is known.
+
+    Parameters
+    ----------
+    image : ndarray of shape (height, width, 3), uint8
+        RGB, as taken.
+    view : RoadView
+        Of the camera that took it.
+
+    Returns
+    -------
+    Lane or None
+        None if neither line is there.
+    """
+    sight = observe(image, view)
+    fit = search_lane(sight.stripes, view)
+    return describe_lane(fit, sight, view) if fit else None
+
+
+def observe(image: np.ndarray, view: RoadView) -> Sight:
+    """Look at the road in a raw picture."""
     view_image = view.warp(image)
-    stripes = find_stripes(measure_paint(view_image, view), view)
-    height, focal = view.camera.mount.height_m, view.camera.matrix[0, 0]
-    starts = best_pairs(count_votes(stripes, height), int((view.x_m < FAR_M).sum()))
+    return Sight(view_image, find_stripes(measure_paint(view_image, view), view))
+
+
+def search_lane(stripes: Stripes, view: RoadView) -> LaneFit | None:
+    """Fit the lanes that the stripes vote for, `RIVALS` of them, best votes first; None if there are no stripes."""
     near = stripes.select(stripes.x_m < START[-1][0])
-    first = fit_lanes(starts, near, height, focal, schedule=START)
+    if not len(near):
+        return None
+    votes = count_votes(near, view.height_m)
+    starts = best_pairs(votes, int((view.x_m < FAR_M).sum()))
+    first = fit_lanes(starts, near, view.height_m, view.focal_px, schedule=START)
     support = np.sqrt((first.weight[:, None] * (first.side[:, None] == SIDES[:, None])).sum(-1)).sum(-1)
     lanes = distinct(first.lane[np.argsort(-support, kind="stable")], RIVALS)
-    fit = fit_lanes(lanes, stripes, height, focal)
-    return choose_lane(fit, stripes, view, view_image)
+    return fit_lanes(lanes, stripes, view.height_m, view.focal_px)
 
 
-def choose_lane(fit: LaneFit, stripes: Stripes, view: RoadView, view_image: np.ndarray) -> Lane:
-    support = support_of(fit, stripes, view)
-    unlikely = (((fit.lane - PRIOR_MEAN) / PRIOR_STD) ** 2).sum(axis=1)
-    score = np.sqrt(support).sum(axis=1) - PRIOR_WEIGHT * unlikely
+def follow_lane(stripes: Stripes, view: RoadView, mean: np.ndarray, information: np.ndarray) -> LaneFit:
+    """Fit the one lane that is expected: `mean` (7,) and inverse covariance (7, 7) of the prediction are the prior."""
+    return fit_lanes(
+        mean[None],
+        stripes,
+        view.height_m,
+        view.focal_px,
+        prior_mean=mean,
+        prior_information=information,
+        schedule=FOLLOW,
+    )
+
+
+def describe_lane(fit: LaneFit, sight: Sight, view: RoadView) -> Lane | None:
+    """The best of the fitted lanes in metres; None if neither of its lines is seen."""
+    support = support_of(fit, sight.stripes, view)
+    score = np.sqrt(support).sum(axis=1) - PRIOR_WEIGHT * (((fit.lane - PRIOR_MEAN) / PRIOR_STD) ** 2).sum(axis=1)
     best = int(score.argmax())
-    lane = fit.lane[best].copy()
-    paints, reach = [], []
-    for side in (LEFT, RIGHT):
-        near = (fit.side[best] == side) & (fit.weight[best] > 0.25)
-        y = np.full(len(view.x_m), np.nan)
-        rows = np.unique(stripes.row[near])
-        y[rows] = unflatten(view.x_m[rows], lane, side, view.camera.mount.height_m)
-        paints.append(describe_paint(view_image, view, y))
-        reach.append(float(stripes.x_m[near].max()) if near.any() else 0.0)
-    shift = [p.stripe_m(s) if p else 0.0 for p, s in zip(paints, (LEFT, RIGHT), strict=True)]
-    lane[WIDTH] += shift[0] - shift[1]
-    lane[CENTRE] += (shift[0] + shift[1]) / 2
-    lines = [LaneLine(0,0,0,0, float(support[best, k]), reach[k], paints[k]) for k in (0, 1)]
-    rivals = np.abs(fit.lane - lane)[:, :2].max(axis=1) > 0.5
-    margin = float(score[best] - score[rivals].max(initial=0))
-    return Lane(lane, np.linalg.inv(fit.information[best]), *lines, float(score[best]), margin)
+    if support[best].max() < LEAST_SUPPORT:
+        return None
+    model, covariance = fit.lane[best].copy(), np.linalg.inv(fit.information[best])
+    paint, reach_m = zip(*(_paint_of(fit, best, side, sight, view) for side in SIDES), strict=True)
+    shift = [p.stripe_m(side) if p else 0.0 for p, side in zip(paint, SIDES, strict=True)]
+    model[CENTRE] += (shift[0] + shift[1]) / 2
+    model[WIDTH] += shift[0] - shift[1]
+    other = np.abs(fit.lane - fit.lane[best])[:, :2].max(axis=1) > SAME_M
+    left, right = (
+        _describe_line(model, covariance, side, support[best, k], reach_m[k], paint[k]) for k, side in enumerate(SIDES)
+    )
+    std = np.sqrt(np.diag(covariance))
+    return Lane(
+        offset_m=float(-model[CENTRE]),
+        offset_std_m=float(std[CENTRE]),
+        heading_rad=float(model[HEADING]),
+        curvature_per_m=float(model[CURVATURE] / (1 - model[CURVATURE] * model[CENTRE])),
+        curvature_std_per_m=float(std[CURVATURE]),
+        curvature_rate_per_m2=float(model[RATE]),
+        width_m=float(model[WIDTH]),
+        width_std_m=float(std[WIDTH]),
+        pitch_rad=float(model[PITCH]),
+        vertical_per_m=float(model[VERTICAL]),
+        left=left,
+        right=right,
+        score=float(score[best]),
+        margin=float(score[best] - score[other].max(initial=0.0)),
+        model=model,
+        covariance=covariance,
+    )
 
 
 def support_of(fit: LaneFit, stripes: Stripes, view: RoadView) -> np.ndarray:
-    """(K, 2): share of each line's rows in sight that have paint on it; left, right."""
+    """(K, 2): share of each line's rows in sight, up to `SUPPORT_FAR_M`, that have paint on it; left, right."""
     near = stripes.x_m < SUPPORT_FAR_M
     rows = np.flatnonzero(view.x_m < SUPPORT_FAR_M)
     support = np.zeros((len(fit.lane), 2))
     for k, lane in enumerate(fit.lane):
-        for j, side in enumerate((LEFT, RIGHT)):
-            y = unflatten(view.x_m[rows], lane, side, view.camera.mount.height_m)
-            column = np.nan_to_num((view.y_m[0] - y) / view.cell_m, nan=-1)
+        for j, side in enumerate(SIDES):
+            y = on_view(lane, side, view.x_m[rows], view.height_m)
+            column = np.nan_to_num((view.y_m[0] - y) / view.cell_m, nan=-1.0)
             inside = (column >= 0) & (column < len(view.y_m) - 1)
             seen = view.seen[rows[inside], column[inside].astype(int)].sum()
             support[k, j] = fit.weight[k, near & (fit.side[k] == side)].sum() / max(seen, LEAST_ROWS)
     return support
+
+
+def _paint_of(fit: LaneFit, best: int, side: float, sight: Sight, view: RoadView) -> tuple[Paint | None, float]:
+    """Cross-section of a line's paint where stripes support it, and how far they do."""
+    mine = (fit.side[best] == side) & (fit.weight[best] > LEAST_WEIGHT)
+    if not mine.any():
+        return None, 0.0
+    rows = np.unique(sight.stripes.row[mine])
+    y = np.full(len(view.x_m), np.nan)
+    y[rows] = on_view(fit.lane[best], side, view.x_m[rows], view.height_m)
+    return describe_paint(sight.view_image, view, y), float(sight.stripes.x_m[mine].max())
+
+
+def _describe_line(
+    model: np.ndarray, covariance: np.ndarray, side: float, support: float, reach_m: float, paint: Paint | None
+) -> LaneLine:
+    gradient = np.zeros(len(model))
+    gradient[[CENTRE, WIDTH]] = 1, side / 2
+    std = float(np.sqrt(gradient @ covariance @ gradient))
+    return LaneLine(*line_coefficients(model, side), std, float(support), reach_m, support >= LEAST_SUPPORT, paint)

@@ -26,6 +26,7 @@ from lanes.evidence import Stripes
 
 CENTRE, WIDTH, HEADING, CURVATURE, RATE, PITCH, VERTICAL = range(7)
 LEFT, RIGHT = 1.0, -1.0
+SIDES = np.array([LEFT, RIGHT])
 
 # What is known of any lane before looking, and its standard deviation: lanes are 2.5 to 4.5 m wide, cars drive near
 # their middle and along them, mountain hairpins have radii down to 12 m, cars nod by a degree, crests have radii of
@@ -39,6 +40,7 @@ HALF_STRENGTH = 6.0
 ANGLE_STD_RAD = 0.1
 # The fit follows the lines outwards: (how far it looks, how many standard deviations still pull).
 START = ((16, 6), (20, 4), (26, 4))
+FOLLOW = ((70, 1.5), (70, 1), (70, 1))
 GROW = ((34, 3), (44, 3), (56, 2), (70, 2), (70, 1.5), (70, 1))
 
 
@@ -58,7 +60,7 @@ def flatten(stripes: Stripes, pitch, vertical, height_m: float) -> tuple[np.ndar
     return stripes.x_m / stretch, stripes.y_m / stretch, np.arctan(slope)
 
 
-def unflatten(x_m, lane: np.ndarray, side: float, height_m: float) -> np.ndarray:
+def on_view(lane: np.ndarray, side: float, x_m: np.ndarray, height_m: float) -> np.ndarray:
     """Lateral place of a line of the lane (7,) on the flat grid of a view, at the view's distances x (N,)."""
     share = x_m / height_m
     stretch = np.maximum(1 + lane[PITCH] * share, 0.2)
@@ -75,17 +77,34 @@ def place(x, y, heading, curvature) -> tuple[np.ndarray, np.ndarray, np.ndarray,
     return twice / (1 + scale), (sin + curvature * x) / scale, (cos - curvature * y) / scale, scale
 
 
-def line_y(x, lane: np.ndarray, side: float) -> np.ndarray:
+def line_y(x_m: np.ndarray, lane: np.ndarray, side: float) -> np.ndarray:
     """Lateral place of a line of the lane (7,) at distances x (N,); NaN where it has turned back before."""
-    centre, width, heading, curvature, rate = lane[:PITCH]
+    start, sin, curvature = _line_start(lane, side)
+    cos = np.sqrt(1 - sin * sin)
+    turned = sin + curvature * x_m
+    y = start + x_m * (sin + turned) / (cos + np.sqrt(np.maximum(1 - turned * turned, 1e-4)))
+    return np.where(np.abs(turned) < 0.995, y + lane[RATE] * x_m**3 / 6, np.nan)
+
+
+def line_coefficients(lane: np.ndarray, side: float) -> tuple[float, float, float, float]:
+    """(c0, c1, c2, c3) of y = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6: the line's Taylor series at the car."""
+    start, sin, curvature = _line_start(lane, side)
+    cos = np.sqrt(1 - sin * sin)
+    return (
+        float(start),
+        float(sin / cos),
+        float(curvature / cos**3),
+        float(lane[RATE] + 3 * curvature**2 * sin / cos**5),
+    )
+
+
+def _line_start(lane: np.ndarray, side: float) -> tuple[float, float, float]:
+    """Where a line passes the car, the sine of its direction there, and its curvature: it is concentric with the lane's middle."""
+    centre, width, heading, curvature = lane[:RATE]
     a = centre + side * width / 2
     scale = 1 - curvature * a
-    sin, k = np.sin(heading) / scale, curvature / scale
-    cos = np.sqrt(max(1 - sin * sin, 0))
-    start = a * (1 + scale) / (np.cos(heading) + scale * cos)
-    turned = sin + k * x
-    y = start + x * (sin + turned) / (cos + np.sqrt(np.maximum(1 - turned * turned, 1e-4))) + rate * x**3 / 6
-    return np.where(np.abs(turned) < 0.995, y, np.nan)
+    sin = np.sin(heading) / scale
+    return a * (1 + scale) / (np.cos(heading) + scale * np.sqrt(1 - sin * sin)), sin, curvature / scale
 
 
 @dataclass(frozen=True)

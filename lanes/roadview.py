@@ -59,6 +59,16 @@ class RoadView:
         return np.arange(half, -half - 1, -1) * self.cell_m
 
     @property
+    def height_m(self) -> float:
+        """Height of the camera above the road."""
+        return self.camera.mount.height_m
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length along a picture row."""
+        return float(self.camera.matrix[0, 0])
+
+    @property
     def shape(self) -> tuple[int, int]:
         """(rows, columns)."""
         return len(self.x_m), len(self.y_m)
