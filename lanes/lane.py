@@ -21,8 +21,6 @@ from lanes.lanefit import (
     HEADING,
     LEFT,
     PITCH,
-    PRIOR_MEAN,
-    PRIOR_STD,
     RATE,
     RIGHT,
     SIDES,
@@ -34,6 +32,7 @@ from lanes.lanefit import (
     line_coefficients,
     line_y,
     on_view,
+    strangeness,
 )
 from lanes.roadview import RoadView
 from lanes.votes import FAR_M, best_pairs, count_votes, distinct
@@ -203,7 +202,7 @@ def follow_lane(stripes: Stripes, view: RoadView, mean: np.ndarray, information:
 def describe_lane(fit: LaneFit, sight: Sight, view: RoadView) -> Lane | None:
     """The best of the fitted lanes in metres; None if neither of its lines is seen."""
     support = support_of(fit, sight.stripes, view)
-    score = np.sqrt(support).sum(axis=1) - PRIOR_WEIGHT * (((fit.lane - PRIOR_MEAN) / PRIOR_STD) ** 2).sum(axis=1)
+    score = np.sqrt(support).sum(axis=1) - PRIOR_WEIGHT * strangeness(fit.lane)
     best = int(score.argmax())
     if support[best].max() < LEAST_SUPPORT:
         return None

@@ -32,7 +32,9 @@ SIDES = np.array([LEFT, RIGHT])
 # their middle and along them, mountain hairpins have radii down to 12 m, cars nod by a degree, crests have radii of
 # hundreds of metres.
 PRIOR_MEAN = np.array([0.0, 3.5, 0.0, 0.0, 0.0, 0.0, 0.0])
-PRIOR_STD = np.array([0.8, 0.5, 0.15, 0.05, 5e-4, 0.015, 2e-4])
+PRIOR_STD = np.array([0.8, 0.5, 0.15, 0.05, 1e-4, 0.015, 2e-4])
+# A clothoid takes at least about this far from straight to its bend.
+TRANSITION_M = 15.0
 LIMIT = np.array([3.0, 6.0, 0.7, 0.12, 0.01, 0.06, 5e-3])
 
 # Strength (times the noise) at which a stripe counts half, and angle by which half a stripe's vote is lost.
@@ -77,34 +79,40 @@ def place(x, y, heading, curvature) -> tuple[np.ndarray, np.ndarray, np.ndarray,
     return twice / (1 + scale), (sin + curvature * x) / scale, (cos - curvature * y) / scale, scale
 
 
+def line_points(lane: np.ndarray, side: float, along_m: np.ndarray) -> np.ndarray:
+    """Points (N, 2) of a line of the lane (7,), metres, where the lane's middle has run `along_m` (N,)."""
+    centre, width, heading, curvature, rate = lane[:PITCH]
+    turn = curvature * along_m
+    chord = along_m * np.sinc(turn / (2 * np.pi))
+    offset = centre + side * width / 2 + rate * along_m**3 / 6
+    x = chord * np.cos(heading + turn / 2) - offset * np.sin(heading + turn)
+    y = chord * np.sin(heading + turn / 2) + offset * np.cos(heading + turn)
+    return np.stack([x, y], axis=-1)
+
+
 def line_y(x_m: np.ndarray, lane: np.ndarray, side: float) -> np.ndarray:
     """Lateral place of a line of the lane (7,) at distances x (N,); NaN where it has turned back before."""
-    start, sin, curvature = _line_start(lane, side)
-    cos = np.sqrt(1 - sin * sin)
-    turned = sin + curvature * x_m
-    y = start + x_m * (sin + turned) / (cos + np.sqrt(np.maximum(1 - turned * turned, 1e-4)))
-    return np.where(np.abs(turned) < 0.995, y + lane[RATE] * x_m**3 / 6, np.nan)
+    centre, width, heading, curvature, rate = lane[:PITCH]
+    along = np.array(x_m, float)
+    # Newton's method for the place along the middle that lies beside x; straight roads need one step
+    for _ in range(6):
+        direction = heading + curvature * along
+        offset = centre + side * width / 2 + rate * along**3 / 6
+        pace = (1 - curvature * offset) * np.cos(direction) - rate * along**2 / 2 * np.sin(direction)
+        along = along + np.clip((x_m - line_points(lane, side, along)[..., 0]) / np.maximum(pace, 0.1), -5, 5)
+    points = line_points(lane, side, along)
+    return np.where((np.abs(points[..., 0] - x_m) < 1e-3) & (pace > 0.1), points[..., 1], np.nan)
 
 
 def line_coefficients(lane: np.ndarray, side: float) -> tuple[float, float, float, float]:
-    """(c0, c1, c2, c3) of y = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6: the line's Taylor series at the car."""
-    start, sin, curvature = _line_start(lane, side)
+    """(c0, c1, c2, c3) of y = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6: the line's Taylor series where it passes the car."""
+    centre, width, heading, curvature, rate = lane[:PITCH]
+    (c0,) = line_y(np.zeros(1), lane, side)
+    offset = centre + side * width / 2
+    curvature = curvature / (1 - curvature * offset)
+    sin = np.sin(heading) * curvature * offset + np.sin(heading)
     cos = np.sqrt(1 - sin * sin)
-    return (
-        float(start),
-        float(sin / cos),
-        float(curvature / cos**3),
-        float(lane[RATE] + 3 * curvature**2 * sin / cos**5),
-    )
-
-
-def _line_start(lane: np.ndarray, side: float) -> tuple[float, float, float]:
-    """Where a line passes the car, the sine of its direction there, and its curvature: it is concentric with the lane's middle."""
-    centre, width, heading, curvature = lane[:RATE]
-    a = centre + side * width / 2
-    scale = 1 - curvature * a
-    sin = np.sin(heading) / scale
-    return a * (1 + scale) / (np.cos(heading) + scale * np.sqrt(1 - sin * sin)), sin, curvature / scale
+    return float(c0), float(sin / cos), float(curvature / cos**3), float(rate + 3 * curvature**2 * sin / cos**5)
 
 
 @dataclass(frozen=True)
@@ -142,6 +150,19 @@ def position_std(stripes: Stripes, focal_px: float) -> np.ndarray:
     return np.hypot(0.04, stripes.x_m / focal_px)
 
 
+def usual_information(lanes: np.ndarray) -> np.ndarray:
+    """Inverse covariance (K, 7, 7) of what is known before looking: a bent road may also change its bend soon."""
+    std = np.broadcast_to(PRIOR_STD, lanes.shape).copy()
+    std[:, RATE] += np.abs(lanes[:, CURVATURE]) / TRANSITION_M
+    return std[..., None] ** -2 * np.eye(lanes.shape[1])
+
+
+def strangeness(lanes: np.ndarray) -> np.ndarray:
+    """(K,) squared distance from what is usual, in standard deviations."""
+    off = lanes - PRIOR_MEAN
+    return (off[:, None] @ usual_information(lanes) @ off[..., None])[:, 0, 0]
+
+
 def fit_lanes(
     lanes: np.ndarray,
     stripes: Stripes,
@@ -166,23 +187,22 @@ def fit_lanes(
         Of the camera.
     prior_mean : ndarray (7,)
     prior_information : ndarray (7, 7), optional
-        Inverse covariance of the prior; by default from `PRIOR_STD`.
+        Inverse covariance of the prior; by default `usual_information`.
     schedule : sequence of (far_m, scale)
 
     Returns
     -------
     LaneFit
     """
-    if prior_information is None:
-        prior_information = np.diag(PRIOR_STD**-2)
     lanes, std, paint = np.array(lanes, float), position_std(stripes, focal_px), paint_weight(stripes)
     information = None
     for far_m, scale in schedule:
         weight, residual, _, derivative = compare(lanes, stripes, height_m, std * scale)
         weight = weight * paint * (stripes.x_m < far_m) / (std * scale) ** 2
         weighted = derivative * weight[..., None]
-        information = np.swapaxes(derivative, -1, -2) @ weighted + prior_information
-        gradient = (weighted * residual[..., None]).sum(-2) + (lanes - prior_mean) @ prior_information
+        prior = usual_information(lanes) if prior_information is None else prior_information
+        information = np.swapaxes(derivative, -1, -2) @ weighted + prior
+        gradient = (weighted * residual[..., None]).sum(-2) + ((lanes - prior_mean)[:, None] @ prior)[:, 0]
         lanes = lanes - np.linalg.solve(information, gradient[..., None])[..., 0]
         lanes = np.clip(lanes, -LIMIT, LIMIT)
     weight, residual, side, _ = compare(lanes, stripes, height_m, std)
@@ -191,23 +211,27 @@ def fit_lanes(
 
 def compare(lanes, stripes: Stripes, height_m: float, std_m):
     """How stripes agree with lanes (K, 7): weight 0..1, residual in metres, side, and derivative (K, stripes, 7)."""
-    column = lanes[..., None, :]
-    x, y, angle = flatten(stripes, lanes[..., PITCH], lanes[..., VERTICAL], height_m)
-    a, sin, cos, scale = place(x, y, lanes[..., HEADING], lanes[..., CURVATURE])
-    from_middle = a - column[..., RATE] * x**3 / 6 - column[..., CENTRE]
+    _, _, heading, curvature, rate, pitch, vertical = np.moveaxis(lanes, -1, 0)
+    x, y, angle = flatten(stripes, pitch, vertical, height_m)
+    a, sin, cos, scale = place(x, y, heading, curvature)
+    heading, curvature, rate = heading[..., None], curvature[..., None], rate[..., None]
+    sin_0, cos_0 = np.sin(heading), np.cos(heading)
+    turn = np.arctan2(sin * cos_0 - cos * sin_0, cos * cos_0 + sin * sin_0)
+    bent = np.abs(curvature) > 1e-6
+    along = np.where(bent, turn / np.where(bent, curvature, 1), x * cos_0 + y * sin_0)
+    from_middle = a - rate * along**3 / 6 - lanes[..., CENTRE, None]
     side = np.where(from_middle >= 0, LEFT, RIGHT)
-    residual = from_middle - side * column[..., WIDTH] / 2
-    turned = np.clip(sin + column[..., RATE] * x * x / 2, -1, 1)
-    miss = np.arcsin(turned) - angle
-    weight = ((1 + (residual / std_m) ** 2) * (1 + (miss / ANGLE_STD_RAD) ** 2)) ** -2.0
+    residual = from_middle - side * lanes[..., WIDTH, None] / 2
+    astray = heading + turn + rate * along**2 / 2 - angle
+    weight = ((1 + (residual / std_m) ** 2) * (1 + (astray / ANGLE_STD_RAD) ** 2)) ** -2.0
     tilt = x / height_m * (x * sin - y * cos)
     derivative = np.stack(
         [
-            -np.ones_like(x),
+            -np.ones_like(a),
             -side / 2,
-            -(y * np.sin(column[..., HEADING]) + x * np.cos(column[..., HEADING])) / scale,
+            -(y * sin_0 + x * cos_0) / scale,
             (a * a - x * x - y * y) / (2 * scale),
-            -(x**3) / 6,
+            -(along**3) / 6,
             tilt,
             tilt * x / 2,
         ],
