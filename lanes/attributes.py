@@ -83,7 +83,9 @@ def straighten(channel: np.ndarray, view: RoadView, line_y_m: np.ndarray) -> tup
 def describe_paint(view_image: np.ndarray, view: RoadView, line_y_m: np.ndarray) -> Paint | None:
     """Cross-section of the paint along a line, in the channel where it stands out more; None where there is none."""
     found = [_section(channel(view_image), view, line_y_m) for channel in (lightness, yellowness)]
-    sections = [(contrast, width, centre, kind == 1) for kind, s in enumerate(found) if s for contrast, width, centre in [s]]
+    sections = [
+        (contrast, width, centre, kind == 1) for kind, s in enumerate(found) if s for contrast, width, centre in [s]
+    ]
     if not sections:
         return None
     contrast, width, centre, yellow = max(sections)

@@ -124,9 +124,7 @@ def measure_paint(view_image: np.ndarray, view: RoadView) -> Evidence:
     filters, noises, strengths = [], [], []
     for channel in (lightness(view_image), yellowness(view_image)):
         side = cv2.blur(channel, (beside, 1), borderType=cv2.BORDER_REPLICATE)
-        filters.append(
-            tuple(filter_band(channel, side, n, n // 2 + gap + beside // 2 + 1) for n in (single, double))
-        )
+        filters.append(tuple(filter_band(channel, side, n, n // 2 + gap + beside // 2 + 1) for n in (single, double)))
         noises.append(local_noise(channel, window))
         strengths.append(cv2.divide(cv2.max(*filters[-1]), noises[-1]))
     strength = cv2.max(cv2.max(*strengths), (0.0,))

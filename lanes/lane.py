@@ -14,25 +14,20 @@ import numpy as np
 from lanes.attributes import Paint, describe_paint
 from lanes.camera import Camera
 from lanes.evidence import Stripes, find_stripes, measure_paint
-from lanes.lanefit import (
+from lanes.lanefit import FOLLOW, START, LaneFit, fit_lanes, strangeness
+from lanes.lanemodel import (
     CENTRE,
     CURVATURE,
-    FOLLOW,
     HEADING,
-    LEFT,
     PITCH,
     RATE,
-    RIGHT,
     SIDES,
-    START,
     VERTICAL,
+    VERTICAL_FAR_M,
     WIDTH,
-    LaneFit,
-    fit_lanes,
     line_coefficients,
     line_y,
     on_view,
-    strangeness,
 )
 from lanes.roadview import RoadView
 from lanes.votes import FAR_M, best_pairs, count_votes, distinct
@@ -129,7 +124,7 @@ class Lane:
         x = np.geomspace(3.5, 400, 200) if x_m is None else np.asarray(x_m, float)
         y = self.line_y(x, side)
         x, y = x[np.isfinite(y)], y[np.isfinite(y)]
-        z = self.vertical_per_m * np.minimum(x, 80) * x / 2
+        z = self.vertical_per_m * np.minimum(x, VERTICAL_FAR_M) * x / 2
         mount = replace(camera.mount, pitch_rad=camera.mount.pitch_rad + self.pitch_rad)
         pixels = camera.with_mount(mount).road_to_pixels(np.column_stack([x, y, z]))
         back = np.flatnonzero(~(np.diff(pixels[:, 1]) < 0))

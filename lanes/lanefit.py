@@ -1,19 +1,8 @@
-"""One model for both lines: where the lane is, which way it goes and bends, and how tilted the camera looks at it.
+"""One fit for both lines of a lane, robust against everything else that looks like a stripe.
 
-Seven numbers describe the lane. The lane's middle is an arc that passes the car at `centre` with `heading` and
-`curvature`, which changes by `rate` for each metre ahead; the two lines run half a `width` to its left and right.
-`pitch` is how much farther down than its mount says the camera looks in this frame (bumps, brakes), and `vertical` the
-curvature of the road upwards (crests and dips): both show in that the lines do not look parallel.
-
-A stripe's distance from the middle arc, taken at right angles, needs no x as the running variable, so that hairpins
-that fold back are as good as straight roads:
-
-    a (1 - k a / 2) = y cos h - x sin h - k (x^2 + y^2) / 2        for heading h and curvature k,
-
-which follows from |P - C| = 1/k - a for a circle of centre C; concentric lines then differ in `a` alone. The derivatives
-are as short: da = (1 - k a)^-1 (...), with the direction of the road at the stripe as sine and cosine.
-
-All functions are written for several lanes at once, parameters (..., 7), so that rival hypotheses share one pass.
+Iteratively reweighted least squares: each stripe pulls on the nearer line, the more the stronger it is, the nearer it
+lies and the better its direction agrees. The fit begins near the car and follows the lines outwards, so that it stays
+on them where they bend away. What is usual for lanes enters as a prior, so that one line, or a few dashes, suffice.
 """
 
 from __future__ import annotations
@@ -23,106 +12,47 @@ from dataclasses import dataclass
 import numpy as np
 
 from lanes.evidence import Stripes
+from lanes.lanemodel import (
+    CENTRE,
+    CURVATURE,
+    LEFT,
+    RATE,
+    RIGHT,
+    WIDTH,
+    flatten,
+    place,
+)
 
-CENTRE, WIDTH, HEADING, CURVATURE, RATE, PITCH, VERTICAL = range(7)
-LEFT, RIGHT = 1.0, -1.0
-SIDES = np.array([LEFT, RIGHT])
-
-# What is known of any lane before looking, and its standard deviation: lanes are 2.5 to 4.5 m wide, cars drive near
-# their middle and along them, mountain hairpins have radii down to 12 m, cars nod by a degree, crests have radii of
-# hundreds of metres.
+# What is known of any lane before looking, and its standard deviation, in the order of `lanes.lanemodel`: lanes are 2.5
+# to 4.5 m wide, cars drive near their middle and along them, hairpins have radii down to 12 m, cars nod by a degree.
 PRIOR_MEAN = np.array([0.0, 3.5, 0.0, 0.0, 0.0, 0.0, 0.0])
 PRIOR_STD = np.array([0.8, 0.5, 0.15, 0.05, 1e-4, 0.015, 2e-4])
-# A clothoid takes at least about this far from straight to its bend.
-TRANSITION_M = 15.0
 LIMIT = np.array([3.0, 6.0, 0.7, 0.12, 0.01, 0.06, 5e-3])
+# A bend takes at least about this far from nothing to all of it.
+TRANSITION_M = 15.0
 
-# Strength (times the noise) at which a stripe counts half, and angle by which half a stripe's vote is lost.
+# Strength (times the noise) at which a stripe counts half, and difference in direction at which it counts a quarter.
 HALF_STRENGTH = 6.0
 ANGLE_STD_RAD = 0.1
-# The fit follows the lines outwards: (how far it looks, how many standard deviations still pull).
+# Standard deviation of a stripe's lateral place: worn paint near by, one pixel far away; and how far a road of changing
+# curvature strays from the model at 40 m, growing with the cube of the distance.
+PLACE_STD_M, PLACE_STD_PX = 0.04, 1.0
+STRAY_M, STRAY_AT_M = 0.15, 40.0
+
+# Steps of the fit: (how far it looks, how many standard deviations still pull).
 START = ((16, 6), (20, 4), (26, 4))
-FOLLOW = ((70, 1.5), (70, 1), (70, 1))
 GROW = ((34, 3), (44, 3), (56, 2), (70, 2), (70, 1.5), (70, 1))
+FOLLOW = ((70, 1.5), (70, 1), (70, 1))
 
 
-def flatten(stripes: Stripes, pitch, vertical, height_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Stripes seen with another pitch, on a road that bends up or down: x, y in metres and angle in radians.
-
-    The ray to a stripe at the flat distance x falls by h / x; a camera that looks `pitch` farther down makes that
-    h / x + pitch, and a road that has risen by v x^2 / 2 is met v x / 2 earlier.
-    """
-    pitch, vertical = np.asarray(pitch)[..., None], np.asarray(vertical)[..., None]
-    share = stripes.x_m / height_m
-    stretch = np.maximum(1 + pitch * share, 0.2)
-    bend = vertical * np.minimum(stripes.x_m / stretch, 80)
-    stretch = np.clip(stretch + bend / 2 * share, 0.2, 5)
-    change = (pitch + bend) * share
-    slope = (stretch * np.tan(stripes.angle) - change * stripes.y_m / stripes.x_m) / np.maximum(stretch - change, 0.1)
-    return stripes.x_m / stretch, stripes.y_m / stretch, np.arctan(slope)
-
-
-def on_view(lane: np.ndarray, side: float, x_m: np.ndarray, height_m: float) -> np.ndarray:
-    """Lateral place of a line of the lane (7,) on the flat grid of a view, at the view's distances x (N,)."""
-    share = x_m / height_m
-    stretch = np.maximum(1 + lane[PITCH] * share, 0.2)
-    stretch = np.clip(stretch + lane[VERTICAL] * np.minimum(x_m / stretch, 80) / 2 * share, 0.2, 5)
-    return line_y(x_m / stretch, lane, side) * stretch
-
-
-def place(x, y, heading, curvature) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Distance of points left of an arc, at right angles, with the arc's direction there: (a, sin, cos, 1 - k a)."""
-    heading, curvature = np.asarray(heading)[..., None], np.asarray(curvature)[..., None]
-    sin, cos = np.sin(heading), np.cos(heading)
-    twice = 2 * (y * cos - x * sin) - curvature * (x * x + y * y)
-    scale = np.sqrt(np.maximum(1 - curvature * twice, 1e-2))
-    return twice / (1 + scale), (sin + curvature * x) / scale, (cos - curvature * y) / scale, scale
-
-
-def line_points(lane: np.ndarray, side: float, along_m: np.ndarray) -> np.ndarray:
-    """Points (N, 2) of a line of the lane (7,), metres, where the lane's middle has run `along_m` (N,)."""
-    centre, width, heading, curvature, rate = lane[:PITCH]
-    turn = curvature * along_m
-    chord = along_m * np.sinc(turn / (2 * np.pi))
-    offset = centre + side * width / 2 + rate * along_m**3 / 6
-    x = chord * np.cos(heading + turn / 2) - offset * np.sin(heading + turn)
-    y = chord * np.sin(heading + turn / 2) + offset * np.cos(heading + turn)
-    return np.stack([x, y], axis=-1)
-
-
-def line_y(x_m: np.ndarray, lane: np.ndarray, side: float) -> np.ndarray:
-    """Lateral place of a line of the lane (7,) at distances x (N,); NaN where it has turned back before."""
-    centre, width, heading, curvature, rate = lane[:PITCH]
-    along = np.array(x_m, float)
-    # Newton's method for the place along the middle that lies beside x; straight roads need one step
-    for _ in range(6):
-        direction = heading + curvature * along
-        offset = centre + side * width / 2 + rate * along**3 / 6
-        pace = (1 - curvature * offset) * np.cos(direction) - rate * along**2 / 2 * np.sin(direction)
-        along = along + np.clip((x_m - line_points(lane, side, along)[..., 0]) / np.maximum(pace, 0.1), -5, 5)
-    points = line_points(lane, side, along)
-    return np.where((np.abs(points[..., 0] - x_m) < 1e-3) & (pace > 0.1), points[..., 1], np.nan)
-
-
-def line_coefficients(lane: np.ndarray, side: float) -> tuple[float, float, float, float]:
-    """(c0, c1, c2, c3) of y = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6: the line's Taylor series where it passes the car."""
-    centre, width, heading, curvature, rate = lane[:PITCH]
-    (c0,) = line_y(np.zeros(1), lane, side)
-    offset = centre + side * width / 2
-    curvature = curvature / (1 - curvature * offset)
-    sin = np.sin(heading) * curvature * offset + np.sin(heading)
-    cos = np.sqrt(1 - sin * sin)
-    return float(c0), float(sin / cos), float(curvature / cos**3), float(rate + 3 * curvature**2 * sin / cos**5)
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LaneFit:
     """Lanes fitted to the stripes of one frame; K of them, or one.
 
     Attributes
     ----------
     lane : ndarray (..., 7)
-        The parameters, in the order of the module's constants.
+        The parameters, in the order of `lanes.lanemodel`.
     information : ndarray (..., 7, 7)
         Inverse covariance, prior included.
     weight : ndarray (..., stripes)
@@ -145,9 +75,9 @@ def paint_weight(stripes: Stripes) -> np.ndarray:
     return stripes.strength**2 / (stripes.strength**2 + HALF_STRENGTH**2)
 
 
-def position_std(stripes: Stripes, focal_px: float) -> np.ndarray:
-    """Standard deviation of a stripe's lateral place: worn paint and half a cell near by, one pixel far away."""
-    return np.hypot(0.04, stripes.x_m / focal_px)
+def place_std(stripes: Stripes, focal_px: float) -> np.ndarray:
+    """Standard deviation of each stripe's lateral place on the road, metres."""
+    return np.hypot(PLACE_STD_M, PLACE_STD_PX * stripes.x_m / focal_px)
 
 
 def usual_information(lanes: np.ndarray) -> np.ndarray:
@@ -194,11 +124,12 @@ def fit_lanes(
     -------
     LaneFit
     """
-    lanes, std, paint = np.array(lanes, float), position_std(stripes, focal_px), paint_weight(stripes)
+    lanes, std, paint = np.array(lanes, float), place_std(stripes, focal_px), paint_weight(stripes)
     information = None
+    stray = STRAY_M * (stripes.x_m / STRAY_AT_M) ** 3
     for far_m, scale in schedule:
         weight, residual, _, derivative = compare(lanes, stripes, height_m, std * scale)
-        weight = weight * paint * (stripes.x_m < far_m) / (std * scale) ** 2
+        weight = weight * paint * (stripes.x_m < far_m) / ((std * scale) ** 2 + stray**2)
         weighted = derivative * weight[..., None]
         prior = usual_information(lanes) if prior_information is None else prior_information
         information = np.swapaxes(derivative, -1, -2) @ weighted + prior
@@ -212,7 +143,7 @@ def fit_lanes(
 def compare(lanes, stripes: Stripes, height_m: float, std_m):
     """How stripes agree with lanes (K, 7): weight 0..1, residual in metres, side, and derivative (K, stripes, 7)."""
     _, _, heading, curvature, rate, pitch, vertical = np.moveaxis(lanes, -1, 0)
-    x, y, angle = flatten(stripes, pitch, vertical, height_m)
+    x, y, angle = flatten(stripes.x_m, stripes.y_m, stripes.angle, pitch, vertical, height_m)
     a, sin, cos, scale = place(x, y, heading, curvature)
     heading, curvature, rate = heading[..., None], curvature[..., None], rate[..., None]
     sin_0, cos_0 = np.sin(heading), np.cos(heading)

@@ -98,7 +98,9 @@ class RoadView:
             if len(rows):
                 part = slice(rows[0], rows[-1] + 1)
                 # pixel centres lie at integers: the first reduced pixel is centred on (reduction - 1) / 2
-                place = (np.nan_to_num(self.pixels[part] - [0, self.top_px], nan=-99.0) - (reduction - 1) / 2) / reduction
+                place = (
+                    np.nan_to_num(self.pixels[part] - [0, self.top_px], nan=-99.0) - (reduction - 1) / 2
+                ) / reduction
                 lookups.append((reduction, part, *cv2.convertMaps(place.astype(np.float32), None, cv2.CV_16SC2)))
         return lookups
 

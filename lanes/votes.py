@@ -12,13 +12,14 @@ from functools import lru_cache
 import numpy as np
 
 from lanes.evidence import Stripes
-from lanes.lanefit import ANGLE_STD_RAD, PRIOR_MEAN, PRIOR_STD, flatten, paint_weight, place
+from lanes.lanefit import ANGLE_STD_RAD, PRIOR_MEAN, PRIOR_STD, paint_weight
+from lanes.lanemodel import flatten, place
 
 FAR_M = 22.0
 BIN_M = 0.15
 BINS = 60
 PRIOR_WEIGHT = 0.1
-HG,KG,PG=(6, 0.03, 0.18), (9, 0.0015, 0.44), np.arange(-1, 2) * 0.018
+HG, KG, PG = (6, 0.03, 0.18), (9, 0.0015, 0.44), np.arange(-1, 2) * 0.018
 
 
 def _spread(count: int, step: float, growth: float) -> np.ndarray:
@@ -42,7 +43,7 @@ def count_votes(stripes: Stripes, height_m: float) -> np.ndarray:
     votes = np.zeros((len(heading), BINS))
     for tilt in np.unique(pitch):
         of = np.flatnonzero(pitch == tilt)
-        x, y, angle = (q.astype(np.float32) for q in flatten(near, tilt, 0.0, height_m))
+        x, y, angle = (q.astype(np.float32) for q in flatten(near.x_m, near.y_m, near.angle, tilt, 0.0, height_m))
         a, sin, cos, _ = place(x, y, heading[of].astype(np.float32), curvature[of].astype(np.float32))
         astray = (sin * np.cos(angle) - cos * np.sin(angle)) / np.float32(ANGLE_STD_RAD)
         weight = paint / np.square(1 + astray * astray)

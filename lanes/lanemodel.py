@@ -1,0 +1,100 @@
+"""The shape of a lane: seven numbers for both of its lines, and how they lie on the road and in the view.
+
+The lane's middle is an arc that passes the car at `centre` with `heading` and `curvature`, which changes by `rate` for
+each metre along it; the two lines run half a `width` to its left and right. `pitch` is how much farther down than its
+mount says the camera looks in this frame (bumps, brakes), and `vertical` the curvature of the road upwards (crests and
+dips): both show in that the lines do not look parallel.
+
+A point's distance from the arc, taken at right angles, needs no x as the running variable, so that hairpins that fold
+back are as good as straight roads:
+
+    a (1 - k a / 2) = y cos h - x sin h - k (x^2 + y^2) / 2        for heading h and curvature k,
+
+which follows from |P - C| = 1/k - a for a circle of centre C; concentric lines then differ in `a` alone.
+
+All parameters are arrays (..., 7), so that rival lanes share one pass.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+CENTRE, WIDTH, HEADING, CURVATURE, RATE, PITCH, VERTICAL = range(7)
+LEFT, RIGHT = 1.0, -1.0
+SIDES = np.array([LEFT, RIGHT])
+
+# A slope that has been rising for so long does not go on for ever.
+VERTICAL_FAR_M = 80.0
+# Rays that would meet a tilted road this much farther than the flat one meet nothing.
+LEAST_STRETCH, MOST_STRETCH = 0.2, 5.0
+
+
+def stretch_of(x_m: np.ndarray, pitch, vertical, height_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """How much too far the flat view shows what it shows at x (N,), and how fast that grows: (..., N) each.
+
+    The ray to a point at the flat distance x falls by h / x. A camera that looks `pitch` farther down makes that
+    h / x + pitch, and a road that has risen by v x^2 / 2 is met v x / 2 earlier: flat x over true x is their ratio.
+    """
+    pitch, vertical = np.asarray(pitch)[..., None], np.asarray(vertical)[..., None]
+    share = x_m / height_m
+    flat = np.maximum(1 + pitch * share, LEAST_STRETCH)
+    bend = vertical * np.minimum(x_m / flat, VERTICAL_FAR_M)
+    return np.clip(flat + bend / 2 * share, LEAST_STRETCH, MOST_STRETCH), (pitch + bend) / height_m
+
+
+def flatten(x_m, y_m, angle, pitch, vertical, height_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where stripes of the flat view lie on a tilted road: x, y in metres and angle in radians, (..., N) each."""
+    stretch, growth = stretch_of(x_m, pitch, vertical, height_m)
+    slope = (stretch * np.tan(angle) - growth * y_m) / np.maximum(stretch - growth * x_m, 0.1)
+    return x_m / stretch, y_m / stretch, np.arctan(slope)
+
+
+def on_view(lane: np.ndarray, side: float, x_m: np.ndarray, height_m: float) -> np.ndarray:
+    """Lateral place of a line of the lane (7,) on the flat grid of a view, at the view's distances x (N,)."""
+    stretch, _ = stretch_of(x_m, lane[PITCH], lane[VERTICAL], height_m)
+    return line_y(x_m / stretch, lane, side) * stretch
+
+
+def place(x, y, heading, curvature) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Distance of points left of an arc, at right angles, with the arc's direction there: (a, sin, cos, 1 - k a)."""
+    heading, curvature = np.asarray(heading)[..., None], np.asarray(curvature)[..., None]
+    sin, cos = np.sin(heading), np.cos(heading)
+    twice = 2 * (y * cos - x * sin) - curvature * (x * x + y * y)
+    scale = np.sqrt(np.maximum(1 - curvature * twice, 1e-2))
+    return twice / (1 + scale), (sin + curvature * x) / scale, (cos - curvature * y) / scale, scale
+
+
+def line_points(lane: np.ndarray, side: float, along_m: np.ndarray) -> np.ndarray:
+    """Points (N, 2) of a line of the lane (7,), metres, where the lane's middle has run `along_m` (N,)."""
+    centre, width, heading, curvature, rate = lane[:PITCH]
+    turn = curvature * along_m
+    chord = along_m * np.sinc(turn / (2 * np.pi))
+    offset = centre + side * width / 2 + rate * along_m**3 / 6
+    x = chord * np.cos(heading + turn / 2) - offset * np.sin(heading + turn)
+    y = chord * np.sin(heading + turn / 2) + offset * np.cos(heading + turn)
+    return np.stack([x, y], axis=-1)
+
+
+def line_y(x_m: np.ndarray, lane: np.ndarray, side: float) -> np.ndarray:
+    """Lateral place of a line of the lane (7,) at distances x (N,); NaN where it has turned back before."""
+    centre, width, heading, curvature, rate = lane[:PITCH]
+    along = np.array(x_m, float)
+    # Newton's method for the place along the middle that lies beside x; straight roads need one step
+    for _ in range(6):
+        direction = heading + curvature * along
+        offset = centre + side * width / 2 + rate * along**3 / 6
+        pace = (1 - curvature * offset) * np.cos(direction) - rate * along**2 / 2 * np.sin(direction)
+        along = along + np.clip((x_m - line_points(lane, side, along)[..., 0]) / np.maximum(pace, 0.1), -5, 5)
+    points = line_points(lane, side, along)
+    return np.where((np.abs(points[..., 0] - x_m) < 1e-3) & (pace > 0.1), points[..., 1], np.nan)
+
+
+def line_coefficients(lane: np.ndarray, side: float) -> tuple[float, float, float, float]:
+    """(c0, c1, c2, c3) of y = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6: the line's Taylor series where it passes the car."""
+    centre, width, heading, curvature, rate = lane[:PITCH]
+    (c0,) = line_y(np.zeros(1), lane, side)
+    offset = centre + side * width / 2
+    curvature = curvature / (1 - curvature * offset)
+    sin = np.sin(heading) * (1 + curvature * offset)
+    cos = np.sqrt(1 - sin * sin)
+    return float(c0), float(sin / cos), float(curvature / cos**3), float(rate + 3 * curvature**2 * sin / cos**5)
