@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 
@@ -11,9 +12,10 @@ from lanes.camera import Camera, Mount
 ASPHALT = (95, 95, 98)
 WHITE, YELLOW = (225, 225, 220), (215, 165, 40)
 SUBPIXELS = (-0.375, -0.125, 0.125, 0.375)
+FAR_M = 150.0
 
 
-def dashcam(width: int = 1280, **mount: float) -> Camera:
+def dashcam(width: int = 640, **mount: float) -> Camera:
     """A distorted lens, mounted as in a car: 1.3 m above the road, looking slightly up and to the right."""
     scale = width / 1280
     matrix = np.array([[1150 * scale, 0, 640 * scale], [0, 1150 * scale, 370 * scale], [0, 0, 1]])
@@ -21,28 +23,37 @@ def dashcam(width: int = 1280, **mount: float) -> Camera:
     return lens.with_mount(Mount(**{"height_m": 1.3, "pitch_rad": -0.01, "yaw_rad": -0.012, **mount}))
 
 
+@lru_cache(maxsize=8)
+def _road_points(size: tuple, matrix: tuple, distortion: tuple, mount: Mount) -> list[tuple]:
+    """Where pixels look on the road, for several heights within a pixel: (first row, points, metres a column)."""
+    camera = Camera(*size, np.reshape(matrix, (3, 3)), np.array(distortion), mount)
+    _, horizon = camera.road_to_pixels(np.array([[FAR_M, 0.0]]))[0]
+    top = max(0, int(horizon) - 20)
+    v, u = np.mgrid[top : camera.height, : camera.width].astype(float)
+    found = []
+    for dv in SUBPIXELS:
+        points = camera.pixels_to_road(np.column_stack([u.ravel(), (v + dv).ravel()])).reshape(*u.shape, 2)
+        found.append((top, points, np.gradient(points[..., 1], axis=1)))
+    return found
+
+
 class Road:
     """A picture of a flat road that stripes can be painted on."""
 
     def __init__(self, camera: Camera, *, asphalt: tuple = ASPHALT, noise: float = 2.0, seed: int = 0) -> None:
         self.camera, self.noise, self.seed = camera, noise, seed
-        v, u = np.mgrid[: camera.height, : camera.width].astype(float)
-        self.samples = []
-        for dv in SUBPIXELS:
-            points = camera.pixels_to_road(np.column_stack([u.ravel(), (v + dv).ravel()])).reshape(*u.shape, 2)
-            self.samples.append(points)
-        # the road's slope along a picture row turns sub-pixels in u into metres
-        self.step = [np.gradient(p[..., 1], axis=1) for p in self.samples]
+        self.points = _road_points(camera.size, tuple(camera.matrix.ravel()), tuple(camera.distortion), camera.mount)
         self.picture = np.ones((camera.height, camera.width, 3)) * asphalt
 
     def cover(self, inside: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
         """Share of each pixel for which `inside(x, y)` holds."""
-        share = np.zeros(self.picture.shape[:2])
-        for points, step in zip(self.samples, self.step, strict=True):
-            for du in SUBPIXELS:
-                with np.errstate(invalid="ignore"):
-                    share += inside(points[..., 0], points[..., 1] + du * step) & (points[..., 0] < 150)
-        return share[..., None] / len(SUBPIXELS) ** 2
+        share = np.zeros((self.camera.height, self.camera.width, 1))
+        with np.errstate(invalid="ignore"):
+            for top, points, across in self.points:
+                for du in SUBPIXELS:
+                    hit = inside(points[..., 0], points[..., 1] + du * across) & (points[..., 0] < FAR_M)
+                    share[top:, :, 0] += hit
+        return share / len(self.points) / len(SUBPIXELS)
 
     def paint(self, inside: Callable[[np.ndarray, np.ndarray], np.ndarray], colour: tuple) -> Road:
         """Paint the part of the road where `inside(x, y)` holds."""

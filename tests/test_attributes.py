@@ -1,0 +1,38 @@
+import numpy as np
+import pytest
+from painter import WHITE, YELLOW, Road, dashcam
+
+from lanes.attributes import describe_paint
+from lanes.roadview import RoadView
+
+CAMERA = dashcam(1280)
+VIEW = RoadView(CAMERA)
+
+
+def paint_at(road, y):
+    return describe_paint(VIEW.warp(road.image()), VIEW, np.full(len(VIEW.x_m), y))
+
+
+@pytest.mark.parametrize(("colour", "yellow"), [(WHITE, False), (YELLOW, True)])
+@pytest.mark.parametrize("off", [-0.06, 0.0, 0.08])
+def test_single_stripe(colour, yellow, off):
+    paint = paint_at(Road(CAMERA).line(lambda x: 0 * x - 1.7 + off, colour=colour, width_m=0.12), -1.7)
+    assert paint.yellow is yellow and not paint.double
+    assert paint.width_m == pytest.approx(0.12, abs=0.04)
+    assert paint.centre_m == pytest.approx(off, abs=0.015)
+    assert paint.contrast > 20
+
+
+@pytest.mark.parametrize(("side", "y"), [(1, 1.6), (-1, -1.6)])
+def test_of_a_double_line_the_stripe_next_to_the_lane_counts(side, y):
+    road = Road(CAMERA)
+    for shift in (-0.11, 0.11):
+        road.line(lambda x, s=shift: 0 * x + y + s, colour=YELLOW, width_m=0.1)
+    paint = paint_at(road, y)
+    assert paint.double and paint.yellow
+    assert paint.stripe_m(side) == pytest.approx(-side * 0.11, abs=0.025)
+
+
+def test_bare_road_has_no_paint_to_speak_of():
+    paint = paint_at(Road(CAMERA), 1.0)
+    assert paint is None or paint.contrast < 3

@@ -1,0 +1,133 @@
+import numpy as np
+import pytest
+
+from lanes.evidence import Stripes
+from lanes.lanefit import FOLLOW, compare, fit_lanes, place_std
+from lanes.lanemodel import LEFT, RIGHT, line_points, line_y
+from lanes.votes import best_pairs, count_votes
+
+HEIGHT_M, FOCAL_PX = 1.3, 1150.0
+ROWS_M = 5 * 1.022 ** np.arange(121)
+
+
+def stripes_on(lane, sides=(LEFT, RIGHT), *, noise_m=0.01, outliers=0, dash_m=None, seed=0):
+    """Stripes as the evidence finds them on a lane, row by row, with others strewn between."""
+    rng = np.random.default_rng(seed)
+    parts = []
+    for side in sides:
+        y, ahead = line_y(ROWS_M, lane, side), line_y(ROWS_M + 0.01, lane, side)
+        keep = np.isfinite(y + ahead) & (np.abs(y) < 12)
+        if dash_m and side == RIGHT:
+            keep &= ROWS_M % dash_m[1] < dash_m[0]
+        x, angle = ROWS_M[keep], np.arctan((ahead - y)[keep] / 0.01)
+        parts.append((x, y[keep] + rng.normal(0, noise_m, len(x)), angle + rng.normal(0, 0.03, len(x)), 15.0))
+    x = rng.choice(ROWS_M, outliers)
+    parts.append((x, rng.uniform(-10, 10, outliers), rng.uniform(-1, 1, outliers), 6.0))
+    x, y, angle = (np.concatenate([p[k] for p in parts]) for k in range(3))
+    strength = np.concatenate([np.full(len(p[0]), p[3]) for p in parts])
+    row = np.searchsorted(ROWS_M, x)
+    return Stripes(row, x, y, angle, strength, np.zeros(len(x), bool), np.zeros(len(x), bool))
+
+
+def search(stripes):
+    starts = best_pairs(count_votes(stripes, HEIGHT_M), 67)
+    near = fit_lanes(starts, stripes, HEIGHT_M, FOCAL_PX)
+    return near.lane[near.weight.sum(axis=1).argmax()], near
+
+
+ROADS = {
+    "straight, off centre": [0.4, 3.6, 0.01, 0.0, 0.0, 0.0, 0.0],
+    "left bend": [-0.3, 3.5, -0.02, 1 / 350, 0.0, 0.0, 0.0],
+    "right bend, nodding": [0.2, 3.3, 0.03, -1 / 200, 0.0, 0.008, 0.0],
+    "clothoid": [0.1, 3.7, 0.0, 1 / 900, 5e-5, 0.0, 0.0],
+    "hairpin": [0.2, 3.2, 0.05, -1 / 18, 0.0, 0.0, 0.0],
+}
+
+
+@pytest.mark.parametrize("road", ROADS.values(), ids=ROADS.keys())
+def test_lane_is_found_among_clutter(road):
+    road = np.array(road)
+    lane, _ = search(stripes_on(road, outliers=300))
+    assert lane[0] == pytest.approx(road[0], abs=0.03)
+    assert lane[1] == pytest.approx(road[1], abs=0.05)
+    x = np.array([6.0, 10.0, 14.0])
+    for side in (LEFT, RIGHT):
+        np.testing.assert_allclose(line_y(x, lane, side), line_y(x, road, side), atol=0.05)
+
+
+def test_dashes_suffice():
+    road = np.array(ROADS["left bend"])
+    lane, _ = search(stripes_on(road, outliers=150, dash_m=(3.0, 12.0)))
+    x = np.array([6.0, 15.0, 30.0])
+    np.testing.assert_allclose(line_y(x, lane, RIGHT), line_y(x, road, RIGHT), atol=0.05)
+
+
+@pytest.mark.parametrize("side", [LEFT, RIGHT])
+def test_one_line_suffices_and_the_other_is_uncertain(side):
+    road = np.array([0.1, 3.5, 0.01, 1 / 500, 0.0, 0.0, 0.0])
+    lane, fit = search(stripes_on(road, (side,), outliers=60))
+    x = np.array([6.0, 15.0, 30.0])
+    np.testing.assert_allclose(line_y(x, lane, side), line_y(x, road, side), atol=0.03)
+    best = fit.weight.sum(axis=1).argmax()
+    covariance = np.linalg.inv(fit.information[best])
+    near, far = (np.array([1, s / 2, 0, 0, 0, 0, 0]) for s in (side, -side))
+    assert np.sqrt(near @ covariance @ near) < 0.05 < 0.4 < np.sqrt(far @ covariance @ far)
+
+
+def test_mirrored_stripes_give_the_mirrored_lane():
+    stripes = stripes_on(np.array(ROADS["right bend, nodding"]), outliers=200)
+    mirrored = Stripes(stripes.row, stripes.x_m, -stripes.y_m, -stripes.angle, *list(vars(stripes).values())[4:])
+    lane, _ = search(stripes)
+    other, _ = search(mirrored)
+    np.testing.assert_allclose(other, lane * [-1, 1, -1, -1, -1, 1, 1], atol=[1e-3, 1e-3, 1e-3, 1e-4, 1e-5, 1e-4, 1e-5])
+
+
+def test_derivatives_agree_with_differences():
+    lanes = np.array([[0.2, 3.4, 0.05, 1 / 90, 1e-4, 0.004, 2e-4], [-0.1, 3.6, 0.0, 0.0, 0.0, 0.0, 0.0]])
+    stripes = stripes_on(lanes[0], outliers=50)
+    std = place_std(stripes, FOCAL_PX)
+    _, _, _, derivative = compare(lanes, stripes, HEIGHT_M, std)
+    for k, step in enumerate([1e-5, 1e-5, 1e-6, 1e-7, 1e-9, 1e-6, 1e-8]):
+        shift = np.eye(7)[k] * step
+        above, below = (compare(lanes + s, stripes, HEIGHT_M, std)[1] for s in (shift, -shift))
+        measured = (above - below) / (2 * step)
+        # the fit leaves out second-order terms (how rate and vertical depend on the others)
+        near = stripes.x_m < 30
+        error = np.abs(measured - derivative[..., k])[:, near]
+        assert np.median(error) < 0.03 * np.median(np.abs(measured[:, near])) + 1e-6, k
+
+
+def test_a_prediction_holds_where_there_is_no_evidence():
+    expected = np.array([0.2, 3.4, 0.01, 1 / 300, 0.0, 0.0, 0.0])
+    nothing = stripes_on(expected, ())
+    fit = fit_lanes(
+        expected[None],
+        nothing,
+        HEIGHT_M,
+        FOCAL_PX,
+        prior_mean=expected,
+        prior_information=np.eye(7) * 1e4,
+        schedule=FOLLOW,
+    )
+    np.testing.assert_allclose(fit.lane[0], expected)
+    np.testing.assert_allclose(fit.information[0], np.eye(7) * 1e4)
+
+
+def test_uncertainty_covers_the_error():
+    road = np.array(ROADS["left bend"])
+    errors, claims = [], []
+    for seed in range(30):
+        fit = fit_lanes(road[None], stripes_on(road, noise_m=0.04, seed=seed), HEIGHT_M, FOCAL_PX)
+        errors.append(fit.lane[0] - road)
+        claims.append(np.sqrt(np.diag(np.linalg.inv(fit.information[0]))))
+    spread = np.sqrt(np.mean(np.square(errors), axis=0)) / np.mean(claims, axis=0)
+    # offset, width, heading, curvature: never surer than right, and not ten times too careful
+    assert (spread[:4] < 1.2).all() and (spread[:4] > 0.1).all()
+
+
+def test_line_points_run_through_the_stripes():
+    road = np.array(ROADS["hairpin"])
+    points = line_points(road, RIGHT, np.linspace(0, 25, 50))
+    x, y = points.T
+    # a hairpin of 18 m turns back: its line is not a function of x
+    assert x.max() < 18 and y.min() < -15 and (np.diff(x) < 0).any()

@@ -1,0 +1,76 @@
+import numpy as np
+import pytest
+from painter import Road, dashcam
+
+from lanes.camera import Mount
+from lanes.images import PictureError
+from lanes.roadview import RoadView
+
+
+def test_rows_go_from_far_to_near_and_columns_from_left_to_right():
+    view = RoadView(dashcam(), near_m=5, far_m=60, half_width_m=8)
+    assert view.shape == (len(view.x_m), len(view.y_m))
+    assert 55 < view.x_m[0] <= 60 and view.x_m[-1] == pytest.approx(5)
+    assert view.y_m[0] == pytest.approx(8) and view.y_m[-1] == pytest.approx(-8)
+    np.testing.assert_allclose(view.x_m[:-1] / view.x_m[1:], 1 + view.growth)
+
+
+@pytest.mark.parametrize(("x", "y"), [(6.5, 1.2), (12.0, -2.7), (25.0, 3.4), (45.0, -0.6)])
+def test_a_mark_on_the_road_appears_in_its_cells(x, y):
+    camera = dashcam(1280)
+    view = RoadView(camera)
+    road = Road(camera, noise=0).paint(lambda px, py: (abs(px - x) < 0.06 * x) & (abs(py - y) < 0.3), (255, 255, 255))
+    lightness = view.warp(road.image()).sum(axis=2).astype(float)
+    bright = lightness - np.median(lightness[view.seen])
+    bright[~view.seen | (bright < 200)] = 0
+    # The mark is symmetric in y but covers more rows on its near side, as rows do; weigh them by their depth.
+    depth = view.x_m[:, None]
+    assert (bright * view.y_m).sum() / bright.sum() == pytest.approx(y, abs=0.02)
+    assert (bright * depth * depth).sum() / (bright * depth).sum() == pytest.approx(x, rel=0.02)
+
+
+def test_the_lens_is_taken_out():
+    # At the edge of the picture the lens of the test camera moves a line by 20 px; on the view it must be straight.
+    camera = dashcam(1280)
+    assert np.abs(camera.undistort_points([[100.0, 650.0]]) - [100, 650]).max() > 20
+    view = RoadView(camera)
+    image = Road(camera, noise=0).line(lambda x: 0 * x + 2.5).image()
+    lightness = view.warp(image)[..., 1].astype(float)
+    lightness[~view.seen] = 0
+    rows = np.flatnonzero((view.x_m > 6) & (view.x_m < 30))
+    peak = lightness[rows].argmax(axis=1)
+    np.testing.assert_allclose(view.y_m[peak], 2.5, atol=view.cell_m)
+
+
+def test_near_cells_average_the_pixels_they_cover():
+    # Fine texture near the car must become gray, not a pattern of its own.
+    camera = dashcam(1280)
+    view = RoadView(camera)
+    checks = np.indices((camera.height, camera.width)).sum(axis=0) % 2 * 200
+    seen = view.warp(np.repeat(checks[..., None], 3, axis=2).astype(np.uint8))[view.x_m < 12]
+    assert np.ptp(seen[view.seen[view.x_m < 12]].astype(int)) < 12
+
+
+def test_cells_outside_the_picture_are_unseen_and_black():
+    view = RoadView(dashcam())
+    image = np.full((360, 640, 3), 200, np.uint8)
+    warped = view.warp(image)
+    assert not view.seen[-1, 0] and view.seen[-1, len(view.y_m) // 2]
+    assert (warped[-1, 0] == 0).all() and (warped[view.seen] > 190).mean() > 0.99
+
+
+def test_a_picture_of_another_size_is_refused():
+    with pytest.raises(PictureError, match="320x180"):
+        RoadView(dashcam()).warp(np.zeros((180, 320, 3), np.uint8))
+
+
+def test_mirrored_camera_mirrors_the_view():
+    camera = dashcam(roll_rad=0.0, yaw_rad=0.0)
+    matrix = camera.matrix.copy()
+    matrix[0, 2] = camera.width - 1 - matrix[0, 2]
+    distortion = camera.distortion * [1, 1, 1, -1, 1]
+    flipped = type(camera)(camera.width, camera.height, matrix, distortion, Mount(1.3, -0.01))
+    image = Road(camera).line(lambda x: 1.5 + 0.002 * x * x).image()
+    one = RoadView(camera).warp(image).astype(int)
+    other = RoadView(flipped).warp(np.ascontiguousarray(image[:, ::-1]))[:, ::-1].astype(int)
+    assert np.abs(one - other).mean() < 0.5
