@@ -167,8 +167,8 @@ def _strongest_of_each_row(row: np.ndarray, column: np.ndarray, best: np.ndarray
 
 def _stripe_angle(evidence: np.ndarray, row: np.ndarray, column: np.ndarray, view: RoadView) -> np.ndarray:
     """Direction of stripes on the road from the structure tensor of the evidence (Bigun and Granlund, 1987)."""
-    across = cv2.Sobel(evidence, cv2.CV_32F, 1, 0)
-    along = cv2.Sobel(evidence, cv2.CV_32F, 0, 1)
+    across = cv2.Scharr(evidence, cv2.CV_32F, 1, 0)
+    along = cv2.Scharr(evidence, cv2.CV_32F, 0, 1)
     xx, yy, xy = (
         cv2.boxFilter(cv2.multiply(p, q), -1, (7, 5))[row, column]
         for p, q in ((across, across), (along, along), (across, along))

@@ -23,7 +23,6 @@ from lanes.lanemodel import (
     RATE,
     SIDES,
     VERTICAL,
-    VERTICAL_FAR_M,
     WIDTH,
     line_coefficients,
     line_y,
@@ -124,7 +123,7 @@ class Lane:
         x = np.geomspace(3.5, 400, 200) if x_m is None else np.asarray(x_m, float)
         y = self.line_y(x, side)
         x, y = x[np.isfinite(y)], y[np.isfinite(y)]
-        z = self.vertical_per_m * np.minimum(x, VERTICAL_FAR_M) * x / 2
+        z = self.vertical_per_m * x * x / 2
         mount = replace(camera.mount, pitch_rad=camera.mount.pitch_rad + self.pitch_rad)
         pixels = camera.with_mount(mount).road_to_pixels(np.column_stack([x, y, z]))
         back = np.flatnonzero(~(np.diff(pixels[:, 1]) < 0))

@@ -26,7 +26,7 @@ from lanes.lanemodel import (
 # What is known of any lane before looking, and its standard deviation, in the order of `lanes.lanemodel`: lanes are 2.5
 # to 4.5 m wide, cars drive near their middle and along them, hairpins have radii down to 12 m, cars nod by a degree.
 PRIOR_MEAN = np.array([0.0, 3.5, 0.0, 0.0, 0.0, 0.0, 0.0])
-PRIOR_STD = np.array([0.8, 0.5, 0.15, 0.05, 1e-4, 0.015, 2e-4])
+PRIOR_STD = np.array([0.8, 0.5, 0.15, 0.05, 1e-4, 0.015, 1e-4])
 LIMIT = np.array([3.0, 6.0, 0.7, 0.12, 0.01, 0.06, 5e-3])
 # A bend takes at least about this far from nothing to all of it.
 TRANSITION_M = 15.0

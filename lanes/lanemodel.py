@@ -23,23 +23,22 @@ CENTRE, WIDTH, HEADING, CURVATURE, RATE, PITCH, VERTICAL = range(7)
 LEFT, RIGHT = 1.0, -1.0
 SIDES = np.array([LEFT, RIGHT])
 
-# A slope that has been rising for so long does not go on for ever.
-VERTICAL_FAR_M = 80.0
-# Rays that would meet a tilted road this much farther than the flat one meet nothing.
-LEAST_STRETCH, MOST_STRETCH = 0.2, 5.0
+# Rays that would meet a tilted road this much nearer or farther than the flat one count as meeting it there.
+MOST_STRETCH, LEAST_STRETCH = 5.0, 0.2
 
 
 def stretch_of(x_m: np.ndarray, pitch, vertical, height_m: float) -> tuple[np.ndarray, np.ndarray]:
     """How much too far the flat view shows what it shows at x (N,), and how fast that grows: (..., N) each.
 
     The ray to a point at the flat distance x falls by h / x. A camera that looks `pitch` farther down makes that
-    h / x + pitch, and a road that has risen by v x^2 / 2 is met v x / 2 earlier: flat x over true x is their ratio.
+    d = h / x + pitch, and meets a road of height v x^2 / 2 where v x^2 / 2 + d x = h.
     """
     pitch, vertical = np.asarray(pitch)[..., None], np.asarray(vertical)[..., None]
-    share = x_m / height_m
-    flat = np.maximum(1 + pitch * share, LEAST_STRETCH)
-    bend = vertical * np.minimum(x_m / flat, VERTICAL_FAR_M)
-    return np.clip(flat + bend / 2 * share, LEAST_STRETCH, MOST_STRETCH), (pitch + bend) / height_m
+    fall = height_m / x_m + pitch
+    root = np.sqrt(np.maximum(fall * fall + 2 * vertical * height_m, 1e-6))
+    stretch = x_m * (fall + root) / (2 * height_m)
+    growth = stretch / x_m - (1 + fall / root) / (2 * x_m)
+    return np.clip(stretch, LEAST_STRETCH, MOST_STRETCH), growth
 
 
 def flatten(x_m, y_m, angle, pitch, vertical, height_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

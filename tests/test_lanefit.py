@@ -1,9 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from lanes.evidence import Stripes
 from lanes.lanefit import FOLLOW, compare, fit_lanes, place_std
-from lanes.lanemodel import LEFT, RIGHT, line_points, line_y
+from lanes.lanemodel import LEFT, RIGHT, line_points, line_y, on_view
 from lanes.votes import best_pairs, count_votes
 
 HEIGHT_M, FOCAL_PX = 1.3, 1150.0
@@ -67,19 +69,21 @@ def test_one_line_suffices_and_the_other_is_uncertain(side):
     road = np.array([0.1, 3.5, 0.01, 1 / 500, 0.0, 0.0, 0.0])
     lane, fit = search(stripes_on(road, (side,), outliers=60))
     x = np.array([6.0, 15.0, 30.0])
-    np.testing.assert_allclose(line_y(x, lane, side), line_y(x, road, side), atol=0.03)
+    # Pitch is not to be told from one line, so compare what the view shows.
+    np.testing.assert_allclose(on_view(lane, side, x, HEIGHT_M), on_view(road, side, x, HEIGHT_M), atol=0.02)
     best = fit.weight.sum(axis=1).argmax()
     covariance = np.linalg.inv(fit.information[best])
     near, far = (np.array([1, s / 2, 0, 0, 0, 0, 0]) for s in (side, -side))
-    assert np.sqrt(near @ covariance @ near) < 0.05 < 0.4 < np.sqrt(far @ covariance @ far)
+    assert np.sqrt(near @ covariance @ near) < 0.15 < 0.3 < np.sqrt(far @ covariance @ far)
 
 
 def test_mirrored_stripes_give_the_mirrored_lane():
     stripes = stripes_on(np.array(ROADS["right bend, nodding"]), outliers=200)
-    mirrored = Stripes(stripes.row, stripes.x_m, -stripes.y_m, -stripes.angle, *list(vars(stripes).values())[4:])
+    mirrored = replace(stripes, y_m=-stripes.y_m, angle=-stripes.angle)
     lane, _ = search(stripes)
     other, _ = search(mirrored)
-    np.testing.assert_allclose(other, lane * [-1, 1, -1, -1, -1, 1, 1], atol=[1e-3, 1e-3, 1e-3, 1e-4, 1e-5, 1e-4, 1e-5])
+    off = np.abs(other - lane * [-1, 1, -1, -1, -1, 1, 1])
+    assert (off < [1e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-4, 1e-5]).all()
 
 
 def test_derivatives_agree_with_differences():
@@ -127,7 +131,7 @@ def test_uncertainty_covers_the_error():
 
 def test_line_points_run_through_the_stripes():
     road = np.array(ROADS["hairpin"])
-    points = line_points(road, RIGHT, np.linspace(0, 25, 50))
+    points = line_points(road, RIGHT, np.linspace(0, 35, 50))
     x, y = points.T
     # a hairpin of 18 m turns back: its line is not a function of x
-    assert x.max() < 18 and y.min() < -15 and (np.diff(x) < 0).any()
+    assert x.max() < 18 and y.min() < -15 and np.diff(x)[-1] < 0
