@@ -10,10 +10,11 @@ Data             open_dataset, check, PROJECT_ROOT                              
 3 Undistort      undistort                                                                  lanes.camera
 4 From above     FourPointWarp, metres_per_pixel, view_to_road                              lanes.view
                  estimate_mount, mount_camera                                               lanes.mount
+                 pick_pictures                                                              lanes.footage
 5 Thresholds     split_channels, to_gray, range_mask, gradient_x_mask, magnitude_mask,
                  direction_mask, saturation_mask, yellow_mask, equalized_white_mask         lanes.threshold
                  RECIPES, get_recipe, LaneFinder                                            lanes.recipes
-                 binary_on_road, paint_share                                                lanes.benchmark
+                 binary_on_road, paint_share, line_coverage                                 lanes.benchmark
 6 Find           lane_histogram, find_peaks, sliding_windows, search_band                   lanes.search
 7 Fit, measure   fit_line, ransac_line                                                      lanes.fit
                  describe_bend, describe_offset                                             lanes.measure
@@ -23,21 +24,35 @@ Data             open_dataset, check, PROJECT_ROOT                              
                  follow_lane                                                                lanes.overlay
                  open_clip, annotate_video                                                  lanes.video
                  read_telemetry                                                             lanes.telemetry
+9 Metres         RoadView                                                                   lanes.roadview
+10 Paint         measure_paint, find_stripes                                                lanes.evidence
+11 One model     find_lane                                                                  lanes.lane
 Figures          show_pictures, plot_bars, plot_histogram, plot_series, save_figure         lanes.plots
 """
 
-from lanes.benchmark import binary_on_road, describe_error, format_table, paint_share, worst_lateral_error_m
+from lanes.benchmark import (
+    binary_on_road,
+    describe_error,
+    format_table,
+    line_coverage,
+    paint_share,
+    worst_lateral_error_m,
+)
 from lanes.boards import calibrate_folder, draw_board, find_board
 from lanes.camera import Camera, Mount, load_camera, save_camera, undistort
 from lanes.dataset import PROJECT_ROOT, check, open_dataset
 from lanes.draw import draw_fit, draw_lane, draw_line, draw_pixels, write_text
+from lanes.evidence import find_stripes, measure_paint
 from lanes.fit import fit_line, ransac_line
+from lanes.footage import pick_pictures
 from lanes.images import list_pictures, read_image, write_image
+from lanes.lane import find_lane
 from lanes.measure import describe_bend, describe_offset
 from lanes.mount import estimate_mount, mount_camera
 from lanes.overlay import annotate, annotate_folder, describe_result, diagnose, draw_search, follow_lane
 from lanes.plots import plot_bars, plot_histogram, plot_series, save_figure, show_pictures
 from lanes.recipes import RECIPES, LaneFinder, get_recipe
+from lanes.roadview import RoadView
 from lanes.search import find_peaks, lane_histogram, search_band, sliding_windows
 from lanes.telemetry import read_telemetry
 from lanes.threshold import (
@@ -61,6 +76,7 @@ __all__ = [
     "Mount",
     "PROJECT_ROOT",
     "RECIPES",
+    "RoadView",
     "annotate",
     "annotate_folder",
     "annotate_video",
@@ -82,21 +98,26 @@ __all__ = [
     "equalized_white_mask",
     "estimate_mount",
     "find_board",
+    "find_lane",
     "find_peaks",
+    "find_stripes",
     "fit_line",
     "follow_lane",
     "format_table",
     "get_recipe",
     "gradient_x_mask",
     "lane_histogram",
+    "line_coverage",
     "list_pictures",
     "load_camera",
     "magnitude_mask",
     "metres_per_pixel",
+    "measure_paint",
     "mount_camera",
     "open_clip",
     "open_dataset",
     "paint_share",
+    "pick_pictures",
     "plot_bars",
     "plot_histogram",
     "plot_series",

@@ -78,6 +78,22 @@ def paint_share(
     return float(on_paint[counted].mean())
 
 
+def line_coverage(points_m: np.ndarray, truth: dict | None, *, paint_m: float = 0.2) -> float | None:
+    """Share of both lines, 5 to 30 m ahead, beside which a point taken for paint lies; None without truth.
+
+    Looked at is every half metre, whether painted or a gap: a dashed line counts at most with its dashes.
+    """
+    if truth is None:
+        return None
+    x, y = np.asarray(points_m, float).reshape(-1, 2).T
+    edges = np.arange(NEAR_M, FAR_M + 0.1, 0.5)
+    covered = []
+    for key in ("left_y_m", "right_y_m"):
+        on_line = np.abs(y - np.interp(x, truth["x_m"], truth[key])) <= paint_m
+        covered.append(np.histogram(x[on_line], edges)[0] > 0)
+    return float(np.mean(covered))
+
+
 def describe_error(error_m: float | None) -> str:
     """Words for an error: "0.12 m", "lost" where nothing was found, "unknown" where there is no truth."""
     if error_m is None:

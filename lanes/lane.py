@@ -114,6 +114,10 @@ class Lane:
     model: np.ndarray
     covariance: np.ndarray
 
+    def lateral_m(self, x_m: np.ndarray) -> np.ndarray:
+        """Lateral places (2, N) of the left and right line at distances (N,), metres; NaN where one has turned back."""
+        return np.array([self.line_y(x_m, side) for side in SIDES])
+
     def line_y(self, x_m: np.ndarray, side: float) -> np.ndarray:
         """Lateral place of the left (side +1) or right (-1) line at distances (N,); NaN where it has turned back."""
         return line_y(np.asarray(x_m, float), self.model, side)

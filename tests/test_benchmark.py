@@ -5,7 +5,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lanes.benchmark import binary_on_road, describe_error, format_table, paint_share, worst_lateral_error_m
+from lanes.benchmark import (
+    binary_on_road,
+    describe_error,
+    format_table,
+    line_coverage,
+    paint_share,
+    worst_lateral_error_m,
+)
 from lanes.camera import Camera, Mount
 from lanes.measure import RoadLine
 from lanes.recipes import LaneFinder, get_recipe
@@ -73,6 +80,19 @@ class TestPaintShare:
 
     def test_nothing_known_is_none(self):
         assert paint_share(self.road_points(0.0), None) is None
+
+
+class TestLineCoverage:
+    def test_a_dash_covers_its_length_of_one_line(self):
+        x = np.arange(10.0, 20.0, 0.1)
+        dash = np.column_stack([x, np.interp(x, X, truth()["right_y_m"]) + 0.1])
+        # 10 of the 25 m of one of two lines
+        assert line_coverage(dash, truth()) == pytest.approx(0.2, abs=0.01)
+        assert line_coverage(dash + [0, 0.3], truth()) == 0
+
+    def test_nothing_found_covers_nothing_and_nothing_known_is_none(self):
+        assert line_coverage(np.empty((0, 2)), truth()) == 0
+        assert line_coverage(np.empty((0, 2)), None) is None
 
 
 def test_errors_are_worded():
