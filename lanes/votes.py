@@ -33,7 +33,7 @@ SAME_M, SAME_BEND, SAME_CURVATURE_PER_M = 0.35, 0.3, 0.002
 @lru_cache(maxsize=1)
 def hypotheses() -> np.ndarray:
     """(H, 3): heading, curvature and pitch; dense where roads usually are, down to a radius of 15 m."""
-    grids = np.meshgrid(_spread(6, 0.03, 0.18), _spread(9, 0.0015, 0.44), np.arange(-1, 2) * 0.018, indexing="ij")
+    grids = np.meshgrid(_spread(6, 0.03, 0.18), _spread(11, 0.0015, 0.24), np.arange(-1, 2) * 0.018, indexing="ij")
     return np.stack([grid.ravel() for grid in grids], axis=1)
 
 
