@@ -11,13 +11,14 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from lanes.evidence import lightness, yellowness
+from lanes.evidence import NOISE_FLOOR, Evidence
 from lanes.roadview import RoadView
 
 STEP_M, REACH_M, INNER_M = 0.025, 0.6, 0.3
+OFFSETS_M = np.arange(REACH_M, -REACH_M - STEP_M / 2, -STEP_M)
 # Beyond this distance a double line's stripes run together in the picture.
 FAR_M = 22.0
-LEAST_ROWS = 4
+LEAST_ROWS, MOST_ROWS = 4, 32
 # A painted stripe is 0.10 to 0.15 m wide; two of them with their gap come to 0.25 m and more.
 STRIPE_M, DOUBLE_FROM_M = 0.12, 0.23
 
@@ -66,42 +67,44 @@ def straighten(channel: np.ndarray, view: RoadView, line_y_m: np.ndarray) -> tup
     Returns
     -------
     values : ndarray of shape (rows used, offsets), float32
+        At most `MOST_ROWS` rows, none farther than `FAR_M`.
     offsets_m : ndarray of shape (offsets,)
         Distance to the left of the line.
     """
-    offsets = np.arange(REACH_M, -REACH_M - STEP_M / 2, -STEP_M)
-    rows = np.flatnonzero(np.isfinite(line_y_m) & (view.x_m < FAR_M))
-    column = (view.y_m[0] - line_y_m[rows, None] - offsets) / view.cell_m
-    row = np.broadcast_to(rows[:, None], column.shape)
-    inside = (column.min(axis=1) >= 0) & (column.max(axis=1) <= len(view.y_m) - 1)
-    if not inside.any():
-        return np.empty((0, len(offsets)), np.float32), offsets
-    places = column[inside].astype(np.float32), row[inside].astype(np.float32)
-    return cv2.remap(channel, *places, cv2.INTER_LINEAR), offsets
+    reach = (view.y_m[0] - REACH_M, view.y_m[-1] + REACH_M)
+    rows = np.flatnonzero((line_y_m < reach[0]) & (line_y_m > reach[1]) & (view.x_m < FAR_M))
+    rows = rows[:: len(rows) // MOST_ROWS + 1]
+    column = (view.y_m[0] - line_y_m[rows, None] - OFFSETS_M) / view.cell_m
+    if not len(rows):
+        return np.empty(column.shape, np.float32), OFFSETS_M
+    row = np.broadcast_to(rows[:, None], column.shape).astype(np.float32)
+    return cv2.remap(channel, column.astype(np.float32), row, cv2.INTER_LINEAR), OFFSETS_M
 
 
-def describe_paint(view_image: np.ndarray, view: RoadView, line_y_m: np.ndarray) -> Paint | None:
+def describe_paint(evidence: Evidence, view: RoadView, line_y_m: np.ndarray) -> Paint | None:
     """Cross-section of the paint along a line, in the channel where it stands out more; None where there is none."""
-    found = [_section(channel(view_image), view, line_y_m) for channel in (lightness, yellowness)]
-    sections = [
-        (contrast, width, centre, kind == 1) for kind, s in enumerate(found) if s for contrast, width, centre in [s]
+    found = [
+        (*section, yellow)
+        for channel, yellow in zip(evidence.channels, (False, True), strict=True)
+        if (section := _section(channel, view, line_y_m))
     ]
-    if not sections:
+    if not found:
         return None
-    contrast, width, centre, yellow = max(sections)
+    contrast, width, centre, yellow = max(found)
     return Paint(width, centre, yellow, contrast)
 
 
 def _section(channel: np.ndarray, view: RoadView, line_y_m: np.ndarray) -> tuple[float, float, float] | None:
+    """Contrast, width and centre of the band in one channel."""
     values, offsets = straighten(channel, view, line_y_m)
     if len(values) < LEAST_ROWS:
         return None
-    beside, inner = np.abs(offsets) > INNER_M + 0.05, np.abs(offsets) < INNER_M
     section = np.median(values, axis=0)
-    section = section - max(np.median(section[beside & (offsets > 0)]), np.median(section[beside & (offsets < 0)]))
+    inner, left, right = np.abs(offsets) < INNER_M, offsets > INNER_M + STEP_M, offsets < -INNER_M - STEP_M
+    section = section - max(np.median(section[left]), np.median(section[right]))
     top = section[inner].max()
     if top <= 0:
         return None
-    noise = np.abs(np.diff(values[:, beside], axis=1)).mean() + 1
+    noise = np.abs(np.diff(values[:, left])).mean() + np.abs(np.diff(values[:, right])).mean()
     band = offsets[inner & (section >= top / 2)]
-    return float(top / noise), float(band[0] - band[-1] + STEP_M), float((band[0] + band[-1]) / 2)
+    return float(top / (noise / 2 + NOISE_FLOOR)), float(band[0] - band[-1] + STEP_M), float(band[0] + band[-1]) / 2

@@ -36,6 +36,8 @@ class Evidence:
     ----------
     strength : ndarray of shape (rows, columns), float32
         The best filter's response in units of the local noise; 0 where there is nothing.
+    channels : tuple of 2 ndarray of shape (rows, columns), float32
+        Lightness and yellowness of the view, in grey levels.
     filters : tuple of 2 pairs of ndarray of shape (rows, columns), float32
         Responses of the narrow and the wide filter, in grey levels, for lightness and for yellowness.
     noise : tuple of 2 ndarray of shape (rows, columns), float32
@@ -43,6 +45,7 @@ class Evidence:
     """
 
     strength: np.ndarray
+    channels: tuple[np.ndarray, ...]
     filters: tuple[tuple[np.ndarray, np.ndarray], ...]
     noise: tuple[np.ndarray, ...]
 
@@ -121,15 +124,16 @@ def measure_paint(view_image: np.ndarray, view: RoadView) -> Evidence:
     Evidence
     """
     single, double, beside, gap, window = (round(length / view.cell_m) | 1 for length in SIZES_M)
+    channels = lightness(view_image), yellowness(view_image)
     filters, noises, strengths = [], [], []
-    for channel in (lightness(view_image), yellowness(view_image)):
+    for channel in channels:
         side = cv2.blur(channel, (beside, 1), borderType=cv2.BORDER_REPLICATE)
         filters.append(tuple(filter_band(channel, side, n, n // 2 + gap + beside // 2 + 1) for n in (single, double)))
         noises.append(local_noise(channel, window))
         strengths.append(cv2.divide(cv2.max(*filters[-1]), noises[-1]))
     strength = cv2.max(cv2.max(*strengths), (0.0,))
     strength[~view.seen] = 0
-    return Evidence(strength, tuple(filters), tuple(noises))
+    return Evidence(strength, channels, tuple(filters), tuple(noises))
 
 
 def find_stripes(evidence: Evidence, view: RoadView) -> Stripes:

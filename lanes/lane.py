@@ -13,7 +13,7 @@ import numpy as np
 
 from lanes.attributes import Paint, describe_paint
 from lanes.camera import Camera
-from lanes.evidence import Stripes, find_stripes, measure_paint
+from lanes.evidence import Evidence, Stripes, find_stripes, measure_paint
 from lanes.lanefit import FOLLOW, START, LaneFit, fit_lanes, strangeness
 from lanes.lanemodel import (
     CENTRE,
@@ -25,8 +25,9 @@ from lanes.lanemodel import (
     VERTICAL,
     WIDTH,
     line_coefficients,
+    line_points,
     line_y,
-    on_view,
+    lines_on_view,
 )
 from lanes.roadview import RoadView
 from lanes.votes import FAR_M, best_pairs, count_votes, distinct
@@ -44,9 +45,10 @@ LEAST_WEIGHT, LEAST_SUPPORT = 0.25, 0.03
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """What one picture shows: the road from above, (rows, columns, 3) uint8, and the stripes on it."""
+    """What one picture shows: the road from above, (rows, columns, 3) uint8, the evidence there and its stripes."""
 
     view_image: np.ndarray
+    evidence: Evidence
     stripes: Stripes
 
 
@@ -122,14 +124,12 @@ class Lane:
         """Lateral place of the left (side +1) or right (-1) line at distances (N,); NaN where it has turned back."""
         return line_y(np.asarray(x_m, float), self.model, side)
 
-    def outline(self, camera: Camera, side: float, *, x_m: np.ndarray | None = None) -> np.ndarray:
-        """Raw pixels (N, 2) along a line, nearest first, up to where it turns back or dips out of sight."""
-        x = np.geomspace(3.5, 400, 200) if x_m is None else np.asarray(x_m, float)
-        y = self.line_y(x, side)
-        x, y = x[np.isfinite(y)], y[np.isfinite(y)]
-        z = self.vertical_per_m * x * x / 2
+    def outline(self, camera: Camera, side: float, *, far_m: float = 400.0) -> np.ndarray:
+        """Raw pixels (N, 2) along a line, nearest first, up to `far_m` or where it turns back or dips out of sight."""
+        x, y = line_points(self.model, side, np.geomspace(3.0, far_m, 120)).T
         mount = replace(camera.mount, pitch_rad=camera.mount.pitch_rad + self.pitch_rad)
-        pixels = camera.with_mount(mount).road_to_pixels(np.column_stack([x, y, z]))
+        points = np.column_stack([x, y, self.vertical_per_m * x * x / 2])
+        pixels = camera.with_mount(mount).road_to_pixels(points)
         back = np.flatnonzero(~(np.diff(pixels[:, 1]) < 0))
         return pixels[: back[0] + 1] if len(back) else pixels
 
@@ -168,7 +168,8 @@ def find_lane(image: np.ndarray, view: RoadView) -> Lane | None:
 def observe(image: np.ndarray, view: RoadView) -> Sight:
     """Look at the road in a raw picture."""
     view_image = view.warp(image)
-    return Sight(view_image, find_stripes(measure_paint(view_image, view), view))
+    evidence = measure_paint(view_image, view)
+    return Sight(view_image, evidence, find_stripes(evidence, view))
 
 
 def search_lane(stripes: Stripes, view: RoadView) -> LaneFit | None:
@@ -199,13 +200,19 @@ def follow_lane(stripes: Stripes, view: RoadView, mean: np.ndarray, information:
 
 def describe_lane(fit: LaneFit, sight: Sight, view: RoadView) -> Lane | None:
     """The best of the fitted lanes in metres; None if neither of its lines is seen."""
-    support = support_of(fit, sight.stripes, view)
+    lines = lines_on_view(fit.lane, view.x_m, view.height_m)
+    support = support_of(fit, lines, sight.stripes, view)
     score = np.sqrt(support).sum(axis=1) - PRIOR_WEIGHT * strangeness(fit.lane)
     best = int(score.argmax())
     if support[best].max() < LEAST_SUPPORT:
         return None
     model, covariance = fit.lane[best].copy(), np.linalg.inv(fit.information[best])
-    paint, reach_m = zip(*(_paint_of(fit, best, side, sight, view) for side in SIDES), strict=True)
+    mine = [(fit.side[best] == side) & (fit.weight[best] > LEAST_WEIGHT) for side in SIDES]
+    reach_m = [sight.stripes.x_m[m].max(initial=0.0) for m in mine]
+    paint = [
+        describe_paint(sight.evidence, view, _only(rows, line))
+        for rows, line in zip((sight.stripes.row[m] for m in mine), lines[best], strict=True)
+    ]
     shift = [p.stripe_m(side) if p else 0.0 for p, side in zip(paint, SIDES, strict=True)]
     model[CENTRE] += (shift[0] + shift[1]) / 2
     model[WIDTH] += shift[0] - shift[1]
@@ -234,30 +241,22 @@ def describe_lane(fit: LaneFit, sight: Sight, view: RoadView) -> Lane | None:
     )
 
 
-def support_of(fit: LaneFit, stripes: Stripes, view: RoadView) -> np.ndarray:
+def support_of(fit: LaneFit, lines_y_m: np.ndarray, stripes: Stripes, view: RoadView) -> np.ndarray:
     """(K, 2): share of each line's rows in sight, up to `SUPPORT_FAR_M`, that have paint on it; left, right."""
-    near = stripes.x_m < SUPPORT_FAR_M
     rows = np.flatnonzero(view.x_m < SUPPORT_FAR_M)
-    support = np.zeros((len(fit.lane), 2))
-    for k, lane in enumerate(fit.lane):
-        for j, side in enumerate(SIDES):
-            y = on_view(lane, side, view.x_m[rows], view.height_m)
-            column = np.nan_to_num((view.y_m[0] - y) / view.cell_m, nan=-1.0)
-            inside = (column >= 0) & (column < len(view.y_m) - 1)
-            seen = view.seen[rows[inside], column[inside].astype(int)].sum()
-            support[k, j] = fit.weight[k, near & (fit.side[k] == side)].sum() / max(seen, LEAST_ROWS)
-    return support
+    column = np.nan_to_num((view.y_m[0] - lines_y_m[..., rows]) / view.cell_m, nan=-1.0)
+    inside = (column >= 0) & (column <= len(view.y_m) - 1)
+    seen = inside & view.seen[rows, np.clip(column, 0, len(view.y_m) - 1).astype(int)]
+    weight = fit.weight * (stripes.x_m < SUPPORT_FAR_M)
+    votes = (weight[:, None] * (fit.side[:, None] == SIDES[:, None])).sum(axis=-1)
+    return votes / np.maximum(seen.sum(axis=-1), LEAST_ROWS)
 
 
-def _paint_of(fit: LaneFit, best: int, side: float, sight: Sight, view: RoadView) -> tuple[Paint | None, float]:
-    """Cross-section of a line's paint where stripes support it, and how far they do."""
-    mine = (fit.side[best] == side) & (fit.weight[best] > LEAST_WEIGHT)
-    if not mine.any():
-        return None, 0.0
-    rows = np.unique(sight.stripes.row[mine])
-    y = np.full(len(view.x_m), np.nan)
-    y[rows] = on_view(fit.lane[best], side, view.x_m[rows], view.height_m)
-    return describe_paint(sight.view_image, view, y), float(sight.stripes.x_m[mine].max())
+def _only(rows: np.ndarray, line_y_m: np.ndarray) -> np.ndarray:
+    """A line's lateral places in these rows of the view, NaN in all others."""
+    kept = np.full_like(line_y_m, np.nan)
+    kept[rows] = line_y_m[rows]
+    return kept
 
 
 def _describe_line(

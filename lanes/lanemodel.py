@@ -48,10 +48,24 @@ def flatten(x_m, y_m, angle, pitch, vertical, height_m: float) -> tuple[np.ndarr
     return x_m / stretch, y_m / stretch, np.arctan(slope)
 
 
-def on_view(lane: np.ndarray, side: float, x_m: np.ndarray, height_m: float) -> np.ndarray:
-    """Lateral place of a line of the lane (7,) on the flat grid of a view, at the view's distances x (N,)."""
-    stretch, _ = stretch_of(x_m, lane[PITCH], lane[VERTICAL], height_m)
-    return line_y(x_m / stretch, lane, side) * stretch
+def lines_on_view(lanes: np.ndarray, x_m: np.ndarray, height_m: float) -> np.ndarray:
+    """Lateral places (K, 2, N) of both lines of lanes (K, 7) on the flat grid of a view, at distances x (N,).
+
+    Left line first; NaN where a line does not pass, because it has turned back before or lies behind a crest.
+    """
+    along = np.geomspace(0.5 * x_m.min(), 1.5 * x_m.max(), 120)
+    places = np.full((len(lanes), len(SIDES), len(x_m)), np.nan)
+    for lane, place_of in zip(lanes, places, strict=True):
+        for k, side in enumerate(SIDES):
+            x, y = line_points(lane, side, along).T
+            # the ray that meets the road at x, and where it would meet a flat one seen without the pitch
+            fall = height_m / np.maximum(x, 0.1) - lane[PITCH] - lane[VERTICAL] * x / 2
+            flat_x = height_m / np.maximum(fall, 1e-3)
+            back = np.flatnonzero(np.diff(flat_x) <= 0)
+            end = back[0] + 1 if len(back) else len(along)
+            shown = np.interp(x_m, flat_x[:end], (y / x * flat_x)[:end], left=np.nan, right=np.nan)
+            place_of[k] = shown
+    return places
 
 
 def place(x, y, heading, curvature) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -91,9 +105,10 @@ def line_y(x_m: np.ndarray, lane: np.ndarray, side: float) -> np.ndarray:
 def line_coefficients(lane: np.ndarray, side: float) -> tuple[float, float, float, float]:
     """(c0, c1, c2, c3) of y = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6: the line's Taylor series where it passes the car."""
     centre, width, heading, curvature, rate = lane[:PITCH]
-    (c0,) = line_y(np.zeros(1), lane, side)
     offset = centre + side * width / 2
-    curvature = curvature / (1 - curvature * offset)
-    sin = np.sin(heading) * (1 + curvature * offset)
+    scale = 1 - curvature * offset
+    # the concentric circle, where it crosses x = 0
+    sin, curvature = np.sin(heading) / scale, curvature / scale
     cos = np.sqrt(1 - sin * sin)
+    c0 = offset * (1 + scale) / (np.cos(heading) + scale * cos)
     return float(c0), float(sin / cos), float(curvature / cos**3), float(rate + 3 * curvature**2 * sin / cos**5)

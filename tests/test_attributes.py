@@ -3,6 +3,7 @@ import pytest
 from painter import WHITE, YELLOW, Road, dashcam
 
 from lanes.attributes import describe_paint
+from lanes.evidence import measure_paint
 from lanes.roadview import RoadView
 
 CAMERA = dashcam(1280)
@@ -10,7 +11,7 @@ VIEW = RoadView(CAMERA)
 
 
 def paint_at(road, y):
-    return describe_paint(VIEW.warp(road.image()), VIEW, np.full(len(VIEW.x_m), y))
+    return describe_paint(measure_paint(VIEW.warp(road.image()), VIEW), VIEW, np.full(len(VIEW.x_m), y))
 
 
 @pytest.mark.parametrize(("colour", "yellow"), [(WHITE, False), (YELLOW, True)])

@@ -5,7 +5,7 @@ import pytest
 
 from lanes.evidence import Stripes
 from lanes.lanefit import FOLLOW, compare, fit_lanes, place_std
-from lanes.lanemodel import LEFT, RIGHT, line_points, line_y, on_view
+from lanes.lanemodel import LEFT, RIGHT, line_points, line_y, lines_on_view
 from lanes.votes import best_pairs, count_votes
 
 HEIGHT_M, FOCAL_PX = 1.3, 1150.0
@@ -70,7 +70,8 @@ def test_one_line_suffices_and_the_other_is_uncertain(side):
     lane, fit = search(stripes_on(road, (side,), outliers=60))
     x = np.array([6.0, 15.0, 30.0])
     # Pitch is not to be told from one line, so compare what the view shows.
-    np.testing.assert_allclose(on_view(lane, side, x, HEIGHT_M), on_view(road, side, x, HEIGHT_M), atol=0.02)
+    shown, true = lines_on_view(np.array([lane, road]), x, HEIGHT_M)[:, 0 if side == LEFT else 1]
+    np.testing.assert_allclose(shown, true, atol=0.02)
     best = fit.weight.sum(axis=1).argmax()
     covariance = np.linalg.inv(fit.information[best])
     near, far = (np.array([1, s / 2, 0, 0, 0, 0, 0]) for s in (side, -side))

@@ -3,7 +3,7 @@ import pytest
 from painter import dashcam
 
 from lanes.camera import Mount
-from lanes.lanemodel import LEFT, RIGHT, flatten, line_coefficients, line_points, line_y, on_view, place
+from lanes.lanemodel import LEFT, RIGHT, flatten, line_coefficients, line_points, line_y, lines_on_view, place
 
 HAIRPIN = np.array([0.3, 3.4, -0.1, -1 / 15, 0.0, 0.0, 0.0])
 CLOTHOID = np.array([-0.2, 3.6, 0.01, 1 / 600, 4e-5, 0.0, 0.0])
@@ -85,7 +85,8 @@ def test_pitch_and_hills_are_undone(pitch, vertical):
     np.testing.assert_allclose(found_x, x, rtol=0.01)
     np.testing.assert_allclose(found_y, points[:, 1], rtol=0.01)
     lane = np.array([1.7, 0.0, np.arctan(0.02), 0.0, 0.0, pitch, vertical])
-    np.testing.assert_allclose(on_view(lane, LEFT, flat[:, 0], m.height_m), flat[:, 1], rtol=0.01)
+    shown = lines_on_view(lane[None], flat[:, 0], m.height_m)[0, 0]
+    np.testing.assert_allclose(shown, flat[:, 1], rtol=0.01)
 
 
 def test_directions_turn_with_pitch():
