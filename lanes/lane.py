@@ -130,6 +130,7 @@ class Lane:
         mount = replace(camera.mount, pitch_rad=camera.mount.pitch_rad + self.pitch_rad)
         points = np.column_stack([x, y, self.vertical_per_m * x * x / 2])
         pixels = camera.with_mount(mount).road_to_pixels(points)
+        pixels = pixels[np.isfinite(pixels).all(axis=1)]
         back = np.flatnonzero(~(np.diff(pixels[:, 1]) < 0))
         return pixels[: back[0] + 1] if len(back) else pixels
 
@@ -139,7 +140,6 @@ class Lane:
         columns = np.full((2, len(rows)), -2.0)
         for k, side in enumerate(SIDES):
             outline = self.outline(camera, side)
-            outline = outline[np.isfinite(outline).all(axis=1)]
             if len(outline) > 1:
                 columns[k] = np.interp(rows, outline[::-1, 1], outline[::-1, 0], left=-2, right=-2)
         return np.where((columns >= 0) & (columns <= camera.width - 1), columns, -2.0)
