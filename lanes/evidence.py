@@ -97,9 +97,15 @@ def yellowness(view_image: np.ndarray) -> np.ndarray:
     return cv2.subtract(cv2.min(red, green), blue, dtype=cv2.CV_32F)
 
 
+def mean_around(values: np.ndarray, columns: int, rows: int = 1) -> np.ndarray:
+    """Mean over a window around each cell; for windows this small a separable filter is faster than cv2.blur."""
+    across, along = (np.full(n, 1 / n, np.float32) for n in (columns, rows))
+    return cv2.sepFilter2D(values, -1, across, along, borderType=cv2.BORDER_REPLICATE)
+
+
 def filter_band(channel: np.ndarray, side: np.ndarray, width: int, reach: int) -> np.ndarray:
     """Mean over a stripe of `width` cells minus the larger of `side` at `reach` cells to its left and right."""
-    centre = cv2.blur(channel, (width, 1), borderType=cv2.BORDER_REPLICATE)
+    centre = mean_around(channel, width)
     padded = cv2.copyMakeBorder(side, 0, 0, reach, reach, cv2.BORDER_REPLICATE)
     return cv2.subtract(centre, cv2.max(padded[:, : -2 * reach], padded[:, 2 * reach :]))
 
@@ -127,7 +133,7 @@ def measure_paint(view_image: np.ndarray, view: RoadView) -> Evidence:
     channels = lightness(view_image), yellowness(view_image)
     filters, noises, strengths = [], [], []
     for channel in channels:
-        side = cv2.blur(channel, (beside, 1), borderType=cv2.BORDER_REPLICATE)
+        side = mean_around(channel, beside)
         filters.append(tuple(filter_band(channel, side, n, n // 2 + gap + beside // 2 + 1) for n in (single, double)))
         noises.append(local_noise(channel, window))
         strengths.append(cv2.divide(cv2.max(*filters[-1]), noises[-1]))
@@ -174,7 +180,7 @@ def _stripe_angle(evidence: np.ndarray, row: np.ndarray, column: np.ndarray, vie
     across = cv2.Scharr(evidence, cv2.CV_32F, 1, 0)
     along = cv2.Scharr(evidence, cv2.CV_32F, 0, 1)
     xx, yy, xy = (
-        cv2.boxFilter(cv2.multiply(p, q), -1, (7, 5))[row, column]
+        mean_around(cv2.multiply(p, q), 7, 5)[row, column]
         for p, q in ((across, across), (along, along), (across, along))
     )
     normal = 0.5 * np.arctan2(2 * xy, xx - yy)

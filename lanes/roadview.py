@@ -43,7 +43,7 @@ class RoadView:
     near_m: float = 5.0
     far_m: float = 70.0
     growth: float = 0.022
-    half_width_m: float = 12.0
+    half_width_m: float = 9.0
     cell_m: float = 0.05
 
     @cached_property
