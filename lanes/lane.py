@@ -41,6 +41,8 @@ SUPPORT_FAR_M, LEAST_ROWS = 50.0, 30
 PRIOR_WEIGHT = 0.01
 # A stripe belongs to a line from this weight on; a line is seen from this support on.
 LEAST_WEIGHT, LEAST_SUPPORT = 0.25, 0.03
+# Where a line is drawn through, unless asked otherwise: from below the picture to the horizon.
+OUTLINE_M = np.geomspace(3.0, 400.0, 120)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,9 +126,12 @@ class Lane:
         """Lateral place of the left (side +1) or right (-1) line at distances (N,); NaN where it has turned back."""
         return line_y(np.asarray(x_m, float), self.model, side)
 
-    def outline(self, camera: Camera, side: float, *, far_m: float = 400.0) -> np.ndarray:
-        """Raw pixels (N, 2) along a line, nearest first, up to `far_m` or where it turns back or dips out of sight."""
-        x, y = line_points(self.model, side, np.geomspace(3.0, far_m, 120)).T
+    def outline(self, camera: Camera, side: float, *, along_m: np.ndarray = OUTLINE_M) -> np.ndarray:
+        """Raw pixels (N, 2) of a line where the lane has run `along_m`, ascending, up to where it is out of sight.
+
+        That is where it turns back or dips behind a crest, or goes out of the lens.
+        """
+        x, y = line_points(self.model, side, along_m).T
         mount = replace(camera.mount, pitch_rad=camera.mount.pitch_rad + self.pitch_rad)
         points = np.column_stack([x, y, self.vertical_per_m * x * x / 2])
         pixels = camera.with_mount(mount).road_to_pixels(points)
