@@ -61,17 +61,16 @@ def fill_lane(
     left, right = _finite(left_px), _finite(right_px)
     if len(left) < 2 or len(right) < 2:
         return image.copy()
-    mask = np.zeros(image.shape[:2], np.uint8)
-    cv2.fillPoly(mask, [_fixed_point(np.vstack([left, right[::-1]]))], 255, cv2.LINE_AA, _SHIFT)
-    return _blend(image.copy(), mask, colour, alpha)
+    drawn = image.copy()
+    _tint(drawn, np.vstack([left, right[::-1]]), colour, alpha)
+    return drawn
 
 
 def draw_line(image: np.ndarray, points_px: np.ndarray, *, colour: Colour, width_px: float = 4.0) -> np.ndarray:
     """Draw a polyline through `points_px`, (N, 2), `width_px` wide; fewer than two points draw nothing."""
     require_rgb(image)
-    drawn, points = image.copy(), _finite(points_px)
-    if len(points) >= 2:
-        cv2.polylines(drawn, [_fixed_point(points)], False, colour, _thickness(width_px), cv2.LINE_AA, _SHIFT)
+    drawn = image.copy()
+    _stroke(drawn, _finite(points_px), colour, width_px)
     return drawn
 
 
@@ -114,8 +113,8 @@ def draw_lane(
     drawn = fill_lane(image, left, right, colour=colour, alpha=alpha)
     width_px = image.shape[1] / 160 if line_width_px is None else line_width_px
     if width_px > 0:
-        drawn = draw_line(drawn, left, colour=LEFT, width_px=width_px)
-        drawn = draw_line(drawn, right, colour=RIGHT, width_px=width_px)
+        _stroke(drawn, left, LEFT, width_px)
+        _stroke(drawn, right, RIGHT, width_px)
     return drawn
 
 
@@ -295,16 +294,22 @@ def _on_raw_picture(points_px: np.ndarray | None, camera: Camera | None) -> np.n
     return camera.distort_points(np.column_stack([np.interp(places, along, column) for column in points.T]))
 
 
-def _blend(image: np.ndarray, mask: np.ndarray, colour: Colour, alpha: float) -> np.ndarray:
-    """Mix `colour` into `image` in place, by `alpha` where `mask` is 255; only the mask's bounding box is worked on."""
-    left, top, width, height = cv2.boundingRect(mask)
-    if width and height:
-        part = image[top : top + height, left : left + width]
-        weight = mask[top : top + height, left : left + width].astype(np.float32) * (alpha / 255)
-        paint = np.empty_like(part)
-        paint[:] = colour
-        part[:] = cv2.blendLinear(np.ascontiguousarray(part), paint, 1 - weight, weight)
-    return image
+def _stroke(image: np.ndarray, points_px: np.ndarray, colour: Colour, width_px: float) -> None:
+    """Draw a polyline through points (N, 2) on `image` in place."""
+    if len(points_px) >= 2:
+        cv2.polylines(image, [_fixed_point(points_px)], False, colour, _thickness(width_px), cv2.LINE_AA, _SHIFT)
+
+
+def _tint(image: np.ndarray, polygon_px: np.ndarray, colour: Colour, alpha: float) -> None:
+    """Mix `colour` into `image` in place, by `alpha` inside a polygon (N, 2); only its bounding box is worked on."""
+    height, width = image.shape[:2]
+    low = np.clip(np.floor(polygon_px.min(axis=0)) - 1, 0, (width, height)).astype(int)
+    high = np.clip(np.ceil(polygon_px.max(axis=0)) + 2, 0, (width, height)).astype(int)
+    part = image[low[1] : high[1], low[0] : high[0]]
+    if part.size:
+        tinted = part.copy()
+        cv2.fillPoly(tinted, [_fixed_point(polygon_px - low)], colour, cv2.LINE_AA, _SHIFT)
+        cv2.addWeighted(tinted, alpha, part, 1 - alpha, 0, dst=part)
 
 
 def _shade(image: np.ndarray, left: int, top: int, right: int, bottom: int, alpha: float) -> None:
