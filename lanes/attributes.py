@@ -14,8 +14,10 @@ import numpy as np
 from lanes.evidence import NOISE_FLOOR, Evidence
 from lanes.roadview import RoadView
 
-STEP_M, REACH_M, INNER_M = 0.025, 0.6, 0.3
+STEP_M, REACH_M = 0.025, 0.6
 OFFSETS_M = np.arange(REACH_M, -REACH_M - STEP_M / 2, -STEP_M)
+# So many of them, at either end, lie beside any paint.
+BESIDE = 12
 # Beyond this distance a double line's stripes run together in the picture.
 FAR_M = 22.0
 LEAST_ROWS, MOST_ROWS = 4, 32
@@ -100,11 +102,12 @@ def _section(channel: np.ndarray, view: RoadView, line_y_m: np.ndarray) -> tuple
     if len(values) < LEAST_ROWS:
         return None
     section = np.median(values, axis=0)
-    inner, left, right = np.abs(offsets) < INNER_M, offsets > INNER_M + STEP_M, offsets < -INNER_M - STEP_M
-    section = section - max(np.median(section[left]), np.median(section[right]))
-    top = section[inner].max()
+    section = section - max(section[:BESIDE].mean(), section[-BESIDE:].mean())
+    inner = section[BESIDE:-BESIDE]
+    top = inner.max()
     if top <= 0:
         return None
-    noise = np.abs(np.diff(values[:, left])).mean() + np.abs(np.diff(values[:, right])).mean()
-    band = offsets[inner & (section >= top / 2)]
-    return float(top / (noise / 2 + NOISE_FLOOR)), float(band[0] - band[-1] + STEP_M), float(band[0] + band[-1]) / 2
+    step = np.abs(np.diff(values, axis=1))
+    noise = (step[:, : BESIDE - 1].mean() + step[:, 1 - BESIDE :].mean()) / 2
+    band = offsets[BESIDE:-BESIDE][inner >= top / 2]
+    return float(top / (noise + NOISE_FLOOR)), float(band[0] - band[-1] + STEP_M), float(band[0] + band[-1]) / 2

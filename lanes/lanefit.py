@@ -42,7 +42,7 @@ STRAY_M, STRAY_AT_M = 0.15, 40.0
 # Steps of the fit: (how far it looks, how many standard deviations still pull).
 START = ((16, 6), (20, 4), (26, 4))
 GROW = ((34, 3), (44, 3), (56, 2), (70, 2), (70, 1.5), (70, 1))
-FOLLOW = ((70, 1.5), (70, 1), (70, 1))
+FOLLOW = ((70, 1.5), (70, 1))
 
 
 @dataclass(frozen=True, eq=False)
