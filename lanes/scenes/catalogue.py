@@ -18,7 +18,7 @@ from lanes.scenes.objects import Post, Sign, Tree
 from lanes.scenes.render import Drive, Motion
 from lanes.scenes.road import RoadGeometry
 from lanes.scenes.roadside import Along, Placed
-from lanes.scenes.surface import Patch, Seam, Zone
+from lanes.scenes.surface import DUST, Patch, Seam, Zone
 
 VIDEO_SECONDS = 10.0
 VIDEO_FPS = 25
@@ -39,7 +39,14 @@ def _straight_lines1() -> Drive:
         road=STRAIGHT,
         line_laterals_m=EGO_LINES_M,
         markings=freeway_markings(phase_m=102.2, opposite_m=14.0),
-        surface=freeway_surface(Zone(0.0, "fresh asphalt"), opposite_m=14.0),
+        surface=freeway_surface(
+            Zone(0.0, "fresh asphalt"),
+            opposite_m=14.0,
+            seams=(
+                Seam(-0.75, 0.13, 0.05, strength=0.16, colour=DUST),
+                Seam(1.65, 0.2, 0.03, strength=0.12, colour=DUST),
+            ),
+        ),
         things=(
             bank,
             Along(12.6, "jersey"),
@@ -128,7 +135,7 @@ def _test2() -> Drive:
         line_laterals_m=EGO_LINES_M,
         markings=freeway_markings(phase_m=108.3, opposite_m=5.4),
         surface=freeway_surface(
-            Zone(0.0, "fresh asphalt"), opposite_m=5.4, seams=(Seam(-0.1, 0.05, 0.03, strength=0.25),)
+            Zone(0.0, "fresh asphalt"), opposite_m=5.4, seams=(Seam(-0.3, 0.12, 0.05, strength=0.16, colour=DUST),)
         ),
         things=(
             Along(4.35, "jersey", seed=4),

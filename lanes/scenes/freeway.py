@@ -136,7 +136,7 @@ def oncoming(seed: int, *, along: tuple[float, float], opposite_m: float, speed_
     """Some cars on the other carriageway, whose pavement begins at lateral `opposite_m`."""
     rng = np.random.default_rng(seed)
     cars = []
-    for s in np.arange(*along, 38.0):
+    for s in np.arange(*along, 45.0):
         paint, body = str(rng.choice(["white", "silver", "grey", "blue", "black"])), str(rng.choice(["sedan", "suv"]))
         lateral = opposite_m + OPPOSITE_SHOULDER_M + LANE_M * (0.5 + float(rng.integers(3)))
         cars.append(Placed(float(s + rng.uniform(-15, 15)), lateral, Car(0, 0, np.pi, paint, body), -speed_mps))

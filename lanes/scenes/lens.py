@@ -12,6 +12,10 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 # Steps of the tone curve's table: fine enough that no two neighbouring entries differ by more than one level.
 TONE_STEPS = 4096
 BRIGHTEST = 4.0
+# Luminance of a road at which the automatic exposure changes nothing: asphalt that is no longer new.
+ADAPTED_TO = 0.055
+# How fast darkness swallows detail: light equal to this comes out at half its strength.
+TOE = 0.012
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,7 @@ class Lens:
     noise: float = 0.007
     sharpening: float = 0.55
     exposure: float = 0.0
-    adaptation: float = 0.18
+    adaptation: float = 0.10
 
 
 def develop(light: np.ndarray, lens: Lens, *, road_light: float, seed: int) -> np.ndarray:
@@ -60,7 +64,7 @@ def develop(light: np.ndarray, lens: Lens, *, road_light: float, seed: int) -> n
     ndarray of shape (height, width, 3), uint8
     """
     height, width = light.shape[:2]
-    gain = np.float32(2.0**lens.exposure * (0.10 / max(road_light, 0.01)) ** lens.adaptation)
+    gain = np.float32(2.0**lens.exposure * (ADAPTED_TO / max(road_light, 0.01)) ** lens.adaptation)
     light = cv2.GaussianBlur(light, (0, 0), lens.blur_px) if lens.blur_px else light
     light = light * (gain * _vignette(height, width, lens.vignette))[..., None]
     # Work on the square root of light, where photon noise has the same size everywhere.
@@ -98,8 +102,9 @@ def _noise(height: int, width: int, seed: int) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def _tone_curve() -> np.ndarray:
-    """sRGB's transfer curve (IEC 61966-2-1) behind a shoulder that keeps white paint from clipping."""
+    """sRGB's transfer curve (IEC 61966-2-1) behind a toe, and a shoulder that keeps white paint from clipping."""
     light = np.linspace(0, np.sqrt(BRIGHTEST), TONE_STEPS) ** 2
+    light = light**2 / (light + TOE)
     knee = 0.55
     over = np.maximum(light - knee, 0)
     light = np.minimum(light, knee) + (1 - knee) * (1 - np.exp(-over / (1 - knee) * 1.35)) * 1.02

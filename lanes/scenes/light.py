@@ -99,25 +99,32 @@ def darken_polygons(sun: np.ndarray, polygons_m: list[np.ndarray], camera: Camer
     near = [p for p in polygons_m if p[:, 0].max() > NEAREST_M and p[:, 0].min() < SHADOWS_UNTIL_M]
     if not near:
         return
-    dense = [_densified(polygon) for polygon in near]
-    outlines = camera.road_to_pixels(np.concatenate(dense)) - [0, ground.top]
+    points, ends = _densified(near)
+    outlines = camera.road_to_pixels(points) - [0, ground.top]
     mask = np.zeros(sun.shape, np.uint8)
-    for outline in np.split(outlines, np.cumsum([len(p) for p in dense])[:-1]):
+    for outline in np.split(outlines, ends[:-1]):
         if not np.isnan(outline).any():
             cv2.fillPoly(mask, [np.rint(outline * 16).astype(np.int32)], 255, cv2.LINE_AA, 4)
     # A penumbra of about a pixel; at car height it is a few centimetres wide.
     sun *= 1 - cv2.GaussianBlur(mask, (0, 0), 0.8).astype(np.float32) * np.float32(0.97 / 255)
 
 
-def _densified(polygon: np.ndarray, *, edge_m: float = 1.5) -> np.ndarray:
-    """More points on long edges, because the lens bends straight lines; nothing closer than the camera can see."""
-    following = np.roll(polygon, -1, axis=0)
-    parts = np.clip(np.hypot(*(following - polygon).T) / edge_m, 1, 12).astype(int)
-    first = np.repeat(np.cumsum(parts) - parts, parts)
-    share = (np.arange(parts.sum()) - first) / np.repeat(parts, parts)
-    edge = np.repeat(np.arange(len(polygon)), parts)
-    dense = polygon[edge] + share[:, None] * (following - polygon)[edge]
-    return np.column_stack([np.maximum(dense[:, 0], NEAREST_M), dense[:, 1]])
+def _densified(polygons: list[np.ndarray], *, edge_m: float = 1.5) -> tuple[np.ndarray, np.ndarray]:
+    """More points on long edges, because the lens bends straight lines; nothing closer than the camera can see.
+
+    Returns the points (N, 2) of all polygons in a row, and the index (P,) after the last point of each.
+    """
+    points = np.concatenate(polygons).astype(float)
+    last = np.cumsum([len(p) for p in polygons]) - 1
+    following = np.arange(1, len(points) + 1)
+    following[last] = np.concatenate([[0], last[:-1] + 1])
+    edges = points[following] - points
+    parts = np.clip(np.hypot(*edges.T) / edge_m, 1, 12).astype(int)
+    until = np.cumsum(parts)
+    share = (np.arange(until[-1]) - np.repeat(until - parts, parts)) / np.repeat(parts, parts)
+    dense = np.repeat(points, parts, axis=0) + share[:, None] * np.repeat(edges, parts, axis=0)
+    dense[:, 0] = np.maximum(dense[:, 0], NEAREST_M)
+    return dense, until[last]
 
 
 def _under_bridge(shade: BridgeShade, ground: Ground, s: np.ndarray) -> np.ndarray:

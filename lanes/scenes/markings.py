@@ -11,7 +11,7 @@ from lanes.scenes.texture import band_noise_tile, fade, sample_noise
 
 # Linear-light reflectance relative to fresh white paint in the sun.
 WHITE = (1.0, 0.99, 0.95)
-YELLOW = (1.0, 0.56, 0.055)
+YELLOW = (1.05, 0.60, 0.06)
 # Ten feet of paint and thirty of gap: the broken line of the US manual (MUTCD 3A.06).
 DASH_PAINT_M = 3.05
 DASH_GAP_M = 9.15

@@ -32,7 +32,7 @@ from lanes.scenes.truth import Truth, lane_truth
 AIR_LIGHT = np.array([0.42, 0.48, 0.56], np.float32)
 AIR_LENGTH_M = 3500.0
 # Trees farther aside than this throw their shadows on the grass.
-SHADOWS_ASIDE_M = 35.0
+SHADOWS_ASIDE_M = 22.0
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lanes.scenes.objects import Car, Post, Sign, Thing, Tree, Wall
+from lanes.scenes.objects import FARTHEST_M, Car, Post, Sign, Thing, Tree, Wall
 from lanes.scenes.road import Pose, RoadGeometry, offset_point
 
 # How far ahead walls are followed: at 450 m a barrier is a pixel high.
@@ -54,20 +54,27 @@ def things_in_view(placed: tuple[Placed | Along, ...], road: RoadGeometry, pose:
     list of Car, Wall, Tree, Sign, Post
         Those ahead; walls cut to what can be seen.
     """
-    things = [_wall(p, road, pose) if isinstance(p, Along) else _thing(p, road, pose, time_s) for p in placed]
-    return [thing for thing in things if thing is not None]
+    walls = [_wall(p, road, pose) for p in placed if isinstance(p, Along)]
+    others = [p for p in placed if isinstance(p, Placed)]
+    s = np.array([p.s_m + p.speed_mps * time_s for p in others])
+    points = pose.to_car(road, offset_point(road, s, np.array([p.lateral_m for p in others])))
+    headings = road.heading(s) - pose.absolute_heading(road)
+    ahead = [
+        _moved(p.thing, *xy, h) for p, xy, h in zip(others, points, headings, strict=True) if _in_reach(p.thing, xy)
+    ]
+    return [wall for wall in walls if wall is not None] + ahead
 
 
-def _thing(placed: Placed, road: RoadGeometry, pose: Pose, time_s: float) -> Thing | None:
-    s = placed.s_m + placed.speed_mps * time_s
-    x, y = pose.to_car(road, offset_point(road, s, placed.lateral_m))
-    # A tree behind the camera may still shade the road ahead; other things behind are of no use.
-    if x < (-30 if isinstance(placed.thing, Tree) else 1.0):
-        return None
-    if isinstance(placed.thing, Car):
-        heading = placed.thing.heading_rad + float(road.heading(s)) - pose.absolute_heading(road)
-        return replace(placed.thing, x_m=float(x), y_m=float(y), heading_rad=heading)
-    return replace(placed.thing, x_m=float(x), y_m=float(y))
+def _in_reach(thing: Thing, place_m: np.ndarray) -> bool:
+    """A tree behind the camera may still shade the road ahead; other things behind are of no use."""
+    return (-30.0 if isinstance(thing, Tree) else 1.0) < place_m[0] < FARTHEST_M
+
+
+def _moved(thing: Thing, x_m: float, y_m: float, heading_rad: float) -> Thing:
+    place = {"x_m": float(x_m), "y_m": float(y_m)}
+    if isinstance(thing, Car):
+        place["heading_rad"] = thing.heading_rad + float(heading_rad)
+    return replace(thing, **place)
 
 
 def _wall(along: Along, road: RoadGeometry, pose: Pose) -> Wall | None:

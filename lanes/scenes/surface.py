@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import cv2
 import numpy as np
@@ -14,19 +14,25 @@ GRAVEL = (0.30, 0.255, 0.185)
 DIRT = (0.34, 0.265, 0.165)
 DRY_GRASS = (0.40, 0.285, 0.135)
 TAR = (0.028, 0.027, 0.029)
+DUST = (0.26, 0.235, 0.215)
+# How far dust creeps from the verge onto the pavement, and how much of it is seen at the edge.
+DUST_REACH_M = 2.0
+DUST_SHARE = 0.22
 
 
 @dataclass(frozen=True)
 class Material:
     """A pavement: mean reflectance (linear RGB, 1.0 = white paint) and how strongly each kind of texture shows.
 
-    Strengths are relative changes of reflectance: `grain` of single stones, `blotch` of stains, `streak` of lanes worn
-    lengthwise, `track` in the wheel tracks, `oil` in the middle of the lane. `slab_m` > 0 has transverse joints.
+    Strengths are relative changes of reflectance: `grain` of single stones, `blotch` of uneven colour, `stain` of dark
+    spots here and there, `streak` of wear drawn lengthwise, `track` in the wheel tracks, `oil` in the middle of the
+    lane. `slab_m` > 0 has transverse joints.
     """
 
     colour: tuple[float, float, float]
     grain: float
     blotch: float
+    stain: float
     streak: float
     track: float
     oil: float
@@ -34,11 +40,15 @@ class Material:
 
 
 MATERIALS = {
-    "fresh asphalt": Material((0.058, 0.0535, 0.069), grain=0.10, blotch=0.05, streak=0.05, track=0.07, oil=-0.07),
-    "asphalt": Material((0.098, 0.092, 0.098), grain=0.14, blotch=0.08, streak=0.06, track=0.08, oil=-0.12),
-    "old asphalt": Material((0.165, 0.152, 0.148), grain=0.13, blotch=0.12, streak=0.07, track=-0.07, oil=-0.16),
+    "fresh asphalt": Material(
+        (0.075, 0.070, 0.085), grain=0.15, blotch=0.05, stain=0.05, streak=0.05, track=0.07, oil=-0.08
+    ),
+    "asphalt": Material((0.106, 0.100, 0.105), grain=0.15, blotch=0.07, stain=0.12, streak=0.06, track=0.08, oil=-0.12),
+    "old asphalt": Material(
+        (0.165, 0.152, 0.148), grain=0.14, blotch=0.09, stain=0.16, streak=0.07, track=-0.07, oil=-0.16
+    ),
     "concrete": Material(
-        (0.555, 0.475, 0.41), grain=0.06, blotch=0.10, streak=0.05, track=-0.06, oil=-0.15, slab_m=4.6
+        (0.60, 0.515, 0.445), grain=0.07, blotch=0.07, stain=0.30, streak=0.05, track=-0.06, oil=-0.15, slab_m=4.6
     ),
 }
 
@@ -65,7 +75,7 @@ class Patch:
 
 @dataclass(frozen=True)
 class Seam:
-    """A line of tar along the road at `lateral_m`, meandering by `wander_m`, from `start_m` to `end_m`."""
+    """A line along the road at `lateral_m`, of tar or another colour, that meanders by `wander_m`."""
 
     lateral_m: float
     width_m: float = 0.03
@@ -73,6 +83,7 @@ class Seam:
     start_m: float = -1e5
     end_m: float = 1e5
     strength: float = 0.7
+    colour: tuple[float, float, float] = TAR
 
 
 @dataclass(frozen=True)
@@ -122,13 +133,14 @@ class Layers:
 
     grain: np.ndarray
     blotch: np.ndarray
+    stain: np.ndarray
     streak: np.ndarray
     track: np.ndarray
     oil: np.ndarray
 
     def rows(self, cut: slice) -> Layers:
         """The same for some rows only."""
-        return Layers(self.grain[cut], self.blotch[cut], self.streak[cut], self.track[cut], self.oil[cut])
+        return Layers(*(getattr(self, field.name)[cut] for field in fields(self)))
 
 
 def ground_albedo(surface: Surface, ground: Ground, *, station_m: float, seed: int) -> np.ndarray:
@@ -163,13 +175,14 @@ def noise_layers(surface: Surface, ground: Ground, s: np.ndarray, seed: int) -> 
     """The noise and the wear profile across the lanes."""
     reach = ground.reach_s()
     grain = np.zeros_like(s)
-    for number, (wave, strength) in enumerate(((0.035, 1.0), (0.13, 0.6), (0.45, 0.35))):
+    for number, (wave, strength) in enumerate(((0.022, 1.0), (0.06, 0.7), (0.25, 0.25))):
         # Only rows near enough for this grain to be seen at all.
         near = reach[:, s.shape[1] // 2] < 3 * wave
         first = int(np.argmax(near)) if near.any() else len(s)
         if first < len(s):
+            # Longer along the road: the car moves 2 or 3 cm while the shutter is open.
             part = sample_noise(
-                band_noise_tile(seed + number), s[first:], ground.d[first:], wave_s_m=wave, wave_d_m=wave
+                band_noise_tile(seed + number), s[first:], ground.d[first:], wave_s_m=2 * wave, wave_d_m=wave
             )
             grain[first:] += part * fade(reach[first:], wave) * np.float32(strength)
     tile = band_noise_tile(seed + 7, octaves=4)
@@ -178,7 +191,12 @@ def noise_layers(surface: Surface, ground: Ground, s: np.ndarray, seed: int) -> 
     streak = sample_noise(band_noise_tile(seed + 8, octaves=3), s, ground.d, wave_s_m=18.0, wave_d_m=0.22)
     track, oil = _wear_profiles(surface, ground.d)
     uneven = 1 + np.float32(0.35) * sample_noise(tile, s, ground.d, wave_s_m=6.0, wave_d_m=1.3)
-    return Layers(grain, blotch, streak * fade(ground.reach_d(), 0.3), track * uneven, oil * uneven)
+    spots = sample_noise(band_noise_tile(seed + 9, octaves=3), s, ground.d, wave_s_m=0.7, wave_d_m=0.16)
+    # Oil and rubber lie where cars go: spots grow out of the places that are dark already.
+    stain = np.clip(spots - 1.1 + np.float32(0.35) * blotch + np.float32(0.3) * (oil + track), 0, 1.5) * fade(
+        reach, 6.0
+    )
+    return Layers(grain, blotch, stain, streak * fade(ground.reach_d(), 0.3), track * uneven, oil * uneven)
 
 
 def _wear_profiles(surface: Surface, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -215,7 +233,7 @@ def _pavement(surface: Surface, ground: Ground, s: np.ndarray, layers: Layers) -
 
 def _material(material: Material, ground: Ground, s: np.ndarray, layers: Layers) -> np.ndarray:
     tone = 1 + np.float32(material.grain) * layers.grain + np.float32(material.blotch) * layers.blotch
-    tone += np.float32(material.streak) * layers.streak
+    tone += np.float32(material.streak) * layers.streak - np.float32(material.stain) * layers.stain
     tone += np.float32(material.track) * layers.track + np.float32(material.oil) * layers.oil
     if material.slab_m:
         joint = dash_coverage(s, ground.reach_s(), 0.02, material.slab_m)
@@ -258,13 +276,13 @@ def _lay_seam(albedo: np.ndarray, seam: Seam, ground: Ground, s: np.ndarray, see
     share = edge_coverage(offset + width / 2, d_u, d_v) - edge_coverage(offset - width / 2, d_u, d_v)
     flat = albedo.reshape(-1, 3)
     share = np.clip(share, 0, 1)[:, None] * np.float32(seam.strength)
-    flat[pixels] += share * (np.array(TAR, np.float32) - flat[pixels])
+    flat[pixels] += share * (np.array(seam.colour, np.float32) - flat[pixels])
 
 
 def _lay_verge(albedo: np.ndarray, surface: Surface, ground: Ground, s: np.ndarray, layers: Layers, seed: int) -> None:
     """Gravel beside the pavement, then dry grass; where there is another carriageway, its asphalt."""
     beyond = np.maximum(ground.d - np.float32(surface.left_edge_m), np.float32(surface.right_edge_m) - ground.d)
-    pixels = np.flatnonzero(beyond > -ground.reach_d() - np.float32(0.4))
+    pixels = np.flatnonzero(beyond > -ground.reach_d() - np.float32(DUST_REACH_M))
     if not len(pixels):
         return
     flat = albedo.reshape(-1, 3)
@@ -273,12 +291,15 @@ def _lay_verge(albedo: np.ndarray, surface: Surface, ground: Ground, s: np.ndarr
     cloudy = band_noise_tile(seed + 11, octaves=4)
     rough = sample_noise(cloudy, s, d, wave_s_m=0.5, wave_d_m=0.3) * fade(reach, 3.0)
     fine = sample_noise(band_noise_tile(seed + 12), s, d, wave_s_m=0.12, wave_d_m=0.07) * fade(reach, 0.2)
+    tufts = np.minimum(sample_noise(band_noise_tile(seed + 13), s, d, wave_s_m=0.6, wave_d_m=0.22), 0.6) * fade(
+        reach, 1.5
+    )
     broad = sample_noise(cloudy, s, d + 5, wave_s_m=5.0, wave_d_m=1.8) * fade(reach, 30.0)
     edge = take(beyond)
     gravel = np.array(GRAVEL, np.float32) * (1 + 0.16 * rough + 0.15 * fine)[..., None]
     grass = np.array(DRY_GRASS, np.float32) * (1 + 0.20 * broad)[..., None]
     grass += np.clip(0.35 * broad - 0.2, 0, 0.6)[..., None] * (np.array(DIRT, np.float32) - grass)
-    grass *= np.maximum(1 + 0.20 * rough + 0.28 * fine, 0.15)[..., None]
+    grass *= np.maximum(1 + 0.22 * rough + 0.35 * fine + 0.25 * tufts, 0.12)[..., None]
     to_grass = edge_coverage(edge - np.float32(surface.gravel_m) + 0.15 * rough + 0.2 * broad, d_u + 0.5, d_v)[
         ..., None
     ]
@@ -288,4 +309,6 @@ def _lay_verge(albedo: np.ndarray, surface: Surface, ground: Ground, s: np.ndarr
         tone = (1 + 0.1 * take(layers.blotch))[..., None]
         verge += share * (np.array(MATERIALS["asphalt"].colour, np.float32) * tone - verge)
     share = edge_coverage(edge + np.float32(0.02) * rough + np.float32(0.04) * broad, d_u, d_v)[..., None]
+    dust = np.clip(1 + edge / np.float32(DUST_REACH_M), 0, 1) ** 2 * np.maximum(1 + 0.5 * rough + 0.3 * broad, 0)
+    share += (1 - share) * np.float32(DUST_SHARE) * dust[..., None]
     flat[pixels] += share * (verge - flat[pixels])

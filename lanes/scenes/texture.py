@@ -22,7 +22,7 @@ def band_noise_tile(seed: int, *, octaves: int = 1) -> np.ndarray:
     rng = np.random.default_rng(seed)
     white = np.fft.rfft2(rng.standard_normal((TILE, TILE)))
     frequency = np.hypot(np.fft.fftfreq(TILE)[:, None], np.fft.rfftfreq(TILE)[None, :]) * TEXELS_PER_WAVE
-    gain = sum(2.0**k * np.exp(-(((frequency * 2.0**k) - 1) ** 2) / 0.18) * 1.4**k for k in range(octaves))
+    gain = sum(2.0**k * np.exp(-(((frequency * 2.0**k) - 1) ** 2) / 0.5) * 1.4**k for k in range(octaves))
     gain[0, 0] = 0
     tile = np.fft.irfft2(white * gain, s=(TILE, TILE))
     # One more row and column, so that bilinear lookup wraps without a seam.
