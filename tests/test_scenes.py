@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import imageio_ffmpeg
 import numpy as np
 import pytest
 
-from lanes.camera import Camera, Mount
+from lanes.camera import Camera, Mount, load_camera
 from lanes.dataset import PROJECT_ROOT
 from lanes.images import read_image
 from lanes.scenes.backdrop import BackdropStyle
@@ -16,12 +17,15 @@ from lanes.scenes.dashcam import DASHCAM
 from lanes.scenes.freeway import LANE_M, freeway_markings, freeway_surface
 from lanes.scenes.ground import cast_on_ground, dash_coverage, edge_coverage, picture_rays
 from lanes.scenes.lens import Lens
-from lanes.scenes.light import Sun
+from lanes.scenes.light import BridgeShade, Sun
 from lanes.scenes.markings import WHITE, Marking, paint_coverage
+from lanes.scenes.objects import Car
+from lanes.scenes.produce import write_video
 from lanes.scenes.render import Drive, Motion, render_frame
 from lanes.scenes.road import Pose, RoadAhead, RoadGeometry, line_polynomial
+from lanes.scenes.roadside import Placed
 from lanes.scenes.surface import Zone
-from lanes.scenes.truth import H_SAMPLES, line_pixels, truth_row
+from lanes.scenes.truth import H_SAMPLES, line_pixels, truth_entry, truth_row
 
 MOUNT = Mount(1.3, np.radians(2.0), np.radians(-1.0), np.radians(0.6))
 SMALL = replace(DASHCAM.scaled((640, 360)), mount=MOUNT)
@@ -167,12 +171,10 @@ def test_pitch_moves_the_horizon():
 
 
 def test_committed_still_is_rendered_again():
-    for name in ("test2", "test4"):
-        path = PROJECT_ROOT / "test_images" / f"{name}.jpg"
-        committed = read_image(path).astype(int)
-        again = render_frame(still_scenes()[name]).image.astype(int)
-        # JPEG at quality 92 moves texture by a few levels; another scene by dozens.
-        assert np.abs(committed - again).mean() < 2.5
+    committed = read_image(PROJECT_ROOT / "test_images" / "test4.jpg").astype(int)
+    again = render_frame(still_scenes()["test4"]).image.astype(int)
+    # JPEG at quality 92 moves texture by a few levels; another scene by dozens.
+    assert np.abs(committed - again).mean() < 2.5
 
 
 def test_project_video_bends_both_ways():
@@ -183,6 +185,68 @@ def test_project_video_bends_both_ways():
     assert 350 < radii[radii > 0].min() < 600
     assert -450 < radii[radii < 0].max() < -350
     assert np.ptp([t.offset_m for t in truths]) > 0.2
+
+
+def test_car_hides_the_line_behind_it():
+    thing = Placed(60.0 + 12.5, LANE_M / 2, Car(0, 0, 0.0, "red"))
+    drive = small_drive(0.0, camera=replace(DASHCAM, mount=MOUNT))
+    open_road, behind = (
+        truth_entry(frame.truth, raw_file="x.jpg", camera=drive.camera, hidden=frame.hidden)
+        for frame in (render_frame(drive), render_frame(replace(drive, things=(thing,))))
+    )
+    left_open, left_hidden = (np.array(entry["lanes"][0]) for entry in (open_road, behind))
+    hidden = (left_open >= 0) & (left_hidden < 0)
+    assert 4 < hidden.sum() < 12
+    # The nearest part is before the car, and the other line is free.
+    assert not hidden[left_open >= 0][-5:].any()
+    assert open_road["lanes"][1] == behind["lanes"][1]
+
+
+def test_bridge_darkens_its_stretch_of_road_and_no_other():
+    drive = small_drive(0.0, motion=Motion(100.0))
+    shaded = replace(drive, shades=(BridgeShade(110.0, 120.0),))
+    ratio = render_frame(shaded).image.astype(float) / np.maximum(render_frame(drive).image, 1)
+    under, before, beyond = SMALL.road_to_pixels(np.array([[15.0, 0.5], [7.0, 0.5], [30.0, 0.5]])).round().astype(int)
+    assert ratio[under[1], under[0]].max() < 0.6
+    assert ratio[before[1], before[0]].min() > 0.9
+    assert ratio[beyond[1], beyond[0]].min() > 0.9
+
+
+def test_light_concrete_is_brighter_than_asphalt_but_darker_than_paint():
+    levels = []
+    for material in ("fresh asphalt", "asphalt", "old asphalt", "concrete"):
+        surface = freeway_surface(Zone(0.0, material))
+        image = render_frame(small_drive(0.0, surface=surface, lens=Lens(noise=0.0))).image
+        levels.append(np.median(image[270:320, 250:420]))
+    assert levels == sorted(levels)
+    assert 60 < levels[0] < 85
+    assert 155 < levels[3] < 190
+
+
+def test_video_and_its_truth_have_as_many_frames_and_the_same_bytes_again(tmp_path):
+    drive = small_drive(motion=Motion(60.0, 20.0))
+    calls = []
+    for name in ("a", "b"):
+        video, csv_file, camera_file = write_video(
+            tmp_path / f"{name}.mp4",
+            drive=drive,
+            seconds=0.12,
+            progress=lambda done, total: calls.append((done, total)),
+        )
+    assert (tmp_path / "a.mp4").read_bytes() == (tmp_path / "b.mp4").read_bytes()
+    assert calls[:3] == [(1, 3), (2, 3), (3, 3)]
+    assert len(csv_file.read_text().splitlines()) == 1 + 3
+    assert load_camera(camera_file).mount == MOUNT
+    assert imageio_ffmpeg.count_frames_and_secs(str(video))[0] == 3
+
+
+def test_interrupted_video_leaves_nothing(tmp_path):
+    def interrupt(done: int, total: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_video(tmp_path / "a.mp4", drive=small_drive(), seconds=0.2, progress=interrupt)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_refuses_a_sun_below_the_horizon():

@@ -106,7 +106,7 @@ def _test1() -> Drive:
             Zone(0.0, "concrete"),
             Zone(176.0, "fresh asphalt", 0.2),
             opposite_m=5.4,
-            seams=(Seam(0.4, 0.02, 0.15, 104.0, 113.0),),
+            seams=(Seam(0.4, 0.02, 0.10, 104.0, 113.0),),
             patches=(Patch(108.0, 112.5, -1.3, -0.4, "old asphalt"),),
         ),
         things=(
@@ -247,7 +247,7 @@ def _test6() -> Drive:
             Zone(163.0, "old asphalt"),
             opposite_m=5.6,
             patches=(Patch(109.0, 114.0, -1.9, 0.2, "fresh asphalt"),),
-            seams=(Seam(0.75, 0.04, 0.12, 100.0, 124.0), Seam(-0.9, 0.03, 0.1, 106.0, 124.0)),
+            seams=(Seam(0.75, 0.04, 0.09, 100.0, 124.0), Seam(-0.9, 0.03, 0.07, 106.0, 124.0)),
         ),
         things=(
             Along(4.6, "jersey", seed=13),
@@ -294,7 +294,7 @@ def project_video() -> Drive:
             Zone(245.0, "asphalt", 0.2),
             opposite_m=17.0,
             patches=(Patch(70.0, 78.0, -1.6, 0.1, "asphalt"),),
-            seams=(Seam(0.5, 0.03, 0.12, 95.0, 130.0),),
+            seams=(Seam(0.5, 0.03, 0.08, 95.0, 130.0),),
         ),
         shades=(
             TreeShade(142.0, 158.0, -5.0, 8.0, 0.95),

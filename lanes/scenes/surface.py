@@ -48,7 +48,7 @@ MATERIALS = {
         (0.165, 0.152, 0.148), grain=0.14, blotch=0.09, stain=0.16, streak=0.07, track=-0.07, oil=-0.16
     ),
     "concrete": Material(
-        (0.60, 0.515, 0.445), grain=0.07, blotch=0.07, stain=0.30, streak=0.05, track=-0.06, oil=-0.15, slab_m=4.6
+        (0.60, 0.515, 0.445), grain=0.07, blotch=0.07, stain=0.20, streak=0.05, track=-0.06, oil=-0.15, slab_m=4.6
     ),
 }
 
@@ -270,7 +270,7 @@ def _lay_seam(albedo: np.ndarray, seam: Seam, ground: Ground, s: np.ndarray, see
         return
     d, d_u, d_v, along = (array.ravel()[pixels] for array in (ground.d, ground.d_u, ground.d_v, s))
     tile = band_noise_tile(seed, octaves=3)
-    bend = sample_noise(tile, along, np.zeros_like(along), wave_s_m=1.1, wave_d_m=1.0)
+    bend = sample_noise(tile, along, np.zeros_like(along), wave_s_m=2.4, wave_d_m=1.0)
     width = np.float32(seam.width_m) * (1 + np.float32(0.5) * np.roll(bend, 7))
     offset = d - np.float32(seam.lateral_m) - np.float32(seam.wander_m) * bend
     share = edge_coverage(offset + width / 2, d_u, d_v) - edge_coverage(offset - width / 2, d_u, d_v)
