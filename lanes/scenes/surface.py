@@ -270,8 +270,8 @@ def _lay_seam(albedo: np.ndarray, seam: Seam, ground: Ground, s: np.ndarray, see
         return
     d, d_u, d_v, along = (array.ravel()[pixels] for array in (ground.d, ground.d_u, ground.d_v, s))
     tile = band_noise_tile(seed, octaves=3)
-    bend = sample_noise(tile, along, np.zeros_like(along), wave_s_m=2.4, wave_d_m=1.0)
-    width = np.float32(seam.width_m) * (1 + np.float32(0.5) * np.roll(bend, 7))
+    bend, thick = (sample_noise(tile, along, np.full_like(along, d0), wave_s_m=2.4, wave_d_m=1.0) for d0 in (0, 31))
+    width = np.float32(seam.width_m) * (1 + np.float32(0.4) * np.clip(thick, -2, 2))
     offset = d - np.float32(seam.lateral_m) - np.float32(seam.wander_m) * bend
     share = edge_coverage(offset + width / 2, d_u, d_v) - edge_coverage(offset - width / 2, d_u, d_v)
     flat = albedo.reshape(-1, 3)
