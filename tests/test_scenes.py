@@ -19,12 +19,12 @@ from lanes.scenes.ground import cast_on_ground, dash_coverage, edge_coverage, pi
 from lanes.scenes.lens import Lens
 from lanes.scenes.light import BridgeShade, Sun
 from lanes.scenes.markings import WHITE, Marking, paint_coverage
-from lanes.scenes.objects import Car
 from lanes.scenes.produce import write_video
 from lanes.scenes.render import Drive, Motion, render_frame
 from lanes.scenes.road import Pose, RoadAhead, RoadGeometry, line_polynomial
 from lanes.scenes.roadside import Placed
 from lanes.scenes.surface import Zone
+from lanes.scenes.things import Car
 from lanes.scenes.truth import H_SAMPLES, line_pixels, truth_entry, truth_row
 
 MOUNT = Mount(1.3, np.radians(2.0), np.radians(-1.0), np.radians(0.6))

@@ -14,11 +14,11 @@ from lanes.scenes.dashcam import DASHCAM
 from lanes.scenes.freeway import LANE_M, bend, car, freeway_markings, freeway_surface, grove, oncoming, weather
 from lanes.scenes.lens import Lens
 from lanes.scenes.light import TreeShade
-from lanes.scenes.objects import Post, Sign, Tree
 from lanes.scenes.render import Drive, Motion
 from lanes.scenes.road import RoadGeometry
 from lanes.scenes.roadside import Along, Placed
 from lanes.scenes.surface import DUST, Patch, Seam, Zone
+from lanes.scenes.things import Post, Sign, Tree
 
 VIDEO_SECONDS = 10.0
 VIDEO_FPS = 25

@@ -7,10 +7,10 @@ import numpy as np
 from lanes.scenes.backdrop import BackdropStyle
 from lanes.scenes.light import Sun
 from lanes.scenes.markings import WHITE, YELLOW, Marking
-from lanes.scenes.objects import Car, Tree
 from lanes.scenes.road import RoadGeometry
 from lanes.scenes.roadside import Along, Placed
 from lanes.scenes.surface import Patch, Seam, Surface, Zone
+from lanes.scenes.things import Car, Tree
 from lanes.scenes.walls import WALLS
 
 # Twelve feet, the lane of a US freeway.

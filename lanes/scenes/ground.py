@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -38,10 +39,12 @@ class Ground:
         arrays = {f.name: getattr(self, f.name)[cut] for f in fields(self) if f.name != "top"}
         return replace(self, top=self.top + (cut.start or 0), **arrays)
 
+    @cached_property
     def reach_s(self) -> np.ndarray:
         """Length of the footprint along the road."""
         return np.abs(self.s_u) + np.abs(self.s_v)
 
+    @cached_property
     def reach_d(self) -> np.ndarray:
         """Width of the footprint across the road."""
         return np.abs(self.d_u) + np.abs(self.d_v)

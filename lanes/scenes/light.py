@@ -16,6 +16,7 @@ SKY_SHARE = np.array([0.11, 0.15, 0.22], np.float32)
 # Shadows of things are followed between these distances ahead; the bonnet hides what is nearer.
 NEAREST_M = 1.5
 SHADOWS_UNTIL_M = 160.0
+LEAF_SEED = 61
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,15 @@ def light_on_ground(sun: np.ndarray) -> np.ndarray:
     return cv2.merge([sky + sun * (1 - sky) for sky in SKY_SHARE])
 
 
-def darken_polygons(sun: np.ndarray, polygons_m: list[np.ndarray], camera: Camera, ground: Ground) -> None:
+def darken_polygons(
+    sun: np.ndarray,
+    polygons_m: list[np.ndarray],
+    camera: Camera,
+    ground: Ground,
+    *,
+    station_m: float,
+    ragged_m: float = 0.0,
+) -> None:
     """Shadows of things on the ground, in place.
 
     Parameters
@@ -94,7 +103,11 @@ def darken_polygons(sun: np.ndarray, polygons_m: list[np.ndarray], camera: Camer
         Outlines in the car's road frame, metres.
     camera : Camera
     ground : Ground
-        Tells which picture row `sun` starts at.
+        Of the same rows as `sun`.
+    station_m : float
+        Arc length of the car.
+    ragged_m : float
+        How far leaves fray the outlines; 0 keeps them.
     """
     near = [p for p in polygons_m if p[:, 0].max() > NEAREST_M and p[:, 0].min() < SHADOWS_UNTIL_M]
     if not near:
@@ -105,8 +118,21 @@ def darken_polygons(sun: np.ndarray, polygons_m: list[np.ndarray], camera: Camer
     for outline in np.split(outlines, ends[:-1]):
         if not np.isnan(outline).any():
             cv2.fillPoly(mask, [np.rint(outline * 16).astype(np.int32)], 255, cv2.LINE_AA, 4)
+    if ragged_m:
+        mask = _frayed(mask, ground, ground.s + np.float32(station_m), ragged_m)
     # A penumbra of about a pixel; at car height it is a few centimetres wide.
     sun *= 1 - cv2.GaussianBlur(mask, (0, 0), 0.8).astype(np.float32) * np.float32(0.97 / 255)
+
+
+def _frayed(mask: np.ndarray, ground: Ground, s: np.ndarray, reach_m: float) -> np.ndarray:
+    """The mask with its places shifted at random by about `reach_m` on the ground, twigs and single leaves apart."""
+    rows, columns = mask.shape
+    tile = band_noise_tile(LEAF_SEED, octaves=3)
+    shift_d = sample_noise(tile, s, ground.d, wave_s_m=0.20, wave_d_m=0.15)
+    shift_s = sample_noise(tile, s, ground.d + 7, wave_s_m=0.20, wave_d_m=0.15)
+    u = np.arange(columns, dtype=np.float32) + np.float32(reach_m) * shift_d / np.maximum(np.abs(ground.d_u), 1e-3)
+    v = np.arange(rows, dtype=np.float32)[:, None] + np.float32(reach_m) * shift_s / np.maximum(ground.reach_s, 1e-2)
+    return cv2.remap(mask, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
 def _densified(polygons: list[np.ndarray], *, edge_m: float = 1.5) -> tuple[np.ndarray, np.ndarray]:
@@ -138,7 +164,7 @@ def _under_bridge(shade: BridgeShade, ground: Ground, s: np.ndarray) -> np.ndarr
 
 def _under_tree(shade: TreeShade, ground: Ground, s: np.ndarray, seed: int) -> np.ndarray:
     """Clusters of leaves: cloudy noise cut at a level that falls from the middle of the crown to its edge."""
-    reach = ground.reach_s()
+    reach = ground.reach_s
     cloudy = band_noise_tile(seed + 31, octaves=3)
     clusters = sample_noise(cloudy, s, ground.d, wave_s_m=0.55, wave_d_m=0.42) * fade(reach, 4.0)
     leaves = sample_noise(band_noise_tile(seed + 32), s, ground.d, wave_s_m=0.22, wave_d_m=0.16) * fade(reach, 0.5)

@@ -85,7 +85,7 @@ def paint_coverage(marking: Marking, ground: Ground, *, station_m: float) -> tup
     coverage : ndarray of shape (K,), float32, in range 0..1
     """
     low, high = min(e[0] for e in marking.stripes), max(e[1] for e in marking.stripes)
-    margin = ground.reach_d() / 2
+    margin = ground.reach_d / 2
     near = (ground.d > low - margin) & (ground.d < high + margin) & ground.visible
     pixels = np.flatnonzero(near)
     d, d_u, d_v = (array.ravel()[pixels] for array in (ground.d, ground.d_u, ground.d_v))
@@ -129,7 +129,7 @@ def _paint_dots(flat: np.ndarray, marking: Marking, ground: Ground, station_m: f
     period, side = (DASH_PAINT_M + DASH_GAP_M, 0.0) if marking.dashed else (14.63, marking.width_m / 2 + 0.12)
     first = marking.phase_m + DASH_PAINT_M + DASH_GAP_M / 2 if marking.dashed else marking.phase_m
     centre = marking.lateral_m - np.copysign(side, marking.lateral_m)
-    reach = ground.reach_d() / 2 + np.float32(0.06)
+    reach = ground.reach_d / 2 + np.float32(0.06)
     pixels = np.flatnonzero((np.abs(ground.d - np.float32(centre)) < reach) & ground.visible)
     d, d_u, d_v, s = (array.ravel()[pixels] for array in (ground.d, ground.d_u, ground.d_v, ground.s))
     coverage = strip_coverage(d, d_u, d_v, centre - 0.05, centre + 0.05)

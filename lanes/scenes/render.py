@@ -22,10 +22,12 @@ from lanes.scenes.light import (
     sunlight_on_ground,
 )
 from lanes.scenes.markings import Marking, paint_markings
-from lanes.scenes.objects import Thing, Wall, draw_objects, shadow_polygons
+from lanes.scenes.objects import draw_objects
 from lanes.scenes.road import Pose, RoadAhead, RoadGeometry
 from lanes.scenes.roadside import Along, Placed, things_in_view
+from lanes.scenes.shadows import shadow_polygons
 from lanes.scenes.surface import Surface, ground_albedo
+from lanes.scenes.things import Thing, Tree
 from lanes.scenes.truth import Truth, lane_truth
 
 # Light that the air adds before distant ground, and the distance over which it does (metres).
@@ -33,6 +35,8 @@ AIR_LIGHT = np.array([0.42, 0.48, 0.56], np.float32)
 AIR_LENGTH_M = 3500.0
 # Trees farther aside than this throw their shadows on the grass.
 SHADOWS_ASIDE_M = 22.0
+# How far twigs and leaves fray the shadow of a crown.
+LEAVES_M = 0.13
 
 
 @dataclass(frozen=True)
@@ -143,30 +147,45 @@ class Frame:
 def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     """The picture that the drive's camera takes at `time_s`, and its truth."""
     truth, camera = drive.truth(time_s), drive.camera_at(time_s)
-    station = truth.pose.s_m
+    heading = truth.pose.absolute_heading(drive.road)
     ground = cast_on_ground(_rays(drive.camera), camera, RoadAhead(drive.road, truth.pose))
-    light = _backdrop(drive, camera, truth.pose.absolute_heading(drive.road), ground)
-    sun_direction = drive.sun.direction(truth.pose.absolute_heading(drive.road))
     things = things_in_view(drive.things, drive.road, truth.pose, time_s=time_s)
-    sun = sunlight_on_ground(drive.shades, ground, station_m=station, seed=drive.seed)
-    darken_polygons(sun, shadow_polygons(_near(things), sun_direction), camera, ground)
-    albedo = ground_albedo(drive.surface, ground, station_m=station, seed=drive.seed)
-    paint_markings(albedo, drive.markings, ground, station_m=station, seed=drive.seed + 100)
-    albedo *= light_on_ground(sun)
-    road_light = _mean_luminance(albedo[-250:-60:4, ::8])
-    _lay_ground(light, albedo, ground)
+    sun_direction = drive.sun.direction(heading)
+    sun = _sun_on_ground(drive, things, camera, ground, sun_direction, station_m=truth.pose.s_m)
+    ground_light = _ground_light(drive, ground, sun, station_m=truth.pose.s_m)
+    # Before air dims it and without sky, cars and bonnet: what the camera's exposure follows.
+    road_light = _mean_luminance(ground_light[-250:-60:4, ::8])
+    light = _backdrop(drive, camera, heading, ground)
+    _lay_ground(light, ground_light, ground)
     bare = light
     light = draw_objects(bare, camera, things, sun_direction=sun_direction, haze=drive.backdrop.haze_per_km)
     if drive.bonnet:
         light = draw_bonnet(light, camera, light=0.2 + 0.8 * float(sun[-60:].mean()))
-    hidden = (light != bare).any(axis=-1)
+    changed = light != bare
+    hidden = changed[..., 0] | changed[..., 1] | changed[..., 2]
     image = develop(light, drive.lens, road_light=road_light, seed=drive.seed * 7919 + round(time_s * 1000))
     return Frame(image, truth, hidden)
 
 
-def _near(things: list[Thing]) -> list[Thing]:
-    """Those whose shadows can be told from the ground's own texture."""
-    return [t for t in things if isinstance(t, Wall) or (t.x_m < SHADOWS_UNTIL_M and abs(t.y_m) < SHADOWS_ASIDE_M)]
+def _ground_light(drive: Drive, ground: Ground, sun: np.ndarray, *, station_m: float) -> np.ndarray:
+    """Light that the ground sends to the camera, (rows, width, 3) float32."""
+    light = ground_albedo(drive.surface, ground, station_m=station_m, seed=drive.seed)
+    paint_markings(light, drive.markings, ground, station_m=station_m, seed=drive.seed + 100)
+    light *= light_on_ground(sun)
+    return light
+
+
+def _sun_on_ground(
+    drive: Drive, things: list[Thing], camera: Camera, ground: Ground, sun_direction: np.ndarray, *, station_m: float
+) -> np.ndarray:
+    """Share of the sun that reaches each pixel's ground: shades along the road, shadows of trees and other things."""
+    sun = sunlight_on_ground(drive.shades, ground, station_m=station_m, seed=drive.seed)
+    trees = [t for t in things if isinstance(t, Tree) and t.x_m < SHADOWS_UNTIL_M and abs(t.y_m) < SHADOWS_ASIDE_M]
+    solid = [t for t in things if not isinstance(t, Tree)]
+    for group, ragged_m in ((trees, LEAVES_M), (solid, 0.0)):
+        polygons = shadow_polygons(group, sun_direction)
+        darken_polygons(sun, polygons, camera, ground, station_m=station_m, ragged_m=ragged_m)
+    return sun
 
 
 @lru_cache(maxsize=2)

@@ -6,12 +6,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lanes.scenes.objects import FARTHEST_M, Car, Post, Sign, Thing, Tree, Wall
+from lanes.scenes.objects import FARTHEST_M
 from lanes.scenes.road import Pose, RoadGeometry, offset_point
+from lanes.scenes.things import Car, Post, Sign, Thing, Tree
+from lanes.scenes.walls import Wall
 
 # How far ahead walls are followed: at 450 m a barrier is a pixel high.
 WALL_AHEAD_M = 450.0
 WALL_STEP_M = 2.0
+# Tangent of half the angle that a wide dashcam sees (120 degrees).
+WIDEST_VIEW = 1.73
 
 
 @dataclass(frozen=True)
@@ -66,8 +70,11 @@ def things_in_view(placed: tuple[Placed | Along, ...], road: RoadGeometry, pose:
 
 
 def _in_reach(thing: Thing, place_m: np.ndarray) -> bool:
-    """A tree behind the camera may still shade the road ahead; other things behind are of no use."""
-    return (-30.0 if isinstance(thing, Tree) else 1.0) < place_m[0] < FARTHEST_M
+    """A tree beside or behind the camera may still shade the road ahead; other things out of view are of no use."""
+    x, y = place_m
+    if isinstance(thing, Tree):
+        return -30.0 < x < FARTHEST_M
+    return 1.0 < x < FARTHEST_M and abs(y) < WIDEST_VIEW * x + 5.0
 
 
 def _moved(thing: Thing, x_m: float, y_m: float, heading_rad: float) -> Thing:

@@ -173,7 +173,7 @@ def ground_albedo(surface: Surface, ground: Ground, *, station_m: float, seed: i
 
 def noise_layers(surface: Surface, ground: Ground, s: np.ndarray, seed: int) -> Layers:
     """The noise and the wear profile across the lanes."""
-    reach = ground.reach_s()
+    reach = ground.reach_s
     grain = np.zeros_like(s)
     for number, (wave, strength) in enumerate(((0.022, 1.0), (0.06, 0.7), (0.25, 0.25))):
         # Only rows near enough for this grain to be seen at all.
@@ -196,7 +196,7 @@ def noise_layers(surface: Surface, ground: Ground, s: np.ndarray, seed: int) -> 
     stain = np.clip(spots - 1.1 + np.float32(0.35) * blotch + np.float32(0.3) * (oil + track), 0, 1.5) * fade(
         reach, 6.0
     )
-    return Layers(grain, blotch, stain, streak * fade(ground.reach_d(), 0.3), track * uneven, oil * uneven)
+    return Layers(grain, blotch, stain, streak * fade(ground.reach_d, 0.3), track * uneven, oil * uneven)
 
 
 def _wear_profiles(surface: Surface, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -236,7 +236,7 @@ def _material(material: Material, ground: Ground, s: np.ndarray, layers: Layers)
     tone += np.float32(material.streak) * layers.streak - np.float32(material.stain) * layers.stain
     tone += np.float32(material.track) * layers.track + np.float32(material.oil) * layers.oil
     if material.slab_m:
-        joint = dash_coverage(s, ground.reach_s(), 0.02, material.slab_m)
+        joint = dash_coverage(s, ground.reach_s, 0.02, material.slab_m)
         tone -= np.float32(0.35) * joint
     np.maximum(tone, np.float32(0.25), out=tone)
     return cv2.merge([tone * np.float32(channel) for channel in material.colour])
@@ -263,7 +263,7 @@ def _lay_patch(albedo: np.ndarray, patch: Patch, ground: Ground, s: np.ndarray, 
 
 
 def _lay_seam(albedo: np.ndarray, seam: Seam, ground: Ground, s: np.ndarray, seed: int) -> None:
-    margin = ground.reach_d() / 2 + np.float32(seam.width_m + 3 * seam.wander_m)
+    margin = ground.reach_d / 2 + np.float32(seam.width_m + 3 * seam.wander_m)
     near = (np.abs(ground.d - np.float32(seam.lateral_m)) < margin) & (s > seam.start_m) & (s < seam.end_m)
     pixels = np.flatnonzero(near & ground.visible)
     if not len(pixels):
@@ -282,12 +282,12 @@ def _lay_seam(albedo: np.ndarray, seam: Seam, ground: Ground, s: np.ndarray, see
 def _lay_verge(albedo: np.ndarray, surface: Surface, ground: Ground, s: np.ndarray, layers: Layers, seed: int) -> None:
     """Gravel beside the pavement, then dry grass; where there is another carriageway, its asphalt."""
     beyond = np.maximum(ground.d - np.float32(surface.left_edge_m), np.float32(surface.right_edge_m) - ground.d)
-    pixels = np.flatnonzero(beyond > -ground.reach_d() - np.float32(DUST_REACH_M))
+    pixels = np.flatnonzero(beyond > -ground.reach_d - np.float32(DUST_REACH_M))
     if not len(pixels):
         return
     flat = albedo.reshape(-1, 3)
     take = lambda array: array.ravel()[pixels]  # noqa: E731
-    s, d, d_u, d_v, reach = take(s), take(ground.d), take(ground.d_u), take(ground.d_v), take(ground.reach_s())
+    s, d, d_u, d_v, reach = take(s), take(ground.d), take(ground.d_u), take(ground.d_v), take(ground.reach_s)
     cloudy = band_noise_tile(seed + 11, octaves=4)
     rough = sample_noise(cloudy, s, d, wave_s_m=0.5, wave_d_m=0.3) * fade(reach, 3.0)
     fine = sample_noise(band_noise_tile(seed + 12), s, d, wave_s_m=0.12, wave_d_m=0.07) * fade(reach, 0.2)
