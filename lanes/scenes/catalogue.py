@@ -43,8 +43,8 @@ def _straight_lines1() -> Drive:
             Zone(0.0, "fresh asphalt"),
             opposite_m=14.0,
             seams=(
-                Seam(-0.75, 0.13, 0.05, strength=0.16, colour=DUST),
-                Seam(1.65, 0.2, 0.03, strength=0.12, colour=DUST),
+                Seam(-0.75, 0.14, 0.015, strength=0.16, colour=DUST, soft_m=0.12),
+                Seam(1.65, 0.2, 0.02, strength=0.14, colour=DUST, soft_m=0.2),
             ),
         ),
         things=(
@@ -135,7 +135,9 @@ def _test2() -> Drive:
         line_laterals_m=EGO_LINES_M,
         markings=freeway_markings(phase_m=108.3, opposite_m=5.4),
         surface=freeway_surface(
-            Zone(0.0, "fresh asphalt"), opposite_m=5.4, seams=(Seam(-0.3, 0.12, 0.05, strength=0.16, colour=DUST),)
+            Zone(0.0, "fresh asphalt"),
+            opposite_m=5.4,
+            seams=(Seam(-0.3, 0.14, 0.015, strength=0.16, colour=DUST, soft_m=0.12),),
         ),
         things=(
             Along(4.35, "jersey", seed=4),

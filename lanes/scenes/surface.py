@@ -75,7 +75,7 @@ class Patch:
 
 @dataclass(frozen=True)
 class Seam:
-    """A line along the road at `lateral_m`, of tar or another colour, that meanders by `wander_m`."""
+    """A line along the road at `lateral_m`, of tar or another colour, meandering by `wander_m`, edges `soft_m` wide."""
 
     lateral_m: float
     width_m: float = 0.03
@@ -84,6 +84,7 @@ class Seam:
     end_m: float = 1e5
     strength: float = 0.7
     colour: tuple[float, float, float] = TAR
+    soft_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -263,7 +264,7 @@ def _lay_patch(albedo: np.ndarray, patch: Patch, ground: Ground, s: np.ndarray, 
 
 
 def _lay_seam(albedo: np.ndarray, seam: Seam, ground: Ground, s: np.ndarray, seed: int) -> None:
-    margin = ground.reach_d / 2 + np.float32(seam.width_m + 3 * seam.wander_m)
+    margin = ground.reach_d / 2 + np.float32(seam.width_m + 3 * seam.wander_m + seam.soft_m)
     near = (np.abs(ground.d - np.float32(seam.lateral_m)) < margin) & (s > seam.start_m) & (s < seam.end_m)
     pixels = np.flatnonzero(near & ground.visible)
     if not len(pixels):
@@ -273,6 +274,7 @@ def _lay_seam(albedo: np.ndarray, seam: Seam, ground: Ground, s: np.ndarray, see
     bend, thick = (sample_noise(tile, along, np.full_like(along, d0), wave_s_m=2.4, wave_d_m=1.0) for d0 in (0, 31))
     width = np.float32(seam.width_m) * (1 + np.float32(0.4) * np.clip(thick, -2, 2))
     offset = d - np.float32(seam.lateral_m) - np.float32(seam.wander_m) * bend
+    d_u = np.abs(d_u) + np.float32(seam.soft_m)
     share = edge_coverage(offset + width / 2, d_u, d_v) - edge_coverage(offset - width / 2, d_u, d_v)
     flat = albedo.reshape(-1, 3)
     share = np.clip(share, 0, 1)[:, None] * np.float32(seam.strength)
