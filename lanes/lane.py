@@ -186,7 +186,7 @@ def search_lane(stripes: Stripes, view: RoadView) -> LaneFit | None:
     starts = best_pairs(votes, int((view.x_m < FAR_M).sum()))
     first = fit_lanes(starts, near, view.height_m, view.focal_px, schedule=START)
     support = np.sqrt((first.weight[:, None] * (first.side[:, None] == SIDES[:, None])).sum(-1)).sum(-1)
-    lanes = distinct(first.lane[np.argsort(-support, kind="stable")], RIVALS)
+    lanes = distinct(first.lane[np.argsort(elsewhere(first.lane) * 1e3 - support, kind="stable")], RIVALS)
     return fit_lanes(lanes, stripes, view.height_m, view.focal_px)
 
 
@@ -207,7 +207,7 @@ def describe_lane(fit: LaneFit, sight: Sight, view: RoadView) -> Lane | None:
     """The best of the fitted lanes in metres; None if neither of its lines is seen."""
     lines = lines_on_view(fit.lane, view.x_m, view.height_m)
     support = support_of(fit, lines, sight.stripes, view)
-    score = np.sqrt(support).sum(axis=1) - PRIOR_WEIGHT * strangeness(fit.lane)
+    score = np.sqrt(support).sum(axis=1) - PRIOR_WEIGHT * strangeness(fit.lane) - elsewhere(fit.lane)
     best = int(score.argmax())
     if support[best].max() < LEAST_SUPPORT:
         return None
@@ -244,6 +244,11 @@ def describe_lane(fit: LaneFit, sight: Sight, view: RoadView) -> Lane | None:
         model=model,
         covariance=covariance,
     )
+
+
+def elsewhere(lanes: np.ndarray) -> np.ndarray:
+    """(K,) bool: lanes (K, 7) that the car is not in, because both lines pass it on the same side."""
+    return np.abs(lanes[:, CENTRE]) > lanes[:, WIDTH] / 2
 
 
 def support_of(fit: LaneFit, lines_y_m: np.ndarray, stripes: Stripes, view: RoadView) -> np.ndarray:
