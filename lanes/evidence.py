@@ -138,7 +138,7 @@ def measure_paint(view_image: np.ndarray, view: RoadView) -> Evidence:
         noises.append(local_noise(channel, window))
         strengths.append(cv2.divide(cv2.max(*filters[-1]), noises[-1]))
     strength = cv2.max(cv2.max(*strengths), (0.0,))
-    strength[~view.seen] = 0
+    strength[view.seen_around(double // 2 + gap + beside + 1) == 0] = 0
     return Evidence(strength, channels, tuple(filters), tuple(noises))
 
 

@@ -213,7 +213,7 @@ def describe_lane(fit: LaneFit, sight: Sight, view: RoadView) -> Lane | None:
         return None
     model, covariance = fit.lane[best].copy(), np.linalg.inv(fit.information[best])
     mine = [(fit.side[best] == side) & (fit.weight[best] > LEAST_WEIGHT) for side in SIDES]
-    reach_m = [sight.stripes.x_m[m].max(initial=0.0) for m in mine]
+    reach_m = [float(sight.stripes.x_m[m].max(initial=0.0)) for m in mine]
     paint = [
         describe_paint(sight.evidence, view, _only(rows, line))
         for rows, line in zip((sight.stripes.row[m] for m in mine), lines[best], strict=True)
@@ -275,4 +275,6 @@ def _describe_line(
     gradient = np.zeros(len(model))
     gradient[[CENTRE, WIDTH]] = 1, side / 2
     std = float(np.sqrt(gradient @ covariance @ gradient))
-    return LaneLine(*line_coefficients(model, side), std, float(support), reach_m, support >= LEAST_SUPPORT, paint)
+    return LaneLine(
+        *line_coefficients(model, side), std, float(support), reach_m, bool(support >= LEAST_SUPPORT), paint
+    )

@@ -37,7 +37,7 @@ ANGLE_STD_RAD = 0.1
 # Standard deviation of a stripe's lateral place: worn paint near by, one pixel far away; and how far a road of changing
 # curvature strays from the model at 40 m, growing with the cube of the distance.
 PLACE_STD_M, PLACE_STD_PX = 0.04, 1.0
-STRAY_M, STRAY_AT_M = 0.15, 40.0
+STRAY_M, STRAY_AT_M = 0.08, 40.0
 
 # Steps of the fit: (how far it looks, how many standard deviations still pull).
 START = ((16, 6), (20, 4), (26, 4))

@@ -86,6 +86,10 @@ class RoadView:
         with np.errstate(invalid="ignore"):
             return (u >= 0) & (u <= self.camera.width - 1) & (v >= 0) & (v <= self.camera.height - 1)
 
+    def seen_around(self, columns: int) -> np.ndarray:
+        """(rows, columns) uint8: 1 where so many cells to the left and to the right lie inside the picture, too."""
+        return cv2.erode(self.seen.astype(np.uint8), np.ones((1, 2 * columns + 1), np.uint8))
+
     @cached_property
     def _lookups(self) -> list[tuple[int, slice, np.ndarray, np.ndarray]]:
         """(reduction, rows, map, map fraction): which rows are read from which reduced picture, and where."""

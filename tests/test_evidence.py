@@ -84,3 +84,9 @@ def test_every_stripe_is_strong_enough_and_in_sight():
     assert (stripes.strength > LEAST_STRENGTH).all()
     assert VIEW.seen[stripes.row, column].all()
     assert (np.bincount(stripes.row) <= 14).all()
+
+
+def test_the_edge_of_the_picture_is_no_stripe():
+    # beyond it the view is black: bright roads would end in a stripe as wide as the filters' reach
+    image = np.full((CAMERA.height, CAMERA.width, 3), 210, np.uint8)
+    assert len(find_stripes(measure_paint(VIEW.warp(image), VIEW), VIEW)) == 0

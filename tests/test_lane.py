@@ -110,6 +110,18 @@ def test_a_nodding_camera_is_noticed():
     np.testing.assert_allclose(lane.line_y(X_M, RIGHT), right(X_M), atol=0.04)
 
 
+@pytest.mark.parametrize("offset", [0.5, -0.5, -1.0, 1.0])
+def test_the_car_is_in_its_lane_whatever_the_neighbours_look_like(offset):
+    # the own lane is dashed on both sides; the neighbouring lanes have a solid line each, which is much more paint
+    road = Road(CAMERA)
+    for number, dash in ((1.5, None), (0.5, (3, 12)), (-0.5, (3, 12)), (-1.5, None)):
+        road.line(lambda x, n=number: 0 * x + 3.6 * n - offset, dash_m=dash)
+    lane = find_lane(road.image(), VIEW)
+    assert lane.left.c0_m > 0 > lane.right.c0_m
+    assert lane.offset_m == pytest.approx(offset, abs=0.3) and lane.width_m == pytest.approx(3.6, abs=0.1)
+    np.testing.assert_allclose(lane.line_y(np.array([13.0, 25.0]), LEFT), 1.8 - offset, atol=0.06)
+
+
 @pytest.mark.parametrize("noise", [0.0, 2.0, 15.0])
 def test_bare_road_has_no_lane(noise):
     assert find_lane(Road(CAMERA, noise=noise).image(), VIEW) is None

@@ -59,6 +59,13 @@ def test_cells_outside_the_picture_are_unseen_and_black():
     assert (warped[-1, 0] == 0).all() and (warped[view.seen] > 190).mean() > 0.99
 
 
+def test_a_cell_is_trusted_where_its_neighbours_are_seen():
+    view = RoadView(dashcam())
+    trusted = view.seen_around(3).astype(bool)
+    assert (view.seen[:, :-6] & view.seen[:, 6:] == trusted[:, 3:-3]).all()
+    assert 0 < trusted.sum() < view.seen.sum()
+
+
 def test_a_picture_of_another_size_is_refused():
     with pytest.raises(PictureError, match="320x180"):
         RoadView(dashcam()).warp(np.zeros((180, 320, 3), np.uint8))
