@@ -211,17 +211,14 @@ def describe_lane(fit: LaneFit, sight: Sight, view: RoadView) -> Lane | None:
     best = int(score.argmax())
     if support[best].max() < LEAST_SUPPORT:
         return None
-    model, covariance = fit.lane[best].copy(), np.linalg.inv(fit.information[best])
     mine = [(fit.side[best] == side) & (fit.weight[best] > LEAST_WEIGHT) for side in SIDES]
     reach_m = [float(sight.stripes.x_m[m].max(initial=0.0)) for m in mine]
     paint = [
         describe_paint(sight.evidence, view, _only(rows, line))
         for rows, line in zip((sight.stripes.row[m] for m in mine), lines[best], strict=True)
     ]
-    shift = [p.stripe_m(side) if p else 0.0 for p, side in zip(paint, SIDES, strict=True)]
-    model[CENTRE] += (shift[0] + shift[1]) / 2
-    model[WIDTH] += shift[0] - shift[1]
-    other = np.abs(fit.lane - fit.lane[best])[:, :2].max(axis=1) > SAME_M
+    model, covariance = _on_inner_stripes(fit.lane[best], paint), np.linalg.inv(fit.information[best])
+    rival = np.abs(fit.lane - fit.lane[best])[:, [CENTRE, WIDTH]].max(axis=1) > SAME_M
     left, right = (
         _describe_line(model, covariance, side, support[best, k], reach_m[k], paint[k]) for k, side in enumerate(SIDES)
     )
@@ -240,10 +237,18 @@ def describe_lane(fit: LaneFit, sight: Sight, view: RoadView) -> Lane | None:
         left=left,
         right=right,
         score=float(score[best]),
-        margin=float(score[best] - score[other].max(initial=0.0)),
+        margin=float(score[best] - score[rival].max(initial=0.0)),
         model=model,
         covariance=covariance,
     )
+
+
+def _on_inner_stripes(lane: np.ndarray, paint: list[Paint | None]) -> np.ndarray:
+    """The lane (7,) between the stripes next to it: the fit follows the middle of a double line."""
+    left, right = (p.stripe_m(side) if p else 0.0 for p, side in zip(paint, SIDES, strict=True))
+    moved = lane.copy()
+    moved[[CENTRE, WIDTH]] += (left + right) / 2, left - right
+    return moved
 
 
 def elsewhere(lanes: np.ndarray) -> np.ndarray:
