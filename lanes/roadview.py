@@ -16,9 +16,10 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from lanes.camera import Camera
+from lanes.camera import Camera, CameraError
 
-REDUCTIONS = (1, 2, 4, 8)
+# Enough for pictures of 4000 columns.
+REDUCTIONS = (1, 2, 4, 8, 16)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +111,18 @@ class RoadView:
 
     @cached_property
     def top_px(self) -> int:
-        """First picture row that any cell is read from, rounded down to whole reduced pixels."""
+        """First picture row that any cell is read from, rounded down to whole reduced pixels.
+
+        Raises
+        ------
+        CameraError
+            If no cell is in the picture.
+        """
+        if not self.seen.any():
+            raise CameraError(
+                f"a camera mounted like this sees no road between {self.near_m:g} and {self.far_m:g} m ahead "
+                f"({self.camera.mount}); check the mount's angles, or estimate it from the drive's own pictures."
+            )
         top = int(np.nanmin(np.where(self.seen, self.pixels[..., 1], np.nan)))
         return max(0, top - 2) // REDUCTIONS[-1] * REDUCTIONS[-1]
 
@@ -121,8 +133,8 @@ class RoadView:
         reduced, done = image[self.top_px :], 1
         for reduction, rows, place, fraction in self._lookups:
             if reduction != done:
-                height, width = reduced.shape[0] * done // reduction, self.camera.width // reduction
-                reduced = cv2.resize(reduced, (width, height), interpolation=cv2.INTER_AREA)
+                share = done / reduction
+                reduced = cv2.resize(reduced, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
                 done = reduction
             cv2.remap(reduced, place, fraction, cv2.INTER_LINEAR, dst=view[rows], borderMode=cv2.BORDER_CONSTANT)
         return view
