@@ -17,8 +17,9 @@ from lanes.scenes.light import TreeShade
 from lanes.scenes.render import Drive, Motion
 from lanes.scenes.road import RoadGeometry
 from lanes.scenes.roadside import Along, Placed
-from lanes.scenes.surface import DUST, Patch, Seam, Zone
+from lanes.scenes.surface import Patch, Seam, Zone
 from lanes.scenes.things import Post, Sign, Tree
+from lanes.scenes.verge import DUST
 
 VIDEO_SECONDS = 10.0
 VIDEO_FPS = 25

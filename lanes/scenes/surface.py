@@ -1,4 +1,4 @@
-"""What the ground reflects: asphalt and concrete with their wear, seams and patches, shoulder and verge."""
+"""What the ground reflects: asphalt and concrete with their wear, seams and patches, and what lies beside them."""
 
 from __future__ import annotations
 
@@ -9,15 +9,10 @@ import numpy as np
 
 from lanes.scenes.ground import Ground, dash_coverage, edge_coverage, strip_coverage
 from lanes.scenes.texture import band_noise_tile, fade, sample_noise
+from lanes.scenes.verge import Opposite, lay_verge
 
-GRAVEL = (0.30, 0.255, 0.185)
-DIRT = (0.34, 0.265, 0.165)
-DRY_GRASS = (0.40, 0.285, 0.135)
 TAR = (0.028, 0.027, 0.029)
 DUST = (0.26, 0.235, 0.215)
-# How far dust creeps from the verge onto the pavement, and how much of it is seen at the edge.
-DUST_REACH_M = 2.0
-DUST_SHARE = 0.22
 
 
 @dataclass(frozen=True)
@@ -168,7 +163,16 @@ def ground_albedo(surface: Surface, ground: Ground, *, station_m: float, seed: i
         _lay_patch(albedo, patch, ground, s, layers)
     for number, seam in enumerate(surface.seams):
         _lay_seam(albedo, seam, ground, s, seed + 50 + number)
-    _lay_verge(albedo, surface, ground, s, layers, seed)
+    edges_m = (surface.right_edge_m, surface.left_edge_m)
+    lay_verge(
+        albedo,
+        ground,
+        s,
+        edges_m=edges_m,
+        gravel_m=surface.gravel_m,
+        opposite=_opposite(surface, layers),
+        seed=seed + 11,
+    )
     return albedo
 
 
@@ -194,9 +198,8 @@ def noise_layers(surface: Surface, ground: Ground, s: np.ndarray, seed: int) -> 
     uneven = 1 + np.float32(0.35) * sample_noise(tile, s, ground.d, wave_s_m=6.0, wave_d_m=1.3)
     spots = sample_noise(band_noise_tile(seed + 9, octaves=3), s, ground.d, wave_s_m=0.7, wave_d_m=0.16)
     # Oil and rubber lie where cars go: spots grow out of the places that are dark already.
-    stain = np.clip(spots - 1.1 + np.float32(0.35) * blotch + np.float32(0.3) * (oil + track), 0, 1.5) * fade(
-        reach, 6.0
-    )
+    stain = np.clip(spots - 1.1 + np.float32(0.35) * blotch + np.float32(0.3) * (oil + track), 0, 1.5)
+    stain *= fade(reach, 6.0)
     return Layers(grain, blotch, stain, streak * fade(ground.reach_d, 0.3), track * uneven, oil * uneven)
 
 
@@ -263,6 +266,13 @@ def _lay_patch(albedo: np.ndarray, patch: Patch, ground: Ground, s: np.ndarray, 
     _mix(albedo[cut], _material(MATERIALS[patch.material], part, s, part_layers), share)
 
 
+def _opposite(surface: Surface, layers: Layers) -> Opposite | None:
+    """The other carriageway: mostly hidden by barriers, so plain asphalt does."""
+    if surface.opposite_m is None:
+        return None
+    return Opposite(surface.opposite_m, MATERIALS["asphalt"].colour, 1 + 0.1 * layers.blotch)
+
+
 def _lay_seam(albedo: np.ndarray, seam: Seam, ground: Ground, s: np.ndarray, seed: int) -> None:
     margin = ground.reach_d / 2 + np.float32(seam.width_m + 3 * seam.wander_m + seam.soft_m)
     near = (np.abs(ground.d - np.float32(seam.lateral_m)) < margin) & (s > seam.start_m) & (s < seam.end_m)
@@ -279,38 +289,3 @@ def _lay_seam(albedo: np.ndarray, seam: Seam, ground: Ground, s: np.ndarray, see
     flat = albedo.reshape(-1, 3)
     share = np.clip(share, 0, 1)[:, None] * np.float32(seam.strength)
     flat[pixels] += share * (np.array(seam.colour, np.float32) - flat[pixels])
-
-
-def _lay_verge(albedo: np.ndarray, surface: Surface, ground: Ground, s: np.ndarray, layers: Layers, seed: int) -> None:
-    """Gravel beside the pavement, then dry grass; where there is another carriageway, its asphalt."""
-    beyond = np.maximum(ground.d - np.float32(surface.left_edge_m), np.float32(surface.right_edge_m) - ground.d)
-    pixels = np.flatnonzero(beyond > -ground.reach_d - np.float32(DUST_REACH_M))
-    if not len(pixels):
-        return
-    flat = albedo.reshape(-1, 3)
-    take = lambda array: array.ravel()[pixels]  # noqa: E731
-    s, d, d_u, d_v, reach = take(s), take(ground.d), take(ground.d_u), take(ground.d_v), take(ground.reach_s)
-    cloudy = band_noise_tile(seed + 11, octaves=4)
-    rough = sample_noise(cloudy, s, d, wave_s_m=0.5, wave_d_m=0.3) * fade(reach, 3.0)
-    fine = sample_noise(band_noise_tile(seed + 12), s, d, wave_s_m=0.12, wave_d_m=0.07) * fade(reach, 0.2)
-    tufts = np.minimum(sample_noise(band_noise_tile(seed + 13), s, d, wave_s_m=0.6, wave_d_m=0.22), 0.6) * fade(
-        reach, 1.5
-    )
-    broad = sample_noise(cloudy, s, d + 5, wave_s_m=5.0, wave_d_m=1.8) * fade(reach, 30.0)
-    edge = take(beyond)
-    gravel = np.array(GRAVEL, np.float32) * (1 + 0.16 * rough + 0.15 * fine)[..., None]
-    grass = np.array(DRY_GRASS, np.float32) * (1 + 0.20 * broad)[..., None]
-    grass += np.clip(0.35 * broad - 0.2, 0, 0.6)[..., None] * (np.array(DIRT, np.float32) - grass)
-    grass *= np.maximum(1 + 0.22 * rough + 0.35 * fine + 0.25 * tufts, 0.12)[..., None]
-    to_grass = edge_coverage(edge - np.float32(surface.gravel_m) + 0.15 * rough + 0.2 * broad, d_u + 0.5, d_v)[
-        ..., None
-    ]
-    verge = gravel + to_grass * (grass - gravel)
-    if surface.opposite_m is not None:
-        share = strip_coverage(d, d_u, d_v, *surface.opposite_m)[..., None]
-        tone = (1 + 0.1 * take(layers.blotch))[..., None]
-        verge += share * (np.array(MATERIALS["asphalt"].colour, np.float32) * tone - verge)
-    share = edge_coverage(edge + np.float32(0.02) * rough + np.float32(0.04) * broad, d_u, d_v)[..., None]
-    dust = np.clip(1 + edge / np.float32(DUST_REACH_M), 0, 1) ** 2 * np.maximum(1 + 0.5 * rough + 0.3 * broad, 0)
-    share += (1 - share) * np.float32(DUST_SHARE) * dust[..., None]
-    flat[pixels] += share * (verge - flat[pixels])
