@@ -1,0 +1,158 @@
+"""Drives along painted roads, for tests of what needs time: quick to draw, with the truth of every frame.
+
+A road is a clothoid line (`lanes.scenes.road`), the car moves as in the rendered drives (`Motion`), and paint is drawn
+as polygons through the camera model: a frame costs a few milliseconds, and lines can be taken away while driving.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from lanes.camera import Camera, Mount
+from lanes.scenes.render import Motion
+from lanes.scenes.road import Pose, RoadGeometry, offset_point
+from lanes.scenes.truth import Truth, lane_truth
+
+WHITE, YELLOW, ASPHALT, TAR = (215, 215, 210), (205, 160, 45), (98, 98, 100), (60, 60, 62)
+DASH_M = (3.05, 12.2)
+FPS = 25.0
+AHEAD_M = np.concatenate([np.arange(1.0, 25, 0.5), np.arange(25.0, 60, 1.0), np.arange(60.0, 161, 4)])
+CAMERA = Camera(
+    1280,
+    720,
+    np.array([[1150.0, 0, 640], [0, 1150, 370], [0, 0, 1]]),
+    np.array([-0.24, 0.02, 0.0005, -0.0003, 0.0]),
+    Mount(height_m=1.3, pitch_rad=-0.012, yaw_rad=-0.012, roll_rad=0.004),
+)
+
+
+@dataclass(frozen=True)
+class Stripe:
+    """Something that runs along the road.
+
+    `on_s` are times (from, to) at which a line is painted, `gone_s` such at which it is not; `along_m` the arc lengths
+    between which it lies.
+    """
+
+    lateral_m: float
+    width_m: float = 0.13
+    colour: tuple[int, int, int] = WHITE
+    dash_m: tuple[float, float] | None = None
+    phase_m: float = 0.0
+    gone_s: tuple[float, float] = (np.inf, np.inf)
+    along_m: tuple[float, float] = (-np.inf, np.inf)
+
+    def pieces(self, station_m: float) -> list[tuple[float, float]]:
+        """(from, to) in metres ahead of the car at which it is to be seen."""
+        low, high = max(1.0, self.along_m[0] - station_m), min(150.0, self.along_m[1] - station_m)
+        if not self.dash_m:
+            return [(low, high)] if high > low else []
+        length, period = self.dash_m
+        first = np.floor((low + station_m - self.phase_m) / period)
+        starts = self.phase_m + period * np.arange(first, first + (high - low) / period + 2) - station_m
+        pieces = [(max(a, low), min(a + length, high)) for a in starts]
+        return [(a, b) for a, b in pieces if b > a + 0.05]
+
+
+@dataclass(frozen=True, eq=False)
+class PaintedDrive:
+    """A road with stripes on it, and how the car moves along it.
+
+    `lane_m` are the laterals of the ego lane's lines at first; `black_s` times (from, to) of black pictures.
+    """
+
+    road: RoadGeometry
+    lines: tuple[Stripe, ...]
+    motion: Motion = Motion(speed_mps=25.0)
+    lane_m: tuple[float, float] = (1.8, -1.8)
+    ground: tuple[Stripe, ...] = ()
+    shades: tuple[Stripe, ...] = ()
+    camera: Camera = CAMERA
+    noise: float = 2.5
+    contrast: float = 1.0
+    black_s: tuple[float, float] = (np.inf, np.inf)
+    seed: int = 0
+    drift_mps: float = 0.0
+    drift_s: tuple[float, float] = (np.inf, np.inf)
+    extra: dict = field(default_factory=dict)
+
+    def pose(self, time_s: float) -> Pose:
+        """Place on the road; the drift leads the car sideways, as when changing lanes."""
+        pose = self.motion.pose(time_s)
+        begin, end = self.drift_s
+        if time_s <= begin:
+            return pose
+        share = min((time_s - begin) / (end - begin), 1.0)
+        distance = self.drift_mps * (end - begin)
+        lateral = pose.lateral_m + distance * (share - np.sin(2 * np.pi * share) / (2 * np.pi))
+        speed = self.drift_mps * (1 - np.cos(2 * np.pi * share)) if share < 1 else 0.0
+        return Pose(pose.s_m, lateral, pose.heading_rad + float(np.arctan(speed / self.motion.speed_mps)))
+
+    def truth(self, time_s: float, lane_m: tuple[float, float] | None = None) -> Truth:
+        """What is true of the frame at `time_s`."""
+        pitch = self.camera.mount.pitch_rad + self.motion.pitch(time_s)
+        return lane_truth(self.road, self.pose(time_s), lane_m or self.lane_m, time_s=time_s, pitch_rad=pitch)
+
+    def frame(self, time_s: float) -> np.ndarray:
+        """The picture (height, width, 3) uint8 at `time_s`."""
+        height, width = self.camera.height, self.camera.width
+        if self.black_s[0] <= time_s < self.black_s[1]:
+            return np.zeros((height, width, 3), np.uint8)
+        truth = self.truth(time_s)
+        camera = self.camera.with_mount(replace(self.camera.mount, pitch_rad=truth.pitch_rad))
+        image = np.full((height, width, 3), ASPHALT, np.uint8)
+        # grey above the horizon as well: what is there does not matter
+        for stripe in (*self.ground, *self.lines):
+            if not stripe.gone_s[0] <= time_s < stripe.gone_s[1]:
+                self._fill(image, stripe, truth.pose, camera, tuple(float(c) for c in self._colour(stripe)))
+        for shade in self.shades:
+            mask = np.zeros((height, width), np.uint8)
+            self._fill(mask, shade, truth.pose, camera, (255,))
+            dark = cv2.convertScaleAbs(image, alpha=0.45)
+            cv2.copyTo(dark, mask, image)
+        rng = np.random.default_rng(self.seed * 10007 + round(time_s * 1000))
+        grain = np.roll(_grain(height, width), tuple(rng.integers(0, 200, 2)), axis=(0, 1))
+        return cv2.add(image, cv2.multiply(grain, (self.noise / 8,) * 4, dtype=cv2.CV_16S), dtype=cv2.CV_8U)
+
+    def _colour(self, stripe: Stripe) -> np.ndarray:
+        return np.array(ASPHALT) + self.contrast * (np.array(stripe.colour, float) - ASPHALT)
+
+    def _fill(self, image: np.ndarray, stripe: Stripe, pose: Pose, camera: Camera, colour: tuple) -> None:
+        for low, high in stripe.pieces(pose.s_m):
+            ahead = np.unique(np.clip(AHEAD_M, low, high))
+            edges = [stripe.lateral_m + half for half in (stripe.width_m / 2, -stripe.width_m / 2)]
+            sides = [pose.to_car(self.road, offset_point(self.road, pose.s_m + ahead, edge)) for edge in edges]
+            pixels = camera.road_to_pixels(np.vstack([sides[0], sides[1][::-1]]))
+            pixels = pixels[np.isfinite(pixels).all(axis=1)]
+            if len(pixels) > 2:
+                corners = np.round(pixels.clip(-4000, 5000) * 16).astype(np.int32)
+                cv2.fillPoly(image, [corners], colour, cv2.LINE_AA, 4)
+
+
+@lru_cache(maxsize=2)
+def _grain(height: int, width: int) -> np.ndarray:
+    """Noise (height, width, 3) of standard deviation 8, made once: drawing numbers for each frame costs 50 ms."""
+    return np.round(np.random.default_rng(1).normal(0, 8, (height, width, 3))).astype(np.int16)
+
+
+def straight_road() -> RoadGeometry:
+    """Two kilometres straight on."""
+    return RoadGeometry([0.0, 2000.0], [0.0, 0.0])
+
+
+def s_bend() -> RoadGeometry:
+    """Left R 500, right R 400, joined by clothoids 80 m long, again and again."""
+    return RoadGeometry(np.arange(0.0, 1200, 80), np.tile([0.0, 1 / 500, 1 / 500, 0.0, -1 / 400, -1 / 400], 3)[:15])
+
+
+def lane_lines(*, left: dict | None = None, right: dict | None = None) -> tuple[Stripe, ...]:
+    """Solid yellow left, broken white right, and the broken line of the lane beyond."""
+    return (
+        Stripe(1.8, **({"colour": YELLOW} | (left or {}))),
+        Stripe(-1.8, **({"dash_m": DASH_M} | (right or {}))),
+        Stripe(-5.4, dash_m=DASH_M, phase_m=4.0),
+    )
