@@ -16,6 +16,7 @@ def main(arguments: list[str] | None = None) -> int:
     render.add_argument("--out", type=Path, default=Path("."), help="folder to write into (default: here)")
     render.set_defaults(run=run_render)
     _add_mount(commands)
+    _add_detect(commands)
     options = parser.parse_args(arguments)
     try:
         return options.run(options)
@@ -66,15 +67,11 @@ def _add_mount(commands: argparse._SubParsersAction) -> None:
 
 def run_mount(options: argparse.Namespace) -> int:
     """Estimate the mount, print it and write it with the lens into `options.output`."""
-    from lanes.camera import Camera, load_camera, save_camera
+    from lanes.camera import save_camera
     from lanes.footage import pick_pictures
     from lanes.mount import LANE_WIDTH_M, estimate_mount
 
-    if options.camera:
-        camera = load_camera(options.camera)
-    else:
-        first = next(pick_pictures(options.files, 1))
-        camera = Camera.from_fov(options.size or (first.shape[1], first.shape[0]), options.hfov)
+    camera = _lens(options)
     estimate = estimate_mount(
         pick_pictures(options.files, options.pictures),
         camera,
@@ -85,6 +82,72 @@ def run_mount(options: argparse.Namespace) -> int:
     print(estimate.describe())
     print(f"wrote {save_camera(camera.with_mount(estimate.mount), options.output)}")
     return 0
+
+
+def _add_detect(commands: argparse._SubParsersAction) -> None:
+    detect = commands.add_parser(
+        "detect",
+        help="find the ego lane's lines in pictures and videos, as TuSimple JSON lines",
+        description="Write the columns of the ego lane's two lines at given rows of the raw pictures, one JSON line a "
+        "picture: raw_file, h_samples, lanes (left, right; -2 where there is none), run_time (ms), state, confidence, "
+        "offset_m (> 0: car left of the middle), curvature_per_m (> 0 bends left). Without a mount in the camera file, "
+        "or without one, the mount is estimated from the given files first.",
+    )
+    detect.add_argument("files", nargs="+", type=Path, metavar="FILE", help="stills or videos of one camera")
+    lens = detect.add_mutually_exclusive_group(required=True)
+    lens.add_argument("--camera", type=Path, metavar="YAML", help="the calibrated camera, best with its mount")
+    lens.add_argument("--hfov", type=float, metavar="DEG", help="horizontal field of view, if never calibrated")
+    detect.add_argument("--size", type=_size, metavar="WxH", help="picture size for --hfov (default: the first file's)")
+    detect.add_argument("--rows", type=_rows, default="420:701:10", metavar="FROM:TO:STEP", help="default: %(default)s")
+    detect.add_argument("--sequence", action="store_true", help="the stills are consecutive frames, in this order")
+    detect.add_argument("--fps", type=float, default=25.0, help="frames a second of --sequence (default: %(default)s)")
+    detect.add_argument("-o", "--output", type=Path, default=Path("lanes.jsonl"), help="default: %(default)s")
+    detect.set_defaults(run=run_detect)
+
+
+def run_detect(options: argparse.Namespace) -> int:
+    """Find the lane in every picture and write `options.output`."""
+    from lanes.detect import detect_files, write_detections
+    from lanes.footage import pick_pictures
+    from lanes.mount import estimate_mount
+
+    camera = _lens(options)
+    if camera.mount is None:
+        estimate = estimate_mount(pick_pictures(options.files, 40), camera, progress=_progress_line("mount"))
+        camera = camera.with_mount(estimate.mount)
+        print(estimate.describe())
+    found = detect_files(
+        options.files,
+        camera,
+        options.rows,
+        sequence=options.sequence,
+        fps=options.fps,
+        progress=_progress_line("detect"),
+    )
+    lost = sum(detection["state"] == "lost" for detection in found)
+    print(f"wrote {write_detections(options.output, found)}: {len(found)} pictures, no lane in {lost}")
+    return 0
+
+
+def _lens(options: argparse.Namespace):
+    """The camera that --camera names, or one of --hfov and --size."""
+    from lanes.camera import Camera, load_camera
+    from lanes.footage import pick_pictures
+
+    if options.camera:
+        return load_camera(options.camera)
+    first = next(pick_pictures(options.files, 1))
+    return Camera.from_fov(options.size or (first.shape[1], first.shape[0]), options.hfov)
+
+
+def _rows(text: str) -> range:
+    try:
+        rows = range(*(int(number) for number in text.split(":")))
+    except (TypeError, ValueError) as error:
+        raise argparse.ArgumentTypeError(f"{text} is no row range; write it like 420:701:10") from error
+    if ":" not in text or not rows or min(rows) < 0:
+        raise argparse.ArgumentTypeError(f"{text} holds no rows of a picture; write it like 420:701:10")
+    return rows
 
 
 def _size(text: str) -> tuple[int, int]:
