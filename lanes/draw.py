@@ -315,7 +315,7 @@ def _tint(image: np.ndarray, polygon_px: np.ndarray, colour: Colour, alpha: floa
 def _shade(image: np.ndarray, left: int, top: int, right: int, bottom: int, alpha: float) -> None:
     """Darken a rectangle of `image` in place."""
     part = image[top:bottom, left:right]
-    part[:] = np.round(part * (1 - alpha) + np.array(PANEL) * alpha).astype(np.uint8)
+    part[:] = cv2.add(cv2.convertScaleAbs(part, alpha=1 - alpha), (*(alpha * level for level in PANEL), 0.0))
 
 
 def _shrink(picture: np.ndarray, cell: tuple[int, int]) -> np.ndarray:

@@ -28,7 +28,7 @@ TOGETHER = 4.0
 # tighter bends.
 JOLT_STD_PER_M3, JOLT_STD_SHARE_PER_M2 = 3e-6, 1e-3
 # Standard deviations that still pull, in each iteration.
-SCALES = (1.5, 1.0, 1.0)
+SCALES = (1.5, 1.0)
 
 
 def gate_stripes(stripes: Stripes, belief: Belief, view: RoadView) -> Stripes:

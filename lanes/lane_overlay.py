@@ -2,28 +2,37 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.draw import LANE, LEFT, RIGHT, draw_line, write_text
+from lanes.draw import LANE, LEFT, RIGHT, write_text
 from lanes.lane import Lane
-from lanes.lanemodel import SIDES
+from lanes.lanemodel import SIDES, line_points
 from lanes.measure import describe_bend
-from lanes.tracker import TrackedLane
+from lanes.tracked import TrackedLane
 
-NEAREST_M = 3.0
-POINTS = 40
+# Drawn from the bottom of the picture on; in even steps of 1/x, that is of picture rows.
+NEAREST_M = 4.0
+POINTS = 32
 ALPHA = 0.3
+FARTHEST_PX = 30000
 # A line that is not seen itself is drawn thin: it follows from the other one.
 SEEN_PX, INFERRED_PX = 160, 500
 
 
 def lane_outlines(lane: Lane, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """Raw pixels (N, 2) along the left and the right line, near to far, as far as the evidence for either reaches."""
-    reach_m = max(lane.left.reach_m, lane.right.reach_m, NEAREST_M)
-    x_m = np.geomspace(NEAREST_M, reach_m, POINTS)
-    left, right = (lane.outline(camera, side, x_m=x_m) for side in SIDES)
+    reach_m = max(lane.left.reach_m, lane.right.reach_m, 2 * NEAREST_M)
+    along_m = 1 / np.linspace(1 / NEAREST_M, 1 / reach_m, POINTS)
+    mount = replace(camera.mount, pitch_rad=camera.mount.pitch_rad + lane.pitch_rad)
+    tilted = camera.with_mount(mount)
+    points = np.vstack([line_points(lane.model, side, along_m) for side in SIDES])
+    rise_m = lane.vertical_per_m * points[:, 0] ** 2 / 2
+    pixels = tilted.road_to_pixels(np.column_stack([points, rise_m])).reshape(2, POINTS, 2)
+    left, right = (_in_sight(line) for line in pixels)
     return left, right
 
 
@@ -46,17 +55,14 @@ def draw_tracked(image: np.ndarray, tracked: TrackedLane, camera: Camera) -> np.
     camera.require_size(image)
     if tracked.lane is None:
         return write_text(image, describe_tracked(tracked))
-    left, right = (_finite(points) for points in lane_outlines(tracked.lane, camera))
+    left, right = lane_outlines(tracked.lane, camera)
     drawn = image.copy()
     if len(left) > 1 and len(right) > 1:
-        _tint(drawn, np.vstack([left, right[::-1]]))
-    top = _top_row(left, right)
-    # only the rows with the lane are copied again
-    part = np.ascontiguousarray(drawn[top:])
+        _tint(image, drawn, np.vstack([left, right[::-1]]))
     for points, line, colour in ((left, tracked.lane.left, LEFT), (right, tracked.lane.right, RIGHT)):
-        width_px = camera.width / (SEEN_PX if line.seen else INFERRED_PX)
-        part = draw_line(part, points - [0, top], colour=colour, width_px=width_px)
-    drawn[top:] = part
+        width_px = round(camera.width / (SEEN_PX if line.seen else INFERRED_PX))
+        corners = np.round(points.clip(-FARTHEST_PX, FARTHEST_PX) * 16).astype(np.int32)
+        cv2.polylines(drawn, [corners], False, colour, width_px, cv2.LINE_AA, 4)
     return _write(drawn, describe_tracked(tracked))
 
 
@@ -75,29 +81,25 @@ def describe_tracked(tracked: TrackedLane) -> list[str]:
     return lines + [warning] if warning else lines
 
 
-def _finite(points: np.ndarray) -> np.ndarray:
-    return points[np.isfinite(points).all(axis=1)]
+def _in_sight(pixels: np.ndarray) -> np.ndarray:
+    """The points (N, 2), nearest first, until the line turns back or dips behind a crest or out of the lens."""
+    back = np.flatnonzero(~(np.diff(pixels[:, 1]) < 0))
+    pixels = pixels[: back[0] + 1] if len(back) else pixels
+    return pixels[np.isfinite(pixels).all(axis=1)]
 
 
-def _top_row(*lines: np.ndarray) -> int:
-    rows = np.concatenate([line[:, 1] for line in lines])
-    return int(max(rows.min() - 10, 0)) if len(rows) else 0
-
-
-def _tint(image: np.ndarray, outline: np.ndarray) -> None:
-    """Mix the lane's colour into the area inside `outline` (N, 2), in place; its rim lies under the lines."""
+def _tint(image: np.ndarray, drawn: np.ndarray, outline: np.ndarray) -> None:
+    """Mix the lane's colour into the area inside `outline` (N, 2) of `drawn`, a copy of `image`; lines hide its rim."""
     height, width = image.shape[:2]
-    corners = np.round(outline.clip(-4 * width, 4 * width)).astype(np.int32)
+    corners = np.round(outline.clip(-FARTHEST_PX, FARTHEST_PX)).astype(np.int32)
     left, top = np.maximum(corners.min(axis=0), 0)
     right, bottom = np.minimum(corners.max(axis=0) + 1, [width, height])
     if left >= right or top >= bottom:
         return
-    part = image[top:bottom, left:right]
-    mask = np.zeros(part.shape[:2], np.uint8)
-    cv2.fillPoly(mask, [corners - np.array([left, top], np.int32)], 255)
-    offset = tuple(ALPHA * c for c in LANE) + (0.0,)
-    tinted = cv2.add(cv2.convertScaleAbs(part, alpha=1 - ALPHA), offset)
-    cv2.copyTo(tinted, mask, part)
+    cv2.fillPoly(drawn, [corners], LANE)
+    # outside the area both pictures are the same, and so is their mixture
+    part = drawn[top:bottom, left:right]
+    cv2.addWeighted(image[top:bottom, left:right], 1 - ALPHA, part, ALPHA, 0, dst=part)
 
 
 def _write(image: np.ndarray, lines: list[str]) -> np.ndarray:

@@ -6,19 +6,19 @@ picture votes, old votes fade, and the majority holds.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lanes.lane import LaneLine
+from lanes.attributes import Paint
 
 # Gaps between dashes are 3 m (UK, slow roads) to 12 m (Germany); holes that wear and shadows leave are mostly shorter.
 DASH_GAP_M = 2.7
 # Farther than this a gap is too few rows of the view to be sure of.
 FAR_M = 32.0
 LEAST_ROWS = 6
-# A vote loses this share of its weight with every frame: 25 frames halve it.
-FADING = 0.973
+# A vote loses this share of its weight with every further one: 14 halve it.
+FADING = 0.95
 LEAST_VOTES = 0.5
 
 
@@ -43,16 +43,15 @@ class KindVotes:
     dashed: float = 0.0
     double: float = 0.0
 
-    def add(self, line: LaneLine, painted_m: np.ndarray) -> KindVotes:
-        """Count a picture; `painted_m` are the distances ahead, sorted or not, at which it shows the line's paint."""
-        votes = [FADING * v for v in (self.yellow, self.dashed, self.double)]
-        if line.paint is not None and line.seen:
-            votes[0] += 1 if line.paint.yellow else -1
-            votes[2] += 1 if line.paint.double else -1
+    def add_paint(self, paint: Paint) -> KindVotes:
+        """Count a look at the line's cross-section."""
+        yellow, double = (1 if yes else -1 for yes in (paint.yellow, paint.double))
+        return replace(self, yellow=FADING * self.yellow + yellow, double=FADING * self.double + double)
+
+    def add_gaps(self, painted_m: np.ndarray) -> KindVotes:
+        """Count a picture with paint at these distances ahead (N,), sorted or not."""
         dashed = looks_dashed(painted_m)
-        if dashed is not None:
-            votes[1] += 1 if dashed else -1
-        return KindVotes(*votes)
+        return self if dashed is None else replace(self, dashed=FADING * self.dashed + (1 if dashed else -1))
 
     @property
     def kind(self) -> LineKind:

@@ -1,8 +1,8 @@
 """What is believed about the lane between two frames: how it moves below the car, and how sure that stays.
 
 Eleven numbers: the seven of `lanes.lanemodel`, then four of the car: the curvature of the path that it steers, its
-speed, the pitch at which it rests between bumps, and its aim, the direction in which it moves as seen from a camera that
-may not look quite ahead. While the car moves a distance d along its own arc, the lane moves in the car's frame by
+speed, the pitch at which it rests between bumps, and its aim, the direction in which it moves as seen from a camera
+that may not look quite ahead. While the car moves a distance d along its own arc, the lane moves in the car's frame by
 
     centre + (heading - aim) d + (curvature - path) d^2 / 2,   heading + (curvature - path) d,   curvature + rate d.
 

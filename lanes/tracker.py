@@ -1,7 +1,6 @@
 """The lane over time: a Kalman filter in metres that knows when it has lost the lane.
 
-    picture -> observe -> predict -> gate -> follow -> Lane
-                             (every few frames: search as if nothing were known, and compare)
+    picture -> observe -> predict -> gate -> correct -> describe        (once a second: search as if nothing were known)
 
 What is predicted is not smoothed: each frame's estimate is the best of that frame given all earlier ones, and in a bend
 that begins it bends with it.
@@ -9,112 +8,39 @@ that begins it bends with it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from lanes.camera import Camera
 from lanes.confidence import chance, track_features
-from lanes.departure import DepartureWarning, watch_departure
+from lanes.departure import watch_departure
+from lanes.evidence import Stripes
 from lanes.follow import TOGETHER, correct_lane, gate_stripes
-from lanes.lane import LEAST_WEIGHT, Lane, LaneLine, Sight, describe_lane, observe, search_lane
-from lanes.lanemodel import CENTRE, CURVATURE, HEADING, PITCH, RATE, SIDES, WIDTH, line_coefficients
-from lanes.linekind import KindVotes, LineKind
+from lanes.followed import Seen, describe_followed, see_lines
+from lanes.lane import LEAST_WEIGHT, Lane, Sight, describe_lane, observe, search_lane
+from lanes.lanefit import LaneFit
+from lanes.lanemodel import CENTRE, SIDES, WIDTH
+from lanes.linekind import KindVotes
 from lanes.motion import AIM, PATH, SPEED, Belief, first_belief
 from lanes.roadview import RoadView
+from lanes.tracked import COASTING, LOST, SEARCHING, TRACKING, TrackedLane
 
-SEARCHING, TRACKING, COASTING, LOST = "searching", "tracking", "coasting", "lost"
-# A lane counts as there from this score (sum of the roots of both lines' supports) on, and when so many frames in a row
-# found it independently; it stays while its lines have any support.
-LEAST_SCORE, CONFIRMATIONS = 0.45, 3
+# A lane that was found counts as there from this score (sum of the roots of both lines' supports) on, and as surely
+# there when so many searches in a row have found it; a followed one is there while its lines' supports add up to this.
+LEAST_SCORE, CONFIRMATIONS, LEAST_SUPPORT = 0.45, 3, 0.08
 # Without evidence the prediction is shown for this long at most, and only while it is this sure 15 m ahead.
 LONGEST_COAST_S, WIDEST_STD_M = 1.0, 0.4
-# While tracking the lane is searched anew this often, and given up when another one scores better so often in a row.
-RECHECK_EVERY, OBJECTIONS, BETTER = 10, 3, 0.1
-# Sum of both lines' supports below which a followed lane counts as unseen.
-LEAST_STRENGTH = 0.08
+# While tracking the lane is searched anew this often, and given up when another one scores so much better so many times.
+RECHECK_S, BETTER, OBJECTIONS = 1.0, 0.1, 3
+# The paint of a line is looked at again after so many frames, left and right in turn.
+PAINT_EVERY = 4
 # The car's middle is so far over a line before the lines change their names: not at each touch of it.
 CROSSED_M = 0.1
 # Two lanes are the same if their lines lie within this at these distances.
 SAME_M, SAME_AT_M = 0.3, np.array([6.0, 12.0, 20.0])
-
-
-@dataclass(frozen=True, eq=False)
-class TrackedLane:
-    """The lane in one frame of a drive.
-
-    Attributes
-    ----------
-    state : str
-        "tracking": seen in this frame and before; "searching": seen, not yet confirmed; "coasting": not seen now,
-        predicted from before; "lost": not known, `lane` is None.
-    confidence : float
-        Probability that both lines are right within 0.2 m from 5 to 30 m ahead; see `lanes.confidence`.
-    lane : Lane or None
-        Where it is, with standard deviations, in metres; `lane.left.paint` and `.dashed` say what the lines are.
-    speed_mps : float or None
-        Given, or estimated from how the lane moves.
-    warning : DepartureWarning or None
-        Time to line crossing; None when lost.
-    """
-
-    state: str
-    confidence: float = 0.0
-    lane: Lane | None = None
-    speed_mps: float | None = None
-    warning: DepartureWarning | None = None
-    kinds: tuple[LineKind, LineKind] = (LineKind(), LineKind())
-    features: np.ndarray | None = None
-
-    @property
-    def offset_m(self) -> float | None:
-        """How far the car stands left of the lane's middle; None when lost, as all the following."""
-        return self.lane and self.lane.offset_m
-
-    @property
-    def offset_std_m(self) -> float | None:
-        """Standard deviation of the offset."""
-        return self.lane and self.lane.offset_std_m
-
-    @property
-    def heading_rad(self) -> float | None:
-        """Direction of the road seen from the car, > 0 to the left."""
-        return self.lane and self.lane.heading_rad
-
-    @property
-    def curvature_per_m(self) -> float | None:
-        """Curvature of the lane beside the car, > 0 bends left."""
-        return self.lane and self.lane.curvature_per_m
-
-    @property
-    def curvature_std_per_m(self) -> float | None:
-        """Standard deviation of the curvature."""
-        return self.lane and self.lane.curvature_std_per_m
-
-    @property
-    def lane_width_m(self) -> float | None:
-        """Distance between the two lines."""
-        return self.lane and self.lane.width_m
-
-    @property
-    def pitch_rad(self) -> float | None:
-        """How much farther down than its mount says the camera looks."""
-        return self.lane and self.lane.pitch_rad
-
-    @property
-    def left(self) -> LaneLine | None:
-        """The left line: coefficients, reach, support, paint."""
-        return self.lane and self.lane.left
-
-    @property
-    def right(self) -> LaneLine | None:
-        """The right line."""
-        return self.lane and self.lane.right
-
-    @property
-    def time_to_crossing_s(self) -> float | None:
-        """Until the tyres are on a line; infinite when the car keeps to its lane."""
-        return self.warning and self.warning.time_to_crossing_s
+# While tracking only a part of the road is looked at if both lines stay well inside it up to some distance.
+NARROW_M, MARGIN_M, NARROW_AT_M = 6.0, 1.2, np.array([5.0, 25.0, 45.0])
 
 
 class LaneTracker:
@@ -135,6 +61,7 @@ class LaneTracker:
             raise ValueError(f"a video has more than 0 pictures a second; got fps={fps}.")
         self.view = RoadView(camera)
         self.fps, self.speed_mps = fps, speed_mps
+        self._narrow = RoadView(camera, half_width_m=NARROW_M)
         self.reset()
 
     def reset(self) -> None:
@@ -142,8 +69,9 @@ class LaneTracker:
         self._belief: Belief | None = None
         self._lane: Lane | None = None
         self._state = LOST
-        self._confirmed = self._objections = self._since_check = 0
+        self._confirmed = self._objections = self._regained = self._since_search = 0
         self._unseen_s, self._margin = 0.0, 0.0
+        self._seen = (Seen(), Seen())
         self._votes = (KindVotes(), KindVotes())
 
     def update(self, image: np.ndarray, *, elapsed_s: float | None = None) -> TrackedLane:
@@ -159,33 +87,46 @@ class LaneTracker:
         Returns
         -------
         TrackedLane
+
+        Raises
+        ------
+        PictureError
+            If the picture is not RGB or not of the camera's size.
         """
-        elapsed_s = 1 / self.fps if elapsed_s is None else elapsed_s
-        sight = observe(image, self.view)
+        self._since_search += 1
+        search = self._state != TRACKING or self._objections > 0 or self._since_search >= RECHECK_S * self.fps
+        view = self.view if search or not self._fits_narrow() else self._narrow
+        sight = observe(image, view)
         if self._belief is not None:
-            self._follow(sight, elapsed_s)
-        if self._due_for_search():
+            self._follow(sight, view, 1 / self.fps if elapsed_s is None else elapsed_s)
+        if search:
             self._search(sight)
         return self._report()
 
-    def _follow(self, sight: Sight, elapsed_s: float) -> None:
+    def _fits_narrow(self) -> bool:
+        lines = self._lane.lateral_m(NARROW_AT_M)
+        return bool(np.abs(lines).max() < NARROW_M - MARGIN_M)
+
+    def _follow(self, sight: Sight, view: RoadView, elapsed_s: float) -> None:
         """Predict, take the stripes near the prediction, and correct it with them."""
         belief = self._belief.predict(elapsed_s, steady_speed=self.speed_mps is not None)
         if self.speed_mps is not None:
             belief.mean[SPEED] = self.speed_mps
-        near = gate_stripes(sight.stripes, belief, self.view)
-        fit = correct_lane(near, belief, self.view)
-        lane = describe_lane(fit, Sight(sight.view_image, near), self.view)
-        if lane is None or strength(lane) < LEAST_STRENGTH:
+        near = replace(sight, stripes=gate_stripes(sight.stripes, belief, view))
+        fit = correct_lane(near.stripes, belief, view)
+        look_at = {0: 0, PAINT_EVERY // 2: 1}.get(self._since_search % PAINT_EVERY)
+        seen = see_lines(fit, near, view, self._seen, look_at)
+        if seen[0].support + seen[1].support < LEAST_SUPPORT:
             self._coast(belief, elapsed_s)
             return
-        belief = belief.corrected(fit.lane[0], np.linalg.inv(fit.information[0]))
-        self._votes = tuple(
-            votes.add(line, near.x_m[(fit.side[0] == side) & (fit.weight[0] > LEAST_WEIGHT)])
-            for votes, line, side in zip(self._votes, (lane.left, lane.right), SIDES, strict=True)
-        )
-        self._belief, self._lane, self._unseen_s = belief, lane, 0.0
+        self._belief = belief.corrected(fit.lane[0], np.linalg.inv(fit.information[0]))
+        self._seen, self._unseen_s = seen, 0.0
+        self._count_kinds(fit, near.stripes, look_at)
         self._change_lane()
+        self._describe()
+        self._regained += self._state == COASTING
+        if self._regained >= CONFIRMATIONS:
+            self._state, self._regained = TRACKING, 0
 
     def _coast(self, belief: Belief, elapsed_s: float) -> None:
         """Go on without evidence, for a while."""
@@ -195,26 +136,35 @@ class LaneTracker:
             self.reset()
             return
         distance_m = float(belief.mean[SPEED]) * elapsed_s
-        self._belief, self._lane, self._state = belief, carry_lane(self._lane, belief, distance_m), COASTING
+        self._belief, self._seen = belief, tuple(seen.behind(distance_m) for seen in self._seen)
+        self._describe()
+        self._state, self._regained = COASTING, 0
 
     def _change_lane(self) -> None:
         """When the car's middle has crossed a line, its lane is the neighbouring one and lines change their names."""
-        model = self._belief.lane
-        if abs(model[CENTRE]) < model[WIDTH] / 2 + CROSSED_M:
+        lane = self._belief.lane
+        if abs(lane[CENTRE]) < lane[WIDTH] / 2 + CROSSED_M:
             return
-        side = -np.sign(model[CENTRE])
-        self._belief = self._belief.beside(side)
-        self._lane = carry_lane(self._lane, self._belief, 0.0, from_side=side)
-        shared = self._votes[0 if side > 0 else 1]
-        self._votes = (KindVotes(), shared) if side > 0 else (shared, KindVotes())
+        to_left = lane[CENTRE] < 0
+        self._belief = self._belief.beside(1.0 if to_left else -1.0)
+        self._seen = (Seen(), self._seen[0]) if to_left else (self._seen[1], Seen())
+        self._votes = (KindVotes(), self._votes[0]) if to_left else (self._votes[1], KindVotes())
 
-    def _due_for_search(self) -> bool:
-        self._since_check += 1
-        return self._state != TRACKING or self._objections > 0 or self._since_check >= RECHECK_EVERY
+    def _count_kinds(self, fit: LaneFit, stripes: Stripes, looked_at: int | None) -> None:
+        votes = list(self._votes)
+        for k, side in enumerate(SIDES):
+            votes[k] = votes[k].add_gaps(stripes.x_m[(fit.side[0] == side) & (fit.weight[0] > LEAST_WEIGHT)])
+            if k == looked_at and self._seen[k].paint:
+                votes[k] = votes[k].add_paint(self._seen[k].paint)
+        self._votes = votes[0], votes[1]
+
+    def _describe(self) -> None:
+        double = tuple(bool(votes.kind.double) for votes in self._votes)
+        self._lane = describe_followed(self._belief, self._seen, double, self._margin)
 
     def _search(self, sight: Sight) -> None:
         """Look for the lane as if nothing were known: to begin, to confirm, or to object."""
-        self._since_check = 0
+        self._since_search = 0
         fit = search_lane(sight.stripes, self.view)
         rival = describe_lane(fit, sight, self.view) if fit else None
         if rival is None or rival.score < LEAST_SCORE:
@@ -224,7 +174,7 @@ class LaneTracker:
         elif same_lane(rival, self._lane):
             self._objections, self._margin = 0, rival.margin
             self._confirmed += 1
-            if self._confirmed >= CONFIRMATIONS and self._unseen_s == 0:
+            if self._confirmed >= CONFIRMATIONS and self._state == SEARCHING:
                 self._state = TRACKING
         elif self._state != TRACKING or rival.score > self._lane.score + BETTER:
             self._objections += 1
@@ -237,8 +187,8 @@ class LaneTracker:
     def _start(self, lane: Lane) -> None:
         """Begin again with a lane that was found without memory."""
         self.reset()
-        covariance = lane.covariance * TOGETHER
-        self._belief, self._lane = first_belief(lane.model, covariance, self.speed_mps), lane
+        self._belief, self._lane = first_belief(lane.model, lane.covariance * TOGETHER, self.speed_mps), lane
+        self._seen = tuple(Seen(line.support, line.reach_m, line.paint) for line in (lane.left, lane.right))
         self._state, self._confirmed, self._margin = SEARCHING, 1, lane.margin
 
     def _report(self) -> TrackedLane:
@@ -257,49 +207,8 @@ class LaneTracker:
         )
 
 
-def strength(lane: Lane) -> float:
-    """How much paint speaks for a lane: the sum of both lines' supports."""
-    return lane.left.support + lane.right.support
-
-
-def carry_lane(lane: Lane, belief: Belief, distance_m: float, *, from_side: float = 0.0) -> Lane:
-    """The lane as the belief says, its lines seen `distance_m` ago; with `from_side` the neighbour of that lane.
-
-    A line that was a line of that lane keeps its paint; evidence comes nearer as the car moves on.
-    """
-    model, std = belief.lane, np.sqrt(np.diag(belief.lane_covariance))
-    known = {0.0: (lane.left, lane.right), 1.0: (None, lane.left), -1.0: (lane.right, None)}[from_side]
-    left, right = (
-        LaneLine(
-            *line_coefficients(model, side),
-            c0_std_m=belief.lateral_std_m(0.0),
-            support=old.support if old and not distance_m else 0.0,
-            reach_m=max(old.reach_m - distance_m, 0.0) if old else 0.0,
-            seen=bool(old and not distance_m and old.seen),
-            paint=old.paint if old else None,
-        )
-        for side, old in zip(SIDES, known, strict=True)
-    )
-    return replace(
-        lane,
-        offset_m=float(-model[CENTRE]),
-        offset_std_m=float(std[CENTRE]),
-        heading_rad=float(model[HEADING]),
-        curvature_per_m=float(model[CURVATURE] / (1 - model[CURVATURE] * model[CENTRE])),
-        curvature_std_per_m=float(std[CURVATURE]),
-        curvature_rate_per_m2=float(model[RATE]),
-        width_m=float(model[WIDTH]),
-        width_std_m=float(std[WIDTH]),
-        pitch_rad=float(model[PITCH]),
-        left=left,
-        right=right,
-        model=model.copy(),
-        covariance=belief.lane_covariance.copy(),
-    )
-
-
 def same_lane(one: Lane, other: Lane) -> bool:
     """Whether two lanes have the same lines, or share the one that the car is just crossing."""
-    y = [np.stack([lane.line_y(SAME_AT_M, side) for side in SIDES]) for lane in (one, other)]
-    pairs = [y[0] - y[1], y[0][:1] - y[1][1:], y[0][1:] - y[1][:1]]
-    return any(bool(np.nanmax(np.abs(difference)) < SAME_M) for difference in pairs)
+    y, other_y = one.lateral_m(SAME_AT_M), other.lateral_m(SAME_AT_M)
+    pairs = [y - other_y, y[:1] - other_y[1:], y[1:] - other_y[:1]]
+    return any(bool(np.all(np.abs(difference) < SAME_M)) for difference in pairs)

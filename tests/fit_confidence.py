@@ -3,8 +3,8 @@
     python tests/fit_confidence.py            drives (some minutes), fits, prints the weights and how well they hold
     python tests/fit_confidence.py --check    drives other roads and only says how well the present weights hold
 
-Roads, paint, light, motion and errors of the mount are drawn at random, hard ones among them: worn paint, lines that are
-missing for seconds, tar seams, bright cracks and kerbs that run along the lane, shadows, black pictures.
+Roads, paint, light, motion and errors of the mount are drawn at random, hard ones among them: worn paint, lines missing
+for seconds, tar seams, bright cracks and kerbs that run along the lane, shadows, black pictures.
 """
 
 from __future__ import annotations
