@@ -23,7 +23,7 @@ class TrackedLane:
         "tracking": seen in this frame and before; "searching": seen, not yet confirmed; "coasting": not seen now,
         predicted from before; "lost": not known, `lane` is None.
     confidence : float
-        Probability that both lines are right within 0.2 m from 5 to 30 m ahead; see `lanes.confidence`.
+        Probability that both lines are right within 0.2 m over 5 to 30 m ahead; see `lanes.confidence`.
     lane : Lane or None
         Where it is, in metres, with standard deviations.
     speed_mps : float or None

@@ -31,7 +31,7 @@ from lanes.tracked import COASTING, LOST, SEARCHING, TRACKING, TrackedLane
 LEAST_SCORE, CONFIRMATIONS, LEAST_SUPPORT = 0.45, 3, 0.08
 # Without evidence the prediction is shown for this long at most, and only while it is this sure 15 m ahead.
 LONGEST_COAST_S, WIDEST_STD_M = 1.0, 0.4
-# While tracking the lane is searched anew this often, and given up when another one scores so much better so many times.
+# While tracking the lane is searched anew this often, and given up when another one scores so much better so often.
 RECHECK_S, BETTER, OBJECTIONS = 1.0, 0.1, 3
 # The paint of a line is looked at again after so many frames, left and right in turn.
 PAINT_EVERY = 4

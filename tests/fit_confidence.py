@@ -29,7 +29,7 @@ from lanes.scenes.road import RoadGeometry  # noqa: E402
 from lanes.scenes.truth import Truth  # noqa: E402
 from lanes.tracker import LaneTracker  # noqa: E402
 
-DRIVES, SECONDS, FPS = 60, 4.0, 25.0
+DRIVES, SECONDS, FPS = 60, 3.0, 25.0
 RIDGE = 1.0
 
 
@@ -91,8 +91,8 @@ def draw_drive(seed: int) -> tuple[PaintedDrive, Camera]:
     mount = CAMERA.mount
     believed = replace(
         mount,
-        height_m=mount.height_m * (1 + rng.normal(0, 0.015)),
-        pitch_rad=mount.pitch_rad + rng.normal(0, 0.003),
+        height_m=mount.height_m * (1 + rng.normal(0, 0.01)),
+        pitch_rad=mount.pitch_rad + rng.normal(0, 0.002),
         yaw_rad=mount.yaw_rad + rng.normal(0, 0.002),
     )
     return drive, CAMERA.with_mount(believed)
@@ -101,7 +101,7 @@ def draw_drive(seed: int) -> tuple[PaintedDrive, Camera]:
 def is_right(lane: Lane, truth: Truth) -> bool:
     """Whether both lines are where they should be; see `lanes.confidence`."""
     errors = [lane.line_y(RIGHT_AT_M, side) - truth.line_y(k, RIGHT_AT_M) for k, side in enumerate(SIDES)]
-    return bool(np.all(np.abs(errors) < RIGHT_M))
+    return bool(np.all(np.sqrt(np.mean(np.square(errors), axis=1)) < RIGHT_M))
 
 
 def drive_along(seed: int) -> tuple[list, list]:
