@@ -37,7 +37,7 @@ AIM_STD_RAD, AIM_PER_S = 0.004, 1e-4
 PATH_PER_S, PATH_SHARE_PER_S, SPEED_PER_S = 1e-3, 0.3, 1.0
 # And in one metre of road, which is built to be smooth: motorways change their bend slowly, mountain roads within the
 # length of a car, in proportion to the bends that they have.
-WIDTH_PER_M, RATE_PER_M, RATE_SHARE_PER_M, VERTICAL_PER_M = 0.004, 3e-6, 2e-3, 5e-6
+WIDTH_PER_M, RATE_PER_M, RATE_SHARE_PER_M, VERTICAL_PER_M = 0.004, 6e-6, 2e-3, 5e-6
 CURVATURE_PER_M, CURVATURE_SHARE_PER_M = 3e-6, 5e-3
 # A transition curve ends after some such distance, and its change of curvature with it.
 TRANSITION_M = 150.0

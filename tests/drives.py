@@ -6,7 +6,8 @@ as polygons through the camera model: a frame costs a few milliseconds, and line
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import cv2
@@ -17,9 +18,9 @@ from lanes.scenes.render import Motion
 from lanes.scenes.road import Pose, RoadGeometry, offset_point
 from lanes.scenes.truth import Truth, lane_truth
 
-WHITE, YELLOW, ASPHALT, TAR = (215, 215, 210), (205, 160, 45), (98, 98, 100), (60, 60, 62)
+WHITE, YELLOW, ASPHALT, TAR = (215, 215, 210), (205, 160, 45), (98, 98, 98), (60, 60, 62)
 DASH_M = (3.05, 12.2)
-FPS = 25.0
+SPARE_PX = 64
 AHEAD_M = np.concatenate([np.arange(1.0, 25, 0.5), np.arange(25.0, 60, 1.0), np.arange(60.0, 161, 4)])
 CAMERA = Camera(
     1280,
@@ -78,7 +79,6 @@ class PaintedDrive:
     seed: int = 0
     drift_mps: float = 0.0
     drift_s: tuple[float, float] = (np.inf, np.inf)
-    extra: dict = field(default_factory=dict)
 
     def pose(self, time_s: float) -> Pose:
         """Place on the road; the drift leads the car sideways, as when changing lanes."""
@@ -98,45 +98,55 @@ class PaintedDrive:
         return lane_truth(self.road, self.pose(time_s), lane_m or self.lane_m, time_s=time_s, pitch_rad=pitch)
 
     def frame(self, time_s: float) -> np.ndarray:
-        """The picture (height, width, 3) uint8 at `time_s`."""
+        """The picture (height, width, 3) uint8 at `time_s`; what is above the horizon is grey as well."""
         height, width = self.camera.height, self.camera.width
         if self.black_s[0] <= time_s < self.black_s[1]:
             return np.zeros((height, width, 3), np.uint8)
         truth = self.truth(time_s)
         camera = self.camera.with_mount(replace(self.camera.mount, pitch_rad=truth.pitch_rad))
-        image = np.full((height, width, 3), ASPHALT, np.uint8)
-        # grey above the horizon as well: what is there does not matter
+        # the reference line and its normal in the car's frame, from which all stripes follow
+        base, beside = (
+            truth.pose.to_car(self.road, offset_point(self.road, truth.pose.s_m + AHEAD_M, d)) for d in (0.0, 1.0)
+        )
+        image = np.full((height, width, 3), ASPHALT[0], np.uint8)
         for stripe in (*self.ground, *self.lines):
             if not stripe.gone_s[0] <= time_s < stripe.gone_s[1]:
-                self._fill(image, stripe, truth.pose, camera, tuple(float(c) for c in self._colour(stripe)))
+                for corners in self._outlines(stripe, truth.pose.s_m, camera, base, beside - base):
+                    cv2.fillPoly(image, [corners], tuple(self._colour(stripe)), cv2.LINE_AA, 4)
         for shade in self.shades:
             mask = np.zeros((height, width), np.uint8)
-            self._fill(mask, shade, truth.pose, camera, (255,))
-            dark = cv2.convertScaleAbs(image, alpha=0.45)
-            cv2.copyTo(dark, mask, image)
+            cv2.fillPoly(mask, list(self._outlines(shade, truth.pose.s_m, camera, base, beside - base)), 255, 8, 4)
+            cv2.copyTo(cv2.convertScaleAbs(image, alpha=0.45), mask, image)
         rng = np.random.default_rng(self.seed * 10007 + round(time_s * 1000))
-        grain = np.roll(_grain(height, width), tuple(rng.integers(0, 200, 2)), axis=(0, 1))
-        return cv2.add(image, cv2.multiply(grain, (self.noise / 8,) * 4, dtype=cv2.CV_16S), dtype=cv2.CV_8U)
+        top, left = rng.integers(0, SPARE_PX, 2)
+        grain = _grain(height, width, self.noise)[top : top + height, left : left + width]
+        return cv2.add(image, grain, dtype=cv2.CV_8U)
 
-    def _colour(self, stripe: Stripe) -> np.ndarray:
-        return np.array(ASPHALT) + self.contrast * (np.array(stripe.colour, float) - ASPHALT)
+    def _colour(self, stripe: Stripe) -> list[float]:
+        return [a + self.contrast * (c - a) for c, a in zip(stripe.colour, ASPHALT, strict=True)]
 
-    def _fill(self, image: np.ndarray, stripe: Stripe, pose: Pose, camera: Camera, colour: tuple) -> None:
-        for low, high in stripe.pieces(pose.s_m):
+    def _outlines(
+        self, stripe: Stripe, station_m: float, camera: Camera, base: np.ndarray, normal: np.ndarray
+    ) -> Iterator[np.ndarray]:
+        """Corners (N, 2) int32, in sixteenths of a pixel, of each painted piece of a stripe."""
+        borders = []
+        for low, high in stripe.pieces(station_m):
             ahead = np.unique(np.clip(AHEAD_M, low, high))
-            edges = [stripe.lateral_m + half for half in (stripe.width_m / 2, -stripe.width_m / 2)]
-            sides = [pose.to_car(self.road, offset_point(self.road, pose.s_m + ahead, edge)) for edge in edges]
-            pixels = camera.road_to_pixels(np.vstack([sides[0], sides[1][::-1]]))
-            pixels = pixels[np.isfinite(pixels).all(axis=1)]
-            if len(pixels) > 2:
-                corners = np.round(pixels.clip(-4000, 5000) * 16).astype(np.int32)
-                cv2.fillPoly(image, [corners], colour, cv2.LINE_AA, 4)
+            sides = [base + (stripe.lateral_m + half * stripe.width_m) * normal for half in (0.5, -0.5)]
+            left, right = (np.stack([np.interp(ahead, AHEAD_M, xy) for xy in side.T], axis=1) for side in sides)
+            borders.append(np.vstack([left, right[::-1]]))
+        if borders:
+            pixels = np.round(camera.road_to_pixels(np.vstack(borders)).clip(-4000, 5000) * 16)
+            for corners in np.split(pixels, np.cumsum([len(border) for border in borders])[:-1]):
+                corners = corners[np.isfinite(corners).all(axis=1)]
+                if len(corners) > 2:
+                    yield corners.astype(np.int32)
 
 
-@lru_cache(maxsize=2)
-def _grain(height: int, width: int) -> np.ndarray:
-    """Noise (height, width, 3) of standard deviation 8, made once: drawing numbers for each frame costs 50 ms."""
-    return np.round(np.random.default_rng(1).normal(0, 8, (height, width, 3))).astype(np.int16)
+@lru_cache(maxsize=4)
+def _grain(height: int, width: int, std: float) -> np.ndarray:
+    """Noise (height, width, 3), made once: drawing numbers for each frame costs 50 ms."""
+    return np.round(np.random.default_rng(1).normal(0, std, (height + SPARE_PX, width + SPARE_PX, 3))).astype(np.int16)
 
 
 def straight_road() -> RoadGeometry:
@@ -144,9 +154,10 @@ def straight_road() -> RoadGeometry:
     return RoadGeometry([0.0, 2000.0], [0.0, 0.0])
 
 
-def s_bend() -> RoadGeometry:
-    """Left R 500, right R 400, joined by clothoids 80 m long, again and again."""
-    return RoadGeometry(np.arange(0.0, 1200, 80), np.tile([0.0, 1 / 500, 1 / 500, 0.0, -1 / 400, -1 / 400], 3)[:15])
+def s_bend(radius_m: float = 450.0, knot_m: float = 80.0) -> RoadGeometry:
+    """Left, right, left, ..., with arcs and the clothoids between them of `knot_m` each."""
+    bends = np.tile([0.0, 1.0, 1.0, 0.0, -1.0, -1.0], 4) / radius_m
+    return RoadGeometry(np.arange(len(bends)) * knot_m, bends)
 
 
 def lane_lines(*, left: dict | None = None, right: dict | None = None) -> tuple[Stripe, ...]:

@@ -1,0 +1,109 @@
+"""`python -m lanes detect` as a process, and the detections themselves."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drives import CAMERA, PaintedDrive, lane_lines, s_bend
+
+from lanes.camera import CameraError, save_camera
+from lanes.detect import detect_files
+from lanes.images import write_image
+from lanes.scenes.render import Motion
+
+SMALL = CAMERA.scaled((640, 360))
+DRIVE = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3, wander_m=0.2), camera=SMALL)
+ROWS = range(230, 351, 10)
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("drive")
+    for frame in range(4):
+        write_image(folder / f"frame{frame}.png", DRIVE.frame(frame / 25))
+    write_image(folder / "black.png", np.zeros((360, 640, 3), np.uint8))
+    save_camera(SMALL, folder / "camera.yaml")
+    save_camera(SMALL.with_mount(None), folder / "lens.yaml")
+    return folder
+
+
+def run(*arguments: object) -> subprocess.CompletedProcess:
+    command = [sys.executable, "-m", "lanes", "detect", *map(str, arguments)]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
+
+
+def true_columns(frame: int) -> np.ndarray:
+    truth = DRIVE.truth(frame / 25)
+    x = np.geomspace(2, 100, 400)
+    columns = []
+    for side in (0, 1):
+        u, v = SMALL.road_to_pixels(np.column_stack([x, truth.line_y(side, x)])).T
+        columns.append(np.interp(ROWS, v[::-1], u[::-1]))
+    return np.array(columns)
+
+
+@pytest.mark.parametrize("sequence", [False, True])
+def test_command_writes_what_it_sees(folder, tmp_path, sequence):
+    frames = [folder / f"frame{n}.png" for n in range(4)]
+    output = tmp_path / "lanes.jsonl"
+    rows = f"{ROWS.start}:{ROWS.stop}:{ROWS.step}"
+    options = ["--sequence"] if sequence else []
+    done = run("--camera", folder / "camera.yaml", *frames, "--rows", rows, "-o", output, *options)
+    assert done.returncode == 0, done.stderr
+    assert "4 pictures, no lane in 0" in done.stdout
+    found = [json.loads(line) for line in output.read_text().splitlines()]
+    assert [row["raw_file"] for row in found] == [str(frame) for frame in frames]
+    for n, row in enumerate(found):
+        assert row["h_samples"] == list(ROWS)
+        columns, true = np.array(row["lanes"]), true_columns(n)
+        inside = (true > 5) & (true < 635)
+        assert np.abs(columns - true)[inside].max() < 3
+        assert row["run_time"] > 0
+        assert row["offset_m"] == pytest.approx(DRIVE.truth(n / 25).offset_m, abs=0.05)
+        assert row["curvature_per_m"] == pytest.approx(DRIVE.truth(n / 25).curvature_per_m, abs=5e-4)
+    states = [row["state"] for row in found]
+    assert states == (["searching", "searching", "tracking", "tracking"] if sequence else ["found"] * 4)
+
+
+def test_nothing_there_is_said(folder):
+    (row,) = detect_files([folder / "black.png"], SMALL, np.array(ROWS))
+    assert (row["state"], row["confidence"], row["offset_m"]) == ("lost", 0.0, None)
+    assert row["lanes"] == [[-2.0] * len(ROWS)] * 2
+    json.dumps(row)
+
+
+def test_other_sizes_of_the_same_shape_are_rescaled(folder):
+    (row,) = detect_files([folder / "frame0.png"], CAMERA, np.array(ROWS))
+    columns, true = np.array(row["lanes"]), true_columns(0)
+    inside = (true > 5) & (true < 635)
+    assert np.abs(columns - true)[inside].max() < 3
+    with pytest.raises(CameraError, match="cropped"):
+        detect_files([folder / "frame0.png"], CAMERA.scaled((1280, 720)).from_fov((640, 480), 60, CAMERA.mount), ROWS)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "words"),
+    [
+        (["missing.png", "--camera", "camera.yaml"], 1, "missing.png"),
+        (["frame0.png", "--camera", "nowhere.yaml"], 1, "nowhere.yaml"),
+        (["frame0.png"], 2, "one of the arguments --camera --hfov is required"),
+        (["frame0.png", "--camera", "camera.yaml", "--rows", "700"], 2, "700 holds no rows"),
+        (["frame0.png", "--camera", "camera.yaml", "--rows", "a:b"], 2, "a:b is no row range"),
+        (["black.png", "--camera", "lens.yaml"], 1, "parallel lane lines"),
+        (["black.png", "--hfov", "5"], 1, "field of view of 5"),
+    ],
+)
+def test_misuse_is_told_and_nothing_written(folder, tmp_path, arguments, status, words):
+    files = [folder / a if a.endswith((".png", ".yaml")) else a for a in arguments]
+    output = tmp_path / "lanes.jsonl"
+    done = run(*files, "-o", output)
+    assert done.returncode == status
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
+    assert list(tmp_path.iterdir()) == []

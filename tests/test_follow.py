@@ -1,0 +1,93 @@
+"""Gating and correction on stripes that lie exactly where the test puts them."""
+
+from __future__ import annotations
+
+import numpy as np
+from drives import CAMERA
+
+from lanes.evidence import Stripes
+from lanes.follow import correct_lane, gate_stripes
+from lanes.lanemodel import CENTRE, CURVATURE, RATE, SIDES, WIDTH, line_points
+from lanes.motion import first_belief
+from lanes.roadview import RoadView
+
+VIEW = RoadView(CAMERA)
+STD = np.array([0.1, 0.05, 0.01, 5e-4, 1e-5, 0.003, 5e-5])
+LANE = np.array([0.2, 3.6, 0.01, 1 / 500, 0, 0, 0])
+
+
+def stripes_on(lane: np.ndarray, *, aside_m: float = 0.0, far_m: float = 40.0) -> Stripes:
+    """Strong stripes along both lines of a lane, in each row of a flat view."""
+    along = VIEW.x_m[VIEW.x_m < far_m]
+    points, angles = [], []
+    for side in SIDES:
+        line = line_points(lane, side, along)
+        points.append(line + [0, aside_m])
+        angles.append(np.arctan2(*np.gradient(line, axis=0).T[::-1]) if len(line) else [])
+    x, y = np.vstack(points).T
+    angle = np.concatenate(angles)
+    # rows count from the far end, so that the gradient runs backwards along the line
+    angle = np.arctan(np.tan(angle))
+    row = np.tile(np.flatnonzero(VIEW.x_m < far_m), 2)
+    yes = np.zeros(len(x), bool)
+    return Stripes(row, x, y, angle, np.full(len(x), 30.0), yes, yes)
+
+
+def test_gate_keeps_what_is_no_surprise():
+    belief = first_belief(LANE, np.diag(STD**2), 20.0)
+    near = stripes_on(LANE, aside_m=0.1)
+    assert len(gate_stripes(near, belief, VIEW)) == len(near)
+    beside = gate_stripes(stripes_on(LANE, aside_m=0.6, far_m=12.0), belief, VIEW)
+    assert len(beside) == 0
+    unsure = first_belief(LANE, np.diag((5 * STD) ** 2), 20.0)
+    assert len(gate_stripes(stripes_on(LANE, aside_m=0.6, far_m=12.0), unsure, VIEW)) > 0
+
+
+def test_correction_finds_the_lane_and_becomes_surer():
+    belief = first_belief(LANE, np.diag(STD**2), 20.0)
+    true = LANE + 0.7 * STD * [1, -1, 1, 1, 0, 0, 0]
+    fit = correct_lane(stripes_on(true), belief, VIEW)
+    x = np.array([5.0, 15, 30])
+    for side in SIDES:
+        np.testing.assert_allclose(line_points(fit.lane[0], side, x), line_points(true, side, x), atol=0.06)
+    covariance = np.linalg.inv(fit.information[0])
+    assert np.all(np.diag(covariance) <= STD**2 * (1 + 1e-9))
+    assert covariance[CENTRE, CENTRE] < 0.25 * STD[0] ** 2
+
+
+def test_one_line_moves_the_other_with_it():
+    """The width is known better than the place, so that the line that is not seen keeps its distance."""
+    belief = first_belief(LANE, np.diag(STD**2), 20.0)
+    true = LANE + [0.15, 0, 0, 0, 0, 0, 0]
+    stripes = stripes_on(true)
+    right = stripes.select(np.arange(len(stripes)) >= len(stripes) // 2)
+    lane = correct_lane(right, belief, VIEW).lane[0]
+    assert 0.08 < lane[CENTRE] - LANE[CENTRE] < 0.16
+    assert abs(lane[WIDTH] - LANE[WIDTH]) < 0.03
+
+
+def test_a_transition_far_ahead_does_not_bend_the_road_beside_the_car():
+    """Straight for 25 m, then a clothoid: the curvature here stays that of the straight."""
+    belief = first_belief(np.array([0.0, 3.6, 0, 0, 0, 0, 0]), np.diag(STD**2), 20.0)
+    stripes = stripes_on(belief.lane, far_m=60.0)
+    ahead = np.maximum(stripes.x_m - 25, 0)
+    bent = Stripes(
+        stripes.row,
+        stripes.x_m,
+        stripes.y_m + 5e-5 * ahead**3 / 6,
+        np.arctan(5e-5 * ahead**2 / 2),
+        stripes.strength,
+        stripes.double,
+        stripes.yellow,
+    )
+    lane = correct_lane(bent, belief, VIEW).lane[0]
+    assert abs(lane[CURVATURE]) < 1 / 5000
+    assert abs(lane[CENTRE]) < 0.02
+    assert lane[RATE] >= 0
+
+
+def test_no_stripes_leave_the_prediction():
+    belief = first_belief(LANE, np.diag(STD**2), 20.0)
+    fit = correct_lane(stripes_on(LANE, far_m=0.0), belief, VIEW)
+    np.testing.assert_allclose(fit.lane[0], LANE, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.inv(fit.information[0]), np.diag(STD**2), rtol=1e-6, atol=1e-15)

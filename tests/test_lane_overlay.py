@@ -1,0 +1,91 @@
+"""The tracked lane on the raw picture: in the right place, no farther than the evidence, nothing when lost."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from drives import CAMERA, PaintedDrive, lane_lines, s_bend
+
+from lanes.images import PictureError
+from lanes.lane_overlay import describe_tracked, draw_tracked, lane_outlines
+from lanes.scenes.render import Motion
+from lanes.tracked import LOST, TrackedLane
+from lanes.tracker import LaneTracker
+
+SMALL = CAMERA.scaled((640, 360))
+DRIVE = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3), camera=SMALL)
+
+
+@lru_cache(maxsize=1)
+def tracked() -> tuple[np.ndarray, TrackedLane]:
+    tracker = LaneTracker(SMALL)
+    for frame in range(4):
+        image = DRIVE.frame(frame / 25)
+        result = tracker.update(image)
+    return image, result
+
+
+def test_outlines_lie_on_the_paint():
+    _, result = tracked()
+    truth = DRIVE.truth(3 / 25)
+    for k, outline in enumerate(lane_outlines(result.lane, SMALL)):
+        x = np.linspace(6, 30, 200)
+        paint = SMALL.road_to_pixels(np.column_stack([x, truth.line_y(k, x)]))
+        inside = outline[(outline[:, 1] < paint[0, 1]) & (outline[:, 1] > paint[-1, 1])]
+        assert len(inside) > 5
+        column = np.interp(inside[:, 1], paint[::-1, 1], paint[::-1, 0])
+        np.testing.assert_allclose(inside[:, 0], column, atol=2.0)
+
+
+def test_outlines_end_with_the_evidence():
+    _, result = tracked()
+    reach_m = max(result.left.reach_m, result.right.reach_m)
+    assert 25 < reach_m <= 70
+    top = min(outline[:, 1].min() for outline in lane_outlines(result.lane, SMALL))
+    horizon_row = SMALL.road_to_pixels(np.array([[1e5, 0.0]]))[0, 1]
+    assert top > horizon_row + 4
+
+
+def test_drawing_tints_the_lane_and_leaves_the_rest():
+    image, result = tracked()
+    kept = image.copy()
+    drawn = draw_tracked(image, result, SMALL)
+    np.testing.assert_array_equal(image, kept)
+    u, v = np.round(SMALL.road_to_pixels(np.array([[10.0, -0.3]]))[0]).astype(int)
+    assert drawn[v, u, 1] > drawn[v, u, 0] + 30
+    u, v = np.round(SMALL.road_to_pixels(np.array([[10.0, -3.5]]))[0]).astype(int)
+    np.testing.assert_array_equal(drawn[v, u], image[v, u])
+
+
+def test_read_only_pictures_are_welcome():
+    image, result = tracked()
+    image.flags.writeable = False
+    assert draw_tracked(image, result, SMALL).flags.writeable
+
+
+def test_lost_draws_words_only():
+    image, _ = tracked()
+    drawn = draw_tracked(image, TrackedLane(LOST), SMALL)
+    assert describe_tracked(TrackedLane(LOST)) == ["lane lost"]
+    changed = np.argwhere((drawn != image).any(axis=2))
+    assert len(changed) > 50
+    assert changed[:, 0].max() < 60
+    assert changed[:, 1].max() < 300
+
+
+def test_words():
+    _, result = tracked()
+    bend, offset, state = describe_tracked(result)
+    assert bend.startswith("bends left, R ")
+    assert offset.endswith("m left of centre")
+    assert offset.startswith("0.3")
+    assert "±" in offset
+    assert state.startswith("tracking, confidence ")
+
+
+def test_another_size_is_refused():
+    _, result = tracked()
+    with pytest.raises(PictureError, match="1280x720"):
+        draw_tracked(np.zeros((720, 1280, 3), np.uint8), result, SMALL)

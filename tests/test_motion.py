@@ -1,0 +1,101 @@
+"""The prediction and what it learns, against roads driven exactly."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lanes.lanemodel import CENTRE, CURVATURE, HEADING, PITCH, RATE, WIDTH
+from lanes.motion import AIM, LANE, PATH, REST, SPEED, Belief, first_belief
+from lanes.scenes.road import Pose, RoadGeometry
+from lanes.scenes.truth import lane_truth
+
+COVARIANCE = np.diag(np.square([0.1, 0.1, 0.01, 1e-3, 1e-5, 0.005, 1e-4]))
+LANE_BEFORE = np.array([0.3, 3.6, 0.02, 2e-3, 1e-5, 0.004, 0.0])
+
+
+def belief_with(**car: float) -> Belief:
+    belief = first_belief(LANE_BEFORE, COVARIANCE, 20.0)
+    places = {"path": PATH, "speed": SPEED, "rest": REST, "aim": AIM}
+    for name, value in car.items():
+        belief.mean[places[name]] = value
+    return belief
+
+
+def test_straight_driving_along_a_bend():
+    """A car that drives straight on: the lane turns and moves below it as geometry says."""
+    road = RoadGeometry([0.0, 1000.0], [1 / 400, 1 / 400])
+    before = lane_truth(road, Pose(100.0, 0.2, -0.01), (1.8, -1.8), time_s=0, pitch_rad=0)
+    lane = np.array([-0.2, 3.6, before.heading_rad, 1 / 400, 0, 0, 0])
+    belief = first_belief(lane, COVARIANCE, 20.0)
+    belief.mean[PATH] = 0.0
+    after = belief.predict(0.1).mean
+    # two metres on: its heading relative to the road changes by 2 / 400, its lateral place by the integral of it
+    assert after[HEADING] == pytest.approx(before.heading_rad + 2 / 400, abs=1e-6)
+    assert after[CENTRE] == pytest.approx(-0.2 + 2 * before.heading_rad + 2**2 / 400 / 2, abs=1e-6)
+
+
+def test_clothoid_and_springs():
+    after = belief_with(path=2e-3, rest=0.0).predict(0.04).mean
+    assert after[CURVATURE] == pytest.approx(2e-3 + 1e-5 * 0.8)
+    assert 0 < after[PITCH] < 0.004
+    assert after[WIDTH] == 3.6
+    assert after[RATE] == pytest.approx(1e-5, rel=0.01)
+
+
+def test_a_camera_that_looks_aside_moves_the_lane_no_farther():
+    after = belief_with(path=2e-3, aim=0.02).predict(0.1).mean
+    assert after[CENTRE] == pytest.approx(0.3, abs=1e-9)
+
+
+def test_uncertainty_grows_and_a_standing_car_keeps_the_road():
+    belief = belief_with()
+    later = belief.predict(0.04)
+    assert np.all(np.diag(later.covariance)[:3] > np.diag(belief.covariance)[:3])
+    standing = belief_with(speed=0.0).predict(0.04)
+    for parameter in (WIDTH, CURVATURE, RATE):
+        assert standing.covariance[parameter, parameter] == pytest.approx(belief.covariance[parameter, parameter])
+    np.testing.assert_allclose(later.covariance, later.covariance.T, atol=1e-15)
+
+
+def test_correction_moves_the_car_with_the_lane():
+    """If the lane has moved farther sideways than foretold, the car is faster than believed."""
+    belief = belief_with(path=2e-3, speed=20.0)
+    belief.covariance[SPEED, SPEED] = 64.0
+    belief = belief.predict(0.5)
+    lane = belief.lane.copy()
+    lane[CENTRE] += 0.05
+    corrected = belief.corrected(lane, belief.lane_covariance / 4)
+    assert corrected.mean[SPEED] > 20.5
+    assert corrected.covariance[SPEED, SPEED] < belief.covariance[SPEED, SPEED]
+    np.testing.assert_array_equal(corrected.mean[LANE], lane)
+    # learning nothing changes nothing
+    same = belief.corrected(belief.lane, belief.lane_covariance)
+    np.testing.assert_allclose(same.covariance, belief.covariance, atol=1e-12)
+
+
+def test_correction_is_the_kalman_update():
+    """Against the textbook's formula, with a measurement of the centre alone."""
+    belief = belief_with().predict(0.2)
+    h = np.zeros(len(belief.mean))
+    h[CENTRE] = 1
+    s = h @ belief.covariance @ h + 0.05**2
+    gain = belief.covariance @ h / s
+    mean, covariance = belief.mean + gain * 0.1, belief.covariance - np.outer(gain, gain) * s
+    corrected = belief.corrected(mean[LANE], covariance[LANE, LANE])
+    np.testing.assert_allclose(corrected.mean, mean, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(corrected.covariance, covariance, rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_neighbouring_lane_shares_a_line(side):
+    belief = belief_with()
+    neighbour = belief.beside(side)
+    shared = np.zeros(len(belief.mean))
+    shared[[CENTRE, WIDTH]] = 1, side / 2
+    other = shared.copy()
+    other[WIDTH] = -side / 2
+    assert other @ neighbour.mean == pytest.approx(shared @ belief.mean)
+    assert other @ neighbour.covariance @ other == pytest.approx(shared @ belief.covariance @ shared)
+    far = shared @ neighbour.covariance @ shared
+    assert far > shared @ belief.covariance @ shared
