@@ -16,11 +16,10 @@ RIGHT_M, RIGHT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
 # A usual lane is so wide, metres.
 USUAL_WIDTH_M = 3.5
 # What a probability depends on: the roots of the lines' supports; how much better than any other lane it is; how surely
-# its worse line is known 20 m ahead; how unusually wide it is. Memory adds for how long nothing was seen, and how often
-# the lane was found again without memory.
-FEATURES = ("constant", "weaker line", "stronger line", "margin", "log std", "odd width", "unseen s", "confirmed")
-STILL_WEIGHTS = np.array([-2.0, 4.0, 2.0, 2.0, -1.0, -1.0])
-TRACK_WEIGHTS = np.array([-2.0, 4.0, 2.0, 2.0, -1.0, -1.0, -3.0, 0.5])
+# its worse line is known 20 m ahead; how unusually wide it is. Memory adds for how long nothing was seen.
+FEATURES = ("constant", "weaker line", "stronger line", "margin", "log std", "odd width", "unseen s")
+STILL_WEIGHTS = np.array([0.57, -0.64, -4.29, 1.06, -1.62, -4.73])
+TRACK_WEIGHTS = np.array([-0.74, -1.78, -0.58, 0.71, -1.42, -5.21, 1.94])
 
 
 def lane_features(lane: Lane, *, margin: float | None = None) -> np.ndarray:
@@ -31,9 +30,9 @@ def lane_features(lane: Lane, *, margin: float | None = None) -> np.ndarray:
     return np.array([1.0, support.min(), support.max(), margin, spread, abs(lane.width_m - USUAL_WIDTH_M)])
 
 
-def track_features(lane: Lane, *, margin: float, unseen_s: float, confirmed: int) -> np.ndarray:
-    """The features (8,) of a lane that is followed: last seen so long ago, confirmed so often."""
-    return np.append(lane_features(lane, margin=margin), [unseen_s, np.log1p(min(confirmed, 10))])
+def track_features(lane: Lane, *, margin: float, unseen_s: float) -> np.ndarray:
+    """The features (7,) of a lane that is followed, last seen so long ago."""
+    return np.append(lane_features(lane, margin=margin), unseen_s)
 
 
 def lateral_std_m(lane: Lane, x_m: float) -> float:

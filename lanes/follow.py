@@ -15,7 +15,7 @@ import numpy as np
 
 from lanes.evidence import Stripes
 from lanes.lanefit import STRAY_AT_M, STRAY_M, LaneFit, compare, paint_weight, place_std
-from lanes.motion import Belief
+from lanes.motion import Belief, bend_of
 from lanes.roadview import RoadView
 
 # A stripe is taken if its innovation squared over its variance is below this: chi-square of one degree of freedom,
@@ -23,8 +23,9 @@ from lanes.roadview import RoadView
 GATE = 9.0
 # Stripes of one picture err together (the same paint, the same lens), so they count as so many times fewer.
 TOGETHER = 4.0
-# Change of the rate of curvature, 1/m^3: a rate of 5e-5 that comes or goes within 12 m of road.
-JOLT_STD_PER_M3 = 4e-6
+# Change of the rate of curvature, 1/m^3: a rate of 5e-5 that comes or goes within 12 m of road, and more on roads with
+# tighter bends, as their square.
+JOLT_STD_PER_M3, JOLT_STD_SHARE_PER_M = 4e-6, 0.05
 # Standard deviations that still pull, in each iteration.
 SCALES = (1.5, 1.0)
 
@@ -56,8 +57,9 @@ def correct_lane(stripes: Stripes, belief: Belief, view: RoadView) -> LaneFit:
     std, paint = place_std(stripes, view.focal_px), paint_weight(stripes)
     stray = STRAY_M * (stripes.x_m / STRAY_AT_M) ** 3
     mean = np.append(belief.lane, 0.0)
+    jolt_std = JOLT_STD_PER_M3 + JOLT_STD_SHARE_PER_M * bend_of(belief.lane) ** 2
     prior = np.zeros((len(mean), len(mean)))
-    prior[:-1, :-1], prior[-1, -1] = np.linalg.inv(belief.lane_covariance), JOLT_STD_PER_M3**-2
+    prior[:-1, :-1], prior[-1, -1] = np.linalg.inv(belief.lane_covariance), jolt_std**-2
     guess = mean
     for scale in SCALES:
         weight, residual, _, derivative = (q[0] for q in compare(guess[None, :-1], stripes, view.height_m, std * scale))

@@ -26,19 +26,20 @@ LANE = slice(0, 7)
 # Unless told, the car does what cars on roads do; told, the speed is still a clock's and a speedometer's.
 USUAL_SPEED_MPS, USUAL_SPEED_STD_MPS, GIVEN_SPEED_STD_MPS = 20.0, 8.0, 0.5
 FASTEST_MPS = 70.0
-# Standard deviations that what the motion does not foretell adds in one second (they grow with the root of time):
-# sideways from wind and tilt; heading and pitch from
-# bumps; the steering wheel, on a straight road and as a share of the bend; pedals.
-CENTRE_PER_S, HEADING_PER_S, PITCH_PER_S = 0.015, 0.003, 0.01
-# Springs bring the pitch back to rest within such a time; the mount says where that is, to half a degree.
-SPRING_S, REST_STD_RAD, REST_PER_S = 0.3, 0.01, 2e-4
-# The mount's yaw is known to a quarter of a degree.
-AIM_STD_RAD, AIM_PER_S = 0.004, 1e-4
+# Springs bring the pitch back to rest within such a time; the mount says where that is, to half a degree, and how the
+# camera looks aside, to a quarter.
+SPRING_S, REST_STD_RAD, AIM_STD_RAD = 0.3, 0.01, 0.004
+# What the motion does not foretell adds to the standard deviations, in one second: sideways from wind and tilt; heading
+# and pitch from bumps; the steering wheel, on a straight road and as a share of the bend; pedals.
+CENTRE_PER_S, HEADING_PER_S, PITCH_PER_S, REST_PER_S, AIM_PER_S = 0.015, 0.003, 0.01, 2e-4, 1e-4
 PATH_PER_S, PATH_SHARE_PER_S, SPEED_PER_S = 1e-3, 0.3, 1.0
-# And in one metre of road, which is built to be smooth: motorways change their bend slowly, mountain roads within the
-# length of a car, in proportion to the bends that they have.
-WIDTH_PER_M, RATE_PER_M, RATE_SHARE_PER_M, VERTICAL_PER_M = 0.004, 6e-6, 2e-3, 5e-6
-CURVATURE_PER_M, CURVATURE_SHARE_PER_M = 3e-6, 5e-3
+# And in one metre of road. Curvature changes at a rate that itself changes: on motorways by 5e-5 1/m^2 within 70 m, on
+# mountain roads by more, as the square of the bends that they have (a transition takes about as long as its bend's
+# radius allows for).
+WIDTH_PER_M, VERTICAL_PER_M, CURVATURE_PER_M = 0.004, 5e-6, 3e-6
+RATE_PER_M, RATE_SHARE = 6e-6, 1.0
+# A bend that is coming up within such a distance counts like one.
+BEND_AHEAD_M = 15.0
 # A transition curve ends after some such distance, and its change of curvature with it.
 TRANSITION_M = 150.0
 # Neighbouring lanes of one road differ by about this in width.
@@ -77,7 +78,7 @@ class Belief:
         jacobian[[CENTRE, HEADING, CURVATURE], SPEED] = np.array([slant + turn * d, turn, rate]) * elapsed_s
         jacobian[PITCH, [PITCH, REST]] = swing, 1 - swing
         mean[LANE] = np.clip(mean[LANE], -LIMIT, LIMIT)
-        noise = _noise(curvature, d, elapsed_s, steady_speed)
+        noise = _noise(bend_of(self.lane), d, elapsed_s, steady_speed)
         return Belief(mean, jacobian @ self.covariance @ jacobian.T + np.diag(noise))
 
     def corrected(self, lane: np.ndarray, covariance: np.ndarray) -> Belief:
@@ -120,15 +121,18 @@ def first_belief(lane: np.ndarray, covariance: np.ndarray, speed_mps: float | No
     return Belief(np.concatenate([lane, [lane[CURVATURE], speed, 0.0, 0.0]]), whole)
 
 
-def _noise(curvature: float, distance_m: float, elapsed_s: float, steady_speed: bool) -> np.ndarray:
+def bend_of(lane: np.ndarray) -> float:
+    """How much the road bends here or soon, 1/m: what the changes to be expected are in proportion to."""
+    return float(abs(lane[CURVATURE]) + BEND_AHEAD_M * abs(lane[RATE]))
+
+
+def _noise(bend: float, distance_m: float, elapsed_s: float, steady_speed: bool) -> np.ndarray:
     """(11,) variances that one step adds."""
-    bend = abs(curvature)
     per_s, per_m = np.zeros(STATES), np.zeros(STATES)
     per_s[[CENTRE, HEADING, PITCH, REST]] = CENTRE_PER_S, HEADING_PER_S, PITCH_PER_S, REST_PER_S
     per_s[AIM] = AIM_PER_S
     per_s[PATH] = PATH_PER_S + PATH_SHARE_PER_S * bend
     per_s[SPEED] = 0.0 if steady_speed else SPEED_PER_S
     per_m[[WIDTH, VERTICAL]] = WIDTH_PER_M, VERTICAL_PER_M
-    per_m[CURVATURE] = CURVATURE_PER_M + CURVATURE_SHARE_PER_M * bend
-    per_m[RATE] = RATE_PER_M + RATE_SHARE_PER_M * bend
+    per_m[CURVATURE], per_m[RATE] = CURVATURE_PER_M, RATE_PER_M + RATE_SHARE * bend**2
     return per_s**2 * elapsed_s + per_m**2 * abs(distance_m)

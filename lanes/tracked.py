@@ -32,7 +32,7 @@ class TrackedLane:
         Time to line crossing; None when lost.
     kinds : (LineKind, LineKind)
         Colour, solid or dashed, double: left and right.
-    features : ndarray of shape (8,) or None
+    features : ndarray of shape (7,) or None
         What the confidence was computed from.
     """
 

@@ -194,7 +194,7 @@ class LaneTracker:
     def _report(self) -> TrackedLane:
         if self._lane is None:
             return TrackedLane(LOST)
-        features = track_features(self._lane, margin=self._margin, unseen_s=self._unseen_s, confirmed=self._confirmed)
+        features = track_features(self._lane, margin=self._margin, unseen_s=self._unseen_s)
         path, speed, aim = (float(self._belief.mean[k]) for k in (PATH, SPEED, AIM))
         return TrackedLane(
             self._state,
