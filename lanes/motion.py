@@ -24,7 +24,7 @@ PATH, SPEED, REST, AIM = 7, 8, 9, 10
 STATES = 11
 LANE = slice(0, 7)
 # Unless told, the car does what cars on roads do; told, the speed is still a clock's and a speedometer's.
-USUAL_SPEED_MPS, USUAL_SPEED_STD_MPS, GIVEN_SPEED_STD_MPS = 20.0, 8.0, 0.5
+USUAL_SPEED_MPS, USUAL_SPEED_STD_MPS, GIVEN_SPEED_STD_MPS = 24.0, 8.0, 0.5
 FASTEST_MPS = 70.0
 # Springs bring the pitch back to rest within such a time; the mount says where that is, to half a degree, and how the
 # camera looks aside, to a quarter.

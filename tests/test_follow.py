@@ -7,7 +7,7 @@ from drives import CAMERA
 
 from lanes.evidence import Stripes
 from lanes.follow import correct_lane, gate_stripes
-from lanes.lanemodel import CENTRE, CURVATURE, RATE, SIDES, WIDTH, line_points
+from lanes.lanemodel import CENTRE, CURVATURE, SIDES, WIDTH, line_points
 from lanes.motion import first_belief
 from lanes.roadview import RoadView
 
@@ -83,7 +83,6 @@ def test_a_transition_far_ahead_does_not_bend_the_road_beside_the_car():
     lane = correct_lane(bent, belief, VIEW).lane[0]
     assert abs(lane[CURVATURE]) < 1 / 5000
     assert abs(lane[CENTRE]) < 0.02
-    assert lane[RATE] >= 0
 
 
 def test_no_stripes_leave_the_prediction():
