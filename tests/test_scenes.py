@@ -18,7 +18,7 @@ from lanes.scenes.freeway import LANE_M, freeway_markings, freeway_surface
 from lanes.scenes.ground import cast_on_ground, dash_coverage, edge_coverage, picture_rays
 from lanes.scenes.lens import Lens
 from lanes.scenes.light import BridgeShade, Sun
-from lanes.scenes.markings import WHITE, Marking, paint_coverage
+from lanes.scenes.markings import WHITE, Marking, paint_coverage, paint_markings
 from lanes.scenes.produce import write_video
 from lanes.scenes.render import Drive, Motion, render_frame
 from lanes.scenes.road import Pose, RoadAhead, RoadGeometry, line_polynomial
@@ -89,6 +89,39 @@ def test_paint_coverage_equals_brute_force_supersampling(dashed, worst, mean):
     assert brute.max() == 1.0
     assert np.abs(got - brute).mean() < mean
     assert np.abs(got - brute).max() < worst
+
+
+def stripes_at(markings: tuple[Marking, ...], x_m: float) -> list[tuple[float, float]]:
+    """(centre, width) in metres of the stripes that a row of the picture crosses `x_m` ahead, from left to right."""
+    camera = replace(DASHCAM, mount=MOUNT)
+    ground = cast_on_ground(picture_rays(camera), camera, RoadAhead(RoadGeometry([0.0, 300.0], [0.0, 0.0]), Pose(50.0)))
+    black = np.zeros((*ground.s.shape, 3), np.float32)
+    paint_markings(black, markings, ground, station_m=50.0, seed=1)
+    row = round(float(camera.road_to_pixels(np.array([[x_m, markings[0].lateral_m]]))[0, 1])) - ground.top
+    paint, d, step = black[row, :, 0], ground.d[row], np.abs(ground.d_u[row])
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], paint > 0.02, [0]]).astype(int))).reshape(-1, 2)
+    runs = [slice(a, b) for a, b in edges]
+    return [(float(np.average(d[run], weights=paint[run])), float((paint * step)[run].sum())) for run in runs]
+
+
+@pytest.mark.parametrize(("width_m", "gap_m"), [(0.12, 0.10), (0.10, 0.20)])
+@pytest.mark.parametrize("x_m", [7.0, 14.0])
+def test_double_line_is_two_stripes_of_the_right_width_with_the_right_gap(width_m, gap_m, x_m):
+    (left, left_width), (right, right_width) = stripes_at((Marking(1.8, width_m, double_gap_m=gap_m, wear=0.0),), x_m)
+    assert (left_width, right_width) == pytest.approx((width_m, width_m), rel=0.03)
+    assert left - right - width_m == pytest.approx(gap_m, abs=0.004)
+    assert (left + right) / 2 == pytest.approx(1.8, abs=0.003)
+
+
+def test_double_line_that_one_side_may_cross_is_a_solid_and_a_broken_marking():
+    """A dash from 6 m to 9.05 m ahead, then 9.15 m of gap, on the right-hand side only."""
+    solid, broken = Marking(1.91, wear=0.0), Marking(1.69, dashed=True, phase_m=56.0, wear=0.0)
+    assert [d for d, _ in stripes_at((solid, broken), 7.5)] == pytest.approx([1.91, 1.69], abs=0.003)
+    assert [d for d, _ in stripes_at((solid, broken), 13.0)] == pytest.approx([1.91], abs=0.003)
+    assert [w for _, w in stripes_at((solid, broken), 7.5)] == pytest.approx([0.12, 0.12], rel=0.03)
+    # Both stripes of one double marking are broken together.
+    both = (Marking(1.8, dashed=True, phase_m=56.0, double_gap_m=0.1, wear=0.0),)
+    assert len(stripes_at(both, 7.5)) == 2 and stripes_at(both, 13.0) == []
 
 
 @pytest.mark.parametrize("curvature", [1 / 250, -1 / 250])

@@ -9,6 +9,8 @@ from lanes.scenes.brush import clip_polygon, inside, viewing_planes
 from lanes.scenes.foliage import SPECIES, plant_sprite
 from lanes.scenes.noise import fractal_noise, fractal_profile
 from lanes.scenes.objects import Car, Post, Sign, Tree, Wall, draw_bonnet, draw_objects, shadow_polygons
+from lanes.scenes.road import Pose, RoadGeometry, offset_point
+from lanes.scenes.roadside import Along, things_in_view
 
 SUN = np.array([-0.3, -0.5, 0.8]) / np.linalg.norm([-0.3, -0.5, 0.8])
 
@@ -83,7 +85,7 @@ def test_wall_stands_between_its_lines():
         assert not mask[v0, u0]
 
 
-@pytest.mark.parametrize("kind", ["jersey", "parapet", "bank"])
+@pytest.mark.parametrize("kind", ["jersey", "parapet", "kerb", "bank"])
 def test_wall_has_no_gaps_along_its_face(kind):
     lens = camera()
     mask = changed([straight_wall(3.5, kind, 1)], lens)
@@ -189,6 +191,41 @@ def test_every_wall_but_a_bank_casts_a_shadow_along_its_path():
     assert every[:, 0].min() == pytest.approx(0, abs=0.1) and every[:, 0].max() == pytest.approx(49, abs=1.1)
     assert every[:, 1].min() == pytest.approx(4.0 - 0.75 * 0.81 + 0.2, abs=0.05)
     assert shadow_polygons([Wall(path, "bank", 1)], SUN) == []
+
+
+def test_kerb_follows_the_road_at_its_lateral_place():
+    road, pose, lens = RoadGeometry([0.0, 400.0], [1 / 200, 1 / 200]), Pose(100.0, 0.3, 0.01), camera()
+    kerb = things_in_view((Along(-4.0, "kerb"),), road, pose, time_s=0.0)
+    mask = changed(kerb, lens)
+    s = pose.s_m + np.array([10.0, 15.0, 25.0])
+    for lateral, height, painted in ((-4.01, 0.06, True), (-4.12, 0.14, True), (-3.8, 0.0, False), (-4.8, 0.14, False)):
+        place = pose.to_car(road, offset_point(road, s, lateral))
+        u, v = np.round(lens.road_to_pixels(np.column_stack([place, np.full(3, height)]))).astype(int).T
+        assert (mask[v, u] == painted).all()
+
+
+@pytest.mark.parametrize(("distance_m", "scale"), [(6.5, 1.0), (9.0, 1.0), (9.0, 2.0)])
+def test_kerb_is_fourteen_centimetres_high(distance_m, scale):
+    lens, x = camera(distortion=(0.0,) * 5), np.arange(-4.0, 150.0)
+    mask = changed([Wall(np.column_stack([x, np.full(len(x), -3.0)]), "kerb", -1, height_scale=scale)], lens)
+    # One column sees the foot and, as much farther as it is farther aside, the back of the top.
+    foot, back = lens.road_to_pixels(
+        np.array([[distance_m, -3.0, 0.0], [distance_m * 3.2 / 3.0, -3.2, 0.14 * scale]]),
+    )
+    rows = np.flatnonzero(mask[:, round(foot[0])])
+    assert (rows.min(), rows.max()) == pytest.approx((back[1], foot[1]), abs=1)
+
+
+@pytest.mark.parametrize(("y", "side"), [(3.0, 1), (-3.0, -1)])
+def test_kerb_has_a_lit_top_and_a_face_in_its_own_shade_when_the_sun_is_behind_it(y, side):
+    lens, kerb = camera(), [straight_wall(y, "kerb", side)]
+    places = np.array([[x, y + side * out, z] for out, z in ((0.01, 0.06), (0.12, 0.14)) for x in np.arange(6, 7, 0.1)])
+    u, v = np.round(lens.road_to_pixels(places)).astype(int).T
+    for toward, low, high in ((side, 0.0, 0.45), (-side, 0.6, 1.6)):
+        face, top = draw(kerb, sun=np.array([0.0, 0.6 * toward, 0.8]))[v, u].mean(axis=1).reshape(2, -1).mean(axis=1)
+        assert low < face / top < high
+    shadow = np.vstack(shadow_polygons(kerb, np.array([0.0, 0.6 * side, 0.8])))
+    assert (side * (y - shadow[:, 1])).max() == pytest.approx(0.75 * 0.14 - 0.05, abs=0.01)
 
 
 def test_bonnet_hides_the_bottom_edge_only_and_is_soft():

@@ -1,4 +1,4 @@
-"""What walls and banks are made of: concrete, steel rails, dry grass, as pictures along the wall."""
+"""What walls and banks are made of: concrete, kerbstones, steel rails, dry grass, as pictures along the wall."""
 
 from __future__ import annotations
 
@@ -18,9 +18,7 @@ def wall_texture(name: str, seed: int) -> tuple[np.ndarray, ...]:
     """(rows, columns, 4) RGB reflectance times coverage and coverage, top row first, then shorter and shorter ones."""
     rng = np.random.default_rng([seed, 5])
     columns = int(TEXTURE_LENGTH_M * TEXTURE_PX_PER_M)
-    picture = {"concrete": _concrete, "top": _concrete_top, "rail": _rail, "handrail": _handrail, "grass": _grass}[
-        name
-    ](rng, columns).astype(np.float32)
+    picture = _PAINTERS[name](rng, columns).astype(np.float32)
     levels = [picture]
     while levels[-1].shape[1] > 16:
         # A wall is seen at a glance: shorten it much more than it is lowered.
@@ -55,6 +53,33 @@ def _concrete_top(rng: np.random.Generator, columns: int) -> np.ndarray:
     grey = 0.42 * (1 + 0.10 * blotches + 0.04 * rng.normal(0, 1, blotches.shape))
     grey[:, (np.arange(columns) % int(6 * TEXTURE_PX_PER_M)) < 2] *= 0.5
     return _with_cover(np.clip(grey, 0.05, 0.8)[..., None] * np.array([1.03, 1.0, 0.93]))
+
+
+def _kerb(rng: np.random.Generator, columns: int) -> np.ndarray:
+    """Face of kerbstones: each of another tone, scraped by tyres above, dark with the gutter's dirt below."""
+    rows = 16
+    height = np.linspace(1, 0, rows)[:, None]
+    grey = _kerbstones((rows, columns), rng)
+    rubber = fractal_noise((rows, columns), rng, cell_px=(6, 120), octaves=4, gain=0.6)
+    dirt = fractal_noise((rows, columns), rng, cell_px=(16, 50), octaves=4, gain=0.6)
+    grey *= 1 - 0.22 * smoothstep(0.8, 1.8, rubber) * smoothstep(0.25, 0.6, height)
+    grey *= 1 - 0.55 * smoothstep(0.45 + 0.12 * dirt, 0.0, height)
+    return _with_cover(np.clip(grey, 0.03, 0.8)[..., None] * np.array([1.03, 1.0, 0.93]))
+
+
+def _kerb_top(rng: np.random.Generator, columns: int) -> np.ndarray:
+    return _with_cover(np.clip(_kerbstones((12, columns), rng), 0.05, 0.8)[..., None] * np.array([1.03, 1.0, 0.93]))
+
+
+def _kerbstones(shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
+    """(rows, columns) grey of concrete stones 1.2 m long, their joints 2.5 cm wide; they close where the wall does."""
+    length = int(1.2 * TEXTURE_PX_PER_M)
+    stone = np.arange(shape[1]) // length
+    tone = rng.normal(0, 0.05, stone[-1] + 1)[stone]
+    blotches = fractal_noise(shape, rng, cell_px=(20, 40), octaves=5, gain=0.7)
+    grey = 0.38 * (1 + tone + 0.08 * blotches + 0.04 * rng.normal(0, 1, shape))
+    grey[:, np.arange(shape[1]) % length == 0] *= 0.45
+    return grey
 
 
 def _rail(rng: np.random.Generator, columns: int) -> np.ndarray:
@@ -99,3 +124,14 @@ def _grass(rng: np.random.Generator, columns: int) -> np.ndarray:
     colour += bare * 0.6 * (soil - colour) + weeds * 0.75 * (np.array([0.085, 0.078, 0.040]) - colour)
     colour *= (1 + 0.08 * tufts)[..., None]
     return _with_cover(np.clip(colour, 0.01, 0.9))
+
+
+_PAINTERS = {
+    "concrete": _concrete,
+    "top": _concrete_top,
+    "kerb": _kerb,
+    "kerb top": _kerb_top,
+    "rail": _rail,
+    "handrail": _handrail,
+    "grass": _grass,
+}

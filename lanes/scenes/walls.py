@@ -1,4 +1,4 @@
-"""Long things along the road: concrete barriers, guard rails, parapets and the grassy banks of a cutting.
+"""Long things along the road: concrete barriers, guard rails, parapets, kerbs and the grassy banks of a cutting.
 
 A wall is a stack of strips between lines that follow a path at given lateral distances and heights. A strip is painted
 column by column: where its lower and upper line are seen in a column says which part of its texture is there.
@@ -33,6 +33,8 @@ WALLS = {
     "jersey": Profile(((0.0, 0.0), (0.20, 0.81), (0.36, 0.81)), ("concrete", "top")),
     "rail": Profile(((0.0, 0.0), (0.0, 0.80)), ("rail",)),
     "parapet": Profile(((0.0, 0.0), (0.05, 0.62), (0.30, 0.62), (0.30, 1.02)), ("concrete", "top", "handrail")),
+    # The rounded edge looks up more than the face, so it catches the light.
+    "kerb": Profile(((0.0, 0.0), (0.02, 0.11), (0.05, 0.14), (0.20, 0.14)), ("kerb", "kerb top", "kerb top")),
     "bank": Profile(((0.0, 0.0), (2.5, 0.5), (7.0, 2.6), (13.0, 5.6), (19.0, 7.6), (25.0, 8.4)), ("grass",) * 5),
 }
 
