@@ -18,7 +18,7 @@ Data             open_dataset, check, PROJECT_ROOT                              
 6 Find           lane_histogram, find_peaks, sliding_windows, search_band                   lanes.search
 7 Fit, measure   fit_line, ransac_line                                                      lanes.fit
                  describe_bend, describe_offset                                             lanes.measure
-                 worst_lateral_error_m, describe_error, format_table                        lanes.benchmark
+                 worst_lateral_error_m, describe_error, drive_errors_m, format_table        lanes.benchmark
 8 Draw, video    draw_line, draw_lane, draw_pixels, draw_fit, write_text                    lanes.draw
                  annotate, annotate_folder, describe_result, diagnose, draw_search,
                  follow_lane                                                                lanes.overlay
@@ -95,6 +95,7 @@ __all__ = [
     "draw_line",
     "draw_pixels",
     "draw_search",
+    "drive_errors_m",
     "equalized_white_mask",
     "estimate_mount",
     "find_board",

@@ -17,6 +17,8 @@ from lanes.view import view_to_road
 
 # Where a driver needs the lane: from the bonnet to about a second ahead on a motorway.
 NEAR_M, FAR_M = 5.0, 30.0
+# The distances in that range at which a drive's truth is written down.
+DRIVE_X_M = (5, 10, 15, 20, 30)
 
 
 class HasLines(Protocol):
@@ -40,6 +42,31 @@ def worst_lateral_error_m(result: HasLines | None, truth: dict | None) -> float 
         return np.inf
     true = np.array([truth["left_y_m"], truth["right_y_m"]])[:, ahead]
     return float(np.abs(found - true).max())
+
+
+def drive_errors_m(rows: Mapping[str, np.ndarray], truth: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Largest lateral distance between found and true lines in each frame of a drive, 5 to 30 m ahead.
+
+    Parameters
+    ----------
+    rows : mapping of str to ndarray of shape (N,)
+        Telemetry: left_c0_m, left_c1, left_c2_per_m, where known left_c3_per_m2, and the same for right.
+    truth : mapping of str to ndarray of shape (M,), M >= N
+        The drive's truth: left_y05_m, left_y10_m ... at these distances ahead.
+
+    Returns
+    -------
+    ndarray of shape (N,)
+        Metres; infinite where a line is not known.
+    """
+    worst = np.zeros(len(rows["left_c0_m"]))
+    for side in ("left", "right"):
+        c = [rows[f"{side}_{name}"] for name in ("c0_m", "c1", "c2_per_m")]
+        c.append(rows.get(f"{side}_c3_per_m2", np.zeros_like(worst)))
+        for x_m in DRIVE_X_M:
+            found = c[0] + c[1] * x_m + c[2] * x_m**2 / 2 + c[3] * x_m**3 / 6
+            worst = np.maximum(worst, np.abs(found - truth[f"{side}_y{x_m:02d}_m"][: len(worst)]))
+    return np.where(np.isnan(worst), np.inf, worst)
 
 
 def binary_on_road(result: LaneResult, camera: Camera) -> np.ndarray:

@@ -8,6 +8,7 @@ import pytest
 from lanes.benchmark import (
     binary_on_road,
     describe_error,
+    drive_errors_m,
     format_table,
     line_coverage,
     paint_share,
@@ -53,6 +54,21 @@ class TestWorstLateralError:
 
     def test_without_truth_there_is_no_error(self):
         assert worst_lateral_error_m(None, None) is None
+
+
+class TestDriveErrors:
+    def test_each_frame_has_its_own_worst_place(self):
+        x = (5, 10, 15, 20, 30)
+        truth = {f"left_y{at:02d}_m": np.array([2.0 + 0.001 * at**2, 2.0]) for at in x}
+        truth |= {f"right_y{at:02d}_m": np.array([-2.0, -2.0]) for at in x}
+        lines = {"c1": [0.0, 0.0], "c2_per_m": [0.0, 0.0]}
+        rows = {f"{side}_{name}": np.array(values) for side in ("left", "right") for name, values in lines.items()}
+        rows |= {"left_c0_m": np.array([2.0, np.nan]), "right_c0_m": np.array([-2.1, -2.0])}
+        # a line taken for straight leaves one of curvature 0.002 by 0.9 m at 30 m
+        assert drive_errors_m(rows, truth).tolist() == pytest.approx([0.9, np.inf])
+        rows["left_c3_per_m2"] = np.array([6 * 0.9 / 30**3, 0.0])
+        rows["right_c3_per_m2"] = np.zeros(2)
+        assert drive_errors_m(rows, truth)[0] < 0.5
 
 
 class TestPaintShare:
