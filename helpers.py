@@ -20,19 +20,23 @@ Data             open_dataset, check, PROJECT_ROOT                              
                  describe_bend, describe_offset                                             lanes.measure
                  worst_lateral_error_m, describe_error, drive_errors_m, format_table        lanes.benchmark
 8 Draw, video    draw_line, draw_lane, draw_pixels, draw_fit, write_text                    lanes.draw
-                 annotate, annotate_folder, describe_result, diagnose, draw_search,
-                 follow_lane                                                                lanes.overlay
+                 annotate, describe_result, diagnose, draw_search, follow_lane              lanes.overlay
                  open_clip, annotate_video                                                  lanes.video
                  read_telemetry                                                             lanes.telemetry
 9 Metres         RoadView                                                                   lanes.roadview
 10 Paint         measure_paint, find_stripes                                                lanes.evidence
 11 One model     find_lane                                                                  lanes.lane
+                 draw_found, annotate_folder                                                lanes.lane_overlay
+12 Memory        LaneTracker                                                                lanes.tracker
+                 track_lane                                                                 lanes.lane_overlay
+                 read_frames                                                                lanes.videofile
 Figures          show_pictures, plot_bars, plot_histogram, plot_series, save_figure         lanes.plots
 """
 
 from lanes.benchmark import (
     binary_on_road,
     describe_error,
+    drive_errors_m,
     format_table,
     line_coverage,
     paint_share,
@@ -47,9 +51,10 @@ from lanes.fit import fit_line, ransac_line
 from lanes.footage import pick_pictures
 from lanes.images import list_pictures, read_image, write_image
 from lanes.lane import find_lane
+from lanes.lane_overlay import annotate_folder, draw_found, track_lane
 from lanes.measure import describe_bend, describe_offset
 from lanes.mount import estimate_mount, mount_camera
-from lanes.overlay import annotate, annotate_folder, describe_result, diagnose, draw_search, follow_lane
+from lanes.overlay import annotate, describe_result, diagnose, draw_search, follow_lane
 from lanes.plots import plot_bars, plot_histogram, plot_series, save_figure, show_pictures
 from lanes.recipes import RECIPES, LaneFinder, get_recipe
 from lanes.roadview import RoadView
@@ -66,13 +71,16 @@ from lanes.threshold import (
     to_gray,
     yellow_mask,
 )
+from lanes.tracker import LaneTracker
 from lanes.video import annotate_video, open_clip
+from lanes.videofile import read_frames
 from lanes.view import FourPointWarp, metres_per_pixel, view_to_road
 
 __all__ = [
     "Camera",
     "FourPointWarp",
     "LaneFinder",
+    "LaneTracker",
     "Mount",
     "PROJECT_ROOT",
     "RECIPES",
@@ -91,6 +99,7 @@ __all__ = [
     "direction_mask",
     "draw_board",
     "draw_fit",
+    "draw_found",
     "draw_lane",
     "draw_line",
     "draw_pixels",
@@ -124,6 +133,7 @@ __all__ = [
     "plot_series",
     "range_mask",
     "ransac_line",
+    "read_frames",
     "read_image",
     "read_telemetry",
     "saturation_mask",
@@ -134,6 +144,7 @@ __all__ = [
     "sliding_windows",
     "split_channels",
     "to_gray",
+    "track_lane",
     "undistort",
     "view_to_road",
     "worst_lateral_error_m",

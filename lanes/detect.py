@@ -19,11 +19,10 @@ from lanes.confidence import rate_lane
 from lanes.images import PICTURE_SUFFIXES, read_image, write_whole
 from lanes.lane import find_lane
 from lanes.roadview import RoadView
-from lanes.tracked import LOST, TrackedLane
+from lanes.tracked import FOUND, LOST, TrackedLane
 from lanes.tracker import LaneTracker
 from lanes.videofile import inspect_video, read_timed_frames
 
-FOUND = "found"
 NO_POINT = -2.0
 Progress = Callable[[int, int], None]
 

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
 
 from lanes.camera import Camera
+from lanes.confidence import rate_lane
 from lanes.draw import LANE, LEFT, RIGHT, write_text
-from lanes.lane import Lane
+from lanes.images import PictureError, list_pictures, read_image, write_image
+from lanes.lane import Lane, find_lane
 from lanes.lanemodel import SIDES, line_points
 from lanes.measure import describe_bend
-from lanes.tracked import TrackedLane
+from lanes.roadview import RoadView
+from lanes.tracked import FOUND, LOST, TrackedLane
+from lanes.tracker import LaneTracker
 
 # Drawn from the bottom of the picture on; in even steps of 1/x, that is of picture rows.
 NEAREST_M = 4.0
@@ -64,6 +70,54 @@ def draw_tracked(image: np.ndarray, tracked: TrackedLane, camera: Camera) -> np.
         corners = np.round(points.clip(-FARTHEST_PX, FARTHEST_PX) * 16).astype(np.int32)
         cv2.polylines(drawn, [corners], False, colour, width_px, cv2.LINE_AA, 4)
     return _write(drawn, describe_tracked(tracked))
+
+
+def draw_found(image: np.ndarray, lane: Lane | None, camera: Camera) -> np.ndarray:
+    """Draw a lane that was found in a single picture; see `draw_tracked`."""
+    found = TrackedLane(LOST) if lane is None else TrackedLane(FOUND, rate_lane(lane), lane)
+    return draw_tracked(image, found, camera)
+
+
+def track_lane(
+    tracker: LaneTracker, camera: Camera
+) -> Callable[[np.ndarray], tuple[np.ndarray, dict[str, str | float | None]]]:
+    """A function for `video.annotate_video`: takes the frames in order, gives each annotated and its telemetry."""
+
+    def process(frame: np.ndarray) -> tuple[np.ndarray, dict[str, str | float | None]]:
+        tracked = tracker.update(frame)
+        return draw_tracked(frame, tracked, camera), tracked.as_row()
+
+    return process
+
+
+def annotate_folder(folder: str | Path, output: str | Path, camera: Camera) -> list[Path]:
+    """Find the lane in every picture of a folder, each on its own, and write the annotated pictures to `output`.
+
+    Parameters
+    ----------
+    folder, output : str or Path
+        Two different folders; the pictures keep their names.
+    camera : Camera
+        With the mount that the pictures were taken from.
+
+    Returns
+    -------
+    list of Path
+        The pictures written, in natural order.
+
+    Raises
+    ------
+    FileNotFoundError, PictureError
+        If a picture cannot be used, or `output` is the folder of the pictures itself.
+    """
+    if Path(output).resolve() == Path(folder).resolve():
+        raise PictureError(f"{output}: is the folder of the pictures, which would be overwritten; name another one.")
+    view, written = RoadView(camera), []
+    for path in list_pictures(folder):
+        image = read_image(path)
+        camera.require_size(image, path)
+        written.append(write_image(Path(output) / path.name, draw_found(image, find_lane(image, view), camera)))
+    return written
 
 
 def describe_tracked(tracked: TrackedLane) -> list[str]:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 
 from lanes.camera import Camera
 from lanes.draw import LEFT, RIGHT, WINDOW, draw_fit, draw_lane, draw_mosaic, draw_pixels, draw_windows, write_text
-from lanes.images import PictureError, list_pictures, read_image, write_image
 from lanes.measure import describe_bend, describe_offset
-from lanes.recipes import LaneFinder, get_recipe
+from lanes.recipes import LaneFinder
 from lanes.result import LaneResult
 
 
@@ -69,34 +67,6 @@ def follow_lane(finder: LaneFinder, camera: Camera) -> Callable[[np.ndarray], tu
         return annotate(frame, result, camera), result.as_row()
 
     return process
-
-
-def annotate_folder(folder: str | Path, output: str | Path, camera: Camera, *, recipe: str = "hls_sobel") -> list[Path]:
-    """Find the lane in every picture of a folder, each on its own, and write the annotated pictures to `output`.
-
-    Parameters
-    ----------
-    folder, output : str or Path
-        Two different folders; the pictures keep their names.
-    camera : Camera
-        With the mount that the pictures were taken from; the recipe's view is laid out for it.
-    recipe : str
-        A name in `recipes.RECIPES`.
-
-    Raises
-    ------
-    FileNotFoundError, PictureError
-        If a picture cannot be used, or `output` is the folder of the pictures itself.
-    """
-    if Path(output).resolve() == Path(folder).resolve():
-        raise PictureError(f"{output}: is the folder of the pictures, which would be overwritten; name another one.")
-    finder = LaneFinder(get_recipe(recipe, camera.size).fitted_to(camera), camera)
-    written = []
-    for path in list_pictures(folder):
-        image = read_image(path)
-        camera.require_size(image, path)
-        written.append(write_image(Path(output) / path.name, annotate(image, finder.find(image), camera)))
-    return written
 
 
 def _draw_result(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarray:

@@ -88,27 +88,6 @@ class Recipe:
         """The recipe's way to look at the road from above."""
         return FourPointWarp(self.source_px, self.destination_px, self.size)
 
-    def fitted_to(self, camera: Camera, *, near_m: float = 6.0, far_m: float = 36.0, width_m: float = 6.4) -> Recipe:
-        """The same recipe with a warp for another camera: a true rectangle of its road fills the view.
-
-        The published quadrangles fit one camera on one car. The defaults show what theirs show: from the bonnet 30 m
-        ahead, with some 1.3 m of margin on both sides of a lane of 3.7 m. The region that "best_channel" looks at
-        belongs to its thresholds and stays as it was.
-
-        Raises
-        ------
-        CameraError
-            If the camera has no mount, or does not see that part of the road.
-        """
-        half_m = width_m / 2
-        corners_m = np.array([[far_m, half_m], [far_m, -half_m], [near_m, -half_m], [near_m, half_m]])
-        source_px = camera.undistort_points(camera.road_to_pixels(corners_m))
-        if not np.isfinite(source_px).all():
-            raise CameraError(f"this camera does not see the road from {near_m} to {far_m} m ahead; check its mount.")
-        right, bottom = self.size[0] - 1.0, self.size[1] - 1.0
-        view_px = ((0.0, 0.0), (right, 0.0), (right, bottom), (0.0, bottom))
-        return replace(self, source_px=tuple(map(tuple, source_px.tolist())), destination_px=view_px)
-
     def scaled(self, size: tuple[int, int]) -> Recipe:
         """The same recipe for pictures resized to `size` (width, height).
 

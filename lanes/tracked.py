@@ -11,6 +11,8 @@ from lanes.lane import Lane, LaneLine
 from lanes.linekind import LineKind
 
 SEARCHING, TRACKING, COASTING, LOST = "searching", "tracking", "coasting", "lost"
+# The state of a lane found in a single picture, which has no before.
+FOUND = "found"
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,3 +95,12 @@ class TrackedLane:
     def time_to_crossing_s(self) -> float | None:
         """Until the tyres are on a line; infinite when the car keeps to its lane."""
         return self.warning and self.warning.time_to_crossing_s
+
+    def as_row(self) -> dict[str, str | float | None]:
+        """The frame's telemetry, by column name; what is not known is None."""
+        row = {"state": self.state, "confidence": self.confidence}
+        names = ("offset_m", "offset_std_m", "heading_rad", "curvature_per_m", "curvature_std_per_m")
+        row |= {name: getattr(self, name) for name in (*names, "lane_width_m", "pitch_rad")}
+        for side, line in (("left", self.left), ("right", self.right)):
+            row |= {f"{side}_{name}": line and getattr(line, name) for name in ("c0_m", "c1", "c2_per_m", "c3_per_m2")}
+        return row

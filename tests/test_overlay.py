@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from roads import CAMERA, LANE_WIDTH_M, Road, arc, paint_picture
 
-from lanes.images import PictureError, read_image, write_image
 from lanes.overlay import (
     annotate,
-    annotate_folder,
     describe_result,
     diagnose,
     draw_search,
@@ -80,14 +78,3 @@ def test_the_search_picture_shows_windows_and_lines(result):
     drawn = draw_search(result)
     assert drawn.shape == (720, 1280, 3)
     assert len(np.unique(drawn.reshape(-1, 3), axis=0)) > 4
-
-
-def test_a_folder_of_pictures_is_annotated_one_by_one(picture, tmp_path):
-    for name in ("b2.jpg", "b10.jpg"):
-        write_image(tmp_path / "in" / name, picture)
-    written = annotate_folder(tmp_path / "in", tmp_path / "out", CAMERA)
-    assert [path.name for path in written] == ["b2.jpg", "b10.jpg"]
-    change = np.abs(read_image(written[0]).astype(int) - picture)
-    assert (change[450:650].max(axis=2) > 30).mean() > 0.1
-    with pytest.raises(PictureError, match="the folder of the pictures"):
-        annotate_folder(tmp_path / "in", tmp_path / "in", CAMERA)

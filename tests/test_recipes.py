@@ -314,20 +314,6 @@ def test_tiny_and_odd_pictures_are_results(name, size):
             assert result.state in ("found", "kept", "lost")
 
 
-@pytest.mark.parametrize("name", ["hls_sobel", "equalized_hsv"])
-def test_a_recipe_is_fitted_to_another_camera_on_another_car(name):
-    truck = replace(CAMERA, mount=Mount(height_m=2.4, pitch_rad=0.08, yaw_rad=0.05, roll_rad=0.01))
-    road = Road(1 / 400, 0.4)
-    result = LaneFinder(get_recipe(name).fitted_to(truck), truck).find(paint_picture(road, truck))
-    assert result.offset_m == pytest.approx(road.offset_m, abs=0.1)
-    assert result.curvature_per_m == pytest.approx(road.curvature_per_m, rel=0.25)
-
-
-def test_a_camera_that_looks_away_from_the_road_fits_no_recipe():
-    with pytest.raises(CameraError, match="does not see the road"):
-        get_recipe("hls_sobel").fitted_to(replace(CAMERA, mount=Mount(1.3, pitch_rad=-1.5)))
-
-
 def test_unknown_recipes_and_sizes_are_named():
     with pytest.raises(ValueError, match="no recipe 'hls'; the recipes are hls_sobel, equalized_hsv, best_channel"):
         get_recipe("hls")
