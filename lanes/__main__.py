@@ -73,7 +73,7 @@ def run_mount(options: argparse.Namespace) -> int:
 
     camera = _lens(options)
     estimate = estimate_mount(
-        pick_pictures(options.files, options.pictures),
+        pick_pictures(options.files, options.pictures, camera),
         camera,
         lane_width_m=LANE_WIDTH_M if options.lane_width is None else options.lane_width,
         height_m=options.height,
@@ -113,7 +113,7 @@ def run_detect(options: argparse.Namespace) -> int:
 
     camera = _lens(options)
     if camera.mount is None:
-        estimate = estimate_mount(pick_pictures(options.files, 40), camera, progress=_progress_line("mount"))
+        estimate = estimate_mount(pick_pictures(options.files, 40, camera), camera, progress=_progress_line("mount"))
         camera = camera.with_mount(estimate.mount)
         print(estimate.describe())
     found = detect_files(

@@ -111,10 +111,15 @@ def calibrate_folder(
                 boards[path.name] = board
         if progress:
             progress(done, len(paths))
+    unused = "".join(f"\n  {name}: {reason}" for name, reason in rejected.items())
+    if not boards:
+        raise CameraError(
+            f"no chessboard of {pattern[0]}x{pattern[1]} inner corners was found in any of the {len(paths)} pictures "
+            f"of {folder}; give pictures of a board of that pattern, or the pattern of this one.{unused}"
+        )
     try:
         camera = calibrate(boards, _most_common_size(boards))
     except CameraError as error:
-        unused = "".join(f"\n  {name}: {reason}" for name, reason in rejected.items())
         raise CameraError(f"{folder}: {error}{unused}") from error
     report = camera.report
     return camera.with_report(CalibrationReport(report.rms_px, report.board_rms_px, rejected | report.rejected))
@@ -123,7 +128,7 @@ def calibrate_folder(
 def _most_common_size(boards: dict[str, Board]) -> tuple[int, int]:
     """The size that most pictures have, the larger one of two equally common."""
     sizes = Counter(board.size for board in boards.values())
-    return max(sizes, key=lambda size: (sizes[size], size), default=(0, 0))
+    return max(sizes, key=lambda size: (sizes[size], size))
 
 
 def _calibrate_without_outliers(boards: dict[str, Board], size: tuple[int, int], rejected: dict[str, str]) -> Camera:

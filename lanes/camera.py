@@ -142,7 +142,8 @@ class Camera:
         if got != self.size:
             raise PictureError(
                 f"{name}: is {got[0]}x{got[1]} pixels, but the camera was calibrated for {self.width}x{self.height}; "
-                "use a picture of that size, or ask for rescaling (camera.scaled) when it was only resized."
+                "use a picture of that size, or ask for rescaling (rescale=True in undistort, or "
+                "camera.scaled) when it was only resized."
             )
 
     def undistort_points(self, pixels: np.ndarray) -> np.ndarray:

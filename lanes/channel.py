@@ -6,18 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lanes.fit import LineFit, fit_line, mean_distance_px, ransac_line
+from lanes.recipe import Recipe
 from lanes.result import FoundLine
 from lanes.search import WindowSearch, band_pixels, binary_pixels, sliding_windows
 from lanes.track import LineMemory
 from lanes.view import FourPointWarp
-
-if TYPE_CHECKING:
-    from lanes.recipes import Recipe
 
 
 @dataclass(frozen=True, eq=False)

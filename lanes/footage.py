@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lanes.camera import Camera
 from lanes.images import PICTURE_SUFFIXES, read_image
 from lanes.videofile import TimedFrame, inspect_video, read_timed_frames
 
@@ -16,13 +17,13 @@ from lanes.videofile import TimedFrame, inspect_video, read_timed_frames
 SEEK_S = 2.0
 
 
-def pick_pictures(files: list[Path], most: int) -> Iterator[np.ndarray]:
+def pick_pictures(files: list[Path], most: int, camera: Camera | None = None) -> Iterator[np.ndarray]:
     """At most `most` pictures, spread evenly over stills and videos; RGB (height, width, 3) uint8.
 
     Raises
     ------
     FileNotFoundError, PictureError, VideoError
-        If a file cannot be read.
+        If a file cannot be read, or its pictures are of another size than `camera`'s.
     """
     places: list[tuple[Path, float | None]] = []
     for file in files:
@@ -35,7 +36,10 @@ def pick_pictures(files: list[Path], most: int) -> Iterator[np.ndarray]:
     chosen = np.unique(np.linspace(0, len(places) - 1, min(most, len(places))).round().astype(int))
     for file, group in groupby((places[at] for at in chosen), key=itemgetter(0)):
         times_s = [time_s for _, time_s in group]
-        yield from [read_image(file)] if times_s[0] is None else _frames_at(file, times_s)
+        for image in [read_image(file)] if times_s[0] is None else _frames_at(file, times_s):
+            if camera:
+                camera.require_size(image, file)
+            yield image
 
 
 def _frames_at(video: Path, times_s: list[float]) -> Iterator[np.ndarray]:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
@@ -93,19 +95,31 @@ def write_image(path: str | Path, image: np.ndarray, *, jpeg_quality: int = 92) 
 
 def write_whole(path: str | Path, data: bytes) -> None:
     """Write `data` beside `path` and rename it, so that an interruption never leaves half a file."""
-    path = Path(path)
+    with whole_file(Path(path)) as partial:
+        partial.write_bytes(data)
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """A name to write to in the `with` block; the file becomes `path` at its end, or is removed if the block raises.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written; the folder is created where needed.
+    """
     partial = partial_path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
-            partial.write_bytes(data)
+            yield partial
             os.replace(partial, path)
         except BaseException:
             partial.unlink(missing_ok=True)
             raise
     except OSError as error:
         raise type(error)(
-            f"{path}: cannot be written ({error.strerror}); choose another folder or free some space."
+            f"{path}: cannot be written ({error.strerror or error}); choose another folder or free some space."
         ) from error
 
 
@@ -141,13 +155,15 @@ def natural_key(path: Path) -> list:
 
 
 def require_rgb(image: np.ndarray, name: object = "picture") -> None:
-    """Refuse anything that is not an (H, W, 3) uint8 array, naming what it is instead."""
+    """Refuse anything that is not an (H, W, 3) uint8 array with pixels in it, naming what it is instead."""
     if not isinstance(image, np.ndarray) or image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
         got = f"shape {image.shape}, dtype {image.dtype}" if isinstance(image, np.ndarray) else type(image).__name__
         raise PictureError(
             f"{name}: expected an RGB picture of shape (height, width, 3) and dtype uint8, got {got}; "
             "read it with read_image."
         )
+    if not image.size:
+        raise PictureError(f"{name}: holds no pixels (shape {image.shape}); check how it was cut out.")
 
 
 def _require_whole(path: Path, data: bytes) -> None:

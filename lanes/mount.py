@@ -8,7 +8,7 @@ height.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -147,7 +147,14 @@ def estimate_mount(
 
 def mount_camera(camera: Camera, folder: str | Path) -> Camera:
     """The camera on the mount that a folder of pictures from one drive shows; see `estimate_mount`."""
-    return camera.with_mount(estimate_mount(map(read_image, list_pictures(folder)), camera).mount)
+    return camera.with_mount(estimate_mount(_read_pictures(folder, camera), camera).mount)
+
+
+def _read_pictures(folder: str | Path, camera: Camera) -> Iterator[np.ndarray]:
+    for path in list_pictures(folder):
+        image = read_image(path)
+        camera.require_size(image, path)
+        yield image
 
 
 def _angle_line(name: str, angle_rad: float, std_rad: float, positive: str, negative: str) -> str:

@@ -53,7 +53,7 @@ def read_telemetry(path: str | Path) -> dict[str, np.ndarray]:
     FileNotFoundError
         If there is no such file.
     ValueError
-        If it is no CSV with a header and rows of equal length.
+        If it is no CSV with a header, a column "frame" and rows of equal length.
     """
     path = Path(path)
     if not path.is_file():
@@ -62,6 +62,8 @@ def read_telemetry(path: str | Path) -> dict[str, np.ndarray]:
         )
     try:
         header, *rows = csv.reader(io.StringIO(path.read_text(encoding="utf-8")))
+        if "frame" not in header:
+            raise ValueError("its header names no column 'frame'")
         columns = list(zip(*rows, strict=True)) or [()] * len(header)
         if len(columns) != len(header):
             raise ValueError("header and rows differ in length")

@@ -19,6 +19,8 @@ from typing import ClassVar, Protocol
 import cv2
 import numpy as np
 
+from lanes.images import require_rgb
+
 Range = tuple[float, float]
 
 # OpenCV's 8-bit ranges: hue 0..179 (two degrees a level), everything else 0..255, neutral Lab a and b at 128.
@@ -48,7 +50,11 @@ def split_channels(image: np.ndarray, space: str) -> tuple[np.ndarray, ...]:
     ------
     ValueError
         If `space` is none of these.
+    PictureError
+        If `image` is no RGB picture, as everywhere in this module where one is meant: OpenCV would drop a fourth
+        channel without a word.
     """
+    require_rgb(image)
     if space == "RGB":
         return cv2.split(image)
     if space not in _SPACES:
@@ -58,6 +64,7 @@ def split_channels(image: np.ndarray, space: str) -> tuple[np.ndarray, ...]:
 
 def to_gray(image: np.ndarray) -> np.ndarray:
     """RGB picture to brightness (height, width), uint8, with the weights of ITU-R BT.601."""
+    require_rgb(image)
     return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
 
 
@@ -76,6 +83,7 @@ def yellow_mask(
     image: np.ndarray, low: tuple[int, int, int] = (0, 70, 70), high: tuple[int, int, int] = (50, 255, 255)
 ) -> np.ndarray:
     """Binary of the pixels between two HSV colours, by default red to yellow."""
+    require_rgb(image)
     return cv2.inRange(cv2.cvtColor(image, cv2.COLOR_RGB2HSV), low, high)
 
 
@@ -244,6 +252,7 @@ class BestChannelThresholds(Thresholds):
 
     def masks(self, image: np.ndarray) -> dict[str, np.ndarray]:
         """Binaries of an RGB picture (height, width, 3): the six candidates and combined (saturation, red or b)."""
+        require_rgb(image)
         region = region_mask(image.shape[1::-1], self.region)
         # Above the region all is dark, so nothing needs to be computed there.
         top = int(region.any(axis=1).argmax())

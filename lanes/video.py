@@ -31,6 +31,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from tqdm import tqdm
 
+from lanes.images import PictureError
 from lanes.telemetry import write_telemetry
 from lanes.videofile import VideoError, inspect_video, read_timed_frames
 from lanes.videowriter import VideoWriter
@@ -117,6 +118,8 @@ def annotate_video(
     ------
     FileNotFoundError, VideoError
         If `source` cannot be used, `process` returns no picture, or not all frames were written.
+    PictureError
+        If `process` refuses a frame, for instance because the camera is of another size.
     OSError
         If `target` cannot be written.
     """
@@ -148,6 +151,9 @@ def _processed(process: Process, frame: np.ndarray, name: str) -> tuple[np.ndarr
     began_s = time.perf_counter()
     try:
         result = process(frame)
+    except PictureError as error:
+        # It says "picture", because `process` does not know which one it is.
+        raise PictureError(f"{name}: {str(error).removeprefix('picture: ')}") from error
     except Exception as error:
         error.add_note(f"(while processing {name})")
         raise

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera, CameraError
+from lanes.images import PictureError, require_rgb
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +31,7 @@ class FourPointWarp:
     destination_px : array_like of shape (4, 2)
         Where they come to lie in the view, in the same order.
     size : tuple of int
-        (width, height) of the view in pixels.
+        (width, height) in pixels, of the picture and of the view.
 
     Raises
     ------
@@ -51,11 +52,25 @@ class FourPointWarp:
         object.__setattr__(self, "inverse", np.linalg.inv(self.matrix))
 
     def warp(self, image: np.ndarray) -> np.ndarray:
-        """Undistorted picture to view, (height, width) of `size`; binaries (2-D) keep their two values."""
+        """Undistorted picture to view, both (height, width) of `size`; binaries (2-D) keep their two values.
+
+        Raises
+        ------
+        PictureError
+            If `image` is neither an RGB picture nor a binary of that size.
+        """
+        self._require_size(image)
         return cv2.warpPerspective(image, self.matrix, self.size, flags=_interpolation(image))
 
     def unwarp(self, image: np.ndarray, size: tuple[int, int] | None = None) -> np.ndarray:
-        """View back to an undistorted picture of `size` (width, height), by default the view's own; black outside."""
+        """View back to an undistorted picture of `size` (width, height), by default the view's own; black outside.
+
+        Raises
+        ------
+        PictureError
+            If `image` is neither an RGB picture nor a binary of the view's size.
+        """
+        self._require_size(image)
         return cv2.warpPerspective(image, self.inverse, size or self.size, flags=_interpolation(image))
 
     def points_to_view(self, points_px: np.ndarray) -> np.ndarray:
@@ -65,6 +80,16 @@ class FourPointWarp:
     def points_to_picture(self, points_px: np.ndarray) -> np.ndarray:
         """Points (N, 2) of the view to points (N, 2) of the undistorted picture."""
         return _transform(points_px, self.inverse)
+
+    def _require_size(self, image: np.ndarray) -> None:
+        if not (isinstance(image, np.ndarray) and image.ndim == 2 and image.dtype == np.uint8):
+            require_rgb(image)
+        (width, height), got = self.size, image.shape[1::-1]
+        if got != (width, height):
+            raise PictureError(
+                f"picture: is {got[0]}x{got[1]} pixels, but this warp is for {width}x{height}; "
+                "use a picture of that size, or a warp made for this one."
+            )
 
 
 def view_to_road(points_px: np.ndarray, warp: FourPointWarp, camera: Camera) -> np.ndarray:

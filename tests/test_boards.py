@@ -195,10 +195,18 @@ def test_views_without_tilt_do_not_determine_the_focal_length():
 def test_a_folder_names_what_it_could_not_use(tmp_path):
     write_image(tmp_path / "wall.png", np.full((120, 160, 3), 90, np.uint8))
     (tmp_path / "text.jpg").write_text("no picture")
-    with pytest.raises(CameraError, match="0 different view") as error:
+    with pytest.raises(CameraError, match="^no chessboard of 9x6 inner corners .* any of the 2 pictures") as error:
         calibrate_folder(tmp_path)
     assert "wall.png: no chessboard of 9x6" in str(error.value) and "neither a JPEG" in str(error.value)
     assert str(tmp_path) in str(error.value)
+
+
+def test_a_folder_with_too_few_boards_is_named(tmp_path):
+    board = PROJECT_ROOT / "camera_cal" / "calibration2.jpg"
+    (tmp_path / board.name).write_bytes(board.read_bytes())
+    with pytest.raises(CameraError, match=r"1 different view\(s\)") as error:
+        calibrate_folder(tmp_path)
+    assert str(error.value).startswith(str(tmp_path))
 
 
 def test_a_folder_with_unfit_files_among_good_ones(tmp_path):

@@ -176,17 +176,13 @@ def test_undistort_makes_a_bent_line_straight():
 
 def test_undistort_refuses_another_size_unless_asked_to_rescale():
     small = np.full((360, 640, 3), 90, np.uint8)
-    with pytest.raises(PictureError, match="640x360 pixels, but the camera was calibrated for 1280x720"):
+    with pytest.raises(
+        PictureError, match="640x360 pixels, .* for 1280x720; .*rescale=True in undistort.*camera.scaled"
+    ):
         undistort(small, DASHCAM)
     assert undistort(small, DASHCAM, rescale=True).shape == (360, 640, 3)
     with pytest.raises(CameraError, match="another shape"):
         undistort(np.zeros((480, 640, 3), np.uint8), DASHCAM, rescale=True)
-
-
-@pytest.mark.parametrize("shape", [(720, 1280), (720, 1280, 4)])
-def test_undistort_refuses_gray_and_rgba(shape):
-    with pytest.raises(PictureError, match="expected an RGB picture"):
-        undistort(np.zeros(shape, np.uint8), DASHCAM)
 
 
 # --- the file --------------------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ import pytest
 
 from lanes.corners import Board, draw_board, find_board
 from lanes.dataset import PROJECT_ROOT
-from lanes.images import PictureError, read_image
+from lanes.images import read_image
 from lanes.scenes.boards import CREAM, View, render_board, true_corners
 
 BOARDS = PROJECT_ROOT / "camera_cal"
@@ -105,12 +105,6 @@ def test_other_patterns_are_found_and_larger_ones_only_in_part():
     np.testing.assert_allclose(np.sort(grid[0, :, 0]), 89.5 + 50 * np.arange(7), atol=0.1)
     part = find_board(image, (9, 6))
     assert sorted((part.columns, part.rows)) == [5, 7]
-
-
-@pytest.mark.parametrize("wrong", [np.zeros((50, 50), np.uint8), np.zeros((50, 50, 4), np.uint8)])
-def test_only_rgb_is_searched(wrong):
-    with pytest.raises(PictureError, match="expected an RGB picture"):
-        find_board(wrong)
 
 
 def test_a_pattern_of_nothing_is_refused():

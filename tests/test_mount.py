@@ -12,8 +12,8 @@ import pytest
 from painted_roads import paint_road
 
 from lanes.camera import Camera, Mount, camera_from_dict
-from lanes.images import PictureError, read_image
-from lanes.mount import MountError, estimate_mount
+from lanes.images import PictureError, read_image, write_image
+from lanes.mount import MountError, estimate_mount, mount_camera
 
 MOUNT = Mount(1.35, np.radians(2.5), np.radians(-1.8), np.radians(0.9))
 CAMERA = Camera.from_fov((1280, 720), 62, MOUNT)
@@ -155,6 +155,13 @@ def test_bad_input_is_named():
         estimate_mount([unmarked()], CAMERA, lane_width_m=12)
     with pytest.raises(MountError, match="camera 0.1 m above"):
         estimate_mount([unmarked()], CAMERA, height_m=0.1)
+
+
+def test_a_picture_of_another_size_is_named_by_its_file(tmp_path):
+    write_image(tmp_path / "first.png", unmarked())
+    write_image(tmp_path / "second.png", np.zeros((721, 1281, 3), np.uint8))
+    with pytest.raises(PictureError, match=r"second\.png: is 1281x721"):
+        mount_camera(CAMERA, tmp_path)
 
 
 STILLS = Path(__file__).parents[1] / "test_images"

@@ -72,7 +72,7 @@ def test_refusals_are_sentences(drive, tmp_path, capsys):
     assert "only 0 of 1 pictures" in capsys.readouterr().err
     assert not (tmp_path / "camera.yaml").exists()
     assert run("--hfov", 60, "--size", "1280x720", sky) == 1
-    assert "is 960x540 pixels" in capsys.readouterr().err
+    assert "sky.png: is 960x540 pixels" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         run("--hfov", 60, "--size", "big", sky)
     assert "write it like 1280x720" in capsys.readouterr().err

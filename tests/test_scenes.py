@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import imageio_ffmpeg
 import numpy as np
 import pytest
 
+from lanes.__main__ import main
 from lanes.camera import Camera, Mount, load_camera
 from lanes.dataset import PROJECT_ROOT
 from lanes.images import read_image
@@ -285,6 +287,13 @@ def test_interrupted_video_leaves_nothing(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         write_video(tmp_path / "a.mp4", drive=small_drive(), seconds=0.2, progress=interrupt)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("what", "file"), [("stills", "straight_lines1.jpg"), ("video", "project_video.mp4")])
+def test_an_unwritable_folder_is_named(tmp_path, capsys, what, file):
+    (tmp_path / "file").write_text("in the way")
+    assert main(["render", what, "--out", str(tmp_path / "file")]) == 1
+    assert re.search(rf"file.*{file}: cannot be written .*; choose another folder", capsys.readouterr().err)
 
 
 def test_refuses_a_sun_below_the_horizon():

@@ -38,7 +38,18 @@ def test_missing_file(tmp_path):
         read_telemetry(tmp_path / "drive.csv")
 
 
-@pytest.mark.parametrize("content", [b"", b"frame,offset_m\n1,2\n3\n", b"frame\n1,2\n", b"frame\n\xff\xfe\n"])
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"hello",
+        b"hello\nworld\n",
+        b"Dear all,\n\nhello\n",
+        b"frame,offset_m\n1,2\n3\n",
+        b"frame\n1,2\n",
+        b"frame\n\xff\xfe\n",
+    ],
+)
 def test_files_that_are_no_table(tmp_path, content):
     (tmp_path / "drive.csv").write_bytes(content)
     with pytest.raises(ValueError, match=r"drive\.csv: is no telemetry table"):

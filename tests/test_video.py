@@ -15,6 +15,8 @@ import numpy as np
 import pytest
 
 from lanes import draw
+from lanes.camera import Camera, undistort
+from lanes.images import PictureError
 from lanes.video import annotate_video, open_clip
 from lanes.videofile import VideoError, inspect_video, read_frames, read_timed_frames
 from lanes.videowriter import VideoWriter
@@ -353,6 +355,12 @@ class TestFailure:
         self.assert_untouched(target)
         if isinstance(error, ZeroDivisionError):
             assert f"frame 19 of {video}" in caught.value.__notes__[0]
+
+    def test_a_refused_frame_is_named(self, video, target):
+        camera = Camera.from_fov((640, 360), 60)
+        with pytest.raises(PictureError, match=r"^frame 5 of .*drive\.mp4: is 160x96 .* calibrated for 640x360"):
+            annotate_video(video, target, lambda frame: undistort(frame, camera), progress=False, start_s=0.2)
+        self.assert_untouched(target)
 
     @pytest.mark.parametrize("result", [None, np.zeros((96, 160), np.uint8), np.zeros((96, 160, 3))])
     def test_process_that_returns_no_picture(self, video, target, result):

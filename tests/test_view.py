@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 from roads import CAMERA, paint_view
 
 from lanes.camera import CameraError, Mount
+from lanes.images import PictureError
 from lanes.view import FourPointWarp, metres_per_pixel, scale_to_road, view_to_road
 
 SIZE = (1280, 720)
@@ -47,6 +48,23 @@ def test_binaries_keep_two_values_and_come_back():
     back = WARP.unwarp(view)
     assert (back[505:635, 565:715] == 255).all()
     assert (back != binary).mean() < 0.01
+
+
+@pytest.mark.parametrize("way", [WARP.warp, WARP.unwarp])
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        (np.zeros((360, 640, 3), np.uint8), "is 640x360 pixels, but this warp is for 1280x720"),
+        (np.zeros((720, 1281), np.uint8), "is 1281x720 pixels, but this warp is for 1280x720"),
+        (np.zeros((720, 1280, 4), np.uint8), "expected an RGB picture"),
+        (np.zeros((720, 1280), bool), "expected an RGB picture"),
+        (None, "got NoneType"),
+    ],
+    ids=["small", "binary", "rgba", "bool", "none"],
+)
+def test_only_pictures_and_binaries_of_the_warps_size_are_taken(way, wrong, sentence):
+    with pytest.raises(PictureError, match=sentence):
+        way(wrong)
 
 
 def test_no_points_are_no_points():

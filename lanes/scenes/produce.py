@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
@@ -10,7 +9,7 @@ from pathlib import Path
 import imageio_ffmpeg
 
 from lanes.camera import save_camera
-from lanes.images import partial_path, write_image
+from lanes.images import whole_file, write_image
 from lanes.scenes.catalogue import VIDEO_FPS, VIDEO_SECONDS, project_video, still_scenes
 from lanes.scenes.render import Drive, render_frame
 from lanes.scenes.truth import truth_entry, truth_row, write_truth_csv, write_truth_json
@@ -89,13 +88,8 @@ def write_video(
     """
     path, drive = Path(path), drive or project_video()
     count = round(seconds * VIDEO_FPS)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = partial_path(path)
-    try:
+    with whole_file(path) as partial:
         rows = _encode(partial, drive, count, progress)
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
     write_truth_csv(path.with_suffix(".csv"), rows)
     save_camera(drive.camera, path.with_suffix(".yaml"))
     return [path, path.with_suffix(".csv"), path.with_suffix(".yaml")]
