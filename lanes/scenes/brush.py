@@ -84,14 +84,17 @@ def project_faces(camera: Camera, faces_m: np.ndarray) -> list[np.ndarray | None
     """Pixels of each face (F, corners, 3), clipped to what the lens can see; None for a face out of sight."""
     planes = viewing_planes(camera)
     count, corners = faces_m.shape[:2]
-    whole = inside(faces_m, planes).all(axis=1)
+    height = faces_m @ planes[:, :3].T + planes[:, 3]
+    whole = (height >= -1e-9).all(axis=(1, 2))
+    # What lies behind any one plane with all its corners leaves nothing to clip.
+    part = ~whole & ~(height < 0).all(axis=1).any(axis=1)
     pixels = np.full((count, corners, 2), np.nan)
     if whole.any():
         pixels[whole] = camera.road_to_pixels(faces_m[whole].reshape(-1, 3)).reshape(-1, corners, 2)
-    result: list[np.ndarray | None] = list(pixels)
-    for i in np.flatnonzero(~whole):
-        part = clip_polygon(faces_m[i], planes)
-        result[i] = camera.road_to_pixels(part) if len(part) >= 3 else None
+    result: list[np.ndarray | None] = [face if seen else None for face, seen in zip(pixels, whole, strict=True)]
+    for i in np.flatnonzero(part):
+        points = clip_polygon(faces_m[i], planes)
+        result[i] = camera.road_to_pixels(points) if len(points) >= 3 else None
     return result
 
 
@@ -168,6 +171,13 @@ def lay_over(
     if region.size == 0:
         return
     layer = layer[max(-top, 0) :, max(-left, 0) :][: region.shape[0], : region.shape[1]]
-    alpha = layer[..., 3:]
-    region *= 1 - alpha
-    region += layer[..., :3] * np.asarray(through, np.float32) + alpha * np.asarray(air, np.float32)
+    # One plane after the other: numpy is slow where the innermost axis has three elements.
+    *colours, alpha = cv2.split(layer)
+    below, clear = cv2.split(region), 1 - alpha
+    through, air = (np.broadcast_to(np.asarray(x, np.float32), 3) for x in (through, air))
+    for plane, colour, left_over, added in zip(below, colours, through, air, strict=True):
+        plane *= clear
+        colour *= left_over
+        colour += alpha * added
+        plane += colour
+    region[:] = cv2.merge(below)

@@ -71,7 +71,7 @@ def develop(light: np.ndarray, lens: Lens, *, road_light: float, seed: int) -> n
     root = np.sqrt(np.clip(light, 0, BRIGHTEST, out=light), out=light)
     root += np.float32(lens.noise / 2) * _noise(height, width, seed)
     steps = np.clip(root * np.float32((TONE_STEPS - 1) / np.sqrt(BRIGHTEST)), 0, TONE_STEPS - 1).astype(np.uint16)
-    image = np.take(_tone_curve(), steps)
+    image = cv2.LUT(steps, _tone_curve())
     if lens.sharpening:
         image = cv2.addWeighted(image, 1 + lens.sharpening, cv2.GaussianBlur(image, (0, 0), 1.1), -lens.sharpening, 0)
     return image
@@ -110,4 +110,5 @@ def _tone_curve() -> np.ndarray:
     light = np.minimum(light, knee) + (1 - knee) * (1 - np.exp(-over / (1 - knee) * 1.35)) * 1.02
     light = np.clip(light, 0, 1)
     encoded = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
-    return np.rint(255 * encoded).astype(np.uint8)
+    # OpenCV wants an entry for every 16-bit number.
+    return np.pad(np.rint(255 * encoded).astype(np.uint8), (0, 65536 - TONE_STEPS), mode="edge")

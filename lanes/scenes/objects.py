@@ -14,7 +14,7 @@ from lanes.scenes.bonnet import draw_bonnet
 from lanes.scenes.brush import inside, lay_over, paint_polygons, project_faces, viewing_planes
 from lanes.scenes.cars import BODY, ON_BODY, car_faces
 from lanes.scenes.foliage import plant_sprite
-from lanes.scenes.shading import face_normals, irradiance, shade_faces
+from lanes.scenes.shading import irradiance, shade_faces
 from lanes.scenes.shadows import shadow_polygons
 from lanes.scenes.sky import air_between
 from lanes.scenes.things import Car, Post, Sign, Thing, Tree, turned_by, upright
@@ -89,11 +89,10 @@ def _paint_car(image: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, air
     eye = (np.array([0, 0, camera.mount.height_m]) - place) @ turn
     distance = float(np.hypot(car.x_m, car.y_m))
     faces = car_faces(car.body, car.paint, detail=1 if distance > 40 else 2)
-    middle = faces.corners.mean(axis=1)
-    toward = ((eye - middle) * face_normals(faces.corners)).sum(axis=1) > 0
+    toward = ((eye - faces.middle) * faces.flat_normal).sum(axis=1) > 0
     faces = faces.chosen(toward)
     # What lies on the body keeps its order (plate on bumper); body and wheels go from far to near.
-    apart = np.where(faces.layer < ON_BODY, -np.linalg.norm(middle[toward] - eye, axis=1), 0)
+    apart = np.where(faces.layer < ON_BODY, -np.linalg.norm(faces.middle - eye, axis=1), 0)
     faces = faces.chosen(np.lexsort((apart, faces.layer)))
     ground = np.array([[-2.35, -0.88, 0], [2.3, -0.88, 0], [2.3, 0.88, 0], [-2.35, 0.88, 0]])
     pixels = project_faces(camera, np.stack([ground * 1.03, ground * 0.97]) @ turn.T + place)

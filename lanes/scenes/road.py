@@ -197,7 +197,7 @@ class RoadAhead:
         # First guess: the place abeam, from x alone, at whole steps of x.
         self._x0 = np.float32(points[0, 0])
         x = np.arange(points[0, 0], points[-1, 0], self.STEP_M)
-        self._guess = np.rint((np.interp(x, points[:, 0], s) - s[0]) / self.STEP_M).astype(np.int32)
+        self._guess = np.rint((np.interp(x, points[:, 0], s) - s[0]) / self.STEP_M).astype(np.intp)
 
     def locate(self, x_m: np.ndarray, y_m: np.ndarray, *, iterations: int = 3) -> tuple[np.ndarray, np.ndarray]:
         """Places (s, d) of ground points in the car's frame.
@@ -219,14 +219,15 @@ class RoadAhead:
         """
         step = np.float32(self.STEP_M)
         last = len(self._table[0]) - 1
-        index = np.clip((x_m - self._x0) / step, 0, len(self._guess) - 1).astype(np.int32)
-        node = self._guess[index]
+        index = np.clip((x_m - self._x0) / step, 0, len(self._guess) - 1).astype(np.intp)
+        node = self._guess.take(index, mode="clip")
         for _ in range(iterations):
-            px, py, cosine, sine, curvature = (column[node] for column in self._table)
+            # All nodes are in the table; with "clip" numpy need not look for those that are not.
+            px, py, cosine, sine, curvature = (column.take(node, mode="clip") for column in self._table)
             dx, dy = x_m - px, y_m - py
             along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
             stretch = np.maximum(1 - curvature * across, np.float32(0.2))
             ahead = along / stretch
             s = node.astype(np.float32) * step + ahead
-            node = np.clip(np.rint(s / step), 0, last).astype(np.int32)
+            node = np.clip(np.rint(s / step), 0, last).astype(np.intp)
         return s + self._s0, across - curvature * along * ahead / 2

@@ -6,6 +6,7 @@ White paint that lies in the sun is 1, as in the whole renderer.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -22,6 +23,16 @@ class Faces:
     albedo: np.ndarray
     gloss: np.ndarray
     layer: np.ndarray
+
+    @cached_property
+    def middle(self) -> np.ndarray:
+        """(F, 3) means of the corners."""
+        return self.corners.mean(axis=1)
+
+    @cached_property
+    def flat_normal(self) -> np.ndarray:
+        """(F, 3) normals of the faces themselves; `normal` may be smoothed."""
+        return face_normals(self.corners)
 
     @classmethod
     def joined(cls, parts: list[Faces]) -> Faces:
@@ -52,7 +63,7 @@ def shade_faces(faces: Faces, eye_m: np.ndarray, sun: np.ndarray) -> np.ndarray:
     ndarray of shape (F, 3)
         Linear RGB; white paint lying in the sun is 1.
     """
-    middle = faces.corners.mean(axis=1)
+    middle = faces.middle
     normal = faces.normal
     view = eye_m - middle
     view /= np.linalg.norm(view, axis=1, keepdims=True)

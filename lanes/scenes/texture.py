@@ -55,4 +55,7 @@ def fade(reach: np.ndarray, wave_m: float) -> np.ndarray:
 
 def _wrapped(metres: np.ndarray, wave_m: float) -> np.ndarray:
     texels = metres * np.float32(TEXELS_PER_WAVE / wave_m)
-    return texels - np.floor(texels / TILE) * TILE
+    whole = texels / TILE
+    np.floor(whole, out=whole)
+    whole *= TILE
+    return np.subtract(texels, whole, out=texels)
