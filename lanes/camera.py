@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from datetime import date
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -185,17 +185,14 @@ class Camera:
             distance = np.where(directions[:, 2] < -1e-9, -mount.height_m / directions[:, 2], np.nan)
         return directions[:, :2] * distance[:, None]
 
-    @cached_property
+    @property
     def largest_ray(self) -> float:
         """Tangent of the widest angle from the axis at which the distortion polynomial still grows with the angle.
 
         Beyond it the polynomial folds back and would put points far outside the view into the picture.
         """
         k1, k2, _, _, k3 = self.distortion
-        # derivative of r (1 + k1 r^2 + k2 r^4 + k3 r^6), as a polynomial in r^2
-        roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1.0])
-        real = roots[np.isreal(roots)].real
-        return float(np.sqrt(min(real[real > 0], default=np.inf)))
+        return _largest_ray(float(k1), float(k2), float(k3))
 
     def _project_camera_points(self, points: np.ndarray) -> np.ndarray:
         z = points[:, 2]
@@ -213,6 +210,15 @@ class Camera:
                 "give one or estimate it."
             )
         return self.mount
+
+
+@lru_cache(maxsize=32)
+def _largest_ray(k1: float, k2: float, k3: float) -> float:
+    """Found once for each lens: a camera that nods is a new one in every frame, with the same lens."""
+    # derivative of r (1 + k1 r^2 + k2 r^4 + k3 r^6), as a polynomial in r^2
+    roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1.0])
+    real = roots[np.isreal(roots)].real
+    return float(np.sqrt(min(real[real > 0], default=np.inf)))
 
 
 def undistort(image: np.ndarray, camera: Camera, *, rescale: bool = False) -> np.ndarray:

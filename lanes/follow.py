@@ -62,14 +62,16 @@ def correct_lane(stripes: Stripes, belief: Belief, view: RoadView) -> LaneFit:
     prior[:-1, :-1], prior[-1, -1] = np.linalg.inv(belief.lane_covariance), jolt_std**-2
     guess = mean
     for scale in SCALES:
-        weight, residual, _, derivative = (q[0] for q in compare(guess[None, :-1], stripes, view.height_m, std * scale))
-        weight = weight * paint / ((std * scale) ** 2 + stray**2) / TOGETHER
+        found = compare(guess[None, :-1], stripes, view.height_m, std * scale)
+        agreement, residual, side, derivative = (q[0] for q in found)
+        weight = agreement * paint / ((std * scale) ** 2 + stray**2) / TOGETHER
         jacobian = np.column_stack([derivative, -(stripes.x_m**4) / 24])
         residual = residual + jacobian[:, -1] * guess[-1]
         information = jacobian.T @ (jacobian * weight[:, None]) + prior
         gradient = jacobian.T @ (weight * residual) + prior @ (guess - mean)
         guess = guess - np.linalg.solve(information, gradient)
-    lane = guess[None, :-1]
-    weight, residual, side, _ = compare(lane, stripes, view.height_m, std)
     covariance = np.linalg.inv(information)[:-1, :-1]
-    return LaneFit(lane, np.linalg.inv(covariance)[None], weight * paint, side, residual)
+    # agreement and residuals are those before the last step, which is small
+    return LaneFit(
+        guess[None, :-1], np.linalg.inv(covariance)[None], (agreement * paint)[None], side[None], residual[None]
+    )

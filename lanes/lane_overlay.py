@@ -157,8 +157,8 @@ def _tint(image: np.ndarray, drawn: np.ndarray, outline: np.ndarray) -> None:
 
 
 def _write(image: np.ndarray, lines: list[str]) -> np.ndarray:
-    """Write into the upper left corner, in place but for the rows that the letters take."""
+    """Write into the upper left corner, in place: only the part that the letters may take is worked on."""
     size_px = round(image.shape[0] / 24)
-    rows = (len(lines) + 1) * 2 * size_px
-    image[:rows] = write_text(image[:rows], lines, size_px=size_px)
+    part = image[: (len(lines) + 1) * 3 * size_px // 2, : 2 * image.shape[1] // 3]
+    part[:] = write_text(part, lines, size_px=size_px)
     return image

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from lanes.departure import DepartureWarning
 from lanes.lane import Lane, LaneLine
 from lanes.linekind import LineKind
@@ -34,8 +32,6 @@ class TrackedLane:
         Time to line crossing; None when lost.
     kinds : (LineKind, LineKind)
         Colour, solid or dashed, double: left and right.
-    features : ndarray of shape (7,) or None
-        What the confidence was computed from.
     """
 
     state: str
@@ -44,7 +40,6 @@ class TrackedLane:
     speed_mps: float | None = None
     warning: DepartureWarning | None = None
     kinds: tuple[LineKind, LineKind] = (LineKind(), LineKind())
-    features: np.ndarray | None = None
 
     @property
     def offset_m(self) -> float | None:

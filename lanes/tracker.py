@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.confidence import chance, track_features
+from lanes.confidence import rate_lane
 from lanes.departure import watch_departure
 from lanes.evidence import Stripes
 from lanes.follow import TOGETHER, correct_lane, gate_stripes
@@ -34,7 +34,7 @@ LONGEST_COAST_S, WIDEST_STD_M = 1.0, 0.4
 # While tracking the lane is searched anew this often, and given up when another one scores so much better so often.
 RECHECK_S, BETTER, OBJECTIONS = 1.0, 0.1, 3
 # The paint of a line is looked at again after so many frames, left and right in turn.
-PAINT_EVERY = 4
+PAINT_EVERY = 10
 # The car's middle is so far over a line before the lines change their names: not at each touch of it.
 CROSSED_M = 0.1
 # Two lanes are the same if their lines lie within this at these distances.
@@ -194,16 +194,14 @@ class LaneTracker:
     def _report(self) -> TrackedLane:
         if self._lane is None:
             return TrackedLane(LOST)
-        features = track_features(self._lane, margin=self._margin, unseen_s=self._unseen_s)
         path, speed, aim = (float(self._belief.mean[k]) for k in (PATH, SPEED, AIM))
         return TrackedLane(
             self._state,
-            chance(features),
+            rate_lane(self._lane, followed=True),
             self._lane,
             speed,
             watch_departure(self._lane, speed, path_per_m=path, aim_rad=aim),
             (self._votes[0].kind, self._votes[1].kind),
-            features,
         )
 
 

@@ -31,6 +31,8 @@ from lanes.tracker import LaneTracker  # noqa: E402
 
 DRIVES, SECONDS, FPS = 60, 3.0, 25.0
 RIDGE = 1.0
+# Frames of one drive are alike, so that drives are fewer than they look: the constant is lowered by this much.
+CAUTION = 0.5
 
 
 def draw_road(rng: np.random.Generator) -> tuple[RoadGeometry, float]:
@@ -69,7 +71,7 @@ def draw_clutter(rng: np.random.Generator, half_m: float) -> tuple[Stripe, ...]:
     return tuple(things)
 
 
-def draw_drive(seed: int) -> tuple[PaintedDrive, Camera]:
+def draw_drive(seed: int, camera: Camera = CAMERA) -> tuple[PaintedDrive, Camera]:
     """A drive, and the camera as the one who follows it believes it to be."""
     rng = np.random.default_rng(seed)
     road, speed_mps = draw_road(rng)
@@ -86,16 +88,17 @@ def draw_drive(seed: int) -> tuple[PaintedDrive, Camera]:
         shades=tuple(shades),
         noise=rng.uniform(1.5, 8),
         black_s=(2.0, 2.3) if rng.random() < 0.1 else (np.inf, np.inf),
+        camera=camera,
         seed=seed,
     )
-    mount = CAMERA.mount
+    mount = camera.mount
     believed = replace(
         mount,
         height_m=mount.height_m * (1 + rng.normal(0, 0.01)),
         pitch_rad=mount.pitch_rad + rng.normal(0, 0.002),
         yaw_rad=mount.yaw_rad + rng.normal(0, 0.002),
     )
-    return drive, CAMERA.with_mount(believed)
+    return drive, camera.with_mount(believed)
 
 
 def is_right(lane: Lane, truth: Truth) -> bool:
@@ -104,17 +107,17 @@ def is_right(lane: Lane, truth: Truth) -> bool:
     return bool(np.all(np.sqrt(np.mean(np.square(errors), axis=1)) < RIGHT_M))
 
 
-def drive_along(seed: int) -> tuple[list, list]:
-    """Features and rightness of each frame of a drive: followed, and each fifth picture on its own."""
-    drive, camera = draw_drive(seed)
-    tracker = LaneTracker(camera, fps=FPS)
+def drive_along(seed: int, camera: Camera = CAMERA, *, seconds: float = SECONDS, fps: float = FPS) -> tuple[list, list]:
+    """Features, rightness and seed of each frame of a drive: followed, and each fifth picture on its own."""
+    drive, camera = draw_drive(seed, camera)
+    tracker = LaneTracker(camera, fps=fps)
     followed, alone = [], []
-    for frame in range(int(SECONDS * FPS)):
-        time_s = frame / FPS
+    for frame in range(int(seconds * fps)):
+        time_s = frame / fps
         image, truth = drive.frame(time_s), drive.truth(time_s)
         tracked = tracker.update(image)
         if tracked.lane is not None:
-            followed.append([*tracked.features, is_right(tracked.lane, truth), seed])
+            followed.append([*lane_features(tracked.lane), is_right(tracked.lane, truth), seed])
         if frame % 5 == 0 and (lane := find_lane(image, tracker.view)) is not None:
             alone.append([*lane_features(lane), is_right(lane, truth), seed])
     return followed, alone
@@ -127,6 +130,7 @@ def fit_logistic(features: np.ndarray, right: np.ndarray) -> np.ndarray:
         chance = 1 / (1 + np.exp(-features @ weights))
         information = (features * (chance * (1 - chance))[:, None]).T @ features + RIDGE * np.eye(len(weights))
         weights += np.linalg.solve(information, features.T @ (right - chance) - RIDGE * weights)
+    weights[0] -= CAUTION
     return weights
 
 
@@ -151,13 +155,14 @@ def main() -> None:
         rows = np.array([row for one in data for row in one[part]], float)
         features, right, seed = rows[:, :-2], rows[:, -2], rows[:, -1]
         if check:
-            tell(name, features, right, present[: features.shape[1]])
+            tell(name, features, right, present)
             continue
         half = seed % 2 == 0
         cross = fit_logistic(features[half], right[half])
         tell(f"{name}, fitted on half of the drives, on the others", features[~half], right[~half], cross)
         weights = fit_logistic(features, right)
-        print(name, dict(zip(FEATURES, np.round(weights, 2), strict=False)))
+        tell(f"{name}, fitted on all drives", features, right, weights)
+        print(name, dict(zip(FEATURES, np.round(weights, 2).tolist(), strict=True)))
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 from drives import CAMERA, PaintedDrive, lane_lines, s_bend
@@ -69,6 +70,28 @@ def test_command_writes_what_it_sees(folder, tmp_path, sequence):
         assert row["curvature_per_m"] == pytest.approx(DRIVE.truth(n / 25).curvature_per_m, abs=5e-4)
     states = [row["state"] for row in found]
     assert states == (["searching", "searching", "tracking", "tracking"] if sequence else ["found"] * 4)
+
+
+def test_videos_are_followed_frame_by_frame(tmp_path):
+    video = write_clip(tmp_path / "drive.mp4", [DRIVE.frame(frame / 25) for frame in range(6)])
+    told: list[tuple[int, int]] = []
+    found = detect_files([video], SMALL, np.array(ROWS), progress=lambda *done: told.append(done))
+    assert [row["raw_file"] for row in found] == [f"{video}#{frame}" for frame in range(6)]
+    assert [row["frame"] for row in found] == list(range(6))
+    assert found[-1]["state"] == "tracking"
+    assert found[-1]["offset_m"] == pytest.approx(DRIVE.truth(0.2).offset_m, abs=0.05)
+    assert told == [(done, 6) for done in range(1, 7)]
+
+
+def write_clip(path: Path, frames: list[np.ndarray]) -> Path:
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=25, options={"crf": "12", "preset": "ultrafast"})
+        stream.height, stream.width = frames[0].shape[:2]
+        stream.pix_fmt = "yuv420p"
+        for image in frames:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
+        container.mux(stream.encode())
+    return path
 
 
 def test_nothing_there_is_said(folder):
