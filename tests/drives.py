@@ -102,20 +102,18 @@ class PaintedDrive:
         height, width = self.camera.height, self.camera.width
         if self.black_s[0] <= time_s < self.black_s[1]:
             return np.zeros((height, width, 3), np.uint8)
-        truth = self.truth(time_s)
-        camera = self.camera.with_mount(replace(self.camera.mount, pitch_rad=truth.pitch_rad))
+        pose, mount = self.pose(time_s), self.camera.mount
+        camera = self.camera.with_mount(replace(mount, pitch_rad=mount.pitch_rad + self.motion.pitch(time_s)))
         # the reference line and its normal in the car's frame, from which all stripes follow
-        base, beside = (
-            truth.pose.to_car(self.road, offset_point(self.road, truth.pose.s_m + AHEAD_M, d)) for d in (0.0, 1.0)
-        )
+        base, beside = (pose.to_car(self.road, offset_point(self.road, pose.s_m + AHEAD_M, d)) for d in (0.0, 1.0))
         image = np.full((height, width, 3), ASPHALT[0], np.uint8)
         for stripe in (*self.ground, *self.lines):
             if not stripe.gone_s[0] <= time_s < stripe.gone_s[1]:
-                for corners in self._outlines(stripe, truth.pose.s_m, camera, base, beside - base):
+                for corners in self._outlines(stripe, pose.s_m, camera, base, beside - base):
                     cv2.fillPoly(image, [corners], tuple(self._colour(stripe)), cv2.LINE_AA, 4)
         for shade in self.shades:
             mask = np.zeros((height, width), np.uint8)
-            cv2.fillPoly(mask, list(self._outlines(shade, truth.pose.s_m, camera, base, beside - base)), 255, 8, 4)
+            cv2.fillPoly(mask, list(self._outlines(shade, pose.s_m, camera, base, beside - base)), 255, 8, 4)
             cv2.copyTo(cv2.convertScaleAbs(image, alpha=0.45), mask, image)
         rng = np.random.default_rng(self.seed * 10007 + round(time_s * 1000))
         top, left = rng.integers(0, SPARE_PX, 2)
