@@ -104,8 +104,10 @@ class LaneTracker:
         return self._report()
 
     def _fits_narrow(self) -> bool:
-        lines = self._lane.lateral_m(NARROW_AT_M)
-        return bool(np.abs(lines).max() < NARROW_M - MARGIN_M)
+        x = NARROW_AT_M
+        lines = self._lane.left, self._lane.right
+        places = [line.c0_m + line.c1 * x + line.c2_per_m * x**2 / 2 + line.c3_per_m2 * x**3 / 6 for line in lines]
+        return bool(np.abs(places).max() < NARROW_M - MARGIN_M)
 
     def _follow(self, sight: Sight, view: RoadView, elapsed_s: float) -> None:
         """Predict, take the stripes near the prediction, and correct it with them."""
