@@ -34,7 +34,7 @@ def gate_stripes(stripes: Stripes, belief: Belief, view: RoadView) -> Stripes:
     """The stripes whose distance from the predicted line is no surprise: innovation^2 < GATE (H P H^T + R)."""
     std = place_std(stripes, view.focal_px)
     _, innovation, _, derivative = compare(belief.lane[None], stripes, view.height_m, std)
-    known = np.einsum("ni,ij,nj->n", derivative[0], belief.lane_covariance, derivative[0])
+    known = ((derivative[0] @ belief.lane_covariance) * derivative[0]).sum(axis=1)
     return stripes.select(innovation[0] ** 2 < GATE * (known + std**2))
 
 

@@ -28,7 +28,7 @@ from lanes.tracked import COASTING, LOST, SEARCHING, TRACKING, TrackedLane
 
 # A lane that was found counts as there from this score (sum of the roots of both lines' supports) on, and as surely
 # there when so many searches in a row have found it; a followed one is there while its lines' supports add up to this.
-LEAST_SCORE, CONFIRMATIONS, LEAST_SUPPORT = 0.45, 3, 0.08
+LEAST_SCORE, CONFIRMATIONS, LEAST_SUPPORT = 0.45, 3, 0.06
 # Without evidence the prediction is shown for this long at most, and only while it is this sure 15 m ahead.
 LONGEST_COAST_S, WIDEST_STD_M = 1.0, 0.4
 # While tracking the lane is searched anew this often, and given up when another one scores so much better so often.
@@ -40,7 +40,7 @@ CROSSED_M = 0.1
 # Two lanes are the same if their lines lie within this at these distances.
 SAME_M, SAME_AT_M = 0.3, np.array([6.0, 12.0, 20.0])
 # While tracking only a part of the road is looked at if both lines stay well inside it up to some distance.
-NARROW_M, MARGIN_M, NARROW_AT_M = 6.0, 1.2, np.array([5.0, 25.0, 45.0])
+NARROW_M, MARGIN_M, NARROW_AT_M = 5.0, 1.0, np.array([5.0, 20.0, 35.0])
 
 
 class LaneTracker:
@@ -118,28 +118,28 @@ class LaneTracker:
         fit = correct_lane(near.stripes, belief, view)
         look_at = {0: 0, PAINT_EVERY // 2: 1}.get(self._since_search % PAINT_EVERY)
         seen = see_lines(fit, near, view, self._seen, look_at)
-        if seen[0].support + seen[1].support < LEAST_SUPPORT:
-            self._coast(belief, elapsed_s)
-            return
         self._belief = belief.corrected(fit.lane[0], np.linalg.inv(fit.information[0]))
-        self._seen, self._unseen_s = seen, 0.0
-        self._count_kinds(fit, near.stripes, look_at)
-        self._change_lane()
-        self._describe()
-        self._regained += self._state == COASTING
-        if self._regained >= CONFIRMATIONS:
-            self._state, self._regained = TRACKING, 0
+        if seen[0].support + seen[1].support < LEAST_SUPPORT:
+            self._coast(elapsed_s)
+        else:
+            self._seen, self._unseen_s = seen, 0.0
+            self._regained += self._state == COASTING
+            if self._regained >= CONFIRMATIONS:
+                self._state, self._regained = TRACKING, 0
+        if self._belief is not None:
+            self._count_kinds(fit, near.stripes, look_at)
+            self._change_lane()
+            self._describe()
 
-    def _coast(self, belief: Belief, elapsed_s: float) -> None:
-        """Go on without evidence, for a while."""
+    def _coast(self, elapsed_s: float) -> None:
+        """Go on without evidence worth the name, for a while."""
         self._unseen_s += elapsed_s
-        too_long = self._unseen_s > LONGEST_COAST_S or belief.lateral_std_m(15.0) > WIDEST_STD_M
+        too_long = self._unseen_s > LONGEST_COAST_S or self._belief.lateral_std_m(15.0) > WIDEST_STD_M
         if self._state == SEARCHING or too_long:
             self.reset()
             return
-        distance_m = float(belief.mean[SPEED]) * elapsed_s
-        self._belief, self._seen = belief, tuple(seen.behind(distance_m) for seen in self._seen)
-        self._describe()
+        distance_m = float(self._belief.mean[SPEED]) * elapsed_s
+        self._seen = self._seen[0].behind(distance_m), self._seen[1].behind(distance_m)
         self._state, self._regained = COASTING, 0
 
     def _change_lane(self) -> None:
