@@ -19,7 +19,7 @@ Data             open_dataset, check, PROJECT_ROOT                              
 7 Fit, measure   fit_line, ransac_line                                                      lanes.fit
                  describe_bend, describe_offset                                             lanes.measure
                  worst_lateral_error_m, describe_error, drive_errors_m, format_table        lanes.benchmark
-8 Draw, video    draw_line, draw_lane, draw_pixels, draw_fit, write_text                    lanes.draw
+8 Draw, video    LEFT, RIGHT, draw_line, draw_lane, draw_pixels, draw_windows, draw_fit     lanes.draw
                  annotate, describe_result, diagnose, draw_search, follow_lane              lanes.overlay
                  open_clip, annotate_video                                                  lanes.video
                  read_telemetry                                                             lanes.telemetry
@@ -45,7 +45,7 @@ from lanes.benchmark import (
 from lanes.boards import calibrate_folder, draw_board, find_board
 from lanes.camera import Camera, Mount, load_camera, save_camera, undistort
 from lanes.dataset import PROJECT_ROOT, check, open_dataset
-from lanes.draw import draw_fit, draw_lane, draw_line, draw_pixels, write_text
+from lanes.draw import LEFT, RIGHT, draw_fit, draw_lane, draw_line, draw_pixels, draw_windows
 from lanes.evidence import find_stripes, measure_paint
 from lanes.fit import fit_line, ransac_line
 from lanes.footage import pick_pictures
@@ -79,11 +79,13 @@ from lanes.view import FourPointWarp, metres_per_pixel, view_to_road
 __all__ = [
     "Camera",
     "FourPointWarp",
+    "LEFT",
     "LaneFinder",
     "LaneTracker",
     "Mount",
     "PROJECT_ROOT",
     "RECIPES",
+    "RIGHT",
     "RoadView",
     "annotate",
     "annotate_folder",
@@ -104,6 +106,7 @@ __all__ = [
     "draw_line",
     "draw_pixels",
     "draw_search",
+    "draw_windows",
     "drive_errors_m",
     "equalized_white_mask",
     "estimate_mount",
@@ -149,6 +152,5 @@ __all__ = [
     "view_to_road",
     "worst_lateral_error_m",
     "write_image",
-    "write_text",
     "yellow_mask",
 ]

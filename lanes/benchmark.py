@@ -31,15 +31,16 @@ class HasLines(Protocol):
 def worst_lateral_error_m(result: HasLines | None, truth: dict | None) -> float | None:
     """Largest lateral distance between found and true lines, 5 to 30 m ahead, metres.
 
-    Infinite where a line was not found: a lane that is lost is not half right. None where no truth is known.
+    Infinite where a line was not found: a lane that is lost is not half right. None where one was found and no truth
+    is known.
     """
-    if truth is None:
-        return None
-    x_m = np.array(truth["x_m"])
+    x_m = np.array(truth["x_m"] if truth else [NEAR_M])
     ahead = (x_m >= NEAR_M) & (x_m <= FAR_M)
     found = result and result.lateral_m(x_m[ahead])
     if found is None:
         return np.inf
+    if truth is None:
+        return None
     true = np.array([truth["left_y_m"], truth["right_y_m"]])[:, ahead]
     return float(np.abs(found - true).max())
 

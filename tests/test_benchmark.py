@@ -53,7 +53,8 @@ class TestWorstLateralError:
         assert worst_lateral_error_m(lost, truth()) == np.inf
 
     def test_without_truth_there_is_no_error(self):
-        assert worst_lateral_error_m(None, None) is None
+        assert worst_lateral_error_m(Lines(RoadLine(1.8, 0, 0), RoadLine(-1.8, 0, 0)), None) is None
+        assert worst_lateral_error_m(None, None) == np.inf
 
 
 class TestDriveErrors:
