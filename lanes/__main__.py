@@ -68,8 +68,8 @@ def _add_mount(commands: argparse._SubParsersAction) -> None:
 def run_mount(options: argparse.Namespace) -> int:
     """Estimate the mount, print it and write it with the lens into `options.output`."""
     from lanes.camera import save_camera
-    from lanes.footage import pick_pictures
-    from lanes.mount import LANE_WIDTH_M, estimate_mount
+    from lanes.mounting.mount import LANE_WIDTH_M, estimate_mount
+    from lanes.video.footage import pick_pictures
 
     camera = _lens(options)
     estimate = estimate_mount(
@@ -107,9 +107,9 @@ def _add_detect(commands: argparse._SubParsersAction) -> None:
 
 def run_detect(options: argparse.Namespace) -> int:
     """Find the lane in every picture and write `options.output`."""
-    from lanes.detect import detect_files, write_detections
-    from lanes.footage import pick_pictures
-    from lanes.mount import estimate_mount
+    from lanes.metric.detect import detect_files, write_detections
+    from lanes.mounting.mount import estimate_mount
+    from lanes.video.footage import pick_pictures
 
     camera = _lens(options)
     if camera.mount is None:
@@ -132,7 +132,7 @@ def run_detect(options: argparse.Namespace) -> int:
 def _lens(options: argparse.Namespace):
     """The camera that --camera names, or one of --hfov and --size."""
     from lanes.camera import Camera, load_camera
-    from lanes.footage import pick_pictures
+    from lanes.video.footage import pick_pictures
 
     if options.camera:
         return load_camera(options.camera)

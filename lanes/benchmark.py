@@ -11,9 +11,9 @@ from typing import Protocol
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.result import LaneResult
-from lanes.search import binary_pixels
-from lanes.view import view_to_road
+from lanes.classic.result import LaneResult
+from lanes.classic.search import binary_pixels
+from lanes.classic.view import view_to_road
 
 # Where a driver needs the lane: from the bonnet to about a second ahead on a motorway.
 NEAR_M, FAR_M = 5.0, 30.0

@@ -15,7 +15,7 @@ import numpy as np
 
 from lanes.camera import Camera, camera_from_dict
 from lanes.images import list_pictures
-from lanes.telemetry import read_telemetry
+from lanes.video.telemetry import read_telemetry
 
 PROJECT_ROOT = Path(__file__).resolve().parents[1]
 

@@ -1,4 +1,4 @@
-"""Where the numbers of `lanes.confidence` come from: drive along roads of known truth, count, fit.
+"""Where the numbers of `lanes.metric.confidence` come from: drive along roads of known truth, count, fit.
 
     python tests/fit_confidence.py            drives (some minutes), fits, prints the weights and how well they hold
     python tests/fit_confidence.py --check    drives other roads and only says how well the present weights hold
@@ -21,13 +21,13 @@ sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parent)]
 from drives import CAMERA, DASH_M, TAR, WHITE, YELLOW, PaintedDrive, Stripe  # noqa: E402
 
 from lanes.camera import Camera  # noqa: E402
-from lanes.confidence import FEATURES, RIGHT_AT_M, RIGHT_M, STILL_WEIGHTS, TRACK_WEIGHTS, lane_features  # noqa: E402
-from lanes.lane import Lane, find_lane  # noqa: E402
-from lanes.lanemodel import SIDES  # noqa: E402
+from lanes.metric.confidence import FEATURES, RIGHT_AT_M, RIGHT_M, STILL_WEIGHTS, TRACK_WEIGHTS, lane_features  # noqa: E402
+from lanes.metric.lane import Lane, find_lane  # noqa: E402
+from lanes.metric.lanemodel import SIDES  # noqa: E402
+from lanes.metric.tracker import LaneTracker  # noqa: E402
 from lanes.scenes.render import Motion  # noqa: E402
 from lanes.scenes.road import RoadGeometry  # noqa: E402
 from lanes.scenes.truth import Truth  # noqa: E402
-from lanes.tracker import LaneTracker  # noqa: E402
 
 DRIVES, SECONDS, FPS = 60, 3.0, 25.0
 RIDGE = 1.0
@@ -102,7 +102,7 @@ def draw_drive(seed: int, camera: Camera = CAMERA) -> tuple[PaintedDrive, Camera
 
 
 def is_right(lane: Lane, truth: Truth) -> bool:
-    """Whether both lines are where they should be; see `lanes.confidence`."""
+    """Whether both lines are where they should be; see `lanes.metric.confidence`."""
     errors = [lane.line_y(RIGHT_AT_M, side) - truth.line_y(k, RIGHT_AT_M) for k, side in enumerate(SIDES)]
     return bool(np.all(np.sqrt(np.mean(np.square(errors), axis=1)) < RIGHT_M))
 

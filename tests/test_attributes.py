@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from painter import WHITE, YELLOW, Road, dashcam
 
-from lanes.attributes import describe_paint
-from lanes.evidence import measure_paint
-from lanes.roadview import RoadView
+from lanes.metric.attributes import describe_paint
+from lanes.metric.evidence import measure_paint
+from lanes.metric.roadview import RoadView
 
 CAMERA = dashcam(1280)
 VIEW = RoadView(CAMERA)

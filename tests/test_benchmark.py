@@ -15,9 +15,9 @@ from lanes.benchmark import (
     worst_lateral_error_m,
 )
 from lanes.camera import Camera, Mount
-from lanes.measure import RoadLine
-from lanes.recipes import LaneFinder, get_recipe
-from lanes.view import FourPointWarp
+from lanes.classic.measure import RoadLine
+from lanes.classic.recipes import LaneFinder, get_recipe
+from lanes.classic.view import FourPointWarp
 
 X = np.arange(0.0, 45, 5)
 CAMERA = Camera.from_fov((640, 360), 60, Mount(1.4, pitch_rad=0.03))

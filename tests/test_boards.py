@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.boards import Board, calibrate, calibrate_folder
+from lanes.calibration.boards import Board, calibrate, calibrate_folder
 from lanes.camera import Camera, CameraError
 from lanes.dataset import PROJECT_ROOT
 from lanes.images import read_image, write_image

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from roads import paint_view
 
-from lanes.channel import Channel, nearest_line
-from lanes.fit import LineFit
-from lanes.recipes import get_recipe
-from lanes.track import LineMemory
+from lanes.classic.channel import Channel, nearest_line
+from lanes.classic.fit import LineFit
+from lanes.classic.recipes import get_recipe
+from lanes.classic.track import LineMemory
 
 A, C = get_recipe("hls_sobel"), get_recipe("best_channel")
 UPRIGHT = LineFit((0.0, 0.0, 300.0), 1, (0, 719))

@@ -7,9 +7,9 @@ import pytest
 from drives import CAMERA
 from fit_confidence import drive_along
 
-from lanes.confidence import FEATURES, STILL_WEIGHTS, TRACK_WEIGHTS, lateral_std_m, rate_lane
-from lanes.followed import Seen, describe_followed
-from lanes.motion import first_belief
+from lanes.metric.confidence import FEATURES, STILL_WEIGHTS, TRACK_WEIGHTS, lateral_std_m, rate_lane
+from lanes.metric.followed import Seen, describe_followed
+from lanes.metric.motion import first_belief
 
 
 def lane_with(*, width_m: float = 3.6, std_m: float = 0.02):

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.corners import Board, draw_board, find_board
+from lanes.calibration.corners import Board, draw_board, find_board
 from lanes.dataset import PROJECT_ROOT
 from lanes.images import read_image
 from lanes.scenes.boards import CREAM, View, render_board, true_corners

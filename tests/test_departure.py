@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.departure import watch_departure
-from lanes.followed import Seen, describe_followed
-from lanes.motion import first_belief
+from lanes.metric.departure import watch_departure
+from lanes.metric.followed import Seen, describe_followed
+from lanes.metric.motion import first_belief
 
 
 def lane_at(centre_m: float, heading_rad: float = 0.0, curvature_per_m: float = 0.0):

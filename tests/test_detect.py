@@ -13,8 +13,8 @@ import pytest
 from drives import CAMERA, PaintedDrive, lane_lines, s_bend
 
 from lanes.camera import CameraError, save_camera
-from lanes.detect import detect_files
 from lanes.images import write_image
+from lanes.metric.detect import detect_files
 from lanes.scenes.render import Motion
 
 SMALL = CAMERA.scaled((640, 360))

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from drives import CAMERA
 
-from lanes.evidence import Stripes
-from lanes.follow import correct_lane, gate_stripes
-from lanes.lanemodel import CENTRE, CURVATURE, SIDES, WIDTH, line_points
-from lanes.motion import first_belief
-from lanes.roadview import RoadView
+from lanes.metric.evidence import Stripes
+from lanes.metric.follow import correct_lane, gate_stripes
+from lanes.metric.lanemodel import CENTRE, CURVATURE, SIDES, WIDTH, line_points
+from lanes.metric.motion import first_belief
+from lanes.metric.roadview import RoadView
 
 VIEW = RoadView(CAMERA)
 STD = np.array([0.1, 0.05, 0.01, 5e-4, 1e-5, 0.003, 5e-5])

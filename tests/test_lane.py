@@ -3,9 +3,9 @@ import pytest
 from painter import WHITE, YELLOW, Road, dashcam
 
 from lanes.camera import Camera, Mount
-from lanes.lane import describe_lane, find_lane, follow_lane, observe
-from lanes.lanemodel import LEFT, RIGHT
-from lanes.roadview import RoadView
+from lanes.metric.lane import describe_lane, find_lane, follow_lane, observe
+from lanes.metric.lanemodel import LEFT, RIGHT
+from lanes.metric.roadview import RoadView
 
 CAMERA = dashcam()
 VIEW = RoadView(CAMERA)

@@ -9,8 +9,8 @@ import pytest
 from drives import CAMERA, PaintedDrive, lane_lines, s_bend
 
 from lanes.images import PictureError, read_image, write_image
-from lanes.lane import find_lane
-from lanes.lane_overlay import (
+from lanes.metric.lane import find_lane
+from lanes.metric.lane_overlay import (
     annotate_folder,
     describe_tracked,
     draw_found,
@@ -18,10 +18,10 @@ from lanes.lane_overlay import (
     lane_outlines,
     track_lane,
 )
-from lanes.roadview import RoadView
+from lanes.metric.roadview import RoadView
+from lanes.metric.tracked import LOST, TrackedLane
+from lanes.metric.tracker import LaneTracker
 from lanes.scenes.render import Motion
-from lanes.tracked import LOST, TrackedLane
-from lanes.tracker import LaneTracker
 
 SMALL = CAMERA.scaled((640, 360))
 DRIVE = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3), camera=SMALL)

@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.evidence import Stripes
-from lanes.lanefit import FOLLOW, compare, fit_lanes, place_std
-from lanes.lanemodel import LEFT, RIGHT, line_points, line_y, lines_on_view
-from lanes.votes import best_pairs, count_votes
+from lanes.metric.evidence import Stripes
+from lanes.metric.lanefit import FOLLOW, compare, fit_lanes, place_std
+from lanes.metric.lanemodel import LEFT, RIGHT, line_points, line_y, lines_on_view
+from lanes.metric.votes import best_pairs, count_votes
 
 HEIGHT_M, FOCAL_PX = 1.3, 1150.0
 ROWS_M = 5 * 1.022 ** np.arange(121)

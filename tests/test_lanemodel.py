@@ -3,7 +3,7 @@ import pytest
 from painter import dashcam
 
 from lanes.camera import Mount
-from lanes.lanemodel import LEFT, RIGHT, flatten, line_coefficients, line_points, line_y, lines_on_view, place
+from lanes.metric.lanemodel import LEFT, RIGHT, flatten, line_coefficients, line_points, line_y, lines_on_view, place
 
 HAIRPIN = np.array([0.3, 3.4, -0.1, -1 / 15, 0.0, 0.0, 0.0])
 CLOTHOID = np.array([-0.2, 3.6, 0.01, 1 / 600, 4e-5, 0.0, 0.0])

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lanes import measure
-from lanes.fit import LineFit, fit_line
-from lanes.view import scale_to_road
+from lanes.classic import measure
+from lanes.classic.fit import LineFit, fit_line
+from lanes.classic.view import scale_to_road
 
 SIZE = (1280, 720)
 SCALES = (3.7 / 700, 30 / 720)
@@ -75,32 +75,3 @@ def test_width_is_measured_across_the_lane():
     heading = 0.1
     left, right = (measure.RoadLine(side * 1.85 / np.cos(heading), np.tan(heading), 0.0) for side in (1, -1))
     assert measure.lane_width_m(left, right) == pytest.approx(3.7)
-
-
-@pytest.mark.parametrize(
-    ("curvature", "words"),
-    [
-        (-1 / 644, "bends right, R 640 m"),
-        (1 / 2990, "bends left, R 2990 m"),
-        (1 / 54_000, "straight (R > 3 km)"),
-        (-1 / 3001, "straight (R > 3 km)"),
-        (0.0, "straight (R > 3 km)"),
-        (1 / 37.4, "bends left, R 37 m"),
-        (None, "bend unknown"),
-    ],
-)
-def test_words_for_a_bend(curvature, words):
-    assert measure.describe_bend(curvature) == words
-
-
-@pytest.mark.parametrize(
-    ("offset", "words"),
-    [
-        (0.124, "0.12 m left of centre"),
-        (-0.3, "0.30 m right of centre"),
-        (-0.004, "in the centre"),
-        (None, "offset unknown"),
-    ],
-)
-def test_words_for_an_offset(offset, words):
-    assert measure.describe_offset(offset) == words

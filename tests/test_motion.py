@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.lanemodel import CENTRE, CURVATURE, HEADING, PITCH, RATE, WIDTH
-from lanes.motion import AIM, LANE, PATH, REST, SPEED, Belief, first_belief
+from lanes.metric.lanemodel import CENTRE, CURVATURE, HEADING, PITCH, RATE, WIDTH
+from lanes.metric.motion import AIM, LANE, PATH, REST, SPEED, Belief, first_belief
 from lanes.scenes.road import Pose, RoadGeometry
 from lanes.scenes.truth import lane_truth
 

@@ -13,7 +13,7 @@ from painted_roads import paint_road
 
 from lanes.camera import Camera, Mount, camera_from_dict
 from lanes.images import PictureError, read_image, write_image
-from lanes.mount import MountError, estimate_mount, mount_camera
+from lanes.mounting.mount import MountError, estimate_mount, mount_camera
 
 MOUNT = Mount(1.35, np.radians(2.5), np.radians(-1.8), np.radians(0.9))
 CAMERA = Camera.from_fov((1280, 720), 62, MOUNT)

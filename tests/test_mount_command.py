@@ -8,9 +8,9 @@ from painted_roads import paint_road
 
 from lanes.__main__ import main
 from lanes.camera import Camera, Mount, load_camera, save_camera
-from lanes.footage import pick_pictures
 from lanes.images import write_image
-from lanes.videowriter import VideoWriter
+from lanes.video.footage import pick_pictures
+from lanes.video.videowriter import VideoWriter
 
 MOUNT = Mount(1.3, np.radians(3.0), np.radians(1.5), np.radians(-0.6))
 CAMERA = Camera.from_fov((960, 540), 66, MOUNT)

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from roads import CAMERA, LANE_WIDTH_M, Road, arc, paint_picture
 
-from lanes.overlay import (
+from lanes.classic.overlay import (
     annotate,
     describe_result,
     diagnose,
     draw_search,
     follow_lane,
 )
-from lanes.recipes import LaneFinder, get_recipe
+from lanes.classic.recipes import LaneFinder, get_recipe
 
 ROAD = Road(curvature_per_m=1 / 500, offset_m=0.28)
 

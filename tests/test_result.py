@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from lanes.fit import LineFit
-from lanes.measure import RoadLine
-from lanes.recipes import get_recipe
-from lanes.result import FoundLine, LaneResult, Steps
-from lanes.search import Window
+from lanes.classic.fit import LineFit
+from lanes.classic.measure import RoadLine
+from lanes.classic.recipes import get_recipe
+from lanes.classic.result import FoundLine, LaneResult, Steps
+from lanes.classic.search import Window
 
 LEFT, RIGHT = RoadLine(1.7, 0.0, 0.002), RoadLine(-2.0, 0.0, 0.004)
 FIT = LineFit((0.0, 0.0, 300.0), 1, (0, 719))

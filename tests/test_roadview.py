@@ -4,7 +4,7 @@ from painter import Road, dashcam
 
 from lanes.camera import Camera, CameraError, Mount
 from lanes.images import PictureError
-from lanes.roadview import RoadView
+from lanes.metric.roadview import RoadView
 
 
 def test_rows_go_from_far_to_near_and_columns_from_left_to_right():

@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from roads import paint_view
 
-from lanes.fit import LineFit
-from lanes.search import band_pixels, binary_pixels, find_peaks, lane_histogram, search_band, sliding_windows
+from lanes.classic.fit import LineFit
+from lanes.classic.search import band_pixels, binary_pixels, find_peaks, lane_histogram, search_band, sliding_windows
 
 SIZE = (1280, 720)
 

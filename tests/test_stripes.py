@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lanes.camera import Camera
-from lanes.stripes import find_segments
+from lanes.mounting.stripes import find_segments
 
 CAMERA = Camera.from_fov((640, 360), 60)
 HORIZON = 120.0

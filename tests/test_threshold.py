@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from roads import WHITE, YELLOW
 
-from lanes import threshold as th
+from lanes.classic import threshold as th
 
 GRAY = (105, 105, 105)
 

@@ -11,9 +11,9 @@ import pytest
 from drives import CAMERA, PaintedDrive, Stripe, lane_lines, s_bend, straight_road
 
 from lanes.images import PictureError
-from lanes.lanemodel import SIDES
+from lanes.metric.lanemodel import SIDES
+from lanes.metric.tracker import LaneTracker
 from lanes.scenes.render import Motion
-from lanes.tracker import LaneTracker
 
 SMALL = CAMERA.scaled((640, 360))
 FPS = 12.5

@@ -17,9 +17,9 @@ import pytest
 from lanes import draw
 from lanes.camera import Camera, undistort
 from lanes.images import PictureError
-from lanes.video import annotate_video, open_clip
-from lanes.videofile import VideoError, inspect_video, read_frames, read_timed_frames
-from lanes.videowriter import VideoWriter
+from lanes.video.annotate import annotate_video, open_clip
+from lanes.video.videofile import VideoError, inspect_video, read_frames, read_timed_frames
+from lanes.video.videowriter import VideoWriter
 
 SIZE = (160, 96)
 YELLOW, RED, BLUE = (255, 200, 0), (200, 30, 30), (20, 60, 220)
@@ -378,7 +378,7 @@ class TestFailure:
         """A real process gets a real SIGTERM in the middle of its work."""
         code = (
             "import sys, time\n"
-            "from lanes.video import annotate_video\n"
+            "from lanes.video.annotate import annotate_video\n"
             "def slow(frame):\n"
             "    print('frame', flush=True)\n"
             "    time.sleep(0.05)\n"

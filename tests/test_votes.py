@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from test_lanefit import HEIGHT_M, ROADS, stripes_on
 
-from lanes.lanemodel import CENTRE, CURVATURE, HEADING, LEFT, RIGHT, WIDTH, line_y
-from lanes.votes import BIN_M, BINS, FAR_M, best_pairs, count_votes, distinct, hypotheses
+from lanes.metric.lanemodel import CENTRE, CURVATURE, HEADING, LEFT, RIGHT, WIDTH, line_y
+from lanes.metric.votes import BIN_M, BINS, FAR_M, best_pairs, count_votes, distinct, hypotheses
 
 ROWS = 67
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes import threshold
+from lanes.calibration.corners import Board, draw_board, find_board
 from lanes.camera import undistort
-from lanes.corners import Board, draw_board, find_board
+from lanes.classic import threshold
 from lanes.images import PictureError, require_rgb
 from lanes.scenes.dashcam import DASHCAM
 

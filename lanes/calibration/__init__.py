@@ -1,0 +1,1 @@
+"""Chessboard pictures to a calibrated lens."""

@@ -1,0 +1,1 @@
+"""The classic path: threshold, warp, windows, parabola; three recipes."""

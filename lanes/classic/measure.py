@@ -1,0 +1,88 @@
+"""From fitted lines to metres: curvature, radius, offset, width.
+
+Signs: curvature and radius > 0 bend left; offset > 0 has the car left of the lane's centre.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from lanes.classic.fit import LineFit
+
+
+@dataclass(frozen=True)
+class RoadLine:
+    """A lane line on the road: y(x) = c0 + c1 x + c2 x^2 / 2, x forward and y left of the car, metres."""
+
+    c0_m: float
+    c1: float
+    c2_per_m: float
+
+    def lateral_m(self, x_m: np.ndarray | float) -> np.ndarray | float:
+        """Position left of the car at `x_m` metres ahead."""
+        return self.c0_m + self.c1 * x_m + self.c2_per_m * np.square(x_m) / 2
+
+    def curvature_per_m(self, x_m: float = 0.0) -> float:
+        """Signed curvature y'' / (1 + y'^2)^1.5 in 1/m, by default beside the car."""
+        return self.c2_per_m / (1 + (self.c1 + self.c2_per_m * x_m) ** 2) ** 1.5
+
+
+def road_line(
+    fit: LineFit, to_road: Callable[[np.ndarray], np.ndarray], height: int, *, samples: int = 60
+) -> RoadLine | None:
+    """Bring a line from the view to the road: map points of it and fit them again, in metres.
+
+    A parabola in the view is one on the road only if the view is a true map; mapping points is right in any case.
+
+    Parameters
+    ----------
+    fit : LineFit
+        The line in the view.
+    to_road : callable
+        Takes view points (N, 2) to road points (N, 2) in metres: `view.view_to_road` or `view.scale_to_road`.
+    height : int
+        Of the view, in pixels; the line is sampled over all of it.
+    samples : int
+        How many points.
+
+    Returns
+    -------
+    RoadLine or None
+        None where fewer than three points lie on the road (the others are above the horizon).
+    """
+    rows = np.linspace(0, height - 1, samples)
+    points = to_road(np.column_stack([fit.columns(rows), rows]))
+    points = points[np.isfinite(points).all(axis=1)]
+    if len(points) < 3 or np.ptp(points[:, 0]) == 0:
+        return None
+    half_c2, c1, c0 = np.polyfit(points[:, 0], points[:, 1], 2)
+    return RoadLine(float(c0), float(c1), float(2 * half_c2))
+
+
+def radius_m(curvature_per_m: float) -> float:
+    """Signed radius in metres; infinite for a straight line."""
+    return 1 / curvature_per_m if curvature_per_m else float("inf")
+
+
+def curvature_through(points_m: np.ndarray) -> float:
+    """Signed curvature in 1/m of the circle through three road points (3, 2), in driving order.
+
+    Four times the triangle's signed area over the product of its sides (Menger curvature).
+    """
+    a, b, c = np.asarray(points_m, float)
+    (ux, uy), (vx, vy) = b - a, c - a
+    sides = np.hypot(*(b - a)) * np.hypot(*(c - b)) * np.hypot(*(c - a))
+    return float(2 * (ux * vy - uy * vx) / sides)
+
+
+def lane_offset_m(left: RoadLine, right: RoadLine) -> float:
+    """How far the car stands left of the lane's centre, metres."""
+    return -(left.c0_m + right.c0_m) / 2
+
+
+def lane_width_m(left: RoadLine, right: RoadLine) -> float:
+    """Distance between the two lines beside the car, metres, across the lane rather than across the car."""
+    return (left.c0_m - right.c0_m) / float(np.hypot(1, (left.c1 + right.c1) / 2))

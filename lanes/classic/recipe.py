@@ -1,0 +1,105 @@
+"""All numbers of a classic lane finder, for pictures of one size, and rescaled to another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from lanes.classic.threshold import Thresholds
+from lanes.classic.track import LineMemory
+from lanes.classic.view import FourPointWarp
+
+Points = tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """All numbers of one classic lane finder, in pixels of pictures of `size`.
+
+    Parameters
+    ----------
+    name : str
+    size : tuple of int
+        (width, height) of the pictures.
+    source_px, destination_px : tuple of four (u, v)
+        The warp, see `view.FourPointWarp`.
+    warp_first : bool
+        Warp the colour picture and threshold the view, instead of thresholding the picture and warping binaries.
+    thresholds, video_thresholds : Thresholds
+        For stills and for consecutive frames.
+    histogram_rows_px : tuple of int
+        First row and end of the rows in which the lines' starts are looked for.
+    margin_px, windows, recentre_pixels, flood_pixels
+        See `search.sliding_windows`.
+    still_band_px, video_band_px : float
+        Half width of the band in which pixels near a line are taken: the line of the windows, the line so far.
+    ransac_px : float or None
+        Residual threshold of RANSAC; None fits by least squares.
+    ransac_trials, ransac_samples : int
+        See `fit.ransac_line`.
+    ransac_share : float, in range 0..1
+        A line must explain this share of the pixels near it. A channel full of noise fills the band around the line
+        so far evenly and would otherwise confirm that line for ever. Measured on motorway stills: paint 0.5 to 1.0,
+        noise and flooded thresholds 0.2 to 0.38.
+    min_span_px : float
+        A line seen over fewer rows is no line: no bend can be measured on it.
+    memories : tuple of LineMemory
+        Of the left and the right line, empty.
+    """
+
+    name: str
+    size: tuple[int, int]
+    source_px: Points
+    destination_px: Points
+    thresholds: Thresholds
+    video_thresholds: Thresholds
+    margin_px: float
+    still_band_px: float
+    video_band_px: float
+    memories: tuple[LineMemory, LineMemory]
+    warp_first: bool = False
+    histogram_rows_px: tuple[int, int] = (360, 720)
+    windows: int = 9
+    recentre_pixels: int = 50
+    flood_pixels: int | None = None
+    ransac_px: float | None = None
+    ransac_trials: int = 100
+    ransac_samples: int = 150
+    ransac_share: float = 0.4
+    min_span_px: float = 160  # two windows
+
+    def warp(self) -> FourPointWarp:
+        """The recipe's way to look at the road from above."""
+        return FourPointWarp(self.source_px, self.destination_px, self.size)
+
+    def scaled(self, size: tuple[int, int]) -> Recipe:
+        """The same recipe for pictures resized to `size` (width, height).
+
+        Lengths, pixel counts and kernels are scaled, gradients are not: a picture made smaller has sharper edges.
+        """
+        width, height = size
+        if width < 1 or height < 1:
+            raise ValueError(f"a picture of {width}x{height} pixels has no lane; give the pictures' width and height.")
+        sx, sy = width / self.size[0], height / self.size[1]
+        area = sx * sy
+        return replace(
+            self,
+            size=(width, height),
+            source_px=_scale_points(self.source_px, sx, sy),
+            destination_px=_scale_points(self.destination_px, sx, sy),
+            thresholds=self.thresholds.scaled(area**0.5),
+            video_thresholds=self.video_thresholds.scaled(area**0.5),
+            histogram_rows_px=tuple(round(row * sy) for row in self.histogram_rows_px),
+            margin_px=self.margin_px * sx,
+            still_band_px=self.still_band_px * sx,
+            video_band_px=self.video_band_px * sx,
+            recentre_pixels=max(round(self.recentre_pixels * area), 1),
+            flood_pixels=self.flood_pixels and max(round(self.flood_pixels * area), 1),
+            ransac_px=self.ransac_px and self.ransac_px * sx,
+            min_span_px=self.min_span_px * sy,
+            memories=tuple(m.scaled(sx, sy) for m in self.memories),
+        )
+
+
+def _scale_points(points: Points, sx: float, sy: float) -> Points:
+    """Pixel centres lie at integers, so the picture's edge is at -0.5: shift by half a pixel, scale, shift back."""
+    return tuple(((u + 0.5) * sx - 0.5, (v + 0.5) * sy - 0.5) for u, v in points)

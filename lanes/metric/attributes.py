@@ -1,0 +1,113 @@
+"""What kind of line is it: white or yellow, single or double, solid or dashed? Read off the straightened stripe.
+
+Along a fitted line the view is laid out straight: one row for each row of the view, one column for each lateral
+distance from the line. Its median over the rows is the cross-section of the paint, free of the road's texture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from lanes.metric.evidence import NOISE_FLOOR, Evidence
+from lanes.metric.roadview import RoadView
+
+STEP_M, REACH_M = 0.025, 0.6
+OFFSETS_M = np.arange(REACH_M, -REACH_M - STEP_M / 2, -STEP_M)
+# So many of them, at either end, lie beside any paint.
+BESIDE = 12
+# Beyond this distance a double line's stripes run together in the picture.
+FAR_M = 22.0
+LEAST_ROWS, MOST_ROWS = 4, 32
+# A painted stripe is 0.10 to 0.15 m wide; two of them with their gap come to 0.25 m and more.
+STRIPE_M, DOUBLE_FROM_M = 0.12, 0.23
+
+
+@dataclass(frozen=True)
+class Paint:
+    """Cross-section of a line's paint.
+
+    Attributes
+    ----------
+    width_m : float
+        Width of the painted band at half its height: of a double line both stripes and the gap between them.
+    centre_m : float
+        Where the band's middle lies, left of the fitted line.
+    yellow : bool
+        Its yellowness stands out more than its lightness.
+    contrast : float
+        Height over the road beside it, in units of that road's noise.
+    """
+
+    width_m: float
+    centre_m: float
+    yellow: bool
+    contrast: float
+
+    @property
+    def double(self) -> bool:
+        """Two stripes side by side."""
+        return self.width_m > DOUBLE_FROM_M
+
+    def stripe_m(self, side: float) -> float:
+        """Where the stripe next to the lane lies, left of the fitted line; `side` is +1 for the lane's left line."""
+        return self.centre_m - side * (self.width_m - STRIPE_M) / 2 if self.double else self.centre_m
+
+
+def straighten(channel: np.ndarray, view: RoadView, line_y_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lay a channel out along a line.
+
+    Parameters
+    ----------
+    channel : ndarray of shape (rows, columns), float32
+    view : RoadView
+    line_y_m : ndarray of shape (rows,)
+        The line's lateral place on the view's grid at each of its rows; NaN for rows to leave out.
+
+    Returns
+    -------
+    values : ndarray of shape (rows used, offsets), float32
+        At most `MOST_ROWS` rows, none farther than `FAR_M`.
+    offsets_m : ndarray of shape (offsets,)
+        Distance to the left of the line.
+    """
+    reach = (view.y_m[0] - REACH_M, view.y_m[-1] + REACH_M)
+    rows = np.flatnonzero((line_y_m < reach[0]) & (line_y_m > reach[1]) & (view.x_m < FAR_M))
+    rows = rows[:: len(rows) // MOST_ROWS + 1]
+    column = (view.y_m[0] - line_y_m[rows, None] - OFFSETS_M) / view.cell_m
+    if not len(rows):
+        return np.empty(column.shape, np.float32), OFFSETS_M
+    row = np.broadcast_to(rows[:, None], column.shape).astype(np.float32)
+    return cv2.remap(channel, column.astype(np.float32), row, cv2.INTER_LINEAR), OFFSETS_M
+
+
+def describe_paint(evidence: Evidence, view: RoadView, line_y_m: np.ndarray) -> Paint | None:
+    """Cross-section of the paint along a line, in the channel where it stands out more; None where there is none."""
+    found = [
+        (*section, yellow)
+        for channel, yellow in zip(evidence.channels, (False, True), strict=True)
+        if (section := _section(channel, view, line_y_m))
+    ]
+    if not found:
+        return None
+    contrast, width, centre, yellow = max(found)
+    return Paint(width, centre, yellow, contrast)
+
+
+def _section(channel: np.ndarray, view: RoadView, line_y_m: np.ndarray) -> tuple[float, float, float] | None:
+    """Contrast, width and centre of the band in one channel."""
+    values, offsets = straighten(channel, view, line_y_m)
+    if len(values) < LEAST_ROWS:
+        return None
+    section = np.median(values, axis=0)
+    section = section - max(section[:BESIDE].mean(), section[-BESIDE:].mean())
+    inner = section[BESIDE:-BESIDE]
+    top = inner.max()
+    if top <= 0:
+        return None
+    step = np.abs(np.diff(values, axis=1))
+    noise = (step[:, : BESIDE - 1].mean() + step[:, 1 - BESIDE :].mean()) / 2
+    band = offsets[BESIDE:-BESIDE][inner >= top / 2]
+    return float(top / (noise + NOISE_FLOOR)), float(band[0] - band[-1] + STEP_M), float(band[0] + band[-1]) / 2

@@ -1,0 +1,77 @@
+"""Correct a prediction with the stripes near it: the measurement update of an extended Kalman filter.
+
+Each stripe measures its distance from the nearer predicted line. Gating leaves out those whose innovation would be a
+surprise; the others are weighed as in the fit of a single picture, with the prediction as prior, in a few iterations
+(the iterated extended Kalman filter: B. M. Bell and F. W. Cathey, 1993).
+
+Far stripes need care: a road that begins or ends a transition curve within the view leaves the model, all stripes
+beyond that place alike. As independent measurements they would outvote the near ones and bend the lane beside the car.
+An eighth number, the change of the rate of curvature, takes that up; it belongs to this picture and is not kept.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lanes.metric.evidence import Stripes
+from lanes.metric.lanefit import STRAY_AT_M, STRAY_M, LaneFit, compare, paint_weight, place_std
+from lanes.metric.motion import Belief, bend_of
+from lanes.metric.roadview import RoadView
+
+# A stripe is taken if its innovation squared over its variance is below this: chi-square of one degree of freedom,
+# 99.7 %.
+GATE = 9.0
+# Stripes of one picture err together (the same paint, the same lens), so they count as so many times fewer.
+TOGETHER = 4.0
+# Change of the rate of curvature, 1/m^3: a rate of 5e-5 that comes or goes within 12 m of road, and more on roads with
+# tighter bends, as their square.
+JOLT_STD_PER_M3, JOLT_STD_SHARE_PER_M = 4e-6, 0.05
+# Standard deviations that still pull, in each iteration.
+SCALES = (1.5, 1.0)
+
+
+def gate_stripes(stripes: Stripes, belief: Belief, view: RoadView) -> Stripes:
+    """The stripes whose distance from the predicted line is no surprise: innovation^2 < GATE (H P H^T + R)."""
+    std = place_std(stripes, view.focal_px)
+    _, innovation, _, derivative = compare(belief.lane[None], stripes, view.height_m, std)
+    known = ((derivative[0] @ belief.lane_covariance) * derivative[0]).sum(axis=1)
+    return stripes.select(innovation[0] ** 2 < GATE * (known + std**2))
+
+
+def correct_lane(stripes: Stripes, belief: Belief, view: RoadView) -> LaneFit:
+    """The lane after this picture's stripes were taken into account.
+
+    Parameters
+    ----------
+    stripes : Stripes
+        Gated.
+    belief : Belief
+        Predicted to the time of the picture.
+    view : RoadView
+
+    Returns
+    -------
+    LaneFit
+        One lane (1, 7); its information is the inverse of the covariance after the update.
+    """
+    std, paint = place_std(stripes, view.focal_px), paint_weight(stripes)
+    stray = STRAY_M * (stripes.x_m / STRAY_AT_M) ** 3
+    mean = np.append(belief.lane, 0.0)
+    jolt_std = JOLT_STD_PER_M3 + JOLT_STD_SHARE_PER_M * bend_of(belief.lane) ** 2
+    prior = np.zeros((len(mean), len(mean)))
+    prior[:-1, :-1], prior[-1, -1] = np.linalg.inv(belief.lane_covariance), jolt_std**-2
+    guess = mean
+    for scale in SCALES:
+        found = compare(guess[None, :-1], stripes, view.height_m, std * scale)
+        agreement, residual, side, derivative = (q[0] for q in found)
+        weight = agreement * paint / ((std * scale) ** 2 + stray**2) / TOGETHER
+        jacobian = np.column_stack([derivative, -(stripes.x_m**4) / 24])
+        residual = residual + jacobian[:, -1] * guess[-1]
+        information = jacobian.T @ (jacobian * weight[:, None]) + prior
+        gradient = jacobian.T @ (weight * residual) + prior @ (guess - mean)
+        guess = guess - np.linalg.solve(information, gradient)
+    covariance = np.linalg.inv(information)[:-1, :-1]
+    # agreement and residuals are those before the last step, which is small
+    return LaneFit(
+        guess[None, :-1], np.linalg.inv(covariance)[None], (agreement * paint)[None], side[None], residual[None]
+    )

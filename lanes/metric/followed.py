@@ -1,0 +1,119 @@
+"""The lane of a frame put into words of `lanes.metric.lane`, when it was followed rather than found.
+
+What is known comes from the belief, what was seen from this picture; a line's paint is looked at now and then only,
+because it seldom changes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lanes.metric.attributes import Paint, describe_paint
+from lanes.metric.lane import LEAST_SUPPORT, LEAST_WEIGHT, PRIOR_WEIGHT, Lane, LaneLine, Sight, support_of
+from lanes.metric.lanefit import LaneFit, strangeness
+from lanes.metric.lanemodel import (
+    CENTRE,
+    CURVATURE,
+    HEADING,
+    PITCH,
+    RATE,
+    SIDES,
+    VERTICAL,
+    WIDTH,
+    line_coefficients,
+    lines_on_view,
+)
+from lanes.metric.motion import Belief
+from lanes.metric.roadview import RoadView
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What was seen of a line: share of its rows with paint, how far ahead, and what the paint is like."""
+
+    support: float = 0.0
+    reach_m: float = 0.0
+    paint: Paint | None = None
+
+    def behind(self, distance_m: float) -> Seen:
+        """The same after driving on without seeing anything: evidence comes nearer and counts no more."""
+        return Seen(0.0, max(self.reach_m - distance_m, 0.0), self.paint)
+
+
+def see_lines(
+    fit: LaneFit, sight: Sight, view: RoadView, before: tuple[Seen, Seen], look_at: int | None
+) -> tuple[Seen, Seen]:
+    """What a picture shows of the two lines of a fitted lane (1, 7).
+
+    Parameters
+    ----------
+    fit, sight, view
+        Of this picture.
+    before : (Seen, Seen)
+        Of the picture before; its paint is kept.
+    look_at : {0, 1, None}
+        The line whose paint is looked at again.
+    """
+    lines = lines_on_view(fit.lane, view.x_m, view.height_m)
+    support = support_of(fit, lines, sight.stripes, view)[0]
+    seen = []
+    for k, side in enumerate(SIDES):
+        mine = (fit.side[0] == side) & (fit.weight[0] > LEAST_WEIGHT)
+        reach_m, paint = sight.stripes.x_m[mine].max(initial=0.0), before[k].paint
+        if k == look_at and mine.any():
+            line = np.full(len(view.x_m), np.nan)
+            rows = sight.stripes.row[mine]
+            line[rows] = lines[0, k, rows]
+            paint = describe_paint(sight.evidence, view, line) or paint
+        seen.append(Seen(float(support[k]), float(reach_m), paint))
+    return seen[0], seen[1]
+
+
+def describe_followed(belief: Belief, seen: tuple[Seen, Seen], double: tuple[bool, bool], margin: float) -> Lane:
+    """The lane that is believed in, with what was seen of its lines.
+
+    Of `double` lines the stripe beside the lane bounds it. (For single ones the filter knows the middle of the paint
+    better than one look at it.)
+    """
+    model, covariance = belief.lane.copy(), belief.lane_covariance
+    shift = [
+        s.paint.stripe_m(side) if twice and s.paint and s.paint.double else 0.0
+        for s, side, twice in zip(seen, SIDES, double, strict=True)
+    ]
+    model[CENTRE] += (shift[0] + shift[1]) / 2
+    model[WIDTH] += shift[0] - shift[1]
+    std = np.sqrt(np.diag(covariance))
+    left, right = (_line(model, covariance, side, s) for side, s in zip(SIDES, seen, strict=True))
+    score = sum(np.sqrt(s.support) for s in seen) - PRIOR_WEIGHT * strangeness(belief.lane[None])[0]
+    return Lane(
+        offset_m=float(-model[CENTRE]),
+        offset_std_m=float(std[CENTRE]),
+        heading_rad=float(model[HEADING]),
+        curvature_per_m=float(model[CURVATURE] / (1 - model[CURVATURE] * model[CENTRE])),
+        curvature_std_per_m=float(std[CURVATURE]),
+        curvature_rate_per_m2=float(model[RATE]),
+        width_m=float(model[WIDTH]),
+        width_std_m=float(std[WIDTH]),
+        pitch_rad=float(model[PITCH]),
+        vertical_per_m=float(model[VERTICAL]),
+        left=left,
+        right=right,
+        score=float(score),
+        margin=margin,
+        model=model,
+        covariance=covariance,
+    )
+
+
+def _line(model: np.ndarray, covariance: np.ndarray, side: float, seen: Seen) -> LaneLine:
+    variance = covariance[CENTRE, CENTRE] + side * covariance[CENTRE, WIDTH] + covariance[WIDTH, WIDTH] / 4
+    return LaneLine(
+        *line_coefficients(model, side),
+        c0_std_m=float(np.sqrt(variance)),
+        support=seen.support,
+        reach_m=seen.reach_m,
+        seen=seen.support >= LEAST_SUPPORT,
+        paint=seen.paint,
+    )

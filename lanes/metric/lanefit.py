@@ -1,0 +1,171 @@
+"""One fit for both lines of a lane, robust against everything else that looks like a stripe.
+
+Iteratively reweighted least squares: each stripe pulls on the nearer line, the more the stronger it is, the nearer it
+lies and the better its direction agrees. The fit begins near the car and follows the lines outwards, so that it stays
+on them where they bend away. What is usual for lanes enters as a prior, so that one line, or a few dashes, suffice.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lanes.metric.evidence import Stripes
+from lanes.metric.lanemodel import (
+    CENTRE,
+    CURVATURE,
+    LEFT,
+    RATE,
+    RIGHT,
+    WIDTH,
+    flatten,
+    place,
+)
+
+# What is known of any lane before looking, and its standard deviation, in the order of `lanemodel`: lanes are 2.5
+# to 4.5 m wide, cars drive near their middle and along them, hairpins have radii down to 12 m, cars nod by a degree.
+PRIOR_MEAN = np.array([0.0, 3.5, 0.0, 0.0, 0.0, 0.0, 0.0])
+PRIOR_STD = np.array([0.8, 0.5, 0.15, 0.05, 1e-4, 0.015, 1e-4])
+LIMIT = np.array([3.0, 6.0, 0.7, 0.12, 0.01, 0.06, 5e-3])
+# A bend takes at least about this far from nothing to all of it.
+TRANSITION_M = 15.0
+
+# Strength (times the noise) at which a stripe counts half, and difference in direction at which it counts a quarter.
+HALF_STRENGTH = 6.0
+ANGLE_STD_RAD = 0.1
+# Standard deviation of a stripe's lateral place: worn paint near by, one pixel far away; and how far a road of changing
+# curvature strays from the model at 40 m, growing with the cube of the distance.
+PLACE_STD_M, PLACE_STD_PX = 0.04, 1.0
+STRAY_M, STRAY_AT_M = 0.08, 40.0
+
+# Steps of the fit: (how far it looks, how many standard deviations still pull).
+START = ((16, 6), (20, 4), (26, 4))
+GROW = ((34, 3), (44, 3), (56, 2), (70, 2), (70, 1.5), (70, 1))
+FOLLOW = ((70, 1.5), (70, 1))
+
+
+@dataclass(frozen=True, eq=False)
+class LaneFit:
+    """Lanes fitted to the stripes of one frame; K of them, or one.
+
+    Attributes
+    ----------
+    lane : ndarray (..., 7)
+        The parameters, in the order of `lanes.metric.lanemodel`.
+    information : ndarray (..., 7, 7)
+        Inverse covariance, prior included.
+    weight : ndarray (..., stripes)
+        How much each stripe supports the lane, 0 to 1.
+    side : ndarray (..., stripes)
+        `LEFT` or `RIGHT`: the line that the stripe is nearer to.
+    residual_m : ndarray (..., stripes)
+        Distance of each stripe to the left of that line.
+    """
+
+    lane: np.ndarray
+    information: np.ndarray
+    weight: np.ndarray
+    side: np.ndarray
+    residual_m: np.ndarray
+
+
+def paint_weight(stripes: Stripes) -> np.ndarray:
+    """How likely a stripe is paint, from its strength: 0 to 1."""
+    return stripes.strength**2 / (stripes.strength**2 + HALF_STRENGTH**2)
+
+
+def place_std(stripes: Stripes, focal_px: float) -> np.ndarray:
+    """Standard deviation of each stripe's lateral place on the road, metres."""
+    return np.hypot(PLACE_STD_M, PLACE_STD_PX * stripes.x_m / focal_px)
+
+
+def usual_information(lanes: np.ndarray) -> np.ndarray:
+    """Inverse covariance (K, 7, 7) of what is known before looking: a bent road may also change its bend soon."""
+    std = np.broadcast_to(PRIOR_STD, lanes.shape).copy()
+    std[:, RATE] += np.abs(lanes[:, CURVATURE]) / TRANSITION_M
+    return std[..., None] ** -2 * np.eye(lanes.shape[1])
+
+
+def strangeness(lanes: np.ndarray) -> np.ndarray:
+    """(K,) squared distance from what is usual, in standard deviations."""
+    off = lanes - PRIOR_MEAN
+    return (off[:, None] @ usual_information(lanes) @ off[..., None])[:, 0, 0]
+
+
+def fit_lanes(
+    lanes: np.ndarray,
+    stripes: Stripes,
+    height_m: float,
+    focal_px: float,
+    *,
+    prior_mean: np.ndarray = PRIOR_MEAN,
+    prior_information: np.ndarray | None = None,
+    schedule: tuple = GROW,
+) -> LaneFit:
+    """Refine lanes (K, 7) by reweighted least squares, following both lines outwards.
+
+    Each step weighs a stripe by its strength, by its distance from the nearer line (Geman-McClure) and by how well its
+    direction agrees with the line's, then solves the normal equations together with the prior.
+
+    Parameters
+    ----------
+    lanes : ndarray (K, 7)
+        Starts.
+    stripes : Stripes
+    height_m, focal_px : float
+        Of the camera.
+    prior_mean : ndarray (7,)
+    prior_information : ndarray (7, 7), optional
+        Inverse covariance of the prior; by default `usual_information`.
+    schedule : sequence of (far_m, scale)
+
+    Returns
+    -------
+    LaneFit
+    """
+    lanes, std, paint = np.array(lanes, float), place_std(stripes, focal_px), paint_weight(stripes)
+    information = None
+    stray = STRAY_M * (stripes.x_m / STRAY_AT_M) ** 3
+    for far_m, scale in schedule:
+        weight, residual, _, derivative = compare(lanes, stripes, height_m, std * scale)
+        weight = weight * paint * (stripes.x_m < far_m) / ((std * scale) ** 2 + stray**2)
+        weighted = derivative * weight[..., None]
+        prior = usual_information(lanes) if prior_information is None else prior_information
+        information = np.swapaxes(derivative, -1, -2) @ weighted + prior
+        gradient = (weighted * residual[..., None]).sum(-2) + ((lanes - prior_mean)[:, None] @ prior)[:, 0]
+        lanes = lanes - np.linalg.solve(information, gradient[..., None])[..., 0]
+        lanes = np.clip(lanes, -LIMIT, LIMIT)
+    weight, residual, side, _ = compare(lanes, stripes, height_m, std)
+    return LaneFit(lanes, information, weight * paint, side, residual)
+
+
+def compare(lanes, stripes: Stripes, height_m: float, std_m):
+    """How stripes agree with lanes (K, 7): weight 0..1, residual in metres, side, and derivative (K, stripes, 7)."""
+    _, _, heading, curvature, rate, pitch, vertical = np.moveaxis(lanes, -1, 0)
+    x, y, angle = flatten(stripes.x_m, stripes.y_m, stripes.angle, pitch, vertical, height_m)
+    a, sin, cos, scale = place(x, y, heading, curvature)
+    heading, curvature, rate = heading[..., None], curvature[..., None], rate[..., None]
+    sin_0, cos_0 = np.sin(heading), np.cos(heading)
+    turn = np.arctan2(sin * cos_0 - cos * sin_0, cos * cos_0 + sin * sin_0)
+    bent = np.abs(curvature) > 1e-6
+    along = np.where(bent, turn / np.where(bent, curvature, 1), x * cos_0 + y * sin_0)
+    from_middle = a - rate * along**3 / 6 - lanes[..., CENTRE, None]
+    side = np.where(from_middle >= 0, LEFT, RIGHT)
+    residual = from_middle - side * lanes[..., WIDTH, None] / 2
+    astray = heading + turn + rate * along**2 / 2 - angle
+    weight = ((1 + (residual / std_m) ** 2) * (1 + (astray / ANGLE_STD_RAD) ** 2)) ** -2.0
+    tilt = x / height_m * (x * sin - y * cos)
+    derivative = np.stack(
+        [
+            -np.ones_like(a),
+            -side / 2,
+            -(y * sin_0 + x * cos_0) / scale,
+            (a * a - x * x - y * y) / (2 * scale),
+            -(along**3) / 6,
+            tilt,
+            tilt * x / 2,
+        ],
+        axis=-1,
+    )
+    return weight, residual, side, derivative

@@ -1,0 +1,138 @@
+"""What is believed about the lane between two frames: how it moves below the car, and how sure that stays.
+
+Eleven numbers: the seven of `lanemodel`, then four of the car: the curvature of the path that it steers, its
+speed, the pitch at which it rests between bumps, and its aim, the direction in which it moves as seen from a camera
+that may not look quite ahead. While the car moves a distance d along its own arc, the lane moves in the car's frame by
+
+    centre + (heading - aim) d + (curvature - path) d^2 / 2,   heading + (curvature - path) d,   curvature + rate d.
+
+None of the four is measured. They become known from how the lane moves, and where they cannot be (straight on in the
+middle of the lane the speed shows in nothing) they stay as uncertain as they were. This is the prediction of an
+extended Kalman filter (R. E. Kalman, 1960); `lanes.metric.follow` is its update.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lanes.metric.lanefit import LIMIT
+from lanes.metric.lanemodel import CENTRE, CURVATURE, HEADING, PITCH, RATE, SIDES, VERTICAL, WIDTH
+
+PATH, SPEED, REST, AIM = 7, 8, 9, 10
+STATES = 11
+LANE = slice(0, 7)
+# Unless told, the car does what cars on roads do; told, the speed is still a clock's and a speedometer's.
+USUAL_SPEED_MPS, USUAL_SPEED_STD_MPS, GIVEN_SPEED_STD_MPS = 24.0, 8.0, 0.5
+FASTEST_MPS = 70.0
+# Springs bring the pitch back to rest within such a time; the mount says where that is, to half a degree, and how the
+# camera looks aside, to a quarter.
+SPRING_S, REST_STD_RAD, AIM_STD_RAD = 0.3, 0.01, 0.004
+# What the motion does not foretell adds to the standard deviations, in one second: sideways from wind and tilt; heading
+# and pitch from bumps; the steering wheel, on a straight road and as a share of the bend; pedals.
+CENTRE_PER_S, HEADING_PER_S, PITCH_PER_S, REST_PER_S, AIM_PER_S = 0.015, 0.003, 0.01, 2e-4, 1e-4
+PATH_PER_S, PATH_SHARE_PER_S, SPEED_PER_S = 1e-3, 0.3, 1.0
+# And in one metre of road. Curvature changes at a rate that itself changes: on motorways by 5e-5 1/m^2 within 70 m, on
+# mountain roads by more, as the square of the bends that they have (a transition takes about as long as its bend's
+# radius allows for).
+WIDTH_PER_M, VERTICAL_PER_M, CURVATURE_PER_M = 0.004, 5e-6, 3e-6
+RATE_PER_M, RATE_SHARE = 6e-6, 1.0
+# A bend that is coming up within such a distance counts like one.
+BEND_AHEAD_M = 15.0
+# A transition curve ends after some such distance, and its change of curvature with it.
+TRANSITION_M = 150.0
+# Neighbouring lanes of one road differ by about this in width.
+NEIGHBOUR_STD_M = 0.15
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """Mean (11,) and covariance (11, 11) of lane and car."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+
+    @property
+    def lane(self) -> np.ndarray:
+        """(7,) parameters of the lane."""
+        return self.mean[LANE]
+
+    @property
+    def lane_covariance(self) -> np.ndarray:
+        """(7, 7)."""
+        return self.covariance[LANE, LANE]
+
+    def predict(self, elapsed_s: float, *, steady_speed: bool = False) -> Belief:
+        """The belief `elapsed_s` seconds later, before the next picture is looked at."""
+        _, _, heading, curvature, rate, pitch, _, path, speed, rest, aim = self.mean
+        d, turn, slant = speed * elapsed_s, curvature - path, heading - aim
+        mean, jacobian = self.mean.copy(), np.eye(STATES)
+        fading, swing = np.exp(-d / TRANSITION_M), np.exp(-elapsed_s / SPRING_S)
+        mean[[CENTRE, HEADING, CURVATURE]] += slant * d + turn * d * d / 2, turn * d, rate * d
+        mean[RATE] *= fading
+        mean[PITCH] = swing * pitch + (1 - swing) * rest
+        jacobian[CENTRE, [HEADING, AIM, CURVATURE, PATH]] = d, -d, d * d / 2, -d * d / 2
+        jacobian[HEADING, [CURVATURE, PATH]] = d, -d
+        jacobian[CURVATURE, RATE], jacobian[RATE, RATE] = d, fading
+        jacobian[[CENTRE, HEADING, CURVATURE], SPEED] = np.array([slant + turn * d, turn, rate]) * elapsed_s
+        jacobian[PITCH, [PITCH, REST]] = swing, 1 - swing
+        mean[LANE] = np.clip(mean[LANE], -LIMIT, LIMIT)
+        noise = _noise(bend_of(self.lane), d, elapsed_s, steady_speed)
+        return Belief(mean, jacobian @ self.covariance @ jacobian.T + np.diag(noise))
+
+    def corrected(self, lane: np.ndarray, covariance: np.ndarray) -> Belief:
+        """The belief after the lane's seven numbers turned out as `lane` (7,) with `covariance` (7, 7).
+
+        What the lane tells of the car follows by regression: G = P_cl P_ll^-1 is how the car's numbers move with the
+        lane's.
+        """
+        across, old = self.covariance[7:, LANE], self.lane_covariance
+        gain = np.linalg.solve(old, across.T).T
+        mean = np.concatenate([lane, self.mean[7:] + gain @ (lane - self.lane)])
+        mean[SPEED] = np.clip(mean[SPEED], 0, FASTEST_MPS)
+        new_across = gain @ covariance
+        car = self.covariance[7:, 7:] - gain @ (old - covariance) @ gain.T
+        return Belief(mean, np.block([[covariance, new_across.T], [new_across, (car + car.T) / 2]]))
+
+    def beside(self, side: float) -> Belief:
+        """The same belief about the neighbouring lane to the left (+1) or right (-1), which shares a line with this."""
+        jacobian = np.eye(STATES)
+        jacobian[CENTRE, WIDTH] = side
+        spread = np.zeros(STATES)
+        spread[[CENTRE, WIDTH]] = side / 2, 1
+        noise = NEIGHBOUR_STD_M**2 * np.outer(spread, spread)
+        return Belief(jacobian @ self.mean, jacobian @ self.covariance @ jacobian.T + noise)
+
+    def lateral_std_m(self, x_m: float) -> float:
+        """Standard deviation of the worse line's lateral place `x_m` ahead."""
+        gradients = [np.array([1, side / 2, x_m, x_m**2 / 2, x_m**3 / 6, 0, 0]) for side in SIDES]
+        return float(np.sqrt(max(g @ self.lane_covariance @ g for g in gradients)))
+
+
+def first_belief(lane: np.ndarray, covariance: np.ndarray, speed_mps: float | None) -> Belief:
+    """The belief after a first picture: the car follows the road, roughly, at the given or the usual speed."""
+    path_std = np.hypot(PATH_PER_S, 0.3 * lane[CURVATURE])
+    speed, speed_std = (USUAL_SPEED_MPS, USUAL_SPEED_STD_MPS) if speed_mps is None else (speed_mps, GIVEN_SPEED_STD_MPS)
+    whole = np.zeros((STATES, STATES))
+    whole[LANE, LANE] = covariance
+    car = [PATH, SPEED, REST, AIM]
+    whole[car, car] = np.square([path_std, speed_std, REST_STD_RAD, AIM_STD_RAD])
+    return Belief(np.concatenate([lane, [lane[CURVATURE], speed, 0.0, 0.0]]), whole)
+
+
+def bend_of(lane: np.ndarray) -> float:
+    """How much the road bends here or soon, 1/m: what the changes to be expected are in proportion to."""
+    return float(abs(lane[CURVATURE]) + BEND_AHEAD_M * abs(lane[RATE]))
+
+
+def _noise(bend: float, distance_m: float, elapsed_s: float, steady_speed: bool) -> np.ndarray:
+    """(11,) variances that one step adds."""
+    per_s, per_m = np.zeros(STATES), np.zeros(STATES)
+    per_s[[CENTRE, HEADING, PITCH, REST]] = CENTRE_PER_S, HEADING_PER_S, PITCH_PER_S, REST_PER_S
+    per_s[AIM] = AIM_PER_S
+    per_s[PATH] = PATH_PER_S + PATH_SHARE_PER_S * bend
+    per_s[SPEED] = 0.0 if steady_speed else SPEED_PER_S
+    per_m[[WIDTH, VERTICAL]] = WIDTH_PER_M, VERTICAL_PER_M
+    per_m[CURVATURE], per_m[RATE] = CURVATURE_PER_M, RATE_PER_M + RATE_SHARE * bend**2
+    return per_s**2 * elapsed_s + per_m**2 * abs(distance_m)

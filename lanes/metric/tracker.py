@@ -1,0 +1,214 @@
+"""The lane over time: a Kalman filter in metres that knows when it has lost the lane.
+
+    picture -> observe -> predict -> gate -> correct -> describe        (once a second: search as if nothing were known)
+
+What is predicted is not smoothed: each frame's estimate is the best of that frame given all earlier ones, and in a bend
+that begins it bends with it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from lanes.camera import Camera
+from lanes.metric.confidence import rate_lane
+from lanes.metric.departure import watch_departure
+from lanes.metric.evidence import Stripes
+from lanes.metric.follow import TOGETHER, correct_lane, gate_stripes
+from lanes.metric.followed import Seen, describe_followed, see_lines
+from lanes.metric.lane import LEAST_WEIGHT, Lane, Sight, describe_lane, observe, search_lane
+from lanes.metric.lanefit import LaneFit
+from lanes.metric.lanemodel import CENTRE, SIDES, WIDTH
+from lanes.metric.linekind import KindVotes
+from lanes.metric.motion import AIM, PATH, SPEED, Belief, first_belief
+from lanes.metric.roadview import RoadView
+from lanes.metric.tracked import COASTING, LOST, SEARCHING, TRACKING, TrackedLane
+
+# A lane that was found counts as there from this score (sum of the roots of both lines' supports) on, and as surely
+# there when so many searches in a row have found it; a followed one is there while its lines' supports add up to this.
+LEAST_SCORE, CONFIRMATIONS, LEAST_SUPPORT = 0.45, 3, 0.06
+# Without evidence the prediction is shown for this long at most, and only while it is this sure 15 m ahead.
+LONGEST_COAST_S, WIDEST_STD_M = 1.0, 0.4
+# While tracking the lane is searched anew this often, and given up when another one scores so much better so often.
+RECHECK_S, BETTER, OBJECTIONS = 1.0, 0.1, 3
+# The paint of a line is looked at again after so many frames, left and right in turn.
+PAINT_EVERY = 10
+# The car's middle is so far over a line before the lines change their names: not at each touch of it.
+CROSSED_M = 0.1
+# Two lanes are the same if their lines lie within this at these distances.
+SAME_M, SAME_AT_M = 0.3, np.array([6.0, 12.0, 20.0])
+# While tracking only a part of the road is looked at if both lines stay well inside it up to some distance.
+NARROW_M, MARGIN_M, NARROW_AT_M = 5.0, 1.0, np.array([5.0, 20.0, 35.0])
+
+
+class LaneTracker:
+    """Follows the lane through consecutive pictures of one camera.
+
+    Parameters
+    ----------
+    camera : Camera
+        With its mount.
+    fps : float
+        Pictures a second.
+    speed_mps : float, optional
+        How fast the car drives; estimated where not given. Assign `tracker.speed_mps` when it changes.
+    """
+
+    def __init__(self, camera: Camera, *, fps: float = 25.0, speed_mps: float | None = None) -> None:
+        if not fps > 0:
+            raise ValueError(f"a video has more than 0 pictures a second; got fps={fps}.")
+        self.view = RoadView(camera)
+        self.fps, self.speed_mps = fps, speed_mps
+        self._narrow = RoadView(camera, half_width_m=NARROW_M)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything, as between two drives."""
+        self._belief: Belief | None = None
+        self._lane: Lane | None = None
+        self._state = LOST
+        self._confirmed = self._objections = self._regained = self._since_search = 0
+        self._unseen_s, self._margin = 0.0, 0.0
+        self._seen = (Seen(), Seen())
+        self._votes = (KindVotes(), KindVotes())
+
+    def update(self, image: np.ndarray, *, elapsed_s: float | None = None) -> TrackedLane:
+        """Look at the next picture.
+
+        Parameters
+        ----------
+        image : ndarray of shape (height, width, 3), uint8
+            RGB, as taken.
+        elapsed_s : float, optional
+            Time since the picture before, where it is not 1 / fps (dropped frames).
+
+        Returns
+        -------
+        TrackedLane
+
+        Raises
+        ------
+        PictureError
+            If the picture is not RGB or not of the camera's size.
+        """
+        self._since_search += 1
+        search = self._state != TRACKING or self._objections > 0 or self._since_search >= RECHECK_S * self.fps
+        view = self.view if search or not self._fits_narrow() else self._narrow
+        sight = observe(image, view)
+        if self._belief is not None:
+            self._follow(sight, view, 1 / self.fps if elapsed_s is None else elapsed_s)
+        if search:
+            self._search(sight)
+        return self._report()
+
+    def _fits_narrow(self) -> bool:
+        x = NARROW_AT_M
+        lines = self._lane.left, self._lane.right
+        places = [line.c0_m + line.c1 * x + line.c2_per_m * x**2 / 2 + line.c3_per_m2 * x**3 / 6 for line in lines]
+        return bool(np.abs(places).max() < NARROW_M - MARGIN_M)
+
+    def _follow(self, sight: Sight, view: RoadView, elapsed_s: float) -> None:
+        """Predict, take the stripes near the prediction, and correct it with them."""
+        belief = self._belief.predict(elapsed_s, steady_speed=self.speed_mps is not None)
+        if self.speed_mps is not None:
+            belief.mean[SPEED] = self.speed_mps
+        near = replace(sight, stripes=gate_stripes(sight.stripes, belief, view))
+        fit = correct_lane(near.stripes, belief, view)
+        look_at = {0: 0, PAINT_EVERY // 2: 1}.get(self._since_search % PAINT_EVERY)
+        seen = see_lines(fit, near, view, self._seen, look_at)
+        self._belief = belief.corrected(fit.lane[0], np.linalg.inv(fit.information[0]))
+        if seen[0].support + seen[1].support < LEAST_SUPPORT:
+            self._coast(elapsed_s)
+        else:
+            self._seen, self._unseen_s = seen, 0.0
+            self._regained += self._state == COASTING
+            if self._regained >= CONFIRMATIONS:
+                self._state, self._regained = TRACKING, 0
+        if self._belief is not None:
+            self._count_kinds(fit, near.stripes, look_at)
+            self._change_lane()
+            self._describe()
+
+    def _coast(self, elapsed_s: float) -> None:
+        """Go on without evidence worth the name, for a while."""
+        self._unseen_s += elapsed_s
+        too_long = self._unseen_s > LONGEST_COAST_S or self._belief.lateral_std_m(15.0) > WIDEST_STD_M
+        if self._state == SEARCHING or too_long:
+            self.reset()
+            return
+        distance_m = float(self._belief.mean[SPEED]) * elapsed_s
+        self._seen = self._seen[0].behind(distance_m), self._seen[1].behind(distance_m)
+        self._state, self._regained = COASTING, 0
+
+    def _change_lane(self) -> None:
+        """When the car's middle has crossed a line, its lane is the neighbouring one and lines change their names."""
+        lane = self._belief.lane
+        if abs(lane[CENTRE]) < lane[WIDTH] / 2 + CROSSED_M:
+            return
+        to_left = lane[CENTRE] < 0
+        self._belief = self._belief.beside(1.0 if to_left else -1.0)
+        self._seen = (Seen(), self._seen[0]) if to_left else (self._seen[1], Seen())
+        self._votes = (KindVotes(), self._votes[0]) if to_left else (self._votes[1], KindVotes())
+
+    def _count_kinds(self, fit: LaneFit, stripes: Stripes, looked_at: int | None) -> None:
+        votes = list(self._votes)
+        for k, side in enumerate(SIDES):
+            votes[k] = votes[k].add_gaps(stripes.x_m[(fit.side[0] == side) & (fit.weight[0] > LEAST_WEIGHT)])
+            if k == looked_at and self._seen[k].paint:
+                votes[k] = votes[k].add_paint(self._seen[k].paint)
+        self._votes = votes[0], votes[1]
+
+    def _describe(self) -> None:
+        double = tuple(bool(votes.kind.double) for votes in self._votes)
+        self._lane = describe_followed(self._belief, self._seen, double, self._margin)
+
+    def _search(self, sight: Sight) -> None:
+        """Look for the lane as if nothing were known: to begin, to confirm, or to object."""
+        self._since_search = 0
+        fit = search_lane(sight.stripes, self.view)
+        rival = describe_lane(fit, sight, self.view) if fit else None
+        if rival is None or rival.score < LEAST_SCORE:
+            self._objections = 0
+        elif self._belief is None:
+            self._start(rival)
+        elif same_lane(rival, self._lane):
+            self._objections, self._margin = 0, rival.margin
+            self._confirmed += 1
+            if self._confirmed >= CONFIRMATIONS and self._state == SEARCHING:
+                self._state = TRACKING
+        elif self._state != TRACKING or rival.score > self._lane.score + BETTER:
+            self._objections += 1
+            self._margin = self._lane.score - rival.score
+            if self._state == SEARCHING or self._objections >= OBJECTIONS:
+                self._start(rival)
+        else:
+            self._objections = 0
+
+    def _start(self, lane: Lane) -> None:
+        """Begin again with a lane that was found without memory."""
+        self.reset()
+        self._belief, self._lane = first_belief(lane.model, lane.covariance * TOGETHER, self.speed_mps), lane
+        self._seen = tuple(Seen(line.support, line.reach_m, line.paint) for line in (lane.left, lane.right))
+        self._state, self._confirmed, self._margin = SEARCHING, 1, lane.margin
+
+    def _report(self) -> TrackedLane:
+        if self._lane is None:
+            return TrackedLane(LOST)
+        path, speed, aim = (float(self._belief.mean[k]) for k in (PATH, SPEED, AIM))
+        return TrackedLane(
+            self._state,
+            rate_lane(self._lane, followed=True),
+            self._lane,
+            speed,
+            watch_departure(self._lane, speed, path_per_m=path, aim_rad=aim),
+            (self._votes[0].kind, self._votes[1].kind),
+        )
+
+
+def same_lane(one: Lane, other: Lane) -> bool:
+    """Whether two lanes have the same lines, or share the one that the car is just crossing."""
+    y, other_y = one.lateral_m(SAME_AT_M), other.lateral_m(SAME_AT_M)
+    pairs = [y - other_y, y[:1] - other_y[1:], y[1:] - other_y[:1]]
+    return any(bool(np.all(np.abs(difference) < SAME_M)) for difference in pairs)

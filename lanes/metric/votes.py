@@ -1,0 +1,128 @@
+"""Where could a lane be? The histogram of the course's first half, generalised to roads that bend.
+
+For each hypothesis of heading, curvature and pitch the stripes are laid out straight, by their distance from its arc,
+and counted in bins: a line that follows the hypothesis piles up in one bin, whatever its shape on the road. Stripes
+whose own direction contradicts the hypothesis do not count (votes with directions: Ballard's generalised Hough
+transform, 1981). Peaks to the left and to the right of the car are then paired by how wide and where lanes are.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from lanes.metric.evidence import Stripes
+from lanes.metric.lanefit import ANGLE_STD_RAD, PRIOR_MEAN, PRIOR_STD, paint_weight
+from lanes.metric.lanemodel import CENTRE, CURVATURE, HEADING, PITCH, WIDTH, flatten, place
+
+# Votes come from the near road, where one arc is enough; the fit finds its way from there.
+FAR_M = 22.0
+BIN_M, BINS = 0.15, 60
+# Lines are looked for so far to either side, metres.
+LINE_FROM_M, LINE_TO_M = 0.3, 3.6
+# A stripe between two bins counts for both: share of the neighbours' votes that a bin gets.
+NEIGHBOUR = 0.6
+# How much one squared standard deviation from the usual costs, beside the square roots of two lines' supports.
+PRIOR_WEIGHT = 0.05
+# Hypotheses worth pairing, and two lanes that one fit would make the same.
+PAIRED = 300
+SAME_M, SAME_BEND, SAME_CURVATURE_PER_M = 0.35, 0.3, 0.002
+
+
+@lru_cache(maxsize=1)
+def hypotheses() -> np.ndarray:
+    """(H, 3): heading, curvature and pitch; dense where roads usually are, down to a radius of 15 m."""
+    grids = np.meshgrid(_spread(6, 0.03, 0.18), _spread(11, 0.0015, 0.24), np.arange(-1, 2) * 0.018, indexing="ij")
+    return np.stack([grid.ravel() for grid in grids], axis=1)
+
+
+def _spread(count: int, step: float, growth: float) -> np.ndarray:
+    """Zero and `count` values to either side, first a `step` apart and then ever more."""
+    k = np.arange(-count, count + 1)
+    return np.sign(k) * step * np.expm1(np.abs(k) * growth) / growth
+
+
+def count_votes(stripes: Stripes, height_m: float) -> np.ndarray:
+    """Count the stripes by their distance left of each hypothesis' arc.
+
+    Parameters
+    ----------
+    stripes : Stripes
+    height_m : float
+        Of the camera, because the pitch belongs to the hypothesis.
+
+    Returns
+    -------
+    ndarray of shape (H, BINS)
+        Weighted votes; bin b is centred on (b + 1/2 - BINS / 2) * BIN_M metres.
+    """
+    heading, curvature, pitch = hypotheses().T
+    near = stripes.select(stripes.x_m < FAR_M)
+    paint = paint_weight(near).astype(np.float32)
+    votes = np.zeros((len(heading), BINS))
+    for tilt in np.unique(pitch):
+        of = np.flatnonzero(pitch == tilt)
+        x, y, angle = (q.astype(np.float32) for q in flatten(near.x_m, near.y_m, near.angle, tilt, 0.0, height_m))
+        a, sin, cos, _ = place(x, y, heading[of].astype(np.float32), curvature[of].astype(np.float32))
+        astray = (sin * np.cos(angle) - cos * np.sin(angle)) / np.float32(ANGLE_STD_RAD)
+        weight = paint / np.square(1 + astray * astray)
+        index = np.clip(a / BIN_M + BINS / 2, 0, BINS - 1).astype(np.int32)
+        index += np.arange(len(of), dtype=np.int32)[:, None] * BINS
+        votes[of] = np.bincount(index.ravel(), weight.ravel(), minlength=len(of) * BINS).reshape(-1, BINS)
+    # the outermost bins hold everything beyond
+    votes[:, [0, -1]] = 0
+    return votes
+
+
+def best_pairs(votes: np.ndarray, rows: int, *, most: int = 8) -> np.ndarray:
+    """Pair lines to lanes.
+
+    Parameters
+    ----------
+    votes : ndarray of shape (H, BINS)
+        From `count_votes`.
+    rows : int
+        How many votes a perfect solid line would get.
+    most : int
+
+    Returns
+    -------
+    ndarray of shape (K, 7), K <= `most`
+        Lanes as in `lanemodel`, best first, no two alike. The square root of each line's votes counts, so that
+        two fair lines beat one good line beside nothing.
+    """
+    guess = hypotheses()
+    shared = votes.copy()
+    shared[:, 1:-1] += NEIGHBOUR * (votes[:, :-2] + votes[:, 2:])
+    support = np.sqrt(shared / rows)
+    middle = (np.arange(BINS) + 0.5 - BINS / 2) * BIN_M
+    left = np.flatnonzero((middle > LINE_FROM_M) & (middle < LINE_TO_M))
+    right = np.flatnonzero((middle < -LINE_FROM_M) & (middle > -LINE_TO_M))
+    unusual = (guess / PRIOR_STD[[HEADING, CURVATURE, PITCH]]) ** 2
+    worth = support[:, left].max(1) + support[:, right].max(1) - PRIOR_WEIGHT * unusual.sum(1)
+    kept = np.argsort(-worth, kind="stable")[:PAIRED]
+    width, centre = middle[left, None] - middle[right], (middle[left, None] + middle[right]) / 2
+    odd = ((width - PRIOR_MEAN[WIDTH]) / PRIOR_STD[WIDTH]) ** 2 + (
+        (centre - PRIOR_MEAN[CENTRE]) / PRIOR_STD[CENTRE]
+    ) ** 2
+    score = support[kept][:, left, None] + support[kept][:, None, right] - PRIOR_WEIGHT * odd
+    score = score.reshape(len(kept), -1) - PRIOR_WEIGHT * unusual[kept].sum(1)[:, None]
+    pair = score.argmax(axis=1)
+    lanes = np.zeros((len(kept), len(PRIOR_MEAN)))
+    lanes[:, CENTRE], lanes[:, WIDTH] = centre.ravel()[pair], width.ravel()[pair]
+    lanes[:, [HEADING, CURVATURE, PITCH]] = guess[kept]
+    return distinct(lanes[np.argsort(-score.max(axis=1), kind="stable")], most)
+
+
+def distinct(lanes: np.ndarray, most: int) -> np.ndarray:
+    """The first `most` of the lanes (N, 7) that differ from all before them."""
+    chosen = lanes[:1]
+    for lane in lanes[1:]:
+        if len(chosen) == most:
+            break
+        elsewhere = np.abs(lane - chosen)[:, [CENTRE, WIDTH]].max(axis=1) > SAME_M
+        bend = np.abs(lane - chosen)[:, CURVATURE]
+        if np.all(elsewhere | (bend > SAME_BEND * abs(lane[CURVATURE]) + SAME_CURVATURE_PER_M)):
+            chosen = np.vstack([chosen, lane])
+    return chosen

@@ -1,0 +1,1 @@
+"""How the camera is mounted, from the lane lines of a drive."""

@@ -1,0 +1,1 @@
+"""Videos and telemetry: read, annotate, write."""

@@ -1,0 +1,56 @@
+"""Pictures of a drive, from stills and videos alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import groupby
+from operator import itemgetter
+from pathlib import Path
+
+import numpy as np
+
+from lanes.camera import Camera
+from lanes.images import PICTURE_SUFFIXES, read_image
+from lanes.video.videofile import TimedFrame, inspect_video, read_timed_frames
+
+# Reading on for this long costs about as much as opening the video again at another place.
+SEEK_S = 2.0
+
+
+def pick_pictures(files: list[Path], most: int, camera: Camera | None = None) -> Iterator[np.ndarray]:
+    """At most `most` pictures, spread evenly over stills and videos; RGB (height, width, 3) uint8.
+
+    Raises
+    ------
+    FileNotFoundError, PictureError, VideoError
+        If a file cannot be read, or its pictures are of another size than `camera`'s.
+    """
+    places: list[tuple[Path, float | None]] = []
+    for file in files:
+        if file.suffix.lower() in PICTURE_SUFFIXES:
+            places.append((file, None))
+        else:
+            info = inspect_video(file)
+            count = min(most, info.frames)
+            places += [(file, info.duration_s * i / count) for i in range(count)]
+    chosen = np.unique(np.linspace(0, len(places) - 1, min(most, len(places))).round().astype(int))
+    for file, group in groupby((places[at] for at in chosen), key=itemgetter(0)):
+        times_s = [time_s for _, time_s in group]
+        for image in [read_image(file)] if times_s[0] is None else _frames_at(file, times_s):
+            if camera:
+                camera.require_size(image, file)
+            yield image
+
+
+def _frames_at(video: Path, times_s: list[float]) -> Iterator[np.ndarray]:
+    """The frames shown at rising times; reads on where the next is near, and seeks where it is far."""
+    frames: Iterator[TimedFrame] = iter(())
+    now_s = -np.inf
+    for time_s in times_s:
+        if time_s > now_s + SEEK_S:
+            frames = read_timed_frames(video, start_s=time_s)
+        frame = next((f for f in frames if f.time_s >= time_s - 1e-3), None)
+        if frame is None:
+            return
+        now_s = frame.time_s
+        yield frame.image

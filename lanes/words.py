@@ -1,0 +1,33 @@
+"""How measures are worded for people.
+
+Signs: curvature > 0 bends left; offset > 0 has the car left of the lane's centre.
+"""
+
+from __future__ import annotations
+
+# A straight road measures as some huge radius of either sign; above this one the bend is not worth a word: over the
+# 30 m that the classic views show, the line leaves its tangent by 0.15 m, the width of the paint.
+STRAIGHT_RADIUS_M = 3000.0
+
+
+def describe_bend(curvature_per_m: float | None) -> str:
+    """Words for a curvature: "bends right, R 640 m", "straight (R > 3 km)" or "bend unknown"."""
+    if curvature_per_m is None:
+        return "bend unknown"
+    if abs(curvature_per_m) < 1 / STRAIGHT_RADIUS_M:
+        return f"straight (R > {STRAIGHT_RADIUS_M / 1000:.0f} km)"
+    return f"bends {'left' if curvature_per_m > 0 else 'right'}, R {_two_digits(1 / abs(curvature_per_m))} m"
+
+
+def describe_offset(offset_m: float | None) -> str:
+    """Words for an offset: "0.12 m left of centre", "in the centre" or "offset unknown"."""
+    if offset_m is None:
+        return "offset unknown"
+    if abs(offset_m) < 0.005:
+        return "in the centre"
+    return f"{abs(offset_m):.2f} m {'left' if offset_m > 0 else 'right'} of centre"
+
+
+def _two_digits(radius: float) -> str:
+    """Radii are known to a few per cent, so tens of metres are all that is worth printing above 100 m."""
+    return f"{round(radius, -1):.0f}" if radius >= 100 else f"{radius:.0f}"
