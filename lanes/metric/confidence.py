@@ -20,8 +20,8 @@ USUAL_WIDTH_M = 3.5
 # taken for a line is seldom a lane's width away from the other one.
 FEATURES = ("constant", "log std", "odd width")
 # For a lane found in a single picture, and for one followed.
-STILL_WEIGHTS = np.array([-1.73, -1.60, -5.56])
-TRACK_WEIGHTS = np.array([0.06, -1.30, -6.88])
+STILL_WEIGHTS = np.array([-1.75, -1.55, -5.48])
+TRACK_WEIGHTS = np.array([0.19, -1.19, -6.69])
 
 
 def lane_features(lane: Lane) -> np.ndarray:
