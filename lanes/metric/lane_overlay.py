@@ -20,8 +20,8 @@ from lanes.metric.tracked import FOUND, LOST, TrackedLane
 from lanes.metric.tracker import LaneTracker
 from lanes.words import describe_bend
 
-# Drawn from the bottom of the picture on; in even steps of 1/x, that is of picture rows.
-NEAREST_M = 4.0
+# Nearer than this the own bonnet hides the road from most cameras. Drawn in even steps of 1/x, that is of picture rows.
+NEAREST_M = 6.0
 POINTS = 32
 ALPHA = 0.3
 FARTHEST_PX = 30000
