@@ -11,8 +11,8 @@ import pytest
 from drives import CAMERA, PaintedDrive, Stripe, lane_lines, s_bend, straight_road
 
 from lanes.images import PictureError
-from lanes.metric.lanemodel import SIDES
-from lanes.metric.tracker import LaneTracker
+from lanes.metric.lanemodel import CENTRE, SIDES, WIDTH
+from lanes.metric.tracker import LaneTracker, same_lane
 from lanes.scenes.render import Motion
 
 SMALL = CAMERA.scaled((640, 360))
@@ -149,6 +149,17 @@ def test_departure_is_foretold():
     assert 0.3 < crossing - warned[0] < 1.6
     assert {tracked.warning.side for time, tracked, _ in frames if time in warned} == {"left"}
     assert all(not tracked.warning.due for time, tracked, _ in frames if time < 1.0)
+
+
+def test_a_lane_with_one_weak_line_does_not_unseat_the_known_width():
+    """Cracks beside a missing line look like a narrow lane: the line that both share must not speak for the other."""
+    known = s_bend_drive()[20][1].lane
+    narrower = known.model.copy()
+    narrower[[CENTRE, WIDTH]] -= (0.25, 0.5)
+    found = replace(known, model=narrower, left=replace(known.left, support=0.03))
+    np.testing.assert_allclose(found.lateral_m(AT_M)[1], known.lateral_m(AT_M)[1], atol=0.02)
+    assert same_lane(found, known)
+    assert not same_lane(replace(found, left=known.left), known)
 
 
 def test_wrong_lock_does_not_live():

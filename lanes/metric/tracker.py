@@ -39,6 +39,8 @@ PAINT_EVERY = 10
 CROSSED_M = 0.1
 # Two lanes are the same if their lines lie within this at these distances.
 SAME_M, SAME_AT_M = 0.3, np.array([6.0, 12.0, 20.0])
+# A line with less than this share of the other one's support is not evidence enough to change the lane's width.
+WEAK = 0.5
 # While tracking only a part of the road is looked at if both lines stay well inside it up to some distance.
 NARROW_M, MARGIN_M, NARROW_AT_M = 5.0, 1.0, np.array([5.0, 20.0, 35.0])
 
@@ -207,8 +209,19 @@ class LaneTracker:
         )
 
 
-def same_lane(one: Lane, other: Lane) -> bool:
-    """Whether two lanes have the same lines, or share the one that the car is just crossing."""
-    y, other_y = one.lateral_m(SAME_AT_M), other.lateral_m(SAME_AT_M)
-    pairs = [y - other_y, y[:1] - other_y[1:], y[1:] - other_y[:1]]
-    return any(bool(np.all(np.abs(difference) < SAME_M)) for difference in pairs)
+def same_lane(found: Lane, known: Lane) -> bool:
+    """Whether a lane found anew is the known one.
+
+    It is if it has the same lines; if it shares the one that the car is just crossing; and if it shares one and shows
+    little paint of the other: then the known lane knows better where that one is, and how wide the lane.
+    """
+    y, known_y = found.lateral_m(SAME_AT_M), known.lateral_m(SAME_AT_M)
+    same = (np.abs(y - known_y) < SAME_M).all(axis=1)
+    crossing = [y[0] - known_y[1], y[1] - known_y[0]]
+    left, right = found.left.support, found.right.support
+    return bool(
+        same.all()
+        or any(np.all(np.abs(difference) < SAME_M) for difference in crossing)
+        or (same[0] and right < WEAK * left)
+        or (same[1] and left < WEAK * right)
+    )
