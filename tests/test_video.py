@@ -318,8 +318,19 @@ class TestAnnotate:
 
     def test_same_input_gives_the_same_bytes(self, video, tmp_path):
         for name in ("a.mp4", "b.mp4"):
-            annotate_video(video, tmp_path / name, unchanged, progress=False)
+            annotate_video(video, tmp_path / name, unchanged, progress=False, sound=False)
         assert (tmp_path / "a.mp4").read_bytes() == (tmp_path / "b.mp4").read_bytes()
+
+    def test_same_input_gives_the_same_packets_of_picture_and_sound(self, video, tmp_path):
+        """How they are interleaved may depend on which arrives first, where both belong to the same moment."""
+        packets = []
+        for name in ("a.mp4", "b.mp4"):
+            annotate_video(video, tmp_path / name, unchanged, progress=False)
+            with av.open(str(tmp_path / name)) as container:
+                found = [(p.stream.index, p.pts, bytes(p)) for p in container.demux() if p.pts is not None]
+            packets.append(sorted(found))
+        assert len({index for index, _, _ in packets[0]}) == 2
+        assert packets[0] == packets[1]
 
     def test_quiet(self, video, tmp_path, capfd):
         annotate_video(video, tmp_path / "out.mp4", unchanged)
