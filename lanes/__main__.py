@@ -90,8 +90,8 @@ def _add_detect(commands: argparse._SubParsersAction) -> None:
         help="find the ego lane's lines in pictures and videos, as TuSimple JSON lines",
         description="Write the columns of the ego lane's two lines at given rows of the raw pictures, one JSON line a "
         "picture: raw_file, h_samples, lanes (left, right; -2 where there is none), run_time (ms), state, confidence, "
-        "offset_m (> 0: car left of the middle), curvature_per_m (> 0 bends left). Without a mount in the camera file, "
-        "or without one, the mount is estimated from the given files first.",
+        "offset_m (> 0: car left of the middle), curvature_per_m (> 0 bends left). Without a camera file, "
+        "or without a mount in it, the mount is estimated from the given files first.",
     )
     detect.add_argument("files", nargs="+", type=Path, metavar="FILE", help="stills or videos of one camera")
     lens = detect.add_mutually_exclusive_group(required=True)
