@@ -102,43 +102,6 @@ def plot_bars(values: Mapping[str, float], *, label: str, title: str = "") -> tu
     return figure, axis
 
 
-def plot_fit(
-    view: np.ndarray,
-    windows_px: np.ndarray | None,
-    fits: Mapping[str, np.ndarray],
-    *,
-    title: str = "Windows and fitted lines",
-) -> tuple[Figure, Axes]:
-    """Plot search windows and fitted curves over the view from above.
-
-    Parameters
-    ----------
-    view : ndarray of shape (height, width) or (height, width, 3)
-        Binary or colour view.
-    windows_px : ndarray of shape (N, 4), optional
-        left, top, right, bottom edge of each window in pixels.
-    fits : mapping of str to ndarray of shape (M, 2)
-        Name in the legend to curve (column, row) in pixels; "left" and "right" have the colours of the overlay.
-    """
-    from matplotlib.patches import Rectangle
-
-    figure, (axis,) = _figure(1, 1, (8, 8 * view.shape[0] / view.shape[1] + 0.8))
-    _show_picture(axis, view, title)
-    for left, top, right, bottom in () if windows_px is None else np.reshape(windows_px, (-1, 4)):
-        axis.add_patch(Rectangle((left, top), right - left, bottom - top, fill=False, edgecolor=_rgb(WINDOW)))
-    for name, points in fits.items():
-        columns, rows = np.asarray(points, float).T
-        axis.plot(columns, rows, color=_line_colour(name), linewidth=3, label=name)
-    # Curves may leave the view; the picture must not shrink for them.
-    axis.set_xlim(-0.5, view.shape[1] - 0.5)
-    axis.set_ylim(view.shape[0] - 0.5, -0.5)
-    axis.set_axis_on()
-    axis.set(xlabel="column (pixels)", ylabel="row (pixels)")
-    if fits:
-        axis.legend(loc="lower center")
-    return figure, axis
-
-
 def plot_series(
     times_s: np.ndarray,
     series: Mapping[str, Mapping[str, np.ndarray]],

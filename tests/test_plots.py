@@ -14,7 +14,7 @@ import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 
-from lanes import draw, plots  # noqa: E402
+from lanes import plots  # noqa: E402
 from lanes.images import read_image  # noqa: E402
 
 
@@ -75,22 +75,6 @@ def test_histogram():
         "left start, column 40",
         "right start, column 120",
     ]
-
-
-def test_fit_keeps_the_view_and_its_rows_downwards():
-    curve = np.array([[30.0, -40], [-500, 300]])
-    _, axis = plots.plot_fit(np.zeros((96, 160), np.uint8), [[10, 60, 50, 90]], {"left": curve})
-    assert axis.get_xlim() == (-0.5, 159.5)
-    assert axis.get_ylim() == (95.5, -0.5)
-    (box,) = axis.patches
-    assert (box.get_x(), box.get_y(), box.get_width(), box.get_height()) == (10, 60, 40, 30)
-    np.testing.assert_array_equal(axis.lines[0].get_xydata(), curve)
-    np.testing.assert_allclose(np.multiply(axis.lines[0].get_color(), 255), draw.LEFT)
-
-
-def test_fit_with_nothing_found():
-    _, axis = plots.plot_fit(photo(), None, {})
-    assert not axis.lines and not axis.patches and axis.get_legend() is None
 
 
 def test_series_has_units_gaps_and_truth():

@@ -15,12 +15,7 @@ from lanes.metric.lane import LEAST_SUPPORT, LEAST_WEIGHT, PRIOR_WEIGHT, Lane, L
 from lanes.metric.lanefit import LaneFit, strangeness
 from lanes.metric.lanemodel import (
     CENTRE,
-    CURVATURE,
-    HEADING,
-    PITCH,
-    RATE,
     SIDES,
-    VERTICAL,
     WIDTH,
     line_coefficients,
     lines_on_view,
@@ -84,27 +79,9 @@ def describe_followed(belief: Belief, seen: tuple[Seen, Seen], double: tuple[boo
     ]
     model[CENTRE] += (shift[0] + shift[1]) / 2
     model[WIDTH] += shift[0] - shift[1]
-    std = np.sqrt(np.diag(covariance))
-    left, right = (_line(model, covariance, side, s) for side, s in zip(SIDES, seen, strict=True))
+    lines = tuple(_line(model, covariance, side, s) for side, s in zip(SIDES, seen, strict=True))
     score = sum(np.sqrt(s.support) for s in seen) - PRIOR_WEIGHT * strangeness(belief.lane[None])[0]
-    return Lane(
-        offset_m=float(-model[CENTRE]),
-        offset_std_m=float(std[CENTRE]),
-        heading_rad=float(model[HEADING]),
-        curvature_per_m=float(model[CURVATURE] / (1 - model[CURVATURE] * model[CENTRE])),
-        curvature_std_per_m=float(std[CURVATURE]),
-        curvature_rate_per_m2=float(model[RATE]),
-        width_m=float(model[WIDTH]),
-        width_std_m=float(std[WIDTH]),
-        pitch_rad=float(model[PITCH]),
-        vertical_per_m=float(model[VERTICAL]),
-        left=left,
-        right=right,
-        score=float(score),
-        margin=margin,
-        model=model,
-        covariance=covariance,
-    )
+    return Lane.from_model(model, covariance, lines, score=float(score), margin=margin)
 
 
 def _line(model: np.ndarray, covariance: np.ndarray, side: float, seen: Seen) -> LaneLine:

@@ -118,6 +118,37 @@ class Lane:
     model: np.ndarray
     covariance: np.ndarray
 
+    @classmethod
+    def from_model(
+        cls,
+        model: np.ndarray,
+        covariance: np.ndarray,
+        lines: tuple[LaneLine, LaneLine],
+        *,
+        score: float,
+        margin: float,
+    ) -> Lane:
+        """The lane of a fitted model (7,) and its covariance (7, 7), with its left and right line."""
+        std = np.sqrt(np.diag(covariance))
+        return cls(
+            offset_m=float(-model[CENTRE]),
+            offset_std_m=float(std[CENTRE]),
+            heading_rad=float(model[HEADING]),
+            curvature_per_m=float(model[CURVATURE] / (1 - model[CURVATURE] * model[CENTRE])),
+            curvature_std_per_m=float(std[CURVATURE]),
+            curvature_rate_per_m2=float(model[RATE]),
+            width_m=float(model[WIDTH]),
+            width_std_m=float(std[WIDTH]),
+            pitch_rad=float(model[PITCH]),
+            vertical_per_m=float(model[VERTICAL]),
+            left=lines[0],
+            right=lines[1],
+            score=score,
+            margin=margin,
+            model=model,
+            covariance=covariance,
+        )
+
     def lateral_m(self, x_m: np.ndarray) -> np.ndarray:
         """Lateral places (2, N) of the left and right line at distances (N,), metres; NaN where one has turned back."""
         return np.array([self.line_y(x_m, side) for side in SIDES])
@@ -222,24 +253,12 @@ def describe_lane(fit: LaneFit, sight: Sight, view: RoadView) -> Lane | None:
     left, right = (
         _describe_line(model, covariance, side, support[best, k], reach_m[k], paint[k]) for k, side in enumerate(SIDES)
     )
-    std = np.sqrt(np.diag(covariance))
-    return Lane(
-        offset_m=float(-model[CENTRE]),
-        offset_std_m=float(std[CENTRE]),
-        heading_rad=float(model[HEADING]),
-        curvature_per_m=float(model[CURVATURE] / (1 - model[CURVATURE] * model[CENTRE])),
-        curvature_std_per_m=float(std[CURVATURE]),
-        curvature_rate_per_m2=float(model[RATE]),
-        width_m=float(model[WIDTH]),
-        width_std_m=float(std[WIDTH]),
-        pitch_rad=float(model[PITCH]),
-        vertical_per_m=float(model[VERTICAL]),
-        left=left,
-        right=right,
+    return Lane.from_model(
+        model,
+        covariance,
+        (left, right),
         score=float(score[best]),
         margin=float(score[best] - score[rival].max(initial=0.0)),
-        model=model,
-        covariance=covariance,
     )
 
 
