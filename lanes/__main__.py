@@ -53,11 +53,7 @@ def _add_mount(commands: argparse._SubParsersAction) -> None:
         "them, with the lens, into a camera file. Best are 20 pictures or more of a marked road by day; one will do, "
         "less surely.",
     )
-    mount.add_argument("files", nargs="+", type=Path, metavar="FILE", help="stills or videos of one drive")
-    lens = mount.add_mutually_exclusive_group(required=True)
-    lens.add_argument("--camera", type=Path, metavar="YAML", help="the calibrated lens")
-    lens.add_argument("--hfov", type=float, metavar="DEG", help="horizontal field of view, if never calibrated")
-    mount.add_argument("--size", type=_size, metavar="WxH", help="picture size for --hfov (default: the first file's)")
+    _add_footage(mount, files="stills or videos of one drive", camera="the calibrated lens")
     mount.add_argument("--lane-width", type=float, metavar="M", help="lane width (default: 3.66, a US Interstate's)")
     mount.add_argument("--height", type=float, metavar="M", help="measured height of the camera above the road")
     mount.add_argument("--pictures", type=_count, default=40, metavar="N", help="use at most (default: %(default)s)")
@@ -93,11 +89,7 @@ def _add_detect(commands: argparse._SubParsersAction) -> None:
         "offset_m (> 0: car left of the middle), curvature_per_m (> 0 bends left). Without a camera file, "
         "or without a mount in it, the mount is estimated from the given files first.",
     )
-    detect.add_argument("files", nargs="+", type=Path, metavar="FILE", help="stills or videos of one camera")
-    lens = detect.add_mutually_exclusive_group(required=True)
-    lens.add_argument("--camera", type=Path, metavar="YAML", help="the calibrated camera, best with its mount")
-    lens.add_argument("--hfov", type=float, metavar="DEG", help="horizontal field of view, if never calibrated")
-    detect.add_argument("--size", type=_size, metavar="WxH", help="picture size for --hfov (default: the first file's)")
+    _add_footage(detect, files="stills or videos of one camera", camera="the calibrated camera, best with its mount")
     detect.add_argument("--rows", type=_rows, default="420:701:10", metavar="FROM:TO:STEP", help="default: %(default)s")
     detect.add_argument("--sequence", action="store_true", help="the stills are consecutive frames, in this order")
     detect.add_argument("--fps", type=float, default=25.0, help="frames a second of --sequence (default: %(default)s)")
@@ -127,6 +119,17 @@ def run_detect(options: argparse.Namespace) -> int:
     lost = sum(detection["state"] == "lost" for detection in found)
     print(f"wrote {write_detections(options.output, found)}: {len(found)} pictures, no lane in {lost}")
     return 0
+
+
+def _add_footage(command: argparse.ArgumentParser, *, files: str, camera: str) -> None:
+    """The files that a command looks at and the lens that took them; the texts are its help."""
+    command.add_argument("files", nargs="+", type=Path, metavar="FILE", help=files)
+    lens = command.add_mutually_exclusive_group(required=True)
+    lens.add_argument("--camera", type=Path, metavar="YAML", help=camera)
+    lens.add_argument("--hfov", type=float, metavar="DEG", help="horizontal field of view, if never calibrated")
+    command.add_argument(
+        "--size", type=_size, metavar="WxH", help="picture size for --hfov (default: the first file's)"
+    )
 
 
 def _lens(options: argparse.Namespace):

@@ -16,10 +16,9 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.images import PICTURE_SUFFIXES, read_image, write_whole
-from lanes.metric.confidence import rate_lane
 from lanes.metric.lane import find_lane
 from lanes.metric.roadview import RoadView
-from lanes.metric.tracked import FOUND, LOST, TrackedLane
+from lanes.metric.tracked import TrackedLane
 from lanes.metric.tracker import LaneTracker
 from lanes.video.videofile import inspect_video, read_timed_frames
 
@@ -124,8 +123,7 @@ class Finder:
     def _look(self, image: np.ndarray, size: tuple[int, int]) -> TrackedLane:
         if self.sequence:
             return self._tracker_of(size).update(image)
-        lane = find_lane(image, self._view_of(size))
-        return TrackedLane(LOST) if lane is None else TrackedLane(FOUND, rate_lane(lane), lane)
+        return TrackedLane.from_still(find_lane(image, self._view_of(size)))
 
 
 def _is_still(file: Path) -> bool:

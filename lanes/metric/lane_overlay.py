@@ -12,11 +12,10 @@ import numpy as np
 from lanes.camera import Camera
 from lanes.draw import LANE, LEFT, RIGHT, write_text
 from lanes.images import PictureError, list_pictures, read_image, write_image
-from lanes.metric.confidence import rate_lane
 from lanes.metric.lane import Lane, find_lane
 from lanes.metric.lanemodel import SIDES, line_points
 from lanes.metric.roadview import RoadView
-from lanes.metric.tracked import FOUND, LOST, TrackedLane
+from lanes.metric.tracked import TrackedLane
 from lanes.metric.tracker import LaneTracker
 from lanes.words import describe_bend
 
@@ -74,8 +73,7 @@ def draw_tracked(image: np.ndarray, tracked: TrackedLane, camera: Camera) -> np.
 
 def draw_found(image: np.ndarray, lane: Lane | None, camera: Camera) -> np.ndarray:
     """Draw a lane that was found in a single picture; see `draw_tracked`."""
-    found = TrackedLane(LOST) if lane is None else TrackedLane(FOUND, rate_lane(lane), lane)
-    return draw_tracked(image, found, camera)
+    return draw_tracked(image, TrackedLane.from_still(lane), camera)
 
 
 def track_lane(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from lanes.metric.confidence import rate_lane
 from lanes.metric.departure import DepartureWarning
 from lanes.metric.lane import Lane, LaneLine
 from lanes.metric.linekind import LineKind
@@ -40,6 +41,11 @@ class TrackedLane:
     speed_mps: float | None = None
     warning: DepartureWarning | None = None
     kinds: tuple[LineKind, LineKind] = (LineKind(), LineKind())
+
+    @classmethod
+    def from_still(cls, lane: Lane | None) -> TrackedLane:
+        """A lane found in a single picture, with its confidence; lost where none was found."""
+        return cls(LOST) if lane is None else cls(FOUND, rate_lane(lane), lane)
 
     @property
     def offset_m(self) -> float | None:
