@@ -1,0 +1,89 @@
+"""The suite: hard roads by name, and their videos, rendered on demand into a cache outside the project.
+
+Each theme has a module with its scenes; here they come together.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+from functools import lru_cache
+from pathlib import Path
+
+from lanes.scenes.produce import Progress, write_video
+from lanes.scenes.suite_motorway import SCENES as MOTORWAY
+from lanes.scenes.suite_scene import SuiteScene
+
+__all__ = ["SUITE", "SuiteScene", "cache_folder", "render_scene", "scene_path"]
+
+SUITE: dict[str, SuiteScene] = {scene.name: scene for scene in (*MOTORWAY,)}
+
+
+def cache_folder() -> Path:
+    """Where rendered scenes are kept: LANES_CACHE if set, else the platform's folder for what can be made again."""
+    if os.environ.get("LANES_CACHE"):
+        return Path(os.environ["LANES_CACHE"])
+    home = Path.home()
+    if sys.platform == "win32":
+        base = Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local")
+    elif sys.platform == "darwin":
+        base = home / "Library" / "Caches"
+    else:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache")
+    return base / "advanced-lane-finding" / "scenes"
+
+
+def scene_path(name: str, folder: str | Path | None = None) -> Path:
+    """The video of a scene, rendered or not yet; its name changes when the renderer does, so none is ever stale.
+
+    Raises
+    ------
+    ValueError
+        If there is no such scene.
+    """
+    if name not in SUITE:
+        raise ValueError(f"there is no scene {name!r} in the suite; there are {', '.join(SUITE)}.")
+    return Path(folder or cache_folder()) / f"{name}-{_renderer_hash()}.mp4"
+
+
+def render_scene(name: str, folder: str | Path | None = None, *, progress: Progress | None = None) -> Path:
+    """Render a scene of the suite, unless it is there already.
+
+    Parameters
+    ----------
+    name : str
+        In SUITE.
+    folder : str or Path, optional
+        Instead of `cache_folder()`.
+    progress : callable, optional
+        Called as progress(frames done, frames in all); not at all when there is nothing to render.
+
+    Returns
+    -------
+    Path
+        The video; beside it are its truth (.csv, a row a frame) and its camera (.yaml).
+
+    Raises
+    ------
+    ValueError
+        If there is no such scene.
+    OSError
+        If the folder cannot be written to.
+    """
+    path = scene_path(name, folder)
+    # The camera is written last: where it is, all is.
+    if not path.with_suffix(".yaml").is_file():
+        scene = SUITE[name]
+        write_video(path, drive=scene.drive(), seconds=scene.seconds, progress=progress)
+    return path
+
+
+@lru_cache(maxsize=1)
+def _renderer_hash() -> str:
+    """Eight digits that change with the source of any module that a picture is made by."""
+    folder = Path(__file__).parent
+    digest = hashlib.sha256()
+    for source in (folder.parent / "camera.py", *sorted(folder.glob("*.py"))):
+        digest.update(source.name.encode() + source.read_bytes())
+    return digest.hexdigest()[:8]

@@ -1,0 +1,50 @@
+"""The suite of hard roads: its names, and the cache of what is rendered."""
+
+from __future__ import annotations
+
+import pytest
+
+from lanes.dataset import PROJECT_ROOT
+from lanes.scenes import suite
+from lanes.scenes.suite import SUITE, cache_folder, render_scene, scene_path
+from lanes.scenes.suite_scene import SuiteScene
+
+
+def test_every_scene_is_found_under_its_own_name():
+    assert all(scene.name == name and scene.seconds > 1 and scene.what.endswith(".") for name, scene in SUITE.items())
+    assert SUITE["motorway"].difficulty == "clean"
+
+
+def test_a_scene_is_rendered_once_and_again_when_the_renderer_changes(tmp_path, monkeypatch):
+    calls = []
+
+    def write(path, **options):
+        calls.append(options["seconds"])
+        for suffix in (".mp4", ".csv", ".yaml"):
+            path.with_suffix(suffix).write_text("")
+
+    monkeypatch.setattr(suite, "write_video", write)
+    first, again = render_scene("motorway", tmp_path), render_scene("motorway", tmp_path)
+    assert first == again and calls == [10.0]
+    first.with_suffix(".yaml").unlink()
+    render_scene("motorway", tmp_path)
+    monkeypatch.setattr(suite, "_renderer_hash", lambda: "changed")
+    assert render_scene("motorway", tmp_path) != first
+    assert calls == [10.0] * 3
+
+
+def test_the_cache_is_outside_the_project_and_can_be_named(tmp_path, monkeypatch):
+    monkeypatch.delenv("LANES_CACHE", raising=False)
+    assert PROJECT_ROOT not in cache_folder().parents
+    monkeypatch.setenv("LANES_CACHE", str(tmp_path))
+    assert scene_path("motorway").parent == tmp_path
+    assert scene_path("motorway", tmp_path / "own").parent == tmp_path / "own"
+
+
+def test_refuses_unknown_scenes_by_name():
+    with pytest.raises(ValueError, match="no scene 'motorwya'.*motorway"):
+        render_scene("motorwya")
+    with pytest.raises(ValueError, match="Wet Night"):
+        SuiteScene("Wet Night", "hard", 3.0, "Rain.", lambda: None)
+    with pytest.raises(ValueError, match="'tough'"):
+        SuiteScene("night", "tough", 3.0, "Rain.", lambda: None)
