@@ -14,11 +14,12 @@ Data             open_dataset, check, PROJECT_ROOT                              
 5 Thresholds     split_channels, to_gray, range_mask, gradient_x_mask, magnitude_mask,
                  direction_mask, saturation_mask, yellow_mask, equalized_white_mask         lanes.classic.threshold
                  RECIPES, get_recipe, LaneFinder                                            lanes.classic.recipes
-                 binary_on_road, paint_share, line_coverage                                 lanes.benchmark
+                 binary_on_road, paint_share, line_coverage                                 lanes.benchmark.measures
 6 Find           lane_histogram, find_peaks, sliding_windows, search_band                   lanes.classic.search
 7 Fit, measure   fit_line, ransac_line                                                      lanes.classic.fit
                  describe_bend, describe_offset                                             lanes.words
-                 worst_lateral_error_m, describe_error, drive_errors_m, format_table        lanes.benchmark
+                 worst_lateral_error_m, describe_error, drive_errors_m                      lanes.benchmark.measures
+                 format_table                                                               lanes.benchmark.tables
 8 Draw, video    LEFT, RIGHT, draw_line, draw_lane, draw_pixels, draw_windows, draw_fit     lanes.draw
                  annotate, describe_result, diagnose, draw_search, follow_lane              lanes.classic.overlay
                  open_clip, annotate_video                                                  lanes.video.annotate
@@ -33,15 +34,15 @@ Data             open_dataset, check, PROJECT_ROOT                              
 Figures          show_pictures, plot_bars, plot_histogram, plot_series, save_figure         lanes.plots
 """
 
-from lanes.benchmark import (
+from lanes.benchmark.measures import (
     binary_on_road,
     describe_error,
     drive_errors_m,
-    format_table,
     line_coverage,
     paint_share,
     worst_lateral_error_m,
 )
+from lanes.benchmark.tables import format_table
 from lanes.calibration.boards import calibrate_folder, draw_board, find_board
 from lanes.camera import Camera, Mount, load_camera, save_camera, undistort
 from lanes.classic.fit import fit_line, ransac_line

@@ -5,15 +5,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lanes.benchmark import (
+from lanes.benchmark.measures import (
     binary_on_road,
     describe_error,
     drive_errors_m,
-    format_table,
     line_coverage,
     paint_share,
     worst_lateral_error_m,
 )
+from lanes.benchmark.tables import format_table
 from lanes.camera import Camera, Mount
 from lanes.classic.measure import RoadLine
 from lanes.classic.recipes import LaneFinder, get_recipe

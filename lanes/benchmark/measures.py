@@ -5,7 +5,7 @@ Truth is a frame of truth.json (see lanes.dataset): points of both lines in the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Protocol
 
 import numpy as np
@@ -127,11 +127,3 @@ def describe_error(error_m: float | None) -> str:
     if error_m is None:
         return "unknown"
     return f"{error_m:.2f} m" if np.isfinite(error_m) else "lost"
-
-
-def format_table(columns: Sequence[str], rows: Mapping[str, Sequence[str]]) -> str:
-    """Lay out texts in columns of equal width: a heading line, then a line for each named row."""
-    width = 2 + max(len(text) for texts in (columns, *rows.values()) for text in texts)
-    name_width = max(map(len, rows), default=0)
-    lines = [("", columns), *rows.items()]
-    return "\n".join(name.ljust(name_width) + "".join(text.rjust(width) for text in texts) for name, texts in lines)

@@ -1,0 +1,1 @@
+"""How well the lane is found: results against truth, for every system side by side."""
