@@ -113,13 +113,13 @@ def test_other_sizes_of_the_same_shape_are_rescaled(folder):
 @pytest.mark.parametrize(
     ("arguments", "status", "words"),
     [
-        (["missing.png", "--camera", "camera.yaml"], 1, "missing.png"),
-        (["frame0.png", "--camera", "nowhere.yaml"], 1, "nowhere.yaml"),
-        (["frame0.png"], 2, "one of the arguments --camera --hfov is required"),
+        (["missing.png", "--camera", "camera.yaml"], 2, "missing.png"),
+        (["frame0.png", "--camera", "nowhere.yaml"], 2, "nowhere.yaml"),
+        (["frame0.png"], 2, "one of the arguments --camera --hfov --boards is required"),
         (["frame0.png", "--camera", "camera.yaml", "--rows", "700"], 2, "700 holds no rows"),
         (["frame0.png", "--camera", "camera.yaml", "--rows", "a:b"], 2, "a:b is no row range"),
         (["black.png", "--camera", "lens.yaml"], 1, "parallel lane lines"),
-        (["black.png", "--hfov", "5"], 1, "field of view of 5"),
+        (["black.png", "--hfov", "5"], 2, "give a number, 10 to 150"),
     ],
 )
 def test_misuse_is_told_and_nothing_written(folder, tmp_path, arguments, status, words):

@@ -65,13 +65,13 @@ def test_pictures_are_spread_over_stills_and_video(drive):
 
 
 def test_refusals_are_sentences(drive, tmp_path, capsys):
-    assert run("--hfov", 60, tmp_path / "nowhere.jpg") == 1
+    assert run("--hfov", 60, tmp_path / "nowhere.jpg") == 2
     assert "there is no such picture file" in capsys.readouterr().err
     sky = write_image(tmp_path / "sky.png", np.full((540, 960, 3), 200, np.uint8))
     assert run("--hfov", 60, sky, "-o", tmp_path / "camera.yaml") == 1
     assert "only 0 of 1 pictures" in capsys.readouterr().err
     assert not (tmp_path / "camera.yaml").exists()
-    assert run("--hfov", 60, "--size", "1280x720", sky) == 1
+    assert run("--hfov", 60, "--size", "1280x720", sky) == 2
     assert "sky.png: is 960x540 pixels" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         run("--hfov", 60, "--size", "big", sky)

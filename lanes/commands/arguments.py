@@ -1,0 +1,107 @@
+"""What commands share: the files and the lens, checked numbers, a line of progress, and what an error means."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from lanes.camera import Camera
+
+# Pictures that an estimate of the mount looks at: more find nothing new.
+MOUNT_PICTURES = 40
+
+
+def add_footage(parser: argparse.ArgumentParser, *, files: str) -> None:
+    """The files that a command looks at; `files` is their help."""
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help=files)
+
+
+def add_lens(parser: argparse.ArgumentParser) -> None:
+    """The lens that took the pictures: --camera, --hfov with --size, or --boards; `find_lens` reads them."""
+    lens = parser.add_mutually_exclusive_group(required=True)
+    lens.add_argument("--camera", type=Path, metavar="YAML", help="camera file, as `calibrate` or `mount` writes it")
+    lens.add_argument(
+        "--hfov", type=number(10, 150), metavar="DEG", help="horizontal field of view, if never calibrated"
+    )
+    lens.add_argument("--boards", type=Path, metavar="FOLDER", help="pictures of a chessboard with 9 x 6 inner corners")
+    parser.add_argument("--size", type=size, metavar="WxH", help="picture size for --hfov (default: the first file's)")
+
+
+def find_lens(options: argparse.Namespace) -> Camera:
+    """The camera of the options of `add_lens`; with a mount only if it comes from a file that has one."""
+    from lanes.calibration.boards import calibrate_folder
+    from lanes.camera import Camera, load_camera
+    from lanes.video.footage import pick_pictures
+
+    if options.camera:
+        return load_camera(options.camera)
+    if options.boards:
+        return calibrate_folder(options.boards, progress=progress_line("boards"))
+    first = next(pick_pictures(options.files, 1))
+    return Camera.from_fov(options.size or (first.shape[1], first.shape[0]), options.hfov)
+
+
+def find_mount(camera: Camera, files: list[Path]) -> Camera:
+    """The camera as it is, or where it has no mount on the one that the files show; then printed, with how sure."""
+    from lanes.mounting.mount import estimate_mount
+    from lanes.video.footage import pick_pictures
+
+    if camera.mount is not None:
+        return camera
+    pictures = pick_pictures(files, MOUNT_PICTURES, camera)
+    estimate = estimate_mount(pictures, camera, progress=progress_line("mount"))
+    print(estimate.describe())
+    return camera.with_mount(estimate.mount)
+
+
+def number(least: float, most: float = math.inf) -> Callable[[str], float]:
+    """An argparse type: a number from `least` to `most`."""
+    limits = f"{least:g} or more" if most == math.inf else f"{least:g} to {most:g}"
+
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not (least <= value <= most and math.isfinite(value)):
+            raise argparse.ArgumentTypeError(f"{text} does not do; give a number, {limits}")
+        return value
+
+    return parse
+
+
+def count(text: str) -> int:
+    """An argparse type: a whole number from 1."""
+    if not (text.isdecimal() and int(text)):
+        raise argparse.ArgumentTypeError(f"{text} does not do; give a whole number, 1 or more")
+    return int(text)
+
+
+def size(text: str) -> tuple[int, int]:
+    """An argparse type: a picture's width and height, written like 1280x720."""
+    width, _, height = text.lower().partition("x")
+    if not (width.isdecimal() and height.isdecimal() and int(width) and int(height)):
+        raise argparse.ArgumentTypeError(f"{text} is no picture size; write it like 1280x720")
+    return int(width), int(height)
+
+
+def progress_line(name: str) -> Callable[[int, int], None]:
+    """A callback (done, total) that keeps one line on stderr up to date."""
+
+    def report(done: int, total: int) -> None:
+        print(f"\r{name}: {done} of {total}", end="\n" if done == total else "", file=sys.stderr, flush=True)
+
+    return report
+
+
+def error_status(error: OSError | ValueError) -> int:
+    """Exit status for an error: 2 if an input is missing or bad, 1 if the work could not be done with it."""
+    from lanes.mounting.mount import MountError
+
+    cannot_write = isinstance(error, OSError) and not isinstance(error, FileNotFoundError)
+    return 1 if cannot_write or isinstance(error, MountError) else 2

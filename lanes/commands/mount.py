@@ -1,0 +1,49 @@
+"""Estimate how the camera sits on the car: height, pitch, yaw and roll, from stills or videos of
+one drive, and write them, with the lens, into a camera file. Best are 20 pictures or more of a
+marked road by day; one will do, less surely.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from lanes.commands.arguments import MOUNT_PICTURES, add_footage, add_lens, count, find_lens, number, progress_line
+
+EXAMPLES = """\
+  python -m lanes mount --hfov 60 drive.mp4 -o camera.yaml
+  python -m lanes mount --camera lens.yaml --lane-width 3.5 drive/*.jpg -o camera.yaml
+  python -m lanes mount --boards my_boards --height 1.35 drive.mp4"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this command."""
+    add_footage(parser, files="stills or videos of one drive")
+    add_lens(parser)
+    parser.add_argument("--lane-width", type=number(2, 6), metavar="M", help="default: 3.66, a US Interstate's")
+    parser.add_argument(
+        "--height", type=number(0.5, 4.5), metavar="M", help="measured height of the camera above the road"
+    )
+    parser.add_argument(
+        "--pictures", type=count, default=MOUNT_PICTURES, metavar="N", help="use at most (default: %(default)s)"
+    )
+    parser.add_argument("-o", "--output", type=Path, default=Path("camera.yaml"), help="default: %(default)s")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Estimate the mount, print it and write it with the lens."""
+    from lanes.camera import save_camera
+    from lanes.mounting.mount import LANE_WIDTH_M, estimate_mount
+    from lanes.video.footage import pick_pictures
+
+    camera = find_lens(options)
+    estimate = estimate_mount(
+        pick_pictures(options.files, options.pictures, camera),
+        camera,
+        lane_width_m=LANE_WIDTH_M if options.lane_width is None else options.lane_width,
+        height_m=options.height,
+        progress=progress_line("mount"),
+    )
+    print(estimate.describe())
+    print(f"wrote {save_camera(camera.with_mount(estimate.mount), options.output)}")
+    return 0
