@@ -20,6 +20,7 @@ import numpy as np
 import yaml
 
 from lanes.images import PictureError, require_rgb, write_whole
+from lanes.words import html_table
 
 # Pictures whose aspect ratios differ by less than this come from the same sensor area: 1281x721 beside 1280x720
 # differs by 0.0006, the next common format (16:10 beside 16:9) by 0.18.
@@ -43,6 +44,11 @@ class Mount:
         angles = self.pitch_rad, self.yaw_rad, self.roll_rad
         if not (np.isfinite([self.height_m, *angles]).all() and self.height_m > 0):
             raise CameraError(f"{self} is no camera mount: the height must be positive and every angle finite.")
+
+    def describe(self) -> str:
+        """Words: "1.32 m high, pitch -1.80, yaw -1.36, roll 0.40 deg"."""
+        pitch, yaw, roll = np.degrees([self.pitch_rad, self.yaw_rad, self.roll_rad])
+        return f"{self.height_m:.2f} m high, pitch {pitch:.2f}, yaw {yaw:.2f}, roll {roll:.2f} deg"
 
     def rotation(self) -> np.ndarray:
         """(3, 3) matrix that takes directions in the road frame to camera axes."""
@@ -107,6 +113,30 @@ class Camera:
     def size(self) -> tuple[int, int]:
         """(width, height) in pixels."""
         return self.width, self.height
+
+    @property
+    def hfov_deg(self) -> float:
+        """Horizontal field of view, degrees, leaving the distortion aside."""
+        return float(np.degrees(2 * np.arctan(self.width / 2 / self.matrix[0, 0])))
+
+    def in_words(self) -> dict[str, str]:
+        """Picture size, lens, mount and calibration, by name."""
+        words = {
+            "picture": f"{self.width}x{self.height} px",
+            "lens": f"focal length {self.matrix[0, 0]:.0f} px, field of view {self.hfov_deg:.1f} deg"
+            + ("" if np.any(self.distortion) else ", no distortion"),
+            "mount": self.mount.describe() if self.mount else "unknown",
+        }
+        if self.report:
+            words["calibration"] = f"{len(self.report.board_rms_px)} boards, error {self.report.rms_px:.2f} px"
+        return words
+
+    def __repr__(self) -> str:
+        words = self.in_words()
+        return f"Camera({words['picture']}, {words['lens']}, mount {words['mount']})"
+
+    def _repr_html_(self) -> str:
+        return html_table("Camera", self.in_words())
 
     def with_mount(self, mount: Mount) -> Camera:
         """The same lens on another mount."""

@@ -5,6 +5,10 @@ Signs: curvature > 0 bends left; offset > 0 has the car left of the lane's centr
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from html import escape
+from math import degrees
+
 # A straight road measures as some huge radius of either sign; above this one the bend is not worth a word: over the
 # 30 m that the classic views show, the line leaves its tangent by 0.15 m, the width of the paint.
 STRAIGHT_RADIUS_M = 3000.0
@@ -19,13 +23,34 @@ def describe_bend(curvature_per_m: float | None) -> str:
     return f"bends {'left' if curvature_per_m > 0 else 'right'}, R {_two_digits(1 / abs(curvature_per_m))} m"
 
 
-def describe_offset(offset_m: float | None) -> str:
-    """Words for an offset: "0.12 m left of centre", "in the centre" or "offset unknown"."""
+def describe_offset(offset_m: float | None, std_m: float | None = None) -> str:
+    """Words for an offset: "0.12 m left of centre", "in the centre" or "offset unknown".
+
+    With a standard deviation: "0.12 ± 0.02 m left of centre".
+    """
     if offset_m is None:
         return "offset unknown"
+    if std_m is not None:
+        return f"{abs(offset_m):.2f} ± {std_m:.2f} m {'left' if offset_m > 0 else 'right'} of centre"
     if abs(offset_m) < 0.005:
         return "in the centre"
     return f"{abs(offset_m):.2f} m {'left' if offset_m > 0 else 'right'} of centre"
+
+
+def describe_heading(heading_rad: float | None) -> str:
+    """Words for the road's direction seen from the car: "0.6 deg to the left", "straight ahead", "heading unknown"."""
+    if heading_rad is None:
+        return "heading unknown"
+    degrees_ = abs(degrees(heading_rad))
+    return (
+        f"{degrees_:.1f} deg to the {'left' if heading_rad > 0 else 'right'}" if degrees_ >= 0.05 else "straight ahead"
+    )
+
+
+def html_table(title: str, rows: Mapping[str, str]) -> str:
+    """A small table for notebooks: a heading, then name and words of each row."""
+    cells = "".join(f"<tr><th>{escape(name)}</th><td>{escape(words)}</td></tr>" for name, words in rows.items())
+    return f"<table><caption>{escape(title)}</caption>{cells}</table>"
 
 
 def _two_digits(radius: float) -> str:

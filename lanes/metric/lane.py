@@ -31,6 +31,7 @@ from lanes.metric.lanemodel import (
 )
 from lanes.metric.roadview import RoadView
 from lanes.metric.votes import FAR_M, best_pairs, count_votes, distinct
+from lanes.words import describe_bend, describe_heading, describe_offset, html_table
 
 # Rival hypotheses that are followed to the end, and how near two of them are the same lane.
 RIVALS, SAME_M = 3, 0.5
@@ -81,6 +82,13 @@ class LaneLine:
     reach_m: float
     seen: bool
     paint: Paint | None = None
+
+    def in_words(self) -> str:
+        """Where the line runs beside the car, and what it rests on."""
+        beside = f"{abs(self.c0_m):.2f} ± {self.c0_std_m:.2f} m {'left' if self.c0_m > 0 else 'right'}"
+        if not self.seen:
+            return f"{beside}, inferred from the other line"
+        return f"{beside}, paint on {min(self.support, 1):.0%} of its rows, up to {self.reach_m:.0f} m"
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +156,25 @@ class Lane:
             model=model,
             covariance=covariance,
         )
+
+    def in_words(self) -> dict[str, str]:
+        """What is known of the lane, by name: offset, bend, heading, width and both lines."""
+        return {
+            "offset": describe_offset(self.offset_m, self.offset_std_m),
+            "bend": f"{describe_bend(self.curvature_per_m)} "
+            f"({1e3 * self.curvature_per_m:.2f} ± {1e3 * self.curvature_std_per_m:.2f} per km)",
+            "heading": describe_heading(self.heading_rad),
+            "width": f"{self.width_m:.2f} ± {self.width_std_m:.2f} m",
+            "left line": self.left.in_words(),
+            "right line": self.right.in_words(),
+        }
+
+    def __repr__(self) -> str:
+        words = self.in_words()
+        return f"Lane({words['offset']}, {describe_bend(self.curvature_per_m)}, {words['width']} wide)"
+
+    def _repr_html_(self) -> str:
+        return html_table("Lane", self.in_words())
 
     def lateral_m(self, x_m: np.ndarray) -> np.ndarray:
         """Lateral places (2, N) of the left and right line at distances (N,), metres; NaN where one has turned back."""

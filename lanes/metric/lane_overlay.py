@@ -17,7 +17,7 @@ from lanes.metric.lanemodel import SIDES, line_points
 from lanes.metric.roadview import RoadView
 from lanes.metric.tracked import TrackedLane
 from lanes.metric.tracker import LaneTracker
-from lanes.words import describe_bend
+from lanes.words import describe_bend, describe_offset
 
 # Nearer than this the own bonnet hides the road from most cameras. Drawn in even steps of 1/x, that is of picture rows.
 NEAREST_M = 6.0
@@ -123,10 +123,9 @@ def describe_tracked(tracked: TrackedLane) -> list[str]:
     lane = tracked.lane
     if lane is None:
         return ["lane lost"]
-    side = "left" if lane.offset_m > 0 else "right"
     lines = [
         describe_bend(lane.curvature_per_m),
-        f"{abs(lane.offset_m):.2f} ± {lane.offset_std_m:.2f} m {side} of centre",
+        describe_offset(lane.offset_m, lane.offset_std_m),
         f"{tracked.state}, confidence {tracked.confidence:.2f}",
     ]
     warning = tracked.warning.describe() if tracked.warning else None

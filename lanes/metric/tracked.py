@@ -8,6 +8,7 @@ from lanes.metric.confidence import rate_lane
 from lanes.metric.departure import DepartureWarning
 from lanes.metric.lane import Lane, LaneLine
 from lanes.metric.linekind import LineKind
+from lanes.words import html_table
 
 SEARCHING, TRACKING, COASTING, LOST = "searching", "tracking", "coasting", "lost"
 # The state of a lane found in a single picture, which has no before.
@@ -46,6 +47,24 @@ class TrackedLane:
     def from_still(cls, lane: Lane | None) -> TrackedLane:
         """A lane found in a single picture, with its confidence; lost where none was found."""
         return cls(LOST) if lane is None else cls(FOUND, rate_lane(lane), lane)
+
+    def in_words(self) -> dict[str, str]:
+        """State and confidence, and what is known of the lane, by name."""
+        words = {"state": self.state}
+        if self.lane is None:
+            return words
+        words |= {"confidence": f"{self.confidence:.0%}"} | self.lane.in_words()
+        if self.speed_mps is not None:
+            words["speed"] = f"{3.6 * self.speed_mps:.0f} km/h"
+        if self.warning and self.warning.due:
+            words["warning"] = self.warning.describe()
+        return words
+
+    def __repr__(self) -> str:
+        return f"TrackedLane({self.state}, confidence {self.confidence:.2f}, {self.lane})"
+
+    def _repr_html_(self) -> str:
+        return html_table("Lane in this frame", self.in_words())
 
     @property
     def offset_m(self) -> float | None:

@@ -25,6 +25,7 @@ from lanes.metric.linekind import KindVotes
 from lanes.metric.motion import AIM, PATH, SPEED, Belief, first_belief
 from lanes.metric.roadview import RoadView
 from lanes.metric.tracked import COASTING, LOST, SEARCHING, TRACKING, TrackedLane
+from lanes.words import html_table
 
 # A lane that was found counts as there from this score (sum of the roots of both lines' supports) on, and as surely
 # there when so many searches in a row have found it; a followed one is there while its lines' supports add up to this.
@@ -75,6 +76,20 @@ class LaneTracker:
         self._unseen_s, self._margin = 0.0, 0.0
         self._seen = (Seen(), Seen())
         self._votes = (KindVotes(), KindVotes())
+
+    def in_words(self) -> dict[str, str]:
+        """What the tracker is set to, and what it knows now, by name."""
+        camera = self.view.camera
+        speed = "estimated" if self.speed_mps is None else f"{3.6 * self.speed_mps:.0f} km/h, given"
+        settings = {"camera": f"{camera.width}x{camera.height} px, {camera.mount.height_m:.2f} m above the road"}
+        return settings | {"pictures a second": f"{self.fps:g}", "speed": speed} | self._report().in_words()
+
+    def __repr__(self) -> str:
+        camera = self.view.camera
+        return f"LaneTracker({camera.width}x{camera.height} px, {self.fps:g} pictures a second, {self._state})"
+
+    def _repr_html_(self) -> str:
+        return html_table("LaneTracker", self.in_words())
 
     def update(self, image: np.ndarray, *, elapsed_s: float | None = None) -> TrackedLane:
         """Look at the next picture.

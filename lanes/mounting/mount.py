@@ -20,6 +20,7 @@ from lanes.images import list_pictures, read_image
 from lanes.mounting.lanewidth import USUAL_HEIGHT_M, USUAL_ROLL_STD, LaneView, lane_share, view_lanes
 from lanes.mounting.stripes import Segments, find_segments
 from lanes.mounting.vanishing import DIRECTIONS, HORIZONS, RoadLines, fit_lines, vote
+from lanes.words import html_table
 
 # 12 ft, the lane of US Interstates (AASHTO, A Policy on Design Standards: Interstate System); motorway lanes elsewhere
 # are 3.50 to 3.75 m, hence the standard deviation.
@@ -36,6 +37,7 @@ WIDEST_SCATTER_DEG, WIDEST_YAW_DEG = 10.0, 12.0
 FEW_HEADINGS = 5
 # The pictures are worked on at this width: more pixels find no more paint.
 WORKING_WIDTH = 1280
+ANGLES = "pitch", "yaw", "roll"
 # First look for the horizon: in this many pictures, from these shares of the picture's height.
 ROUGH_PICTURES, ROUGH_HORIZONS = 8, np.array([0.3, 0.45, 0.6, 0.75])
 
@@ -88,6 +90,23 @@ class MountEstimate:
                 f"from {self.frames_used} of {self.frames_total} pictures",
                 *(f"note: {note}" for note in self.notes),
             ]
+        )
+
+    def in_words(self) -> dict[str, str]:
+        """Each number with its standard deviation, by name."""
+        angles = {name: (getattr(self.mount, f"{name}_rad"), getattr(self, f"{name}_std_rad")) for name in ANGLES}
+        return {
+            "height": f"{self.mount.height_m:.2f} ± {self.height_std_m:.2f} m (lane {self.lane_width_m:.2f} m wide)",
+            **{name: f"{np.degrees(angle):.2f} ± {np.degrees(std):.2f} deg" for name, (angle, std) in angles.items()},
+            "pictures": f"{self.frames_used} of {self.frames_total} used",
+        }
+
+    def __repr__(self) -> str:
+        return f"MountEstimate({', '.join(f'{name} {words}' for name, words in self.in_words().items())})"
+
+    def _repr_html_(self) -> str:
+        return html_table(
+            "How the camera is mounted", self.in_words() | {f"note {n}": note for n, note in enumerate(self.notes, 1)}
         )
 
 
