@@ -15,6 +15,7 @@ import numpy as np
 
 from lanes.draw import LANE, LEFT, RIGHT, WINDOW, Colour
 from lanes.images import write_whole
+from lanes.metric.tracked import COASTING, FOUND, LOST, SEARCHING, TRACKING
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,6 +31,15 @@ STYLE = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "lines.linewidth": 1.8,
+}
+TRUTH_LOOK = {"color": "0.15", "linestyle": "--", "linewidth": 1.3, "zorder": 3}
+# From sure to lost.
+STATE_COLOURS = {
+    TRACKING: LANE,
+    FOUND: LANE,
+    SEARCHING: WINDOW,
+    COASTING: (255, 140, 0),
+    LOST: LEFT,
 }
 
 
@@ -133,8 +143,7 @@ def plot_series(
     figure, axes = _figure(len(series), 1, (10, 0.6 + 2.2 * len(series)), sharex=True)
     for axis, (label, curves) in zip(axes, series.items(), strict=True):
         for name, values in curves.items():
-            truth_look = {"color": "0.15", "linestyle": "--", "linewidth": 1.3, "zorder": 3}
-            look = truth_look if name == "truth" else {"color": _line_colour(name)}
+            look = TRUTH_LOOK if name == "truth" else {"color": _line_colour(name)}
             axis.plot(times_s, values, label=name, **look)
         axis.set_ylabel(label)
         axis.grid(alpha=0.3)
@@ -144,6 +153,65 @@ def plot_series(
     axes[-1].set_xlabel(xlabel)
     axes[0].set_title(title, loc="left")
     return figure, axes
+
+
+def plot_telemetry(
+    rows: Mapping[str, np.ndarray], *, truth: Mapping[str, np.ndarray] | None = None, title: str = ""
+) -> tuple[Figure, np.ndarray]:
+    """Plot a drive: offset and curvature with their bands of one standard deviation, confidence, and the states.
+
+    Parameters
+    ----------
+    rows : mapping of str to ndarray of shape (N,)
+        Telemetry as `read_telemetry` gives it: time_s, state, confidence, offset_m, offset_std_m, curvature_per_m,
+        curvature_std_per_m; NaN leaves a gap.
+    truth : mapping of str to ndarray of shape (M,), optional
+        The drive's truth: time_s, offset_m, curvature_per_m.
+    title : str
+
+    Returns
+    -------
+    figure, axes : Figure, ndarray of Axes of shape (3,)
+        Offset, curvature, confidence; the states colour the time axis of each.
+    """
+    figure, axes = _figure(3, 1, (10, 7), sharex=True, height_ratios=(2, 2, 1.2))
+    labels = {"offset_m": "offset (m), left > 0", "curvature_per_m": "curvature (1/m), left > 0"}
+    for axis, (name, label) in zip(axes, labels.items(), strict=False):
+        quantity, unit = name.split("_", 1)
+        std = rows[f"{quantity}_std_{unit}"]
+        axis.fill_between(rows["time_s"], rows[name] - std, rows[name] + std, color=_rgb(RIGHT), alpha=0.25, lw=0)
+        axis.plot(rows["time_s"], rows[name], color=_rgb(RIGHT), label="measured, ± one standard deviation")
+        if truth is not None:
+            axis.plot(truth["time_s"], truth[name], label="truth", **TRUTH_LOOK)
+        axis.set_ylabel(label)
+    axes[2].plot(rows["time_s"], rows["confidence"], color="0.25")
+    axes[2].set(xlabel="time (s)", ylabel="confidence", ylim=(0, 1.02))
+    for axis in axes:
+        axis.grid(alpha=0.3)
+        _colour_states(axis, rows["time_s"], rows["state"])
+    axes[0].legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2, frameon=False, borderaxespad=0)
+    axes[2].legend(loc="lower left", ncols=4, frameon=False)
+    axes[0].set_title(title, loc="left")
+    return figure, axes
+
+
+def plot_path(
+    paths_m: Mapping[str, np.ndarray], *, title: str = "Where the car has driven (the drift grows along the way)"
+) -> tuple[Figure, Axes]:
+    """Plot a map of driven paths, name to (N, 2) metres as `integrate_path` gives them; "truth" is drawn dashed."""
+    figure, (axis,) = _figure(1, 1, (10, 5))
+    for name, path in paths_m.items():
+        axis.plot(*np.transpose(path), label=name, **(TRUTH_LOOK if name == "truth" else {}))
+    axis.plot(0, 0, "o", color="0.15", markersize=5)
+    axis.annotate("start", (0, 0), xytext=(6, 6), textcoords="offset points")
+    axis.set(xlabel="ahead of the start (m)", ylabel="to its left (m)", aspect="equal")
+    # Equal scales on both axes need some width, even where the road is straight.
+    axis.set_adjustable("datalim")
+    axis.set_title(title, loc="left")
+    axis.grid(alpha=0.3)
+    if len(paths_m) > 1:
+        axis.legend(frameon=False)
+    return figure, axis
 
 
 def save_figure(figure: Figure, path: str | Path, *, jpeg_quality: int = 85) -> Path:
@@ -188,6 +256,16 @@ def _show_picture(axis: Axes, image: np.ndarray, title: str) -> None:
     axis.imshow(image, **limits)
     axis.set_title(title)
     axis.set_axis_off()
+
+
+def _colour_states(axis: Axes, times_s: np.ndarray, states: np.ndarray) -> None:
+    """A strip along the bottom of the panel, in the colour of each frame's state."""
+    step_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 1.0
+    for state in dict.fromkeys(states):
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], states == state, [0]])))
+        spans = [(times_s[a], times_s[b - 1] - times_s[a] + step_s) for a, b in edges.reshape(-1, 2)]
+        across = axis.get_xaxis_transform()
+        axis.broken_barh(spans, (0, 0.05), transform=across, color=_rgb(STATE_COLOURS[state]), lw=0, label=state)
 
 
 def _line_colour(name: str) -> tuple[float, float, float] | None:
