@@ -30,8 +30,10 @@ Data             open_dataset, check, PROJECT_ROOT                              
                  draw_found, annotate_folder                                                lanes.metric.lane_overlay
 12 Memory        LaneTracker                                                                lanes.metric.tracker
                  track_lane                                                                 lanes.metric.lane_overlay
+                 integrate_path                                                             lanes.metric.path
                  read_frames                                                                lanes.video.videofile
-Figures          show_pictures, plot_bars, plot_histogram, plot_series, save_figure         lanes.plots
+Figures          show_pictures, plot_bars, plot_histogram, plot_series, plot_telemetry,
+                 plot_path, save_figure                                                     lanes.plots
 """
 
 from lanes.benchmark.measures import (
@@ -67,10 +69,19 @@ from lanes.images import list_pictures, read_image, write_image
 from lanes.metric.evidence import find_stripes, measure_paint
 from lanes.metric.lane import find_lane
 from lanes.metric.lane_overlay import annotate_folder, draw_found, track_lane
+from lanes.metric.path import integrate_path
 from lanes.metric.roadview import RoadView
 from lanes.metric.tracker import LaneTracker
 from lanes.mounting.mount import estimate_mount, mount_camera
-from lanes.plots import plot_bars, plot_histogram, plot_series, save_figure, show_pictures
+from lanes.plots import (
+    plot_bars,
+    plot_histogram,
+    plot_path,
+    plot_series,
+    plot_telemetry,
+    save_figure,
+    show_pictures,
+)
 from lanes.video.annotate import annotate_video, open_clip
 from lanes.video.footage import pick_pictures
 from lanes.video.telemetry import read_telemetry
@@ -120,6 +131,7 @@ __all__ = [
     "format_table",
     "get_recipe",
     "gradient_x_mask",
+    "integrate_path",
     "lane_histogram",
     "line_coverage",
     "list_pictures",
@@ -134,7 +146,9 @@ __all__ = [
     "pick_pictures",
     "plot_bars",
     "plot_histogram",
+    "plot_path",
     "plot_series",
+    "plot_telemetry",
     "range_mask",
     "ransac_line",
     "read_frames",
