@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -18,6 +19,7 @@ import numpy as np
 from lanes.camera import Camera, camera_to_dict
 from lanes.images import write_image, write_whole
 from lanes.scenes.dashcam import DASHCAM
+from lanes.scenes.workers import ordered
 
 COLUMNS, ROWS = 9, 6
 # 10 x 7 squares of this size leave margins of 15 and 19 mm on a sheet of US Letter paper.
@@ -89,7 +91,9 @@ VIEWS = (
 )
 
 
-def write_boards(folder: str | Path, *, progress: Callable[[int, int], None] | None = None) -> list[Path]:
+def write_boards(
+    folder: str | Path, *, progress: Callable[[int, int], None] | None = None, workers: int | None = None
+) -> list[Path]:
     """Write calibration1.jpg .. calibration20.jpg and truth.json.
 
     Parameters
@@ -98,6 +102,8 @@ def write_boards(folder: str | Path, *, progress: Callable[[int, int], None] | N
         Created where needed.
     progress : callable, optional
         Called as progress(pictures done, pictures in all).
+    workers : int, optional
+        Processes that render; the files do not depend on it. Default: as many as CPUs may be used.
 
     Returns
     -------
@@ -112,14 +118,19 @@ def write_boards(folder: str | Path, *, progress: Callable[[int, int], None] | N
     folder = Path(folder)
     written = []
     truth: dict = {"camera": camera_to_dict(DASHCAM), "pattern": [COLUMNS, ROWS], "boards": {}}
-    for number, view in enumerate(VIEWS, 1):
-        name = f"calibration{number}.jpg"
-        written.append(write_image(folder / name, render_board(view, seed=number), jpeg_quality=90))
-        truth["boards"][name] = _board_truth(view)
-        if progress:
-            progress(number, len(VIEWS))
+    with closing(ordered(_seeded_board, enumerate(VIEWS, 1), workers=workers)) as boards:
+        for number, (view, board) in enumerate(zip(VIEWS, boards, strict=True), 1):
+            name = f"calibration{number}.jpg"
+            written.append(write_image(folder / name, board, jpeg_quality=90))
+            truth["boards"][name] = _board_truth(view)
+            if progress:
+                progress(number, len(VIEWS))
     write_whole(folder / "truth.json", (json.dumps(truth) + "\n").encode())
     return [*written, folder / "truth.json"]
+
+
+def _seeded_board(seed_and_view: tuple[int, View]) -> np.ndarray:
+    return render_board(seed_and_view[1], seed=seed_and_view[0])
 
 
 def render_board(view: View, *, seed: int = 0, camera: Camera = DASHCAM) -> np.ndarray:

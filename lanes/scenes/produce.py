@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable
 from contextlib import closing
+from functools import lru_cache, partial
 from pathlib import Path
 
 import imageio_ffmpeg
@@ -12,7 +14,8 @@ from lanes.camera import save_camera
 from lanes.images import whole_file, write_image
 from lanes.scenes.catalogue import VIDEO_FPS, VIDEO_SECONDS, project_video, still_scenes
 from lanes.scenes.render import Drive, render_frame
-from lanes.scenes.truth import truth_entry, truth_row, write_truth_csv, write_truth_json
+from lanes.scenes.truth import Truth, truth_entry, truth_row, write_truth_csv, write_truth_json
+from lanes.scenes.workers import ordered
 
 Progress = Callable[[int, int], None]
 
@@ -21,7 +24,7 @@ Progress = Callable[[int, int], None]
 ENCODER = ["-crf", "21", "-preset", "slow", "-threads", "1", "-movflags", "+faststart", "-bitexact"]
 
 
-def write_stills(folder: str | Path, *, progress: Progress | None = None) -> list[Path]:
+def write_stills(folder: str | Path, *, progress: Progress | None = None, workers: int | None = None) -> list[Path]:
     """Write the eight test pictures and their truth.json.
 
     Parameters
@@ -30,6 +33,8 @@ def write_stills(folder: str | Path, *, progress: Progress | None = None) -> lis
         Created where needed; "test_images" in the project.
     progress : callable, optional
         Called as progress(pictures done, pictures in all).
+    workers : int, optional
+        Processes that render; the files do not depend on it. Default: as many as CPUs may be used.
 
     Returns
     -------
@@ -44,14 +49,14 @@ def write_stills(folder: str | Path, *, progress: Progress | None = None) -> lis
     folder = Path(folder)
     scenes = still_scenes()
     written, entries = [], []
-    for number, (name, drive) in enumerate(scenes.items(), 1):
-        frame = render_frame(drive)
-        path = write_image(folder / f"{name}.jpg", frame.image)
-        raw_file = f"{folder.name}/{path.name}"
-        entries.append(truth_entry(frame.truth, raw_file=raw_file, camera=drive.camera_at(0.0), hidden=frame.hidden))
-        written.append(path)
-        if progress:
-            progress(number, len(scenes))
+    with closing(ordered(render_frame, scenes.values(), workers=workers)) as frames:
+        for number, ((name, drive), frame) in enumerate(zip(scenes.items(), frames, strict=True), 1):
+            path = write_image(folder / f"{name}.jpg", frame.image)
+            raw_file, camera = f"{folder.name}/{path.name}", drive.camera_at(0.0)
+            entries.append(truth_entry(frame.truth, raw_file=raw_file, camera=camera, hidden=frame.hidden))
+            written.append(path)
+            if progress:
+                progress(number, len(scenes))
     camera = next(iter(scenes.values())).camera
     write_truth_json(folder / "truth.json", camera, entries)
     return [*written, folder / "truth.json"]
@@ -63,6 +68,7 @@ def write_video(
     drive: Drive | None = None,
     seconds: float = VIDEO_SECONDS,
     progress: Progress | None = None,
+    workers: int | None = None,
 ) -> list[Path]:
     """Write a drive as H.264 video, with a CSV of its truth (a row a frame) and its camera beside it.
 
@@ -75,6 +81,8 @@ def write_video(
     seconds : float
     progress : callable, optional
         Called as progress(frames done, frames in all).
+    workers : int, optional
+        Processes that render; the files do not depend on it. Default: as many as CPUs may be used.
 
     Returns
     -------
@@ -88,14 +96,14 @@ def write_video(
     """
     path, drive = Path(path), drive or project_video()
     count = round(seconds * VIDEO_FPS)
-    with whole_file(path) as partial:
-        rows = _encode(partial, drive, count, progress)
+    with whole_file(path) as unfinished:
+        rows = _encode(unfinished, drive, count, progress, workers)
     write_truth_csv(path.with_suffix(".csv"), rows)
     save_camera(drive.camera, path.with_suffix(".yaml"))
     return [path, path.with_suffix(".csv"), path.with_suffix(".yaml")]
 
 
-def _encode(path: Path, drive: Drive, count: int, progress: Progress | None) -> list[dict]:
+def _encode(path: Path, drive: Drive, count: int, progress: Progress | None, workers: int | None) -> list[dict]:
     """Render and encode `count` frames; the truth's rows."""
     writer = imageio_ffmpeg.write_frames(
         str(path),
@@ -107,12 +115,24 @@ def _encode(path: Path, drive: Drive, count: int, progress: Progress | None) -> 
         output_params=ENCODER,
     )
     rows = []
-    with closing(writer):
+    frames = ordered(partial(_render, pickle.dumps(drive)), range(count), workers=workers)
+    with closing(writer), closing(frames):
         writer.send(None)
-        for number in range(count):
-            frame = render_frame(drive, number / VIDEO_FPS)
-            writer.send(frame.image.tobytes())
-            rows.append(truth_row(frame.truth, frame=number))
+        for number, (image, truth) in enumerate(frames):
+            writer.send(image)
+            rows.append(truth_row(truth, frame=number))
             if progress:
                 progress(number + 1, count)
     return rows
+
+
+def _render(drive: bytes, number: int) -> tuple[bytes, Truth]:
+    """One frame of a pickled drive; what the encoder and the table need of it, and no more, goes back."""
+    frame = render_frame(_unpickled(drive), number / VIDEO_FPS)
+    return frame.image.tobytes(), frame.truth
+
+
+@lru_cache(maxsize=1)
+def _unpickled(drive: bytes) -> Drive:
+    """The same object for every frame, so that what is computed once for a camera and a road stays known."""
+    return pickle.loads(drive)
