@@ -188,8 +188,11 @@ def plot_telemetry(
     axes[2].set(xlabel="time (s)", ylabel="confidence", ylim=(0, 1.02))
     for axis in axes:
         axis.grid(alpha=0.3)
+        # Room for the strip below the curves.
+        axis.margins(y=0.12)
         _colour_states(axis, rows["time_s"], rows["state"])
-    axes[0].legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2, frameon=False, borderaxespad=0)
+    curves = axes[0].get_legend_handles_labels()[0][: len(axes[0].lines)]
+    axes[0].legend(handles=curves, loc="lower right", bbox_to_anchor=(1, 1), ncols=2, frameon=False, borderaxespad=0)
     axes[2].legend(loc="lower left", ncols=4, frameon=False)
     axes[0].set_title(title, loc="left")
     return figure, axes
