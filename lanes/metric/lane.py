@@ -237,15 +237,25 @@ def observe(image: np.ndarray, view: RoadView) -> Sight:
 
 def search_lane(stripes: Stripes, view: RoadView) -> LaneFit | None:
     """Fit the lanes that the stripes vote for, `RIVALS` of them, best votes first; None if there are no stripes."""
-    near = stripes.select(stripes.x_m < START[-1][0])
+    near = near_stripes(stripes)
     if not len(near):
         return None
-    votes = count_votes(near, view.height_m)
-    starts = best_pairs(votes, int((view.x_m < FAR_M).sum()))
+    _, starts = vote_lanes(near, view)
     first = fit_lanes(starts, near, view.height_m, view.focal_px, schedule=START)
     support = np.sqrt((first.weight[:, None] * (first.side[:, None] == SIDES[:, None])).sum(-1)).sum(-1)
     lanes = distinct(first.lane[np.argsort(elsewhere(first.lane) * 1e3 - support, kind="stable")], RIVALS)
     return fit_lanes(lanes, stripes, view.height_m, view.focal_px)
+
+
+def near_stripes(stripes: Stripes) -> Stripes:
+    """Those that votes and the beginning of the fit rest on."""
+    return stripes.select(stripes.x_m < START[-1][0])
+
+
+def vote_lanes(near: Stripes, view: RoadView) -> tuple[np.ndarray, np.ndarray]:
+    """The vote table (hypotheses, bins) of the stripes nearby, and the lanes (K, 7) that it suggests, best first."""
+    votes = count_votes(near, view.height_m)
+    return votes, best_pairs(votes, int((view.x_m < FAR_M).sum()))
 
 
 def follow_lane(stripes: Stripes, view: RoadView, mean: np.ndarray, information: np.ndarray) -> LaneFit:
@@ -265,7 +275,7 @@ def describe_lane(fit: LaneFit, sight: Sight, view: RoadView) -> Lane | None:
     """The best of the fitted lanes in metres; None if neither of its lines is seen."""
     lines = lines_on_view(fit.lane, view.x_m, view.height_m)
     support = support_of(fit, lines, sight.stripes, view)
-    score = np.sqrt(support).sum(axis=1) - PRIOR_WEIGHT * strangeness(fit.lane) - elsewhere(fit.lane)
+    score = score_lanes(fit.lane, support)
     best = int(score.argmax())
     if support[best].max() < LEAST_SUPPORT:
         return None
@@ -295,6 +305,11 @@ def _on_inner_stripes(lane: np.ndarray, paint: list[Paint | None]) -> np.ndarray
     moved = lane.copy()
     moved[[CENTRE, WIDTH]] += (left + right) / 2, left - right
     return moved
+
+
+def score_lanes(lanes: np.ndarray, support: np.ndarray) -> np.ndarray:
+    """(K,) how good lanes (K, 7) with these supports (K, 2) are: paint, less how unusual, less not being the own."""
+    return np.sqrt(support).sum(axis=1) - PRIOR_WEIGHT * strangeness(lanes) - elsewhere(lanes)
 
 
 def elsewhere(lanes: np.ndarray) -> np.ndarray:
