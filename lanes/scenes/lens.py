@@ -64,7 +64,7 @@ def develop(light: np.ndarray, lens: Lens, *, road_light: float, seed: int) -> n
     ndarray of shape (height, width, 3), uint8
     """
     height, width = light.shape[:2]
-    gain = np.float32(2.0**lens.exposure * (ADAPTED_TO / max(road_light, 0.01)) ** lens.adaptation)
+    gain = np.float32(2.0**lens.exposure * (ADAPTED_TO / max(road_light, 0.002)) ** lens.adaptation)
     light = cv2.GaussianBlur(light, (0, 0), lens.blur_px) if lens.blur_px else light
     light = light * (gain * _vignette(height, width, lens.vignette))[..., None]
     # Work on the square root of light, where photon noise has the same size everywhere.

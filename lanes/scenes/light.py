@@ -17,6 +17,8 @@ SKY_SHARE = np.array([0.11, 0.15, 0.22], np.float32)
 NEAREST_M = 1.5
 SHADOWS_UNTIL_M = 160.0
 LEAF_SEED = 61
+# What walls and the sunny road outside throw below the middle of a wide bridge, as a share of the open sky's light.
+BOUNCED = 0.4
 
 
 @dataclass(frozen=True)
@@ -50,11 +52,15 @@ class TreeShade:
 
 @dataclass(frozen=True)
 class BridgeShade:
-    """The sharp shadow of a bridge across the whole road; `skew` is ds/dd of its edges."""
+    """The sharp shadow of a bridge across the whole road, and the sky that its deck hides.
+
+    `skew` is ds/dd of its edges; `clearance_m` is the height of the deck above the road.
+    """
 
     start_m: float
     end_m: float
     skew: float = 0.0
+    clearance_m: float = 5.0
 
     def mirrored(self) -> BridgeShade:
         """The shade with left and right exchanged."""
@@ -80,9 +86,37 @@ def sunlight_on_ground(
     return sun
 
 
-def light_on_ground(sun: np.ndarray) -> np.ndarray:
-    """Irradiance (rows, width, 3) float32 relative to open ground, from the share of the sun."""
-    return cv2.merge([sky + sun * (1 - sky) for sky in SKY_SHARE])
+def sky_on_ground(
+    shades: tuple[TreeShade | BridgeShade, ...], ground: Ground, *, station_m: float
+) -> np.ndarray | None:
+    """Share of the sky's light that bridges leave to each pixel's ground, (rows, width) float32; None if no bridge."""
+    bridges = [shade for shade in shades if isinstance(shade, BridgeShade)]
+    if not bridges:
+        return None
+    share = np.ones_like(ground.s)
+    for shade in bridges:
+        t = ground.s + np.float32(station_m) - np.float32(shade.skew) * ground.d
+        share -= hidden_sky(shade, t)
+    return np.maximum(share, np.float32(BOUNCED))
+
+
+def light_along(
+    shades: tuple[TreeShade | BridgeShade, ...], s_m: np.ndarray, d_m: np.ndarray, *, seed: int
+) -> np.ndarray:
+    """Irradiance (N, 3) relative to open ground at places (s_m, d_m) on the road, (N,) each: no single leaf is seen."""
+    s, d = (np.asarray(x, np.float32)[:, None] for x in (s_m, d_m))
+    wide, none = np.full_like(s, 2.0), np.zeros_like(s)
+    # Wide footprints, which average the leaves away.
+    ground = Ground(0, np.ones(s.shape, bool), s, s, d, s, d, none, wide, wide, none)
+    sun = sunlight_on_ground(shades, ground, station_m=0.0, seed=seed)
+    return light_on_ground(sun, sky_on_ground(shades, ground, station_m=0.0))[:, 0]
+
+
+def light_on_ground(sun: np.ndarray, sky: np.ndarray | None = None) -> np.ndarray:
+    """Irradiance (rows, width, 3) float32 relative to open ground, from the shares of the sun and of the sky."""
+    if sky is None:
+        return cv2.merge([share + sun * (1 - share) for share in SKY_SHARE])
+    return cv2.merge([share * sky + sun * (1 - share) for share in SKY_SHARE])
 
 
 def darken_polygons(
@@ -160,6 +194,15 @@ def _under_bridge(shade: BridgeShade, ground: Ground, s: np.ndarray) -> np.ndarr
     into = edge_coverage(t - np.float32(shade.start_m), np.abs(ground.s_u) + soft, ground.s_v)
     out = edge_coverage(t - np.float32(shade.end_m), np.abs(ground.s_u) + soft, ground.s_v)
     return 1 - (into - out)
+
+
+def hidden_sky(shade: BridgeShade, t: np.ndarray) -> np.ndarray:
+    """Share of the sky's light on level ground that an endless strip overhead takes, seen from places t along the road.
+
+    Half the difference of the sines of the directions to its edges (view factor of a strip from a parallel plate).
+    """
+    sines = [(edge - t) / np.hypot(edge - t, np.float32(shade.clearance_m)) for edge in (shade.start_m, shade.end_m)]
+    return (sines[1] - sines[0]).astype(np.float32) / 2
 
 
 def _under_tree(shade: TreeShade, ground: Ground, s: np.ndarray, seed: int) -> np.ndarray:

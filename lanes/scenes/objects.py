@@ -6,6 +6,9 @@ direction points towards the sun, in the same frame.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
@@ -14,6 +17,7 @@ from lanes.scenes.bonnet import draw_bonnet
 from lanes.scenes.brush import inside, lay_over, paint_polygons, project_faces, viewing_planes
 from lanes.scenes.cars import BODY, ON_BODY, car_faces
 from lanes.scenes.foliage import plant_sprite
+from lanes.scenes.overpass import Slab, paint_slab
 from lanes.scenes.shading import irradiance, shade_faces
 from lanes.scenes.shadows import shadow_polygons
 from lanes.scenes.sky import air_between
@@ -33,7 +37,14 @@ SIGN_COLOURS = {
 
 
 def draw_objects(
-    image: np.ndarray, camera: Camera, objects: list[Thing], *, sun_direction: np.ndarray, haze: float = 0.06
+    image: np.ndarray,
+    camera: Camera,
+    objects: list[Thing],
+    *,
+    sun_direction: np.ndarray,
+    haze: float = 0.06,
+    light_at: Callable[[np.ndarray], np.ndarray] | None = None,
+    air_at: Callable[[float], tuple[np.ndarray, np.ndarray]] | None = None,
 ) -> np.ndarray:
     """Paint things over a picture, the farthest first.
 
@@ -49,6 +60,11 @@ def draw_objects(
         Unit vector towards the sun, road frame.
     haze : float
         Extinction of the air, 1/km.
+    light_at : callable, optional
+        From places (N, 2) in the road frame to the light (N, 3) there, as a share of open daylight; all of it
+        everywhere by default.
+    air_at : callable, optional
+        From a distance in metres to what `air_between` gives, instead of clear air with `haze`.
 
     Returns
     -------
@@ -63,15 +79,21 @@ def draw_objects(
     sun = np.asarray(sun_direction, float) / np.linalg.norm(sun_direction)
     jobs = []
     for thing in objects:
-        pieces = thing.pieces() if isinstance(thing, Wall) else [thing]
+        pieces = thing.pieces() if isinstance(thing, (Wall, Slab)) else [thing]
         jobs += [(_distance(piece), piece) for piece in pieces]
     for distance, thing in sorted((job for job in jobs if job[0] < FARTHEST_M), key=lambda job: -job[0]):
-        _painter(thing)(image, camera, thing, sun, air_between(distance, haze))
+        through, air = air_between(distance, haze) if air_at is None else air_at(distance)
+        if light_at is not None:
+            if isinstance(thing, Wall):
+                thing = replace(thing, light_at=light_at)
+            elif not isinstance(thing, Slab):
+                through = through * light_at(np.array([[thing.x_m, thing.y_m]]))[0]
+        _painter(thing)(image, camera, thing, sun, (through, air))
     return image
 
 
 def _distance(thing: Thing) -> float:
-    if isinstance(thing, Wall):
+    if isinstance(thing, (Wall, Slab)):
         return thing.distance_m()
     if not isinstance(thing, (Car, Tree, Sign, Post)):
         raise TypeError(f"a {type(thing).__name__} cannot be drawn; give Car, Wall, Tree, Sign or Post.")
@@ -79,7 +101,8 @@ def _distance(thing: Thing) -> float:
 
 
 def _painter(thing: Thing):
-    return {Car: _paint_car, Wall: paint_wall, Tree: _paint_tree, Sign: _paint_sign, Post: _paint_post}[type(thing)]
+    painters = {Wall: paint_wall, Slab: paint_slab, Car: _paint_car, Tree: _paint_tree, Sign: _paint_sign}
+    return (painters | {Post: _paint_post})[type(thing)]
 
 
 def _paint_car(image: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, air: tuple) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -10,6 +11,7 @@ import numpy as np
 from lanes.camera import Camera
 from lanes.scenes.backdrop import BackdropStyle, paint_backdrop
 from lanes.scenes.bonnet import draw_bonnet
+from lanes.scenes.exposure import AutoExposure, RoadLight
 from lanes.scenes.ground import FARTHEST_M, Ground, cast_on_ground, picture_rays
 from lanes.scenes.lens import LUMINANCE, Lens, develop
 from lanes.scenes.light import (
@@ -18,11 +20,14 @@ from lanes.scenes.light import (
     Sun,
     TreeShade,
     darken_polygons,
+    light_along,
     light_on_ground,
+    sky_on_ground,
     sunlight_on_ground,
 )
 from lanes.scenes.markings import Marking, paint_markings
 from lanes.scenes.objects import draw_objects
+from lanes.scenes.overpass import Overpass
 from lanes.scenes.road import Pose, RoadAhead, RoadGeometry
 from lanes.scenes.roadside import Along, Placed, things_in_view
 from lanes.scenes.shadows import shadow_polygons
@@ -100,6 +105,8 @@ class Drive:
     motion : Motion
     seed : int
         Of everything that is random.
+    exposure : AutoExposure, optional
+        Follows the road's light with delay; without it the exposure follows each picture at once, by little.
     """
 
     camera: Camera
@@ -109,12 +116,13 @@ class Drive:
     surface: Surface
     sun: Sun
     motion: Motion = Motion()
-    things: tuple[Placed | Along, ...] = ()
+    things: tuple[Placed | Along | Overpass, ...] = ()
     shades: tuple[TreeShade | BridgeShade, ...] = ()
     backdrop: BackdropStyle = BackdropStyle()
     lens: Lens = Lens()
     bonnet: bool = True
     seed: int = 0
+    exposure: AutoExposure | None = None
 
     def truth(self, time_s: float = 0.0) -> Truth:
         """What is known of the frame at a moment, without rendering it."""
@@ -148,7 +156,8 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     """The picture that the drive's camera takes at `time_s`, and its truth."""
     truth, camera = drive.truth(time_s), drive.camera_at(time_s)
     heading = truth.pose.absolute_heading(drive.road)
-    ground = cast_on_ground(_rays(drive.camera), camera, RoadAhead(drive.road, truth.pose))
+    ahead = RoadAhead(drive.road, truth.pose)
+    ground = cast_on_ground(_rays(drive.camera), camera, ahead)
     things = things_in_view(drive.things, drive.road, truth.pose, time_s=time_s)
     sun_direction = drive.sun.direction(heading)
     sun = _sun_on_ground(drive, things, camera, ground, sun_direction, station_m=truth.pose.s_m)
@@ -158,12 +167,20 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     light = _backdrop(drive, camera, heading, ground)
     _lay_ground(light, ground_light, ground)
     bare = light
-    light = draw_objects(bare, camera, things, sun_direction=sun_direction, haze=drive.backdrop.haze_per_km)
+    light_at = _light_on_things(drive, ahead, station_m=truth.pose.s_m)
+    light = draw_objects(
+        bare, camera, things, sun_direction=sun_direction, haze=drive.backdrop.haze_per_km, light_at=light_at
+    )
     if drive.bonnet:
-        light = draw_bonnet(light, camera, light=0.2 + 0.8 * float(sun[-60:].mean()))
+        open_sky = 1.0 if light_at is None else float(light_at(np.array([[1.0, 0.0]])).mean())
+        light = draw_bonnet(light, camera, light=(0.2 + 0.8 * float(sun[-60:].mean())) * open_sky)
     changed = light != bare
     hidden = changed[..., 0] | changed[..., 1] | changed[..., 2]
-    image = develop(light, drive.lens, road_light=road_light, seed=drive.seed * 7919 + round(time_s * 1000))
+    lens = drive.lens
+    if drive.exposure is not None:
+        road_light = _adapted_light(drive, time_s)
+        lens = drive.exposure.lens(lens, road_light)
+    image = develop(light, lens, road_light=road_light, seed=drive.seed * 7919 + round(time_s * 1000))
     return Frame(image, truth, hidden)
 
 
@@ -171,8 +188,26 @@ def _ground_light(drive: Drive, ground: Ground, sun: np.ndarray, *, station_m: f
     """Light that the ground sends to the camera, (rows, width, 3) float32."""
     light = ground_albedo(drive.surface, ground, station_m=station_m, seed=drive.seed)
     paint_markings(light, drive.markings, ground, station_m=station_m, seed=drive.seed + 100)
-    light *= light_on_ground(sun)
+    light *= light_on_ground(sun, sky_on_ground(drive.shades, ground, station_m=station_m))
     return light
+
+
+def _light_on_things(drive: Drive, ahead: RoadAhead, *, station_m: float) -> Callable[[np.ndarray], np.ndarray] | None:
+    """The share of daylight at places in the car's road frame; None where all is in the open but for leaves."""
+    bridges = tuple(shade for shade in drive.shades if isinstance(shade, BridgeShade))
+    if not bridges:
+        return None
+
+    def light_at(places_m: np.ndarray) -> np.ndarray:
+        s, d = ahead.locate(*places_m.T.astype(np.float32))
+        return light_along(bridges, s + station_m, d, seed=drive.seed)
+
+    return light_at
+
+
+def _adapted_light(drive: Drive, time_s: float) -> float:
+    road_light = RoadLight(drive.surface, drive.shades, drive.seed)
+    return drive.exposure.adapted_light(lambda t: drive.motion.pose(t).s_m, road_light, time_s)
 
 
 def _sun_on_ground(

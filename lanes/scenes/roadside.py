@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lanes.scenes.objects import FARTHEST_M
+from lanes.scenes.overpass import Overpass
 from lanes.scenes.road import Pose, RoadGeometry, offset_point
 from lanes.scenes.things import Car, Post, Sign, Thing, Tree
 from lanes.scenes.walls import Wall
@@ -43,19 +44,21 @@ class Along:
     seed: int = 0
 
 
-def things_in_view(placed: tuple[Placed | Along, ...], road: RoadGeometry, pose: Pose, *, time_s: float) -> list[Thing]:
+def things_in_view(
+    placed: tuple[Placed | Along | Overpass, ...], road: RoadGeometry, pose: Pose, *, time_s: float
+) -> list[Thing]:
     """The things as the car at `pose` has them in its road frame at a moment.
 
     Parameters
     ----------
-    placed : tuple of Placed or Along
+    placed : tuple of Placed, Along or Overpass
     road : RoadGeometry
     pose : Pose
     time_s : float
 
     Returns
     -------
-    list of Car, Wall, Tree, Sign, Post
+    list of Car, Wall, Slab, Tree, Sign, Post
         Those ahead; walls cut to what can be seen.
     """
     walls = [_wall(p, road, pose) for p in placed if isinstance(p, Along)]
@@ -66,7 +69,8 @@ def things_in_view(placed: tuple[Placed | Along, ...], road: RoadGeometry, pose:
     ahead = [
         _moved(p.thing, *xy, h) for p, xy, h in zip(others, points, headings, strict=True) if _in_reach(p.thing, xy)
     ]
-    return [wall for wall in walls if wall is not None] + ahead
+    bridges = [slab for p in placed if isinstance(p, Overpass) for slab in p.pieces_at(road, pose)]
+    return [wall for wall in walls if wall is not None] + bridges + ahead
 
 
 def _in_reach(thing: Thing, place_m: np.ndarray) -> bool:

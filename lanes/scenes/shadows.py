@@ -7,6 +7,7 @@ import numpy as np
 
 from lanes.scenes.cars import Shell
 from lanes.scenes.foliage import SPECIES
+from lanes.scenes.overpass import Slab
 from lanes.scenes.things import Car, Sign, Thing, Tree, turned_by, upright
 from lanes.scenes.walls import Wall
 
@@ -39,7 +40,7 @@ def shadow_polygons(objects: list[Thing], sun_direction: np.ndarray) -> list[np.
 
 def _shadows(thing: Thing, drift: np.ndarray) -> list[np.ndarray]:
     """`drift` is how far the shadow of a point 1 m up lies from the point's foot."""
-    if isinstance(thing, Wall):
+    if isinstance(thing, (Wall, Slab)):
         return thing.shadows(drift)
     place = np.array([thing.x_m, thing.y_m])
     if isinstance(thing, Car):

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lanes.scenes.overpass import Slab
 from lanes.scenes.walls import Wall
 
 
@@ -59,7 +60,7 @@ class Post:
     colour: tuple[float, float, float] = (0.55, 0.55, 0.53)
 
 
-Thing = Car | Wall | Tree | Sign | Post
+Thing = Car | Wall | Slab | Tree | Sign | Post
 
 
 def turned_by(heading_rad: float) -> np.ndarray:

@@ -6,6 +6,7 @@ column by column: where its lower and upper line are seen in a column says which
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import cv2
@@ -56,6 +57,8 @@ class Wall:
     start_m : float
         Place along the wall of the first point, so that its joints and stains stay where they are when we drive on.
     seed : int
+    light_at : callable, optional
+        From places (N, 2) in the road frame to the share (N, 3) of open daylight there.
     """
 
     path_m: np.ndarray
@@ -64,6 +67,7 @@ class Wall:
     height_scale: float = 1.0
     start_m: float = 0.0
     seed: int = 0
+    light_at: Callable[[np.ndarray], np.ndarray] | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in WALLS:
@@ -144,9 +148,10 @@ def paint_wall(image: np.ndarray, camera: Camera, wall: Wall, sun: np.ndarray, a
     pixels = np.full((*lines.shape[:2], 2), np.nan)
     pixels[seen] = camera.road_to_pixels(lines[seen])
     along = wall.start_m + np.concatenate([[0], np.cumsum(np.hypot(*np.diff(np.asarray(wall.path_m), axis=0).T))])
+    share = 1.0 if wall.light_at is None else wall.light_at(np.asarray(wall.path_m))
     for strip in reversed(range(len(lines) - 1)):
         normal = _strip_normals(lines[strip], lines[strip + 1], wall.side)
-        light = irradiance(normal, sun) / 0.8
+        light = irradiance(normal, sun) / 0.8 * share
         texture = wall_texture(WALLS[wall.kind].textures[strip], wall.seed + strip)
         low, high = _Line(pixels[strip], along, light), _Line(pixels[strip + 1], along, light)
         (_paint_slope if wall.kind == "bank" else _paint_strip)(image, low, high, texture, air)

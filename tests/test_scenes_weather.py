@@ -1,0 +1,117 @@
+"""Light and weather of rendered drives: exposure, bridges, fog, glare, night, rain, and traffic in the way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lanes.camera import Mount
+from lanes.scenes.backdrop import BackdropStyle
+from lanes.scenes.dashcam import DASHCAM
+from lanes.scenes.exposure import AutoExposure, RoadLight
+from lanes.scenes.freeway import LANE_M, freeway_markings, freeway_surface
+from lanes.scenes.lens import Lens
+from lanes.scenes.light import BridgeShade, Sun, light_along
+from lanes.scenes.overpass import Overpass
+from lanes.scenes.render import Drive, Motion, render_frame
+from lanes.scenes.road import RoadGeometry
+from lanes.scenes.surface import Zone
+
+MOUNT = Mount(1.3, np.radians(2.0), np.radians(-1.0), np.radians(0.6))
+SMALL = replace(DASHCAM.scaled((640, 360)), mount=MOUNT)
+PLAIN_LENS = Lens(noise=0.0, sharpening=0.0, blur_px=0.0, vignette=0.0, adaptation=0.0)
+BRIDGE = Overpass(110.0, 126.0, -20.0, 12.0, skew=0.1)
+
+
+def small_drive(curvature: float = 1 / 250, **changes) -> Drive:
+    """An off-centre car in a bend, small picture, no noise, a bare country."""
+    base = Drive(
+        camera=SMALL,
+        road=RoadGeometry([0.0, 40.0, 300.0, 340.0], [0.0, curvature, curvature, 0.0]),
+        line_laterals_m=(LANE_M / 2, -LANE_M / 2),
+        markings=tuple(replace(m, wear=0.0, dots=False) for m in freeway_markings()),
+        surface=freeway_surface(Zone(0.0, "asphalt")),
+        sun=Sun(1.0, 0.9),
+        motion=Motion(60.0, 20.0, offset_m=0.3, heading_rad=0.01),
+        lens=PLAIN_LENS,
+        backdrop=BackdropStyle(tree_density=0.0),
+        bonnet=False,
+        seed=5,
+    )
+    return replace(base, **changes)
+
+
+def under_bridge(**changes) -> Drive:
+    return small_drive(shades=(BRIDGE.shade(),), exposure=AutoExposure(0.5, 0.8), **changes)
+
+
+def adapted(drive: Drive, time_s: float) -> float:
+    light = RoadLight(drive.surface, drive.shades, drive.seed)
+    return drive.exposure.adapted_light(lambda t: drive.motion.pose(t).s_m, light, time_s)
+
+
+def test_exposure_covers_63_percent_of_a_step_within_the_time_constant():
+    """A joint from asphalt to concrete, both 400 m long, seen from a car at such a speed that it is a sudden step."""
+    drive = small_drive(
+        surface=freeway_surface(Zone(0.0, "fresh asphalt"), Zone(1000.0, "concrete")),
+        motion=Motion(0.0, 400.0),
+        exposure=AutoExposure(0.8),
+    )
+    before, after = (np.log2(adapted(drive, t)) for t in (1.5, 12.0))
+    # The window from 5 to 25 m ahead is passed in 0.05 s.
+    step_s = (1000.0 - 15.0) / 400.0
+    shares = [(np.log2(adapted(drive, step_s + k * 0.8)) - before) / (after - before) for k in (0.0, 1.0, 2.0)]
+    np.testing.assert_allclose(shares, [0.0, 1 - np.exp(-1), 1 - np.exp(-2)], atol=0.04)
+
+
+def test_exposure_comes_back_after_the_bridge_and_lags_behind_the_light():
+    drive = under_bridge()
+    times = np.arange(0.0, 8.0, 0.1)
+    light = RoadLight(drive.surface, drive.shades, drive.seed).metered(60 + 20 * times)
+    state = np.array([adapted(drive, t) for t in times])
+    assert state[0] == pytest.approx(light[0], rel=0.01)
+    assert state[-1] == pytest.approx(light[0], rel=0.01)
+    assert state.min() < 0.4 * state[0]
+    assert 0.2 < times[state.argmin()] - times[light.argmin()] < 1.0
+
+
+def test_frames_do_not_depend_on_their_order():
+    drive = under_bridge(things=(BRIDGE,))
+    forth = [render_frame(drive, t).image for t in (1.9, 2.6)]
+    back = [render_frame(drive, t).image for t in (2.6, 1.9)]
+    np.testing.assert_array_equal(forth[0], back[1])
+    np.testing.assert_array_equal(forth[1], back[0])
+    assert (forth[0] != forth[1]).mean() > 0.5
+
+
+def test_sky_below_a_bridge_is_what_its_deck_leaves_free():
+    """At the middle of a bridge as long as it is high, the deck covers sin(26.6 deg) = 0.447 of the sky's light."""
+    shade = BridgeShade(100.0, 105.0, clearance_m=5.0)
+    open_road, middle = light_along((shade,), np.array([0.0, 102.5]), np.zeros(2), seed=0)
+    np.testing.assert_allclose(open_road, 1.0, atol=2e-3)
+    np.testing.assert_allclose(middle, np.array([0.11, 0.15, 0.22]) * (1 - np.sqrt(0.2)), rtol=1e-3)
+
+
+def test_adapting_eyes_see_the_road_below_the_bridge_and_are_dazzled_beyond():
+    """Same places, with and without adaptation: brighter in the dark, and clipped when the light comes back."""
+    road = np.s_[270:330, 250:400]
+    levels = {}
+    for name, exposure in (("fixed", None), ("adapts", AutoExposure(0.5, 0.8))):
+        drive = under_bridge(lens=replace(PLAIN_LENS, adaptation=0.0))
+        drive = replace(drive, exposure=exposure)
+        levels[name] = np.array([render_frame(drive, t).image[road].mean() for t in (1.0, 2.6, 3.3)])
+    fixed, adapts = (levels[name] / levels[name][0] for name in ("fixed", "adapts"))
+    assert fixed[1] < 0.25
+    assert adapts[1] > 1.5 * fixed[1]
+    assert adapts[2] > 1.1 * fixed[2]
+
+
+def test_the_bridge_hides_the_sky_and_nothing_of_the_lane():
+    drive = small_drive(motion=Motion(60.0, 20.0, offset_m=0.3))
+    hidden = render_frame(replace(drive, things=(BRIDGE,)), 1.5).hidden
+    s = np.linspace(8.0, 60.0, 30)
+    rays = drive.camera_at(1.5).road_to_pixels(np.column_stack([s, drive.truth(1.5).line_y(0, s)])).round().astype(int)
+    assert not hidden[rays[:, 1], rays[:, 0]].any()
+    assert hidden[:100].mean() > 0.5
