@@ -109,7 +109,7 @@ def whole_file(path: Path) -> Iterator[Path]:
         If the file cannot be written; the folder is created where needed.
     """
     partial = partial_path(path)
-    try:
+    with writing_to(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             yield partial
@@ -117,6 +117,13 @@ def whole_file(path: Path) -> Iterator[Path]:
         except BaseException:
             partial.unlink(missing_ok=True)
             raise
+
+
+@contextmanager
+def writing_to(path: Path) -> Iterator[None]:
+    """What the system refuses in the `with` block becomes a sentence that names `path`."""
+    try:
+        yield
     except OSError as error:
         raise type(error)(
             f"{path}: cannot be written ({error.strerror or error}); choose another folder or free some space."

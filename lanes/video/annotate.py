@@ -20,10 +20,11 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,8 +33,9 @@ import numpy as np
 from tqdm import tqdm
 
 from lanes.images import PictureError
-from lanes.video.telemetry import write_telemetry
-from lanes.video.videofile import VideoError, inspect_video, read_timed_frames
+from lanes.video.overlap import read_ahead, write_behind
+from lanes.video.telemetry import TelemetryWriter
+from lanes.video.videofile import VideoError, VideoInfo, inspect_video, read_timed_frames
 from lanes.video.videowriter import VideoWriter
 
 if TYPE_CHECKING:
@@ -107,7 +109,7 @@ def annotate_video(
     start_s, end_s : float
         The piece to work on, see `read_frames`.
     progress : bool
-        Show a bar, if stderr is a terminal: notebooks and log files stay clean.
+        Show frames a second and the time left, in a terminal and in a notebook; log files stay clean.
     telemetry : str or Path, optional
         CSV file for a row a frame: frame (counted from the start of `source`), time_s, what `process` returned, and
         latency_ms, the time that `process` took.
@@ -127,23 +129,31 @@ def annotate_video(
     info = inspect_video(source)
     if Path(target).exists() and os.path.samefile(source, target):
         raise VideoError(f"{target}: is the source itself; write the annotated video under another name.")
-    rows: list[Row] = []
     writer = VideoWriter(target, fps=info.fps, sound_from=source if sound and info.has_audio else None)
-    expected = round((min(end_s or info.duration_s, info.duration_s) - start_s) * info.fps)
     with (
         _stopping_cleanly(),
         writer,
-        # Without a terminal there is no bar: it would fill log files and change a notebook's stored output.
-        tqdm(total=max(expected, 0), unit="frame", disable=None if progress else True) as bar,
+        nullcontext() if telemetry is None else TelemetryWriter(telemetry) as table,
+        closing(read_ahead(read_timed_frames(source, start_s=start_s, end_s=end_s))) as frames,
+        write_behind(writer.encode) as encode,
+        _progress_bar(info, start_s, end_s, shown=progress) as bar,
     ):
-        for frame in read_timed_frames(source, start_s=start_s, end_s=end_s):
+        for frame in frames:
             picture, row = _processed(process, frame.image, f"frame {frame.number} of {source}")
-            rows.append({"frame": frame.number, "time_s": round(frame.time_s, 6), **row})
-            writer.write(picture, frame.time_s)
+            # Converted here and not behind: `process` may return the same array again and again.
+            encode(writer.convert(picture, frame.time_s))
+            if table:
+                table.write({"frame": frame.number, "time_s": round(frame.time_s, 6), **row})
             bar.update()
-        if telemetry is not None:
-            write_telemetry(telemetry, rows)
-    return _summary(Path(target), len(rows), time.perf_counter() - began_s)
+    return _summary(Path(target), writer.frames, time.perf_counter() - began_s)
+
+
+def _progress_bar(info: VideoInfo, start_s: float, end_s: float | None, *, shown: bool) -> tqdm:
+    """Frames done, frames a second and the time left; hidden where it would only fill a log file."""
+    expected = round((min(end_s or info.duration_s, info.duration_s) - start_s) * info.fps)
+    # A notebook's stderr is no terminal, but obeys the carriage return too. Text needs no ipywidgets.
+    watched = sys.stderr.isatty() or type(sys.stderr).__module__.startswith("ipykernel")
+    return tqdm(total=max(expected, 0), unit="frame", disable=not (shown and watched))
 
 
 def _processed(process: Process, frame: np.ndarray, name: str) -> tuple[np.ndarray, Row]:

@@ -6,41 +6,70 @@ import csv
 import io
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from tempfile import TemporaryFile
 
 import numpy as np
 
-from lanes.images import write_whole
+from lanes.images import whole_file, writing_to
 
 
-def write_telemetry(path: str | Path, rows: Iterable[Mapping[str, object]]) -> Path:
-    """Write rows as CSV; the file appears under its name only when it is whole.
+class TelemetryWriter:
+    """Write rows as CSV while they come, in a `with` block; the file gets its name at the end of the block.
+
+    Rows wait on disk, not in memory, because the columns are known only at the end. If the block raises, nothing of
+    them remains and an earlier file of that name is untouched.
 
     Parameters
     ----------
     path : str or Path
         The folder is created where needed.
-    rows : iterable of mapping
-        Column name to value. The columns are those of all rows, in order of first appearance. What a row lacks, None
-        and NaN become an empty field: nothing was measured.
-
-    Returns
-    -------
-    Path
-        The path written.
 
     Raises
     ------
     OSError
         If the folder cannot be written to.
     """
-    rows = list(rows)
-    columns = list(dict.fromkeys(name for row in rows for name in row))
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows([_field(row.get(name)) for name in columns] for row in rows)
-    write_whole(path, text.getvalue().encode())
-    return Path(path)
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self._columns: dict[str, None] = {}
+
+    def __enter__(self) -> TelemetryWriter:
+        with writing_to(self.path):
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._rows = TemporaryFile("w+", encoding="utf-8", newline="", dir=self.path.parent)
+        self._csv = csv.writer(self._rows, lineterminator="\n")
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        with self._rows:
+            if kind is None:
+                self._finish()
+
+    def write(self, row: Mapping[str, object]) -> None:
+        """Append a row: column name to value.
+
+        The columns are those of all rows, in order of first appearance. What a row lacks, None and NaN become an empty
+        field: nothing was measured.
+        """
+        self._columns |= dict.fromkeys(row)
+        self._csv.writerow(_field(row.get(name)) for name in self._columns)
+
+    def _finish(self) -> None:
+        self._rows.seek(0)
+        with whole_file(self.path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(self._columns)
+            # the early rows lack the columns that appeared later
+            writer.writerows(row + [""] * (len(self._columns) - len(row)) for row in csv.reader(self._rows))
+
+
+def write_telemetry(path: str | Path, rows: Iterable[Mapping[str, object]]) -> Path:
+    """Write rows as CSV, see `TelemetryWriter`; returns the path written."""
+    with TelemetryWriter(path) as table:
+        for row in rows:
+            table.write(row)
+    return table.path
 
 
 def read_telemetry(path: str | Path) -> dict[str, np.ndarray]:
