@@ -104,8 +104,8 @@ def annotate_video(
         leaves an earlier file of that name as it was and no other file behind.
     process : callable
         Takes a frame, ndarray of shape (height, width, 3), uint8, RGB, its own to write on, and returns the annotated
-        one, or that and a mapping with the frame's telemetry. Called once a frame, in order. All pictures that it
-        returns must have one size.
+        one, or that and a mapping with the frame's telemetry. Called once a frame, in order, by the caller's thread;
+        others read ahead and write behind meanwhile. All pictures that it returns must have one size.
     start_s, end_s : float
         The piece to work on, see `read_frames`.
     progress : bool
