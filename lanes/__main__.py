@@ -10,6 +10,7 @@ from lanes.commands.arguments import error_status
 
 COMMANDS = {
     "mount": "estimate how the camera sits on the car, from its own pictures",
+    "annotate": "draw the lane on videos, stills or a live camera; telemetry and a report beside each video",
     "detect": "find the lines of the own lane in pictures and videos, as TuSimple JSON lines",
     "render": "render the embedded pictures and video again, with their truth",
 }
@@ -53,7 +54,7 @@ def _command_parser() -> argparse.ArgumentParser:
         description="Find the lane, measure it, draw it.",
         epilog="commands:\n"
         + "\n".join(f"  {name:<{width}}  {text}" for name, text in COMMANDS.items())
-        + f"\n\nexamples:\n  {PROGRAM} mount --hfov 60 drive.mp4 -o camera.yaml\n  {PROGRAM} mount --help",
+        + f"\n\nexamples:\n  {PROGRAM} annotate --hfov 60 drive.mp4\n  {PROGRAM} annotate --help",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("command", choices=COMMANDS, metavar="COMMAND", help="one of those below; --help tells more")

@@ -12,9 +12,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from lanes.camera import Camera
 
-# Pictures that an estimate of the mount looks at: more find nothing new.
-MOUNT_PICTURES = 40
-
 
 def add_footage(parser: argparse.ArgumentParser, *, files: str) -> None:
     """The files that a command looks at; `files` is their help."""
@@ -44,19 +41,6 @@ def find_lens(options: argparse.Namespace) -> Camera:
         return calibrate_folder(options.boards, progress=progress_line("boards"))
     first = next(pick_pictures(options.files, 1))
     return Camera.from_fov(options.size or (first.shape[1], first.shape[0]), options.hfov)
-
-
-def find_mount(camera: Camera, files: list[Path]) -> Camera:
-    """The camera as it is, or where it has no mount on the one that the files show; then printed, with how sure."""
-    from lanes.mounting.mount import estimate_mount
-    from lanes.video.footage import pick_pictures
-
-    if camera.mount is not None:
-        return camera
-    pictures = pick_pictures(files, MOUNT_PICTURES, camera)
-    estimate = estimate_mount(pictures, camera, progress=progress_line("mount"))
-    print(estimate.describe())
-    return camera.with_mount(estimate.mount)
 
 
 def number(least: float, most: float = math.inf) -> Callable[[str], float]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from lanes.commands.arguments import add_footage, add_lens, find_lens, find_mount, number, progress_line
+from lanes.commands.arguments import add_footage, add_lens, find_lens, number, progress_line
 
 EXAMPLES = """\
   python -m lanes detect --camera camera.yaml drive.mp4 -o lanes.jsonl
@@ -31,11 +31,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Find the lane in every picture and write the detections."""
+    from lanes.drives.mounts import mount_from_drive
     from lanes.metric.detect import detect_files, write_detections
 
+    camera, estimate = mount_from_drive(find_lens(options), options.files, progress=progress_line("mount"))
+    if estimate:
+        print(estimate.describe())
     found = detect_files(
         options.files,
-        find_mount(find_lens(options), options.files),
+        camera,
         options.rows,
         sequence=options.sequence,
         fps=options.fps,

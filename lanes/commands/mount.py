@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from lanes.commands.arguments import MOUNT_PICTURES, add_footage, add_lens, count, find_lens, number, progress_line
+from lanes.commands.arguments import add_footage, add_lens, count, find_lens, number, progress_line
 
 EXAMPLES = """\
   python -m lanes mount --hfov 60 drive.mp4 -o camera.yaml
@@ -24,9 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--height", type=number(0.5, 4.5), metavar="M", help="measured height of the camera above the road"
     )
-    parser.add_argument(
-        "--pictures", type=count, default=MOUNT_PICTURES, metavar="N", help="use at most (default: %(default)s)"
-    )
+    parser.add_argument("--pictures", type=count, default=40, metavar="N", help="use at most (default: %(default)s)")
     parser.add_argument("-o", "--output", type=Path, default=Path("camera.yaml"), help="default: %(default)s")
 
 

@@ -1,0 +1,108 @@
+"""Draw the lane on videos, stills or a live camera's pictures, with bend, offset and how sure that is.
+
+Each video gets a new one, its telemetry (CSV, a row a frame) and a report (HTML, works offline) of
+the same name in the output folder; the sound is kept. Stills are looked at one by one. A number
+is a camera of this computer: it is followed until Ctrl-C. Where the camera file has no mount, each
+drive's own pictures tell how the camera sits on the car; that is then printed, with how sure it is.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lanes.commands.arguments import add_lens, error_status, number, progress_line
+
+if TYPE_CHECKING:
+    from lanes.drives.settings import DriveSettings
+    from lanes.drives.sources import Sources
+
+EXAMPLES = """\
+  python -m lanes annotate --hfov 60 drive.mp4
+  python -m lanes annotate --camera camera.yaml drives/ more/*.mp4 -o results
+  python -m lanes annotate --boards my_boards --style mosaic --start 60 --end 90 drive.mp4
+  python -m lanes annotate --camera camera.yaml 0"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this command."""
+    parser.add_argument(
+        "sources", nargs="+", metavar="SOURCE", help="video, still, folder or pattern of them, or a camera's number"
+    )
+    add_lens(parser)
+    parser.add_argument("-o", "--output", type=Path, default=Path("annotated"), help="folder (default: %(default)s)")
+    parser.add_argument("--start", type=number(0), default=0.0, metavar="S", help="second of the videos to begin at")
+    parser.add_argument("--end", type=number(0), metavar="S", help="second of the videos to stop at")
+    parser.add_argument(
+        "--style",
+        choices=("lane", "lines", "mosaic"),
+        default="lane",
+        help="lane: filled; lines: only its two lines; mosaic: with the steps beside it (default: %(default)s)",
+    )
+    parser.add_argument("--no-report", action="store_true", help="write no HTML report")
+    parser.add_argument("--quiet", action="store_true", help="print errors only")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Annotate all sources; those that fail do not stop the others and are named at the end."""
+    from lanes.drives.drive import output_for
+    from lanes.drives.sources import find_sources, refuse_clashes
+
+    sources = find_sources(options.sources)
+    refuse_clashes(sources.videos, [output_for(video, options.output) for video in sources.videos])
+    jobs = list(list_jobs(sources, read_settings(options)))
+    failures = []
+    for job in jobs:
+        try:
+            told = job()
+        except (OSError, ValueError) as error:
+            failures.append(error)
+        else:
+            if not options.quiet:
+                print(told, flush=True)
+    for error in failures:
+        print(f"error: {error}", file=sys.stderr)
+    if failures and len(failures) == len(jobs):
+        return max(map(error_status, failures))
+    return 1 if failures else 0
+
+
+def read_settings(options: argparse.Namespace) -> DriveSettings:
+    """The settings that the options ask for; boards are calibrated here."""
+    from lanes.calibration.boards import calibrate_folder
+    from lanes.camera import load_camera
+    from lanes.drives.settings import DriveSettings
+
+    if options.end is not None and options.end <= options.start:
+        raise ValueError(f"--end {options.end:g} is not after --start {options.start:g}; give a later end.")
+    camera = None
+    if options.camera:
+        camera = load_camera(options.camera)
+    elif options.boards:
+        camera = calibrate_folder(options.boards, progress=None if options.quiet else progress_line("boards"))
+    return DriveSettings(
+        output=options.output,
+        camera=camera,
+        hfov_deg=options.hfov,
+        style=options.style,
+        start_s=options.start,
+        end_s=options.end,
+        report=not options.no_report,
+        progress=not options.quiet,
+    )
+
+
+def list_jobs(sources: Sources, settings: DriveSettings) -> Iterator[Callable[[], str]]:
+    """What there is to do, each a function that does it and returns what to tell."""
+    from lanes.drives.drive import annotate_drive, annotate_stills
+    from lanes.drives.live import annotate_live
+
+    for video in sources.videos:
+        yield lambda video=video: annotate_drive(video, settings).describe()
+    if sources.stills:
+        yield lambda: annotate_stills(sources.stills, settings).describe()
+    for index in sources.cameras:
+        yield lambda index=index: annotate_live(index, settings).describe()

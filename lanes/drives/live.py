@@ -1,0 +1,92 @@
+"""A live camera: frames are annotated as they come, until Ctrl-C or a given time."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import takewhile
+
+from lanes.camera import Camera
+from lanes.drives.drive import conclude_drive, follow_and_paint
+from lanes.drives.mounts import mount_from_pictures
+from lanes.drives.settings import DriveResult, DriveSettings
+from lanes.mounting.mount import MountEstimate
+from lanes.video.capture import LiveCamera
+from lanes.video.telemetry import write_telemetry
+from lanes.video.videofile import TimedFrame
+from lanes.video.videowriter import VideoWriter
+
+# For a camera without a mount: so many pictures, this far apart, are looked at before annotating begins. Ten seconds
+# of a motorway average the car's heading in its lane out well enough.
+MOUNT_PICTURES, MOUNT_EVERY_S = 20, 0.5
+
+
+def annotate_live(index: int, settings: DriveSettings) -> DriveResult:
+    """Annotate what camera number `index` sees, until Ctrl-C or `settings.end_s`; then write what a drive gets.
+
+    Frames carry the time at which they came, so that a slow machine gives a video of fewer frames, not a slower one.
+
+    Raises
+    ------
+    VideoError
+        If there is no such camera, or it gives no frame.
+    CameraError, MountError, OSError
+        As `annotate_drive`.
+    """
+    video = settings.output / f"camera{index}.mp4"
+    rows = []
+    with _until_interrupted() as stopped, LiveCamera(index) as source:
+        frames = takewhile(lambda _: not stopped.is_set(), source.frames())
+        camera, mount = _with_mount(settings.camera_for(source.size), frames, f"camera {index}")
+        began_s = time.perf_counter()
+        process = follow_and_paint(camera, source.fps, settings.style)
+        with VideoWriter(video, fps=source.fps) as writer:
+            for number, (frame, elapsed_s) in enumerate(_since_first(frames)):
+                if settings.end_s is not None and frame.time_s >= settings.end_s:
+                    break
+                looked_s = time.perf_counter()
+                picture, row = process(frame.image, elapsed_s)
+                latency_ms = round(1e3 * (time.perf_counter() - looked_s), 3)
+                rows.append({"frame": number, "time_s": round(frame.time_s, 6), **row, "latency_ms": latency_ms})
+                writer.write(picture, frame.time_s)
+            write_telemetry(video.with_suffix(".csv"), rows)
+    return conclude_drive(f"camera {index}", video, camera, mount, settings, time.perf_counter() - began_s)
+
+
+def _with_mount(camera: Camera, frames: Iterator[TimedFrame], name: str) -> tuple[Camera, MountEstimate | None]:
+    if camera.mount is not None:
+        return camera, None
+    pictures, next_s = [], 0.0
+    for frame in frames:
+        if frame.time_s >= next_s:
+            pictures.append(frame.image)
+            next_s = frame.time_s + MOUNT_EVERY_S
+        if len(pictures) == MOUNT_PICTURES:
+            break
+    return mount_from_pictures(camera, pictures, name)
+
+
+def _since_first(frames: Iterator[TimedFrame]) -> Iterator[tuple[TimedFrame, float | None]]:
+    """The frames with times since the first of them, and the time since the one before."""
+    first_s = last_s = None
+    for frame in frames:
+        first_s = frame.time_s if first_s is None else first_s
+        yield TimedFrame(frame.number, frame.time_s - first_s, frame.image), last_s and frame.time_s - last_s
+        last_s = frame.time_s
+
+
+@contextmanager
+def _until_interrupted() -> Iterator[threading.Event]:
+    """An event that Ctrl-C sets, instead of stopping the work in the middle of a frame."""
+    stopped = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield stopped
+        return
+    before = signal.signal(signal.SIGINT, lambda *_: stopped.set())
+    try:
+        yield stopped
+    finally:
+        signal.signal(signal.SIGINT, before)

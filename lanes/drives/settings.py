@@ -1,0 +1,159 @@
+"""How drives are annotated, and what came of one: plain data that can be sent to another process."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from platform import python_version
+
+import av
+import cv2
+import numpy as np
+
+from lanes.camera import Camera, CameraError
+from lanes.mounting.mount import MountEstimate
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveSettings:
+    """How to annotate drives.
+
+    Parameters
+    ----------
+    output : Path
+        Folder for the results, which take their names from the drives.
+    camera : Camera, optional
+        The lens; without a mount the drive's own pictures tell it. Rescaled to drives of another size and the same
+        shape.
+    hfov_deg : float, optional
+        Horizontal field of view of a lens that was never calibrated, instead of `camera`.
+    style : str
+        One of `lanes.drives.styles.STYLES`.
+    start_s, end_s : float
+        The piece of each video, seconds since its first frame.
+    report : bool
+        Write the HTML report beside each video.
+    progress : bool
+        Show a bar where stderr is a terminal.
+    """
+
+    output: Path
+    camera: Camera | None = None
+    hfov_deg: float | None = None
+    style: str = "lane"
+    start_s: float = 0.0
+    end_s: float | None = None
+    report: bool = True
+    progress: bool = True
+
+    def camera_for(self, size: tuple[int, int]) -> Camera:
+        """The camera for pictures of `size` (width, height).
+
+        Raises
+        ------
+        CameraError
+            If no lens was named, or its pictures have another shape.
+        """
+        if self.camera is not None:
+            return self.camera if self.camera.size == size else self.camera.scaled(size)
+        if self.hfov_deg is None:
+            raise CameraError("no lens is known; give a camera or a horizontal field of view.")
+        return Camera.from_fov(size, self.hfov_deg)
+
+
+@dataclass(frozen=True)
+class DriveResult:
+    """What came of one drive.
+
+    Attributes
+    ----------
+    source : str
+        Name of the video, or of the camera.
+    video, telemetry : Path
+        Files written.
+    report : Path or None
+    camera : Camera
+        As used, with its mount.
+    mount : MountEstimate or None
+        None where the camera came with its mount.
+    frames : int
+    tracked_share : float
+        Share of the frames in which the lane was tracked.
+    lost_s : float
+        How long it was not known.
+    frames_per_s : float
+        Frames annotated in a second of work, reading and writing included; the mount's estimate is left out.
+    """
+
+    source: str
+    video: Path
+    telemetry: Path
+    report: Path | None
+    camera: Camera
+    mount: MountEstimate | None
+    frames: int
+    tracked_share: float
+    lost_s: float
+    frames_per_s: float
+
+    def describe(self) -> str:
+        """The drive in a sentence, after the mount if it was estimated."""
+        beside = " and ".join(path.suffix for path in (self.telemetry, self.report) if path)
+        return _below_mount(
+            self.mount,
+            f"{self.source}: {self.frames} frames, lane tracked in {self.tracked_share:.0%} of them, "
+            f"lost for {self.lost_s:.1f} s; {self.frames_per_s:.0f} frames/s; wrote {self.video} with {beside} beside it",
+        )
+
+
+@dataclass(frozen=True)
+class StillsResult:
+    """What came of stills: pictures and telemetry written, in how many there was a lane, the mount if estimated."""
+
+    pictures: tuple[Path, ...]
+    telemetry: Path
+    found: int
+    mount: MountEstimate | None
+
+    def describe(self) -> str:
+        """The stills in a sentence, after the mount if it was estimated."""
+        folder = self.telemetry.parent
+        return _below_mount(
+            self.mount,
+            f"stills: {len(self.pictures)} pictures, lane found in {self.found}; wrote them and "
+            f"{self.telemetry.name} to {folder}",
+        )
+
+
+def _below_mount(mount: MountEstimate | None, sentence: str) -> str:
+    return f"{mount.describe()}\n{sentence}" if mount else sentence
+
+
+def describe_settings(
+    source: str, camera: Camera, mount: MountEstimate | None, settings: DriveSettings
+) -> dict[str, str]:
+    """What a drive was annotated with, for people."""
+    m = camera.mount
+    focal_px = f"focal length {camera.matrix[0, 0]:.0f} px"
+    if settings.camera is None:
+        lens = f"field of view {settings.hfov_deg:g}° as given, {focal_px}; not calibrated"
+    elif settings.camera.report is None:
+        lens = f"from a camera file, {focal_px}"
+    else:
+        lens = (
+            f"calibrated on {len(camera.report.board_rms_px)} boards (error {camera.report.rms_px:.2f} px), {focal_px}"
+        )
+    angles = ", ".join(f"{n} {np.degrees(getattr(m, n + '_rad')):+.2f}°" for n in ("pitch", "yaw", "roll"))
+    return {
+        "video": source,
+        "piece": f"from {settings.start_s:g} s to {'the end' if settings.end_s is None else f'{settings.end_s:g} s'}",
+        "picture": f"{camera.width}x{camera.height} pixels",
+        "lens": lens,
+        "mount": mount.describe() if mount else f"as the camera file says: height {m.height_m:.2f} m, {angles}",
+        "style": settings.style,
+        "versions": ", ".join(f"{name} {version}" for name, version in _versions().items()),
+    }
+
+
+def _versions() -> dict[str, str]:
+    return {"Python": python_version(), "OpenCV": cv2.__version__, "numpy": np.__version__, "PyAV": av.__version__}

@@ -1,0 +1,123 @@
+"use strict";
+
+const frames = JSON.parse(document.getElementById("frames").textContent);
+const video = document.getElementById("video");
+const track = document.getElementById("track");
+const cursor = document.getElementById("cursor");
+const times = frames.time_s;
+const last = times.length - 1;
+// The last frame is shown as long as the one before it.
+const length = last > 0 ? 2 * times[last] - times[last - 1] : 1;
+
+function loadVideo() {
+  const text = document.getElementById("video-data").textContent;
+  video.addEventListener("error", () => { document.getElementById("missing").hidden = false; });
+  if (!text) {
+    video.src = video.dataset.link;
+    return;
+  }
+  const letters = atob(text);
+  const bytes = new Uint8Array(letters.length);
+  for (let i = 0; i < letters.length; i++) bytes[i] = letters.charCodeAt(i);
+  video.src = URL.createObjectURL(new Blob([bytes], { type: "video/mp4" }));
+}
+
+/** The frame that is shown at a time: the last one that began before it. */
+function frameAt(time) {
+  let low = 0;
+  let high = last;
+  while (low < high) {
+    const middle = (low + high + 1) >> 1;
+    if (times[middle] <= time + 1e-4) low = middle;
+    else high = middle - 1;
+  }
+  return low;
+}
+
+function clock(time) {
+  const tenths = Math.round(time * 10);
+  return Math.floor(tenths / 600) + ":" + String(((tenths % 600) / 10).toFixed(1)).padStart(4, "0");
+}
+
+function offsetWords(offset, std) {
+  if (offset === null) return "unknown";
+  return Math.abs(offset).toFixed(2) + " ± " + std.toFixed(2) + " m " + (offset > 0 ? "left" : "right");
+}
+
+/** As lanes.words.describe_bend puts it. */
+function bendWords(curvature) {
+  if (curvature === null) return "unknown";
+  if (Math.abs(curvature) < 1 / 3000) return "straight (R > 3 km)";
+  const radius = 1 / Math.abs(curvature);
+  return (curvature > 0 ? "left" : "right") + ", R " + (radius >= 100 ? Math.round(radius / 10) * 10 : Math.round(radius)) + " m";
+}
+
+function show() {
+  const time = Math.min(video.currentTime, length);
+  const i = frameAt(time);
+  const write = (name, text) => { document.getElementById("now-" + name).textContent = text; };
+  cursor.style.left = (100 * time) / length + "%";
+  write("time", clock(time) + ", frame " + frames.frame[i]);
+  write("state", frames.state[i]);
+  write("offset", offsetWords(frames.offset_m[i], frames.offset_std_m[i]));
+  write("bend", bendWords(frames.curvature_per_m[i]));
+  write("confidence", frames.confidence[i].toFixed(2));
+  write("width", frames.lane_width_m[i] === null ? "unknown" : frames.lane_width_m[i].toFixed(2) + " m");
+  track.setAttribute("aria-valuenow", time.toFixed(2));
+  track.setAttribute("aria-valuetext", clock(time) + ", " + frames.state[i] + ", " + offsetWords(frames.offset_m[i], frames.offset_std_m[i]));
+}
+
+function seek(time) {
+  // A moment past the frame's own time, so that rounding does not show the one before it.
+  video.currentTime = Math.max(0, Math.min(time, times[last])) + 1e-3;
+}
+
+function seekToPointer(event) {
+  const box = track.getBoundingClientRect();
+  seek((length * (event.clientX - box.left)) / box.width);
+}
+
+function seekByKey(event) {
+  const i = frameAt(video.currentTime);
+  const target = {
+    ArrowLeft: video.currentTime - 1, ArrowRight: video.currentTime + 1, ArrowDown: video.currentTime - 1,
+    ArrowUp: video.currentTime + 1, PageDown: video.currentTime - 10, PageUp: video.currentTime + 10,
+    Home: 0, End: times[last], ",": times[Math.max(i - 1, 0)], ".": times[Math.min(i + 1, last)],
+  }[event.key];
+  if (event.key === " ") video.paused ? video.play() : video.pause();
+  else if (target !== undefined) seek(target);
+  else return;
+  event.preventDefault();
+}
+
+function drawAxis() {
+  const steps = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 1200, 3600];
+  const step = steps.find((s) => length / s <= 10) || 7200;
+  for (let time = 0; time <= length * 0.98; time += step) {
+    const label = document.createElement("span");
+    label.style.left = (100 * time) / length + "%";
+    label.textContent = step < 1 ? clock(time) : clock(time).slice(0, -2);
+    document.querySelector(".axis").append(label);
+  }
+}
+
+function follow() {
+  show();
+  if (!video.paused && !video.ended) requestAnimationFrame(follow);
+}
+
+track.setAttribute("aria-valuemax", length.toFixed(2));
+track.addEventListener("pointerdown", (event) => {
+  track.setPointerCapture(event.pointerId);
+  seekToPointer(event);
+});
+track.addEventListener("pointermove", (event) => { if (event.buttons & 1) seekToPointer(event); });
+track.addEventListener("keydown", seekByKey);
+for (const button of document.querySelectorAll("button[data-time]")) {
+  button.addEventListener("click", () => seek(Number(button.dataset.time)));
+}
+for (const name of ["seeking", "seeked", "timeupdate", "pause", "loadeddata"]) video.addEventListener(name, show);
+video.addEventListener("play", follow);
+drawAxis();
+show();
+loadVideo();
