@@ -98,11 +98,11 @@ class DriveResult:
 
     def describe(self) -> str:
         """The drive in a sentence, after the mount if it was estimated."""
-        beside = " and ".join(path.suffix for path in (self.telemetry, self.report) if path)
+        written = f"{self.video} with telemetry{' and report' if self.report else ''} beside it"
         return _below_mount(
             self.mount,
             f"{self.source}: {self.frames} frames, lane tracked in {self.tracked_share:.0%} of them, "
-            f"lost for {self.lost_s:.1f} s; {self.frames_per_s:.0f} frames/s; wrote {self.video} with {beside} beside it",
+            f"lost for {self.lost_s:.1f} s; {self.frames_per_s:.0f} frames/s; wrote {written}",
         )
 
 
