@@ -31,9 +31,10 @@ Data             open_dataset, check, PROJECT_ROOT                              
 12 Memory        LaneTracker                                                                lanes.metric.tracker
                  track_lane                                                                 lanes.metric.lane_overlay
                  integrate_path                                                             lanes.metric.path
+13 Explain       explain_frame                                                              lanes.explain
                  read_frames                                                                lanes.video.videofile
 Figures          show_pictures, plot_bars, plot_histogram, plot_series, plot_telemetry,
-                 plot_path, save_figure                                                     lanes.plots
+                 plot_path, show_explanation, save_figure                                   lanes.plots
 """
 
 from lanes.benchmark.measures import (
@@ -65,6 +66,7 @@ from lanes.classic.threshold import (
 from lanes.classic.view import FourPointWarp, metres_per_pixel, view_to_road
 from lanes.dataset import PROJECT_ROOT, check, open_dataset
 from lanes.draw import LEFT, RIGHT, draw_fit, draw_lane, draw_line, draw_pixels, draw_windows
+from lanes.explain import explain_frame
 from lanes.images import list_pictures, read_image, write_image
 from lanes.metric.evidence import find_stripes, measure_paint
 from lanes.metric.lane import find_lane
@@ -80,6 +82,7 @@ from lanes.plots import (
     plot_series,
     plot_telemetry,
     save_figure,
+    show_explanation,
     show_pictures,
 )
 from lanes.video.annotate import annotate_video, open_clip
@@ -122,6 +125,7 @@ __all__ = [
     "drive_errors_m",
     "equalized_white_mask",
     "estimate_mount",
+    "explain_frame",
     "find_board",
     "find_lane",
     "find_peaks",
@@ -158,6 +162,7 @@ __all__ = [
     "save_camera",
     "save_figure",
     "search_band",
+    "show_explanation",
     "show_pictures",
     "sliding_windows",
     "split_channels",

@@ -12,6 +12,7 @@ COMMANDS = {
     "mount": "estimate how the camera sits on the car, from its own pictures",
     "annotate": "draw the lane on videos, stills or a live camera; telemetry and a report beside each video",
     "detect": "find the lines of the own lane in pictures and videos, as TuSimple JSON lines",
+    "explain": "show every step from one picture to its lane, and where it failed",
     "render": "render the embedded pictures and video again, with their truth",
 }
 PROGRAM = "python -m lanes"

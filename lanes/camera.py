@@ -201,7 +201,7 @@ class Camera:
 
     def road_to_pixels(self, points_m: np.ndarray) -> np.ndarray:
         """Points (N, 2) on the road or (N, 3) above it, metres, to raw pixels (N, 2); NaN where the lens is blind."""
-        mount = self._require_mount()
+        mount = self.require_mount()
         points = np.asarray(points_m, float)
         if points.shape[-1] == 2:
             points = np.column_stack([points, np.zeros(len(points))])
@@ -209,7 +209,7 @@ class Camera:
 
     def pixels_to_road(self, pixels: np.ndarray) -> np.ndarray:
         """Raw pixels (N, 2) to points (N, 2) on the flat road, metres; NaN at and above the horizon."""
-        mount = self._require_mount()
+        mount = self.require_mount()
         directions = self.rays(pixels) @ mount.rotation()
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = np.where(directions[:, 2] < -1e-9, -mount.height_m / directions[:, 2], np.nan)
@@ -233,7 +233,8 @@ class Camera:
             pixels[visible] = projected.reshape(-1, 2)
         return pixels
 
-    def _require_mount(self) -> Mount:
+    def require_mount(self) -> Mount:
+        """The mount; CameraError where there is none."""
         if self.mount is None:
             raise CameraError(
                 "this camera has no mount (height and angles), so pixels cannot be placed on the road; "

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from lanes.explain import Explanation
+
 # 80 dots per inch and JPEG make a figure of two photographs about 70 kB, a tenth of the default PNG.
 STYLE = {
     "figure.dpi": 80,
@@ -217,6 +219,25 @@ def plot_path(
     return figure, axis
 
 
+def show_explanation(explanation: Explanation) -> tuple[Figure, np.ndarray]:
+    """Show every step from a picture to its lane, with the numbers: what `lanes.explain.explain_frame` found.
+
+    Returns
+    -------
+    figure, axes : Figure, ndarray of Axes of shape (9,)
+        Picture, mount, view from above, paint, stripes, votes, fit, overlay, and the words.
+    """
+    from lanes.panels import FAILED, PANEL_OF, PANELS
+
+    figure, axes = _figure(3, 3, (18, 11.5), height_ratios=(1, 1, 1.2))
+    for axis, draw in zip(axes, PANELS, strict=True):
+        draw(axis, explanation)
+        axis.title.set_fontsize(10)
+    if explanation.failed:
+        axes[PANEL_OF[explanation.failed.name]].title.set_color(FAILED)
+    return figure, axes
+
+
 def save_figure(figure: Figure, path: str | Path, *, jpeg_quality: int = 85) -> Path:
     """Write a figure as .jpg or .png, whole or not at all; the folder is created where needed.
 
@@ -228,15 +249,21 @@ def save_figure(figure: Figure, path: str | Path, *, jpeg_quality: int = 85) -> 
         If the folder cannot be written to.
     """
     path = Path(path)
-    kind = {".jpg": "jpeg", ".jpeg": "jpeg", ".png": "png"}.get(path.suffix.lower())
-    if kind is None:
-        raise ValueError(f"{path}: cannot write this kind of figure; end the name in .jpg or .png.")
+    kind = figure_kind(path)
     # matplotlib's version in the file would change it with every release.
     options = {"pil_kwargs": {"quality": jpeg_quality}} if kind == "jpeg" else {"metadata": {"Software": None}}
     data = BytesIO()
     figure.savefig(data, format=kind, **options)
     write_whole(path, data.getvalue())
     return path
+
+
+def figure_kind(path: Path) -> str:
+    """Either "jpeg" or "png", by the name's ending; ValueError for any other."""
+    kind = {".jpg": "jpeg", ".jpeg": "jpeg", ".png": "png"}.get(path.suffix.lower())
+    if kind is None:
+        raise ValueError(f"{path}: cannot write this kind of figure; end the name in .jpg or .png.")
+    return kind
 
 
 def _figure(rows: int, columns: int, size_in: tuple[float, float], **options: object) -> tuple[Figure, np.ndarray]:

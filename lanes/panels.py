@@ -1,0 +1,235 @@
+"""What the panels of an explanation show, drawn on given axes; `lanes.plots.show_explanation` lays them out.
+
+All of them work for a picture with nothing in it: what a step did not make is left out.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lanes.camera import Camera, undistort
+from lanes.draw import LANE, LEFT, RIGHT, WINDOW, Colour
+from lanes.explain import Explanation, stripes_on_lines
+from lanes.metric.lane_overlay import draw_found
+from lanes.metric.lanemodel import CENTRE, SIDES, WIDTH, line_y, lines_on_view
+from lanes.metric.votes import BIN_M, BINS, hypotheses
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# Distances that are marked on the road, metres, and how far to either side.
+RUNGS_M, RUNG_HALF_M = (5, 10, 20, 40), 4.0
+# Evidence is shown from none to this many times the noise.
+MOST_STRENGTH = 12.0
+MAGENTA: Colour = (255, 60, 255)
+TEXT_COLUMNS, LINE_POINTS = 72, 12
+FAILED = "firebrick"
+
+
+def panel_raw(axis: Axes, explanation: Explanation) -> None:
+    """The picture as taken."""
+    _show(axis, explanation.image, f"1 Picture: {_words(explanation, 'picture')}")
+
+
+def panel_mount(axis: Axes, explanation: Explanation) -> None:
+    """The undistorted picture with the horizon, the point straight ahead and distances on the road."""
+    camera = explanation.undistorted_camera
+    height, width = explanation.image.shape[:2]
+    _show(axis, undistort(explanation.image, explanation.camera), f"2 Mount: {camera.mount.describe()}")
+    ends = _directions_to_pixels(camera, np.array([[1.0, 0.6, 0], [1, 0, 0], [1, -0.6, 0]]))
+    axis.plot(*ends.T, color=_rgb(MAGENTA), lw=1.2, label="horizon of the mount")
+    axis.plot(*ends[1], "+", color=_rgb(MAGENTA), ms=14, mew=2, label="straight ahead of the car")
+    for x_m in RUNGS_M:
+        rung = camera.road_to_pixels(np.array([[x_m, RUNG_HALF_M], [x_m, -RUNG_HALF_M]]))
+        axis.plot(*rung.T, color=_rgb(WINDOW), lw=1)
+        if rung[0, 1] < height:
+            axis.annotate(f"{x_m} m ", rung[0], color=_rgb(WINDOW), fontsize=8, ha="right", va="center")
+    if explanation.lane is not None:
+        lane = explanation.lane
+        ahead = np.array([[np.cos(lane.heading_rad), np.sin(lane.heading_rad), lane.pitch_rad]])
+        axis.plot(
+            *_directions_to_pixels(camera, ahead)[0], "x", color=_rgb(LANE), ms=9, mew=2, label="where the lane goes"
+        )
+    axis.set(xlim=(0, width), ylim=(height, 0))
+    axis.legend(loc="lower right", fontsize=7)
+
+
+def panel_view(axis: Axes, explanation: Explanation) -> None:
+    """The road from above."""
+    title = f"3 From above: {_words(explanation, 'view')}"
+    if explanation.sight is None:
+        _say(axis, title, "the mount shows no road in this picture")
+        return
+    _show_view(axis, explanation, explanation.sight.view_image, title)
+
+
+def panel_paint(axis: Axes, explanation: Explanation) -> None:
+    """How much each cell looks like paint."""
+    title = f"4 Paint: {_words(explanation, 'paint')}"
+    if explanation.sight is None:
+        _say(axis, title, "not reached")
+        return
+    strength = explanation.sight.evidence.strength
+    _show_view(axis, explanation, strength, title, cmap="magma", vmin=0, vmax=MOST_STRENGTH)
+
+
+def panel_stripes(axis: Axes, explanation: Explanation) -> None:
+    """The stripe candidates, on the road in metres; those of the chosen lane in the colours of its lines."""
+    _axes_of_road(axis, explanation, f"5 Stripes: {_words(explanation, 'stripes')}")
+    if explanation.sight is None:
+        return
+    stripes, side = explanation.sight.stripes, stripes_on_lines(explanation)
+    for which, colour, label in ((0, (150, 150, 150), "on no line"), (1, LEFT, "left line"), (-1, RIGHT, "right line")):
+        mine = side == which
+        if mine.any():
+            size = np.clip(stripes.strength[mine], 3, 30)
+            axis.scatter(
+                stripes.y_m[mine], stripes.x_m[mine], s=size, color=_rgb(colour), lw=0, label=f"{mine.sum()} {label}"
+            )
+            axis.legend(loc="upper right", fontsize=7)
+
+
+def panel_votes(axis: Axes, explanation: Explanation) -> None:
+    """The vote table: for each curvature and lateral place the votes of the best heading and pitch."""
+    title = f"6 Votes: {_words(explanation, 'votes')}"
+    if explanation.votes is None:
+        _say(axis, title, "not reached")
+        return
+    curvature = hypotheses()[:, 1]
+    bends = np.unique(curvature)
+    # Square roots, as they count in the search: a dashed line still shows beside a solid one.
+    table = np.sqrt([explanation.votes[curvature == bend].max(axis=0) for bend in bends])
+    half_m = BINS / 2 * BIN_M
+    axis.imshow(table[:, ::-1], extent=(half_m, -half_m, len(bends) - 0.5, -0.5), aspect="auto", cmap="magma")
+    shown = np.arange(1, len(bends), 3)
+    axis.set_yticks(shown, [f"{_radius(bends[n])}" for n in shown], fontsize=8)
+    axis.set(xlabel="left (m)", ylabel="bend")
+    axis.set_title(title)
+    for candidate in explanation.candidates:
+        row = np.interp(candidate.model[3], bends, np.arange(len(bends)))
+        places = candidate.model[CENTRE] + SIDES * candidate.model[WIDTH] / 2
+        look = {
+            "color": _rgb(LANE if candidate.chosen else WINDOW),
+            "marker": "o",
+            "mfc": "none",
+            "ms": 9,
+            "ls": "none",
+        }
+        axis.plot(places, [row, row], **look)
+
+
+def panel_fit(axis: Axes, explanation: Explanation) -> None:
+    """The fitted lanes on the road in metres: the chosen one with its doubt, the rejected ones dashed."""
+    _axes_of_road(axis, explanation, f"7 Fit: {_words(explanation, 'fit')}")
+    if explanation.sight is not None:
+        stripes = explanation.sight.stripes
+        axis.scatter(stripes.y_m, stripes.x_m, s=3, color="0.75", lw=0)
+    for candidate in explanation.candidates:
+        if not candidate.chosen:
+            for line in lines_on_view(candidate.model[None], explanation.view.x_m, explanation.view.height_m)[0]:
+                axis.plot(line, explanation.view.x_m, color="0.5", lw=1, ls="--")
+    if explanation.lane is None:
+        return
+    x_m = np.linspace(0, 50, 60)
+    stds = explanation.line_stds_m(x_m)
+    for side, std, colour, name in zip(SIDES, stds, (LEFT, RIGHT), ("left", "right"), strict=True):
+        y_m = line_y(x_m, explanation.lane.model, side)
+        line = getattr(explanation.lane, name)
+        axis.fill_betweenx(x_m, y_m - 2 * std, y_m + 2 * std, color=_rgb(colour), alpha=0.25, lw=0)
+        label = f"{name}: {'paint on ' + format(min(line.support, 1), '.0%') if line.seen else 'inferred'}"
+        axis.plot(y_m, x_m, color=_rgb(colour), label=f"{label}, ± {np.interp(20, x_m, std):.2f} m at 20 m")
+    axis.legend(loc="upper right", fontsize=7, title="bands: two standard deviations", title_fontsize=7)
+
+
+def panel_result(axis: Axes, explanation: Explanation) -> None:
+    """The overlay."""
+    tracked = explanation.tracked
+    title = f"8 Result: {tracked.state}" + (f", confidence {tracked.confidence:.0%}" if tracked.lane else "")
+    _show(axis, draw_found(explanation.image, explanation.lane, explanation.camera), title)
+
+
+def panel_text(axis: Axes, explanation: Explanation) -> None:
+    """The result in words: numbers, the confidence's ingredients, what was rejected, what to do."""
+    results = [f"{name}: {words}" for name, words in explanation.tracked.in_words().items()]
+    results += explanation.confidence_in_words()
+    results += [f"rejected: {c.reason}" for c in explanation.candidates if not c.chosen]
+    failed = explanation.failed
+    verdict = [f"Step “{failed.name}”: {failed.failure}", f"What to do: {failed.advice}"] if failed else []
+    below = 0
+    for lines, colour in ((verdict, FAILED), (results, "0.1")):
+        for line in lines:
+            for part in textwrap.wrap(line, TEXT_COLUMNS, subsequent_indent="    "):
+                place = {"xy": (0, 1), "xycoords": "axes fraction", "textcoords": "offset points"}
+                axis.annotate(part, xytext=(0, -below), va="top", fontsize=9, family="monospace", color=colour, **place)
+                below += LINE_POINTS
+        below += LINE_POINTS // 2
+    axis.set_axis_off()
+    axis.set_title("9 In words")
+
+
+# The panel that shows a step.
+PANEL_OF = {"picture": 0, "mount": 1, "view": 2, "paint": 3, "stripes": 4, "votes": 5, "fit": 6, "lane": 7}
+PANELS = (
+    panel_raw,
+    panel_mount,
+    panel_view,
+    panel_paint,
+    panel_stripes,
+    panel_votes,
+    panel_fit,
+    panel_result,
+    panel_text,
+)
+
+
+def _words(explanation: Explanation, name: str) -> str:
+    return next((step.words for step in explanation.steps if step.name == name), "not reached")
+
+
+def _show(axis: Axes, image: np.ndarray, title: str) -> None:
+    axis.imshow(image)
+    axis.set_title(title)
+    axis.set_axis_off()
+
+
+def _say(axis: Axes, title: str, words: str) -> None:
+    axis.text(0.5, 0.5, words, ha="center", va="center", transform=axis.transAxes)
+    axis.set_title(title)
+    axis.set_axis_off()
+
+
+def _show_view(axis: Axes, explanation: Explanation, values: np.ndarray, title: str, **look: object) -> None:
+    """A view as it is: one row for each of its distances, which grow by a fixed share."""
+    view = explanation.view
+    axis.imshow(values, extent=(view.y_m[0], view.y_m[-1], len(view.x_m) - 0.5, -0.5), aspect="auto", **look)
+    rows = np.interp(RUNGS_M, view.x_m[::-1], np.arange(len(view.x_m))[::-1])
+    axis.set_yticks(rows, [f"{x_m} m" for x_m in RUNGS_M])
+    axis.set_xlabel("left (m)")
+    axis.set_title(title)
+
+
+def _axes_of_road(axis: Axes, explanation: Explanation, title: str) -> None:
+    half_m = explanation.view.half_width_m
+    axis.set(xlim=(half_m, -half_m), ylim=(0, 52), xlabel="left (m)", ylabel="ahead (m)")
+    axis.grid(alpha=0.3)
+    axis.set_title(title)
+
+
+def _directions_to_pixels(camera: Camera, directions: np.ndarray) -> np.ndarray:
+    """Pixels (N, 2) of points infinitely far away in these directions (N, 3) of the road frame; no distortion."""
+    x, y, z = (directions @ camera.mount.rotation().T).T
+    return np.column_stack([x / z, y / z, np.ones_like(z)]) @ camera.matrix[:2].T
+
+
+def _radius(curvature_per_m: float) -> str:
+    if abs(curvature_per_m) < 1e-6:
+        return "straight"
+    return f"{'left' if curvature_per_m > 0 else 'right'} {1 / abs(curvature_per_m):.0f} m"
+
+
+def _rgb(colour: Colour) -> tuple[float, float, float]:
+    red, green, blue = (value / 255 for value in colour)
+    return red, green, blue
