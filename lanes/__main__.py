@@ -13,6 +13,7 @@ COMMANDS = {
     "annotate": "draw the lane on videos, stills or a live camera; telemetry and a report beside each video",
     "detect": "find the lines of the own lane in pictures and videos, as TuSimple JSON lines",
     "explain": "show every step from one picture to its lane, and where it failed",
+    "benchmark": "score every lane finder on roads whose truth is known",
     "render": "render the embedded pictures and video again, with their truth",
 }
 PROGRAM = "python -m lanes"

@@ -7,9 +7,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import av
 import numpy as np
 import pytest
+from clips import write_clip
 from drives import CAMERA, PaintedDrive, lane_lines, s_bend
 
 from lanes.camera import CameraError, save_camera
@@ -81,17 +81,6 @@ def test_videos_are_followed_frame_by_frame(tmp_path):
     assert found[-1]["state"] == "tracking"
     assert found[-1]["offset_m"] == pytest.approx(DRIVE.truth(0.2).offset_m, abs=0.05)
     assert told == [(done, 6) for done in range(1, 7)]
-
-
-def write_clip(path: Path, frames: list[np.ndarray]) -> Path:
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=25, options={"crf": "12", "preset": "ultrafast"})
-        stream.height, stream.width = frames[0].shape[:2]
-        stream.pix_fmt = "yuv420p"
-        for image in frames:
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
-        container.mux(stream.encode())
-    return path
 
 
 def test_nothing_there_is_said(folder):

@@ -1,0 +1,179 @@
+"""Run every system over every drive, several at a time; what is finished is kept, so that a broken-off run goes on.
+
+drives -> stage (render, take or estimate the mount) -> measure (follow all frames, keep) -> Result (against truth)
+"""
+
+from __future__ import annotations
+
+import hashlib
+import multiprocessing
+import signal
+import time
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from lanes.benchmark.drives import NO_LANE, BenchmarkDrive
+from lanes.benchmark.errors import LaneTruth, frame_errors
+from lanes.benchmark.readings import Reading, Readings, read_readings, write_readings
+from lanes.benchmark.scores import Result
+from lanes.benchmark.systems import SOURCES, follow_with, require_system
+from lanes.camera import Camera, camera_to_dict, load_camera
+from lanes.mounting.mount import MountError, estimate_mount
+from lanes.scenes.suite import cache_folder
+from lanes.video.footage import pick_pictures
+from lanes.video.telemetry import read_telemetry
+from lanes.video.videofile import inspect_video, read_frames
+
+MOUNT_PICTURES = 40
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Staged:
+    """A drive with its video at hand, and the camera that the systems are given (None: no mount was to be found)."""
+
+    drive: BenchmarkDrive
+    camera: Camera | None
+    mount: str
+
+
+def run_benchmark(
+    drives: Sequence[BenchmarkDrive],
+    systems: Sequence[str],
+    *,
+    workers: int = 1,
+    estimated_mount: bool = False,
+    folder: Path | None = None,
+    progress: Callable[[str], Progress] | None = None,
+) -> list[Result]:
+    """Score systems on drives.
+
+    Parameters
+    ----------
+    drives : sequence of BenchmarkDrive
+    systems : sequence of str
+        In `systems.SYSTEMS`.
+    workers : int
+        Processes at the same time, each with one OpenCV thread.
+    estimated_mount : bool
+        The systems get the mount that `estimate_mount` finds in the video, instead of the true one. The lens is the
+        true one always.
+    folder : Path, optional
+        Where finished results are kept: a folder in the cache by default. One is used again as long as video, camera
+        and the system's own sources are what they were.
+    progress : callable, optional
+        Called as progress(what), gives the callback (done, in all) for that part of the work.
+
+    Returns
+    -------
+    list of Result
+        In the order of `drives`, then of `systems`.
+
+    Raises
+    ------
+    ValueError
+        If a system is unknown, or a video and its truth do not belong together.
+    OSError
+        If a file cannot be read or written.
+    """
+    for system in systems:
+        require_system(system)
+    folder = folder or cache_folder() / "benchmark"
+    report = progress or (lambda what: lambda done, total: None)
+    # Fresh processes: forked ones may inherit the locks of OpenCV's and FFmpeg's threads.
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_begin_work) as pool:
+        try:
+            staged = _all_done(pool, stage, [(drive, estimated_mount) for drive in drives], report("scenes"))
+            tasks = [(drive, system, folder, workers) for drive in staged for system in systems]
+            kept = _all_done(pool, measure, tasks, report("benchmark"))
+        except BrokenProcessPool as error:
+            raise OSError("a worker was killed, perhaps for want of memory; try again with fewer --workers.") from error
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return [_result(task[0], task[1], path) for task, path in zip(tasks, kept, strict=True)]
+
+
+def stage(drive: BenchmarkDrive, estimated_mount: bool) -> Staged:
+    """Render the drive where needed, and take or estimate the mount."""
+    drive = drive.at_hand()
+    camera = load_camera(drive.video.with_suffix(".yaml"))
+    if not estimated_mount:
+        return Staged(drive, camera, "true")
+    try:
+        estimate = estimate_mount(pick_pictures([drive.video], MOUNT_PICTURES, camera), camera)
+    except MountError:
+        return Staged(drive, None, "not found")
+    return Staged(drive, camera.with_mount(estimate.mount), "estimated")
+
+
+def measure(staged: Staged, system: str, folder: Path, workers: int) -> Path:
+    """Follow a drive with a system unless that was done before; the file in which its readings are."""
+    path = folder / f"{staged.drive.name}-{system}-{_key(staged, system)}.json"
+    if not path.is_file():
+        write_readings(path, follow_drive(staged, system), workers=workers)
+    return path
+
+
+def follow_drive(staged: Staged, system: str, *, end_s: float | None = None) -> Readings:
+    """What a system says of each frame of a drive up to `end_s`; nothing where the camera has no mount."""
+    info = inspect_video(staged.drive.video)
+    follow = follow_with(system, staged.camera, info.fps) if staged.camera else lambda image: Reading()
+    readings, time_ms = [], []
+    for image in read_frames(staged.drive.video, end_s=end_s):
+        start = time.perf_counter()
+        readings.append(follow(image))
+        time_ms.append(1000 * (time.perf_counter() - start) if staged.camera else np.nan)
+    return Readings.of(readings, time_ms)
+
+
+def true_lane(drive: BenchmarkDrive) -> LaneTruth:
+    """The truth of a drive's frames; none in any frame where the road shows no lane."""
+    path = drive.video.with_suffix(".csv")
+    try:
+        truth = LaneTruth.of(read_telemetry(path))
+    except KeyError as error:
+        raise ValueError(f"{path}: lacks the column {error}; give the truth that is written beside a video.") from error
+    return replace(truth, lines_y_m=np.full_like(truth.lines_y_m, np.nan)) if drive.difficulty == NO_LANE else truth
+
+
+def _result(staged: Staged, system: str, path: Path) -> Result:
+    readings, about = read_readings(path)
+    drive = staged.drive
+    try:
+        errors = frame_errors(readings, true_lane(drive))
+    except ValueError as error:
+        raise ValueError(f"{drive.video}: {error}") from error
+    return Result(drive.name, drive.difficulty, system, errors, staged.mount, int(about["workers"]))
+
+
+def _all_done(pool: ProcessPoolExecutor, work: Callable, tasks: Iterable[tuple], report: Progress) -> list:
+    """The results of work(*task), in the order of the tasks."""
+    futures = [pool.submit(work, *task) for task in tasks]
+    for done, future in enumerate(as_completed(futures), 1):
+        future.result()
+        report(done, len(futures))
+    return [future.result() for future in futures]
+
+
+def _begin_work() -> None:
+    """In each process: one thread for OpenCV; when interrupted, stop without a word."""
+    cv2.setNumThreads(1)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def _key(staged: Staged, system: str) -> str:
+    """Twelve digits that change with all that the readings depend on."""
+    digest = hashlib.sha256(staged.drive.video.read_bytes())
+    digest.update(f"{cv2.__version__} {np.__version__} {staged.camera and camera_to_dict(staged.camera)}".encode())
+    package = Path(__file__).parents[1]
+    for source in (Path(__file__).with_name("systems.py"), *(package / name for name in SOURCES[system])):
+        for file in sorted(source.rglob("*.py")) if source.is_dir() else [source]:
+            digest.update(file.read_bytes())
+    return digest.hexdigest()[:12]
