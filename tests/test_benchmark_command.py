@@ -18,7 +18,6 @@ from lanes.benchmark.drives import BenchmarkDrive, choose_drives, list_drives
 from lanes.benchmark.runner import Staged, follow_drive, measure, stage, true_lane
 from lanes.benchmark.systems import SYSTEMS
 from lanes.benchmark.tables import describe_scores, read_scores, results_table
-from lanes.camera import Camera
 from lanes.images import read_image
 from lanes.scenes.render import Motion
 
@@ -199,17 +198,3 @@ class TestTables:
         (tmp_path / "other.csv").write_text("frame,time_s\n0,0\n")
         with pytest.raises(ValueError, match=r"other.csv: is no table of the benchmark"):
             results_table(tmp_path / "other.csv")
-
-
-def test_systems_see_the_same_lane(folder):
-    """Through the uniform adapter, on an easy frame, all agree with the truth on where the near lane is."""
-    truth = true_lane(own(folder / "bend.mp4"))
-    camera: Camera = SMALL
-    for system in SYSTEMS:
-        readings = follow_drive(Staged(own(folder / "bend.mp4"), camera, "true"), system, end_s=0.08)
-        assert len(readings.offset_m) == 2
-        assert readings.given.all(), system
-        np.testing.assert_allclose(readings.lines_y_m[:, :, :2], truth.lines_y_m[:2, :, :2], atol=0.3, err_msg=system)
-        np.testing.assert_allclose(readings.offset_m, truth.offset_m[:2], atol=0.4, err_msg=system)
-        np.testing.assert_allclose(readings.heading_rad, truth.heading_rad[:2], atol=0.03, err_msg=system)
-        assert np.isnan(readings.confidence).all() == (system != "metric")
