@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from lanes.commands.arguments import add_lens, find_lens, find_mount, number
+from lanes.commands.arguments import add_lens, find_lens, number, progress_line
 
 EXAMPLES = """\
   python -m lanes explain --camera camera.yaml drive.mp4 --at 12.5 -o explained.png
@@ -26,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Explain the picture, print the words and write the figure."""
     from lanes.camera import Mount
+    from lanes.drives.mounts import mount_from_drive
     from lanes.explain import explain_frame
     from lanes.mounting.lanewidth import USUAL_HEIGHT_M
     from lanes.mounting.mount import MountError
@@ -38,7 +39,9 @@ def run(options: argparse.Namespace) -> int:
     trouble = ""
     camera.require_size(image, file)
     try:
-        camera = find_mount(camera, options.files)
+        camera, estimate = mount_from_drive(camera, options.files, progress=progress_line("mount"))
+        if estimate:
+            print(estimate.describe())
     except MountError as error:
         camera, trouble = camera.with_mount(Mount(USUAL_HEIGHT_M)), str(error)
     explanation = explain_frame(image, camera, mount_trouble=trouble)
