@@ -11,9 +11,11 @@ from lanes.camera import Mount
 from lanes.scenes.backdrop import BackdropStyle
 from lanes.scenes.dashcam import DASHCAM
 from lanes.scenes.exposure import AutoExposure, RoadLight
+from lanes.scenes.fog import Fog
 from lanes.scenes.freeway import LANE_M, freeway_markings, freeway_surface
+from lanes.scenes.glare import Glare
 from lanes.scenes.lens import Lens
-from lanes.scenes.light import BridgeShade, Sun, light_along
+from lanes.scenes.light import BridgeShade, Sun, WoodShade, light_along
 from lanes.scenes.overpass import Overpass
 from lanes.scenes.render import Drive, Motion, render_frame
 from lanes.scenes.road import RoadGeometry
@@ -115,3 +117,75 @@ def test_the_bridge_hides_the_sky_and_nothing_of_the_lane():
     rays = drive.camera_at(1.5).road_to_pixels(np.column_stack([s, drive.truth(1.5).line_y(0, s)])).round().astype(int)
     assert not hidden[rays[:, 1], rays[:, 0]].any()
     assert hidden[:100].mean() > 0.5
+
+
+def ground_levels(drive: Drive, x_m: np.ndarray, y_m: np.ndarray, monkeypatch) -> np.ndarray:
+    """Linear green light of the ground at places (N,) ahead, before the camera makes a picture of it."""
+    lights = []
+    monkeypatch.setattr("lanes.scenes.render.develop", lambda light, *a, **k: lights.append(light) or light)
+    render_frame(drive)
+    columns, rows = drive.camera_at(0.0).road_to_pixels(np.column_stack([x_m, y_m])).round().astype(int).T
+    return lights[0][rows, columns, 1]
+
+
+def test_contrast_in_fog_falls_as_koschmieder_says(monkeypatch):
+    """Paint against the asphalt beside it: 5 % of the contrast is left at the visibility, its square at twice that."""
+    x = np.array([10.0, 20.0, 40.0])
+    drive = small_drive(
+        0.0,
+        motion=Motion(100.0),
+        markings=(replace(freeway_markings()[0], wear=0.0, width_m=1.2, dots=False),),
+        surface=replace(freeway_surface(Zone(0.0, "concrete")), seams=()),
+    )
+    contrast = {}
+    for fog in (None, Fog(20.0)):
+        paint, beside = (ground_levels(replace(drive, fog=fog), x, 0 * x + y, monkeypatch) for y in (1.83, 3.3))
+        contrast[fog] = paint - beside
+    np.testing.assert_allclose(contrast[Fog(20.0)] / contrast[None], 0.05 ** (np.array([10, 20, 40]) / 20), rtol=0.05)
+
+
+def test_fog_hides_far_things_and_the_sky_behind_them(monkeypatch):
+    fog = Fog(60.0)
+    lights = []
+    monkeypatch.setattr("lanes.scenes.render.develop", lambda light, *a, **k: lights.append(light) or light)
+    render_frame(small_drive(fog=fog))
+    horizon = round(float(SMALL.road_to_pixels(np.array([[5000.0, 0.0]]))[0, 1]))
+    np.testing.assert_allclose(
+        lights[0][horizon - 8 : horizon, ::20], np.broadcast_to(fog.colour, (8, 32, 3)), atol=0.02
+    )
+
+
+def test_refuses_fog_through_which_nothing_is_seen():
+    with pytest.raises(ValueError, match="-5"):
+        Fog(-5)
+
+
+def test_sun_ahead_takes_contrast_and_one_behind_or_in_the_shade_does_not(monkeypatch):
+    def contrast(azimuth: float, **changes) -> float:
+        drive = small_drive(0.0, motion=Motion(100.0), sun=Sun(azimuth, 0.2), glare=Glare(), **changes)
+        x = np.array([10.0, 15.0, 25.0])
+        paint, road = (ground_levels(drive, x, 0 * x + y, monkeypatch) for y in (1.83, 1.0))
+        return float((paint / road).mean())
+
+    shaded = contrast(0.0, shades=(WoodShade(-50.0, 400.0, 0.01),))
+    assert contrast(0.0) < 0.5 * contrast(np.pi)
+    assert shaded > 1.5 * contrast(0.0)
+
+
+def test_the_road_shines_below_the_sun():
+    """The sheen is a stripe in the sun's direction, not on the other side of the picture."""
+    drive = small_drive(0.0, motion=Motion(100.0), sun=Sun(0.25, 0.2))
+    bare, shiny = (render_frame(d).image.astype(int) for d in (drive, replace(drive, glare=Glare(veil=0.0, flare=0.0))))
+    more = (shiny - bare).mean(axis=2)
+    at = SMALL.road_to_pixels(np.array([[25.0, 25 * np.tan(0.25)], [25.0, -25 * np.tan(0.25)]])).round().astype(int)
+    assert more[at[0, 1], at[0, 0]] > 10
+    assert more[at[1, 1], at[1, 0]] < 0.5 * more[at[0, 1], at[0, 0]]
+    assert np.abs(more[:100]).max() == 0
+
+
+def test_a_wood_leaves_the_share_of_flecks_that_it_says():
+    drive = small_drive(0.0, motion=Motion(100.0), shades=(WoodShade(-50.0, 400.0, 0.10),))
+    open_road = replace(drive, shades=())
+    ratio = render_frame(drive).image.astype(float) / np.maximum(render_frame(open_road).image, 1)
+    lit = ratio[250:350, 100:540].mean(axis=2) > 0.75
+    assert 0.03 < lit.mean() < 0.2

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lanes.scenes.lens import ADAPTED_TO, LUMINANCE, Lens
-from lanes.scenes.light import BridgeShade, TreeShade, light_along
+from lanes.scenes.light import Shade, light_along
 from lanes.scenes.surface import MATERIALS, Surface
 
 # Where on the road the camera meters, metres ahead and to the left, and how finely the way there is sampled.
@@ -74,7 +74,7 @@ class RoadLight:
     """What the pavement sends to the camera along the road, without its texture."""
 
     surface: Surface
-    shades: tuple[TreeShade | BridgeShade, ...]
+    shades: tuple[Shade, ...]
     seed: int
 
     def metered(self, stations_m: np.ndarray) -> np.ndarray:

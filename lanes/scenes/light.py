@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 
 import cv2
 import numpy as np
@@ -51,6 +52,19 @@ class TreeShade:
 
 
 @dataclass(frozen=True)
+class WoodShade:
+    """The closed shade of a wood on both sides: the sky's blue light, and `flecks` of sun here and there (a share)."""
+
+    start_m: float
+    end_m: float
+    flecks: float = 0.04
+
+    def mirrored(self) -> WoodShade:
+        """The same: it has no sides."""
+        return self
+
+
+@dataclass(frozen=True)
 class BridgeShade:
     """The sharp shadow of a bridge across the whole road, and the sky that its deck hides.
 
@@ -67,9 +81,10 @@ class BridgeShade:
         return replace(self, skew=-self.skew)
 
 
-def sunlight_on_ground(
-    shades: tuple[TreeShade | BridgeShade, ...], ground: Ground, *, station_m: float, seed: int
-) -> np.ndarray:
+Shade = TreeShade | WoodShade | BridgeShade
+
+
+def sunlight_on_ground(shades: tuple[Shade, ...], ground: Ground, *, station_m: float, seed: int) -> np.ndarray:
     """Share of the sun that reaches each pixel's ground: (rows, width) float32, 1 in the open, 0 in full shade."""
     s = ground.s + np.float32(station_m)
     sun = np.ones_like(s)
@@ -81,14 +96,14 @@ def sunlight_on_ground(
         part = ground.rows(cut)
         if isinstance(shade, BridgeShade):
             sun[cut] *= _under_bridge(shade, part, s[cut])
+        elif isinstance(shade, WoodShade):
+            sun[cut] *= _in_wood(shade, part, s[cut], seed + number)
         else:
             sun[cut] *= _under_tree(shade, part, s[cut], seed + number)
     return sun
 
 
-def sky_on_ground(
-    shades: tuple[TreeShade | BridgeShade, ...], ground: Ground, *, station_m: float
-) -> np.ndarray | None:
+def sky_on_ground(shades: tuple[Shade, ...], ground: Ground, *, station_m: float) -> np.ndarray | None:
     """Share of the sky's light that bridges leave to each pixel's ground, (rows, width) float32; None if no bridge."""
     bridges = [shade for shade in shades if isinstance(shade, BridgeShade)]
     if not bridges:
@@ -100,16 +115,22 @@ def sky_on_ground(
     return np.maximum(share, np.float32(BOUNCED))
 
 
-def light_along(
-    shades: tuple[TreeShade | BridgeShade, ...], s_m: np.ndarray, d_m: np.ndarray, *, seed: int
-) -> np.ndarray:
-    """Irradiance (N, 3) relative to open ground at places (s_m, d_m) on the road, (N,) each: no single leaf is seen."""
+def sun_along(shades: tuple[Shade, ...], s_m: np.ndarray, d_m: np.ndarray, *, seed: int) -> np.ndarray:
+    """Share of the sun (N,) at places (s_m, d_m) on the road, (N,) each; leaves are averaged away."""
+    return sunlight_on_ground(shades, _points(s_m, d_m), station_m=0.0, seed=seed)[:, 0]
+
+
+def light_along(shades: tuple[Shade, ...], s_m: np.ndarray, d_m: np.ndarray, *, seed: int) -> np.ndarray:
+    """Irradiance (N, 3) relative to open ground at places (s_m, d_m) on the road, (N,) each, without leaves."""
+    sky = sky_on_ground(shades, _points(s_m, d_m), station_m=0.0)
+    return light_on_ground(sun_along(shades, s_m, d_m, seed=seed)[:, None], sky)[:, 0]
+
+
+def _points(s_m: np.ndarray, d_m: np.ndarray) -> Ground:
+    """Single places as ground of one column, with footprints in which no leaf can be told."""
     s, d = (np.asarray(x, np.float32)[:, None] for x in (s_m, d_m))
     wide, none = np.full_like(s, 2.0), np.zeros_like(s)
-    # Wide footprints, which average the leaves away.
-    ground = Ground(0, np.ones(s.shape, bool), s, s, d, s, d, none, wide, wide, none)
-    sun = sunlight_on_ground(shades, ground, station_m=0.0, seed=seed)
-    return light_on_ground(sun, sky_on_ground(shades, ground, station_m=0.0))[:, 0]
+    return Ground(0, np.ones(s.shape, bool), s, s, d, s, d, none, wide, wide, none)
 
 
 def light_on_ground(sun: np.ndarray, sky: np.ndarray | None = None) -> np.ndarray:
@@ -203,6 +224,20 @@ def hidden_sky(shade: BridgeShade, t: np.ndarray) -> np.ndarray:
     """
     sines = [(edge - t) / np.hypot(edge - t, np.float32(shade.clearance_m)) for edge in (shade.start_m, shade.end_m)]
     return (sines[1] - sines[0]).astype(np.float32) / 2
+
+
+def _in_wood(shade: WoodShade, ground: Ground, s: np.ndarray, seed: int) -> np.ndarray:
+    """Few flecks, drawn out along the road, and ragged ends where the wood opens."""
+    reach = ground.reach_s
+    cloudy = band_noise_tile(seed + 41, octaves=4)
+    gaps = sample_noise(cloudy, s, ground.d, wave_s_m=1.6, wave_d_m=0.8)
+    # The quantile of a normal distribution that leaves the share of flecks above it.
+    level = np.float32(NormalDist().inv_cdf(1 - shade.flecks))
+    flecks = np.clip((gaps - level) * 2.5 + 0.5, 0, 1)
+    flecks += (1 - fade(reach, 1.6)) * (np.float32(shade.flecks) - flecks)
+    inside = np.minimum(s - np.float32(shade.start_m), np.float32(shade.end_m) - s) + np.float32(1.5) * gaps
+    closed = np.clip(inside / 2 + 0.5, 0, 1)
+    return 1 - closed * (1 - np.float32(0.85) * flecks)
 
 
 def _under_tree(shade: TreeShade, ground: Ground, s: np.ndarray, seed: int) -> np.ndarray:

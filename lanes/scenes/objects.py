@@ -79,7 +79,11 @@ def draw_objects(
     sun = np.asarray(sun_direction, float) / np.linalg.norm(sun_direction)
     jobs = []
     for thing in objects:
-        pieces = thing.pieces() if isinstance(thing, (Wall, Slab)) else [thing]
+        if isinstance(thing, Wall):
+            # All of a piece is behind the same air: thick air wants short pieces.
+            pieces = thing.pieces() if air_at is None else thing.pieces(longer=1.06)
+        else:
+            pieces = [thing]
         jobs += [(_distance(piece), piece) for piece in pieces]
     for distance, thing in sorted((job for job in jobs if job[0] < FARTHEST_M), key=lambda job: -job[0]):
         through, air = air_between(distance, haze) if air_at is None else air_at(distance)

@@ -104,9 +104,6 @@ class Slab:
     light: np.ndarray
     front: bool = False
 
-    def pieces(self) -> list[Slab]:
-        return [self]
-
     def distance_m(self) -> float:
         """Distance that painters sort by: along the road to the middle, because the slice spans it."""
         return float(np.abs(np.median(self.faces_m[..., 0])))

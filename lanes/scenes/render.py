@@ -12,17 +12,20 @@ from lanes.camera import Camera
 from lanes.scenes.backdrop import BackdropStyle, paint_backdrop
 from lanes.scenes.bonnet import draw_bonnet
 from lanes.scenes.exposure import AutoExposure, RoadLight
+from lanes.scenes.fog import Fog
+from lanes.scenes.glare import Glare, add_glare, add_sheen
 from lanes.scenes.ground import FARTHEST_M, Ground, cast_on_ground, picture_rays
 from lanes.scenes.lens import LUMINANCE, Lens, develop
 from lanes.scenes.light import (
     SHADOWS_UNTIL_M,
-    BridgeShade,
+    Shade,
     Sun,
     TreeShade,
     darken_polygons,
     light_along,
     light_on_ground,
     sky_on_ground,
+    sun_along,
     sunlight_on_ground,
 )
 from lanes.scenes.markings import Marking, paint_markings
@@ -107,6 +110,9 @@ class Drive:
         Of everything that is random.
     exposure : AutoExposure, optional
         Follows the road's light with delay; without it the exposure follows each picture at once, by little.
+    fog : Fog, optional
+    glare : Glare, optional
+        Of a low sun ahead.
     """
 
     camera: Camera
@@ -117,12 +123,14 @@ class Drive:
     sun: Sun
     motion: Motion = Motion()
     things: tuple[Placed | Along | Overpass, ...] = ()
-    shades: tuple[TreeShade | BridgeShade, ...] = ()
+    shades: tuple[Shade, ...] = ()
     backdrop: BackdropStyle = BackdropStyle()
     lens: Lens = Lens()
     bonnet: bool = True
     seed: int = 0
     exposure: AutoExposure | None = None
+    fog: Fog | None = None
+    glare: Glare | None = None
 
     def truth(self, time_s: float = 0.0) -> Truth:
         """What is known of the frame at a moment, without rendering it."""
@@ -164,18 +172,25 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     ground_light = _ground_light(drive, ground, sun, station_m=truth.pose.s_m)
     # Before air dims it and without sky, cars and bonnet: what the camera's exposure follows.
     road_light = _mean_luminance(ground_light[-250:-60:4, ::8])
+    if drive.glare is not None:
+        height_m = camera.mount.height_m
+        add_sheen(ground_light, ground, sun, sun_direction, strength=drive.glare.sheen, height_m=height_m)
+    if drive.fog is not None:
+        drive.fog.veil_ground(ground_light, ground)
     light = _backdrop(drive, camera, heading, ground)
     _lay_ground(light, ground_light, ground)
     bare = light
     light_at = _light_on_things(drive, ahead, station_m=truth.pose.s_m)
-    light = draw_objects(
-        bare, camera, things, sun_direction=sun_direction, haze=drive.backdrop.haze_per_km, light_at=light_at
-    )
+    air = {"haze": drive.backdrop.haze_per_km, "air_at": drive.fog and drive.fog.air_at}
+    light = draw_objects(bare, camera, things, sun_direction=sun_direction, light_at=light_at, **air)
     if drive.bonnet:
         open_sky = 1.0 if light_at is None else float(light_at(np.array([[1.0, 0.0]])).mean())
         light = draw_bonnet(light, camera, light=(0.2 + 0.8 * float(sun[-60:].mean())) * open_sky)
     changed = light != bare
     hidden = changed[..., 0] | changed[..., 1] | changed[..., 2]
+    if drive.glare is not None:
+        sun_ray = camera.mount.rotation() @ sun_direction
+        add_glare(light, _rays(drive.camera), sun_ray, drive.glare, sunshine=_sunshine(drive, truth.pose))
     lens = drive.lens
     if drive.exposure is not None:
         road_light = _adapted_light(drive, time_s)
@@ -194,15 +209,20 @@ def _ground_light(drive: Drive, ground: Ground, sun: np.ndarray, *, station_m: f
 
 def _light_on_things(drive: Drive, ahead: RoadAhead, *, station_m: float) -> Callable[[np.ndarray], np.ndarray] | None:
     """The share of daylight at places in the car's road frame; None where all is in the open but for leaves."""
-    bridges = tuple(shade for shade in drive.shades if isinstance(shade, BridgeShade))
-    if not bridges:
+    closed = tuple(shade for shade in drive.shades if not isinstance(shade, TreeShade))
+    if not closed:
         return None
 
     def light_at(places_m: np.ndarray) -> np.ndarray:
         s, d = ahead.locate(*places_m.T.astype(np.float32))
-        return light_along(bridges, s + station_m, d, seed=drive.seed)
+        return light_along(closed, s + station_m, d, seed=drive.seed)
 
     return light_at
+
+
+def _sunshine(drive: Drive, pose: Pose) -> float:
+    """Share of the sun that reaches the windscreen."""
+    return float(sun_along(drive.shades, np.array([pose.s_m]), np.array([pose.lateral_m]), seed=drive.seed)[0])
 
 
 def _adapted_light(drive: Drive, time_s: float) -> float:
@@ -239,6 +259,8 @@ def _backdrop(drive: Drive, camera: Camera, heading_rad: float, ground: Ground) 
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
     light = np.zeros((camera.height, camera.width, 3), np.float32)
     light[:bottom] = paint_backdrop(directions, drive.backdrop, seed=drive.seed)
+    if drive.fog is not None:
+        drive.fog.veil_sky(light[:bottom], directions[..., 2])
     return light
 
 

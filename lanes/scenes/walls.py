@@ -90,13 +90,13 @@ class Wall:
         turn = np.argmin(self.side * np.arctan2(ahead[:, 1], ahead[:, 0])) if len(ahead) else 0
         return float(np.hypot(*ahead[turn])) if 0 < turn < len(ahead) - 1 else BANK_DISTANCE_M
 
-    def pieces(self) -> list[Wall]:
-        """The wall cut into lengths that a painter can sort by distance."""
+    def pieces(self, *, longer: float = 1.3) -> list[Wall]:
+        """The wall cut into lengths that a painter can sort by distance; each is as far as the last times `longer`."""
         points, along = _resample(np.asarray(self.path_m, float))
         if self.kind == "bank":
             return [replace(self, path_m=points)]
         distance = np.hypot(points[:, 0], points[:, 1])
-        band = np.floor(np.log(np.maximum(distance, 1.0)) / np.log(1.3)).astype(int)
+        band = np.floor(np.log(np.maximum(distance, 1.0)) / np.log(longer)).astype(int)
         cuts = [0, *(np.flatnonzero(np.diff(band)) + 1), len(points) - 1]
         # Pieces overlap, because foot and top of the same place are seen in different columns.
         spans = [(max(0, a - 8), b + 9) for a, b in zip(cuts[:-1], cuts[1:], strict=True) if b > a]
