@@ -25,7 +25,8 @@ from lanes.scenes.light import BridgeShade, Sun
 from lanes.scenes.markings import WHITE, Marking, paint_coverage, paint_markings
 from lanes.scenes.produce import write_video
 from lanes.scenes.render import Drive, Motion, render_frame
-from lanes.scenes.road import Pose, RoadAhead, RoadGeometry, line_polynomial
+from lanes.scenes.road import Pose, RoadGeometry, line_polynomial
+from lanes.scenes.roadahead import RoadAhead
 from lanes.scenes.roadside import Placed
 from lanes.scenes.surface import Zone, ground_albedo
 from lanes.scenes.things import Car

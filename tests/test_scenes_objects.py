@@ -250,7 +250,7 @@ def test_bonnet_hides_the_bottom_edge_only_and_is_soft():
         (lambda: draw([Tree(10, 0, species="lamp")]), "lamp"),
         (lambda: draw([Sign(10, 0, kind="pub")]), "pub"),
         (lambda: Wall(np.zeros((4, 2)), "hedge"), "hedge"),
-        (lambda: Wall(np.zeros((4, 3))), r"\(4, 3\)"),
+        (lambda: Wall(np.zeros((4, 4))), r"\(4, 4\)"),
         (lambda: shadow_polygons([], np.array([1.0, 0, -0.1])), "sun"),
     ],
 )

@@ -8,10 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.scenes.road import RoadAhead
-
-# Beyond this the ground is less than 2 px below the horizon and belongs to the backdrop.
-FARTHEST_M = 800.0
+from lanes.scenes.relief import FARTHEST_M, cast_on_relief
+from lanes.scenes.roadahead import RoadAhead
 
 
 @dataclass(frozen=True)
@@ -58,7 +56,7 @@ def picture_rays(camera: Camera) -> np.ndarray:
 
 
 def cast_on_ground(rays: np.ndarray, camera: Camera, road: RoadAhead) -> Ground:
-    """Cast the rays of `picture_rays` onto the flat road and find their places along it.
+    """Cast the rays of `picture_rays` onto the road and find their places along it.
 
     Parameters
     ----------
@@ -71,17 +69,33 @@ def cast_on_ground(rays: np.ndarray, camera: Camera, road: RoadAhead) -> Ground:
     """
     mount = camera.mount
     to_road = mount.rotation().astype(np.float32)
-    least_drop = np.float32(mount.height_m / FARTHEST_M)
-    drop = -(rays @ to_road[:, 2])
-    top = int(np.argmax((drop > least_drop).any(axis=1)))
-    rays, drop = rays[top:], drop[top:]
-    visible = drop > least_drop
-    scale = np.float32(mount.height_m) / np.maximum(drop, least_drop)
-    x, y = (rays @ to_road[:, 0]) * scale, (rays @ to_road[:, 1]) * scale
+    if road.profile.level:
+        least_drop = np.float32(mount.height_m / FARTHEST_M)
+        drop = -(rays @ to_road[:, 2])
+        top = int(np.argmax((drop > least_drop).any(axis=1)))
+        rays, drop = rays[top:], drop[top:]
+        visible = drop > least_drop
+        scale = np.float32(mount.height_m) / np.maximum(drop, least_drop)
+        x, y = (rays @ to_road[:, 0]) * scale, (rays @ to_road[:, 1]) * scale
+    else:
+        top, visible, x, y = cast_on_relief(rays @ to_road, mount.height_m, road)
     s, d = road.locate(x, y)
-    s_u, s_v = _steps(s)
-    d_u, d_v = _steps(d)
-    return Ground(top, visible, np.hypot(x, y), x, y, s, d, s_u, s_v, d_u, d_v)
+    smooth = road.profile.level and not road.winding
+    steps = (*_steps(s), *_steps(d)) if smooth else _steps_along(road, s, d, x, y)
+    return Ground(top, visible, np.hypot(x, y), x, y, s, d, *steps)
+
+
+def _steps_along(road: RoadAhead, s: np.ndarray, d: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple:
+    """Changes of s and of d per pixel to the right and down, from those of x and y.
+
+    Between two bends, and behind a crest, s and d jump from pixel to pixel; this does not mistake that for a footprint.
+    """
+    cosine, sine, curvature = road.directions(s)
+    stretch = np.maximum(1 - curvature * d, np.float32(0.2))
+    (x_u, x_v), (y_u, y_v) = _steps(x), _steps(y)
+    along = [(cosine * a + sine * b) / stretch for a, b in ((x_u, y_u), (x_v, y_v))]
+    across = [cosine * b - sine * a for a, b in ((x_u, y_u), (x_v, y_v))]
+    return (*along, *across)
 
 
 def _steps(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

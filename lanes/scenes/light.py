@@ -10,6 +10,7 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.scenes.ground import Ground, edge_coverage
+from lanes.scenes.roadahead import RoadAhead
 from lanes.scenes.texture import band_noise_tile, fade, sample_noise
 
 # Share of the light on open ground that comes from the sky; measured on shaded asphalt: dark and blue.
@@ -145,6 +146,7 @@ def darken_polygons(
     polygons_m: list[np.ndarray],
     camera: Camera,
     ground: Ground,
+    road: RoadAhead,
     *,
     station_m: float,
     ragged_m: float = 0.0,
@@ -159,6 +161,8 @@ def darken_polygons(
     camera : Camera
     ground : Ground
         Of the same rows as `sun`.
+    road : RoadAhead
+        Its ups and downs carry the shadows.
     station_m : float
         Arc length of the car.
     ragged_m : float
@@ -168,6 +172,7 @@ def darken_polygons(
     if not near:
         return
     points, ends = _densified(near)
+    points = points if road.profile.level else road.on_surface(points)
     outlines = camera.road_to_pixels(points) - [0, ground.top]
     mask = np.zeros(sun.shape, np.uint8)
     for outline in np.split(outlines, ends[:-1]):

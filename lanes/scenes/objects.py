@@ -112,7 +112,7 @@ def _painter(thing: Thing):
 def _paint_car(image: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, air: tuple) -> None:
     """Contact shadow, then the faces that look at the camera, by layer and from far to near."""
     turn = turned_by(car.heading_rad)
-    place = np.array([car.x_m, car.y_m, 0.0])
+    place = np.array([car.x_m, car.y_m, car.rise_m])
     eye = (np.array([0, 0, camera.mount.height_m]) - place) @ turn
     distance = float(np.hypot(car.x_m, car.y_m))
     faces = car_faces(car.body, car.paint, detail=1 if distance > 40 else 2)
@@ -138,7 +138,8 @@ def _paint_car(image: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, air
 
 def _paint_tree(image: np.ndarray, camera: Camera, tree: Tree, sun: np.ndarray, air: tuple) -> None:
     """The plant's picture, placed by where its foot and its top are seen."""
-    ends = np.array([[tree.x_m, tree.y_m, tree.base_m], [tree.x_m, tree.y_m, tree.base_m + tree.height_m]])
+    foot = tree.base_m + tree.rise_m
+    ends = np.array([[tree.x_m, tree.y_m, foot], [tree.x_m, tree.y_m, foot + tree.height_m]])
     # Top and foot may be out of the lens's sight while the crown is in it: extend what is seen at mid height.
     around = ends[0] + np.array([[0, 0, 0.9], [0, 0, 1.9]])
     planes = viewing_planes(camera)
@@ -200,7 +201,7 @@ def _paint_sign(image: np.ndarray, camera: Camera, sign: Sign, sun: np.ndarray, 
         lines, colour = _writing(sign), ink
         faces += lines
         colours += [colour] * len(lines)
-    pixels = project_faces(camera, np.array(faces))
+    pixels = project_faces(camera, np.array(faces) + [0, 0, sign.rise_m])
     paint_polygons(image, pixels, np.array(colours) * light, through=air[0], air=air[1])
 
 
@@ -236,4 +237,5 @@ def _paint_post(image: np.ndarray, camera: Camera, post: Post, sun: np.ndarray, 
         faces.append(upright(post.x_m, post.y_m, end + 0.35, -end + 0.35, top - 0.12, top + 0.10))
         normals = np.vstack([normals, [[-1.0, 0, 0], [-1.0, 0, 0]]])
     colours = np.array(post.colour) / 0.8 * irradiance(normals, sun)
-    paint_polygons(image, project_faces(camera, np.array(faces)), colours, through=air[0], air=air[1])
+    pixels = project_faces(camera, np.array(faces) + [0, 0, post.rise_m])
+    paint_polygons(image, pixels, colours, through=air[0], air=air[1])

@@ -31,7 +31,8 @@ from lanes.scenes.light import (
 from lanes.scenes.markings import Marking, paint_markings
 from lanes.scenes.objects import draw_objects
 from lanes.scenes.overpass import Overpass
-from lanes.scenes.road import Pose, RoadAhead, RoadGeometry
+from lanes.scenes.road import Pose, RoadGeometry
+from lanes.scenes.roadahead import RoadAhead
 from lanes.scenes.roadside import Along, Placed, things_in_view
 from lanes.scenes.shadows import shadow_polygons
 from lanes.scenes.surface import Surface, ground_albedo
@@ -64,6 +65,13 @@ class Motion:
         Amplitude and period of the nodding.
     heading_rad : float
         Additional heading relative to the road (for stills taken in the act of steering).
+    later_speeds : tuple of (float, float)
+        Further (time, speed) knots in order of time, linear in between; before the first, from `speed_mps` at 0.
+    shift_m, shift_start_s, shift_seconds : float
+        A change of lane: how far to the left it leads, when it begins, how long it takes.
+    rear_axle_m : float
+        How far the rear axle is behind the camera. A car points where its rear axle goes, so in a sharp bend its
+        heading lags behind the road beside the camera.
     """
 
     start_m: float = 0.0
@@ -74,15 +82,33 @@ class Motion:
     pitch_rad: float = 0.0
     pitch_period_s: float = 1.3
     heading_rad: float = 0.0
+    later_speeds: tuple[tuple[float, float], ...] = ()
+    shift_m: float = 0.0
+    shift_start_s: float = 0.0
+    shift_seconds: float = 4.0
+    rear_axle_m: float = 0.0
 
     def pose(self, time_s: float) -> Pose:
-        """Place and heading at a moment."""
+        """Place and heading at a moment, on a road without sharp bends."""
         rate = 2 * np.pi / self.wander_period_s
-        lateral = self.offset_m + self.wander_m * np.sin(rate * time_s)
+        part = float(np.clip((time_s - self.shift_start_s) / self.shift_seconds, 0, 1))
+        lateral = self.offset_m + self.wander_m * np.sin(rate * time_s) + self.shift_m * part**2 * (3 - 2 * part)
+        aside = self.wander_m * rate * np.cos(rate * time_s) + self.shift_m * 6 * part * (1 - part) / self.shift_seconds
+        station, speed = self._progress(time_s)
         heading = self.heading_rad
-        if self.speed_mps:
-            heading += float(np.arctan(self.wander_m * rate * np.cos(rate * time_s) / self.speed_mps))
-        return Pose(self.start_m + self.speed_mps * time_s, float(lateral), heading)
+        if speed:
+            heading += float(np.arctan(aside / speed))
+        return Pose(station, float(lateral), heading)
+
+    def _progress(self, time_s: float) -> tuple[float, float]:
+        """Arc length and speed at a moment."""
+        if not self.later_speeds:
+            return self.start_m + self.speed_mps * time_s, self.speed_mps
+        times, speeds = np.array([(0.0, self.speed_mps), *self.later_speeds]).T
+        now = float(np.interp(time_s, times, speeds))
+        knots = np.append(times[times < time_s], time_s)
+        way = np.trapezoid(np.append(speeds[times < time_s], now), knots)
+        return self.start_m + float(way), now
 
     def pitch(self, time_s: float) -> float:
         """Nodding angle at a moment: two sines that do not repeat together, as springs and road make them."""
@@ -99,8 +125,9 @@ class Drive:
     camera : Camera
         With its mount.
     road : RoadGeometry
-    line_laterals_m : (float, float)
-        Lateral places of the centres of the ego lane's left and right lines.
+    line_laterals_m : tuple of float
+        Lateral places of the centres of the ego lane's left and right lines; where the car changes lanes, of all lines
+        from left to right; empty where there is no lane.
     markings, surface, sun, things, shades, backdrop, lens
         See their modules.
     bonnet : bool
@@ -117,7 +144,7 @@ class Drive:
 
     camera: Camera
     road: RoadGeometry
-    line_laterals_m: tuple[float, float]
+    line_laterals_m: tuple[float, ...]
     markings: tuple[Marking, ...]
     surface: Surface
     sun: Sun
@@ -135,7 +162,16 @@ class Drive:
     def truth(self, time_s: float = 0.0) -> Truth:
         """What is known of the frame at a moment, without rendering it."""
         pitch = self.camera.mount.pitch_rad + self.motion.pitch(time_s)
-        return lane_truth(self.road, self.motion.pose(time_s), self.line_laterals_m, time_s=time_s, pitch_rad=pitch)
+        pose = self.pose(time_s)
+        return lane_truth(self.road, pose, self.line_laterals_m, time_s=time_s, pitch_rad=pitch)
+
+    def pose(self, time_s: float) -> Pose:
+        """Where the car is and where it points at a moment."""
+        pose = self.motion.pose(time_s)
+        if not self.motion.rear_axle_m:
+            return pose
+        lag = self.road.heading(pose.s_m) - self.road.heading(pose.s_m - self.motion.rear_axle_m)
+        return replace(pose, heading_rad=pose.heading_rad - float(lag))
 
     def camera_at(self, time_s: float) -> Camera:
         """The camera as it nods at a moment."""
@@ -168,7 +204,7 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     ground = cast_on_ground(_rays(drive.camera), camera, ahead)
     things = things_in_view(drive.things, drive.road, truth.pose, time_s=time_s)
     sun_direction = drive.sun.direction(heading)
-    sun = _sun_on_ground(drive, things, camera, ground, sun_direction, station_m=truth.pose.s_m)
+    sun = _sun_on_ground(drive, things, camera, ground, ahead, sun_direction, station_m=truth.pose.s_m)
     ground_light = _ground_light(drive, ground, sun, station_m=truth.pose.s_m)
     # Before air dims it and without sky, cars and bonnet: what the camera's exposure follows.
     road_light = _mean_luminance(ground_light[-250:-60:4, ::8])
@@ -231,7 +267,14 @@ def _adapted_light(drive: Drive, time_s: float) -> float:
 
 
 def _sun_on_ground(
-    drive: Drive, things: list[Thing], camera: Camera, ground: Ground, sun_direction: np.ndarray, *, station_m: float
+    drive: Drive,
+    things: list[Thing],
+    camera: Camera,
+    ground: Ground,
+    road: RoadAhead,
+    sun_direction: np.ndarray,
+    *,
+    station_m: float,
 ) -> np.ndarray:
     """Share of the sun that reaches each pixel's ground: shades along the road, shadows of trees and other things."""
     sun = sunlight_on_ground(drive.shades, ground, station_m=station_m, seed=drive.seed)
@@ -239,7 +282,7 @@ def _sun_on_ground(
     solid = [t for t in things if not isinstance(t, Tree)]
     for group, ragged_m in ((trees, LEAVES_M), (solid, 0.0)):
         polygons = shadow_polygons(group, sun_direction)
-        darken_polygons(sun, polygons, camera, ground, station_m=station_m, ragged_m=ragged_m)
+        darken_polygons(sun, polygons, camera, ground, road, station_m=station_m, ragged_m=ragged_m)
     return sun
 
 
@@ -266,7 +309,9 @@ def _backdrop(drive: Drive, camera: Camera, heading_rad: float, ground: Ground) 
 
 def _lay_ground(light: np.ndarray, radiance: np.ndarray, ground: Ground) -> None:
     """Put the ground before the backdrop, in place: behind air, and fading out where it is too far to tell."""
-    far = int(np.argmax(ground.distance.min(axis=1) < 40.0))
+    # Over a crest, rows below the nearest horizon may still see the sky.
+    hidden = np.flatnonzero(~ground.visible.all(axis=1))
+    far = max(int(np.argmax(ground.distance.min(axis=1) < 40.0)), hidden[-1] + 1 if len(hidden) else 0)
     air = (1 - np.exp(-ground.distance[:far] / np.float32(AIR_LENGTH_M)))[..., None]
     radiance[:far] += air * (AIR_LIGHT - radiance[:far])
     share = np.clip((FARTHEST_M - ground.distance[:far]) / np.float32(FARTHEST_M / 2), 0, 1) * ground.visible[:far]

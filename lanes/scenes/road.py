@@ -10,10 +10,14 @@ from functools import cached_property
 
 import numpy as np
 
+from lanes.scenes.profile import FLAT, HeightProfile
+
 # The road goes on with its last curvature for this long beyond either end, so that a camera at the end still sees one.
 REACH_M = 1500.0
 # Gauss-Legendre of order 5 over 1 m is exact to rounding for every radius above 10 m.
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(5)
+# A line that has turned this far from the car's heading has no y(x) any more that would be worth the name.
+MOST_TURNED_RAD = np.radians(80)
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +30,8 @@ class RoadGeometry:
         Increasing arc lengths.
     curvatures_per_m : ndarray of shape (K,)
         Signed curvature there, > 0 bends left; linear in between, constant before the first and after the last.
+    profile : HeightProfile
+        Up and down; the road has no cross slope, so its height depends on arc length alone.
 
     The line starts at the origin of the world, heading along its x axis, at arc length `stations_m[0]`.
 
@@ -36,6 +42,7 @@ class RoadGeometry:
 
     stations_m: np.ndarray
     curvatures_per_m: np.ndarray
+    profile: HeightProfile = FLAT
 
     def __post_init__(self) -> None:
         stations = np.array(self.stations_m, float)
@@ -52,7 +59,7 @@ class RoadGeometry:
 
     def mirrored(self) -> RoadGeometry:
         """The road with left and right exchanged."""
-        return RoadGeometry(self.stations_m, -self.curvatures_per_m)
+        return RoadGeometry(self.stations_m, -self.curvatures_per_m, self.profile)
 
     def curvature(self, s_m: np.ndarray | float) -> np.ndarray:
         """Signed curvature in 1/m at arc lengths `s_m`."""
@@ -151,9 +158,33 @@ def line_polynomial(road: RoadGeometry, pose: Pose, lateral_m: float) -> LinePol
 
 
 def line_lateral(road: RoadGeometry, pose: Pose, lateral_m: float, x_m: np.ndarray) -> np.ndarray:
-    """Exact y in metres, in the car's frame, of the line at lateral distance `lateral_m` where it passes `x_m`."""
-    s = _station_abeam(road, pose, lateral_m, np.asarray(x_m, float))
-    return pose.to_car(road, offset_point(road, s, lateral_m))[:, 1]
+    """Exact y in metres, in the car's frame, of the line at lateral distance `lateral_m` where it passes `x_m`.
+
+    x is the horizontal distance ahead, uphill and downhill alike. NaN where the line never gets so far before it has
+    turned by 80 degrees from the car's heading, as in a hairpin.
+    """
+    x_m = np.asarray(x_m, float)
+    y = np.full(x_m.shape, np.nan)
+    there = x_m <= _farthest_x(road, pose, lateral_m, float(x_m.max(initial=0.0)))
+    s = _station_abeam(road, pose, lateral_m, x_m[there])
+    y[there] = pose.to_car(road, offset_point(road, s, lateral_m))[:, 1]
+    return y
+
+
+def surface_points(road: RoadGeometry, pose: Pose, s_m: np.ndarray, lateral_m: np.ndarray | float) -> np.ndarray:
+    """Points (..., 3) of the road's surface at places (s, d), in the car's frame: x forward, y left, z up."""
+    level = pose.to_car(road, offset_point(road, s_m, lateral_m))
+    return np.concatenate([level, np.asarray(road.profile.rise(s_m, pose.s_m))[..., None]], axis=-1)
+
+
+def _farthest_x(road: RoadGeometry, pose: Pose, lateral_m: float, until_m: float) -> float:
+    """How far ahead the line gets before it has turned too far: `until_m` or less."""
+    s = pose.s_m + np.arange(0.0, 2 * until_m + 20.0, 0.25)
+    turned = np.abs(road.heading(s) - pose.absolute_heading(road)) > MOST_TURNED_RAD
+    if not turned.any():
+        return until_m
+    x = pose.to_car(road, offset_point(road, s[: int(np.argmax(turned))], lateral_m))[:, 0]
+    return min(until_m, float(x.max(initial=-np.inf)))
 
 
 def _station_abeam(road: RoadGeometry, pose: Pose, lateral_m: float, x_m: np.ndarray) -> np.ndarray:
@@ -164,70 +195,6 @@ def _station_abeam(road: RoadGeometry, pose: Pose, lateral_m: float, x_m: np.nda
         slope = np.cos(road.heading(s) - pose.absolute_heading(road)) * (1 - road.curvature(s) * lateral_m)
         step = (x_m - x) / np.maximum(slope, 0.1)
         s = s + step
-        if np.abs(step).max() < 1e-10:
+        if np.abs(step).max(initial=0.0) < 1e-10:
             break
     return s
-
-
-class RoadAhead:
-    """The road as tables in the car's frame, to find (s, d) of very many ground points quickly (float32).
-
-    Parameters
-    ----------
-    road : RoadGeometry
-    pose : Pose
-        Where the car is; arc lengths are then counted from `pose.s_m`, which keeps float32 exact to 0.1 mm.
-    behind_m, ahead_m : float
-        How far the tables reach. They end earlier where the road has turned by 80 degrees, because beyond that
-        one x has two places on the road.
-    """
-
-    STEP_M = 0.5
-
-    def __init__(self, road: RoadGeometry, pose: Pose, *, behind_m: float = 40.0, ahead_m: float = 900.0) -> None:
-        s = np.arange(-behind_m, ahead_m + self.STEP_M, self.STEP_M)
-        angle = road.heading(pose.s_m + s) - pose.absolute_heading(road)
-        turned = np.nonzero((np.abs(angle) > np.radians(80)) & (s > 0))[0]
-        if len(turned):
-            s, angle = s[: turned[0]], angle[: turned[0]]
-        points = pose.to_car(road, road.position(pose.s_m + s))
-        table = (points[:, 0], points[:, 1], np.cos(angle), np.sin(angle), road.curvature(pose.s_m + s))
-        self._s0 = np.float32(s[0])
-        self._table = [column.astype(np.float32) for column in table]
-        # First guess: the place abeam, from x alone, at whole steps of x.
-        self._x0 = np.float32(points[0, 0])
-        x = np.arange(points[0, 0], points[-1, 0], self.STEP_M)
-        self._guess = np.rint((np.interp(x, points[:, 0], s) - s[0]) / self.STEP_M).astype(np.intp)
-
-    def locate(self, x_m: np.ndarray, y_m: np.ndarray, *, iterations: int = 3) -> tuple[np.ndarray, np.ndarray]:
-        """Places (s, d) of ground points in the car's frame.
-
-        Each step projects the point on the circle that touches the line at the nearest table node, which is exact but
-        for the change of curvature within half a table step.
-
-        Parameters
-        ----------
-        x_m, y_m : ndarray of float32, same shape
-            Metres, forward and left.
-        iterations : int
-            Three are enough for points within 50 m of the line at any radius above 50 m.
-
-        Returns
-        -------
-        s, d : ndarray of float32, same shape
-            Metres along the road from the car's own arc length, metres to the left of the reference line.
-        """
-        step = np.float32(self.STEP_M)
-        last = len(self._table[0]) - 1
-        index = np.clip((x_m - self._x0) / step, 0, len(self._guess) - 1).astype(np.intp)
-        node = self._guess.take(index, mode="clip")
-        for _ in range(iterations):
-            # All nodes are in the table; with "clip" numpy need not look for those that are not.
-            px, py, cosine, sine, curvature = (column.take(node, mode="clip") for column in self._table)
-            dx, dy = x_m - px, y_m - py
-            along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
-            stretch = np.maximum(1 - curvature * across, np.float32(0.2))
-            ahead = along / stretch
-            s = node.astype(np.float32) * step + ahead
-            node = np.clip(np.rint(s / step), 0, last).astype(np.intp)
-        return s + self._s0, across - curvature * along * ahead / 2

@@ -8,13 +8,15 @@ import numpy as np
 
 from lanes.scenes.objects import FARTHEST_M
 from lanes.scenes.overpass import Overpass
-from lanes.scenes.road import Pose, RoadGeometry, offset_point
+from lanes.scenes.road import Pose, RoadGeometry, surface_points
 from lanes.scenes.things import Car, Post, Sign, Thing, Tree
 from lanes.scenes.walls import Wall
 
 # How far ahead walls are followed: at 450 m a barrier is a pixel high.
 WALL_AHEAD_M = 450.0
 WALL_STEP_M = 2.0
+# A wall is followed until it has turned so far that it comes back.
+WALL_TURNS_RAD = np.radians(200)
 # Tangent of half the angle that a wide dashcam sees (120 degrees).
 WIDEST_VIEW = 1.73
 
@@ -64,10 +66,12 @@ def things_in_view(
     walls = [_wall(p, road, pose) for p in placed if isinstance(p, Along)]
     others = [p for p in placed if isinstance(p, Placed)]
     s = np.array([p.s_m + p.speed_mps * time_s for p in others])
-    points = pose.to_car(road, offset_point(road, s, np.array([p.lateral_m for p in others])))
+    points = surface_points(road, pose, s, np.array([p.lateral_m for p in others]))
     headings = road.heading(s) - pose.absolute_heading(road)
     ahead = [
-        _moved(p.thing, *xy, h) for p, xy, h in zip(others, points, headings, strict=True) if _in_reach(p.thing, xy)
+        _moved(p.thing, *place, heading)
+        for p, place, heading in zip(others, points, headings, strict=True)
+        if _in_reach(p.thing, place)
     ]
     bridges = [slab for p in placed if isinstance(p, Overpass) for slab in p.pieces_at(road, pose)]
     return [wall for wall in walls if wall is not None] + bridges + ahead
@@ -75,14 +79,14 @@ def things_in_view(
 
 def _in_reach(thing: Thing, place_m: np.ndarray) -> bool:
     """A tree beside or behind the camera may still shade the road ahead; other things out of view are of no use."""
-    x, y = place_m
+    x, y, _ = place_m
     if isinstance(thing, Tree):
         return -30.0 < x < FARTHEST_M
     return 1.0 < x < FARTHEST_M and abs(y) < WIDEST_VIEW * x + 5.0
 
 
-def _moved(thing: Thing, x_m: float, y_m: float, heading_rad: float) -> Thing:
-    place = {"x_m": float(x_m), "y_m": float(y_m)}
+def _moved(thing: Thing, x_m: float, y_m: float, rise_m: float, heading_rad: float) -> Thing:
+    place = {"x_m": float(x_m), "y_m": float(y_m), "rise_m": float(rise_m)}
     if isinstance(thing, Car):
         place["heading_rad"] = thing.heading_rad + float(heading_rad)
     return replace(thing, **place)
@@ -95,8 +99,8 @@ def _wall(along: Along, road: RoadGeometry, pose: Pose) -> Wall | None:
     if last - first < 2 * WALL_STEP_M:
         return None
     s = np.arange(first, last, WALL_STEP_M)
-    path = pose.to_car(road, offset_point(road, s, along.lateral_m))
-    turned = np.flatnonzero(np.diff(path[:, 0]) <= 0.2)
-    path = path[: turned[0] + 1] if len(turned) else path
+    turned = np.flatnonzero(np.abs(road.heading(s) - pose.absolute_heading(road)) > WALL_TURNS_RAD)
+    s = s[: max(turned[0], 2)] if len(turned) else s
+    path = surface_points(road, pose, s, along.lateral_m)
     side = 1 if along.lateral_m > pose.lateral_m else -1
     return Wall(path, along.kind, side, height_scale=along.height_scale, start_m=float(first), seed=along.seed)

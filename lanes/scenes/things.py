@@ -1,6 +1,7 @@
 """Things beside and on the road, as the scenes name them.
 
-Places are in the car's road frame: x forward, y left, z up, metres; the camera is above the origin.
+Places are in the car's road frame: x forward, y left, z up, metres; the camera is above the origin. `rise_m` is how
+high the road at the thing is above the plane under the car.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ class Car:
     heading_rad: float = 0.0
     paint: str = "white"
     body: str = "sedan"
+    rise_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,7 @@ class Tree:
     species: str = "oak"
     seed: int = 0
     base_m: float = 0.0
+    rise_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,7 @@ class Sign:
     width_m: float = 1.8
     height_m: float = 1.2
     bottom_m: float = 2.1
+    rise_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,7 @@ class Post:
     width_m: float = 0.1
     arm_m: float = 0.0
     colour: tuple[float, float, float] = (0.55, 0.55, 0.53)
+    rise_m: float = 0.0
 
 
 Thing = Car | Wall | Slab | Tree | Sign | Post

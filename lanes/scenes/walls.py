@@ -46,8 +46,8 @@ class Wall:
 
     Parameters
     ----------
-    path_m : ndarray of shape (N, 2)
-        Foot of the traffic face in the road frame, x increasing along the road, metres.
+    path_m : ndarray of shape (N, 2) or (N, 3)
+        Foot of the traffic face in the road frame, in the road's direction, metres.
     kind : str
         A name in `WALLS`.
     side : int
@@ -75,15 +75,15 @@ class Wall:
         if self.side not in (-1, 1):
             raise ValueError(f"side is +1 (left) or -1 (right), not {self.side}.")
         path = np.asarray(self.path_m, float)
-        if path.ndim != 2 or path.shape[1] != 2 or len(path) < 2:
-            raise ValueError(f"a wall's path has the shape (points, 2) with two points at least, not {path.shape}.")
+        if path.ndim != 2 or path.shape[1] not in (2, 3) or len(path) < 2:
+            raise ValueError(f"a wall's path has the shape (points, 2 or 3), two points at least, not {path.shape}.")
 
     def distance_m(self) -> float:
         """Distance that painters sort by: the path's middle.
 
         A bank is ground, behind all that stands on it, up to where it turns out of sight in a bend.
         """
-        path = np.asarray(self.path_m, float)
+        path = np.asarray(self.path_m, float)[:, :2]
         if self.kind != "bank":
             return float(np.hypot(*path[len(path) // 2]))
         ahead = path[path[:, 0] > 1]
@@ -105,6 +105,7 @@ class Wall:
     def lines(self) -> np.ndarray:
         """(K, N, 3) points of the profile's lines along the path, road frame."""
         path = np.asarray(self.path_m, float)
+        path, rise_m = path[:, :2], path[:, 2] if path.shape[1] == 3 else 0.0
         along = np.gradient(path, axis=0)
         along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
         outward = np.column_stack([-along[:, 1], along[:, 0]]) * self.side
@@ -114,7 +115,10 @@ class Wall:
             step = np.hypot(*np.diff(path, axis=0).T)
             rise *= smoothstep(0, 80, np.concatenate([np.cumsum(step[::-1])[::-1], [0]]))
         return np.stack(
-            [np.column_stack([path + outward * lateral, height * rise]) for lateral, height in WALLS[self.kind].lines]
+            [
+                np.column_stack([path + outward * lateral, height * rise + rise_m])
+                for lateral, height in WALLS[self.kind].lines
+            ]
         )
 
     def shadows(self, drift: np.ndarray) -> list[np.ndarray]:
@@ -122,7 +126,7 @@ class Wall:
         if self.kind == "bank":
             return []
         lines = self.lines()[:, :: max(1, len(self.path_m) // 40)]
-        cast = lines[..., :2] + lines[..., 2:] * drift
+        cast = lines[..., :2] + (lines[..., 2:] - lines[0, :, 2:]) * drift
         shadows = []
         for low, high in zip(cast[:-1], cast[1:], strict=True):
             shadows += [np.array([low[i], low[i + 1], high[i + 1], high[i]]) for i in range(len(low) - 1)]
@@ -131,14 +135,14 @@ class Wall:
 
 def _resample(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Points along a path, dense where near, and their arc lengths."""
-    length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1))])
     along, s = [0.0], 0.0
     while s < length[-1]:
         x, y = np.interp(s, length, path[:, 0]), np.interp(s, length, path[:, 1])
         s += max(0.15, 0.02 * float(np.hypot(x, y)))
         along.append(min(s, length[-1]))
     along = np.array(along)
-    return np.column_stack([np.interp(along, length, path[:, 0]), np.interp(along, length, path[:, 1])]), along
+    return np.column_stack([np.interp(along, length, column) for column in path.T]), along
 
 
 def paint_wall(image: np.ndarray, camera: Camera, wall: Wall, sun: np.ndarray, air: tuple) -> None:
@@ -147,8 +151,9 @@ def paint_wall(image: np.ndarray, camera: Camera, wall: Wall, sun: np.ndarray, a
     seen = inside(lines, viewing_planes(camera))
     pixels = np.full((*lines.shape[:2], 2), np.nan)
     pixels[seen] = camera.road_to_pixels(lines[seen])
-    along = wall.start_m + np.concatenate([[0], np.cumsum(np.hypot(*np.diff(np.asarray(wall.path_m), axis=0).T))])
-    share = 1.0 if wall.light_at is None else wall.light_at(np.asarray(wall.path_m))
+    path = np.asarray(wall.path_m)[:, :2]
+    along = wall.start_m + np.concatenate([[0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    share = 1.0 if wall.light_at is None else wall.light_at(path)
     for strip in reversed(range(len(lines) - 1)):
         normal = _strip_normals(lines[strip], lines[strip + 1], wall.side)
         light = irradiance(normal, sun) / 0.8 * share

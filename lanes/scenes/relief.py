@@ -1,0 +1,81 @@
+"""Where a ray first meets a road that goes up and down: crests hide what is behind them."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from lanes.scenes.roadahead import RoadAhead
+
+# Beyond this the ground is less than 2 px below the horizon and belongs to the backdrop.
+FARTHEST_M = 800.0
+NEAREST_M = 1.0
+# Ways out from under the camera, by the tangent of their direction, and the distances looked at on each.
+TANGENTS = np.linspace(-1.0, 1.0, 81)
+DISTANCES_M = np.geomspace(NEAREST_M, FARTHEST_M, 420)
+# Slopes of rays (rise per metre ahead) between which the table is read: half a pixel of a dashcam apart.
+SLOPES = np.arange(-1.0, 0.35, 1 / 2400)
+
+
+def cast_on_relief(
+    rays: np.ndarray, height_m: float, road: RoadAhead
+) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+    """The first ground that each ray meets.
+
+    Parameters
+    ----------
+    rays : ndarray of shape (height, width, 3), float32
+        Directions in the car's road frame.
+    height_m : float
+        Of the camera above the road under it.
+    road : RoadAhead
+
+    Returns
+    -------
+    top : int
+        First row with ground in it.
+    visible : ndarray of shape (height - top, width), bool
+    x, y : ndarrays of that shape, float32
+        Metres ahead and to the left; at FARTHEST_M where no ground is seen.
+
+    Notes
+    -----
+    Along a way out, ground at distance x and height h is hidden unless (h - height) / x is larger than everywhere
+    before: the running maximum of that slope, inverted, says how far each ray gets. Newton's method does the rest.
+    """
+    forward = np.maximum(rays[..., 0], np.float32(0.05))
+    tangent, slope = rays[..., 1] / forward, rays[..., 2] / forward
+    inverse = _inverse_distances(height_m, road)
+    column = (tangent - np.float32(TANGENTS[0])) / np.float32(TANGENTS[1] - TANGENTS[0])
+    row = (slope - np.float32(SLOPES[0])) / np.float32(SLOPES[1] - SLOPES[0])
+    seen = cv2.remap(inverse, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    visible = seen > np.float32(1 / FARTHEST_M)
+    top = int(np.argmax(visible.any(axis=1)))
+    visible, tangent, slope = visible[top:], tangent[top:], slope[top:]
+    x = 1 / np.maximum(seen[top:], np.float32(1 / FARTHEST_M))
+    for _ in range(2):
+        x = _refined(x, tangent, slope, height_m, road)
+    return top, visible, x, x * tangent
+
+
+def _inverse_distances(height_m: float, road: RoadAhead) -> np.ndarray:
+    """(slopes, tangents) float32 of 1 / x of the first ground that a ray meets, 0 where it meets none.
+
+    1 / x, because over level ground it is linear in the slope.
+    """
+    x, tangent = (a.astype(np.float32) for a in np.meshgrid(DISTANCES_M, TANGENTS))
+    s, _ = road.locate(x, x * tangent)
+    horizon = np.maximum.accumulate((road.rise(s.astype(float)) - height_m) / DISTANCES_M, axis=1)
+    inverse = 1 / DISTANCES_M
+    columns = [np.interp(SLOPES, line, inverse, left=inverse[0], right=0.0) for line in horizon]
+    return np.column_stack(columns).astype(np.float32)
+
+
+def _refined(x: np.ndarray, tangent: np.ndarray, slope: np.ndarray, height_m: float, road: RoadAhead) -> np.ndarray:
+    """One step of Newton's method, no longer than a step of the table, and none where a ray grazes the ground."""
+    s, _ = road.locate(x, x * tangent)
+    above = np.float32(height_m) + slope * x - road.rise(s).astype(np.float32)
+    cosine, sine, _ = road.directions(s)
+    falling = slope - road.grade(s).astype(np.float32) * (cosine + sine * tangent)
+    step = -above / np.minimum(falling, np.float32(-1e-3))
+    return x + np.clip(step, np.float32(-0.02) * x, np.float32(0.02) * x) * (falling < -1e-3)

@@ -1,0 +1,118 @@
+"""Hairpins, crests, changes of lane and roads without lanes: where places are, and what the truth says of them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lanes.scenes.dashcam import DASHCAM
+from lanes.scenes.ground import cast_on_ground, picture_rays
+from lanes.scenes.profile import HeightProfile
+from lanes.scenes.render import Motion
+from lanes.scenes.road import Pose, RoadGeometry, line_lateral, offset_point, surface_points
+from lanes.scenes.roadahead import RoadAhead
+from lanes.scenes.truth import NOT_VISIBLE, VIDEO_X_M, lane_truth, line_pixels, truth_entry, truth_row, write_truth_csv
+from lanes.video.telemetry import read_telemetry
+
+SMALL = DASHCAM.scaled((640, 360))
+STATIONS = [0.0, 30.0, 40.0, 85.0, 95.0, 120.0, 130.0, 165.0, 200.0]
+HAIRPINS = RoadGeometry(STATIONS, [0.0, 0.0, 1 / 20, 1 / 20, 0.0, 0.0, -1 / 16, -1 / 16, 0.0])
+# Uphill 9 %, over a crest of R 230 m, down, and through a dip.
+HILLY = HeightProfile([0.0, 60.0, 90.0, 110.0, 140.0], [0.09, 0.09, -0.04, -0.04, 0.06])
+
+
+def test_height_is_the_integral_of_the_slope():
+    s = np.linspace(-20, 160, 180_001)
+    summed = np.concatenate([[0], np.cumsum(HILLY.slope((s[1:] + s[:-1]) / 2) * np.diff(s))])
+    np.testing.assert_allclose(HILLY.height(s), summed - np.interp(0, s, summed), atol=1e-9)
+    # What a car sees of a crest 30 m ahead whose slope changes by 0.065 on the way: the parabola falls away.
+    assert HILLY.rise(75.0, 60.0) == pytest.approx(-0.5 * 0.13 / 30 * 15**2)
+    assert HeightProfile([5.0], [0.07]).rise(80.0, 20.0) == pytest.approx(0)
+
+
+@pytest.mark.parametrize("pose", [Pose(20.0, 0.4, -0.02), Pose(60.0, -0.3, -0.07), Pose(112.0), Pose(150.0, 0.2, 0.1)])
+def test_places_in_hairpins_are_found_again(pose):
+    """Points up to the edges of a two-lane road, all the way that the next bend does not cover."""
+    s, d = (a.ravel() for a in np.meshgrid(np.linspace(-5, 70, 600), np.linspace(-3, 6, 25)))
+    points = pose.to_car(HAIRPINS, offset_point(HAIRPINS, pose.s_m + s, d)).astype(np.float32)
+    got_s, got_d = RoadAhead(HAIRPINS, pose).locate(*points.T)
+    np.testing.assert_allclose(got_d, d, atol=4e-3)
+    np.testing.assert_allclose(got_s, s, atol=1e-2)
+
+
+@pytest.mark.parametrize("profile", [HILLY, HeightProfile([0.0, 80.0, 100.0], [0.0, 0.0, 0.12])])
+@pytest.mark.parametrize("s_m", [45.0, 70.0, 84.0])
+def test_rays_end_on_the_first_ground_that_they_meet(profile, s_m):
+    road = RoadGeometry([0.0, 100.0], [1 / 90, 1 / 90], profile)
+    ahead = RoadAhead(road, Pose(s_m, 0.3, 0.01))
+    rays = picture_rays(SMALL) @ SMALL.mount.rotation().astype(np.float32)
+    ground = cast_on_ground(picture_rays(SMALL), SMALL, ahead)
+    seen = ground.visible & (ground.distance < 80)
+    points = np.column_stack([ground.x[seen], ground.y[seen]])
+    ray = rays[ground.top :][seen].astype(float)
+    height = SMALL.mount.height_m + ray[:, 2] / ray[:, 0] * points[:, 0]
+    off = np.abs(ahead.on_surface(points)[:, 2] - height)
+    # Only where a ray grazes a crest is it a matter of pixels which side it meets.
+    assert np.quantile(off, 0.995) < 2e-3
+    before = np.linspace(0.05, 0.97, 40)[:, None, None] * np.column_stack([points, height - SMALL.mount.height_m])[::97]
+    surface = ahead.on_surface(before[..., :2].reshape(-1, 2))[:, 2]
+    assert (before[..., 2].ravel() + SMALL.mount.height_m - surface).min() > -0.01
+
+
+def test_level_slope_looks_like_level_ground():
+    ramp = RoadGeometry([0.0, 300.0], [1 / 200, 1 / 200], HeightProfile([0.0, 300.0], [0.08, 0.08]))
+    assert np.abs(surface_points(ramp, Pose(20.0), np.linspace(0, 90, 10), 1.5)[:, 2]).max() < 1e-12
+
+
+@pytest.mark.parametrize(("pose", "lateral_m"), [(Pose(20.0, 0.4, -0.02), 1.6), (Pose(112.0, 0.0, 0.02), -1.6)])
+def test_lateral_place_in_a_hairpin_is_that_of_the_first_passage_or_none(pose, lateral_m):
+    s = pose.s_m + np.arange(-5, 60, 1e-3)
+    x, y = pose.to_car(HAIRPINS, offset_point(HAIRPINS, s, lateral_m)).T
+    got = line_lateral(HAIRPINS, pose, lateral_m, VIDEO_X_M)
+    first = [int(np.argmax(x > at)) if (x > at).any() else None for at in VIDEO_X_M]
+    turned = np.abs(HAIRPINS.heading(s) - pose.absolute_heading(HAIRPINS)) > np.radians(80)
+    expected = [np.nan if i is None or turned[:i].any() else y[i] for i in first]
+    assert np.isnan(expected).any() and np.isfinite(expected).sum() >= 3
+    np.testing.assert_allclose(got, expected, atol=6e-3)
+
+
+def test_a_change_of_lane_renames_the_lines_when_the_middle_of_the_car_crosses():
+    motion = Motion(0.0, 25.0, 0.2, shift_m=-3.6, shift_start_s=1.0, shift_seconds=3.0)
+    lines = (1.8, -1.8, -5.4)
+    road = RoadGeometry([0.0, 300.0], [1 / 800, 1 / 800])
+    times = np.arange(0, 5, 0.04)
+    truths = [lane_truth(road, motion.pose(t), lines, time_s=t, pitch_rad=0.0) for t in times]
+    offsets = np.array([t.offset_m for t in truths])
+    jumps = np.flatnonzero(np.abs(np.diff(offsets)) > 1)
+    assert len(jumps) == 1
+    before, after = truths[jumps[0]], truths[jumps[0] + 1]
+    assert before.laterals_m == (1.8, -1.8) and after.laterals_m == (-1.8, -5.4)
+    # The right line becomes the left one: same paint, other name.
+    assert before.right.c0_m == pytest.approx(after.left.c0_m, abs=0.1)
+    assert offsets[0] == pytest.approx(0.2) and offsets[-1] == pytest.approx(0.2)
+    # The heading is the slope of the path.
+    lateral = [motion.pose(t).lateral_m for t in (1.99, 2.01)]
+    assert np.tan(motion.pose(2.0).heading_rad) == pytest.approx((lateral[1] - lateral[0]) / 0.02 / 25, rel=1e-3)
+
+
+def test_a_road_without_a_lane_has_rows_that_say_so(tmp_path):
+    truth = lane_truth(HAIRPINS, Pose(10.0, 0.5, 0.1), (), time_s=0.4, pitch_rad=0.02)
+    assert not truth.has_lane
+    assert (line_pixels(truth, 0, SMALL) == NOT_VISIBLE).all()
+    write_truth_csv(tmp_path / "a.csv", [truth_row(truth, frame=0), truth_row(truth, frame=1)])
+    table = read_telemetry(tmp_path / "a.csv")
+    assert table["frame"].tolist() == [0, 1] and table["pitch_rad"].tolist() == [0.02, 0.02]
+    missing = {name for name, values in table.items() if np.isnan(values).all()}
+    assert set(table) - missing == {"frame", "time_s", "pitch_rad"}
+    entry = truth_entry(truth, raw_file="a.jpg", camera=SMALL, hidden=np.zeros((360, 640), bool))
+    assert "NaN" not in json.dumps(entry)
+    assert entry["offset_m"] is None and set(entry["left_y_m"]) == {None}
+
+
+def test_speed_knots_give_the_way_between_them():
+    motion = Motion(5.0, 12.0, later_speeds=((2.0, 6.0), (4.0, 6.0)))
+    assert [motion.pose(t).s_m for t in (0.0, 1.0, 2.0, 3.0, 5.0)] == pytest.approx([5.0, 15.5, 23.0, 29.0, 41.0])
+    assert replace(motion, later_speeds=()).pose(3.0).s_m == 41.0
