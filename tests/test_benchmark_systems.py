@@ -15,7 +15,9 @@ from lanes.scenes.render import Motion
 from lanes.scenes.truth import truth_row
 
 SMALL = CAMERA.scaled((640, 360))
-DRIVE = PaintedDrive(s_bend(), lane_lines(right={"dash_m": None}), motion=Motion(60.0, 25.0, offset_m=0.3), camera=SMALL)
+DRIVE = PaintedDrive(
+    s_bend(), lane_lines(right={"dash_m": None}), motion=Motion(60.0, 25.0, offset_m=0.3), camera=SMALL
+)
 ROWS = np.arange(240, 311, 10)
 
 

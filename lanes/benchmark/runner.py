@@ -24,13 +24,12 @@ from lanes.benchmark.readings import Reading, Readings, read_readings, write_rea
 from lanes.benchmark.scores import Result
 from lanes.benchmark.systems import SOURCES, follow_with, require_system
 from lanes.camera import Camera, camera_to_dict, load_camera
-from lanes.mounting.mount import MountError, estimate_mount
+from lanes.drives.mounts import mount_from_drive
+from lanes.mounting.mount import MountError
 from lanes.scenes.suite import cache_folder
-from lanes.video.footage import pick_pictures
 from lanes.video.telemetry import read_telemetry
 from lanes.video.videofile import inspect_video, read_frames
 
-MOUNT_PICTURES = 40
 Progress = Callable[[int, int], None]
 
 
@@ -107,10 +106,10 @@ def stage(drive: BenchmarkDrive, estimated_mount: bool) -> Staged:
     if not estimated_mount:
         return Staged(drive, camera, "true")
     try:
-        estimate = estimate_mount(pick_pictures([drive.video], MOUNT_PICTURES, camera), camera)
+        camera, _ = mount_from_drive(replace(camera, mount=None), [drive.video])
     except MountError:
         return Staged(drive, None, "not found")
-    return Staged(drive, camera.with_mount(estimate.mount), "estimated")
+    return Staged(drive, camera, "estimated")
 
 
 def measure(staged: Staged, system: str, folder: Path, workers: int) -> Path:

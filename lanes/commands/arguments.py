@@ -18,9 +18,9 @@ def add_footage(parser: argparse.ArgumentParser, *, files: str) -> None:
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help=files)
 
 
-def add_lens(parser: argparse.ArgumentParser) -> None:
+def add_lens(parser: argparse._ActionsContainer, *, required: bool = True) -> None:
     """The lens that took the pictures: --camera, --hfov with --size, or --boards; `find_lens` reads them."""
-    lens = parser.add_mutually_exclusive_group(required=True)
+    lens = parser.add_mutually_exclusive_group(required=required)
     lens.add_argument("--camera", type=Path, metavar="YAML", help="camera file, as `calibrate` or `mount` writes it")
     lens.add_argument(
         "--hfov", type=number(10, 150), metavar="DEG", help="horizontal field of view, if never calibrated"

@@ -1,7 +1,7 @@
 """Score every lane finder on drives whose truth is known: the suite's scenes (rendered on demand,
-kept in a cache) and the committed videos; or, with --labels, on pictures labelled by hand.
-Writes benchmark.csv, benchmark.png and reliability.png. What is finished is kept, so that an
-interrupted run goes on where it was.
+kept in a cache) and the committed videos. Writes benchmark.csv, benchmark.png and reliability.png.
+What is finished is kept, so that an interrupted run goes on where it was.
+With --labels: score them, or a file of predictions, on stills that were labelled by hand.
 """
 
 from __future__ import annotations
@@ -9,13 +9,15 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from lanes.commands.arguments import count, progress_line
+from lanes.commands.arguments import add_lens, count, find_lens, progress_line
 
 EXAMPLES = """\
   python -m lanes benchmark --list
   python -m lanes benchmark --workers 2 -o results
   python -m lanes benchmark motorway --system metric --estimated-mount
-  python -m lanes benchmark my_drive.mp4"""
+  python -m lanes benchmark my_drive.mp4
+  python -m lanes benchmark --labels stills/labels.jsonl --camera camera.yaml
+  python -m lanes benchmark --labels stills/labels.jsonl --predictions lanes.jsonl"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,6 +37,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--workers", type=count, default=1, metavar="N", help="processes (default: %(default)s)")
     parser.add_argument("-o", "--output", type=Path, default=Path("."), metavar="FOLDER", help="default: here")
+    labelled = parser.add_argument_group("stills labelled by hand")
+    labelled.add_argument(
+        "--labels", type=Path, metavar="JSONL", help="labels in TuSimple's format; raw_file is relative to this file"
+    )
+    labelled.add_argument(
+        "--predictions", type=Path, metavar="JSONL", help="score these, as `detect` writes them, and run no system"
+    )
+    add_lens(labelled, required=False)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -47,6 +57,10 @@ def run(options: argparse.Namespace) -> int:
         for drive in list_drives().values():
             print(f"{drive.name:24}{drive.difficulty:9}{drive.what}")
         return 0
+    if options.labels:
+        return score_labelled(options)
+    if options.predictions:
+        raise ValueError(f"{options.predictions}: predictions of what? Name the labels with --labels.")
     results = run_benchmark(
         choose_drives(options.scenes),
         options.system or SYSTEMS,
@@ -55,6 +69,30 @@ def run(options: argparse.Namespace) -> int:
         progress=progress_line,
     )
     _report(results, options.output)
+    return 0
+
+
+def score_labelled(options: argparse.Namespace) -> int:
+    """Score a file of predictions, or every system, on the stills of `options.labels`."""
+    from lanes.benchmark.labelled import describe_labelled, score_stills
+    from lanes.benchmark.labels import EGO_LANE_NOTE, pair_predictions, read_labels, read_predictions, score_lines
+    from lanes.benchmark.systems import SYSTEMS
+    from lanes.drives.mounts import mount_from_drive
+
+    labels, folder = read_labels(options.labels), options.labels.parent
+    if options.predictions:
+        pairs = pair_predictions(labels, read_predictions(options.predictions))
+        scores = {options.predictions.name: [score for pair in pairs for score in score_lines(*pair)]}
+    elif options.camera or options.hfov or options.boards:
+        options.files = [folder / label.name for label in labels]
+        camera, estimate = mount_from_drive(find_lens(options), options.files, progress=progress_line("mount"))
+        if estimate:
+            print(estimate.describe())
+        scores = score_stills(labels, folder, camera, options.system or SYSTEMS, progress=progress_line("stills"))
+    else:
+        raise ValueError("the camera that took the labelled stills is needed; give --camera, --hfov or --boards.")
+    print(describe_labelled(scores))
+    print(f"{len(labels)} stills; {EGO_LANE_NOTE}")
     return 0
 
 
