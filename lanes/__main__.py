@@ -9,6 +9,7 @@ from importlib import import_module
 from lanes.commands.arguments import error_status
 
 COMMANDS = {
+    "calibrate": "find the lens from pictures of a chessboard",
     "mount": "estimate how the camera sits on the car, from its own pictures",
     "annotate": "draw the lane on videos, stills or a live camera; telemetry and a report beside each video",
     "detect": "find the lines of the own lane in pictures and videos, as TuSimple JSON lines",

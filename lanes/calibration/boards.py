@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -29,6 +30,27 @@ OUTLIER_FLOOR_PX = 0.3
 CUT_PX = 2
 # Share of the focal length that its standard deviation may reach; three tilted real boards reach 0.4 %.
 LARGEST_FOCAL_STD = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class BoardSearch:
+    """What was found in pictures of a chessboard.
+
+    Attributes
+    ----------
+    paths : dict of str to Path
+        All pictures by name.
+    pattern : tuple of int
+        Inner corners (columns, rows) that were looked for.
+    boards : dict of str to Board
+    unused : dict of str to str
+        Pictures without a board, and why.
+    """
+
+    paths: dict[str, Path]
+    pattern: tuple[int, int]
+    boards: dict[str, Board]
+    unused: dict[str, str]
 
 
 def calibrate(boards: dict[str, Board], size: tuple[int, int]) -> Camera:
@@ -96,33 +118,52 @@ def calibrate_folder(
     CameraError
         If too few boards are found, or they do not determine the lens.
     """
-    paths = list_pictures(folder)
+    return calibrate_found(find_boards(list_pictures(folder), pattern, progress=progress), str(folder))
+
+
+def find_boards(
+    paths: Sequence[Path], pattern: tuple[int, int] = (9, 6), *, progress: Callable[[int, int], None] | None = None
+) -> BoardSearch:
+    """Look for the board in every picture; see `calibrate_folder`."""
+    names = _names(paths)
     boards: dict[str, Board] = {}
-    rejected: dict[str, str] = {}
-    for done, path in enumerate(paths, 1):
+    unused: dict[str, str] = {}
+    for done, (name, path) in enumerate(names.items(), 1):
         try:
             board = find_board(read_image(path), pattern)
         except PictureError as error:
-            rejected[path.name] = str(error)
+            unused[name] = str(error)
         else:
             if board is None:
-                rejected[path.name] = f"no chessboard of {pattern[0]}x{pattern[1]} inner corners, nor a part of one"
+                unused[name] = f"no chessboard of {pattern[0]}x{pattern[1]} inner corners, nor a part of one"
             else:
-                boards[path.name] = board
+                boards[name] = board
         if progress:
             progress(done, len(paths))
-    unused = "".join(f"\n  {name}: {reason}" for name, reason in rejected.items())
-    if not boards:
+    return BoardSearch(names, pattern, boards, unused)
+
+
+def calibrate_found(search: BoardSearch, source: str) -> Camera:
+    """The lens from the boards found; see `calibrate_folder`. `source` names their pictures in errors."""
+    unused = "".join(f"\n  {name}: {reason}" for name, reason in search.unused.items())
+    if not search.boards:
         raise CameraError(
-            f"no chessboard of {pattern[0]}x{pattern[1]} inner corners was found in any of the {len(paths)} pictures "
-            f"of {folder}; give pictures of a board of that pattern, or the pattern of this one.{unused}"
+            f"no chessboard of {search.pattern[0]}x{search.pattern[1]} inner corners was found in any of the "
+            f"{len(search.paths)} pictures of {source}; give pictures of a board of that pattern, or the pattern of "
+            f"this one.{unused}"
         )
     try:
-        camera = calibrate(boards, _most_common_size(boards))
+        camera = calibrate(search.boards, _most_common_size(search.boards))
     except CameraError as error:
-        raise CameraError(f"{folder}: {error}{unused}") from error
+        raise CameraError(f"{source}: {error}{unused}") from error
     report = camera.report
-    return camera.with_report(CalibrationReport(report.rms_px, report.board_rms_px, rejected | report.rejected))
+    return camera.with_report(CalibrationReport(report.rms_px, report.board_rms_px, search.unused | report.rejected))
+
+
+def _names(paths: Sequence[Path]) -> dict[str, Path]:
+    """The pictures by their file names, or by their paths where two have the same name."""
+    names = Counter(path.name for path in paths)
+    return {path.name if names[path.name] == 1 else str(path): path for path in paths}
 
 
 def _most_common_size(boards: dict[str, Board]) -> tuple[int, int]:
