@@ -114,17 +114,17 @@ def test_each_board_has_its_fate(monkeypatch):
     # hangs over the picture's left edge: only its columns 3 to 8 are in sight
     monkeypatch.setitem(POSES, "f", (10, 10, -6, 0))
     boards["f"] = Board(seen_board("f").corners_px.reshape(6, 9, 2)[:, 3:].reshape(-1, 2), 6, 6, SIZE)
-    boards["b"] = Board(boards["b"].corners_px.reshape(6, 9, 2)[:5].reshape(-1, 2), 9, 5, SIZE)
+    boards["a"] = Board(boards["a"].corners_px.reshape(6, 9, 2)[:5].reshape(-1, 2), 9, 5, SIZE)
     boards["e"] = Board(boards["e"].corners_px * 2 + 0.5, 9, 6, (1280, 720))
     moved = boards["d"].corners_px.copy()
     moved[::7] += 6
     boards["d"] = Board(moved, *PATTERN, SIZE)
-    boards |= {f"{name}2": seen_board(name, noise_px=0.12) for name in "bcde"}
+    boards |= {f"{name}2": seen_board(name, noise_px=0.12) for name in "abce"}
     search = search_of(boards, wall="no chessboard")
     camera = calibrate_found(search, "here")
     fates = describe_boards(search, camera)
     assert fates["f"] == "cut by the edge, 6x6 corners of it used"
-    assert fates["b"] == "partly hidden, 9x5 corners of it used"
+    assert fates["a"] == "partly hidden, 9x5 corners of it used"
     assert fates["c"] == "used"
     assert fates["d"].startswith("error ")
     assert fates["e"] == "used, picture of 1280x720"
