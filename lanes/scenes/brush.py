@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import cv2
@@ -84,10 +85,13 @@ def project_faces(camera: Camera, faces_m: np.ndarray) -> list[np.ndarray | None
     """Pixels of each face (F, corners, 3), clipped to what the lens can see; None for a face out of sight."""
     planes = viewing_planes(camera)
     count, corners = faces_m.shape[:2]
-    height = faces_m @ planes[:, :3].T + planes[:, 3]
+    # One product of all corners: numpy multiplies a stack of small matrices one by one.
+    height = (faces_m.reshape(-1, 3) @ planes[:, :3].T + planes[:, 3]).reshape(count, corners, -1)
     whole = (height >= -1e-9).all(axis=(1, 2))
     # What lies behind any one plane with all its corners leaves nothing to clip.
     part = ~whole & ~(height < 0).all(axis=1).any(axis=1)
+    if whole.all():
+        return list(camera.road_to_pixels(faces_m.reshape(-1, 3)).reshape(-1, corners, 2))
     pixels = np.full((count, corners, 2), np.nan)
     if whole.any():
         pixels[whole] = camera.road_to_pixels(faces_m[whole].reshape(-1, 3)).reshape(-1, corners, 2)
@@ -132,7 +136,7 @@ def paint_polygons(
     seen = [i for i, p in enumerate(polygons_px) if p is not None]
     if not seen:
         return
-    points = np.vstack([polygons_px[i] for i in seen])
+    points = np.concatenate([polygons_px[i] for i in seen])
     margin = 2 + int(3 * softness_px)
     low = np.maximum(np.floor(points.min(axis=0)).astype(int) - margin, 0)
     high = np.minimum(np.ceil(points.max(axis=0)).astype(int) + margin + 1, [width, height])
@@ -171,13 +175,27 @@ def lay_over(
     if region.size == 0:
         return
     layer = layer[max(-top, 0) :, max(-left, 0) :][: region.shape[0], : region.shape[1]]
+    lay_planes(image, cv2.split(layer), max(left, 0), max(top, 0), through=through, air=air)
+
+
+def lay_planes(
+    image: np.ndarray,
+    planes: Sequence[np.ndarray],
+    left: int,
+    top: int,
+    *,
+    through: np.ndarray | float = 1.0,
+    air: np.ndarray | float = 0.0,
+) -> None:
+    """The same with the layer's four planes (h, w), which are used up; all of the layer is inside the picture."""
     # One plane after the other: numpy is slow where the innermost axis has three elements.
-    *colours, alpha = cv2.split(layer)
+    *colours, alpha = planes
+    region = image[top : top + alpha.shape[0], left : left + alpha.shape[1]]
     below, clear = cv2.split(region), 1 - alpha
-    through, air = (np.broadcast_to(np.asarray(x, np.float32), 3) for x in (through, air))
+    through, air = np.full(3, through, np.float32), np.full(3, air, np.float32)
     for plane, colour, left_over, added in zip(below, colours, through, air, strict=True):
         plane *= clear
         colour *= left_over
         colour += alpha * added
         plane += colour
-    region[:] = cv2.merge(below)
+    cv2.merge(below, region)

@@ -7,7 +7,7 @@ direction points towards the sun, in the same frame.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -78,7 +78,7 @@ def draw_objects(
     image = np.array(image, np.float32)
     sun = np.asarray(sun_direction, float) / np.linalg.norm(sun_direction)
     jobs = []
-    for thing in objects:
+    for thing in [thing for thing in objects if not isinstance(thing, Tree)] + _planted(camera, objects):
         if isinstance(thing, Wall):
             # All of a piece is behind the same air: thick air wants short pieces.
             pieces = thing.pieces() if air_at is None else thing.pieces(longer=1.06)
@@ -105,7 +105,7 @@ def _distance(thing: Thing) -> float:
 
 
 def _painter(thing: Thing):
-    painters = {Wall: paint_wall, Slab: paint_slab, Car: _paint_car, Tree: _paint_tree, Sign: _paint_sign}
+    painters = {Wall: paint_wall, Slab: paint_slab, Car: _paint_car, _Planted: _paint_tree, Sign: _paint_sign}
     return (painters | {Post: _paint_post})[type(thing)]
 
 
@@ -116,18 +116,19 @@ def _paint_car(image: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, air
     eye = (np.array([0, 0, camera.mount.height_m]) - place) @ turn
     distance = float(np.hypot(car.x_m, car.y_m))
     faces = car_faces(car.body, car.paint, detail=1 if distance > 40 else 2)
-    toward = ((eye - faces.middle) * faces.flat_normal).sum(axis=1) > 0
-    faces = faces.chosen(toward)
+    toward = np.flatnonzero(((eye - faces.middle) * faces.flat_normal).sum(axis=1) > 0)
     # What lies on the body keeps its order (plate on bumper); body and wheels go from far to near.
-    apart = np.where(faces.layer < ON_BODY, -np.linalg.norm(faces.middle - eye, axis=1), 0)
-    faces = faces.chosen(np.lexsort((apart, faces.layer)))
+    layer = faces.layer[toward]
+    apart = np.where(layer < ON_BODY, -np.linalg.norm(faces.middle[toward] - eye, axis=1), 0)
+    faces = faces.chosen(toward[np.lexsort((apart, layer))])
     ground = np.array([[-2.35, -0.88, 0], [2.3, -0.88, 0], [2.3, 0.88, 0], [-2.35, 0.88, 0]])
     pixels = project_faces(camera, np.stack([ground * 1.03, ground * 0.97]) @ turn.T + place)
     blur = float(np.clip(40 / max(distance, 1), 0.5, 4))
     dark = np.full((2, 3), 0.004)
     paint_polygons(image, pixels, dark, opacity=np.array([0.55, 0.85]), through=air[0], air=air[1], softness_px=blur)
     colours = shade_faces(faces, eye, sun @ turn)
-    pixels = project_faces(camera, faces.corners @ turn.T + place)
+    corners = faces.corners.reshape(-1, 3) @ turn.T + place
+    pixels = project_faces(camera, corners.reshape(-1, 4, 3))
     cuts = np.searchsorted(faces.layer, [BODY, ON_BODY])
     # Facets are some 0.1 m wide: their shading is blended, the outline stays sharp.
     blend = 0.05 * camera.matrix[0, 0] / max(distance, 2)
@@ -136,26 +137,43 @@ def _paint_car(image: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, air
         paint_polygons(image, pixels[part], colours[part], through=air[0], air=air[1], blend_px=blend_px)
 
 
-def _paint_tree(image: np.ndarray, camera: Camera, tree: Tree, sun: np.ndarray, air: tuple) -> None:
-    """The plant's picture, placed by where its foot and its top are seen."""
-    foot = tree.base_m + tree.rise_m
-    ends = np.array([[tree.x_m, tree.y_m, foot], [tree.x_m, tree.y_m, foot + tree.height_m]])
-    # Top and foot may be out of the lens's sight while the crown is in it: extend what is seen at mid height.
-    around = ends[0] + np.array([[0, 0, 0.9], [0, 0, 1.9]])
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Planted(Tree):
+    """A tree with the pixels (2, 2) of its foot and its top."""
+
+    ends_px: np.ndarray
+
+
+def _planted(camera: Camera, objects: list[Thing]) -> list[_Planted]:
+    """The trees that the lens sees. All at once, because there are a hundred and each is little work."""
+    trees = [thing for thing in objects if isinstance(thing, Tree)]
+    if not trees:
+        return []
+    foot, height = np.array([[t.x_m, t.y_m, t.base_m + t.rise_m] for t in trees]), np.array([t.height_m for t in trees])
+    up = np.array([0, 0, 1.0])
+    ends = np.stack([foot, np.column_stack([foot[:, :2], foot[:, 2] + height])], axis=1)
+    around = foot[:, None] + [0.9 * up, 1.9 * up]
     planes = viewing_planes(camera)
-    if not inside(around, planes).all():
-        return
-    pixels = camera.road_to_pixels(ends if inside(ends, planes).all() else around)
-    if not inside(ends, planes).all():
-        up = pixels[1] - pixels[0]
-        pixels = np.array([pixels[0] - 0.9 * up, pixels[0] + (tree.height_m - 0.9) * up])
+    near_foot, whole = (inside(points, planes).all(axis=1) for points in (around, ends))
+    pixels = camera.road_to_pixels(np.where(whole[:, None, None], ends, around).reshape(-1, 3)).reshape(-1, 2, 2)
+    # Top and foot may be out of the lens's sight while the crown is in it: extend what is seen at mid height.
+    rise = pixels[:, 1] - pixels[:, 0]
+    extended = np.stack([pixels[:, 0] - 0.9 * rise, pixels[:, 0] + (height - 0.9)[:, None] * rise], axis=1)
+    pixels = np.where(whole[:, None, None], pixels, extended)
+    seen = [(tree, ends_px) for tree, ends_px, in_sight in zip(trees, pixels, near_foot, strict=True) if in_sight]
+    return [_Planted(**vars(tree), ends_px=ends_px) for tree, ends_px in seen]
+
+
+def _paint_tree(image: np.ndarray, camera: Camera, tree: _Planted, sun: np.ndarray, air: tuple) -> None:
+    """The plant's picture, placed by where its foot and its top are seen."""
+    pixels = tree.ends_px
     rows = float(np.linalg.norm(pixels[1] - pixels[0]))
     sprites = plant_sprite(tree.species, tree.seed)
     sprite = next((s for s in reversed(sprites) if s.shape[0] >= rows), sprites[0])
     # The sprite is lit from its left. Mirrored by the side of the road on which the sun stands, not by the line of
     # sight, because a tree must not flip over while we drive past.
     if sun[1] < 0:
-        sprite = sprite[:, ::-1]
+        sprite = cv2.flip(sprite, 1)
     _warp_sprite(image, sprite, pixels, through=air[0], air=air[1])
 
 
@@ -171,7 +189,7 @@ def _warp_sprite(image: np.ndarray, sprite: np.ndarray, ends_px: np.ndarray, **a
     if (high <= low).any():
         return
     place[:, 2] -= low
-    layer = cv2.warpAffine(np.ascontiguousarray(sprite), place, (high - low).tolist(), flags=cv2.INTER_LINEAR)
+    layer = cv2.warpAffine(sprite, place, (high - low).tolist(), flags=cv2.INTER_LINEAR)
     lay_over(image, layer, int(low[0]), int(low[1]), **air)
 
 

@@ -39,8 +39,10 @@ class Faces:
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in cls.__dataclass_fields__))
 
     def chosen(self, which: np.ndarray) -> Faces:
-        """Some of the faces, by mask or by order."""
-        return Faces(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
+        """Some of the faces, by mask or by order; their middles are taken along, not computed again."""
+        faces = Faces(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
+        faces.__dict__["middle"] = self.middle[which]
+        return faces
 
     @classmethod
     def of(cls, corners: np.ndarray, albedo: tuple, gloss: float, layer: int) -> Faces:

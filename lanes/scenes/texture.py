@@ -43,7 +43,7 @@ def sample_noise(tile: np.ndarray, s: np.ndarray, d: np.ndarray, *, wave_s_m: fl
     if s.ndim == 2:
         return cv2.remap(tile, u, v, cv2.INTER_LINEAR)
     # OpenCV refuses maps longer than 32767, so a list is folded into rows.
-    folded = (-(-len(s) // LIST_ROW), LIST_ROW)
+    folded = (max(1, -(-len(s) // LIST_ROW)), LIST_ROW)
     return cv2.remap(tile, np.resize(u, folded), np.resize(v, folded), cv2.INTER_LINEAR).ravel()[: len(s)]
 
 

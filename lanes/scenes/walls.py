@@ -13,13 +13,15 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.scenes.brush import inside, lay_over, viewing_planes
+from lanes.scenes.brush import inside, lay_planes, viewing_planes
 from lanes.scenes.noise import smoothstep
 from lanes.scenes.shading import irradiance
 from lanes.scenes.wall_textures import TEXTURE_PX_PER_M, wall_texture
 
 # Where a bank comes in the order of painting when nothing of it is hidden: behind everything.
 BANK_DISTANCE_M = 590.0
+# Most columns painted at a time.
+RUN_PX = 128
 
 
 @dataclass(frozen=True)
@@ -154,18 +156,21 @@ def paint_wall(image: np.ndarray, camera: Camera, wall: Wall, sun: np.ndarray, a
     path = np.asarray(wall.path_m)[:, :2]
     along = wall.start_m + np.concatenate([[0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
     share = 1.0 if wall.light_at is None else wall.light_at(path)
+    normals = _strip_normals(lines, wall.side)
+    light = irradiance(normals.reshape(-1, 3), sun).reshape(normals.shape) / 0.8 * share
     for strip in reversed(range(len(lines) - 1)):
-        normal = _strip_normals(lines[strip], lines[strip + 1], wall.side)
-        light = irradiance(normal, sun) / 0.8 * share
         texture = wall_texture(WALLS[wall.kind].textures[strip], wall.seed + strip)
-        low, high = _Line(pixels[strip], along, light), _Line(pixels[strip + 1], along, light)
+        low, high = (_Line(pixels[line], along, light[strip]) for line in (strip, strip + 1))
         (_paint_slope if wall.kind == "bank" else _paint_strip)(image, low, high, texture, air)
 
 
-def _strip_normals(low: np.ndarray, high: np.ndarray, side: int) -> np.ndarray:
-    """(N, 3) unit normals towards the road and up."""
-    normal = np.cross(np.gradient(low, axis=0), high - low) * side
-    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
+def _strip_normals(lines: np.ndarray, side: int) -> np.ndarray:
+    """(K - 1, N, 3) unit normals towards the road and up of the strips between lines (K, N, 3)."""
+    along, up = np.gradient(lines[:-1], axis=1), lines[1:] - lines[:-1]
+    (a, b, c), (d, e, f) = np.moveaxis(along, -1, 0), np.moveaxis(up, -1, 0)
+    # Written out: np.cross takes three times as long for so few vectors.
+    normal = np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=-1) * side
+    return normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)
 
 
 @dataclass(frozen=True)
@@ -234,28 +239,59 @@ def _paint_run(image: np.ndarray, low: _Line, high: _Line, texture: tuple[np.nda
         return
     u = np.arange(start, stop, dtype=float)
     bottom, top = np.interp(u, low_u, low_v), np.interp(u, high_u, high_v)
-    first, last = max(0, int(top.min()) - 1), min(height, int(bottom.max()) + 2)
-    if last <= first:
+    last = min(height, int(bottom.max()) + 2)
+    if last <= max(0, int(top.min()) - 1) or (bottom - top).max() <= -1:
         return
-    v = np.arange(first, last, dtype=float)[:, None]
-    alpha = np.clip(v - top + 0.5, 0, 1) * np.clip(bottom - v + 0.5, 0, 1)
-    share = np.clip((bottom - v) / np.maximum(bottom - top, 1e-3), 0, 1)
     s_low, s_high = np.interp(u, low_u, low.along), np.interp(u, high_u, high.along)
-    colour = _look_up(texture, s_low + (s_high - s_low) * share, share) * alpha[..., None].astype(np.float32)
-    lit = np.stack([np.interp(u, low_u, low.light[:, c]) for c in range(3)], axis=-1).astype(np.float32)
-    colour[..., :3] *= lit
-    lay_over(image, colour, start, first, through=air[0], air=air[1])
+    lit = np.stack([np.interp(u, low_u, low.light[:, c]) for c in range(3)]).astype(np.float32)
+    foot = s_low + (s_high - s_low) * np.clip((bottom - (last - 1)) / np.maximum(bottom - top, 1e-3), 0, 1)
+    for level, columns in _columns_by_level(foot, len(texture)):
+        edges = _Columns(*(x[..., columns] for x in (top, bottom, s_low, s_high, lit)))
+        first = max(0, int(edges.top.min()) - 1)
+        v = np.arange(first, min(height, int(edges.bottom.max()) + 2), dtype=float)[:, None]
+        if len(v):
+            planes = _texture_between(edges, v, texture[level], level)
+            lay_planes(image, planes, start + columns.start, first, through=air[0], air=air[1])
 
 
-def _look_up(texture: tuple[np.ndarray, ...], along_m: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Texture (rows, columns, 4) at places along the wall and shares of its height, blurred where it is far."""
-    x, y = along_m.astype(np.float32) * TEXTURE_PX_PER_M, (1 - share).astype(np.float32)
-    step = np.abs(np.gradient(along_m[-1])) if along_m.shape[1] > 1 else np.ones(1)
-    level = np.clip(np.log2(np.maximum(step * TEXTURE_PX_PER_M, 1)), 0, len(texture) - 1).astype(int)
-    colour = np.empty((*share.shape, 4), np.float32)
-    for k in np.unique(level):
-        columns, picture = np.flatnonzero(level == k), texture[k]
-        map_x = np.mod(x[:, columns] / np.float32(2**k), picture.shape[1])
-        map_y = y[:, columns] * np.float32(picture.shape[0] - 1)
-        colour[:, columns] = cv2.remap(picture, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
-    return colour
+@dataclass(frozen=True)
+class _Columns:
+    """Columns of a strip: rows of its edges and places along the wall there, each (columns,), light (3, columns)."""
+
+    top: np.ndarray
+    bottom: np.ndarray
+    s_low: np.ndarray
+    s_high: np.ndarray
+    lit: np.ndarray
+
+
+def _columns_by_level(foot_m: np.ndarray, levels: int) -> list[tuple[int, slice]]:
+    """Runs of columns that need the texture at the same level; `foot_m` is the place along the wall that each sees.
+
+    A run is short, because each is painted in a rectangle of its own: a strip that is seen at a slant fills little of
+    the one around all of it.
+    """
+    step = np.abs(np.gradient(foot_m)) if len(foot_m) > 1 else np.ones(1)
+    level = np.clip(np.log2(np.maximum(step * TEXTURE_PX_PER_M, 1)), 0, levels - 1).astype(int)
+    cuts = [0, *(np.flatnonzero(np.diff(level)) + 1).tolist(), len(level)]
+    return [
+        (int(level[a]), slice(i, min(i + RUN_PX, b)))
+        for a, b in zip(cuts[:-1], cuts[1:], strict=True)
+        for i in range(a, b, RUN_PX)
+    ]
+
+
+def _texture_between(edges: _Columns, v: np.ndarray, picture: np.ndarray, level: int) -> list[np.ndarray]:
+    """Lit texture between the edges in the picture's rows `v` (rows, 1): planes of RGB times coverage, and coverage."""
+    alpha = np.clip(v - edges.top + 0.5, 0, 1) * np.clip(edges.bottom - v + 0.5, 0, 1)
+    share = np.clip((edges.bottom - v) / np.maximum(edges.bottom - edges.top, 1e-3), 0, 1)
+    along = edges.s_low + (edges.s_high - edges.s_low) * share
+    x, y = along.astype(np.float32) * TEXTURE_PX_PER_M, (1 - share).astype(np.float32)
+    map_x = np.mod(x / np.float32(2**level), picture.shape[1])
+    map_y = y * np.float32(picture.shape[0] - 1)
+    *colours, cover = cv2.split(cv2.remap(picture, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP))
+    alpha = alpha.astype(np.float32)
+    for colour, lit in zip(colours, edges.lit, strict=True):
+        colour *= alpha
+        colour *= lit
+    return [*colours, cover * alpha]
