@@ -271,7 +271,8 @@ class TestAnnotate:
         with av.open(str(target)) as container:
             codec = container.streams.video[0].codec_context
             assert (codec.name, codec.pix_fmt, codec.profile) == ("h264", "yuv420p", "High")
-            assert (codec.colorspace, codec.color_range) == (1, 1)
+            # BT.601's colour matrix and 16..235, by their numbers in ITU-T H.273
+            assert (codec.colorspace, codec.color_range) == (6, 1)
             assert container.streams.audio[0].codec_context.name == "aac"
         order = boxes(target)
         assert order.index("moov") < order.index("mdat")
