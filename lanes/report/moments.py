@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from lanes.metric.tracked import COASTING, LOST, TRACKING
 
@@ -79,8 +81,8 @@ def worst_moments(telemetry: Telemetry) -> dict[str, list[Moment]]:
 
 def runs(labels: np.ndarray) -> Iterator[tuple[str, int, int]]:
     """Runs of equal labels (N,): (label, first, one past the last)."""
-    starts = np.flatnonzero(np.append(True, labels[1:] != labels[:-1])) if len(labels) else []
-    for first, end in zip(starts, [*starts[1:], len(labels)], strict=True):
+    edges = np.unique([0, *(1 + np.flatnonzero(labels[1:] != labels[:-1])), len(labels)])
+    for first, end in pairwise(edges):
         yield str(labels[first]), int(first), int(end)
 
 
@@ -99,11 +101,14 @@ def _longest(spans: list[tuple[str, float, float]]) -> list[tuple[str, float, fl
 
 
 def _lowest(telemetry: Telemetry, values: np.ndarray) -> Iterator[tuple[float, float]]:
-    """(time, value) of the lowest values (N,), apart from each other; NaN does not count."""
-    time_s, values = telemetry["time_s"] - telemetry["time_s"][0], values.astype(float)
-    for _ in range(MOST):
-        if not np.isfinite(values).any():
-            return
-        at = int(np.nanargmin(values))
-        yield float(time_s[at]), float(values[at])
-        values = np.where(np.abs(time_s - time_s[at]) < APART_S, np.nan, values)
+    """(time, value) of the lowest values (N,), each the lowest around it and apart from the others; NaN never is."""
+    time_s = telemetry["time_s"] - telemetry["time_s"][0]
+    values = np.where(np.isfinite(values), values, np.inf)
+    around = max(1, round(APART_S / 2 / np.median(np.diff(time_s)))) if len(time_s) > 1 else 1
+    padded = np.pad(values, around, constant_values=np.inf)
+    dips = np.flatnonzero(np.isfinite(values) & (values == sliding_window_view(padded, 2 * around + 1).min(axis=1)))
+    taken: list[int] = []
+    for at in dips[np.argsort(values[dips], kind="stable")]:
+        if len(taken) < MOST and all(abs(time_s[at] - time_s[other]) >= APART_S for other in taken):
+            taken.append(at)
+            yield float(time_s[at]), float(values[at])

@@ -20,9 +20,8 @@ from urllib.parse import quote
 import numpy as np
 
 from lanes.images import write_whole
-from lanes.metric.tracked import LOST
 from lanes.report.curves import Curve, draw_curve, draw_states
-from lanes.report.moments import Moment, Telemetry, runs, seconds_lost, share_tracked, worst_moments
+from lanes.report.moments import Moment, Telemetry, seconds_lost, share_tracked, worst_moments
 
 # As base64 4/3 of it, below what most mail servers take (25 MB).
 EMBEDDED_BYTES = 16_000_000
@@ -156,10 +155,10 @@ def _button(moment: Moment) -> str:
 
 def _summary(telemetry: Telemetry) -> str:
     time_s, offset_m = telemetry["time_s"], telemetry["offset_m"]
-    lost = sum(name == LOST for name, _, _ in runs(telemetry["state"]))
+    lost_s = seconds_lost(telemetry)
     sentence = (
         f"{len(time_s)} frames, {time_s[-1] - time_s[0]:.1f} s. Lane tracked in {share_tracked(telemetry):.0%} of the "
-        f"frames, {f'lost for {seconds_lost(telemetry):.1f} s in {lost} places' if lost else 'never lost'}."
+        f"frames, {f'lost for {lost_s:.1f} s in all' if lost_s else 'never lost'}."
     )
     if not np.isfinite(offset_m).any():
         return sentence
