@@ -307,11 +307,10 @@ def test_interrupted_video_leaves_nothing(tmp_path, workers):
     assert multiprocessing.active_children() == []
 
 
-@pytest.mark.parametrize(("what", "file"), [("stills", "straight_lines1.jpg"), ("video", "project_video.mp4")])
-def test_an_unwritable_folder_is_named(tmp_path, capsys, what, file):
+def test_an_unwritable_folder_is_named(tmp_path, capsys):
     (tmp_path / "file").write_text("in the way")
-    assert main(["render", what, "--out", str(tmp_path / "file")]) == 1
-    assert re.search(rf"file.*{file}: cannot be written .*; choose another folder", capsys.readouterr().err)
+    assert main(["render", "--out", str(tmp_path / "file")]) == 1
+    assert re.search(r"file: cannot be written .*; choose another folder", capsys.readouterr().err)
 
 
 def test_refuses_a_sun_below_the_horizon():

@@ -20,9 +20,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Render what is asked for."""
+    from lanes.images import writing_to
     from lanes.scenes.boards import write_boards
     from lanes.scenes.produce import write_stills, write_video
 
+    with writing_to(options.out):
+        options.out.mkdir(parents=True, exist_ok=True)
     jobs = {
         "boards": lambda report: write_boards(options.out / "camera_cal", progress=report),
         "stills": lambda report: write_stills(options.out / "test_images", progress=report),

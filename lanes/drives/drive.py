@@ -23,7 +23,7 @@ from lanes.report.moments import seconds_lost, share_tracked
 from lanes.report.report import write_report
 from lanes.video.annotate import annotate_video
 from lanes.video.telemetry import read_telemetry, write_telemetry
-from lanes.video.videofile import inspect_video
+from lanes.video.videofile import VideoError, inspect_video
 
 Row = dict[str, str | float | None]
 
@@ -46,6 +46,8 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> DriveResult:
     """
     video = Path(video)
     info = inspect_video(video)
+    if settings.start_s >= info.duration_s:
+        raise VideoError(f"{video}: lasts {info.duration_s:g} s; begin before that, not at {settings.start_s:g} s.")
     camera = settings.camera_for((info.width, info.height))
     camera, mount = mount_from_drive(camera, [video])
     target = output_for(video, settings.output)

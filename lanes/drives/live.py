@@ -15,8 +15,8 @@ from lanes.drives.mounts import mount_from_pictures
 from lanes.drives.settings import DriveResult, DriveSettings
 from lanes.mounting.mount import MountEstimate
 from lanes.video.capture import LiveCamera
-from lanes.video.telemetry import write_telemetry
-from lanes.video.videofile import TimedFrame
+from lanes.video.telemetry import TelemetryWriter
+from lanes.video.videofile import STAMP_TOLERANCE_S, TimedFrame
 from lanes.video.videowriter import VideoWriter
 
 # For a camera without a mount: so many pictures, this far apart, are looked at before annotating begins. Ten seconds
@@ -37,22 +37,20 @@ def annotate_live(index: int, settings: DriveSettings) -> DriveResult:
         As `annotate_drive`.
     """
     video = settings.output / f"camera{index}.mp4"
-    rows = []
     with _until_interrupted() as stopped, LiveCamera(index) as source:
         frames = takewhile(lambda _: not stopped.is_set(), source.frames())
         camera, mount = _with_mount(settings.camera_for(source.size), frames, f"camera {index}")
         began_s = time.perf_counter()
         process = follow_and_paint(camera, source.fps, settings.style)
-        with VideoWriter(video, fps=source.fps) as writer:
+        with VideoWriter(video, fps=source.fps) as writer, TelemetryWriter(video.with_suffix(".csv")) as table:
             for number, (frame, elapsed_s) in enumerate(_since_first(frames)):
-                if settings.end_s is not None and frame.time_s >= settings.end_s:
+                if settings.end_s is not None and frame.time_s > settings.end_s - STAMP_TOLERANCE_S:
                     break
                 looked_s = time.perf_counter()
                 picture, row = process(frame.image, elapsed_s)
                 latency_ms = round(1e3 * (time.perf_counter() - looked_s), 3)
-                rows.append({"frame": number, "time_s": round(frame.time_s, 6), **row, "latency_ms": latency_ms})
+                table.write({"frame": number, "time_s": round(frame.time_s, 6), **row, "latency_ms": latency_ms})
                 writer.write(picture, frame.time_s)
-            write_telemetry(video.with_suffix(".csv"), rows)
     return conclude_drive(f"camera {index}", video, camera, mount, settings, time.perf_counter() - began_s)
 
 

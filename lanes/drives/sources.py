@@ -69,12 +69,12 @@ def refuse_clashes(videos: Iterable[Path], outputs: Iterable[Path]) -> None:
 
 def _files(name: str) -> list[Path]:
     path = Path(name)
-    if path.is_dir():
+    if name and path.is_dir():
         found = [p for p in path.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES + VIDEO_SUFFIXES and p.is_file()]
         found = [p for p in found if ".partial." not in p.name and not p.name.startswith(".")]
         if not found:
             raise FileNotFoundError(f"{path}: holds neither a video nor a picture; name another folder.")
-    elif path.exists():
+    elif name and path.exists():
         return [path]
     else:
         found = [Path(match) for match in glob(name, recursive=True) if Path(match).is_file()]

@@ -1,0 +1,242 @@
+"""Every command as a process: help, success, and each way to misuse it."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from clips import write_drive
+from drives import CAMERA, PaintedDrive, lane_lines, s_bend
+
+from lanes.camera import load_camera, save_camera
+from lanes.images import read_image, write_image
+from lanes.scenes.render import Motion
+from lanes.video.telemetry import read_telemetry
+from lanes.video.videofile import inspect_video
+
+ROOT = Path(__file__).parents[1]
+SMALL = CAMERA.scaled((640, 360))
+DRIVE = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3), camera=SMALL)
+FRAMES = 30
+
+
+def start(*arguments: object, python: tuple[str, ...] = ()) -> subprocess.Popen:
+    command = [sys.executable, *python, "-m", "lanes", *map(str, arguments)]
+    # One thread each: on a busy machine more only wait for each other.
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    return subprocess.Popen(
+        command, env=environment, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+def run(*arguments: object, python: tuple[str, ...] = ()) -> tuple[int, str, str]:
+    """Exit status, stdout, stderr."""
+    with start(*arguments, python=python) as process:
+        out, err = process.communicate(timeout=120)
+    return process.returncode, out, err
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()} if folder.exists() else set()
+
+
+@pytest.fixture(scope="session")
+def drive(tmp_path_factory) -> Path:
+    """A folder with a drive, three of its frames as stills, camera files, and things that are none of these."""
+    folder = tmp_path_factory.mktemp("a drive")
+    write_drive(folder / "drive.mp4", DRIVE, FRAMES)
+    for number in range(3):
+        write_image(folder / "stills" / f"still{number}.png", DRIVE.frame(number / 2))
+    save_camera(SMALL.with_mount(None), folder / "lens.yaml")
+    save_camera(CAMERA.from_fov((640, 480), 60, CAMERA.mount), folder / "other.yaml")
+    (folder / "bad.yaml").write_text("image_width: many\n")
+    (folder / "text.mp4").write_text("no video at all")
+    (folder / "empty").mkdir()
+    (folder / "file").write_text("in the way")
+    write_image(folder / "sky" / "sky.png", np.full((360, 640, 3), 200, np.uint8))
+    return folder
+
+
+# --- help
+
+
+def commands() -> list[str]:
+    status, out, err = run("--help")
+    assert (status, err) == (0, "")
+    return re.findall(r"^  (\w+) ", out.partition("commands:\n")[2].partition("\n\n")[0], re.MULTILINE)
+
+
+def test_the_list_of_commands_is_there_at_once():
+    before = os.times()
+    assert {"mount", "annotate", "detect", "render"} <= set(commands())
+    after = os.times()
+    # Processor time, which other work on the machine does not change.
+    assert after.children_user + after.children_system - before.children_user - before.children_system < 0.3
+
+
+def test_help_ends_with_examples_and_loads_nothing_slow():
+    listed = commands()
+    running = {name: start(name, "--help", python=("-X", "importtime")) for name in listed}
+    for name, process in running.items():
+        out, err = process.communicate(timeout=60)
+        assert process.returncode == 0, err
+        assert out.startswith(f"usage: python -m lanes {name} ")
+        examples = out.partition("\nexamples:\n")[2].splitlines()
+        assert examples and all(line.startswith(f"  python -m lanes {name}") for line in examples)
+        assert not re.search(r"\b(cv2|numpy|av|matplotlib)$", err, re.MULTILINE)
+
+
+def test_every_command_is_listed():
+    modules = {path.stem for path in (ROOT / "lanes" / "commands").glob("*.py")} - {"__init__", "arguments"}
+    assert set(commands()) == modules
+
+
+@pytest.mark.parametrize("arguments", [[], ["fly"], ["--fast"]])
+def test_no_such_command(arguments):
+    status, out, err = run(*arguments)
+    assert (status, out) == (2, "")
+    assert "usage: python -m lanes" in err and "Traceback" not in err
+
+
+# --- success
+
+
+def test_annotate_a_video(drive, tmp_path):
+    status, out, err = run("annotate", "--camera", drive / "drive.yaml", drive / "drive.mp4", "-o", tmp_path / "out")
+    assert status == 0, err
+    assert re.search(r"drive\.mp4: 30 frames, lane tracked in 9\d% of them, lost for 0\.0 s; \d+ frames/s; wrote", out)
+    assert names(tmp_path / "out") == {"drive.mp4", "drive.csv", "drive.html"}
+    assert inspect_video(tmp_path / "out" / "drive.mp4").frames == FRAMES
+    found, truth = read_telemetry(tmp_path / "out" / "drive.csv"), read_telemetry(drive / "drive.csv")
+    np.testing.assert_array_equal(found["frame"], truth["frame"])
+    assert np.abs(found["offset_m"] - truth["offset_m"])[5:].max() < 0.05
+    page = (tmp_path / "out" / "drive.html").read_text()
+    assert "height 1" in page and "drive.mp4: lane report" in page
+
+
+def test_annotate_a_piece_of_an_uncalibrated_video(drive, tmp_path):
+    hfov_deg = 2 * np.degrees(np.arctan(SMALL.width / 2 / SMALL.matrix[0, 0]))
+    options = ["--hfov", hfov_deg, "--start", 0.4, "--end", 0.8, "--style", "mosaic", "--no-report"]
+    status, out, err = run("annotate", *options, drive / "drive.mp4", "-o", tmp_path)
+    assert status == 0, err
+    assert names(tmp_path) == {"drive.mp4", "drive.csv"}
+    np.testing.assert_array_equal(read_telemetry(tmp_path / "drive.csv")["frame"], np.arange(10, 20))
+    # The mount that the drive shows is printed, with how sure it is.
+    assert float(re.search(r"height +([\d.]+) m +\+- [\d.]+", out)[1]) == pytest.approx(SMALL.mount.height_m, abs=0.15)
+
+
+def test_annotate_goes_on_after_a_failure(drive, tmp_path):
+    sources = [drive / "text.mp4", drive / "drive.mp4", drive / "stills"]
+    status, out, err = run(
+        "annotate",
+        "--camera",
+        drive / "drive.yaml",
+        *sources,
+        "-o",
+        tmp_path,
+        "--style",
+        "lines",
+        "--quiet",
+        "--end",
+        0.2,
+    )
+    assert status == 1 and out == ""
+    assert re.fullmatch(r"error: .*text\.mp4: cannot be read as a video.*\n", err)
+    stills = {f"still{n}.png" for n in range(3)}
+    assert names(tmp_path) == {"drive.mp4", "drive.csv", "drive.html", "pictures.csv"} | stills
+    assert (read_image(tmp_path / "still0.png") != read_image(drive / "stills" / "still0.png")).any()
+
+
+def test_an_earlier_result_is_replaced_whole_or_kept(drive, tmp_path):
+    for name in ("drive.mp4", "text.mp4"):
+        (tmp_path / name).write_text("earlier")
+    status, _, _ = run(
+        "annotate", "--camera", drive / "drive.yaml", f"{drive}/*e*t.mp4", f"{drive}/d*.mp4", "-o", tmp_path
+    )
+    assert status == 1
+    assert (tmp_path / "text.mp4").read_text() == "earlier"
+    assert inspect_video(tmp_path / "drive.mp4").frames == FRAMES
+
+
+def test_interrupted(drive, tmp_path):
+    long = tmp_path / "long.mp4"
+    write_drive(long, DRIVE, 2)
+    shutil.copy(ROOT / "test_videos" / "project_video.mp4", long)
+    camera = ROOT / "test_videos" / "project_video.yaml"
+    process = start("annotate", "--camera", camera, long, "-o", tmp_path / "out")
+    while not names(tmp_path / "out") and process.poll() is None:
+        time.sleep(0.02)
+    time.sleep(0.3)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "interrupted" in err and "Traceback" not in err
+    assert names(tmp_path / "out") == set()
+
+
+def test_mount(drive, tmp_path):
+    output = tmp_path / "camera.yaml"
+    status, out, err = run("mount", "--camera", drive / "lens.yaml", *(drive / "stills").iterdir(), "-o", output)
+    assert status == 0, err
+    assert "from 3 of 3 pictures" in out and "camera.yaml" in out
+    found = load_camera(output).mount
+    assert found.height_m == pytest.approx(SMALL.mount.height_m, abs=0.1)
+    assert found.pitch_rad == pytest.approx(SMALL.mount.pitch_rad, abs=np.radians(0.3))
+
+
+# --- misuse: a sentence that names what is wrong, no traceback, nothing written
+
+ANNOTATE = ["annotate", "--camera", "{drive}/drive.yaml"]
+MISUSE = {
+    "missing video": (2, "nowhere.mp4: there is no such file", [*ANNOTATE, "nowhere.mp4"]),
+    "not a video": (2, "text.mp4: cannot be read as a video", [*ANNOTATE, "{drive}/text.mp4"]),
+    "empty folder": (2, "empty: holds neither a video nor a picture", [*ANNOTATE, "{drive}/empty"]),
+    "pattern without match": (2, "*.webm: there is no such file", [*ANNOTATE, "{drive}/*.webm"]),
+    "no source": (2, "SOURCE", ANNOTATE),
+    "no lens": (2, "--camera --hfov --boards is required", ["annotate", "{drive}/drive.mp4"]),
+    "two lenses": (2, "not allowed with", [*ANNOTATE, "--hfov", "60", "{drive}/drive.mp4"]),
+    "no such camera file": (2, "no.yaml: there is no such", ["annotate", "--camera", "no.yaml", "{drive}/drive.mp4"]),
+    "bad camera file": (2, "bad.yaml: is no usable", ["annotate", "--camera", "{drive}/bad.yaml", "{drive}/drive.mp4"]),
+    "wrong shape": (2, "another shape", ["annotate", "--camera", "{drive}/other.yaml", "{drive}/drive.mp4"]),
+    "boards that are none": (2, "no chessboard", ["annotate", "--boards", "{drive}/sky", "{drive}/drive.mp4"]),
+    "no road": (1, "sky.png: only 0 of 1", ["annotate", "--hfov", "60", "{drive}/sky"]),
+    "a number that is none": (2, "wide does not do", ["annotate", "--hfov", "wide", "{drive}/drive.mp4"]),
+    "not finite": (2, "nan does not do", [*ANNOTATE, "{drive}/drive.mp4", "--start", "nan"]),
+    "negative start": (2, "0 or more", [*ANNOTATE, "{drive}/drive.mp4", "--start=-1"]),
+    "ends before it starts": (2, "not after --start", [*ANNOTATE, "{drive}/drive.mp4", "--start", "2", "--end", "1"]),
+    "starts after the end": (2, "lasts 1.2 s; begin before", [*ANNOTATE, "{drive}/drive.mp4", "--start", "50"]),
+    "unknown style": (2, "invalid choice: 'neon'", [*ANNOTATE, "{drive}/drive.mp4", "--style", "neon"]),
+    "unknown option": (2, "--colour", [*ANNOTATE, "{drive}/drive.mp4", "--colour", "red"]),
+    "no such live camera": (2, "camera 83: cannot be opened", [*ANNOTATE, "83"]),
+    "over its own input": (2, "one of the inputs", [*ANNOTATE, "{drive}/drive.mp4", "-o", "{drive}"]),
+    "output not writable": (1, "cannot be written", [*ANNOTATE, "{drive}/drive.mp4", "-o", "{drive}/file/out"]),
+    "mount: missing still": (2, "no such picture", ["mount", "--hfov", "60", "nowhere.jpg"]),
+    "mount: no road": (1, "only 0 of 1 pictures", ["mount", "--hfov", "60", "{drive}/sky/sky.png"]),
+    "mount: odd lane": (2, "2 to 6", ["mount", "--hfov", "60", "--lane-width", "20", "{drive}/drive.mp4"]),
+    "mount: odd height": (2, "0.5 to 4.5", ["mount", "--hfov", "60", "--height", "0", "{drive}/drive.mp4"]),
+    "mount: no pictures": (2, "1 or more", ["mount", "--hfov", "60", "--pictures", "0", "{drive}/drive.mp4"]),
+    "mount: odd size": (2, "1280x720", ["mount", "--hfov", "60", "--size", "big", "{drive}/drive.mp4"]),
+    "render: unknown": (2, "invalid choice", ["render", "snow"]),
+    "render: not writable": (1, "cannot be written", ["render", "stills", "--out", "{drive}/file"]),
+}
+
+
+@pytest.mark.parametrize("name", MISUSE)
+def test_misuse(drive, tmp_path, name):
+    expected, words, arguments = MISUSE[name]
+    arguments = [argument.format(drive=drive) for argument in arguments]
+    if arguments[0] != "render" and "-o" not in arguments:
+        arguments += ["-o", tmp_path / "out.yaml"]
+    before = names(drive)
+    status, out, err = run(*arguments)
+    assert (status, out) == (expected, ""), err
+    assert words in err and "Traceback" not in err and "Warning" not in err
+    assert names(tmp_path) == set() and names(drive) == before

@@ -1,0 +1,206 @@
+"""Whole drives: what names stand for, how lanes are drawn, live cameras."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+from functools import lru_cache
+
+import cv2
+import numpy as np
+import pytest
+from drives import CAMERA, PaintedDrive, lane_lines, s_bend
+
+from lanes.camera import CameraError
+from lanes.drives.drive import annotate_stills
+from lanes.drives.live import annotate_live
+from lanes.drives.settings import DriveSettings
+from lanes.drives.sources import find_sources, refuse_clashes
+from lanes.drives.styles import STYLES
+from lanes.images import read_image, write_image
+from lanes.metric.tracked import LOST, TrackedLane
+from lanes.metric.tracker import LaneTracker
+from lanes.mounting.mount import MountError
+from lanes.scenes.render import Motion
+from lanes.video.telemetry import read_telemetry
+from lanes.video.videofile import VideoError, inspect_video
+
+SMALL = CAMERA.scaled((640, 360))
+DRIVE = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3), camera=SMALL)
+
+
+@lru_cache(maxsize=1)
+def tracked() -> tuple[np.ndarray, TrackedLane]:
+    tracker = LaneTracker(SMALL)
+    for frame in range(4):
+        image = DRIVE.frame(frame / 25)
+        result = tracker.update(image)
+    return image, result
+
+
+def test_names_are_sorted_by_kind(tmp_path, monkeypatch):
+    for name in ("d10.mp4", "d2.MOV", "b.jpg", "notes.txt", ".hidden.mp4", "d.partial.7.mp4", "more/x.mkv", "[1].avi"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    monkeypatch.chdir(tmp_path)
+    found = find_sources([".", "0", "more/*", "d2.MOV", "[1].avi", "12"])
+    assert [path.name for path in found.videos] == ["[1].avi", "d2.MOV", "d10.mp4", "x.mkv"]
+    assert [path.name for path in found.stills] == ["b.jpg"]
+    assert found.cameras == (0, 12)
+    (tmp_path / "7").touch()
+    assert find_sources(["7"]).cameras == ()
+    for missing, words in (("nowhere.mp4", "no such file or folder"), ("*.webm", "no such file"), ("", "no such file")):
+        with pytest.raises(FileNotFoundError, match=words):
+            find_sources([missing])
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(FileNotFoundError, match="empty: holds neither"):
+        find_sources(["empty"])
+
+
+def test_no_output_overwrites_an_input_or_another_output(tmp_path):
+    a, b = tmp_path / "a.mp4", tmp_path / "b" / "a.mp4"
+    refuse_clashes([a, b], [tmp_path / "out" / "a.mp4", tmp_path / "out" / "b.mp4"])
+    with pytest.raises(ValueError, match="one of the inputs"):
+        refuse_clashes([a, b], [tmp_path / "out" / "a.mp4", tmp_path / "b" / ".." / "a.mp4"])
+    with pytest.raises(ValueError, match="from .*a.mp4 and from .*a.mp4"):
+        refuse_clashes([a, b], [tmp_path / "out" / "a.mp4"] * 2)
+
+
+def test_settings_travel_and_fit_the_camera_to_the_drive(tmp_path):
+    settings = pickle.loads(pickle.dumps(DriveSettings(output=tmp_path, camera=CAMERA, style="lines")))
+    np.testing.assert_allclose(settings.camera_for((640, 360)).matrix, SMALL.matrix)
+    assert settings.camera_for(CAMERA.size) is settings.camera
+    assert settings.camera_for((640, 360)).mount == CAMERA.mount
+    with pytest.raises(CameraError, match="cropped"):
+        settings.camera_for((640, 480))
+    wide = DriveSettings(output=tmp_path, hfov_deg=90.0).camera_for((640, 480))
+    assert (wide.matrix[0, 0], wide.mount) == (pytest.approx(320), None)
+    with pytest.raises(CameraError, match="no lens"):
+        DriveSettings(output=tmp_path).camera_for((640, 480))
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_styles_leave_the_picture_alone_and_say_lost(style):
+    image, result = tracked()
+    kept = image.copy()
+    paint = STYLES[style](SMALL)
+    drawn, lost = paint(image, result), paint(image, TrackedLane(LOST))
+    np.testing.assert_array_equal(image, kept)
+    assert drawn.shape == lost.shape == image.shape and drawn.dtype == np.uint8
+    assert (drawn != lost).any(axis=2).mean() > 0.005
+
+
+def test_lines_are_drawn_on_the_paint_and_nothing_between():
+    image, result = tracked()
+    drawn = STYLES["lines"](SMALL)(image, result)
+    x = np.array([9.0, 14.0])
+    truth = DRIVE.truth(3 / 25)
+    for side, channel in ((0, 0), (1, 2)):
+        u, v = np.round(SMALL.road_to_pixels(np.column_stack([x, truth.line_y(side, x)]))).astype(int).T
+        assert (drawn[v, u, channel] > drawn[v, u, 1] + 60).all()
+    u, v = np.round(SMALL.road_to_pixels(np.array([[10.0, 0.0]]))[0]).astype(int)
+    np.testing.assert_array_equal(drawn[v, u], image[v, u])
+
+
+def test_the_mosaic_shows_fit_and_evidence_in_their_places():
+    image, result = tracked()
+    mosaic = STYLES["mosaic"](SMALL)(image, result)
+    height, width = image.shape[:2]
+    panels = [mosaic[i * height // 3 : (i + 1) * height // 3, 2 * width // 3 + 4 :].astype(int) for i in range(3)]
+    evidence, fit = panels[1][30:-8], panels[2]
+    # The panel is 18 m wide: the lines of a lane of 3.7 m, seen 0.3 m from its middle, near the car.
+    rows, columns = fit[-20:], (9 + np.array([0.3 - 1.85, 0.3 + 1.85])) / 18 * fit.shape[1]
+    red = np.flatnonzero((rows[:, :, 0] - rows[:, :, 1] > 80).any(axis=0))
+    blue = np.flatnonzero((rows[:, :, 2] - rows[:, :, 0] > 80).any(axis=0))
+    assert np.median(red) == pytest.approx(columns[0], abs=6) and np.median(blue) == pytest.approx(columns[1], abs=6)
+    assert (np.ptp(evidence, axis=2) == 0).all() and evidence.max() > 200
+
+
+def test_stills_with_a_mount_of_their_own(tmp_path):
+    for i in range(3):
+        write_image(tmp_path / f"{i}.png", DRIVE.frame(i))
+    pictures = sorted(tmp_path.glob("*.png"))
+    result = annotate_stills(pictures, DriveSettings(output=tmp_path / "out", camera=SMALL.with_mount(None)))
+    assert result.found == 3 and result.mount.frames_total == 3
+    assert result.describe().startswith("height") and "lane found in 3" in result.describe()
+    table = read_telemetry(result.telemetry)
+    assert table["picture"].tolist() == ["0.png", "1.png", "2.png"]
+    assert table["offset_m"][0] == pytest.approx(DRIVE.truth(0).offset_m, abs=0.1)
+    assert (read_image(tmp_path / "out" / "0.png") != read_image(pictures[0])).any()
+    with pytest.raises(ValueError, match="one of the inputs"):
+        annotate_stills(pictures, DriveSettings(output=tmp_path, camera=SMALL))
+
+
+class FakeCapture:
+    """Stands in for cv2.VideoCapture: the painted drive as camera 0, and no other camera."""
+
+    frames, interrupt_at, plugged_in = 1000, None, True
+
+    def __init__(self, index: int) -> None:
+        self._open, self._next = index == 0 and self.plugged_in, 0
+        self.released = False
+
+    def isOpened(self) -> bool:  # noqa: N802 (OpenCV's name)
+        return self._open
+
+    def get(self, _: int) -> float:
+        return 25.0
+
+    def read(self) -> tuple[bool, np.ndarray | None]:
+        if self._next == self.interrupt_at:
+            os.kill(os.getpid(), signal.SIGINT)
+        if self._next >= self.frames:
+            return False, None
+        self._next += 1
+        return True, cv2.cvtColor(DRIVE.frame(self._next / 25), cv2.COLOR_RGB2BGR)
+
+    def release(self) -> None:
+        self._open = False
+
+
+@pytest.fixture
+def capture(monkeypatch):
+    """A fake camera whose clock goes on by 1/25 s with each frame."""
+    fake = type("Fake", (FakeCapture,), {})
+    clock = iter(np.arange(100_000) / 25)
+    monkeypatch.setattr("lanes.video.capture.cv2.VideoCapture", fake)
+    monkeypatch.setattr("lanes.video.capture.time.monotonic", lambda: float(next(clock)))
+    return fake
+
+
+def test_a_live_camera_until_ctrl_c(tmp_path, capture):
+    capture.interrupt_at = 12
+    result = annotate_live(0, DriveSettings(output=tmp_path, camera=SMALL))
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    table = read_telemetry(tmp_path / "camera0.csv")
+    # The frame that was being read when the key was pressed is no longer annotated.
+    assert len(table["frame"]) == result.frames == inspect_video(result.video).frames == 12
+    np.testing.assert_allclose(table["time_s"], np.arange(12) / 25)
+    assert table["offset_m"][-1] == pytest.approx(DRIVE.truth(12 / 25).offset_m, abs=0.05)
+    assert {path.name for path in tmp_path.iterdir()} == {"camera0.mp4", "camera0.csv", "camera0.html"}
+
+
+def test_a_live_camera_for_a_time_and_with_a_mount_of_its_own(tmp_path, capture):
+    capture.frames = 400
+    settings = DriveSettings(output=tmp_path, camera=SMALL.with_mount(None), end_s=0.4, report=False)
+    result = annotate_live(0, settings)
+    assert result.frames == 10 and result.report is None
+    assert result.mount.frames_total == 20
+    # Annotating begins after the ten seconds that the mount takes, and its clock with it.
+    table = read_telemetry(result.telemetry)
+    assert table["time_s"][0] == 0
+    assert table["curvature_per_m"][-1] == pytest.approx(DRIVE.truth(9.9).curvature_per_m, abs=1e-3)
+
+
+def test_a_camera_that_is_not_there_or_sees_nothing(tmp_path, capture):
+    settings = DriveSettings(output=tmp_path, camera=SMALL.with_mount(None))
+    with pytest.raises(VideoError, match="camera 3: cannot be opened"):
+        annotate_live(3, settings)
+    capture.frames = 0
+    with pytest.raises(VideoError, match="camera 0: cannot be opened or gives no frame"):
+        annotate_live(0, settings)
+    capture.frames, capture.interrupt_at = 1, 0
+    with pytest.raises((MountError, VideoError, KeyboardInterrupt)):
+        annotate_live(0, settings)
+    assert list(tmp_path.iterdir()) == []
