@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -55,6 +55,10 @@ class LaneTruth:
     def exists(self) -> np.ndarray:
         """(N,) bool: frames with a lane."""
         return np.isfinite(self.lines_y_m[:, :, 0]).all(axis=1)
+
+    def cut(self, frames: slice) -> LaneTruth:
+        """The truth of some of the frames."""
+        return LaneTruth(**{field.name: getattr(self, field.name)[frames] for field in fields(self)})
 
     def beside(self) -> LaneTruth:
         """The lane on the other side of the line that the car is on, where it is; elsewhere the same lane.

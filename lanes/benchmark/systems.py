@@ -24,6 +24,9 @@ SYSTEMS = (*RECIPES, METRIC)
 # The modules, relative to lanes/, that what a system says depends on.
 SOURCES = {name: ("camera.py", "classic") for name in RECIPES} | {METRIC: ("camera.py", "metric")}
 
+# Where a recipe's line is put back into the picture: even steps in 1 / x are even steps in picture rows.
+ALONG_M = 1 / np.linspace(1 / 1.5, 1 / 200.0, 400)
+
 Follow = Callable[[np.ndarray], Reading]
 FindColumns = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -99,14 +102,19 @@ def read_classic(result: LaneResult) -> Reading:
 
 
 def classic_columns(result: LaneResult, camera: Camera, rows: np.ndarray) -> np.ndarray:
-    """Columns (2, R) of a recipe's lines at rows of the raw picture, as far as its view goes; -2 elsewhere."""
+    """Columns (2, R) of a recipe's lines at rows of the raw picture, from below it to the upper end of its view.
+
+    They are the lines in metres, put back into the picture: views end above the bonnet, and a line does not.
+    """
     columns = np.full((2, len(rows)), -2.0)
-    for k, points in enumerate((result.left_px, result.right_px)):
-        if points is None:
+    lines = ((result.left_road, result.left_px), (result.right_road, result.right_px))
+    for k, (line, points) in enumerate(lines):
+        if line is None:
             continue
-        raw = camera.distort_points(points)
-        u, v = raw[np.isfinite(raw).all(axis=1)].T
-        if len(v) > 1:
-            order = np.argsort(v)
-            columns[k] = np.interp(rows, v[order], u[order], left=-2, right=-2)
+        u, v = camera.road_to_pixels(np.column_stack([ALONG_M, line.lateral_m(ALONG_M)])).T
+        top = np.nanmin(camera.distort_points(points)[:, 1])
+        shown = np.isfinite(v) & (v >= top - 1)
+        if shown.sum() > 1:
+            order = np.argsort(v[shown])
+            columns[k] = np.interp(rows, v[shown][order], u[shown][order], left=-2, right=-2)
     return np.where((columns >= 0) & (columns <= camera.width - 1), columns, -2.0)
