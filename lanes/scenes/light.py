@@ -15,6 +15,8 @@ from lanes.scenes.texture import band_noise_tile, fade, sample_noise
 
 # Share of the light on open ground that comes from the sky; measured on shaded asphalt: dark and blue.
 SKY_SHARE = np.array([0.11, 0.15, 0.22], np.float32)
+# Light of closed clouds on open ground, as a multiple of the clear sky's without the sun.
+CLOUDS = np.array([0.36, 0.38, 0.41], np.float32) / SKY_SHARE
 # Shadows of things are followed between these distances ahead; the bonnet hides what is nearer.
 NEAREST_M = 1.5
 SHADOWS_UNTIL_M = 160.0
@@ -25,13 +27,19 @@ BOUNCED = 0.4
 
 @dataclass(frozen=True)
 class Sun:
-    """Where the sun stands: azimuth in the world frame (0 along the road's start, > 0 to the left), and elevation."""
+    """Where the sun stands: azimuth in the world frame (0 along the road's start, > 0 to the left), and elevation.
+
+    Behind closed clouds (`clouded`) it throws no shadows, and light comes from above.
+    """
 
     azimuth_rad: float
     elevation_rad: float
+    clouded: bool = False
 
     def direction(self, heading_rad: float = 0.0) -> np.ndarray:
         """Unit vector (3,) towards the sun, in a road frame that points along `heading_rad`."""
+        if self.clouded:
+            return np.array([0.0, 0.0, 1.0])
         angle = self.azimuth_rad - heading_rad
         level = np.cos(self.elevation_rad)
         return np.array([level * np.cos(angle), level * np.sin(angle), np.sin(self.elevation_rad)])

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
+import cv2
 import numpy as np
 
 from lanes.camera import Camera
@@ -17,6 +18,8 @@ from lanes.scenes.glare import Glare, add_glare, add_sheen
 from lanes.scenes.ground import FARTHEST_M, Ground, cast_on_ground, picture_rays
 from lanes.scenes.lens import LUMINANCE, Lens, develop
 from lanes.scenes.light import (
+    CLOUDS,
+    SKY_SHARE,
     SHADOWS_UNTIL_M,
     Shade,
     Sun,
@@ -29,8 +32,10 @@ from lanes.scenes.light import (
     sunlight_on_ground,
 )
 from lanes.scenes.markings import Marking, paint_markings
+from lanes.scenes.night import Night, add_lamps, lamps_of
 from lanes.scenes.objects import draw_objects
 from lanes.scenes.overpass import Overpass
+from lanes.scenes.rain import Rain, add_streaks_in_air, see_through_drops
 from lanes.scenes.road import Pose, RoadGeometry
 from lanes.scenes.roadahead import RoadAhead
 from lanes.scenes.roadside import Along, Placed, things_in_view
@@ -38,10 +43,15 @@ from lanes.scenes.shadows import shadow_polygons
 from lanes.scenes.surface import Surface, ground_albedo
 from lanes.scenes.things import Thing, Tree
 from lanes.scenes.truth import Truth, lane_truth
+from lanes.scenes.wet import Wet, add_streaks
 
 # Light that the air adds before distant ground, and the distance over which it does (metres).
 AIR_LIGHT = np.array([0.42, 0.48, 0.56], np.float32)
 AIR_LENGTH_M = 3500.0
+# Below closed clouds, country and sky send this share of what they do in the sun.
+CLOUDED_COUNTRY = 0.55
+# The wet road mirrors the sky coarsely: computed on every sixth pixel.
+MIRROR_STEP = 6
 # Trees farther aside than this throw their shadows on the grass.
 SHADOWS_ASIDE_M = 22.0
 # How far twigs and leaves fray the shadow of a crown.
@@ -140,6 +150,11 @@ class Drive:
     fog : Fog, optional
     glare : Glare, optional
         Of a low sun ahead.
+    night : Night, optional
+    wet : Wet, optional
+        The road mirrors the sky and the lamps of others, which are lit.
+    rain : Rain, optional
+        On the windscreen and in the air.
     """
 
     camera: Camera
@@ -158,6 +173,9 @@ class Drive:
     exposure: AutoExposure | None = None
     fog: Fog | None = None
     glare: Glare | None = None
+    night: Night | None = None
+    wet: Wet | None = None
+    rain: Rain | None = None
 
     def truth(self, time_s: float = 0.0) -> Truth:
         """What is known of the frame at a moment, without rendering it."""
@@ -205,53 +223,86 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     things = things_in_view(drive.things, drive.road, truth.pose, time_s=time_s)
     sun_direction = drive.sun.direction(heading)
     sun = _sun_on_ground(drive, things, camera, ground, ahead, sun_direction, station_m=truth.pose.s_m)
-    ground_light = _ground_light(drive, ground, sun, station_m=truth.pose.s_m)
+    ground_light = _ground_light(drive, ground, sun, things, station_m=truth.pose.s_m)
     # Before air dims it and without sky, cars and bonnet: what the camera's exposure follows.
     road_light = _mean_luminance(ground_light[-250:-60:4, ::8])
+    height_m = camera.mount.height_m
     if drive.glare is not None:
-        height_m = camera.mount.height_m
         add_sheen(ground_light, ground, sun, sun_direction, strength=drive.glare.sheen, height_m=height_m)
+    mirror = None
+    if drive.wet is not None:
+        mirror = drive.wet.mirror_share(ground, height_m, station_m=truth.pose.s_m, seed=drive.seed)
+        ground_light += mirror[..., None] * _mirrored_sky(drive, camera, heading, ground)
     if drive.fog is not None:
         drive.fog.veil_ground(ground_light, ground)
-    light = _backdrop(drive, camera, heading, ground)
-    _lay_ground(light, ground_light, ground)
-    bare = light
+    bare = _backdrop(drive, camera, heading, ground)
+    _lay_ground(bare, ground_light, ground, daylight=drive.night is None)
     light_at = _light_on_things(drive, ahead, station_m=truth.pose.s_m)
-    air = {"haze": drive.backdrop.haze_per_km, "air_at": drive.fog and drive.fog.air_at}
+    air = {"haze": drive.backdrop.haze_per_km, "air_at": _air(drive)}
     light = draw_objects(bare, camera, things, sun_direction=sun_direction, light_at=light_at, **air)
     if drive.bonnet:
-        open_sky = 1.0 if light_at is None else float(light_at(np.array([[1.0, 0.0]])).mean())
+        open_sky = 1.0 if light_at is None else float(light_at(np.array([[-1.0, 0.0]])).mean())
         light = draw_bonnet(light, camera, light=(0.2 + 0.8 * float(sun[-60:].mean())) * open_sky)
     changed = light != bare
     hidden = changed[..., 0] | changed[..., 1] | changed[..., 2]
+    seed = drive.seed * 7919 + round(time_s * 1000)
+    if mirror is not None or drive.night is not None:
+        lamps = lamps_of(things)
+        if mirror is not None:
+            add_streaks(light, camera, lamps, mirror, ~hidden)
+        add_lamps(light, camera, lamps)
     if drive.glare is not None:
         sun_ray = camera.mount.rotation() @ sun_direction
         add_glare(light, _rays(drive.camera), sun_ray, drive.glare, sunshine=_sunshine(drive, truth.pose))
+    if drive.rain is not None:
+        add_streaks_in_air(light, drive.rain, seed=seed)
+        light = see_through_drops(light, drive.rain, time_s, seed=drive.seed)
     lens = drive.lens
     if drive.exposure is not None:
         road_light = _adapted_light(drive, time_s)
         lens = drive.exposure.lens(lens, road_light)
-    image = develop(light, lens, road_light=road_light, seed=drive.seed * 7919 + round(time_s * 1000))
-    return Frame(image, truth, hidden)
+    return Frame(develop(light, lens, road_light=road_light, seed=seed), truth, hidden)
 
 
-def _ground_light(drive: Drive, ground: Ground, sun: np.ndarray, *, station_m: float) -> np.ndarray:
+def _ground_light(
+    drive: Drive, ground: Ground, sun: np.ndarray, things: list[Thing], *, station_m: float
+) -> np.ndarray:
     """Light that the ground sends to the camera, (rows, width, 3) float32."""
     light = ground_albedo(drive.surface, ground, station_m=station_m, seed=drive.seed)
-    paint_markings(light, drive.markings, ground, station_m=station_m, seed=drive.seed + 100)
-    light *= light_on_ground(sun, sky_on_ground(drive.shades, ground, station_m=station_m))
+    if drive.wet is not None:
+        light *= np.float32(drive.wet.darkening)
+    markings = drive.markings if drive.night is None else drive.night.markings(drive.markings)
+    paint_markings(light, markings, ground, station_m=station_m, seed=drive.seed + 100)
+    if drive.night is not None:
+        light *= drive.night.on_ground(ground, things)
+    else:
+        light *= light_on_ground(sun, sky_on_ground(drive.shades, ground, station_m=station_m))
+        if drive.sun.clouded:
+            light *= CLOUDS
     return light
+
+
+def _air(drive: Drive) -> Callable[[float], tuple[np.ndarray, np.ndarray]] | None:
+    """What is between a thing and us: fog, the dark of the night, or (None) the clear air of the day."""
+    if drive.fog is not None:
+        return drive.fog.air_at
+    if drive.night is not None:
+        return lambda distance_m: (np.ones(3, np.float32), np.zeros(3, np.float32))
+    return None
 
 
 def _light_on_things(drive: Drive, ahead: RoadAhead, *, station_m: float) -> Callable[[np.ndarray], np.ndarray] | None:
     """The share of daylight at places in the car's road frame; None where all is in the open but for leaves."""
     closed = tuple(shade for shade in drive.shades if not isinstance(shade, TreeShade))
-    if not closed:
+    if drive.night is not None:
+        return drive.night.on_things
+    if not closed and not drive.sun.clouded:
         return None
+    clouds = float((CLOUDS * SKY_SHARE).mean()) if drive.sun.clouded else 1.0
 
     def light_at(places_m: np.ndarray) -> np.ndarray:
         s, d = ahead.locate(*places_m.T.astype(np.float32))
-        return light_along(closed, s + station_m, d, seed=drive.seed)
+        return light_along(closed, s + station_m, d, seed=drive.seed) * clouds
 
     return light_at
 
@@ -277,6 +328,8 @@ def _sun_on_ground(
     station_m: float,
 ) -> np.ndarray:
     """Share of the sun that reaches each pixel's ground: shades along the road, shadows of trees and other things."""
+    if drive.sun.clouded or drive.night is not None:
+        return np.zeros_like(ground.s)
     sun = sunlight_on_ground(drive.shades, ground, station_m=station_m, seed=drive.seed)
     trees = [t for t in things if isinstance(t, Tree) and t.x_m < SHADOWS_UNTIL_M and abs(t.y_m) < SHADOWS_ASIDE_M]
     solid = [t for t in things if not isinstance(t, Tree)]
@@ -296,24 +349,49 @@ def _backdrop(drive: Drive, camera: Camera, heading_rad: float, ground: Ground) 
     rays = _rays(drive.camera)
     covered = ground.visible.all(axis=1) & (ground.distance.max(axis=1) < FARTHEST_M / 3)
     bottom = ground.top + int(np.argmax(covered)) + 1
-    cosine, sine = np.cos(heading_rad), np.sin(heading_rad)
-    to_world = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
-    directions = rays[:bottom] @ (camera.mount.rotation() @ to_world).astype(np.float32)
-    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
     light = np.zeros((camera.height, camera.width, 3), np.float32)
-    light[:bottom] = paint_backdrop(directions, drive.backdrop, seed=drive.seed)
-    if drive.fog is not None:
-        drive.fog.veil_sky(light[:bottom], directions[..., 2])
+    light[:bottom] = _far_light(drive, _directions(rays[:bottom], camera, heading_rad))
     return light
 
 
-def _lay_ground(light: np.ndarray, radiance: np.ndarray, ground: Ground) -> None:
-    """Put the ground before the backdrop, in place: behind air, and fading out where it is too far to tell."""
+def _directions(rays: np.ndarray, camera: Camera, heading_rad: float) -> np.ndarray:
+    """Unit vectors (rows, columns, 3) in the world frame of rays in camera axes."""
+    cosine, sine = np.cos(heading_rad), np.sin(heading_rad)
+    to_world = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
+    directions = rays @ (camera.mount.rotation() @ to_world).astype(np.float32)
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    return directions
+
+
+def _far_light(drive: Drive, directions: np.ndarray) -> np.ndarray:
+    """Light (rows, columns, 3) that comes from sky and country along directions in the world frame."""
+    light = paint_backdrop(directions, drive.backdrop, seed=drive.seed)
+    if drive.sun.clouded:
+        light *= np.float32(CLOUDED_COUNTRY)
+    if drive.night is not None:
+        drive.night.darken_sky(light, directions[..., 2])
+    if drive.fog is not None:
+        drive.fog.veil_sky(light, directions[..., 2])
+    return light
+
+
+def _mirrored_sky(drive: Drive, camera: Camera, heading_rad: float, ground: Ground) -> np.ndarray:
+    """Light (rows, width, 3) of the backdrop that a level mirror on the ground would show, smeared by its stones."""
+    rays = _rays(drive.camera)[ground.top :: MIRROR_STEP, ::MIRROR_STEP]
+    directions = _directions(rays, camera, heading_rad)
+    directions[..., 2] = np.abs(directions[..., 2])
+    light = cv2.GaussianBlur(_far_light(drive, directions), (0, 0), sigmaX=1.0, sigmaY=camera.height / 60 / MIRROR_STEP)
+    return cv2.resize(light, ground.s.shape[::-1], interpolation=cv2.INTER_LINEAR)
+
+
+def _lay_ground(light: np.ndarray, radiance: np.ndarray, ground: Ground, *, daylight: bool) -> None:
+    """Put the ground before the backdrop, in place: behind bright air, and fading out where it is too far to tell."""
     # Over a crest, rows below the nearest horizon may still see the sky.
     hidden = np.flatnonzero(~ground.visible.all(axis=1))
     far = max(int(np.argmax(ground.distance.min(axis=1) < 40.0)), hidden[-1] + 1 if len(hidden) else 0)
-    air = (1 - np.exp(-ground.distance[:far] / np.float32(AIR_LENGTH_M)))[..., None]
-    radiance[:far] += air * (AIR_LIGHT - radiance[:far])
+    if daylight:
+        air = (1 - np.exp(-ground.distance[:far] / np.float32(AIR_LENGTH_M)))[..., None]
+        radiance[:far] += air * (AIR_LIGHT - radiance[:far])
     share = np.clip((FARTHEST_M - ground.distance[:far]) / np.float32(FARTHEST_M / 2), 0, 1) * ground.visible[:far]
     before = light[ground.top : ground.top + far]
     before += share[..., None] * (radiance[:far] - before)

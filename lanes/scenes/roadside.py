@@ -78,9 +78,9 @@ def things_in_view(
 
 
 def _in_reach(thing: Thing, place_m: np.ndarray) -> bool:
-    """A tree beside or behind the camera may still shade the road ahead; other things out of view are of no use."""
+    """A tree or a lamp behind the camera may shade or light the road ahead; other things out of view are of no use."""
     x, y, _ = place_m
-    if isinstance(thing, Tree):
+    if isinstance(thing, Tree) or (isinstance(thing, Post) and thing.arm_m):
         return -30.0 < x < FARTHEST_M
     return 1.0 < x < FARTHEST_M and abs(y) < WIDEST_VIEW * x + 5.0
 

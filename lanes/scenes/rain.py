@@ -1,0 +1,139 @@
+"""Rain: drops on the windscreen that the wiper takes away, streaks in the air, and the spray of wheels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+# Sight through rain is computed on every second pixel.
+COARSE = 2
+# The wiper turns about a point below the picture; widths and heights are shares of the picture's.
+PIVOT, SWEEP_RAD = (0.30, 1.25), (-1.15, 1.05)
+# A drop is a strong lens: what it shows is upside down and this many times smaller, so nearly the whole scene.
+SHRINKS = 9.0
+
+
+@dataclass(frozen=True)
+class Rain:
+    """How hard it rains.
+
+    Parameters
+    ----------
+    drops : int
+        New drops on the part of the windscreen that is seen, between two wipes.
+    wipe_every_s, wipe_s : float
+        Time from wipe to wipe, and how long the blade takes to cross the picture.
+    streaks : float
+        Light of the falling drops, sunlit white paint = 1.
+    """
+
+    drops: int = 280
+    wipe_every_s: float = 1.2
+    wipe_s: float = 0.45
+    streaks: float = 0.10
+
+
+def add_streaks_in_air(light: np.ndarray, rain: Rain, *, seed: int) -> None:
+    """Add falling drops, drawn out by the shutter, in place; another pattern for each seed."""
+    height, width = light.shape[:2]
+    row, column = np.random.default_rng(seed).integers(0, 64, 2)
+    light += (np.float32(rain.streaks) * _streaks(height, width)[row : row + height, column : column + width])[..., None]
+
+
+def see_through_drops(light: np.ndarray, rain: Rain, time_s: float, *, seed: int) -> np.ndarray:
+    """The picture through the wet windscreen.
+
+    Parameters
+    ----------
+    light : ndarray of shape (height, width, 3), float32
+    rain : Rain
+    time_s : float
+        Drops come and go with time, each in its place until the blade takes it.
+    seed : int
+
+    Returns
+    -------
+    ndarray of the same shape, float32
+    """
+    height, width = light.shape[:2]
+    small = cv2.resize(light, (width // COARSE, height // COARSE), interpolation=cv2.INTER_AREA)
+    blurred = cv2.GaussianBlur(small, (0, 0), 0.012 * height / COARSE)
+    cover = np.zeros(small.shape[:2], np.float32)
+    v, u = (a.astype(np.float32) for a in np.mgrid[: small.shape[0], : small.shape[1]])
+    map_u, map_v = u.copy(), v.copy()
+    for at_u, at_v, radius in drops_on_glass(rain, time_s, seed=seed) * [width, height, height] / COARSE:
+        _lay_drop(cover, map_u, map_v, u, v, at_u, at_v, radius)
+    _lay_blade(cover, map_u, map_v, rain, time_s)
+    seen = cv2.remap(blurred, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+    cover = cv2.resize(cover, (width, height), interpolation=cv2.INTER_LINEAR)[..., None]
+    return light + cover * (cv2.resize(seen, (width, height), interpolation=cv2.INTER_LINEAR) - light)
+
+
+def drops_on_glass(rain: Rain, time_s: float, *, seed: int) -> np.ndarray:
+    """Places and sizes (N, 3) of the drops at a moment: u and v as shares of width and height, radius of the height."""
+    cycle = int(np.floor(time_s / rain.wipe_every_s))
+    kept = [_of_cycle(rain, number, time_s, seed) for number in (cycle - 1, cycle)]
+    return np.concatenate(kept)
+
+
+def _of_cycle(rain: Rain, number: int, time_s: float, seed: int) -> np.ndarray:
+    """The drops that have come between wipes `number` and `number + 1` and are still there."""
+    rng = np.random.default_rng([seed, 91, number + 1000])
+    u, v = rng.uniform(0, 1, (2, rain.drops))
+    radius = 0.005 + 0.021 * rng.uniform(0, 1, rain.drops) ** 3
+    born = (number + rng.uniform(0, 1, rain.drops)) * rain.wipe_every_s
+    # How far through its sweep the blade is when it meets the drop.
+    angle = np.arctan2(u - PIVOT[0], (PIVOT[1] - v) * 9 / 16)
+    share = np.clip((angle - SWEEP_RAD[0]) / (SWEEP_RAD[1] - SWEEP_RAD[0]), 0, 1)
+    wiped = number * rain.wipe_every_s + share * rain.wipe_s
+    wiped = np.where(wiped <= born, wiped + rain.wipe_every_s, wiped)
+    there = (born <= time_s) & (time_s < wiped)
+    return np.column_stack([u, v, radius])[there]
+
+
+def _lay_drop(cover, map_u, map_v, u, v, at_u: float, at_v: float, radius: float) -> None:
+    """Soft cover, and where to look through the drop, in place."""
+    reach = int(1.6 * radius) + 2
+    part = np.s_[max(int(at_v) - reach, 0) : int(at_v) + reach + 1, max(int(at_u) - reach, 0) : int(at_u) + reach + 1]
+    du, dv = u[part] - np.float32(at_u), v[part] - np.float32(at_v)
+    # The camera is focused on the road: the drop's edge is wide.
+    inside = np.clip(1.25 - np.hypot(du, dv * np.float32(0.85)) / np.float32(radius), 0, 0.75) / np.float32(0.75)
+    better = inside > cover[part]
+    map_u[part] = np.where(better, at_u - SHRINKS * du, map_u[part])
+    map_v[part] = np.where(better, at_v - SHRINKS * dv, map_v[part])
+    cover[part] = np.maximum(cover[part], inside * np.float32(0.9))
+
+
+def _lay_blade(cover: np.ndarray, map_u: np.ndarray, map_v: np.ndarray, rain: Rain, time_s: float) -> None:
+    """The blade while it crosses: a dark blurred bar; it shows the dark foot of the picture, far out of focus."""
+    height, width = cover.shape
+    share = (time_s % rain.wipe_every_s) / rain.wipe_s
+    if share >= 1:
+        return
+    angle = SWEEP_RAD[0] + share * (SWEEP_RAD[1] - SWEEP_RAD[0])
+    pivot = np.array([PIVOT[0] * width, PIVOT[1] * height])
+    tip = pivot + 1.25 * height * np.array([np.sin(angle), -np.cos(angle)])
+    blade = np.zeros_like(cover)
+    ends = [np.rint(p).astype(int).tolist() for p in (pivot, tip)]
+    cv2.line(blade, *ends, 0.95, max(1, round(0.02 * height)), cv2.LINE_AA)
+    blade = cv2.GaussianBlur(blade, (0, 0), 0.006 * height)
+    over = blade > cover
+    map_u[over], map_v[over] = width / 2, height - 2
+    np.maximum(cover, blade, out=cover)
+
+
+@lru_cache(maxsize=2)
+def _streaks(height: int, width: int) -> np.ndarray:
+    """Short lines, nearly upright, out of focus where near; larger than the picture, to be shifted."""
+    rng = np.random.default_rng(92)
+    layer = np.zeros((height + 64, width + 64), np.float32)
+    for _ in range(260):
+        u, v = rng.uniform(0, layer.shape[1]), rng.uniform(0, layer.shape[0])
+        # Drops stream away from the point that we drive to.
+        toward = np.array([(u / layer.shape[1] - 0.5) * 0.5, 1.0]) * height * rng.uniform(0.02, 0.07)
+        ends = [np.rint(np.array(p) * 16).astype(int).tolist() for p in ((u, v), (u + toward[0], v + toward[1]))]
+        cv2.line(layer, *ends, float(rng.uniform(0.2, 1.0)), 1, cv2.LINE_AA, 4)
+    return cv2.GaussianBlur(layer, (0, 0), 0.8)
