@@ -14,12 +14,20 @@ from lanes.scenes.exposure import AutoExposure, RoadLight
 from lanes.scenes.fog import Fog
 from lanes.scenes.freeway import LANE_M, freeway_markings, freeway_surface
 from lanes.scenes.glare import Glare
+from lanes.scenes.ground import cast_on_ground, picture_rays
 from lanes.scenes.lens import Lens
 from lanes.scenes.light import BridgeShade, Sun, WoodShade, light_along
+from lanes.scenes.night import Night
 from lanes.scenes.overpass import Overpass
+from lanes.scenes.rain import Rain, drops_on_glass
 from lanes.scenes.render import Drive, Motion, render_frame
-from lanes.scenes.road import RoadGeometry
+from lanes.scenes.road import Pose, RoadGeometry
+from lanes.scenes.roadahead import RoadAhead
+from lanes.scenes.roadside import Placed
 from lanes.scenes.surface import Zone
+from lanes.scenes.things import Car
+from lanes.scenes.truth import truth_row
+from lanes.scenes.wet import Wet
 
 MOUNT = Mount(1.3, np.radians(2.0), np.radians(-1.0), np.radians(0.6))
 SMALL = replace(DASHCAM.scaled((640, 360)), mount=MOUNT)
@@ -189,3 +197,77 @@ def test_a_wood_leaves_the_share_of_flecks_that_it_says():
     ratio = render_frame(drive).image.astype(float) / np.maximum(render_frame(open_road).image, 1)
     lit = ratio[250:350, 100:540].mean(axis=2) > 0.75
     assert 0.03 < lit.mean() < 0.2
+
+
+def night_drive(**changes) -> Drive:
+    return small_drive(0.0, motion=Motion(100.0), **changes)
+
+
+def test_paint_throws_the_own_light_back_and_asphalt_does_not(monkeypatch):
+    """Paint is as many times brighter, against one without beads, as it is retroreflecting; the road is the same."""
+    x = np.array([10.0, 20.0, 35.0])
+    for y, expected in ((1.83, 4.0), (0.6, 1.0)):
+        markings = (replace(freeway_markings()[0], wear=0.0, width_m=1.2, dots=False),)
+        lit, plain = (
+            ground_levels(night_drive(night=Night(retroreflection=r), markings=markings), x, 0 * x + y, monkeypatch)
+            for r in (4.0, 1.0)
+        )
+        np.testing.assert_allclose(lit / plain, expected, rtol=0.05)
+
+
+def test_headlights_fall_with_distance_and_to_the_sides():
+    night = Night(ambient=0.0)
+    ahead = night.beam(np.array([5.0, 20.0, 40.0, 80.0]), np.zeros(4))
+    assert (np.diff(ahead) < 0).all()
+    # Far away, level ground loses light with the third power of the distance.
+    assert ahead[3] / ahead[2] == pytest.approx(1 / 8, rel=0.3)
+    assert night.beam(np.array([20.0]), np.array([14.0]))[0] < 0.1 * ahead[1]
+
+
+def test_lamps_are_seen_from_where_they_shine_and_mirrored_below(monkeypatch):
+    """An oncoming car's headlamps are bright, and so is the road below them when it is wet; a dry road stays dark."""
+    at = SMALL.road_to_pixels(np.array([[18.0, 0.0]])).round().astype(int)[0]
+    lights = {}
+    for name, wet, heading in (("wet", Wet(), np.pi), ("dry", None, np.pi), ("rear", Wet(), 0.0)):
+        car = Placed(130.0, 0.0, Car(0, 0, heading, "black"))
+        found = []
+        monkeypatch.setattr(
+            "lanes.scenes.render.develop", lambda light, *a, found=found, **k: found.append(light) or light
+        )
+        render_frame(night_drive(night=Night(headlights=0.0), wet=wet, things=(car,)))
+        lights[name] = found[0]
+    below = {
+        name: light[at[1] - 3 : at[1] + 3, at[0] - 20 : at[0] + 20].max(axis=(0, 1)) for name, light in lights.items()
+    }
+    assert lights["wet"].max() > 3
+    assert (below["wet"] > 5 * below["dry"]).all()
+    assert below["rear"][0] > 4 * below["rear"][1]
+    assert below["wet"][0] < 2 * below["wet"][1]
+
+
+def test_wet_road_mirrors_most_where_it_is_seen_flat():
+    ground = cast_on_ground(picture_rays(SMALL), SMALL, RoadAhead(RoadGeometry([0.0, 300.0], [0.0, 0.0]), Pose(50.0)))
+    share = Wet(film=0.3).mirror_share(ground, 1.3, station_m=50.0, seed=1)
+    near, far = (share[np.abs(ground.distance - x) < 0.1 * x].mean() for x in (5.0, 40.0))
+    # Schlick at 14.6 and at 1.9 degrees above the road.
+    assert near == pytest.approx(0.3 * (0.02 + 0.98 * (1 - np.sin(np.radians(14.6))) ** 5), rel=0.1)
+    assert far == pytest.approx(0.3 * (0.02 + 0.98 * (1 - np.sin(np.radians(1.9))) ** 5), rel=0.1)
+
+
+def test_drops_gather_until_the_blade_takes_them():
+    rain = Rain(drops=400, wipe_every_s=1.0, wipe_s=0.3)
+    before, after = (drops_on_glass(rain, t, seed=3) for t in (2.99, 3.35))
+    assert len(before) > 0.5 * 400
+    assert len(after) < 0.6 * len(before)
+    # A drop stays where it is.
+    soon = {tuple(drop) for drop in drops_on_glass(rain, 2.6, seed=3)}
+    assert soon <= {tuple(drop) for drop in before}
+
+
+def test_rain_changes_the_picture_but_neither_truth_nor_what_is_hidden():
+    clear, rainy = (render_frame(small_drive(rain=rain, things=(BRIDGE,)), 0.9) for rain in (None, Rain()))
+    again = render_frame(small_drive(rain=Rain(), things=(BRIDGE,)), 0.9)
+    np.testing.assert_array_equal(rainy.image, again.image)
+    np.testing.assert_array_equal(rainy.hidden, clear.hidden)
+    assert truth_row(rainy.truth, frame=0) == truth_row(clear.truth, frame=0)
+    assert 0.02 < (np.abs(rainy.image.astype(int) - clear.image).max(axis=2) > 8).mean() < 0.6

@@ -60,7 +60,7 @@ class Night:
         distance2 = (np.hypot(x_m, y_m) / REACH_M) ** 2
         aside = np.arctan2(y_m, np.maximum(x_m, np.float32(0.1))) / np.float32(CONE_RAD)
         fall = 1 / (1 + distance2) ** (1.0 if upright else 1.5)
-        return np.float32(self.headlights) * fall * np.exp(-np.abs(aside) ** 2.5)
+        return np.float32(self.headlights) * fall * np.exp(-(np.abs(aside) ** 2.5))
 
     def on_ground(self, ground: Ground, things: list[Thing]) -> np.ndarray:
         """Light (rows, width, 3) on the ground."""
@@ -101,9 +101,10 @@ def lamps_of(things: list[Thing]) -> list[Lamp]:
     lamps = []
     for thing in things:
         if isinstance(thing, Post) and thing.arm_m and thing.x_m > 1:
-            lamps.append(Lamp(np.array([thing.x_m, thing.y_m + thing.arm_m, thing.height_m - 0.1]), 12 * SODIUM, 0.15))
+            head = np.array([thing.x_m, thing.y_m + thing.arm_m, thing.rise_m + thing.height_m - 0.1])
+            lamps.append(Lamp(head, 12 * SODIUM, 0.15))
         elif isinstance(thing, Car):
-            turn, place = turned_by(thing.heading_rad), np.array([thing.x_m, thing.y_m, 0.0])
+            turn, place = turned_by(thing.heading_rad), np.array([thing.x_m, thing.y_m, thing.rise_m])
             for (x, y, z), light in LAMPS[thing.body]:
                 axis = turn @ np.array([np.sign(x), 0, 0])
                 facing = max(0.0, float(-axis @ place / np.linalg.norm(place))) ** 2

@@ -9,7 +9,7 @@ import numpy as np
 from lanes.camera import Camera
 from lanes.scenes.brush import paint_polygons, project_faces
 from lanes.scenes.light import BOUNCED, BridgeShade, hidden_sky
-from lanes.scenes.road import Pose, RoadGeometry, offset_point
+from lanes.scenes.road import Pose, RoadGeometry, surface_points
 from lanes.scenes.shading import irradiance
 
 CONCRETE = np.array([0.36, 0.345, 0.315])
@@ -124,8 +124,8 @@ def paint_slab(image: np.ndarray, camera: Camera, slab: Slab, sun: np.ndarray, a
 
 def _in_car(faces: np.ndarray, road: RoadGeometry, pose: Pose) -> np.ndarray:
     """Faces (F, 4, 3: s, d, z) in the car's road frame (F, 4, 3: x, y, z)."""
-    level = pose.to_car(road, offset_point(road, faces[..., 0], faces[..., 1]))
-    return np.concatenate([level, faces[..., 2:]], axis=-1)
+    points = surface_points(road, pose, faces[..., 0], faces[..., 1])
+    return points + faces[..., 2:] * [0, 0, 1]
 
 
 def _at(s: float, d: np.ndarray, z: np.ndarray) -> np.ndarray:

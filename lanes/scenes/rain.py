@@ -40,7 +40,9 @@ def add_streaks_in_air(light: np.ndarray, rain: Rain, *, seed: int) -> None:
     """Add falling drops, drawn out by the shutter, in place; another pattern for each seed."""
     height, width = light.shape[:2]
     row, column = np.random.default_rng(seed).integers(0, 64, 2)
-    light += (np.float32(rain.streaks) * _streaks(height, width)[row : row + height, column : column + width])[..., None]
+    light += (np.float32(rain.streaks) * _streaks(height, width)[row : row + height, column : column + width])[
+        ..., None
+    ]
 
 
 def see_through_drops(light: np.ndarray, rain: Rain, time_s: float, *, seed: int) -> np.ndarray:

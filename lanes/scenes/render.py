@@ -1,28 +1,26 @@
-"""A drive along a rendered road: everything that a frame is made of, and the frame at a moment, with its truth."""
+"""A frame of a drive: its picture at a moment, put together from ground, things, air and lens, and its truth."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import cv2
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.scenes.backdrop import BackdropStyle, paint_backdrop
+from lanes.scenes.backdrop import paint_backdrop
 from lanes.scenes.bonnet import draw_bonnet
-from lanes.scenes.exposure import AutoExposure, RoadLight
-from lanes.scenes.fog import Fog
-from lanes.scenes.glare import Glare, add_glare, add_sheen
+from lanes.scenes.drive import Drive, Motion
+from lanes.scenes.exposure import RoadLight
+from lanes.scenes.glare import add_glare, add_sheen
 from lanes.scenes.ground import FARTHEST_M, Ground, cast_on_ground, picture_rays
-from lanes.scenes.lens import LUMINANCE, Lens, develop
+from lanes.scenes.lens import LUMINANCE, develop
 from lanes.scenes.light import (
     CLOUDS,
-    SKY_SHARE,
     SHADOWS_UNTIL_M,
-    Shade,
-    Sun,
+    SKY_SHARE,
     TreeShade,
     darken_polygons,
     light_along,
@@ -31,19 +29,20 @@ from lanes.scenes.light import (
     sun_along,
     sunlight_on_ground,
 )
-from lanes.scenes.markings import Marking, paint_markings
-from lanes.scenes.night import Night, add_lamps, lamps_of
+from lanes.scenes.markings import paint_markings
+from lanes.scenes.night import add_lamps, lamps_of
 from lanes.scenes.objects import draw_objects
-from lanes.scenes.overpass import Overpass
-from lanes.scenes.rain import Rain, add_streaks_in_air, see_through_drops
-from lanes.scenes.road import Pose, RoadGeometry
+from lanes.scenes.rain import add_streaks_in_air, see_through_drops
+from lanes.scenes.road import Pose
 from lanes.scenes.roadahead import RoadAhead
-from lanes.scenes.roadside import Along, Placed, things_in_view
+from lanes.scenes.roadside import things_in_view
 from lanes.scenes.shadows import shadow_polygons
-from lanes.scenes.surface import Surface, ground_albedo
+from lanes.scenes.surface import ground_albedo
 from lanes.scenes.things import Thing, Tree
-from lanes.scenes.truth import Truth, lane_truth
-from lanes.scenes.wet import Wet, add_streaks
+from lanes.scenes.truth import Truth
+from lanes.scenes.wet import add_streaks
+
+__all__ = ["Drive", "Frame", "Motion", "render_frame"]
 
 # Light that the air adds before distant ground, and the distance over which it does (metres).
 AIR_LIGHT = np.array([0.42, 0.48, 0.56], np.float32)
@@ -56,144 +55,6 @@ MIRROR_STEP = 6
 SHADOWS_ASIDE_M = 22.0
 # How far twigs and leaves fray the shadow of a crown.
 LEAVES_M = 0.13
-
-
-@dataclass(frozen=True)
-class Motion:
-    """How the car moves: along the road at constant speed, wandering a little in its lane, nodding a little.
-
-    Parameters
-    ----------
-    start_m : float
-        Arc length at time 0.
-    speed_mps : float
-    offset_m : float
-        Mean lateral place relative to the reference line, > 0 left.
-    wander_m, wander_period_s : float
-        Sideways sine on top of it; the heading follows from it.
-    pitch_rad, pitch_period_s : float
-        Amplitude and period of the nodding.
-    heading_rad : float
-        Additional heading relative to the road (for stills taken in the act of steering).
-    later_speeds : tuple of (float, float)
-        Further (time, speed) knots in order of time, linear in between; before the first, from `speed_mps` at 0.
-    shift_m, shift_start_s, shift_seconds : float
-        A change of lane: how far to the left it leads, when it begins, how long it takes.
-    rear_axle_m : float
-        How far the rear axle is behind the camera. A car points where its rear axle goes, so in a sharp bend its
-        heading lags behind the road beside the camera.
-    """
-
-    start_m: float = 0.0
-    speed_mps: float = 27.0
-    offset_m: float = 0.0
-    wander_m: float = 0.0
-    wander_period_s: float = 7.0
-    pitch_rad: float = 0.0
-    pitch_period_s: float = 1.3
-    heading_rad: float = 0.0
-    later_speeds: tuple[tuple[float, float], ...] = ()
-    shift_m: float = 0.0
-    shift_start_s: float = 0.0
-    shift_seconds: float = 4.0
-    rear_axle_m: float = 0.0
-
-    def pose(self, time_s: float) -> Pose:
-        """Place and heading at a moment, on a road without sharp bends."""
-        rate = 2 * np.pi / self.wander_period_s
-        part = float(np.clip((time_s - self.shift_start_s) / self.shift_seconds, 0, 1))
-        lateral = self.offset_m + self.wander_m * np.sin(rate * time_s) + self.shift_m * part**2 * (3 - 2 * part)
-        aside = self.wander_m * rate * np.cos(rate * time_s) + self.shift_m * 6 * part * (1 - part) / self.shift_seconds
-        station, speed = self._progress(time_s)
-        heading = self.heading_rad
-        if speed:
-            heading += float(np.arctan(aside / speed))
-        return Pose(station, float(lateral), heading)
-
-    def _progress(self, time_s: float) -> tuple[float, float]:
-        """Arc length and speed at a moment."""
-        if not self.later_speeds:
-            return self.start_m + self.speed_mps * time_s, self.speed_mps
-        times, speeds = np.array([(0.0, self.speed_mps), *self.later_speeds]).T
-        now = float(np.interp(time_s, times, speeds))
-        knots = np.append(times[times < time_s], time_s)
-        way = np.trapezoid(np.append(speeds[times < time_s], now), knots)
-        return self.start_m + float(way), now
-
-    def pitch(self, time_s: float) -> float:
-        """Nodding angle at a moment: two sines that do not repeat together, as springs and road make them."""
-        phase = 2 * np.pi * time_s / self.pitch_period_s
-        return float(self.pitch_rad * (0.7 * np.sin(phase) + 0.3 * np.sin(2.63 * phase + 1.0)))
-
-
-@dataclass(frozen=True, eq=False)
-class Drive:
-    """Everything that a rendered picture or video is made of.
-
-    Parameters
-    ----------
-    camera : Camera
-        With its mount.
-    road : RoadGeometry
-    line_laterals_m : tuple of float
-        Lateral places of the centres of the ego lane's left and right lines; where the car changes lanes, of all lines
-        from left to right; empty where there is no lane.
-    markings, surface, sun, things, shades, backdrop, lens
-        See their modules.
-    bonnet : bool
-        Whether the own bonnet is in the picture.
-    motion : Motion
-    seed : int
-        Of everything that is random.
-    exposure : AutoExposure, optional
-        Follows the road's light with delay; without it the exposure follows each picture at once, by little.
-    fog : Fog, optional
-    glare : Glare, optional
-        Of a low sun ahead.
-    night : Night, optional
-    wet : Wet, optional
-        The road mirrors the sky and the lamps of others, which are lit.
-    rain : Rain, optional
-        On the windscreen and in the air.
-    """
-
-    camera: Camera
-    road: RoadGeometry
-    line_laterals_m: tuple[float, ...]
-    markings: tuple[Marking, ...]
-    surface: Surface
-    sun: Sun
-    motion: Motion = Motion()
-    things: tuple[Placed | Along | Overpass, ...] = ()
-    shades: tuple[Shade, ...] = ()
-    backdrop: BackdropStyle = BackdropStyle()
-    lens: Lens = Lens()
-    bonnet: bool = True
-    seed: int = 0
-    exposure: AutoExposure | None = None
-    fog: Fog | None = None
-    glare: Glare | None = None
-    night: Night | None = None
-    wet: Wet | None = None
-    rain: Rain | None = None
-
-    def truth(self, time_s: float = 0.0) -> Truth:
-        """What is known of the frame at a moment, without rendering it."""
-        pitch = self.camera.mount.pitch_rad + self.motion.pitch(time_s)
-        pose = self.pose(time_s)
-        return lane_truth(self.road, pose, self.line_laterals_m, time_s=time_s, pitch_rad=pitch)
-
-    def pose(self, time_s: float) -> Pose:
-        """Where the car is and where it points at a moment."""
-        pose = self.motion.pose(time_s)
-        if not self.motion.rear_axle_m:
-            return pose
-        lag = self.road.heading(pose.s_m) - self.road.heading(pose.s_m - self.motion.rear_axle_m)
-        return replace(pose, heading_rad=pose.heading_rad - float(lag))
-
-    def camera_at(self, time_s: float) -> Camera:
-        """The camera as it nods at a moment."""
-        return self.camera.with_mount(replace(self.camera.mount, pitch_rad=self.truth(time_s).pitch_rad))
 
 
 @dataclass(frozen=True)
