@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from lanes.drives.moved import find_mount_change
+from lanes.drives.settings import DriveResult
 from lanes.metric.tracker import LaneTracker
 from lanes.scenes.render import Motion
-from tests.drives import PaintedDrive, lane_lines, s_bend
+from tests.drives import CAMERA, PaintedDrive, lane_lines, s_bend
 
-FPS = 10
+FPS = 12
 BUMPY = Motion(speed_mps=25.0, offset_m=0.1, wander_m=0.3, pitch_rad=np.radians(0.6))
 TURN = np.radians(1.5)
 
 
-def telemetry(*, seconds: float = 12, moved_s: float = 6, **turn: float) -> dict[str, np.ndarray]:
+def telemetry(*, seconds: float = 16, moved_s: float = 8, **turn: float) -> dict[str, np.ndarray]:
     """What the tracker says of a bumpy drive through bends, whose mount turns by so much half-way."""
     before = PaintedDrive(s_bend(), lane_lines(), BUMPY)
     mount = before.camera.mount
@@ -40,13 +42,13 @@ def telemetry(*, seconds: float = 12, moved_s: float = 6, **turn: float) -> dict
 )
 def test_a_camera_that_moves_half_way_is_noticed(turn, pitch_deg, yaw_deg, words):
     change = find_mount_change(telemetry(**turn))
-    assert change.time_s == pytest.approx(6, abs=1)
+    assert change.time_s == pytest.approx(8, abs=1)
     assert np.degrees([change.pitch_rad, change.yaw_rad]) == pytest.approx([pitch_deg, yaw_deg], abs=0.6)
     assert re.search(words, change.describe())
 
 
 def test_an_ordinary_bumpy_drive_is_not():
-    rows = telemetry()
+    rows = telemetry(seconds=12)
     assert np.degrees(np.nanstd(rows["pitch_rad"])) > 0.2
     assert (rows["state"] == "tracking").mean() > 0.8
     assert find_mount_change(rows) is None
@@ -95,3 +97,11 @@ def test_frames_without_a_lane_do_not_count():
     assert find_mount_change(rows) is None
     rows["state"][:] = "lost"
     assert find_mount_change(rows) is None
+
+
+def test_an_annotated_drive_says_so():
+    change = find_mount_change(made(np.where(TIMES_S > 30, 1.5, 0.0)))
+    path = Path("drive.mp4")
+    result = DriveResult("drive.mp4", path, path, None, CAMERA, None, 1500, 1.0, 0.0, 30.0, moved=change)
+    assert "drive.mp4: the camera seems to have moved after 30 s" in result.describe()
+    assert "moved" not in replace(result, moved=None).describe()

@@ -10,6 +10,7 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.drives.mounts import mount_from_drive
+from lanes.drives.moved import find_mount_change
 from lanes.drives.settings import DriveResult, DriveSettings, StillsResult, describe_settings
 from lanes.drives.sources import refuse_clashes
 from lanes.drives.styles import STYLES
@@ -135,6 +136,7 @@ def conclude_drive(
         share_tracked(columns),
         seconds_lost(columns),
         frames / elapsed_s,
+        find_mount_change(columns),
     )
 
 

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera, CameraError
+from lanes.drives.moved import MountChange
 from lanes.mounting.mount import MountEstimate
 
 
@@ -83,6 +84,8 @@ class DriveResult:
         How long it was not known.
     frames_per_s : float
         Frames annotated in a second of work, reading and writing included; the mount's estimate is left out.
+    moved : MountChange or None
+        Whether the camera seems to have moved on the way.
     """
 
     source: str
@@ -95,14 +98,16 @@ class DriveResult:
     tracked_share: float
     lost_s: float
     frames_per_s: float
+    moved: MountChange | None = None
 
     def describe(self) -> str:
         """The drive in a sentence, after the mount if it was estimated."""
         written = f"{self.video} with telemetry{' and report' if self.report else ''} beside it"
+        moved = f"\n{self.source}: {self.moved.describe()}" if self.moved else ""
         return _below_mount(
             self.mount,
             f"{self.source}: {self.frames} frames, lane tracked in {self.tracked_share:.0%} of them, "
-            f"lost for {self.lost_s:.1f} s; {self.frames_per_s:.0f} frames/s; wrote {written}",
+            f"lost for {self.lost_s:.1f} s; {self.frames_per_s:.0f} frames/s; wrote {written}{moved}",
         )
 
 
