@@ -56,8 +56,18 @@ def follow_with(system: str, camera: Camera, fps: float) -> Follow:
     return lambda image: read_classic(finder.follow(image))
 
 
+def look_with(system: str, camera: Camera) -> Follow:
+    """As `follow_with`, for pictures that are looked at each on its own."""
+    require_system(system)
+    if system == METRIC:
+        view = RoadView(camera)
+        return lambda image: read_tracked(TrackedLane.from_still(find_lane(image, view)))
+    finder = LaneFinder(get_recipe(system, camera.size), camera)
+    return lambda image: read_classic(finder.find(image))
+
+
 def find_with(system: str, camera: Camera) -> FindColumns:
-    """A system that is to be shown stills, each on its own.
+    """As `look_with`, for the lines in the picture.
 
     Returns
     -------
