@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from lanes.benchmark.errors import LaneTruth, frame_errors, recoveries
+from lanes.benchmark.failures import describe_failures, failures
 from lanes.benchmark.readings import AT_M, Reading, Readings, read_readings, write_readings
 from lanes.benchmark.scores import Result, percentile, score, score_rows, total_rows
 from lanes.scenes.road import Pose, RoadGeometry, line_lateral, line_polynomial
@@ -222,6 +223,19 @@ def test_percentiles_are_values_that_occur():
     values = np.array([5.0, np.nan, 1.0, np.inf, 3.0])
     assert [percentile(values, p) for p in (25, 50, 75, 95)] == [1, 3, 5, np.inf]
     assert np.isnan(percentile(np.array([np.nan]), 50))
+
+
+def test_failures_are_told_with_their_seconds():
+    readings = shifted(perfect(truth()), np.array([0.0, 0.0, 0.3, 0.5, 0.0]))
+    readings = replace(readings, confidence=np.array([0.9, 0.9, 0.9, 0.9, 0.1]))
+    readings.offset_m[0] = np.nan
+    result = Result("fog", "hard", "metric", frame_errors(readings, truth()), fps=10)
+    assert describe_failures([result]) == "fog, metric: lost 0.00-0.10 s; surely wrong by 0.50 m 0.20-0.40 s"
+    assert describe_failures([replace(result, errors=frame_errors(perfect(truth()), truth()))]) == ""
+    nowhere = replace(truth(), lines_y_m=np.full((N, 2, len(AT_M)), np.nan))
+    assert failures(frame_errors(readings, nowhere), 10) == ["a lane where there is none 0.10-0.40 s"]
+    unsure = replace(readings, confidence=np.full(N, 0.2))
+    assert failures(frame_errors(unsure, truth()), 10)[1] == "wrong by 0.50 m 0.20-0.40 s"
 
 
 def test_totals_are_over_frames_and_a_loss_does_not_run_on_into_the_next_scene():

@@ -116,7 +116,8 @@ def measure(staged: Staged, system: str, folder: Path, workers: int) -> Path:
     """Follow a drive with a system unless that was done before; the file in which its readings are."""
     path = folder / f"{staged.drive.name}-{system}-{_key(staged, system)}.json"
     if not path.is_file():
-        write_readings(path, follow_drive(staged, system), workers=workers)
+        fps = inspect_video(staged.drive.video).fps
+        write_readings(path, follow_drive(staged, system), workers=workers, fps=fps)
     return path
 
 
@@ -149,7 +150,7 @@ def _result(staged: Staged, system: str, path: Path) -> Result:
         errors = frame_errors(readings, true_lane(drive))
     except ValueError as error:
         raise ValueError(f"{drive.video}: {error}") from error
-    return Result(drive.name, drive.difficulty, system, errors, staged.mount, int(about["workers"]))
+    return Result(drive.name, drive.difficulty, system, errors, staged.mount, int(about["workers"]), about["fps"])
 
 
 def _all_done(pool: ProcessPoolExecutor, work: Callable, tasks: Iterable[tuple], report: Progress) -> list:
@@ -172,7 +173,8 @@ def _key(staged: Staged, system: str) -> str:
     digest = hashlib.sha256(staged.drive.video.read_bytes())
     digest.update(f"{cv2.__version__} {np.__version__} {staged.camera and camera_to_dict(staged.camera)}".encode())
     package = Path(__file__).parents[1]
-    for source in (Path(__file__).with_name("systems.py"), *(package / name for name in SOURCES[system])):
+    own = [Path(__file__).with_name(f"{name}.py") for name in ("runner", "readings", "systems")]
+    for source in (*own, *(package / name for name in SOURCES[system])):
         for file in sorted(source.rglob("*.py")) if source.is_dir() else [source]:
             digest.update(file.read_bytes())
     return digest.hexdigest()[:12]

@@ -27,6 +27,8 @@ class Result:
         Of the camera that the system was given: "true", "estimated", or why there is none.
     workers : int
         Processes that worked at the same time when the milliseconds were taken.
+    fps : float
+        Frames a second of the drive.
     """
 
     scene: str
@@ -35,6 +37,7 @@ class Result:
     errors: FrameErrors
     mount: str = "true"
     workers: int = 1
+    fps: float = 25.0
 
 
 def score_rows(results: Iterable[Result]) -> list[Row]:

@@ -97,14 +97,18 @@ def score_labelled(options: argparse.Namespace) -> int:
 
 
 def _report(results: list, folder: Path) -> None:
+    from lanes.benchmark.failures import describe_failures
     from lanes.benchmark.figures import save_reliability_figure, save_scores_figure
     from lanes.benchmark.scores import score_rows, total_rows
+    from lanes.benchmark.systems import METRIC
     from lanes.benchmark.tables import describe_run, describe_scores
     from lanes.video.telemetry import write_telemetry
 
     rows = [*score_rows(results), *total_rows(results)]
     print(describe_scores(rows))
     print(describe_run(rows))
+    engine = describe_failures([result for result in results if result.system == METRIC])
+    print(f"Where the metric engine is not right:\n{engine or 'nowhere'}")
     written = [
         write_telemetry(folder / "benchmark.csv", rows),
         save_scores_figure(folder / "benchmark.png", rows),
