@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lanes.metric.evidence import Stripes
-from lanes.metric.lanefit import FOLLOW, compare, fit_lanes, place_std
+from lanes.metric.lanefit import FOLLOW, compare, fit_lanes
 from lanes.metric.lanemodel import LEFT, RIGHT, line_points, line_y, lines_on_view
 from lanes.metric.votes import best_pairs, count_votes
 
@@ -90,15 +90,14 @@ def test_mirrored_stripes_give_the_mirrored_lane():
 def test_derivatives_agree_with_differences():
     lanes = np.array([[0.2, 3.4, 0.05, 1 / 90, 1e-4, 0.004, 2e-4], [-0.1, 3.6, 0.0, 0.0, 0.0, 0.0, 0.0]])
     stripes = stripes_on(lanes[0], outliers=50)
-    std = place_std(stripes, FOCAL_PX)
-    _, _, _, derivative = compare(lanes, stripes, HEIGHT_M, std)
+    derivative = compare(lanes, stripes, HEIGHT_M).derivative
     for k, step in enumerate([1e-5, 1e-5, 1e-6, 1e-7, 1e-9, 1e-6, 1e-8]):
         shift = np.eye(7)[k] * step
-        above, below = (compare(lanes + s, stripes, HEIGHT_M, std)[1] for s in (shift, -shift))
+        above, below = (compare(lanes + s, stripes, HEIGHT_M).residual_m for s in (shift, -shift))
         measured = (above - below) / (2 * step)
         # the fit leaves out second-order terms (how rate and vertical depend on the others)
         near = stripes.x_m < 30
-        error = np.abs(measured - derivative[..., k])[:, near]
+        error = np.abs(measured - derivative[:, k])[:, near]
         assert np.median(error) < 0.03 * np.median(np.abs(measured[:, near])) + 1e-6, k
 
 

@@ -14,17 +14,20 @@ def test_place_measures_the_distance_to_a_circle():
     x, y = rng.uniform(0, 14, 50), rng.uniform(-5, 5, 50)
     heading, curvature = 0.2, -1 / 20
     centre = np.array([-np.sin(heading), np.cos(heading)]) / curvature
-    a, sin, cos, scale = place(x, y, heading, curvature)
+    a, turn, scale, ahead, aside = place(x, y, heading, curvature)
     # right bend: points farther from the centre lie to the left
     np.testing.assert_allclose(a, np.hypot(x - centre[0], y - centre[1]) - 20, atol=1e-12)
-    np.testing.assert_allclose(np.hypot(sin, cos), 1)
     np.testing.assert_allclose(scale, 1 - curvature * a)
+    np.testing.assert_allclose(np.hypot(ahead, aside), np.hypot(x, y))
+    # a perpendicular of the arc leads to the point from where the arc has turned so far
+    normal = np.stack([-np.sin(heading + turn), np.cos(heading + turn)], axis=1)
+    np.testing.assert_allclose(centre + (20 + a)[:, None] * normal, np.stack([x, y], axis=1), atol=1e-9)
 
 
 def test_place_needs_no_curvature():
-    a, sin, cos, _ = place(np.array([10.0]), np.array([2.0]), 0.1, 0.0)
+    a, turn, _, ahead, _ = place(np.array([10.0]), np.array([2.0]), 0.1, 0.0)
     assert a == pytest.approx(2 * np.cos(0.1) - 10 * np.sin(0.1))
-    assert (sin[0], cos[0]) == pytest.approx((np.sin(0.1), np.cos(0.1)))
+    assert (turn[0], ahead[0]) == pytest.approx((0.0, 10 * np.cos(0.1) + 2 * np.sin(0.1)))
 
 
 @pytest.mark.parametrize("lane", [HAIRPIN, CLOTHOID], ids=["hairpin", "clothoid"])

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from lanes.metric.evidence import Stripes
-from lanes.metric.lanefit import STRAY_AT_M, STRAY_M, LaneFit, compare, paint_weight, place_std
+from lanes.metric.lanefit import LaneFit, compare, paint_weight, place_std, stray_m
 from lanes.metric.motion import Belief, bend_of
 from lanes.metric.roadview import RoadView
 
@@ -33,9 +33,10 @@ SCALES = (1.5, 1.0)
 def gate_stripes(stripes: Stripes, belief: Belief, view: RoadView) -> Stripes:
     """The stripes whose distance from the predicted line is no surprise: innovation^2 < GATE (H P H^T + R)."""
     std = place_std(stripes, view.focal_px)
-    _, innovation, _, derivative = compare(belief.lane[None], stripes, view.height_m, std)
-    known = ((derivative[0] @ belief.lane_covariance) * derivative[0]).sum(axis=1)
-    return stripes.select(innovation[0] ** 2 < GATE * (known + std**2))
+    found = compare(belief.lane[None], stripes, view.height_m)
+    derivative = found.derivative[0]
+    known = ((belief.lane_covariance @ derivative) * derivative).sum(axis=0)
+    return stripes.select(found.residual_m[0] ** 2 < GATE * (known + std**2))
 
 
 def correct_lane(stripes: Stripes, belief: Belief, view: RoadView) -> LaneFit:
@@ -54,24 +55,21 @@ def correct_lane(stripes: Stripes, belief: Belief, view: RoadView) -> LaneFit:
     LaneFit
         One lane (1, 7); its information is the inverse of the covariance after the update.
     """
-    std, paint = place_std(stripes, view.focal_px), paint_weight(stripes)
-    stray = STRAY_M * (stripes.x_m / STRAY_AT_M) ** 3
+    std, paint, stray = place_std(stripes, view.focal_px), paint_weight(stripes), stray_m(stripes)
     mean = np.append(belief.lane, 0.0)
     jolt_std = JOLT_STD_PER_M3 + JOLT_STD_SHARE_PER_M * bend_of(belief.lane) ** 2
     prior = np.zeros((len(mean), len(mean)))
     prior[:-1, :-1], prior[-1, -1] = np.linalg.inv(belief.lane_covariance), jolt_std**-2
-    guess = mean
+    guess, jolt = mean, -np.square(np.square(stripes.x_m)) / 24
     for scale in SCALES:
-        found = compare(guess[None, :-1], stripes, view.height_m, std * scale)
-        agreement, residual, side, derivative = (q[0] for q in found)
-        weight = agreement * paint / ((std * scale) ** 2 + stray**2) / TOGETHER
-        jacobian = np.column_stack([derivative, -(stripes.x_m**4) / 24])
-        residual = residual + jacobian[:, -1] * guess[-1]
-        information = jacobian.T @ (jacobian * weight[:, None]) + prior
-        gradient = jacobian.T @ (weight * residual) + prior @ (guess - mean)
+        found = compare(guess[None, :-1], stripes, view.height_m)
+        agreement = found.agreement(std * scale)[0] * paint
+        jacobian = np.vstack([found.derivative[0], jolt])
+        weighted = jacobian * (agreement / (TOGETHER * ((std * scale) ** 2 + stray**2)))
+        residual = found.residual_m[0] + jolt * guess[-1]
+        information = weighted @ jacobian.T + prior
+        gradient = weighted @ residual + prior @ (guess - mean)
         guess = guess - np.linalg.solve(information, gradient)
     covariance = np.linalg.inv(information)[:-1, :-1]
     # agreement and residuals are those before the last step, which is small
-    return LaneFit(
-        guess[None, :-1], np.linalg.inv(covariance)[None], (agreement * paint)[None], side[None], residual[None]
-    )
+    return LaneFit(guess[None, :-1], np.linalg.inv(covariance)[None], agreement[None], found.side, residual[None])

@@ -15,9 +15,12 @@ from lanes.metric.evidence import Stripes
 from lanes.metric.lanemodel import (
     CENTRE,
     CURVATURE,
+    HEADING,
     LEFT,
+    PITCH,
     RATE,
     RIGHT,
+    VERTICAL,
     WIDTH,
     flatten,
     place,
@@ -80,6 +83,12 @@ def place_std(stripes: Stripes, focal_px: float) -> np.ndarray:
     return np.hypot(PLACE_STD_M, PLACE_STD_PX * stripes.x_m / focal_px)
 
 
+def stray_m(stripes: Stripes) -> np.ndarray:
+    """How far the road may stray from the model at each stripe, metres."""
+    share = stripes.x_m / STRAY_AT_M
+    return STRAY_M * (share * share * share)
+
+
 def usual_information(lanes: np.ndarray) -> np.ndarray:
     """Inverse covariance (K, 7, 7) of what is known before looking: a bent road may also change its bend soon."""
     std = np.broadcast_to(PRIOR_STD, lanes.shape).copy()
@@ -125,47 +134,64 @@ def fit_lanes(
     LaneFit
     """
     lanes, std, paint = np.array(lanes, float), place_std(stripes, focal_px), paint_weight(stripes)
-    information = None
-    stray = STRAY_M * (stripes.x_m / STRAY_AT_M) ** 3
+    information, stray = None, stray_m(stripes)
     for far_m, scale in schedule:
-        weight, residual, _, derivative = compare(lanes, stripes, height_m, std * scale)
-        weight = weight * paint * (stripes.x_m < far_m) / ((std * scale) ** 2 + stray**2)
-        weighted = derivative * weight[..., None]
+        found = compare(lanes, stripes, height_m)
+        pull = paint * (stripes.x_m < far_m) / ((std * scale) ** 2 + stray**2)
+        weighted = found.derivative * (found.agreement(std * scale) * pull)[:, None]
         prior = usual_information(lanes) if prior_information is None else prior_information
-        information = np.swapaxes(derivative, -1, -2) @ weighted + prior
-        gradient = (weighted * residual[..., None]).sum(-2) + ((lanes - prior_mean)[:, None] @ prior)[:, 0]
-        lanes = lanes - np.linalg.solve(information, gradient[..., None])[..., 0]
+        information = weighted @ np.swapaxes(found.derivative, -1, -2) + prior
+        gradient = weighted @ found.residual_m[..., None] + prior @ (lanes - prior_mean)[..., None]
+        lanes = lanes - np.linalg.solve(information, gradient)[..., 0]
         lanes = np.clip(lanes, -LIMIT, LIMIT)
-    weight, residual, side, _ = compare(lanes, stripes, height_m, std)
-    return LaneFit(lanes, information, weight * paint, side, residual)
+    found = compare(lanes, stripes, height_m)
+    return LaneFit(lanes, information, found.agreement(std) * paint, found.side, found.residual_m)
 
 
-def compare(lanes, stripes: Stripes, height_m: float, std_m):
-    """How stripes agree with lanes (K, 7): weight 0..1, residual in metres, side, and derivative (K, stripes, 7)."""
-    _, _, heading, curvature, rate, pitch, vertical = np.moveaxis(lanes, -1, 0)
-    x, y, angle = flatten(stripes.x_m, stripes.y_m, stripes.angle, pitch, vertical, height_m)
-    a, sin, cos, scale = place(x, y, heading, curvature)
-    heading, curvature, rate = heading[..., None], curvature[..., None], rate[..., None]
-    sin_0, cos_0 = np.sin(heading), np.cos(heading)
-    turn = np.arctan2(sin * cos_0 - cos * sin_0, cos * cos_0 + sin * sin_0)
-    bent = np.abs(curvature) > 1e-6
-    along = np.where(bent, turn / np.where(bent, curvature, 1), x * cos_0 + y * sin_0)
-    from_middle = a - rate * along**3 / 6 - lanes[..., CENTRE, None]
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """How stripes lie beside lanes (K, 7).
+
+    Attributes
+    ----------
+    residual_m : ndarray (K, stripes)
+        Distance to the left of the nearer line.
+    side : ndarray (K, stripes)
+        `LEFT` or `RIGHT`: which line that is.
+    astray_rad : ndarray (K, stripes)
+        How much farther to the left than the stripe that line points.
+    derivative : ndarray (K, 7, stripes)
+        Of the residual, for each number of the lane.
+    """
+
+    residual_m: np.ndarray
+    side: np.ndarray
+    astray_rad: np.ndarray
+    derivative: np.ndarray
+
+    def agreement(self, std_m: np.ndarray) -> np.ndarray:
+        """(K, stripes) weight 0..1 of stripes whose places are known to `std_m` (stripes,): Geman-McClure's, twice."""
+        q = (1 + (self.residual_m / std_m) ** 2) * (1 + (self.astray_rad / ANGLE_STD_RAD) ** 2)
+        return 1 / (q * q)
+
+
+def compare(lanes: np.ndarray, stripes: Stripes, height_m: float) -> Comparison:
+    """Lay stripes beside lanes (K, 7)."""
+    centre, width, heading, curvature, rate, pitch, vertical = (lanes[..., k, None] for k in range(lanes.shape[-1]))
+    x, y, angle = flatten(stripes.x_m, stripes.y_m, stripes.angle, pitch[..., 0], vertical[..., 0], height_m)
+    a, turn, scale, ahead, aside = place(x, y, heading[..., 0], curvature[..., 0])
+    # straight on, as many metres as the stripe lies ahead; all but zero keeps the division apart from that case
+    along = turn / np.where(curvature == 0, 1e-12, curvature)
+    squared, square = along * along, ahead * ahead + aside * aside
+    bent = squared * along / 6
+    from_middle = a - rate * bent - centre
     side = np.where(from_middle >= 0, LEFT, RIGHT)
-    residual = from_middle - side * lanes[..., WIDTH, None] / 2
-    astray = heading + turn + rate * along**2 / 2 - angle
-    weight = ((1 + (residual / std_m) ** 2) * (1 + (astray / ANGLE_STD_RAD) ** 2)) ** -2.0
-    tilt = x / height_m * (x * sin - y * cos)
-    derivative = np.stack(
-        [
-            -np.ones_like(a),
-            -side / 2,
-            -(y * sin_0 + x * cos_0) / scale,
-            (a * a - x * x - y * y) / (2 * scale),
-            -(along**3) / 6,
-            tilt,
-            tilt * x / 2,
-        ],
-        axis=-1,
-    )
-    return weight, residual, side, derivative
+    derivative = np.empty((*lanes.shape, len(stripes)))
+    derivative[:, CENTRE] = -1
+    derivative[:, WIDTH] = -side / 2
+    derivative[:, HEADING] = -ahead / scale
+    derivative[:, CURVATURE] = (a * a - square) / (2 * scale)
+    derivative[:, RATE] = -bent
+    derivative[:, PITCH] = x / height_m * (curvature * square - aside) / scale
+    derivative[:, VERTICAL] = derivative[:, PITCH] * x / 2
+    return Comparison(from_middle - side * width / 2, side, heading + turn + rate / 2 * squared - angle, derivative)

@@ -17,6 +17,8 @@ All parameters are arrays (..., 7), so that rival lanes share one pass.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 CENTRE, WIDTH, HEADING, CURVATURE, RATE, PITCH, VERTICAL = range(7)
@@ -25,6 +27,8 @@ SIDES = np.array([LEFT, RIGHT])
 
 # Rays that would meet a tilted road this much nearer or farther than the flat one count as meeting it there.
 MOST_STRETCH, LEAST_STRETCH = 5.0, 0.2
+# A point next to the arc's centre is on no side of it; this keeps roots and divisions there in bounds.
+LEAST_SCALE = 1e-2
 
 
 def stretch_of(x_m: np.ndarray, pitch, vertical, height_m: float) -> tuple[np.ndarray, np.ndarray]:
@@ -53,39 +57,54 @@ def lines_on_view(lanes: np.ndarray, x_m: np.ndarray, height_m: float) -> np.nda
 
     Left line first; NaN where a line does not pass, because it has turned back before or lies behind a crest.
     """
-    along = np.geomspace(0.5 * x_m.min(), 1.5 * x_m.max(), 120)
-    places = np.full((len(lanes), len(SIDES), len(x_m)), np.nan)
-    for lane, place_of in zip(lanes, places, strict=True):
-        for k, side in enumerate(SIDES):
-            x, y = line_points(lane, side, along).T
-            # the ray that meets the road at x, and where it would meet a flat one seen without the pitch
-            fall = height_m / np.maximum(x, 0.1) - lane[PITCH] - lane[VERTICAL] * x / 2
-            flat_x = height_m / np.maximum(fall, 1e-3)
-            back = np.flatnonzero(np.diff(flat_x) <= 0)
-            end = back[0] + 1 if len(back) else len(along)
-            shown = np.interp(x_m, flat_x[:end], (y / x * flat_x)[:end], left=np.nan, right=np.nan)
-            place_of[k] = shown
+    lanes = lanes[:, None]
+    points = line_points(lanes, SIDES, _along(0.5 * float(x_m.min()), 1.5 * float(x_m.max())))
+    x, y = np.maximum(points[..., 0], 0.1), points[..., 1]
+    # the ray that meets the road at x, and where it would meet a flat one seen without the pitch
+    fall = height_m / x - lanes[..., PITCH, None] - lanes[..., VERTICAL, None] * x / 2
+    flat_x = height_m / np.maximum(fall, 1e-3)
+    flat_y = y / x * flat_x
+    places = np.empty((*flat_x.shape[:2], len(x_m)))
+    for line in np.ndindex(places.shape[:2]):
+        back = np.flatnonzero(np.diff(flat_x[line]) <= 0)
+        end = back[0] + 1 if len(back) else None
+        places[line] = np.interp(x_m, flat_x[line][:end], flat_y[line][:end], left=np.nan, right=np.nan)
     return places
 
 
-def place(x, y, heading, curvature) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Distance of points left of an arc, at right angles, with the arc's direction there: (a, sin, cos, 1 - k a)."""
+@lru_cache(maxsize=4)
+def _along(nearest_m: float, farthest_m: float) -> np.ndarray:
+    """Where lines are drawn through: the same places for every frame of a view."""
+    return np.geomspace(nearest_m, farthest_m, 120)
+
+
+def place(x, y, heading, curvature) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Points (..., N) beside arcs (...): (a, turn, 1 - k a, ahead, aside).
+
+    `a` is the distance to the left of the arc, at right angles; `turn` by how much the arc has turned there; `ahead` and
+    `aside` are the point's coordinates along and left of the direction in which the arc begins.
+    """
     heading, curvature = np.asarray(heading)[..., None], np.asarray(curvature)[..., None]
     sin, cos = np.sin(heading), np.cos(heading)
-    twice = 2 * (y * cos - x * sin) - curvature * (x * x + y * y)
-    scale = np.sqrt(np.maximum(1 - curvature * twice, 1e-2))
-    return twice / (1 + scale), (sin + curvature * x) / scale, (cos - curvature * y) / scale, scale
+    ahead, aside = x * cos + y * sin, y * cos - x * sin
+    twice = 2 * aside - curvature * (ahead * ahead + aside * aside)
+    scale = np.sqrt(np.maximum(1 - curvature * twice, LEAST_SCALE))
+    return twice / (1 + scale), np.arctan2(curvature * ahead, 1 - curvature * aside), scale, ahead, aside
 
 
-def line_points(lane: np.ndarray, side: float, along_m: np.ndarray) -> np.ndarray:
-    """Points (N, 2) of a line of the lane (7,), metres, where the lane's middle has run `along_m` (N,)."""
-    centre, width, heading, curvature, rate = lane[:PITCH]
+def line_points(lanes: np.ndarray, side, along_m: np.ndarray) -> np.ndarray:
+    """Points (..., N, 2) of lines of lanes (..., 7), metres, where the lanes' middles have run `along_m` (N,).
+
+    `side` is `LEFT`, `RIGHT` or an array of them that goes with the lanes.
+    """
+    centre, width, heading, curvature, rate = (lanes[..., k, None] for k in range(PITCH))
     turn = curvature * along_m
     chord = along_m * np.sinc(turn / (2 * np.pi))
-    offset = centre + side * width / 2 + rate * along_m**3 / 6
-    x = chord * np.cos(heading + turn / 2) - offset * np.sin(heading + turn)
-    y = chord * np.sin(heading + turn / 2) + offset * np.cos(heading + turn)
-    return np.stack([x, y], axis=-1)
+    offset = centre + np.asarray(side)[..., None] * width / 2 + rate * (along_m * along_m * along_m) / 6
+    points = np.empty((*offset.shape, 2))
+    points[..., 0] = chord * np.cos(heading + turn / 2) - offset * np.sin(heading + turn)
+    points[..., 1] = chord * np.sin(heading + turn / 2) + offset * np.cos(heading + turn)
+    return points
 
 
 def line_y(x_m: np.ndarray, lane: np.ndarray, side: float) -> np.ndarray:
@@ -95,8 +114,8 @@ def line_y(x_m: np.ndarray, lane: np.ndarray, side: float) -> np.ndarray:
     # Newton's method for the place along the middle that lies beside x; straight roads need one step
     for _ in range(6):
         direction = heading + curvature * along
-        offset = centre + side * width / 2 + rate * along**3 / 6
-        pace = (1 - curvature * offset) * np.cos(direction) - rate * along**2 / 2 * np.sin(direction)
+        offset = centre + side * width / 2 + rate * along * along * along / 6
+        pace = (1 - curvature * offset) * np.cos(direction) - rate * along * along / 2 * np.sin(direction)
         along = along + np.clip((x_m - line_points(lane, side, along)[..., 0]) / np.maximum(pace, 0.1), -5, 5)
     points = line_points(lane, side, along)
     return np.where((np.abs(points[..., 0] - x_m) < 1e-3) & (pace > 0.1), points[..., 1], np.nan)

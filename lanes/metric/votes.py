@@ -14,7 +14,7 @@ import numpy as np
 
 from lanes.metric.evidence import Stripes
 from lanes.metric.lanefit import ANGLE_STD_RAD, PRIOR_MEAN, PRIOR_STD, paint_weight
-from lanes.metric.lanemodel import CENTRE, CURVATURE, HEADING, PITCH, WIDTH, flatten, place
+from lanes.metric.lanemodel import CENTRE, CURVATURE, HEADING, LEAST_SCALE, PITCH, WIDTH, flatten
 
 # Votes come from the near road, where one arc is enough; the fit finds its way from there.
 FAR_M = 22.0
@@ -57,22 +57,41 @@ def count_votes(stripes: Stripes, height_m: float) -> np.ndarray:
     ndarray of shape (H, BINS)
         Weighted votes; bin b is centred on (b + 1/2 - BINS / 2) * BIN_M metres.
     """
-    heading, curvature, pitch = hypotheses().T
     near = stripes.select(stripes.x_m < FAR_M)
     paint = paint_weight(near).astype(np.float32)
+    heading, curvature, pitch = hypotheses().T
     votes = np.zeros((len(heading), BINS))
     for tilt in np.unique(pitch):
         of = np.flatnonzero(pitch == tilt)
-        x, y, angle = (q.astype(np.float32) for q in flatten(near.x_m, near.y_m, near.angle, tilt, 0.0, height_m))
-        a, sin, cos, _ = place(x, y, heading[of].astype(np.float32), curvature[of].astype(np.float32))
-        astray = (sin * np.cos(angle) - cos * np.sin(angle)) / np.float32(ANGLE_STD_RAD)
-        weight = paint / np.square(1 + astray * astray)
-        index = np.clip(a / BIN_M + BINS / 2, 0, BINS - 1).astype(np.int32)
-        index += np.arange(len(of), dtype=np.int32)[:, None] * BINS
-        votes[of] = np.bincount(index.ravel(), weight.ravel(), minlength=len(of) * BINS).reshape(-1, BINS)
+        places = flatten(near.x_m, near.y_m, near.angle, tilt, 0.0, height_m)
+        bins, agreement = _bins_and_agreement(*places, heading[of], curvature[of])
+        bins += BINS * np.arange(len(of))[:, None]
+        votes[of] = np.bincount(bins.ravel(), (agreement * paint).ravel(), len(of) * BINS).reshape(-1, BINS)
     # the outermost bins hold everything beyond
     votes[:, [0, -1]] = 0
     return votes
+
+
+def _bins_and_agreement(x, y, angle, heading, curvature) -> tuple[np.ndarray, np.ndarray]:
+    """For each hypothesis and stripe: the bin that it falls into, int, and how well its direction agrees, 0 to 1.
+
+    The same geometry as `lanemodel.place`, with all sums of products made by two products of matrices, and in float32:
+    bins are coarse, and this table is what a search takes longest for.
+    """
+    sin, cos = np.sin(heading), np.cos(heading)
+    across, front = np.sin(angle), np.cos(angle)
+    twice = _sums_of_products((2 * cos, -2 * sin, -curvature), (y, x, x * x + y * y))
+    astray = _sums_of_products((sin, -cos, curvature), (front, across, x * front + y * across))
+    astray *= 1 / ANGLE_STD_RAD
+    squared_scale = np.maximum(1 - curvature.astype(np.float32)[:, None] * twice, LEAST_SCALE)
+    a = twice / (1 + np.sqrt(squared_scale))
+    agreement = np.square(squared_scale / (squared_scale + astray * astray))
+    return np.clip(a / BIN_M + BINS / 2, 0, BINS - 1).astype(np.intp), agreement
+
+
+def _sums_of_products(of_hypotheses: tuple, of_stripes: tuple) -> np.ndarray:
+    """(hypotheses, stripes) sums over pairs of factors, float32."""
+    return np.stack(of_hypotheses, axis=1).astype(np.float32) @ np.stack(of_stripes).astype(np.float32)
 
 
 def best_pairs(votes: np.ndarray, rows: int, *, most: int = 8) -> np.ndarray:
@@ -117,12 +136,10 @@ def best_pairs(votes: np.ndarray, rows: int, *, most: int = 8) -> np.ndarray:
 
 def distinct(lanes: np.ndarray, most: int) -> np.ndarray:
     """The first `most` of the lanes (N, 7) that differ from all before them."""
-    chosen = lanes[:1]
-    for lane in lanes[1:]:
-        if len(chosen) == most:
-            break
-        elsewhere = np.abs(lane - chosen)[:, [CENTRE, WIDTH]].max(axis=1) > SAME_M
-        bend = np.abs(lane - chosen)[:, CURVATURE]
-        if np.all(elsewhere | (bend > SAME_BEND * abs(lane[CURVATURE]) + SAME_CURVATURE_PER_M)):
-            chosen = np.vstack([chosen, lane])
-    return chosen
+    chosen, free = [], np.ones(len(lanes), bool)
+    while len(chosen) < most and free.any():
+        chosen.append(free.argmax())
+        off = np.abs(lanes - lanes[chosen[-1]])
+        elsewhere = np.maximum(off[:, CENTRE], off[:, WIDTH]) > SAME_M
+        free &= elsewhere | (off[:, CURVATURE] > SAME_BEND * np.abs(lanes[:, CURVATURE]) + SAME_CURVATURE_PER_M)
+    return lanes[chosen]
