@@ -87,7 +87,7 @@ def describe_paint(evidence: Evidence, view: RoadView, line_y_m: np.ndarray) -> 
     """Cross-section of the paint along a line, in the channel where it stands out more; None where there is none."""
     found = [
         (*section, yellow)
-        for channel, yellow in zip(evidence.channels, (False, True), strict=True)
+        for channel, yellow in zip(evidence.channels.astype(np.float32), (False, True), strict=True)
         if (section := _section(channel, view, line_y_m))
     ]
     if not found:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from lanes.metric.evidence import Stripes
-from lanes.metric.lanefit import LaneFit, compare, paint_weight, place_std, stray_m
+from lanes.metric.lanefit import Comparison, LaneFit, compare, paint_weight, place_std, stray_m
 from lanes.metric.motion import Belief, bend_of
 from lanes.metric.roadview import RoadView
 
@@ -30,13 +30,21 @@ JOLT_STD_PER_M3, JOLT_STD_SHARE_PER_M = 4e-6, 0.05
 SCALES = (1.5, 1.0)
 
 
-def gate_stripes(stripes: Stripes, belief: Belief, view: RoadView) -> Stripes:
-    """The stripes whose distance from the predicted line is no surprise: innovation^2 < GATE (H P H^T + R)."""
-    std = place_std(stripes, view.focal_px)
-    found = compare(belief.lane[None], stripes, view.height_m)
+def gate_stripes(found: Comparison, std_m: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """(stripes,) bool: their distance from the predicted line is no surprise, innovation^2 < GATE (H P H^T + R).
+
+    Parameters
+    ----------
+    found : Comparison
+        With the predicted lane alone.
+    std_m : ndarray (stripes,)
+        Standard deviation of each stripe's place.
+    covariance : ndarray (7, 7)
+        Of the prediction.
+    """
     derivative = found.derivative[0]
-    known = ((belief.lane_covariance @ derivative) * derivative).sum(axis=0)
-    return stripes.select(found.residual_m[0] ** 2 < GATE * (known + std**2))
+    known = ((covariance @ derivative) * derivative).sum(axis=0)
+    return np.square(found.residual_m[0]) < GATE * (known + std_m * std_m)
 
 
 def correct_lane(stripes: Stripes, belief: Belief, view: RoadView) -> LaneFit:
@@ -45,7 +53,7 @@ def correct_lane(stripes: Stripes, belief: Belief, view: RoadView) -> LaneFit:
     Parameters
     ----------
     stripes : Stripes
-        Gated.
+        All of the picture.
     belief : Belief
         Predicted to the time of the picture.
     view : RoadView
@@ -53,23 +61,27 @@ def correct_lane(stripes: Stripes, belief: Belief, view: RoadView) -> LaneFit:
     Returns
     -------
     LaneFit
-        One lane (1, 7); its information is the inverse of the covariance after the update.
+        One lane (1, 7); its information is the inverse of the covariance after the update. Stripes that do not pass the
+        gate have no weight.
     """
-    std, paint, stray = place_std(stripes, view.focal_px), paint_weight(stripes), stray_m(stripes)
-    mean = np.append(belief.lane, 0.0)
+    paint, std, stray = paint_weight(stripes), place_std(stripes, view.focal_px), stray_m(stripes)
+    mean, jolt = np.append(belief.lane, 0.0), -np.square(np.square(stripes.x_m)) / 24
     jolt_std = JOLT_STD_PER_M3 + JOLT_STD_SHARE_PER_M * bend_of(belief.lane) ** 2
     prior = np.zeros((len(mean), len(mean)))
     prior[:-1, :-1], prior[-1, -1] = np.linalg.inv(belief.lane_covariance), jolt_std**-2
-    guess, jolt = mean, -np.square(np.square(stripes.x_m)) / 24
+    guess, expected = mean, None
     for scale in SCALES:
         found = compare(guess[None, :-1], stripes, view.height_m)
-        agreement = found.agreement(std * scale)[0] * paint
+        if expected is None:
+            expected = gate_stripes(found, std, belief.lane_covariance)
+        agreement = found.agreement(std * scale)[0] * paint * expected
         jacobian = np.vstack([found.derivative[0], jolt])
         weighted = jacobian * (agreement / (TOGETHER * ((std * scale) ** 2 + stray**2)))
         residual = found.residual_m[0] + jolt * guess[-1]
         information = weighted @ jacobian.T + prior
-        gradient = weighted @ residual + prior @ (guess - mean)
-        guess = guess - np.linalg.solve(information, gradient)
-    covariance = np.linalg.inv(information)[:-1, :-1]
-    # agreement and residuals are those before the last step, which is small
-    return LaneFit(guess[None, :-1], np.linalg.inv(covariance)[None], agreement[None], found.side, residual[None])
+        guess = guess - np.linalg.solve(information, weighted @ residual + prior @ (guess - mean))
+    # What is known of the lane while the jolt is not (the Schur complement). Agreement and residuals are those before
+    # the last step, which is small.
+    across = information[:-1, -1]
+    known = information[:-1, :-1] - np.outer(across, across) / information[-1, -1]
+    return LaneFit(guess[None, :-1], known[None], agreement[None], found.side, residual[None])

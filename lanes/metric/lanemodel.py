@@ -81,8 +81,8 @@ def _along(nearest_m: float, farthest_m: float) -> np.ndarray:
 def place(x, y, heading, curvature) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Points (..., N) beside arcs (...): (a, turn, 1 - k a, ahead, aside).
 
-    `a` is the distance to the left of the arc, at right angles; `turn` by how much the arc has turned there; `ahead` and
-    `aside` are the point's coordinates along and left of the direction in which the arc begins.
+    `a` is the distance to the left of the arc, at right angles; `turn` by how much the arc has turned there; `ahead`
+    and `aside` are the point's coordinates along and left of the direction in which the arc begins.
     """
     heading, curvature = np.asarray(heading)[..., None], np.asarray(curvature)[..., None]
     sin, cos = np.sin(heading), np.cos(heading)

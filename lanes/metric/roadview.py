@@ -89,7 +89,14 @@ class RoadView:
 
     def seen_around(self, columns: int) -> np.ndarray:
         """(rows, columns) uint8: 1 where so many cells to the left and to the right lie inside the picture, too."""
-        return cv2.erode(self.seen.astype(np.uint8), np.ones((1, 2 * columns + 1), np.uint8))
+        if columns not in self._seen_around:
+            self._seen_around[columns] = cv2.erode(self.seen.astype(np.uint8), np.ones((1, 2 * columns + 1), np.uint8))
+        return self._seen_around[columns]
+
+    @cached_property
+    def _seen_around(self) -> dict[int, np.ndarray]:
+        """Worked out once, not in every frame."""
+        return {}
 
     @cached_property
     def _lookups(self) -> list[tuple[int, slice, np.ndarray, np.ndarray]]:

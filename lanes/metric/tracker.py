@@ -8,15 +8,13 @@ that begins it bends with it.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from lanes.camera import Camera
 from lanes.metric.confidence import rate_lane
 from lanes.metric.departure import watch_departure
 from lanes.metric.evidence import Stripes
-from lanes.metric.follow import TOGETHER, correct_lane, gate_stripes
+from lanes.metric.follow import TOGETHER, correct_lane
 from lanes.metric.followed import Seen, describe_followed, see_lines
 from lanes.metric.lane import LEAST_WEIGHT, Lane, Sight, describe_lane, observe, search_lane
 from lanes.metric.lanefit import LaneFit
@@ -131,10 +129,9 @@ class LaneTracker:
         belief = self._belief.predict(elapsed_s, steady_speed=self.speed_mps is not None)
         if self.speed_mps is not None:
             belief.mean[SPEED] = self.speed_mps
-        near = replace(sight, stripes=gate_stripes(sight.stripes, belief, view))
-        fit = correct_lane(near.stripes, belief, view)
+        fit = correct_lane(sight.stripes, belief, view)
         look_at = {0: 0, PAINT_EVERY // 2: 1}.get(self._since_search % PAINT_EVERY)
-        seen = see_lines(fit, near, view, self._seen, look_at)
+        seen = see_lines(fit, sight, view, self._seen, look_at)
         self._belief = belief.corrected(fit.lane[0], np.linalg.inv(fit.information[0]))
         if seen[0].support + seen[1].support < LEAST_SUPPORT:
             self._coast(elapsed_s)
@@ -144,7 +141,7 @@ class LaneTracker:
             if self._regained >= CONFIRMATIONS:
                 self._state, self._regained = TRACKING, 0
         if self._belief is not None:
-            self._count_kinds(fit, near.stripes, look_at)
+            self._count_kinds(fit, sight.stripes, look_at)
             self._change_lane()
             self._describe()
 
