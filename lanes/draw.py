@@ -1,6 +1,7 @@
 """Drawing on pictures: the lane, lines, text, the diagnostic strip.
 
-Every function takes a picture and returns a new one; its input is never changed, so read-only frames are welcome.
+Functions take a picture and return a new one; their input is never changed, so read-only frames are welcome. Only
+`tint_area`, `stroke_line` and `write_on` draw in place, for those who have several things to draw on one copy.
 Points are (column u, row v) in pixels, floats, shape (N, 2), pixel centres at integers; rows with NaN are dropped.
 Edges are anti-aliased, and places count to 1/16 px.
 """
@@ -62,7 +63,7 @@ def fill_lane(
     if len(left) < 2 or len(right) < 2:
         return image.copy()
     drawn = image.copy()
-    _tint(drawn, np.vstack([left, right[::-1]]), colour, alpha)
+    tint_area(drawn, np.vstack([left, right[::-1]]), colour, alpha)
     return drawn
 
 
@@ -70,7 +71,7 @@ def draw_line(image: np.ndarray, points_px: np.ndarray, *, colour: Colour, width
     """Draw a polyline through `points_px`, (N, 2), `width_px` wide; fewer than two points draw nothing."""
     require_rgb(image)
     drawn = image.copy()
-    _stroke(drawn, _finite(points_px), colour, width_px)
+    stroke_line(drawn, _finite(points_px), colour, width_px)
     return drawn
 
 
@@ -113,8 +114,8 @@ def draw_lane(
     drawn = fill_lane(image, left, right, colour=colour, alpha=alpha)
     width_px = image.shape[1] / 160 if line_width_px is None else line_width_px
     if width_px > 0:
-        _stroke(drawn, left, LEFT, width_px)
-        _stroke(drawn, right, RIGHT, width_px)
+        stroke_line(drawn, left, LEFT, width_px)
+        stroke_line(drawn, right, RIGHT, width_px)
     return drawn
 
 
@@ -150,22 +151,35 @@ def write_text(
         If `corner` is none of the four.
     """
     require_rgb(image)
+    drawn = image.copy()
+    write_on(drawn, lines, corner=corner, size_px=size_px, colour=colour, panel_alpha=panel_alpha)
+    return drawn
+
+
+def write_on(
+    image: np.ndarray,
+    lines: str | Sequence[str],
+    *,
+    corner: str = "top left",
+    size_px: int | None = None,
+    colour: Colour = TEXT,
+    panel_alpha: float = 0.6,
+) -> None:
+    """Write lines of text on `image` in place; see `write_text`."""
     if corner not in CORNERS:
         raise ValueError(f"corner must be one of {', '.join(CORNERS)}; got {corner!r}.")
     lines = [lines] if isinstance(lines, str) else list(lines)
-    drawn = image.copy()
     if not lines:
-        return drawn
+        return
     height, width = image.shape[:2]
     size, box_width, box_height = _fitting_size(lines, size_px or round(height / 24), width, height)
     left = 0 if "left" in corner else width - box_width
     top = 0 if "top" in corner else height - box_height
-    _shade(drawn, left, top, left + box_width, top + box_height, panel_alpha)
+    _shade(image, left, top, left + box_width, top + box_height, panel_alpha)
     for number, line in enumerate(lines):
         _letters(
-            drawn, line, left + _margin(size), top + _margin(size) // 2 + number * _line_height(size), size, colour
+            image, line, left + _margin(size), top + _margin(size) // 2 + number * _line_height(size), size, colour
         )
-    return drawn
 
 
 def draw_mosaic(
@@ -211,6 +225,24 @@ def draw_mosaic(
         rest = np.ascontiguousarray(drawn[:strip_height, left:])
         drawn[:strip_height, left:] = write_text(rest, lines, size_px=round(height / 24), panel_alpha=0)
     return drawn
+
+
+def stroke_line(image: np.ndarray, points_px: np.ndarray, colour: Colour, width_px: float) -> None:
+    """Draw a polyline through points (N, 2) on `image` in place."""
+    if len(points_px) >= 2:
+        cv2.polylines(image, [_fixed_point(points_px)], False, colour, _thickness(width_px), cv2.LINE_AA, _SHIFT)
+
+
+def tint_area(image: np.ndarray, polygon_px: np.ndarray, colour: Colour, alpha: float) -> None:
+    """Mix `colour` into `image` in place, by `alpha` inside a polygon (N, 2); only its bounding box is worked on."""
+    height, width = image.shape[:2]
+    low = np.clip(np.floor(polygon_px.min(axis=0)) - 1, 0, (width, height)).astype(int)
+    high = np.clip(np.ceil(polygon_px.max(axis=0)) + 2, 0, (width, height)).astype(int)
+    part = image[low[1] : high[1], low[0] : high[0]]
+    if part.size:
+        tinted = part.copy()
+        cv2.fillPoly(tinted, [_fixed_point(polygon_px - low)], colour, cv2.LINE_AA, _SHIFT)
+        cv2.addWeighted(tinted, alpha, part, 1 - alpha, 0, dst=part)
 
 
 def draw_windows(view: np.ndarray, windows_px: np.ndarray, *, colour: Colour = WINDOW) -> np.ndarray:
@@ -294,28 +326,13 @@ def _on_raw_picture(points_px: np.ndarray | None, camera: Camera | None) -> np.n
     return camera.distort_points(np.column_stack([np.interp(places, along, column) for column in points.T]))
 
 
-def _stroke(image: np.ndarray, points_px: np.ndarray, colour: Colour, width_px: float) -> None:
-    """Draw a polyline through points (N, 2) on `image` in place."""
-    if len(points_px) >= 2:
-        cv2.polylines(image, [_fixed_point(points_px)], False, colour, _thickness(width_px), cv2.LINE_AA, _SHIFT)
-
-
-def _tint(image: np.ndarray, polygon_px: np.ndarray, colour: Colour, alpha: float) -> None:
-    """Mix `colour` into `image` in place, by `alpha` inside a polygon (N, 2); only its bounding box is worked on."""
-    height, width = image.shape[:2]
-    low = np.clip(np.floor(polygon_px.min(axis=0)) - 1, 0, (width, height)).astype(int)
-    high = np.clip(np.ceil(polygon_px.max(axis=0)) + 2, 0, (width, height)).astype(int)
-    part = image[low[1] : high[1], low[0] : high[0]]
-    if part.size:
-        tinted = part.copy()
-        cv2.fillPoly(tinted, [_fixed_point(polygon_px - low)], colour, cv2.LINE_AA, _SHIFT)
-        cv2.addWeighted(tinted, alpha, part, 1 - alpha, 0, dst=part)
-
-
 def _shade(image: np.ndarray, left: int, top: int, right: int, bottom: int, alpha: float) -> None:
     """Darken a rectangle of `image` in place."""
     part = image[top:bottom, left:right]
-    part[:] = cv2.add(cv2.convertScaleAbs(part, alpha=1 - alpha), (*(alpha * level for level in PANEL), 0.0))
+    cv2.convertScaleAbs(part, dst=part, alpha=1 - alpha)
+    # row by row: levels added three at a time, or by cv2.add as one colour, take as long as all the letters
+    rows, levels = part.reshape(len(part), -1), np.round(np.multiply(alpha, PANEL)).astype(np.uint8)
+    rows += np.tile(levels, part.shape[1])
 
 
 def _shrink(picture: np.ndarray, cell: tuple[int, int]) -> np.ndarray:

@@ -100,40 +100,30 @@ def yellowness(view_image: np.ndarray) -> np.ndarray:
     return np.subtract(cv2.min(red, green), blue, dtype=np.int16)
 
 
-def window_sums(values: np.ndarray, count: int) -> np.ndarray:
-    """Sums over `count` neighbours of values (N,): (N - count + 1,). Sums of halves save most of the additions."""
-    if count == 1:
-        return values
-    half, size = window_sums(values, count // 2), len(values) - count + 1
-    sums = half[:size] + half[count // 2 :][:size]
-    return sums + values[count - 1 :] if count % 2 else sums
+def sums_around(cells: np.ndarray, count: int) -> np.ndarray:
+    """Sums over `count` (odd) columns around each of the cells (..., columns); not meaningful at the first and last.
 
-
-def filter_band(channels: np.ndarray, width: int, beside: int, gap: int, unit: int) -> np.ndarray:
-    """Mean over a stripe less the larger of the means beside it, at each cell.
-
-    Parameters
-    ----------
-    channels : ndarray of shape (2, rows, columns), int
-    width, beside, gap : int
-        Of the stripe, of the road that it is compared with on either side, and between the two, in cells; odd.
-    unit : int
-        A multiple of `width` and `beside`.
-
-    Returns
-    -------
-    ndarray of the same shape and type
-        Times `unit`: whole numbers, of which twice as many fit into a register as of float32. Not meaningful within
-        reach of the left and right border: rows are laid end to end, since one long row is filtered faster than many.
+    Rows are laid end to end, because one long row is added faster than many short ones.
     """
-    row, reach = channels.ravel(), width // 2 + gap + beside // 2 + 1
-    side, centre = window_sums(row, beside), window_sums(row, width)
-    larger = np.maximum(side[: -2 * reach], side[2 * reach :])
-    first = reach + beside // 2
-    response = np.zeros_like(row)
-    response[first : first + len(larger)] = centre[first - width // 2 :][: len(larger)] * (unit // width)
-    response[first : first + len(larger)] -= larger * (unit // beside)
-    return response.reshape(channels.shape)
+    row, sums = cells.ravel(), np.zeros(cells.size, cells.dtype)
+    sums[count // 2 : cells.size - count // 2] = _window_sums(row, count)
+    return sums.reshape(cells.shape)
+
+
+def _window_sums(row: np.ndarray, count: int) -> np.ndarray:
+    """(N - count + 1,) sums over `count` neighbours of (N,); sums of half as many save most of the additions."""
+    if count == 1:
+        return row
+    half, size = _window_sums(row, count // 2), len(row) - count + 1
+    sums = half[:size] + half[count // 2 :][:size]
+    return sums + row[count - 1 :] if count % 2 else sums
+
+
+def filter_band(centre: np.ndarray, side: np.ndarray, reach: int) -> np.ndarray:
+    """How much more `centre` (..., columns) is than the larger of `side` at `reach` columns to its left and right."""
+    response, beside = centre.ravel(), side.ravel()
+    response[reach:-reach] -= np.maximum(beside[: -2 * reach], beside[2 * reach :])
+    return response.reshape(centre.shape)
 
 
 def local_noise(steps: np.ndarray, window: int) -> np.ndarray:
@@ -157,10 +147,16 @@ def measure_paint(view_image: np.ndarray, view: RoadView) -> Evidence:
     single, double, beside, gap, window = (round(length / view.cell_m) | 1 for length in SIZES_M)
     margin, unit = double // 2 + gap + beside + 1, lcm(single, double, beside)
     wider = cv2.copyMakeBorder(view_image, 0, 0, margin, margin, cv2.BORDER_REPLICATE)
-    # int16, unless the cells are so small that sums over them do not fit
+    # Sums instead of means, times what makes them comparable: whole numbers, exact, and of int16 twice as many fit into
+    # a register as of float32. (Should the cells be so small that the sums do not fit, numpy's next larger type.)
     channels = np.stack([lightness(wider), yellowness(wider)], dtype=np.min_scalar_type(-2 * 255 * unit))
     inside = (..., slice(margin, -margin))
-    narrow, wide = (filter_band(channels, width, beside, gap, unit)[inside] for width in (single, double))
+    side = sums_around(channels, beside) * (unit // beside)
+    side[..., :margin], side[..., -margin:] = side[..., margin, None], side[..., -margin - 1, None]
+    narrow, wide = (
+        filter_band(sums_around(channels, n) * (unit // n), side, n // 2 + gap + beside // 2 + 1)[inside]
+        for n in (single, double)
+    )
     steps = np.abs(channels[inside] - channels[..., margin - 1 : -margin - 1])
     noise = np.stack([local_noise(step, window) for step in steps]) * np.float32(unit)
     strength = np.maximum((np.maximum(narrow, wide) / noise).max(axis=0), 0)
