@@ -20,7 +20,7 @@ from lanes.camera import load_camera, save_camera
 from lanes.images import read_image, write_image
 from lanes.scenes.render import Motion
 from lanes.video.telemetry import read_telemetry
-from lanes.video.videofile import inspect_video
+from lanes.video.videofile import inspect_video, read_frames
 
 ROOT = Path(__file__).parents[1]
 SMALL = CAMERA.scaled((640, 360))
@@ -192,6 +192,18 @@ def test_mount(drive, tmp_path):
     assert found.pitch_rad == pytest.approx(SMALL.mount.pitch_rad, abs=np.radians(0.3))
 
 
+def test_render(tmp_path):
+    status, out, err = run("render", "video", "--seconds", 0.04, "--out", tmp_path)
+    assert status == 0, err
+    assert "project_video.mp4" in out and "3 files" in out
+    videos = tmp_path / "test_videos", ROOT / "test_videos"
+    again, committed = (next(read_frames(folder / "project_video.mp4")).astype(int) for folder in videos)
+    # One frame alone is compressed a little otherwise than at the head of ten seconds.
+    assert np.abs(again - committed).mean() < 2
+    rows = [(folder / "project_video.csv").read_text().splitlines()[:2] for folder in videos]
+    assert rows[0] == rows[1]
+
+
 # --- misuse: a sentence that names what is wrong, no traceback, nothing written
 
 ANNOTATE = ["annotate", "--camera", "{drive}/drive.yaml"]
@@ -225,6 +237,7 @@ MISUSE = {
     "mount: no pictures": (2, "1 or more", ["mount", "--hfov", "60", "--pictures", "0", "{drive}/drive.mp4"]),
     "mount: odd size": (2, "1280x720", ["mount", "--hfov", "60", "--size", "big", "{drive}/drive.mp4"]),
     "render: unknown": (2, "invalid choice", ["render", "snow"]),
+    "render: too long": (2, "0.04 to 10", ["render", "video", "--seconds", "60"]),
     "render: not writable": (1, "cannot be written", ["render", "stills", "--out", "{drive}/file"]),
 }
 

@@ -5,17 +5,21 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from lanes.commands.arguments import progress_line
+from lanes.commands.arguments import number, progress_line
 
 EXAMPLES = """\
   python -m lanes render
-  python -m lanes render stills --out elsewhere"""
+  python -m lanes render stills --out elsewhere
+  python -m lanes render video --seconds 2 --out elsewhere"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this command."""
     parser.add_argument("what", nargs="?", default="all", choices=("boards", "stills", "video", "all"))
     parser.add_argument("--out", type=Path, default=Path("."), help="folder to write into (default: here)")
+    parser.add_argument(
+        "--seconds", type=number(0.04, 10), default=10.0, metavar="S", help="length of the video (default: %(default)s)"
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -26,10 +30,11 @@ def run(options: argparse.Namespace) -> int:
 
     with writing_to(options.out):
         options.out.mkdir(parents=True, exist_ok=True)
+    video = options.out / "test_videos" / "project_video.mp4"
     jobs = {
         "boards": lambda report: write_boards(options.out / "camera_cal", progress=report),
         "stills": lambda report: write_stills(options.out / "test_images", progress=report),
-        "video": lambda report: write_video(options.out / "test_videos" / "project_video.mp4", progress=report),
+        "video": lambda report: write_video(video, seconds=options.seconds, progress=report),
     }
     for name, job in jobs.items():
         if options.what in (name, "all"):
