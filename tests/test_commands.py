@@ -119,7 +119,7 @@ def test_annotate_a_video(drive, tmp_path):
     np.testing.assert_array_equal(found["frame"], truth["frame"])
     assert np.abs(found["offset_m"] - truth["offset_m"])[5:].max() < 0.05
     page = (tmp_path / "out" / "drive.html").read_text()
-    assert "height 1" in page and "drive.mp4: lane report" in page
+    assert "m high, pitch" in page and "drive.mp4: lane report" in page
 
 
 def test_annotate_a_piece_of_an_uncalibrated_video(drive, tmp_path):

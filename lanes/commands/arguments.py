@@ -14,19 +14,19 @@ if TYPE_CHECKING:
 
 
 def add_footage(parser: argparse.ArgumentParser, *, files: str) -> None:
-    """The files that a command looks at; `files` is their help."""
+    """The files that a command looks at (`files` is their help), and --size where they differ from the lens's."""
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help=files)
+    parser.add_argument("--size", type=size, metavar="WxH", help="picture size for --hfov (default: the first file's)")
 
 
 def add_lens(parser: argparse._ActionsContainer, *, required: bool = True) -> None:
-    """The lens that took the pictures: --camera, --hfov with --size, or --boards; `find_lens` reads them."""
+    """The lens that took the pictures: --camera, --hfov or --boards; `find_lens` reads them."""
     lens = parser.add_mutually_exclusive_group(required=required)
     lens.add_argument("--camera", type=Path, metavar="YAML", help="camera file, as `calibrate` or `mount` writes it")
     lens.add_argument(
         "--hfov", type=number(10, 150), metavar="DEG", help="horizontal field of view, if never calibrated"
     )
     lens.add_argument("--boards", type=Path, metavar="FOLDER", help="pictures of a chessboard with 9 x 6 inner corners")
-    parser.add_argument("--size", type=size, metavar="WxH", help="picture size for --hfov (default: the first file's)")
 
 
 def find_lens(options: argparse.Namespace) -> Camera:
@@ -40,7 +40,7 @@ def find_lens(options: argparse.Namespace) -> Camera:
     if options.boards:
         return calibrate_folder(options.boards, progress=progress_line("boards"))
     first = next(pick_pictures(options.files, 1))
-    return Camera.from_fov(options.size or (first.shape[1], first.shape[0]), options.hfov)
+    return Camera.from_fov(getattr(options, "size", None) or (first.shape[1], first.shape[0]), options.hfov)
 
 
 def number(least: float, most: float = math.inf) -> Callable[[str], float]:

@@ -138,23 +138,18 @@ def describe_settings(
     source: str, camera: Camera, mount: MountEstimate | None, settings: DriveSettings
 ) -> dict[str, str]:
     """What a drive was annotated with, for people."""
-    m = camera.mount
-    focal_px = f"focal length {camera.matrix[0, 0]:.0f} px"
     if settings.camera is None:
-        lens = f"field of view {settings.hfov_deg:g}° as given, {focal_px}; not calibrated"
-    elif settings.camera.report is None:
-        lens = f"from a camera file, {focal_px}"
+        lens = f"field of view {settings.hfov_deg:g}° as given, not calibrated"
+    elif camera.report is None:
+        lens = "as the camera file says"
     else:
-        lens = (
-            f"calibrated on {len(camera.report.board_rms_px)} boards (error {camera.report.rms_px:.2f} px), {focal_px}"
-        )
-    angles = ", ".join(f"{n} {np.degrees(getattr(m, n + '_rad')):+.2f}°" for n in ("pitch", "yaw", "roll"))
+        lens = f"calibrated on {len(camera.report.board_rms_px)} boards, error {camera.report.rms_px:.2f} px"
     return {
         "video": source,
         "piece": f"from {settings.start_s:g} s to {'the end' if settings.end_s is None else f'{settings.end_s:g} s'}",
         "picture": f"{camera.width}x{camera.height} pixels",
-        "lens": lens,
-        "mount": mount.describe() if mount else f"as the camera file says: height {m.height_m:.2f} m, {angles}",
+        "lens": f"{lens}; focal length {camera.matrix[0, 0]:.0f} px",
+        "mount": mount.describe() if mount else f"as the camera file says: {camera.mount.describe()}",
         "style": settings.style,
         "versions": ", ".join(f"{name} {version}" for name, version in _versions().items()),
     }
