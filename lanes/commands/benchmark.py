@@ -1,6 +1,7 @@
 """Score every lane finder on drives whose truth is known: the suite's scenes (rendered on demand,
 kept in a cache) and the committed videos. Writes benchmark.csv, benchmark.png and reliability.png.
 What is finished is kept, so that an interrupted run goes on where it was.
+With --speed: how long they take instead, from file to file too, and how much memory (some minutes).
 With --labels: score them, or a file of predictions, on stills that were labelled by hand.
 """
 
@@ -16,6 +17,7 @@ EXAMPLES = """\
   python -m lanes benchmark --workers 2 -o results
   python -m lanes benchmark motorway --system metric --estimated-mount
   python -m lanes benchmark my_drive.mp4
+  python -m lanes benchmark --speed
   python -m lanes benchmark --labels stills/labels.jsonl --camera camera.yaml
   python -m lanes benchmark --labels stills/labels.jsonl --predictions lanes.jsonl"""
 
@@ -35,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--estimated-mount", action="store_true", help="estimate the camera's mount from each video, as on real drives"
     )
+    parser.add_argument("--speed", action="store_true", help="measure time and memory on the committed video")
     parser.add_argument("--workers", type=count, default=1, metavar="N", help="processes (default: %(default)s)")
     parser.add_argument("-o", "--output", type=Path, default=Path("."), metavar="FOLDER", help="default: here")
     labelled = parser.add_argument_group("stills labelled by hand")
@@ -57,6 +60,8 @@ def run(options: argparse.Namespace) -> int:
         for drive in list_drives().values():
             print(f"{drive.name:24}{drive.difficulty:9}{drive.what}")
         return 0
+    if options.speed:
+        return measure_speeds()
     if options.labels:
         return score_labelled(options)
     if options.predictions:
@@ -69,6 +74,15 @@ def run(options: argparse.Namespace) -> int:
         progress=progress_line,
     )
     _report(results, options.output)
+    return 0
+
+
+def measure_speeds() -> int:
+    """Measure time and memory on the committed video."""
+    from lanes.benchmark.speed import measure_speed
+    from lanes.dataset import PROJECT_ROOT
+
+    print(measure_speed(PROJECT_ROOT / "test_videos" / "project_video.mp4", progress=progress_line).describe())
     return 0
 
 

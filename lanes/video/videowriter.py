@@ -19,6 +19,8 @@ from lanes.video.videofile import STAMP_TOLERANCE_S, VideoError, guarded, inspec
 
 # Sound that an mp4 file may hold and browsers play; any other is encoded as AAC.
 _COPIED_SOUND = {"aac", "mp3", "opus", "flac"}
+# x264's own default of constant quality.
+CRF = 23
 # The colour matrix by its number in ITU-T H.273, table 4; PyAV names only its twin of 625 lines, 5.
 _BT601 = 6
 # x264 makes other bytes with another number of threads: a fixed one gives the same file on every machine. Four are as
@@ -40,7 +42,7 @@ class VideoWriter:
         Frames per second. Taken as the nearest fraction with a denominator up to 1001, so that 29.97 and the like of
         television are exact when given as 30000 / 1001.
     crf : int, in range 0..51
-        x264's constant quality; lower is better and larger. 23 is its default.
+        x264's constant quality; lower is better and larger.
     sound_from : str or Path, optional
         A video whose sound goes along, from the time of the first written frame to that of the last.
 
@@ -52,7 +54,7 @@ class VideoWriter:
         If the folder cannot be written to.
     """
 
-    def __init__(self, path: str | Path, *, fps: float, crf: int = 23, sound_from: str | Path | None = None) -> None:
+    def __init__(self, path: str | Path, *, fps: float, crf: int = CRF, sound_from: str | Path | None = None) -> None:
         self.path = Path(path)
         if self.path.suffix.lower() != ".mp4":
             raise VideoError(f"{path}: cannot write this kind of video; end the name in .mp4.")
@@ -134,18 +136,8 @@ class VideoWriter:
             raise self._unwritable(error) from error
 
     def _open_container(self, frame: av.VideoFrame) -> None:
-        self._container = av.open(str(self._partial), "w", format="mp4", options={"movflags": "+faststart"})
-        # veryfast: 1.6 times as fast as x264's default, at about the same size (measured at 1280x720).
-        options = {"preset": "veryfast", "crf": str(self._crf)}
-        self._stream = self._container.add_stream("libx264", rate=self._rate, options=options)
-        codec = self._stream.codec_context
-        codec.height, codec.width = frame.height, frame.width
-        codec.pix_fmt = "yuv420p"
-        codec.time_base = self._tick
-        codec.thread_count = _ENCODER_THREADS
-        # Untagged video is shown in other colours by each player; these tags say what `convert` does.
-        codec.colorspace, codec.color_range = _BT601, ColorRange.MPEG
-        codec.color_primaries, codec.color_trc = 1, ColorTrc.BT709
+        size = frame.width, frame.height
+        self._container, self._stream = open_mp4(self._partial, size, self._rate, self._tick, crf=self._crf)
         if self._sound_from is not None:
             self._sound = _Sound(self._sound_from, self._container, start_s=self._zero_s)
 
@@ -176,6 +168,24 @@ class VideoWriter:
     def _unwritable(self, error: OSError | av.FFmpegError) -> OSError:
         kind = type(error) if type(error).__module__ == "builtins" else OSError
         return kind(f"{self.path}: cannot be written ({error.strerror}); choose another folder or free some space.")
+
+
+def open_mp4(
+    path: Path, size: tuple[int, int], rate: Fraction, tick: Fraction, *, crf: int = CRF
+) -> tuple[av.container.OutputContainer, av.VideoStream]:
+    """A file to be written and its stream of pictures of `size` (width, height), with all settings of the encoder."""
+    container = av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"})
+    # veryfast: 1.6 times as fast as x264's default, at about the same size (measured at 1280x720).
+    stream = container.add_stream("libx264", rate=rate, options={"preset": "veryfast", "crf": str(crf)})
+    codec = stream.codec_context
+    codec.width, codec.height = size
+    codec.pix_fmt = "yuv420p"
+    codec.time_base = tick
+    codec.thread_count = _ENCODER_THREADS
+    # Untagged video is shown in other colours by each player; these tags say what `VideoWriter.convert` does.
+    codec.colorspace, codec.color_range = _BT601, ColorRange.MPEG
+    codec.color_primaries, codec.color_trc = 1, ColorTrc.BT709
+    return container, stream
 
 
 class _Sound:

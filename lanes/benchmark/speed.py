@@ -1,0 +1,82 @@
+"""How fast: stages of a frame, files, memory; everything as ratios measured in one run on one machine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+from lanes.benchmark.stages import FrameTime, time_frames
+from lanes.benchmark.tables import format_table
+from lanes.benchmark.transcode import FileTime, peak_memory_mb, time_files
+from lanes.camera import load_camera
+from lanes.video.videofile import read_frames
+
+# They are kept in memory, 2.8 MB each.
+FRAMES = 60
+# A short and a long video whose peaks of memory are compared.
+SHORT, LONG = 400, 4000
+
+
+@dataclass(frozen=True)
+class Speed:
+    """What `measure_speed` found: by system, by way from file to file, and MB by number of frames."""
+
+    frames: dict[str, FrameTime]
+    files: dict[str, FileTime]
+    memory_mb: dict[int, float]
+
+    def describe(self) -> str:
+        """Three tables in words."""
+        return "\n\n".join(
+            [_describe_frames(self.frames), _describe_files(self.files), _describe_memory(self.memory_mb)]
+        )
+
+
+def measure_speed(video: Path, *, progress: Callable[[str], Callable[[int, int], None]] | None = None) -> Speed:
+    """Measure on a video with its camera file (.yaml) beside it.
+
+    Parameters
+    ----------
+    video : Path
+    progress : callable, optional
+        Takes the name of a part and gives a function for (done, total).
+    """
+    camera = load_camera(video.with_suffix(".yaml"))
+    report = progress or (lambda _: lambda *_: None)
+    with closing(read_frames(video)) as frames:
+        first = list(islice(frames, FRAMES))
+    frames = time_frames(first, camera, progress=report("frames"))
+    files = time_files(video, camera, progress=report("files"))
+    memory, told = {}, report("memory")
+    for number, count in enumerate((SHORT, LONG)):
+        memory[count] = peak_memory_mb(video, video.with_suffix(".yaml"), count)
+        told(number + 1, 2)
+    return Speed(frames, files, memory)
+
+
+def _describe_frames(times: dict[str, FrameTime]) -> str:
+    lines = [f"{'':22}undistorts      ms"]
+    for name, found in times.items():
+        lines.append(f"{name:22}{found.undistorts:10.2f}{found.ms:8.1f}")
+        lines += [f"  {stage:20}{value:10.2f}" for stage, value in found.stages.items()]
+    table = "\n".join(lines)
+    return (
+        f"{table}\nDetect, measure and draw a frame on one core: processor time, medians (stages need not add up).\n"
+        "An undistort is one cv2.undistort of the same frame on one OpenCV thread in the same run."
+    )
+
+
+def _describe_files(times: dict[str, FileTime]) -> str:
+    rows = {
+        name: [f"{t.wall_ms:.1f}", f"{t.processor_ms:.1f}", f"{t.wall_ratio:.2f}", f"{t.processor_ratio:.2f}"]
+        for name, t in times.items()
+    }
+    table = format_table(["ms a frame", "processor ms", "ratio", "processor ratio"], rows)
+    return f"{table}\nFrom file to file; medians, ratios to the bare transcode (same decoder and encoder) run by run."
+
+
+def _describe_memory(memory_mb: dict[int, float]) -> str:
+    return "\n".join(f"{frames} frames: at most {peak:.0f} MB of memory" for frames, peak in memory_mb.items())
