@@ -65,4 +65,6 @@ def _command_parser() -> argparse.ArgumentParser:
 
 
 if __name__ == "__main__":
+    # File names and signs such as ± must not stop a command where the terminal cannot show them.
+    sys.stdout.reconfigure(errors="backslashreplace")
     sys.exit(main())

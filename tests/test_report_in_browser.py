@@ -168,3 +168,9 @@ def test_light_and_dark(page):
         page.set_dark(dark)
         grounds.append(page.run("return getComputedStyle(document.body).backgroundColor"))
     assert grounds == ["rgb(250, 250, 250)", "rgb(20, 23, 26)"]
+
+
+def test_the_video_has_no_bars(page):
+    page.set_size(1400, 900)
+    width, height = page.run("const box = video.getBoundingClientRect(); return [box.width, box.height]")
+    assert width / height == pytest.approx(320 / 180, rel=0.01) and height == pytest.approx(0.62 * 900, abs=2)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -100,9 +101,14 @@ def list_jobs(sources: Sources, settings: DriveSettings) -> Iterator[Callable[[]
     from lanes.drives.drive import annotate_drive, annotate_stills
     from lanes.drives.live import annotate_live
 
+    def follow_camera(index: int) -> str:
+        if settings.progress:
+            print(f"camera {index}: annotating until Ctrl-C", file=sys.stderr)
+        return annotate_live(index, settings).describe()
+
     for video in sources.videos:
         yield lambda video=video: annotate_drive(video, settings).describe()
     if sources.stills:
         yield lambda: annotate_stills(sources.stills, settings).describe()
     for index in sources.cameras:
-        yield lambda index=index: annotate_live(index, settings).describe()
+        yield partial(follow_camera, index)

@@ -118,6 +118,10 @@ for (const button of document.querySelectorAll("button[data-time]")) {
 }
 for (const name of ["seeking", "seeked", "timeupdate", "pause", "loadeddata"]) video.addEventListener(name, show);
 video.addEventListener("play", follow);
+// As wide as its height, which the style limits, lets it be: no bars beside it.
+video.addEventListener("loadedmetadata", () => {
+  video.style.width = "min(100%, " + (62 * video.videoWidth) / video.videoHeight + "vh)";
+});
 drawAxis();
 show();
 loadVideo();

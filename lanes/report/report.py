@@ -10,6 +10,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import os
 import re
 from collections.abc import Mapping
 from html import escape
@@ -82,7 +83,7 @@ def write_report(
         title=escape(title),
         summary=escape(_summary(telemetry)),
         video_name=escape(video.name),
-        video_link=escape(quote(video.name)),
+        video_link=escape(quote(os.fsencode(video.name))),
         video_data=base64.b64encode(video.read_bytes()).decode() if embedded else "",
         style=_asset("report.css"),
         script=script,
@@ -93,7 +94,8 @@ def write_report(
         moments=_moments(worst_moments(telemetry)),
         settings="".join(f"<tr><th>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in settings.items()),
     )
-    write_whole(path, page.encode())
+    # Names of files may hold bytes that are no text.
+    write_whole(path, page.encode(errors="replace"))
     return Path(path)
 
 
