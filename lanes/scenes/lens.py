@@ -66,11 +66,13 @@ def develop(light: np.ndarray, lens: Lens, *, road_light: float, seed: int) -> n
     height, width = light.shape[:2]
     gain = np.float32(2.0**lens.exposure * (ADAPTED_TO / max(road_light, 0.002)) ** lens.adaptation)
     light = cv2.GaussianBlur(light, (0, 0), lens.blur_px) if lens.blur_px else light
-    light = light * (gain * _vignette(height, width, lens.vignette))[..., None]
+    vignette = gain * _vignette(height, width, lens.vignette)
+    light = light * cv2.merge([vignette] * 3)
     # Work on the square root of light, where photon noise has the same size everywhere.
     root = np.sqrt(np.clip(light, 0, BRIGHTEST, out=light), out=light)
     root += np.float32(lens.noise / 2) * _noise(height, width, seed)
-    steps = np.clip(root * np.float32((TONE_STEPS - 1) / np.sqrt(BRIGHTEST)), 0, TONE_STEPS - 1).astype(np.uint16)
+    root *= np.float32((TONE_STEPS - 1) / np.sqrt(BRIGHTEST))
+    steps = np.clip(root, 0, TONE_STEPS - 1, out=root).astype(np.uint16)
     image = cv2.LUT(steps, _tone_curve())
     if lens.sharpening:
         image = cv2.addWeighted(image, 1 + lens.sharpening, cv2.GaussianBlur(image, (0, 0), 1.1), -lens.sharpening, 0)
@@ -97,7 +99,9 @@ def _noise(height: int, width: int, seed: int) -> np.ndarray:
     rng = np.random.default_rng(seed)
     row, column = rng.integers(0, 64, 2)
     part = _noise_tile(height, width)[row : row + height, column : column + width]
-    return part[:: rng.choice([-1, 1]), :: rng.choice([-1, 1])]
+    down, right = rng.choice([-1, 1]), rng.choice([-1, 1])
+    # cv2.flip: numpy goes through columns that run backwards one by one.
+    return (part if right > 0 else cv2.flip(part, 1))[::down]
 
 
 @lru_cache(maxsize=1)

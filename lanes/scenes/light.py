@@ -187,19 +187,42 @@ def darken_polygons(
         if not np.isnan(outline).any():
             cv2.fillPoly(mask, [np.rint(outline * 16).astype(np.int32)], 255, cv2.LINE_AA, 4)
     if ragged_m:
-        mask = _frayed(mask, ground, ground.s + np.float32(station_m), ragged_m)
+        cut = _rows_within_reach(mask, ground, ragged_m)
+        part = ground.rows(cut)
+        frayed = _frayed(mask, part, part.s + np.float32(station_m), ragged_m, first_row=cut.start)
+        mask = np.zeros_like(mask)
+        mask[cut] = frayed
     # A penumbra of about a pixel; at car height it is a few centimetres wide.
     sun *= 1 - cv2.GaussianBlur(mask, (0, 0), 0.8).astype(np.float32) * np.float32(0.97 / 255)
 
 
-def _frayed(mask: np.ndarray, ground: Ground, s: np.ndarray, reach_m: float) -> np.ndarray:
-    """The mask with its places shifted at random by about `reach_m` on the ground, twigs and single leaves apart."""
-    rows, columns = mask.shape
+def _rows_within_reach(mask: np.ndarray, ground: Ground, reach_m: float) -> slice:
+    """Rows into which `_frayed` may carry something of the mask: mostly few, because most shadows are far away."""
+    shaded = np.flatnonzero(mask.any(axis=1))
+    if not len(shaded):
+        return slice(0, 0)
+    rows = np.arange(len(mask))
+    most = reach_m * np.abs(band_noise_tile(LEAF_SEED, octaves=3)).max()
+    reach_px = most / np.maximum(ground.reach_s.min(axis=1), 1e-2) + 2
+    near = np.flatnonzero((rows + reach_px >= shaded[0]) & (rows - reach_px <= shaded[-1]))
+    return slice(int(near[0]), int(near[-1]) + 1)
+
+
+def _frayed(mask: np.ndarray, ground: Ground, s: np.ndarray, reach_m: float, *, first_row: int) -> np.ndarray:
+    """The mask with its places shifted at random by about `reach_m` on the ground, twigs and single leaves apart.
+
+    `ground` and `s` are those of the rows from `first_row` on for which the result is wanted.
+    """
+    rows, columns = s.shape
+    if not rows:
+        return np.zeros_like(mask[:0])
     tile = band_noise_tile(LEAF_SEED, octaves=3)
     shift_d = sample_noise(tile, s, ground.d, wave_s_m=0.20, wave_d_m=0.15)
     shift_s = sample_noise(tile, s, ground.d + 7, wave_s_m=0.20, wave_d_m=0.15)
     u = np.arange(columns, dtype=np.float32) + np.float32(reach_m) * shift_d / np.maximum(np.abs(ground.d_u), 1e-3)
-    v = np.arange(rows, dtype=np.float32)[:, None] + np.float32(reach_m) * shift_s / np.maximum(ground.reach_s, 1e-2)
+    v = np.arange(first_row, first_row + rows, dtype=np.float32)[:, None] + np.float32(reach_m) * shift_s / np.maximum(
+        ground.reach_s, 1e-2
+    )
     return cv2.remap(mask, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 

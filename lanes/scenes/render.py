@@ -220,7 +220,9 @@ def _directions(rays: np.ndarray, camera: Camera, heading_rad: float) -> np.ndar
     cosine, sine = np.cos(heading_rad), np.sin(heading_rad)
     to_world = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
     directions = rays @ (camera.mount.rotation() @ to_world).astype(np.float32)
-    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    x, y, z = cv2.split(directions)
+    # Spread over the axes first: numpy is slow where the innermost axis has three elements.
+    directions /= cv2.merge([np.sqrt(x * x + y * y + z * z)] * 3)
     return directions
 
 

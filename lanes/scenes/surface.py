@@ -249,7 +249,8 @@ def _material(material: Material, ground: Ground, s: np.ndarray, layers: Layers)
 def _mix(below: np.ndarray, above: np.ndarray, share: np.ndarray) -> None:
     """Lay `above` over `below` in place with opacity `share`."""
     above -= below
-    above *= share[..., None]
+    # Spread over the colours first: numpy is slow where the innermost axis has three elements.
+    above *= cv2.merge([share] * 3)
     below += above
 
 

@@ -13,7 +13,7 @@ TEXELS_PER_WAVE = 8
 LIST_ROW = 1024
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=64)
 def band_noise_tile(seed: int, *, octaves: int = 1) -> np.ndarray:
     """Periodic noise (TILE + 1, TILE + 1) float32, mean 0, standard deviation 1, wavelengths about TEXELS_PER_WAVE.
 
@@ -43,8 +43,15 @@ def sample_noise(tile: np.ndarray, s: np.ndarray, d: np.ndarray, *, wave_s_m: fl
     if s.ndim == 2:
         return cv2.remap(tile, u, v, cv2.INTER_LINEAR)
     # OpenCV refuses maps longer than 32767, so a list is folded into rows.
-    folded = (max(1, -(-len(s) // LIST_ROW)), LIST_ROW)
-    return cv2.remap(tile, np.resize(u, folded), np.resize(v, folded), cv2.INTER_LINEAR).ravel()[: len(s)]
+    rows = max(1, -(-len(s) // LIST_ROW))
+    return cv2.remap(tile, _folded(u, rows), _folded(v, rows), cv2.INTER_LINEAR).ravel()[: len(s)]
+
+
+def _folded(values: np.ndarray, rows: int) -> np.ndarray:
+    """(rows, LIST_ROW) with zeros after the values: np.resize would copy them twice."""
+    folded = np.zeros(rows * LIST_ROW, np.float32)
+    folded[: len(values)] = values
+    return folded.reshape(rows, LIST_ROW)
 
 
 def fade(reach: np.ndarray, wave_m: float) -> np.ndarray:

@@ -64,19 +64,25 @@ def lay_verge(
     rough = sample_noise(cloudy, s, d, wave_s_m=0.5, wave_d_m=0.3) * fade(reach, 3.0)
     broad = sample_noise(cloudy, s, d + 5, wave_s_m=5.0, wave_d_m=1.8) * fade(reach, 30.0)
     fine = sample_noise(band_noise_tile(seed + 1), s, d, wave_s_m=0.12, wave_d_m=0.07) * fade(reach, 0.2)
-    gravel = GRAVEL * (1 + 0.16 * rough + 0.15 * fine)[:, None]
+    gravel_tone = 1 + 0.16 * rough + 0.15 * fine
     grass = _grass(s, d, reach, rough, broad, fine, seed=seed + 2)
     # The border is as ragged as tufts are.
     to_grass = edge_coverage(beyond - np.float32(gravel_m) + 0.15 * rough + 0.2 * broad, d_u + 0.5, d_v)
-    verge = gravel + to_grass[:, None] * (grass - gravel)
-    if opposite is not None:
-        pavement = np.array(opposite.colour, np.float32) * opposite.tone.ravel()[pixels][:, None]
-        verge += strip_coverage(d, d_u, d_v, *opposite.edges_m)[:, None] * (pavement - verge)
     share = edge_coverage(beyond + np.float32(0.02) * rough + np.float32(0.04) * broad, d_u, d_v)
     dust = np.clip(1 + beyond / np.float32(DUST_REACH_M), 0, 1) ** 2 * np.maximum(1 + 0.5 * rough + 0.3 * broad, 0)
     share += (1 - share) * np.float32(DUST_SHARE) * dust
-    flat = albedo.reshape(-1, 3)
-    flat[pixels] += share[:, None] * (verge - flat[pixels])
+    if opposite is not None:
+        pavement_tone = opposite.tone.ravel()[pixels]
+        on_pavement = strip_coverage(d, d_u, d_v, *opposite.edges_m)
+    # One colour after the other: numpy is slow where the innermost axis has three elements.
+    for channel in range(3):
+        verge = GRAVEL[channel] * gravel_tone
+        verge += to_grass * (grass[channel] - verge)
+        if opposite is not None:
+            verge += on_pavement * (np.float32(opposite.colour[channel]) * pavement_tone - verge)
+        flat = albedo.reshape(-1, 3)[:, channel]
+        below = flat[pixels]
+        flat[pixels] = below + share * (verge - below)
 
 
 def _grass(
@@ -89,9 +95,9 @@ def _grass(
     *,
     seed: int,
 ) -> np.ndarray:
-    """Reflectance (K, 3) of dry grass with bare places, in tufts with dark between them."""
+    """Reflectance (3, K) of dry grass with bare places, in tufts with dark between them."""
     tufts = sample_noise(band_noise_tile(seed), s, d, wave_s_m=0.6, wave_d_m=0.22)
     tufts = np.minimum(tufts, 0.6) * fade(reach, 1.5)
-    grass = DRY_GRASS * (1 + 0.20 * broad)[:, None]
-    grass += np.clip(0.35 * broad - 0.2, 0, 0.6)[:, None] * (DIRT - grass)
-    return grass * np.maximum(1 + 0.22 * rough + 0.35 * fine + 0.25 * tufts, 0.12)[:, None]
+    grass = DRY_GRASS[:, None] * (1 + 0.20 * broad)
+    grass += np.clip(0.35 * broad - 0.2, 0, 0.6) * (DIRT[:, None] - grass)
+    return grass * np.maximum(1 + 0.22 * rough + 0.35 * fine + 0.25 * tufts, 0.12)
