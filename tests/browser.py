@@ -12,10 +12,13 @@ import urllib.error
 import urllib.request
 from pathlib import Path
 
-CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+NAMES = ("chromium", "chromium-browser", "google-chrome")
+CHROMIUM = next(filter(None, map(shutil.which, NAMES)), None)
+DRIVER = shutil.which("chromedriver")
+# Whatever proxy the caller's shell names: this machine is not behind it.
+_HTTP = urllib.request.build_opener(urllib.request.ProxyHandler({}))
 # Containers have neither the namespaces that the sandbox wants nor a sound card.
 ARGUMENTS = ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--mute-audio", "--force-color-profile=srgb")
-ELEMENT = "element-6066-11e4-a52e-4f735466cecf"
 
 
 class Browser:
@@ -29,6 +32,13 @@ class Browser:
             [DRIVER, f"--port={port}"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
         self._base = f"http://127.0.0.1:{port}"
+        try:
+            self._begin(width, height)
+        except BaseException:
+            self._driver.kill()
+            raise
+
+    def _begin(self, width: int, height: int) -> None:
         self._wait_for_driver()
         options = {"binary": CHROMIUM, "args": [*ARGUMENTS, f"--window-size={width},{height}"]}
         capabilities = {"goog:chromeOptions": options, "goog:loggingPrefs": {"browser": "ALL"}}
@@ -114,7 +124,7 @@ class Browser:
         data = None if content is None else json.dumps(content).encode()
         request = urllib.request.Request(self._base + path, data, {"Content-Type": "application/json"}, method=method)
         try:
-            with urllib.request.urlopen(request, timeout=60) as answer:
+            with _HTTP.open(request, timeout=60) as answer:
                 return json.load(answer)["value"]
         except urllib.error.HTTPError as error:
             raise RuntimeError(json.load(error)["value"]["message"]) from error

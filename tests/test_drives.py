@@ -5,15 +5,18 @@ from __future__ import annotations
 import os
 import pickle
 import signal
+from concurrent.futures import ProcessPoolExecutor
 from functools import lru_cache
+from multiprocessing import get_context
 
 import cv2
 import numpy as np
 import pytest
+from clips import write_drive
 from drives import CAMERA, PaintedDrive, lane_lines, s_bend
 
 from lanes.camera import CameraError
-from lanes.drives.drive import annotate_stills
+from lanes.drives.drive import annotate_drive, annotate_stills
 from lanes.drives.live import annotate_live
 from lanes.drives.settings import DriveSettings
 from lanes.drives.sources import find_sources, refuse_clashes
@@ -21,7 +24,6 @@ from lanes.drives.styles import STYLES
 from lanes.images import read_image, write_image
 from lanes.metric.tracked import LOST, TrackedLane
 from lanes.metric.tracker import LaneTracker
-from lanes.mounting.mount import MountError
 from lanes.scenes.render import Motion
 from lanes.video.telemetry import read_telemetry
 from lanes.video.videofile import VideoError, inspect_video
@@ -132,10 +134,20 @@ def test_stills_with_a_mount_of_their_own(tmp_path):
         annotate_stills(pictures, DriveSettings(output=tmp_path, camera=SMALL))
 
 
+def test_a_drive_is_annotated_in_another_process(tmp_path):
+    video = write_drive(tmp_path / "drive.mp4", DRIVE, 6)
+    settings = DriveSettings(output=tmp_path / "out", camera=SMALL, progress=False)
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        result = pool.submit(annotate_drive, video, settings).result(timeout=60)
+    assert result.frames == 6 and result.mount is None and result.report.is_file()
+    assert result.tracked_share == pytest.approx(4 / 6)
+    assert read_telemetry(result.telemetry)["offset_m"][-1] == pytest.approx(DRIVE.truth(0.2).offset_m, abs=0.05)
+
+
 class FakeCapture:
     """Stands in for cv2.VideoCapture: the painted drive as camera 0, and no other camera."""
 
-    frames, interrupt_at, plugged_in = 1000, None, True
+    frames, interrupt_at, interrupt_by, plugged_in = 1000, None, signal.SIGINT, True
 
     def __init__(self, index: int) -> None:
         self._open, self._next = index == 0 and self.plugged_in, 0
@@ -149,7 +161,7 @@ class FakeCapture:
 
     def read(self) -> tuple[bool, np.ndarray | None]:
         if self._next == self.interrupt_at:
-            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), self.interrupt_by)
         if self._next >= self.frames:
             return False, None
         self._next += 1
@@ -169,10 +181,12 @@ def capture(monkeypatch):
     return fake
 
 
-def test_a_live_camera_until_ctrl_c(tmp_path, capture):
-    capture.interrupt_at = 12
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_live_camera_until_it_is_stopped(tmp_path, capture, number):
+    capture.interrupt_at, capture.interrupt_by = 12, number
     result = annotate_live(0, DriveSettings(output=tmp_path, camera=SMALL))
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
     table = read_telemetry(tmp_path / "camera0.csv")
     # The frame that was being read when the key was pressed is no longer annotated.
     assert len(table["frame"]) == result.frames == inspect_video(result.video).frames == 12
@@ -200,7 +214,7 @@ def test_a_camera_that_is_not_there_or_sees_nothing(tmp_path, capture):
     capture.frames = 0
     with pytest.raises(VideoError, match="camera 0: cannot be opened or gives no frame"):
         annotate_live(0, settings)
-    capture.frames, capture.interrupt_at = 1, 0
-    with pytest.raises((MountError, VideoError, KeyboardInterrupt)):
+    capture.frames = 1
+    with pytest.raises(VideoError, match="no frame was written"):
         annotate_live(0, settings)
     assert list(tmp_path.iterdir()) == []

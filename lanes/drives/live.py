@@ -78,13 +78,14 @@ def _since_first(frames: Iterator[TimedFrame]) -> Iterator[tuple[TimedFrame, flo
 
 @contextmanager
 def _until_interrupted() -> Iterator[threading.Event]:
-    """An event that Ctrl-C sets, instead of stopping the work in the middle of a frame."""
+    """An event that Ctrl-C and SIGTERM set, instead of stopping the work in the middle of a frame."""
     stopped = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield stopped
         return
-    before = signal.signal(signal.SIGINT, lambda *_: stopped.set())
+    before = {number: signal.signal(number, lambda *_: stopped.set()) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield stopped
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
