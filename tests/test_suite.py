@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from lanes.dataset import PROJECT_ROOT
@@ -48,3 +49,16 @@ def test_refuses_unknown_scenes_by_name():
         SuiteScene("Wet Night", "hard", 3.0, "Rain.", lambda: None)
     with pytest.raises(ValueError, match="'tough'"):
         SuiteScene("night", "tough", 3.0, "Rain.", lambda: None)
+
+
+@pytest.mark.parametrize("scene", SUITE.values(), ids=SUITE)
+def test_every_drive_has_a_lane_exactly_where_its_difficulty_says_so(scene):
+    """And stays on its road, off the middle, with a bend or a shift somewhere."""
+    drive = scene.drive()
+    truths = [drive.truth(t) for t in np.linspace(0, scene.seconds, 9)]
+    assert {truth.has_lane for truth in truths} == {scene.difficulty != "no lane"}
+    if scene.difficulty != "no lane":
+        assert max(abs(t.offset_m) for t in truths) > 0.05 and max(abs(t.offset_m) for t in truths) < 2.0
+        assert max(abs(t.curvature_per_m) for t in truths) > 1 / 1000
+        assert all(np.isfinite(t.line_y(side, np.array([5.0]))).all() for t in truths for side in (0, 1))
+    assert truths[-1].pose.s_m > truths[0].pose.s_m + 15

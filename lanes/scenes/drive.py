@@ -20,6 +20,7 @@ from lanes.scenes.rain import Rain
 from lanes.scenes.road import Pose, RoadGeometry
 from lanes.scenes.roadside import Along, Placed
 from lanes.scenes.surface import Surface
+from lanes.scenes.symbols import Symbol
 from lanes.scenes.truth import Truth, lane_truth
 from lanes.scenes.wet import Wet
 
@@ -113,6 +114,8 @@ class Drive:
         Of everything that is random.
     exposure : AutoExposure, optional
         Follows the road's light with delay; without it the exposure follows each picture at once, by little.
+    symbols : tuple of Symbol
+        Arrows, diamonds and words on the road.
     fog : Fog, optional
     glare : Glare, optional
         Of a low sun ahead.
@@ -137,6 +140,7 @@ class Drive:
     bonnet: bool = True
     seed: int = 0
     exposure: AutoExposure | None = None
+    symbols: tuple[Symbol, ...] = ()
     fog: Fog | None = None
     glare: Glare | None = None
     night: Night | None = None

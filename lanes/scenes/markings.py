@@ -15,6 +15,9 @@ YELLOW = (1.05, 0.60, 0.06)
 # Ten feet of paint and thirty of gap: the broken line of the US manual (MUTCD 3A.06).
 DASH_PAINT_M = 3.05
 DASH_GAP_M = 9.15
+# Three feet from dot to dot (Caltrans standard plan A20A); a dot is 10 cm wide and 2 cm high, so it looks longer.
+BOTTS_EVERY_M, BOTTS_LENGTH_M = 0.914, 0.16
+ENDLESS_M = 1e5
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,7 @@ class Marking:
     colour : tuple of three floats
         Linear RGB, 1.0 = sunlit white paint.
     dashed : bool
-        3.05 m of paint, 9.15 m of gap.
+        `dash_m` of paint and of gap.
     phase_m : float
         Arc length at which one dash begins.
     double_gap_m : float
@@ -39,6 +42,14 @@ class Marking:
         0 fresh, 1 mostly gone.
     dots : bool
         Raised reflectors: in the middle of each gap, or every 14.6 m beside a solid line.
+    dash_m : (float, float)
+        Lengths of paint and gap.
+    start_m, end_m : float
+        Arc lengths between which it is painted.
+    slope : float
+        dd/ds: it runs askew across the road, at `lateral_m` where it starts.
+    botts : bool
+        Four round ceramic dots 0.91 m apart in place of each dash, as in California.
     """
 
     lateral_m: float
@@ -49,10 +60,15 @@ class Marking:
     double_gap_m: float = 0.0
     wear: float = 0.15
     dots: bool = False
+    dash_m: tuple[float, float] = (DASH_PAINT_M, DASH_GAP_M)
+    start_m: float = -ENDLESS_M
+    end_m: float = ENDLESS_M
+    slope: float = 0.0
+    botts: bool = False
 
     def mirrored(self) -> Marking:
         """The marking with left and right exchanged."""
-        return replace(self, lateral_m=-self.lateral_m)
+        return replace(self, lateral_m=-self.lateral_m, slope=-self.slope)
 
     @property
     def stripes(self) -> list[tuple[float, float]]:
@@ -86,16 +102,33 @@ def paint_coverage(marking: Marking, ground: Ground, *, station_m: float) -> tup
     """
     low, high = min(e[0] for e in marking.stripes), max(e[1] for e in marking.stripes)
     margin = ground.reach_d / 2
-    near = (ground.d > low - margin) & (ground.d < high + margin) & ground.visible
+    start, end = np.float32(marking.start_m - station_m), np.float32(marking.end_m - station_m)
+    lateral = ground.d - np.float32(marking.slope) * (ground.s - start) if marking.slope else ground.d
+    near = (lateral > low - margin) & (lateral < high + margin) & ground.visible
     pixels = np.flatnonzero(near)
-    d, d_u, d_v = (array.ravel()[pixels] for array in (ground.d, ground.d_u, ground.d_v))
+    d, d_u, d_v = (array.ravel()[pixels] for array in (lateral, ground.d_u, ground.d_v))
+    if marking.slope:
+        d_u, d_v = (step - np.float32(marking.slope) * along.ravel()[pixels] for step, along in
+                    ((d_u, ground.s_u), (d_v, ground.s_v)))  # fmt: skip
     coverage = sum(strip_coverage(d, d_u, d_v, *edges) for edges in marking.stripes)
+    s, reach = ground.s.ravel()[pixels], _reach_s(ground, pixels)
     if marking.dashed:
-        period = DASH_PAINT_M + DASH_GAP_M
-        phase = np.float32((station_m - marking.phase_m) % period)
-        s, reach = ground.s.ravel()[pixels], _reach_s(ground, pixels)
-        coverage = coverage * dash_coverage(s + phase, reach, DASH_PAINT_M, period)
+        period = sum(marking.dash_m)
+        s_dash = s + np.float32((station_m - marking.phase_m) % period)
+        if marking.botts:
+            places = np.float32(BOTTS_EVERY_M) * np.arange(4, dtype=np.float32)
+            coverage = coverage * sum(dash_coverage(s_dash - place, reach, BOTTS_LENGTH_M, period) for place in places)
+        else:
+            coverage = coverage * dash_coverage(s_dash, reach, marking.dash_m[0], period)
+    if (marking.start_m, marking.end_m) != (-ENDLESS_M, ENDLESS_M):
+        coverage = coverage * _between(s, reach, start, end)
     return pixels, coverage
+
+
+def _between(s: np.ndarray, reach: np.ndarray, start: np.float32, end: np.float32) -> np.ndarray:
+    """Share of [s - reach/2, s + reach/2] that lies from `start` to `end`."""
+    inside = np.minimum(s + reach / 2, end) - np.maximum(s - reach / 2, start)
+    return np.clip(inside / np.maximum(reach, np.float32(1e-4)), 0, 1)
 
 
 def paint_markings(
@@ -105,29 +138,32 @@ def paint_markings(
     flat = albedo.reshape(-1, 3)
     for number, marking in enumerate(markings):
         pixels, coverage = paint_coverage(marking, ground, station_m=station_m)
+        if not len(pixels):
+            continue
         if marking.wear:
-            coverage = coverage * _wear(marking, ground, pixels, station_m, seed + number)
+            coverage = coverage * worn(marking.wear, ground, pixels, station_m, seed + number)
         colour = np.array(marking.colour, np.float32)
         flat[pixels] += coverage[:, None] * (colour - flat[pixels])
         if marking.dots:
             _paint_dots(flat, marking, ground, station_m)
 
 
-def _wear(marking: Marking, ground: Ground, pixels: np.ndarray, station_m: float, seed: int) -> np.ndarray:
-    """Share of the paint that is left: fine chips, and stretches where tyres cross it."""
+def worn(wear: float, ground: Ground, pixels: np.ndarray, station_m: float, seed: int) -> np.ndarray:
+    """Share (K,) of the paint that is left: fine chips, and stretches where tyres cross it; `wear` as of Marking."""
     s, d = (array.ravel()[pixels] for array in (ground.s, ground.d))
     s = s + np.float32(station_m)
     tile = band_noise_tile(seed)
     chips = sample_noise(tile, s, d, wave_s_m=0.10, wave_d_m=0.05) * fade(_reach_s(ground, pixels), 0.10)
     broad = sample_noise(tile, s, d + 3, wave_s_m=2.5, wave_d_m=0.6) * fade(_reach_s(ground, pixels), 2.5)
-    lost = np.clip((chips * 0.8 + broad * 0.7 - 1.6) * 0.9 + 1.5 * marking.wear, 0, 1) * min(1.0, 3 * marking.wear)
-    return (1 - 0.12 * marking.wear) * (1 - np.float32(0.85) * lost)
+    lost = np.clip((chips * 0.8 + broad * 0.7 - 1.6) * 0.9 + 1.5 * wear, 0, 1) * min(1.0, 3 * wear)
+    return (1 - 0.12 * wear) * (1 - np.float32(0.85) * lost)
 
 
 def _paint_dots(flat: np.ndarray, marking: Marking, ground: Ground, station_m: float) -> None:
     """Raised markers, 0.10 m square, 12.2 m apart in the middle of the gaps or 14.6 m apart beside a solid line."""
-    period, side = (DASH_PAINT_M + DASH_GAP_M, 0.0) if marking.dashed else (14.63, marking.width_m / 2 + 0.12)
-    first = marking.phase_m + DASH_PAINT_M + DASH_GAP_M / 2 if marking.dashed else marking.phase_m
+    paint, gap = marking.dash_m
+    period, side = (paint + gap, 0.0) if marking.dashed else (14.63, marking.width_m / 2 + 0.12)
+    first = marking.phase_m + paint + gap / 2 if marking.dashed else marking.phase_m
     centre = marking.lateral_m - np.copysign(side, marking.lateral_m)
     reach = ground.reach_d / 2 + np.float32(0.06)
     pixels = np.flatnonzero((np.abs(ground.d - np.float32(centre)) < reach) & ground.visible)

@@ -38,6 +38,7 @@ from lanes.scenes.roadahead import RoadAhead
 from lanes.scenes.roadside import things_in_view
 from lanes.scenes.shadows import shadow_polygons
 from lanes.scenes.surface import ground_albedo
+from lanes.scenes.symbols import paint_symbols
 from lanes.scenes.things import Thing, Tree
 from lanes.scenes.truth import Truth
 from lanes.scenes.wet import add_streaks
@@ -134,6 +135,7 @@ def _ground_light(
         light *= np.float32(drive.wet.darkening)
     markings = drive.markings if drive.night is None else drive.night.markings(drive.markings)
     paint_markings(light, markings, ground, station_m=station_m, seed=drive.seed + 100)
+    paint_symbols(light, drive.symbols, ground, station_m=station_m, seed=drive.seed + 200)
     if drive.night is not None:
         light *= drive.night.on_ground(ground, things)
     else:

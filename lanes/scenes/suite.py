@@ -13,11 +13,13 @@ from pathlib import Path
 
 from lanes.scenes.produce import Progress, write_video
 from lanes.scenes.suite_motorway import SCENES as MOTORWAY
+from lanes.scenes.suite_mountain import SCENES as MOUNTAIN
+from lanes.scenes.suite_no_lane import SCENES as NO_LANE
 from lanes.scenes.suite_scene import SuiteScene
 
 __all__ = ["SUITE", "SuiteScene", "cache_folder", "render_scene", "scene_path"]
 
-SUITE: dict[str, SuiteScene] = {scene.name: scene for scene in (*MOTORWAY,)}
+SUITE: dict[str, SuiteScene] = {scene.name: scene for scene in (*MOTORWAY, *MOUNTAIN, *NO_LANE)}
 
 
 def cache_folder() -> Path:

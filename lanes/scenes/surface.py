@@ -45,6 +45,11 @@ MATERIALS = {
     "concrete": Material(
         (0.60, 0.515, 0.445), grain=0.07, blotch=0.07, stain=0.20, streak=0.05, track=-0.06, oil=-0.15, slab_m=4.6
     ),
+    "old concrete": Material(
+        (0.27, 0.25, 0.235), grain=0.11, blotch=0.08, stain=0.16, streak=0.08, track=-0.06, oil=-0.14
+    ),
+    "dirt": Material((0.30, 0.235, 0.15), grain=0.20, blotch=0.16, stain=0.10, streak=0.10, track=0.24, oil=-0.16),
+    "paint": Material((0.80, 0.79, 0.75), grain=0.08, blotch=0.08, stain=0.30, streak=0.05, track=0.0, oil=0.0),
 }
 
 
@@ -98,6 +103,8 @@ class Surface:
         Width of the strip of gravel beside the pavement, before the grass.
     opposite_m : (float, float) or None
         Lateral edges of the other carriageway.
+    verge_tint : (float, float, float)
+        Colour of the ground beside the pavement, relative to gravel and dry grass.
     """
 
     zones: tuple[Zone, ...]
@@ -108,6 +115,7 @@ class Surface:
     opposite_m: tuple[float, float] | None = None
     patches: tuple[Patch, ...] = field(default=())
     seams: tuple[Seam, ...] = field(default=())
+    verge_tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
     def mirrored(self) -> Surface:
         """The ground with left and right exchanged."""
@@ -171,6 +179,7 @@ def ground_albedo(surface: Surface, ground: Ground, *, station_m: float, seed: i
         edges_m=edges_m,
         gravel_m=surface.gravel_m,
         opposite=_opposite(surface, layers),
+        tint=surface.verge_tint,
         seed=seed + 11,
     )
     return albedo

@@ -36,6 +36,7 @@ def lay_verge(
     edges_m: tuple[float, float],
     gravel_m: float,
     opposite: Opposite | None = None,
+    tint: tuple[float, float, float] = (1.0, 1.0, 1.0),
     seed: int,
 ) -> None:
     """Paint the ground beside the pavement, in place.
@@ -52,6 +53,8 @@ def lay_verge(
     gravel_m : float
         Width of the strip of gravel before the grass.
     opposite : Opposite, optional
+    tint : (float, float, float)
+        Factor of the colours of gravel and grass.
     seed : int
     """
     beyond = np.maximum(ground.d - np.float32(edges_m[1]), np.float32(edges_m[0]) - ground.d)
@@ -78,6 +81,8 @@ def lay_verge(
     for channel in range(3):
         verge = GRAVEL[channel] * gravel_tone
         verge += to_grass * (grass[channel] - verge)
+        if tint[channel] != 1.0:
+            verge *= np.float32(tint[channel])
         if opposite is not None:
             verge += on_pavement * (np.float32(opposite.colour[channel]) * pavement_tone - verge)
         flat = albedo.reshape(-1, 3)[:, channel]

@@ -7,6 +7,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
+from lanes.scenes.foliage import plant_sprite
 from lanes.scenes.noise import fractal_noise, smoothstep
 
 TEXTURE_LENGTH_M = 48.0
@@ -126,7 +127,51 @@ def _grass(rng: np.random.Generator, columns: int) -> np.ndarray:
     return _with_cover(np.clip(colour, 0.01, 0.9))
 
 
+def _rock(rng: np.random.Generator, columns: int) -> np.ndarray:
+    """A cutting through weathered rock: ledges, cracks that run down, soil and weeds on what lies flat."""
+    shape = (200, columns)
+    ledges = fractal_noise(shape, rng, cell_px=(24, 48), octaves=6, gain=0.7)
+    cracks = fractal_noise(shape, rng, cell_px=(70, 20), octaves=6, gain=0.7)
+    broad = fractal_noise(shape, rng, cell_px=(80, 200), octaves=4, gain=0.6)
+    relief = np.gradient(ledges, axis=0) + 0.6 * np.gradient(cracks, axis=1)
+    light = np.clip(1 + 0.9 * relief + 0.12 * broad, 0.2, 1.8)
+    light *= 1 - 0.6 * smoothstep(1.2, 2.2, np.abs(cracks)) * smoothstep(0.2, 0.0, np.abs(ledges))
+    colour = np.array([0.25, 0.205, 0.15]) * light[..., None]
+    weeds = smoothstep(0.9, 1.7, broad + 0.6 * ledges)[..., None]
+    colour += weeds * 0.8 * (np.array([0.07, 0.075, 0.03]) - colour)
+    return _with_cover(np.clip(colour, 0.01, 0.9))
+
+
+def _wood(rng: np.random.Generator, columns: int) -> np.ndarray:
+    """The edge of a wood 15 m high: dark between the trunks, plants before it, the small ones last."""
+    rows, tall_m = 360, 15.0
+    picture = np.zeros((rows, columns, 4), np.float32)
+    depth = fractal_noise((rows, columns), rng, cell_px=(50, 60), octaves=5, gain=0.7)
+    dark = np.array([0.020, 0.024, 0.012]) * np.clip(1 + 0.5 * depth, 0.3, 2.5)[..., None]
+    height = np.linspace(1, 0, rows)[:, None]
+    picture[:] = _with_cover(dark, smoothstep(0.72, 0.55, height + 0.05 * depth))
+    for kinds, count, low, high in (
+        (("redwood", "oak", "redwood", "plane"), 34, 9.0, 15.0),
+        (("oak", "plane", "bush"), 60, 4.0, 9.0),
+        (("bush", "scrub", "bush"), 90, 1.0, 3.0),
+    ):
+        for _ in range(count):
+            kind, size_m = str(rng.choice(kinds)), rng.uniform(low, high)
+            sprite = plant_sprite(kind, int(rng.integers(6)))[0]
+            size = (
+                max(4, round(size_m * sprite.shape[1] / sprite.shape[0] * TEXTURE_PX_PER_M)),
+                max(4, round(size_m / tall_m * rows)),
+            )
+            sprite = cv2.resize(sprite, size, interpolation=cv2.INTER_AREA) * np.float32([*rng.uniform(0.7, 1.2, 3), 1])
+            where = (np.arange(size[0]) + rng.integers(columns)) % columns
+            below = picture[rows - size[1] :, where]
+            picture[rows - size[1] :, where] = below * (1 - sprite[..., 3:]) + sprite
+    return picture
+
+
 _PAINTERS = {
+    "rock": _rock,
+    "wood": _wood,
     "concrete": _concrete,
     "top": _concrete_top,
     "kerb": _kerb,

@@ -38,8 +38,15 @@ WALLS = {
     "parapet": Profile(((0.0, 0.0), (0.05, 0.62), (0.30, 0.62), (0.30, 1.02)), ("concrete", "top", "handrail")),
     # The rounded edge looks up more than the face, so it catches the light.
     "kerb": Profile(((0.0, 0.0), (0.02, 0.11), (0.05, 0.14), (0.20, 0.14)), ("kerb", "kerb top", "kerb top")),
+    "rock": Profile(((0.0, 0.0), (2.2, 6.5)), ("rock",)),
+    # The edge of a wood: trunks and crowns, with the sky between their tops.
+    "wood": Profile(((0.0, 0.0), (0.6, 15.0)), ("wood",)),
     "bank": Profile(((0.0, 0.0), (2.5, 0.5), (7.0, 2.6), (13.0, 5.6), (19.0, 7.6), (25.0, 8.4)), ("grass",) * 5),
 }
+
+
+# Kinds whose upper lines may be above the picture while their feet are in it.
+TALL = ("rock", "wood")
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +131,8 @@ class Wall:
         )
 
     def shadows(self, drift: np.ndarray) -> list[np.ndarray]:
-        """Ground shadow as quadrilaterals along the path; none for a bank, whose foot is the ground."""
-        if self.kind == "bank":
+        """Ground shadow as quadrilaterals along the path; none for a bank, which is ground, and an airy wood."""
+        if self.kind in ("bank", "wood"):
             return []
         lines = self.lines()[:, :: max(1, len(self.path_m) // 40)]
         cast = lines[..., :2] + (lines[..., 2:] - lines[0, :, 2:]) * drift
@@ -153,6 +160,8 @@ def paint_wall(image: np.ndarray, camera: Camera, wall: Wall, sun: np.ndarray, a
     seen = inside(lines, viewing_planes(camera))
     pixels = np.full((*lines.shape[:2], 2), np.nan)
     pixels[seen] = camera.road_to_pixels(lines[seen])
+    if wall.kind in TALL:
+        _extend_upwards(pixels, lines, camera)
     path = np.asarray(wall.path_m)[:, :2]
     along = wall.start_m + np.concatenate([[0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
     share = 1.0 if wall.light_at is None else wall.light_at(path)
@@ -162,6 +171,16 @@ def paint_wall(image: np.ndarray, camera: Camera, wall: Wall, sun: np.ndarray, a
         texture = wall_texture(WALLS[wall.kind].textures[strip], wall.seed + strip)
         low, high = (_Line(pixels[line], along, light[strip]) for line in (strip, strip + 1))
         (_paint_slope if wall.kind == "bank" else _paint_strip)(image, low, high, texture, air)
+
+
+def _extend_upwards(pixels: np.ndarray, lines: np.ndarray, camera: Camera) -> None:
+    """Give lines that run above the lens's sight the pixels that continue the wall's face from its foot, in place."""
+    share = 0.08
+    for line in range(1, len(lines)):
+        blind = np.isnan(pixels[line, :, 0]) & np.isfinite(pixels[0, :, 0])
+        above = lines[0, blind] + share * (lines[line, blind] - lines[0, blind])
+        if blind.any():
+            pixels[line, blind] = pixels[0, blind] + (camera.road_to_pixels(above) - pixels[0, blind]) / share
 
 
 def _strip_normals(lines: np.ndarray, side: int) -> np.ndarray:
