@@ -42,7 +42,8 @@ def annotate_live(index: int, settings: DriveSettings) -> DriveResult:
         camera, mount = _with_mount(settings.camera_for(source.size), frames, f"camera {index}")
         began_s = time.perf_counter()
         process = follow_and_paint(camera, source.fps, settings.style)
-        with VideoWriter(video, fps=source.fps) as writer, TelemetryWriter(video.with_suffix(".csv")) as table:
+        # In this order: telemetry gets its name only when the video has.
+        with TelemetryWriter(video.with_suffix(".csv")) as table, VideoWriter(video, fps=source.fps) as writer:
             for number, (frame, elapsed_s) in enumerate(_since_first(frames)):
                 if settings.end_s is not None and frame.time_s > settings.end_s - STAMP_TOLERANCE_S:
                     break
