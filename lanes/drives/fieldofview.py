@@ -1,0 +1,149 @@
+"""The horizontal field of view of a camera that was never calibrated: from its pictures' EXIF, from broken lines of
+known period, or assumed.
+
+What depends on it was measured (docs/own_camera.md): offset, lane width and camera height do not, because they rest on
+the width of lanes; distances ahead grow in proportion to the focal length, and curvatures fall with its square.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lanes.camera import Camera, CameraError
+from lanes.drives.dashes import DashPeriod, measure_dash_period
+from lanes.drives.mounts import MOUNT_PICTURES, mount_from_pictures
+from lanes.images import PICTURE_SUFFIXES
+from lanes.video.footage import pick_pictures
+
+# What is assumed where nothing is known: phones filming have 55 to 70 degrees, dashcams 60 to 140.
+USUAL_HFOV_DEG = 60.0
+# Lenses that are tried to see the broken lines with: one of them shows their period between 4 and 30 m.
+TRIED_HFOV_DEG = (60.0, 100.0)
+# A diagonal of 35 mm film, 36 x 24 mm, which the equivalent focal length refers to.
+FILM_DIAGONAL_MM = float(np.hypot(36, 24))
+# EXIF 2.32: the block of the camera's settings, and in it these entries.
+EXIF_BLOCK, FOCAL_MM, FOCAL_35MM, FOCAL_PLANE_RESOLUTION, FOCAL_PLANE_UNIT, STORED_WIDTH = (
+    0x8769,
+    0x920A,
+    0xA405,
+    0xA20E,
+    0xA210,
+    0xA002,
+)
+UNIT_MM = {2: 25.4, 3: 10.0}
+
+
+@dataclass(frozen=True)
+class FieldOfView:
+    """A horizontal field of view, where it comes from, and whether that is a mere assumption."""
+
+    hfov_deg: float
+    source: str
+    assumed: bool = False
+
+    def describe(self) -> str:
+        """A sentence or two for people."""
+        words = f"field of view {self.hfov_deg:.1f} deg, {self.source}"
+        if not self.assumed:
+            return words
+        return (
+            f"{words}. Offset and lane width do not depend on it, but bends and distances do: with a true one of 50 (70) "
+            "deg the bends come out 1.5 times too strong (1.5 times too weak). Give --hfov, --dash-period or --boards to "
+            "know better."
+        )
+
+
+def find_field_of_view(files: Sequence[Path], *, dash_period_m: float | None = None) -> FieldOfView:
+    """The horizontal field of view of the camera that took stills and videos.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        Of one camera; at least one.
+    dash_period_m : float, optional
+        Length of one dash and one gap of the road's broken lines. Without it the EXIF entries of the stills are asked,
+        and where they do not tell it either, `USUAL_HFOV_DEG` is assumed.
+
+    Raises
+    ------
+    CameraError
+        If the drive shows no broken line that repeats clearly.
+    MountError
+        If the drive does not tell how the camera is mounted.
+    """
+    if dash_period_m is not None:
+        return _from_dashes(files, dash_period_m)
+    for file in files:
+        hfov_deg = read_hfov(file) if Path(file).suffix.lower() in PICTURE_SUFFIXES else None
+        if hfov_deg is not None:
+            return FieldOfView(hfov_deg, f"as {Path(file).name} says (EXIF)")
+    return FieldOfView(USUAL_HFOV_DEG, "assumed, because neither the command nor the files name one", assumed=True)
+
+
+def read_hfov(picture: str | Path) -> float | None:
+    """Horizontal field of view of a still in degrees by its EXIF entries, or None where they do not tell it.
+
+    The focal length in terms of 35 mm film is one for the diagonal (CIPA DCG-001); else the focal length in
+    millimetres and the number of pixels in a millimetre of the sensor do.
+    """
+    # Imported here: only pictures without any other word on their lens are asked.
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with Image.open(picture) as image:
+            entries, (width, height) = image.getexif().get_ifd(EXIF_BLOCK), image.size
+    except (OSError, UnidentifiedImageError, ValueError):
+        return None
+    focal_px = _focal_px({key: _number(value) for key, value in entries.items()}, width, height)
+    if focal_px is None:
+        return None
+    hfov_deg = float(np.degrees(2 * np.arctan(width / 2 / focal_px)))
+    return hfov_deg if 10 <= hfov_deg <= 150 else None
+
+
+def _focal_px(entries: dict[int, float], width: int, height: int) -> float | None:
+    if entries.get(FOCAL_35MM, 0) > 0:
+        return entries[FOCAL_35MM] / FILM_DIAGONAL_MM * float(np.hypot(width, height))
+    focal_mm, resolution = entries.get(FOCAL_MM, 0), entries.get(FOCAL_PLANE_RESOLUTION, 0)
+    unit_mm = UNIT_MM.get(round(entries.get(FOCAL_PLANE_UNIT, 2)))
+    if not (focal_mm > 0 and resolution > 0 and unit_mm):
+        return None
+    # The resolution is that of the picture as stored at first, which may have been resized since.
+    resized = width / (entries.get(STORED_WIDTH, 0) or width)
+    return focal_mm * resolution / unit_mm * resized
+
+
+def _number(value: object) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError, ZeroDivisionError):
+        return 0.0
+    return number if np.isfinite(number) else 0.0
+
+
+def _from_dashes(files: Sequence[Path], dash_period_m: float) -> FieldOfView:
+    images = list(pick_pictures(list(files), MOUNT_PICTURES))
+    size = images[0].shape[1], images[0].shape[0]
+    seen = list(_seen_periods(images, size, str(files[0])))
+    if not seen:
+        raise CameraError(
+            f"{files[0]}: shows no broken line that repeats clearly, so its period does not tell the field of view; give "
+            "--hfov, or pictures of a motorway."
+        )
+    camera, period = max(seen, key=lambda found: found[1].clarity)
+    focal_px = camera.matrix[0, 0] * dash_period_m / period.period_m
+    hfov_deg = float(np.degrees(2 * np.arctan(size[0] / 2 / focal_px)))
+    return FieldOfView(hfov_deg, f"from {period.lines} broken lines of {dash_period_m:g} m, to about 10 %")
+
+
+def _seen_periods(images: list[np.ndarray], size: tuple[int, int], name: str) -> Iterator[tuple[Camera, DashPeriod]]:
+    """The period of the broken lines, with each camera that shows it."""
+    for hfov_deg in TRIED_HFOV_DEG:
+        camera, _ = mount_from_pictures(Camera.from_fov(size, hfov_deg), images, name)
+        period = measure_dash_period(images, camera)
+        if period is not None:
+            yield camera, period
