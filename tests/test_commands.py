@@ -213,7 +213,6 @@ MISUSE = {
     "empty folder": (2, "empty: holds neither a video nor a picture", [*ANNOTATE, "{drive}/empty"]),
     "pattern without match": (2, "*.webm: there is no such file", [*ANNOTATE, "{drive}/*.webm"]),
     "no source": (2, "SOURCE", ANNOTATE),
-    "no lens": (2, "--camera --hfov --boards is required", ["annotate", "{drive}/drive.mp4"]),
     "two lenses": (2, "not allowed with", [*ANNOTATE, "--hfov", "60", "{drive}/drive.mp4"]),
     "no such camera file": (2, "no.yaml: there is no such", ["annotate", "--camera", "no.yaml", "{drive}/drive.mp4"]),
     "bad camera file": (2, "bad.yaml: is no usable", ["annotate", "--camera", "{drive}/bad.yaml", "{drive}/drive.mp4"]),

@@ -17,6 +17,7 @@ from drives import CAMERA, PaintedDrive, lane_lines, s_bend
 
 from lanes.camera import CameraError
 from lanes.drives.drive import annotate_drive, annotate_stills
+from lanes.drives.fieldofview import FieldOfView
 from lanes.drives.live import annotate_live
 from lanes.drives.settings import DriveSettings
 from lanes.drives.sources import find_sources, refuse_clashes
@@ -76,7 +77,7 @@ def test_settings_travel_and_fit_the_camera_to_the_drive(tmp_path):
     assert settings.camera_for((640, 360)).mount == CAMERA.mount
     with pytest.raises(CameraError, match="cropped"):
         settings.camera_for((640, 480))
-    wide = DriveSettings(output=tmp_path, hfov_deg=90.0).camera_for((640, 480))
+    wide = DriveSettings(output=tmp_path, field=FieldOfView(90.0, "as given")).camera_for((640, 480))
     assert (wide.matrix[0, 0], wide.mount) == (pytest.approx(320), None)
     with pytest.raises(CameraError, match="no lens"):
         DriveSettings(output=tmp_path).camera_for((640, 480))

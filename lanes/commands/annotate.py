@@ -15,7 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lanes.commands.arguments import add_lens, error_status, number, progress_line
+from lanes.commands.arguments import add_lens, error_status, find_field, number, progress_line
 
 if TYPE_CHECKING:
     from lanes.drives.settings import DriveSettings
@@ -54,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
 
     sources = find_sources(options.sources)
     refuse_clashes(sources.videos, [output_for(video, options.output) for video in sources.videos])
-    jobs = list(list_jobs(sources, read_settings(options)))
+    jobs = list(list_jobs(sources, read_settings(options, sources)))
     failures = []
     for job in jobs:
         try:
@@ -71,7 +71,7 @@ def run(options: argparse.Namespace) -> int:
     return 1 if failures else 0
 
 
-def read_settings(options: argparse.Namespace) -> DriveSettings:
+def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettings:
     """The settings that the options ask for; boards are calibrated here."""
     from lanes.calibration.boards import calibrate_folder
     from lanes.camera import load_camera
@@ -79,15 +79,17 @@ def read_settings(options: argparse.Namespace) -> DriveSettings:
 
     if options.end is not None and options.end <= options.start:
         raise ValueError(f"--end {options.end:g} is not after --start {options.start:g}; give a later end.")
-    camera = None
+    camera = field = None
     if options.camera:
         camera = load_camera(options.camera)
     elif options.boards:
         camera = calibrate_folder(options.boards, progress=None if options.quiet else progress_line("boards"))
+    else:
+        field = find_field(options, [*sources.stills, *sources.videos])
     return DriveSettings(
         output=options.output,
         camera=camera,
-        hfov_deg=options.hfov,
+        field=field,
         style=options.style,
         start_s=options.start,
         end_s=options.end,

@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from lanes.camera import Camera
+    from lanes.drives.fieldofview import FieldOfView
 
 
 def add_footage(parser: argparse.ArgumentParser, *, files: str) -> None:
@@ -19,14 +20,24 @@ def add_footage(parser: argparse.ArgumentParser, *, files: str) -> None:
     parser.add_argument("--size", type=size, metavar="WxH", help="picture size for --hfov (default: the first file's)")
 
 
-def add_lens(parser: argparse._ActionsContainer, *, required: bool = True) -> None:
-    """The lens that took the pictures: --camera, --hfov or --boards; `find_lens` reads them."""
-    lens = parser.add_mutually_exclusive_group(required=required)
+def add_lens(parser: argparse._ActionsContainer) -> None:
+    """The lens that took the pictures: --camera, --boards, --hfov, --dash-period or none; `find_lens` reads them."""
+    lens = parser.add_mutually_exclusive_group()
     lens.add_argument("--camera", type=Path, metavar="YAML", help="camera file, as `calibrate` or `mount` writes it")
     lens.add_argument(
-        "--hfov", type=number(10, 150), metavar="DEG", help="horizontal field of view, if never calibrated"
+        "--hfov",
+        type=number(10, 150),
+        metavar="DEG",
+        help="horizontal field of view, if never calibrated (default: what the stills' EXIF says, else 60 is assumed)",
     )
     lens.add_argument("--boards", type=Path, metavar="FOLDER", help="pictures of a chessboard with 9 x 6 inner corners")
+    lens.add_argument(
+        "--dash-period",
+        type=number(3, 30),
+        metavar="M",
+        help="one dash and one gap of the road's broken lines, metres, which tells the field of view "
+        "(motorways in the USA 12.19, in Germany and Austria 18)",
+    )
 
 
 def find_lens(options: argparse.Namespace) -> Camera:
@@ -40,7 +51,19 @@ def find_lens(options: argparse.Namespace) -> Camera:
     if options.boards:
         return calibrate_folder(options.boards, progress=progress_line("boards"))
     first = next(pick_pictures(options.files, 1))
-    return Camera.from_fov(getattr(options, "size", None) or (first.shape[1], first.shape[0]), options.hfov)
+    field = find_field(options, options.files)
+    return Camera.from_fov(getattr(options, "size", None) or (first.shape[1], first.shape[0]), field.hfov_deg)
+
+
+def find_field(options: argparse.Namespace, files: Sequence[Path]) -> FieldOfView:
+    """The field of view of a lens that was never calibrated; what was not given is told on stderr."""
+    from lanes.drives.fieldofview import FieldOfView, find_field_of_view
+
+    if options.hfov is not None:
+        return FieldOfView(options.hfov, "as given")
+    found = find_field_of_view(files, dash_period_m=options.dash_period)
+    print(f"{'warning: ' if found.assumed else ''}{found.describe()}", file=sys.stderr)
+    return found
 
 
 def number(least: float, most: float = math.inf) -> Callable[[str], float]:

@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     labelled.add_argument(
         "--predictions", type=Path, metavar="JSONL", help="score these, as `detect` writes them, and run no system"
     )
-    add_lens(labelled, required=False)
+    add_lens(labelled)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -97,14 +97,12 @@ def score_labelled(options: argparse.Namespace) -> int:
     if options.predictions:
         pairs = pair_predictions(labels, read_predictions(options.predictions))
         scores = {options.predictions.name: [score for pair in pairs for score in score_lines(*pair)]}
-    elif options.camera or options.hfov or options.boards:
+    else:
         options.files = [folder / label.name for label in labels]
         camera, estimate = mount_from_drive(find_lens(options), options.files, progress=progress_line("mount"))
         if estimate:
             print(estimate.describe())
         scores = score_stills(labels, folder, camera, options.system or SYSTEMS, progress=progress_line("stills"))
-    else:
-        raise ValueError("the camera that took the labelled stills is needed; give --camera, --hfov or --boards.")
     print(describe_labelled(scores))
     print(f"{len(labels)} stills; {EGO_LANE_NOTE}")
     return 0

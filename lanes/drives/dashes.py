@@ -13,19 +13,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.metric.lane import LEAST_WEIGHT, describe_lane, observe, search_lane
-from lanes.metric.lanefit import compare, place_std
-from lanes.metric.lanemodel import CENTRE, PITCH, SIDES, VERTICAL, WIDTH, flatten
+from lanes.metric.lane import describe_lane, observe, search_lane
+from lanes.metric.lanemodel import PITCH, VERTICAL, WIDTH, flatten, lines_on_view
 from lanes.metric.roadview import RoadView
 
 # Between these distances paint is looked for, every so many metres, and for these periods (metres, geometric).
 NEAR_M, FAR_M, STEP_M = 6.0, 50.0, 0.1
 PERIODS_M = np.geomspace(4.0, 30.0, 400)
+# Paint so near to a line that runs along it is its own.
+ON_LINE_M, ALONG_LINE_RAD = 0.12, 0.1
 # A broken line has paint on at least and at most these shares of its rows.
 LEAST_SHARE, MOST_SHARE = 0.08, 0.75
 # Fewer lines than this may repeat by chance; and so clear a period (power of the wave over that of all the paint, as
 # many samples as it has) is one: drives on motorways have 33 to 62, a mountain road without broken lines 2.
 FEWEST_LINES, CLEAR = 6, 15.0
+# A period is the overtone of its double if that has this share of its power.
+OVERTONE = 0.4
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,10 @@ def measure_dash_period(images: Iterable[np.ndarray], camera: Camera) -> DashPer
         return None
     power = np.mean([_power(wave) for wave in waves], axis=0)
     best = int(power.argmax())
+    # Dashes much shorter than their gaps also repeat, more weakly, at half their period.
+    twice = best + round(np.log(2) / np.log(PERIODS_M[1] / PERIODS_M[0]))
+    if twice < len(power) - 2 and power[twice - 2 : twice + 3].max() > OVERTONE * power[best]:
+        best = twice - 2 + int(power[twice - 2 : twice + 3].argmax())
     if power[best] < CLEAR or best in (0, len(power) - 1):
         return None
     left, middle, right = power[best - 1 : best + 2]
@@ -67,28 +74,27 @@ def measure_dash_period(images: Iterable[np.ndarray], camera: Camera) -> DashPer
 
 
 def _waves(image: np.ndarray, view: RoadView) -> list[np.ndarray]:
-    """Paint (1) or none (0) along each broken line of a picture: those of the own lane, and one beyond on each side."""
+    """Paint (1) or none (0) along the broken lines of a picture: the own lane's, and one more on each side."""
     sight = observe(image, view)
     fit = search_lane(sight.stripes, view)
     lane = describe_lane(fit, sight, view) if fit else None
     if lane is None:
         return []
-    stripes, model = sight.stripes, lane.model
-    level = np.zeros_like(view.x_m)
-    x_m, _, _ = flatten(view.x_m, level, level, model[PITCH], model[VERTICAL], view.height_m)
-    places = np.arange(NEAR_M, FAR_M, STEP_M)
+    stripes, level = sight.stripes, np.zeros_like(view.x_m)
+    x_m, _, _ = flatten(view.x_m, level, level, lane.model[PITCH], lane.model[VERTICAL], view.height_m)
+    # The lines beyond are those of a lane three times as wide.
+    wider = lane.model.copy()
+    wider[WIDTH] *= 3
+    lines = lines_on_view(np.array([lane.model, wider]), view.x_m, view.height_m).reshape(-1, len(view.x_m))
     waves = []
-    for beside in (0, 1, -1):
-        moved = model.copy()
-        moved[CENTRE] += beside * model[WIDTH]
-        weight, _, side, _ = compare(moved[None], stripes, view.height_m, place_std(stripes, view.focal_px))
-        # Of a neighbouring lane only the line that the own one does not have.
-        for line in SIDES if not beside else [beside]:
-            painted = np.zeros(len(view.x_m))
-            painted[stripes.row[(side[0] == line) & (weight[0] > LEAST_WEIGHT)]] = 1
-            wave = np.interp(places, x_m[::-1], painted[::-1])
-            if LEAST_SHARE < wave.mean() < MOST_SHARE:
-                waves.append(wave)
+    for line in lines:
+        astray = stripes.angle - np.arctan(np.gradient(line, view.x_m))[stripes.row]
+        on_line = (np.abs(stripes.y_m - line[stripes.row]) < ON_LINE_M) & (np.abs(astray) < ALONG_LINE_RAD)
+        painted = np.zeros(len(view.x_m))
+        painted[stripes.row[on_line]] = 1
+        wave = np.interp(np.arange(NEAR_M, FAR_M, STEP_M), x_m[::-1], painted[::-1])
+        if LEAST_SHARE < wave.mean() < MOST_SHARE:
+            waves.append(wave)
     return waves
 
 

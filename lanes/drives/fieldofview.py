@@ -7,21 +7,22 @@ the width of lanes; distances ahead grow in proportion to the focal length, and 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from lanes.camera import Camera, CameraError
-from lanes.drives.dashes import DashPeriod, measure_dash_period
+from lanes.drives.dashes import measure_dash_period
 from lanes.drives.mounts import MOUNT_PICTURES, mount_from_pictures
 from lanes.images import PICTURE_SUFFIXES
+from lanes.mounting.mount import MountError
 from lanes.video.footage import pick_pictures
 
 # What is assumed where nothing is known: phones filming have 55 to 70 degrees, dashcams 60 to 140.
 USUAL_HFOV_DEG = 60.0
-# Lenses that are tried to see the broken lines with: one of them shows their period between 4 and 30 m.
+# Lenses to look at broken lines with: where one shows their period outside 4 to 30 m, the next does not.
 TRIED_HFOV_DEG = (60.0, 100.0)
 # A diagonal of 35 mm film, 36 x 24 mm, which the equivalent focal length refers to.
 FILM_DIAGONAL_MM = float(np.hypot(36, 24))
@@ -51,9 +52,8 @@ class FieldOfView:
         if not self.assumed:
             return words
         return (
-            f"{words}. Offset and lane width do not depend on it, but bends and distances do: with a true one of 50 (70) "
-            "deg the bends come out 1.5 times too strong (1.5 times too weak). Give --hfov, --dash-period or --boards to "
-            "know better."
+            f"{words}. Offset and lane width do not depend on it, but distances and bends do: if it is 50 (70) deg in "
+            "truth, bends come out 1.5 times too strong (too gentle). Give --hfov, --dash-period or --boards if known."
         )
 
 
@@ -71,9 +71,7 @@ def find_field_of_view(files: Sequence[Path], *, dash_period_m: float | None = N
     Raises
     ------
     CameraError
-        If the drive shows no broken line that repeats clearly.
-    MountError
-        If the drive does not tell how the camera is mounted.
+        If the files show no broken line that repeats clearly.
     """
     if dash_period_m is not None:
         return _from_dashes(files, dash_period_m)
@@ -126,24 +124,22 @@ def _number(value: object) -> float:
 
 
 def _from_dashes(files: Sequence[Path], dash_period_m: float) -> FieldOfView:
+    if not files:
+        raise CameraError("a live camera's broken lines are not measured; give --hfov, or an earlier drive's --camera.")
     images = list(pick_pictures(list(files), MOUNT_PICTURES))
     size = images[0].shape[1], images[0].shape[0]
-    seen = list(_seen_periods(images, size, str(files[0])))
-    if not seen:
-        raise CameraError(
-            f"{files[0]}: shows no broken line that repeats clearly, so its period does not tell the field of view; give "
-            "--hfov, or pictures of a motorway."
-        )
-    camera, period = max(seen, key=lambda found: found[1].clarity)
-    focal_px = camera.matrix[0, 0] * dash_period_m / period.period_m
-    hfov_deg = float(np.degrees(2 * np.arctan(size[0] / 2 / focal_px)))
-    return FieldOfView(hfov_deg, f"from {period.lines} broken lines of {dash_period_m:g} m, to about 10 %")
-
-
-def _seen_periods(images: list[np.ndarray], size: tuple[int, int], name: str) -> Iterator[tuple[Camera, DashPeriod]]:
-    """The period of the broken lines, with each camera that shows it."""
     for hfov_deg in TRIED_HFOV_DEG:
-        camera, _ = mount_from_pictures(Camera.from_fov(size, hfov_deg), images, name)
+        camera = Camera.from_fov(size, hfov_deg)
+        try:
+            camera, _ = mount_from_pictures(camera, images, str(files[0]))
+        except MountError:
+            continue
         period = measure_dash_period(images, camera)
         if period is not None:
-            yield camera, period
+            focal_px = camera.matrix[0, 0] * dash_period_m / period.period_m
+            hfov_deg = float(np.degrees(2 * np.arctan(size[0] / 2 / focal_px)))
+            return FieldOfView(hfov_deg, f"from {period.lines} broken lines of {dash_period_m:g} m, to about 10 %")
+    raise CameraError(
+        f"{files[0]}: shows no broken line that repeats clearly, so its period does not tell the field of view; "
+        "give --hfov, or pictures of a motorway."
+    )

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera, CameraError
+from lanes.drives.fieldofview import FieldOfView
 from lanes.drives.moved import MountChange
 from lanes.mounting.mount import MountEstimate
 
@@ -26,8 +27,8 @@ class DriveSettings:
     camera : Camera, optional
         The lens; without a mount the drive's own pictures tell it. Rescaled to drives of another size and the same
         shape.
-    hfov_deg : float, optional
-        Horizontal field of view of a lens that was never calibrated, instead of `camera`.
+    field : FieldOfView, optional
+        Of a lens that was never calibrated, instead of `camera`.
     style : str
         One of `lanes.drives.styles.STYLES`.
     start_s, end_s : float
@@ -40,7 +41,7 @@ class DriveSettings:
 
     output: Path
     camera: Camera | None = None
-    hfov_deg: float | None = None
+    field: FieldOfView | None = None
     style: str = "lane"
     start_s: float = 0.0
     end_s: float | None = None
@@ -57,9 +58,9 @@ class DriveSettings:
         """
         if self.camera is not None:
             return self.camera if self.camera.size == size else self.camera.scaled(size)
-        if self.hfov_deg is None:
+        if self.field is None:
             raise CameraError("no lens is known; give a camera or a horizontal field of view.")
-        return Camera.from_fov(size, self.hfov_deg)
+        return Camera.from_fov(size, self.field.hfov_deg)
 
 
 @dataclass(frozen=True)
@@ -139,7 +140,7 @@ def describe_settings(
 ) -> dict[str, str]:
     """What a drive was annotated with, for people."""
     if settings.camera is None:
-        lens = f"field of view {settings.hfov_deg:g}° as given, not calibrated"
+        lens = f"field of view {settings.field.hfov_deg:.3g}°, {settings.field.source}, not calibrated"
     elif camera.report is None:
         lens = "as the camera file says"
     else:
