@@ -20,6 +20,8 @@ from lanes.scenes.things import Car, Post
 
 # Ten and a half feet, the lane of a mountain road.
 LANE_M = 3.2
+# Four inches: a stripe, and the gap between the two of a double line.
+STRIPE_M = 0.10
 # The camera is about as far before the rear axle.
 REAR_AXLE_M = 1.6
 # Leaves and needles on bare soil.
@@ -52,9 +54,10 @@ def mountain(road: RoadGeometry, motion: Motion, *, rock: bool = False, **parts)
         road=road,
         line_laterals_m=(half, -half),
         markings=(
-            Marking(half, 0.10, YELLOW, double_gap_m=0.10, wear=0.35),
-            Marking(-half, 0.10, WHITE, wear=0.25),
-            Marking(3 * half, 0.10, WHITE, wear=0.3),
+            # what bounds the lane is the stripe beside it, as in labels by hand
+            Marking(half + STRIPE_M, STRIPE_M, YELLOW, double_gap_m=STRIPE_M, wear=0.35),
+            Marking(-half, STRIPE_M, WHITE, wear=0.25),
+            Marking(3 * half, STRIPE_M, WHITE, wear=0.3),
         ),
         surface=Surface(
             (Zone(-100.0, "fresh asphalt"),),
