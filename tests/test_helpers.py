@@ -5,6 +5,8 @@ from __future__ import annotations
 import ast
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import helpers
@@ -31,6 +33,14 @@ def test_every_function_is_documented():
 def test_it_defines_nothing_itself():
     body = ast.parse((ROOT / "helpers.py").read_text(encoding="utf-8")).body
     assert not [node for node in body if isinstance(node, ast.FunctionDef | ast.ClassDef)]
+
+
+def test_importing_it_loads_nothing_slow():
+    """Figures and moviepy take seconds on a cold disk; who draws none and cuts no clip need not wait for them."""
+    slow = ("matplotlib", "moviepy", "scipy", "PIL", "imageio", "imageio_ffmpeg", "IPython")
+    code = f"import sys, helpers; print(*sys.modules.keys() & {set(slow)}, len(dir(helpers)))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert int(done.stdout) >= len(helpers.__all__)
 
 
 def test_the_notebook_imports_only_what_the_course_allows():
