@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import multiprocessing
 import re
-import resource
 import sys
 import time
 from collections.abc import Callable
@@ -118,6 +117,8 @@ def _own_peak_mb() -> float:
     status = Path("/proc/self/status")
     if status.is_file():
         return int(re.search(r"VmHWM:\s*(\d+) kB", status.read_text())[1]) / 1e3
+    import resource  # not there on Windows
+
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / (1e6 if sys.platform == "darwin" else 1e3)
 
