@@ -15,7 +15,15 @@ import numpy as np
 from av.video.reformatter import ColorRange, ColorTrc
 
 from lanes.images import partial_path, require_rgb
-from lanes.video.videofile import STAMP_TOLERANCE_S, VideoError, guarded, inspect_video, open_video, start_time
+from lanes.video.videofile import (
+    STAMP_TOLERANCE_S,
+    VideoError,
+    VideoInfo,
+    guarded,
+    inspect_video,
+    open_video,
+    start_time,
+)
 
 # Sound that an mp4 file may hold and browsers play; any other is encoded as AAC.
 _COPIED_SOUND = {"aac", "mp3", "opus", "flac"}
@@ -32,7 +40,8 @@ class VideoWriter:
     """Write RGB frames as an mp4 file that browsers play: H.264, yuv420p, BT.601 colours, index in front.
 
     Use it in a `with` block. The file gets its name at the end of the block, when its frames have been counted; if the
-    block raises, nothing of it remains and an earlier file of that name is untouched.
+    block raises, nothing of it remains and an earlier file of that name is untouched. `written` then says what the file
+    holds.
 
     Parameters
     ----------
@@ -59,6 +68,7 @@ class VideoWriter:
         if self.path.suffix.lower() != ".mp4":
             raise VideoError(f"{path}: cannot write this kind of video; end the name in .mp4.")
         self.frames = 0
+        self.written: VideoInfo | None = None
         self._rate = Fraction(fps).limit_denominator(1001)
         # Ticks shorter than 0.1 ms, a whole number of them to a frame: exact for a constant rate, fine for any other.
         per_frame = math.ceil(10_000 / self._rate.numerator)
@@ -160,9 +170,11 @@ class VideoWriter:
             self._container.close()
         except av.FFmpegError as error:
             raise self._unwritable(error) from error
-        stored = inspect_video(self._partial).frames
-        if stored != self.frames:
-            raise VideoError(f"{self.path}: only {stored} of {self.frames} frames arrived in the file; try again.")
+        self.written = inspect_video(self._partial)
+        if self.written.frames != self.frames:
+            raise VideoError(
+                f"{self.path}: only {self.written.frames} of {self.frames} frames arrived in the file; try again."
+            )
         os.replace(self._partial, self.path)
 
     def _unwritable(self, error: OSError | av.FFmpegError) -> OSError:
