@@ -32,6 +32,7 @@ Data             open_dataset, check, PROJECT_ROOT                              
                  track_lane                                                                 lanes.metric.lane_overlay
                  integrate_path                                                             lanes.metric.path
 13 Explain       explain_frame                                                              lanes.explain
+Sliders          tune_threshold, tune_view                                                  lanes.tuning
                  read_frames                                                                lanes.video.videofile
 Figures          show_pictures, plot_bars, plot_histogram, plot_series, plot_telemetry,
                  plot_path, show_explanation, save_figure                                   lanes.plots
@@ -85,6 +86,7 @@ from lanes.plots import (
     show_explanation,
     show_pictures,
 )
+from lanes.tuning import tune_threshold, tune_view
 from lanes.video.annotate import annotate_video, open_clip
 from lanes.video.footage import pick_pictures
 from lanes.video.telemetry import read_telemetry
@@ -168,6 +170,8 @@ __all__ = [
     "split_channels",
     "to_gray",
     "track_lane",
+    "tune_threshold",
+    "tune_view",
     "undistort",
     "view_to_road",
     "worst_lateral_error_m",
