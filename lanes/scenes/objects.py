@@ -15,13 +15,14 @@ import numpy as np
 from lanes.camera import Camera
 from lanes.scenes.bonnet import draw_bonnet
 from lanes.scenes.brush import inside, lay_over, paint_polygons, project_faces, viewing_planes
-from lanes.scenes.cars import BODY, ON_BODY, car_faces
+from lanes.scenes.cars import BODY, ON_BODY
 from lanes.scenes.foliage import plant_sprite
 from lanes.scenes.overpass import Slab, paint_slab
 from lanes.scenes.shading import irradiance, shade_faces
 from lanes.scenes.shadows import shadow_polygons
 from lanes.scenes.sky import air_between
 from lanes.scenes.things import Car, Post, Sign, Thing, Tree, turned_by, upright
+from lanes.scenes.vehicles import facet_m, footprint, vehicle_faces
 from lanes.scenes.walls import Wall, paint_wall
 
 __all__ = ["Car", "Post", "Sign", "Thing", "Tree", "Wall", "draw_bonnet", "draw_objects", "shadow_polygons"]
@@ -115,13 +116,13 @@ def _paint_car(image: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, air
     place = np.array([car.x_m, car.y_m, car.rise_m])
     eye = (np.array([0, 0, camera.mount.height_m]) - place) @ turn
     distance = float(np.hypot(car.x_m, car.y_m))
-    faces = car_faces(car.body, car.paint, detail=1 if distance > 40 else 2)
+    faces = vehicle_faces(car.body, car.paint, detail=1 if distance > 40 else 2)
     toward = np.flatnonzero(((eye - faces.middle) * faces.flat_normal).sum(axis=1) > 0)
     # What lies on the body keeps its order (plate on bumper); body and wheels go from far to near.
     layer = faces.layer[toward]
     apart = np.where(layer < ON_BODY, -np.linalg.norm(faces.middle[toward] - eye, axis=1), 0)
     faces = faces.chosen(toward[np.lexsort((apart, layer))])
-    ground = np.array([[-2.35, -0.88, 0], [2.3, -0.88, 0], [2.3, 0.88, 0], [-2.35, 0.88, 0]])
+    ground = footprint(car.body)
     pixels = project_faces(camera, np.stack([ground * 1.03, ground * 0.97]) @ turn.T + place)
     blur = float(np.clip(40 / max(distance, 1), 0.5, 4))
     dark = np.full((2, 3), 0.004)
@@ -131,7 +132,7 @@ def _paint_car(image: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, air
     pixels = project_faces(camera, corners.reshape(-1, 4, 3))
     cuts = np.searchsorted(faces.layer, [BODY, ON_BODY])
     # Facets are some 0.1 m wide: their shading is blended, the outline stays sharp.
-    blend = 0.05 * camera.matrix[0, 0] / max(distance, 2)
+    blend = facet_m(car.body) * camera.matrix[0, 0] / max(distance, 2)
     parts = (slice(0, cuts[0]), slice(*cuts), slice(cuts[1], None))
     for part, blend_px in zip(parts, (0.0, blend, 0.0), strict=True):
         paint_polygons(image, pixels[part], colours[part], through=air[0], air=air[1], blend_px=blend_px)

@@ -25,13 +25,32 @@ WIDEST_VIEW = 1.73
 class Placed:
     """A thing at arc length `s_m` and lateral `lateral_m` at time 0, moving along the road at `speed_mps`.
 
-    `thing` says what it is; its own x and y are ignored, and the heading of a car is relative to the road.
+    `thing` says what it is; its own x and y are ignored, and the heading of a car is relative to the road. A car that
+    does not keep to its lateral place has a `path`: (time in s, lateral in m) from which to which it swerves smoothly;
+    its heading follows.
     """
 
     s_m: float
     lateral_m: float
     thing: Car | Tree | Sign | Post
     speed_mps: float = 0.0
+    path: tuple[tuple[float, float], ...] = ()
+
+    def lateral_at(self, time_s: float) -> float:
+        """Lateral place at a moment."""
+        if not self.path:
+            return self.lateral_m
+        times, laterals = np.array(self.path).T
+        i = int(np.clip(np.searchsorted(times, time_s) - 1, 0, len(times) - 2))
+        share = np.clip((time_s - times[i]) / (times[i + 1] - times[i]), 0, 1)
+        return float(laterals[i] + (laterals[i + 1] - laterals[i]) * share * share * (3 - 2 * share))
+
+    def swerve_rad(self, time_s: float) -> float:
+        """How far it points away from the road's direction at a moment, > 0 to the left."""
+        if not self.path or not self.speed_mps:
+            return 0.0
+        across = (self.lateral_at(time_s + 0.02) - self.lateral_at(time_s - 0.02)) / 0.04
+        return float(np.arctan(across / self.speed_mps))
 
 
 @dataclass(frozen=True)
@@ -66,8 +85,8 @@ def things_in_view(
     walls = [_wall(p, road, pose) for p in placed if isinstance(p, Along)]
     others = [p for p in placed if isinstance(p, Placed)]
     s = np.array([p.s_m + p.speed_mps * time_s for p in others])
-    points = surface_points(road, pose, s, np.array([p.lateral_m for p in others]))
-    headings = road.heading(s) - pose.absolute_heading(road)
+    points = surface_points(road, pose, s, np.array([p.lateral_at(time_s) for p in others]))
+    headings = road.heading(s) - pose.absolute_heading(road) + np.array([p.swerve_rad(time_s) for p in others])
     ahead = [
         _moved(p.thing, *place, heading)
         for p, place, heading in zip(others, points, headings, strict=True)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from lanes.scenes.cars import Shell
 from lanes.scenes.foliage import SPECIES
 from lanes.scenes.overpass import Slab
 from lanes.scenes.things import Car, Sign, Thing, Tree, turned_by, upright
+from lanes.scenes.vehicles import outline
 from lanes.scenes.walls import Wall
 
 
@@ -44,7 +44,7 @@ def _shadows(thing: Thing, drift: np.ndarray) -> list[np.ndarray]:
         return thing.shadows(drift)
     place = np.array([thing.x_m, thing.y_m])
     if isinstance(thing, Car):
-        rings = Shell(thing.body).loft(8, 1).reshape(-1, 3) @ turned_by(thing.heading_rad).T
+        rings = outline(thing.body) @ turned_by(thing.heading_rad).T
         return [_hull(place + rings[:, :2] + rings[:, 2:] * drift)]
     if isinstance(thing, Tree):
         return _tree_shadows(thing, place, drift)

@@ -16,10 +16,12 @@ from lanes.scenes.suite_motorway import SCENES as MOTORWAY
 from lanes.scenes.suite_mountain import SCENES as MOUNTAIN
 from lanes.scenes.suite_no_lane import SCENES as NO_LANE
 from lanes.scenes.suite_scene import SuiteScene
+from lanes.scenes.suite_traffic import SCENES as TRAFFIC
+from lanes.scenes.suite_weather import SCENES as WEATHER
 
 __all__ = ["SUITE", "SuiteScene", "cache_folder", "render_scene", "scene_path"]
 
-SUITE: dict[str, SuiteScene] = {scene.name: scene for scene in (*MOTORWAY, *MOUNTAIN, *NO_LANE)}
+SUITE: dict[str, SuiteScene] = {scene.name: scene for scene in (*MOTORWAY, *MOUNTAIN, *WEATHER, *TRAFFIC, *NO_LANE)}
 
 
 def cache_folder() -> Path:

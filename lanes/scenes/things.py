@@ -16,7 +16,10 @@ from lanes.scenes.walls import Wall
 
 @dataclass(frozen=True)
 class Car:
-    """A car on the ground at (x_m, y_m) of its middle; heading 0 drives with us, pi comes towards us."""
+    """A vehicle on the ground at (x_m, y_m) of its middle; heading 0 drives with us, pi comes towards us.
+
+    `body` is "sedan", "suv", "truck" or "motorcycle".
+    """
 
     x_m: float
     y_m: float
