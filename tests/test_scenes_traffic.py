@@ -70,7 +70,7 @@ def test_a_vehicle_hides_the_line_where_it_covers_it_and_nowhere_else(body, s_m,
     lost = (columns >= 0) & (visible_pixels(columns, frame.hidden) == NOT_VISIBLE)
     hull = seen_outline(drive, s_m, lateral_m, body)
     # The soft contact shadow hides paint beside the hull too; between rider and mirror the road is seen.
-    grown = cv2.dilate(hull.astype(np.uint8), np.ones((19, 19))).astype(bool)
+    grown = cv2.dilate(hull.astype(np.uint8), np.ones((27, 27))).astype(bool)
     shrunk = cv2.erode(hull.astype(np.uint8), np.ones((15, 15))).astype(bool)
     at = [(v, round(float(u))) for v, u in zip(H_SAMPLES, columns, strict=True)]
     inside = np.array([u >= 0 and shrunk[v, u] for v, u in at])
