@@ -127,8 +127,12 @@ def filter_band(centre: np.ndarray, side: np.ndarray, reach: int) -> np.ndarray:
 
 
 def local_noise(steps: np.ndarray, window: int) -> np.ndarray:
-    """Mean absolute step from column to column (rows, columns) around each cell, at least `NOISE_FLOOR`; float32."""
-    return cv2.boxFilter(steps, cv2.CV_32F, (window, NOISE_ROWS)) + NOISE_FLOOR
+    """Means of the steps from column to column (2, rows, columns) around each cell and `NOISE_FLOOR`; float32."""
+    noise = np.empty(steps.shape, np.float32)
+    for channel, mean in zip(steps, noise, strict=True):
+        cv2.boxFilter(channel, cv2.CV_32F, (window, NOISE_ROWS), dst=mean)
+    noise += NOISE_FLOOR
+    return noise
 
 
 def measure_paint(view_image: np.ndarray, view: RoadView) -> Evidence:
@@ -149,7 +153,8 @@ def measure_paint(view_image: np.ndarray, view: RoadView) -> Evidence:
     wider = cv2.copyMakeBorder(view_image, 0, 0, margin, margin, cv2.BORDER_REPLICATE)
     # Sums instead of means, times what makes them comparable: whole numbers, exact, and of int16 twice as many fit into
     # a register as of float32. (Should the cells be so small that the sums do not fit, numpy's next larger type.)
-    channels = np.stack([lightness(wider), yellowness(wider)], dtype=np.min_scalar_type(-2 * 255 * unit))
+    channels = np.empty((2, *wider.shape[:2]), np.min_scalar_type(-2 * 255 * unit))
+    channels[0], channels[1] = lightness(wider), yellowness(wider)
     inside = (..., slice(margin, -margin))
     side = sums_around(channels, beside) * (unit // beside)
     side[..., :margin], side[..., -margin:] = side[..., margin, None], side[..., -margin - 1, None]
@@ -158,8 +163,9 @@ def measure_paint(view_image: np.ndarray, view: RoadView) -> Evidence:
         for n in (single, double)
     )
     steps = np.abs(channels[inside] - channels[..., margin - 1 : -margin - 1])
-    noise = np.stack([local_noise(step, window) for step in steps]) * np.float32(unit)
-    strength = np.maximum((np.maximum(narrow, wide) / noise).max(axis=0), 0)
+    noise = local_noise(steps, window)
+    noise *= unit
+    strength = np.maximum(np.maximum(*np.maximum(narrow, wide) / noise), 0)
     return Evidence(cv2.copyTo(strength, view.seen_around(margin)), channels[inside], narrow, wide, noise)
 
 
@@ -183,7 +189,7 @@ def find_stripes(evidence: Evidence, view: RoadView) -> Stripes:
     y = view.y_m[0] - (column + np.clip(shift, -0.5, 0.5)) * view.cell_m
     noise = evidence.noise[:, row, column]
     narrow, wide = (response[:, row, column] / noise for response in (evidence.narrow, evidence.wide))
-    double = wide.max(axis=0) > narrow.max(axis=0)
+    double = np.maximum(*wide) > np.maximum(*narrow)
     yellow = np.greater(*np.maximum(narrow, wide)[::-1])
     return Stripes(row, view.x_m[row], y, _stripe_angle(best, row, column, view), middle, double, yellow)
 
@@ -195,6 +201,8 @@ def mean_around(values: np.ndarray, columns: int, rows: int) -> np.ndarray:
 
 
 def _strongest_of_each_row(row: np.ndarray, column: np.ndarray, best: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    if np.bincount(row).max(initial=0) <= STRIPES_PER_ROW:
+        return row, column
     order = np.lexsort((-best[row, column], row))
     row, column = row[order], column[order]
     keep = np.arange(len(row)) - np.searchsorted(row, row) < STRIPES_PER_ROW

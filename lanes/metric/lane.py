@@ -320,9 +320,9 @@ def elsewhere(lanes: np.ndarray) -> np.ndarray:
 def support_of(fit: LaneFit, lines_y_m: np.ndarray, stripes: Stripes, view: RoadView) -> np.ndarray:
     """(K, 2): share of each line's rows in sight, up to `SUPPORT_FAR_M`, that have paint on it; left, right."""
     rows = np.flatnonzero(view.x_m < SUPPORT_FAR_M)
-    column = np.nan_to_num((view.y_m[0] - lines_y_m[..., rows]) / view.cell_m, nan=-1.0)
+    column = (view.y_m[0] - lines_y_m[..., rows]) / view.cell_m
     inside = (column >= 0) & (column <= len(view.y_m) - 1)
-    seen = inside & view.seen[rows, np.clip(column, 0, len(view.y_m) - 1).astype(int)]
+    seen = inside & view.seen[rows, np.where(inside, column, 0).astype(int)]
     weight = fit.weight * (stripes.x_m < SUPPORT_FAR_M)
     votes = (weight[:, None] * (fit.side[:, None] == SIDES[:, None])).sum(axis=-1)
     return votes / np.maximum(seen.sum(axis=-1), LEAST_ROWS)

@@ -57,15 +57,17 @@ def draw_tracked(image: np.ndarray, tracked: TrackedLane, camera: Camera) -> np.
         When the lane is lost, only the words that say so.
     """
     camera.require_size(image)
-    if tracked.lane is None:
-        return write_text(image, describe_tracked(tracked))
-    drawn, lane = image.copy(), tracked.lane
+    words, lane = describe_tracked(tracked), tracked.lane
+    if lane is None:
+        return write_text(image, words)
     left, right = lane_outlines(lane, camera)
+    # after all that is to be worked out: a whole picture drives everything else from the processor's cache
+    drawn = image.copy()
     if len(left) > 1 and len(right) > 1:
         tint_area(drawn, np.vstack([left, right[::-1]]), LANE, ALPHA)
     for points, line, colour in ((left, lane.left, LEFT), (right, lane.right, RIGHT)):
         stroke_line(drawn, points, colour, camera.width / (SEEN_PX if line.seen else INFERRED_PX))
-    write_on(drawn, describe_tracked(tracked))
+    write_on(drawn, words)
     return drawn
 
 

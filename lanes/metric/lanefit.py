@@ -23,6 +23,7 @@ from lanes.metric.lanemodel import (
     VERTICAL,
     WIDTH,
     flatten,
+    never_zero,
     place,
 )
 
@@ -89,17 +90,16 @@ def stray_m(stripes: Stripes) -> np.ndarray:
     return STRAY_M * (share * share * share)
 
 
-def usual_information(lanes: np.ndarray) -> np.ndarray:
-    """Inverse covariance (K, 7, 7) of what is known before looking: a bent road may also change its bend soon."""
-    std = np.broadcast_to(PRIOR_STD, lanes.shape).copy()
+def usual_std(lanes: np.ndarray) -> np.ndarray:
+    """Standard deviations (K, 7) of what is known before looking: a bent road may also change its bend soon."""
+    std = np.tile(PRIOR_STD, (len(lanes), 1))
     std[:, RATE] += np.abs(lanes[:, CURVATURE]) / TRANSITION_M
-    return std[..., None] ** -2 * np.eye(lanes.shape[1])
+    return std
 
 
 def strangeness(lanes: np.ndarray) -> np.ndarray:
     """(K,) squared distance from what is usual, in standard deviations."""
-    off = lanes - PRIOR_MEAN
-    return (off[:, None] @ usual_information(lanes) @ off[..., None])[:, 0, 0]
+    return np.square((lanes - PRIOR_MEAN) / usual_std(lanes)).sum(axis=1)
 
 
 def fit_lanes(
@@ -126,7 +126,7 @@ def fit_lanes(
         Of the camera.
     prior_mean : ndarray (7,)
     prior_information : ndarray (7, 7), optional
-        Inverse covariance of the prior; by default `usual_information`.
+        Inverse covariance of the prior; by default that of `usual_std`.
     schedule : sequence of (far_m, scale)
 
     Returns
@@ -139,7 +139,9 @@ def fit_lanes(
         found = compare(lanes, stripes, height_m)
         pull = paint * (stripes.x_m < far_m) / ((std * scale) ** 2 + stray**2)
         weighted = found.derivative * (found.agreement(std * scale) * pull)[:, None]
-        prior = usual_information(lanes) if prior_information is None else prior_information
+        prior = np.eye(len(prior_mean)) / np.square(usual_std(lanes))[..., None]
+        if prior_information is not None:
+            prior = prior_information
         information = weighted @ np.swapaxes(found.derivative, -1, -2) + prior
         gradient = weighted @ found.residual_m[..., None] + prior @ (lanes - prior_mean)[..., None]
         lanes = lanes - np.linalg.solve(information, gradient)[..., 0]
@@ -179,9 +181,9 @@ def compare(lanes: np.ndarray, stripes: Stripes, height_m: float) -> Comparison:
     """Lay stripes beside lanes (K, 7)."""
     centre, width, heading, curvature, rate, pitch, vertical = (lanes[..., k, None] for k in range(lanes.shape[-1]))
     x, y, angle = flatten(stripes.x_m, stripes.y_m, stripes.angle, pitch[..., 0], vertical[..., 0], height_m)
+    curvature = never_zero(curvature)
     a, turn, scale, ahead, aside = place(x, y, heading[..., 0], curvature[..., 0])
-    # straight on, as many metres as the stripe lies ahead; all but zero keeps the division apart from that case
-    along = turn / np.where(curvature == 0, 1e-12, curvature)
+    along = turn / curvature
     squared, square = along * along, ahead * ahead + aside * aside
     bent = squared * along / 6
     from_middle = a - rate * bent - centre

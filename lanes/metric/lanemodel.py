@@ -42,7 +42,8 @@ def stretch_of(x_m: np.ndarray, pitch, vertical, height_m: float) -> tuple[np.nd
     root = np.sqrt(np.maximum(fall * fall + 2 * vertical * height_m, 1e-6))
     stretch = x_m * (fall + root) / (2 * height_m)
     growth = stretch / x_m - (1 + fall / root) / (2 * x_m)
-    return np.clip(stretch, LEAST_STRETCH, MOST_STRETCH), growth
+    # np.clip checks its arguments for longer than it takes to do this
+    return np.minimum(np.maximum(stretch, LEAST_STRETCH), MOST_STRETCH), growth
 
 
 def flatten(x_m, y_m, angle, pitch, vertical, height_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -78,6 +79,11 @@ def _along(nearest_m: float, farthest_m: float) -> np.ndarray:
     return np.geomspace(nearest_m, farthest_m, 120)
 
 
+def never_zero(curvature: np.ndarray) -> np.ndarray:
+    """Curvatures to divide by: what has turned by nothing on a straight road has run as far as the division says."""
+    return np.where(curvature == 0, 1e-12, curvature)
+
+
 def place(x, y, heading, curvature) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Points (..., N) beside arcs (...): (a, turn, 1 - k a, ahead, aside).
 
@@ -98,8 +104,9 @@ def line_points(lanes: np.ndarray, side, along_m: np.ndarray) -> np.ndarray:
     `side` is `LEFT`, `RIGHT` or an array of them that goes with the lanes.
     """
     centre, width, heading, curvature, rate = (lanes[..., k, None] for k in range(PITCH))
+    curvature = never_zero(curvature)
     turn = curvature * along_m
-    chord = along_m * np.sinc(turn / (2 * np.pi))
+    chord = 2 * np.sin(turn / 2) / curvature
     offset = centre + np.asarray(side)[..., None] * width / 2 + rate * (along_m * along_m * along_m) / 6
     points = np.empty((*offset.shape, 2))
     points[..., 0] = chord * np.cos(heading + turn / 2) - offset * np.sin(heading + turn)

@@ -65,10 +65,11 @@ class KindVotes:
 
 def looks_dashed(painted_m: np.ndarray) -> bool | None:
     """Whether paint at these distances (N,) has gaps like a dashed line's; None if there is too little of it."""
-    places = np.unique(painted_m[painted_m < FAR_M])
-    if len(places) < LEAST_ROWS:
+    gaps = np.diff(np.sort(painted_m[painted_m < FAR_M]))
+    # the same place twice is one place
+    if np.count_nonzero(gaps) < LEAST_ROWS - 1:
         return None
-    return bool(np.diff(places).max() > DASH_GAP_M)
+    return bool(gaps.max() > DASH_GAP_M)
 
 
 def _decide(vote: float, positive: object, negative: object):

@@ -93,7 +93,10 @@ class Belief:
         mean[SPEED] = np.clip(mean[SPEED], 0, FASTEST_MPS)
         new_across = gain @ covariance
         car = self.covariance[7:, 7:] - gain @ (old - covariance) @ gain.T
-        return Belief(mean, np.block([[covariance, new_across.T], [new_across, (car + car.T) / 2]]))
+        whole = np.empty_like(self.covariance)
+        whole[LANE, LANE], whole[7:, 7:] = covariance, (car + car.T) / 2
+        whole[7:, LANE], whole[LANE, 7:] = new_across, new_across.T
+        return Belief(mean, whole)
 
     def beside(self, side: float) -> Belief:
         """The same belief about the neighbouring lane to the left (+1) or right (-1), which shares a line with this."""

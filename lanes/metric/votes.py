@@ -114,7 +114,8 @@ def best_pairs(votes: np.ndarray, rows: int, *, most: int = 8) -> np.ndarray:
     guess = hypotheses()
     shared = votes.copy()
     shared[:, 1:-1] += NEIGHBOUR * (votes[:, :-2] + votes[:, 2:])
-    support = np.sqrt(shared / rows)
+    # float32, because all pairs of all hypotheses are 145,000 numbers
+    support = np.sqrt(shared / rows).astype(np.float32)
     middle = (np.arange(BINS) + 0.5 - BINS / 2) * BIN_M
     left = np.flatnonzero((middle > LINE_FROM_M) & (middle < LINE_TO_M))
     right = np.flatnonzero((middle < -LINE_FROM_M) & (middle > -LINE_TO_M))
@@ -125,7 +126,8 @@ def best_pairs(votes: np.ndarray, rows: int, *, most: int = 8) -> np.ndarray:
     odd = ((width - PRIOR_MEAN[WIDTH]) / PRIOR_STD[WIDTH]) ** 2 + (
         (centre - PRIOR_MEAN[CENTRE]) / PRIOR_STD[CENTRE]
     ) ** 2
-    score = support[kept][:, left, None] + support[kept][:, None, right] - PRIOR_WEIGHT * odd
+    score = support[kept][:, left, None] + support[kept][:, None, right]
+    score -= (PRIOR_WEIGHT * odd).astype(np.float32)
     score = score.reshape(len(kept), -1) - PRIOR_WEIGHT * unusual[kept].sum(1)[:, None]
     pair = score.argmax(axis=1)
     lanes = np.zeros((len(kept), len(PRIOR_MEAN)))
