@@ -163,4 +163,8 @@ class Drive:
 
     def camera_at(self, time_s: float) -> Camera:
         """The camera as it nods at a moment."""
-        return self.camera.with_mount(replace(self.camera.mount, pitch_rad=self.truth(time_s).pitch_rad))
+        return self.nodding(self.truth(time_s).pitch_rad)
+
+    def nodding(self, pitch_rad: float) -> Camera:
+        """The camera at a pitch angle."""
+        return self.camera.with_mount(replace(self.camera.mount, pitch_rad=pitch_rad))

@@ -78,7 +78,8 @@ class Frame:
 
 def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     """The picture that the drive's camera takes at `time_s`, and its truth."""
-    truth, camera = drive.truth(time_s), drive.camera_at(time_s)
+    truth = drive.truth(time_s)
+    camera = drive.nodding(truth.pitch_rad)
     heading = truth.pose.absolute_heading(drive.road)
     ahead = RoadAhead(drive.road, truth.pose)
     ground = cast_on_ground(_rays(drive.camera), camera, ahead)

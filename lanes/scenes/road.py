@@ -67,14 +67,12 @@ class RoadGeometry:
 
     def curvature_rate(self, s_m: np.ndarray | float) -> np.ndarray:
         """Change of curvature per metre, in 1/m^2, at arc lengths `s_m`."""
-        rates = np.concatenate([[0.0], np.diff(self.curvatures_per_m) / np.diff(self.stations_m), [0.0]])
-        return rates[np.searchsorted(self.stations_m, s_m, side="right")]
+        return self._knots[1][np.searchsorted(self.stations_m, s_m, side="right")]
 
     def heading(self, s_m: np.ndarray | float) -> np.ndarray:
         """Heading in radians at arc lengths `s_m`, counted from the start: the exact integral of the curvature."""
         s = np.asarray(s_m, float)
-        steps = np.diff(self.stations_m) * (self.curvatures_per_m[1:] + self.curvatures_per_m[:-1]) / 2
-        at_knots = np.concatenate([[0.0], np.cumsum(steps)])
+        at_knots = self._knots[0]
         knot = np.clip(np.searchsorted(self.stations_m, s, side="right") - 1, 0, len(self.stations_m) - 1)
         ahead = s - self.stations_m[knot]
         rate = np.where(s < self.stations_m[0], 0.0, self.curvature_rate(s))
@@ -86,6 +84,13 @@ class RoadGeometry:
         nodes, points = self._table
         index = np.clip(np.searchsorted(nodes, s, side="right") - 1, 0, len(nodes) - 1)
         return points[index] + self._displacement(nodes[index], s)
+
+    @cached_property
+    def _knots(self) -> tuple[np.ndarray, np.ndarray]:
+        """Headings at the stations; rates before, between and after them. Every frame asks a hundred times."""
+        steps = np.diff(self.stations_m) * (self.curvatures_per_m[1:] + self.curvatures_per_m[:-1]) / 2
+        rates = np.concatenate([[0.0], np.diff(self.curvatures_per_m) / np.diff(self.stations_m), [0.0]])
+        return np.concatenate([[0.0], np.cumsum(steps)]), rates
 
     @cached_property
     def _table(self) -> tuple[np.ndarray, np.ndarray]:

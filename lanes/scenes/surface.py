@@ -284,9 +284,10 @@ def _opposite(surface: Surface, layers: Layers) -> Opposite | None:
 
 
 def _lay_seam(albedo: np.ndarray, seam: Seam, ground: Ground, s: np.ndarray, seed: int) -> None:
-    margin = ground.reach_d / 2 + np.float32(seam.width_m + 3 * seam.wander_m + seam.soft_m)
-    near = (np.abs(ground.d - np.float32(seam.lateral_m)) < margin) & (s > seam.start_m) & (s < seam.end_m)
-    pixels = np.flatnonzero(near & ground.visible)
+    margin = seam.width_m + 3 * seam.wander_m + seam.soft_m
+    pixels = ground.pixels_between(seam.lateral_m - margin, seam.lateral_m + margin)
+    along = s.ravel()[pixels]
+    pixels = pixels[(along > seam.start_m) & (along < seam.end_m)]
     if not len(pixels):
         return
     d, d_u, d_v, along = (array.ravel()[pixels] for array in (ground.d, ground.d_u, ground.d_v, s))

@@ -145,10 +145,11 @@ class Wall:
 def _resample(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Points along a path, dense where near, and their arc lengths."""
     length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1))])
+    # Complex numbers take one look-up instead of two.
+    places = path[:, 0] + 1j * path[:, 1]
     along, s = [0.0], 0.0
     while s < length[-1]:
-        x, y = np.interp(s, length, path[:, 0]), np.interp(s, length, path[:, 1])
-        s += max(0.15, 0.02 * float(np.hypot(x, y)))
+        s += max(0.15, 0.02 * float(abs(np.interp(s, length, places))))
         along.append(min(s, length[-1]))
     along = np.array(along)
     return np.column_stack([np.interp(along, length, column) for column in path.T]), along
