@@ -263,7 +263,7 @@ def plot_ranges(
     figure, axes : Figure, ndarray of Axes of shape (len(panels),)
     """
     systems = list(next(iter(panels.values())))
-    figure, axes = _figure(1, len(panels), (13, 1.5 + 0.17 * (len(systems) + 1) * len(names)), sharey=True)
+    figure, axes = _figure(1, len(panels), (13, 1.5 + 0.12 * (len(systems) + 1) * len(names)), sharey=True)
     for axis, (label, ranges) in zip(axes, panels.items(), strict=True):
         low, high = limits[label]
         axis.set(xlabel=label, xscale="log" if low > 0 else "linear", xlim=(low, high))
@@ -272,7 +272,7 @@ def plot_ranges(
             place = np.arange(len(names)) + (at - (len(systems) - 1) / 2) / (len(systems) + 1)
             first, last = (np.clip(end, low, high) for end in ends)
             axis.hlines(place, first, last, color=f"C{at}", linewidth=2.5, alpha=0.5)
-            axis.plot(last, place, "o", color=f"C{at}", markersize=5, label=systems[at], clip_on=False)
+            axis.plot(last, place, "o", color=f"C{at}", markersize=4.5, label=systems[at], clip_on=False)
         axis.hlines(np.arange(1, len(names)) - 0.5, low, high, color="0.85", linewidth=0.8)
     axes[0].set_yticks(np.arange(len(names)), names)
     axes[0].set_ylim(len(names) - 0.5, -0.5)
@@ -305,7 +305,7 @@ def plot_reliability(
     stated, right, low, high, count = bins
     figure, axes = _figure(1, 2, (12, 5))
     axes[0].plot([0, 1], [0, 1], **TRUTH_LOOK)
-    axes[0].errorbar(stated, right, [right - low, high - right], fmt="o", color=_rgb(LANE), ecolor="0.4", capsize=3)
+    axes[0].errorbar(stated, right, [right - low, high - right], fmt="o", color="0.2", ecolor="0.5", capsize=3)
     for x, y, lanes in zip(stated, low, count, strict=True):
         axes[0].annotate(f"{lanes}", (x, y), (0, -4), textcoords="offset points", ha="center", va="top", fontsize=8)
     axes[0].set(xlabel="stated confidence", ylabel="share of lanes that are right", xlim=(0, 1.02), ylim=(0, 1.02))

@@ -37,6 +37,12 @@ def test_wilson_interval_is_that_of_the_textbook():
     assert high == pytest.approx([0.3662, 0.1605, 0.1611, 0.1718], abs=5e-5)
 
 
+def test_all_and_nothing_are_inside_their_intervals():
+    count = np.arange(1, 300)
+    assert (wilson_interval(count, count)[1] == 1).all()
+    assert (wilson_interval(0 * count, count)[0] == 0).all()
+
+
 def test_precision_falls_as_more_is_covered():
     curve = lanes([0.9, 0.99, 0.5, 0.9], [True, True, False, False], lane_frames=5).precision()
     assert curve.coverage == pytest.approx([0.2, 0.6, 0.8])

@@ -109,4 +109,5 @@ def wilson_interval(right: np.ndarray, count: np.ndarray, *, z: float = Z) -> tu
     share = right / count
     middle = (share + z**2 / (2 * count)) / (1 + z**2 / count)
     half = z / (1 + z**2 / count) * np.sqrt(share * (1 - share) / count + z**2 / (4 * count**2))
-    return np.maximum(middle - half, 0.0), np.minimum(middle + half, 1.0)
+    # at 0 and 1 rounding would put the share itself outside
+    return np.clip(middle - half, 0.0, share), np.clip(middle + half, share, 1.0)
