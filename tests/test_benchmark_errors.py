@@ -234,8 +234,9 @@ def test_failures_are_told_with_their_seconds():
     assert describe_failures([replace(result, errors=frame_errors(perfect(truth()), truth()))]) == ""
     nowhere = replace(truth(), lines_y_m=np.full((N, 2, len(AT_M)), np.nan))
     assert failures(frame_errors(readings, nowhere), 10) == ["a lane where there is none 0.10-0.40 s"]
+    readings.lines_y_m[2, 0, AT_M == 20] = np.nan
     unsure = replace(readings, confidence=np.full(N, 0.2))
-    assert failures(frame_errors(unsure, truth()), 10)[1] == "wrong by 0.50 m 0.20-0.40 s"
+    assert failures(frame_errors(unsure, truth()), 10)[1] == "wrong (a line turns back too soon) 0.20-0.40 s"
 
 
 def test_totals_are_over_frames_and_a_loss_does_not_run_on_into_the_next_scene():

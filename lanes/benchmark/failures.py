@@ -28,11 +28,17 @@ def failures(errors: FrameErrors, fps: float) -> list[str]:
     for kind, group in groupby(frame_kinds(errors)):
         end = at + len(list(group))
         if kind != RIGHT:
-            off_m = errors.near_m[at:end]
-            off = f" by {np.nanmax(off_m):.2f} m" if kind in (UNSURE, SURE) and not np.isnan(off_m).all() else ""
-            spans.append(f"{kind}{off} {at / fps:.2f}-{end / fps:.2f} s")
+            spans.append(f"{kind}{_how_far(errors.near_m[at:end])} {at / fps:.2f}-{end / fps:.2f} s")
         at = end
     return spans
+
+
+def _how_far(near_m: np.ndarray) -> str:
+    """The largest error, where there is one."""
+    worst_m = np.nanmax(near_m, initial=-np.inf)
+    if worst_m == np.inf:
+        return " (a line turns back too soon)"
+    return f" by {worst_m:.2f} m" if worst_m >= 0 else ""
 
 
 def frame_kinds(errors: FrameErrors) -> list[str]:
