@@ -198,7 +198,7 @@ class TestCommand:
         assert rows["best_channel"][1] == "8"
 
     def test_misuse_is_told(self, folder):
-        for arguments, words in (((), "give --camera, --hfov or --boards"), (("--camera", "no.yaml"), "no.yaml")):
+        for arguments, words in ((("--predictions", "no.jsonl"), "no.jsonl"), (("--camera", "no.yaml"), "no.yaml")):
             told = self.run(folder, *arguments)
             assert (told.returncode, "Traceback" in told.stderr) == (2, False)
             assert words in told.stderr
