@@ -277,8 +277,9 @@ class TestAnnotate:
         order = boxes(target)
         assert order.index("moov") < order.index("mdat")
 
-    def test_colours_arrive(self, tmp_path):
-        image = numbered(0)
+    @pytest.mark.parametrize("height", [96, 98])
+    def test_colours_arrive(self, tmp_path, height):
+        image = numbered(0, (160, height))
         image[:30, :60], image[:30, 60:120] = RED, BLUE
         with VideoWriter(tmp_path / "colours.mp4", fps=25, crf=10) as writer:
             for _ in range(5):
