@@ -155,7 +155,7 @@ def _result(staged: Staged, system: str, path: Path) -> Result:
 
 def _all_done(pool: ProcessPoolExecutor, work: Callable, tasks: Iterable[tuple], report: Progress) -> list:
     """The results of work(*task), in the order of the tasks."""
-    futures = [pool.submit(work, *task) for task in tasks]
+    futures = [pool.submit(_do, work, task) for task in tasks]
     for done, future in enumerate(as_completed(futures), 1):
         future.result()
         report(done, len(futures))
@@ -163,9 +163,18 @@ def _all_done(pool: ProcessPoolExecutor, work: Callable, tasks: Iterable[tuple],
 
 
 def _begin_work() -> None:
-    """In each process: one thread for OpenCV; when interrupted, stop without a word."""
+    """In each process: one thread for OpenCV; deaf to interruptions while there is nothing to do."""
     cv2.setNumThreads(1)
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _do(work: Callable, task: tuple) -> object:
+    """In each process: work(*task); an interruption ends it and lets it remove what is half-written."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        return work(*task)
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _key(staged: Staged, system: str) -> str:
