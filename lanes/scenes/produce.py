@@ -19,9 +19,11 @@ from lanes.scenes.workers import ordered
 
 Progress = Callable[[int, int], None]
 
+# 21 keeps the texture of asphalt at about 6 Mbit/s.
+VIDEO_CRF = 21
 # One encoder thread: with more, x264 cuts the picture differently and the bytes depend on the machine.
-# crf 21 keeps the texture of asphalt at about 6 Mbit/s; faststart lets browsers play while loading.
-ENCODER = ["-crf", "21", "-preset", "slow", "-threads", "1", "-movflags", "+faststart", "-bitexact"]
+# faststart lets browsers play while loading.
+ENCODER = ["-preset", "slow", "-threads", "1", "-movflags", "+faststart", "-bitexact"]
 
 
 def write_stills(folder: str | Path, *, progress: Progress | None = None, workers: int | None = None) -> list[Path]:
@@ -67,6 +69,7 @@ def write_video(
     *,
     drive: Drive | None = None,
     seconds: float = VIDEO_SECONDS,
+    crf: int = VIDEO_CRF,
     progress: Progress | None = None,
     workers: int | None = None,
 ) -> list[Path]:
@@ -79,6 +82,8 @@ def write_video(
     drive : Drive, optional
         The project video's by default.
     seconds : float
+    crf : int
+        Quality of the encoder, lower is better and larger.
     progress : callable, optional
         Called as progress(frames done, frames in all).
     workers : int, optional
@@ -97,13 +102,15 @@ def write_video(
     path, drive = Path(path), drive or project_video()
     count = round(seconds * VIDEO_FPS)
     with whole_file(path) as unfinished:
-        rows = _encode(unfinished, drive, count, progress, workers)
+        rows = _encode(unfinished, drive, count, crf, progress, workers)
     write_truth_csv(path.with_suffix(".csv"), rows)
     save_camera(drive.camera, path.with_suffix(".yaml"))
     return [path, path.with_suffix(".csv"), path.with_suffix(".yaml")]
 
 
-def _encode(path: Path, drive: Drive, count: int, progress: Progress | None, workers: int | None) -> list[dict]:
+def _encode(
+    path: Path, drive: Drive, count: int, crf: int, progress: Progress | None, workers: int | None
+) -> list[dict]:
     """Render and encode `count` frames; the truth's rows."""
     writer = imageio_ffmpeg.write_frames(
         str(path),
@@ -112,7 +119,7 @@ def _encode(path: Path, drive: Drive, count: int, progress: Progress | None, wor
         codec="libx264",
         quality=None,
         macro_block_size=1,
-        output_params=ENCODER,
+        output_params=["-crf", str(crf), *ENCODER],
     )
     rows = []
     frames = ordered(partial(_render, pickle.dumps(drive)), range(count), workers=workers)

@@ -12,6 +12,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from lanes.scenes.produce import Progress, write_video
+from lanes.scenes.suite_famous import SCENES as FAMOUS
 from lanes.scenes.suite_motorway import SCENES as MOTORWAY
 from lanes.scenes.suite_mountain import SCENES as MOUNTAIN
 from lanes.scenes.suite_no_lane import SCENES as NO_LANE
@@ -21,7 +22,8 @@ from lanes.scenes.suite_weather import SCENES as WEATHER
 
 __all__ = ["SUITE", "SuiteScene", "cache_folder", "render_scene", "scene_path"]
 
-SUITE: dict[str, SuiteScene] = {scene.name: scene for scene in (*MOTORWAY, *MOUNTAIN, *WEATHER, *TRAFFIC, *NO_LANE)}
+_THEMES = (MOTORWAY, FAMOUS, MOUNTAIN, WEATHER, TRAFFIC, NO_LANE)
+SUITE: dict[str, SuiteScene] = {scene.name: scene for scenes in _THEMES for scene in scenes}
 
 
 def cache_folder() -> Path:

@@ -19,7 +19,7 @@ from lanes.scenes.symbols import Symbol
 from lanes.scenes.things import Sign
 
 # Where lines were ground off, the asphalt is rougher and paler; where they were painted over, black and smooth.
-GROUND_OFF, BLACKENED = (0.20, 0.19, 0.18), (0.020, 0.020, 0.022)
+GROUND_OFF, BLACKENED = (0.30, 0.285, 0.27), (0.020, 0.020, 0.022)
 # Temporary yellow or orange of road works.
 WORKS_YELLOW = (1.0, 0.45, 0.03)
 
@@ -176,7 +176,7 @@ def _construction() -> Drive:
         Marking(-LANE_M / 2, 0.12, WHITE, wear=0.15),
         Marking(-LANE_M * 1.5, 0.12, WHITE, wear=0.3),
     )
-    things = tuple(t for t in motorway().things if not isinstance(t, Along))
+    things = tuple(t for t in motorway().things if not (isinstance(t, Along) and t.kind == "jersey"))
     warning = (Placed(60.0, -7.6, Sign(0, 0, "warning", 1.2, 1.2, 1.5)),)
     return motorway(
         markings=(*old, *new),

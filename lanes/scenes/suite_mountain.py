@@ -86,6 +86,9 @@ def woods(end_m: float, *, right_m: float = 7.5, left_m: float = 9.5, rock: bool
         Along(left_m, "rock" if rock else "wood", -60.0, end_m, seed=7),
         Along(-right_m - 1.5, "wood", -60.0, end_m, height_scale=0.9, seed=8),
         *grove(61, "redwood oak bush", along=(-10, end_m), aside=(-right_m - 1, -right_m + 2), tall=(2, 9), every_m=11),
+        # Single crowns on the edge itself hide that it is a sheet.
+        *grove(63, "redwood oak", along=(-5, end_m), aside=(-right_m - 1.6, -right_m - 1), tall=(9, 14), every_m=14),
+        *grove(64, "redwood oak", along=(-5, end_m), aside=(left_m - 0.4, left_m), tall=(8, 14), every_m=16),
         *grove(62, "scrub bush", along=(-10, end_m), aside=(left_m - 1.5, left_m - 0.6), tall=(0.5, 1.6), every_m=12),
     )  # fmt: skip
 

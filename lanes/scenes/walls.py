@@ -93,6 +93,9 @@ class Wall:
         A bank is ground, behind all that stands on it, up to where it turns out of sight in a bend.
         """
         path = np.asarray(self.path_m, float)[:, :2]
+        if self.kind == "wood":
+            # Whatever stands before its edge is painted over it.
+            return float(np.hypot(*path.T).max())
         if self.kind != "bank":
             return float(np.hypot(*path[len(path) // 2]))
         ahead = path[path[:, 0] > 1]

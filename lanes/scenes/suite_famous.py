@@ -1,0 +1,119 @@
+"""The two committed drives after the famous harder ones: a patched motorway with a bridge, and hairpins in a wood."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from lanes.scenes.exposure import AutoExposure
+from lanes.scenes.fog import Fog
+from lanes.scenes.freeway import car, freeway_markings, freeway_surface, weather
+from lanes.scenes.glare import Glare
+from lanes.scenes.lens import Lens
+from lanes.scenes.light import TreeShade, WoodShade
+from lanes.scenes.overpass import Overpass
+from lanes.scenes.render import Drive, Motion
+from lanes.scenes.road import RoadGeometry
+from lanes.scenes.roadside import Along, Placed
+from lanes.scenes.suite_motorway import motorway
+from lanes.scenes.suite_mountain import LANE_M as MOUNTAIN_LANE_M
+from lanes.scenes.suite_mountain import bends, mountain
+from lanes.scenes.suite_scene import SuiteScene
+from lanes.scenes.surface import TAR, Patch, Seam, Zone
+from lanes.scenes.symbols import Symbol
+from lanes.scenes.things import Car
+
+
+def challenge_video() -> Drive:
+    """Nine seconds at 25 m/s: pale concrete with a dark strip beside the yellow line, a tar seam, a barrier, a bridge.
+
+    The joint between dark and pale runs along inside the lane for the whole drive; the seam joins it after the bridge.
+    """
+    bridge = Overpass(112.0, 128.0, -20.0, 15.5, skew=0.12, seed=3)
+    return motorway(
+        road=RoadGeometry(
+            [0.0, 40.0, 90.0, 140.0, 180.0, 260.0, 330.0, 420.0],
+            [1 / 900, 1 / 620, 1 / 620, 0.0, -1 / 900, -1 / 600, 0.0, 0.0],
+        ),
+        markings=freeway_markings(phase_m=6.0, wear=0.5, opposite_m=17.0),
+        surface=freeway_surface(
+            Zone(-100.0, "old concrete"),
+            opposite_m=17.0,
+            patches=(Patch(-200.0, 800.0, 0.30, 4.4, "asphalt"), Patch(60.0, 84.0, -7.0, -3.9, "asphalt")),
+            seams=(
+                Seam(0.30, 0.05, 0.015, strength=0.8),
+                Seam(-0.75, 0.04, 0.03, 134.0, 800.0, 0.85),
+                Seam(-0.30, 0.03, 0.05, 20.0, 70.0, 0.6),
+                Seam(4.15, 0.4, 0.05, strength=0.5, colour=TAR, soft_m=0.3),
+            ),
+        ),
+        things=(
+            *motorway().things[:2],
+            bridge,
+            car(26.0, -1, "black", "suv", speed_mps=26.5),
+            car(64.0, -2, "white", speed_mps=25.0),
+            car(-12.0, -1, "silver", speed_mps=29.0),
+            car(90.0, 0, "grey", speed_mps=26.5),
+            # The bridge is built where they would stand.
+            *(t for t in motorway().things[4:] if isinstance(t, Along) or not 104 < t.s_m < 136),
+        ),
+        symbols=(Symbol(72.0, 0.0, "diamond", 3.7, 1.0, wear=0.4), Symbol(190.0, 0.0, "diamond", 3.7, 1.0, wear=0.4)),
+        shades=(bridge.shade(),),
+        exposure=AutoExposure(strength=0.6),
+        motion=Motion(
+            0.0, 25.0, offset_m=0.05, wander_m=0.18, wander_period_s=5.5, pitch_rad=float(np.radians(0.25))
+        ),
+        lens=Lens(noise=0.004, exposure=0.8),
+        seed=171,
+        **weather(65, 46, cloud_cover=0.45, tree_density=0.7),
+    )  # fmt: skip
+
+
+def harder_challenge_video() -> Drive:
+    """Ten seconds at 8 to 11 m/s: a hairpin left (R 21 m) and one right (R 17 m) in a wood, a low sun behind haze.
+
+    Deep shade with flecks of sun before the first, glare in it, an oncoming car between, broken shade in the second.
+    """
+    road = bends((21.0, 115.0), (-17.0, 125.0), straight_m=7.0, ease_m=10.0)
+    base = mountain(road, Motion())
+    return mountain(
+        road,
+        Motion(
+            1.0,
+            11.0,
+            offset_m=-0.05,
+            wander_m=0.2,
+            wander_period_s=4.5,
+            pitch_rad=float(np.radians(0.3)),
+            later_speeds=((1.5, 8.5), (5.0, 8.5), (6.0, 9.5), (7.5, 8.0)),
+        ),
+        markings=tuple(replace(m, wear=wear) for m, wear in zip(base.markings, (0.55, 0.4, 0.45), strict=True)),
+        things=(*base.things, Placed(96.0, MOUNTAIN_LANE_M, Car(0, 0, np.pi, "blue"), -8.0)),
+        shades=(
+            WoodShade(-20.0, 24.0, flecks=0.10),
+            TreeShade(58.0, 70.0, -5.0, 7.0, 0.95),
+            TreeShade(72.0, 84.0, -3.0, 8.0, 0.9),
+            TreeShade(88.0, 108.0, -6.0, 8.0, 0.97),
+        ),
+        exposure=AutoExposure(strength=0.6),
+        fog=Fog(2500.0, height_m=200.0),
+        glare=Glare(veil=0.6, sheen=0.8, flare=0.6, dashboard=0.3),
+        lens=Lens(noise=0.004, exposure=0.3),
+        seed=172,
+        **weather(45, 28, tree_density=0.3, greenness=0.8, ridge_height_rad=0.30, hill_height_rad=0.22),
+    )
+
+
+SCENES = (
+    SuiteScene(
+        "challenge",
+        "hard",
+        9.0,
+        "Dark joint and seam in the lane, a barrier, a bridge, pale concrete.",
+        challenge_video,
+    ),
+    SuiteScene(
+        "harder-challenge", "hard", 10.0, "Hairpins both ways in a wood: shade, glare, haze.", harder_challenge_video
+    ),
+)
