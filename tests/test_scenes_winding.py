@@ -5,15 +5,24 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
+from lanes.scenes.backdrop import BackdropStyle
 from lanes.scenes.dashcam import DASHCAM
 from lanes.scenes.ground import cast_on_ground, picture_rays
+from lanes.scenes.lens import Lens
+from lanes.scenes.light import Sun
+from lanes.scenes.markings import WHITE, Marking, paint_coverage
 from lanes.scenes.profile import HeightProfile
-from lanes.scenes.render import Motion
+from lanes.scenes.render import Drive, Motion, render_frame
 from lanes.scenes.road import Pose, RoadGeometry, line_lateral, offset_point, surface_points
 from lanes.scenes.roadahead import RoadAhead
+from lanes.scenes.roadside import Placed
+from lanes.scenes.surface import Surface, Zone
+from lanes.scenes.symbols import Symbol, symbol_coverage
+from lanes.scenes.things import Car
 from lanes.scenes.truth import NOT_VISIBLE, VIDEO_X_M, lane_truth, line_pixels, truth_entry, truth_row, write_truth_csv
 from lanes.video.telemetry import read_telemetry
 
@@ -116,3 +125,96 @@ def test_speed_knots_give_the_way_between_them():
     motion = Motion(5.0, 12.0, later_speeds=((2.0, 6.0), (4.0, 6.0)))
     assert [motion.pose(t).s_m for t in (0.0, 1.0, 2.0, 3.0, 5.0)] == pytest.approx([5.0, 15.5, 23.0, 29.0, 41.0])
     assert replace(motion, later_speeds=()).pose(3.0).s_m == 41.0
+
+
+def painted_drive(road: RoadGeometry, start_m: float, **parts) -> Drive:
+    """White lines only, no wear, no noise; small pictures, because only places matter."""
+    surface = Surface((Zone(-100.0, "fresh asphalt"),), right_edge_m=-2.4, left_edge_m=5.4)
+    drive = Drive(
+        camera=SMALL,
+        road=road,
+        line_laterals_m=(1.6, -1.6),
+        markings=tuple(Marking(lateral, 0.15, WHITE, wear=0.0) for lateral in (1.6, -1.6)),
+        surface=surface,
+        sun=Sun(1.0, 0.9),
+        motion=Motion(start_m, 0.0, 0.2, rear_axle_m=1.6),
+        lens=Lens(noise=0.0, sharpening=0.0, blur_px=0.0, vignette=0.0, adaptation=0.0),
+        backdrop=BackdropStyle(tree_density=0.0),
+        bonnet=False,
+        seed=7,
+    )
+    return replace(drive, **parts)
+
+
+@pytest.mark.parametrize(
+    ("road", "start_m"),
+    [
+        (HAIRPINS, 22.0),
+        (HAIRPINS, 112.0),
+        (RoadGeometry([0.0, 60.0, 100.0], [1 / 200, 1 / 200, -1 / 120], HILLY), 30.0),
+        (RoadGeometry([0.0, 60.0, 100.0], [1 / 200, 1 / 200, -1 / 120], HILLY), 105.0),
+    ],
+)
+def test_truth_lies_on_the_paint_in_hairpins_and_on_crests(road, start_m):
+    drive = painted_drive(road, start_m)
+    frame = render_frame(drive)
+    # Paint is blue too, dry grass is not.
+    paint = frame.image[..., 2] > 120
+    from_paint = cv2.distanceTransform((~paint).astype(np.uint8), cv2.DIST_L2, 5)
+    off = []
+    for side in (0, 1):
+        points = surface_points(
+            road, frame.truth.pose, start_m + np.arange(2.5, 26.0, 0.2), frame.truth.laterals_m[side]
+        )
+        pixels = drive.camera_at(0.0).road_to_pixels(points)
+        # Not what the crest hides, and nothing outside the picture.
+        rising = np.minimum.accumulate(np.nan_to_num(pixels[:, 1], nan=1e9)) > pixels[:, 1] - 0.5
+        inside = rising & (pixels > [2, 215]).all(axis=1) & (pixels < [637, 357]).all(axis=1)
+        columns, rows = np.rint(pixels[inside]).astype(int).T
+        off += list(from_paint[rows, columns])
+    assert len(off) > 60
+    assert np.quantile(off, 0.97) <= 1.0 and max(off) < 2.5
+
+
+def test_a_crest_hides_what_stands_behind_it():
+    road = RoadGeometry([0.0, 200.0], [0.0, 0.0], HeightProfile([0.0, 40.0, 60.0], [0.08, 0.08, -0.10]))
+    ahead = RoadAhead(road, Pose(20.0))
+    crest_m = ahead.crest_m(SMALL.mount.height_m)
+    assert 25 < crest_m < 45
+    assert RoadAhead(replace(road, profile=HeightProfile([0.0], [0.05])), Pose(20.0)).crest_m(1.3) == np.inf
+    bare = render_frame(painted_drive(road, 20.0)).image
+    for s_m, changes in ((20.0 + 0.7 * crest_m, True), (20.0 + crest_m + 45.0, False)):
+        thing = Placed(s_m, 0.4, Car(0, 0, 0.0, "red"))
+        picture = render_frame(painted_drive(road, 20.0, things=(thing,))).image
+        assert (np.abs(picture.astype(int) - bare).max() > 60) == changes
+
+
+def test_painted_stencils_cover_their_area_where_they_are():
+    """A diamond 3.7 m by 1 m with a stroke of 24 % of its half: seen from above its area is known."""
+    road, pose = RoadGeometry([0.0, 200.0], [1 / 150, 1 / 150]), Pose(50.0, 0.3)
+    ground = cast_on_ground(picture_rays(DASHCAM), DASHCAM, RoadAhead(road, pose))
+    pixels, coverage = symbol_coverage(Symbol(58.0, -0.4, "diamond", 3.7, 1.0), ground, station_m=50.0)
+    s, d = ground.s.ravel()[pixels], ground.d.ravel()[pixels]
+    area = np.abs(ground.s_u * ground.d_v - ground.s_v * ground.d_u).ravel()[pixels]
+    assert (coverage * area).sum() == pytest.approx(0.5 * 3.7 * (1 - (1 - 2 * 0.24) ** 2), rel=0.04)
+    assert np.average(s, weights=coverage * area) == pytest.approx(58.0 - 50.0 + 3.7 / 2, abs=0.05)
+    assert np.average(d, weights=coverage * area) == pytest.approx(-0.4, abs=0.02)
+
+
+def test_botts_dots_missing_stretches_and_skew_lines_are_where_they_should_be():
+    road, pose = RoadGeometry([0.0, 200.0], [0.0, 0.0]), Pose(50.0, 0.1)
+    ground = cast_on_ground(picture_rays(DASHCAM), DASHCAM, RoadAhead(road, pose))
+    places = (ground.s.ravel(), ground.d.ravel())
+
+    def painted(**options):
+        pixels, coverage = paint_coverage(Marking(-1.5, 0.10, wear=0.0, **options), ground, station_m=50.0)
+        return [place[pixels[coverage > 0.5]] for place in places]
+
+    s, _ = painted(dashed=True, botts=True, phase_m=56.0)
+    near = np.sort(s[s < 10])
+    groups = np.split(near, np.flatnonzero(np.diff(near) > 0.4) + 1)
+    assert [group.mean() for group in groups] == pytest.approx([6.08 + k * 0.914 for k in range(4)], abs=0.04)
+    s, _ = painted(start_m=58.0, end_m=64.0)
+    assert (s.min(), s.max()) == pytest.approx((8.0, 14.0), abs=0.1)
+    s, d = painted(slope=0.05, start_m=55.0)
+    np.testing.assert_allclose(d, -1.5 + 0.05 * (s - 5.0), atol=0.08)

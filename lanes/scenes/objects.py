@@ -46,6 +46,7 @@ def draw_objects(
     haze: float = 0.06,
     light_at: Callable[[np.ndarray], np.ndarray] | None = None,
     air_at: Callable[[float], tuple[np.ndarray, np.ndarray]] | None = None,
+    crest: tuple[float, np.ndarray] | None = None,
 ) -> np.ndarray:
     """Paint things over a picture, the farthest first.
 
@@ -66,6 +67,8 @@ def draw_objects(
         everywhere by default.
     air_at : callable, optional
         From a distance in metres to what `air_between` gives, instead of clear air with `haze`.
+    crest : (float, ndarray of shape (H, W), bool), optional
+        Distance of a crest of the road, and where its near side is: that hides the things beyond.
 
     Returns
     -------
@@ -76,7 +79,8 @@ def draw_objects(
     TypeError
         For a thing of another kind.
     """
-    image = np.array(image, np.float32)
+    bare, image = image, np.array(image, np.float32)
+    crest_m, near_side = crest or (0.0, None)
     sun = np.asarray(sun_direction, float) / np.linalg.norm(sun_direction)
     jobs = []
     for thing in [thing for thing in objects if not isinstance(thing, Tree)] + _planted(camera, objects):
@@ -87,6 +91,8 @@ def draw_objects(
             pieces = [thing]
         jobs += [(_distance(piece), piece) for piece in pieces]
     for distance, thing in sorted((job for job in jobs if job[0] < FARTHEST_M), key=lambda job: -job[0]):
+        if near_side is not None and distance < crest_m:
+            image[near_side], near_side = bare[near_side], None
         through, air = air_between(distance, haze) if air_at is None else air_at(distance)
         if light_at is not None:
             if isinstance(thing, Wall):
@@ -94,6 +100,8 @@ def draw_objects(
             elif not isinstance(thing, Slab):
                 through = through * light_at(np.array([[thing.x_m, thing.y_m]]))[0]
         _painter(thing)(image, camera, thing, sun, (through, air))
+    if near_side is not None:
+        image[near_side] = bare[near_side]
     return image
 
 

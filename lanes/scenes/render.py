@@ -102,7 +102,8 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     _lay_ground(bare, ground_light, ground, daylight=drive.night is None)
     light_at = _light_on_things(drive, ahead, station_m=truth.pose.s_m)
     air = {"haze": drive.backdrop.haze_per_km, "air_at": _air(drive)}
-    light = draw_objects(bare, camera, things, sun_direction=sun_direction, light_at=light_at, **air)
+    crest = _crest(ahead, ground, camera)
+    light = draw_objects(bare, camera, things, sun_direction=sun_direction, light_at=light_at, crest=crest, **air)
     if drive.bonnet:
         open_sky = 1.0 if light_at is None else float(light_at(np.array([[-1.0, 0.0]])).mean())
         light = draw_bonnet(light, camera, light=(0.2 + 0.8 * float(sun[-60:].mean())) * open_sky)
@@ -239,6 +240,16 @@ def _far_light(drive: Drive, directions: np.ndarray) -> np.ndarray:
     if drive.fog is not None:
         drive.fog.veil_sky(light, directions[..., 2])
     return light
+
+
+def _crest(ahead: RoadAhead, ground: Ground, camera: Camera) -> tuple[float, np.ndarray] | None:
+    """How far the first crest is that hides road, and where in the picture (height, width) its near side is seen."""
+    if ahead.profile.level:
+        return None
+    distance_m = ahead.crest_m(camera.mount.height_m)
+    near_side = np.zeros((camera.height, camera.width), bool)
+    near_side[ground.top :] = ground.visible & (ground.distance < distance_m)
+    return (distance_m, near_side) if np.isfinite(distance_m) else None
 
 
 def _mirrored_sky(drive: Drive, camera: Camera, heading_rad: float, ground: Ground) -> np.ndarray:

@@ -11,6 +11,8 @@ from lanes.scenes.road import MOST_TURNED_RAD, Pose, RoadGeometry
 WINDING_PER_M = 1 / 120
 # In a winding road as much is drawn as is not behind the trees anyway.
 WINDING_AHEAD_M = 220.0
+# Crests are looked for up to here; one that hides less than this (2 pixels of a dashcam) is none.
+CREST_WITHIN_M, CREST_HIDES = 200.0, 0.002
 # Where the map of a winding road lies before the car, and how fine it is.
 MAP_X_M, MAP_Y_M, MAP_CELL_M = (-40.0, 160.0), (-120.0, 120.0), 0.5
 
@@ -105,6 +107,13 @@ class RoadAhead:
     def grade(self, s: np.ndarray) -> np.ndarray:
         """Rise per metre of the ground at places `s` from the car, above the slope under the car."""
         return self.profile.slope(s + self._pose.s_m) - self.profile.slope(self._pose.s_m)
+
+    def crest_m(self, height_m: float) -> float:
+        """How far ahead the road goes out of sight of an eye `height_m` above it, metres; infinite if never."""
+        s = np.arange(2.0, CREST_WITHIN_M)
+        slope = (self.rise(s) - height_m) / s
+        hidden = slope < np.maximum.accumulate(slope) - CREST_HIDES
+        return float(s[np.argmax(hidden)]) if hidden.any() else np.inf
 
     def on_surface(self, points_m: np.ndarray) -> np.ndarray:
         """Points (N, 3) of the ground above or below points (N, 2) of the car's plane, metres."""
