@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from lanes.scenes.glare import Glare
 from lanes.scenes.lens import Lens
 from lanes.scenes.light import TreeShade, WoodShade
 from lanes.scenes.overpass import Overpass
+from lanes.scenes.produce import Progress, write_video
 from lanes.scenes.render import Drive, Motion
 from lanes.scenes.road import RoadGeometry
 from lanes.scenes.roadside import Along, Placed
@@ -23,6 +25,9 @@ from lanes.scenes.suite_scene import SuiteScene
 from lanes.scenes.surface import TAR, Patch, Seam, Zone
 from lanes.scenes.symbols import Symbol
 from lanes.scenes.things import Car
+
+# Coarser than the project video's, so that each stays below 3.5 MB: wide concrete and leaves are costly texture.
+CHALLENGE_CRF, HARDER_CRF = 25, 27
 
 
 def challenge_video() -> Drive:
@@ -102,6 +107,20 @@ def harder_challenge_video() -> Drive:
         lens=Lens(noise=0.004, exposure=0.3),
         seed=172,
         **weather(45, 28, tree_density=0.3, greenness=0.8, ridge_height_rad=0.30, hill_height_rad=0.22),
+    )
+
+
+def write_challenge_video(folder: str | Path, *, seconds: float = 9.0, progress: Progress | None = None) -> list[Path]:
+    """Write challenge_video.mp4 with its truth and camera into a folder; see `produce.write_video`."""
+    path = Path(folder) / "challenge_video.mp4"
+    return write_video(path, drive=challenge_video(), seconds=min(seconds, 9.0), crf=CHALLENGE_CRF, progress=progress)
+
+
+def write_harder_video(folder: str | Path, *, seconds: float = 10.0, progress: Progress | None = None) -> list[Path]:
+    """Write harder_challenge_video.mp4 with its truth and camera into a folder; see `produce.write_video`."""
+    path = Path(folder) / "harder_challenge_video.mp4"
+    return write_video(
+        path, drive=harder_challenge_video(), seconds=min(seconds, 10.0), crf=HARDER_CRF, progress=progress
     )
 
 
