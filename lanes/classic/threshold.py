@@ -115,8 +115,7 @@ def gradient_y_mask(channel: np.ndarray, levels: Range, *, full_step: float, ker
 
 def magnitude_mask(channel: np.ndarray, levels: Range, *, full_step: float, kernel: int = 3) -> np.ndarray:
     """Binary of the pixels with a change of brightness in any direction; see `gradient_x_mask`."""
-    steps = cv2.magnitude(_sobel(channel, 1, 0, kernel), _sobel(channel, 0, 1, kernel))
-    return _level_mask(steps, levels, full_step)
+    return _level_mask(cv2.magnitude(*_gradient(channel, kernel)), levels, full_step)
 
 
 def direction_mask(channel: np.ndarray, angles_rad: Range, *, kernel: int = 3) -> np.ndarray:
@@ -125,8 +124,7 @@ def direction_mask(channel: np.ndarray, angles_rad: Range, *, kernel: int = 3) -
     A vertical edge has direction 0; pixels without any gradient count as 0 too. Angles are good to 0.3 degrees
     (cv2.phase), so widen a range by that where its end matters.
     """
-    across, along = _sobel(channel, 1, 0, kernel), _sobel(channel, 0, 1, kernel)
-    return cv2.inRange(cv2.phase(np.abs(across), np.abs(along)), angles_rad[0], angles_rad[1])
+    return _angle_mask(*_gradient(channel, kernel), angles_rad)
 
 
 def region_mask(size: tuple[int, int], polygon: tuple[Range, ...]) -> np.ndarray:
@@ -153,6 +151,15 @@ def _sobel(channel: np.ndarray, dx: int, dy: int, kernel: int) -> np.ndarray:
     derive, smooth = cv2.getDerivKernels(1, 0, kernel)
     gain = smooth.sum() * np.abs(np.cumsum(derive)).max()
     return cv2.Sobel(channel, cv2.CV_32F, dx, dy, ksize=kernel, scale=1 / gain)
+
+
+def _gradient(channel: np.ndarray, kernel: int) -> tuple[np.ndarray, np.ndarray]:
+    """Steps across and along the rows."""
+    return _sobel(channel, 1, 0, kernel), _sobel(channel, 0, 1, kernel)
+
+
+def _angle_mask(across: np.ndarray, along: np.ndarray, angles_rad: Range) -> np.ndarray:
+    return cv2.inRange(cv2.phase(np.abs(across), np.abs(along)), angles_rad[0], angles_rad[1])
 
 
 def _level_mask(steps: np.ndarray, levels: Range, full_step: float) -> np.ndarray:
@@ -260,15 +267,16 @@ class BestChannelThresholds(Thresholds):
         return {name: cv2.copyMakeBorder(mask, top, 0, 0, 0, cv2.BORDER_CONSTANT) for name, mask in masks.items()}
 
     def _road_masks(self, image: np.ndarray, region: np.ndarray) -> dict[str, np.ndarray]:
-        gray = to_gray(image)
         hue, _, saturation = split_channels(image, "HLS")
-        direction = direction_mask(gray, self.direction_rad) & region
+        # one gradient for all four questions that are asked of it
+        across, along = _gradient(to_gray(image), 3)
+        direction = _angle_mask(across, along, self.direction_rad) & region
         step = self.full_step
-        along_both = gradient_x_mask(gray, self.gradient, full_step=step) & region
-        along_both &= gradient_y_mask(gray, self.gradient, full_step=step)
+        along_both = _level_mask(np.abs(across), self.gradient, step) & region
+        along_both &= _level_mask(np.abs(along), self.gradient, step)
         masks = {
             "red": range_mask(np.ascontiguousarray(image[..., 0]), self.red) & region,
-            "gradients": along_both | (magnitude_mask(gray, self.magnitude, full_step=step) & direction),
+            "gradients": along_both | (_level_mask(cv2.magnitude(across, along), self.magnitude, step) & direction),
             "hue": range_mask(hue, self.hue) & direction,
             "saturation": range_mask(saturation, self.saturation) & region,
             "luv lightness": range_mask(split_channels(image, "LUV")[0], self.luv_lightness) & region,
