@@ -21,11 +21,11 @@ from lanes.words import describe_bend, describe_offset
 # Nearer than this the own bonnet hides the road from most cameras.
 NEAREST_M = 6.0
 # Corners of the outlines, each as many times farther than the one before: pictures of bends bend most far away. So 20
-# stray by less than 0.4 px from bends of 100 m radius over 60 m, half as much as 32 in even picture rows.
+# stray by less than 0.4 px from bends of 150 m radius over 60 m, half as much as 32 in even picture rows.
 SHARES = np.linspace(0, 1, 20)
 ALPHA = 0.3
 # A line that is not seen itself is drawn thin: it follows from the other one.
-SEEN_PX, INFERRED_PX = 160, 500
+SEEN_PX, INFERRED_PX = 128, 320
 
 
 def lane_outlines(lane: Lane, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
