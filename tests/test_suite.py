@@ -62,3 +62,14 @@ def test_every_drive_has_a_lane_exactly_where_its_difficulty_says_so(scene):
         assert max(abs(t.curvature_per_m) for t in truths) > 1 / 1000
         assert all(np.isfinite(t.line_y(side, np.array([5.0]))).all() for t in truths for side in (0, 1))
     assert truths[-1].pose.s_m > truths[0].pose.s_m + 15
+
+
+@pytest.mark.parametrize("scene", SUITE.values(), ids=SUITE)
+def test_the_lines_of_a_lane_are_the_middles_of_stripes(scene):
+    """Of a double line the stripe beside the lane bounds it: where both stripes bound lanes, only the nearer does."""
+    drive = scene.drive()
+    middles = [(low + high) / 2 for marking in drive.markings for low, high in marking.stripes]
+    left, right = drive.truth(0.0).laterals_m
+    for line in (left, right) if drive.line_laterals_m else ():
+        assert min(abs(line - middle) for middle in middles) < 0.02
+        assert not any(right + 0.02 < middle < left - 0.02 and abs(middle - line) < 0.3 for middle in middles)

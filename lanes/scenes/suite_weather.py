@@ -69,7 +69,8 @@ def country_road(seed: int, **parts) -> Drive:
     return Drive(
         camera=DASHCAM,
         road=RoadGeometry([0.0, 35.0, 75.0, 130.0, 160.0], [1 / 170, 1 / 170, -1 / 140, -1 / 140, 0.0]),
-        line_laterals_m=(middle, edge),
+        # what bounds the lane is the stripe beside it, as in labels by hand
+        line_laterals_m=(middle - 0.10, edge),
         markings=(
             Marking(middle, 0.10, YELLOW, double_gap_m=0.10, wear=0.2),
             Marking(edge, 0.10, WHITE, wear=0.2),
