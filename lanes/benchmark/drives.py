@@ -46,6 +46,8 @@ def list_drives() -> dict[str, BenchmarkDrive]:
 def choose_drives(names: list[str]) -> list[BenchmarkDrive]:
     """Drives by name, all if none is named; a name may also be that of a video with .csv and .yaml beside it.
 
+    A video that is called like a scene is one of its difficulty.
+
     Raises
     ------
     FileNotFoundError
@@ -66,4 +68,5 @@ def _own_drive(name: str, known: dict[str, BenchmarkDrive]) -> BenchmarkDrive:
             raise FileNotFoundError(
                 f"{file}: there is no such {what}; a drive is a video with .csv and .yaml beside it."
             )
-    return BenchmarkDrive(video.stem, "own", f"{video}", video)
+    difficulty = known[video.stem].difficulty if video.stem in known else "own"
+    return BenchmarkDrive(video.stem, difficulty, f"{video}", video)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import multiprocessing
+import os
 import signal
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -14,6 +15,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import Thread
 
 import cv2
 import numpy as np
@@ -163,9 +165,16 @@ def _all_done(pool: ProcessPoolExecutor, work: Callable, tasks: Iterable[tuple],
 
 
 def _begin_work() -> None:
-    """In each process: one thread for OpenCV; deaf to interruptions while there is nothing to do."""
+    """In each process: one thread for OpenCV, deaf to interruptions while idle, and no life after its parent's."""
     cv2.setNumThreads(1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # An idle one waits for work for ever if the process that gives it was killed.
+    Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    multiprocessing.parent_process().join()
+    os._exit(1)
 
 
 def _do(work: Callable, task: tuple) -> object:
