@@ -144,23 +144,28 @@ def judge_lane(lane: Lane) -> Step:
         why = f"the camera seems to look {np.degrees(abs(lane.pitch_rad)):.1f} deg farther {way} than its mount says."
         return Step("lane", words, why, MOUNT_AGAIN + " On a crest or a bump it passes by itself.")
     unseen = [name for name, line in (("left", lane.left), ("right", lane.right)) if not line.seen]
-    if _width_is_to_blame(lane):
+    if lane.score < LEAST_SCORE:
+        why = f"hardly any paint supports it (score {lane.score:.2f}; a video starts from {LEAST_SCORE} on)."
+        advice = "See in the paint and the stripes whether the road has lines at all here."
+    elif unseen:
+        why = f"the {unseen[0]} line is not seen; its place follows from the other one and the usual width."
+        advice = (
+            "Nothing is wrong if the road has no such line: a video carries the width over from where it was seen. If "
+            "it has one, and the lines do not run side by side in the view from above, the mount is wrong. "
+            + MOUNT_AGAIN
+        )
+    elif _width_is_to_blame(lane):
         why = (
             f"a lane {lane.width_m:.1f} m wide is odd (usual: {USUAL_WIDTH_M} m): the road is no usual one, or one of "
             "the lines is a kerb, a crack or another lane's."
         )
         advice = "See in the fit which of the two lines lies on paint; if all lanes come out like this: " + MOUNT_AGAIN
-    elif unseen:
-        why = f"the {unseen[0]} line is not seen; its place follows from the other one and the usual width."
-        advice = "Nothing is wrong if the road has no such line; a video carries the width over from where it was seen."
     else:
         why = (
             f"the worse line is known to no more than {lateral_std_m(lane, 20.0):.1f} m at 20 m ahead: the paint found "
             f"ends after {lane.left.reach_m:.0f} m (left) and {lane.right.reach_m:.0f} m (right)."
         )
         advice = "Use the video instead of a still: the tracker adds up what many frames show."
-    if lane.score < LEAST_SCORE:
-        why += f" A video would not start from this frame (score {lane.score:.2f}, needed {LEAST_SCORE})."
     return Step("lane", words, why, advice)
 
 
