@@ -14,6 +14,9 @@ from lanes.metric.confidence import RIGHT_M
 NEAR = AT_M <= 20.0
 # While the car's middle is this close to a line, that line may be called the left or the right one of the lane.
 CHANGING_M = 0.4
+# A line that runs across the car's way at this angle or more is not judged any farther: in a hairpin its place at a
+# given x says little, and ends where the line turns back.
+MOST_ACROSS_RAD = np.radians(60)
 # From this confidence on a lane that is wrong is confidently wrong.
 CONFIDENT = 0.9
 # A lane that was lost or wrong is back when it is right in so many frames in a row.
@@ -56,6 +59,18 @@ class LaneTruth:
         """(N,) bool: frames with a lane."""
         return np.isfinite(self.lines_y_m[:, :, 0]).all(axis=1)
 
+    @property
+    def across(self) -> np.ndarray:
+        """(N, 2, D): distance across a line for each metre of y beside it; NaN from MOST_ACROSS_RAD on.
+
+        The cosine of the line's direction. That of the flatter of the two chords to its next points is taken, so that
+        no error comes out smaller than it is.
+        """
+        places = np.concatenate([self.beside_y_m[..., None], self.lines_y_m], axis=2)
+        chords = np.abs(np.diff(places, axis=2) / np.diff(AT_M, prepend=0.0))
+        slope = np.fmin(chords, np.concatenate([chords[..., 1:], chords[..., -1:]], axis=2))
+        return np.where(slope < np.tan(MOST_ACROSS_RAD), 1 / np.hypot(1, slope), np.nan)
+
     def cut(self, frames: slice) -> LaneTruth:
         """The truth of some of the frames."""
         return LaneTruth(**{field.name: getattr(self, field.name)[frames] for field in fields(self)})
@@ -89,7 +104,7 @@ class FrameErrors:
     confident : ndarray of shape (N,), bool
         A lane is given, with a confidence of CONFIDENT or more, or by a system that states none.
     lateral_m : ndarray of shape (N, D)
-        Distance between found and true line at AT_M, of the line that is farther off there.
+        Distance between found and true line at AT_M, square to the true one, of the line that is farther off there.
     near_m, far_m : ndarray of shape (N,)
         Root mean square of a line's lateral errors, of the worse line: over 5 to 20 m, and over 5 to 30 m, which is
         what the confidence speaks of. Infinite where the found line has turned back before the true one.
@@ -164,8 +179,8 @@ def recoveries(right: np.ndarray) -> list[int]:
 
 def _errors_of(readings: Readings, truth: LaneTruth) -> dict[str, np.ndarray]:
     """The errors that depend on how the lines are named."""
-    error = np.abs(readings.lines_y_m - truth.lines_y_m)
-    judged = readings.given[:, None, None] & np.isfinite(truth.lines_y_m)
+    error = np.abs(readings.lines_y_m - truth.lines_y_m) * truth.across
+    judged = readings.given[:, None, None] & np.isfinite(truth.across)
     error = np.where(judged, np.where(np.isnan(error), np.inf, error), np.nan)
     errors = {
         "lateral_m": np.fmax(error[:, 0], error[:, 1]),
