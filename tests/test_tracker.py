@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from drives import CAMERA, PaintedDrive, Stripe, lane_lines, s_bend, straight_road
+from drives import CAMERA, YELLOW, PaintedDrive, Stripe, lane_lines, s_bend, straight_road
 
 from lanes.images import PictureError
 from lanes.metric.lanemodel import CENTRE, SIDES, WIDTH
@@ -175,6 +175,14 @@ def test_kinds_of_lines():
     kinds = s_bend_drive()[-1][1].kinds
     assert (kinds[0].colour, kinds[0].pattern, kinds[0].double) == ("yellow", "solid", False)
     assert (kinds[1].colour, kinds[1].pattern, kinds[1].double) == ("white", "dashed", False)
+
+
+def test_the_inner_stripe_of_a_double_line_bounds_the_lane_from_the_first_picture_on():
+    lines = (*(Stripe(y, 0.10, YELLOW) for y in (1.7, 1.9)), Stripe(-1.8))
+    drive = replace(DRIVE, road=straight_road(), lines=lines, lane_m=(1.7, -1.8), camera=CAMERA)
+    frames = follow(drive, 1.2)
+    assert max(lateral_error_m(tracked, truth) for _, tracked, truth in frames) < 0.04
+    assert frames[0][1].kinds[0].double and not frames[0][1].kinds[1].double
 
 
 def test_speed_is_found_or_taken():

@@ -11,7 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from lanes.metric.attributes import Paint, describe_paint
-from lanes.metric.lane import LEAST_SUPPORT, LEAST_WEIGHT, PRIOR_WEIGHT, Lane, LaneLine, Sight, support_of
+from lanes.metric.lane import (
+    LEAST_SUPPORT,
+    LEAST_WEIGHT,
+    PRIOR_WEIGHT,
+    Lane,
+    LaneLine,
+    Sight,
+    inner_stripes,
+    support_of,
+)
 from lanes.metric.lanefit import LaneFit, strangeness
 from lanes.metric.lanemodel import (
     CENTRE,
@@ -72,13 +81,8 @@ def describe_followed(belief: Belief, seen: tuple[Seen, Seen], double: tuple[boo
     Of `double` lines the stripe beside the lane bounds it. (For single ones the filter knows the middle of the paint
     better than one look at it.)
     """
-    model, covariance = belief.lane.copy(), belief.lane_covariance
-    shift = [
-        s.paint.stripe_m(side) if twice and s.paint and s.paint.double else 0.0
-        for s, side, twice in zip(seen, SIDES, double, strict=True)
-    ]
-    model[CENTRE] += (shift[0] + shift[1]) / 2
-    model[WIDTH] += shift[0] - shift[1]
+    doubles = [s.paint if twice and s.paint and s.paint.double else None for s, twice in zip(seen, double, strict=True)]
+    model, covariance = belief.lane + inner_stripes(doubles), belief.lane_covariance
     lines = tuple(_line(model, covariance, side, s) for side, s in zip(SIDES, seen, strict=True))
     score = sum(np.sqrt(s.support) for s in seen) - PRIOR_WEIGHT * strangeness(belief.lane[None])[0]
     return Lane.from_model(model, covariance, lines, score=float(score), margin=margin)

@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -285,7 +286,7 @@ def describe_lane(fit: LaneFit, sight: Sight, view: RoadView) -> Lane | None:
         describe_paint(sight.evidence, view, _only(rows, line))
         for rows, line in zip((sight.stripes.row[m] for m in mine), lines[best], strict=True)
     ]
-    model, covariance = _on_inner_stripes(fit.lane[best], paint), np.linalg.inv(fit.information[best])
+    model, covariance = fit.lane[best] + inner_stripes(paint), np.linalg.inv(fit.information[best])
     rival = np.abs(fit.lane - fit.lane[best])[:, [CENTRE, WIDTH]].max(axis=1) > SAME_M
     left, right = (
         _describe_line(model, covariance, side, support[best, k], reach_m[k], paint[k]) for k, side in enumerate(SIDES)
@@ -299,12 +300,15 @@ def describe_lane(fit: LaneFit, sight: Sight, view: RoadView) -> Lane | None:
     )
 
 
-def _on_inner_stripes(lane: np.ndarray, paint: list[Paint | None]) -> np.ndarray:
-    """The lane (7,) between the stripes next to it: the fit follows the middle of a double line."""
+def inner_stripes(paint: Sequence[Paint | None]) -> np.ndarray:
+    """What leads from a fitted lane to the one between the stripes next to it, (7,): fits follow a double's middle.
+
+    `paint` is that of the left and the right line; None moves nothing.
+    """
     left, right = (p.stripe_m(side) if p else 0.0 for p, side in zip(paint, SIDES, strict=True))
-    moved = lane.copy()
-    moved[[CENTRE, WIDTH]] += (left + right) / 2, left - right
-    return moved
+    shift = np.zeros(VERTICAL + 1)
+    shift[[CENTRE, WIDTH]] = (left + right) / 2, left - right
+    return shift
 
 
 def score_lanes(lanes: np.ndarray, support: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from lanes.metric.departure import watch_departure
 from lanes.metric.evidence import Stripes
 from lanes.metric.follow import TOGETHER, correct_lane
 from lanes.metric.followed import Seen, describe_followed, see_lines
-from lanes.metric.lane import LEAST_WEIGHT, Lane, Sight, describe_lane, observe, search_lane
+from lanes.metric.lane import LEAST_WEIGHT, Lane, Sight, describe_lane, inner_stripes, observe, search_lane
 from lanes.metric.lanefit import LaneFit
 from lanes.metric.lanemodel import CENTRE, SIDES, WIDTH
 from lanes.metric.linekind import KindVotes
@@ -201,10 +201,13 @@ class LaneTracker:
             self._objections = 0
 
     def _start(self, lane: Lane) -> None:
-        """Begin again with a lane that was found without memory."""
+        """Begin again with a lane that was found without memory; what is followed of a double line is its middle."""
         self.reset()
-        self._belief, self._lane = first_belief(lane.model, lane.covariance * TOGETHER, self.speed_mps), lane
+        paint = lane.left.paint, lane.right.paint
+        model = lane.model - inner_stripes([p if p and p.double else None for p in paint])
+        self._belief, self._lane = first_belief(model, lane.covariance * TOGETHER, self.speed_mps), lane
         self._seen = tuple(Seen(line.support, line.reach_m, line.paint) for line in (lane.left, lane.right))
+        self._votes = tuple(KindVotes().add_paint(p) if p else KindVotes() for p in paint)
         self._state, self._confirmed, self._margin = SEARCHING, 1, lane.margin
 
     def _report(self) -> TrackedLane:
