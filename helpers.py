@@ -32,6 +32,8 @@ Data             open_dataset, check, PROJECT_ROOT                              
                  track_lane                                                                 lanes.metric.lane_overlay
                  integrate_path                                                             lanes.metric.path
 13 Explain       explain_frame                                                              lanes.explain
+14 How wrong     score_video                                                                lanes.benchmark.runner
+                 results_table                                                              lanes.benchmark.tables
 Sliders          tune_threshold, tune_view                                                  lanes.tuning
                  read_frames                                                                lanes.video.videofile
 Figures          show_pictures, plot_bars, plot_histogram, plot_series, plot_telemetry,
@@ -46,7 +48,8 @@ from lanes.benchmark.measures import (
     paint_share,
     worst_lateral_error_m,
 )
-from lanes.benchmark.tables import format_table
+from lanes.benchmark.runner import score_video
+from lanes.benchmark.tables import format_table, results_table
 from lanes.calibration.boards import calibrate_folder, draw_board, find_board
 from lanes.camera import Camera, Mount, load_camera, save_camera, undistort
 from lanes.classic.fit import fit_line, ransac_line
@@ -161,7 +164,9 @@ __all__ = [
     "read_image",
     "read_telemetry",
     "saturation_mask",
+    "results_table",
     "save_camera",
+    "score_video",
     "save_figure",
     "search_band",
     "show_explanation",

@@ -15,7 +15,7 @@ from drives import CAMERA, PaintedDrive, lane_lines, s_bend
 
 from lanes.benchmark import runner
 from lanes.benchmark.drives import BenchmarkDrive, choose_drives, list_drives
-from lanes.benchmark.runner import Staged, follow_drive, measure, stage, true_lane
+from lanes.benchmark.runner import Staged, follow_drive, measure, score_video, stage, true_lane
 from lanes.benchmark.systems import SYSTEMS
 from lanes.benchmark.tables import describe_scores, read_scores, results_table
 from lanes.images import read_image
@@ -66,6 +66,14 @@ class TestCommand:
         assert "bend (own, 5 frames)" in done.stdout
         for words in ("mount was: true", "measured with 2 workers", "recipes state no confidence"):
             assert words in done.stdout
+
+    def test_one_video_scored_in_python_is_its_row(self, done, folder):
+        table = {row["system"]: row for row in read_scores(folder / "out" / "benchmark.csv") if row["scene"] == "bend"}
+        for system in ("hls_sobel", "metric"):
+            here = score_video(folder / "bend.mp4", system)
+            for name in ("frames", "right_share", "lateral_5_20m_p95_m", "offset_p95_m"):
+                assert here[name] == pytest.approx(table[system][name], nan_ok=True, abs=1e-6)
+        assert score_video(folder / "bend.mp4", "metric", end_s=0.1)["frames"] == 3
 
     def test_figures_are_pictures(self, done, folder):
         for name in ("benchmark.png", "reliability.png"):

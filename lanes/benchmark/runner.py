@@ -20,10 +20,10 @@ from threading import Thread
 import cv2
 import numpy as np
 
-from lanes.benchmark.drives import NO_LANE, BenchmarkDrive
+from lanes.benchmark.drives import NO_LANE, BenchmarkDrive, choose_drives
 from lanes.benchmark.errors import LaneTruth, frame_errors
 from lanes.benchmark.readings import Reading, Readings, read_readings, write_readings
-from lanes.benchmark.scores import Result
+from lanes.benchmark.scores import Result, Row, score_rows
 from lanes.benchmark.systems import SOURCES, follow_with, require_system
 from lanes.camera import Camera, camera_to_dict, load_camera
 from lanes.drives.mounts import mount_from_drive
@@ -133,6 +133,33 @@ def follow_drive(staged: Staged, system: str, *, end_s: float | None = None) -> 
         readings.append(follow(image))
         time_ms.append(1000 * (time.perf_counter() - start) if staged.camera else np.nan)
     return Readings.of(readings, time_ms)
+
+
+def score_video(video: str | Path, system: str, *, end_s: float | None = None) -> Row:
+    """Score a system on a video with its truth and camera beside it, here and now: a row of the benchmark's table.
+
+    Parameters
+    ----------
+    video : str or Path
+        With the truth (.csv) and the camera with its mount (.yaml) beside it.
+    system : str
+        One of `systems.SYSTEMS`.
+    end_s : float, optional
+        Score the frames before this moment, seconds.
+
+    Raises
+    ------
+    ValueError
+        If the system is unknown, or video and truth do not belong together.
+    OSError
+        If a file cannot be read.
+    """
+    require_system(system)
+    staged = stage(choose_drives([str(video)])[0], False)
+    readings = follow_drive(staged, system, end_s=end_s)
+    truth = true_lane(staged.drive).cut(slice(len(readings.offset_m)))
+    errors = frame_errors(readings, truth)
+    return score_rows([Result(staged.drive.name, staged.drive.difficulty, system, errors)])[0]
 
 
 def true_lane(drive: BenchmarkDrive) -> LaneTruth:

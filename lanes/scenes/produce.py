@@ -8,8 +8,6 @@ from contextlib import closing
 from functools import lru_cache, partial
 from pathlib import Path
 
-import imageio_ffmpeg
-
 from lanes.camera import save_camera
 from lanes.images import whole_file, write_image
 from lanes.scenes.catalogue import VIDEO_FPS, VIDEO_SECONDS, project_video, still_scenes
@@ -112,6 +110,9 @@ def _encode(
     path: Path, drive: Drive, count: int, crf: int, progress: Progress | None, workers: int | None
 ) -> list[dict]:
     """Render and encode `count` frames; the truth's rows."""
+    # Only who renders waits for it: the notebook scores videos without.
+    import imageio_ffmpeg
+
     writer = imageio_ffmpeg.write_frames(
         str(path),
         drive.camera.size,
