@@ -218,7 +218,7 @@ def _key(staged: Staged, system: str) -> str:
     digest = hashlib.sha256(staged.drive.video.read_bytes())
     digest.update(f"{cv2.__version__} {np.__version__} {staged.camera and camera_to_dict(staged.camera)}".encode())
     package = Path(__file__).parents[1]
-    own = [Path(__file__).with_name(f"{name}.py") for name in ("runner", "readings", "systems")]
+    own = [Path(__file__).with_name(f"{name}.py") for name in ("readings", "systems")]
     for source in (*own, *(package / name for name in SOURCES[system])):
         for file in sorted(source.rglob("*.py")) if source.is_dir() else [source]:
             digest.update(file.read_bytes())
