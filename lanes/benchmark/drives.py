@@ -27,11 +27,14 @@ class BenchmarkDrive:
     what: str
     video: Path | None
 
-    def at_hand(self, progress: Callable[[int, int], None] | None = None) -> BenchmarkDrive:
-        """The same with its video, rendered into the cache if it has none."""
+    def at_hand(
+        self, progress: Callable[[int, int], None] | None = None, *, workers: int | None = None
+    ) -> BenchmarkDrive:
+        """The same with its video, rendered into the cache if it has none, by so many processes."""
         if self.video is not None:
             return self
-        return BenchmarkDrive(self.name, self.difficulty, self.what, render_scene(self.name, progress=progress))
+        path = render_scene(self.name, progress=progress, workers=workers)
+        return BenchmarkDrive(self.name, self.difficulty, self.what, path)
 
 
 def list_drives() -> dict[str, BenchmarkDrive]:

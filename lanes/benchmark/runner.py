@@ -103,7 +103,8 @@ def run_benchmark(
 
 def stage(drive: BenchmarkDrive, estimated_mount: bool) -> Staged:
     """Render the drive where needed, and take or estimate the mount."""
-    drive = drive.at_hand()
+    # Scenes are spread over the processes already; each is rendered by one.
+    drive = drive.at_hand(workers=1)
     camera = load_camera(drive.video.with_suffix(".yaml"))
     if not estimated_mount:
         return Staged(drive, camera, "true")

@@ -6,6 +6,7 @@ not move it; only turning does.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import cv2
@@ -37,13 +38,13 @@ FOREST_SUN = np.array([0.075, 0.080, 0.035], np.float32)
 FOREST_SHADE = np.array([0.012, 0.017, 0.012], np.float32)
 
 
-def paint_backdrop(directions: np.ndarray, style: BackdropStyle, *, seed: int = 0) -> np.ndarray:
+def paint_backdrop(directions: Sequence[np.ndarray], style: BackdropStyle, *, seed: int = 0) -> np.ndarray:
     """Light that comes from far away along each direction.
 
     Parameters
     ----------
-    directions : ndarray of shape (H, W, 3), float32
-        Unit vectors in the world frame, already turned by the car's heading.
+    directions : three ndarrays of shape (H, W), float32
+        x, y and z of unit vectors in the world frame, already turned by the car's heading.
     style : BackdropStyle
     seed : int
         Another country of the same style for every number.
@@ -58,10 +59,9 @@ def paint_backdrop(directions: np.ndarray, style: BackdropStyle, *, seed: int = 
     ValueError
         If `directions` is not a picture of vectors.
     """
-    directions = np.asarray(directions, np.float32)
-    if directions.ndim != 3 or directions.shape[2] != 3:
-        raise ValueError(f"directions must have the shape (rows, columns, 3), not {directions.shape}.")
-    x, y, z = cv2.split(directions)
+    if len(directions) != 3 or any(np.ndim(axis) != 2 for axis in directions):
+        raise ValueError(f"directions must be x, y and z, each (rows, columns), not {np.shape(directions)}.")
+    x, y, z = directions
     # cv2.phase runs from 0 to 2 pi; the panorama has one column more on either side, copies of the opposite ones.
     column = cv2.phase(x, y) * np.float32(PIXELS_PER_RAD) + np.float32(0.5)
     row = (np.float32(Z_TOP) - z) * np.float32(PIXELS_PER_RAD) - np.float32(0.5)

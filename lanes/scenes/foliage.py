@@ -168,7 +168,10 @@ def _draw_branches(canvas: np.ndarray, kind: Species, lumps: np.ndarray, rng: np
     # Bark is furrowed along the stem.
     furrows = fractal_noise((rows // 2, canvas.shape[1] // 2), rng, cell_px=(20, 4.5), octaves=2, gain=0.7)
     furrows = cv2.resize(furrows, canvas.shape[1::-1], interpolation=cv2.INTER_LINEAR)
-    canvas[..., :3] *= np.clip(1 + 0.28 * furrows, 0.3, 1.8)[..., None]
+    bark = np.clip(1 + 0.28 * furrows, 0.3, 1.8)
+    # One colour after the other: numpy is slow where the innermost axis has three elements.
+    for colour in range(3):
+        canvas[..., colour] *= bark
 
 
 def _draw_limb(canvas: np.ndarray, path: np.ndarray, width_px: np.ndarray, colour: tuple) -> None:

@@ -14,6 +14,7 @@ TONE_STEPS = 4096
 BRIGHTEST = 4.0
 # Luminance of a road at which the automatic exposure changes nothing: asphalt that is no longer new.
 ADAPTED_TO = 0.055
+ROWS_AT_A_TIME = 24
 # How fast darkness swallows detail: light equal to this comes out at half its strength.
 TOE = 0.012
 
@@ -66,17 +67,25 @@ def develop(light: np.ndarray, lens: Lens, *, road_light: float, seed: int) -> n
     height, width = light.shape[:2]
     gain = np.float32(2.0**lens.exposure * (ADAPTED_TO / max(road_light, 0.002)) ** lens.adaptation)
     light = cv2.GaussianBlur(light, (0, 0), lens.blur_px) if lens.blur_px else light
-    vignette = gain * _vignette(height, width, lens.vignette)
-    light = light * cv2.merge([vignette] * 3)
-    # Work on the square root of light, where photon noise has the same size everywhere.
-    root = np.sqrt(np.clip(light, 0, BRIGHTEST, out=light), out=light)
-    root += np.float32(lens.noise / 2) * _noise(height, width, seed)
-    root *= np.float32((TONE_STEPS - 1) / np.sqrt(BRIGHTEST))
-    steps = np.clip(root, 0, TONE_STEPS - 1, out=root).astype(np.uint16)
-    image = cv2.LUT(steps, _tone_curve())
+    vignette, noise = gain * _vignette(height, width, lens.vignette), _noise(height, width, seed)
+    image = np.empty((height, width, 3), np.uint8)
+    # Some rows at a time stay in the processor's cache through all steps.
+    for top in range(0, height, ROWS_AT_A_TIME):
+        rows = slice(top, top + ROWS_AT_A_TIME)
+        cv2.LUT(_tone_steps(light[rows], vignette[rows], noise[rows], lens.noise), _tone_curve(), dst=image[rows])
     if lens.sharpening:
         image = cv2.addWeighted(image, 1 + lens.sharpening, cv2.GaussianBlur(image, (0, 0), 1.1), -lens.sharpening, 0)
     return image
+
+
+def _tone_steps(light: np.ndarray, gain: np.ndarray, noise: np.ndarray, noise_share: float) -> np.ndarray:
+    """Entries of the tone curve's table (rows, width, 3) uint16 for light times gain (rows, width), with noise."""
+    light = light * cv2.merge([gain] * 3)
+    # Work on the square root of light, where photon noise has the same size everywhere.
+    root = np.sqrt(np.clip(light, 0, BRIGHTEST, out=light), out=light)
+    root += np.float32(noise_share / 2) * noise
+    root *= np.float32((TONE_STEPS - 1) / np.sqrt(BRIGHTEST))
+    return np.clip(root, 0, TONE_STEPS - 1, out=root).astype(np.uint16)
 
 
 @lru_cache(maxsize=4)
@@ -86,9 +95,12 @@ def _vignette(height: int, width: int, strength: float) -> np.ndarray:
     return (1 - np.float32(strength) * radius2).astype(np.float32)
 
 
-@lru_cache(maxsize=1)
-def _noise_tile(height: int, width: int) -> np.ndarray:
+@lru_cache(maxsize=2)
+def _noise_tile(height: int, width: int, *, mirrored: bool) -> np.ndarray:
     """Normal noise, a little coarser than a pixel as after demosaicing, larger than the picture to be shifted."""
+    if mirrored:
+        # Kept beside the other, because numpy goes through columns that run backwards one by one.
+        return cv2.flip(_noise_tile(height, width, mirrored=False), 1)
     noise = np.random.default_rng(0).standard_normal((height + 64, width + 64, 3)).astype(np.float32)
     noise = cv2.GaussianBlur(noise, (0, 0), 0.6)
     return noise / noise.std()
@@ -98,10 +110,9 @@ def _noise(height: int, width: int, seed: int) -> np.ndarray:
     """The tile shifted and flipped by chance, which is much faster than drawing anew for each frame."""
     rng = np.random.default_rng(seed)
     row, column = rng.integers(0, 64, 2)
-    part = _noise_tile(height, width)[row : row + height, column : column + width]
     down, right = rng.choice([-1, 1]), rng.choice([-1, 1])
-    # cv2.flip: numpy goes through columns that run backwards one by one.
-    return (part if right > 0 else cv2.flip(part, 1))[::down]
+    left = column if right > 0 else 64 - column
+    return _noise_tile(height, width, mirrored=right < 0)[row : row + height, left : left + width][::down]
 
 
 @lru_cache(maxsize=1)

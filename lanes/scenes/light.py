@@ -21,6 +21,8 @@ CLOUDS = np.array([0.36, 0.38, 0.41], np.float32) / SKY_SHARE
 NEAREST_M = 1.5
 SHADOWS_UNTIL_M = 160.0
 LEAF_SEED = 61
+# Farther than the blur of a shadow's edge reaches.
+PENUMBRA_PX = 6
 # What walls and the sunny road outside throw below the middle of a wide bridge, as a share of the open sky's light.
 BOUNCED = 0.4
 
@@ -192,8 +194,12 @@ def darken_polygons(
         frayed = _frayed(mask, part, part.s + np.float32(station_m), ragged_m, first_row=cut.start)
         mask = np.zeros_like(mask)
         mask[cut] = frayed
-    # A penumbra of about a pixel; at car height it is a few centimetres wide.
-    sun *= 1 - cv2.GaussianBlur(mask, (0, 0), 0.8).astype(np.float32) * np.float32(0.97 / 255)
+    shaded = np.flatnonzero(mask.any(axis=1))
+    if not len(shaded):
+        return
+    # A penumbra of about a pixel; at car height it is a few centimetres wide. Rows that it does not reach stay.
+    rows = slice(max(shaded[0] - PENUMBRA_PX, 0), shaded[-1] + PENUMBRA_PX + 1)
+    sun[rows] *= 1 - cv2.GaussianBlur(mask[rows], (0, 0), 0.8).astype(np.float32) * np.float32(0.97 / 255)
 
 
 def _rows_within_reach(mask: np.ndarray, ground: Ground, reach_m: float) -> slice:

@@ -86,7 +86,7 @@ def draw_objects(
     for thing in [thing for thing in objects if not isinstance(thing, Tree)] + _planted(camera, objects):
         if isinstance(thing, Wall):
             # All of a piece is behind the same air: thick air wants short pieces.
-            pieces = thing.pieces() if air_at is None else thing.pieces(longer=1.06)
+            pieces = thing.pieces() if air_at is None else thing.pieces(longer=1.12)
         else:
             pieces = [thing]
         jobs += [(_distance(piece), piece) for piece in pieces]

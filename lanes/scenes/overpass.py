@@ -14,6 +14,7 @@ from lanes.scenes.shading import irradiance
 
 CONCRETE = np.array([0.36, 0.345, 0.315])
 BEAM_EVERY_M, BEAM_M = 2.4, 0.8
+BEAMS_AT_A_TIME = 3
 DECK_M, RAILING_M = 1.15, 0.95
 # The walls of the approaches on either side of the opening, and the width of their panels.
 APPROACH_M, PANEL_M = 54.0, 3.0
@@ -48,9 +49,12 @@ class Overpass:
         count = max(2, round((self.end_m - self.start_m) / BEAM_EVERY_M))
         edges = np.linspace(self.start_m, self.end_m, count + 1)
         slices = [self._below(low, high) for low, high in zip(edges[:-1], edges[1:], strict=True)]
+        # Some beams are painted together, the far ones first: each layer of paint covers the upper half of the picture.
+        groups = [slices[i : i + BEAMS_AT_A_TIME][::-1] for i in range(0, count, BEAMS_AT_A_TIME)]
         faces, tones = self._front()
         front = Slab(_in_car(faces, road, pose), tones, front=True)
-        return [front, *(Slab(_in_car(faces, road, pose), light) for faces, light in slices)]
+        joined = [[np.concatenate(parts) for parts in zip(*group, strict=True)] for group in groups]
+        return [front, *(Slab(_in_car(faces, road, pose), light) for faces, light in joined)]
 
     def _front(self) -> tuple[np.ndarray, np.ndarray]:
         """Walls of the approaches, edge of the deck and railing, all across the road at `start_m`."""

@@ -19,9 +19,11 @@ Progress = Callable[[int, int], None]
 
 # 21 keeps the texture of asphalt at about 6 Mbit/s.
 VIDEO_CRF = 21
+# What is committed is worth a third of the time that rendering takes, to be small.
+VIDEO_PRESET = "slow"
 # One encoder thread: with more, x264 cuts the picture differently and the bytes depend on the machine.
 # faststart lets browsers play while loading.
-ENCODER = ["-preset", "slow", "-threads", "1", "-movflags", "+faststart", "-bitexact"]
+ENCODER = ["-threads", "1", "-movflags", "+faststart", "-bitexact"]
 
 
 def write_stills(folder: str | Path, *, progress: Progress | None = None, workers: int | None = None) -> list[Path]:
@@ -68,6 +70,7 @@ def write_video(
     drive: Drive | None = None,
     seconds: float = VIDEO_SECONDS,
     crf: int = VIDEO_CRF,
+    preset: str = VIDEO_PRESET,
     progress: Progress | None = None,
     workers: int | None = None,
 ) -> list[Path]:
@@ -82,6 +85,8 @@ def write_video(
     seconds : float
     crf : int
         Quality of the encoder, lower is better and larger.
+    preset : str
+        How long the encoder (x264) may think to make the file smaller: "ultrafast" to "placebo".
     progress : callable, optional
         Called as progress(frames done, frames in all).
     workers : int, optional
@@ -100,14 +105,14 @@ def write_video(
     path, drive = Path(path), drive or project_video()
     count = round(seconds * VIDEO_FPS)
     with whole_file(path) as unfinished:
-        rows = _encode(unfinished, drive, count, crf, progress, workers)
+        rows = _encode(unfinished, drive, count, ["-crf", str(crf), "-preset", preset], progress, workers)
     write_truth_csv(path.with_suffix(".csv"), rows)
     save_camera(drive.camera, path.with_suffix(".yaml"))
     return [path, path.with_suffix(".csv"), path.with_suffix(".yaml")]
 
 
 def _encode(
-    path: Path, drive: Drive, count: int, crf: int, progress: Progress | None, workers: int | None
+    path: Path, drive: Drive, count: int, quality: list[str], progress: Progress | None, workers: int | None
 ) -> list[dict]:
     """Render and encode `count` frames; the truth's rows."""
     # Only who renders waits for it: the notebook scores videos without.
@@ -120,7 +125,7 @@ def _encode(
         codec="libx264",
         quality=None,
         macro_block_size=1,
-        output_params=["-crf", str(crf), *ENCODER],
+        output_params=[*quality, *ENCODER],
     )
     rows = []
     frames = ordered(partial(_render, pickle.dumps(drive)), range(count), workers=workers)

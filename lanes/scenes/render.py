@@ -109,7 +109,6 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
         light = draw_bonnet(light, camera, light=(0.2 + 0.8 * float(sun[-60:].mean())) * open_sky)
     changed = light != bare
     hidden = changed[..., 0] | changed[..., 1] | changed[..., 2]
-    seed = drive.seed * 7919 + round(time_s * 1000)
     if mirror is not None or drive.night is not None:
         lamps = lamps_of(things)
         if mirror is not None:
@@ -118,6 +117,12 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     if drive.glare is not None:
         sun_ray = camera.mount.rotation() @ sun_direction
         add_glare(light, _rays(drive.camera), sun_ray, drive.glare, sunshine=_sunshine(drive, truth.pose))
+    return Frame(_photograph(light, drive, time_s, road_light=road_light), truth, hidden)
+
+
+def _photograph(light: np.ndarray, drive: Drive, time_s: float, *, road_light: float) -> np.ndarray:
+    """The picture that the camera stores of the light before the windscreen."""
+    seed = drive.seed * 7919 + round(time_s * 1000)
     if drive.rain is not None:
         add_streaks_in_air(light, drive.rain, seed=seed)
         light = see_through_drops(light, drive.rain, time_s, seed=drive.seed)
@@ -125,7 +130,7 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     if drive.exposure is not None:
         road_light = _adapted_light(drive, time_s)
         lens = drive.exposure.lens(lens, road_light)
-    return Frame(develop(light, lens, road_light=road_light, seed=seed), truth, hidden)
+    return develop(light, lens, road_light=road_light, seed=seed)
 
 
 def _ground_light(
@@ -164,6 +169,8 @@ def _light_on_things(drive: Drive, ahead: RoadAhead, *, station_m: float) -> Cal
     if not closed and not drive.sun.clouded:
         return None
     clouds = float((CLOUDS * SKY_SHARE).mean()) if drive.sun.clouded else 1.0
+    if not closed:
+        return lambda places_m: np.full((len(places_m), 3), clouds)
 
     def light_at(places_m: np.ndarray) -> np.ndarray:
         s, d = ahead.locate(*places_m.T.astype(np.float32))
@@ -219,26 +226,25 @@ def _backdrop(drive: Drive, camera: Camera, heading_rad: float, ground: Ground) 
     return light
 
 
-def _directions(rays: np.ndarray, camera: Camera, heading_rad: float) -> np.ndarray:
-    """Unit vectors (rows, columns, 3) in the world frame of rays in camera axes."""
+def _directions(rays: np.ndarray, camera: Camera, heading_rad: float) -> tuple[np.ndarray, ...]:
+    """Unit vectors in the world frame, as x, y and z (rows, columns), of rays (rows, columns, 3) in camera axes."""
     cosine, sine = np.cos(heading_rad), np.sin(heading_rad)
     to_world = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
-    directions = rays @ (camera.mount.rotation() @ to_world).astype(np.float32)
-    x, y, z = cv2.split(directions)
-    # Spread over the axes first: numpy is slow where the innermost axis has three elements.
-    directions /= cv2.merge([np.sqrt(x * x + y * y + z * z)] * 3)
-    return directions
+    # One axis after the other: numpy is slow where the innermost axis has three elements.
+    x, y, z = cv2.split(rays @ (camera.mount.rotation() @ to_world).astype(np.float32))
+    length = np.sqrt(x * x + y * y + z * z)
+    return x / length, y / length, z / length
 
 
-def _far_light(drive: Drive, directions: np.ndarray) -> np.ndarray:
-    """Light (rows, columns, 3) that comes from sky and country along directions in the world frame."""
+def _far_light(drive: Drive, directions: tuple[np.ndarray, ...]) -> np.ndarray:
+    """Light (rows, columns, 3) that comes from sky and country along directions, as `_directions` gives them."""
     light = paint_backdrop(directions, drive.backdrop, seed=drive.seed)
     if drive.sun.clouded:
         light *= np.float32(CLOUDED_COUNTRY)
     if drive.night is not None:
-        drive.night.darken_sky(light, directions[..., 2])
+        drive.night.darken_sky(light, directions[2])
     if drive.fog is not None:
-        drive.fog.veil_sky(light, directions[..., 2])
+        drive.fog.veil_sky(light, directions[2])
     return light
 
 
@@ -255,9 +261,10 @@ def _crest(ahead: RoadAhead, ground: Ground, camera: Camera) -> tuple[float, np.
 def _mirrored_sky(drive: Drive, camera: Camera, heading_rad: float, ground: Ground) -> np.ndarray:
     """Light (rows, width, 3) of the backdrop that a level mirror on the ground would show, smeared by its stones."""
     rays = _rays(drive.camera)[ground.top :: MIRROR_STEP, ::MIRROR_STEP]
-    directions = _directions(rays, camera, heading_rad)
-    directions[..., 2] = np.abs(directions[..., 2])
-    light = cv2.GaussianBlur(_far_light(drive, directions), (0, 0), sigmaX=1.0, sigmaY=camera.height / 60 / MIRROR_STEP)
+    x, y, z = _directions(rays, camera, heading_rad)
+    light = cv2.GaussianBlur(
+        _far_light(drive, (x, y, np.abs(z))), (0, 0), sigmaX=1.0, sigmaY=camera.height / 60 / MIRROR_STEP
+    )
     return cv2.resize(light, ground.s.shape[::-1], interpolation=cv2.INTER_LINEAR)
 
 

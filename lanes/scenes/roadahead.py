@@ -78,22 +78,33 @@ class RoadAhead:
         s, d : ndarray of float32, same shape
             Metres along the road from the car's own arc length, metres to the left of the reference line.
         """
-        step = np.float32(self.STEP_M)
-        last = len(self._table[0]) - 1
-        node = first = self._first_node(x_m, y_m)
-        for _ in range(iterations):
-            # All nodes are in the table; with "clip" numpy need not look for those that are not.
-            px, py, cosine, sine, curvature = (column.take(node, mode="clip") for column in self._table)
-            dx, dy = x_m - px, y_m - py
-            along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
-            stretch = np.maximum(1 - curvature * across, np.float32(0.2))
-            ahead = along / stretch
-            s = node.astype(np.float32) * step + ahead
-            node = np.clip(np.rint(s / step), 0, last).astype(np.intp)
+        x, y = x_m.ravel(), y_m.ravel()
+        node = first = self._first_node(x, y)
+        s, d = self._project(x, y, node)
+        for _ in range(iterations - 1):
+            nearest = self._nearest_node(s)
             if self.winding:
                 # The map is right to some nodes; from far off, a step along the line would lead to another bend.
-                node = np.clip(node, first - 4, first + 4)
-        return s + self._s0, across - curvature * along * ahead / 2
+                nearest = np.clip(nearest, first - 4, first + 4)
+            # Most points are at the right node already: they would come out as they are.
+            moved = np.flatnonzero(nearest != node)
+            node = nearest
+            s[moved], d[moved] = self._project(x[moved], y[moved], node[moved])
+        return (s + self._s0).reshape(x_m.shape), d.reshape(x_m.shape)
+
+    def _project(self, x_m: np.ndarray, y_m: np.ndarray, node: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Places (s from the table's start, d) of points (N,) on the circles that touch the line at nodes (N,)."""
+        # All nodes are in the table; with "clip" numpy need not look for those that are not.
+        px, py, cosine, sine, curvature = (column.take(node, mode="clip") for column in self._table)
+        dx, dy = x_m - px, y_m - py
+        along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
+        stretch = np.maximum(1 - curvature * across, np.float32(0.2))
+        ahead = along / stretch
+        return node.astype(np.float32) * np.float32(self.STEP_M) + ahead, across - curvature * along * ahead / 2
+
+    def _nearest_node(self, s: np.ndarray) -> np.ndarray:
+        """Table nodes at places counted from the table's start."""
+        return np.clip(np.rint(s / np.float32(self.STEP_M)), 0, len(self._table[0]) - 1).astype(np.intp)
 
     def directions(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Cosine and sine of the road's heading in the car's frame, and its curvature, at places `s` from the car."""
