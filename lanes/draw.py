@@ -9,7 +9,7 @@ Edges are anti-aliased, and places count to 1/16 px.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, lru_cache
 
 import cv2
 import numpy as np
@@ -236,12 +236,13 @@ def stroke_line(image: np.ndarray, points_px: np.ndarray, colour: Colour, width_
 def tint_area(image: np.ndarray, polygon_px: np.ndarray, colour: Colour, alpha: float) -> None:
     """Mix `colour` into `image` in place, by `alpha` inside a polygon (N, 2); only its bounding box is worked on."""
     height, width = image.shape[:2]
-    low = np.clip(np.floor(polygon_px.min(axis=0)) - 1, 0, (width, height)).astype(int)
-    high = np.clip(np.ceil(polygon_px.max(axis=0)) + 2, 0, (width, height)).astype(int)
-    part = image[low[1] : high[1], low[0] : high[0]]
+    (left, top), (right, bottom) = polygon_px.min(axis=0).tolist(), polygon_px.max(axis=0).tolist()
+    left, top = (int(min(max(low - 1, 0), size)) for low, size in ((left, width), (top, height)))
+    right, bottom = (int(min(max(high + 2, 0), size)) for high, size in ((right, width), (bottom, height)))
+    part = image[top:bottom, left:right]
     if part.size:
         tinted = part.copy()
-        cv2.fillPoly(tinted, [_fixed_point(polygon_px - low)], colour, cv2.LINE_AA, _SHIFT)
+        cv2.fillPoly(tinted, [_fixed_point(polygon_px - (left, top))], colour, cv2.LINE_AA, _SHIFT)
         cv2.addWeighted(tinted, alpha, part, 1 - alpha, 0, dst=part)
 
 
@@ -329,10 +330,8 @@ def _on_raw_picture(points_px: np.ndarray | None, camera: Camera | None) -> np.n
 def _shade(image: np.ndarray, left: int, top: int, right: int, bottom: int, alpha: float) -> None:
     """Darken a rectangle of `image` in place."""
     part = image[top:bottom, left:right]
-    cv2.convertScaleAbs(part, dst=part, alpha=1 - alpha)
-    # row by row: levels added three at a time, or by cv2.add as one colour, take as long as all the letters
-    rows, levels = part.reshape(len(part), -1), np.round(np.multiply(alpha, PANEL)).astype(np.uint8)
-    rows += np.tile(levels, part.shape[1])
+    # one level for the three channels: to mix the panel's slight blue in takes twice as long, and nobody sees it
+    cv2.convertScaleAbs(part, dst=part, alpha=1 - alpha, beta=alpha * sum(PANEL) / 3)
 
 
 def _shrink(picture: np.ndarray, cell: tuple[int, int]) -> np.ndarray:
@@ -359,14 +358,19 @@ def _margin(size: int) -> int:
 
 def _fitting_size(lines: Sequence[str], size: int, width: int, height: int) -> tuple[int, int, int]:
     """Largest letter size up to `size` at which `lines` and their margins fit; with the width and height they take."""
-    font = _font()
     for smaller in range(max(size, 1), 0, -1):
-        longest = max(cv2.getTextSize((0, 0), line, (0, 0), font, smaller, 500)[2] for line in lines)
+        longest = max(_text_width(line, smaller) for line in lines)
         box_width = longest + 2 * _margin(smaller)
         box_height = len(lines) * _line_height(smaller) + _margin(smaller)
         if box_width <= width and box_height <= height:
             break
     return smaller, min(box_width, width), min(box_height, height)
+
+
+@lru_cache(maxsize=64)
+def _text_width(line: str, size: int) -> int:
+    """Pixels; kept, because it takes as long as writing the line, and most lines stay the same for a few frames."""
+    return cv2.getTextSize((0, 0), line, (0, 0), _font(), size, 500)[2]
 
 
 def _letters(image: np.ndarray, line: str, left: int, top: int, size: int, colour: Colour) -> None:
