@@ -1,8 +1,8 @@
 """Correct a prediction with the stripes near it: the measurement update of an extended Kalman filter.
 
 Each stripe measures its distance from the nearer predicted line. Gating leaves out those whose innovation would be a
-surprise; the others are weighed as in the fit of a single picture, with the prediction as prior, in a few iterations
-(the iterated extended Kalman filter: B. M. Bell and F. W. Cathey, 1993).
+surprise; the others are weighed as in the fit of a single picture, with the prediction as prior, and weighed again by
+their distance from the lane that comes out.
 
 Far stripes need care: a road that begins or ends a transition curve within the view leaves the model, all stripes
 beyond that place alike. As independent measurements they would outvote the near ones and bend the lane beside the car.
@@ -10,6 +10,8 @@ An eighth number, the change of the rate of curvature, takes that up; it belongs
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,7 +28,7 @@ TOGETHER = 4.0
 # Change of the rate of curvature, 1/m^3: a rate of 5e-5 that comes or goes within 12 m of road, and more on roads with
 # tighter bends, as their square.
 JOLT_STD_PER_M3, JOLT_STD_SHARE_PER_M = 4e-6, 0.05
-# Standard deviations that still pull, in each iteration.
+# Standard deviations that still pull, the first time and the second.
 SCALES = (1.5, 1.0)
 
 
@@ -65,23 +67,22 @@ def correct_lane(stripes: Stripes, belief: Belief, view: RoadView) -> LaneFit:
         gate have no weight.
     """
     paint, std, stray = paint_weight(stripes), place_std(stripes, view.focal_px), stray_m(stripes)
-    mean, jolt = np.append(belief.lane, 0.0), -np.square(np.square(stripes.x_m)) / 24
+    found = compare(belief.lane[None], stripes, view.height_m)
+    expected = gate_stripes(found, std, belief.lane_covariance) * paint
+    jacobian = np.vstack([found.derivative[0], -np.square(np.square(stripes.x_m)) / 24])
     jolt_std = JOLT_STD_PER_M3 + JOLT_STD_SHARE_PER_M * bend_of(belief.lane) ** 2
-    prior = np.zeros((len(mean), len(mean)))
+    prior = np.zeros((len(jacobian), len(jacobian)))
     prior[:-1, :-1], prior[-1, -1] = np.linalg.inv(belief.lane_covariance), jolt_std**-2
-    guess, expected = mean, None
+    moved = found
     for scale in SCALES:
-        found = compare(guess[None, :-1], stripes, view.height_m)
-        if expected is None:
-            expected = gate_stripes(found, std, belief.lane_covariance)
-        agreement = found.agreement(std * scale)[0] * paint * expected
-        jacobian = np.vstack([found.derivative[0], jolt])
+        agreement = moved.agreement(std * scale)[0] * expected
         weighted = jacobian * (agreement / (TOGETHER * ((std * scale) ** 2 + stray**2)))
-        residual = found.residual_m[0] + jolt * guess[-1]
         information = weighted @ jacobian.T + prior
-        guess = guess - np.linalg.solve(information, weighted @ residual + prior @ (guess - mean))
-    # What is known of the lane while the jolt is not (the Schur complement). Agreement and residuals are those before
-    # the last step, which is small.
+        step = -np.linalg.solve(information, weighted @ found.residual_m[0])
+        # so small a step bends nothing: the stripes need not be laid beside the lane again
+        moved = replace(found, residual_m=found.residual_m + step[:-1] @ found.derivative[0])
+    # What is known of the lane while the jolt is not (the Schur complement). The agreement is the one before the last
+    # step, which is small.
     across = information[:-1, -1]
     known = information[:-1, :-1] - np.outer(across, across) / information[-1, -1]
-    return LaneFit(guess[None, :-1], known[None], agreement[None], found.side, residual[None])
+    return LaneFit(belief.lane[None] + step[:-1], known[None], agreement[None], found.side)

@@ -63,15 +63,12 @@ class LaneFit:
         How much each stripe supports the lane, 0 to 1.
     side : ndarray (..., stripes)
         `LEFT` or `RIGHT`: the line that the stripe is nearer to.
-    residual_m : ndarray (..., stripes)
-        Distance of each stripe to the left of that line.
     """
 
     lane: np.ndarray
     information: np.ndarray
     weight: np.ndarray
     side: np.ndarray
-    residual_m: np.ndarray
 
 
 def paint_weight(stripes: Stripes) -> np.ndarray:
@@ -147,7 +144,7 @@ def fit_lanes(
         lanes = lanes - np.linalg.solve(information, gradient)[..., 0]
         lanes = np.clip(lanes, -LIMIT, LIMIT)
     found = compare(lanes, stripes, height_m)
-    return LaneFit(lanes, information, found.agreement(std) * paint, found.side, found.residual_m)
+    return LaneFit(lanes, information, found.agreement(std) * paint, found.side)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ extended Kalman filter (R. E. Kalman, 1960); `lanes.metric.follow` is its update
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import exp
 
 import numpy as np
 
@@ -65,21 +66,27 @@ class Belief:
 
     def predict(self, elapsed_s: float, *, steady_speed: bool = False) -> Belief:
         """The belief `elapsed_s` seconds later, before the next picture is looked at."""
-        _, _, heading, curvature, rate, pitch, _, path, speed, rest, aim = self.mean
+        # Python's numbers one by one: for so few of them numpy's overhead is most of the time
+        _, _, heading, curvature, rate, pitch, _, path, speed, rest, aim = self.mean.tolist()
         d, turn, slant = speed * elapsed_s, curvature - path, heading - aim
         mean, jacobian = self.mean.copy(), np.eye(STATES)
-        fading, swing = np.exp(-d / TRANSITION_M), np.exp(-elapsed_s / SPRING_S)
-        mean[[CENTRE, HEADING, CURVATURE]] += slant * d + turn * d * d / 2, turn * d, rate * d
+        fading, swing = exp(-d / TRANSITION_M), exp(-elapsed_s / SPRING_S)
+        mean[CENTRE] += slant * d + turn * d * d / 2
+        mean[HEADING] += turn * d
+        mean[CURVATURE] += rate * d
         mean[RATE] *= fading
         mean[PITCH] = swing * pitch + (1 - swing) * rest
-        jacobian[CENTRE, [HEADING, AIM, CURVATURE, PATH]] = d, -d, d * d / 2, -d * d / 2
-        jacobian[HEADING, [CURVATURE, PATH]] = d, -d
+        jacobian[CENTRE, HEADING], jacobian[CENTRE, AIM] = d, -d
+        jacobian[CENTRE, CURVATURE], jacobian[CENTRE, PATH] = d * d / 2, -d * d / 2
+        jacobian[HEADING, CURVATURE], jacobian[HEADING, PATH] = d, -d
         jacobian[CURVATURE, RATE], jacobian[RATE, RATE] = d, fading
-        jacobian[[CENTRE, HEADING, CURVATURE], SPEED] = np.array([slant + turn * d, turn, rate]) * elapsed_s
-        jacobian[PITCH, [PITCH, REST]] = swing, 1 - swing
-        mean[LANE] = np.clip(mean[LANE], -LIMIT, LIMIT)
-        noise = _noise(bend_of(self.lane), d, elapsed_s, steady_speed)
-        return Belief(mean, jacobian @ self.covariance @ jacobian.T + np.diag(noise))
+        jacobian[CENTRE, SPEED] = (slant + turn * d) * elapsed_s
+        jacobian[HEADING, SPEED], jacobian[CURVATURE, SPEED] = turn * elapsed_s, rate * elapsed_s
+        jacobian[PITCH, PITCH], jacobian[PITCH, REST] = swing, 1 - swing
+        mean[LANE] = np.minimum(np.maximum(mean[LANE], -LIMIT), LIMIT)
+        covariance = jacobian @ self.covariance @ jacobian.T
+        covariance.flat[:: STATES + 1] += _noise(bend_of(self.lane), d, elapsed_s, steady_speed)
+        return Belief(mean, covariance)
 
     def corrected(self, lane: np.ndarray, covariance: np.ndarray) -> Belief:
         """The belief after the lane's seven numbers turned out as `lane` (7,) with `covariance` (7, 7).
@@ -90,7 +97,7 @@ class Belief:
         across, old = self.covariance[7:, LANE], self.lane_covariance
         gain = np.linalg.solve(old, across.T).T
         mean = np.concatenate([lane, self.mean[7:] + gain @ (lane - self.lane)])
-        mean[SPEED] = np.clip(mean[SPEED], 0, FASTEST_MPS)
+        mean[SPEED] = min(max(mean[SPEED], 0.0), FASTEST_MPS)
         new_across = gain @ covariance
         car = self.covariance[7:, 7:] - gain @ (old - covariance) @ gain.T
         whole = np.empty_like(self.covariance)

@@ -40,8 +40,8 @@ CROSSED_M = 0.1
 SAME_M, SAME_AT_M = 0.3, np.array([6.0, 12.0, 20.0])
 # A line with less than this share of the other one's support is not evidence enough to change the lane's width.
 WEAK = 0.5
-# While tracking only a part of the road is looked at if both lines stay well inside it up to some distance.
-NARROW_M, MARGIN_M, NARROW_AT_M = 5.0, 1.0, np.array([5.0, 20.0, 35.0])
+# While tracking only a part of the road is looked at: the narrowest of these that has both lines well inside.
+NARROW_M, MARGIN_M, NARROW_AT_M = (3.0, 4.0, 5.0), 0.8, (5.0, 20.0, 35.0)
 
 
 class LaneTracker:
@@ -62,7 +62,7 @@ class LaneTracker:
             raise ValueError(f"a video has more than 0 pictures a second; got fps={fps}.")
         self.view = RoadView(camera)
         self.fps, self.speed_mps = fps, speed_mps
-        self._narrow = RoadView(camera, half_width_m=NARROW_M)
+        self._views = *(RoadView(camera, half_width_m=half) for half in NARROW_M), self.view
         self.reset()
 
     def reset(self) -> None:
@@ -110,7 +110,7 @@ class LaneTracker:
         """
         self._since_search += 1
         search = self._state != TRACKING or self._objections > 0 or self._since_search >= RECHECK_S * self.fps
-        view = self.view if search or not self._fits_narrow() else self._narrow
+        view = self.view if search else self._narrowest_view()
         sight = observe(image, view)
         if self._belief is not None:
             self._follow(sight, view, 1 / self.fps if elapsed_s is None else elapsed_s)
@@ -118,11 +118,15 @@ class LaneTracker:
             self._search(sight)
         return self._report()
 
-    def _fits_narrow(self) -> bool:
-        x = NARROW_AT_M
+    def _narrowest_view(self) -> RoadView:
         lines = self._lane.left, self._lane.right
-        places = [line.c0_m + line.c1 * x + line.c2_per_m * x**2 / 2 + line.c3_per_m2 * x**3 / 6 for line in lines]
-        return bool(np.abs(places).max() < NARROW_M - MARGIN_M)
+        reach_m = max(
+            abs(line.c0_m + x * (line.c1 + x * (line.c2_per_m / 2 + x * line.c3_per_m2 / 6)))
+            for line in lines
+            for x in NARROW_AT_M
+        )
+        fitting = (view for view in self._views if reach_m < view.half_width_m - MARGIN_M)
+        return next(fitting, self.view)
 
     def _follow(self, sight: Sight, view: RoadView, elapsed_s: float) -> None:
         """Predict, take the stripes near the prediction, and correct it with them."""
