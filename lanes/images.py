@@ -6,9 +6,11 @@ Everywhere else an image is an ndarray of shape (height, width, 3), dtype uint8,
 from __future__ import annotations
 
 import os
+import platform
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from glob import escape
 from pathlib import Path
 
 import cv2
@@ -131,8 +133,17 @@ def writing_to(path: Path) -> Iterator[None]:
 
 
 def partial_path(path: Path) -> Path:
-    """The name under which an output is written until it is whole: same folder and suffix, so a rename is atomic."""
-    return path.with_name(f"{path.stem}.partial.{os.getpid()}{path.suffix}")
+    """The name under which an output is written until it is whole: same folder and suffix, so a rename is atomic.
+
+    Processes of several machines may write into one folder, so that the number of the process alone will not do.
+    """
+    return path.with_name(f"{path.stem}.partial.{platform.node()}.{os.getpid()}{path.suffix}")
+
+
+def remove_partials(path: Path) -> None:
+    """Remove what killed processes left half-written of `path`, and of files that differ from it in the suffix."""
+    for leftover in path.parent.glob(f"{escape(path.stem)}.partial.*"):
+        leftover.unlink(missing_ok=True)
 
 
 def list_pictures(folder: str | Path) -> list[Path]:

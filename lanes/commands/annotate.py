@@ -4,18 +4,22 @@ Each video gets a new one, its telemetry (CSV, a row a frame) and a report (HTML
 the same name in the output folder; the sound is kept. Stills are looked at one by one. A number
 is a camera of this computer: it is followed until Ctrl-C. Where the camera file has no mount, each
 drive's own pictures tell how the camera sits on the car; that is then printed, with how sure it is.
+
+With --workers or --scheduler videos are annotated at the same time, by Dask; finished ones are
+skipped the next time, and a summary of all is written (docs/many_drives.md).
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lanes.commands.arguments import add_lens, error_status, find_field, number, progress_line
+from lanes.commands.arguments import add_lens, count, error_status, find_field, number, progress_line
 
 if TYPE_CHECKING:
     from lanes.drives.settings import DriveSettings
@@ -25,7 +29,8 @@ EXAMPLES = """\
   python -m lanes annotate --hfov 60 drive.mp4
   python -m lanes annotate --camera camera.yaml drives/ more/*.mp4 -o results
   python -m lanes annotate --boards my_boards --style mosaic --start 60 --end 90 drive.mp4
-  python -m lanes annotate --camera camera.yaml 0"""
+  python -m lanes annotate --camera camera.yaml 0
+  python -m lanes annotate --camera camera.yaml "drives/**/*.mp4" -o results --workers 8"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,6 +50,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--no-report", action="store_true", help="write no HTML report")
     parser.add_argument("--quiet", action="store_true", help="print errors only")
+    many = parser.add_argument_group("many drives", "these need Dask: pip install -r requirements-cluster.txt")
+    where = many.add_mutually_exclusive_group()
+    where.add_argument("--workers", type=count, metavar="N", help="processes on this machine, each with one thread")
+    where.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster, like tcp://10.0.0.1:8786")
+    many.add_argument(
+        "--piece",
+        type=number(10),
+        default=300.0,
+        metavar="S",
+        help="drives longer than one and a half times this are cut into pieces of about this length, which are "
+        "worked on at the same time and joined (default: %(default)g)",
+    )
+    many.add_argument(
+        "--retries",
+        type=int,
+        choices=range(11),
+        default=2,
+        metavar="N",
+        help="try a drive so often again, up to 10, when a worker dies or a disk fails (default: %(default)s)",
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -54,21 +79,40 @@ def run(options: argparse.Namespace) -> int:
 
     sources = find_sources(options.sources)
     refuse_clashes(sources.videos, [output_for(video, options.output) for video in sources.videos])
-    jobs = list(list_jobs(sources, read_settings(options, sources)))
-    failures = []
-    for job in jobs:
+    settings = read_settings(options, sources)
+    failures, done = [], 0
+    if (options.workers or options.scheduler) and sources.videos:
+        done, failures = annotate_apart(sources.videos, settings, options)
+        sources = replace(sources, videos=())
+    for job in list_jobs(sources, settings):
         try:
             told = job()
         except (OSError, ValueError) as error:
             failures.append(error)
         else:
+            done += 1
             if not options.quiet:
                 print(told, flush=True)
     for error in failures:
         print(f"error: {error}", file=sys.stderr)
-    if failures and len(failures) == len(jobs):
+    if failures and not done:
         return max(map(error_status, failures))
     return 1 if failures else 0
+
+
+def annotate_apart(
+    videos: Sequence[Path], settings: DriveSettings, options: argparse.Namespace
+) -> tuple[int, list[OSError | ValueError]]:
+    """Annotate videos with Dask; how many are finished now, and why the others failed."""
+    from lanes.cluster import ClusterSettings, annotate_many
+
+    cluster = ClusterSettings(
+        scheduler=options.scheduler, workers=options.workers, piece_s=options.piece, retries=options.retries
+    )
+    finished, failures = annotate_many(
+        videos, settings, cluster, tell=lambda text: None if options.quiet else print(text, flush=True)
+    )
+    return len(finished), failures
 
 
 def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettings:

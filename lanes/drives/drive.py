@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,9 +25,19 @@ from lanes.report.moments import seconds_lost, share_tracked
 from lanes.report.report import write_report
 from lanes.video.annotate import annotate_video
 from lanes.video.telemetry import read_telemetry, write_telemetry
-from lanes.video.videofile import VideoError, inspect_video
+from lanes.video.videofile import VideoError, VideoInfo, inspect_video
 
 Row = dict[str, str | float | None]
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedDrive:
+    """A video with what it holds, the camera on its mount, and the estimate of that (None: the camera brought it)."""
+
+    video: Path
+    info: VideoInfo
+    camera: Camera
+    mount: MountEstimate | None
 
 
 def annotate_drive(video: str | Path, settings: DriveSettings) -> DriveResult:
@@ -45,25 +56,35 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> DriveResult:
     OSError
         If an output cannot be written.
     """
+    return follow_drive(prepare_drive(video, settings), settings)
+
+
+def prepare_drive(video: str | Path, settings: DriveSettings) -> PreparedDrive:
+    """Look into a video, and find the camera's mount where it is not known; raises what `annotate_drive` does."""
     video = Path(video)
     info = inspect_video(video)
     if settings.start_s >= info.duration_s:
         raise VideoError(f"{video}: lasts {info.duration_s:g} s; begin before that, not at {settings.start_s:g} s.")
     camera = settings.camera_for((info.width, info.height))
-    camera, mount = mount_from_drive(camera, [video])
-    target = output_for(video, settings.output)
-    telemetry = target.with_suffix(".csv")
+    return PreparedDrive(video, info, *mount_from_drive(camera, [video]))
+
+
+def follow_drive(drive: PreparedDrive, settings: DriveSettings) -> DriveResult:
+    """The second part of `annotate_drive`."""
+    target = output_for(drive.video, settings.output)
     began_s = time.perf_counter()
     annotate_video(
-        video,
+        drive.video,
         target,
-        follow_and_paint(camera, info.fps, settings.style),
+        follow_and_paint(drive.camera, drive.info.fps, settings.style),
         start_s=settings.start_s,
         end_s=settings.end_s,
         progress=settings.progress,
-        telemetry=telemetry,
+        telemetry=target.with_suffix(".csv"),
+        overlapped=settings.overlapped,
     )
-    return conclude_drive(str(video), target, camera, mount, settings, time.perf_counter() - began_s)
+    elapsed_s = time.perf_counter() - began_s
+    return conclude_drive(str(drive.video), target, drive.camera, drive.mount, settings, elapsed_s)
 
 
 def annotate_stills(pictures: Sequence[Path], settings: DriveSettings) -> StillsResult:

@@ -37,6 +37,8 @@ class DriveSettings:
         Write the HTML report beside each video.
     progress : bool
         Show a bar where stderr is a terminal.
+    overlapped : bool
+        Read, process and write at the same time; see `annotate_video`.
     """
 
     output: Path
@@ -47,6 +49,7 @@ class DriveSettings:
     end_s: float | None = None
     report: bool = True
     progress: bool = True
+    overlapped: bool = True
 
     def camera_for(self, size: tuple[int, int]) -> Camera:
         """The camera for pictures of `size` (width, height).
@@ -152,9 +155,10 @@ def describe_settings(
         "lens": f"{lens}; focal length {camera.matrix[0, 0]:.0f} px",
         "mount": mount.describe() if mount else f"as the camera file says: {camera.mount.describe()}",
         "style": settings.style,
-        "versions": ", ".join(f"{name} {version}" for name, version in _versions().items()),
+        "versions": ", ".join(f"{name} {version}" for name, version in versions().items()),
     }
 
 
-def _versions() -> dict[str, str]:
+def versions() -> dict[str, str]:
+    """What the results depend on, besides this project."""
     return {"Python": python_version(), "OpenCV": cv2.__version__, "numpy": np.__version__, "PyAV": av.__version__}

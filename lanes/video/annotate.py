@@ -36,8 +36,8 @@ from tqdm import tqdm
 from lanes.images import PictureError
 from lanes.video.overlap import read_ahead, write_behind
 from lanes.video.telemetry import TelemetryWriter
-from lanes.video.videofile import VideoError, VideoInfo, inspect_video, read_timed_frames
-from lanes.video.videowriter import VideoWriter
+from lanes.video.videofile import STAMP_TOLERANCE_S, VideoError, VideoInfo, inspect_video, read_timed_frames
+from lanes.video.videowriter import ENCODER_THREADS, VideoWriter
 
 if TYPE_CHECKING:
     from moviepy import VideoFileClip
@@ -95,6 +95,8 @@ def annotate_video(
     progress: bool = True,
     telemetry: str | Path | None = None,
     sound: bool = True,
+    warm_up_s: float = 0.0,
+    overlapped: bool = True,
 ) -> VideoSummary:
     """Run every frame of a video through `process` and write the result as an mp4 that browsers play.
 
@@ -116,6 +118,11 @@ def annotate_video(
         latency_ms, the time that `process` took.
     sound : bool
         Keep the sound track, if there is one.
+    warm_up_s : float
+        `process` is also given the frames of so many seconds before `start_s`; what it makes of them is not written.
+    overlapped : bool
+        Read, process and write at the same time, with codecs of several threads. False keeps to one thread, where
+        other processes have work for the other cores; the telemetry is the same, the encoder's bytes are others.
 
     Raises
     ------
@@ -130,17 +137,25 @@ def annotate_video(
     info = inspect_video(source)
     if Path(target).exists() and os.path.samefile(source, target):
         raise VideoError(f"{target}: is the source itself; write the annotated video under another name.")
-    writer = VideoWriter(target, fps=info.fps, sound_from=source if sound and info.has_audio else None)
+    writer = VideoWriter(
+        target,
+        fps=info.fps,
+        sound_from=source if sound and info.has_audio else None,
+        threads=ENCODER_THREADS if overlapped else 1,
+    )
+    read = read_timed_frames(source, start_s=max(0.0, start_s - warm_up_s), end_s=end_s, threads=0 if overlapped else 1)
     with (
         _stopping_cleanly(),
         writer,
         nullcontext() if telemetry is None else TelemetryWriter(telemetry) as table,
-        closing(read_ahead(read_timed_frames(source, start_s=start_s, end_s=end_s))) as frames,
-        write_behind(writer.encode) as encode,
+        closing(read_ahead(read) if overlapped else read) as frames,
+        write_behind(writer.encode) if overlapped else nullcontext(writer.encode) as encode,
         _progress_bar(info, start_s, end_s, shown=progress) as bar,
     ):
         for frame in frames:
             picture, row = _processed(process, frame.image, f"frame {frame.number} of {source}")
+            if frame.time_s < start_s - STAMP_TOLERANCE_S:
+                continue
             # Converted here and not behind: `process` may return the same array again and again.
             encode(writer.convert(picture, frame.time_s))
             if table:

@@ -33,7 +33,7 @@ CRF = 23
 _BT601 = 6
 # x264 makes other bytes with another number of threads: a fixed one gives the same file on every machine. Four are as
 # fast as any other number on two cores.
-_ENCODER_THREADS = 4
+ENCODER_THREADS = 4
 
 
 class VideoWriter:
@@ -54,6 +54,8 @@ class VideoWriter:
         x264's constant quality; lower is better and larger.
     sound_from : str or Path, optional
         A video whose sound goes along, from the time of the first written frame to that of the last.
+    threads : int
+        Encode; with another number the file has other bytes.
 
     Raises
     ------
@@ -63,7 +65,15 @@ class VideoWriter:
         If the folder cannot be written to.
     """
 
-    def __init__(self, path: str | Path, *, fps: float, crf: int = CRF, sound_from: str | Path | None = None) -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        fps: float,
+        crf: int = CRF,
+        sound_from: str | Path | None = None,
+        threads: int = ENCODER_THREADS,
+    ) -> None:
         self.path = Path(path)
         if self.path.suffix.lower() != ".mp4":
             raise VideoError(f"{path}: cannot write this kind of video; end the name in .mp4.")
@@ -74,9 +84,9 @@ class VideoWriter:
         per_frame = math.ceil(10_000 / self._rate.numerator)
         self._tick = Fraction(1, self._rate.numerator * per_frame)
         self._ticks_per_frame = self._rate.denominator * per_frame
-        self._crf = crf
+        self._crf, self._threads = crf, threads
         self._sound_from = sound_from
-        self._sound: _Sound | None = None
+        self._sound: SoundTrack | None = None
         self._partial = partial_path(self.path)
         self._container: av.container.OutputContainer | None = None
         self._size: tuple[int, int] | None = None
@@ -147,9 +157,11 @@ class VideoWriter:
 
     def _open_container(self, frame: av.VideoFrame) -> None:
         size = frame.width, frame.height
-        self._container, self._stream = open_mp4(self._partial, size, self._rate, self._tick, crf=self._crf)
+        self._container, self._stream = open_mp4(
+            self._partial, size, self._rate, self._tick, crf=self._crf, threads=self._threads
+        )
         if self._sound_from is not None:
-            self._sound = _Sound(self._sound_from, self._container, start_s=self._zero_s)
+            self._sound = SoundTrack(self._sound_from, self._container, start_s=self._zero_s)
 
     def _stamp(self, frame: av.VideoFrame, time_s: float) -> None:
         nearest = round(time_s * self._rate)
@@ -183,7 +195,13 @@ class VideoWriter:
 
 
 def open_mp4(
-    path: Path, size: tuple[int, int], rate: Fraction, tick: Fraction, *, crf: int = CRF
+    path: Path,
+    size: tuple[int, int],
+    rate: Fraction,
+    tick: Fraction,
+    *,
+    crf: int = CRF,
+    threads: int = ENCODER_THREADS,
 ) -> tuple[av.container.OutputContainer, av.VideoStream]:
     """A file to be written and its stream of pictures of `size` (width, height), with all settings of the encoder."""
     container = av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"})
@@ -193,14 +211,14 @@ def open_mp4(
     codec.width, codec.height = size
     codec.pix_fmt = "yuv420p"
     codec.time_base = tick
-    codec.thread_count = _ENCODER_THREADS
+    codec.thread_count = threads
     # Untagged video is shown in other colours by each player; these tags say what `VideoWriter.convert` does.
     codec.colorspace, codec.color_range = _BT601, ColorRange.MPEG
     codec.color_primaries, codec.color_trc = 1, ColorTrc.BT709
     return container, stream
 
 
-class _Sound:
+class SoundTrack:
     """The sound track of `source`, brought into `target` piece by piece so that it lies beside the frames."""
 
     def __init__(self, source: str | Path, target: av.container.OutputContainer, *, start_s: float) -> None:

@@ -1,0 +1,199 @@
+"""Many drives at the same time: on the cores of this machine, or on whatever machines a Dask scheduler has.
+
+Who does what when, what happens if a worker dies, and how often something is tried again is Dask's business; what is
+done for a drive is in `lanes.drives.tasks`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lanes.drives.manifest import Manifest, missing_outputs, read_finished
+from lanes.drives.settings import DriveSettings
+from lanes.drives.summary import describe_totals, write_summary
+from lanes.drives.tasks import DriveJob, Plan, begin_drive, finish_drive, work_on_piece
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+# How long to wait for a scheduler to answer.
+CONNECT_S = 10
+
+
+class ClusterError(OSError):
+    """Dask, a worker or what they share is not as it must be; the message says what to do."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClusterSettings:
+    """Where many drives are annotated, and how.
+
+    Parameters
+    ----------
+    scheduler : str, optional
+        Address of a Dask scheduler.
+    workers : int, optional
+        Without a scheduler: processes on this machine, each with one thread.
+    piece_s : float
+        About how long the pieces of long drives are.
+    retries : int
+        How often a task is tried again when its worker dies, or a disk or the network fails.
+    """
+
+    scheduler: str | None = None
+    workers: int | None = None
+    piece_s: float = 300.0
+    retries: int = 2
+
+
+def annotate_many(
+    videos: Sequence[Path], settings: DriveSettings, cluster: ClusterSettings, *, tell: Callable[[str], None]
+) -> tuple[list[Manifest], list[OSError | ValueError]]:
+    """Annotate videos that are not finished yet, and write the summary of all.
+
+    Parameters
+    ----------
+    videos : sequence of Path
+        At least one; no two of one name.
+    settings : DriveSettings
+    cluster : ClusterSettings
+    tell : callable
+        Called with sentences for people, as things happen.
+
+    Returns
+    -------
+    (list of Manifest, list of OSError or ValueError)
+        Of the finished drives, those of earlier runs included; why the others failed.
+
+    Raises
+    ------
+    ClusterError
+        If Dask is not installed, or no scheduler answers.
+    OSError
+        If the summary cannot be written.
+    """
+    jobs = [DriveJob.of(video, settings, cluster.piece_s) for video in videos]
+    known = [read_finished(job.key, job.settings.output) for job in jobs]
+    finished = [manifest for manifest in known if manifest]
+    left = {job.video: job for job, manifest in zip(jobs, known, strict=True) if not manifest}
+    skipped, failed = len(finished), {}
+    if skipped:
+        tell(f"{skipped} of {len(jobs)} drives were finished before")
+    try:
+        if left:
+            with connect(cluster) as client:
+                tell(f"{len(client.nthreads())} workers; dashboard: {client.dashboard_link}")
+                for job, outcome in annotate_all(client, list(left.values()), retries=cluster.retries):
+                    del left[job.video]
+                    if isinstance(outcome, Manifest):
+                        finished.append(outcome)
+                        tell(outcome.told)
+                    else:
+                        failed[job.video] = outcome
+    finally:
+        # Workers elsewhere finish what they have begun even if this process is interrupted; ours are gone by now.
+        if not cluster.scheduler:
+            for job in left.values():
+                job.remove_leftovers()
+    table = write_summary(settings.output, finished, failed)
+    tell(f"{describe_totals(finished, len(failed), skipped)}\nwrote {table}")
+    return finished, list(failed.values())
+
+
+@contextmanager
+def connect(cluster: ClusterSettings) -> Iterator[Client]:
+    """A client of the scheduler that is asked for, or of one on this machine with workers of its own.
+
+    Raises
+    ------
+    ClusterError
+        If Dask is not installed, or no scheduler answers.
+    """
+    try:
+        import dask
+        from distributed import Client, LocalCluster
+    except ImportError as error:
+        raise ClusterError(
+            "--workers and --scheduler need Dask, which is not installed; run "
+            "`pip install -r requirements-cluster.txt`, or leave them out to annotate one drive after the other."
+        ) from error
+    if cluster.scheduler:
+        try:
+            client = Client(cluster.scheduler, timeout=CONNECT_S)
+        except (OSError, ValueError) as error:
+            raise ClusterError(
+                f"{cluster.scheduler}: no Dask scheduler answers there ({error}); start one with `dask scheduler`, and "
+                "name the address that it prints."
+            ) from error
+        with client:
+            yield client
+        return
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": cluster.retries}),
+        LocalCluster(
+            n_workers=cluster.workers, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0"
+        ) as local,
+        Client(local) as client,
+    ):
+        yield client
+
+
+def annotate_all(
+    client: Client, jobs: Sequence[DriveJob], *, retries: int = 2
+) -> Iterator[tuple[DriveJob, Manifest | Exception]]:
+    """Annotate drives, large files first; each comes back as soon as it is finished, or has failed for good.
+
+    What a file or its settings make impossible fails at once. All else that goes wrong, such as a full disk, is tried
+    again `retries` times, and so is what a worker was doing that died.
+    """
+    from distributed import as_completed
+
+    begun = {
+        client.submit(begin_drive, job, retries=retries, pure=False): job
+        for job in sorted(jobs, key=lambda job: -job.key.size_bytes)
+    }
+    waiting = as_completed(begun)
+    for future in waiting:
+        job, outcome = begun.pop(future), _outcome(future)
+        if isinstance(outcome, Plan):
+            joined = _submit_pieces(client, job, outcome, retries)
+            begun[joined] = job
+            waiting.add(joined)
+        else:
+            yield job, _seen_here(job, outcome)
+
+
+def _submit_pieces(client: Client, job: DriveJob, plan: Plan, retries: int) -> Future:
+    """Before drives that were not begun yet, so that few are in pieces at the same time."""
+    pieces = [
+        client.submit(work_on_piece, job, plan.drive, piece, retries=retries, pure=False, priority=1)
+        for piece in plan.pieces
+    ]
+    return client.submit(finish_drive, job, plan, pieces, retries=retries, pure=False, priority=2)
+
+
+def _outcome(future: Future) -> Manifest | Plan | Exception:
+    if future.status == "finished":
+        return future.result()
+    error = future.exception() if future.status == "error" else None
+    if isinstance(error, OSError | ValueError):
+        return error
+    return ClusterError(f"{type(error).__name__}: {error}" if error else f"lost by the scheduler ({future.status})")
+
+
+def _seen_here(job: DriveJob, outcome: Manifest | Exception) -> Manifest | Exception:
+    """The same, unless a worker wrote into a folder of its own."""
+    if isinstance(outcome, Exception):
+        name = str(job.video)
+        return outcome if name in str(outcome) else ClusterError(f"{name}: {outcome}")
+    missing = missing_outputs(outcome, job.settings.output)
+    if not missing:
+        return outcome
+    return ClusterError(
+        f"{job.video}: its worker wrote {', '.join(missing)}, but not into {job.settings.output} as seen from here; "
+        "choose an output folder on storage that all workers share."
+    )
