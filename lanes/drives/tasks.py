@@ -27,6 +27,7 @@ from lanes.drives.pieces import Piece, annotate_piece, cut_drive, join_pieces
 from lanes.drives.settings import DriveSettings
 from lanes.drives.summary import add_to_data_set
 from lanes.images import remove_partials
+from lanes.video.videofile import VideoError
 
 Result = TypeVar("Result")
 
@@ -119,7 +120,13 @@ def finish_drive(job: DriveJob, plan: Plan, done: Sequence[PieceDone | Exception
         if finished := read_finished(job.key, job.settings.output):
             return finished
         began_s = time.process_time()
-        result = join_pieces(plan.drive, plan.pieces, job.settings, job.folder, sum(piece.elapsed_s for piece in done))
+        try:
+            elapsed_s = sum(piece.elapsed_s for piece in done)
+            result = join_pieces(plan.drive, plan.pieces, job.settings, job.folder, elapsed_s)
+        except VideoError:
+            # The next run shall not find the same damaged piece.
+            shutil.rmtree(job.folder, ignore_errors=True)
+            raise
         add_to_data_set(result.telemetry, job.settings.output)
         cpu_s = plan.cpu_s + sum(piece.cpu_s for piece in done) + time.process_time() - began_s
         manifest = write_manifest(job.key, result, cpu_s=cpu_s, pieces=len(done))

@@ -36,7 +36,7 @@ def join_videos(
     Raises
     ------
     VideoError
-        If the pieces are of different kinds, or not all frames arrived.
+        If a piece is damaged or of another kind than the others, or not all frames arrived.
     OSError
         If `target` cannot be written.
     """
@@ -80,6 +80,7 @@ def _packets(pieces: Sequence[Path], starts_s: Sequence[float], header: bytes, t
     """The packets of all pieces in the order of decoding, with the times of the whole."""
     last_dts = None
     for path, start_s in zip(pieces, starts_s, strict=True):
+        inspect_video(path)  # finds a file that is cut off, which would only seem to be shorter
         shift = round((start_s - starts_s[0]) / float(tick))
         with closing(open_video(path)) as piece:
             video = piece.streams.video[0]

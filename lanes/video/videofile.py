@@ -150,8 +150,13 @@ def _count_packets(path: str | Path, container: av.container.InputContainer) -> 
         # A clip that was cut without encoding it again begins with frames that serve only to decode the others.
         shown += packet.size > 0 and not packet.is_discard
         if first is None:
-            first = next(guarded(iter(packet.decode()), path), None)
+            first = next(guarded(_decoded(packet), path), None)
     return stored, shown, first
+
+
+def _decoded(packet: av.Packet) -> Iterator[av.VideoFrame]:
+    """The frames of a packet; errors come when the first is asked for."""
+    yield from packet.decode()
 
 
 def _decoded_from(path: str | Path, container: av.container.InputContainer, start_s: float) -> Iterator[av.VideoFrame]:
