@@ -12,6 +12,7 @@ ENV := .venv/bin
 EXECUTE := $(ENV)/jupyter nbconvert --log-level WARN --to notebook --execute --ExecutePreprocessor.record_timing=False \
 	--KernelManager.transport=ipc
 INSTALLED := .venv/installed.txt
+WITH_DASK := .venv/installed-cluster.txt
 
 # Figures belong into the notebook, whatever the caller's shell asks of matplotlib.
 unexport MPLBACKEND
@@ -35,7 +36,7 @@ else
 	@echo "== Done: read project.ipynb, see output_images/"
 endif
 
-test: $(INSTALLED)
+test: $(INSTALLED) $(WITH_DASK)
 	@echo "== Lint"
 	@$(ENV)/ruff check . && $(ENV)/ruff format --check .
 	@echo "== Unit tests, then the notebook against its committed outputs (some minutes)"
@@ -49,6 +50,12 @@ $(INSTALLED): requirements.txt
 	@test -x $(ENV)/python || $(PYTHON) -m venv .venv
 	@$(ENV)/python -m pip install --quiet --disable-pip-version-check -r requirements.txt
 	@cp requirements.txt $@
+
+# Only the tests of lanes/cluster.py need it; where it cannot be had, they are skipped.
+$(WITH_DASK): requirements-cluster.txt $(INSTALLED)
+	@echo "== Installing requirements-cluster.txt into .venv (once)"
+	@$(ENV)/python -m pip install --quiet --disable-pip-version-check -r requirements-cluster.txt && cp requirements-cluster.txt $@ \
+		|| echo "== Dask could not be installed: the tests of many drives are skipped"
 
 clean:
 	rm -rf .venv .pytest_cache .ruff_cache .hypothesis

@@ -32,7 +32,7 @@ from lanes.video.videofile import VideoError
 Result = TypeVar("Result")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DriveJob:
     """A drive to be annotated, as sent to a worker."""
 
