@@ -233,8 +233,13 @@ def stroke_line(image: np.ndarray, points_px: np.ndarray, colour: Colour, width_
         cv2.polylines(image, [_fixed_point(points_px)], False, colour, _thickness(width_px), cv2.LINE_AA, _SHIFT)
 
 
-def tint_area(image: np.ndarray, polygon_px: np.ndarray, colour: Colour, alpha: float) -> None:
-    """Mix `colour` into `image` in place, by `alpha` inside a polygon (N, 2); only its bounding box is worked on."""
+def tint_area(
+    image: np.ndarray, polygon_px: np.ndarray, colour: Colour, alpha: float, *, edge: int = cv2.LINE_AA
+) -> None:
+    """Mix `colour` into `image` in place, by `alpha` inside a polygon (N, 2); only its bounding box is worked on.
+
+    Where lines will cover the edges, `edge=cv2.LINE_8` fills in a quarter of the time.
+    """
     height, width = image.shape[:2]
     (left, top), (right, bottom) = polygon_px.min(axis=0).tolist(), polygon_px.max(axis=0).tolist()
     left, top = (int(min(max(low - 1, 0), size)) for low, size in ((left, width), (top, height)))
@@ -242,7 +247,7 @@ def tint_area(image: np.ndarray, polygon_px: np.ndarray, colour: Colour, alpha: 
     part = image[top:bottom, left:right]
     if part.size:
         tinted = part.copy()
-        cv2.fillPoly(tinted, [_fixed_point(polygon_px - (left, top))], colour, cv2.LINE_AA, _SHIFT)
+        cv2.fillPoly(tinted, [_fixed_point(polygon_px - (left, top))], colour, edge, _SHIFT)
         cv2.addWeighted(tinted, alpha, part, 1 - alpha, 0, dst=part)
 
 

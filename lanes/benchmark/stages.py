@@ -37,7 +37,7 @@ METRIC_STAGES = {
     "stripes": [(lane, "find_stripes")],
     "follow": [(tracker, "correct_lane"), (tracker, "see_lines")],
     "search": [(tracker, "search_lane"), (tracker, "describe_lane")],
-    "draw": [(lane_overlay, "draw_tracked")],
+    "draw": [(lane_overlay, "draw_tracked_on")],
 }
 CLASSIC_STAGES = {
     "undistort": [(recipes, "undistort")],

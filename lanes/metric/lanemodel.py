@@ -65,10 +65,10 @@ def lines_on_view(lanes: np.ndarray, x_m: np.ndarray, height_m: float) -> np.nda
     fall = height_m / x - lanes[..., PITCH, None] - lanes[..., VERTICAL, None] * x / 2
     flat_x = height_m / np.maximum(fall, 1e-3)
     flat_y = y / x * flat_x
-    places = np.empty((*flat_x.shape[:2], len(x_m)))
-    for line in np.ndindex(places.shape[:2]):
-        back = np.flatnonzero(np.diff(flat_x[line]) <= 0)
-        end = back[0] + 1 if len(back) else None
+    back = flat_x[..., 1:] <= flat_x[..., :-1]
+    ends = np.where(back.any(axis=-1), back.argmax(axis=-1) + 1, flat_x.shape[-1])
+    places = np.empty((*ends.shape, len(x_m)))
+    for line, end in np.ndenumerate(ends):
         places[line] = np.interp(x_m, flat_x[line][:end], flat_y[line][:end], left=np.nan, right=np.nan)
     return places
 
