@@ -19,6 +19,7 @@ from lanes.metric.roadview import RoadView
 from lanes.metric.tracked import TRACKING
 from lanes.metric.tracker import LaneTracker
 from lanes.scenes.render import Motion
+from lanes.threads import one_thread
 
 FPS, FRAMES, WARM_UP = 25.0, 40, 8
 DRIVE = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3))
@@ -26,11 +27,9 @@ PICTURES = [DRIVE.frame(frame / FPS) for frame in range(FRAMES)]
 
 
 @pytest.fixture(autouse=True)
-def one_thread() -> Iterator[None]:
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    yield
-    cv2.setNumThreads(threads)
+def on_one_thread() -> Iterator[None]:
+    with one_thread():
+        yield
 
 
 def undistorts(work: Callable[[np.ndarray], object]) -> float:

@@ -25,6 +25,7 @@ from lanes.classic.recipes import RECIPES, LaneFinder, get_recipe
 from lanes.classic.view import FourPointWarp
 from lanes.metric import lane, lane_overlay, tracker
 from lanes.metric.roadview import RoadView
+from lanes.threads import one_thread
 
 # A tracker needs some frames to be sure of its lane; before that it searches in each.
 WARM_UP = 10
@@ -109,7 +110,7 @@ def time_frames(
     """
     spent: dict[str, list[dict[str, float]]] = defaultdict(list)
     units_s: dict[str, list[float]] = defaultdict(list)
-    with _one_thread():
+    with one_thread():
         watched = _systems(camera)
         for number, frame in enumerate(frames):
             for name, (process, stages) in watched.items():
@@ -160,13 +161,3 @@ def _medians(spent_s: list[dict[str, float]], unit_s: np.ndarray, stages: list[s
     whole_s = np.array([sum(frame.values()) for frame in spent_s])
     shares = {stage: float(np.median([frame.get(stage, 0.0) for frame in spent_s] / unit_s)) for stage in stages}
     return FrameTime(1e3 * float(np.median(whole_s)), float(np.median(whole_s / unit_s)), shares)
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(threads)

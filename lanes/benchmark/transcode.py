@@ -23,6 +23,7 @@ import numpy as np
 from lanes.camera import Camera, load_camera
 from lanes.metric.lane_overlay import track_lane
 from lanes.metric.tracker import LaneTracker
+from lanes.threads import one_thread
 from lanes.video.annotate import annotate_video
 from lanes.video.videofile import inspect_video, open_video
 from lanes.video.videowriter import open_mp4
@@ -103,7 +104,8 @@ def repeat_video(source: Path, target: Path, frames: int) -> Path:
 
 def _annotate(source: Path, target: Path, camera: Camera, fps: float, table: Path, end_s: float | None = None) -> None:
     process = track_lane(LaneTracker(camera, fps=fps), camera)
-    annotate_video(source, target, process, end_s=end_s, progress=False, telemetry=table)
+    with one_thread():  # as the command does it
+        annotate_video(source, target, process, end_s=end_s, progress=False, telemetry=table)
 
 
 def _annotate_and_weigh(source: Path, target: Path, camera_file: Path, frames: int) -> float:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import numpy as np
 from lanes.calibration.corners import Board, draw_board, find_board
 from lanes.camera import SAME_ASPECT, CalibrationReport, Camera, CameraError
 from lanes.images import PictureError, list_pictures, read_image
+from lanes.threads import one_thread
 
 __all__ = ["Board", "calibrate", "calibrate_folder", "draw_board", "find_board"]
 
@@ -199,7 +199,7 @@ def _calibrate_once(boards: dict[str, Board], size: tuple[int, int]) -> Camera:
     planes = [board.plane_points for board in boards.values()]
     corners = [board.corners_px for board in boards.values()]
     try:
-        with _one_thread():
+        with one_thread():
             rms, matrix, distortion, *_, std, _, errors = cv2.calibrateCameraExtended(planes, corners, size, None, None)
     except cv2.error as error:
         raise CameraError(f"these boards do not determine a lens; {_HOW_TO_TAKE}.") from error
@@ -254,14 +254,3 @@ def _pose_error_px(board: Board, camera: Camera) -> float:
     _, turn, shift = cv2.solvePnP(board.plane_points, board.corners_px, camera.matrix, camera.distortion)
     seen, _ = cv2.projectPoints(board.plane_points, turn, shift, camera.matrix, camera.distortion)
     return float(np.sqrt(((seen.reshape(-1, 2) - board.corners_px) ** 2).sum(axis=1).mean()))
-
-
-@contextmanager
-def _one_thread():
-    """OpenCV on one thread: with more, sums are added in another order each time and the last digits change."""
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(threads)

@@ -23,6 +23,7 @@ from lanes.metric.tracker import LaneTracker
 from lanes.mounting.mount import MountEstimate
 from lanes.report.moments import seconds_lost, share_tracked
 from lanes.report.report import write_report
+from lanes.threads import one_thread
 from lanes.video.annotate import annotate_video
 from lanes.video.telemetry import read_telemetry, write_telemetry
 from lanes.video.videofile import VideoError, VideoInfo, inspect_video
@@ -73,16 +74,18 @@ def follow_drive(drive: PreparedDrive, settings: DriveSettings) -> DriveResult:
     """The second part of `annotate_drive`."""
     target = output_for(drive.video, settings.output)
     began_s = time.perf_counter()
-    annotate_video(
-        drive.video,
-        target,
-        follow_and_paint(drive.camera, drive.info.fps, settings.style),
-        start_s=settings.start_s,
-        end_s=settings.end_s,
-        progress=settings.progress,
-        telemetry=target.with_suffix(".csv"),
-        overlapped=settings.overlapped,
-    )
+    # reader, loop and writer have a thread each
+    with one_thread():
+        annotate_video(
+            drive.video,
+            target,
+            follow_and_paint(drive.camera, drive.info.fps, settings.style),
+            start_s=settings.start_s,
+            end_s=settings.end_s,
+            progress=settings.progress,
+            telemetry=target.with_suffix(".csv"),
+            overlapped=settings.overlapped,
+        )
     elapsed_s = time.perf_counter() - began_s
     return conclude_drive(str(drive.video), target, drive.camera, drive.mount, settings, elapsed_s)
 
