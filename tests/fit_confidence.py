@@ -1,15 +1,21 @@
 """Where the numbers of `lanes.metric.confidence` come from: drive along roads of known truth, count, fit.
 
-    python tests/fit_confidence.py            drives (some minutes), fits, prints the weights and how well they hold
-    python tests/fit_confidence.py --check    drives other roads and only says how well the present weights hold
+    python tests/fit_confidence.py [VIDEO ...]   fits, prints the weights and how well they hold
+    python tests/fit_confidence.py --check       drives other roads and only says how well the present weights hold
 
-Roads, paint, light, motion and errors of the mount are drawn at random, hard ones among them: worn paint, lines missing
-for seconds, tar seams, bright cracks and kerbs that run along the lane, shadows, black pictures.
+The roads are painted ones, and the drives of the suite: those given as VIDEO (with .csv and .yaml beside it), or all,
+rendered where they have not been yet. It takes some minutes.
+
+Painted roads: paint, light, motion and errors of the mount are drawn at random, hard ones among them: worn paint, lines
+missing for seconds, tar seams, bright cracks and kerbs that run along the lane, shadows, black pictures. The suite has
+what paint on a plane has not: crests, hairpins, weather, traffic, and roads without a lane. How well weights hold is
+told by drives that took no part in their fit.
 """
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,19 +26,29 @@ sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parent)]
 
 from drives import CAMERA, DASH_M, TAR, WHITE, YELLOW, PaintedDrive, Stripe  # noqa: E402
 
-from lanes.camera import Camera  # noqa: E402
-from lanes.metric.confidence import FEATURES, RIGHT_AT_M, RIGHT_M, STILL_WEIGHTS, TRACK_WEIGHTS, lane_features  # noqa: E402
-from lanes.metric.lane import Lane, find_lane  # noqa: E402
-from lanes.metric.lanemodel import SIDES  # noqa: E402
+from lanes.benchmark.drives import BenchmarkDrive, choose_drives  # noqa: E402
+from lanes.benchmark.errors import LaneTruth, frame_errors  # noqa: E402
+from lanes.benchmark.readings import Readings  # noqa: E402
+from lanes.benchmark.runner import true_lane  # noqa: E402
+from lanes.benchmark.systems import read_tracked  # noqa: E402
+from lanes.camera import Camera, load_camera  # noqa: E402
+from lanes.metric.confidence import FEATURES, RIGHT_M, STILL_WEIGHTS, TRACK_WEIGHTS, lane_features  # noqa: E402
+from lanes.metric.lane import find_lane  # noqa: E402
+from lanes.metric.tracked import TrackedLane  # noqa: E402
 from lanes.metric.tracker import LaneTracker  # noqa: E402
 from lanes.scenes.render import Motion  # noqa: E402
 from lanes.scenes.road import RoadGeometry  # noqa: E402
-from lanes.scenes.truth import Truth  # noqa: E402
+from lanes.scenes.truth import truth_row  # noqa: E402
+from lanes.video.videofile import inspect_video, read_frames  # noqa: E402
 
-DRIVES, SECONDS, FPS = 60, 3.0, 25.0
+DRIVES, SECONDS, FPS = 60, 3.0, 12.5
+# So often a picture is also looked at on its own.
+ALONE_EVERY = 4
 RIDGE = 1.0
-# Frames of one drive are alike, so that drives are fewer than they look: the constant is lowered by this much.
-CAUTION = 0.5
+# Frames of one drive are alike: all of them together count as so many independent ones.
+WORTH = 25.0
+# Drives are dealt into so many parts; each is told the chances by weights that were fitted on the others.
+PARTS = 5
 
 
 def draw_road(rng: np.random.Generator) -> tuple[RoadGeometry, float]:
@@ -101,68 +117,103 @@ def draw_drive(seed: int, camera: Camera = CAMERA) -> tuple[PaintedDrive, Camera
     return drive, camera.with_mount(believed)
 
 
-def is_right(lane: Lane, truth: Truth) -> bool:
-    """Whether both lines are where they should be; see `lanes.metric.confidence`."""
-    errors = [lane.line_y(RIGHT_AT_M, side) - truth.line_y(k, RIGHT_AT_M) for k, side in enumerate(SIDES)]
-    return bool(np.all(np.sqrt(np.mean(np.square(errors), axis=1)) < RIGHT_M))
-
-
 def drive_along(seed: int, camera: Camera = CAMERA, *, seconds: float = SECONDS, fps: float = FPS) -> tuple[list, list]:
-    """Features, rightness and seed of each frame of a drive: followed, and each fifth picture on its own."""
+    """Features, rightness and seed of each lane found on a painted road: followed, and in pictures on their own."""
     drive, camera = draw_drive(seed, camera)
+    times = np.arange(int(seconds * fps)) / fps
+    rows = [truth_row(drive.truth(time_s), frame=0) for time_s in times]
+    truth = LaneTruth.of({name: np.array([row[name] for row in rows], float) for name in rows[0]})
+    return judge(map(drive.frame, times), camera, truth, fps=fps, number=seed)
+
+
+def drive_through(drive: BenchmarkDrive, number: int) -> tuple[list, list]:
+    """The same for a drive of the suite."""
+    camera, fps = load_camera(drive.video.with_suffix(".yaml")), inspect_video(drive.video).fps
+    return judge(read_frames(drive.video), camera, true_lane(drive), fps=fps, number=number)
+
+
+def judge(
+    frames: Iterable[np.ndarray], camera: Camera, truth: LaneTruth, *, fps: float, number: int
+) -> tuple[list, list]:
+    """Rows (features, right, `number`) of the lanes in the frames: followed, and in each ALONE_EVERY-th on its own."""
     tracker = LaneTracker(camera, fps=fps)
     followed, alone = [], []
-    for frame in range(int(seconds * fps)):
-        time_s = frame / fps
-        image, truth = drive.frame(time_s), drive.truth(time_s)
-        tracked = tracker.update(image)
-        if tracked.lane is not None:
-            followed.append([*lane_features(tracked.lane), is_right(tracked.lane, truth), seed])
-        if frame % 5 == 0 and (lane := find_lane(image, tracker.view)) is not None:
-            alone.append([*lane_features(lane), is_right(lane, truth), seed])
-    return followed, alone
+    for frame, image in enumerate(frames):
+        followed.append(tracker.update(image))
+        if frame % ALONE_EVERY == 0:
+            alone.append(TrackedLane.from_still(find_lane(image, tracker.view)))
+    tables = []
+    for said, every in ((followed, 1), (alone, ALONE_EVERY)):
+        readings = Readings.of([read_tracked(tracked) for tracked in said], [0.0] * len(said))
+        right = frame_errors(readings, truth.cut(slice(0, len(said) * every, every))).far_m <= RIGHT_M
+        rows = zip(said, right & truth.exists[: len(followed) : every], strict=True)
+        tables.append([[*lane_features(one.lane), yes, number] for one, yes in rows if one.lane is not None])
+    return tables[0], tables[1]
 
 
-def fit_logistic(features: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Weights by Newton's method on the log-likelihood, with a ridge so that no feature runs away."""
-    weights = np.zeros(features.shape[1])
+def fit_logistic(features: np.ndarray, right: np.ndarray, drive: np.ndarray) -> np.ndarray:
+    """Weights by Newton's method on the log-likelihood, with a ridge so that no feature runs away.
+
+    Parameters
+    ----------
+    features : ndarray (lanes, features)
+    right : ndarray (lanes,)
+        0 or 1.
+    drive : ndarray (lanes,)
+        Numbers of the drives: each drive counts as much as any other.
+    """
+    _, of, count = np.unique(drive, return_inverse=True, return_counts=True)
+    worth, weights = WORTH / count[of], np.zeros(features.shape[1])
     for _ in range(50):
-        chance = 1 / (1 + np.exp(-features @ weights))
-        information = (features * (chance * (1 - chance))[:, None]).T @ features + RIDGE * np.eye(len(weights))
-        weights += np.linalg.solve(information, features.T @ (right - chance) - RIDGE * weights)
-    weights[0] -= CAUTION
+        chance = logistic(features @ weights)
+        information = (features * (worth * chance * (1 - chance))[:, None]).T @ features + RIDGE * np.eye(len(weights))
+        weights += np.linalg.solve(information, features.T @ (worth * (right - chance)) - RIDGE * weights)
     return weights
 
 
-def tell(name: str, features: np.ndarray, right: np.ndarray, weights: np.ndarray) -> None:
+def logistic(odds: np.ndarray) -> np.ndarray:
+    """Chances of logarithmic odds."""
+    return 1 / (1 + np.exp(-odds))
+
+
+def chances_of_others(features: np.ndarray, right: np.ndarray, drive: np.ndarray) -> np.ndarray:
+    """Chances (lanes,) by weights that were fitted without the lane's own drive."""
+    numbers = np.random.default_rng(0).permutation(np.unique(drive))
+    chance = np.zeros(len(right))
+    for part in np.array_split(numbers, PARTS):
+        mine = np.isin(drive, part)
+        chance[mine] = logistic(features[mine] @ fit_logistic(features[~mine], right[~mine], drive[~mine]))
+    return chance
+
+
+def tell(name: str, chance: np.ndarray, right: np.ndarray) -> None:
     """Print how often lanes of each confidence are right."""
-    chance = 1 / (1 + np.exp(-features @ weights))
-    print(f"{name}: {len(right)} lanes, {right.mean():.1%} right")
-    for low, high in ((0, 0.1), (0.1, 0.5), (0.5, 0.9), (0.9, 0.97), (0.97, 1.01), (0.9, 1.01)):
+    surprise = -np.mean(np.log(np.where(right, chance, 1 - chance) + 1e-9))
+    print(f"{name}: {len(right)} lanes, {right.mean():.1%} right, {surprise:.3f} nats a lane")
+    for low, high in ((0, 0.1), (0.1, 0.3), (0.3, 0.5), (0.5, 0.7), (0.7, 0.9), (0.9, 0.97), (0.97, 1.01), (0.9, 1.01)):
         some = (chance > low) & (chance <= high)
         if some.any():
-            share = right[some].mean()
-            print(f"  confidence {low:.2f} to {min(high, 1):.2f}: {some.sum():5d} lanes, {share:.1%} right")
+            stated, share = chance[some].mean(), right[some].mean()
+            print(
+                f"  confidence {low:.2f} to {min(high, 1):.2f}: {some.sum():5d} lanes, {stated:.1%}, {share:.1%} right"
+            )
 
 
 def main() -> None:
     """Drive, fit, tell."""
     cv2.setNumThreads(1)
     check = "--check" in sys.argv
-    seeds = range(1000, 1000 + DRIVES // 2) if check else range(DRIVES)
-    data = [drive_along(seed) for seed in seeds]
+    suite = [] if check else choose_drives(sys.argv[1:])
+    data = [drive_along(seed) for seed in (range(1000, 1000 + DRIVES // 2) if check else range(DRIVES))]
+    data += [drive_through(drive.at_hand(), -1 - number) for number, drive in enumerate(suite)]
     for name, part, present in (("TRACK_WEIGHTS", 0, TRACK_WEIGHTS), ("STILL_WEIGHTS", 1, STILL_WEIGHTS)):
         rows = np.array([row for one in data for row in one[part]], float)
-        features, right, seed = rows[:, :-2], rows[:, -2], rows[:, -1]
-        if check:
-            tell(name, features, right, present)
-            continue
-        half = seed % 2 == 0
-        cross = fit_logistic(features[half], right[half])
-        tell(f"{name}, fitted on half of the drives, on the others", features[~half], right[~half], cross)
-        weights = fit_logistic(features, right)
-        tell(f"{name}, fitted on all drives", features, right, weights)
-        print(name, dict(zip(FEATURES, np.round(weights, 2).tolist(), strict=True)))
+        features, right, drive = rows[:, :-2], rows[:, -2] > 0, rows[:, -1]
+        tell(f"{name} as they are", logistic(features @ present), right)
+        if not check:
+            tell(f"{name}, of drives that were not in the fit", chances_of_others(features, right, drive), right)
+            weights = fit_logistic(features, right, drive)
+            print(name, dict(zip(FEATURES, np.round(weights, 2).tolist(), strict=True)))
 
 
 if __name__ == "__main__":

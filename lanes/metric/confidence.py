@@ -13,20 +13,35 @@ from lanes.metric.lane import Lane
 from lanes.metric.lanemodel import SIDES
 
 RIGHT_M, RIGHT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
-# A usual lane is so wide, metres.
-USUAL_WIDTH_M = 3.5
-# What the probability depends on: how surely the worse line is known 20 m ahead (logarithm of its standard deviation in
-# metres; the lines' supports are in it), and by how much the lane is unusually wide or narrow, metres: a crack or kerb
-# taken for a line is seldom a lane's width away from the other one.
-FEATURES = ("constant", "log std", "odd width")
+# A usual lane is so wide, metres; cars change lanes, so that beyond some distance from the middle more says nothing;
+# and what is seen of a line beyond some distance says little of it up to 30 m ahead.
+USUAL_WIDTH_M, MOST_OFFSET_M, MOST_REACH_M = 3.5, 0.8, 40.0
+# What the probability depends on: how surely the worse line is known 30 m ahead (logarithm of its standard deviation in
+# metres; the lines' supports are in it); by how much the lane is unusually wide or narrow (metres, squared): a crack or
+# kerb taken for a line is seldom a lane's width away from the other one; how far from its middle the car is (metres);
+# how far the lines are seen, the one that is seen less far first (logarithms); and the bend, in which the standard
+# deviation grows faster than errors do (curvature times 30 m). An odd pitch would tell more on rendered roads, but real
+# ones are less even: there it makes the confidence worse.
+FEATURES = ("constant", "log std", "odd width", "offset", "shorter reach", "longer reach", "bend")
 # For a lane found in a single picture, and for one followed.
-STILL_WEIGHTS = np.array([-1.75, -1.55, -5.48])
-TRACK_WEIGHTS = np.array([0.19, -1.19, -6.69])
+STILL_WEIGHTS = np.array([0.09, -0.75, -6.93, -2.69, 1.19, 3.45, 2.94])
+TRACK_WEIGHTS = np.array([-0.68, -1.59, -5.84, -3.54, -0.51, 3.17, 2.77])
 
 
 def lane_features(lane: Lane) -> np.ndarray:
-    """The features (3,) of a lane."""
-    return np.array([1.0, np.log(lateral_std_m(lane, 20.0)), abs(lane.width_m - USUAL_WIDTH_M)])
+    """The features (7,) of a lane, in the order of `FEATURES`."""
+    far_m = RIGHT_AT_M[-1]
+    reach = np.minimum(sorted((lane.left.reach_m, lane.right.reach_m)), MOST_REACH_M)
+    return np.array(
+        [
+            1.0,
+            np.log(lateral_std_m(lane, far_m)),
+            (lane.width_m - USUAL_WIDTH_M) ** 2,
+            min(abs(lane.offset_m), MOST_OFFSET_M),
+            *np.log((reach + RIGHT_AT_M[0]) / far_m),
+            abs(lane.curvature_per_m) * far_m,
+        ]
+    )
 
 
 def lateral_std_m(lane: Lane, x_m: float) -> float:
