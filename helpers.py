@@ -27,9 +27,10 @@ Data             open_dataset, check, PROJECT_ROOT                              
 9 Metres         RoadView                                                                   lanes.metric.roadview
 10 Paint         measure_paint, find_stripes                                                lanes.metric.evidence
 11 One model     find_lane                                                                  lanes.metric.lane
-                 draw_found, annotate_folder                                                lanes.metric.lane_overlay
+                 draw_found                                                                 lanes.metric.lane_overlay
+                 annotate_folder                                                            lanes.drives.drive
 12 Memory        LaneTracker                                                                lanes.metric.tracker
-                 track_lane                                                                 lanes.metric.lane_overlay
+                 track_lane                                                                 lanes.drives.styles
                  integrate_path                                                             lanes.metric.path
 13 Explain       explain_frame                                                              lanes.explain
 14 How wrong     score_video                                                                lanes.benchmark.runner
@@ -70,11 +71,13 @@ from lanes.classic.threshold import (
 from lanes.classic.view import FourPointWarp, metres_per_pixel, view_to_road
 from lanes.dataset import PROJECT_ROOT, check, open_dataset
 from lanes.draw import LEFT, RIGHT, draw_fit, draw_lane, draw_line, draw_pixels, draw_windows
+from lanes.drives.drive import annotate_folder
+from lanes.drives.styles import track_lane
 from lanes.explain import explain_frame
 from lanes.images import list_pictures, read_image, write_image
 from lanes.metric.evidence import find_stripes, measure_paint
 from lanes.metric.lane import find_lane
-from lanes.metric.lane_overlay import annotate_folder, draw_found, track_lane
+from lanes.metric.lane_overlay import draw_found
 from lanes.metric.path import integrate_path
 from lanes.metric.roadview import RoadView
 from lanes.metric.tracker import LaneTracker

@@ -84,7 +84,8 @@ class TestCommand:
         [
             (["no-such-scene"], "there is no scene 'no-such-scene'"),
             (["no-such-video.mp4"], "no-such-video.mp4: there is no such video"),
-            (["--system", "yolo"], "there is no system 'yolo'"),
+            (["--system", "metric,yolo", "motorway"], "there is no system 'yolo'"),
+            (["--system", "metric", "--system", "hough", "motorway"], "there is no system 'hough'"),
         ],
     )
     def test_misuse_is_told(self, folder, arguments, words):

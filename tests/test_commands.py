@@ -61,7 +61,8 @@ def drive(tmp_path_factory) -> Path:
     (folder / "text.mp4").write_text("no video at all")
     (folder / "empty").mkdir()
     (folder / "file").write_text("in the way")
-    write_image(folder / "sky" / "sky.png", np.full((360, 640, 3), 200, np.uint8))
+    sky = write_image(folder / "sky" / "sky.png", np.full((360, 640, 3), 200, np.uint8))
+    (folder / "cut.png").write_bytes(sky.read_bytes()[:-20])
     return folder
 
 
@@ -134,7 +135,7 @@ def test_annotate_a_piece_of_an_uncalibrated_video(drive, tmp_path):
 
 
 def test_annotate_goes_on_after_a_failure(drive, tmp_path):
-    sources = [drive / "text.mp4", drive / "drive.mp4", drive / "stills"]
+    sources = [drive / "text.mp4", drive / "drive.mp4", drive / "stills", drive / "cut.png"]
     status, out, err = run(
         "annotate",
         "--camera",
@@ -149,7 +150,7 @@ def test_annotate_goes_on_after_a_failure(drive, tmp_path):
         0.2,
     )
     assert status == 1 and out == ""
-    assert re.fullmatch(r"error: .*text\.mp4: cannot be read as a video.*\n", err)
+    assert re.fullmatch(r"error: .*text\.mp4: cannot be read as a video.*\nerror: .*cut\.png: .* is cut off.*\n", err)
     stills = {f"still{n}.png" for n in range(3)}
     assert names(tmp_path) == {"drive.mp4", "drive.csv", "drive.html", "pictures.csv"} | stills
     assert (read_image(tmp_path / "still0.png") != read_image(drive / "stills" / "still0.png")).any()

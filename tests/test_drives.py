@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import pickle
+import re
 import signal
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from functools import lru_cache
 from multiprocessing import get_context
 
@@ -16,18 +18,19 @@ from clips import write_drive
 from drives import CAMERA, PaintedDrive, lane_lines, s_bend
 
 from lanes.camera import CameraError
-from lanes.drives.drive import annotate_drive, annotate_stills
+from lanes.drives.drive import annotate_drive, annotate_folder, annotate_stills
 from lanes.drives.fieldofview import FieldOfView
 from lanes.drives.live import annotate_live
 from lanes.drives.settings import DriveSettings
 from lanes.drives.sources import find_sources, refuse_clashes
-from lanes.drives.styles import STYLES
-from lanes.images import read_image, write_image
+from lanes.drives.styles import STYLES, track_lane
+from lanes.images import PictureError, read_image, write_image
 from lanes.metric.tracked import LOST, TrackedLane
 from lanes.metric.tracker import LaneTracker
 from lanes.scenes.render import Motion
 from lanes.video.telemetry import read_telemetry
 from lanes.video.videofile import VideoError, inspect_video
+from lanes.video.videowriter import VideoWriter
 
 SMALL = CAMERA.scaled((640, 360))
 DRIVE = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3), camera=SMALL)
@@ -84,12 +87,11 @@ def test_settings_travel_and_fit_the_camera_to_the_drive(tmp_path):
 
 
 @pytest.mark.parametrize("style", STYLES)
-def test_styles_leave_the_picture_alone_and_say_lost(style):
+def test_styles_draw_on_a_picture_of_its_size_and_say_lost(style):
     image, result = tracked()
-    kept = image.copy()
     paint = STYLES[style](SMALL)
-    drawn, lost = paint(image, result), paint(image, TrackedLane(LOST))
-    np.testing.assert_array_equal(image, kept)
+    drawn, lost = paint(image.copy(), result), paint(image.copy(), TrackedLane(LOST))
+    assert (lost != image).any()
     assert drawn.shape == lost.shape == image.shape and drawn.dtype == np.uint8
     assert (drawn != lost).any(axis=2).mean() > 0.005
 
@@ -120,6 +122,17 @@ def test_the_mosaic_shows_fit_and_evidence_in_their_places():
     assert (np.ptp(evidence, axis=2) == 0).all() and evidence.max() > 200
 
 
+def test_following_gives_each_frame_its_picture_and_numbers():
+    process = track_lane(LaneTracker(SMALL), SMALL)
+    drawn, row = process(DRIVE.frame(0.0))
+    assert (drawn != DRIVE.frame(0.0)).any()
+    assert (row["state"], row["departure"]) == ("searching", None)
+    assert row["offset_m"] == pytest.approx(DRIVE.truth(0.0).offset_m, abs=0.05)
+    assert row["left_c0_m"] - row["right_c0_m"] == pytest.approx(row["lane_width_m"], abs=0.05)
+    _, row = track_lane(LaneTracker(SMALL), SMALL)(np.zeros_like(drawn))
+    assert (row["state"], row["confidence"], row["offset_m"], row["left_c3_per_m2"]) == ("lost", 0.0, None, None)
+
+
 def test_stills_with_a_mount_of_their_own(tmp_path):
     for i in range(3):
         write_image(tmp_path / f"{i}.png", DRIVE.frame(i))
@@ -133,6 +146,60 @@ def test_stills_with_a_mount_of_their_own(tmp_path):
     assert (read_image(tmp_path / "out" / "0.png") != read_image(pictures[0])).any()
     with pytest.raises(ValueError, match="one of the inputs"):
         annotate_stills(pictures, DriveSettings(output=tmp_path, camera=SMALL))
+
+
+def test_stills_that_cannot_be_used_do_not_stop_the_others(tmp_path):
+    folder, other = tmp_path / "in", np.zeros((480, 640, 3), np.uint8)
+    for name, image in (("b2.jpg", DRIVE.frame(0)), ("b10.jpg", DRIVE.frame(1)), ("a.jpg", other), ("c.jpg", other)):
+        write_image(folder / name, image)
+    (folder / "c.jpg").write_bytes((folder / "c.jpg").read_bytes()[:300])
+    (folder / "d.png").touch()
+    with pytest.raises(PictureError) as error:
+        annotate_folder(folder, tmp_path / "out", SMALL.with_mount(None))
+    assert re.fullmatch(
+        r".*c.jpg: .*cut off.*\n.*d.png: .*empty.*\n.*a.jpg: is 640x480, most .* 640x360;.*", str(error.value)
+    )
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"b2.jpg", "b10.jpg", "pictures.csv"}
+    drawn = read_image(tmp_path / "out" / "b2.jpg")
+    assert (np.abs(drawn.astype(int) - DRIVE.frame(0))[220:330].max(axis=2) > 30).mean() > 0.1
+    with pytest.raises(PictureError, match=r"c.jpg: .*\n.*d.png"):
+        annotate_stills([folder / "c.jpg", folder / "d.png"], DriveSettings(output=tmp_path / "none", camera=SMALL))
+    assert not (tmp_path / "none").exists()
+
+
+def test_a_folder_of_pictures_is_annotated_one_by_one(tmp_path):
+    for name in ("b2.jpg", "b10.jpg"):
+        write_image(tmp_path / "in" / name, DRIVE.frame(0))
+    result = annotate_folder(tmp_path / "in", tmp_path / "out", SMALL)
+    assert [path.name for path in result.pictures] == ["b2.jpg", "b10.jpg"]
+    assert (result.found, result.failures, result.mount) == (2, (), None)
+
+
+def test_time_passes_as_the_frames_of_a_variable_rate_say(tmp_path):
+    """The lane is carried on for a second: a frame later, but 1.5 s later, nothing is known any more."""
+    with VideoWriter(tmp_path / "drive.mp4", fps=25) as writer:
+        for number in range(12):
+            writer.write(DRIVE.frame(number / 25), number / 25)
+        writer.write(np.zeros_like(DRIVE.frame(0)), 12 / 25)
+        writer.write(np.zeros_like(DRIVE.frame(0)), 12 / 25 + 1.5)
+    settings = DriveSettings(output=tmp_path / "out", camera=SMALL, report=False, progress=False)
+    states = read_telemetry(annotate_drive(tmp_path / "drive.mp4", settings).telemetry)["state"]
+    assert states[-3:].tolist() == ["tracking", "coasting", "lost"]
+
+
+def test_a_piece_of_a_drive_has_its_own_mount(tmp_path):
+    """Half-way the camera is knocked down by two degrees: each part is measured with the mount that it had."""
+    mount = SMALL.mount
+    knocked = replace(DRIVE, camera=SMALL.with_mount(replace(mount, pitch_rad=mount.pitch_rad + np.radians(2))))
+    frames = [drive.frame(number / 5) for drive in (DRIVE, knocked) for number in range(12)]
+    with VideoWriter(tmp_path / "drive.mp4", fps=5) as writer:
+        for number, frame in enumerate(frames):
+            writer.write(frame, number / 5)
+    settings = {"output": tmp_path / "out", "camera": SMALL.with_mount(None), "report": False, "progress": False}
+    for piece, drive in (({"end_s": 2.4}, DRIVE), ({"start_s": 2.4}, knocked)):
+        result = annotate_drive(tmp_path / "drive.mp4", DriveSettings(**settings, **piece))
+        assert (result.frames, result.mount.frames_total) == (12, 12)
+        assert result.mount.mount.pitch_rad == pytest.approx(drive.camera.mount.pitch_rad, abs=np.radians(0.3))
 
 
 def test_a_drive_is_annotated_in_another_process(tmp_path):

@@ -8,16 +8,9 @@ import numpy as np
 import pytest
 from drives import CAMERA, PaintedDrive, lane_lines, s_bend
 
-from lanes.images import PictureError, read_image, write_image
+from lanes.images import PictureError
 from lanes.metric.lane import find_lane
-from lanes.metric.lane_overlay import (
-    annotate_folder,
-    describe_tracked,
-    draw_found,
-    draw_tracked,
-    lane_outlines,
-    track_lane,
-)
+from lanes.metric.lane_overlay import describe_tracked, draw_found, draw_tracked, lane_outlines
 from lanes.metric.roadview import RoadView
 from lanes.metric.tracked import LOST, TrackedLane
 from lanes.metric.tracker import LaneTracker
@@ -106,25 +99,3 @@ def test_a_single_picture_is_drawn_with_its_confidence_or_said_to_be_lost():
     assert (draw_found(image, lane, SMALL) != image).any(axis=2).mean() > 0.1
     lost = draw_found(image, None, SMALL)
     np.testing.assert_array_equal(lost[120:], image[120:])
-
-
-def test_following_gives_each_frame_its_picture_and_numbers():
-    process = track_lane(LaneTracker(SMALL), SMALL)
-    drawn, row = process(DRIVE.frame(0.0))
-    assert (drawn != DRIVE.frame(0.0)).any()
-    assert row["state"] == "searching"
-    assert row["offset_m"] == pytest.approx(DRIVE.truth(0.0).offset_m, abs=0.05)
-    assert row["left_c0_m"] - row["right_c0_m"] == pytest.approx(row["lane_width_m"], abs=0.05)
-    _, row = track_lane(LaneTracker(SMALL), SMALL)(np.zeros_like(drawn))
-    assert (row["state"], row["confidence"], row["offset_m"], row["left_c3_per_m2"]) == ("lost", 0.0, None, None)
-
-
-def test_a_folder_of_pictures_is_annotated_one_by_one(tmp_path):
-    image, _ = tracked()
-    for name in ("b2.jpg", "b10.jpg"):
-        write_image(tmp_path / "in" / name, image)
-    written = annotate_folder(tmp_path / "in", tmp_path / "out", SMALL)
-    assert [path.name for path in written] == ["b2.jpg", "b10.jpg"]
-    assert (np.abs(read_image(written[0]).astype(int) - image)[220:330].max(axis=2) > 30).mean() > 0.1
-    with pytest.raises(PictureError, match="the folder of the pictures"):
-        annotate_folder(tmp_path / "in", tmp_path / "in", SMALL)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from painted_roads import paint_road
@@ -42,6 +45,7 @@ def test_stills_with_a_calibrated_lens(drive, tmp_path, capsys):
     assert found.mount.height_m == pytest.approx(1.3, abs=0.05)
     printed = capsys.readouterr().out
     assert "from 2 of 2 pictures" in printed and "looks left" in printed and "camera.yaml" in printed
+    assert re.search(r"offset and lane width to be good to 3 cm and [34]% .*curvature twice as much", printed)
 
 
 def test_video_with_a_field_of_view_alone(drive, tmp_path, capsys):
@@ -51,6 +55,23 @@ def test_video_with_a_field_of_view_alone(drive, tmp_path, capsys):
     assert np.degrees(found.mount.pitch_rad) == pytest.approx(3.0, abs=0.2)
     assert found.mount.height_m == 1.4
     assert "from 3 of 3 pictures" in capsys.readouterr().out
+
+
+def test_a_piece_of_a_video_and_a_measured_height(drive, tmp_path, capsys):
+    bent = replace(CAMERA, mount=None, distortion=np.array([-0.01, 0, 0, 0, 0]))
+    lens = save_camera(bent, tmp_path / "lens.yaml")
+    piece = ["--start", 1, "--end", 2.5, "--height", 1.3]
+    assert run("--camera", lens, *piece, drive / "drive.mp4", "-o", tmp_path / "camera.yaml") == 0
+    printed = capsys.readouterr().out
+    assert "from 3 of 3 pictures" in printed
+    assert "offset and lane width to be good to 1 cm, distances and curvature likewise" in printed
+    pictures = list(pick_pictures([drive / "drive.mp4"], 40, start_s=1.0, end_s=2.5))
+    for got, expected in zip(pictures, list(pick_pictures([drive / "drive.mp4"], 40))[2:5], strict=True):
+        np.testing.assert_array_equal(got, expected)
+    assert run("--camera", lens, "--start", 3, drive / "drive.mp4") == 2
+    assert "drive.mp4: lasts 3 s; begin before that" in capsys.readouterr().err
+    assert run("--camera", lens, "--start", 3, "--end", 2, drive / "drive.mp4") == 2
+    assert "--end 2 is not after --start 3" in capsys.readouterr().err
 
 
 def test_pictures_are_spread_over_stills_and_video(drive):

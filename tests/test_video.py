@@ -16,6 +16,7 @@ from fractions import Fraction
 from pathlib import Path
 
 import av
+import cv2
 import numpy as np
 import pytest
 
@@ -331,6 +332,22 @@ class TestAnnotate:
         target = tmp_path / "out.mp4"
         annotate_video(tmp_path / "variable.mp4", target, unchanged, progress=False)
         np.testing.assert_allclose([f.time_s for f in read_timed_frames(target)], times_s, atol=1e-3)
+
+    def test_who_asks_is_told_the_time_since_the_frame_before(self, tmp_path):
+        with VideoWriter(tmp_path / "variable.mp4", fps=25) as writer:
+            for number, time_s in enumerate([0, 0.04, 0.3, 0.75]):
+                writer.write(numbered(number), time_s)
+        told = []
+
+        def process(frame: np.ndarray, *, elapsed_s: float | None = 9.0) -> np.ndarray:
+            told.append(elapsed_s)
+            return frame
+
+        annotate_video(tmp_path / "variable.mp4", tmp_path / "out.mp4", process, start_s=0.04, progress=False)
+        assert told[0] is None and told[1:] == pytest.approx([0.26, 0.45], abs=1e-3)
+        # A function written in C does not tell its parameters; it gets the frame alone.
+        annotate_video(tmp_path / "variable.mp4", tmp_path / "out.mp4", cv2.bitwise_not, progress=False)
+        assert next(read_frames(tmp_path / "out.mp4"))[:8].mean() == pytest.approx(255 - numbered(0)[:8].mean(), abs=8)
 
     def test_telemetry(self, video, tmp_path):
         values = iter(range(100))

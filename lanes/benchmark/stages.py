@@ -23,7 +23,9 @@ from lanes.classic import overlay, recipes
 from lanes.classic.channel import Channel
 from lanes.classic.recipes import RECIPES, LaneFinder, get_recipe
 from lanes.classic.view import FourPointWarp
-from lanes.metric import lane, lane_overlay, tracker
+from lanes.drives import styles
+from lanes.drives.styles import track_lane
+from lanes.metric import lane, tracker
 from lanes.metric.roadview import RoadView
 from lanes.threads import one_thread
 
@@ -38,7 +40,7 @@ METRIC_STAGES = {
     "stripes": [(lane, "find_stripes")],
     "follow": [(tracker, "correct_lane"), (tracker, "see_lines")],
     "search": [(tracker, "search_lane"), (tracker, "describe_lane")],
-    "draw": [(lane_overlay, "draw_tracked_on")],
+    "draw": [(styles, "draw_tracked_on")],
 }
 CLASSIC_STAGES = {
     "undistort": [(recipes, "undistort")],
@@ -128,14 +130,14 @@ def time_frames(
 
 def _systems(camera: Camera) -> dict[str, tuple[Callable, dict]]:
     followed, searched = (tracker.LaneTracker(camera) for _ in range(2))
-    draw_cold = lane_overlay.track_lane(searched, camera)
+    draw_cold = track_lane(searched, camera)
 
     def process_cold(frame: np.ndarray) -> object:
         searched.reset()
         return draw_cold(frame)
 
     systems = {
-        TRACKING: (lane_overlay.track_lane(followed, camera), METRIC_STAGES),
+        TRACKING: (track_lane(followed, camera), METRIC_STAGES),
         COLD: (process_cold, METRIC_STAGES),
     }
     for name in RECIPES:

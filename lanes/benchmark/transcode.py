@@ -21,7 +21,7 @@ import av
 import numpy as np
 
 from lanes.camera import Camera, load_camera
-from lanes.metric.lane_overlay import track_lane
+from lanes.drives.styles import track_lane
 from lanes.metric.tracker import LaneTracker
 from lanes.threads import one_thread
 from lanes.video.annotate import annotate_video

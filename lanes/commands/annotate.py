@@ -19,11 +19,23 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lanes.commands.arguments import add_lens, count, error_status, find_field, number, progress_line
+from lanes.commands.arguments import (
+    add_lens,
+    add_piece,
+    count,
+    error_status,
+    find_field,
+    number,
+    progress_line,
+    require_piece,
+)
 
 if TYPE_CHECKING:
     from lanes.drives.settings import DriveSettings
     from lanes.drives.sources import Sources
+
+# What a job that was done tells, and what was wrong with single stills of it.
+Told = tuple[str, "Sequence[Exception]"]
 
 EXAMPLES = """\
   python -m lanes annotate --hfov 60 drive.mp4
@@ -40,8 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_lens(parser)
     parser.add_argument("-o", "--output", type=Path, default=Path("annotated"), help="folder (default: %(default)s)")
-    parser.add_argument("--start", type=number(0), default=0.0, metavar="S", help="second of the videos to begin at")
-    parser.add_argument("--end", type=number(0), metavar="S", help="second of the videos to stop at")
+    add_piece(parser)
     parser.add_argument(
         "--style",
         choices=("lane", "lines", "mosaic"),
@@ -86,11 +97,12 @@ def run(options: argparse.Namespace) -> int:
         sources = replace(sources, videos=())
     for job in list_jobs(sources, settings):
         try:
-            told = job()
+            told, left_out = job()
         except (OSError, ValueError) as error:
             failures.append(error)
         else:
             done += 1
+            failures += left_out
             if not options.quiet:
                 print(told, flush=True)
     for error in failures:
@@ -121,8 +133,7 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
     from lanes.camera import load_camera
     from lanes.drives.settings import DriveSettings
 
-    if options.end is not None and options.end <= options.start:
-        raise ValueError(f"--end {options.end:g} is not after --start {options.start:g}; give a later end.")
+    require_piece(options)
     camera = field = None
     if options.camera:
         camera = load_camera(options.camera)
@@ -142,19 +153,26 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
     )
 
 
-def list_jobs(sources: Sources, settings: DriveSettings) -> Iterator[Callable[[], str]]:
-    """What there is to do, each a function that does it and returns what to tell."""
+def list_jobs(sources: Sources, settings: DriveSettings) -> Iterator[Callable[[], Told]]:
+    """What there is to do, each a function that does it."""
     from lanes.drives.drive import annotate_drive, annotate_stills
     from lanes.drives.live import annotate_live
 
-    def follow_camera(index: int) -> str:
+    def follow_video(video: Path) -> Told:
+        return annotate_drive(video, settings).describe(), ()
+
+    def find_in_stills() -> Told:
+        result = annotate_stills(sources.stills, settings)
+        return result.describe(), result.failures
+
+    def follow_camera(index: int) -> Told:
         if settings.progress:
             print(f"camera {index}: annotating until Ctrl-C", file=sys.stderr)
-        return annotate_live(index, settings).describe()
+        return annotate_live(index, settings).describe(), ()
 
     for video in sources.videos:
-        yield lambda video=video: annotate_drive(video, settings).describe()
+        yield partial(follow_video, video)
     if sources.stills:
-        yield lambda: annotate_stills(sources.stills, settings).describe()
+        yield find_in_stills
     for index in sources.cameras:
         yield partial(follow_camera, index)

@@ -40,6 +40,18 @@ def add_lens(parser: argparse._ActionsContainer) -> None:
     )
 
 
+def add_piece(parser: argparse.ArgumentParser) -> None:
+    """The piece of the videos to work on; `require_piece` checks it."""
+    parser.add_argument("--start", type=number(0), default=0.0, metavar="S", help="second of the videos to begin at")
+    parser.add_argument("--end", type=number(0), metavar="S", help="second of the videos to stop at")
+
+
+def require_piece(options: argparse.Namespace) -> None:
+    """Refuse a piece that ends before it begins."""
+    if options.end is not None and options.end <= options.start:
+        raise ValueError(f"--end {options.end:g} is not after --start {options.start:g}; give a later end.")
+
+
 def find_lens(options: argparse.Namespace) -> Camera:
     """The camera of the options of `add_lens`; with a mount only if it comes from a file that has one."""
     from lanes.calibration.boards import calibrate_folder

@@ -15,8 +15,8 @@ from lanes.commands.arguments import add_lens, count, find_lens, progress_line
 EXAMPLES = """\
   python -m lanes benchmark --list
   python -m lanes benchmark --workers 2 -o results
-  python -m lanes benchmark motorway --system metric --estimated-mount
-  python -m lanes benchmark my_drive.mp4
+  python -m lanes benchmark --system metric --estimated-mount motorway
+  python -m lanes benchmark --system metric,best_channel my_drive.mp4
   python -m lanes benchmark --speed
   python -m lanes benchmark --labels stills/labels.jsonl --camera camera.yaml
   python -m lanes benchmark --labels stills/labels.jsonl --predictions lanes.jsonl"""
@@ -32,7 +32,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--list", action="store_true", help="say which scenes there are, and do nothing")
     parser.add_argument(
-        "--system", nargs="+", metavar="NAME", help="hls_sobel, equalized_hsv, best_channel, metric (default: all)"
+        "--system",
+        type=lambda text: text.split(","),
+        action="extend",
+        metavar="NAME,...",
+        help="hls_sobel, equalized_hsv, best_channel, metric (default: all)",
     )
     parser.add_argument(
         "--estimated-mount", action="store_true", help="estimate the camera's mount from each video, as on real drives"

@@ -8,11 +8,21 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from lanes.commands.arguments import add_footage, add_lens, count, find_lens, number, progress_line
+from lanes.commands.arguments import (
+    add_footage,
+    add_lens,
+    add_piece,
+    count,
+    find_lens,
+    number,
+    progress_line,
+    require_piece,
+)
 
 EXAMPLES = """\
   python -m lanes mount --hfov 60 drive.mp4 -o camera.yaml
   python -m lanes mount --camera lens.yaml --lane-width 3.5 drive/*.jpg -o camera.yaml
+  python -m lanes mount --hfov 60 --start 60 --end 90 drive.mp4
   python -m lanes mount --boards my_boards --height 1.35 drive.mp4"""
 
 
@@ -24,6 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--height", type=number(0.5, 4.5), metavar="M", help="measured height of the camera above the road"
     )
+    add_piece(parser)
     parser.add_argument("--pictures", type=count, default=40, metavar="N", help="use at most (default: %(default)s)")
     parser.add_argument("-o", "--output", type=Path, default=Path("camera.yaml"), help="default: %(default)s")
 
@@ -31,17 +42,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Estimate the mount, print it and write it with the lens."""
     from lanes.camera import save_camera
-    from lanes.mounting.mount import LANE_WIDTH_M, estimate_mount
+    from lanes.mounting.mount import LANE_WIDTH_M, describe_accuracy, estimate_mount
     from lanes.video.footage import pick_pictures
 
+    require_piece(options)
     camera = find_lens(options)
     estimate = estimate_mount(
-        pick_pictures(options.files, options.pictures, camera),
+        pick_pictures(options.files, options.pictures, camera, start_s=options.start, end_s=options.end),
         camera,
         lane_width_m=LANE_WIDTH_M if options.lane_width is None else options.lane_width,
         height_m=options.height,
         progress=progress_line("mount"),
     )
     print(estimate.describe())
+    print(describe_accuracy(estimate, camera))
     print(f"wrote {save_camera(camera.with_mount(estimate.mount), options.output)}")
     return 0

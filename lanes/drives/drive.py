@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +15,8 @@ from lanes.drives.mounts import mount_from_drive
 from lanes.drives.moved import find_mount_change
 from lanes.drives.settings import DriveResult, DriveSettings, StillsResult, describe_settings
 from lanes.drives.sources import refuse_clashes
-from lanes.drives.styles import STYLES
-from lanes.images import read_image, write_image
+from lanes.drives.styles import STYLES, Row, track_lane
+from lanes.images import PictureError, list_pictures, read_image, write_image
 from lanes.metric.lane import find_lane
 from lanes.metric.roadview import RoadView
 from lanes.metric.tracked import LOST, TrackedLane
@@ -28,8 +29,6 @@ from lanes.video.annotate import annotate_video
 from lanes.video.telemetry import read_telemetry, write_telemetry
 from lanes.video.videofile import VideoError, VideoInfo, inspect_video
 
-Row = dict[str, str | float | None]
-
 
 @dataclass(frozen=True, eq=False)
 class PreparedDrive:
@@ -39,6 +38,10 @@ class PreparedDrive:
     info: VideoInfo
     camera: Camera
     mount: MountEstimate | None
+
+    def follow(self, style: str) -> Callable[..., tuple[np.ndarray, Row]]:
+        """A function for `annotate_video`, with a tracker of its own; see `track_lane`."""
+        return track_lane(LaneTracker(self.camera, fps=self.info.fps), self.camera, style=style)
 
 
 def annotate_drive(video: str | Path, settings: DriveSettings) -> DriveResult:
@@ -67,7 +70,8 @@ def prepare_drive(video: str | Path, settings: DriveSettings) -> PreparedDrive:
     if settings.start_s >= info.duration_s:
         raise VideoError(f"{video}: lasts {info.duration_s:g} s; begin before that, not at {settings.start_s:g} s.")
     camera = settings.camera_for((info.width, info.height))
-    return PreparedDrive(video, info, *mount_from_drive(camera, [video]))
+    mounted = mount_from_drive(camera, [video], start_s=settings.start_s, end_s=settings.end_s)
+    return PreparedDrive(video, info, *mounted)
 
 
 def follow_drive(drive: PreparedDrive, settings: DriveSettings) -> DriveResult:
@@ -79,7 +83,7 @@ def follow_drive(drive: PreparedDrive, settings: DriveSettings) -> DriveResult:
         annotate_video(
             drive.video,
             target,
-            follow_and_paint(drive.camera, drive.info.fps, settings.style),
+            drive.follow(settings.style),
             start_s=settings.start_s,
             end_s=settings.end_s,
             progress=settings.progress,
@@ -93,43 +97,67 @@ def follow_drive(drive: PreparedDrive, settings: DriveSettings) -> DriveResult:
 def annotate_stills(pictures: Sequence[Path], settings: DriveSettings) -> StillsResult:
     """Find the lane in each picture on its own; the pictures keep their names, `pictures.csv` has a row for each.
 
+    A picture that cannot be used, or has another size than most, does not stop the others; `StillsResult.failures` says
+    why it was left out.
+
     Raises
     ------
-    FileNotFoundError, PictureError
-        If a picture cannot be used, has another size than the first, or would be overwritten.
+    PictureError, ValueError
+        If none can be used, or one would be overwritten.
     CameraError, MountError, OSError
         As `annotate_drive`.
     """
-    targets = [settings.output / path.name for path in pictures]
-    refuse_clashes(pictures, targets)
-    height, width = read_image(pictures[0]).shape[:2]
-    camera, mount = mount_from_drive(settings.camera_for((width, height)), pictures)
+    refuse_clashes(pictures, [settings.output / path.name for path in pictures])
+    size, usable, failures = _sort_out(pictures)
+    camera, mount = mount_from_drive(settings.camera_for(size), usable)
     view, paint = RoadView(camera), STYLES[settings.style](camera)
-    rows = []
-    for number, (path, target) in enumerate(zip(pictures, targets, strict=True)):
+    rows, written = [], []
+    for number, path in enumerate(usable):
         image = read_image(path)
-        camera.require_size(image, path)
         found = TrackedLane.from_still(find_lane(image, view))
         rows.append({"frame": number, "picture": path.name, **found.as_row()})
-        write_image(target, paint(image, found))
+        written.append(write_image(settings.output / path.name, paint(image, found)))
     telemetry = write_telemetry(settings.output / "pictures.csv", rows)
-    return StillsResult(tuple(targets), telemetry, sum(row["state"] != LOST for row in rows), mount)
+    return StillsResult(tuple(written), telemetry, sum(row["state"] != LOST for row in rows), mount, tuple(failures))
 
 
-def follow_and_paint(camera: Camera, fps: float, style: str) -> Callable[..., tuple[np.ndarray, Row]]:
-    """A function for `annotate_video`: takes the frames in order, gives each annotated and its telemetry.
+def annotate_folder(folder: str | Path, output: str | Path, camera: Camera) -> StillsResult:
+    """`annotate_stills` for all pictures of a folder, taken with `camera`; without a mount, they tell it themselves.
 
-    Given a frame alone it takes 1 / fps as the time since the one before; `elapsed_s` says otherwise.
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such folder, or no picture in it.
+    PictureError
+        Naming the pictures that could not be used; the others are done by then.
+    CameraError, MountError, OSError, ValueError
+        As `annotate_stills`; `output` has to be another folder.
     """
-    tracker, paint = LaneTracker(camera, fps=fps), STYLES[style](camera)
+    result = annotate_stills(list_pictures(folder), DriveSettings(output=Path(output), camera=camera))
+    if result.failures:
+        raise PictureError("\n".join(map(str, result.failures)))
+    return result
 
-    def process(frame: np.ndarray, elapsed_s: float | None = None) -> tuple[np.ndarray, Row]:
-        tracked = tracker.update(frame, elapsed_s=elapsed_s)
-        warning = tracked.warning
-        departure = warning.side if warning and warning.due else None
-        return paint(frame, tracked), {**tracked.as_row(), "departure": departure}
 
-    return process
+def _sort_out(pictures: Sequence[Path]) -> tuple[tuple[int, int], list[Path], list[PictureError]]:
+    """The size (width, height) of most pictures, those that have it, and what is wrong with the others."""
+    sizes, failures = {}, []
+    for path in pictures:
+        try:
+            height, width = read_image(path).shape[:2]
+            sizes[path] = width, height
+        except PictureError as error:
+            failures.append(error)
+    if not sizes:
+        raise PictureError("\n".join(map(str, failures)))
+    (most, _), *_ = Counter(sizes.values()).most_common(1)
+    usable = [path for path, size in sizes.items() if size == most]
+    failures += [
+        PictureError(f"{path}: is {width}x{height}, most others are {most[0]}x{most[1]}; annotate it on its own.")
+        for path, (width, height) in sizes.items()
+        if (width, height) != most
+    ]
+    return most, usable, failures
 
 
 def conclude_drive(

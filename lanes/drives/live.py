@@ -10,9 +10,11 @@ from contextlib import contextmanager
 from itertools import takewhile
 
 from lanes.camera import Camera
-from lanes.drives.drive import conclude_drive, follow_and_paint
+from lanes.drives.drive import conclude_drive
 from lanes.drives.mounts import mount_from_pictures
 from lanes.drives.settings import DriveResult, DriveSettings
+from lanes.drives.styles import track_lane
+from lanes.metric.tracker import LaneTracker
 from lanes.mounting.mount import MountEstimate
 from lanes.video.capture import LiveCamera
 from lanes.video.telemetry import TelemetryWriter
@@ -41,7 +43,7 @@ def annotate_live(index: int, settings: DriveSettings) -> DriveResult:
         frames = takewhile(lambda _: not stopped.is_set(), source.frames())
         camera, mount = _with_mount(settings.camera_for(source.size), frames, f"camera {index}")
         began_s = time.perf_counter()
-        process = follow_and_paint(camera, source.fps, settings.style)
+        process = track_lane(LaneTracker(camera, fps=source.fps), camera, style=settings.style)
         # In this order: telemetry gets its name only when the video has.
         with TelemetryWriter(video.with_suffix(".csv")) as table, VideoWriter(video, fps=source.fps) as writer:
             for number, (frame, elapsed_s) in enumerate(_since_first(frames)):

@@ -16,9 +16,15 @@ MOUNT_PICTURES = 40
 
 
 def mount_from_drive(
-    camera: Camera, files: Sequence[Path], *, progress: Callable[[int, int], None] | None = None
+    camera: Camera,
+    files: Sequence[Path],
+    *,
+    start_s: float = 0.0,
+    end_s: float | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> tuple[Camera, MountEstimate | None]:
-    """The camera with a mount: its own, or else the one that the files show; and the estimate, if there was one.
+    """The camera with a mount: its own, or else the one that the files show, videos between `start_s` and `end_s`; and
+    the estimate, if there was one.
 
     Raises
     ------
@@ -27,7 +33,7 @@ def mount_from_drive(
     """
     if camera.mount is not None:
         return camera, None
-    pictures = pick_pictures(list(files), MOUNT_PICTURES, camera)
+    pictures = pick_pictures(list(files), MOUNT_PICTURES, camera, start_s=start_s, end_s=end_s)
     return mount_from_pictures(camera, pictures, str(files[0]), progress=progress)
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lanes.drives.drive import PreparedDrive, conclude_drive, follow_and_paint, output_for
+from lanes.drives.drive import PreparedDrive, conclude_drive, output_for
 from lanes.drives.settings import DriveResult, DriveSettings
 from lanes.images import remove_partials
 from lanes.video.annotate import annotate_video
@@ -51,19 +51,20 @@ def cut_drive(drive: PreparedDrive, settings: DriveSettings, piece_s: float) -> 
 def annotate_piece(drive: PreparedDrive, piece: Piece, settings: DriveSettings, folder: Path) -> float:
     """Annotate one piece into `folder`, unless that was done before; returns the seconds that it took, at least."""
     target = _file_of(piece, folder)
-    # The video gets its name after the telemetry.
-    if target.exists():
-        return float(read_telemetry(target.with_suffix(".csv"))["latency_ms"].sum() / 1e3)
+    telemetry = target.with_suffix(".csv")
+    # It gets its name after the video.
+    if telemetry.exists():
+        return float(read_telemetry(telemetry)["latency_ms"].sum() / 1e3)
     remove_partials(target)
     began_s = time.perf_counter()
     annotate_video(
         drive.video,
         target,
-        follow_and_paint(drive.camera, drive.info.fps, settings.style),
+        drive.follow(settings.style),
         start_s=piece.start_s,
         end_s=piece.end_s,
         progress=settings.progress,
-        telemetry=target.with_suffix(".csv"),
+        telemetry=telemetry,
         sound=False,
         warm_up_s=WARM_UP_S,
         overlapped=settings.overlapped,

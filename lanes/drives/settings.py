@@ -13,7 +13,8 @@ import numpy as np
 from lanes.camera import Camera, CameraError
 from lanes.drives.fieldofview import FieldOfView
 from lanes.drives.moved import MountChange
-from lanes.mounting.mount import MountEstimate
+from lanes.images import PictureError
+from lanes.mounting.mount import MountEstimate, describe_accuracy
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,8 +109,10 @@ class DriveResult:
         """The drive in a sentence, after the mount if it was estimated."""
         written = f"{self.video} with telemetry{' and report' if self.report else ''} beside it"
         moved = f"\n{self.source}: {self.moved.describe()}" if self.moved else ""
+        accuracy = [describe_accuracy(self.mount, self.camera)] if self.mount else []
         return _below_mount(
             self.mount,
+            *accuracy,
             f"{self.source}: {self.frames} frames, lane tracked in {self.tracked_share:.0%} of them, "
             f"lost for {self.lost_s:.1f} s; {self.frames_per_s:.0f} frames/s; wrote {written}{moved}",
         )
@@ -117,12 +120,26 @@ class DriveResult:
 
 @dataclass(frozen=True)
 class StillsResult:
-    """What came of stills: pictures and telemetry written, in how many there was a lane, the mount if estimated."""
+    """What came of stills.
+
+    Attributes
+    ----------
+    pictures : tuple of Path
+        Written, in the order of the stills.
+    telemetry : Path
+    found : int
+        In how many there was a lane.
+    mount : MountEstimate or None
+        None where the camera came with its mount.
+    failures : tuple of PictureError
+        One for each still that could not be used, naming it.
+    """
 
     pictures: tuple[Path, ...]
     telemetry: Path
     found: int
     mount: MountEstimate | None
+    failures: tuple[PictureError, ...] = ()
 
     def describe(self) -> str:
         """The stills in a sentence, after the mount if it was estimated."""
@@ -134,8 +151,8 @@ class StillsResult:
         )
 
 
-def _below_mount(mount: MountEstimate | None, sentence: str) -> str:
-    return f"{mount.describe()}\n{sentence}" if mount else sentence
+def _below_mount(mount: MountEstimate | None, *sentences: str) -> str:
+    return "\n".join([*([mount.describe()] if mount else []), *sentences])
 
 
 def describe_settings(

@@ -1,4 +1,4 @@
-"""Ways to draw what was found: the filled lane, its two lines, or a mosaic that shows how it was found."""
+"""Follow the lane through a drive and draw it: filled, its two lines, or a mosaic that shows how it was found."""
 
 from __future__ import annotations
 
@@ -11,12 +11,22 @@ from lanes.camera import Camera
 from lanes.draw import LEFT, PANEL, RIGHT, draw_line, write_text
 from lanes.metric.evidence import LEAST_STRENGTH
 from lanes.metric.lane import observe
-from lanes.metric.lane_overlay import INFERRED_PX, SEEN_PX, describe_tracked, draw_tracked, lane_outlines
+from lanes.metric.lane_overlay import (
+    INFERRED_PX,
+    SEEN_PX,
+    describe_tracked,
+    draw_tracked,
+    draw_tracked_on,
+    lane_outlines,
+)
 from lanes.metric.lanemodel import lines_on_view
 from lanes.metric.roadview import RoadView
 from lanes.metric.tracked import TrackedLane
+from lanes.metric.tracker import LaneTracker
 
+# Takes a picture, which it may write on, and what was found in it; returns the annotated one.
 Painter = Callable[[np.ndarray, TrackedLane], np.ndarray]
+Row = dict[str, str | float | None]
 
 # Strength that is drawn white, so many times what is kept: good paint reaches it.
 WHITE_STRENGTH = 4 * LEAST_STRENGTH
@@ -24,7 +34,12 @@ WHITE_STRENGTH = 4 * LEAST_STRENGTH
 
 def paint_lane(camera: Camera) -> Painter:
     """The filled lane with its measures."""
-    return lambda image, tracked: draw_tracked(image, tracked, camera)
+
+    def paint(image: np.ndarray, tracked: TrackedLane) -> np.ndarray:
+        draw_tracked_on(image, tracked, camera)
+        return image
+
+    return paint
 
 
 def paint_lines(camera: Camera) -> Painter:
@@ -73,6 +88,30 @@ def paint_mosaic(camera: Camera) -> Painter:
 
 
 STYLES: dict[str, Callable[[Camera], Painter]] = {"lane": paint_lane, "lines": paint_lines, "mosaic": paint_mosaic}
+
+
+def track_lane(tracker: LaneTracker, camera: Camera, *, style: str = "lane") -> Callable[..., tuple[np.ndarray, Row]]:
+    """A function for `annotate_video`: takes the frames in order, writes on them, gives each and its telemetry.
+
+    Parameters
+    ----------
+    tracker : LaneTracker
+        What the function returned goes on from; told a frame alone, it takes 1 / fps as the time since the one before,
+        `elapsed_s` says otherwise.
+    camera : Camera
+        With its mount.
+    style : str
+        One of `STYLES`.
+    """
+    paint = STYLES[style](camera)
+
+    def process(frame: np.ndarray, elapsed_s: float | None = None) -> tuple[np.ndarray, Row]:
+        tracked = tracker.update(frame, elapsed_s=elapsed_s)
+        warning = tracked.warning
+        departure = warning.side if warning and warning.due else None
+        return paint(frame, tracked), {**tracked.as_row(), "departure": departure}
+
+    return process
 
 
 def _draw_fit(picture: np.ndarray, tracked: TrackedLane, view: RoadView) -> np.ndarray:

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
 
 from lanes.camera import Camera
 from lanes.draw import LANE, LEFT, RIGHT, stroke_line, tint_area, write_on
-from lanes.images import PictureError, list_pictures, read_image, write_image
-from lanes.metric.lane import Lane, find_lane
+from lanes.metric.lane import Lane
 from lanes.metric.lanemodel import SIDES, line_points
-from lanes.metric.roadview import RoadView
 from lanes.metric.tracked import TrackedLane
-from lanes.metric.tracker import LaneTracker
 from lanes.words import describe_bend, describe_offset
 
 # Nearer than this the own bonnet hides the road from most cameras.
@@ -78,49 +73,6 @@ def draw_tracked_on(image: np.ndarray, tracked: TrackedLane, camera: Camera) -> 
 def draw_found(image: np.ndarray, lane: Lane | None, camera: Camera) -> np.ndarray:
     """Draw a lane that was found in a single picture; see `draw_tracked`."""
     return draw_tracked(image, TrackedLane.from_still(lane), camera)
-
-
-def track_lane(
-    tracker: LaneTracker, camera: Camera
-) -> Callable[[np.ndarray], tuple[np.ndarray, dict[str, str | float | None]]]:
-    """A function for `video.annotate_video`: takes the frames in order, draws on each, gives it and its telemetry."""
-
-    def process(frame: np.ndarray) -> tuple[np.ndarray, dict[str, str | float | None]]:
-        tracked = tracker.update(frame)
-        draw_tracked_on(frame, tracked, camera)
-        return frame, tracked.as_row()
-
-    return process
-
-
-def annotate_folder(folder: str | Path, output: str | Path, camera: Camera) -> list[Path]:
-    """Find the lane in every picture of a folder, each on its own, and write the annotated pictures to `output`.
-
-    Parameters
-    ----------
-    folder, output : str or Path
-        Two different folders; the pictures keep their names.
-    camera : Camera
-        With the mount that the pictures were taken from.
-
-    Returns
-    -------
-    list of Path
-        The pictures written, in natural order.
-
-    Raises
-    ------
-    FileNotFoundError, PictureError
-        If a picture cannot be used, or `output` is the folder of the pictures itself.
-    """
-    if Path(output).resolve() == Path(folder).resolve():
-        raise PictureError(f"{output}: is the folder of the pictures, which would be overwritten; name another one.")
-    view, written = RoadView(camera), []
-    for path in list_pictures(folder):
-        image = read_image(path)
-        camera.require_size(image, path)
-        written.append(write_image(Path(output) / path.name, draw_found(image, find_lane(image, view), camera)))
-    return written
 
 
 def describe_tracked(tracked: TrackedLane) -> list[str]:

@@ -37,6 +37,9 @@ WIDEST_SCATTER_DEG, WIDEST_YAW_DEG = 10.0, 12.0
 FEW_HEADINGS = 5
 # The pictures are worked on at this width: more pixels find no more paint.
 WORKING_WIDTH = 1280
+# Largest error of the offset in 95 % of the frames of the rendered drive, with its lens, and with focal lengths from
+# 0.7 to 1.5 times the true one and no distortion (docs/own_camera.md).
+LENS_OFFSET_CM, PINHOLE_OFFSET_CM = 1, 3
 ANGLES = "pitch", "yaw", "roll"
 # First look for the horizon: in this many pictures, from these shares of the picture's height.
 ROUGH_PICTURES, ROUGH_HORIZONS = 8, np.array([0.3, 0.45, 0.6, 0.75])
@@ -162,6 +165,20 @@ def estimate_mount(
         lanes = view_lanes(lines, lane_width_m, height_m or USUAL_HEIGHT_M, lanes.roll_rad)
     _require_lanes(lines, lane_width_m / lanes.height_m)
     return _conclude(lines, lanes, len(images), lane_width_m, height_m)
+
+
+def describe_accuracy(estimate: MountEstimate, camera: Camera) -> str:
+    """What to expect of offsets, distances and curvatures that rest on an estimated mount; a sentence for people."""
+    share = estimate.height_std_m / estimate.mount.height_m
+    width = f" and {share:.0%} (lanes may be wider or narrower)" if share else ""
+    if camera.distortion.any():
+        return (
+            f"expect offset and lane width to be good to {LENS_OFFSET_CM} cm{width}, distances and curvature likewise"
+        )
+    return (
+        f"expect offset and lane width to be good to {PINHOLE_OFFSET_CM} cm{width}; "
+        "distances ahead to be off as much as the focal length, which was not calibrated, and curvature twice as much"
+    )
 
 
 def mount_camera(camera: Camera, folder: str | Path) -> Camera:

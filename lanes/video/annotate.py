@@ -19,6 +19,7 @@ process. What decided it, measured with moviepy 2.2.1 and PyAV 18.1:
 
 from __future__ import annotations
 
+import inspect
 import os
 import signal
 import sys
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
     from moviepy import VideoFileClip
 
 Row = Mapping[str, object]
-Process = Callable[[np.ndarray], "np.ndarray | tuple[np.ndarray, Row]"]
+Process = Callable[..., "np.ndarray | tuple[np.ndarray, Row]"]
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,9 @@ def annotate_video(
     process : callable
         Takes a frame, ndarray of shape (height, width, 3), uint8, RGB, its own to write on, and returns the annotated
         one, or that and a mapping with the frame's telemetry. Called once a frame, in order, by the caller's thread;
-        others read ahead and write behind meanwhile. All pictures that it returns must have one size.
+        others read ahead and write behind meanwhile. All pictures that it returns must have one size. If it has a
+        parameter `elapsed_s`, it is told the seconds since the frame before, None for the first: they differ from
+        frame to frame in videos of variable rate.
     start_s, end_s : float
         The piece to work on, see `read_frames`.
     progress : bool
@@ -146,14 +149,18 @@ def annotate_video(
     read = read_timed_frames(source, start_s=max(0.0, start_s - warm_up_s), end_s=end_s, threads=0 if overlapped else 1)
     with (
         _stopping_cleanly(),
-        writer,
+        # In this order: telemetry gets its name only when the video has.
         nullcontext() if telemetry is None else TelemetryWriter(telemetry) as table,
+        writer,
         closing(read_ahead(read) if overlapped else read) as frames,
         write_behind(writer.encode) if overlapped else nullcontext(writer.encode) as encode,
         _progress_bar(info, start_s, end_s, shown=progress) as bar,
     ):
+        process, last_s = _with_time(process), None
         for frame in frames:
-            picture, row = _processed(process, frame.image, f"frame {frame.number} of {source}")
+            elapsed_s = None if last_s is None else frame.time_s - last_s
+            picture, row = _processed(process, frame.image, elapsed_s, f"frame {frame.number} of {source}")
+            last_s = frame.time_s
             if frame.time_s < start_s - STAMP_TOLERANCE_S:
                 continue
             # Converted here and not behind: `process` may return the same array again and again.
@@ -172,11 +179,20 @@ def _progress_bar(info: VideoInfo, start_s: float, end_s: float | None, *, shown
     return tqdm(total=max(expected, 0), unit="frame", disable=not (shown and watched))
 
 
-def _processed(process: Process, frame: np.ndarray, name: str) -> tuple[np.ndarray, Row]:
+def _with_time(process: Process) -> Process:
+    """`process` as a function of a frame and `elapsed_s`, whether it cares for the time or not."""
+    try:
+        cares = "elapsed_s" in inspect.signature(process).parameters
+    except ValueError:
+        cares = False  # functions written in C do not tell their parameters
+    return process if cares else lambda frame, elapsed_s: process(frame)
+
+
+def _processed(process: Process, frame: np.ndarray, elapsed_s: float | None, name: str) -> tuple[np.ndarray, Row]:
     """What `process` makes of a frame: the picture, and its telemetry with the time that it took."""
     began_s = time.perf_counter()
     try:
-        result = process(frame)
+        result = process(frame, elapsed_s=elapsed_s)
     except PictureError as error:
         # It says "picture", because `process` does not know which one it is.
         raise PictureError(f"{name}: {str(error).removeprefix('picture: ')}") from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from itertools import groupby
 from operator import itemgetter
@@ -11,28 +12,30 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.images import PICTURE_SUFFIXES, read_image
-from lanes.video.videofile import TimedFrame, inspect_video, read_timed_frames
+from lanes.video.videofile import TimedFrame, VideoError, inspect_video, read_timed_frames
 
 # Reading on for this long costs about as much as opening the video again at another place.
 SEEK_S = 2.0
 
 
-def pick_pictures(files: list[Path], most: int, camera: Camera | None = None) -> Iterator[np.ndarray]:
+def pick_pictures(
+    files: list[Path], most: int, camera: Camera | None = None, *, start_s: float = 0.0, end_s: float | None = None
+) -> Iterator[np.ndarray]:
     """At most `most` pictures, spread evenly over stills and videos; RGB (height, width, 3) uint8.
+
+    Of videos only the piece from `start_s` to `end_s` counts, seconds since the first frame.
 
     Raises
     ------
     FileNotFoundError, PictureError, VideoError
-        If a file cannot be read, or its pictures are of another size than `camera`'s.
+        If a file cannot be read, its pictures are of another size than `camera`'s, or a video is over at `start_s`.
     """
     places: list[tuple[Path, float | None]] = []
     for file in files:
         if file.suffix.lower() in PICTURE_SUFFIXES:
             places.append((file, None))
         else:
-            info = inspect_video(file)
-            count = min(most, info.frames)
-            places += [(file, info.duration_s * i / count) for i in range(count)]
+            places += [(file, time_s) for time_s in _times_s(file, most, start_s, end_s)]
     chosen = np.unique(np.linspace(0, len(places) - 1, min(most, len(places))).round().astype(int))
     for file, group in groupby((places[at] for at in chosen), key=itemgetter(0)):
         times_s = [time_s for _, time_s in group]
@@ -40,6 +43,16 @@ def pick_pictures(files: list[Path], most: int, camera: Camera | None = None) ->
             if camera:
                 camera.require_size(image, file)
             yield image
+
+
+def _times_s(video: Path, most: int, start_s: float, end_s: float | None) -> np.ndarray:
+    """At most `most` times, evenly spread over a piece of a video, not more than there are frames."""
+    info = inspect_video(video)
+    length_s = min(info.duration_s, math.inf if end_s is None else end_s) - start_s
+    if length_s <= 0:
+        raise VideoError(f"{video}: lasts {info.duration_s:g} s; begin before that, not at {start_s:g} s.")
+    count = min(most, max(round(length_s * info.fps), 1))
+    return start_s + length_s * np.arange(count) / count
 
 
 def _frames_at(video: Path, times_s: list[float]) -> Iterator[np.ndarray]:
