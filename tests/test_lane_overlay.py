@@ -67,6 +67,13 @@ def test_read_only_pictures_are_welcome():
     assert draw_tracked(image, result, SMALL).flags.writeable
 
 
+def test_drawing_on_the_picture_itself_gives_the_same():
+    image, result = tracked()
+    own = image.copy()
+    assert draw_tracked(own, result, SMALL, onto=own) is own
+    np.testing.assert_array_equal(own, draw_tracked(image, result, SMALL))
+
+
 def test_lost_draws_words_only():
     image, _ = tracked()
     drawn = draw_tracked(image, TrackedLane(LOST), SMALL)

@@ -40,7 +40,7 @@ METRIC_STAGES = {
     "stripes": [(lane, "find_stripes")],
     "follow": [(tracker, "correct_lane"), (tracker, "see_lines")],
     "search": [(tracker, "search_lane"), (tracker, "describe_lane")],
-    "draw": [(styles, "draw_tracked_on")],
+    "draw": [(styles, "draw_tracked")],
 }
 CLASSIC_STAGES = {
     "undistort": [(recipes, "undistort")],

@@ -16,7 +16,6 @@ from lanes.metric.lane_overlay import (
     SEEN_PX,
     describe_tracked,
     draw_tracked,
-    draw_tracked_on,
     lane_outlines,
 )
 from lanes.metric.lanemodel import lines_on_view
@@ -34,12 +33,7 @@ WHITE_STRENGTH = 4 * LEAST_STRENGTH
 
 def paint_lane(camera: Camera) -> Painter:
     """The filled lane with its measures."""
-
-    def paint(image: np.ndarray, tracked: TrackedLane) -> np.ndarray:
-        draw_tracked_on(image, tracked, camera)
-        return image
-
-    return paint
+    return lambda image, tracked: draw_tracked(image, tracked, camera, onto=image)
 
 
 def paint_lines(camera: Camera) -> Painter:

@@ -36,7 +36,9 @@ def lane_outlines(lane: Lane, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     return _in_sight(left), _in_sight(right)
 
 
-def draw_tracked(image: np.ndarray, tracked: TrackedLane, camera: Camera) -> np.ndarray:
+def draw_tracked(
+    image: np.ndarray, tracked: TrackedLane, camera: Camera, *, onto: np.ndarray | None = None
+) -> np.ndarray:
     """Draw the lane and what is known of it.
 
     Parameters
@@ -46,6 +48,9 @@ def draw_tracked(image: np.ndarray, tracked: TrackedLane, camera: Camera) -> np.
     tracked : TrackedLane
     camera : Camera
         With its mount.
+    onto : ndarray of the same shape, uint8, optional
+        What to draw on instead of on a copy: `image` itself where it is needed no more, which saves a quarter of the
+        time.
 
     Returns
     -------
@@ -53,21 +58,17 @@ def draw_tracked(image: np.ndarray, tracked: TrackedLane, camera: Camera) -> np.
         When the lane is lost, only the words that say so.
     """
     camera.require_size(image)
-    drawn = image.copy()
-    draw_tracked_on(drawn, tracked, camera)
+    words, lane = describe_tracked(tracked), tracked.lane
+    left, right = lane_outlines(lane, camera) if lane else ((), ())
+    # after all that is to be worked out: a whole picture drives everything else from the processor's cache
+    drawn = image.copy() if onto is None else onto
+    if len(left) > 1 and len(right) > 1:
+        tint_area(drawn, np.vstack([left, right[::-1]]), LANE, ALPHA, edge=cv2.LINE_8)
+    for points, line, colour in ((left, tracked.left, LEFT), (right, tracked.right, RIGHT)):
+        if len(points) > 1:
+            stroke_line(drawn, points, colour, camera.width / (SEEN_PX if line.seen else INFERRED_PX))
+    write_on(drawn, words)
     return drawn
-
-
-def draw_tracked_on(image: np.ndarray, tracked: TrackedLane, camera: Camera) -> None:
-    """Draw on `image` itself, see `draw_tracked`: spares a quarter of its time where the picture is needed no more."""
-    lane = tracked.lane
-    if lane is not None:
-        left, right = lane_outlines(lane, camera)
-        if len(left) > 1 and len(right) > 1:
-            tint_area(image, np.vstack([left, right[::-1]]), LANE, ALPHA, edge=cv2.LINE_8)
-        for points, line, colour in ((left, lane.left, LEFT), (right, lane.right, RIGHT)):
-            stroke_line(image, points, colour, camera.width / (SEEN_PX if line.seen else INFERRED_PX))
-    write_on(image, describe_tracked(tracked))
 
 
 def draw_found(image: np.ndarray, lane: Lane | None, camera: Camera) -> np.ndarray:
@@ -91,6 +92,7 @@ def describe_tracked(tracked: TrackedLane) -> list[str]:
 
 def _in_sight(pixels: np.ndarray) -> np.ndarray:
     """The points (N, 2), nearest first, until the line turns back or dips behind a crest or out of the lens."""
-    back = np.flatnonzero(~(np.diff(pixels[:, 1]) < 0))
-    pixels = pixels[: back[0] + 1] if len(back) else pixels
-    return pixels[np.isfinite(pixels).all(axis=1)]
+    rises = pixels[1:, 1] < pixels[:-1, 1]
+    end = len(pixels) if rises.all() else int(rises.argmin()) + 1
+    # a point that is out of the lens (NaN) does not rise, so that only the first may be one: then nothing is left
+    return pixels[: end if end > 1 else 0]

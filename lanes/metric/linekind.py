@@ -65,7 +65,8 @@ class KindVotes:
 
 def looks_dashed(painted_m: np.ndarray) -> bool | None:
     """Whether paint at these distances (N,) has gaps like a dashed line's; None if there is too little of it."""
-    gaps = np.diff(np.sort(painted_m[painted_m < FAR_M]))
+    painted_m = np.sort(painted_m[painted_m < FAR_M])
+    gaps = painted_m[1:] - painted_m[:-1]
     # the same place twice is one place
     if np.count_nonzero(gaps) < LEAST_ROWS - 1:
         return None
