@@ -32,13 +32,14 @@ Data             open_dataset, check, PROJECT_ROOT                              
 12 Memory        LaneTracker                                                                lanes.metric.tracker
                  track_lane                                                                 lanes.drives.styles
                  integrate_path                                                             lanes.metric.path
-13 Explain       explain_frame                                                              lanes.explain
+13 Explain       explain_frame                                                              lanes.explain.frame
+                 show_explanation                                                           lanes.explain.panels
 14 How wrong     score_video                                                                lanes.benchmark.runner
                  results_table                                                              lanes.benchmark.tables
 Sliders          tune_threshold, tune_view                                                  lanes.tuning
                  read_frames                                                                lanes.video.videofile
 Figures          show_pictures, plot_bars, plot_histogram, plot_series, plot_telemetry,
-                 plot_path, show_explanation, save_figure                                   lanes.plots
+                 plot_path, save_figure                                                     lanes.plots
 """
 
 from lanes.benchmark.measures import (
@@ -73,7 +74,8 @@ from lanes.dataset import PROJECT_ROOT, check, open_dataset
 from lanes.draw import LEFT, RIGHT, draw_fit, draw_lane, draw_line, draw_pixels, draw_windows
 from lanes.drives.drive import annotate_folder
 from lanes.drives.styles import track_lane
-from lanes.explain import explain_frame
+from lanes.explain.frame import explain_frame
+from lanes.explain.panels import show_explanation
 from lanes.images import list_pictures, read_image, write_image
 from lanes.metric.evidence import find_stripes, measure_paint
 from lanes.metric.lane import find_lane
@@ -89,7 +91,6 @@ from lanes.plots import (
     plot_series,
     plot_telemetry,
     save_figure,
-    show_explanation,
     show_pictures,
 )
 from lanes.tuning import tune_threshold, tune_view

@@ -1,4 +1,4 @@
-"""Matplotlib figures: the only module that imports pyplot, and only when a figure is asked for.
+"""Matplotlib figures, and the style of all: the only module that imports pyplot, and only when one is asked for.
 
 Every function takes what others computed, draws it and returns (figure, axes); none of them computes or shows. In a
 notebook `plt.show()` or the end of the cell shows the figure.
@@ -20,8 +20,6 @@ from lanes.metric.tracked import COASTING, FOUND, LOST, SEARCHING, TRACKING
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from lanes.explain import Explanation
 
 # 80 dots per inch and JPEG make a figure of two photographs about 70 kB, a tenth of the default PNG.
 STYLE = {
@@ -76,7 +74,7 @@ def show_pictures(
     rows = -(-len(images) // columns)
     column_in = width_in / columns
     row_in = max(image.shape[0] / image.shape[1] for image in images) * column_in + 0.35
-    figure, axes = _figure(rows, columns, (width_in, rows * row_in))
+    figure, axes = new_figure(rows, columns, (width_in, rows * row_in))
     for axis in axes[len(images) :]:
         axis.remove()
     for axis, image, title in zip(axes, images, titles, strict=False):
@@ -92,11 +90,11 @@ def plot_histogram(
     title: str = "Where the paint is",
 ) -> tuple[Figure, Axes]:
     """Plot the column histogram of a binary view, (width,), with the two start columns of the search."""
-    figure, (axis,) = _figure(1, 1, (10, 3))
-    axis.fill_between(np.arange(len(counts)), counts, color=_rgb(WINDOW), alpha=0.6, linewidth=0)
+    figure, (axis,) = new_figure(1, 1, (10, 3))
+    axis.fill_between(np.arange(len(counts)), counts, color=rgb(WINDOW), alpha=0.6, linewidth=0)
     for column, colour, name in ((left_px, LEFT, "left"), (right_px, RIGHT, "right")):
         if column is not None:
-            axis.axvline(column, color=_rgb(colour), label=f"{name} start, column {column:.0f}")
+            axis.axvline(column, color=rgb(colour), label=f"{name} start, column {column:.0f}")
             axis.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2, frameon=False, borderaxespad=0)
     axis.set_title(title, loc="left")
     axis.set(xlabel="column (pixels)", ylabel="paint pixels in the column")
@@ -107,8 +105,8 @@ def plot_histogram(
 
 def plot_bars(values: Mapping[str, float], *, label: str, title: str = "") -> tuple[Figure, Axes]:
     """Plot a number for each of several named things; `label` names the number and its unit."""
-    figure, (axis,) = _figure(1, 1, (10, 3))
-    axis.bar(list(values), list(values.values()), color=_rgb(WINDOW))
+    figure, (axis,) = new_figure(1, 1, (10, 3))
+    axis.bar(list(values), list(values.values()), color=rgb(WINDOW))
     axis.tick_params(axis="x", rotation=90)
     axis.set(ylabel=label, title=title)
     return figure, axis
@@ -142,7 +140,7 @@ def plot_series(
     """
     if not series:
         raise ValueError("there is no quantity to plot; give at least one axis label with its curves.")
-    figure, axes = _figure(len(series), 1, (10, 0.6 + 2.2 * len(series)), sharex=True)
+    figure, axes = new_figure(len(series), 1, (10, 0.6 + 2.2 * len(series)), sharex=True)
     for axis, (label, curves) in zip(axes, series.items(), strict=True):
         for name, values in curves.items():
             look = TRUTH_LOOK if name == "truth" else {"color": _line_colour(name)}
@@ -176,13 +174,13 @@ def plot_telemetry(
     figure, axes : Figure, ndarray of Axes of shape (3,)
         Offset, curvature, confidence; the states colour the time axis of each.
     """
-    figure, axes = _figure(3, 1, (10, 7), sharex=True, height_ratios=(2, 2, 1.2))
+    figure, axes = new_figure(3, 1, (10, 7), sharex=True, height_ratios=(2, 2, 1.2))
     labels = {"offset_m": "offset (m), left > 0", "curvature_per_m": "curvature (1/m), left > 0"}
     for axis, (name, label) in zip(axes, labels.items(), strict=False):
         quantity, unit = name.split("_", 1)
         std = rows[f"{quantity}_std_{unit}"]
-        axis.fill_between(rows["time_s"], rows[name] - std, rows[name] + std, color=_rgb(RIGHT), alpha=0.25, lw=0)
-        axis.plot(rows["time_s"], rows[name], color=_rgb(RIGHT), label="measured, ± one standard deviation")
+        axis.fill_between(rows["time_s"], rows[name] - std, rows[name] + std, color=rgb(RIGHT), alpha=0.25, lw=0)
+        axis.plot(rows["time_s"], rows[name], color=rgb(RIGHT), label="measured, ± one standard deviation")
         if truth is not None:
             axis.plot(truth["time_s"], truth[name], label="truth", **TRUTH_LOOK)
         axis.set_ylabel(label)
@@ -204,7 +202,7 @@ def plot_path(
     paths_m: Mapping[str, np.ndarray], *, title: str = "Where the car has driven (the drift grows along the way)"
 ) -> tuple[Figure, Axes]:
     """Plot a map of driven paths, name to (N, 2) metres as `integrate_path` gives them; "truth" is drawn dashed."""
-    figure, (axis,) = _figure(1, 1, (10, 5))
+    figure, (axis,) = new_figure(1, 1, (10, 5))
     for name, path in paths_m.items():
         axis.plot(*np.transpose(path), label=name, **(TRUTH_LOOK if name == "truth" else {}))
     axis.plot(0, 0, "o", color="0.15", markersize=5)
@@ -219,105 +217,20 @@ def plot_path(
     return figure, axis
 
 
-def show_explanation(explanation: Explanation) -> tuple[Figure, np.ndarray]:
-    """Show every step from a picture to its lane, with the numbers: what `lanes.explain.explain_frame` found.
+def new_figure(rows: int, columns: int, size_in: tuple[float, float], **options: object) -> tuple[Figure, np.ndarray]:
+    """A figure in the course's style, with its axes as a flat array."""
+    # Imported here, so that computing without figures starts half a second sooner.
+    import matplotlib.pyplot as plt
 
-    Returns
-    -------
-    figure, axes : Figure, ndarray of Axes of shape (9,)
-        Picture, mount, view from above, paint, stripes, votes, fit, overlay, and the words.
-    """
-    from lanes.panels import FAILED, PANEL_OF, PANELS
-
-    figure, axes = _figure(3, 3, (18, 11.5), height_ratios=(1, 1, 1.2))
-    for axis, draw in zip(axes, PANELS, strict=True):
-        draw(axis, explanation)
-        axis.title.set_fontsize(10)
-    if explanation.failed:
-        axes[PANEL_OF[explanation.failed.name]].title.set_color(FAILED)
-    return figure, axes
+    with plt.rc_context(STYLE):
+        figure, axes = plt.subplots(rows, columns, figsize=size_in, squeeze=False, **options)
+    return figure, axes.ravel()
 
 
-def plot_ranges(
-    names: Sequence[str],
-    panels: Mapping[str, Mapping[str, tuple[np.ndarray, np.ndarray]]],
-    *,
-    limits: Mapping[str, tuple[float, float]],
-    title: str = "",
-) -> tuple[Figure, np.ndarray]:
-    """Plot ranges for many named things, systems side by side: a row for each thing, a panel for each quantity.
-
-    Parameters
-    ----------
-    names : sequence of str, N of them
-        From the top.
-    panels : mapping of str to (mapping of str to (ndarray of shape (N,), ndarray of shape (N,)))
-        Axis label with unit to the systems' ranges, such as median and 95th percentile; the second end gets the mark.
-        NaN is left out; what lies beyond the limits is marked at the edge.
-    limits : mapping of str to (float, float)
-        For each label the ends of its axis; logarithmic where the first is above zero.
-    title : str
-
-    Returns
-    -------
-    figure, axes : Figure, ndarray of Axes of shape (len(panels),)
-    """
-    systems = list(next(iter(panels.values())))
-    figure, axes = _figure(1, len(panels), (13, 1.5 + 0.12 * (len(systems) + 1) * len(names)), sharey=True)
-    for axis, (label, ranges) in zip(axes, panels.items(), strict=True):
-        low, high = limits[label]
-        axis.set(xlabel=label, xscale="log" if low > 0 else "linear", xlim=(low, high))
-        axis.grid(axis="x", alpha=0.3)
-        for at, ends in enumerate(ranges.values()):
-            place = np.arange(len(names)) + (at - (len(systems) - 1) / 2) / (len(systems) + 1)
-            first, last = (np.clip(end, low, high) for end in ends)
-            axis.hlines(place, first, last, color=f"C{at}", linewidth=2.5, alpha=0.5)
-            axis.plot(last, place, "o", color=f"C{at}", markersize=4.5, label=systems[at], clip_on=False)
-        axis.hlines(np.arange(1, len(names)) - 0.5, low, high, color="0.85", linewidth=0.8)
-    axes[0].set_yticks(np.arange(len(names)), names)
-    axes[0].set_ylim(len(names) - 0.5, -0.5)
-    axes[0].set_title(title, loc="left")
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper right", ncols=len(systems), frameon=False)
-    return figure, axes
-
-
-def plot_reliability(
-    bins: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray],
-    precisions: Mapping[str, tuple[np.ndarray, np.ndarray]],
-    *,
-    title: str = "",
-) -> tuple[Figure, np.ndarray]:
-    """Plot how far a confidence is to be trusted, and what share of the lanes is right when only sure ones are taken.
-
-    Parameters
-    ----------
-    bins : tuple of five ndarray of shape (B,)
-        Stated confidence, share that is right, lower and upper limit of that share, number of lanes.
-    precisions : mapping of str to (ndarray of shape (K,), ndarray of shape (K,))
-        For each system coverage and precision; a system with a single pair is a point.
-    title : str
-
-    Returns
-    -------
-    figure, axes : Figure, ndarray of Axes of shape (2,)
-    """
-    stated, right, low, high, count = bins
-    figure, axes = _figure(1, 2, (12, 5))
-    axes[0].plot([0, 1], [0, 1], **TRUTH_LOOK)
-    axes[0].errorbar(stated, right, [right - low, high - right], fmt="o", color="0.2", ecolor="0.5", capsize=3)
-    for x, y, lanes in zip(stated, low, count, strict=True):
-        axes[0].annotate(f"{lanes}", (x, y), (0, -4), textcoords="offset points", ha="center", va="top", fontsize=8)
-    axes[0].set(xlabel="stated confidence", ylabel="share of lanes that are right", xlim=(0, 1.02), ylim=(0, 1.02))
-    axes[0].set_title(title, loc="left")
-    for name, (coverage, precision) in precisions.items():
-        axes[1].plot(coverage, precision, "-" if len(coverage) > 1 else "o", label=name)
-    axes[1].set(xlabel="share of frames with a lane given", ylabel="share of given lanes that are right")
-    axes[1].set(xlim=(0, 1.02), ylim=(0, 1.02))
-    axes[1].legend(loc="lower left", frameon=False)
-    for axis in axes:
-        axis.grid(alpha=0.3)
-    return figure, axes
+def rgb(colour: Colour) -> tuple[float, float, float]:
+    """A colour of `lanes.draw` in matplotlib's 0 to 1."""
+    red, green, blue = (value / 255 for value in colour)
+    return red, green, blue
 
 
 def save_figure(figure: Figure, path: str | Path, *, jpeg_quality: int = 85) -> Path:
@@ -348,16 +261,6 @@ def figure_kind(path: Path) -> str:
     return kind
 
 
-def _figure(rows: int, columns: int, size_in: tuple[float, float], **options: object) -> tuple[Figure, np.ndarray]:
-    """A figure in the course's style, with its axes as a flat array."""
-    # Imported here, so that computing without figures starts half a second sooner.
-    import matplotlib.pyplot as plt
-
-    with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(rows, columns, figsize=size_in, squeeze=False, **options)
-    return figure, axes.ravel()
-
-
 def _show_picture(axis: Axes, image: np.ndarray, title: str) -> None:
     limits = {}
     if image.ndim == 2:
@@ -377,15 +280,10 @@ def _colour_states(axis: Axes, times_s: np.ndarray, states: np.ndarray) -> None:
         edges = np.flatnonzero(np.diff(np.concatenate([[0], states == state, [0]])))
         spans = [(times_s[a], times_s[b - 1] - times_s[a] + step_s) for a, b in edges.reshape(-1, 2)]
         across = axis.get_xaxis_transform()
-        axis.broken_barh(spans, (0, 0.05), transform=across, color=_rgb(STATE_COLOURS[state]), lw=0, label=state)
+        axis.broken_barh(spans, (0, 0.05), transform=across, color=rgb(STATE_COLOURS[state]), lw=0, label=state)
 
 
 def _line_colour(name: str) -> tuple[float, float, float] | None:
     """Left and right as in the overlay; None lets matplotlib choose."""
     known = {"left": LEFT, "right": RIGHT, "lane": LANE}
-    return _rgb(known[name]) if name in known else None
-
-
-def _rgb(colour: Colour) -> tuple[float, float, float]:
-    red, green, blue = (value / 255 for value in colour)
-    return red, green, blue
+    return rgb(known[name]) if name in known else None

@@ -9,9 +9,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from lanes import plots
 from lanes.camera import Camera
-from lanes.explain import Explanation, explain_frame, stripes_on_lines
+from lanes.explain import panels
+from lanes.explain.frame import Explanation, explain_frame, stripes_on_lines
 from lanes.images import PictureError
 from lanes.metric.lane import find_lane
 from lanes.metric.roadview import RoadView
@@ -133,7 +133,7 @@ def test_an_assumed_mount_is_where_it_failed():
     assert explanation.failed.name == "mount"
     assert explanation.failed.failure == "no parallel lines were seen."
     assert explanation.sight is not None and explanation.lane is None
-    plots.show_explanation(explanation)
+    panels.show_explanation(explanation)
 
 
 def test_wrong_pictures_are_refused():
@@ -145,7 +145,7 @@ def test_wrong_pictures_are_refused():
 
 class TestFigure:
     def test_nine_panels_with_the_numbers_of_the_steps(self, good):
-        figure, axes = plots.show_explanation(good)
+        figure, axes = panels.show_explanation(good)
         figure.canvas.draw()
         titles = [axis.get_title() for axis in axes]
         assert [title.split()[0] for title in titles] == list("123456789")
@@ -156,7 +156,7 @@ class TestFigure:
         assert any("0.4" in text.get_text() and text.get_text().startswith("offset") for text in axes[8].texts)
 
     def test_the_horizon_is_drawn_where_the_mount_says(self, good):
-        _, axes = plots.show_explanation(good)
+        _, axes = panels.show_explanation(good)
         far = good.undistorted_camera.road_to_pixels(np.array([[1e7, 0.0]]))[0]
         ahead = next(line for line in axes[1].lines if line.get_label() == "straight ahead of the car")
         np.testing.assert_allclose(ahead.get_xydata()[0], far, atol=0.01)
@@ -165,7 +165,7 @@ class TestFigure:
     def test_failures_are_shown_in_red_and_nothing_breaks(self, name):
         image, camera = FAILURES[name][0]()
         explanation = explain_frame(image, camera)
-        figure, axes = plots.show_explanation(explanation)
+        figure, axes = panels.show_explanation(explanation)
         figure.canvas.draw()
         red = [n for n, axis in enumerate(axes) if axis.title.get_color() == "firebrick"]
         assert red == [STEPS.index(explanation.failed.name)]

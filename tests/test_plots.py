@@ -15,6 +15,7 @@ import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 
 from lanes import plots  # noqa: E402
+from lanes.benchmark import figures  # noqa: E402
 from lanes.images import read_image  # noqa: E402
 
 
@@ -174,7 +175,7 @@ def test_telemetry_shows_bands_truth_and_states():
 class TestRanges:
     def test_marks_are_at_the_second_end_and_at_the_edge_where_it_lies_beyond(self):
         ends = {"a": (np.array([0.1, 0.2]), np.array([0.5, np.inf])), "b": (np.array([0.1, np.nan]),) * 2}
-        figure, (axis, share) = plots.plot_ranges(
+        figure, (axis, share) = figures.plot_ranges(
             ["hill", "dale"], {"error (m)": ends, "share": ends}, limits={"error (m)": (0.01, 10), "share": (0, 1)}
         )
         assert (axis.get_xscale(), share.get_xscale()) == ("log", "linear")
@@ -192,7 +193,7 @@ class TestReliability:
     def test_dots_whiskers_and_counts(self):
         bins = tuple(np.array(v) for v in ([0.3, 0.95], [0.5, 1.0], [0.2, 0.9], [0.8, 1.0], [10, 200]))
         curves = {"engine": (np.array([0.2, 0.9]), np.array([1.0, 0.8])), "recipe": (np.array([1.0]), np.array([0.4]))}
-        _, (left, right) = plots.plot_reliability(bins, curves)
+        _, (left, right) = figures.plot_reliability(bins, curves)
         assert [text.get_text() for text in left.texts] == ["10", "200"]
         assert left.lines[0].get_xdata().tolist() == [0, 1]
         whiskers = left.collections[0].get_segments()

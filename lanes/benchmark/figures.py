@@ -1,16 +1,20 @@
-"""The benchmark's figures: what of its results goes into which panel."""
+"""The benchmark's figures."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lanes.benchmark.reliability import StatedLanes
 from lanes.benchmark.scores import Result, Row
 from lanes.benchmark.systems import METRIC
-from lanes.plots import plot_ranges, plot_reliability, save_figure
+from lanes.plots import TRUTH_LOOK, new_figure, save_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 ERROR, GIVEN, WRONG = "error over 5-20 m, median to 95 % (m)", "frames with a lane given (%)", "surely wrong frames (%)"
 LIMITS = {ERROR: (0.003, 10.0), GIVEN: (0.0, 100.0), WRONG: (0.0, 100.0)}
@@ -50,3 +54,85 @@ def save_reliability_figure(path: str | Path, results: Sequence[Result]) -> Path
     title = f"Does the confidence keep its word? ({scenes} scene{'s' * (scenes > 1)})"
     figure, _ = plot_reliability((bins.stated, bins.right, bins.low, bins.high, bins.count), precisions, title=title)
     return save_figure(figure, path)
+
+
+def plot_ranges(
+    names: Sequence[str],
+    panels: Mapping[str, Mapping[str, tuple[np.ndarray, np.ndarray]]],
+    *,
+    limits: Mapping[str, tuple[float, float]],
+    title: str = "",
+) -> tuple[Figure, np.ndarray]:
+    """Plot ranges for many named things, systems side by side: a row for each thing, a panel for each quantity.
+
+    Parameters
+    ----------
+    names : sequence of str, N of them
+        From the top.
+    panels : mapping of str to (mapping of str to (ndarray of shape (N,), ndarray of shape (N,)))
+        Axis label with unit to the systems' ranges, such as median and 95th percentile; the second end gets the mark.
+        NaN is left out; what lies beyond the limits is marked at the edge.
+    limits : mapping of str to (float, float)
+        For each label the ends of its axis; logarithmic where the first is above zero.
+    title : str
+
+    Returns
+    -------
+    figure, axes : Figure, ndarray of Axes of shape (len(panels),)
+    """
+    systems = list(next(iter(panels.values())))
+    figure, axes = new_figure(1, len(panels), (13, 1.5 + 0.12 * (len(systems) + 1) * len(names)), sharey=True)
+    for axis, (label, ranges) in zip(axes, panels.items(), strict=True):
+        low, high = limits[label]
+        axis.set(xlabel=label, xscale="log" if low > 0 else "linear", xlim=(low, high))
+        axis.grid(axis="x", alpha=0.3)
+        for at, ends in enumerate(ranges.values()):
+            place = np.arange(len(names)) + (at - (len(systems) - 1) / 2) / (len(systems) + 1)
+            first, last = (np.clip(end, low, high) for end in ends)
+            axis.hlines(place, first, last, color=f"C{at}", linewidth=2.5, alpha=0.5)
+            axis.plot(last, place, "o", color=f"C{at}", markersize=4.5, label=systems[at], clip_on=False)
+        axis.hlines(np.arange(1, len(names)) - 0.5, low, high, color="0.85", linewidth=0.8)
+    axes[0].set_yticks(np.arange(len(names)), names)
+    axes[0].set_ylim(len(names) - 0.5, -0.5)
+    axes[0].set_title(title, loc="left")
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=len(systems), frameon=False)
+    return figure, axes
+
+
+def plot_reliability(
+    bins: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    precisions: Mapping[str, tuple[np.ndarray, np.ndarray]],
+    *,
+    title: str = "",
+) -> tuple[Figure, np.ndarray]:
+    """Plot how far a confidence is to be trusted, and what share of the lanes is right when only sure ones are taken.
+
+    Parameters
+    ----------
+    bins : tuple of five ndarray of shape (B,)
+        Stated confidence, share that is right, lower and upper limit of that share, number of lanes.
+    precisions : mapping of str to (ndarray of shape (K,), ndarray of shape (K,))
+        For each system coverage and precision; a system with a single pair is a point.
+    title : str
+
+    Returns
+    -------
+    figure, axes : Figure, ndarray of Axes of shape (2,)
+    """
+    stated, right, low, high, count = bins
+    figure, axes = new_figure(1, 2, (12, 5))
+    axes[0].plot([0, 1], [0, 1], **TRUTH_LOOK)
+    axes[0].errorbar(stated, right, [right - low, high - right], fmt="o", color="0.2", ecolor="0.5", capsize=3)
+    for x, y, lanes in zip(stated, low, count, strict=True):
+        axes[0].annotate(f"{lanes}", (x, y), (0, -4), textcoords="offset points", ha="center", va="top", fontsize=8)
+    axes[0].set(xlabel="stated confidence", ylabel="share of lanes that are right", xlim=(0, 1.02), ylim=(0, 1.02))
+    axes[0].set_title(title, loc="left")
+    for name, (coverage, precision) in precisions.items():
+        axes[1].plot(coverage, precision, "-" if len(coverage) > 1 else "o", label=name)
+    axes[1].set(xlabel="share of frames with a lane given", ylabel="share of given lanes that are right")
+    axes[1].set(xlim=(0, 1.02), ylim=(0, 1.02))
+    axes[1].legend(loc="lower left", frameon=False)
+    for axis in axes:
+        axis.grid(alpha=0.3)
+    return figure, axes

@@ -27,10 +27,11 @@ def run(options: argparse.Namespace) -> int:
     """Explain the picture, print the words and write the figure."""
     from lanes.camera import Mount
     from lanes.drives.mounts import mount_from_drive
-    from lanes.explain import explain_frame
+    from lanes.explain.frame import explain_frame
+    from lanes.explain.panels import show_explanation
     from lanes.mounting.lanewidth import USUAL_HEIGHT_M
     from lanes.mounting.mount import MountError
-    from lanes.plots import figure_kind, save_figure, show_explanation
+    from lanes.plots import figure_kind, save_figure
 
     figure_kind(options.output)
     file = options.files[0]

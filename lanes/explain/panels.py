@@ -1,4 +1,4 @@
-"""What the panels of an explanation show, drawn on given axes; `lanes.plots.show_explanation` lays them out.
+"""An explanation drawn: a panel for each step.
 
 All of them work for a picture with nothing in it: what a step did not make is left out.
 """
@@ -12,13 +12,15 @@ import numpy as np
 
 from lanes.camera import Camera, undistort
 from lanes.draw import LANE, LEFT, RIGHT, WINDOW, Colour
-from lanes.explain import Explanation, stripes_on_lines
+from lanes.explain.frame import Explanation, stripes_on_lines
 from lanes.metric.lane_overlay import draw_found
 from lanes.metric.lanemodel import CENTRE, SIDES, WIDTH, line_y, lines_on_view
 from lanes.metric.votes import BIN_M, BINS, hypotheses
+from lanes.plots import new_figure, rgb
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 # Distances that are marked on the road, metres, and how far to either side.
 RUNGS_M, RUNG_HALF_M = (5, 10, 20, 40), 4.0
@@ -40,18 +42,18 @@ def panel_mount(axis: Axes, explanation: Explanation) -> None:
     height, width = explanation.image.shape[:2]
     _show(axis, undistort(explanation.image, explanation.camera), f"2 Mount: {camera.mount.describe()}")
     ends = _directions_to_pixels(camera, np.array([[1.0, 0.6, 0], [1, 0, 0], [1, -0.6, 0]]))
-    axis.plot(*ends.T, color=_rgb(MAGENTA), lw=1.2, label="horizon of the mount")
-    axis.plot(*ends[1], "+", color=_rgb(MAGENTA), ms=14, mew=2, label="straight ahead of the car")
+    axis.plot(*ends.T, color=rgb(MAGENTA), lw=1.2, label="horizon of the mount")
+    axis.plot(*ends[1], "+", color=rgb(MAGENTA), ms=14, mew=2, label="straight ahead of the car")
     for x_m in RUNGS_M:
         rung = camera.road_to_pixels(np.array([[x_m, RUNG_HALF_M], [x_m, -RUNG_HALF_M]]))
-        axis.plot(*rung.T, color=_rgb(WINDOW), lw=1)
+        axis.plot(*rung.T, color=rgb(WINDOW), lw=1)
         if rung[0, 1] < height:
-            axis.annotate(f"{x_m} m ", rung[0], color=_rgb(WINDOW), fontsize=8, ha="right", va="center")
+            axis.annotate(f"{x_m} m ", rung[0], color=rgb(WINDOW), fontsize=8, ha="right", va="center")
     if explanation.lane is not None:
         lane = explanation.lane
         ahead = np.array([[np.cos(lane.heading_rad), np.sin(lane.heading_rad), lane.pitch_rad]])
         axis.plot(
-            *_directions_to_pixels(camera, ahead)[0], "x", color=_rgb(LANE), ms=9, mew=2, label="where the lane goes"
+            *_directions_to_pixels(camera, ahead)[0], "x", color=rgb(LANE), ms=9, mew=2, label="where the lane goes"
         )
     axis.set(xlim=(0, width), ylim=(height, 0))
     axis.legend(loc="lower right", fontsize=7)
@@ -87,7 +89,7 @@ def panel_stripes(axis: Axes, explanation: Explanation) -> None:
         if mine.any():
             size = np.clip(stripes.strength[mine], 3, 30)
             axis.scatter(
-                stripes.y_m[mine], stripes.x_m[mine], s=size, color=_rgb(colour), lw=0, label=f"{mine.sum()} {label}"
+                stripes.y_m[mine], stripes.x_m[mine], s=size, color=rgb(colour), lw=0, label=f"{mine.sum()} {label}"
             )
             axis.legend(loc="upper right", fontsize=7)
 
@@ -112,7 +114,7 @@ def panel_votes(axis: Axes, explanation: Explanation) -> None:
         row = np.interp(candidate.model[3], bends, np.arange(len(bends)))
         places = candidate.model[CENTRE] + SIDES * candidate.model[WIDTH] / 2
         look = {
-            "color": _rgb(LANE if candidate.chosen else WINDOW),
+            "color": rgb(LANE if candidate.chosen else WINDOW),
             "marker": "o",
             "mfc": "none",
             "ms": 9,
@@ -138,9 +140,9 @@ def panel_fit(axis: Axes, explanation: Explanation) -> None:
     for side, std, colour, name in zip(SIDES, stds, (LEFT, RIGHT), ("left", "right"), strict=True):
         y_m = line_y(x_m, explanation.lane.model, side)
         line = getattr(explanation.lane, name)
-        axis.fill_betweenx(x_m, y_m - 2 * std, y_m + 2 * std, color=_rgb(colour), alpha=0.25, lw=0)
+        axis.fill_betweenx(x_m, y_m - 2 * std, y_m + 2 * std, color=rgb(colour), alpha=0.25, lw=0)
         label = f"{name}: {'paint on ' + format(min(line.support, 1), '.0%') if line.seen else 'inferred'}"
-        axis.plot(y_m, x_m, color=_rgb(colour), label=f"{label}, ± {np.interp(20, x_m, std):.2f} m at 20 m")
+        axis.plot(y_m, x_m, color=rgb(colour), label=f"{label}, ± {np.interp(20, x_m, std):.2f} m at 20 m")
     axis.legend(loc="upper right", fontsize=7, title="bands: two standard deviations", title_fontsize=7)
 
 
@@ -183,6 +185,23 @@ PANELS = (
     panel_result,
     panel_text,
 )
+
+
+def show_explanation(explanation: Explanation) -> tuple[Figure, np.ndarray]:
+    """Show every step from a picture to its lane, with the numbers: what `explain_frame` found.
+
+    Returns
+    -------
+    figure, axes : Figure, ndarray of Axes of shape (9,)
+        Picture, mount, view from above, paint, stripes, votes, fit, overlay, and the words.
+    """
+    figure, axes = new_figure(3, 3, (18, 11.5), height_ratios=(1, 1, 1.2))
+    for axis, draw in zip(axes, PANELS, strict=True):
+        draw(axis, explanation)
+        axis.title.set_fontsize(10)
+    if explanation.failed:
+        axes[PANEL_OF[explanation.failed.name]].title.set_color(FAILED)
+    return figure, axes
 
 
 def _words(explanation: Explanation, name: str) -> str:
@@ -228,8 +247,3 @@ def _radius(curvature_per_m: float) -> str:
     if abs(curvature_per_m) < 1e-6:
         return "straight"
     return f"{'left' if curvature_per_m > 0 else 'right'} {1 / abs(curvature_per_m):.0f} m"
-
-
-def _rgb(colour: Colour) -> tuple[float, float, float]:
-    red, green, blue = (value / 255 for value in colour)
-    return red, green, blue

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lanes.camera import Camera, CameraError
-from lanes.explain_steps import (
+from lanes.explain.steps import (
     MOUNT_AGAIN,
     Step,
     judge_fit,
@@ -70,7 +70,7 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """A picture and what every step made of it; `lanes.plots.show_explanation` draws it.
+    """A picture and what every step made of it; `lanes.explain.panels.show_explanation` draws it.
 
     Attributes
     ----------
