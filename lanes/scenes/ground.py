@@ -39,9 +39,9 @@ class Ground:
         near = cv2.inRange(self.d, np.float32(low_m) - self.half_reach_d, np.float32(high_m) + self.half_reach_d)
         return np.flatnonzero(near.view(bool) & self.visible)
 
-    def rows(self, cut: slice) -> Ground:
-        """The same for some rows only (views, no copies)."""
-        arrays = {f.name: getattr(self, f.name)[cut] for f in fields(self) if f.name != "top"}
+    def rows(self, cut: slice, columns: slice = slice(None)) -> Ground:
+        """The same for some rows, and perhaps some columns, only (views, no copies)."""
+        arrays = {f.name: getattr(self, f.name)[cut, columns] for f in fields(self) if f.name != "top"}
         return replace(self, top=self.top + (cut.start or 0), **arrays)
 
     @cached_property

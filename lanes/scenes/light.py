@@ -184,10 +184,12 @@ def darken_polygons(
     points, ends = _densified(near)
     points = points if road.profile.level else road.on_surface(points)
     outlines = camera.road_to_pixels(points) - [0, ground.top]
+    starts = np.concatenate([[0], ends[:-1]])
+    out_of_sight = np.logical_or.reduceat(np.isnan(outlines[:, 0]), starts)
+    corners = np.rint(np.nan_to_num(outlines) * 16).astype(np.int32)
     mask = np.zeros(sun.shape, np.uint8)
-    for outline in np.split(outlines, ends[:-1]):
-        if not np.isnan(outline).any():
-            cv2.fillPoly(mask, [np.rint(outline * 16).astype(np.int32)], 255, cv2.LINE_AA, 4)
+    for first, last in zip(starts[~out_of_sight].tolist(), ends[~out_of_sight].tolist(), strict=True):
+        cv2.fillPoly(mask, [corners[first:last]], 255, cv2.LINE_AA, 4)
     if ragged_m:
         cut = _rows_within_reach(mask, ground, ragged_m)
         part = ground.rows(cut)

@@ -90,19 +90,32 @@ def draw_objects(
         else:
             pieces = [thing]
         jobs += [(_distance(piece), piece) for piece in pieces]
-    for distance, thing in sorted((job for job in jobs if job[0] < FARTHEST_M), key=lambda job: -job[0]):
+    jobs = sorted((job for job in jobs if job[0] < FARTHEST_M), key=lambda job: -job[0])
+    for (distance, thing), light in zip(jobs, _lights([thing for _, thing in jobs], light_at), strict=True):
         if near_side is not None and distance < crest_m:
             image[near_side], near_side = bare[near_side], None
         through, air = air_between(distance, haze) if air_at is None else air_at(distance)
-        if light_at is not None:
-            if isinstance(thing, Wall):
-                thing = replace(thing, light_at=light_at)
-            elif not isinstance(thing, Slab):
-                through = through * light_at(np.array([[thing.x_m, thing.y_m]]))[0]
+        if isinstance(thing, Wall):
+            thing = replace(thing, light=light)
+        elif light is not None and not isinstance(thing, Slab):
+            through = through * light[0]
         _painter(thing)(image, camera, thing, sun, (through, air))
     if near_side is not None:
         image[near_side] = bare[near_side]
     return image
+
+
+def _lights(things: list[Thing], light_at: Callable[[np.ndarray], np.ndarray] | None) -> list[np.ndarray | None]:
+    """The light (N, 3) where each thing stands, along the path of a wall; None in the open. A slab has its own."""
+    if light_at is None or not things:
+        return [None] * len(things)
+    # All places at once, because there are hundreds of things.
+    none = np.empty((0, 2))
+    places = [
+        np.asarray(t.path_m)[:, :2] if isinstance(t, Wall) else none if isinstance(t, Slab) else [[t.x_m, t.y_m]]
+        for t in things
+    ]
+    return np.split(light_at(np.concatenate(places)), np.cumsum([len(p) for p in places])[:-1])
 
 
 def _distance(thing: Thing) -> float:

@@ -74,8 +74,9 @@ def _inverse_distances(height_m: float, road: RoadAhead) -> np.ndarray:
 def _refined(x: np.ndarray, tangent: np.ndarray, slope: np.ndarray, height_m: float, road: RoadAhead) -> np.ndarray:
     """One step of Newton's method, no longer than a step of the table, and none where a ray grazes the ground."""
     s, _ = road.locate(x, x * tangent)
-    above = np.float32(height_m) + slope * x - road.rise(s).astype(np.float32)
+    rise, grade = road.rise_and_grade(s)
+    above = np.float32(height_m) + slope * x - rise
     cosine, sine, _ = road.directions(s)
-    falling = slope - road.grade(s).astype(np.float32) * (cosine + sine * tangent)
+    falling = slope - grade * (cosine + sine * tangent)
     step = -above / np.minimum(falling, np.float32(-1e-3))
     return x + np.clip(step, np.float32(-0.02) * x, np.float32(0.02) * x) * (falling < -1e-3)

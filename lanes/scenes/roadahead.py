@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import cv2
 import numpy as np
 
@@ -115,9 +117,21 @@ class RoadAhead:
         """Height of the ground at places `s` from the car above the plane that touches the road under it, metres."""
         return self.profile.rise(s + self._pose.s_m, self._pose.s_m)
 
-    def grade(self, s: np.ndarray) -> np.ndarray:
-        """Rise per metre of the ground at places `s` from the car, above the slope under the car."""
-        return self.profile.slope(s + self._pose.s_m) - self.profile.slope(self._pose.s_m)
+    def rise_and_grade(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same for very many places (float32), and the rise per metre there above the slope under the car.
+
+        From tables at the nodes: the error is that of a parabola's tangent a quarter metre on: 0.2 mm where the vertical radius is 150 m.
+        """
+        node = self._nearest_node(s - self._s0)
+        height, grade = (column.take(node, mode="clip") for column in self._heights)
+        return height + grade * (s - self._s0 - node.astype(np.float32) * np.float32(self.STEP_M)), grade
+
+    @cached_property
+    def _heights(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rise and grade at the table's nodes."""
+        s = self._pose.s_m + float(self._s0) + self.STEP_M * np.arange(len(self._table[0]))
+        grade = self.profile.slope(s) - self.profile.slope(self._pose.s_m)
+        return self.profile.rise(s, self._pose.s_m).astype(np.float32), grade.astype(np.float32)
 
     def crest_m(self, height_m: float) -> float:
         """How far ahead the road goes out of sight of an eye `height_m` above it, metres; infinite if never."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 
@@ -60,23 +62,34 @@ def _shadows(thing: Thing, drift: np.ndarray) -> list[np.ndarray]:
 def _tree_shadows(tree: Tree, place: np.ndarray, drift: np.ndarray) -> list[np.ndarray]:
     """Ragged blots, so that sun flecks remain between them, and the trunk."""
     kind = SPECIES[tree.species]
-    rng = np.random.default_rng([tree.seed, 7])
-    angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
-    count, low = 45, max(kind.crown_bottom, 0.0)
-    share = low + (1 - low) * rng.uniform(0.08, 0.92, count)
-    reach = np.sqrt(rng.uniform(0, 1, count)) * kind.crown_width / 2 * tree.height_m * (1 - kind.taper * share)
-    toward = rng.uniform(0, 2 * np.pi, count)
-    aside = reach[:, None] * np.column_stack([np.cos(toward), np.sin(toward)])
+    low = max(kind.crown_bottom, 0.0)
+    share, aside, blot = _lumps(tree.species, tree.seed, tree.height_m)
     middle = place + aside + (share * tree.height_m + tree.base_m)[:, None] * drift
-    size = tree.height_m * kind.lump_radius * rng.uniform(0.2, 0.8, (count, 1)) * rng.uniform(0.3, 1.4, (count, 12))
-    outline = size[..., None] * np.column_stack([np.cos(angle), np.sin(angle)])
     # A lump is as tall as it is wide, so a low sun draws its shadow out.
     away = drift / max(np.linalg.norm(drift), 1e-9)
-    outline += 0.3 * np.linalg.norm(drift) * (outline @ away)[..., None] * away
+    outline = blot + 0.3 * np.linalg.norm(drift) * (blot @ away)[..., None] * away
     blots = list(middle[:, None] + outline)
     half = max(0.12, kind.trunk_width * tree.height_m / 2)
     trunk = upright(0, 0, half, half, 0, tree.height_m * (low + 0.3))
     return [*blots, _hull(place + trunk[:, :2] + trunk[:, 2:] * drift)]
+
+
+@lru_cache(maxsize=512)
+def _lumps(species: str, seed: int, height_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of a tree's lumps of leaves: heights (N,) as shares, places beside the trunk (N, 2), outlines (N, 12, 2), metres.
+
+    They stay the same from frame to frame.
+    """
+    kind, count = SPECIES[species], 45
+    rng = np.random.default_rng([seed, 7])
+    angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    low = max(kind.crown_bottom, 0.0)
+    share = low + (1 - low) * rng.uniform(0.08, 0.92, count)
+    reach = np.sqrt(rng.uniform(0, 1, count)) * kind.crown_width / 2 * height_m * (1 - kind.taper * share)
+    toward = rng.uniform(0, 2 * np.pi, count)
+    aside = reach[:, None] * np.column_stack([np.cos(toward), np.sin(toward)])
+    size = height_m * kind.lump_radius * rng.uniform(0.2, 0.8, (count, 1)) * rng.uniform(0.3, 1.4, (count, 12))
+    return share, aside, size[..., None] * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def _hull(points: np.ndarray) -> np.ndarray:

@@ -142,9 +142,9 @@ class Layers:
     track: np.ndarray
     oil: np.ndarray
 
-    def rows(self, cut: slice) -> Layers:
-        """The same for some rows only."""
-        return Layers(*(getattr(self, field.name)[cut] for field in fields(self)))
+    def rows(self, cut: slice, columns: slice = slice(None)) -> Layers:
+        """The same for some rows, and perhaps some columns, only."""
+        return Layers(*(getattr(self, field.name)[cut, columns] for field in fields(self)))
 
 
 def ground_albedo(surface: Surface, ground: Ground, *, station_m: float, seed: int) -> np.ndarray:
@@ -264,11 +264,18 @@ def _mix(below: np.ndarray, above: np.ndarray, share: np.ndarray) -> None:
 
 
 def _lay_patch(albedo: np.ndarray, patch: Patch, ground: Ground, s: np.ndarray, layers: Layers) -> None:
-    seen = np.flatnonzero(((s > patch.start_m - 2) & (s < patch.end_m + 2)).any(axis=1))
+    seen = np.flatnonzero(cv2.inRange(s, patch.start_m - 2, patch.end_m + 2).any(axis=1))
     if not len(seen):
         return
-    cut = slice(seen[0], seen[-1] + 1)
-    part, s, part_layers = ground.rows(cut), s[cut], layers.rows(cut)
+    rows = slice(seen[0], seen[-1] + 1)
+    # Half a metre more than the ragged edge wobbles: a stall in a car park is a fiftieth of the rows around it.
+    reach = ground.half_reach_d[rows] + np.float32(0.5)
+    near = cv2.inRange(ground.d[rows], np.float32(patch.low_m) - reach, np.float32(patch.high_m) + reach)
+    seen = np.flatnonzero(near.any(axis=0))
+    if not len(seen):
+        return
+    cut = rows, slice(seen[0], seen[-1] + 1)
+    part, s, part_layers = ground.rows(*cut), s[cut], layers.rows(*cut)
     wobble = np.float32(0.03) * part_layers.blotch
     along = edge_coverage(s - np.float32(patch.start_m) + wobble, part.s_u, part.s_v)
     along -= edge_coverage(s - np.float32(patch.end_m) + wobble, part.s_u, part.s_v)

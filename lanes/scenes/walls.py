@@ -6,7 +6,6 @@ column by column: where its lower and upper line are seen in a column says which
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import cv2
@@ -66,8 +65,8 @@ class Wall:
     start_m : float
         Place along the wall of the first point, so that its joints and stains stay where they are when we drive on.
     seed : int
-    light_at : callable, optional
-        From places (N, 2) in the road frame to the share (N, 3) of open daylight there.
+    light : ndarray of shape (N, 3), optional
+        Share of open daylight at the points of the path.
     """
 
     path_m: np.ndarray
@@ -76,7 +75,7 @@ class Wall:
     height_scale: float = 1.0
     start_m: float = 0.0
     seed: int = 0
-    light_at: Callable[[np.ndarray], np.ndarray] | None = None
+    light: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in WALLS:
@@ -168,7 +167,7 @@ def paint_wall(image: np.ndarray, camera: Camera, wall: Wall, sun: np.ndarray, a
         _extend_upwards(pixels, lines, camera)
     path = np.asarray(wall.path_m)[:, :2]
     along = wall.start_m + np.concatenate([[0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
-    share = 1.0 if wall.light_at is None else wall.light_at(path)
+    share = 1.0 if wall.light is None else wall.light
     normals = _strip_normals(lines, wall.side)
     light = irradiance(normals.reshape(-1, 3), sun).reshape(normals.shape) / 0.8 * share
     for strip in reversed(range(len(lines) - 1)):
