@@ -110,7 +110,7 @@ def test_square_edges_are_soft_as_a_lens_makes_them():
 def test_writing_says_how_far_it_is_and_writes_the_same_truth(tmp_path, monkeypatch):
     monkeypatch.setattr(scene, "VIEWS", VIEWS[5:7])
     seen = []
-    written = write_boards(tmp_path / "new", progress=lambda done, total: seen.append((done, total)), workers=2)
+    written = write_boards(tmp_path / "new", progress=lambda done, total: seen.append((done, total)), workers=1)
     assert [p.name for p in written] == ["calibration1.jpg", "calibration2.jpg", "truth.json"]
     assert seen == [(1, 2), (2, 2)]
     boards = json.loads(written[-1].read_text())["boards"]

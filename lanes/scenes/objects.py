@@ -107,15 +107,16 @@ def draw_objects(
 
 def _lights(things: list[Thing], light_at: Callable[[np.ndarray], np.ndarray] | None) -> list[np.ndarray | None]:
     """The light (N, 3) where each thing stands, along the path of a wall; None in the open. A slab has its own."""
-    if light_at is None or not things:
+    if light_at is None:
         return [None] * len(things)
-    # All places at once, because there are hundreds of things.
     none = np.empty((0, 2))
     places = [
         np.asarray(t.path_m)[:, :2] if isinstance(t, Wall) else none if isinstance(t, Slab) else [[t.x_m, t.y_m]]
         for t in things
     ]
-    return np.split(light_at(np.concatenate(places)), np.cumsum([len(p) for p in places])[:-1])
+    counts = [len(p) for p in places]
+    # All places at once, because there are hundreds of things.
+    return np.split(light_at(np.concatenate(places)), np.cumsum(counts)[:-1]) if any(counts) else [None] * len(things)
 
 
 def _distance(thing: Thing) -> float:

@@ -19,7 +19,7 @@ Progress = Callable[[int, int], None]
 
 # 21 keeps the texture of asphalt at about 6 Mbit/s.
 VIDEO_CRF = 21
-# What is committed is worth a third of the time that rendering takes, to be small.
+# What is committed is worth 0.08 s a frame to be small.
 VIDEO_PRESET = "slow"
 # One encoder thread: with more, x264 cuts the picture differently and the bytes depend on the machine.
 # faststart lets browsers play while loading.

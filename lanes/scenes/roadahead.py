@@ -120,7 +120,7 @@ class RoadAhead:
     def rise_and_grade(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The same for very many places (float32), and the rise per metre there above the slope under the car.
 
-        From tables at the nodes: the error is that of a parabola's tangent a quarter metre on: 0.2 mm where the vertical radius is 150 m.
+        From tables at the nodes, a quarter metre away at most: 0.2 mm off where the vertical radius is 150 m.
         """
         node = self._nearest_node(s - self._s0)
         height, grade = (column.take(node, mode="clip") for column in self._heights)
