@@ -4,7 +4,11 @@ Eleven numbers: the seven of `lanemodel`, then four of the car: the curvature of
 speed, the pitch at which it rests between bumps, and its aim, the direction in which it moves as seen from a camera
 that may not look quite ahead. While the car moves a distance d along its own arc, the lane moves in the car's frame by
 
-    centre + (heading - aim) d + (curvature - path) d^2 / 2,   heading + (curvature - path) d,   curvature + rate d.
+    centre + (heading - aim - lever path) d + (curvature - path) d^2 / 2,   heading + (curvature - path) d,
+    curvature + rate d.
+
+The lever is the camera's distance from the rear axle. Only that axle moves where the car points; what lies ahead of it
+also swings with the turning car, towards the inside of the bend. Tyres that slip make up for it as the speed grows.
 
 None of the four is measured. They become known from how the lane moves, and where they cannot be (straight on in the
 middle of the lane the speed shows in nothing) they stay as uncertain as they were. This is the prediction of an
@@ -24,6 +28,10 @@ from lanes.metric.lanemodel import CENTRE, CURVATURE, HEADING, PITCH, RATE, SIDE
 PATH, SPEED, REST, AIM = 7, 8, 9, 10
 STATES = 11
 LANE = slice(0, 7)
+# How far before the rear axle a camera behind the windscreen of a car sits, metres.
+LEVER_M = 1.6
+# At the tangent speed, 60 to 80 km/h for most cars, rear tyres slip so far outwards that a car points along its way.
+TANGENT_MPS = 20.0
 # Unless told, the car does what cars on roads do; told, the speed is still a clock's and a speedometer's.
 USUAL_SPEED_MPS, USUAL_SPEED_STD_MPS, GIVEN_SPEED_STD_MPS = 24.0, 8.0, 0.5
 FASTEST_MPS = 70.0
@@ -68,7 +76,9 @@ class Belief:
         """The belief `elapsed_s` seconds later, before the next picture is looked at."""
         # Python's numbers one by one: for so few of them numpy's overhead is most of the time
         _, _, heading, curvature, rate, pitch, _, path, speed, rest, aim = self.mean.tolist()
-        d, turn, slant = speed * elapsed_s, curvature - path, heading - aim
+        d, turn = speed * elapsed_s, curvature - path
+        lever = LEVER_M * max(0.0, 1 - (speed / TANGENT_MPS) ** 2)
+        slant = heading - aim - lever * path
         mean, jacobian = self.mean.copy(), np.eye(STATES)
         fading, swing = exp(-d / TRANSITION_M), exp(-elapsed_s / SPRING_S)
         mean[CENTRE] += slant * d + turn * d * d / 2
@@ -77,7 +87,7 @@ class Belief:
         mean[RATE] *= fading
         mean[PITCH] = swing * pitch + (1 - swing) * rest
         jacobian[CENTRE, HEADING], jacobian[CENTRE, AIM] = d, -d
-        jacobian[CENTRE, CURVATURE], jacobian[CENTRE, PATH] = d * d / 2, -d * d / 2
+        jacobian[CENTRE, CURVATURE], jacobian[CENTRE, PATH] = d * d / 2, -d * d / 2 - lever * d
         jacobian[HEADING, CURVATURE], jacobian[HEADING, PATH] = d, -d
         jacobian[CURVATURE, RATE], jacobian[RATE, RATE] = d, fading
         jacobian[CENTRE, SPEED] = (slant + turn * d) * elapsed_s
