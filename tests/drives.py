@@ -14,6 +14,8 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera, Mount
+from lanes.metric.tracked import TrackedLane
+from lanes.metric.tracker import LaneTracker
 from lanes.scenes.render import Motion
 from lanes.scenes.road import Pose, RoadGeometry, offset_point
 from lanes.scenes.truth import Truth, lane_truth
@@ -165,3 +167,19 @@ def lane_lines(*, left: dict | None = None, right: dict | None = None) -> tuple[
         Stripe(-1.8, **({"dash_m": DASH_M} | (right or {}))),
         Stripe(-5.4, dash_m=DASH_M, phase_m=4.0),
     )
+
+
+SMALL = CAMERA.scaled((640, 360))
+# Sixty metres along bends of 450 m, a little left of the lane's middle.
+BENDS = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3), camera=SMALL)
+
+
+@lru_cache(maxsize=1)
+def tracked_bends() -> tuple[np.ndarray, TrackedLane]:
+    """The fourth picture of `BENDS`, which nobody may write on, and what a tracker says of it."""
+    tracker = LaneTracker(SMALL)
+    for frame in range(4):
+        image = BENDS.frame(frame / 25)
+        result = tracker.update(image)
+    image.flags.writeable = False
+    return image, result

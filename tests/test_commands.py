@@ -14,17 +14,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from clips import write_drive
-from drives import CAMERA, PaintedDrive, lane_lines, s_bend
+from drives import BENDS, CAMERA, SMALL
 
 from lanes.camera import load_camera, save_camera
 from lanes.images import read_image, write_image
-from lanes.scenes.render import Motion
 from lanes.video.telemetry import read_telemetry
 from lanes.video.videofile import inspect_video, read_frames
 
 ROOT = Path(__file__).parents[1]
-SMALL = CAMERA.scaled((640, 360))
-DRIVE = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3), camera=SMALL)
 FRAMES = 30
 
 
@@ -52,9 +49,9 @@ def names(folder: Path) -> set[str]:
 def drive(tmp_path_factory) -> Path:
     """A folder with a drive, three of its frames as stills, camera files, and things that are none of these."""
     folder = tmp_path_factory.mktemp("a drive")
-    write_drive(folder / "drive.mp4", DRIVE, FRAMES)
+    write_drive(folder / "drive.mp4", BENDS, FRAMES)
     for number in range(3):
-        write_image(folder / "stills" / f"still{number}.png", DRIVE.frame(number / 2))
+        write_image(folder / "stills" / f"still{number}.png", BENDS.frame(number / 2))
     save_camera(SMALL.with_mount(None), folder / "lens.yaml")
     save_camera(CAMERA.from_fov((640, 480), 60, CAMERA.mount), folder / "other.yaml")
     (folder / "bad.yaml").write_text("image_width: many\n")
@@ -169,7 +166,7 @@ def test_an_earlier_result_is_replaced_whole_or_kept(drive, tmp_path):
 
 def test_interrupted(drive, tmp_path):
     long = tmp_path / "long.mp4"
-    write_drive(long, DRIVE, 2)
+    write_drive(long, BENDS, 2)
     shutil.copy(ROOT / "test_videos" / "project_video.mp4", long)
     camera = ROOT / "test_videos" / "project_video.yaml"
     process = start("annotate", "--camera", camera, long, "-o", tmp_path / "out")

@@ -8,14 +8,13 @@ import re
 import signal
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from functools import lru_cache
 from multiprocessing import get_context
 
 import cv2
 import numpy as np
 import pytest
 from clips import write_drive
-from drives import CAMERA, PaintedDrive, lane_lines, s_bend
+from drives import BENDS, CAMERA, SMALL, tracked_bends
 
 from lanes.camera import CameraError
 from lanes.drives.drive import annotate_drive, annotate_folder, annotate_stills
@@ -27,22 +26,9 @@ from lanes.drives.styles import STYLES, track_lane
 from lanes.images import PictureError, read_image, write_image
 from lanes.metric.tracked import LOST, TrackedLane
 from lanes.metric.tracker import LaneTracker
-from lanes.scenes.render import Motion
 from lanes.video.telemetry import read_telemetry
 from lanes.video.videofile import VideoError, inspect_video
 from lanes.video.videowriter import VideoWriter
-
-SMALL = CAMERA.scaled((640, 360))
-DRIVE = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3), camera=SMALL)
-
-
-@lru_cache(maxsize=1)
-def tracked() -> tuple[np.ndarray, TrackedLane]:
-    tracker = LaneTracker(SMALL)
-    for frame in range(4):
-        image = DRIVE.frame(frame / 25)
-        result = tracker.update(image)
-    return image, result
 
 
 def test_names_are_sorted_by_kind(tmp_path, monkeypatch):
@@ -88,7 +74,7 @@ def test_settings_travel_and_fit_the_camera_to_the_drive(tmp_path):
 
 @pytest.mark.parametrize("style", STYLES)
 def test_styles_draw_on_a_picture_of_its_size_and_say_lost(style):
-    image, result = tracked()
+    image, result = tracked_bends()
     paint = STYLES[style](SMALL)
     drawn, lost = paint(image.copy(), result), paint(image.copy(), TrackedLane(LOST))
     assert (lost != image).any()
@@ -97,10 +83,10 @@ def test_styles_draw_on_a_picture_of_its_size_and_say_lost(style):
 
 
 def test_lines_are_drawn_on_the_paint_and_nothing_between():
-    image, result = tracked()
+    image, result = tracked_bends()
     drawn = STYLES["lines"](SMALL)(image, result)
     x = np.array([9.0, 14.0])
-    truth = DRIVE.truth(3 / 25)
+    truth = BENDS.truth(3 / 25)
     for side, channel in ((0, 0), (1, 2)):
         u, v = np.round(SMALL.road_to_pixels(np.column_stack([x, truth.line_y(side, x)]))).astype(int).T
         assert (drawn[v, u, channel] > drawn[v, u, 1] + 60).all()
@@ -109,7 +95,7 @@ def test_lines_are_drawn_on_the_paint_and_nothing_between():
 
 
 def test_the_mosaic_shows_fit_and_evidence_in_their_places():
-    image, result = tracked()
+    image, result = tracked_bends()
     mosaic = STYLES["mosaic"](SMALL)(image, result)
     height, width = image.shape[:2]
     panels = [mosaic[i * height // 3 : (i + 1) * height // 3, 2 * width // 3 + 4 :].astype(int) for i in range(3)]
@@ -124,10 +110,10 @@ def test_the_mosaic_shows_fit_and_evidence_in_their_places():
 
 def test_following_gives_each_frame_its_picture_and_numbers():
     process = track_lane(LaneTracker(SMALL), SMALL)
-    drawn, row = process(DRIVE.frame(0.0))
-    assert (drawn != DRIVE.frame(0.0)).any()
+    drawn, row = process(BENDS.frame(0.0))
+    assert (drawn != BENDS.frame(0.0)).any()
     assert (row["state"], row["departure"]) == ("searching", None)
-    assert row["offset_m"] == pytest.approx(DRIVE.truth(0.0).offset_m, abs=0.05)
+    assert row["offset_m"] == pytest.approx(BENDS.truth(0.0).offset_m, abs=0.05)
     assert row["left_c0_m"] - row["right_c0_m"] == pytest.approx(row["lane_width_m"], abs=0.05)
     _, row = track_lane(LaneTracker(SMALL), SMALL)(np.zeros_like(drawn))
     assert (row["state"], row["confidence"], row["offset_m"], row["left_c3_per_m2"]) == ("lost", 0.0, None, None)
@@ -135,14 +121,14 @@ def test_following_gives_each_frame_its_picture_and_numbers():
 
 def test_stills_with_a_mount_of_their_own(tmp_path):
     for i in range(3):
-        write_image(tmp_path / f"{i}.png", DRIVE.frame(i))
+        write_image(tmp_path / f"{i}.png", BENDS.frame(i))
     pictures = sorted(tmp_path.glob("*.png"))
     result = annotate_stills(pictures, DriveSettings(output=tmp_path / "out", camera=SMALL.with_mount(None)))
     assert result.found == 3 and result.mount.frames_total == 3
     assert result.describe().startswith("height") and "lane found in 3" in result.describe()
     table = read_telemetry(result.telemetry)
     assert table["picture"].tolist() == ["0.png", "1.png", "2.png"]
-    assert table["offset_m"][0] == pytest.approx(DRIVE.truth(0).offset_m, abs=0.1)
+    assert table["offset_m"][0] == pytest.approx(BENDS.truth(0).offset_m, abs=0.1)
     assert (read_image(tmp_path / "out" / "0.png") != read_image(pictures[0])).any()
     with pytest.raises(ValueError, match="one of the inputs"):
         annotate_stills(pictures, DriveSettings(output=tmp_path, camera=SMALL))
@@ -150,7 +136,7 @@ def test_stills_with_a_mount_of_their_own(tmp_path):
 
 def test_stills_that_cannot_be_used_do_not_stop_the_others(tmp_path):
     folder, other = tmp_path / "in", np.zeros((480, 640, 3), np.uint8)
-    for name, image in (("b2.jpg", DRIVE.frame(0)), ("b10.jpg", DRIVE.frame(1)), ("a.jpg", other), ("c.jpg", other)):
+    for name, image in (("b2.jpg", BENDS.frame(0)), ("b10.jpg", BENDS.frame(1)), ("a.jpg", other), ("c.jpg", other)):
         write_image(folder / name, image)
     (folder / "c.jpg").write_bytes((folder / "c.jpg").read_bytes()[:300])
     (folder / "d.png").touch()
@@ -161,7 +147,7 @@ def test_stills_that_cannot_be_used_do_not_stop_the_others(tmp_path):
     )
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"b2.jpg", "b10.jpg", "pictures.csv"}
     drawn = read_image(tmp_path / "out" / "b2.jpg")
-    assert (np.abs(drawn.astype(int) - DRIVE.frame(0))[220:330].max(axis=2) > 30).mean() > 0.1
+    assert (np.abs(drawn.astype(int) - BENDS.frame(0))[220:330].max(axis=2) > 30).mean() > 0.1
     with pytest.raises(PictureError, match=r"c.jpg: .*\n.*d.png"):
         annotate_stills([folder / "c.jpg", folder / "d.png"], DriveSettings(output=tmp_path / "none", camera=SMALL))
     assert not (tmp_path / "none").exists()
@@ -169,7 +155,7 @@ def test_stills_that_cannot_be_used_do_not_stop_the_others(tmp_path):
 
 def test_a_folder_of_pictures_is_annotated_one_by_one(tmp_path):
     for name in ("b2.jpg", "b10.jpg"):
-        write_image(tmp_path / "in" / name, DRIVE.frame(0))
+        write_image(tmp_path / "in" / name, BENDS.frame(0))
     result = annotate_folder(tmp_path / "in", tmp_path / "out", SMALL)
     assert [path.name for path in result.pictures] == ["b2.jpg", "b10.jpg"]
     assert (result.found, result.failures, result.mount) == (2, (), None)
@@ -179,9 +165,9 @@ def test_time_passes_as_the_frames_of_a_variable_rate_say(tmp_path):
     """The lane is carried on for a second: a frame later, but 1.5 s later, nothing is known any more."""
     with VideoWriter(tmp_path / "drive.mp4", fps=25) as writer:
         for number in range(12):
-            writer.write(DRIVE.frame(number / 25), number / 25)
-        writer.write(np.zeros_like(DRIVE.frame(0)), 12 / 25)
-        writer.write(np.zeros_like(DRIVE.frame(0)), 12 / 25 + 1.5)
+            writer.write(BENDS.frame(number / 25), number / 25)
+        writer.write(np.zeros_like(BENDS.frame(0)), 12 / 25)
+        writer.write(np.zeros_like(BENDS.frame(0)), 12 / 25 + 1.5)
     settings = DriveSettings(output=tmp_path / "out", camera=SMALL, report=False, progress=False)
     states = read_telemetry(annotate_drive(tmp_path / "drive.mp4", settings).telemetry)["state"]
     assert states[-3:].tolist() == ["tracking", "coasting", "lost"]
@@ -190,26 +176,26 @@ def test_time_passes_as_the_frames_of_a_variable_rate_say(tmp_path):
 def test_a_piece_of_a_drive_has_its_own_mount(tmp_path):
     """Half-way the camera is knocked down by two degrees: each part is measured with the mount that it had."""
     mount = SMALL.mount
-    knocked = replace(DRIVE, camera=SMALL.with_mount(replace(mount, pitch_rad=mount.pitch_rad + np.radians(2))))
-    frames = [drive.frame(number / 5) for drive in (DRIVE, knocked) for number in range(12)]
+    knocked = replace(BENDS, camera=SMALL.with_mount(replace(mount, pitch_rad=mount.pitch_rad + np.radians(2))))
+    frames = [drive.frame(number / 5) for drive in (BENDS, knocked) for number in range(12)]
     with VideoWriter(tmp_path / "drive.mp4", fps=5) as writer:
         for number, frame in enumerate(frames):
             writer.write(frame, number / 5)
     settings = {"output": tmp_path / "out", "camera": SMALL.with_mount(None), "report": False, "progress": False}
-    for piece, drive in (({"end_s": 2.4}, DRIVE), ({"start_s": 2.4}, knocked)):
+    for piece, drive in (({"end_s": 2.4}, BENDS), ({"start_s": 2.4}, knocked)):
         result = annotate_drive(tmp_path / "drive.mp4", DriveSettings(**settings, **piece))
         assert (result.frames, result.mount.frames_total) == (12, 12)
         assert result.mount.mount.pitch_rad == pytest.approx(drive.camera.mount.pitch_rad, abs=np.radians(0.3))
 
 
 def test_a_drive_is_annotated_in_another_process(tmp_path):
-    video = write_drive(tmp_path / "drive.mp4", DRIVE, 6)
+    video = write_drive(tmp_path / "drive.mp4", BENDS, 6)
     settings = DriveSettings(output=tmp_path / "out", camera=SMALL, progress=False)
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         result = pool.submit(annotate_drive, video, settings).result(timeout=60)
     assert result.frames == 6 and result.mount is None and result.report.is_file()
     assert result.tracked_share == pytest.approx(4 / 6)
-    assert read_telemetry(result.telemetry)["offset_m"][-1] == pytest.approx(DRIVE.truth(0.2).offset_m, abs=0.05)
+    assert read_telemetry(result.telemetry)["offset_m"][-1] == pytest.approx(BENDS.truth(0.2).offset_m, abs=0.05)
 
 
 class FakeCapture:
@@ -233,7 +219,7 @@ class FakeCapture:
         if self._next >= self.frames:
             return False, None
         self._next += 1
-        return True, cv2.cvtColor(DRIVE.frame(self._next / 25), cv2.COLOR_RGB2BGR)
+        return True, cv2.cvtColor(BENDS.frame(self._next / 25), cv2.COLOR_RGB2BGR)
 
     def release(self) -> None:
         self._open = False
@@ -259,7 +245,7 @@ def test_a_live_camera_until_it_is_stopped(tmp_path, capture, number):
     # The frame that was being read when the key was pressed is no longer annotated.
     assert len(table["frame"]) == result.frames == inspect_video(result.video).frames == 12
     np.testing.assert_allclose(table["time_s"], np.arange(12) / 25)
-    assert table["offset_m"][-1] == pytest.approx(DRIVE.truth(12 / 25).offset_m, abs=0.05)
+    assert table["offset_m"][-1] == pytest.approx(BENDS.truth(12 / 25).offset_m, abs=0.05)
     assert {path.name for path in tmp_path.iterdir()} == {"camera0.mp4", "camera0.csv", "camera0.html"}
 
 
@@ -272,7 +258,7 @@ def test_a_live_camera_for_a_time_and_with_a_mount_of_its_own(tmp_path, capture)
     # Annotating begins after the ten seconds that the mount takes, and its clock with it.
     table = read_telemetry(result.telemetry)
     assert table["time_s"][0] == 0
-    assert table["curvature_per_m"][-1] == pytest.approx(DRIVE.truth(9.9).curvature_per_m, abs=1e-3)
+    assert table["curvature_per_m"][-1] == pytest.approx(BENDS.truth(9.9).curvature_per_m, abs=1e-3)
 
 
 def test_a_camera_that_is_not_there_or_sees_nothing(tmp_path, capture):

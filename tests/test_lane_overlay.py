@@ -2,36 +2,20 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 import pytest
-from drives import CAMERA, PaintedDrive, lane_lines, s_bend
+from drives import BENDS, SMALL, tracked_bends
 
 from lanes.images import PictureError
 from lanes.metric.lane import find_lane
 from lanes.metric.lane_overlay import describe_tracked, draw_found, draw_tracked, lane_outlines
 from lanes.metric.roadview import RoadView
 from lanes.metric.tracked import LOST, TrackedLane
-from lanes.metric.tracker import LaneTracker
-from lanes.scenes.render import Motion
-
-SMALL = CAMERA.scaled((640, 360))
-DRIVE = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3), camera=SMALL)
-
-
-@lru_cache(maxsize=1)
-def tracked() -> tuple[np.ndarray, TrackedLane]:
-    tracker = LaneTracker(SMALL)
-    for frame in range(4):
-        image = DRIVE.frame(frame / 25)
-        result = tracker.update(image)
-    return image, result
 
 
 def test_outlines_lie_on_the_paint():
-    _, result = tracked()
-    truth = DRIVE.truth(3 / 25)
+    _, result = tracked_bends()
+    truth = BENDS.truth(3 / 25)
     for k, outline in enumerate(lane_outlines(result.lane, SMALL)):
         x = np.linspace(6, 30, 200)
         paint = SMALL.road_to_pixels(np.column_stack([x, truth.line_y(k, x)]))
@@ -42,7 +26,7 @@ def test_outlines_lie_on_the_paint():
 
 
 def test_outlines_end_with_the_evidence():
-    _, result = tracked()
+    _, result = tracked_bends()
     reach_m = max(result.left.reach_m, result.right.reach_m)
     assert 25 < reach_m <= 70
     top = min(outline[:, 1].min() for outline in lane_outlines(result.lane, SMALL))
@@ -51,7 +35,7 @@ def test_outlines_end_with_the_evidence():
 
 
 def test_drawing_tints_the_lane_and_leaves_the_rest():
-    image, result = tracked()
+    image, result = tracked_bends()
     kept = image.copy()
     drawn = draw_tracked(image, result, SMALL)
     np.testing.assert_array_equal(image, kept)
@@ -62,20 +46,20 @@ def test_drawing_tints_the_lane_and_leaves_the_rest():
 
 
 def test_read_only_pictures_are_welcome():
-    image, result = tracked()
-    image.flags.writeable = False
+    image, result = tracked_bends()
+    assert not image.flags.writeable
     assert draw_tracked(image, result, SMALL).flags.writeable
 
 
 def test_drawing_on_the_picture_itself_gives_the_same():
-    image, result = tracked()
+    image, result = tracked_bends()
     own = image.copy()
     assert draw_tracked(own, result, SMALL, onto=own) is own
     np.testing.assert_array_equal(own, draw_tracked(image, result, SMALL))
 
 
 def test_lost_draws_words_only():
-    image, _ = tracked()
+    image, _ = tracked_bends()
     drawn = draw_tracked(image, TrackedLane(LOST), SMALL)
     assert describe_tracked(TrackedLane(LOST)) == ["lane lost"]
     changed = np.argwhere((drawn != image).any(axis=2))
@@ -85,7 +69,7 @@ def test_lost_draws_words_only():
 
 
 def test_words():
-    _, result = tracked()
+    _, result = tracked_bends()
     bend, offset, state = describe_tracked(result)
     assert bend.startswith("bends left, R ")
     assert offset.endswith("m left of centre")
@@ -95,13 +79,13 @@ def test_words():
 
 
 def test_another_size_is_refused():
-    _, result = tracked()
+    _, result = tracked_bends()
     with pytest.raises(PictureError, match="1280x720"):
         draw_tracked(np.zeros((720, 1280, 3), np.uint8), result, SMALL)
 
 
 def test_a_single_picture_is_drawn_with_its_confidence_or_said_to_be_lost():
-    image, _ = tracked()
+    image, _ = tracked_bends()
     lane = find_lane(image, RoadView(SMALL))
     assert (draw_found(image, lane, SMALL) != image).any(axis=2).mean() > 0.1
     lost = draw_found(image, None, SMALL)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from clips import write_drive
-from drives import CAMERA, PaintedDrive, lane_lines, s_bend
+from drives import BENDS, SMALL
 
 from lanes.camera import load_camera
 from lanes.dataset import PROJECT_ROOT
@@ -15,12 +15,9 @@ from lanes.drives.drive import PreparedDrive, annotate_drive, prepare_drive
 from lanes.drives.pieces import WARM_UP_S, annotate_piece, cut_drive, join_pieces
 from lanes.drives.settings import DriveSettings
 from lanes.metric.tracker import LaneTracker
-from lanes.scenes.render import Motion
 from lanes.video.telemetry import read_telemetry
 from lanes.video.videofile import VideoInfo, inspect_video, read_frames
 
-SMALL = CAMERA.scaled((640, 360))
-DRIVE = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3), camera=SMALL)
 # What the module's description states.
 TOLERANCES = {"offset_m": 0.01, "heading_rad": np.radians(0.1), "curvature_per_m": 1e-4}
 
@@ -46,7 +43,7 @@ def test_every_frame_is_in_one_piece(tmp_path, fps, start_s, end_s, count):
 
 def test_pieces_join_to_the_drive(tmp_path):
     """Both pieces warm up from the very beginning, so that they must tell the same to the last digit."""
-    video = write_drive(tmp_path / "drive.mp4", DRIVE, 45)
+    video = write_drive(tmp_path / "drive.mp4", BENDS, 45)
     whole = annotate_drive(video, DriveSettings(output=tmp_path / "whole", camera=SMALL, overlapped=False))
     settings = DriveSettings(output=tmp_path / "joined", camera=SMALL, overlapped=False)
     drive, folder = prepare_drive(video, settings), tmp_path / "pieces"
@@ -68,7 +65,7 @@ def test_pieces_join_to_the_drive(tmp_path):
 
 
 def test_a_finished_piece_is_not_done_again(tmp_path):
-    video = write_drive(tmp_path / "drive.mp4", DRIVE, 12)
+    video = write_drive(tmp_path / "drive.mp4", BENDS, 12)
     settings = DriveSettings(output=tmp_path, camera=SMALL)
     drive, folder = prepare_drive(video, settings), tmp_path / "pieces"
     first, second = cut_drive(drive, settings, 0.24)
