@@ -19,7 +19,8 @@ from lanes.metric.lane import (
     LaneLine,
     Sight,
     inner_stripes,
-    support_of,
+    painted_rows,
+    rows_in_sight,
 )
 from lanes.metric.lanefit import LaneFit, strangeness
 from lanes.metric.lanemodel import (
@@ -35,11 +36,15 @@ from lanes.metric.roadview import RoadView
 
 @dataclass(frozen=True)
 class Seen:
-    """What was seen of a line: share of its rows with paint, how far ahead, and what the paint is like."""
+    """What was seen of a line: share of its rows with paint, how far ahead, and what the paint is like.
+
+    `rows` is in how many rows of the view the line is in sight; None where that is not known.
+    """
 
     support: float = 0.0
     reach_m: float = 0.0
     paint: Paint | None = None
+    rows: int | None = None
 
     def behind(self, distance_m: float) -> Seen:
         """The same after driving on without seeing anything: evidence comes nearer and counts no more."""
@@ -56,23 +61,24 @@ def see_lines(
     fit, sight, view
         Of this picture.
     before : (Seen, Seen)
-        Of the picture before; its paint is kept.
+        Of the picture before; its paint and rows are kept.
     look_at : {0, 1, None}
-        The line whose paint is looked at again.
+        The line whose paint is looked at again; the rows of both are counted again then, too.
     """
-    lines = lines_on_view(fit.lane, view.x_m, view.height_m)
-    support = support_of(fit, lines, sight.stripes, view)[0]
-    seen = []
-    for k, side in enumerate(SIDES):
-        mine = (fit.side[0] == side) & (fit.weight[0] > LEAST_WEIGHT)
-        reach_m, paint = sight.stripes.x_m[mine].max(initial=0.0), before[k].paint
-        if k == look_at and mine.any():
-            line = np.full(len(view.x_m), np.nan)
-            rows = sight.stripes.row[mine]
-            line[rows] = lines[0, k, rows]
-            paint = describe_paint(sight.evidence, view, line) or paint
-        seen.append(Seen(float(support[k]), float(reach_m), paint))
-    return seen[0], seen[1]
+    mine = [(fit.side[0] == side) & (fit.weight[0] > LEAST_WEIGHT) for side in SIDES]
+    reach_m = [float(sight.stripes.x_m[m].max(initial=0.0)) for m in mine]
+    rows, paint = [line.rows for line in before], [line.paint for line in before]
+    # how many rows a line is in sight in changes slowly, and where exactly it runs is needed for its paint alone
+    if look_at is not None or None in rows:
+        lines = lines_on_view(fit.lane, view.x_m, view.height_m)
+        rows = rows_in_sight(lines, view)[0].tolist()
+        if look_at is not None and mine[look_at].any():
+            line, painted = np.full(len(view.x_m), np.nan), sight.stripes.row[mine[look_at]]
+            line[painted] = lines[0, look_at, painted]
+            paint[look_at] = describe_paint(sight.evidence, view, line) or paint[look_at]
+    support = (painted_rows(fit, sight.stripes)[0] / rows).tolist()
+    left, right = map(Seen, support, reach_m, paint, rows)
+    return left, right
 
 
 def describe_followed(belief: Belief, seen: tuple[Seen, Seen], double: tuple[bool, bool], margin: float) -> Lane:

@@ -323,13 +323,22 @@ def elsewhere(lanes: np.ndarray) -> np.ndarray:
 
 def support_of(fit: LaneFit, lines_y_m: np.ndarray, stripes: Stripes, view: RoadView) -> np.ndarray:
     """(K, 2): share of each line's rows in sight, up to `SUPPORT_FAR_M`, that have paint on it; left, right."""
+    return painted_rows(fit, stripes) / rows_in_sight(lines_y_m, view)
+
+
+def painted_rows(fit: LaneFit, stripes: Stripes) -> np.ndarray:
+    """(K, 2): in how many rows up to `SUPPORT_FAR_M` there is paint on each line, by the weight of its stripes."""
+    weight = fit.weight * (stripes.x_m < SUPPORT_FAR_M)
+    return (weight[:, None] * (fit.side[:, None] == SIDES[:, None])).sum(axis=-1)
+
+
+def rows_in_sight(lines_y_m: np.ndarray, view: RoadView) -> np.ndarray:
+    """(K, 2): in how many rows up to `SUPPORT_FAR_M` each line is in sight; at least `LEAST_ROWS`."""
     rows = np.flatnonzero(view.x_m < SUPPORT_FAR_M)
     column = (view.y_m[0] - lines_y_m[..., rows]) / view.cell_m
     inside = (column >= 0) & (column <= len(view.y_m) - 1)
     seen = inside & view.seen[rows, np.where(inside, column, 0).astype(int)]
-    weight = fit.weight * (stripes.x_m < SUPPORT_FAR_M)
-    votes = (weight[:, None] * (fit.side[:, None] == SIDES[:, None])).sum(axis=-1)
-    return votes / np.maximum(seen.sum(axis=-1), LEAST_ROWS)
+    return np.maximum(seen.sum(axis=-1), LEAST_ROWS)
 
 
 def _only(rows: np.ndarray, line_y_m: np.ndarray) -> np.ndarray:
