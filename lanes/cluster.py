@@ -6,6 +6,7 @@ done for a drive is in `lanes.drives.tasks`.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -78,30 +79,38 @@ def annotate_many(
     """
     jobs = [DriveJob.of(video, settings, cluster.piece_s) for video in videos]
     known = [read_finished(job.key, job.settings.output) for job in jobs]
-    finished = [manifest for manifest in known if manifest]
-    left = {job.video: job for job, manifest in zip(jobs, known, strict=True) if not manifest}
-    skipped, failed = len(finished), {}
-    if skipped:
-        tell(f"{skipped} of {len(jobs)} drives were finished before")
+    before = [manifest for manifest in known if manifest]
+    if before:
+        tell(f"{len(before)} of {len(jobs)} drives were finished before")
+    outcomes = _annotate_left([job for job, manifest in zip(jobs, known, strict=True) if not manifest], cluster, tell)
+    finished = before + [outcome for outcome in outcomes.values() if isinstance(outcome, Manifest)]
+    failed = {job.video: outcome for job, outcome in outcomes.items() if isinstance(outcome, Exception)}
+    table = write_summary(settings.output, finished, failed)
+    tell(f"{describe_totals(finished, len(failed), len(before))}\nwrote {table}")
+    return finished, list(failed.values())
+
+
+def _annotate_left(
+    jobs: Sequence[DriveJob], cluster: ClusterSettings, tell: Callable[[str], None]
+) -> dict[DriveJob, Manifest | Exception]:
+    """What came of each job; Dask is started only if there is one."""
+    outcomes: dict[DriveJob, Manifest | Exception] = {}
+    if not jobs:
+        return outcomes
     try:
-        if left:
-            with connect(cluster) as client:
-                tell(f"{len(client.nthreads())} workers; dashboard: {client.dashboard_link}")
-                for job, outcome in annotate_all(client, list(left.values()), retries=cluster.retries):
-                    del left[job.video]
-                    if isinstance(outcome, Manifest):
-                        finished.append(outcome)
-                        tell(outcome.told)
-                    else:
-                        failed[job.video] = outcome
+        with connect(cluster) as client:
+            tell(f"{len(client.nthreads())} workers; dashboard: {client.dashboard_link}")
+            for job, outcome in annotate_all(client, jobs, retries=cluster.retries):
+                outcomes[job] = outcome
+                if isinstance(outcome, Manifest):
+                    tell(outcome.told)
     finally:
         # Workers elsewhere finish what they have begun even if this process is interrupted; ours are gone by now.
         if not cluster.scheduler:
-            for job in left.values():
-                job.remove_leftovers()
-    table = write_summary(settings.output, finished, failed)
-    tell(f"{describe_totals(finished, len(failed), skipped)}\nwrote {table}")
-    return finished, list(failed.values())
+            for job in jobs:
+                if job not in outcomes:
+                    job.remove_leftovers()
+    return outcomes
 
 
 @contextmanager
@@ -135,7 +144,12 @@ def connect(cluster: ClusterSettings) -> Iterator[Client]:
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": cluster.retries}),
         LocalCluster(
-            n_workers=cluster.workers, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0"
+            n_workers=cluster.workers,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address="127.0.0.1:0",
+            # Warnings of Dask are about workers that end or are started again: that is told where it costs a drive.
+            silence_logs=logging.ERROR,
         ) as local,
         Client(local) as client,
     ):

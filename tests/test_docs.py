@@ -13,6 +13,12 @@ import helpers
 from lanes.__main__ import COMMANDS
 
 ROOT = Path(__file__).parents[1]
+# Options of git, pip, helm and Dask.
+OF_OTHERS = {"--depth", "--help", "--nworkers", "--nthreads", "--lifetime", "--lifetime-stagger"} | {
+    "--repo",
+    "--create-namespace",
+    "--generate-name",
+}
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
@@ -40,7 +46,7 @@ def test_commands_and_their_options_exist(page):
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_options_named_in_passing_are_some_commands(page):
-    known = set().union(*map(options_of, COMMANDS)) | {"--depth", "--help"}
+    known = set().union(*map(options_of, COMMANDS)) | OF_OTHERS
     assert set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", page.read_text(encoding="utf-8"))) <= known
 
 
@@ -64,5 +70,6 @@ def test_the_guides_are_there_and_linked_pages_are_checked():
         "glossary.md",
         "conventions.md",
         "references.md",
+        "many_drives.md",
     }
     assert "(pictures/explained_good.jpg)" in (ROOT / "docs" / "when_it_fails.md").read_text(encoding="utf-8")

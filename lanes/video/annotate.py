@@ -140,13 +140,10 @@ def annotate_video(
     info = inspect_video(source)
     if Path(target).exists() and os.path.samefile(source, target):
         raise VideoError(f"{target}: is the source itself; write the annotated video under another name.")
-    writer = VideoWriter(
-        target,
-        fps=info.fps,
-        sound_from=source if sound and info.has_audio else None,
-        threads=ENCODER_THREADS if overlapped else 1,
-    )
-    read = read_timed_frames(source, start_s=max(0.0, start_s - warm_up_s), end_s=end_s, threads=0 if overlapped else 1)
+    decoders, encoders = (0, ENCODER_THREADS) if overlapped else (1, 1)
+    sound_from = source if sound and info.has_audio else None
+    writer = VideoWriter(target, fps=info.fps, sound_from=sound_from, threads=encoders)
+    read = read_timed_frames(source, start_s=max(0.0, start_s - warm_up_s), end_s=end_s, threads=decoders)
     with (
         _stopping_cleanly(),
         # In this order: telemetry gets its name only when the video has.
