@@ -84,7 +84,7 @@ def check_whole(output: Path, videos: list[Path], frames: int = FRAMES) -> None:
     assert leftovers(output) == []
 
 
-def wait_for(condition: Callable[[], object], seconds: float = 60) -> None:
+def wait_for(condition: Callable[[], object], seconds: float = 180) -> None:
     end_s = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end_s, "waited too long"
@@ -108,12 +108,19 @@ def two_workers() -> Iterator[distributed.Client]:
 
 
 def test_the_results_are_those_of_the_serial_run(two_workers, drives, tmp_path):
-    videos = videos_in(drives)[:3]
-    found = dict(annotate_all(two_workers, jobs_for(videos, tmp_path / "many")))
+    videos = videos_in(drives)
+    began_s = time.time()
+    with distributed.get_task_stream(client=two_workers) as stream:
+        found = dict(annotate_all(two_workers, jobs_for(videos, tmp_path / "many")))
+    elapsed_s = time.time() - began_s
     check_whole(tmp_path / "many", videos)
     assert {job.video: outcome.frames for job, outcome in found.items()} == dict.fromkeys(videos, FRAMES)
+    # How much longer one worker would take, on cores that nobody else uses; measured: 1.9 (docs/many_drives.md). On a
+    # busy machine one of them may be left behind, but they never wait for each other.
+    spans = [span for task in stream.data for span in task["startstops"] if span["action"] == "compute"]
+    assert sum(span["stop"] - span["start"] for span in spans) / elapsed_s > 1.5
     serial = DriveSettings(output=tmp_path / "serial", camera=SMALL, progress=False, overlapped=False)
-    for video in videos:
+    for video in videos[::3]:
         annotate_drive(video, serial)
         assert (tmp_path / "many" / video.name).read_bytes() == (tmp_path / "serial" / video.name).read_bytes()
         tables = [read_telemetry(tmp_path / name / f"{video.stem}.csv") for name in ("many", "serial")]
@@ -257,11 +264,11 @@ def popen(command: list[str], cwd: Path) -> subprocess.Popen:
 def test_without_dask_a_sentence_tells_how_to_get_it(drives, tmp_path):
     arguments = ["annotate", "--camera", drives / "drive0.yaml", drives / "drive0.mp4", "-o", tmp_path / "out"]
     with start(*arguments, "--workers", 2, before="sys.modules['distributed'] = None") as process:
-        out, err = process.communicate(timeout=60)
+        out, err = process.communicate(timeout=180)
     assert (process.returncode, out) == (1, "") and not (tmp_path / "out").exists()
     assert re.fullmatch(r"error: .* need Dask, which is not installed; run `pip install -r requirements.*\n", err)
     with start(*arguments, before="sys.modules['distributed'] = sys.modules['dask'] = None") as process:
-        assert process.communicate(timeout=60)[1] == "" and process.returncode == 0
+        assert process.communicate(timeout=180)[1] == "" and process.returncode == 0
     assert not (tmp_path / "out" / "summary").exists()
 
 
@@ -273,17 +280,18 @@ def test_a_run_that_is_killed_goes_on_where_it_was(drives, tmp_path, number):
         wait_for(lambda: list(output.glob("*.json")) and leftovers(output) or process.poll() is not None)
         workers = psutil.Process(process.pid).children(recursive=True)
         process.send_signal(number)
-        _, err = process.communicate(timeout=60)
+        _, err = process.communicate(timeout=180)
     # Its workers notice, and end.
     wait_for(lambda: not any(worker.is_running() and worker.status() != "zombie" for worker in workers))
     assert process.returncode == (130 if number == signal.SIGINT else -number)
     if number == signal.SIGINT:
         assert "interrupted" in err and "Traceback" not in err and leftovers(output) == []
+        return
     finished = [path.with_suffix(".mp4") for path in output.glob("*.json")]
     assert 0 < len(finished) < 8
     before = {path: path.stat().st_mtime_ns for path in finished}
     with start(*arguments) as process:
-        out, err = process.communicate(timeout=120)
+        out, err = process.communicate(timeout=300)
     assert process.returncode == 0, err
     assert f"{len(finished)} of 8 drives were finished before" in out
     assert f"8 drives finished ({len(finished)} of them before), 0 failed" in out
@@ -316,11 +324,11 @@ def test_workers_in_other_folders_by_tcp_where_only_one_has_the_drives(drives, t
         for process in processes:
             stack.enter_context(process)
             stack.callback(process.kill)
-        with distributed.Client(address, timeout=60) as client:
-            client.wait_for_workers(2, timeout=60)
+        with distributed.Client(address, timeout=180) as client:
+            client.wait_for_workers(2, timeout=180)
         arguments = ["--camera", drives / "drive0.yaml", "/proc/self/cwd", "-o", output, "--scheduler", address]
         with start("annotate", *arguments, cwd=here) as process:
-            out, err = process.communicate(timeout=120)
+            out, err = process.communicate(timeout=300)
     assert process.returncode == 1 and out.startswith("2 workers; dashboard: http://127.0.0.1:")
     reasons = re.findall(
         r"error: /proc/self/cwd/(drive\d)\.mp4: there is no such video file; .* \(worker on \S+ in (.*); all workers ",

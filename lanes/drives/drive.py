@@ -89,6 +89,7 @@ def follow_drive(drive: PreparedDrive, settings: DriveSettings) -> DriveResult:
             progress=settings.progress,
             telemetry=target.with_suffix(".csv"),
             overlapped=settings.overlapped,
+            info=drive.info,
         )
     elapsed_s = time.perf_counter() - began_s
     return conclude_drive(str(drive.video), target, drive.camera, drive.mount, settings, elapsed_s)

@@ -68,6 +68,7 @@ def annotate_piece(drive: PreparedDrive, piece: Piece, settings: DriveSettings, 
         sound=False,
         warm_up_s=WARM_UP_S,
         overlapped=settings.overlapped,
+        info=drive.info,
     )
     return time.perf_counter() - began_s
 

@@ -19,14 +19,13 @@ from glob import escape
 from pathlib import Path
 from typing import TypeVar
 
-import cv2
-
 from lanes.drives.drive import PreparedDrive, follow_drive, output_for, prepare_drive
 from lanes.drives.manifest import DriveKey, Manifest, all_versions, read_finished, write_manifest
 from lanes.drives.pieces import Piece, annotate_piece, cut_drive, join_pieces
 from lanes.drives.settings import DriveSettings
 from lanes.drives.summary import add_to_data_set
 from lanes.images import remove_partials
+from lanes.threads import one_thread
 from lanes.video.videofile import VideoError
 
 Result = TypeVar("Result")
@@ -139,10 +138,10 @@ def finish_drive(job: DriveJob, plan: Plan, done: Sequence[PieceDone | Exception
 
 def _settle(work: Callable[[], Result], job: DriveJob) -> Result | Exception:
     """What `work` returns, or the error if trying again would be of no use; other errors are raised, for Dask."""
-    cv2.setNumThreads(1)
     try:
         _require_same(all_versions(), job.key.versions)
-        return work()
+        with one_thread():
+            return work()
     except FileNotFoundError as error:
         here = f"worker on {platform.node()} in {os.getcwd()}"
         return FileNotFoundError(f"{error} ({here}; all workers must see the drives by the same path)")

@@ -98,6 +98,7 @@ def annotate_video(
     sound: bool = True,
     warm_up_s: float = 0.0,
     overlapped: bool = True,
+    info: VideoInfo | None = None,
 ) -> VideoSummary:
     """Run every frame of a video through `process` and write the result as an mp4 that browsers play.
 
@@ -126,6 +127,8 @@ def annotate_video(
     overlapped : bool
         Read, process and write at the same time, with codecs of several threads. False keeps to one thread, where
         other processes have work for the other cores; the telemetry is the same, the encoder's bytes are others.
+    info : VideoInfo, optional
+        What `inspect_video` says of `source`, where that is known: to find out it reads the whole file.
 
     Raises
     ------
@@ -137,7 +140,7 @@ def annotate_video(
         If `target` cannot be written.
     """
     began_s = time.perf_counter()
-    info = inspect_video(source)
+    info = info or inspect_video(source)
     if Path(target).exists() and os.path.samefile(source, target):
         raise VideoError(f"{target}: is the source itself; write the annotated video under another name.")
     decoders, encoders = (0, ENCODER_THREADS) if overlapped else (1, 1)
