@@ -17,10 +17,13 @@ import numpy as np
 
 from lanes.metric.roadview import RoadView
 
-# Painted widths, metres: one stripe (0.10-0.15 m in most of the world), and a double line taken as one.
-# Then the width of the road strips that the stripe is compared with, on either side, and their distance from it, and
-# the window along a row over which noise is averaged.
+# Painted widths, metres: one stripe (0.10-0.15 m in most of the world), and a double line taken as one. Then the width
+# of the road strips that the stripe is compared with, on either side, and their distance from it, and the window along
+# a row over which noise is averaged.
 SIZES_M = (0.15, 0.35, 0.15, 0.05, 2.5)
+# In a hairpin a double yellow line crosses the rows aslant, which makes it wider, and pictures are blurred there: so
+# wide, and so far beside it the road. In yellowness only: strips of light are as wide, but nothing is as yellow.
+ASLANT_M, ASLANT_GAP_M = 0.45, 0.15
 NOISE_ROWS = 5
 # Rounding to whole grey levels alone makes about this much noise; less is never assumed.
 NOISE_FLOOR = 1.0
@@ -149,7 +152,8 @@ def measure_paint(view_image: np.ndarray, view: RoadView) -> Evidence:
     Evidence
     """
     single, double, beside, gap, window = (round(length / view.cell_m) | 1 for length in SIZES_M)
-    margin, unit = double // 2 + gap + beside + 1, lcm(single, double, beside)
+    aslant, far = (round(length / view.cell_m) | 1 for length in (ASLANT_M, ASLANT_GAP_M))
+    margin, unit = aslant // 2 + far + beside + 1, lcm(single, double, beside, aslant)
     wider = cv2.copyMakeBorder(view_image, 0, 0, margin, margin, cv2.BORDER_REPLICATE)
     # Sums instead of means, times what makes them comparable: whole numbers, exact, and of int16 twice as many fit into
     # a register as of float32. (Should the cells be so small that the sums do not fit, numpy's next larger type.)
@@ -158,10 +162,15 @@ def measure_paint(view_image: np.ndarray, view: RoadView) -> Evidence:
     inside = (..., slice(margin, -margin))
     side = sums_around(channels, beside) * (unit // beside)
     side[..., :margin], side[..., -margin:] = side[..., margin, None], side[..., -margin - 1, None]
-    narrow, wide = (
-        filter_band(sums_around(channels, n) * (unit // n), side, n // 2 + gap + beside // 2 + 1)[inside]
-        for n in (single, double)
+    narrow, wide, broad = (
+        filter_band(sums_around(cells, n) * (unit // n), road, n // 2 + apart + beside // 2 + 1)[inside]
+        for cells, road, n, apart in (
+            (channels, side, single, gap),
+            (channels, side, double, gap),
+            (channels[1], side[1], aslant, far),
+        )
     )
+    np.maximum(wide[1], broad, out=wide[1])
     steps = np.abs(channels[inside] - channels[..., margin - 1 : -margin - 1])
     noise = local_noise(steps, window)
     noise *= unit
