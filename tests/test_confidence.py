@@ -20,8 +20,8 @@ from lanes.scenes.truth import truth_row
 
 
 def lane_with(*, width_m: float = 3.6, std_m: float = 0.02, centre_m: float = 0.1, reach_m: float = 40.0):
-    covariance = np.diag(np.square([std_m, std_m, std_m / 50, std_m / 500, 1e-7, 1e-3, 1e-5]))
-    belief = first_belief(np.array([centre_m, width_m, 0, 0, 0, 0, 0]), covariance, 20.0)
+    covariance = np.diag(np.square([std_m, std_m, std_m / 50, std_m / 500, 1e-7, 1e-3, 1e-5, 1e-9, 1e-9, 1e-9]))
+    belief = first_belief(np.array([centre_m, width_m, 0, 0, 0, 0, 0, 0, 0, 0]), covariance, 20.0)
     return describe_followed(belief, (Seen(0.6, reach_m), Seen(0.3, reach_m)), (False, False), 1.0)
 
 

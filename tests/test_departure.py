@@ -11,8 +11,8 @@ from lanes.metric.motion import first_belief
 
 
 def lane_at(centre_m: float, heading_rad: float = 0.0, curvature_per_m: float = 0.0):
-    model = np.array([centre_m, 3.6, heading_rad, curvature_per_m, 0, 0, 0])
-    belief = first_belief(model, np.eye(7) * 1e-6, 20.0)
+    model = np.array([centre_m, 3.6, heading_rad, curvature_per_m, 0, 0, 0, 0, 0, 0])
+    belief = first_belief(model, np.eye(10) * 1e-6, 20.0)
     return describe_followed(belief, (Seen(0.5, 30.0), Seen(0.5, 30.0)), (False, False), 1.0)
 
 

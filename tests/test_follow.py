@@ -12,8 +12,8 @@ from lanes.metric.motion import Belief, first_belief
 from lanes.metric.roadview import RoadView
 
 VIEW = RoadView(CAMERA)
-STD = np.array([0.1, 0.05, 0.01, 5e-4, 1e-5, 0.003, 5e-5])
-LANE = np.array([0.2, 3.6, 0.01, 1 / 500, 0, 0, 0])
+STD = np.array([0.1, 0.05, 0.01, 5e-4, 1e-5, 0.003, 5e-5, 1e-5, 1e-5, 1e-5])
+LANE = np.array([0.2, 3.6, 0.01, 1 / 500, 0, 0, 0, 0, 0, 0])
 
 
 def stripes_on(lane: np.ndarray, *, aside_m: float = 0.0, far_m: float = 40.0) -> Stripes:
@@ -49,7 +49,7 @@ def test_gate_keeps_what_is_no_surprise():
 
 def test_correction_finds_the_lane_and_becomes_surer():
     belief = first_belief(LANE, np.diag(STD**2), 20.0)
-    true = LANE + 0.7 * STD * [1, -1, 1, 1, 0, 0, 0]
+    true = LANE + 0.7 * STD * [1, -1, 1, 1, 0, 0, 0, 0, 0, 0]
     fit = correct_lane(stripes_on(true), belief, VIEW)
     x = np.array([5.0, 15, 30])
     for side in SIDES:
@@ -62,7 +62,7 @@ def test_correction_finds_the_lane_and_becomes_surer():
 def test_one_line_moves_the_other_with_it():
     """The width is known better than the place, so that the line that is not seen keeps its distance."""
     belief = first_belief(LANE, np.diag(STD**2), 20.0)
-    true = LANE + [0.15, 0, 0, 0, 0, 0, 0]
+    true = LANE + [0.15, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     stripes = stripes_on(true)
     right = stripes.select(np.arange(len(stripes)) >= len(stripes) // 2)
     lane = correct_lane(right, belief, VIEW).lane[0]
@@ -72,7 +72,7 @@ def test_one_line_moves_the_other_with_it():
 
 def test_a_transition_far_ahead_does_not_bend_the_road_beside_the_car():
     """Straight for 25 m, then a clothoid: the curvature here stays that of the straight."""
-    belief = first_belief(np.array([0.0, 3.6, 0, 0, 0, 0, 0]), np.diag(STD**2), 20.0)
+    belief = first_belief(np.array([0.0, 3.6, 0, 0, 0, 0, 0, 0, 0, 0]), np.diag(STD**2), 20.0)
     stripes = stripes_on(belief.lane, far_m=60.0)
     ahead = np.maximum(stripes.x_m - 25, 0)
     bent = Stripes(

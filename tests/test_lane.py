@@ -136,8 +136,8 @@ def test_following_agrees_with_searching():
     road, left, _ = shaded_bend()
     sight = observe(road.image(), VIEW)
     cold = find_lane(road.image(), VIEW)
-    expected = cold.model + [0.05, 0.03, 0.003, 2e-4, 0, 0.002, 0]
-    information = np.diag(np.array([0.1, 0.1, 0.01, 1e-3, 1e-4, 0.005, 1e-4]) ** -2)
+    expected = cold.model + [0.05, 0.03, 0.003, 2e-4, 0, 0.002, 0, 0, 0, 0]
+    information = np.diag(np.array([0.1, 0.1, 0.01, 1e-3, 1e-4, 0.005, 1e-4, 1e-4, 1e-4, 1e-4]) ** -2)
     lane = describe_lane(follow_lane(sight.stripes, VIEW, expected, information), sight, VIEW)
     np.testing.assert_allclose(lane.line_y(X_M, LEFT), cold.line_y(X_M, LEFT), atol=0.02)
     np.testing.assert_allclose(lane.line_y(X_M, RIGHT), cold.line_y(X_M, RIGHT), atol=0.03)

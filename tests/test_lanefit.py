@@ -50,11 +50,12 @@ ROADS = {
 def test_lane_is_found_among_clutter(road):
     road = np.array(road)
     lane, _ = search(stripes_on(road, outliers=300))
-    assert lane[0] == pytest.approx(road[0], abs=0.03)
+    # the first row is 5 m ahead, and from there to the car a hairpin may have changed its bend
+    assert lane[0] == pytest.approx(road[0], abs=0.06 if abs(road[3]) > 0.01 else 0.03)
     assert lane[1] == pytest.approx(road[1], abs=0.05)
     x = np.array([6.0, 10.0, 14.0])
     for side in (LEFT, RIGHT):
-        np.testing.assert_allclose(line_y(x, lane, side), line_y(x, road, side), atol=0.05)
+        np.testing.assert_allclose(line_y(x, lane, side), line_y(x, road, side), atol=0.06)
 
 
 def test_dashes_suffice():
@@ -66,7 +67,7 @@ def test_dashes_suffice():
 
 @pytest.mark.parametrize("side", [LEFT, RIGHT])
 def test_one_line_suffices_and_the_other_is_uncertain(side):
-    road = np.array([0.1, 3.5, 0.01, 1 / 500, 0.0, 0.0, 0.0])
+    road = np.array([0.1, 3.5, 0.01, 1 / 500, 0.0, 0.0, 0.0, 0, 0, 0])
     lane, fit = search(stripes_on(road, (side,), outliers=60))
     x = np.array([6.0, 15.0, 30.0])
     # Pitch is not to be told from one line, so compare what the view shows.
@@ -74,7 +75,7 @@ def test_one_line_suffices_and_the_other_is_uncertain(side):
     np.testing.assert_allclose(shown, true, atol=0.02)
     best = fit.weight.sum(axis=1).argmax()
     covariance = np.linalg.inv(fit.information[best])
-    near, far = (np.array([1, s / 2, 0, 0, 0, 0, 0]) for s in (side, -side))
+    near, far = (np.array([1, s / 2, 0, 0, 0, 0, 0, 0, 0, 0]) for s in (side, -side))
     assert np.sqrt(near @ covariance @ near) < 0.15 < 0.3 < np.sqrt(far @ covariance @ far)
 
 
@@ -83,16 +84,16 @@ def test_mirrored_stripes_give_the_mirrored_lane():
     mirrored = replace(stripes, y_m=-stripes.y_m, angle=-stripes.angle)
     lane, _ = search(stripes)
     other, _ = search(mirrored)
-    off = np.abs(other - lane * [-1, 1, -1, -1, -1, 1, 1])
-    assert (off < [1e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-4, 1e-5]).all()
+    off = np.abs(other - lane * [-1, 1, -1, -1, -1, 1, 1, -1, -1, -1])
+    assert (off < [1e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-4, 1e-5, 1e-6, 1e-6, 1e-6]).all()
 
 
 def test_derivatives_agree_with_differences():
-    lanes = np.array([[0.2, 3.4, 0.05, 1 / 90, 1e-4, 0.004, 2e-4], [-0.1, 3.6, 0.0, 0.0, 0.0, 0.0, 0.0]])
+    lanes = np.array([[0.2, 3.4, 0.05, 1 / 90, 1e-4, 0.004, 2e-4, 1e-4, -1e-4, 1e-4], [-0.1, 3.6, *[0.0] * 8]])
     stripes = stripes_on(lanes[0], outliers=50)
     derivative = compare(lanes, stripes, HEIGHT_M).derivative
-    for k, step in enumerate([1e-5, 1e-5, 1e-6, 1e-7, 1e-9, 1e-6, 1e-8]):
-        shift = np.eye(7)[k] * step
+    for k, step in enumerate([1e-5, 1e-5, 1e-6, 1e-7, 1e-9, 1e-6, 1e-8, 1e-9, 1e-9, 1e-9]):
+        shift = np.eye(10)[k] * step
         above, below = (compare(lanes + s, stripes, HEIGHT_M).residual_m for s in (shift, -shift))
         measured = (above - below) / (2 * step)
         # the fit leaves out second-order terms (how rate and vertical depend on the others)
@@ -102,7 +103,7 @@ def test_derivatives_agree_with_differences():
 
 
 def test_a_prediction_holds_where_there_is_no_evidence():
-    expected = np.array([0.2, 3.4, 0.01, 1 / 300, 0.0, 0.0, 0.0])
+    expected = np.array([0.2, 3.4, 0.01, 1 / 300, 0.0, 0.0, 0.0, 0, 0, 0])
     nothing = stripes_on(expected, ())
     fit = fit_lanes(
         expected[None],
@@ -110,15 +111,15 @@ def test_a_prediction_holds_where_there_is_no_evidence():
         HEIGHT_M,
         FOCAL_PX,
         prior_mean=expected,
-        prior_information=np.eye(7) * 1e4,
+        prior_information=np.eye(10) * 1e4,
         schedule=FOLLOW,
     )
     np.testing.assert_allclose(fit.lane[0], expected)
-    np.testing.assert_allclose(fit.information[0], np.eye(7) * 1e4)
+    np.testing.assert_allclose(fit.information[0], np.eye(10) * 1e4)
 
 
 def test_uncertainty_covers_the_error():
-    road = np.array(ROADS["left bend"])
+    road = np.array([*ROADS["left bend"], 0.0, 0.0, 0.0])
     errors, claims = [], []
     for seed in range(30):
         fit = fit_lanes(road[None], stripes_on(road, noise_m=0.04, seed=seed), HEIGHT_M, FOCAL_PX)

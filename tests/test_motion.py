@@ -10,8 +10,8 @@ from lanes.metric.motion import AIM, LANE, PATH, REST, SPEED, Belief, first_beli
 from lanes.scenes.road import Pose, RoadGeometry
 from lanes.scenes.truth import lane_truth
 
-COVARIANCE = np.diag(np.square([0.1, 0.1, 0.01, 1e-3, 1e-5, 0.005, 1e-4]))
-LANE_BEFORE = np.array([0.3, 3.6, 0.02, 2e-3, 1e-5, 0.004, 0.0])
+COVARIANCE = np.diag(np.square([0.1, 0.1, 0.01, 1e-3, 1e-5, 0.005, 1e-4, 1e-5, 1e-5, 1e-5]))
+LANE_BEFORE = np.array([0.3, 3.6, 0.02, 2e-3, 1e-5, 0.004, 0.0, 0.0, 0.0, 0.0])
 
 
 def belief_with(**car: float) -> Belief:
@@ -26,7 +26,7 @@ def test_straight_driving_along_a_bend():
     """A car that drives straight on: the lane turns and moves below it as geometry says."""
     road = RoadGeometry([0.0, 1000.0], [1 / 400, 1 / 400])
     before = lane_truth(road, Pose(100.0, 0.2, -0.01), (1.8, -1.8), time_s=0, pitch_rad=0)
-    lane = np.array([-0.2, 3.6, before.heading_rad, 1 / 400, 0, 0, 0])
+    lane = np.array([-0.2, 3.6, before.heading_rad, 1 / 400, 0, 0, 0, 0, 0, 0])
     belief = first_belief(lane, COVARIANCE, 20.0)
     belief.mean[PATH] = 0.0
     after = belief.predict(0.1).mean

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from lanes.metric.lane import Lane
-from lanes.metric.lanemodel import SIDES
+from lanes.metric.lanemodel import SIDES, lateral_gradient
 
 RIGHT_M, RIGHT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
 # A usual lane is so wide, metres; cars change lanes, so that beyond some distance from the middle more says nothing;
@@ -46,7 +46,7 @@ def lane_features(lane: Lane) -> np.ndarray:
 
 def lateral_std_m(lane: Lane, x_m: float) -> float:
     """Standard deviation of the worse line's lateral place `x_m` ahead."""
-    gradients = [np.array([1, side / 2, x_m, x_m**2 / 2, x_m**3 / 6, 0, 0]) for side in SIDES]
+    gradients = [lateral_gradient(x_m, side) for side in SIDES]
     return float(np.sqrt(max(g @ lane.covariance @ g for g in gradients)))
 
 

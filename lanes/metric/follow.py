@@ -3,10 +3,6 @@
 Each stripe measures its distance from the nearer predicted line. Gating leaves out those whose innovation would be a
 surprise; the others are weighed as in the fit of a single picture, with the prediction as prior, and weighed again by
 their distance from the lane that comes out.
-
-Far stripes need care: a road that begins or ends a transition curve within the view leaves the model, all stripes
-beyond that place alike. As independent measurements they would outvote the near ones and bend the lane beside the car.
-An eighth number, the change of the rate of curvature, takes that up; it belongs to this picture and is not kept.
 """
 
 from __future__ import annotations
@@ -16,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from lanes.metric.evidence import Stripes
-from lanes.metric.lanefit import Comparison, LaneFit, compare, paint_weight, place_std, stray_m
+from lanes.metric.lanefit import GENTLE_PER_M, Comparison, LaneFit, compare, paint_weight, place_std, stray_m
 from lanes.metric.motion import Belief, bend_of
 from lanes.metric.roadview import RoadView
 
@@ -25,11 +21,11 @@ from lanes.metric.roadview import RoadView
 GATE = 9.0
 # Stripes of one picture err together (the same paint, the same lens), so they count as so many times fewer.
 TOGETHER = 4.0
-# Change of the rate of curvature, 1/m^3: a rate of 5e-5 that comes or goes within 12 m of road, and more on roads with
-# tighter bends, as their square.
-JOLT_STD_PER_M3, JOLT_STD_SHARE_PER_M = 4e-6, 0.05
-# Standard deviations that still pull, the first time and the second.
-SCALES = (1.5, 1.0)
+# Passes of the correction: (how far it looks, how many standard deviations still pull). Where the road bends it is also
+# followed outwards from the car, as in a single picture, and the lane with more paint on it is taken: a bend that begins
+# ahead leaves the prediction by more than any standard deviation.
+SAME = ((70.0, 1.5), (70.0, 1.0))
+GROWN = ((16.0, 3.0), (22.0, 2.0), (32.0, 1.5), (70.0, 1.0))
 
 
 def gate_stripes(found: Comparison, std_m: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -41,7 +37,7 @@ def gate_stripes(found: Comparison, std_m: np.ndarray, covariance: np.ndarray) -
         With the predicted lane alone.
     std_m : ndarray (stripes,)
         Standard deviation of each stripe's place.
-    covariance : ndarray (7, 7)
+    covariance : ndarray (10, 10)
         Of the prediction.
     """
     derivative = found.derivative[0]
@@ -63,26 +59,33 @@ def correct_lane(stripes: Stripes, belief: Belief, view: RoadView) -> LaneFit:
     Returns
     -------
     LaneFit
-        One lane (1, 7); its information is the inverse of the covariance after the update. Stripes that do not pass the
+        One lane (1, 10); its information is the inverse of the covariance after the update. Stripes that do not pass the
         gate have no weight.
     """
+    same = _correct(stripes, belief, view, SAME)
+    if bend_of(belief.lane) < GENTLE_PER_M:
+        return same
+    grown = _correct(stripes, belief, view, GROWN)
+    return grown if grown.weight.sum() > same.weight.sum() else same
+
+
+def _correct(stripes: Stripes, belief: Belief, view: RoadView, passes: tuple) -> LaneFit:
+    """The correction in such passes."""
     paint, std, stray = paint_weight(stripes), place_std(stripes, view.focal_px), stray_m(stripes)
     found = compare(belief.lane[None], stripes, view.height_m)
     expected = gate_stripes(found, std, belief.lane_covariance) * paint
-    jacobian = np.vstack([found.derivative[0], -np.square(np.square(stripes.x_m)) / 24])
-    jolt_std = JOLT_STD_PER_M3 + JOLT_STD_SHARE_PER_M * bend_of(belief.lane) ** 2
-    prior = np.zeros((len(jacobian), len(jacobian)))
-    prior[:-1, :-1], prior[-1, -1] = np.linalg.inv(belief.lane_covariance), jolt_std**-2
-    moved = found
-    for scale in SCALES:
-        agreement = moved.agreement(std * scale)[0] * expected
-        weighted = jacobian * (agreement / (TOGETHER * ((std * scale) ** 2 + stray**2)))
-        information = weighted @ jacobian.T + prior
-        step = -np.linalg.solve(information, weighted @ found.residual_m[0])
-        # so small a step bends nothing: the stripes need not be laid beside the lane again
-        moved = replace(found, residual_m=found.residual_m + step[:-1] @ found.derivative[0])
-    # What is known of the lane while the jolt is not (the Schur complement). The agreement is the one before the last
-    # step, which is small.
-    across = information[:-1, -1]
-    known = information[:-1, :-1] - np.outer(across, across) / information[-1, -1]
-    return LaneFit(belief.lane[None] + step[:-1], known[None], agreement[None], found.side)
+    prior, guess, moved = np.linalg.inv(belief.lane_covariance), belief.lane, found
+    for far_m, scale in passes:
+        agreement = moved.agreement(std * scale)[0] * expected * (stripes.x_m < far_m)
+        weighted = found.derivative[0] * (agreement / (TOGETHER * ((std * scale) ** 2 + stray**2)))
+        information = weighted @ found.derivative[0].T + prior
+        step = -np.linalg.solve(information, weighted @ found.residual_m[0] + prior @ (guess - belief.lane))
+        if passes is GROWN:
+            guess = guess + step
+            moved = found = compare(guess[None], stripes, view.height_m)
+        else:
+            # so small a step bends nothing: the stripes need not be laid beside the lane again
+            moved = replace(found, residual_m=found.residual_m + step @ found.derivative[0])
+    lane = guess if passes is GROWN else guess + step
+    # the agreement is the one before the last step, which is small
+    return LaneFit(lane[None], information[None], agreement[None], found.side)

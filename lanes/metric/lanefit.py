@@ -16,12 +16,14 @@ from lanes.metric.lanemodel import (
     CENTRE,
     CURVATURE,
     HEADING,
+    KINKS,
     LEFT,
     PITCH,
     RATE,
     RIGHT,
     VERTICAL,
     WIDTH,
+    beyond_knots,
     flatten,
     never_zero,
     place,
@@ -29,11 +31,14 @@ from lanes.metric.lanemodel import (
 
 # What is known of any lane before looking, and its standard deviation, in the order of `lanemodel`: lanes are 2.5
 # to 4.5 m wide, cars drive near their middle and along them, hairpins have radii down to 12 m, cars nod by a degree.
-PRIOR_MEAN = np.array([0.0, 3.5, 0.0, 0.0, 0.0, 0.0, 0.0])
-PRIOR_STD = np.array([0.8, 0.5, 0.15, 0.05, 1e-4, 0.015, 1e-4])
-LIMIT = np.array([3.0, 6.0, 0.7, 0.12, 0.01, 0.06, 5e-3])
+PRIOR_MEAN = np.array([0.0, 3.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+PRIOR_STD = np.array([0.8, 0.5, 0.15, 0.05, 1e-4, 0.015, 1e-4, 1e-4, 1e-4, 1e-4])
+LIMIT = np.array([3.0, 6.0, 0.7, 0.12, 0.01, 0.06, 0.01, 0.01, 0.01, 0.01])
 # A bend takes at least about this far from nothing to all of it.
 TRANSITION_M = 15.0
+KINK_SHARE = 1.5
+CURVATURE_SHARE = 1.0
+VERTICAL_SHARE, GENTLE_PER_M = 0.2, 0.002
 
 # Strength (times the noise) at which a stripe counts half, and difference in direction at which it counts a quarter.
 HALF_STRENGTH = 6.0
@@ -90,7 +95,11 @@ def stray_m(stripes: Stripes) -> np.ndarray:
 def usual_std(lanes: np.ndarray) -> np.ndarray:
     """Standard deviations (K, 7) of what is known before looking: a bent road may also change its bend soon."""
     std = np.tile(PRIOR_STD, (len(lanes), 1))
-    std[:, RATE] += np.abs(lanes[:, CURVATURE]) / TRANSITION_M
+    changing = np.abs(lanes[:, CURVATURE]) / TRANSITION_M
+    std[:, CURVATURE] += CURVATURE_SHARE * np.abs(lanes[:, CURVATURE])
+    std[:, RATE] += changing
+    std[:, KINKS] += (KINK_SHARE * (changing + np.abs(lanes[:, RATE])))[:, None]
+    std[:, VERTICAL] += VERTICAL_SHARE * np.maximum(np.abs(lanes[:, CURVATURE]) - GENTLE_PER_M, 0)
     return std
 
 
@@ -168,29 +177,37 @@ class Comparison:
     astray_rad: np.ndarray
     derivative: np.ndarray
 
-    def agreement(self, std_m: np.ndarray) -> np.ndarray:
+    def agreement(self, std_m: np.ndarray, angle_std_rad: np.ndarray | float = ANGLE_STD_RAD) -> np.ndarray:
         """(K, stripes) weight 0..1 of stripes whose places are known to `std_m` (stripes,): Geman-McClure's, twice."""
-        q = (1 + (self.residual_m / std_m) ** 2) * (1 + (self.astray_rad / ANGLE_STD_RAD) ** 2)
+        q = (1 + (self.residual_m / std_m) ** 2) * (1 + (self.astray_rad / angle_std_rad) ** 2)
         return 1 / (q * q)
 
 
 def compare(lanes: np.ndarray, stripes: Stripes, height_m: float) -> Comparison:
     """Lay stripes beside lanes (K, 7)."""
-    centre, width, heading, curvature, rate, pitch, vertical = (lanes[..., k, None] for k in range(lanes.shape[-1]))
+    centre, width, heading, curvature, rate, pitch, vertical = (lanes[:, k, None] for k in range(KINKS.start))
     x, y, angle = flatten(stripes.x_m, stripes.y_m, stripes.angle, pitch[..., 0], vertical[..., 0], height_m)
     curvature = never_zero(curvature)
     a, turn, scale, ahead, aside = place(x, y, heading[..., 0], curvature[..., 0])
     along = turn / curvature
     squared, square = along * along, ahead * ahead + aside * aside
     bent = squared * along / 6
-    from_middle = a - rate * bent - centre
+    beyond = beyond_knots(along)
+    slopes = np.square(beyond) / 2
+    bumps = slopes * beyond / 3
+    kinks = lanes[:, KINKS, None]
+    slope = rate / 2 * squared + (kinks * slopes).sum(axis=1)
+    from_middle = a - rate * bent - (kinks * bumps).sum(axis=1) - centre
+    aslant = np.sqrt(1 + slope * slope)
     side = np.where(from_middle >= 0, LEFT, RIGHT)
     derivative = np.empty((*lanes.shape, len(stripes)))
     derivative[:, CENTRE] = -1
-    derivative[:, WIDTH] = -side / 2
+    derivative[:, WIDTH] = -side * aslant / 2
     derivative[:, HEADING] = -ahead / scale
     derivative[:, CURVATURE] = (a * a - square) / (2 * scale)
     derivative[:, RATE] = -bent
     derivative[:, PITCH] = x / height_m * (curvature * square - aside) / scale
     derivative[:, VERTICAL] = derivative[:, PITCH] * x / 2
-    return Comparison(from_middle - side * width / 2, side, heading + turn + rate / 2 * squared - angle, derivative)
+    derivative[:, KINKS] = -bumps
+    residual = from_middle - side * aslant * width / 2
+    return Comparison(residual, side, heading + turn + np.arctan(slope) - angle, derivative)

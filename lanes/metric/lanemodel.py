@@ -1,9 +1,11 @@
-"""The shape of a lane: seven numbers for both of its lines, and how they lie on the road and in the view.
+"""The shape of a lane: ten numbers for both of its lines, and how they lie on the road and in the view.
 
 The lane's middle is an arc that passes the car at `centre` with `heading` and `curvature`, which changes by `rate` for
 each metre along it; the two lines run half a `width` to its left and right. `pitch` is how much farther down than its
 mount says the camera looks in this frame (bumps, brakes), and `vertical` the curvature of the road upwards (crests and
-dips): both show in that the lines do not look parallel.
+dips): both show in that the lines do not look parallel. The last three are the kinks: by how much the rate changes
+where the road has run `KNOTS_M`. With them the curvature is a chain of straight pieces over the length of the road, and
+a bend may begin and end within the view, as hairpins do. (Lanes may lack the kinks; then they have none.)
 
 A point's distance from the arc, taken at right angles, needs no x as the running variable, so that hairpins that fold
 back are as good as straight roads:
@@ -12,7 +14,7 @@ back are as good as straight roads:
 
 which follows from |P - C| = 1/k - a for a circle of centre C; concentric lines then differ in `a` alone.
 
-All parameters are arrays (..., 7), so that rival lanes share one pass.
+All parameters are arrays (..., 10), so that rival lanes share one pass.
 """
 
 from __future__ import annotations
@@ -22,6 +24,10 @@ from functools import lru_cache
 import numpy as np
 
 CENTRE, WIDTH, HEADING, CURVATURE, RATE, PITCH, VERTICAL = range(7)
+KINKS = slice(7, 10)
+NUMBERS = 10
+# Where the rate may change, metres: a bend's transition takes ten metres or more, and a kink shows a few metres later.
+KNOTS_M = np.array([7.0, 14.0, 24.0])
 LEFT, RIGHT = 1.0, -1.0
 SIDES = np.array([LEFT, RIGHT])
 
@@ -58,7 +64,7 @@ def lines_on_view(lanes: np.ndarray, x_m: np.ndarray, height_m: float) -> np.nda
 
     Left line first; NaN where a line does not pass, because it has turned back before or lies behind a crest.
     """
-    lanes = lanes[:, None]
+    lanes = np.asarray(lanes)[:, None]
     points = line_points(lanes, SIDES, _along(0.5 * float(x_m.min()), 1.5 * float(x_m.max())))
     x, y = np.maximum(points[..., 0], 0.1), points[..., 1]
     # the ray that meets the road at x, and where it would meet a flat one seen without the pitch
@@ -98,16 +104,35 @@ def place(x, y, heading, curvature) -> tuple[np.ndarray, np.ndarray, np.ndarray,
     return twice / (1 + scale), np.arctan2(curvature * ahead, 1 - curvature * aside), scale, ahead, aside
 
 
+def beyond_knots(along_m: np.ndarray) -> np.ndarray:
+    """(..., 3, N): how far places along roads (..., N) lie beyond each knot, 0 before it."""
+    return np.maximum(along_m[..., None, :] - KNOTS_M[:, None], 0)
+
+
+def swerve(lanes: np.ndarray, along_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far lanes (..., 7 or 10) have left their arc at `along_m` (..., N), and how fast they do: (..., N) each."""
+    rate, kinks = lanes[..., RATE, None], lanes[..., KINKS, None]
+    squared = along_m * along_m
+    offset, slope = rate * (squared * along_m) / 6, rate * squared / 2
+    if kinks.shape[-2]:
+        beyond = beyond_knots(along_m)
+        slopes = kinks * np.square(beyond) / 2
+        offset, slope = offset + (slopes * beyond).sum(axis=-2) / 3, slope + slopes.sum(axis=-2)
+    return offset, slope
+
+
 def line_points(lanes: np.ndarray, side, along_m: np.ndarray) -> np.ndarray:
-    """Points (..., N, 2) of lines of lanes (..., 7), metres, where the lanes' middles have run `along_m` (N,).
+    """Points (..., N, 2) of lines of lanes (..., 7 or 10), metres, where the lanes' middles have run `along_m` (N,).
 
     `side` is `LEFT`, `RIGHT` or an array of them that goes with the lanes.
     """
-    centre, width, heading, curvature, rate = (lanes[..., k, None] for k in range(PITCH))
+    centre, width, heading, curvature = (lanes[..., k, None] for k in range(RATE))
     curvature = never_zero(curvature)
     turn = curvature * along_m
     chord = 2 * np.sin(turn / 2) / curvature
-    offset = centre + np.asarray(side)[..., None] * width / 2 + rate * (along_m * along_m * along_m) / 6
+    offset, slope = swerve(lanes, along_m)
+    # where the lane is aslant to its arc, its lines are farther apart, measured at right angles to the arc
+    offset = offset + centre + np.asarray(side)[..., None] * width / 2 * np.sqrt(1 + slope * slope)
     points = np.empty((*offset.shape, 2))
     points[..., 0] = chord * np.cos(heading + turn / 2) - offset * np.sin(heading + turn)
     points[..., 1] = chord * np.sin(heading + turn / 2) + offset * np.cos(heading + turn)
@@ -115,17 +140,24 @@ def line_points(lanes: np.ndarray, side, along_m: np.ndarray) -> np.ndarray:
 
 
 def line_y(x_m: np.ndarray, lane: np.ndarray, side: float) -> np.ndarray:
-    """Lateral place of a line of the lane (7,) at distances x (N,); NaN where it has turned back before."""
-    centre, width, heading, curvature, rate = lane[:PITCH]
+    """Lateral place of a line of the lane (7 or 10,) at distances x (N,); NaN where it has turned back before."""
+    centre, width, heading, curvature = lane[:RATE]
     along = np.array(x_m, float)
     # Newton's method for the place along the middle that lies beside x; straight roads need one step
-    for _ in range(6):
+    for _ in range(8):
         direction = heading + curvature * along
-        offset = centre + side * width / 2 + rate * along * along * along / 6
-        pace = (1 - curvature * offset) * np.cos(direction) - rate * along * along / 2 * np.sin(direction)
+        offset, slope = swerve(lane, along)
+        offset = offset + centre + side * width / 2 * np.sqrt(1 + slope * slope)
+        pace = (1 - curvature * offset) * np.cos(direction) - slope * np.sin(direction)
         along = along + np.clip((x_m - line_points(lane, side, along)[..., 0]) / np.maximum(pace, 0.1), -5, 5)
     points = line_points(lane, side, along)
     return np.where((np.abs(points[..., 0] - x_m) < 1e-3) & (pace > 0.1), points[..., 1], np.nan)
+
+
+def lateral_gradient(x_m: float, side: float) -> np.ndarray:
+    """(10,): how a line's lateral place `x_m` ahead moves with each number of a nearly straight lane."""
+    beyond = beyond_knots(np.array([x_m]))[:, 0]
+    return np.array([1, side / 2, x_m, x_m**2 / 2, x_m**3 / 6, 0, 0, *(beyond**3 / 6)])
 
 
 def line_coefficients(lane: np.ndarray, side: float) -> tuple[float, float, float, float]:

@@ -1,6 +1,6 @@
 """What is believed about the lane between two frames: how it moves below the car, and how sure that stays.
 
-Eleven numbers: the seven of `lanemodel`, then four of the car: the curvature of the path that it steers, its
+Fourteen numbers: the ten of `lanemodel`, then four of the car: the curvature of the path that it steers, its
 speed, the pitch at which it rests between bumps, and its aim, the direction in which it moves as seen from a camera
 that may not look quite ahead. While the car moves a distance d along its own arc, the lane moves in the car's frame by
 
@@ -22,12 +22,27 @@ from math import exp
 
 import numpy as np
 
-from lanes.metric.lanefit import LIMIT
-from lanes.metric.lanemodel import CENTRE, CURVATURE, HEADING, PITCH, RATE, SIDES, VERTICAL, WIDTH
+from lanes.metric.lanefit import GENTLE_PER_M, LIMIT
+from lanes.metric.lanemodel import (
+    CENTRE,
+    CURVATURE,
+    HEADING,
+    KINKS,
+    KNOTS_M,
+    NUMBERS,
+    PITCH,
+    RATE,
+    SIDES,
+    VERTICAL,
+    WIDTH,
+    lateral_gradient,
+)
 
-PATH, SPEED, REST, AIM = 7, 8, 9, 10
-STATES = 11
-LANE = slice(0, 7)
+PATH, SPEED, REST, AIM = range(NUMBERS, NUMBERS + 4)
+STATES = NUMBERS + 4
+KINKED = np.array([RATE, *range(NUMBERS)[KINKS]])
+KNOT_GAPS_M = np.diff(KNOTS_M, prepend=0.0)
+LANE, CAR = slice(0, NUMBERS), slice(NUMBERS, STATES)
 # How far before the rear axle a camera behind the windscreen of a car sits, metres.
 LEVER_M = 1.6
 # At the tangent speed, 60 to 80 km/h for most cars, rear tyres slip so far outwards that a car points along its way.
@@ -35,6 +50,8 @@ TANGENT_MPS = 20.0
 # Unless told, the car does what cars on roads do; told, the speed is still a clock's and a speedometer's.
 USUAL_SPEED_MPS, USUAL_SPEED_STD_MPS, GIVEN_SPEED_STD_MPS = 24.0, 8.0, 0.5
 FASTEST_MPS = 70.0
+# Drivers take bends so fast that they are pushed sideways by about this much (m/s^2), and tyres hold little more.
+USUAL_PUSH, GREATEST_PUSH = 3.0, 6.0
 # Springs bring the pitch back to rest within such a time; the mount says where that is, to half a degree, and how the
 # camera looks aside, to a quarter.
 SPRING_S, REST_STD_RAD, AIM_STD_RAD = 0.3, 0.01, 0.004
@@ -47,49 +64,59 @@ PATH_PER_S, PATH_SHARE_PER_S, SPEED_PER_S = 1e-3, 0.3, 1.0
 # radius allows for).
 WIDTH_PER_M, VERTICAL_PER_M, CURVATURE_PER_M = 0.004, 5e-6, 3e-6
 RATE_PER_M, RATE_SHARE = 6e-6, 1.0
+# Kinks of the same: little on motorways, and up to those of a hairpin where the road bends more than motorways do. The
+# same goes for crests and dips.
+KINK_PER_M, KINK_SHARE, KINK_MOST_PER_M = 5e-5, 0.2, 1e-3
+VERTICAL_SHARE = 0.1
 # A bend that is coming up within such a distance counts like one.
-BEND_AHEAD_M = 15.0
+BEND_AHEAD_M = 25.0
 # A transition curve ends after some such distance, and its change of curvature with it.
 TRANSITION_M = 150.0
+# A kink that is foreseen fades sooner: that it is a kink, and where, is not known before it is seen.
+KINK_M = 15.0
 # Neighbouring lanes of one road differ by about this in width.
 NEIGHBOUR_STD_M = 0.15
 
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """Mean (11,) and covariance (11, 11) of lane and car."""
+    """Mean (14,) and covariance (14, 14) of lane and car."""
 
     mean: np.ndarray
     covariance: np.ndarray
 
     @property
     def lane(self) -> np.ndarray:
-        """(7,) parameters of the lane."""
+        """(10,) parameters of the lane."""
         return self.mean[LANE]
 
     @property
     def lane_covariance(self) -> np.ndarray:
-        """(7, 7)."""
+        """(10, 10)."""
         return self.covariance[LANE, LANE]
 
     def predict(self, elapsed_s: float, *, steady_speed: bool = False) -> Belief:
         """The belief `elapsed_s` seconds later, before the next picture is looked at."""
         # Python's numbers one by one: for so few of them numpy's overhead is most of the time
-        _, _, heading, curvature, rate, pitch, _, path, speed, rest, aim = self.mean.tolist()
+        _, _, heading, curvature, rate, pitch, *_ = self.mean.tolist()
+        path, speed, rest, aim = self.mean[CAR].tolist()
         d, turn = speed * elapsed_s, curvature - path
         lever = LEVER_M * max(0.0, 1 - (speed / TANGENT_MPS) ** 2)
         slant = heading - aim - lever * path
         mean, jacobian = self.mean.copy(), np.eye(STATES)
-        fading, swing = exp(-d / TRANSITION_M), exp(-elapsed_s / SPRING_S)
+        swing = exp(-elapsed_s / SPRING_S)
+        kept, nearer = _move_kinks(d)
         mean[CENTRE] += slant * d + turn * d * d / 2
         mean[HEADING] += turn * d
         mean[CURVATURE] += rate * d
-        mean[RATE] *= fading
+        mean[KINKED] *= kept
+        mean[KINKED[:-1]] += nearer * self.mean[KINKS]
         mean[PITCH] = swing * pitch + (1 - swing) * rest
         jacobian[CENTRE, HEADING], jacobian[CENTRE, AIM] = d, -d
         jacobian[CENTRE, CURVATURE], jacobian[CENTRE, PATH] = d * d / 2, -d * d / 2 - lever * d
         jacobian[HEADING, CURVATURE], jacobian[HEADING, PATH] = d, -d
-        jacobian[CURVATURE, RATE], jacobian[RATE, RATE] = d, fading
+        jacobian[CURVATURE, RATE] = d
+        jacobian[KINKED, KINKED], jacobian[KINKED[:-1], KINKED[1:]] = kept, nearer
         jacobian[CENTRE, SPEED] = (slant + turn * d) * elapsed_s
         jacobian[HEADING, SPEED], jacobian[CURVATURE, SPEED] = turn * elapsed_s, rate * elapsed_s
         jacobian[PITCH, PITCH], jacobian[PITCH, REST] = swing, 1 - swing
@@ -99,20 +126,20 @@ class Belief:
         return Belief(mean, covariance)
 
     def corrected(self, lane: np.ndarray, covariance: np.ndarray) -> Belief:
-        """The belief after the lane's seven numbers turned out as `lane` (7,) with `covariance` (7, 7).
+        """The belief after the lane's ten numbers turned out as `lane` (10,) with `covariance` (10, 10).
 
         What the lane tells of the car follows by regression: G = P_cl P_ll^-1 is how the car's numbers move with the
         lane's.
         """
-        across, old = self.covariance[7:, LANE], self.lane_covariance
+        across, old = self.covariance[CAR, LANE], self.lane_covariance
         gain = np.linalg.solve(old, across.T).T
-        mean = np.concatenate([lane, self.mean[7:] + gain @ (lane - self.lane)])
-        mean[SPEED] = min(max(mean[SPEED], 0.0), FASTEST_MPS)
+        mean = np.concatenate([lane, self.mean[CAR] + gain @ (lane - self.lane)])
+        mean[SPEED] = min(max(mean[SPEED], 0.0), fastest_mps(lane[CURVATURE], GREATEST_PUSH))
         new_across = gain @ covariance
-        car = self.covariance[7:, 7:] - gain @ (old - covariance) @ gain.T
+        car = self.covariance[CAR, CAR] - gain @ (old - covariance) @ gain.T
         whole = np.empty_like(self.covariance)
-        whole[LANE, LANE], whole[7:, 7:] = covariance, (car + car.T) / 2
-        whole[7:, LANE], whole[LANE, 7:] = new_across, new_across.T
+        whole[LANE, LANE], whole[CAR, CAR] = covariance, (car + car.T) / 2
+        whole[CAR, LANE], whole[LANE, CAR] = new_across, new_across.T
         return Belief(mean, whole)
 
     def beside(self, side: float) -> Belief:
@@ -126,14 +153,17 @@ class Belief:
 
     def lateral_std_m(self, x_m: float) -> float:
         """Standard deviation of the worse line's lateral place `x_m` ahead."""
-        gradients = [np.array([1, side / 2, x_m, x_m**2 / 2, x_m**3 / 6, 0, 0]) for side in SIDES]
+        gradients = [lateral_gradient(x_m, side) for side in SIDES]
         return float(np.sqrt(max(g @ self.lane_covariance @ g for g in gradients)))
 
 
 def first_belief(lane: np.ndarray, covariance: np.ndarray, speed_mps: float | None) -> Belief:
     """The belief after a first picture: the car follows the road, roughly, at the given or the usual speed."""
     path_std = np.hypot(PATH_PER_S, 0.3 * lane[CURVATURE])
-    speed, speed_std = (USUAL_SPEED_MPS, USUAL_SPEED_STD_MPS) if speed_mps is None else (speed_mps, GIVEN_SPEED_STD_MPS)
+    speed, speed_std = speed_mps, GIVEN_SPEED_STD_MPS
+    if speed_mps is None:
+        speed = min(USUAL_SPEED_MPS, fastest_mps(lane[CURVATURE], USUAL_PUSH))
+        speed_std = USUAL_SPEED_STD_MPS * speed / USUAL_SPEED_MPS
     whole = np.zeros((STATES, STATES))
     whole[LANE, LANE] = covariance
     car = [PATH, SPEED, REST, AIM]
@@ -141,18 +171,38 @@ def first_belief(lane: np.ndarray, covariance: np.ndarray, speed_mps: float | No
     return Belief(np.concatenate([lane, [lane[CURVATURE], speed, 0.0, 0.0]]), whole)
 
 
+def fastest_mps(curvature_per_m: float, push: float) -> float:
+    """How fast a bend can be driven if that pushes by `push` (m/s^2) sideways: v^2 k = push."""
+    return float(np.sqrt(push / max(abs(curvature_per_m), push / FASTEST_MPS**2)))
+
+
+def _move_kinks(distance_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """What is kept of rate and kinks (4,) after the car has driven on, and what of the kinks (3,) goes to the one before.
+
+    Each kink comes nearer and is shared by the knots before and behind it; the rate is the kink at the car. All fade,
+    because transitions end.
+    """
+    share = np.minimum(np.maximum(distance_m / KNOT_GAPS_M, 0), 1)
+    fading, forgetting = np.exp(-distance_m / TRANSITION_M), np.exp(-distance_m / KINK_M)
+    return np.concatenate([[fading], (1 - share) * forgetting]), share * fading
+
+
 def bend_of(lane: np.ndarray) -> float:
     """How much the road bends here or soon, 1/m: what the changes to be expected are in proportion to."""
-    return float(abs(lane[CURVATURE]) + BEND_AHEAD_M * abs(lane[RATE]))
+    ahead = BEND_AHEAD_M - np.concatenate([[0.0], KNOTS_M])
+    return float(max(abs(lane[CURVATURE]), abs(lane[CURVATURE] + np.maximum(ahead, 0) @ lane[KINKED])))
 
 
 def _noise(bend: float, distance_m: float, elapsed_s: float, steady_speed: bool) -> np.ndarray:
-    """(11,) variances that one step adds."""
+    """(14,) variances that one step adds."""
     per_s, per_m = np.zeros(STATES), np.zeros(STATES)
+    sharp = max(bend - GENTLE_PER_M, 0.0)
     per_s[[CENTRE, HEADING, PITCH, REST]] = CENTRE_PER_S, HEADING_PER_S, PITCH_PER_S, REST_PER_S
     per_s[AIM] = AIM_PER_S
     per_s[PATH] = PATH_PER_S + PATH_SHARE_PER_S * bend
     per_s[SPEED] = 0.0 if steady_speed else SPEED_PER_S
     per_m[[WIDTH, VERTICAL]] = WIDTH_PER_M, VERTICAL_PER_M
     per_m[CURVATURE], per_m[RATE] = CURVATURE_PER_M, RATE_PER_M + RATE_SHARE * bend**2
+    per_m[KINKS] = min(KINK_PER_M + KINK_SHARE * sharp, KINK_MOST_PER_M)
+    per_m[VERTICAL] += VERTICAL_SHARE * sharp
     return per_s**2 * elapsed_s + per_m**2 * abs(distance_m)

@@ -235,7 +235,8 @@ def same_lane(found: Lane, known: Lane) -> bool:
     little paint of the other: then the known lane knows better where that one is, and how wide the lane.
     """
     y, known_y = found.lateral_m(SAME_AT_M), known.lateral_m(SAME_AT_M)
-    same = (np.abs(y - known_y) < SAME_M).all(axis=1)
+    # in a hairpin lines may have turned back before they come so far
+    same = ~(np.abs(y - known_y) > SAME_M).any(axis=1)
     crossing = [y[0] - known_y[1], y[1] - known_y[0]]
     left, right = found.left.support, found.right.support
     return bool(
