@@ -90,3 +90,16 @@ def test_the_edge_of_the_picture_is_no_stripe():
     # beyond it the view is black: bright roads would end in a stripe as wide as the filters' reach
     image = np.full((CAMERA.height, CAMERA.width, 3), 210, np.uint8)
     assert len(find_stripes(measure_paint(VIEW.warp(image), VIEW), VIEW)) == 0
+
+
+@pytest.mark.parametrize("slope", [-0.5, 0.5])
+def test_a_double_line_that_crosses_the_view_is_seen(slope):
+    """As in a hairpin: two yellow stripes with a gap, 27 degrees aslant, 0.44 m wide along a row."""
+    road = Road(CAMERA)
+    for across in (-0.16, 0.16):
+        road.line(lambda x, a=across: slope * (x - 9.0) + a, colour=YELLOW)
+    stripes = near(stripes_of(road), lambda x: slope * (x - 9.0), far_m=14)
+    centre = stripes.select(np.abs(stripes.y_m - slope * (stripes.x_m - 9.0)) < 0.1)
+    strong = centre.select(centre.strength > 6)
+    assert len(np.unique(strong.row)) > 0.9 * len(np.unique(stripes.row))
+    assert strong.yellow.mean() > 0.9 and strong.double.mean() > 0.9

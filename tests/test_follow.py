@@ -7,12 +7,14 @@ from drives import CAMERA
 
 from lanes.metric.evidence import Stripes
 from lanes.metric.follow import correct_lane
-from lanes.metric.lanemodel import CENTRE, CURVATURE, SIDES, WIDTH, line_points
+from lanes.metric.lanemodel import CENTRE, CURVATURE, SIDES, WIDTH, line_points, line_y
 from lanes.metric.motion import Belief, first_belief
 from lanes.metric.roadview import RoadView
 
 VIEW = RoadView(CAMERA)
 STD = np.array([0.1, 0.05, 0.01, 5e-4, 1e-5, 0.003, 5e-5, 1e-5, 1e-5, 1e-5])
+# Where the road bends, kinks of a hairpin's size are expected.
+KINKED_STD = np.array([0.1, 0.05, 0.02, 5e-3, 5e-4, 0.003, 5e-5, 2e-3, 2e-3, 2e-3])
 LANE = np.array([0.2, 3.6, 0.01, 1 / 500, 0, 0, 0, 0, 0, 0])
 
 
@@ -94,3 +96,27 @@ def test_no_stripes_leave_the_prediction():
     fit = correct_lane(stripes_on(LANE, far_m=0.0), belief, VIEW)
     np.testing.assert_allclose(fit.lane[0], LANE, atol=1e-12)
     np.testing.assert_allclose(np.linalg.inv(fit.information[0]), np.diag(STD**2), rtol=1e-6, atol=1e-15)
+
+
+def test_a_bend_that_begins_ahead_is_followed():
+    """Predicted is a gentle bend; from 11 m on the road tightens to R 25 m, by up to 1.5 m at 22 m."""
+    belief = first_belief(np.array([0.0, 3.4, 0, 4e-3, 0, 0, 0, 0, 0, 0]), np.diag(KINKED_STD**2), 8.0)
+    along = np.arange(0.0, 40.0, 0.02)
+    turned = np.cumsum(np.interp(along, [0.0, 11.0, 20.0], [4e-3, 4e-3, 1 / 25])) * 0.02
+    middle = np.cumsum(np.stack([np.cos(turned), np.sin(turned)]), axis=1) * 0.02
+    x, lines = VIEW.x_m[VIEW.x_m < 22], []
+    for side in SIDES:
+        points = middle + side * 1.7 * np.stack([-np.sin(turned), np.cos(turned)])
+        lines.append(np.interp(x, *points))
+    angles = [np.arctan(np.gradient(y, x)) for y in lines]
+    yes = np.zeros(2 * len(x), bool)
+    row = np.tile(np.flatnonzero(VIEW.x_m < 22), 2)
+    stripes = Stripes(row, np.tile(x, 2), np.hstack(lines), np.hstack(angles), np.full(2 * len(x), 30.0), yes, yes)
+    at = np.array([8.0, 14.0, 20.0])
+    true = np.array([np.interp(at, x[::-1], y[::-1]) for y in lines])
+    off, foretold_off = (
+        np.abs([line_y(at, lane, side) for side in SIDES] - true).max(axis=0)
+        for lane in (correct_lane(stripes, belief, VIEW).lane[0], belief.lane)
+    )
+    assert foretold_off[2] > 0.4
+    assert off[0] < 0.03 and off[1] < 0.05 and off[2] < foretold_off[2] / 2

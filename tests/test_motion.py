@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.metric.lanemodel import CENTRE, CURVATURE, HEADING, PITCH, RATE, WIDTH
-from lanes.metric.motion import AIM, LANE, PATH, REST, SPEED, Belief, first_belief
+from lanes.metric.lanemodel import CENTRE, CURVATURE, HEADING, KINKS, KNOTS_M, PITCH, RATE, WIDTH
+from lanes.metric.motion import AIM, LANE, PATH, REST, SPEED, Belief, bend_of, fastest_mps, first_belief
 from lanes.scenes.road import Pose, RoadGeometry
 from lanes.scenes.truth import lane_truth
 
@@ -99,3 +99,26 @@ def test_the_neighbouring_lane_shares_a_line(side):
     assert other @ neighbour.covariance @ other == pytest.approx(shared @ belief.covariance @ shared)
     far = shared @ neighbour.covariance @ shared
     assert far > shared @ belief.covariance @ shared
+
+
+def test_a_kink_comes_nearer_and_becomes_the_rate():
+    """A straight that bends from the first knot on: when the car is there, so is the bend."""
+    belief = belief_with(path=0.0, aim=0.0)
+    belief.mean[LANE] = [0, 3.6, 0, 0, 0, 0, 0, 2e-3, 0, 0]
+    for _ in range(70):
+        belief.mean[SPEED] = 10.0
+        belief = belief.predict(0.01)
+    # it fades as it comes; what is left of it has become the rate, or lies before the car
+    rate, kink = belief.mean[RATE], belief.mean[KINKS][0]
+    assert 0 < kink < rate < 2e-3
+    assert 0 < belief.mean[CURVATURE] < 2e-3 * 7
+    before = bend_of(np.array([0, 3.6, 0, 0, 0, 0, 0, 2e-3, 0, 0]))
+    assert before == pytest.approx(2e-3 * (25 - KNOTS_M[0]))
+
+
+@pytest.mark.parametrize(("radius_m", "fastest"), [(24.0, 12.0), (1e9, 70.0)])
+def test_nobody_drives_a_hairpin_at_the_speed_of_a_motorway(radius_m, fastest):
+    assert fastest_mps(-1 / radius_m, 6.0) == pytest.approx(fastest)
+    lane = np.array([0, 3.4, 0, 1 / radius_m, 0, 0, 0, 0, 0, 0])
+    assert first_belief(lane, COVARIANCE, None).mean[SPEED] <= fastest
+    assert first_belief(lane, COVARIANCE, 20.0).mean[SPEED] == 20.0

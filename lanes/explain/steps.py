@@ -111,7 +111,7 @@ def judge_stripes(sight: Sight) -> Step:
 
 
 def judge_votes(starts: np.ndarray) -> Step:
-    """What the stripes suggest, lanes (K, 7)."""
+    """What the stripes suggest, lanes (K, 10)."""
     best = starts[0]
     return Step(
         "votes",

@@ -22,8 +22,8 @@ GATE = 9.0
 # Stripes of one picture err together (the same paint, the same lens), so they count as so many times fewer.
 TOGETHER = 4.0
 # Passes of the correction: (how far it looks, how many standard deviations still pull). Where the road bends it is also
-# followed outwards from the car, as in a single picture, and the lane with more paint on it is taken: a bend that begins
-# ahead leaves the prediction by more than any standard deviation.
+# followed outwards from the car, as in a single picture, and the lane with more paint on it is taken: a bend that
+# begins ahead leaves the prediction by more than any standard deviation.
 SAME = ((70.0, 1.5), (70.0, 1.0))
 GROWN = ((16.0, 3.0), (22.0, 2.0), (32.0, 1.5), (70.0, 1.0))
 
@@ -59,8 +59,8 @@ def correct_lane(stripes: Stripes, belief: Belief, view: RoadView) -> LaneFit:
     Returns
     -------
     LaneFit
-        One lane (1, 10); its information is the inverse of the covariance after the update. Stripes that do not pass the
-        gate have no weight.
+        One lane (1, 10); its information is the inverse of the covariance after the update. Stripes that do not pass
+        the gate have no weight.
     """
     same = _correct(stripes, belief, view, SAME)
     if bend_of(belief.lane) < GENTLE_PER_M:

@@ -54,7 +54,7 @@ class Seen:
 def see_lines(
     fit: LaneFit, sight: Sight, view: RoadView, before: tuple[Seen, Seen], look_at: int | None
 ) -> tuple[Seen, Seen]:
-    """What a picture shows of the two lines of a fitted lane (1, 7).
+    """What a picture shows of the two lines of a fitted lane (1, 10).
 
     Parameters
     ----------

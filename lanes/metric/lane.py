@@ -20,6 +20,7 @@ from lanes.metric.lanemodel import (
     CENTRE,
     CURVATURE,
     HEADING,
+    NUMBERS,
     PITCH,
     RATE,
     SIDES,
@@ -107,7 +108,7 @@ class Lane:
         Sum of the square roots of the supports less what the lane is unusual; and how much better than the next lane.
     model : ndarray (7,)
         Parameters as in `lanes.metric.lanefit`, for the stripes next to the lane.
-    covariance : ndarray (7, 7)
+    covariance : ndarray (10, 10)
     """
 
     offset_m: float
@@ -137,7 +138,7 @@ class Lane:
         score: float,
         margin: float,
     ) -> Lane:
-        """The lane of a fitted model (7,) and its covariance (7, 7), with its left and right line."""
+        """The lane of a fitted model (7,) and its covariance (10, 10), with its left and right line."""
         std = np.sqrt(np.diag(covariance))
         return cls(
             offset_m=float(-model[CENTRE]),
@@ -254,13 +255,13 @@ def near_stripes(stripes: Stripes) -> Stripes:
 
 
 def vote_lanes(near: Stripes, view: RoadView) -> tuple[np.ndarray, np.ndarray]:
-    """The vote table (hypotheses, bins) of the stripes nearby, and the lanes (K, 7) that it suggests, best first."""
+    """The vote table (hypotheses, bins) of the stripes nearby, and the lanes (K, 10) that it suggests, best first."""
     votes = count_votes(near, view.height_m)
     return votes, best_pairs(votes, int((view.x_m < FAR_M).sum()))
 
 
 def follow_lane(stripes: Stripes, view: RoadView, mean: np.ndarray, information: np.ndarray) -> LaneFit:
-    """Fit the one lane that is expected: `mean` (7,) and inverse covariance (7, 7) of the prediction are the prior."""
+    """Fit the one lane that is expected: `mean` (7,) and inverse covariance (10, 10) of the prior."""
     return fit_lanes(
         mean[None],
         stripes,
@@ -306,18 +307,18 @@ def inner_stripes(paint: Sequence[Paint | None]) -> np.ndarray:
     `paint` is that of the left and the right line; None moves nothing.
     """
     left, right = (p.stripe_m(side) if p else 0.0 for p, side in zip(paint, SIDES, strict=True))
-    shift = np.zeros(VERTICAL + 1)
+    shift = np.zeros(NUMBERS)
     shift[[CENTRE, WIDTH]] = (left + right) / 2, left - right
     return shift
 
 
 def score_lanes(lanes: np.ndarray, support: np.ndarray) -> np.ndarray:
-    """(K,) how good lanes (K, 7) with these supports (K, 2) are: paint, less how unusual, less not being the own."""
+    """(K,) how good lanes (K, 10) with these supports (K, 2) are: paint, less how unusual, less not being the own."""
     return np.sqrt(support).sum(axis=1) - PRIOR_WEIGHT * strangeness(lanes) - elsewhere(lanes)
 
 
 def elsewhere(lanes: np.ndarray) -> np.ndarray:
-    """(K,) bool: lanes (K, 7) that the car is not in, because both lines pass it on the same side."""
+    """(K,) bool: lanes (K, 10) that the car is not in, because both lines pass it on the same side."""
     return np.abs(lanes[:, CENTRE]) > lanes[:, WIDTH] / 2
 
 

@@ -36,6 +36,9 @@ PRIOR_STD = np.array([0.8, 0.5, 0.15, 0.05, 1e-4, 0.015, 1e-4, 1e-4, 1e-4, 1e-4]
 LIMIT = np.array([3.0, 6.0, 0.7, 0.12, 0.01, 0.06, 0.01, 0.01, 0.01, 0.01])
 # A bend takes at least about this far from nothing to all of it.
 TRANSITION_M = 15.0
+# Kinks are as large as what they end or begin, and a little more; the prior of a sharp bend is wider, so that it is
+# not drawn towards the straight; and roads with bends sharper than motorways' have crests and dips as sharp as a
+# fifth of them.
 KINK_SHARE = 1.5
 CURVATURE_SHARE = 1.0
 VERTICAL_SHARE, GENTLE_PER_M = 0.2, 0.002
@@ -60,9 +63,9 @@ class LaneFit:
 
     Attributes
     ----------
-    lane : ndarray (..., 7)
+    lane : ndarray (..., 10)
         The parameters, in the order of `lanes.metric.lanemodel`.
-    information : ndarray (..., 7, 7)
+    information : ndarray (..., 10, 10)
         Inverse covariance, prior included.
     weight : ndarray (..., stripes)
         How much each stripe supports the lane, 0 to 1.
@@ -93,7 +96,7 @@ def stray_m(stripes: Stripes) -> np.ndarray:
 
 
 def usual_std(lanes: np.ndarray) -> np.ndarray:
-    """Standard deviations (K, 7) of what is known before looking: a bent road may also change its bend soon."""
+    """Standard deviations (K, 10) of what is known before looking: a bent road may also change its bend soon."""
     std = np.tile(PRIOR_STD, (len(lanes), 1))
     changing = np.abs(lanes[:, CURVATURE]) / TRANSITION_M
     std[:, CURVATURE] += CURVATURE_SHARE * np.abs(lanes[:, CURVATURE])
@@ -118,20 +121,20 @@ def fit_lanes(
     prior_information: np.ndarray | None = None,
     schedule: tuple = GROW,
 ) -> LaneFit:
-    """Refine lanes (K, 7) by reweighted least squares, following both lines outwards.
+    """Refine lanes (K, 10) by reweighted least squares, following both lines outwards.
 
     Each step weighs a stripe by its strength, by its distance from the nearer line (Geman-McClure) and by how well its
     direction agrees with the line's, then solves the normal equations together with the prior.
 
     Parameters
     ----------
-    lanes : ndarray (K, 7)
+    lanes : ndarray (K, 10)
         Starts.
     stripes : Stripes
     height_m, focal_px : float
         Of the camera.
     prior_mean : ndarray (7,)
-    prior_information : ndarray (7, 7), optional
+    prior_information : ndarray (10, 10), optional
         Inverse covariance of the prior; by default that of `usual_std`.
     schedule : sequence of (far_m, scale)
 
@@ -158,7 +161,7 @@ def fit_lanes(
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """How stripes lie beside lanes (K, 7).
+    """How stripes lie beside lanes (K, 10).
 
     Attributes
     ----------
@@ -168,7 +171,7 @@ class Comparison:
         `LEFT` or `RIGHT`: which line that is.
     astray_rad : ndarray (K, stripes)
         How much farther to the left than the stripe that line points.
-    derivative : ndarray (K, 7, stripes)
+    derivative : ndarray (K, 10, stripes)
         Of the residual, for each number of the lane.
     """
 
@@ -184,7 +187,7 @@ class Comparison:
 
 
 def compare(lanes: np.ndarray, stripes: Stripes, height_m: float) -> Comparison:
-    """Lay stripes beside lanes (K, 7)."""
+    """Lay stripes beside lanes (K, 10)."""
     centre, width, heading, curvature, rate, pitch, vertical = (lanes[:, k, None] for k in range(KINKS.start))
     x, y, angle = flatten(stripes.x_m, stripes.y_m, stripes.angle, pitch[..., 0], vertical[..., 0], height_m)
     curvature = never_zero(curvature)

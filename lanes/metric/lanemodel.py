@@ -60,7 +60,7 @@ def flatten(x_m, y_m, angle, pitch, vertical, height_m: float) -> tuple[np.ndarr
 
 
 def lines_on_view(lanes: np.ndarray, x_m: np.ndarray, height_m: float) -> np.ndarray:
-    """Lateral places (K, 2, N) of both lines of lanes (K, 7) on the flat grid of a view, at distances x (N,).
+    """Lateral places (K, 2, N) of both lines of lanes (K, 10) on the flat grid of a view, at distances x (N,).
 
     Left line first; NaN where a line does not pass, because it has turned back before or lies behind a crest.
     """

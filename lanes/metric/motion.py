@@ -177,7 +177,7 @@ def fastest_mps(curvature_per_m: float, push: float) -> float:
 
 
 def _move_kinks(distance_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """What is kept of rate and kinks (4,) after the car has driven on, and what of the kinks (3,) goes to the one before.
+    """What is kept of rate and kinks (4,) after the car has driven on, and what of kinks (3,) goes to the one before.
 
     Each kink comes nearer and is shared by the knots before and behind it; the rate is the kink at the car. All fade,
     because transitions end.

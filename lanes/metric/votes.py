@@ -107,7 +107,7 @@ def best_pairs(votes: np.ndarray, rows: int, *, most: int = 8) -> np.ndarray:
 
     Returns
     -------
-    ndarray of shape (K, 7), K <= `most`
+    ndarray of shape (K, 10), K <= `most`
         Lanes as in `lanemodel`, best first, no two alike. The square root of each line's votes counts, so that
         two fair lines beat one good line beside nothing.
     """
