@@ -40,7 +40,7 @@ from lanes.metric.lane import (
     vote_lanes,
 )
 from lanes.metric.lanefit import LaneFit
-from lanes.metric.lanemodel import CENTRE, SIDES, WIDTH, lines_on_view
+from lanes.metric.lanemodel import CENTRE, SIDES, WIDTH, lateral_gradient, lines_on_view
 from lanes.metric.roadview import RoadView
 from lanes.metric.tracked import TrackedLane
 
@@ -117,14 +117,8 @@ class Explanation:
 
     def line_stds_m(self, x_m: np.ndarray) -> np.ndarray:
         """Standard deviations (2, N) of the left and right line's lateral place at distances (N,), metres."""
-        x = np.asarray(x_m, float)
-        terms = [np.ones_like(x), 0 * x, x, x**2 / 2, x**3 / 6, 0 * x, 0 * x]
-        stds = []
-        for side in SIDES:
-            terms[WIDTH] = np.full_like(x, side / 2)
-            gradient = np.stack(terms, axis=-1)
-            stds.append(np.sqrt(((gradient @ self.lane.covariance) * gradient).sum(axis=-1)))
-        return np.array(stds)
+        gradients = np.array([[lateral_gradient(x, side) for x in x_m] for side in SIDES])
+        return np.sqrt(((gradients @ self.lane.covariance) * gradients).sum(axis=-1))
 
     def describe(self) -> str:
         """Lines for people: the steps, the result, what was rejected, and what to do."""
