@@ -24,8 +24,8 @@ USUAL_WIDTH_M, MOST_OFFSET_M, MOST_REACH_M = 3.5, 0.8, 40.0
 # ones are less even: there it makes the confidence worse.
 FEATURES = ("constant", "log std", "odd width", "offset", "shorter reach", "longer reach", "bend")
 # For a lane found in a single picture, and for one followed.
-STILL_WEIGHTS = np.array([0.09, -0.75, -6.93, -2.69, 1.19, 3.45, 2.94])
-TRACK_WEIGHTS = np.array([-0.68, -1.59, -5.84, -3.54, -0.51, 3.17, 2.77])
+STILL_WEIGHTS = np.array([0.95, -0.52, -6.65, -2.36, 1.48, 2.60, 1.63])
+TRACK_WEIGHTS = np.array([1.49, -0.78, -6.14, -3.06, 0.15, 1.41, 0.85])
 
 
 def lane_features(lane: Lane) -> np.ndarray:
