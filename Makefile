@@ -40,7 +40,7 @@ test: $(INSTALLED) $(WITH_DASK)
 	@echo "== Lint"
 	@$(ENV)/ruff check . && $(ENV)/ruff format --check .
 	@echo "== Unit tests, then the notebook against its committed outputs (some minutes)"
-	@env -u LANES_DATA $(ENV)/python -m pytest tests project.ipynb --nbval --nbval-current-env \
+	@env -u LANES_DATA $(ENV)/python -m pytest tests project.ipynb -n 2 --dist loadfile --nbval --nbval-current-env \
 		--nbval-cell-timeout 120 -p tests.compare_figures
 
 # Written last, so that a broken installation is tried again.
