@@ -187,6 +187,8 @@ class TestTables:
         rows = [
             row("bridge", "hls_sobel", right_share=0.9),
             row("bridge", "metric", right_share=0.8),
+            row("hairpin", "hls_sobel", right_share=0.0, lateral_5_20m_p95_m=np.nan),
+            row("hairpin", "metric", right_share=0.4, lateral_5_20m_p95_m=np.inf),
             row("desert", "hls_sobel", right_share=np.nan, confidently_wrong_share=1.0),
             row("desert", "metric", right_share=np.nan, confidently_wrong_share=0.0),
         ]
@@ -198,6 +200,7 @@ class TestTables:
             "| scene | difficulty | hls_sobel | metric |",
             "|---|---|---|---|",
             "| bridge | hard | **90.0%, 0.12 m** | 80.0%, 0.12 m |",
+            "| hairpin | hard | 0.0%, lost | **40.0%, a line ends** |",
             "| desert | hard | 100.0% false | **0.0% false** |",
         ]
 

@@ -101,8 +101,15 @@ def _markdown_cell(row: Row, best: float) -> str:
     if math.isnan(float(row["right_share"])):
         text = f"{row['confidently_wrong_share']:.1%} false"
     else:
-        text = f"{row['right_share']:.1%}, {row['lateral_5_20m_p95_m']:.2f} m"
+        text = f"{row['right_share']:.1%}, {_describe_distance(float(row['lateral_5_20m_p95_m']))}"
     return f"**{text}**" if _success(row) == best else text
+
+
+def _describe_distance(error_m: float) -> str:
+    """An error, or what there is instead: no lane was given at all, or a line that ends before the true one."""
+    if math.isnan(error_m):
+        return "lost"
+    return "a line ends" if math.isinf(error_m) else f"{error_m:.2f} m"
 
 
 def _pair(key: str, unit: str, factor: float = 1.0) -> Callable[[Row], str]:
