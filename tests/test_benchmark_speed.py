@@ -91,7 +91,7 @@ def test_every_stage_is_met(times):
 
 def test_stages_make_up_the_whole(times):
     for found in times.values():
-        assert sum(found.stages.values()) == pytest.approx(found.undistorts, rel=0.25)
+        assert sum(found.stages.values()) == pytest.approx(found.undistorts)
 
 
 def test_a_search_costs_more_than_following(times):

@@ -54,7 +54,7 @@ CLASSIC_STAGES = {
 
 @dataclass(frozen=True)
 class FrameTime:
-    """Medians over frames of one system: processor time in ms, in undistorts, and of its stages, in undistorts."""
+    """Medians over frames of one system: processor time in ms and in undistorts; its stages divide the latter."""
 
     ms: float
     undistorts: float
@@ -161,5 +161,8 @@ def _stages_s(process: Callable, stages: dict, frame: np.ndarray) -> dict[str, f
 
 def _medians(spent_s: list[dict[str, float]], unit_s: np.ndarray, stages: list[str]) -> FrameTime:
     whole_s = np.array([sum(frame.values()) for frame in spent_s])
-    shares = {stage: float(np.median([frame.get(stage, 0.0) for frame in spent_s] / unit_s)) for stage in stages}
-    return FrameTime(1e3 * float(np.median(whole_s)), float(np.median(whole_s / unit_s)), shares)
+    undistorts = float(np.median(whole_s / unit_s))
+    # Parts of all the time, not medians: of a stage that only some frames have the median is no part of the whole.
+    parts = {stage: sum(frame.get(stage, 0.0) for frame in spent_s) / whole_s.sum() for stage in stages}
+    shares = {stage: float(undistorts * part) for stage, part in parts.items()}
+    return FrameTime(1e3 * float(np.median(whole_s)), undistorts, shares)
