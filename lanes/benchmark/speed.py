@@ -64,7 +64,7 @@ def _describe_frames(times: dict[str, FrameTime]) -> str:
         lines += [f"  {stage:20}{value:10.2f}" for stage, value in found.stages.items()]
     table = "\n".join(lines)
     return (
-        f"{table}\nDetect, measure and draw a frame on one core: processor time, medians (stages need not add up).\n"
+        f"{table}\nDetect, measure and draw a frame on one core: processor time, medians (stages divide them).\n"
         "An undistort is one cv2.undistort of the same frame on one OpenCV thread in the same run."
     )
 
