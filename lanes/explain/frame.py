@@ -51,7 +51,7 @@ class Candidate:
 
     Attributes
     ----------
-    model : ndarray (7,)
+    model : ndarray (10,)
         Parameters as in `lanes.metric.lanemodel`.
     support : ndarray (2,)
         Share of the left and the right line's rows that have paint on them.

@@ -106,7 +106,7 @@ class Lane:
     left, right : LaneLine
     score, margin : float
         Sum of the square roots of the supports less what the lane is unusual; and how much better than the next lane.
-    model : ndarray (7,)
+    model : ndarray (10,)
         Parameters as in `lanes.metric.lanefit`, for the stripes next to the lane.
     covariance : ndarray (10, 10)
     """
@@ -138,7 +138,7 @@ class Lane:
         score: float,
         margin: float,
     ) -> Lane:
-        """The lane of a fitted model (7,) and its covariance (10, 10), with its left and right line."""
+        """The lane of a fitted model (10,) and its covariance (10, 10), with its left and right line."""
         std = np.sqrt(np.diag(covariance))
         return cls(
             offset_m=float(-model[CENTRE]),
@@ -261,7 +261,7 @@ def vote_lanes(near: Stripes, view: RoadView) -> tuple[np.ndarray, np.ndarray]:
 
 
 def follow_lane(stripes: Stripes, view: RoadView, mean: np.ndarray, information: np.ndarray) -> LaneFit:
-    """Fit the one lane that is expected: `mean` (7,) and inverse covariance (10, 10) of the prior."""
+    """Fit the one lane that is expected: `mean` (10,) and inverse covariance (10, 10) of the prior."""
     return fit_lanes(
         mean[None],
         stripes,
@@ -302,7 +302,7 @@ def describe_lane(fit: LaneFit, sight: Sight, view: RoadView) -> Lane | None:
 
 
 def inner_stripes(paint: Sequence[Paint | None]) -> np.ndarray:
-    """What leads from a fitted lane to the one between the stripes next to it, (7,): fits follow a double's middle.
+    """What leads from a fitted lane to the one between the stripes next to it, (10,): fits follow a double's middle.
 
     `paint` is that of the left and the right line; None moves nothing.
     """

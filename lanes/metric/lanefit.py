@@ -133,7 +133,7 @@ def fit_lanes(
     stripes : Stripes
     height_m, focal_px : float
         Of the camera.
-    prior_mean : ndarray (7,)
+    prior_mean : ndarray (10,)
     prior_information : ndarray (10, 10), optional
         Inverse covariance of the prior; by default that of `usual_std`.
     schedule : sequence of (far_m, scale)
