@@ -15,6 +15,7 @@ from drives import CAMERA, PaintedDrive, lane_lines, s_bend
 
 from lanes.benchmark import runner
 from lanes.benchmark.drives import BenchmarkDrive, choose_drives, list_drives
+from lanes.benchmark.machine import describe_machine
 from lanes.benchmark.runner import Staged, follow_drive, measure, score_video, stage, true_lane
 from lanes.benchmark.systems import SYSTEMS
 from lanes.benchmark.tables import describe_scores, read_scores, results_table
@@ -60,11 +61,12 @@ class TestCommand:
         assert (metric["frames"], metric["available_share"], metric["right_share"]) == (FRAMES, 1, 1)
         assert 0 < metric["lateral_5_20m_p95_m"] < 0.1
         assert all(row["time_median_ms"] > 0 and row["workers"] == 2 for row in scenes)
+        assert {row["machine"] for row in rows} == {describe_machine()}
 
     def test_the_table_fits_on_the_terminal_and_says_under_which_conditions(self, done):
         assert max(map(len, done.stdout.splitlines()[:-1])) <= 120
         assert "bend (own, 5 frames)" in done.stdout
-        for words in ("mount was: true", "measured with 2 workers", "recipes state no confidence"):
+        for words in ("mount was: true", "measured with 2 workers", "recipes state no confidence", describe_machine()):
             assert words in done.stdout
 
     def test_one_video_scored_in_python_is_its_row(self, done, folder):

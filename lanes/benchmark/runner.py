@@ -22,6 +22,7 @@ import numpy as np
 
 from lanes.benchmark.drives import NO_LANE, BenchmarkDrive, choose_drives
 from lanes.benchmark.errors import LaneTruth, frame_errors
+from lanes.benchmark.machine import describe_machine
 from lanes.benchmark.readings import Reading, Readings, read_readings, write_readings
 from lanes.benchmark.scores import Result, Row, score_rows
 from lanes.benchmark.systems import SOURCES, follow_with, require_system
@@ -66,8 +67,8 @@ def run_benchmark(
         The systems get the mount that `estimate_mount` finds in the video, instead of the true one. The lens is the
         true one always.
     folder : Path, optional
-        Where finished results are kept: a folder in the cache by default. One is used again as long as video, camera
-        and the system's own sources are what they were.
+        Where finished results are kept: a folder in the cache by default. One is used again as long as video, camera,
+        machine and the system's own sources are what they were.
     progress : callable, optional
         Called as progress(what), gives the callback (done, in all) for that part of the work.
 
@@ -120,7 +121,8 @@ def measure(staged: Staged, system: str, folder: Path, workers: int) -> Path:
     path = folder / f"{staged.drive.name}-{system}-{_key(staged, system)}.json"
     if not path.is_file():
         fps = inspect_video(staged.drive.video).fps
-        write_readings(path, follow_drive(staged, system), workers=workers, fps=fps)
+        about = {"workers": workers, "fps": fps, "machine": describe_machine()}
+        write_readings(path, follow_drive(staged, system), **about)
     return path
 
 
@@ -180,7 +182,8 @@ def _result(staged: Staged, system: str, path: Path) -> Result:
         errors = frame_errors(readings, true_lane(drive))
     except ValueError as error:
         raise ValueError(f"{drive.video}: {error}") from error
-    return Result(drive.name, drive.difficulty, system, errors, staged.mount, int(about["workers"]), about["fps"])
+    workers, fps, machine = (about[name] for name in ("workers", "fps", "machine"))
+    return Result(drive.name, drive.difficulty, system, errors, staged.mount, workers, fps, machine)
 
 
 def _all_done(pool: ProcessPoolExecutor, work: Callable, tasks: Iterable[tuple], report: Progress) -> list:
@@ -217,7 +220,7 @@ def _do(work: Callable, task: tuple) -> object:
 def _key(staged: Staged, system: str) -> str:
     """Twelve digits that change with all that the readings depend on."""
     digest = hashlib.sha256(staged.drive.video.read_bytes())
-    digest.update(f"{cv2.__version__} {np.__version__} {staged.camera and camera_to_dict(staged.camera)}".encode())
+    digest.update(f"{describe_machine()} {staged.camera and camera_to_dict(staged.camera)}".encode())
     package = Path(__file__).parents[1]
     own = [Path(__file__).with_name(f"{name}.py") for name in ("readings", "systems")]
     for source in (*own, *(package / name for name in SOURCES[system])):

@@ -29,6 +29,8 @@ class Result:
         Processes that worked at the same time when the milliseconds were taken.
     fps : float
         Frames a second of the drive.
+    machine : str
+        On which the milliseconds were taken, as `describe_machine` says.
     """
 
     scene: str
@@ -38,6 +40,7 @@ class Result:
     mount: str = "true"
     workers: int = 1
     fps: float = 25.0
+    machine: str = ""
 
 
 def score_rows(results: Iterable[Result]) -> list[Row]:
@@ -49,6 +52,7 @@ def score_rows(results: Iterable[Result]) -> list[Row]:
             "system": result.system,
             "mount": result.mount,
             "workers": result.workers,
+            "machine": result.machine,
             **score([result.errors]),
         }
         for result in results
@@ -67,6 +71,7 @@ def total_rows(results: Sequence[Result]) -> list[Row]:
             "system": system,
             "mount": " ".join(sorted({result.mount for result in group})),
             "workers": max(result.workers for result in group),
+            "machine": " or ".join(sorted({result.machine for result in group})),
             **score([result.errors for result in group]),
         }
         for (difficulty, system), group in groups.items()

@@ -43,10 +43,12 @@ def describe_run(rows: Iterable[Row]) -> str:
     rows = list(rows)
     mounts = " or ".join(sorted({str(row["mount"]) for row in rows}))
     workers = " or ".join(sorted({f"{row['workers']:.0f}" for row in rows}))
+    machines = " or ".join(sorted({str(row["machine"]) for row in rows}))
     return (
         f"{LEGEND}\n"
         f"All systems had the scene's true lens; the camera's mount was: {mounts}.\n"
-        f"time: median of a frame on one OpenCV thread, measured with {workers} workers at the same time."
+        f"time: median of a frame on one OpenCV thread, measured with {workers} workers at the same time,\n"
+        f"  on {machines}."
     )
 
 
@@ -88,7 +90,7 @@ def read_scores(path: str | Path) -> list[Row]:
 
 
 def _value(name: str, text: str) -> str | float:
-    return text if name in ("scene", "difficulty", "system", "mount") else float(text or "nan")
+    return text if name in ("scene", "difficulty", "system", "mount", "machine") else float(text or "nan")
 
 
 def _success(row: Row) -> float:
