@@ -53,7 +53,8 @@ from lanes.benchmark.measures import (
 from lanes.benchmark.runner import score_video
 from lanes.benchmark.tables import format_table, results_table
 from lanes.calibration.boards import calibrate_folder, draw_board, find_board
-from lanes.camera import Camera, Mount, load_camera, save_camera, undistort
+from lanes.camera import Camera, Mount, undistort
+from lanes.camerafile import load_camera, save_camera
 from lanes.classic.fit import fit_line, ransac_line
 from lanes.classic.overlay import annotate, describe_result, diagnose, draw_search, follow_lane
 from lanes.classic.recipes import RECIPES, LaneFinder, get_recipe

@@ -13,13 +13,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from datetime import date
 from functools import cached_property, lru_cache
-from pathlib import Path
 
 import cv2
 import numpy as np
-import yaml
 
-from lanes.images import PictureError, require_rgb, write_whole
+from lanes.images import PictureError, require_rgb
 from lanes.words import html_table
 
 # Pictures whose aspect ratios differ by less than this come from the same sensor area: 1281x721 beside 1280x720
@@ -310,78 +308,3 @@ def _undistortion_maps(size: tuple[int, int], matrix: tuple, distortion: tuple) 
     """Lookup maps, built once for each lens: building them costs as much as using them ten times."""
     matrix = np.reshape(matrix, (3, 3))
     return cv2.initUndistortRectifyMap(matrix, np.array(distortion), None, matrix, size, cv2.CV_16SC2)
-
-
-def save_camera(camera: Camera, path: str | Path) -> Path:
-    """Write camera.yaml in the layout of ROS camera_info plus `mount:` and `calibration:` blocks; see `load_camera`."""
-    path = Path(path)
-    write_whole(path, yaml.safe_dump(camera_to_dict(camera), sort_keys=False, allow_unicode=True).encode())
-    return path
-
-
-def camera_to_dict(camera: Camera) -> dict:
-    """The content of camera.yaml, and of the `camera` part of a truth file; `camera_from_dict` reads it back."""
-    content: dict = {
-        "image_width": int(camera.width),
-        "image_height": int(camera.height),
-        "camera_name": "dashcam",
-        "camera_matrix": {"rows": 3, "cols": 3, "data": [float(x) for x in np.ravel(camera.matrix)]},
-        "distortion_model": "plumb_bob",
-        "distortion_coefficients": {"rows": 1, "cols": 5, "data": [float(x) for x in np.ravel(camera.distortion)]},
-    }
-    if camera.mount:
-        content["mount"] = {name: float(getattr(camera.mount, name)) for name in Mount.__dataclass_fields__}
-    if camera.report:
-        r = camera.report
-        content["calibration"] = {
-            "rms_px": round(float(r.rms_px), 4),
-            "boards_used": len(r.board_rms_px),
-            "board_rms_px": {name: round(float(e), 4) for name, e in r.board_rms_px.items()},
-            "rejected": dict(r.rejected),
-            "date": r.date,
-        }
-    return content
-
-
-def load_camera(path: str | Path) -> Camera:
-    """Read camera.yaml.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    CameraError
-        If it is no camera file, lacks an entry or holds numbers that are no camera's.
-    """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: there is no such camera file; make one by calibrating, or check the name.")
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-        camera = camera_from_dict(content)
-    except (yaml.YAMLError, AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
-        reason = f"entry {error} is missing" if isinstance(error, KeyError) else str(error).splitlines()[0]
-        raise CameraError(f"{path}: is no usable camera file ({reason}); make it again by calibrating.") from error
-    return camera
-
-
-def camera_from_dict(content: dict) -> Camera:
-    """The camera in a parsed camera.yaml or in the `camera` part of a truth file; KeyError or ValueError if unfit."""
-    if not isinstance(content, dict):
-        raise ValueError("it holds no entries")
-    if content["distortion_model"] != "plumb_bob":
-        raise ValueError(f"distortion model {content['distortion_model']} is not supported, only plumb_bob")
-    matrix = np.array(content["camera_matrix"]["data"], float).reshape(3, 3)
-    distortion = np.array(content["distortion_coefficients"]["data"], float).reshape(5)
-    width, height = int(content["image_width"]), int(content["image_height"])
-    numbers_are_finite = np.isfinite(matrix).all() and np.isfinite(distortion).all()
-    if not (numbers_are_finite and min(matrix[0, 0], matrix[1, 1], width, height) > 0):
-        raise ValueError("its numbers are not finite, or a size or focal length is not positive")
-    mount = Mount(**{name: float(value) for name, value in content["mount"].items()}) if "mount" in content else None
-    report = None
-    if "calibration" in content:
-        c = content["calibration"]
-        report = CalibrationReport(
-            float(c["rms_px"]), dict(c["board_rms_px"]), dict(c.get("rejected", {})), str(c["date"])
-        )
-    return Camera(width, height, matrix, distortion, mount, report)

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from lanes.camera import Camera, camera_from_dict
+from lanes.camera import Camera
+from lanes.camerafile import camera_from_dict
 from lanes.images import list_pictures
 from lanes.video.telemetry import read_telemetry
 

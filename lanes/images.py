@@ -5,18 +5,21 @@ Everywhere else an image is an ndarray of shape (height, width, 3), dtype uint8,
 
 from __future__ import annotations
 
-import os
-import platform
+import math
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
-from glob import escape
+import struct
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from lanes.files import PARTIAL, require_file, write_whole
+
 PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png")
+# Four times an 8K video's, and above the 102 million of the largest cameras; a file may claim 4,000 million.
+MOST_PIXELS = 128_000_000
+# A PNG of so many pixels that cannot be compressed.
+MOST_BYTES = 3 * MOST_PIXELS
 
 
 class PictureError(ValueError):
@@ -46,12 +49,13 @@ def read_image(path: str | Path) -> np.ndarray:
     PictureError
         If the file is empty, truncated or not a picture.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: there is no such picture file; check the name and the folder.")
+    path = require_file(path, "picture", error=PictureError, most_bytes=MOST_BYTES)
     data = path.read_bytes()
     _require_whole(path, data)
-    bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    try:
+        bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    except cv2.error:
+        bgr = None
     if bgr is None:
         raise PictureError(f"{path}: this file cannot be decoded as a picture; save it again as JPEG or PNG.")
     return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
@@ -95,57 +99,6 @@ def write_image(path: str | Path, image: np.ndarray, *, jpeg_quality: int = 92) 
     return path
 
 
-def write_whole(path: str | Path, data: bytes) -> None:
-    """Write `data` beside `path` and rename it, so that an interruption never leaves half a file."""
-    with whole_file(Path(path)) as partial:
-        partial.write_bytes(data)
-
-
-@contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
-    """A name to write to in the `with` block; the file becomes `path` at its end, or is removed if the block raises.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written; the folder is created where needed.
-    """
-    partial = partial_path(path)
-    with writing_to(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            yield partial
-            os.replace(partial, path)
-        except BaseException:
-            partial.unlink(missing_ok=True)
-            raise
-
-
-@contextmanager
-def writing_to(path: Path) -> Iterator[None]:
-    """What the system refuses in the `with` block becomes a sentence that names `path`."""
-    try:
-        yield
-    except OSError as error:
-        raise type(error)(
-            f"{path}: cannot be written ({error.strerror or error}); choose another folder or free some space."
-        ) from error
-
-
-def partial_path(path: Path) -> Path:
-    """The name under which an output is written until it is whole: same folder and suffix, so a rename is atomic.
-
-    Processes of several machines may write into one folder, so that the number of the process alone will not do.
-    """
-    return path.with_name(f"{path.stem}.partial.{platform.node()}.{os.getpid()}{path.suffix}")
-
-
-def remove_partials(path: Path) -> None:
-    """Remove what killed processes left half-written of `path`, and of files that differ from it in the suffix."""
-    for leftover in path.parent.glob(f"{escape(path.stem)}.partial.*"):
-        leftover.unlink(missing_ok=True)
-
-
 def list_pictures(folder: str | Path) -> list[Path]:
     """Picture files of a folder in natural order (board2 before board10).
 
@@ -159,7 +112,7 @@ def list_pictures(folder: str | Path) -> list[Path]:
         raise FileNotFoundError(f"{folder}: there is no such folder; name the folder that holds the pictures.")
     found = [p for p in folder.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES and p.is_file()]
     # Neither what an interrupted run left behind nor the shadow files that some systems put beside pictures.
-    found = [p for p in found if ".partial." not in p.name and not p.name.startswith(".")]
+    found = [p for p in found if PARTIAL not in p.name and not p.name.startswith(".")]
     if not found:
         raise FileNotFoundError(
             f"{folder}: holds no picture ({', '.join(PICTURE_SUFFIXES)}); put some there or name another folder."
@@ -185,15 +138,13 @@ def require_rgb(image: np.ndarray, name: object = "picture") -> None:
 
 
 def _require_whole(path: Path, data: bytes) -> None:
-    """Refuse empty and truncated files, which OpenCV would decode with a gray remainder and a warning on stderr."""
-    if not data:
-        raise PictureError(f"{path}: the file is empty; copy it again from its source.")
+    """Refuse truncated files, which OpenCV would decode with a gray remainder and a warning on stderr."""
     # A JPEG's last scan (FFDA) ends with FFD9 (ITU-T T.81, B.1.1), after which some cameras append data of their own;
     # a thumbnail's FFD9 comes before that scan. A PNG ends with IEND.
     if data[:2] == b"\xff\xd8":
-        whole = data.rfind(b"\xff\xd9") > data.rfind(b"\xff\xda")
+        whole, size = data.rfind(b"\xff\xd9") > data.rfind(b"\xff\xda"), _jpeg_size(data)
     elif data[:8] == b"\x89PNG\r\n\x1a\n":
-        whole = b"IEND" in data
+        whole, size = b"IEND" in data, struct.unpack(">II", data[16:24].ljust(8, b"\0"))
     else:
         raise PictureError(
             f"{path}: this is neither a JPEG nor a PNG picture, whatever its name says; save it again as JPEG or PNG."
@@ -202,3 +153,23 @@ def _require_whole(path: Path, data: bytes) -> None:
         raise PictureError(
             f"{path}: the picture is cut off (its end marker is missing); copy it again from its source."
         )
+    if not size[0] * size[1]:
+        raise PictureError(f"{path}: this file cannot be decoded as a picture; save it again as JPEG or PNG.")
+    if size[0] * size[1] > MOST_PIXELS:
+        raise PictureError(
+            f"{path}: claims {size[0]}x{size[1]} pixels, more than this program takes ({MOST_PIXELS / 1e6:.0f} "
+            "million); make it smaller."
+        )
+
+
+def _jpeg_size(data: bytes) -> tuple[int, int]:
+    """(width, height) that a JPEG claims before its first scan, (0, 0) if none; of several the largest."""
+    at, size = 2, (0, 0)
+    while at + 9 <= len(data) and data[at] == 0xFF and data[at + 1] != 0xDA:
+        # T.81, B.2.2: a frame header is any of FFC0 to FFCF but for tables (C4), extensions (C8) and conditioning (CC)
+        if 0xC0 <= data[at + 1] <= 0xCF and data[at + 1] not in (0xC4, 0xC8, 0xCC):
+            height, width = struct.unpack_from(">HH", data, at + 5)
+            size = max(size, (width, height), key=math.prod)
+        # a marker may be preceded by any number of FF (B.1.1.2)
+        at += 1 if data[at + 1] == 0xFF else 2 + struct.unpack_from(">H", data, at + 2)[0]
+    return size

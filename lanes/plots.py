@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lanes.draw import LANE, LEFT, RIGHT, WINDOW, Colour
-from lanes.images import write_whole
+from lanes.files import write_whole
 from lanes.metric.tracked import COASTING, FOUND, LOST, SEARCHING, TRACKING
 
 if TYPE_CHECKING:

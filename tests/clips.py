@@ -9,7 +9,7 @@ import av
 import numpy as np
 from drives import PaintedDrive
 
-from lanes.camera import save_camera
+from lanes.camerafile import save_camera
 from lanes.scenes.truth import truth_row, write_truth_csv
 
 FPS = 25

@@ -31,7 +31,8 @@ from lanes.benchmark.errors import LaneTruth, frame_errors  # noqa: E402
 from lanes.benchmark.readings import Readings  # noqa: E402
 from lanes.benchmark.runner import true_lane  # noqa: E402
 from lanes.benchmark.systems import read_tracked  # noqa: E402
-from lanes.camera import Camera, load_camera  # noqa: E402
+from lanes.camera import Camera  # noqa: E402
+from lanes.camerafile import load_camera  # noqa: E402
 from lanes.metric.confidence import FEATURES, RIGHT_M, STILL_WEIGHTS, TRACK_WEIGHTS, lane_features  # noqa: E402
 from lanes.metric.lane import find_lane  # noqa: E402
 from lanes.metric.tracked import TrackedLane  # noqa: E402

@@ -27,7 +27,8 @@ from lanes.benchmark.scores import score  # noqa: E402
 from lanes.benchmark.systems import SYSTEMS, look_with  # noqa: E402
 from lanes.benchmark.tables import format_table, read_scores  # noqa: E402
 from lanes.calibration.boards import calibrate_folder  # noqa: E402
-from lanes.camera import Camera, load_camera  # noqa: E402
+from lanes.camera import Camera  # noqa: E402
+from lanes.camerafile import load_camera  # noqa: E402
 from lanes.drives.mounts import mount_from_drive  # noqa: E402
 from lanes.images import list_pictures  # noqa: E402
 from lanes.video.videofile import read_frames  # noqa: E402

@@ -25,7 +25,7 @@ from lanes.benchmark.readings import Readings  # noqa: E402
 from lanes.benchmark.runner import true_lane  # noqa: E402
 from lanes.benchmark.scores import score  # noqa: E402
 from lanes.benchmark.systems import METRIC, follow_with  # noqa: E402
-from lanes.camera import load_camera  # noqa: E402
+from lanes.camerafile import load_camera  # noqa: E402
 from lanes.video.videofile import inspect_video, read_frames  # noqa: E402
 
 REFERENCE = Path(__file__).with_name("reference.json")

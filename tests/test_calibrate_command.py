@@ -14,7 +14,8 @@ from lanes.calibration.boards import BoardSearch, calibrate_found
 from lanes.calibration.corners import Board
 from lanes.calibration.coverage import count_corners, describe_boards, describe_coverage, format_boards
 from lanes.calibration.sheet import draw_sheet
-from lanes.camera import Camera, load_camera
+from lanes.camera import Camera
+from lanes.camerafile import load_camera
 from lanes.images import read_image, write_image
 
 ROOT = Path(__file__).parents[1]

@@ -1,22 +1,11 @@
-"""The camera: its signs one by one, the ways between pixels and road and back, and its file."""
+"""The camera: its signs one by one, the ways between pixels and road and back."""
 
 import numpy as np
 import pytest
-import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lanes.camera import (
-    CalibrationReport,
-    Camera,
-    CameraError,
-    Mount,
-    camera_from_dict,
-    camera_to_dict,
-    load_camera,
-    save_camera,
-    undistort,
-)
+from lanes.camera import Camera, CameraError, Mount, undistort
 from lanes.images import PictureError
 from lanes.scenes.dashcam import DASHCAM
 
@@ -183,90 +172,3 @@ def test_undistort_refuses_another_size_unless_asked_to_rescale():
     assert undistort(small, DASHCAM, rescale=True).shape == (360, 640, 3)
     with pytest.raises(CameraError, match="another shape"):
         undistort(np.zeros((480, 640, 3), np.uint8), DASHCAM, rescale=True)
-
-
-# --- the file --------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def content() -> dict:
-    report = CalibrationReport(0.5, {"a.jpg": 0.4, "b.jpg": 0.6}, {"c.jpg": "no chessboard"}, "2020-01-02")
-    return camera_to_dict(DASHCAM.with_report(report))
-
-
-def write(path, content):
-    path.write_text(content if isinstance(content, str) else yaml.safe_dump(content))
-    return path
-
-
-def test_camera_file_round_trip(tmp_path, content):
-    camera = camera_from_dict(content)
-    loaded = load_camera(save_camera(camera, tmp_path / "new" / "camera.yaml"))
-    assert loaded.size == (1280, 720)
-    np.testing.assert_array_equal(loaded.matrix, DASHCAM.matrix)
-    np.testing.assert_array_equal(loaded.distortion, DASHCAM.distortion)
-    assert loaded.mount == DASHCAM.mount
-    assert loaded.report == camera.report
-
-
-def test_camera_file_without_mount_and_report(tmp_path):
-    loaded = load_camera(save_camera(Camera.from_fov((640, 480), 60), tmp_path / "camera.yaml"))
-    assert loaded.mount is None and loaded.report is None
-
-
-def test_camera_file_has_the_layout_of_ros(content):
-    assert content["camera_matrix"] == {"rows": 3, "cols": 3, "data": [1157.8, 0, 667.4, 0, 1153.2, 386.1, 0, 0, 1]}
-    assert content["distortion_model"] == "plumb_bob"
-    assert content["calibration"]["boards_used"] == 2
-
-
-@pytest.mark.parametrize(
-    "entry", ["image_width", "image_height", "camera_matrix", "distortion_model", "distortion_coefficients"]
-)
-def test_missing_entry_is_named(tmp_path, content, entry):
-    del content[entry]
-    with pytest.raises(CameraError, match=rf"camera\.yaml.*'{entry}' is missing"):
-        load_camera(write(tmp_path / "camera.yaml", content))
-
-
-@pytest.mark.parametrize(
-    ("entry", "value"),
-    [
-        ("image_width", 0),
-        ("image_width", float("nan")),
-        ("image_height", float("inf")),
-        ("image_height", "tall"),
-        ("distortion_model", "fisheye"),
-        ("camera_matrix", {"data": [float("nan")] * 9}),
-        ("camera_matrix", {"data": [-1000.0, 0, 640, 0, 1000.0, 360, 0, 0, 1]}),
-        ("camera_matrix", {"data": [1.0, 2.0]}),
-        ("distortion_coefficients", {"data": [0.1] * 4}),
-        ("distortion_coefficients", None),
-        ("mount", None),
-        ("mount", {"height_m": float("nan")}),
-        ("mount", {"height": 1.3}),
-        ("calibration", 3),
-    ],
-)
-def test_bad_entry_is_refused(tmp_path, content, entry, value):
-    content[entry] = value
-    with pytest.raises(CameraError, match=r"camera\.yaml: is no usable camera file"):
-        load_camera(write(tmp_path / "camera.yaml", content))
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["", "just words", "- a\n- list", "a: [1, 2", "!!python/object/apply:os.getcwd []", "\0"],
-    ids=["empty", "words", "list", "broken", "python tag", "binary"],
-)
-def test_what_is_no_camera_file_is_refused(tmp_path, text):
-    with pytest.raises(CameraError, match=r"camera\.yaml: is no usable camera file"):
-        load_camera(write(tmp_path / "camera.yaml", text))
-
-
-def test_missing_and_unwritable_camera_files_are_named(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"camera\.yaml: there is no such camera file"):
-        load_camera(tmp_path / "camera.yaml")
-    (tmp_path / "file").touch()
-    with pytest.raises(OSError, match="cannot be written"):
-        save_camera(DASHCAM, tmp_path / "file" / "camera.yaml")

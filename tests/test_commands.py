@@ -16,7 +16,7 @@ import pytest
 from clips import write_drive
 from drives import BENDS, CAMERA, SMALL
 
-from lanes.camera import load_camera, save_camera
+from lanes.camerafile import load_camera, save_camera
 from lanes.images import read_image, write_image
 from lanes.video.telemetry import read_telemetry
 from lanes.video.videofile import inspect_video, read_frames

@@ -12,7 +12,8 @@ import pytest
 from clips import write_clip
 from drives import CAMERA, PaintedDrive, lane_lines, s_bend
 
-from lanes.camera import CameraError, save_camera
+from lanes.camera import CameraError
+from lanes.camerafile import save_camera
 from lanes.images import write_image
 from lanes.metric.detect import detect_files
 from lanes.scenes.render import Motion

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lanes.camera import save_camera
+from lanes.camerafile import save_camera
 from lanes.images import read_image, write_image
 from tests.painter import YELLOW, Road, dashcam
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from lanes.camera import load_camera
+from lanes.camerafile import load_camera
 from lanes.drives.dashes import measure_dash_period
 from lanes.drives.fieldofview import find_field_of_view, read_hfov
 from lanes.images import write_image

@@ -1,13 +1,16 @@
 """Pictures in and out of files: the one layout, and each way in which a file can be unfit."""
 
-import os
+import struct
+import time
+import zlib
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from lanes.images import PictureError, list_pictures, natural_key, partial_path, read_image, write_image, write_whole
+from lanes import images
+from lanes.images import PictureError, list_pictures, natural_key, read_image, write_image
 
 RED, GREEN = (220, 30, 20), (20, 200, 40)
 
@@ -94,6 +97,50 @@ def test_text_named_jpg_is_refused(tmp_path):
         read_image(tmp_path / "text.jpg")
 
 
+def huge_png(width: int, height: int) -> bytes:
+    """A picture of a few bytes that claims any size."""
+    chunks = [
+        (b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)),
+        (b"IDAT", zlib.compress(b"")),
+        (b"IEND", b""),
+    ]
+    parts = [
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks
+    ]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
+
+
+def huge_jpeg(picture: np.ndarray, width: int, height: int) -> bytes:
+    """A JPEG whose frame header claims another size than it has."""
+    data = bytearray(cv2.imencode(".jpg", picture)[1].tobytes())
+    struct.pack_into(">HH", data, data.index(b"\xff\xc0") + 5, height, width)
+    return bytes(data)
+
+
+@pytest.mark.parametrize("kind", ["png", "jpg"])
+@pytest.mark.parametrize("size", [(65535, 65535), (20000, 20000), (1, 65535 * 4)])
+def test_claims_of_a_header_are_refused_at_once(tmp_path, picture, kind, size, monkeypatch):
+    if max(size) > 65535 and kind == "jpg":
+        pytest.skip("a JPEG cannot claim more")
+    monkeypatch.setattr(images, "MOST_PIXELS", 200_000)
+    path = tmp_path / f"bomb.{kind}"
+    path.write_bytes(huge_png(*size) if kind == "png" else huge_jpeg(picture, *size))
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("would be decoded"))
+    began_s = time.perf_counter()
+    with pytest.raises(PictureError, match=rf"bomb\.{kind}: claims {size[0]}x{size[1]} pixels"):
+        read_image(path)
+    assert time.perf_counter() - began_s < 0.1
+
+
+def test_a_thumbnail_is_not_taken_for_the_picture(tmp_path, picture):
+    """It lies in a block before the frame header, with a frame header of its own."""
+    data = huge_jpeg(picture, 64, 40)
+    thumbnail = huge_jpeg(picture, 60000, 60000)
+    path = tmp_path / "a.jpg"
+    path.write_bytes(data[:2] + b"\xff\xe1" + struct.pack(">H", len(thumbnail) + 2) + thumbnail + data[2:])
+    assert read_image(path).shape == picture.shape
+
+
 def test_markers_without_content_are_refused(tmp_path):
     (tmp_path / "hollow.jpg").write_bytes(b"\xff\xd8\xff\xda\xff\xd9")
     with pytest.raises(PictureError, match=r"hollow\.jpg.*cannot be decoded"):
@@ -129,36 +176,10 @@ def test_unwritable_folder_is_named(tmp_path, picture):
         write_image(tmp_path / "file" / "a.png", picture)
 
 
-def test_interrupted_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
-    target = tmp_path / "a.txt"
-    write_whole(target, b"old")
-
-    def interrupted(self: Path, data: bytes) -> None:
-        with self.open("wb") as file:
-            file.write(data[:2])
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(Path, "write_bytes", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        write_whole(target, b"new and longer")
-    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
-    assert target.read_bytes() == b"old"
-
-
-def test_full_disk_is_said_and_leaves_nothing(tmp_path, monkeypatch):
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "replace", full)
-    with pytest.raises(OSError, match=r"a\.txt.*No space left"):
-        write_whole(tmp_path / "a.txt", b"new")
-    assert not any(tmp_path.iterdir())
-
-
 def test_pictures_are_listed_in_natural_order_without_leftovers(tmp_path, picture):
     for name in ("board10.png", "board2.PNG", "board1.jpeg", "notes.txt", "._board1.png"):
         (tmp_path / name).touch()
-    partial_path(tmp_path / "board3.png").touch()
+    (tmp_path / "board3.partial.0123456789ab.png").touch()
     (tmp_path / "folder.jpg").mkdir()
     assert [p.name for p in list_pictures(tmp_path)] == ["board1.jpeg", "board2.PNG", "board10.png"]
 

@@ -20,7 +20,7 @@ from lanes.benchmark.labels import (
     score_lines,
     summarize_lines,
 )
-from lanes.camera import save_camera
+from lanes.camerafile import save_camera
 from lanes.images import write_image
 from lanes.scenes.render import Motion
 

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from painted_roads import paint_road
 
-from lanes.camera import Camera, Mount, camera_from_dict
+from lanes.camera import Camera, Mount
+from lanes.camerafile import camera_from_dict
 from lanes.images import PictureError, read_image, write_image
 from lanes.mounting.mount import MountError, estimate_mount, mount_camera
 

@@ -10,7 +10,8 @@ import pytest
 from painted_roads import paint_road
 
 from lanes.__main__ import main
-from lanes.camera import Camera, Mount, load_camera, save_camera
+from lanes.camera import Camera, Mount
+from lanes.camerafile import load_camera, save_camera
 from lanes.images import write_image
 from lanes.video.footage import pick_pictures
 from lanes.video.videowriter import VideoWriter

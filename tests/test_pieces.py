@@ -9,7 +9,7 @@ import pytest
 from clips import write_drive
 from drives import BENDS, SMALL
 
-from lanes.camera import load_camera
+from lanes.camerafile import load_camera
 from lanes.dataset import PROJECT_ROOT
 from lanes.drives.drive import PreparedDrive, annotate_drive, prepare_drive
 from lanes.drives.pieces import WARM_UP_S, annotate_piece, cut_drive, join_pieces
@@ -70,7 +70,7 @@ def test_a_finished_piece_is_not_done_again(tmp_path):
     drive, folder = prepare_drive(video, settings), tmp_path / "pieces"
     first, second = cut_drive(drive, settings, 0.24)
     annotate_piece(drive, first, settings, folder)
-    (folder / "0001.partial.elsewhere.7.mp4").write_text("half")
+    (folder / "0001.partial.0123456789ab.mp4").write_text("half")
     before = (folder / "0000.mp4").stat().st_mtime_ns
     assert annotate_piece(drive, first, settings, folder) > 0
     annotate_piece(drive, second, settings, folder)

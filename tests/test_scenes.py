@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from lanes.__main__ import main
-from lanes.camera import Camera, Mount, load_camera
+from lanes.camera import Camera, Mount
+from lanes.camerafile import load_camera
 from lanes.dataset import PROJECT_ROOT
 from lanes.images import read_image
 from lanes.scenes.backdrop import BackdropStyle

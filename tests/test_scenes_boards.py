@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.camera import camera_from_dict
+from lanes.camerafile import camera_from_dict
 from lanes.dataset import PROJECT_ROOT
 from lanes.images import read_image
 from lanes.scenes import boards as scene

@@ -50,7 +50,7 @@ def test_a_job_is_sent_with_absolute_paths(tmp_path, monkeypatch):
 def test_a_short_drive_is_one_task(job, monkeypatch):
     out = job.settings.output
     out.mkdir()
-    (out / "drive.partial.elsewhere.7.mp4").write_text("half")
+    (out / "drive.partial.0123456789ab.mp4").write_text("half")
     (out / "drive.pieces.0123").mkdir()
     manifest = begin_drive(job)
     assert isinstance(manifest, Manifest) and manifest.frames == 15 and manifest.cpu_s > 0.05

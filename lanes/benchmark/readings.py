@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lanes.images import write_whole
+from lanes.files import write_whole
 from lanes.metric.confidence import RIGHT_AT_M
 
 # Distances ahead at which lines are held against the truth, metres: those that the confidence speaks of.

@@ -26,7 +26,8 @@ from lanes.benchmark.machine import describe_machine
 from lanes.benchmark.readings import Reading, Readings, read_readings, write_readings
 from lanes.benchmark.scores import Result, Row, score_rows
 from lanes.benchmark.systems import SOURCES, follow_with, require_system
-from lanes.camera import Camera, camera_to_dict, load_camera
+from lanes.camera import Camera
+from lanes.camerafile import camera_to_dict, load_camera
 from lanes.drives.mounts import mount_from_drive
 from lanes.mounting.mount import MountError
 from lanes.scenes.suite import cache_folder

@@ -11,7 +11,7 @@ from pathlib import Path
 from lanes.benchmark.stages import FrameTime, time_frames
 from lanes.benchmark.tables import format_table
 from lanes.benchmark.transcode import FileTime, peak_memory_mb, time_files
-from lanes.camera import load_camera
+from lanes.camerafile import load_camera
 from lanes.video.videofile import read_frames
 
 # They are kept in memory, 2.8 MB each.

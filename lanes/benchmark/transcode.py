@@ -20,7 +20,8 @@ from tempfile import TemporaryDirectory
 import av
 import numpy as np
 
-from lanes.camera import Camera, load_camera
+from lanes.camera import Camera
+from lanes.camerafile import load_camera
 from lanes.drives.styles import track_lane
 from lanes.metric.tracker import LaneTracker
 from lanes.threads import one_thread

@@ -130,7 +130,7 @@ def annotate_apart(
 def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettings:
     """The settings that the options ask for; boards are calibrated here."""
     from lanes.calibration.boards import calibrate_folder
-    from lanes.camera import load_camera
+    from lanes.camerafile import load_camera
     from lanes.drives.settings import DriveSettings
 
     require_piece(options)

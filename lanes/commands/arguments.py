@@ -55,7 +55,8 @@ def require_piece(options: argparse.Namespace) -> None:
 def find_lens(options: argparse.Namespace) -> Camera:
     """The camera of the options of `add_lens`; with a mount only if it comes from a file that has one."""
     from lanes.calibration.boards import calibrate_folder
-    from lanes.camera import Camera, load_camera
+    from lanes.camera import Camera
+    from lanes.camerafile import load_camera
     from lanes.video.footage import pick_pictures
 
     if options.camera:

@@ -34,7 +34,7 @@ def run(options: argparse.Namespace) -> int:
     from lanes.calibration.boards import calibrate_found, find_boards
     from lanes.calibration.coverage import describe_coverage, format_boards, used_boards
     from lanes.calibration.sheet import draw_sheet
-    from lanes.camera import save_camera
+    from lanes.camerafile import save_camera
     from lanes.images import list_pictures, write_image
 
     paths = [path for given in options.pictures for path in (list_pictures(given) if given.is_dir() else [given])]

@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Estimate the mount, print it and write it with the lens."""
-    from lanes.camera import save_camera
+    from lanes.camerafile import save_camera
     from lanes.mounting.mount import LANE_WIDTH_M, describe_accuracy, estimate_mount
     from lanes.video.footage import pick_pictures
 

@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Render what is asked for."""
-    from lanes.images import writing_to
+    from lanes.files import writing_to
     from lanes.scenes.boards import write_boards
     from lanes.scenes.produce import write_stills, write_video
     from lanes.scenes.suite import render_scene

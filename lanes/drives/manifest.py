@@ -14,10 +14,10 @@ from functools import cache
 from pathlib import Path
 
 import lanes
-from lanes.camera import camera_to_dict
+from lanes.camerafile import camera_to_dict
 from lanes.drives.drive import output_for
 from lanes.drives.settings import DriveResult, DriveSettings, versions
-from lanes.images import write_whole
+from lanes.files import write_whole
 from lanes.video.telemetry import read_telemetry
 
 

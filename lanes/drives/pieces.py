@@ -17,7 +17,6 @@ import numpy as np
 
 from lanes.drives.drive import PreparedDrive, conclude_drive, output_for
 from lanes.drives.settings import DriveResult, DriveSettings
-from lanes.images import remove_partials
 from lanes.video.annotate import annotate_video
 from lanes.video.join import join_videos
 from lanes.video.telemetry import read_telemetry, write_telemetry
@@ -55,7 +54,6 @@ def annotate_piece(drive: PreparedDrive, piece: Piece, settings: DriveSettings, 
     # It gets its name after the video.
     if telemetry.exists():
         return float(read_telemetry(telemetry)["latency_ms"].sum() / 1e3)
-    remove_partials(target)
     began_s = time.perf_counter()
     annotate_video(
         drive.video,

@@ -8,7 +8,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from lanes.drives.manifest import Manifest
-from lanes.images import whole_file
+from lanes.files import whole_file
 from lanes.video.telemetry import write_telemetry
 
 SUMMARY, DATA_SET = "summary", "telemetry"

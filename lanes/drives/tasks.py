@@ -24,7 +24,7 @@ from lanes.drives.manifest import DriveKey, Manifest, all_versions, read_finishe
 from lanes.drives.pieces import Piece, annotate_piece, cut_drive, join_pieces
 from lanes.drives.settings import DriveSettings
 from lanes.drives.summary import add_to_data_set
-from lanes.images import remove_partials
+from lanes.files import remove_partials
 from lanes.threads import one_thread
 from lanes.video.videofile import VideoError
 

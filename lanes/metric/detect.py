@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.images import PICTURE_SUFFIXES, read_image, write_whole
+from lanes.files import write_whole
+from lanes.images import PICTURE_SUFFIXES, read_image
 from lanes.metric.lane import find_lane
 from lanes.metric.roadview import RoadView
 from lanes.metric.tracked import TrackedLane

@@ -20,7 +20,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from lanes.images import write_whole
+from lanes.files import write_whole
 from lanes.report.curves import Curve, draw_curve, draw_states
 from lanes.report.moments import Moment, Telemetry, seconds_lost, share_tracked, worst_moments
 

@@ -16,8 +16,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from lanes.camera import Camera, camera_to_dict
-from lanes.images import write_image, write_whole
+from lanes.camera import Camera
+from lanes.camerafile import camera_to_dict
+from lanes.files import write_whole
+from lanes.images import write_image
 from lanes.scenes.dashcam import DASHCAM
 from lanes.scenes.workers import ordered
 

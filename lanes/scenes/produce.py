@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Callable
 from contextlib import closing
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 
-from lanes.camera import save_camera
-from lanes.images import whole_file, write_image
+from lanes.camerafile import save_camera
+from lanes.files import whole_file
+from lanes.images import write_image
 from lanes.scenes.catalogue import VIDEO_FPS, VIDEO_SECONDS, project_video, still_scenes
 from lanes.scenes.render import Drive, render_frame
 from lanes.scenes.truth import Truth, truth_entry, truth_row, write_truth_csv, write_truth_json
@@ -128,7 +128,7 @@ def _encode(
         output_params=[*quality, *ENCODER],
     )
     rows = []
-    frames = ordered(partial(_render, pickle.dumps(drive)), range(count), workers=workers)
+    frames = ordered(partial(_render, drive), range(count), workers=workers)
     with closing(writer), closing(frames):
         writer.send(None)
         for number, (image, truth) in enumerate(frames):
@@ -139,13 +139,7 @@ def _encode(
     return rows
 
 
-def _render(drive: bytes, number: int) -> tuple[bytes, Truth]:
-    """One frame of a pickled drive; what the encoder and the table need of it, and no more, goes back."""
-    frame = render_frame(_unpickled(drive), number / VIDEO_FPS)
+def _render(drive: Drive, number: int) -> tuple[bytes, Truth]:
+    """One frame of a drive; what the encoder and the table need of it, and no more, goes back."""
+    frame = render_frame(drive, number / VIDEO_FPS)
     return frame.image.tobytes(), frame.truth
-
-
-@lru_cache(maxsize=1)
-def _unpickled(drive: bytes) -> Drive:
-    """The same object for every frame, so that what is computed once for a camera and a road stays known."""
-    return pickle.loads(drive)

@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from lanes.camera import Camera, camera_to_dict
-from lanes.images import write_whole
+from lanes.camera import Camera
+from lanes.camerafile import camera_to_dict
+from lanes.files import write_whole
 from lanes.scenes.road import (
     MOST_TURNED_RAD,
     LinePolynomial,

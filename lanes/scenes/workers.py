@@ -60,12 +60,12 @@ def _spread(function: Callable, jobs: Iterator, workers: int) -> Generator:
     """Two jobs a worker are under way: the next one is there at once, and pictures do not pile up."""
     # Spawned, not forked: a forked child inherits OpenCV's thread pool without its threads, and hangs.
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_start)
+    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_start, initargs=(function,))
     try:
-        waiting = deque(pool.submit(function, job) for job in islice(jobs, 2 * workers))
+        waiting = deque(pool.submit(_work, job) for job in islice(jobs, 2 * workers))
         while waiting:
             result = waiting.popleft().result()
-            waiting.extend(pool.submit(function, job) for job in islice(jobs, 1))
+            waiting.extend(pool.submit(_work, job) for job in islice(jobs, 1))
             yield result
     except BrokenProcessPool as error:
         raise OSError(
@@ -76,7 +76,13 @@ def _spread(function: Callable, jobs: Iterator, workers: int) -> Generator:
         pool.shutdown(cancel_futures=True)
 
 
-def _start() -> None:
+def _start(function: Callable) -> None:
     """In each worker: one thread, because the processes share the CPUs; Ctrl-C ends it at once and without a word."""
     cv2.setNumThreads(1)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    _work.function = function
+
+
+def _work(job: Job) -> Result:
+    """In each worker: the function, which came once, so that what it keeps of a camera and a road stays known."""
+    return _work.function(job)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import av
 
-from lanes.images import whole_file
+from lanes.files import whole_file
 from lanes.video.videofile import VideoError, guarded, inspect_video, open_video
 from lanes.video.videowriter import SoundTrack
 

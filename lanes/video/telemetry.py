@@ -10,7 +10,7 @@ from tempfile import TemporaryFile
 
 import numpy as np
 
-from lanes.images import whole_file, writing_to
+from lanes.files import whole_file, writing_to
 
 
 class TelemetryWriter:

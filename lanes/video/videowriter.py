@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator
 from contextlib import suppress
 from fractions import Fraction
@@ -14,7 +13,8 @@ import cv2
 import numpy as np
 from av.video.reformatter import ColorRange, ColorTrc
 
-from lanes.images import partial_path, require_rgb
+from lanes.files import PartialFile, writing_to
+from lanes.images import require_rgb
 from lanes.video.videofile import (
     STAMP_TOLERANCE_S,
     VideoError,
@@ -87,19 +87,16 @@ class VideoWriter:
         self._crf, self._threads = crf, threads
         self._sound_from = sound_from
         self._sound: SoundTrack | None = None
-        self._partial = partial_path(self.path)
+        self._partial: PartialFile | None = None
         self._container: av.container.OutputContainer | None = None
         self._size: tuple[int, int] | None = None
         self._zero_s = 0.0
         self._last_pts = -1
 
     def __enter__(self) -> VideoWriter:
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            # Made at once, so that an unwritable folder is known before minutes of work.
-            self._partial.touch()
-        except OSError as error:
-            raise self._unwritable(error) from error
+        # Made at once, so that an unwritable folder is known before minutes of work.
+        with writing_to(self.path):
+            self._partial = PartialFile(self.path)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -112,7 +109,7 @@ class VideoWriter:
                     self._container.close()
             if self._sound is not None:
                 self._sound.close()
-            self._partial.unlink(missing_ok=True)
+            self._partial.discard()
 
     def write(self, image: np.ndarray, time_s: float | None = None) -> None:
         """Append a frame.
@@ -158,7 +155,7 @@ class VideoWriter:
     def _open_container(self, frame: av.VideoFrame) -> None:
         size = frame.width, frame.height
         self._container, self._stream = open_mp4(
-            self._partial, size, self._rate, self._tick, crf=self._crf, threads=self._threads
+            self._partial.name, size, self._rate, self._tick, crf=self._crf, threads=self._threads
         )
         if self._sound_from is not None:
             self._sound = SoundTrack(self._sound_from, self._container, start_s=self._zero_s)
@@ -182,12 +179,13 @@ class VideoWriter:
             self._container.close()
         except av.FFmpegError as error:
             raise self._unwritable(error) from error
-        self.written = inspect_video(self._partial)
+        self.written = inspect_video(self._partial.name)
         if self.written.frames != self.frames:
             raise VideoError(
                 f"{self.path}: only {self.written.frames} of {self.frames} frames arrived in the file; try again."
             )
-        os.replace(self._partial, self.path)
+        with writing_to(self.path):
+            self._partial.commit()
 
     def _unwritable(self, error: OSError | av.FFmpegError) -> OSError:
         kind = type(error) if type(error).__module__ == "builtins" else OSError

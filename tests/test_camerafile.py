@@ -1,0 +1,116 @@
+"""Camera files: what is written is read back, and each way in which a file can be unfit is refused."""
+
+import numpy as np
+import pytest
+import yaml
+
+from lanes.camera import CalibrationReport, Camera, CameraError
+from lanes.camerafile import camera_from_dict, camera_to_dict, load_camera, save_camera
+from lanes.scenes.dashcam import DASHCAM
+
+
+@pytest.fixture
+def content() -> dict:
+    report = CalibrationReport(0.5, {"a.jpg": 0.4, "b.jpg": 0.6}, {"c.jpg": "no chessboard"}, "2020-01-02")
+    return camera_to_dict(DASHCAM.with_report(report))
+
+
+def write(path, content):
+    path.write_text(content if isinstance(content, str) else yaml.safe_dump(content))
+    return path
+
+
+def test_camera_file_round_trip(tmp_path, content):
+    camera = camera_from_dict(content)
+    loaded = load_camera(save_camera(camera, tmp_path / "new" / "camera.yaml"))
+    assert loaded.size == (1280, 720)
+    np.testing.assert_array_equal(loaded.matrix, DASHCAM.matrix)
+    np.testing.assert_array_equal(loaded.distortion, DASHCAM.distortion)
+    assert loaded.mount == DASHCAM.mount
+    assert loaded.report == camera.report
+
+
+def test_camera_file_without_mount_and_report(tmp_path):
+    loaded = load_camera(save_camera(Camera.from_fov((640, 480), 60), tmp_path / "camera.yaml"))
+    assert loaded.mount is None and loaded.report is None
+
+
+def test_camera_file_has_the_layout_of_ros(content):
+    assert content["camera_matrix"] == {"rows": 3, "cols": 3, "data": [1157.8, 0, 667.4, 0, 1153.2, 386.1, 0, 0, 1]}
+    assert content["distortion_model"] == "plumb_bob"
+    assert content["calibration"]["boards_used"] == 2
+
+
+@pytest.mark.parametrize(
+    "entry", ["image_width", "image_height", "camera_matrix", "distortion_model", "distortion_coefficients"]
+)
+def test_missing_entry_is_named(tmp_path, content, entry):
+    del content[entry]
+    with pytest.raises(CameraError, match=rf"camera\.yaml.*'{entry}' is missing"):
+        load_camera(write(tmp_path / "camera.yaml", content))
+
+
+@pytest.mark.parametrize(
+    ("entry", "value"),
+    [
+        ("image_width", 0),
+        ("image_width", float("nan")),
+        ("image_height", float("inf")),
+        ("image_height", "tall"),
+        ("distortion_model", "fisheye"),
+        ("camera_matrix", {"data": [float("nan")] * 9}),
+        ("camera_matrix", {"data": [-1000.0, 0, 640, 0, 1000.0, 360, 0, 0, 1]}),
+        ("camera_matrix", {"data": [1.0, 2.0]}),
+        ("camera_matrix", {"data": [1e9, 0, 640, 0, 1e9, 360, 0, 0, 1]}),
+        ("camera_matrix", {"data": [1000.0, 3, 640, 0, 1000, 360, 0, 0, 1]}),
+        ("camera_matrix", {"data": [1000.0, 0, 640, 0, 1000, 360, 0, 0, 0]}),
+        ("camera_matrix", {"data": [1000.0, 0, -9, 0, 1000, 360, 0, 0, 1]}),
+        ("image_height", 10**9),
+        ("distortion_coefficients", {"data": [0.1] * 4}),
+        ("distortion_coefficients", None),
+        ("mount", None),
+        ("mount", {"height_m": float("nan")}),
+        ("mount", {"height": 1.3}),
+        ("mount", {"height_m": 1.3, "pitch_rad": 3.0}),
+        ("mount", {"height_m": 1300}),
+        ("calibration", {"rms_px": 0.3, "board_rms_px": {"a.jpg": "good"}, "date": 1}),
+        ("calibration", 3),
+    ],
+)
+def test_bad_entry_is_refused(tmp_path, content, entry, value):
+    content[entry] = value
+    with pytest.raises(CameraError, match=r"camera\.yaml: is no usable camera file"):
+        load_camera(write(tmp_path / "camera.yaml", content))
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["#", "just words", "- a\n- list", "a: [1, 2", "!!python/object/apply:os.getcwd []", "\0", "[" * 9999],
+    ids=["empty", "words", "list", "broken", "python tag", "binary", "deep"],
+)
+def test_what_is_no_camera_file_is_refused(tmp_path, text):
+    with pytest.raises(CameraError, match=r"camera\.yaml: is no usable camera file"):
+        load_camera(write(tmp_path / "camera.yaml", text))
+
+
+def test_missing_and_unwritable_camera_files_are_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"camera\.yaml: there is no such camera file"):
+        load_camera(tmp_path / "camera.yaml")
+    (tmp_path / "file").touch()
+    with pytest.raises(OSError, match="cannot be written"):
+        save_camera(DASHCAM, tmp_path / "file" / "camera.yaml")
+
+
+def test_aliases_are_refused_before_they_are_multiplied(tmp_path):
+    """Nine lines that stand for 10^9 numbers."""
+    lines = ["a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"]
+    lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]" for n in range(1, 9)]
+    text = "\n".join(lines) + "\ncamera_matrix: {data: *a8}\n"
+    with pytest.raises(CameraError, match=r"camera\.yaml: .* \(line 2 has an alias"):
+        load_camera(write(tmp_path / "camera.yaml", text))
+
+
+def test_names_that_are_no_text_are_written_all_the_same(tmp_path):
+    report = CalibrationReport(0.5, {"\udcff.jpg": 0.4})
+    written = save_camera(DASHCAM.with_report(report), tmp_path / "camera.yaml")
+    assert load_camera(written).report.board_rms_px == report.board_rms_px
