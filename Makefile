@@ -2,7 +2,7 @@
 # They need Python 3.11-3.13 and make, and the network only the first time.
 
 .DEFAULT_GOAL := help
-.PHONY: help run test clean
+.PHONY: help run test fuzz clean
 
 # An own choice is possible: make run PYTHON=/path/to/python3.12
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
@@ -22,6 +22,7 @@ export JUPYTER_PLATFORM_DIRS := 1
 help:
 	@echo "make run    execute project.ipynb, regenerate output_images/ and the annotated video"
 	@echo "make test   lint, unit tests, and project.ipynb re-executed and compared by nbval"
+	@echo "make fuzz   the tests with random examples, ten times as long and with other examples each time"
 	@echo "make clean  remove .venv and caches"
 	@echo "Real pictures: make run LANES_DATA=path/to/folder   (results: project_real.ipynb, output_real/)"
 
@@ -42,6 +43,10 @@ test: $(INSTALLED) $(WITH_DASK)
 	@echo "== Unit tests, then the notebook against its committed outputs (some minutes)"
 	@env -u LANES_DATA $(ENV)/python -m pytest tests project.ipynb -n 2 --dist loadfile --nbval --nbval-current-env \
 		--nbval-cell-timeout 120 -p tests.compare_figures
+
+fuzz: $(INSTALLED)
+	@echo "== Random pictures, files, drives and filter steps: ten times as many as make test (some minutes)"
+	@LANES_FUZZ=10 $(ENV)/python -m pytest $(shell grep -l '^from examples import' tests/test_*.py)
 
 # Written last, so that a broken installation is tried again.
 $(INSTALLED): requirements.txt

@@ -3,7 +3,18 @@ import pytest
 from painter import dashcam
 
 from lanes.camera import Mount
-from lanes.metric.lanemodel import LEFT, RIGHT, flatten, line_coefficients, line_points, line_y, lines_on_view, place
+from lanes.metric.lanemodel import (
+    LEFT,
+    NUMBERS,
+    RIGHT,
+    SIDES,
+    flatten,
+    line_coefficients,
+    line_points,
+    line_y,
+    lines_on_view,
+    place,
+)
 
 HAIRPIN = np.array([0.3, 3.4, -0.1, -1 / 15, 0.0, 0.0, 0.0])
 CLOTHOID = np.array([-0.2, 3.6, 0.01, 1 / 600, 4e-5, 0.0, 0.0])
@@ -101,3 +112,15 @@ def test_directions_turn_with_pitch():
     x0, y0, found = flatten(x, y, np.array([angle]), 0.01, 5e-4, 1.3)
     x1, y1, _ = flatten(x + h, y + h * np.tan(angle), np.array([angle]), 0.01, 5e-4, 1.3)
     assert found == pytest.approx(np.arctan2(y1 - y0, x1 - x0), abs=2e-3)
+
+
+def test_a_line_that_turns_back_before_the_car_has_finite_coefficients():
+    """40 degrees to the left and R 8.3 m to the right: its right line never comes beside the car."""
+    beside = np.array([0.0, 3.6, 0.3, -0.03, *np.zeros(NUMBERS - 4)])
+    away = np.array([-3.0, 5.8, 0.7, -0.12, *np.zeros(NUMBERS - 4)])
+    for side in SIDES:
+        assert np.isfinite(line_coefficients(away, side)).all()
+        y = line_y(np.array([0.0, 0.01]), beside, side)
+        c0, c1, *_ = line_coefficients(beside, side)
+        assert (c0, c1) == pytest.approx((y[0], (y[1] - y[0]) / 0.01), abs=1e-3)
+    assert line_coefficients(away, -1.0)[1] > 2

@@ -200,6 +200,17 @@ def test_reset_forgets():
     assert again.state == "searching"
 
 
+@pytest.mark.parametrize("elapsed_s", [1.5, 1e9, -0.04, np.nan])
+def test_a_clock_that_leaps_begins_anew(elapsed_s):
+    """After a gap too long to bridge, and when the clock was set back, the picture is looked at like a first one."""
+    tracker = LaneTracker(SMALL, fps=FPS)
+    for time in np.arange(0, 0.4, 1 / FPS):
+        tracker.update(DRIVE.frame(time))
+    again, first = tracker.update(DRIVE.frame(0.0), elapsed_s=elapsed_s), LaneTracker(SMALL).update(DRIVE.frame(0.0))
+    np.testing.assert_array_equal(again.lane.model, first.lane.model)
+    assert again.state == "searching"
+
+
 def test_misuse_is_refused():
     with pytest.raises(ValueError, match="fps=0"):
         LaneTracker(SMALL, fps=0)

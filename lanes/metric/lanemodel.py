@@ -35,6 +35,8 @@ SIDES = np.array([LEFT, RIGHT])
 MOST_STRETCH, LEAST_STRETCH = 5.0, 0.2
 # A point next to the arc's centre is on no side of it; this keeps roots and divisions there in bounds.
 LEAST_SCALE = 1e-2
+# Sine of the largest angle at which a line passes the car: 64 degrees, half as much again as the largest heading.
+STEEPEST = 0.9
 
 
 def stretch_of(x_m: np.ndarray, pitch, vertical, height_m: float) -> tuple[np.ndarray, np.ndarray]:
@@ -161,12 +163,15 @@ def lateral_gradient(x_m: float, side: float) -> np.ndarray:
 
 
 def line_coefficients(lane: np.ndarray, side: float) -> tuple[float, float, float, float]:
-    """(c0, c1, c2, c3) of y = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6: the line's Taylor series where it passes the car."""
+    """(c0, c1, c2, c3) of y = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6: the line's Taylor series where it passes the car.
+
+    A line that turns back before it would pass the car is taken to pass it `STEEPEST`.
+    """
     centre, width, heading, curvature, rate = lane[:PITCH]
     offset = centre + side * width / 2
     scale = 1 - curvature * offset
     # the concentric circle, where it crosses x = 0
-    sin, curvature = np.sin(heading) / scale, curvature / scale
+    sin, curvature = min(max(np.sin(heading) / scale, -STEEPEST), STEEPEST), curvature / scale
     cos = np.sqrt(1 - sin * sin)
     c0 = offset * (1 + scale) / (np.cos(heading) + scale * cos)
     return float(c0), float(sin / cos), float(curvature / cos**3), float(rate + 3 * curvature**2 * sin / cos**5)

@@ -131,15 +131,14 @@ class Belief:
         What the lane tells of the car follows by regression: G = P_cl P_ll^-1 is how the car's numbers move with the
         lane's.
         """
-        across, old = self.covariance[CAR, LANE], self.lane_covariance
-        gain = np.linalg.solve(old, across.T).T
+        root = np.linalg.cholesky(self.covariance)
+        gain = np.linalg.solve(root[LANE, LANE].T, root[CAR, LANE].T).T
         mean = np.concatenate([lane, self.mean[CAR] + gain @ (lane - self.lane)])
         mean[SPEED] = min(max(mean[SPEED], 0.0), fastest_mps(lane[CURVATURE], GREATEST_PUSH))
-        new_across = gain @ covariance
-        car = self.covariance[CAR, CAR] - gain @ (old - covariance) @ gain.T
-        whole = np.empty_like(self.covariance)
-        whole[LANE, LANE], whole[CAR, CAR] = covariance, (car + car.T) / 2
-        whole[CAR, LANE], whole[LANE, CAR] = new_across, new_across.T
+        # sums of squares, where differences of what is nearly the same would leave less than nothing
+        moved = np.vstack([np.eye(NUMBERS), gain])
+        whole = moved @ ((covariance + covariance.T) / 2) @ moved.T
+        whole[CAR, CAR] += root[CAR, CAR] @ root[CAR, CAR].T
         return Belief(mean, whole)
 
     def beside(self, side: float) -> Belief:

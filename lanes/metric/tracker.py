@@ -97,7 +97,8 @@ class LaneTracker:
         image : ndarray of shape (height, width, 3), uint8
             RGB, as taken.
         elapsed_s : float, optional
-            Time since the picture before, where it is not 1 / fps (dropped frames).
+            Time since the picture before, where it is not 1 / fps (dropped frames). After more than `LONGEST_COAST_S`,
+            and when the clock was set back, the tracker begins anew.
 
         Returns
         -------
@@ -108,12 +109,15 @@ class LaneTracker:
         PictureError
             If the picture is not RGB or not of the camera's size.
         """
+        elapsed_s = 1 / self.fps if elapsed_s is None else elapsed_s
+        if not 0 <= elapsed_s <= LONGEST_COAST_S:
+            self.reset()
         self._since_search += 1
         search = self._state != TRACKING or self._objections > 0 or self._since_search >= RECHECK_S * self.fps
         view = self.view if search else self._narrowest_view()
         sight = observe(image, view)
         if self._belief is not None:
-            self._follow(sight, view, 1 / self.fps if elapsed_s is None else elapsed_s)
+            self._follow(sight, view, elapsed_s)
         if search:
             self._search(sight)
         return self._report()

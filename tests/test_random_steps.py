@@ -1,0 +1,89 @@
+"""The filter's covariance over many random steps: measurements, gaps, jolts of speed, lane changes, new beginnings."""
+
+from __future__ import annotations
+
+from random import Random
+
+import numpy as np
+import pytest
+from drives import CAMERA
+from examples import TIMES
+
+from lanes.metric.evidence import Stripes
+from lanes.metric.follow import correct_lane
+from lanes.metric.lanefit import LIMIT, PRIOR_MEAN, PRIOR_STD
+from lanes.metric.lanemodel import SIDES, lateral_gradient, line_points
+from lanes.metric.motion import FASTEST_MPS, SPEED, Belief, first_belief
+from lanes.metric.roadview import RoadView
+from lanes.metric.tracker import LONGEST_COAST_S
+
+VIEW = RoadView(CAMERA)
+# How lateral places of both lines, 4 to 68 m ahead, move with the lane's numbers.
+ROWS = np.array([lateral_gradient(x, side) for x in np.arange(4.0, 70, 4) for side in SIDES])
+# Seconds between pictures: the same one twice, usual frame rates, dropped frames, the longest gap that is bridged.
+CLOCK = (0.0, 1 / 60, 0.04, 0.04, 0.1, 0.5, LONGEST_COAST_S)
+# None, 0 and usual speeds; how exactly places are measured, metres; how far from the usual a lane is.
+SPEEDS_MPS, EXACT_M, ODD = (None, 0.0, 8.0, 25.0, FASTEST_MPS), (0.01, 0.1, 1.0), (0.1, 1.0, 3.0)
+
+
+class Drive:
+    """Random steps; Python's random numbers where one at a time is needed, because numpy's take ten times as long."""
+
+    def __init__(self, seed: int) -> None:
+        self.dice, self.rng = Random(seed), np.random.default_rng(seed)
+
+    def begin(self) -> Belief:
+        """A belief as after a first picture, of any road at any speed."""
+        spread = PRIOR_STD * self.rng.uniform(0.01, 1, len(PRIOR_STD))
+        lane = PRIOR_MEAN + PRIOR_STD * self.dice.choice(ODD) * self.rng.normal(size=len(PRIOR_STD))
+        return first_belief(np.clip(lane, -LIMIT, LIMIT), np.diag(spread**2), self.dice.choice(SPEEDS_MPS))
+
+    def move(self, belief: Belief) -> Belief:
+        """The belief at the next picture: some time later, perhaps at another speed or in the next lane."""
+        kind = self.dice.random()
+        if kind < 0.002:
+            return self.begin()
+        if kind < 0.005:
+            belief = belief.beside(self.dice.choice(SIDES))
+        belief = belief.predict(self.dice.choice(CLOCK), steady_speed=kind < 0.5)
+        if kind < 0.1:
+            belief.mean[SPEED] = self.dice.uniform(0, FASTEST_MPS)
+        return belief
+
+    def measure(self, belief: Belief) -> Belief:
+        """The filter's update with some measured places, from none to many, from the finest to the roughest."""
+        rows = ROWS[self.rng.integers(0, len(ROWS), self.dice.randrange(30))] / self.dice.choice(EXACT_M)
+        covariance = np.linalg.inv(np.linalg.inv(belief.lane_covariance) + rows.T @ rows)
+        return belief.corrected(belief.lane + covariance @ (rows.T @ self.rng.normal(size=len(rows))), covariance)
+
+    def follow(self, belief: Belief) -> Belief:
+        """The same by the tracker's own correction, with stripes along the lane and anywhere else."""
+        rng, count = self.rng, self.dice.randrange(40)
+        x = rng.choice(VIEW.x_m, count)
+        along = line_points(belief.lane, self.dice.choice(SIDES), x) + rng.normal(0, 0.1, (count, 2))
+        anywhere = np.column_stack([x, rng.uniform(-9, 9, count)])
+        x, y = np.where(rng.random((count, 1)) < 0.5, along, anywhere).T
+        row, no = np.zeros(count, int), np.zeros(count, bool)
+        strength, angle = rng.exponential(20, count), rng.uniform(-0.3, 0.3, count)
+        fit = correct_lane(Stripes(row, np.clip(x, 5, 70), y, angle, strength, no, no), belief, VIEW)
+        return belief.corrected(fit.lane[0], np.linalg.inv(fit.information[0]))
+
+
+@pytest.mark.parametrize(("correct", "steps"), [(Drive.measure, 100_000), (Drive.follow, 1_000)])
+def test_the_covariance_stays_positive_definite(correct, steps):
+    drive = Drive(seed=1)
+    belief = drive.begin()
+    for _ in range(steps * TIMES // 1000):
+        seen = []
+        for _ in range(1000):
+            moved = drive.move(belief)
+            belief = correct(drive, moved)
+            seen += moved.covariance, belief.covariance
+            assert np.isfinite(belief.mean).all()
+        covariances = np.array(seen)
+        std = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+        assert std.min() > 0
+        correlations = covariances / (std[:, :, None] * std[:, None, :])
+        np.testing.assert_allclose(correlations, np.swapaxes(correlations, 1, 2), atol=1e-9)
+        # it has a root only if it is positive definite
+        np.linalg.cholesky(correlations)
