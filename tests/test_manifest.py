@@ -119,7 +119,7 @@ def test_a_key_of_a_missing_file(tmp_path):
 def test_the_worst_drive_is_first(tmp_path):
     def manifest(name: str, tracked_share: float, lost_s: float, frames: int) -> Manifest:
         key = DriveKey(f"/drives/{name}.mp4", 1, 1, {}, {})
-        return Manifest(key, {}, frames, frames / 25, tracked_share, lost_s, frames / 10, 1, "")
+        return Manifest(key, {}, frames, 0, frames / 25, tracked_share, lost_s, frames / 10, 1, "")
 
     finished = [manifest("good", 1.0, 0, 100), manifest("bad", 0.5, 1, 300), manifest("worse", 0.5, 2, 100)]
     failed = {Path("/drives/none.mp4"): ValueError("none.mp4: is empty, copy it")}

@@ -26,7 +26,8 @@ from lanes.drives.styles import track_lane
 from lanes.metric.tracker import LaneTracker
 from lanes.threads import one_thread
 from lanes.video.annotate import annotate_video
-from lanes.video.videofile import inspect_video, open_video
+from lanes.video.container import open_video
+from lanes.video.videofile import inspect_video
 from lanes.video.videowriter import open_mp4
 
 

@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Find the lane in every picture and write the detections."""
     from lanes.drives.mounts import mount_from_drive
-    from lanes.metric.detect import detect_files, write_detections
+    from lanes.metric.detect import count_gaps, detect_files, write_detections
 
     camera, estimate = mount_from_drive(find_lens(options), options.files, progress=progress_line("mount"))
     if estimate:
@@ -46,7 +46,9 @@ def run(options: argparse.Namespace) -> int:
         progress=progress_line("detect"),
     )
     lost = sum(detection["state"] == "lost" for detection in found)
-    print(f"wrote {write_detections(options.output, found)}: {len(found)} pictures, no lane in {lost}")
+    missing = count_gaps(found)
+    damaged = f"; {missing} more are damaged or missing in the videos" if missing else ""
+    print(f"wrote {write_detections(options.output, found)}: {len(found)} pictures, no lane in {lost}{damaged}")
     return 0
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from lanes.camera import Camera
 from lanes.drives.mounts import mount_from_drive
 from lanes.drives.moved import find_mount_change
-from lanes.drives.settings import DriveResult, DriveSettings, StillsResult, describe_settings
+from lanes.drives.settings import DriveResult, DriveSettings, StillsResult, describe_frames, describe_settings
 from lanes.drives.sources import refuse_clashes
 from lanes.drives.styles import STYLES, Row, track_lane
 from lanes.images import PictureError, list_pictures, read_image, write_image
@@ -80,7 +80,7 @@ def follow_drive(drive: PreparedDrive, settings: DriveSettings) -> DriveResult:
     began_s = time.perf_counter()
     # reader, loop and writer have a thread each
     with one_thread():
-        annotate_video(
+        summary = annotate_video(
             drive.video,
             target,
             drive.follow(settings.style),
@@ -92,7 +92,8 @@ def follow_drive(drive: PreparedDrive, settings: DriveSettings) -> DriveResult:
             info=drive.info,
         )
     elapsed_s = time.perf_counter() - began_s
-    return conclude_drive(str(drive.video), target, drive.camera, drive.mount, settings, elapsed_s)
+    source, missing = str(drive.video), summary.missing
+    return conclude_drive(source, target, drive.camera, drive.mount, settings, elapsed_s, missing=missing)
 
 
 def annotate_stills(pictures: Sequence[Path], settings: DriveSettings) -> StillsResult:
@@ -168,6 +169,8 @@ def conclude_drive(
     mount: MountEstimate | None,
     settings: DriveSettings,
     elapsed_s: float,
+    *,
+    missing: int = 0,
 ) -> DriveResult:
     """Write the report, if asked for, and sum up what the telemetry beside `video` says."""
     telemetry = video.with_suffix(".csv")
@@ -176,6 +179,8 @@ def conclude_drive(
     report = None
     if settings.report:
         used = describe_settings(source, camera, mount, settings)
+        if missing:
+            used["frames"] = describe_frames(frames, missing)
         path = video.with_suffix(".html")
         report = write_report(path, title=Path(source).name, video=video, telemetry=columns, settings=used)
     return DriveResult(
@@ -190,6 +195,7 @@ def conclude_drive(
         seconds_lost(columns),
         frames / elapsed_s,
         find_mount_change(columns),
+        missing,
     )
 
 

@@ -64,7 +64,7 @@ class Manifest:
     key : DriveKey
     outputs : mapping of str to int
         Names of the files in the output folder, and their sizes in bytes.
-    frames : int
+    frames, missing : int
     length_s : float
         Of the annotated video.
     tracked_share, lost_s : float
@@ -79,6 +79,7 @@ class Manifest:
     key: DriveKey
     outputs: Mapping[str, int]
     frames: int
+    missing: int
     length_s: float
     tracked_share: float
     lost_s: float
@@ -111,6 +112,7 @@ def write_manifest(key: DriveKey, result: DriveResult, *, cpu_s: float, pieces: 
         key,
         {path.name: path.stat().st_size for path in written},
         result.frames,
+        result.missing,
         round(length_s, 6),
         result.tracked_share,
         result.lost_s,

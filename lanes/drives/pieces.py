@@ -17,7 +17,7 @@ import numpy as np
 
 from lanes.drives.drive import PreparedDrive, conclude_drive, output_for
 from lanes.drives.settings import DriveResult, DriveSettings
-from lanes.video.annotate import annotate_video
+from lanes.video.annotate import annotate_video, count_missing
 from lanes.video.join import join_videos
 from lanes.video.telemetry import read_telemetry, write_telemetry
 
@@ -81,7 +81,11 @@ def join_pieces(
     starts_s = [table["time_s"][0] for table in tables]
     write_telemetry(target.with_suffix(".csv"), _rows(tables))
     join_videos(videos, starts_s, target, sound_from=drive.video if drive.info.has_audio else None)
-    return conclude_drive(str(drive.video), target, drive.camera, drive.mount, settings, elapsed_s)
+    frames = read_telemetry(target.with_suffix(".csv"))["frame"]
+    piece = {"start_s": settings.start_s, "end_s": settings.end_s}
+    missing = count_missing(drive.info, int(frames[0]), int(frames[-1]), len(frames), **piece)
+    source = str(drive.video)
+    return conclude_drive(source, target, drive.camera, drive.mount, settings, elapsed_s, missing=missing)
 
 
 def _file_of(piece: Piece, folder: Path) -> Path:
@@ -89,9 +93,12 @@ def _file_of(piece: Piece, folder: Path) -> Path:
 
 
 def _rows(tables: Sequence[dict[str, np.ndarray]]) -> Iterator[dict[str, object]]:
-    """The rows of all tables, numbered through."""
-    number = round(float(tables[0]["frame"][0]))
+    """The rows of all tables, numbered through; numbers that are left out for damaged frames stay so."""
+    number = int(tables[0]["frame"][0])
     for table in tables:
+        shift = number - int(table["frame"][0])
         for values in zip(*table.values(), strict=True):
-            yield {**dict(zip(table, values, strict=True)), "frame": number}
-            number += 1
+            row = dict(zip(table, values, strict=True))
+            number = int(row["frame"]) + shift
+            yield {**row, "frame": number}
+        number += 1

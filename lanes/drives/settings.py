@@ -91,6 +91,8 @@ class DriveResult:
         Frames annotated in a second of work, reading and writing included; the mount's estimate is left out.
     moved : MountChange or None
         Whether the camera seems to have moved on the way.
+    missing : int
+        Frames that are damaged in the video, or not there although it announces them.
     """
 
     source: str
@@ -104,17 +106,19 @@ class DriveResult:
     lost_s: float
     frames_per_s: float
     moved: MountChange | None = None
+    missing: int = 0
 
     def describe(self) -> str:
         """The drive in a sentence, after the mount if it was estimated."""
         written = f"{self.video} with telemetry{' and report' if self.report else ''} beside it"
         moved = f"\n{self.source}: {self.moved.describe()}" if self.moved else ""
         accuracy = [describe_accuracy(self.mount, self.camera)] if self.mount else []
+        frames = describe_frames(self.frames, self.missing)
         return _below_mount(
             self.mount,
             *accuracy,
-            f"{self.source}: {self.frames} frames, lane tracked in {self.tracked_share:.0%} of them, "
-            f"lost for {self.lost_s:.1f} s; {self.frames_per_s:.0f} frames/s; wrote {written}{moved}",
+            f"{self.source}: {frames}, lane tracked in {self.tracked_share:.0%} of them, lost for {self.lost_s:.1f} s; "
+            f"{self.frames_per_s:.0f} frames/s; wrote {written}{moved}",
         )
 
 
@@ -153,6 +157,12 @@ class StillsResult:
 
 def _below_mount(mount: MountEstimate | None, *sentences: str) -> str:
     return "\n".join([*([mount.describe()] if mount else []), *sentences])
+
+
+def describe_frames(frames: int, missing: int) -> str:
+    """Words: "250 frames", "247 frames (3 more are damaged or missing in the video)"."""
+    more = f" ({missing} more {'is' if missing == 1 else 'are'} damaged or missing in the video)" if missing else ""
+    return f"{frames} frames{more}"
 
 
 def describe_settings(

@@ -37,6 +37,7 @@ def write_summary(folder: Path, finished: Sequence[Manifest], failed: Mapping[Pa
             "tracked_share": manifest.tracked_share,
             "lost_s": manifest.lost_s,
             "frames": manifest.frames,
+            "missing": manifest.missing,
             "length_s": manifest.length_s,
             "cpu_s": manifest.cpu_s,
             "pieces": manifest.pieces,

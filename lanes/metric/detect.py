@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
@@ -89,6 +90,18 @@ def write_detections(path: str | Path, detections: Iterable[dict]) -> Path:
     """Write JSON lines; the file appears under its name only when it is whole."""
     write_whole(path, "".join(json.dumps(detection) + "\n" for detection in detections).encode())
     return Path(path)
+
+
+def count_gaps(detections: Iterable[dict]) -> int:
+    """How many frames are left out, because they are damaged, before the last one of each video."""
+    last: dict[str, int] = {}
+    counted = Counter()
+    for detection in detections:
+        if "frame" in detection:
+            video = detection["raw_file"].rpartition("#")[0]
+            last[video] = detection["frame"]
+            counted[video] += 1
+    return sum(number + 1 - counted[video] for video, number in last.items())
 
 
 class Finder:

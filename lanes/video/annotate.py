@@ -51,6 +51,7 @@ Process = Callable[..., "np.ndarray | tuple[np.ndarray, Row]"]
 class VideoSummary:
     """What `annotate_video` did: frames read and written, frames per second, size written, sound or not.
 
+    `missing` frames are damaged in the source or not there; they are left out, and those around them keep their times.
     `elapsed_s` is the time that it took; it is left out when printed, so that two runs print the same.
     """
 
@@ -62,6 +63,7 @@ class VideoSummary:
     height: int
     duration_s: float
     has_audio: bool
+    missing: int
     elapsed_s: float = field(repr=False, compare=False)
 
 
@@ -156,7 +158,7 @@ def annotate_video(
         write_behind(writer.encode) if overlapped else nullcontext(writer.encode) as encode,
         _progress_bar(info, start_s, end_s, shown=progress) as bar,
     ):
-        process, last_s = _with_time(process), None
+        process, last_s, numbers = _with_time(process), None, []
         for frame in frames:
             elapsed_s = None if last_s is None else frame.time_s - last_s
             picture, row = _processed(process, frame.image, elapsed_s, f"frame {frame.number} of {source}")
@@ -168,7 +170,17 @@ def annotate_video(
             if table:
                 table.write({"frame": frame.number, "time_s": round(frame.time_s, 6), **row})
             bar.update()
-    return _summary(writer, time.perf_counter() - began_s)
+            numbers = [*numbers[:1], frame.number]
+    missing = count_missing(info, numbers[0], numbers[-1], writer.frames, start_s=start_s, end_s=end_s)
+    return _summary(writer, missing, time.perf_counter() - began_s)
+
+
+def count_missing(
+    info: VideoInfo, first: int, last: int, frames: int, *, start_s: float = 0.0, end_s: float | None = None
+) -> int:
+    """How many frames of a piece of a video are damaged or not there, if `frames` came, numbered `first` to `last`."""
+    whole = start_s == 0 and (end_s is None or end_s >= info.duration_s)
+    return max(0, (info.frames + info.missing if whole else last - first + 1) - frames)
 
 
 def _progress_bar(info: VideoInfo, start_s: float, end_s: float | None, *, shown: bool) -> tqdm:
@@ -207,12 +219,10 @@ def _processed(process: Process, frame: np.ndarray, elapsed_s: float | None, nam
     return picture, {**row, "latency_ms": latency_ms}
 
 
-def _summary(writer: VideoWriter, elapsed_s: float) -> VideoSummary:
+def _summary(writer: VideoWriter, missing: int, elapsed_s: float) -> VideoSummary:
     written = writer.written
-    size = written.width, written.height
-    return VideoSummary(
-        writer.path, writer.frames, written.frames, written.fps, *size, written.duration_s, written.has_audio, elapsed_s
-    )
+    about = written.fps, written.width, written.height, written.duration_s, written.has_audio
+    return VideoSummary(writer.path, writer.frames, written.frames, *about, missing, elapsed_s)
 
 
 @contextmanager

@@ -10,7 +10,8 @@ from pathlib import Path
 import av
 
 from lanes.files import whole_file
-from lanes.video.videofile import VideoError, guarded, inspect_video, open_video
+from lanes.video.container import VideoError, guarded, open_video
+from lanes.video.videofile import inspect_video
 from lanes.video.videowriter import SoundTrack
 
 

@@ -15,15 +15,8 @@ from av.video.reformatter import ColorRange, ColorTrc
 
 from lanes.files import PartialFile, writing_to
 from lanes.images import require_rgb
-from lanes.video.videofile import (
-    STAMP_TOLERANCE_S,
-    VideoError,
-    VideoInfo,
-    guarded,
-    inspect_video,
-    open_video,
-    start_time,
-)
+from lanes.video.container import VideoError, decode_frames, guarded, open_video, start_time
+from lanes.video.videofile import STAMP_TOLERANCE_S, VideoInfo, inspect_video
 
 # Sound that an mp4 file may hold and browsers play; any other is encoded as AAC.
 _COPIED_SOUND = {"aac", "mp3", "opus", "flac"}
@@ -258,7 +251,7 @@ class SoundTrack:
         zero_s = self._start_s + float(start_time(self._source.streams.video[0]))
         if self._start_s > 0:
             self._source.seek(int(zero_s * av.time_base))
-        pieces = self._source.demux(self._input) if self._copied else self._source.decode(self._input)
+        pieces = self._source.demux(self._input) if self._copied else decode_frames(self._source, self._input)
         for piece in guarded(pieces, self._path):
             if piece.pts is None:
                 continue
