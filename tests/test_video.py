@@ -490,8 +490,8 @@ class TestFailure:
         rows = tmp_path / "rows.csv"
         summary = annotate_video(broken, target, unchanged, progress=False, telemetry=rows)
         assert 1 <= summary.missing == 50 - summary.frames_out <= 25
-        # What is left keeps its number and its time. What builds on a damaged frame may show an older picture, until the
-        # next key frame (each twelfth here).
+        # What is left keeps its number and its time. What builds on a damaged frame may show an older picture, until
+        # the next key frame (each twelfth here).
         table = read_telemetry(rows)
         np.testing.assert_allclose(table["time_s"], table["frame"] / 25, atol=1e-3)
         shown = np.array([number_of(frame) for frame in read_frames(target)])
