@@ -199,8 +199,9 @@ class Camera:
         pixels = np.asarray(pixels, float).reshape(-1, 1, 2)
         if not len(pixels):
             return np.empty((0, 3))
-        # 50 steps of the fixed-point iteration: the default 5 leave up to 0.1 px at the corners of a wide lens.
-        stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-12)
+        # As many steps of the fixed-point iteration as it takes: most pixels need ten, the corners of a lens of 100
+        # degrees some hundreds (there 50 leave a pixel and 5, the default, forty).
+        stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 1000, 1e-12)
         xy = cv2.undistortPoints(pixels, self.matrix, self.distortion, criteria=stop)
         return np.column_stack([xy.reshape(-1, 2), np.ones(len(pixels))])
 
@@ -265,10 +266,10 @@ class Camera:
 @lru_cache(maxsize=32)
 def _largest_ray(k1: float, k2: float, k3: float) -> float:
     """Found once for each lens: a camera that nods is a new one in every frame, with the same lens."""
-    # derivative of r (1 + k1 r^2 + k2 r^4 + k3 r^6), as a polynomial in r^2
-    roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1.0])
-    real = roots[np.isreal(roots)].real
-    return float(np.sqrt(min(real[real > 0], default=np.inf)))
+    # derivative of r (1 + k1 r^2 + k2 r^4 + k3 r^6), as a polynomial in 1 / r^2, whose first coefficient is never 0
+    roots = np.roots([1.0, 3 * k1, 5 * k2, 7 * k3])
+    inverse_square = max(roots[np.isreal(roots)].real, default=0.0)
+    return float(inverse_square**-0.5) if inverse_square > 0 else np.inf
 
 
 def undistort(image: np.ndarray, camera: Camera, *, rescale: bool = False) -> np.ndarray:
