@@ -19,6 +19,7 @@ import numpy as np
 
 from lanes.images import PictureError, require_rgb
 from lanes.words import html_table
+from lanes.yuv import Picture, YuvPicture
 
 # Pictures whose aspect ratios differ by less than this come from the same sensor area: 1281x721 beside 1280x720
 # differs by 0.0006, the next common format (16:10 beside 16:9) by 0.18.
@@ -170,9 +171,10 @@ class Camera:
         shift = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
         return replace(self, width=width, height=height, matrix=np.linalg.inv(shift) @ scale @ shift @ self.matrix)
 
-    def require_size(self, image: np.ndarray, name: object = "picture") -> None:
+    def require_size(self, image: Picture, name: object = "picture") -> None:
         """Refuse a picture of another size than the calibration's, with a sentence that names both."""
-        require_rgb(image, name)
+        if not isinstance(image, YuvPicture):
+            require_rgb(image, name)
         got = (image.shape[1], image.shape[0])
         if got != self.size:
             raise PictureError(

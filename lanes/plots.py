@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lanes.draw import LANE, LEFT, RIGHT, WINDOW, Colour
+from lanes.canvas import LANE, LEFT, RIGHT, WINDOW, Colour
 from lanes.files import write_whole
 from lanes.metric.tracked import COASTING, FOUND, LOST, SEARCHING, TRACKING
 
@@ -228,7 +228,7 @@ def new_figure(rows: int, columns: int, size_in: tuple[float, float], **options:
 
 
 def rgb(colour: Colour) -> tuple[float, float, float]:
-    """A colour of `lanes.draw` in matplotlib's 0 to 1."""
+    """A colour of `lanes.canvas` in matplotlib's 0 to 1."""
     red, green, blue = (value / 255 for value in colour)
     return red, green, blue
 

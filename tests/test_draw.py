@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes import draw
+from lanes import canvas, draw
 from lanes.camera import Camera
 from lanes.images import PictureError
 
@@ -151,7 +151,7 @@ class TestDrawLane:
 
 class TestWriteText:
     @pytest.mark.parametrize("size", [(1280, 720), (640, 360), (160, 96), (97, 41), (30, 12)])
-    @pytest.mark.parametrize("corner", draw.CORNERS)
+    @pytest.mark.parametrize("corner", canvas.CORNERS)
     def test_nothing_is_cut_off(self, size, corner):
         """Letters never touch the picture's edge, whatever the picture's size and the text's length."""
         image = np.full((*size[::-1], 3), 128, np.uint8)

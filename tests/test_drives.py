@@ -84,7 +84,7 @@ def test_styles_draw_on_a_picture_of_its_size_and_say_lost(style):
 
 def test_lines_are_drawn_on_the_paint_and_nothing_between():
     image, result = tracked_bends()
-    drawn = STYLES["lines"](SMALL)(image, result)
+    drawn = STYLES["lines"](SMALL)(image.copy(), result)
     x = np.array([9.0, 14.0])
     truth = BENDS.truth(3 / 25)
     for side, channel in ((0, 0), (1, 2)):

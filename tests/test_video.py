@@ -19,15 +19,18 @@ import av
 import cv2
 import numpy as np
 import pytest
+from av.video.reformatter import Colorspace
 
 from lanes import draw
+from lanes.benchmark.transcode import transcode
 from lanes.camera import Camera, undistort
 from lanes.images import PictureError
 from lanes.video import annotate
-from lanes.video.annotate import annotate_video, open_clip
+from lanes.video.annotate import AsStored, annotate_video, open_clip
 from lanes.video.telemetry import read_telemetry
 from lanes.video.videofile import VideoError, inspect_video, read_frames, read_timed_frames
 from lanes.video.videowriter import VideoWriter
+from lanes.yuv import YuvPicture
 
 SIZE = (160, 96)
 YELLOW, RED, BLUE = (255, 200, 0), (200, 30, 30), (20, 60, 220)
@@ -400,6 +403,85 @@ class TestAnnotate:
     def test_quiet(self, video, tmp_path, capfd):
         annotate_video(video, tmp_path / "out.mp4", unchanged)
         assert capfd.readouterr() == ("", "")
+
+
+def packets_of(path: Path) -> list[bytes]:
+    with av.open(str(path)) as container:
+        return [bytes(packet) for packet in container.demux(container.streams.video[0]) if packet.size]
+
+
+class TestAsStored:
+    """Frames that keep the planes of their video."""
+
+    def test_what_is_not_drawn_on_is_as_in_a_bare_transcode(self, repeatable, tmp_path):
+        transcode(repeatable, tmp_path / "bare.mp4")
+        annotate_video(repeatable, tmp_path / "out.mp4", AsStored(unchanged), progress=False, sound=False)
+        assert packets_of(tmp_path / "out.mp4") == packets_of(tmp_path / "bare.mp4")
+
+    def test_its_own_to_draw_on_and_in_order(self, video, tmp_path):
+        """Brightness is inverted in place; were these the decoder's planes, later frames would be built on them."""
+
+        def invert(frame: YuvPicture) -> tuple[YuvPicture, dict[str, int]]:
+            number = number_of(frame.to_rgb())
+            frame.planes[0][:] = 251 - frame.planes[0]
+            return frame, {"number": number}
+
+        annotate_video(video, tmp_path / "out.mp4", AsStored(invert), progress=False, telemetry=tmp_path / "out.csv")
+        np.testing.assert_array_equal(read_telemetry(tmp_path / "out.csv")["number"], np.arange(50))
+        assert [1023 - number_of(frame) for frame in read_frames(tmp_path / "out.mp4")] == list(range(50))
+
+    @pytest.mark.parametrize(
+        ("tags", "form"),
+        [
+            ((1, 1, 1, 1), "yuv420p"),
+            ((1, 2, 1, 1), "yuv420p"),
+            ((6, 1, 6, 6), "yuv420p"),
+            ((9, 1, 9, 14), "yuv420p10le"),
+            ((1, 1, 1, 13), "yuv422p"),
+        ],
+    )
+    def test_colours_stay_what_the_file_says(self, tmp_path, tags, form):
+        """Matrix, range, primaries and transfer by their numbers; the colours that they stand for stay the same."""
+        matrix, span, primaries, transfer = tags
+        path = tmp_path / "source.mkv"
+        image = numbered(5)
+        with av.open(str(path), "w") as container:
+            stream = container.add_stream("libx264", rate=25, options={"crf": "10"})
+            stream.width, stream.height, stream.pix_fmt = *SIZE, form
+            codec = stream.codec_context
+            codec.colorspace, codec.color_range, codec.color_primaries, codec.color_trc = tags
+            for _ in range(5):
+                frame = av.VideoFrame.from_ndarray(image)
+                to = {1: Colorspace.ITU709, 6: Colorspace.ITU601, 9: Colorspace.BT2020}[matrix]
+                stored = frame.reformat(format=form, dst_colorspace=to, src_color_range=2, dst_color_range=span)
+                container.mux(stream.encode(stored))
+            container.mux(stream.encode(None))
+        annotate_video(path, tmp_path / "out.mp4", AsStored(unchanged), progress=False)
+        with av.open(str(tmp_path / "out.mp4")) as container:
+            codec = container.streams.video[0].codec_context
+            assert (codec.colorspace, codec.color_range, codec.color_primaries, codec.color_trc) == tags
+        before, after = (list(read_frames(p))[3] for p in (path, tmp_path / "out.mp4"))
+        np.testing.assert_allclose(before[20, 40:120], np.broadcast_to(YELLOW, (80, 3)), atol=6)
+        np.testing.assert_allclose(after[20, 40:120], np.broadcast_to(YELLOW, (80, 3)), atol=9)
+
+    @pytest.mark.parametrize("degrees", [90, 180, 270])
+    def test_turned_camera(self, tmp_path, degrees):
+        path, turned = make_video(tmp_path / "upright.mp4", 2), tmp_path / "turned.mp4"
+        set_rotation(path, turned, degrees)
+        summary = annotate_video(turned, tmp_path / "out.mp4", AsStored(unchanged), progress=False)
+        expected, written = (next(read_frames(p)).astype(int) for p in (turned, tmp_path / "out.mp4"))
+        assert (summary.height, summary.width) == expected.shape[:2]
+        assert np.abs(expected - written).mean() < 6
+
+    def test_odd_size_keeps_its_pixels_where_they_are(self, tmp_path):
+        path = make_video(tmp_path / "odd.mkv", 3, size=(161, 97))
+        shapes = []
+        summary = annotate_video(
+            path, tmp_path / "out.mp4", AsStored(lambda f: shapes.append(f.shape) or f), progress=False
+        )
+        assert shapes == [(97, 161, 3)] * 3
+        assert (summary.width, summary.height) == (162, 98)
+        assert number_of(list(read_frames(tmp_path / "out.mp4"))[2][:97]) == 2
 
 
 class TestFailure:

@@ -25,7 +25,7 @@ from lanes.camerafile import load_camera
 from lanes.drives.styles import track_lane
 from lanes.metric.tracker import LaneTracker
 from lanes.threads import one_thread
-from lanes.video.annotate import annotate_video
+from lanes.video.annotate import AsStored, annotate_video
 from lanes.video.container import open_video
 from lanes.video.videofile import inspect_video
 from lanes.video.videowriter import open_mp4
@@ -105,7 +105,7 @@ def repeat_video(source: Path, target: Path, frames: int) -> Path:
 
 
 def _annotate(source: Path, target: Path, camera: Camera, fps: float, table: Path, end_s: float | None = None) -> None:
-    process = track_lane(LaneTracker(camera, fps=fps), camera)
+    process = AsStored(track_lane(LaneTracker(camera, fps=fps), camera))
     with one_thread():  # as the command does it
         annotate_video(source, target, process, end_s=end_s, progress=False, telemetry=table)
 

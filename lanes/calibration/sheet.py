@@ -12,7 +12,8 @@ from lanes.calibration.boards import BoardSearch
 from lanes.calibration.corners import draw_board
 from lanes.calibration.coverage import DIVISIONS, count_corners, describe_boards, used_boards
 from lanes.camera import Camera
-from lanes.draw import LANE, LEFT, PANEL, TEXT, WINDOW, Colour, to_rgb, write_text
+from lanes.canvas import LANE, LEFT, PANEL, TEXT, WINDOW, Colour
+from lanes.draw import to_rgb, write_text
 from lanes.images import PictureError, read_image
 
 COLUMNS, TILE_PX, LABEL_PX, GAP_PX, LETTERS_PX = 5, (400, 225), 44, 6, 13

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
 
 from lanes.camera import Camera
 from lanes.drives.mounts import mount_from_drive
 from lanes.drives.moved import find_mount_change
 from lanes.drives.settings import DriveResult, DriveSettings, StillsResult, describe_frames, describe_settings
 from lanes.drives.sources import refuse_clashes
-from lanes.drives.styles import STYLES, Row, track_lane
+from lanes.drives.styles import STYLES, track_lane
 from lanes.images import PictureError, list_pictures, read_image, write_image
 from lanes.metric.lane import find_lane
 from lanes.metric.roadview import RoadView
@@ -25,7 +23,7 @@ from lanes.mounting.mount import MountEstimate
 from lanes.report.moments import seconds_lost, share_tracked
 from lanes.report.report import write_report
 from lanes.threads import one_thread
-from lanes.video.annotate import annotate_video
+from lanes.video.annotate import AsStored, annotate_video
 from lanes.video.telemetry import read_telemetry, write_telemetry
 from lanes.video.videofile import VideoError, VideoInfo, inspect_video
 
@@ -39,9 +37,9 @@ class PreparedDrive:
     camera: Camera
     mount: MountEstimate | None
 
-    def follow(self, style: str) -> Callable[..., tuple[np.ndarray, Row]]:
+    def follow(self, style: str) -> AsStored:
         """A function for `annotate_video`, with a tracker of its own; see `track_lane`."""
-        return track_lane(LaneTracker(self.camera, fps=self.info.fps), self.camera, style=style)
+        return AsStored(track_lane(LaneTracker(self.camera, fps=self.info.fps), self.camera, style=style))
 
 
 def annotate_drive(video: str | Path, settings: DriveSettings) -> DriveResult:

@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.draw import LEFT, PANEL, RIGHT, draw_line, write_text
+from lanes.canvas import LEFT, PANEL, RIGHT, stroke_line, write_on
+from lanes.draw import draw_line, write_text
 from lanes.metric.evidence import LEAST_STRENGTH
 from lanes.metric.lane import observe
 from lanes.metric.lane_overlay import (
@@ -22,9 +23,10 @@ from lanes.metric.lanemodel import lines_on_view
 from lanes.metric.roadview import RoadView
 from lanes.metric.tracked import TrackedLane
 from lanes.metric.tracker import LaneTracker
+from lanes.yuv import Picture, as_rgb
 
 # Takes a picture, which it may write on, and what was found in it; returns the annotated one.
-Painter = Callable[[np.ndarray, TrackedLane], np.ndarray]
+Painter = Callable[[Picture, TrackedLane], Picture]
 Row = dict[str, str | float | None]
 
 # Strength that is drawn white, so many times what is kept: good paint reaches it.
@@ -39,14 +41,13 @@ def paint_lane(camera: Camera) -> Painter:
 def paint_lines(camera: Camera) -> Painter:
     """The two lines and the measures; the road between them stays as it is."""
 
-    def paint(image: np.ndarray, tracked: TrackedLane) -> np.ndarray:
-        drawn = image
+    def paint(image: Picture, tracked: TrackedLane) -> Picture:
         if tracked.lane is not None:
             outlines, lines = lane_outlines(tracked.lane, camera), (tracked.left, tracked.right)
             for points, line, colour in zip(outlines, lines, (LEFT, RIGHT), strict=True):
-                width_px = camera.width / (SEEN_PX if line.seen else INFERRED_PX)
-                drawn = draw_line(drawn, points, colour=colour, width_px=width_px)
-        return write_text(drawn, describe_tracked(tracked))
+                stroke_line(image, points, colour, camera.width / (SEEN_PX if line.seen else INFERRED_PX))
+        write_on(image, describe_tracked(tracked))
+        return image
 
     return paint
 
@@ -55,7 +56,8 @@ def paint_mosaic(camera: Camera) -> Painter:
     """The annotated picture with, beside it, the road from above, the evidence for paint and the fitted lines."""
     view = RoadView(camera)
 
-    def paint(image: np.ndarray, tracked: TrackedLane) -> np.ndarray:
+    def paint(image: Picture, tracked: TrackedLane) -> np.ndarray:
+        image = as_rgb(image)
         sight = observe(image, view)
         strength = cv2.convertScaleAbs(sight.evidence.strength, alpha=255 / WHITE_STRENGTH)
         evidence = cv2.cvtColor(strength, cv2.COLOR_GRAY2RGB)
@@ -87,6 +89,8 @@ STYLES: dict[str, Callable[[Camera], Painter]] = {"lane": paint_lane, "lines": p
 def track_lane(tracker: LaneTracker, camera: Camera, *, style: str = "lane") -> Callable[..., tuple[np.ndarray, Row]]:
     """A function for `annotate_video`: takes the frames in order, writes on them, gives each and its telemetry.
 
+    It takes RGB as well as what videos store, `YuvPicture`.
+
     Parameters
     ----------
     tracker : LaneTracker
@@ -99,7 +103,7 @@ def track_lane(tracker: LaneTracker, camera: Camera, *, style: str = "lane") -> 
     """
     paint = STYLES[style](camera)
 
-    def process(frame: np.ndarray, elapsed_s: float | None = None) -> tuple[np.ndarray, Row]:
+    def process(frame: Picture, elapsed_s: float | None = None) -> tuple[Picture, Row]:
         tracked = tracker.update(frame, elapsed_s=elapsed_s)
         warning = tracked.warning
         departure = warning.side if warning and warning.due else None

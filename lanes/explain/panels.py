@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lanes.camera import Camera, undistort
-from lanes.draw import LANE, LEFT, RIGHT, WINDOW, Colour
+from lanes.canvas import LANE, LEFT, RIGHT, WINDOW, Colour
 from lanes.explain.frame import Explanation, stripes_on_lines
 from lanes.metric.lane_overlay import draw_found
 from lanes.metric.lanemodel import CENTRE, SIDES, WIDTH, line_y, lines_on_view

@@ -8,11 +8,12 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.draw import LANE, LEFT, RIGHT, stroke_line, tint_area, write_on
+from lanes.canvas import LANE, LEFT, RIGHT, stroke_line, tint_area, write_on
 from lanes.metric.lane import Lane
 from lanes.metric.lanemodel import SIDES, line_points
 from lanes.metric.tracked import TrackedLane
 from lanes.words import describe_bend, describe_offset
+from lanes.yuv import Picture
 
 # Nearer than this the own bonnet hides the road from most cameras.
 NEAREST_M = 6.0
@@ -36,25 +37,23 @@ def lane_outlines(lane: Lane, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     return _in_sight(left), _in_sight(right)
 
 
-def draw_tracked(
-    image: np.ndarray, tracked: TrackedLane, camera: Camera, *, onto: np.ndarray | None = None
-) -> np.ndarray:
+def draw_tracked(image: Picture, tracked: TrackedLane, camera: Camera, *, onto: Picture | None = None) -> Picture:
     """Draw the lane and what is known of it.
 
     Parameters
     ----------
-    image : ndarray of shape (height, width, 3), uint8
-        RGB, as taken. Stays as it is.
+    image : ndarray of shape (height, width, 3), uint8, or YuvPicture
+        RGB, or as its video stores it; as taken. Stays as it is.
     tracked : TrackedLane
     camera : Camera
         With its mount.
-    onto : ndarray of the same shape, uint8, optional
+    onto : the same kind of picture, optional
         What to draw on instead of on a copy: `image` itself where it is needed no more, which saves a quarter of the
         time.
 
     Returns
     -------
-    ndarray of the same shape, uint8
+    the same kind of picture
         When the lane is lost, only the words that say so.
     """
     camera.require_size(image)

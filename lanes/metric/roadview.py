@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera, CameraError
+from lanes.yuv import Picture, YuvPicture, stored_colour
 
 # Enough for pictures of 4000 columns.
 REDUCTIONS = (1, 2, 4, 8, 16)
@@ -99,11 +100,20 @@ class RoadView:
         return {}
 
     @cached_property
-    def _lookups(self) -> list[tuple[int, slice, np.ndarray, np.ndarray]]:
-        """(reduction, rows, map, map fraction): which rows are read from which reduced picture, and where."""
-        focal_px = self.camera.matrix[0, 0]
-        cell_px = self.cell_m * focal_px / self.x_m
-        level = np.clip(np.floor(np.log2(np.maximum(cell_px, 1))).astype(int), 0, len(REDUCTIONS) - 1)
+    def _fine(self) -> list[tuple[int, slice, np.ndarray, np.ndarray]]:
+        return self._lookups(0)
+
+    @cached_property
+    def _coarse(self) -> list[tuple[int, slice, np.ndarray, np.ndarray]]:
+        return self._lookups(1)
+
+    def _lookups(self, first: int) -> list[tuple[int, slice, np.ndarray, np.ndarray]]:
+        """(reduction, rows, map, map fraction): which rows are read from which reduced picture, and where.
+
+        The picture itself is already reduced by the first of `REDUCTIONS`.
+        """
+        cell_px = self.cell_m * self.focal_px / self.x_m
+        level = np.clip(np.floor(np.log2(np.maximum(cell_px, 1))).astype(int), first, len(REDUCTIONS) - 1)
         lookups = []
         for index, reduction in enumerate(REDUCTIONS):
             rows = np.flatnonzero(level == index)
@@ -133,15 +143,26 @@ class RoadView:
         top = int(np.nanmin(np.where(self.seen, self.pixels[..., 1], np.nan)))
         return max(0, top - 2) // REDUCTIONS[-1] * REDUCTIONS[-1]
 
-    def warp(self, image: np.ndarray) -> np.ndarray:
-        """The road in `image` (raw, (height, width, 3) uint8) from above: (rows, columns, 3) uint8, 0 where unseen."""
+    def warp(self, image: Picture) -> np.ndarray:
+        """The road in `image` (raw) from above: RGB (rows, columns, 3) uint8, black where unseen."""
         self.camera.require_size(image)
-        view = np.empty((*self.shape, 3), np.uint8)
-        reduced, done = image[self.top_px :], 1
-        for reduction, rows, place, fraction in self._lookups:
+        if not isinstance(image, YuvPicture):
+            return self._look_up(image, 1, self._fine, 0)
+        black = stored_colour((0, 0, 0), image.colours)
+        lookups = (1, self._fine), (2, self._coarse), (2, self._coarse)
+        found = [self._look_up(p, *how, dark) for p, how, dark in zip(image.planes, lookups, black, strict=True)]
+        # only the cells of the view become RGB, not the whole picture
+        return cv2.transform(cv2.merge(found), image.colours.to_rgb)
+
+    def _look_up(self, pixels: np.ndarray, done: int, lookups: list, outside: float) -> np.ndarray:
+        """The cells' values in an array that is the picture reduced `done` times."""
+        view = np.empty((*self.shape, *pixels.shape[2:]), np.uint8)
+        reduced = pixels[self.top_px // done :]
+        for reduction, rows, place, fraction in lookups:
             if reduction != done:
                 share = done / reduction
                 reduced = cv2.resize(reduced, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
                 done = reduction
-            cv2.remap(reduced, place, fraction, cv2.INTER_LINEAR, dst=view[rows], borderMode=cv2.BORDER_CONSTANT)
+            border = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": outside}
+            cv2.remap(reduced, place, fraction, cv2.INTER_LINEAR, dst=view[rows], **border)
         return view

@@ -37,14 +37,33 @@ from tqdm import tqdm
 from lanes.images import PictureError
 from lanes.video.overlap import read_ahead, write_behind
 from lanes.video.telemetry import TelemetryWriter
-from lanes.video.videofile import STAMP_TOLERANCE_S, VideoError, VideoInfo, inspect_video, read_timed_frames
+from lanes.video.videofile import (
+    STAMP_TOLERANCE_S,
+    VideoError,
+    VideoInfo,
+    inspect_video,
+    read_timed_frames,
+    upright,
+    upright_as_stored,
+)
 from lanes.video.videowriter import ENCODER_THREADS, VideoWriter
+from lanes.yuv import Picture, YuvPicture
 
 if TYPE_CHECKING:
     from moviepy import VideoFileClip
 
 Row = Mapping[str, object]
-Process = Callable[..., "np.ndarray | tuple[np.ndarray, Row]"]
+Process = Callable[..., "Picture | tuple[Picture, Row]"]
+
+
+@dataclass(frozen=True)
+class AsStored:
+    """A function for `annotate_video` that takes frames as the video stores them, `YuvPicture`, instead of RGB.
+
+    That saves two conversions of each frame, and all that the function does not draw on comes out as it was decoded.
+    """
+
+    process: Process
 
 
 @dataclass(frozen=True)
@@ -91,7 +110,7 @@ def open_clip(path: str | Path, *, start_s: float = 0.0, end_s: float | None = N
 def annotate_video(
     source: str | Path,
     target: str | Path,
-    process: Process,
+    process: Process | AsStored,
     *,
     start_s: float = 0.0,
     end_s: float | None = None,
@@ -109,12 +128,12 @@ def annotate_video(
     source, target : str or Path
         `target` ends in .mp4 and appears only when it is whole; whatever stops the run, Ctrl-C and SIGTERM included,
         leaves an earlier file of that name as it was and no other file behind.
-    process : callable
+    process : callable or AsStored
         Takes a frame, ndarray of shape (height, width, 3), uint8, RGB, its own to write on, and returns the annotated
         one, or that and a mapping with the frame's telemetry. Called once a frame, in order, by the caller's thread;
         others read ahead and write behind meanwhile. All pictures that it returns must have one size. If it has a
         parameter `elapsed_s`, it is told the seconds since the frame before, None for the first: they differ from
-        frame to frame in videos of variable rate.
+        frame to frame in videos of variable rate. `AsStored` holds a function that takes and returns `YuvPicture`s.
     start_s, end_s : float
         The piece to work on, see `read_frames`.
     progress : bool
@@ -148,7 +167,9 @@ def annotate_video(
     decoders, encoders = (0, ENCODER_THREADS) if overlapped else (1, 1)
     sound_from = source if sound and info.has_audio else None
     writer = VideoWriter(target, fps=info.fps, sound_from=sound_from, threads=encoders)
-    read = read_timed_frames(source, start_s=max(0.0, start_s - warm_up_s), end_s=end_s, threads=decoders)
+    process, convert = (process.process, upright_as_stored) if isinstance(process, AsStored) else (process, upright)
+    first_s = max(0.0, start_s - warm_up_s)
+    read = read_timed_frames(source, start_s=first_s, end_s=end_s, threads=decoders, convert=convert)
     with (
         _stopping_cleanly(),
         # In this order: telemetry gets its name only when the video has.
@@ -200,7 +221,7 @@ def _with_time(process: Process) -> Process:
     return process if cares else lambda frame, elapsed_s: process(frame)
 
 
-def _processed(process: Process, frame: np.ndarray, elapsed_s: float | None, name: str) -> tuple[np.ndarray, Row]:
+def _processed(process: Process, frame: Picture, elapsed_s: float | None, name: str) -> tuple[Picture, Row]:
     """What `process` makes of a frame: the picture, and its telemetry with the time that it took."""
     began_s = time.perf_counter()
     try:
@@ -213,10 +234,16 @@ def _processed(process: Process, frame: np.ndarray, elapsed_s: float | None, nam
         raise
     latency_ms = round((time.perf_counter() - began_s) * 1e3, 3)
     picture, row = result if isinstance(result, tuple) else (result, {})
-    if not isinstance(picture, np.ndarray) or picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype != np.uint8:
-        got = f"{picture.dtype} of shape {picture.shape}" if isinstance(picture, np.ndarray) else type(picture).__name__
-        raise VideoError(f"{name}: process returned {got}; it must return an RGB picture (height, width, 3), uint8.")
+    _require_picture(picture, name)
     return picture, {**row, "latency_ms": latency_ms}
+
+
+def _require_picture(result: object, name: str) -> None:
+    if isinstance(result, YuvPicture):
+        return
+    if not isinstance(result, np.ndarray) or result.ndim != 3 or result.shape[2] != 3 or result.dtype != np.uint8:
+        got = f"{result.dtype} of shape {result.shape}" if isinstance(result, np.ndarray) else type(result).__name__
+        raise VideoError(f"{name}: process returned {got}; it must return an RGB picture (height, width, 3), uint8.")
 
 
 def _summary(writer: VideoWriter, missing: int, elapsed_s: float) -> VideoSummary:

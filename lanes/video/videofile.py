@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 
 import av
 import numpy as np
-from av.video.reformatter import VideoReformatter
+from av.video.reformatter import ColorRange, VideoReformatter
 
 from lanes.video.container import (
     VideoError,
@@ -22,7 +22,10 @@ from lanes.video.container import (
     start_time,
     steps_of,
 )
+from lanes.yuv import WEIGHTS, Picture, YuvColours, YuvPicture
 
+# Of the numbers of a frame's colours: not told (ITU-T H.273, tables 2 to 4).
+UNTOLD = 2
 # Some containers round time stamps to a millisecond, so that a stamp this close to a limit counts as on it.
 STAMP_TOLERANCE_S = 1e-3
 # A time stamp further back than this belongs to a recorder that began again, as in clips that were put together.
@@ -47,11 +50,11 @@ class VideoInfo:
 
 @dataclass(frozen=True, eq=False)
 class TimedFrame:
-    """One frame: its number and its time since the video's first frame, and the RGB picture (height, width, 3)."""
+    """One frame: its number, its time since the video's first frame, and the picture, RGB unless otherwise asked."""
 
     number: int
     time_s: float
-    image: np.ndarray
+    image: Picture
 
 
 def inspect_video(path: str | Path) -> VideoInfo:
@@ -71,7 +74,7 @@ def inspect_video(path: str | Path) -> VideoInfo:
     """
     with open_video(path) as container:
         found = look_through(path, container)
-        height, width = _upright(found.first, VideoReformatter()).shape[:2]
+        height, width = upright(found.first, VideoReformatter()).shape[:2]
         rate = float(frame_rate(container.streams.video[0], path))
         sound = bool(container.streams.audio)
         return VideoInfo(width, height, rate, found.frames, found.duration_s, sound, found.missing)
@@ -102,12 +105,40 @@ def read_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | None =
         yield frame.image
 
 
-def read_timed_frames(
-    path: str | Path, *, start_s: float = 0.0, end_s: float | None = None, threads: int = 0
-) -> Iterator[TimedFrame]:
-    """As `read_frames`, with the number and time of each frame; `threads` decode, 0 stands for one a core.
+def upright(frame: av.VideoFrame, converter: VideoReformatter) -> np.ndarray:
+    """RGB picture of a decoded frame, turned as its display matrix says, in quarter turns."""
+    image = converter.reformat(frame, format="rgb24", threads=1).to_ndarray()
+    turns = _quarters(frame)
+    return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
 
-    Damaged frames are left out, and so are their numbers where the rate is constant.
+
+def upright_as_stored(frame: av.VideoFrame, converter: VideoReformatter) -> YuvPicture:
+    """A decoded frame, turned as `upright` does, without any conversion where it is YUV 4:2:0 of 8 bits.
+
+    Colours that are not told are taken for BT.601's, as FFmpeg does.
+    """
+    matrix = 6 if frame.colorspace == UNTOLD else frame.colorspace
+    if frame.format.is_rgb or matrix not in WEIGHTS or frame.width % 2 or frame.height % 2:
+        return YuvPicture.from_rgb(upright(frame, converter))
+    told = frame.color_primaries, frame.color_trc
+    colours = YuvColours(matrix, frame.color_range == ColorRange.JPEG, *(1 if n == UNTOLD else int(n) for n in told))
+    planes = converter.reformat(frame, format="yuv420p", threads=1).to_ndarray()
+    picture, turns = YuvPicture(planes, frame.width, frame.height, colours), _quarters(frame)
+    return picture.turned(turns) if turns else picture
+
+
+def read_timed_frames(
+    path: str | Path,
+    *,
+    start_s: float = 0.0,
+    end_s: float | None = None,
+    threads: int = 0,
+    convert: Callable[[av.VideoFrame, VideoReformatter], Picture] = upright,
+) -> Iterator[TimedFrame]:
+    """As `read_frames`, with the number and time of each frame.
+
+    Damaged frames are left out, and so are their numbers where the rate is constant. `threads` decode, 0 stands for
+    one a core; `convert` makes the pictures, `upright` or `upright_as_stored`.
     """
     if not 0 <= start_s < (math.inf if end_s is None else end_s):
         raise VideoError(f"{path}: cannot read from {start_s} s to {end_s} s; give 0 <= start_s < end_s.")
@@ -123,7 +154,7 @@ def read_timed_frames(
             if end_s is not None and time_s > end_s - STAMP_TOLERANCE_S:
                 break
             number = last.number + steps_of(time_s - last.time_s, rate, stream) if last else round(time_s * rate)
-            last = TimedFrame(number, float(time_s), _upright(frame, converter))
+            last = TimedFrame(number, float(time_s), convert(frame, converter))
             yield last
     if last is None:
         raise VideoError(f"{path}: has no frame at or after {start_s} s; start earlier.")
@@ -164,8 +195,5 @@ def _seconds_since_start(frame: av.VideoFrame, stream: av.VideoStream) -> Fracti
     return frame.pts * frame.time_base - start_time(stream)
 
 
-def _upright(frame: av.VideoFrame, converter: VideoReformatter) -> np.ndarray:
-    """RGB picture of a decoded frame, turned as its display matrix says, in quarter turns."""
-    image = converter.reformat(frame, format="rgb24", threads=1).to_ndarray()
-    turns = round(frame.rotation / 90) % 4
-    return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
+def _quarters(frame: av.VideoFrame) -> int:
+    return round(frame.rotation / 90) % 4

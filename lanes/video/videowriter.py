@@ -9,28 +9,28 @@ from fractions import Fraction
 from pathlib import Path
 
 import av
-import cv2
 import numpy as np
-from av.video.reformatter import ColorRange, ColorTrc
+from av.video.reformatter import ColorRange
 
 from lanes.files import PartialFile, writing_to
 from lanes.images import require_rgb
 from lanes.video.container import VideoError, decode_frames, guarded, open_video, start_time
 from lanes.video.videofile import STAMP_TOLERANCE_S, VideoInfo, inspect_video
+from lanes.yuv import Picture, YuvColours, YuvPicture
 
 # Sound that an mp4 file may hold and browsers play; any other is encoded as AAC.
 _COPIED_SOUND = {"aac", "mp3", "opus", "flac"}
 # x264's own default of constant quality.
 CRF = 23
-# The colour matrix by its number in ITU-T H.273, table 4; PyAV names only its twin of 625 lines, 5.
-_BT601 = 6
 # x264 makes other bytes with another number of threads: a fixed one gives the same file on every machine. Four are as
 # fast as any other number on two cores.
 ENCODER_THREADS = 4
 
 
 class VideoWriter:
-    """Write RGB frames as an mp4 file that browsers play: H.264, yuv420p, BT.601 colours, index in front.
+    """Write frames as an mp4 file that browsers play: H.264, yuv420p, index in front.
+
+    RGB becomes BT.601 colours; what comes as videos store it, `YuvPicture`, stays as it is.
 
     Use it in a `with` block. The file gets its name at the end of the block, when its frames have been counted; if the
     block raises, nothing of it remains and an earlier file of that name is untouched. `written` then says what the file
@@ -104,23 +104,28 @@ class VideoWriter:
                 self._sound.close()
             self._partial.discard()
 
-    def write(self, image: np.ndarray, time_s: float | None = None) -> None:
+    def write(self, image: Picture, time_s: float | None = None) -> None:
         """Append a frame.
 
         Parameters
         ----------
-        image : ndarray of shape (height, width, 3), uint8
-            RGB, all of one size. H.264 stores colours for squares of four pixels: an odd width or height is made even
-            by repeating the last column or row, so that nothing is lost and no pixel moves.
+        image : ndarray of shape (height, width, 3), uint8, or YuvPicture
+            RGB, or as videos store it; all of one kind and size. H.264 stores colours for squares of four pixels: an
+            odd width or height is made even by repeating the last column or row, so that nothing is lost and no pixel
+            moves.
         time_s : float, optional
             When the frame is shown, in the time of `sound_from`; the first written frame becomes the start of the
             file. Without it the frames follow each other at the frame rate.
         """
         self.encode(self.convert(image, time_s))
 
-    def convert(self, image: np.ndarray, time_s: float | None = None) -> av.VideoFrame:
-        """The first half of `write`: the frame in the video's colours and with its time. The image is free again."""
-        require_rgb(image, f"frame {self.frames} of {self.path}")
+    def convert(self, image: Picture, time_s: float | None = None) -> av.VideoFrame:
+        """The first half of `write`: the frame in the video's colours and with its time.
+
+        An RGB image is free again then; the frame of a `YuvPicture` lives on its data.
+        """
+        if not isinstance(image, YuvPicture):
+            require_rgb(image, f"frame {self.frames} of {self.path}")
         time_s = self.frames / float(self._rate) if time_s is None else time_s
         if self._size is None:
             self._size, self._zero_s = image.shape[1::-1], time_s
@@ -129,7 +134,7 @@ class VideoWriter:
                 f"{self.path}: frame {self.frames} is {image.shape[1]}x{image.shape[0]} pixels, the first one was "
                 f"{self._size[0]}x{self._size[1]}; all frames of a video must have one size."
             )
-        frame = _to_yuv(_even(image))
+        frame = _frame_of(image if isinstance(image, YuvPicture) else YuvPicture.from_rgb(image))
         self._stamp(frame, time_s - self._zero_s)
         self.frames += 1
         return frame
@@ -146,9 +151,10 @@ class VideoWriter:
             raise self._unwritable(error) from error
 
     def _open_container(self, frame: av.VideoFrame) -> None:
-        size = frame.width, frame.height
+        size, full = (frame.width, frame.height), frame.color_range == ColorRange.JPEG
+        colours = YuvColours(frame.colorspace, full, int(frame.color_primaries), int(frame.color_trc))
         self._container, self._stream = open_mp4(
-            self._partial.name, size, self._rate, self._tick, crf=self._crf, threads=self._threads
+            self._partial.name, size, self._rate, self._tick, colours, crf=self._crf, threads=self._threads
         )
         if self._sound_from is not None:
             self._sound = SoundTrack(self._sound_from, self._container, start_s=self._zero_s)
@@ -190,6 +196,7 @@ def open_mp4(
     size: tuple[int, int],
     rate: Fraction,
     tick: Fraction,
+    colours: YuvColours = YuvColours(),  # noqa: B008 - it cannot be changed
     *,
     crf: int = CRF,
     threads: int = ENCODER_THREADS,
@@ -203,9 +210,9 @@ def open_mp4(
     codec.pix_fmt = "yuv420p"
     codec.time_base = tick
     codec.thread_count = threads
-    # Untagged video is shown in other colours by each player; these tags say what `VideoWriter.convert` does.
-    codec.colorspace, codec.color_range = _BT601, ColorRange.MPEG
-    codec.color_primaries, codec.color_trc = 1, ColorTrc.BT709
+    # Untagged video is shown in other colours by each player.
+    codec.colorspace, codec.color_range = colours.matrix, _range_of(colours)
+    codec.color_primaries, codec.color_trc = colours.primaries, colours.transfer
     return container, stream
 
 
@@ -262,27 +269,22 @@ class SoundTrack:
                 yield float(piece.pts * piece.time_base), piece
 
 
-def _to_yuv(image: np.ndarray) -> av.VideoFrame:
-    """The frame as H.264 stores it: brightness, and two colour planes of a quarter of the size (BT.601).
-
-    OpenCV's conversion takes 0.5 ms at 1280x720 and FFmpeg's 1.7 ms, at equal quality.
-    """
-    yuv = cv2.cvtColor(image, cv2.COLOR_RGB2YUV_I420)
-    height, width = image.shape[:2]
+def _frame_of(picture: YuvPicture) -> av.VideoFrame:
+    """The picture as FFmpeg takes it, without a copy where its height is a multiple of four."""
+    width, height = picture.stored_size
     if height % 4 == 0:
-        return av.VideoFrame.from_numpy_buffer(yuv, format="yuv420p")
-    # For other heights PyAV mistakes the number of rows: the planes are copied one by one, which takes 1 ms.
-    frame = av.VideoFrame(width, height, "yuv420p")
-    ends = np.cumsum([plane.height * plane.width for plane in frame.planes])
-    for plane, part in zip(frame.planes, np.split(yuv.ravel(), ends[:-1]), strict=True):
-        # FFmpeg's rows are longer than the picture where that suits its vector instructions
-        rows = np.frombuffer(plane, np.uint8).reshape(plane.height, plane.line_size)
-        rows[:, : plane.width] = part.reshape(plane.height, plane.width)
+        frame = av.VideoFrame.from_numpy_buffer(picture.data.reshape(-1, width), format="yuv420p")
+    else:
+        # For other heights PyAV mistakes the number of rows: the planes are copied one by one, which takes 1 ms.
+        frame = av.VideoFrame(width, height, "yuv420p")
+        for target, plane in zip(frame.planes, picture.planes, strict=True):
+            # FFmpeg's rows are longer than the picture where that suits its vector instructions
+            np.frombuffer(target, np.uint8).reshape(target.height, -1)[:, : target.width] = plane
+    colours = picture.colours
+    frame.colorspace, frame.color_range = colours.matrix, _range_of(colours)
+    frame.color_primaries, frame.color_trc = colours.primaries, colours.transfer
     return frame
 
 
-def _even(image: np.ndarray) -> np.ndarray:
-    height, width = image.shape[:2]
-    if height % 2 == 0 and width % 2 == 0:
-        return image
-    return cv2.copyMakeBorder(image, 0, height % 2, 0, width % 2, cv2.BORDER_REPLICATE)
+def _range_of(colours: YuvColours) -> ColorRange:
+    return ColorRange.JPEG if colours.full_range else ColorRange.MPEG
