@@ -2,7 +2,7 @@
 # They need Python 3.11-3.13 and make, and the network only the first time.
 
 .DEFAULT_GOAL := help
-.PHONY: help run test fuzz clean
+.PHONY: help run test fuzz soak clean
 
 # An own choice is possible: make run PYTHON=/path/to/python3.12
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
@@ -23,6 +23,7 @@ help:
 	@echo "make run    execute project.ipynb, regenerate output_images/ and the annotated video"
 	@echo "make test   lint, unit tests, and project.ipynb re-executed and compared by nbval"
 	@echo "make fuzz   the tests with random examples, ten times as long and with other examples each time"
+	@echo "make soak   an hour of driving through the command line, with a look at memory, frames and sound"
 	@echo "make clean  remove .venv and caches"
 	@echo "Real pictures: make run LANES_DATA=path/to/folder   (results: project_real.ipynb, output_real/)"
 
@@ -47,6 +48,10 @@ test: $(INSTALLED) $(WITH_DASK)
 fuzz: $(INSTALLED)
 	@echo "== Random pictures, files, drives and filter steps: ten times as many as make test (some minutes)"
 	@LANES_FUZZ=10 $(ENV)/python -m pytest $(shell grep -l '^from examples import' tests/test_*.py)
+
+soak: $(INSTALLED)
+	@echo "== One hour of driving through the command line: frames, sound, memory (half an hour or more)"
+	@$(ENV)/python tests/soak.py
 
 # Written last, so that a broken installation is tried again.
 $(INSTALLED): requirements.txt
