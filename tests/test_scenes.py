@@ -7,6 +7,7 @@ import re
 from contextlib import closing
 from dataclasses import replace
 
+import cv2
 import imageio_ffmpeg
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from lanes.scenes.catalogue import VIDEO_FPS, project_video, still_scenes
 from lanes.scenes.dashcam import DASHCAM
 from lanes.scenes.freeway import LANE_M, freeway_markings, freeway_surface
 from lanes.scenes.ground import cast_on_ground, dash_coverage, edge_coverage, picture_rays
-from lanes.scenes.lens import Lens
+from lanes.scenes.lens import ADAPTED_TO, Lens, develop
 from lanes.scenes.light import BridgeShade, Sun
 from lanes.scenes.markings import WHITE, Marking, paint_coverage, paint_markings
 from lanes.scenes.produce import write_video
@@ -317,3 +318,18 @@ def test_an_unwritable_folder_is_named(tmp_path, capsys):
 def test_refuses_a_sun_below_the_horizon():
     with pytest.raises(ValueError, match="-0.1"):
         BackdropStyle(sun_elevation_rad=-0.1)
+
+
+def test_a_camera_that_keeps_colour_coarsely_spreads_it_and_nothing_else():
+    light = np.full((60, 80, 3), 0.2, np.float32)
+    light[:, 38:42] = (0.5, 0.3, 0.05)
+    crisp, coarse = (
+        develop(light, replace(PLAIN_LENS, chroma_blur_px=blur), road_light=ADAPTED_TO, seed=0) for blur in (0.0, 4.0)
+    )
+    luma, yellow = (
+        [cv2.cvtColor(i, cv2.COLOR_RGB2YCrCb)[30, :, k].astype(int) for i in (crisp, coarse)] for k in (0, 2)
+    )
+    assert np.abs(luma[0] - luma[1]).max() <= 1
+    assert yellow[0][36] == 128 > yellow[1][34] + 5  # spread over what was grey
+    assert yellow[1][40] > yellow[0][40] + 15  # and paler itself
+    assert abs(yellow[1][5] - 128) <= 1

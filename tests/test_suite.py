@@ -7,6 +7,7 @@ import pytest
 
 from lanes.dataset import PROJECT_ROOT
 from lanes.scenes import suite
+from lanes.scenes.kept import kept_array
 from lanes.scenes.suite import SUITE, cache_folder, render_scene, scene_path
 from lanes.scenes.suite_scene import SuiteScene
 
@@ -73,3 +74,27 @@ def test_the_lines_of_a_lane_are_the_middles_of_stripes(scene):
     for line in (left, right) if drive.line_laterals_m else ():
         assert min(abs(line - middle) for middle in middles) < 0.02
         assert not any(right + 0.02 < middle < left - 0.02 and abs(middle - line) < 0.3 for middle in middles)
+
+
+def test_what_is_kept_is_made_once_and_a_broken_cache_is_done_without(monkeypatch, tmp_path):
+    made, expected = [], np.arange(6.0).reshape(2, 3)
+
+    def make() -> np.ndarray:
+        made.append(1)
+        return expected
+
+    monkeypatch.setenv("LANES_CACHE", str(tmp_path / "cache"))
+    source = tmp_path / "source.py"
+    source.write_text("a = 1")
+    for _ in range(2):
+        np.testing.assert_array_equal(kept_array("things/a", [source], make), expected)
+        assert len(made) == 1
+    (file,) = (tmp_path / "cache" / "things").iterdir()
+    file.write_bytes(file.read_bytes()[:90])
+    np.testing.assert_array_equal(kept_array("things/a", [source], make), expected)
+    source.write_text("a = 2")
+    kept_array("things/a", [source], make)
+    assert len(made) == 3
+    (tmp_path / "no folder").write_text("")
+    monkeypatch.setenv("LANES_CACHE", str(tmp_path / "no folder"))
+    np.testing.assert_array_equal(kept_array("things/a", [source], make), expected)

@@ -208,6 +208,8 @@ def _plant(
     kinds: tuple[str, ...],
 ) -> None:
     """Stand trees on the panorama, the highest feet first, because those are the farthest."""
+    air = _veil(np.zeros(3, np.float32), distance_km, style)
+    through = _veil(np.ones(3, np.float32), distance_km, style) - air
     metres = {"oak": 9, "plane": 13, "eucalyptus": 19, "cypress": 12, "redwood": 24, "bush": 3, "scrub": 1.5}
     for i in np.argsort(-base_z, kind="stable"):
         kind = kinds[rng.integers(len(kinds))]
@@ -219,7 +221,7 @@ def _plant(
             sprite = sprite[:, ::-1]
         tint = np.exp(rng.normal(0, 0.16) + rng.normal(0, 0.05, 3)).astype(np.float32)
         foot = int(round(HORIZON_ROW - base_z[i] * PIXELS_PER_RAD))
-        _stamp(panorama, sprite, int(column[i]), foot, tint, distance_km, style)
+        _stamp(panorama, sprite, int(column[i]), foot, tint, (through, air))
 
 
 @lru_cache(maxsize=512)
@@ -236,17 +238,17 @@ def _stamp(
     column: int,
     foot: int,
     tint: np.ndarray,
-    distance_km: float,
-    style: BackdropStyle,
+    air: tuple[np.ndarray, np.ndarray],
 ) -> None:
     """Lay a sprite over the panorama, foot at (column, foot), around the end of the panorama where needed."""
     rows, columns = sprite.shape[:2]
     top, bottom = max(0, foot - rows), min(ROWS, foot)
     sprite = sprite[top - (foot - rows) : bottom - (foot - rows)]
-    where = (np.arange(columns) + column - columns // 2) % COLUMNS
-    alpha = sprite[..., 3:]
-    air = _veil(np.zeros(3, np.float32), distance_km, style)
-    through = _veil(np.ones(3, np.float32), distance_km, style) - air
+    left = column - columns // 2
+    where = slice(left, left + columns)
+    if left < 0 or left + columns > COLUMNS:
+        where = np.arange(left, left + columns) % COLUMNS
+    alpha, (through, air) = sprite[..., 3:], air
     panorama[top:bottom, where] = (
         panorama[top:bottom, where] * (1 - alpha) + sprite[..., :3] * tint * through + air * alpha
     )

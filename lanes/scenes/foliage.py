@@ -9,10 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 
 import cv2
 import numpy as np
 
+from lanes.scenes import noise
+from lanes.scenes.kept import kept_array
 from lanes.scenes.noise import fractal_noise
 
 # Sunlight in a plant's own picture comes from the upper left and a little from behind the viewer (x right, y towards
@@ -92,6 +95,18 @@ def plant_sprite(species: str, seed: int) -> tuple[np.ndarray, ...]:
     """
     if species not in SPECIES:
         raise ValueError(f"there is no plant called {species!r}; the species are {', '.join(sorted(SPECIES))}.")
+    sources = [Path(__file__), Path(noise.__file__)]
+    sprites = [kept_array(f"plants/{species}-{seed}", sources, lambda: _grow(species, seed))]
+    while sprites[-1].shape[0] > 10:
+        size = (max(1, sprites[-1].shape[1] // 2), sprites[-1].shape[0] // 2)
+        sprites.append(cv2.resize(sprites[-1], size, interpolation=cv2.INTER_AREA))
+    for sprite in sprites:
+        sprite.setflags(write=False)
+    return tuple(sprites)
+
+
+def _grow(species: str, seed: int) -> np.ndarray:
+    """The largest picture of a plant."""
     kind = SPECIES[species]
     rng = np.random.default_rng([seed, sorted(SPECIES).index(species)])
     rows = SPRITE_ROWS * _OVERSAMPLING
@@ -99,13 +114,7 @@ def plant_sprite(species: str, seed: int) -> tuple[np.ndarray, ...]:
     lumps = _place_lumps(kind, rng)
     _draw_branches(canvas, kind, lumps, rng)
     _draw_leaves(canvas, kind, lumps, rng)
-    sprites = [cv2.resize(canvas, None, fx=1 / _OVERSAMPLING, fy=1 / _OVERSAMPLING, interpolation=cv2.INTER_AREA)]
-    while sprites[-1].shape[0] > 10:
-        size = (max(1, sprites[-1].shape[1] // 2), sprites[-1].shape[0] // 2)
-        sprites.append(cv2.resize(sprites[-1], size, interpolation=cv2.INTER_AREA))
-    for sprite in sprites:
-        sprite.setflags(write=False)
-    return tuple(sprites)
+    return cv2.resize(canvas, None, fx=1 / _OVERSAMPLING, fy=1 / _OVERSAMPLING, interpolation=cv2.INTER_AREA)
 
 
 def _place_lumps(kind: Species, rng: np.random.Generator) -> np.ndarray:
@@ -168,10 +177,11 @@ def _draw_branches(canvas: np.ndarray, kind: Species, lumps: np.ndarray, rng: np
     # Bark is furrowed along the stem.
     furrows = fractal_noise((rows // 2, canvas.shape[1] // 2), rng, cell_px=(20, 4.5), octaves=2, gain=0.7)
     furrows = cv2.resize(furrows, canvas.shape[1::-1], interpolation=cv2.INTER_LINEAR)
-    bark = np.clip(1 + 0.28 * furrows, 0.3, 1.8)
+    painted = np.flatnonzero(cv2.extractChannel(canvas, 3))
+    bark = np.clip(1 + 0.28 * furrows.ravel()[painted], 0.3, 1.8)
     # One colour after the other: numpy is slow where the innermost axis has three elements.
-    for colour in range(3):
-        canvas[..., colour] *= bark
+    for colour in canvas.reshape(-1, 4).T[:3]:
+        colour[painted] *= bark
 
 
 def _draw_limb(canvas: np.ndarray, path: np.ndarray, width_px: np.ndarray, colour: tuple) -> None:

@@ -37,6 +37,8 @@ class Lens:
         Stops are 2**exposure on top of the automatic one.
     adaptation : float
         0: fixed exposure; 1: the road always comes out equally bright.
+    chroma_blur_px : float
+        Standard deviation of the blur of colour alone: cameras keep it at half the size, and their codec smooths it.
     """
 
     blur_px: float = 0.6
@@ -45,6 +47,7 @@ class Lens:
     sharpening: float = 0.55
     exposure: float = 0.0
     adaptation: float = 0.10
+    chroma_blur_px: float = 0.0
 
 
 def develop(light: np.ndarray, lens: Lens, *, road_light: float, seed: int) -> np.ndarray:
@@ -75,7 +78,14 @@ def develop(light: np.ndarray, lens: Lens, *, road_light: float, seed: int) -> n
         cv2.LUT(_tone_steps(light[rows], vignette[rows], noise[rows], lens.noise), _tone_curve(), dst=image[rows])
     if lens.sharpening:
         image = cv2.addWeighted(image, 1 + lens.sharpening, cv2.GaussianBlur(image, (0, 0), 1.1), -lens.sharpening, 0)
-    return image
+    return _blur_chroma(image, lens.chroma_blur_px) if lens.chroma_blur_px else image
+
+
+def _blur_chroma(image: np.ndarray, blur_px: float) -> np.ndarray:
+    luma, *chroma = cv2.split(cv2.cvtColor(image, cv2.COLOR_RGB2YCrCb))
+    half = [cv2.GaussianBlur(cv2.pyrDown(plane), (0, 0), blur_px / 2) for plane in chroma]
+    size = luma.shape[::-1]
+    return cv2.cvtColor(cv2.merge([luma, *(cv2.resize(plane, size) for plane in half)]), cv2.COLOR_YCrCb2RGB)
 
 
 def _tone_steps(light: np.ndarray, gain: np.ndarray, noise: np.ndarray, noise_share: float) -> np.ndarray:

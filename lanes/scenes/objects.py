@@ -93,7 +93,8 @@ def draw_objects(
     jobs = sorted((job for job in jobs if job[0] < FARTHEST_M), key=lambda job: -job[0])
     for (distance, thing), light in zip(jobs, _lights([thing for _, thing in jobs], light_at), strict=True):
         if near_side is not None and distance < crest_m:
-            image[near_side], near_side = bare[near_side], None
+            cv2.copyTo(bare, near_side.view(np.uint8), image)
+            near_side = None
         through, air = air_between(distance, haze) if air_at is None else air_at(distance)
         if isinstance(thing, Wall):
             thing = replace(thing, light=light)
@@ -101,7 +102,7 @@ def draw_objects(
             through = through * light[0]
         _painter(thing)(image, camera, thing, sun, (through, air))
     if near_side is not None:
-        image[near_side] = bare[near_side]
+        cv2.copyTo(bare, near_side.view(np.uint8), image)
     return image
 
 

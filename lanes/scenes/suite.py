@@ -6,11 +6,10 @@ Each theme has a module with its scenes; here they come together.
 from __future__ import annotations
 
 import hashlib
-import os
-import sys
 from functools import lru_cache
 from pathlib import Path
 
+from lanes.scenes.kept import cache_folder
 from lanes.scenes.produce import Progress, write_video
 from lanes.scenes.suite_famous import SCENES as FAMOUS
 from lanes.scenes.suite_motorway import SCENES as MOTORWAY
@@ -27,20 +26,6 @@ _THEMES = (MOTORWAY, FAMOUS, MOUNTAIN, WEATHER, TRAFFIC, NO_LANE)
 # quality is within 0.2 dB of the committed video's.
 CACHE_CRF, CACHE_PRESET = 18, "veryfast"
 SUITE: dict[str, SuiteScene] = {scene.name: scene for scenes in _THEMES for scene in scenes}
-
-
-def cache_folder() -> Path:
-    """Where rendered scenes are kept: LANES_CACHE if set, else the platform's folder for what can be made again."""
-    if os.environ.get("LANES_CACHE"):
-        return Path(os.environ["LANES_CACHE"])
-    home = Path.home()
-    if sys.platform == "win32":
-        base = Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local")
-    elif sys.platform == "darwin":
-        base = home / "Library" / "Caches"
-    else:
-        base = Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache")
-    return base / "advanced-lane-finding" / "scenes"
 
 
 def scene_path(name: str, folder: str | Path | None = None) -> Path:

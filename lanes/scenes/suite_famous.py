@@ -9,7 +9,7 @@ import numpy as np
 
 from lanes.scenes.exposure import AutoExposure
 from lanes.scenes.fog import Fog
-from lanes.scenes.freeway import car, freeway_markings, freeway_surface, weather
+from lanes.scenes.freeway import car, weather
 from lanes.scenes.glare import Glare
 from lanes.scenes.lens import Lens
 from lanes.scenes.light import TreeShade, WoodShade
@@ -18,11 +18,11 @@ from lanes.scenes.produce import Progress, write_video
 from lanes.scenes.render import Drive, Motion
 from lanes.scenes.road import RoadGeometry
 from lanes.scenes.roadside import Along, Placed
-from lanes.scenes.suite_motorway import motorway
+from lanes.scenes.suite_motorway import JOINT_BARRIER_M, motorway, with_joint
 from lanes.scenes.suite_mountain import LANE_M as MOUNTAIN_LANE_M
 from lanes.scenes.suite_mountain import bends, mountain
 from lanes.scenes.suite_scene import SuiteScene
-from lanes.scenes.surface import TAR, Patch, Seam, Zone
+from lanes.scenes.surface import Patch, Seam
 from lanes.scenes.symbols import Symbol
 from lanes.scenes.things import Car
 
@@ -31,30 +31,25 @@ CHALLENGE_CRF, HARDER_CRF = 25, 27
 
 
 def challenge_video() -> Drive:
-    """Nine seconds at 25 m/s: pale concrete with a dark strip beside the yellow line, a tar seam, a barrier, a bridge.
+    """Nine seconds at 25 m/s: pale lanes with a dark strip beside the yellow line, tar seams, a barrier, a bridge.
 
-    The joint between dark and pale runs along inside the lane for the whole drive; the seam joins it after the bridge.
+    The joint between dark and pale runs along the middle of the lane for the whole drive; a seam joins it before the
+    bridge and another after it.
     """
     bridge = Overpass(112.0, 128.0, -20.0, 15.5, skew=0.12, seed=3)
+    joint = with_joint(
+        Seam(-0.95, 0.025, 0.03, 150.0, 190.0, 0.6),
+        Seam(-0.55, 0.03, 0.05, 20.0, 70.0, 0.6),
+        patches=(Patch(60.0, 84.0, -7.0, -3.9, "asphalt"),),
+    )
     return motorway(
         road=RoadGeometry(
             [0.0, 40.0, 90.0, 140.0, 180.0, 260.0, 330.0, 420.0],
-            [1 / 900, 1 / 620, 1 / 620, 0.0, -1 / 900, -1 / 600, 0.0, 0.0],
-        ),
-        markings=freeway_markings(phase_m=6.0, wear=0.5, opposite_m=17.0),
-        surface=freeway_surface(
-            Zone(-100.0, "old concrete"),
-            opposite_m=17.0,
-            patches=(Patch(-200.0, 800.0, 0.30, 4.4, "asphalt"), Patch(60.0, 84.0, -7.0, -3.9, "asphalt")),
-            seams=(
-                Seam(0.30, 0.05, 0.015, strength=0.8),
-                Seam(-0.75, 0.04, 0.03, 134.0, 800.0, 0.85),
-                Seam(-0.30, 0.03, 0.05, 20.0, 70.0, 0.6),
-                Seam(4.15, 0.4, 0.05, strength=0.5, colour=TAR, soft_m=0.3),
-            ),
+            [-1 / 900, -1 / 620, -1 / 620, 0.0, 1 / 1600, 1 / 1200, 0.0, 0.0],
         ),
         things=(
-            *motorway().things[:2],
+            Along(JOINT_BARRIER_M, "jersey", height_scale=1.25, seed=25),
+            motorway().things[1],
             bridge,
             car(26.0, -1, "black", "suv", speed_mps=26.5),
             car(64.0, -2, "white", speed_mps=25.0),
@@ -66,13 +61,10 @@ def challenge_video() -> Drive:
         symbols=(Symbol(72.0, 0.0, "diamond", 3.7, 1.0, wear=0.4), Symbol(190.0, 0.0, "diamond", 3.7, 1.0, wear=0.4)),
         shades=(bridge.shade(),),
         exposure=AutoExposure(strength=0.6),
-        motion=Motion(
-            0.0, 25.0, offset_m=0.05, wander_m=0.18, wander_period_s=5.5, pitch_rad=float(np.radians(0.25))
-        ),
-        lens=Lens(noise=0.004, exposure=0.8),
         seed=171,
-        **weather(65, 46, cloud_cover=0.45, tree_density=0.7),
-    )  # fmt: skip
+        **joint | {"lens": replace(joint["lens"], exposure=1.75)},
+        **weather(70, 56, cloud_cover=0.45, tree_density=0.7),
+    )
 
 
 def harder_challenge_video() -> Drive:

@@ -9,17 +9,23 @@ import numpy as np
 from lanes.scenes.catalogue import EGO_LINES_M, project_video
 from lanes.scenes.dashcam import DASHCAM
 from lanes.scenes.freeway import LANE_M, car, freeway_markings, freeway_surface, grove, oncoming, weather
+from lanes.scenes.lens import Lens
 from lanes.scenes.markings import WHITE, YELLOW, Marking
 from lanes.scenes.render import Drive, Motion
 from lanes.scenes.road import RoadGeometry
 from lanes.scenes.roadside import Along, Placed
 from lanes.scenes.suite_scene import SuiteScene
-from lanes.scenes.surface import TAR, Patch, Seam, Zone
+from lanes.scenes.surface import Patch, Seam, Zone
 from lanes.scenes.symbols import Symbol
 from lanes.scenes.things import Sign
 
 # Where lines were ground off, the asphalt is rougher and paler; where they were painted over, black and smooth.
 GROUND_OFF, BLACKENED = (0.30, 0.285, 0.27), (0.020, 0.020, 0.022)
+# Where the dark strip beside the pale lanes ends: in the middle of the leftmost lane, as lanes were moved since.
+JOINT_M, JOINT_BARRIER_M = -0.03, LANE_M / 2 + 0.85
+# Bleached yellow. It, the two pavements and the lens of `with_joint` give the picture the levels that stills of the
+# real challenge drive have: strip 112, lanes 155, stripe (195, 160, 100), its colour spread over 20 px.
+FADED_YELLOW = (0.50, 0.30, 0.055)
 # Temporary yellow or orange of road works.
 WORKS_YELLOW = (1.0, 0.45, 0.03)
 
@@ -58,19 +64,37 @@ def motorway(**parts) -> Drive:
     return replace(drive, **parts)
 
 
-def _joint_and_seam() -> Drive:
-    """The left third of the lane was paved anew, dark; its ragged edge and a tar seam run along inside the lane."""
-    surface = freeway_surface(
-        Zone(-100.0, "old concrete"),
-        opposite_m=17.0,
-        patches=(Patch(-200.0, 600.0, 0.35, 4.4, "asphalt"),),
-        seams=(
-            Seam(0.35, 0.05, 0.015, strength=0.75),
-            Seam(-0.85, 0.045, 0.03, 20.0, 600.0, 0.85),
-            Seam(4.15, 0.4, 0.05, strength=0.5, colour=TAR, soft_m=0.3),
+def with_joint(*seams: Seam, patches: tuple[Patch, ...] = ()) -> dict:
+    """Pale lanes with a dark strip beside them, whose joint runs down the middle of our lane, as arguments of a Drive.
+
+    The yellow line is thin and faded, on the dark side, and has the shadow of the barrier for a neighbour. The car
+    keeps its place to some centimetres. All of it as in the real challenge drive.
+    """
+    yellow, *white = freeway_markings(phase_m=4.0, wear=0.35, opposite_m=17.0)
+    return {
+        "surface": freeway_surface(
+            Zone(-100.0, "grey concrete"),
+            left_shoulder_m=JOINT_BARRIER_M - LANE_M / 2 + 0.05,
+            opposite_m=17.0,
+            patches=(Patch(-200.0, 800.0, JOINT_M, 4.4, "grey asphalt"), *patches),
+            seams=(Seam(JOINT_M, 0.02, 0.01, strength=0.35), *seams),
         ),
+        "markings": (replace(yellow, width_m=0.10, colour=FADED_YELLOW, wear=0.1), *white),
+        "motion": replace(motorway().motion, offset_m=0.12, wander_m=0.05),
+        "lens": Lens(exposure=0.72, blur_px=1.2, chroma_blur_px=4.0),
+    }
+
+
+def _joint_and_seam() -> Drive:
+    """In a bend to the right (R 620 m): the joint from the first frame on, a tar seam beside it soon."""
+    things = tuple(t for t in motorway().things if not (isinstance(t, Along) and t.kind == "jersey"))
+    return motorway(
+        road=RoadGeometry([0.0, 30.0, 160.0, 300.0], [-1 / 700, -1 / 620, -1 / 620, 0.0]),
+        things=(Along(JOINT_BARRIER_M, "jersey", height_scale=1.25, seed=25), *things),
+        seed=132,
+        **with_joint(Seam(-0.95, 0.03, 0.03, 40.0, 600.0, 0.7)),
+        **weather(78, 58, cloud_cover=0.6, tree_density=0.7),
     )
-    return motorway(surface=surface, markings=freeway_markings(phase_m=4.0, wear=0.4, opposite_m=17.0), seed=132)
 
 
 def _barrier() -> Drive:

@@ -39,6 +39,12 @@ MATERIALS = {
         (0.075, 0.070, 0.085), grain=0.15, blotch=0.05, stain=0.05, streak=0.05, track=0.07, oil=-0.08
     ),
     "asphalt": Material((0.106, 0.100, 0.105), grain=0.15, blotch=0.07, stain=0.12, streak=0.06, track=0.08, oil=-0.12),
+    "grey asphalt": Material(
+        (0.128, 0.124, 0.127), grain=0.13, blotch=0.05, stain=0.06, streak=0.04, track=0.05, oil=-0.06
+    ),
+    "grey concrete": Material(
+        (0.262, 0.252, 0.250), grain=0.10, blotch=0.05, stain=0.07, streak=0.04, track=-0.04, oil=-0.06
+    ),
     "old asphalt": Material(
         (0.165, 0.152, 0.148), grain=0.14, blotch=0.09, stain=0.16, streak=0.07, track=-0.07, oil=-0.16
     ),

@@ -305,15 +305,34 @@ def _columns_by_level(foot_m: np.ndarray, levels: int) -> list[tuple[int, slice]
 
 def _texture_between(edges: _Columns, v: np.ndarray, picture: np.ndarray, level: int) -> list[np.ndarray]:
     """Lit texture between the edges in the picture's rows `v` (rows, 1): planes of RGB times coverage, and coverage."""
-    alpha = np.clip(v - edges.top + 0.5, 0, 1) * np.clip(edges.bottom - v + 0.5, 0, 1)
-    share = np.clip((edges.bottom - v) / np.maximum(edges.bottom - edges.top, 1e-3), 0, 1)
-    along = edges.s_low + (edges.s_high - edges.s_low) * share
-    x, y = along.astype(np.float32) * TEXTURE_PX_PER_M, (1 - share).astype(np.float32)
-    map_x = np.mod(x / np.float32(2**level), picture.shape[1])
-    map_y = y * np.float32(picture.shape[0] - 1)
+    above = edges.bottom - v
+    share = above / np.maximum(edges.bottom - edges.top, 1e-3)
+    np.clip(share, 0, 1, out=share)
+    # In place where possible: a wood is a good part of the picture.
+    alpha = v - edges.top
+    for from_edge in (alpha, above):
+        from_edge += 0.5
+        np.clip(from_edge, 0, 1, out=from_edge)
+    alpha *= above
+    along = (edges.s_high - edges.s_low) * share
+    along += edges.s_low
+    map_x = _wrapped(along.astype(np.float32) * (TEXTURE_PX_PER_M / np.float32(2**level)), picture.shape[1])
+    map_y = np.subtract(1, share, out=share).astype(np.float32)
+    map_y *= np.float32(picture.shape[0] - 1)
     *colours, cover = cv2.split(cv2.remap(picture, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP))
     alpha = alpha.astype(np.float32)
     for colour, lit in zip(colours, edges.lit, strict=True):
         colour *= alpha
         colour *= lit
     return [*colours, cover * alpha]
+
+
+def _wrapped(columns: np.ndarray, width: int) -> np.ndarray:
+    """`np.mod`, exactly, in a fifth of its time, in place."""
+    whole = columns / np.float32(width)
+    np.floor(whole, out=whole)
+    whole *= np.float32(width)
+    columns -= whole
+    # Where the quotient was rounded up to a whole number.
+    columns[columns < 0] += np.float32(width)
+    return columns
