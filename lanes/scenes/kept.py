@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from lanes.images import whole_file
+from lanes.files import whole_file
 
 
 def cache_folder() -> Path:
