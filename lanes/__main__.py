@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 from importlib import import_module
 
@@ -25,7 +26,8 @@ def main(arguments: list[str] | None = None) -> int:
     """Run a command; returns the exit status.
 
     0: done; 1: could not be done, for instance because the output cannot be written or the pictures show no road;
-    2: wrong usage, or an input that is missing or bad; 130: interrupted.
+    2: wrong usage, or an input that is missing or bad; 130: interrupted. A process that is told to end (SIGTERM)
+    removes what is half-written, and then has status 143.
     """
     arguments = sys.argv[1:] if arguments is None else arguments
     name = _command_parser().parse_args(arguments[:1]).command
@@ -65,6 +67,8 @@ def _command_parser() -> argparse.ArgumentParser:
 
 
 if __name__ == "__main__":
+    # As an exception, which takes back what is half-written, like Ctrl-C.
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     # File names and signs such as ± must not stop a command where the terminal cannot show them.
     sys.stdout.reconfigure(errors="backslashreplace")
     sys.exit(main())

@@ -8,15 +8,20 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
 from lanes.camera import Camera
 from lanes.camerafile import camera_from_dict
+from lanes.files import read_text
 from lanes.images import list_pictures
 from lanes.video.telemetry import read_telemetry
+
+Found = TypeVar("Found")
 
 PROJECT_ROOT = Path(__file__).resolve().parents[1]
 
@@ -65,20 +70,31 @@ class Dataset:
     def true_camera(self) -> Camera | None:
         """The camera that the pictures were taken with, where it is known exactly."""
         path = self.root / "test_images" / "truth.json"
-        return camera_from_dict(json.loads(path.read_text(encoding="utf-8"))["camera"]) if path.is_file() else None
+        return _read_truth(path, lambda truth: camera_from_dict(truth["camera"])) if path.is_file() else None
 
     def true_lane(self, still: Path) -> dict | None:
         """What is known of the lane in a test picture (keys: DESIGN of truth.json), or None."""
         path = still.parent / "truth.json"
         if not path.is_file():
             return None
-        frames = json.loads(path.read_text(encoding="utf-8"))["frames"]
-        return next((frame for frame in frames if Path(frame["raw_file"]).name == still.name), None)
+
+        def find(truth: dict) -> dict | None:
+            return next((frame for frame in truth["frames"] if Path(frame["raw_file"]).name == still.name), None)
+
+        return _read_truth(path, find)
 
     def true_drive(self, video: Path) -> dict[str, np.ndarray] | None:
         """What is known of the lane in the frames of a video, an array for each column, or None."""
         path = video.with_suffix(".csv")
         return read_telemetry(path) if path.is_file() else None
+
+
+def _read_truth(path: Path, take: Callable[[dict], Found]) -> Found:
+    """What `take` takes out of a truth file."""
+    try:
+        return take(json.loads(read_text(path, "truth")))
+    except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
+        raise DatasetError(f"{path}: is no truth of pictures ({error!r}); remove it, or copy it again.") from error
 
 
 def open_dataset(root: str | Path | None = None) -> Dataset:

@@ -11,7 +11,7 @@ import os
 import re
 import secrets
 import stat
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -83,6 +83,27 @@ def read_text(
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as wrong:
         raise error(f"{path}: is no text (byte {wrong.start} is not UTF-8); name a {kind} file.") from wrong
+
+
+def files_in(folder: str | Path, suffixes: Collection[str]) -> list[Path]:
+    """The files of a folder with one of `suffixes`, in lower case; neither hidden ones nor what is being written.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such folder.
+    ValueError
+        If it may not be read.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise FileNotFoundError(f"{folder}: there is no such folder; name the folder that holds the files.")
+    try:
+        found = [path for path in folder.iterdir() if path.suffix.lower() in suffixes and path.is_file()]
+    except PermissionError as error:
+        raise ValueError(f"{folder}: may not be read ({error.strerror}); ask for the right to, or copy it.") from error
+    # Some systems put hidden shadow files beside pictures.
+    return [path for path in found if PARTIAL not in path.name and not path.name.startswith(".")]
 
 
 def write_whole(path: str | Path, data: bytes) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from lanes.files import PARTIAL, require_file, write_whole
+from lanes.files import files_in, require_file, write_whole
 
 PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png")
 # Four times an 8K video's, and above the 102 million of the largest cameras; a file may claim 4,000 million.
@@ -107,12 +107,7 @@ def list_pictures(folder: str | Path) -> list[Path]:
     FileNotFoundError
         If the folder does not exist or holds no picture.
     """
-    folder = Path(folder)
-    if not folder.is_dir():
-        raise FileNotFoundError(f"{folder}: there is no such folder; name the folder that holds the pictures.")
-    found = [p for p in folder.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES and p.is_file()]
-    # Neither what an interrupted run left behind nor the shadow files that some systems put beside pictures.
-    found = [p for p in found if PARTIAL not in p.name and not p.name.startswith(".")]
+    found = files_in(folder, PICTURE_SUFFIXES)
     if not found:
         raise FileNotFoundError(
             f"{folder}: holds no picture ({', '.join(PICTURE_SUFFIXES)}); put some there or name another folder."

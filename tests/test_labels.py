@@ -142,15 +142,31 @@ class TestFiles:
     @pytest.mark.parametrize(
         "text",
         ["nonsense", "[1]", '{"raw_file": "a.png"}', '{"raw_file": 3, "h_samples": [], "lanes": []}']
-        + ['{"raw_file": "a.png", "h_samples": [1, 2], "lanes": [[1]]}'],
+        + ['{"raw_file": "a.png", "h_samples": [1, 2], "lanes": [[1]]}', "[" * 100_000]
+        + ['{"raw_file": "a.png", "h_samples": [1, 2], "lanes": [[1, NaN]]}']
+        + [
+            '{"raw_file": "a.png", "h_samples": [1, 1e99], "lanes": []}',
+            '{"raw_file": "", "h_samples": [], "lanes": []}',
+        ]
+        + [
+            '{"raw_file": "a.png", "h_samples": [1], "lanes": {"0": [1]}}',
+            '{"raw_file": "a.png", "h_samples": [-3], "lanes": []}',
+        ],
     )
     def test_other_files_are_refused_with_the_line(self, tmp_path, text):
         path = self.write(tmp_path, self.entry(upright()))
         path.write_text(path.read_text().strip() + f"\n{text}\n")
         with pytest.raises(ValueError, match=r"labels.jsonl: line 2 is no label"):
             read_labels(path)
-        with pytest.raises(FileNotFoundError, match="none.jsonl: there is no such file"):
+        with pytest.raises(FileNotFoundError, match="none.jsonl: there is no such label file"):
             read_labels(tmp_path / "none.jsonl")
+
+    @pytest.mark.parametrize("name", ["../a.png", "/etc/a.png", "x/../../a.png", "..\\\\a.png", "a\\u0000.png"])
+    def test_pictures_outside_of_the_folder_are_not_opened(self, tmp_path, name):
+        path = tmp_path / "labels.jsonl"
+        path.write_text(f'{{"raw_file": "{name}", "h_samples": [1], "lanes": []}}\n')
+        with pytest.raises(ValueError, match=r"labels\.jsonl: the picture .* lies outside"):
+            read_labels(path)
 
 
 class TestCommand:

@@ -17,9 +17,12 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from lanes.images import read_image
+from lanes.files import read_text
+from lanes.images import MOST_PIXELS, read_image
 
 NO_POINT = -2.0
+# A hundred thousand pictures with six lanes at 56 rows.
+MOST_BYTES = 200_000_000
 # TuSimple's tolerance and threshold.
 TOLERANCE_PX, MATCHED = 20.0, 0.85
 # A line with fewer labelled points than this has no sure direction and is not scored.
@@ -66,6 +69,8 @@ class LineScore:
 def read_labels(path: str | Path) -> list[LaneColumns]:
     """Read a file of labels; of more than two lanes those left and right of the bottom centre are the own one's.
 
+    Pictures are read from the file's own folder and below it only.
+
     Raises
     ------
     FileNotFoundError
@@ -73,7 +78,15 @@ def read_labels(path: str | Path) -> list[LaneColumns]:
     ValueError
         If a line is no label.
     """
-    return [_own_lane(entry, Path(path).parent) for entry in _read_entries(path)]
+    entries = _read_entries(path)
+    for entry in entries:
+        name = PurePosixPath(entry["raw_file"].replace("\\", "/"))
+        if name.is_absolute() or ".." in name.parts or "\0" in entry["raw_file"]:
+            raise ValueError(
+                f"{path}: the picture {entry['raw_file']!r} lies outside of the labels' folder; put it there, and "
+                "name it relative to that."
+            )
+    return [_own_lane(entry, Path(path).parent) for entry in entries]
 
 
 def read_predictions(path: str | Path) -> list[LaneColumns]:
@@ -149,32 +162,45 @@ def _score_line(rows: np.ndarray, label: np.ndarray, predicted: np.ndarray) -> L
 
 
 def _read_entries(path: str | Path) -> list[dict]:
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: there is no such file of lanes; check the name.")
     entries = []
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+    # Not splitlines, which also ends lines at signs that JSON allows inside of strings.
+    for number, line in enumerate(read_text(path, "label", most_bytes=MOST_BYTES).split("\n"), 1):
         if not line.strip():
             continue
         try:
             entry = json.loads(line)
             _require_entry(entry)
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
+            reason = f"entry {error} is missing" if isinstance(error, KeyError) else str(error)
             raise ValueError(
-                f"{path}: line {number} is no label ({error}); it needs raw_file, h_samples, and lanes with a column "
-                "for each of these rows."
+                f"{path}: line {number} is no label ({reason:.200}); it needs raw_file, h_samples, and lanes with a "
+                "column for each of these rows."
             ) from error
         entries.append(entry)
+    if not entries:
+        raise ValueError(f"{path}: holds no lanes; give JSON lines with raw_file, h_samples and lanes.")
     return entries
 
 
 def _require_entry(entry: dict) -> None:
-    if not isinstance(entry, dict) or not isinstance(entry["raw_file"], str):
+    if not isinstance(entry, dict) or not isinstance(entry["raw_file"], str) or not entry["raw_file"]:
         raise ValueError("it names no picture")
     rows = np.array(entry["h_samples"], float)
+    if rows.ndim != 1 or not _fits_picture(rows) or (rows < 0).any():
+        raise ValueError("h_samples is no list of picture rows")
+    if not isinstance(entry["lanes"], list):
+        raise ValueError("lanes is no list")
     for lane in entry["lanes"]:
-        if np.array(lane, float).shape != rows.shape:
-            raise ValueError(f"a lane has {len(lane)} columns for {len(rows)} rows")
+        columns = np.array(lane, float)
+        if columns.shape != rows.shape:
+            raise ValueError(f"a lane has {columns.size} columns for {len(rows)} rows")
+        if not _fits_picture(columns):
+            raise ValueError("a column is no place in a picture")
+
+
+def _fits_picture(places: np.ndarray) -> bool:
+    """Whether these can be rows or columns; a line may leave the picture, but not by more than its largest size."""
+    return bool((np.abs(places) < MOST_PIXELS).all())
 
 
 def _two_lines(entry: dict, lanes: Sequence[Sequence[float]]) -> LaneColumns:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lanes.files import write_whole
+from lanes.files import read_text, write_whole
 from lanes.metric.confidence import RIGHT_AT_M
 
 # Distances ahead at which lines are held against the truth, metres: those that the confidence speaks of.
@@ -83,10 +83,13 @@ def write_readings(path: Path, readings: Readings, **about: object) -> None:
 
 
 def read_readings(path: Path) -> tuple[Readings, dict]:
-    """Read what `write_readings` wrote: the readings, and what else is known about them."""
-    content = json.loads(path.read_text(encoding="utf-8"))
-    arrays = {field.name: np.array(content.pop(field.name), float) for field in fields(Readings)}
-    arrays["lines_y_m"] = arrays["lines_y_m"].reshape(-1, 2, len(AT_M))
+    """Read what `write_readings` wrote: the readings, and what else is known; ValueError if it is damaged."""
+    try:
+        content = json.loads(read_text(path, "readings"))
+        arrays = {field.name: np.array(content.pop(field.name), float) for field in fields(Readings)}
+        arrays["lines_y_m"] = arrays["lines_y_m"].reshape(-1, 2, len(AT_M))
+    except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
+        raise ValueError(f"{path}: holds no readings ({error}); remove it, to have them made again.") from error
     return Readings(**arrays), content
 
 

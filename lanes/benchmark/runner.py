@@ -169,10 +169,13 @@ def score_video(video: str | Path, system: str, *, end_s: float | None = None) -
 def true_lane(drive: BenchmarkDrive) -> LaneTruth:
     """The truth of a drive's frames; none in any frame where the road shows no lane."""
     path = drive.video.with_suffix(".csv")
+    columns = read_telemetry(path)
     try:
-        truth = LaneTruth.of(read_telemetry(path))
+        truth = LaneTruth.of(columns)
     except KeyError as error:
         raise ValueError(f"{path}: lacks the column {error}; give the truth that is written beside a video.") from error
+    except ValueError as error:
+        raise ValueError(f"{path}: is no truth ({error}); give the one that is written beside a video.") from error
     return replace(truth, lines_y_m=np.full_like(truth.lines_y_m, np.nan)) if drive.difficulty == NO_LANE else truth
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 
 from lanes.benchmark.scores import Row
+from lanes.files import read_text
 
 NAME_WIDTH = 17
 LEGEND = """\
@@ -79,11 +81,7 @@ def results_table(path: str | Path) -> str:
 
 def read_scores(path: str | Path) -> list[Row]:
     """The rows of a benchmark.csv; empty fields are NaN."""
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: there is no such table; `python -m lanes benchmark` writes one.")
-    with path.open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = list(csv.DictReader(io.StringIO(read_text(path, "table"))))
     if not rows or not {"scene", "difficulty", "system", "right_share"} <= rows[0].keys():
         raise ValueError(f"{path}: is no table of the benchmark; `python -m lanes benchmark` writes one.")
     return [{name: _value(name, text) for name, text in row.items()} for row in rows]

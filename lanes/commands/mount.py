@@ -42,18 +42,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Estimate the mount, print it and write it with the lens."""
     from lanes.camerafile import save_camera
-    from lanes.mounting.mount import LANE_WIDTH_M, describe_accuracy, estimate_mount
+    from lanes.mounting.mount import LANE_WIDTH_M, MountError, describe_accuracy, estimate_mount
     from lanes.video.footage import pick_pictures
 
     require_piece(options)
     camera = find_lens(options)
-    estimate = estimate_mount(
-        pick_pictures(options.files, options.pictures, camera, start_s=options.start, end_s=options.end),
-        camera,
-        lane_width_m=LANE_WIDTH_M if options.lane_width is None else options.lane_width,
-        height_m=options.height,
-        progress=progress_line("mount"),
-    )
+    try:
+        estimate = estimate_mount(
+            pick_pictures(options.files, options.pictures, camera, start_s=options.start, end_s=options.end),
+            camera,
+            lane_width_m=LANE_WIDTH_M if options.lane_width is None else options.lane_width,
+            height_m=options.height,
+            progress=progress_line("mount"),
+        )
+    except MountError as error:
+        raise MountError(f"{options.files[0]}: {error}") from error
     print(estimate.describe())
     print(describe_accuracy(estimate, camera))
     print(f"wrote {save_camera(camera.with_mount(estimate.mount), options.output)}")

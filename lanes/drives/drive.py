@@ -14,6 +14,7 @@ from lanes.drives.moved import find_mount_change
 from lanes.drives.settings import DriveResult, DriveSettings, StillsResult, describe_frames, describe_settings
 from lanes.drives.sources import refuse_clashes
 from lanes.drives.styles import STYLES, track_lane
+from lanes.files import sole_writer
 from lanes.images import PictureError, list_pictures, read_image, write_image
 from lanes.metric.lane import find_lane
 from lanes.metric.roadview import RoadView
@@ -56,9 +57,11 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> DriveResult:
     MountError
         If the camera has no mount and the drive does not tell it.
     OSError
-        If an output cannot be written.
+        If an output cannot be written, also because another run is writing it.
     """
-    return follow_drive(prepare_drive(video, settings), settings)
+    drive = prepare_drive(video, settings)
+    with sole_writer(output_for(drive.video, settings.output)):
+        return follow_drive(drive, settings)
 
 
 def prepare_drive(video: str | Path, settings: DriveSettings) -> PreparedDrive:
@@ -67,7 +70,7 @@ def prepare_drive(video: str | Path, settings: DriveSettings) -> PreparedDrive:
     info = inspect_video(video)
     if settings.start_s >= info.duration_s:
         raise VideoError(f"{video}: lasts {info.duration_s:g} s; begin before that, not at {settings.start_s:g} s.")
-    camera = settings.camera_for((info.width, info.height))
+    camera = settings.camera_for((info.width, info.height), video)
     mounted = mount_from_drive(camera, [video], start_s=settings.start_s, end_s=settings.end_s)
     return PreparedDrive(video, info, *mounted)
 
@@ -109,15 +112,16 @@ def annotate_stills(pictures: Sequence[Path], settings: DriveSettings) -> Stills
     """
     refuse_clashes(pictures, [settings.output / path.name for path in pictures])
     size, usable, failures = _sort_out(pictures)
-    camera, mount = mount_from_drive(settings.camera_for(size), usable)
+    camera, mount = mount_from_drive(settings.camera_for(size, usable[0]), usable)
     view, paint = RoadView(camera), STYLES[settings.style](camera)
-    rows, written = [], []
-    for number, path in enumerate(usable):
-        image = read_image(path)
-        found = TrackedLane.from_still(find_lane(image, view))
-        rows.append({"frame": number, "picture": path.name, **found.as_row()})
-        written.append(write_image(settings.output / path.name, paint(image, found)))
-    telemetry = write_telemetry(settings.output / "pictures.csv", rows)
+    rows, written, telemetry = [], [], settings.output / "pictures.csv"
+    with sole_writer(telemetry):
+        for number, path in enumerate(usable):
+            image = read_image(path)
+            found = TrackedLane.from_still(find_lane(image, view))
+            rows.append({"frame": number, "picture": path.name, **found.as_row()})
+            written.append(write_image(settings.output / path.name, paint(image, found)))
+        write_telemetry(telemetry, rows)
     return StillsResult(tuple(written), telemetry, sum(row["state"] != LOST for row in rows), mount, tuple(failures))
 
 

@@ -7,6 +7,7 @@ the width of lanes; distances ahead grow in proportion to the focal length, and 
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ import numpy as np
 from lanes.camera import Camera, CameraError
 from lanes.drives.dashes import measure_dash_period
 from lanes.drives.mounts import MOUNT_PICTURES, mount_from_pictures
+from lanes.files import require_file
 from lanes.images import PICTURE_SUFFIXES
 from lanes.mounting.mount import MountError
 from lanes.video.footage import pick_pictures
@@ -89,12 +91,13 @@ def read_hfov(picture: str | Path) -> float | None:
     millimetres and the number of pixels in a millimetre of the sensor do.
     """
     # Imported here: only pictures without any other word on their lens are asked.
-    from PIL import Image, UnidentifiedImageError
+    from PIL import Image
 
     try:
-        with Image.open(picture) as image:
+        require_file(picture, "picture")
+        with warnings.catch_warnings(action="ignore"), Image.open(picture) as image:
             entries, (width, height) = image.getexif().get_ifd(EXIF_BLOCK), image.size
-    except (OSError, UnidentifiedImageError, ValueError):
+    except Exception:  # EXIF is a mere hint, and whoever writes nonsense there makes Pillow raise anything
         return None
     focal_px = _focal_px({key: _number(value) for key, value in entries.items()}, width, height)
     if focal_px is None:

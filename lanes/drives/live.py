@@ -14,6 +14,7 @@ from lanes.drives.drive import conclude_drive
 from lanes.drives.mounts import mount_from_pictures
 from lanes.drives.settings import DriveResult, DriveSettings
 from lanes.drives.styles import track_lane
+from lanes.files import sole_writer
 from lanes.metric.tracker import LaneTracker
 from lanes.mounting.mount import MountEstimate
 from lanes.video.capture import LiveCamera
@@ -39,9 +40,9 @@ def annotate_live(index: int, settings: DriveSettings) -> DriveResult:
         As `annotate_drive`.
     """
     video = settings.output / f"camera{index}.mp4"
-    with _until_interrupted() as stopped, LiveCamera(index) as source:
+    with _until_interrupted() as stopped, LiveCamera(index) as source, sole_writer(video):
         frames = takewhile(lambda _: not stopped.is_set(), source.frames())
-        camera, mount = _with_mount(settings.camera_for(source.size), frames, f"camera {index}")
+        camera, mount = _with_mount(settings.camera_for(source.size, f"camera {index}"), frames, f"camera {index}")
         began_s = time.perf_counter()
         process = track_lane(LaneTracker(camera, fps=source.fps), camera, style=settings.style)
         # In this order: telemetry gets its name only when the video has.

@@ -17,8 +17,12 @@ import lanes
 from lanes.camerafile import camera_to_dict
 from lanes.drives.drive import output_for
 from lanes.drives.settings import DriveResult, DriveSettings, versions
-from lanes.files import write_whole
+from lanes.files import read_text, require_file, write_whole
 from lanes.video.telemetry import read_telemetry
+from lanes.video.videofile import VideoError
+
+# One has a few kilobytes.
+MOST_BYTES = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -34,10 +38,7 @@ class DriveKey:
     @classmethod
     def of(cls, video: Path, settings: DriveSettings, piece_s: float) -> DriveKey:
         """The key of a drive as it is now; raises FileNotFoundError if it is not there."""
-        try:
-            found = video.stat()
-        except FileNotFoundError as error:
-            raise FileNotFoundError(f"{video}: there is no such video file; check the name and the folder.") from error
+        found = require_file(video, "video", error=VideoError).stat()
         told = {
             "camera": settings.camera and camera_to_dict(settings.camera),
             "field": settings.field and asdict(settings.field),
@@ -125,16 +126,27 @@ def write_manifest(key: DriveKey, result: DriveResult, *, cpu_s: float, pieces: 
 
 
 def read_finished(key: DriveKey, folder: Path) -> Manifest | None:
-    """The manifest of a drive if that is finished, else None."""
+    """The manifest of a drive if that is finished, else None: also if somebody has written something else there."""
     path = manifest_path(Path(key.source), folder)
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(read_text(path, "manifest", most_bytes=MOST_BYTES))
         manifest = Manifest(**{**content, "key": DriveKey(**content["key"])})
-    except (OSError, ValueError, TypeError, KeyError):
+        _require_kinds(manifest)
+        # Compared as JSON, which knows no tuples.
+        same = json.loads(json.dumps(asdict(key))) == json.loads(json.dumps(asdict(manifest.key)))
+    except (OSError, ValueError, TypeError, KeyError, RecursionError):
         return None
-    # Compared as JSON, which knows no tuples.
-    same = json.loads(json.dumps(asdict(key))) == json.loads(json.dumps(asdict(manifest.key)))
     return manifest if same and not missing_outputs(manifest, folder) else None
+
+
+def _require_kinds(manifest: Manifest) -> None:
+    """TypeError if its numbers are none, or an output lies outside of its folder."""
+    numbers = ("frames", "missing", "length_s", "tracked_share", "lost_s", "cpu_s", "pieces")
+    kinds = {name: (int, float) for name in numbers} | {"outputs": dict, "told": str}
+    if not all(isinstance(getattr(manifest, name), kind) for name, kind in kinds.items()):
+        raise TypeError("an entry of the manifest is of another kind")
+    if not all(isinstance(size, int) and name == Path(name).name for name, size in manifest.outputs.items()):
+        raise TypeError("an output of the manifest lies elsewhere")
 
 
 def missing_outputs(manifest: Manifest, folder: Path) -> Sequence[str]:

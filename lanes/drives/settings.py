@@ -52,8 +52,8 @@ class DriveSettings:
     progress: bool = True
     overlapped: bool = True
 
-    def camera_for(self, size: tuple[int, int]) -> Camera:
-        """The camera for pictures of `size` (width, height).
+    def camera_for(self, size: tuple[int, int], name: object = "picture") -> Camera:
+        """The camera for pictures of `size` (width, height); errors begin with the `name` of the drive.
 
         Raises
         ------
@@ -61,9 +61,12 @@ class DriveSettings:
             If no lens was named, or its pictures have another shape.
         """
         if self.camera is not None:
-            return self.camera if self.camera.size == size else self.camera.scaled(size)
+            try:
+                return self.camera if self.camera.size == size else self.camera.scaled(size)
+            except CameraError as error:
+                raise CameraError(f"{name}: {error}") from error
         if self.field is None:
-            raise CameraError("no lens is known; give a camera or a horizontal field of view.")
+            raise CameraError(f"{name}: no lens is known; give a camera or a horizontal field of view.")
         return Camera.from_fov(size, self.field.hfov_deg)
 
 

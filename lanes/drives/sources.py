@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from glob import glob
 from pathlib import Path
 
+from lanes.files import files_in
 from lanes.images import PICTURE_SUFFIXES, natural_key
 
 # What is taken out of a folder; a file that is named itself may have any suffix.
@@ -70,8 +71,7 @@ def refuse_clashes(videos: Iterable[Path], outputs: Iterable[Path]) -> None:
 def _files(name: str) -> list[Path]:
     path = Path(name)
     if name and path.is_dir():
-        found = [p for p in path.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES + VIDEO_SUFFIXES and p.is_file()]
-        found = [p for p in found if ".partial." not in p.name and not p.name.startswith(".")]
+        found = files_in(path, PICTURE_SUFFIXES + VIDEO_SUFFIXES)
         if not found:
             raise FileNotFoundError(f"{path}: holds neither a video nor a picture; name another folder.")
     elif name and path.exists():

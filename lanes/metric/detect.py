@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lanes.camera import Camera
+from lanes.camera import Camera, CameraError
 from lanes.files import write_whole
 from lanes.images import PICTURE_SUFFIXES, read_image
 from lanes.metric.lane import find_lane
@@ -79,10 +79,13 @@ def detect_files(
             )
         else:
             pictures = iter([{"raw_file": str(file)} | finder.detect(read_image(file))])
-        for detection in pictures:
-            found.append(detection)
-            if progress:
-                progress(len(found), total)
+        try:
+            for detection in pictures:
+                found.append(detection)
+                if progress:
+                    progress(len(found), total)
+        except CameraError as error:
+            raise CameraError(f"{file}: {error}") from error
     return found
 
 

@@ -35,6 +35,8 @@ FEWEST_ROWS, FEWEST_PICTURES, FEWEST_LANES = 60, 0.25, 0.3
 WIDEST_SCATTER_DEG, WIDEST_YAW_DEG = 10.0, 12.0
 # Fewer pictures than this do not average the heading out.
 FEW_HEADINGS = 5
+# In narrower or lower pictures a line is thinner than a pixel a few metres ahead.
+LEAST_SIDE_PX = 48
 # The pictures are worked on at this width: more pixels find no more paint.
 WORKING_WIDTH = 1280
 # Largest error of the offset in 95 % of the frames of the rendered drive, with its lens, and with focal lengths from
@@ -149,6 +151,8 @@ def estimate_mount(
         If a picture has another size than the camera.
     """
     _require_plausible(lane_width_m, height_m)
+    if min(camera.size) < LEAST_SIDE_PX:
+        raise MountError(f"pictures of {camera.width}x{camera.height} pixels are too small to show lines; give larger.")
     images, camera = _working_copies(images, camera)
     rough = _rough_horizon(images, camera)
     pieces = []

@@ -10,7 +10,7 @@ from tempfile import TemporaryFile
 
 import numpy as np
 
-from lanes.files import whole_file, writing_to
+from lanes.files import read_text, whole_file, writing_to
 
 
 class TelemetryWriter:
@@ -37,7 +37,9 @@ class TelemetryWriter:
     def __enter__(self) -> TelemetryWriter:
         with writing_to(self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._rows = TemporaryFile("w+", encoding="utf-8", newline="", dir=self.path.parent)
+            # Names of pictures may hold bytes that are no text.
+            text = {"encoding": "utf-8", "errors": "replace", "newline": ""}
+            self._rows = TemporaryFile("w+", **text, dir=self.path.parent)
         self._csv = csv.writer(self._rows, lineterminator="\n")
         return self
 
@@ -84,13 +86,9 @@ def read_telemetry(path: str | Path) -> dict[str, np.ndarray]:
     ValueError
         If it is no CSV with a header, a column "frame" and rows of equal length.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(
-            f"{path}: there is no such telemetry file; check the name, or annotate the video again."
-        )
+    text = read_text(path, "telemetry")
     try:
-        header, *rows = csv.reader(io.StringIO(path.read_text(encoding="utf-8")))
+        header, *rows = csv.reader(io.StringIO(text))
         if "frame" not in header:
             raise ValueError("its header names no column 'frame'")
         columns = list(zip(*rows, strict=True)) or [()] * len(header)

@@ -1,0 +1,161 @@
+"""Files that are not what they should be, in every way that comes to mind, made from good ones."""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import yaml
+
+# Names that are unusual and must do all the same.
+ODD_NAMES = ("two words", "дорога 道路", "-rf", "a[1]*?", "concat:a|b", "%03d", "$(touch owned)`;&", "<img src=x>")
+ODD_NAMES += ("line\nfeed", os.fsdecode(b"caf\xe9"))
+
+Spoil = Callable[[Path, bytes], None]
+
+
+def cut(share: float) -> Spoil:
+    """The file ends after this share of it."""
+    return lambda path, data: path.write_bytes(data[: int(share * len(data))])
+
+
+def holds(content: bytes | str) -> Spoil:
+    """The file holds something else."""
+    return lambda path, _: path.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+def no_right(path: Path, data: bytes) -> None:
+    """Nobody may read the file, but root may; the test plays the system's answer then."""
+    path.write_bytes(data)
+    path.chmod(0)
+
+
+# What may be wrong with a file of any kind: what to do with it, and words of the sentence.
+ANY: dict[str, tuple[Spoil, str]] = {
+    "missing": (lambda path, _: None, "there is no such"),
+    "empty": (holds(b""), "is empty"),
+    "folder": (lambda path, _: path.mkdir(), "folder|neither"),
+    "pipe": (lambda path, _: os.mkfifo(path), "is a pipe"),
+    "device": (lambda path, _: path.symlink_to("/dev/zero"), "is a device"),
+    "link in a ring": (lambda path, _: path.symlink_to(path.name), "there is no such"),
+    "no right to read": (no_right, "may not be read"),
+    "zeros": (holds(bytes(9999)), ""),
+    "text": (holds("this is no such file\n" * 99), ""),
+    "not UTF-8": (holds(b"\xff\xfe\xfd" * 999), ""),
+    "cut at 10 %": (cut(0.1), ""),
+    "cut at 50 %": (cut(0.5), ""),
+    "cut at 90 %": (cut(0.9), ""),
+}
+
+
+def png_claiming(width: int, height: int) -> bytes:
+    """A PNG of a hundred bytes that claims to be of any size."""
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    data = b"\x89PNG\r\n\x1a\n"
+    for kind, content in ((b"IHDR", header), (b"IDAT", zlib.compress(bytes(99))), (b"IEND", b"")):
+        data += struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+    return data
+
+
+def jpeg_claiming(width: int, height: int) -> Spoil:
+    """A JPEG whose header claims another size."""
+
+    def spoil(path: Path, data: bytes) -> None:
+        patched = bytearray(data)
+        struct.pack_into(">HH", patched, patched.index(b"\xff\xc0") + 5, height, width)
+        path.write_bytes(patched)
+
+    return spoil
+
+
+PNG = {
+    "claims 65535x65535": (holds(png_claiming(65535, 65535)), "claims 65535x65535 pixels"),
+    "claims 0x0": (holds(png_claiming(0, 0)), "cannot be decoded"),
+    "claims 4 GB": (holds(png_claiming(2**31 - 1, 1)), "claims 2147483647x1 pixels"),
+    "a JPEG's head": (holds(b"\xff\xd8\xff\xe0"), "cut off"),
+    "a spoilt middle": (lambda path, data: path.write_bytes(data[:60] + bytes(99) + data[159:]), "cannot be decoded"),
+}
+JPEG = {
+    "claims 65500x65500": (jpeg_claiming(65500, 65500), "claims 65500x65500 pixels"),
+    "claims 0x0": (jpeg_claiming(0, 0), "cannot be decoded"),
+    "markers only": (holds(b"\xff\xd8\xff\xda\xff\xd9"), "cannot be decoded"),
+}
+VIDEO = {
+    "ffconcat": (holds("ffconcat version 1.0\nfile drive.mp4\n"), "cannot be read as a video"),
+    "playlist": (holds("#EXTM3U\n#EXTINF:1,\ndrive.mp4\n#EXT-X-ENDLIST\n"), "cannot be read as a video"),
+    "a picture": (holds(png_claiming(640, 360)), "cannot be read as a video"),
+}
+
+
+def camera(**changes: object) -> Spoil:
+    """A camera file with other entries; None takes one out."""
+
+    def spoil(path: Path, data: bytes) -> None:
+        content = yaml.safe_load(data) | changes
+        path.write_text(yaml.safe_dump({name: value for name, value in content.items() if value is not None}))
+
+    return spoil
+
+
+def matrix(focal_px: float) -> dict:
+    """The entry of a camera matrix."""
+    return {"data": [focal_px, 0, 320, 0, focal_px, 180, 0, 0, 1]}
+
+
+BOMB = "a: &a [1, 1]\n" + "".join(f"{n}: &{n} [*{p}, *{p}, *{p}]\n" for p, n in pairwise("abcdefghij"))
+UNFIT = "is no usable camera file"
+CAMERA = {
+    "Python tag": (holds('!!python/object/apply:os.system ["touch owned"]'), UNFIT),
+    "alias bomb": (holds(BOMB + "camera_matrix: {data: *j}"), "has an alias"),
+    "nested deep": (holds("[" * 99_999), "nested too deep"),
+    "2 MB": (holds("a: 1\n" * 400_000), "MB large"),
+    "a list": (holds("- 1\n- 2\n"), UNFIT),
+    "no matrix": (camera(camera_matrix=None), "camera_matrix' is missing"),
+    "focal length 0": (camera(camera_matrix=matrix(0.0)), UNFIT),
+    "focal length NaN": (camera(camera_matrix=matrix(float("nan"))), UNFIT),
+    "focal length 1e300": (camera(camera_matrix=matrix(1e300)), UNFIT),
+    "width 0": (camera(image_width=0), UNFIT),
+    "width 4e9": (camera(image_width=4_000_000_000), UNFIT),
+    "distortion inf": (camera(distortion_coefficients={"data": [float("inf")] * 5}), UNFIT),
+    "mount at height 0": (camera(mount={"height_m": 0.0}), UNFIT),
+    "mount at NaN": (camera(mount={"height_m": 1.3, "pitch_rad": float("nan")}), UNFIT),
+    "mount of words": (camera(mount="on the roof"), UNFIT),
+    "another shape": (camera(image_width=480), "another shape|pixels, but the camera"),
+}
+
+
+def line(text: str) -> Spoil:
+    """JSON lines with another third line."""
+
+    def spoil(path: Path, data: bytes) -> None:
+        lines = data.split(b"\n")
+        path.write_bytes(b"\n".join([*lines[:2], text.encode(), *lines[3:]]))
+
+    return spoil
+
+
+THIRD = "line 3 is no label"
+LABELS = {
+    "nonsense in line 3": (line("nonsense"), THIRD),
+    "a number in line 3": (line("7"), THIRD),
+    "no picture in line 3": (line('{"h_samples": [1], "lanes": []}'), THIRD),
+    "columns short in line 3": (line('{"raw_file": "a", "h_samples": [1, 2], "lanes": [[1]]}'), THIRD),
+    "NaN in line 3": (line('{"raw_file": "a", "h_samples": [1], "lanes": [[NaN]]}'), THIRD),
+    "1e999 in line 3": (line('{"raw_file": "a", "h_samples": [1e999], "lanes": []}'), THIRD),
+    "nested deep in line 3": (line("[" * 99_999), THIRD),
+    "9999 digits in line 3": (line(f'{{"raw_file": "a", "h_samples": [{"9" * 9999}], "lanes": []}}'), THIRD),
+}
+OUTSIDE = {
+    "absolute name": (line('{"raw_file": "/etc/passwd", "h_samples": [1], "lanes": []}'), "lies outside"),
+    "name above": (line('{"raw_file": "../x.png", "h_samples": [1], "lanes": []}'), "lies outside"),
+}
+TRUTH = {
+    "no columns": (holds("frame\n0\n1\n2\n"), "lacks the column"),
+    "words for numbers": (lambda path, data: path.write_bytes(data.replace(b"0.", b"x.")), "is no truth"),
+    "rows of other lengths": (holds("frame,offset_m\n0,1\n1\n"), "is no telemetry table"),
+    "a field of 1 MB": (holds("frame,offset_m\n0," + "9" * 1_000_000), "is no telemetry table"),
+}
