@@ -73,7 +73,7 @@ class TestStopwatch:
 @pytest.fixture(scope="module")
 def times(clip) -> dict[str, FrameTime]:
     with closing(read_frames(clip)) as frames:
-        return time_frames(list(frames), SMALL)
+        return time_frames(list(frames), SMALL, rounds=2)
 
 
 def test_every_system_is_timed(times):
@@ -133,11 +133,14 @@ class TestTranscode:
 
 def test_told_in_words():
     speed = Speed(
-        {TRACKING: FrameTime(3.1, 0.45, {"paint": 0.125})}, {"annotated": FileTime(20.0, 30.0, 1.1, 1.4)}, {400: 250.4}
+        {TRACKING: FrameTime(3.1, 0.45, {"paint": 0.125})},
+        {"annotated": FileTime(20.0, 30.0, 1.1, 1.4)},
+        {400: 250.4},
+        "abacus",
     )
     lines = speed.describe().splitlines()
     assert lines[1].split() == ["metric,", "tracking", "0.45", "3.1"]
     assert lines[2].split() == ["paint", "0.12"]
     assert ["annotated", "20.0", "30.0", "1.10", "1.40"] in [line.split() for line in lines]
-    assert lines[-1] == "400 frames: at most 250 MB of memory"
+    assert lines[-3:] == ["400 frames: at most 250 MB of memory", "", "Measured on abacus."]
     assert max(map(len, lines)) <= 120

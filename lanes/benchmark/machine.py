@@ -30,3 +30,10 @@ def _processor() -> str:
         lines = []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return next(filter(None, [*names, platform.processor(), platform.machine()]), "unknown processor")
+
+
+def describe_load() -> str:
+    """How many processes have wanted a core in the last minute, in words; not every system counts them."""
+    if not hasattr(os, "getloadavg"):
+        return "load unknown"
+    return f"load {os.getloadavg()[0]:.1f} at the start"

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
+from lanes.benchmark.machine import describe_load, describe_machine
 from lanes.benchmark.stages import FrameTime, time_frames
 from lanes.benchmark.tables import format_table
 from lanes.benchmark.transcode import FileTime, peak_memory_mb, time_files
@@ -22,17 +23,17 @@ SHORT, LONG = 400, 4000
 
 @dataclass(frozen=True)
 class Speed:
-    """What `measure_speed` found: by system, by way from file to file, and MB by number of frames."""
+    """What `measure_speed` found: by system, by way from file to file, MB by number of frames, and on what machine."""
 
     frames: dict[str, FrameTime]
     files: dict[str, FileTime]
     memory_mb: dict[int, float]
+    machine: str
 
     def describe(self) -> str:
-        """Three tables in words."""
-        return "\n\n".join(
-            [_describe_frames(self.frames), _describe_files(self.files), _describe_memory(self.memory_mb)]
-        )
+        """Three tables in words, and the machine."""
+        tables = _describe_frames(self.frames), _describe_files(self.files), _describe_memory(self.memory_mb)
+        return "\n\n".join([*tables, f"Measured on {self.machine}."])
 
 
 def measure_speed(video: Path, *, progress: Callable[[str], Callable[[int, int], None]] | None = None) -> Speed:
@@ -44,7 +45,7 @@ def measure_speed(video: Path, *, progress: Callable[[str], Callable[[int, int],
     progress : callable, optional
         Takes the name of a part and gives a function for (done, total).
     """
-    camera = load_camera(video.with_suffix(".yaml"))
+    camera, machine = load_camera(video.with_suffix(".yaml")), f"{describe_machine()}; {describe_load()}"
     report = progress or (lambda _: lambda *_: None)
     with closing(read_frames(video)) as frames:
         first = list(islice(frames, FRAMES))
@@ -54,7 +55,7 @@ def measure_speed(video: Path, *, progress: Callable[[str], Callable[[int, int],
     for number, count in enumerate((SHORT, LONG)):
         memory[count] = peak_memory_mb(video, video.with_suffix(".yaml"), count)
         told(number + 1, 2)
-    return Speed(frames, files, memory)
+    return Speed(frames, files, memory, machine)
 
 
 def _describe_frames(times: dict[str, FrameTime]) -> str:
@@ -64,8 +65,9 @@ def _describe_frames(times: dict[str, FrameTime]) -> str:
         lines += [f"  {stage:20}{value:10.2f}" for stage, value in found.stages.items()]
     table = "\n".join(lines)
     return (
-        f"{table}\nDetect, measure and draw a frame on one core: processor time, medians (stages divide them).\n"
-        "An undistort is one cv2.undistort of the same frame on one OpenCV thread in the same run."
+        f"{table}\nDetect, measure and draw a frame on one core: processor time, means over frames, of each frame the\n"
+        "fastest of three rounds. An undistort is one cv2.undistort of the same frame on one OpenCV thread, measured\n"
+        "just before, in the same way. While tracking, frames are as their video stores them, otherwise RGB."
     )
 
 

@@ -1,8 +1,9 @@
 """How long each stage of each system takes on a frame, in undistorts: the time that taking out the lens takes.
 
 The yardstick is one `cv2.undistort` of the same frame on one OpenCV thread, run just before each measurement: the ratio
-says the same on a fast and on a slow machine, and on one that is busy with other things. Times are the process's own
-processor time, so that whoever else uses the machine counts little.
+says the same on a fast and on a slow machine. Times are the process's own processor time, and each frame is measured in
+several rounds of which the fastest counts, for yardstick and system alike: what others do at the same time, and what
+they drive from the processor's caches, only ever adds to a time.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from unittest.mock import patch
 
 import cv2
@@ -28,6 +30,7 @@ from lanes.drives.styles import track_lane
 from lanes.metric import lane, tracker
 from lanes.metric.roadview import RoadView
 from lanes.threads import one_thread
+from lanes.yuv import Picture, YuvPicture
 
 # A tracker needs some frames to be sure of its lane; before that it searches in each.
 WARM_UP = 10
@@ -54,11 +57,23 @@ CLASSIC_STAGES = {
 
 @dataclass(frozen=True)
 class FrameTime:
-    """Medians over frames of one system: processor time in ms and in undistorts; its stages divide the latter."""
+    """Means over frames of one system: processor time in ms and in undistorts; its stages divide the latter."""
 
     ms: float
     undistorts: float
     stages: dict[str, float]
+
+
+@dataclass(frozen=True)
+class System:
+    """What is measured: how to begin a drive with a function of its frames, the functions that are its stages.
+
+    `as_stored`: the frames are as videos store them, which is how `annotate` looks at them.
+    """
+
+    begin: Callable[[], Callable[[Picture], object]]
+    stages: dict[str, list[tuple[object, str]]]
+    as_stored: bool = False
 
 
 class Stopwatch:
@@ -94,7 +109,11 @@ class Stopwatch:
 
 
 def time_frames(
-    frames: Sequence[np.ndarray], camera: Camera, *, progress: Callable[[int, int], None] | None = None
+    frames: Sequence[np.ndarray],
+    camera: Camera,
+    *,
+    rounds: int = 3,
+    progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, FrameTime]:
     """Time of detecting, measuring and drawing in consecutive frames, for each system.
 
@@ -104,46 +123,52 @@ def time_frames(
         More than `WARM_UP`; so many are not counted. In memory: a decoder's threads would be counted too.
     camera : Camera
         With its mount.
+    rounds : int
+        Each system goes so often through all frames; the systems take turns.
 
     Returns
     -------
     dict of str to FrameTime
         The metric engine while tracking and cold (knowing nothing of the frames before), and each recipe.
     """
-    spent: dict[str, list[dict[str, float]]] = defaultdict(list)
-    units_s: dict[str, list[float]] = defaultdict(list)
-    with one_thread():
-        watched = _systems(camera)
-        for number, frame in enumerate(frames):
-            for name, (process, stages) in watched.items():
-                own = frame.copy()  # yardstick and system both find it in the processor's caches
-                unit_s, seconds = _undistort_s(own, camera), _stages_s(process, stages, own)
-                if number >= WARM_UP:
-                    spent[name].append(seconds)
-                    units_s[name].append(unit_s)
-            if progress:
-                progress(number + 1, len(frames))
-    return {
-        name: _medians(spent[name], np.array(units_s[name]), [*stages, REST]) for name, (_, stages) in watched.items()
+    systems = _systems(camera)
+    units_s = {name: np.empty((rounds, len(frames))) for name in systems}
+    spent = {
+        name: {stage: np.empty((rounds, len(frames))) for stage in (*systems[name].stages, REST)} for name in systems
     }
+    with one_thread():
+        for number in range(rounds):
+            for name, system in systems.items():
+                process = system.begin()
+                for at, frame in enumerate(frames):
+                    units_s[name][number, at] = _undistort_s(frame.copy(), camera)
+                    own = YuvPicture.from_rgb(frame) if system.as_stored else frame.copy()
+                    seconds = _stages_s(process, system.stages, own)
+                    for stage, values in spent[name].items():
+                        values[number, at] = seconds[stage]
+                if progress:
+                    progress(number * len(systems) + list(systems).index(name) + 1, rounds * len(systems))
+    return {name: _fastest(spent[name], units_s[name]) for name in systems}
 
 
-def _systems(camera: Camera) -> dict[str, tuple[Callable, dict]]:
-    followed, searched = (tracker.LaneTracker(camera) for _ in range(2))
-    draw_cold = track_lane(searched, camera)
-
-    def process_cold(frame: np.ndarray) -> object:
-        searched.reset()
-        return draw_cold(frame)
+def _systems(camera: Camera) -> dict[str, System]:
+    def begin_cold() -> Callable[[Picture], object]:
+        searched = tracker.LaneTracker(camera)
+        draw = track_lane(searched, camera)
+        return lambda frame: (searched.reset(), draw(frame))
 
     systems = {
-        TRACKING: (track_lane(followed, camera), METRIC_STAGES),
-        COLD: (process_cold, METRIC_STAGES),
+        TRACKING: System(lambda: track_lane(tracker.LaneTracker(camera), camera), METRIC_STAGES, as_stored=True),
+        COLD: System(begin_cold, METRIC_STAGES),
     }
     for name in RECIPES:
-        finder = LaneFinder(get_recipe(name, camera.size), camera)
-        systems[name] = overlay.follow_lane(finder, camera), CLASSIC_STAGES
+        begin = partial(_begin_recipe, name, camera)
+        systems[name] = System(begin, CLASSIC_STAGES)
     return systems
+
+
+def _begin_recipe(name: str, camera: Camera) -> Callable[[np.ndarray], object]:
+    return overlay.follow_lane(LaneFinder(get_recipe(name, camera.size), camera), camera)
 
 
 def _undistort_s(frame: np.ndarray, camera: Camera) -> float:
@@ -152,17 +177,18 @@ def _undistort_s(frame: np.ndarray, camera: Camera) -> float:
     return time.process_time() - began_s
 
 
-def _stages_s(process: Callable, stages: dict, frame: np.ndarray) -> dict[str, float]:
+def _stages_s(process: Callable, stages: dict, frame: Picture) -> dict[str, float]:
     watch = Stopwatch()
     with watch.watching(stages):
         watch.timed(REST, process)(frame)
     return watch.spent_s
 
 
-def _medians(spent_s: list[dict[str, float]], unit_s: np.ndarray, stages: list[str]) -> FrameTime:
-    whole_s = np.array([sum(frame.values()) for frame in spent_s])
-    undistorts = float(np.median(whole_s / unit_s))
-    # Parts of all the time, not medians: of a stage that only some frames have the median is no part of the whole.
-    parts = {stage: sum(frame.get(stage, 0.0) for frame in spent_s) / whole_s.sum() for stage in stages}
-    shares = {stage: float(undistorts * part) for stage, part in parts.items()}
-    return FrameTime(1e3 * float(np.median(whole_s)), undistorts, shares)
+def _fastest(spent_s: dict[str, np.ndarray], units_s: np.ndarray) -> FrameTime:
+    """Means over frames of the fastest round of each; times are (rounds, frames)."""
+    fastest, at = sum(spent_s.values()).argmin(axis=0), np.arange(units_s.shape[1])
+    unit_s = units_s.min(axis=0)[WARM_UP:].mean()
+    means_s = {stage: float(values[fastest, at][WARM_UP:].mean()) for stage, values in spent_s.items()}
+    whole_s = sum(means_s.values())
+    shares = {stage: float(mean / unit_s) for stage, mean in means_s.items()}
+    return FrameTime(1e3 * whole_s, float(whole_s / unit_s), shares)
