@@ -100,7 +100,7 @@ def lightness(view_image: np.ndarray) -> np.ndarray:
 def yellowness(view_image: np.ndarray) -> np.ndarray:
     """How much blue is missing: min(R, G) - B as (rows, columns) int16; yellow paint has it in sun and in shade."""
     red, green, blue = cv2.split(view_image)
-    return np.subtract(cv2.min(red, green), blue, dtype=np.int16)
+    return cv2.subtract(cv2.min(red, green), blue, dtype=cv2.CV_16S)
 
 
 def sums_around(cells: np.ndarray, count: int) -> np.ndarray:

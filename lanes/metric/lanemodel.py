@@ -151,7 +151,10 @@ def line_y(x_m: np.ndarray, lane: np.ndarray, side: float) -> np.ndarray:
         offset, slope = swerve(lane, along)
         offset = offset + centre + side * width / 2 * np.sqrt(1 + slope * slope)
         pace = (1 - curvature * offset) * np.cos(direction) - slope * np.sin(direction)
-        along = along + np.clip((x_m - line_points(lane, side, along)[..., 0]) / np.maximum(pace, 0.1), -5, 5)
+        step = np.clip((x_m - line_points(lane, side, along)[..., 0]) / np.maximum(pace, 0.1), -5, 5)
+        along = along + step
+        if np.abs(step).max(initial=0.0) < 1e-6:
+            break  # the next would be smaller than what rounding leaves
     points = line_points(lane, side, along)
     return np.where((np.abs(points[..., 0] - x_m) < 1e-3) & (pace > 0.1), points[..., 1], np.nan)
 

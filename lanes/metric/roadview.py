@@ -147,17 +147,19 @@ class RoadView:
         """The road in `image` (raw) from above: RGB (rows, columns, 3) uint8, black where unseen."""
         self.camera.require_size(image)
         if not isinstance(image, YuvPicture):
-            return self._look_up(image, 1, self._fine, 0)
-        black = stored_colour((0, 0, 0), image.colours)
-        lookups = (1, self._fine), (2, self._coarse), (2, self._coarse)
-        found = [self._look_up(p, *how, dark) for p, how, dark in zip(image.planes, lookups, black, strict=True)]
+            return self._look_up(image[self.top_px :], 1, self._fine, 0)
+        y, *differences = image.planes
+        dark, gray, _ = stored_colour((0, 0, 0), image.colours)
+        found = [
+            self._look_up(y[self.top_px :], 1, self._fine, dark),
+            *(self._look_up(plane[self.top_px // 2 :], 2, self._coarse, gray) for plane in differences),
+        ]
         # only the cells of the view become RGB, not the whole picture
         return cv2.transform(cv2.merge(found), image.colours.to_rgb)
 
-    def _look_up(self, pixels: np.ndarray, done: int, lookups: list, outside: float) -> np.ndarray:
-        """The cells' values in an array that is the picture reduced `done` times."""
-        view = np.empty((*self.shape, *pixels.shape[2:]), np.uint8)
-        reduced = pixels[self.top_px // done :]
+    def _look_up(self, reduced: np.ndarray, done: int, lookups: list, outside: float) -> np.ndarray:
+        """The cells' values in the rows from `top_px` on of the picture reduced `done` times."""
+        view = np.empty((*self.shape, *reduced.shape[2:]), np.uint8)
         for reduction, rows, place, fraction in lookups:
             if reduction != done:
                 share = done / reduction
