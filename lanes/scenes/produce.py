@@ -14,6 +14,7 @@ from lanes.scenes.catalogue import VIDEO_FPS, VIDEO_SECONDS, project_video, stil
 from lanes.scenes.render import Drive, render_frame
 from lanes.scenes.truth import Truth, truth_entry, truth_row, write_truth_csv, write_truth_json
 from lanes.scenes.workers import ordered
+from lanes.video.videofile import inspect_video
 
 Progress = Callable[[int, int], None]
 
@@ -106,6 +107,9 @@ def write_video(
     count = round(seconds * VIDEO_FPS)
     with whole_file(path) as unfinished:
         rows = _encode(unfinished, drive, count, ["-crf", str(crf), "-preset", preset], progress, workers)
+        # The encoder is a process of its own, which may be killed or meet a full disk without a word.
+        if inspect_video(unfinished).frames != count:
+            raise OSError(f"not all of the {count} frames arrived in the file")
     write_truth_csv(path.with_suffix(".csv"), rows)
     save_camera(drive.camera, path.with_suffix(".yaml"))
     return [path, path.with_suffix(".csv"), path.with_suffix(".yaml")]

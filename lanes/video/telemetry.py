@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryFile
 
@@ -44,9 +45,14 @@ class TelemetryWriter:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        with self._rows:
+        try:
             if kind is None:
-                self._finish()
+                with writing_to(self.path):
+                    self._finish()
+        finally:
+            # Rows that a full disk did not take are none that anybody misses.
+            with suppress(OSError):
+                self._rows.close()
 
     def write(self, row: Mapping[str, object]) -> None:
         """Append a row: column name to value.
@@ -55,7 +61,8 @@ class TelemetryWriter:
         field: nothing was measured.
         """
         self._columns |= dict.fromkeys(row)
-        self._csv.writerow(_field(row.get(name)) for name in self._columns)
+        with writing_to(self.path):
+            self._csv.writerow(_field(row.get(name)) for name in self._columns)
 
     def _finish(self) -> None:
         self._rows.seek(0)
