@@ -6,7 +6,7 @@ Yardstick and frame take turns, so that a slow machine slows both. Processor tim
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import cv2
 import numpy as np
@@ -14,14 +14,15 @@ import pytest
 from drives import CAMERA, PaintedDrive, lane_lines, s_bend
 
 from lanes.metric.lane import find_lane
-from lanes.metric.lane_overlay import draw_found, draw_tracked
+from lanes.metric.lane_overlay import draw_tracked
 from lanes.metric.roadview import RoadView
-from lanes.metric.tracked import TRACKING
+from lanes.metric.tracked import TRACKING, TrackedLane
 from lanes.metric.tracker import LaneTracker
 from lanes.scenes.render import Motion
 from lanes.threads import one_thread
+from lanes.yuv import Picture, YuvPicture
 
-FPS, FRAMES, WARM_UP = 25.0, 40, 8
+FPS, FRAMES, WARM_UP, ROUNDS = 25.0, 40, 8, 4
 DRIVE = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3))
 PICTURES = [DRIVE.frame(frame / FPS) for frame in range(FRAMES)]
 
@@ -32,24 +33,48 @@ def on_one_thread() -> Iterator[None]:
         yield
 
 
-def undistorts(work: Callable[[np.ndarray], object]) -> float:
-    """How many yardsticks `work` costs for a picture: the median over pairs, after a few to warm up."""
-    ratios = []
-    for image in PICTURES:
-        start = time.thread_time()
-        cv2.undistort(image, CAMERA.matrix, CAMERA.distortion)
-        half = time.thread_time()
-        work(image)
-        ratios.append((time.thread_time() - half) / (half - start))
-    return float(np.median(ratios[WARM_UP:]))
+def undistorts(begin: Callable[[], Callable[[Picture], object]], pictures: Sequence[Picture]) -> float:
+    """How many yardsticks a picture costs, on average over those after a few to warm up.
+
+    `begin` gives a function of pictures, which it may draw on, for one round; of each picture's rounds the fastest
+    counts, for both.
+    """
+    seconds = np.empty((ROUNDS, 2, FRAMES))
+    for number in range(ROUNDS):
+        work = begin()
+        for at, (image, picture) in enumerate(zip(PICTURES, pictures, strict=True)):
+            own = picture.copy()
+            start = time.thread_time()
+            cv2.undistort(image, CAMERA.matrix, CAMERA.distortion)
+            half = time.thread_time()
+            work(own)
+            seconds[number, :, at] = half - start, time.thread_time() - half
+    unit_s, work_s = seconds.min(axis=0)[:, WARM_UP:].mean(axis=1)
+    return float(work_s / unit_s)
 
 
-def test_a_followed_frame_costs_less_than_undistorting_it():
-    tracker = LaneTracker(CAMERA, fps=FPS)
-    assert undistorts(lambda image: draw_tracked(image, tracker.update(image), CAMERA)) < 0.85
-    assert tracker.update(PICTURES[-1]).state == TRACKING
+def test_a_followed_frame_costs_little_more_than_half_of_undistorting_it():
+    """In a bend of 450 m, as videos store it; the bound leaves room for a machine that tests on all of its cores."""
+    states = []
+
+    def begin() -> Callable[[Picture], object]:
+        tracker = LaneTracker(CAMERA, fps=FPS)
+
+        def work(picture: Picture) -> None:
+            found = tracker.update(picture)
+            draw_tracked(picture, found, CAMERA, onto=picture)
+            states.append(found.state)
+
+        return work
+
+    assert undistorts(begin, [YuvPicture.from_rgb(image) for image in PICTURES]) < 0.8
+    assert states.count(TRACKING) > 0.9 * len(states)
 
 
-def test_a_picture_of_which_nothing_is_known_costs_little_more():
+def test_a_picture_of_which_nothing_is_known_costs_three_times_as_much():
     view = RoadView(CAMERA)
-    assert undistorts(lambda image: draw_found(image, find_lane(image, view), CAMERA)) < 1.85
+
+    def work(image: np.ndarray) -> None:
+        draw_tracked(image, TrackedLane.from_still(find_lane(image, view)), CAMERA, onto=image)
+
+    assert undistorts(lambda: work, PICTURES) < 1.7

@@ -77,7 +77,10 @@ def _describe_files(times: dict[str, FileTime]) -> str:
         for name, t in times.items()
     }
     table = format_table(["ms a frame", "processor ms", "ratio", "processor ratio"], rows)
-    return f"{table}\nFrom file to file; medians, ratios to the bare transcode (same decoder and encoder) run by run."
+    return (
+        f"{table}\nFrom file to file: the fastest of five runs, ratios to that of a bare transcode with the same decoder\n"
+        "and encoder."
+    )
 
 
 def _describe_memory(memory_mb: dict[int, float]) -> str:
