@@ -2,7 +2,7 @@
 # They need Python 3.11-3.13 and make, and the network only the first time.
 
 .DEFAULT_GOAL := help
-.PHONY: help run test fuzz soak clean
+.PHONY: help run test fuzz soak lock audit clean
 
 # An own choice is possible: make run PYTHON=/path/to/python3.12
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
@@ -24,6 +24,7 @@ help:
 	@echo "make test   lint, unit tests, and project.ipynb re-executed and compared by nbval"
 	@echo "make fuzz   the tests with random examples, ten times as long and with other examples each time"
 	@echo "make soak   an hour of driving through the command line, with a look at memory, frames and sound"
+	@echo "make audit  whether weaknesses are known of what requirements.lock pins; make lock writes that anew"
 	@echo "make clean  remove .venv and caches"
 	@echo "Real pictures: make run LANES_DATA=path/to/folder   (results: project_real.ipynb, output_real/)"
 
@@ -66,6 +67,16 @@ $(WITH_DASK): requirements-cluster.txt $(INSTALLED)
 	@echo "== Installing requirements-cluster.txt into .venv (once)"
 	@$(ENV)/python -m pip install --quiet --disable-pip-version-check -r requirements-cluster.txt && cp requirements-cluster.txt $@ \
 		|| echo "== Dask could not be installed: the tests of many drives are skipped"
+
+# Everything that requirements.txt brings along, by hash, for Python 3.11-3.13 on any system.
+lock: $(INSTALLED)
+	@$(PYTHON) -m venv .venv/tools && .venv/tools/bin/python -m pip install --quiet --disable-pip-version-check uv==0.13.9
+	@.venv/tools/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
+		--custom-compile-command "make lock" requirements.txt requirements-cluster.txt -o requirements.lock
+
+audit: $(INSTALLED)
+	@$(PYTHON) -m venv .venv/tools && .venv/tools/bin/python -m pip install --quiet --disable-pip-version-check pip-audit==2.10.1
+	@.venv/tools/bin/python tests/audit.py
 
 clean:
 	rm -rf .venv .pytest_cache .ruff_cache .hypothesis
