@@ -14,7 +14,15 @@ from lanes.__main__ import COMMANDS
 
 ROOT = Path(__file__).parents[1]
 # Options of git, pip, helm and Dask.
-OF_OTHERS = {"--depth", "--help", "--nworkers", "--nthreads", "--lifetime", "--lifetime-stagger"} | {
+OF_OTHERS = {
+    "--require-hashes",
+    "--depth",
+    "--help",
+    "--nworkers",
+    "--nthreads",
+    "--lifetime",
+    "--lifetime-stagger",
+} | {
     "--repo",
     "--create-namespace",
     "--generate-name",
@@ -71,5 +79,6 @@ def test_the_guides_are_there_and_linked_pages_are_checked():
         "conventions.md",
         "references.md",
         "many_drives.md",
+        "robustness.md",
     }
     assert "(pictures/explained_good.jpg)" in (ROOT / "docs" / "when_it_fails.md").read_text(encoding="utf-8")
