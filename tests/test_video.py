@@ -86,6 +86,13 @@ def tone_starts_s(path: Path) -> float:
     return np.nan
 
 
+def sound_packets(path: Path) -> list[tuple[float, bytes]]:
+    """Each with the time at which it is heard, to a tenth of a millisecond."""
+    with av.open(str(path)) as container:
+        packets = container.demux(container.streams.audio[0])
+        return [(round(float(p.pts * p.time_base), 4), bytes(p)) for p in packets if p.size]
+
+
 def unchanged(frame: np.ndarray) -> np.ndarray:
     return frame
 
@@ -323,6 +330,35 @@ class TestAnnotate:
         summary = annotate_video(path, tmp_path / "out.mp4", unchanged, progress=False)
         assert summary.has_audio
         assert tone_starts_s(tmp_path / "out.mp4") == pytest.approx(0.8, abs=0.05)
+
+    def test_sound_that_browsers_play_is_copied(self, video, tmp_path):
+        """Byte for byte and at its times; encoding it again would make other bytes."""
+        annotate_video(video, tmp_path / "out.mp4", unchanged, progress=False)
+        before, after = sound_packets(video), sound_packets(tmp_path / "out.mp4")
+        # what the encoder put before the first frame stays behind
+        assert set(after) <= set(before)
+        assert len(after) >= len(before) - 2 > 80
+
+    def test_variable_rate_with_sound(self, tmp_path):
+        """Frames that are dropped for a second: picture and sound stay beside each other."""
+        times_s = [*np.arange(10) / 25, *(1.4 + np.arange(20) / 25)]
+        path = tmp_path / "variable.mkv"
+        with av.open(str(path), "w") as container:
+            stream = container.add_stream("libx264", rate=25, options={"preset": "ultrafast"})
+            stream.width, stream.height, stream.pix_fmt = *SIZE, "yuv420p"
+            stream.codec_context.time_base = Fraction(1, 1000)
+            track = container.add_stream("aac", rate=48000, layout="mono")
+            for number, time_s in enumerate(times_s):
+                frame = av.VideoFrame.from_ndarray(numbered(number))
+                frame.pts, frame.time_base = round(1000 * time_s), Fraction(1, 1000)
+                container.mux(stream.encode(frame))
+            container.mux(stream.encode(None))
+            add_tone(container, track, 2.2)
+        summary = annotate_video(path, tmp_path / "out.mp4", AsStored(lambda f: f), progress=False)
+        found = list(read_timed_frames(tmp_path / "out.mp4"))
+        assert summary.frames_out == 30 and [number_of(f.image) for f in found] == list(range(30))
+        np.testing.assert_allclose([f.time_s for f in found], times_s, atol=1e-3)
+        assert tone_starts_s(tmp_path / "out.mp4") == pytest.approx(tone_starts_s(path), abs=1e-3)
 
     def test_without_sound(self, video, tmp_path):
         assert not annotate_video(video, tmp_path / "out.mp4", unchanged, sound=False, progress=False).has_audio
