@@ -55,7 +55,9 @@ def draw_bonnet(image: np.ndarray, camera: Camera, *, seed: int = 0, light: floa
     """
     image = np.array(image, np.float32)
     layer, top = _bonnet_layer(camera.size, seed)
-    lay_over(image, layer, 0, top, through=light)
+    planes = np.stack(cv2.split(image[top:]))
+    lay_over(planes, layer, 0, 0, through=light)
+    cv2.merge(planes, image[top:])
     return image
 
 

@@ -103,7 +103,7 @@ def project_faces(camera: Camera, faces_m: np.ndarray) -> list[np.ndarray | None
 
 
 def paint_polygons(
-    image: np.ndarray,
+    picture: np.ndarray,
     polygons_px: list[np.ndarray | None],
     colours: np.ndarray,
     *,
@@ -117,8 +117,9 @@ def paint_polygons(
 
     Parameters
     ----------
-    image : ndarray of shape (H, W, 3), float32
-        Linear RGB, changed.
+    picture : ndarray of shape (3, H, W), float32
+        Linear RGB, one plane for each colour, changed. Planes, because hundreds of things are laid over small parts of
+        a picture, and taking these apart and putting them together again would cost as much as the painting.
     polygons_px : list of (N, 2) arrays or None
         Raw pixels; None is skipped.
     colours : ndarray of shape (F, 3)
@@ -132,7 +133,7 @@ def paint_polygons(
     blend_px : float
         Blur of the colours within the group's outline: shading without facets.
     """
-    height, width = image.shape[:2]
+    height, width = picture.shape[1:]
     seen = [i for i, p in enumerate(polygons_px) if p is not None]
     if not seen:
         return
@@ -158,11 +159,11 @@ def paint_polygons(
         layer[..., :3] = spread[..., :3] * (layer[..., 3:] / np.maximum(spread[..., 3:], 1e-3))
     if softness_px > 0:
         layer = cv2.GaussianBlur(layer, (0, 0), softness_px)
-    lay_over(image, layer, int(low[0]), int(low[1]), through=through, air=air)
+    lay_over(picture, layer, int(low[0]), int(low[1]), through=through, air=air)
 
 
 def lay_over(
-    image: np.ndarray,
+    picture: np.ndarray,
     layer: np.ndarray,
     left: int,
     top: int,
@@ -170,16 +171,15 @@ def lay_over(
     through: np.ndarray | float = 1.0,
     air: np.ndarray | float = 0.0,
 ) -> None:
-    """Lay a picture with coverage (h, w, 4: RGB times coverage, coverage) over `image` in place, at (left, top)."""
-    region = image[max(top, 0) : top + layer.shape[0], max(left, 0) : left + layer.shape[1]]
-    if region.size == 0:
-        return
-    layer = layer[max(-top, 0) :, max(-left, 0) :][: region.shape[0], : region.shape[1]]
-    lay_planes(image, cv2.split(layer), max(left, 0), max(top, 0), through=through, air=air)
+    """Lay an image with coverage (h, w, 4: RGB times coverage, coverage) over planes (3, H, W) in place."""
+    height, width = picture.shape[1:]
+    layer = layer[max(-top, 0) : height - top, max(-left, 0) : width - left]
+    if layer.size:
+        lay_planes(picture, cv2.split(layer), max(left, 0), max(top, 0), through=through, air=air)
 
 
 def lay_planes(
-    image: np.ndarray,
+    picture: np.ndarray,
     planes: Sequence[np.ndarray],
     left: int,
     top: int,
@@ -188,14 +188,12 @@ def lay_planes(
     air: np.ndarray | float = 0.0,
 ) -> None:
     """The same with the layer's four planes (h, w), which are used up; all of the layer is inside the picture."""
-    # One plane after the other: numpy is slow where the innermost axis has three elements.
     *colours, alpha = planes
-    region = image[top : top + alpha.shape[0], left : left + alpha.shape[1]]
-    below, clear = cv2.split(region), 1 - alpha
+    region = picture[:, top : top + alpha.shape[0], left : left + alpha.shape[1]]
+    clear = 1 - alpha
     through, air = np.full(3, through, np.float32), np.full(3, air, np.float32)
-    for plane, colour, left_over, added in zip(below, colours, through, air, strict=True):
-        plane *= clear
+    for below, colour, left_over, added in zip(region, colours, through, air, strict=True):
+        below *= clear
         colour *= left_over
         colour += alpha * added
-        plane += colour
-    cv2.merge(below, region)
+        below += colour

@@ -79,7 +79,8 @@ def draw_objects(
     TypeError
         For a thing of another kind.
     """
-    bare, image = image, np.array(image, np.float32)
+    bare, picture = image, np.empty((3, *image.shape[:2]), np.float32)
+    cv2.split(image.astype(np.float32, copy=False), list(picture))
     crest_m, near_side = crest or (0.0, None)
     sun = np.asarray(sun_direction, float) / np.linalg.norm(sun_direction)
     jobs = []
@@ -93,17 +94,23 @@ def draw_objects(
     jobs = sorted((job for job in jobs if job[0] < FARTHEST_M), key=lambda job: -job[0])
     for (distance, thing), light in zip(jobs, _lights([thing for _, thing in jobs], light_at), strict=True):
         if near_side is not None and distance < crest_m:
-            cv2.copyTo(bare, near_side.view(np.uint8), image)
+            _show_again(bare, near_side, picture)
             near_side = None
         through, air = air_between(distance, haze) if air_at is None else air_at(distance)
         if isinstance(thing, Wall):
             thing = replace(thing, light=light)
         elif light is not None and not isinstance(thing, Slab):
             through = through * light[0]
-        _painter(thing)(image, camera, thing, sun, (through, air))
+        _painter(thing)(picture, camera, thing, sun, (through, air))
     if near_side is not None:
-        cv2.copyTo(bare, near_side.view(np.uint8), image)
-    return image
+        _show_again(bare, near_side, picture)
+    return cv2.merge(picture)
+
+
+def _show_again(bare: np.ndarray, where: np.ndarray, picture: np.ndarray) -> None:
+    """Put the bare image (H, W, 3) back into the planes (3, H, W) where the mask says so."""
+    for plane, before in zip(picture, cv2.split(bare), strict=True):
+        cv2.copyTo(before, where.view(np.uint8), plane)
 
 
 def _lights(things: list[Thing], light_at: Callable[[np.ndarray], np.ndarray] | None) -> list[np.ndarray | None]:
@@ -133,7 +140,7 @@ def _painter(thing: Thing):
     return (painters | {Post: _paint_post})[type(thing)]
 
 
-def _paint_car(image: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, air: tuple) -> None:
+def _paint_car(picture: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, air: tuple) -> None:
     """Contact shadow, then the faces that look at the camera, by layer and from far to near."""
     turn = turned_by(car.heading_rad)
     place = np.array([car.x_m, car.y_m, car.rise_m])
@@ -149,7 +156,7 @@ def _paint_car(image: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, air
     pixels = project_faces(camera, np.stack([ground * 1.03, ground * 0.97]) @ turn.T + place)
     blur = float(np.clip(40 / max(distance, 1), 0.5, 4))
     dark = np.full((2, 3), 0.004)
-    paint_polygons(image, pixels, dark, opacity=np.array([0.55, 0.85]), through=air[0], air=air[1], softness_px=blur)
+    paint_polygons(picture, pixels, dark, opacity=np.array([0.55, 0.85]), through=air[0], air=air[1], softness_px=blur)
     colours = shade_faces(faces, eye, sun @ turn)
     corners = faces.corners.reshape(-1, 3) @ turn.T + place
     pixels = project_faces(camera, corners.reshape(-1, 4, 3))
@@ -158,7 +165,7 @@ def _paint_car(image: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, air
     blend = facet_m(car.body) * camera.matrix[0, 0] / max(distance, 2)
     parts = (slice(0, cuts[0]), slice(*cuts), slice(cuts[1], None))
     for part, blend_px in zip(parts, (0.0, blend, 0.0), strict=True):
-        paint_polygons(image, pixels[part], colours[part], through=air[0], air=air[1], blend_px=blend_px)
+        paint_polygons(picture, pixels[part], colours[part], through=air[0], air=air[1], blend_px=blend_px)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -188,7 +195,7 @@ def _planted(camera: Camera, objects: list[Thing]) -> list[_Planted]:
     return [_Planted(**vars(tree), ends_px=ends_px) for tree, ends_px in seen]
 
 
-def _paint_tree(image: np.ndarray, camera: Camera, tree: _Planted, sun: np.ndarray, air: tuple) -> None:
+def _paint_tree(picture: np.ndarray, camera: Camera, tree: _Planted, sun: np.ndarray, air: tuple) -> None:
     """The plant's picture, placed by where its foot and its top are seen."""
     pixels = tree.ends_px
     rows = float(np.linalg.norm(pixels[1] - pixels[0]))
@@ -198,10 +205,10 @@ def _paint_tree(image: np.ndarray, camera: Camera, tree: _Planted, sun: np.ndarr
     # sight, because a tree must not flip over while we drive past.
     if sun[1] < 0:
         sprite = cv2.flip(sprite, 1)
-    _warp_sprite(image, sprite, pixels, through=air[0], air=air[1])
+    _warp_sprite(picture, sprite, pixels, through=air[0], air=air[1])
 
 
-def _warp_sprite(image: np.ndarray, sprite: np.ndarray, ends_px: np.ndarray, **air: np.ndarray) -> None:
+def _warp_sprite(picture: np.ndarray, sprite: np.ndarray, ends_px: np.ndarray, **air: np.ndarray) -> None:
     """Lay a sprite over the picture, its foot at the first point and its top at the second one."""
     height, width = sprite.shape[:2]
     up = (ends_px[1] - ends_px[0]) / height
@@ -209,15 +216,15 @@ def _warp_sprite(image: np.ndarray, sprite: np.ndarray, ends_px: np.ndarray, **a
     place = np.column_stack([right, -up, ends_px[1] - right * (width - 1) / 2])
     corners = np.array([[0, 0, 1], [width, 0, 1], [0, height, 1], [width, height, 1]]) @ place.T
     low = np.maximum(np.floor(corners.min(axis=0)).astype(int) - 1, 0)
-    high = np.minimum(np.ceil(corners.max(axis=0)).astype(int) + 2, [image.shape[1], image.shape[0]])
+    high = np.minimum(np.ceil(corners.max(axis=0)).astype(int) + 2, [picture.shape[2], picture.shape[1]])
     if (high <= low).any():
         return
     place[:, 2] -= low
     layer = cv2.warpAffine(sprite, place, (high - low).tolist(), flags=cv2.INTER_LINEAR)
-    lay_over(image, layer, int(low[0]), int(low[1]), **air)
+    lay_over(picture, layer, int(low[0]), int(low[1]), **air)
 
 
-def _paint_sign(image: np.ndarray, camera: Camera, sign: Sign, sun: np.ndarray, air: tuple) -> None:
+def _paint_sign(picture: np.ndarray, camera: Camera, sign: Sign, sun: np.ndarray, air: tuple) -> None:
     """Posts, plate, border and lines of writing."""
     if sign.kind not in SIGN_COLOURS:
         raise ValueError(f"there is no sign {sign.kind!r}; there are {', '.join(sorted(SIGN_COLOURS))}.")
@@ -244,7 +251,7 @@ def _paint_sign(image: np.ndarray, camera: Camera, sign: Sign, sun: np.ndarray, 
         faces += lines
         colours += [colour] * len(lines)
     pixels = project_faces(camera, np.array(faces) + [0, 0, sign.rise_m])
-    paint_polygons(image, pixels, np.array(colours) * light, through=air[0], air=air[1])
+    paint_polygons(picture, pixels, np.array(colours) * light, through=air[0], air=air[1])
 
 
 def _writing(sign: Sign) -> list[np.ndarray]:
@@ -265,7 +272,7 @@ def _writing(sign: Sign) -> list[np.ndarray]:
     return strokes
 
 
-def _paint_post(image: np.ndarray, camera: Camera, post: Post, sun: np.ndarray, air: tuple) -> None:
+def _paint_post(picture: np.ndarray, camera: Camera, post: Post, sun: np.ndarray, air: tuple) -> None:
     """Three upright strips from light to shade; a lamp's arm reaches `arm_m` to the left (negative: right)."""
     half = post.width_m / 2
     edges = np.linspace(-half, half, 4)
@@ -280,4 +287,4 @@ def _paint_post(image: np.ndarray, camera: Camera, post: Post, sun: np.ndarray, 
         normals = np.vstack([normals, [[-1.0, 0, 0], [-1.0, 0, 0]]])
     colours = np.array(post.colour) / 0.8 * irradiance(normals, sun)
     pixels = project_faces(camera, np.array(faces) + [0, 0, post.rise_m])
-    paint_polygons(image, pixels, colours, through=air[0], air=air[1])
+    paint_polygons(picture, pixels, colours, through=air[0], air=air[1])

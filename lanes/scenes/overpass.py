@@ -117,13 +117,13 @@ class Slab:
         return []
 
 
-def paint_slab(image: np.ndarray, camera: Camera, slab: Slab, sun: np.ndarray, air: tuple) -> None:
-    """Paint a slice of a bridge, in place."""
+def paint_slab(picture: np.ndarray, camera: Camera, slab: Slab, sun: np.ndarray, air: tuple) -> None:
+    """Paint a slice of a bridge into planes (3, H, W), in place."""
     light = np.ones(3)
     if slab.front:
         light = irradiance(np.array([[-1.0, 0, 0]]), sun)[0]
     colours = slab.light[:, None] * CONCRETE * light / 0.8
-    paint_polygons(image, project_faces(camera, slab.faces_m), colours, through=air[0], air=air[1])
+    paint_polygons(picture, project_faces(camera, slab.faces_m), colours, through=air[0], air=air[1])
 
 
 def _in_car(faces: np.ndarray, road: RoadGeometry, pose: Pose) -> np.ndarray:

@@ -83,30 +83,16 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     heading = truth.pose.absolute_heading(drive.road)
     ahead = RoadAhead(drive.road, truth.pose)
     ground = cast_on_ground(_rays(drive.camera), camera, ahead)
+    view = _View(camera, heading, ahead, ground, drive.sun.direction(heading), truth.pose.s_m)
     things = things_in_view(drive.things, drive.road, truth.pose, time_s=time_s)
-    sun_direction = drive.sun.direction(heading)
-    sun = _sun_on_ground(drive, things, camera, ground, ahead, sun_direction, station_m=truth.pose.s_m)
-    ground_light = _ground_light(drive, ground, sun, things, station_m=truth.pose.s_m)
+    sun = _sun_on_ground(drive, things, view)
+    ground_light = _ground_light(drive, ground, sun, things, station_m=view.station_m)
     # Before air dims it and without sky, cars and bonnet: what the camera's exposure follows.
     road_light = _mean_luminance(ground_light[-250:-60:4, ::8])
-    height_m = camera.mount.height_m
-    if drive.glare is not None:
-        add_sheen(ground_light, ground, sun, sun_direction, strength=drive.glare.sheen, height_m=height_m)
-    mirror = None
-    if drive.wet is not None:
-        mirror = drive.wet.mirror_share(ground, height_m, station_m=truth.pose.s_m, seed=drive.seed)
-        ground_light += mirror[..., None] * _mirrored_sky(drive, camera, heading, ground)
-    if drive.fog is not None:
-        drive.fog.veil_ground(ground_light, ground)
+    mirror = _add_shine(ground_light, drive, sun, view)
     bare = _backdrop(drive, camera, heading, ground)
     _lay_ground(bare, ground_light, ground, daylight=drive.night is None)
-    light_at = _light_on_things(drive, ahead, station_m=truth.pose.s_m)
-    air = {"haze": drive.backdrop.haze_per_km, "air_at": _air(drive)}
-    crest = _crest(ahead, ground, camera)
-    light = draw_objects(bare, camera, things, sun_direction=sun_direction, light_at=light_at, crest=crest, **air)
-    if drive.bonnet:
-        open_sky = 1.0 if light_at is None else float(light_at(np.array([[-1.0, 0.0]])).mean())
-        light = draw_bonnet(light, camera, light=(0.2 + 0.8 * float(sun[-60:].mean())) * open_sky)
+    light = _with_things(bare, drive, things, view, sunny=float(sun[-60:].mean()))
     changed = light != bare
     hidden = changed[..., 0] | changed[..., 1] | changed[..., 2]
     if mirror is not None or drive.night is not None:
@@ -115,9 +101,54 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
             add_streaks(light, camera, lamps, mirror, ~hidden)
         add_lamps(light, camera, lamps)
     if drive.glare is not None:
-        sun_ray = camera.mount.rotation() @ sun_direction
+        sun_ray = camera.mount.rotation() @ view.sun_direction
         add_glare(light, _rays(drive.camera), sun_ray, drive.glare, sunshine=_sunshine(drive, truth.pose))
     return Frame(_photograph(light, drive, time_s, road_light=road_light), truth, hidden)
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """From where a frame is seen: the camera as it nods, its heading, the road and the ground before it, the sun."""
+
+    camera: Camera
+    heading_rad: float
+    ahead: RoadAhead
+    ground: Ground
+    sun_direction: np.ndarray
+    station_m: float
+
+
+def _add_shine(ground_light: np.ndarray, drive: Drive, sun: np.ndarray, view: _View) -> np.ndarray | None:
+    """Add what the ground mirrors and lay fog over it, in place; how well a wet road mirrors (rows, width), or None."""
+    height_m, mirror = view.camera.mount.height_m, None
+    if drive.glare is not None:
+        strength = drive.glare.sheen
+        add_sheen(ground_light, view.ground, sun, view.sun_direction, strength=strength, height_m=height_m)
+    if drive.wet is not None:
+        mirror = drive.wet.mirror_share(view.ground, height_m, station_m=view.station_m, seed=drive.seed)
+        ground_light += mirror[..., None] * _mirrored_sky(drive, view.camera, view.heading_rad, view.ground)
+    if drive.fog is not None:
+        drive.fog.veil_ground(ground_light, view.ground)
+    return mirror
+
+
+def _with_things(bare: np.ndarray, drive: Drive, things: list[Thing], view: _View, *, sunny: float) -> np.ndarray:
+    """The light (height, width, 3) with things and bonnet before it; `sunny` is the sun's share on the near ground."""
+    light_at = _light_on_things(drive, view.ahead, station_m=view.station_m)
+    light = draw_objects(
+        bare,
+        view.camera,
+        things,
+        sun_direction=view.sun_direction,
+        haze=drive.backdrop.haze_per_km,
+        light_at=light_at,
+        air_at=_air(drive),
+        crest=_crest(view.ahead, view.ground, view.camera),
+    )
+    if not drive.bonnet:
+        return light
+    open_sky = 1.0 if light_at is None else float(light_at(np.array([[-1.0, 0.0]])).mean())
+    return draw_bonnet(light, view.camera, light=(0.2 + 0.8 * sunny) * open_sky)
 
 
 def _photograph(light: np.ndarray, drive: Drive, time_s: float, *, road_light: float) -> np.ndarray:
@@ -189,25 +220,17 @@ def _adapted_light(drive: Drive, time_s: float) -> float:
     return drive.exposure.adapted_light(lambda t: drive.motion.pose(t).s_m, road_light, time_s)
 
 
-def _sun_on_ground(
-    drive: Drive,
-    things: list[Thing],
-    camera: Camera,
-    ground: Ground,
-    road: RoadAhead,
-    sun_direction: np.ndarray,
-    *,
-    station_m: float,
-) -> np.ndarray:
+def _sun_on_ground(drive: Drive, things: list[Thing], view: _View) -> np.ndarray:
     """Share of the sun that reaches each pixel's ground: shades along the road, shadows of trees and other things."""
+    ground, station_m = view.ground, view.station_m
     if drive.sun.clouded or drive.night is not None:
         return np.zeros_like(ground.s)
     sun = sunlight_on_ground(drive.shades, ground, station_m=station_m, seed=drive.seed)
     trees = [t for t in things if isinstance(t, Tree) and t.x_m < SHADOWS_UNTIL_M and abs(t.y_m) < SHADOWS_ASIDE_M]
     solid = [t for t in things if not isinstance(t, Tree)]
     for group, ragged_m in ((trees, LEAVES_M), (solid, 0.0)):
-        polygons = shadow_polygons(group, sun_direction)
-        darken_polygons(sun, polygons, camera, ground, road, station_m=station_m, ragged_m=ragged_m)
+        polygons = shadow_polygons(group, view.sun_direction)
+        darken_polygons(sun, polygons, view.camera, ground, view.ahead, station_m=station_m, ragged_m=ragged_m)
     return sun
 
 

@@ -157,8 +157,8 @@ def _resample(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.column_stack([np.interp(along, length, column) for column in path.T]), along
 
 
-def paint_wall(image: np.ndarray, camera: Camera, wall: Wall, sun: np.ndarray, air: tuple) -> None:
-    """Paint one piece of a wall, in place; strips that turn their back are skipped by themselves."""
+def paint_wall(picture: np.ndarray, camera: Camera, wall: Wall, sun: np.ndarray, air: tuple) -> None:
+    """Paint a piece of a wall into planes (3, H, W); strips that turn their back are skipped by themselves."""
     lines = wall.lines()
     seen = inside(lines, viewing_planes(camera))
     pixels = np.full((*lines.shape[:2], 2), np.nan)
@@ -173,7 +173,7 @@ def paint_wall(image: np.ndarray, camera: Camera, wall: Wall, sun: np.ndarray, a
     for strip in reversed(range(len(lines) - 1)):
         texture = wall_texture(WALLS[wall.kind].textures[strip], wall.seed + strip)
         low, high = (_Line(pixels[line], along, light[strip]) for line in (strip, strip + 1))
-        (_paint_slope if wall.kind == "bank" else _paint_strip)(image, low, high, texture, air)
+        (_paint_slope if wall.kind == "bank" else _paint_strip)(picture, low, high, texture, air)
 
 
 def _extend_upwards(pixels: np.ndarray, lines: np.ndarray, camera: Camera) -> None:
@@ -221,7 +221,7 @@ class _Line:
         return _Line(np.maximum.accumulate(line.pixels, axis=0) * [1, 0] + line.pixels * [0, 1], line.along, line.light)
 
 
-def _paint_strip(image: np.ndarray, low: _Line, high: _Line, texture: tuple[np.ndarray, ...], air: tuple) -> None:
+def _paint_strip(picture: np.ndarray, low: _Line, high: _Line, texture: tuple[np.ndarray, ...], air: tuple) -> None:
     """Paint between two lines of an upright wall, one run of rising or falling columns at a time, the far ones first.
 
     Lower and upper line turn at the same place, because one stands on the other.
@@ -233,10 +233,10 @@ def _paint_strip(image: np.ndarray, low: _Line, high: _Line, texture: tuple[np.n
     bounds = [0, *low.turns(), len(low.along) - 1]
     for a, b in reversed(list(zip(bounds[:-1], bounds[1:], strict=True))):
         run = slice(a, b + 1)
-        _paint_run(image, low.part(run).rising(), high.part(run).rising(), texture, air)
+        _paint_run(picture, low.part(run).rising(), high.part(run).rising(), texture, air)
 
 
-def _paint_slope(image: np.ndarray, low: _Line, high: _Line, texture: tuple[np.ndarray, ...], air: tuple) -> None:
+def _paint_slope(picture: np.ndarray, low: _Line, high: _Line, texture: tuple[np.ndarray, ...], air: tuple) -> None:
     """Paint between two lines of a bank up to where it turns out of sight; what is beyond, the near part hides."""
     low, high = low.seen(), high.seen()
     if min(len(low.along), len(high.along)) < 2:
@@ -248,12 +248,12 @@ def _paint_slope(image: np.ndarray, low: _Line, high: _Line, texture: tuple[np.n
     last = ends[1].part(slice(-1, None))
     longer = _Line(*(np.concatenate([getattr(ends[0], n), getattr(last, n)]) for n in ("pixels", "along", "light")))
     low, high = (longer if line is ends[0] else line for line in (low, high))
-    _paint_run(image, low.rising(), high.rising(), texture, air)
+    _paint_run(picture, low.rising(), high.rising(), texture, air)
 
 
-def _paint_run(image: np.ndarray, low: _Line, high: _Line, texture: tuple[np.ndarray, ...], air: tuple) -> None:
+def _paint_run(picture: np.ndarray, low: _Line, high: _Line, texture: tuple[np.ndarray, ...], air: tuple) -> None:
     """Every column looks up both lines, which run from left to right; every pixel the texture between them."""
-    height, width = image.shape[:2]
+    height, width = picture.shape[1:]
     (low_u, low_v), (high_u, high_v) = low.pixels.T, high.pixels.T
     start = max(0, int(np.ceil(max(low_u[0], high_u[0]))))
     stop = min(width, int(np.ceil(min(low_u[-1], high_u[-1]))))
@@ -273,7 +273,7 @@ def _paint_run(image: np.ndarray, low: _Line, high: _Line, texture: tuple[np.nda
         v = np.arange(first, min(height, int(edges.bottom.max()) + 2), dtype=float)[:, None]
         if len(v):
             planes = _texture_between(edges, v, texture[level], level)
-            lay_planes(image, planes, start + columns.start, first, through=air[0], air=air[1])
+            lay_planes(picture, planes, start + columns.start, first, through=air[0], air=air[1])
 
 
 @dataclass(frozen=True)
