@@ -2,7 +2,7 @@
 # They need Python 3.11-3.13 and make, and the network only the first time.
 
 .DEFAULT_GOAL := help
-.PHONY: help run test fuzz soak lock audit clean
+.PHONY: help run test fuzz coverage mutants soak lock audit clean
 
 # An own choice is possible: make run PYTHON=/path/to/python3.12
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
@@ -13,6 +13,7 @@ EXECUTE := $(ENV)/jupyter nbconvert --log-level WARN --to notebook --execute --E
 	--KernelManager.transport=ipc
 INSTALLED := .venv/installed.txt
 WITH_DASK := .venv/installed-cluster.txt
+MEASURING := .venv/installed-measuring.txt
 
 # Figures belong into the notebook, whatever the caller's shell asks of matplotlib.
 unexport MPLBACKEND
@@ -23,6 +24,7 @@ help:
 	@echo "make run    execute project.ipynb, regenerate output_images/ and the annotated video"
 	@echo "make test   lint, unit tests, and project.ipynb re-executed and compared by nbval"
 	@echo "make fuzz   the tests with random examples, ten times as long and with other examples each time"
+	@echo "make coverage  which lines of lanes/ no test runs; make mutants  which mistakes no test notices (docs/testing.md)"
 	@echo "make soak   an hour of driving through the command line, with a look at memory, frames and sound"
 	@echo "make audit  whether weaknesses are known of what requirements.lock pins; make lock writes that anew"
 	@echo "make clean  remove .venv and caches"
@@ -49,6 +51,19 @@ test: $(INSTALLED) $(WITH_DASK)
 fuzz: $(INSTALLED)
 	@echo "== Random pictures, files, drives and filter steps: ten times as many as make test (some minutes)"
 	@LANES_FUZZ=10 $(ENV)/python -m pytest $(shell grep -l '^from examples import' tests/test_*.py)
+
+# One process, because processes that wait for each other hide what is slow; the notebook, which is its own test, aside.
+coverage: $(MEASURING) $(WITH_DASK)
+	@rm -f .coverage .coverage.*
+	@env -u LANES_DATA PYTHONPATH=.venv/measuring OMP_NUM_THREADS=1 $(ENV)/python -m coverage run -m pytest tests
+	@PYTHONPATH=.venv/measuring $(ENV)/python -m coverage combine --quiet
+	@PYTHONPATH=.venv/measuring $(ENV)/python -m coverage report --fail-under=95
+
+# OpenCV's own threads do not survive the fork that makes a mutant cheap.
+mutants: $(MEASURING)
+	@rm -rf mutants
+	@PYTHONPATH=.venv/measuring OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 $(ENV)/python -m mutmut run --max-children 1
+	@PYTHONPATH=.venv/measuring $(ENV)/python -m mutmut results
 
 soak: $(INSTALLED)
 	@echo "== One hour of driving through the command line: frames, sound, memory (half an hour or more)"
@@ -77,6 +92,12 @@ lock: $(INSTALLED)
 audit: $(INSTALLED)
 	@$(PYTHON) -m venv .venv/tools && .venv/tools/bin/python -m pip install --quiet --disable-pip-version-check pip-audit==2.10.1
 	@.venv/tools/bin/python tests/audit.py
+
+# Beside the packages that the project runs with, not among them.
+$(MEASURING): requirements-measuring.txt $(INSTALLED)
+	@echo "== Installing requirements-measuring.txt into .venv/measuring (once)"
+	@$(ENV)/python -m pip install --quiet --disable-pip-version-check --upgrade --target .venv/measuring -r requirements-measuring.txt
+	@cp requirements-measuring.txt $@
 
 clean:
 	rm -rf .venv .pytest_cache .ruff_cache .hypothesis
