@@ -78,8 +78,8 @@ def _describe_files(times: dict[str, FileTime]) -> str:
     }
     table = format_table(["ms a frame", "processor ms", "ratio", "processor ratio"], rows)
     return (
-        f"{table}\nFrom file to file: the fastest of five runs, ratios to that of a bare transcode with the same decoder\n"
-        "and encoder."
+        f"{table}\nFrom file to file: the fastest of five runs, ratios to that of a bare transcode with the same "
+        "decoder\nand encoder."
     )
 
 

@@ -84,7 +84,12 @@ def read_scores(path: str | Path) -> list[Row]:
     rows = list(csv.DictReader(io.StringIO(read_text(path, "table"))))
     if not rows or not {"scene", "difficulty", "system", "right_share"} <= rows[0].keys():
         raise ValueError(f"{path}: is no table of the benchmark; `python -m lanes benchmark` writes one.")
-    return [{name: _value(name, text) for name, text in row.items()} for row in rows]
+    try:
+        return [{name: _value(name, text) for name, text in row.items()} for row in rows]
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"{path}: is no table of the benchmark ({error}); `python -m lanes benchmark` writes one."
+        ) from error
 
 
 def _value(name: str, text: str) -> str | float:
