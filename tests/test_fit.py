@@ -54,6 +54,31 @@ def test_ransac_ignores_a_third_of_outliers_that_bend_least_squares():
     assert np.abs(ransac_line(pixels, samples=12).columns(ROWS) - truth).max() < 8
 
 
+def test_ransac_refuses_a_short_stub_among_pixels_that_span_enough():
+    rng = np.random.default_rng(6)
+    clutter = np.column_stack([rng.uniform(1000, 1280, 40), rng.integers(0, 50, 40)])
+    pixels = np.vstack([np.repeat(line_pixels(0, 0, 300, np.arange(600, 700)), 5, axis=0), clutter])
+    assert ransac_line(pixels, samples=5, residual_px=1) is not None
+    assert ransac_line(pixels, samples=5, residual_px=1, min_span_px=160) is None
+
+
+def test_ransac_asks_pixels_from_everywhere():
+    """Of 6000 pixels every third has a vote; the first ones are a speck beside the line."""
+    line = np.repeat(line_pixels(0.0, 0.3, 300.0), 8, axis=0)
+    speck = np.column_stack([np.tile([700, 702], 120), np.repeat(np.arange(40), 6)])
+    fit = ransac_line(np.vstack([speck, line]), samples=12)
+    assert fit.pixels == len(line)
+    np.testing.assert_allclose(fit.columns(ROWS), 300 + 0.3 * ROWS, atol=1e-6)
+
+
+def test_ransac_takes_whole_numbers_and_lists():
+    """As `binary_pixels` gives them, and as they may be typed."""
+    pixels = line_pixels(0, 1, 300, np.arange(0, 100))
+    assert pixels.dtype.kind == "i"
+    assert ransac_line(pixels) == ransac_line(pixels.tolist()) == ransac_line(pixels.astype(float))
+    assert fit_line(pixels.astype(np.uint16)) == fit_line(pixels)
+
+
 def test_ransac_gives_the_same_line_for_the_same_seed():
     pixels = line_pixels(1e-4, 0, 300) + np.random.default_rng(5).normal(0, 12, (720, 2)) * [1, 0]
     assert ransac_line(pixels, seed=1) == ransac_line(pixels, seed=1)
@@ -77,3 +102,6 @@ def test_points_run_from_the_top_row_to_the_bottom_row():
     points = LineFit((0.0, 2.0, 100.0), 1, (0, 20)).points(21, step_px=8)
     assert points.tolist() == [[100, 0], [116, 8], [132, 16], [140, 20]]
     assert len(LineFit((0.0, 2.0, 100.0), 1, (0, 0)).points(1)) == 1
+    # the last row is drawn once, also where a step ends there
+    assert LineFit((0.0, 0.0, 5.0), 1, (0, 0)).points(18, step_px=8)[:, 1].tolist() == [0, 8, 16, 17]
+    assert LineFit((0.0, 0.0, 5.0), 1, (0, 0)).points(17)[:, 1].tolist() == [0, 8, 16]

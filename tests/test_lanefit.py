@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from lanes.metric.evidence import Stripes
-from lanes.metric.lanefit import FOLLOW, compare, fit_lanes
-from lanes.metric.lanemodel import LEFT, RIGHT, line_points, line_y, lines_on_view
+from lanes.metric.lanefit import FOLLOW, PRIOR_MEAN, PRIOR_STD, compare, fit_lanes, strangeness, usual_std
+from lanes.metric.lanemodel import CENTRE, CURVATURE, HEADING, LEFT, RIGHT, line_points, line_y, lines_on_view
 from lanes.metric.votes import best_pairs, count_votes
 
 HEIGHT_M, FOCAL_PX = 1.3, 1150.0
@@ -44,6 +44,17 @@ ROADS = {
     "clothoid": [0.1, 3.7, 0.0, 1 / 900, 5e-5, 0.0, 0.0],
     "hairpin": [0.2, 3.2, 0.05, -1 / 18, 0.0, 0.0, 0.0],
 }
+
+
+def test_strangeness_counts_squared_standard_deviations_from_the_usual():
+    odd = PRIOR_MEAN.copy()
+    odd[[CENTRE, HEADING]] += [2, -3] * PRIOR_STD[[CENTRE, HEADING]]
+    np.testing.assert_allclose(strangeness(np.array([PRIOR_MEAN, odd])), [0, 4 + 9])
+    # a road that bends may bend, and may change its bend: curvature itself counts for less than it would
+    bent = PRIOR_MEAN.copy()
+    bent[CURVATURE] = 2 * PRIOR_STD[CURVATURE]
+    assert 0 < strangeness(bent[None])[0] < 4
+    assert (usual_std(bent[None]) >= PRIOR_STD).all()
 
 
 @pytest.mark.parametrize("road", ROADS.values(), ids=ROADS.keys())

@@ -37,6 +37,18 @@ def test_three_points_of_a_circle_give_its_curvature(radius, side, middle, end):
     assert measure.curvature_through(points) == pytest.approx(side / radius, rel=1e-6)
 
 
+def test_curvature_is_the_same_wherever_the_circle_lies():
+    """Whole metres, as a user might write them: R 5 m, its centre 3 m ahead and 9 m to the left, driven upwards."""
+    assert measure.curvature_through([(3, 4), (8, 9), (3, 14)]) == pytest.approx(1 / 5)
+    assert measure.curvature_through([(3, 14), (8, 9), (3, 4)]) == pytest.approx(-1 / 5)
+    assert measure.curvature_through(np.array([[0, 1], [2, 3], [5, 6]])) == 0
+
+
+def test_a_line_is_where_its_polynomial_says():
+    line = measure.RoadLine(1.5, 0.02, -0.004)
+    np.testing.assert_allclose(line.lateral_m(np.array([0.0, 10.0, 30.0])), [1.5, 1.5, 0.3])
+
+
 def test_curvature_is_the_published_formula_at_the_bottom_row():
     """(1 + (2Ay + B)^2)^1.5 / |2A| of the fit in metres, as the course writes it."""
     fit = LineFit((2e-4, -0.35, 500.0), 1, (0, 719))

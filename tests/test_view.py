@@ -46,8 +46,17 @@ def test_binaries_keep_two_values_and_come_back():
     view = WARP.warp(binary)
     assert set(np.unique(view)) == {0, 255}
     back = WARP.unwarp(view)
+    assert set(np.unique(back)) == {0, 255}
     assert (back[505:635, 565:715] == 255).all()
     assert (back != binary).mean() < 0.01
+
+
+def test_a_view_comes_back_into_a_picture_of_any_size():
+    view = np.full((720, 1280, 3), 200, np.uint8)
+    cut = WARP.unwarp(view, (700, 500))
+    assert cut.shape == (500, 700, 3)
+    np.testing.assert_array_equal(cut, WARP.unwarp(view)[:500, :700])
+    assert (cut[-1, 660] == 200).all() and not cut[:455].any()
 
 
 @pytest.mark.parametrize("way", [WARP.warp, WARP.unwarp])
@@ -102,8 +111,21 @@ def test_scales_follow_the_camera_height():
 
 
 def test_a_view_up_to_the_horizon_has_no_scale():
-    with pytest.raises(CameraError, match="reaches the horizon"):
+    with pytest.raises(CameraError) as refusal:
         metres_per_pixel(WARP, CAMERA.with_mount(Mount(1.2, pitch_rad=-0.1)))
+    assert str(refusal.value) == (
+        "the warp's quadrangle reaches the horizon of this camera's mount, so its rows have no length on the "
+        "road; choose lower points or correct the mount's pitch."
+    )
+
+
+def test_scales_are_taken_on_the_middle_column():
+    """No true map, seen by a camera that leans and looks aside: the scales differ from column to column."""
+    camera = CAMERA.with_mount(Mount(1.3, 0.02, yaw_rad=0.1, roll_rad=0.06))
+    road = view_to_road(np.array([[639.0, 719.0], [640.0, 719.0], [639.5, 719.0], [639.5, 0.0]]), WARP, camera)
+    across, along = metres_per_pixel(WARP, camera)
+    assert across == pytest.approx(np.hypot(*(road[1] - road[0])), rel=1e-6)
+    assert along == pytest.approx(np.hypot(*(road[3] - road[2])) / 719, rel=1e-9)
 
 
 def test_fixed_scales_count_from_the_bottom_and_the_middle():
