@@ -4,8 +4,32 @@ import numpy as np
 import pytest
 
 from lanes.metric.evidence import Stripes
-from lanes.metric.lanefit import FOLLOW, PRIOR_MEAN, PRIOR_STD, compare, fit_lanes, strangeness, usual_std
-from lanes.metric.lanemodel import CENTRE, CURVATURE, HEADING, LEFT, RIGHT, line_points, line_y, lines_on_view
+from lanes.metric.lanefit import (
+    FOLLOW,
+    LIMIT,
+    PRIOR_MEAN,
+    PRIOR_STD,
+    compare,
+    fit_lanes,
+    paint_weight,
+    place_std,
+    strangeness,
+    stray_m,
+    usual_std,
+)
+from lanes.metric.lanemodel import (
+    CENTRE,
+    CURVATURE,
+    HEADING,
+    KINKS,
+    LEFT,
+    RATE,
+    RIGHT,
+    WIDTH,
+    line_points,
+    line_y,
+    lines_on_view,
+)
 from lanes.metric.votes import best_pairs, count_votes
 
 HEIGHT_M, FOCAL_PX = 1.3, 1150.0
@@ -55,6 +79,58 @@ def test_strangeness_counts_squared_standard_deviations_from_the_usual():
     bent[CURVATURE] = 2 * PRIOR_STD[CURVATURE]
     assert 0 < strangeness(bent[None])[0] < 4
     assert (usual_std(bent[None]) >= PRIOR_STD).all()
+
+
+def test_a_road_that_bends_may_soon_bend_otherwise():
+    bent = PRIOR_MEAN.copy()
+    bent[[CURVATURE, RATE]] = -0.03, -1e-3
+    std = usual_std(bent[None])[0]
+    assert std[CURVATURE] == pytest.approx(PRIOR_STD[CURVATURE] + 0.03)
+    assert std[RATE] == pytest.approx(PRIOR_STD[RATE] + 0.03 / 15)
+    np.testing.assert_allclose(std[KINKS], PRIOR_STD[KINKS] + 1.5 * (0.03 / 15 + 1e-3))
+    assert (usual_std(PRIOR_MEAN[None]) == PRIOR_STD).all()
+
+
+def one_stripe(*, x_m, aside_m=0.0, strength=6.0):
+    """A stripe on the left line of a straight lane that is 3.6 m wide, or so far to its left."""
+    stripes = stripes_on(np.array(ROADS["straight, off centre"])).select([0])
+    places = {"x_m": np.array([x_m]), "y_m": np.array([1.8 + aside_m]), "angle": np.zeros(1)}
+    return replace(stripes, strength=np.array([strength]), **places)
+
+
+def test_paint_place_and_stray_are_what_their_constants_say():
+    strengths = [paint_weight(one_stripe(x_m=10.0, strength=strength))[0] for strength in (0.0, 6.0, 18.0)]
+    np.testing.assert_allclose(strengths, [0, 0.5, 0.9])
+    for x_m, stray in ((20.0, 0.01), (40.0, 0.08), (80.0, 0.64)):
+        assert place_std(one_stripe(x_m=x_m), 1000.0) == pytest.approx(np.sqrt(0.04**2 + (x_m / 1000) ** 2))
+        assert stray_m(one_stripe(x_m=x_m)) == pytest.approx(stray)
+
+
+@pytest.mark.parametrize("aside_m", [0.0, 0.1, -0.1])
+def test_a_stripe_counts_by_its_place_its_distance_and_its_strength(aside_m):
+    """Held fast by a prior that is much surer, the lane stays; what a stripe adds to the information is seen alone."""
+    lane = np.zeros(len(PRIOR_MEAN))
+    lane[WIDTH] = 3.6
+    held = {"prior_mean": lane, "prior_information": 1e12 * np.eye(len(lane))}
+    stripe = one_stripe(x_m=30.0, aside_m=aside_m)
+    fit = fit_lanes(lane[None], stripe, HEIGHT_M, 1000.0, schedule=((70, 2.0),), **held)
+    # half as strong as paint; twice as far astray is let pass as is usual
+    variance, stray = 0.04**2 + 0.03**2, 0.08 * (30 / 40) ** 3
+    agreement = 1 / (1 + aside_m**2 / (4 * variance)) ** 2
+    added = fit.information[0] - held["prior_information"]
+    assert added[CENTRE, CENTRE] == pytest.approx(0.5 * agreement / (4 * variance + stray**2), rel=1e-3)
+    assert fit.weight[0, 0] == pytest.approx(0.5 / (1 + aside_m**2 / variance) ** 2, rel=1e-2)
+    assert fit.side[0, 0] == LEFT
+    near = fit_lanes(lane[None], stripe, HEIGHT_M, 1000.0, schedule=((30.0, 2.0),), **held)
+    np.testing.assert_array_equal(near.information[0], held["prior_information"])
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_lane_never_leaves_its_limits(sign):
+    nothing = one_stripe(x_m=30.0).select([])
+    far = {"prior_mean": 2 * sign * LIMIT, "prior_information": np.eye(len(LIMIT))}
+    fit = fit_lanes(PRIOR_MEAN[None].astype(int), nothing, HEIGHT_M, FOCAL_PX, schedule=((70, 1),), **far)
+    np.testing.assert_array_equal(fit.lane[0], sign * LIMIT)
 
 
 @pytest.mark.parametrize("road", ROADS.values(), ids=ROADS.keys())
