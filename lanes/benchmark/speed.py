@@ -59,15 +59,16 @@ def measure_speed(video: Path, *, progress: Callable[[str], Callable[[int, int],
 
 
 def _describe_frames(times: dict[str, FrameTime]) -> str:
-    lines = [f"{'':22}undistorts      ms"]
+    lines = [f"{'':22}undistorts    mean      ms"]
     for name, found in times.items():
-        lines.append(f"{name:22}{found.undistorts:10.2f}{found.ms:8.1f}")
-        lines += [f"  {stage:20}{value:10.2f}" for stage, value in found.stages.items()]
+        lines.append(f"{name:22}{found.undistorts:10.2f}{found.mean:8.2f}{found.ms:8.1f}")
+        lines += [f"  {stage:20}{'':10}{value:8.2f}" for stage, value in found.stages.items()]
     table = "\n".join(lines)
     return (
-        f"{table}\nDetect, measure and draw a frame on one core: processor time, means over frames, of each frame the\n"
-        "fastest of three rounds. An undistort is one cv2.undistort of the same frame on one OpenCV thread, measured\n"
-        "just before, in the same way. While tracking, frames are as their video stores them, otherwise RGB."
+        f"{table}\nDetect, measure and draw a frame on one core: processor time of the frame in the middle, and the\n"
+        "mean, which the stages divide; of each frame the fastest of three rounds. An undistort is one cv2.undistort\n"
+        "of the same frame on one OpenCV thread, measured just before, in the same way. While tracking, frames are\n"
+        "as their video stores them, otherwise RGB; a search each second raises the mean."
     )
 
 
@@ -78,8 +79,8 @@ def _describe_files(times: dict[str, FileTime]) -> str:
     }
     table = format_table(["ms a frame", "processor ms", "ratio", "processor ratio"], rows)
     return (
-        f"{table}\nFrom file to file: the fastest of five runs, ratios to that of a bare transcode with the same "
-        "decoder\nand encoder."
+        f"{table}\nFrom file to file: the fastest of five runs; ratios are to that of a bare transcode with the same\n"
+        "decoder and encoder."
     )
 
 

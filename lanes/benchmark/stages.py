@@ -57,10 +57,21 @@ CLASSIC_STAGES = {
 
 @dataclass(frozen=True)
 class FrameTime:
-    """Means over frames of one system: processor time in ms and in undistorts; its stages divide the latter."""
+    """Processor time of one system for a frame, in undistorts but for `ms`.
+
+    Attributes
+    ----------
+    ms, undistorts : float
+        Of the frame in the middle: a tracker's rare searches do not count.
+    mean : float
+        Over all frames.
+    stages : dict of str to float
+        What the mean consists of.
+    """
 
     ms: float
     undistorts: float
+    mean: float
     stages: dict[str, float]
 
 
@@ -185,10 +196,11 @@ def _stages_s(process: Callable, stages: dict, frame: Picture) -> dict[str, floa
 
 
 def _fastest(spent_s: dict[str, np.ndarray], units_s: np.ndarray) -> FrameTime:
-    """Means over frames of the fastest round of each; times are (rounds, frames)."""
-    fastest, at = sum(spent_s.values()).argmin(axis=0), np.arange(units_s.shape[1])
-    unit_s = units_s.min(axis=0)[WARM_UP:].mean()
+    """What counts of times (rounds, frames): of each frame the fastest round."""
+    rounds_s = sum(spent_s.values())
+    fastest, at = rounds_s.argmin(axis=0), np.arange(units_s.shape[1])
+    frames_s, frame_units_s = rounds_s.min(axis=0)[WARM_UP:], units_s.min(axis=0)[WARM_UP:]
+    middle_s, unit_s = float(np.median(frames_s)), float(np.median(frame_units_s))
     means_s = {stage: float(values[fastest, at][WARM_UP:].mean()) for stage, values in spent_s.items()}
-    whole_s = sum(means_s.values())
-    shares = {stage: float(mean / unit_s) for stage, mean in means_s.items()}
-    return FrameTime(1e3 * whole_s, float(whole_s / unit_s), shares)
+    shares = {stage: mean_s / float(frame_units_s.mean()) for stage, mean_s in means_s.items()}
+    return FrameTime(1e3 * middle_s, middle_s / unit_s, sum(shares.values()), shares)
