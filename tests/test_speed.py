@@ -54,7 +54,7 @@ def undistorts(begin: Callable[[], Callable[[Picture], object]], pictures: Seque
 
 
 def test_a_followed_frame_costs_little_more_than_half_of_undistorting_it():
-    """In a bend of 450 m, as videos store it: 0.62 on a quiet machine, 0.70 beside another test, 0.83 at a load of 17."""
+    """In a bend of 450 m: 0.62 on a quiet machine, 0.70 beside another test, 0.83 at a load of 17."""
     states = []
 
     def begin() -> Callable[[Picture], object]:
