@@ -86,6 +86,11 @@ class System:
     stages: dict[str, list[tuple[object, str]]]
     as_stored: bool = False
 
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Names of the stages, and of what belongs to none."""
+        return *self.stages, REST
+
 
 class Stopwatch:
     """Processor time spent in named functions; a function's time is without that of named ones that it calls."""
@@ -143,23 +148,14 @@ def time_frames(
         The metric engine while tracking and cold (knowing nothing of the frames before), and each recipe.
     """
     systems = _systems(camera)
-    units_s = {name: np.empty((rounds, len(frames))) for name in systems}
-    spent = {
-        name: {stage: np.empty((rounds, len(frames))) for stage in (*systems[name].stages, REST)} for name in systems
-    }
+    seconds: dict[str, list[np.ndarray]] = {name: [] for name in systems}
+    turns = [(name, system) for _ in range(rounds) for name, system in systems.items()]
     with one_thread():
-        for number in range(rounds):
-            for name, system in systems.items():
-                process = system.begin()
-                for at, frame in enumerate(frames):
-                    units_s[name][number, at] = _undistort_s(frame.copy(), camera)
-                    own = YuvPicture.from_rgb(frame) if system.as_stored else frame.copy()
-                    seconds = _stages_s(process, system.stages, own)
-                    for stage, values in spent[name].items():
-                        values[number, at] = seconds[stage]
-                if progress:
-                    progress(number * len(systems) + list(systems).index(name) + 1, rounds * len(systems))
-    return {name: _fastest(spent[name], units_s[name]) for name in systems}
+        for number, (name, system) in enumerate(turns):
+            seconds[name].append(_time_round(system, frames, camera))
+            if progress:
+                progress(number + 1, len(turns))
+    return {name: _fastest(np.array(seconds[name]), system.parts) for name, system in systems.items()}
 
 
 def _systems(camera: Camera) -> dict[str, System]:
@@ -173,8 +169,7 @@ def _systems(camera: Camera) -> dict[str, System]:
         COLD: System(begin_cold, METRIC_STAGES),
     }
     for name in RECIPES:
-        begin = partial(_begin_recipe, name, camera)
-        systems[name] = System(begin, CLASSIC_STAGES)
+        systems[name] = System(partial(_begin_recipe, name, camera), CLASSIC_STAGES)
     return systems
 
 
@@ -195,12 +190,22 @@ def _stages_s(process: Callable, stages: dict, frame: Picture) -> dict[str, floa
     return watch.spent_s
 
 
-def _fastest(spent_s: dict[str, np.ndarray], units_s: np.ndarray) -> FrameTime:
-    """What counts of times (rounds, frames): of each frame the fastest round."""
-    rounds_s = sum(spent_s.values())
-    fastest, at = rounds_s.argmin(axis=0), np.arange(units_s.shape[1])
-    frames_s, frame_units_s = rounds_s.min(axis=0)[WARM_UP:], units_s.min(axis=0)[WARM_UP:]
-    middle_s, unit_s = float(np.median(frames_s)), float(np.median(frame_units_s))
-    means_s = {stage: float(values[fastest, at][WARM_UP:].mean()) for stage, values in spent_s.items()}
-    shares = {stage: mean_s / float(frame_units_s.mean()) for stage, mean_s in means_s.items()}
-    return FrameTime(1e3 * middle_s, middle_s / unit_s, sum(shares.values()), shares)
+def _time_round(system: System, frames: Sequence[np.ndarray], camera: Camera) -> np.ndarray:
+    """(frames, 1 + parts) seconds: of the undistort, then of each part of the system."""
+    process, seconds = system.begin(), []
+    for frame in frames:
+        unit_s = _undistort_s(frame.copy(), camera)
+        own = YuvPicture.from_rgb(frame) if system.as_stored else frame.copy()
+        spent_s = _stages_s(process, system.stages, own)
+        seconds.append([unit_s, *(spent_s[part] for part in system.parts)])
+    return np.array(seconds)
+
+
+def _fastest(seconds: np.ndarray, parts: Sequence[str]) -> FrameTime:
+    """What counts of times (rounds, frames, 1 + parts): of each frame the fastest round."""
+    units_s, parts_s = seconds[:, WARM_UP:, 0].min(axis=0), seconds[:, WARM_UP:, 1:]
+    fastest = parts_s.sum(axis=2).argmin(axis=0)
+    parts_s = parts_s[fastest, np.arange(len(fastest))]
+    middle_s = float(np.median(parts_s.sum(axis=1)))
+    shares = dict(zip(parts, (parts_s.mean(axis=0) / units_s.mean()).tolist(), strict=True))
+    return FrameTime(1e3 * middle_s, middle_s / float(np.median(units_s)), sum(shares.values()), shares)
