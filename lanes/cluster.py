@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING
 
 from lanes.drives.manifest import Manifest, missing_outputs, read_finished
 from lanes.drives.settings import DriveSettings
-from lanes.drives.summary import describe_totals, write_summary
+from lanes.drives.summary import SUMMARY, describe_totals, write_summary
 from lanes.drives.tasks import DriveJob, Plan, begin_drive, finish_drive, work_on_piece
+from lanes.files import sole_writer
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -98,7 +99,7 @@ def _annotate_left(
     if not jobs:
         return outcomes
     try:
-        with connect(cluster) as client:
+        with connect(cluster) as client, sole_writer(jobs[0].settings.output / SUMMARY):
             tell(f"{len(client.nthreads())} workers; dashboard: {client.dashboard_link}")
             for job, outcome in annotate_all(client, jobs, retries=cluster.retries):
                 outcomes[job] = outcome

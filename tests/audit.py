@@ -37,7 +37,7 @@ def judge(packages: list[dict]) -> tuple[int, str]:
         return 1, "\n".join(["known weaknesses:", *found])
     if unknown or not packages:
         return 2, (
-            f"NOT AUDITED: of {len(unknown)} of {len(packages)} packages the advisory service gave no answer, so that "
+            f"NOT AUDITED: for {len(unknown)} of {len(packages)} packages the advisory service gave no answer, so that "
             "nothing is known about them; try again where PyPI itself can be reached."
         )
     return 0, f"no weakness is known of the {len(packages)} packages in {LOCK.name}"

@@ -7,6 +7,7 @@ a clock ends what hangs.
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -18,6 +19,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import badfiles
+import numpy as np
 import pytest
 from clips import write_drive
 from drives import BENDS, SMALL
@@ -26,6 +28,7 @@ from lanes.__main__ import main
 from lanes.camerafile import load_camera, save_camera
 from lanes.images import read_image, write_image
 from lanes.video.telemetry import read_telemetry
+from lanes.video.videofile import inspect_video
 
 ROOT = Path(__file__).parents[1]
 HANGS_S = 20
@@ -208,6 +211,36 @@ def test_pictures_too_small_for_a_road_are_told(size, command, good, tmp_path, m
     err = capfd.readouterr().err
     assert "Traceback" not in err and (command == "explain" or "tiny.png" in err)
     assert command == "explain" or contents(tmp_path) == before
+
+
+def test_damaged_frames_are_told_and_left_out(good, tmp_path, capfd):
+    """In what the command prints, in the table, in the report and in the lines; the other frames keep their numbers."""
+    video = write_drive(tmp_path / "drive.mp4", BENDS, 12)
+    data = bytearray(video.read_bytes())
+    half = data.index(b"mdat") + (data.index(b"moov") - data.index(b"mdat")) // 2
+    data[half : half + 3000] = bytes(3000)
+    video.write_bytes(data)
+    out, camera = tmp_path / "out", ["--camera", str(good / "drive.yaml")]
+    assert main(["annotate", *camera, str(video), "-o", str(out)]) == 0
+    told = capfd.readouterr().out
+    frames, missing = map(
+        int, re.search(r"drive\.mp4: (\d+) frames \((\d+) more (?:is|are) damaged or missing", told).groups()
+    )
+    assert frames + missing == 12 and missing >= 1
+    table = read_telemetry(out / "drive.csv")
+    assert len(table["frame"]) == frames == inspect_video(out / "drive.mp4").frames
+    assert set(np.diff(table["frame"])) > {1.0} or table["frame"][-1] < 11
+    np.testing.assert_allclose(table["time_s"], table["frame"] / 25, atol=1e-3)
+    assert f"({missing} more " in (out / "drive.html").read_text()
+    assert main(["detect", *camera, "--rows=200:300:20", str(video), "-o", str(out / "lanes.jsonl")]) == 0
+    assert [json.loads(line)["frame"] for line in (out / "lanes.jsonl").open()] == table["frame"].tolist()
+    assert f"{frames} pictures" in capfd.readouterr().out
+    # Truth and frames no longer belong together.
+    for suffix in (".csv", ".yaml"):
+        shutil.copy(tmp_path / f"drive{suffix}", out / f"drive{suffix}")
+    shutil.copy(video, out / "drive.mp4")
+    assert main(["benchmark", "--system", "metric", str(out / "drive.mp4"), "-o", str(tmp_path / "scores")]) == 2
+    assert "drive.mp4: " in capfd.readouterr().err
 
 
 def test_a_few_as_processes(good, tmp_path):

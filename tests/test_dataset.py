@@ -67,6 +67,15 @@ def test_truth_is_found_by_the_pictures_name(folder):
     assert data.true_drive(data.video("clip.mp4"))["offset_m"].tolist() == [0.5, -0.5]
 
 
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"camera": 3, "frames": [{}]}', "[" * 99_999])
+def test_truth_that_is_none_is_named(folder, text):
+    (folder / "test_images" / "truth.json").write_text(text)
+    data = open_dataset(folder)
+    for ask in (data.true_camera, lambda: data.true_lane(data.still("test2"))):
+        with pytest.raises(DatasetError, match=r"truth\.json: is no truth of pictures"):
+            ask()
+
+
 def test_check_words_the_difference_and_fails_when_it_is_too_large():
     assert check("offset", 0.12, 0.10, "m", within=0.05) == (
         "offset: 0.12 m, truth 0.10 m, off by 0.02 m (allowed 0.05 m)"

@@ -51,10 +51,11 @@ def test_a_short_drive_is_one_task(job, monkeypatch):
     out = job.settings.output
     out.mkdir()
     (out / "drive.partial.0123456789ab.mp4").write_text("half")
-    (out / "drive.pieces.0123").mkdir()
+    (out / "drive.pieces.0123456789ab").mkdir()
+    (out / "drive.pieces.mine").mkdir()
     manifest = begin_drive(job)
     assert isinstance(manifest, Manifest) and manifest.frames == 15 and manifest.cpu_s > 0.05
-    assert names(out) == {"drive.mp4", "drive.csv", "drive.html", "drive.json", "summary"}
+    assert names(out) == {"drive.mp4", "drive.csv", "drive.html", "drive.json", "summary", "drive.pieces.mine"}
     # A worker that dies before it could tell is no reason to do it again.
     monkeypatch.setattr(tasks, "prepare_drive", lambda *_: pytest.fail("done again"))
     assert begin_drive(job) == manifest

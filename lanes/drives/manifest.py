@@ -21,6 +21,8 @@ from lanes.files import read_text, require_file, write_whole
 from lanes.video.telemetry import read_telemetry
 from lanes.video.videofile import VideoError
 
+# Of a key, enough to tell all that anybody ever makes apart.
+DIGITS = 12
 # One has a few kilobytes.
 MOST_BYTES = 1_000_000
 
@@ -52,8 +54,8 @@ class DriveKey:
         return cls(str(video), found.st_size, found.st_mtime_ns, told, all_versions())
 
     def digits(self) -> str:
-        """Twelve digits that change with any part of it."""
-        return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode(errors="replace")).hexdigest()[:12]
+        """`DIGITS` digits that change with any part of it."""
+        return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode(errors="replace")).hexdigest()[:DIGITS]
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from lanes.drives.drive import PreparedDrive, follow_drive, output_for, prepare_drive
-from lanes.drives.manifest import DriveKey, Manifest, all_versions, read_finished, write_manifest
+from lanes.drives.manifest import DIGITS, DriveKey, Manifest, all_versions, read_finished, write_manifest
 from lanes.drives.pieces import Piece, annotate_piece, cut_drive, join_pieces
 from lanes.drives.settings import DriveSettings
 from lanes.drives.summary import add_to_data_set
@@ -59,7 +59,8 @@ class DriveJob:
         """Remove what killed runs left of it: half-written files, and pieces that fit no more."""
         target = output_for(self.video, self.settings.output)
         remove_partials(target)
-        for path in target.parent.glob(f"{escape(target.stem)}.pieces.*"):
+        digits = "[0-9a-f]" * DIGITS
+        for path in target.parent.glob(f"{escape(target.stem)}.pieces.{digits}"):
             if path != self.folder:
                 shutil.rmtree(path, ignore_errors=True)
 
