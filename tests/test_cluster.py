@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -176,8 +176,8 @@ def test_a_drive_that_fails_stops_no_other(drives, tmp_path, monkeypatch):
         monkeypatch.setattr(cluster, "connect", lambda _: borrowed(client))
         finished, failures = annotate_many(videos, settings_for(output), ClusterSettings(workers=1), tell=told.append)
         assert len(finished) == 2 and [str(error) for error in failures] == [
-            f"{videos[2]}: cannot be read as a video (Invalid data found when processing input): it is none, a playlist, "
-            "or it was cut off; copy it again, or convert it to mp4."
+            f"{videos[2]}: cannot be read as a video (Invalid data found when processing input): it is none, a "
+            "playlist, or it was cut off; copy it again, or convert it to mp4."
         ]
         assert "1 workers; dashboard: " in told[0] and told[-1].startswith("2 drives finished (0 of them before), 1 f")
         assert (output / "summary" / "drives.csv").read_text().splitlines()[1].startswith("text,failed,")
