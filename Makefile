@@ -14,7 +14,8 @@ EXECUTE := $(ENV)/jupyter nbconvert --log-level WARN --to notebook --execute --E
 INSTALLED := .venv/installed.txt
 WITH_DASK := .venv/installed-cluster.txt
 MEASURING := .venv/installed-measuring.txt
-COVERAGE_ENV := PYTHONPATH=$(CURDIR)/.venv/measuring COVERAGE_PROCESS_START=$(CURDIR)/pyproject.toml
+COVERAGE_ENV := PYTHONPATH=$(CURDIR)/.venv/measuring COVERAGE_PROCESS_START=$(CURDIR)/pyproject.toml \
+	COVERAGE_FILE=$(CURDIR)/.coverage
 
 # Figures belong into the notebook, whatever the caller's shell asks of matplotlib.
 unexport MPLBACKEND

@@ -1,0 +1,97 @@
+"""The mirrored picture, seen by the mirrored camera, shows the mirrored lane: left is as good as right."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from any_pictures import camera_of, pictures
+from drives import BENDS, SMALL
+from examples import examples
+from hypothesis import given
+
+from lanes.benchmark.drives import list_drives
+from lanes.camera import Camera
+from lanes.camerafile import load_camera
+from lanes.metric.evidence import measure_paint
+from lanes.metric.lane import Lane, find_lane
+from lanes.metric.roadview import RoadView
+from lanes.metric.tracker import LaneTracker
+from lanes.video.videofile import read_frames
+
+X_M = np.array([5.0, 10.0, 15.0, 20.0, 30.0])
+# How exactly, metres and 1/m. Noise is measured by steps from each column to the next one, so that its window is half a
+# column to the left of its cell; that moves a lane by millimetres on motorways, and is the only cause there is.
+SAME_M, SAME_PER_M = 0.01, 1e-4
+
+
+def mirrored(camera: Camera) -> Camera:
+    """The camera on the other side of the car: what was at column u is at width - 1 - u."""
+    matrix, distortion, mount = camera.matrix.copy(), camera.distortion.copy(), camera.mount
+    matrix[0, 2] = camera.width - 1 - matrix[0, 2]
+    # p2 shifts columns by their square, which mirrors to the other side
+    distortion[3] *= -1
+    mount = replace(mount, yaw_rad=-mount.yaw_rad, roll_rad=-mount.roll_rad)
+    return replace(camera, matrix=matrix, distortion=distortion, mount=mount)
+
+
+def flip(image: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(image[:, ::-1])
+
+
+view_of = cache(lambda size: RoadView(camera_of(size)))
+mirrored_view_of = cache(lambda size: RoadView(mirrored(camera_of(size))))
+
+
+def assert_mirrored(lane: Lane | None, other: Lane | None) -> None:
+    assert (lane is None) == (other is None)
+    if lane is None:
+        return
+    # NaN, where a line has turned back, at the same places
+    np.testing.assert_allclose(other.lateral_m(X_M)[::-1], -lane.lateral_m(X_M), atol=SAME_M)
+    assert other.offset_m == pytest.approx(-lane.offset_m, abs=SAME_M)
+    assert other.curvature_per_m == pytest.approx(-lane.curvature_per_m, abs=SAME_PER_M)
+    assert other.width_m == pytest.approx(lane.width_m, abs=SAME_M)
+    assert other.offset_std_m == pytest.approx(lane.offset_std_m, rel=0.05)
+    assert (other.left.seen, other.right.seen) == (lane.right.seen, lane.left.seen)
+
+
+def rendered_stills() -> Iterator[tuple[str, Camera, np.ndarray]]:
+    """Three pictures of each of two committed drives: motorway, and concrete with a joint."""
+    for name in ("motorway", "challenge"):
+        drive = list_drives()[name]
+        if drive.video:
+            camera = load_camera(drive.video.with_suffix(".yaml"))
+            for n, second in enumerate((0.0, 1.5, 3.0)):
+                yield f"{name} {n}", camera, next(read_frames(drive.video, start_s=second))
+
+
+def test_rendered_stills():
+    for _, camera, image in rendered_stills():
+        lane = find_lane(image, RoadView(camera))
+        assert_mirrored(lane, find_lane(flip(image), RoadView(mirrored(camera))))
+
+
+def test_a_painted_drive_is_followed_alike():
+    """Two seconds of bends, yellow on the left and broken white on the right, then the other way round."""
+    trackers = LaneTracker(SMALL, fps=12.5), LaneTracker(mirrored(SMALL), fps=12.5)
+    for time_s in np.arange(25) / 12.5:
+        image = BENDS.frame(time_s)
+        said, other = trackers[0].update(image), trackers[1].update(flip(image))
+        assert said.state == other.state
+        assert_mirrored(said.lane, other.lane)
+
+
+@examples(60)
+@given(pictures(sizes=((64, 36), (160, 90), (320, 180))))
+def test_the_evidence_in_any_picture(image):
+    """Of whole numbers and therefore the same to the last bit."""
+    size = image.shape[1], image.shape[0]
+    view, other = view_of(size), mirrored_view_of(size)
+    seen = view.warp(image)
+    evidence, mirror = measure_paint(seen, view), measure_paint(flip(seen), other)
+    for name in ("channels", "narrow", "wide"):
+        np.testing.assert_array_equal(getattr(mirror, name)[..., ::-1], getattr(evidence, name))
