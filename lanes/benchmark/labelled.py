@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -47,10 +47,28 @@ def score_stills(
     FileNotFoundError, PictureError
         If a picture is missing, damaged or of another size than the camera's.
     """
+    pictures = (read_image(Path(folder) / label.name) for label in labels)
+    return score_pictures(labels, pictures, camera, systems, progress=progress)
+
+
+def score_pictures(
+    labels: Sequence[LaneColumns],
+    pictures: Iterable[np.ndarray],
+    camera: Camera,
+    systems: Sequence[str],
+    *,
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, list[LineScore]]:
+    """The same for pictures (height, width, 3) uint8 that come one after the other, as many as labels.
+
+    Raises
+    ------
+    PictureError
+        If a picture is of another size than the camera's.
+    """
     finders = {system: find_with(system, camera) for system in systems}
     scores: dict[str, list[LineScore]] = {system: [] for system in systems}
-    for done, label in enumerate(labels, 1):
-        image = read_image(Path(folder) / label.name)
+    for done, (label, image) in enumerate(zip(labels, pictures, strict=True), 1):
         camera.require_size(image, label.name)
         for system, find in finders.items():
             found = LaneColumns(label.name, label.rows, np.round(find(image, label.rows), 1))
