@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from drives import CAMERA, TAR, PaintedDrive, Stripe, s_bend
 from fit_confidence import chances_of_others, drive_along, fit_logistic, judge, logistic
+from shapes import a_lane
 
 from lanes.benchmark.errors import LaneTruth
 from lanes.metric.confidence import FEATURES, STILL_WEIGHTS, TRACK_WEIGHTS, lane_features, lateral_std_m, rate_lane
@@ -20,8 +21,9 @@ from lanes.scenes.truth import truth_row
 
 
 def lane_with(*, width_m: float = 3.6, std_m: float = 0.02, centre_m: float = 0.1, reach_m: float = 40.0):
-    covariance = np.diag(np.square([std_m, std_m, std_m / 50, std_m / 500, 1e-7, 1e-3, 1e-5, 1e-9, 1e-9, 1e-9]))
-    belief = first_belief(np.array([centre_m, width_m, 0, 0, 0, 0, 0, 0, 0, 0]), covariance, 20.0)
+    small = dict(rate=1e-7, pitch=1e-3, vertical=1e-5, kinks=1e-9, beside=1e-9)
+    std = a_lane(centre=std_m, width=std_m, heading=std_m / 50, curvature=std_m / 500, **small)
+    belief = first_belief(a_lane(centre=centre_m, width=width_m), np.diag(np.square(std)), 20.0)
     return describe_followed(belief, (Seen(0.6, reach_m), Seen(0.3, reach_m)), (False, False), 1.0)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from shapes import a_lane
 
 from lanes.metric.departure import watch_departure
 from lanes.metric.followed import Seen, describe_followed
@@ -11,8 +12,8 @@ from lanes.metric.motion import first_belief
 
 
 def lane_at(centre_m: float, heading_rad: float = 0.0, curvature_per_m: float = 0.0):
-    model = np.array([centre_m, 3.6, heading_rad, curvature_per_m, 0, 0, 0, 0, 0, 0])
-    belief = first_belief(model, np.eye(10) * 1e-6, 20.0)
+    model = a_lane(centre=centre_m, width=3.6, heading=heading_rad, curvature=curvature_per_m)
+    belief = first_belief(model, np.eye(len(model)) * 1e-6, 20.0)
     return describe_followed(belief, (Seen(0.5, 30.0), Seen(0.5, 30.0)), (False, False), 1.0)
 
 

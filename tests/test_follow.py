@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from drives import CAMERA
+from shapes import a_lane, stripes_at
 
 from lanes.metric.evidence import Stripes
 from lanes.metric.follow import correct_lane
@@ -12,10 +15,11 @@ from lanes.metric.motion import Belief, first_belief
 from lanes.metric.roadview import RoadView
 
 VIEW = RoadView(CAMERA)
-STD = np.array([0.1, 0.05, 0.01, 5e-4, 1e-5, 0.003, 5e-5, 1e-5, 1e-5, 1e-5])
+SMALL = dict(pitch=0.003, vertical=5e-5, beside=0.05)
+STD = a_lane(centre=0.1, width=0.05, heading=0.01, curvature=5e-4, rate=1e-5, kinks=1e-5, **SMALL)
 # Where the road bends, kinks of a hairpin's size are expected.
-KINKED_STD = np.array([0.1, 0.05, 0.02, 5e-3, 5e-4, 0.003, 5e-5, 2e-3, 2e-3, 2e-3])
-LANE = np.array([0.2, 3.6, 0.01, 1 / 500, 0, 0, 0, 0, 0, 0])
+KINKED_STD = a_lane(centre=0.1, width=0.05, heading=0.02, curvature=5e-3, rate=5e-4, kinks=2e-3, **SMALL)
+LANE = a_lane(centre=0.2, width=3.6, heading=0.01, curvature=1 / 500)
 
 
 def stripes_on(lane: np.ndarray, *, aside_m: float = 0.0, far_m: float = 40.0) -> Stripes:
@@ -31,8 +35,11 @@ def stripes_on(lane: np.ndarray, *, aside_m: float = 0.0, far_m: float = 40.0) -
     # rows count from the far end, so that the gradient runs backwards along the line
     angle = np.arctan(np.tan(angle))
     row = np.tile(np.flatnonzero(VIEW.x_m < far_m), 2)
-    yes = np.zeros(len(x), bool)
-    return Stripes(row, x, y, angle, np.full(len(x), 30.0), yes, yes)
+    return stripes_in_view(row, x, y, angle)
+
+
+def stripes_in_view(*places: np.ndarray) -> Stripes:
+    return stripes_at(*places, growth=VIEW.growth, cell_m=VIEW.cell_m)
 
 
 def kept_by_gate(stripes: Stripes, belief: Belief) -> int:
@@ -51,7 +58,7 @@ def test_gate_keeps_what_is_no_surprise():
 
 def test_correction_finds_the_lane_and_becomes_surer():
     belief = first_belief(LANE, np.diag(STD**2), 20.0)
-    true = LANE + 0.7 * STD * [1, -1, 1, 1, 0, 0, 0, 0, 0, 0]
+    true = LANE + 0.7 * STD * a_lane(centre=1, width=-1, heading=1, curvature=1)
     fit = correct_lane(stripes_on(true), belief, VIEW)
     x = np.array([5.0, 15, 30])
     for side in SIDES:
@@ -64,7 +71,7 @@ def test_correction_finds_the_lane_and_becomes_surer():
 def test_one_line_moves_the_other_with_it():
     """The width is known better than the place, so that the line that is not seen keeps its distance."""
     belief = first_belief(LANE, np.diag(STD**2), 20.0)
-    true = LANE + [0.15, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    true = LANE + a_lane(centre=0.15, width=0.0)
     stripes = stripes_on(true)
     right = stripes.select(np.arange(len(stripes)) >= len(stripes) // 2)
     lane = correct_lane(right, belief, VIEW).lane[0]
@@ -74,18 +81,10 @@ def test_one_line_moves_the_other_with_it():
 
 def test_a_transition_far_ahead_does_not_bend_the_road_beside_the_car():
     """Straight for 25 m, then a clothoid: the curvature here stays that of the straight."""
-    belief = first_belief(np.array([0.0, 3.6, 0, 0, 0, 0, 0, 0, 0, 0]), np.diag(STD**2), 20.0)
+    belief = first_belief(a_lane(width=3.6), np.diag(STD**2), 20.0)
     stripes = stripes_on(belief.lane, far_m=60.0)
     ahead = np.maximum(stripes.x_m - 25, 0)
-    bent = Stripes(
-        stripes.row,
-        stripes.x_m,
-        stripes.y_m + 5e-5 * ahead**3 / 6,
-        np.arctan(5e-5 * ahead**2 / 2),
-        stripes.strength,
-        stripes.double,
-        stripes.yellow,
-    )
+    bent = replace(stripes, y_m=stripes.y_m + 5e-5 * ahead**3 / 6, angle=np.arctan(5e-5 * ahead**2 / 2))
     lane = correct_lane(bent, belief, VIEW).lane[0]
     assert abs(lane[CURVATURE]) < 1 / 5000
     assert abs(lane[CENTRE]) < 0.02
@@ -100,7 +99,7 @@ def test_no_stripes_leave_the_prediction():
 
 def test_a_bend_that_begins_ahead_is_followed():
     """Predicted is a gentle bend; from 11 m on the road tightens to R 25 m, by up to 1.5 m at 22 m."""
-    belief = first_belief(np.array([0.0, 3.4, 0, 4e-3, 0, 0, 0, 0, 0, 0]), np.diag(KINKED_STD**2), 8.0)
+    belief = first_belief(a_lane(width=3.4, curvature=4e-3), np.diag(KINKED_STD**2), 8.0)
     along = np.arange(0.0, 40.0, 0.02)
     turned = np.cumsum(np.interp(along, [0.0, 11.0, 20.0], [4e-3, 4e-3, 1 / 25])) * 0.02
     middle = np.cumsum(np.stack([np.cos(turned), np.sin(turned)]), axis=1) * 0.02
@@ -109,9 +108,8 @@ def test_a_bend_that_begins_ahead_is_followed():
         points = middle + side * 1.7 * np.stack([-np.sin(turned), np.cos(turned)])
         lines.append(np.interp(x, *points))
     angles = [np.arctan(np.gradient(y, x)) for y in lines]
-    yes = np.zeros(2 * len(x), bool)
     row = np.tile(np.flatnonzero(VIEW.x_m < 22), 2)
-    stripes = Stripes(row, np.tile(x, 2), np.hstack(lines), np.hstack(angles), np.full(2 * len(x), 30.0), yes, yes)
+    stripes = stripes_in_view(row, np.tile(x, 2), np.hstack(lines), np.hstack(angles))
     at = np.array([8.0, 14.0, 20.0])
     true = np.array([np.interp(at, x[::-1], y[::-1]) for y in lines])
     off, foretold_off = (

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from painter import WHITE, YELLOW, Road, dashcam
+from shapes import a_lane
 
 from lanes.camera import Camera, Mount
 from lanes.metric.lane import describe_lane, find_lane, follow_lane, observe
@@ -136,8 +137,10 @@ def test_following_agrees_with_searching():
     road, left, _ = shaded_bend()
     sight = observe(road.image(), VIEW)
     cold = find_lane(road.image(), VIEW)
-    expected = cold.model + [0.05, 0.03, 0.003, 2e-4, 0, 0.002, 0, 0, 0, 0]
-    information = np.diag(np.array([0.1, 0.1, 0.01, 1e-3, 1e-4, 0.005, 1e-4, 1e-4, 1e-4, 1e-4]) ** -2)
+    expected = cold.model + a_lane(centre=0.05, width=0.03, heading=0.003, curvature=2e-4, pitch=0.002)
+    small = dict(rate=1e-4, pitch=0.005, vertical=1e-4, kinks=1e-4, beside=1e-4)
+    std = a_lane(centre=0.1, width=0.1, heading=0.01, curvature=1e-3, **small)
+    information = np.diag(std**-2)
     lane = describe_lane(follow_lane(sight.stripes, VIEW, expected, information), sight, VIEW)
     np.testing.assert_allclose(lane.line_y(X_M, LEFT), cold.line_y(X_M, LEFT), atol=0.02)
     np.testing.assert_allclose(lane.line_y(X_M, RIGHT), cold.line_y(X_M, RIGHT), atol=0.03)

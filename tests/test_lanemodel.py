@@ -1,23 +1,28 @@
 import numpy as np
 import pytest
 from painter import dashcam
+from shapes import a_lane
 
 from lanes.camera import Mount
 from lanes.metric.lanemodel import (
     LEFT,
-    NUMBERS,
     RIGHT,
+    RISE_KNOTS_M,
     SIDES,
+    STRAIGHT_FROM_M,
     flatten,
     line_coefficients,
     line_points,
     line_y,
     lines_on_view,
+    meet_ground,
     place,
+    rises_and_grades,
+    road_rise,
 )
 
-HAIRPIN = np.array([0.3, 3.4, -0.1, -1 / 15, 0.0, 0.0, 0.0])
-CLOTHOID = np.array([-0.2, 3.6, 0.01, 1 / 600, 4e-5, 0.0, 0.0])
+HAIRPIN = a_lane(centre=0.3, width=3.4, heading=-0.1, curvature=-1 / 15)
+CLOTHOID = a_lane(centre=-0.2, width=3.6, heading=0.01, curvature=1 / 600, rate=4e-5)
 
 
 def test_place_measures_the_distance_to_a_circle():
@@ -54,7 +59,7 @@ def test_points_of_a_line_lie_at_half_a_width(lane, side):
 
 def test_a_clothoid_bends_as_its_rate_says():
     along = np.linspace(0, 60, 601)
-    x, y = line_points(CLOTHOID - [0, 0, 0.01, 0, 0, 0, 0], 0.0, along).T
+    x, y = line_points(CLOTHOID - a_lane(width=0.0, heading=0.01), 0.0, along).T
     slope = np.gradient(y, x)
     curvature = np.gradient(slope, x) / (1 + slope**2) ** 1.5
     np.testing.assert_allclose(curvature[5:-5], (1 / 600 + 4e-5 * along)[5:-5], rtol=0.03)
@@ -78,7 +83,7 @@ def test_a_line_that_turns_back_has_no_place_beyond():
 
 @pytest.mark.parametrize("side", [LEFT, RIGHT])
 def test_coefficients_are_the_derivatives_at_the_car(side):
-    lane = np.array([0.4, 3.5, 0.08, 1 / 60, 2e-4, 0.0, 0.0])
+    lane = a_lane(centre=0.4, heading=0.08, curvature=1 / 60, rate=2e-4)
     h = 0.05
     y = line_y(np.arange(-2, 3) * h, lane, side)
     c0, c1, c2, c3 = line_coefficients(lane, side)
@@ -97,10 +102,11 @@ def test_pitch_and_hills_are_undone(pitch, vertical):
     x = np.array([6.0, 12.0, 25.0, 40.0])
     points = np.column_stack([x, 1.7 + 0.02 * x, vertical * x * x / 2])
     flat = camera.pixels_to_road(nodded.road_to_pixels(points))
-    found_x, found_y, _ = flatten(flat[:, 0], flat[:, 1], np.zeros(4), pitch, vertical, m.height_m)
+    lane = a_lane(centre=1.7, width=0.0, heading=np.arctan(0.02), pitch=pitch, vertical=vertical)
+    ground = meet_ground(flat[:, 0], lane, m.height_m)
+    found_x, found_y, _ = flatten(flat[:, 0], flat[:, 1], np.zeros(4), ground, m.height_m)
     np.testing.assert_allclose(found_x, x, rtol=0.01)
     np.testing.assert_allclose(found_y, points[:, 1], rtol=0.01)
-    lane = np.array([1.7, 0.0, np.arctan(0.02), 0.0, 0.0, pitch, vertical])
     shown = lines_on_view(lane[None], flat[:, 0], m.height_m)[0, 0]
     np.testing.assert_allclose(shown, flat[:, 1], rtol=0.01)
 
@@ -109,18 +115,93 @@ def test_directions_turn_with_pitch():
     # directions must agree with the places of two neighbouring points
     x, y, h = np.array([15.0]), np.array([1.5]), 1e-4
     angle = 0.12
-    x0, y0, found = flatten(x, y, np.array([angle]), 0.01, 5e-4, 1.3)
-    x1, y1, _ = flatten(x + h, y + h * np.tan(angle), np.array([angle]), 0.01, 5e-4, 1.3)
+    lane = a_lane(pitch=0.01, vertical=5e-4)
+    x0, y0, found = flatten(x, y, np.array([angle]), meet_ground(x, lane, 1.3), 1.3)
+    x1, y1, _ = flatten(x + h, y + h * np.tan(angle), np.array([angle]), meet_ground(x + h, lane, 1.3), 1.3)
     assert found == pytest.approx(np.arctan2(y1 - y0, x1 - x0), abs=2e-3)
 
 
 def test_a_line_that_turns_back_before_the_car_has_finite_coefficients():
     """40 degrees to the left and R 8.3 m to the right: its right line never comes beside the car."""
-    beside = np.array([0.0, 3.6, 0.3, -0.03, *np.zeros(NUMBERS - 4)])
-    away = np.array([-3.0, 5.8, 0.7, -0.12, *np.zeros(NUMBERS - 4)])
+    beside = a_lane(width=3.6, heading=0.3, curvature=-0.03)
+    away = a_lane(centre=-3.0, width=5.8, heading=0.7, curvature=-0.12)
     for side in SIDES:
         assert np.isfinite(line_coefficients(away, side)).all()
         y = line_y(np.array([0.0, 0.01]), beside, side)
         c0, c1, *_ = line_coefficients(beside, side)
         assert (c0, c1) == pytest.approx((y[0], (y[1] - y[0]) / 0.01), abs=1e-3)
     assert line_coefficients(away, -1.0)[1] > 2
+
+
+WAVES = {
+    "crest": (-4e-3, -2e-3, 1e-3, 0.0),
+    "dip": (3e-3, 2e-3, -1e-3, -1e-4),
+    "a crest that hides a dip": (0.0, -0.014, 0.006, 2e-3),
+}
+
+
+def test_heights_and_grades_are_integrals_of_the_curvature():
+    x, numbers = np.arange(0.0, 90.0, 0.002), np.array([3e-3, -7e-3, 5e-3, -2e-3])
+    # from where the view ends the road goes on as steep as it is
+    curvature = np.interp(x, [*RISE_KNOTS_M, STRAIGHT_FROM_M], [*numbers, 0.0])
+    grade = np.concatenate([[0], np.cumsum((curvature[1:] + curvature[:-1]) / 2 * 0.002)])
+    rise = np.concatenate([[0], np.cumsum((grade[1:] + grade[:-1]) / 2 * 0.002)])
+    found_rises, found_grades = rises_and_grades(x)
+    np.testing.assert_allclose(found_rises @ numbers, rise, atol=1e-6)
+    np.testing.assert_allclose(found_grades @ numbers, grade, atol=1e-8)
+    np.testing.assert_allclose(road_rise(a_lane(vertical=tuple(numbers)), x), rise, atol=1e-6)
+
+
+def first_hit(lane, flat_x, height_m, pitch):
+    """Where the rays to flat distances (N,) first touch the road, by walking along each of them; NaN if never."""
+    x = np.arange(2.0, 340.0, 0.01)
+    fall = height_m / flat_x[:, None] + pitch
+    above = height_m - fall * x - road_rise(lane, x)
+    hit = above <= 0
+    first = hit.argmax(axis=1)
+    rows = np.arange(len(flat_x))
+    before, after = above[rows, first - 1], above[rows, first]
+    root = x[first] - 0.01 * after / (after - before)
+    return np.where(hit.any(axis=1) & (first > 0), root, np.nan)
+
+
+@pytest.mark.parametrize("pitch", [-0.01, 0.0, 0.02])
+@pytest.mark.parametrize("vertical", WAVES.values(), ids=WAVES.keys())
+def test_rays_meet_the_road_where_they_touch_it_first(vertical, pitch):
+    lane, flat_x, height = a_lane(pitch=pitch, vertical=vertical), 5 * 1.022 ** np.arange(80), 1.3
+    expected = first_hit(lane, flat_x, height, pitch)
+    ground = meet_ground(flat_x, lane, height)
+    seen = np.isfinite(expected) & (expected < 100)
+    assert seen.sum() > 20
+    # a ray that only just passes over a crest goes far, and one a hair lower does not: one in twenty may be either
+    near = np.abs(ground.x_m - expected)[seen] < 0.005 * expected[seen] + 0.01
+    assert near.mean() > 0.95
+    height_there = height - (height / flat_x + pitch) * ground.x_m
+    off = np.abs(height_there - road_rise(lane, ground.x_m))[seen]
+    assert off[near].max() < 3e-3
+    np.testing.assert_array_equal(ground.rises, rises_and_grades(ground.x_m)[0])
+
+
+def test_no_ray_meets_what_is_hidden_behind_a_crest():
+    lane, height = a_lane(vertical=WAVES["a crest that hides a dip"]), 1.3
+    x = np.arange(2.0, 60.0, 0.01)
+    fall = (height - road_rise(lane, x)) / x
+    hidden = x[fall > np.minimum.accumulate(fall) + 1e-9]
+    assert hidden[-1] - hidden[0] > 12
+    met = meet_ground(height / np.linspace(0.3, 0.003, 2000), lane, height).x_m
+    inside = (met > hidden[0] * 1.035) & (met < hidden[-1] / 1.035)
+    assert inside.mean() < 0.01
+    assert (met < hidden[0]).any() and (met > hidden[-1]).any()
+    y = lines_on_view(lane[None], 5 * 1.022 ** np.arange(121)[::-1], height)[0]
+    # the lines end at the crest, for the view has nothing of them where it is covered
+    assert np.isfinite(y).any() and np.isnan(y[:, 0]).all()
+
+
+def test_rays_of_many_lanes_are_those_of_each():
+    lanes = np.array([a_lane(pitch=0.01, vertical=v) for v in WAVES.values()])
+    flat_x = np.linspace(6, 50, 30)
+    together = meet_ground(flat_x, lanes, 1.4)
+    for k, lane in enumerate(lanes):
+        alone = meet_ground(flat_x, lane, 1.4)
+        for name in ("x_m", "fall", "rises"):
+            np.testing.assert_allclose(getattr(together, name)[k], getattr(alone, name), rtol=1e-12)

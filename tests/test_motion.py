@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from shapes import a_lane
 
-from lanes.metric.lanemodel import CENTRE, CURVATURE, HEADING, KINKS, KNOTS_M, PITCH, RATE, WIDTH
+from lanes.metric.lanemodel import BESIDE, CENTRE, CURVATURE, HEADING, KINKS, KNOTS_M, PITCH, RATE, VERTICAL, WIDTH
 from lanes.metric.motion import AIM, LANE, PATH, REST, SPEED, Belief, bend_of, fastest_mps, first_belief
 from lanes.scenes.road import Pose, RoadGeometry
 from lanes.scenes.truth import lane_truth
 
-COVARIANCE = np.diag(np.square([0.1, 0.1, 0.01, 1e-3, 1e-5, 0.005, 1e-4, 1e-5, 1e-5, 1e-5]))
-LANE_BEFORE = np.array([0.3, 3.6, 0.02, 2e-3, 1e-5, 0.004, 0.0, 0.0, 0.0, 0.0])
+SMALL = dict(rate=1e-5, pitch=0.005, vertical=1e-4, kinks=1e-5, beside=0.1)
+COVARIANCE = np.diag(np.square(a_lane(centre=0.1, width=0.1, heading=0.01, curvature=1e-3, **SMALL)))
+LANE_BEFORE = a_lane(centre=0.3, width=3.6, heading=0.02, curvature=2e-3, rate=1e-5, pitch=0.004)
 
 
 def belief_with(**car: float) -> Belief:
@@ -26,7 +28,7 @@ def test_straight_driving_along_a_bend():
     """A car that drives straight on: the lane turns and moves below it as geometry says."""
     road = RoadGeometry([0.0, 1000.0], [1 / 400, 1 / 400])
     before = lane_truth(road, Pose(100.0, 0.2, -0.01), (1.8, -1.8), time_s=0, pitch_rad=0)
-    lane = np.array([-0.2, 3.6, before.heading_rad, 1 / 400, 0, 0, 0, 0, 0, 0])
+    lane = a_lane(centre=-0.2, width=3.6, heading=before.heading_rad, curvature=1 / 400)
     belief = first_belief(lane, COVARIANCE, 20.0)
     belief.mean[PATH] = 0.0
     after = belief.predict(0.1).mean
@@ -101,10 +103,35 @@ def test_the_neighbouring_lane_shares_a_line(side):
     assert far > shared @ belief.covariance @ shared
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_neighbour_is_as_much_wider_as_was_seen_and_back_again_all_is_as_before(side):
+    belief = belief_with()
+    belief.mean[BESIDE] = 0.3, -0.2
+    there = belief.beside(side)
+    wider = 0.3 if side > 0 else -0.2
+    assert there.mean[WIDTH] == pytest.approx(3.6 + wider)
+    assert there.mean[CENTRE] == pytest.approx(0.3 + side * (3.6 + wider / 2))
+    back = there.beside(-side)
+    np.testing.assert_allclose(back.mean[[CENTRE, WIDTH]], belief.mean[[CENTRE, WIDTH]])
+    for number in (CENTRE, WIDTH):
+        assert back.covariance[number, number] == pytest.approx(belief.covariance[number, number])
+
+
+def test_a_roused_belief_expects_waves_and_bends_and_else_the_same():
+    belief = belief_with()
+    roused = belief.roused()
+    more = np.diag(roused.covariance - belief.covariance)
+    free = np.isin(np.arange(len(more)), [*range(len(more))[VERTICAL], *range(len(more))[KINKS]])
+    assert (more[free] > 1e-7).all() and (more[~free] == 0).all()
+    np.testing.assert_array_equal(roused.mean, belief.mean)
+    np.testing.assert_array_equal(belief.covariance, belief_with().covariance)
+
+
 def test_a_kink_comes_nearer_and_becomes_the_rate():
     """A straight that bends from the first knot on: when the car is there, so is the bend."""
     belief = belief_with(path=0.0, aim=0.0)
-    belief.mean[LANE] = [0, 3.6, 0, 0, 0, 0, 0, 2e-3, 0, 0]
+    road = a_lane(width=3.6, kinks=(2e-3, 0, 0))
+    belief.mean[LANE] = road
     for _ in range(70):
         belief.mean[SPEED] = 10.0
         belief = belief.predict(0.01)
@@ -112,13 +139,12 @@ def test_a_kink_comes_nearer_and_becomes_the_rate():
     rate, kink = belief.mean[RATE], belief.mean[KINKS][0]
     assert 0 < kink < rate < 2e-3
     assert 0 < belief.mean[CURVATURE] < 2e-3 * 7
-    before = bend_of(np.array([0, 3.6, 0, 0, 0, 0, 0, 2e-3, 0, 0]))
-    assert before == pytest.approx(2e-3 * (25 - KNOTS_M[0]))
+    assert bend_of(road) == pytest.approx(2e-3 * (25 - KNOTS_M[0]))
 
 
 @pytest.mark.parametrize(("radius_m", "fastest"), [(24.0, 12.0), (1e9, 70.0)])
 def test_nobody_drives_a_hairpin_at_the_speed_of_a_motorway(radius_m, fastest):
     assert fastest_mps(-1 / radius_m, 6.0) == pytest.approx(fastest)
-    lane = np.array([0, 3.4, 0, 1 / radius_m, 0, 0, 0, 0, 0, 0])
+    lane = a_lane(width=3.4, curvature=1 / radius_m)
     assert first_belief(lane, COVARIANCE, None).mean[SPEED] <= fastest
     assert first_belief(lane, COVARIANCE, 20.0).mean[SPEED] == 20.0

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from drives import CAMERA
 from examples import TIMES
+from shapes import stripes_at
 
-from lanes.metric.evidence import Stripes
 from lanes.metric.follow import correct_lane
 from lanes.metric.lanefit import LIMIT, PRIOR_MEAN, PRIOR_STD
 from lanes.metric.lanemodel import SIDES, lateral_gradient, line_points
@@ -63,9 +63,9 @@ class Drive:
         along = line_points(belief.lane, self.dice.choice(SIDES), x) + rng.normal(0, 0.1, (count, 2))
         anywhere = np.column_stack([x, rng.uniform(-9, 9, count)])
         x, y = np.where(rng.random((count, 1)) < 0.5, along, anywhere).T
-        row, no = np.zeros(count, int), np.zeros(count, bool)
         strength, angle = rng.exponential(20, count), rng.uniform(-0.3, 0.3, count)
-        fit = correct_lane(Stripes(row, np.clip(x, 5, 70), y, angle, strength, no, no), belief, VIEW)
+        stripes = stripes_at(np.zeros(count, int), np.clip(x, 5, 70), y, angle, strength)
+        fit = correct_lane(stripes, belief, VIEW)
         return belief.corrected(fit.lane[0], np.linalg.inv(fit.information[0]))
 
 

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
+from shapes import a_lane
 from test_lanefit import HEIGHT_M, ROADS, stripes_on
 
-from lanes.metric.lanemodel import CENTRE, CURVATURE, HEADING, LEFT, RIGHT, WIDTH, line_y
+from lanes.metric.lanemodel import CENTRE, CURVATURE, HEADING, LEFT, RIGHT, line_y
 from lanes.metric.votes import BIN_M, BINS, FAR_M, best_pairs, count_votes, distinct, hypotheses
 
 ROWS = 67
@@ -17,7 +18,7 @@ def test_hypotheses_are_symmetric_and_reach_hairpins():
 
 def test_a_line_piles_up_in_the_bin_of_its_distance():
     # a straight line 1.9 m to the left, seen by the hypothesis of a straight road
-    stripes = stripes_on(np.array([0.0, 3.8, 0.0, 0.0, 0.0, 0.0, 0.0]), (LEFT,), noise_m=0.0)
+    stripes = stripes_on(a_lane(width=3.8), (LEFT,), noise_m=0.0)
     votes = count_votes(stripes, HEIGHT_M)
     straight = votes[np.flatnonzero((hypotheses() == 0).all(axis=1))[0]]
     middle = (np.arange(BINS) + 0.5 - BINS / 2) * BIN_M
@@ -26,7 +27,7 @@ def test_a_line_piles_up_in_the_bin_of_its_distance():
 
 
 def test_stripes_that_run_elsewhere_do_not_count():
-    stripes = stripes_on(np.array([0.0, 3.8, 0.0, 0.0, 0.0, 0.0, 0.0]), (LEFT,), noise_m=0.0)
+    stripes = stripes_on(a_lane(width=3.8), (LEFT,), noise_m=0.0)
     turned = type(stripes)(**{**vars(stripes), "angle": stripes.angle + 0.5})
     straight = np.flatnonzero((hypotheses() == 0).all(axis=1))[0]
     assert count_votes(turned, HEIGHT_M)[straight].sum() < 0.01 * count_votes(stripes, HEIGHT_M)[straight].sum()
@@ -34,7 +35,6 @@ def test_stripes_that_run_elsewhere_do_not_count():
 
 @pytest.mark.parametrize("road", ROADS.values(), ids=ROADS.keys())
 def test_one_of_the_best_pairs_is_near_the_lane(road):
-    road = np.array(road)
     lanes = best_pairs(count_votes(stripes_on(road, outliers=200), HEIGHT_M), ROWS)
     x = np.array([6.0, 9.0, 12.0])
     errors = [
@@ -45,8 +45,7 @@ def test_one_of_the_best_pairs_is_near_the_lane(road):
 
 
 def test_lanes_that_one_fit_would_make_the_same_are_named_once():
-    lanes = np.zeros((4, 7))
-    lanes[:, WIDTH] = 3.5
+    lanes = np.tile(a_lane(), (4, 1))
     lanes[1, CENTRE], lanes[2, HEADING], lanes[3, CURVATURE] = 0.6, 0.02, 0.01
     kept = distinct(lanes, 3)
     np.testing.assert_array_equal(kept, lanes[[0, 1, 3]])

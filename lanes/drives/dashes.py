@@ -14,7 +14,7 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.metric.lane import describe_lane, observe, search_lane
-from lanes.metric.lanemodel import PITCH, VERTICAL, WIDTH, flatten, lines_on_view
+from lanes.metric.lanemodel import WIDTH, lines_on_view, meet_ground
 from lanes.metric.roadview import RoadView
 
 # Between these distances paint is looked for, every so many metres, and for these periods (metres, geometric).
@@ -80,8 +80,8 @@ def _waves(image: np.ndarray, view: RoadView) -> list[np.ndarray]:
     lane = describe_lane(fit, sight, view) if fit else None
     if lane is None:
         return []
-    stripes, level = sight.stripes, np.zeros_like(view.x_m)
-    x_m, _, _ = flatten(view.x_m, level, level, lane.model[PITCH], lane.model[VERTICAL], view.height_m)
+    stripes = sight.stripes
+    x_m = meet_ground(view.x_m, lane.model, view.height_m).x_m
     # The lines beyond are those of a lane three times as wide.
     wider = lane.model.copy()
     wider[WIDTH] *= 3

@@ -51,7 +51,7 @@ class Candidate:
 
     Attributes
     ----------
-    model : ndarray (10,)
+    model : ndarray (15,)
         Parameters as in `lanes.metric.lanemodel`.
     support : ndarray (2,)
         Share of the left and the right line's rows that have paint on them.
@@ -229,10 +229,14 @@ def _fate(lane: np.ndarray, support: np.ndarray, score: float, *, best: tuple[np
 
 
 def stripes_on_lines(explanation: Explanation) -> np.ndarray:
-    """Which side of the found lane each stripe (N,) lies on: +1 left line, -1 right line, 0 neither."""
+    """Which line of the found lane each stripe (N,) lies on: +1 left, -1 right, 0 neither.
+
+    The far lines of the lanes beside are neither, though they help to tell how the road lies.
+    """
     if explanation.fit is None or explanation.lane is None:
         return np.zeros(len(explanation.sight.stripes) if explanation.sight else 0)
     fit = explanation.fit
     chosen = next(c for c in explanation.candidates if c.chosen)
     best = int(np.flatnonzero((fit.lane == chosen.model).all(axis=1))[0])
-    return np.where(fit.weight[best] > LEAST_WEIGHT, fit.side[best], 0.0)
+    own = np.isin(fit.side[best], SIDES) & (fit.weight[best] > LEAST_WEIGHT)
+    return np.where(own, fit.side[best], 0.0)

@@ -111,7 +111,7 @@ def judge_stripes(sight: Sight) -> Step:
 
 
 def judge_votes(starts: np.ndarray) -> Step:
-    """What the stripes suggest, lanes (K, 10)."""
+    """What the stripes suggest, lanes (K, 15)."""
     best = starts[0]
     return Step(
         "votes",

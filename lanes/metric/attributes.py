@@ -1,7 +1,7 @@
 """What kind of line is it: white or yellow, single or double, solid or dashed? Read off the straightened stripe.
 
-Along a fitted line the view is laid out straight: one row for each row of the view, one column for each lateral
-distance from the line. Its median over the rows is the cross-section of the paint, free of the road's texture.
+Along a fitted line the view is laid out straight: one row for each row of the view, one column for each distance
+from the line. Its median over the rows is the cross-section of the paint, free of the road's texture.
 """
 
 from __future__ import annotations
@@ -71,14 +71,17 @@ def straighten(channel: np.ndarray, view: RoadView, line_y_m: np.ndarray) -> tup
     values : ndarray of shape (rows used, offsets), float32
         At most `MOST_ROWS` rows, none farther than `FAR_M`.
     offsets_m : ndarray of shape (offsets,)
-        Distance to the left of the line.
+        Distance to the left of the line, at right angles.
     """
     reach = (view.y_m[0] - REACH_M, view.y_m[-1] + REACH_M)
     rows = np.flatnonzero((line_y_m < reach[0]) & (line_y_m > reach[1]) & (view.x_m < FAR_M))
-    rows = rows[:: len(rows) // MOST_ROWS + 1]
-    column = (view.y_m[0] - line_y_m[rows, None] - OFFSETS_M) / view.cell_m
-    if not len(rows):
-        return np.empty(column.shape, np.float32), OFFSETS_M
+    if len(rows) < 2:
+        return np.empty((0, len(OFFSETS_M)), np.float32), OFFSETS_M
+    # a row cuts a line that runs aslant aslant, too: what lies side by side is farther apart along the row
+    aslant = np.hypot(1, np.gradient(line_y_m[rows], view.x_m[rows]))
+    chosen = slice(None, None, len(rows) // MOST_ROWS + 1)
+    rows, aslant = rows[chosen], aslant[chosen]
+    column = (view.y_m[0] - line_y_m[rows, None] - aslant[:, None] * OFFSETS_M) / view.cell_m
     row = np.broadcast_to(rows[:, None], column.shape).astype(np.float32)
     return cv2.remap(channel, column.astype(np.float32), row, cv2.INTER_LINEAR), OFFSETS_M
 

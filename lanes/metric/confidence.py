@@ -24,7 +24,7 @@ USUAL_WIDTH_M, MOST_OFFSET_M, MOST_REACH_M = 3.5, 0.8, 40.0
 # ones are less even: there it makes the confidence worse.
 FEATURES = ("constant", "log std", "odd width", "offset", "shorter reach", "longer reach", "bend")
 # For a lane found in a single picture, and for one followed.
-STILL_WEIGHTS = np.array([0.95, -0.52, -6.65, -2.36, 1.48, 2.60, 1.63])
+STILL_WEIGHTS = np.array([-0.57, -1.53, -6.45, -2.71, 0.53, 1.06, 3.06])
 TRACK_WEIGHTS = np.array([1.49, -0.78, -6.14, -3.06, 0.15, 1.41, 0.85])
 
 

@@ -68,6 +68,9 @@ class Stripes:
         Where on the road, metres ahead and to the left, between the columns.
     angle : float
         Which way the stripe runs, radians, positive to the left of straight ahead.
+    step : float
+        How many columns of the view its row is deep: by so many times the tangent of its direction a stripe moves
+        aside from row to row.
     strength : float
         Band filter response over local noise.
     double : bool
@@ -80,6 +83,7 @@ class Stripes:
     x_m: np.ndarray
     y_m: np.ndarray
     angle: np.ndarray
+    step: np.ndarray
     strength: np.ndarray
     double: np.ndarray
     yellow: np.ndarray
@@ -200,7 +204,8 @@ def find_stripes(evidence: Evidence, view: RoadView) -> Stripes:
     narrow, wide = (response[:, row, column] / noise for response in (evidence.narrow, evidence.wide))
     double = np.maximum(*wide) > np.maximum(*narrow)
     yellow = np.greater(*np.maximum(narrow, wide)[::-1])
-    return Stripes(row, view.x_m[row], y, _stripe_angle(best, row, column, view), middle, double, yellow)
+    step = view.x_m[row] * (view.growth / (1 + view.growth) / view.cell_m)
+    return Stripes(row, view.x_m[row], y, _stripe_angle(best, row, column, step), step, middle, double, yellow)
 
 
 def mean_around(values: np.ndarray, columns: int, rows: int) -> np.ndarray:
@@ -218,7 +223,7 @@ def _strongest_of_each_row(row: np.ndarray, column: np.ndarray, best: np.ndarray
     return row[keep], column[keep]
 
 
-def _stripe_angle(evidence: np.ndarray, row: np.ndarray, column: np.ndarray, view: RoadView) -> np.ndarray:
+def _stripe_angle(evidence: np.ndarray, row: np.ndarray, column: np.ndarray, step: np.ndarray) -> np.ndarray:
     """Direction of stripes on the road from the structure tensor of the evidence (Bigun and Granlund, 1987)."""
     across = cv2.Scharr(evidence, cv2.CV_32F, 1, 0)
     along = cv2.Scharr(evidence, cv2.CV_32F, 0, 1)
@@ -228,6 +233,4 @@ def _stripe_angle(evidence: np.ndarray, row: np.ndarray, column: np.ndarray, vie
     )
     normal = 0.5 * np.arctan2(2 * xy, difference)
     # One row down the stripe moves this many columns to the right, while x falls by one row's depth.
-    columns = -np.tan(normal)
-    depth_m = view.x_m[row] * view.growth / (1 + view.growth)
-    return np.arctan2(columns * view.cell_m, depth_m)
+    return np.arctan2(-np.tan(normal), step)

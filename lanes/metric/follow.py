@@ -12,8 +12,19 @@ from dataclasses import replace
 import numpy as np
 
 from lanes.metric.evidence import Stripes
-from lanes.metric.lanefit import GENTLE_PER_M, Comparison, LaneFit, compare, paint_weight, place_std, stray_m
-from lanes.metric.motion import Belief, bend_of
+from lanes.metric.lanefit import (
+    OUTWARDS,
+    UNEXPLAINED,
+    Comparison,
+    LaneFit,
+    compare,
+    fit_lanes,
+    paint_beside,
+    paint_weight,
+    place_std,
+    stray_m,
+)
+from lanes.metric.motion import Belief, bend_of, wave_of
 from lanes.metric.roadview import RoadView
 
 # A stripe is taken if its innovation squared over its variance is below this: chi-square of one degree of freedom,
@@ -21,11 +32,14 @@ from lanes.metric.roadview import RoadView
 GATE = 9.0
 # Stripes of one picture err together (the same paint, the same lens), so they count as so many times fewer.
 TOGETHER = 4.0
-# Passes of the correction: (how far it looks, how many standard deviations still pull). Where the road bends it is also
-# followed outwards from the car, as in a single picture, and the lane with more paint on it is taken: a bend that
-# begins ahead leaves the prediction by more than any standard deviation.
+# Passes of the correction: (how far it looks, how many standard deviations still pull).
 SAME = ((70.0, 1.5), (70.0, 1.0))
-GROWN = ((16.0, 3.0), (22.0, 2.0), (32.0, 1.5), (70.0, 1.0))
+# Where the road bends or waves, or where this much paint that lies beside the prediction is not explained by it, the
+# lane is also followed outwards from the car, as in a single picture: what begins ahead leaves the prediction by more
+# than any standard deviation. The lane with more paint on it is taken; one of a road that suddenly bends or waves in a
+# new way must have a few stripes more, because it may do so freely.
+MORE_PAINT = 3.0
+SHARP_PER_M, WAVY_PER_M = 5e-3, 1e-3
 
 
 def gate_stripes(found: Comparison, std_m: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -37,7 +51,7 @@ def gate_stripes(found: Comparison, std_m: np.ndarray, covariance: np.ndarray) -
         With the predicted lane alone.
     std_m : ndarray (stripes,)
         Standard deviation of each stripe's place.
-    covariance : ndarray (10, 10)
+    covariance : ndarray (15, 15)
         Of the prediction.
     """
     derivative = found.derivative[0]
@@ -45,7 +59,7 @@ def gate_stripes(found: Comparison, std_m: np.ndarray, covariance: np.ndarray) -
     return np.square(found.residual_m[0]) < GATE * (known + std_m * std_m)
 
 
-def correct_lane(stripes: Stripes, belief: Belief, view: RoadView) -> LaneFit:
+def correct_lane(stripes: Stripes, belief: Belief, view: RoadView, *, outwards: bool = True) -> LaneFit:
     """The lane after this picture's stripes were taken into account.
 
     Parameters
@@ -55,37 +69,56 @@ def correct_lane(stripes: Stripes, belief: Belief, view: RoadView) -> LaneFit:
     belief : Belief
         Predicted to the time of the picture.
     view : RoadView
+    outwards : bool
+        Whether to follow the lane outwards on an even road, too, should it leave paint unexplained.
 
     Returns
     -------
     LaneFit
-        One lane (1, 10); its information is the inverse of the covariance after the update. Stripes that do not pass
+        One lane (1, 15); its information is the inverse of the covariance after the update. Stripes that do not pass
         the gate have no weight.
     """
-    same = _correct(stripes, belief, view, SAME)
-    if bend_of(belief.lane) < GENTLE_PER_M:
-        return same
-    grown = _correct(stripes, belief, view, GROWN)
-    return grown if grown.weight.sum() > same.weight.sum() else same
-
-
-def _correct(stripes: Stripes, belief: Belief, view: RoadView, passes: tuple) -> LaneFit:
-    """The correction in such passes."""
-    paint, std, stray = paint_weight(stripes), place_std(stripes, view.focal_px), stray_m(stripes)
     found = compare(belief.lane[None], stripes, view.height_m)
-    expected = gate_stripes(found, std, belief.lane_covariance) * paint
-    prior, guess, moved = np.linalg.inv(belief.lane_covariance), belief.lane, found
-    for far_m, scale in passes:
-        agreement = moved.agreement(std * scale)[0] * expected * (stripes.x_m < far_m)
-        weighted = found.derivative[0] * (agreement / (TOGETHER * ((std * scale) ** 2 + stray**2)))
+    paint, std = paint_weight(stripes), place_std(stripes, view.focal_px)
+    same = _correct(found, stripes, belief, paint, std)
+    to_explain = paint_beside(found, stripes)[0] - UNEXPLAINED
+    even = bend_of(belief.lane) < SHARP_PER_M and wave_of(belief.lane) < WAVY_PER_M
+    if (even and not outwards) or same.weight.sum() > to_explain:
+        return same
+    grown = _grow(stripes, belief, view)
+    best = grown if grown.weight.sum() > same.weight.sum() else same
+    if best.weight.sum() > to_explain:
+        return best
+    roused = _grow(stripes, belief.roused(), view)
+    return roused if roused.weight.sum() > best.weight.sum() + MORE_PAINT else best
+
+
+def _grow(stripes: Stripes, belief: Belief, view: RoadView) -> LaneFit:
+    """The lane followed outwards from the car."""
+    return fit_lanes(
+        belief.lane[None],
+        stripes,
+        view.height_m,
+        view.focal_px,
+        prior_mean=belief.lane,
+        prior_information=np.linalg.inv(belief.lane_covariance),
+        schedule=OUTWARDS,
+        together=TOGETHER,
+    )
+
+
+def _correct(found: Comparison, stripes: Stripes, belief: Belief, paint: np.ndarray, std_m: np.ndarray) -> LaneFit:
+    """The lane near the prediction, with which the stripes were compared.
+
+    So small a step bends nothing: the stripes need not be laid beside the lane again.
+    """
+    expected, stray = gate_stripes(found, std_m, belief.lane_covariance) * paint, stray_m(stripes)
+    prior, moved, step = np.linalg.inv(belief.lane_covariance), found, np.zeros_like(belief.lane)
+    for far_m, scale in SAME:
+        agreement = moved.agreement(std_m * scale)[0] * expected * (stripes.x_m < far_m)
+        weighted = found.derivative[0] * (agreement / (TOGETHER * ((std_m * scale) ** 2 + stray**2)))
         information = weighted @ found.derivative[0].T + prior
-        step = -np.linalg.solve(information, weighted @ found.residual_m[0] + prior @ (guess - belief.lane))
-        if passes is GROWN:
-            guess = guess + step
-            moved = found = compare(guess[None], stripes, view.height_m)
-        else:
-            # so small a step bends nothing: the stripes need not be laid beside the lane again
-            moved = replace(found, residual_m=found.residual_m + step @ found.derivative[0])
-    lane = guess if passes is GROWN else guess + step
+        step = step - np.linalg.solve(information, weighted @ moved.residual_m[0] + prior @ step)
+        moved = replace(found, residual_m=found.residual_m + step @ found.derivative[0])
     # the agreement is the one before the last step, which is small
-    return LaneFit(lane[None], information[None], agreement[None], found.side)
+    return LaneFit((belief.lane + step)[None], information[None], agreement[None], found.side)

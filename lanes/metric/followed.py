@@ -20,6 +20,7 @@ from lanes.metric.lane import (
     Sight,
     inner_stripes,
     painted_rows,
+    reach_of,
     rows_in_sight,
 )
 from lanes.metric.lanefit import LaneFit, strangeness
@@ -54,7 +55,7 @@ class Seen:
 def see_lines(
     fit: LaneFit, sight: Sight, view: RoadView, before: tuple[Seen, Seen], look_at: int | None
 ) -> tuple[Seen, Seen]:
-    """What a picture shows of the two lines of a fitted lane (1, 10).
+    """What a picture shows of the two lines of a fitted lane (1, 15).
 
     Parameters
     ----------
@@ -66,7 +67,7 @@ def see_lines(
         The line whose paint is looked at again; the rows of both are counted again then, too.
     """
     mine = [(fit.side[0] == side) & (fit.weight[0] > LEAST_WEIGHT) for side in SIDES]
-    reach_m = [float(sight.stripes.x_m[m].max(initial=0.0)) for m in mine]
+    reach_m = reach_of(sight.stripes, mine, fit.lane[0], view.height_m)
     rows, paint = [line.rows for line in before], [line.paint for line in before]
     # how many rows a line is in sight in changes slowly, and where exactly it runs is needed for its paint alone
     if look_at is not None or None in rows:

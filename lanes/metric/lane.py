@@ -15,7 +15,19 @@ import numpy as np
 from lanes.camera import Camera
 from lanes.metric.attributes import Paint, describe_paint
 from lanes.metric.evidence import Evidence, Stripes, find_stripes, measure_paint
-from lanes.metric.lanefit import FOLLOW, START, LaneFit, fit_lanes, strangeness
+from lanes.metric.lanefit import (
+    FOLLOW,
+    MORE_PAINT,
+    OUTWARDS,
+    START,
+    UNEXPLAINED,
+    WAVES_PER_M,
+    LaneFit,
+    compare,
+    fit_lanes,
+    paint_beside,
+    strangeness,
+)
 from lanes.metric.lanemodel import (
     CENTRE,
     CURVATURE,
@@ -30,6 +42,8 @@ from lanes.metric.lanemodel import (
     line_points,
     line_y,
     lines_on_view,
+    meet_ground,
+    road_rise,
 )
 from lanes.metric.roadview import RoadView
 from lanes.metric.votes import FAR_M, best_pairs, count_votes, distinct
@@ -102,13 +116,13 @@ class Lane:
     offset_m, offset_std_m, heading_rad, curvature_per_m, curvature_std_per_m, curvature_rate_per_m2, width_m,
     width_std_m, pitch_rad, vertical_per_m : float
         `heading_rad` is the road's direction seen from the car, positive to the left; `pitch_rad` what the camera looks
-        farther down than its mount says; `vertical_per_m` the road's curvature upwards.
+        farther down than its mount says; `vertical_per_m` the road's curvature upwards below the car.
     left, right : LaneLine
     score, margin : float
         Sum of the square roots of the supports less what the lane is unusual; and how much better than the next lane.
-    model : ndarray (10,)
+    model : ndarray (15,)
         Parameters as in `lanes.metric.lanefit`, for the stripes next to the lane.
-    covariance : ndarray (10, 10)
+    covariance : ndarray (15, 15)
     """
 
     offset_m: float
@@ -138,7 +152,7 @@ class Lane:
         score: float,
         margin: float,
     ) -> Lane:
-        """The lane of a fitted model (10,) and its covariance (10, 10), with its left and right line."""
+        """The lane of a fitted model (15,) and its covariance (15, 15), with its left and right line."""
         std = np.sqrt(np.diag(covariance))
         return cls(
             offset_m=float(-model[CENTRE]),
@@ -150,7 +164,7 @@ class Lane:
             width_m=float(model[WIDTH]),
             width_std_m=float(std[WIDTH]),
             pitch_rad=float(model[PITCH]),
-            vertical_per_m=float(model[VERTICAL]),
+            vertical_per_m=float(model[VERTICAL][0]),
             left=lines[0],
             right=lines[1],
             score=score,
@@ -186,6 +200,10 @@ class Lane:
         """Lateral place of the left (side +1) or right (-1) line at distances (N,); NaN where it has turned back."""
         return line_y(np.asarray(x_m, float), self.model, side)
 
+    def rise_m(self, x_m: np.ndarray) -> np.ndarray:
+        """Height (N,) of the road at distances (N,) above the plane that the car stands on, metres."""
+        return road_rise(self.model, x_m)
+
     def outline(self, camera: Camera, side: float, *, along_m: np.ndarray = OUTLINE_M) -> np.ndarray:
         """Raw pixels (N, 2) of a line where the lane has run `along_m`, ascending, up to where it is out of sight.
 
@@ -193,7 +211,7 @@ class Lane:
         """
         x, y = line_points(self.model, side, along_m).T
         mount = replace(camera.mount, pitch_rad=camera.mount.pitch_rad + self.pitch_rad)
-        points = np.column_stack([x, y, self.vertical_per_m * x * x / 2])
+        points = np.column_stack([x, y, self.rise_m(x)])
         pixels = camera.with_mount(mount).road_to_pixels(points)
         pixels = pixels[np.isfinite(pixels).all(axis=1)]
         back = np.flatnonzero(~(np.diff(pixels[:, 1]) < 0))
@@ -238,7 +256,10 @@ def observe(image: np.ndarray, view: RoadView) -> Sight:
 
 
 def search_lane(stripes: Stripes, view: RoadView) -> LaneFit | None:
-    """Fit the lanes that the stripes vote for, `RIVALS` of them, best votes first; None if there are no stripes."""
+    """Fit the lanes that the stripes vote for, `RIVALS` of them, best votes first; None if there are no stripes.
+
+    The one with most paint is also fitted as one that waves, and joins them if that explains more.
+    """
     near = near_stripes(stripes)
     if not len(near):
         return None
@@ -246,7 +267,18 @@ def search_lane(stripes: Stripes, view: RoadView) -> LaneFit | None:
     first = fit_lanes(starts, near, view.height_m, view.focal_px, schedule=START)
     support = np.sqrt((first.weight[:, None] * (first.side[:, None] == SIDES[:, None])).sum(-1)).sum(-1)
     lanes = distinct(first.lane[np.argsort(elsewhere(first.lane) * 1e3 - support, kind="stable")], RIVALS)
-    return fit_lanes(lanes, stripes, view.height_m, view.focal_px)
+    fit = fit_lanes(lanes, stripes, view.height_m, view.focal_px)
+    best = int(fit.weight.sum(axis=1).argmax())
+    found = compare(fit.lane[best : best + 1], stripes, view.height_m)
+    if fit.weight[best].sum() > paint_beside(found, stripes)[0] - UNEXPLAINED:
+        return fit
+    waved = _fit_waves(lanes[best], stripes, view)
+    return fit.joined(waved) if waved.weight.sum() > fit.weight[best].sum() + MORE_PAINT else fit
+
+
+def _fit_waves(start: np.ndarray, stripes: Stripes, view: RoadView) -> LaneFit:
+    """One lane (15,) fitted as if the road might wave up and down."""
+    return fit_lanes(start[None], stripes, view.height_m, view.focal_px, schedule=OUTWARDS, waves_per_m=WAVES_PER_M)
 
 
 def near_stripes(stripes: Stripes) -> Stripes:
@@ -255,13 +287,13 @@ def near_stripes(stripes: Stripes) -> Stripes:
 
 
 def vote_lanes(near: Stripes, view: RoadView) -> tuple[np.ndarray, np.ndarray]:
-    """The vote table (hypotheses, bins) of the stripes nearby, and the lanes (K, 10) that it suggests, best first."""
+    """The vote table (hypotheses, bins) of the stripes nearby, and the lanes (K, 15) that it suggests, best first."""
     votes = count_votes(near, view.height_m)
     return votes, best_pairs(votes, int((view.x_m < FAR_M).sum()))
 
 
 def follow_lane(stripes: Stripes, view: RoadView, mean: np.ndarray, information: np.ndarray) -> LaneFit:
-    """Fit the one lane that is expected: `mean` (10,) and inverse covariance (10, 10) of the prior."""
+    """Fit the one lane that is expected: `mean` (15,) and inverse covariance (15, 15) of the prior."""
     return fit_lanes(
         mean[None],
         stripes,
@@ -282,7 +314,7 @@ def describe_lane(fit: LaneFit, sight: Sight, view: RoadView) -> Lane | None:
     if support[best].max() < LEAST_SUPPORT:
         return None
     mine = [(fit.side[best] == side) & (fit.weight[best] > LEAST_WEIGHT) for side in SIDES]
-    reach_m = [float(sight.stripes.x_m[m].max(initial=0.0)) for m in mine]
+    reach_m = reach_of(sight.stripes, mine, fit.lane[best], view.height_m)
     paint = [
         describe_paint(sight.evidence, view, _only(rows, line))
         for rows, line in zip((sight.stripes.row[m] for m in mine), lines[best], strict=True)
@@ -301,8 +333,16 @@ def describe_lane(fit: LaneFit, sight: Sight, view: RoadView) -> Lane | None:
     )
 
 
+def reach_of(stripes: Stripes, mine: Sequence[np.ndarray], lane: np.ndarray, height_m: float) -> list[float]:
+    """How far ahead the stripes of each line, `mine` (stripes,) bool, go on the road of a lane (15,); 0 without any."""
+    nearest = float(stripes.x_m.min(initial=1.0))
+    flat_m = np.array([stripes.x_m[m].max(initial=nearest) for m in mine])
+    met_m = meet_ground(flat_m, lane, height_m).x_m
+    return [float(x) if m.any() else 0.0 for x, m in zip(met_m, mine, strict=True)]
+
+
 def inner_stripes(paint: Sequence[Paint | None]) -> np.ndarray:
-    """What leads from a fitted lane to the one between the stripes next to it, (10,): fits follow a double's middle.
+    """What leads from a fitted lane to the one between the stripes next to it, (15,): fits follow a double's middle.
 
     `paint` is that of the left and the right line; None moves nothing.
     """
@@ -313,12 +353,12 @@ def inner_stripes(paint: Sequence[Paint | None]) -> np.ndarray:
 
 
 def score_lanes(lanes: np.ndarray, support: np.ndarray) -> np.ndarray:
-    """(K,) how good lanes (K, 10) with these supports (K, 2) are: paint, less how unusual, less not being the own."""
+    """(K,) how good lanes (K, 15) with these supports (K, 2) are: paint, less how unusual, less not being the own."""
     return np.sqrt(support).sum(axis=1) - PRIOR_WEIGHT * strangeness(lanes) - elsewhere(lanes)
 
 
 def elsewhere(lanes: np.ndarray) -> np.ndarray:
-    """(K,) bool: lanes (K, 10) that the car is not in, because both lines pass it on the same side."""
+    """(K,) bool: lanes (K, 15) that the car is not in, because both lines pass it on the same side."""
     return np.abs(lanes[:, CENTRE]) > lanes[:, WIDTH] / 2
 
 

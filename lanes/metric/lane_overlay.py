@@ -31,7 +31,7 @@ def lane_outlines(lane: Lane, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     along_m = NEAREST_M * (reach_m / NEAREST_M) ** SHARES
     points = np.empty((len(SIDES), len(along_m), 3))
     points[..., :2] = line_points(lane.model, SIDES, along_m)
-    points[..., 2] = lane.vertical_per_m / 2 * points[..., 0] ** 2
+    points[..., 2] = lane.rise_m(points[..., 0])
     tilted = camera.with_mount(replace(camera.mount, pitch_rad=camera.mount.pitch_rad + lane.pitch_rad))
     left, right = tilted.road_to_pixels(points.reshape(-1, 3)).reshape(*points.shape[:2], 2)
     return _in_sight(left), _in_sight(right)

@@ -1,11 +1,16 @@
-"""The shape of a lane: ten numbers for both of its lines, and how they lie on the road and in the view.
+"""The shape of a lane: fifteen numbers for both of its lines, and how they lie on the road and in the view.
 
 The lane's middle is an arc that passes the car at `centre` with `heading` and `curvature`, which changes by `rate` for
-each metre along it; the two lines run half a `width` to its left and right. `pitch` is how much farther down than its
-mount says the camera looks in this frame (bumps, brakes), and `vertical` the curvature of the road upwards (crests and
-dips): both show in that the lines do not look parallel. The last three are the kinks: by how much the rate changes
-where the road has run `KNOTS_M`. With them the curvature is a chain of straight pieces over the length of the road, and
-a bend may begin and end within the view, as hairpins do. (Lanes may lack the kinks; then they have none.)
+each metre along it; the two lines run half a `width` to its left and right. Three kinks say by how much the rate
+changes where the road has run `KNOTS_M`: with them the curvature is a chain of straight pieces over the length of the
+road, and a bend may begin and end within the view, as hairpins do.
+
+`pitch` is how much farther down than its mount says the camera looks in this frame (bumps, brakes). Four numbers are
+the curvature of the road upwards at `RISE_KNOTS_M`, straight in between and fading beyond: crests, dips, and waves
+shorter than the view. Both show in that the lines do not look parallel.
+
+The last two say how much wider than this lane the next ones to the left and to the right are. Their far lines run
+parallel, too, and often are in sight where a line of the lane itself is not.
 
 A point's distance from the arc, taken at right angles, needs no x as the running variable, so that hairpins that fold
 back are as good as straight roads:
@@ -14,55 +19,123 @@ back are as good as straight roads:
 
 which follows from |P - C| = 1/k - a for a circle of centre C; concentric lines then differ in `a` alone.
 
-All parameters are arrays (..., 10), so that rival lanes share one pass.
+All parameters are arrays (..., 15), so that rival lanes share one pass.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-CENTRE, WIDTH, HEADING, CURVATURE, RATE, PITCH, VERTICAL = range(7)
-KINKS = slice(7, 10)
-NUMBERS = 10
+CENTRE, WIDTH, HEADING, CURVATURE, RATE, PITCH = range(6)
+VERTICAL, KINKS, BESIDE = slice(6, 10), slice(10, 13), slice(13, 15)
+NUMBERS = 15
 # Where the rate may change, metres: a bend's transition takes ten metres or more, and a kink shows a few metres later.
 KNOTS_M = np.array([7.0, 14.0, 24.0])
+# Where the road's curvature upwards is known, metres; closer together it could not be told from a nodding camera.
+RISE_KNOTS_M = np.array([0.0, 12.0, 24.0, 40.0])
+# From where the view ends nothing is known: there the grade goes on as it is.
+STRAIGHT_FROM_M = 70.0
 LEFT, RIGHT = 1.0, -1.0
 SIDES = np.array([LEFT, RIGHT])
+# The far lines of the lanes beside are `BEYOND * LEFT` and `BEYOND * RIGHT`.
+BEYOND = 3.0
 
-# Rays that would meet a tilted road this much nearer or farther than the flat one count as meeting it there.
-MOST_STRETCH, LEAST_STRETCH = 5.0, 0.2
+# Distances between which it is looked up where rays meet the road, farthest first: so close together that the error is
+# below a millimetre of height.
+ROAD_M = np.geomspace(350.0, 2.0, 160)
+# A ray that grazes the road still falls towards it by this share of what it falls towards a flat one.
+LEAST_FALL = 0.2
 # A point next to the arc's centre is on no side of it; this keeps roots and divisions there in bounds.
 LEAST_SCALE = 1e-2
 # Sine of the largest angle at which a line passes the car: 64 degrees, half as much again as the largest heading.
 STEEPEST = 0.9
 
 
-def stretch_of(x_m: np.ndarray, pitch, vertical, height_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """How much too far the flat view shows what it shows at x (N,), and how fast that grows: (..., N) each.
+def _slopes_of_knots() -> np.ndarray:
+    """(6, 4): the curvature at the car, and by how much its slope changes at each knot, from the curvatures there."""
+    knots = len(RISE_KNOTS_M)
+    curvatures = np.vstack([np.eye(knots), np.zeros((1, knots))])
+    slopes = np.diff(curvatures, axis=0) / np.diff([*RISE_KNOTS_M, STRAIGHT_FROM_M])[:, None]
+    level = np.zeros((1, knots))
+    return np.vstack([curvatures[:1], np.diff(slopes, axis=0, prepend=level, append=level)])
 
-    The ray to a point at the flat distance x falls by h / x. A camera that looks `pitch` farther down makes that
-    d = h / x + pitch, and meets a road of height v x^2 / 2 where v x^2 / 2 + d x = h.
+
+_TO_SLOPES = _slopes_of_knots()
+
+
+def rises_and_grades(x_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How much height and how much slope at x (...) each number of `VERTICAL` makes: (..., 4) each.
+
+    The two integrals of a curvature that is straight between knots.
     """
-    pitch, vertical = np.asarray(pitch)[..., None], np.asarray(vertical)[..., None]
-    fall = height_m / x_m + pitch
-    root = np.sqrt(np.maximum(fall * fall + 2 * vertical * height_m, 1e-6))
-    stretch = x_m * (fall + root) / (2 * height_m)
-    growth = stretch / x_m - (1 + fall / root) / (2 * x_m)
-    # np.clip checks its arguments for longer than it takes to do this
-    return np.minimum(np.maximum(stretch, LEAST_STRETCH), MOST_STRETCH), growth
+    x = np.asarray(x_m, float)[..., None]
+    beyond = np.maximum(x - [*RISE_KNOTS_M, STRAIGHT_FROM_M], 0)
+    square = beyond * beyond
+    rises = np.concatenate([x * x / 2, square * beyond / 6], axis=-1) @ _TO_SLOPES
+    return rises, np.concatenate([x, square / 2], axis=-1) @ _TO_SLOPES
 
 
-def flatten(x_m, y_m, angle, pitch, vertical, height_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where stripes of the flat view lie on a tilted road: x, y in metres and angle in radians, (..., N) each."""
-    stretch, growth = stretch_of(x_m, pitch, vertical, height_m)
-    slope = (stretch * np.tan(angle) - growth * y_m) / np.maximum(stretch - growth * x_m, 0.1)
-    return x_m / stretch, y_m / stretch, np.arctan(slope)
+_ROAD_RISES = rises_and_grades(ROAD_M)[0]
+
+
+def road_rise(lane: np.ndarray, x_m: np.ndarray) -> np.ndarray:
+    """Height (N,) of the road of a lane (15,) at distances x (N,), above the plane that the car stands on."""
+    return rises_and_grades(x_m)[0] @ lane[VERTICAL]
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """Where the rays to places of the flat view meet the roads of lanes (..., 15).
+
+    Attributes
+    ----------
+    x_m : ndarray (..., N)
+        Distance ahead.
+    fall : ndarray (..., N)
+        By how much a ray comes nearer to the road there, for each metre ahead.
+    rises : ndarray (..., N, 4)
+        How much height each number of `VERTICAL` makes there.
+    """
+
+    x_m: np.ndarray
+    fall: np.ndarray
+    rises: np.ndarray
+
+
+def meet_ground(x_m: np.ndarray, lanes: np.ndarray, height_m: float) -> Ground:
+    """Where the rays that would meet a flat road at x (N,) meet those of lanes (..., 15).
+
+    The ray to the flat distance x falls by h / x. A camera that looks `pitch` farther down makes that h / x + pitch,
+    and the ray meets the road of height z where z + (h / x + pitch) X = h: for a flat road 1/X is straight in 1/x, for
+    others nearly so, and looked up.
+    """
+    lanes = np.asarray(lanes)
+    fall, inverse = height_m / x_m + lanes[..., PITCH, None], 1 / ROAD_M
+    # what lies lower in the picture than something nearer is hidden behind it
+    falls = inverse * (height_m - lanes[..., VERTICAL] @ _ROAD_RISES.T)
+    falls = np.minimum.accumulate(falls[..., ::-1], axis=-1)[..., ::-1]
+    met = np.empty(fall.shape)
+    for index in np.ndindex(fall.shape[:-1]):
+        met[index] = np.interp(fall[index], falls[index], inverse)
+    x = 1 / met
+    rises, grades = rises_and_grades(x)
+    steep = fall + (grades @ lanes[..., VERTICAL, None])[..., 0]
+    return Ground(x, np.maximum(steep, LEAST_FALL * height_m * met), rises)
+
+
+def flatten(x_m, y_m, angle, ground: Ground, height_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where stripes of the flat view lie on the ground: x, y in metres and angle in radians, (..., N) each."""
+    share = ground.x_m / x_m
+    pace = share * height_m / (x_m * ground.fall)
+    slope = (share * np.tan(angle) + (pace - share) * y_m / x_m) / pace
+    return ground.x_m, y_m * share, np.arctan(slope)
 
 
 def lines_on_view(lanes: np.ndarray, x_m: np.ndarray, height_m: float) -> np.ndarray:
-    """Lateral places (K, 2, N) of both lines of lanes (K, 10) on the flat grid of a view, at distances x (N,).
+    """Lateral places (K, 2, N) of both lines of lanes (K, 15) on the flat grid of a view, at distances x (N,).
 
     Left line first; NaN where a line does not pass, because it has turned back before or lies behind a crest.
     """
@@ -70,7 +143,8 @@ def lines_on_view(lanes: np.ndarray, x_m: np.ndarray, height_m: float) -> np.nda
     points = line_points(lanes, SIDES, _along(0.5 * float(x_m.min()), 1.5 * float(x_m.max())))
     x, y = np.maximum(points[..., 0], 0.1), points[..., 1]
     # the ray that meets the road at x, and where it would meet a flat one seen without the pitch
-    fall = height_m / x - lanes[..., PITCH, None] - lanes[..., VERTICAL, None] * x / 2
+    rise = (rises_and_grades(x)[0] @ lanes[..., VERTICAL, None])[..., 0]
+    fall = (height_m - rise) / x - lanes[..., PITCH, None]
     flat_x = height_m / np.maximum(fall, 1e-3)
     flat_y = y / x * flat_x
     back = flat_x[..., 1:] <= flat_x[..., :-1]
@@ -112,19 +186,17 @@ def beyond_knots(along_m: np.ndarray) -> np.ndarray:
 
 
 def swerve(lanes: np.ndarray, along_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How far lanes (..., 7 or 10) have left their arc at `along_m` (..., N), and how fast they do: (..., N) each."""
+    """How far lanes (..., 15) have left their arc at `along_m` (..., N), and how fast they do: (..., N) each."""
     rate, kinks = lanes[..., RATE, None], lanes[..., KINKS, None]
     squared = along_m * along_m
     offset, slope = rate * (squared * along_m) / 6, rate * squared / 2
-    if kinks.shape[-2]:
-        beyond = beyond_knots(along_m)
-        slopes = kinks * np.square(beyond) / 2
-        offset, slope = offset + (slopes * beyond).sum(axis=-2) / 3, slope + slopes.sum(axis=-2)
-    return offset, slope
+    beyond = beyond_knots(along_m)
+    slopes = kinks * np.square(beyond) / 2
+    return offset + (slopes * beyond).sum(axis=-2) / 3, slope + slopes.sum(axis=-2)
 
 
 def line_points(lanes: np.ndarray, side, along_m: np.ndarray) -> np.ndarray:
-    """Points (..., N, 2) of lines of lanes (..., 7 or 10), metres, where the lanes' middles have run `along_m` (N,).
+    """Points (..., N, 2) of lines of lanes (..., 15), metres, where the lanes' middles have run `along_m` (N,).
 
     `side` is `LEFT`, `RIGHT` or an array of them that goes with the lanes.
     """
@@ -142,7 +214,7 @@ def line_points(lanes: np.ndarray, side, along_m: np.ndarray) -> np.ndarray:
 
 
 def line_y(x_m: np.ndarray, lane: np.ndarray, side: float) -> np.ndarray:
-    """Lateral place of a line of the lane (7 or 10,) at distances x (N,); NaN where it has turned back before."""
+    """Lateral place of a line of the lane (15,) at distances x (N,); NaN where it has turned back before."""
     centre, width, heading, curvature = lane[:RATE]
     along = np.array(x_m, float)
     # Newton's method for the place along the middle that lies beside x; straight roads need one step
@@ -160,9 +232,12 @@ def line_y(x_m: np.ndarray, lane: np.ndarray, side: float) -> np.ndarray:
 
 
 def lateral_gradient(x_m: float, side: float) -> np.ndarray:
-    """(10,): how a line's lateral place `x_m` ahead moves with each number of a nearly straight lane."""
+    """(15,): how a line's lateral place `x_m` ahead moves with each number of a nearly straight lane."""
     beyond = beyond_knots(np.array([x_m]))[:, 0]
-    return np.array([1, side / 2, x_m, x_m**2 / 2, x_m**3 / 6, 0, 0, *(beyond**3 / 6)])
+    gradient = np.zeros(NUMBERS)
+    gradient[:PITCH] = 1, side / 2, x_m, x_m**2 / 2, x_m**3 / 6
+    gradient[KINKS] = beyond**3 / 6
+    return gradient
 
 
 def line_coefficients(lane: np.ndarray, side: float) -> tuple[float, float, float, float]:

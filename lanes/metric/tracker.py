@@ -34,6 +34,8 @@ LONGEST_COAST_S, WIDEST_STD_M = 1.0, 0.4
 RECHECK_S, BETTER, OBJECTIONS = 1.0, 0.1, 3
 # The paint of a line is looked at again after so many frames, left and right in turn.
 PAINT_EVERY = 10
+# On an even road it takes no more than so many frames to notice that it begins to bend or wave.
+OUTWARDS_EVERY = 3
 # The car's middle is so far over a line before the lines change their names: not at each touch of it.
 CROSSED_M = 0.1
 # Two lanes are the same if their lines lie within this at these distances.
@@ -41,7 +43,7 @@ SAME_M, SAME_AT_M = 0.3, np.array([6.0, 12.0, 20.0])
 # A line with less than this share of the other one's support is not evidence enough to change the lane's width.
 WEAK = 0.5
 # While tracking only a part of the road is looked at: the narrowest of these that has both lines well inside.
-NARROW_M, MARGIN_M, NARROW_AT_M = (3.0, 4.0, 5.0), 0.8, (5.0, 20.0, 35.0)
+HALVES_M, MARGIN_M, NARROW_AT_M = (3.0, 4.0, 5.0, 9.0, 13.0), 0.8, (5.0, 20.0, 35.0)
 
 
 class LaneTracker:
@@ -62,7 +64,7 @@ class LaneTracker:
             raise ValueError(f"a video has more than 0 pictures a second; got fps={fps}.")
         self.view = RoadView(camera)
         self.fps, self.speed_mps = fps, speed_mps
-        self._views = *(RoadView(camera, half_width_m=half) for half in NARROW_M), self.view
+        self._views = tuple(RoadView(camera, half_width_m=half) for half in HALVES_M)
         self.reset()
 
     def reset(self) -> None:
@@ -130,14 +132,14 @@ class LaneTracker:
             for x in NARROW_AT_M
         )
         fitting = (view for view in self._views if reach_m < view.half_width_m - MARGIN_M)
-        return next(fitting, self.view)
+        return next(fitting, self._views[-1])
 
     def _follow(self, sight: Sight, view: RoadView, elapsed_s: float) -> None:
         """Predict, take the stripes near the prediction, and correct it with them."""
         belief = self._belief.predict(elapsed_s, steady_speed=self.speed_mps is not None)
         if self.speed_mps is not None:
             belief.mean[SPEED] = self.speed_mps
-        fit = correct_lane(sight.stripes, belief, view)
+        fit = correct_lane(sight.stripes, belief, view, outwards=self._since_search % OUTWARDS_EVERY == 0)
         look_at = {0: 0, PAINT_EVERY // 2: 1}.get(self._since_search % PAINT_EVERY)
         seen = see_lines(fit, sight, view, self._seen, look_at)
         self._belief = belief.corrected(fit.lane[0], np.linalg.inv(fit.information[0]))

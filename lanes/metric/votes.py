@@ -14,7 +14,7 @@ import numpy as np
 
 from lanes.metric.evidence import Stripes
 from lanes.metric.lanefit import ANGLE_STD_RAD, PRIOR_MEAN, PRIOR_STD, paint_weight
-from lanes.metric.lanemodel import CENTRE, CURVATURE, HEADING, LEAST_SCALE, PITCH, WIDTH, flatten
+from lanes.metric.lanemodel import CENTRE, CURVATURE, HEADING, LEAST_SCALE, NUMBERS, PITCH, WIDTH, flatten, meet_ground
 
 # Votes come from the near road, where one arc is enough; the fit finds its way from there.
 FAR_M = 22.0
@@ -63,7 +63,9 @@ def count_votes(stripes: Stripes, height_m: float) -> np.ndarray:
     votes = np.zeros((len(heading), BINS))
     for tilt in np.unique(pitch):
         of = np.flatnonzero(pitch == tilt)
-        places = flatten(near.x_m, near.y_m, near.angle, tilt, 0.0, height_m)
+        tilted = np.zeros(NUMBERS)
+        tilted[PITCH] = tilt
+        places = flatten(near.x_m, near.y_m, near.angle, meet_ground(near.x_m, tilted, height_m), height_m)
         bins, agreement = _bins_and_agreement(*places, heading[of], curvature[of])
         bins += BINS * np.arange(len(of))[:, None]
         votes[of] = np.bincount(bins.ravel(), (agreement * paint).ravel(), len(of) * BINS).reshape(-1, BINS)
@@ -107,7 +109,7 @@ def best_pairs(votes: np.ndarray, rows: int, *, most: int = 8) -> np.ndarray:
 
     Returns
     -------
-    ndarray of shape (K, 10), K <= `most`
+    ndarray of shape (K, 15), K <= `most`
         Lanes as in `lanemodel`, best first, no two alike. The square root of each line's votes counts, so that
         two fair lines beat one good line beside nothing.
     """
@@ -137,7 +139,7 @@ def best_pairs(votes: np.ndarray, rows: int, *, most: int = 8) -> np.ndarray:
 
 
 def distinct(lanes: np.ndarray, most: int) -> np.ndarray:
-    """The first `most` of the lanes (N, 7) that differ from all before them."""
+    """The first `most` of the lanes (N, 15) that differ from all before them."""
     chosen, free = [], np.ones(len(lanes), bool)
     while len(chosen) < most and free.any():
         chosen.append(free.argmax())

@@ -1,0 +1,46 @@
+"""The fifteen numbers of a lane by their names, and stripes that lie where a test puts them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lanes.metric.evidence import Stripes
+from lanes.metric.lanemodel import BESIDE, KINKS, NUMBERS, VERTICAL
+
+# The usual view's rows grow by this share from one to the next, and its columns are as wide.
+GROWTH, CELL_M = 0.022, 0.05
+
+
+def a_lane(
+    *,
+    centre: float = 0.0,
+    width: float = 3.5,
+    heading: float = 0.0,
+    curvature: float = 0.0,
+    rate: float = 0.0,
+    pitch: float = 0.0,
+    vertical: float | tuple[float, ...] = 0.0,
+    kinks: float | tuple[float, ...] = 0.0,
+    beside: float | tuple[float, ...] = 0.0,
+) -> np.ndarray:
+    """Numbers (15,) of a lane, or their standard deviations; `vertical`, `kinks`, `beside` each one for all or each."""
+    lane = np.empty(NUMBERS)
+    lane[: VERTICAL.start] = centre, width, heading, curvature, rate, pitch
+    lane[VERTICAL], lane[KINKS], lane[BESIDE] = vertical, kinks, beside
+    return lane
+
+
+def stripes_at(
+    row: np.ndarray,
+    x_m: np.ndarray,
+    y_m: np.ndarray,
+    angle: np.ndarray,
+    strength: np.ndarray | float = 30.0,
+    *,
+    growth: float = GROWTH,
+    cell_m: float = CELL_M,
+) -> Stripes:
+    """White single stripes (N,) of the given places, directions and strength in a view of such rows and columns."""
+    no = np.zeros(len(x_m), bool)
+    step = x_m * growth / (1 + growth) / cell_m
+    return Stripes(row, x_m, y_m, angle, step, np.broadcast_to(strength, len(x_m)) + 0.0, no, no)
