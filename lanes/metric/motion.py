@@ -60,7 +60,7 @@ USUAL_PUSH, GREATEST_PUSH = 3.0, 6.0
 SPRING_S, REST_STD_RAD, AIM_STD_RAD = 0.3, 0.004, 0.004
 # What the motion does not foretell adds to the standard deviations, in one second: sideways from wind and tilt; heading
 # and pitch from bumps; the steering wheel, on a straight road and as a share of the bend; pedals.
-CENTRE_PER_S, HEADING_PER_S, PITCH_PER_S, REST_PER_S, AIM_PER_S = 0.015, 0.003, 0.01, 2e-4, 1e-4
+CENTRE_PER_S, HEADING_PER_S, PITCH_PER_S, REST_PER_S, AIM_PER_S = 0.015, 0.003, 0.01, 1e-3, 1e-4
 PATH_PER_S, PATH_SHARE_PER_S, SPEED_PER_S = 1e-3, 0.3, 1.0
 # And in one metre of road. Curvature changes at a rate that itself changes: on motorways by 5e-5 1/m^2 within 70 m, on
 # mountain roads by more, as the square of the bends that they have (a transition takes about as long as its bend's
@@ -75,7 +75,7 @@ KINK_PER_M, KINK_SHARE, KINK_MOST_PER_M = 5e-5, 0.2, 4e-3
 WAVE_STD_PER_M, WAVE_BEND_SHARE, WAVE_OWN_SHARE, WAVE_MOST_PER_M = 3e-4, 0.03, 1.0, 6e-3
 WAVE_M, WAVE_SHARES = 20.0, np.array([0.3, 0.3, 0.5, 1.0])
 # What a road may do all at once, and nothing has foretold.
-ROUSED_WAVE_PER_M, ROUSED_KINK_PER_M2 = 6e-3, 1e-3
+ROUSED_WAVE_PER_M, ROUSED_KINK_PER_M2, ROUSED_PITCH_RAD = 6e-3, 1e-3, 0.015
 # A bend that is coming up within such a distance counts like one.
 BEND_AHEAD_M = 25.0
 # A transition curve ends after some such distance, and its change of curvature with it.
@@ -156,6 +156,7 @@ class Belief:
         diagonal = covariance.reshape(-1)[:: STATES + 1]
         diagonal[VERTICAL] += ROUSED_WAVE_PER_M**2
         diagonal[KINKS] += ROUSED_KINK_PER_M2**2
+        diagonal[PITCH] += ROUSED_PITCH_RAD**2
         return Belief(self.mean, covariance)
 
     def beside(self, side: float) -> Belief:
