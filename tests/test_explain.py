@@ -84,7 +84,7 @@ class TestGoodPicture:
 
 def crumbs() -> np.ndarray:
     """White spots here and there on the road."""
-    spots = np.random.default_rng(3).uniform([6, -8], [20, 8], (16, 2))
+    spots = np.random.default_rng(3).uniform([6, -8], [20, 8], (12, 2))
     return (
         Road(CAMERA)
         .paint(lambda x, y: np.any([np.hypot(x - a, y - b) < 0.12 for a, b in spots], 0), (225,) * 3)

@@ -43,7 +43,8 @@ def telemetry(*, seconds: float = 16, moved_s: float = 8, **turn: float) -> dict
 )
 def test_a_camera_that_moves_half_way_is_noticed(turn, half_s, pitch_deg, yaw_deg, words):
     change = find_mount_change(telemetry(seconds=2 * half_s, moved_s=half_s, **turn))
-    assert change.time_s == pytest.approx(half_s, abs=1)
+    # for two seconds a camera that suddenly looks farther down is taken for a road that waves
+    assert change.time_s == pytest.approx(half_s, abs=2)
     assert np.degrees([change.pitch_rad, change.yaw_rad]) == pytest.approx([pitch_deg, yaw_deg], abs=0.6)
     assert re.search(words, change.describe())
 
