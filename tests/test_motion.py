@@ -117,11 +117,11 @@ def test_the_neighbour_is_as_much_wider_as_was_seen_and_back_again_all_is_as_bef
         assert back.covariance[number, number] == pytest.approx(belief.covariance[number, number])
 
 
-def test_a_roused_belief_expects_waves_and_bends_and_else_the_same():
+def test_a_roused_belief_expects_waves_bends_and_nods_and_else_the_same():
     belief = belief_with()
     roused = belief.roused()
     more = np.diag(roused.covariance - belief.covariance)
-    free = np.isin(np.arange(len(more)), [*range(len(more))[VERTICAL], *range(len(more))[KINKS]])
+    free = np.isin(np.arange(len(more)), [PITCH, *range(len(more))[VERTICAL], *range(len(more))[KINKS]])
     assert (more[free] > 1e-7).all() and (more[~free] == 0).all()
     np.testing.assert_array_equal(roused.mean, belief.mean)
     np.testing.assert_array_equal(belief.covariance, belief_with().covariance)

@@ -151,7 +151,7 @@ class Belief:
         return Belief(mean, whole)
 
     def roused(self) -> Belief:
-        """The same belief, prepared for bends, crests and dips that begin ahead and that nothing has foretold."""
+        """The same belief, prepared for bends, crests, dips and a camera that moves, which nothing has foretold."""
         covariance = self.covariance.copy()
         diagonal = covariance.reshape(-1)[:: STATES + 1]
         diagonal[VERTICAL] += ROUSED_WAVE_PER_M**2
