@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from itertools import islice
 from typing import TypeVar
 
@@ -62,7 +63,8 @@ def _spread(function: Callable, jobs: Iterator, workers: int) -> Generator:
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_start, initargs=(function,))
     try:
-        waiting = deque(pool.submit(_work, job) for job in islice(jobs, 2 * workers))
+        with _interrupts_held():
+            waiting = deque(pool.submit(_work, job) for job in islice(jobs, 2 * workers))
         while waiting:
             result = waiting.popleft().result()
             waiting.extend(pool.submit(_work, job) for job in islice(jobs, 1))
@@ -76,10 +78,21 @@ def _spread(function: Callable, jobs: Iterator, workers: int) -> Generator:
         pool.shutdown(cancel_futures=True)
 
 
+@contextmanager
+def _interrupts_held() -> Generator[None]:
+    """Ctrl-C waits until this is over; processes started meanwhile hold it, too, until they can end quietly."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _start(function: Callable) -> None:
     """In each worker: one thread, because the processes share the CPUs; Ctrl-C ends it at once and without a word."""
     cv2.setNumThreads(1)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     _work.function = function
 
 
