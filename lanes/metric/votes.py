@@ -96,7 +96,7 @@ def _sums_of_products(of_hypotheses: tuple, of_stripes: tuple) -> np.ndarray:
     return np.stack(of_hypotheses, axis=1).astype(np.float32) @ np.stack(of_stripes).astype(np.float32)
 
 
-def best_pairs(votes: np.ndarray, rows: int, *, most: int = 8) -> np.ndarray:
+def best_pairs(votes: np.ndarray, rows: int, *, most: int = 5) -> np.ndarray:
     """Pair lines to lanes.
 
     Parameters
