@@ -81,7 +81,7 @@ def correct_lane(stripes: Stripes, belief: Belief, view: RoadView, *, outwards: 
     found = compare(belief.lane[None], stripes, view.height_m)
     paint, std = paint_weight(stripes), place_std(stripes, view.focal_px)
     same = _correct(found, stripes, belief, paint, std)
-    to_explain = paint_beside(found, stripes)[0] - UNEXPLAINED
+    to_explain = same.beside[0] - UNEXPLAINED
     even = bend_of(belief.lane) < SHARP_PER_M and wave_of(belief.lane) < WAVY_PER_M
     if (even and not outwards) or same.weight.sum() > to_explain:
         return same
@@ -121,4 +121,5 @@ def _correct(found: Comparison, stripes: Stripes, belief: Belief, paint: np.ndar
         step = step - np.linalg.solve(information, weighted @ moved.residual_m[0] + prior @ step)
         moved = replace(found, residual_m=found.residual_m + step @ found.derivative[0])
     # the agreement is the one before the last step, which is small
-    return LaneFit((belief.lane + step)[None], information[None], agreement[None], found.side)
+    beside = paint_beside(found, stripes, paint)
+    return LaneFit((belief.lane + step)[None], information[None], agreement[None], found.side, beside)

@@ -23,9 +23,7 @@ from lanes.metric.lanefit import (
     UNEXPLAINED,
     WAVES_PER_M,
     LaneFit,
-    compare,
     fit_lanes,
-    paint_beside,
     strangeness,
 )
 from lanes.metric.lanemodel import (
@@ -269,8 +267,7 @@ def search_lane(stripes: Stripes, view: RoadView) -> LaneFit | None:
     lanes = distinct(first.lane[np.argsort(elsewhere(first.lane) * 1e3 - support, kind="stable")], RIVALS)
     fit = fit_lanes(lanes, stripes, view.height_m, view.focal_px)
     best = int(fit.weight.sum(axis=1).argmax())
-    found = compare(fit.lane[best : best + 1], stripes, view.height_m)
-    if fit.weight[best].sum() > paint_beside(found, stripes)[0] - UNEXPLAINED:
+    if fit.weight[best].sum() > fit.beside[best] - UNEXPLAINED:
         return fit
     waved = _fit_waves(lanes[best], stripes, view)
     return fit.joined(waved) if waved.weight.sum() > fit.weight[best].sum() + MORE_PAINT else fit

@@ -62,7 +62,7 @@ STRAY_M, STRAY_AT_M = 0.08, 40.0
 
 # Steps of the fit: (how far it looks, how many standard deviations still pull).
 START = ((16, 6), (20, 4), (26, 4))
-GROW = ((34, 3), (44, 3), (56, 2), (70, 2), (70, 1.5), (70, 1))
+GROW = ((34, 3), (44, 3), (56, 2), (70, 1.5), (70, 1))
 FOLLOW = ((70, 1.5), (70, 1))
 # The same in small steps, for roads that bend or fall away so much that nothing farther out is where it is expected.
 OUTWARDS = (
@@ -90,12 +90,15 @@ class LaneFit:
         How much each stripe supports the lane, 0 to 1.
     side : ndarray (..., stripes)
         The line that the stripe is nearest to: `LEFT` or `RIGHT`, or `BEYOND` times that.
+    beside : ndarray (...)
+        How much paint lies beside the lines, whether it is on them or not.
     """
 
     lane: np.ndarray
     information: np.ndarray
     weight: np.ndarray
     side: np.ndarray
+    beside: np.ndarray
 
     def joined(self, other: LaneFit) -> LaneFit:
         """The lanes of both fits of the same stripes."""
@@ -190,7 +193,7 @@ def fit_lanes(
         lanes = lanes - np.linalg.solve(information, gradient)[..., 0]
         lanes = np.clip(lanes, -LIMIT, LIMIT)
     found = compare(lanes, stripes, height_m)
-    return LaneFit(lanes, information, found.agreement(std) * paint, found.side)
+    return LaneFit(lanes, information, found.agreement(std) * paint, found.side, paint_beside(found, stripes, paint))
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,7 +272,7 @@ def compare(lanes: np.ndarray, stripes: Stripes, height_m: float) -> Comparison:
     return Comparison(residual, side, direction - angle, astray_std, derivative)
 
 
-def paint_beside(found: Comparison, stripes: Stripes) -> np.ndarray:
+def paint_beside(found: Comparison, stripes: Stripes, paint: np.ndarray) -> np.ndarray:
     """(K,) how much paint lies beside the lines of the lanes with which stripes were compared."""
     beside = (np.abs(found.residual_m) < BESIDE_M) & (np.abs(found.astray_rad) < BESIDE_RAD)
-    return (beside & (stripes.x_m < BESIDE_FAR_M)) @ paint_weight(stripes)
+    return (beside & (stripes.x_m < BESIDE_FAR_M)) @ paint
