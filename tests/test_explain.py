@@ -76,7 +76,7 @@ class TestGoodPicture:
 
     def test_words(self, good):
         words = good.describe()
-        for part in ("offset     0.4", "bend       bends left, R 3", "confidence, as log odds:", "votes      8 lanes"):
+        for part in ("offset     0.4", "bend       bends left, R 3", "confidence, as log odds:", "votes      5 lanes"):
             assert part in words
         assert "failed" not in words
         assert repr(good).endswith("failed at no step)")
