@@ -75,8 +75,8 @@ def correct_lane(stripes: Stripes, belief: Belief, view: RoadView, *, outwards: 
     Returns
     -------
     LaneFit
-        One lane (1, 15); its information is the inverse of the covariance after the update. Stripes that do not pass
-        the gate have no weight.
+        One lane (1, 15); its information is the inverse of the covariance after the update. Near the prediction,
+        stripes that do not pass the gate have no weight; followed outwards, those that lie off the lines have little.
     """
     found = compare(belief.lane[None], stripes, view.height_m)
     paint, std = paint_weight(stripes), place_std(stripes, view.focal_px)
