@@ -175,20 +175,26 @@ def remove_partials(path: Path) -> None:
 
 
 @contextmanager
-def sole_writer(path: Path) -> Iterator[None]:
+def sole_writer(path: Path, *, wait: bool = False) -> Iterator[None]:
     """Keep others from writing outputs that are called like `path` while the block runs: the run that is first wins.
+
+    Parameters
+    ----------
+    path : Path
+    wait : bool
+        Begin when the others are done, instead of refusing to.
 
     Raises
     ------
     OSError
-        If another process is at it.
+        If another process is at it, unless told to wait.
     """
     lock = Path(os.path.realpath(path))
     lock = lock.with_name(f"{lock.stem}{PARTIAL}lock")
     with writing_to(path):
         lock.parent.mkdir(parents=True, exist_ok=True)
         try:
-            handle = _open_locked(lock)
+            handle = _open_locked(lock, wait=wait)
         except BlockingIOError as error:
             raise OSError("another run is writing it; wait until that is done") from error
     try:
@@ -216,13 +222,13 @@ def _refuse_special(path: Path) -> None:
         raise OSError(f"it is {kind}")
 
 
-def _open_locked(path: Path, flags: int = 0) -> int:
-    """Create a file, or open it, and lock it until it is closed; BlockingIOError if another process has it locked."""
+def _open_locked(path: Path, flags: int = 0, *, wait: bool = False) -> int:
+    """Create a file, or open it, and lock it until it is closed; BlockingIOError if another has it, unless we wait."""
     while True:
         handle = os.open(path, os.O_CREAT | os.O_RDWR | flags, 0o666)
         try:
             # A file system without locks: no run is refused there, and nothing is removed.
-            if not _lock(handle) or _is_open_at(path, handle):
+            if not _lock(handle, wait=wait) or _is_open_at(path, handle):
                 return handle
         except BaseException:
             os.close(handle)
@@ -230,11 +236,11 @@ def _open_locked(path: Path, flags: int = 0) -> int:
         os.close(handle)
 
 
-def _lock(handle: int) -> bool:
+def _lock(handle: int, *, wait: bool = False) -> bool:
     """Lock an open file; False where that cannot be done at all, BlockingIOError if another process has it locked."""
     try:
         if fcntl:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(handle, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         raise
     except OSError:

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from pathlib import Path
 
 import cv2
 import numpy as np
 
 from lanes.scenes.foliage import SUN_IN_SPRITE, plant_sprite
+from lanes.scenes.kept import digits_of, kept_array
 from lanes.scenes.noise import fractal_noise, fractal_profile, smoothstep
 from lanes.scenes.sky import (
     COLUMNS,
@@ -28,8 +30,10 @@ from lanes.scenes.sky import (
     paint_sky,
 )
 
-__all__ = ["BackdropStyle", "paint_backdrop"]
+__all__ = ["BackdropStyle", "paint_backdrop", "panorama"]
 
+# Every scene has its own country, so few are wanted again: those of the drives that are being rendered.
+MOST_KEPT = 3
 DRY_GRASS = np.array([0.40, 0.265, 0.135], np.float32)
 DRY_SOIL = np.array([0.26, 0.175, 0.105], np.float32)
 GREEN_GRASS = np.array([0.17, 0.20, 0.055], np.float32)
@@ -65,8 +69,7 @@ def paint_backdrop(directions: Sequence[np.ndarray], style: BackdropStyle, *, se
     # cv2.phase runs from 0 to 2 pi; the panorama has one column more on either side, copies of the opposite ones.
     column = cv2.phase(x, y) * np.float32(PIXELS_PER_RAD) + np.float32(0.5)
     row = (np.float32(Z_TOP) - z) * np.float32(PIXELS_PER_RAD) - np.float32(0.5)
-    panorama = _panorama(style, seed)
-    return cv2.remap(panorama, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return cv2.remap(panorama(style, seed), column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
 def _veil(colour: np.ndarray, distance_km: np.ndarray | float, style: BackdropStyle) -> np.ndarray:
@@ -75,8 +78,14 @@ def _veil(colour: np.ndarray, distance_km: np.ndarray | float, style: BackdropSt
 
 
 @lru_cache(maxsize=3)
-def _panorama(style: BackdropStyle, seed: int) -> np.ndarray:
+def panorama(style: BackdropStyle, seed: int) -> np.ndarray:
     """(ROWS, COLUMNS + 2, 3) float32, about 90 MB; row 0 looks up to Z_TOP, column 1 along azimuth 0."""
+    sources = [Path(__file__).with_name(f"{module}.py") for module in ("backdrop", "foliage", "noise", "sky")]
+    name = f"panoramas/{digits_of(style, seed)}"
+    return kept_array(name, sources, lambda: _paint_panorama(style, seed), most=MOST_KEPT)
+
+
+def _paint_panorama(style: BackdropStyle, seed: int) -> np.ndarray:
     rng = np.random.default_rng([seed, 20])
     panorama = paint_sky(style)
     if style.cloud_cover > 0:
@@ -86,9 +95,7 @@ def _panorama(style: BackdropStyle, seed: int) -> np.ndarray:
     for distance_km, share in ((4.0, 0.62), (1.6, 0.75), (0.7, 1.0)):
         _paint_hills(panorama, style, rng, distance_km=distance_km, height_rad=share * style.hill_height_rad)
     _paint_woods(panorama, style, rng)
-    panorama = cv2.copyMakeBorder(panorama, 0, 0, 1, 1, cv2.BORDER_WRAP)
-    panorama.setflags(write=False)
-    return panorama
+    return cv2.copyMakeBorder(panorama, 0, 0, 1, 1, cv2.BORDER_WRAP)
 
 
 def _paint_plain(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Generator) -> None:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.scenes.brush import lay_over
+from lanes.scenes.brush import lay_over, planes_of
 from lanes.scenes.noise import fractal_noise, smoothstep
 
 # Upper edge as shares of picture width and height: left wing, the dip beside the hump, the hump, right wing.
@@ -55,7 +55,7 @@ def draw_bonnet(image: np.ndarray, camera: Camera, *, seed: int = 0, light: floa
     """
     image = np.array(image, np.float32)
     layer, top = _bonnet_layer(camera.size, seed)
-    planes = np.stack(cv2.split(image[top:]))
+    planes = planes_of(image[top:])
     lay_over(planes, layer, 0, 0, through=light)
     cv2.merge(planes, image[top:])
     return image

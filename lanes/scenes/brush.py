@@ -162,6 +162,16 @@ def paint_polygons(
     lay_over(picture, layer, int(low[0]), int(low[1]), through=through, air=air)
 
 
+def planes_of(image: np.ndarray) -> np.ndarray:
+    """The channels of an image (h, w, channels) as planes (channels, h, w): cv2.split, given where to put them.
+
+    Left to make its results itself it takes five times as long.
+    """
+    planes = np.empty((image.shape[2], *image.shape[:2]), image.dtype)
+    cv2.split(image, list(planes))
+    return planes
+
+
 def lay_over(
     picture: np.ndarray,
     layer: np.ndarray,
@@ -175,7 +185,7 @@ def lay_over(
     height, width = picture.shape[1:]
     layer = layer[max(-top, 0) : height - top, max(-left, 0) : width - left]
     if layer.size:
-        lay_planes(picture, cv2.split(layer), max(left, 0), max(top, 0), through=through, air=air)
+        lay_planes(picture, planes_of(layer), max(left, 0), max(top, 0), through=through, air=air)
 
 
 def lay_planes(

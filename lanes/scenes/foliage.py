@@ -14,7 +14,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from lanes.scenes import noise
 from lanes.scenes.kept import kept_array
 from lanes.scenes.noise import fractal_noise
 
@@ -95,8 +94,7 @@ def plant_sprite(species: str, seed: int) -> tuple[np.ndarray, ...]:
     """
     if species not in SPECIES:
         raise ValueError(f"there is no plant called {species!r}; the species are {', '.join(sorted(SPECIES))}.")
-    sources = [Path(__file__), Path(noise.__file__)]
-    sprites = [kept_array(f"plants/{species}-{seed}", sources, lambda: _grow(species, seed))]
+    sprites = [grown_plant(species, seed)]
     while sprites[-1].shape[0] > 10:
         size = (max(1, sprites[-1].shape[1] // 2), sprites[-1].shape[0] // 2)
         sprites.append(cv2.resize(sprites[-1], size, interpolation=cv2.INTER_AREA))
@@ -105,8 +103,13 @@ def plant_sprite(species: str, seed: int) -> tuple[np.ndarray, ...]:
     return tuple(sprites)
 
 
+def grown_plant(species: str, seed: int) -> np.ndarray:
+    """The largest picture of a plant, kept for other processes and days."""
+    sources = [Path(__file__).with_name(f"{module}.py") for module in ("foliage", "noise")]
+    return kept_array(f"plants/{species}-{seed}", sources, lambda: _grow(species, seed))
+
+
 def _grow(species: str, seed: int) -> np.ndarray:
-    """The largest picture of a plant."""
     kind = SPECIES[species]
     rng = np.random.default_rng([seed, sorted(SPECIES).index(species)])
     rows = SPRITE_ROWS * _OVERSAMPLING

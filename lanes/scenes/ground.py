@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
+from pathlib import Path
 
 import cv2
 import numpy as np
 
 from lanes.camera import Camera
+from lanes.scenes.kept import digits_of, kept_array
 from lanes.scenes.relief import FARTHEST_M, cast_on_relief
 from lanes.scenes.roadahead import RoadAhead
+
+# Lenses whose rays are kept.
+MOST_KEPT = 3
 
 
 @dataclass(frozen=True)
@@ -60,8 +65,15 @@ class Ground:
         return np.abs(self.d_u) + np.abs(self.d_v)
 
 
+@lru_cache(maxsize=2)
 def picture_rays(camera: Camera) -> np.ndarray:
     """Directions (height, width, 3) float32 in camera axes, z = 1, of every raw pixel; computed once for a lens."""
+    sources = [Path(__file__), Path(__file__).parents[1] / "camera.py"]
+    lens = digits_of(camera.size, camera.matrix.tobytes(), camera.distortion.tobytes())
+    return kept_array(f"rays/{lens}", sources, lambda: _rays(camera), most=MOST_KEPT)
+
+
+def _rays(camera: Camera) -> np.ndarray:
     u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     rays = camera.rays(np.column_stack([u.ravel(), v.ravel()]))
     return rays.reshape(camera.height, camera.width, 3).astype(np.float32)

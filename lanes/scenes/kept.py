@@ -1,4 +1,4 @@
-"""What can be made again, but not quickly, is kept in files: rendered scenes, grown plants."""
+"""What can be made again, but not quickly, is kept in files: rendered scenes, grown plants, far country."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import hashlib
 import os
 import sys
 from collections.abc import Callable, Iterable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from lanes.files import whole_file
+from lanes.files import files_in, sole_writer, whole_file
 
 
 def cache_folder() -> Path:
@@ -29,8 +29,13 @@ def cache_folder() -> Path:
     return base / "advanced-lane-finding" / "scenes"
 
 
-def kept_array(name: str, sources: Iterable[Path], make: Callable[[], np.ndarray]) -> np.ndarray:
+def kept_array(
+    name: str, sources: Iterable[Path], make: Callable[[], np.ndarray], *, most: int | None = None
+) -> np.ndarray:
     """`make()`, or what it gave before with the same sources and versions; a cache that cannot be used is done without.
+
+    What is kept is read where it is used, and only there; processes share it. Of several that want what is not there
+    yet, one makes it while the others wait.
 
     Parameters
     ----------
@@ -40,17 +45,49 @@ def kept_array(name: str, sources: Iterable[Path], make: Callable[[], np.ndarray
         Python files on which the array depends.
     make : callable
         Makes the array.
+    most : int, optional
+        How many arrays to keep in that folder; then the oldest go.
+
+    Returns
+    -------
+    ndarray
+        Not to be written to.
     """
-    digest = hashlib.sha256(f"{cv2.__version__} {np.__version__}".encode())
-    for source in sources:
-        digest.update(source.read_bytes())
+    digest = digits_of(cv2.__version__, np.__version__, *(source.read_bytes() for source in sources))
     try:
-        path = cache_folder() / f"{name}-{digest.hexdigest()[:8]}.npy"
+        path = cache_folder() / f"{name}-{digest}.npy"
     except RuntimeError:  # a user without a home
         return make()
-    with suppress(OSError, ValueError, EOFError):
-        return np.load(path)
-    array = make()
-    with suppress(OSError), whole_file(path) as unfinished, unfinished.open("wb") as file:
-        np.save(file, array)
+    with ExitStack() as alone:
+        array = _read(path)
+        if array is None:
+            with suppress(OSError):
+                alone.enter_context(sole_writer(path, wait=True))
+            array = _read(path)
+        if array is None:
+            array = make()
+            with suppress(OSError), whole_file(path) as unfinished, unfinished.open("wb") as file:
+                np.save(file, array)
+            _remove_oldest(path.parent, most)
+    array.setflags(write=False)
     return array
+
+
+def digits_of(*parts: object) -> str:
+    """Eight digits, for a file's name, that change with any of the parts."""
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:8]
+
+
+def _read(path: Path) -> np.ndarray | None:
+    """What is kept in a file, mapped into memory; None if there is none or it is broken."""
+    with suppress(OSError, ValueError, EOFError):
+        return np.asarray(np.load(path, mmap_mode="r"))
+    return None
+
+
+def _remove_oldest(folder: Path, most: int | None) -> None:
+    """Remove all but the `most` latest files of a folder; none if there is no such number."""
+    with suppress(OSError, ValueError):
+        files = sorted(files_in(folder, {".npy"}), key=lambda path: path.stat().st_mtime, reverse=True)
+        for path in files[most if most is not None else len(files) :]:
+            path.unlink()

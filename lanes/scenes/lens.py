@@ -8,6 +8,8 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
+from lanes.scenes.brush import planes_of
+
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 # Steps of the tone curve's table: fine enough that no two neighbouring entries differ by more than one level.
 TONE_STEPS = 4096
@@ -82,7 +84,7 @@ def develop(light: np.ndarray, lens: Lens, *, road_light: float, seed: int) -> n
 
 
 def _blur_chroma(image: np.ndarray, blur_px: float) -> np.ndarray:
-    luma, *chroma = cv2.split(cv2.cvtColor(image, cv2.COLOR_RGB2YCrCb))
+    luma, *chroma = planes_of(cv2.cvtColor(image, cv2.COLOR_RGB2YCrCb))
     half = [cv2.GaussianBlur(cv2.pyrDown(plane), (0, 0), blur_px / 2) for plane in chroma]
     size = luma.shape[::-1]
     return cv2.cvtColor(cv2.merge([luma, *(cv2.resize(plane, size) for plane in half)]), cv2.COLOR_YCrCb2RGB)

@@ -14,7 +14,7 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.scenes.bonnet import draw_bonnet
-from lanes.scenes.brush import inside, lay_over, paint_polygons, project_faces, viewing_planes
+from lanes.scenes.brush import inside, lay_over, paint_polygons, planes_of, project_faces, viewing_planes
 from lanes.scenes.cars import BODY, ON_BODY
 from lanes.scenes.foliage import plant_sprite
 from lanes.scenes.overpass import Slab, paint_slab
@@ -79,8 +79,7 @@ def draw_objects(
     TypeError
         For a thing of another kind.
     """
-    bare, picture = image, np.empty((3, *image.shape[:2]), np.float32)
-    cv2.split(image.astype(np.float32, copy=False), list(picture))
+    bare, picture = image, planes_of(image.astype(np.float32, copy=False))
     crest_m, near_side = crest or (0.0, None)
     sun = np.asarray(sun_direction, float) / np.linalg.norm(sun_direction)
     jobs = []
@@ -109,7 +108,7 @@ def draw_objects(
 
 def _show_again(bare: np.ndarray, where: np.ndarray, picture: np.ndarray) -> None:
     """Put the bare image (H, W, 3) back into the planes (3, H, W) where the mask says so."""
-    for plane, before in zip(picture, cv2.split(bare), strict=True):
+    for plane, before in zip(picture, planes_of(bare), strict=True):
         cv2.copyTo(before, where.view(np.uint8), plane)
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import closing
 from functools import partial
+from itertools import islice
 from pathlib import Path
 
 from lanes.camerafile import save_camera
 from lanes.files import whole_file
 from lanes.images import write_image
 from lanes.scenes.catalogue import VIDEO_FPS, VIDEO_SECONDS, project_video, still_scenes
+from lanes.scenes.ingredients import ingredients
 from lanes.scenes.render import Drive, render_frame
 from lanes.scenes.truth import Truth, truth_entry, truth_row, write_truth_csv, write_truth_json
 from lanes.scenes.workers import ordered
@@ -131,11 +133,11 @@ def _encode(
         macro_block_size=1,
         output_params=[*quality, *ENCODER],
     )
-    rows = []
-    frames = ordered(partial(_render, drive), range(count), workers=workers)
+    rows, before = [], ingredients(drive)
+    frames = ordered(partial(_render, drive), [*before, *range(count)], workers=workers)
     with closing(writer), closing(frames):
         writer.send(None)
-        for number, (image, truth) in enumerate(frames):
+        for number, (image, truth) in enumerate(islice(frames, len(before), None)):
             writer.send(image)
             rows.append(truth_row(truth, frame=number))
             if progress:
@@ -143,7 +145,13 @@ def _encode(
     return rows
 
 
-def _render(drive: Drive, number: int) -> tuple[bytes, Truth]:
-    """One frame of a drive; what the encoder and the table need of it, and no more, goes back."""
-    frame = render_frame(drive, number / VIDEO_FPS)
+def _render(drive: Drive, job: int | Callable[[], object]) -> tuple[bytes, Truth] | None:
+    """One frame of a drive, by number; what the encoder and the table need of it, and no more, goes back.
+
+    Before the frames come their ingredients, of which nothing does.
+    """
+    if callable(job):
+        job()
+        return None
+    frame = render_frame(drive, job / VIDEO_FPS)
     return frame.image.tobytes(), frame.truth

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -12,6 +11,7 @@ import numpy as np
 from lanes.camera import Camera
 from lanes.scenes.backdrop import paint_backdrop
 from lanes.scenes.bonnet import draw_bonnet
+from lanes.scenes.brush import planes_of
 from lanes.scenes.drive import Drive, Motion
 from lanes.scenes.exposure import RoadLight
 from lanes.scenes.glare import add_glare, add_sheen
@@ -82,7 +82,7 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     camera = drive.nodding(truth.pitch_rad)
     heading = truth.pose.absolute_heading(drive.road)
     ahead = RoadAhead(drive.road, truth.pose)
-    ground = cast_on_ground(_rays(drive.camera), camera, ahead)
+    ground = cast_on_ground(picture_rays(drive.camera), camera, ahead)
     view = _View(camera, heading, ahead, ground, drive.sun.direction(heading), truth.pose.s_m)
     things = things_in_view(drive.things, drive.road, truth.pose, time_s=time_s)
     sun = _sun_on_ground(drive, things, view)
@@ -102,7 +102,7 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
         add_lamps(light, camera, lamps)
     if drive.glare is not None:
         sun_ray = camera.mount.rotation() @ view.sun_direction
-        add_glare(light, _rays(drive.camera), sun_ray, drive.glare, sunshine=_sunshine(drive, truth.pose))
+        add_glare(light, picture_rays(drive.camera), sun_ray, drive.glare, sunshine=_sunshine(drive, truth.pose))
     return Frame(_photograph(light, drive, time_s, road_light=road_light), truth, hidden)
 
 
@@ -234,14 +234,9 @@ def _sun_on_ground(drive: Drive, things: list[Thing], view: _View) -> np.ndarray
     return sun
 
 
-@lru_cache(maxsize=2)
-def _rays(camera: Camera) -> np.ndarray:
-    return picture_rays(camera)
-
-
 def _backdrop(drive: Drive, camera: Camera, heading_rad: float, ground: Ground) -> np.ndarray:
     """The picture (height, width, 3) with the backdrop painted down to where all is ground."""
-    rays = _rays(drive.camera)
+    rays = picture_rays(drive.camera)
     covered = ground.visible.all(axis=1) & (ground.distance.max(axis=1) < FARTHEST_M / 3)
     bottom = ground.top + int(np.argmax(covered)) + 1
     light = np.zeros((camera.height, camera.width, 3), np.float32)
@@ -254,7 +249,7 @@ def _directions(rays: np.ndarray, camera: Camera, heading_rad: float) -> tuple[n
     cosine, sine = np.cos(heading_rad), np.sin(heading_rad)
     to_world = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
     # One axis after the other: numpy is slow where the innermost axis has three elements.
-    x, y, z = cv2.split(rays @ (camera.mount.rotation() @ to_world).astype(np.float32))
+    x, y, z = planes_of(rays @ (camera.mount.rotation() @ to_world).astype(np.float32))
     length = np.sqrt(x * x + y * y + z * z)
     return x / length, y / length, z / length
 
@@ -283,7 +278,7 @@ def _crest(ahead: RoadAhead, ground: Ground, camera: Camera) -> tuple[float, np.
 
 def _mirrored_sky(drive: Drive, camera: Camera, heading_rad: float, ground: Ground) -> np.ndarray:
     """Light (rows, width, 3) of the backdrop that a level mirror on the ground would show, smeared by its stones."""
-    rays = _rays(drive.camera)[ground.top :: MIRROR_STEP, ::MIRROR_STEP]
+    rays = picture_rays(drive.camera)[ground.top :: MIRROR_STEP, ::MIRROR_STEP]
     x, y, z = _directions(rays, camera, heading_rad)
     light = cv2.GaussianBlur(
         _far_light(drive, (x, y, np.abs(z))), (0, 0), sigmaX=1.0, sigmaY=camera.height / 60 / MIRROR_STEP

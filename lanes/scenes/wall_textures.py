@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from pathlib import Path
 
 import cv2
 import numpy as np
 
 from lanes.scenes.foliage import plant_sprite
+from lanes.scenes.kept import kept_array
 from lanes.scenes.noise import fractal_noise, smoothstep
 
 TEXTURE_LENGTH_M = 48.0
@@ -17,15 +19,24 @@ TEXTURE_PX_PER_M = 40
 @lru_cache(maxsize=32)
 def wall_texture(name: str, seed: int) -> tuple[np.ndarray, ...]:
     """(rows, columns, 4) RGB reflectance times coverage and coverage, top row first, then shorter and shorter ones."""
-    rng = np.random.default_rng([seed, 5])
-    columns = int(TEXTURE_LENGTH_M * TEXTURE_PX_PER_M)
-    picture = _PAINTERS[name](rng, columns).astype(np.float32)
-    levels = [picture]
+    levels = [_kept_wood(seed) if name == "wood" else _paint(name, seed)]
     while levels[-1].shape[1] > 16:
         # A wall is seen at a glance: shorten it much more than it is lowered.
         rows = max(8, levels[-1].shape[0] // 2) if len(levels) > 2 else levels[-1].shape[0]
         levels.append(cv2.resize(levels[-1], (levels[-1].shape[1] // 2, rows), interpolation=cv2.INTER_AREA))
     return tuple(levels)
+
+
+def _paint(name: str, seed: int) -> np.ndarray:
+    """The first and largest picture."""
+    columns = int(TEXTURE_LENGTH_M * TEXTURE_PX_PER_M)
+    return _PAINTERS[name](np.random.default_rng([seed, 5]), columns).astype(np.float32)
+
+
+def _kept_wood(seed: int) -> np.ndarray:
+    """The only texture that is not painted at once."""
+    sources = [Path(__file__).with_name(f"{module}.py") for module in ("wall_textures", "foliage", "noise")]
+    return kept_array(f"walls/wood-{seed}", sources, lambda: _paint("wood", seed))
 
 
 def _with_cover(rgb: np.ndarray, cover: np.ndarray | float = 1.0) -> np.ndarray:

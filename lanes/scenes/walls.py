@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.scenes.brush import inside, lay_planes, viewing_planes
+from lanes.scenes.brush import inside, lay_planes, planes_of, viewing_planes
 from lanes.scenes.noise import smoothstep
 from lanes.scenes.shading import irradiance
 from lanes.scenes.wall_textures import TEXTURE_PX_PER_M, wall_texture
@@ -319,7 +319,7 @@ def _texture_between(edges: _Columns, v: np.ndarray, picture: np.ndarray, level:
     map_x = _wrapped(along.astype(np.float32) * (TEXTURE_PX_PER_M / np.float32(2**level)), picture.shape[1])
     map_y = np.subtract(1, share, out=share).astype(np.float32)
     map_y *= np.float32(picture.shape[0] - 1)
-    *colours, cover = cv2.split(cv2.remap(picture, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP))
+    *colours, cover = planes_of(cv2.remap(picture, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP))
     alpha = alpha.astype(np.float32)
     for colour, lit in zip(colours, edges.lit, strict=True):
         colour *= alpha
