@@ -38,10 +38,14 @@ class Ground:
     d_u: np.ndarray
     d_v: np.ndarray
 
-    def pixels_between(self, low_m: float, high_m: float) -> np.ndarray:
-        """Indices into the raveled arrays of the pixels that see a strip d = low_m..high_m, or a part of it."""
+    def pixels_between(self, low_m: float, high_m: float, lateral_m: np.ndarray | None = None) -> np.ndarray:
+        """Indices into the raveled arrays of the pixels that see a strip d = low_m..high_m, or a part of it.
+
+        `lateral_m` (rows, width) is used instead of d for strips that do not run along the road.
+        """
+        lateral_m = self.d if lateral_m is None else lateral_m
         # cv2.inRange goes through the picture once, where comparisons with numpy take five passes.
-        near = cv2.inRange(self.d, np.float32(low_m) - self.half_reach_d, np.float32(high_m) + self.half_reach_d)
+        near = cv2.inRange(lateral_m, np.float32(low_m) - self.half_reach_d, np.float32(high_m) + self.half_reach_d)
         return np.flatnonzero(near.view(bool) & self.visible)
 
     def rows(self, cut: slice, columns: slice = slice(None)) -> Ground:

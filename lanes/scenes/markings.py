@@ -101,17 +101,15 @@ def paint_coverage(marking: Marking, ground: Ground, *, station_m: float) -> tup
     coverage : ndarray of shape (K,), float32, in range 0..1
     """
     low, high = min(e[0] for e in marking.stripes), max(e[1] for e in marking.stripes)
-    margin = ground.reach_d / 2
     start, end = np.float32(marking.start_m - station_m), np.float32(marking.end_m - station_m)
     lateral = ground.d - np.float32(marking.slope) * (ground.s - start) if marking.slope else ground.d
-    near = (lateral > low - margin) & (lateral < high + margin) & ground.visible
-    pixels = np.flatnonzero(near)
+    pixels = ground.pixels_between(low, high, lateral)
     d, d_u, d_v = (array.ravel()[pixels] for array in (lateral, ground.d_u, ground.d_v))
     if marking.slope:
         d_u, d_v = (step - np.float32(marking.slope) * along.ravel()[pixels] for step, along in
                     ((d_u, ground.s_u), (d_v, ground.s_v)))  # fmt: skip
     coverage = sum(strip_coverage(d, d_u, d_v, *edges) for edges in marking.stripes)
-    s, reach = ground.s.ravel()[pixels], _reach_s(ground, pixels)
+    s, reach = ground.s.ravel()[pixels], ground.reach_s.ravel()[pixels]
     if marking.dashed:
         period = sum(marking.dash_m)
         s_dash = s + np.float32((station_m - marking.phase_m) % period)
@@ -153,8 +151,8 @@ def worn(wear: float, ground: Ground, pixels: np.ndarray, station_m: float, seed
     s, d = (array.ravel()[pixels] for array in (ground.s, ground.d))
     s = s + np.float32(station_m)
     tile = band_noise_tile(seed)
-    chips = sample_noise(tile, s, d, wave_s_m=0.10, wave_d_m=0.05) * fade(_reach_s(ground, pixels), 0.10)
-    broad = sample_noise(tile, s, d + 3, wave_s_m=2.5, wave_d_m=0.6) * fade(_reach_s(ground, pixels), 2.5)
+    chips = sample_noise(tile, s, d, wave_s_m=0.10, wave_d_m=0.05) * fade(ground.reach_s.ravel()[pixels], 0.10)
+    broad = sample_noise(tile, s, d + 3, wave_s_m=2.5, wave_d_m=0.6) * fade(ground.reach_s.ravel()[pixels], 2.5)
     lost = np.clip((chips * 0.8 + broad * 0.7 - 1.6) * 0.9 + 1.5 * wear, 0, 1) * min(1.0, 3 * wear)
     return (1 - 0.12 * wear) * (1 - np.float32(0.85) * lost)
 
@@ -165,15 +163,11 @@ def _paint_dots(flat: np.ndarray, marking: Marking, ground: Ground, station_m: f
     period, side = (paint + gap, 0.0) if marking.dashed else (14.63, marking.width_m / 2 + 0.12)
     first = marking.phase_m + paint + gap / 2 if marking.dashed else marking.phase_m
     centre = marking.lateral_m - np.copysign(side, marking.lateral_m)
-    reach = ground.reach_d / 2 + np.float32(0.06)
-    pixels = np.flatnonzero((np.abs(ground.d - np.float32(centre)) < reach) & ground.visible)
+    pixels = ground.pixels_between(centre - 0.06, centre + 0.06)
     d, d_u, d_v, s = (array.ravel()[pixels] for array in (ground.d, ground.d_u, ground.d_v, ground.s))
     coverage = strip_coverage(d, d_u, d_v, centre - 0.05, centre + 0.05)
     # Markers are 2 cm high, so from the car each looks about twice as long as it is.
     phase = np.float32((station_m - first) % period)
-    coverage = coverage * dash_coverage(s + phase, _reach_s(ground, pixels), 0.20, period)
+    coverage = coverage * dash_coverage(s + phase, ground.reach_s.ravel()[pixels], 0.20, period)
     flat[pixels] += coverage[:, None] * (np.array(marking.colour, np.float32) - flat[pixels])
 
-
-def _reach_s(ground: Ground, pixels: np.ndarray) -> np.ndarray:
-    return np.abs(ground.s_u.ravel()[pixels]) + np.abs(ground.s_v.ravel()[pixels])

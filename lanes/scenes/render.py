@@ -93,8 +93,8 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     bare = _backdrop(drive, camera, heading, ground)
     _lay_ground(bare, ground_light, ground, daylight=drive.night is None)
     light = _with_things(bare, drive, things, view, sunny=float(sun[-60:].mean()))
-    changed = light != bare
-    hidden = changed[..., 0] | changed[..., 1] | changed[..., 2]
+    same = cv2.compare(light, bare, cv2.CMP_EQ)
+    hidden = cv2.inRange(same, (255, 255, 255), (255, 255, 255)) == 0
     if mirror is not None or drive.night is not None:
         lamps = lamps_of(things)
         if mirror is not None:

@@ -226,8 +226,9 @@ def _wear_profiles(surface: Surface, d: np.ndarray) -> tuple[np.ndarray, np.ndar
     for centre in surface.lane_centres_m:
         track += np.exp(-(((np.abs(at - centre) - 0.85) / 0.30) ** 2))
         oil += np.exp(-(((at - centre) / 0.38) ** 2))
-    index = np.clip((d + np.float32(40)) / np.float32(step), 0, len(at) - 1).astype(np.int32)
-    return track.astype(np.float32)[index], oil.astype(np.float32)[index]
+    index = np.clip((d + np.float32(40)) / np.float32(step), 0, len(at) - 1).astype(np.intp)
+    # With "clip" numpy need not look for places that are outside.
+    return tuple(profile.astype(np.float32).take(index, mode="clip") for profile in (track, oil))
 
 
 def _pavement(surface: Surface, ground: Ground, s: np.ndarray, layers: Layers) -> np.ndarray:

@@ -56,6 +56,7 @@ def vehicle_faces(body: str, paint: str, *, detail: int = 2) -> Faces:
     return _truck(paint) if body == "truck" else _motorcycle(paint)
 
 
+@lru_cache(maxsize=8)
 def outline(body: str) -> np.ndarray:
     """Points (N, 3) of a vehicle's surface whose hull is its outline, in its own frame."""
     if body in BODIES:
