@@ -81,8 +81,11 @@ def clip_polygon(points_m: np.ndarray, planes: np.ndarray) -> np.ndarray:
     return points
 
 
-def project_faces(camera: Camera, faces_m: np.ndarray) -> list[np.ndarray | None]:
-    """Pixels of each face (F, corners, 3), clipped to what the lens can see; None for a face out of sight."""
+def project_faces(camera: Camera, faces_m: np.ndarray) -> np.ndarray | list[np.ndarray | None]:
+    """Pixels of each face (F, corners, 3), clipped to what the lens can see; None for a face out of sight.
+
+    An array (F, corners, 2) where all are seen whole, as most things are.
+    """
     planes = viewing_planes(camera)
     count, corners = faces_m.shape[:2]
     # One product of all corners: numpy multiplies a stack of small matrices one by one.
@@ -91,7 +94,7 @@ def project_faces(camera: Camera, faces_m: np.ndarray) -> list[np.ndarray | None
     # What lies behind any one plane with all its corners leaves nothing to clip.
     part = ~whole & ~(height < 0).all(axis=1).any(axis=1)
     if whole.all():
-        return list(camera.road_to_pixels(faces_m.reshape(-1, 3)).reshape(-1, corners, 2))
+        return camera.road_to_pixels(faces_m.reshape(-1, 3)).reshape(-1, corners, 2)
     pixels = np.full((count, corners, 2), np.nan)
     if whole.any():
         pixels[whole] = camera.road_to_pixels(faces_m[whole].reshape(-1, 3)).reshape(-1, corners, 2)
@@ -104,7 +107,7 @@ def project_faces(camera: Camera, faces_m: np.ndarray) -> list[np.ndarray | None
 
 def paint_polygons(
     picture: np.ndarray,
-    polygons_px: list[np.ndarray | None],
+    polygons_px: np.ndarray | list[np.ndarray | None],
     colours: np.ndarray,
     *,
     opacity: np.ndarray | None = None,
@@ -120,7 +123,7 @@ def paint_polygons(
     picture : ndarray of shape (3, H, W), float32
         Linear RGB, one plane for each colour, changed. Planes, because hundreds of things are laid over small parts of
         a picture, and taking these apart and putting them together again would cost as much as the painting.
-    polygons_px : list of (N, 2) arrays or None
+    polygons_px : ndarray of shape (F, N, 2), or list of (N, 2) arrays or None
         Raw pixels; None is skipped.
     colours : ndarray of shape (F, 3)
         Linear RGB of each polygon.
@@ -134,10 +137,9 @@ def paint_polygons(
         Blur of the colours within the group's outline: shading without facets.
     """
     height, width = picture.shape[1:]
-    seen = [i for i, p in enumerate(polygons_px) if p is not None]
-    if not seen:
+    seen, points, bounds = _in_a_row(polygons_px)
+    if not len(points):
         return
-    points = np.concatenate([polygons_px[i] for i in seen])
     margin = 2 + int(3 * softness_px)
     low = np.maximum(np.floor(points.min(axis=0)).astype(int) - margin, 0)
     high = np.minimum(np.ceil(points.max(axis=0)).astype(int) + margin + 1, [width, height])
@@ -150,8 +152,7 @@ def paint_polygons(
     opacity = np.ones(len(polygons_px)) if opacity is None else opacity
     paint = np.column_stack([np.asarray(colours) * opacity[:, None], opacity])[seen].tolist()
     corners = np.rint(((points - low + 0.5) * fine - 0.5) * (1 << _SHIFT)).astype(np.int32)
-    ends = np.cumsum([len(polygons_px[i]) for i in seen]).tolist()
-    for first, last, rgba in zip([0, *ends[:-1]], ends, paint, strict=True):
+    for first, last, rgba in zip(bounds[:-1], bounds[1:], paint, strict=True):
         cv2.fillConvexPoly(layer, corners[first:last], rgba, cv2.LINE_8, _SHIFT)
     layer = cv2.resize(layer, (int(size[0]), int(size[1])), interpolation=cv2.INTER_AREA)
     if blend_px > 0.3:
@@ -160,6 +161,16 @@ def paint_polygons(
     if softness_px > 0:
         layer = cv2.GaussianBlur(layer, (0, 0), softness_px)
     lay_over(picture, layer, int(low[0]), int(low[1]), through=through, air=air)
+
+
+def _in_a_row(polygons_px: np.ndarray | list[np.ndarray | None]) -> tuple[slice | list[int], np.ndarray, Sequence[int]]:
+    """Which polygons are seen, all their points (N, 2), and where in that row each begins and the last one ends."""
+    if isinstance(polygons_px, np.ndarray):
+        points = polygons_px.reshape(-1, 2)
+        return slice(None), points, range(0, len(points) + 1, polygons_px.shape[1])
+    seen = [i for i, polygon in enumerate(polygons_px) if polygon is not None]
+    points = [polygons_px[i] for i in seen]
+    return seen, np.concatenate([np.empty((0, 2)), *points]), [0, *np.cumsum([len(p) for p in points]).tolist()]
 
 
 def planes_of(image: np.ndarray) -> np.ndarray:
@@ -200,10 +211,8 @@ def lay_planes(
     """The same with the layer's four planes (h, w), which are used up; all of the layer is inside the picture."""
     *colours, alpha = planes
     region = picture[:, top : top + alpha.shape[0], left : left + alpha.shape[1]]
+    through, air = np.full(3, through, float).tolist(), np.full(3, air, float).tolist()
     clear = 1 - alpha
-    through, air = np.full(3, through, np.float32), np.full(3, air, np.float32)
     for below, colour, left_over, added in zip(region, colours, through, air, strict=True):
         below *= clear
-        colour *= left_over
-        colour += alpha * added
-        below += colour
+        below += cv2.addWeighted(colour, left_over, alpha, added, 0, dst=colour)
