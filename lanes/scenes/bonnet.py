@@ -35,6 +35,13 @@ def bonnet_outline(size: tuple[int, int]) -> np.ndarray:
     return cv2.GaussianBlur(edge[None, :], (window, 1), window / 5, borderType=cv2.BORDER_REFLECT)[0]
 
 
+def hidden_from(size: tuple[int, int], seed: int = 0) -> int:
+    """The first row of a picture of `size` (width, height) from which on the bonnet hides all; the height if none."""
+    layer, top = _bonnet_layer(size, seed)
+    open_rows = np.flatnonzero(layer[..., 3].min(axis=1) < 1 - 1e-6)
+    return top + int(open_rows[-1]) + 1
+
+
 def draw_bonnet(image: np.ndarray, camera: Camera, *, seed: int = 0, light: float = 1.0) -> np.ndarray:
     """Paint the own bonnet over the bottom of a picture.
 

@@ -211,8 +211,10 @@ def lay_planes(
     """The same with the layer's four planes (h, w), which are used up; all of the layer is inside the picture."""
     *colours, alpha = planes
     region = picture[:, top : top + alpha.shape[0], left : left + alpha.shape[1]]
-    through, air = np.full(3, through, float).tolist(), np.full(3, air, float).tolist()
-    clear = 1 - alpha
+    through, air = np.full(3, through, np.float32), np.full(3, air, np.float32)
+    clear, lit = 1 - alpha, np.empty_like(alpha)
     for below, colour, left_over, added in zip(region, colours, through, air, strict=True):
         below *= clear
-        below += cv2.addWeighted(colour, left_over, alpha, added, 0, dst=colour)
+        colour *= left_over
+        colour += np.multiply(alpha, added, out=lit)
+        below += colour

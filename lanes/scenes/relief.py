@@ -15,6 +15,8 @@ TANGENTS = np.linspace(-1.0, 1.0, 81)
 DISTANCES_M = np.geomspace(NEAREST_M, FARTHEST_M, 420)
 # Slopes of rays (rise per metre ahead) between which the table is read: half a pixel of a dashcam apart.
 SLOPES = np.arange(-1.0, 0.35, 1 / 2400)
+# By how much slopes may differ within a row between the columns that are looked at, and more.
+SKY_MARGIN = 0.02
 
 
 def cast_on_relief(
@@ -43,9 +45,11 @@ def cast_on_relief(
     Along a way out, ground at distance x and height h is hidden unless (h - height) / x is larger than everywhere
     before: the running maximum of that slope, inverted, says how far each ray gets. Newton's method does the rest.
     """
+    inverse = _inverse_distances(height_m, road)
+    sky = _rows_of_sky(rays, inverse)
+    rays = rays[sky:]
     forward = np.maximum(rays[..., 0], np.float32(0.05))
     tangent, slope = rays[..., 1] / forward, rays[..., 2] / forward
-    inverse = _inverse_distances(height_m, road)
     column = (tangent - np.float32(TANGENTS[0])) / np.float32(TANGENTS[1] - TANGENTS[0])
     row = (slope - np.float32(SLOPES[0])) / np.float32(SLOPES[1] - SLOPES[0])
     seen = cv2.remap(inverse, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -55,7 +59,15 @@ def cast_on_relief(
     x = 1 / np.maximum(seen[top:], np.float32(1 / FARTHEST_M))
     for _ in range(2):
         x = _refined(x, tangent, slope, height_m, road)
-    return top, visible, x, x * tangent
+    return sky + top, visible, x, x * tangent
+
+
+def _rows_of_sky(rays: np.ndarray, inverse: np.ndarray) -> int:
+    """How many rows at the top of the picture see no ground for certain: all of their rays rise too steeply."""
+    steepest = SLOPES[np.flatnonzero(inverse.any(axis=1)).max(initial=0)]
+    few = rays[:, ::32]
+    rising = few[..., 2] > np.float32(steepest + SKY_MARGIN) * np.maximum(few[..., 0], np.float32(0.05))
+    return int(np.argmin(rising.all(axis=1)))
 
 
 def _inverse_distances(height_m: float, road: RoadAhead) -> np.ndarray:

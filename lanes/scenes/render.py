@@ -10,7 +10,7 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.scenes.backdrop import paint_backdrop
-from lanes.scenes.bonnet import draw_bonnet
+from lanes.scenes.bonnet import draw_bonnet, hidden_from
 from lanes.scenes.brush import planes_of
 from lanes.scenes.drive import Drive, Motion
 from lanes.scenes.exposure import RoadLight
@@ -54,6 +54,8 @@ CLOUDED_COUNTRY = 0.55
 MIRROR_STEP = 6
 # Trees farther aside than this throw their shadows on the grass.
 SHADOWS_ASIDE_M = 22.0
+# Rows of the picture in which the sun on the ground is the sun on the bonnet; the exposure follows those above.
+NEAREST_ROWS = 60
 # How far twigs and leaves fray the shadow of a crown.
 LEAVES_M = 0.13
 
@@ -86,13 +88,14 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     view = _View(camera, heading, ahead, ground, drive.sun.direction(heading), truth.pose.s_m)
     things = things_in_view(drive.things, drive.road, truth.pose, time_s=time_s)
     sun = _sun_on_ground(drive, things, view)
-    ground_light = _ground_light(drive, ground, sun, things, station_m=view.station_m)
+    seen = slice(0, _rows_before_bonnet(drive) - ground.top)
+    ground_light = _ground_light(drive, ground.rows(seen), sun[seen], things, station_m=view.station_m)
     # Before air dims it and without sky, cars and bonnet: what the camera's exposure follows.
-    road_light = _mean_luminance(ground_light[-250:-60:4, ::8])
+    road_light = _mean_luminance(ground_light[max(len(sun) - 250, 0) : len(sun) - NEAREST_ROWS : 4, ::8])
     mirror = _add_shine(ground_light, drive, sun, view)
     bare = _backdrop(drive, camera, heading, ground)
-    _lay_ground(bare, ground_light, ground, daylight=drive.night is None)
-    light = _with_things(bare, drive, things, view, sunny=float(sun[-60:].mean()))
+    _lay_ground(bare, ground_light, ground.rows(seen), daylight=drive.night is None)
+    light = _with_things(bare, drive, things, view, sunny=float(sun[-NEAREST_ROWS:].mean()))
     same = cv2.compare(light, bare, cv2.CMP_EQ)
     hidden = cv2.inRange(same, (255, 255, 255), (255, 255, 255)) == 0
     if mirror is not None or drive.night is not None:
@@ -162,6 +165,15 @@ def _photograph(light: np.ndarray, drive: Drive, time_s: float, *, road_light: f
         road_light = _adapted_light(drive, time_s)
         lens = drive.exposure.lens(lens, road_light)
     return develop(light, lens, road_light=road_light, seed=seed)
+
+
+def _rows_before_bonnet(drive: Drive) -> int:
+    """Rows of the picture in which the ground's light is wanted: a twelfth of the ground is behind the bonnet."""
+    height = drive.camera.height
+    # Wet roads and glare are computed on a coarse grid that ends where the picture does.
+    if not drive.bonnet or drive.wet is not None or drive.night is not None or drive.glare is not None:
+        return height
+    return max(hidden_from(drive.camera.size), height - NEAREST_ROWS)
 
 
 def _ground_light(
@@ -297,7 +309,7 @@ def _lay_ground(light: np.ndarray, radiance: np.ndarray, ground: Ground, *, dayl
     share = np.clip((FARTHEST_M - ground.distance[:far]) / np.float32(FARTHEST_M / 2), 0, 1) * ground.visible[:far]
     before = light[ground.top : ground.top + far]
     before += share[..., None] * (radiance[:far] - before)
-    light[ground.top + far :] = radiance[far:]
+    light[ground.top + far : ground.top + len(radiance)] = radiance[far:]
 
 
 def _mean_luminance(light: np.ndarray) -> float:
