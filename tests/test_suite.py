@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from lanes.scenes import suite
 from lanes.scenes.kept import kept_array
 from lanes.scenes.suite import SUITE, cache_folder, render_scene, scene_path
 from lanes.scenes.suite_scene import SuiteScene
+from lanes.scenes.workers import ordered
 
 
 def test_every_scene_is_found_under_its_own_name():
@@ -98,3 +101,27 @@ def test_what_is_kept_is_made_once_and_a_broken_cache_is_done_without(monkeypatc
     (tmp_path / "no folder").write_text("")
     monkeypatch.setenv("LANES_CACHE", str(tmp_path / "no folder"))
     np.testing.assert_array_equal(kept_array("things/a", [source], make), expected)
+
+
+def keep_slowly(number: int) -> tuple[int, float]:
+    """What three processes want at once; says who made it."""
+    made = []
+
+    def make() -> np.ndarray:
+        made.append(number)
+        time.sleep(0.3)
+        return np.full(3, 7.0)
+
+    array = kept_array("things/slow", [], make)
+    return len(made), float(array.sum())
+
+
+def test_of_several_that_want_the_same_one_makes_it_and_only_the_latest_stay(monkeypatch, tmp_path):
+    monkeypatch.setenv("LANES_CACHE", str(tmp_path))
+    made, sums = zip(*ordered(keep_slowly, range(6), workers=3), strict=True)
+    assert sum(made) == 1 and set(sums) == {21.0}
+    for number in range(4):
+        kept_array(f"few/{number}", [], lambda n=number: np.arange(n + 1.0), most=2)
+        # The time of a file is known to a hundredth of a second.
+        time.sleep(0.02)
+    assert sorted(path.name[0] for path in (tmp_path / "few").iterdir()) == ["2", "3"]

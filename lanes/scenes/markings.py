@@ -170,4 +170,3 @@ def _paint_dots(flat: np.ndarray, marking: Marking, ground: Ground, station_m: f
     phase = np.float32((station_m - first) % period)
     coverage = coverage * dash_coverage(s + phase, ground.reach_s.ravel()[pixels], 0.20, period)
     flat[pixels] += coverage[:, None] * (np.array(marking.colour, np.float32) - flat[pixels])
-

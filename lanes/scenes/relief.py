@@ -17,6 +17,8 @@ DISTANCES_M = np.geomspace(NEAREST_M, FARTHEST_M, 420)
 SLOPES = np.arange(-1.0, 0.35, 1 / 2400)
 # By how much slopes may differ within a row between the columns that are looked at, and more.
 SKY_MARGIN = 0.02
+# So many stay in the processor's cache through all steps.
+ROWS_AT_A_TIME = 48
 
 
 def cast_on_relief(
@@ -57,8 +59,10 @@ def cast_on_relief(
     top = int(np.argmax(visible.any(axis=1)))
     visible, tangent, slope = visible[top:], tangent[top:], slope[top:]
     x = 1 / np.maximum(seen[top:], np.float32(1 / FARTHEST_M))
-    for _ in range(2):
-        x = _refined(x, tangent, slope, height_m, road)
+    for first in range(0, len(x), ROWS_AT_A_TIME):
+        rows = slice(first, first + ROWS_AT_A_TIME)
+        for _ in range(2):
+            x[rows] = _refined(x[rows], tangent[rows], slope[rows], height_m, road)
     return sky + top, visible, x, x * tangent
 
 

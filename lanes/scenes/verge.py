@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,8 @@ DUST = (0.26, 0.235, 0.215)
 # How far dust creeps from the verge onto the pavement, and how much of it is seen at the edge.
 DUST_REACH_M = 2.0
 DUST_SHARE = 0.22
+# So many stay in the processor's cache through all steps.
+ROWS_AT_A_TIME = 32
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,23 @@ def lay_verge(
         Factor of the colours of gravel and grass.
     seed : int
     """
+    for first in range(0, len(s), ROWS_AT_A_TIME):
+        rows = slice(first, first + ROWS_AT_A_TIME)
+        across = None if opposite is None else replace(opposite, tone=opposite.tone[rows])
+        _lay_rows(albedo[rows], ground.rows(rows), s[rows], edges_m, gravel_m, across, tint, seed)
+
+
+def _lay_rows(
+    albedo: np.ndarray,
+    ground: Ground,
+    s: np.ndarray,
+    edges_m: tuple[float, float],
+    gravel_m: float,
+    opposite: Opposite | None,
+    tint: tuple[float, float, float],
+    seed: int,
+) -> None:
+    """`lay_verge` for some rows."""
     beyond = np.maximum(ground.d - np.float32(edges_m[1]), np.float32(edges_m[0]) - ground.d)
     pixels = np.flatnonzero(beyond > -ground.reach_d - np.float32(DUST_REACH_M))
     if not len(pixels):
