@@ -151,20 +151,20 @@ def edge_coverage(t: np.ndarray, step_u: np.ndarray, step_v: np.ndarray) -> np.n
     The pixel's values of t are distributed as the sum of two uniform variables of widths |step_u| and |step_v|: a
     trapezoid. Its integral is a difference of four one-sided parabolas.
     """
-    a, b = np.abs(step_u), np.abs(step_v)
-    np.maximum(a, np.float32(1e-6), out=a)
-    np.maximum(b, np.float32(1e-3) * a, out=b)
-    np.maximum(a, np.float32(1e-3) * b, out=a)
+    a = np.maximum(np.abs(step_u), np.float32(1e-6))
+    b = np.maximum(np.abs(step_v), np.float32(1e-3) * a)
+    a = np.maximum(a, np.float32(1e-3) * b)
     outer, inner = a + b, a - b
     outer /= 2
     inner /= 2
     # Clipping first keeps the differences of small numbers exact in float32.
     t = np.clip(t, -outer, outer)
-    outer += t
-    area = np.square(outer, out=outer)
-    for beyond in (t + inner, np.subtract(t, inner, out=inner)):
-        np.maximum(beyond, 0, out=beyond)
-        area -= np.square(beyond, out=beyond)
+    area = t + outer
+    area *= area
+    for beyond in (t + inner, t - inner):
+        beyond = np.maximum(beyond, 0)
+        beyond *= beyond
+        area -= beyond
     a *= 2
     a *= b
     area /= a
