@@ -83,7 +83,8 @@ class LaneTruth:
         """
         left_near, right_near = (np.abs(self.beside_y_m) < CHANGING_M).T
         step = np.where(left_near, 1.0, np.where(right_near, -1.0, 0.0))
-        across = self.lines_y_m[:, :1] - self.lines_y_m[:, 1:]
+        # In a hairpin one line may reach farther than the other: what is not known of that one is no matter elsewhere.
+        across = np.where(step[:, None, None] == 0, 0.0, self.lines_y_m[:, :1] - self.lines_y_m[:, 1:])
         return replace(
             self,
             lines_y_m=self.lines_y_m + step[:, None, None] * across,

@@ -54,7 +54,7 @@ HALF_STRENGTH = 6.0
 ANGLE_STD_RAD = 0.1
 # A stripe that moves aside by this many columns from row to row shows its direction only half as well, and one that
 # moves twice as much hardly at all.
-STEEP_COLUMNS = 7.0
+BLIND_COLUMNS = 8.0
 # Standard deviation of a stripe's lateral place: worn paint near by, one pixel far away; and how far a road of changing
 # curvature strays from the model at 40 m, growing with the cube of the distance.
 PLACE_STD_M, PLACE_STD_PX = 0.04, 1.0
@@ -268,7 +268,8 @@ def compare(lanes: np.ndarray, stripes: Stripes, height_m: float) -> Comparison:
     direction = heading + turn + np.arctan(slope)
     # the tangent of the direction, without a division by the cosine of one that runs across
     columns = stripes.step * np.abs(np.sin(direction)) / np.maximum(np.cos(direction), 0.05)
-    astray_std = ANGLE_STD_RAD * (1 + np.square(np.square(columns / STEEP_COLUMNS)))
+    steepness = np.square(columns / BLIND_COLUMNS)
+    astray_std = ANGLE_STD_RAD * (1 + steepness * steepness * steepness)
     return Comparison(residual, side, direction - angle, astray_std, derivative)
 
 
