@@ -75,7 +75,7 @@ KINK_PER_M, KINK_SHARE, KINK_MOST_PER_M = 5e-5, 0.2, 4e-3
 WAVE_STD_PER_M, WAVE_BEND_SHARE, WAVE_OWN_SHARE, WAVE_MOST_PER_M = 3e-4, 0.03, 1.0, 6e-3
 WAVE_M, WAVE_SHARES = 20.0, np.array([0.3, 0.3, 0.5, 1.0])
 # What a road may do all at once, and nothing has foretold.
-ROUSED_WAVE_PER_M, ROUSED_KINK_PER_M2, ROUSED_PITCH_RAD = 6e-3, 1e-3, 0.015
+ROUSED_WAVE_PER_M, ROUSED_KINK_PER_M2, ROUSED_PITCH_RAD = 6e-3, 3e-3, 0.015
 # A bend that is coming up within such a distance counts like one.
 BEND_AHEAD_M = 25.0
 # A transition curve ends after some such distance, and its change of curvature with it.
