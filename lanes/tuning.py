@@ -74,7 +74,8 @@ def tune_view(image: np.ndarray, camera: Camera) -> VBox | None:
 
     def view_from_above(image: np.ndarray, far_m: float, half_width_m: float, pitch_deg: float) -> np.ndarray:
         tilted = camera.with_mount(replace(mount, pitch_rad=np.radians(pitch_deg)))
-        return RoadView(tilted, far_m=far_m, half_width_m=half_width_m).warp(image)
+        view = RoadView(tilted, far_m=far_m, half_width_m=half_width_m)
+        return view.blacken(view.warp(image))
 
     pitch_deg = float(np.degrees(mount.pitch_rad))
     limits = {"far_m": (20.0, 120.0, 70.0), "half_width_m": (3.0, 15.0, 9.0)}

@@ -87,7 +87,6 @@ def test_every_stripe_is_strong_enough_and_in_sight():
 
 
 def test_the_edge_of_the_picture_is_no_stripe():
-    # beyond it the view is black: bright roads would end in a stripe as wide as the filters' reach
     image = np.full((CAMERA.height, CAMERA.width, 3), 210, np.uint8)
     assert len(find_stripes(measure_paint(VIEW.warp(image), VIEW), VIEW)) == 0
 
@@ -103,3 +102,22 @@ def test_a_double_line_that_crosses_the_view_is_seen(slope):
     strong = centre.select(centre.strength > 6)
     assert len(np.unique(strong.row)) > 0.9 * len(np.unique(stripes.row))
     assert strong.yellow.mean() > 0.9 and strong.double.mean() > 0.9
+
+
+@pytest.mark.parametrize("inside_m", [0.15, 0.4])
+def test_a_line_is_found_as_far_as_the_edge_of_the_picture(inside_m):
+    # as the inner line of a hairpin: nothing of the road beyond it is seen
+    last = np.array([VIEW.y_m[seen][-1] if seen.any() else np.nan for seen in VIEW.seen])
+    rows = np.flatnonzero((VIEW.x_m < 9) & ~VIEW.seen[:, -1])
+    edge = np.polynomial.Polynomial.fit(VIEW.x_m[rows], last[rows], 2)
+    stripes = near(stripes_of(Road(CAMERA).line(lambda x: edge(x) + inside_m)), lambda x: edge(x) + inside_m, far_m=9)
+    assert len(np.unique(stripes.row)) > 0.8 * len(rows)
+
+
+@pytest.mark.parametrize("degrees", [-60, -50, -30, 30, 50, 60])
+def test_direction_of_a_line_that_runs_across(degrees):
+    # as in hairpins; from row to row it moves aside by more than a window of single columns
+    slope = np.tan(np.radians(degrees))
+    stripes = near(stripes_of(Road(CAMERA).line(lambda x: slope * (x - 11), width_m=0.2)), lambda x: slope * (x - 11))
+    assert len(stripes) > 5
+    assert np.median(np.abs(stripes.angle - np.radians(degrees))) < 0.15

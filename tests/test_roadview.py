@@ -72,12 +72,25 @@ def test_near_cells_average_the_pixels_they_cover():
     assert np.std(seen[view.seen[view.x_m < 12]]) < 1.5
 
 
-def test_cells_outside_the_picture_are_unseen_and_black():
+def test_cells_outside_the_picture_are_unseen_and_go_on_as_the_picture_ends():
     view = RoadView(dashcam())
-    image = np.full((360, 640, 3), 200, np.uint8)
+    image = np.random.default_rng(2).integers(50, 200, (360, 640, 3), np.uint8)
     warped = view.warp(image)
     assert not view.seen[-1, 0] and view.seen[-1, len(view.y_m) // 2]
-    assert (warped[-1, 0] == 0).all() and (warped[view.seen] > 190).mean() > 0.99
+    for cells, seen in zip(warped, view.seen, strict=True):
+        first, last = np.flatnonzero(seen)[[0, -1]]
+        assert (cells[:first] == cells[first]).all() and (cells[last:] == cells[last]).all()
+    black = view.blacken(warped)
+    assert (black[~view.seen] == 0).all() and (black[view.seen] == warped[view.seen]).all()
+
+
+def test_share_of_a_window_that_is_seen():
+    view = RoadView(dashcam())
+    share = view.seen_share(5, 51)
+    row = int(np.flatnonzero(~view.seen[:, 0])[-1]) - 10
+    window = view.seen[row - 2 : row + 3, 60 - 25 : 60 + 26]
+    assert share[row, 60] == pytest.approx(window.mean(), abs=1e-5)
+    assert share[view.seen].min() > 0.2
 
 
 def test_a_cell_is_trusted_where_its_neighbours_are_seen():

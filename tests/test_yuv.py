@@ -174,7 +174,6 @@ def test_the_road_looks_the_same():
     difference = np.abs(rgb.astype(int) - yuv)[inside]
     assert difference.mean() < 2
     assert np.percentile(difference, 99) < 15
-    assert np.median(yuv[~view.seen]) == 0
 
 
 def test_the_lane_is_drawn_on_either():

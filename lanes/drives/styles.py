@@ -59,6 +59,7 @@ def paint_mosaic(camera: Camera) -> Painter:
     def paint(image: Picture, tracked: TrackedLane) -> np.ndarray:
         image = as_rgb(image)
         sight = observe(image, view)
+        road = view.blacken(sight.view_image)
         strength = cv2.convertScaleAbs(sight.evidence.strength, alpha=255 / WHITE_STRENGTH)
         evidence = cv2.cvtColor(strength, cv2.COLOR_GRAY2RGB)
         height, width = image.shape[:2]
@@ -67,9 +68,9 @@ def paint_mosaic(camera: Camera) -> Painter:
         main = cv2.resize(draw_tracked(image, tracked, camera), (split, 2 * third), interpolation=cv2.INTER_AREA)
         mosaic[: 2 * third, :split] = main
         panels = {
-            "road from above": sight.view_image,
+            "road from above": road,
             "evidence for paint": evidence,
-            "fitted lines": _draw_fit(sight.view_image // 2, tracked, view),
+            "fitted lines": _draw_fit(road // 2, tracked, view),
         }
         for number, (title, picture) in enumerate(panels.items()):
             panel = cv2.resize(picture, (width - split - 2, third - 2), interpolation=cv2.INTER_LINEAR)

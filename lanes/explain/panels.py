@@ -65,7 +65,7 @@ def panel_view(axis: Axes, explanation: Explanation) -> None:
     if explanation.sight is None:
         _say(axis, title, "the mount shows no road in this picture")
         return
-    _show_view(axis, explanation, explanation.sight.view_image, title)
+    _show_view(axis, explanation, explanation.view.blacken(explanation.sight.view_image), title)
 
 
 def panel_paint(axis: Axes, explanation: Explanation) -> None:

@@ -27,6 +27,8 @@ ASLANT_M, ASLANT_GAP_M = 0.45, 0.15
 NOISE_ROWS = 5
 # Rounding to whole grey levels alone makes about this much noise; less is never assumed.
 NOISE_FLOOR = 1.0
+# Cells inside the picture have more than this share of their window inside, too.
+LEAST_SEEN = 0.2
 # A stripe's strength above which it is worth keeping: so many times the local noise.
 LEAST_STRENGTH = 3.0
 STRIPES_PER_ROW = 14
@@ -137,11 +139,15 @@ def filter_band(centre: np.ndarray, side: np.ndarray, reach: int) -> np.ndarray:
     return response.reshape(centre.shape)
 
 
-def local_noise(steps: np.ndarray, window: int) -> np.ndarray:
-    """Means of the steps from column to column (2, rows, columns) around each cell and `NOISE_FLOOR`; float32."""
+def local_noise(steps: np.ndarray, window: int, view: RoadView) -> np.ndarray:
+    """Means of the steps from column to column (2, rows, columns) around each cell and `NOISE_FLOOR`; float32.
+
+    Beyond the picture there are no steps, so that the means are those of the cells inside.
+    """
     noise = np.empty(steps.shape, np.float32)
     for channel, mean in zip(steps, noise, strict=True):
         cv2.boxFilter(channel, cv2.CV_32F, (window, NOISE_ROWS), dst=mean)
+    noise /= np.maximum(view.seen_share(NOISE_ROWS, window), LEAST_SEEN)
     noise += NOISE_FLOOR
     return noise
 
@@ -180,10 +186,12 @@ def measure_paint(view_image: np.ndarray, view: RoadView) -> Evidence:
     )
     np.maximum(wide[1], broad, out=wide[1])
     steps = np.abs(channels[inside] - channels[..., margin - 1 : -margin - 1])
-    noise = local_noise(steps, window)
+    noise = local_noise(steps, window, view)
     noise *= unit
     strength = np.maximum(np.maximum(*np.maximum(narrow, wide) / noise), 0)
-    return Evidence(cv2.copyTo(strength, view.seen_around(margin)), channels[inside], narrow, wide, noise)
+    # what is cut by the picture's edge may be of any width
+    whole = view.seen_around(single // 2 + 1)
+    return Evidence(cv2.copyTo(strength, whole), channels[inside], narrow, wide, noise)
 
 
 def find_stripes(evidence: Evidence, view: RoadView) -> Stripes:

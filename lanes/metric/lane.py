@@ -62,7 +62,7 @@ OUTLINE_M = np.geomspace(3.0, 400.0, 120)
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """What one picture shows: the road from above, (rows, columns, 3) uint8, the evidence there and its stripes."""
+    """What one picture shows: its `RoadView.warp`, (rows, columns, 3) uint8, the evidence there and its stripes."""
 
     view_image: np.ndarray
     evidence: Evidence

@@ -99,6 +99,25 @@ class RoadView:
         """Worked out once, not in every frame."""
         return {}
 
+    def seen_share(self, rows: int, columns: int) -> np.ndarray:
+        """(rows, columns) float32: which share of a window around each cell lies inside the picture."""
+        if (rows, columns) not in self._seen_share:
+            self._seen_share[rows, columns] = cv2.blur(self.seen.astype(np.float32), (columns, rows))
+        return self._seen_share[rows, columns]
+
+    @cached_property
+    def _seen_share(self) -> dict[tuple[int, int], np.ndarray]:
+        """Worked out once, not in every frame."""
+        return {}
+
+    @cached_property
+    def _nearest_pixels(self) -> np.ndarray:
+        """As `pixels`; for a cell outside the picture, that of the nearest cell of its row that is inside."""
+        columns = self.shape[1]
+        first, last = self.seen.argmax(axis=1), columns - 1 - self.seen[:, ::-1].argmax(axis=1)
+        nearest = np.clip(np.arange(columns), first[:, None], last[:, None])
+        return np.take_along_axis(self.pixels, nearest[..., None], axis=1)
+
     @cached_property
     def _fine(self) -> list[tuple[int, slice, np.ndarray, np.ndarray]]:
         return self._lookups(0)
@@ -121,7 +140,7 @@ class RoadView:
                 part = slice(rows[0], rows[-1] + 1)
                 # pixel centres lie at integers: the first reduced pixel is centred on (reduction - 1) / 2
                 place = (
-                    np.nan_to_num(self.pixels[part] - [0, self.top_px], nan=-99.0) - (reduction - 1) / 2
+                    np.nan_to_num(self._nearest_pixels[part] - [0, self.top_px], nan=-99.0) - (reduction - 1) / 2
                 ) / reduction
                 lookups.append((reduction, part, *cv2.convertMaps(place.astype(np.float32), None, cv2.CV_16SC2)))
         return lookups
@@ -144,7 +163,11 @@ class RoadView:
         return max(0, top - 2) // REDUCTIONS[-1] * REDUCTIONS[-1]
 
     def warp(self, image: Picture) -> np.ndarray:
-        """The road in `image` (raw) from above: RGB (rows, columns, 3) uint8, black where unseen."""
+        """The road in `image` (raw) from above: RGB (rows, columns, 3) uint8.
+
+        Beyond the picture's edges each row goes on as it ends there, so that no filter takes them for edges of the
+        road; `blacken` what people are to look at.
+        """
         self.camera.require_size(image)
         if not isinstance(image, YuvPicture):
             return self._look_up(image[self.top_px :], 1, self._fine, 0)
@@ -156,6 +179,10 @@ class RoadView:
         ]
         # only the cells of the view become RGB, not the whole picture
         return cv2.transform(cv2.merge(found), image.colours.to_rgb)
+
+    def blacken(self, cells: np.ndarray) -> np.ndarray:
+        """A copy of what `warp` returned, or of another picture of the view, black where unseen."""
+        return cv2.copyTo(cells, self.seen.view(np.uint8))
 
     def _look_up(self, reduced: np.ndarray, done: int, lookups: list, outside: float) -> np.ndarray:
         """The cells' values in the rows from `top_px` on of the picture reduced `done` times."""
