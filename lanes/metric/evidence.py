@@ -32,10 +32,9 @@ LEAST_SEEN = 0.2
 # A stripe's strength above which it is worth keeping: so many times the local noise.
 LEAST_STRENGTH = 3.0
 STRIPES_PER_ROW = 14
-# A stripe's direction is measured with so many columns taken as one: the more of them, the steeper it may run and still
-# be within the window in the next row, and the less exact a gentle one. Steep is what moves aside by so many columns of
-# the view from row to row.
-COARSE_COLUMNS, STEEP_COLUMNS = (3, 6), 5.0
+# A stripe's direction is measured with so many columns taken as one, so that one that runs across, and moves aside by
+# many of them from row to row, is still within the window there.
+COARSE_COLUMNS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,26 +235,18 @@ def _strongest_of_each_row(row: np.ndarray, column: np.ndarray, best: np.ndarray
 
 
 def _stripe_angle(evidence: np.ndarray, row: np.ndarray, column: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Direction of stripes on the road, measured with as many columns together as suits how steeply they run."""
-    gentle, steep = (_structure_angle(evidence, row, column, step, together=n) for n in COARSE_COLUMNS)
-    return np.where(np.abs(np.tan(steep)) * step < STEEP_COLUMNS, gentle, steep)
-
-
-def _structure_angle(
-    evidence: np.ndarray, row: np.ndarray, column: np.ndarray, step: np.ndarray, *, together: int
-) -> np.ndarray:
-    """Direction from the structure tensor of the evidence (Bigun and Granlund, 1987), `together` columns as one."""
+    """Direction of stripes on the road from the structure tensor of the evidence (Bigun and Granlund, 1987)."""
     rows, columns = evidence.shape
-    # an odd number of them, so that a mirrored picture has mirrored directions
-    cells = columns // together | 1
+    # an odd number of cells, so that a mirrored picture has mirrored directions
+    cells = columns // COARSE_COLUMNS | 1
     coarse = cv2.resize(evidence, (cells, rows), interpolation=cv2.INTER_AREA)
     across = cv2.Scharr(coarse, cv2.CV_32F, 1, 0)
     along = cv2.Scharr(coarse, cv2.CV_32F, 0, 1)
-    column = (2 * column + 1) * cells // (2 * columns)
+    cell = (2 * column + 1) * cells // (2 * columns)
     # only the tensor's off-diagonal and the difference of its diagonal are needed
     xy, difference = (
-        mean_around(product, 3, 5)[row, column] for product in (across * along, (across - along) * (across + along))
+        mean_around(product, 3, 5)[row, cell] for product in (across * along, (across - along) * (across + along))
     )
     normal = 0.5 * np.arctan2(2 * xy, difference)
-    # One row down the stripe moves this many columns to the right, while x falls by one row's depth.
+    # One row down the stripe moves this many cells to the right, while x falls by one row's depth.
     return np.arctan2(-np.tan(normal), step * cells / columns)
