@@ -114,7 +114,7 @@ def test_a_line_is_found_as_far_as_the_edge_of_the_picture(inside_m):
     assert len(np.unique(stripes.row)) > 0.8 * len(rows)
 
 
-@pytest.mark.parametrize("degrees", [-55, -45, -30, 30, 45, 55])
+@pytest.mark.parametrize("degrees", [-50, -40, -25, 25, 40, 50])
 def test_direction_of_a_line_that_runs_across(degrees):
     # as in hairpins; from row to row it moves aside by more than a window of single columns
     slope = np.tan(np.radians(degrees))
