@@ -23,9 +23,8 @@ from lanes.metric.tracker import LaneTracker
 from lanes.video.videofile import read_frames
 
 X_M = np.array([5.0, 10.0, 15.0, 20.0, 30.0])
-# How exactly, metres and 1/m. Noise is measured by steps from each column to the next one, so that its window is half a
-# column to the left of its cell; that moves a lane by millimetres on motorways, and is the only cause there is.
-SAME_M, SAME_PER_M = 0.01, 1e-4
+# What sums of floats in another order leave, metres and 1/m; a still's search and fit, and two seconds of following.
+SAME_M, SAME_PER_M = 1e-5, 1e-7
 
 
 def mirrored(camera: Camera) -> Camera:
@@ -55,14 +54,13 @@ def assert_mirrored(lane: Lane | None, other: Lane | None) -> None:
     assert other.offset_m == pytest.approx(-lane.offset_m, abs=SAME_M)
     assert other.curvature_per_m == pytest.approx(-lane.curvature_per_m, abs=SAME_PER_M)
     assert other.width_m == pytest.approx(lane.width_m, abs=SAME_M)
-    assert other.offset_std_m == pytest.approx(lane.offset_std_m, rel=0.05)
+    assert other.offset_std_m == pytest.approx(lane.offset_std_m, rel=1e-4)
     assert (other.left.seen, other.right.seen) == (lane.right.seen, lane.left.seen)
 
 
 def rendered_stills() -> Iterator[tuple[str, Camera, np.ndarray]]:
-    """Three pictures of each of two committed drives: motorway, and concrete with a joint."""
-    for name in ("motorway", "challenge"):
-        drive = list_drives()[name]
+    """Three pictures of each committed drive: motorway, concrete, hairpins."""
+    for name, drive in list_drives().items():
         if drive.video:
             camera = load_camera(drive.video.with_suffix(".yaml"))
             for n, second in enumerate((0.0, 1.5, 3.0)):
@@ -88,10 +86,11 @@ def test_a_painted_drive_is_followed_alike():
 @examples(60)
 @given(pictures(sizes=((64, 36), (160, 90), (320, 180))))
 def test_the_evidence_in_any_picture(image):
-    """Of whole numbers and therefore the same to the last bit."""
+    """Of whole numbers and therefore the same to the last bit, but for the noise, which is a mean."""
     size = image.shape[1], image.shape[0]
     view, other = view_of(size), mirrored_view_of(size)
     seen = view.warp(image)
     evidence, mirror = measure_paint(seen, view), measure_paint(flip(seen), other)
     for name in ("channels", "narrow", "wide"):
         np.testing.assert_array_equal(getattr(mirror, name)[..., ::-1], getattr(evidence, name))
+    np.testing.assert_allclose(mirror.strength[:, ::-1], evidence.strength, atol=1e-4)

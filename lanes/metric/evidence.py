@@ -139,14 +139,15 @@ def filter_band(centre: np.ndarray, side: np.ndarray, reach: int) -> np.ndarray:
 
 
 def local_noise(steps: np.ndarray, window: int, view: RoadView) -> np.ndarray:
-    """Means of the steps from column to column (2, rows, columns) around each cell and `NOISE_FLOOR`; float32.
+    """Means of steps from column to column around each cell and `NOISE_FLOOR`, (2, rows, columns) float32.
 
-    Beyond the picture there are no steps, so that the means are those of the cells inside.
+    `steps` are each cell's two, to its left and to its right, added: the mirrored picture has the mirrored noise.
+    Beyond the picture there are none, so that the means are those of the cells inside.
     """
     noise = np.empty(steps.shape, np.float32)
     for channel, mean in zip(steps, noise, strict=True):
         cv2.boxFilter(channel, cv2.CV_32F, (window, NOISE_ROWS), dst=mean)
-    noise /= np.maximum(view.seen_share(NOISE_ROWS, window), LEAST_SEEN)
+    noise /= 2 * np.maximum(view.seen_share(NOISE_ROWS, window), LEAST_SEEN)
     noise += NOISE_FLOOR
     return noise
 
@@ -184,8 +185,8 @@ def measure_paint(view_image: np.ndarray, view: RoadView) -> Evidence:
         )
     )
     np.maximum(wide[1], broad, out=wide[1])
-    steps = np.abs(channels[inside] - channels[..., margin - 1 : -margin - 1])
-    noise = local_noise(steps, window, view)
+    steps = np.abs(channels[..., margin : 1 - margin] - channels[..., margin - 1 : -margin])
+    noise = local_noise(steps[..., :-1] + steps[..., 1:], window, view)
     noise *= unit
     strength = np.maximum(np.maximum(*np.maximum(narrow, wide) / noise), 0)
     # what is cut by the picture's edge may be of any width
