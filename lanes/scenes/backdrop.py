@@ -6,13 +6,14 @@ not move it; only turning does.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from lanes.scenes.brush import planes_of
 from lanes.scenes.foliage import SUN_IN_SPRITE, plant_sprite
 from lanes.scenes.kept import digits_of, kept_array
 from lanes.scenes.noise import fractal_noise, fractal_profile, smoothstep
@@ -87,7 +88,8 @@ def panorama(style: BackdropStyle, seed: int) -> np.ndarray:
 
 def _paint_panorama(style: BackdropStyle, seed: int) -> np.ndarray:
     rng = np.random.default_rng([seed, 20])
-    panorama = paint_sky(style)
+    # Planes, because numpy is slow where the innermost axis has three elements.
+    panorama = planes_of(paint_sky(style))
     if style.cloud_cover > 0:
         paint_clouds(panorama, style, np.random.default_rng([seed, 21]))
     _paint_plain(panorama, style, rng)
@@ -95,7 +97,7 @@ def _paint_panorama(style: BackdropStyle, seed: int) -> np.ndarray:
     for distance_km, share in ((4.0, 0.62), (1.6, 0.75), (0.7, 1.0)):
         _paint_hills(panorama, style, rng, distance_km=distance_km, height_rad=share * style.hill_height_rad)
     _paint_woods(panorama, style, rng)
-    return cv2.copyMakeBorder(panorama, 0, 0, 1, 1, cv2.BORDER_WRAP)
+    return cv2.copyMakeBorder(cv2.merge(panorama), 0, 0, 1, 1, cv2.BORDER_WRAP)
 
 
 def _paint_plain(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Generator) -> None:
@@ -103,11 +105,17 @@ def _paint_plain(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Gene
     first = int(HORIZON_ROW)
     z = np.minimum(heights()[first:], -2e-4)
     noise = fractal_noise((len(z), COLUMNS), rng, cell_px=(14, 220), octaves=6, gain=0.6)
-    share = smoothstep(-0.6, 1.4, noise)[..., None]
-    grass = DRY_GRASS + (GREEN_GRASS - DRY_GRASS) * style.greenness
-    colour = grass * (1 - share) + CHAPARRAL * 1.6 * share
+    share = smoothstep(-0.6, 1.4, noise)
     distance_km = np.minimum(1.4e-3 / -z, 6.0)
-    panorama[first:] = _veil(colour, distance_km[:, None], style)
+    through, air = np.moveaxis(air_between(distance_km[:, None] * 1000, style.haze_per_km), -1, 1)
+    for plane, grass, scrub, left_over, added in zip(
+        panorama, _grass(style), CHAPARRAL * 1.6, through, air, strict=True
+    ):
+        plane[first:] = (grass * (1 - share) + scrub * share) * left_over + added
+
+
+def _grass(style: BackdropStyle) -> np.ndarray:
+    return DRY_GRASS + (GREEN_GRASS - DRY_GRASS) * style.greenness
 
 
 def _skyline(rng: np.random.Generator, height_rad: float, *, cell_rad: float, roughness: float) -> np.ndarray:
@@ -116,11 +124,30 @@ def _skyline(rng: np.random.Generator, height_rad: float, *, cell_rad: float, ro
     return height_rad * np.clip(0.62 + 0.42 * profile, -0.3, 1.6)
 
 
-def _cover(panorama: np.ndarray, first: int, last: int, colour: np.ndarray, skyline: np.ndarray) -> None:
-    """Lay `colour` (rows first to last) over the panorama below `skyline`, with a soft edge of one pixel."""
-    z = heights()[first:last]
-    alpha = np.clip((skyline[None, :] - z[:, None]) * PIXELS_PER_RAD + 0.5, 0, 1)[..., None]
-    panorama[first:last] += alpha * (colour - panorama[first:last])
+def _cover(
+    panorama: np.ndarray,
+    first: int,
+    colours: Iterable[np.ndarray],
+    skyline: np.ndarray,
+    distance_km: float,
+    style: BackdropStyle,
+) -> None:
+    """Lay the planes of a slope behind its air, from row `first` on, over the panorama below `skyline`.
+
+    The edge is soft over one pixel; the planes are used up.
+    """
+    through, air = air_between(np.asarray(distance_km) * 1000, style.haze_per_km)
+    alpha = None
+    for plane, colour, left_over, added in zip(panorama, colours, through, air, strict=True):
+        if alpha is None:
+            z = heights()[first : first + len(colour)]
+            alpha = np.clip((skyline[None, :] - z[:, None]) * PIXELS_PER_RAD + 0.5, 0, 1)
+        below = plane[first : first + len(colour)]
+        colour *= left_over
+        colour += added
+        colour -= below
+        colour *= alpha
+        below += colour
 
 
 def _band(skyline: np.ndarray) -> tuple[int, int]:
@@ -148,12 +175,23 @@ def _paint_ridge(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Gene
         relief = _relief(shape, rng, style, cell_rad=0.10)
         trees = fractal_noise(shape, rng, cell_px=(5, 7), octaves=3, gain=0.8)
         glades = fractal_noise(shape, rng, cell_px=(14, 70), octaves=5, gain=0.65)
-        clearings = 0.6 * smoothstep(1.9, 2.8, glades + 0.3 * trees)[..., None]
-        light = np.clip(0.55 * relief + 0.16 * trees, 0.05, 1.3)[..., None]
-        colour = FOREST_SHADE + (FOREST_SUN - FOREST_SHADE) * light
-        grass = DRY_GRASS + (GREEN_GRASS - DRY_GRASS) * style.greenness
-        colour += clearings * (0.8 * grass * relief[..., None] - colour)
-        _cover(panorama, first, last, _veil(colour, distance_km, style), skyline)
+        clearings = 0.6 * smoothstep(1.9, 2.8, glades + 0.3 * trees)
+        light = np.clip(0.55 * relief + 0.16 * trees, 0.05, 1.3)
+        woods = (
+            shade + brighter * light for shade, brighter in zip(FOREST_SHADE, FOREST_SUN - FOREST_SHADE, strict=True)
+        )
+        colours = (
+            _mixed(wood, grass * relief, clearings) for wood, grass in zip(woods, 0.8 * _grass(style), strict=True)
+        )
+        _cover(panorama, first, colours, skyline, distance_km, style)
+
+
+def _mixed(below: np.ndarray, above: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """`below` where the share of `above` is 0; both are used up."""
+    above -= below
+    above *= share
+    below += above
+    return below
 
 
 def _paint_hills(
@@ -170,14 +208,16 @@ def _paint_hills(
     relief = _relief(shape, rng, style, cell_rad=0.16)
     grain = fractal_noise(shape, rng, cell_px=(6, 9), octaves=3, gain=0.8)
     patches = fractal_noise(shape, rng, cell_px=(34, 150), octaves=6, gain=0.6)
-    grass = DRY_GRASS + (GREEN_GRASS - DRY_GRASS) * style.greenness
-    dry = smoothstep(-0.4, 1.6, patches)[..., None]
-    colour = grass * (1 - 0.55 * dry) + DRY_SOIL * 0.55 * dry
-    colour = colour * (relief * (1 + 0.06 * grain))[..., None]
+    dry = smoothstep(-0.4, 1.6, patches)
+    moist, relief = 1 - 0.55 * dry, relief * (1 + 0.06 * grain)
     brush = smoothstep(2.2 - 2.2 * style.tree_density, 2.7 - 2.0 * style.tree_density, patches + 0.55 * grain)
-    bushes = CHAPARRAL * np.clip(1 + 0.45 * grain, 0.2, 2)[..., None]
-    colour += 0.85 * brush[..., None] * (bushes - colour)
-    _cover(panorama, first, last, _veil(colour, distance_km, style), skyline)
+    brush *= 0.85
+    bushes = np.clip(1 + 0.45 * grain, 0.2, 2)
+    colours = (
+        _mixed((grass * moist + soil * dry) * relief, scrub * bushes, brush)
+        for grass, soil, scrub in zip(_grass(style), DRY_SOIL * 0.55, CHAPARRAL, strict=True)
+    )
+    _cover(panorama, first, colours, skyline, distance_km, style)
     count = int(3600 * style.tree_density * min(1.5, distance_km))
     column, depth = rng.integers(0, COLUMNS, count), rng.uniform(0, 1, count) ** 0.8
     grove = fractal_profile(COLUMNS, rng, cell_px=260, octaves=4)
@@ -255,7 +295,7 @@ def _stamp(
     where = slice(left, left + columns)
     if left < 0 or left + columns > COLUMNS:
         where = np.arange(left, left + columns) % COLUMNS
-    alpha, (through, air) = sprite[..., 3:], air
-    panorama[top:bottom, where] = (
-        panorama[top:bottom, where] * (1 - alpha) + sprite[..., :3] * tint * through + air * alpha
-    )
+    *colours, alpha = np.moveaxis(sprite, -1, 0)
+    clear = 1 - alpha
+    for plane, colour, tone, through, added in zip(panorama, colours, tint, *air, strict=True):
+        plane[top:bottom, where] = plane[top:bottom, where] * clear + colour * tone * through + added * alpha

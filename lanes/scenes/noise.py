@@ -46,8 +46,12 @@ def fractal_noise(
         to_grid = np.array([[across / columns, 0, 2], [0, 1 / cell_rows, 1]])
         flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
         layer = cv2.warpAffine(grid, to_grid, (columns, rows), flags=flags, borderMode=cv2.BORDER_REFLECT_101)
-        total += gain**octave * layer
-    return (total - total.mean()) / max(float(total.std()), 1e-9)
+        layer *= gain**octave
+        total += layer
+    # In place: these fields are large.
+    total -= total.mean()
+    total /= max(float(np.sqrt(np.square(total).mean())), 1e-9)
+    return total
 
 
 def fractal_profile(

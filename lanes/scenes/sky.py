@@ -129,7 +129,10 @@ def paint_sky(style: BackdropStyle) -> np.ndarray:
 
 
 def paint_clouds(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Generator) -> None:
-    """Cumulus: noise on a flat layer seen in perspective, so that clouds shrink and crowd towards the horizon."""
+    """Cumulus: noise on a flat layer seen in perspective, so that clouds shrink and crowd towards the horizon.
+
+    The panorama is given as planes (3, ROWS, COLUMNS) and changed.
+    """
     size, coarse = 2048, 2
     noise = fractal_noise((size, size), rng, cell_px=(420, 420), octaves=8, gain=0.55)
     rows = int(HORIZON_ROW) // coarse
@@ -145,10 +148,11 @@ def paint_clouds(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Gene
     edge = np.float32(np.quantile(density[::8, ::8], 1 - style.cloud_cover))
     cover = smoothstep(edge - 0.08, edge + 0.40, density)
     thick = smoothstep(edge + 0.1, edge + 1.7, cv2.GaussianBlur(density, (0, 0), 3))
-    brightness = np.clip(0.84 - 0.46 * thick + 0.22 * lit, 0.26, 1.05)[..., None]
-    colour = brightness * np.float32([1.0, 1.0, 1.01]) + (1 - brightness) * np.float32([0.03, 0.05, 0.09])
+    brightness = np.clip(0.84 - 0.46 * thick + 0.22 * lit, 0.26, 1.05)
     cover *= np.exp(-0.012 / z)
-    layer = np.concatenate([colour * cover[..., None], cover[..., None]], axis=2).astype(np.float32)
-    layer = cv2.resize(layer, (COLUMNS, rows * coarse), interpolation=cv2.INTER_LINEAR)
-    panorama[: rows * coarse] *= 1 - layer[..., 3:]
-    panorama[: rows * coarse] += layer[..., :3]
+    size = (COLUMNS, rows * coarse)
+    clear = 1 - cv2.resize(cover, size, interpolation=cv2.INTER_LINEAR)
+    for plane, bright, dark in zip(panorama[:, : rows * coarse], (1.0, 1.0, 1.01), (0.03, 0.05, 0.09), strict=True):
+        colour = brightness * np.float32(bright) + (1 - brightness) * np.float32(dark)
+        plane *= clear
+        plane += cv2.resize(colour * cover, size, interpolation=cv2.INTER_LINEAR)
