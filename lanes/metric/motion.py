@@ -62,6 +62,8 @@ SPRING_S, REST_STD_RAD, AIM_STD_RAD = 0.3, 0.004, 0.004
 # and pitch from bumps; the steering wheel, on a straight road and as a share of the bend; pedals.
 CENTRE_PER_S, HEADING_PER_S, PITCH_PER_S, REST_PER_S, AIM_PER_S = 0.015, 0.003, 0.01, 1e-3, 1e-4
 PATH_PER_S, PATH_SHARE_PER_S, SPEED_PER_S = 1e-3, 0.3, 1.0
+# Tyres slip in bends, more or less: so many radians for each 1/m of bend, and within a metre so many metres.
+AIM_SHARE_PER_S, CENTRE_SHARE_PER_M = 0.15, 0.3
 # And in one metre of road. Curvature changes at a rate that itself changes: on motorways by 5e-5 1/m^2 within 70 m, on
 # mountain roads by more, as the square of the bends that they have (a transition takes about as long as its bend's
 # radius allows for).
@@ -235,7 +237,8 @@ def _noise(lane: np.ndarray, distance_m: float, elapsed_s: float, steady_speed: 
     bend = bend_of(lane)
     sharp = max(bend - GENTLE_PER_M, 0.0)
     per_s[[CENTRE, HEADING, PITCH, REST]] = CENTRE_PER_S, HEADING_PER_S, PITCH_PER_S, REST_PER_S
-    per_s[AIM] = AIM_PER_S
+    per_s[AIM] = AIM_PER_S + AIM_SHARE_PER_S * sharp
+    per_m[CENTRE] = CENTRE_SHARE_PER_M * sharp
     per_s[PATH] = PATH_PER_S + PATH_SHARE_PER_S * bend
     per_s[SPEED] = 0.0 if steady_speed else SPEED_PER_S
     per_m[WIDTH] = per_m[BESIDE] = WIDTH_PER_M
