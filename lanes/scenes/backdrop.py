@@ -126,28 +126,22 @@ def _skyline(rng: np.random.Generator, height_rad: float, *, cell_rad: float, ro
 
 def _cover(
     panorama: np.ndarray,
-    first: int,
+    rows: slice,
     colours: Iterable[np.ndarray],
     skyline: np.ndarray,
     distance_km: float,
     style: BackdropStyle,
 ) -> None:
-    """Lay the planes of a slope behind its air, from row `first` on, over the panorama below `skyline`.
+    """Lay the planes of a slope behind its air over some rows of the panorama, below `skyline`.
 
     The edge is soft over one pixel; the planes are used up.
     """
     through, air = air_between(np.asarray(distance_km) * 1000, style.haze_per_km)
-    alpha = None
-    for plane, colour, left_over, added in zip(panorama, colours, through, air, strict=True):
-        if alpha is None:
-            z = heights()[first : first + len(colour)]
-            alpha = np.clip((skyline[None, :] - z[:, None]) * PIXELS_PER_RAD + 0.5, 0, 1)
-        below = plane[first : first + len(colour)]
+    alpha = np.clip((skyline[None, :] - heights()[rows, None]) * PIXELS_PER_RAD + 0.5, 0, 1)
+    for plane, colour, left_over, added in zip(panorama[:, rows], colours, through, air, strict=True):
         colour *= left_over
         colour += added
-        colour -= below
-        colour *= alpha
-        below += colour
+        _mixed(plane, colour, alpha)
 
 
 def _band(skyline: np.ndarray) -> tuple[int, int]:
@@ -183,11 +177,11 @@ def _paint_ridge(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Gene
         colours = (
             _mixed(wood, grass * relief, clearings) for wood, grass in zip(woods, 0.8 * _grass(style), strict=True)
         )
-        _cover(panorama, first, colours, skyline, distance_km, style)
+        _cover(panorama, slice(first, last), colours, skyline, distance_km, style)
 
 
 def _mixed(below: np.ndarray, above: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """`below` where the share of `above` is 0; both are used up."""
+    """`below`, changed to `above` as far as its share goes; that is used up."""
     above -= below
     above *= share
     below += above
@@ -217,7 +211,7 @@ def _paint_hills(
         _mixed((grass * moist + soil * dry) * relief, scrub * bushes, brush)
         for grass, soil, scrub in zip(_grass(style), DRY_SOIL * 0.55, CHAPARRAL, strict=True)
     )
-    _cover(panorama, first, colours, skyline, distance_km, style)
+    _cover(panorama, slice(first, last), colours, skyline, distance_km, style)
     count = int(3600 * style.tree_density * min(1.5, distance_km))
     column, depth = rng.integers(0, COLUMNS, count), rng.uniform(0, 1, count) ** 0.8
     grove = fractal_profile(COLUMNS, rng, cell_px=260, octaves=4)

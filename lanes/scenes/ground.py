@@ -43,10 +43,15 @@ class Ground:
 
         `lateral_m` (rows, width) is used instead of d for strips that do not run along the road.
         """
-        lateral_m = self.d if lateral_m is None else lateral_m
-        # cv2.inRange goes through the picture once, where comparisons with numpy take five passes.
-        near = cv2.inRange(lateral_m, np.float32(low_m) - self.half_reach_d, np.float32(high_m) + self.half_reach_d)
-        return np.flatnonzero(near.view(bool) & self.visible)
+        if lateral_m is None:
+            right, left = self.reached_d
+        else:
+            right, left = lateral_m - self.half_reach_d, lateral_m + self.half_reach_d
+        near = cv2.compare(left, float(low_m), cv2.CMP_GE)
+        near &= cv2.compare(right, float(high_m), cv2.CMP_LE)
+        # As bytes, which are compared many at a time; OpenCV's true is 255, numpy's is 1.
+        near &= self.visible.view(np.uint8)
+        return np.flatnonzero(near.view(bool))
 
     def rows(self, cut: slice, columns: slice = slice(None)) -> Ground:
         """The same for some rows, and perhaps some columns, only (views, no copies)."""
@@ -62,6 +67,11 @@ class Ground:
     def half_reach_d(self) -> np.ndarray:
         """Half of `reach_d`, which every strip along the road asks for."""
         return self.reach_d / 2
+
+    @cached_property
+    def reached_d(self) -> tuple[np.ndarray, np.ndarray]:
+        """Right and left ends of the footprint across the road."""
+        return self.d - self.half_reach_d, self.d + self.half_reach_d
 
     @cached_property
     def reach_d(self) -> np.ndarray:

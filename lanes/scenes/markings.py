@@ -103,7 +103,7 @@ def paint_coverage(marking: Marking, ground: Ground, *, station_m: float) -> tup
     low, high = min(e[0] for e in marking.stripes), max(e[1] for e in marking.stripes)
     start, end = np.float32(marking.start_m - station_m), np.float32(marking.end_m - station_m)
     lateral = ground.d - np.float32(marking.slope) * (ground.s - start) if marking.slope else ground.d
-    pixels = ground.pixels_between(low, high, lateral)
+    pixels = ground.pixels_between(low, high, lateral if marking.slope else None)
     d, d_u, d_v = (array.ravel()[pixels] for array in (lateral, ground.d_u, ground.d_v))
     if marking.slope:
         d_u, d_v = (step - np.float32(marking.slope) * along.ravel()[pixels] for step, along in
