@@ -11,6 +11,7 @@ from lanes.benchmark.errors import LaneTruth, frame_errors, recoveries
 from lanes.benchmark.failures import describe_failures, failures
 from lanes.benchmark.readings import AT_M, Reading, Readings, read_readings, write_readings
 from lanes.benchmark.scores import Result, percentile, score, score_rows, total_rows
+from lanes.camera import Camera, Mount
 from lanes.scenes.road import Pose, RoadGeometry, line_lateral, line_polynomial
 
 N, WIDTH = 5, 3.6
@@ -52,7 +53,7 @@ def test_the_truth_has_no_error():
     row = score([frame_errors(perfect(truth()), truth())])
     assert row["available_share"] == row["right_share"] == 1
     assert row["confidently_wrong_share"] == row["recover_longest_frames"] == 0
-    assert [row[name] for name in row if name.endswith(("_m", "_rad"))] == pytest.approx([0] * 14)
+    assert [row[name] for name in row if name.endswith(("_m", "_rad"))] == pytest.approx([0] * 16)
     assert row["time_median_ms"] == 7
 
 
@@ -97,6 +98,30 @@ def test_the_worse_line_counts_and_only_up_to_20_m_for_being_right():
     assert errors.right.tolist() == [False, True, False, True, True]
     assert errors.far_m[1] == pytest.approx(5 / np.sqrt(5), rel=SLANT)
     assert score([errors])["lateral_30m_p95_m"] == pytest.approx(5, rel=SLANT)
+
+
+def test_where_one_line_ends_the_other_one_counts_on():
+    lane, readings = truth(), perfect(truth())
+    lane.lines_y_m[0, 1, AT_M >= 20] = np.nan
+    readings.lines_y_m[0, 0, AT_M == 20] += 1.0
+    errors = frame_errors(readings, lane)
+    assert errors.near_m[0] == pytest.approx(0.5, rel=SLANT)
+    assert errors.right.tolist() == [False, True, True, True, True]
+
+
+def test_beside_the_picture_no_line_is_judged_for_being_right_there():
+    camera = Camera.from_fov((1280, 720), 60, Mount(1.3, 0.0))
+    lane = truth(heading_rad=0.2, curvature_per_m=0.03)
+    readings = perfect(lane)
+    seen = np.abs(lane.lines_y_m[0] / AT_M) < np.tan(np.radians(30))
+    assert lane.in_picture(camera)[0].tolist() == seen.tolist()
+    assert seen[0].tolist() == [False, True, True, False, False]
+    readings.lines_y_m[0, 0, ~seen[0]] += 2.0
+    readings.lines_y_m[1, 0, seen[0]] += 2.0
+    errors = frame_errors(readings, lane, camera)
+    assert errors.right.tolist() == [False, False, True, True, True]
+    assert errors.right_in_picture.tolist() == [True, False, True, True, True]
+    assert score([errors])["right_in_picture_share"] == 0.8
 
 
 def test_heading_and_curvature_err_either_way():

@@ -64,6 +64,7 @@ def test_only_given_lanes_state_something_and_right_is_up_to_30_m():
         lateral_m=np.zeros((4, 5)),
         near_m=nothing,
         far_m=np.array([0.1, 0.3, np.nan, np.nan]),
+        in_picture_m=nothing,
         offset_m=nothing,
         heading_rad=nothing,
         curvature_per_m=nothing,

@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from lanes.benchmark.readings import AT_M, Readings
+from lanes.camera import Camera
 from lanes.metric.confidence import RIGHT_M
 
 # Where a driver needs the lane most: from the bonnet to a second ahead in town; the near part of AT_M.
@@ -71,6 +72,15 @@ class LaneTruth:
         slope = np.fmin(chords, np.concatenate([chords[..., 1:], chords[..., -1:]], axis=2))
         return np.where(slope < np.tan(MOST_ACROSS_RAD), 1 / np.hypot(1, slope), np.nan)
 
+    def in_picture(self, camera: Camera | None) -> np.ndarray:
+        """(N, 2, D) bool: the line is in the camera's picture at AT_M, hidden or not; everywhere without camera."""
+        if camera is None:
+            return np.ones(self.lines_y_m.shape, bool)
+        places = np.stack([np.broadcast_to(AT_M, self.lines_y_m.shape), self.lines_y_m], axis=-1)
+        # neither bumps nor hills move a place across the picture by much: the flat road's column will do
+        column = camera.road_to_pixels(places.reshape(-1, 2))[:, 0].reshape(self.lines_y_m.shape)
+        return (column >= 0) & (column <= camera.width - 1)
+
     def cut(self, frames: slice) -> LaneTruth:
         """The truth of some of the frames."""
         return LaneTruth(**{field.name: getattr(self, field.name)[frames] for field in fields(self)})
@@ -109,6 +119,8 @@ class FrameErrors:
     near_m, far_m : ndarray of shape (N,)
         Root mean square of a line's lateral errors, of the worse line: over 5 to 20 m, and over 5 to 30 m, which is
         what the confidence speaks of. Infinite where the found line has turned back before the true one.
+    in_picture_m : ndarray of shape (N,)
+        As `near_m`, over those places that are in the picture: in a hairpin the inner line leaves it at its side.
     offset_m, heading_rad, curvature_per_m : ndarray of shape (N,)
         Absolute errors.
     confidence, time_ms : ndarray of shape (N,)
@@ -120,6 +132,7 @@ class FrameErrors:
     lateral_m: np.ndarray
     near_m: np.ndarray
     far_m: np.ndarray
+    in_picture_m: np.ndarray
     offset_m: np.ndarray
     heading_rad: np.ndarray
     curvature_per_m: np.ndarray
@@ -132,15 +145,21 @@ class FrameErrors:
         return self.exists & self.given & (self.near_m <= RIGHT_M)
 
     @property
+    def right_in_picture(self) -> np.ndarray:
+        """(N,) bool: as `right`, judged only where the lines are in the picture."""
+        return self.exists & self.given & ~(self.in_picture_m > RIGHT_M)
+
+    @property
     def confidently_wrong(self) -> np.ndarray:
         """(N,) bool: a lane is given confidently where it is not right."""
         return self.confident & ~self.right
 
 
-def frame_errors(readings: Readings, truth: LaneTruth) -> FrameErrors:
+def frame_errors(readings: Readings, truth: LaneTruth, camera: Camera | None = None) -> FrameErrors:
     """Hold what a system says against the truth, frame by frame.
 
     Where the car is on a line, the lane on either side of it will do: the one that the lines found are nearer to.
+    The camera, with its mount, tells what is in the picture; without one, all is.
 
     Raises
     ------
@@ -152,7 +171,7 @@ def frame_errors(readings: Readings, truth: LaneTruth) -> FrameErrors:
             f"a system's {len(readings.offset_m)} frames cannot be held against a truth of {len(truth.offset_m)}; "
             "the video and the CSV beside it must belong together."
         )
-    named, other = _errors_of(readings, truth), _errors_of(readings, truth.beside())
+    named, other = (_errors_of(readings, lane, camera) for lane in (truth, truth.beside()))
     swap = np.nan_to_num(other["near_m"], nan=np.inf) < np.nan_to_num(named["near_m"], nan=np.inf)
     chosen = {name: np.where(swap[(...,) + (None,) * (e.ndim - 1)], other[name], e) for name, e in named.items()}
     confident = readings.given & ~(readings.confidence < CONFIDENT)
@@ -178,7 +197,7 @@ def recoveries(right: np.ndarray) -> list[int]:
     return lengths
 
 
-def _errors_of(readings: Readings, truth: LaneTruth) -> dict[str, np.ndarray]:
+def _errors_of(readings: Readings, truth: LaneTruth, camera: Camera | None) -> dict[str, np.ndarray]:
     """The errors that depend on how the lines are named."""
     error = np.abs(readings.lines_y_m - truth.lines_y_m) * truth.across
     judged = readings.given[:, None, None] & np.isfinite(truth.across)
@@ -187,6 +206,7 @@ def _errors_of(readings: Readings, truth: LaneTruth) -> dict[str, np.ndarray]:
         "lateral_m": np.fmax(error[:, 0], error[:, 1]),
         "near_m": _worse_rms(error[..., NEAR]),
         "far_m": _worse_rms(error),
+        "in_picture_m": _worse_rms(np.where(truth.in_picture(camera), error, np.nan)[..., NEAR]),
     }
     for name in ("offset_m", "heading_rad", "curvature_per_m"):
         errors[name] = np.where(truth.exists, np.abs(getattr(readings, name) - getattr(truth, name)), np.nan)

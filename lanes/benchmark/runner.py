@@ -162,7 +162,7 @@ def score_video(video: str | Path, system: str, *, end_s: float | None = None) -
     staged = stage(choose_drives([str(video)])[0], False)
     readings = follow_drive(staged, system, end_s=end_s)
     truth = true_lane(staged.drive).cut(slice(len(readings.offset_m)))
-    errors = frame_errors(readings, truth)
+    errors = frame_errors(readings, truth, staged.camera)
     return score_rows([Result(staged.drive.name, staged.drive.difficulty, system, errors)])[0]
 
 
@@ -183,7 +183,7 @@ def _result(staged: Staged, system: str, path: Path) -> Result:
     readings, about = read_readings(path)
     drive = staged.drive
     try:
-        errors = frame_errors(readings, true_lane(drive))
+        errors = frame_errors(readings, true_lane(drive), staged.camera)
     except ValueError as error:
         raise ValueError(f"{drive.video}: {error}") from error
     workers, fps, machine = (about[name] for name in ("workers", "fps", "machine"))

@@ -95,6 +95,7 @@ def score(drives: Sequence[FrameErrors]) -> dict[str, float]:
     lost = [length for drive in drives for length in recoveries(drive.right[drive.exists])]
     measured = {f"lateral_{x:.0f}m": lateral[:, int(np.argmax(x == AT_M))] for x in TABLE_AT_M}
     measured["lateral_5_20m"] = _joined([drive.near_m for drive in drives])
+    measured["lateral_5_20m_in_picture"] = _joined([drive.in_picture_m for drive in drives])
     units = dict.fromkeys(measured, "m") | {"offset": "m", "heading": "rad", "curvature": "per_m"}
     measured |= {
         name: _joined([getattr(d, f"{name}_{units[name]}") for d in drives]) for name in units.keys() - measured
@@ -104,6 +105,7 @@ def score(drives: Sequence[FrameErrors]) -> dict[str, float]:
         "lane_frames": float(exists.sum()),
         "available_share": _share(given[exists]),
         "right_share": _share(right[exists]),
+        "right_in_picture_share": _share(_joined([drive.right_in_picture for drive in drives])[exists]),
         "confidently_wrong_share": _share(_joined([drive.confidently_wrong for drive in drives])),
     }
     for name, unit in units.items():
