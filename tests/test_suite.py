@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from lanes.camera import undistort
 from lanes.dataset import PROJECT_ROOT
 from lanes.scenes import suite
+from lanes.scenes.bonnet import bonnet_outline
 from lanes.scenes.kept import kept_array
 from lanes.scenes.render import render_frame
 from lanes.scenes.suite import SUITE, cache_folder, render_scene, scene_path
@@ -152,3 +154,14 @@ def seconds_of(call: Callable[[], object]) -> float:
     start = time.thread_time()
     call()
     return time.thread_time() - start
+
+
+@pytest.mark.parametrize("name", ["fog", "wet-night"])
+def test_what_the_bonnet_hides_may_be_left_out_in_any_weather(name):
+    """Fog and water are laid over the ground that is there: all of it, or what is seen before the bonnet."""
+    drive = SUITE[name].drive()
+    with_bonnet, without = (render_frame(replace(drive, bonnet=bonnet), 1.0) for bonnet in (True, False))
+    edge = int(bonnet_outline(drive.camera.size).min()) - 20
+    assert with_bonnet.hidden[-1].all() and not without.hidden[-1].all()
+    apart = cv2.absdiff(with_bonnet.image[:edge], without.image[:edge])
+    assert apart.max() <= 1

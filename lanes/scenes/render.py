@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -89,12 +89,13 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     things = things_in_view(drive.things, drive.road, truth.pose, time_s=time_s)
     sun = _sun_on_ground(drive, things, view)
     seen = slice(0, _rows_before_bonnet(drive) - ground.top)
-    ground_light = _ground_light(drive, ground.rows(seen), sun[seen], things, station_m=view.station_m)
+    before_bonnet = ground.rows(seen)
+    ground_light = _ground_light(drive, before_bonnet, sun[seen], things, station_m=view.station_m)
     # Before air dims it and without sky, cars and bonnet: what the camera's exposure follows.
     road_light = _mean_luminance(ground_light[max(len(sun) - 250, 0) : len(sun) - NEAREST_ROWS : 4, ::8])
-    mirror = _add_shine(ground_light, drive, sun, view)
+    mirror = _add_shine(ground_light, drive, sun[seen], replace(view, ground=before_bonnet))
     bare = _backdrop(drive, camera, heading, ground)
-    _lay_ground(bare, ground_light, ground.rows(seen), daylight=drive.night is None)
+    _lay_ground(bare, ground_light, before_bonnet, daylight=drive.night is None)
     light = _with_things(bare, drive, things, view, sunny=float(sun[-NEAREST_ROWS:].mean()))
     same = cv2.compare(light, bare, cv2.CMP_EQ)
     hidden = cv2.inRange(same, (255, 255, 255), (255, 255, 255)) == 0
