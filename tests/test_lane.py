@@ -4,8 +4,10 @@ from painter import WHITE, YELLOW, Road, dashcam
 from shapes import a_lane
 
 from lanes.camera import Camera, Mount
-from lanes.metric.lane import describe_lane, find_lane, follow_lane, observe
+from lanes.metric.follow import correct_lane
+from lanes.metric.lane import describe_lane, find_lane, observe
 from lanes.metric.lanemodel import LEFT, RIGHT
+from lanes.metric.motion import first_belief
 from lanes.metric.roadview import RoadView
 
 CAMERA = dashcam()
@@ -140,8 +142,8 @@ def test_following_agrees_with_searching():
     expected = cold.model + a_lane(centre=0.05, width=0.03, heading=0.003, curvature=2e-4, pitch=0.002)
     small = dict(rate=1e-4, pitch=0.005, vertical=1e-4, kinks=1e-4, beside=1e-4)
     std = a_lane(centre=0.1, width=0.1, heading=0.01, curvature=1e-3, **small)
-    information = np.diag(std**-2)
-    lane = describe_lane(follow_lane(sight.stripes, VIEW, expected, information), sight, VIEW)
+    belief = first_belief(expected, np.diag(std**2), None)
+    lane = describe_lane(correct_lane(sight.stripes, belief, VIEW), sight, VIEW)
     np.testing.assert_allclose(lane.line_y(X_M, LEFT), cold.line_y(X_M, LEFT), atol=0.02)
     np.testing.assert_allclose(lane.line_y(X_M, RIGHT), cold.line_y(X_M, RIGHT), atol=0.03)
 

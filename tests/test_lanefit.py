@@ -5,7 +5,6 @@ import pytest
 from shapes import a_lane, stripes_at
 
 from lanes.metric.lanefit import (
-    FOLLOW,
     LIMIT,
     PRIOR_MEAN,
     PRIOR_STD,
@@ -240,7 +239,6 @@ def test_a_prediction_holds_where_there_is_no_evidence():
         FOCAL_PX,
         prior_mean=expected,
         prior_information=np.eye(NUMBERS) * 1e4,
-        schedule=FOLLOW,
     )
     np.testing.assert_allclose(fit.lane[0], expected)
     np.testing.assert_allclose(fit.information[0], np.eye(NUMBERS) * 1e4)

@@ -1,6 +1,6 @@
 """The lane in one picture: from raw pixels to metres, with an account of how sure that is.
 
-    raw picture -> observe -> Sight -> search_lane or follow_lane -> LaneFit -> describe_lane -> Lane
+    raw picture -> observe -> Sight -> search_lane or follow.correct_lane -> LaneFit -> describe_lane -> Lane
 
 `find_lane` runs through all of it for a picture of which nothing is known.
 """
@@ -16,7 +16,6 @@ from lanes.camera import Camera
 from lanes.metric.attributes import Paint, describe_paint
 from lanes.metric.evidence import Evidence, Stripes, find_stripes, measure_paint
 from lanes.metric.lanefit import (
-    FOLLOW,
     MORE_PAINT,
     OUTWARDS,
     START,
@@ -287,19 +286,6 @@ def vote_lanes(near: Stripes, view: RoadView) -> tuple[np.ndarray, np.ndarray]:
     """The vote table (hypotheses, bins) of the stripes nearby, and the lanes (K, 15) that it suggests, best first."""
     votes = count_votes(near, view.height_m)
     return votes, best_pairs(votes, int((view.x_m < FAR_M).sum()))
-
-
-def follow_lane(stripes: Stripes, view: RoadView, mean: np.ndarray, information: np.ndarray) -> LaneFit:
-    """Fit the one lane that is expected: `mean` (15,) and inverse covariance (15, 15) of the prior."""
-    return fit_lanes(
-        mean[None],
-        stripes,
-        view.height_m,
-        view.focal_px,
-        prior_mean=mean,
-        prior_information=information,
-        schedule=FOLLOW,
-    )
 
 
 def describe_lane(fit: LaneFit, sight: Sight, view: RoadView) -> Lane | None:

@@ -63,7 +63,6 @@ STRAY_M, STRAY_AT_M = 0.08, 40.0
 # Steps of the fit: (how far it looks, how many standard deviations still pull).
 START = ((16, 6), (20, 4), (26, 4))
 GROW = ((34, 3), (44, 3), (56, 2), (70, 1.5), (70, 1))
-FOLLOW = ((70, 1.5), (70, 1))
 # The same in small steps, for roads that bend or fall away so much that nothing farther out is where it is expected.
 OUTWARDS = (
     *((far_m, 3.0) for far_m in (9.0, 11.0, 13.0, 16.0, 19.0, 23.0)),
