@@ -51,6 +51,6 @@ def test_a_bend_that_is_not_steered_is_left():
     assert watch_departure(bend, 20.0, path_per_m=1 / 400).time_to_crossing_s == pytest.approx(4.5, rel=0.02)
 
 
-def test_aim_and_speed_count():
-    assert watch_departure(lane_at(0.0, 0.02), 20.0, aim_rad=0.02).side is None
+def test_course_and_speed_count():
+    assert watch_departure(lane_at(0.0, 0.02), 20.0, course_rad=0.02).side is None
     assert watch_departure(lane_at(0.0, 0.03), 0.0).side is None

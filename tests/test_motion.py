@@ -7,7 +7,7 @@ import pytest
 from shapes import a_lane
 
 from lanes.metric.lanemodel import BESIDE, CENTRE, CURVATURE, HEADING, KINKS, KNOTS_M, PITCH, RATE, VERTICAL, WIDTH
-from lanes.metric.motion import AIM, LANE, PATH, REST, SPEED, Belief, bend_of, fastest_mps, first_belief
+from lanes.metric.motion import AIM, LANE, PATH, REST, SPEED, Belief, bend_of, fastest_mps, first_belief, lever_m
 from lanes.scenes.road import Pose, RoadGeometry
 from lanes.scenes.truth import lane_truth
 
@@ -148,3 +148,13 @@ def test_nobody_drives_a_hairpin_at_the_speed_of_a_motorway(radius_m, fastest):
     lane = a_lane(width=3.4, curvature=1 / radius_m)
     assert first_belief(lane, COVARIANCE, None).mean[SPEED] <= fastest
     assert first_belief(lane, COVARIANCE, 20.0).mean[SPEED] == 20.0
+
+
+@pytest.mark.parametrize("radius_m", [-15.0, 22.0])
+def test_round_a_hairpin_the_camera_moves_along_the_lane_that_it_looks_askew_at(radius_m):
+    path, speed = 1 / radius_m, 8.0
+    lane = a_lane(centre=0.1, width=3.2, heading=lever_m(speed) * path + 0.01, curvature=path)
+    belief = first_belief(lane, COVARIANCE, speed)
+    belief.mean[AIM] = 0.01
+    assert belief.course_rad == pytest.approx(lane[HEADING])
+    assert belief.predict(0.04).mean[CENTRE] == pytest.approx(0.1, abs=1e-9)

@@ -52,7 +52,12 @@ class DepartureWarning:
 
 
 def watch_departure(
-    lane: Lane, speed_mps: float, *, path_per_m: float = 0.0, aim_rad: float = 0.0, half_track_m: float = HALF_TRACK_M
+    lane: Lane,
+    speed_mps: float,
+    *,
+    path_per_m: float = 0.0,
+    course_rad: float = 0.0,
+    half_track_m: float = HALF_TRACK_M,
 ) -> DepartureWarning:
     """How soon the car leaves `lane`.
 
@@ -62,8 +67,8 @@ def watch_departure(
     speed_mps : float
     path_per_m : float
         Curvature of the path that the car steers: relative to the lane it turns by the difference of both.
-    aim_rad : float
-        Direction in which the car moves, seen from the camera.
+    course_rad : float
+        Direction in which the camera moves, seen from it.
     half_track_m : float
         From the car's middle to the outside of its tyres.
 
@@ -76,7 +81,7 @@ def watch_departure(
     The lane's lines move sideways by v sin(h) t + (k - path) (v t)^2 / 2; the crossing is the first positive root.
     """
     left, right = lane.left.c0_m - half_track_m, -lane.right.c0_m - half_track_m
-    drift = -speed_mps * float(np.sin(lane.heading_rad - aim_rad))
+    drift = -speed_mps * float(np.sin(lane.heading_rad - course_rad))
     turning = -(lane.curvature_per_m - path_per_m) * speed_mps**2
     times = {"left": _time_to(left, drift, turning), "right": _time_to(right, -drift, -turning)}
     side = min(times, key=times.get)

@@ -103,13 +103,19 @@ class Belief:
         """(15, 15)."""
         return self.covariance[LANE, LANE]
 
+    @property
+    def course_rad(self) -> float:
+        """Direction in which the camera moves, seen from it: its aim, and aside where it swings with a turning car."""
+        path, speed, aim = self.mean[[PATH, SPEED, AIM]].tolist()
+        return aim + lever_m(speed) * path
+
     def predict(self, elapsed_s: float, *, steady_speed: bool = False) -> Belief:
         """The belief `elapsed_s` seconds later, before the next picture is looked at."""
         # Python's numbers one by one: for so few of them numpy's overhead is most of the time
         _, _, heading, curvature, rate, pitch, *_ = self.mean.tolist()
         path, speed, rest, aim = self.mean[CAR].tolist()
         d, turn = speed * elapsed_s, curvature - path
-        lever = LEVER_M * max(0.0, 1 - (speed / TANGENT_MPS) ** 2)
+        lever = lever_m(speed)
         slant = heading - aim - lever * path
         mean, jacobian = self.mean.copy(), np.eye(STATES)
         swing = exp(-elapsed_s / SPRING_S)
@@ -191,6 +197,11 @@ def first_belief(lane: np.ndarray, covariance: np.ndarray, speed_mps: float | No
     car = [PATH, SPEED, REST, AIM]
     whole[car, car] = np.square([path_std, speed_std, REST_STD_RAD, AIM_STD_RAD])
     return Belief(np.concatenate([lane, [lane[CURVATURE], speed, 0.0, 0.0]]), whole)
+
+
+def lever_m(speed_mps: float) -> float:
+    """How far behind the camera the point of the car is that moves where the car points."""
+    return LEVER_M * max(0.0, 1 - (speed_mps / TANGENT_MPS) ** 2)
 
 
 def fastest_mps(curvature_per_m: float, push: float) -> float:

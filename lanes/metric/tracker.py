@@ -20,7 +20,7 @@ from lanes.metric.lane import LEAST_WEIGHT, Lane, Sight, describe_lane, inner_st
 from lanes.metric.lanefit import LaneFit
 from lanes.metric.lanemodel import CENTRE, SIDES, WIDTH
 from lanes.metric.linekind import KindVotes
-from lanes.metric.motion import AIM, PATH, SPEED, Belief, first_belief
+from lanes.metric.motion import PATH, SPEED, Belief, first_belief
 from lanes.metric.roadview import RoadView
 from lanes.metric.tracked import COASTING, LOST, SEARCHING, TRACKING, TrackedLane
 from lanes.words import html_table
@@ -223,13 +223,13 @@ class LaneTracker:
     def _report(self) -> TrackedLane:
         if self._lane is None:
             return TrackedLane(LOST)
-        path, speed, aim = (float(self._belief.mean[k]) for k in (PATH, SPEED, AIM))
+        path, speed = (float(self._belief.mean[k]) for k in (PATH, SPEED))
         return TrackedLane(
             self._state,
             rate_lane(self._lane, followed=True),
             self._lane,
             speed,
-            watch_departure(self._lane, speed, path_per_m=path, aim_rad=aim),
+            watch_departure(self._lane, speed, path_per_m=path, course_rad=self._belief.course_rad),
             (self._votes[0].kind, self._votes[1].kind),
         )
 
