@@ -54,3 +54,12 @@ def test_a_bend_that_is_not_steered_is_left():
 def test_course_and_speed_count():
     assert watch_departure(lane_at(0.0, 0.02), 20.0, course_rad=0.02).side is None
     assert watch_departure(lane_at(0.0, 0.03), 0.0).side is None
+
+
+def test_what_is_not_known_is_no_reason_to_warn():
+    lane = lane_at(0.0, -0.05)
+    assert watch_departure(lane, 20.0).due
+    unsure = watch_departure(lane, 20.0, course_std_rad=0.03)
+    assert not unsure.due and unsure.time_to_crossing_s == watch_departure(lane, 20.0).time_to_crossing_s
+    bend = lane_at(0.0, 0.01, 1 / 80)
+    assert watch_departure(bend, 15.0).due and not watch_departure(bend, 15.0, turning_std_per_m=0.01).due

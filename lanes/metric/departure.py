@@ -33,7 +33,7 @@ class DepartureWarning:
         Until the tyres are on that line if car and road go on as now; 0 when on it, infinite when keeping to the lane
         or farther away than 20 s.
     due : bool
-        Warn: a crossing is less than a second away, or happening.
+        Warn: a crossing is surely less than a second away, or happening.
     """
 
     left_m: float
@@ -58,6 +58,8 @@ def watch_departure(
     path_per_m: float = 0.0,
     course_rad: float = 0.0,
     half_track_m: float = HALF_TRACK_M,
+    turning_std_per_m: float = 0.0,
+    course_std_rad: float = 0.0,
 ) -> DepartureWarning:
     """How soon the car leaves `lane`.
 
@@ -71,6 +73,9 @@ def watch_departure(
         Direction in which the camera moves, seen from it.
     half_track_m : float
         From the car's middle to the outside of its tyres.
+    turning_std_per_m, course_std_rad : float
+        How well that difference of curvatures and the course along the lane are known. A warning is due if the car
+        would cross the line even were it to turn and to drift by so much less.
 
     Returns
     -------
@@ -81,14 +86,25 @@ def watch_departure(
     The lane's lines move sideways by v sin(h) t + (k - path) (v t)^2 / 2; the crossing is the first positive root.
     """
     left, right = lane.left.c0_m - half_track_m, -lane.right.c0_m - half_track_m
-    drift = -speed_mps * float(np.sin(lane.heading_rad - course_rad))
-    turning = -(lane.curvature_per_m - path_per_m) * speed_mps**2
-    times = {"left": _time_to(left, drift, turning), "right": _time_to(right, -drift, -turning)}
+    along = lane.heading_rad - course_rad
+    turning = lane.curvature_per_m - path_per_m
+    drift = -speed_mps * float(np.sin(along))
+    side, time = _crossing(left, right, drift, -turning * speed_mps**2)
+    surely = -speed_mps * float(np.sin(_less(along, course_std_rad)))
+    _, late = _crossing(left, right, surely, -_less(turning, turning_std_per_m) * speed_mps**2)
+    return DepartureWarning(left, right, drift, side, time, late < WARN_S)
+
+
+def _crossing(left_m: float, right_m: float, drift_mps: float, turning_mps2: float) -> tuple[str | None, float]:
+    """The line that is crossed first, None if none is, and when."""
+    times = {"left": _time_to(left_m, drift_mps, turning_mps2), "right": _time_to(right_m, -drift_mps, -turning_mps2)}
     side = min(times, key=times.get)
-    time = times[side]
-    if not np.isfinite(time):
-        side = None
-    return DepartureWarning(left, right, drift, side, time, time < WARN_S)
+    return side if np.isfinite(times[side]) else None, times[side]
+
+
+def _less(value: float, by: float) -> float:
+    """A value nearer to zero by so much, and zero if it would pass it."""
+    return float(np.sign(value)) * max(abs(value) - by, 0.0)
 
 
 def _time_to(distance_m: float, speed: float, acceleration: float) -> float:

@@ -109,6 +109,21 @@ class Belief:
         path, speed, aim = self.mean[[PATH, SPEED, AIM]].tolist()
         return aim + lever_m(speed) * path
 
+    @property
+    def turning_std_per_m(self) -> float:
+        """Standard deviation of the difference between the lane's curvature and the path's."""
+        return self._std({CURVATURE: 1.0, PATH: -1.0})
+
+    @property
+    def course_std_rad(self) -> float:
+        """Standard deviation of the difference between the lane's heading and the course."""
+        return self._std({HEADING: 1.0, AIM: -1.0, PATH: -lever_m(float(self.mean[SPEED]))})
+
+    def _std(self, weights: dict[int, float]) -> float:
+        """Standard deviation of a sum of some of the numbers, times their weights."""
+        places, factors = list(weights), np.array(list(weights.values()))
+        return float(np.sqrt(factors @ self.covariance[np.ix_(places, places)] @ factors))
+
     def predict(self, elapsed_s: float, *, steady_speed: bool = False) -> Belief:
         """The belief `elapsed_s` seconds later, before the next picture is looked at."""
         # Python's numbers one by one: for so few of them numpy's overhead is most of the time

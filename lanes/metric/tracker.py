@@ -229,7 +229,14 @@ class LaneTracker:
             rate_lane(self._lane, followed=True),
             self._lane,
             speed,
-            watch_departure(self._lane, speed, path_per_m=path, course_rad=self._belief.course_rad),
+            watch_departure(
+                self._lane,
+                speed,
+                path_per_m=path,
+                course_rad=self._belief.course_rad,
+                turning_std_per_m=self._belief.turning_std_per_m,
+                course_std_rad=self._belief.course_std_rad,
+            ),
             (self._votes[0].kind, self._votes[1].kind),
         )
 
