@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from lanes.scenes.ground import Ground
@@ -57,6 +58,7 @@ class Fog:
         self._veil(light, self.through(self.height_m / np.maximum(up, np.float32(1e-3))))
 
     def _veil(self, light: np.ndarray, through: np.ndarray) -> None:
-        light -= np.array(self.colour, np.float32)
-        light *= through[..., None]
-        light += np.array(self.colour, np.float32)
+        # OpenCV, because numpy is slow where the innermost axis has three elements.
+        cv2.subtract(light, (*self.colour, 0.0), dst=light)
+        cv2.multiply(light, cv2.merge([through] * 3), dst=light)
+        cv2.add(light, (*self.colour, 0.0), dst=light)

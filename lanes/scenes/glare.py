@@ -80,7 +80,8 @@ def add_sheen(light: np.ndarray, ground: Ground, sun: np.ndarray, sun_direction:
     sheen = cv2.resize(sheen, (light.shape[1], light.shape[0]), interpolation=cv2.INTER_LINEAR) * sun
     # Stones and paint that are brighter are also the smoother ones.
     sheen *= 0.8 + np.minimum(light[..., 1], 1) * np.float32(0.4)
-    light += sheen[..., None] * SUN_COLOUR
+    # numpy is slow where the innermost axis has three elements
+    light += cv2.merge([sheen * c for c in SUN_COLOUR])
 
 
 def add_glare(light: np.ndarray, rays: np.ndarray, sun_ray: np.ndarray, glare: Glare, *, sunshine: float) -> None:
@@ -141,12 +142,12 @@ def _flare(rays: np.ndarray, sun_ray: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=2)
 def _dirt(height: int, width: int) -> np.ndarray:
-    """How unevenly a windscreen scatters (height, width, 1), about 1: smears of the wiper, and specks."""
+    """How unevenly a windscreen scatters (height, width, 3), about 1: smears of the wiper, and specks."""
     rng = np.random.default_rng(71)
     smears = fractal_noise((height, width), rng, cell_px=(0.9 * height, 0.12 * width), octaves=4, gain=0.6)
     specks = fractal_noise((height, width), rng, cell_px=(5, 5), octaves=2)
     dirt = 1 + 0.12 * smears + 0.7 * smoothstep(2.6, 3.6, specks)
-    return np.clip(dirt, 0.5, 2)[..., None].astype(np.float32)
+    return cv2.merge([np.clip(dirt, 0.5, 2).astype(np.float32)] * 3)
 
 
 @lru_cache(maxsize=2)
