@@ -50,3 +50,6 @@ def test_lanes_that_one_fit_would_make_the_same_are_named_once():
     kept = distinct(lanes, 3)
     np.testing.assert_array_equal(kept, lanes[[0, 1, 3]])
     assert len(distinct(lanes, 2)) == 2
+    nodding = a_lane(centre=0.1, width=3.6, pitch=0.01)
+    both = np.stack([a_lane(centre=0.1, width=3.6), nodding])
+    assert len(distinct(both, 2)) == 1 and len(distinct(both, 2, same_pitch_rad=0.008)) == 2

@@ -48,6 +48,8 @@ from lanes.words import describe_bend, describe_heading, describe_offset, html_t
 
 # Rival hypotheses that are followed to the end, and how near two of them are the same lane.
 RIVALS, SAME_M = 3, 0.5
+# Near by, a little more pitch looks like a little less width; only farther out do such lanes part.
+SAME_PITCH_RAD = 0.008
 # Support is counted up to this distance, against at least so many rows, that a line just leaving the picture is not
 # thought perfect for the three rows it has.
 SUPPORT_FAR_M, LEAST_ROWS = 50.0, 30
@@ -263,7 +265,11 @@ def search_lane(stripes: Stripes, view: RoadView) -> LaneFit | None:
     _, starts = vote_lanes(near, view)
     first = fit_lanes(starts, near, view.height_m, view.focal_px, schedule=START)
     support = np.sqrt((first.weight[:, None] * (first.side[:, None] == SIDES[:, None])).sum(-1)).sum(-1)
-    lanes = distinct(first.lane[np.argsort(elsewhere(first.lane) * 1e3 - support, kind="stable")], RIVALS)
+    lanes = distinct(
+        first.lane[np.argsort(elsewhere(first.lane) * 1e3 - support, kind="stable")],
+        RIVALS,
+        same_pitch_rad=SAME_PITCH_RAD,
+    )
     fit = fit_lanes(lanes, stripes, view.height_m, view.focal_px)
     best = int(fit.weight.sum(axis=1).argmax())
     if fit.weight[best].sum() > fit.beside[best] - UNEXPLAINED:
