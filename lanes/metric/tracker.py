@@ -35,7 +35,7 @@ RECHECK_S, BETTER, OBJECTIONS = 1.0, 0.1, 3
 # The paint of a line is looked at again after so many frames, left and right in turn.
 PAINT_EVERY = 10
 # On an even road it takes no more than so many frames to notice that it begins to bend or wave.
-OUTWARDS_EVERY = 3
+OUTWARDS_EVERY = 4
 # The car's middle is so far over a line before the lines change their names: not at each touch of it.
 CROSSED_M = 0.1
 # Two lanes are the same if their lines lie within this at these distances.
