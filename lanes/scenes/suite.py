@@ -22,9 +22,9 @@ from lanes.scenes.suite_weather import SCENES as WEATHER
 __all__ = ["SUITE", "SuiteScene", "cache_folder", "render_scene", "scene_path"]
 
 _THEMES = (MOTORWAY, FAMOUS, MOUNTAIN, WEATHER, TRAFFIC, NO_LANE)
-# Scenes are a cache and may be larger than what is committed (by a third): encoding takes a third of the time, and the
-# quality is within 0.2 dB of the committed video's.
-CACHE_CRF, CACHE_PRESET = 18, "veryfast"
+# Scenes are a cache and may be larger than what is committed (2.5 times): encoding takes a tenth of the time, and the
+# quality is not worse (0.5 to 0.9 dB better, measured on two scenes).
+CACHE_CRF, CACHE_PRESET = 20, "ultrafast"
 SUITE: dict[str, SuiteScene] = {scene.name: scene for scenes in _THEMES for scene in scenes}
 
 
