@@ -13,6 +13,7 @@ import numpy as np
 
 from lanes.metric.evidence import Stripes
 from lanes.metric.lanefit import (
+    GROW,
     OUTWARDS,
     UNEXPLAINED,
     Comparison,
@@ -85,15 +86,15 @@ def correct_lane(stripes: Stripes, belief: Belief, view: RoadView, *, outwards: 
     even = bend_of(belief.lane) < SHARP_PER_M and wave_of(belief.lane) < WAVY_PER_M
     if (even and not outwards) or same.weight.sum() > to_explain:
         return same
-    grown = _grow(stripes, belief, view)
+    grown = _grow(stripes, belief, view, schedule=GROW if even else OUTWARDS)
     best = grown if grown.weight.sum() > same.weight.sum() else same
     if best.weight.sum() > to_explain:
         return best
-    roused = _grow(stripes, belief.roused(), view)
+    roused = _grow(stripes, belief.roused(), view, schedule=OUTWARDS)
     return roused if roused.weight.sum() > best.weight.sum() + MORE_PAINT else best
 
 
-def _grow(stripes: Stripes, belief: Belief, view: RoadView) -> LaneFit:
+def _grow(stripes: Stripes, belief: Belief, view: RoadView, *, schedule: tuple) -> LaneFit:
     """The lane followed outwards from the car."""
     return fit_lanes(
         belief.lane[None],
@@ -102,7 +103,7 @@ def _grow(stripes: Stripes, belief: Belief, view: RoadView) -> LaneFit:
         view.focal_px,
         prior_mean=belief.lane,
         prior_information=np.linalg.inv(belief.lane_covariance),
-        schedule=OUTWARDS,
+        schedule=schedule,
         together=TOGETHER,
     )
 

@@ -34,8 +34,8 @@ LONGEST_COAST_S, WIDEST_STD_M = 1.0, 0.4
 RECHECK_S, BETTER, OBJECTIONS = 1.0, 0.1, 3
 # The paint of a line is looked at again after so many frames, left and right in turn.
 PAINT_EVERY = 10
-# On an even road it takes no more than so many frames to notice that it begins to bend or wave.
-OUTWARDS_EVERY = 4
+# On an even road it takes no longer than this to notice that it begins to bend or wave: some metres of a drive.
+OUTWARDS_S = 0.25
 # The car's middle is so far over a line before the lines change their names: not at each touch of it.
 CROSSED_M = 0.1
 # Two lanes are the same if their lines lie within this at these distances.
@@ -139,7 +139,8 @@ class LaneTracker:
         belief = self._belief.predict(elapsed_s, steady_speed=self.speed_mps is not None)
         if self.speed_mps is not None:
             belief.mean[SPEED] = self.speed_mps
-        fit = correct_lane(sight.stripes, belief, view, outwards=self._since_search % OUTWARDS_EVERY == 0)
+        outwards = self._since_search % max(round(OUTWARDS_S * self.fps), 1) == 0
+        fit = correct_lane(sight.stripes, belief, view, outwards=outwards)
         look_at = {0: 0, PAINT_EVERY // 2: 1}.get(self._since_search % PAINT_EVERY)
         seen = see_lines(fit, sight, view, self._seen, look_at)
         self._belief = belief.corrected(fit.lane[0], np.linalg.inv(fit.information[0]))
