@@ -17,7 +17,7 @@ from lanes.scenes.glare import Glare
 from lanes.scenes.ground import cast_on_ground, picture_rays
 from lanes.scenes.lens import Lens
 from lanes.scenes.light import BridgeShade, Sun, WoodShade, light_along
-from lanes.scenes.night import Night
+from lanes.scenes.night import Night, lamps_in_sight
 from lanes.scenes.overpass import Overpass
 from lanes.scenes.rain import Rain, drops_on_glass
 from lanes.scenes.render import Drive, Motion, render_frame
@@ -243,6 +243,15 @@ def test_lamps_are_seen_from_where_they_shine_and_mirrored_below(monkeypatch):
     assert (below["wet"] > 5 * below["dry"]).all()
     assert below["rear"][0] > 4 * below["rear"][1]
     assert below["wet"][0] < 2 * below["wet"][1]
+
+
+def test_lamps_behind_a_nearer_vehicle_are_not_seen():
+    """Through a lorry nothing shines; past it, and from its own end that looks at us, it does."""
+    lorry = Car(20.0, 0.5, 0.1, "white", body="truck")
+    for y_m, lamps in ((0.4, 2), (6.0, 4)):
+        seen = lamps_in_sight([Car(60.0, y_m, np.pi, "black"), lorry], SMALL)
+        assert len(seen) == lamps
+        assert sum(lamp.distance_m < 16.0 for lamp in seen) == 2
 
 
 def test_wet_road_mirrors_most_where_it_is_seen_flat():

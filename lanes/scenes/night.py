@@ -11,6 +11,7 @@ from lanes.camera import Camera
 from lanes.scenes.ground import Ground
 from lanes.scenes.markings import Marking
 from lanes.scenes.things import Car, Post, Thing, turned_by
+from lanes.scenes.vehicles import outline
 
 HALOGEN = np.array([1.0, 0.86, 0.62], np.float32)
 SODIUM = np.array([1.0, 0.62, 0.25], np.float32)
@@ -28,6 +29,8 @@ LAMPS = {
 # Glow about a lamp: sizes in rows of a picture 720 rows high, and shares of the light.
 HALOS = ((3.0, 0.35), (14.0, 0.05), (60.0, 0.006))
 COARSE = 4
+# A vehicle that begins before us hides nothing that lies ahead: half a lorry is 6 m long.
+NEAREST_CAR_M = 7.0
 
 
 @dataclass(frozen=True)
@@ -95,6 +98,15 @@ class Lamp:
     light: np.ndarray
     radius_m: float = 0.07
 
+    @property
+    def distance_m(self) -> float:
+        return float(np.linalg.norm(self.place_m))
+
+    def within(self, hull: np.ndarray, camera: Camera) -> bool:
+        """Whether the camera sees it inside of a hull (N, 1, 2) in the picture."""
+        u, v = camera.road_to_pixels(self.place_m[None])[0].tolist()
+        return cv2.pointPolygonTest(hull, (u, v), False) > 0
+
 
 def lamps_of(things: list[Thing]) -> list[Lamp]:
     """The lamps of cars that look at us, and of street lamps ahead."""
@@ -113,6 +125,20 @@ def lamps_of(things: list[Thing]) -> list[Lamp]:
     return lamps
 
 
+def lamps_in_sight(things: list[Thing], camera: Camera) -> list[Lamp]:
+    """Those of `lamps_of` that no nearer vehicle hides."""
+    lamps = lamps_of(things)
+    for car in (thing for thing in things if isinstance(thing, Car) and thing.x_m > NEAREST_CAR_M):
+        place = np.array([car.x_m, car.y_m, car.rise_m])
+        pixels = camera.road_to_pixels(outline(car.body) @ turned_by(car.heading_rad).T + place)
+        hull = cv2.convexHull(pixels[np.isfinite(pixels).all(axis=1)].astype(np.float32))
+        if hull is None:  # far aside, where the lens is blind
+            continue
+        # its own lamps that look at us are nearer than its middle
+        lamps = [lamp for lamp in lamps if lamp.distance_m < np.linalg.norm(place) or not lamp.within(hull, camera)]
+    return lamps
+
+
 def add_lamps(light: np.ndarray, camera: Camera, lamps: list[Lamp]) -> None:
     """Add lamps with their glow, in place; what they are brighter than the picture can hold spreads in the glow."""
     height, width = light.shape[:2]
@@ -121,7 +147,7 @@ def add_lamps(light: np.ndarray, camera: Camera, lamps: list[Lamp]) -> None:
         u, v = camera.road_to_pixels(lamp.place_m[None])[0]
         if not (0 <= u < width - 1 and 0 <= v < height - 1):
             continue
-        radius = camera.matrix[0, 0] * lamp.radius_m / float(np.linalg.norm(lamp.place_m))
+        radius = camera.matrix[0, 0] * lamp.radius_m / lamp.distance_m
         _add_disc(light, u, v, radius, lamp.light)
         # Energy of the disc, spread over one coarse pixel.
         glow[int(v) // COARSE % len(glow), int(u) // COARSE % glow.shape[1]] += (

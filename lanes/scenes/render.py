@@ -30,7 +30,7 @@ from lanes.scenes.light import (
     sunlight_on_ground,
 )
 from lanes.scenes.markings import paint_markings
-from lanes.scenes.night import add_lamps, lamps_of
+from lanes.scenes.night import add_lamps, lamps_in_sight
 from lanes.scenes.objects import draw_objects
 from lanes.scenes.rain import add_streaks_in_air, see_through_drops
 from lanes.scenes.road import Pose
@@ -100,7 +100,7 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     same = cv2.compare(light, bare, cv2.CMP_EQ)
     hidden = cv2.inRange(same, (255, 255, 255), (255, 255, 255)) == 0
     if mirror is not None or drive.night is not None:
-        lamps = lamps_of(things)
+        lamps = lamps_in_sight(things, camera)
         if mirror is not None:
             add_streaks(light, camera, lamps, mirror, ~hidden)
         add_lamps(light, camera, lamps)
