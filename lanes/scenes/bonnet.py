@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.scenes.brush import lay_over, planes_of
 from lanes.scenes.noise import fractal_noise, smoothstep
 
 # Upper edge as shares of picture width and height: left wing, the dip beside the hump, the hump, right wing.
@@ -62,9 +61,9 @@ def draw_bonnet(image: np.ndarray, camera: Camera, *, seed: int = 0, light: floa
     """
     image = np.array(image, np.float32)
     layer, top = _bonnet_layer(camera.size, seed)
-    planes = planes_of(image[top:])
-    lay_over(planes, layer, 0, 0, through=light)
-    cv2.merge(planes, image[top:])
+    below, clear = image[top:], 1 - layer[..., 3:]
+    below *= cv2.merge([clear] * 3)
+    below += layer[..., :3] * np.float32(light)
     return image
 
 

@@ -14,6 +14,8 @@ from lanes.camera import Camera
 NEAREST_M = 0.5
 # Subpixel bits of OpenCV's polygon coordinates.
 _SHIFT = 4
+# Less than this of what is behind is not worth painting: it changes one pixel of ten thousand by a grey level.
+UNSEEN = 1e-5
 
 
 @lru_cache(maxsize=4)
@@ -116,13 +118,12 @@ def paint_polygons(
     softness_px: float = 0.35,
     blend_px: float = 0.0,
 ) -> None:
-    """Paint convex polygons one after the other, in place, with smooth edges.
+    """Paint convex polygons, each over those before it, behind all that is in the picture, with smooth edges.
 
     Parameters
     ----------
-    picture : ndarray of shape (3, H, W), float32
-        Linear RGB, one plane for each colour, changed. Planes, because hundreds of things are laid over small parts of
-        a picture, and taking these apart and putting them together again would cost as much as the painting.
+    picture : ndarray of shape (4, H, W), float32
+        As from `empty_picture`, changed.
     polygons_px : ndarray of shape (F, N, 2), or list of (N, 2) arrays or None
         Raw pixels; None is skipped.
     colours : ndarray of shape (F, 3)
@@ -145,6 +146,8 @@ def paint_polygons(
     high = np.minimum(np.ceil(points.max(axis=0)).astype(int) + margin + 1, [width, height])
     if (high <= low).any():
         return
+    if not still_open(picture[3, low[1] : high[1], low[0] : high[0]]):
+        return
     size = high - low
     # Four samples a pixel each way; two are enough where a thing fills a good part of the picture.
     fine = 4 if size[0] * size[1] < 60_000 else 2
@@ -160,7 +163,7 @@ def paint_polygons(
         layer[..., :3] = spread[..., :3] * (layer[..., 3:] / np.maximum(spread[..., 3:], 1e-3))
     if softness_px > 0:
         layer = cv2.GaussianBlur(layer, (0, 0), softness_px)
-    lay_over(picture, layer, int(low[0]), int(low[1]), through=through, air=air)
+    lay_behind(picture, planes_of(layer), int(low[0]), int(low[1]), through=through, air=air)
 
 
 def _in_a_row(polygons_px: np.ndarray | list[np.ndarray | None]) -> tuple[slice | list[int], np.ndarray, Sequence[int]]:
@@ -183,23 +186,26 @@ def planes_of(image: np.ndarray) -> np.ndarray:
     return planes
 
 
-def lay_over(
-    picture: np.ndarray,
-    layer: np.ndarray,
-    left: int,
-    top: int,
-    *,
-    through: np.ndarray | float = 1.0,
-    air: np.ndarray | float = 0.0,
-) -> None:
-    """Lay an image with coverage (h, w, 4: RGB times coverage, coverage) over planes (3, H, W) in place."""
-    height, width = picture.shape[1:]
-    layer = layer[max(-top, 0) : height - top, max(-left, 0) : width - left]
-    if layer.size:
-        lay_planes(picture, planes_of(layer), max(left, 0), max(top, 0), through=through, air=air)
+def empty_picture(height: int, width: int) -> np.ndarray:
+    """Planes (4, height, width) float32 to paint things into, the nearest first.
+
+    Three are the light that they send (linear RGB), the last is how much of what is behind them is still seen: so
+    nothing need be painted where that is nothing. Planes, because hundreds of things cover small parts of a picture,
+    and taking these apart and putting them together again would cost as much as the painting.
+    """
+    picture = np.zeros((4, height, width), np.float32)
+    picture[3] = 1
+    return picture
 
 
-def lay_planes(
+def still_open(clear: np.ndarray) -> tuple[slice, slice] | None:
+    """The rows and columns of a part of the last plane in which anything behind is seen; None if there are none."""
+    seen = clear > UNSEEN
+    rows, columns = (np.flatnonzero(seen.any(axis=axis)) for axis in (1, 0))
+    return (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)) if len(rows) else None
+
+
+def lay_behind(
     picture: np.ndarray,
     planes: Sequence[np.ndarray],
     left: int,
@@ -208,13 +214,14 @@ def lay_planes(
     through: np.ndarray | float = 1.0,
     air: np.ndarray | float = 0.0,
 ) -> None:
-    """The same with the layer's four planes (h, w), which are used up; all of the layer is inside the picture."""
+    """Lay an image behind what is in the picture (4, H, W), in place.
+
+    `planes` are its RGB times coverage, and coverage, each (h, w); they are used up. All of it is inside the picture.
+    """
     *colours, alpha = planes
-    region = picture[:, top : top + alpha.shape[0], left : left + alpha.shape[1]]
-    through, air = np.full(3, through, np.float32), np.full(3, air, np.float32)
-    clear, lit = 1 - alpha, np.empty_like(alpha)
-    for below, colour, left_over, added in zip(region, colours, through, air, strict=True):
-        below *= clear
-        colour *= left_over
-        colour += np.multiply(alpha, added, out=lit)
-        below += colour
+    *lights, clear = picture[:, top : top + alpha.shape[0], left : left + alpha.shape[1]]
+    for light, colour, left_over, added in zip(lights, colours, np.full(3, through), np.full(3, air), strict=True):
+        # Each in one go over the numbers, where numpy goes five times.
+        cv2.addWeighted(colour, left_over, alpha, added, 0, dst=colour)
+        cv2.accumulateProduct(colour, clear, light)
+    clear *= np.subtract(1, alpha, out=alpha)

@@ -14,7 +14,16 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.scenes.bonnet import draw_bonnet
-from lanes.scenes.brush import inside, lay_over, paint_polygons, planes_of, project_faces, viewing_planes
+from lanes.scenes.brush import (
+    empty_picture,
+    inside,
+    lay_behind,
+    paint_polygons,
+    planes_of,
+    project_faces,
+    still_open,
+    viewing_planes,
+)
 from lanes.scenes.cars import BODY, ON_BODY
 from lanes.scenes.foliage import plant_sprite
 from lanes.scenes.overpass import Slab, paint_slab
@@ -48,7 +57,7 @@ def draw_objects(
     air_at: Callable[[float], tuple[np.ndarray, np.ndarray]] | None = None,
     crest: tuple[float, np.ndarray] | None = None,
 ) -> np.ndarray:
-    """Paint things over a picture, the farthest first.
+    """Paint things over a picture, the nearest first: what they hide need not be painted.
 
     Parameters
     ----------
@@ -79,8 +88,8 @@ def draw_objects(
     TypeError
         For a thing of another kind.
     """
-    bare, picture = image, planes_of(image.astype(np.float32, copy=False))
-    crest_m, near_side = crest or (0.0, None)
+    picture = empty_picture(*image.shape[:2])
+    crest_m, near_side = crest or (np.inf, None)
     sun = np.asarray(sun_direction, float) / np.linalg.norm(sun_direction)
     jobs = []
     for thing in [thing for thing in objects if not isinstance(thing, Tree)] + _planted(camera, objects):
@@ -90,26 +99,23 @@ def draw_objects(
         else:
             pieces = [thing]
         jobs += [(_distance(piece), piece) for piece in pieces]
-    jobs = sorted((job for job in jobs if job[0] < FARTHEST_M), key=lambda job: -job[0])
+    jobs = sorted((job for job in jobs if job[0] < FARTHEST_M), key=lambda job: -job[0])[::-1]
+    road = 0.0
     for (distance, thing), light in zip(jobs, _lights([thing for _, thing in jobs], light_at), strict=True):
-        if near_side is not None and distance < crest_m:
-            _show_again(bare, near_side, picture)
-            near_side = None
+        if distance >= crest_m:
+            # From here on the near side of the crest hides all.
+            road, crest_m = picture[3] * near_side, np.inf
+            picture[3] -= road
         through, air = air_between(distance, haze) if air_at is None else air_at(distance)
         if isinstance(thing, Wall):
             thing = replace(thing, light=light)
         elif light is not None and not isinstance(thing, Slab):
             through = through * light[0]
         _painter(thing)(picture, camera, thing, sun, (through, air))
-    if near_side is not None:
-        _show_again(bare, near_side, picture)
-    return cv2.merge(picture)
-
-
-def _show_again(bare: np.ndarray, where: np.ndarray, picture: np.ndarray) -> None:
-    """Put the bare image (H, W, 3) back into the planes (3, H, W) where the mask says so."""
-    for plane, before in zip(picture, planes_of(bare), strict=True):
-        cv2.copyTo(before, where.view(np.uint8), plane)
+    picture[3] += road
+    for light, behind in zip(picture, planes_of(image.astype(np.float32, copy=False)), strict=False):
+        light += np.multiply(behind, picture[3], out=behind)
+    return cv2.merge(picture[:3])
 
 
 def _lights(things: list[Thing], light_at: Callable[[np.ndarray], np.ndarray] | None) -> list[np.ndarray | None]:
@@ -140,7 +146,7 @@ def _painter(thing: Thing):
 
 
 def _paint_car(picture: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, air: tuple) -> None:
-    """Contact shadow, then the faces that look at the camera, by layer and from far to near."""
+    """The faces that look at the camera, by layer and from far to near, and the contact shadow behind them."""
     turn = turned_by(car.heading_rad)
     place = np.array([car.x_m, car.y_m, car.rise_m])
     eye = (np.array([0, 0, camera.mount.height_m]) - place) @ turn
@@ -151,11 +157,6 @@ def _paint_car(picture: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, a
     layer = faces.layer[toward]
     apart = np.where(layer < ON_BODY, -np.linalg.norm(faces.middle[toward] - eye, axis=1), 0)
     faces = faces.chosen(toward[np.lexsort((apart, layer))])
-    ground = footprint(car.body)
-    pixels = project_faces(camera, np.stack([ground * 1.03, ground * 0.97]) @ turn.T + place)
-    blur = float(np.clip(40 / max(distance, 1), 0.5, 4))
-    dark = np.full((2, 3), 0.004)
-    paint_polygons(picture, pixels, dark, opacity=np.array([0.55, 0.85]), through=air[0], air=air[1], softness_px=blur)
     colours = shade_faces(faces, eye, sun @ turn)
     corners = faces.corners.reshape(-1, 3) @ turn.T + place
     pixels = project_faces(camera, corners.reshape(-1, 4, 3))
@@ -163,8 +164,13 @@ def _paint_car(picture: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, a
     # Facets are some 0.1 m wide: their shading is blended, the outline stays sharp.
     blend = facet_m(car.body) * camera.matrix[0, 0] / max(distance, 2)
     parts = (slice(0, cuts[0]), slice(*cuts), slice(cuts[1], None))
-    for part, blend_px in zip(parts, (0.0, blend, 0.0), strict=True):
+    for part, blend_px in zip(parts[::-1], (0.0, blend, 0.0), strict=True):
         paint_polygons(picture, pixels[part], colours[part], through=air[0], air=air[1], blend_px=blend_px)
+    ground = footprint(car.body)
+    pixels = project_faces(camera, np.stack([ground * 1.03, ground * 0.97]) @ turn.T + place)
+    blur = float(np.clip(40 / max(distance, 1), 0.5, 4))
+    dark = np.full((2, 3), 0.004)
+    paint_polygons(picture, pixels, dark, opacity=np.array([0.55, 0.85]), through=air[0], air=air[1], softness_px=blur)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -208,7 +214,7 @@ def _paint_tree(picture: np.ndarray, camera: Camera, tree: _Planted, sun: np.nda
 
 
 def _warp_sprite(picture: np.ndarray, sprite: np.ndarray, ends_px: np.ndarray, **air: np.ndarray) -> None:
-    """Lay a sprite over the picture, its foot at the first point and its top at the second one."""
+    """Lay a sprite behind what is in the picture, its foot at the first point and its top at the second one."""
     height, width = sprite.shape[:2]
     up = (ends_px[1] - ends_px[0]) / height
     right = np.array([-up[1], up[0]])
@@ -216,11 +222,15 @@ def _warp_sprite(picture: np.ndarray, sprite: np.ndarray, ends_px: np.ndarray, *
     corners = np.array([[0, 0, 1], [width, 0, 1], [0, height, 1], [width, height, 1]]) @ place.T
     low = np.maximum(np.floor(corners.min(axis=0)).astype(int) - 1, 0)
     high = np.minimum(np.ceil(corners.max(axis=0)).astype(int) + 2, [picture.shape[2], picture.shape[1]])
-    if (high <= low).any():
+    seen = still_open(picture[3, low[1] : high[1], low[0] : high[0]]) if (high > low).all() else None
+    if seen is None:
         return
-    place[:, 2] -= low
-    layer = cv2.warpAffine(sprite, place, (high - low).tolist(), flags=cv2.INTER_LINEAR)
-    lay_over(picture, layer, int(low[0]), int(low[1]), **air)
+    rows, columns = seen
+    left, top = int(low[0] + columns.start), int(low[1] + rows.start)
+    place[:, 2] -= [left, top]
+    size = (int(columns.stop - columns.start), int(rows.stop - rows.start))
+    layer = cv2.warpAffine(sprite, place, size, flags=cv2.INTER_LINEAR)
+    lay_behind(picture, planes_of(layer), left, top, **air)
 
 
 def _paint_sign(picture: np.ndarray, camera: Camera, sign: Sign, sun: np.ndarray, air: tuple) -> None:

@@ -118,7 +118,7 @@ class Slab:
 
 
 def paint_slab(picture: np.ndarray, camera: Camera, slab: Slab, sun: np.ndarray, air: tuple) -> None:
-    """Paint a slice of a bridge into planes (3, H, W), in place."""
+    """Paint a slice of a bridge behind what is in a picture (4, H, W), in place."""
     light = np.ones(3)
     if slab.front:
         light = irradiance(np.array([[-1.0, 0, 0]]), sun)[0]

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.scenes.brush import inside, lay_planes, planes_of, viewing_planes
+from lanes.scenes.brush import inside, lay_behind, planes_of, still_open, viewing_planes
 from lanes.scenes.noise import smoothstep
 from lanes.scenes.shading import irradiance
 from lanes.scenes.wall_textures import TEXTURE_PX_PER_M, wall_texture
@@ -158,7 +158,7 @@ def _resample(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def paint_wall(picture: np.ndarray, camera: Camera, wall: Wall, sun: np.ndarray, air: tuple) -> None:
-    """Paint a piece of a wall into planes (3, H, W); strips that turn their back are skipped by themselves."""
+    """Paint a piece of a wall behind what is in a picture (4, H, W); strips that turn their back skip themselves."""
     lines = wall.lines()
     seen = inside(lines, viewing_planes(camera))
     pixels = np.full((*lines.shape[:2], 2), np.nan)
@@ -170,7 +170,7 @@ def paint_wall(picture: np.ndarray, camera: Camera, wall: Wall, sun: np.ndarray,
     share = 1.0 if wall.light is None else wall.light
     normals = _strip_normals(lines, wall.side)
     light = irradiance(normals.reshape(-1, 3), sun).reshape(normals.shape) / 0.8 * share
-    for strip in reversed(range(len(lines) - 1)):
+    for strip in range(len(lines) - 1):
         texture = wall_texture(WALLS[wall.kind].textures[strip], wall.seed + strip)
         low, high = (_Line(pixels[line], along, light[strip]) for line in (strip, strip + 1))
         (_paint_slope if wall.kind == "bank" else _paint_strip)(picture, low, high, texture, air)
@@ -222,7 +222,7 @@ class _Line:
 
 
 def _paint_strip(picture: np.ndarray, low: _Line, high: _Line, texture: tuple[np.ndarray, ...], air: tuple) -> None:
-    """Paint between two lines of an upright wall, one run of rising or falling columns at a time, the far ones first.
+    """Paint between two lines of an upright wall, one run of rising or falling columns at a time, the near ones first.
 
     Lower and upper line turn at the same place, because one stands on the other.
     """
@@ -231,7 +231,7 @@ def _paint_strip(picture: np.ndarray, low: _Line, high: _Line, texture: tuple[np
         return
     low, high = (_Line(x.pixels[both], x.along[both], x.light[both]) for x in (low, high))
     bounds = [0, *low.turns(), len(low.along) - 1]
-    for a, b in reversed(list(zip(bounds[:-1], bounds[1:], strict=True))):
+    for a, b in zip(bounds[:-1], bounds[1:], strict=True):
         run = slice(a, b + 1)
         _paint_run(picture, low.part(run).rising(), high.part(run).rising(), texture, air)
 
@@ -269,11 +269,14 @@ def _paint_run(picture: np.ndarray, low: _Line, high: _Line, texture: tuple[np.n
     foot = s_low + (s_high - s_low) * np.clip((bottom - (last - 1)) / np.maximum(bottom - top, 1e-3), 0, 1)
     for level, columns in _columns_by_level(foot, len(texture)):
         edges = _Columns(*(x[..., columns] for x in (top, bottom, s_low, s_high, lit)))
-        first = max(0, int(edges.top.min()) - 1)
-        v = np.arange(first, min(height, int(edges.bottom.max()) + 2), dtype=float)[:, None]
-        if len(v):
+        first, left = max(0, int(edges.top.min()) - 1), start + columns.start
+        seen = still_open(picture[3, first : max(first, int(edges.bottom.max()) + 2), left : start + columns.stop])
+        if seen is not None:
+            rows, columns = seen
+            edges = _Columns(*(x[..., columns] for x in vars(edges).values()))
+            v = np.arange(first + rows.start, first + rows.stop, dtype=np.float32)[:, None]
             planes = _texture_between(edges, v, texture[level], level)
-            lay_planes(picture, planes, start + columns.start, first, through=air[0], air=air[1])
+            lay_behind(picture, planes, left + columns.start, first + rows.start, through=air[0], air=air[1])
 
 
 @dataclass(frozen=True)
@@ -305,34 +308,26 @@ def _columns_by_level(foot_m: np.ndarray, levels: int) -> list[tuple[int, slice]
 
 def _texture_between(edges: _Columns, v: np.ndarray, picture: np.ndarray, level: int) -> list[np.ndarray]:
     """Lit texture between the edges in the picture's rows `v` (rows, 1): planes of RGB times coverage, and coverage."""
-    above = edges.bottom - v
-    share = above / np.maximum(edges.bottom - edges.top, 1e-3)
+    # Single precision, in place where possible: a wood is a good part of the picture. Places along the wall are wrapped
+    # first, because they can be some kilometres.
+    scale = TEXTURE_PX_PER_M / 2**level
+    place = np.mod(edges.s_low * scale, picture.shape[1])
+    columns = (edges.top, edges.bottom, edges.bottom - edges.top, place, (edges.s_high - edges.s_low) * scale)
+    top, bottom, tall, place, lean = (column.astype(np.float32) for column in columns)
+    above = bottom - v
+    share = above / np.maximum(tall, np.float32(1e-3))
     np.clip(share, 0, 1, out=share)
-    # In place where possible: a wood is a good part of the picture.
-    alpha = v - edges.top
+    alpha = v - (top - np.float32(0.5))
+    above += np.float32(0.5)
     for from_edge in (alpha, above):
-        from_edge += 0.5
         np.clip(from_edge, 0, 1, out=from_edge)
     alpha *= above
-    along = (edges.s_high - edges.s_low) * share
-    along += edges.s_low
-    map_x = _wrapped(along.astype(np.float32) * (TEXTURE_PX_PER_M / np.float32(2**level)), picture.shape[1])
-    map_y = np.subtract(1, share, out=share).astype(np.float32)
+    map_x = np.multiply(lean, share, out=above)
+    map_x += place
+    map_y = np.subtract(1, share, out=share)
     map_y *= np.float32(picture.shape[0] - 1)
     *colours, cover = planes_of(cv2.remap(picture, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP))
-    alpha = alpha.astype(np.float32)
     for colour, lit in zip(colours, edges.lit, strict=True):
         colour *= alpha
         colour *= lit
     return [*colours, cover * alpha]
-
-
-def _wrapped(columns: np.ndarray, width: int) -> np.ndarray:
-    """`np.mod`, exactly, in a fifth of its time, in place."""
-    whole = columns / np.float32(width)
-    np.floor(whole, out=whole)
-    whole *= np.float32(width)
-    columns -= whole
-    # Where the quotient was rounded up to a whole number.
-    columns[columns < 0] += np.float32(width)
-    return columns
