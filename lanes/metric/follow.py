@@ -39,7 +39,7 @@ SAME = ((70.0, 1.5), (70.0, 1.0))
 # lane is also followed outwards from the car, as in a single picture: what begins ahead leaves the prediction by more
 # than any standard deviation. The lane with more paint on it is taken; one of a road that suddenly bends or waves in a
 # new way must have a few stripes more, because it may do so freely.
-MORE_PAINT = 3.0
+ROUSED_PAINT = 3.0
 SHARP_PER_M, WAVY_PER_M = 5e-3, 1e-3
 
 
@@ -91,7 +91,7 @@ def correct_lane(stripes: Stripes, belief: Belief, view: RoadView, *, outwards: 
     if best.weight.sum() > to_explain:
         return best
     roused = _grow(stripes, belief.roused(), view, schedule=OUTWARDS)
-    return roused if roused.weight.sum() > best.weight.sum() + MORE_PAINT else best
+    return roused if roused.weight.sum() > best.weight.sum() + ROUSED_PAINT else best
 
 
 def _grow(stripes: Stripes, belief: Belief, view: RoadView, *, schedule: tuple) -> LaneFit:
