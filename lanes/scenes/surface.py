@@ -12,7 +12,8 @@ from lanes.scenes.texture import band_noise_tile, fade, sample_noise
 from lanes.scenes.verge import Opposite, lay_verge
 
 TAR = (0.028, 0.027, 0.029)
-DUST = (0.26, 0.235, 0.215)
+# How far a patch's edges may stray: 3 cm at one standard deviation of the noise, which has no five.
+RAGGED_M = 0.15
 
 
 @dataclass(frozen=True)
@@ -173,8 +174,10 @@ def ground_albedo(surface: Surface, ground: Ground, *, station_m: float, seed: i
     s = ground.s + np.float32(station_m)
     layers = noise_layers(surface, ground, s, seed)
     albedo = _pavement(surface, ground, s, layers)
+    half_reach_s = ground.reach_s / 2
+    reached_rows = (s - half_reach_s).min(axis=1), (s + half_reach_s).max(axis=1)
     for patch in surface.patches:
-        _lay_patch(albedo, patch, ground, s, layers)
+        _lay_patch(albedo, patch, ground, s, layers, reached_rows)
     for number, seam in enumerate(surface.seams):
         _lay_seam(albedo, seam, ground, s, seed + 50 + number)
     edges_m = (surface.right_edge_m, surface.left_edge_m)
@@ -270,14 +273,24 @@ def _mix(below: np.ndarray, above: np.ndarray, share: np.ndarray) -> None:
     below += above
 
 
-def _lay_patch(albedo: np.ndarray, patch: Patch, ground: Ground, s: np.ndarray, layers: Layers) -> None:
-    seen = np.flatnonzero(cv2.inRange(s, patch.start_m - 2, patch.end_m + 2).any(axis=1))
+def _lay_patch(
+    albedo: np.ndarray,
+    patch: Patch,
+    ground: Ground,
+    s: np.ndarray,
+    layers: Layers,
+    reached_rows: tuple[np.ndarray, np.ndarray],
+) -> None:
+    """`reached_rows`: the least and the greatest s, (rows,) each, of what a row sees."""
+    low, high = patch.start_m - RAGGED_M, patch.end_m + RAGGED_M
+    seen = np.flatnonzero((reached_rows[1] > low) & (reached_rows[0] < high))
     if not len(seen):
         return
     rows = slice(seen[0], seen[-1] + 1)
-    # Half a metre more than the ragged edge wobbles: a stall in a car park is a fiftieth of the rows around it.
-    reach = ground.half_reach_d[rows] + np.float32(0.5)
-    near = cv2.inRange(ground.d[rows], np.float32(patch.low_m) - reach, np.float32(patch.high_m) + reach)
+    # A stall in a car park is a fiftieth of the rows around it.
+    reach_s, reach_d = ground.reach_s[rows] / 2, ground.half_reach_d[rows] + np.float32(RAGGED_M)
+    near = cv2.inRange(s[rows], np.float32(low) - reach_s, np.float32(high) + reach_s)
+    near &= cv2.inRange(ground.d[rows], np.float32(patch.low_m) - reach_d, np.float32(patch.high_m) + reach_d)
     seen = np.flatnonzero(near.any(axis=0))
     if not len(seen):
         return
