@@ -105,11 +105,11 @@ def add_glare(light: np.ndarray, rays: np.ndarray, sun_ray: np.ndarray, glare: G
     if glare.veil:
         added *= _dirt(height, width)
     if glare.flare and sun_ray[2] > 0.3:
-        flare = _flare(rays[::FINER, ::FINER], sun_ray)
-        added += np.float32(glare.flare) * cv2.resize(flare, (width, height))
+        flare = glare.flare * _flare(rays[::FINER, ::FINER], sun_ray)
+        added += cv2.resize(flare, (width, height))
     if glare.dashboard:
-        added += np.float32(glare.dashboard) * _dashboard(height, width)
-    light += np.float32(sunshine) * added
+        cv2.scaleAdd(_dashboard(height, width), glare.dashboard, added, dst=added)
+    cv2.scaleAdd(added, sunshine, light, dst=light)
 
 
 def _veil(rays: np.ndarray, sun_ray: np.ndarray, strength: float) -> np.ndarray:

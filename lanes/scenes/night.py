@@ -102,11 +102,6 @@ class Lamp:
     def distance_m(self) -> float:
         return float(np.linalg.norm(self.place_m))
 
-    def within(self, hull: np.ndarray, camera: Camera) -> bool:
-        """Whether the camera sees it inside of a hull (N, 1, 2) in the picture."""
-        u, v = camera.road_to_pixels(self.place_m[None])[0].tolist()
-        return cv2.pointPolygonTest(hull, (u, v), False) > 0
-
 
 def lamps_of(things: list[Thing]) -> list[Lamp]:
     """The lamps of cars that look at us, and of street lamps ahead."""
@@ -128,6 +123,7 @@ def lamps_of(things: list[Thing]) -> list[Lamp]:
 def lamps_in_sight(things: list[Thing], camera: Camera) -> list[Lamp]:
     """Those of `lamps_of` that no nearer vehicle hides."""
     lamps = lamps_of(things)
+    seen = list(zip(lamps, pixels_of(camera, lamps).tolist(), strict=True))
     for car in (thing for thing in things if isinstance(thing, Car) and thing.x_m > NEAREST_CAR_M):
         place = np.array([car.x_m, car.y_m, car.rise_m])
         pixels = camera.road_to_pixels(outline(car.body) @ turned_by(car.heading_rad).T + place)
@@ -135,16 +131,22 @@ def lamps_in_sight(things: list[Thing], camera: Camera) -> list[Lamp]:
         if hull is None:  # far aside, where the lens is blind
             continue
         # its own lamps that look at us are nearer than its middle
-        lamps = [lamp for lamp in lamps if lamp.distance_m < np.linalg.norm(place) or not lamp.within(hull, camera)]
-    return lamps
+        until_m = np.linalg.norm(place)
+        seen = [(lamp, px) for lamp, px in seen if lamp.distance_m < until_m or cv2.pointPolygonTest(hull, px, False) <= 0]
+    return [lamp for lamp, _ in seen]
+
+
+def pixels_of(camera: Camera, lamps: list[Lamp], *, mirrored: bool = False) -> np.ndarray:
+    """Pixels (N, 2) of the lamps, or of what a level mirror on the ground shows of them; NaN out of the lens's sight."""
+    places = np.array([lamp.place_m for lamp in lamps]).reshape(-1, 3)
+    return camera.road_to_pixels(places * [1, 1, -1 if mirrored else 1])
 
 
 def add_lamps(light: np.ndarray, camera: Camera, lamps: list[Lamp]) -> None:
     """Add lamps with their glow, in place; what they are brighter than the picture can hold spreads in the glow."""
     height, width = light.shape[:2]
     glow = np.zeros((height // COARSE, width // COARSE, 3), np.float32)
-    for lamp in lamps:
-        u, v = camera.road_to_pixels(lamp.place_m[None])[0]
+    for lamp, (u, v) in zip(lamps, pixels_of(camera, lamps), strict=True):
         if not (0 <= u < width - 1 and 0 <= v < height - 1):
             continue
         radius = camera.matrix[0, 0] * lamp.radius_m / lamp.distance_m

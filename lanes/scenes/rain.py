@@ -40,9 +40,9 @@ def add_streaks_in_air(light: np.ndarray, rain: Rain, *, seed: int) -> None:
     """Add falling drops, drawn out by the shutter, in place; another pattern for each seed."""
     height, width = light.shape[:2]
     row, column = np.random.default_rng(seed).integers(0, 64, 2)
-    light += (np.float32(rain.streaks) * _streaks(height, width)[row : row + height, column : column + width])[
-        ..., None
-    ]
+    streaks = np.float32(rain.streaks) * _streaks(height, width)[row : row + height, column : column + width]
+    # Spread over the colours first: numpy is slow where the innermost axis has three elements.
+    light += cv2.merge([streaks] * 3)
 
 
 def see_through_drops(light: np.ndarray, rain: Rain, time_s: float, *, seed: int) -> np.ndarray:
@@ -70,8 +70,11 @@ def see_through_drops(light: np.ndarray, rain: Rain, time_s: float, *, seed: int
         _lay_drop(cover, map_u, map_v, u, v, at_u, at_v, radius)
     _lay_blade(cover, map_u, map_v, rain, time_s)
     seen = cv2.remap(blurred, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
-    cover = cv2.resize(cover, (width, height), interpolation=cv2.INTER_LINEAR)[..., None]
-    return light + cover * (cv2.resize(seen, (width, height), interpolation=cv2.INTER_LINEAR) - light)
+    seen = cv2.resize(seen, (width, height), interpolation=cv2.INTER_LINEAR)
+    seen -= light
+    seen *= cv2.resize(cv2.merge([cover] * 3), (width, height), interpolation=cv2.INTER_LINEAR)
+    seen += light
+    return seen
 
 
 def drops_on_glass(rain: Rain, time_s: float, *, seed: int) -> np.ndarray:

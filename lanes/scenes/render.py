@@ -130,7 +130,9 @@ def _add_shine(ground_light: np.ndarray, drive: Drive, sun: np.ndarray, view: _V
         add_sheen(ground_light, view.ground, sun, view.sun_direction, strength=strength, height_m=height_m)
     if drive.wet is not None:
         mirror = drive.wet.mirror_share(view.ground, height_m, station_m=view.station_m, seed=drive.seed)
-        ground_light += mirror[..., None] * _mirrored_sky(drive, view.camera, view.heading_rad, view.ground)
+        sky = _mirrored_sky(drive, view.camera, view.heading_rad, view.ground)
+        sky *= cv2.merge([mirror] * 3)
+        ground_light += sky
     if drive.fog is not None:
         drive.fog.veil_ground(ground_light, view.ground)
     return mirror

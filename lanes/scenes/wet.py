@@ -9,7 +9,7 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.scenes.ground import Ground
-from lanes.scenes.night import Lamp
+from lanes.scenes.night import Lamp, pixels_of
 from lanes.scenes.texture import band_noise_tile, fade, sample_noise
 
 COARSE = 4
@@ -31,7 +31,7 @@ class Wet:
 
         Ruts hold more water than the crown between them; noise says where.
         """
-        upright = np.float32(height_m) / np.hypot(ground.distance, np.float32(height_m))
+        upright = np.float32(height_m) / np.sqrt(ground.distance * ground.distance + np.float32(height_m**2))
         mirrored = np.float32(WATER) + np.float32(1 - WATER) * (1 - upright) ** 5
         tile, s = band_noise_tile(seed + 81, octaves=3), ground.s + np.float32(station_m)
         puddles = sample_noise(tile, s, ground.d, wave_s_m=5.0, wave_d_m=0.45) * fade(ground.reach_s, 12.0)
@@ -55,8 +55,7 @@ def add_streaks(light: np.ndarray, camera: Camera, lamps: list[Lamp], share: np.
     layer = np.zeros((height // COARSE, width // COARSE, 3), np.float32)
     rows, columns = np.mgrid[: len(layer), : layer.shape[1]].astype(np.float32) * COARSE
     horizon = float(camera.road_to_pixels(np.array([[3000.0, 0.0]]))[0, 1])
-    for lamp in lamps:
-        u, v = camera.road_to_pixels((lamp.place_m * [1, 1, -1])[None])[0]
+    for lamp, (u, v) in zip(lamps, pixels_of(camera, lamps, mirrored=True), strict=True):
         if not (-50 < u < width + 50 and v < 2 * height):
             continue
         distance = float(np.linalg.norm(lamp.place_m))
@@ -68,4 +67,5 @@ def add_streaks(light: np.ndarray, camera: Camera, lamps: list[Lamp], share: np.
         streak = np.exp(-((columns[:, at] - u) ** 2) / (2 * wide**2) - (rows[:, at] - v) ** 2 / (2 * long**2))
         layer[:, at] += (np.float32(energy) * streak)[..., None] * lamp.light.astype(np.float32)
     layer = cv2.resize(layer, (width, height), interpolation=cv2.INTER_LINEAR)[height - len(share) :]
-    light[height - len(share) :] += layer * (share * open_to[height - len(share) :])[..., None]
+    layer *= cv2.merge([share * open_to[height - len(share) :]] * 3)
+    light[height - len(share) :] += layer
