@@ -129,15 +129,15 @@ def _flare(rays: np.ndarray, sun_ray: np.ndarray) -> np.ndarray:
     flare = np.zeros((height, width, 3), np.float32)
     for place, size, strength, colour in GHOSTS:
         at = middle + (middle - centre) * place
-        ghost = np.zeros((height, width), np.float32)
-        cv2.circle(ghost, np.rint(at * 16).astype(int).tolist(), round(size * height * 16), 1.0, -1, cv2.LINE_AA, 4)
-        flare += cv2.GaussianBlur(ghost, (0, 0), 1.2)[..., None] * (np.float32(strength) * np.array(colour, np.float32))
+        ghost, light = np.zeros_like(flare), [strength * c for c in colour]
+        cv2.circle(ghost, np.rint(at * 16).astype(int).tolist(), round(size * height * 16), light, -1, cv2.LINE_AA, 4)
+        flare += ghost
     v, u = np.mgrid[:height, :width].astype(np.float32)
     du, dv = u - np.float32(centre[0]), v - np.float32(centre[1])
     radius = np.hypot(du, dv) / np.float32(step_px)
     rays_of_iris = np.abs(np.cos(4 * np.arctan2(dv, du) + 0.4)) ** 60 * np.exp(-radius / 0.10)
     disc = 6.0 * np.exp(-((radius / 0.014) ** 2)) + 0.9 * rays_of_iris
-    return flare + disc[..., None] * SUN_COLOUR
+    return cv2.GaussianBlur(flare, (0, 0), 1.2) + cv2.merge([disc * c for c in SUN_COLOUR])
 
 
 @lru_cache(maxsize=2)
