@@ -178,7 +178,7 @@ def darken_polygons(
     ragged_m : float
         How far leaves fray the outlines; 0 keeps them.
     """
-    near = [p for p in polygons_m if p[:, 0].max() > NEAREST_M and p[:, 0].min() < SHADOWS_UNTIL_M]
+    near = _near(polygons_m)
     if not near:
         return
     points, ends = _densified(near)
@@ -202,6 +202,17 @@ def darken_polygons(
     # A penumbra of about a pixel; at car height it is a few centimetres wide. Rows that it does not reach stay.
     rows = slice(max(shaded[0] - PENUMBRA_PX, 0), shaded[-1] + PENUMBRA_PX + 1)
     sun[rows] *= 1 - cv2.GaussianBlur(mask[rows], (0, 0), 0.8).astype(np.float32) * np.float32(0.97 / 255)
+
+
+def _near(polygons: list[np.ndarray]) -> list[np.ndarray]:
+    """Those of the polygons that come between NEAREST_M and SHADOWS_UNTIL_M."""
+    if not polygons:
+        return []
+    ahead = np.concatenate([p[:, 0] for p in polygons])
+    starts = np.cumsum([0, *(len(p) for p in polygons[:-1])])
+    near = np.maximum.reduceat(ahead, starts) > NEAREST_M
+    near &= np.minimum.reduceat(ahead, starts) < SHADOWS_UNTIL_M
+    return [polygon for polygon, chosen in zip(polygons, near.tolist(), strict=True) if chosen]
 
 
 def _rows_within_reach(mask: np.ndarray, ground: Ground, reach_m: float) -> slice:

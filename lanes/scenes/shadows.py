@@ -37,7 +37,7 @@ def shadow_polygons(objects: list[Thing], sun_direction: np.ndarray) -> list[np.
     if sun[2] <= 0:
         raise ValueError("the sun is at or below the horizon, so nothing casts a shadow; give a direction with z > 0.")
     drift = -sun[:2] / sun[2]
-    return [polygon.astype(np.float32) for thing in objects for polygon in _shadows(thing, drift)]
+    return [polygon.astype(np.float32, copy=False) for thing in objects for polygon in _shadows(thing, drift)]
 
 
 def _shadows(thing: Thing, drift: np.ndarray) -> list[np.ndarray]:
@@ -68,7 +68,7 @@ def _tree_shadows(tree: Tree, place: np.ndarray, drift: np.ndarray) -> list[np.n
     # A lump is as tall as it is wide, so a low sun draws its shadow out.
     away = drift / max(np.linalg.norm(drift), 1e-9)
     outline = blot + 0.3 * np.linalg.norm(drift) * (blot @ away)[..., None] * away
-    blots = list(middle[:, None] + outline)
+    blots = list((middle[:, None] + outline).astype(np.float32))
     half = max(0.12, kind.trunk_width * tree.height_m / 2)
     trunk = upright(0, 0, half, half, 0, tree.height_m * (low + 0.3))
     return [*blots, _hull(place + trunk[:, :2] + trunk[:, 2:] * drift)]
