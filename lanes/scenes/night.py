@@ -132,12 +132,14 @@ def lamps_in_sight(things: list[Thing], camera: Camera) -> list[Lamp]:
             continue
         # its own lamps that look at us are nearer than its middle
         until_m = np.linalg.norm(place)
-        seen = [(lamp, px) for lamp, px in seen if lamp.distance_m < until_m or cv2.pointPolygonTest(hull, px, False) <= 0]
+        seen = [
+            (lamp, px) for lamp, px in seen if lamp.distance_m < until_m or cv2.pointPolygonTest(hull, px, False) <= 0
+        ]
     return [lamp for lamp, _ in seen]
 
 
 def pixels_of(camera: Camera, lamps: list[Lamp], *, mirrored: bool = False) -> np.ndarray:
-    """Pixels (N, 2) of the lamps, or of what a level mirror on the ground shows of them; NaN out of the lens's sight."""
+    """Pixels (N, 2) of the lamps, or of their images in a level mirror on the ground; NaN out of the lens's sight."""
     places = np.array([lamp.place_m for lamp in lamps]).reshape(-1, 3)
     return camera.road_to_pixels(places * [1, 1, -1 if mirrored else 1])
 
