@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -204,20 +205,27 @@ def _paint_tree(picture: np.ndarray, camera: Camera, tree: _Planted, sun: np.nda
     """The plant's picture, placed by where its foot and its top are seen."""
     pixels = tree.ends_px
     rows = float(np.linalg.norm(pixels[1] - pixels[0]))
-    sprites = plant_sprite(tree.species, tree.seed)
+    sprites = _narrow_sprites(tree.species, tree.seed)
     sprite = next((s for s in reversed(sprites) if s.shape[0] >= rows), sprites[0])
     # The sprite is lit from its left. Mirrored by the side of the road on which the sun stands, not by the line of
     # sight, because a tree must not flip over while we drive past.
-    if sun[1] < 0:
-        sprite = cv2.flip(sprite, 1)
-    _warp_sprite(picture, sprite, pixels, through=air[0], air=air[1])
+    _warp_sprite(picture, sprite, pixels, mirrored=sun[1] < 0, through=air[0], air=air[1])
 
 
-def _warp_sprite(picture: np.ndarray, sprite: np.ndarray, ends_px: np.ndarray, **air: np.ndarray) -> None:
+@lru_cache(maxsize=64)
+def _narrow_sprites(species: str, seed: int) -> tuple[np.ndarray, ...]:
+    """The plant's pictures without the columns on both sides in which there is nothing."""
+    bare = [np.argmax((s | s[:, ::-1]).any(axis=0)) for s in (s[..., 3] > 0 for s in plant_sprite(species, seed))]
+    return tuple(s[:, n : s.shape[1] - n] for s, n in zip(plant_sprite(species, seed), bare, strict=True))
+
+
+def _warp_sprite(
+    picture: np.ndarray, sprite: np.ndarray, ends_px: np.ndarray, *, mirrored: bool, **air: np.ndarray
+) -> None:
     """Lay a sprite behind what is in the picture, its foot at the first point and its top at the second one."""
     height, width = sprite.shape[:2]
     up = (ends_px[1] - ends_px[0]) / height
-    right = np.array([-up[1], up[0]])
+    right = np.array([-up[1], up[0]]) * (-1 if mirrored else 1)
     place = np.column_stack([right, -up, ends_px[1] - right * (width - 1) / 2])
     corners = np.array([[0, 0, 1], [width, 0, 1], [0, height, 1], [width, height, 1]]) @ place.T
     low = np.maximum(np.floor(corners.min(axis=0)).astype(int) - 1, 0)
