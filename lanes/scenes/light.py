@@ -21,6 +21,9 @@ CLOUDS = np.array([0.36, 0.38, 0.41], np.float32) / SKY_SHARE
 NEAREST_M = 1.5
 SHADOWS_UNTIL_M = 160.0
 LEAF_SEED = 61
+# Where 1 less the squares of the distances from a crown's middle, in its radii, is less than minus this, all is sunny:
+# noise above five standard deviations would be needed.
+FARTHEST_LEAF = 3.0
 # Farther than the blur of a shadow's edge reaches.
 PENUMBRA_PX = 6
 # What walls and the sunny road outside throw below the middle of a wide bridge, as a share of the open sky's light.
@@ -297,13 +300,17 @@ def _in_wood(shade: WoodShade, ground: Ground, s: np.ndarray, seed: int) -> np.n
 
 def _under_tree(shade: TreeShade, ground: Ground, s: np.ndarray, seed: int) -> np.ndarray:
     """Clusters of leaves: cloudy noise cut at a level that falls from the middle of the crown to its edge."""
-    reach = ground.reach_s
-    cloudy = band_noise_tile(seed + 31, octaves=3)
-    clusters = sample_noise(cloudy, s, ground.d, wave_s_m=0.55, wave_d_m=0.42) * fade(reach, 4.0)
-    leaves = sample_noise(band_noise_tile(seed + 32), s, ground.d, wave_s_m=0.22, wave_d_m=0.16) * fade(reach, 0.5)
     along = (s - np.float32((shade.start_m + shade.end_m) / 2)) * np.float32(2 / (shade.end_m - shade.start_m))
     across = (ground.d - np.float32((shade.low_m + shade.high_m) / 2)) * np.float32(2 / (shade.high_m - shade.low_m))
     middle = 1 - along**2 - across**2
-    level = np.float32(1.6) * np.clip(middle, -3, 0.8) + np.float32(0.75) * clusters + np.float32(0.35) * leaves
+    # Farther out no cluster is so dense that it throws a shadow.
+    near = np.flatnonzero(middle > -FARTHEST_LEAF)
+    s, d, reach, middle = (array.ravel()[near] for array in (s, ground.d, ground.reach_s, middle))
+    cloudy = band_noise_tile(seed + 31, octaves=3)
+    clusters = sample_noise(cloudy, s, d, wave_s_m=0.55, wave_d_m=0.42) * fade(reach, 4.0)
+    leaves = sample_noise(band_noise_tile(seed + 32), s, d, wave_s_m=0.22, wave_d_m=0.16) * fade(reach, 0.5)
+    level = np.float32(1.6) * np.minimum(middle, 0.8) + np.float32(0.75) * clusters + np.float32(0.35) * leaves
     share = np.clip((level + np.float32(0.05)) * 2 + np.float32(0.5) - np.float32(0.6), 0, 1)
-    return 1 - np.float32(shade.density) * share * share * (3 - 2 * share)
+    sun = np.ones(ground.s.shape, np.float32)
+    sun.ravel()[near] -= np.float32(shade.density) * share * share * (3 - 2 * share)
+    return sun

@@ -115,7 +115,7 @@ def draw_objects(
         _painter(thing)(picture, camera, thing, sun, (through, air))
     picture[3] += road
     for light, behind in zip(picture, planes_of(image.astype(np.float32, copy=False)), strict=False):
-        light += np.multiply(behind, picture[3], out=behind)
+        cv2.accumulateProduct(behind, picture[3], light)
     return cv2.merge(picture[:3])
 
 

@@ -161,6 +161,8 @@ def paint_wall(picture: np.ndarray, camera: Camera, wall: Wall, sun: np.ndarray,
     """Paint a piece of a wall behind what is in a picture (4, H, W); strips that turn their back skip themselves."""
     lines = wall.lines()
     seen = inside(lines, viewing_planes(camera))
+    if not seen.any():
+        return
     pixels = np.full((*lines.shape[:2], 2), np.nan)
     pixels[seen] = camera.road_to_pixels(lines[seen])
     if wall.kind in TALL:
