@@ -19,14 +19,20 @@ UNSEEN = 1e-5
 
 
 @lru_cache(maxsize=4)
-def viewing_planes(camera: Camera) -> np.ndarray:
+def viewing_planes(camera: Camera, wider: float = 1.15) -> np.ndarray:
     """Half spaces, in the road frame, inside which a point can be projected.
+
+    Parameters
+    ----------
+    camera : Camera
+    wider : float
+        How much wider than the picture they are.
 
     Returns
     -------
     ndarray of shape (5, 4)
         Rows (nx, ny, nz, d): a point p is inside where n.p + d >= 0. First x > NEAREST_M, then the sides of
-        a pyramid a little wider than the picture and narrower than what the distortion polynomial can take.
+        a pyramid around the picture, narrower than what the distortion polynomial can take.
     """
     width, height = camera.size
     across, down = np.linspace(0, width - 1, 9), np.linspace(0, height - 1, 9)
@@ -34,7 +40,7 @@ def viewing_planes(camera: Camera) -> np.ndarray:
         [np.column_stack([across, np.full(9, v)]) for v in (0, height - 1)]
         + [np.column_stack([np.full(9, u), down]) for u in (0, width - 1)]
     )
-    reach = np.abs(camera.rays(border)[:, :2]).max(axis=0) * 1.15
+    reach = np.abs(camera.rays(border)[:, :2]).max(axis=0) * wider
     reach *= min(1.0, 0.98 * camera.largest_ray / np.hypot(*reach))
     sides = np.array([[1, 0, reach[0]], [-1, 0, reach[0]], [0, 1, reach[1]], [0, -1, reach[1]]])
     normals = sides @ camera.mount.rotation()
@@ -45,6 +51,12 @@ def viewing_planes(camera: Camera) -> np.ndarray:
 def inside(points_m: np.ndarray, planes: np.ndarray) -> np.ndarray:
     """(...,) bool: which points (..., 3) lie inside all planes."""
     return (points_m @ planes[:, :3].T + planes[:, 3] >= -1e-9).all(axis=-1)
+
+
+def out_of_picture(points_m: np.ndarray, camera: Camera) -> np.ndarray:
+    """(...,) bool: which hulls of points (..., N, 3) leave nothing in the picture, not even blurred."""
+    planes = viewing_planes(camera, 1.05)
+    return (points_m @ planes[:, :3].T + planes[:, 3] < 0).all(axis=-2).any(axis=-1)
 
 
 def clip_polygon(points_m: np.ndarray, planes: np.ndarray) -> np.ndarray:
@@ -93,15 +105,13 @@ def project_faces(camera: Camera, faces_m: np.ndarray) -> np.ndarray | list[np.n
     # One product of all corners: numpy multiplies a stack of small matrices one by one.
     height = (faces_m.reshape(-1, 3) @ planes[:, :3].T + planes[:, 3]).reshape(count, corners, -1)
     whole = (height >= -1e-9).all(axis=(1, 2))
-    # What lies behind any one plane with all its corners leaves nothing to clip.
-    part = ~whole & ~(height < 0).all(axis=1).any(axis=1)
     if whole.all():
         return camera.road_to_pixels(faces_m.reshape(-1, 3)).reshape(-1, corners, 2)
     pixels = np.full((count, corners, 2), np.nan)
     if whole.any():
         pixels[whole] = camera.road_to_pixels(faces_m[whole].reshape(-1, 3)).reshape(-1, corners, 2)
     result: list[np.ndarray | None] = [face if seen else None for face, seen in zip(pixels, whole, strict=True)]
-    for i in np.flatnonzero(part):
+    for i in np.flatnonzero(~whole)[~out_of_picture(faces_m[~whole], camera)]:
         points = clip_polygon(faces_m[i], planes)
         result[i] = camera.road_to_pixels(points) if len(points) >= 3 else None
     return result

@@ -19,6 +19,7 @@ from lanes.scenes.brush import (
     empty_picture,
     inside,
     lay_behind,
+    out_of_picture,
     paint_polygons,
     planes_of,
     project_faces,
@@ -32,7 +33,7 @@ from lanes.scenes.shading import irradiance, shade_faces
 from lanes.scenes.shadows import shadow_polygons
 from lanes.scenes.sky import air_between
 from lanes.scenes.things import Car, Post, Sign, Thing, Tree, turned_by, upright
-from lanes.scenes.vehicles import facet_m, footprint, vehicle_faces
+from lanes.scenes.vehicles import facet_m, footprint, outline, vehicle_faces
 from lanes.scenes.walls import Wall, paint_wall
 
 __all__ = ["Car", "Post", "Sign", "Thing", "Tree", "Wall", "draw_bonnet", "draw_objects", "shadow_polygons"]
@@ -150,10 +151,12 @@ def _paint_car(picture: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, a
     """The faces that look at the camera, by layer and from far to near, and the contact shadow behind them."""
     turn = turned_by(car.heading_rad)
     place = np.array([car.x_m, car.y_m, car.rise_m])
+    if out_of_picture(outline(car.body) @ turn.T + place, camera):
+        return
     eye = (np.array([0, 0, camera.mount.height_m]) - place) @ turn
     distance = float(np.hypot(car.x_m, car.y_m))
     faces = vehicle_faces(car.body, car.paint, detail=1 if distance > 40 else 2)
-    toward = np.flatnonzero(((eye - faces.middle) * faces.flat_normal).sum(axis=1) > 0)
+    toward = np.flatnonzero(faces.flat_normal @ eye > faces.height)
     # What lies on the body keeps its order (plate on bumper); body and wheels go from far to near.
     layer = faces.layer[toward]
     apart = np.where(layer < ON_BODY, -np.linalg.norm(faces.middle[toward] - eye, axis=1), 0)

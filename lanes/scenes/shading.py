@@ -34,6 +34,11 @@ class Faces:
         """(F, 3) normals of the faces themselves; `normal` may be smoothed."""
         return face_normals(self.corners)
 
+    @cached_property
+    def height(self) -> np.ndarray:
+        """(F,) how far the plane of each face is from the origin, along `flat_normal`: an eye farther than that sees it."""
+        return (self.flat_normal * self.middle).sum(axis=1)
+
     @classmethod
     def joined(cls, parts: list[Faces]) -> Faces:
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in cls.__dataclass_fields__))
