@@ -26,6 +26,8 @@ PAINTS = {
 GLASS, RUBBER, RIM, PLASTIC = (0.012, 0.016, 0.017), (0.018, 0.018, 0.019), (0.46, 0.46, 0.47), (0.02, 0.02, 0.021)
 LAMP, HEADLAMP, PLATE = (0.17, 0.008, 0.010), (0.50, 0.52, 0.55), (0.72, 0.72, 0.70)
 
+PAINTED = (np.nan, np.nan, np.nan)
+
 # Rings: height, rear end, front end, half width, roundness of the corners (exponent of a superellipse), metres, with
 # the origin on the ground below the middle of the car. The fifth and sixth rings are the waist and the windows' foot.
 BODIES = {
@@ -174,11 +176,17 @@ def car_faces(body: str, paint: str, *, detail: int = 2) -> Faces:
     """
     if paint not in PAINTS:
         raise ValueError(f"there is no car paint {paint!r}; there are {', '.join(sorted(PAINTS))}.")
+    faces = _unpainted(body, detail)
+    return replace(faces, albedo=np.where(np.isnan(faces.albedo), PAINTS[paint], faces.albedo))
+
+
+@lru_cache(maxsize=8)
+def _unpainted(body: str, detail: int) -> Faces:
+    """The faces of a car that has no colour yet where it will be painted: PAINTED."""
     shell = Shell(body)
     cells = shell.loft(28 * detail, detail)
-    skin = replace(Faces.of(cells, PAINTS[paint], 1.0, BODY), normal=_smooth_normals(cells))
-    parts = [skin, *_end_parts(shell), *_flank_parts(shell, PAINTS[paint]), *_wheels(shell, detail)]
-    return Faces.joined(parts)
+    skin = replace(Faces.of(cells, PAINTED, 1.0, BODY), normal=_smooth_normals(cells))
+    return Faces.joined([skin, *_end_parts(shell), *_flank_parts(shell), *_wheels(shell, detail)])
 
 
 def _end_parts(shell: Shell) -> list[Faces]:
@@ -230,7 +238,7 @@ def _add_rear(add: Callable, waist: float, foot: float, top: float) -> None:
     add((-0.11, 0.11, 0.11, -0.11), (waist - 0.145, waist - 0.095), (0.20, 0.22, 0.32), 0.0)
 
 
-def _flank_parts(shell: Shell, paint: tuple) -> list[Faces]:
+def _flank_parts(shell: Shell) -> list[Faces]:
     """Side windows, wheel arches, seams, wrapped lamps and mirrors."""
     z = shell.rings[:, 0]
     waist, foot, top = z[4], z[6], z[8]
@@ -256,14 +264,14 @@ def _flank_parts(shell: Shell, paint: tuple) -> list[Faces]:
         add((bottom_rear + 0.38, pillar - 0.04, pillar - 0.06, top_rear + 0.22), windows, GLASS, 2.0)
         add((pillar + 0.04, bottom_front - 0.34, top_front - 0.12, pillar + 0.02), windows, GLASS, 2.0)
         for x in (-0.48, 0.42):
-            add((x, x + 0.16, x + 0.16, x), (waist + 0.015, waist + 0.045), paint, 1.0)
+            add((x, x + 0.16, x + 0.16, x), (waist + 0.015, waist + 0.045), PAINTED, 1.0)
             add((x, x + 0.16, x + 0.16, x), (waist - 0.005, waist + 0.012), PLASTIC, 0.2)
         for x in (-0.62, 0.28, 1.08):
             add((x - 0.006, x + 0.006, x + 0.006, x - 0.006), (0.30, foot - 0.02), PLASTIC, 0.2)
         add((-1.0, 1.0, 1.0, -1.0), (0.21, 0.29), PLASTIC, 0.3)
         add((-2.30, -2.02, -2.06, -2.27), (waist - 0.09, waist + 0.04), LAMP, 1.3)
         add((1.86, 2.16, 2.10, 1.90), (waist - 0.10, waist + 0.0), HEADLAMP, 1.3)
-        parts.append(_box((0.72, side * 0.91, foot + 0.04), (0.06, 0.09, 0.055), paint))
+        parts.append(_box((0.72, side * 0.91, foot + 0.04), (0.06, 0.09, 0.055), PAINTED))
     return parts
 
 

@@ -20,13 +20,21 @@ def band_noise_tile(seed: int, *, octaves: int = 1) -> np.ndarray:
     With more octaves, longer waves are added, each half as steep: cloudy instead of grainy.
     """
     rng = np.random.default_rng(seed)
-    white = np.fft.rfft2(rng.standard_normal((TILE, TILE)))
+    waves = np.fft.rfft2(rng.standard_normal((TILE, TILE)))
+    waves *= _gain(octaves)
+    tile = np.fft.irfft2(waves, s=(TILE, TILE))
+    tile /= tile.std()
+    # One more row and column, so that bilinear lookup wraps without a seam.
+    return cv2.copyMakeBorder(tile.astype(np.float32), 0, 1, 0, 1, cv2.BORDER_WRAP)
+
+
+@lru_cache(maxsize=8)
+def _gain(octaves: int) -> np.ndarray:
+    """How strong the waves of a tile are, by np.fft.rfft2's frequencies."""
     frequency = np.hypot(np.fft.fftfreq(TILE)[:, None], np.fft.rfftfreq(TILE)[None, :]) * TEXELS_PER_WAVE
     gain = sum(2.0**k * np.exp(-(((frequency * 2.0**k) - 1) ** 2) / 0.5) * 1.4**k for k in range(octaves))
     gain[0, 0] = 0
-    tile = np.fft.irfft2(white * gain, s=(TILE, TILE))
-    # One more row and column, so that bilinear lookup wraps without a seam.
-    return np.pad(tile / tile.std(), ((0, 1), (0, 1)), mode="wrap").astype(np.float32)
+    return gain
 
 
 def sample_noise(tile: np.ndarray, s: np.ndarray, d: np.ndarray, *, wave_s_m: float, wave_d_m: float) -> np.ndarray:
