@@ -36,7 +36,7 @@ class Faces:
 
     @cached_property
     def height(self) -> np.ndarray:
-        """(F,) how far the plane of each face is from the origin, along `flat_normal`: an eye farther than that sees it."""
+        """(F,) how far from the origin, along `flat_normal`, each face is: an eye that is farther sees it."""
         return (self.flat_normal * self.middle).sum(axis=1)
 
     @classmethod
