@@ -8,13 +8,15 @@ from itertools import product
 
 from lanes.scenes.backdrop import panorama
 from lanes.scenes.drive import Drive
-from lanes.scenes.foliage import SPECIES, grown_plant
+from lanes.scenes.foliage import grown_plant
 from lanes.scenes.ground import picture_rays
-from lanes.scenes.roadside import Along
+from lanes.scenes.roadside import Along, Placed
+from lanes.scenes.things import Tree
 from lanes.scenes.wall_textures import wall_texture
 
-# Scenes and woods choose among so many plants of a kind.
-PLANTS_OF_A_KIND = 6
+# Plants, by species and number, of which the country far away and the edge of a wood are made.
+IN_COUNTRY = set(product(("oak", "plane", "eucalyptus", "bush", "scrub"), range(2)))
+IN_WOOD = set(product(("redwood", "oak", "plane", "bush", "scrub"), range(6)))
 
 
 def ingredients(drive: Drive) -> list[Callable[[], object]]:
@@ -22,7 +24,13 @@ def ingredients(drive: Drive) -> list[Callable[[], object]]:
 
     Plants come first: country and woods are full of them.
     """
-    plants = [partial(grown_plant, species, seed) for species, seed in product(SPECIES, range(PLANTS_OF_A_KIND))]
-    seeds = sorted({thing.seed for thing in drive.things if isinstance(thing, Along) and thing.kind == "wood"})
-    woods = [partial(wall_texture, "wood", seed) for seed in seeds]
-    return [partial(picture_rays, drive.camera), *plants, partial(panorama, drive.backdrop, drive.seed), *woods]
+    placed = [thing.thing for thing in drive.things if isinstance(thing, Placed)]
+    woods = sorted({thing.seed for thing in drive.things if isinstance(thing, Along) and thing.kind == "wood"})
+    plants = {(tree.species, tree.seed) for tree in placed if isinstance(tree, Tree)} | IN_COUNTRY
+    plants |= IN_WOOD if woods else set()
+    return [
+        partial(picture_rays, drive.camera),
+        *(partial(grown_plant, *plant) for plant in sorted(plants)),
+        partial(panorama, drive.backdrop, drive.seed),
+        *(partial(wall_texture, "wood", seed) for seed in woods),
+    ]
