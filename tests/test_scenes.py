@@ -184,6 +184,16 @@ def test_same_seed_same_picture_other_seed_another():
     assert not np.array_equal(one, other)
 
 
+def test_hidden_ground_may_be_left_unpainted_but_what_is_wanted_is_the_same():
+    drive = small_drive()
+    ground = cast_on_ground(picture_rays(SMALL), SMALL, RoadAhead(drive.road, drive.motion.pose(0.2)))
+    wanted = np.random.default_rng(1).random(ground.s.shape) < 0.5
+    whole = ground_albedo(drive.surface, ground, station_m=60.0, seed=5)
+    part = ground_albedo(drive.surface, ground, station_m=60.0, seed=5, wanted=wanted)
+    np.testing.assert_array_equal(part[wanted], whole[wanted])
+    assert (part[~wanted] != whole[~wanted]).any(axis=-1).mean() > 0.2
+
+
 def test_mirrored_scene_gives_mirrored_lines():
     """Mirror road, car, paint and camera: the columns of the lines mirror too."""
     drive = small_drive()

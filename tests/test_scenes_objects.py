@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from lanes.camera import Camera, Mount
-from lanes.scenes.bonnet import bonnet_outline
-from lanes.scenes.brush import clip_polygon, inside, viewing_planes
+from lanes.scenes.bonnet import bonnet_outline, paint_bonnet
+from lanes.scenes.brush import clip_polygon, empty_picture, inside, still_open, viewing_planes, with_behind
 from lanes.scenes.foliage import SPECIES, plant_sprite
 from lanes.scenes.noise import fractal_noise, fractal_profile
-from lanes.scenes.objects import Car, Post, Sign, Tree, Wall, draw_bonnet, draw_objects, shadow_polygons
+from lanes.scenes.objects import Car, Post, Sign, Tree, Wall, paint_objects, shadow_polygons
 from lanes.scenes.road import Pose, RoadGeometry, offset_point
 from lanes.scenes.roadside import Along, things_in_view
 
@@ -24,8 +24,10 @@ def empty() -> np.ndarray:
     return np.full((360, 640, 3), 0.3, np.float32)
 
 
-def draw(things, lens=None, sun=SUN) -> np.ndarray:
-    return draw_objects(empty(), lens or camera(), things, sun_direction=sun, haze=0.0)
+def draw(things, lens=None, sun=SUN, haze=0.0) -> np.ndarray:
+    picture = empty_picture(360, 640)
+    paint_objects(picture, lens or camera(), things, sun_direction=sun, haze=haze)
+    return with_behind(picture, empty())
 
 
 def changed(things, lens=None) -> np.ndarray:
@@ -49,12 +51,9 @@ EVERYTHING = [
 ]
 
 
-def test_drawing_is_repeatable_and_leaves_its_input_alone():
-    before = empty()
-    first = draw_objects(before, camera(), EVERYTHING, sun_direction=SUN, haze=0.05)
-    again = draw_objects(before, camera(), EVERYTHING, sun_direction=SUN, haze=0.05)
+def test_drawing_is_repeatable():
+    first, again = draw(EVERYTHING, haze=0.05), draw(EVERYTHING, haze=0.05)
     np.testing.assert_array_equal(first, again)
-    np.testing.assert_array_equal(before, empty())
     assert first.dtype == np.float32 and np.isfinite(first).all() and first.min() >= 0
 
 
@@ -152,6 +151,20 @@ def test_near_things_hide_far_ones_whatever_their_order_in_the_list():
     assert np.abs(draw([far])[window] - one[window]).max() > 0.05
 
 
+def test_things_are_painted_only_where_something_nearer_lets_them_be_seen():
+    """The same things behind a window in a dark sheet: seen through the window as without it, and nothing beside it."""
+    picture, window = empty_picture(360, 640), (slice(150, 260), slice(200, 460))
+    picture[3] = 0
+    picture[3][window] = 1
+    assert still_open(picture[3]) == window and still_open(picture[3, :150]) is None
+    paint_objects(picture, camera(), EVERYTHING, sun_direction=SUN, haze=0.0)
+    seen = with_behind(picture, empty())
+    np.testing.assert_allclose(seen[window], draw(EVERYTHING)[window], atol=1e-4)
+    assert np.ptp(seen[window]) > 0.3
+    seen[window] = 0
+    assert not seen.any()
+
+
 def test_mirrored_world_gives_the_mirrored_picture():
     """With a symmetric lens, exchanging left and right mirrors cars and walls."""
     matrix = np.array([[580.0, 0, 319.5], [0, 580.0, 190.0], [0, 0, 1]])
@@ -231,15 +244,21 @@ def test_kerb_has_a_lit_top_and_a_face_in_its_own_shade_when_the_sun_is_behind_i
 def test_bonnet_hides_the_bottom_edge_only_and_is_soft():
     before = np.full((720, 1280, 3), 0.5, np.float32)
     lens = camera().scaled((1280, 720))
-    after = draw_bonnet(before, lens, seed=3)
+
+    def with_bonnet(seed):
+        picture = empty_picture(720, 1280)
+        paint_bonnet(picture, seed=seed)
+        return with_behind(picture, before)
+
+    after = with_bonnet(3)
     edge = bonnet_outline(lens.size)
     assert edge.shape == (1280,) and edge.min() > 650 and edge.max() < 692
     np.testing.assert_array_equal(after[:640], before[:640])
     assert after[700:].mean() < 0.3 and after[700:, :, 0].mean() > after[700:, :, 2].mean()
     steps = np.abs(np.diff(after.mean(axis=2), axis=0)).max(axis=0)
     assert np.median(steps) < 0.2, "the edge is a ramp, not a step"
-    np.testing.assert_array_equal(after, draw_bonnet(before, lens, seed=3))
-    assert np.abs(after - draw_bonnet(before, lens, seed=4)).max() > 0.01
+    np.testing.assert_array_equal(after, with_bonnet(3))
+    assert np.abs(after - with_bonnet(4)).max() > 0.01
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from lanes.camera import Camera
+from lanes.scenes.brush import lay_behind, planes_of
 from lanes.scenes.noise import fractal_noise, smoothstep
 
 # Upper edge as shares of picture width and height: left wing, the dip beside the hump, the hump, right wing.
@@ -41,30 +41,20 @@ def hidden_from(size: tuple[int, int], seed: int = 0) -> int:
     return top + int(open_rows[-1]) + 1
 
 
-def draw_bonnet(image: np.ndarray, camera: Camera, *, seed: int = 0, light: float = 1.0) -> np.ndarray:
-    """Paint the own bonnet over the bottom of a picture.
+def paint_bonnet(picture: np.ndarray, *, seed: int = 0, light: float = 1.0) -> None:
+    """Paint the own bonnet along the bottom of a picture.
 
     Parameters
     ----------
-    image : ndarray of shape (H, W, 3), float32
-        Linear RGB radiance; not changed.
-    camera : Camera
-        Gives the picture's size; the bonnet keeps its place in the picture.
+    picture : ndarray of shape (4, H, W), float32
+        As from `brush.empty_picture`, changed; the bonnet is nearer than all else.
     seed : int
         Another pattern of dust for every number.
     light : float
         1 in the sun, about 0.25 under trees.
-
-    Returns
-    -------
-    ndarray of the same shape, float32
     """
-    image = np.array(image, np.float32)
-    layer, top = _bonnet_layer(camera.size, seed)
-    below, clear = image[top:], 1 - layer[..., 3:]
-    below *= cv2.merge([clear] * 3)
-    below += layer[..., :3] * np.float32(light)
-    return image
+    layer, top = _bonnet_layer(picture.shape[:0:-1], seed)
+    lay_behind(picture, planes_of(layer), 0, top, through=light)
 
 
 @lru_cache(maxsize=4)

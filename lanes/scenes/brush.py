@@ -215,6 +215,16 @@ def still_open(clear: np.ndarray) -> tuple[slice, slice] | None:
     return (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)) if len(rows) else None
 
 
+def with_behind(picture: np.ndarray, image: np.ndarray) -> np.ndarray:
+    """The image (H, W, 3) with what is in the picture (4, H, W) before it."""
+    *lights, clear = picture
+    behind = planes_of(image.astype(np.float32, copy=False))
+    for plane, light in zip(behind, lights, strict=True):
+        plane *= clear
+        plane += light
+    return cv2.merge(behind)
+
+
 def lay_behind(
     picture: np.ndarray,
     planes: Sequence[np.ndarray],

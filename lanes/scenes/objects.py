@@ -14,9 +14,7 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.scenes.bonnet import draw_bonnet
 from lanes.scenes.brush import (
-    empty_picture,
     inside,
     lay_behind,
     out_of_picture,
@@ -36,7 +34,7 @@ from lanes.scenes.things import Car, Post, Sign, Thing, Tree, turned_by, upright
 from lanes.scenes.vehicles import facet_m, footprint, outline, vehicle_faces
 from lanes.scenes.walls import Wall, paint_wall
 
-__all__ = ["Car", "Post", "Sign", "Thing", "Tree", "Wall", "draw_bonnet", "draw_objects", "shadow_polygons"]
+__all__ = ["Car", "Post", "Sign", "Thing", "Tree", "Wall", "paint_objects", "shadow_polygons"]
 
 # Things farther than this are not worth drawing: a car is 4 pixels wide there.
 FARTHEST_M = 600.0
@@ -48,8 +46,8 @@ SIGN_COLOURS = {
 }
 
 
-def draw_objects(
-    image: np.ndarray,
+def paint_objects(
+    picture: np.ndarray,
     camera: Camera,
     objects: list[Thing],
     *,
@@ -58,13 +56,13 @@ def draw_objects(
     light_at: Callable[[np.ndarray], np.ndarray] | None = None,
     air_at: Callable[[float], tuple[np.ndarray, np.ndarray]] | None = None,
     crest: tuple[float, np.ndarray] | None = None,
-) -> np.ndarray:
-    """Paint things over a picture, the nearest first: what they hide need not be painted.
+) -> None:
+    """Paint things behind what is in a picture, the nearest first: what they hide need not be painted.
 
     Parameters
     ----------
-    image : ndarray of shape (H, W, 3), float32
-        Linear RGB radiance of the scene without them; not changed.
+    picture : ndarray of shape (4, H, W), float32
+        As from `brush.empty_picture`, changed.
     camera : Camera
         With a mount; its distortion bends the things as it bends the road.
     objects : list of Car, Wall, Tree, Sign, Post
@@ -81,16 +79,11 @@ def draw_objects(
     crest : (float, ndarray of shape (H, W), bool), optional
         Distance of a crest of the road, and where its near side is: that hides the things beyond.
 
-    Returns
-    -------
-    ndarray of the same shape, float32
-
     Raises
     ------
     TypeError
         For a thing of another kind.
     """
-    picture = empty_picture(*image.shape[:2])
     crest_m, near_side = crest or (np.inf, None)
     sun = np.asarray(sun_direction, float) / np.linalg.norm(sun_direction)
     jobs = []
@@ -115,9 +108,6 @@ def draw_objects(
             through = through * light[0]
         _painter(thing)(picture, camera, thing, sun, (through, air))
     picture[3] += road
-    for light, behind in zip(picture, planes_of(image.astype(np.float32, copy=False)), strict=False):
-        cv2.accumulateProduct(behind, picture[3], light)
-    return cv2.merge(picture[:3])
 
 
 def _lights(things: list[Thing], light_at: Callable[[np.ndarray], np.ndarray] | None) -> list[np.ndarray | None]:

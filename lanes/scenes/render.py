@@ -10,8 +10,8 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.scenes.backdrop import paint_backdrop
-from lanes.scenes.bonnet import draw_bonnet, hidden_from
-from lanes.scenes.brush import planes_of
+from lanes.scenes.bonnet import hidden_from, paint_bonnet
+from lanes.scenes.brush import UNSEEN, empty_picture, planes_of, with_behind
 from lanes.scenes.drive import Drive, Motion
 from lanes.scenes.exposure import RoadLight
 from lanes.scenes.glare import add_glare, add_sheen
@@ -31,7 +31,7 @@ from lanes.scenes.light import (
 )
 from lanes.scenes.markings import paint_markings
 from lanes.scenes.night import add_lamps, lamps_in_sight
-from lanes.scenes.objects import draw_objects
+from lanes.scenes.objects import paint_objects
 from lanes.scenes.rain import add_streaks_in_air, see_through_drops
 from lanes.scenes.road import Pose
 from lanes.scenes.roadahead import RoadAhead
@@ -90,13 +90,17 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     sun = _sun_on_ground(drive, things, view)
     seen = slice(0, _rows_before_bonnet(drive) - ground.top)
     before_bonnet = ground.rows(seen)
-    ground_light = _ground_light(drive, before_bonnet, sun[seen], things, station_m=view.station_m)
+    picture = _things(drive, things, view, sunny=float(sun[-NEAREST_ROWS:].mean()))
     # Before air dims it and without sky, cars and bonnet: what the camera's exposure follows.
-    road_light = _mean_luminance(ground_light[max(len(sun) - 250, 0) : len(sun) - NEAREST_ROWS : 4, ::8])
+    metered = slice(max(len(sun) - 250, 0), len(sun) - NEAREST_ROWS, 4), slice(None, None, 8)
+    wanted = picture[3, ground.top :][seen] > UNSEEN
+    wanted[metered] = True
+    ground_light = _ground_light(drive, before_bonnet, sun[seen], things, station_m=view.station_m, wanted=wanted)
+    road_light = _mean_luminance(ground_light[metered])
     mirror = _add_shine(ground_light, drive, sun[seen], replace(view, ground=before_bonnet))
     bare = _backdrop(drive, camera, heading, ground)
     _lay_ground(bare, ground_light, before_bonnet, daylight=drive.night is None)
-    light = _with_things(bare, drive, things, view, sunny=float(sun[-NEAREST_ROWS:].mean()))
+    light = with_behind(picture, bare)
     same = cv2.compare(light, bare, cv2.CMP_EQ)
     hidden = cv2.inRange(same, (255, 255, 255), (255, 255, 255)) == 0
     if mirror is not None or drive.night is not None:
@@ -138,11 +142,15 @@ def _add_shine(ground_light: np.ndarray, drive: Drive, sun: np.ndarray, view: _V
     return mirror
 
 
-def _with_things(bare: np.ndarray, drive: Drive, things: list[Thing], view: _View, *, sunny: float) -> np.ndarray:
-    """The light (height, width, 3) with things and bonnet before it; `sunny` is the sun's share on the near ground."""
+def _things(drive: Drive, things: list[Thing], view: _View, *, sunny: float) -> np.ndarray:
+    """Bonnet and things as `empty_picture` describes; `sunny` is the sun's share on the near ground."""
     light_at = _light_on_things(drive, view.ahead, station_m=view.station_m)
-    light = draw_objects(
-        bare,
+    picture = empty_picture(view.camera.height, view.camera.width)
+    if drive.bonnet:
+        open_sky = 1.0 if light_at is None else float(light_at(np.array([[-1.0, 0.0]])).mean())
+        paint_bonnet(picture, light=(0.2 + 0.8 * sunny) * open_sky)
+    paint_objects(
+        picture,
         view.camera,
         things,
         sun_direction=view.sun_direction,
@@ -151,10 +159,7 @@ def _with_things(bare: np.ndarray, drive: Drive, things: list[Thing], view: _Vie
         air_at=_air(drive),
         crest=_crest(view.ahead, view.ground, view.camera),
     )
-    if not drive.bonnet:
-        return light
-    open_sky = 1.0 if light_at is None else float(light_at(np.array([[-1.0, 0.0]])).mean())
-    return draw_bonnet(light, view.camera, light=(0.2 + 0.8 * sunny) * open_sky)
+    return picture
 
 
 def _photograph(light: np.ndarray, drive: Drive, time_s: float, *, road_light: float) -> np.ndarray:
@@ -180,10 +185,10 @@ def _rows_before_bonnet(drive: Drive) -> int:
 
 
 def _ground_light(
-    drive: Drive, ground: Ground, sun: np.ndarray, things: list[Thing], *, station_m: float
+    drive: Drive, ground: Ground, sun: np.ndarray, things: list[Thing], *, station_m: float, wanted: np.ndarray
 ) -> np.ndarray:
-    """Light that the ground sends to the camera, (rows, width, 3) float32."""
-    light = ground_albedo(drive.surface, ground, station_m=station_m, seed=drive.seed)
+    """Light that the ground sends to the camera, (rows, width, 3) float32; right where it is `wanted`, a mask."""
+    light = ground_albedo(drive.surface, ground, station_m=station_m, seed=drive.seed, wanted=wanted)
     if drive.wet is not None:
         light *= np.float32(drive.wet.darkening)
     markings = drive.markings if drive.night is None else drive.night.markings(drive.markings)

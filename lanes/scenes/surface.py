@@ -154,7 +154,9 @@ class Layers:
         return Layers(*(getattr(self, field.name)[cut, columns] for field in fields(self)))
 
 
-def ground_albedo(surface: Surface, ground: Ground, *, station_m: float, seed: int) -> np.ndarray:
+def ground_albedo(
+    surface: Surface, ground: Ground, *, station_m: float, seed: int, wanted: np.ndarray | None = None
+) -> np.ndarray:
     """Reflectance of the ground without paint.
 
     Parameters
@@ -165,6 +167,8 @@ def ground_albedo(surface: Surface, ground: Ground, *, station_m: float, seed: i
         Arc length of the car.
     seed : int
         Chooses the noise.
+    wanted : ndarray of shape (rows, width), bool, optional
+        Where it must be right, because nothing hides it; everywhere if None.
 
     Returns
     -------
@@ -189,6 +193,7 @@ def ground_albedo(surface: Surface, ground: Ground, *, station_m: float, seed: i
         gravel_m=surface.gravel_m,
         opposite=_opposite(surface, layers),
         tint=surface.verge_tint,
+        wanted=wanted,
         seed=seed + 11,
     )
     return albedo

@@ -39,6 +39,7 @@ def lay_verge(
     gravel_m: float,
     opposite: Opposite | None = None,
     tint: tuple[float, float, float] = (1.0, 1.0, 1.0),
+    wanted: np.ndarray | None = None,
     seed: int,
 ) -> None:
     """Paint the ground beside the pavement, in place.
@@ -57,12 +58,15 @@ def lay_verge(
     opposite : Opposite, optional
     tint : (float, float, float)
         Factor of the colours of gravel and grass.
+    wanted : ndarray of shape (rows, width), bool, optional
+        Where to paint; everywhere if None.
     seed : int
     """
     for first in range(0, len(s), ROWS_AT_A_TIME):
         rows = slice(first, first + ROWS_AT_A_TIME)
         across = None if opposite is None else replace(opposite, tone=opposite.tone[rows])
-        _lay_rows(albedo[rows], ground.rows(rows), s[rows], edges_m, gravel_m, across, tint, seed)
+        where = True if wanted is None else wanted[rows]
+        _lay_rows(albedo[rows], ground.rows(rows), s[rows], edges_m, gravel_m, across, tint, where, seed)
 
 
 def _lay_rows(
@@ -73,11 +77,12 @@ def _lay_rows(
     gravel_m: float,
     opposite: Opposite | None,
     tint: tuple[float, float, float],
+    wanted: np.ndarray | bool,
     seed: int,
 ) -> None:
     """`lay_verge` for some rows."""
     beyond = np.maximum(ground.d - np.float32(edges_m[1]), np.float32(edges_m[0]) - ground.d)
-    pixels = np.flatnonzero(beyond > -ground.reach_d - np.float32(DUST_REACH_M))
+    pixels = np.flatnonzero((beyond > -ground.reach_d - np.float32(DUST_REACH_M)) & wanted)
     if not len(pixels):
         return
     arrays = (s, ground.d, ground.d_u, ground.d_v, ground.reach_s, beyond)
