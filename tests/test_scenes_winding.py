@@ -66,6 +66,8 @@ def test_rays_end_on_the_first_ground_that_they_meet(profile, s_m):
     off = np.abs(ahead.on_surface(points)[:, 2] - height)
     # Only where a ray grazes a crest is it a matter of pixels which side it meets.
     assert np.quantile(off, 0.995) < 2e-3
+    for got, looked_up in zip((ground.s, ground.d), ahead.locate(ground.x, ground.y), strict=True):
+        np.testing.assert_allclose(got[seen], looked_up[seen], atol=1e-3)
     before = np.linspace(0.05, 0.97, 40)[:, None, None] * np.column_stack([points, height - SMALL.mount.height_m])[::97]
     surface = ahead.on_surface(before[..., :2].reshape(-1, 2))[:, 2]
     assert (before[..., 2].ravel() + SMALL.mount.height_m - surface).min() > -0.01

@@ -115,9 +115,9 @@ def cast_on_ground(rays: np.ndarray, camera: Camera, road: RoadAhead) -> Ground:
         visible = drop > least_drop
         scale = np.float32(mount.height_m) / np.maximum(drop, least_drop)
         x, y = (rays @ to_road[:, 0]) * scale, (rays @ to_road[:, 1]) * scale
+        s, d = road.locate(x, y)
     else:
-        top, visible, x, y = cast_on_relief(rays @ to_road, mount.height_m, road)
-    s, d = road.locate(x, y)
+        top, visible, x, y, s, d = cast_on_relief(rays @ to_road, mount.height_m, road)
     smooth = road.profile.level and not road.winding
     steps = (*_steps(s), *_steps(d)) if smooth else _steps_along(road, s, d, x, y)
     return Ground(top, visible, np.hypot(x, y), x, y, s, d, *steps)

@@ -17,13 +17,15 @@ DISTANCES_M = np.geomspace(NEAREST_M, FARTHEST_M, 420)
 SLOPES = np.arange(-1.0, 0.35, 1 / 2400)
 # By how much slopes may differ within a row between the columns that are looked at, and more.
 SKY_MARGIN = 0.02
+# After steps shorter than this share of the distance a place need not be looked up again.
+SHORT_STEP = 1e-4
 # So many stay in the processor's cache through all steps.
 ROWS_AT_A_TIME = 48
 
 
 def cast_on_relief(
     rays: np.ndarray, height_m: float, road: RoadAhead
-) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The first ground that each ray meets.
 
     Parameters
@@ -41,6 +43,8 @@ def cast_on_relief(
     visible : ndarray of shape (height - top, width), bool
     x, y : ndarrays of that shape, float32
         Metres ahead and to the left; at FARTHEST_M where no ground is seen.
+    s, d : ndarrays of that shape, float32
+        The same places along the road, as from `RoadAhead.locate`.
 
     Notes
     -----
@@ -59,11 +63,12 @@ def cast_on_relief(
     top = int(np.argmax(visible.any(axis=1)))
     visible, tangent, slope = visible[top:], tangent[top:], slope[top:]
     x = 1 / np.maximum(seen[top:], np.float32(1 / FARTHEST_M))
+    s, d = np.empty_like(x), np.empty_like(x)
     for first in range(0, len(x), ROWS_AT_A_TIME):
         rows = slice(first, first + ROWS_AT_A_TIME)
-        for _ in range(2):
-            x[rows] = _refined(x[rows], tangent[rows], slope[rows], height_m, road)
-    return sky + top, visible, x, x * tangent
+        places = _refined(x[rows].ravel(), tangent[rows].ravel(), slope[rows].ravel(), height_m, road)
+        x[rows], s[rows], d[rows] = (place.reshape(x[rows].shape) for place in places)
+    return sky + top, visible, x, x * tangent, s, d
 
 
 def _rows_of_sky(rays: np.ndarray, inverse: np.ndarray) -> int:
@@ -87,12 +92,26 @@ def _inverse_distances(height_m: float, road: RoadAhead) -> np.ndarray:
     return np.column_stack(columns).astype(np.float32)
 
 
-def _refined(x: np.ndarray, tangent: np.ndarray, slope: np.ndarray, height_m: float, road: RoadAhead) -> np.ndarray:
-    """One step of Newton's method, no longer than a step of the table, and none where a ray grazes the ground."""
-    s, _ = road.locate(x, x * tangent)
-    rise, grade = road.rise_and_grade(s)
-    above = np.float32(height_m) + slope * x - rise
-    cosine, sine, _ = road.directions(s)
-    falling = slope - grade * (cosine + sine * tangent)
-    step = -above / np.minimum(falling, np.float32(-1e-3))
-    return x + np.clip(step, np.float32(-0.02) * x, np.float32(0.02) * x) * (falling < -1e-3)
+def _refined(
+    x: np.ndarray, tangent: np.ndarray, slope: np.ndarray, height_m: float, road: RoadAhead
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Two steps of Newton's method from x (N,), and the places (x, s, d) where they end.
+
+    No step is longer than one of the table, and there is none where a ray grazes the ground.
+    """
+    s, d = road.locate(x, x * tangent)
+    for _ in range(2):
+        rise, grade = road.rise_and_grade(s)
+        above = np.float32(height_m) + slope * x - rise
+        cosine, sine, curvature = road.directions(s)
+        along = cosine + sine * tangent
+        falling = slope - grade * along
+        step = -above / np.minimum(falling, np.float32(-1e-3))
+        step = np.clip(step, np.float32(-0.02) * x, np.float32(0.02) * x) * (falling < -1e-3)
+        x = x + step
+        # Nearly all steps are so short that the place moves along with them.
+        s += step * along / np.maximum(1 - curvature * d, np.float32(0.2))
+        d += step * (cosine * tangent - sine)
+        far = np.flatnonzero(np.abs(step) > np.float32(SHORT_STEP) * x)
+        s[far], d[far] = road.locate(x[far], x[far] * tangent[far])
+    return x, s, d
