@@ -149,22 +149,24 @@ def _paint_car(picture: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, a
     toward = np.flatnonzero(faces.flat_normal @ eye > faces.height)
     # What lies on the body keeps its order (plate on bumper); body and wheels go from far to near.
     layer = faces.layer[toward]
-    apart = np.where(layer < ON_BODY, -np.linalg.norm(faces.middle[toward] - eye, axis=1), 0)
+    away = faces.middle[toward] - eye
+    apart = np.where(layer < ON_BODY, -np.einsum("ij,ij->i", away, away), 0)
     faces = faces.chosen(toward[np.lexsort((apart, layer))])
     colours = shade_faces(faces, eye, sun @ turn)
-    corners = faces.corners.reshape(-1, 3) @ turn.T + place
+    ground = footprint(car.body)
+    corners = np.concatenate([faces.corners, [ground * 1.03, ground * 0.97]]).reshape(-1, 3) @ turn.T + place
     pixels = project_faces(camera, corners.reshape(-1, 4, 3))
     cuts = np.searchsorted(faces.layer, [BODY, ON_BODY])
     # Facets are some 0.1 m wide: their shading is blended, the outline stays sharp.
     blend = facet_m(car.body) * camera.matrix[0, 0] / max(distance, 2)
-    parts = (slice(0, cuts[0]), slice(*cuts), slice(cuts[1], None))
+    parts = (slice(0, cuts[0]), slice(*cuts), slice(cuts[1], len(colours)))
     for part, blend_px in zip(parts[::-1], (0.0, blend, 0.0), strict=True):
         paint_polygons(picture, pixels[part], colours[part], through=air[0], air=air[1], blend_px=blend_px)
-    ground = footprint(car.body)
-    pixels = project_faces(camera, np.stack([ground * 1.03, ground * 0.97]) @ turn.T + place)
     blur = float(np.clip(40 / max(distance, 1), 0.5, 4))
     dark = np.full((2, 3), 0.004)
-    paint_polygons(picture, pixels, dark, opacity=np.array([0.55, 0.85]), through=air[0], air=air[1], softness_px=blur)
+    paint_polygons(
+        picture, pixels[-2:], dark, opacity=np.array([0.55, 0.85]), through=air[0], air=air[1], softness_px=blur
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
