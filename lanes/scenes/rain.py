@@ -40,9 +40,8 @@ def add_streaks_in_air(light: np.ndarray, rain: Rain, *, seed: int) -> None:
     """Add falling drops, drawn out by the shutter, in place; another pattern for each seed."""
     height, width = light.shape[:2]
     row, column = np.random.default_rng(seed).integers(0, 64, 2)
-    streaks = np.float32(rain.streaks) * _streaks(height, width)[row : row + height, column : column + width]
-    # Spread over the colours first: numpy is slow where the innermost axis has three elements.
-    light += cv2.merge([streaks] * 3)
+    streaks = _streaks(height, width)[row : row + height, column : column + width]
+    cv2.scaleAdd(streaks, rain.streaks, light, dst=light)
 
 
 def see_through_drops(light: np.ndarray, rain: Rain, time_s: float, *, seed: int) -> np.ndarray:
@@ -64,15 +63,14 @@ def see_through_drops(light: np.ndarray, rain: Rain, time_s: float, *, seed: int
     small = cv2.resize(light, (width // COARSE, height // COARSE), interpolation=cv2.INTER_AREA)
     blurred = cv2.GaussianBlur(small, (0, 0), 0.012 * height / COARSE)
     cover = np.zeros(small.shape[:2], np.float32)
-    v, u = (a.astype(np.float32) for a in np.mgrid[: small.shape[0], : small.shape[1]])
-    map_u, map_v = u.copy(), v.copy()
+    map_u, map_v = np.meshgrid(*(np.arange(n, dtype=np.float32) for n in small.shape[1::-1]))
     for at_u, at_v, radius in drops_on_glass(rain, time_s, seed=seed) * [width, height, height] / COARSE:
-        _lay_drop(cover, map_u, map_v, u, v, at_u, at_v, radius)
+        _lay_drop(cover, map_u, map_v, at_u, at_v, radius)
     _lay_blade(cover, map_u, map_v, rain, time_s)
     seen = cv2.remap(blurred, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
-    seen = cv2.resize(seen, (width, height), interpolation=cv2.INTER_LINEAR)
+    seen, cover = (cv2.resize(a, (width, height), interpolation=cv2.INTER_LINEAR) for a in (seen, cover))
     seen -= light
-    seen *= cv2.resize(cv2.merge([cover] * 3), (width, height), interpolation=cv2.INTER_LINEAR)
+    seen *= cv2.merge([cover] * 3)
     seen += light
     return seen
 
@@ -99,11 +97,12 @@ def _of_cycle(rain: Rain, number: int, time_s: float, seed: int) -> np.ndarray:
     return np.column_stack([u, v, radius])[there]
 
 
-def _lay_drop(cover, map_u, map_v, u, v, at_u: float, at_v: float, radius: float) -> None:
+def _lay_drop(cover, map_u, map_v, at_u: float, at_v: float, radius: float) -> None:
     """Soft cover, and where to look through the drop, in place."""
     reach = int(1.6 * radius) + 2
     part = np.s_[max(int(at_v) - reach, 0) : int(at_v) + reach + 1, max(int(at_u) - reach, 0) : int(at_u) + reach + 1]
-    du, dv = u[part] - np.float32(at_u), v[part] - np.float32(at_v)
+    rows, columns = (np.arange(size, dtype=np.float32)[cut] for size, cut in zip(cover.shape, part, strict=True))
+    du, dv = columns - np.float32(at_u), rows[:, None] - np.float32(at_v)
     # The camera is focused on the road: the drop's edge is wide.
     inside = np.clip(1.25 - np.hypot(du, dv * np.float32(0.85)) / np.float32(radius), 0, 0.75) / np.float32(0.75)
     better = inside > cover[part]
@@ -132,7 +131,7 @@ def _lay_blade(cover: np.ndarray, map_u: np.ndarray, map_v: np.ndarray, rain: Ra
 
 @lru_cache(maxsize=2)
 def _streaks(height: int, width: int) -> np.ndarray:
-    """Short lines, nearly upright, out of focus where near; larger than the picture, to be shifted."""
+    """Short lines, nearly upright, out of focus where near; larger than the picture, to be shifted; grey RGB."""
     rng = np.random.default_rng(92)
     layer = np.zeros((height + 64, width + 64), np.float32)
     for _ in range(260):
@@ -141,4 +140,4 @@ def _streaks(height: int, width: int) -> np.ndarray:
         toward = np.array([(u / layer.shape[1] - 0.5) * 0.5, 1.0]) * height * rng.uniform(0.02, 0.07)
         ends = [np.rint(np.array(p) * 16).astype(int).tolist() for p in ((u, v), (u + toward[0], v + toward[1]))]
         cv2.line(layer, *ends, float(rng.uniform(0.2, 1.0)), 1, cv2.LINE_AA, 4)
-    return cv2.GaussianBlur(layer, (0, 0), 0.8)
+    return cv2.merge([cv2.GaussianBlur(layer, (0, 0), 0.8)] * 3)

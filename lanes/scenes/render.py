@@ -199,7 +199,7 @@ def _ground_light(
     else:
         light *= light_on_ground(sun, sky_on_ground(drive.shades, ground, station_m=station_m))
         if drive.sun.clouded:
-            light *= CLOUDS
+            cv2.multiply(light, (*CLOUDS.tolist(), 0.0), dst=light)
     return light
 
 
