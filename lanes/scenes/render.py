@@ -11,7 +11,7 @@ import numpy as np
 from lanes.camera import Camera
 from lanes.scenes.backdrop import paint_backdrop
 from lanes.scenes.bonnet import hidden_from, paint_bonnet
-from lanes.scenes.brush import UNSEEN, empty_picture, planes_of, with_behind
+from lanes.scenes.brush import UNSEEN, empty_picture, planes_of, still_open, with_behind
 from lanes.scenes.drive import Drive, Motion
 from lanes.scenes.exposure import RoadLight
 from lanes.scenes.glare import add_glare, add_sheen
@@ -52,6 +52,7 @@ AIR_LENGTH_M = 3500.0
 CLOUDED_COUNTRY = 0.55
 # The wet road mirrors the sky coarsely: computed on every sixth pixel.
 MIRROR_STEP = 6
+ROWS_AT_A_TIME = 32
 # Trees farther aside than this throw their shadows on the grass.
 SHADOWS_ASIDE_M = 22.0
 # Rows of the picture in which the sun on the ground is the sun on the bonnet; the exposure follows those above.
@@ -98,7 +99,7 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     ground_light = _ground_light(drive, before_bonnet, sun[seen], things, station_m=view.station_m, wanted=wanted)
     road_light = _mean_luminance(ground_light[metered])
     mirror = _add_shine(ground_light, drive, sun[seen], replace(view, ground=before_bonnet))
-    bare = _backdrop(drive, camera, heading, ground)
+    bare = _backdrop(drive, view, picture[3])
     _lay_ground(bare, ground_light, before_bonnet, daylight=drive.night is None)
     light = with_behind(picture, bare)
     same = cv2.compare(light, bare, cv2.CMP_EQ)
@@ -254,13 +255,20 @@ def _sun_on_ground(drive: Drive, things: list[Thing], view: _View) -> np.ndarray
     return sun
 
 
-def _backdrop(drive: Drive, camera: Camera, heading_rad: float, ground: Ground) -> np.ndarray:
-    """The picture (height, width, 3) with the backdrop painted down to where all is ground."""
-    rays = picture_rays(drive.camera)
+def _backdrop(drive: Drive, view: _View, clear: np.ndarray) -> np.ndarray:
+    """The picture (height, width, 3) with the backdrop down to where all is ground, where things let it be seen."""
+    rays, ground = picture_rays(drive.camera), view.ground
     covered = ground.visible.all(axis=1) & (ground.distance.max(axis=1) < FARTHEST_M / 3)
     bottom = ground.top + int(np.argmax(covered)) + 1
-    light = np.zeros((camera.height, camera.width, 3), np.float32)
-    light[:bottom] = _far_light(drive, _directions(rays[:bottom], camera, heading_rad))
+    light = np.zeros_like(rays)
+    # Some rows at a time, because a wood leaves little of them open.
+    for top in range(0, bottom, ROWS_AT_A_TIME):
+        band = slice(top, min(top + ROWS_AT_A_TIME, bottom))
+        seen = still_open(clear[band])
+        if seen is not None:
+            columns = seen[1]
+            directions = _directions(rays[band, columns], view.camera, view.heading_rad)
+            light[band, columns] = _far_light(drive, directions)
     return light
 
 
@@ -269,7 +277,7 @@ def _directions(rays: np.ndarray, camera: Camera, heading_rad: float) -> tuple[n
     cosine, sine = np.cos(heading_rad), np.sin(heading_rad)
     to_world = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
     # One axis after the other: numpy is slow where the innermost axis has three elements.
-    x, y, z = planes_of(rays @ (camera.mount.rotation() @ to_world).astype(np.float32))
+    x, y, z = planes_of(cv2.transform(rays, (camera.mount.rotation() @ to_world).T))
     length = np.sqrt(x * x + y * y + z * z)
     return x / length, y / length, z / length
 
