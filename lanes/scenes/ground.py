@@ -152,7 +152,7 @@ def edge_coverage(t: np.ndarray, step_u: np.ndarray, step_v: np.ndarray) -> np.n
     Parameters
     ----------
     t : ndarray
-        Signed distance of the pixel's centre from the edge, any unit.
+        Signed distance of the pixel's centre from the edge, any unit. (2, ...) for two edges of the same direction.
     step_u, step_v : ndarray
         Change of that distance per pixel to the right and down, same unit.
 
@@ -183,7 +183,9 @@ def edge_coverage(t: np.ndarray, step_u: np.ndarray, step_v: np.ndarray) -> np.n
 
 def strip_coverage(d: np.ndarray, step_u: np.ndarray, step_v: np.ndarray, low: float, high: float) -> np.ndarray:
     """Share of each pixel between the edges d = low and d = high."""
-    return edge_coverage(d - np.float32(low), step_u, step_v) - edge_coverage(d - np.float32(high), step_u, step_v)
+    edges = np.float32([low, high]).reshape(2, *[1] * d.ndim)
+    beyond_low, beyond_high = edge_coverage(d - edges, step_u, step_v)
+    return beyond_low - beyond_high
 
 
 def dash_coverage(s: np.ndarray, reach: np.ndarray, paint_m: float, period_m: float) -> np.ndarray:

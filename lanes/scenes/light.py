@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.scenes.ground import Ground, edge_coverage
+from lanes.scenes.ground import Ground, strip_coverage
 from lanes.scenes.roadahead import RoadAhead
 from lanes.scenes.texture import band_noise_tile, fade, sample_noise
 
@@ -270,9 +270,7 @@ def _under_bridge(shade: BridgeShade, ground: Ground, s: np.ndarray) -> np.ndarr
     t = s - np.float32(shade.skew) * ground.d
     # The sun is half a degree wide, so an edge 6 m up is soft over 6 cm and more along a low sun's way.
     soft = np.float32(0.1)
-    into = edge_coverage(t - np.float32(shade.start_m), np.abs(ground.s_u) + soft, ground.s_v)
-    out = edge_coverage(t - np.float32(shade.end_m), np.abs(ground.s_u) + soft, ground.s_v)
-    return 1 - (into - out)
+    return 1 - strip_coverage(t, np.abs(ground.s_u) + soft, ground.s_v, shade.start_m, shade.end_m)
 
 
 def hidden_sky(shade: BridgeShade, t: np.ndarray) -> np.ndarray:

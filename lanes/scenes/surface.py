@@ -302,9 +302,9 @@ def _lay_patch(
     cut = rows, slice(seen[0], seen[-1] + 1)
     part, s, part_layers = ground.rows(*cut), s[cut], layers.rows(*cut)
     wobble = np.float32(0.03) * part_layers.blotch
-    along = edge_coverage(s - np.float32(patch.start_m) + wobble, part.s_u, part.s_v)
-    along -= edge_coverage(s - np.float32(patch.end_m) + wobble, part.s_u, part.s_v)
-    share = along * strip_coverage(part.d + wobble, part.d_u, part.d_v, patch.low_m, patch.high_m)
+    ends = np.float32([patch.start_m, patch.end_m])[:, None, None]
+    beyond_start, beyond_end = edge_coverage(s - ends + wobble, part.s_u, part.s_v)
+    share = (beyond_start - beyond_end) * strip_coverage(part.d + wobble, part.d_u, part.d_v, patch.low_m, patch.high_m)
     _mix(albedo[cut], _material(MATERIALS[patch.material], part, s, part_layers), share)
 
 
@@ -328,7 +328,7 @@ def _lay_seam(albedo: np.ndarray, seam: Seam, ground: Ground, s: np.ndarray, see
     width = np.float32(seam.width_m) * (1 + np.float32(0.4) * np.clip(thick, -2, 2))
     offset = d - np.float32(seam.lateral_m) - np.float32(seam.wander_m) * bend
     d_u = np.abs(d_u) + np.float32(seam.soft_m)
-    share = edge_coverage(offset + width / 2, d_u, d_v) - edge_coverage(offset - width / 2, d_u, d_v)
+    beyond_low, beyond_high = edge_coverage(offset + np.stack([width, -width]) / 2, d_u, d_v)
     flat = albedo.reshape(-1, 3)
-    share = np.clip(share, 0, 1)[:, None] * np.float32(seam.strength)
+    share = np.clip(beyond_low - beyond_high, 0, 1)[:, None] * np.float32(seam.strength)
     flat[pixels] += share * (np.array(seam.colour, np.float32) - flat[pixels])

@@ -71,9 +71,8 @@ def fade(reach: np.ndarray, wave_m: float) -> np.ndarray:
 
 
 def _wrapped(metres: np.ndarray, wave_m: float) -> np.ndarray:
-    texels = metres * np.float32(TEXELS_PER_WAVE / wave_m)
-    # TILE is a power of two: the product is as exact as the quotient, and faster.
-    whole = texels * np.float32(1 / TILE)
-    np.floor(whole, out=whole)
-    whole *= TILE
-    return np.subtract(texels, whole, out=texels)
+    # TILE is a power of two: tiles are as exact as texels.
+    tiles = metres * np.float32(TEXELS_PER_WAVE / TILE / wave_m)
+    tiles -= np.floor(tiles)
+    tiles *= TILE
+    return tiles
