@@ -12,7 +12,8 @@ from lanes.scenes.foliage import grown_plant
 from lanes.scenes.ground import picture_rays
 from lanes.scenes.roadside import Along, Placed
 from lanes.scenes.things import Tree
-from lanes.scenes.wall_textures import wall_texture
+from lanes.scenes.wall_textures import SLOW, wall_texture
+from lanes.scenes.walls import WALLS
 
 # Plants, by species and number, of which the country far away and the edge of a wood are made.
 IN_COUNTRY = set(product(("oak", "plane", "eucalyptus", "bush", "scrub"), range(2)))
@@ -25,12 +26,13 @@ def ingredients(drive: Drive) -> list[Callable[[], object]]:
     Plants come first: country and woods are full of them.
     """
     placed = [thing.thing for thing in drive.things if isinstance(thing, Placed)]
-    woods = sorted({thing.seed for thing in drive.things if isinstance(thing, Along) and thing.kind == "wood"})
+    walls = {(thing.kind, thing.seed) for thing in drive.things if isinstance(thing, Along)}
+    strips = {(name, seed + n) for kind, seed in walls for n, name in enumerate(WALLS[kind].textures)}
     plants = {(tree.species, tree.seed) for tree in placed if isinstance(tree, Tree)} | IN_COUNTRY
-    plants |= IN_WOOD if woods else set()
+    plants |= IN_WOOD if "wood" in dict(strips) else set()
     return [
         partial(picture_rays, drive.camera),
         *(partial(grown_plant, *plant) for plant in sorted(plants)),
         partial(panorama, drive.backdrop, drive.seed),
-        *(partial(wall_texture, "wood", seed) for seed in woods),
+        *(partial(wall_texture, *strip) for strip in sorted(strips) if strip[0] in SLOW),
     ]

@@ -210,8 +210,10 @@ def _paint_tree(picture: np.ndarray, camera: Camera, tree: _Planted, sun: np.nda
 @lru_cache(maxsize=64)
 def _narrow_sprites(species: str, seed: int) -> tuple[np.ndarray, ...]:
     """The plant's pictures without the columns on both sides in which there is nothing."""
-    bare = [np.argmax((s | s[:, ::-1]).any(axis=0)) for s in (s[..., 3] > 0 for s in plant_sprite(species, seed))]
-    return tuple(s[:, n : s.shape[1] - n] for s, n in zip(plant_sprite(species, seed), bare, strict=True))
+    sprites = plant_sprite(species, seed)
+    filled = [(sprite[..., 3] > 0).any(axis=0) for sprite in sprites]
+    bare = [np.argmax(columns | columns[::-1]) for columns in filled]
+    return tuple(sprite[:, n : sprite.shape[1] - n] for sprite, n in zip(sprites, bare, strict=True))
 
 
 def _warp_sprite(

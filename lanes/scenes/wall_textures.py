@@ -14,12 +14,15 @@ from lanes.scenes.noise import fractal_noise, smoothstep
 
 TEXTURE_LENGTH_M = 48.0
 TEXTURE_PX_PER_M = 40
+# What takes longer to paint than to read, and how many are kept: twice what the suite has.
+SLOW = ("wood", "grass", "rock")
+MOST_KEPT = 26
 
 
 @lru_cache(maxsize=32)
 def wall_texture(name: str, seed: int) -> tuple[np.ndarray, ...]:
     """(rows, columns, 4) RGB reflectance times coverage and coverage, top row first, then shorter and shorter ones."""
-    levels = [_kept_wood(seed) if name == "wood" else _paint(name, seed)]
+    levels = [(_kept if name in SLOW else _paint)(name, seed)]
     while levels[-1].shape[1] > 16:
         # A wall is seen at a glance: shorten it much more than it is lowered.
         rows = max(8, levels[-1].shape[0] // 2) if len(levels) > 2 else levels[-1].shape[0]
@@ -33,10 +36,9 @@ def _paint(name: str, seed: int) -> np.ndarray:
     return _PAINTERS[name](np.random.default_rng([seed, 5]), columns).astype(np.float32)
 
 
-def _kept_wood(seed: int) -> np.ndarray:
-    """The only texture that is not painted at once."""
+def _kept(name: str, seed: int) -> np.ndarray:
     sources = [Path(__file__).with_name(f"{module}.py") for module in ("wall_textures", "foliage", "noise")]
-    return kept_array(f"walls/wood-{seed}", sources, lambda: _paint("wood", seed))
+    return kept_array(f"walls/{name}-{seed}", sources, lambda: _paint(name, seed), most=MOST_KEPT)
 
 
 def _with_cover(rgb: np.ndarray, cover: np.ndarray | float = 1.0) -> np.ndarray:
