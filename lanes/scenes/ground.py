@@ -120,7 +120,7 @@ def cast_on_ground(rays: np.ndarray, camera: Camera, road: RoadAhead) -> Ground:
         top, visible, x, y, s, d = cast_on_relief(rays @ to_road, mount.height_m, road)
     smooth = road.profile.level and not road.winding
     steps = (*_steps(s), *_steps(d)) if smooth else _steps_along(road, s, d, x, y)
-    return Ground(top, visible, np.hypot(x, y), x, y, s, d, *steps)
+    return Ground(top, visible, np.sqrt(x * x + y * y), x, y, s, d, *steps)
 
 
 def _steps_along(road: RoadAhead, s: np.ndarray, d: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple:

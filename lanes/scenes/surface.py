@@ -234,8 +234,8 @@ def _wear_profiles(surface: Surface, d: np.ndarray) -> tuple[np.ndarray, np.ndar
     for centre in surface.lane_centres_m:
         track += np.exp(-(((np.abs(at - centre) - 0.85) / 0.30) ** 2))
         oil += np.exp(-(((at - centre) / 0.38) ** 2))
-    index = np.clip((d + np.float32(40)) / np.float32(step), 0, len(at) - 1).astype(np.intp)
-    # With "clip" numpy need not look for places that are outside.
+    index = ((d + np.float32(40)) / np.float32(step)).astype(np.intp)
+    # With "clip" numpy takes the ends for places that are outside, and need not look for them.
     return tuple(profile.astype(np.float32).take(index, mode="clip") for profile in (track, oil))
 
 
