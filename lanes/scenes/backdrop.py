@@ -289,7 +289,7 @@ def _stamp(
     where = slice(left, left + columns)
     if left < 0 or left + columns > COLUMNS:
         where = np.arange(left, left + columns) % COLUMNS
-    *colours, alpha = np.moveaxis(sprite, -1, 0)
+    *colours, alpha = sprite.transpose(2, 0, 1)
     clear = 1 - alpha
     for plane, colour, tone, through, added in zip(panorama, colours, tint, *air, strict=True):
         plane[top:bottom, where] = plane[top:bottom, where] * clear + colour * tone * through + added * alpha
