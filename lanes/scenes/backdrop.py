@@ -97,7 +97,10 @@ def _paint_panorama(style: BackdropStyle, seed: int) -> np.ndarray:
     for distance_km, share in ((4.0, 0.62), (1.6, 0.75), (0.7, 1.0)):
         _paint_hills(panorama, style, rng, distance_km=distance_km, height_rad=share * style.hill_height_rad)
     _paint_woods(panorama, style, rng)
-    return cv2.copyMakeBorder(cv2.merge(panorama), 0, 0, 1, 1, cv2.BORDER_WRAP)
+    wrapped = np.empty((ROWS, COLUMNS + 2, 3), np.float32)
+    cv2.merge(list(panorama), wrapped[:, 1:-1])
+    wrapped[:, 0], wrapped[:, -1] = wrapped[:, -2], wrapped[:, 1]
+    return wrapped
 
 
 def _paint_plain(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Generator) -> None:
