@@ -12,7 +12,7 @@ import pytest
 import lanes
 
 # All that the renderer may know of the package that it tests: pictures, the camera, and how files are written.
-OPEN_TO_SCENES = {"files", "images", "camera", "camerafile", "videowriter", "videofile", "telemetry"}
+OPEN_TO_SCENES = {"files", "threads", "images", "camera", "camerafile", "videowriter", "videofile", "telemetry"}
 
 
 class Package:

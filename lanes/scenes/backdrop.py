@@ -30,6 +30,7 @@ from lanes.scenes.sky import (
     paint_clouds,
     paint_sky,
 )
+from lanes.threads import all_threads
 
 __all__ = ["BackdropStyle", "paint_backdrop", "panorama"]
 
@@ -86,6 +87,7 @@ def panorama(style: BackdropStyle, seed: int) -> np.ndarray:
     return kept_array(name, sources, lambda: _paint_panorama(style, seed), most=MOST_KEPT)
 
 
+@all_threads()
 def _paint_panorama(style: BackdropStyle, seed: int) -> np.ndarray:
     rng = np.random.default_rng([seed, 20])
     # Planes, because numpy is slow where the innermost axis has three elements.
