@@ -6,7 +6,8 @@ Each function lives in the module of `lanes` named beside its chapter and is doc
 Data             open_dataset, check, PROJECT_ROOT                                          lanes.dataset
 1 Why            read_image, write_image, list_pictures                                     lanes.images
 2 Calibrate      find_board, draw_board, calibrate_folder                                   lanes.calibration.boards
-                 Camera, Mount, save_camera, load_camera                                    lanes.camera
+                 Camera, Mount                                                              lanes.camera
+                 save_camera, load_camera                                                   lanes.camerafile
 3 Undistort      undistort                                                                  lanes.camera
 4 From above     FourPointWarp, metres_per_pixel, view_to_road                              lanes.classic.view
                  estimate_mount, mount_camera                                               lanes.mounting.mount

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ERROR, GIVEN, WRONG = "error over 5-20 m, median to 95 % (m)", "frames with a lane given (%)", "surely wrong frames (%)"
+# Share of the height of a panel that a small label takes.
+LABEL_ROOM = 0.06
 LIMITS = {ERROR: (0.003, 10.0), GIVEN: (0.0, 100.0), WRONG: (0.0, 100.0)}
 
 
@@ -124,8 +126,11 @@ def plot_reliability(
     figure, axes = new_figure(1, 2, (12, 5))
     axes[0].plot([0, 1], [0, 1], **TRUTH_LOOK)
     axes[0].errorbar(stated, right, [right - low, high - right], fmt="o", color="0.2", ecolor="0.5", capsize=3)
-    for x, y, lanes in zip(stated, low, count, strict=True):
-        axes[0].annotate(f"{lanes}", (x, y), (0, -4), textcoords="offset points", ha="center", va="top", fontsize=8)
+    for x, bottom, top, lanes in zip(stated, low, high, count, strict=True):
+        # below its bar, or above it where the axis is in the way
+        place, aside, anchor = (bottom, -4, "top") if bottom > LABEL_ROOM else (top, 4, "bottom")
+        look = {"ha": "center", "va": anchor, "fontsize": 8, "bbox": {"fc": "white", "ec": "none", "pad": 0.5}}
+        axes[0].annotate(f"{lanes}", (x, place), (0, aside), textcoords="offset points", **look)
     axes[0].set(xlabel="stated confidence", ylabel="share of lanes that are right", xlim=(0, 1.02), ylim=(0, 1.02))
     axes[0].set_title(title, loc="left")
     for name, (coverage, precision) in precisions.items():

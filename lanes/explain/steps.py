@@ -54,7 +54,7 @@ def judge_view(sight: Sight, view: RoadView) -> Step:
     """How much road is seen, and how well it is lit."""
     levels = lightness(sight.view_image)[view.seen]
     low, middle, high = np.percentile(levels, [0.1, 50, 99.9])
-    words = f"{view.seen.mean():.0%} of {view.near_m:g} to {view.far_m:g} m in sight, brightness {middle:.0f}"
+    words = f"picture covers {view.seen.mean():.0%} of {view.near_m:g} to {view.far_m:g} m, brightness {middle:.0f}"
     if middle < DARK:
         return Step(
             "view",
