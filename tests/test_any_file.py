@@ -10,7 +10,7 @@ import pytest
 import yaml
 from drives import CAMERA
 from examples import examples
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from lanes.benchmark.labels import read_labels, read_predictions
@@ -122,6 +122,7 @@ def test_telemetry(path, data):
 
 @examples(40)
 @given(garbled(SCORES))
+@example(b"scene,scene,difficulty,system,right_share\nmotorway,clean,metric,1\n")
 def test_tables_of_the_benchmark(path, data):
     for row in assert_read_or_refused(read_scores, path, data) or ():
         assert isinstance(row["scene"], str) and isinstance(row["right_share"], float)

@@ -64,6 +64,8 @@ def start(*command: object, limit_bytes: int | None = None) -> subprocess.Popen:
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, limit_bytes))
 
     environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    if limit_bytes:  # what counts lines writes a file, too
+        environment.pop("COVERAGE_PROCESS_START", None)
     return subprocess.Popen(
         [sys.executable, *map(str, command)],
         cwd=ROOT,

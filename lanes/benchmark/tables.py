@@ -92,7 +92,9 @@ def read_scores(path: str | Path) -> list[Row]:
         ) from error
 
 
-def _value(name: str, text: str) -> str | float:
+def _value(name: str, text: str | None) -> str | float:
+    if text is None:
+        raise ValueError("a row is shorter than the first one")
     return text if name in ("scene", "difficulty", "system", "mount", "machine") else float(text or "nan")
 
 
