@@ -15,6 +15,8 @@ from lanes.images import MOST_PIXELS
 MOST_BYTES = 1_000_000
 # Focal lengths in widths of the picture: fields of view from 1 degree to 157.
 FOCAL_LENGTHS = 0.1, 60.0
+# Lenses of long focal lengths have coefficients of hundreds; whatever is beyond this overflows in their polynomial.
+MOST_DISTORTION = 1e6
 # A camera higher above the road than any lorry's, or one that looks at the sky or the bonnet, sees no lane.
 HIGHEST_M = 20.0
 
@@ -97,6 +99,8 @@ def camera_from_dict(content: dict) -> Camera:
 def _require_lens(matrix: np.ndarray, distortion: np.ndarray, size: tuple[int, int]) -> None:
     if not (np.isfinite(matrix).all() and np.isfinite(distortion).all()):
         raise ValueError("its numbers are not finite")
+    if np.abs(distortion).max() > MOST_DISTORTION:
+        raise ValueError(f"a distortion coefficient is not between -{MOST_DISTORTION:g} and {MOST_DISTORTION:g}")
     if not (min(size) > 0 and size[0] * size[1] <= MOST_PIXELS):
         raise ValueError(f"{size[0]} x {size[1]} is no size of a picture")
     least, most = (share * size[0] for share in FOCAL_LENGTHS)

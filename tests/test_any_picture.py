@@ -17,7 +17,7 @@ from lanes.classic.recipes import RECIPES, LaneFinder, get_recipe
 from lanes.metric.detect import Finder
 from lanes.metric.lane import Lane, LaneLine, find_lane
 from lanes.metric.lanefit import LIMIT
-from lanes.metric.lanemodel import SIDES, WIDTH, line_coefficients, line_y
+from lanes.metric.lanemodel import ROAD_M, SIDES, WIDTH, line_coefficients, line_y
 from lanes.metric.roadview import RoadView
 from lanes.metric.tracked import LOST, TrackedLane
 from lanes.metric.tracker import LaneTracker
@@ -51,7 +51,7 @@ def assert_sound(tracked: TrackedLane, size: tuple[int, int]) -> None:
     assert np.isfinite([value for value in vars(lane).values() if isinstance(value, float)]).all()
     for line in (lane.left, lane.right):
         assert np.isfinite([value for value in vars(line).values() if isinstance(value, float)]).all()
-        assert 0 <= line.support <= 1.5 and 0 <= line.reach_m <= 70
+        assert 0 <= line.support <= 1.5 and 0 <= line.reach_m <= ROAD_M.max()
     assert_positive_definite(lane.covariance)
     columns = lane.pixels(camera, np.arange(camera.height))
     assert ((columns == -2) | ((columns >= 0) & (columns <= camera.width - 1))).all()

@@ -65,6 +65,7 @@ def test_missing_entry_is_named(tmp_path, content, entry):
         ("camera_matrix", {"data": [1000.0, 3, 640, 0, 1000, 360, 0, 0, 1]}),
         ("camera_matrix", {"data": [1000.0, 0, 640, 0, 1000, 360, 0, 0, 0]}),
         ("camera_matrix", {"data": [1000.0, 0, -9, 0, 1000, 360, 0, 0, 1]}),
+        ("distortion_coefficients", {"data": [6e307, 0.02, 0.0005, -0.0003, 0.0]}),
         ("image_height", 10**9),
         ("distortion_coefficients", {"data": [0.1] * 4}),
         ("distortion_coefficients", None),
