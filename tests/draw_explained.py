@@ -28,7 +28,7 @@ from lanes.video.videofile import read_frames  # noqa: E402
 
 # Stills by the error of the mount's pitch, degrees; scenes by the second that is shown.
 STILLS = {"good": ("test4", 0.0), "wrong_mount": ("test6", -3.0)}
-SCENES = {"one_line": ("missing-paint", 2.5), "no_lines": ("unmarked-road", 0.0), "hairpin": ("hairpin-right", 4.4)}
+SCENES = {"one_line": ("missing-paint", 1.12), "no_lines": ("unmarked-road", 0.0), "hairpin": ("hairpin-right", 4.4)}
 
 
 def still(name: str, wrong_deg: float) -> tuple[np.ndarray, Camera]:
