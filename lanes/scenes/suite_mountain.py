@@ -141,7 +141,9 @@ def _dips() -> Drive:
     stations = np.arange(0.0, 260.0, 4.0)
     profile = HeightProfile(stations, 0.055 * np.sin(2 * np.pi * stations / 52.0))
     road = replace(bends((90.0, 60.0), (-110.0, 50.0)), profile=profile)
-    return mountain(road, Motion(4.0, 15.0, offset_m=-0.2, wander_m=0.1, wander_period_s=4.0), seed=156)
+    drive = mountain(road, Motion(4.0, 15.0, offset_m=-0.2, wander_m=0.1, wander_period_s=4.0), seed=156)
+    # the usual height would stand up like a wall in this country
+    return replace(drive, backdrop=replace(drive.backdrop, ridge_height_rad=0.12))
 
 
 SCENES = (
