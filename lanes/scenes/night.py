@@ -100,6 +100,7 @@ class Lamp:
 
     @property
     def distance_m(self) -> float:
+        """From the place on the road below the camera."""
         return float(np.linalg.norm(self.place_m))
 
 

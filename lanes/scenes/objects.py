@@ -94,6 +94,7 @@ def paint_objects(
         else:
             pieces = [thing]
         jobs += [(_distance(piece), piece) for piece in pieces]
+    # Backwards, so that of two things at one distance the later one is before the other.
     jobs = sorted((job for job in jobs if job[0] < FARTHEST_M), key=lambda job: -job[0])[::-1]
     road = 0.0
     for (distance, thing), light in zip(jobs, _lights([thing for _, thing in jobs], light_at), strict=True):
