@@ -128,8 +128,9 @@ def judge_fit(score: float, support: np.ndarray) -> Step:
         "fit",
         words,
         f"neither line of the best lane has paint on {LEAST_SUPPORT:.0%} of its rows: the stripes do not line up.",
-        "See in the view from above whether the lines run side by side. If they do, the car is crossing a line or in a "
-        "hairpin, and a video bridges it; if they spread or close, the mount is wrong. " + MOUNT_AGAIN,
+        "See in the view from above whether the road has lines here, and whether they run side by side. If they do, "
+        "the car is crossing a line or in a hairpin, and a video bridges it; if they spread or close, the mount is "
+        "wrong. " + MOUNT_AGAIN,
     )
 
 
