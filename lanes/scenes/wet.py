@@ -58,11 +58,10 @@ def add_streaks(light: np.ndarray, camera: Camera, lamps: list[Lamp], share: np.
     for lamp, (u, v) in zip(lamps, pixels_of(camera, lamps, mirrored=True), strict=True):
         if not (-50 < u < width + 50 and v < 2 * height):
             continue
-        distance = float(np.linalg.norm(lamp.place_m))
-        wide = max(camera.matrix[0, 0] * STREAK_WIDE_M / distance, 2.0)
+        wide = max(camera.matrix[0, 0] * STREAK_WIDE_M / lamp.distance_m, 2.0)
         long = max(STREAK_LONG * (v - horizon), 4.0)
         # The lamp's energy, smeared over the streak.
-        energy = (camera.matrix[0, 0] * lamp.radius_m / distance) ** 2 / (2 * wide * long)
+        energy = (camera.matrix[0, 0] * lamp.radius_m / lamp.distance_m) ** 2 / (2 * wide * long)
         at = slice(max(int((u - 3 * wide) / COARSE), 0), max(int((u + 3 * wide) / COARSE) + 2, 0))
         streak = np.exp(-((columns[:, at] - u) ** 2) / (2 * wide**2) - (rows[:, at] - v) ** 2 / (2 * long**2))
         layer[:, at] += (np.float32(energy) * streak)[..., None] * lamp.light.astype(np.float32)
