@@ -26,7 +26,7 @@ help:
 	@echo "make run    execute project.ipynb, regenerate output_images/ and the annotated video"
 	@echo "make test   lint, unit tests, and project.ipynb re-executed and compared by nbval"
 	@echo "make fuzz   the tests with random examples, ten times as long and with other examples each time"
-	@echo "make coverage  which lines of lanes/ no test runs; make mutants  which mistakes no test notices (docs/testing.md)"
+	@echo "make coverage  which lines no test runs; make mutants  which mistakes no test notices (docs/testing.md)"
 	@echo "make soak   an hour of driving through the command line, with a look at memory, frames and sound"
 	@echo "make audit  whether weaknesses are known of what requirements.lock pins; make lock writes that anew"
 	@echo "make clean  remove .venv and caches"
@@ -81,7 +81,7 @@ $(INSTALLED): requirements.txt
 	@$(ENV)/python -m pip install --quiet --disable-pip-version-check -r requirements.txt
 	@cp requirements.txt $@
 
-# Only the tests of lanes/cluster.py need it; where it cannot be had, they are skipped.
+# Only the tests of lanes/cluster/ need it; where it cannot be had, they are skipped.
 $(WITH_DASK): requirements-cluster.txt $(INSTALLED)
 	@echo "== Installing requirements-cluster.txt into .venv (once)"
 	@$(ENV)/python -m pip install --quiet --disable-pip-version-check -r requirements-cluster.txt && cp requirements-cluster.txt $@ \

@@ -1,1 +1,1 @@
-"""Camera-based lane finding: one module for each step, in the order in which a frame flows through them."""
+"""Camera-based lane finding: the camera, the classic pipeline, the lane tracker and whole drives."""

@@ -8,7 +8,8 @@ import numpy as np
 from drives import CAMERA
 from hypothesis import strategies as st
 
-from lanes.camera import Camera, CameraError
+from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import CameraError
 
 # From the smallest picture in which a camera like this has road in sight, over odd sizes to one of 1280 columns.
 SIZES = (

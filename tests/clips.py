@@ -9,8 +9,8 @@ import av
 import numpy as np
 from drives import PaintedDrive
 
-from lanes.camerafile import save_camera
-from lanes.scenes.truth import truth_row, write_truth_csv
+from lanes.camera.camera_file import save_camera
+from simulator.road.truth import truth_row, write_truth_csv
 
 FPS = 25
 

@@ -17,14 +17,14 @@ import numpy as np
 PROJECT = Path(__file__).parents[1]
 sys.path.insert(0, str(PROJECT))
 
-from lanes.camera import Camera  # noqa: E402
-from lanes.camerafile import load_camera  # noqa: E402
-from lanes.explain.frame import explain_frame  # noqa: E402
+from lanes.camera.camera import Camera  # noqa: E402
+from lanes.camera.camera_file import load_camera  # noqa: E402
+from lanes.drawing.figures import save_figure  # noqa: E402
+from lanes.explain.explanation import explain_frame  # noqa: E402
 from lanes.explain.panels import show_explanation  # noqa: E402
-from lanes.images import read_image  # noqa: E402
-from lanes.plots import save_figure  # noqa: E402
-from lanes.scenes.suite import render_scene  # noqa: E402
-from lanes.video.videofile import read_frames  # noqa: E402
+from lanes.io.images import read_image  # noqa: E402
+from lanes.io.video.reader import read_frames  # noqa: E402
+from simulator.scenes.suite import render_scene  # noqa: E402
 
 # Stills by the error of the mount's pitch, degrees; scenes by the second that is shown.
 STILLS = {"good": ("test4", 0.0), "wrong_mount": ("test6", -3.0)}

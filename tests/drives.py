@@ -1,7 +1,7 @@
 """Drives along painted roads, for tests of what needs time: quick to draw, with the truth of every frame.
 
-A road is a clothoid line (`lanes.scenes.road`), the car moves as in the rendered drives (`Motion`), and paint is drawn
-as polygons through the camera model: a frame costs a few milliseconds, and lines can be taken away while driving.
+A road is a clothoid line (`simulator.road.geometry`), the car moves as in the rendered drives (`Motion`), and paint is
+drawn as polygons through the camera model: a frame costs a few milliseconds, and lines can be taken away while driving.
 """
 
 from __future__ import annotations
@@ -13,12 +13,13 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from lanes.camera import Camera, Mount
-from lanes.metric.tracked import TrackedLane
-from lanes.metric.tracker import LaneTracker
-from lanes.scenes.render import Motion
-from lanes.scenes.road import Pose, RoadGeometry, offset_point
-from lanes.scenes.truth import Truth, lane_truth
+from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import Mount
+from lanes.tracking.tracked_lane import TrackedLane
+from lanes.tracking.tracker import LaneTracker
+from simulator.rendering.drive import Motion
+from simulator.road.geometry import Pose, RoadGeometry, offset_point
+from simulator.road.truth import Truth, lane_truth
 
 WHITE, YELLOW, ASPHALT, TAR = (215, 215, 210), (205, 160, 45), (98, 98, 98), (60, 60, 62)
 DASH_M = (3.05, 12.2)

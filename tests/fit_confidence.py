@@ -1,4 +1,4 @@
-"""Where the numbers of `lanes.metric.confidence` come from: drive along roads of known truth, count, fit.
+"""Where the numbers of `lanes.tracking.confidence` come from: drive along roads of known truth, count, fit.
 
     python tests/fit_confidence.py [VIDEO ...]   fits, prints the weights and how well they hold
     python tests/fit_confidence.py --check       drives other roads and only says how well the present weights hold
@@ -26,21 +26,22 @@ sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parent)]
 
 from drives import CAMERA, DASH_M, TAR, WHITE, YELLOW, PaintedDrive, Stripe  # noqa: E402
 
-from lanes.benchmark.drives import BenchmarkDrive, choose_drives  # noqa: E402
-from lanes.benchmark.errors import LaneTruth, frame_errors  # noqa: E402
-from lanes.benchmark.readings import Readings  # noqa: E402
-from lanes.benchmark.runner import true_lane  # noqa: E402
-from lanes.benchmark.systems import read_tracked  # noqa: E402
-from lanes.camera import Camera  # noqa: E402
-from lanes.camerafile import load_camera  # noqa: E402
-from lanes.metric.confidence import FEATURES, RIGHT_M, STILL_WEIGHTS, TRACK_WEIGHTS, lane_features  # noqa: E402
-from lanes.metric.lane import find_lane  # noqa: E402
-from lanes.metric.tracked import TrackedLane  # noqa: E402
-from lanes.metric.tracker import LaneTracker  # noqa: E402
-from lanes.scenes.render import Motion  # noqa: E402
-from lanes.scenes.road import RoadGeometry  # noqa: E402
-from lanes.scenes.truth import truth_row  # noqa: E402
-from lanes.video.videofile import inspect_video, read_frames  # noqa: E402
+from benchmark.errors import LaneTruth, frame_errors  # noqa: E402
+from benchmark.follow import true_lane  # noqa: E402
+from benchmark.readings import Readings  # noqa: E402
+from benchmark.scored_drive import BenchmarkDrive  # noqa: E402
+from benchmark.suite_drives import choose_drives  # noqa: E402
+from benchmark.systems import read_tracked  # noqa: E402
+from lanes.camera.camera import Camera  # noqa: E402
+from lanes.camera.camera_file import load_camera  # noqa: E402
+from lanes.io.video.reader import inspect_video, read_frames  # noqa: E402
+from lanes.tracking.confidence import FEATURES, RIGHT_M, STILL_WEIGHTS, TRACK_WEIGHTS, lane_features  # noqa: E402
+from lanes.tracking.detector import find_lane  # noqa: E402
+from lanes.tracking.tracked_lane import TrackedLane  # noqa: E402
+from lanes.tracking.tracker import LaneTracker  # noqa: E402
+from simulator.rendering.drive import Motion  # noqa: E402
+from simulator.road.geometry import RoadGeometry  # noqa: E402
+from simulator.road.truth import truth_row  # noqa: E402
 
 DRIVES, SECONDS, FPS = 60, 3.0, 12.5
 # So often a picture is also looked at on its own.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from lanes.camera import Camera
+from lanes.camera.camera import Camera
 
 LANE_M, STRIPE_M = 3.66, 0.12
 

@@ -7,7 +7,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from lanes.camera import Camera, Mount
+from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import Mount
 
 ASPHALT = (95, 95, 98)
 WHITE, YELLOW = (225, 225, 220), (215, 165, 40)

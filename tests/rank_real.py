@@ -19,21 +19,21 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from lanes.benchmark.drives import list_drives  # noqa: E402
-from lanes.benchmark.labelled import score_pictures, score_stills  # noqa: E402
-from lanes.benchmark.labels import LaneColumns, LineScore, read_labels  # noqa: E402
-from lanes.benchmark.machine import describe_machine  # noqa: E402
-from lanes.benchmark.systems import SYSTEMS  # noqa: E402
-from lanes.calibration.boards import calibrate_folder  # noqa: E402
-from lanes.camera import Camera  # noqa: E402
-from lanes.camerafile import load_camera  # noqa: E402
-from lanes.drives.mounts import mount_from_drive  # noqa: E402
-from lanes.images import list_pictures  # noqa: E402
-from lanes.scenes.produce import VIDEO_FPS  # noqa: E402
-from lanes.scenes.render import render_frame  # noqa: E402
-from lanes.scenes.suite import SUITE  # noqa: E402
-from lanes.scenes.truth import H_SAMPLES, line_pixels, visible_pixels  # noqa: E402
-from lanes.video.videofile import read_frames  # noqa: E402
+from benchmark.labels.labels import LaneColumns, LineScore, read_labels  # noqa: E402
+from benchmark.labels.stills import score_pictures, score_stills  # noqa: E402
+from benchmark.machine import describe_machine  # noqa: E402
+from benchmark.suite_drives import list_drives  # noqa: E402
+from benchmark.systems import SYSTEMS  # noqa: E402
+from lanes.camera.calibration.boards import calibrate_folder  # noqa: E402
+from lanes.camera.camera import Camera  # noqa: E402
+from lanes.camera.camera_file import load_camera  # noqa: E402
+from lanes.drives.own_camera import mount_from_drive  # noqa: E402
+from lanes.io.images import list_pictures  # noqa: E402
+from lanes.io.video.reader import read_frames  # noqa: E402
+from simulator.rendering.produce import VIDEO_FPS  # noqa: E402
+from simulator.rendering.render import render_frame  # noqa: E402
+from simulator.road.truth import H_SAMPLES, line_pixels, visible_pixels  # noqa: E402
+from simulator.scenes.suite import SUITE  # noqa: E402
 
 EVERY = 10
 # The rendered scene after each real drive, and how the names of its stills begin.

@@ -19,14 +19,14 @@ import numpy as np
 
 sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parent)]
 
-from lanes.benchmark.drives import COMMITTED, list_drives  # noqa: E402
-from lanes.benchmark.errors import FrameErrors, frame_errors  # noqa: E402
-from lanes.benchmark.readings import Readings  # noqa: E402
-from lanes.benchmark.runner import true_lane  # noqa: E402
-from lanes.benchmark.scores import score  # noqa: E402
-from lanes.benchmark.systems import METRIC, follow_with  # noqa: E402
-from lanes.camerafile import load_camera  # noqa: E402
-from lanes.video.videofile import inspect_video, read_frames  # noqa: E402
+from benchmark.errors import FrameErrors, frame_errors  # noqa: E402
+from benchmark.follow import true_lane  # noqa: E402
+from benchmark.readings import Readings  # noqa: E402
+from benchmark.scores import score  # noqa: E402
+from benchmark.suite_drives import COMMITTED, list_drives  # noqa: E402
+from benchmark.systems import METRIC, follow_with  # noqa: E402
+from lanes.camera.camera_file import load_camera  # noqa: E402
+from lanes.io.video.reader import inspect_video, read_frames  # noqa: E402
 
 REFERENCE = Path(__file__).with_name("reference.json")
 SECONDS = 3.6

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from lanes.camera import Camera, Mount
+from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import Mount
 
 WHITE, YELLOW = (235, 235, 230), (230, 185, 50)
 LANE_WIDTH_M = 3.7

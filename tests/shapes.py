@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from lanes.metric.evidence import Stripes
-from lanes.metric.lanemodel import BESIDE, KINKS, NUMBERS, VERTICAL
+from lanes.tracking.markings import Stripes
+from lanes.tracking.model import BESIDE, KINKS, NUMBERS, VERTICAL
 
 # The usual view's rows grow by this share from one to the next, and its columns are as wide.
 GROWTH, CELL_M = 0.022, 0.05

@@ -24,9 +24,9 @@ import numpy as np
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from lanes.benchmark.machine import describe_machine  # noqa: E402
-from lanes.video.telemetry import read_telemetry  # noqa: E402
-from lanes.video.videofile import inspect_video  # noqa: E402
+from benchmark.machine import describe_machine  # noqa: E402
+from lanes.io.telemetry import read_telemetry  # noqa: E402
+from lanes.io.video.reader import inspect_video  # noqa: E402
 
 SOUND_HZ, CLICK_S = 16000, 0.05
 WATCH_EVERY_S = 5.0

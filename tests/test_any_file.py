@@ -13,11 +13,11 @@ from examples import examples
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from lanes.benchmark.labels import read_labels, read_predictions
-from lanes.benchmark.tables import read_scores
-from lanes.camera import CameraError
-from lanes.camerafile import camera_to_dict, load_camera
-from lanes.video.telemetry import read_telemetry
+from benchmark.labels.labels import read_labels, read_predictions
+from benchmark.tables import read_scores
+from lanes.camera.camera_file import camera_to_dict, load_camera
+from lanes.camera.camera_pose import CameraError
+from lanes.io.telemetry import read_telemetry
 
 # What is put in the place of something in a file that is whole.
 ODD = st.none() | st.booleans() | st.text(max_size=5) | st.lists(st.integers(), max_size=2) | st.just({})

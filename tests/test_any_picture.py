@@ -12,15 +12,15 @@ from examples import examples
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lanes.camera import CameraError
-from lanes.classic.recipes import RECIPES, LaneFinder, get_recipe
-from lanes.metric.detect import Finder
-from lanes.metric.lane import Lane, LaneLine, find_lane
-from lanes.metric.lanefit import LIMIT
-from lanes.metric.lanemodel import ROAD_M, SIDES, WIDTH, line_coefficients, line_y
-from lanes.metric.roadview import RoadView
-from lanes.metric.tracked import LOST, TrackedLane
-from lanes.metric.tracker import LaneTracker
+from lanes.camera.camera_pose import CameraError
+from lanes.classic.finder import RECIPES, LaneFinder, get_recipe
+from lanes.drives.detections import Finder
+from lanes.tracking.birdseye import RoadView
+from lanes.tracking.detector import find_lane
+from lanes.tracking.lane import Lane, LaneLine
+from lanes.tracking.model import LIMIT, ROAD_M, SIDES, WIDTH, line_coefficients, line_y
+from lanes.tracking.tracked_lane import LOST, TrackedLane
+from lanes.tracking.tracker import LaneTracker
 
 X_M = np.array([5.0, 15.0, 30.0])
 FPS = 20.0

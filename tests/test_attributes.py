@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from painter import WHITE, YELLOW, Road, dashcam
 
-from lanes.metric.attributes import describe_paint
-from lanes.metric.evidence import measure_paint
-from lanes.metric.roadview import RoadView
+from lanes.tracking.birdseye import RoadView
+from lanes.tracking.marking_profile import describe_paint
+from lanes.tracking.markings import measure_paint
 
 CAMERA = dashcam(1280)
 VIEW = RoadView(CAMERA)

@@ -22,13 +22,13 @@ import badfiles
 import numpy as np
 import pytest
 from clips import write_drive
+from command_line import main
 from drives import BENDS, SMALL
 
-from lanes.__main__ import main
-from lanes.camerafile import load_camera, save_camera
-from lanes.images import read_image, write_image
-from lanes.video.telemetry import read_telemetry
-from lanes.video.videofile import inspect_video
+from lanes.camera.camera_file import load_camera, save_camera
+from lanes.io.images import read_image, write_image
+from lanes.io.telemetry import read_telemetry
+from lanes.io.video.reader import inspect_video
 
 ROOT = Path(__file__).parents[1]
 # Long enough for a machine with twenty other jobs.
@@ -48,10 +48,10 @@ DOORS = {
     "annotate still": ("png", ["annotate", *CAMERA, "BAD", "-o", "{out}"]),
     "annotate still, no lens": ("jpg", ["annotate", "BAD", "-o", "{out}"]),
     "annotate camera": ("camera", ["annotate", "--camera", "BAD", "{in}/drive.mp4", "-o", "{out}"]),
-    "mount video": ("video", ["mount", "--hfov", "60", "BAD", "-o", "{out}/drive.yaml"]),
-    "mount still": ("jpg", ["mount", "--hfov", "60", "--size", "640x360", "BAD", "-o", "{out}/drive.yaml"]),
-    "mount still, no lens": ("png", ["mount", "BAD", "-o", "{out}/drive.yaml"]),
-    "mount camera": ("camera", ["mount", "--camera", "BAD", "{in}/drive.mp4", "-o", "{out}/drive.yaml"]),
+    "pose video": ("video", ["pose", "--hfov", "60", "BAD", "-o", "{out}/drive.yaml"]),
+    "pose still": ("jpg", ["pose", "--hfov", "60", "--size", "640x360", "BAD", "-o", "{out}/drive.yaml"]),
+    "pose still, no lens": ("png", ["pose", "BAD", "-o", "{out}/drive.yaml"]),
+    "pose camera": ("camera", ["pose", "--camera", "BAD", "{in}/drive.mp4", "-o", "{out}/drive.yaml"]),
     "detect video": ("video", ["detect", *CAMERA, "--rows", "200:300:20", "BAD", "-o", "{out}/lanes.jsonl"]),
     "detect still": ("jpg", ["detect", *CAMERA, "--rows", "200:300:20", "BAD", "-o", "{out}/lanes.jsonl"]),
     "detect camera": ("camera", ["detect", "--camera", "BAD", "{in}/still.png", "-o", "{out}/lanes.jsonl"]),
@@ -198,12 +198,12 @@ def test_odd_names_do(good, tmp_path, monkeypatch, capfd):
 def test_mount_writes_under_odd_names(good, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     save_camera(SMALL.with_mount(None), "-lens.yaml")
-    assert main(["mount", "--camera=-lens.yaml", "--output=-out \u2713.yaml", str(good / "still.png")]) == 0
+    assert main(["pose", "--camera=-lens.yaml", "--output=-out \u2713.yaml", str(good / "still.png")]) == 0
     assert load_camera("-out \u2713.yaml").mount is not None
 
 
 @pytest.mark.parametrize("size", [(1, 1), (3, 360), (640, 3), (47, 64)])
-@pytest.mark.parametrize("command", ["mount", "annotate", "explain", "detect"])
+@pytest.mark.parametrize("command", ["pose", "annotate", "explain", "detect"])
 def test_pictures_too_small_for_a_road_are_told(size, command, good, tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     write_image("tiny.png", read_image(good / "still.png")[: size[1], : size[0]])

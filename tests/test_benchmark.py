@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lanes.benchmark.measures import (
+from benchmark.course import (
     binary_on_road,
     describe_error,
     drive_errors_m,
@@ -13,11 +13,12 @@ from lanes.benchmark.measures import (
     paint_share,
     worst_lateral_error_m,
 )
-from lanes.benchmark.tables import format_table
-from lanes.camera import Camera, Mount
+from benchmark.tables import format_table
+from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import Mount
+from lanes.classic.finder import LaneFinder, get_recipe
 from lanes.classic.measure import RoadLine
-from lanes.classic.recipes import LaneFinder, get_recipe
-from lanes.classic.view import FourPointWarp
+from lanes.classic.warp import FourPointWarp
 
 X = np.arange(0.0, 45, 5)
 CAMERA = Camera.from_fov((640, 360), 60, Mount(1.4, pitch_rad=0.03))

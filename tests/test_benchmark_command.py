@@ -1,26 +1,28 @@
-"""`python -m lanes benchmark` as a process, its runner, its tables and its figures."""
+"""`python -m benchmark` as a process, its runner, its tables and its figures."""
 
 from __future__ import annotations
 
 import csv
 import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from clips import write_drive
+from command_line import process
 from drives import CAMERA, PaintedDrive, lane_lines, s_bend
 
-from lanes.benchmark import runner
-from lanes.benchmark.drives import BenchmarkDrive, choose_drives, list_drives
-from lanes.benchmark.machine import describe_machine
-from lanes.benchmark.runner import Staged, follow_drive, measure, score_video, stage, true_lane
-from lanes.benchmark.systems import SYSTEMS
-from lanes.benchmark.tables import describe_scores, read_scores, results_table
-from lanes.images import read_image
-from lanes.scenes.render import Motion
+from benchmark import runner
+from benchmark.follow import Staged, follow_drive, score_video, true_lane
+from benchmark.machine import describe_machine
+from benchmark.runner import measure, stage
+from benchmark.scored_drive import BenchmarkDrive
+from benchmark.suite_drives import choose_drives, list_drives
+from benchmark.systems import SYSTEMS
+from benchmark.tables import describe_scores, read_scores, results_table
+from lanes.io.images import read_image
+from simulator.rendering.drive import Motion
 
 ROOT = Path(__file__).parents[1]
 SMALL = CAMERA.scaled((640, 360))
@@ -41,7 +43,7 @@ def done(folder) -> subprocess.CompletedProcess:
 
 
 def run(folder: Path, *arguments: object) -> subprocess.CompletedProcess:
-    command = [sys.executable, "-m", "lanes", "benchmark", *map(str, arguments)]
+    command = process("benchmark", *arguments)
     environment = {"LANES_CACHE": str(folder / "cache"), "PATH": "", "HOME": str(folder)}
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, env=environment)
 

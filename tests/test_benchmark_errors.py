@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.benchmark.errors import LaneTruth, frame_errors, recoveries
-from lanes.benchmark.failures import describe_failures, failures
-from lanes.benchmark.readings import AT_M, Reading, Readings, read_readings, write_readings
-from lanes.benchmark.scores import Result, percentile, score, score_rows, total_rows
-from lanes.camera import Camera, Mount
-from lanes.scenes.road import Pose, RoadGeometry, line_lateral, line_polynomial
+from benchmark.errors import LaneTruth, frame_errors, recoveries
+from benchmark.failures import describe_failures, failures
+from benchmark.readings import AT_M, Reading, Readings, read_readings, write_readings
+from benchmark.scores import Result, percentile, score, score_rows, total_rows
+from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import Mount
+from simulator.road.geometry import Pose, RoadGeometry, line_lateral, line_polynomial
 
 N, WIDTH = 5, 3.6
 

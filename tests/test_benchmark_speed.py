@@ -12,8 +12,8 @@ import pytest
 from clips import write_drive
 from drives import CAMERA, PaintedDrive, lane_lines, s_bend
 
-from lanes.benchmark.speed import Speed
-from lanes.benchmark.stages import (
+from benchmark.speed.speed import Speed
+from benchmark.speed.stages import (
     CLASSIC_STAGES,
     COLD,
     METRIC_STAGES,
@@ -24,11 +24,11 @@ from lanes.benchmark.stages import (
     Stopwatch,
     time_frames,
 )
-from lanes.benchmark.transcode import FileTime, peak_memory_mb, repeat_video, time_files, transcode
-from lanes.classic.recipes import RECIPES
-from lanes.metric import lane
-from lanes.scenes.render import Motion
-from lanes.video.videofile import inspect_video, read_frames, read_timed_frames
+from benchmark.speed.transcode import FileTime, peak_memory_mb, repeat_video, time_files, transcode
+from lanes.classic.finder import RECIPES
+from lanes.io.video.reader import inspect_video, read_frames, read_timed_frames
+from lanes.tracking import lane
+from simulator.rendering.drive import Motion
 
 SMALL = CAMERA.scaled((640, 360))
 DRIVE = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3, wander_m=0.2), camera=SMALL)

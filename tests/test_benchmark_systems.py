@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from drives import CAMERA, PaintedDrive, lane_lines, s_bend
 
-from lanes.benchmark.errors import LaneTruth, frame_errors
-from lanes.benchmark.readings import AT_M, Readings
-from lanes.benchmark.systems import SYSTEMS, find_with, follow_with, read_classic
+from benchmark.errors import LaneTruth, frame_errors
+from benchmark.readings import AT_M, Readings
+from benchmark.systems import SYSTEMS, find_with, follow_with, read_classic
 from lanes.classic.measure import RoadLine
 from lanes.classic.result import LaneResult
-from lanes.scenes.render import Motion
-from lanes.scenes.truth import truth_row
+from simulator.rendering.drive import Motion
+from simulator.road.truth import truth_row
 
 SMALL = CAMERA.scaled((640, 360))
 DRIVE = PaintedDrive(

@@ -8,12 +8,14 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.calibration.boards import Board, calibrate, calibrate_folder
-from lanes.camera import Camera, CameraError
-from lanes.dataset import PROJECT_ROOT
-from lanes.images import read_image, write_image
-from lanes.scenes.boards import VIEWS, true_corners
-from lanes.scenes.dashcam import DASHCAM
+from benchmark.dataset import PROJECT_ROOT
+from lanes.camera.calibration.boards import calibrate, calibrate_folder
+from lanes.camera.calibration.corners import Board
+from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import CameraError
+from lanes.io.images import read_image, write_image
+from simulator.chessboards import VIEWS, true_corners
+from simulator.scenes.dashcam import DASHCAM
 
 SIZE = (1280, 720)
 

@@ -10,13 +10,13 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.calibration.boards import BoardSearch, calibrate_found
-from lanes.calibration.corners import Board
-from lanes.calibration.coverage import count_corners, describe_boards, describe_coverage, format_boards
-from lanes.calibration.sheet import draw_sheet
-from lanes.camera import Camera
-from lanes.camerafile import load_camera
-from lanes.images import read_image, write_image
+from lanes.camera.calibration.boards import BoardSearch, calibrate_found
+from lanes.camera.calibration.corners import Board
+from lanes.camera.calibration.coverage import count_corners, describe_boards, describe_coverage, format_boards
+from lanes.camera.calibration.sheet import draw_sheet
+from lanes.camera.camera import Camera
+from lanes.camera.camera_file import load_camera
+from lanes.io.images import read_image, write_image
 
 ROOT = Path(__file__).parents[1]
 SIZE = (640, 360)

@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lanes.camera import Camera, CameraError, Mount, undistort
-from lanes.images import PictureError
-from lanes.scenes.dashcam import DASHCAM
+from lanes.camera.camera import Camera, undistort
+from lanes.camera.camera_pose import CameraError, Mount
+from lanes.io.frames import PictureError
+from simulator.scenes.dashcam import DASHCAM
 
 CENTRE = np.array([[667.4, 386.1]])
 picture_points = st.tuples(st.floats(0, 1279), st.floats(0, 719))

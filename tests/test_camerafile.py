@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 import yaml
 
-from lanes.camera import CalibrationReport, Camera, CameraError
-from lanes.camerafile import camera_from_dict, camera_to_dict, load_camera, save_camera
-from lanes.scenes.dashcam import DASHCAM
+from lanes.camera.camera import CalibrationReport, Camera
+from lanes.camera.camera_file import camera_from_dict, camera_to_dict, load_camera, save_camera
+from lanes.camera.camera_pose import CameraError
+from simulator.scenes.dashcam import DASHCAM
 
 
 @pytest.fixture

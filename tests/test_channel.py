@@ -5,9 +5,9 @@ import pytest
 from roads import paint_view
 
 from lanes.classic.channel import Channel, nearest_line
+from lanes.classic.finder import get_recipe
 from lanes.classic.fit import LineFit
-from lanes.classic.recipes import get_recipe
-from lanes.classic.track import LineMemory
+from lanes.classic.memory import LineMemory
 
 A, C = get_recipe("hls_sobel"), get_recipe("best_channel")
 UPRIGHT = LineFit((0.0, 0.0, 300.0), 1, (0, 719))

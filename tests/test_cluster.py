@@ -19,16 +19,16 @@ import pytest
 from clips import write_drive
 from drives import CAMERA, PaintedDrive, lane_lines, s_bend
 
-from lanes import cluster
-from lanes.cluster import ClusterError, ClusterSettings, annotate_all, annotate_many, connect
-from lanes.drives import tasks
-from lanes.drives.drive import annotate_drive
-from lanes.drives.manifest import Manifest
+from lanes.cluster import scheduler as cluster
+from lanes.cluster import tasks
+from lanes.cluster.manifest import Manifest
+from lanes.cluster.scheduler import ClusterError, ClusterSettings, annotate_all, annotate_many, connect
+from lanes.cluster.tasks import DriveJob
+from lanes.drives.annotation import annotate_drive
 from lanes.drives.settings import DriveSettings
-from lanes.drives.tasks import DriveJob
-from lanes.scenes.render import Motion
-from lanes.video.telemetry import read_telemetry
-from lanes.video.videofile import inspect_video
+from lanes.io.telemetry import read_telemetry
+from lanes.io.video.reader import inspect_video
+from simulator.rendering.drive import Motion
 
 distributed = pytest.importorskip(
     "distributed", reason="Dask is not installed: pip install -r requirements-cluster.txt"

@@ -7,26 +7,26 @@ import re
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from clips import write_drive
+from command_line import PROGRAMS, process
 from drives import BENDS, CAMERA, SMALL
 
-from lanes.camerafile import load_camera, save_camera
-from lanes.images import read_image, write_image
-from lanes.video.telemetry import read_telemetry
-from lanes.video.videofile import inspect_video, read_frames
+from lanes.camera.camera_file import load_camera, save_camera
+from lanes.io.images import read_image, write_image
+from lanes.io.telemetry import read_telemetry
+from lanes.io.video.reader import inspect_video, read_frames
 
 ROOT = Path(__file__).parents[1]
 FRAMES = 30
 
 
 def start(*arguments: object, python: tuple[str, ...] = ()) -> subprocess.Popen:
-    command = [sys.executable, *python, "-m", "lanes", *map(str, arguments)]
+    command = process(*arguments, python=python)
     # One thread each: on a busy machine more only wait for each other.
     environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
     return subprocess.Popen(
@@ -36,9 +36,9 @@ def start(*arguments: object, python: tuple[str, ...] = ()) -> subprocess.Popen:
 
 def run(*arguments: object, python: tuple[str, ...] = ()) -> tuple[int, str, str]:
     """Exit status, stdout, stderr."""
-    with start(*arguments, python=python) as process:
-        out, err = process.communicate(timeout=120)
-    return process.returncode, out, err
+    with start(*arguments, python=python) as child:
+        out, err = child.communicate(timeout=120)
+    return child.returncode, out, err
 
 
 def names(folder: Path) -> set[str]:
@@ -74,26 +74,27 @@ def commands() -> list[str]:
 
 def test_the_list_of_commands_is_there_at_once():
     before = os.times()
-    assert {"mount", "annotate", "detect", "render"} <= set(commands())
+    assert {"pose", "annotate", "detect"} <= set(commands())
     after = os.times()
     # Processor time, which other work on the machine does not change.
     assert after.children_user + after.children_system - before.children_user - before.children_system < 0.3
 
 
 def test_help_ends_with_examples_and_loads_nothing_slow():
-    listed = commands()
+    listed = [*commands(), *PROGRAMS]
     running = {name: start(name, "--help", python=("-X", "importtime")) for name in listed}
-    for name, process in running.items():
-        out, err = process.communicate(timeout=60)
-        assert process.returncode == 0, err
-        assert out.startswith(f"usage: python -m lanes {name} ")
+    for name, child in running.items():
+        out, err = child.communicate(timeout=60)
+        program = f"python -m {name}" if name in PROGRAMS else f"python -m lanes {name}"
+        assert child.returncode == 0, err
+        assert out.startswith(f"usage: {program} ")
         examples = out.partition("\nexamples:\n")[2].splitlines()
-        assert examples and all(line.startswith(f"  python -m lanes {name}") for line in examples)
+        assert examples and all(line.startswith(f"  {program}") for line in examples)
         assert not re.search(r"\b(cv2|numpy|av|matplotlib)$", err, re.MULTILINE)
 
 
 def test_every_command_is_listed():
-    modules = {path.stem for path in (ROOT / "lanes" / "commands").glob("*.py")} - {"__init__", "arguments"}
+    modules = {path.stem for path in (ROOT / "lanes" / "cli").glob("*.py")} - {"__init__", "arguments"}
     assert set(commands()) == modules
 
 
@@ -182,7 +183,7 @@ def test_interrupted(drive, tmp_path):
 
 def test_mount(drive, tmp_path):
     output = tmp_path / "camera.yaml"
-    status, out, err = run("mount", "--camera", drive / "lens.yaml", *(drive / "stills").iterdir(), "-o", output)
+    status, out, err = run("pose", "--camera", drive / "lens.yaml", *(drive / "stills").iterdir(), "-o", output)
     assert status == 0, err
     assert "from 3 of 3 pictures" in out and "camera.yaml" in out
     found = load_camera(output).mount
@@ -191,7 +192,7 @@ def test_mount(drive, tmp_path):
 
 
 def test_render(tmp_path):
-    status, out, err = run("render", "video", "--seconds", 0.04, "--out", tmp_path)
+    status, out, err = run("simulator", "video", "--seconds", 0.04, "--out", tmp_path)
     assert status == 0, err
     assert "project_video.mp4" in out and "3 files" in out
     videos = tmp_path / "test_videos", ROOT / "test_videos"
@@ -227,15 +228,15 @@ MISUSE = {
     "no such live camera": (2, "camera 83: cannot be opened", [*ANNOTATE, "83"]),
     "over its own input": (2, "one of the inputs", [*ANNOTATE, "{drive}/drive.mp4", "-o", "{drive}"]),
     "output not writable": (1, "cannot be written", [*ANNOTATE, "{drive}/drive.mp4", "-o", "{drive}/file/out"]),
-    "mount: missing still": (2, "no such picture", ["mount", "--hfov", "60", "nowhere.jpg"]),
-    "mount: no road": (1, "only 0 of 1 pictures", ["mount", "--hfov", "60", "{drive}/sky/sky.png"]),
-    "mount: odd lane": (2, "2 to 6", ["mount", "--hfov", "60", "--lane-width", "20", "{drive}/drive.mp4"]),
-    "mount: odd height": (2, "0.5 to 4.5", ["mount", "--hfov", "60", "--height", "0", "{drive}/drive.mp4"]),
-    "mount: no pictures": (2, "1 or more", ["mount", "--hfov", "60", "--pictures", "0", "{drive}/drive.mp4"]),
-    "mount: odd size": (2, "1280x720", ["mount", "--hfov", "60", "--size", "big", "{drive}/drive.mp4"]),
-    "render: unknown": (2, "invalid choice", ["render", "snow"]),
-    "render: too long": (2, "0.04 to 10", ["render", "video", "--seconds", "60"]),
-    "render: not writable": (1, "cannot be written", ["render", "stills", "--out", "{drive}/file"]),
+    "pose: missing still": (2, "no such picture", ["pose", "--hfov", "60", "nowhere.jpg"]),
+    "pose: no road": (1, "only 0 of 1 pictures", ["pose", "--hfov", "60", "{drive}/sky/sky.png"]),
+    "pose: odd lane": (2, "2 to 6", ["pose", "--hfov", "60", "--lane-width", "20", "{drive}/drive.mp4"]),
+    "pose: odd height": (2, "0.5 to 4.5", ["pose", "--hfov", "60", "--height", "0", "{drive}/drive.mp4"]),
+    "pose: no pictures": (2, "1 or more", ["pose", "--hfov", "60", "--pictures", "0", "{drive}/drive.mp4"]),
+    "pose: odd size": (2, "1280x720", ["pose", "--hfov", "60", "--size", "big", "{drive}/drive.mp4"]),
+    "simulator: unknown": (2, "invalid choice", ["simulator", "snow"]),
+    "simulator: too long": (2, "0.04 to 10", ["simulator", "video", "--seconds", "60"]),
+    "simulator: not writable": (1, "cannot be written", ["simulator", "stills", "--out", "{drive}/file"]),
 }
 
 

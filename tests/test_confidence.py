@@ -10,14 +10,14 @@ from drives import CAMERA, TAR, PaintedDrive, Stripe, s_bend
 from fit_confidence import chances_of_others, drive_along, fit_logistic, judge, logistic
 from shapes import a_lane
 
-from lanes.benchmark.errors import LaneTruth
-from lanes.metric.confidence import FEATURES, STILL_WEIGHTS, TRACK_WEIGHTS, lane_features, lateral_std_m, rate_lane
-from lanes.metric.followed import Seen, describe_followed
-from lanes.metric.lane import find_lane
-from lanes.metric.motion import first_belief
-from lanes.metric.roadview import RoadView
-from lanes.metric.tracker import LaneTracker
-from lanes.scenes.truth import truth_row
+from benchmark.errors import LaneTruth
+from lanes.tracking.birdseye import RoadView
+from lanes.tracking.confidence import FEATURES, STILL_WEIGHTS, TRACK_WEIGHTS, lane_features, lateral_std_m, rate_lane
+from lanes.tracking.detector import find_lane
+from lanes.tracking.lines import Seen, describe_followed
+from lanes.tracking.tracker import LaneTracker
+from lanes.tracking.update import first_belief
+from simulator.road.truth import truth_row
 
 
 def lane_with(*, width_m: float = 3.6, std_m: float = 0.02, centre_m: float = 0.1, reach_m: float = 40.0):

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from test_video import make_video, number_of, numbered
 
-from lanes.images import MOST_PIXELS
-from lanes.video import container
-from lanes.video.container import VideoError, open_video
-from lanes.video.videofile import inspect_video, read_frames, read_timed_frames
+from lanes.io.images import MOST_PIXELS
+from lanes.io.video import container
+from lanes.io.video.container import VideoError, open_video
+from lanes.io.video.reader import inspect_video, read_frames, read_timed_frames
 
 
 @pytest.fixture(scope="module")

@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.calibration.corners import Board, draw_board, find_board
-from lanes.dataset import PROJECT_ROOT
-from lanes.images import read_image
-from lanes.scenes.boards import CREAM, View, render_board, true_corners
+from benchmark.dataset import PROJECT_ROOT
+from lanes.camera.calibration.corners import Board, draw_board, find_board
+from lanes.io.images import read_image
+from simulator.chessboards import CREAM, View, render_board, true_corners
 
 BOARDS = PROJECT_ROOT / "camera_cal"
 TRUTH = json.loads((BOARDS / "truth.json").read_text())["boards"]

@@ -4,7 +4,8 @@ import json
 
 import pytest
 
-from lanes.dataset import DatasetError, check, open_dataset
+from benchmark.course import check
+from benchmark.dataset import DatasetError, open_dataset
 
 
 @pytest.fixture

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from shapes import a_lane
 
-from lanes.metric.departure import watch_departure
-from lanes.metric.followed import Seen, describe_followed
-from lanes.metric.motion import first_belief
+from lanes.tracking.departure import watch_departure
+from lanes.tracking.lines import Seen, describe_followed
+from lanes.tracking.update import first_belief
 
 
 def lane_at(centre_m: float, heading_rad: float = 0.0, curvature_per_m: float = 0.0):

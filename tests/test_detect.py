@@ -12,11 +12,11 @@ import pytest
 from clips import write_clip
 from drives import CAMERA, PaintedDrive, lane_lines, s_bend
 
-from lanes.camera import CameraError
-from lanes.camerafile import save_camera
-from lanes.images import write_image
-from lanes.metric.detect import detect_files
-from lanes.scenes.render import Motion
+from lanes.camera.camera_file import save_camera
+from lanes.camera.camera_pose import CameraError
+from lanes.drives.detections import detect_files
+from lanes.io.images import write_image
+from simulator.rendering.drive import Motion
 
 SMALL = CAMERA.scaled((640, 360))
 DRIVE = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3, wander_m=0.2), camera=SMALL)

@@ -8,18 +8,18 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.benchmark.drives import list_drives
-from lanes.benchmark.errors import FrameErrors, LaneTruth, frame_errors
-from lanes.benchmark.readings import AT_M, Readings
-from lanes.benchmark.runner import true_lane
-from lanes.benchmark.systems import read_tracked
-from lanes.camera import Camera
-from lanes.camerafile import load_camera
-from lanes.metric.lane import find_lane
-from lanes.metric.roadview import RoadView
-from lanes.metric.tracked import TRACKING, TrackedLane
-from lanes.metric.tracker import CONFIRMATIONS, LaneTracker
-from lanes.video.videofile import read_frames
+from benchmark.errors import FrameErrors, LaneTruth, frame_errors
+from benchmark.follow import true_lane
+from benchmark.readings import AT_M, Readings
+from benchmark.suite_drives import list_drives
+from benchmark.systems import read_tracked
+from lanes.camera.camera import Camera
+from lanes.camera.camera_file import load_camera
+from lanes.io.video.reader import read_frames
+from lanes.tracking.birdseye import RoadView
+from lanes.tracking.detector import find_lane
+from lanes.tracking.tracked_lane import TRACKING, TrackedLane
+from lanes.tracking.tracker import CONFIRMATIONS, LaneTracker
 
 SECONDS, FPS = 6.0, 25.0
 # A step of a drive: its picture, seconds since the step before as the tracker is told, and which frame is shown.

@@ -12,6 +12,9 @@ import pytest
 import helpers
 from lanes.__main__ import COMMANDS
 
+MODULES = {name: f"lanes.cli.{name}" for name in COMMANDS} | {
+    name: f"{name}.__main__" for name in ("benchmark", "simulator")
+}
 ROOT = Path(__file__).parents[1]
 # Options of git, pip, helm and Dask.
 OF_OTHERS = {
@@ -32,7 +35,7 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 def options_of(command: str) -> set[str]:
     parser = argparse.ArgumentParser()
-    import_module(f"lanes.commands.{command}").add_arguments(parser)
+    import_module(MODULES[command]).add_arguments(parser)
     return {option for action in parser._actions for option in action.option_strings}
 
 
@@ -46,15 +49,15 @@ def test_links_lead_somewhere(page):
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_commands_and_their_options_exist(page):
     text = page.read_text(encoding="utf-8")
-    for command, rest in re.findall(r"python -m lanes ([a-z]+)([^`\n]*)", text):
-        assert command in COMMANDS
+    for command, rest in re.findall(r"python -m (?:lanes )?([a-z]+)([^`\n]*)", text):
+        assert command in MODULES
         options = set(re.findall(r"(?<!\S)--?[a-z][a-z-]*", rest.split("#")[0]))
         assert options <= options_of(command), command
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_options_named_in_passing_are_some_commands(page):
-    known = set().union(*map(options_of, COMMANDS)) | OF_OTHERS
+    known = set().union(*map(options_of, MODULES)) | OF_OTHERS
     assert set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", page.read_text(encoding="utf-8"))) <= known
 
 
@@ -66,7 +69,7 @@ def test_names_of_helpers_exist(page):
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_modules_named_exist(page):
-    paths = re.findall(r"`(lanes/[\w/]+(?:\.py)?/?)`", page.read_text(encoding="utf-8"))
+    paths = re.findall(r"`((?:lanes|simulator|benchmark)/[\w/]*(?:\.py)?/?)`", page.read_text(encoding="utf-8"))
     assert not [path for path in paths if not (ROOT / path).exists()]
 
 

@@ -6,9 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes import canvas, draw
-from lanes.camera import Camera
-from lanes.images import PictureError
+from lanes.camera.camera import Camera
+from lanes.drawing import canvas
+from lanes.drawing import pictures as draw
+from lanes.io.frames import PictureError
 
 LEFT = np.array([[60.0, 20.0], [20.0, 80.0]])
 RIGHT = np.array([[100.0, 20.0], [140.0, 80.0]])

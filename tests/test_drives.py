@@ -16,19 +16,21 @@ import pytest
 from clips import write_drive
 from drives import BENDS, CAMERA, SMALL, tracked_bends
 
-from lanes.camera import CameraError
-from lanes.drives.drive import annotate_drive, annotate_folder, annotate_stills
-from lanes.drives.fieldofview import FieldOfView
+from lanes.camera.camera_pose import CameraError
+from lanes.camera.field_of_view import FieldOfView
+from lanes.drives.annotation import annotate_drive, annotate_folder, annotate_stills
 from lanes.drives.live import annotate_live
+from lanes.drives.overlay_styles import STYLES, track_lane
 from lanes.drives.settings import DriveSettings
 from lanes.drives.sources import find_sources, refuse_clashes
-from lanes.drives.styles import STYLES, track_lane
-from lanes.images import PictureError, read_image, write_image
-from lanes.metric.tracked import LOST, TrackedLane
-from lanes.metric.tracker import LaneTracker
-from lanes.video.telemetry import read_telemetry
-from lanes.video.videofile import VideoError, inspect_video
-from lanes.video.videowriter import VideoWriter
+from lanes.io.frames import PictureError
+from lanes.io.images import read_image, write_image
+from lanes.io.telemetry import read_telemetry
+from lanes.io.video.container import VideoError
+from lanes.io.video.reader import inspect_video
+from lanes.io.video.writer import VideoWriter
+from lanes.tracking.tracked_lane import LOST, TrackedLane
+from lanes.tracking.tracker import LaneTracker
 
 
 def test_names_are_sorted_by_kind(tmp_path, monkeypatch):
@@ -230,8 +232,8 @@ def capture(monkeypatch):
     """A fake camera whose clock goes on by 1/25 s with each frame."""
     fake = type("Fake", (FakeCapture,), {})
     clock = iter(np.arange(100_000) / 25)
-    monkeypatch.setattr("lanes.video.capture.cv2.VideoCapture", fake)
-    monkeypatch.setattr("lanes.video.capture.time.monotonic", lambda: float(next(clock)))
+    monkeypatch.setattr("lanes.io.video.live_camera.cv2.VideoCapture", fake)
+    monkeypatch.setattr("lanes.io.video.live_camera.time.monotonic", lambda: float(next(clock)))
     return fake
 
 

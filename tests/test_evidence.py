@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from painter import WHITE, YELLOW, Road, dashcam
 
-from lanes.metric.evidence import LEAST_STRENGTH, find_stripes, measure_paint
-from lanes.metric.roadview import RoadView
+from lanes.tracking.birdseye import RoadView
+from lanes.tracking.markings import LEAST_STRENGTH, find_stripes, measure_paint
 
 CAMERA = dashcam()
 VIEW = RoadView(CAMERA)

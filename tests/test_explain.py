@@ -9,12 +9,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from lanes.camera import Camera
+from lanes.camera.camera import Camera
 from lanes.explain import panels
-from lanes.explain.frame import Explanation, explain_frame, stripes_on_lines
-from lanes.images import PictureError
-from lanes.metric.lane import find_lane
-from lanes.metric.roadview import RoadView
+from lanes.explain.explanation import Explanation, explain_frame, stripes_on_lines
+from lanes.io.frames import PictureError
+from lanes.tracking.birdseye import RoadView
+from lanes.tracking.detector import find_lane
 from tests.painter import YELLOW, Road, dashcam
 
 CAMERA = dashcam(width=1280)

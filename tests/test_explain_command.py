@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lanes.camerafile import save_camera
-from lanes.images import read_image, write_image
+from lanes.camera.camera_file import save_camera
+from lanes.io.images import read_image, write_image
 from tests.painter import YELLOW, Road, dashcam
 
 ROOT = Path(__file__).parents[1]

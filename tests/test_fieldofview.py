@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from lanes.camerafile import load_camera
-from lanes.drives.dashes import measure_dash_period
-from lanes.drives.fieldofview import find_field_of_view, read_hfov
-from lanes.images import write_image
-from lanes.scenes.render import Motion
+from lanes.camera.camera_file import load_camera
+from lanes.camera.field_of_view import read_hfov
+from lanes.drives.dash_period import measure_dash_period
+from lanes.drives.own_camera import find_field_of_view
+from lanes.io.images import write_image
+from simulator.rendering.drive import Motion
 from tests.drives import CAMERA, PaintedDrive, lane_lines, s_bend
 
 ROOT = Path(__file__).parents[1]
@@ -114,7 +115,7 @@ class TestDashes:
 
 def test_a_command_without_a_lens_warns_and_goes_on(tmp_path):
     files = [write_image(tmp_path / f"{n}.jpg", image) for n, image in enumerate(drive_pictures(2))]
-    command = [sys.executable, "-m", "lanes", "mount", *files, "-o", tmp_path / "camera.yaml"]
+    command = [sys.executable, "-m", "lanes", "pose", *files, "-o", tmp_path / "camera.yaml"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     assert "warning: field of view 60.0 deg, assumed" in done.stderr

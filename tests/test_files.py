@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from lanes import files
-from lanes.files import PartialFile, read_text, remove_partials, require_file, sole_writer, whole_file, write_whole
+from lanes.io import files
+from lanes.io.files import PartialFile, read_text, remove_partials, require_file, sole_writer, whole_file, write_whole
 
 ROOT = Path(__file__).parents[1]
 DEAD = "0123456789ab"
@@ -171,7 +171,11 @@ def test_two_that_write_the_same_do_not_mix(tmp_path):
 
 
 def other(code: str, *arguments: object) -> subprocess.Popen:
-    command = [sys.executable, "-c", f"import sys, time\nfrom pathlib import Path\nfrom lanes.files import *\n{code}"]
+    command = [
+        sys.executable,
+        "-c",
+        f"import sys, time\nfrom pathlib import Path\nfrom lanes.io.files import *\n{code}",
+    ]
     return subprocess.Popen([*command, *map(str, arguments)], cwd=ROOT, stdout=subprocess.PIPE, text=True)
 
 

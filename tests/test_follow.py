@@ -8,11 +8,11 @@ import numpy as np
 from drives import CAMERA
 from shapes import a_lane, stripes_at
 
-from lanes.metric.evidence import Stripes
-from lanes.metric.follow import correct_lane
-from lanes.metric.lanemodel import CENTRE, CURVATURE, SIDES, WIDTH, line_points, line_y
-from lanes.metric.motion import Belief, first_belief
-from lanes.metric.roadview import RoadView
+from lanes.tracking.birdseye import RoadView
+from lanes.tracking.markings import Stripes
+from lanes.tracking.model import CENTRE, CURVATURE, SIDES, WIDTH, line_points, line_y
+from lanes.tracking.state import Belief
+from lanes.tracking.update import correct_lane, first_belief
 
 VIEW = RoadView(CAMERA)
 SMALL = dict(pitch=0.003, vertical=5e-5, beside=0.05)

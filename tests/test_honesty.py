@@ -1,6 +1,6 @@
 """The engine does not lie: what share of the frames of the whole suite it gets wrong while it says that it is sure.
 
-The table is the committed one, made by `python -m lanes benchmark -o docs/benchmark`; tests/test_regression.py holds
+The table is the committed one, made by `python -m benchmark -o docs/benchmark`; tests/test_regression.py holds
 fresh frames to the same promise. A promise that is not kept is a failing test: not one to be loosened.
 """
 
@@ -11,12 +11,12 @@ from collections.abc import Callable, Iterable
 
 import pytest
 
-from lanes.benchmark.errors import CONFIDENT
-from lanes.benchmark.scores import Row
-from lanes.benchmark.systems import METRIC
-from lanes.benchmark.tables import read_scores
-from lanes.dataset import PROJECT_ROOT
-from lanes.scenes.suite import SUITE
+from benchmark.dataset import PROJECT_ROOT
+from benchmark.errors import CONFIDENT
+from benchmark.scores import Row
+from benchmark.systems import METRIC
+from benchmark.tables import read_scores
+from simulator.scenes.suite import SUITE
 
 TABLE = PROJECT_ROOT / "docs" / "benchmark" / "benchmark.csv"
 NO_LANE = "no lane"

@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes import images
-from lanes.images import PictureError, list_pictures, natural_key, read_image, write_image
+from lanes.io import images
+from lanes.io.frames import PictureError
+from lanes.io.images import list_pictures, natural_key, read_image, write_image
 
 RED, GREEN = (220, 30, 20), (20, 200, 40)
 

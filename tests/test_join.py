@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from test_video import NTSC, make_video, number_of, numbered, tone_starts_s, unchanged
 
-from lanes.video.annotate import annotate_video
-from lanes.video.join import join_videos
-from lanes.video.telemetry import read_telemetry
-from lanes.video.videofile import VideoError, inspect_video, read_timed_frames
-from lanes.video.videowriter import VideoWriter
+from lanes.io.telemetry import read_telemetry
+from lanes.io.video.container import VideoError
+from lanes.io.video.join import join_videos
+from lanes.io.video.pipeline import annotate_video
+from lanes.io.video.reader import inspect_video, read_timed_frames
+from lanes.io.video.writer import VideoWriter
 
 
 def in_pieces(source: Path, cuts_s: list[float], folder: Path) -> tuple[list[Path], list[float]]:

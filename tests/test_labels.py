@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import process
 from drives import CAMERA, PaintedDrive, lane_lines, s_bend
 
-from lanes.benchmark.labels import (
+from benchmark.labels.labels import (
     LaneColumns,
     LineScore,
     pair_predictions,
@@ -20,9 +20,9 @@ from lanes.benchmark.labels import (
     score_lines,
     summarize_lines,
 )
-from lanes.camerafile import save_camera
-from lanes.images import write_image
-from lanes.scenes.render import Motion
+from lanes.camera.camera_file import save_camera
+from lanes.io.images import write_image
+from simulator.rendering.drive import Motion
 
 ROOT = Path(__file__).parents[1]
 ROWS = np.arange(400.0, 600, 10)
@@ -194,7 +194,7 @@ class TestCommand:
         return folder
 
     def run(self, folder: Path, *arguments: str) -> subprocess.CompletedProcess:
-        command = [sys.executable, "-m", "lanes", "benchmark", "--labels", str(folder / "labels.jsonl")]
+        command = process("benchmark", "--labels", folder / "labels.jsonl")
         command += [str(folder / a) if a.endswith(("l", ".yaml")) and "." in a else a for a in arguments]
         return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
 

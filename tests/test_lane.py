@@ -3,12 +3,13 @@ import pytest
 from painter import WHITE, YELLOW, Road, dashcam
 from shapes import a_lane
 
-from lanes.camera import Camera, Mount
-from lanes.metric.follow import correct_lane
-from lanes.metric.lane import describe_lane, find_lane, observe
-from lanes.metric.lanemodel import LEFT, RIGHT
-from lanes.metric.motion import first_belief
-from lanes.metric.roadview import RoadView
+from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import Mount
+from lanes.tracking.birdseye import RoadView
+from lanes.tracking.detector import describe_lane, find_lane
+from lanes.tracking.markings import observe
+from lanes.tracking.model import LEFT, RIGHT
+from lanes.tracking.update import correct_lane, first_belief
 
 CAMERA = dashcam()
 VIEW = RoadView(CAMERA)

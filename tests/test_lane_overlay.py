@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from drives import BENDS, SMALL, tracked_bends
 
-from lanes.images import PictureError
-from lanes.metric.lane import find_lane
-from lanes.metric.lane_overlay import describe_tracked, draw_found, draw_tracked, lane_outlines
-from lanes.metric.roadview import RoadView
-from lanes.metric.tracked import LOST, TrackedLane
+from lanes.io.frames import PictureError
+from lanes.tracking.birdseye import RoadView
+from lanes.tracking.detector import find_lane
+from lanes.tracking.overlay import describe_tracked, draw_found, draw_tracked, lane_outlines
+from lanes.tracking.tracked_lane import LOST, TrackedLane
 
 
 def test_outlines_lie_on_the_paint():

@@ -4,19 +4,9 @@ import numpy as np
 import pytest
 from shapes import a_lane, stripes_at
 
-from lanes.metric.lanefit import (
-    LIMIT,
-    PRIOR_MEAN,
-    PRIOR_STD,
-    compare,
-    fit_lanes,
-    paint_weight,
-    place_std,
-    strangeness,
-    stray_m,
-    usual_std,
-)
-from lanes.metric.lanemodel import (
+from lanes.tracking.fitting import compare, fit_lanes, stray_m
+from lanes.tracking.markings import paint_weight, place_std
+from lanes.tracking.model import (
     BESIDE,
     BEYOND,
     CENTRE,
@@ -24,15 +14,20 @@ from lanes.metric.lanemodel import (
     HEADING,
     KINKS,
     LEFT,
+    LIMIT,
     NUMBERS,
+    PRIOR_MEAN,
+    PRIOR_STD,
     RATE,
     RIGHT,
     WIDTH,
     line_points,
     line_y,
     lines_on_view,
+    strangeness,
+    usual_std,
 )
-from lanes.metric.votes import best_pairs, count_votes
+from lanes.tracking.voting import best_pairs, count_votes
 
 HEIGHT_M, FOCAL_PX = 1.3, 1150.0
 ROWS_M = 5 * 1.022 ** np.arange(121)

@@ -3,8 +3,8 @@ import pytest
 from painter import dashcam
 from shapes import a_lane
 
-from lanes.camera import Mount
-from lanes.metric.lanemodel import (
+from lanes.camera.camera_pose import Mount
+from lanes.tracking.model import (
     LEFT,
     RIGHT,
     RISE_KNOTS_M,

@@ -12,7 +12,7 @@ from examples import examples
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from lanes.camera import Camera, undistort
+from lanes.camera.camera import Camera, undistort
 
 # Pixels: what is left of the iteration that takes the lens out.
 POINT_PX = 1e-6

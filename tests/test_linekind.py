@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.metric.attributes import Paint
-from lanes.metric.linekind import KindVotes, LineKind, looks_dashed
+from lanes.tracking.lane import Paint
+from lanes.tracking.marking_type import KindVotes, LineKind, looks_dashed
 
 DASHES = np.concatenate([np.arange(6, 9, 0.2), np.arange(18.2, 21.2, 0.4)])
 

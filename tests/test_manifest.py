@@ -12,12 +12,12 @@ import pytest
 from clips import write_drive
 from drives import CAMERA, PaintedDrive, lane_lines, straight_road
 
-from lanes.drives.drive import annotate_drive
-from lanes.drives.fieldofview import FieldOfView
-from lanes.drives.manifest import DriveKey, Manifest, manifest_path, read_finished, write_manifest
+from lanes.camera.field_of_view import FieldOfView
+from lanes.cluster.manifest import DriveKey, Manifest, manifest_path, read_finished, write_manifest
+from lanes.cluster.summary import add_to_data_set, describe_totals, write_summary
+from lanes.drives.annotation import annotate_drive
 from lanes.drives.settings import DriveSettings
-from lanes.drives.summary import add_to_data_set, describe_totals, write_summary
-from lanes.video.telemetry import read_telemetry
+from lanes.io.telemetry import read_telemetry
 
 SMALL = CAMERA.scaled((640, 360))
 

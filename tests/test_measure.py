@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from lanes.classic import measure
 from lanes.classic.fit import LineFit, fit_line
-from lanes.classic.view import scale_to_road
+from lanes.classic.warp import scale_to_road
 
 SIZE = (1280, 720)
 SCALES = (3.7 / 700, 30 / 720)

@@ -13,14 +13,15 @@ from drives import BENDS, SMALL
 from examples import examples
 from hypothesis import given
 
-from lanes.benchmark.drives import list_drives
-from lanes.camera import Camera
-from lanes.camerafile import load_camera
-from lanes.metric.evidence import measure_paint
-from lanes.metric.lane import Lane, find_lane
-from lanes.metric.roadview import RoadView
-from lanes.metric.tracker import LaneTracker
-from lanes.video.videofile import read_frames
+from benchmark.suite_drives import list_drives
+from lanes.camera.camera import Camera
+from lanes.camera.camera_file import load_camera
+from lanes.io.video.reader import read_frames
+from lanes.tracking.birdseye import RoadView
+from lanes.tracking.detector import find_lane
+from lanes.tracking.lane import Lane
+from lanes.tracking.markings import measure_paint
+from lanes.tracking.tracker import LaneTracker
 
 X_M = np.array([5.0, 10.0, 15.0, 20.0, 30.0])
 # What sums of floats in another order leave, metres and 1/m; a still's search and fit, and two seconds of following.

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from shapes import a_lane
 
-from lanes.metric.lanemodel import BESIDE, CENTRE, CURVATURE, HEADING, KINKS, KNOTS_M, PITCH, RATE, VERTICAL, WIDTH
-from lanes.metric.motion import AIM, LANE, PATH, REST, SPEED, Belief, bend_of, fastest_mps, first_belief, lever_m
-from lanes.scenes.road import Pose, RoadGeometry
-from lanes.scenes.truth import lane_truth
+from lanes.tracking.model import BESIDE, CENTRE, CURVATURE, HEADING, KINKS, KNOTS_M, PITCH, RATE, VERTICAL, WIDTH
+from lanes.tracking.state import AIM, LANE, PATH, REST, SPEED, Belief, bend_of, fastest_mps, lever_m
+from lanes.tracking.update import first_belief
+from simulator.road.geometry import Pose, RoadGeometry
+from simulator.road.truth import lane_truth
 
 SMALL = dict(rate=1e-5, pitch=0.005, vertical=1e-4, kinks=1e-5, beside=0.1)
 COVARIANCE = np.diag(np.square(a_lane(centre=0.1, width=0.1, heading=0.01, curvature=1e-3, **SMALL)))

@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 from painted_roads import paint_road
 
-from lanes.camera import Camera, Mount
-from lanes.camerafile import camera_from_dict
-from lanes.images import PictureError, read_image, write_image
-from lanes.mounting.mount import MountError, estimate_mount, mount_camera
+from lanes.camera.camera import Camera
+from lanes.camera.camera_file import camera_from_dict
+from lanes.camera.camera_pose import Mount
+from lanes.camera.pose_from_lanes.pose_estimate import MountError, estimate_mount, mount_camera
+from lanes.io.frames import PictureError
+from lanes.io.images import read_image, write_image
 
 MOUNT = Mount(1.35, np.radians(2.5), np.radians(-1.8), np.radians(0.9))
 CAMERA = Camera.from_fov((1280, 720), 62, MOUNT)

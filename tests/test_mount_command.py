@@ -1,4 +1,4 @@
-"""python -m lanes mount: files in, camera file out."""
+"""python -m lanes pose: files in, camera file out."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from command_line import main
 from painted_roads import paint_road
 
-from lanes.__main__ import main
-from lanes.camera import Camera, Mount
-from lanes.camerafile import load_camera, save_camera
-from lanes.images import write_image
-from lanes.video.footage import pick_pictures
-from lanes.video.videowriter import VideoWriter
+from lanes.camera.camera import Camera
+from lanes.camera.camera_file import load_camera, save_camera
+from lanes.camera.camera_pose import Mount
+from lanes.io.footage import pick_pictures
+from lanes.io.images import write_image
+from lanes.io.video.writer import VideoWriter
 
 MOUNT = Mount(1.3, np.radians(3.0), np.radians(1.5), np.radians(-0.6))
 CAMERA = Camera.from_fov((960, 540), 66, MOUNT)
@@ -33,7 +34,7 @@ def drive(tmp_path_factory):
 
 
 def run(*arguments: object) -> int:
-    return main(["mount", *map(str, arguments)])
+    return main(["pose", *map(str, arguments)])
 
 
 def test_stills_with_a_calibrated_lens(drive, tmp_path, capsys):

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lanes.drives.moved import find_mount_change
+from lanes.drives.camera_moved import find_mount_change
 from lanes.drives.settings import DriveResult
-from lanes.metric.tracker import LaneTracker
-from lanes.scenes.render import Motion
+from lanes.tracking.tracker import LaneTracker
+from simulator.rendering.drive import Motion
 from tests.drives import CAMERA, PaintedDrive, lane_lines, s_bend
 
 FPS = 12

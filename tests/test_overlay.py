@@ -6,14 +6,8 @@ import numpy as np
 import pytest
 from roads import CAMERA, LANE_WIDTH_M, Road, arc, paint_picture
 
-from lanes.classic.overlay import (
-    annotate,
-    describe_result,
-    diagnose,
-    draw_search,
-    follow_lane,
-)
-from lanes.classic.recipes import LaneFinder, get_recipe
+from lanes.classic.finder import LaneFinder, get_recipe
+from lanes.classic.overlay import annotate, describe_result, diagnose, draw_search, follow_lane
 
 ROAD = Road(curvature_per_m=1 / 500, offset_m=0.28)
 

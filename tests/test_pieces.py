@@ -9,14 +9,14 @@ import pytest
 from clips import write_drive
 from drives import BENDS, SMALL
 
-from lanes.camerafile import load_camera
-from lanes.dataset import PROJECT_ROOT
-from lanes.drives.drive import PreparedDrive, annotate_drive, prepare_drive
-from lanes.drives.pieces import WARM_UP_S, annotate_piece, cut_drive, join_pieces
+from benchmark.dataset import PROJECT_ROOT
+from lanes.camera.camera_file import load_camera
+from lanes.cluster.pieces import WARM_UP_S, annotate_piece, cut_drive, join_pieces
+from lanes.drives.annotation import PreparedDrive, annotate_drive, prepare_drive
 from lanes.drives.settings import DriveSettings
-from lanes.metric.tracker import LaneTracker
-from lanes.video.telemetry import read_telemetry
-from lanes.video.videofile import VideoInfo, inspect_video, read_frames
+from lanes.io.telemetry import read_telemetry
+from lanes.io.video.reader import VideoInfo, inspect_video, read_frames
+from lanes.tracking.tracker import LaneTracker
 
 # What the module's description states.
 TOLERANCES = {"offset_m": 0.01, "heading_rad": np.radians(0.1), "curvature_per_m": 1e-4}

@@ -10,12 +10,11 @@ from drives import CAMERA
 from examples import TIMES
 from shapes import stripes_at
 
-from lanes.metric.follow import correct_lane
-from lanes.metric.lanefit import LIMIT, PRIOR_MEAN, PRIOR_STD
-from lanes.metric.lanemodel import SIDES, lateral_gradient, line_points
-from lanes.metric.motion import FASTEST_MPS, SPEED, Belief, first_belief
-from lanes.metric.roadview import RoadView
-from lanes.metric.tracker import LONGEST_COAST_S
+from lanes.tracking.birdseye import RoadView
+from lanes.tracking.model import LIMIT, PRIOR_MEAN, PRIOR_STD, SIDES, lateral_gradient, line_points
+from lanes.tracking.state import FASTEST_MPS, SPEED, Belief
+from lanes.tracking.tracker import LONGEST_COAST_S
+from lanes.tracking.update import correct_lane, first_belief
 
 VIEW = RoadView(CAMERA)
 # How lateral places of both lines, 4 to 68 m ahead, move with the lane's numbers.

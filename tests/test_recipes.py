@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 from roads import CAMERA, LANE_WIDTH_M, WHITE, Road, arc, paint_picture
 
-from lanes.calibration.boards import calibrate_folder
-from lanes.camera import Camera, CameraError, Mount
-from lanes.classic.recipes import RECIPES, LaneFinder, get_recipe
-from lanes.dataset import PROJECT_ROOT, open_dataset
-from lanes.images import PictureError, list_pictures, read_image
-from lanes.words import describe_bend, describe_offset
+from benchmark.dataset import PROJECT_ROOT, open_dataset
+from lanes.camera.calibration.boards import calibrate_folder
+from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import CameraError, Mount
+from lanes.classic.finder import RECIPES, LaneFinder, get_recipe
+from lanes.io.frames import PictureError
+from lanes.io.images import list_pictures, read_image
+from lanes.io.words import describe_bend, describe_offset
 
 PUBLISHED_SCALES = (3.7 / 700, 30 / 720)
 REAL = Path(os.environ.get("LANES_DATA") or Path(__file__).parents[2] / "shared" / "real")

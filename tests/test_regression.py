@@ -10,8 +10,8 @@ import pytest
 from reference import MEASURES, REFERENCE, measure, worse_than
 from test_honesty import PROMISED
 
-from lanes.benchmark.drives import COMMITTED, list_drives
-from lanes.benchmark.errors import FrameErrors
+from benchmark.errors import FrameErrors
+from benchmark.suite_drives import COMMITTED, list_drives
 
 REFERENCES = json.loads(REFERENCE.read_text(encoding="utf-8"))
 FIRST = next(iter(REFERENCES))

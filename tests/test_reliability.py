@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.benchmark.errors import FrameErrors
-from lanes.benchmark.reliability import StatedLanes, wilson_interval
+from benchmark.errors import FrameErrors
+from benchmark.reliability import StatedLanes, wilson_interval
 
 
 def lanes(confidence: list[float], right: list[bool], *, exists: list[bool] | None = None, lane_frames: int = 0):

@@ -7,8 +7,8 @@ import pytest
 from browser import CHROMIUM, DRIVER, Browser
 from test_report import story
 
-from lanes.report.report import write_report
-from lanes.video.videowriter import VideoWriter
+from lanes.drives.report.page import write_report
+from lanes.io.video.writer import VideoWriter
 
 pytestmark = pytest.mark.skipif(
     not (CHROMIUM and DRIVER), reason="needs chromium and chromedriver (Debian: chromium, chromium-driver)"

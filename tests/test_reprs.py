@@ -7,12 +7,13 @@ import re
 import numpy as np
 import pytest
 
-from lanes.camera import CalibrationReport, Camera, Mount
-from lanes.metric.lane import find_lane
-from lanes.metric.roadview import RoadView
-from lanes.metric.tracked import TrackedLane
-from lanes.metric.tracker import LaneTracker
-from lanes.mounting.mount import MountEstimate
+from lanes.camera.camera import CalibrationReport, Camera
+from lanes.camera.camera_pose import Mount
+from lanes.camera.pose_from_lanes.pose_estimate import MountEstimate
+from lanes.tracking.birdseye import RoadView
+from lanes.tracking.detector import find_lane
+from lanes.tracking.tracked_lane import TrackedLane
+from lanes.tracking.tracker import LaneTracker
 from tests.painter import YELLOW, Road, dashcam
 
 CAMERA = dashcam(width=1280)

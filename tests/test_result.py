@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
+from lanes.classic.finder import get_recipe
 from lanes.classic.fit import LineFit
 from lanes.classic.measure import RoadLine
-from lanes.classic.recipes import get_recipe
 from lanes.classic.result import FoundLine, LaneResult, Steps
 from lanes.classic.search import Window
 

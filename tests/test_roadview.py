@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 from painter import Road, dashcam
 
-from lanes.camera import Camera, CameraError, Mount
-from lanes.images import PictureError
-from lanes.metric.roadview import RoadView
+from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import CameraError, Mount
+from lanes.io.frames import PictureError
+from lanes.tracking.birdseye import RoadView
 
 
 def test_rows_go_from_far_to_near_and_columns_from_left_to_right():

@@ -11,28 +11,30 @@ import cv2
 import imageio_ffmpeg
 import numpy as np
 import pytest
+from command_line import main
 
-from lanes.__main__ import main
-from lanes.camera import Camera, Mount
-from lanes.camerafile import load_camera
-from lanes.dataset import PROJECT_ROOT
-from lanes.images import read_image
-from lanes.scenes.backdrop import BackdropStyle
-from lanes.scenes.catalogue import VIDEO_FPS, project_video, still_scenes
-from lanes.scenes.dashcam import DASHCAM
-from lanes.scenes.freeway import LANE_M, freeway_markings, freeway_surface
-from lanes.scenes.ground import cast_on_ground, dash_coverage, edge_coverage, picture_rays
-from lanes.scenes.lens import ADAPTED_TO, Lens, develop
-from lanes.scenes.light import BridgeShade, Sun
-from lanes.scenes.markings import WHITE, Marking, paint_coverage, paint_markings
-from lanes.scenes.produce import write_video
-from lanes.scenes.render import Drive, Motion, render_frame
-from lanes.scenes.road import Pose, RoadGeometry, line_polynomial
-from lanes.scenes.roadahead import RoadAhead
-from lanes.scenes.roadside import Placed
-from lanes.scenes.surface import Zone, ground_albedo
-from lanes.scenes.things import Car
-from lanes.scenes.truth import H_SAMPLES, line_pixels, truth_entry, truth_row
+from benchmark.dataset import PROJECT_ROOT
+from lanes.camera.camera import Camera
+from lanes.camera.camera_file import load_camera
+from lanes.camera.camera_pose import Mount
+from lanes.io.images import read_image
+from simulator.landscape.sky import BackdropStyle
+from simulator.light.lens import ADAPTED_TO, Lens, develop
+from simulator.light.sunlight import BridgeShade, Sun
+from simulator.objects.roadside import Placed
+from simulator.objects.solids import Car
+from simulator.rendering.drive import Drive, Motion
+from simulator.rendering.produce import VIDEO_FPS, write_video
+from simulator.rendering.render import render_frame
+from simulator.road.geometry import Pose, RoadGeometry, line_polynomial
+from simulator.road.ground import cast_on_ground, dash_coverage, edge_coverage, picture_rays
+from simulator.road.painted_lines import WHITE, Marking, paint_coverage, paint_markings
+from simulator.road.road_ahead import RoadAhead
+from simulator.road.surface import Zone, ground_albedo
+from simulator.road.truth import H_SAMPLES, line_pixels, truth_entry, truth_row
+from simulator.scenes.catalogue import project_video, still_scenes
+from simulator.scenes.dashcam import DASHCAM
+from simulator.scenes.freeway import LANE_M, freeway_markings, freeway_surface
 
 MOUNT = Mount(1.3, np.radians(2.0), np.radians(-1.0), np.radians(0.6))
 TINY = replace(DASHCAM.scaled((320, 180)), mount=MOUNT)
@@ -321,7 +323,7 @@ def test_interrupted_video_leaves_nothing(tmp_path, workers):
 
 def test_an_unwritable_folder_is_named(tmp_path, capsys):
     (tmp_path / "file").write_text("in the way")
-    assert main(["render", "--out", str(tmp_path / "file")]) == 1
+    assert main(["simulator", "--out", str(tmp_path / "file")]) == 1
     assert re.search(r"file: cannot be written .*; choose another folder", capsys.readouterr().err)
 
 

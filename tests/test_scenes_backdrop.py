@@ -5,8 +5,8 @@ import time
 import numpy as np
 import pytest
 
-from lanes.scenes.backdrop import BackdropStyle, paint_backdrop
-from lanes.scenes.sky import air_between
+from simulator.landscape.backdrop import paint_backdrop
+from simulator.landscape.sky import BackdropStyle, air_between
 
 STYLE = BackdropStyle(tree_density=0.15)
 

@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.camerafile import camera_from_dict
-from lanes.dataset import PROJECT_ROOT
-from lanes.images import read_image
-from lanes.scenes import boards as scene
-from lanes.scenes.boards import VIEWS, render_board, true_corners, write_boards
-from lanes.scenes.dashcam import DASHCAM
+from benchmark.dataset import PROJECT_ROOT
+from lanes.camera.camera_file import camera_from_dict
+from lanes.io.images import read_image
+from simulator import chessboards as scene
+from simulator.chessboards import VIEWS, render_board, true_corners, write_boards
+from simulator.scenes.dashcam import DASHCAM
 
 BOARDS = PROJECT_ROOT / "camera_cal"
 

@@ -3,14 +3,18 @@
 import numpy as np
 import pytest
 
-from lanes.camera import Camera, Mount
-from lanes.scenes.bonnet import bonnet_outline, paint_bonnet
-from lanes.scenes.brush import clip_polygon, empty_picture, inside, still_open, viewing_planes, with_behind
-from lanes.scenes.foliage import SPECIES, plant_sprite
-from lanes.scenes.noise import fractal_noise, fractal_profile
-from lanes.scenes.objects import Car, Post, Sign, Tree, Wall, paint_objects, shadow_polygons
-from lanes.scenes.road import Pose, RoadGeometry, offset_point
-from lanes.scenes.roadside import Along, things_in_view
+from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import Mount
+from simulator.landscape.foliage import SPECIES, plant_sprite
+from simulator.objects.bonnet import bonnet_outline, paint_bonnet
+from simulator.objects.obstacles import paint_objects
+from simulator.objects.roadside import Along, things_in_view
+from simulator.objects.shadows import shadow_polygons
+from simulator.objects.solids import Car, Post, Sign, Tree
+from simulator.objects.walls import Wall
+from simulator.painting.brush import clip_polygon, empty_picture, inside, still_open, viewing_planes, with_behind
+from simulator.painting.noise import fractal_noise, fractal_profile
+from simulator.road.geometry import Pose, RoadGeometry, offset_point
 
 SUN = np.array([-0.3, -0.5, 0.8]) / np.linalg.norm([-0.3, -0.5, 0.8])
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lanes.scenes.road import Pose, RoadGeometry, line_lateral, line_polynomial, offset_point
-from lanes.scenes.roadahead import RoadAhead
+from simulator.road.geometry import Pose, RoadGeometry, line_lateral, line_polynomial, offset_point
+from simulator.road.road_ahead import RoadAhead
 
 S_BEND = RoadGeometry([0.0, 75.0, 125.0, 175.0, 255.0, 330.0], [0.0, 0.0, 1 / 300, 1 / 300, -1 / 200, -1 / 200])
 

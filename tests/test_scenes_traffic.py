@@ -8,20 +8,21 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.camera import Mount
-from lanes.scenes.backdrop import BackdropStyle
-from lanes.scenes.dashcam import DASHCAM
-from lanes.scenes.freeway import LANE_M, freeway_markings, freeway_surface
-from lanes.scenes.light import Sun
-from lanes.scenes.render import Drive, Motion, render_frame
-from lanes.scenes.road import RoadGeometry
-from lanes.scenes.roadside import Placed
-from lanes.scenes.suite_traffic import SCENES as TRAFFIC
-from lanes.scenes.suite_weather import SCENES as WEATHER
-from lanes.scenes.surface import Zone
-from lanes.scenes.things import Car
-from lanes.scenes.truth import H_SAMPLES, NOT_VISIBLE, line_pixels, truth_row, visible_pixels
-from lanes.scenes.vehicles import footprint, outline, vehicle_faces
+from lanes.camera.camera_pose import Mount
+from simulator.landscape.sky import BackdropStyle
+from simulator.light.sunlight import Sun
+from simulator.objects.roadside import Placed
+from simulator.objects.solids import Car
+from simulator.objects.vehicles import footprint, outline, vehicle_faces
+from simulator.rendering.drive import Drive, Motion
+from simulator.rendering.render import render_frame
+from simulator.road.geometry import RoadGeometry
+from simulator.road.surface import Zone
+from simulator.road.truth import H_SAMPLES, NOT_VISIBLE, line_pixels, truth_row, visible_pixels
+from simulator.scenes.bad_weather import SCENES as WEATHER
+from simulator.scenes.dashcam import DASHCAM
+from simulator.scenes.freeway import LANE_M, freeway_markings, freeway_surface
+from simulator.scenes.traffic import SCENES as TRAFFIC
 
 SWERVE = ((0.0, -LANE_M), (2.0, 0.2), (3.0, 0.2), (5.0, -LANE_M))
 

@@ -7,27 +7,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.camera import Mount
-from lanes.scenes.backdrop import BackdropStyle
-from lanes.scenes.dashcam import DASHCAM
-from lanes.scenes.exposure import AutoExposure, RoadLight
-from lanes.scenes.fog import Fog
-from lanes.scenes.freeway import LANE_M, freeway_markings, freeway_surface
-from lanes.scenes.glare import Glare
-from lanes.scenes.ground import cast_on_ground, picture_rays
-from lanes.scenes.lens import Lens
-from lanes.scenes.light import BridgeShade, Sun, WoodShade, light_along
-from lanes.scenes.night import Night, lamps_in_sight
-from lanes.scenes.overpass import Overpass
-from lanes.scenes.rain import Rain, drops_on_glass
-from lanes.scenes.render import Drive, Motion, render_frame
-from lanes.scenes.road import Pose, RoadGeometry
-from lanes.scenes.roadahead import RoadAhead
-from lanes.scenes.roadside import Placed
-from lanes.scenes.surface import Zone
-from lanes.scenes.things import Car
-from lanes.scenes.truth import truth_row
-from lanes.scenes.wet import Wet
+from lanes.camera.camera_pose import Mount
+from simulator.landscape.sky import BackdropStyle
+from simulator.light.exposure import AutoExposure, RoadLight
+from simulator.light.glare import Glare
+from simulator.light.lens import Lens
+from simulator.light.sunlight import BridgeShade, Sun, WoodShade, light_along
+from simulator.objects.overpass import Overpass
+from simulator.objects.roadside import Placed
+from simulator.objects.solids import Car
+from simulator.rendering.drive import Drive, Motion
+from simulator.rendering.render import render_frame
+from simulator.road.geometry import Pose, RoadGeometry
+from simulator.road.ground import cast_on_ground, picture_rays
+from simulator.road.road_ahead import RoadAhead
+from simulator.road.surface import Zone
+from simulator.road.truth import truth_row
+from simulator.scenes.dashcam import DASHCAM
+from simulator.scenes.freeway import LANE_M, freeway_markings, freeway_surface
+from simulator.weather.fog import Fog
+from simulator.weather.night import Night, lamps_in_sight
+from simulator.weather.rain import Rain, drops_on_glass
+from simulator.weather.wet import Wet
 
 MOUNT = Mount(1.3, np.radians(2.0), np.radians(-1.0), np.radians(0.6))
 SMALL = replace(DASHCAM.scaled((640, 360)), mount=MOUNT)
@@ -130,7 +131,7 @@ def test_the_bridge_hides_the_sky_and_nothing_of_the_lane():
 def ground_levels(drive: Drive, x_m: np.ndarray, y_m: np.ndarray, monkeypatch) -> np.ndarray:
     """Linear green light of the ground at places (N,) ahead, before the camera makes a picture of it."""
     lights = []
-    monkeypatch.setattr("lanes.scenes.render.develop", lambda light, *a, **k: lights.append(light) or light)
+    monkeypatch.setattr("simulator.rendering.render.develop", lambda light, *a, **k: lights.append(light) or light)
     render_frame(drive)
     columns, rows = drive.camera_at(0.0).road_to_pixels(np.column_stack([x_m, y_m])).round().astype(int).T
     return lights[0][rows, columns, 1]
@@ -155,7 +156,7 @@ def test_contrast_in_fog_falls_as_koschmieder_says(monkeypatch):
 def test_fog_hides_far_things_and_the_sky_behind_them(monkeypatch):
     fog = Fog(60.0)
     lights = []
-    monkeypatch.setattr("lanes.scenes.render.develop", lambda light, *a, **k: lights.append(light) or light)
+    monkeypatch.setattr("simulator.rendering.render.develop", lambda light, *a, **k: lights.append(light) or light)
     render_frame(small_drive(fog=fog))
     horizon = round(float(SMALL.road_to_pixels(np.array([[5000.0, 0.0]]))[0, 1]))
     np.testing.assert_allclose(
@@ -232,7 +233,7 @@ def test_lamps_are_seen_from_where_they_shine_and_mirrored_below(monkeypatch):
         car = Placed(130.0, 0.0, Car(0, 0, heading, "black"))
         found = []
         monkeypatch.setattr(
-            "lanes.scenes.render.develop", lambda light, *a, found=found, **k: found.append(light) or light
+            "simulator.rendering.render.develop", lambda light, *a, found=found, **k: found.append(light) or light
         )
         render_frame(night_drive(night=Night(headlights=0.0), wet=wet, things=(car,)))
         lights[name] = found[0]

@@ -9,22 +9,31 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.scenes.backdrop import BackdropStyle
-from lanes.scenes.dashcam import DASHCAM
-from lanes.scenes.ground import cast_on_ground, picture_rays
-from lanes.scenes.lens import Lens
-from lanes.scenes.light import Sun
-from lanes.scenes.markings import WHITE, Marking, paint_coverage
-from lanes.scenes.profile import HeightProfile
-from lanes.scenes.render import Drive, Motion, render_frame
-from lanes.scenes.road import Pose, RoadGeometry, line_lateral, offset_point, surface_points
-from lanes.scenes.roadahead import RoadAhead
-from lanes.scenes.roadside import Placed
-from lanes.scenes.surface import Surface, Zone
-from lanes.scenes.symbols import Symbol, symbol_coverage
-from lanes.scenes.things import Car
-from lanes.scenes.truth import NOT_VISIBLE, VIDEO_X_M, lane_truth, line_pixels, truth_entry, truth_row, write_truth_csv
-from lanes.video.telemetry import read_telemetry
+from lanes.io.telemetry import read_telemetry
+from simulator.landscape.sky import BackdropStyle
+from simulator.light.lens import Lens
+from simulator.light.sunlight import Sun
+from simulator.objects.roadside import Placed
+from simulator.objects.solids import Car
+from simulator.rendering.drive import Drive, Motion
+from simulator.rendering.render import render_frame
+from simulator.road.geometry import Pose, RoadGeometry, line_lateral, offset_point, surface_points
+from simulator.road.ground import cast_on_ground, picture_rays
+from simulator.road.painted_lines import WHITE, Marking, paint_coverage
+from simulator.road.profile import HeightProfile
+from simulator.road.road_ahead import RoadAhead
+from simulator.road.surface import Surface, Zone
+from simulator.road.symbols import Symbol, symbol_coverage
+from simulator.road.truth import (
+    NOT_VISIBLE,
+    VIDEO_X_M,
+    lane_truth,
+    line_pixels,
+    truth_entry,
+    truth_row,
+    write_truth_csv,
+)
+from simulator.scenes.dashcam import DASHCAM
 
 SMALL = DASHCAM.scaled((640, 360))
 STATIONS = [0.0, 30.0, 40.0, 85.0, 95.0, 120.0, 130.0, 165.0, 200.0]

@@ -12,8 +12,8 @@ from functools import partial
 
 import pytest
 
-from lanes.dataset import PROJECT_ROOT
-from lanes.scenes.workers import available_workers, ordered
+from benchmark.dataset import PROJECT_ROOT
+from simulator.workers import available_workers, ordered
 
 
 def slow_square(number: int) -> tuple[int, int]:
@@ -65,7 +65,7 @@ def test_refuses_no_workers():
 def test_interrupt_ends_all_processes_without_a_word_from_them():
     code = (
         "import os, signal\n"
-        "from lanes.scenes.workers import ordered\n"
+        "from simulator.workers import ordered\n"
         "from tests.test_scenes_workers import slow_square\n"
         "results = ordered(slow_square, range(1000), workers=2)\n"
         "next(results); print('ready', flush=True); list(results)\n"

@@ -26,12 +26,12 @@ CALLS |= {"yaml.unsafe_load", "yaml.full_load", "yaml.load_all", "np.fromfile", 
 CALLS |= {"cv2.FileStorage", "shutil.unpack_archive", "tempfile.mktemp"}
 # The only modules that may open a video, a camera, or a file to write in.
 DOORS = {
-    "av.open": {"lanes/video/container.py", "lanes/video/videowriter.py", "lanes/video/join.py"}
-    | {"lanes/benchmark/transcode.py"},
-    "cv2.VideoCapture": {"lanes/video/capture.py"},
-    "yaml.load": {"lanes/camerafile.py"},
-    "np.load": {"lanes/scenes/kept.py"},
-    "os.open": {"lanes/files.py"},
+    "av.open": {"lanes/io/video/container.py", "lanes/io/video/writer.py", "lanes/io/video/join.py"}
+    | {"benchmark/speed/transcode.py"},
+    "cv2.VideoCapture": {"lanes/io/video/live_camera.py"},
+    "yaml.load": {"lanes/camera/camera_file.py"},
+    "np.load": {"lanes/io/disk_cache.py"},
+    "os.open": {"lanes/io/files.py"},
     "open": set(),
 }
 REQUIRED = {
@@ -86,7 +86,7 @@ def test_it_would_be_seen(line):
 
 def test_yaml_is_read_without_tags():
     """The only loader derives from the safe one."""
-    tree = SOURCES["lanes/camerafile.py"]
+    tree = SOURCES["lanes/camera/camera_file.py"]
     loaders = {ast.unparse(node.args[1]) for called, node in calls(tree) if called == "yaml.load"}
     bases = {
         node.name: [ast.unparse(base) for base in node.bases]
@@ -100,7 +100,7 @@ def test_videos_that_others_made_are_opened_at_one_place():
     """Everywhere else files are opened to be written, by names that end in a suffix of ours."""
     for name, tree in SOURCES.items():
         for called, node in calls(tree):
-            if called == "av.open" and name != "lanes/video/container.py":
+            if called == "av.open" and name != "lanes/io/video/container.py":
                 assert [ast.unparse(argument) for argument in node.args[1:]] == ["'w'"], name
 
 

@@ -8,9 +8,9 @@ from clips import write_drive
 from drives import SMALL, PaintedDrive, lane_lines, s_bend
 from soak import describe_memory, farthest, packet_times, repeat_drive
 
-from lanes.scenes.render import Motion
-from lanes.video.telemetry import write_telemetry
-from lanes.video.videofile import inspect_video, read_frames
+from lanes.io.telemetry import write_telemetry
+from lanes.io.video.reader import inspect_video, read_frames
+from simulator.rendering.drive import Motion
 
 FRAMES, TURNS = 12, 4
 

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 from drives import CAMERA, PaintedDrive, lane_lines, s_bend
 
-from lanes.metric.lane import find_lane
-from lanes.metric.lane_overlay import draw_tracked
-from lanes.metric.roadview import RoadView
-from lanes.metric.tracked import TRACKING, TrackedLane
-from lanes.metric.tracker import LaneTracker
-from lanes.scenes.render import Motion
-from lanes.threads import one_thread
-from lanes.yuv import Picture, YuvPicture
+from lanes.io.frames import Picture, YuvPicture
+from lanes.io.threads import one_thread
+from lanes.tracking.birdseye import RoadView
+from lanes.tracking.detector import find_lane
+from lanes.tracking.overlay import draw_tracked
+from lanes.tracking.tracked_lane import TRACKING, TrackedLane
+from lanes.tracking.tracker import LaneTracker
+from simulator.rendering.drive import Motion
 
 FPS, FRAMES, WARM_UP, ROUNDS = 25.0, 40, 8, 4
 DRIVE = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3))

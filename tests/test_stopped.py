@@ -18,12 +18,13 @@ import pytest
 from clips import write_drive
 from drives import BENDS
 
-from lanes.camerafile import load_camera
-from lanes.images import read_image, write_image
-from lanes.scenes import produce
-from lanes.video.telemetry import read_telemetry, write_telemetry
-from lanes.video.videofile import inspect_video
-from lanes.video.videowriter import VideoWriter
+from lanes.camera.camera_file import load_camera
+from lanes.io.images import read_image, write_image
+from lanes.io.telemetry import read_telemetry, write_telemetry
+from lanes.io.video.reader import inspect_video
+from lanes.io.video.writer import VideoWriter
+from simulator.rendering import produce
+from simulator.scenes.catalogue import project_video
 
 ROOT = Path(__file__).parents[1]
 FRAMES = 40
@@ -33,13 +34,13 @@ WRITES = """
 import sys
 from pathlib import Path
 import numpy as np
-from lanes.camera import Camera
-from lanes.camerafile import save_camera
-from lanes.images import write_image
-from lanes.metric.detect import write_detections
-from lanes.files import write_whole
-from lanes.video.telemetry import write_telemetry
-from lanes.video.videowriter import VideoWriter
+from lanes.camera.camera import Camera
+from lanes.camera.camera_file import save_camera
+from lanes.io.images import write_image
+from lanes.drives.detections import write_detections
+from lanes.io.files import write_whole
+from lanes.io.telemetry import write_telemetry
+from lanes.io.video.writer import VideoWriter
 folder = Path(sys.argv[1])
 image = np.random.default_rng(0).integers(0, 255, (90, 160, 3), np.uint8)
 print("ready", flush=True)
@@ -185,7 +186,7 @@ FULL = {
     "table": (1_000, annotate),
     "still": (1_000, lambda drive, out: ["annotate", "--camera", drive / "drive.yaml", drive / "still.png", "-o", out]),
     "lines": (100, lambda d, out: ["detect", "--camera", d / "drive.yaml", d / "still.png", "-o", out / "lanes.jsonl"]),
-    "camera": (100, lambda d, out: ["mount", "--camera", d / "drive.yaml", d / "still.png", "-o", out / "camera.yaml"]),
+    "camera": (100, lambda d, out: ["pose", "--camera", d / "drive.yaml", d / "still.png", "-o", out / "camera.yaml"]),
 }
 
 
@@ -236,5 +237,5 @@ def test_an_encoder_that_was_killed_is_not_believed(tmp_path, monkeypatch):
 
     monkeypatch.setattr(produce, "_encode", half)
     with pytest.raises(OSError, match=r"a\.mp4: cannot be written \(not all of the 4 frames"):
-        produce.write_video(tmp_path / "a.mp4", seconds=4 / 25)
+        produce.write_video(tmp_path / "a.mp4", drive=project_video(), seconds=4 / 25)
     assert not (tmp_path / "a.mp4").exists()

@@ -10,15 +10,15 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.camera import undistort
-from lanes.dataset import PROJECT_ROOT
-from lanes.scenes import suite
-from lanes.scenes.bonnet import bonnet_outline
-from lanes.scenes.kept import kept_array
-from lanes.scenes.render import render_frame
-from lanes.scenes.suite import SUITE, cache_folder, render_scene, scene_path
-from lanes.scenes.suite_scene import SuiteScene
-from lanes.scenes.workers import ordered
+from benchmark.dataset import PROJECT_ROOT
+from lanes.camera.camera import undistort
+from lanes.io.disk_cache import cache_folder, kept_array
+from simulator.objects.bonnet import bonnet_outline
+from simulator.rendering.render import render_frame
+from simulator.scenes import suite
+from simulator.scenes.scene import SuiteScene
+from simulator.scenes.suite import SUITE, render_scene, scene_path
+from simulator.workers import ordered
 
 
 def test_every_scene_is_found_under_its_own_name():

@@ -13,12 +13,12 @@ import pytest
 from clips import write_drive
 from drives import CAMERA, PaintedDrive, lane_lines, straight_road
 
-from lanes.drives import tasks
-from lanes.drives.manifest import Manifest
+from lanes.cluster import tasks
+from lanes.cluster.manifest import Manifest
+from lanes.cluster.tasks import DriveJob, Plan, begin_drive, finish_drive, work_on_piece
 from lanes.drives.settings import DriveSettings
-from lanes.drives.tasks import DriveJob, Plan, begin_drive, finish_drive, work_on_piece
-from lanes.video.telemetry import read_telemetry
-from lanes.video.videofile import VideoError
+from lanes.io.telemetry import read_telemetry
+from lanes.io.video.container import VideoError
 
 SMALL = CAMERA.scaled((640, 360))
 ROAD = PaintedDrive(straight_road(), lane_lines(), camera=SMALL)

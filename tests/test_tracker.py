@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from drives import CAMERA, YELLOW, PaintedDrive, Stripe, lane_lines, s_bend, straight_road
 
-from lanes.images import PictureError
-from lanes.metric.lanemodel import CENTRE, SIDES, WIDTH
-from lanes.metric.tracker import LaneTracker, same_lane
-from lanes.scenes.render import Motion
+from lanes.io.frames import PictureError
+from lanes.tracking.model import CENTRE, SIDES, WIDTH
+from lanes.tracking.tracker import LaneTracker, same_lane
+from simulator.rendering.drive import Motion
 
 SMALL = CAMERA.scaled((640, 360))
 FPS = 12.5

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lanes.classic.threshold import saturation_mask
-from lanes.tuning import tune_threshold, tune_view
+from lanes.explain.sliders import tune_threshold, tune_view
 from tests.painter import YELLOW, Road, dashcam
 
 CAMERA = dashcam()

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.mounting.stripes import Segments
-from lanes.mounting.vanishing import DIRECTIONS, HORIZONS, fit_lines, vote
+from lanes.camera.pose_from_lanes.segments import Segments
+from lanes.camera.pose_from_lanes.vanishing_point import DIRECTIONS, HORIZONS, fit_lines, vote
 
 X0, Y0 = 0.031, -0.042
 

@@ -21,16 +21,16 @@ import numpy as np
 import pytest
 from av.video.reformatter import Colorspace
 
-from lanes import draw
-from lanes.benchmark.transcode import transcode
-from lanes.camera import Camera, undistort
-from lanes.images import PictureError
-from lanes.video import annotate
-from lanes.video.annotate import AsStored, annotate_video, open_clip
-from lanes.video.telemetry import read_telemetry
-from lanes.video.videofile import VideoError, inspect_video, read_frames, read_timed_frames
-from lanes.video.videowriter import VideoWriter
-from lanes.yuv import YuvPicture
+from benchmark.speed.transcode import transcode
+from lanes.camera.camera import Camera, undistort
+from lanes.drawing import pictures as draw
+from lanes.io.frames import PictureError, YuvPicture
+from lanes.io.telemetry import read_telemetry
+from lanes.io.video import pipeline as annotate
+from lanes.io.video.container import VideoError
+from lanes.io.video.pipeline import AsStored, annotate_video, open_clip
+from lanes.io.video.reader import inspect_video, read_frames, read_timed_frames
+from lanes.io.video.writer import VideoWriter
 
 SIZE = (160, 96)
 YELLOW, RED, BLUE = (255, 200, 0), (200, 30, 30), (20, 60, 220)
@@ -575,7 +575,7 @@ class TestFailure:
         """A real process gets a real signal in the middle of its work."""
         code = (
             "import sys, time\n"
-            "from lanes.video.annotate import annotate_video\n"
+            "from lanes.io.video.pipeline import annotate_video\n"
             "def slow(frame):\n"
             "    print('frame', flush=True)\n"
             "    time.sleep(0.05)\n"

@@ -4,9 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from roads import CAMERA, paint_view
 
-from lanes.camera import CameraError, Mount
-from lanes.classic.view import FourPointWarp, metres_per_pixel, scale_to_road, view_to_road
-from lanes.images import PictureError
+from lanes.camera.camera_pose import CameraError, Mount
+from lanes.classic.warp import FourPointWarp, metres_per_pixel, scale_to_road, view_to_road
+from lanes.io.frames import PictureError
 
 SIZE = (1280, 720)
 TRAPEZIUM = [(580, 460), (740, 460), (1100, 670), (270, 670)]

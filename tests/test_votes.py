@@ -3,8 +3,8 @@ import pytest
 from shapes import a_lane
 from test_lanefit import HEIGHT_M, ROADS, stripes_on
 
-from lanes.metric.lanemodel import CENTRE, CURVATURE, HEADING, LEFT, RIGHT, line_y
-from lanes.metric.votes import BIN_M, BINS, FAR_M, best_pairs, count_votes, distinct, hypotheses
+from lanes.tracking.model import CENTRE, CURVATURE, HEADING, LEFT, RIGHT, line_y
+from lanes.tracking.voting import BIN_M, BINS, FAR_M, best_pairs, count_votes, distinct, hypotheses
 
 ROWS = 67
 

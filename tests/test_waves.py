@@ -7,23 +7,12 @@ import pytest
 from drives import CAMERA
 from shapes import a_lane, stripes_at
 
-from lanes.metric.evidence import Stripes
-from lanes.metric.follow import correct_lane
-from lanes.metric.lanefit import OUTWARDS, WAVES_PER_M, fit_lanes
-from lanes.metric.lanemodel import (
-    BESIDE,
-    BEYOND,
-    KINKS,
-    PITCH,
-    RISE_KNOTS_M,
-    SIDES,
-    VERTICAL,
-    WIDTH,
-    line_y,
-    road_rise,
-)
-from lanes.metric.motion import AIM, PATH, SPEED, Belief, first_belief
-from lanes.metric.roadview import RoadView
+from lanes.tracking.birdseye import RoadView
+from lanes.tracking.fitting import OUTWARDS, WAVES_PER_M, fit_lanes
+from lanes.tracking.markings import Stripes
+from lanes.tracking.model import BESIDE, BEYOND, KINKS, PITCH, RISE_KNOTS_M, SIDES, VERTICAL, WIDTH, line_y, road_rise
+from lanes.tracking.state import AIM, PATH, SPEED, Belief
+from lanes.tracking.update import correct_lane, first_belief
 
 VIEW = RoadView(CAMERA)
 HEIGHT_M, FOCAL_PX = VIEW.height_m, VIEW.focal_px

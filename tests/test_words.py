@@ -1,6 +1,6 @@
 import pytest
 
-from lanes import words
+from lanes.io import words
 
 
 @pytest.mark.parametrize(

@@ -8,12 +8,11 @@ import pytest
 from av.video.reformatter import ColorRange, Colorspace, VideoReformatter
 from drives import SMALL, tracked_bends
 
-from lanes.canvas import LANE, LEFT, stroke_line, tint_area, write_on
-from lanes.images import PictureError
-from lanes.metric.lane_overlay import draw_tracked
-from lanes.metric.roadview import RoadView
-from lanes.video.videofile import upright, upright_as_stored
-from lanes.yuv import YuvColours, YuvPicture, as_rgb, stored_colour
+from lanes.drawing.canvas import LANE, LEFT, stroke_line, tint_area, write_on
+from lanes.io.frames import PictureError, YuvColours, YuvPicture, as_rgb, stored_colour
+from lanes.io.video.reader import upright, upright_as_stored
+from lanes.tracking.birdseye import RoadView
+from lanes.tracking.overlay import draw_tracked
 
 COLOURS = [(255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 255), (0, 0, 0), (250, 200, 20), (20, 60, 220)]
 

@@ -1,1 +1,1 @@
-"""The classic path: threshold, warp, windows, parabola; three recipes."""
+"""The classic pipeline: threshold, warp, sliding windows, polynomial fit, measures, memory."""

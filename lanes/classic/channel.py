@@ -10,11 +10,11 @@ from math import inf
 import numpy as np
 
 from lanes.classic.fit import LineFit, fit_line, mean_distance_px, ransac_line
+from lanes.classic.memory import LineMemory
 from lanes.classic.recipe import Recipe
 from lanes.classic.result import FoundLine
 from lanes.classic.search import WindowSearch, band_pixels, binary_pixels, sliding_windows
-from lanes.classic.track import LineMemory
-from lanes.classic.view import FourPointWarp
+from lanes.classic.warp import FourPointWarp
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import cv2
 import numpy as np
 
-from lanes.camera import Camera
-from lanes.classic.recipes import LaneFinder
+from lanes.camera.camera import Camera
+from lanes.classic.finder import LaneFinder
 from lanes.classic.result import LaneResult
-from lanes.draw import LEFT, RIGHT, WINDOW, draw_fit, draw_lane, draw_mosaic, draw_pixels, draw_windows, write_text
-from lanes.words import describe_bend, describe_offset
+from lanes.drawing.canvas import LANE, LEFT, RIGHT, SHIFT, WINDOW, Colour, fixed_point, line_thickness, stroke_line
+from lanes.drawing.pictures import _STEP_PX, _finite, draw_line, draw_mosaic, fill_lane, to_rgb, write_text
+from lanes.io.frames import require_rgb
+from lanes.io.words import describe_bend, describe_offset
 
 
 def describe_result(result: LaneResult) -> list[str]:
@@ -74,3 +77,100 @@ def _draw_result(image: np.ndarray, result: LaneResult, camera: Camera) -> np.nd
     if result.state == "lost":
         return image.copy()
     return draw_lane(image, result.left_px, result.right_px, camera)
+
+
+def draw_lane(
+    image: np.ndarray,
+    left_px: np.ndarray | None,
+    right_px: np.ndarray | None,
+    camera: Camera | None = None,
+    *,
+    colour: Colour = LANE,
+    alpha: float = 0.3,
+    line_width_px: float | None = None,
+) -> np.ndarray:
+    """Draw a lane on the picture as the camera took it.
+
+    Parameters
+    ----------
+    image : ndarray of shape (height, width, 3), uint8
+        RGB. The raw picture when `camera` is given, otherwise the one that the points belong to.
+    left_px, right_px : ndarray of shape (N, 2) and (M, 2), or None
+        The two lines, both from far to near or both from near to far. None where a line was not found:
+        the other one is still drawn, and nothing is filled.
+    camera : Camera, optional
+        The points are then pixels of the undistorted picture, and go through the lens model: drawn as they are they
+        would lie beside the paint of the raw picture.
+    colour, alpha
+        Of the area between the lines, see `fill_lane`.
+    line_width_px : float, optional
+        Width of the lines, red left and blue right; 0 leaves them out. The default is 1/160 of the picture's width.
+
+    Raises
+    ------
+    PictureError
+        If the picture is not RGB or not of the camera's size.
+    """
+    require_rgb(image)
+    if camera is not None:
+        camera.require_size(image)
+    left, right = (_on_raw_picture(points, camera) for points in (left_px, right_px))
+    drawn = fill_lane(image, left, right, colour=colour, alpha=alpha)
+    width_px = image.shape[1] / 160 if line_width_px is None else line_width_px
+    if width_px > 0:
+        stroke_line(drawn, left, LEFT, width_px)
+        stroke_line(drawn, right, RIGHT, width_px)
+    return drawn
+
+
+def draw_windows(view: np.ndarray, windows_px: np.ndarray, *, colour: Colour = WINDOW) -> np.ndarray:
+    """Draw search windows on a picture or mask.
+
+    `windows_px` has shape (N, 4): left, top, right, bottom edge of each window in pixels. Returns RGB.
+    """
+    drawn = to_rgb(view)
+    width = line_thickness(drawn.shape[1] / 320)
+    for left, top, right, bottom in np.asarray(windows_px, float).reshape(-1, 4):
+        outline = np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
+        cv2.polylines(drawn, [fixed_point(outline)], True, colour, width, cv2.LINE_AA, SHIFT)
+    return drawn
+
+
+def draw_pixels(view: np.ndarray, pixels_px: np.ndarray, *, colour: Colour) -> np.ndarray:
+    """Colour single pixels of a picture or mask, (N, 2) whole columns and rows; those outside are left out."""
+    drawn = to_rgb(view)
+    columns, rows = np.asarray(pixels_px).reshape(-1, 2).astype(int).T
+    inside = (columns >= 0) & (columns < drawn.shape[1]) & (rows >= 0) & (rows < drawn.shape[0])
+    drawn[rows[inside], columns[inside]] = colour
+    return drawn
+
+
+def draw_fit(
+    view: np.ndarray, left_px: np.ndarray | None, right_px: np.ndarray | None, *, band_px: float = 0.0
+) -> np.ndarray:
+    """Draw two fitted curves on a picture or mask, with the band of +- `band_px` columns that was searched.
+
+    Returns RGB; a curve that is None is left out.
+    """
+    drawn = to_rgb(view)
+    for points, colour in ((left_px, LEFT), (right_px, RIGHT)):
+        if points is None:
+            continue
+        points = _finite(points)
+        if band_px > 0:
+            drawn = fill_lane(drawn, points - [band_px, 0], points + [band_px, 0], colour=WINDOW, alpha=0.3)
+        drawn = draw_line(drawn, points, colour=colour, width_px=drawn.shape[1] / 200)
+    return drawn
+
+
+def _on_raw_picture(points_px: np.ndarray | None, camera: Camera | None) -> np.ndarray:
+    """Where the points of the undistorted picture lie on the raw one; none for None."""
+    if points_px is None:
+        return np.empty((0, 2))
+    points = _finite(points_px)
+    if camera is None or len(points) < 2:
+        return points
+    along = np.concatenate([[0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
+    # Evenly spaced places besides the given ones, so that no corner of the polyline is cut.
+    places = np.union1d(along, np.arange(0, along[-1], _STEP_PX))
+    return camera.distort_points(np.column_stack([np.interp(places, along, column) for column in points.T]))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from lanes.classic.memory import LineMemory
 from lanes.classic.threshold import Thresholds
-from lanes.classic.track import LineMemory
-from lanes.classic.view import FourPointWarp
+from lanes.classic.warp import FourPointWarp
 
 Points = tuple[tuple[float, float], ...]
 

@@ -10,7 +10,7 @@ import numpy as np
 from lanes.classic.fit import LineFit
 from lanes.classic.measure import RoadLine, lane_offset_m, lane_width_m, radius_m
 from lanes.classic.search import Window, window_edges
-from lanes.classic.view import FourPointWarp
+from lanes.classic.warp import FourPointWarp
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from typing import ClassVar, Protocol
 import cv2
 import numpy as np
 
-from lanes.images import require_rgb
+from lanes.io.frames import require_rgb
 
 Range = tuple[float, float]
 

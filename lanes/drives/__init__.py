@@ -1,1 +1,1 @@
-"""Whole drives: a video, some stills or a live camera in; annotated pictures, telemetry and a report out."""
+"""Whole drives: sources, camera pose, tracking, overlay, telemetry and report."""

@@ -9,18 +9,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import takewhile
 
-from lanes.camera import Camera
-from lanes.drives.drive import conclude_drive
-from lanes.drives.mounts import mount_from_pictures
+from lanes.camera.camera import Camera
+from lanes.camera.pose_from_lanes.pose_estimate import MountEstimate
+from lanes.drives.annotation import conclude_drive
+from lanes.drives.overlay_styles import track_lane
+from lanes.drives.own_camera import mount_from_pictures
 from lanes.drives.settings import DriveResult, DriveSettings
-from lanes.drives.styles import track_lane
-from lanes.files import sole_writer
-from lanes.metric.tracker import LaneTracker
-from lanes.mounting.mount import MountEstimate
-from lanes.video.capture import LiveCamera
-from lanes.video.telemetry import TelemetryWriter
-from lanes.video.videofile import STAMP_TOLERANCE_S, TimedFrame
-from lanes.video.videowriter import VideoWriter
+from lanes.io.files import sole_writer
+from lanes.io.telemetry import TelemetryWriter
+from lanes.io.video.live_camera import LiveCamera
+from lanes.io.video.reader import STAMP_TOLERANCE_S, TimedFrame
+from lanes.io.video.writer import VideoWriter
+from lanes.tracking.tracker import LaneTracker
 
 # For a camera without a mount: so many pictures, this far apart, are looked at before annotating begins. Ten seconds
 # of a motorway average the car's heading in its lane out well enough.

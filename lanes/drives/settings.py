@@ -10,11 +10,12 @@ import av
 import cv2
 import numpy as np
 
-from lanes.camera import Camera, CameraError
-from lanes.drives.fieldofview import FieldOfView
-from lanes.drives.moved import MountChange
-from lanes.images import PictureError
-from lanes.mounting.mount import MountEstimate, describe_accuracy
+from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import CameraError
+from lanes.camera.field_of_view import FieldOfView
+from lanes.camera.pose_from_lanes.pose_estimate import MountEstimate, describe_accuracy
+from lanes.drives.camera_moved import MountChange
+from lanes.io.frames import PictureError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +32,7 @@ class DriveSettings:
     field : FieldOfView, optional
         Of a lens that was never calibrated, instead of `camera`.
     style : str
-        One of `lanes.drives.styles.STYLES`.
+        One of `lanes.drives.overlay_styles.STYLES`.
     start_s, end_s : float
         The piece of each video, seconds since its first frame.
     report : bool

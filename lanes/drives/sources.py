@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from glob import glob
 from pathlib import Path
 
-from lanes.files import files_in
-from lanes.images import PICTURE_SUFFIXES, natural_key
+from lanes.io.files import files_in
+from lanes.io.images import PICTURE_SUFFIXES, natural_key
 
 # What is taken out of a folder; a file that is named itself may have any suffix.
 VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm", ".ts", ".mts", ".mpg", ".mpeg")

@@ -1,1 +1,1 @@
-"""One picture explained: every step to its lane judged, worded and drawn, and what to do where one failed."""
+"""One picture explained step by step."""

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lanes.camera import Camera, undistort
-from lanes.canvas import LANE, LEFT, RIGHT, WINDOW, Colour
-from lanes.explain.frame import Explanation, stripes_on_lines
-from lanes.metric.lane_overlay import draw_found
-from lanes.metric.lanemodel import CENTRE, SIDES, WIDTH, line_y, lines_on_view
-from lanes.metric.votes import BIN_M, BINS, hypotheses
-from lanes.plots import new_figure, rgb
+from lanes.camera.camera import Camera, undistort
+from lanes.drawing.canvas import LANE, LEFT, RIGHT, WINDOW, Colour
+from lanes.drawing.figures import new_figure, rgb
+from lanes.explain.explanation import Explanation, stripes_on_lines
+from lanes.tracking.model import CENTRE, SIDES, WIDTH, line_y, lines_on_view
+from lanes.tracking.overlay import draw_found
+from lanes.tracking.voting import BIN_M, BINS, hypotheses
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,16 +6,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lanes.camera import Camera
-from lanes.metric.confidence import FEATURES, STILL_WEIGHTS, USUAL_WIDTH_M, lane_features, lateral_std_m
-from lanes.metric.evidence import LEAST_STRENGTH, lightness
-from lanes.metric.lane import LEAST_SUPPORT, Lane, Sight, near_stripes
-from lanes.metric.lanefit import PRIOR_STD, START
-from lanes.metric.lanemodel import CURVATURE, PITCH, WIDTH
-from lanes.metric.roadview import RoadView
-from lanes.metric.tracked import TrackedLane
-from lanes.metric.tracker import LEAST_SCORE
-from lanes.words import describe_bend
+from lanes.camera.camera import Camera
+from lanes.io.words import describe_bend
+from lanes.tracking.birdseye import RoadView
+from lanes.tracking.confidence import FEATURES, STILL_WEIGHTS, USUAL_WIDTH_M, lane_features, lateral_std_m
+from lanes.tracking.detector import near_stripes
+from lanes.tracking.fitting import START
+from lanes.tracking.lane import Lane
+from lanes.tracking.lines import LEAST_SUPPORT
+from lanes.tracking.markings import LEAST_STRENGTH, Sight, lightness
+from lanes.tracking.model import CURVATURE, PITCH, PRIOR_STD, WIDTH
+from lanes.tracking.tracked_lane import TrackedLane
+from lanes.tracking.tracker import LEAST_SCORE
 
 # A road this dark or this bright (grey levels of 255) shows next to nothing of its paint; and one whose grey levels
 # spread less than this has none, or something lies before the lens.
@@ -25,7 +27,7 @@ UNSURE = 0.5
 # A frame's own pitch beyond three standard deviations of what cars do is no bump.
 ODD_PITCH_RAD = 3 * PRIOR_STD[PITCH]
 
-MOUNT_AGAIN = "Estimate the mount again from pictures of this very drive (python -m lanes mount)."
+MOUNT_AGAIN = "Estimate the mount again from pictures of this very drive (python -m lanes pose)."
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""Every lane finder scored against ground truth and labels, and its speed."""

@@ -1,0 +1,1 @@
+"""Scores on stills that were labelled by hand."""

@@ -1,0 +1,242 @@
+"""Lanes labelled by hand: TuSimple's files and TuSimple's score, for the two lines of the own lane.
+
+A file has a JSON object a line: `raw_file` (relative to the file), `h_samples` (rows) and `lanes` (columns at these
+rows, -2 where a lane has no point). The rules are those of TuSimple's lane detection challenge: a point is right within
+20 px over the cosine of the lane's angle, a lane is matched when 85 % of its points are right. Other than in the
+official score only the own lane's two lines are looked at, left is compared with left and right with right, and only
+rows in which the label has a point count (the official one also counts rows without one, as right where the prediction
+has none either): this is the ego-lane variant.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from lanes.io.files import read_text
+from lanes.io.images import MOST_PIXELS, read_image
+
+NO_POINT = -2.0
+# A hundred thousand pictures with six lanes at 56 rows.
+MOST_BYTES = 200_000_000
+# TuSimple's tolerance and threshold.
+TOLERANCE_PX, MATCHED = 20.0, 0.85
+# A line with fewer labelled points than this has no sure direction and is not scored.
+FEWEST_POINTS = 4
+EGO_LANE_NOTE = (
+    "ego-lane variant of TuSimple's score (the own lane's two lines, labelled rows only), not the official one"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class LaneColumns:
+    """The own lane in a picture, labelled or predicted.
+
+    Parameters
+    ----------
+    name : str
+        `raw_file` as in the file.
+    rows : ndarray of shape (R,)
+    columns : ndarray of shape (2, R)
+        Of the left and right line, pixels; -2 where there is no point.
+    """
+
+    name: str
+    rows: np.ndarray
+    columns: np.ndarray
+
+    def at(self, rows: np.ndarray) -> np.ndarray:
+        """Columns (2, N) at rows (N,); -2 in rows that are not among its own."""
+        place = {row: k for k, row in enumerate(self.rows.tolist())}
+        chosen = [place.get(row) for row in np.asarray(rows).tolist()]
+        columns = [np.full(2, NO_POINT) if k is None else self.columns[:, k] for k in chosen]
+        return np.array(columns).T.reshape(2, -1)
+
+
+@dataclass(frozen=True)
+class LineScore:
+    """How well a labelled line was met: share of its points that are right (None: too few), median error, predicted."""
+
+    accuracy: float | None
+    error_px: float | None
+    predicted: bool
+
+
+def read_labels(path: str | Path) -> list[LaneColumns]:
+    """Read a file of labels; of more than two lanes those left and right of the bottom centre are the own one's.
+
+    Pictures are read from the file's own folder and below it only.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the file, or a picture whose width is needed to choose lanes, is not there.
+    ValueError
+        If a line is no label.
+    """
+    entries = _read_entries(path)
+    for entry in entries:
+        name = PurePosixPath(entry["raw_file"].replace("\\", "/"))
+        if name.is_absolute() or ".." in name.parts or "\0" in entry["raw_file"]:
+            raise ValueError(
+                f"{path}: the picture {entry['raw_file']!r} lies outside of the labels' folder; put it there, and "
+                "name it relative to that."
+            )
+    return [_own_lane(entry, Path(path).parent) for entry in entries]
+
+
+def read_predictions(path: str | Path) -> list[LaneColumns]:
+    """Read predictions as `detect` writes them: the left line first, then the right one, others are ignored."""
+    return [_two_lines(entry, entry["lanes"]) for entry in _read_entries(path)]
+
+
+def pair_predictions(
+    labels: Sequence[LaneColumns], predictions: Iterable[LaneColumns]
+) -> list[tuple[LaneColumns, LaneColumns | None]]:
+    """Each label with the prediction for the same picture, or None.
+
+    The two files may name folders differently: as many parts of the path are compared, from its end, as tell the
+    labels apart.
+
+    Raises
+    ------
+    ValueError
+        If two labels are of the same picture, or no prediction is of any of the pictures.
+    """
+    deepest = max((len(PurePosixPath(label.name).parts) for label in labels), default=1)
+    for depth in range(1, deepest + 1):
+        names = [_tail(label.name, depth) for label in labels]
+        if len(set(names)) == len(names):
+            break
+    else:
+        raise ValueError("two labels are of the same picture; leave one out.")
+    by_name = {_tail(prediction.name, depth): prediction for prediction in predictions}
+    pairs = [(label, by_name.get(name)) for label, name in zip(labels, names, strict=True)]
+    if labels and not any(prediction for _, prediction in pairs):
+        raise ValueError("none of the predictions is of a labelled picture; the names in raw_file must agree.")
+    return pairs
+
+
+def score_lines(label: LaneColumns, prediction: LaneColumns | None) -> list[LineScore]:
+    """Scores of the left and the right line of a picture."""
+    none = np.full(label.columns.shape, NO_POINT)
+    predicted = none if prediction is None else prediction.at(label.rows)
+    return [_score_line(label.rows, *lines) for lines in zip(label.columns, predicted, strict=True)]
+
+
+def summarize_lines(scores: Iterable[LineScore]) -> dict[str, float]:
+    """The scores of many lines: number, mean accuracy, share matched, FP, FN, median of the median errors in pixels.
+
+    FP is the share of predicted lines that match none, those on lines too short to be scored among them; FN the share
+    of labelled lines that are not matched. NaN where there is nothing to count.
+    """
+    scores = list(scores)
+    scored = [score for score in scores if score.accuracy is not None]
+    matched = [score.accuracy >= MATCHED for score in scored]
+    false = [score.accuracy is None or score.accuracy < MATCHED for score in scores if score.predicted]
+    errors = [score.error_px for score in scored if score.error_px is not None]
+    return {
+        "lines": float(len(scored)),
+        "accuracy": _mean([score.accuracy for score in scored]),
+        "matched": _mean(matched),
+        "fp": _mean(false) if false else 0.0,
+        "fn": 1 - _mean(matched),
+        "error_px": float(np.median(errors)) if errors else np.nan,
+    }
+
+
+def _score_line(rows: np.ndarray, label: np.ndarray, predicted: np.ndarray) -> LineScore:
+    there = label >= 0
+    if there.sum() < FEWEST_POINTS:
+        return LineScore(None, None, bool((predicted >= 0).any()))
+    # The angle from the vertical is that of a straight line through the label, so 1 / cos = sqrt(1 + slope^2).
+    slope = np.polyfit(rows[there], label[there], 1)[0]
+    error = np.where(predicted >= 0, np.abs(predicted - label), np.inf)[there]
+    met = error[np.isfinite(error)]
+    accuracy = float(np.mean(error < TOLERANCE_PX * np.hypot(1, slope)))
+    return LineScore(accuracy, float(np.median(met)) if len(met) else None, bool((predicted >= 0).any()))
+
+
+def _read_entries(path: str | Path) -> list[dict]:
+    entries = []
+    # Not splitlines, which also ends lines at signs that JSON allows inside of strings.
+    for number, line in enumerate(read_text(path, "label", most_bytes=MOST_BYTES).split("\n"), 1):
+        if not line.strip():
+            continue
+        try:
+            entry = json.loads(line)
+            _require_entry(entry)
+        except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
+            reason = f"entry {error} is missing" if isinstance(error, KeyError) else str(error)
+            raise ValueError(
+                f"{path}: line {number} is no label ({reason:.200}); it needs raw_file, h_samples, and lanes with a "
+                "column for each of these rows."
+            ) from error
+        entries.append(entry)
+    if not entries:
+        raise ValueError(f"{path}: holds no lanes; give JSON lines with raw_file, h_samples and lanes.")
+    return entries
+
+
+def _require_entry(entry: dict) -> None:
+    if not isinstance(entry, dict) or not isinstance(entry["raw_file"], str) or not entry["raw_file"]:
+        raise ValueError("it names no picture")
+    rows = np.array(entry["h_samples"], float)
+    if rows.ndim != 1 or not _fits_picture(rows) or (rows < 0).any():
+        raise ValueError("h_samples is no list of picture rows")
+    if not isinstance(entry["lanes"], list):
+        raise ValueError("lanes is no list")
+    for lane in entry["lanes"]:
+        columns = np.array(lane, float)
+        if columns.shape != rows.shape:
+            raise ValueError(f"a lane has {columns.size} columns for {len(rows)} rows")
+        if not _fits_picture(columns):
+            raise ValueError("a column is no place in a picture")
+
+
+def _fits_picture(places: np.ndarray) -> bool:
+    """Whether these can be rows or columns; a line may leave the picture, but not by more than its largest size."""
+    return bool((np.abs(places) < MOST_PIXELS).all())
+
+
+def _two_lines(entry: dict, lanes: Sequence[Sequence[float]]) -> LaneColumns:
+    rows = np.array(entry["h_samples"], float)
+    columns = np.full((2, len(rows)), NO_POINT)
+    for k, lane in enumerate(lanes[:2]):
+        columns[k] = lane
+    return LaneColumns(entry["raw_file"], rows, columns)
+
+
+def _own_lane(entry: dict, folder: Path) -> LaneColumns:
+    """Two lanes are the own one's lines; of more those next to the bottom centre, to its left and to its right."""
+    if len(entry["lanes"]) <= 2:
+        return _two_lines(entry, entry["lanes"])
+    lanes = np.array(entry["lanes"], float)
+    height, width, _ = read_image(folder / entry["raw_file"]).shape
+    rows = np.array(entry["h_samples"], float)
+    foot = np.array([_foot(rows, lane, height - 1) for lane in lanes]) - (width - 1) / 2
+    left, right = (np.where(mine, np.abs(foot), np.inf) for mine in (foot <= 0, foot > 0))
+    empty = np.full(len(rows), NO_POINT)
+    return _two_lines(entry, [lanes[d.argmin()] if np.isfinite(d.min()) else empty for d in (left, right)])
+
+
+def _foot(rows: np.ndarray, lane: np.ndarray, bottom: int) -> float:
+    """Column at which a lane's lower half, made longer, reaches the bottom of the picture; NaN with too few points."""
+    there = np.flatnonzero(lane >= 0)
+    if len(there) < 2:
+        return np.nan
+    low = there[np.argsort(rows[there])][-max(2, len(there) // 2) :]
+    slope, column = np.polyfit(rows[low] - bottom, lane[low], 1)
+    return float(column)
+
+
+def _tail(name: str, depth: int) -> tuple[str, ...]:
+    return PurePosixPath(name.replace("\\", "/")).parts[-depth:]
+
+
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values)) if len(values) else float("nan")

@@ -1,0 +1,1 @@
+"""Time per frame, time from file to file, and memory."""

@@ -1,0 +1,150 @@
+"""Numbers laid out for people: on the terminal and as markdown."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import groupby
+from pathlib import Path
+
+from benchmark.scores import Row
+from lanes.io.files import read_text
+
+NAME_WIDTH = 17
+LEGEND = """\
+given, right, sure wrong: shares of frames. Right: both lines within 0.2 m (rms over 5 to 20 m ahead). Sure wrong: given
+  with a confidence of 0.9 or more and not right; recipes state no confidence, so each lane they give counts as sure.
+5 m to curve: median/95th percentile of the error, of the worse line, in the frames in which a lane is given.
+back: frames until right again (3 in a row) after the lane was lost or wrong: median/longest."""
+
+
+def format_table(columns: Sequence[str], rows: Mapping[str, Sequence[str]]) -> str:
+    """Lay out texts in columns of equal width: a heading line, then a line for each named row."""
+    width = 2 + max(len(text) for texts in (columns, *rows.values()) for text in texts)
+    name_width = max(map(len, rows), default=0)
+    lines = [("", columns), *rows.items()]
+    return "\n".join(name.ljust(name_width) + "".join(text.rjust(width) for text in texts) for name, texts in lines)
+
+
+def describe_scores(rows: Iterable[Row]) -> str:
+    """The benchmark's table for a terminal of 120 columns: a heading for each scene, a line for each system."""
+    lines = [" " * NAME_WIDTH + "".join(head[k].rjust(width) for *head, width, _ in COLUMNS) for k in (0, 1)]
+    for (scene, difficulty), group in groupby(rows, key=lambda row: (row["scene"], row["difficulty"])):
+        group = list(group)
+        lines.append(f"{scene} ({difficulty}, {group[0]['frames']:.0f} frames)")
+        for row in group:
+            cells = "".join(cell(row).rjust(width) for *_, width, cell in COLUMNS)
+            lines.append(f"  {row['system']}".ljust(NAME_WIDTH) + cells)
+    return "\n".join(lines)
+
+
+def describe_run(rows: Iterable[Row]) -> str:
+    """What the table's words mean, which camera the systems had, and under what load the milliseconds were taken."""
+    rows = list(rows)
+    mounts = " or ".join(sorted({str(row["mount"]) for row in rows}))
+    workers = " or ".join(sorted({f"{row['workers']:.0f}" for row in rows}))
+    machines = " or ".join(sorted({str(row["machine"]) for row in rows}))
+    return (
+        f"{LEGEND}\n"
+        f"All systems had the scene's true lens; the camera's mount was: {mounts}.\n"
+        f"time: median of a frame on one OpenCV thread, measured with {workers} workers at the same time,\n"
+        f"  on {machines}."
+    )
+
+
+def results_table(path: str | Path) -> str:
+    """The table of README, in markdown, of a benchmark.csv: every scene, the losing ones too.
+
+    A cell says in what share of the frames the lane is right, and the 95th percentile of the lateral error over 5 to
+    20 m where one is given; where there is no lane, in what share of the frames one is given surely all the same. Best
+    of a row in bold.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If it is no CSV of the benchmark.
+    """
+    rows = read_scores(path)
+    systems = list(dict.fromkeys(row["system"] for row in rows))
+    lines = ["| scene | difficulty | " + " | ".join(systems) + " |", "|---" * (2 + len(systems)) + "|"]
+    for (scene, difficulty), group in groupby(rows, key=lambda row: (row["scene"], row["difficulty"])):
+        by_system = {row["system"]: row for row in group}
+        best = max(map(_success, by_system.values()))
+        cells = [_markdown_cell(by_system[name], best) if name in by_system else "" for name in systems]
+        lines.append(f"| {scene} | {difficulty} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def read_scores(path: str | Path) -> list[Row]:
+    """The rows of a benchmark.csv; empty fields are NaN."""
+    rows = list(csv.DictReader(io.StringIO(read_text(path, "table"))))
+    if not rows or not {"scene", "difficulty", "system", "right_share"} <= rows[0].keys():
+        raise ValueError(f"{path}: is no table of the benchmark; `python -m benchmark` writes one.")
+    try:
+        return [{name: _value(name, text) for name, text in row.items()} for row in rows]
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"{path}: is no table of the benchmark ({error}); `python -m benchmark` writes one."
+        ) from error
+
+
+def _value(name: str, text: str | None) -> str | float:
+    if text is None:
+        raise ValueError("a row is shorter than the first one")
+    return text if name in ("scene", "difficulty", "system", "mount", "machine") else float(text or "nan")
+
+
+def _success(row: Row) -> float:
+    """Share of frames in which the system did what was to be done; no lane is to be given where there is none."""
+    right = float(row["right_share"])
+    return 1 - float(row["confidently_wrong_share"]) if math.isnan(right) else right
+
+
+def _markdown_cell(row: Row, best: float) -> str:
+    if math.isnan(float(row["right_share"])):
+        text = f"{row['confidently_wrong_share']:.1%} false"
+    else:
+        text = f"{row['right_share']:.1%}, {_describe_distance(float(row['lateral_5_20m_p95_m']))}"
+    return f"**{text}**" if _success(row) == best else text
+
+
+def _describe_distance(error_m: float) -> str:
+    """An error, or what there is instead: no lane was given at all, or a line that ends before the true one."""
+    if math.isnan(error_m):
+        return "lost"
+    return "a line ends" if math.isinf(error_m) else f"{error_m:.2f} m"
+
+
+def _pair(key: str, unit: str, factor: float = 1.0) -> Callable[[Row], str]:
+    """A cell "median/95th percentile"; a decimal below ten."""
+
+    def cell(row: Row) -> str:
+        values = [factor * float(row[f"{key}_{part}_{unit}"]) for part in ("median", "p95")]
+        return "-" if math.isnan(values[0]) else "/".join(f"{value:.{int(value < 9.95)}f}" for value in values)
+
+    return cell
+
+
+def _share(key: str) -> Callable[[Row], str]:
+    return lambda row: "-" if math.isnan(float(row[key])) else f"{100 * float(row[key]):.1f}"
+
+
+# Heading, unit, width, cell.
+COLUMNS: tuple[tuple[str, str, int, Callable[[Row], str]], ...] = (
+    ("given", "%", 6, _share("available_share")),
+    ("right", "%", 6, _share("right_share")),
+    ("sure wrong", "%", 11, _share("confidently_wrong_share")),
+    ("5 m", "cm", 8, _pair("lateral_5m", "m", 100)),
+    ("15 m", "cm", 8, _pair("lateral_15m", "m", 100)),
+    ("30 m", "cm", 9, _pair("lateral_30m", "m", 100)),
+    ("5-20 m", "cm", 8, _pair("lateral_5_20m", "m", 100)),
+    ("offset", "cm", 8, _pair("offset", "m", 100)),
+    ("heading", "deg", 10, _pair("heading", "rad", 180 / math.pi)),
+    ("curve", "1/km", 10, _pair("curvature", "per_m", 1000)),
+    ("back", "frames", 9, lambda row: f"{row['recover_median_frames']:.0f}/{row['recover_longest_frames']:.0f}"),
+    ("time", "ms", 6, lambda row: f"{row['time_median_ms']:.1f}"),
+)

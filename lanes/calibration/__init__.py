@@ -1,1 +1,0 @@
-"""Chessboard pictures to a calibrated lens."""

@@ -1,0 +1,1 @@
+"""Lens calibration from pictures of a chessboard."""

@@ -1,0 +1,50 @@
+"""How the camera sits on the car: its height above the road and its three angles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+
+class CameraError(ValueError):
+    """A camera file or a picture does not fit; the message says which and what to do."""
+
+
+@dataclass(frozen=True)
+class Mount:
+    """Where the camera sits on the car: height above the road, angles with the signs of the module docstring."""
+
+    height_m: float
+    pitch_rad: float = 0.0
+    yaw_rad: float = 0.0
+    roll_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        angles = self.pitch_rad, self.yaw_rad, self.roll_rad
+        if not (np.isfinite([self.height_m, *angles]).all() and self.height_m > 0):
+            raise CameraError(f"{self} is no camera mount: the height must be positive and every angle finite.")
+
+    def describe(self) -> str:
+        """Words: "1.32 m high, pitch -1.80, yaw -1.36, roll 0.40 deg"."""
+        pitch, yaw, roll = np.degrees([self.pitch_rad, self.yaw_rad, self.roll_rad])
+        return f"{self.height_m:.2f} m high, pitch {pitch:.2f}, yaw {yaw:.2f}, roll {roll:.2f} deg"
+
+    def rotation(self) -> np.ndarray:
+        """(3, 3) matrix, read-only, that takes directions in the road frame to camera axes."""
+        return self._rotation
+
+    @cached_property
+    def _rotation(self) -> np.ndarray:
+        """Kept, because every projection asks for it."""
+        cy, sy = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
+        cp, sp = np.cos(self.pitch_rad), np.sin(self.pitch_rad)
+        cr, sr = np.cos(self.roll_rad), np.sin(self.roll_rad)
+        yaw = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+        pitch = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+        roll = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+        body_to_camera = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
+        rotation = body_to_camera @ (yaw @ pitch @ roll).T
+        rotation.setflags(write=False)
+        return rotation

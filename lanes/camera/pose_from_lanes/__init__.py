@@ -1,0 +1,1 @@
+"""Camera pose from the lane lines in a drive's own pictures."""

@@ -1,0 +1,196 @@
+"""Three classic lane finders, each with its published numbers, made of the steps of this package.
+
+- "hls_sobel" (A): warp the colour picture; saturation or gradients; mean of the last five accepted fits;
+- "equalized_hsv" (B): brightest and yellow pixels or strong gradients; mean of the last ten;
+- "best_channel" (C): six binaries, for each line the best one; RANSAC; damped mean of the last thirty.
+
+They differ from their originals where those were wrong; tests/test_recipes.py has a test for each such place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from math import inf
+
+import numpy as np
+
+from lanes.camera.camera import Camera, undistort
+from lanes.camera.camera_pose import CameraError
+from lanes.classic.channel import Channel, nearest_line
+from lanes.classic.fit import LineFit
+from lanes.classic.measure import road_line
+from lanes.classic.memory import LineMemory
+from lanes.classic.recipe import Recipe
+from lanes.classic.result import FoundLine, LaneResult, Steps
+from lanes.classic.threshold import BestChannelThresholds, EqualizedHsvThresholds, HlsSobelThresholds, Thresholds
+from lanes.classic.warp import scale_to_road, view_to_road
+
+_SIZE = (1280, 720)
+
+RECIPES = {
+    "hls_sobel": Recipe(
+        name="hls_sobel",
+        size=_SIZE,
+        source_px=((580, 460), (740, 460), (1100, 670), (270, 670)),
+        destination_px=((200, 0), (1080, 0), (1080, 720), (200, 720)),
+        warp_first=True,
+        thresholds=HlsSobelThresholds(gradient=(20, 255)),
+        video_thresholds=HlsSobelThresholds(gradient=(15, 255)),
+        margin_px=80,
+        still_band_px=80,
+        video_band_px=80,
+        memories=(LineMemory(length=5, good=(0.001, 1.0, 100)),) * 2,
+    ),
+    "equalized_hsv": Recipe(
+        name="equalized_hsv",
+        size=_SIZE,
+        source_px=((1280, 710), (0, 710), (546, 460), (732, 460)),
+        destination_px=((1280, 720), (0, 720), (0, 0), (1280, 0)),
+        thresholds=EqualizedHsvThresholds(),
+        video_thresholds=EqualizedHsvThresholds(),
+        histogram_rows_px=(360, 690),
+        margin_px=100,
+        still_band_px=100,
+        video_band_px=100,
+        memories=(LineMemory(length=10, measured_length=20, search_again=False),) * 2,
+    ),
+    "best_channel": Recipe(
+        name="best_channel",
+        size=_SIZE,
+        source_px=((249, 690), (579, 460), (704, 460), (1058, 690)),
+        destination_px=((249, 720), (249, 0), (1058, 0), (1058, 720)),
+        thresholds=BestChannelThresholds(),
+        video_thresholds=BestChannelThresholds(),
+        margin_px=75,
+        still_band_px=100,
+        video_band_px=75,
+        flood_pixels=9500,
+        ransac_px=15,
+        memories=tuple(
+            LineMemory(
+                length=30,
+                good=(7e-5, inf, 50),
+                doubtful=(doubtful_a, inf, 150),
+                doubtful_weight=weight,
+                forget_after=forget_after,
+            )
+            for doubtful_a, weight, forget_after in ((12e-5, 0.05, 8), (15e-5, 0.15, 10))
+        ),
+    ),
+}
+
+
+def get_recipe(name: str, size: tuple[int, int] = _SIZE) -> Recipe:
+    """A classic recipe by name, for pictures of `size` (width, height).
+
+    Raises
+    ------
+    ValueError
+        If there is no recipe of that name, or the size is not positive.
+    """
+    if name not in RECIPES:
+        raise ValueError(f"there is no recipe {name!r}; the recipes are {', '.join(RECIPES)}.")
+    return RECIPES[name].scaled(size)
+
+
+class LaneFinder:
+    """Find the lane with a classic recipe: `find` in a still, `follow` in consecutive frames.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        For pictures of the camera's size.
+    camera : Camera
+        Its lens is taken out of every picture; its mount says where on the road a pixel lies.
+    metres_per_px : tuple of float, optional
+        (metres per column, metres per row) of the view, as (3.7 / 700, 30 / 720) in the originals. By default lines
+        are placed on the road exactly, through the warp and the camera's mount; see `view.view_to_road`.
+
+    Raises
+    ------
+    CameraError
+        If the recipe is for another size than the camera, or neither a mount nor scales are given.
+    """
+
+    def __init__(self, recipe: Recipe, camera: Camera, *, metres_per_px: tuple[float, float] | None = None) -> None:
+        if recipe.size != camera.size:
+            raise CameraError(
+                f"recipe {recipe.name} is for {recipe.size[0]}x{recipe.size[1]} pictures, but the camera was "
+                f"calibrated for {camera.width}x{camera.height}; ask for get_recipe(name, camera.size)."
+            )
+        if camera.mount is None and metres_per_px is None:
+            raise CameraError(
+                "this camera has no mount (height and angles), so nothing can be measured on the road; "
+                "give it one, or give metres_per_px."
+            )
+        self.recipe, self.camera, self.warp = recipe, camera, recipe.warp()
+        if metres_per_px is None:
+            self._to_road = partial(view_to_road, warp=self.warp, camera=camera)
+        else:
+            self._to_road = partial(scale_to_road, metres_per_px=metres_per_px, view_size=recipe.size)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every frame seen by `follow`."""
+        self._memories = self.recipe.memories
+
+    def find(self, image: np.ndarray) -> LaneResult:
+        """Find the lane in one picture on its own; nothing is remembered and nothing remembered is used.
+
+        Parameters
+        ----------
+        image : ndarray of shape (height, width, 3), uint8
+            RGB, as taken, of the camera's size.
+
+        Returns
+        -------
+        LaneResult
+            With state "lost" where not both lines are found; a picture without a line is no error.
+
+        Raises
+        ------
+        PictureError
+            If the picture is no RGB picture of the camera's size.
+        """
+        undistorted, channels = self._look(image, self.recipe.thresholds)
+        lines = [channels["combined"].line_from_windows(side) for side in (0, 1)]
+        fits = [line.fit for line in lines]
+        state = "found" if all(fits) else "lost"
+        return self._result(undistorted, channels, lines, fits, fits, state)
+
+    def follow(self, image: np.ndarray) -> LaneResult:
+        """Find the lane in the next frame of a drive, helped by the frames before; see `find`.
+
+        A line that this frame does not show, or shows implausibly, is taken from memory, and `state` says so.
+        """
+        undistorted, channels = self._look(image, self.recipe.video_thresholds)
+        candidates = [channels[name] for name in self.recipe.video_thresholds.candidates]
+        lines = [
+            nearest_line(candidates, memory, side) if memory.best else channels["combined"].line_from_windows(side)
+            for side, memory in enumerate(self._memories)
+        ]
+        self._memories = tuple(m.update(line.fit) for m, line in zip(self._memories, lines, strict=True))
+        states = {memory.state for memory in self._memories}
+        state = next(s for s in ("lost", "kept", "found") if s in states)
+        best, smoothest = zip(*((m.best, m.smoothest) for m in self._memories), strict=True)
+        return self._result(undistorted, channels, lines, best, smoothest, state)
+
+    def _look(self, image: np.ndarray, thresholds: Thresholds) -> tuple[np.ndarray, dict[str, Channel]]:
+        undistorted = undistort(image, self.camera)
+        masks = thresholds.masks(self.warp.warp(undistorted) if self.recipe.warp_first else undistorted)
+        return undistorted, {name: Channel(name, mask, self.recipe, self.warp) for name, mask in masks.items()}
+
+    def _result(
+        self,
+        undistorted: np.ndarray,
+        channels: dict[str, Channel],
+        lines: Sequence[FoundLine],
+        shown: Sequence[LineFit | None],
+        measured: Sequence[LineFit | None],
+        state: str,
+    ) -> LaneResult:
+        roads = [fit and road_line(fit, self._to_road, self.recipe.size[1]) for fit in measured]
+        binary = channels[lines[0].channel].binary | channels[lines[1].channel].binary
+        masks = {name: channel.mask for name, channel in channels.items()}
+        return LaneResult(*shown, *roads, state, Steps(undistorted, masks, binary, *lines, self.warp))

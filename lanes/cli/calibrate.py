@@ -1,0 +1,65 @@
+"""Find the lens from pictures of a chessboard, 10 to 20 of them, the board tilted each time in another
+direction and seen in all parts of the picture; write it into a camera file. A table tells what became
+of each picture, a sheet shows the corners found.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from lanes.cli.arguments import size
+from lanes.io.console import progress_line
+
+EXAMPLES = """\
+  python -m lanes calibrate my_boards -o lens.yaml
+  python -m lanes calibrate --pattern 8x5 --sheet sheet.png boards/*.jpg"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this command."""
+    parser.add_argument("pictures", nargs="+", type=Path, metavar="PICTURE", help="pictures, or folders of them")
+    parser.add_argument(
+        "--pattern",
+        type=pattern,
+        default=(9, 6),
+        metavar="CxR",
+        help="inner corners of the board, columns x rows, one less than its squares (default: 9x6)",
+    )
+    parser.add_argument("--sheet", type=Path, metavar="FILE", help="write a picture of all boards with their corners")
+    parser.add_argument("-o", "--output", type=Path, default=Path("camera.yaml"), help="default: %(default)s")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Calibrate, print the table and write the camera file."""
+    from lanes.camera.calibration.boards import calibrate_found, find_boards
+    from lanes.camera.calibration.coverage import describe_coverage, format_boards, used_boards
+    from lanes.camera.calibration.sheet import draw_sheet
+    from lanes.camera.camera_file import save_camera
+    from lanes.io.images import list_pictures, write_image
+
+    paths = [path for given in options.pictures for path in (list_pictures(given) if given.is_dir() else [given])]
+    search = find_boards(paths, options.pattern, progress=progress_line("calibrate"))
+    camera = calibrate_found(search, ", ".join(map(str, options.pictures[:3])))
+    print(format_boards(search, camera))
+    report = camera.report
+    print(
+        f"{len(report.board_rms_px)} of {len(paths)} pictures used, error {report.rms_px:.2f} px (RMS of all corners)"
+    )
+    print(f"focal length {camera.matrix[0, 0]:.1f} px, horizontal field of view {camera.hfov_deg:.1f} deg")
+    print(describe_coverage(used_boards(search, camera)))
+    if options.sheet:
+        print(f"wrote {write_image(options.sheet, draw_sheet(search, camera))}")
+    print(f"wrote {save_camera(camera, options.output)}")
+    return 0
+
+
+def pattern(text: str) -> tuple[int, int]:
+    """An argparse type: inner corners of a board, written like 9x6."""
+    try:
+        columns, rows = size(text)
+    except argparse.ArgumentTypeError:
+        columns = rows = 0
+    if min(columns, rows) < 3:
+        raise argparse.ArgumentTypeError(f"{text} is no board's pattern; write its inner corners like 9x6, 3x3 or more")
+    return columns, rows

@@ -1,0 +1,64 @@
+"""Write the columns of the own lane's two lines at given rows of the raw pictures, one JSON line a
+picture: raw_file, h_samples, lanes (left, right; -2 where there is none), run_time (ms), state,
+confidence, offset_m (> 0: car left of the middle), curvature_per_m (> 0 bends left).
+Without a camera file, or without a mount in it, the mount is estimated from the files first.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from lanes.cli.arguments import add_footage, add_lens, find_lens
+from lanes.io.console import number, progress_line
+
+EXAMPLES = """\
+  python -m lanes detect --camera camera.yaml drive.mp4 -o lanes.jsonl
+  python -m lanes detect --hfov 60 --rows 240:721:10 stills/*.jpg
+  python -m lanes detect --boards my_boards --sequence --fps 20 clip/*.jpg"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this command."""
+    add_footage(parser, files="stills or videos of one camera")
+    add_lens(parser)
+    parser.add_argument("--rows", type=rows, default="420:701:10", metavar="FROM:TO:STEP", help="default: %(default)s")
+    parser.add_argument("--sequence", action="store_true", help="the stills are consecutive frames, in this order")
+    parser.add_argument(
+        "--fps", type=number(1), default=25.0, help="frames a second of --sequence (default: %(default)s)"
+    )
+    parser.add_argument("-o", "--output", type=Path, default=Path("lanes.jsonl"), help="default: %(default)s")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Find the lane in every picture and write the detections."""
+    from lanes.drives.detections import count_gaps, detect_files, write_detections
+    from lanes.drives.own_camera import mount_from_drive
+
+    camera, estimate = mount_from_drive(find_lens(options), options.files, progress=progress_line("mount"))
+    if estimate:
+        print(estimate.describe())
+    found = detect_files(
+        options.files,
+        camera,
+        options.rows,
+        sequence=options.sequence,
+        fps=options.fps,
+        progress=progress_line("detect"),
+    )
+    lost = sum(detection["state"] == "lost" for detection in found)
+    missing = count_gaps(found)
+    damaged = f"; {missing} more are damaged or missing in the videos" if missing else ""
+    print(f"wrote {write_detections(options.output, found)}: {len(found)} pictures, no lane in {lost}{damaged}")
+    return 0
+
+
+def rows(text: str) -> range:
+    """An argparse type: picture rows, written like 420:701:10."""
+    try:
+        wanted = range(*(int(part) for part in text.split(":")))
+    except (TypeError, ValueError) as error:
+        raise argparse.ArgumentTypeError(f"{text} is no row range; write it like 420:701:10") from error
+    if ":" not in text or not wanted or min(wanted) < 0:
+        raise argparse.ArgumentTypeError(f"{text} holds no rows of a picture; write it like 420:701:10")
+    return wanted

@@ -1,0 +1,57 @@
+"""Estimate how the camera sits on the car: height, pitch, yaw and roll, from stills or videos of
+one drive, and write them, with the lens, into a camera file. Best are 20 pictures or more of a
+marked road by day; one will do, less surely.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from lanes.cli.arguments import add_footage, add_lens, add_piece, find_lens, require_piece
+from lanes.io.console import count, number, progress_line
+
+EXAMPLES = """\
+  python -m lanes pose --hfov 60 drive.mp4 -o camera.yaml
+  python -m lanes pose --camera lens.yaml --lane-width 3.5 drive/*.jpg -o camera.yaml
+  python -m lanes pose --hfov 60 --start 60 --end 90 drive.mp4
+  python -m lanes pose --boards my_boards --height 1.35 drive.mp4"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this command."""
+    add_footage(parser, files="stills or videos of one drive")
+    add_lens(parser)
+    parser.add_argument("--lane-width", type=number(2, 6), metavar="M", help="default: 3.66, a US Interstate's")
+    parser.add_argument(
+        "--height", type=number(0.5, 4.5), metavar="M", help="measured height of the camera above the road"
+    )
+    add_piece(parser)
+    parser.add_argument("--pictures", type=count, default=40, metavar="N", help="use at most (default: %(default)s)")
+    parser.add_argument("-o", "--output", type=Path, default=Path("camera.yaml"), help="default: %(default)s")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Estimate the mount, print it and write it with the lens."""
+    from lanes.camera.camera_file import save_camera
+    from lanes.camera.pose_from_lanes.pose_estimate import LANE_WIDTH_M, MountError, describe_accuracy, estimate_mount
+    from lanes.io.footage import pick_pictures
+
+    require_piece(options)
+    camera = find_lens(options)
+    try:
+        estimate = estimate_mount(
+            pick_pictures(
+                options.files, options.pictures, require=camera.require_size, start_s=options.start, end_s=options.end
+            ),
+            camera,
+            lane_width_m=LANE_WIDTH_M if options.lane_width is None else options.lane_width,
+            height_m=options.height,
+            progress=progress_line("mount"),
+        )
+    except MountError as error:
+        raise MountError(f"{options.files[0]}: {error}") from error
+    print(estimate.describe())
+    print(describe_accuracy(estimate, camera))
+    print(f"wrote {save_camera(camera.with_mount(estimate.mount), options.output)}")
+    return 0

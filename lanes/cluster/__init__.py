@@ -1,0 +1,1 @@
+"""Many drives at the same time on Dask."""

@@ -1,0 +1,66 @@
+"""What all drives together tell: one data set of telemetry, one table of drives with the worst first, and totals."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from urllib.parse import quote
+
+from lanes.cluster.manifest import Manifest
+from lanes.io.files import whole_file
+from lanes.io.telemetry import write_telemetry
+
+SUMMARY, DATA_SET = "summary", "telemetry"
+
+
+def add_to_data_set(telemetry: Path, folder: Path) -> Path:
+    """Put a drive's telemetry into the data set of `folder`: CSV, partitioned by drive as Hive does it.
+
+    Such folders (drive=NAME, with other signs than letters and digits as in web addresses) are what Dask, DuckDB,
+    Spark and Arrow read as one table with a column `drive`.
+    """
+    part = folder / SUMMARY / DATA_SET / f"drive={quote(telemetry.stem, safe=' ')}" / "part.csv"
+    with whole_file(part) as partial:
+        shutil.copyfile(telemetry, partial)
+    return part
+
+
+def write_summary(folder: Path, finished: Sequence[Manifest], failed: Mapping[Path, Exception]) -> Path:
+    """Write the table of drives: failed ones, then the worst tracked, first. Returns the path written."""
+    worst = sorted(finished, key=lambda m: (m.tracked_share, -m.lost_s, m.key.source))
+    rows = [{"drive": video.stem, "state": "failed", "reason": str(error)} for video, error in sorted(failed.items())]
+    rows += [
+        {
+            "drive": Path(manifest.key.source).stem,
+            "state": "finished",
+            "tracked_share": manifest.tracked_share,
+            "lost_s": manifest.lost_s,
+            "frames": manifest.frames,
+            "missing": manifest.missing,
+            "length_s": manifest.length_s,
+            "cpu_s": manifest.cpu_s,
+            "pieces": manifest.pieces,
+            "source": manifest.key.source,
+        }
+        for manifest in worst
+    ]
+    return write_telemetry(folder / SUMMARY / "drives.csv", rows)
+
+
+def describe_totals(finished: Sequence[Manifest], failed: int, skipped: int) -> str:
+    """All drives in a sentence."""
+    counts = f"{len(finished)} drives finished ({skipped} of them before), {failed} failed"
+    length_s = sum(m.length_s for m in finished)
+    if not length_s:
+        return f"{counts}."
+    frames = sum(m.frames for m in finished)
+    tracked = sum(m.tracked_share * m.frames for m in finished) / frames
+    lost_s = sum(m.lost_s for m in finished)
+    per_minute_s = 60 * sum(m.cpu_s for m in finished) / length_s
+    worst = min(finished, key=lambda m: (m.tracked_share, -m.lost_s, m.key.source))
+    return (
+        f"{counts}: {length_s / 3600:.3g} hours of video, {frames} frames, lane tracked in {tracked:.0%} of them, lost "
+        f"for {lost_s:.1f} s; {per_minute_s:.0f} s of processor time for a minute of video. Worst: "
+        f"{Path(worst.key.source).name}, tracked in {worst.tracked_share:.0%}."
+    )

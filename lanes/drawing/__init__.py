@@ -1,0 +1,1 @@
+"""Drawing primitives on pictures, and matplotlib figures."""

@@ -1,0 +1,209 @@
+"""Matplotlib figures, and the style of all: the only module that imports pyplot, and only when one is asked for.
+
+Every function takes what others computed, draws it and returns (figure, axes); none of them computes or shows. In a
+notebook `plt.show()` or the end of the cell shows the figure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lanes.drawing.canvas import LANE, LEFT, RIGHT, WINDOW, Colour
+from lanes.io.files import write_whole
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+# 80 dots per inch and JPEG make a figure of two photographs about 70 kB, a tenth of the default PNG.
+STYLE = {
+    "figure.dpi": 80,
+    "figure.constrained_layout.use": True,
+    "font.size": 11,
+    "axes.titlesize": 12,
+    "axes.grid": False,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "lines.linewidth": 1.8,
+}
+TRUTH_LOOK = {"color": "0.15", "linestyle": "--", "linewidth": 1.3, "zorder": 3}
+
+
+def show_pictures(
+    images: Sequence[np.ndarray], titles: Sequence[str], *, columns: int = 2, width_in: float = 12.0
+) -> tuple[Figure, np.ndarray]:
+    """Show pictures side by side, in rows of `columns`.
+
+    Parameters
+    ----------
+    images : sequence of ndarray
+        RGB (height, width, 3), or masks and gray pictures (height, width): bool and 0..1 masks from black to white,
+        uint8 over 0..255, anything else over its own range.
+    titles : sequence of str
+        One for each picture.
+    columns : int
+    width_in : float
+        Width of the figure in inches; its height follows from the pictures.
+
+    Returns
+    -------
+    figure, axes : Figure, ndarray of Axes of shape (len(images),)
+
+    Raises
+    ------
+    ValueError
+        If there are not as many titles as pictures, or none.
+    """
+    if not len(images) or len(images) != len(titles):
+        raise ValueError(f"one title for each picture is needed; got {len(images)} pictures and {len(titles)} titles.")
+    columns = min(columns, len(images))
+    rows = -(-len(images) // columns)
+    column_in = width_in / columns
+    row_in = max(image.shape[0] / image.shape[1] for image in images) * column_in + 0.35
+    figure, axes = new_figure(rows, columns, (width_in, rows * row_in))
+    for axis in axes[len(images) :]:
+        axis.remove()
+    for axis, image, title in zip(axes, images, titles, strict=False):
+        _show_picture(axis, image, title)
+    return figure, axes[: len(images)]
+
+
+def plot_histogram(
+    counts: np.ndarray,
+    *,
+    left_px: float | None = None,
+    right_px: float | None = None,
+    title: str = "Where the paint is",
+) -> tuple[Figure, Axes]:
+    """Plot the column histogram of a binary view, (width,), with the two start columns of the search."""
+    figure, (axis,) = new_figure(1, 1, (10, 3))
+    axis.fill_between(np.arange(len(counts)), counts, color=rgb(WINDOW), alpha=0.6, linewidth=0)
+    for column, colour, name in ((left_px, LEFT, "left"), (right_px, RIGHT, "right")):
+        if column is not None:
+            axis.axvline(column, color=rgb(colour), label=f"{name} start, column {column:.0f}")
+            axis.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2, frameon=False, borderaxespad=0)
+    axis.set_title(title, loc="left")
+    axis.set(xlabel="column (pixels)", ylabel="paint pixels in the column")
+    axis.set_xlim(0, len(counts) - 1)
+    axis.set_ylim(bottom=0)
+    return figure, axis
+
+
+def plot_bars(values: Mapping[str, float], *, label: str, title: str = "") -> tuple[Figure, Axes]:
+    """Plot a number for each of several named things; `label` names the number and its unit."""
+    figure, (axis,) = new_figure(1, 1, (10, 3))
+    axis.bar(list(values), list(values.values()), color=rgb(WINDOW))
+    axis.tick_params(axis="x", rotation=90)
+    axis.set(ylabel=label, title=title)
+    return figure, axis
+
+
+def plot_series(
+    times_s: np.ndarray,
+    series: Mapping[str, Mapping[str, np.ndarray]],
+    *,
+    title: str = "",
+    xlabel: str = "time (s)",
+) -> tuple[Figure, np.ndarray]:
+    """Plot telemetry over time, one panel for each quantity.
+
+    Parameters
+    ----------
+    times_s : ndarray of shape (N,)
+    series : mapping of str to (mapping of str to ndarray of shape (N,))
+        Axis label with unit ("offset (m)") to the curves of that panel, name to values. A curve named "truth" is drawn
+        as a dark dashed line over the others; NaN leaves a gap, where nothing was measured.
+    title, xlabel : str
+
+    Returns
+    -------
+    figure, axes : Figure, ndarray of Axes of shape (len(series),)
+
+    Raises
+    ------
+    ValueError
+        If `series` is empty.
+    """
+    if not series:
+        raise ValueError("there is no quantity to plot; give at least one axis label with its curves.")
+    figure, axes = new_figure(len(series), 1, (10, 0.6 + 2.2 * len(series)), sharex=True)
+    for axis, (label, curves) in zip(axes, series.items(), strict=True):
+        for name, values in curves.items():
+            look = TRUTH_LOOK if name == "truth" else {"color": _line_colour(name)}
+            axis.plot(times_s, values, label=name, **look)
+        axis.set_ylabel(label)
+        axis.grid(alpha=0.3)
+        if len(curves) > 1:
+            # Above the panel, where it hides no curve.
+            axis.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=len(curves), frameon=False, borderaxespad=0)
+    axes[-1].set_xlabel(xlabel)
+    axes[0].set_title(title, loc="left")
+    return figure, axes
+
+
+def new_figure(rows: int, columns: int, size_in: tuple[float, float], **options: object) -> tuple[Figure, np.ndarray]:
+    """A figure in the course's style, with its axes as a flat array."""
+    # Imported here, so that computing without figures starts half a second sooner.
+    import matplotlib.pyplot as plt
+
+    with plt.rc_context(STYLE):
+        figure, axes = plt.subplots(rows, columns, figsize=size_in, squeeze=False, **options)
+    return figure, axes.ravel()
+
+
+def rgb(colour: Colour) -> tuple[float, float, float]:
+    """A colour of `lanes.drawing.canvas` in matplotlib's 0 to 1."""
+    red, green, blue = (value / 255 for value in colour)
+    return red, green, blue
+
+
+def save_figure(figure: Figure, path: str | Path, *, jpeg_quality: int = 85) -> Path:
+    """Write a figure as .jpg or .png, whole or not at all; the folder is created where needed.
+
+    Raises
+    ------
+    ValueError
+        If the name ends in something else.
+    OSError
+        If the folder cannot be written to.
+    """
+    path = Path(path)
+    kind = figure_kind(path)
+    # matplotlib's version in the file would change it with every release.
+    options = {"pil_kwargs": {"quality": jpeg_quality}} if kind == "jpeg" else {"metadata": {"Software": None}}
+    data = BytesIO()
+    figure.savefig(data, format=kind, **options)
+    write_whole(path, data.getvalue())
+    return path
+
+
+def figure_kind(path: Path) -> str:
+    """Either "jpeg" or "png", by the name's ending; ValueError for any other."""
+    kind = {".jpg": "jpeg", ".jpeg": "jpeg", ".png": "png"}.get(path.suffix.lower())
+    if kind is None:
+        raise ValueError(f"{path}: cannot write this kind of figure; end the name in .jpg or .png.")
+    return kind
+
+
+def _show_picture(axis: Axes, image: np.ndarray, title: str) -> None:
+    limits = {}
+    if image.ndim == 2:
+        mask = image.dtype == bool or image.max() <= 1
+        limits = {"cmap": "gray", "interpolation": "antialiased"}
+        if mask or image.dtype == np.uint8:
+            limits |= {"vmin": 0, "vmax": 1 if mask else 255}
+    axis.imshow(image, **limits)
+    axis.set_title(title)
+    axis.set_axis_off()
+
+
+def _line_colour(name: str) -> tuple[float, float, float] | None:
+    """Left and right as in the overlay; None lets matplotlib choose."""
+    known = {"left": LEFT, "right": RIGHT, "lane": LANE}
+    return rgb(known[name]) if name in known else None

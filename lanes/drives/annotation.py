@@ -1,0 +1,208 @@
+"""One drive from beginning to end: find the mount, follow the lane, write video, telemetry and report."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from lanes.camera.camera import Camera
+from lanes.camera.pose_from_lanes.pose_estimate import MountEstimate
+from lanes.drives.camera_moved import find_mount_change
+from lanes.drives.overlay_styles import STYLES, track_lane
+from lanes.drives.own_camera import mount_from_drive
+from lanes.drives.report.moments import seconds_lost, share_tracked
+from lanes.drives.report.page import write_report
+from lanes.drives.settings import DriveResult, DriveSettings, StillsResult, describe_frames, describe_settings
+from lanes.drives.sources import refuse_clashes
+from lanes.io.files import sole_writer
+from lanes.io.frames import PictureError
+from lanes.io.images import list_pictures, read_image, write_image
+from lanes.io.telemetry import read_telemetry, write_telemetry
+from lanes.io.threads import one_thread
+from lanes.io.video.container import VideoError
+from lanes.io.video.pipeline import AsStored, annotate_video
+from lanes.io.video.reader import VideoInfo, inspect_video
+from lanes.tracking.birdseye import RoadView
+from lanes.tracking.detector import find_lane
+from lanes.tracking.tracked_lane import LOST, TrackedLane
+from lanes.tracking.tracker import LaneTracker
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedDrive:
+    """A video with what it holds, the camera on its mount, and the estimate of that (None: the camera brought it)."""
+
+    video: Path
+    info: VideoInfo
+    camera: Camera
+    mount: MountEstimate | None
+
+    def follow(self, style: str) -> AsStored:
+        """A function for `annotate_video`, with a tracker of its own; see `track_lane`."""
+        return AsStored(track_lane(LaneTracker(self.camera, fps=self.info.fps), self.camera, style=style))
+
+
+def annotate_drive(video: str | Path, settings: DriveSettings) -> DriveResult:
+    """Annotate a video and write its telemetry and report beside it.
+
+    Needs nothing but its two arguments, which can be sent to another process, and leaves nothing behind but the files.
+
+    Raises
+    ------
+    FileNotFoundError, VideoError
+        If the video cannot be used, or has nothing in the piece that is asked for.
+    CameraError
+        If the camera does not fit the video.
+    MountError
+        If the camera has no mount and the drive does not tell it.
+    OSError
+        If an output cannot be written, also because another run is writing it.
+    """
+    drive = prepare_drive(video, settings)
+    with sole_writer(output_for(drive.video, settings.output)):
+        return follow_drive(drive, settings)
+
+
+def prepare_drive(video: str | Path, settings: DriveSettings) -> PreparedDrive:
+    """Look into a video, and find the camera's mount where it is not known; raises what `annotate_drive` does."""
+    video = Path(video)
+    info = inspect_video(video)
+    if settings.start_s >= info.duration_s:
+        raise VideoError(f"{video}: lasts {info.duration_s:g} s; begin before that, not at {settings.start_s:g} s.")
+    camera = settings.camera_for((info.width, info.height), video)
+    mounted = mount_from_drive(camera, [video], start_s=settings.start_s, end_s=settings.end_s)
+    return PreparedDrive(video, info, *mounted)
+
+
+def follow_drive(drive: PreparedDrive, settings: DriveSettings) -> DriveResult:
+    """The second part of `annotate_drive`."""
+    target = output_for(drive.video, settings.output)
+    began_s = time.perf_counter()
+    # reader, loop and writer have a thread each
+    with one_thread():
+        summary = annotate_video(
+            drive.video,
+            target,
+            drive.follow(settings.style),
+            start_s=settings.start_s,
+            end_s=settings.end_s,
+            progress=settings.progress,
+            telemetry=target.with_suffix(".csv"),
+            overlapped=settings.overlapped,
+            info=drive.info,
+        )
+    elapsed_s = time.perf_counter() - began_s
+    source, missing = str(drive.video), summary.missing
+    return conclude_drive(source, target, drive.camera, drive.mount, settings, elapsed_s, missing=missing)
+
+
+def annotate_stills(pictures: Sequence[Path], settings: DriveSettings) -> StillsResult:
+    """Find the lane in each picture on its own; the pictures keep their names, `pictures.csv` has a row for each.
+
+    A picture that cannot be used, or has another size than most, does not stop the others; `StillsResult.failures` says
+    why it was left out.
+
+    Raises
+    ------
+    PictureError, ValueError
+        If none can be used, or one would be overwritten.
+    CameraError, MountError, OSError
+        As `annotate_drive`.
+    """
+    refuse_clashes(pictures, [settings.output / path.name for path in pictures])
+    size, usable, failures = _sort_out(pictures)
+    camera, mount = mount_from_drive(settings.camera_for(size, usable[0]), usable)
+    view, paint = RoadView(camera), STYLES[settings.style](camera)
+    rows, written, telemetry = [], [], settings.output / "pictures.csv"
+    with sole_writer(telemetry):
+        for number, path in enumerate(usable):
+            image = read_image(path)
+            found = TrackedLane.from_still(find_lane(image, view))
+            rows.append({"frame": number, "picture": path.name, **found.as_row()})
+            written.append(write_image(settings.output / path.name, paint(image, found)))
+        write_telemetry(telemetry, rows)
+    return StillsResult(tuple(written), telemetry, sum(row["state"] != LOST for row in rows), mount, tuple(failures))
+
+
+def annotate_folder(folder: str | Path, output: str | Path, camera: Camera) -> StillsResult:
+    """`annotate_stills` for all pictures of a folder, taken with `camera`; without a mount, they tell it themselves.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such folder, or no picture in it.
+    PictureError
+        Naming the pictures that could not be used; the others are done by then.
+    CameraError, MountError, OSError, ValueError
+        As `annotate_stills`; `output` has to be another folder.
+    """
+    result = annotate_stills(list_pictures(folder), DriveSettings(output=Path(output), camera=camera))
+    if result.failures:
+        raise PictureError("\n".join(map(str, result.failures)))
+    return result
+
+
+def _sort_out(pictures: Sequence[Path]) -> tuple[tuple[int, int], list[Path], list[PictureError]]:
+    """The size (width, height) of most pictures, those that have it, and what is wrong with the others."""
+    sizes, failures = {}, []
+    for path in pictures:
+        try:
+            height, width = read_image(path).shape[:2]
+            sizes[path] = width, height
+        except PictureError as error:
+            failures.append(error)
+    if not sizes:
+        raise PictureError("\n".join(map(str, failures)))
+    (most, _), *_ = Counter(sizes.values()).most_common(1)
+    usable = [path for path, size in sizes.items() if size == most]
+    failures += [
+        PictureError(f"{path}: is {width}x{height}, most others are {most[0]}x{most[1]}; annotate it on its own.")
+        for path, (width, height) in sizes.items()
+        if (width, height) != most
+    ]
+    return most, usable, failures
+
+
+def conclude_drive(
+    source: str,
+    video: Path,
+    camera: Camera,
+    mount: MountEstimate | None,
+    settings: DriveSettings,
+    elapsed_s: float,
+    *,
+    missing: int = 0,
+) -> DriveResult:
+    """Write the report, if asked for, and sum up what the telemetry beside `video` says."""
+    telemetry = video.with_suffix(".csv")
+    columns = read_telemetry(telemetry)
+    frames = len(columns["frame"])
+    report = None
+    if settings.report:
+        used = describe_settings(source, camera, mount, settings)
+        if missing:
+            used["frames"] = describe_frames(frames, missing)
+        path = video.with_suffix(".html")
+        report = write_report(path, title=Path(source).name, video=video, telemetry=columns, settings=used)
+    return DriveResult(
+        source,
+        video,
+        telemetry,
+        report,
+        camera,
+        mount,
+        frames,
+        share_tracked(columns),
+        seconds_lost(columns),
+        frames / elapsed_s,
+        find_mount_change(columns),
+        missing,
+    )
+
+
+def output_for(video: Path, folder: Path) -> Path:
+    """Where the annotated video goes."""
+    return folder / f"{video.stem}.mp4"

@@ -1,0 +1,98 @@
+"""Figures of a drive: its telemetry over time and its path on the map."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lanes.drawing.canvas import LANE, LEFT, RIGHT, WINDOW
+from lanes.drawing.figures import TRUTH_LOOK, new_figure, rgb
+from lanes.tracking.tracked_lane import COASTING, FOUND, LOST, SEARCHING, TRACKING
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+# From sure to lost.
+STATE_COLOURS = {
+    TRACKING: LANE,
+    FOUND: LANE,
+    SEARCHING: WINDOW,
+    COASTING: (255, 140, 0),
+    LOST: LEFT,
+}
+
+
+def plot_telemetry(
+    rows: Mapping[str, np.ndarray], *, truth: Mapping[str, np.ndarray] | None = None, title: str = ""
+) -> tuple[Figure, np.ndarray]:
+    """Plot a drive: offset and curvature with their bands of one standard deviation, confidence, and the states.
+
+    Parameters
+    ----------
+    rows : mapping of str to ndarray of shape (N,)
+        Telemetry as `read_telemetry` gives it: time_s, state, confidence, offset_m, offset_std_m, curvature_per_m,
+        curvature_std_per_m; NaN leaves a gap.
+    truth : mapping of str to ndarray of shape (M,), optional
+        The drive's truth: time_s, offset_m, curvature_per_m.
+    title : str
+
+    Returns
+    -------
+    figure, axes : Figure, ndarray of Axes of shape (3,)
+        Offset, curvature, confidence; the states colour the time axis of each.
+    """
+    figure, axes = new_figure(3, 1, (10, 7), sharex=True, height_ratios=(2, 2, 1.2))
+    labels = {"offset_m": "offset (m), left > 0", "curvature_per_m": "curvature (1/m), left > 0"}
+    for axis, (name, label) in zip(axes, labels.items(), strict=False):
+        quantity, unit = name.split("_", 1)
+        std = rows[f"{quantity}_std_{unit}"]
+        axis.fill_between(rows["time_s"], rows[name] - std, rows[name] + std, color=rgb(RIGHT), alpha=0.25, lw=0)
+        axis.plot(rows["time_s"], rows[name], color=rgb(RIGHT), label="measured, ± one standard deviation")
+        if truth is not None:
+            axis.plot(truth["time_s"], truth[name], label="truth", **TRUTH_LOOK)
+        axis.set_ylabel(label)
+    axes[2].plot(rows["time_s"], rows["confidence"], color="0.25")
+    axes[2].set(xlabel="time (s)", ylabel="confidence", ylim=(0, 1.02))
+    for axis in axes:
+        axis.grid(alpha=0.3)
+        # Room for the strip below the curves.
+        axis.margins(y=0.12)
+        _colour_states(axis, rows["time_s"], rows["state"])
+    curves = axes[0].get_legend_handles_labels()[0][: len(axes[0].lines)]
+    axes[0].legend(handles=curves, loc="lower right", bbox_to_anchor=(1, 1), ncols=2, frameon=False, borderaxespad=0)
+    axes[2].legend(loc="lower left", ncols=4, frameon=False)
+    axes[0].set_title(title, loc="left")
+    return figure, axes
+
+
+def plot_path(
+    paths_m: Mapping[str, np.ndarray], *, title: str = "Where the car has driven (the drift grows along the way)"
+) -> tuple[Figure, Axes]:
+    """Plot a map of driven paths, name to (N, 2) metres as `integrate_path` gives them; "truth" is drawn dashed."""
+    figure, (axis,) = new_figure(1, 1, (10, 5))
+    for name, path in paths_m.items():
+        axis.plot(*np.transpose(path), label=name, **(TRUTH_LOOK if name == "truth" else {}))
+    axis.plot(0, 0, "o", color="0.15", markersize=5)
+    axis.annotate("start", (0, 0), xytext=(6, 6), textcoords="offset points")
+    axis.set(xlabel="ahead of the start (m)", ylabel="to its left (m)", aspect="equal")
+    # Equal scales on both axes need some width, even where the road is straight.
+    axis.set_adjustable("datalim")
+    axis.set_title(title, loc="left")
+    axis.grid(alpha=0.3)
+    if len(paths_m) > 1:
+        axis.legend(frameon=False)
+    return figure, axis
+
+
+def _colour_states(axis: Axes, times_s: np.ndarray, states: np.ndarray) -> None:
+    """A strip along the bottom of the panel, in the colour of each frame's state."""
+    step_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 1.0
+    for state in dict.fromkeys(states):
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], states == state, [0]])))
+        spans = [(times_s[a], times_s[b - 1] - times_s[a] + step_s) for a, b in edges.reshape(-1, 2)]
+        across = axis.get_xaxis_transform()
+        axis.broken_barh(spans, (0, 0.05), transform=across, color=rgb(STATE_COLOURS[state]), lw=0, label=state)

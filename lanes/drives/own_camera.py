@@ -1,0 +1,101 @@
+"""The mount from the drive itself, where the camera does not bring one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import CameraError
+from lanes.camera.field_of_view import USUAL_HFOV_DEG, FieldOfView, read_hfov
+from lanes.camera.pose_from_lanes.pose_estimate import MountError, MountEstimate, estimate_mount
+from lanes.drives.dash_period import measure_dash_period
+from lanes.io.footage import pick_pictures
+from lanes.io.images import PICTURE_SUFFIXES
+
+# More pictures than this find nothing new.
+MOUNT_PICTURES = 40
+# Lenses to look at broken lines with: where one shows their period outside 4 to 30 m, the next does not.
+TRIED_HFOV_DEG = (60.0, 100.0)
+
+
+def mount_from_drive(
+    camera: Camera,
+    files: Sequence[Path],
+    *,
+    start_s: float = 0.0,
+    end_s: float | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[Camera, MountEstimate | None]:
+    """The camera with a mount: its own, or else the one that the files show, videos between `start_s` and `end_s`; and
+    the estimate, if there was one.
+
+    Raises
+    ------
+    MountError
+        If the files do not tell it.
+    """
+    if camera.mount is not None:
+        return camera, None
+    pictures = pick_pictures(list(files), MOUNT_PICTURES, require=camera.require_size, start_s=start_s, end_s=end_s)
+    return mount_from_pictures(camera, pictures, str(files[0]), progress=progress)
+
+
+def mount_from_pictures(
+    camera: Camera, pictures: Iterable[np.ndarray], name: str, *, progress: Callable[[int, int], None] | None = None
+) -> tuple[Camera, MountEstimate]:
+    """The camera on the mount that pictures show; errors begin with the `name` of the drive."""
+    try:
+        estimate = estimate_mount(pictures, camera, progress=progress)
+    except MountError as error:
+        raise MountError(f"{name}: {error}") from error
+    return camera.with_mount(estimate.mount), estimate
+
+
+def find_field_of_view(files: Sequence[Path], *, dash_period_m: float | None = None) -> FieldOfView:
+    """The horizontal field of view of the camera that took stills and videos.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        Of one camera; at least one.
+    dash_period_m : float, optional
+        Length of one dash and one gap of the road's broken lines. Without it the EXIF entries of the stills are asked,
+        and where they do not tell it either, `USUAL_HFOV_DEG` is assumed.
+
+    Raises
+    ------
+    CameraError
+        If the files show no broken line that repeats clearly.
+    """
+    if dash_period_m is not None:
+        return _from_dashes(files, dash_period_m)
+    for file in files:
+        hfov_deg = read_hfov(file) if Path(file).suffix.lower() in PICTURE_SUFFIXES else None
+        if hfov_deg is not None:
+            return FieldOfView(hfov_deg, f"as {Path(file).name} says (EXIF)")
+    return FieldOfView(USUAL_HFOV_DEG, "assumed, because neither the command nor the files name one", assumed=True)
+
+
+def _from_dashes(files: Sequence[Path], dash_period_m: float) -> FieldOfView:
+    if not files:
+        raise CameraError("a live camera's broken lines are not measured; give --hfov, or an earlier drive's --camera.")
+    images = list(pick_pictures(list(files), MOUNT_PICTURES))
+    size = images[0].shape[1], images[0].shape[0]
+    for hfov_deg in TRIED_HFOV_DEG:
+        camera = Camera.from_fov(size, hfov_deg)
+        try:
+            camera, _ = mount_from_pictures(camera, images, str(files[0]))
+        except MountError:
+            continue
+        period = measure_dash_period(images, camera)
+        if period is not None:
+            focal_px = camera.matrix[0, 0] * dash_period_m / period.period_m
+            hfov_deg = float(np.degrees(2 * np.arctan(size[0] / 2 / focal_px)))
+            return FieldOfView(hfov_deg, f"from {period.lines} broken lines of {dash_period_m:g} m, to about 10 %")
+    raise CameraError(
+        f"{files[0]}: shows no broken line that repeats clearly, so its period does not tell the field of view; "
+        "give --hfov, or pictures of a motorway."
+    )

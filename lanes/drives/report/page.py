@@ -1,0 +1,168 @@
+"""The report of a drive as one HTML file: works offline, needs nothing but a browser.
+
+A video up to `EMBEDDED_BYTES` is put into the file, so that it can be sent by mail as it is; a larger one is linked and
+must stay beside it. Whatever comes from outside (file names, settings) is escaped, and a content security policy lets
+the page run no script but its own.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import os
+import re
+from collections.abc import Mapping
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from urllib.parse import quote
+
+import numpy as np
+
+from lanes.drives.report.curves import Curve, draw_curve, draw_states
+from lanes.drives.report.moments import Moment, Telemetry, seconds_lost, share_tracked, worst_moments
+from lanes.io.files import write_whole
+
+# As base64 4/3 of it, below what most mail servers take (25 MB).
+EMBEDDED_BYTES = 16_000_000
+# Columns that the page shows beside the video, with the digits that are worth their place.
+SHOWN = {
+    "frame": 0,
+    "offset_m": 3,
+    "offset_std_m": 3,
+    "curvature_per_m": 6,
+    "curvature_std_per_m": 6,
+    "confidence": 3,
+    "lane_width_m": 2,
+}
+
+
+def write_report(
+    path: str | Path,
+    *,
+    title: str,
+    video: str | Path,
+    telemetry: Telemetry,
+    settings: Mapping[str, str],
+    embedded_bytes: int = EMBEDDED_BYTES,
+) -> Path:
+    """Write the report of an annotated drive.
+
+    Parameters
+    ----------
+    path : str or Path
+        Ends in .html; in the folder of `video`.
+    title : str
+        Name of the drive.
+    video : str or Path
+        The annotated mp4.
+    telemetry : mapping of str to ndarray of shape (frames,)
+        As `read_telemetry` reads it from the CSV beside the video.
+    settings : mapping of str to str
+        What the drive was annotated with, shown as a table.
+    embedded_bytes : int
+        Videos up to this size are put into the file.
+
+    Returns
+    -------
+    Path
+        The path written.
+
+    Raises
+    ------
+    OSError
+        If the video cannot be read or the report not be written.
+    """
+    video = Path(video)
+    time_s = telemetry["time_s"]
+    script = _asset("report.js")
+    embedded = video.stat().st_size <= embedded_bytes
+    page = _fill(
+        _asset("report.html"),
+        title=escape(title),
+        summary=escape(_summary(telemetry)),
+        video_name=escape(video.name),
+        video_link=escape(quote(os.fsencode(video.name))),
+        video_data=base64.b64encode(video.read_bytes()).decode() if embedded else "",
+        style=_asset("report.css"),
+        script=script,
+        script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
+        data=_guarded_json(_frames(telemetry)),
+        states=draw_states(telemetry["state"], time_s) + _legend(telemetry["state"]),
+        curves="".join(draw_curve(curve, time_s) for curve in _curves(telemetry)),
+        moments=_moments(worst_moments(telemetry)),
+        settings="".join(f"<tr><th>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in settings.items()),
+    )
+    # Names of files may hold bytes that are no text.
+    write_whole(path, page.encode(errors="replace"))
+    return Path(path)
+
+
+def _asset(name: str) -> str:
+    return files(__package__).joinpath(name).read_text(encoding="utf-8")
+
+
+def _fill(template: str, **parts: str) -> str:
+    """Put the parts in place of {{name}}, in one pass: what they contain is not looked at again."""
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], template)
+
+
+def _guarded_json(content: object) -> str:
+    """JSON that can stand inside <script>: nothing in it ends the element."""
+    return json.dumps(content, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def _frames(telemetry: Telemetry) -> dict[str, list]:
+    """Times since the first frame, states and the columns shown, for the page's script."""
+    time_s = telemetry["time_s"] - telemetry["time_s"][0]
+    columns = {name: _rounded(telemetry[name], digits) for name, digits in SHOWN.items()}
+    return {"time_s": _rounded(time_s, 4), "state": telemetry["state"].tolist(), **columns}
+
+
+def _rounded(values: np.ndarray, digits: int) -> list[float | None]:
+    return [round(float(v), digits) if np.isfinite(v) else None for v in values]
+
+
+def _curves(telemetry: Telemetry) -> list[Curve]:
+    per_km = 1000 * telemetry["curvature_per_m"], 1000 * telemetry["curvature_std_per_m"]
+    offset = telemetry["offset_m"], telemetry["offset_std_m"]
+    return [
+        Curve("offset", "Offset", "m, + is left of the lane’s centre", *offset, (-0.5, 0.5)),
+        Curve("curvature", "Curvature", "per km, + bends left; 1 is a radius of 1 km", *per_km, (-1, 1)),
+        Curve("confidence", "Confidence", "that both lines are right within 0.2 m", telemetry["confidence"]),
+    ]
+
+
+def _legend(state: np.ndarray) -> str:
+    names = sorted(set(state.tolist()), key=lambda name: -np.sum(state == name))
+    items = (f'<li><i class="{escape(n)}"></i>{escape(n)} {np.mean(state == n):.0%}</li>' for n in names)
+    return f'<ul class="legend">{"".join(items)}</ul>'
+
+
+def _moments(kinds: Mapping[str, list[Moment]]) -> str:
+    return "".join(
+        f"<h3>{escape(kind)}</h3><ul>{''.join(_button(m) for m in moments)}</ul>" if moments else ""
+        for kind, moments in kinds.items()
+    )
+
+
+def _button(moment: Moment) -> str:
+    minutes, seconds = divmod(moment.time_s, 60)
+    return (
+        f'<li><button type="button" data-time="{moment.time_s:.4f}">'
+        f"<b>{minutes:.0f}:{seconds:04.1f}</b> {escape(moment.text)}</button></li>"
+    )
+
+
+def _summary(telemetry: Telemetry) -> str:
+    time_s, offset_m = telemetry["time_s"], telemetry["offset_m"]
+    lost_s = seconds_lost(telemetry)
+    sentence = (
+        f"{len(time_s)} frames, {time_s[-1] - time_s[0]:.1f} s. Lane tracked in {share_tracked(telemetry):.0%} of the "
+        f"frames, {f'lost for {lost_s:.1f} s in all' if lost_s else 'never lost'}."
+    )
+    if not np.isfinite(offset_m).any():
+        return sentence
+    low, high, usual = np.nanmin(offset_m), np.nanmax(offset_m), np.nanmedian(telemetry["confidence"])
+    return f"{sentence} Offset from {low:+.2f} to {high:+.2f} m, median confidence {usual:.2f}."

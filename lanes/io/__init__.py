@@ -1,0 +1,1 @@
+"""Files, pictures, videos, telemetry, the terminal: everything that touches the operating system."""

@@ -1,0 +1,122 @@
+"""Telemetry: one CSV row a frame, units in the column names, as beside each rendered video's truth."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from tempfile import TemporaryFile
+
+import numpy as np
+
+from lanes.io.files import read_text, whole_file, writing_to
+
+
+class TelemetryWriter:
+    """Write rows as CSV while they come, in a `with` block; the file gets its name at the end of the block.
+
+    Rows wait on disk, not in memory, because the columns are known only at the end. If the block raises, nothing of
+    them remains and an earlier file of that name is untouched.
+
+    Parameters
+    ----------
+    path : str or Path
+        The folder is created where needed.
+
+    Raises
+    ------
+    OSError
+        If the folder cannot be written to.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self._columns: dict[str, None] = {}
+
+    def __enter__(self) -> TelemetryWriter:
+        with writing_to(self.path):
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            # Names of pictures may hold bytes that are no text.
+            text = {"encoding": "utf-8", "errors": "replace", "newline": ""}
+            self._rows = TemporaryFile("w+", **text, dir=self.path.parent)
+        self._csv = csv.writer(self._rows, lineterminator="\n")
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            if kind is None:
+                with writing_to(self.path):
+                    self._finish()
+        finally:
+            # Rows that a full disk did not take are none that anybody misses.
+            with suppress(OSError):
+                self._rows.close()
+
+    def write(self, row: Mapping[str, object]) -> None:
+        """Append a row: column name to value.
+
+        The columns are those of all rows, in order of first appearance. What a row lacks, None and NaN become an empty
+        field: nothing was measured.
+        """
+        self._columns |= dict.fromkeys(row)
+        with writing_to(self.path):
+            self._csv.writerow(_field(row.get(name)) for name in self._columns)
+
+    def _finish(self) -> None:
+        self._rows.seek(0)
+        with whole_file(self.path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(self._columns)
+            # the early rows lack the columns that appeared later
+            writer.writerows(row + [""] * (len(self._columns) - len(row)) for row in csv.reader(self._rows))
+
+
+def write_telemetry(path: str | Path, rows: Iterable[Mapping[str, object]]) -> Path:
+    """Write rows as CSV, see `TelemetryWriter`; returns the path written."""
+    with TelemetryWriter(path) as table:
+        for row in rows:
+            table.write(row)
+    return table.path
+
+
+def read_telemetry(path: str | Path) -> dict[str, np.ndarray]:
+    """Read a telemetry or truth CSV into one array (rows,) for each column.
+
+    Columns of numbers become float64 with NaN for empty fields, all others str.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If it is no CSV with a header, a column "frame" and rows of equal length.
+    """
+    text = read_text(path, "telemetry")
+    try:
+        header, *rows = csv.reader(io.StringIO(text))
+        if "frame" not in header:
+            raise ValueError("its header names no column 'frame'")
+        columns = list(zip(*rows, strict=True)) or [()] * len(header)
+        if len(columns) != len(header):
+            raise ValueError("header and rows differ in length")
+    except (ValueError, csv.Error) as error:
+        raise ValueError(f"{path}: is no telemetry table ({error}); write it with write_telemetry.") from error
+    return {name: _column(fields) for name, fields in zip(header, columns, strict=True)}
+
+
+def _field(value: object) -> object:
+    if value is None:
+        return ""
+    if isinstance(value, (float, np.floating)):
+        # Nine digits keep micrometres over kilometres, and hide the last bits that differ between processors.
+        return "" if np.isnan(value) else f"{value:.9g}"
+    return value
+
+
+def _column(fields: tuple[str, ...]) -> np.ndarray:
+    try:
+        return np.array([float(field) if field else np.nan for field in fields])
+    except ValueError:
+        return np.array(fields)

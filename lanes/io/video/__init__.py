@@ -1,0 +1,1 @@
+"""Read, write, process and join videos; PyAV is used here only."""

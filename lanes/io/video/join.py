@@ -1,0 +1,98 @@
+"""Pieces of one annotated video into the whole, without decoding or encoding anything again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import closing, nullcontext
+from fractions import Fraction
+from pathlib import Path
+
+import av
+
+from lanes.io.files import whole_file
+from lanes.io.video.container import VideoError, guarded, open_video
+from lanes.io.video.reader import inspect_video
+from lanes.io.video.writer import SoundTrack
+
+
+def join_videos(
+    pieces: Sequence[Path], starts_s: Sequence[float], target: Path, *, sound_from: str | Path | None = None
+) -> int:
+    """Put videos that `VideoWriter` wrote one behind the other; returns the number of frames.
+
+    Every piece begins with a key frame, and all that a decoder has to know beforehand is the same in all of them, so
+    that their packets only need new times.
+
+    Parameters
+    ----------
+    pieces : sequence of Path
+        In order; written with the same settings.
+    starts_s : sequence of float
+        When the first frame of each piece is shown; the first of all becomes the start of the file.
+    target : Path
+        Ends in .mp4; appears only when it is whole.
+    sound_from : str or Path, optional
+        A video whose sound goes along, from `starts_s[0]` to the last frame.
+
+    Raises
+    ------
+    VideoError
+        If a piece is damaged or of another kind than the others, or not all frames arrived.
+    OSError
+        If `target` cannot be written.
+    """
+    with whole_file(target) as partial:
+        with av.open(str(partial), "w", format="mp4", options={"movflags": "+faststart"}) as container:
+            frames = _copy_all(pieces, starts_s, container, sound_from)
+        arrived = inspect_video(partial).frames
+        if arrived != frames:
+            raise VideoError(f"{target}: only {arrived} of {frames} frames arrived in the file; try again.")
+    return frames
+
+
+def _copy_all(
+    pieces: Sequence[Path],
+    starts_s: Sequence[float],
+    container: av.container.OutputContainer,
+    sound_from: str | Path | None,
+) -> int:
+    frames, end_s = 0, 0.0
+    with closing(open_video(pieces[0])) as first:
+        like = first.streams.video[0]
+        stream = container.add_stream_from_template(like)
+        # The tick of the pieces: no time is rounded.
+        stream.time_base = like.time_base
+        header = like.codec_context.extradata
+        track = SoundTrack(sound_from, container, start_s=starts_s[0]) if sound_from is not None else None
+        with closing(track) if track else nullcontext():
+            for packet in _packets(pieces, starts_s, header, like.time_base):
+                packet.stream = stream
+                frames += 1
+                end_s = max(end_s, float((packet.pts + packet.duration) * packet.time_base))
+                container.mux(packet)
+                if track:
+                    track.write_until(end_s)
+            if track:
+                track.finish(end_s)
+    return frames
+
+
+def _packets(pieces: Sequence[Path], starts_s: Sequence[float], header: bytes, tick: Fraction) -> Iterator[av.Packet]:
+    """The packets of all pieces in the order of decoding, with the times of the whole."""
+    last_dts = None
+    for path, start_s in zip(pieces, starts_s, strict=True):
+        inspect_video(path)  # finds a file that is cut off, which would only seem to be shorter
+        shift = round((start_s - starts_s[0]) / float(tick))
+        with closing(open_video(path)) as piece:
+            video = piece.streams.video[0]
+            if (video.codec_context.extradata, video.time_base) != (header, tick):
+                raise VideoError(f"{path}: was encoded otherwise than the piece before it; annotate the video again.")
+            for packet in guarded(piece.demux(video), path):
+                if not packet.size:
+                    continue
+                packet.pts += shift
+                # Frames are decoded somewhat before they are shown; where the rate changes at a joint, two would be at
+                # the same time.
+                packet.dts = packet.dts + shift if last_dts is None else max(packet.dts + shift, last_dts + 1)
+                last_dts = packet.dts
+                yield packet

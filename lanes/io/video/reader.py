@@ -1,0 +1,199 @@
+"""Frames out of video files, through PyAV (FFmpeg inside this process)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+from av.video.reformatter import ColorRange, VideoReformatter
+
+from lanes.io.frames import WEIGHTS, Picture, YuvColours, YuvPicture
+from lanes.io.video.container import (
+    VideoError,
+    decode_frames,
+    frame_rate,
+    guarded,
+    look_through,
+    open_video,
+    start_time,
+    steps_of,
+)
+
+# Of the numbers of a frame's colours: not told (ITU-T H.273, tables 2 to 4).
+UNTOLD = 2
+# Some containers round time stamps to a millisecond, so that a stamp this close to a limit counts as on it.
+STAMP_TOLERANCE_S = 1e-3
+# A time stamp further back than this belongs to a recorder that began again, as in clips that were put together.
+CLOCK_BACK_S = 1
+
+
+@dataclass(frozen=True)
+class VideoInfo:
+    """What a video file holds: size in pixels as shown (upright), frames per second, length, sound or not.
+
+    `missing` counts the frames that the file announces, or that its time stamps leave room for, and that are not there.
+    """
+
+    width: int
+    height: int
+    fps: float
+    frames: int
+    duration_s: float
+    has_audio: bool
+    missing: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class TimedFrame:
+    """One frame: its number, its time since the video's first frame, and the picture, RGB unless otherwise asked."""
+
+    number: int
+    time_s: float
+    image: Picture
+
+
+def inspect_video(path: str | Path) -> VideoInfo:
+    """Look into a video file; only its first frame is decoded, but all are counted.
+
+    Parameters
+    ----------
+    path : str or Path
+        Any format that FFmpeg reads: mp4, mov, avi, mkv, webm, ts.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    VideoError
+        If it is empty, no video, without frames, or cut off.
+    """
+    with open_video(path) as container:
+        found = look_through(path, container)
+        height, width = upright(found.first, VideoReformatter()).shape[:2]
+        rate = float(frame_rate(container.streams.video[0], path))
+        sound = bool(container.streams.audio)
+        return VideoInfo(width, height, rate, found.frames, found.duration_s, sound, found.missing)
+
+
+def read_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | None = None) -> Iterator[np.ndarray]:
+    """Frames of a video in order, each once.
+
+    Parameters
+    ----------
+    path : str or Path
+    start_s, end_s : float
+        The frames shown at or after `start_s` and before `end_s`, seconds since the first frame; None reads to the end.
+
+    Yields
+    ------
+    ndarray of shape (height, width, 3), uint8
+        RGB, upright where the file says that the camera was turned. Each is the receiver's own to write on.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    VideoError
+        If it is no video, its frames change their size, or it has ended before `start_s`.
+    """
+    for frame in read_timed_frames(path, start_s=start_s, end_s=end_s):
+        yield frame.image
+
+
+def upright(frame: av.VideoFrame, converter: VideoReformatter) -> np.ndarray:
+    """RGB picture of a decoded frame, turned as its display matrix says, in quarter turns."""
+    image = converter.reformat(frame, format="rgb24", threads=1).to_ndarray()
+    turns = _quarters(frame)
+    return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
+
+
+def upright_as_stored(frame: av.VideoFrame, converter: VideoReformatter) -> YuvPicture:
+    """A decoded frame, turned as `upright` does, without any conversion where it is YUV 4:2:0 of 8 bits.
+
+    Colours that are not told are taken for BT.601's, as FFmpeg does.
+    """
+    matrix = 6 if frame.colorspace == UNTOLD else frame.colorspace
+    if frame.format.is_rgb or matrix not in WEIGHTS or frame.width % 2 or frame.height % 2:
+        return YuvPicture.from_rgb(upright(frame, converter))
+    told = frame.color_primaries, frame.color_trc
+    colours = YuvColours(matrix, frame.color_range == ColorRange.JPEG, *(1 if n == UNTOLD else int(n) for n in told))
+    planes = converter.reformat(frame, format="yuv420p", threads=1).to_ndarray()
+    picture, turns = YuvPicture(planes, frame.width, frame.height, colours), _quarters(frame)
+    return picture.turned(turns) if turns else picture
+
+
+def read_timed_frames(
+    path: str | Path,
+    *,
+    start_s: float = 0.0,
+    end_s: float | None = None,
+    threads: int = 0,
+    convert: Callable[[av.VideoFrame, VideoReformatter], Picture] = upright,
+) -> Iterator[TimedFrame]:
+    """As `read_frames`, with the number and time of each frame.
+
+    Damaged frames are left out, and so are their numbers where the rate is constant. `threads` decode, 0 stands for
+    one a core; `convert` makes the pictures, `upright` or `upright_as_stored`.
+    """
+    if not 0 <= start_s < (math.inf if end_s is None else end_s):
+        raise VideoError(f"{path}: cannot read from {start_s} s to {end_s} s; give 0 <= start_s < end_s.")
+    last: TimedFrame | None = None
+    with open_video(path) as container:
+        stream = container.streams.video[0]
+        stream.thread_type, stream.codec_context.thread_count = "AUTO", threads
+        rate = frame_rate(stream, path)
+        converter = VideoReformatter()  # one for all frames: setting it up takes half as long as using it
+        for frame, time_s in _timed(_decoded_from(path, container, start_s), stream, rate, path):
+            if time_s < start_s - STAMP_TOLERANCE_S:
+                continue
+            if end_s is not None and time_s > end_s - STAMP_TOLERANCE_S:
+                break
+            number = last.number + steps_of(time_s - last.time_s, rate, stream) if last else round(time_s * rate)
+            last = TimedFrame(number, float(time_s), convert(frame, converter))
+            yield last
+    if last is None:
+        raise VideoError(f"{path}: has no frame at or after {start_s} s; start earlier.")
+
+
+def _timed(
+    frames: Iterator[av.VideoFrame], stream: av.VideoStream, rate: Fraction, path: str | Path
+) -> Iterator[tuple[av.VideoFrame, Fraction]]:
+    """Frames of one size with their seconds since the video's first, which never run back."""
+    first = last_s = None
+    shift_s = Fraction(0)
+    for frame in frames:
+        first = first or frame
+        if (frame.width, frame.height) != (first.width, first.height):
+            raise VideoError(
+                f"{path}: changes from {first.width}x{first.height} to {frame.width}x{frame.height} pixels at "
+                f"{float(last_s):.2f} s; cut it there, or convert it to one size."
+            )
+        # Only raw streams have no time stamps; they have no gaps either.
+        after_s = Fraction(0) if last_s is None else last_s + 1 / rate
+        time_s = after_s if frame.pts is None else _seconds_since_start(frame, stream) + shift_s
+        if last_s is not None and time_s < last_s - CLOCK_BACK_S:
+            shift_s += after_s - time_s
+            time_s = after_s
+        last_s = time_s if last_s is None else max(time_s, last_s)
+        yield frame, last_s
+
+
+def _decoded_from(path: str | Path, container: av.container.InputContainer, start_s: float) -> Iterator[av.VideoFrame]:
+    """Decoded frames from the last key frame before `start_s`, one second early for containers that seek coarsely."""
+    stream = container.streams.video[0]
+    if start_s > 1:
+        container.seek(int((start_s - 1 + start_time(stream)) / stream.time_base), stream=stream)
+    return guarded(decode_frames(container, stream), path)
+
+
+def _seconds_since_start(frame: av.VideoFrame, stream: av.VideoStream) -> Fraction:
+    return frame.pts * frame.time_base - start_time(stream)
+
+
+def _quarters(frame: av.VideoFrame) -> int:
+    return round(frame.rotation / 90) % 4

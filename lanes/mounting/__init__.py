@@ -1,1 +1,0 @@
-"""How the camera is mounted, from the lane lines of a drive."""

@@ -1,1 +1,0 @@
-"""Videos and telemetry: read, annotate, write."""

@@ -1,0 +1,1 @@
+"""Roads and chessboards rendered with exact ground truth."""

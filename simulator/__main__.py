@@ -1,0 +1,71 @@
+"""Render the embedded chessboards, stills and videos again, or a scene of the suite, each with its truth file."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from lanes.io.console import number, progress_line, run_command, run_program
+
+EXAMPLES = """\
+  python -m simulator
+  python -m simulator stills --out elsewhere
+  python -m simulator video --seconds 2 --out elsewhere
+  python -m simulator --scene hairpin-left"""
+
+
+EMBEDDED = ("boards", "stills", "video", "challenge", "harder")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this command."""
+    parser.add_argument("what", nargs="?", default="all", choices=(*EMBEDDED, "all"))
+    parser.add_argument(
+        "--scene", metavar="NAME", help="a scene of the suite instead, into the cache (LANES_CACHE) unless it is there"
+    )
+    parser.add_argument("--out", type=Path, default=Path("."), help="folder to write into (default: here)")
+    parser.add_argument(
+        "--seconds",
+        type=number(0.04, 10),
+        default=10.0,
+        metavar="S",
+        help="greatest length of a video (default: %(default)s)",
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Render what is asked for."""
+    from lanes.io.files import writing_to
+    from simulator.chessboards import write_boards
+    from simulator.scenes.embedded import write_challenge_video, write_harder_video, write_project_video, write_stills
+    from simulator.scenes.suite import render_scene
+
+    if options.scene:
+        print(f"{options.scene}: {render_scene(options.scene, progress=progress_line(options.scene))}")
+        return 0
+    with writing_to(options.out):
+        options.out.mkdir(parents=True, exist_ok=True)
+    videos = options.out / "test_videos"
+    jobs = {
+        "boards": lambda report: write_boards(options.out / "camera_cal", progress=report),
+        "stills": lambda report: write_stills(options.out / "test_images", progress=report),
+        "video": lambda report: write_project_video(videos, seconds=options.seconds, progress=report),
+        "challenge": lambda report: write_challenge_video(videos, seconds=options.seconds, progress=report),
+        "harder": lambda report: write_harder_video(videos, seconds=options.seconds, progress=report),
+    }
+    for name, job in jobs.items():
+        if options.what in (name, "all"):
+            written = job(progress_line(name))
+            print(f"{name}: wrote {', '.join(str(path) for path in written[-3:])}, {len(written)} files in all")
+    return 0
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command; returns the exit status, see `run_command`."""
+    arguments = sys.argv[1:] if arguments is None else arguments
+    return run_command(sys.modules[__name__], "python -m simulator", arguments)
+
+
+if __name__ == "__main__":
+    run_program(main)

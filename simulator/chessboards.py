@@ -1,0 +1,328 @@
+"""Chessboard photographs with known truth: a printed sheet on a plastered wall, seen through the course's own lens.
+
+Every pixel's ray, distortion included, is cast onto the wall plane, so the place of each corner is known exactly. The
+sheet is flat; what looks like curled paper is shading, which moves no corner.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from lanes.camera.camera import Camera
+from lanes.camera.camera_file import camera_to_dict
+from lanes.io.files import write_whole
+from lanes.io.images import write_image
+from simulator.scenes.dashcam import DASHCAM
+from simulator.workers import ordered
+
+COLUMNS, ROWS = 9, 6
+# 10 x 7 squares of this size leave margins of 15 and 19 mm on a sheet of US Letter paper.
+SQUARE_M = 0.0248
+PAPER_M = (0.2794, 0.2159)
+WALL_TEXEL_M = 0.0005
+WALL_TEXELS = 2048
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A painted wall under one light: linear colours 0..1 of paint and paper, and how rough the plaster shows."""
+
+    paint: tuple[float, float, float]
+    paper: tuple[float, float, float]
+    ink: float
+    relief: float
+    noise: float
+
+
+# Near a window, and in the dim corridor where the sensor's gain is up.
+CREAM = Wall(paint=(0.68, 0.67, 0.58), paper=(0.84, 0.84, 0.85), ink=0.004, relief=0.6, noise=0.9)
+GRAY = Wall(paint=(0.250, 0.246, 0.238), paper=(0.385, 0.385, 0.435), ink=0.010, relief=0.5, noise=1.4)
+
+
+@dataclass(frozen=True)
+class View:
+    """One photograph: where the board's middle is seen, how large and how turned, and the light.
+
+    `u`, `v`, `span_px`: middle of the board and width of its ten squares in pixels were it not turned; `turn_deg` > 0
+    brings its right side nearer, `tilt_deg` > 0 its top, `roll_deg` > 0 turns it clockwise in the picture. `lamp` is
+    (u, v, reach in pixels, strength) of the glow on the wall, `falloff` the share of light lost from left to right and
+    from top to bottom. `extra_px` adds a column and a row: the same camera, cut one pixel later.
+    """
+
+    wall: Wall
+    u: float
+    v: float
+    span_px: float
+    turn_deg: float
+    tilt_deg: float
+    roll_deg: float
+    lamp: tuple[float, float, float, float]
+    falloff: tuple[float, float] = (0.0, 0.0)
+    extra_px: int = 0
+
+
+VIEWS = (
+    View(CREAM, 652, 436, 1165, 1.5, -2, 0.4, (200, -100, 900, 0.10), (0.06, 0.05)),
+    View(CREAM, 640, 375, 1000, -3, 31, 0.6, (1250, 100, 700, 0.12), (-0.05, 0.10)),
+    View(CREAM, 640, 366, 985, 2, -35, -0.5, (820, 60, 360, 0.30), (0.04, 0.16)),
+    View(CREAM, 872, 318, 1040, 35, 3, -1.2, (-60, 200, 500, 0.15), (-0.08, 0.06)),
+    View(CREAM, 560, 262, 985, -33, -4, 0.8, (1300, 650, 600, 0.14), (0.10, 0.02)),
+    View(GRAY, 622, 338, 392, 1, -1, 0.3, (1400, -200, 700, 0.25), (0.03, 0.10)),
+    View(GRAY, 446, 352, 398, 47, 2, -0.6, (30, 60, 320, 0.45), (0.02, 0.08), 1),
+    View(GRAY, 846, 362, 470, -43, -3, 1.0, (1380, 120, 420, 0.55), (-0.06, 0.10)),
+    View(GRAY, 742, 300, 436, -38, 18, 17.0, (1330, 250, 380, 0.80), (0.05, 0.09)),
+    View(GRAY, 770, 446, 560, 14, -44, -3.0, (80, 680, 500, 0.15), (0.08, -0.04)),
+    View(GRAY, 204, 356, 262, 22, -6, -1.5, (900, -80, 600, 0.20), (-0.05, 0.12)),
+    View(GRAY, 872, 318, 556, 33, 8, 2.2, (-20, 260, 330, 1.30), (-0.02, 0.12)),
+    View(GRAY, 604, 300, 452, 34, -22, -33.0, (-40, 640, 300, 1.70), (0.03, 0.05)),
+    View(GRAY, 1096, 186, 368, -32, -8, 4.0, (1260, 20, 260, 0.50), (0.02, 0.06)),
+    View(GRAY, 1092, 548, 402, -27, 12, 2.5, (1180, 40, 300, 0.55), (0.05, 0.06), 1),
+    View(GRAY, 1052, 246, 398, -30, 14, 3.0, (300, 740, 500, 0.20), (0.04, -0.05)),
+    View(GRAY, 666, 430, 642, -6, -20, -1.0, (120, -40, 420, 0.35), (0.02, 0.14)),
+    View(GRAY, 690, 268, 604, 8, 24, 0.8, (640, 800, 520, 0.25), (-0.03, -0.08)),
+    View(GRAY, 208, 158, 384, 28, 10, -3.0, (1100, 40, 500, 0.30), (-0.04, 0.10)),
+    View(GRAY, 222, 566, 396, 24, -14, 2.0, (60, 40, 380, 0.40), (0.04, 0.10)),
+)
+
+
+def write_boards(
+    folder: str | Path, *, progress: Callable[[int, int], None] | None = None, workers: int | None = None
+) -> list[Path]:
+    """Write calibration1.jpg .. calibration20.jpg and truth.json.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Created where needed.
+    progress : callable, optional
+        Called as progress(pictures done, pictures in all).
+    workers : int, optional
+        Processes that render; the files do not depend on it. Default: as many as CPUs may be used.
+
+    Returns
+    -------
+    list of Path
+        The files written.
+
+    Raises
+    ------
+    OSError
+        If the folder cannot be written to.
+    """
+    folder = Path(folder)
+    written = []
+    truth: dict = {"camera": camera_to_dict(DASHCAM), "pattern": [COLUMNS, ROWS], "boards": {}}
+    with closing(ordered(_seeded_board, enumerate(VIEWS, 1), workers=workers)) as boards:
+        for number, (view, board) in enumerate(zip(VIEWS, boards, strict=True), 1):
+            name = f"calibration{number}.jpg"
+            written.append(write_image(folder / name, board, jpeg_quality=90))
+            truth["boards"][name] = _board_truth(view)
+            if progress:
+                progress(number, len(VIEWS))
+    write_whole(folder / "truth.json", (json.dumps(truth) + "\n").encode())
+    return [*written, folder / "truth.json"]
+
+
+def _seeded_board(seed_and_view: tuple[int, View]) -> np.ndarray:
+    return render_board(seed_and_view[1], seed=seed_and_view[0])
+
+
+def render_board(view: View, *, seed: int = 0, camera: Camera = DASHCAM) -> np.ndarray:
+    """Photograph of the board, ndarray (height, width, 3) uint8 RGB; `seed` is that of wall, paper and sensor noise."""
+    rng = np.random.default_rng(seed)
+    size = _picture_size(view, camera)
+    x, y = _wall_coordinates(view, camera, size)
+    light = _light(view, size)
+    scene = _wall(view, x, y, rng) * light[..., None]
+    paper, coverage = _sheet(view, x, y, rng)
+    scene += coverage[..., None] * (paper * light[..., None] - scene)
+    return _expose(scene, view.wall.noise, rng)
+
+
+def true_corners(view: View, camera: Camera = DASHCAM) -> np.ndarray:
+    """Pixels (54, 2) of the inner corners, row by row from the top left; some may lie outside the picture."""
+    turn, shift = _pose(view, camera)
+    column, row = np.meshgrid(np.arange(COLUMNS) - (COLUMNS - 1) / 2, np.arange(ROWS) - (ROWS - 1) / 2)
+    points = np.column_stack([column.ravel(), row.ravel(), np.zeros(column.size)]) * SQUARE_M
+    pixels, _ = cv2.projectPoints(points, cv2.Rodrigues(turn)[0], shift, camera.matrix, camera.distortion)
+    return pixels.reshape(-1, 2)
+
+
+def _board_truth(view: View) -> dict:
+    width, height = _picture_size(view, DASHCAM)
+    corners = true_corners(view)
+    inside = ((corners >= 0) & (corners <= [width - 1, height - 1])).all(axis=1)
+    return {
+        "width": width,
+        "height": height,
+        "corners_px": np.round(corners, 3).tolist(),
+        "inside": inside.astype(int).tolist(),
+    }
+
+
+def _picture_size(view: View, camera: Camera) -> tuple[int, int]:
+    return camera.width + view.extra_px, camera.height + view.extra_px
+
+
+def _pose(view: View, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation (3, 3) and shift (3,) in metres from the sheet (x right, y down, origin in the middle) to the camera."""
+    turn, tilt, roll = np.radians([view.turn_deg, view.tilt_deg, view.roll_deg])
+    about_x = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
+    about_y = np.array([[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]])
+    about_z = np.array([[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1]])
+    distance = camera.matrix[0, 0] * (COLUMNS + 1) * SQUARE_M / view.span_px
+    return about_z @ about_y @ about_x, distance * camera.rays(np.array([[view.u, view.v]]))[0]
+
+
+@lru_cache(maxsize=2)
+def _pixel_rays(camera: Camera, size: tuple[int, int]) -> np.ndarray:
+    """Directions (height, width, 3) of all pixels; the same for all views, and slow because of the distortion."""
+    u, v = np.meshgrid(np.arange(size[0], dtype=float), np.arange(size[1], dtype=float))
+    return camera.rays(np.column_stack([u.ravel(), v.ravel()])).reshape(size[1], size[0], 3)
+
+
+def _wall_coordinates(view: View, camera: Camera, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Where each pixel looks at the wall: (x, y) in metres from the sheet's middle, arrays (height, width)."""
+    turn, shift = _pose(view, camera)
+    rays = _pixel_rays(camera, size)
+    normal = turn[:, 2]
+    # Far from a steep sheet a ray may run beside the wall; there it meets it far away and shows plain paint.
+    slope = np.maximum(rays @ normal, 1e-2)
+    hit = rays * (normal @ shift / slope)[..., None] - shift
+    return hit @ turn[:, 0], hit @ turn[:, 1]
+
+
+def _light(view: View, size: tuple[int, int]) -> np.ndarray:
+    """Brightness (height, width): fall-off, the lamp's glow and the lens's vignette."""
+    u, v = np.meshgrid(np.linspace(-1, 1, size[0]), np.linspace(-1, 1, size[1]))
+    falloff = 1 - (view.falloff[0] * u + view.falloff[1] * v)
+    vignette = 1 - 0.07 * (u**2 + v**2)
+    return falloff * vignette + 0.25 * _glow(view, size)
+
+
+def _glow(view: View, size: tuple[int, int]) -> np.ndarray:
+    """The lamp's reflection (height, width), with the long skirts that satin paint gives it."""
+    lamp_u, lamp_v, reach, strength = view.lamp
+    u, v = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
+    squared = ((u - lamp_u) ** 2 + (1.3 * (v - lamp_v)) ** 2) / reach**2
+    return strength / (1 + squared) ** 2
+
+
+def _wall(view: View, x: np.ndarray, y: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Colour (height, width, 3) of the painted wall with the relief of its plaster and the sheet's soft shadow."""
+    start = rng.uniform(0, WALL_TEXELS, 2)
+    footprint = float(np.median(np.hypot(np.gradient(x, axis=1), np.gradient(y, axis=1)))) / WALL_TEXEL_M
+    plaster = _seen_from_afar(_plaster(), footprint)
+    relief = np.clip(_sample(plaster, x / WALL_TEXEL_M + start[0], y / WALL_TEXEL_M + start[1]), -4, 4)
+    # Satin paint reflects the lamp in the lamp's colour; slopes that face it glint, the others do not.
+    glow = _glow(view, x.shape[::-1])
+    glint = 1 + 4 * glow
+    shade = 1 + view.wall.relief * 0.055 * relief * glint
+    # The sheet stands off the wall by a few millimetres, more at its lower edge.
+    distance = _outside(x - 0.0015, y - 0.0025)
+    shade *= 1 - 0.34 * np.exp(-np.maximum(distance, 0) / 0.0022)
+    reflection = (glow * shade**2)[..., None] * np.array([0.30, 0.30, 0.34])
+    return np.clip(shade, 0.2, 2.0)[..., None] * np.array(view.wall.paint) + reflection
+
+
+def _sheet(view: View, x: np.ndarray, y: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Colour (height, width, 3) of the printed sheet, and the share (height, width) of each pixel that it covers."""
+    start = rng.uniform(0, WALL_TEXELS, 2)
+    ripple = _sample(_ripples(), x / 0.002 + start[0], y / 0.002 + start[1])
+    edge = _outside(x, y) + 0.00035 * ripple
+    pixel = np.hypot(np.gradient(x, axis=1), np.gradient(y, axis=1)) + 1e-9
+    coverage = np.clip(0.5 - edge / pixel, 0, 1)
+    # Paper is not quite flat: it shades by a percent or two, more where its border lifts off the wall.
+    shade = 1 + 0.012 * ripple + 0.05 * ripple * np.exp(np.minimum(edge, 0) / 0.006)
+    ink = _ink(x, y)[..., None]
+    sheen = 0.02 * _glow(view, x.shape[::-1])[..., None]
+    return shade[..., None] * (np.array(view.wall.paper) * (1 - ink) + (view.wall.ink + sheen) * ink), coverage
+
+
+def _ink(x: np.ndarray, y: np.ndarray, samples: int = 4) -> np.ndarray:
+    """Share of each pixel's footprint on the sheet that is black, from samples x samples points of the footprint."""
+    across, down = x / SQUARE_M + (COLUMNS + 1) / 2, y / SQUARE_M + (ROWS + 1) / 2
+    near = (np.abs(across - (COLUMNS + 1) / 2) < COLUMNS / 2 + 1) & (np.abs(down - (ROWS + 1) / 2) < ROWS / 2 + 1)
+    a, a_u, a_v, b, b_u, b_v = (
+        values[near] for field in (across, down) for values in (field, *np.gradient(field)[::-1])
+    )
+    black = np.zeros_like(a)
+    for dv in (np.arange(samples) + 0.5) / samples - 0.5:
+        for du in (np.arange(samples) + 0.5) / samples - 0.5:
+            column, row = np.floor(a + du * a_u + dv * a_v), np.floor(b + du * b_u + dv * b_v)
+            printed = (column >= 0) & (column <= COLUMNS) & (row >= 0) & (row <= ROWS)
+            black += printed & ((column + row) % 2 == 0)
+    ink = np.zeros_like(x)
+    ink[near] = black / samples**2
+    return ink
+
+
+def _outside(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Distance in metres from the sheet's outline, negative on the sheet."""
+    dx, dy = np.abs(x) - PAPER_M[0] / 2, np.abs(y) - PAPER_M[1] / 2
+    return np.hypot(np.maximum(dx, 0), np.maximum(dy, 0)) + np.minimum(np.maximum(dx, dy), 0)
+
+
+def _sample(tile: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Look up a tile that repeats in both directions."""
+    side = tile.shape[0]
+    wrapped = cv2.copyMakeBorder(tile, 0, 1, 0, 1, cv2.BORDER_WRAP)
+    return cv2.remap(wrapped, (u % side).astype(np.float32), (v % side).astype(np.float32), cv2.INTER_LINEAR)
+
+
+@lru_cache(maxsize=1)
+def _plaster() -> np.ndarray:
+    """Slope of a knock-down plaster towards the light, unit variance: flat splashes with steep rims."""
+    rng = np.random.default_rng(20)
+    fine, coarse, where = (_smooth_noise(rng, sigma) for sigma in (3.0, 9.0, 60.0))
+    splash = 1 / (1 + np.exp(-7 * (coarse + 0.35 * fine + 0.5 * where - 1.35)))
+    height = splash + 0.05 * coarse + 0.012 * fine
+    slope = height - np.roll(height, (2, 1), axis=(0, 1))
+    return (slope / slope.std()).astype(np.float32)
+
+
+def _seen_from_afar(tile: np.ndarray, texels_per_pixel: float) -> np.ndarray:
+    """A repeating tile blurred by the pixel's footprint, so that fine grain averages out instead of flickering."""
+    if texels_per_pixel <= 1:
+        return tile
+    margin = 64
+    wide = cv2.copyMakeBorder(tile, margin, margin, margin, margin, cv2.BORDER_WRAP)
+    return cv2.GaussianBlur(wide, (0, 0), texels_per_pixel / 2)[margin:-margin, margin:-margin]
+
+
+@lru_cache(maxsize=1)
+def _ripples() -> np.ndarray:
+    """Gentle undulation of paper, unit variance, one texel for 2 mm."""
+    return _smooth_noise(np.random.default_rng(21), 9.0, 512)
+
+
+def _smooth_noise(rng: np.random.Generator, sigma: float, side: int = WALL_TEXELS) -> np.ndarray:
+    """White noise blurred by a Gaussian of `sigma` texels, repeating, unit variance."""
+    frequency_v, frequency_u = np.fft.fftfreq(side)[:, None], np.fft.rfftfreq(side)[None, :]
+    gain = np.exp(-2 * (np.pi * sigma) ** 2 * (frequency_u**2 + frequency_v**2))
+    noise = np.fft.irfft2(np.fft.rfft2(rng.standard_normal((side, side))) * gain, (side, side))
+    return (noise / noise.std()).astype(np.float32)
+
+
+def _expose(scene: np.ndarray, noise_levels: float, rng: np.random.Generator) -> np.ndarray:
+    """Lens blur, veiling glare, tone curve, the camera's own sharpening, and noise; returns uint8 RGB."""
+    scene = cv2.GaussianBlur(scene.astype(np.float32), (0, 0), 0.75)
+    small = cv2.resize(scene, None, fx=1 / 16, fy=1 / 16, interpolation=cv2.INTER_AREA)
+    veil = cv2.resize(cv2.GaussianBlur(small, (0, 0), 8), scene.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+    scene = 0.993 * scene + 0.007 * veil
+    # sRGB's curve (IEC 61966-2-1), and a soft shoulder so that highlights do not clip hard
+    scene = np.where(scene > 0.7, 0.7 + 0.3 * np.tanh((scene - 0.7) / 0.3), scene)
+    levels = 255 * np.where(scene > 0.0031308, 1.055 * np.maximum(scene, 1e-6) ** (1 / 2.4) - 0.055, 12.92 * scene)
+    levels += 0.5 * (levels - cv2.GaussianBlur(levels, (0, 0), 1.3))
+    grain = cv2.GaussianBlur(rng.standard_normal(levels.shape[:2]).astype(np.float32), (0, 0), 0.6) * 2.2
+    colour = cv2.GaussianBlur(rng.standard_normal(levels.shape).astype(np.float32), (0, 0), 2.0) * 4.0
+    levels += noise_levels * (grain[..., None] + 0.5 * colour)
+    return np.clip(np.round(levels), 0, 255).astype(np.uint8)

@@ -1,0 +1,1 @@
+"""Sky, plants and the distant landscape."""

@@ -1,0 +1,158 @@
+"""The sky: what the country looks like, the panorama's geometry, the blue, the clouds and the air.
+
+Directions are unit vectors in the world frame (x forward where the road starts, y left, z up). The panorama is an
+equal-area cylinder: columns follow the azimuth, rows the z component of the direction, so that looking a direction up
+costs one arc tangent and one remap.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from simulator.painting.noise import fractal_noise, smoothstep
+
+# 1304 columns a radian: a little finer than the 1160 px/rad of a 63 degree wide picture of 1280 columns.
+COLUMNS = 8192
+PIXELS_PER_RAD = COLUMNS / (2 * np.pi)
+Z_TOP, Z_BOTTOM = 0.64, -0.06
+ROWS = round((Z_TOP - Z_BOTTOM) * PIXELS_PER_RAD)
+HORIZON_ROW = Z_TOP * PIXELS_PER_RAD
+
+# Linear radiance of a dry summer sky, sunlit white paint = 1: at the zenith, what the horizon adds, and how fast that
+# fades with height, for red, green and blue (red fades fastest: that is why the sky above is blue).
+ZENITH = np.array([0.020, 0.120, 0.380], np.float32)
+HORIZON_GLOW = np.array([0.43, 0.47, 0.32], np.float32)
+GLOW_FALL = np.array([5.0, 3.1, 1.9], np.float32)
+# What distance fades to: the sky just above the horizon, a little darker and bluer.
+HAZE_COLOUR = (ZENITH + HORIZON_GLOW) * np.array([0.62, 0.72, 0.90], np.float32)
+
+
+@dataclass(frozen=True)
+class BackdropStyle:
+    """What the country looks like.
+
+    Parameters
+    ----------
+    cloud_cover : float
+        Share of the sky that cumulus clouds cover; 0 is a clear sky.
+    hill_height_rad, ridge_height_rad : float
+        How high the near hills and the far wooded ridge typically stand above the horizon.
+    greenness : float
+        Grass of the hills, from dry gold (0) to spring green (1).
+    tree_density : float
+        Woods on the hills and in front of them: 0 bare, 1 closed.
+    haze_per_km : float
+        Extinction of the air; 0.06 is a clear day, 0.4 a hazy one.
+    sun_azimuth_rad, sun_elevation_rad : float
+        Where the sun stands in the world frame (azimuth > 0 is left of the road's first heading).
+    """
+
+    cloud_cover: float = 0.0
+    hill_height_rad: float = 0.060
+    ridge_height_rad: float = 0.062
+    greenness: float = 0.0
+    tree_density: float = 0.5
+    haze_per_km: float = 0.06
+    sun_azimuth_rad: float = 0.9
+    sun_elevation_rad: float = 0.9
+
+    def __post_init__(self) -> None:
+        for name in ("cloud_cover", "greenness", "tree_density"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} is a share from 0 to 1, not {getattr(self, name)}.")
+        if not 0 < self.sun_elevation_rad <= np.pi / 2:
+            raise ValueError(f"the sun must be above the horizon, not at {self.sun_elevation_rad} rad.")
+        if self.haze_per_km < 0:
+            raise ValueError(f"haze_per_km is an extinction, 0 or more, not {self.haze_per_km}.")
+
+    def sun_direction(self) -> np.ndarray:
+        """(3,) unit vector towards the sun, world frame."""
+        level = np.cos(self.sun_elevation_rad)
+        return np.array(
+            [
+                level * np.cos(self.sun_azimuth_rad),
+                level * np.sin(self.sun_azimuth_rad),
+                np.sin(self.sun_elevation_rad),
+            ]
+        )
+
+
+def air_between(distance_m: np.ndarray | float, haze_per_km: float) -> tuple[np.ndarray, np.ndarray]:
+    """What the air does to the light of a thing at a distance.
+
+    Parameters
+    ----------
+    distance_m : float or ndarray of any shape
+        From the eye, metres.
+    haze_per_km : float
+        Extinction, 1/km.
+
+    Returns
+    -------
+    (through, air) : ndarrays of that shape with 3 more entries
+        Colour seen = colour * through + air; blue is scattered in first and most.
+
+    References
+    ----------
+    Koschmieder's law of the contrast of far things.
+    """
+    extinction = haze_per_km / 1000 * np.array([0.8, 1.0, 1.3], np.float32)
+    through = np.exp(-np.multiply.outer(np.asarray(distance_m, np.float32), extinction))
+    return through, HAZE_COLOUR * (1 - through)
+
+
+def azimuths() -> np.ndarray:
+    return (np.arange(COLUMNS, dtype=np.float32) + 0.5) / np.float32(PIXELS_PER_RAD)
+
+
+def heights() -> np.ndarray:
+    """z component of the direction of each row."""
+    return (Z_TOP - (np.arange(ROWS, dtype=np.float32) + 0.5) / PIXELS_PER_RAD).astype(np.float32)
+
+
+def paint_sky(style: BackdropStyle) -> np.ndarray:
+    """Gradient from the horizon up, and the bright side where the sun stands."""
+    coarse = 4
+    z = cv2.resize(heights()[:, None], (1, ROWS // coarse), interpolation=cv2.INTER_AREA).ravel()
+    azimuth = azimuths().reshape(-1, coarse).mean(axis=1)
+    gradient = ZENITH + HORIZON_GLOW * np.exp(-GLOW_FALL * np.maximum(z, 0)[:, None])
+    sun = style.sun_direction().astype(np.float32)
+    facing = np.cos(azimuth - style.sun_azimuth_rad) * np.hypot(sun[0], sun[1])
+    away = 1 - (np.sqrt(1 - z * z)[:, None] * facing[None, :] + z[:, None] * sun[2])[..., None]
+    # Aureole (forward scattering), the weak brightening of the sun's whole side, and haze that whitens both.
+    glow = 0.30 * np.exp(-away / 0.05) + (0.05 + 0.35 * style.haze_per_km) * np.exp(-away / 0.5)
+    sky = gradient[:, None, :] * (1.06 - 0.06 * away) + glow * np.array([0.85, 0.97, 1.0], np.float32)
+    return cv2.resize(sky.astype(np.float32), (COLUMNS, ROWS), interpolation=cv2.INTER_LINEAR)
+
+
+def paint_clouds(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Generator) -> None:
+    """Cumulus: noise on a flat layer seen in perspective, so that clouds shrink and crowd towards the horizon.
+
+    The panorama is given as planes (3, ROWS, COLUMNS) and changed.
+    """
+    size, coarse = 2048, 2
+    noise = fractal_noise((size, size), rng, cell_px=(420, 420), octaves=8, gain=0.55)
+    rows = int(HORIZON_ROW) // coarse
+    z = np.maximum(heights()[: rows * coarse : coarse], 0.004)[:, None]
+    # The exponent is 1 for paper-thin clouds; less gives them the height that makes them cumulus.
+    reach = 330 * np.sqrt(1 - z * z) / (z + 0.06) ** 0.55
+    azimuth = azimuths()[::coarse]
+    map_x = (reach * np.cos(azimuth) + size / 2).astype(np.float32)
+    map_y = (reach * np.sin(azimuth) + size / 2).astype(np.float32)
+    density = cv2.remap(noise, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    # Tops are lit: where there is less cloud a little higher up. Bases are flat and grey.
+    lit = density - np.roll(cv2.GaussianBlur(density, (0, 0), 5), 12, axis=0)
+    edge = np.float32(np.quantile(density[::8, ::8], 1 - style.cloud_cover))
+    cover = smoothstep(edge - 0.08, edge + 0.40, density)
+    thick = smoothstep(edge + 0.1, edge + 1.7, cv2.GaussianBlur(density, (0, 0), 3))
+    brightness = np.clip(0.84 - 0.46 * thick + 0.22 * lit, 0.26, 1.05)
+    cover *= np.exp(-0.012 / z)
+    size = (COLUMNS, rows * coarse)
+    clear = 1 - cv2.resize(cover, size, interpolation=cv2.INTER_LINEAR)
+    for plane, bright, dark in zip(panorama[:, : rows * coarse], (1.0, 1.0, 1.01), (0.03, 0.05, 0.09), strict=True):
+        colour = brightness * np.float32(bright) + (1 - brightness) * np.float32(dark)
+        plane *= clear
+        plane += cv2.resize(colour * cover, size, interpolation=cv2.INTER_LINEAR)

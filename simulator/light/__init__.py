@@ -1,0 +1,1 @@
+"""Sunlight, shading, glare, and what lens and exposure do to the light."""

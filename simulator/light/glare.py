@@ -1,0 +1,166 @@
+"""A low sun ahead: light scattered in the windscreen, flare between the lenses, and the sheen of the road."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from simulator.painting.noise import fractal_noise, smoothstep
+from simulator.road.ground import Ground
+
+SUN_COLOUR = np.array([1.0, 0.93, 0.80], np.float32)
+# Smooth light is computed on every eighth pixel, the flare on every fourth.
+COARSE, FINER = 8, 4
+# Mirror images of the iris: place on the line from the sun (-1) through the middle (0), size as a share of the
+# picture's height, strength, colour.
+GHOSTS = (
+    (0.25, 0.035, 0.030, (0.7, 1.0, 0.8)),
+    (0.55, 0.075, 0.016, (1.0, 0.8, 0.6)),
+    (0.80, 0.020, 0.045, (0.8, 0.9, 1.0)),
+    (1.15, 0.120, 0.012, (0.8, 1.0, 0.9)),
+    (-0.45, 0.050, 0.020, (1.0, 0.9, 0.7)),
+)
+
+
+@dataclass(frozen=True)
+class Glare:
+    """How strongly a low sun dazzles the camera; 0 switches a part off, 1 is a windscreen that wants cleaning.
+
+    Parameters
+    ----------
+    veil : float
+        Light scattered by dirt on the windscreen and in the lens: strongest about the sun, some of it everywhere.
+    sheen : float
+        Mirror-like light of the road below the sun.
+    flare : float
+        Ghosts and rays.
+    dashboard : float
+        The sunny dashboard, mirrored in the windscreen over the lower half of the picture.
+    """
+
+    veil: float = 1.0
+    sheen: float = 0.6
+    flare: float = 1.0
+    dashboard: float = 0.0
+
+
+def add_sheen(light: np.ndarray, ground: Ground, sun: np.ndarray, sun_direction: np.ndarray, *, strength: float,
+              height_m: float) -> None:  # fmt: skip
+    """Add the road's mirror-like light, in place.
+
+    Parameters
+    ----------
+    light : ndarray of shape (rows, width, 3), float32
+        The ground's.
+    ground : Ground
+    sun : ndarray of shape (rows, width), float32
+        Share of the sun that reaches the ground.
+    sun_direction : ndarray of shape (3,)
+        Unit vector towards the sun, road frame.
+    strength : float
+    height_m : float
+        Of the camera.
+
+    References
+    ----------
+    Facets that are tilted by chance (Beckmann), each mirroring by Schlick's approximation of Fresnel's law.
+    """
+    x, y = (cv2.resize(a, None, fx=1 / FINER, fy=1 / FINER, interpolation=cv2.INTER_AREA) for a in (ground.x, ground.y))
+    to_eye = np.stack([-x, -y, np.full_like(x, height_m)], axis=-1)
+    to_eye /= np.linalg.norm(to_eye, axis=-1, keepdims=True)
+    half = to_eye + sun_direction.astype(np.float32)
+    half /= np.linalg.norm(half, axis=-1, keepdims=True)
+    tilt2 = 1 / np.maximum(half[..., 2], np.float32(0.05)) ** 2 - 1
+    mirrored = 0.04 + 0.96 * (1 - (half * to_eye).sum(axis=-1)) ** 5
+    # Slopes of worn asphalt: a quarter, as the root mean square.
+    sheen = np.float32(strength) * mirrored * np.exp(-tilt2 / np.float32(0.25**2))
+    sheen = cv2.resize(sheen, (light.shape[1], light.shape[0]), interpolation=cv2.INTER_LINEAR) * sun
+    # Stones and paint that are brighter are also the smoother ones.
+    sheen *= 0.8 + np.minimum(light[..., 1], 1) * np.float32(0.4)
+    # numpy is slow where the innermost axis has three elements
+    light += cv2.merge([sheen * c for c in SUN_COLOUR])
+
+
+def add_glare(light: np.ndarray, rays: np.ndarray, sun_ray: np.ndarray, glare: Glare, *, sunshine: float) -> None:
+    """Add what the sun does to windscreen and lens, in place.
+
+    Parameters
+    ----------
+    light : ndarray of shape (height, width, 3), float32
+    rays : ndarray of shape (height, width, 3), float32
+        Directions of the pixels, camera axes, as `ground.picture_rays` gives them.
+    sun_ray : ndarray of shape (3,)
+        Unit vector towards the sun, camera axes.
+    glare : Glare
+    sunshine : float
+        Share of the sun that reaches the windscreen: 0 in the shade.
+    """
+    if sunshine <= 0:
+        return
+    height, width = light.shape[:2]
+    added = cv2.resize(_veil(rays[::COARSE, ::COARSE], sun_ray, glare.veil), (width, height))
+    if glare.veil:
+        added *= _dirt(height, width)
+    if glare.flare and sun_ray[2] > 0.3:
+        flare = glare.flare * _flare(rays[::FINER, ::FINER], sun_ray)
+        added += cv2.resize(flare, (width, height))
+    if glare.dashboard:
+        cv2.scaleAdd(_dashboard(height, width), glare.dashboard, added, dst=added)
+    cv2.scaleAdd(added, sunshine, light, dst=light)
+
+
+def _veil(rays: np.ndarray, sun_ray: np.ndarray, strength: float) -> np.ndarray:
+    """Scattered light (rows, columns, 3): it falls with the square of the angle (Stiles and Holladay), and a rest."""
+    cosine = (rays @ sun_ray.astype(np.float32)) / np.linalg.norm(rays, axis=-1)
+    angle2 = np.arccos(np.clip(cosine, -1, 1)) ** 2
+    veil = np.float32(strength) * (0.04 + 0.012 / (angle2 + 0.003) + 2.0 * np.exp(-angle2 / 0.0012))
+    return veil[..., None].astype(np.float32) * SUN_COLOUR
+
+
+def _flare(rays: np.ndarray, sun_ray: np.ndarray) -> np.ndarray:
+    """Disc of the sun with its rays, and its ghosts across the picture, on the coarse grid of `rays`."""
+    height, width = rays.shape[:2]
+    step_px = 1 / (rays[height // 2, width // 2 + 1, 0] - rays[height // 2, width // 2, 0])
+    middle = np.array([width / 2, height / 2])
+    centre = middle + (sun_ray[:2] / sun_ray[2] - rays[height // 2, width // 2, :2]) * step_px
+    flare = np.zeros((height, width, 3), np.float32)
+    for place, size, strength, colour in GHOSTS:
+        at = middle + (middle - centre) * place
+        ghost, light = np.zeros_like(flare), [strength * c for c in colour]
+        cv2.circle(ghost, np.rint(at * 16).astype(int).tolist(), round(size * height * 16), light, -1, cv2.LINE_AA, 4)
+        flare += ghost
+    v, u = np.mgrid[:height, :width].astype(np.float32)
+    du, dv = u - np.float32(centre[0]), v - np.float32(centre[1])
+    radius = np.hypot(du, dv) / np.float32(step_px)
+    rays_of_iris = np.abs(np.cos(4 * np.arctan2(dv, du) + 0.4)) ** 60 * np.exp(-radius / 0.10)
+    disc = 6.0 * np.exp(-((radius / 0.014) ** 2)) + 0.9 * rays_of_iris
+    return cv2.GaussianBlur(flare, (0, 0), 1.2) + cv2.merge([disc * c for c in SUN_COLOUR])
+
+
+@lru_cache(maxsize=2)
+def _dirt(height: int, width: int) -> np.ndarray:
+    """How unevenly a windscreen scatters (height, width, 3), about 1: smears of the wiper, and specks."""
+    rng = np.random.default_rng(71)
+    smears = fractal_noise((height, width), rng, cell_px=(0.9 * height, 0.12 * width), octaves=4, gain=0.6)
+    specks = fractal_noise((height, width), rng, cell_px=(5, 5), octaves=2)
+    dirt = 1 + 0.12 * smears + 0.7 * smoothstep(2.6, 3.6, specks)
+    return cv2.merge([np.clip(dirt, 0.5, 2).astype(np.float32)] * 3)
+
+
+@lru_cache(maxsize=2)
+def _dashboard(height: int, width: int) -> np.ndarray:
+    """Grained plastic from its far edge down, a fold along it, all out of focus; (height, width, 3)."""
+    rng = np.random.default_rng(72)
+    v, u = np.mgrid[:height, :width] / np.array([height, width]).reshape(2, 1, 1)
+    edge = 0.66 + 0.05 * (u - 0.4) ** 2
+    grain = fractal_noise((height, width), rng, cell_px=(3, 12), octaves=2)
+    cloth = fractal_noise((height, width), rng, cell_px=(0.2 * height, 0.4 * width), octaves=4)
+    below = smoothstep(-0.012, 0.012, v - edge)
+    fold = np.exp(-(((v - edge - 0.12) / 0.006) ** 2)) + 0.7 * np.exp(-(((v - edge) / 0.008) ** 2))
+    tone = (0.10 + 0.14 * below) * (1 + 0.10 * cloth) + below * (0.022 * grain + 0.05 * fold)
+    side = 1 - 0.75 * smoothstep(0.25, 0.85, u)
+    layer = cv2.GaussianBlur((tone * side).astype(np.float32), (0, 0), height / 720)
+    return layer[..., None] * np.array([0.94, 0.97, 1.06], np.float32)

@@ -1,0 +1,141 @@
+"""From linear light to the bytes of a dashcam: exposure, vignette, blur, noise, tone curve, sharpening."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from simulator.painting.brush import planes_of
+
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
+# Steps of the tone curve's table: fine enough that no two neighbouring entries differ by more than one level.
+TONE_STEPS = 4096
+BRIGHTEST = 4.0
+# Luminance of a road at which the automatic exposure changes nothing: asphalt that is no longer new.
+ADAPTED_TO = 0.055
+ROWS_AT_A_TIME = 24
+# How fast darkness swallows detail: light equal to this comes out at half its strength.
+TOE = 0.012
+
+
+@dataclass(frozen=True)
+class Lens:
+    """How the camera turns light into a picture.
+
+    Parameters
+    ----------
+    blur_px : float
+        Standard deviation of the optical blur.
+    vignette : float
+        Share of light lost in the corners.
+    noise : float
+        Sensor noise at white, as a share of white; grows with the square root of light.
+    sharpening : float
+        Strength of the halo that such cameras add.
+    exposure : float
+        Stops are 2**exposure on top of the automatic one.
+    adaptation : float
+        0: fixed exposure; 1: the road always comes out equally bright.
+    chroma_blur_px : float
+        Standard deviation of the blur of colour alone: cameras keep it at half the size, and their codec smooths it.
+    """
+
+    blur_px: float = 0.6
+    vignette: float = 0.16
+    noise: float = 0.007
+    sharpening: float = 0.55
+    exposure: float = 0.0
+    adaptation: float = 0.10
+    chroma_blur_px: float = 0.0
+
+
+def develop(light: np.ndarray, lens: Lens, *, road_light: float, seed: int) -> np.ndarray:
+    """The picture that the camera stores.
+
+    Parameters
+    ----------
+    light : ndarray of shape (height, width, 3), float32
+        Linear RGB, 1.0 = sunlit white paint.
+    lens : Lens
+    road_light : float
+        Mean luminance of the road in view, which the exposure follows.
+    seed : int
+        Of the noise; another one for each frame.
+
+    Returns
+    -------
+    ndarray of shape (height, width, 3), uint8
+    """
+    height, width = light.shape[:2]
+    gain = np.float32(2.0**lens.exposure * (ADAPTED_TO / max(road_light, 0.002)) ** lens.adaptation)
+    light = cv2.GaussianBlur(light, (0, 0), lens.blur_px) if lens.blur_px else light
+    vignette, noise = gain * _vignette(height, width, lens.vignette), _noise(height, width, seed)
+    image = np.empty((height, width, 3), np.uint8)
+    # Some rows at a time stay in the processor's cache through all steps.
+    for top in range(0, height, ROWS_AT_A_TIME):
+        rows = slice(top, top + ROWS_AT_A_TIME)
+        cv2.LUT(_tone_steps(light[rows], vignette[rows], noise[rows], lens.noise), _tone_curve(), dst=image[rows])
+    if lens.sharpening:
+        image = cv2.addWeighted(image, 1 + lens.sharpening, cv2.GaussianBlur(image, (0, 0), 1.1), -lens.sharpening, 0)
+    return _blur_chroma(image, lens.chroma_blur_px) if lens.chroma_blur_px else image
+
+
+def _blur_chroma(image: np.ndarray, blur_px: float) -> np.ndarray:
+    luma, *chroma = planes_of(cv2.cvtColor(image, cv2.COLOR_RGB2YCrCb))
+    half = [cv2.GaussianBlur(cv2.pyrDown(plane), (0, 0), blur_px / 2) for plane in chroma]
+    size = luma.shape[::-1]
+    return cv2.cvtColor(cv2.merge([luma, *(cv2.resize(plane, size) for plane in half)]), cv2.COLOR_YCrCb2RGB)
+
+
+def _tone_steps(light: np.ndarray, gain: np.ndarray, noise: np.ndarray, noise_share: float) -> np.ndarray:
+    """Entries of the tone curve's table (rows, width, 3) uint16 for light times gain (rows, width), with noise."""
+    light = light * cv2.merge([gain] * 3)
+    # Work on the square root of light, where photon noise has the same size everywhere.
+    root = np.sqrt(np.clip(light, 0, BRIGHTEST, out=light), out=light)
+    root += np.float32(noise_share / 2) * noise
+    root *= np.float32((TONE_STEPS - 1) / np.sqrt(BRIGHTEST))
+    return np.clip(root, 0, TONE_STEPS - 1, out=root).astype(np.uint16)
+
+
+@lru_cache(maxsize=4)
+def _vignette(height: int, width: int, strength: float) -> np.ndarray:
+    v, u = np.mgrid[:height, :width].astype(np.float32)
+    radius2 = ((u - width / 2) ** 2 + (v - height / 2) ** 2) / np.float32((width**2 + height**2) / 4)
+    return (1 - np.float32(strength) * radius2).astype(np.float32)
+
+
+@lru_cache(maxsize=2)
+def _noise_tile(height: int, width: int, *, mirrored: bool) -> np.ndarray:
+    """Normal noise, a little coarser than a pixel as after demosaicing, larger than the picture to be shifted."""
+    if mirrored:
+        # Kept beside the other, because numpy goes through columns that run backwards one by one.
+        return cv2.flip(_noise_tile(height, width, mirrored=False), 1)
+    noise = np.random.default_rng(0).standard_normal((height + 64, width + 64, 3)).astype(np.float32)
+    noise = cv2.GaussianBlur(noise, (0, 0), 0.6)
+    return noise / noise.std()
+
+
+def _noise(height: int, width: int, seed: int) -> np.ndarray:
+    """The tile shifted and flipped by chance, which is much faster than drawing anew for each frame."""
+    rng = np.random.default_rng(seed)
+    row, column = rng.integers(0, 64, 2)
+    down, right = rng.choice([-1, 1]), rng.choice([-1, 1])
+    left = column if right > 0 else 64 - column
+    return _noise_tile(height, width, mirrored=right < 0)[row : row + height, left : left + width][::down]
+
+
+@lru_cache(maxsize=1)
+def _tone_curve() -> np.ndarray:
+    """sRGB's transfer curve (IEC 61966-2-1) behind a toe, and a shoulder that keeps white paint from clipping."""
+    light = np.linspace(0, np.sqrt(BRIGHTEST), TONE_STEPS) ** 2
+    light = light**2 / (light + TOE)
+    knee = 0.55
+    over = np.maximum(light - knee, 0)
+    light = np.minimum(light, knee) + (1 - knee) * (1 - np.exp(-over / (1 - knee) * 1.35)) * 1.02
+    light = np.clip(light, 0, 1)
+    encoded = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    # OpenCV wants an entry for every 16-bit number.
+    return np.pad(np.rint(255 * encoded).astype(np.uint8), (0, 65536 - TONE_STEPS), mode="edge")

@@ -1,0 +1,314 @@
+"""Sun and sky on the ground: where the sun reaches, and the blue light of the sky where it does not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from statistics import NormalDist
+
+import cv2
+import numpy as np
+
+from lanes.camera.camera import Camera
+from simulator.painting.texture import band_noise_tile, fade, sample_noise
+from simulator.road.ground import Ground, strip_coverage
+from simulator.road.road_ahead import RoadAhead
+
+# Share of the light on open ground that comes from the sky; measured on shaded asphalt: dark and blue.
+SKY_SHARE = np.array([0.11, 0.15, 0.22], np.float32)
+# Light of closed clouds on open ground, as a multiple of the clear sky's without the sun.
+CLOUDS = np.array([0.36, 0.38, 0.41], np.float32) / SKY_SHARE
+# Shadows of things are followed between these distances ahead; the bonnet hides what is nearer.
+NEAREST_M = 1.5
+SHADOWS_UNTIL_M = 160.0
+LEAF_SEED = 61
+# Where 1 less the squares of the distances from a crown's middle, in its radii, is less than minus this, all is sunny:
+# noise above five standard deviations would be needed.
+FARTHEST_LEAF = 3.0
+# Farther than the blur of a shadow's edge reaches.
+PENUMBRA_PX = 6
+# What walls and the sunny road outside throw below the middle of a wide bridge, as a share of the open sky's light.
+BOUNCED = 0.4
+
+
+@dataclass(frozen=True)
+class Sun:
+    """Where the sun stands: azimuth in the world frame (0 along the road's start, > 0 to the left), and elevation.
+
+    Behind closed clouds (`clouded`) it throws no shadows, and light comes from above.
+    """
+
+    azimuth_rad: float
+    elevation_rad: float
+    clouded: bool = False
+
+    def direction(self, heading_rad: float = 0.0) -> np.ndarray:
+        """Unit vector (3,) towards the sun, in a road frame that points along `heading_rad`."""
+        if self.clouded:
+            return np.array([0.0, 0.0, 1.0])
+        angle = self.azimuth_rad - heading_rad
+        level = np.cos(self.elevation_rad)
+        return np.array([level * np.cos(angle), level * np.sin(angle), np.sin(self.elevation_rad)])
+
+
+@dataclass(frozen=True)
+class TreeShade:
+    """The dappled shadow of tree crowns: a rounded stretch of road between lateral `low_m` and `high_m`."""
+
+    start_m: float
+    end_m: float
+    low_m: float
+    high_m: float
+    density: float = 0.8
+
+    def mirrored(self) -> TreeShade:
+        """The shade with left and right exchanged."""
+        return replace(self, low_m=-self.high_m, high_m=-self.low_m)
+
+
+@dataclass(frozen=True)
+class WoodShade:
+    """The closed shade of a wood on both sides: the sky's blue light, and `flecks` of sun here and there (a share)."""
+
+    start_m: float
+    end_m: float
+    flecks: float = 0.04
+
+    def mirrored(self) -> WoodShade:
+        """The same: it has no sides."""
+        return self
+
+
+@dataclass(frozen=True)
+class BridgeShade:
+    """The sharp shadow of a bridge across the whole road, and the sky that its deck hides.
+
+    `skew` is ds/dd of its edges; `clearance_m` is the height of the deck above the road.
+    """
+
+    start_m: float
+    end_m: float
+    skew: float = 0.0
+    clearance_m: float = 5.0
+
+    def mirrored(self) -> BridgeShade:
+        """The shade with left and right exchanged."""
+        return replace(self, skew=-self.skew)
+
+
+Shade = TreeShade | WoodShade | BridgeShade
+
+
+def sunlight_on_ground(shades: tuple[Shade, ...], ground: Ground, *, station_m: float, seed: int) -> np.ndarray:
+    """Share of the sun that reaches each pixel's ground: (rows, width) float32, 1 in the open, 0 in full shade."""
+    s = ground.s + np.float32(station_m)
+    sun = np.ones_like(s)
+    for number, shade in enumerate(shades):
+        rows = np.flatnonzero(((s > shade.start_m - 12) & (s < shade.end_m + 12)).any(axis=1))
+        if not len(rows):
+            continue
+        cut = slice(rows[0], rows[-1] + 1)
+        part = ground.rows(cut)
+        if isinstance(shade, BridgeShade):
+            sun[cut] *= _under_bridge(shade, part, s[cut])
+        elif isinstance(shade, WoodShade):
+            sun[cut] *= _in_wood(shade, part, s[cut], seed + number)
+        else:
+            sun[cut] *= _under_tree(shade, part, s[cut], seed + number)
+    return sun
+
+
+def sky_on_ground(shades: tuple[Shade, ...], ground: Ground, *, station_m: float) -> np.ndarray | None:
+    """Share of the sky's light that bridges leave to each pixel's ground, (rows, width) float32; None if no bridge."""
+    bridges = [shade for shade in shades if isinstance(shade, BridgeShade)]
+    if not bridges:
+        return None
+    share = np.ones_like(ground.s)
+    for shade in bridges:
+        t = ground.s + np.float32(station_m) - np.float32(shade.skew) * ground.d
+        share -= hidden_sky(shade, t)
+    return np.maximum(share, np.float32(BOUNCED))
+
+
+def sun_along(shades: tuple[Shade, ...], s_m: np.ndarray, d_m: np.ndarray, *, seed: int) -> np.ndarray:
+    """Share of the sun (N,) at places (s_m, d_m) on the road, (N,) each; leaves are averaged away."""
+    return sunlight_on_ground(shades, _points(s_m, d_m), station_m=0.0, seed=seed)[:, 0]
+
+
+def light_along(shades: tuple[Shade, ...], s_m: np.ndarray, d_m: np.ndarray, *, seed: int) -> np.ndarray:
+    """Irradiance (N, 3) relative to open ground at places (s_m, d_m) on the road, (N,) each, without leaves."""
+    sky = sky_on_ground(shades, _points(s_m, d_m), station_m=0.0)
+    return light_on_ground(sun_along(shades, s_m, d_m, seed=seed)[:, None], sky)[:, 0]
+
+
+def _points(s_m: np.ndarray, d_m: np.ndarray) -> Ground:
+    """Single places as ground of one column, with footprints in which no leaf can be told."""
+    s, d = (np.asarray(x, np.float32)[:, None] for x in (s_m, d_m))
+    wide, none = np.full_like(s, 2.0), np.zeros_like(s)
+    return Ground(0, np.ones(s.shape, bool), s, s, d, s, d, none, wide, wide, none)
+
+
+def light_on_ground(sun: np.ndarray, sky: np.ndarray | None = None) -> np.ndarray:
+    """Irradiance (rows, width, 3) float32 relative to open ground, from the shares of the sun and of the sky."""
+    if sky is None:
+        return cv2.merge([share + sun * (1 - share) for share in SKY_SHARE])
+    return cv2.merge([share * sky + sun * (1 - share) for share in SKY_SHARE])
+
+
+def darken_polygons(
+    sun: np.ndarray,
+    polygons_m: list[np.ndarray],
+    camera: Camera,
+    ground: Ground,
+    road: RoadAhead,
+    *,
+    station_m: float,
+    ragged_m: float = 0.0,
+) -> None:
+    """Shadows of things on the ground, in place.
+
+    Parameters
+    ----------
+    sun : ndarray of shape (rows, width), float32
+    polygons_m : list of ndarray of shape (N, 2)
+        Outlines in the car's road frame, metres.
+    camera : Camera
+    ground : Ground
+        Of the same rows as `sun`.
+    road : RoadAhead
+        Its ups and downs carry the shadows.
+    station_m : float
+        Arc length of the car.
+    ragged_m : float
+        How far leaves fray the outlines; 0 keeps them.
+    """
+    near = _near(polygons_m)
+    if not near:
+        return
+    points, ends = _densified(near)
+    points = points if road.profile.level else road.on_surface(points)
+    outlines = camera.road_to_pixels(points) - [0, ground.top]
+    starts = np.concatenate([[0], ends[:-1]])
+    out_of_sight = np.logical_or.reduceat(np.isnan(outlines[:, 0]), starts)
+    corners = np.rint(np.nan_to_num(outlines) * 16).astype(np.int32)
+    mask = np.zeros(sun.shape, np.uint8)
+    for first, last in zip(starts[~out_of_sight].tolist(), ends[~out_of_sight].tolist(), strict=True):
+        cv2.fillPoly(mask, [corners[first:last]], 255, cv2.LINE_AA, 4)
+    if ragged_m:
+        cut = _rows_within_reach(mask, ground, ragged_m)
+        part = ground.rows(cut)
+        frayed = _frayed(mask, part, part.s + np.float32(station_m), ragged_m, first_row=cut.start)
+        mask = np.zeros_like(mask)
+        mask[cut] = frayed
+    shaded = np.flatnonzero(mask.any(axis=1))
+    if not len(shaded):
+        return
+    # A penumbra of about a pixel; at car height it is a few centimetres wide. Rows that it does not reach stay.
+    rows = slice(max(shaded[0] - PENUMBRA_PX, 0), shaded[-1] + PENUMBRA_PX + 1)
+    sun[rows] *= 1 - cv2.GaussianBlur(mask[rows], (0, 0), 0.8).astype(np.float32) * np.float32(0.97 / 255)
+
+
+def _near(polygons: list[np.ndarray]) -> list[np.ndarray]:
+    """Those of the polygons that come between NEAREST_M and SHADOWS_UNTIL_M."""
+    if not polygons:
+        return []
+    ahead = np.concatenate([p[:, 0] for p in polygons])
+    starts = np.cumsum([0, *(len(p) for p in polygons[:-1])])
+    near = np.maximum.reduceat(ahead, starts) > NEAREST_M
+    near &= np.minimum.reduceat(ahead, starts) < SHADOWS_UNTIL_M
+    return [polygon for polygon, chosen in zip(polygons, near.tolist(), strict=True) if chosen]
+
+
+def _rows_within_reach(mask: np.ndarray, ground: Ground, reach_m: float) -> slice:
+    """Rows into which `_frayed` may carry something of the mask: mostly few, because most shadows are far away."""
+    shaded = np.flatnonzero(mask.any(axis=1))
+    if not len(shaded):
+        return slice(0, 0)
+    rows = np.arange(len(mask))
+    most = reach_m * np.abs(band_noise_tile(LEAF_SEED, octaves=3)).max()
+    reach_px = most / np.maximum(ground.reach_s.min(axis=1), 1e-2) + 2
+    near = np.flatnonzero((rows + reach_px >= shaded[0]) & (rows - reach_px <= shaded[-1]))
+    return slice(int(near[0]), int(near[-1]) + 1)
+
+
+def _frayed(mask: np.ndarray, ground: Ground, s: np.ndarray, reach_m: float, *, first_row: int) -> np.ndarray:
+    """The mask with its places shifted at random by about `reach_m` on the ground, twigs and single leaves apart.
+
+    `ground` and `s` are those of the rows from `first_row` on for which the result is wanted.
+    """
+    rows, columns = s.shape
+    if not rows:
+        return np.zeros_like(mask[:0])
+    tile = band_noise_tile(LEAF_SEED, octaves=3)
+    shift_d = sample_noise(tile, s, ground.d, wave_s_m=0.20, wave_d_m=0.15)
+    shift_s = sample_noise(tile, s, ground.d + 7, wave_s_m=0.20, wave_d_m=0.15)
+    u = np.arange(columns, dtype=np.float32) + np.float32(reach_m) * shift_d / np.maximum(np.abs(ground.d_u), 1e-3)
+    v = np.arange(first_row, first_row + rows, dtype=np.float32)[:, None] + np.float32(reach_m) * shift_s / np.maximum(
+        ground.reach_s, 1e-2
+    )
+    return cv2.remap(mask, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+
+
+def _densified(polygons: list[np.ndarray], *, edge_m: float = 1.5) -> tuple[np.ndarray, np.ndarray]:
+    """More points on long edges, because the lens bends straight lines; nothing closer than the camera can see.
+
+    Returns the points (N, 2) of all polygons in a row, and the index (P,) after the last point of each.
+    """
+    points = np.concatenate(polygons).astype(float)
+    last = np.cumsum([len(p) for p in polygons]) - 1
+    following = np.arange(1, len(points) + 1)
+    following[last] = np.concatenate([[0], last[:-1] + 1])
+    edges = points[following] - points
+    parts = np.clip(np.hypot(*edges.T) / edge_m, 1, 12).astype(int)
+    until = np.cumsum(parts)
+    share = (np.arange(until[-1]) - np.repeat(until - parts, parts)) / np.repeat(parts, parts)
+    dense = np.repeat(points, parts, axis=0) + share[:, None] * np.repeat(edges, parts, axis=0)
+    dense[:, 0] = np.maximum(dense[:, 0], NEAREST_M)
+    return dense, until[last]
+
+
+def _under_bridge(shade: BridgeShade, ground: Ground, s: np.ndarray) -> np.ndarray:
+    t = s - np.float32(shade.skew) * ground.d
+    # The sun is half a degree wide, so an edge 6 m up is soft over 6 cm and more along a low sun's way.
+    soft = np.float32(0.1)
+    return 1 - strip_coverage(t, np.abs(ground.s_u) + soft, ground.s_v, shade.start_m, shade.end_m)
+
+
+def hidden_sky(shade: BridgeShade, t: np.ndarray) -> np.ndarray:
+    """Share of the sky's light on level ground that an endless strip overhead takes, seen from places t along the road.
+
+    Half the difference of the sines of the directions to its edges (view factor of a strip from a parallel plate).
+    """
+    sines = [(edge - t) / np.hypot(edge - t, np.float32(shade.clearance_m)) for edge in (shade.start_m, shade.end_m)]
+    return (sines[1] - sines[0]).astype(np.float32) / 2
+
+
+def _in_wood(shade: WoodShade, ground: Ground, s: np.ndarray, seed: int) -> np.ndarray:
+    """Few flecks, drawn out along the road, and ragged ends where the wood opens."""
+    reach = ground.reach_s
+    cloudy = band_noise_tile(seed + 41, octaves=4)
+    gaps = sample_noise(cloudy, s, ground.d, wave_s_m=1.6, wave_d_m=0.8)
+    # The quantile of a normal distribution that leaves the share of flecks above it.
+    level = np.float32(NormalDist().inv_cdf(1 - shade.flecks))
+    flecks = np.clip((gaps - level) * 2.5 + 0.5, 0, 1)
+    flecks += (1 - fade(reach, 1.6)) * (np.float32(shade.flecks) - flecks)
+    inside = np.minimum(s - np.float32(shade.start_m), np.float32(shade.end_m) - s) + np.float32(1.5) * gaps
+    closed = np.clip(inside / 2 + 0.5, 0, 1)
+    return 1 - closed * (1 - np.float32(0.85) * flecks)
+
+
+def _under_tree(shade: TreeShade, ground: Ground, s: np.ndarray, seed: int) -> np.ndarray:
+    """Clusters of leaves: cloudy noise cut at a level that falls from the middle of the crown to its edge."""
+    along = (s - np.float32((shade.start_m + shade.end_m) / 2)) * np.float32(2 / (shade.end_m - shade.start_m))
+    across = (ground.d - np.float32((shade.low_m + shade.high_m) / 2)) * np.float32(2 / (shade.high_m - shade.low_m))
+    middle = 1 - along**2 - across**2
+    # Farther out no cluster is so dense that it throws a shadow.
+    near = np.flatnonzero(middle > -FARTHEST_LEAF)
+    s, d, reach, middle = (array.ravel()[near] for array in (s, ground.d, ground.reach_s, middle))
+    cloudy = band_noise_tile(seed + 31, octaves=3)
+    clusters = sample_noise(cloudy, s, d, wave_s_m=0.55, wave_d_m=0.42) * fade(reach, 4.0)
+    leaves = sample_noise(band_noise_tile(seed + 32), s, d, wave_s_m=0.22, wave_d_m=0.16) * fade(reach, 0.5)
+    level = np.float32(1.6) * np.minimum(middle, 0.8) + np.float32(0.75) * clusters + np.float32(0.35) * leaves
+    share = np.clip((level + np.float32(0.05)) * 2 + np.float32(0.5) - np.float32(0.6), 0, 1)
+    sun = np.ones(ground.s.shape, np.float32)
+    sun.ravel()[near] -= np.float32(shade.density) * share * share * (3 - 2 * share)
+    return sun

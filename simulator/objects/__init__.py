@@ -1,0 +1,1 @@
+"""Solid objects: vehicles, walls, bridges, roadside furniture, their shadows, the bonnet."""

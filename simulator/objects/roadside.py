@@ -1,0 +1,125 @@
+"""Things that stand beside the road or drive on it, by their places along the road."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from simulator.objects.obstacles import FARTHEST_M
+from simulator.objects.overpass import Overpass
+from simulator.objects.solids import Car, Post, Sign, Thing, Tree
+from simulator.objects.walls import Wall
+from simulator.road.geometry import Pose, RoadGeometry, surface_points
+
+# How far ahead walls are followed: at 450 m a barrier is a pixel high.
+WALL_AHEAD_M = 450.0
+WALL_STEP_M = 2.0
+# A wall is followed until it has turned so far that it comes back.
+WALL_TURNS_RAD = np.radians(200)
+# Tangent of half the angle that a wide dashcam sees (120 degrees).
+WIDEST_VIEW = 1.73
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A thing at arc length `s_m` and lateral `lateral_m` at time 0, moving along the road at `speed_mps`.
+
+    `thing` says what it is; its own x and y are ignored, and the heading of a car is relative to the road. A car that
+    does not keep to its lateral place has a `path`: (time in s, lateral in m) from which to which it swerves smoothly;
+    its heading follows.
+    """
+
+    s_m: float
+    lateral_m: float
+    thing: Car | Tree | Sign | Post
+    speed_mps: float = 0.0
+    path: tuple[tuple[float, float], ...] = ()
+
+    def lateral_at(self, time_s: float) -> float:
+        """Lateral place at a moment."""
+        if not self.path:
+            return self.lateral_m
+        times, laterals = np.array(self.path).T
+        i = int(np.clip(np.searchsorted(times, time_s) - 1, 0, len(times) - 2))
+        share = np.clip((time_s - times[i]) / (times[i + 1] - times[i]), 0, 1)
+        return float(laterals[i] + (laterals[i + 1] - laterals[i]) * share * share * (3 - 2 * share))
+
+    def swerve_rad(self, time_s: float) -> float:
+        """How far it points away from the road's direction at a moment, > 0 to the left."""
+        if not self.path or not self.speed_mps:
+            return 0.0
+        across = (self.lateral_at(time_s + 0.02) - self.lateral_at(time_s - 0.02)) / 0.04
+        return float(np.arctan(across / self.speed_mps))
+
+
+@dataclass(frozen=True)
+class Along:
+    """A wall of a kind from `start_m` to `end_m` whose foot is at `lateral_m`; it stands away from the lane."""
+
+    lateral_m: float
+    kind: str = "jersey"
+    start_m: float = -100.0
+    end_m: float = 1500.0
+    height_scale: float = 1.0
+    seed: int = 0
+
+
+def things_in_view(
+    placed: tuple[Placed | Along | Overpass, ...], road: RoadGeometry, pose: Pose, *, time_s: float
+) -> list[Thing]:
+    """The things as the car at `pose` has them in its road frame at a moment.
+
+    Parameters
+    ----------
+    placed : tuple of Placed, Along or Overpass
+    road : RoadGeometry
+    pose : Pose
+    time_s : float
+
+    Returns
+    -------
+    list of Car, Wall, Slab, Tree, Sign, Post
+        Those ahead; walls cut to what can be seen.
+    """
+    walls = [_wall(p, road, pose) for p in placed if isinstance(p, Along)]
+    others = [p for p in placed if isinstance(p, Placed)]
+    s = np.array([p.s_m + p.speed_mps * time_s for p in others])
+    points = surface_points(road, pose, s, np.array([p.lateral_at(time_s) for p in others]))
+    headings = road.heading(s) - pose.absolute_heading(road) + np.array([p.swerve_rad(time_s) for p in others])
+    ahead = [
+        _moved(p.thing, *place, heading)
+        for p, place, heading in zip(others, points, headings, strict=True)
+        if _in_reach(p.thing, place)
+    ]
+    bridges = [slab for p in placed if isinstance(p, Overpass) for slab in p.pieces_at(road, pose)]
+    return [wall for wall in walls if wall is not None] + bridges + ahead
+
+
+def _in_reach(thing: Thing, place_m: np.ndarray) -> bool:
+    """A tree or a lamp behind the camera may shade or light the road ahead; other things out of view are of no use."""
+    x, y, _ = place_m
+    if isinstance(thing, Tree) or (isinstance(thing, Post) and thing.arm_m):
+        return -30.0 < x < FARTHEST_M
+    return 1.0 < x < FARTHEST_M and abs(y) < WIDEST_VIEW * x + 5.0
+
+
+def _moved(thing: Thing, x_m: float, y_m: float, rise_m: float, heading_rad: float) -> Thing:
+    place = {"x_m": float(x_m), "y_m": float(y_m), "rise_m": float(rise_m)}
+    if isinstance(thing, Car):
+        place["heading_rad"] = thing.heading_rad + float(heading_rad)
+    return replace(thing, **place)
+
+
+def _wall(along: Along, road: RoadGeometry, pose: Pose) -> Wall | None:
+    # On a grid that stands still, so that its joints do not swim when we drive on.
+    first = max(along.start_m, np.floor((pose.s_m - 6) / WALL_STEP_M) * WALL_STEP_M)
+    last = min(along.end_m, pose.s_m + WALL_AHEAD_M)
+    if last - first < 2 * WALL_STEP_M:
+        return None
+    s = np.arange(first, last, WALL_STEP_M)
+    turned = np.flatnonzero(np.abs(road.heading(s) - pose.absolute_heading(road)) > WALL_TURNS_RAD)
+    s = s[: max(turned[0], 2)] if len(turned) else s
+    path = surface_points(road, pose, s, along.lateral_m)
+    side = 1 if along.lateral_m > pose.lateral_m else -1
+    return Wall(path, along.kind, side, height_scale=along.height_scale, start_m=float(first), seed=along.seed)

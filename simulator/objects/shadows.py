@@ -1,0 +1,96 @@
+"""Where things beside and on the road keep the sun from the ground."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from simulator.landscape.foliage import SPECIES
+from simulator.objects.overpass import Slab
+from simulator.objects.solids import Car, Sign, Thing, Tree, turned_by, upright
+from simulator.objects.vehicles import outline
+from simulator.objects.walls import Wall
+
+
+def shadow_polygons(objects: list[Thing], sun_direction: np.ndarray) -> list[np.ndarray]:
+    """Where things keep the sun from the ground.
+
+    Parameters
+    ----------
+    objects : list of Car, Wall, Tree, Sign, Post
+    sun_direction : ndarray of shape (3,)
+        Unit vector towards the sun, road frame.
+
+    Returns
+    -------
+    list of ndarray of shape (N, 2), float32
+        Polygons in the road frame, metres; their union is the shadow. A tree gives one for each lump of leaves.
+
+    Raises
+    ------
+    ValueError
+        If the sun is not above the horizon.
+    """
+    sun = np.asarray(sun_direction, float)
+    if sun[2] <= 0:
+        raise ValueError("the sun is at or below the horizon, so nothing casts a shadow; give a direction with z > 0.")
+    drift = -sun[:2] / sun[2]
+    return [polygon.astype(np.float32, copy=False) for thing in objects for polygon in _shadows(thing, drift)]
+
+
+def _shadows(thing: Thing, drift: np.ndarray) -> list[np.ndarray]:
+    """`drift` is how far the shadow of a point 1 m up lies from the point's foot."""
+    if isinstance(thing, (Wall, Slab)):
+        return thing.shadows(drift)
+    place = np.array([thing.x_m, thing.y_m])
+    if isinstance(thing, Car):
+        rings = outline(thing.body) @ turned_by(thing.heading_rad).T
+        return [_hull(place + rings[:, :2] + rings[:, 2:] * drift)]
+    if isinstance(thing, Tree):
+        return _tree_shadows(thing, place, drift)
+    if isinstance(thing, Sign):
+        plate = upright(0, 0, thing.width_m / 2, thing.width_m / 2, thing.bottom_m, thing.bottom_m + thing.height_m)
+        pole = upright(0, 0, 0.05, 0.05, 0, thing.bottom_m)
+    else:
+        half = thing.width_m / 2
+        plate, pole = upright(0, 0, half, half, 0, thing.height_m), None
+    return [_hull(place + part[:, :2] + part[:, 2:] * drift) for part in (plate, pole) if part is not None]
+
+
+def _tree_shadows(tree: Tree, place: np.ndarray, drift: np.ndarray) -> list[np.ndarray]:
+    """Ragged blots, so that sun flecks remain between them, and the trunk."""
+    kind = SPECIES[tree.species]
+    low = max(kind.crown_bottom, 0.0)
+    share, aside, blot = _lumps(tree.species, tree.seed, tree.height_m)
+    middle = place + aside + (share * tree.height_m + tree.base_m)[:, None] * drift
+    # A lump is as tall as it is wide, so a low sun draws its shadow out.
+    away = drift / max(np.linalg.norm(drift), 1e-9)
+    outline = blot + 0.3 * np.linalg.norm(drift) * (blot @ away)[..., None] * away
+    blots = list((middle[:, None] + outline).astype(np.float32))
+    half = max(0.12, kind.trunk_width * tree.height_m / 2)
+    trunk = upright(0, 0, half, half, 0, tree.height_m * (low + 0.3))
+    return [*blots, _hull(place + trunk[:, :2] + trunk[:, 2:] * drift)]
+
+
+@lru_cache(maxsize=512)
+def _lumps(species: str, seed: int, height_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of a tree's lumps of leaves: heights (N,) as shares, places beside the trunk (N, 2), outlines (N, 12, 2), metres.
+
+    They stay the same from frame to frame.
+    """
+    kind, count = SPECIES[species], 45
+    rng = np.random.default_rng([seed, 7])
+    angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    low = max(kind.crown_bottom, 0.0)
+    share = low + (1 - low) * rng.uniform(0.08, 0.92, count)
+    reach = np.sqrt(rng.uniform(0, 1, count)) * kind.crown_width / 2 * height_m * (1 - kind.taper * share)
+    toward = rng.uniform(0, 2 * np.pi, count)
+    aside = reach[:, None] * np.column_stack([np.cos(toward), np.sin(toward)])
+    size = height_m * kind.lump_radius * rng.uniform(0.2, 0.8, (count, 1)) * rng.uniform(0.3, 1.4, (count, 12))
+    return share, aside, size[..., None] * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def _hull(points: np.ndarray) -> np.ndarray:
+    return cv2.convexHull(points.astype(np.float32)).reshape(-1, 2)

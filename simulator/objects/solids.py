@@ -1,0 +1,82 @@
+"""Things beside and on the road, as the scenes name them.
+
+Places are in the car's road frame: x forward, y left, z up, metres; the camera is above the origin. `rise_m` is how
+high the road at the thing is above the plane under the car.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simulator.objects.overpass import Slab
+from simulator.objects.walls import Wall
+
+
+@dataclass(frozen=True)
+class Car:
+    """A vehicle on the ground at (x_m, y_m) of its middle; heading 0 drives with us, pi comes towards us.
+
+    `body` is "sedan", "suv", "truck" or "motorcycle".
+    """
+
+    x_m: float
+    y_m: float
+    heading_rad: float = 0.0
+    paint: str = "white"
+    body: str = "sedan"
+    rise_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class Tree:
+    """A tree or bush; `species` as in `foliage.SPECIES`."""
+
+    x_m: float
+    y_m: float
+    height_m: float = 10.0
+    species: str = "oak"
+    seed: int = 0
+    base_m: float = 0.0
+    rise_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class Sign:
+    """A sign on one or two posts that faces the traffic: kind "green", "speed", "warning" or "blue"."""
+
+    x_m: float
+    y_m: float
+    kind: str = "green"
+    width_m: float = 1.8
+    height_m: float = 1.2
+    bottom_m: float = 2.1
+    rise_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class Post:
+    """An upright pole: a delineator (1 m), a utility pole or, with `arm_m` reaching over the road, a street lamp."""
+
+    x_m: float
+    y_m: float
+    height_m: float = 1.0
+    width_m: float = 0.1
+    arm_m: float = 0.0
+    colour: tuple[float, float, float] = (0.55, 0.55, 0.53)
+    rise_m: float = 0.0
+
+
+Thing = Car | Wall | Slab | Tree | Sign | Post
+
+
+def turned_by(heading_rad: float) -> np.ndarray:
+    """(3, 3) matrix that turns a thing's own axes to its heading; heading > 0 turns left."""
+    c, s = np.cos(heading_rad), np.sin(heading_rad)
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+
+
+def upright(x: float, y: float, left: float, right: float, bottom: float, top: float) -> np.ndarray:
+    """(4, 3) corners of an upright rectangle across the road, anticlockwise as seen by the driver."""
+    return np.array([[x, y - right, bottom], [x, y - right, top], [x, y + left, top], [x, y + left, bottom]])

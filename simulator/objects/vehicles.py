@@ -1,0 +1,159 @@
+"""What else drives: lorries and motorcycles, beside the cars; one door to the faces of all of them."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from simulator.light.shading import Faces
+from simulator.objects.cars import (
+    BEHIND_BODY,
+    BODIES,
+    BODY,
+    LAMP,
+    ON_BODY,
+    PAINTS,
+    PLASTIC,
+    PLATE,
+    RIM,
+    RUBBER,
+    Shell,
+    car_faces,
+)
+
+JACKET, JEANS, HELMET, STEEL = (0.020, 0.021, 0.026), (0.035, 0.045, 0.075), (0.45, 0.06, 0.03), (0.22, 0.22, 0.23)
+# Rear end, front end and half width on the ground, metres.
+FOOTPRINTS = {"truck": (-6.0, 6.0, 1.2), "motorcycle": (-1.0, 0.95, 0.14)}
+CAR_FOOTPRINT = (-2.35, 2.3, 0.88)
+SIDES = np.array([[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [4, 5, 6, 7], [3, 2, 1, 0]])
+CORNERS = np.array([[x, y, z] for z in (-1, 1) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+
+
+def vehicle_faces(body: str, paint: str, *, detail: int = 2) -> Faces:
+    """All faces of a vehicle in its own frame (x forward, y left, z up, origin on the ground below its middle).
+
+    Parameters
+    ----------
+    body : str
+        "sedan", "suv", "truck" or "motorcycle".
+    paint : str
+        A name in `cars.PAINTS`.
+    detail : int
+        1 for a far one, 2 or more for a near one.
+
+    Raises
+    ------
+    ValueError
+        If there is no such body or paint.
+    """
+    if body in BODIES:
+        return car_faces(body, paint, detail=detail)
+    if body not in FOOTPRINTS:
+        raise ValueError(f"there is no vehicle {body!r}; there are {', '.join(sorted([*BODIES, *FOOTPRINTS]))}.")
+    if paint not in PAINTS:
+        raise ValueError(f"there is no car paint {paint!r}; there are {', '.join(sorted(PAINTS))}.")
+    return _truck(paint) if body == "truck" else _motorcycle(paint)
+
+
+@lru_cache(maxsize=8)
+def outline(body: str) -> np.ndarray:
+    """Points (N, 3) of a vehicle's surface whose hull is its outline, in its own frame."""
+    if body in BODIES:
+        return Shell(body).loft(8, 1).reshape(-1, 3)
+    return vehicle_faces(body, "black").corners.reshape(-1, 3)
+
+
+def facet_m(body: str) -> float:
+    """How wide the facets of its curved parts are, over which shading has to be blended."""
+    return 0.012 if body == "motorcycle" else 0.05
+
+
+def footprint(body: str) -> np.ndarray:
+    """(4, 3) corners of what a vehicle covers of the ground, in its own frame."""
+    rear, front, half = FOOTPRINTS.get(body, CAR_FOOTPRINT)
+    return np.array([[rear, -half, 0], [front, -half, 0], [front, half, 0], [rear, half, 0]])
+
+
+@lru_cache(maxsize=16)
+def _truck(paint: str) -> Faces:
+    """A lorry with a box body: 2.5 m wide, 4 m high, 12 m long, as the EU's rules allow."""
+    colour, white = PAINTS[paint], PAINTS["white"]
+    parts = [
+        _box((-6.0, 3.3), (-1.25, 1.25), (1.10, 3.95), white, 0.6, cells=4),
+        _box((3.7, 6.0), (-1.22, 1.22), (0.55, 3.2), colour, 1.0, cells=3),
+        _box((-5.7, 5.6), (-0.45, 0.45), (0.55, 1.05), PLASTIC, 0.2, layer=BEHIND_BODY, cells=4),
+        _box((-5.95, -5.80), (-1.15, 1.15), (0.42, 0.56), STEEL, 0.4),
+        _box((-6.03, -6.0), (-1.15, 1.15), (0.86, 1.06), PLASTIC, 0.3, layer=ON_BODY),
+        # Frame of the doors, the gap between them, and their bars.
+        _box((-6.02, -6.0), (-1.25, 1.25), (3.86, 3.95), STEEL, 0.5, layer=ON_BODY),
+        _box((-6.02, -6.0), (-0.012, 0.012), (1.12, 3.86), PLASTIC, 0.2, layer=ON_BODY),
+    ]
+    for y in (-0.75, -0.30, 0.30, 0.75):
+        parts.append(_box((-6.04, -6.0), (y - 0.018, y + 0.018), (1.15, 3.84), STEEL, 0.6, layer=ON_BODY))
+    for side in (-1, 1):
+        outer = sorted((side * 0.72, side * 1.22))
+        parts.append(
+            _box((-6.05, -6.03), sorted((side * 0.82, side * 1.13)), (0.88, 1.04), LAMP, 1.3, layer=ON_BODY + 1)
+        )
+        parts.append(_box((-5.72, -5.68), sorted((side * 0.70, side * 1.22)), (0.20, 0.95), PLASTIC, 0.1))
+        for x in (-4.9, -3.7, 4.9):
+            parts.append(_ellipsoid((x, side * 0.98, 0.5), (0.52, 0.20, 0.50), RUBBER, 0.2))
+            parts.append(_box((x - 0.35, x + 0.35), outer, (0.02, 0.7), RUBBER, 0.2))
+    parts.append(_box((-6.06, -6.03), (-0.26, 0.26), (0.90, 1.02), PLATE, 0.0, layer=ON_BODY + 1))
+    return Faces.joined(parts)
+
+
+@lru_cache(maxsize=16)
+def _motorcycle(paint: str) -> Faces:
+    """A motorcycle and its rider, leaning forward a little."""
+    colour = PAINTS[paint]
+    parts = [
+        _ellipsoid((-0.72, 0, 0.32), (0.32, 0.085, 0.32), RUBBER, 0.2),
+        _ellipsoid((0.74, 0, 0.31), (0.31, 0.065, 0.31), RUBBER, 0.2),
+        _ellipsoid((0.02, 0, 0.46), (0.34, 0.17, 0.22), STEEL, 0.6),
+        _ellipsoid((0.28, 0, 0.86), (0.32, 0.17, 0.16), colour, 1.0),
+        _ellipsoid((0.62, 0, 0.98), (0.18, 0.22, 0.24), colour, 1.0),
+        _ellipsoid((-0.60, 0, 0.78), (0.42, 0.13, 0.10), colour, 1.0),
+        _ellipsoid((-0.16, 0, 0.90), (0.24, 0.20, 0.16), JEANS, 0.2),
+        _ellipsoid((-0.06, 0, 1.22), (0.17, 0.235, 0.33), JACKET, 0.5),
+        _ellipsoid((0.04, 0, 1.44), (0.14, 0.25, 0.13), JACKET, 0.5),
+        _ellipsoid((0.13, 0, 1.64), (0.155, 0.135, 0.155), HELMET, 1.0),
+        _box((-1.04, -1.02), (-0.10, 0.10), (0.48, 0.62), PLATE, 0.0, layer=ON_BODY),
+        _box((-1.03, -1.00), (-0.08, 0.08), (0.74, 0.80), LAMP, 1.3, layer=ON_BODY),
+    ]
+    for side in (-1, 1):
+        parts += [
+            _ellipsoid((0.06, side * 0.23, 0.82), (0.30, 0.095, 0.11), JEANS, 0.2),
+            _ellipsoid((-0.02, side * 0.25, 0.52), (0.10, 0.075, 0.27), JEANS, 0.2),
+            _ellipsoid((0.00, side * 0.26, 0.30), (0.16, 0.060, 0.07), RUBBER, 0.3),
+            _ellipsoid((0.10, side * 0.27, 1.32), (0.13, 0.085, 0.17), JACKET, 0.5),
+            _ellipsoid((0.28, side * 0.32, 1.15), (0.20, 0.070, 0.09), JACKET, 0.5),
+            _ellipsoid((0.46, side * 0.36, 1.08), (0.08, 0.050, 0.05), RUBBER, 0.3),
+            _ellipsoid((0.50, side * 0.40, 1.28), (0.02, 0.055, 0.035), PLASTIC, 0.8),
+            _ellipsoid((-0.55, side * 0.20, 0.36), (0.36, 0.06, 0.06), RIM, 1.0),
+        ]
+    return Faces.joined(parts)
+
+
+def _box(x: tuple, y: tuple, z: tuple, albedo: tuple, gloss: float, *, layer: int = BODY, cells: int = 1) -> Faces:
+    """A box between two values of each coordinate, its sides cut into cells x cells faces."""
+    ranges = np.array([x, y, z], float)
+    corners = ranges.mean(axis=1) + CORNERS * np.diff(ranges, axis=1)[:, 0] / 2
+    share = np.linspace(0, 1, cells + 1)
+    p, q = share[None, None, :, None], share[None, :, None, None]
+    a, b, c, d = (corners[SIDES[:, i]][:, None, None] for i in range(4))
+    grid = (1 - q) * ((1 - p) * a + p * b) + q * ((1 - p) * d + p * c)
+    quads = np.stack([grid[:, :-1, :-1], grid[:, :-1, 1:], grid[:, 1:, 1:], grid[:, 1:, :-1]], axis=3)
+    return Faces.of(quads, albedo, gloss, layer)
+
+
+def _ellipsoid(middle: tuple, radii: tuple, albedo: tuple, gloss: float) -> Faces:
+    """An ellipsoid with smooth normals."""
+    around, up = np.linspace(0, 2 * np.pi, 15)[None, :], np.linspace(-np.pi / 2, np.pi / 2, 9)[:, None]
+    unit = np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up) + 0 * around], axis=-1)
+    cells = np.stack([unit[:-1, :-1], unit[:-1, 1:], unit[1:, 1:], unit[1:, :-1]], axis=2).reshape(-1, 4, 3)
+    faces = Faces.of(np.array(middle) + cells * radii, albedo, gloss, BODY)
+    normal = cells.mean(axis=1) / np.array(radii)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    return Faces(faces.corners, normal, faces.albedo, faces.gloss, faces.layer)

@@ -1,0 +1,1 @@
+"""Noise, ground texture and the brush that draws solid objects through the lens."""

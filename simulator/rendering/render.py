@@ -1,0 +1,333 @@
+"""A frame of a drive: its picture at a moment, put together from ground, things, air and lens, and its truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import cv2
+import numpy as np
+
+from lanes.camera.camera import Camera
+from simulator.landscape.backdrop import paint_backdrop
+from simulator.light.exposure import RoadLight
+from simulator.light.glare import add_glare, add_sheen
+from simulator.light.lens import LUMINANCE, develop
+from simulator.light.sunlight import (
+    CLOUDS,
+    SHADOWS_UNTIL_M,
+    SKY_SHARE,
+    TreeShade,
+    darken_polygons,
+    light_along,
+    light_on_ground,
+    sky_on_ground,
+    sun_along,
+    sunlight_on_ground,
+)
+from simulator.objects.bonnet import hidden_from, paint_bonnet
+from simulator.objects.obstacles import paint_objects
+from simulator.objects.roadside import things_in_view
+from simulator.objects.shadows import shadow_polygons
+from simulator.objects.solids import Thing, Tree
+from simulator.painting.brush import UNSEEN, empty_picture, planes_of, still_open, with_behind
+from simulator.rendering.drive import Drive, Motion
+from simulator.road.geometry import Pose
+from simulator.road.ground import Ground, cast_on_ground, picture_rays
+from simulator.road.painted_lines import paint_markings
+from simulator.road.relief import FARTHEST_M
+from simulator.road.road_ahead import RoadAhead
+from simulator.road.surface import ground_albedo
+from simulator.road.symbols import paint_symbols
+from simulator.road.truth import Truth
+from simulator.weather.night import add_lamps, lamps_in_sight
+from simulator.weather.rain import add_streaks_in_air, see_through_drops
+from simulator.weather.wet import add_streaks
+
+__all__ = ["Drive", "Frame", "Motion", "render_frame"]
+
+# Light that the air adds before distant ground, and the distance over which it does (metres).
+AIR_LIGHT = np.array([0.42, 0.48, 0.56], np.float32)
+AIR_LENGTH_M = 3500.0
+# Below closed clouds, country and sky send this share of what they do in the sun.
+CLOUDED_COUNTRY = 0.55
+# The wet road mirrors the sky coarsely: computed on every sixth pixel.
+MIRROR_STEP = 6
+ROWS_AT_A_TIME = 32
+# Trees farther aside than this throw their shadows on the grass.
+SHADOWS_ASIDE_M = 22.0
+# Rows of the picture in which the sun on the ground is the sun on the bonnet; the exposure follows those above.
+NEAREST_ROWS = 60
+# How far twigs and leaves fray the shadow of a crown.
+LEAVES_M = 0.13
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A rendered picture with its truth.
+
+    Attributes
+    ----------
+    image : ndarray of shape (height, width, 3), uint8
+        RGB.
+    truth : Truth
+    hidden : ndarray of shape (height, width), bool
+        Pixels where something stands before the ground.
+    """
+
+    image: np.ndarray
+    truth: Truth
+    hidden: np.ndarray = field(repr=False)
+
+
+def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
+    """The picture that the drive's camera takes at `time_s`, and its truth."""
+    truth = drive.truth(time_s)
+    camera = drive.nodding(truth.pitch_rad)
+    heading = truth.pose.absolute_heading(drive.road)
+    ahead = RoadAhead(drive.road, truth.pose)
+    ground = cast_on_ground(picture_rays(drive.camera), camera, ahead)
+    view = _View(camera, heading, ahead, ground, drive.sun.direction(heading), truth.pose.s_m)
+    things = things_in_view(drive.things, drive.road, truth.pose, time_s=time_s)
+    sun = _sun_on_ground(drive, things, view)
+    seen = slice(0, _rows_before_bonnet(drive) - ground.top)
+    before_bonnet = ground.rows(seen)
+    picture = _things(drive, things, view, sunny=float(sun[-NEAREST_ROWS:].mean()))
+    # Before air dims it and without sky, cars and bonnet: what the camera's exposure follows.
+    metered = slice(max(len(sun) - 250, 0), len(sun) - NEAREST_ROWS, 4), slice(None, None, 8)
+    wanted = picture[3, ground.top :][seen] > UNSEEN
+    wanted[metered] = True
+    ground_light = _ground_light(drive, before_bonnet, sun[seen], things, station_m=view.station_m, wanted=wanted)
+    road_light = _mean_luminance(ground_light[metered])
+    mirror = _add_shine(ground_light, drive, sun[seen], replace(view, ground=before_bonnet))
+    bare = _backdrop(drive, view, picture[3])
+    _lay_ground(bare, ground_light, before_bonnet, daylight=drive.night is None)
+    light = with_behind(picture, bare)
+    same = cv2.compare(light, bare, cv2.CMP_EQ)
+    hidden = cv2.inRange(same, (255, 255, 255), (255, 255, 255)) == 0
+    if mirror is not None or drive.night is not None:
+        lamps = lamps_in_sight(things, camera)
+        if mirror is not None:
+            add_streaks(light, camera, lamps, mirror, ~hidden)
+        add_lamps(light, camera, lamps)
+    if drive.glare is not None:
+        sun_ray = camera.mount.rotation() @ view.sun_direction
+        add_glare(light, picture_rays(drive.camera), sun_ray, drive.glare, sunshine=_sunshine(drive, truth.pose))
+    return Frame(_photograph(light, drive, time_s, road_light=road_light), truth, hidden)
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """From where a frame is seen: the camera as it nods, its heading, the road and the ground before it, the sun."""
+
+    camera: Camera
+    heading_rad: float
+    ahead: RoadAhead
+    ground: Ground
+    sun_direction: np.ndarray
+    station_m: float
+
+
+def _add_shine(ground_light: np.ndarray, drive: Drive, sun: np.ndarray, view: _View) -> np.ndarray | None:
+    """Add what the ground mirrors and lay fog over it, in place; how well a wet road mirrors (rows, width), or None."""
+    height_m, mirror = view.camera.mount.height_m, None
+    if drive.glare is not None:
+        strength = drive.glare.sheen
+        add_sheen(ground_light, view.ground, sun, view.sun_direction, strength=strength, height_m=height_m)
+    if drive.wet is not None:
+        mirror = drive.wet.mirror_share(view.ground, height_m, station_m=view.station_m, seed=drive.seed)
+        sky = _mirrored_sky(drive, view.camera, view.heading_rad, view.ground)
+        sky *= cv2.merge([mirror] * 3)
+        ground_light += sky
+    if drive.fog is not None:
+        drive.fog.veil_ground(ground_light, view.ground)
+    return mirror
+
+
+def _things(drive: Drive, things: list[Thing], view: _View, *, sunny: float) -> np.ndarray:
+    """Bonnet and things as `empty_picture` describes; `sunny` is the sun's share on the near ground."""
+    light_at = _light_on_things(drive, view.ahead, station_m=view.station_m)
+    picture = empty_picture(view.camera.height, view.camera.width)
+    if drive.bonnet:
+        open_sky = 1.0 if light_at is None else float(light_at(np.array([[-1.0, 0.0]])).mean())
+        paint_bonnet(picture, light=(0.2 + 0.8 * sunny) * open_sky)
+    paint_objects(
+        picture,
+        view.camera,
+        things,
+        sun_direction=view.sun_direction,
+        haze=drive.backdrop.haze_per_km,
+        light_at=light_at,
+        air_at=_air(drive),
+        crest=_crest(view.ahead, view.ground, view.camera),
+    )
+    return picture
+
+
+def _photograph(light: np.ndarray, drive: Drive, time_s: float, *, road_light: float) -> np.ndarray:
+    """The picture that the camera stores of the light before the windscreen."""
+    seed = drive.seed * 7919 + round(time_s * 1000)
+    if drive.rain is not None:
+        add_streaks_in_air(light, drive.rain, seed=seed)
+        light = see_through_drops(light, drive.rain, time_s, seed=drive.seed)
+    lens = drive.lens
+    if drive.exposure is not None:
+        road_light = _adapted_light(drive, time_s)
+        lens = drive.exposure.lens(lens, road_light)
+    return develop(light, lens, road_light=road_light, seed=seed)
+
+
+def _rows_before_bonnet(drive: Drive) -> int:
+    """Rows of the picture in which the ground's light is wanted: a twelfth of the ground is behind the bonnet."""
+    height = drive.camera.height
+    # Wet roads and glare are computed on a coarse grid that ends where the picture does.
+    if not drive.bonnet or drive.wet is not None or drive.night is not None or drive.glare is not None:
+        return height
+    return max(hidden_from(drive.camera.size), height - NEAREST_ROWS)
+
+
+def _ground_light(
+    drive: Drive, ground: Ground, sun: np.ndarray, things: list[Thing], *, station_m: float, wanted: np.ndarray
+) -> np.ndarray:
+    """Light that the ground sends to the camera, (rows, width, 3) float32; right where it is `wanted`, a mask."""
+    light = ground_albedo(drive.surface, ground, station_m=station_m, seed=drive.seed, wanted=wanted)
+    if drive.wet is not None:
+        light *= np.float32(drive.wet.darkening)
+    markings = drive.markings if drive.night is None else drive.night.markings(drive.markings)
+    paint_markings(light, markings, ground, station_m=station_m, seed=drive.seed + 100)
+    paint_symbols(light, drive.symbols, ground, station_m=station_m, seed=drive.seed + 200)
+    if drive.night is not None:
+        light *= drive.night.on_ground(ground, things)
+    else:
+        light *= light_on_ground(sun, sky_on_ground(drive.shades, ground, station_m=station_m))
+        if drive.sun.clouded:
+            cv2.multiply(light, (*CLOUDS.tolist(), 0.0), dst=light)
+    return light
+
+
+def _air(drive: Drive) -> Callable[[float], tuple[np.ndarray, np.ndarray]] | None:
+    """What is between a thing and us: fog, the dark of the night, or (None) the clear air of the day."""
+    if drive.fog is not None:
+        return drive.fog.air_at
+    if drive.night is not None:
+        return lambda distance_m: (np.ones(3, np.float32), np.zeros(3, np.float32))
+    return None
+
+
+def _light_on_things(drive: Drive, ahead: RoadAhead, *, station_m: float) -> Callable[[np.ndarray], np.ndarray] | None:
+    """The share of daylight at places in the car's road frame; None where all is in the open but for leaves."""
+    closed = tuple(shade for shade in drive.shades if not isinstance(shade, TreeShade))
+    if drive.night is not None:
+        return drive.night.on_things
+    if not closed and not drive.sun.clouded:
+        return None
+    clouds = float((CLOUDS * SKY_SHARE).mean()) if drive.sun.clouded else 1.0
+    if not closed:
+        return lambda places_m: np.full((len(places_m), 3), clouds)
+
+    def light_at(places_m: np.ndarray) -> np.ndarray:
+        s, d = ahead.locate(*places_m.T.astype(np.float32))
+        return light_along(closed, s + station_m, d, seed=drive.seed) * clouds
+
+    return light_at
+
+
+def _sunshine(drive: Drive, pose: Pose) -> float:
+    """Share of the sun that reaches the windscreen."""
+    return float(sun_along(drive.shades, np.array([pose.s_m]), np.array([pose.lateral_m]), seed=drive.seed)[0])
+
+
+def _adapted_light(drive: Drive, time_s: float) -> float:
+    road_light = RoadLight(drive.surface, drive.shades, drive.seed)
+    return drive.exposure.adapted_light(lambda t: drive.motion.pose(t).s_m, road_light, time_s)
+
+
+def _sun_on_ground(drive: Drive, things: list[Thing], view: _View) -> np.ndarray:
+    """Share of the sun that reaches each pixel's ground: shades along the road, shadows of trees and other things."""
+    ground, station_m = view.ground, view.station_m
+    if drive.sun.clouded or drive.night is not None:
+        return np.zeros_like(ground.s)
+    sun = sunlight_on_ground(drive.shades, ground, station_m=station_m, seed=drive.seed)
+    trees = [t for t in things if isinstance(t, Tree) and t.x_m < SHADOWS_UNTIL_M and abs(t.y_m) < SHADOWS_ASIDE_M]
+    solid = [t for t in things if not isinstance(t, Tree)]
+    for group, ragged_m in ((trees, LEAVES_M), (solid, 0.0)):
+        polygons = shadow_polygons(group, view.sun_direction)
+        darken_polygons(sun, polygons, view.camera, ground, view.ahead, station_m=station_m, ragged_m=ragged_m)
+    return sun
+
+
+def _backdrop(drive: Drive, view: _View, clear: np.ndarray) -> np.ndarray:
+    """The picture (height, width, 3) with the backdrop down to where all is ground, where things let it be seen."""
+    rays, ground = picture_rays(drive.camera), view.ground
+    covered = ground.visible.all(axis=1) & (ground.distance.max(axis=1) < FARTHEST_M / 3)
+    bottom = ground.top + int(np.argmax(covered)) + 1
+    light = np.zeros_like(rays)
+    # Some rows at a time, because a wood leaves little of them open.
+    for top in range(0, bottom, ROWS_AT_A_TIME):
+        band = slice(top, min(top + ROWS_AT_A_TIME, bottom))
+        seen = still_open(clear[band])
+        if seen is not None:
+            columns = seen[1]
+            directions = _directions(rays[band, columns], view.camera, view.heading_rad)
+            light[band, columns] = _far_light(drive, directions)
+    return light
+
+
+def _directions(rays: np.ndarray, camera: Camera, heading_rad: float) -> tuple[np.ndarray, ...]:
+    """Unit vectors in the world frame, as x, y and z (rows, columns), of rays (rows, columns, 3) in camera axes."""
+    cosine, sine = np.cos(heading_rad), np.sin(heading_rad)
+    to_world = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
+    # One axis after the other: numpy is slow where the innermost axis has three elements.
+    x, y, z = planes_of(cv2.transform(rays, (camera.mount.rotation() @ to_world).T))
+    length = np.sqrt(x * x + y * y + z * z)
+    return x / length, y / length, z / length
+
+
+def _far_light(drive: Drive, directions: tuple[np.ndarray, ...]) -> np.ndarray:
+    """Light (rows, columns, 3) that comes from sky and country along directions, as `_directions` gives them."""
+    light = paint_backdrop(directions, drive.backdrop, seed=drive.seed)
+    if drive.sun.clouded:
+        light *= np.float32(CLOUDED_COUNTRY)
+    if drive.night is not None:
+        drive.night.darken_sky(light, directions[2])
+    if drive.fog is not None:
+        drive.fog.veil_sky(light, directions[2])
+    return light
+
+
+def _crest(ahead: RoadAhead, ground: Ground, camera: Camera) -> tuple[float, np.ndarray] | None:
+    """How far the first crest is that hides road, and where in the picture (height, width) its near side is seen."""
+    if ahead.profile.level:
+        return None
+    distance_m = ahead.crest_m(camera.mount.height_m)
+    near_side = np.zeros((camera.height, camera.width), bool)
+    near_side[ground.top :] = ground.visible & (ground.distance < distance_m)
+    return (distance_m, near_side) if np.isfinite(distance_m) else None
+
+
+def _mirrored_sky(drive: Drive, camera: Camera, heading_rad: float, ground: Ground) -> np.ndarray:
+    """Light (rows, width, 3) of the backdrop that a level mirror on the ground would show, smeared by its stones."""
+    rays = picture_rays(drive.camera)[ground.top :: MIRROR_STEP, ::MIRROR_STEP]
+    x, y, z = _directions(rays, camera, heading_rad)
+    light = cv2.GaussianBlur(
+        _far_light(drive, (x, y, np.abs(z))), (0, 0), sigmaX=1.0, sigmaY=camera.height / 60 / MIRROR_STEP
+    )
+    return cv2.resize(light, ground.s.shape[::-1], interpolation=cv2.INTER_LINEAR)
+
+
+def _lay_ground(light: np.ndarray, radiance: np.ndarray, ground: Ground, *, daylight: bool) -> None:
+    """Put the ground before the backdrop, in place: behind bright air, and fading out where it is too far to tell."""
+    # Over a crest, rows below the nearest horizon may still see the sky.
+    hidden = np.flatnonzero(~ground.visible.all(axis=1))
+    far = max(int(np.argmax(ground.distance.min(axis=1) < 40.0)), hidden[-1] + 1 if len(hidden) else 0)
+    if daylight:
+        air = (1 - np.exp(-ground.distance[:far] / np.float32(AIR_LENGTH_M)))[..., None]
+        radiance[:far] += air * (AIR_LIGHT - radiance[:far])
+    share = np.clip((FARTHEST_M - ground.distance[:far]) / np.float32(FARTHEST_M / 2), 0, 1) * ground.visible[:far]
+    before = light[ground.top : ground.top + far]
+    before += share[..., None] * (radiance[:far] - before)
+    light[ground.top + far : ground.top + len(radiance)] = radiance[far:]
+
+
+def _mean_luminance(light: np.ndarray) -> float:
+    return float((light @ LUMINANCE).mean())

@@ -1,0 +1,1 @@
+"""The road: its geometry, surface, markings and ground truth."""

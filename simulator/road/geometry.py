@@ -1,0 +1,205 @@
+"""Where the road goes: a centre line of clothoids, and the way from points on the ground to places along it.
+
+A place on the road is (s, d): arc length along the reference line and lateral distance from it, d > 0 to the left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from simulator.road.profile import FLAT, HeightProfile
+
+# The road goes on with its last curvature for this long beyond either end, so that a camera at the end still sees one.
+REACH_M = 1500.0
+# Gauss-Legendre of order 5 over 1 m is exact to rounding for every radius above 10 m.
+GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(5)
+# A line that has turned this far from the car's heading has no y(x) any more that would be worth the name.
+MOST_TURNED_RAD = np.radians(80)
+
+
+@dataclass(frozen=True, eq=False)
+class RoadGeometry:
+    """A reference line whose curvature is piecewise linear in arc length: straights, arcs and the clothoids between.
+
+    Parameters
+    ----------
+    stations_m : ndarray of shape (K,)
+        Increasing arc lengths.
+    curvatures_per_m : ndarray of shape (K,)
+        Signed curvature there, > 0 bends left; linear in between, constant before the first and after the last.
+    profile : HeightProfile
+        Up and down; the road has no cross slope, so its height depends on arc length alone.
+
+    The line starts at the origin of the world, heading along its x axis, at arc length `stations_m[0]`.
+
+    References
+    ----------
+    Clothoid (Euler spiral): heading is the integral of curvature, position that of (cos, sin) of heading.
+    """
+
+    stations_m: np.ndarray
+    curvatures_per_m: np.ndarray
+    profile: HeightProfile = FLAT
+
+    def __post_init__(self) -> None:
+        stations = np.array(self.stations_m, float)
+        curvatures = np.array(self.curvatures_per_m, float)
+        if (
+            stations.ndim != 1
+            or len(stations) < 2
+            or stations.shape != curvatures.shape
+            or (np.diff(stations) <= 0).any()
+        ):
+            raise ValueError("a road needs at least two increasing stations and as many curvatures.")
+        object.__setattr__(self, "stations_m", stations)
+        object.__setattr__(self, "curvatures_per_m", curvatures)
+
+    def mirrored(self) -> RoadGeometry:
+        """The road with left and right exchanged."""
+        return RoadGeometry(self.stations_m, -self.curvatures_per_m, self.profile)
+
+    def curvature(self, s_m: np.ndarray | float) -> np.ndarray:
+        """Signed curvature in 1/m at arc lengths `s_m`."""
+        return np.interp(s_m, self.stations_m, self.curvatures_per_m)
+
+    def curvature_rate(self, s_m: np.ndarray | float) -> np.ndarray:
+        """Change of curvature per metre, in 1/m^2, at arc lengths `s_m`."""
+        return self._knots[1][np.searchsorted(self.stations_m, s_m, side="right")]
+
+    def heading(self, s_m: np.ndarray | float) -> np.ndarray:
+        """Heading in radians at arc lengths `s_m`, counted from the start: the exact integral of the curvature."""
+        s = np.asarray(s_m, float)
+        at_knots = self._knots[0]
+        knot = np.clip(np.searchsorted(self.stations_m, s, side="right") - 1, 0, len(self.stations_m) - 1)
+        ahead = s - self.stations_m[knot]
+        rate = np.where(s < self.stations_m[0], 0.0, self.curvature_rate(s))
+        return at_knots[knot] + self.curvatures_per_m[knot] * ahead + rate * ahead**2 / 2
+
+    def position(self, s_m: np.ndarray | float) -> np.ndarray:
+        """World points (..., 2) in metres at arc lengths `s_m`, exact to rounding."""
+        s = np.asarray(s_m, float)
+        nodes, points = self._table
+        index = np.clip(np.searchsorted(nodes, s, side="right") - 1, 0, len(nodes) - 1)
+        return points[index] + self._displacement(nodes[index], s)
+
+    @cached_property
+    def _knots(self) -> tuple[np.ndarray, np.ndarray]:
+        """Headings at the stations; rates before, between and after them. Every frame asks a hundred times."""
+        steps = np.diff(self.stations_m) * (self.curvatures_per_m[1:] + self.curvatures_per_m[:-1]) / 2
+        rates = np.concatenate([[0.0], np.diff(self.curvatures_per_m) / np.diff(self.stations_m), [0.0]])
+        return np.concatenate([[0.0], np.cumsum(steps)]), rates
+
+    @cached_property
+    def _table(self) -> tuple[np.ndarray, np.ndarray]:
+        """Arc lengths a metre apart, every knot among them, and the points there."""
+        start, end = self.stations_m[0] - REACH_M, self.stations_m[-1] + REACH_M
+        nodes = np.union1d(np.arange(start, end + 1), self.stations_m)
+        points = np.vstack([[0.0, 0.0], np.cumsum(self._displacement(nodes[:-1], nodes[1:]), axis=0)])
+        return nodes, points - points[np.searchsorted(nodes, self.stations_m[0])]
+
+    def _displacement(self, start_m: np.ndarray, end_m: np.ndarray) -> np.ndarray:
+        """Vectors (..., 2) between two places less than a knot apart, by Gauss-Legendre quadrature."""
+        half = (end_m - start_m) / 2
+        headings = self.heading((start_m + end_m)[..., None] / 2 + half[..., None] * GAUSS_NODES)
+        directions = np.stack([np.cos(headings), np.sin(headings)], axis=-1)
+        return np.einsum("...gk,g->...k", directions, GAUSS_WEIGHTS) * half[..., None]
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where the car's origin is and where it points: place on the road, and heading relative to the road's."""
+
+    s_m: float
+    lateral_m: float = 0.0
+    heading_rad: float = 0.0
+
+    def to_car(self, road: RoadGeometry, world_m: np.ndarray) -> np.ndarray:
+        """World points (..., 2) to the car's road frame (..., 2): x forward, y left."""
+        angle = self.absolute_heading(road)
+        origin = offset_point(road, self.s_m, self.lateral_m)
+        cosine, sine = np.cos(angle), np.sin(angle)
+        return (world_m - origin) @ np.array([[cosine, -sine], [sine, cosine]])
+
+    def absolute_heading(self, road: RoadGeometry) -> float:
+        """Heading of the car in the world, radians."""
+        return float(road.heading(self.s_m)) + self.heading_rad
+
+
+def offset_point(road: RoadGeometry, s_m: np.ndarray | float, lateral_m: np.ndarray | float) -> np.ndarray:
+    """World points (..., 2) at places (s, d)."""
+    angle = road.heading(s_m)
+    normal = np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
+    return road.position(s_m) + np.asarray(lateral_m)[..., None] * normal
+
+
+@dataclass(frozen=True)
+class LinePolynomial:
+    """A lane line about the car: y(x) = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6, metres, y to the left."""
+
+    c0_m: float
+    c1: float
+    c2_per_m: float
+    c3_per_m2: float
+
+
+def line_polynomial(road: RoadGeometry, pose: Pose, lateral_m: float) -> LinePolynomial:
+    """Exact Taylor coefficients, at x = 0 in the car's frame, of the line at lateral distance `lateral_m`.
+
+    A line beside the reference has curvature k / (1 - k d), and its derivative along its own length is
+    k' / (1 - k d)^3; y', y'' and y''' follow from dy/dx = tan(heading).
+    """
+    s = _station_abeam(road, pose, lateral_m, np.array([0.0]))
+    y = pose.to_car(road, offset_point(road, s, lateral_m))[0, 1]
+    angle = float(road.heading(s)[0]) - pose.absolute_heading(road)
+    stretch = 1 - float(road.curvature(s)[0]) * lateral_m
+    curvature = float(road.curvature(s)[0]) / stretch
+    rate = float(road.curvature_rate(s)[0]) / stretch**3
+    secant = 1 / np.cos(angle)
+    c3 = secant**4 * (rate + 3 * curvature**2 * np.tan(angle))
+    return LinePolynomial(float(y), float(np.tan(angle)), float(curvature * secant**3), float(c3))
+
+
+def line_lateral(road: RoadGeometry, pose: Pose, lateral_m: float, x_m: np.ndarray) -> np.ndarray:
+    """Exact y in metres, in the car's frame, of the line at lateral distance `lateral_m` where it passes `x_m`.
+
+    x is the horizontal distance ahead, uphill and downhill alike. NaN where the line never gets so far before it has
+    turned by 80 degrees from the car's heading, as in a hairpin.
+    """
+    x_m = np.asarray(x_m, float)
+    y = np.full(x_m.shape, np.nan)
+    there = x_m <= _farthest_x(road, pose, lateral_m, float(x_m.max(initial=0.0)))
+    s = _station_abeam(road, pose, lateral_m, x_m[there])
+    y[there] = pose.to_car(road, offset_point(road, s, lateral_m))[:, 1]
+    return y
+
+
+def surface_points(road: RoadGeometry, pose: Pose, s_m: np.ndarray, lateral_m: np.ndarray | float) -> np.ndarray:
+    """Points (..., 3) of the road's surface at places (s, d), in the car's frame: x forward, y left, z up."""
+    level = pose.to_car(road, offset_point(road, s_m, lateral_m))
+    return np.concatenate([level, np.asarray(road.profile.rise(s_m, pose.s_m))[..., None]], axis=-1)
+
+
+def _farthest_x(road: RoadGeometry, pose: Pose, lateral_m: float, until_m: float) -> float:
+    """How far ahead the line gets before it has turned too far: `until_m` or less."""
+    s = pose.s_m + np.arange(0.0, 2 * until_m + 20.0, 0.25)
+    turned = np.abs(road.heading(s) - pose.absolute_heading(road)) > MOST_TURNED_RAD
+    if not turned.any():
+        return until_m
+    x = pose.to_car(road, offset_point(road, s[: int(np.argmax(turned))], lateral_m))[:, 0]
+    return min(until_m, float(x.max(initial=-np.inf)))
+
+
+def _station_abeam(road: RoadGeometry, pose: Pose, lateral_m: float, x_m: np.ndarray) -> np.ndarray:
+    """Arc lengths at which the line beside the road passes the car-frame abscissae `x_m`, by Newton's method."""
+    s = pose.s_m + x_m
+    for _ in range(30):
+        x = pose.to_car(road, offset_point(road, s, lateral_m))[:, 0]
+        slope = np.cos(road.heading(s) - pose.absolute_heading(road)) * (1 - road.curvature(s) * lateral_m)
+        step = (x_m - x) / np.maximum(slope, 0.1)
+        s = s + step
+        if np.abs(step).max(initial=0.0) < 1e-10:
+            break
+    return s

@@ -1,0 +1,203 @@
+"""Which piece of ground each pixel sees: its place on the road, and how far its footprint reaches there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from lanes.camera import camera as lens_model
+from lanes.camera.camera import Camera
+from lanes.io.disk_cache import digits_of, kept_array
+from simulator.road.relief import FARTHEST_M, cast_on_relief
+from simulator.road.road_ahead import RoadAhead
+
+# Lenses whose rays are kept.
+MOST_KEPT = 3
+
+
+@dataclass(frozen=True)
+class Ground:
+    """What the pixels below the horizon see, as arrays of shape (rows, width), float32, metres.
+
+    Rows start at picture row `top`. Pixels that see no ground hold places at `FARTHEST_M`; `visible` is False there.
+    The footprint of a pixel in s and d is the parallelogram spanned by one step right (`_u`) and one step down (`_v`).
+    """
+
+    top: int
+    visible: np.ndarray
+    distance: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    s: np.ndarray
+    d: np.ndarray
+    s_u: np.ndarray
+    s_v: np.ndarray
+    d_u: np.ndarray
+    d_v: np.ndarray
+
+    def pixels_between(self, low_m: float, high_m: float, lateral_m: np.ndarray | None = None) -> np.ndarray:
+        """Indices into the raveled arrays of the pixels that see a strip d = low_m..high_m, or a part of it.
+
+        `lateral_m` (rows, width) is used instead of d for strips that do not run along the road.
+        """
+        if lateral_m is None:
+            right, left = self.reached_d
+        else:
+            right, left = lateral_m - self.half_reach_d, lateral_m + self.half_reach_d
+        near = cv2.compare(left, float(low_m), cv2.CMP_GE)
+        near &= cv2.compare(right, float(high_m), cv2.CMP_LE)
+        # As bytes, which are compared many at a time; OpenCV's true is 255, numpy's is 1.
+        near &= self.visible.view(np.uint8)
+        return np.flatnonzero(near.view(bool))
+
+    def rows(self, cut: slice, columns: slice = slice(None)) -> Ground:
+        """The same for some rows, and perhaps some columns, only (views, no copies)."""
+        arrays = {f.name: getattr(self, f.name)[cut, columns] for f in fields(self) if f.name != "top"}
+        return replace(self, top=self.top + (cut.start or 0), **arrays)
+
+    @cached_property
+    def reach_s(self) -> np.ndarray:
+        """Length of the footprint along the road."""
+        return np.abs(self.s_u) + np.abs(self.s_v)
+
+    @cached_property
+    def half_reach_d(self) -> np.ndarray:
+        """Half of `reach_d`, which every strip along the road asks for."""
+        return self.reach_d / 2
+
+    @cached_property
+    def reached_d(self) -> tuple[np.ndarray, np.ndarray]:
+        """Right and left ends of the footprint across the road."""
+        return self.d - self.half_reach_d, self.d + self.half_reach_d
+
+    @cached_property
+    def reach_d(self) -> np.ndarray:
+        """Width of the footprint across the road."""
+        return np.abs(self.d_u) + np.abs(self.d_v)
+
+
+@lru_cache(maxsize=2)
+def picture_rays(camera: Camera) -> np.ndarray:
+    """Directions (height, width, 3) float32 in camera axes, z = 1, of every raw pixel; computed once for a lens."""
+    sources = [Path(__file__), Path(lens_model.__file__)]
+    lens = digits_of(camera.size, camera.matrix.tobytes(), camera.distortion.tobytes())
+    return kept_array(f"rays/{lens}", sources, lambda: _rays(camera), most=MOST_KEPT)
+
+
+def _rays(camera: Camera) -> np.ndarray:
+    u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    rays = camera.rays(np.column_stack([u.ravel(), v.ravel()]))
+    return rays.reshape(camera.height, camera.width, 3).astype(np.float32)
+
+
+def cast_on_ground(rays: np.ndarray, camera: Camera, road: RoadAhead) -> Ground:
+    """Cast the rays of `picture_rays` onto the road and find their places along it.
+
+    Parameters
+    ----------
+    rays : ndarray of shape (height, width, 3), float32
+        Camera axes.
+    camera : Camera
+        Its mount holds the pitch of this moment.
+    road : RoadAhead
+        The road as seen from the car.
+    """
+    mount = camera.mount
+    to_road = mount.rotation().astype(np.float32)
+    if road.profile.level:
+        least_drop = np.float32(mount.height_m / FARTHEST_M)
+        drop = -(rays @ to_road[:, 2])
+        top = int(np.argmax((drop > least_drop).any(axis=1)))
+        rays, drop = rays[top:], drop[top:]
+        visible = drop > least_drop
+        scale = np.float32(mount.height_m) / np.maximum(drop, least_drop)
+        x, y = (rays @ to_road[:, 0]) * scale, (rays @ to_road[:, 1]) * scale
+        s, d = road.locate(x, y)
+    else:
+        top, visible, x, y, s, d = cast_on_relief(rays @ to_road, mount.height_m, road)
+    smooth = road.profile.level and not road.winding
+    steps = (*_steps(s), *_steps(d)) if smooth else _steps_along(road, s, d, x, y)
+    return Ground(top, visible, np.sqrt(x * x + y * y), x, y, s, d, *steps)
+
+
+def _steps_along(road: RoadAhead, s: np.ndarray, d: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple:
+    """Changes of s and of d per pixel to the right and down, from those of x and y.
+
+    Between two bends, and behind a crest, s and d jump from pixel to pixel; this does not mistake that for a footprint.
+    """
+    cosine, sine, curvature = road.directions(s)
+    stretch = np.maximum(1 - curvature * d, np.float32(0.2))
+    (x_u, x_v), (y_u, y_v) = _steps(x), _steps(y)
+    along = [(cosine * a + sine * b) / stretch for a, b in ((x_u, y_u), (x_v, y_v))]
+    across = [cosine * b - sine * a for a, b in ((x_u, y_u), (x_v, y_v))]
+    return (*along, *across)
+
+
+def _steps(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Change per pixel to the right and per pixel down, by central differences."""
+    right, down = np.empty_like(values), np.empty_like(values)
+    right[:, 1:-1] = (values[:, 2:] - values[:, :-2]) / 2
+    right[:, 0], right[:, -1] = right[:, 1], right[:, -2]
+    down[1:-1] = (values[2:] - values[:-2]) / 2
+    down[0], down[-1] = values[1] - values[0], values[-1] - values[-2]
+    return right, down
+
+
+def edge_coverage(t: np.ndarray, step_u: np.ndarray, step_v: np.ndarray) -> np.ndarray:
+    """Share of a square pixel that lies on the positive side of a straight edge, exactly.
+
+    Parameters
+    ----------
+    t : ndarray
+        Signed distance of the pixel's centre from the edge, any unit. (2, ...) for two edges of the same direction.
+    step_u, step_v : ndarray
+        Change of that distance per pixel to the right and down, same unit.
+
+    Notes
+    -----
+    The pixel's values of t are distributed as the sum of two uniform variables of widths |step_u| and |step_v|: a
+    trapezoid. Its integral is a difference of four one-sided parabolas.
+    """
+    a = np.maximum(np.abs(step_u), np.float32(1e-6))
+    b = np.maximum(np.abs(step_v), np.float32(1e-3) * a)
+    a = np.maximum(a, np.float32(1e-3) * b)
+    outer, inner = a + b, a - b
+    outer /= 2
+    inner /= 2
+    # Clipping first keeps the differences of small numbers exact in float32.
+    t = np.clip(t, -outer, outer)
+    area = t + outer
+    area *= area
+    for beyond in (t + inner, t - inner):
+        beyond = np.maximum(beyond, 0)
+        beyond *= beyond
+        area -= beyond
+    a *= 2
+    a *= b
+    area /= a
+    return area
+
+
+def strip_coverage(d: np.ndarray, step_u: np.ndarray, step_v: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Share of each pixel between the edges d = low and d = high."""
+    edges = np.float32([low, high]).reshape(2, *[1] * d.ndim)
+    beyond_low, beyond_high = edge_coverage(d - edges, step_u, step_v)
+    return beyond_low - beyond_high
+
+
+def dash_coverage(s: np.ndarray, reach: np.ndarray, paint_m: float, period_m: float) -> np.ndarray:
+    """Share of [s - reach/2, s + reach/2] that is painted when paint begins at every multiple of the period."""
+    reach = np.maximum(reach, np.float32(1e-4))
+    painted = _painted_until(s + reach / 2, paint_m, period_m) - _painted_until(s - reach / 2, paint_m, period_m)
+    return np.clip(painted / reach, 0, 1)
+
+
+def _painted_until(s: np.ndarray, paint_m: float, period_m: float) -> np.ndarray:
+    """Length of paint between 0 and s."""
+    whole = np.floor(s / np.float32(period_m))
+    rest = s - whole * np.float32(period_m)
+    return whole * np.float32(paint_m) + np.minimum(rest, np.float32(paint_m))

@@ -1,0 +1,172 @@
+"""Paint on the road: where it is, and how much of each pixel it covers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from simulator.painting.texture import band_noise_tile, fade, sample_noise
+from simulator.road.ground import Ground, dash_coverage, strip_coverage
+
+# Linear-light reflectance relative to fresh white paint in the sun.
+WHITE = (1.0, 0.99, 0.95)
+YELLOW = (1.05, 0.60, 0.06)
+# Ten feet of paint and thirty of gap: the broken line of the US manual (MUTCD 3A.06).
+DASH_PAINT_M = 3.05
+DASH_GAP_M = 9.15
+# Three feet from dot to dot (Caltrans standard plan A20A); a dot is 10 cm wide and 2 cm high, so it looks longer.
+BOTTS_EVERY_M, BOTTS_LENGTH_M = 0.914, 0.16
+ENDLESS_M = 1e5
+
+
+@dataclass(frozen=True)
+class Marking:
+    """One longitudinal marking.
+
+    Parameters
+    ----------
+    lateral_m : float
+        Distance of its centre from the reference line, > 0 to the left.
+    width_m : float
+        Width of one stripe.
+    colour : tuple of three floats
+        Linear RGB, 1.0 = sunlit white paint.
+    dashed : bool
+        `dash_m` of paint and of gap.
+    phase_m : float
+        Arc length at which one dash begins.
+    double_gap_m : float
+        > 0: two stripes with this clear width between them.
+    wear : float
+        0 fresh, 1 mostly gone.
+    dots : bool
+        Raised reflectors: in the middle of each gap, or every 14.6 m beside a solid line.
+    dash_m : (float, float)
+        Lengths of paint and gap.
+    start_m, end_m : float
+        Arc lengths between which it is painted.
+    slope : float
+        dd/ds: it runs askew across the road, at `lateral_m` where it starts.
+    botts : bool
+        Four round ceramic dots 0.91 m apart in place of each dash, as in California.
+    """
+
+    lateral_m: float
+    width_m: float = 0.12
+    colour: tuple[float, float, float] = WHITE
+    dashed: bool = False
+    phase_m: float = 0.0
+    double_gap_m: float = 0.0
+    wear: float = 0.15
+    dots: bool = False
+    dash_m: tuple[float, float] = (DASH_PAINT_M, DASH_GAP_M)
+    start_m: float = -ENDLESS_M
+    end_m: float = ENDLESS_M
+    slope: float = 0.0
+    botts: bool = False
+
+    def mirrored(self) -> Marking:
+        """The marking with left and right exchanged."""
+        return replace(self, lateral_m=-self.lateral_m, slope=-self.slope)
+
+    @property
+    def stripes(self) -> list[tuple[float, float]]:
+        """(low, high) lateral edges of its stripes, metres."""
+        if not self.double_gap_m:
+            return [(self.lateral_m - self.width_m / 2, self.lateral_m + self.width_m / 2)]
+        inner = self.double_gap_m / 2
+        return [
+            (self.lateral_m + inner, self.lateral_m + inner + self.width_m),
+            (self.lateral_m - inner - self.width_m, self.lateral_m - inner),
+        ]
+
+
+def paint_coverage(marking: Marking, ground: Ground, *, station_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """How much of each pixel fresh paint of this marking covers.
+
+    The lateral edges are integrated exactly over the pixel; the ends of dashes over its length along the road.
+
+    Parameters
+    ----------
+    marking : Marking
+    ground : Ground
+    station_m : float
+        Arc length of the car, from which ground.s counts.
+
+    Returns
+    -------
+    pixels : ndarray of shape (K,), int64
+        Indices into the raveled ground arrays of the pixels that paint touches.
+    coverage : ndarray of shape (K,), float32, in range 0..1
+    """
+    low, high = min(e[0] for e in marking.stripes), max(e[1] for e in marking.stripes)
+    start, end = np.float32(marking.start_m - station_m), np.float32(marking.end_m - station_m)
+    lateral = ground.d - np.float32(marking.slope) * (ground.s - start) if marking.slope else ground.d
+    pixels = ground.pixels_between(low, high, lateral if marking.slope else None)
+    d, d_u, d_v = (array.ravel()[pixels] for array in (lateral, ground.d_u, ground.d_v))
+    if marking.slope:
+        d_u, d_v = (step - np.float32(marking.slope) * along.ravel()[pixels] for step, along in
+                    ((d_u, ground.s_u), (d_v, ground.s_v)))  # fmt: skip
+    coverage = sum(strip_coverage(d, d_u, d_v, *edges) for edges in marking.stripes)
+    s, reach = ground.s.ravel()[pixels], ground.reach_s.ravel()[pixels]
+    if marking.dashed:
+        period = sum(marking.dash_m)
+        s_dash = s + np.float32((station_m - marking.phase_m) % period)
+        if marking.botts:
+            places = np.float32(BOTTS_EVERY_M) * np.arange(4, dtype=np.float32)
+            coverage = coverage * sum(dash_coverage(s_dash - place, reach, BOTTS_LENGTH_M, period) for place in places)
+        else:
+            coverage = coverage * dash_coverage(s_dash, reach, marking.dash_m[0], period)
+    if (marking.start_m, marking.end_m) != (-ENDLESS_M, ENDLESS_M):
+        coverage = coverage * _between(s, reach, start, end)
+    return pixels, coverage
+
+
+def _between(s: np.ndarray, reach: np.ndarray, start: np.float32, end: np.float32) -> np.ndarray:
+    """Share of [s - reach/2, s + reach/2] that lies from `start` to `end`."""
+    inside = np.minimum(s + reach / 2, end) - np.maximum(s - reach / 2, start)
+    return np.clip(inside / np.maximum(reach, np.float32(1e-4)), 0, 1)
+
+
+def paint_markings(
+    albedo: np.ndarray, markings: tuple[Marking, ...], ground: Ground, *, station_m: float, seed: int
+) -> None:
+    """Paint the markings onto the road's reflectance (rows, width, 3) float32, in place."""
+    flat = albedo.reshape(-1, 3)
+    for number, marking in enumerate(markings):
+        pixels, coverage = paint_coverage(marking, ground, station_m=station_m)
+        if not len(pixels):
+            continue
+        if marking.wear:
+            coverage = coverage * worn(marking.wear, ground, pixels, station_m, seed + number)
+        colour = np.array(marking.colour, np.float32)
+        flat[pixels] += coverage[:, None] * (colour - flat[pixels])
+        if marking.dots:
+            _paint_dots(flat, marking, ground, station_m)
+
+
+def worn(wear: float, ground: Ground, pixels: np.ndarray, station_m: float, seed: int) -> np.ndarray:
+    """Share (K,) of the paint that is left: fine chips, and stretches where tyres cross it; `wear` as of Marking."""
+    s, d = (array.ravel()[pixels] for array in (ground.s, ground.d))
+    s = s + np.float32(station_m)
+    tile = band_noise_tile(seed)
+    chips = sample_noise(tile, s, d, wave_s_m=0.10, wave_d_m=0.05) * fade(ground.reach_s.ravel()[pixels], 0.10)
+    broad = sample_noise(tile, s, d + 3, wave_s_m=2.5, wave_d_m=0.6) * fade(ground.reach_s.ravel()[pixels], 2.5)
+    lost = np.clip((chips * 0.8 + broad * 0.7 - 1.6) * 0.9 + 1.5 * wear, 0, 1) * min(1.0, 3 * wear)
+    return (1 - 0.12 * wear) * (1 - np.float32(0.85) * lost)
+
+
+def _paint_dots(flat: np.ndarray, marking: Marking, ground: Ground, station_m: float) -> None:
+    """Raised markers, 0.10 m square, 12.2 m apart in the middle of the gaps or 14.6 m apart beside a solid line."""
+    paint, gap = marking.dash_m
+    period, side = (paint + gap, 0.0) if marking.dashed else (14.63, marking.width_m / 2 + 0.12)
+    first = marking.phase_m + paint + gap / 2 if marking.dashed else marking.phase_m
+    centre = marking.lateral_m - np.copysign(side, marking.lateral_m)
+    pixels = ground.pixels_between(centre - 0.06, centre + 0.06)
+    d, d_u, d_v, s = (array.ravel()[pixels] for array in (ground.d, ground.d_u, ground.d_v, ground.s))
+    coverage = strip_coverage(d, d_u, d_v, centre - 0.05, centre + 0.05)
+    # Markers are 2 cm high, so from the car each looks about twice as long as it is.
+    phase = np.float32((station_m - first) % period)
+    coverage = coverage * dash_coverage(s + phase, ground.reach_s.ravel()[pixels], 0.20, period)
+    flat[pixels] += coverage[:, None] * (np.array(marking.colour, np.float32) - flat[pixels])

@@ -1,0 +1,334 @@
+"""What the ground reflects: asphalt and concrete with their wear, seams and patches, and what lies beside them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, replace
+
+import cv2
+import numpy as np
+
+from simulator.painting.texture import band_noise_tile, fade, sample_noise
+from simulator.road.ground import Ground, dash_coverage, edge_coverage, strip_coverage
+from simulator.road.verge import Opposite, lay_verge
+
+TAR = (0.028, 0.027, 0.029)
+# How far a patch's edges may stray: 3 cm at one standard deviation of the noise, which has no five.
+RAGGED_M = 0.15
+
+
+@dataclass(frozen=True)
+class Material:
+    """A pavement: mean reflectance (linear RGB, 1.0 = white paint) and how strongly each kind of texture shows.
+
+    Strengths are relative changes of reflectance: `grain` of single stones, `blotch` of uneven colour, `stain` of dark
+    spots here and there, `streak` of wear drawn lengthwise, `track` in the wheel tracks, `oil` in the middle of the
+    lane. `slab_m` > 0 has transverse joints.
+    """
+
+    colour: tuple[float, float, float]
+    grain: float
+    blotch: float
+    stain: float
+    streak: float
+    track: float
+    oil: float
+    slab_m: float = 0.0
+
+
+MATERIALS = {
+    "fresh asphalt": Material(
+        (0.075, 0.070, 0.085), grain=0.15, blotch=0.05, stain=0.05, streak=0.05, track=0.07, oil=-0.08
+    ),
+    "asphalt": Material((0.106, 0.100, 0.105), grain=0.15, blotch=0.07, stain=0.12, streak=0.06, track=0.08, oil=-0.12),
+    "grey asphalt": Material(
+        (0.128, 0.124, 0.127), grain=0.13, blotch=0.05, stain=0.06, streak=0.04, track=0.05, oil=-0.06
+    ),
+    "grey concrete": Material(
+        (0.262, 0.252, 0.250), grain=0.10, blotch=0.05, stain=0.07, streak=0.04, track=-0.04, oil=-0.06
+    ),
+    "old asphalt": Material(
+        (0.165, 0.152, 0.148), grain=0.14, blotch=0.09, stain=0.16, streak=0.07, track=-0.07, oil=-0.16
+    ),
+    "concrete": Material(
+        (0.60, 0.515, 0.445), grain=0.07, blotch=0.07, stain=0.20, streak=0.05, track=-0.06, oil=-0.15, slab_m=4.6
+    ),
+    "old concrete": Material(
+        (0.27, 0.25, 0.235), grain=0.11, blotch=0.08, stain=0.16, streak=0.08, track=-0.06, oil=-0.14
+    ),
+    "dirt": Material((0.30, 0.235, 0.15), grain=0.20, blotch=0.16, stain=0.10, streak=0.10, track=0.24, oil=-0.16),
+    "paint": Material((0.80, 0.79, 0.75), grain=0.08, blotch=0.08, stain=0.30, streak=0.05, track=0.0, oil=0.0),
+}
+
+
+@dataclass(frozen=True)
+class Zone:
+    """Pavement of one material from arc length `start_m` on; its edge runs across the road with `skew` (ds/dd)."""
+
+    start_m: float
+    material: str
+    skew: float = 0.0
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A rectangle of other pavement: a repair, a trench."""
+
+    start_m: float
+    end_m: float
+    low_m: float
+    high_m: float
+    material: str
+
+
+@dataclass(frozen=True)
+class Seam:
+    """A line along the road at `lateral_m`, of tar or another colour, meandering by `wander_m`, edges `soft_m` wide."""
+
+    lateral_m: float
+    width_m: float = 0.03
+    wander_m: float = 0.02
+    start_m: float = -1e5
+    end_m: float = 1e5
+    strength: float = 0.7
+    colour: tuple[float, float, float] = TAR
+    soft_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class Surface:
+    """The ground from side to side.
+
+    Parameters
+    ----------
+    zones : tuple of Zone
+        Pavements in the order of their starts; the first reaches back without end.
+    right_edge_m, left_edge_m : float
+        Lateral edges of the pavement.
+    lane_centres_m : tuple of float
+        Where wheels roll.
+    gravel_m : float
+        Width of the strip of gravel beside the pavement, before the grass.
+    opposite_m : (float, float) or None
+        Lateral edges of the other carriageway.
+    verge_tint : (float, float, float)
+        Colour of the ground beside the pavement, relative to gravel and dry grass.
+    """
+
+    zones: tuple[Zone, ...]
+    right_edge_m: float
+    left_edge_m: float
+    lane_centres_m: tuple[float, ...] = (0.0,)
+    gravel_m: float = 1.2
+    opposite_m: tuple[float, float] | None = None
+    patches: tuple[Patch, ...] = field(default=())
+    seams: tuple[Seam, ...] = field(default=())
+    verge_tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+    def mirrored(self) -> Surface:
+        """The ground with left and right exchanged."""
+        return replace(
+            self,
+            right_edge_m=-self.left_edge_m,
+            left_edge_m=-self.right_edge_m,
+            lane_centres_m=tuple(-c for c in self.lane_centres_m),
+            opposite_m=None if self.opposite_m is None else (-self.opposite_m[1], -self.opposite_m[0]),
+            zones=tuple(replace(z, skew=-z.skew) for z in self.zones),
+            patches=tuple(replace(p, low_m=-p.high_m, high_m=-p.low_m) for p in self.patches),
+            seams=tuple(replace(s, lateral_m=-s.lateral_m) for s in self.seams),
+        )
+
+
+@dataclass(frozen=True)
+class Layers:
+    """Noise shared by all materials, each about 1 in strength near the car, faded by footprint; (rows, width)."""
+
+    grain: np.ndarray
+    blotch: np.ndarray
+    stain: np.ndarray
+    streak: np.ndarray
+    track: np.ndarray
+    oil: np.ndarray
+
+    def rows(self, cut: slice, columns: slice = slice(None)) -> Layers:
+        """The same for some rows, and perhaps some columns, only."""
+        return Layers(*(getattr(self, field.name)[cut, columns] for field in fields(self)))
+
+
+def ground_albedo(
+    surface: Surface, ground: Ground, *, station_m: float, seed: int, wanted: np.ndarray | None = None
+) -> np.ndarray:
+    """Reflectance of the ground without paint.
+
+    Parameters
+    ----------
+    surface : Surface
+    ground : Ground
+    station_m : float
+        Arc length of the car.
+    seed : int
+        Chooses the noise.
+    wanted : ndarray of shape (rows, width), bool, optional
+        Where it must be right, because nothing hides it; everywhere if None.
+
+    Returns
+    -------
+    ndarray of shape (rows, width, 3), float32
+        Linear RGB, 1.0 = white paint.
+    """
+    s = ground.s + np.float32(station_m)
+    layers = noise_layers(surface, ground, s, seed)
+    albedo = _pavement(surface, ground, s, layers)
+    half_reach_s = ground.reach_s / 2
+    reached_rows = (s - half_reach_s).min(axis=1), (s + half_reach_s).max(axis=1)
+    for patch in surface.patches:
+        _lay_patch(albedo, patch, ground, s, layers, reached_rows)
+    for number, seam in enumerate(surface.seams):
+        _lay_seam(albedo, seam, ground, s, seed + 50 + number)
+    edges_m = (surface.right_edge_m, surface.left_edge_m)
+    lay_verge(
+        albedo,
+        ground,
+        s,
+        edges_m=edges_m,
+        gravel_m=surface.gravel_m,
+        opposite=_opposite(surface, layers),
+        tint=surface.verge_tint,
+        wanted=wanted,
+        seed=seed + 11,
+    )
+    return albedo
+
+
+def noise_layers(surface: Surface, ground: Ground, s: np.ndarray, seed: int) -> Layers:
+    """The noise and the wear profile across the lanes."""
+    reach = ground.reach_s
+    grain = np.zeros_like(s)
+    for number, (wave, strength) in enumerate(((0.022, 1.0), (0.06, 0.7), (0.25, 0.25))):
+        # Only rows near enough for this grain to be seen at all.
+        near = reach[:, s.shape[1] // 2] < 3 * wave
+        first = int(np.argmax(near)) if near.any() else len(s)
+        if first < len(s):
+            # Longer along the road: the car moves 2 or 3 cm while the shutter is open.
+            part = sample_noise(
+                band_noise_tile(seed + number), s[first:], ground.d[first:], wave_s_m=2 * wave, wave_d_m=wave
+            )
+            grain[first:] += part * fade(reach[first:], wave) * np.float32(strength)
+    tile = band_noise_tile(seed + 7, octaves=4)
+    # Stains are drawn out along the way that tyres roll.
+    blotch = sample_noise(tile, s, ground.d, wave_s_m=2.2, wave_d_m=0.45) * fade(reach, 10.0)
+    streak = sample_noise(band_noise_tile(seed + 8, octaves=3), s, ground.d, wave_s_m=18.0, wave_d_m=0.22)
+    track, oil = _wear_profiles(surface, ground.d)
+    uneven = 1 + np.float32(0.35) * sample_noise(tile, s, ground.d, wave_s_m=6.0, wave_d_m=1.3)
+    spots = sample_noise(band_noise_tile(seed + 9, octaves=3), s, ground.d, wave_s_m=0.7, wave_d_m=0.16)
+    # Oil and rubber lie where cars go: spots grow out of the places that are dark already.
+    stain = np.clip(spots - 1.1 + np.float32(0.35) * blotch + np.float32(0.3) * (oil + track), 0, 1.5)
+    stain *= fade(reach, 6.0)
+    return Layers(grain, blotch, stain, streak * fade(ground.reach_d, 0.3), track * uneven, oil * uneven)
+
+
+def _wear_profiles(surface: Surface, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Wheel tracks (0.85 m either side of a lane's centre) and the oil streak in the middle, looked up by d."""
+    step = 0.02
+    at = np.arange(-40, 40, step)
+    track, oil = np.zeros_like(at), np.zeros_like(at)
+    for centre in surface.lane_centres_m:
+        track += np.exp(-(((np.abs(at - centre) - 0.85) / 0.30) ** 2))
+        oil += np.exp(-(((at - centre) / 0.38) ** 2))
+    index = ((d + np.float32(40)) / np.float32(step)).astype(np.intp)
+    # With "clip" numpy takes the ends for places that are outside, and need not look for them.
+    return tuple(profile.astype(np.float32).take(index, mode="clip") for profile in (track, oil))
+
+
+def _pavement(surface: Surface, ground: Ground, s: np.ndarray, layers: Layers) -> np.ndarray:
+    """The zones one after the other along the road, each computed only where it is seen."""
+    zones = sorted(surface.zones, key=lambda zone: zone.start_m)
+    started = [z for z in zones if z.start_m < s.min() - 10]
+    albedo = _material(MATERIALS[(started or zones)[-1 if started else 0].material], ground, s, layers)
+    for zone in zones[len(started) if started else 1 :]:
+        beyond = np.flatnonzero((s > zone.start_m - 10).any(axis=1))
+        if not len(beyond):
+            break
+        cut = slice(0, beyond[-1] + 1)
+        part = ground.rows(cut)
+        part_layers = layers.rows(cut)
+        # The edge is ragged by a few centimetres.
+        t = s[cut] - np.float32(zone.start_m) - np.float32(zone.skew) * part.d
+        t += np.float32(0.05) * part_layers.blotch
+        share = edge_coverage(t, part.s_u, part.s_v)
+        _mix(albedo[cut], _material(MATERIALS[zone.material], part, s[cut], part_layers), share)
+    return albedo
+
+
+def _material(material: Material, ground: Ground, s: np.ndarray, layers: Layers) -> np.ndarray:
+    tone = 1 + np.float32(material.grain) * layers.grain + np.float32(material.blotch) * layers.blotch
+    tone += np.float32(material.streak) * layers.streak - np.float32(material.stain) * layers.stain
+    tone += np.float32(material.track) * layers.track + np.float32(material.oil) * layers.oil
+    if material.slab_m:
+        joint = dash_coverage(s, ground.reach_s, 0.02, material.slab_m)
+        tone -= np.float32(0.35) * joint
+    np.maximum(tone, np.float32(0.25), out=tone)
+    return cv2.merge([tone * np.float32(channel) for channel in material.colour])
+
+
+def _mix(below: np.ndarray, above: np.ndarray, share: np.ndarray) -> None:
+    """Lay `above` over `below` in place with opacity `share`."""
+    above -= below
+    # Spread over the colours first: numpy is slow where the innermost axis has three elements.
+    above *= cv2.merge([share] * 3)
+    below += above
+
+
+def _lay_patch(
+    albedo: np.ndarray,
+    patch: Patch,
+    ground: Ground,
+    s: np.ndarray,
+    layers: Layers,
+    reached_rows: tuple[np.ndarray, np.ndarray],
+) -> None:
+    """`reached_rows`: the least and the greatest s, (rows,) each, of what a row sees."""
+    low, high = patch.start_m - RAGGED_M, patch.end_m + RAGGED_M
+    seen = np.flatnonzero((reached_rows[1] > low) & (reached_rows[0] < high))
+    if not len(seen):
+        return
+    rows = slice(seen[0], seen[-1] + 1)
+    # A stall in a car park is a fiftieth of the rows around it.
+    reach_s, reach_d = ground.reach_s[rows] / 2, ground.half_reach_d[rows] + np.float32(RAGGED_M)
+    near = cv2.inRange(s[rows], np.float32(low) - reach_s, np.float32(high) + reach_s)
+    near &= cv2.inRange(ground.d[rows], np.float32(patch.low_m) - reach_d, np.float32(patch.high_m) + reach_d)
+    seen = np.flatnonzero(near.any(axis=0))
+    if not len(seen):
+        return
+    cut = rows, slice(seen[0], seen[-1] + 1)
+    part, s, part_layers = ground.rows(*cut), s[cut], layers.rows(*cut)
+    wobble = np.float32(0.03) * part_layers.blotch
+    ends = np.float32([patch.start_m, patch.end_m])[:, None, None]
+    beyond_start, beyond_end = edge_coverage(s - ends + wobble, part.s_u, part.s_v)
+    share = (beyond_start - beyond_end) * strip_coverage(part.d + wobble, part.d_u, part.d_v, patch.low_m, patch.high_m)
+    _mix(albedo[cut], _material(MATERIALS[patch.material], part, s, part_layers), share)
+
+
+def _opposite(surface: Surface, layers: Layers) -> Opposite | None:
+    """The other carriageway: mostly hidden by barriers, so plain asphalt does."""
+    if surface.opposite_m is None:
+        return None
+    return Opposite(surface.opposite_m, MATERIALS["asphalt"].colour, 1 + 0.1 * layers.blotch)
+
+
+def _lay_seam(albedo: np.ndarray, seam: Seam, ground: Ground, s: np.ndarray, seed: int) -> None:
+    margin = seam.width_m + 3 * seam.wander_m + seam.soft_m
+    pixels = ground.pixels_between(seam.lateral_m - margin, seam.lateral_m + margin)
+    along = s.ravel()[pixels]
+    pixels = pixels[(along > seam.start_m) & (along < seam.end_m)]
+    if not len(pixels):
+        return
+    d, d_u, d_v, along = (array.ravel()[pixels] for array in (ground.d, ground.d_u, ground.d_v, s))
+    tile = band_noise_tile(seed, octaves=3)
+    bend, thick = (sample_noise(tile, along, np.full_like(along, d0), wave_s_m=2.4, wave_d_m=1.0) for d0 in (0, 31))
+    width = np.float32(seam.width_m) * (1 + np.float32(0.4) * np.clip(thick, -2, 2))
+    offset = d - np.float32(seam.lateral_m) - np.float32(seam.wander_m) * bend
+    d_u = np.abs(d_u) + np.float32(seam.soft_m)
+    beyond_low, beyond_high = edge_coverage(offset + np.stack([width, -width]) / 2, d_u, d_v)
+    flat = albedo.reshape(-1, 3)
+    share = np.clip(beyond_low - beyond_high, 0, 1)[:, None] * np.float32(seam.strength)
+    flat[pixels] += share * (np.array(seam.colour, np.float32) - flat[pixels])

@@ -1,0 +1,227 @@
+"""What is exactly known about a rendered frame, and how it is written down."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lanes.camera.camera import Camera
+from lanes.camera.camera_file import camera_to_dict
+from lanes.io.files import write_whole
+from simulator.road.geometry import (
+    MOST_TURNED_RAD,
+    LinePolynomial,
+    Pose,
+    RoadGeometry,
+    line_lateral,
+    line_polynomial,
+    surface_points,
+)
+
+# Rows of the raw picture at which the lines' columns are noted, as in TuSimple's benchmark; -2 where there is none.
+H_SAMPLES = np.arange(420, 701, 10)
+NOT_VISIBLE = -2.0
+NO_LINE = LinePolynomial(np.nan, np.nan, np.nan, np.nan)
+# Distances ahead at which the lines' lateral positions are noted.
+STILL_X_M = np.arange(5.0, 61.0, 5.0)
+VIDEO_X_M = np.array([5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0])
+
+
+@dataclass(frozen=True)
+class Truth:
+    """One frame's truth in the car's road frame (x forward, y left, metres).
+
+    Where the road goes up and down, the frame's plane touches the road under the car, and x is horizontal distance.
+    Where there is no lane, all but time and pitch is NaN.
+
+    Attributes
+    ----------
+    time_s : float
+    offset_m : float
+        Car's origin relative to the lane's centre, > 0 when left of it.
+    heading_rad : float
+        Direction of the lane seen from the car, > 0 when the lane leads to the left: atan of the lines' c1.
+    curvature_per_m, curvature_rate_per_m2 : float
+        Of the lane's centre line beside the car, > 0 bends left, and its change per metre.
+    lane_width_m : float
+        Between the centres of the two lines, square to the road.
+    pitch_rad : float
+        Of the camera at this moment, > 0 looks down.
+    left, right : LinePolynomial
+        Exact Taylor coefficients of the lines at x = 0.
+    road, pose, laterals_m
+        From which exact points follow.
+    """
+
+    time_s: float
+    offset_m: float
+    heading_rad: float
+    curvature_per_m: float
+    curvature_rate_per_m2: float
+    lane_width_m: float
+    pitch_rad: float
+    left: LinePolynomial
+    right: LinePolynomial
+    road: RoadGeometry
+    pose: Pose
+    laterals_m: tuple[float, float]
+
+    @property
+    def has_lane(self) -> bool:
+        """False on a road without markings, in a car park, on a track."""
+        return not np.isnan(self.lane_width_m)
+
+    def line_y(self, side: int, x_m: np.ndarray) -> np.ndarray:
+        """Exact y in metres of the left (0) or right (1) line at `x_m`; NaN where the line has turned away before."""
+        if not self.has_lane:
+            return np.full(np.shape(x_m), np.nan)
+        return line_lateral(self.road, self.pose, self.laterals_m[side], x_m)
+
+
+def lane_truth(road: RoadGeometry, pose: Pose, lines_m: Sequence[float], *, time_s: float, pitch_rad: float) -> Truth:
+    """The truth of the lane that a car at `pose` is in.
+
+    Parameters
+    ----------
+    road : RoadGeometry
+    pose : Pose
+    lines_m : sequence of float
+        Lateral places of the lines' centres from left to right. The car's lane is the one that its origin is in: in a
+        lane change both lines are renamed when the middle of the car crosses the line between. None: there is no lane.
+    time_s, pitch_rad : float
+        Passed on.
+    """
+    left_m, right_m = _own_lines(lines_m, pose.lateral_m)
+    centre_m = (left_m + right_m) / 2
+    stretch = 1 - float(road.curvature(pose.s_m)) * centre_m
+    return Truth(
+        time_s=time_s,
+        offset_m=pose.lateral_m - centre_m,
+        heading_rad=-pose.heading_rad if len(lines_m) else np.nan,
+        curvature_per_m=float(road.curvature(pose.s_m)) / stretch,
+        curvature_rate_per_m2=float(road.curvature_rate(pose.s_m)) / stretch**3,
+        lane_width_m=left_m - right_m,
+        pitch_rad=pitch_rad,
+        left=line_polynomial(road, pose, left_m) if len(lines_m) else NO_LINE,
+        right=line_polynomial(road, pose, right_m) if len(lines_m) else NO_LINE,
+        road=road,
+        pose=pose,
+        laterals_m=(left_m, right_m),
+    )
+
+
+def _own_lines(lines_m: Sequence[float], lateral_m: float) -> tuple[float, float]:
+    """The neighbours of `lateral_m` among the lines; beyond the outermost, the last lane."""
+    if not len(lines_m):
+        return np.nan, np.nan
+    right = int(np.argmax(np.append(np.asarray(lines_m) <= lateral_m, True)))
+    right = min(max(right, 1), len(lines_m) - 1)
+    return lines_m[right - 1], lines_m[right]
+
+
+def line_pixels(truth: Truth, side: int, camera: Camera) -> np.ndarray:
+    """Columns (len(H_SAMPLES),) in the raw picture of a line's paint centre; -2 above its end or outside the picture.
+
+    The line ends where it has turned by 80 degrees: from there on it runs along the rows.
+
+    Parameters
+    ----------
+    truth : Truth
+    side : int
+        0 left, 1 right.
+    camera : Camera
+        With the mount of this moment.
+    """
+    # Even steps in 1/x are even steps in picture rows.
+    ahead = 1 / np.linspace(1 / 2.0, 1 / 600.0, 6000)
+    s = truth.pose.s_m + ahead
+    turned = np.abs(truth.road.heading(s) - truth.pose.absolute_heading(truth.road)) > MOST_TURNED_RAD
+    s = s[: int(np.argmax(turned))] if turned.any() else s
+    points = surface_points(truth.road, truth.pose, s, truth.laterals_m[side])
+    pixels = camera.road_to_pixels(points)
+    pixels = pixels[~np.isnan(pixels).any(axis=1)]
+    if not len(pixels):
+        return np.full(len(H_SAMPLES), NOT_VISIBLE)
+    # The line goes up the picture until it leaves it or reaches the horizon; later parts cannot be told from those,
+    # and what a crest hides lies lower than the crest.
+    rising = np.maximum.accumulate(-pixels[:, 1]) <= -pixels[:, 1]
+    u = np.interp(-H_SAMPLES, -pixels[rising, 1], pixels[rising, 0], left=np.nan, right=np.nan)
+    outside = np.isnan(u) | (u < 0) | (u > camera.width - 1)
+    return np.where(outside, NOT_VISIBLE, u)
+
+
+def visible_pixels(columns: np.ndarray, hidden: np.ndarray) -> np.ndarray:
+    """`columns` of `line_pixels` with -2 also where `hidden` (height, width) bool says that a thing is in front."""
+    columns = columns.copy()
+    for i, (row, u) in enumerate(zip(H_SAMPLES, columns, strict=True)):
+        if u >= 0 and hidden[row, round(float(u))]:
+            columns[i] = NOT_VISIBLE
+    return columns
+
+
+def truth_row(truth: Truth, *, frame: int) -> dict[str, float | None]:
+    """The columns of the CSV beside a video; None, an empty field, is what does not exist."""
+    row = {"frame": frame, "time_s": round(truth.time_s, 6), **_scalars(truth)}
+    for side, name in enumerate(("left", "right")):
+        y = truth.line_y(side, VIDEO_X_M)
+        row |= {f"{name}_y{round(x):02d}_m": _rounded(v, 6) for x, v in zip(VIDEO_X_M, y, strict=True)}
+    return row
+
+
+def truth_entry(truth: Truth, *, raw_file: str, camera: Camera, hidden: np.ndarray) -> dict:
+    """The entry of a still in truth.json; None, null in JSON, is what does not exist."""
+    lanes = [visible_pixels(line_pixels(truth, side, camera), hidden) for side in (0, 1)]
+    return {
+        "raw_file": raw_file,
+        **_scalars(truth),
+        "x_m": [float(x) for x in STILL_X_M],
+        "left_y_m": [_rounded(y, 6) for y in truth.line_y(0, STILL_X_M)],
+        "right_y_m": [_rounded(y, 6) for y in truth.line_y(1, STILL_X_M)],
+        "h_samples": [int(v) for v in H_SAMPLES],
+        "lanes": [[round(float(u), 2) for u in lane] for lane in lanes],
+    }
+
+
+def write_truth_json(path: Path, camera: Camera, frames: list[dict]) -> None:
+    """Write truth.json: the camera and one entry a still, one line each so that changes can be read."""
+    lines = ",\n".join(json.dumps(entry) for entry in frames)
+    text = f'{{"camera": {json.dumps(camera_to_dict(camera))},\n"frames": [\n{lines}\n]}}\n'
+    write_whole(path, text.encode())
+
+
+def write_truth_csv(path: Path, rows: list[dict]) -> None:
+    """Write the truth of a video, a row a frame."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, fieldnames=list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_whole(path, text.getvalue().encode())
+
+
+def _scalars(truth: Truth) -> dict[str, float | None]:
+    row = {
+        "offset_m": _rounded(truth.offset_m, 6),
+        "heading_rad": _rounded(truth.heading_rad, 8),
+        "curvature_per_m": _rounded(truth.curvature_per_m, 10),
+        "curvature_rate_per_m2": _rounded(truth.curvature_rate_per_m2, 12),
+        "lane_width_m": _rounded(truth.lane_width_m, 6),
+        "pitch_rad": _rounded(truth.pitch_rad, 8),
+    }
+    for name, line in (("left", truth.left), ("right", truth.right)):
+        row |= {
+            f"{name}_c0_m": _rounded(line.c0_m, 6),
+            f"{name}_c1": _rounded(line.c1, 8),
+            f"{name}_c2_per_m": _rounded(line.c2_per_m, 10),
+            f"{name}_c3_per_m2": _rounded(line.c3_per_m2, 12),
+        }
+    return row
+
+
+def _rounded(value: float, digits: int) -> float | None:
+    return None if np.isnan(value) else round(float(value), digits)

@@ -1,0 +1,1 @@
+"""The scenes: the embedded pictures and videos, and the benchmark suite."""

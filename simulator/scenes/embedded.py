@@ -1,0 +1,73 @@
+"""The embedded test pictures and videos, written with their truth."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from pathlib import Path
+
+from lanes.io.images import write_image
+from simulator.rendering.produce import VIDEO_SECONDS, Progress, write_video
+from simulator.rendering.render import render_frame
+from simulator.road.truth import truth_entry, write_truth_json
+from simulator.scenes.catalogue import project_video, still_scenes
+from simulator.scenes.famous import CHALLENGE_CRF, HARDER_CRF, challenge_video, harder_challenge_video
+from simulator.workers import ordered
+
+
+def write_stills(folder: str | Path, *, progress: Progress | None = None, workers: int | None = None) -> list[Path]:
+    """Write the eight test pictures and their truth.json.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Created where needed; "test_images" in the project.
+    progress : callable, optional
+        Called as progress(pictures done, pictures in all).
+    workers : int, optional
+        Processes that render; the files do not depend on it. Default: as many as CPUs may be used.
+
+    Returns
+    -------
+    list of Path
+        The files written.
+
+    Raises
+    ------
+    OSError
+        If the folder cannot be written to.
+    """
+    folder = Path(folder)
+    scenes = still_scenes()
+    written, entries = [], []
+    with closing(ordered(render_frame, scenes.values(), workers=workers)) as frames:
+        for number, ((name, drive), frame) in enumerate(zip(scenes.items(), frames, strict=True), 1):
+            path = write_image(folder / f"{name}.jpg", frame.image)
+            raw_file, camera = f"{folder.name}/{path.name}", drive.camera_at(0.0)
+            entries.append(truth_entry(frame.truth, raw_file=raw_file, camera=camera, hidden=frame.hidden))
+            written.append(path)
+            if progress:
+                progress(number, len(scenes))
+    camera = next(iter(scenes.values())).camera
+    write_truth_json(folder / "truth.json", camera, entries)
+    return [*written, folder / "truth.json"]
+
+
+def write_project_video(
+    folder: str | Path, *, seconds: float = VIDEO_SECONDS, progress: Progress | None = None
+) -> list[Path]:
+    """Write project_video.mp4 with its truth; see `write_video`."""
+    return write_video(Path(folder) / "project_video.mp4", drive=project_video(), seconds=seconds, progress=progress)
+
+
+def write_challenge_video(folder: str | Path, *, seconds: float = 9.0, progress: Progress | None = None) -> list[Path]:
+    """Write challenge_video.mp4 with its truth and camera into a folder; see `produce.write_video`."""
+    path = Path(folder) / "challenge_video.mp4"
+    return write_video(path, drive=challenge_video(), seconds=min(seconds, 9.0), crf=CHALLENGE_CRF, progress=progress)
+
+
+def write_harder_video(folder: str | Path, *, seconds: float = 10.0, progress: Progress | None = None) -> list[Path]:
+    """Write harder_challenge_video.mp4 with its truth and camera into a folder; see `produce.write_video`."""
+    path = Path(folder) / "harder_challenge_video.mp4"
+    return write_video(
+        path, drive=harder_challenge_video(), seconds=min(seconds, 10.0), crf=HARDER_CRF, progress=progress
+    )

@@ -1,0 +1,148 @@
+"""Building blocks of a freeway: its lines, its pavement, its roadside and its traffic, for the catalogue to combine."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from simulator.landscape.sky import BackdropStyle
+from simulator.light.sunlight import Sun
+from simulator.objects.roadside import Along, Placed
+from simulator.objects.solids import Car, Tree
+from simulator.objects.walls import WALLS
+from simulator.road.geometry import RoadGeometry
+from simulator.road.painted_lines import WHITE, YELLOW, Marking
+from simulator.road.surface import Patch, Seam, Surface, Zone
+
+# Twelve feet, the lane of a US freeway.
+LANE_M = 3.66
+# The other carriageway: a narrow shoulder, three lanes and a wide shoulder.
+OPPOSITE_SHOULDER_M = 1.6
+OPPOSITE_M = OPPOSITE_SHOULDER_M + 3 * LANE_M + 2.8
+
+
+def freeway_markings(
+    *,
+    lanes_left: int = 0,
+    lanes_right: int = 3,
+    phase_m: float = 0.0,
+    wear: float = 0.15,
+    opposite_m: float | None = None,
+) -> tuple[Marking, ...]:
+    """Lines around the ego lane, whose centre is the reference line.
+
+    Parameters
+    ----------
+    lanes_left, lanes_right : int
+        Further lanes on either side; solid yellow beyond those on the left, solid white beyond those on the right,
+        broken white between.
+    phase_m : float
+        Arc length at which a dash of the leftmost broken line begins.
+    wear : float
+        0 fresh, 1 mostly gone.
+    opposite_m : float, optional
+        Lateral distance at which the pavement of the other carriageway begins; its lines come too.
+    """
+    marks = [Marking((lanes_left + 0.5) * LANE_M, 0.15, YELLOW, wear=wear, dots=True)]
+    for number in range(lanes_left + lanes_right):
+        lateral = (lanes_left - 0.5 - number) * LANE_M
+        # Neighbouring lines are painted in one pass, so their dashes are nearly, not exactly, abreast.
+        marks.append(Marking(lateral, 0.12, WHITE, dashed=True, phase_m=phase_m + 0.35 * number, wear=wear, dots=True))
+    marks.append(Marking(-(lanes_right + 0.5) * LANE_M, 0.12, WHITE, wear=wear))
+    if opposite_m is not None:
+        inner = opposite_m + OPPOSITE_SHOULDER_M
+        marks += [Marking(inner, 0.12, YELLOW), Marking(inner + 3 * LANE_M, 0.12, WHITE)]
+        marks += [Marking(inner + n * LANE_M, 0.12, WHITE, dashed=True, phase_m=phase_m + 3 * n) for n in (1, 2)]
+    return tuple(marks)
+
+
+def freeway_surface(
+    *zones: Zone,
+    lanes_left: int = 0,
+    lanes_right: int = 3,
+    left_shoulder_m: float = 2.4,
+    right_shoulder_m: float = 2.8,
+    opposite_m: float | None = None,
+    patches: tuple[Patch, ...] = (),
+    seams: tuple[Seam, ...] = (),
+) -> Surface:
+    """Pavement of the same carriageway, with the paving joint that runs beside each broken line."""
+    centres = tuple((lanes_left - number) * LANE_M for number in range(lanes_left + lanes_right + 1))
+    joints = tuple(Seam(c - LANE_M / 2 - 0.18, 0.025, 0.02, strength=0.5) for c in centres[:-1])
+    return Surface(
+        zones,
+        right_edge_m=-(lanes_right + 0.5) * LANE_M - right_shoulder_m,
+        left_edge_m=(lanes_left + 0.5) * LANE_M + left_shoulder_m,
+        lane_centres_m=centres,
+        opposite_m=None if opposite_m is None else (opposite_m, opposite_m + OPPOSITE_M),
+        patches=patches,
+        seams=joints + seams,
+    )
+
+
+def bend(curvature_per_m: float, *, before_m: float = 60.0, ahead_m: float = 300.0, rate: float = 1.5e-5):
+    """A road that is already bending at arc length 100, where the car of a still is, and eases out far ahead."""
+    ease = max(abs(curvature_per_m) / rate, 30.0)
+    return RoadGeometry(
+        [0.0, 100 - before_m, 100 + ahead_m, 100 + ahead_m + ease],
+        [curvature_per_m * 0.4, curvature_per_m, curvature_per_m, 0.0],
+    )
+
+
+def weather(azimuth_deg: float, elevation_deg: float, **country: float) -> dict:
+    """The sun, and the backdrop that it lights, as arguments of a Drive; `country` as in BackdropStyle."""
+    sun = Sun(float(np.radians(azimuth_deg)), float(np.radians(elevation_deg)))
+    style = BackdropStyle(sun_azimuth_rad=sun.azimuth_rad, sun_elevation_rad=sun.elevation_rad, **country)
+    return {"sun": sun, "backdrop": style}
+
+
+def grove(
+    seed: int,
+    species: str,
+    *,
+    along: tuple[float, float],
+    aside: tuple[float, float],
+    tall: tuple[float, float],
+    every_m: float,
+    bank: Along | None = None,
+) -> tuple[Placed, ...]:
+    """Trees or bushes strewn beside the road.
+
+    Parameters
+    ----------
+    seed : int
+    species : str
+        Names from foliage.SPECIES, separated by blanks; drawn by chance.
+    along, aside, tall : (float, float)
+        From where to where along the road and lateral to it, and how high, metres.
+    every_m : float
+        Mean distance along the road from one to the next.
+    bank : Along, optional
+        The slope on which they stand.
+    """
+    rng = np.random.default_rng(seed)
+    outward, height = np.array(WALLS["bank"].lines).T
+    trees = []
+    for s in np.arange(*along, every_m):
+        lateral = float(rng.uniform(*aside))
+        base = 0.0
+        if bank is not None:
+            base = float(np.interp(abs(lateral - bank.lateral_m), outward, height)) * bank.height_scale
+        tree = Tree(0, 0, rng.uniform(*tall), str(rng.choice(species.split())), int(rng.integers(6)), base)
+        trees.append(Placed(float(s + rng.uniform(-0.4, 0.4) * every_m), lateral, tree))
+    return tuple(trees)
+
+
+def oncoming(seed: int, *, along: tuple[float, float], opposite_m: float, speed_mps: float = 0.0) -> tuple[Placed, ...]:
+    """Some cars on the other carriageway, whose pavement begins at lateral `opposite_m`."""
+    rng = np.random.default_rng(seed)
+    cars = []
+    for s in np.arange(*along, 45.0):
+        paint, body = str(rng.choice(["white", "silver", "grey", "blue", "black"])), str(rng.choice(["sedan", "suv"]))
+        lateral = opposite_m + OPPOSITE_SHOULDER_M + LANE_M * (0.5 + float(rng.integers(3)))
+        cars.append(Placed(float(s + rng.uniform(-15, 15)), lateral, Car(0, 0, np.pi, paint, body), -speed_mps))
+    return tuple(cars)
+
+
+def car(s_m: float, lane: int, paint: str, body: str = "sedan", *, speed_mps: float = 0.0) -> Placed:
+    """A car in the middle of a lane, counted from the ego lane to the left."""
+    return Placed(s_m, lane * LANE_M, Car(0, 0, 0.0, paint, body), speed_mps)

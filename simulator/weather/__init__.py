@@ -1,0 +1,1 @@
+"""Fog, rain, wet roads and night."""

@@ -1,0 +1,64 @@
+"""Fog and haze: contrast that falls with distance, and the light that the air puts in its place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from simulator.road.ground import Ground
+
+# Contrast at which black things against the horizon can just be told: the meteorological visibility (WMO: 5 %).
+JUST_SEEN = 0.05
+
+
+@dataclass(frozen=True)
+class Fog:
+    """Air of the same thickness everywhere up to a height.
+
+    Parameters
+    ----------
+    visibility_m : float
+        Distance at which 5 % of a thing's contrast is left: below 1000 fog, up to 5000 haze.
+    colour : tuple of three floats
+        Light of endless fog, linear RGB, sunlit white paint = 1.
+    height_m : float
+        How high the fog reaches; the sky shines through it overhead.
+
+    References
+    ----------
+    Koschmieder's law of the contrast of far things.
+    """
+
+    visibility_m: float
+    colour: tuple[float, float, float] = (0.50, 0.52, 0.55)
+    height_m: float = 80.0
+
+    def __post_init__(self) -> None:
+        if self.visibility_m <= 0:
+            raise ValueError(f"visibility_m must be positive, not {self.visibility_m}.")
+
+    def through(self, distance_m: np.ndarray | float) -> np.ndarray:
+        """Share of the contrast that is left at distances of any shape."""
+        return np.exp(np.float32(np.log(JUST_SEEN) / self.visibility_m) * np.asarray(distance_m, np.float32))
+
+    def air_at(self, distance_m: float) -> tuple[np.ndarray, np.ndarray]:
+        """(through, air) of a thing, as `sky.air_between` gives them."""
+        through = np.full(3, self.through(distance_m), np.float32)
+        return through, np.array(self.colour, np.float32) * (1 - through)
+
+    def veil_ground(self, light: np.ndarray, ground: Ground) -> None:
+        """Lay the fog over the ground's light (rows, width, 3), in place."""
+        self._veil(light, self.through(ground.distance))
+
+    def veil_sky(self, light: np.ndarray, up: np.ndarray) -> None:
+        """Lay it over sky and far country, in place; `up` is the z component (rows, width) of the directions."""
+        # Hills are hidden like the sky just above the horizon; what lies below it is far.
+        self._veil(light, self.through(self.height_m / np.maximum(up, np.float32(1e-3))))
+
+    def _veil(self, light: np.ndarray, through: np.ndarray) -> None:
+        # OpenCV, because numpy is slow where the innermost axis has three elements.
+        cv2.subtract(light, (*self.colour, 0.0), dst=light)
+        cv2.multiply(light, cv2.merge([through] * 3), dst=light)
+        cv2.add(light, (*self.colour, 0.0), dst=light)

@@ -1,0 +1,174 @@
+"""Night: the own headlights on road and things, paint that throws them back, street lamps, and the lamps of others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from lanes.camera.camera import Camera
+from simulator.objects.solids import Car, Post, Thing, turned_by
+from simulator.objects.vehicles import outline
+from simulator.road.ground import Ground
+from simulator.road.painted_lines import Marking
+
+HALOGEN = np.array([1.0, 0.86, 0.62], np.float32)
+SODIUM = np.array([1.0, 0.62, 0.25], np.float32)
+TOWN_GLOW = np.array([0.010, 0.007, 0.005], np.float32)
+# Low beam: half width of its cone, and the distance at which the light on the road begins to fall steeply.
+CONE_RAD, REACH_M = 0.32, 20.0
+# Lamps of other bodies in their own frames: (x, y, z) of the right one of a pair, colour and brightness.
+TAIL, HEAD = np.array([1.0, 0.05, 0.03]) * 3.0, np.array([1.0, 0.93, 0.80]) * 25.0
+LAMPS = {
+    "sedan": (((-2.24, 0.64, 0.84), TAIL), ((2.12, 0.62, 0.66), HEAD)),
+    "suv": (((-2.22, 0.68, 0.98), TAIL), ((2.16, 0.66, 0.80), HEAD)),
+    "truck": (((-6.1, 1.0, 0.95), TAIL), ((6.0, 0.9, 0.9), HEAD)),
+    "motorcycle": (((-1.0, 0.0, 0.78), TAIL), ((0.75, 0.0, 0.95), HEAD)),
+}
+# Glow about a lamp: sizes in rows of a picture 720 rows high, and shares of the light.
+HALOS = ((3.0, 0.35), (14.0, 0.05), (60.0, 0.006))
+COARSE = 4
+# A vehicle that begins before us hides nothing that lies ahead: half a lorry is 6 m long.
+NEAREST_CAR_M = 7.0
+
+
+@dataclass(frozen=True)
+class Night:
+    """How dark it is and what light there is.
+
+    Parameters
+    ----------
+    ambient : float
+        Light of sky and town, as a share of open daylight.
+    headlights : float
+        Light of the own low beam on the road just ahead, in the same unit.
+    retroreflection : float
+        How many times more of the own light comes back from paint with glass beads than from white paint without;
+        below a film of water little of it is left.
+    street_lamp : float
+        Light on the road straight below a lamp.
+    """
+
+    ambient: float = 0.004
+    headlights: float = 0.60
+    retroreflection: float = 3.0
+    street_lamp: float = 0.10
+
+    def beam(self, x_m: np.ndarray, y_m: np.ndarray, *, upright: bool = False) -> np.ndarray:
+        """Light of the own headlights at places of any shape, on level ground or on what stands there.
+
+        Level ground is lit at a grazing angle: its light falls by one power of the distance more.
+        """
+        distance2 = (np.hypot(x_m, y_m) / REACH_M) ** 2
+        aside = np.arctan2(y_m, np.maximum(x_m, np.float32(0.1))) / np.float32(CONE_RAD)
+        fall = 1 / (1 + distance2) ** (1.0 if upright else 1.5)
+        return np.float32(self.headlights) * fall * np.exp(-(np.abs(aside) ** 2.5))
+
+    def on_ground(self, ground: Ground, things: list[Thing]) -> np.ndarray:
+        """Light (rows, width, 3) on the ground."""
+        x, y = (cv2.resize(a, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) for a in (ground.x, ground.y))
+        light = self.beam(x, y)[..., None] * HALOGEN + np.float32(self.ambient)
+        for lamp in things:
+            if isinstance(lamp, Post) and lamp.arm_m:
+                # Cosine to the ground and square of the distance, 1 below the lamp.
+                below = (1 + ((x - lamp.x_m) ** 2 + (y - lamp.y_m - lamp.arm_m) ** 2) / lamp.height_m**2) ** -1.5
+                light += (np.float32(self.street_lamp) * below**1.5)[..., None].astype(np.float32) * SODIUM
+        return cv2.resize(light.astype(np.float32), ground.x.shape[::-1], interpolation=cv2.INTER_LINEAR)
+
+    def on_things(self, places_m: np.ndarray) -> np.ndarray:
+        """Light (N, 3) on things at places (N, 2)."""
+        return self.beam(*places_m.T, upright=True)[:, None] * HALOGEN + np.float32(self.ambient)
+
+    def markings(self, markings: tuple[Marking, ...]) -> tuple[Marking, ...]:
+        """The markings with the colours that the own headlights see: paint with glass beads throws light back."""
+        return tuple(replace(m, colour=tuple(self.retroreflection * c for c in m.colour)) for m in markings)
+
+    def darken_sky(self, light: np.ndarray, up: np.ndarray) -> None:
+        """Turn the day's backdrop into that of a night near a town, in place; `up` is z of the directions."""
+        light *= np.float32(self.ambient)
+        light += np.exp(-np.maximum(up, 0) / np.float32(0.2))[..., None] * TOWN_GLOW
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """A lamp seen: place (3,) in the road frame, colour and brightness (3,), radius in metres."""
+
+    place_m: np.ndarray
+    light: np.ndarray
+    radius_m: float = 0.07
+
+    @property
+    def distance_m(self) -> float:
+        """From the place on the road below the camera."""
+        return float(np.linalg.norm(self.place_m))
+
+
+def lamps_of(things: list[Thing]) -> list[Lamp]:
+    """The lamps of cars that look at us, and of street lamps ahead."""
+    lamps = []
+    for thing in things:
+        if isinstance(thing, Post) and thing.arm_m and thing.x_m > 1:
+            head = np.array([thing.x_m, thing.y_m + thing.arm_m, thing.rise_m + thing.height_m - 0.1])
+            lamps.append(Lamp(head, 12 * SODIUM, 0.15))
+        elif isinstance(thing, Car):
+            turn, place = turned_by(thing.heading_rad), np.array([thing.x_m, thing.y_m, thing.rise_m])
+            for (x, y, z), light in LAMPS[thing.body]:
+                axis = turn @ np.array([np.sign(x), 0, 0])
+                facing = max(0.0, float(-axis @ place / np.linalg.norm(place))) ** 2
+                at = [place + turn @ np.array([x, side * y, z]) for side in (1, -1)]
+                lamps += [Lamp(p, light * facing) for p in (at if y else at[:1]) if facing > 0.05 and p[0] > 1]
+    return lamps
+
+
+def lamps_in_sight(things: list[Thing], camera: Camera) -> list[Lamp]:
+    """Those of `lamps_of` that no nearer vehicle hides."""
+    lamps = lamps_of(things)
+    seen = list(zip(lamps, pixels_of(camera, lamps).tolist(), strict=True))
+    for car in (thing for thing in things if isinstance(thing, Car) and thing.x_m > NEAREST_CAR_M):
+        place = np.array([car.x_m, car.y_m, car.rise_m])
+        pixels = camera.road_to_pixels(outline(car.body) @ turned_by(car.heading_rad).T + place)
+        hull = cv2.convexHull(pixels[np.isfinite(pixels).all(axis=1)].astype(np.float32))
+        if hull is None:  # far aside, where the lens is blind
+            continue
+        # its own lamps that look at us are nearer than its middle
+        until_m = np.linalg.norm(place)
+        seen = [
+            (lamp, px) for lamp, px in seen if lamp.distance_m < until_m or cv2.pointPolygonTest(hull, px, False) <= 0
+        ]
+    return [lamp for lamp, _ in seen]
+
+
+def pixels_of(camera: Camera, lamps: list[Lamp], *, mirrored: bool = False) -> np.ndarray:
+    """Pixels (N, 2) of the lamps, or of their images in a level mirror on the ground; NaN out of the lens's sight."""
+    places = np.array([lamp.place_m for lamp in lamps]).reshape(-1, 3)
+    return camera.road_to_pixels(places * [1, 1, -1 if mirrored else 1])
+
+
+def add_lamps(light: np.ndarray, camera: Camera, lamps: list[Lamp]) -> None:
+    """Add lamps with their glow, in place; what they are brighter than the picture can hold spreads in the glow."""
+    height, width = light.shape[:2]
+    glow = np.zeros((height // COARSE, width // COARSE, 3), np.float32)
+    for lamp, (u, v) in zip(lamps, pixels_of(camera, lamps), strict=True):
+        if not (0 <= u < width - 1 and 0 <= v < height - 1):
+            continue
+        radius = camera.matrix[0, 0] * lamp.radius_m / lamp.distance_m
+        _add_disc(light, u, v, radius, lamp.light)
+        # Energy of the disc, spread over one coarse pixel.
+        glow[int(v) // COARSE % len(glow), int(u) // COARSE % glow.shape[1]] += (
+            lamp.light * np.pi * max(radius, 0.5) ** 2 / COARSE**2
+        )
+    scale = height / 720 / COARSE
+    spread = sum(np.float32(share) * cv2.GaussianBlur(glow, (0, 0), size * scale) for size, share in HALOS)
+    light += cv2.resize(spread, (width, height), interpolation=cv2.INTER_LINEAR)
+
+
+def _add_disc(light: np.ndarray, u: float, v: float, radius: float, colour: np.ndarray) -> None:
+    """A soft disc; one smaller than a pixel is as much dimmer."""
+    sigma = max(radius / 1.5, 0.7)
+    reach = int(3 * sigma) + 1
+    top, left = max(int(v) - reach, 0), max(int(u) - reach, 0)
+    part = light[top : int(v) + reach + 1, left : int(u) + reach + 1]
+    rows, columns = np.mgrid[top : top + part.shape[0], left : left + part.shape[1]]
+    disc = np.exp(-((rows - v) ** 2 + (columns - u) ** 2) / (2 * sigma**2)) * min(1.0, (radius / 1.5 / sigma) ** 2)
+    part += (disc[..., None] * colour).astype(np.float32)
