@@ -15,7 +15,7 @@ from lanes.io.images import read_image, write_image, list_pictures
 from lanes.camera.calibration.corners import find_board, draw_board
 from lanes.camera.calibration.boards import calibrate_folder
 from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import Mount
+from lanes.camera.camera_pose import CameraPose
 from lanes.camera.camera_file import save_camera, load_camera
 
 # 3 Undistort
@@ -23,7 +23,7 @@ from lanes.camera.camera import undistort
 
 # 4 From above
 from lanes.classic.warp import FourPointWarp, metres_per_pixel, view_to_road
-from lanes.camera.pose_from_lanes.pose_estimate import estimate_mount, mount_camera
+from lanes.camera.pose_from_lanes.pose_estimate import estimate_pose, estimate_camera_pose
 from lanes.io.footage import pick_pictures
 
 # 5 Thresholds
@@ -51,7 +51,7 @@ from benchmark.course import worst_lateral_error_m, describe_error, drive_errors
 from benchmark.tables import format_table
 
 # 8 Draw, video
-from lanes.drawing.canvas import LEFT, RIGHT
+from lanes.drawing.canvas import LEFT_COLOUR, RIGHT_COLOUR
 from lanes.drawing.pictures import draw_line
 from lanes.classic.overlay import (
     draw_lane,
@@ -68,10 +68,10 @@ from lanes.io.video.pipeline import open_clip, annotate_video
 from lanes.io.telemetry import read_telemetry
 
 # 9 Metres
-from lanes.tracking.birdseye import RoadView
+from lanes.tracking.birdseye import BirdsEyeView
 
 # 10 Paint
-from lanes.tracking.markings import measure_paint, find_stripes
+from lanes.tracking.markings import marking_response, find_stripes
 
 # 11 One model
 from lanes.tracking.detector import find_lane

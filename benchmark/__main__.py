@@ -17,8 +17,8 @@ from lanes.io.console import count, progress_line, run_command, run_program
 EXAMPLES = """\
   python -m benchmark --list
   python -m benchmark --workers 2 -o results
-  python -m benchmark --system metric --estimated-mount motorway
-  python -m benchmark --system metric,best_channel my_drive.mp4
+  python -m benchmark --system tracker --estimated-pose motorway
+  python -m benchmark --system tracker,best_channel my_drive.mp4
   python -m benchmark --speed
   python -m benchmark --labels stills/labels.jsonl --camera camera.yaml
   python -m benchmark --labels stills/labels.jsonl --predictions lanes.jsonl"""
@@ -38,10 +38,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=lambda text: text.split(","),
         action="extend",
         metavar="NAME,...",
-        help="hls_sobel, equalized_hsv, best_channel, metric (default: all)",
+        help="hls_sobel, equalized_hsv, best_channel, tracker (default: all)",
     )
     parser.add_argument(
-        "--estimated-mount", action="store_true", help="estimate the camera's mount from each video, as on real drives"
+        "--estimated-pose", action="store_true", help="estimate the camera pose from each video, as on real drives"
     )
     parser.add_argument("--speed", action="store_true", help="measure time and memory on the committed video")
     parser.add_argument("--workers", type=count, default=1, metavar="N", help="processes (default: %(default)s)")
@@ -76,7 +76,7 @@ def run(options: argparse.Namespace) -> int:
         choose_drives(options.scenes),
         options.system or SYSTEMS,
         workers=options.workers,
-        estimated_mount=options.estimated_mount,
+        estimated_pose=options.estimated_pose,
         progress=progress_line,
     )
     _report(results, options.output)
@@ -97,7 +97,7 @@ def score_labelled(options: argparse.Namespace) -> int:
     from benchmark.labels.labels import EGO_LANE_NOTE, pair_predictions, read_labels, read_predictions, score_lines
     from benchmark.labels.stills import describe_labelled, score_stills
     from benchmark.systems import SYSTEMS
-    from lanes.drives.own_camera import mount_from_drive
+    from lanes.drives.own_camera import pose_from_drive
 
     labels, folder = read_labels(options.labels), options.labels.parent
     if options.predictions:
@@ -105,7 +105,7 @@ def score_labelled(options: argparse.Namespace) -> int:
         scores = {options.predictions.name: [score for pair in pairs for score in score_lines(*pair)]}
     else:
         options.files = [folder / label.name for label in labels]
-        camera, estimate = mount_from_drive(find_lens(options), options.files, progress=progress_line("mount"))
+        camera, estimate = pose_from_drive(find_lens(options), options.files, progress=progress_line("pose"))
         if estimate:
             print(estimate.describe())
         scores = score_stills(labels, folder, camera, options.system or SYSTEMS, progress=progress_line("stills"))
@@ -118,15 +118,15 @@ def _report(results: list, folder: Path) -> None:
     from benchmark.failures import describe_failures
     from benchmark.figures import save_reliability_figure, save_scores_figure
     from benchmark.scores import score_rows, total_rows
-    from benchmark.systems import METRIC
+    from benchmark.systems import TRACKER
     from benchmark.tables import describe_run, describe_scores
     from lanes.io.telemetry import write_telemetry
 
     rows = [*score_rows(results), *total_rows(results)]
     print(describe_scores(rows))
     print(describe_run(rows))
-    engine = describe_failures([result for result in results if result.system == METRIC])
-    print(f"Where the metric engine is not right:\n{engine or 'nowhere'}")
+    engine = describe_failures([result for result in results if result.system == TRACKER])
+    print(f"Where the tracker is not right:\n{engine or 'nowhere'}")
     written = [
         write_telemetry(folder / "benchmark.csv", rows),
         save_scores_figure(folder / "benchmark.png", rows),

@@ -16,7 +16,7 @@ from lanes.classic.search import binary_pixels
 from lanes.classic.warp import view_to_road
 
 # Where a driver needs the lane: from the bonnet to about a second ahead on a motorway.
-NEAR_M, FAR_M = 5.0, 30.0
+NEAR_M, VOTING_FAR_M = 5.0, 30.0
 # The distances in that range at which a drive's truth is written down.
 DRIVE_X_M = (5, 10, 15, 20, 30)
 
@@ -35,7 +35,7 @@ def worst_lateral_error_m(result: HasLines | None, truth: dict | None) -> float 
     is known.
     """
     x_m = np.array(truth["x_m"] if truth else [NEAR_M])
-    ahead = (x_m >= NEAR_M) & (x_m <= FAR_M)
+    ahead = (x_m >= NEAR_M) & (x_m <= VOTING_FAR_M)
     found = result and result.lateral_m(x_m[ahead])
     if found is None:
         return np.inf
@@ -99,7 +99,7 @@ def paint_share(
         return None
     x, y = np.asarray(points_m, float).reshape(-1, 2).T
     left, right = (np.interp(x, truth["x_m"], truth[key]) for key in ("left_y_m", "right_y_m"))
-    counted = (x >= NEAR_M) & (x <= FAR_M) & (y < left + beside_m) & (y > right - beside_m)
+    counted = (x >= NEAR_M) & (x <= VOTING_FAR_M) & (y < left + beside_m) & (y > right - beside_m)
     if not counted.any():
         return None
     on_paint = np.minimum(np.abs(y - left), np.abs(y - right)) <= paint_m
@@ -114,7 +114,7 @@ def line_coverage(points_m: np.ndarray, truth: dict | None, *, paint_m: float = 
     if truth is None:
         return None
     x, y = np.asarray(points_m, float).reshape(-1, 2).T
-    edges = np.arange(NEAR_M, FAR_M + 0.1, 0.5)
+    edges = np.arange(NEAR_M, VOTING_FAR_M + 0.1, 0.5)
     covered = []
     for key in ("left_y_m", "right_y_m"):
         on_line = np.abs(y - np.interp(x, truth["x_m"], truth[key])) <= paint_m

@@ -159,7 +159,7 @@ def frame_errors(readings: Readings, truth: LaneTruth, camera: Camera | None = N
     """Hold what a system says against the truth, frame by frame.
 
     Where the car is on a line, the lane on either side of it will do: the one that the lines found are nearer to.
-    The camera, with its mount, tells what is in the picture; without one, all is.
+    The camera, with its pose, tells what is in the picture; without one, all is.
 
     Raises
     ------

@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmark.reliability import StatedLanes
 from benchmark.scores import Result, Row
-from benchmark.systems import METRIC
+from benchmark.systems import TRACKER
 from lanes.drawing.figures import TRUTH_LOOK, new_figure, save_figure
 
 if TYPE_CHECKING:
@@ -41,12 +41,12 @@ def save_scores_figure(path: str | Path, rows: Sequence[Row]) -> Path:
 
 
 def save_reliability_figure(path: str | Path, results: Sequence[Result]) -> Path | None:
-    """Draw how the metric engine's confidence keeps its word, and precision at coverage; None if it gave no lane."""
+    """Draw how the tracker's confidence keeps its word, and precision at coverage; None if it gave no lane."""
     groups = {system: [r.errors for r in results if r.system == system] for system in {r.system: 0 for r in results}}
     stated = {system: StatedLanes.of(errors) for system, errors in groups.items()}
-    if METRIC not in stated or not len(stated[METRIC].confidence):
+    if TRACKER not in stated or not len(stated[TRACKER].confidence):
         return None
-    bins = stated[METRIC].reliability()
+    bins = stated[TRACKER].reliability()
     precisions = {}
     for system, lanes in stated.items():
         if len(lanes.confidence):

@@ -15,35 +15,35 @@ from benchmark.scores import Result, Row, score_rows
 from benchmark.systems import follow_with, require_system
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import load_camera
-from lanes.camera.pose_from_lanes.pose_estimate import MountError
-from lanes.drives.own_camera import mount_from_drive
+from lanes.camera.pose_from_lanes.pose_estimate import PoseError
+from lanes.drives.own_camera import pose_from_drive
 from lanes.io.telemetry import read_telemetry
 from lanes.io.video.reader import inspect_video, read_frames
 
 
 @dataclass(frozen=True)
 class Staged:
-    """A drive with its video at hand, and the camera that the systems are given (None: no mount was to be found)."""
+    """A drive with its video at hand, and the camera that the systems are given (None: no pose was to be found)."""
 
     drive: BenchmarkDrive
     camera: Camera | None
-    mount: str
+    pose: str
 
 
-def stage(drive: BenchmarkDrive, *, estimated_mount: bool = False) -> Staged:
-    """Take the true mount of a drive whose video is at hand, or estimate it from the video."""
+def stage(drive: BenchmarkDrive, *, estimated_pose: bool = False) -> Staged:
+    """Take the true pose of a drive whose video is at hand, or estimate it from the video."""
     camera = load_camera(drive.video.with_suffix(".yaml"))
-    if not estimated_mount:
+    if not estimated_pose:
         return Staged(drive, camera, "true")
     try:
-        camera, _ = mount_from_drive(replace(camera, mount=None), [drive.video])
-    except MountError:
+        camera, _ = pose_from_drive(replace(camera, pose=None), [drive.video])
+    except PoseError:
         return Staged(drive, None, "not found")
     return Staged(drive, camera, "estimated")
 
 
 def follow_drive(staged: Staged, system: str, *, end_s: float | None = None) -> Readings:
-    """What a system says of each frame of a drive up to `end_s`; nothing where the camera has no mount."""
+    """What a system says of each frame of a drive up to `end_s`; nothing where the camera has no pose."""
     info = inspect_video(staged.drive.video)
     follow = follow_with(system, staged.camera, info.fps) if staged.camera else lambda image: Reading()
     readings, time_ms = [], []
@@ -60,7 +60,7 @@ def score_video(video: str | Path, system: str, *, end_s: float | None = None) -
     Parameters
     ----------
     video : str or Path
-        With the truth (.csv) and the camera with its mount (.yaml) beside it.
+        With the truth (.csv) and the camera with its pose (.yaml) beside it.
     system : str
         One of `systems.SYSTEMS`.
     end_s : float, optional

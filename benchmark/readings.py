@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lanes.io.files import read_text, write_whole
+from lanes.io.files import read_text, write_atomically
 from lanes.tracking.confidence import RIGHT_AT_M
 
 # Distances ahead at which lines are held against the truth, metres: those that the confidence speaks of.
@@ -79,7 +79,7 @@ class Readings:
 def write_readings(path: Path, readings: Readings, **about: object) -> None:
     """Write readings, and what else is to be known `about` them, as JSON; micrometres are kept, NaN becomes null."""
     numbers = {name: _nested(array) for name, array in asdict(readings).items()}
-    write_whole(path, json.dumps(about | numbers).encode())
+    write_atomically(path, json.dumps(about | numbers).encode())
 
 
 def read_readings(path: Path) -> tuple[Readings, dict]:

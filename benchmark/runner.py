@@ -1,6 +1,6 @@
 """Run every system over every drive, several at a time; what is finished is kept, so that a broken-off run goes on.
 
-drives -> stage (render, take or estimate the mount) -> measure (follow all frames, keep) -> Result (against truth)
+drives -> stage (render, take or estimate the pose) -> measure (follow all frames, keep) -> Result (against truth)
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def run_benchmark(
     systems: Sequence[str],
     *,
     workers: int = 1,
-    estimated_mount: bool = False,
+    estimated_pose: bool = False,
     folder: Path | None = None,
     progress: Callable[[str], Progress] | None = None,
 ) -> list[Result]:
@@ -51,8 +51,8 @@ def run_benchmark(
         In `systems.SYSTEMS`.
     workers : int
         Processes at the same time, each with one OpenCV thread.
-    estimated_mount : bool
-        The systems get the mount that `estimate_mount` finds in the video, instead of the true one. The lens is the
+    estimated_pose : bool
+        The systems get the pose that `estimate_pose` finds in the video, instead of the true one. The lens is the
         true one always.
     folder : Path, optional
         Where finished results are kept: a folder in the cache by default. One is used again as long as video, camera,
@@ -79,7 +79,7 @@ def run_benchmark(
     # Fresh processes: forked ones may inherit the locks of OpenCV's and FFmpeg's threads.
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_begin_work) as pool:
         try:
-            staged = _all_done(pool, prepare, [(drive, estimated_mount) for drive in drives], report("scenes"))
+            staged = _all_done(pool, prepare, [(drive, estimated_pose) for drive in drives], report("scenes"))
             tasks = [(drive, system, folder, workers) for drive in staged for system in systems]
             kept = _all_done(pool, measure, tasks, report("benchmark"))
         except BrokenProcessPool as error:
@@ -90,10 +90,10 @@ def run_benchmark(
     return [_result(task[0], task[1], path) for task, path in zip(tasks, kept, strict=True)]
 
 
-def prepare(drive: BenchmarkDrive, estimated_mount: bool) -> Staged:
-    """Render the drive where needed, and take or estimate the mount."""
+def prepare(drive: BenchmarkDrive, estimated_pose: bool) -> Staged:
+    """Render the drive where needed, and take or estimate the camera pose."""
     # Scenes are spread over the processes already; each is rendered by one.
-    return stage(with_video(drive, workers=1), estimated_mount=estimated_mount)
+    return stage(with_video(drive, workers=1), estimated_pose=estimated_pose)
 
 
 def measure(staged: Staged, system: str, folder: Path, workers: int) -> Path:
@@ -114,7 +114,7 @@ def _result(staged: Staged, system: str, path: Path) -> Result:
     except ValueError as error:
         raise ValueError(f"{drive.video}: {error}") from error
     workers, fps, machine = (about[name] for name in ("workers", "fps", "machine"))
-    return Result(drive.name, drive.difficulty, system, errors, staged.mount, workers, fps, machine)
+    return Result(drive.name, drive.difficulty, system, errors, staged.pose, workers, fps, machine)
 
 
 def _all_done(pool: ProcessPoolExecutor, work: Callable, tasks: Iterable[tuple], report: Progress) -> list:

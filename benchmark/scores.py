@@ -23,7 +23,7 @@ class Result:
     ----------
     scene, difficulty, system : str
     errors : FrameErrors
-    mount : str
+    pose : str
         Of the camera that the system was given: "true", "estimated", or why there is none.
     workers : int
         Processes that worked at the same time when the milliseconds were taken.
@@ -37,7 +37,7 @@ class Result:
     difficulty: str
     system: str
     errors: FrameErrors
-    mount: str = "true"
+    pose: str = "true"
     workers: int = 1
     fps: float = 25.0
     machine: str = ""
@@ -50,7 +50,7 @@ def score_rows(results: Iterable[Result]) -> list[Row]:
             "scene": result.scene,
             "difficulty": result.difficulty,
             "system": result.system,
-            "mount": result.mount,
+            "pose": result.pose,
             "workers": result.workers,
             "machine": result.machine,
             **score([result.errors]),
@@ -69,7 +69,7 @@ def total_rows(results: Sequence[Result]) -> list[Row]:
             "scene": f"all {difficulty}",
             "difficulty": difficulty,
             "system": system,
-            "mount": " ".join(sorted({result.mount for result in group})),
+            "pose": " ".join(sorted({result.pose for result in group})),
             "workers": max(result.workers for result in group),
             "machine": " or ".join(sorted({result.machine for result in group})),
             **score([result.errors for result in group]),

@@ -1,6 +1,6 @@
 """Everything that finds lanes, behind one door: a system takes the frames of a drive, or a still, and says where it is.
 
-The recipes follow with their own memory (`LaneFinder.follow`), the metric engine with its tracker; in a still each
+The recipes follow with their own memory (`LaneFinder.follow`), the tracker with its tracker; in a still each
 looks at that picture alone.
 """
 
@@ -18,13 +18,13 @@ from lanes.camera import camera
 from lanes.camera.camera import Camera
 from lanes.classic.finder import RECIPES, LaneFinder, get_recipe
 from lanes.classic.result import LaneResult
-from lanes.tracking.birdseye import RoadView
+from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
 from lanes.tracking.tracked_lane import TrackedLane
 from lanes.tracking.tracker import LaneTracker
 
-METRIC = "metric"
-SYSTEMS = (*RECIPES, METRIC)
+TRACKER = "tracker"
+SYSTEMS = (*RECIPES, TRACKER)
 _CAMERA = Path(camera.__file__)
 
 
@@ -33,7 +33,7 @@ def _package(package: ModuleType) -> Path:
 
 
 # The files and folders that what a system says depends on.
-SOURCES = {name: (_CAMERA, _package(classic)) for name in RECIPES} | {METRIC: (_CAMERA, _package(tracking))}
+SOURCES = {name: (_CAMERA, _package(classic)) for name in RECIPES} | {TRACKER: (_CAMERA, _package(tracking))}
 
 # Where a recipe's line is put back into the picture: even steps in 1 / x are even steps in picture rows.
 ALONG_M = 1 / np.linspace(1 / 1.5, 1 / 200.0, 400)
@@ -50,7 +50,7 @@ def follow_with(system: str, camera: Camera, fps: float) -> Follow:
     system : str
         In SYSTEMS.
     camera : Camera
-        With its mount.
+        With its pose.
     fps : float
         Frames a second.
 
@@ -60,7 +60,7 @@ def follow_with(system: str, camera: Camera, fps: float) -> Follow:
         Takes a frame (height, width, 3) uint8 RGB as taken, gives its Reading.
     """
     require_system(system)
-    if system == METRIC:
+    if system == TRACKER:
         tracker = LaneTracker(camera, fps=fps)
         return lambda image: read_tracked(tracker.update(image))
     finder = LaneFinder(get_recipe(system, camera.size), camera)
@@ -70,8 +70,8 @@ def follow_with(system: str, camera: Camera, fps: float) -> Follow:
 def look_with(system: str, camera: Camera) -> Follow:
     """As `follow_with`, for pictures that are looked at each on its own."""
     require_system(system)
-    if system == METRIC:
-        view = RoadView(camera)
+    if system == TRACKER:
+        view = BirdsEyeView(camera)
         return lambda image: read_tracked(TrackedLane.from_still(find_lane(image, view)))
     finder = LaneFinder(get_recipe(system, camera.size), camera)
     return lambda image: read_classic(finder.find(image))
@@ -87,8 +87,8 @@ def find_with(system: str, camera: Camera) -> FindColumns:
         a line does not pass, as in TuSimple's files.
     """
     require_system(system)
-    if system == METRIC:
-        view = RoadView(camera)
+    if system == TRACKER:
+        view = BirdsEyeView(camera)
 
         def find(image: np.ndarray, rows: np.ndarray) -> np.ndarray:
             lane = find_lane(image, view)

@@ -43,12 +43,12 @@ def describe_scores(rows: Iterable[Row]) -> str:
 def describe_run(rows: Iterable[Row]) -> str:
     """What the table's words mean, which camera the systems had, and under what load the milliseconds were taken."""
     rows = list(rows)
-    mounts = " or ".join(sorted({str(row["mount"]) for row in rows}))
+    poses = " or ".join(sorted({str(row["pose"]) for row in rows}))
     workers = " or ".join(sorted({f"{row['workers']:.0f}" for row in rows}))
     machines = " or ".join(sorted({str(row["machine"]) for row in rows}))
     return (
         f"{LEGEND}\n"
-        f"All systems had the scene's true lens; the camera's mount was: {mounts}.\n"
+        f"All systems had the scene's true lens; the camera pose was: {poses}.\n"
         f"time: median of a frame on one OpenCV thread, measured with {workers} workers at the same time,\n"
         f"  on {machines}."
     )
@@ -95,7 +95,7 @@ def read_scores(path: str | Path) -> list[Row]:
 def _value(name: str, text: str | None) -> str | float:
     if text is None:
         raise ValueError("a row is shorter than the first one")
-    return text if name in ("scene", "difficulty", "system", "mount", "machine") else float(text or "nan")
+    return text if name in ("scene", "difficulty", "system", "pose", "machine") else float(text or "nan")
 
 
 def _success(row: Row) -> float:

@@ -18,7 +18,7 @@ import numpy as np
 
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import camera_to_dict
-from lanes.io.files import write_whole
+from lanes.io.files import write_atomically
 from lanes.io.images import write_image
 from simulator.scenes.dashcam import DASHCAM
 from simulator.workers import ordered
@@ -127,7 +127,7 @@ def write_boards(
             truth["boards"][name] = _board_truth(view)
             if progress:
                 progress(number, len(VIEWS))
-    write_whole(folder / "truth.json", (json.dumps(truth) + "\n").encode())
+    write_atomically(folder / "truth.json", (json.dumps(truth) + "\n").encode())
     return [*written, folder / "truth.json"]
 
 

@@ -24,7 +24,7 @@ def camera_of(size: tuple[int, int]) -> Camera:
     try:
         return CAMERA.scaled(size)
     except CameraError:
-        return Camera.from_fov(size, CAMERA.hfov_deg, CAMERA.mount)
+        return Camera.from_fov(size, CAMERA.hfov_deg, CAMERA.pose)
 
 
 def _stripes(u: np.ndarray, v: np.ndarray, period: int, phase: int) -> np.ndarray:

@@ -121,9 +121,9 @@ CAMERA = {
     "width 0": (camera(image_width=0), UNFIT),
     "width 4e9": (camera(image_width=4_000_000_000), UNFIT),
     "distortion inf": (camera(distortion_coefficients={"data": [float("inf")] * 5}), UNFIT),
-    "mount at height 0": (camera(mount={"height_m": 0.0}), UNFIT),
-    "mount at NaN": (camera(mount={"height_m": 1.3, "pitch_rad": float("nan")}), UNFIT),
-    "mount of words": (camera(mount="on the roof"), UNFIT),
+    "pose at height 0": (camera(pose={"height_m": 0.0}), UNFIT),
+    "pose at NaN": (camera(pose={"height_m": 1.3, "pitch_rad": float("nan")}), UNFIT),
+    "pose of words": (camera(pose="on the roof"), UNFIT),
     "another shape": (camera(image_width=480), "another shape|pixels, but the camera"),
 }
 

@@ -26,16 +26,16 @@ from lanes.io.images import read_image  # noqa: E402
 from lanes.io.video.reader import read_frames  # noqa: E402
 from simulator.scenes.suite import render_scene  # noqa: E402
 
-# Stills by the error of the mount's pitch, degrees; scenes by the second that is shown.
-STILLS = {"good": ("test4", 0.0), "wrong_mount": ("test6", -3.0)}
+# Stills by the error of the camera pose's pitch, degrees; scenes by the second that is shown.
+STILLS = {"good": ("test4", 0.0), "wrong_pose": ("test6", -3.0)}
 SCENES = {"one_line": ("missing-paint", 1.12), "no_lines": ("unmarked-road", 0.0), "hairpin": ("hairpin-right", 4.4)}
 
 
 def still(name: str, wrong_deg: float) -> tuple[np.ndarray, Camera]:
-    """A picture, and its camera with a mount that looks so much farther down than it does."""
+    """A picture, and its camera with a camera pose that looks so much farther down than it does."""
     camera = load_camera(PROJECT / "test_videos" / "project_video.yaml")
-    mount = replace(camera.mount, pitch_rad=camera.mount.pitch_rad + np.radians(wrong_deg))
-    return read_image(PROJECT / "test_images" / f"{name}.jpg"), camera.with_mount(mount)
+    pose = replace(camera.pose, pitch_rad=camera.pose.pitch_rad + np.radians(wrong_deg))
+    return read_image(PROJECT / "test_images" / f"{name}.jpg"), camera.with_pose(pose)
 
 
 def frame(scene: str, time_s: float) -> tuple[np.ndarray, Camera]:

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import Mount
+from lanes.camera.camera_pose import CameraPose
 from lanes.tracking.tracked_lane import TrackedLane
 from lanes.tracking.tracker import LaneTracker
 from simulator.rendering.drive import Motion
@@ -30,7 +30,7 @@ CAMERA = Camera(
     720,
     np.array([[1150.0, 0, 640], [0, 1150, 370], [0, 0, 1]]),
     np.array([-0.24, 0.02, 0.0005, -0.0003, 0.0]),
-    Mount(height_m=1.3, pitch_rad=-0.012, yaw_rad=-0.012, roll_rad=0.004),
+    CameraPose(height_m=1.3, pitch_rad=-0.012, yaw_rad=-0.012, roll_rad=0.004),
 )
 
 
@@ -97,7 +97,7 @@ class PaintedDrive:
 
     def truth(self, time_s: float, lane_m: tuple[float, float] | None = None) -> Truth:
         """What is true of the frame at `time_s`."""
-        pitch = self.camera.mount.pitch_rad + self.motion.pitch(time_s)
+        pitch = self.camera.pose.pitch_rad + self.motion.pitch(time_s)
         return lane_truth(self.road, self.pose(time_s), lane_m or self.lane_m, time_s=time_s, pitch_rad=pitch)
 
     def frame(self, time_s: float) -> np.ndarray:
@@ -105,8 +105,8 @@ class PaintedDrive:
         height, width = self.camera.height, self.camera.width
         if self.black_s[0] <= time_s < self.black_s[1]:
             return np.zeros((height, width, 3), np.uint8)
-        pose, mount = self.pose(time_s), self.camera.mount
-        camera = self.camera.with_mount(replace(mount, pitch_rad=mount.pitch_rad + self.motion.pitch(time_s)))
+        pose, pose = self.pose(time_s), self.camera.pose
+        camera = self.camera.with_pose(replace(pose, pitch_rad=pose.pitch_rad + self.motion.pitch(time_s)))
         # the reference line and its normal in the car's frame, from which all stripes follow
         base, beside = (pose.to_car(self.road, offset_point(self.road, pose.s_m + AHEAD_M, d)) for d in (0.0, 1.0))
         image = np.full((height, width, 3), ASPHALT[0], np.uint8)

@@ -6,7 +6,7 @@
 The roads are painted ones, and the drives of the suite: those given as VIDEO (with .csv and .yaml beside it), or all,
 rendered where they have not been yet. It takes some minutes.
 
-Painted roads: paint, light, motion and errors of the mount are drawn at random, hard ones among them: worn paint, lines
+Painted roads: paint, light, motion and errors of the pose are drawn at random, hard ones among them: worn paint, lines
 missing for seconds, tar seams, bright cracks and kerbs that run along the lane, shadows, black pictures. The suite has
 what paint on a plane has not: crests, hairpins, weather, traffic, and roads without a lane. How well weights hold is
 told by drives that took no part in their fit.
@@ -109,14 +109,14 @@ def draw_drive(seed: int, camera: Camera = CAMERA) -> tuple[PaintedDrive, Camera
         camera=camera,
         seed=seed,
     )
-    mount = camera.mount
+    pose = camera.pose
     believed = replace(
-        mount,
-        height_m=mount.height_m * (1 + rng.normal(0, 0.01)),
-        pitch_rad=mount.pitch_rad + rng.normal(0, 0.002),
-        yaw_rad=mount.yaw_rad + rng.normal(0, 0.002),
+        pose,
+        height_m=pose.height_m * (1 + rng.normal(0, 0.01)),
+        pitch_rad=pose.pitch_rad + rng.normal(0, 0.002),
+        yaw_rad=pose.yaw_rad + rng.normal(0, 0.002),
     )
-    return drive, camera.with_mount(believed)
+    return drive, camera.with_pose(believed)
 
 
 def drive_along(seed: int, camera: Camera = CAMERA, *, seconds: float = SECONDS, fps: float = FPS) -> tuple[list, list]:

@@ -1,4 +1,4 @@
-"""Pictures of painted roads with exactly known truth, drawn through the camera for the tests of the mount."""
+"""Pictures of painted roads with exactly known truth, drawn through the camera for the tests of the camera pose."""
 
 from __future__ import annotations
 

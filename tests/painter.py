@@ -8,27 +8,27 @@ from functools import lru_cache
 import numpy as np
 
 from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import Mount
+from lanes.camera.camera_pose import CameraPose
 
 ASPHALT = (95, 95, 98)
 WHITE, YELLOW = (225, 225, 220), (215, 165, 40)
 SUBPIXELS = (-0.375, -0.125, 0.125, 0.375)
-FAR_M = 150.0
+VOTING_FAR_M = 150.0
 
 
-def dashcam(width: int = 640, **mount: float) -> Camera:
+def dashcam(width: int = 640, **pose: float) -> Camera:
     """A distorted lens, mounted as in a car: 1.3 m above the road, looking slightly up and to the right."""
     scale = width / 1280
     matrix = np.array([[1150 * scale, 0, 640 * scale], [0, 1150 * scale, 370 * scale], [0, 0, 1]])
     lens = Camera(width, width * 9 // 16, matrix, np.array([-0.24, 0.06, 0.0005, -0.0003, 0.0]))
-    return lens.with_mount(Mount(**{"height_m": 1.3, "pitch_rad": -0.01, "yaw_rad": -0.012, **mount}))
+    return lens.with_pose(CameraPose(**{"height_m": 1.3, "pitch_rad": -0.01, "yaw_rad": -0.012, **pose}))
 
 
 @lru_cache(maxsize=8)
-def _road_points(size: tuple, matrix: tuple, distortion: tuple, mount: Mount) -> list[tuple]:
+def _road_points(size: tuple, matrix: tuple, distortion: tuple, pose: CameraPose) -> list[tuple]:
     """Where pixels look on the road, for several heights within a pixel: (first row, points, metres a column)."""
-    camera = Camera(*size, np.reshape(matrix, (3, 3)), np.array(distortion), mount)
-    _, horizon = camera.road_to_pixels(np.array([[FAR_M, 0.0]]))[0]
+    camera = Camera(*size, np.reshape(matrix, (3, 3)), np.array(distortion), pose)
+    _, horizon = camera.road_to_pixels(np.array([[VOTING_FAR_M, 0.0]]))[0]
     top = max(0, int(horizon) - 20)
     v, u = np.mgrid[top : camera.height, : camera.width].astype(float)
     found = []
@@ -43,7 +43,7 @@ class Road:
 
     def __init__(self, camera: Camera, *, asphalt: tuple = ASPHALT, noise: float = 2.0, seed: int = 0) -> None:
         self.camera, self.noise, self.seed = camera, noise, seed
-        self.points = _road_points(camera.size, tuple(camera.matrix.ravel()), tuple(camera.distortion), camera.mount)
+        self.points = _road_points(camera.size, tuple(camera.matrix.ravel()), tuple(camera.distortion), camera.pose)
         self.picture = np.ones((camera.height, camera.width, 3)) * asphalt
 
     def cover(self, inside: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
@@ -52,7 +52,7 @@ class Road:
         with np.errstate(invalid="ignore"):
             for top, points, across in self.points:
                 for du in SUBPIXELS:
-                    hit = inside(points[..., 0], points[..., 1] + du * across) & (points[..., 0] < FAR_M)
+                    hit = inside(points[..., 0], points[..., 1] + du * across) & (points[..., 0] < VOTING_FAR_M)
                     share[top:, :, 0] += hit
         return share / len(self.points) / len(SUBPIXELS)
 

@@ -4,7 +4,7 @@
 
 The argument is a folder with real pictures: camera_cal/ (boards), test_images/, stills/ (named after their drive) and
 labels.jsonl. Both sides are measured alike: single pictures, the same rows, TuSimple's tolerance. On the real side the
-mount is estimated for each drive from all of its stills; the rendered drives have their own.
+pose is estimated for each drive from all of its stills; the rendered drives have their own.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from benchmark.systems import SYSTEMS  # noqa: E402
 from lanes.camera.calibration.boards import calibrate_folder  # noqa: E402
 from lanes.camera.camera import Camera  # noqa: E402
 from lanes.camera.camera_file import load_camera  # noqa: E402
-from lanes.drives.own_camera import mount_from_drive  # noqa: E402
+from lanes.drives.own_camera import pose_from_drive  # noqa: E402
 from lanes.io.images import list_pictures  # noqa: E402
 from lanes.io.video.reader import read_frames  # noqa: E402
 from simulator.rendering.produce import VIDEO_FPS  # noqa: E402
@@ -50,8 +50,8 @@ TEXT = """\
 The labelled stills of three real drives, and every tenth frame of the rendered drives after them, measured alike: each
 picture on its own, share of the points met within TuSimple's tolerance (20 px / cos of the line's angle) in the rows in
 which the real drive's labels have points; ego-lane variant, not the official score. Real labels are made by hand, the
-rendered ones are the true lines where nothing stands before them. Real: lens calibrated, mount estimated from the same
-stills; rendered: true lens and mount.
+rendered ones are the true lines where nothing stands before them. Real: lens calibrated, pose estimated from the same
+stills; rendered: true lens and pose.
 
 After +- is half the width of a 95 % interval (bootstrap over pictures; those of one drive resemble each other, so that
 the true interval is wider). Two systems are *undecided* on a side if the interval of their difference there, picture by
@@ -98,7 +98,7 @@ def score_real(real: Path, lens: Camera, labels: list[LaneColumns], begins: tupl
     pictures = [
         p for name in ("test_images", "stills") for p in list_pictures(real / name) if p.name.startswith(begins)
     ]
-    camera, _ = mount_from_drive(lens, pictures)
+    camera, _ = pose_from_drive(lens, pictures)
     return score_stills(labels, real, camera, SYSTEMS)
 
 

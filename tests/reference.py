@@ -1,4 +1,4 @@
-"""How accurate the metric engine was on parts of the committed videos: what tests/test_regression.py holds it to.
+"""How accurate the tracker was on parts of the committed videos: what tests/test_regression.py holds it to.
 
     python tests/reference.py            measures again and writes tests/reference.json (some minutes)
 
@@ -24,7 +24,7 @@ from benchmark.follow import true_lane  # noqa: E402
 from benchmark.readings import Readings  # noqa: E402
 from benchmark.scores import score  # noqa: E402
 from benchmark.suite_drives import COMMITTED, list_drives  # noqa: E402
-from benchmark.systems import METRIC, follow_with  # noqa: E402
+from benchmark.systems import TRACKER, follow_with  # noqa: E402
 from lanes.camera.camera_file import load_camera  # noqa: E402
 from lanes.io.video.reader import inspect_video, read_frames  # noqa: E402
 
@@ -49,7 +49,7 @@ MEASURES = (*HIGH_IS_GOOD, *LOW_IS_GOOD)
 def measure(scene: str, *, disturb: Callable[[np.ndarray], np.ndarray] = lambda image: image) -> FrameErrors:
     """The engine's errors in the first seconds of a committed video, whose pictures may be disturbed."""
     drive = list_drives()[scene]
-    follow = follow_with(METRIC, load_camera(drive.video.with_suffix(".yaml")), inspect_video(drive.video).fps)
+    follow = follow_with(TRACKER, load_camera(drive.video.with_suffix(".yaml")), inspect_video(drive.video).fps)
     said = [follow(disturb(image)) for image in read_frames(drive.video, end_s=SECONDS)]
     return frame_errors(Readings.of(said, [0.0] * len(said)), true_lane(drive).cut(slice(len(said))))
 

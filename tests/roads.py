@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import Mount
+from lanes.camera.camera_pose import CameraPose
 
 WHITE, YELLOW = (235, 235, 230), (230, 185, 50)
 LANE_WIDTH_M = 3.7
@@ -23,7 +23,7 @@ CAMERA = Camera(
     720,
     np.array([[1157.0, 0, 670], [0, 1152, 386], [0, 0, 1]]),
     np.array([-0.25, 0.05, -0.0009, 0.0008, 0.0]),
-    Mount(height_m=1.2, pitch_rad=-0.026, yaw_rad=-0.022),
+    CameraPose(height_m=1.2, pitch_rad=-0.026, yaw_rad=-0.022),
 )
 
 

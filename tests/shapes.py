@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lanes.tracking.markings import Stripes
-from lanes.tracking.model import BESIDE, KINKS, NUMBERS, VERTICAL
+from lanes.tracking.model import ADJACENT, PARAMETERS, RATE_STEPS, VERTICAL_CURVATURE
 
 # The usual view's rows grow by this share from one to the next, and its columns are as wide.
 GROWTH, CELL_M = 0.022, 0.05
@@ -24,9 +24,9 @@ def a_lane(
     beside: float | tuple[float, ...] = 0.0,
 ) -> np.ndarray:
     """Numbers (15,) of a lane, or their standard deviations; `vertical`, `kinks`, `beside` each one for all or each."""
-    lane = np.empty(NUMBERS)
-    lane[: VERTICAL.start] = centre, width, heading, curvature, rate, pitch
-    lane[VERTICAL], lane[KINKS], lane[BESIDE] = vertical, kinks, beside
+    lane = np.empty(PARAMETERS)
+    lane[: VERTICAL_CURVATURE.start] = centre, width, heading, curvature, rate, pitch
+    lane[VERTICAL_CURVATURE], lane[RATE_STEPS], lane[ADJACENT] = vertical, kinks, beside
     return lane
 
 

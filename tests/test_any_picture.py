@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from lanes.camera.camera_pose import CameraError
 from lanes.classic.finder import RECIPES, LaneFinder, get_recipe
 from lanes.drives.detections import Finder
-from lanes.tracking.birdseye import RoadView
+from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
 from lanes.tracking.lane import Lane, LaneLine
 from lanes.tracking.model import LIMIT, ROAD_M, SIDES, WIDTH, line_coefficients, line_y
@@ -24,7 +24,7 @@ from lanes.tracking.tracker import LaneTracker
 
 X_M = np.array([5.0, 15.0, 30.0])
 FPS = 20.0
-view_of = cache(lambda size: RoadView(camera_of(size)))
+view_of = cache(lambda size: BirdsEyeView(camera_of(size)))
 tracker_of = cache(lambda size: LaneTracker(camera_of(size), fps=FPS))
 finder_of = cache(lambda name, size: LaneFinder(get_recipe(name, size), camera_of(size)))
 
@@ -97,7 +97,7 @@ def test_the_smallest_size_is_the_one_that_is_stated():
     assert all(view_of(size).seen.any() for size in SIZES)
     for size in [(1, 1), (2, 1), (1, 720), (3, 1)]:
         with pytest.raises(CameraError, match="sees no road between 5 and 70 m ahead"):
-            find_lane(np.zeros((size[1], size[0], 3), np.uint8), RoadView(camera_of(size)))
+            find_lane(np.zeros((size[1], size[0], 3), np.uint8), BirdsEyeView(camera_of(size)))
 
 
 @examples(100)

@@ -2,16 +2,16 @@ import numpy as np
 import pytest
 from painter import WHITE, YELLOW, Road, dashcam
 
-from lanes.tracking.birdseye import RoadView
-from lanes.tracking.marking_profile import describe_paint
-from lanes.tracking.markings import measure_paint
+from lanes.tracking.birdseye import BirdsEyeView
+from lanes.tracking.marking_profile import marking_profile
+from lanes.tracking.markings import marking_response
 
 CAMERA = dashcam(1280)
-VIEW = RoadView(CAMERA)
+VIEW = BirdsEyeView(CAMERA)
 
 
 def paint_at(road, y):
-    return describe_paint(measure_paint(VIEW.warp(road.image()), VIEW), VIEW, np.full(len(VIEW.x_m), y))
+    return marking_profile(marking_response(VIEW.warp(road.image()), VIEW), VIEW, np.full(len(VIEW.x_m), y))
 
 
 @pytest.mark.parametrize(("colour", "yellow"), [(WHITE, False), (YELLOW, True)])
@@ -42,7 +42,7 @@ def test_bare_road_has_no_paint_to_speak_of():
 def paint_across(width_m, degrees):
     slope, cos = np.tan(np.radians(degrees)), np.cos(np.radians(degrees))
     road = Road(CAMERA).paint(lambda x, y: np.abs(y - slope * (x - 9.0)) * cos < width_m / 2, YELLOW)
-    return describe_paint(measure_paint(VIEW.warp(road.image()), VIEW), VIEW, slope * (VIEW.x_m - 9.0))
+    return marking_profile(marking_response(VIEW.warp(road.image()), VIEW), VIEW, slope * (VIEW.x_m - 9.0))
 
 
 @pytest.mark.parametrize(("width_m", "degrees"), [(0.3, -40), (0.3, 40), (0.12, -20), (0.12, 20)])

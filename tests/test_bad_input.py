@@ -60,7 +60,7 @@ DOORS = {
     "calibrate": ("jpg", ["calibrate", "BAD", "-o", "{out}/drive.yaml"]),
     "labels": ("labels", ["benchmark", *CAMERA, "--labels", "BAD", "--predictions", "{in}/predictions.jsonl"]),
     "predictions": ("predictions", ["benchmark", "--labels", "{in}/labels.jsonl", "--predictions", "BAD"]),
-    "labelled still": ("png", ["benchmark", *CAMERA, "--system", "metric", "--labels", "{in}/bad.jsonl"]),
+    "labelled still": ("png", ["benchmark", *CAMERA, "--system", "tracker", "--labels", "{in}/bad.jsonl"]),
 }
 # What is no fault: a file of words that lost its last ones may still be whole.
 FINE = {
@@ -166,7 +166,7 @@ def test_a_drive_with_bad_truth_camera_or_video_is_not_scored(beside, good, tmp_
             shutil.copy(good / f"drive{good_suffix}", tmp_path / f"BAD{good_suffix}")
         spoil, words = (badfiles.ANY | own)[bad]
         spoil(tmp_path / f"BAD{suffix}", (good / f"drive{suffix}").read_bytes())
-        status = main(["benchmark", "--system", "metric", str(tmp_path / "BAD.mp4"), "-o", str(tmp_path / "out")])
+        status = main(["benchmark", "--system", "tracker", str(tmp_path / "BAD.mp4"), "-o", str(tmp_path / "out")])
         err = capfd.readouterr().err
         assert status == 2 and f"BAD{suffix}" in err and re.search(words, err), err
         assert "Traceback" not in err and not (tmp_path / "out").exists()
@@ -195,11 +195,11 @@ def test_odd_names_do(good, tmp_path, monkeypatch, capfd):
     assert read_image("-why.png").size and not Path("owned").exists()
 
 
-def test_mount_writes_under_odd_names(good, tmp_path, monkeypatch):
+def test_pose_writes_under_odd_names(good, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    save_camera(SMALL.with_mount(None), "-lens.yaml")
+    save_camera(SMALL.with_pose(None), "-lens.yaml")
     assert main(["pose", "--camera=-lens.yaml", "--output=-out \u2713.yaml", str(good / "still.png")]) == 0
-    assert load_camera("-out \u2713.yaml").mount is not None
+    assert load_camera("-out \u2713.yaml").pose is not None
 
 
 @pytest.mark.parametrize("size", [(1, 1), (3, 360), (640, 3), (47, 64)])
@@ -240,7 +240,7 @@ def test_damaged_frames_are_told_and_left_out(good, tmp_path, capfd):
     for suffix in (".csv", ".yaml"):
         shutil.copy(tmp_path / f"drive{suffix}", out / f"drive{suffix}")
     shutil.copy(video, out / "drive.mp4")
-    assert main(["benchmark", "--system", "metric", str(out / "drive.mp4"), "-o", str(tmp_path / "scores")]) == 2
+    assert main(["benchmark", "--system", "tracker", str(out / "drive.mp4"), "-o", str(tmp_path / "scores")]) == 2
     assert "drive.mp4: " in capfd.readouterr().err
 
 

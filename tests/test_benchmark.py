@@ -15,13 +15,13 @@ from benchmark.course import (
 )
 from benchmark.tables import format_table
 from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import Mount
+from lanes.camera.camera_pose import CameraPose
 from lanes.classic.finder import LaneFinder, get_recipe
 from lanes.classic.measure import RoadLine
 from lanes.classic.warp import FourPointWarp
 
 X = np.arange(0.0, 45, 5)
-CAMERA = Camera.from_fov((640, 360), 60, Mount(1.4, pitch_rad=0.03))
+CAMERA = Camera.from_fov((640, 360), 60, CameraPose(1.4, pitch_rad=0.03))
 WARP = FourPointWarp(
     [(220, 200), (420, 200), (640, 350), (0, 350)], [(0, 0), (640, 0), (640, 360), (0, 360)], (640, 360)
 )

@@ -68,16 +68,16 @@ class TestCommand:
     def test_the_table_fits_on_the_terminal_and_says_under_which_conditions(self, done):
         assert max(map(len, done.stdout.splitlines()[:-1])) <= 120
         assert "bend (own, 5 frames)" in done.stdout
-        for words in ("mount was: true", "measured with 2 workers", "recipes state no confidence", describe_machine()):
+        for words in ("pose was: true", "measured with 2 workers", "recipes state no confidence", describe_machine()):
             assert words in done.stdout
 
     def test_one_video_scored_in_python_is_its_row(self, done, folder):
         table = {row["system"]: row for row in read_scores(folder / "out" / "benchmark.csv") if row["scene"] == "bend"}
-        for system in ("hls_sobel", "metric"):
+        for system in ("hls_sobel", "tracker"):
             here = score_video(folder / "bend.mp4", system)
             for name in ("frames", "right_share", "lateral_5_20m_p95_m", "offset_p95_m"):
                 assert here[name] == pytest.approx(table[system][name], nan_ok=True, abs=1e-6)
-        assert score_video(folder / "bend.mp4", "metric", end_s=0.1)["frames"] == 3
+        assert score_video(folder / "bend.mp4", "tracker", end_s=0.1)["frames"] == 3
 
     def test_figures_are_pictures(self, done, folder):
         for name in ("benchmark.png", "reliability.png"):
@@ -88,8 +88,8 @@ class TestCommand:
         [
             (["no-such-scene"], "there is no scene 'no-such-scene'"),
             (["no-such-video.mp4"], "no-such-video.mp4: there is no such video"),
-            (["--system", "metric,yolo", "motorway"], "there is no system 'yolo'"),
-            (["--system", "metric", "--system", "hough", "motorway"], "there is no system 'hough'"),
+            (["--system", "tracker,yolo", "motorway"], "there is no system 'yolo'"),
+            (["--system", "tracker", "--system", "hough", "motorway"], "there is no system 'hough'"),
         ],
     )
     def test_misuse_is_told(self, folder, arguments, words):
@@ -107,11 +107,11 @@ class TestCommand:
 class TestRunner:
     def test_what_is_finished_is_not_done_again(self, folder, tmp_path, monkeypatch):
         staged = stage(own(folder / "bend.mp4"), False)
-        path = measure(staged, "metric", tmp_path, 1)
+        path = measure(staged, "tracker", tmp_path, 1)
         monkeypatch.setattr(runner, "follow_drive", lambda *_: pytest.fail("it was done again"))
-        assert measure(staged, "metric", tmp_path, 1) == path
-        other = Staged(staged.drive, staged.camera.with_mount(replace(staged.camera.mount, pitch_rad=0.0)), "true")
-        for task in [(other, "metric"), (staged, "best_channel")]:
+        assert measure(staged, "tracker", tmp_path, 1) == path
+        other = Staged(staged.drive, staged.camera.with_pose(replace(staged.camera.pose, pitch_rad=0.0)), "true")
+        for task in [(other, "tracker"), (staged, "best_channel")]:
             with pytest.raises(pytest.fail.Exception, match="done again"):
                 measure(*task, tmp_path, 1)
 
@@ -121,27 +121,27 @@ class TestRunner:
 
         monkeypatch.setattr(runner, "follow_drive", interrupted)
         with pytest.raises(KeyboardInterrupt):
-            measure(stage(own(folder / "bend.mp4"), False), "metric", tmp_path, 1)
+            measure(stage(own(folder / "bend.mp4"), False), "tracker", tmp_path, 1)
         assert not list(tmp_path.iterdir())
 
     def test_another_engine_is_another_result(self, folder, tmp_path, monkeypatch):
         staged = stage(own(folder / "bend.mp4"), False)
-        first = runner._key(staged, "metric")
-        monkeypatch.setitem(runner.SOURCES, "metric", ("camera.py",))
-        assert runner._key(staged, "metric") != first
+        first = runner._key(staged, "tracker")
+        monkeypatch.setitem(runner.SOURCES, "tracker", ("camera.py",))
+        assert runner._key(staged, "tracker") != first
 
-    def test_the_estimated_mount_is_another_one(self, folder):
+    def test_the_estimated_pose_is_another_one(self, folder):
         staged = stage(own(folder / "bend.mp4"), True)
-        assert staged.mount == "estimated"
-        assert staged.camera.mount != SMALL.mount
-        assert staged.camera.mount.pitch_rad == pytest.approx(SMALL.mount.pitch_rad, abs=0.01)
+        assert staged.pose == "estimated"
+        assert staged.camera.pose != SMALL.pose
+        assert staged.camera.pose.pitch_rad == pytest.approx(SMALL.pose.pitch_rad, abs=0.01)
 
-    def test_without_a_mount_no_lane_is_given(self, folder, tmp_path):
+    def test_without_a_pose_no_lane_is_given(self, folder, tmp_path):
         blank = replace(DRIVE, lines=())
         video = write_drive(tmp_path / "blank.mp4", blank, 2)
         staged = stage(own(video), True)
-        assert (staged.camera, staged.mount) == (None, "not found")
-        assert not follow_drive(staged, "metric").given.any()
+        assert (staged.camera, staged.pose) == (None, "not found")
+        assert not follow_drive(staged, "tracker").given.any()
 
     def test_no_lane_scenes_have_no_true_lane(self, folder):
         assert true_lane(own(folder / "bend.mp4")).exists.all()
@@ -155,7 +155,7 @@ class TestRunner:
         drive = own(tmp_path / "bend.mp4")
         staged = stage(drive, False)
         with pytest.raises(ValueError, match="bend.mp4: a system's 5 frames cannot be held against a truth of 4"):
-            runner._result(staged, "metric", measure(staged, "metric", tmp_path, 1))
+            runner._result(staged, "tracker", measure(staged, "tracker", tmp_path, 1))
         (tmp_path / "bend.csv").write_text("frame\n0\n")
         with pytest.raises(ValueError, match="bend.csv: lacks the column 'left_y05_m'"):
             true_lane(drive)
@@ -173,35 +173,35 @@ def row(scene: str, system: str, **numbers: float) -> dict:
     base |= {f"curvature_{part}_per_m": 0.0001 for part in ("median", "p95")}
     base |= {"recover_median_frames": 0.0, "recover_longest_frames": 12.0, "time_median_ms": 9.0, "frames": 100.0}
     base |= {"available_share": 1.0, "right_share": 0.5, "confidently_wrong_share": 0.25}
-    about = {"scene": scene, "difficulty": "hard", "system": system, "mount": "true", "workers": 1.0}
+    about = {"scene": scene, "difficulty": "hard", "system": system, "pose": "true", "workers": 1.0}
     return about | base | numbers
 
 
 class TestTables:
     def test_nothing_measured_is_a_dash_and_infinite_is_said(self):
-        lost = row("fog", "metric", **{f"lateral_5m_{part}_m": np.nan for part in ("median", "p95")})
+        lost = row("fog", "tracker", **{f"lateral_5m_{part}_m": np.nan for part in ("median", "p95")})
         lost |= {"available_share": np.nan, "lateral_30m_p95_m": np.inf}
         heads, units, scene, line = describe_scores([lost]).splitlines()
         assert scene == "fog (hard, 100 frames)"
-        assert line.split() == ["metric", "-", "50.0", "25.0", "-", "12/12", "12/inf", "12/12"] + [
+        assert line.split() == ["tracker", "-", "50.0", "25.0", "-", "12/12", "12/inf", "12/12"] + [
             "12/12", "0.1/0.1", "0.1/0.1", "0/12", "9.0",
         ]  # fmt: skip
 
     def test_readme_shows_who_loses(self, tmp_path):
         rows = [
             row("bridge", "hls_sobel", right_share=0.9),
-            row("bridge", "metric", right_share=0.8),
+            row("bridge", "tracker", right_share=0.8),
             row("hairpin", "hls_sobel", right_share=0.0, lateral_5_20m_p95_m=np.nan),
-            row("hairpin", "metric", right_share=0.4, lateral_5_20m_p95_m=np.inf),
+            row("hairpin", "tracker", right_share=0.4, lateral_5_20m_p95_m=np.inf),
             row("desert", "hls_sobel", right_share=np.nan, confidently_wrong_share=1.0),
-            row("desert", "metric", right_share=np.nan, confidently_wrong_share=0.0),
+            row("desert", "tracker", right_share=np.nan, confidently_wrong_share=0.0),
         ]
         with (tmp_path / "benchmark.csv").open("w", newline="") as file:
             writer = csv.DictWriter(file, rows[0])
             writer.writeheader()
             writer.writerows(rows)
         assert results_table(tmp_path / "benchmark.csv").splitlines() == [
-            "| scene | difficulty | hls_sobel | metric |",
+            "| scene | difficulty | hls_sobel | tracker |",
             "|---|---|---|---|",
             "| bridge | hard | **90.0%, 0.12 m** | 80.0%, 0.12 m |",
             "| hairpin | hard | 0.0%, lost | **40.0%, a line ends** |",

@@ -12,7 +12,7 @@ from benchmark.failures import describe_failures, failures
 from benchmark.readings import AT_M, Reading, Readings, read_readings, write_readings
 from benchmark.scores import Result, percentile, score, score_rows, total_rows
 from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import Mount
+from lanes.camera.camera_pose import CameraPose
 from simulator.road.geometry import Pose, RoadGeometry, line_lateral, line_polynomial
 
 N, WIDTH = 5, 3.6
@@ -111,7 +111,7 @@ def test_where_one_line_ends_the_other_one_counts_on():
 
 
 def test_beside_the_picture_no_line_is_judged_for_being_right_there():
-    camera = Camera.from_fov((1280, 720), 60, Mount(1.3, 0.0))
+    camera = Camera.from_fov((1280, 720), 60, CameraPose(1.3, 0.0))
     lane = truth(heading_rad=0.2, curvature_per_m=0.03)
     readings = perfect(lane)
     seen = np.abs(lane.lines_y_m[0] / AT_M) < np.tan(np.radians(30))
@@ -278,8 +278,8 @@ def test_failures_are_told_with_their_seconds():
     readings = shifted(perfect(truth()), np.array([0.0, 0.0, 0.3, 0.5, 0.0]))
     readings = replace(readings, confidence=np.array([0.9, 0.9, 0.9, 0.9, 0.1]))
     readings.offset_m[0] = np.nan
-    result = Result("fog", "hard", "metric", frame_errors(readings, truth()), fps=10)
-    assert describe_failures([result]) == "fog, metric: lost 0.00-0.10 s; surely wrong by 0.50 m 0.20-0.40 s"
+    result = Result("fog", "hard", "tracker", frame_errors(readings, truth()), fps=10)
+    assert describe_failures([result]) == "fog, tracker: lost 0.00-0.10 s; surely wrong by 0.50 m 0.20-0.40 s"
     assert describe_failures([replace(result, errors=frame_errors(perfect(truth()), truth()))]) == ""
     nowhere = replace(truth(), lines_y_m=np.full((N, 2, len(AT_M)), np.nan))
     assert failures(frame_errors(readings, nowhere), 10) == ["a lane where there is none 0.10-0.40 s"]
@@ -291,10 +291,10 @@ def test_failures_are_told_with_their_seconds():
 def test_totals_are_over_frames_and_a_loss_does_not_run_on_into_the_next_scene():
     good, bad = frame_errors(perfect(truth()), truth()), frame_errors(shifted(perfect(truth()), 1.0), truth())
     results = [
-        Result("one", "hard", "metric", bad),
-        Result("two", "hard", "metric", bad, workers=2),
-        Result("three", "hard", "metric", good),
-        Result("four", "clean", "metric", good),
+        Result("one", "hard", "tracker", bad),
+        Result("two", "hard", "tracker", bad, workers=2),
+        Result("three", "hard", "tracker", good),
+        Result("four", "clean", "tracker", good),
     ]
     hard, clean = total_rows(results)
     assert (hard["scene"], hard["frames"], hard["right_share"]) == ("all hard", 3 * N, pytest.approx(1 / 3))

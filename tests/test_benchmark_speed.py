@@ -16,8 +16,8 @@ from benchmark.speed.speed import Speed
 from benchmark.speed.stages import (
     CLASSIC_STAGES,
     COLD,
-    METRIC_STAGES,
     REST,
+    TRACKER_STAGES,
     TRACKING,
     WARM_UP,
     FrameTime,
@@ -61,12 +61,12 @@ class TestStopwatch:
         assert watch.spent_s["asleep"] < 0.01
 
     def test_results_and_errors_pass_and_functions_come_back(self):
-        before = lane.measure_paint
+        before = lane.marking_response
         watch = Stopwatch()
-        with pytest.raises(ZeroDivisionError), watch.watching(METRIC_STAGES):
-            assert lane.measure_paint is not before
+        with pytest.raises(ZeroDivisionError), watch.watching(TRACKER_STAGES):
+            assert lane.marking_response is not before
             watch.timed("division", lambda a, *, by: a / by)(1, by=0)
-        assert lane.measure_paint is before
+        assert lane.marking_response is before
         assert Stopwatch().timed("division", lambda a, *, by: a / by)(6, by=2) == 3
 
 
@@ -85,7 +85,7 @@ def test_every_stage_is_met(times):
     """Functions that are no longer called under these names would leave their time to the rest."""
     unmet = {(name, stage) for name, found in times.items() for stage, share in found.stages.items() if not share}
     assert unmet <= {(TRACKING, "search"), (COLD, "follow")}
-    assert list(times[COLD].stages) == [*METRIC_STAGES, REST]
+    assert list(times[COLD].stages) == [*TRACKER_STAGES, REST]
     assert list(times["hls_sobel"].stages) == [*CLASSIC_STAGES, REST]
 
 
@@ -139,7 +139,7 @@ def test_told_in_words():
         "abacus",
     )
     lines = speed.describe().splitlines()
-    assert lines[1].split() == ["metric,", "tracking", "0.45", "0.50", "3.1"]
+    assert lines[1].split() == ["tracker,", "tracking", "0.45", "0.50", "3.1"]
     assert lines[2].split() == ["paint", "0.12"]
     assert ["annotated", "20.0", "30.0", "1.10", "1.40"] in [line.split() for line in lines]
     assert lines[-3:] == ["400 frames: at most 250 MB of memory", "", "Measured on abacus."]

@@ -28,7 +28,7 @@ def test_followed_lanes_are_in_metres_of_the_road(system):
     truth = LaneTruth.of({name: np.array([value]) for name, value in truth_row(DRIVE.truth(0.0), frame=0).items()})
     errors = frame_errors(readings, truth)
     assert errors.lateral_m[0, AT_M == 10] < 0.3
-    assert np.isnan(readings.confidence[0]) == (system != "metric")
+    assert np.isnan(readings.confidence[0]) == (system != "tracker")
     assert follow(np.zeros((360, 640, 3), np.uint8)) is not None
 
 

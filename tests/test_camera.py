@@ -6,14 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lanes.camera.camera import Camera, undistort
-from lanes.camera.camera_pose import CameraError, Mount
+from lanes.camera.camera_pose import CameraError, CameraPose
 from lanes.io.frames import PictureError
 from simulator.scenes.dashcam import DASHCAM
 
 CENTRE = np.array([[667.4, 386.1]])
 picture_points = st.tuples(st.floats(0, 1279), st.floats(0, 719))
-mounts = st.builds(
-    Mount,
+poses = st.builds(
+    CameraPose,
     height_m=st.floats(0.8, 3),
     pitch_rad=st.floats(-0.1, 0.3),
     yaw_rad=st.floats(-0.3, 0.3),
@@ -21,52 +21,52 @@ mounts = st.builds(
 )
 
 
-def see(mount: Mount, point_m: tuple[float, float, float]) -> np.ndarray:
+def see(pose: CameraPose, point_m: tuple[float, float, float]) -> np.ndarray:
     """Where a camera without distortion, centre (639.5, 359.5), sees a point of the road frame."""
-    return Camera.from_fov((1280, 720), 60, mount).road_to_pixels(np.array([point_m]))[0]
+    return Camera.from_fov((1280, 720), 60, pose).road_to_pixels(np.array([point_m]))[0]
 
 
 # --- signs, each by itself -------------------------------------------------------------------------------------------
 
 
 def test_level_camera_sees_the_point_ahead_at_its_height_in_the_middle():
-    np.testing.assert_allclose(see(Mount(1.5), (20, 0, 1.5)), (639.5, 359.5), atol=1e-9)
+    np.testing.assert_allclose(see(CameraPose(1.5), (20, 0, 1.5)), (639.5, 359.5), atol=1e-9)
 
 
 def test_left_is_left_and_the_road_is_below_the_horizon():
-    u, v = see(Mount(1.5), (20, 2, 0))
+    u, v = see(CameraPose(1.5), (20, 2, 0))
     assert u < 639.5 and v > 359.5
 
 
 def test_positive_pitch_looks_down_so_the_horizon_rises():
-    _, v = see(Mount(1.5, pitch_rad=0.05), (20, 0, 1.5))
+    _, v = see(CameraPose(1.5, pitch_rad=0.05), (20, 0, 1.5))
     focal_px = 640 / np.tan(np.radians(30))
     np.testing.assert_allclose(v, 359.5 - focal_px * np.tan(0.05), atol=1e-9)
 
 
 def test_positive_yaw_looks_left_so_what_is_ahead_moves_right():
-    u, _ = see(Mount(1.5, yaw_rad=0.05), (20, 0, 1.5))
+    u, _ = see(CameraPose(1.5, yaw_rad=0.05), (20, 0, 1.5))
     focal_px = 640 / np.tan(np.radians(30))
     np.testing.assert_allclose(u, 639.5 + focal_px * np.tan(0.05), atol=1e-9)
 
 
 def test_positive_roll_has_the_right_side_down_so_the_horizon_falls_to_the_left():
-    left, right = (see(Mount(1.5, roll_rad=0.05), (20, y, 1.5)) for y in (5, -5))
+    left, right = (see(CameraPose(1.5, roll_rad=0.05), (20, y, 1.5)) for y in (5, -5))
     assert left[0] < right[0]
     np.testing.assert_allclose((left[1] - right[1]) / (right[0] - left[0]), np.tan(0.05), atol=1e-9)
 
 
-@given(mounts)
-def test_rotation_is_one(mount):
-    rotation = mount.rotation()
+@given(poses)
+def test_rotation_is_one(pose):
+    rotation = pose.rotation()
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(rotation) > 0
 
 
 @pytest.mark.parametrize("bad", [{"height_m": 0.0}, {"height_m": -1.0}, {"height_m": 1.3, "pitch_rad": np.nan}])
-def test_impossible_mount_is_refused(bad):
+def test_impossible_pose_is_refused(bad):
     with pytest.raises(CameraError, match="height must be positive"):
-        Mount(**bad)
+        CameraPose(**bad)
 
 
 # --- there and back --------------------------------------------------------------------------------------------------
@@ -98,9 +98,9 @@ def test_distortion_follows_brown_and_conrady():
     np.testing.assert_allclose(DASHCAM.rays(pixel[None])[0], (x, y, 1), atol=1e-8)
 
 
-@given(mounts, st.floats(4, 60), st.floats(-6, 6))
-def test_road_to_pixels_and_back(mount, x_m, y_m):
-    camera = DASHCAM.with_mount(mount)
+@given(poses, st.floats(4, 60), st.floats(-6, 6))
+def test_road_to_pixels_and_back(pose, x_m, y_m):
+    camera = DASHCAM.with_pose(pose)
     pixel = camera.road_to_pixels(np.array([[x_m, y_m]]))
     if np.isnan(pixel).any() or not ((pixel >= 0) & (pixel <= [1279, 719])).all():
         return
@@ -113,14 +113,14 @@ def test_sky_is_no_road_and_what_is_behind_is_not_seen():
 
 
 def test_rays_that_the_distortion_polynomial_folds_back_are_not_seen():
-    folding = Camera(1280, 720, DASHCAM.matrix, np.array([-0.3, 0, 0, 0, 0]), Mount(1.3))
+    folding = Camera(1280, 720, DASHCAM.matrix, np.array([-0.3, 0, 0, 0, 0]), CameraPose(1.3))
     assert folding.largest_ray == pytest.approx(np.sqrt(1 / 0.9))
     assert np.isnan(folding.road_to_pixels(np.array([[2.0, 8.0]]))).all()
     assert Camera.from_fov((640, 480), 60).largest_ray == np.inf
 
 
-def test_a_camera_without_mount_says_so():
-    with pytest.raises(CameraError, match="no mount"):
+def test_a_camera_without_pose_says_so():
+    with pytest.raises(CameraError, match="no pose"):
         Camera.from_fov((640, 480), 60).pixels_to_road(np.zeros((1, 2)))
 
 

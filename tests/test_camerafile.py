@@ -27,13 +27,13 @@ def test_camera_file_round_trip(tmp_path, content):
     assert loaded.size == (1280, 720)
     np.testing.assert_array_equal(loaded.matrix, DASHCAM.matrix)
     np.testing.assert_array_equal(loaded.distortion, DASHCAM.distortion)
-    assert loaded.mount == DASHCAM.mount
+    assert loaded.pose == DASHCAM.pose
     assert loaded.report == camera.report
 
 
-def test_camera_file_without_mount_and_report(tmp_path):
+def test_camera_file_without_pose_and_report(tmp_path):
     loaded = load_camera(save_camera(Camera.from_fov((640, 480), 60), tmp_path / "camera.yaml"))
-    assert loaded.mount is None and loaded.report is None
+    assert loaded.pose is None and loaded.report is None
 
 
 def test_camera_file_has_the_layout_of_ros(content):
@@ -70,11 +70,11 @@ def test_missing_entry_is_named(tmp_path, content, entry):
         ("image_height", 10**9),
         ("distortion_coefficients", {"data": [0.1] * 4}),
         ("distortion_coefficients", None),
-        ("mount", None),
-        ("mount", {"height_m": float("nan")}),
-        ("mount", {"height": 1.3}),
-        ("mount", {"height_m": 1.3, "pitch_rad": 3.0}),
-        ("mount", {"height_m": 1300}),
+        ("pose", None),
+        ("pose", {"height_m": float("nan")}),
+        ("pose", {"height": 1.3}),
+        ("pose", {"height_m": 1.3, "pitch_rad": 3.0}),
+        ("pose", {"height_m": 1300}),
         ("calibration", {"rms_px": 0.3, "board_rms_px": {"a.jpg": "good"}, "date": 1}),
         ("calibration", 3),
     ],

@@ -52,8 +52,8 @@ def drive(tmp_path_factory) -> Path:
     write_drive(folder / "drive.mp4", BENDS, FRAMES)
     for number in range(3):
         write_image(folder / "stills" / f"still{number}.png", BENDS.frame(number / 2))
-    save_camera(SMALL.with_mount(None), folder / "lens.yaml")
-    save_camera(CAMERA.from_fov((640, 480), 60, CAMERA.mount), folder / "other.yaml")
+    save_camera(SMALL.with_pose(None), folder / "lens.yaml")
+    save_camera(CAMERA.from_fov((640, 480), 60, CAMERA.pose), folder / "other.yaml")
     (folder / "bad.yaml").write_text("image_width: many\n")
     (folder / "text.mp4").write_text("no video at all")
     (folder / "empty").mkdir()
@@ -128,8 +128,8 @@ def test_annotate_a_piece_of_an_uncalibrated_video(drive, tmp_path):
     assert status == 0, err
     assert names(tmp_path) == {"drive.mp4", "drive.csv"}
     np.testing.assert_array_equal(read_telemetry(tmp_path / "drive.csv")["frame"], np.arange(10, 20))
-    # The mount that the drive shows is printed, with how sure it is.
-    assert float(re.search(r"height +([\d.]+) m +\+- [\d.]+", out)[1]) == pytest.approx(SMALL.mount.height_m, abs=0.15)
+    # The camera pose that the drive shows is printed, with how sure it is.
+    assert float(re.search(r"height +([\d.]+) m +\+- [\d.]+", out)[1]) == pytest.approx(SMALL.pose.height_m, abs=0.15)
 
 
 def test_annotate_goes_on_after_a_failure(drive, tmp_path):
@@ -186,9 +186,9 @@ def test_mount(drive, tmp_path):
     status, out, err = run("pose", "--camera", drive / "lens.yaml", *(drive / "stills").iterdir(), "-o", output)
     assert status == 0, err
     assert "from 3 of 3 pictures" in out and "camera.yaml" in out
-    found = load_camera(output).mount
-    assert found.height_m == pytest.approx(SMALL.mount.height_m, abs=0.1)
-    assert found.pitch_rad == pytest.approx(SMALL.mount.pitch_rad, abs=np.radians(0.3))
+    found = load_camera(output).pose
+    assert found.height_m == pytest.approx(SMALL.pose.height_m, abs=0.1)
+    assert found.pitch_rad == pytest.approx(SMALL.pose.pitch_rad, abs=np.radians(0.3))
 
 
 def test_render(tmp_path):

@@ -11,20 +11,22 @@ from fit_confidence import chances_of_others, drive_along, fit_logistic, judge, 
 from shapes import a_lane
 
 from benchmark.errors import LaneTruth
-from lanes.tracking.birdseye import RoadView
+from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.confidence import FEATURES, STILL_WEIGHTS, TRACK_WEIGHTS, lane_features, lateral_std_m, rate_lane
 from lanes.tracking.detector import find_lane
-from lanes.tracking.lines import Seen, describe_followed
+from lanes.tracking.lines import LineObservation, describe_tracked_lane
 from lanes.tracking.tracker import LaneTracker
-from lanes.tracking.update import first_belief
+from lanes.tracking.update import initial_state
 from simulator.road.truth import truth_row
 
 
 def lane_with(*, width_m: float = 3.6, std_m: float = 0.02, centre_m: float = 0.1, reach_m: float = 40.0):
     small = dict(rate=1e-7, pitch=1e-3, vertical=1e-5, kinks=1e-9, beside=1e-9)
     std = a_lane(centre=std_m, width=std_m, heading=std_m / 50, curvature=std_m / 500, **small)
-    belief = first_belief(a_lane(centre=centre_m, width=width_m), np.diag(np.square(std)), 20.0)
-    return describe_followed(belief, (Seen(0.6, reach_m), Seen(0.3, reach_m)), (False, False), 1.0)
+    estimate = initial_state(a_lane(centre=centre_m, width=width_m), np.diag(np.square(std)), 20.0)
+    return describe_tracked_lane(
+        estimate, (LineObservation(0.6, reach_m), LineObservation(0.3, reach_m)), (False, False), 1.0
+    )
 
 
 @pytest.mark.parametrize("followed", [False, True])
@@ -77,7 +79,7 @@ def test_nothing_is_confidently_found_on_a_road_without_lines():
         Stripe(3.4, 0.25, (140, 140, 138)),
     )
     drive = PaintedDrive(s_bend(150.0, 40.0), (), ground=things, camera=CAMERA.scaled((640, 360)))
-    tracker, view = LaneTracker(drive.camera, fps=12.5), RoadView(drive.camera)
+    tracker, view = LaneTracker(drive.camera, fps=12.5), BirdsEyeView(drive.camera)
     for time_s in np.arange(25) / 12.5:
         image = drive.frame(time_s)
         assert tracker.update(image).confidence < 0.9

@@ -7,14 +7,16 @@ import pytest
 from shapes import a_lane
 
 from lanes.tracking.departure import watch_departure
-from lanes.tracking.lines import Seen, describe_followed
-from lanes.tracking.update import first_belief
+from lanes.tracking.lines import LineObservation, describe_tracked_lane
+from lanes.tracking.update import initial_state
 
 
 def lane_at(centre_m: float, heading_rad: float = 0.0, curvature_per_m: float = 0.0):
     model = a_lane(centre=centre_m, width=3.6, heading=heading_rad, curvature=curvature_per_m)
-    belief = first_belief(model, np.eye(len(model)) * 1e-6, 20.0)
-    return describe_followed(belief, (Seen(0.5, 30.0), Seen(0.5, 30.0)), (False, False), 1.0)
+    estimate = initial_state(model, np.eye(len(model)) * 1e-6, 20.0)
+    return describe_tracked_lane(
+        estimate, (LineObservation(0.5, 30.0), LineObservation(0.5, 30.0)), (False, False), 1.0
+    )
 
 
 def test_keeping_to_the_lane():

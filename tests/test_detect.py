@@ -31,7 +31,7 @@ def folder(tmp_path_factory) -> Path:
         write_image(folder / f"frame{frame}.png", DRIVE.frame(frame / 25))
     write_image(folder / "black.png", np.zeros((360, 640, 3), np.uint8))
     save_camera(SMALL, folder / "camera.yaml")
-    save_camera(SMALL.with_mount(None), folder / "lens.yaml")
+    save_camera(SMALL.with_pose(None), folder / "lens.yaml")
     return folder
 
 
@@ -97,7 +97,7 @@ def test_other_sizes_of_the_same_shape_are_rescaled(folder):
     inside = (true > 5) & (true < 635)
     assert np.abs(columns - true)[inside].max() < 3
     with pytest.raises(CameraError, match="cropped"):
-        detect_files([folder / "frame0.png"], CAMERA.scaled((1280, 720)).from_fov((640, 480), 60, CAMERA.mount), ROWS)
+        detect_files([folder / "frame0.png"], CAMERA.scaled((1280, 720)).from_fov((640, 480), 60, CAMERA.pose), ROWS)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from benchmark.systems import read_tracked
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import load_camera
 from lanes.io.video.reader import read_frames
-from lanes.tracking.birdseye import RoadView
+from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
 from lanes.tracking.tracked_lane import TRACKING, TrackedLane
 from lanes.tracking.tracker import CONFIRMATIONS, LaneTracker
@@ -139,7 +139,7 @@ def test_flicker_and_noise_move_a_followed_lane_by_centimetres(drive):
 @pytest.mark.parametrize("frame", [0, 70, 140])
 def test_exposure_and_noise_move_the_lane_of_a_still_by_centimetres(drive, frame):
     """Both lines, 5 to 30 m ahead. (Brighter by more, pale concrete burns out, and what is white on it is gone.)"""
-    view, image = RoadView(drive.camera), drive.frames[frame]
+    view, image = BirdsEyeView(drive.camera), drive.frames[frame]
     lines = find_lane(image, view).lateral_m(AT_M)
     for noise in (0, 5):
         exposure = Exposure(drive.camera, noise, seed=frame)

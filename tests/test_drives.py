@@ -65,11 +65,11 @@ def test_settings_travel_and_fit_the_camera_to_the_drive(tmp_path):
     settings = pickle.loads(pickle.dumps(DriveSettings(output=tmp_path, camera=CAMERA, style="lines")))
     np.testing.assert_allclose(settings.camera_for((640, 360)).matrix, SMALL.matrix)
     assert settings.camera_for(CAMERA.size) is settings.camera
-    assert settings.camera_for((640, 360)).mount == CAMERA.mount
+    assert settings.camera_for((640, 360)).pose == CAMERA.pose
     with pytest.raises(CameraError, match="cropped"):
         settings.camera_for((640, 480))
     wide = DriveSettings(output=tmp_path, field=FieldOfView(90.0, "as given")).camera_for((640, 480))
-    assert (wide.matrix[0, 0], wide.mount) == (pytest.approx(320), None)
+    assert (wide.matrix[0, 0], wide.pose) == (pytest.approx(320), None)
     with pytest.raises(CameraError, match="no lens"):
         DriveSettings(output=tmp_path).camera_for((640, 480))
 
@@ -101,13 +101,13 @@ def test_the_mosaic_shows_fit_and_evidence_in_their_places():
     mosaic = STYLES["mosaic"](SMALL)(image, result)
     height, width = image.shape[:2]
     panels = [mosaic[i * height // 3 : (i + 1) * height // 3, 2 * width // 3 + 4 :].astype(int) for i in range(3)]
-    evidence, fit = panels[1][30:-8], panels[2]
+    response, fit = panels[1][30:-8], panels[2]
     # The panel is 18 m wide: the lines of a lane of 3.7 m, seen 0.3 m from its middle, near the car.
     rows, columns = fit[-20:], (9 + np.array([0.3 - 1.85, 0.3 + 1.85])) / 18 * fit.shape[1]
     red = np.flatnonzero((rows[:, :, 0] - rows[:, :, 1] > 80).any(axis=0))
     blue = np.flatnonzero((rows[:, :, 2] - rows[:, :, 0] > 80).any(axis=0))
     assert np.median(red) == pytest.approx(columns[0], abs=6) and np.median(blue) == pytest.approx(columns[1], abs=6)
-    assert (np.ptp(evidence, axis=2) == 0).all() and evidence.max() > 200
+    assert (np.ptp(response, axis=2) == 0).all() and response.max() > 200
 
 
 def test_following_gives_each_frame_its_picture_and_numbers():
@@ -121,12 +121,12 @@ def test_following_gives_each_frame_its_picture_and_numbers():
     assert (row["state"], row["confidence"], row["offset_m"], row["left_c3_per_m2"]) == ("lost", 0.0, None, None)
 
 
-def test_stills_with_a_mount_of_their_own(tmp_path):
+def test_stills_with_a_pose_of_their_own(tmp_path):
     for i in range(3):
         write_image(tmp_path / f"{i}.png", BENDS.frame(i))
     pictures = sorted(tmp_path.glob("*.png"))
-    result = annotate_stills(pictures, DriveSettings(output=tmp_path / "out", camera=SMALL.with_mount(None)))
-    assert result.found == 3 and result.mount.frames_total == 3
+    result = annotate_stills(pictures, DriveSettings(output=tmp_path / "out", camera=SMALL.with_pose(None)))
+    assert result.found == 3 and result.pose.frames_total == 3
     assert result.describe().startswith("height") and "lane found in 3" in result.describe()
     table = read_telemetry(result.telemetry)
     assert table["picture"].tolist() == ["0.png", "1.png", "2.png"]
@@ -143,7 +143,7 @@ def test_stills_that_cannot_be_used_do_not_stop_the_others(tmp_path):
     (folder / "c.jpg").write_bytes((folder / "c.jpg").read_bytes()[:300])
     (folder / "d.png").touch()
     with pytest.raises(PictureError) as error:
-        annotate_folder(folder, tmp_path / "out", SMALL.with_mount(None))
+        annotate_folder(folder, tmp_path / "out", SMALL.with_pose(None))
     assert re.fullmatch(
         r".*c.jpg: .*cut off.*\n.*d.png: .*empty.*\n.*a.jpg: is 640x480, most .* 640x360;.*", str(error.value)
     )
@@ -160,7 +160,7 @@ def test_a_folder_of_pictures_is_annotated_one_by_one(tmp_path):
         write_image(tmp_path / "in" / name, BENDS.frame(0))
     result = annotate_folder(tmp_path / "in", tmp_path / "out", SMALL)
     assert [path.name for path in result.pictures] == ["b2.jpg", "b10.jpg"]
-    assert (result.found, result.failures, result.mount) == (2, (), None)
+    assert (result.found, result.failures, result.pose) == (2, (), None)
 
 
 def test_time_passes_as_the_frames_of_a_variable_rate_say(tmp_path):
@@ -176,18 +176,18 @@ def test_time_passes_as_the_frames_of_a_variable_rate_say(tmp_path):
 
 
 def test_a_piece_of_a_drive_has_its_own_mount(tmp_path):
-    """Half-way the camera is knocked down by two degrees: each part is measured with the mount that it had."""
-    mount = SMALL.mount
-    knocked = replace(BENDS, camera=SMALL.with_mount(replace(mount, pitch_rad=mount.pitch_rad + np.radians(2))))
+    """Half-way the camera is knocked down by two degrees: each part is measured with the camera pose that it had."""
+    pose = SMALL.pose
+    knocked = replace(BENDS, camera=SMALL.with_pose(replace(pose, pitch_rad=pose.pitch_rad + np.radians(2))))
     frames = [drive.frame(number / 5) for drive in (BENDS, knocked) for number in range(12)]
     with VideoWriter(tmp_path / "drive.mp4", fps=5) as writer:
         for number, frame in enumerate(frames):
             writer.write(frame, number / 5)
-    settings = {"output": tmp_path / "out", "camera": SMALL.with_mount(None), "report": False, "progress": False}
+    settings = {"output": tmp_path / "out", "camera": SMALL.with_pose(None), "report": False, "progress": False}
     for piece, drive in (({"end_s": 2.4}, BENDS), ({"start_s": 2.4}, knocked)):
         result = annotate_drive(tmp_path / "drive.mp4", DriveSettings(**settings, **piece))
-        assert (result.frames, result.mount.frames_total) == (12, 12)
-        assert result.mount.mount.pitch_rad == pytest.approx(drive.camera.mount.pitch_rad, abs=np.radians(0.3))
+        assert (result.frames, result.pose.frames_total) == (12, 12)
+        assert result.pose.pose.pitch_rad == pytest.approx(drive.camera.pose.pitch_rad, abs=np.radians(0.3))
 
 
 def test_a_drive_is_annotated_in_another_process(tmp_path):
@@ -195,7 +195,7 @@ def test_a_drive_is_annotated_in_another_process(tmp_path):
     settings = DriveSettings(output=tmp_path / "out", camera=SMALL, progress=False)
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         result = pool.submit(annotate_drive, video, settings).result(timeout=60)
-    assert result.frames == 6 and result.mount is None and result.report.is_file()
+    assert result.frames == 6 and result.pose is None and result.report.is_file()
     assert result.tracked_share == pytest.approx(4 / 6)
     assert read_telemetry(result.telemetry)["offset_m"][-1] == pytest.approx(BENDS.truth(0.2).offset_m, abs=0.05)
 
@@ -251,20 +251,20 @@ def test_a_live_camera_until_it_is_stopped(tmp_path, capture, number):
     assert {path.name for path in tmp_path.iterdir()} == {"camera0.mp4", "camera0.csv", "camera0.html"}
 
 
-def test_a_live_camera_for_a_time_and_with_a_mount_of_its_own(tmp_path, capture):
+def test_a_live_camera_for_a_time_and_with_a_pose_of_its_own(tmp_path, capture):
     capture.frames = 400
-    settings = DriveSettings(output=tmp_path, camera=SMALL.with_mount(None), end_s=0.4, report=False)
+    settings = DriveSettings(output=tmp_path, camera=SMALL.with_pose(None), end_s=0.4, report=False)
     result = annotate_live(0, settings)
     assert result.frames == 10 and result.report is None
-    assert result.mount.frames_total == 20
-    # Annotating begins after the ten seconds that the mount takes, and its clock with it.
+    assert result.pose.frames_total == 20
+    # Annotating begins after the ten seconds that the camera pose takes, and its clock with it.
     table = read_telemetry(result.telemetry)
     assert table["time_s"][0] == 0
     assert table["curvature_per_m"][-1] == pytest.approx(BENDS.truth(9.9).curvature_per_m, abs=1e-3)
 
 
 def test_a_camera_that_is_not_there_or_sees_nothing(tmp_path, capture):
-    settings = DriveSettings(output=tmp_path, camera=SMALL.with_mount(None))
+    settings = DriveSettings(output=tmp_path, camera=SMALL.with_pose(None))
     with pytest.raises(VideoError, match="camera 3: cannot be opened"):
         annotate_live(3, settings)
     capture.frames = 0

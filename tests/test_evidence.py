@@ -2,15 +2,15 @@ import numpy as np
 import pytest
 from painter import WHITE, YELLOW, Road, dashcam
 
-from lanes.tracking.birdseye import RoadView
-from lanes.tracking.markings import LEAST_STRENGTH, find_stripes, measure_paint
+from lanes.tracking.birdseye import BirdsEyeView
+from lanes.tracking.markings import LEAST_STRENGTH, find_stripes, marking_response
 
 CAMERA = dashcam()
-VIEW = RoadView(CAMERA)
+VIEW = BirdsEyeView(CAMERA)
 
 
 def stripes_of(road):
-    return find_stripes(measure_paint(VIEW.warp(road.image()), VIEW), VIEW)
+    return find_stripes(marking_response(VIEW.warp(road.image()), VIEW), VIEW)
 
 
 def near(stripes, y_of_x, within_m=0.3, far_m=30.0):
@@ -79,7 +79,7 @@ def test_kerb_wide_as_a_stripe_would_be_seen():
 def test_every_stripe_is_strong_enough_and_in_sight():
     rng = np.random.default_rng(1)
     image = rng.integers(0, 256, (CAMERA.height, CAMERA.width, 3), dtype=np.uint8)
-    stripes = find_stripes(measure_paint(VIEW.warp(image), VIEW), VIEW)
+    stripes = find_stripes(marking_response(VIEW.warp(image), VIEW), VIEW)
     column = np.round((VIEW.y_m[0] - stripes.y_m) / VIEW.cell_m).astype(int)
     assert (stripes.strength > LEAST_STRENGTH).all()
     assert VIEW.seen[stripes.row, column].all()
@@ -88,7 +88,7 @@ def test_every_stripe_is_strong_enough_and_in_sight():
 
 def test_the_edge_of_the_picture_is_no_stripe():
     image = np.full((CAMERA.height, CAMERA.width, 3), 210, np.uint8)
-    assert len(find_stripes(measure_paint(VIEW.warp(image), VIEW), VIEW)) == 0
+    assert len(find_stripes(marking_response(VIEW.warp(image), VIEW), VIEW)) == 0
 
 
 @pytest.mark.parametrize("slope", [-0.5, 0.5])

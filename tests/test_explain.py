@@ -13,13 +13,13 @@ from lanes.camera.camera import Camera
 from lanes.explain import panels
 from lanes.explain.explanation import Explanation, explain_frame, stripes_on_lines
 from lanes.io.frames import PictureError
-from lanes.tracking.birdseye import RoadView
+from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
 from tests.painter import YELLOW, Road, dashcam
 
 CAMERA = dashcam(width=1280)
 BEND, OFFSET_M = 1 / 350, -0.4
-STEPS = ["picture", "mount", "view", "paint", "stripes", "votes", "fit", "lane"]
+STEPS = ["picture", "pose", "view", "paint", "stripes", "votes", "fit", "lane"]
 
 
 @pytest.fixture(autouse=True)
@@ -47,7 +47,7 @@ def grey(level: float, noise: float = 2.0) -> np.ndarray:
 
 class TestGoodPicture:
     def test_it_is_the_lane_that_is_found_everywhere(self, good):
-        lane = find_lane(good.image, RoadView(CAMERA))
+        lane = find_lane(good.image, BirdsEyeView(CAMERA))
         assert good.lane.offset_m == lane.offset_m == pytest.approx(OFFSET_M, abs=0.03)
         assert [step.name for step in good.steps] == STEPS
         assert good.failed is None
@@ -58,14 +58,14 @@ class TestGoodPicture:
         assert np.diff([c.score for c in good.candidates]).max(initial=-1) <= 0
 
     def test_stripes_on_the_lines_lie_where_paint_is(self, good):
-        side, stripes = stripes_on_lines(good), good.sight.stripes
+        side, stripes = stripes_on_lines(good), good.evidence.stripes
         for s in (1, -1):
             true = s * 1.8 - OFFSET_M + BEND * stripes.x_m**2 / 2
             assert (side == s).sum() > 20
             assert np.abs(stripes.y_m - true)[(side == s) & (stripes.x_m < 30)].max() < 0.25
 
     def test_ingredients_add_up_to_the_confidence(self, good):
-        odds = float(good.confidence_in_words()[-1].split()[-1])
+        odds = float(good.confidence_summary()[-1].split()[-1])
         assert 1 / (1 + np.exp(-odds)) == pytest.approx(good.tracked.confidence, abs=0.003)
 
     def test_doubt_is_that_of_the_lane_and_grows_far_away(self, good):
@@ -128,19 +128,19 @@ def test_each_failure_has_its_step_its_reason_and_its_remedy(name):
     assert f"failed at  {step}: " in explanation.describe()
 
 
-def test_an_assumed_mount_is_where_it_failed():
-    explanation = explain_frame(lane_road().image(), CAMERA, mount_trouble="no parallel lines were seen.")
-    assert explanation.failed.name == "mount"
+def test_an_assumed_pose_is_where_it_failed():
+    explanation = explain_frame(lane_road().image(), CAMERA, pose_trouble="no parallel lines were seen.")
+    assert explanation.failed.name == "pose"
     assert explanation.failed.failure == "no parallel lines were seen."
-    assert explanation.sight is not None and explanation.lane is None
+    assert explanation.evidence is not None and explanation.lane is None
     panels.show_explanation(explanation)
 
 
 def test_wrong_pictures_are_refused():
     with pytest.raises(PictureError, match="is 640x360 pixels"):
         explain_frame(np.zeros((360, 640, 3), np.uint8), CAMERA)
-    with pytest.raises(ValueError, match="no mount"):
-        explain_frame(grey(100), replace(CAMERA, mount=None))
+    with pytest.raises(ValueError, match="no pose"):
+        explain_frame(grey(100), replace(CAMERA, pose=None))
 
 
 class TestFigure:
@@ -155,7 +155,7 @@ class TestFigure:
         assert [label.split(maxsplit=1)[1] for label in labels] == ["on no line", "left line", "right line"]
         assert any("0.4" in text.get_text() and text.get_text().startswith("offset") for text in axes[8].texts)
 
-    def test_the_horizon_is_drawn_where_the_mount_says(self, good):
+    def test_the_horizon_is_drawn_where_the_pose_says(self, good):
         _, axes = panels.show_explanation(good)
         far = good.undistorted_camera.road_to_pixels(np.array([[1e7, 0.0]]))[0]
         ahead = next(line for line in axes[1].lines if line.get_label() == "straight ahead of the car")

@@ -41,11 +41,11 @@ def test_one_frame_in_one_picture_out(folder):
     assert read_image(folder / "new" / "explained.png").shape[1] > 1200
 
 
-def test_a_picture_without_mount_and_without_lines_says_at_which_step_it_failed(folder):
+def test_a_picture_without_pose_and_without_lines_says_at_which_step_it_failed(folder):
     done = run("grey.png", "--hfov", 60, cwd=folder)
     assert done.returncode == 0, done.stderr
-    assert "failed at  mount: grey.png: only 0 of 1 pictures show two or more parallel lane lines" in done.stdout
-    assert "what to do Estimate the mount again" in done.stdout
+    assert "failed at  pose: grey.png: only 0 of 1 pictures show two or more parallel lane lines" in done.stdout
+    assert "what to do Estimate the camera pose again" in done.stdout
     assert (folder / "explained.png").is_file()
 
 

@@ -86,10 +86,8 @@ class TestDashes:
         """As the docs say of a wrong focal length: all distances are wrong by its factor, and the pitch less."""
         matrix = CAMERA.matrix.copy()
         matrix[[0, 1], [0, 1]] *= stretch
-        mount = replace(
-            CAMERA.mount, pitch_rad=CAMERA.mount.pitch_rad / stretch, yaw_rad=CAMERA.mount.yaw_rad / stretch
-        )
-        camera = replace(CAMERA, matrix=matrix, distortion=CAMERA.distortion / stretch**2, mount=mount)
+        pose = replace(CAMERA.pose, pitch_rad=CAMERA.pose.pitch_rad / stretch, yaw_rad=CAMERA.pose.yaw_rad / stretch)
+        camera = replace(CAMERA, matrix=matrix, distortion=CAMERA.distortion / stretch**2, pose=pose)
         period = measure_dash_period(drive_pictures(), camera)
         assert period.period_m == pytest.approx(12.2 * stretch, rel=0.03)
         assert period.clarity > 25

@@ -12,7 +12,15 @@ from pathlib import Path
 import pytest
 
 from lanes.io import files
-from lanes.io.files import PartialFile, read_text, remove_partials, require_file, sole_writer, whole_file, write_whole
+from lanes.io.files import (
+    PartialFile,
+    atomic_write,
+    read_text,
+    remove_partials,
+    require_file,
+    sole_writer,
+    write_atomically,
+)
 
 ROOT = Path(__file__).parents[1]
 DEAD = "0123456789ab"
@@ -71,7 +79,7 @@ def test_large_files_and_what_is_no_text_are_refused(tmp_path):
 def test_what_may_not_be_read_is_refused(tmp_path, monkeypatch):
     """Root may read all, so that the system's answers are played where the tests run as root."""
     path = tmp_path / "folder" / "secret"
-    write_whole(path, b"x")
+    write_atomically(path, b"x")
     path.chmod(0)
     if os.geteuid() == 0:
         monkeypatch.setattr(os, "access", lambda *_: False)
@@ -91,7 +99,7 @@ def test_what_may_not_be_read_is_refused(tmp_path, monkeypatch):
 
 def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
     target = tmp_path / "a.txt"
-    write_whole(target, b"old")
+    write_atomically(target, b"old")
 
     def interrupted(self: Path, data: bytes) -> None:
         with self.open("wb") as file:
@@ -100,7 +108,7 @@ def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(tmp_path, mon
 
     monkeypatch.setattr(Path, "write_bytes", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        write_whole(target, b"new and longer")
+        write_atomically(target, b"new and longer")
     assert names(tmp_path) == {"a.txt"}
     assert target.read_bytes() == b"old"
 
@@ -110,24 +118,24 @@ def test_full_disk_is_said_and_leaves_the_old_file(tmp_path, monkeypatch, call):
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    write_whole(tmp_path / "a.txt", b"old")
+    write_atomically(tmp_path / "a.txt", b"old")
     monkeypatch.setattr(os, call, full)
     with pytest.raises(OSError, match=r"a\.txt.*No space left"):
-        write_whole(tmp_path / "a.txt", b"new")
+        write_atomically(tmp_path / "a.txt", b"new")
     assert names(tmp_path) == {"a.txt"} and (tmp_path / "a.txt").read_bytes() == b"old"
 
 
 def test_rights_are_those_of_any_new_file(tmp_path):
-    write_whole(tmp_path / "a", b"")
+    write_atomically(tmp_path / "a", b"")
     (tmp_path / "b").touch()
     assert stat.S_IMODE((tmp_path / "a").stat().st_mode) == stat.S_IMODE((tmp_path / "b").stat().st_mode)
 
 
 def test_a_link_stays_one(tmp_path):
     (tmp_path / "there").mkdir()
-    write_whole(tmp_path / "there" / "real.txt", b"old")
+    write_atomically(tmp_path / "there" / "real.txt", b"old")
     (tmp_path / "link.txt").symlink_to(tmp_path / "there" / "real.txt")
-    write_whole(tmp_path / "link.txt", b"new")
+    write_atomically(tmp_path / "link.txt", b"new")
     assert (tmp_path / "link.txt").is_symlink()
     assert (tmp_path / "there" / "real.txt").read_bytes() == b"new"
 
@@ -138,10 +146,10 @@ def test_nothing_but_files_is_replaced(tmp_path, kind, words):
     path = tmp_path / kind
     os.mkfifo(path) if kind == "pipe" else path.mkdir()
     with pytest.raises(OSError, match=f"{kind}: cannot be written \\(it {words}"):
-        write_whole(path, b"new")
+        write_atomically(path, b"new")
     assert names(tmp_path) == {kind} and not path.is_file()
     with pytest.raises(OSError, match="it is a device"):
-        write_whole("/dev/null", b"new")
+        write_atomically("/dev/null", b"new")
 
 
 def test_leftovers_of_the_dead_go_and_nothing_else(tmp_path):
@@ -154,7 +162,7 @@ def test_leftovers_of_the_dead_go_and_nothing_else(tmp_path):
     }
     for name in kept | {f"a.partial.{DEAD}.txt", f"a.partial.{DEAD}.csv", f"a.partial.{DEAD}"}:
         (tmp_path / name).touch()
-    write_whole(tmp_path / "a.txt", b"new")
+    write_atomically(tmp_path / "a.txt", b"new")
     assert names(tmp_path) == kept | {"a.txt"}
 
 
@@ -180,13 +188,13 @@ def other(code: str, *arguments: object) -> subprocess.Popen:
 
 
 def test_a_living_process_keeps_its_file_and_a_killed_one_loses_it(tmp_path):
-    code = "with whole_file(Path(sys.argv[1])) as p: p.write_text('half'); print(p.name, flush=True); time.sleep(60)"
+    code = "with atomic_write(Path(sys.argv[1])) as p: p.write_text('half'); print(p.name, flush=True); time.sleep(60)"
     with other(code, tmp_path / "a.txt") as process:
         half = process.stdout.readline().strip()
-        write_whole(tmp_path / "a.txt", b"mine")
+        write_atomically(tmp_path / "a.txt", b"mine")
         assert names(tmp_path) == {"a.txt", half}
         process.kill()
-    write_whole(tmp_path / "a.csv", b"mine")
+    write_atomically(tmp_path / "a.csv", b"mine")
     assert names(tmp_path) == {"a.txt", "a.csv"} and (tmp_path / "a.txt").read_text() == "mine"
 
 
@@ -202,7 +210,7 @@ def test_one_run_at_a_time(tmp_path):
         with sole_writer(tmp_path / "other.csv"):
             pass
         process.kill()
-    with sole_writer(tmp_path / "drive.mp4"), whole_file(tmp_path / "drive.mp4") as partial:
+    with sole_writer(tmp_path / "drive.mp4"), atomic_write(tmp_path / "drive.mp4") as partial:
         partial.write_text("new")
     assert names(tmp_path) == {"drive.mp4"}
 
@@ -214,7 +222,7 @@ def test_a_file_system_without_locks_refuses_no_run_and_removes_nothing(tmp_path
     monkeypatch.setattr(files.fcntl, "flock", cannot)
     (tmp_path / f"a.partial.{DEAD}.txt").touch()
     with sole_writer(tmp_path / "a.txt"):
-        write_whole(tmp_path / "a.txt", b"new")
+        write_atomically(tmp_path / "a.txt", b"new")
     assert names(tmp_path) == {"a.txt", f"a.partial.{DEAD}.txt"}
 
 

@@ -8,13 +8,13 @@ import numpy as np
 from drives import CAMERA
 from shapes import a_lane, stripes_at
 
-from lanes.tracking.birdseye import RoadView
+from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.markings import Stripes
 from lanes.tracking.model import CENTRE, CURVATURE, SIDES, WIDTH, line_points, line_y
-from lanes.tracking.state import Belief
-from lanes.tracking.update import correct_lane, first_belief
+from lanes.tracking.state import KalmanState
+from lanes.tracking.update import initial_state, update_lane
 
-VIEW = RoadView(CAMERA)
+VIEW = BirdsEyeView(CAMERA)
 SMALL = dict(pitch=0.003, vertical=5e-5, beside=0.05)
 STD = a_lane(centre=0.1, width=0.05, heading=0.01, curvature=5e-4, rate=1e-5, kinks=1e-5, **SMALL)
 # Where the road bends, kinks of a hairpin's size are expected.
@@ -42,24 +42,24 @@ def stripes_in_view(*places: np.ndarray) -> Stripes:
     return stripes_at(*places, growth=VIEW.growth, cell_m=VIEW.cell_m)
 
 
-def kept_by_gate(stripes: Stripes, belief: Belief) -> int:
+def kept_by_gate(stripes: Stripes, estimate: KalmanState) -> int:
     """How many stripes have any weight in the correction."""
-    return int((correct_lane(stripes, belief, VIEW).weight > 0).sum())
+    return int((update_lane(stripes, estimate, VIEW).weight > 0).sum())
 
 
 def test_gate_keeps_what_is_no_surprise():
-    belief = first_belief(LANE, np.diag(STD**2), 20.0)
+    estimate = initial_state(LANE, np.diag(STD**2), 20.0)
     near = stripes_on(LANE, aside_m=0.1)
-    assert kept_by_gate(near, belief) == len(near)
+    assert kept_by_gate(near, estimate) == len(near)
     beside = stripes_on(LANE, aside_m=0.6, far_m=12.0)
-    assert kept_by_gate(beside, belief) == 0
-    assert kept_by_gate(beside, first_belief(LANE, np.diag((5 * STD) ** 2), 20.0)) > 0
+    assert kept_by_gate(beside, estimate) == 0
+    assert kept_by_gate(beside, initial_state(LANE, np.diag((5 * STD) ** 2), 20.0)) > 0
 
 
 def test_correction_finds_the_lane_and_becomes_surer():
-    belief = first_belief(LANE, np.diag(STD**2), 20.0)
+    estimate = initial_state(LANE, np.diag(STD**2), 20.0)
     true = LANE + 0.7 * STD * a_lane(centre=1, width=-1, heading=1, curvature=1)
-    fit = correct_lane(stripes_on(true), belief, VIEW)
+    fit = update_lane(stripes_on(true), estimate, VIEW)
     x = np.array([5.0, 15, 30])
     for side in SIDES:
         np.testing.assert_allclose(line_points(fit.lane[0], side, x), line_points(true, side, x), atol=0.06)
@@ -70,36 +70,36 @@ def test_correction_finds_the_lane_and_becomes_surer():
 
 def test_one_line_moves_the_other_with_it():
     """The width is known better than the place, so that the line that is not seen keeps its distance."""
-    belief = first_belief(LANE, np.diag(STD**2), 20.0)
+    estimate = initial_state(LANE, np.diag(STD**2), 20.0)
     true = LANE + a_lane(centre=0.15, width=0.0)
     stripes = stripes_on(true)
     right = stripes.select(np.arange(len(stripes)) >= len(stripes) // 2)
-    lane = correct_lane(right, belief, VIEW).lane[0]
+    lane = update_lane(right, estimate, VIEW).lane[0]
     assert 0.08 < lane[CENTRE] - LANE[CENTRE] < 0.16
     assert abs(lane[WIDTH] - LANE[WIDTH]) < 0.03
 
 
 def test_a_transition_far_ahead_does_not_bend_the_road_beside_the_car():
     """Straight for 25 m, then a clothoid: the curvature here stays that of the straight."""
-    belief = first_belief(a_lane(width=3.6), np.diag(STD**2), 20.0)
-    stripes = stripes_on(belief.lane, far_m=60.0)
+    estimate = initial_state(a_lane(width=3.6), np.diag(STD**2), 20.0)
+    stripes = stripes_on(estimate.lane, far_m=60.0)
     ahead = np.maximum(stripes.x_m - 25, 0)
     bent = replace(stripes, y_m=stripes.y_m + 5e-5 * ahead**3 / 6, angle=np.arctan(5e-5 * ahead**2 / 2))
-    lane = correct_lane(bent, belief, VIEW).lane[0]
+    lane = update_lane(bent, estimate, VIEW).lane[0]
     assert abs(lane[CURVATURE]) < 1 / 5000
     assert abs(lane[CENTRE]) < 0.02
 
 
 def test_no_stripes_leave_the_prediction():
-    belief = first_belief(LANE, np.diag(STD**2), 20.0)
-    fit = correct_lane(stripes_on(LANE, far_m=0.0), belief, VIEW)
+    estimate = initial_state(LANE, np.diag(STD**2), 20.0)
+    fit = update_lane(stripes_on(LANE, far_m=0.0), estimate, VIEW)
     np.testing.assert_allclose(fit.lane[0], LANE, atol=1e-12)
     np.testing.assert_allclose(np.linalg.inv(fit.information[0]), np.diag(STD**2), rtol=1e-6, atol=1e-15)
 
 
 def test_a_bend_that_begins_ahead_is_followed():
     """Predicted is a gentle bend; from 11 m on the road tightens to R 25 m, by up to 1.5 m at 22 m."""
-    belief = first_belief(a_lane(width=3.4, curvature=4e-3), np.diag(KINKED_STD**2), 8.0)
+    estimate = initial_state(a_lane(width=3.4, curvature=4e-3), np.diag(KINKED_STD**2), 8.0)
     along = np.arange(0.0, 40.0, 0.02)
     turned = np.cumsum(np.interp(along, [0.0, 11.0, 20.0], [4e-3, 4e-3, 1 / 25])) * 0.02
     middle = np.cumsum(np.stack([np.cos(turned), np.sin(turned)]), axis=1) * 0.02
@@ -114,7 +114,7 @@ def test_a_bend_that_begins_ahead_is_followed():
     true = np.array([np.interp(at, x[::-1], y[::-1]) for y in lines])
     off, foretold_off = (
         np.abs([line_y(at, lane, side) for side in SIDES] - true).max(axis=0)
-        for lane in (correct_lane(stripes, belief, VIEW).lane[0], belief.lane)
+        for lane in (update_lane(stripes, estimate, VIEW).lane[0], estimate.lane)
     )
     assert foretold_off[2] > 0.4
     assert off[0] < 0.03 and off[1] < 0.05 and off[2] < foretold_off[2] / 2

@@ -14,7 +14,7 @@ import pytest
 from benchmark.dataset import PROJECT_ROOT
 from benchmark.errors import CONFIDENT
 from benchmark.scores import Row
-from benchmark.systems import METRIC
+from benchmark.systems import TRACKER
 from benchmark.tables import read_scores
 from simulator.scenes.suite import SUITE
 
@@ -26,7 +26,7 @@ PROMISED = {"where there is no lane": 0.0, "elsewhere": 0.005}
 
 def rows_of_the_engine() -> list[Row]:
     """A row a scene, without the sums."""
-    return [row for row in read_scores(TABLE) if row["system"] == METRIC and not row["scene"].startswith("all ")]
+    return [row for row in read_scores(TABLE) if row["system"] == TRACKER and not row["scene"].startswith("all ")]
 
 
 def surely_wrong(rows: Iterable[Row]) -> float:

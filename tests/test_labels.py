@@ -190,7 +190,7 @@ class TestCommand:
         entries[0]["lanes"] = entries[0]["lanes"][::-1]
         (folder / "predictions.jsonl").write_text("".join(json.dumps(entry) + "\n" for entry in entries))
         save_camera(camera, folder / "camera.yaml")
-        save_camera(camera.with_mount(None), folder / "lens.yaml")
+        save_camera(camera.with_pose(None), folder / "lens.yaml")
         return folder
 
     def run(self, folder: Path, *arguments: str) -> subprocess.CompletedProcess:
@@ -205,12 +205,12 @@ class TestCommand:
         assert row.split()[1:-2] == ["8", "0.750", "0.750", "0.250", "0.250"]
         assert "not the official one" in told.stdout
 
-    def test_systems_are_scored_with_an_estimated_mount_where_the_camera_has_none(self, folder):
+    def test_systems_are_scored_with_an_estimated_pose_where_the_camera_has_none(self, folder):
         told = self.run(folder, "--camera", "lens.yaml")
         assert told.returncode == 0, told.stderr
         assert "height" in told.stdout
         rows = {line.split()[0]: line.split() for line in told.stdout.splitlines() if line}
-        assert rows["metric"][1:3] == ["8", "1.000"]
+        assert rows["tracker"][1:3] == ["8", "1.000"]
         assert rows["best_channel"][1] == "8"
 
     def test_misuse_is_told(self, folder):

@@ -4,15 +4,15 @@ from painter import WHITE, YELLOW, Road, dashcam
 from shapes import a_lane
 
 from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import Mount
-from lanes.tracking.birdseye import RoadView
+from lanes.camera.camera_pose import CameraPose
+from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import describe_lane, find_lane
-from lanes.tracking.markings import observe
-from lanes.tracking.model import LEFT, RIGHT
-from lanes.tracking.update import correct_lane, first_belief
+from lanes.tracking.markings import extract_evidence
+from lanes.tracking.model import LEFT_SIDE, RIGHT_SIDE
+from lanes.tracking.update import initial_state, update_lane
 
 CAMERA = dashcam()
-VIEW = RoadView(CAMERA)
+VIEW = BirdsEyeView(CAMERA)
 X_M = np.array([5.0, 10.0, 15.0, 20.0, 25.0, 30.0])
 
 
@@ -31,13 +31,13 @@ def shaded_bend():
 def test_shaded_bend_off_centre():
     road, left, right = shaded_bend()
     lane = find_lane(road.image(), VIEW)
-    np.testing.assert_allclose(lane.line_y(X_M, LEFT), left(X_M), atol=0.02)
-    np.testing.assert_allclose(lane.line_y(X_M, RIGHT), right(X_M), atol=0.04)
+    np.testing.assert_allclose(lane.line_y(X_M, LEFT_SIDE), left(X_M), atol=0.02)
+    np.testing.assert_allclose(lane.line_y(X_M, RIGHT_SIDE), right(X_M), atol=0.04)
     assert lane.offset_m == pytest.approx(0.35, abs=0.02)
     assert lane.width_m == pytest.approx(3.5, abs=0.03)
     assert lane.heading_rad == pytest.approx(0.015, abs=0.003)
     assert lane.curvature_per_m == pytest.approx(1 / 420, rel=0.06)
-    assert lane.left.paint.yellow and not lane.right.paint.yellow
+    assert lane.left.profile.yellow and not lane.right.profile.yellow
     assert lane.left.seen and lane.right.seen
     assert abs(lane.offset_m - 0.35) < 3 * lane.offset_std_m < 0.5
 
@@ -69,13 +69,13 @@ def test_mirrored_picture_gives_the_mirrored_lane():
     image = shaded_bend()[0].image()
     matrix = CAMERA.matrix.copy()
     matrix[0, 2] = CAMERA.width - 1 - matrix[0, 2]
-    m = CAMERA.mount
-    other = Camera(*CAMERA.size, matrix, CAMERA.distortion * [1, 1, 1, -1, 1], Mount(1.3, m.pitch_rad, -m.yaw_rad))
+    m = CAMERA.pose
+    other = Camera(*CAMERA.size, matrix, CAMERA.distortion * [1, 1, 1, -1, 1], CameraPose(1.3, m.pitch_rad, -m.yaw_rad))
     lane = find_lane(image, VIEW)
-    mirrored = find_lane(np.ascontiguousarray(image[:, ::-1]), RoadView(other))
+    mirrored = find_lane(np.ascontiguousarray(image[:, ::-1]), BirdsEyeView(other))
     assert mirrored.offset_m == pytest.approx(-lane.offset_m, abs=0.01)
     assert mirrored.curvature_per_m == pytest.approx(-lane.curvature_per_m, abs=3e-5)
-    np.testing.assert_allclose(mirrored.line_y(X_M, LEFT), -lane.line_y(X_M, RIGHT), atol=0.02)
+    np.testing.assert_allclose(mirrored.line_y(X_M, LEFT_SIDE), -lane.line_y(X_M, RIGHT_SIDE), atol=0.02)
 
 
 @pytest.mark.parametrize("radius", [-18.0, 22.0, -40.0])
@@ -87,31 +87,31 @@ def test_hairpin(radius):
         road.paint(
             lambda x, y, a=a: np.abs(np.sign(radius) * (abs(radius) - np.hypot(x, y - radius)) - a) < 0.06, colour
         )
-    lane = find_lane(road.image(), RoadView(camera))
+    lane = find_lane(road.image(), BirdsEyeView(camera))
     assert 1 / lane.curvature_per_m == pytest.approx(radius, rel=0.08)
     assert lane.width_m == pytest.approx(3.4, abs=0.12)
     assert lane.offset_m == pytest.approx(-0.05, abs=0.08)
 
 
-@pytest.mark.parametrize("side", [LEFT, RIGHT])
+@pytest.mark.parametrize("side", [LEFT_SIDE, RIGHT_SIDE])
 def test_one_line_missing(side):
     lines = bend(-0.2, 3.6, -0.01, -1 / 600)
-    painted = lines[0 if side == LEFT else 1]
+    painted = lines[0 if side == LEFT_SIDE else 1]
     lane = find_lane(Road(CAMERA).line(painted).image(), VIEW)
     np.testing.assert_allclose(lane.line_y(X_M, side), painted(X_M), atol=0.1)
-    seen, guessed = (lane.left, lane.right) if side == LEFT else (lane.right, lane.left)
+    seen, guessed = (lane.left, lane.right) if side == LEFT_SIDE else (lane.right, lane.left)
     assert seen.seen and not guessed.seen
     assert guessed.c0_std_m > 0.3 and guessed.reach_m == 0
     assert 2.9 < lane.width_m < 4.1
 
 
 def test_a_nodding_camera_is_noticed():
-    mount = CAMERA.mount
-    nodding = CAMERA.with_mount(Mount(mount.height_m, mount.pitch_rad + 0.012, mount.yaw_rad))
+    pose = CAMERA.pose
+    nodding = CAMERA.with_pose(CameraPose(pose.height_m, pose.pitch_rad + 0.012, pose.yaw_rad))
     left, right = bend(0.1, 3.6, 0.0, 0.0)
     lane = find_lane(Road(nodding).line(left).line(right).image(), VIEW)
     assert lane.pitch_rad == pytest.approx(0.012, abs=0.002)
-    np.testing.assert_allclose(lane.line_y(X_M, RIGHT), right(X_M), atol=0.04)
+    np.testing.assert_allclose(lane.line_y(X_M, RIGHT_SIDE), right(X_M), atol=0.04)
 
 
 @pytest.mark.parametrize("offset", [0.5, -0.5, -1.0, 1.0])
@@ -123,7 +123,7 @@ def test_the_car_is_in_its_lane_whatever_the_neighbours_look_like(offset):
     lane = find_lane(road.image(), VIEW)
     assert lane.left.c0_m > 0 > lane.right.c0_m
     assert lane.offset_m == pytest.approx(offset, abs=0.3) and lane.width_m == pytest.approx(3.6, abs=0.1)
-    np.testing.assert_allclose(lane.line_y(np.array([13.0, 25.0]), LEFT), 1.8 - offset, atol=0.06)
+    np.testing.assert_allclose(lane.line_y(np.array([13.0, 25.0]), LEFT_SIDE), 1.8 - offset, atol=0.06)
 
 
 @pytest.mark.parametrize("noise", [0.0, 2.0, 15.0])
@@ -138,17 +138,17 @@ def test_edges_alone_are_no_lane():
 
 def test_following_agrees_with_searching():
     road, left, _ = shaded_bend()
-    sight = observe(road.image(), VIEW)
+    evidence = extract_evidence(road.image(), VIEW)
     cold = find_lane(road.image(), VIEW)
     expected = cold.model + a_lane(centre=0.05, width=0.03, heading=0.003, curvature=2e-4, pitch=0.002)
     small = dict(rate=1e-4, pitch=0.005, vertical=1e-4, kinks=1e-4, beside=1e-4)
     std = a_lane(centre=0.1, width=0.1, heading=0.01, curvature=1e-3, **small)
-    belief = first_belief(expected, np.diag(std**2), None)
-    lane = describe_lane(correct_lane(sight.stripes, belief, VIEW), sight, VIEW)
-    np.testing.assert_allclose(lane.line_y(X_M, LEFT), cold.line_y(X_M, LEFT), atol=0.02)
-    np.testing.assert_allclose(lane.line_y(X_M, RIGHT), cold.line_y(X_M, RIGHT), atol=0.03)
+    estimate = initial_state(expected, np.diag(std**2), None)
+    lane = describe_lane(update_lane(evidence.stripes, estimate, VIEW), evidence, VIEW)
+    np.testing.assert_allclose(lane.line_y(X_M, LEFT_SIDE), cold.line_y(X_M, LEFT_SIDE), atol=0.02)
+    np.testing.assert_allclose(lane.line_y(X_M, RIGHT_SIDE), cold.line_y(X_M, RIGHT_SIDE), atol=0.03)
 
 
 def test_the_same_picture_gives_the_same_lane():
     image = shaded_bend()[0].image()
-    np.testing.assert_array_equal(find_lane(image, VIEW).model, find_lane(image, RoadView(CAMERA)).model)
+    np.testing.assert_array_equal(find_lane(image, VIEW).model, find_lane(image, BirdsEyeView(CAMERA)).model)

@@ -7,7 +7,7 @@ import pytest
 from drives import BENDS, SMALL, tracked_bends
 
 from lanes.io.frames import PictureError
-from lanes.tracking.birdseye import RoadView
+from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
 from lanes.tracking.overlay import describe_tracked, draw_found, draw_tracked, lane_outlines
 from lanes.tracking.tracked_lane import LOST, TrackedLane
@@ -86,7 +86,7 @@ def test_another_size_is_refused():
 
 def test_a_single_picture_is_drawn_with_its_confidence_or_said_to_be_lost():
     image, _ = tracked_bends()
-    lane = find_lane(image, RoadView(SMALL))
+    lane = find_lane(image, BirdsEyeView(SMALL))
     assert (draw_found(image, lane, SMALL) != image).any(axis=2).mean() > 0.1
     lost = draw_found(image, None, SMALL)
     np.testing.assert_array_equal(lost[120:], image[120:])

@@ -4,28 +4,28 @@ import numpy as np
 import pytest
 from shapes import a_lane, stripes_at
 
-from lanes.tracking.fitting import compare, fit_lanes, stray_m
-from lanes.tracking.markings import paint_weight, place_std
+from lanes.tracking.fitting import compare, fit_lanes, model_error_m
+from lanes.tracking.markings import marking_weight, position_std
 from lanes.tracking.model import (
-    BESIDE,
-    BEYOND,
+    ADJACENT,
     CENTRE,
     CURVATURE,
+    FAR_LINE,
     HEADING,
-    KINKS,
-    LEFT,
+    LEFT_SIDE,
     LIMIT,
-    NUMBERS,
+    PARAMETERS,
     PRIOR_MEAN,
     PRIOR_STD,
     RATE,
-    RIGHT,
+    RATE_STEPS,
+    RIGHT_SIDE,
     WIDTH,
     line_points,
     line_y,
     lines_on_view,
-    strangeness,
-    usual_std,
+    prior_std,
+    squared_mahalanobis,
 )
 from lanes.tracking.voting import best_pairs, count_votes
 
@@ -33,14 +33,14 @@ HEIGHT_M, FOCAL_PX = 1.3, 1150.0
 ROWS_M = 5 * 1.022 ** np.arange(121)
 
 
-def stripes_on(lane, sides=(LEFT, RIGHT), *, noise_m=0.01, outliers=0, dash_m=None, seed=0):
+def stripes_on(lane, sides=(LEFT_SIDE, RIGHT_SIDE), *, noise_m=0.01, outliers=0, dash_m=None, seed=0):
     """Stripes as the evidence finds them on a lane, row by row, with others strewn between."""
     rng = np.random.default_rng(seed)
     parts = []
     for side in sides:
         y, ahead = line_y(ROWS_M, lane, side), line_y(ROWS_M + 0.01, lane, side)
         keep = np.isfinite(y + ahead) & (np.abs(y) < 12)
-        if dash_m and side == RIGHT:
+        if dash_m and side == RIGHT_SIDE:
             keep &= ROWS_M % dash_m[1] < dash_m[0]
         x, angle = ROWS_M[keep], np.arctan((ahead - y)[keep] / 0.01)
         parts.append((x, y[keep] + rng.normal(0, noise_m, len(x)), angle + rng.normal(0, 0.03, len(x)), 15.0))
@@ -70,22 +70,22 @@ ROADS = {
 def test_strangeness_counts_squared_standard_deviations_from_the_usual():
     odd = PRIOR_MEAN.copy()
     odd[[CENTRE, HEADING]] += [2, -3] * PRIOR_STD[[CENTRE, HEADING]]
-    np.testing.assert_allclose(strangeness(np.array([PRIOR_MEAN, odd])), [0, 4 + 9])
+    np.testing.assert_allclose(squared_mahalanobis(np.array([PRIOR_MEAN, odd])), [0, 4 + 9])
     # a road that bends may bend, and may change its bend: curvature itself counts for less than it would
     bent = PRIOR_MEAN.copy()
     bent[CURVATURE] = 2 * PRIOR_STD[CURVATURE]
-    assert 0 < strangeness(bent[None])[0] < 4
-    assert (usual_std(bent[None]) >= PRIOR_STD).all()
+    assert 0 < squared_mahalanobis(bent[None])[0] < 4
+    assert (prior_std(bent[None]) >= PRIOR_STD).all()
 
 
 def test_a_road_that_bends_may_soon_bend_otherwise():
     bent = PRIOR_MEAN.copy()
     bent[[CURVATURE, RATE]] = -0.03, -1e-3
-    std = usual_std(bent[None])[0]
+    std = prior_std(bent[None])[0]
     assert std[CURVATURE] == pytest.approx(PRIOR_STD[CURVATURE] + 0.03)
     assert std[RATE] == pytest.approx(PRIOR_STD[RATE] + 0.03 / 15)
-    np.testing.assert_allclose(std[KINKS], PRIOR_STD[KINKS] + 1.5 * (0.03 / 15 + 1e-3))
-    assert (usual_std(PRIOR_MEAN[None]) == PRIOR_STD).all()
+    np.testing.assert_allclose(std[RATE_STEPS], PRIOR_STD[RATE_STEPS] + 1.5 * (0.03 / 15 + 1e-3))
+    assert (prior_std(PRIOR_MEAN[None]) == PRIOR_STD).all()
 
 
 def one_stripe(*, x_m, aside_m=0.0, strength=6.0):
@@ -96,11 +96,11 @@ def one_stripe(*, x_m, aside_m=0.0, strength=6.0):
 
 
 def test_paint_place_and_stray_are_what_their_constants_say():
-    strengths = [paint_weight(one_stripe(x_m=10.0, strength=strength))[0] for strength in (0.0, 6.0, 18.0)]
+    strengths = [marking_weight(one_stripe(x_m=10.0, strength=strength))[0] for strength in (0.0, 6.0, 18.0)]
     np.testing.assert_allclose(strengths, [0, 0.5, 0.9])
     for x_m, stray in ((20.0, 0.01), (40.0, 0.08), (80.0, 0.64)):
-        assert place_std(one_stripe(x_m=x_m), 1000.0) == pytest.approx(np.sqrt(0.04**2 + (x_m / 1000) ** 2))
-        assert stray_m(one_stripe(x_m=x_m)) == pytest.approx(stray)
+        assert position_std(one_stripe(x_m=x_m), 1000.0) == pytest.approx(np.sqrt(0.04**2 + (x_m / 1000) ** 2))
+        assert model_error_m(one_stripe(x_m=x_m)) == pytest.approx(stray)
 
 
 @pytest.mark.parametrize("aside_m", [0.0, 0.1, -0.1])
@@ -117,7 +117,7 @@ def test_a_stripe_counts_by_its_place_its_distance_and_its_strength(aside_m):
     added = fit.information[0] - held["prior_information"]
     assert added[CENTRE, CENTRE] == pytest.approx(0.5 * agreement / (4 * variance + stray**2), rel=1e-3)
     assert fit.weight[0, 0] == pytest.approx(0.5 / (1 + aside_m**2 / variance) ** 2, rel=1e-2)
-    assert fit.side[0, 0] == LEFT
+    assert fit.side[0, 0] == LEFT_SIDE
     near = fit_lanes(lane[None], stripe, HEIGHT_M, 1000.0, schedule=((30.0, 2.0),), **held)
     np.testing.assert_array_equal(near.information[0], held["prior_information"])
 
@@ -137,7 +137,7 @@ def test_lane_is_found_among_clutter(road):
     assert lane[0] == pytest.approx(road[0], abs=0.06 if abs(road[3]) > 0.01 else 0.03)
     assert lane[1] == pytest.approx(road[1], abs=0.05)
     x = np.array([6.0, 10.0, 14.0])
-    for side in (LEFT, RIGHT):
+    for side in (LEFT_SIDE, RIGHT_SIDE):
         np.testing.assert_allclose(line_y(x, lane, side), line_y(x, road, side), atol=0.06)
 
 
@@ -145,16 +145,16 @@ def test_dashes_suffice():
     road = ROADS["left bend"]
     lane, _ = search(stripes_on(road, outliers=150, dash_m=(3.0, 12.0)))
     x = np.array([6.0, 15.0, 30.0])
-    np.testing.assert_allclose(line_y(x, lane, RIGHT), line_y(x, road, RIGHT), atol=0.05)
+    np.testing.assert_allclose(line_y(x, lane, RIGHT_SIDE), line_y(x, road, RIGHT_SIDE), atol=0.05)
 
 
-@pytest.mark.parametrize("side", [LEFT, RIGHT])
+@pytest.mark.parametrize("side", [LEFT_SIDE, RIGHT_SIDE])
 def test_one_line_suffices_and_the_other_is_uncertain(side):
     road = a_lane(centre=0.1, heading=0.01, curvature=1 / 500)
     lane, fit = search(stripes_on(road, (side,), outliers=60))
     x = np.array([6.0, 15.0, 30.0])
     # Pitch is not to be told from one line, so compare what the view shows.
-    shown, true = lines_on_view(np.array([lane, road]), x, HEIGHT_M)[:, 0 if side == LEFT else 1]
+    shown, true = lines_on_view(np.array([lane, road]), x, HEIGHT_M)[:, 0 if side == LEFT_SIDE else 1]
     np.testing.assert_allclose(shown, true, atol=0.02)
     best = fit.weight.sum(axis=1).argmax()
     covariance = np.linalg.inv(fit.information[best])
@@ -169,7 +169,7 @@ def test_mirrored_stripes_give_the_mirrored_lane():
     other, _ = search(mirrored)
     signs = a_lane(centre=-1, width=1, heading=-1, curvature=-1, rate=-1, pitch=1, vertical=1, kinks=-1, beside=1)
     expected = lane * signs
-    expected[BESIDE] = expected[BESIDE][::-1]
+    expected[ADJACENT] = expected[ADJACENT][::-1]
     off = np.abs(other - expected)
     most = dict(width=1e-3, heading=1e-4, curvature=1e-5, rate=1e-6, pitch=1e-4, vertical=1e-5, kinks=1e-6)
     assert (off < a_lane(centre=1e-3, beside=1e-3, **most)).all()
@@ -196,11 +196,11 @@ ALL = dict(centre=0.01, width=0.01, heading=0.01, curvature=0.01)
 )
 def test_derivatives_agree_with_differences(lane, most):
     """For every number, beside all four lines and far out; ROAD_M is close enough that lookups bend nothing."""
-    stripes = stripes_on(lane, (LEFT, RIGHT, BEYOND * LEFT, BEYOND * RIGHT), outliers=50)
+    stripes = stripes_on(lane, (LEFT_SIDE, RIGHT_SIDE, FAR_LINE * LEFT_SIDE, FAR_LINE * RIGHT_SIDE), outliers=50)
     derivative = compare(lane[None], stripes, HEIGHT_M).derivative[0]
     tiny = dict(pitch=1e-6, vertical=1e-8, kinks=1e-9, beside=1e-5)
     for k, step in enumerate(a_lane(centre=1e-5, width=1e-5, heading=1e-6, curvature=1e-7, rate=1e-9, **tiny)):
-        shift = np.eye(NUMBERS)[k] * step
+        shift = np.eye(PARAMETERS)[k] * step
         above, below = (compare((lane + s)[None], stripes, HEIGHT_M).residual_m[0] for s in (shift, -shift))
         measured = (above - below) / (2 * step)
         # what hardly moves shows nothing but how places are looked up
@@ -233,10 +233,10 @@ def test_a_prediction_holds_where_there_is_no_evidence():
         HEIGHT_M,
         FOCAL_PX,
         prior_mean=expected,
-        prior_information=np.eye(NUMBERS) * 1e4,
+        prior_information=np.eye(PARAMETERS) * 1e4,
     )
     np.testing.assert_allclose(fit.lane[0], expected)
-    np.testing.assert_allclose(fit.information[0], np.eye(NUMBERS) * 1e4)
+    np.testing.assert_allclose(fit.information[0], np.eye(PARAMETERS) * 1e4)
 
 
 def test_uncertainty_covers_the_error():
@@ -253,7 +253,7 @@ def test_uncertainty_covers_the_error():
 
 def test_line_points_run_through_the_stripes():
     road = ROADS["hairpin"]
-    points = line_points(road, RIGHT, np.linspace(0, 35, 50))
+    points = line_points(road, RIGHT_SIDE, np.linspace(0, 35, 50))
     x, y = points.T
     # a hairpin of 18 m turns back: its line is not a function of x
     assert x.max() < 18 and y.min() < -15 and np.diff(x)[-1] < 0

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.tracking.lane import Paint
-from lanes.tracking.marking_type import KindVotes, LineKind, looks_dashed
+from lanes.tracking.lane import MarkingProfile
+from lanes.tracking.marking_type import MarkingType, MarkingVotes, looks_dashed
 
 DASHES = np.concatenate([np.arange(6, 9, 0.2), np.arange(18.2, 21.2, 0.4)])
 
@@ -25,14 +25,14 @@ def test_short_holes_are_no_gaps():
 
 
 def test_the_majority_holds():
-    votes = KindVotes()
-    assert votes.kind == LineKind(None, None, None)
+    votes = MarkingVotes()
+    assert votes.kind == MarkingType(None, None, None)
     assert votes.kind.describe() == "unknown"
     for _ in range(5):
-        votes = votes.add_paint(Paint(0.35, 0.0, True, 5.0)).add_gaps(DASHES)
-    votes = votes.add_paint(Paint(0.12, 0.0, False, 5.0)).add_gaps(np.arange(5, 30, 0.3))
-    assert votes.kind == LineKind("yellow", "dashed", True)
+        votes = votes.add_profile(MarkingProfile(0.35, 0.0, True, 5.0)).add_gaps(DASHES)
+    votes = votes.add_profile(MarkingProfile(0.12, 0.0, False, 5.0)).add_gaps(np.arange(5, 30, 0.3))
+    assert votes.kind == MarkingType("yellow", "dashed", True)
     assert votes.kind.describe() == "yellow double dashed"
     for _ in range(12):
-        votes = votes.add_paint(Paint(0.12, 0.0, False, 5.0)).add_gaps(np.arange(5, 30, 0.3))
-    assert votes.kind == LineKind("white", "solid", False)
+        votes = votes.add_profile(MarkingProfile(0.12, 0.0, False, 5.0)).add_gaps(np.arange(5, 30, 0.3))
+    assert votes.kind == MarkingType("white", "solid", False)

@@ -111,7 +111,7 @@ def test_a_manifest_is_not_believed_whatever_it_says(drive):
         {"start_s": 0.04},
         {"end_s": 0.2},
         {"report": False},
-        {"camera": SMALL.with_mount(None)},
+        {"camera": SMALL.with_pose(None)},
         {"camera": None, "field": FieldOfView(60.0, "as given")},
     ],
     ids=lambda changes: "-".join(changes),

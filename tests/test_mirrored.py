@@ -17,33 +17,33 @@ from benchmark.suite_drives import list_drives
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import load_camera
 from lanes.io.video.reader import read_frames
-from lanes.tracking.birdseye import RoadView
+from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
 from lanes.tracking.lane import Lane
-from lanes.tracking.markings import measure_paint
+from lanes.tracking.markings import marking_response
 from lanes.tracking.tracker import LaneTracker
 
 X_M = np.array([5.0, 10.0, 15.0, 20.0, 30.0])
 # What sums of floats in another order leave, metres and 1/m; a still's search and fit, and two seconds of following.
-SAME_M, SAME_PER_M = 1e-5, 1e-7
+DUPLICATE_M, SAME_PER_M = 1e-5, 1e-7
 
 
 def mirrored(camera: Camera) -> Camera:
     """The camera on the other side of the car: what was at column u is at width - 1 - u."""
-    matrix, distortion, mount = camera.matrix.copy(), camera.distortion.copy(), camera.mount
+    matrix, distortion, pose = camera.matrix.copy(), camera.distortion.copy(), camera.pose
     matrix[0, 2] = camera.width - 1 - matrix[0, 2]
     # p2 shifts columns by their square, which mirrors to the other side
     distortion[3] *= -1
-    mount = replace(mount, yaw_rad=-mount.yaw_rad, roll_rad=-mount.roll_rad)
-    return replace(camera, matrix=matrix, distortion=distortion, mount=mount)
+    pose = replace(pose, yaw_rad=-pose.yaw_rad, roll_rad=-pose.roll_rad)
+    return replace(camera, matrix=matrix, distortion=distortion, pose=pose)
 
 
 def flip(image: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(image[:, ::-1])
 
 
-view_of = cache(lambda size: RoadView(camera_of(size)))
-mirrored_view_of = cache(lambda size: RoadView(mirrored(camera_of(size))))
+view_of = cache(lambda size: BirdsEyeView(camera_of(size)))
+mirrored_view_of = cache(lambda size: BirdsEyeView(mirrored(camera_of(size))))
 
 
 def assert_mirrored(lane: Lane | None, other: Lane | None) -> None:
@@ -51,10 +51,10 @@ def assert_mirrored(lane: Lane | None, other: Lane | None) -> None:
     if lane is None:
         return
     # NaN, where a line has turned back, at the same places
-    np.testing.assert_allclose(other.lateral_m(X_M)[::-1], -lane.lateral_m(X_M), atol=SAME_M)
-    assert other.offset_m == pytest.approx(-lane.offset_m, abs=SAME_M)
+    np.testing.assert_allclose(other.lateral_m(X_M)[::-1], -lane.lateral_m(X_M), atol=DUPLICATE_M)
+    assert other.offset_m == pytest.approx(-lane.offset_m, abs=DUPLICATE_M)
     assert other.curvature_per_m == pytest.approx(-lane.curvature_per_m, abs=SAME_PER_M)
-    assert other.width_m == pytest.approx(lane.width_m, abs=SAME_M)
+    assert other.width_m == pytest.approx(lane.width_m, abs=DUPLICATE_M)
     assert other.offset_std_m == pytest.approx(lane.offset_std_m, rel=1e-4)
     assert (other.left.seen, other.right.seen) == (lane.right.seen, lane.left.seen)
 
@@ -70,8 +70,8 @@ def rendered_stills() -> Iterator[tuple[str, Camera, np.ndarray]]:
 
 def test_rendered_stills():
     for _, camera, image in rendered_stills():
-        lane = find_lane(image, RoadView(camera))
-        assert_mirrored(lane, find_lane(flip(image), RoadView(mirrored(camera))))
+        lane = find_lane(image, BirdsEyeView(camera))
+        assert_mirrored(lane, find_lane(flip(image), BirdsEyeView(mirrored(camera))))
 
 
 def test_a_painted_drive_is_followed_alike():
@@ -91,7 +91,7 @@ def test_the_evidence_in_any_picture(image):
     size = image.shape[1], image.shape[0]
     view, other = view_of(size), mirrored_view_of(size)
     seen = view.warp(image)
-    evidence, mirror = measure_paint(seen, view), measure_paint(flip(seen), other)
+    response, mirror = marking_response(seen, view), marking_response(flip(seen), other)
     for name in ("channels", "narrow", "wide"):
-        np.testing.assert_array_equal(getattr(mirror, name)[..., ::-1], getattr(evidence, name))
-    np.testing.assert_allclose(mirror.strength[:, ::-1], evidence.strength, atol=1e-4)
+        np.testing.assert_array_equal(getattr(mirror, name)[..., ::-1], getattr(response, name))
+    np.testing.assert_allclose(mirror.strength[:, ::-1], response.strength, atol=1e-4)

@@ -12,12 +12,12 @@ from painted_roads import paint_road
 
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import load_camera, save_camera
-from lanes.camera.camera_pose import Mount
+from lanes.camera.camera_pose import CameraPose
 from lanes.io.footage import pick_pictures
 from lanes.io.images import write_image
 from lanes.io.video.writer import VideoWriter
 
-MOUNT = Mount(1.3, np.radians(3.0), np.radians(1.5), np.radians(-0.6))
+MOUNT = CameraPose(1.3, np.radians(3.0), np.radians(1.5), np.radians(-0.6))
 CAMERA = Camera.from_fov((960, 540), 66, MOUNT)
 
 
@@ -42,9 +42,9 @@ def test_stills_with_a_calibrated_lens(drive, tmp_path, capsys):
     assert run("--camera", lens, drive / "still0.jpg", drive / "still1.jpg", "-o", tmp_path / "camera.yaml") == 0
     found = load_camera(tmp_path / "camera.yaml")
     np.testing.assert_array_equal(found.matrix, CAMERA.matrix)
-    assert np.degrees(found.mount.pitch_rad) == pytest.approx(3.0, abs=0.2)
-    assert np.degrees(found.mount.yaw_rad) == pytest.approx(1.5, abs=0.4)
-    assert found.mount.height_m == pytest.approx(1.3, abs=0.05)
+    assert np.degrees(found.pose.pitch_rad) == pytest.approx(3.0, abs=0.2)
+    assert np.degrees(found.pose.yaw_rad) == pytest.approx(1.5, abs=0.4)
+    assert found.pose.height_m == pytest.approx(1.3, abs=0.05)
     printed = capsys.readouterr().out
     assert "from 2 of 2 pictures" in printed and "looks left" in printed and "camera.yaml" in printed
     assert re.search(r"offset and lane width to be good to 3 cm and [34]% .*curvature twice as much", printed)
@@ -54,13 +54,13 @@ def test_video_with_a_field_of_view_alone(drive, tmp_path, capsys):
     assert not run("--hfov", 66, "--pictures", 3, "--height", 1.4, drive / "drive.mp4", "-o", tmp_path / "camera.yaml")
     found = load_camera(tmp_path / "camera.yaml")
     assert found.size == (960, 540)
-    assert np.degrees(found.mount.pitch_rad) == pytest.approx(3.0, abs=0.2)
-    assert found.mount.height_m == 1.4
+    assert np.degrees(found.pose.pitch_rad) == pytest.approx(3.0, abs=0.2)
+    assert found.pose.height_m == 1.4
     assert "from 3 of 3 pictures" in capsys.readouterr().out
 
 
 def test_a_piece_of_a_video_and_a_measured_height(drive, tmp_path, capsys):
-    bent = replace(CAMERA, mount=None, distortion=np.array([-0.01, 0, 0, 0, 0]))
+    bent = replace(CAMERA, pose=None, distortion=np.array([-0.01, 0, 0, 0, 0]))
     lens = save_camera(bent, tmp_path / "lens.yaml")
     piece = ["--start", 1, "--end", 2.5, "--height", 1.3]
     assert run("--camera", lens, *piece, drive / "drive.mp4", "-o", tmp_path / "camera.yaml") == 0

@@ -1,4 +1,4 @@
-"""A camera that moves on its mount is noticed; bumps, bends and weaving are not taken for it."""
+"""A camera that moves in its pose is noticed; bumps, bends and weaving are not taken for it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lanes.drives.camera_moved import find_mount_change
+from lanes.drives.camera_moved import find_pose_change
 from lanes.drives.settings import DriveResult
 from lanes.tracking.tracker import LaneTracker
 from simulator.rendering.drive import Motion
@@ -21,11 +21,11 @@ TURN = np.radians(1.5)
 
 
 def telemetry(*, seconds: float = 16, moved_s: float = 8, **turn: float) -> dict[str, np.ndarray]:
-    """What the tracker says of a bumpy drive through bends, whose mount turns by so much half-way."""
+    """What the tracker says of a bumpy drive through bends, whose pose turns by so much half-way."""
     before = PaintedDrive(s_bend(), lane_lines(), BUMPY)
-    mount = before.camera.mount
-    moved = replace(mount, **{name: getattr(mount, name) + angle for name, angle in turn.items()})
-    after = replace(before, camera=before.camera.with_mount(moved))
+    pose = before.camera.pose
+    moved = replace(pose, **{name: getattr(pose, name) + angle for name, angle in turn.items()})
+    after = replace(before, camera=before.camera.with_pose(moved))
     tracker, rows = LaneTracker(before.camera, fps=FPS), []
     for time_s in np.arange(0, seconds, 1 / FPS):
         frame = (before if time_s < moved_s else after).frame(time_s)
@@ -42,7 +42,7 @@ def telemetry(*, seconds: float = 16, moved_s: float = 8, **turn: float) -> dict
     ],
 )
 def test_a_camera_that_moves_half_way_is_noticed(turn, half_s, pitch_deg, yaw_deg, words):
-    change = find_mount_change(telemetry(seconds=2 * half_s, moved_s=half_s, **turn))
+    change = find_pose_change(telemetry(seconds=2 * half_s, moved_s=half_s, **turn))
     # for two seconds a camera that suddenly looks farther down is taken for a road that waves
     assert change.time_s == pytest.approx(half_s, abs=2)
     assert np.degrees([change.pitch_rad, change.yaw_rad]) == pytest.approx([pitch_deg, yaw_deg], abs=0.6)
@@ -53,7 +53,7 @@ def test_an_ordinary_bumpy_drive_is_not():
     rows = telemetry(seconds=12)
     assert np.degrees(np.nanstd(rows["pitch_rad"])) > 0.2
     assert (rows["state"] == "tracking").mean() > 0.8
-    assert find_mount_change(rows) is None
+    assert find_pose_change(rows) is None
 
 
 def made(pitch_deg: np.ndarray, heading_deg: np.ndarray | float = 0.0) -> dict[str, np.ndarray]:
@@ -82,11 +82,11 @@ TIMES_S = np.arange(0, 60, 0.04)
     ids=["a crest", "too late to tell", "hilly", "too little"],
 )
 def test_what_passes_is_no_move(pitch_deg):
-    assert find_mount_change(made(pitch_deg)) is None
+    assert find_pose_change(made(pitch_deg)) is None
 
 
 def test_a_late_small_move_is_dated():
-    change = find_mount_change(made(np.where(TIMES_S > 50, 1.0, 0.0), np.where(TIMES_S > 50, -1.2, 0.0)))
+    change = find_pose_change(made(np.where(TIMES_S > 50, 1.0, 0.0), np.where(TIMES_S > 50, -1.2, 0.0)))
     assert change.time_s == pytest.approx(50, abs=1)
     assert np.degrees([change.pitch_rad, change.yaw_rad]) == pytest.approx([1.0, 1.2], abs=0.1)
 
@@ -96,13 +96,13 @@ def test_frames_without_a_lane_do_not_count():
     lost = TIMES_S > 31
     rows["state"][lost] = "lost"
     rows["pitch_rad"][lost] = np.nan
-    assert find_mount_change(rows) is None
+    assert find_pose_change(rows) is None
     rows["state"][:] = "lost"
-    assert find_mount_change(rows) is None
+    assert find_pose_change(rows) is None
 
 
 def test_an_annotated_drive_says_so():
-    change = find_mount_change(made(np.where(TIMES_S > 30, 1.5, 0.0)))
+    change = find_pose_change(made(np.where(TIMES_S > 30, 1.5, 0.0)))
     path = Path("drive.mp4")
     result = DriveResult("drive.mp4", path, path, None, CAMERA, None, 1500, 1.0, 0.0, 30.0, moved=change)
     assert "drive.mp4: the camera seems to have moved after 30 s" in result.describe()

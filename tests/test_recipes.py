@@ -13,7 +13,7 @@ from roads import CAMERA, LANE_WIDTH_M, WHITE, Road, arc, paint_picture
 from benchmark.dataset import PROJECT_ROOT, open_dataset
 from lanes.camera.calibration.boards import calibrate_folder
 from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import CameraError, Mount
+from lanes.camera.camera_pose import CameraError, CameraPose
 from lanes.classic.finder import RECIPES, LaneFinder, get_recipe
 from lanes.io.frames import PictureError
 from lanes.io.images import list_pictures, read_image
@@ -82,8 +82,8 @@ def test_one_missing_line_leaves_the_other_and_no_lane(name):
 
 
 def test_a_mirrored_road_has_a_mirrored_lane():
-    camera = Camera(1280, 720, np.array([[1150.0, 0, 639.5], [0, 1150, 386], [0, 0, 1]]), np.zeros(5), CAMERA.mount)
-    camera = camera.with_mount(replace(camera.mount, yaw_rad=0.0))
+    camera = Camera(1280, 720, np.array([[1150.0, 0, 639.5], [0, 1150, 386], [0, 0, 1]]), np.zeros(5), CAMERA.pose)
+    camera = camera.with_pose(replace(camera.pose, yaw_rad=0.0))
     recipe = replace(
         get_recipe("hls_sobel"),
         source_px=((559.5, 460), (719.5, 460), (1059.5, 670), (219.5, 670)),
@@ -234,8 +234,8 @@ def test_metres_follow_from_the_warp(name):
 @pytest.mark.parametrize("height_m", [0.9, 1.2, 1.5])
 def test_metres_follow_from_the_mount(height_m):
     """The same picture from another height is another road: everything in it is larger in proportion."""
-    mount = CAMERA.mount
-    camera = CAMERA.with_mount(Mount(height_m, mount.pitch_rad, mount.yaw_rad))
+    pose = CAMERA.pose
+    camera = CAMERA.with_pose(CameraPose(height_m, pose.pitch_rad, pose.yaw_rad))
     result = finder("hls_sobel", camera).find(picture(LEFT_BEND))
     assert result.offset_m == pytest.approx(0.3 * height_m / 1.2, abs=0.02)
     assert 1 / result.curvature_per_m == pytest.approx(400 * height_m / 1.2, rel=0.05)
@@ -309,7 +309,7 @@ def test_a_picture_of_another_size_is_refused(name):
 @pytest.mark.parametrize("size", [(1, 1), (2, 1), (7, 5), (31, 64), (101, 57)], ids=str)
 def test_tiny_and_odd_pictures_are_results(name, size):
     matrix = np.array([[size[0], 0, size[0] / 2], [0, size[0], size[1] / 2], [0, 0, 1.0]])
-    follow = finder(name, Camera(*size, matrix, np.zeros(5), CAMERA.mount))
+    follow = finder(name, Camera(*size, matrix, np.zeros(5), CAMERA.pose))
     noise = np.random.default_rng(0).integers(0, 256, (size[1], size[0], 3), np.uint8)
     for image in (noise, np.zeros_like(noise), np.full_like(noise, 255)):
         for result in (follow.find(image), follow.follow(image), follow.follow(image)):
@@ -323,9 +323,9 @@ def test_unknown_recipes_and_sizes_are_named():
         get_recipe("hls_sobel", (0, 720))
 
 
-def test_a_camera_without_mount_needs_scales():
-    camera = replace(CAMERA, mount=None)
-    with pytest.raises(CameraError, match="has no mount .* or give metres_per_px"):
+def test_a_camera_without_pose_needs_scales():
+    camera = replace(CAMERA, pose=None)
+    with pytest.raises(CameraError, match="has no pose .* or give metres_per_px"):
         finder("hls_sobel", camera)
     assert finder("hls_sobel", camera, metres_per_px=PUBLISHED_SCALES).find(picture(LEFT_BEND)).found
 

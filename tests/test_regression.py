@@ -1,4 +1,4 @@
-"""The metric engine is as accurate as it was, on parts of the committed videos."""
+"""The tracker is as accurate as it was, on parts of the committed videos."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from command_line import main
 from benchmark.dataset import PROJECT_ROOT
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import load_camera
-from lanes.camera.camera_pose import Mount
+from lanes.camera.camera_pose import CameraPose
 from lanes.io.images import read_image
 from simulator.landscape.sky import BackdropStyle
 from simulator.light.lens import ADAPTED_TO, Lens, develop
@@ -36,9 +36,9 @@ from simulator.scenes.catalogue import project_video, still_scenes
 from simulator.scenes.dashcam import DASHCAM
 from simulator.scenes.freeway import LANE_M, freeway_markings, freeway_surface
 
-MOUNT = Mount(1.3, np.radians(2.0), np.radians(-1.0), np.radians(0.6))
-TINY = replace(DASHCAM.scaled((320, 180)), mount=MOUNT)
-SMALL = replace(DASHCAM.scaled((640, 360)), mount=MOUNT)
+MOUNT = CameraPose(1.3, np.radians(2.0), np.radians(-1.0), np.radians(0.6))
+TINY = replace(DASHCAM.scaled((320, 180)), pose=MOUNT)
+SMALL = replace(DASHCAM.scaled((640, 360)), pose=MOUNT)
 PLAIN_LENS = Lens(noise=0.0, sharpening=0.0, blur_px=0.0, vignette=0.0, adaptation=0.0)
 
 
@@ -103,7 +103,7 @@ def test_paint_coverage_equals_brute_force_supersampling(dashed, worst, mean):
 
 def stripes_at(markings: tuple[Marking, ...], x_m: float) -> list[tuple[float, float]]:
     """(centre, width) in metres of the stripes that a row of the picture crosses `x_m` ahead, from left to right."""
-    camera = replace(DASHCAM, mount=MOUNT)
+    camera = replace(DASHCAM, pose=MOUNT)
     ground = cast_on_ground(picture_rays(camera), camera, RoadAhead(RoadGeometry([0.0, 300.0], [0.0, 0.0]), Pose(50.0)))
     black = np.zeros((*ground.s.shape, 3), np.float32)
     paint_markings(black, markings, ground, station_m=50.0, seed=1)
@@ -137,7 +137,7 @@ def test_double_line_that_one_side_may_cross_is_a_solid_and_a_broken_marking():
 @pytest.mark.parametrize("curvature", [1 / 250, -1 / 250])
 def test_truth_lies_on_the_paint_of_the_picture(curvature):
     drive = small_drive(curvature)
-    camera = replace(DASHCAM, mount=MOUNT)
+    camera = replace(DASHCAM, pose=MOUNT)
     drive = replace(
         drive,
         camera=camera,
@@ -202,8 +202,8 @@ def test_mirrored_scene_gives_mirrored_lines():
     flipped_matrix = SMALL.matrix.copy()
     flipped_matrix[0, 2] = SMALL.width - 1 - SMALL.matrix[0, 2]
     distortion = SMALL.distortion * [1, 1, 1, -1, 1]
-    mount = replace(MOUNT, yaw_rad=-MOUNT.yaw_rad, roll_rad=-MOUNT.roll_rad)
-    camera = Camera(SMALL.width, SMALL.height, flipped_matrix, distortion, mount)
+    pose = replace(MOUNT, yaw_rad=-MOUNT.yaw_rad, roll_rad=-MOUNT.roll_rad)
+    camera = Camera(SMALL.width, SMALL.height, flipped_matrix, distortion, pose)
     mirrored = replace(
         drive,
         camera=camera,
@@ -247,7 +247,7 @@ def test_project_video_bends_both_ways():
 
 def test_car_hides_the_line_behind_it():
     thing = Placed(60.0 + 12.5, LANE_M / 2, Car(0, 0, 0.0, "red"))
-    drive = small_drive(0.0, camera=replace(DASHCAM, mount=MOUNT))
+    drive = small_drive(0.0, camera=replace(DASHCAM, pose=MOUNT))
     open_road, behind = (
         truth_entry(frame.truth, raw_file="x.jpg", camera=drive.camera, hidden=frame.hidden)
         for frame in (render_frame(drive), render_frame(replace(drive, things=(thing,))))
@@ -297,7 +297,7 @@ def test_video_and_its_truth_do_not_depend_on_the_number_of_processes(tmp_path):
         assert (tmp_path / f"1{suffix}").read_bytes() == (tmp_path / f"2{suffix}").read_bytes()
     rows = csv_file.read_text().splitlines()[1:]
     assert [int(row.split(",")[0]) for row in rows] == list(range(7))
-    assert load_camera(camera_file).mount == MOUNT
+    assert load_camera(camera_file).pose == MOUNT
     with closing(imageio_ffmpeg.read_frames(str(video))) as frames:
         size = next(frames)["size"]
         pictures = [np.frombuffer(frame, np.uint8).reshape(*size[::-1], 3).astype(float) for frame in frames]

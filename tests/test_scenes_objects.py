@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import Mount
+from lanes.camera.camera_pose import CameraPose
 from simulator.landscape.foliage import SPECIES, plant_sprite
 from simulator.objects.bonnet import bonnet_outline, paint_bonnet
 from simulator.objects.obstacles import paint_objects
@@ -21,7 +21,7 @@ SUN = np.array([-0.3, -0.5, 0.8]) / np.linalg.norm([-0.3, -0.5, 0.8])
 
 def camera(*, distortion=(-0.24, -0.02, -0.001, 0.0003, -0.012), yaw=0.0, roll=0.0) -> Camera:
     matrix = np.array([[580.0, 0, 319.5], [0, 578.0, 190.0], [0, 0, 1]])
-    return Camera(640, 360, matrix, np.array(distortion), Mount(1.3, np.radians(-1.5), yaw, roll))
+    return Camera(640, 360, matrix, np.array(distortion), CameraPose(1.3, np.radians(-1.5), yaw, roll))
 
 
 def empty() -> np.ndarray:
@@ -172,7 +172,7 @@ def test_things_are_painted_only_where_something_nearer_lets_them_be_seen():
 def test_mirrored_world_gives_the_mirrored_picture():
     """With a symmetric lens, exchanging left and right mirrors cars and walls."""
     matrix = np.array([[580.0, 0, 319.5], [0, 580.0, 190.0], [0, 0, 1]])
-    lens = Camera(640, 360, matrix, np.array([-0.24, -0.02, 0, 0, 0]), Mount(1.3, np.radians(-1.5)))
+    lens = Camera(640, 360, matrix, np.array([-0.24, -0.02, 0, 0, 0]), CameraPose(1.3, np.radians(-1.5)))
     left = [Car(15.0, 2.5, 0.1, "silver"), straight_wall(3.9, "jersey", 1, start=1.0)]
     right = [Car(15.0, -2.5, -0.1, "silver"), straight_wall(-3.9, "jersey", -1, start=1.0)]
     one = draw(left, lens)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.camera.camera_pose import Mount
+from lanes.camera.camera_pose import CameraPose
 from simulator.landscape.sky import BackdropStyle
 from simulator.light.sunlight import Sun
 from simulator.objects.roadside import Placed
@@ -30,7 +30,7 @@ SWERVE = ((0.0, -LANE_M), (2.0, 0.2), (3.0, 0.2), (5.0, -LANE_M))
 def bend_drive(*things: Placed) -> Drive:
     """Off-centre in a bend to the right, at the size of the committed pictures, a bare country."""
     return Drive(
-        camera=replace(DASHCAM, mount=Mount(1.3, np.radians(-1.5), np.radians(-1.0), np.radians(0.5))),
+        camera=replace(DASHCAM, pose=CameraPose(1.3, np.radians(-1.5), np.radians(-1.0), np.radians(0.5))),
         road=RoadGeometry([0.0, 400.0], [-1 / 300, -1 / 300]),
         line_laterals_m=(LANE_M / 2, -LANE_M / 2),
         markings=freeway_markings(),
@@ -52,7 +52,7 @@ def seen_outline(drive: Drive, s_m: float, lateral_m: float, body: str) -> np.nd
     world = foot + points[:, :1] * [np.cos(angle), np.sin(angle)] + points[:, 1:2] * [-np.sin(angle), np.cos(angle)]
     level = drive.pose(0.0).to_car(drive.road, world)
     camera = drive.camera_at(0.0)
-    in_camera = (np.column_stack([level, points[:, 2] - camera.mount.height_m])) @ camera.mount.rotation().T
+    in_camera = (np.column_stack([level, points[:, 2] - camera.pose.height_m])) @ camera.pose.rotation().T
     pixels = cv2.projectPoints(in_camera, np.zeros(3), np.zeros(3), camera.matrix, camera.distortion)[0].reshape(-1, 2)
     mask = np.zeros((camera.height, camera.width), np.uint8)
     cv2.fillConvexPoly(mask, cv2.convexHull(pixels.astype(np.float32)).reshape(-1, 2).round().astype(np.int32), 1)

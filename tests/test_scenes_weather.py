@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.camera.camera_pose import Mount
+from lanes.camera.camera_pose import CameraPose
 from simulator.landscape.sky import BackdropStyle
 from simulator.light.exposure import AutoExposure, RoadLight
 from simulator.light.glare import Glare
@@ -30,8 +30,8 @@ from simulator.weather.night import Night, lamps_in_sight
 from simulator.weather.rain import Rain, drops_on_glass
 from simulator.weather.wet import Wet
 
-MOUNT = Mount(1.3, np.radians(2.0), np.radians(-1.0), np.radians(0.6))
-SMALL = replace(DASHCAM.scaled((640, 360)), mount=MOUNT)
+MOUNT = CameraPose(1.3, np.radians(2.0), np.radians(-1.0), np.radians(0.6))
+SMALL = replace(DASHCAM.scaled((640, 360)), pose=MOUNT)
 PLAIN_LENS = Lens(noise=0.0, sharpening=0.0, blur_px=0.0, vignette=0.0, adaptation=0.0)
 BRIDGE = Overpass(110.0, 126.0, -20.0, 12.0, skew=0.1)
 

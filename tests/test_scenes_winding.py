@@ -66,20 +66,20 @@ def test_places_in_hairpins_are_found_again(pose):
 def test_rays_end_on_the_first_ground_that_they_meet(profile, s_m):
     road = RoadGeometry([0.0, 100.0], [1 / 90, 1 / 90], profile)
     ahead = RoadAhead(road, Pose(s_m, 0.3, 0.01))
-    rays = picture_rays(SMALL) @ SMALL.mount.rotation().astype(np.float32)
+    rays = picture_rays(SMALL) @ SMALL.pose.rotation().astype(np.float32)
     ground = cast_on_ground(picture_rays(SMALL), SMALL, ahead)
     seen = ground.visible & (ground.distance < 80)
     points = np.column_stack([ground.x[seen], ground.y[seen]])
     ray = rays[ground.top :][seen].astype(float)
-    height = SMALL.mount.height_m + ray[:, 2] / ray[:, 0] * points[:, 0]
+    height = SMALL.pose.height_m + ray[:, 2] / ray[:, 0] * points[:, 0]
     off = np.abs(ahead.on_surface(points)[:, 2] - height)
     # Only where a ray grazes a crest is it a matter of pixels which side it meets.
     assert np.quantile(off, 0.995) < 2e-3
     for got, looked_up in zip((ground.s, ground.d), ahead.locate(ground.x, ground.y), strict=True):
         np.testing.assert_allclose(got[seen], looked_up[seen], atol=1e-3)
-    before = np.linspace(0.05, 0.97, 40)[:, None, None] * np.column_stack([points, height - SMALL.mount.height_m])[::97]
+    before = np.linspace(0.05, 0.97, 40)[:, None, None] * np.column_stack([points, height - SMALL.pose.height_m])[::97]
     surface = ahead.on_surface(before[..., :2].reshape(-1, 2))[:, 2]
-    assert (before[..., 2].ravel() + SMALL.mount.height_m - surface).min() > -0.01
+    assert (before[..., 2].ravel() + SMALL.pose.height_m - surface).min() > -0.01
 
 
 def test_level_slope_looks_like_level_ground():
@@ -190,7 +190,7 @@ def test_truth_lies_on_the_paint_in_hairpins_and_on_crests(road, start_m):
 def test_a_crest_hides_what_stands_behind_it():
     road = RoadGeometry([0.0, 200.0], [0.0, 0.0], HeightProfile([0.0, 40.0, 60.0], [0.08, 0.08, -0.10]))
     ahead = RoadAhead(road, Pose(20.0))
-    crest_m = ahead.crest_m(SMALL.mount.height_m)
+    crest_m = ahead.crest_m(SMALL.pose.height_m)
     assert 25 < crest_m < 45
     assert RoadAhead(replace(road, profile=HeightProfile([0.0], [0.05])), Pose(20.0)).crest_m(1.3) == np.inf
     bare = render_frame(painted_drive(road, 20.0)).image

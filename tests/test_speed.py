@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from drives import CAMERA, PaintedDrive, lane_lines, s_bend
 
-from lanes.io.frames import Picture, YuvPicture
+from lanes.io.frames import Frame, YuvFrame
 from lanes.io.threads import one_thread
-from lanes.tracking.birdseye import RoadView
+from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
 from lanes.tracking.overlay import draw_tracked
 from lanes.tracking.tracked_lane import TRACKING, TrackedLane
@@ -33,7 +33,7 @@ def on_one_thread() -> Iterator[None]:
         yield
 
 
-def undistorts(begin: Callable[[], Callable[[Picture], object]], pictures: Sequence[Picture]) -> float:
+def undistorts(begin: Callable[[], Callable[[Frame], object]], pictures: Sequence[Frame]) -> float:
     """How many yardsticks a picture costs, on average over those after a few to warm up.
 
     `begin` gives a function of pictures, which it may draw on, for one round; of each picture's rounds the fastest
@@ -57,23 +57,23 @@ def test_a_followed_frame_costs_little_more_than_half_of_undistorting_it():
     """In a bend of 450 m: 0.62 on a quiet machine, 0.70 beside another test, 0.83 at a load of 17."""
     states = []
 
-    def begin() -> Callable[[Picture], object]:
+    def begin() -> Callable[[Frame], object]:
         tracker = LaneTracker(CAMERA, fps=FPS)
 
-        def work(picture: Picture) -> None:
+        def work(picture: Frame) -> None:
             found = tracker.update(picture)
             draw_tracked(picture, found, CAMERA, onto=picture)
             states.append(found.state)
 
         return work
 
-    assert undistorts(begin, [YuvPicture.from_rgb(image) for image in PICTURES]) < 0.9
+    assert undistorts(begin, [YuvFrame.from_rgb(image) for image in PICTURES]) < 0.9
     assert states.count(TRACKING) > 0.9 * len(states)
 
 
 def test_a_picture_of_which_nothing_is_known_costs_three_times_as_much():
     """1.4 on a quiet machine, 1.5 beside another test, 1.7 at a load of 17."""
-    view = RoadView(CAMERA)
+    view = BirdsEyeView(CAMERA)
 
     def work(image: np.ndarray) -> None:
         draw_tracked(image, TrackedLane.from_still(find_lane(image, view)), CAMERA, onto=image)

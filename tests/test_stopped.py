@@ -38,7 +38,7 @@ from lanes.camera.camera import Camera
 from lanes.camera.camera_file import save_camera
 from lanes.io.images import write_image
 from lanes.drives.detections import write_detections
-from lanes.io.files import write_whole
+from lanes.io.files import write_atomically
 from lanes.io.telemetry import write_telemetry
 from lanes.io.video.writer import VideoWriter
 folder = Path(sys.argv[1])
@@ -49,7 +49,7 @@ for turn in range(int(sys.argv[2])):
     write_detections(folder / "a.jsonl", [{"raw_file": "a", "turn": turn}] * 200)
     write_telemetry(folder / "a.csv", [{"frame": n, "turn": turn} for n in range(200)])
     save_camera(Camera.from_fov((160, 90), 60), folder / "a.yaml")
-    write_whole(folder / "a.html", b"<p>" + bytes(100_000) + b"</p>")
+    write_atomically(folder / "a.html", b"<p>" + bytes(100_000) + b"</p>")
     with VideoWriter(folder / "a.mp4", fps=25) as writer:
         for n in range(4):
             writer.write(image)
@@ -209,8 +209,8 @@ def test_a_disk_that_is_full(tmp_path, drive):
     """A real one of 64 kB."""
     disk = tmp_path / "disk"
     disk.mkdir()
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", disk], capture_output=True)
-    if mounted.returncode:
+    posed = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", disk], capture_output=True)
+    if posed.returncode:
         pytest.skip("no disk can be made here")
     try:
         write_telemetry(disk / "other.csv", [{"frame": 0}])

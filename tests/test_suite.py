@@ -12,7 +12,7 @@ import pytest
 
 from benchmark.dataset import PROJECT_ROOT
 from lanes.camera.camera import undistort
-from lanes.io.disk_cache import cache_folder, kept_array
+from lanes.io.disk_cache import cache_folder, cached_array
 from simulator.objects.bonnet import bonnet_outline
 from simulator.rendering.render import render_frame
 from simulator.scenes import suite
@@ -96,17 +96,17 @@ def test_what_is_kept_is_made_once_and_a_broken_cache_is_done_without(monkeypatc
     source = tmp_path / "source.py"
     source.write_text("a = 1")
     for _ in range(2):
-        np.testing.assert_array_equal(kept_array("things/a", [source], make), expected)
+        np.testing.assert_array_equal(cached_array("things/a", [source], make), expected)
         assert len(made) == 1
     (file,) = (tmp_path / "cache" / "things").iterdir()
     file.write_bytes(file.read_bytes()[:90])
-    np.testing.assert_array_equal(kept_array("things/a", [source], make), expected)
+    np.testing.assert_array_equal(cached_array("things/a", [source], make), expected)
     source.write_text("a = 2")
-    kept_array("things/a", [source], make)
+    cached_array("things/a", [source], make)
     assert len(made) == 3
     (tmp_path / "no folder").write_text("")
     monkeypatch.setenv("LANES_CACHE", str(tmp_path / "no folder"))
-    np.testing.assert_array_equal(kept_array("things/a", [source], make), expected)
+    np.testing.assert_array_equal(cached_array("things/a", [source], make), expected)
 
 
 def keep_slowly(number: int) -> tuple[int, float]:
@@ -118,7 +118,7 @@ def keep_slowly(number: int) -> tuple[int, float]:
         time.sleep(0.3)
         return np.full(3, 7.0)
 
-    array = kept_array("things/slow", [], make)
+    array = cached_array("things/slow", [], make)
     return len(made), float(array.sum())
 
 
@@ -127,7 +127,7 @@ def test_of_several_that_want_the_same_one_makes_it_and_only_the_latest_stay(mon
     made, sums = zip(*ordered(keep_slowly, range(6), workers=3), strict=True)
     assert sum(made) == 1 and set(sums) == {21.0}
     for number in range(4):
-        kept_array(f"few/{number}", [], lambda n=number: np.arange(n + 1.0), most=2)
+        cached_array(f"few/{number}", [], lambda n=number: np.arange(n + 1.0), most=2)
         # The time of a file is known to a hundredth of a second.
         time.sleep(0.02)
     assert sorted(path.name[0] for path in (tmp_path / "few").iterdir()) == ["2", "3"]

@@ -43,7 +43,7 @@ def test_the_view_follows_the_slider(picture):
     pytest.importorskip("ipywidgets", reason="the sliders are optional")
     box = tune_view(picture, CAMERA)
     far, _, pitch, _ = box.children
-    assert (far.value, pitch.value) == (70, pytest.approx(np.degrees(CAMERA.mount.pitch_rad)))
+    assert (far.value, pitch.value) == (70, pytest.approx(np.degrees(CAMERA.pose.pitch_rad)))
 
     def tilt() -> float:
         """How far the yellow line moves sideways from the nearest row to the farthest."""

@@ -24,7 +24,7 @@ from av.video.reformatter import Colorspace
 from benchmark.speed.transcode import transcode
 from lanes.camera.camera import Camera, undistort
 from lanes.drawing import pictures as draw
-from lanes.io.frames import PictureError, YuvPicture
+from lanes.io.frames import PictureError, YuvFrame
 from lanes.io.telemetry import read_telemetry
 from lanes.io.video import pipeline as annotate
 from lanes.io.video.container import VideoError
@@ -457,7 +457,7 @@ class TestAsStored:
     def test_its_own_to_draw_on_and_in_order(self, video, tmp_path):
         """Brightness is inverted in place; were these the decoder's planes, later frames would be built on them."""
 
-        def invert(frame: YuvPicture) -> tuple[YuvPicture, dict[str, int]]:
+        def invert(frame: YuvFrame) -> tuple[YuvFrame, dict[str, int]]:
             number = number_of(frame.to_rgb())
             frame.planes[0][:] = 251 - frame.planes[0]
             return frame, {"number": number}

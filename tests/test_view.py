@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from roads import CAMERA, paint_view
 
-from lanes.camera.camera_pose import CameraError, Mount
+from lanes.camera.camera_pose import CameraError, CameraPose
 from lanes.classic.warp import FourPointWarp, metres_per_pixel, scale_to_road, view_to_road
 from lanes.io.frames import PictureError
 
@@ -105,23 +105,23 @@ def test_scales_of_a_true_map_are_its_scales():
 def test_scales_follow_the_camera_height():
     """From twice the height every pixel spans twice the road; the originals' 3.7/700 could not know."""
     low = metres_per_pixel(WARP, CAMERA)
-    m = CAMERA.mount
-    high = metres_per_pixel(WARP, CAMERA.with_mount(Mount(2 * m.height_m, m.pitch_rad, m.yaw_rad)))
+    m = CAMERA.pose
+    high = metres_per_pixel(WARP, CAMERA.with_pose(CameraPose(2 * m.height_m, m.pitch_rad, m.yaw_rad)))
     np.testing.assert_allclose(high, 2 * np.array(low), rtol=1e-9)
 
 
 def test_a_view_up_to_the_horizon_has_no_scale():
     with pytest.raises(CameraError) as refusal:
-        metres_per_pixel(WARP, CAMERA.with_mount(Mount(1.2, pitch_rad=-0.1)))
+        metres_per_pixel(WARP, CAMERA.with_pose(CameraPose(1.2, pitch_rad=-0.1)))
     assert str(refusal.value) == (
-        "the warp's quadrangle reaches the horizon of this camera's mount, so its rows have no length on the "
-        "road; choose lower points or correct the mount's pitch."
+        "the warp's quadrangle reaches the horizon of this camera pose, so its rows have no length on the "
+        "road; choose lower points or correct the camera pose's pitch."
     )
 
 
 def test_scales_are_taken_on_the_middle_column():
     """No true map, seen by a camera that leans and looks aside: the scales differ from column to column."""
-    camera = CAMERA.with_mount(Mount(1.3, 0.02, yaw_rad=0.1, roll_rad=0.06))
+    camera = CAMERA.with_pose(CameraPose(1.3, 0.02, yaw_rad=0.1, roll_rad=0.06))
     road = view_to_road(np.array([[639.0, 719.0], [640.0, 719.0], [639.5, 719.0], [639.5, 0.0]]), WARP, camera)
     across, along = metres_per_pixel(WARP, camera)
     assert across == pytest.approx(np.hypot(*(road[1] - road[0])), rel=1e-6)

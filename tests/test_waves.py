@@ -7,20 +7,31 @@ import pytest
 from drives import CAMERA
 from shapes import a_lane, stripes_at
 
-from lanes.tracking.birdseye import RoadView
+from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.fitting import OUTWARDS, WAVES_PER_M, fit_lanes
 from lanes.tracking.markings import Stripes
-from lanes.tracking.model import BESIDE, BEYOND, KINKS, PITCH, RISE_KNOTS_M, SIDES, VERTICAL, WIDTH, line_y, road_rise
-from lanes.tracking.state import AIM, PATH, SPEED, Belief
-from lanes.tracking.update import correct_lane, first_belief
+from lanes.tracking.model import (
+    ADJACENT,
+    FAR_LINE,
+    PITCH,
+    RATE_STEPS,
+    SIDES,
+    VERTICAL_CURVATURE,
+    VERTICAL_KNOTS_M,
+    WIDTH,
+    line_y,
+    road_height,
+)
+from lanes.tracking.state import CAMERA_YAW, PATH, SPEED, KalmanState
+from lanes.tracking.update import initial_state, update_lane
 
-VIEW = RoadView(CAMERA)
+VIEW = BirdsEyeView(CAMERA)
 HEIGHT_M, FOCAL_PX = VIEW.height_m, VIEW.focal_px
 # Waves 52 m long and 1 m high, from trough to crest.
 LENGTH_M, HALF_HEIGHT_M = 52.0, 0.5
 AT_M = np.array([6.0, 9.0, 13.0, 16.0, 20.0])
 STD = a_lane(centre=0.1, width=0.05, heading=0.01, curvature=5e-4, rate=1e-5, pitch=0.003, vertical=2e-4, beside=0.05)
-STD[KINKS] = 1e-5
+STD[RATE_STEPS] = 1e-5
 PHASES = np.radians([0, 45, 90, 135, 180, 225, 270, 315])
 LINES = (1.85, -1.65)
 
@@ -57,9 +68,9 @@ def error_m(lane: np.ndarray, lines_m: tuple[float, float]) -> float:
 @pytest.mark.parametrize("phase", PHASES, ids=np.degrees(PHASES).round().astype(int).astype(str))
 def test_one_picture_of_waves_shows_the_lane(phase):
     stripes, start = seen(LINES, lambda x: wave_m(x, phase)), a_lane(centre=0.1)[None]
-    fit = fit_lanes(start, stripes, HEIGHT_M, FOCAL_PX, schedule=OUTWARDS, waves_per_m=WAVES_PER_M)
+    fit = fit_lanes(start, stripes, HEIGHT_M, FOCAL_PX, schedule=OUTWARDS, extra_vertical_per_m=WAVES_PER_M)
     assert error_m(fit.lane[0], LINES) < 0.05
-    assert np.abs(road_rise(fit.lane[0], AT_M) - wave_m(AT_M, phase)).max() < 0.15
+    assert np.abs(road_height(fit.lane[0], AT_M) - wave_m(AT_M, phase)).max() < 0.15
 
 
 def test_whoever_thinks_the_road_is_flat_is_wrong_by_much():
@@ -75,11 +86,11 @@ def test_whoever_thinks_the_road_is_flat_is_wrong_by_much():
 def test_waves_that_nothing_foretold_are_followed(phase):
     """The road was flat in the last picture. Kept near the prediction, the lane explains hardly any of the paint."""
     stripes = seen(LINES, lambda x: wave_m(x, phase))
-    belief = first_belief(a_lane(centre=0.1), np.diag(STD**2), 15.0)
-    near, far = (correct_lane(stripes, belief, VIEW, outwards=outwards) for outwards in (False, True))
+    estimate = initial_state(a_lane(centre=0.1), np.diag(STD**2), 15.0)
+    near, far = (update_lane(stripes, estimate, VIEW, outwards=outwards) for outwards in (False, True))
     assert far.weight.sum() > 3 * near.weight.sum()
     assert error_m(far.lane[0], LINES) < 0.05
-    off, near_off = (np.abs(road_rise(f.lane[0], AT_M) - wave_m(AT_M, phase)).max() for f in (far, near))
+    off, near_off = (np.abs(road_height(f.lane[0], AT_M) - wave_m(AT_M, phase)).max() for f in (far, near))
     assert off < 0.1 < near_off
 
 
@@ -87,13 +98,13 @@ def test_waves_that_nothing_foretold_are_followed(phase):
 def test_the_far_line_of_the_next_lane_tells_how_the_camera_nods(side):
     """One line of the lane is out of sight; the next lane's far one runs parallel, as a nodding camera cannot show."""
     pitch, start = 0.009, a_lane()[None]
-    own, far = side * 1.8, side * 1.8 * BEYOND + side * 0.1
+    own, far = side * 1.8, side * 1.8 * FAR_LINE + side * 0.1
     fits = [fit_lanes(start, seen(y, pitch=pitch), HEIGHT_M, FOCAL_PX) for y in ((own, far), (own,))]
     both, alone = (np.sqrt(np.linalg.inv(f.information[0])[PITCH, PITCH]) for f in fits)
     assert both < 0.002 and alone > 5 * both
     assert fits[0].lane[0][PITCH] == pytest.approx(pitch, abs=0.0005)
     assert abs(fits[1].lane[0][PITCH] - pitch) > 0.002
-    assert set(np.unique(fits[0].side[0])) == {side, BEYOND * side}
+    assert set(np.unique(fits[0].side[0])) == {side, FAR_LINE * side}
     x = np.array([8.0, 15.0, 25.0])
     np.testing.assert_allclose(line_y(x, fits[0].lane[0], side), own, atol=0.02)
 
@@ -103,7 +114,7 @@ def test_a_wider_lane_beside_is_told_from_a_nod():
     fit = fit_lanes(a_lane()[None], seen((5.25, 1.75, -1.75, -5.55), pitch=0.006), HEIGHT_M, FOCAL_PX)
     lane = fit.lane[0]
     assert lane[PITCH] == pytest.approx(0.006, abs=5e-4)
-    assert lane[BESIDE] == pytest.approx([0.0, 0.3], abs=0.05)
+    assert lane[ADJACENT] == pytest.approx([0.0, 0.3], abs=0.05)
     assert lane[WIDTH] == pytest.approx(3.5, abs=0.03)
 
 
@@ -111,9 +122,9 @@ WAVED = a_lane(width=3.6, vertical=(2e-3, -5e-3, 4e-3, -1e-3))
 
 
 def standing_on(lane: np.ndarray, speed: float):
-    belief = first_belief(lane, np.diag(STD**2), speed)
-    belief.mean[[PATH, AIM]] = 0.0
-    return belief
+    estimate = initial_state(lane, np.diag(STD**2), speed)
+    estimate.mean[[PATH, CAMERA_YAW]] = 0.0
+    return estimate
 
 
 @pytest.mark.parametrize("steps", [1, 8], ids=["at once", "in eight steps"])
@@ -122,14 +133,14 @@ def test_waves_come_nearer_as_the_car_drives_on(steps):
     distance, tiny, k = 2.0, np.array([-1e-4, 1e-4]), 2 * np.pi / LENGTH_M
     x, found_off, stale_off = np.array([10.0, 15.0, 20.0]), [], []
     for phase in PHASES:
-        before = a_lane(vertical=tuple(-HALF_HEIGHT_M * k**2 * np.sin(k * RISE_KNOTS_M + phase)))
-        belief = standing_on(before, 10.0)
+        before = a_lane(vertical=tuple(-HALF_HEIGHT_M * k**2 * np.sin(k * VERTICAL_KNOTS_M + phase)))
+        estimate = standing_on(before, 10.0)
         for _ in range(steps):
-            belief = belief.predict(distance / steps / 10.0, steady_speed=True)
-        grade = np.diff(road_rise(before, distance + tiny)) / np.ptp(tiny)
-        expected = road_rise(before, x + distance) - road_rise(before, np.array([distance])) - grade * x
-        found_off.append(np.abs(road_rise(belief.lane, x) - expected))
-        stale_off.append(np.abs(road_rise(before, x) - expected))
+            estimate = estimate.predict(distance / steps / 10.0, steady_speed=True)
+        grade = np.diff(road_height(before, distance + tiny)) / np.ptp(tiny)
+        expected = road_height(before, x + distance) - road_height(before, np.array([distance])) - grade * x
+        found_off.append(np.abs(road_height(estimate.lane, x) - expected))
+        stale_off.append(np.abs(road_height(before, x) - expected))
     assert np.mean(stale_off, axis=0)[2] > 0.15
     # between knots that move with the car the road's corners get rounder, but by less than it moves
     assert (np.mean(found_off, axis=0) < 0.6 * np.mean(stale_off, axis=0)).all()
@@ -137,9 +148,9 @@ def test_waves_come_nearer_as_the_car_drives_on(steps):
 
 
 def test_a_step_of_a_knot_moves_every_curvature_by_one():
-    gap = RISE_KNOTS_M[1]
-    after = standing_on(WAVED, 10.0).predict(gap / 10.0, steady_speed=True).lane[VERTICAL]
-    first, second, third, last = WAVED[VERTICAL]
+    gap = VERTICAL_KNOTS_M[1]
+    after = standing_on(WAVED, 10.0).predict(gap / 10.0, steady_speed=True).lane[VERTICAL_CURVATURE]
+    first, second, third, last = WAVED[VERTICAL_CURVATURE]
     assert after[:2] == pytest.approx([second, third])
     assert after[2] == pytest.approx(third + (last - third) * gap / 16.0)
     # behind the last knot nothing is known but that waves end
@@ -149,14 +160,14 @@ def test_a_step_of_a_knot_moves_every_curvature_by_one():
 def test_the_prediction_spreads_what_is_known_as_it_moves_it():
     """Its covariance is J P J', with J the finite differences of its mean, and noise that shares nothing."""
     lane = a_lane(centre=0.2, heading=0.02, curvature=2e-3, rate=1e-4, pitch=0.004, kinks=2e-4, beside=0.1)
-    lane[VERTICAL] = WAVED[VERTICAL]
-    belief = first_belief(lane, np.diag(STD**2), 14.0)
-    jacobian = np.empty(belief.covariance.shape)
-    for k, row in enumerate(np.eye(len(belief.mean)) * 1e-6):
-        above, below = (Belief(belief.mean + s, belief.covariance).predict(0.2).mean for s in (row, -row))
+    lane[VERTICAL_CURVATURE] = WAVED[VERTICAL_CURVATURE]
+    estimate = initial_state(lane, np.diag(STD**2), 14.0)
+    jacobian = np.empty(estimate.covariance.shape)
+    for k, row in enumerate(np.eye(len(estimate.mean)) * 1e-6):
+        above, below = (KalmanState(estimate.mean + s, estimate.covariance).predict(0.2).mean for s in (row, -row))
         jacobian[:, k] = (above - below) / 2e-6
-    noise = belief.predict(0.2).covariance - jacobian @ belief.covariance @ jacobian.T
-    std = np.sqrt(np.diag(belief.predict(0.2).covariance))
+    noise = estimate.predict(0.2).covariance - jacobian @ estimate.covariance @ jacobian.T
+    std = np.sqrt(np.diag(estimate.predict(0.2).covariance))
     correlated = noise / std / std[:, None]
     assert (np.diag(noise) >= -1e-12).all()
     # how the kinks' fading depends on the speed is left out: it is small beside their noise

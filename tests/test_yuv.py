@@ -8,10 +8,10 @@ import pytest
 from av.video.reformatter import ColorRange, Colorspace, VideoReformatter
 from drives import SMALL, tracked_bends
 
-from lanes.drawing.canvas import LANE, LEFT, stroke_line, tint_area, write_on
-from lanes.io.frames import PictureError, YuvColours, YuvPicture, as_rgb, stored_colour
+from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, stroke_line, tint_area, write_on
+from lanes.io.frames import PictureError, YuvColours, YuvFrame, as_rgb, stored_colour
 from lanes.io.video.reader import upright, upright_as_stored
-from lanes.tracking.birdseye import RoadView
+from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.overlay import draw_tracked
 
 COLOURS = [(255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 255), (0, 0, 0), (250, 200, 20), (20, 60, 220)]
@@ -86,7 +86,7 @@ def test_planes_are_those_of_the_decoder_and_one_s_own():
 @pytest.mark.parametrize(("width", "height"), [(111, 63), (111, 64), (112, 63)])
 def test_odd_sizes_repeat_the_last_pixels(width, height):
     image = patches(width, height)
-    picture = YuvPicture.from_rgb(image)
+    picture = YuvFrame.from_rgb(image)
     assert picture.shape == image.shape
     assert picture.stored_size == (112, 64)
     np.testing.assert_allclose(picture.to_rgb()[4:-4:8, 8::16], image[4:-4:8, 8::16], atol=3)
@@ -99,7 +99,7 @@ def test_odd_sizes_repeat_the_last_pixels(width, height):
 @pytest.mark.parametrize("quarters", [0, 1, 2, 3])
 def test_turned_as_rgb_is(quarters):
     image = patches()
-    turned = YuvPicture.from_rgb(image).turned(quarters)
+    turned = YuvFrame.from_rgb(image).turned(quarters)
     expected = np.rot90(image, quarters)
     assert turned.shape == expected.shape
     assert turned.data.flags.c_contiguous
@@ -110,7 +110,7 @@ def test_turned_as_rgb_is(quarters):
 
 def test_only_rgb_becomes_one():
     with pytest.raises(PictureError, match="float64"):
-        YuvPicture.from_rgb(patches() / 255)
+        YuvFrame.from_rgb(patches() / 255)
     image = patches()
     assert as_rgb(image) is image
 
@@ -121,30 +121,30 @@ class TestDrawing:
     @pytest.mark.parametrize(
         "draw",
         [
-            lambda p: stroke_line(p, np.array([[12.3, 8.6], [140.2, 70.7]]), LEFT, 9.0),
-            lambda p: tint_area(p, np.array([[31.0, 15], [129.5, 20], [140, 77.3], [7, 80]]), LANE, 0.3),
-            lambda p: tint_area(p, np.array([[-50.0, 15], [300, 20], [50, 777]]), LANE, 1.0),
+            lambda p: stroke_line(p, np.array([[12.3, 8.6], [140.2, 70.7]]), LEFT_COLOUR, 9.0),
+            lambda p: tint_area(p, np.array([[31.0, 15], [129.5, 20], [140, 77.3], [7, 80]]), LANE_COLOUR, 0.3),
+            lambda p: tint_area(p, np.array([[-50.0, 15], [300, 20], [50, 777]]), LANE_COLOUR, 1.0),
         ],
         ids=["line", "area", "area beyond the picture"],
     )
     def test_lands_where_it_does_in_rgb(self, draw):
         image = np.full((96, 160, 3), 100, np.uint8)
-        picture = YuvPicture.from_rgb(image)
+        picture = YuvFrame.from_rgb(image)
         draw(image)
         draw(picture)
         difference = np.abs(picture.to_rgb().astype(int) - image).max(axis=2)
         assert (image != 100).any(axis=2).sum() > 500
         assert np.median(difference[(image != 100).any(axis=2)]) <= 3
         # brightness is drawn at full resolution: no pixel of it may be off by more than rounding
-        expected = YuvPicture.from_rgb(image).planes[0].astype(int)
+        expected = YuvFrame.from_rgb(image).planes[0].astype(int)
         np.testing.assert_allclose(picture.planes[0], expected, atol=2)
         assert (difference > 40).mean() < 0.03
 
     def test_nothing_else_changes(self):
-        picture = YuvPicture.from_rgb(np.random.default_rng(4).integers(0, 256, (96, 160, 3)).astype(np.uint8))
+        picture = YuvFrame.from_rgb(np.random.default_rng(4).integers(0, 256, (96, 160, 3)).astype(np.uint8))
         before = picture.copy()
-        tint_area(picture, np.array([[31.0, 15], [129.5, 20], [140, 77.3]]), LANE, 0.3)
-        stroke_line(picture, np.array([[31.0, 15], [100, 60]]), LEFT, 4.0)
+        tint_area(picture, np.array([[31.0, 15], [129.5, 20], [140, 77.3]]), LANE_COLOUR, 0.3)
+        stroke_line(picture, np.array([[31.0, 15], [100, 60]]), LEFT_COLOUR, 4.0)
         for plane, old, step in zip(picture.planes, before.planes, (1, 2, 2), strict=True):
             np.testing.assert_array_equal(plane[: 10 // step], old[: 10 // step])
             np.testing.assert_array_equal(plane[:, : 24 // step], old[:, : 24 // step])
@@ -153,7 +153,7 @@ class TestDrawing:
     def test_words_are_white_on_a_dark_panel_without_a_hue(self):
         image = np.empty((96, 160, 3), np.uint8)
         image[:] = 60, 120, 250
-        picture = YuvPicture.from_rgb(image)
+        picture = YuvFrame.from_rgb(image)
         write_on(picture, "lost", size_px=20)
         seen = picture.to_rgb()
         panel = seen[2:20, 2:40]
@@ -166,8 +166,8 @@ class TestDrawing:
 def test_the_road_looks_the_same():
     """From above, an even surface and its paint: differences stay within what rounding and coarser colours make."""
     image, _ = tracked_bends()
-    view = RoadView(SMALL)
-    rgb, yuv = view.warp(image), view.warp(YuvPicture.from_rgb(image))
+    view = BirdsEyeView(SMALL)
+    rgb, yuv = view.warp(image), view.warp(YuvFrame.from_rgb(image))
     assert yuv.dtype == np.uint8 and yuv.shape == rgb.shape
     inside = view.seen_around(3).astype(bool)
     difference = np.abs(rgb.astype(int) - yuv)[inside]
@@ -178,10 +178,10 @@ def test_the_road_looks_the_same():
 def test_the_lane_is_drawn_on_either():
     image, result = tracked_bends()
     drawn = draw_tracked(image, result, SMALL)
-    picture = YuvPicture.from_rgb(image)
+    picture = YuvFrame.from_rgb(image)
     assert draw_tracked(picture, result, SMALL, onto=picture) is picture
     # below the panel, where hues differ on purpose
     difference = np.abs(drawn.astype(int) - picture.to_rgb())[80:]
     assert difference.mean() < 3
     with pytest.raises(PictureError, match="1280x720"):
-        draw_tracked(YuvPicture.from_rgb(np.zeros((720, 1280, 3), np.uint8)), result, SMALL)
+        draw_tracked(YuvFrame.from_rgb(np.zeros((720, 1280, 3), np.uint8)), result, SMALL)

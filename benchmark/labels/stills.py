@@ -31,7 +31,7 @@ def score_stills(
     labels : sequence of LaneColumns
         Their names are relative to `folder`.
     camera : Camera
-        With its mount.
+        With its pose.
     systems : sequence of str
         In `systems.SYSTEMS`.
     progress : callable, optional

@@ -19,7 +19,7 @@ from unittest.mock import patch
 import cv2
 import numpy as np
 
-from benchmark.systems import METRIC
+from benchmark.systems import TRACKER
 from lanes.camera.camera import Camera
 from lanes.classic import finder as recipes
 from lanes.classic import overlay
@@ -28,21 +28,21 @@ from lanes.classic.finder import RECIPES, LaneFinder, get_recipe
 from lanes.classic.warp import FourPointWarp
 from lanes.drives import overlay_styles as styles
 from lanes.drives.overlay_styles import track_lane
-from lanes.io.frames import Picture, YuvPicture
+from lanes.io.frames import Frame, YuvFrame
 from lanes.io.threads import one_thread
 from lanes.tracking import lane, tracker
-from lanes.tracking.birdseye import RoadView
+from lanes.tracking.birdseye import BirdsEyeView
 
 # A tracker needs some frames to be sure of its lane; before that it searches in each.
 WARM_UP = 10
-TRACKING, COLD = f"{METRIC}, tracking", f"{METRIC}, cold"
+TRACKING, COLD = f"{TRACKER}, tracking", f"{TRACKER}, cold"
 REST = "the rest"
 # The functions whose time makes up a stage, where they are called from.
-METRIC_STAGES = {
-    "road from above": [(RoadView, "warp")],
-    "paint": [(lane, "measure_paint")],
+TRACKER_STAGES = {
+    "road from above": [(BirdsEyeView, "warp")],
+    "paint": [(lane, "marking_response")],
     "stripes": [(lane, "find_stripes")],
-    "follow": [(tracker, "correct_lane"), (tracker, "see_lines")],
+    "follow": [(tracker, "update_lane"), (tracker, "observe_lines")],
     "search": [(tracker, "search_lane"), (tracker, "describe_lane")],
     "draw": [(styles, "draw_tracked")],
 }
@@ -83,7 +83,7 @@ class System:
     `as_stored`: the frames are as videos store them, which is how `annotate` looks at them.
     """
 
-    begin: Callable[[], Callable[[Picture], object]]
+    begin: Callable[[], Callable[[Frame], object]]
     stages: dict[str, list[tuple[object, str]]]
     as_stored: bool = False
 
@@ -139,14 +139,14 @@ def time_frames(
     frames : sequence of ndarray of shape (height, width, 3), uint8
         More than `WARM_UP`; so many are not counted. In memory: a decoder's threads would be counted too.
     camera : Camera
-        With its mount.
+        With its pose.
     rounds : int
         Each system goes so often through all frames; the systems take turns.
 
     Returns
     -------
     dict of str to FrameTime
-        The metric engine while tracking and cold (knowing nothing of the frames before), and each recipe.
+        The tracker while tracking and cold (knowing nothing of the frames before), and each recipe.
     """
     systems = _systems(camera)
     seconds: dict[str, list[np.ndarray]] = {name: [] for name in systems}
@@ -160,14 +160,14 @@ def time_frames(
 
 
 def _systems(camera: Camera) -> dict[str, System]:
-    def begin_cold() -> Callable[[Picture], object]:
+    def begin_cold() -> Callable[[Frame], object]:
         searched = tracker.LaneTracker(camera)
         draw = track_lane(searched, camera)
         return lambda frame: (searched.reset(), draw(frame))
 
     systems = {
-        TRACKING: System(lambda: track_lane(tracker.LaneTracker(camera), camera), METRIC_STAGES, as_stored=True),
-        COLD: System(begin_cold, METRIC_STAGES),
+        TRACKING: System(lambda: track_lane(tracker.LaneTracker(camera), camera), TRACKER_STAGES, as_stored=True),
+        COLD: System(begin_cold, TRACKER_STAGES),
     }
     for name in RECIPES:
         systems[name] = System(partial(_begin_recipe, name, camera), CLASSIC_STAGES)
@@ -184,7 +184,7 @@ def _undistort_s(frame: np.ndarray, camera: Camera) -> float:
     return time.process_time() - began_s
 
 
-def _stages_s(process: Callable, stages: dict, frame: Picture) -> dict[str, float]:
+def _stages_s(process: Callable, stages: dict, frame: Frame) -> dict[str, float]:
     watch = Stopwatch()
     with watch.watching(stages):
         watch.timed(REST, process)(frame)
@@ -196,7 +196,7 @@ def _time_round(system: System, frames: Sequence[np.ndarray], camera: Camera) ->
     process, seconds = system.begin(), []
     for frame in frames:
         unit_s = _undistort_s(frame.copy(), camera)
-        own = YuvPicture.from_rgb(frame) if system.as_stored else frame.copy()
+        own = YuvFrame.from_rgb(frame) if system.as_stored else frame.copy()
         spent_s = _stages_s(process, system.stages, own)
         seconds.append([unit_s, *(spent_s[part] for part in system.parts)])
     return np.array(seconds)

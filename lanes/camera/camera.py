@@ -1,11 +1,11 @@
-"""The camera: lens, mount, and the way between pixels and the road.
+"""The camera: lens, pose, and the way between pixels and the road.
 
 Conventions
 -----------
 - pixels are (column u, row v), integer coordinates at pixel centres, as in OpenCV;
 - camera axes are OpenCV's: x right, y down, z forward;
 - the road frame is ISO 8855: x forward, y left, z up, metres, origin on the road below the camera;
-- mount angles: pitch > 0 looks down, yaw > 0 looks left, roll > 0 has the right side down.
+- pose angles: pitch > 0 looks down, yaw > 0 looks left, roll > 0 has the right side down.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from lanes.camera.camera_pose import CameraError, Mount
-from lanes.io.frames import Picture, PictureError, YuvPicture, require_rgb
+from lanes.camera.camera_pose import CameraError, CameraPose
+from lanes.io.frames import Frame, PictureError, YuvFrame, require_rgb
 from lanes.io.words import html_table
 
 # Pictures whose aspect ratios differ by less than this come from the same sensor area: 1281x721 beside 1280x720
@@ -38,17 +38,17 @@ class CalibrationReport:
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """Lens and mount of one camera at one picture size.
+    """Lens and pose of one camera at one picture size.
 
     Parameters
     ----------
     width, height : int
-        Picture size in pixels that the numbers below belong to.
+        Frame size in pixels that the numbers below belong to.
     matrix : ndarray of shape (3, 3)
         Camera matrix (focal lengths and principal point, pixels).
     distortion : ndarray of shape (5,)
         Brown-Conrady coefficients k1, k2, p1, p2, k3 in OpenCV's order ("plumb_bob" in ROS).
-    mount : Mount, optional
+    pose : CameraPose, optional
         Needed by everything that speaks of the road.
     report : CalibrationReport, optional
         How the numbers were found.
@@ -58,11 +58,11 @@ class Camera:
     height: int
     matrix: np.ndarray
     distortion: np.ndarray
-    mount: Mount | None = None
+    pose: CameraPose | None = None
     report: CalibrationReport | None = None
 
     @classmethod
-    def from_fov(cls, size: tuple[int, int], hfov_deg: float, mount: Mount | None = None) -> Camera:
+    def from_fov(cls, size: tuple[int, int], hfov_deg: float, pose: CameraPose | None = None) -> Camera:
         """A camera without distortion from its horizontal field of view in degrees; `size` is (width, height)."""
         if not 10 <= hfov_deg <= 150:
             raise CameraError(
@@ -71,7 +71,7 @@ class Camera:
         width, height = size
         focal_px = width / 2 / np.tan(np.radians(hfov_deg) / 2)
         matrix = np.array([[focal_px, 0, (width - 1) / 2], [0, focal_px, (height - 1) / 2], [0, 0, 1]])
-        return cls(width, height, matrix, np.zeros(5), mount)
+        return cls(width, height, matrix, np.zeros(5), pose)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -83,28 +83,28 @@ class Camera:
         """Horizontal field of view, degrees, leaving the distortion aside."""
         return float(np.degrees(2 * np.arctan(self.width / 2 / self.matrix[0, 0])))
 
-    def in_words(self) -> dict[str, str]:
-        """Picture size, lens, mount and calibration, by name."""
+    def summary(self) -> dict[str, str]:
+        """Frame size, lens, pose and calibration, by name."""
         words = {
             "picture": f"{self.width}x{self.height} px",
             "lens": f"focal length {self.matrix[0, 0]:.0f} px, field of view {self.hfov_deg:.1f} deg"
             + ("" if np.any(self.distortion) else ", no distortion"),
-            "mount": self.mount.describe() if self.mount else "unknown",
+            "pose": self.pose.describe() if self.pose else "unknown",
         }
         if self.report:
             words["calibration"] = f"{len(self.report.board_rms_px)} boards, error {self.report.rms_px:.2f} px"
         return words
 
     def __repr__(self) -> str:
-        words = self.in_words()
-        return f"Camera({words['picture']}, {words['lens']}, mount {words['mount']})"
+        words = self.summary()
+        return f"Camera({words['picture']}, {words['lens']}, pose {words['pose']})"
 
     def _repr_html_(self) -> str:
-        return html_table("Camera", self.in_words())
+        return html_table("Camera", self.summary())
 
-    def with_mount(self, mount: Mount) -> Camera:
-        """The same lens on another mount."""
-        return replace(self, mount=mount)
+    def with_pose(self, pose: CameraPose) -> Camera:
+        """The same lens on another pose."""
+        return replace(self, pose=pose)
 
     def with_report(self, report: CalibrationReport) -> Camera:
         """The same camera with another account of its calibration."""
@@ -129,9 +129,9 @@ class Camera:
         shift = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
         return replace(self, width=width, height=height, matrix=np.linalg.inv(shift) @ scale @ shift @ self.matrix)
 
-    def require_size(self, image: Picture, name: object = "picture") -> None:
+    def require_size(self, image: Frame, name: object = "picture") -> None:
         """Refuse a picture of another size than the calibration's, with a sentence that names both."""
-        if not isinstance(image, YuvPicture):
+        if not isinstance(image, YuvFrame):
             require_rgb(image, name)
         got = (image.shape[1], image.shape[0])
         if got != self.size:
@@ -167,18 +167,18 @@ class Camera:
 
     def road_to_pixels(self, points_m: np.ndarray) -> np.ndarray:
         """Points (N, 2) on the road or (N, 3) above it, metres, to raw pixels (N, 2); NaN where the lens is blind."""
-        mount = self.require_mount()
+        pose = self.require_pose()
         points = np.asarray(points_m, float)
         if points.shape[-1] == 2:
             points = np.column_stack([points, np.zeros(len(points))])
-        return self._project_camera_points((points - [0, 0, mount.height_m]) @ mount.rotation().T)
+        return self._project_camera_points((points - [0, 0, pose.height_m]) @ pose.rotation().T)
 
     def pixels_to_road(self, pixels: np.ndarray) -> np.ndarray:
         """Raw pixels (N, 2) to points (N, 2) on the flat road, metres; NaN at and above the horizon."""
-        mount = self.require_mount()
-        directions = self.rays(pixels) @ mount.rotation()
+        pose = self.require_pose()
+        directions = self.rays(pixels) @ pose.rotation()
         with np.errstate(divide="ignore", invalid="ignore"):
-            distance = np.where(directions[:, 2] < -1e-9, -mount.height_m / directions[:, 2], np.nan)
+            distance = np.where(directions[:, 2] < -1e-9, -pose.height_m / directions[:, 2], np.nan)
         return directions[:, :2] * distance[:, None]
 
     @property
@@ -215,14 +215,14 @@ class Camera:
         v = y * radial + p1 * (r2 + 2 * y * y) + p2 * twice
         return np.column_stack([u * self.matrix[0, 0] + self.matrix[0, 2], v * self.matrix[1, 1] + self.matrix[1, 2]])
 
-    def require_mount(self) -> Mount:
-        """The mount; CameraError where there is none."""
-        if self.mount is None:
+    def require_pose(self) -> CameraPose:
+        """The camera pose; CameraError where there is none."""
+        if self.pose is None:
             raise CameraError(
-                "this camera has no mount (height and angles), so pixels cannot be placed on the road; "
+                "this camera has no pose (height and angles), so pixels cannot be placed on the road; "
                 "give one or estimate it."
             )
-        return self.mount
+        return self.pose
 
 
 @lru_cache(maxsize=32)

@@ -1,4 +1,4 @@
-"""Camera files: YAML in the layout of ROS camera_info plus `mount:` and `calibration:` blocks."""
+"""Camera files: YAML in the layout of ROS camera_info plus `pose:` and `calibration:` blocks."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 import yaml
 
 from lanes.camera.camera import CalibrationReport, Camera
-from lanes.camera.camera_pose import CameraError, Mount
-from lanes.io.files import read_text, write_whole
+from lanes.camera.camera_pose import CameraError, CameraPose
+from lanes.io.files import read_text, write_atomically
 from lanes.io.images import MOST_PIXELS
 
 # One with a thousand boards has 50 kB.
@@ -32,9 +32,9 @@ class _PlainLoader(yaml.SafeLoader):
 
 
 def save_camera(camera: Camera, path: str | Path) -> Path:
-    """Write camera.yaml in the layout of ROS camera_info plus `mount:` and `calibration:` blocks; see `load_camera`."""
+    """Write camera.yaml in the layout of ROS camera_info plus `pose:` and `calibration:` blocks; see `load_camera`."""
     path = Path(path)
-    write_whole(path, yaml.safe_dump(camera_to_dict(camera), sort_keys=False, allow_unicode=True).encode())
+    write_atomically(path, yaml.safe_dump(camera_to_dict(camera), sort_keys=False, allow_unicode=True).encode())
     return path
 
 
@@ -48,8 +48,8 @@ def camera_to_dict(camera: Camera) -> dict:
         "distortion_model": "plumb_bob",
         "distortion_coefficients": {"rows": 1, "cols": 5, "data": [float(x) for x in np.ravel(camera.distortion)]},
     }
-    if camera.mount:
-        content["mount"] = {name: float(getattr(camera.mount, name)) for name in Mount.__dataclass_fields__}
+    if camera.pose:
+        content["pose"] = {name: float(getattr(camera.pose, name)) for name in CameraPose.__dataclass_fields__}
     if camera.report:
         r = camera.report
         content["calibration"] = {
@@ -92,9 +92,11 @@ def camera_from_dict(content: dict) -> Camera:
     distortion = np.array(content["distortion_coefficients"]["data"], float).reshape(5)
     size = int(content["image_width"]), int(content["image_height"])
     _require_lens(matrix, distortion, size)
-    mount = _mount(content["mount"]) if "mount" in content else None
+    # Files written by the first version call this block `mount`.
+    name = "pose" if "pose" in content else "mount"
+    pose = _pose(content[name]) if name in content else None
     report = _report(content["calibration"]) if "calibration" in content else None
-    return Camera(*size, matrix, distortion, mount, report)
+    return Camera(*size, matrix, distortion, pose, report)
 
 
 def _require_lens(matrix: np.ndarray, distortion: np.ndarray, size: tuple[int, int]) -> None:
@@ -112,11 +114,11 @@ def _require_lens(matrix: np.ndarray, distortion: np.ndarray, size: tuple[int, i
         raise ValueError("its matrix is no camera's")
 
 
-def _mount(content: dict) -> Mount:
-    mount = Mount(**{name: float(value) for name, value in content.items()})
-    if mount.height_m > HIGHEST_M or max(map(abs, (mount.pitch_rad, mount.yaw_rad, mount.roll_rad))) > np.pi / 2:
-        raise ValueError(f"a camera {mount.describe()} sees no road")
-    return mount
+def _pose(content: dict) -> CameraPose:
+    pose = CameraPose(**{name: float(value) for name, value in content.items()})
+    if pose.height_m > HIGHEST_M or max(map(abs, (pose.pitch_rad, pose.yaw_rad, pose.roll_rad))) > np.pi / 2:
+        raise ValueError(f"a camera {pose.describe()} sees no road")
+    return pose
 
 
 def _report(content: dict) -> CalibrationReport:

@@ -13,7 +13,7 @@ class CameraError(ValueError):
 
 
 @dataclass(frozen=True)
-class Mount:
+class CameraPose:
     """Where the camera sits on the car: height above the road, angles with the signs of the module docstring."""
 
     height_m: float
@@ -24,7 +24,7 @@ class Mount:
     def __post_init__(self) -> None:
         angles = self.pitch_rad, self.yaw_rad, self.roll_rad
         if not (np.isfinite([self.height_m, *angles]).all() and self.height_m > 0):
-            raise CameraError(f"{self} is no camera mount: the height must be positive and every angle finite.")
+            raise CameraError(f"{self} is no camera pose: the height must be positive and every angle finite.")
 
     def describe(self) -> str:
         """Words: "1.32 m high, pitch -1.80, yaw -1.36, roll 0.40 deg"."""

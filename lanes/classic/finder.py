@@ -102,15 +102,15 @@ class LaneFinder:
     recipe : Recipe
         For pictures of the camera's size.
     camera : Camera
-        Its lens is taken out of every picture; its mount says where on the road a pixel lies.
+        Its lens is taken out of every picture; its pose says where on the road a pixel lies.
     metres_per_px : tuple of float, optional
         (metres per column, metres per row) of the view, as (3.7 / 700, 30 / 720) in the originals. By default lines
-        are placed on the road exactly, through the warp and the camera's mount; see `view.view_to_road`.
+        are placed on the road exactly, through the warp and the camera pose; see `view.view_to_road`.
 
     Raises
     ------
     CameraError
-        If the recipe is for another size than the camera, or neither a mount nor scales are given.
+        If the recipe is for another size than the camera, or neither a camera pose nor scales are given.
     """
 
     def __init__(self, recipe: Recipe, camera: Camera, *, metres_per_px: tuple[float, float] | None = None) -> None:
@@ -119,9 +119,9 @@ class LaneFinder:
                 f"recipe {recipe.name} is for {recipe.size[0]}x{recipe.size[1]} pictures, but the camera was "
                 f"calibrated for {camera.width}x{camera.height}; ask for get_recipe(name, camera.size)."
             )
-        if camera.mount is None and metres_per_px is None:
+        if camera.pose is None and metres_per_px is None:
             raise CameraError(
-                "this camera has no mount (height and angles), so nothing can be measured on the road; "
+                "this camera has no pose (height and angles), so nothing can be measured on the road; "
                 "give it one, or give metres_per_px."
             )
         self.recipe, self.camera, self.warp = recipe, camera, recipe.warp()

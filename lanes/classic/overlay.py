@@ -10,7 +10,17 @@ import numpy as np
 from lanes.camera.camera import Camera
 from lanes.classic.finder import LaneFinder
 from lanes.classic.result import LaneResult
-from lanes.drawing.canvas import LANE, LEFT, RIGHT, SHIFT, WINDOW, Colour, fixed_point, line_thickness, stroke_line
+from lanes.drawing.canvas import (
+    LANE_COLOUR,
+    LEFT_COLOUR,
+    RIGHT_COLOUR,
+    SHIFT,
+    WINDOW_COLOUR,
+    Colour,
+    fixed_point,
+    line_thickness,
+    stroke_line,
+)
 from lanes.drawing.pictures import _STEP_PX, _finite, draw_line, draw_mosaic, fill_lane, to_rgb, write_text
 from lanes.io.frames import require_rgb
 from lanes.io.words import describe_bend, describe_offset
@@ -36,7 +46,7 @@ def annotate(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarra
         RGB, raw. Stays as it is.
     result : LaneResult
     camera : Camera
-        The lens; its mount is not needed.
+        The lens; its pose is not needed.
 
     Returns
     -------
@@ -48,9 +58,9 @@ def annotate(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarra
 def draw_search(result: LaneResult) -> np.ndarray:
     """The view's binary with what the search did: windows, the pixels of each line, the fitted lines. RGB."""
     steps = result.steps
-    drawn = draw_pixels(steps.warped_binary, steps.left.pixels, colour=LEFT)
-    drawn = draw_pixels(drawn, steps.right.pixels, colour=RIGHT)
-    drawn = draw_windows(drawn, steps.windows_px, colour=WINDOW)
+    drawn = draw_pixels(steps.warped_binary, steps.left.pixels, colour=LEFT_COLOUR)
+    drawn = draw_pixels(drawn, steps.right.pixels, colour=RIGHT_COLOUR)
+    drawn = draw_windows(drawn, steps.windows_px, colour=WINDOW_COLOUR)
     left, right = (fit and fit.points(drawn.shape[0]) for fit in (result.left, result.right))
     return draw_fit(drawn, left, right)
 
@@ -85,7 +95,7 @@ def draw_lane(
     right_px: np.ndarray | None,
     camera: Camera | None = None,
     *,
-    colour: Colour = LANE,
+    colour: Colour = LANE_COLOUR,
     alpha: float = 0.3,
     line_width_px: float | None = None,
 ) -> np.ndarray:
@@ -118,12 +128,12 @@ def draw_lane(
     drawn = fill_lane(image, left, right, colour=colour, alpha=alpha)
     width_px = image.shape[1] / 160 if line_width_px is None else line_width_px
     if width_px > 0:
-        stroke_line(drawn, left, LEFT, width_px)
-        stroke_line(drawn, right, RIGHT, width_px)
+        stroke_line(drawn, left, LEFT_COLOUR, width_px)
+        stroke_line(drawn, right, RIGHT_COLOUR, width_px)
     return drawn
 
 
-def draw_windows(view: np.ndarray, windows_px: np.ndarray, *, colour: Colour = WINDOW) -> np.ndarray:
+def draw_windows(view: np.ndarray, windows_px: np.ndarray, *, colour: Colour = WINDOW_COLOUR) -> np.ndarray:
     """Draw search windows on a picture or mask.
 
     `windows_px` has shape (N, 4): left, top, right, bottom edge of each window in pixels. Returns RGB.
@@ -153,12 +163,12 @@ def draw_fit(
     Returns RGB; a curve that is None is left out.
     """
     drawn = to_rgb(view)
-    for points, colour in ((left_px, LEFT), (right_px, RIGHT)):
+    for points, colour in ((left_px, LEFT_COLOUR), (right_px, RIGHT_COLOUR)):
         if points is None:
             continue
         points = _finite(points)
         if band_px > 0:
-            drawn = fill_lane(drawn, points - [band_px, 0], points + [band_px, 0], colour=WINDOW, alpha=0.3)
+            drawn = fill_lane(drawn, points - [band_px, 0], points + [band_px, 0], colour=WINDOW_COLOUR, alpha=0.3)
         drawn = draw_line(drawn, points, colour=colour, width_px=drawn.shape[1] / 200)
     return drawn
 

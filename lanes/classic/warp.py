@@ -102,7 +102,7 @@ def view_to_road(points_px: np.ndarray, warp: FourPointWarp, camera: Camera) -> 
         Points (u, v) in the view.
     warp : FourPointWarp
     camera : Camera
-        With a mount; its lens has already been taken out of the picture that `warp` starts from.
+        With a camera pose; its lens has already been taken out of the picture that `warp` starts from.
 
     Returns
     -------
@@ -112,7 +112,7 @@ def view_to_road(points_px: np.ndarray, warp: FourPointWarp, camera: Camera) -> 
     Raises
     ------
     CameraError
-        If the camera has no mount.
+        If the camera has no pose.
     """
     pinhole = replace(camera, distortion=np.zeros(5))
     return pinhole.pixels_to_road(warp.points_to_picture(points_px))
@@ -145,7 +145,7 @@ def scale_to_road(points_px: np.ndarray, metres_per_px: tuple[float, float], vie
 
 
 def metres_per_pixel(warp: FourPointWarp, camera: Camera) -> tuple[float, float]:
-    """The two scales that describe a four-point warp best, from the camera's mount.
+    """The two scales that describe a four-point warp best, from the camera pose.
 
     A single pair of scales is exact only when the quadrangle is a rectangle on the road. Across, the scale is taken
     where the offset is measured, at the middle of the bottom row (the local Jacobian); along, it is the road's length
@@ -159,7 +159,7 @@ def metres_per_pixel(warp: FourPointWarp, camera: Camera) -> tuple[float, float]
     Raises
     ------
     CameraError
-        If the camera has no mount, or the view reaches up to the horizon.
+        If the camera has no pose, or the view reaches up to the horizon.
     """
     width, height = warp.size
     middle, bottom = (width - 1) / 2, height - 1
@@ -167,8 +167,8 @@ def metres_per_pixel(warp: FourPointWarp, camera: Camera) -> tuple[float, float]
     road = view_to_road(points, warp, camera)
     if not np.isfinite(road).all():
         raise CameraError(
-            "the warp's quadrangle reaches the horizon of this camera's mount, so its rows have no length on the "
-            "road; choose lower points or correct the mount's pitch."
+            "the warp's quadrangle reaches the horizon of this camera pose, so its rows have no length on the "
+            "road; choose lower points or correct the camera pose's pitch."
         )
     across = float(np.linalg.norm(road[0] - road[1]))
     along = float(np.linalg.norm(road[3] - road[2])) / max(height - 1, 1)

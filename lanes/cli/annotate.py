@@ -2,7 +2,7 @@
 
 Each video gets a new one, its telemetry (CSV, a row a frame) and a report (HTML, works offline) of
 the same name in the output folder; the sound is kept. Stills are looked at one by one. A number
-is a camera of this computer: it is followed until Ctrl-C. Where the camera file has no mount, each
+is a camera of this computer: it is followed until Ctrl-C. Where the camera file has no pose, each
 drive's own pictures tell how the camera sits on the car; that is then printed, with how sure it is.
 
 With --workers or --scheduler videos are annotated at the same time, by Dask; finished ones are

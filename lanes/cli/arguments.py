@@ -24,7 +24,7 @@ def add_footage(parser: argparse.ArgumentParser, *, files: str) -> None:
 def add_lens(parser: argparse._ActionsContainer) -> None:
     """The lens that took the pictures: --camera, --boards, --hfov, --dash-period or none; `find_lens` reads them."""
     lens = parser.add_mutually_exclusive_group()
-    lens.add_argument("--camera", type=Path, metavar="YAML", help="camera file, as `calibrate` or `mount` writes it")
+    lens.add_argument("--camera", type=Path, metavar="YAML", help="camera file, as `calibrate` or `pose` writes it")
     lens.add_argument(
         "--hfov",
         type=number(10, 150),
@@ -54,7 +54,7 @@ def require_piece(options: argparse.Namespace) -> None:
 
 
 def find_lens(options: argparse.Namespace) -> Camera:
-    """The camera of the options of `add_lens`; with a mount only if it comes from a file that has one."""
+    """The camera of the options of `add_lens`; with a camera pose only if it comes from a file that has one."""
     from lanes.camera.calibration.boards import calibrate_folder
     from lanes.camera.camera import Camera
     from lanes.camera.camera_file import load_camera

@@ -1,7 +1,7 @@
 """Write the columns of the own lane's two lines at given rows of the raw pictures, one JSON line a
 picture: raw_file, h_samples, lanes (left, right; -2 where there is none), run_time (ms), state,
 confidence, offset_m (> 0: car left of the middle), curvature_per_m (> 0 bends left).
-Without a camera file, or without a mount in it, the mount is estimated from the files first.
+Without a camera file, or without a camera pose in it, the camera pose is estimated from the files first.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Find the lane in every picture and write the detections."""
     from lanes.drives.detections import count_gaps, detect_files, write_detections
-    from lanes.drives.own_camera import mount_from_drive
+    from lanes.drives.own_camera import pose_from_drive
 
-    camera, estimate = mount_from_drive(find_lens(options), options.files, progress=progress_line("mount"))
+    camera, estimate = pose_from_drive(find_lens(options), options.files, progress=progress_line("pose"))
     if estimate:
         print(estimate.describe())
     found = detect_files(

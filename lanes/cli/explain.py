@@ -1,6 +1,6 @@
 """Show every step from one picture to its lane, with its numbers, in one figure: the horizon and the
 view from above, paint, stripes, votes, fit, result; and where it failed, why, and what to do.
-Without a camera file, or without a mount in it, the mount is estimated from the file first.
+Without a camera file, or without a camera pose in it, the camera pose is estimated from the file first.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Explain the picture, print the words and write the figure."""
-    from lanes.camera.camera_pose import Mount
+    from lanes.camera.camera_pose import CameraPose
     from lanes.camera.pose_from_lanes.lane_width import USUAL_HEIGHT_M
-    from lanes.camera.pose_from_lanes.pose_estimate import MountError
+    from lanes.camera.pose_from_lanes.pose_estimate import PoseError
     from lanes.drawing.figures import figure_kind, save_figure
-    from lanes.drives.own_camera import mount_from_drive
+    from lanes.drives.own_camera import pose_from_drive
     from lanes.explain.explanation import explain_frame
     from lanes.explain.panels import show_explanation
 
@@ -41,12 +41,12 @@ def run(options: argparse.Namespace) -> int:
     trouble = ""
     camera.require_size(image, file)
     try:
-        camera, estimate = mount_from_drive(camera, options.files, progress=progress_line("mount"))
+        camera, estimate = pose_from_drive(camera, options.files, progress=progress_line("pose"))
         if estimate:
             print(estimate.describe())
-    except MountError as error:
-        camera, trouble = camera.with_mount(Mount(USUAL_HEIGHT_M)), str(error)
-    explanation = explain_frame(image, camera, mount_trouble=trouble)
+    except PoseError as error:
+        camera, trouble = camera.with_pose(CameraPose(USUAL_HEIGHT_M)), str(error)
+    explanation = explain_frame(image, camera, pose_trouble=trouble)
     print(explanation.describe())
     figure, _ = show_explanation(explanation)
     print(f"wrote {save_figure(figure, options.output)}")

@@ -32,26 +32,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Estimate the mount, print it and write it with the lens."""
+    """Estimate the camera pose, print it and write it with the lens."""
     from lanes.camera.camera_file import save_camera
-    from lanes.camera.pose_from_lanes.pose_estimate import LANE_WIDTH_M, MountError, describe_accuracy, estimate_mount
+    from lanes.camera.pose_from_lanes.pose_estimate import LANE_WIDTH_M, PoseError, describe_accuracy, estimate_pose
     from lanes.io.footage import pick_pictures
 
     require_piece(options)
     camera = find_lens(options)
     try:
-        estimate = estimate_mount(
+        estimate = estimate_pose(
             pick_pictures(
                 options.files, options.pictures, require=camera.require_size, start_s=options.start, end_s=options.end
             ),
             camera,
             lane_width_m=LANE_WIDTH_M if options.lane_width is None else options.lane_width,
             height_m=options.height,
-            progress=progress_line("mount"),
+            progress=progress_line("pose"),
         )
-    except MountError as error:
-        raise MountError(f"{options.files[0]}: {error}") from error
+    except PoseError as error:
+        raise PoseError(f"{options.files[0]}: {error}") from error
     print(estimate.describe())
     print(describe_accuracy(estimate, camera))
-    print(f"wrote {save_camera(camera.with_mount(estimate.mount), options.output)}")
+    print(f"wrote {save_camera(camera.with_pose(estimate.pose), options.output)}")
     return 0

@@ -17,7 +17,7 @@ import lanes
 from lanes.camera.camera_file import camera_to_dict
 from lanes.drives.annotation import output_for
 from lanes.drives.settings import DriveResult, DriveSettings, versions
-from lanes.io.files import read_text, require_file, write_whole
+from lanes.io.files import read_text, require_file, write_atomically
 from lanes.io.telemetry import read_telemetry
 from lanes.io.video.container import VideoError
 
@@ -123,7 +123,7 @@ def write_manifest(key: DriveKey, result: DriveResult, *, cpu_s: float, pieces: 
         pieces,
         result.describe(),
     )
-    write_whole(result.video.with_suffix(".json"), json.dumps(asdict(manifest), indent=1).encode(errors="replace"))
+    write_atomically(result.video.with_suffix(".json"), json.dumps(asdict(manifest), indent=1).encode(errors="replace"))
     return manifest
 
 

@@ -85,7 +85,7 @@ def join_pieces(
     piece = {"start_s": settings.start_s, "end_s": settings.end_s}
     missing = count_missing(drive.info, int(frames[0]), int(frames[-1]), len(frames), **piece)
     source = str(drive.video)
-    return conclude_drive(source, target, drive.camera, drive.mount, settings, elapsed_s, missing=missing)
+    return conclude_drive(source, target, drive.camera, drive.pose, settings, elapsed_s, missing=missing)
 
 
 def _file_of(piece: Piece, folder: Path) -> Path:

@@ -8,7 +8,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from lanes.cluster.manifest import Manifest
-from lanes.io.files import whole_file
+from lanes.io.files import atomic_write
 from lanes.io.telemetry import write_telemetry
 
 SUMMARY, DATA_SET = "summary", "telemetry"
@@ -21,7 +21,7 @@ def add_to_data_set(telemetry: Path, folder: Path) -> Path:
     Spark and Arrow read as one table with a column `drive`.
     """
     part = folder / SUMMARY / DATA_SET / f"drive={quote(telemetry.stem, safe=' ')}" / "part.csv"
-    with whole_file(part) as partial:
+    with atomic_write(part) as partial:
         shutil.copyfile(telemetry, partial)
     return part
 

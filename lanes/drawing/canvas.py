@@ -1,4 +1,4 @@
-"""Drawing in place, on pictures in RGB and on those of videos (`YuvPicture`) alike: lines, areas, text.
+"""Drawing in place, on pictures in RGB and on those of videos (`YuvFrame`) alike: lines, areas, text.
 
 `lanes.drawing.pictures` makes of this what most need: functions that take a picture and return another. Points are
 (column u, row v) in pixels, floats, shape (N, 2), pixel centres at integers.
@@ -13,17 +13,17 @@ from functools import cache, lru_cache
 import cv2
 import numpy as np
 
-from lanes.io.frames import Picture, YuvColours, YuvPicture, stored_colour
+from lanes.io.frames import Frame, YuvColours, YuvFrame, stored_colour
 
 Colour = tuple[int, int, int]
 
 # One colour (RGB) for each kind of thing, in pictures and in plots alike.
-LANE: Colour = (0, 220, 90)
-LEFT: Colour = (255, 70, 60)
-RIGHT: Colour = (60, 130, 255)
-WINDOW: Colour = (255, 210, 0)
-TEXT: Colour = (255, 255, 255)
-PANEL: Colour = (16, 18, 22)
+LANE_COLOUR: Colour = (0, 220, 90)
+LEFT_COLOUR: Colour = (255, 70, 60)
+RIGHT_COLOUR: Colour = (60, 130, 255)
+WINDOW_COLOUR: Colour = (255, 210, 0)
+TEXT_COLOUR: Colour = (255, 255, 255)
+PANEL_COLOUR: Colour = (16, 18, 22)
 
 CORNERS = ("top left", "top right", "bottom left", "bottom right")
 
@@ -60,14 +60,14 @@ class Layer:
         return (corners, SHIFT) if self.step == 1 else (corners - (1 << SHIFT - 1), SHIFT + 1)
 
 
-def layers_of(picture: Picture) -> tuple[Layer, ...]:
+def layers_of(picture: Frame) -> tuple[Layer, ...]:
     """The arrays to draw on; brightness, or all of an RGB picture, is the first."""
-    if isinstance(picture, YuvPicture):
+    if isinstance(picture, YuvFrame):
         return tuple(Layer(plane, 1 + (k > 0), k, picture.colours) for k, plane in enumerate(picture.planes))
     return (Layer(picture),)
 
 
-def stroke_line(picture: Picture, points_px: np.ndarray, colour: Colour, width_px: float) -> None:
+def stroke_line(picture: Frame, points_px: np.ndarray, colour: Colour, width_px: float) -> None:
     """Draw a polyline through points (N, 2)."""
     if len(points_px) < 2:
         return
@@ -81,7 +81,7 @@ def stroke_line(picture: Picture, points_px: np.ndarray, colour: Colour, width_p
 
 
 def tint_area(
-    picture: Picture,
+    picture: Frame,
     polygon_px: np.ndarray,
     colour: Colour,
     alpha: float,
@@ -107,12 +107,12 @@ def tint_area(
 
 
 def write_on(
-    picture: Picture,
+    picture: Frame,
     lines: str | Sequence[str],
     *,
     corner: str = "top left",
     size_px: int | None = None,
-    colour: Colour = TEXT,
+    colour: Colour = TEXT_COLOUR,
     panel_alpha: float = 0.6,
 ) -> None:
     """Write lines of text in place; see `lanes.drawing.pictures.write_text`."""
@@ -138,7 +138,7 @@ def write_on(
 
 def shade(layer: Layer, box: tuple[int, int, int, int], alpha: float) -> None:
     """Darken a rectangle (left, top, right, bottom)."""
-    part, panel = layer.box(*box), layer.value(PANEL)
+    part, panel = layer.box(*box), layer.value(PANEL_COLOUR)
     # one level for the three channels: to mix the panel's slight blue in takes twice as long, and nobody sees it
     cv2.convertScaleAbs(part, dst=part, alpha=1 - alpha, beta=alpha * sum(panel) / len(panel))
 

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lanes.drawing.canvas import LANE, LEFT, RIGHT, WINDOW, Colour
-from lanes.io.files import write_whole
+from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR, Colour
+from lanes.io.files import write_atomically
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -83,8 +83,8 @@ def plot_histogram(
 ) -> tuple[Figure, Axes]:
     """Plot the column histogram of a binary view, (width,), with the two start columns of the search."""
     figure, (axis,) = new_figure(1, 1, (10, 3))
-    axis.fill_between(np.arange(len(counts)), counts, color=rgb(WINDOW), alpha=0.6, linewidth=0)
-    for column, colour, name in ((left_px, LEFT, "left"), (right_px, RIGHT, "right")):
+    axis.fill_between(np.arange(len(counts)), counts, color=rgb(WINDOW_COLOUR), alpha=0.6, linewidth=0)
+    for column, colour, name in ((left_px, LEFT_COLOUR, "left"), (right_px, RIGHT_COLOUR, "right")):
         if column is not None:
             axis.axvline(column, color=rgb(colour), label=f"{name} start, column {column:.0f}")
             axis.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2, frameon=False, borderaxespad=0)
@@ -98,7 +98,7 @@ def plot_histogram(
 def plot_bars(values: Mapping[str, float], *, label: str, title: str = "") -> tuple[Figure, Axes]:
     """Plot a number for each of several named things; `label` names the number and its unit."""
     figure, (axis,) = new_figure(1, 1, (10, 3))
-    axis.bar(list(values), list(values.values()), color=rgb(WINDOW))
+    axis.bar(list(values), list(values.values()), color=rgb(WINDOW_COLOUR))
     axis.tick_params(axis="x", rotation=90)
     axis.set(ylabel=label, title=title)
     return figure, axis
@@ -179,7 +179,7 @@ def save_figure(figure: Figure, path: str | Path, *, jpeg_quality: int = 85) -> 
     options = {"pil_kwargs": {"quality": jpeg_quality}} if kind == "jpeg" else {"metadata": {"Software": None}}
     data = BytesIO()
     figure.savefig(data, format=kind, **options)
-    write_whole(path, data.getvalue())
+    write_atomically(path, data.getvalue())
     return path
 
 
@@ -205,5 +205,5 @@ def _show_picture(axis: Axes, image: np.ndarray, title: str) -> None:
 
 def _line_colour(name: str) -> tuple[float, float, float] | None:
     """Left and right as in the overlay; None lets matplotlib choose."""
-    known = {"left": LEFT, "right": RIGHT, "lane": LANE}
+    known = {"left": LEFT_COLOUR, "right": RIGHT_COLOUR, "lane": LANE_COLOUR}
     return rgb(known[name]) if name in known else None

@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 
 from lanes.drawing.canvas import (
-    LANE,
-    TEXT,
+    LANE_COLOUR,
+    TEXT_COLOUR,
     Colour,
     Layer,
     fitting_size,
@@ -33,7 +33,7 @@ _STEP_PX = 8.0
 
 
 def fill_lane(
-    image: np.ndarray, left_px: np.ndarray, right_px: np.ndarray, *, colour: Colour = LANE, alpha: float = 0.3
+    image: np.ndarray, left_px: np.ndarray, right_px: np.ndarray, *, colour: Colour = LANE_COLOUR, alpha: float = 0.3
 ) -> np.ndarray:
     """Tint the area between two lines.
 
@@ -76,7 +76,7 @@ def write_text(
     *,
     corner: str = "top left",
     size_px: int | None = None,
-    colour: Colour = TEXT,
+    colour: Colour = TEXT_COLOUR,
     panel_alpha: float = 0.6,
 ) -> np.ndarray:
     """Write lines of text into a corner, on a dark panel so that they can be read on any background.
@@ -144,7 +144,7 @@ def draw_mosaic(
         top = margin + line_height(title_size)
         drawn[top : top + small.shape[0], left : left + small.shape[1]] = small
         size, *_ = fitting_size([title], title_size, small.shape[1] + margin, strip_height)
-        write_letters(Layer(drawn), title, left, margin, size, TEXT)
+        write_letters(Layer(drawn), title, left, margin, size, TEXT_COLOUR)
         left += small.shape[1] + margin
     if lines:
         rest = np.ascontiguousarray(drawn[:strip_height, left:])

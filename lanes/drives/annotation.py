@@ -1,4 +1,4 @@
-"""One drive from beginning to end: find the mount, follow the lane, write video, telemetry and report."""
+"""One drive from beginning to end: find the camera pose, follow the lane, write video, telemetry and report."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lanes.camera.camera import Camera
-from lanes.camera.pose_from_lanes.pose_estimate import MountEstimate
-from lanes.drives.camera_moved import find_mount_change
+from lanes.camera.pose_from_lanes.pose_estimate import PoseEstimate
+from lanes.drives.camera_moved import find_pose_change
 from lanes.drives.overlay_styles import STYLES, track_lane
-from lanes.drives.own_camera import mount_from_drive
+from lanes.drives.own_camera import pose_from_drive
 from lanes.drives.report.moments import seconds_lost, share_tracked
 from lanes.drives.report.page import write_report
 from lanes.drives.settings import DriveResult, DriveSettings, StillsResult, describe_frames, describe_settings
@@ -25,7 +25,7 @@ from lanes.io.threads import one_thread
 from lanes.io.video.container import VideoError
 from lanes.io.video.pipeline import AsStored, annotate_video
 from lanes.io.video.reader import VideoInfo, inspect_video
-from lanes.tracking.birdseye import RoadView
+from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
 from lanes.tracking.tracked_lane import LOST, TrackedLane
 from lanes.tracking.tracker import LaneTracker
@@ -33,12 +33,12 @@ from lanes.tracking.tracker import LaneTracker
 
 @dataclass(frozen=True, eq=False)
 class PreparedDrive:
-    """A video with what it holds, the camera on its mount, and the estimate of that (None: the camera brought it)."""
+    """A video with what it holds, the camera in its pose, and the estimate of that (None: the camera brought it)."""
 
     video: Path
     info: VideoInfo
     camera: Camera
-    mount: MountEstimate | None
+    pose: PoseEstimate | None
 
     def follow(self, style: str) -> AsStored:
         """A function for `annotate_video`, with a tracker of its own; see `track_lane`."""
@@ -56,8 +56,8 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> DriveResult:
         If the video cannot be used, or has nothing in the piece that is asked for.
     CameraError
         If the camera does not fit the video.
-    MountError
-        If the camera has no mount and the drive does not tell it.
+    PoseError
+        If the camera has no pose and the drive does not tell it.
     OSError
         If an output cannot be written, also because another run is writing it.
     """
@@ -67,14 +67,14 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> DriveResult:
 
 
 def prepare_drive(video: str | Path, settings: DriveSettings) -> PreparedDrive:
-    """Look into a video, and find the camera's mount where it is not known; raises what `annotate_drive` does."""
+    """Look into a video, and find the camera pose where it is not known; raises what `annotate_drive` does."""
     video = Path(video)
     info = inspect_video(video)
     if settings.start_s >= info.duration_s:
         raise VideoError(f"{video}: lasts {info.duration_s:g} s; begin before that, not at {settings.start_s:g} s.")
     camera = settings.camera_for((info.width, info.height), video)
-    mounted = mount_from_drive(camera, [video], start_s=settings.start_s, end_s=settings.end_s)
-    return PreparedDrive(video, info, *mounted)
+    posed = pose_from_drive(camera, [video], start_s=settings.start_s, end_s=settings.end_s)
+    return PreparedDrive(video, info, *posed)
 
 
 def follow_drive(drive: PreparedDrive, settings: DriveSettings) -> DriveResult:
@@ -96,7 +96,7 @@ def follow_drive(drive: PreparedDrive, settings: DriveSettings) -> DriveResult:
         )
     elapsed_s = time.perf_counter() - began_s
     source, missing = str(drive.video), summary.missing
-    return conclude_drive(source, target, drive.camera, drive.mount, settings, elapsed_s, missing=missing)
+    return conclude_drive(source, target, drive.camera, drive.pose, settings, elapsed_s, missing=missing)
 
 
 def annotate_stills(pictures: Sequence[Path], settings: DriveSettings) -> StillsResult:
@@ -109,13 +109,13 @@ def annotate_stills(pictures: Sequence[Path], settings: DriveSettings) -> Stills
     ------
     PictureError, ValueError
         If none can be used, or one would be overwritten.
-    CameraError, MountError, OSError
+    CameraError, PoseError, OSError
         As `annotate_drive`.
     """
     refuse_clashes(pictures, [settings.output / path.name for path in pictures])
     size, usable, failures = _sort_out(pictures)
-    camera, mount = mount_from_drive(settings.camera_for(size, usable[0]), usable)
-    view, paint = RoadView(camera), STYLES[settings.style](camera)
+    camera, pose = pose_from_drive(settings.camera_for(size, usable[0]), usable)
+    view, paint = BirdsEyeView(camera), STYLES[settings.style](camera)
     rows, written, telemetry = [], [], settings.output / "pictures.csv"
     with sole_writer(telemetry):
         for number, path in enumerate(usable):
@@ -124,11 +124,11 @@ def annotate_stills(pictures: Sequence[Path], settings: DriveSettings) -> Stills
             rows.append({"frame": number, "picture": path.name, **found.as_row()})
             written.append(write_image(settings.output / path.name, paint(image, found)))
         write_telemetry(telemetry, rows)
-    return StillsResult(tuple(written), telemetry, sum(row["state"] != LOST for row in rows), mount, tuple(failures))
+    return StillsResult(tuple(written), telemetry, sum(row["state"] != LOST for row in rows), pose, tuple(failures))
 
 
 def annotate_folder(folder: str | Path, output: str | Path, camera: Camera) -> StillsResult:
-    """`annotate_stills` for all pictures of a folder, taken with `camera`; without a mount, they tell it themselves.
+    """`annotate_stills` for all pictures of a folder, taken with `camera`; without a pose, they tell it themselves.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def annotate_folder(folder: str | Path, output: str | Path, camera: Camera) -> S
         If there is no such folder, or no picture in it.
     PictureError
         Naming the pictures that could not be used; the others are done by then.
-    CameraError, MountError, OSError, ValueError
+    CameraError, PoseError, OSError, ValueError
         As `annotate_stills`; `output` has to be another folder.
     """
     result = annotate_stills(list_pictures(folder), DriveSettings(output=Path(output), camera=camera))
@@ -170,7 +170,7 @@ def conclude_drive(
     source: str,
     video: Path,
     camera: Camera,
-    mount: MountEstimate | None,
+    pose: PoseEstimate | None,
     settings: DriveSettings,
     elapsed_s: float,
     *,
@@ -182,7 +182,7 @@ def conclude_drive(
     frames = len(columns["frame"])
     report = None
     if settings.report:
-        used = describe_settings(source, camera, mount, settings)
+        used = describe_settings(source, camera, pose, settings)
         if missing:
             used["frames"] = describe_frames(frames, missing)
         path = video.with_suffix(".html")
@@ -193,12 +193,12 @@ def conclude_drive(
         telemetry,
         report,
         camera,
-        mount,
+        pose,
         frames,
         share_tracked(columns),
         seconds_lost(columns),
         frames / elapsed_s,
-        find_mount_change(columns),
+        find_pose_change(columns),
         missing,
     )
 

@@ -1,6 +1,6 @@
-"""Has the camera moved on its mount during a drive? Told from telemetry alone.
+"""Has the camera moved in its pose during a drive? Told from telemetry alone.
 
-The tracker measures in every frame how much farther down than its mount says the camera looks, and where the road
+The tracker measures in every frame how much farther down than its pose says the camera looks, and where the road
 points. Bumps, grades and steering come and go; what changes at one moment and stays is the camera.
 """
 
@@ -15,14 +15,14 @@ from lanes.tracking.tracked_lane import TRACKING
 
 # Frames are summed up by the second, and both parts last at least so many seconds: bumps and bends pass sooner.
 LEAST_SECONDS = 5
-# Changes below this are not worth a new mount: on a rendered drive 0.8 degrees of pitch move the offset by 1 cm.
+# Changes below this are not worth a new pose: on a rendered drive 0.8 degrees of pitch move the offset by 1 cm.
 LEAST_RAD = np.radians(0.8)
 # A change is one if it is so many of its standard deviations: the best split is looked for, and seconds hang together.
 SURE = 6.0
 
 
 @dataclass(frozen=True)
-class MountChange:
+class PoseChange:
     """When the camera moved, and how it looks since: `pitch_rad` farther down, `yaw_rad` farther to the left."""
 
     time_s: float
@@ -38,12 +38,12 @@ class MountChange:
         return (
             f"the camera seems to have moved after {self.time_s:.0f} s: since then it looks "
             f"{' and '.join(filter(None, ways))}; annotate the two parts on their own (--start, --end), each with its "
-            "own mount."
+            "own pose."
         )
 
 
-def find_mount_change(rows: Mapping[str, np.ndarray]) -> MountChange | None:
-    """Look for the moment at which the camera moved on its mount.
+def find_pose_change(rows: Mapping[str, np.ndarray]) -> PoseChange | None:
+    """Look for the moment at which the camera moved in its pose.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def find_mount_change(rows: Mapping[str, np.ndarray]) -> MountChange | None:
 
     Returns
     -------
-    MountChange or None
+    PoseChange or None
         None if nothing tells of a move, which includes drives with less than `LEAST_SECONDS` tracked before and after.
     """
     seconds, pitch, heading = _by_second(rows)
@@ -60,7 +60,7 @@ def find_mount_change(rows: Mapping[str, np.ndarray]) -> MountChange | None:
     if not pitch_rad and not yaw_rad:
         return None
     split = pitched if abs(pitch_rad) > abs(yaw_rad) else turned
-    return MountChange(float(seconds[split]), pitch_rad, yaw_rad)
+    return PoseChange(float(seconds[split]), pitch_rad, yaw_rad)
 
 
 def _by_second(rows: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from lanes.camera.camera import Camera
-from lanes.tracking.birdseye import RoadView
+from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import describe_lane, search_lane
-from lanes.tracking.markings import observe
-from lanes.tracking.model import WIDTH, lines_on_view, meet_ground
+from lanes.tracking.markings import extract_evidence
+from lanes.tracking.model import WIDTH, intersect_ground, lines_on_view
 
 # Between these distances paint is looked for, every so many metres, and for these periods (metres, geometric).
-NEAR_M, FAR_M, STEP_M = 6.0, 50.0, 0.1
+NEAR_M, VOTING_FAR_M, STEP_M = 6.0, 50.0, 0.1
 PERIODS_M = np.geomspace(4.0, 30.0, 400)
 # Paint so near to a line that runs along it is its own.
 ON_LINE_M, ALONG_LINE_RAD = 0.12, 0.1
@@ -49,14 +49,14 @@ def measure_dash_period(images: Iterable[np.ndarray], camera: Camera) -> DashPer
     images : iterable of ndarray of shape (height, width, 3), uint8
         RGB, raw.
     camera : Camera
-        With its mount.
+        With its pose.
 
     Returns
     -------
     DashPeriod or None
         None if no period is clear.
     """
-    view = RoadView(camera)
+    view = BirdsEyeView(camera)
     waves = [wave for image in images for wave in _waves(image, view)]
     if len(waves) < FEWEST_LINES:
         return None
@@ -74,15 +74,15 @@ def measure_dash_period(images: Iterable[np.ndarray], camera: Camera) -> DashPer
     return DashPeriod(float(PERIODS_M[best] * ratio**shift), float(power[best]), len(waves))
 
 
-def _waves(image: np.ndarray, view: RoadView) -> list[np.ndarray]:
+def _waves(image: np.ndarray, view: BirdsEyeView) -> list[np.ndarray]:
     """Paint (1) or none (0) along the broken lines of a picture: the own lane's, and one more on each side."""
-    sight = observe(image, view)
-    fit = search_lane(sight.stripes, view)
-    lane = describe_lane(fit, sight, view) if fit else None
+    evidence = extract_evidence(image, view)
+    fit = search_lane(evidence.stripes, view)
+    lane = describe_lane(fit, evidence, view) if fit else None
     if lane is None:
         return []
-    stripes = sight.stripes
-    x_m = meet_ground(view.x_m, lane.model, view.height_m).x_m
+    stripes = evidence.stripes
+    x_m = intersect_ground(view.x_m, lane.model, view.height_m).x_m
     # The lines beyond are those of a lane three times as wide.
     wider = lane.model.copy()
     wider[WIDTH] *= 3
@@ -93,7 +93,7 @@ def _waves(image: np.ndarray, view: RoadView) -> list[np.ndarray]:
         on_line = (np.abs(stripes.y_m - line[stripes.row]) < ON_LINE_M) & (np.abs(astray) < ALONG_LINE_RAD)
         painted = np.zeros(len(view.x_m))
         painted[stripes.row[on_line]] = 1
-        wave = np.interp(np.arange(NEAR_M, FAR_M, STEP_M), x_m[::-1], painted[::-1])
+        wave = np.interp(np.arange(NEAR_M, VOTING_FAR_M, STEP_M), x_m[::-1], painted[::-1])
         if LEAST_SHARE < wave.mean() < MOST_SHARE:
             waves.append(wave)
     return waves

@@ -17,10 +17,10 @@ import numpy as np
 
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError
-from lanes.io.files import write_whole
+from lanes.io.files import write_atomically
 from lanes.io.images import PICTURE_SUFFIXES, read_image
 from lanes.io.video.reader import inspect_video, read_timed_frames
-from lanes.tracking.birdseye import RoadView
+from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
 from lanes.tracking.tracked_lane import TrackedLane
 from lanes.tracking.tracker import LaneTracker
@@ -44,9 +44,9 @@ def detect_files(
     ----------
     files : iterable of Path
     camera : Camera
-        With its mount. Rescaled to files of another size and the same shape.
+        With its pose. Rescaled to files of another size and the same shape.
     rows : ndarray of shape (R,)
-        Picture rows at which the lines' columns are wanted.
+        Frame rows at which the lines' columns are wanted.
     sequence : bool
         The stills are consecutive frames, `fps` a second; otherwise each is looked at on its own. The frames of a video
         always are consecutive.
@@ -64,7 +64,7 @@ def detect_files(
     FileNotFoundError, PictureError, VideoError
         If a file cannot be read.
     CameraError
-        If the camera has no mount or cannot be rescaled to a file.
+        If the camera has no pose or cannot be rescaled to a file.
     """
     files = [Path(file) for file in files]
     videos = {file: inspect_video(file) for file in files if not _is_still(file)}
@@ -92,7 +92,7 @@ def detect_files(
 
 def write_detections(path: str | Path, detections: Iterable[dict]) -> Path:
     """Write JSON lines; the file appears under its name only when it is whole."""
-    write_whole(path, "".join(json.dumps(detection) + "\n" for detection in detections).encode())
+    write_atomically(path, "".join(json.dumps(detection) + "\n" for detection in detections).encode())
     return Path(path)
 
 
@@ -114,7 +114,7 @@ class Finder:
     def __init__(self, camera: Camera, rows: np.ndarray, *, sequence: bool = False, fps: float = 25.0) -> None:
         self.rows, self.sequence = np.asarray(rows), sequence
         self._camera_of = cache(lambda size: camera if size == camera.size else camera.scaled(size))
-        self._view_of = cache(lambda size: RoadView(self._camera_of(size)))
+        self._view_of = cache(lambda size: BirdsEyeView(self._camera_of(size)))
         self._tracker_of = cache(lambda size: LaneTracker(self._camera_of(size), fps=fps))
 
     def detect(self, image: np.ndarray) -> dict:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lanes.drawing.canvas import LANE, LEFT, RIGHT, WINDOW
+from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR
 from lanes.drawing.figures import TRUTH_LOOK, new_figure, rgb
 from lanes.tracking.tracked_lane import COASTING, FOUND, LOST, SEARCHING, TRACKING
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 # From sure to lost.
 STATE_COLOURS = {
-    TRACKING: LANE,
-    FOUND: LANE,
-    SEARCHING: WINDOW,
+    TRACKING: LANE_COLOUR,
+    FOUND: LANE_COLOUR,
+    SEARCHING: WINDOW_COLOUR,
     COASTING: (255, 140, 0),
-    LOST: LEFT,
+    LOST: LEFT_COLOUR,
 }
 
 
@@ -50,8 +50,8 @@ def plot_telemetry(
     for axis, (name, label) in zip(axes, labels.items(), strict=False):
         quantity, unit = name.split("_", 1)
         std = rows[f"{quantity}_std_{unit}"]
-        axis.fill_between(rows["time_s"], rows[name] - std, rows[name] + std, color=rgb(RIGHT), alpha=0.25, lw=0)
-        axis.plot(rows["time_s"], rows[name], color=rgb(RIGHT), label="measured, ± one standard deviation")
+        axis.fill_between(rows["time_s"], rows[name] - std, rows[name] + std, color=rgb(RIGHT_COLOUR), alpha=0.25, lw=0)
+        axis.plot(rows["time_s"], rows[name], color=rgb(RIGHT_COLOUR), label="measured, ± one standard deviation")
         if truth is not None:
             axis.plot(truth["time_s"], truth[name], label="truth", **TRUTH_LOOK)
         axis.set_ylabel(label)

@@ -10,10 +10,10 @@ from contextlib import contextmanager
 from itertools import takewhile
 
 from lanes.camera.camera import Camera
-from lanes.camera.pose_from_lanes.pose_estimate import MountEstimate
+from lanes.camera.pose_from_lanes.pose_estimate import PoseEstimate
 from lanes.drives.annotation import conclude_drive
 from lanes.drives.overlay_styles import track_lane
-from lanes.drives.own_camera import mount_from_pictures
+from lanes.drives.own_camera import pose_from_pictures
 from lanes.drives.settings import DriveResult, DriveSettings
 from lanes.io.files import sole_writer
 from lanes.io.telemetry import TelemetryWriter
@@ -22,9 +22,9 @@ from lanes.io.video.reader import STAMP_TOLERANCE_S, TimedFrame
 from lanes.io.video.writer import VideoWriter
 from lanes.tracking.tracker import LaneTracker
 
-# For a camera without a mount: so many pictures, this far apart, are looked at before annotating begins. Ten seconds
+# For a camera without a pose: so many pictures, this far apart, are looked at before annotating begins. Ten seconds
 # of a motorway average the car's heading in its lane out well enough.
-MOUNT_PICTURES, MOUNT_EVERY_S = 20, 0.5
+POSE_PICTURES, POSE_EVERY_S = 20, 0.5
 
 
 def annotate_live(index: int, settings: DriveSettings) -> DriveResult:
@@ -36,13 +36,13 @@ def annotate_live(index: int, settings: DriveSettings) -> DriveResult:
     ------
     VideoError
         If there is no such camera, or it gives no frame.
-    CameraError, MountError, OSError
+    CameraError, PoseError, OSError
         As `annotate_drive`.
     """
     video = settings.output / f"camera{index}.mp4"
     with _until_interrupted() as stopped, LiveCamera(index) as source, sole_writer(video):
         frames = takewhile(lambda _: not stopped.is_set(), source.frames())
-        camera, mount = _with_mount(settings.camera_for(source.size, f"camera {index}"), frames, f"camera {index}")
+        camera, pose = _with_pose(settings.camera_for(source.size, f"camera {index}"), frames, f"camera {index}")
         began_s = time.perf_counter()
         process = track_lane(LaneTracker(camera, fps=source.fps), camera, style=settings.style)
         # In this order: telemetry gets its name only when the video has.
@@ -55,20 +55,20 @@ def annotate_live(index: int, settings: DriveSettings) -> DriveResult:
                 latency_ms = round(1e3 * (time.perf_counter() - looked_s), 3)
                 table.write({"frame": number, "time_s": round(frame.time_s, 6), **row, "latency_ms": latency_ms})
                 writer.write(picture, frame.time_s)
-    return conclude_drive(f"camera {index}", video, camera, mount, settings, time.perf_counter() - began_s)
+    return conclude_drive(f"camera {index}", video, camera, pose, settings, time.perf_counter() - began_s)
 
 
-def _with_mount(camera: Camera, frames: Iterator[TimedFrame], name: str) -> tuple[Camera, MountEstimate | None]:
-    if camera.mount is not None:
+def _with_pose(camera: Camera, frames: Iterator[TimedFrame], name: str) -> tuple[Camera, PoseEstimate | None]:
+    if camera.pose is not None:
         return camera, None
     pictures, next_s = [], 0.0
     for frame in frames:
         if frame.time_s >= next_s:
             pictures.append(frame.image)
-            next_s = frame.time_s + MOUNT_EVERY_S
-        if len(pictures) == MOUNT_PICTURES:
+            next_s = frame.time_s + POSE_EVERY_S
+        if len(pictures) == POSE_PICTURES:
             break
-    return mount_from_pictures(camera, pictures, name)
+    return pose_from_pictures(camera, pictures, name)
 
 
 def _since_first(frames: Iterator[TimedFrame]) -> Iterator[tuple[TimedFrame, float | None]]:

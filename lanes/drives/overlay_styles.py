@@ -8,18 +8,18 @@ import cv2
 import numpy as np
 
 from lanes.camera.camera import Camera
-from lanes.drawing.canvas import LEFT, PANEL, RIGHT, stroke_line, write_on
+from lanes.drawing.canvas import LEFT_COLOUR, PANEL_COLOUR, RIGHT_COLOUR, stroke_line, write_on
 from lanes.drawing.pictures import draw_line, write_text
-from lanes.io.frames import Picture, as_rgb
-from lanes.tracking.birdseye import RoadView
-from lanes.tracking.markings import LEAST_STRENGTH, observe
+from lanes.io.frames import Frame, as_rgb
+from lanes.tracking.birdseye import BirdsEyeView
+from lanes.tracking.markings import LEAST_STRENGTH, extract_evidence
 from lanes.tracking.model import lines_on_view
 from lanes.tracking.overlay import INFERRED_PX, SEEN_PX, describe_tracked, draw_tracked, lane_outlines
 from lanes.tracking.tracked_lane import TrackedLane
 from lanes.tracking.tracker import LaneTracker
 
 # Takes a picture, which it may write on, and what was found in it; returns the annotated one.
-Painter = Callable[[Picture, TrackedLane], Picture]
+Painter = Callable[[Frame, TrackedLane], Frame]
 Row = dict[str, str | float | None]
 
 # Strength that is drawn white, so many times what is kept: good paint reaches it.
@@ -34,10 +34,10 @@ def paint_lane(camera: Camera) -> Painter:
 def paint_lines(camera: Camera) -> Painter:
     """The two lines and the measures; the road between them stays as it is."""
 
-    def paint(image: Picture, tracked: TrackedLane) -> Picture:
+    def paint(image: Frame, tracked: TrackedLane) -> Frame:
         if tracked.lane is not None:
             outlines, lines = lane_outlines(tracked.lane, camera), (tracked.left, tracked.right)
-            for points, line, colour in zip(outlines, lines, (LEFT, RIGHT), strict=True):
+            for points, line, colour in zip(outlines, lines, (LEFT_COLOUR, RIGHT_COLOUR), strict=True):
                 stroke_line(image, points, colour, camera.width / (SEEN_PX if line.seen else INFERRED_PX))
         write_on(image, describe_tracked(tracked))
         return image
@@ -47,16 +47,16 @@ def paint_lines(camera: Camera) -> Painter:
 
 def paint_mosaic(camera: Camera) -> Painter:
     """The annotated picture with, beside it, the road from above, the evidence for paint and the fitted lines."""
-    view = RoadView(camera)
+    view = BirdsEyeView(camera)
 
-    def paint(image: Picture, tracked: TrackedLane) -> np.ndarray:
+    def paint(image: Frame, tracked: TrackedLane) -> np.ndarray:
         image = as_rgb(image)
-        sight = observe(image, view)
-        road = view.blacken(sight.view_image)
-        strength = cv2.convertScaleAbs(sight.evidence.strength, alpha=255 / WHITE_STRENGTH)
+        evidence = extract_evidence(image, view)
+        road = view.blacken(evidence.view_image)
+        strength = cv2.convertScaleAbs(evidence.evidence.strength, alpha=255 / WHITE_STRENGTH)
         evidence = cv2.cvtColor(strength, cv2.COLOR_GRAY2RGB)
         height, width = image.shape[:2]
-        mosaic = np.full_like(image, PANEL)
+        mosaic = np.full_like(image, PANEL_COLOUR)
         split, third = 2 * width // 3, height // 3
         main = cv2.resize(draw_tracked(image, tracked, camera), (split, 2 * third), interpolation=cv2.INTER_AREA)
         mosaic[: 2 * third, :split] = main
@@ -83,7 +83,7 @@ STYLES: dict[str, Callable[[Camera], Painter]] = {"lane": paint_lane, "lines": p
 def track_lane(tracker: LaneTracker, camera: Camera, *, style: str = "lane") -> Callable[..., tuple[np.ndarray, Row]]:
     """A function for `annotate_video`: takes the frames in order, writes on them, gives each and its telemetry.
 
-    It takes RGB as well as what videos store, `YuvPicture`.
+    It takes RGB as well as what videos store, `YuvFrame`.
 
     Parameters
     ----------
@@ -91,13 +91,13 @@ def track_lane(tracker: LaneTracker, camera: Camera, *, style: str = "lane") -> 
         What the function returned goes on from; told a frame alone, it takes 1 / fps as the time since the one before,
         `elapsed_s` says otherwise.
     camera : Camera
-        With its mount.
+        With its pose.
     style : str
         One of `STYLES`.
     """
     paint = STYLES[style](camera)
 
-    def process(frame: Picture, elapsed_s: float | None = None) -> tuple[Picture, Row]:
+    def process(frame: Frame, elapsed_s: float | None = None) -> tuple[Frame, Row]:
         tracked = tracker.update(frame, elapsed_s=elapsed_s)
         warning = tracked.warning
         departure = warning.side if warning and warning.due else None
@@ -106,12 +106,12 @@ def track_lane(tracker: LaneTracker, camera: Camera, *, style: str = "lane") -> 
     return process
 
 
-def _draw_fit(picture: np.ndarray, tracked: TrackedLane, view: RoadView) -> np.ndarray:
+def _draw_fit(picture: np.ndarray, tracked: TrackedLane, view: BirdsEyeView) -> np.ndarray:
     """The tracked lines on the view from above, as far as there is evidence for them."""
     if tracked.lane is None:
         return picture
     places = lines_on_view(tracked.lane.model[None], view.x_m, view.height_m)[0]
-    for line, place, colour in zip((tracked.left, tracked.right), places, (LEFT, RIGHT), strict=True):
+    for line, place, colour in zip((tracked.left, tracked.right), places, (LEFT_COLOUR, RIGHT_COLOUR), strict=True):
         rows = np.flatnonzero(view.x_m <= max(line.reach_m, view.near_m))
         columns = (view.y_m[0] - place[rows]) / view.cell_m
         picture = draw_line(picture, np.column_stack([columns, rows]), colour=colour, width_px=3)

@@ -1,4 +1,4 @@
-"""The mount from the drive itself, where the camera does not bring one."""
+"""The camera pose from the drive itself, where the camera does not bring one."""
 
 from __future__ import annotations
 
@@ -10,48 +10,48 @@ import numpy as np
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError
 from lanes.camera.field_of_view import USUAL_HFOV_DEG, FieldOfView, read_hfov
-from lanes.camera.pose_from_lanes.pose_estimate import MountError, MountEstimate, estimate_mount
+from lanes.camera.pose_from_lanes.pose_estimate import PoseError, PoseEstimate, estimate_pose
 from lanes.drives.dash_period import measure_dash_period
 from lanes.io.footage import pick_pictures
 from lanes.io.images import PICTURE_SUFFIXES
 
 # More pictures than this find nothing new.
-MOUNT_PICTURES = 40
+POSE_PICTURES = 40
 # Lenses to look at broken lines with: where one shows their period outside 4 to 30 m, the next does not.
 TRIED_HFOV_DEG = (60.0, 100.0)
 
 
-def mount_from_drive(
+def pose_from_drive(
     camera: Camera,
     files: Sequence[Path],
     *,
     start_s: float = 0.0,
     end_s: float | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> tuple[Camera, MountEstimate | None]:
-    """The camera with a mount: its own, or else the one that the files show, videos between `start_s` and `end_s`; and
+) -> tuple[Camera, PoseEstimate | None]:
+    """The camera with its pose: its own, or else the one that the files show, videos between `start_s` and `end_s`; and
     the estimate, if there was one.
 
     Raises
     ------
-    MountError
+    PoseError
         If the files do not tell it.
     """
-    if camera.mount is not None:
+    if camera.pose is not None:
         return camera, None
-    pictures = pick_pictures(list(files), MOUNT_PICTURES, require=camera.require_size, start_s=start_s, end_s=end_s)
-    return mount_from_pictures(camera, pictures, str(files[0]), progress=progress)
+    pictures = pick_pictures(list(files), POSE_PICTURES, require=camera.require_size, start_s=start_s, end_s=end_s)
+    return pose_from_pictures(camera, pictures, str(files[0]), progress=progress)
 
 
-def mount_from_pictures(
+def pose_from_pictures(
     camera: Camera, pictures: Iterable[np.ndarray], name: str, *, progress: Callable[[int, int], None] | None = None
-) -> tuple[Camera, MountEstimate]:
-    """The camera on the mount that pictures show; errors begin with the `name` of the drive."""
+) -> tuple[Camera, PoseEstimate]:
+    """The camera with the pose that pictures show; errors begin with the `name` of the drive."""
     try:
-        estimate = estimate_mount(pictures, camera, progress=progress)
-    except MountError as error:
-        raise MountError(f"{name}: {error}") from error
-    return camera.with_mount(estimate.mount), estimate
+        estimate = estimate_pose(pictures, camera, progress=progress)
+    except PoseError as error:
+        raise PoseError(f"{name}: {error}") from error
+    return camera.with_pose(estimate.pose), estimate
 
 
 def find_field_of_view(files: Sequence[Path], *, dash_period_m: float | None = None) -> FieldOfView:
@@ -82,13 +82,13 @@ def find_field_of_view(files: Sequence[Path], *, dash_period_m: float | None = N
 def _from_dashes(files: Sequence[Path], dash_period_m: float) -> FieldOfView:
     if not files:
         raise CameraError("a live camera's broken lines are not measured; give --hfov, or an earlier drive's --camera.")
-    images = list(pick_pictures(list(files), MOUNT_PICTURES))
+    images = list(pick_pictures(list(files), POSE_PICTURES))
     size = images[0].shape[1], images[0].shape[0]
     for hfov_deg in TRIED_HFOV_DEG:
         camera = Camera.from_fov(size, hfov_deg)
         try:
-            camera, _ = mount_from_pictures(camera, images, str(files[0]))
-        except MountError:
+            camera, _ = pose_from_pictures(camera, images, str(files[0]))
+        except PoseError:
             continue
         period = measure_dash_period(images, camera)
         if period is not None:

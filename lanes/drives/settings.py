@@ -13,8 +13,8 @@ import numpy as np
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError
 from lanes.camera.field_of_view import FieldOfView
-from lanes.camera.pose_from_lanes.pose_estimate import MountEstimate, describe_accuracy
-from lanes.drives.camera_moved import MountChange
+from lanes.camera.pose_from_lanes.pose_estimate import PoseEstimate, describe_accuracy
+from lanes.drives.camera_moved import PoseChange
 from lanes.io.frames import PictureError
 
 
@@ -27,7 +27,7 @@ class DriveSettings:
     output : Path
         Folder for the results, which take their names from the drives.
     camera : Camera, optional
-        The lens; without a mount the drive's own pictures tell it. Rescaled to drives of another size and the same
+        The lens; without a pose the drive's own pictures tell it. Rescaled to drives of another size and the same
         shape.
     field : FieldOfView, optional
         Of a lens that was never calibrated, instead of `camera`.
@@ -83,17 +83,17 @@ class DriveResult:
         Files written.
     report : Path or None
     camera : Camera
-        As used, with its mount.
-    mount : MountEstimate or None
-        None where the camera came with its mount.
+        As used, with its pose.
+    pose : PoseEstimate or None
+        None where the camera came with its pose.
     frames : int
     tracked_share : float
         Share of the frames in which the lane was tracked.
     lost_s : float
         How long it was not known.
     frames_per_s : float
-        Frames annotated in a second of work, reading and writing included; the mount's estimate is left out.
-    moved : MountChange or None
+        Frames annotated in a second of work, reading and writing included; the camera pose's estimate is left out.
+    moved : PoseChange or None
         Whether the camera seems to have moved on the way.
     missing : int
         Frames that are damaged in the video, or not there although it announces them.
@@ -104,22 +104,22 @@ class DriveResult:
     telemetry: Path
     report: Path | None
     camera: Camera
-    mount: MountEstimate | None
+    pose: PoseEstimate | None
     frames: int
     tracked_share: float
     lost_s: float
     frames_per_s: float
-    moved: MountChange | None = None
+    moved: PoseChange | None = None
     missing: int = 0
 
     def describe(self) -> str:
-        """The drive in a sentence, after the mount if it was estimated."""
+        """The drive in a sentence, after the camera pose if it was estimated."""
         written = f"{self.video} with telemetry{' and report' if self.report else ''} beside it"
         moved = f"\n{self.source}: {self.moved.describe()}" if self.moved else ""
-        accuracy = [describe_accuracy(self.mount, self.camera)] if self.mount else []
+        accuracy = [describe_accuracy(self.pose, self.camera)] if self.pose else []
         frames = describe_frames(self.frames, self.missing)
-        return _below_mount(
-            self.mount,
+        return _below_pose(
+            self.pose,
             *accuracy,
             f"{self.source}: {frames}, lane tracked in {self.tracked_share:.0%} of them, lost for {self.lost_s:.1f} s; "
             f"{self.frames_per_s:.0f} frames/s; wrote {written}{moved}",
@@ -137,8 +137,8 @@ class StillsResult:
     telemetry : Path
     found : int
         In how many there was a lane.
-    mount : MountEstimate or None
-        None where the camera came with its mount.
+    pose : PoseEstimate or None
+        None where the camera came with its pose.
     failures : tuple of PictureError
         One for each still that could not be used, naming it.
     """
@@ -146,21 +146,21 @@ class StillsResult:
     pictures: tuple[Path, ...]
     telemetry: Path
     found: int
-    mount: MountEstimate | None
+    pose: PoseEstimate | None
     failures: tuple[PictureError, ...] = ()
 
     def describe(self) -> str:
-        """The stills in a sentence, after the mount if it was estimated."""
+        """The stills in a sentence, after the camera pose if it was estimated."""
         folder = self.telemetry.parent
-        return _below_mount(
-            self.mount,
+        return _below_pose(
+            self.pose,
             f"stills: {len(self.pictures)} pictures, lane found in {self.found}; wrote them and "
             f"{self.telemetry.name} to {folder}",
         )
 
 
-def _below_mount(mount: MountEstimate | None, *sentences: str) -> str:
-    return "\n".join([*([mount.describe()] if mount else []), *sentences])
+def _below_pose(pose: PoseEstimate | None, *sentences: str) -> str:
+    return "\n".join([*([pose.describe()] if pose else []), *sentences])
 
 
 def describe_frames(frames: int, missing: int) -> str:
@@ -170,7 +170,7 @@ def describe_frames(frames: int, missing: int) -> str:
 
 
 def describe_settings(
-    source: str, camera: Camera, mount: MountEstimate | None, settings: DriveSettings
+    source: str, camera: Camera, pose: PoseEstimate | None, settings: DriveSettings
 ) -> dict[str, str]:
     """What a drive was annotated with, for people."""
     if settings.camera is None:
@@ -184,7 +184,7 @@ def describe_settings(
         "piece": f"from {settings.start_s:g} s to {'the end' if settings.end_s is None else f'{settings.end_s:g} s'}",
         "picture": f"{camera.width}x{camera.height} pixels",
         "lens": f"{lens}; focal length {camera.matrix[0, 0]:.0f} px",
-        "mount": mount.describe() if mount else f"as the camera file says: {camera.mount.describe()}",
+        "pose": pose.describe() if pose else f"as the camera file says: {camera.pose.describe()}",
         "style": settings.style,
         "versions": ", ".join(f"{name} {version}" for name, version in versions().items()),
     }

@@ -14,24 +14,32 @@ import numpy as np
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError
 from lanes.explain.steps import (
-    MOUNT_AGAIN,
+    POSE_AGAIN,
     Step,
+    judge_birdseye,
     judge_fit,
     judge_lane,
-    judge_mount,
-    judge_paint,
+    judge_markings,
     judge_picture,
+    judge_pose,
     judge_stripes,
-    judge_view,
     judge_votes,
 )
-from lanes.tracking.birdseye import RoadView
+from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.confidence import FEATURES, STILL_WEIGHTS, lane_features
-from lanes.tracking.detector import SAME_M, describe_lane, elsewhere, near_stripes, score_lanes, search_lane, vote_lanes
+from lanes.tracking.detector import (
+    RIVAL_M,
+    describe_lane,
+    is_other_lane,
+    near_stripes,
+    score_lanes,
+    search_lane,
+    vote_lanes,
+)
 from lanes.tracking.fitting import LaneFit
 from lanes.tracking.lane import Lane
 from lanes.tracking.lines import LEAST_WEIGHT, support_of
-from lanes.tracking.markings import Sight, observe
+from lanes.tracking.markings import FrameEvidence, extract_evidence
 from lanes.tracking.model import CENTRE, SIDES, WIDTH, lateral_gradient, lines_on_view
 from lanes.tracking.tracked_lane import TrackedLane
 
@@ -68,7 +76,7 @@ class Explanation:
     image : ndarray of shape (height, width, 3), uint8
         RGB, as taken.
     camera : Camera
-    view : RoadView
+    view : BirdsEyeView
     sight : Sight or None
         Road from above, evidence and stripes; None where the camera sees no road.
     votes : ndarray (H, BINS) or None
@@ -83,8 +91,8 @@ class Explanation:
 
     image: np.ndarray
     camera: Camera
-    view: RoadView
-    sight: Sight | None
+    view: BirdsEyeView
+    evidence: FrameEvidence | None
     votes: np.ndarray | None
     fit: LaneFit | None
     candidates: tuple[Candidate, ...]
@@ -114,14 +122,14 @@ class Explanation:
     def describe(self) -> str:
         """Lines for people: the steps, the result, what was rejected, and what to do."""
         lines = [f"{step.name:<10} {step.words}" for step in self.steps]
-        lines += [f"{name:<10} {words}" for name, words in self.tracked.in_words().items()]
-        lines += self.confidence_in_words()
+        lines += [f"{name:<10} {words}" for name, words in self.tracked.summary().items()]
+        lines += self.confidence_summary()
         lines += [f"rejected   {c.reason}" for c in self.candidates if not c.chosen]
         if self.failed:
             lines += [f"failed at  {self.failed.name}: {self.failed.failure}", f"what to do {self.failed.advice}"]
         return "\n".join(lines)
 
-    def confidence_in_words(self) -> list[str]:
+    def confidence_summary(self) -> list[str]:
         """What the confidence is made of: each feature, its weight, and what it adds to the log odds."""
         if self.lane is None:
             return []
@@ -133,7 +141,7 @@ class Explanation:
         return f"Explanation({self.tracked}, failed at {self.failed.name if self.failed else 'no step'})"
 
 
-def explain_frame(image: np.ndarray, camera: Camera, *, mount_trouble: str = "") -> Explanation:
+def explain_frame(image: np.ndarray, camera: Camera, *, pose_trouble: str = "") -> Explanation:
     """Go through all steps of finding the lane in a picture, and keep what each of them made.
 
     Parameters
@@ -141,9 +149,9 @@ def explain_frame(image: np.ndarray, camera: Camera, *, mount_trouble: str = "")
     image : ndarray of shape (height, width, 3), uint8
         RGB, as taken.
     camera : Camera
-        With its mount.
-    mount_trouble : str
-        Why that mount is a mere assumption; empty if it is none.
+        With its pose.
+    pose_trouble : str
+        Why that pose is a mere assumption; empty if it is none.
 
     Returns
     -------
@@ -155,34 +163,34 @@ def explain_frame(image: np.ndarray, camera: Camera, *, mount_trouble: str = "")
     PictureError
         If the picture is not RGB or not of the camera's size.
     CameraError
-        If the camera has no mount.
+        If the camera has no pose.
     """
     camera.require_size(image)
-    camera.require_mount()
-    view = RoadView(camera)
+    camera.require_pose()
+    view = BirdsEyeView(camera)
     empty = Explanation(image, camera, view, None, None, None, (), None, ())
-    steps = [judge_picture(image), judge_mount(camera, mount_trouble)]
+    steps = [judge_picture(image), judge_pose(camera, pose_trouble)]
     try:
-        sight = observe(image, view)
+        evidence = extract_evidence(image, view)
     except CameraError as error:
-        failed = Step("view", "no road in the picture", str(error), MOUNT_AGAIN)
+        failed = Step("view", "no road in the picture", str(error), POSE_AGAIN)
         return replace(empty, steps=_until_failure([*steps, failed]))
-    if mount_trouble:
-        # Without the mount nothing that follows means anything, but it may show the eye why.
-        return replace(empty, sight=sight, steps=tuple(steps))
-    steps += [judge_view(sight, view), judge_paint(sight, view), judge_stripes(sight)]
-    near = near_stripes(sight.stripes)
+    if pose_trouble:
+        # Without the camera pose nothing that follows means anything, but it may show the eye why.
+        return replace(empty, evidence=evidence, steps=tuple(steps))
+    steps += [judge_birdseye(evidence, view), judge_markings(evidence, view), judge_stripes(evidence)]
+    near = near_stripes(evidence.stripes)
     if not len(near):
-        return replace(empty, sight=sight, steps=_until_failure(steps))
+        return replace(empty, evidence=evidence, steps=_until_failure(steps))
     votes, starts = vote_lanes(near, view)
-    fit = search_lane(sight.stripes, view)
-    lane = describe_lane(fit, sight, view)
-    candidates = _candidates(fit, sight, view, found=lane is not None)
+    fit = search_lane(evidence.stripes, view)
+    lane = describe_lane(fit, evidence, view)
+    candidates = _candidates(fit, evidence, view, found=lane is not None)
     steps += [judge_votes(starts), judge_fit(candidates[0].score, candidates[0].support)]
     if lane is not None:
         # What looked doubtful on the way has turned out to be enough.
         steps = [replace(step, failure="", advice="") for step in steps] + [judge_lane(lane)]
-    return Explanation(image, camera, view, sight, votes, fit, candidates, lane, _until_failure(steps))
+    return Explanation(image, camera, view, evidence, votes, fit, candidates, lane, _until_failure(steps))
 
 
 def _until_failure(steps: list[Step]) -> tuple[Step, ...]:
@@ -190,15 +198,15 @@ def _until_failure(steps: list[Step]) -> tuple[Step, ...]:
     return tuple(steps[: failed + 1])
 
 
-def _candidates(fit: LaneFit, sight: Sight, view: RoadView, *, found: bool) -> tuple[Candidate, ...]:
+def _candidates(fit: LaneFit, evidence: FrameEvidence, view: BirdsEyeView, *, found: bool) -> tuple[Candidate, ...]:
     """The fitted lanes, best first, each with the reason for its fate; what became the best one is left out."""
-    support = support_of(fit, lines_on_view(fit.lane, view.x_m, view.height_m), sight.stripes, view)
+    support = support_of(fit, lines_on_view(fit.lane, view.x_m, view.height_m), evidence.stripes, view)
     score = score_lanes(fit.lane, support)
     order = np.argsort(-score, kind="stable")
     best = order[0]
     kept = []
     for n in order:
-        same = np.abs(fit.lane[n] - fit.lane[best])[[CENTRE, WIDTH]].max() <= SAME_M
+        same = np.abs(fit.lane[n] - fit.lane[best])[[CENTRE, WIDTH]].max() <= RIVAL_M
         if n == best or not same:
             reason = _fate(fit.lane[n], support[n], score[n], best=(support[best], score[best]), chosen=n == best)
             kept.append(Candidate(fit.lane[n], support[n], float(score[n]), bool(found and n == best), reason))
@@ -210,7 +218,7 @@ def _fate(lane: np.ndarray, support: np.ndarray, score: float, *, best: tuple[np
     paint = f"paint {support[0]:.0%} left, {support[1]:.0%} right"
     if chosen:
         return f"{which}: {paint}, score {score:.2f}"
-    if elsewhere(lane[None])[0]:
+    if is_other_lane(lane[None])[0]:
         why = "the car is not in it"
     elif np.sqrt(support).sum() < np.sqrt(best[0]).sum():
         why = "less paint"
@@ -225,7 +233,7 @@ def stripes_on_lines(explanation: Explanation) -> np.ndarray:
     The far lines of the lanes beside are neither, though they help to tell how the road lies.
     """
     if explanation.fit is None or explanation.lane is None:
-        return np.zeros(len(explanation.sight.stripes) if explanation.sight else 0)
+        return np.zeros(len(explanation.evidence.stripes) if explanation.evidence else 0)
     fit = explanation.fit
     chosen = next(c for c in explanation.candidates if c.chosen)
     best = int(np.flatnonzero((fit.lane == chosen.model).all(axis=1))[0])

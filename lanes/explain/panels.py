@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lanes.camera.camera import Camera, undistort
-from lanes.drawing.canvas import LANE, LEFT, RIGHT, WINDOW, Colour
+from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR, Colour
 from lanes.drawing.figures import new_figure, rgb
 from lanes.explain.explanation import Explanation, stripes_on_lines
 from lanes.tracking.model import CENTRE, SIDES, WIDTH, line_y, lines_on_view
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 # Distances that are marked on the road, metres, and how far to either side.
 RUNGS_M, RUNG_HALF_M = (5, 10, 20, 40), 4.0
-# Evidence is shown from none to this many times the noise.
+# MarkingResponse is shown from none to this many times the noise.
 MOST_STRENGTH = 12.0
 MAGENTA: Colour = (255, 60, 255)
 TEXT_COLUMNS, LINE_POINTS = 72, 12
@@ -33,58 +33,67 @@ FAILED = "firebrick"
 
 def panel_raw(axis: Axes, explanation: Explanation) -> None:
     """The picture as taken."""
-    _show(axis, explanation.image, f"1 Picture: {_words(explanation, 'picture')}")
+    _show(axis, explanation.image, f"1 Frame: {_words(explanation, 'picture')}")
 
 
-def panel_mount(axis: Axes, explanation: Explanation) -> None:
+def panel_pose(axis: Axes, explanation: Explanation) -> None:
     """The undistorted picture with the horizon, the point straight ahead and distances on the road."""
     camera = explanation.undistorted_camera
     height, width = explanation.image.shape[:2]
-    _show(axis, undistort(explanation.image, explanation.camera), f"2 Mount: {camera.mount.describe()}")
+    _show(axis, undistort(explanation.image, explanation.camera), f"2 Camera pose: {camera.pose.describe()}")
     ends = _directions_to_pixels(camera, np.array([[1.0, 0.6, 0], [1, 0, 0], [1, -0.6, 0]]))
-    axis.plot(*ends.T, color=rgb(MAGENTA), lw=1.2, label="horizon of the mount")
+    axis.plot(*ends.T, color=rgb(MAGENTA), lw=1.2, label="horizon of the camera pose")
     axis.plot(*ends[1], "+", color=rgb(MAGENTA), ms=14, mew=2, label="straight ahead of the car")
     for x_m in RUNGS_M:
         rung = camera.road_to_pixels(np.array([[x_m, RUNG_HALF_M], [x_m, -RUNG_HALF_M]]))
-        axis.plot(*rung.T, color=rgb(WINDOW), lw=1)
+        axis.plot(*rung.T, color=rgb(WINDOW_COLOUR), lw=1)
         if rung[0, 1] < height:
-            axis.annotate(f"{x_m} m ", rung[0], color=rgb(WINDOW), fontsize=8, ha="right", va="center")
+            axis.annotate(f"{x_m} m ", rung[0], color=rgb(WINDOW_COLOUR), fontsize=8, ha="right", va="center")
     if explanation.lane is not None:
         lane = explanation.lane
         ahead = np.array([[np.cos(lane.heading_rad), np.sin(lane.heading_rad), lane.pitch_rad]])
         axis.plot(
-            *_directions_to_pixels(camera, ahead)[0], "x", color=rgb(LANE), ms=9, mew=2, label="where the lane goes"
+            *_directions_to_pixels(camera, ahead)[0],
+            "x",
+            color=rgb(LANE_COLOUR),
+            ms=9,
+            mew=2,
+            label="where the lane goes",
         )
     axis.set(xlim=(0, width), ylim=(height, 0))
     axis.legend(loc="lower right", fontsize=7)
 
 
-def panel_view(axis: Axes, explanation: Explanation) -> None:
+def panel_birdseye(axis: Axes, explanation: Explanation) -> None:
     """The road from above."""
     title = f"3 From above: {_words(explanation, 'view')}"
-    if explanation.sight is None:
-        _say(axis, title, "the mount shows no road in this picture")
+    if explanation.evidence is None:
+        _say(axis, title, "the camera pose shows no road in this picture")
         return
-    _show_view(axis, explanation, explanation.view.blacken(explanation.sight.view_image), title)
+    _show_view(axis, explanation, explanation.view.blacken(explanation.evidence.view_image), title)
 
 
-def panel_paint(axis: Axes, explanation: Explanation) -> None:
+def panel_markings(axis: Axes, explanation: Explanation) -> None:
     """How much each cell looks like paint."""
     title = f"4 Paint: {_words(explanation, 'paint')}"
-    if explanation.sight is None:
+    if explanation.evidence is None:
         _say(axis, title, "not reached")
         return
-    strength = explanation.sight.evidence.strength
+    strength = explanation.evidence.response.strength
     _show_view(axis, explanation, strength, title, cmap="magma", vmin=0, vmax=MOST_STRENGTH)
 
 
 def panel_stripes(axis: Axes, explanation: Explanation) -> None:
     """The stripe candidates, on the road in metres; those of the chosen lane in the colours of its lines."""
     _axes_of_road(axis, explanation, f"5 Stripes: {_words(explanation, 'stripes')}")
-    if explanation.sight is None:
+    if explanation.evidence is None:
         return
-    stripes, side = explanation.sight.stripes, stripes_on_lines(explanation)
-    for which, colour, label in ((0, (150, 150, 150), "on no line"), (1, LEFT, "left line"), (-1, RIGHT, "right line")):
+    stripes, side = explanation.evidence.stripes, stripes_on_lines(explanation)
+    for which, colour, label in (
+        (0, (150, 150, 150), "on no line"),
+        (1, LEFT_COLOUR, "left line"),
+        (-1, RIGHT_COLOUR, "right line"),
+    ):
         mine = side == which
         if mine.any():
             size = np.clip(stripes.strength[mine], 3, 30)
@@ -114,7 +123,7 @@ def panel_votes(axis: Axes, explanation: Explanation) -> None:
         row = np.interp(candidate.model[3], bends, np.arange(len(bends)))
         places = candidate.model[CENTRE] + SIDES * candidate.model[WIDTH] / 2
         look = {
-            "color": rgb(LANE if candidate.chosen else WINDOW),
+            "color": rgb(LANE_COLOUR if candidate.chosen else WINDOW_COLOUR),
             "marker": "o",
             "mfc": "none",
             "ms": 9,
@@ -126,8 +135,8 @@ def panel_votes(axis: Axes, explanation: Explanation) -> None:
 def panel_fit(axis: Axes, explanation: Explanation) -> None:
     """The fitted lanes on the road in metres: the chosen one with its doubt, the rejected ones dashed."""
     _axes_of_road(axis, explanation, f"7 Fit: {_words(explanation, 'fit')}")
-    if explanation.sight is not None:
-        stripes = explanation.sight.stripes
+    if explanation.evidence is not None:
+        stripes = explanation.evidence.stripes
         axis.scatter(stripes.y_m, stripes.x_m, s=3, color="0.75", lw=0)
     for candidate in explanation.candidates:
         if not candidate.chosen:
@@ -137,7 +146,7 @@ def panel_fit(axis: Axes, explanation: Explanation) -> None:
         return
     x_m = np.linspace(0, 50, 60)
     stds = explanation.line_stds_m(x_m)
-    for side, std, colour, name in zip(SIDES, stds, (LEFT, RIGHT), ("left", "right"), strict=True):
+    for side, std, colour, name in zip(SIDES, stds, (LEFT_COLOUR, RIGHT_COLOUR), ("left", "right"), strict=True):
         y_m = line_y(x_m, explanation.lane.model, side)
         line = getattr(explanation.lane, name)
         axis.fill_betweenx(x_m, y_m - 2 * std, y_m + 2 * std, color=rgb(colour), alpha=0.25, lw=0)
@@ -155,8 +164,8 @@ def panel_result(axis: Axes, explanation: Explanation) -> None:
 
 def panel_text(axis: Axes, explanation: Explanation) -> None:
     """The result in words: numbers, the confidence's ingredients, what was rejected, what to do."""
-    results = [f"{name}: {words}" for name, words in explanation.tracked.in_words().items()]
-    results += explanation.confidence_in_words()
+    results = [f"{name}: {words}" for name, words in explanation.tracked.summary().items()]
+    results += explanation.confidence_summary()
     results += [f"rejected: {c.reason}" for c in explanation.candidates if not c.chosen]
     failed = explanation.failed
     verdict = [f"Step “{failed.name}”: {failed.failure}", f"What to do: {failed.advice}"] if failed else []
@@ -173,12 +182,12 @@ def panel_text(axis: Axes, explanation: Explanation) -> None:
 
 
 # The panel that shows a step.
-PANEL_OF = {"picture": 0, "mount": 1, "view": 2, "paint": 3, "stripes": 4, "votes": 5, "fit": 6, "lane": 7}
+PANEL_OF = {"picture": 0, "pose": 1, "view": 2, "paint": 3, "stripes": 4, "votes": 5, "fit": 6, "lane": 7}
 PANELS = (
     panel_raw,
-    panel_mount,
-    panel_view,
-    panel_paint,
+    panel_pose,
+    panel_birdseye,
+    panel_markings,
     panel_stripes,
     panel_votes,
     panel_fit,
@@ -193,7 +202,7 @@ def show_explanation(explanation: Explanation) -> tuple[Figure, np.ndarray]:
     Returns
     -------
     figure, axes : Figure, ndarray of Axes of shape (9,)
-        Picture, mount, view from above, paint, stripes, votes, fit, overlay, and the words.
+        Frame, pose, view from above, paint, stripes, votes, fit, overlay, and the words.
     """
     figure, axes = new_figure(3, 3, (18, 11.5), height_ratios=(1, 1, 1.2))
     for axis, draw in zip(axes, PANELS, strict=True):
@@ -239,7 +248,7 @@ def _axes_of_road(axis: Axes, explanation: Explanation, title: str) -> None:
 
 def _directions_to_pixels(camera: Camera, directions: np.ndarray) -> np.ndarray:
     """Pixels (N, 2) of points infinitely far away in these directions (N, 3) of the road frame; no distortion."""
-    x, y, z = (directions @ camera.mount.rotation().T).T
+    x, y, z = (directions @ camera.pose.rotation().T).T
     return np.column_stack([x / z, y / z, np.ones_like(z)]) @ camera.matrix[:2].T
 
 

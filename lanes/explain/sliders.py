@@ -14,7 +14,7 @@ import numpy as np
 
 from lanes.camera.camera import Camera
 from lanes.drawing.pictures import to_rgb
-from lanes.tracking.birdseye import RoadView
+from lanes.tracking.birdseye import BirdsEyeView
 
 if TYPE_CHECKING:
     from ipywidgets import VBox
@@ -68,16 +68,16 @@ def tune_threshold(
 def tune_view(image: np.ndarray, camera: Camera) -> VBox | None:
     """Show a picture beside the road from above, with sliders for the distance it shows and the camera's pitch.
 
-    `camera` needs its mount. See `tune_threshold` for what is returned.
+    `camera` needs its pose. See `tune_threshold` for what is returned.
     """
-    mount = camera.require_mount()
+    pose = camera.require_pose()
 
     def view_from_above(image: np.ndarray, far_m: float, half_width_m: float, pitch_deg: float) -> np.ndarray:
-        tilted = camera.with_mount(replace(mount, pitch_rad=np.radians(pitch_deg)))
-        view = RoadView(tilted, far_m=far_m, half_width_m=half_width_m)
+        tilted = camera.with_pose(replace(pose, pitch_rad=np.radians(pitch_deg)))
+        view = BirdsEyeView(tilted, far_m=far_m, half_width_m=half_width_m)
         return view.blacken(view.warp(image))
 
-    pitch_deg = float(np.degrees(mount.pitch_rad))
+    pitch_deg = float(np.degrees(pose.pitch_rad))
     limits = {"far_m": (20.0, 120.0, 70.0), "half_width_m": (3.0, 15.0, 9.0)}
     return tune_threshold(image, view_from_above, **limits, pitch_deg=(pitch_deg - 4, pitch_deg + 4, pitch_deg))
 

@@ -8,13 +8,13 @@ import numpy as np
 
 from lanes.camera.camera import Camera
 from lanes.io.words import describe_bend
-from lanes.tracking.birdseye import RoadView
+from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.confidence import FEATURES, STILL_WEIGHTS, USUAL_WIDTH_M, lane_features, lateral_std_m
 from lanes.tracking.detector import near_stripes
 from lanes.tracking.fitting import START
 from lanes.tracking.lane import Lane
 from lanes.tracking.lines import LEAST_SUPPORT
-from lanes.tracking.markings import LEAST_STRENGTH, Sight, lightness
+from lanes.tracking.markings import LEAST_STRENGTH, FrameEvidence, lightness
 from lanes.tracking.model import CURVATURE, PITCH, PRIOR_STD, WIDTH
 from lanes.tracking.tracked_lane import TrackedLane
 from lanes.tracking.tracker import LEAST_SCORE
@@ -27,7 +27,7 @@ UNSURE = 0.5
 # A frame's own pitch beyond three standard deviations of what cars do is no bump.
 ODD_PITCH_RAD = 3 * PRIOR_STD[PITCH]
 
-MOUNT_AGAIN = "Estimate the mount again from pictures of this very drive (python -m lanes pose)."
+POSE_AGAIN = "Estimate the camera pose again from pictures of this very drive (python -m lanes pose)."
 
 
 @dataclass(frozen=True)
@@ -45,16 +45,16 @@ def judge_picture(image: np.ndarray) -> Step:
     return Step("picture", f"{image.shape[1]}x{image.shape[0]} px, mean brightness {image.mean():.0f} of 255")
 
 
-def judge_mount(camera: Camera, trouble: str) -> Step:
+def judge_pose(camera: Camera, trouble: str) -> Step:
     """Where the camera is thought to sit, and why that is a mere assumption, if it is one."""
     if trouble:
-        return Step("mount", f"assumed, {camera.mount.describe()}", trouble, MOUNT_AGAIN)
-    return Step("mount", camera.mount.describe())
+        return Step("pose", f"assumed, {camera.pose.describe()}", trouble, POSE_AGAIN)
+    return Step("pose", camera.pose.describe())
 
 
-def judge_view(sight: Sight, view: RoadView) -> Step:
+def judge_birdseye(evidence: FrameEvidence, view: BirdsEyeView) -> Step:
     """How much road is seen, and how well it is lit."""
-    levels = lightness(sight.view_image)[view.seen]
+    levels = lightness(evidence.view_image)[view.seen]
     low, middle, high = np.percentile(levels, [0.1, 50, 99.9])
     words = f"picture covers {view.seen.mean():.0%} of {view.near_m:g} to {view.far_m:g} m, brightness {middle:.0f}"
     if middle < DARK:
@@ -81,9 +81,9 @@ def judge_view(sight: Sight, view: RoadView) -> Step:
     return Step("view", words)
 
 
-def judge_paint(sight: Sight, view: RoadView) -> Step:
+def judge_markings(evidence: FrameEvidence, view: BirdsEyeView) -> Step:
     """Whether anything looks painted."""
-    strength = sight.evidence.strength[view.seen]
+    strength = evidence.response.strength[view.seen]
     best = float(strength.max(initial=0))
     words = (
         f"strongest {best:.0f} x noise, {(strength > LEAST_STRENGTH).mean():.1%} of the road above {LEAST_STRENGTH:g}"
@@ -94,13 +94,13 @@ def judge_paint(sight: Sight, view: RoadView) -> Step:
         "paint",
         words,
         "nothing is brighter or yellower than the road on both its sides and as wide as painted lines are.",
-        "Look whether the road has lines at all, and whether they are in the view from above; if not: " + MOUNT_AGAIN,
+        "Look whether the road has lines at all, and whether they are in the view from above; if not: " + POSE_AGAIN,
     )
 
 
-def judge_stripes(sight: Sight) -> Step:
+def judge_stripes(evidence: FrameEvidence) -> Step:
     """Whether there are stripes where the search begins."""
-    count, near = len(sight.stripes), len(near_stripes(sight.stripes))
+    count, near = len(evidence.stripes), len(near_stripes(evidence.stripes))
     words = f"{count} candidates, {near} of them within {START[-1][0]} m"
     if near:
         return Step("stripes", words)
@@ -108,7 +108,7 @@ def judge_stripes(sight: Sight) -> Step:
         "stripes",
         words,
         f"no stripe is nearer than {START[-1][0]} m, where the search begins.",
-        "See whether the bonnet or a car hides the road, or the lines end here; else: " + MOUNT_AGAIN,
+        "See whether the bonnet or a car hides the road, or the lines end here; else: " + POSE_AGAIN,
     )
 
 
@@ -131,8 +131,8 @@ def judge_fit(score: float, support: np.ndarray) -> Step:
         words,
         f"neither line of the best lane has paint on {LEAST_SUPPORT:.0%} of its rows: the stripes do not line up.",
         "See in the view from above whether the road has lines here, and whether they run side by side. If they do, "
-        "the car is crossing a line or in a hairpin, and a video bridges it; if they spread or close, the mount is "
-        "wrong. " + MOUNT_AGAIN,
+        "the car is crossing a line or in a hairpin, and a video bridges it; if they spread or close, the pose is "
+        "wrong. " + POSE_AGAIN,
     )
 
 
@@ -144,8 +144,8 @@ def judge_lane(lane: Lane) -> Step:
         return Step("lane", words)
     if abs(lane.pitch_rad) >= ODD_PITCH_RAD:
         way = "down" if lane.pitch_rad > 0 else "up"
-        why = f"the camera seems to look {np.degrees(abs(lane.pitch_rad)):.1f} deg farther {way} than its mount says."
-        return Step("lane", words, why, MOUNT_AGAIN + " On a crest or a bump it passes by itself.")
+        why = f"the camera seems to look {np.degrees(abs(lane.pitch_rad)):.1f} deg farther {way} than its pose says."
+        return Step("lane", words, why, POSE_AGAIN + " On a crest or a bump it passes by itself.")
     unseen = [name for name, line in (("left", lane.left), ("right", lane.right)) if not line.seen]
     if lane.score < LEAST_SCORE:
         why = f"hardly any paint supports it (score {lane.score:.2f}; a video starts from {LEAST_SCORE} on)."
@@ -154,15 +154,15 @@ def judge_lane(lane: Lane) -> Step:
         why = f"the {unseen[0]} line is not seen; its place follows from the other one and the usual width."
         advice = (
             "Nothing is wrong if the road has no such line: a video carries the width over from where it was seen. If "
-            "it has one, and the lines do not run side by side in the view from above, the mount is wrong. "
-            + MOUNT_AGAIN
+            "it has one, and the lines do not run side by side in the view from above, the camera pose is wrong. "
+            + POSE_AGAIN
         )
     elif _width_is_to_blame(lane):
         why = (
             f"a lane {lane.width_m:.1f} m wide is odd (usual: {USUAL_WIDTH_M} m): the road is no usual one, or one of "
             "the lines is a kerb, a crack or another lane's."
         )
-        advice = "See in the fit which of the two lines lies on paint; if all lanes come out like this: " + MOUNT_AGAIN
+        advice = "See in the fit which of the two lines lies on paint; if all lanes come out like this: " + POSE_AGAIN
     else:
         why = (
             f"the worse line is known to no more than {lateral_std_m(lane, 20.0):.1f} m at 20 m ahead: the paint found "

@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from lanes.io.files import files_in, sole_writer, whole_file
+from lanes.io.files import atomic_write, files_in, sole_writer
 
 
 def cache_folder() -> Path:
@@ -29,7 +29,7 @@ def cache_folder() -> Path:
     return base / "advanced-lane-finding" / "scenes"
 
 
-def kept_array(
+def cached_array(
     name: str, sources: Iterable[Path], make: Callable[[], np.ndarray], *, most: int | None = None
 ) -> np.ndarray:
     """`make()`, or what it gave before with the same sources and versions; a cache that cannot be used is done without.
@@ -53,7 +53,7 @@ def kept_array(
     ndarray
         Not to be written to.
     """
-    digest = digits_of(cv2.__version__, np.__version__, *(source.read_bytes() for source in sources))
+    digest = short_hash(cv2.__version__, np.__version__, *(source.read_bytes() for source in sources))
     try:
         path = cache_folder() / f"{name}-{digest}.npy"
     except RuntimeError:  # a user without a home
@@ -66,14 +66,14 @@ def kept_array(
             array = _read(path)
         if array is None:
             array = make()
-            with suppress(OSError), whole_file(path) as unfinished, unfinished.open("wb") as file:
+            with suppress(OSError), atomic_write(path) as unfinished, unfinished.open("wb") as file:
                 np.save(file, array)
             _remove_oldest(path.parent, most)
     array.setflags(write=False)
     return array
 
 
-def digits_of(*parts: object) -> str:
+def short_hash(*parts: object) -> str:
     """Eight digits, for a file's name, that change with any of the parts."""
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:8]
 

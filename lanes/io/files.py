@@ -106,14 +106,14 @@ def files_in(folder: str | Path, suffixes: Collection[str]) -> list[Path]:
     return [path for path in found if PARTIAL not in path.name and not path.name.startswith(".")]
 
 
-def write_whole(path: str | Path, data: bytes) -> None:
+def write_atomically(path: str | Path, data: bytes) -> None:
     """Write `data` beside `path` and rename it, so that an interruption never leaves half a file."""
-    with whole_file(Path(path)) as partial:
+    with atomic_write(Path(path)) as partial:
         partial.write_bytes(data)
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
+def atomic_write(path: Path) -> Iterator[Path]:
     """A name to write to in the `with` block; the file becomes `path` at its end, or is removed if the block raises.
 
     Of two processes that write the same output, the one that ends last has its file there, whole.

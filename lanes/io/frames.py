@@ -67,7 +67,7 @@ def stored_colour(colour: tuple[int, int, int], colours: YuvColours) -> tuple[fl
 
 
 @dataclass(frozen=True, eq=False)
-class YuvPicture:
+class YuvFrame:
     """A picture in YUV 4:2:0.
 
     Attributes
@@ -86,7 +86,7 @@ class YuvPicture:
     colours: YuvColours = YuvColours()
 
     @classmethod
-    def from_rgb(cls, image: np.ndarray) -> YuvPicture:
+    def from_rgb(cls, image: np.ndarray) -> YuvFrame:
         """Convert a picture (height, width, 3), uint8, to the default colours; 0.5 ms at 1280x720, FFmpeg takes 1.7."""
         require_rgb(image)
         height, width = image.shape[:2]
@@ -112,11 +112,11 @@ class YuvPicture:
         y, u, v = np.split(self.data.ravel(), ends)
         return y.reshape(height, width), u.reshape(height // 2, -1), v.reshape(height // 2, -1)
 
-    def copy(self) -> YuvPicture:
+    def copy(self) -> YuvFrame:
         """The same on data of its own."""
         return replace(self, data=self.data.copy())
 
-    def turned(self, quarters: int) -> YuvPicture:
+    def turned(self, quarters: int) -> YuvFrame:
         """The picture turned counterclockwise by so many quarters; sides must be even."""
         data = np.concatenate([np.rot90(plane, quarters).ravel() for plane in self.planes])
         width, height = (self.height, self.width) if quarters % 2 else (self.width, self.height)
@@ -130,12 +130,12 @@ class YuvPicture:
 
 
 # What can be looked at and drawn on: RGB of shape (height, width, 3), uint8, or a frame as its video stores it.
-Picture = np.ndarray | YuvPicture
+Frame = np.ndarray | YuvFrame
 
 
-def as_rgb(picture: Picture) -> np.ndarray:
+def as_rgb(picture: Frame) -> np.ndarray:
     """The picture in RGB (height, width, 3), uint8; itself where it is already."""
-    return picture.to_rgb() if isinstance(picture, YuvPicture) else picture
+    return picture.to_rgb() if isinstance(picture, YuvFrame) else picture
 
 
 class PictureError(ValueError):

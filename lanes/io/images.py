@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from lanes.io.files import files_in, require_file, write_whole
+from lanes.io.files import files_in, require_file, write_atomically
 from lanes.io.frames import PictureError, require_rgb
 
 PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png")
@@ -92,12 +92,12 @@ def write_image(path: str | Path, image: np.ndarray, *, jpeg_quality: int = 92) 
     done, data = cv2.imencode(path.suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)
     if not done:
         raise PictureError(f"{path}: the picture of shape {image.shape} could not be encoded as {path.suffix}.")
-    write_whole(path, data.tobytes())
+    write_atomically(path, data.tobytes())
     return path
 
 
 def list_pictures(folder: str | Path) -> list[Path]:
-    """Picture files of a folder in natural order (board2 before board10).
+    """Frame files of a folder in natural order (board2 before board10).
 
     Raises
     ------

@@ -11,7 +11,7 @@ from tempfile import TemporaryFile
 
 import numpy as np
 
-from lanes.io.files import read_text, whole_file, writing_to
+from lanes.io.files import atomic_write, read_text, writing_to
 
 
 class TelemetryWriter:
@@ -66,7 +66,7 @@ class TelemetryWriter:
 
     def _finish(self) -> None:
         self._rows.seek(0)
-        with whole_file(self.path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
+        with atomic_write(self.path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(self._columns)
             # the early rows lack the columns that appeared later

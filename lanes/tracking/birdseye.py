@@ -1,7 +1,7 @@
 """The road from above, on a grid in metres, straight from the raw picture.
 
 The four-point warp of the course's first half has pixels of unknown size. Here every cell has a place on the road:
-its centre goes through mount and lens once, when the view is made, and from then on a frame costs one lookup.
+its centre goes through pose and lens once, when the view is made, and from then on a frame costs one lookup.
 
 Rows follow a geometric series: each is a fixed share farther than the last, as pixel rows are. A cell near the car
 covers many pixels, one far away less than one; the lookup therefore reads from a picture reduced so far that the cell
@@ -18,20 +18,20 @@ import numpy as np
 
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError
-from lanes.io.frames import Picture, YuvPicture, stored_colour
+from lanes.io.frames import Frame, YuvFrame, stored_colour
 
 # Enough for pictures of 4000 columns.
 REDUCTIONS = (1, 2, 4, 8, 16)
 
 
 @dataclass(frozen=True, eq=False)
-class RoadView:
+class BirdsEyeView:
     """A grid on the flat road ahead; row 0 is the farthest, column 0 the leftmost, as one looks.
 
     Parameters
     ----------
     camera : Camera
-        With a mount.
+        With a camera pose.
     near_m, far_m : float
         Distance ahead of the nearest and the farthest row.
     growth : float
@@ -64,7 +64,7 @@ class RoadView:
     @property
     def height_m(self) -> float:
         """Height of the camera above the road."""
-        return self.camera.mount.height_m
+        return self.camera.pose.height_m
 
     @property
     def focal_px(self) -> float:
@@ -158,19 +158,19 @@ class RoadView:
         if not self.seen.any():
             raise CameraError(
                 f"a camera mounted like this sees no road between {self.near_m:g} and {self.far_m:g} m ahead "
-                f"({self.camera.mount}); check the mount's angles, or estimate it from the drive's own pictures."
+                f"({self.camera.pose}); check the camera pose's angles, or estimate it from the drive's own pictures."
             )
         top = int(np.nanmin(np.where(self.seen, self.pixels[..., 1], np.nan)))
         return max(0, top - 2) // REDUCTIONS[-1] * REDUCTIONS[-1]
 
-    def warp(self, image: Picture) -> np.ndarray:
+    def warp(self, image: Frame) -> np.ndarray:
         """The road in `image` (raw) from above: RGB (rows, columns, 3) uint8.
 
         Beyond the picture's edges each row goes on as it ends there, so that no filter takes them for edges of the
         road; `blacken` what people are to look at.
         """
         self.camera.require_size(image)
-        if not isinstance(image, YuvPicture):
+        if not isinstance(image, YuvFrame):
             return self._look_up(image[self.top_px :], 1, self._fine, 0)
         y, *differences = image.planes
         dark, gray, _ = stored_colour((0, 0, 0), image.colours)

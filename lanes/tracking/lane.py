@@ -1,6 +1,6 @@
 """The lane in one picture: from raw pixels to metres, with an account of how sure that is.
 
-    raw picture -> observe -> Sight -> search_lane or follow.correct_lane -> LaneFit -> describe_lane -> Lane
+    raw picture -> observe -> Sight -> search_lane or follow.update_lane -> LaneFit -> describe_lane -> Lane
 
 `find_lane` runs through all of it for a picture of which nothing is known.
 """
@@ -20,11 +20,11 @@ from lanes.tracking.model import (
     PITCH,
     RATE,
     SIDES,
-    VERTICAL,
+    VERTICAL_CURVATURE,
     WIDTH,
     line_points,
     line_y,
-    road_rise,
+    road_height,
 )
 
 # Where a line is drawn through, unless asked otherwise: from below the picture to the horizon.
@@ -59,9 +59,9 @@ class LaneLine:
     support: float
     reach_m: float
     seen: bool
-    paint: Paint | None = None
+    profile: MarkingProfile | None = None
 
-    def in_words(self) -> str:
+    def summary(self) -> str:
         """Where the line runs beside the car, and what it rests on."""
         beside = f"{abs(self.c0_m):.2f} ± {self.c0_std_m:.2f} m {'left' if self.c0_m > 0 else 'right'}"
         if not self.seen:
@@ -78,7 +78,7 @@ class Lane:
     offset_m, offset_std_m, heading_rad, curvature_per_m, curvature_std_per_m, curvature_rate_per_m2, width_m,
     width_std_m, pitch_rad, vertical_per_m : float
         `heading_rad` is the road's direction seen from the car, positive to the left; `pitch_rad` what the camera looks
-        farther down than its mount says; `vertical_per_m` the road's curvature upwards below the car.
+        farther down than its pose says; `vertical_per_m` the road's curvature upwards below the car.
     left, right : LaneLine
     score, margin : float
         Sum of the square roots of the supports less what the lane is unusual; and how much better than the next lane.
@@ -126,7 +126,7 @@ class Lane:
             width_m=float(model[WIDTH]),
             width_std_m=float(std[WIDTH]),
             pitch_rad=float(model[PITCH]),
-            vertical_per_m=float(model[VERTICAL][0]),
+            vertical_per_m=float(model[VERTICAL_CURVATURE][0]),
             left=lines[0],
             right=lines[1],
             score=score,
@@ -135,7 +135,7 @@ class Lane:
             covariance=covariance,
         )
 
-    def in_words(self) -> dict[str, str]:
+    def summary(self) -> dict[str, str]:
         """What is known of the lane, by name: offset, bend, heading, width and both lines."""
         return {
             "offset": describe_offset(self.offset_m, self.offset_std_m),
@@ -143,16 +143,16 @@ class Lane:
             f"({1e3 * self.curvature_per_m:.2f} ± {1e3 * self.curvature_std_per_m:.2f} per km)",
             "heading": describe_heading(self.heading_rad),
             "width": f"{self.width_m:.2f} ± {self.width_std_m:.2f} m",
-            "left line": self.left.in_words(),
-            "right line": self.right.in_words(),
+            "left line": self.left.summary(),
+            "right line": self.right.summary(),
         }
 
     def __repr__(self) -> str:
-        words = self.in_words()
+        words = self.summary()
         return f"Lane({words['offset']}, {describe_bend(self.curvature_per_m)}, {words['width']} wide)"
 
     def _repr_html_(self) -> str:
-        return html_table("Lane", self.in_words())
+        return html_table("Lane", self.summary())
 
     def lateral_m(self, x_m: np.ndarray) -> np.ndarray:
         """Lateral places (2, N) of the left and right line at distances (N,), metres; NaN where one has turned back."""
@@ -162,9 +162,9 @@ class Lane:
         """Lateral place of the left (side +1) or right (-1) line at distances (N,); NaN where it has turned back."""
         return line_y(np.asarray(x_m, float), self.model, side)
 
-    def rise_m(self, x_m: np.ndarray) -> np.ndarray:
+    def height_m_at(self, x_m: np.ndarray) -> np.ndarray:
         """Height (N,) of the road at distances (N,) above the plane that the car stands on, metres."""
-        return road_rise(self.model, x_m)
+        return road_height(self.model, x_m)
 
     def outline(self, camera: Camera, side: float, *, along_m: np.ndarray = OUTLINE_M) -> np.ndarray:
         """Raw pixels (N, 2) of a line where the lane has run `along_m`, ascending, up to where it is out of sight.
@@ -172,9 +172,9 @@ class Lane:
         That is where it turns back or dips behind a crest, or goes out of the lens.
         """
         x, y = line_points(self.model, side, along_m).T
-        mount = replace(camera.mount, pitch_rad=camera.mount.pitch_rad + self.pitch_rad)
-        points = np.column_stack([x, y, self.rise_m(x)])
-        pixels = camera.with_mount(mount).road_to_pixels(points)
+        pose = replace(camera.pose, pitch_rad=camera.pose.pitch_rad + self.pitch_rad)
+        points = np.column_stack([x, y, self.height_m_at(x)])
+        pixels = camera.with_pose(pose).road_to_pixels(points)
         pixels = pixels[np.isfinite(pixels).all(axis=1)]
         back = np.flatnonzero(~(np.diff(pixels[:, 1]) < 0))
         return pixels[: back[0] + 1] if len(back) else pixels
@@ -191,7 +191,7 @@ class Lane:
 
 
 @dataclass(frozen=True)
-class Paint:
+class MarkingProfile:
     """Cross-section of a line's paint.
 
     Attributes

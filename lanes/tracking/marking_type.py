@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lanes.tracking.lane import Paint
+from lanes.tracking.lane import MarkingProfile
 
 # Gaps between dashes are 3 m (UK, slow roads) to 12 m (Germany); holes that wear and shadows leave are mostly shorter.
 DASH_GAP_M = 2.7
 # Farther than this a gap is too few rows of the view to be sure of.
-FAR_M = 32.0
+VOTING_FAR_M = 32.0
 LEAST_ROWS = 6
 # A vote loses this share of its weight with every further one: 14 halve it.
 FADING = 0.95
@@ -23,7 +23,7 @@ LEAST_VOTES = 0.5
 
 
 @dataclass(frozen=True)
-class LineKind:
+class MarkingType:
     """What a line looks like; None where it has not been seen well enough to say."""
 
     colour: str | None = None
@@ -36,27 +36,27 @@ class LineKind:
 
 
 @dataclass(frozen=True)
-class KindVotes:
+class MarkingVotes:
     """Votes of the pictures so far, each > 0 for yellow, dashed, double and < 0 for white, solid, single."""
 
     yellow: float = 0.0
     dashed: float = 0.0
     double: float = 0.0
 
-    def add_paint(self, paint: Paint) -> KindVotes:
+    def add_profile(self, paint: MarkingProfile) -> MarkingVotes:
         """Count a look at the line's cross-section."""
         yellow, double = (1 if yes else -1 for yes in (paint.yellow, paint.double))
         return replace(self, yellow=FADING * self.yellow + yellow, double=FADING * self.double + double)
 
-    def add_gaps(self, painted_m: np.ndarray) -> KindVotes:
+    def add_gaps(self, painted_m: np.ndarray) -> MarkingVotes:
         """Count a picture with paint at these distances ahead (N,), sorted or not."""
         dashed = looks_dashed(painted_m)
         return self if dashed is None else replace(self, dashed=FADING * self.dashed + (1 if dashed else -1))
 
     @property
-    def kind(self) -> LineKind:
+    def kind(self) -> MarkingType:
         """The majority's opinion."""
-        return LineKind(
+        return MarkingType(
             _decide(self.yellow, "yellow", "white"),
             _decide(self.dashed, "dashed", "solid"),
             _decide(self.double, True, False),
@@ -65,7 +65,7 @@ class KindVotes:
 
 def looks_dashed(painted_m: np.ndarray) -> bool | None:
     """Whether paint at these distances (N,) has gaps like a dashed line's; None if there is too little of it."""
-    painted_m = np.sort(painted_m[painted_m < FAR_M])
+    painted_m = np.sort(painted_m[painted_m < VOTING_FAR_M])
     gaps = painted_m[1:] - painted_m[:-1]
     # the same place twice is one place
     if np.count_nonzero(gaps) < LEAST_ROWS - 1:

@@ -15,7 +15,7 @@ from math import lcm
 import cv2
 import numpy as np
 
-from lanes.tracking.birdseye import RoadView
+from lanes.tracking.birdseye import BirdsEyeView
 
 # Painted widths, metres: one stripe (0.10-0.15 m in most of the world), and a double line taken as one. Then the width
 # of the road strips that the stripe is compared with, on either side, and their distance from it, and the window along
@@ -48,7 +48,7 @@ PLACE_STD_M, PLACE_STD_PX = 0.04, 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class MarkingResponse:
     """How much each cell of a view looks like a painted stripe.
 
     Attributes
@@ -148,7 +148,7 @@ def filter_band(centre: np.ndarray, side: np.ndarray, reach: int) -> np.ndarray:
     return response.reshape(centre.shape)
 
 
-def local_noise(steps: np.ndarray, window: int, view: RoadView) -> np.ndarray:
+def local_noise(steps: np.ndarray, window: int, view: BirdsEyeView) -> np.ndarray:
     """Means of steps from column to column around each cell and `NOISE_FLOOR`, (2, rows, columns) float32.
 
     `steps` are each cell's two, to its left and to its right, added: the mirrored picture has the mirrored noise.
@@ -162,18 +162,18 @@ def local_noise(steps: np.ndarray, window: int, view: RoadView) -> np.ndarray:
     return noise
 
 
-def measure_paint(view_image: np.ndarray, view: RoadView) -> Evidence:
+def marking_response(view_image: np.ndarray, view: BirdsEyeView) -> MarkingResponse:
     """Look for stripes everywhere in a view.
 
     Parameters
     ----------
     view_image : ndarray of shape (rows, columns, 3), uint8
         What `view.warp` returned.
-    view : RoadView
+    view : BirdsEyeView
 
     Returns
     -------
-    Evidence
+    MarkingResponse
     """
     single, double, beside, gap, window = (round(length / view.cell_m) | 1 for length in SIZES_M)
     aslant, far = (round(length / view.cell_m) | 1 for length in (ASLANT_M, ASLANT_GAP_M))
@@ -201,10 +201,10 @@ def measure_paint(view_image: np.ndarray, view: RoadView) -> Evidence:
     strength = np.maximum(np.maximum(*np.maximum(narrow, wide) / noise), 0)
     # what is cut by the picture's edge may be of any width
     whole = view.seen_around(single // 2 + 1)
-    return Evidence(cv2.copyTo(strength, whole), channels[inside], narrow, wide, noise)
+    return MarkingResponse(cv2.copyTo(strength, whole), channels[inside], narrow, wide, noise)
 
 
-def find_stripes(evidence: Evidence, view: RoadView) -> Stripes:
+def find_stripes(response: MarkingResponse, view: BirdsEyeView) -> Stripes:
     """Peaks of the evidence along each row, placed between the columns.
 
     Returns
@@ -212,7 +212,7 @@ def find_stripes(evidence: Evidence, view: RoadView) -> Stripes:
     Stripes
         At most `STRIPES_PER_ROW` a row, the strongest, each at least `LEAST_STRENGTH` times the noise.
     """
-    best = evidence.strength
+    best = response.strength
     peak = cv2.compare(best, cv2.dilate(best, np.ones((1, 5), np.uint8)), cv2.CMP_GE)
     # places in one long row: numpy finds them six times as fast as rows and columns
     row, column = np.divmod(np.flatnonzero(peak.view(bool) & (best > LEAST_STRENGTH)), best.shape[1])
@@ -222,8 +222,8 @@ def find_stripes(evidence: Evidence, view: RoadView) -> Stripes:
     bend = left - 2 * middle + right
     shift = np.where(bend < 0, 0.5 * (left - right) / np.minimum(bend, -1e-9), 0.0)
     y = view.y_m[0] - (column + np.clip(shift, -0.5, 0.5)) * view.cell_m
-    noise = evidence.noise[:, row, column]
-    narrow, wide = (response[:, row, column] / noise for response in (evidence.narrow, evidence.wide))
+    noise = response.noise[:, row, column]
+    narrow, wide = (response[:, row, column] / noise for response in (response.narrow, response.wide))
     double = np.maximum(*wide) > np.maximum(*narrow)
     yellow = np.greater(*np.maximum(narrow, wide)[::-1])
     step = view.x_m[row] * (view.growth / (1 + view.growth) / view.cell_m)
@@ -245,12 +245,12 @@ def _strongest_of_each_row(row: np.ndarray, column: np.ndarray, best: np.ndarray
     return row[keep], column[keep]
 
 
-def _stripe_angle(evidence: np.ndarray, row: np.ndarray, column: np.ndarray, step: np.ndarray) -> np.ndarray:
+def _stripe_angle(response: np.ndarray, row: np.ndarray, column: np.ndarray, step: np.ndarray) -> np.ndarray:
     """Direction of stripes on the road from the structure tensor of the evidence (Bigun and Granlund, 1987)."""
-    rows, columns = evidence.shape
+    rows, columns = response.shape
     # an odd number of cells, so that a mirrored picture has mirrored directions
     cells = columns // COARSE_COLUMNS | 1
-    coarse = cv2.resize(evidence, (cells, rows), interpolation=cv2.INTER_AREA)
+    coarse = cv2.resize(response, (cells, rows), interpolation=cv2.INTER_AREA)
     across = cv2.Scharr(coarse, cv2.CV_32F, 1, 0)
     along = cv2.Scharr(coarse, cv2.CV_32F, 0, 1)
     cell = (2 * column + 1) * cells // (2 * columns)
@@ -264,26 +264,26 @@ def _stripe_angle(evidence: np.ndarray, row: np.ndarray, column: np.ndarray, ste
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
-    """What one picture shows: its `RoadView.warp`, (rows, columns, 3) uint8, the evidence there and its stripes."""
+class FrameEvidence:
+    """What one picture shows: its `BirdsEyeView.warp`, (rows, columns, 3) uint8, the evidence there and its stripes."""
 
     view_image: np.ndarray
-    evidence: Evidence
+    response: MarkingResponse
     stripes: Stripes
 
 
-def observe(image: np.ndarray, view: RoadView) -> Sight:
+def extract_evidence(image: np.ndarray, view: BirdsEyeView) -> FrameEvidence:
     """Look at the road in a raw picture."""
     view_image = view.warp(image)
-    evidence = measure_paint(view_image, view)
-    return Sight(view_image, evidence, find_stripes(evidence, view))
+    response = marking_response(view_image, view)
+    return FrameEvidence(view_image, response, find_stripes(response, view))
 
 
-def paint_weight(stripes: Stripes) -> np.ndarray:
+def marking_weight(stripes: Stripes) -> np.ndarray:
     """How likely a stripe is paint, from its strength: 0 to 1."""
     return stripes.strength**2 / (stripes.strength**2 + HALF_STRENGTH**2)
 
 
-def place_std(stripes: Stripes, focal_px: float) -> np.ndarray:
+def position_std(stripes: Stripes, focal_px: float) -> np.ndarray:
     """Standard deviation of each stripe's lateral place on the road, metres."""
     return np.hypot(PLACE_STD_M, PLACE_STD_PX * stripes.x_m / focal_px)

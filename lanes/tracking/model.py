@@ -5,8 +5,8 @@ each metre along it; the two lines run half a `width` to its left and right. Thr
 changes where the road has run `KNOTS_M`: with them the curvature is a chain of straight pieces over the length of the
 road, and a bend may begin and end within the view, as hairpins do.
 
-`pitch` is how much farther down than its mount says the camera looks in this frame (bumps, brakes). Four numbers are
-the curvature of the road upwards at `RISE_KNOTS_M`, straight in between and fading beyond: crests, dips, and waves
+`pitch` is how much farther down than its pose says the camera looks in this frame (bumps, brakes). Four numbers are
+the curvature of the road upwards at `VERTICAL_KNOTS_M`, straight in between and fading beyond: crests, dips, and waves
 shorter than the view. Both show in that the lines do not look parallel.
 
 The last two say how much wider than this lane the next ones to the left and to the right are. Their far lines run
@@ -30,18 +30,18 @@ from functools import lru_cache
 import numpy as np
 
 CENTRE, WIDTH, HEADING, CURVATURE, RATE, PITCH = range(6)
-VERTICAL, KINKS, BESIDE = slice(6, 10), slice(10, 13), slice(13, 15)
-NUMBERS = 15
+VERTICAL_CURVATURE, RATE_STEPS, ADJACENT = slice(6, 10), slice(10, 13), slice(13, 15)
+PARAMETERS = 15
 # Where the rate may change, metres: a bend's transition takes ten metres or more, and a kink shows a few metres later.
 KNOTS_M = np.array([7.0, 14.0, 24.0])
 # Where the road's curvature upwards is known, metres; closer together it could not be told from a nodding camera.
-RISE_KNOTS_M = np.array([0.0, 12.0, 24.0, 40.0])
+VERTICAL_KNOTS_M = np.array([0.0, 12.0, 24.0, 40.0])
 # From where the view ends nothing is known: there the grade goes on as it is.
 STRAIGHT_FROM_M = 70.0
-LEFT, RIGHT = 1.0, -1.0
-SIDES = np.array([LEFT, RIGHT])
-# The far lines of the lanes beside are `BEYOND * LEFT` and `BEYOND * RIGHT`.
-BEYOND = 3.0
+LEFT_SIDE, RIGHT_SIDE = 1.0, -1.0
+SIDES = np.array([LEFT_SIDE, RIGHT_SIDE])
+# The far lines of the lanes beside are `FAR_LINE * LEFT_SIDE` and `FAR_LINE * RIGHT_SIDE`.
+FAR_LINE = 3.0
 
 # Distances between which it is looked up where rays meet the road, farthest first: so close together that the error is
 # below a millimetre of height.
@@ -53,7 +53,7 @@ LEAST_SCALE = 1e-2
 # Sine of the largest angle at which a line passes the car: 64 degrees, half as much again as the largest heading.
 STEEPEST = 0.9
 # How much one squared standard deviation from the prior costs, beside the square roots of the two supports.
-PRIOR_WEIGHT = 0.01
+VOTE_PRIOR_WEIGHT = 0.01
 
 # What is known of any lane before looking, and its standard deviation, in the order of `lanemodel`: lanes are 2.5
 # to 4.5 m wide, cars drive near their middle and along them, hairpins have radii down to 12 m, cars nod by a degree,
@@ -74,9 +74,9 @@ WAVE_SHARE = 1.0
 
 def _slopes_of_knots() -> np.ndarray:
     """(6, 4): the curvature at the car, and by how much its slope changes at each knot, from the curvatures there."""
-    knots = len(RISE_KNOTS_M)
+    knots = len(VERTICAL_KNOTS_M)
     curvatures = np.vstack([np.eye(knots), np.zeros((1, knots))])
-    slopes = np.diff(curvatures, axis=0) / np.diff([*RISE_KNOTS_M, STRAIGHT_FROM_M])[:, None]
+    slopes = np.diff(curvatures, axis=0) / np.diff([*VERTICAL_KNOTS_M, STRAIGHT_FROM_M])[:, None]
     level = np.zeros((1, knots))
     return np.vstack([curvatures[:1], np.diff(slopes, axis=0, prepend=level, append=level)])
 
@@ -84,24 +84,24 @@ def _slopes_of_knots() -> np.ndarray:
 _TO_SLOPES = _slopes_of_knots()
 
 
-def rises_and_grades(x_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How much height and how much slope at x (...) each number of `VERTICAL` makes: (..., 4) each.
+def height_and_grade(x_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How much height and how much slope at x (...) each number of `VERTICAL_CURVATURE` makes: (..., 4) each.
 
     The two integrals of a curvature that is straight between knots.
     """
     x = np.asarray(x_m, float)[..., None]
-    beyond = np.maximum(x - [*RISE_KNOTS_M, STRAIGHT_FROM_M], 0)
+    beyond = np.maximum(x - [*VERTICAL_KNOTS_M, STRAIGHT_FROM_M], 0)
     square = beyond * beyond
     rises = np.concatenate([x * x / 2, square * beyond / 6], axis=-1) @ _TO_SLOPES
     return rises, np.concatenate([x, square / 2], axis=-1) @ _TO_SLOPES
 
 
-_ROAD_RISES = rises_and_grades(ROAD_M)[0]
+_ROAD_HEIGHTS = height_and_grade(ROAD_M)[0]
 
 
-def road_rise(lane: np.ndarray, x_m: np.ndarray) -> np.ndarray:
+def road_height(lane: np.ndarray, x_m: np.ndarray) -> np.ndarray:
     """Height (N,) of the road of a lane (15,) at distances x (N,), above the plane that the car stands on."""
-    return rises_and_grades(x_m)[0] @ lane[VERTICAL]
+    return height_and_grade(x_m)[0] @ lane[VERTICAL_CURVATURE]
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +115,7 @@ class Ground:
     fall : ndarray (..., N)
         By how much a ray comes nearer to the road there, for each metre ahead.
     rises : ndarray (..., N, 4)
-        How much height each number of `VERTICAL` makes there.
+        How much height each number of `VERTICAL_CURVATURE` makes there.
     """
 
     x_m: np.ndarray
@@ -123,7 +123,7 @@ class Ground:
     rises: np.ndarray
 
 
-def meet_ground(x_m: np.ndarray, lanes: np.ndarray, height_m: float) -> Ground:
+def intersect_ground(x_m: np.ndarray, lanes: np.ndarray, height_m: float) -> Ground:
     """Where the rays that would meet a flat road at x (N,) meet those of lanes (..., 15).
 
     The ray to the flat distance x falls by h / x. A camera that looks `pitch` farther down makes that h / x + pitch,
@@ -133,14 +133,14 @@ def meet_ground(x_m: np.ndarray, lanes: np.ndarray, height_m: float) -> Ground:
     lanes = np.asarray(lanes)
     fall, inverse = height_m / x_m + lanes[..., PITCH, None], 1 / ROAD_M
     # what lies lower in the picture than something nearer is hidden behind it
-    falls = inverse * (height_m - lanes[..., VERTICAL] @ _ROAD_RISES.T)
+    falls = inverse * (height_m - lanes[..., VERTICAL_CURVATURE] @ _ROAD_HEIGHTS.T)
     falls = np.minimum.accumulate(falls[..., ::-1], axis=-1)[..., ::-1]
     met = np.empty(fall.shape)
     for index in np.ndindex(fall.shape[:-1]):
         met[index] = np.interp(fall[index], falls[index], inverse)
     x = 1 / met
-    rises, grades = rises_and_grades(x)
-    steep = fall + (grades @ lanes[..., VERTICAL, None])[..., 0]
+    rises, grades = height_and_grade(x)
+    steep = fall + (grades @ lanes[..., VERTICAL_CURVATURE, None])[..., 0]
     return Ground(x, np.maximum(steep, LEAST_FALL * height_m * met), rises)
 
 
@@ -161,7 +161,7 @@ def lines_on_view(lanes: np.ndarray, x_m: np.ndarray, height_m: float) -> np.nda
     points = line_points(lanes, SIDES, _along(0.5 * float(x_m.min()), 1.5 * float(x_m.max())))
     x, y = np.maximum(points[..., 0], 0.1), points[..., 1]
     # the ray that meets the road at x, and where it would meet a flat one seen without the pitch
-    rise = (rises_and_grades(x)[0] @ lanes[..., VERTICAL, None])[..., 0]
+    rise = (height_and_grade(x)[0] @ lanes[..., VERTICAL_CURVATURE, None])[..., 0]
     fall = (height_m - rise) / x - lanes[..., PITCH, None]
     flat_x = height_m / np.maximum(fall, 1e-3)
     flat_y = y / x * flat_x
@@ -184,7 +184,7 @@ def never_zero(curvature: np.ndarray) -> np.ndarray:
     return np.where(curvature == 0, 1e-12, curvature)
 
 
-def place(x, y, heading, curvature) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def arc_coordinates(x, y, heading, curvature) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Points (..., N) beside arcs (...): (a, turn, 1 - k a, ahead, aside).
 
     `a` is the distance to the left of the arc, at right angles; `turn` by how much the arc has turned there; `ahead`
@@ -203,9 +203,9 @@ def beyond_knots(along_m: np.ndarray) -> np.ndarray:
     return np.maximum(along_m[..., None, :] - KNOTS_M[:, None], 0)
 
 
-def swerve(lanes: np.ndarray, along_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def arc_deviation(lanes: np.ndarray, along_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """How far lanes (..., 15) have left their arc at `along_m` (..., N), and how fast they do: (..., N) each."""
-    rate, kinks = lanes[..., RATE, None], lanes[..., KINKS, None]
+    rate, kinks = lanes[..., RATE, None], lanes[..., RATE_STEPS, None]
     squared = along_m * along_m
     offset, slope = rate * (squared * along_m) / 6, rate * squared / 2
     beyond = beyond_knots(along_m)
@@ -216,13 +216,13 @@ def swerve(lanes: np.ndarray, along_m: np.ndarray) -> tuple[np.ndarray, np.ndarr
 def line_points(lanes: np.ndarray, side, along_m: np.ndarray) -> np.ndarray:
     """Points (..., N, 2) of lines of lanes (..., 15), metres, where the lanes' middles have run `along_m` (N,).
 
-    `side` is `LEFT`, `RIGHT` or an array of them that goes with the lanes.
+    `side` is `LEFT_SIDE`, `RIGHT_SIDE` or an array of them that goes with the lanes.
     """
     centre, width, heading, curvature = (lanes[..., k, None] for k in range(RATE))
     curvature = never_zero(curvature)
     turn = curvature * along_m
     chord = 2 * np.sin(turn / 2) / curvature
-    offset, slope = swerve(lanes, along_m)
+    offset, slope = arc_deviation(lanes, along_m)
     # where the lane is aslant to its arc, its lines are farther apart, measured at right angles to the arc
     offset = offset + centre + np.asarray(side)[..., None] * width / 2 * np.sqrt(1 + slope * slope)
     points = np.empty((*offset.shape, 2))
@@ -238,7 +238,7 @@ def line_y(x_m: np.ndarray, lane: np.ndarray, side: float) -> np.ndarray:
     # Newton's method for the place along the middle that lies beside x; straight roads need one step
     for _ in range(8):
         direction = heading + curvature * along
-        offset, slope = swerve(lane, along)
+        offset, slope = arc_deviation(lane, along)
         offset = offset + centre + side * width / 2 * np.sqrt(1 + slope * slope)
         pace = (1 - curvature * offset) * np.cos(direction) - slope * np.sin(direction)
         step = np.clip((x_m - line_points(lane, side, along)[..., 0]) / np.maximum(pace, 0.1), -5, 5)
@@ -252,9 +252,9 @@ def line_y(x_m: np.ndarray, lane: np.ndarray, side: float) -> np.ndarray:
 def lateral_gradient(x_m: float, side: float) -> np.ndarray:
     """(15,): how a line's lateral place `x_m` ahead moves with each number of a nearly straight lane."""
     beyond = beyond_knots(np.array([x_m]))[:, 0]
-    gradient = np.zeros(NUMBERS)
+    gradient = np.zeros(PARAMETERS)
     gradient[:PITCH] = 1, side / 2, x_m, x_m**2 / 2, x_m**3 / 6
-    gradient[KINKS] = beyond**3 / 6
+    gradient[RATE_STEPS] = beyond**3 / 6
     return gradient
 
 
@@ -273,22 +273,22 @@ def line_coefficients(lane: np.ndarray, side: float) -> tuple[float, float, floa
     return float(c0), float(sin / cos), float(curvature / cos**3), float(rate + 3 * curvature**2 * sin / cos**5)
 
 
-def usual_std(lanes: np.ndarray, *, waves_per_m: float = 0.0) -> np.ndarray:
+def prior_std(lanes: np.ndarray, *, extra_vertical_per_m: float = 0.0) -> np.ndarray:
     """Standard deviations (K, 15) of what is known before looking: a bent road may also change its bend soon.
 
-    `waves_per_m` is by how much more than usual the road may curve up and down.
+    `extra_vertical_per_m` is by how much more than usual the road may curve up and down.
     """
     std = np.tile(PRIOR_STD, (len(lanes), 1))
     changing = np.abs(lanes[:, CURVATURE]) / TRANSITION_M
     std[:, CURVATURE] += CURVATURE_SHARE * np.abs(lanes[:, CURVATURE])
     std[:, RATE] += changing
-    std[:, KINKS] += (KINK_SHARE * (changing + np.abs(lanes[:, RATE])))[:, None]
-    std[:, VERTICAL] += waves_per_m
-    std[:, VERTICAL] += VERTICAL_SHARE * np.maximum(np.abs(lanes[:, CURVATURE]) - GENTLE_PER_M, 0)[:, None]
-    std[:, VERTICAL] += WAVE_SHARE * np.abs(lanes[:, VERTICAL]).max(axis=1, keepdims=True)
+    std[:, RATE_STEPS] += (KINK_SHARE * (changing + np.abs(lanes[:, RATE])))[:, None]
+    std[:, VERTICAL_CURVATURE] += extra_vertical_per_m
+    std[:, VERTICAL_CURVATURE] += VERTICAL_SHARE * np.maximum(np.abs(lanes[:, CURVATURE]) - GENTLE_PER_M, 0)[:, None]
+    std[:, VERTICAL_CURVATURE] += WAVE_SHARE * np.abs(lanes[:, VERTICAL_CURVATURE]).max(axis=1, keepdims=True)
     return std
 
 
-def strangeness(lanes: np.ndarray) -> np.ndarray:
+def squared_mahalanobis(lanes: np.ndarray) -> np.ndarray:
     """(K,) squared distance from what is usual, in standard deviations."""
-    return np.square((lanes - PRIOR_MEAN) / usual_std(lanes)).sum(axis=1)
+    return np.square((lanes - PRIOR_MEAN) / prior_std(lanes)).sum(axis=1)

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 from lanes.camera.camera import Camera
-from lanes.drawing.canvas import LANE, LEFT, RIGHT, stroke_line, tint_area, write_on
-from lanes.io.frames import Picture
+from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, stroke_line, tint_area, write_on
+from lanes.io.frames import Frame
 from lanes.io.words import describe_bend, describe_offset
 from lanes.tracking.lane import Lane
 from lanes.tracking.model import SIDES, line_points
@@ -31,22 +31,22 @@ def lane_outlines(lane: Lane, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     along_m = NEAREST_M * (reach_m / NEAREST_M) ** SHARES
     points = np.empty((len(SIDES), len(along_m), 3))
     points[..., :2] = line_points(lane.model, SIDES, along_m)
-    points[..., 2] = lane.rise_m(points[..., 0])
-    tilted = camera.with_mount(replace(camera.mount, pitch_rad=camera.mount.pitch_rad + lane.pitch_rad))
+    points[..., 2] = lane.height_m_at(points[..., 0])
+    tilted = camera.with_pose(replace(camera.pose, pitch_rad=camera.pose.pitch_rad + lane.pitch_rad))
     left, right = tilted.road_to_pixels(points.reshape(-1, 3)).reshape(*points.shape[:2], 2)
     return _in_sight(left), _in_sight(right)
 
 
-def draw_tracked(image: Picture, tracked: TrackedLane, camera: Camera, *, onto: Picture | None = None) -> Picture:
+def draw_tracked(image: Frame, tracked: TrackedLane, camera: Camera, *, onto: Frame | None = None) -> Frame:
     """Draw the lane and what is known of it.
 
     Parameters
     ----------
-    image : ndarray of shape (height, width, 3), uint8, or YuvPicture
+    image : ndarray of shape (height, width, 3), uint8, or YuvFrame
         RGB, or as its video stores it; as taken. Stays as it is.
     tracked : TrackedLane
     camera : Camera
-        With its mount.
+        With its pose.
     onto : the same kind of picture, optional
         What to draw on instead of on a copy: `image` itself where it is needed no more, which saves a quarter of the
         time.
@@ -62,8 +62,8 @@ def draw_tracked(image: Picture, tracked: TrackedLane, camera: Camera, *, onto: 
     # after all that is to be worked out: a whole picture drives everything else from the processor's cache
     drawn = image.copy() if onto is None else onto
     if len(left) > 1 and len(right) > 1:
-        tint_area(drawn, np.vstack([left, right[::-1]]), LANE, ALPHA, edge=cv2.LINE_8)
-    for points, line, colour in ((left, tracked.left, LEFT), (right, tracked.right, RIGHT)):
+        tint_area(drawn, np.vstack([left, right[::-1]]), LANE_COLOUR, ALPHA, edge=cv2.LINE_8)
+    for points, line, colour in ((left, tracked.left, LEFT_COLOUR), (right, tracked.right, RIGHT_COLOUR)):
         if len(points) > 1:
             stroke_line(drawn, points, colour, camera.width / (SEEN_PX if line.seen else INFERRED_PX))
     write_on(drawn, words)

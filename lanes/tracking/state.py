@@ -23,31 +23,31 @@ from math import exp
 import numpy as np
 
 from lanes.tracking.model import (
-    BESIDE,
+    ADJACENT,
     CENTRE,
     CURVATURE,
     GENTLE_PER_M,
     HEADING,
-    KINKS,
     KNOTS_M,
     LIMIT,
-    NUMBERS,
+    PARAMETERS,
     PITCH,
     PRIOR_STD,
     RATE,
-    RISE_KNOTS_M,
+    RATE_STEPS,
     SIDES,
-    VERTICAL,
+    VERTICAL_CURVATURE,
+    VERTICAL_KNOTS_M,
     WIDTH,
     lateral_gradient,
 )
 
-PATH, SPEED, REST, AIM = range(NUMBERS, NUMBERS + 4)
-STATES = NUMBERS + 4
-KINKED = np.array([RATE, *range(NUMBERS)[KINKS]])
+PATH, SPEED, REST_PITCH, CAMERA_YAW = range(PARAMETERS, PARAMETERS + 4)
+STATES = PARAMETERS + 4
+RATE_CHAIN = np.array([RATE, *range(PARAMETERS)[RATE_STEPS]])
 KNOT_GAPS_M = np.diff(KNOTS_M, prepend=0.0)
-RISE_GAPS_M = np.diff(RISE_KNOTS_M)
-LANE, CAR = slice(0, NUMBERS), slice(NUMBERS, STATES)
+RISE_GAPS_M = np.diff(VERTICAL_KNOTS_M)
+LANE, CAR = slice(0, PARAMETERS), slice(PARAMETERS, STATES)
 # How far before the rear axle a camera behind the windscreen of a car sits, metres.
 LEVER_M = 1.6
 # At the tangent speed, 60 to 80 km/h for most cars, rear tyres slip so far outwards that a car points along its way.
@@ -57,7 +57,7 @@ USUAL_SPEED_MPS, USUAL_SPEED_STD_MPS, GIVEN_SPEED_STD_MPS = 24.0, 8.0, 0.5
 FASTEST_MPS = 70.0
 # Drivers take bends so fast that they are pushed sideways by about this much (m/s^2), and tyres hold little more.
 USUAL_PUSH, GREATEST_PUSH = 3.0, 6.0
-# Springs bring the pitch back to rest within such a time; the mount says where that is, and how the camera looks
+# Springs bring the pitch back to rest within such a time; the camera pose says where that is, and how the camera looks
 # aside, to a quarter of a degree.
 SPRING_S, REST_STD_RAD, AIM_STD_RAD = 0.3, 0.004, 0.004
 # What the motion does not foretell adds to the standard deviations, in one second: sideways from wind and tilt; heading
@@ -89,7 +89,7 @@ KINK_M = 15.0
 
 
 @dataclass(frozen=True, eq=False)
-class Belief:
+class KalmanState:
     """Mean (19,) and covariance (19, 19) of lane and car."""
 
     mean: np.ndarray
@@ -108,7 +108,7 @@ class Belief:
     @property
     def course_rad(self) -> float:
         """Direction in which the camera moves, seen from it: its aim, and aside where it swings with a turning car."""
-        path, speed, aim = self.mean[[PATH, SPEED, AIM]].tolist()
+        path, speed, aim = self.mean[[PATH, SPEED, CAMERA_YAW]].tolist()
         return aim + lever_m(speed) * path
 
     @property
@@ -119,14 +119,14 @@ class Belief:
     @property
     def course_std_rad(self) -> float:
         """Standard deviation of the difference between the lane's heading and the course."""
-        return self._std({HEADING: 1.0, AIM: -1.0, PATH: -lever_m(float(self.mean[SPEED]))})
+        return self._std({HEADING: 1.0, CAMERA_YAW: -1.0, PATH: -lever_m(float(self.mean[SPEED]))})
 
     def _std(self, weights: dict[int, float]) -> float:
         """Standard deviation of a sum of some of the numbers, times their weights."""
         places, factors = list(weights), np.array(list(weights.values()))
         return float(np.sqrt(factors @ self.covariance[np.ix_(places, places)] @ factors))
 
-    def predict(self, elapsed_s: float, *, steady_speed: bool = False) -> Belief:
+    def predict(self, elapsed_s: float, *, steady_speed: bool = False) -> KalmanState:
         """The belief `elapsed_s` seconds later, before the next picture is looked at."""
         # Python's numbers one by one: for so few of them numpy's overhead is most of the time
         _, _, heading, curvature, rate, pitch, *_ = self.mean.tolist()
@@ -136,30 +136,30 @@ class Belief:
         slant = heading - aim - lever * path
         mean, jacobian = self.mean.copy(), np.eye(STATES)
         swing = exp(-elapsed_s / SPRING_S)
-        kept, nearer = _move_kinks(d)
-        waves = _move_waves(d)
+        kept, nearer = _move_rate_steps(d)
+        waves = _move_vertical(d)
         mean[CENTRE] += slant * d + turn * d * d / 2
         mean[HEADING] += turn * d
         mean[CURVATURE] += rate * d
-        mean[KINKED] *= kept
-        mean[KINKED[:-1]] += nearer * self.mean[KINKS]
+        mean[RATE_CHAIN] *= kept
+        mean[RATE_CHAIN[:-1]] += nearer * self.mean[RATE_STEPS]
         mean[PITCH] = swing * pitch + (1 - swing) * rest
-        mean[VERTICAL] = waves @ mean[VERTICAL]
-        jacobian[CENTRE, HEADING], jacobian[CENTRE, AIM] = d, -d
+        mean[VERTICAL_CURVATURE] = waves @ mean[VERTICAL_CURVATURE]
+        jacobian[CENTRE, HEADING], jacobian[CENTRE, CAMERA_YAW] = d, -d
         jacobian[CENTRE, CURVATURE], jacobian[CENTRE, PATH] = d * d / 2, -d * d / 2 - lever * d
         jacobian[HEADING, CURVATURE], jacobian[HEADING, PATH] = d, -d
         jacobian[CURVATURE, RATE] = d
-        jacobian[KINKED, KINKED], jacobian[KINKED[:-1], KINKED[1:]] = kept, nearer
+        jacobian[RATE_CHAIN, RATE_CHAIN], jacobian[RATE_CHAIN[:-1], RATE_CHAIN[1:]] = kept, nearer
         jacobian[CENTRE, SPEED] = (slant + turn * d) * elapsed_s
         jacobian[HEADING, SPEED], jacobian[CURVATURE, SPEED] = turn * elapsed_s, rate * elapsed_s
-        jacobian[PITCH, PITCH], jacobian[PITCH, REST] = swing, 1 - swing
-        jacobian[VERTICAL, VERTICAL] = waves
+        jacobian[PITCH, PITCH], jacobian[PITCH, REST_PITCH] = swing, 1 - swing
+        jacobian[VERTICAL_CURVATURE, VERTICAL_CURVATURE] = waves
         mean[LANE] = np.minimum(np.maximum(mean[LANE], -LIMIT), LIMIT)
         covariance = jacobian @ self.covariance @ jacobian.T
         covariance.flat[:: STATES + 1] += _noise(self.lane, d, elapsed_s, steady_speed)
-        return Belief(mean, covariance)
+        return KalmanState(mean, covariance)
 
-    def corrected(self, lane: np.ndarray, covariance: np.ndarray) -> Belief:
+    def updated(self, lane: np.ndarray, covariance: np.ndarray) -> KalmanState:
         """The belief after the lane's fifteen numbers turned out as `lane` (15,) with `covariance` (15, 15).
 
         What the lane tells of the car follows by regression: G = P_cl P_ll^-1 is how the car's numbers move with the
@@ -170,23 +170,23 @@ class Belief:
         mean = np.concatenate([lane, self.mean[CAR] + gain @ (lane - self.lane)])
         mean[SPEED] = min(max(mean[SPEED], 0.0), fastest_mps(lane[CURVATURE], GREATEST_PUSH))
         # sums of squares, where differences of what is nearly the same would leave less than nothing
-        moved = np.vstack([np.eye(NUMBERS), gain])
+        moved = np.vstack([np.eye(PARAMETERS), gain])
         whole = moved @ ((covariance + covariance.T) / 2) @ moved.T
         whole[CAR, CAR] += root[CAR, CAR] @ root[CAR, CAR].T
-        return Belief(mean, whole)
+        return KalmanState(mean, whole)
 
-    def roused(self) -> Belief:
+    def inflated(self) -> KalmanState:
         """The same belief, prepared for bends, crests, dips and a camera that moves, which nothing has foretold."""
         covariance = self.covariance.copy()
         diagonal = covariance.reshape(-1)[:: STATES + 1]
-        diagonal[VERTICAL] += ROUSED_WAVE_PER_M**2
-        diagonal[KINKS] += ROUSED_KINK_PER_M2**2
+        diagonal[VERTICAL_CURVATURE] += ROUSED_WAVE_PER_M**2
+        diagonal[RATE_STEPS] += ROUSED_KINK_PER_M2**2
         diagonal[PITCH] += ROUSED_PITCH_RAD**2
-        return Belief(self.mean, covariance)
+        return KalmanState(self.mean, covariance)
 
-    def beside(self, side: float) -> Belief:
+    def beside(self, side: float) -> KalmanState:
         """The same belief about the neighbouring lane to the left (+1) or right (-1), which shares a line with this."""
-        there, back = (BESIDE.start, BESIDE.start + 1) if side > 0 else (BESIDE.start + 1, BESIDE.start)
+        there, back = (ADJACENT.start, ADJACENT.start + 1) if side > 0 else (ADJACENT.start + 1, ADJACENT.start)
         jacobian = np.eye(STATES)
         jacobian[CENTRE, WIDTH], jacobian[CENTRE, there] = side, side / 2
         jacobian[WIDTH, there] = 1
@@ -194,7 +194,7 @@ class Belief:
         jacobian[back, there] = -1
         covariance = jacobian @ self.covariance @ jacobian.T
         covariance[there, there] = PRIOR_STD[there] ** 2
-        return Belief(jacobian @ self.mean, covariance)
+        return KalmanState(jacobian @ self.mean, covariance)
 
     def lateral_std_m(self, x_m: float) -> float:
         """Standard deviation of the worse line's lateral place `x_m` ahead."""
@@ -212,7 +212,7 @@ def fastest_mps(curvature_per_m: float, push: float) -> float:
     return float(np.sqrt(push / max(abs(curvature_per_m), push / FASTEST_MPS**2)))
 
 
-def _move_kinks(distance_m: float) -> tuple[np.ndarray, np.ndarray]:
+def _move_rate_steps(distance_m: float) -> tuple[np.ndarray, np.ndarray]:
     """What is kept of rate and kinks (4,) after the car has driven on, and what of kinks (3,) goes to the one before.
 
     Each kink comes nearer and is shared by the knots before and behind it; the rate is the kink at the car. All fade,
@@ -223,7 +223,7 @@ def _move_kinks(distance_m: float) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([[fading], (1 - share) * forgetting]), share * fading
 
 
-def _move_waves(distance_m: float) -> np.ndarray:
+def _move_vertical(distance_m: float) -> np.ndarray:
     """(4, 4): what becomes of the road's curvature upwards when the car drives on: what is ahead comes nearer.
 
     What comes into view behind the last knot is not known; there the curvature fades.
@@ -234,31 +234,31 @@ def _move_waves(distance_m: float) -> np.ndarray:
     return waves
 
 
-def bend_of(lane: np.ndarray) -> float:
+def sharpest_bend(lane: np.ndarray) -> float:
     """How much the road bends here or soon, 1/m: what the changes to be expected are in proportion to."""
     ahead = BEND_AHEAD_M - np.concatenate([[0.0], KNOTS_M])
-    return float(max(abs(lane[CURVATURE]), abs(lane[CURVATURE] + np.maximum(ahead, 0) @ lane[KINKED])))
+    return float(max(abs(lane[CURVATURE]), abs(lane[CURVATURE] + np.maximum(ahead, 0) @ lane[RATE_CHAIN])))
 
 
-def wave_of(lane: np.ndarray) -> float:
+def largest_vertical(lane: np.ndarray) -> float:
     """How much the road bends up or down anywhere in sight, 1/m: what waves are to be expected in proportion to."""
-    return float(np.abs(lane[VERTICAL]).max())
+    return float(np.abs(lane[VERTICAL_CURVATURE]).max())
 
 
 def _noise(lane: np.ndarray, distance_m: float, elapsed_s: float, steady_speed: bool) -> np.ndarray:
     """(19,) variances that one step adds."""
     per_s, per_m = np.zeros(STATES), np.zeros(STATES)
-    bend = bend_of(lane)
+    bend = sharpest_bend(lane)
     sharp = max(bend - GENTLE_PER_M, 0.0)
-    per_s[[CENTRE, HEADING, PITCH, REST]] = CENTRE_PER_S, HEADING_PER_S, PITCH_PER_S, REST_PER_S
-    per_s[AIM] = AIM_PER_S + AIM_SHARE_PER_S * sharp
+    per_s[[CENTRE, HEADING, PITCH, REST_PITCH]] = CENTRE_PER_S, HEADING_PER_S, PITCH_PER_S, REST_PER_S
+    per_s[CAMERA_YAW] = AIM_PER_S + AIM_SHARE_PER_S * sharp
     per_m[CENTRE] = CENTRE_SHARE_PER_M * sharp
     per_s[PATH] = PATH_PER_S + PATH_SHARE_PER_S * bend
     per_s[SPEED] = 0.0 if steady_speed else SPEED_PER_S
-    per_m[WIDTH] = per_m[BESIDE] = WIDTH_PER_M
+    per_m[WIDTH] = per_m[ADJACENT] = WIDTH_PER_M
     per_m[CURVATURE], per_m[RATE] = CURVATURE_PER_M, RATE_PER_M + RATE_SHARE * bend**2
-    per_m[KINKS] = min(KINK_PER_M + KINK_SHARE * sharp, KINK_MOST_PER_M)
+    per_m[RATE_STEPS] = min(KINK_PER_M + KINK_SHARE * sharp, KINK_MOST_PER_M)
     variance = per_s**2 * elapsed_s + per_m**2 * abs(distance_m)
-    wave = min(WAVE_STD_PER_M + WAVE_BEND_SHARE * sharp + WAVE_OWN_SHARE * wave_of(lane), WAVE_MOST_PER_M)
-    variance[VERTICAL] = np.square(wave * WAVE_SHARES) * (1 - exp(-2 * abs(distance_m) / WAVE_M))
+    wave = min(WAVE_STD_PER_M + WAVE_BEND_SHARE * sharp + WAVE_OWN_SHARE * largest_vertical(lane), WAVE_MOST_PER_M)
+    variance[VERTICAL_CURVATURE] = np.square(wave * WAVE_SHARES) * (1 - exp(-2 * abs(distance_m) / WAVE_M))
     return variance

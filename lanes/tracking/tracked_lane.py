@@ -8,7 +8,7 @@ from lanes.io.words import html_table
 from lanes.tracking.confidence import rate_lane
 from lanes.tracking.departure import DepartureWarning
 from lanes.tracking.lane import Lane, LaneLine
-from lanes.tracking.marking_type import LineKind
+from lanes.tracking.marking_type import MarkingType
 
 SEARCHING, TRACKING, COASTING, LOST = "searching", "tracking", "coasting", "lost"
 # The state of a lane found in a single picture, which has no before.
@@ -32,7 +32,7 @@ class TrackedLane:
         Given, or estimated from how the lane moves.
     warning : DepartureWarning or None
         Time to line crossing; None when lost.
-    kinds : (LineKind, LineKind)
+    kinds : (MarkingType, MarkingType)
         Colour, solid or dashed, double: left and right.
     """
 
@@ -41,19 +41,19 @@ class TrackedLane:
     lane: Lane | None = None
     speed_mps: float | None = None
     warning: DepartureWarning | None = None
-    kinds: tuple[LineKind, LineKind] = (LineKind(), LineKind())
+    marking_types: tuple[MarkingType, MarkingType] = (MarkingType(), MarkingType())
 
     @classmethod
     def from_still(cls, lane: Lane | None) -> TrackedLane:
         """A lane found in a single picture, with its confidence; lost where none was found."""
         return cls(LOST) if lane is None else cls(FOUND, rate_lane(lane), lane)
 
-    def in_words(self) -> dict[str, str]:
+    def summary(self) -> dict[str, str]:
         """State and confidence, and what is known of the lane, by name."""
         words = {"state": self.state}
         if self.lane is None:
             return words
-        words |= {"confidence": f"{self.confidence:.0%}"} | self.lane.in_words()
+        words |= {"confidence": f"{self.confidence:.0%}"} | self.lane.summary()
         if self.speed_mps is not None:
             words["speed"] = f"{3.6 * self.speed_mps:.0f} km/h"
         if self.warning and self.warning.due:
@@ -64,7 +64,7 @@ class TrackedLane:
         return f"TrackedLane({self.state}, confidence {self.confidence:.2f}, {self.lane})"
 
     def _repr_html_(self) -> str:
-        return html_table("Lane in this frame", self.in_words())
+        return html_table("Lane in this frame", self.summary())
 
     @property
     def offset_m(self) -> float | None:
@@ -98,7 +98,7 @@ class TrackedLane:
 
     @property
     def pitch_rad(self) -> float | None:
-        """How much farther down than its mount says the camera looks."""
+        """How much farther down than its pose says the camera looks."""
         return self.lane and self.lane.pitch_rad
 
     @property

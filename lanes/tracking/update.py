@@ -9,48 +9,48 @@ from __future__ import annotations
 
 import numpy as np
 
-from lanes.tracking.birdseye import RoadView
-from lanes.tracking.fitting import GROW, OUTWARDS, UNEXPLAINED, LaneFit, _correct, _grow, compare
-from lanes.tracking.markings import Stripes, paint_weight, place_std
+from lanes.tracking.birdseye import BirdsEyeView
+from lanes.tracking.fitting import GROW, OUTWARDS, UNEXPLAINED, LaneFit, compare, fit_near, fit_outwards
+from lanes.tracking.markings import Stripes, marking_weight, position_std
 from lanes.tracking.model import CURVATURE
 from lanes.tracking.state import (
-    AIM,
     AIM_STD_RAD,
+    CAMERA_YAW,
     GIVEN_SPEED_STD_MPS,
     LANE,
     PATH,
     PATH_PER_S,
-    REST,
+    REST_PITCH,
     REST_STD_RAD,
     SPEED,
     STATES,
     USUAL_PUSH,
     USUAL_SPEED_MPS,
     USUAL_SPEED_STD_MPS,
-    Belief,
-    bend_of,
+    KalmanState,
     fastest_mps,
-    wave_of,
+    largest_vertical,
+    sharpest_bend,
 )
 
 # Where the road bends or waves, or where this much paint that lies beside the prediction is not explained by it, the
 # lane is also followed outwards from the car, as in a single picture: what begins ahead leaves the prediction by more
 # than any standard deviation. The lane with more paint on it is taken; one of a road that suddenly bends or waves in a
 # new way must have a few stripes more, because it may do so freely.
-ROUSED_PAINT = 3.0
+INFLATED_GAIN = 3.0
 SHARP_PER_M, WAVY_PER_M = 5e-3, 1e-3
 
 
-def correct_lane(stripes: Stripes, belief: Belief, view: RoadView, *, outwards: bool = True) -> LaneFit:
+def update_lane(stripes: Stripes, estimate: KalmanState, view: BirdsEyeView, *, outwards: bool = True) -> LaneFit:
     """The lane after this picture's stripes were taken into account.
 
     Parameters
     ----------
     stripes : Stripes
         All of the picture.
-    belief : Belief
+    belief : KalmanState
         Predicted to the time of the picture.
-    view : RoadView
+    view : BirdsEyeView
     outwards : bool
         Whether to follow the lane outwards on an even road, too, should it leave paint unexplained.
 
@@ -60,22 +60,22 @@ def correct_lane(stripes: Stripes, belief: Belief, view: RoadView, *, outwards: 
         One lane (1, 15); its information is the inverse of the covariance after the update. Near the prediction,
         stripes that do not pass the gate have no weight; followed outwards, those that lie off the lines have little.
     """
-    found = compare(belief.lane[None], stripes, view.height_m)
-    paint, std = paint_weight(stripes), place_std(stripes, view.focal_px)
-    same = _correct(found, stripes, belief, paint, std)
+    found = compare(estimate.lane[None], stripes, view.height_m)
+    paint, std = marking_weight(stripes), position_std(stripes, view.focal_px)
+    same = fit_near(found, stripes, estimate, paint, std)
     to_explain = same.beside[0] - UNEXPLAINED
-    even = bend_of(belief.lane) < SHARP_PER_M and wave_of(belief.lane) < WAVY_PER_M
+    even = sharpest_bend(estimate.lane) < SHARP_PER_M and largest_vertical(estimate.lane) < WAVY_PER_M
     if (even and not outwards) or same.weight.sum() > to_explain:
         return same
-    grown = _grow(stripes, belief, view, schedule=GROW if even else OUTWARDS)
+    grown = fit_outwards(stripes, estimate, view, schedule=GROW if even else OUTWARDS)
     best = grown if grown.weight.sum() > same.weight.sum() else same
     if best.weight.sum() > to_explain:
         return best
-    roused = _grow(stripes, belief.roused(), view, schedule=OUTWARDS)
-    return roused if roused.weight.sum() > best.weight.sum() + ROUSED_PAINT else best
+    inflated = fit_outwards(stripes, estimate.inflated(), view, schedule=OUTWARDS)
+    return inflated if inflated.weight.sum() > best.weight.sum() + INFLATED_GAIN else best
 
 
-def first_belief(lane: np.ndarray, covariance: np.ndarray, speed_mps: float | None) -> Belief:
+def initial_state(lane: np.ndarray, covariance: np.ndarray, speed_mps: float | None) -> KalmanState:
     """The belief after a first picture: the car follows the road, roughly, at the given or the usual speed."""
     path_std = np.hypot(PATH_PER_S, 0.3 * lane[CURVATURE])
     speed, speed_std = speed_mps, GIVEN_SPEED_STD_MPS
@@ -84,6 +84,6 @@ def first_belief(lane: np.ndarray, covariance: np.ndarray, speed_mps: float | No
         speed_std = USUAL_SPEED_STD_MPS * speed / USUAL_SPEED_MPS
     whole = np.zeros((STATES, STATES))
     whole[LANE, LANE] = covariance
-    car = [PATH, SPEED, REST, AIM]
+    car = [PATH, SPEED, REST_PITCH, CAMERA_YAW]
     whole[car, car] = np.square([path_std, speed_std, REST_STD_RAD, AIM_STD_RAD])
-    return Belief(np.concatenate([lane, [lane[CURVATURE], speed, 0.0, 0.0]]), whole)
+    return KalmanState(np.concatenate([lane, [lane[CURVATURE], speed, 0.0, 0.0]]), whole)

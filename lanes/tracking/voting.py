@@ -12,33 +12,33 @@ from functools import lru_cache
 
 import numpy as np
 
-from lanes.tracking.markings import ANGLE_STD_RAD, Stripes, paint_weight
+from lanes.tracking.markings import ANGLE_STD_RAD, Stripes, marking_weight
 from lanes.tracking.model import (
     CENTRE,
     CURVATURE,
     HEADING,
     LEAST_SCALE,
-    NUMBERS,
+    PARAMETERS,
     PITCH,
     PRIOR_MEAN,
     PRIOR_STD,
     WIDTH,
     flatten,
-    meet_ground,
+    intersect_ground,
 )
 
 # Votes come from the near road, where one arc is enough; the fit finds its way from there.
-FAR_M = 22.0
+VOTING_FAR_M = 22.0
 BIN_M, BINS = 0.15, 60
 # Lines are looked for so far to either side, metres.
 LINE_FROM_M, LINE_TO_M = 0.3, 3.6
 # A stripe between two bins counts for both: share of the neighbours' votes that a bin gets.
 NEIGHBOUR = 0.6
 # How much one squared standard deviation from the usual costs, beside the square roots of two lines' supports.
-PRIOR_WEIGHT = 0.05
+VOTE_PRIOR_WEIGHT = 0.05
 # Hypotheses worth pairing, and two lanes that one fit would make the same.
 PAIRED = 300
-SAME_M, SAME_BEND, SAME_CURVATURE_PER_M = 0.35, 0.3, 0.002
+DUPLICATE_M, DUPLICATE_BEND, DUPLICATE_CURVATURE_PER_M = 0.35, 0.3, 0.002
 
 
 @lru_cache(maxsize=1)
@@ -68,15 +68,15 @@ def count_votes(stripes: Stripes, height_m: float) -> np.ndarray:
     ndarray of shape (H, BINS)
         Weighted votes; bin b is centred on (b + 1/2 - BINS / 2) * BIN_M metres.
     """
-    near = stripes.select(stripes.x_m < FAR_M)
-    paint = paint_weight(near).astype(np.float32)
+    near = stripes.select(stripes.x_m < VOTING_FAR_M)
+    paint = marking_weight(near).astype(np.float32)
     heading, curvature, pitch = hypotheses().T
     votes = np.zeros((len(heading), BINS))
     for tilt in np.unique(pitch):
         of = np.flatnonzero(pitch == tilt)
-        tilted = np.zeros(NUMBERS)
+        tilted = np.zeros(PARAMETERS)
         tilted[PITCH] = tilt
-        places = flatten(near.x_m, near.y_m, near.angle, meet_ground(near.x_m, tilted, height_m), height_m)
+        places = flatten(near.x_m, near.y_m, near.angle, intersect_ground(near.x_m, tilted, height_m), height_m)
         bins, agreement = _bins_and_agreement(*places, heading[of], curvature[of])
         bins += BINS * np.arange(len(of))[:, None]
         votes[of] = np.bincount(bins.ravel(), (agreement * paint).ravel(), len(of) * BINS).reshape(-1, BINS)
@@ -139,29 +139,31 @@ def best_pairs(votes: np.ndarray, rows: int, *, most: int = 5) -> np.ndarray:
     left = np.flatnonzero((middle > LINE_FROM_M) & (middle < LINE_TO_M))
     right = np.flatnonzero((middle < -LINE_FROM_M) & (middle > -LINE_TO_M))
     unusual = (guess / PRIOR_STD[[HEADING, CURVATURE, PITCH]]) ** 2
-    worth = support[:, left].max(1) + support[:, right].max(1) - PRIOR_WEIGHT * unusual.sum(1)
+    worth = support[:, left].max(1) + support[:, right].max(1) - VOTE_PRIOR_WEIGHT * unusual.sum(1)
     kept = np.argsort(-worth, kind="stable")[:PAIRED]
     width, centre = middle[left, None] - middle[right], (middle[left, None] + middle[right]) / 2
     odd = ((width - PRIOR_MEAN[WIDTH]) / PRIOR_STD[WIDTH]) ** 2 + (
         (centre - PRIOR_MEAN[CENTRE]) / PRIOR_STD[CENTRE]
     ) ** 2
     score = support[kept][:, left, None] + support[kept][:, None, right]
-    score -= (PRIOR_WEIGHT * odd).astype(np.float32)
+    score -= (VOTE_PRIOR_WEIGHT * odd).astype(np.float32)
     score = score.reshape(len(kept), -1)
     pair = score.argmax(axis=1)
-    best = score[np.arange(len(kept)), pair] - PRIOR_WEIGHT * unusual[kept].sum(1)
+    best = score[np.arange(len(kept)), pair] - VOTE_PRIOR_WEIGHT * unusual[kept].sum(1)
     lanes = np.zeros((len(kept), len(PRIOR_MEAN)))
     lanes[:, CENTRE], lanes[:, WIDTH] = centre.ravel()[pair], width.ravel()[pair]
     lanes[:, [HEADING, CURVATURE, PITCH]] = guess[kept]
-    return distinct(lanes[np.argsort(-best, kind="stable")], most)
+    return suppress_non_maxima(lanes[np.argsort(-best, kind="stable")], most)
 
 
-def distinct(lanes: np.ndarray, most: int, *, same_pitch_rad: float = np.inf) -> np.ndarray:
+def suppress_non_maxima(lanes: np.ndarray, most: int, *, same_pitch_rad: float = np.inf) -> np.ndarray:
     """The first `most` of the lanes (N, 15) that differ from all before them, be it only by so much pitch."""
     chosen, free = [], np.ones(len(lanes), bool)
     while len(chosen) < most and free.any():
         chosen.append(free.argmax())
         off = np.abs(lanes - lanes[chosen[-1]])
-        elsewhere = (np.maximum(off[:, CENTRE], off[:, WIDTH]) > SAME_M) | (off[:, PITCH] > same_pitch_rad)
-        free &= elsewhere | (off[:, CURVATURE] > SAME_BEND * np.abs(lanes[:, CURVATURE]) + SAME_CURVATURE_PER_M)
+        elsewhere = (np.maximum(off[:, CENTRE], off[:, WIDTH]) > DUPLICATE_M) | (off[:, PITCH] > same_pitch_rad)
+        free &= elsewhere | (
+            off[:, CURVATURE] > DUPLICATE_BEND * np.abs(lanes[:, CURVATURE]) + DUPLICATE_CURVATURE_PER_M
+        )
     return lanes[chosen]

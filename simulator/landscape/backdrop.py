@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from lanes.io.disk_cache import digits_of, kept_array
+from lanes.io.disk_cache import cached_array, short_hash
 from lanes.io.threads import all_threads
 from simulator.landscape import foliage, sky
 from simulator.landscape.foliage import SUN_IN_SPRITE, plant_sprite
@@ -85,8 +85,8 @@ def _veil(colour: np.ndarray, distance_km: np.ndarray | float, style: BackdropSt
 def panorama(style: BackdropStyle, seed: int) -> np.ndarray:
     """(ROWS, COLUMNS + 2, 3) float32, about 90 MB; row 0 looks up to Z_TOP, column 1 along azimuth 0."""
     sources = [Path(source) for source in (__file__, foliage.__file__, noise.__file__, sky.__file__)]
-    name = f"panoramas/{digits_of(style, seed)}"
-    return kept_array(name, sources, lambda: _paint_panorama(style, seed), most=MOST_KEPT)
+    name = f"panoramas/{short_hash(style, seed)}"
+    return cached_array(name, sources, lambda: _paint_panorama(style, seed), most=MOST_KEPT)
 
 
 @all_threads()

@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from lanes.io.disk_cache import kept_array
+from lanes.io.disk_cache import cached_array
 from simulator.painting import noise
 from simulator.painting.noise import fractal_noise
 
@@ -73,7 +73,7 @@ SPECIES = {
 
 @lru_cache(maxsize=32)
 def plant_sprite(species: str, seed: int) -> tuple[np.ndarray, ...]:
-    """Picture of one plant at halving sizes.
+    """Frame of one plant at halving sizes.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def plant_sprite(species: str, seed: int) -> tuple[np.ndarray, ...]:
 def grown_plant(species: str, seed: int) -> np.ndarray:
     """The largest picture of a plant, kept for other processes and days."""
     sources = [Path(__file__), Path(noise.__file__)]
-    return kept_array(f"plants/{species}-{seed}", sources, lambda: _grow(species, seed))
+    return cached_array(f"plants/{species}-{seed}", sources, lambda: _grow(species, seed))
 
 
 def _grow(species: str, seed: int) -> np.ndarray:

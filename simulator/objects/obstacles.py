@@ -64,7 +64,7 @@ def paint_objects(
     picture : ndarray of shape (4, H, W), float32
         As from `brush.empty_picture`, changed.
     camera : Camera
-        With a mount; its distortion bends the things as it bends the road.
+        With a camera pose; its distortion bends the things as it bends the road.
     objects : list of Car, Wall, Tree, Sign, Post
         In the car's road frame.
     sun_direction : ndarray of shape (3,)
@@ -144,7 +144,7 @@ def _paint_car(picture: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, a
     place = np.array([car.x_m, car.y_m, car.rise_m])
     if out_of_picture(outline(car.body) @ turn.T + place, camera):
         return
-    eye = (np.array([0, 0, camera.mount.height_m]) - place) @ turn
+    eye = (np.array([0, 0, camera.pose.height_m]) - place) @ turn
     distance = float(np.hypot(car.x_m, car.y_m))
     faces = vehicle_faces(car.body, car.paint, detail=1 if distance > 40 else 2)
     toward = np.flatnonzero(faces.flat_normal @ eye > faces.height)

@@ -100,7 +100,7 @@ class Drive:
     Parameters
     ----------
     camera : Camera
-        With its mount.
+        With its pose.
     road : RoadGeometry
     line_laterals_m : tuple of float
         Lateral places of the centres of the ego lane's left and right lines; where the car changes lanes, of all lines
@@ -149,7 +149,7 @@ class Drive:
 
     def truth(self, time_s: float = 0.0) -> Truth:
         """What is known of the frame at a moment, without rendering it."""
-        pitch = self.camera.mount.pitch_rad + self.motion.pitch(time_s)
+        pitch = self.camera.pose.pitch_rad + self.motion.pitch(time_s)
         pose = self.pose(time_s)
         return lane_truth(self.road, pose, self.line_laterals_m, time_s=time_s, pitch_rad=pitch)
 
@@ -167,4 +167,4 @@ class Drive:
 
     def nodding(self, pitch_rad: float) -> Camera:
         """The camera at a pitch angle."""
-        return self.camera.with_mount(replace(self.camera.mount, pitch_rad=pitch_rad))
+        return self.camera.with_pose(replace(self.camera.pose, pitch_rad=pitch_rad))

@@ -9,7 +9,7 @@ from itertools import islice
 from pathlib import Path
 
 from lanes.camera.camera_file import save_camera
-from lanes.io.files import whole_file
+from lanes.io.files import atomic_write
 from lanes.io.video.reader import inspect_video
 from simulator.rendering.drive import Drive
 from simulator.rendering.ingredients import ingredients
@@ -70,7 +70,7 @@ def write_video(
     """
     path = Path(path)
     count = round(seconds * VIDEO_FPS)
-    with whole_file(path) as unfinished:
+    with atomic_write(path) as unfinished:
         rows = _encode(unfinished, drive, count, ["-crf", str(crf), "-preset", preset], progress, workers)
         # The encoder is a process of its own, which may be killed or meet a full disk without a word.
         if inspect_video(unfinished).frames != count:

@@ -111,7 +111,7 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
             add_streaks(light, camera, lamps, mirror, ~hidden)
         add_lamps(light, camera, lamps)
     if drive.glare is not None:
-        sun_ray = camera.mount.rotation() @ view.sun_direction
+        sun_ray = camera.pose.rotation() @ view.sun_direction
         add_glare(light, picture_rays(drive.camera), sun_ray, drive.glare, sunshine=_sunshine(drive, truth.pose))
     return Frame(_photograph(light, drive, time_s, road_light=road_light), truth, hidden)
 
@@ -130,7 +130,7 @@ class _View:
 
 def _add_shine(ground_light: np.ndarray, drive: Drive, sun: np.ndarray, view: _View) -> np.ndarray | None:
     """Add what the ground mirrors and lay fog over it, in place; how well a wet road mirrors (rows, width), or None."""
-    height_m, mirror = view.camera.mount.height_m, None
+    height_m, mirror = view.camera.pose.height_m, None
     if drive.glare is not None:
         strength = drive.glare.sheen
         add_sheen(ground_light, view.ground, sun, view.sun_direction, strength=strength, height_m=height_m)
@@ -278,7 +278,7 @@ def _directions(rays: np.ndarray, camera: Camera, heading_rad: float) -> tuple[n
     cosine, sine = np.cos(heading_rad), np.sin(heading_rad)
     to_world = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
     # One axis after the other: numpy is slow where the innermost axis has three elements.
-    x, y, z = planes_of(cv2.transform(rays, (camera.mount.rotation() @ to_world).T))
+    x, y, z = planes_of(cv2.transform(rays, (camera.pose.rotation() @ to_world).T))
     length = np.sqrt(x * x + y * y + z * z)
     return x / length, y / length, z / length
 
@@ -299,7 +299,7 @@ def _crest(ahead: RoadAhead, ground: Ground, camera: Camera) -> tuple[float, np.
     """How far the first crest is that hides road, and where in the picture (height, width) its near side is seen."""
     if ahead.profile.level:
         return None
-    distance_m = ahead.crest_m(camera.mount.height_m)
+    distance_m = ahead.crest_m(camera.pose.height_m)
     near_side = np.zeros((camera.height, camera.width), bool)
     near_side[ground.top :] = ground.visible & (ground.distance < distance_m)
     return (distance_m, near_side) if np.isfinite(distance_m) else None

@@ -11,7 +11,7 @@ import numpy as np
 
 from lanes.camera import camera as lens_model
 from lanes.camera.camera import Camera
-from lanes.io.disk_cache import digits_of, kept_array
+from lanes.io.disk_cache import cached_array, short_hash
 from simulator.road.relief import FARTHEST_M, cast_on_relief
 from simulator.road.road_ahead import RoadAhead
 
@@ -84,8 +84,8 @@ class Ground:
 def picture_rays(camera: Camera) -> np.ndarray:
     """Directions (height, width, 3) float32 in camera axes, z = 1, of every raw pixel; computed once for a lens."""
     sources = [Path(__file__), Path(lens_model.__file__)]
-    lens = digits_of(camera.size, camera.matrix.tobytes(), camera.distortion.tobytes())
-    return kept_array(f"rays/{lens}", sources, lambda: _rays(camera), most=MOST_KEPT)
+    lens = short_hash(camera.size, camera.matrix.tobytes(), camera.distortion.tobytes())
+    return cached_array(f"rays/{lens}", sources, lambda: _rays(camera), most=MOST_KEPT)
 
 
 def _rays(camera: Camera) -> np.ndarray:
@@ -102,23 +102,23 @@ def cast_on_ground(rays: np.ndarray, camera: Camera, road: RoadAhead) -> Ground:
     rays : ndarray of shape (height, width, 3), float32
         Camera axes.
     camera : Camera
-        Its mount holds the pitch of this moment.
+        Its pose holds the pitch of this moment.
     road : RoadAhead
         The road as seen from the car.
     """
-    mount = camera.mount
-    to_road = mount.rotation().astype(np.float32)
+    pose = camera.pose
+    to_road = pose.rotation().astype(np.float32)
     if road.profile.level:
-        least_drop = np.float32(mount.height_m / FARTHEST_M)
+        least_drop = np.float32(pose.height_m / FARTHEST_M)
         drop = -(rays @ to_road[:, 2])
         top = int(np.argmax((drop > least_drop).any(axis=1)))
         rays, drop = rays[top:], drop[top:]
         visible = drop > least_drop
-        scale = np.float32(mount.height_m) / np.maximum(drop, least_drop)
+        scale = np.float32(pose.height_m) / np.maximum(drop, least_drop)
         x, y = (rays @ to_road[:, 0]) * scale, (rays @ to_road[:, 1]) * scale
         s, d = road.locate(x, y)
     else:
-        top, visible, x, y, s, d = cast_on_relief(rays @ to_road, mount.height_m, road)
+        top, visible, x, y, s, d = cast_on_relief(rays @ to_road, pose.height_m, road)
     smooth = road.profile.level and not road.winding
     steps = (*_steps(s), *_steps(d)) if smooth else _steps_along(road, s, d, x, y)
     return Ground(top, visible, np.sqrt(x * x + y * y), x, y, s, d, *steps)

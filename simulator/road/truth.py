@@ -13,7 +13,7 @@ import numpy as np
 
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import camera_to_dict
-from lanes.io.files import write_whole
+from lanes.io.files import write_atomically
 from simulator.road.geometry import (
     MOST_TURNED_RAD,
     LinePolynomial,
@@ -136,7 +136,7 @@ def line_pixels(truth: Truth, side: int, camera: Camera) -> np.ndarray:
     side : int
         0 left, 1 right.
     camera : Camera
-        With the mount of this moment.
+        With the camera pose of this moment.
     """
     # Even steps in 1/x are even steps in picture rows.
     ahead = 1 / np.linspace(1 / 2.0, 1 / 600.0, 6000)
@@ -192,7 +192,7 @@ def write_truth_json(path: Path, camera: Camera, frames: list[dict]) -> None:
     """Write truth.json: the camera and one entry a still, one line each so that changes can be read."""
     lines = ",\n".join(json.dumps(entry) for entry in frames)
     text = f'{{"camera": {json.dumps(camera_to_dict(camera))},\n"frames": [\n{lines}\n]}}\n'
-    write_whole(path, text.encode())
+    write_atomically(path, text.encode())
 
 
 def write_truth_csv(path: Path, rows: list[dict]) -> None:
@@ -201,7 +201,7 @@ def write_truth_csv(path: Path, rows: list[dict]) -> None:
     writer = csv.DictWriter(text, fieldnames=list(rows[0]), lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
-    write_whole(path, text.getvalue().encode())
+    write_atomically(path, text.getvalue().encode())
 
 
 def _scalars(truth: Truth) -> dict[str, float | None]:

@@ -69,7 +69,7 @@ def calibrate(boards: dict[str, Board], size: tuple[int, int]) -> Camera:
     Returns
     -------
     Camera
-        Without mount; its `report` names each board's error, and each rejected board with the reason.
+        Without pose; its `report` names each board's error, and each rejected board with the reason.
 
     Raises
     ------

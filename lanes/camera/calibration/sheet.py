@@ -12,7 +12,7 @@ from lanes.camera.calibration.boards import BoardSearch
 from lanes.camera.calibration.corners import draw_board
 from lanes.camera.calibration.coverage import DIVISIONS, count_corners, describe_boards, used_boards
 from lanes.camera.camera import Camera
-from lanes.drawing.canvas import LANE, LEFT, PANEL, TEXT, WINDOW, Colour
+from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, PANEL_COLOUR, TEXT_COLOUR, WINDOW_COLOUR, Colour
 from lanes.drawing.pictures import to_rgb, write_text
 from lanes.io.frames import PictureError
 from lanes.io.images import read_image
@@ -39,11 +39,11 @@ def draw_sheet(search: BoardSearch, camera: Camera) -> np.ndarray:
     tiles = []
     for name, path in search.paths.items():
         words = [name, f"{errors[name]:.2f} px, {fates[name]}"] if name in errors else [name, fates[name]]
-        colour = LEFT if name not in errors else LANE if fates[name].startswith("used") else WINDOW
+        colour = LEFT_COLOUR if name not in errors else LANE_COLOUR if fates[name].startswith("used") else WINDOW_COLOUR
         tiles.append(_tile(_picture(search, name, path), words, colour))
-    tiles.append(_tile(_draw_coverage(search, camera), ["where corners were seen"], TEXT))
+    tiles.append(_tile(_draw_coverage(search, camera), ["where corners were seen"], TEXT_COLOUR))
     columns = min(COLUMNS, len(tiles))
-    blank = np.full_like(tiles[0], PANEL)
+    blank = np.full_like(tiles[0], PANEL_COLOUR)
     tiles += [blank] * (-len(tiles) % columns)
     rows = [np.hstack(tiles[start : start + columns]) for start in range(0, len(tiles), columns)]
     return np.vstack(rows)
@@ -72,7 +72,7 @@ def _shrink(image: np.ndarray) -> np.ndarray:
 def _tile(image: np.ndarray, words: list[str], colour: Colour) -> np.ndarray:
     """The picture below its words, in a frame of that colour."""
     small = _shrink(image)
-    tile = np.full((TILE_PX[1] + LABEL_PX, TILE_PX[0], 3), PANEL, np.uint8)
+    tile = np.full((TILE_PX[1] + LABEL_PX, TILE_PX[0], 3), PANEL_COLOUR, np.uint8)
     left = (TILE_PX[0] - small.shape[1]) // 2
     tile[LABEL_PX : LABEL_PX + small.shape[0], left : left + small.shape[1]] = small
     tile[:LABEL_PX] = write_text(tile[:LABEL_PX], words, size_px=LETTERS_PX, panel_alpha=0)
@@ -86,10 +86,10 @@ def _draw_coverage(search: BoardSearch, camera: Camera) -> np.ndarray:
     drawn = to_rgb(np.full((height, width), 30, np.uint8))
     for board in boards.values():
         for u, v in (board.corners_px + 0.5) / board.size * (width, height):
-            cv2.circle(drawn, (round(float(u)), round(float(v))), 3, LANE, -1, cv2.LINE_AA)
+            cv2.circle(drawn, (round(float(u)), round(float(v))), 3, LANE_COLOUR, -1, cv2.LINE_AA)
     for share in DIVISIONS[1:-1]:
-        cv2.line(drawn, (0, round(share * height)), (width, round(share * height)), TEXT, 1)
-        cv2.line(drawn, (round(share * width), 0), (round(share * width), height), TEXT, 1)
+        cv2.line(drawn, (0, round(share * height)), (width, round(share * height)), TEXT_COLOUR, 1)
+        cv2.line(drawn, (round(share * width), 0), (round(share * width), height), TEXT_COLOUR, 1)
     edges_u, edges_v = (np.multiply(DIVISIONS, length).round().astype(int) for length in (width, height))
     counts = count_corners(boards)
     for row, column in np.ndindex(counts.shape):

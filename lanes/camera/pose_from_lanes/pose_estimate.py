@@ -1,4 +1,4 @@
-"""The mount from the road: how the camera sits on the car, read off the lane lines of its own pictures.
+"""The camera pose from the road: how the camera sits on the car, read off the lane lines of its own pictures.
 
 Parallel lines on a flat road meet on the horizon (`vanishing`). Its height in the picture is the pitch; where the
 lines meet along it is the yaw, because a car's heading in its lane averages to zero over a drive. Lanes of equal width
@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import Mount
+from lanes.camera.camera_pose import CameraPose
 from lanes.camera.pose_from_lanes.lane_width import USUAL_HEIGHT_M, USUAL_ROLL_STD, LaneView, lane_share, view_lanes
 from lanes.camera.pose_from_lanes.segments import Segments, find_segments
 from lanes.camera.pose_from_lanes.vanishing_point import DIRECTIONS, HORIZONS, RoadLines, fit_lines, vote
@@ -48,7 +48,7 @@ ANGLES = "pitch", "yaw", "roll"
 ROUGH_PICTURES, ROUGH_HORIZONS = 8, np.array([0.3, 0.45, 0.6, 0.75])
 
 
-class MountError(ValueError):
+class PoseError(ValueError):
     """The pictures do not tell how the camera is mounted; the message says why and what to do."""
 
     # Of a command: the input is fine, but the work could not be done with it.
@@ -56,12 +56,12 @@ class MountError(ValueError):
 
 
 @dataclass(frozen=True)
-class MountEstimate:
+class PoseEstimate:
     """How the camera is mounted, and how sure that is.
 
     Attributes
     ----------
-    mount : Mount
+    pose : CameraPose
         The estimate.
     height_std_m, pitch_std_rad, yaw_std_rad, roll_std_rad : float
         Standard deviations. The height's includes that of the assumed lane width.
@@ -75,7 +75,7 @@ class MountEstimate:
         What the pictures could not tell.
     """
 
-    mount: Mount
+    pose: CameraPose
     height_std_m: float
     pitch_std_rad: float
     yaw_std_rad: float
@@ -89,7 +89,7 @@ class MountEstimate:
 
     def describe(self) -> str:
         """A few lines for people."""
-        m = self.mount
+        m = self.pose
         return "\n".join(
             [
                 f"height {m.height_m:6.2f} m   +- {self.height_std_m:.2f}  (lane {self.lane_width_m:.2f} m wide)",
@@ -101,32 +101,32 @@ class MountEstimate:
             ]
         )
 
-    def in_words(self) -> dict[str, str]:
+    def summary(self) -> dict[str, str]:
         """Each number with its standard deviation, by name."""
-        angles = {name: (getattr(self.mount, f"{name}_rad"), getattr(self, f"{name}_std_rad")) for name in ANGLES}
+        angles = {name: (getattr(self.pose, f"{name}_rad"), getattr(self, f"{name}_std_rad")) for name in ANGLES}
         return {
-            "height": f"{self.mount.height_m:.2f} ± {self.height_std_m:.2f} m (lane {self.lane_width_m:.2f} m wide)",
+            "height": f"{self.pose.height_m:.2f} ± {self.height_std_m:.2f} m (lane {self.lane_width_m:.2f} m wide)",
             **{name: f"{np.degrees(angle):.2f} ± {np.degrees(std):.2f} deg" for name, (angle, std) in angles.items()},
             "pictures": f"{self.frames_used} of {self.frames_total} used",
         }
 
     def __repr__(self) -> str:
-        return f"MountEstimate({', '.join(f'{name} {words}' for name, words in self.in_words().items())})"
+        return f"PoseEstimate({', '.join(f'{name} {words}' for name, words in self.in_words().items())})"
 
     def _repr_html_(self) -> str:
         return html_table(
-            "How the camera is mounted", self.in_words() | {f"note {n}": note for n, note in enumerate(self.notes, 1)}
+            "How the camera is mounted", self.summary() | {f"note {n}": note for n, note in enumerate(self.notes, 1)}
         )
 
 
-def estimate_mount(
+def estimate_pose(
     images: Iterable[np.ndarray],
     camera: Camera,
     *,
     lane_width_m: float = LANE_WIDTH_M,
     height_m: float | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> MountEstimate:
+) -> PoseEstimate:
     """Estimate height, pitch, yaw and roll of a camera from pictures of one drive.
 
     Parameters
@@ -134,7 +134,7 @@ def estimate_mount(
     images : iterable of ndarray of shape (height, width, 3), uint8
         RGB, raw, of the camera's size. All are held in memory; 20 to 60, spread over the drive, are plenty.
     camera : Camera
-        Its lens; a mount it may have is ignored.
+        Its lens; a camera pose it may have is ignored.
     lane_width_m : float
         Distance between the centres of the ego lane's lines, for the height.
     height_m : float, optional
@@ -144,11 +144,11 @@ def estimate_mount(
 
     Returns
     -------
-    MountEstimate
+    PoseEstimate
 
     Raises
     ------
-    MountError
+    PoseError
         If too few pictures show two parallel lines, if they disagree, if no lane of plausible width is seen, or if the
         lane width or height given are nobody's.
     PictureError
@@ -156,7 +156,7 @@ def estimate_mount(
     """
     _require_plausible(lane_width_m, height_m)
     if min(camera.size) < LEAST_SIDE_PX:
-        raise MountError(f"pictures of {camera.width}x{camera.height} pixels are too small to show lines; give larger.")
+        raise PoseError(f"pictures of {camera.width}x{camera.height} pixels are too small to show lines; give larger.")
     images, camera = _working_copies(images, camera)
     rough = _rough_horizon(images, camera)
     pieces = []
@@ -175,9 +175,9 @@ def estimate_mount(
     return _conclude(lines, lanes, len(images), lane_width_m, height_m)
 
 
-def describe_accuracy(estimate: MountEstimate, camera: Camera) -> str:
-    """What to expect of offsets, distances and curvatures that rest on an estimated mount; a sentence for people."""
-    share = estimate.height_std_m / estimate.mount.height_m
+def describe_accuracy(estimate: PoseEstimate, camera: Camera) -> str:
+    """What to expect of offsets, distances and curvatures that rest on an estimated pose; a sentence for people."""
+    share = estimate.height_std_m / estimate.pose.height_m
     width = f" and {share:.0%} (lanes may be wider or narrower)" if share else ""
     if camera.distortion.any():
         return (
@@ -189,9 +189,9 @@ def describe_accuracy(estimate: MountEstimate, camera: Camera) -> str:
     )
 
 
-def mount_camera(camera: Camera, folder: str | Path) -> Camera:
-    """The camera on the mount that a folder of pictures from one drive shows; see `estimate_mount`."""
-    return camera.with_mount(estimate_mount(_read_pictures(folder, camera), camera).mount)
+def estimate_camera_pose(camera: Camera, folder: str | Path) -> Camera:
+    """The camera with the pose that a folder of pictures from one drive shows; see `estimate_pose`."""
+    return camera.with_pose(estimate_pose(_read_pictures(folder, camera), camera).pose)
 
 
 def _read_pictures(folder: str | Path, camera: Camera) -> Iterator[np.ndarray]:
@@ -209,9 +209,9 @@ def _angle_line(name: str, angle_rad: float, std_rad: float, positive: str, nega
 
 def _require_plausible(lane_width_m: float, height_m: float | None) -> None:
     if not 2.0 <= lane_width_m <= 6.0:
-        raise MountError(f"a lane {lane_width_m} m wide is no road's; give 2 to 6 metres.")
+        raise PoseError(f"a lane {lane_width_m} m wide is no road's; give 2 to 6 metres.")
     if height_m is not None and not 0.5 <= height_m <= 4.5:
-        raise MountError(f"a camera {height_m} m above the road is on no car; give 0.5 to 4.5 metres.")
+        raise PoseError(f"a camera {height_m} m above the road is on no car; give 0.5 to 4.5 metres.")
 
 
 def _working_copies(images: Iterable[np.ndarray], camera: Camera) -> tuple[list[np.ndarray], Camera]:
@@ -223,7 +223,7 @@ def _working_copies(images: Iterable[np.ndarray], camera: Camera) -> tuple[list[
         camera.require_size(image, f"picture {number}")
         copies.append(image if camera.size == working.size else cv2.resize(image, working.size, interpolation=way))
     if not copies:
-        raise MountError("no picture was given; name stills or a video of the drive.")
+        raise PoseError("no picture was given; name stills or a video of the drive.")
     return copies, working
 
 
@@ -253,13 +253,13 @@ def _usable_lines(pieces: list[Segments], horizon: float) -> list[RoadLines]:
 
 def _require_lines(lines: list[RoadLines], total: int) -> None:
     if len(lines) < max(1, FEWEST_PICTURES * total):
-        raise MountError(
+        raise PoseError(
             f"only {len(lines)} of {total} pictures show two or more parallel lane lines; "
             "give pictures of a marked road by day, with the lines of the own lane in view."
         )
     directions_deg = np.degrees(np.arctan([line.x0 for line in lines]))
     if _spread(directions_deg) > WIDEST_SCATTER_DEG or abs(np.median(directions_deg)) > WIDEST_YAW_DEG:
-        raise MountError(
+        raise PoseError(
             f"the lines found in {len(lines)} pictures run {np.median(directions_deg):.0f} degrees off the camera's "
             f"axis and scatter by {_spread(directions_deg):.0f}: they are no lane lines, or the road winds too much; "
             "give pictures of a straighter stretch from a camera that looks ahead."
@@ -269,7 +269,7 @@ def _require_lines(lines: list[RoadLines], total: int) -> None:
 def _require_lanes(lines: list[RoadLines], lane: float) -> None:
     share = lane_share(lines, lane)
     if share < FEWEST_LANES:
-        raise MountError(
+        raise PoseError(
             f"only {share:.0%} of the {len(lines)} pictures with parallel lines show two that are a lane apart; "
             "give pictures in which both lines of the own lane are seen, or the lane width of this road."
         )
@@ -282,7 +282,7 @@ def _spread(values: np.ndarray) -> float:
 
 def _conclude(
     lines: list[RoadLines], lanes: LaneView, total: int, lane_width_m: float, height_m: float | None
-) -> MountEstimate:
+) -> PoseEstimate:
     pitches = -np.arctan([line.y0 for line in lines])
     # The vanishing point is the image of the direction ahead: x0 = tan(yaw) / cos(pitch), y0 = -tan(pitch).
     yaws = np.arctan([line.x0 for line in lines] * np.cos(pitches))
@@ -292,8 +292,8 @@ def _conclude(
     if height_m is not None:
         lane_width_m *= height_m / lanes.height_m
         height_std_m = 0.0
-    return MountEstimate(
-        mount=Mount(height_m or lanes.height_m, pitch_rad, yaw_rad, lanes.roll_rad),
+    return PoseEstimate(
+        pose=CameraPose(height_m or lanes.height_m, pitch_rad, yaw_rad, lanes.roll_rad),
         height_std_m=height_std_m,
         pitch_std_rad=pitch_std_rad,
         yaw_std_rad=yaw_std_rad,

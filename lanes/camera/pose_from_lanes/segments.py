@@ -37,7 +37,7 @@ class Segments:
     x_std, slope_std : ndarray
         Standard deviations of x (at y) and slope, from the scatter of the rows about the piece.
     rows : ndarray
-        Picture rows that carry it.
+        Frame rows that carry it.
     """
 
     x: np.ndarray

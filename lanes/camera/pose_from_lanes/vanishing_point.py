@@ -55,7 +55,7 @@ class RoadLines:
     k : ndarray of shape (M,)
         The lines from left to right: lateral position (right) in camera heights.
     rows : ndarray of shape (M,)
-        Picture rows that carry each line.
+        Frame rows that carry each line.
     """
 
     x0: float
@@ -80,7 +80,7 @@ def vote(segments: Segments, horizons: np.ndarray = HORIZONS) -> np.ndarray:
     Returns
     -------
     ndarray of shape (H, len(BENDS), len(DIRECTIONS)), float
-        Picture rows of stripe that agree.
+        Frame rows of stripe that agree.
     """
     t = segments.y - horizons[:, None, None]
     below = t > NEAREST_TO_HORIZON
@@ -160,8 +160,8 @@ def _solve(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Robust least squares for (x0, y0, c, k of each line) by Gauss-Newton; the solution and its covariance."""
     lines = np.eye(line[-1] + 1)[line]
-    place_std = _model_std(s, s.y - start[1])
-    std = np.concatenate([place_std, np.hypot(s.slope_std, place_std)])
+    position_std = _model_std(s, s.y - start[1])
+    std = np.concatenate([position_std, np.hypot(s.slope_std, position_std)])
     # What is known beforehand: the horizon, that bends are gentle, and next to nothing of the rest.
     p = np.concatenate([start, np.zeros(lines.shape[1])])
     known, information = np.zeros_like(p), np.full_like(p, 1e-6)

@@ -22,7 +22,7 @@ import numpy as np
 
 from lanes.drives.report.curves import Curve, draw_curve, draw_states
 from lanes.drives.report.moments import Moment, Telemetry, seconds_lost, share_tracked, worst_moments
-from lanes.io.files import write_whole
+from lanes.io.files import write_atomically
 
 # As base64 4/3 of it, below what most mail servers take (25 MB).
 EMBEDDED_BYTES = 16_000_000
@@ -95,7 +95,7 @@ def write_report(
         settings="".join(f"<tr><th>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in settings.items()),
     )
     # Names of files may hold bytes that are no text.
-    write_whole(path, page.encode(errors="replace"))
+    write_atomically(path, page.encode(errors="replace"))
     return Path(path)
 
 

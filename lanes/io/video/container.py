@@ -70,7 +70,7 @@ def look_through(path: str | Path, container: av.container.InputContainer) -> Co
     """
     stream = container.streams.video[0]
     stored, stamps, end_s, first = 0, [], 0.0, None
-    for packet in guarded(container.demux(), path):
+    for packet in translate_errors(container.demux(), path):
         if packet.pts is not None:
             end_s = max(end_s, float((packet.pts + (packet.duration or 0)) * packet.time_base))
         if packet.stream is stream:
@@ -93,7 +93,7 @@ def decode_frames(container: av.container.InputContainer, stream: av.stream.Stre
         yield from _decoded(packet)
 
 
-def guarded(items: Iterator, path: str | Path) -> Iterator:
+def translate_errors(items: Iterator, path: str | Path) -> Iterator:
     """The same items; FFmpeg's errors on the way become sentences."""
     try:
         yield from items

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import av
 
-from lanes.io.files import whole_file
-from lanes.io.video.container import VideoError, guarded, open_video
+from lanes.io.files import atomic_write
+from lanes.io.video.container import VideoError, open_video, translate_errors
 from lanes.io.video.reader import inspect_video
 from lanes.io.video.writer import SoundTrack
 
@@ -41,7 +41,7 @@ def join_videos(
     OSError
         If `target` cannot be written.
     """
-    with whole_file(target) as partial:
+    with atomic_write(target) as partial:
         with av.open(str(partial), "w", format="mp4", options={"movflags": "+faststart"}) as container:
             frames = _copy_all(pieces, starts_s, container, sound_from)
         arrived = inspect_video(partial).frames
@@ -87,7 +87,7 @@ def _packets(pieces: Sequence[Path], starts_s: Sequence[float], header: bytes, t
             video = piece.streams.video[0]
             if (video.codec_context.extradata, video.time_base) != (header, tick):
                 raise VideoError(f"{path}: was encoded otherwise than the piece before it; annotate the video again.")
-            for packet in guarded(piece.demux(video), path):
+            for packet in translate_errors(piece.demux(video), path):
                 if not packet.size:
                     continue
                 packet.pts += shift

@@ -34,7 +34,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from tqdm import tqdm
 
-from lanes.io.frames import Picture, PictureError, YuvPicture
+from lanes.io.frames import Frame, PictureError, YuvFrame
 from lanes.io.telemetry import TelemetryWriter
 from lanes.io.video.container import VideoError
 from lanes.io.video.overlap import read_ahead, write_behind
@@ -52,12 +52,12 @@ if TYPE_CHECKING:
     from moviepy import VideoFileClip
 
 Row = Mapping[str, object]
-Process = Callable[..., "Picture | tuple[Picture, Row]"]
+Process = Callable[..., "Frame | tuple[Frame, Row]"]
 
 
 @dataclass(frozen=True)
 class AsStored:
-    """A function for `annotate_video` that takes frames as the video stores them, `YuvPicture`, instead of RGB.
+    """A function for `annotate_video` that takes frames as the video stores them, `YuvFrame`, instead of RGB.
 
     That saves two conversions of each frame, and all that the function does not draw on comes out as it was decoded.
     """
@@ -132,7 +132,7 @@ def annotate_video(
         one, or that and a mapping with the frame's telemetry. Called once a frame, in order, by the caller's thread;
         others read ahead and write behind meanwhile. All pictures that it returns must have one size. If it has a
         parameter `elapsed_s`, it is told the seconds since the frame before, None for the first: they differ from
-        frame to frame in videos of variable rate. `AsStored` holds a function that takes and returns `YuvPicture`s.
+        frame to frame in videos of variable rate. `AsStored` holds a function that takes and returns `YuvFrame`s.
     start_s, end_s : float
         The piece to work on, see `read_frames`.
     progress : bool
@@ -220,7 +220,7 @@ def _with_time(process: Process) -> Process:
     return process if cares else lambda frame, elapsed_s: process(frame)
 
 
-def _processed(process: Process, frame: Picture, elapsed_s: float | None, name: str) -> tuple[Picture, Row]:
+def _processed(process: Process, frame: Frame, elapsed_s: float | None, name: str) -> tuple[Frame, Row]:
     """What `process` makes of a frame: the picture, and its telemetry with the time that it took."""
     began_s = time.perf_counter()
     try:
@@ -238,7 +238,7 @@ def _processed(process: Process, frame: Picture, elapsed_s: float | None, name: 
 
 
 def _require_picture(result: object, name: str) -> None:
-    if isinstance(result, YuvPicture):
+    if isinstance(result, YuvFrame):
         return
     if not isinstance(result, np.ndarray) or result.ndim != 3 or result.shape[2] != 3 or result.dtype != np.uint8:
         got = f"{result.dtype} of shape {result.shape}" if isinstance(result, np.ndarray) else type(result).__name__

@@ -12,16 +12,16 @@ import av
 import numpy as np
 from av.video.reformatter import ColorRange, VideoReformatter
 
-from lanes.io.frames import WEIGHTS, Picture, YuvColours, YuvPicture
+from lanes.io.frames import WEIGHTS, Frame, YuvColours, YuvFrame
 from lanes.io.video.container import (
     VideoError,
     decode_frames,
     frame_rate,
-    guarded,
     look_through,
     open_video,
     start_time,
     steps_of,
+    translate_errors,
 )
 
 # Of the numbers of a frame's colours: not told (ITU-T H.273, tables 2 to 4).
@@ -54,7 +54,7 @@ class TimedFrame:
 
     number: int
     time_s: float
-    image: Picture
+    image: Frame
 
 
 def inspect_video(path: str | Path) -> VideoInfo:
@@ -112,18 +112,18 @@ def upright(frame: av.VideoFrame, converter: VideoReformatter) -> np.ndarray:
     return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
 
 
-def upright_as_stored(frame: av.VideoFrame, converter: VideoReformatter) -> YuvPicture:
+def upright_as_stored(frame: av.VideoFrame, converter: VideoReformatter) -> YuvFrame:
     """A decoded frame, turned as `upright` does, without any conversion where it is YUV 4:2:0 of 8 bits.
 
     Colours that are not told are taken for BT.601's, as FFmpeg does.
     """
     matrix = 6 if frame.colorspace == UNTOLD else frame.colorspace
     if frame.format.is_rgb or matrix not in WEIGHTS or frame.width % 2 or frame.height % 2:
-        return YuvPicture.from_rgb(upright(frame, converter))
+        return YuvFrame.from_rgb(upright(frame, converter))
     told = frame.color_primaries, frame.color_trc
     colours = YuvColours(matrix, frame.color_range == ColorRange.JPEG, *(1 if n == UNTOLD else int(n) for n in told))
     planes = converter.reformat(frame, format="yuv420p", threads=1).to_ndarray()
-    picture, turns = YuvPicture(planes, frame.width, frame.height, colours), _quarters(frame)
+    picture, turns = YuvFrame(planes, frame.width, frame.height, colours), _quarters(frame)
     return picture.turned(turns) if turns else picture
 
 
@@ -133,7 +133,7 @@ def read_timed_frames(
     start_s: float = 0.0,
     end_s: float | None = None,
     threads: int = 0,
-    convert: Callable[[av.VideoFrame, VideoReformatter], Picture] = upright,
+    convert: Callable[[av.VideoFrame, VideoReformatter], Frame] = upright,
 ) -> Iterator[TimedFrame]:
     """As `read_frames`, with the number and time of each frame.
 
@@ -188,7 +188,7 @@ def _decoded_from(path: str | Path, container: av.container.InputContainer, star
     stream = container.streams.video[0]
     if start_s > 1:
         container.seek(int((start_s - 1 + start_time(stream)) / stream.time_base), stream=stream)
-    return guarded(decode_frames(container, stream), path)
+    return translate_errors(decode_frames(container, stream), path)
 
 
 def _seconds_since_start(frame: av.VideoFrame, stream: av.VideoStream) -> Fraction:

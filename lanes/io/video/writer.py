@@ -13,8 +13,8 @@ import numpy as np
 from av.video.reformatter import ColorRange
 
 from lanes.io.files import PartialFile, writing_to
-from lanes.io.frames import Picture, YuvColours, YuvPicture, require_rgb
-from lanes.io.video.container import VideoError, decode_frames, guarded, open_video, start_time
+from lanes.io.frames import Frame, YuvColours, YuvFrame, require_rgb
+from lanes.io.video.container import VideoError, decode_frames, open_video, start_time, translate_errors
 from lanes.io.video.reader import STAMP_TOLERANCE_S, VideoInfo, inspect_video
 
 # Sound that an mp4 file may hold and browsers play; any other is encoded as AAC.
@@ -29,7 +29,7 @@ ENCODER_THREADS = 4
 class VideoWriter:
     """Write frames as an mp4 file that browsers play: H.264, yuv420p, index in front.
 
-    RGB becomes BT.601 colours; what comes as videos store it, `YuvPicture`, stays as it is.
+    RGB becomes BT.601 colours; what comes as videos store it, `YuvFrame`, stays as it is.
 
     Use it in a `with` block. The file gets its name at the end of the block, when its frames have been counted; if the
     block raises, nothing of it remains and an earlier file of that name is untouched. `written` then says what the file
@@ -103,12 +103,12 @@ class VideoWriter:
                 self._sound.close()
             self._partial.discard()
 
-    def write(self, image: Picture, time_s: float | None = None) -> None:
+    def write(self, image: Frame, time_s: float | None = None) -> None:
         """Append a frame.
 
         Parameters
         ----------
-        image : ndarray of shape (height, width, 3), uint8, or YuvPicture
+        image : ndarray of shape (height, width, 3), uint8, or YuvFrame
             RGB, or as videos store it; all of one kind and size. H.264 stores colours for squares of four pixels: an
             odd width or height is made even by repeating the last column or row, so that nothing is lost and no pixel
             moves.
@@ -118,12 +118,12 @@ class VideoWriter:
         """
         self.encode(self.convert(image, time_s))
 
-    def convert(self, image: Picture, time_s: float | None = None) -> av.VideoFrame:
+    def convert(self, image: Frame, time_s: float | None = None) -> av.VideoFrame:
         """The first half of `write`: the frame in the video's colours and with its time.
 
-        An RGB image is free again then; the frame of a `YuvPicture` lives on its data.
+        An RGB image is free again then; the frame of a `YuvFrame` lives on its data.
         """
-        if not isinstance(image, YuvPicture):
+        if not isinstance(image, YuvFrame):
             require_rgb(image, f"frame {self.frames} of {self.path}")
         time_s = self.frames / float(self._rate) if time_s is None else time_s
         if self._size is None:
@@ -133,7 +133,7 @@ class VideoWriter:
                 f"{self.path}: frame {self.frames} is {image.shape[1]}x{image.shape[0]} pixels, the first one was "
                 f"{self._size[0]}x{self._size[1]}; all frames of a video must have one size."
             )
-        frame = _frame_of(image if isinstance(image, YuvPicture) else YuvPicture.from_rgb(image))
+        frame = _frame_of(image if isinstance(image, YuvFrame) else YuvFrame.from_rgb(image))
         self._stamp(frame, time_s - self._zero_s)
         self.frames += 1
         return frame
@@ -258,7 +258,7 @@ class SoundTrack:
         if self._start_s > 0:
             self._source.seek(int(zero_s * av.time_base))
         pieces = self._source.demux(self._input) if self._copied else decode_frames(self._source, self._input)
-        for piece in guarded(pieces, self._path):
+        for piece in translate_errors(pieces, self._path):
             if piece.pts is None:
                 continue
             piece.pts -= round(zero_s / piece.time_base)
@@ -268,7 +268,7 @@ class SoundTrack:
                 yield float(piece.pts * piece.time_base), piece
 
 
-def _frame_of(picture: YuvPicture) -> av.VideoFrame:
+def _frame_of(picture: YuvFrame) -> av.VideoFrame:
     """The picture as FFmpeg takes it, without a copy where its height is a multiple of four."""
     width, height = picture.stored_size
     if height % 4 == 0:
