@@ -48,18 +48,18 @@ test: $(INSTALLED) $(WITH_DASK)
 	@$(ENV)/ruff check . && $(ENV)/ruff format --check .
 	@echo "== Unit tests, then the notebook against its committed outputs (some minutes)"
 	@env -u LANES_DATA $(ENV)/python -m pytest tests project.ipynb -n 2 --dist loadfile --nbval --nbval-current-env \
-		--nbval-cell-timeout 120 -p tests.compare_figures
+		--nbval-cell-timeout 120 -p tests.end_to_end.compare_figures
 
 fuzz: $(INSTALLED)
 	@echo "== Random pictures, files, drives and filter steps: ten times as many as make test (some minutes)"
-	@LANES_FUZZ=10 $(ENV)/python -m pytest $(shell grep -l '^from examples import' tests/test_*.py)
+	@LANES_FUZZ=10 $(ENV)/python -m pytest $(shell grep -rl 'from tests.support.examples import' tests)
 
 # In one process and without the notebook, which is a test of its own, and the speed tests: who counts lines is slow.
 # Commands run as processes are counted, too: Python imports `sitecustomize` wherever it starts.
 coverage: $(MEASURING) $(WITH_DASK)
 	@rm -f .coverage .coverage.*
 	@echo "import coverage; coverage.process_startup()" > .venv/measuring/sitecustomize.py
-	@env -u LANES_DATA $(COVERAGE_ENV) OMP_NUM_THREADS=1 $(ENV)/python -m coverage run -m pytest tests --ignore=tests/test_speed.py
+	@env -u LANES_DATA $(COVERAGE_ENV) OMP_NUM_THREADS=1 $(ENV)/python -m coverage run -m pytest tests --ignore=tests/end_to_end/test_engine_speed.py
 	@$(COVERAGE_ENV) $(ENV)/python -m coverage combine --quiet
 	@$(COVERAGE_ENV) $(ENV)/python -m coverage report --fail-under=95
 
@@ -71,7 +71,7 @@ mutants: $(MEASURING)
 
 soak: $(INSTALLED)
 	@echo "== One hour of driving through the command line: frames, sound, memory (half an hour or more)"
-	@$(ENV)/python tests/soak.py
+	@$(ENV)/python -m tools.soak
 
 # Written last, so that a broken installation is tried again.
 $(INSTALLED): requirements.txt
@@ -95,7 +95,7 @@ lock: $(INSTALLED)
 
 audit: $(INSTALLED)
 	@$(PYTHON) -m venv .venv/tools && .venv/tools/bin/python -m pip install --quiet --disable-pip-version-check pip-audit==2.10.1
-	@.venv/tools/bin/python tests/audit.py
+	@.venv/tools/bin/python tools/audit.py
 
 # Beside the packages that the project runs with, not among them.
 $(MEASURING): requirements-measuring.txt $(INSTALLED)

@@ -4,7 +4,7 @@
 - "equalized_hsv" (B): brightest and yellow pixels or strong gradients; mean of the last ten;
 - "best_channel" (C): six binaries, for each line the best one; RANSAC; damped mean of the last thirty.
 
-They differ from their originals where those were wrong; tests/test_recipes.py has a test for each such place.
+They differ from their originals where those were wrong; tests/classic/test_finder.py has a test for each such place.
 """
 
 from __future__ import annotations

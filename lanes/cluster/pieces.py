@@ -3,7 +3,7 @@
 The tracker has a memory, so that each piece begins to look some seconds before its first frame. It then knows nearly
 the same as one that has followed the lane from the beginning: after `WARM_UP_S` the states are the same, offsets differ
 by less than 1 cm, headings by less than 0.1 degrees, curvatures by less than 0.1 per km, and each by less than one of
-the standard deviations that the tracker gives it (tests/test_pieces.py; docs/many_drives.md tells how fast that goes).
+the standard deviations that the tracker gives it (tests/cluster/test_pieces.py; docs/many_drives.md has the times).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """How sure a lane is: the probability that it is right, learned from drives whose truth is known.
 
 Right means: both lines lie within 0.2 m of the true ones, as the root of the mean square over 5, 10, 15, 20 and 30 m
-ahead. The probability is a logistic function of a few numbers that a lane comes with; `tests/fit_confidence.py` drives
+ahead. The probability is a logistic function of a few numbers that a lane comes with; `tools/fit_confidence.py` drives
 along roads, counts and fits.
 """
 

@@ -1,0 +1,220 @@
+"""TuSimple's score on lines whose every point is placed by hand, and the command that prints it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmark.labels.labels import (
+    LaneColumns,
+    LineScore,
+    pair_predictions,
+    read_labels,
+    read_predictions,
+    score_lines,
+    summarize_lines,
+)
+from lanes.camera.camera_file import save_camera
+from lanes.io.images import write_image
+from simulator.rendering.drive import Motion
+from tests.support.command_line import process
+from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
+
+ROOT = Path(__file__).parents[2]
+ROWS = np.arange(400.0, 600, 10)
+
+
+def lane(left: np.ndarray, right: np.ndarray | None = None, *, name: str = "a.jpg", rows: np.ndarray = ROWS):
+    nothing = np.full(len(rows), -2.0)
+    return LaneColumns(name, rows, np.array([left, nothing if right is None else right]))
+
+
+def upright(column: float = 300.0) -> np.ndarray:
+    return np.full(len(ROWS), column)
+
+
+def slanted(slope: float) -> np.ndarray:
+    """A line that goes `slope` columns right for each row down."""
+    return 100 + slope * (ROWS - ROWS[0])
+
+
+class TestPoints:
+    @pytest.mark.parametrize(("off_px", "accuracy"), [(0, 1), (19.99, 1), (20, 0), (-19.99, 1), (-20.01, 0)])
+    def test_an_upright_line_may_be_off_by_less_than_20_px(self, off_px, accuracy):
+        left, right = score_lines(lane(upright()), lane(upright() + off_px))
+        assert left == LineScore(accuracy, pytest.approx(abs(off_px)), True)
+        assert right == LineScore(None, None, False)
+
+    @pytest.mark.parametrize("slope", [0.75, -0.75, 2.4])
+    def test_a_slanted_one_by_20_px_over_the_cosine_of_its_angle(self, slope):
+        # 0.75 columns a row: 3-4-5, cosine 0.8, 25 px; 2.4: 5-12-13, cosine 5/13, 52 px
+        tolerance = {0.75: 25, 2.4: 52}[abs(slope)]
+        line = slanted(slope) + 400
+        for off_px, accuracy in ((tolerance - 0.01, 1), (tolerance + 0.01, 0)):
+            assert score_lines(lane(line), lane(line + off_px))[0].accuracy == accuracy
+
+    def test_points_that_are_missing_are_wrong_and_have_no_error(self):
+        predicted = upright() + 3
+        predicted[:5] = -2
+        score = score_lines(lane(upright()), lane(predicted))[0]
+        assert score == LineScore(0.75, 3.0, True)
+        assert score_lines(lane(upright()), None)[0] == LineScore(0.0, None, False)
+
+    def test_rows_without_label_do_not_count(self):
+        label = upright()
+        label[:15] = -2
+        assert score_lines(lane(label), lane(upright()))[0].accuracy == 1
+        label[:17] = -2
+        # three points are too few for an angle
+        assert score_lines(lane(label), lane(upright()))[0] == LineScore(None, None, True)
+
+    def test_predictions_may_be_at_other_rows(self):
+        other = LaneColumns("a.jpg", ROWS[::-2], np.array([upright()[::2], upright()[::2]]))
+        assert score_lines(lane(upright(), upright()), other)[0].accuracy == 0.5
+        nowhere = LaneColumns("a.jpg", ROWS + 5, np.array([upright(), upright()]))
+        assert score_lines(lane(upright()), nowhere)[0] == LineScore(0.0, None, False)
+
+    def test_left_and_right_are_not_to_be_mixed_up(self):
+        label = lane(upright(200), upright(900))
+        assert [s.accuracy for s in score_lines(label, lane(upright(900), upright(200)))] == [0, 0]
+
+
+def test_summary_counts_lines():
+    some = [
+        LineScore(1.0, 2.0, True),
+        LineScore(0.85, 4.0, True),  # just matched
+        LineScore(0.84, 9.0, True),  # predicted and not matched: false, and one missing
+        LineScore(0.0, None, False),  # missing only
+        LineScore(None, None, True),  # nothing to find, but predicted: false
+        LineScore(None, None, False),
+    ]
+    row = summarize_lines(some)
+    assert row["lines"] == 4
+    assert row["accuracy"] == pytest.approx((1 + 0.85 + 0.84) / 4)
+    assert (row["matched"], row["fp"], row["fn"]) == (0.5, 0.5, 0.5)
+    assert row["error_px"] == 4
+
+
+class TestFiles:
+    def write(self, folder: Path, *entries: dict, name: str = "labels.jsonl") -> Path:
+        (folder / name).write_text("\n".join(json.dumps(entry) for entry in entries) + "\n\n")
+        return folder / name
+
+    def entry(self, *lanes: np.ndarray, name: str = "a.png") -> dict:
+        return {"raw_file": name, "h_samples": ROWS.tolist(), "lanes": [one.tolist() for one in lanes]}
+
+    def test_of_many_lanes_those_beside_the_bottom_centre_are_the_own_ones(self, tmp_path):
+        write_image(tmp_path / "a.png", np.zeros((720, 1280, 3), np.uint8))
+        # In row 400 the second lane is nearest to the centre on the left; at the bottom it has gone far left.
+        lanes = [upright(200), slanted(-2) + 530, upright(500), upright(800), slanted(3) + 600]
+        (label,) = read_labels(self.write(tmp_path, self.entry(*lanes)))
+        assert label.columns[:, 0].tolist() == [500, 800]
+        (label,) = read_labels(self.write(tmp_path, self.entry(upright(700), upright(-2), upright(900))))
+        assert label.columns[:, 0].tolist() == [-2, 700]
+
+    def test_two_lanes_are_left_and_right_whatever_they_are(self, tmp_path):
+        (label,) = read_labels(self.write(tmp_path, self.entry(upright(-2), upright(900))))
+        assert label.columns[:, 0].tolist() == [-2, 900]
+        (label,) = read_labels(self.write(tmp_path, self.entry()))
+        assert (label.columns == -2).all()
+
+    def test_predictions_are_left_and_right_without_looking_at_the_picture(self, tmp_path):
+        (found,) = read_predictions(self.write(tmp_path, self.entry(upright(1), upright(2), upright(3))))
+        assert found.columns[:, 0].tolist() == [1, 2]
+
+    def test_pictures_are_paired_by_the_end_of_their_path(self):
+        labels = [lane(upright(k), name=f"clips/{k}/20.jpg") for k in (1, 2)]
+        found = [lane(upright(k + 10), name=f"/data/clips/{k}/20.jpg") for k in (2, 3)]
+        (one, none), (two, hit) = pair_predictions(labels, found)
+        assert (one, none, two) == (labels[0], None, labels[1])
+        assert hit is found[0]
+
+    def test_what_cannot_be_paired_is_told(self):
+        with pytest.raises(ValueError, match="two labels are of the same picture"):
+            pair_predictions([lane(upright()), lane(upright())], [])
+        with pytest.raises(ValueError, match="none of the predictions is of a labelled picture"):
+            pair_predictions([lane(upright())], [lane(upright(), name="b.jpg")])
+
+    @pytest.mark.parametrize(
+        "text",
+        ["nonsense", "[1]", '{"raw_file": "a.png"}', '{"raw_file": 3, "h_samples": [], "lanes": []}']
+        + ['{"raw_file": "a.png", "h_samples": [1, 2], "lanes": [[1]]}', "[" * 100_000]
+        + ['{"raw_file": "a.png", "h_samples": [1, 2], "lanes": [[1, NaN]]}']
+        + [
+            '{"raw_file": "a.png", "h_samples": [1, 1e99], "lanes": []}',
+            '{"raw_file": "", "h_samples": [], "lanes": []}',
+        ]
+        + [
+            '{"raw_file": "a.png", "h_samples": [1], "lanes": {"0": [1]}}',
+            '{"raw_file": "a.png", "h_samples": [-3], "lanes": []}',
+        ],
+    )
+    def test_other_files_are_refused_with_the_line(self, tmp_path, text):
+        path = self.write(tmp_path, self.entry(upright()))
+        path.write_text(path.read_text().strip() + f"\n{text}\n")
+        with pytest.raises(ValueError, match=r"labels.jsonl: line 2 is no label"):
+            read_labels(path)
+        with pytest.raises(FileNotFoundError, match="none.jsonl: there is no such label file"):
+            read_labels(tmp_path / "none.jsonl")
+
+    @pytest.mark.parametrize("name", ["../a.png", "/etc/a.png", "x/../../a.png", "..\\\\a.png", "a\\u0000.png"])
+    def test_pictures_outside_of_the_folder_are_not_opened(self, tmp_path, name):
+        path = tmp_path / "labels.jsonl"
+        path.write_text(f'{{"raw_file": "{name}", "h_samples": [1], "lanes": []}}\n')
+        with pytest.raises(ValueError, match=r"labels\.jsonl: the picture .* lies outside"):
+            read_labels(path)
+
+
+class TestCommand:
+    @pytest.fixture(scope="class")
+    @classmethod
+    def folder(cls, tmp_path_factory) -> Path:
+        """Four stills of a painted drive with labels from its truth."""
+        folder = tmp_path_factory.mktemp("stills")
+        camera = CAMERA.scaled((640, 360))
+        motion = Motion(60.0, 25.0, offset_m=0.3, wander_m=0.2)
+        drive = PaintedDrive(s_bend(), lane_lines(), motion=motion, camera=camera)
+        rows, x, entries = np.arange(230, 311, 10), np.geomspace(2, 100, 400), []
+        for k in range(4):
+            write_image(folder / f"{k}.png", drive.frame(k / 5))
+            lanes = []
+            for side in (0, 1):
+                u, v = camera.road_to_pixels(np.column_stack([x, drive.truth(k / 5).line_y(side, x)])).T
+                lanes.append(np.interp(rows, v[::-1], u[::-1]).tolist())
+            entries.append({"raw_file": f"{k}.png", "h_samples": rows.tolist(), "lanes": lanes})
+        (folder / "labels.jsonl").write_text("".join(json.dumps(entry) + "\n" for entry in entries))
+        entries[0]["lanes"] = entries[0]["lanes"][::-1]
+        (folder / "predictions.jsonl").write_text("".join(json.dumps(entry) + "\n" for entry in entries))
+        save_camera(camera, folder / "camera.yaml")
+        save_camera(camera.with_pose(None), folder / "lens.yaml")
+        return folder
+
+    def run(self, folder: Path, *arguments: str) -> subprocess.CompletedProcess:
+        command = process("benchmark", "--labels", folder / "labels.jsonl")
+        command += [str(folder / a) if a.endswith(("l", ".yaml")) and "." in a else a for a in arguments]
+        return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
+
+    def test_predictions_are_scored(self, folder):
+        told = self.run(folder, "--predictions", "predictions.jsonl")
+        assert told.returncode == 0, told.stderr
+        row = next(line for line in told.stdout.splitlines() if line.startswith("predictions.jsonl"))
+        assert row.split()[1:-2] == ["8", "0.750", "0.750", "0.250", "0.250"]
+        assert "not the official one" in told.stdout
+
+    def test_systems_are_scored_with_an_estimated_pose_where_the_camera_has_none(self, folder):
+        told = self.run(folder, "--camera", "lens.yaml")
+        assert told.returncode == 0, told.stderr
+        assert "height" in told.stdout
+        rows = {line.split()[0]: line.split() for line in told.stdout.splitlines() if line}
+        assert rows["tracker"][1:3] == ["8", "1.000"]
+        assert rows["best_channel"][1] == "8"
+
+    def test_misuse_is_told(self, folder):
+        for arguments, words in ((("--predictions", "no.jsonl"), "no.jsonl"), (("--camera", "no.yaml"), "no.yaml")):
+            told = self.run(folder, *arguments)
+            assert (told.returncode, "Traceback" in told.stderr) == (2, False)
+            assert words in told.stderr

@@ -1,0 +1,120 @@
+"""The field of view of a lens that was never calibrated: by EXIF, by broken lines, or assumed."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from lanes.camera.camera_file import load_camera
+from lanes.camera.field_of_view import read_hfov
+from lanes.drives.dash_period import measure_dash_period
+from lanes.drives.own_camera import find_field_of_view
+from lanes.io.images import write_image
+from simulator.rendering.drive import Motion
+from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
+
+ROOT = Path(__file__).parents[2]
+EXIF_BLOCK = 0x8769
+
+
+def photo(path: Path, size: tuple[int, int] = (640, 360), **entries: object) -> Path:
+    """A JPEG with these entries of the camera's settings."""
+    numbers = {"focal_mm": 0x920A, "focal_35mm": 0xA405, "plane": 0xA20E, "unit": 0xA210, "stored": 0xA002}
+    exif = Image.Exif()
+    exif[0x010F] = "maker"
+    exif.get_ifd(EXIF_BLOCK).update({numbers[name]: value for name, value in entries.items()})
+    Image.new("RGB", size, (90, 90, 90)).save(path, exif=exif)
+    return path
+
+
+class TestExif:
+    @pytest.mark.parametrize(
+        ("size", "entries", "hfov_deg"),
+        [
+            # 36 x 24 mm itself: the horizontal angle of a 50 mm lens
+            ((720, 480), {"focal_35mm": 50}, 39.6),
+            # the diagonal counts: 28 mm at 16:9 sees more to the sides than at 3:2, at 4:3 less
+            ((640, 360), {"focal_35mm": 28}, 67.9),
+            ((640, 480), {"focal_35mm": 28}, 63.5),
+            # 4.25 mm before a sensor of 4000 px on 5.6 mm, resized to 640 px
+            ((640, 360), {"focal_mm": 4.25, "plane": 40000 / 5.6, "unit": 3, "stored": 4000}, 66.8),
+            ((640, 360), {"focal_mm": 4.25, "plane": 640 / 5.6 * 25.4, "unit": 2}, 66.8),
+        ],
+    )
+    def test_the_focal_length_becomes_an_angle(self, tmp_path, size, entries, hfov_deg):
+        assert read_hfov(photo(tmp_path / "a.jpg", size, **entries)) == pytest.approx(hfov_deg, abs=0.1)
+
+    @pytest.mark.parametrize(
+        "entries",
+        [{}, {"focal_mm": 4.2}, {"focal_35mm": 0}, {"focal_35mm": 4000}, {"focal_mm": 4, "plane": 100.0, "unit": 9}],
+    )
+    def test_entries_that_do_not_tell(self, tmp_path, entries):
+        assert read_hfov(photo(tmp_path / "a.jpg", **entries)) is None
+
+    def test_no_picture_at_all(self, tmp_path):
+        (tmp_path / "a.jpg").write_bytes(b"nothing")
+        assert read_hfov(tmp_path / "a.jpg") is None
+
+    def test_the_first_still_that_knows_it_is_asked(self, tmp_path):
+        files = [photo(tmp_path / "a.jpg"), tmp_path / "drive.mp4", photo(tmp_path / "b.jpg", focal_35mm=28)]
+        found = find_field_of_view(files)
+        assert found.hfov_deg == pytest.approx(67.9, abs=0.1)
+        assert found.describe() == "field of view 67.9 deg, as b.jpg says (EXIF)"
+
+    def test_nothing_known_is_said_with_what_it_means(self, tmp_path):
+        found = find_field_of_view([photo(tmp_path / "a.jpg")])
+        assert (found.hfov_deg, found.assumed) == (60.0, True)
+        assert "assumed" in found.describe() and "1.5 times too strong" in found.describe()
+
+
+def drive_pictures(count: int = 8, lines=None) -> list[np.ndarray]:
+    """Bends both ways, weaving and bumps; the broken lines are painted every 12.2 m."""
+    motion = Motion(speed_mps=23.0, offset_m=0.2, wander_m=0.2, pitch_rad=np.radians(0.3))
+    drive = PaintedDrive(s_bend(), lines or lane_lines(), motion)
+    return [drive.frame(1.22 * n) for n in range(count)]
+
+
+class TestDashes:
+    @pytest.mark.parametrize("stretch", [0.75, 1.0, 1.4])
+    def test_the_period_grows_with_the_focal_length(self, stretch):
+        """As the docs say of a wrong focal length: all distances are wrong by its factor, and the pitch less."""
+        matrix = CAMERA.matrix.copy()
+        matrix[[0, 1], [0, 1]] *= stretch
+        pose = replace(CAMERA.pose, pitch_rad=CAMERA.pose.pitch_rad / stretch, yaw_rad=CAMERA.pose.yaw_rad / stretch)
+        camera = replace(CAMERA, matrix=matrix, distortion=CAMERA.distortion / stretch**2, pose=pose)
+        period = measure_dash_period(drive_pictures(), camera)
+        assert period.period_m == pytest.approx(12.2 * stretch, rel=0.03)
+        assert period.clarity > 25
+
+    def test_solid_lines_tell_nothing(self):
+        lines = lane_lines(right={"dash_m": None})[:2]
+        assert measure_dash_period(drive_pictures(lines=lines), CAMERA) is None
+
+    def test_pictures_become_a_field_of_view(self, tmp_path):
+        files = [write_image(tmp_path / f"{n}.png", image) for n, image in enumerate(drive_pictures())]
+        found = find_field_of_view(files, dash_period_m=12.2)
+        # a distorted lens of 58.2 degrees, seen without its distortion
+        assert found.hfov_deg == pytest.approx(58.2, abs=3)
+        assert "broken lines of 12.2 m" in found.source
+
+    def test_no_broken_lines(self, tmp_path):
+        wall = write_image(tmp_path / "wall.png", np.full((360, 640, 3), 128, np.uint8))
+        with pytest.raises(ValueError, match=r"wall\.png: shows no broken line that repeats clearly"):
+            find_field_of_view([wall], dash_period_m=12.2)
+        with pytest.raises(ValueError, match="live camera"):
+            find_field_of_view([], dash_period_m=12.2)
+
+
+def test_a_command_without_a_lens_warns_and_goes_on(tmp_path):
+    files = [write_image(tmp_path / f"{n}.jpg", image) for n, image in enumerate(drive_pictures(2))]
+    command = [sys.executable, "-m", "lanes", "pose", *files, "-o", tmp_path / "camera.yaml"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert "warning: field of view 60.0 deg, assumed" in done.stderr
+    assert load_camera(tmp_path / "camera.yaml").hfov_deg == pytest.approx(60)

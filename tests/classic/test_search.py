@@ -1,0 +1,117 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lanes.classic.fit import LineFit
+from lanes.classic.search import band_pixels, binary_pixels, find_peaks, lane_histogram, search_band, sliding_windows
+from tests.support.roads import paint_view
+
+SIZE = (1280, 720)
+
+
+def slanted(row):
+    return 150 + 0.4 * row
+
+
+def bent(row):
+    return 1000 - 3e-4 * (719 - row) ** 2
+
+
+def test_histogram_counts_the_lower_half_or_the_rows_asked_for():
+    binary = np.zeros((10, 6), np.uint8)
+    binary[:, 2] = 255
+    binary[0:3, 4] = 255
+    assert lane_histogram(binary).tolist() == [0, 0, 5, 0, 0, 0]
+    assert lane_histogram(binary, first_row=0, last_row=3).tolist() == [0, 0, 3, 0, 3, 0]
+
+
+@pytest.mark.parametrize(
+    ("histogram", "peaks"),
+    [
+        ([0, 5, 1, 0, 2, 9], (1, 5)),
+        ([4, 4, 0, 0, 4, 4], (1, 4)),
+        ([0, 0, 0, 0, 3, 0], (None, 4)),
+        ([7, 0, 0, 0], (0, None)),
+        ([0], (None, None)),
+        ([3], (None, 0)),
+    ],
+)
+def test_peaks_left_and_right_of_the_middle(histogram, peaks):
+    assert find_peaks(np.array(histogram)) == peaks
+
+
+def test_binary_pixels_are_columns_and_rows_sorted_by_row():
+    binary = np.zeros((4, 5), np.uint8)
+    binary[3, 1] = binary[0, 4] = 255
+    assert binary_pixels(binary).tolist() == [[4, 0], [1, 3]]
+    assert binary_pixels(np.zeros((4, 5), np.uint8)).shape == (0, 2)
+
+
+def test_windows_slide_along_a_slanted_and_a_bent_line():
+    """A window that stays where the histogram put it (as one original's did in video) loses both lines."""
+    binary = paint_view(SIZE, [slanted, bent], thickness_px=15)
+    found = sliding_windows(binary, margin_px=60)
+    assert len(found.left_windows) == len(found.right_windows) == 9
+    for pixels, line in ((found.left_pixels, slanted), (found.right_pixels, bent)):
+        assert np.abs(pixels[:, 0] - line(pixels[:, 1])).max() < 9
+        assert len(pixels) > 0.97 * 15 * 720
+    top = found.left_windows[-1]
+    assert abs((top.left + top.right) / 2 - slanted(80)) < 40
+
+
+def test_windows_tile_the_height_and_count_what_they_catch():
+    binary = paint_view(SIZE, [lambda y: 300 + 0 * y])
+    windows = sliding_windows(binary, count=9, margin_px=80).left_windows
+    assert [(w.top, w.bottom) for w in windows] == [(640 - 80 * i, 719 - 80 * i) for i in range(9)]
+    assert all(w.pixels == 15 * 80 for w in windows)
+    assert sliding_windows(binary, margin_px=80).windows_px[1].tolist() == [220, 560, 380, 639]
+
+
+def test_an_empty_side_has_no_windows():
+    found = sliding_windows(paint_view(SIZE, [slanted]))
+    assert found.right_windows == ()
+    assert found.right_pixels.shape == (0, 2)
+    assert len(found.left_pixels)
+
+
+def test_few_pixels_do_not_move_a_window():
+    binary = paint_view(SIZE, [lambda y: 300 + 0 * y], rows=(640, 720))
+    binary[600:604, 360:370] = 255  # 40 pixels at the edge of the second window
+    still = sliding_windows(binary, margin_px=80, recentre_pixels=50).left_windows
+    moved = sliding_windows(binary, margin_px=80, recentre_pixels=40).left_windows
+    assert still[2].left == pytest.approx(300 - 80, abs=1)
+    assert moved[2].left == pytest.approx(364.5 - 80, abs=1)
+
+
+def test_a_flooded_window_is_dropped():
+    binary = paint_view(SIZE, [lambda y: 300 + 0 * y])
+    binary[160:240, 200:400] = 255
+    caught = sliding_windows(binary, margin_px=75, flood_pixels=9500).left_pixels
+    assert not ((caught[:, 1] >= 160) & (caught[:, 1] < 240)).any()
+    assert ((caught[:, 1] >= 80) & (caught[:, 1] < 160)).any()
+    assert len(sliding_windows(binary, margin_px=75).left_pixels) > len(caught)
+
+
+def test_band_takes_the_pixels_beside_the_known_line_only():
+    binary = paint_view(SIZE, [slanted, bent])
+    known = LineFit((0.0, 0.4, 150.0), 1, (0, 719))
+    found = search_band(binary, known, None, margin_px=10)
+    assert len(found.left_pixels) == 15 * 720
+    assert found.right_pixels.shape == (0, 2)
+    assert found.windows == ()
+    assert found.windows_px.shape == (0, 4)
+    everything = binary_pixels(binary)
+    near = everything[np.abs(everything[:, 0] - slanted(everything[:, 1])) <= 3.1]
+    assert band_pixels(everything, known, 3.1).tolist() == near.tolist()
+
+
+@settings(max_examples=10)
+@given(st.integers(100, 500), st.integers(700, 1150), st.floats(-0.15, 0.15), st.integers(0, 2**31))
+def test_a_mirrored_binary_has_mirrored_lines(left, right, slope, seed):
+    binary = paint_view(SIZE, [lambda y: left + slope * y, lambda y: right - slope * y])
+    speckle = np.random.default_rng(seed).integers(0, [1280, 720], (500, 2))
+    binary[speckle[:, 1], speckle[:, 0]] = 255
+    seen, mirrored = sliding_windows(binary), sliding_windows(np.ascontiguousarray(binary[:, ::-1]))
+    for pixels, other in ((seen.left_pixels, mirrored.right_pixels), (seen.right_pixels, mirrored.left_pixels)):
+        assert {(1279 - u, v) for u, v in pixels.tolist()} == set(map(tuple, other.tolist()))

@@ -1,0 +1,148 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lanes.camera.camera_pose import CameraError, CameraPose
+from lanes.classic.warp import FourPointWarp, metres_per_pixel, scale_to_road, view_to_road
+from lanes.io.frames import PictureError
+from tests.support.roads import CAMERA, paint_view
+
+SIZE = (1280, 720)
+TRAPEZIUM = [(580, 460), (740, 460), (1100, 670), (270, 670)]
+RECTANGLE = [(200, 0), (1080, 0), (1080, 720), (200, 720)]
+WARP = FourPointWarp(TRAPEZIUM, RECTANGLE, SIZE)
+
+
+def road_rectangle_warp(near_m=6.0, far_m=30.0, half_width_m=4.0):
+    """The warp of a true rectangle on the road: an exact map with 8 m on 800 columns and 24 m on 719 rows."""
+    corners = np.array([[far_m, half_width_m], [far_m, -half_width_m], [near_m, -half_width_m], [near_m, half_width_m]])
+    picture = CAMERA.undistort_points(CAMERA.road_to_pixels(corners))
+    return FourPointWarp(picture, [(239.5, 0), (1039.5, 0), (1039.5, 719), (239.5, 719)], SIZE)
+
+
+def test_source_points_come_to_lie_on_destination_points():
+    np.testing.assert_allclose(WARP.points_to_view(TRAPEZIUM), RECTANGLE, atol=1e-3)
+    np.testing.assert_allclose(WARP.points_to_picture(RECTANGLE), TRAPEZIUM, atol=1e-3)
+
+
+@given(st.lists(st.tuples(st.floats(0, 1279), st.floats(0, 719)), min_size=1, max_size=8))
+def test_points_return_from_the_view_where_they_were(points):
+    there = WARP.points_to_picture(np.array(points))
+    np.testing.assert_allclose(WARP.points_to_view(there), points, atol=1e-5)
+
+
+def test_pictures_move_as_points_do():
+    picture = np.zeros((720, 1280, 3), np.uint8)
+    u, v = 500, 560
+    picture[v, u] = 255
+    rows, columns = np.nonzero(WARP.warp(picture)[..., 0] > 200)
+    np.testing.assert_allclose([columns.mean(), rows.mean()], WARP.points_to_view([(u, v)])[0], atol=0.6)
+
+
+def test_binaries_keep_two_values_and_come_back():
+    binary = np.zeros((720, 1280), np.uint8)
+    binary[500:640, 560:720] = 255
+    view = WARP.warp(binary)
+    assert set(np.unique(view)) == {0, 255}
+    back = WARP.unwarp(view)
+    assert set(np.unique(back)) == {0, 255}
+    assert (back[505:635, 565:715] == 255).all()
+    assert (back != binary).mean() < 0.01
+
+
+def test_a_view_comes_back_into_a_picture_of_any_size():
+    view = np.full((720, 1280, 3), 200, np.uint8)
+    cut = WARP.unwarp(view, (700, 500))
+    assert cut.shape == (500, 700, 3)
+    np.testing.assert_array_equal(cut, WARP.unwarp(view)[:500, :700])
+    assert (cut[-1, 660] == 200).all() and not cut[:455].any()
+
+
+@pytest.mark.parametrize("way", [WARP.warp, WARP.unwarp])
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        (np.zeros((360, 640, 3), np.uint8), "is 640x360 pixels, but this warp is for 1280x720"),
+        (np.zeros((720, 1281), np.uint8), "is 1281x720 pixels, but this warp is for 1280x720"),
+        (np.zeros((720, 1280, 4), np.uint8), "expected an RGB picture"),
+        (np.zeros((720, 1280), bool), "expected an RGB picture"),
+        (None, "got NoneType"),
+    ],
+    ids=["small", "binary", "rgba", "bool", "none"],
+)
+def test_only_pictures_and_binaries_of_the_warps_size_are_taken(way, wrong, sentence):
+    with pytest.raises(PictureError, match=sentence):
+        way(wrong)
+
+
+def test_no_points_are_no_points():
+    assert WARP.points_to_view(np.empty((0, 2))).shape == (0, 2)
+
+
+@pytest.mark.parametrize(
+    "points",
+    [TRAPEZIUM[:3], [(0, 0), (1, 1), (2, 2), (0, 5)], [(0, 0), (9, 9), (9, 0), (0, 9)], [(0, np.nan)] * 4],
+    ids=["three", "in a line", "bow tie", "nan"],
+)
+def test_points_that_are_no_quadrangle_are_refused(points):
+    with pytest.raises(ValueError, match="source_px: expected four points"):
+        FourPointWarp(points, RECTANGLE, SIZE)
+
+
+def test_view_points_lie_on_the_road_where_the_camera_put_them():
+    road = np.array([[7.0, 1.5], [12.0, -2.0], [25.0, 0.3]])
+    view = WARP.points_to_view(CAMERA.undistort_points(CAMERA.road_to_pixels(road)))
+    np.testing.assert_allclose(view_to_road(view, WARP, CAMERA), road, atol=1e-3)
+
+
+def test_scales_of_a_true_map_are_its_scales():
+    across, along = metres_per_pixel(road_rectangle_warp(), CAMERA)
+    assert across == pytest.approx(8 / 800, rel=1e-4)
+    assert along == pytest.approx(24 / 719, rel=1e-4)
+
+
+def test_scales_follow_the_camera_height():
+    """From twice the height every pixel spans twice the road; the originals' 3.7/700 could not know."""
+    low = metres_per_pixel(WARP, CAMERA)
+    m = CAMERA.pose
+    high = metres_per_pixel(WARP, CAMERA.with_pose(CameraPose(2 * m.height_m, m.pitch_rad, m.yaw_rad)))
+    np.testing.assert_allclose(high, 2 * np.array(low), rtol=1e-9)
+
+
+def test_a_view_up_to_the_horizon_has_no_scale():
+    with pytest.raises(CameraError) as refusal:
+        metres_per_pixel(WARP, CAMERA.with_pose(CameraPose(1.2, pitch_rad=-0.1)))
+    assert str(refusal.value) == (
+        "the warp's quadrangle reaches the horizon of this camera pose, so its rows have no length on the "
+        "road; choose lower points or correct the camera pose's pitch."
+    )
+
+
+def test_scales_are_taken_on_the_middle_column():
+    """No true map, seen by a camera that leans and looks aside: the scales differ from column to column."""
+    camera = CAMERA.with_pose(CameraPose(1.3, 0.02, yaw_rad=0.1, roll_rad=0.06))
+    road = view_to_road(np.array([[639.0, 719.0], [640.0, 719.0], [639.5, 719.0], [639.5, 0.0]]), WARP, camera)
+    across, along = metres_per_pixel(WARP, camera)
+    assert across == pytest.approx(np.hypot(*(road[1] - road[0])), rel=1e-6)
+    assert along == pytest.approx(np.hypot(*(road[3] - road[2])) / 719, rel=1e-9)
+
+
+def test_fixed_scales_count_from_the_bottom_and_the_middle():
+    points = np.array([[639.5, 719], [539.5, 719], [639.5, 0]])
+    road = scale_to_road(points, (0.01, 0.05), SIZE)
+    np.testing.assert_allclose(road, [[0, 0], [0, 1.0], [719 * 0.05, 0]], atol=1e-12)
+
+
+def test_fixed_scales_agree_with_the_road_on_a_true_map():
+    warp = road_rectangle_warp()
+    points = np.array([[300.0, 100.0], [900.0, 650.0]])
+    exact = view_to_road(points, warp, CAMERA)
+    scaled = scale_to_road(points, metres_per_pixel(warp, CAMERA), SIZE)
+    # The map's bottom row lies 6 m ahead; the columns' middle is the road's x axis.
+    np.testing.assert_allclose(scaled + [6.0, 0], exact, atol=2e-3)
+
+
+def test_paint_view_paints_where_it_says():
+    binary = paint_view((100, 40), [lambda y: 30 + 0 * y], thickness_px=3)
+    assert np.flatnonzero(binary[20]).tolist() == [29, 30, 31]

@@ -1,0 +1,276 @@
+"""Whole drives: what names stand for, how lanes are drawn, live cameras."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import re
+import signal
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from multiprocessing import get_context
+
+import cv2
+import numpy as np
+import pytest
+
+from lanes.camera.camera_pose import CameraError
+from lanes.camera.field_of_view import FieldOfView
+from lanes.drives.annotation import annotate_drive, annotate_folder, annotate_stills
+from lanes.drives.live import annotate_live
+from lanes.drives.overlay_styles import STYLES, track_lane
+from lanes.drives.settings import DriveSettings
+from lanes.drives.sources import find_sources, refuse_clashes
+from lanes.io.frames import PictureError
+from lanes.io.images import read_image, write_image
+from lanes.io.telemetry import read_telemetry
+from lanes.io.video.container import VideoError
+from lanes.io.video.reader import inspect_video
+from lanes.io.video.writer import VideoWriter
+from lanes.tracking.tracked_lane import LOST, TrackedLane
+from lanes.tracking.tracker import LaneTracker
+from tests.support.clips import write_drive
+from tests.support.painted_drive import BENDS, CAMERA, SMALL, tracked_bends
+
+
+def test_names_are_sorted_by_kind(tmp_path, monkeypatch):
+    for name in ("d10.mp4", "d2.MOV", "b.jpg", "notes.txt", ".hidden.mp4", "d.partial.7.mp4", "more/x.mkv", "[1].avi"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    monkeypatch.chdir(tmp_path)
+    found = find_sources([".", "0", "more/*", "d2.MOV", "[1].avi", "12"])
+    assert [path.name for path in found.videos] == ["[1].avi", "d2.MOV", "d10.mp4", "x.mkv"]
+    assert [path.name for path in found.stills] == ["b.jpg"]
+    assert found.cameras == (0, 12)
+    (tmp_path / "7").touch()
+    assert find_sources(["7"]).cameras == ()
+    for missing, words in (("nowhere.mp4", "no such file or folder"), ("*.webm", "no such file"), ("", "no such file")):
+        with pytest.raises(FileNotFoundError, match=words):
+            find_sources([missing])
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(FileNotFoundError, match="empty: holds neither"):
+        find_sources(["empty"])
+
+
+def test_no_output_overwrites_an_input_or_another_output(tmp_path):
+    a, b = tmp_path / "a.mp4", tmp_path / "b" / "a.mp4"
+    refuse_clashes([a, b], [tmp_path / "out" / "a.mp4", tmp_path / "out" / "b.mp4"])
+    with pytest.raises(ValueError, match="one of the inputs"):
+        refuse_clashes([a, b], [tmp_path / "out" / "a.mp4", tmp_path / "b" / ".." / "a.mp4"])
+    with pytest.raises(ValueError, match="from .*a.mp4 and from .*a.mp4"):
+        refuse_clashes([a, b], [tmp_path / "out" / "a.mp4"] * 2)
+
+
+def test_settings_travel_and_fit_the_camera_to_the_drive(tmp_path):
+    settings = pickle.loads(pickle.dumps(DriveSettings(output=tmp_path, camera=CAMERA, style="lines")))
+    np.testing.assert_allclose(settings.camera_for((640, 360)).matrix, SMALL.matrix)
+    assert settings.camera_for(CAMERA.size) is settings.camera
+    assert settings.camera_for((640, 360)).pose == CAMERA.pose
+    with pytest.raises(CameraError, match="cropped"):
+        settings.camera_for((640, 480))
+    wide = DriveSettings(output=tmp_path, field=FieldOfView(90.0, "as given")).camera_for((640, 480))
+    assert (wide.matrix[0, 0], wide.pose) == (pytest.approx(320), None)
+    with pytest.raises(CameraError, match="no lens"):
+        DriveSettings(output=tmp_path).camera_for((640, 480))
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_styles_draw_on_a_picture_of_its_size_and_say_lost(style):
+    image, result = tracked_bends()
+    paint = STYLES[style](SMALL)
+    drawn, lost = paint(image.copy(), result), paint(image.copy(), TrackedLane(LOST))
+    assert (lost != image).any()
+    assert drawn.shape == lost.shape == image.shape and drawn.dtype == np.uint8
+    assert (drawn != lost).any(axis=2).mean() > 0.005
+
+
+def test_lines_are_drawn_on_the_paint_and_nothing_between():
+    image, result = tracked_bends()
+    drawn = STYLES["lines"](SMALL)(image.copy(), result)
+    x = np.array([9.0, 14.0])
+    truth = BENDS.truth(3 / 25)
+    for side, channel in ((0, 0), (1, 2)):
+        u, v = np.round(SMALL.road_to_pixels(np.column_stack([x, truth.line_y(side, x)]))).astype(int).T
+        assert (drawn[v, u, channel] > drawn[v, u, 1] + 60).all()
+    u, v = np.round(SMALL.road_to_pixels(np.array([[10.0, 0.0]]))[0]).astype(int)
+    np.testing.assert_array_equal(drawn[v, u], image[v, u])
+
+
+def test_the_mosaic_shows_fit_and_evidence_in_their_places():
+    image, result = tracked_bends()
+    mosaic = STYLES["mosaic"](SMALL)(image, result)
+    height, width = image.shape[:2]
+    panels = [mosaic[i * height // 3 : (i + 1) * height // 3, 2 * width // 3 + 4 :].astype(int) for i in range(3)]
+    response, fit = panels[1][30:-8], panels[2]
+    # The panel is 18 m wide: the lines of a lane of 3.7 m, seen 0.3 m from its middle, near the car.
+    rows, columns = fit[-20:], (9 + np.array([0.3 - 1.85, 0.3 + 1.85])) / 18 * fit.shape[1]
+    red = np.flatnonzero((rows[:, :, 0] - rows[:, :, 1] > 80).any(axis=0))
+    blue = np.flatnonzero((rows[:, :, 2] - rows[:, :, 0] > 80).any(axis=0))
+    assert np.median(red) == pytest.approx(columns[0], abs=6) and np.median(blue) == pytest.approx(columns[1], abs=6)
+    assert (np.ptp(response, axis=2) == 0).all() and response.max() > 200
+
+
+def test_following_gives_each_frame_its_picture_and_numbers():
+    process = track_lane(LaneTracker(SMALL), SMALL)
+    drawn, row = process(BENDS.frame(0.0))
+    assert (drawn != BENDS.frame(0.0)).any()
+    assert (row["state"], row["departure"]) == ("searching", None)
+    assert row["offset_m"] == pytest.approx(BENDS.truth(0.0).offset_m, abs=0.05)
+    assert row["left_c0_m"] - row["right_c0_m"] == pytest.approx(row["lane_width_m"], abs=0.05)
+    _, row = track_lane(LaneTracker(SMALL), SMALL)(np.zeros_like(drawn))
+    assert (row["state"], row["confidence"], row["offset_m"], row["left_c3_per_m2"]) == ("lost", 0.0, None, None)
+
+
+def test_stills_with_a_pose_of_their_own(tmp_path):
+    for i in range(3):
+        write_image(tmp_path / f"{i}.png", BENDS.frame(i))
+    pictures = sorted(tmp_path.glob("*.png"))
+    result = annotate_stills(pictures, DriveSettings(output=tmp_path / "out", camera=SMALL.with_pose(None)))
+    assert result.found == 3 and result.pose.frames_total == 3
+    assert result.describe().startswith("height") and "lane found in 3" in result.describe()
+    table = read_telemetry(result.telemetry)
+    assert table["picture"].tolist() == ["0.png", "1.png", "2.png"]
+    assert table["offset_m"][0] == pytest.approx(BENDS.truth(0).offset_m, abs=0.1)
+    assert (read_image(tmp_path / "out" / "0.png") != read_image(pictures[0])).any()
+    with pytest.raises(ValueError, match="one of the inputs"):
+        annotate_stills(pictures, DriveSettings(output=tmp_path, camera=SMALL))
+
+
+def test_stills_that_cannot_be_used_do_not_stop_the_others(tmp_path):
+    folder, other = tmp_path / "in", np.zeros((480, 640, 3), np.uint8)
+    for name, image in (("b2.jpg", BENDS.frame(0)), ("b10.jpg", BENDS.frame(1)), ("a.jpg", other), ("c.jpg", other)):
+        write_image(folder / name, image)
+    (folder / "c.jpg").write_bytes((folder / "c.jpg").read_bytes()[:300])
+    (folder / "d.png").touch()
+    with pytest.raises(PictureError) as error:
+        annotate_folder(folder, tmp_path / "out", SMALL.with_pose(None))
+    assert re.fullmatch(
+        r".*c.jpg: .*cut off.*\n.*d.png: .*empty.*\n.*a.jpg: is 640x480, most .* 640x360;.*", str(error.value)
+    )
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"b2.jpg", "b10.jpg", "pictures.csv"}
+    drawn = read_image(tmp_path / "out" / "b2.jpg")
+    assert (np.abs(drawn.astype(int) - BENDS.frame(0))[220:330].max(axis=2) > 30).mean() > 0.1
+    with pytest.raises(PictureError, match=r"c.jpg: .*\n.*d.png"):
+        annotate_stills([folder / "c.jpg", folder / "d.png"], DriveSettings(output=tmp_path / "none", camera=SMALL))
+    assert not (tmp_path / "none").exists()
+
+
+def test_a_folder_of_pictures_is_annotated_one_by_one(tmp_path):
+    for name in ("b2.jpg", "b10.jpg"):
+        write_image(tmp_path / "in" / name, BENDS.frame(0))
+    result = annotate_folder(tmp_path / "in", tmp_path / "out", SMALL)
+    assert [path.name for path in result.pictures] == ["b2.jpg", "b10.jpg"]
+    assert (result.found, result.failures, result.pose) == (2, (), None)
+
+
+def test_time_passes_as_the_frames_of_a_variable_rate_say(tmp_path):
+    """The lane is carried on for a second: a frame later, but 1.5 s later, nothing is known any more."""
+    with VideoWriter(tmp_path / "drive.mp4", fps=25) as writer:
+        for number in range(12):
+            writer.write(BENDS.frame(number / 25), number / 25)
+        writer.write(np.zeros_like(BENDS.frame(0)), 12 / 25)
+        writer.write(np.zeros_like(BENDS.frame(0)), 12 / 25 + 1.5)
+    settings = DriveSettings(output=tmp_path / "out", camera=SMALL, report=False, progress=False)
+    states = read_telemetry(annotate_drive(tmp_path / "drive.mp4", settings).telemetry)["state"]
+    assert states[-3:].tolist() == ["tracking", "coasting", "lost"]
+
+
+def test_a_piece_of_a_drive_has_its_own_mount(tmp_path):
+    """Half-way the camera is knocked down by two degrees: each part is measured with the camera pose that it had."""
+    pose = SMALL.pose
+    knocked = replace(BENDS, camera=SMALL.with_pose(replace(pose, pitch_rad=pose.pitch_rad + np.radians(2))))
+    frames = [drive.frame(number / 5) for drive in (BENDS, knocked) for number in range(12)]
+    with VideoWriter(tmp_path / "drive.mp4", fps=5) as writer:
+        for number, frame in enumerate(frames):
+            writer.write(frame, number / 5)
+    settings = {"output": tmp_path / "out", "camera": SMALL.with_pose(None), "report": False, "progress": False}
+    for piece, drive in (({"end_s": 2.4}, BENDS), ({"start_s": 2.4}, knocked)):
+        result = annotate_drive(tmp_path / "drive.mp4", DriveSettings(**settings, **piece))
+        assert (result.frames, result.pose.frames_total) == (12, 12)
+        assert result.pose.pose.pitch_rad == pytest.approx(drive.camera.pose.pitch_rad, abs=np.radians(0.3))
+
+
+def test_a_drive_is_annotated_in_another_process(tmp_path):
+    video = write_drive(tmp_path / "drive.mp4", BENDS, 6)
+    settings = DriveSettings(output=tmp_path / "out", camera=SMALL, progress=False)
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        result = pool.submit(annotate_drive, video, settings).result(timeout=60)
+    assert result.frames == 6 and result.pose is None and result.report.is_file()
+    assert result.tracked_share == pytest.approx(4 / 6)
+    assert read_telemetry(result.telemetry)["offset_m"][-1] == pytest.approx(BENDS.truth(0.2).offset_m, abs=0.05)
+
+
+class FakeCapture:
+    """Stands in for cv2.VideoCapture: the painted drive as camera 0, and no other camera."""
+
+    frames, interrupt_at, interrupt_by, plugged_in = 1000, None, signal.SIGINT, True
+
+    def __init__(self, index: int) -> None:
+        self._open, self._next = index == 0 and self.plugged_in, 0
+        self.released = False
+
+    def isOpened(self) -> bool:  # noqa: N802 (OpenCV's name)
+        return self._open
+
+    def get(self, _: int) -> float:
+        return 25.0
+
+    def read(self) -> tuple[bool, np.ndarray | None]:
+        if self._next == self.interrupt_at:
+            os.kill(os.getpid(), self.interrupt_by)
+        if self._next >= self.frames:
+            return False, None
+        self._next += 1
+        return True, cv2.cvtColor(BENDS.frame(self._next / 25), cv2.COLOR_RGB2BGR)
+
+    def release(self) -> None:
+        self._open = False
+
+
+@pytest.fixture
+def capture(monkeypatch):
+    """A fake camera whose clock goes on by 1/25 s with each frame."""
+    fake = type("Fake", (FakeCapture,), {})
+    clock = iter(np.arange(100_000) / 25)
+    monkeypatch.setattr("lanes.io.video.live_camera.cv2.VideoCapture", fake)
+    monkeypatch.setattr("lanes.io.video.live_camera.time.monotonic", lambda: float(next(clock)))
+    return fake
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_live_camera_until_it_is_stopped(tmp_path, capture, number):
+    capture.interrupt_at, capture.interrupt_by = 12, number
+    result = annotate_live(0, DriveSettings(output=tmp_path, camera=SMALL))
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    table = read_telemetry(tmp_path / "camera0.csv")
+    # The frame that was being read when the key was pressed is no longer annotated.
+    assert len(table["frame"]) == result.frames == inspect_video(result.video).frames == 12
+    np.testing.assert_allclose(table["time_s"], np.arange(12) / 25)
+    assert table["offset_m"][-1] == pytest.approx(BENDS.truth(12 / 25).offset_m, abs=0.05)
+    assert {path.name for path in tmp_path.iterdir()} == {"camera0.mp4", "camera0.csv", "camera0.html"}
+
+
+def test_a_live_camera_for_a_time_and_with_a_pose_of_its_own(tmp_path, capture):
+    capture.frames = 400
+    settings = DriveSettings(output=tmp_path, camera=SMALL.with_pose(None), end_s=0.4, report=False)
+    result = annotate_live(0, settings)
+    assert result.frames == 10 and result.report is None
+    assert result.pose.frames_total == 20
+    # Annotating begins after the ten seconds that the camera pose takes, and its clock with it.
+    table = read_telemetry(result.telemetry)
+    assert table["time_s"][0] == 0
+    assert table["curvature_per_m"][-1] == pytest.approx(BENDS.truth(9.9).curvature_per_m, abs=1e-3)
+
+
+def test_a_camera_that_is_not_there_or_sees_nothing(tmp_path, capture):
+    settings = DriveSettings(output=tmp_path, camera=SMALL.with_pose(None))
+    with pytest.raises(VideoError, match="camera 3: cannot be opened"):
+        annotate_live(3, settings)
+    capture.frames = 0
+    with pytest.raises(VideoError, match="camera 0: cannot be opened or gives no frame"):
+        annotate_live(0, settings)
+    capture.frames = 1
+    with pytest.raises(VideoError, match="no frame was written"):
+        annotate_live(0, settings)
+    assert list(tmp_path.iterdir()) == []

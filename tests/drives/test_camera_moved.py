@@ -1,0 +1,109 @@
+"""A camera that moves in its pose is noticed; bumps, bends and weaving are not taken for it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lanes.drives.camera_moved import find_pose_change
+from lanes.drives.settings import DriveResult
+from lanes.tracking.tracker import LaneTracker
+from simulator.rendering.drive import Motion
+from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
+
+FPS = 12
+BUMPY = Motion(speed_mps=25.0, offset_m=0.1, wander_m=0.3, pitch_rad=np.radians(0.6))
+TURN = np.radians(1.5)
+
+
+def telemetry(*, seconds: float = 16, moved_s: float = 8, **turn: float) -> dict[str, np.ndarray]:
+    """What the tracker says of a bumpy drive through bends, whose pose turns by so much half-way."""
+    before = PaintedDrive(s_bend(), lane_lines(), BUMPY)
+    pose = before.camera.pose
+    moved = replace(pose, **{name: getattr(pose, name) + angle for name, angle in turn.items()})
+    after = replace(before, camera=before.camera.with_pose(moved))
+    tracker, rows = LaneTracker(before.camera, fps=FPS), []
+    for time_s in np.arange(0, seconds, 1 / FPS):
+        frame = (before if time_s < moved_s else after).frame(time_s)
+        rows.append({"time_s": time_s} | tracker.update(frame).as_row())
+    return {name: np.array([row[name] for row in rows], str if name == "state" else float) for name in rows[0]}
+
+
+@pytest.mark.parametrize(
+    ("turn", "half_s", "pitch_deg", "yaw_deg", "words"),
+    [
+        ({"pitch_rad": TURN}, 8, 1.5, 0, r"since then it looks 1.\d deg farther down; annotate"),
+        # through bends the heading of a lane seen aslant is less steady than the pitch
+        ({"yaw_rad": -TURN}, 15, 0, -1.5, r"since then it looks 1.\d deg farther to the right; annotate"),
+    ],
+)
+def test_a_camera_that_moves_half_way_is_noticed(turn, half_s, pitch_deg, yaw_deg, words):
+    change = find_pose_change(telemetry(seconds=2 * half_s, moved_s=half_s, **turn))
+    # for two seconds a camera that suddenly looks farther down is taken for a road that waves
+    assert change.time_s == pytest.approx(half_s, abs=2)
+    assert np.degrees([change.pitch_rad, change.yaw_rad]) == pytest.approx([pitch_deg, yaw_deg], abs=0.6)
+    assert re.search(words, change.describe())
+
+
+def test_an_ordinary_bumpy_drive_is_not():
+    rows = telemetry(seconds=12)
+    assert np.degrees(np.nanstd(rows["pitch_rad"])) > 0.2
+    assert (rows["state"] == "tracking").mean() > 0.8
+    assert find_pose_change(rows) is None
+
+
+def made(pitch_deg: np.ndarray, heading_deg: np.ndarray | float = 0.0) -> dict[str, np.ndarray]:
+    times = np.arange(len(pitch_deg)) / 25
+    noise = np.random.default_rng(0).normal(0, 0.2, (2, len(times)))
+    return {
+        "time_s": times,
+        "state": np.full(len(times), "tracking"),
+        "pitch_rad": np.radians(pitch_deg + noise[0]),
+        "heading_rad": np.radians(heading_deg + noise[1]),
+        "offset_m": np.zeros(len(times)),
+    }
+
+
+TIMES_S = np.arange(0, 60, 0.04)
+
+
+@pytest.mark.parametrize(
+    "pitch_deg",
+    [
+        np.where((TIMES_S > 20) & (TIMES_S < 24), 2.0, 0.0),
+        np.where(TIMES_S > 57, 2.0, 0.0),
+        1.2 * np.sin(TIMES_S / 3),
+        np.where(TIMES_S > 30, 0.5, 0.0),
+    ],
+    ids=["a crest", "too late to tell", "hilly", "too little"],
+)
+def test_what_passes_is_no_move(pitch_deg):
+    assert find_pose_change(made(pitch_deg)) is None
+
+
+def test_a_late_small_move_is_dated():
+    change = find_pose_change(made(np.where(TIMES_S > 50, 1.0, 0.0), np.where(TIMES_S > 50, -1.2, 0.0)))
+    assert change.time_s == pytest.approx(50, abs=1)
+    assert np.degrees([change.pitch_rad, change.yaw_rad]) == pytest.approx([1.0, 1.2], abs=0.1)
+
+
+def test_frames_without_a_lane_do_not_count():
+    rows = made(np.where(TIMES_S > 30, 1.5, 0.0))
+    lost = TIMES_S > 31
+    rows["state"][lost] = "lost"
+    rows["pitch_rad"][lost] = np.nan
+    assert find_pose_change(rows) is None
+    rows["state"][:] = "lost"
+    assert find_pose_change(rows) is None
+
+
+def test_an_annotated_drive_says_so():
+    change = find_pose_change(made(np.where(TIMES_S > 30, 1.5, 0.0)))
+    path = Path("drive.mp4")
+    result = DriveResult("drive.mp4", path, path, None, CAMERA, None, 1500, 1.0, 0.0, 30.0, moved=change)
+    assert "drive.mp4: the camera seems to have moved after 30 s" in result.describe()
+    assert "moved" not in replace(result, moved=None).describe()

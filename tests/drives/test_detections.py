@@ -1,0 +1,121 @@
+"""`python -m lanes detect` as a process, and the detections themselves."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lanes.camera.camera_file import save_camera
+from lanes.camera.camera_pose import CameraError
+from lanes.drives.detections import detect_files
+from lanes.io.images import write_image
+from simulator.rendering.drive import Motion
+from tests.support.clips import write_clip
+from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
+
+SMALL = CAMERA.scaled((640, 360))
+DRIVE = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3, wander_m=0.2), camera=SMALL)
+ROWS = range(230, 351, 10)
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("drive")
+    for frame in range(4):
+        write_image(folder / f"frame{frame}.png", DRIVE.frame(frame / 25))
+    write_image(folder / "black.png", np.zeros((360, 640, 3), np.uint8))
+    save_camera(SMALL, folder / "camera.yaml")
+    save_camera(SMALL.with_pose(None), folder / "lens.yaml")
+    return folder
+
+
+def run(*arguments: object) -> subprocess.CompletedProcess:
+    command = [sys.executable, "-m", "lanes", "detect", *map(str, arguments)]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
+
+
+def true_columns(frame: int) -> np.ndarray:
+    truth = DRIVE.truth(frame / 25)
+    x = np.geomspace(2, 100, 400)
+    columns = []
+    for side in (0, 1):
+        u, v = SMALL.road_to_pixels(np.column_stack([x, truth.line_y(side, x)])).T
+        columns.append(np.interp(ROWS, v[::-1], u[::-1]))
+    return np.array(columns)
+
+
+@pytest.mark.parametrize("sequence", [False, True])
+def test_command_writes_what_it_sees(folder, tmp_path, sequence):
+    frames = [folder / f"frame{n}.png" for n in range(4)]
+    output = tmp_path / "lanes.jsonl"
+    rows = f"{ROWS.start}:{ROWS.stop}:{ROWS.step}"
+    options = ["--sequence"] if sequence else []
+    done = run("--camera", folder / "camera.yaml", *frames, "--rows", rows, "-o", output, *options)
+    assert done.returncode == 0, done.stderr
+    assert "4 pictures, no lane in 0" in done.stdout
+    found = [json.loads(line) for line in output.read_text().splitlines()]
+    assert [row["raw_file"] for row in found] == [str(frame) for frame in frames]
+    for n, row in enumerate(found):
+        assert row["h_samples"] == list(ROWS)
+        columns, true = np.array(row["lanes"]), true_columns(n)
+        inside = (true > 5) & (true < 635)
+        assert np.abs(columns - true)[inside].max() < 3
+        assert row["run_time"] > 0
+        assert row["offset_m"] == pytest.approx(DRIVE.truth(n / 25).offset_m, abs=0.05)
+        assert row["curvature_per_m"] == pytest.approx(DRIVE.truth(n / 25).curvature_per_m, abs=5e-4)
+    states = [row["state"] for row in found]
+    assert states == (["searching", "searching", "tracking", "tracking"] if sequence else ["found"] * 4)
+
+
+def test_videos_are_followed_frame_by_frame(tmp_path):
+    video = write_clip(tmp_path / "drive.mp4", [DRIVE.frame(frame / 25) for frame in range(6)])
+    told: list[tuple[int, int]] = []
+    found = detect_files([video], SMALL, np.array(ROWS), progress=lambda *done: told.append(done))
+    assert [row["raw_file"] for row in found] == [f"{video}#{frame}" for frame in range(6)]
+    assert [row["frame"] for row in found] == list(range(6))
+    assert found[-1]["state"] == "tracking"
+    assert found[-1]["offset_m"] == pytest.approx(DRIVE.truth(0.2).offset_m, abs=0.05)
+    assert told == [(done, 6) for done in range(1, 7)]
+
+
+def test_nothing_there_is_said(folder):
+    (row,) = detect_files([folder / "black.png"], SMALL, np.array(ROWS))
+    assert (row["state"], row["confidence"], row["offset_m"]) == ("lost", 0.0, None)
+    assert row["lanes"] == [[-2.0] * len(ROWS)] * 2
+    json.dumps(row)
+
+
+def test_other_sizes_of_the_same_shape_are_rescaled(folder):
+    (row,) = detect_files([folder / "frame0.png"], CAMERA, np.array(ROWS))
+    columns, true = np.array(row["lanes"]), true_columns(0)
+    inside = (true > 5) & (true < 635)
+    assert np.abs(columns - true)[inside].max() < 3
+    with pytest.raises(CameraError, match="cropped"):
+        detect_files([folder / "frame0.png"], CAMERA.scaled((1280, 720)).from_fov((640, 480), 60, CAMERA.pose), ROWS)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "words"),
+    [
+        (["missing.png", "--camera", "camera.yaml"], 2, "missing.png"),
+        (["frame0.png", "--camera", "nowhere.yaml"], 2, "nowhere.yaml"),
+        (["frame0.png", "--camera", "camera.yaml", "--rows", "700"], 2, "700 holds no rows"),
+        (["frame0.png", "--camera", "camera.yaml", "--rows", "a:b"], 2, "a:b is no row range"),
+        (["black.png", "--camera", "lens.yaml"], 1, "parallel lane lines"),
+        (["black.png", "--hfov", "5"], 2, "give a number, 10 to 150"),
+    ],
+)
+def test_misuse_is_told_and_nothing_written(folder, tmp_path, arguments, status, words):
+    files = [folder / a if a.endswith((".png", ".yaml")) else a for a in arguments]
+    output = tmp_path / "lanes.jsonl"
+    done = run(*files, "-o", output)
+    assert done.returncode == status
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,257 @@
+"""What every command does with files that are not what they should be.
+
+Always: a sentence on stderr that names the file, says what is wrong and what to do; exit status 2; no traceback;
+nothing new under the names of the outputs, and what was there before is still there. The commands run in this process;
+a clock ends what hangs.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lanes.camera.camera_file import load_camera, save_camera
+from lanes.io.images import read_image, write_image
+from lanes.io.telemetry import read_telemetry
+from lanes.io.video.reader import inspect_video
+from tests.support import bad_files as badfiles
+from tests.support.clips import write_drive
+from tests.support.command_line import main
+from tests.support.painted_drive import BENDS, SMALL
+
+ROOT = Path(__file__).parents[2]
+# Long enough for a machine with twenty other jobs.
+HANGS_S = 200
+KINDS = {
+    "png": ("still.png", badfiles.PNG),
+    "jpg": ("still.jpg", badfiles.JPEG),
+    "video": ("drive.mp4", badfiles.VIDEO),
+    "camera": ("drive.yaml", badfiles.CAMERA),
+    "labels": ("labels.jsonl", badfiles.LABELS | badfiles.OUTSIDE),
+    "predictions": ("predictions.jsonl", badfiles.LABELS),
+}
+# Each way into a command, and the kind of the file that is BAD; {in} holds good files.
+CAMERA = ["--camera", "{in}/drive.yaml"]
+DOORS = {
+    "annotate video": ("video", ["annotate", *CAMERA, "BAD", "-o", "{out}"]),
+    "annotate still": ("png", ["annotate", *CAMERA, "BAD", "-o", "{out}"]),
+    "annotate still, no lens": ("jpg", ["annotate", "BAD", "-o", "{out}"]),
+    "annotate camera": ("camera", ["annotate", "--camera", "BAD", "{in}/drive.mp4", "-o", "{out}"]),
+    "pose video": ("video", ["pose", "--hfov", "60", "BAD", "-o", "{out}/drive.yaml"]),
+    "pose still": ("jpg", ["pose", "--hfov", "60", "--size", "640x360", "BAD", "-o", "{out}/drive.yaml"]),
+    "pose still, no lens": ("png", ["pose", "BAD", "-o", "{out}/drive.yaml"]),
+    "pose camera": ("camera", ["pose", "--camera", "BAD", "{in}/drive.mp4", "-o", "{out}/drive.yaml"]),
+    "detect video": ("video", ["detect", *CAMERA, "--rows", "200:300:20", "BAD", "-o", "{out}/lanes.jsonl"]),
+    "detect still": ("jpg", ["detect", *CAMERA, "--rows", "200:300:20", "BAD", "-o", "{out}/lanes.jsonl"]),
+    "detect camera": ("camera", ["detect", "--camera", "BAD", "{in}/still.png", "-o", "{out}/lanes.jsonl"]),
+    "explain video": ("video", ["explain", *CAMERA, "BAD", "-o", "{out}/explained.png"]),
+    "explain still": ("png", ["explain", *CAMERA, "BAD", "-o", "{out}/explained.png"]),
+    "calibrate": ("jpg", ["calibrate", "BAD", "-o", "{out}/drive.yaml"]),
+    "labels": ("labels", ["benchmark", *CAMERA, "--labels", "BAD", "--predictions", "{in}/predictions.jsonl"]),
+    "predictions": ("predictions", ["benchmark", "--labels", "{in}/labels.jsonl", "--predictions", "BAD"]),
+    "labelled still": ("png", ["benchmark", *CAMERA, "--system", "tracker", "--labels", "{in}/bad.jsonl"]),
+}
+# What is no fault: a file of words that lost its last ones may still be whole.
+FINE = {
+    ("camera", "cut at 90 %"),
+    ("labels", "cut at 90 %"),
+    ("labels", "cut at 50 %"),
+    ("predictions", "cut at 90 %"),
+    ("predictions", "cut at 50 %"),
+}
+# Files that are read together with the drive beside them, by worker processes.
+BESIDE = {"truth": (".csv", badfiles.TRUTH), "video": (".mp4", badfiles.VIDEO), "camera": (".yaml", badfiles.CAMERA)}
+
+
+def rows() -> Iterator:
+    for door, (kind, _) in DOORS.items():
+        for bad in badfiles.ANY | KINDS[kind][1]:
+            if (kind, bad) not in FINE:
+                yield pytest.param(door, bad, id=f"{door}: {bad}")
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory) -> Path:
+    """Good files of every kind."""
+    folder = tmp_path_factory.mktemp("good")
+    write_drive(folder / "drive.mp4", BENDS, 5)
+    for suffix in ("png", "jpg"):
+        write_image(folder / f"still.{suffix}", BENDS.frame(0.0))
+    lanes = [[300.0 - 2 * k for k in range(6)], [340.0 + 2 * k for k in range(6)]]
+    label = f'{{"raw_file": "a.png", "h_samples": [200, 220, 240, 260, 280, 300], "lanes": {lanes}}}\n'
+    for name in ("labels", "predictions"):
+        (folder / f"{name}.jsonl").write_text("".join(label.replace("a.png", f"{n}.png") for n in "abcd"))
+    (folder / "bad.jsonl").write_text(label.replace("a.png", "bad/BAD.png"))
+    return folder
+
+
+@pytest.fixture
+def out(tmp_path) -> Path:
+    """Outputs of an earlier run."""
+    folder = tmp_path / "out"
+    folder.mkdir()
+    for name in ("drive.mp4", "drive.csv", "drive.html", "drive.yaml", "lanes.jsonl", "explained.png", "pictures.csv"):
+        (folder / name).write_text(f"old {name}")
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def clock() -> Iterator[None]:
+    """Ends what hangs."""
+
+    def late(*_: object) -> None:
+        raise TimeoutError("this hangs")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(HANGS_S)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def peak_mb() -> float:
+    return int(re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text())[1]) / 1e3
+
+
+@pytest.mark.parametrize(("door", "bad"), list(rows()))
+def test_a_bad_file_is_named_and_nothing_else_happens(door, bad, good, out, tmp_path, monkeypatch, capfd):
+    kind, arguments = DOORS[door]
+    name, own = KINDS[kind]
+    spoil, words = (badfiles.ANY | own)[bad]
+    folder = good / "bad" if door == "labelled still" else tmp_path
+    shutil.rmtree(good / "bad", ignore_errors=True)
+    folder.mkdir(exist_ok=True)
+    path = folder / f"BAD{Path(name).suffix}"
+    spoil(path, (good / name).read_bytes())
+    if bad == "no right to read" and os.geteuid() == 0:
+        access = os.access
+        monkeypatch.setattr(os, "access", lambda file, mode: Path(file) != path and access(file, mode))
+    monkeypatch.chdir(tmp_path)
+    before, there, most_mb = contents(out), {*tmp_path.iterdir()}, peak_mb() + 300
+    began_s = time.process_time()
+    status = main([str(path) if word == "BAD" else word.format(**{"in": good, "out": out}) for word in arguments])
+    told, err = capfd.readouterr()
+    sentence = err.rpartition("error: ")[2]
+    assert status == 2, err
+    assert re.search(words, sentence) and ("BAD" in sentence or bad == "another shape"), err
+    assert re.search(r"[;:] .*[a-z]", sentence) and sentence.rstrip().endswith(".") or "\n" in sentence.strip(), err
+    assert "Traceback" not in err and "Warning" not in err
+    assert contents(out) == before and {*tmp_path.iterdir()} == there
+    assert peak_mb() < most_mb and time.process_time() - began_s < 5
+
+
+@pytest.mark.parametrize("beside", BESIDE)
+def test_a_drive_with_bad_truth_camera_or_video_is_not_scored(beside, good, tmp_path, monkeypatch, capfd):
+    """Worker processes read these, so that a few stand for all."""
+    suffix, own = BESIDE[beside]
+    chosen = {"truth": ["no columns", "words for numbers", "empty"], "video": ["ffconcat"], "camera": ["alias bomb"]}
+    monkeypatch.setenv("LANES_CACHE", str(tmp_path / "cache"))
+    for bad in chosen[beside]:
+        for good_suffix in (".mp4", ".csv", ".yaml"):
+            shutil.copy(good / f"drive{good_suffix}", tmp_path / f"BAD{good_suffix}")
+        spoil, words = (badfiles.ANY | own)[bad]
+        spoil(tmp_path / f"BAD{suffix}", (good / f"drive{suffix}").read_bytes())
+        status = main(["benchmark", "--system", "tracker", str(tmp_path / "BAD.mp4"), "-o", str(tmp_path / "out")])
+        err = capfd.readouterr().err
+        assert status == 2 and f"BAD{suffix}" in err and re.search(words, err), err
+        assert "Traceback" not in err and not (tmp_path / "out").exists()
+        (tmp_path / f"BAD{suffix}").unlink()
+
+
+def test_odd_names_do(good, tmp_path, monkeypatch, capfd):
+    """For inputs and outputs of every command; -- keeps a leading dash from being an option."""
+    monkeypatch.chdir(tmp_path)
+    for name in badfiles.ODD_NAMES:
+        for suffix in (".mp4", ".png", ".yaml"):
+            shutil.copy(good / {".png": "still.png"}.get(suffix, f"drive{suffix}"), f"{name}{suffix}")
+    videos, stills = ([f"{name}{suffix}" for name in badfiles.ODD_NAMES] for suffix in (".mp4", ".png"))
+    for name in badfiles.ODD_NAMES[-2:]:
+        options = ["--end=0.04", "--quiet", f"--camera={name}.yaml", f"--output={name} out", "--"]
+        assert main(["annotate", *options, *videos, *stills]) == 0, capfd.readouterr().err
+        written = {f"{other}{suffix}" for other in badfiles.ODD_NAMES for suffix in (".mp4", ".csv", ".html", ".png")}
+        assert {path.name for path in Path(f"{name} out").iterdir()} == written | {"pictures.csv"}
+        assert len(read_telemetry(f"{name} out/{name}.csv")["frame"]) == 1
+        page = Path(f"{name} out/<img src=x>.html").read_text(encoding="utf-8", errors="replace")
+        assert "<img src=x>" not in page and "&lt;img src=x&gt;.mp4" in page
+        options = ["--rows=200:300:20", f"--camera={name}.yaml", f"--output={name}.jsonl", "--"]
+        assert main(["detect", *options, *stills]) == 0
+        assert len(Path(f"{name}.jsonl").read_text().splitlines()) == len(badfiles.ODD_NAMES)
+    assert main(["explain", "--camera=-rf.yaml", "--output=-why.png", "--", "-rf.mp4"]) == 0
+    assert read_image("-why.png").size and not Path("owned").exists()
+
+
+def test_pose_writes_under_odd_names(good, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    save_camera(SMALL.with_pose(None), "-lens.yaml")
+    assert main(["pose", "--camera=-lens.yaml", "--output=-out \u2713.yaml", str(good / "still.png")]) == 0
+    assert load_camera("-out \u2713.yaml").pose is not None
+
+
+@pytest.mark.parametrize("size", [(1, 1), (3, 360), (640, 3), (47, 64)])
+@pytest.mark.parametrize("command", ["pose", "annotate", "explain", "detect"])
+def test_pictures_too_small_for_a_road_are_told(size, command, good, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    write_image("tiny.png", read_image(good / "still.png")[: size[1], : size[0]])
+    before = contents(tmp_path)
+    assert main([command, "--hfov", "60", "tiny.png", "-o", "out.png" if command == "explain" else "out"]) in (0, 1)
+    err = capfd.readouterr().err
+    assert "Traceback" not in err and (command == "explain" or "tiny.png" in err)
+    assert command == "explain" or contents(tmp_path) == before
+
+
+def test_damaged_frames_are_told_and_left_out(good, tmp_path, capfd):
+    """In what the command prints, in the table, in the report and in the lines; the other frames keep their numbers."""
+    video = write_drive(tmp_path / "drive.mp4", BENDS, 12)
+    data = bytearray(video.read_bytes())
+    half = data.index(b"mdat") + (data.index(b"moov") - data.index(b"mdat")) // 2
+    data[half : half + 3000] = bytes(3000)
+    video.write_bytes(data)
+    out, camera = tmp_path / "out", ["--camera", str(good / "drive.yaml")]
+    assert main(["annotate", *camera, str(video), "-o", str(out)]) == 0
+    told = capfd.readouterr().out
+    frames, missing = map(
+        int, re.search(r"drive\.mp4: (\d+) frames \((\d+) more (?:is|are) damaged or missing", told).groups()
+    )
+    assert frames + missing == 12 and missing >= 1
+    table = read_telemetry(out / "drive.csv")
+    assert len(table["frame"]) == frames == inspect_video(out / "drive.mp4").frames
+    assert set(np.diff(table["frame"])) > {1.0} or table["frame"][-1] < 11
+    np.testing.assert_allclose(table["time_s"], table["frame"] / 25, atol=1e-3)
+    assert f"({missing} more " in (out / "drive.html").read_text()
+    assert main(["detect", *camera, "--rows=200:300:20", str(video), "-o", str(out / "lanes.jsonl")]) == 0
+    assert [json.loads(line)["frame"] for line in (out / "lanes.jsonl").open()] == table["frame"].tolist()
+    assert f"{frames} pictures" in capfd.readouterr().out
+    # Truth and frames no longer belong together.
+    for suffix in (".csv", ".yaml"):
+        shutil.copy(tmp_path / f"drive{suffix}", out / f"drive{suffix}")
+    shutil.copy(video, out / "drive.mp4")
+    assert main(["benchmark", "--system", "tracker", str(out / "drive.mp4"), "-o", str(tmp_path / "scores")]) == 2
+    assert "drive.mp4: " in capfd.readouterr().err
+
+
+def test_a_few_as_processes(good, tmp_path):
+    """Nothing is told on the way out of the interpreter either."""
+    for bad in ("pipe", "ffconcat", "cut at 50 %"):
+        spoil, words = (badfiles.ANY | badfiles.VIDEO)[bad]
+        path = tmp_path / f"{bad}.mp4"
+        spoil(path, (good / "drive.mp4").read_bytes())
+        command = [sys.executable, "-m", "lanes", "annotate", "--hfov", "60", str(path), "-o", str(tmp_path / "out")]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+        assert done.returncode == 2 and done.stdout == ""
+        assert re.fullmatch(rf"error: {re.escape(str(path))}: .*{words}.*\.\n", done.stderr), done.stderr
+        assert not (tmp_path / "out").exists()

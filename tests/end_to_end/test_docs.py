@@ -1,0 +1,87 @@
+"""What docs and README name exists: files, pictures, commands and their options."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import helpers
+from lanes.__main__ import COMMANDS
+
+MODULES = {name: f"lanes.cli.{name}" for name in COMMANDS} | {
+    name: f"{name}.__main__" for name in ("benchmark", "simulator")
+}
+ROOT = Path(__file__).parents[2]
+# Options of git, pip, helm and Dask.
+OF_OTHERS = {
+    "--require-hashes",
+    "--depth",
+    "--help",
+    "--nworkers",
+    "--nthreads",
+    "--lifetime",
+    "--lifetime-stagger",
+} | {
+    "--repo",
+    "--create-namespace",
+    "--generate-name",
+}
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def options_of(command: str) -> set[str]:
+    parser = argparse.ArgumentParser()
+    import_module(MODULES[command]).add_arguments(parser)
+    return {option for action in parser._actions for option in action.option_strings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_somewhere(page):
+    targets = re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8"))
+    targets = [target.split("#")[0] for target in targets if not re.match(r"https?:|#", target)]
+    assert not [target for target in targets if not (page.parent / target).exists()]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_commands_and_their_options_exist(page):
+    text = page.read_text(encoding="utf-8")
+    for command, rest in re.findall(r"python -m (?:lanes )?([a-z]+)([^`\n]*)", text):
+        assert command in MODULES
+        options = set(re.findall(r"(?<!\S)--?[a-z][a-z-]*", rest.split("#")[0]))
+        assert options <= options_of(command), command
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_options_named_in_passing_are_some_commands(page):
+    known = set().union(*map(options_of, MODULES)) | OF_OTHERS
+    assert set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", page.read_text(encoding="utf-8"))) <= known
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_names_of_helpers_exist(page):
+    named = set(re.findall(r"helpers\.([a-z_]+)", page.read_text(encoding="utf-8"))) - {"py"}
+    assert not [name for name in named if not hasattr(helpers, name)]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_modules_named_exist(page):
+    paths = re.findall(r"`((?:lanes|simulator|benchmark)/[\w/]*(?:\.py)?/?)`", page.read_text(encoding="utf-8"))
+    assert not [path for path in paths if not (ROOT / path).exists()]
+
+
+def test_the_guides_are_there_and_linked_pages_are_checked():
+    assert {page.name for page in PAGES} >= {
+        "README.md",
+        "own_camera.md",
+        "when_it_fails.md",
+        "glossary.md",
+        "conventions.md",
+        "references.md",
+        "many_drives.md",
+        "robustness.md",
+    }
+    assert "(pictures/explained_good.jpg)" in (ROOT / "docs" / "when_it_fails.md").read_text(encoding="utf-8")

@@ -1,0 +1,98 @@
+"""The notebook's hygiene. Its numbers and figures are compared by nbval itself (see the Makefile)."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.end_to_end.compare_figures import figure_fault
+
+NOTEBOOK = Path(__file__).parents[2] / "project.ipynb"
+# Cells whose output legitimately differs from run to run; none so far.
+MAY_IGNORE_OUTPUT: set[str] = set()
+
+
+@pytest.fixture(scope="module")
+def notebook() -> dict:
+    return json.loads(NOTEBOOK.read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def code_cells(notebook) -> list[dict]:
+    return [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+
+
+def source(cell: dict) -> str:
+    return "".join(cell["source"])
+
+
+def test_is_executed_from_top_to_bottom(code_cells):
+    # nbval passes a notebook without outputs unchecked, so this is what makes the strict comparison mean something.
+    assert [cell["execution_count"] for cell in code_cells] == list(range(1, len(code_cells) + 1))
+
+
+def test_has_no_errors_and_no_stderr(code_cells):
+    for cell in code_cells:
+        for output in cell["outputs"]:
+            assert output["output_type"] != "error", source(cell)
+            assert output.get("name") != "stderr", source(cell)
+
+
+def test_nothing_is_hidden_from_the_comparison(code_cells):
+    for cell in code_cells:
+        tags = set(cell["metadata"].get("tags", []))
+        assert not tags & {"nbval-skip", "raises-exception", "nbval-raises-exception"}, source(cell)
+        assert "nbval-ignore-output" not in tags or cell["id"] in MAY_IGNORE_OUTPUT, source(cell)
+        # the sliders' cell shows nothing, so it hides nothing
+        assert "NBVAL_" not in source(cell) or not cell["outputs"], source(cell)
+
+
+def test_cells_are_short_and_define_nothing(code_cells):
+    for cell in code_cells:
+        lines = source(cell).splitlines()
+        assert len(lines) <= 15, source(cell)
+        assert not any(re.match(r"(def|class) ", line) for line in lines), source(cell)
+        # nbval shows the value that a trailing semicolon hides in Jupyter
+        assert not any(line.rstrip().endswith(";") for line in lines), source(cell)
+
+
+def test_every_code_cell_is_announced_by_text(notebook):
+    kinds = [cell["cell_type"] for cell in notebook["cells"]]
+    assert kinds[0] == "markdown"
+    assert all(before == "markdown" for before, kind in zip(kinds, kinds[1:], strict=False) if kind == "code")
+
+
+def test_every_chapter_ends_with_a_check_that_prints_a_number(notebook):
+    chapters = re.split(r"\n(?=## \d+\. )", "\n".join(
+        ("\n" + source(cell)) if cell["cell_type"] == "markdown" else "CODE:" + source(cell) + "\nOUT:" + printed(cell)
+        for cell in notebook["cells"]
+    ))  # fmt: skip
+    for chapter in chapters[1:]:
+        title = chapter.splitlines()[0]
+        assert "**Check" in chapter, title
+        after_check = chapter.split("**Check")[-1]
+        assert re.search(r"OUT:[^\n]*\d", after_check), title
+
+
+def printed(cell: dict) -> str:
+    return "".join("".join(o.get("text", "")) for o in cell["outputs"]).replace("\n", " | ")
+
+
+def test_is_light_and_names_no_machine(notebook):
+    text = NOTEBOOK.read_text(encoding="utf-8")
+    assert len(text) < 4e6
+    assert notebook["metadata"]["kernelspec"]["name"] == "python3"
+    assert not re.search(r"/(home|root|Users|work|tmp)/", text)
+
+
+def test_figure_comparison_notices_a_change():
+    figure = np.full((40, 60, 3), 200, np.int16)
+    moved = figure.copy()
+    moved[10:14, 10:50] = 20
+    assert figure_fault([figure], [figure + 0]) is None
+    assert "differ strongly" in figure_fault([figure], [moved])
+    assert "instead of" in figure_fault([figure], [])

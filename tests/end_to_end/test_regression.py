@@ -1,0 +1,61 @@
+"""The tracker is as accurate as it was, on parts of the committed videos."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmark.errors import FrameErrors
+from benchmark.suite_drives import COMMITTED, list_drives
+from tests.end_to_end.reference import MEASURES, REFERENCE, measure, worse_than
+from tests.end_to_end.test_honesty import PROMISED
+
+REFERENCES = json.loads(REFERENCE.read_text(encoding="utf-8"))
+FIRST = next(iter(REFERENCES))
+
+
+@pytest.fixture(scope="module")
+def measured() -> dict[str, FrameErrors]:
+    return {}
+
+
+@pytest.mark.parametrize("scene", REFERENCES)
+def test_the_engine_is_not_worse_than_it_was(scene, measured):
+    measured[scene] = measure(scene)
+    assert worse_than(REFERENCES[scene], measured[scene]) == []
+
+
+def test_the_engine_is_surely_wrong_as_seldom_as_promised_on_fresh_frames(measured):
+    wrong = [(measured.get(scene) or measure(scene)).confidently_wrong for scene in REFERENCES]
+    assert np.concatenate(wrong).mean() <= PROMISED["elsewhere"]
+
+
+def test_every_committed_video_is_held_to_every_measure():
+    assert list(REFERENCES) == [name for name in COMMITTED if name in list_drives() and list_drives()[name].video]
+    assert all(tuple(reference) == MEASURES for reference in REFERENCES.values())
+
+
+class TestTheGuard:
+    """It would be none if it let worse engines through."""
+
+    def test_a_lane_shifted_by_a_centimetre_is_seen(self, measured):
+        errors = measured.get(FIRST) or measure(FIRST)
+        shifted = replace(errors, lateral_m=errors.lateral_m + 0.01, near_m=errors.near_m + 0.01)
+        assert any("lateral_5_20m_p95_m" in told for told in worse_than(REFERENCES[FIRST], shifted))
+
+    def test_frames_that_are_lost_are_seen(self, measured):
+        errors = measured.get(FIRST) or measure(FIRST)
+        lost = np.isin(np.arange(len(errors.given)), (10, 11, 12))
+        some = replace(errors, given=errors.given & ~lost, confident=errors.confident & ~lost)
+        told = worse_than(REFERENCES[FIRST], some)
+        assert [line.split(":")[0] for line in told] == ["available_share", "right_share", "recover_longest_frames"]
+
+    def test_measures_that_are_not_there_any_more_are_seen(self, measured):
+        errors = measured.get(FIRST) or measure(FIRST)
+        nothing = np.full_like(errors.offset_m, np.nan)
+        assert any(
+            "offset_p95_m: nan" in told for told in worse_than(REFERENCES[FIRST], replace(errors, offset_m=nothing))
+        )

@@ -1,0 +1,156 @@
+"""What must not be in the sources, and what is installed: no pickle, eval or shell; files only; all pinned by hash."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+from tools.audit import judge
+
+ROOT = Path(__file__).parents[2]
+SOURCES = {
+    path.relative_to(ROOT).as_posix(): ast.parse(path.read_text(encoding="utf-8"))
+    for path in (ROOT / "helpers.py", *sorted((ROOT / "lanes").rglob("*.py")))
+}
+# Whatever turns bytes into objects, words into code, or a line into a shell's.
+IMPORTS = {"pickle", "cPickle", "_pickle", "dill", "cloudpickle", "joblib", "marshal", "shelve", "code", "codeop"}
+IMPORTS |= {"subprocess", "pty", "socket", "http", "urllib.request", "requests", "httpx", "ctypes"}
+CALLS = {"eval", "exec", "compile", "__import__", "os.system", "os.popen", "os.execv", "os.spawnv", "pd.read_pickle"}
+CALLS |= {"yaml.unsafe_load", "yaml.full_load", "yaml.load_all", "np.fromfile", "cv2.imread", "cv2.imwrite"}
+CALLS |= {"cv2.FileStorage", "shutil.unpack_archive", "tempfile.mktemp"}
+# The only modules that may open a video, a camera, or a file to write in.
+DOORS = {
+    "av.open": {"lanes/io/video/container.py", "lanes/io/video/writer.py", "lanes/io/video/join.py"}
+    | {"benchmark/speed/transcode.py"},
+    "cv2.VideoCapture": {"lanes/io/video/live_camera.py"},
+    "yaml.load": {"lanes/camera/camera_file.py"},
+    "np.load": {"lanes/io/disk_cache.py"},
+    "os.open": {"lanes/io/files.py"},
+    "open": set(),
+}
+REQUIRED = {
+    Requirement(line.partition("#")[0])
+    for name in ("requirements.txt", "requirements-cluster.txt")
+    for line in (ROOT / name).read_text().splitlines()
+    if line.partition("#")[0].strip()
+}
+
+
+def calls(tree: ast.AST) -> Iterator[tuple[str, ast.Call]]:
+    """The calls in a source, by dotted names as they are written."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call):
+            yield ast.unparse(node.func), node
+
+
+def imports(tree: ast.AST) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            yield node.module
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def faults(tree: ast.AST, name: str) -> set[str]:
+    """What is not allowed in a source."""
+    found = {i for i in imports(tree) if i in IMPORTS or i.partition(".")[0] in IMPORTS}
+    for called, node in calls(tree):
+        keywords = {keyword.arg: ast.unparse(keyword.value) for keyword in node.keywords}
+        if called in CALLS or name not in DOORS.get(called, {name}):
+            found.add(called)
+        if keywords.get("allow_pickle", "False") != "False" or keywords.get("shell", "False") != "False":
+            found.add(f"{called}({keywords})")
+    return found
+
+
+@pytest.mark.parametrize("name", SOURCES)
+def test_nothing_dangerous_is_in_the_sources(name):
+    assert faults(SOURCES[name], name) == set()
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["import pickle", "from pickle import loads", "from urllib import request", "eval('1')", "os.system('ls')"]
+    + ["np.load(f, allow_pickle=True)", "run('ls', shell=True)", "open('x', 'w')", "av.open(name)", "yaml.load(f)"],
+)
+def test_it_would_be_seen(line):
+    assert faults(ast.parse(line), "lanes/x.py")
+
+
+def test_yaml_is_read_without_tags():
+    """The only loader derives from the safe one."""
+    tree = SOURCES["lanes/camera/camera_file.py"]
+    loaders = {ast.unparse(node.args[1]) for called, node in calls(tree) if called == "yaml.load"}
+    bases = {
+        node.name: [ast.unparse(base) for base in node.bases]
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ClassDef)
+    }
+    assert [bases[loader] for loader in loaders] == [["yaml.SafeLoader"]]
+
+
+def test_videos_that_others_made_are_opened_at_one_place():
+    """Everywhere else files are opened to be written, by names that end in a suffix of ours."""
+    for name, tree in SOURCES.items():
+        for called, node in calls(tree):
+            if called == "av.open" and name != "lanes/io/video/container.py":
+                assert [ast.unparse(argument) for argument in node.args[1:]] == ["'w'"], name
+
+
+# --- what is installed
+
+
+def locked() -> dict[str, tuple[str, list[str]]]:
+    """Version and hashes of each package in the lock."""
+    text = (ROOT / "requirements.lock").read_text().replace("\\\n", " ")
+    found = {}
+    for line in text.splitlines():
+        if line.strip() and not line.lstrip().startswith("#"):
+            pin, *hashes = line.split("--hash=sha256:")
+            name, version = re.fullmatch(r"([\w.-]+)(?:\[[\w,]+\])?==([\w.+!]+)( ; .*)?\s*", pin).group(1, 2)
+            found[canonicalize_name(name)] = version, [digits.strip() for digits in hashes]
+    return found
+
+
+def test_the_lock_pins_what_is_required_with_hashes():
+    lock = locked()
+    assert len(lock) > 100
+    for name, (_, hashes) in lock.items():
+        assert hashes and all(re.fullmatch(r"[0-9a-f]{64}", digits) for digits in hashes), name
+    for requirement in REQUIRED:
+        assert str(requirement.specifier) == f"=={lock[canonicalize_name(requirement.name)][0]}", "run `make lock`"
+
+
+def test_the_lock_names_no_host():
+    assert not re.search(r"https?://|--(extra-)?index|--find-links|file:|@ ", (ROOT / "requirements.lock").read_text())
+
+
+def test_the_lock_is_complete():
+    """Whatever an installed package of the lock requires on this machine is in the lock, too."""
+    lock = locked()
+    for name in lock:
+        try:
+            requires = metadata.requires(name) or []
+        except metadata.PackageNotFoundError:
+            continue
+        for requirement in map(Requirement, requires):
+            if not requirement.marker or requirement.marker.evaluate({"extra": ""}):
+                assert canonicalize_name(requirement.name) in lock, f"{name} requires {requirement}; run `make lock`"
+
+
+def test_an_audit_that_asked_nobody_is_no_good_news():
+    fine = {"name": "a", "version": "1", "vulns": []}
+    weak = {"name": "b", "version": "2", "vulns": [{"id": "CVE-1"}, {"id": "CVE-2"}]}
+    skipped = {"name": "c", "skip_reason": "not found"}
+    assert judge([fine, fine]) == (0, "no weakness is known of the 2 packages in requirements.lock")
+    assert judge([fine, weak, skipped])[0] == 1 and "b 2: CVE-1, CVE-2" in judge([weak])[1]
+    assert judge([fine, skipped])[0] == judge([])[0] == 2
+    assert "1 of 2 packages" in judge([fine, skipped])[1]

@@ -1,0 +1,241 @@
+"""Runs that are stopped, killed, or out of room: the old file or the whole new one, and the next run finishes."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from lanes.camera.camera_file import load_camera
+from lanes.io.images import read_image, write_image
+from lanes.io.telemetry import read_telemetry, write_telemetry
+from lanes.io.video.reader import inspect_video
+from lanes.io.video.writer import VideoWriter
+from simulator.rendering import produce
+from simulator.scenes.catalogue import project_video
+from tests.support.clips import write_drive
+from tests.support.painted_drive import BENDS
+
+ROOT = Path(__file__).parents[2]
+FRAMES = 40
+
+# Writes each kind of file again and again, as the commands do, and says so before it begins.
+WRITES = """
+import sys
+from pathlib import Path
+import numpy as np
+from lanes.camera.camera import Camera
+from lanes.camera.camera_file import save_camera
+from lanes.io.images import write_image
+from lanes.drives.detections import write_detections
+from lanes.io.files import write_atomically
+from lanes.io.telemetry import write_telemetry
+from lanes.io.video.writer import VideoWriter
+folder = Path(sys.argv[1])
+image = np.random.default_rng(0).integers(0, 255, (90, 160, 3), np.uint8)
+print("ready", flush=True)
+for turn in range(int(sys.argv[2])):
+    write_image(folder / "a.png", image)
+    write_detections(folder / "a.jsonl", [{"raw_file": "a", "turn": turn}] * 200)
+    write_telemetry(folder / "a.csv", [{"frame": n, "turn": turn} for n in range(200)])
+    save_camera(Camera.from_fov((160, 90), 60), folder / "a.yaml")
+    write_atomically(folder / "a.html", b"<p>" + bytes(100_000) + b"</p>")
+    with VideoWriter(folder / "a.mp4", fps=25) as writer:
+        for n in range(4):
+            writer.write(image)
+"""
+FOREVER = 10**9
+NAMES = {f"a.{suffix}" for suffix in ("png", "jsonl", "csv", "yaml", "html", "mp4")}
+
+
+def start(*command: object, limit_bytes: int | None = None) -> subprocess.Popen:
+    """A process that may write no file larger than `limit_bytes`."""
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, limit_bytes))
+
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    if limit_bytes:  # what counts lines writes a file, too
+        environment.pop("COVERAGE_PROCESS_START", None)
+    return subprocess.Popen(
+        [sys.executable, *map(str, command)],
+        cwd=ROOT,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=limit if limit_bytes else None,
+    )
+
+
+def lanes(*arguments: object, **options: int) -> tuple[int, str]:
+    """Exit status and stderr of a command."""
+    with start("-m", "lanes", *arguments, **options) as process:
+        _, err = process.communicate(timeout=120)
+    return process.returncode, err
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def require_whole(folder: Path) -> None:
+    """Every file of WRITES that is there can be read to its end."""
+    there = names(folder)
+    whole: dict[str, Callable[[Path], object]] = {
+        "a.png": read_image,
+        "a.jsonl": lambda path: [json.loads(line) for line in path.read_text().splitlines()][199],
+        "a.csv": lambda path: read_telemetry(path)["turn"][199],
+        "a.yaml": load_camera,
+        "a.html": lambda path: path.read_bytes().index(b"</p>"),
+        "a.mp4": lambda path: [inspect_video(path).frames][4 - inspect_video(path).frames],
+    }
+    for name in there & NAMES:
+        whole[name](folder / name)
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_stopped_at_any_moment_files_are_old_or_new_and_whole(number, tmp_path):
+    """Processes, one after the other over the same files; each is stopped a moment after it begins to write."""
+    moments = random.Random(int(number))
+    waiting = [start("-c", WRITES, tmp_path, FOREVER) for _ in range(2)]
+    for process in waiting:
+        assert process.stdout.readline() == "ready\n"
+        time.sleep(moments.uniform(0.05, 0.5))
+        process.send_signal(number)
+        process.communicate(timeout=30)
+        require_whole(tmp_path)
+    # Whoever writes next removes what is left.
+    with start("-c", WRITES, tmp_path, 1) as process:
+        _, err = process.communicate(timeout=60)
+    assert process.returncode == 0, err
+    assert names(tmp_path) == NAMES
+    require_whole(tmp_path)
+
+
+def test_processes_that_write_the_same_at_once_do_not_mix(tmp_path):
+    running = [start("-c", WRITES, tmp_path, 8) for _ in range(3)]
+    for process in running:
+        process.stdout.readline()
+    while any(process.poll() is None for process in running):
+        require_whole(tmp_path)
+    assert [process.communicate()[1] for process in running] == [""] * 3
+    assert names(tmp_path) == NAMES
+    require_whole(tmp_path)
+
+
+# --- commands
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("drive")
+    write_drive(folder / "drive.mp4", BENDS, FRAMES)
+    write_image(folder / "still.png", BENDS.frame(0.0))
+    return folder
+
+
+def annotate(drive: Path, out: Path) -> list:
+    return ["annotate", "--camera", drive / "drive.yaml", drive / "drive.mp4", "-o", out, "--quiet"]
+
+
+def test_a_killed_run_is_made_up_for_by_the_next(drive, tmp_path):
+    """Killed as soon as it writes, and after that a little later each time; then one may finish."""
+    out = tmp_path / "out"
+    for delay_s in (0.0, 0.25):
+        with start("-m", "lanes", *annotate(drive, out)) as process:
+            while process.poll() is None and not (out.is_dir() and any(".partial." in name for name in names(out))):
+                time.sleep(0.01)
+            time.sleep(delay_s)
+            process.kill()
+        assert not out.is_dir() or not names(out) & {"drive.mp4", "drive.html"} or process.returncode == 0
+    status, err = lanes(*annotate(drive, out))
+    assert status == 0, err
+    assert names(out) == {"drive.mp4", "drive.csv", "drive.html"}
+    assert inspect_video(out / "drive.mp4").frames == len(read_telemetry(out / "drive.csv")["frame"]) == FRAMES
+
+
+def test_of_two_runs_on_one_output_the_first_wins(drive, tmp_path):
+    out = tmp_path / "out"
+    with start("-m", "lanes", *annotate(drive, out)) as first:
+        while first.poll() is None and not (out.is_dir() and names(out)):
+            time.sleep(0.005)
+        first.send_signal(signal.SIGSTOP)
+        status, err = lanes(*annotate(drive, out), "--end", "0.2")
+        first.send_signal(signal.SIGCONT)
+        assert first.wait(timeout=60) == 0
+    assert status == 1 and "drive.mp4: cannot be written (another run is writing it" in err
+    assert names(out) == {"drive.mp4", "drive.csv", "drive.html"}
+    assert len(read_telemetry(out / "drive.csv")["frame"]) == FRAMES
+
+
+OLD = ("drive.mp4", "drive.csv", "drive.html", "still.png", "pictures.csv", "lanes.jsonl", "camera.yaml")
+# What a command writes that is larger than so many bytes does not fit.
+FULL = {
+    "video": (20_000, annotate),
+    "table": (1_000, annotate),
+    "still": (1_000, lambda drive, out: ["annotate", "--camera", drive / "drive.yaml", drive / "still.png", "-o", out]),
+    "lines": (100, lambda d, out: ["detect", "--camera", d / "drive.yaml", d / "still.png", "-o", out / "lanes.jsonl"]),
+    "camera": (100, lambda d, out: ["pose", "--camera", d / "drive.yaml", d / "still.png", "-o", out / "camera.yaml"]),
+}
+
+
+@pytest.mark.parametrize("what", FULL)
+def test_no_room(what, drive, tmp_path):
+    """The system refuses to write more, as a full disk does: a sentence, status 1, and the old files stay."""
+    limit_bytes, arguments = FULL[what]
+    for name in OLD:
+        (tmp_path / name).write_text(f"old {name}")
+    status, err = lanes(*arguments(drive, tmp_path), limit_bytes=limit_bytes)
+    assert status == 1, err
+    assert "cannot be written" in err and "Traceback" not in err
+    files = {path.name: path for path in tmp_path.rglob("*") if path.is_file()}
+    assert set(files) == set(OLD)
+    assert {name for name, path in files.items() if path.read_text() != f"old {name}"} == set()
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root may make a small disk")
+def test_a_disk_that_is_full(tmp_path, drive):
+    """A real one of 64 kB."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    posed = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", disk], capture_output=True)
+    if posed.returncode:
+        pytest.skip("no disk can be made here")
+    try:
+        write_telemetry(disk / "other.csv", [{"frame": 0}])
+        status, err = lanes(*annotate(drive, disk))
+        assert status == 1 and os.strerror(errno.ENOSPC) in err and "Traceback" not in err, err
+        # Each file is whole or not there: the video has its name before the table is written.
+        assert names(disk) <= {"drive.mp4", "drive.csv", "other.csv"}
+        assert "drive.mp4" not in names(disk) or inspect_video(disk / "drive.mp4").frames == FRAMES
+        assert read_telemetry(disk / "other.csv")["frame"].tolist() == [0]
+        with pytest.raises(OSError, match="No space left"), VideoWriter(disk / "noise.mp4", fps=25) as writer:
+            for _ in range(50):
+                writer.write(read_image(drive / "still.png"))
+        assert "noise.mp4" not in names(disk) and not any(".partial." in name for name in names(disk))
+    finally:
+        subprocess.run(["umount", disk], check=True)
+
+
+def test_an_encoder_that_was_killed_is_not_believed(tmp_path, monkeypatch):
+    """The renderer's is a process of its own; it left half of the frames behind."""
+
+    def half(path: Path, *_: object) -> list[dict]:
+        write_drive(path, BENDS, 2)
+        return [{"frame": number} for number in range(4)]
+
+    monkeypatch.setattr(produce, "_encode", half)
+    with pytest.raises(OSError, match=r"a\.mp4: cannot be written \(not all of the 4 frames"):
+        produce.write_video(tmp_path / "a.mp4", drive=project_video(), seconds=4 / 25)
+    assert not (tmp_path / "a.mp4").exists()

@@ -1,0 +1,173 @@
+"""Every step of a picture explained: the same lane as everywhere, and for each way to fail its step and remedy."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from lanes.camera.camera import Camera
+from lanes.explain import panels
+from lanes.explain.explanation import Explanation, explain_frame, stripes_on_lines
+from lanes.io.frames import PictureError
+from lanes.tracking.birdseye import BirdsEyeView
+from lanes.tracking.detector import find_lane
+from tests.support.painter import YELLOW, Road, dashcam
+
+CAMERA = dashcam(width=1280)
+BEND, OFFSET_M = 1 / 350, -0.4
+STEPS = ["picture", "pose", "view", "paint", "stripes", "votes", "fit", "lane"]
+
+
+@pytest.fixture(autouse=True)
+def closed_figures():
+    yield
+    plt.close("all")
+
+
+def lane_road(camera: Camera = CAMERA, width_m: float = 3.6) -> Road:
+    """A yellow solid and a white broken line; the car is 0.4 m right of the middle, the road bends left."""
+    road = Road(camera)
+    road.line(lambda x: width_m / 2 - OFFSET_M + BEND * x**2 / 2, colour=YELLOW)
+    return road.line(lambda x: -width_m / 2 - OFFSET_M + BEND * x**2 / 2, dash_m=(3.0, 9.0))
+
+
+@pytest.fixture(scope="module")
+def good() -> Explanation:
+    return explain_frame(lane_road().image(), CAMERA)
+
+
+def grey(level: float, noise: float = 2.0) -> np.ndarray:
+    values = np.random.default_rng(0).normal(level, noise, (CAMERA.height, CAMERA.width, 3))
+    return values.clip(0, 255).astype(np.uint8)
+
+
+class TestGoodPicture:
+    def test_it_is_the_lane_that_is_found_everywhere(self, good):
+        lane = find_lane(good.image, BirdsEyeView(CAMERA))
+        assert good.lane.offset_m == lane.offset_m == pytest.approx(OFFSET_M, abs=0.03)
+        assert [step.name for step in good.steps] == STEPS
+        assert good.failed is None
+
+    def test_the_chosen_lane_is_the_first_candidate(self, good):
+        assert [c.chosen for c in good.candidates] == [True] + [False] * (len(good.candidates) - 1)
+        assert good.candidates[0].score == good.lane.score
+        assert np.diff([c.score for c in good.candidates]).max(initial=-1) <= 0
+
+    def test_stripes_on_the_lines_lie_where_paint_is(self, good):
+        side, stripes = stripes_on_lines(good), good.evidence.stripes
+        for s in (1, -1):
+            true = s * 1.8 - OFFSET_M + BEND * stripes.x_m**2 / 2
+            assert (side == s).sum() > 20
+            assert np.abs(stripes.y_m - true)[(side == s) & (stripes.x_m < 30)].max() < 0.25
+
+    def test_ingredients_add_up_to_the_confidence(self, good):
+        odds = float(good.confidence_summary()[-1].split()[-1])
+        assert 1 / (1 + np.exp(-odds)) == pytest.approx(good.tracked.confidence, abs=0.003)
+
+    def test_doubt_is_that_of_the_lane_and_grows_far_away(self, good):
+        stds = good.line_stds_m([0.0, 20.0, 60.0])
+        assert stds[0, 0] == pytest.approx(good.lane.left.c0_std_m)
+        assert stds[1, 0] == pytest.approx(good.lane.right.c0_std_m)
+        assert (stds[:, 2] > 3 * stds[:, 1]).all()
+
+    def test_words(self, good):
+        words = good.describe()
+        for part in ("offset     0.4", "bend       bends left, R 3", "confidence, as log odds:", "votes      5 lanes"):
+            assert part in words
+        assert "failed" not in words
+        assert repr(good).endswith("failed at no step)")
+
+
+def crumbs() -> np.ndarray:
+    """White spots here and there on the road."""
+    spots = np.random.default_rng(3).uniform([6, -8], [20, 8], (12, 2))
+    return (
+        Road(CAMERA)
+        .paint(lambda x, y: np.any([np.hypot(x - a, y - b) < 0.12 for a, b in spots], 0), (225,) * 3)
+        .image()
+    )
+
+
+# what is shown, the step at which it fails, what the sentence says
+FAILURES = {
+    "black": (lambda: (grey(3, 1.0), CAMERA), "view", "almost black"),
+    "glare": (lambda: (grey(252, 1.0), CAMERA), "view", "glaring white"),
+    "fog": (lambda: (grey(128, 0.6), CAMERA), "view", "no contrast"),
+    "no lines": (lambda: (grey(100, 6.0), CAMERA), "paint", "nothing is brighter or yellower"),
+    "crumbs": (lambda: (crumbs(), CAMERA), "fit", "do not line up"),
+    "sky": (lambda: (grey(100), dashcam(width=1280, pitch_rad=-0.9)), "view", "sees no road"),
+    "far paint": (
+        lambda: (Road(CAMERA, noise=4.0).line(lambda x: np.where(x > 35, 1.8, 99)).image(), CAMERA),
+        "stripes",
+        "nearer than 26 m",
+    ),
+    "one line": (lambda: (Road(CAMERA).line(lambda x: 1.8 + 0 * x).image(), CAMERA), "lane", "right line is not seen"),
+    "nodding": (
+        lambda: (lane_road(dashcam(width=1280, pitch_rad=0.045)).image(), CAMERA),
+        "lane",
+        r"look [23]\.\d deg farther down",
+    ),
+    "narrow": (lambda: (lane_road(width_m=2.6).image(), CAMERA), "lane", r"2\.6 m wide is odd"),
+}
+
+
+@pytest.mark.parametrize("name", FAILURES)
+def test_each_failure_has_its_step_its_reason_and_its_remedy(name):
+    make, step, reason = FAILURES[name]
+    image, camera = make()
+    explanation = explain_frame(image, camera)
+    assert explanation.failed.name == step
+    assert re.search(reason, explanation.failed.failure)
+    assert explanation.failed.advice.endswith(".")
+    # the steps end where it failed
+    assert [s.name for s in explanation.steps] == STEPS[: STEPS.index(step) + 1]
+    assert f"failed at  {step}: " in explanation.describe()
+
+
+def test_an_assumed_pose_is_where_it_failed():
+    explanation = explain_frame(lane_road().image(), CAMERA, pose_trouble="no parallel lines were seen.")
+    assert explanation.failed.name == "pose"
+    assert explanation.failed.failure == "no parallel lines were seen."
+    assert explanation.evidence is not None and explanation.lane is None
+    panels.show_explanation(explanation)
+
+
+def test_wrong_pictures_are_refused():
+    with pytest.raises(PictureError, match="is 640x360 pixels"):
+        explain_frame(np.zeros((360, 640, 3), np.uint8), CAMERA)
+    with pytest.raises(ValueError, match="no pose"):
+        explain_frame(grey(100), replace(CAMERA, pose=None))
+
+
+class TestFigure:
+    def test_nine_panels_with_the_numbers_of_the_steps(self, good):
+        figure, axes = panels.show_explanation(good)
+        figure.canvas.draw()
+        titles = [axis.get_title() for axis in axes]
+        assert [title.split()[0] for title in titles] == list("123456789")
+        for step in good.steps[:1] + good.steps[2:7]:
+            assert any(step.words in title for title in titles)
+        labels = [text.get_text() for text in axes[4].get_legend().get_texts()]
+        assert [label.split(maxsplit=1)[1] for label in labels] == ["on no line", "left line", "right line"]
+        assert any("0.4" in text.get_text() and text.get_text().startswith("offset") for text in axes[8].texts)
+
+    def test_the_horizon_is_drawn_where_the_pose_says(self, good):
+        _, axes = panels.show_explanation(good)
+        far = good.undistorted_camera.road_to_pixels(np.array([[1e7, 0.0]]))[0]
+        ahead = next(line for line in axes[1].lines if line.get_label() == "straight ahead of the car")
+        np.testing.assert_allclose(ahead.get_xydata()[0], far, atol=0.01)
+
+    @pytest.mark.parametrize("name", ["black", "sky", "crumbs", "far paint"])
+    def test_failures_are_shown_in_red_and_nothing_breaks(self, name):
+        image, camera = FAILURES[name][0]()
+        explanation = explain_frame(image, camera)
+        figure, axes = panels.show_explanation(explanation)
+        figure.canvas.draw()
+        red = [n for n, axis in enumerate(axes) if axis.title.get_color() == "firebrick"]
+        assert red == [STEPS.index(explanation.failed.name)]
+        said = " ".join(text.get_text().strip() for text in axes[8].texts)
+        assert explanation.failed.failure in said and explanation.failed.advice in said

@@ -1,0 +1,242 @@
+"""Files in and out: what is no file is refused, what is written appears whole, whoever else writes or has died."""
+
+from __future__ import annotations
+
+import os
+import socket
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from lanes.io import files
+from lanes.io.files import (
+    PartialFile,
+    atomic_write,
+    read_text,
+    remove_partials,
+    require_file,
+    sole_writer,
+    write_atomically,
+)
+
+ROOT = Path(__file__).parents[2]
+DEAD = "0123456789ab"
+
+
+class OddError(ValueError):
+    pass
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+# --- in
+
+
+def test_a_file_is_taken_whatever_it_is_called(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("-rf.txt", "two words.txt", "дорога.txt", "con:cat.txt", "a*[b]?.txt", os.fsdecode(b"\xff.txt")):
+        Path(name).write_text("ü")
+        assert read_text(name, "text") == "ü"
+
+
+def test_what_is_no_file_is_refused_and_named(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "nothing").touch()
+    (tmp_path / "loop").symlink_to("loop")
+    listening = socket.socket(socket.AF_UNIX)
+    listening.bind(str(tmp_path / "socket"))
+    cases = {
+        tmp_path / "pipe": "is a pipe; name a test file",
+        tmp_path / "folder": "is a folder",
+        tmp_path / "socket": "is a socket",
+        Path("/dev/zero"): "is a device",
+        tmp_path / "nothing": "is empty",
+    }
+    for path, words in cases.items():
+        with pytest.raises(OddError, match=f"^{path}: .*{words}"):
+            require_file(path, "test", error=OddError)
+    for name in ("gone", "loop", "gone/too", "long" * 99, "nul\0"):
+        with pytest.raises(FileNotFoundError, match="no such test file"):
+            require_file(tmp_path / name, "test", error=OddError)
+    listening.close()
+
+
+def test_large_files_and_what_is_no_text_are_refused(tmp_path):
+    path = tmp_path / "a"
+    path.write_bytes(b"1234\xff")
+    with pytest.raises(OddError, match="byte 4 is not UTF-8"):
+        read_text(path, "test", error=OddError)
+    with pytest.raises(OddError, match="MB large"):
+        read_text(path, "test", error=OddError, most_bytes=4)
+
+
+def test_what_may_not_be_read_is_refused(tmp_path, monkeypatch):
+    """Root may read all, so that the system's answers are played where the tests run as root."""
+    path = tmp_path / "folder" / "secret"
+    write_atomically(path, b"x")
+    path.chmod(0)
+    if os.geteuid() == 0:
+        monkeypatch.setattr(os, "access", lambda *_: False)
+    with pytest.raises(OddError, match="secret: may not be read"):
+        require_file(path, "test", error=OddError)
+
+    def refused(self: Path) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "stat", refused)
+    with pytest.raises(OddError, match="secret: may not be read"):
+        require_file(path, "test", error=OddError)
+
+
+# --- out
+
+
+def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
+    target = tmp_path / "a.txt"
+    write_atomically(target, b"old")
+
+    def interrupted(self: Path, data: bytes) -> None:
+        with self.open("wb") as file:
+            file.write(data[:2])
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "write_bytes", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_atomically(target, b"new and longer")
+    assert names(tmp_path) == {"a.txt"}
+    assert target.read_bytes() == b"old"
+
+
+@pytest.mark.parametrize("call", ["replace", "fsync"])
+def test_full_disk_is_said_and_leaves_the_old_file(tmp_path, monkeypatch, call):
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    write_atomically(tmp_path / "a.txt", b"old")
+    monkeypatch.setattr(os, call, full)
+    with pytest.raises(OSError, match=r"a\.txt.*No space left"):
+        write_atomically(tmp_path / "a.txt", b"new")
+    assert names(tmp_path) == {"a.txt"} and (tmp_path / "a.txt").read_bytes() == b"old"
+
+
+def test_rights_are_those_of_any_new_file(tmp_path):
+    write_atomically(tmp_path / "a", b"")
+    (tmp_path / "b").touch()
+    assert stat.S_IMODE((tmp_path / "a").stat().st_mode) == stat.S_IMODE((tmp_path / "b").stat().st_mode)
+
+
+def test_a_link_stays_one(tmp_path):
+    (tmp_path / "there").mkdir()
+    write_atomically(tmp_path / "there" / "real.txt", b"old")
+    (tmp_path / "link.txt").symlink_to(tmp_path / "there" / "real.txt")
+    write_atomically(tmp_path / "link.txt", b"new")
+    assert (tmp_path / "link.txt").is_symlink()
+    assert (tmp_path / "there" / "real.txt").read_bytes() == b"new"
+
+
+@pytest.mark.parametrize(("kind", "words"), [("pipe", "is a pipe"), ("folder", "is a folder")])
+def test_nothing_but_files_is_replaced(tmp_path, kind, words):
+    """Least of all /dev/null, over which root could rename a file."""
+    path = tmp_path / kind
+    os.mkfifo(path) if kind == "pipe" else path.mkdir()
+    with pytest.raises(OSError, match=f"{kind}: cannot be written \\(it {words}"):
+        write_atomically(path, b"new")
+    assert names(tmp_path) == {kind} and not path.is_file()
+    with pytest.raises(OSError, match="it is a device"):
+        write_atomically("/dev/null", b"new")
+
+
+def test_leftovers_of_the_dead_go_and_nothing_else(tmp_path):
+    kept = {
+        "b.partial.0123456789ab.txt",
+        "a.partial.txt",
+        "a.partial.0123.txt",
+        "a.partial.0123456789abc.txt",
+        "xa.txt",
+    }
+    for name in kept | {f"a.partial.{DEAD}.txt", f"a.partial.{DEAD}.csv", f"a.partial.{DEAD}"}:
+        (tmp_path / name).touch()
+    write_atomically(tmp_path / "a.txt", b"new")
+    assert names(tmp_path) == kept | {"a.txt"}
+
+
+def test_two_that_write_the_same_do_not_mix(tmp_path):
+    """Neither touches what the other is writing; the last one's file is there at the end, whole."""
+    first, second = PartialFile(tmp_path / "a.txt"), PartialFile(tmp_path / "a.txt")
+    assert first.name != second.name and names(tmp_path) == {first.name.name, second.name.name}
+    first.name.write_text("first")
+    second.name.write_text("second")
+    second.commit()
+    remove_partials(tmp_path / "a.txt")
+    first.commit()
+    assert names(tmp_path) == {"a.txt"} and (tmp_path / "a.txt").read_text() == "first"
+
+
+def other(code: str, *arguments: object) -> subprocess.Popen:
+    command = [
+        sys.executable,
+        "-c",
+        f"import sys, time\nfrom pathlib import Path\nfrom lanes.io.files import *\n{code}",
+    ]
+    return subprocess.Popen([*command, *map(str, arguments)], cwd=ROOT, stdout=subprocess.PIPE, text=True)
+
+
+def test_a_living_process_keeps_its_file_and_a_killed_one_loses_it(tmp_path):
+    code = "with atomic_write(Path(sys.argv[1])) as p: p.write_text('half'); print(p.name, flush=True); time.sleep(60)"
+    with other(code, tmp_path / "a.txt") as process:
+        half = process.stdout.readline().strip()
+        write_atomically(tmp_path / "a.txt", b"mine")
+        assert names(tmp_path) == {"a.txt", half}
+        process.kill()
+    write_atomically(tmp_path / "a.csv", b"mine")
+    assert names(tmp_path) == {"a.txt", "a.csv"} and (tmp_path / "a.txt").read_text() == "mine"
+
+
+def test_one_run_at_a_time(tmp_path):
+    code = "with sole_writer(Path(sys.argv[1])): print('in', flush=True); time.sleep(60)"
+    with other(code, tmp_path / "drive.mp4") as process:
+        assert process.stdout.readline() == "in\n"
+        with (
+            pytest.raises(OSError, match=r"drive\.csv: .*another run is writing it"),
+            sole_writer(tmp_path / "drive.csv"),
+        ):
+            pytest.fail("two at once")
+        with sole_writer(tmp_path / "other.csv"):
+            pass
+        process.kill()
+    with sole_writer(tmp_path / "drive.mp4"), atomic_write(tmp_path / "drive.mp4") as partial:
+        partial.write_text("new")
+    assert names(tmp_path) == {"drive.mp4"}
+
+
+def test_a_file_system_without_locks_refuses_no_run_and_removes_nothing(tmp_path, monkeypatch):
+    def cannot(*_: object) -> None:
+        raise OSError(95, "Operation not supported")
+
+    monkeypatch.setattr(files.fcntl, "flock", cannot)
+    (tmp_path / f"a.partial.{DEAD}.txt").touch()
+    with sole_writer(tmp_path / "a.txt"):
+        write_atomically(tmp_path / "a.txt", b"new")
+    assert names(tmp_path) == {"a.txt", f"a.partial.{DEAD}.txt"}
+
+
+def test_a_lock_that_was_removed_meanwhile_is_made_again(tmp_path, monkeypatch):
+    """The other run ended between our opening its lock and getting it."""
+    lock, real = tmp_path / "a.partial.lock", files.fcntl.flock
+    calls = []
+
+    def late(handle: int, how: int) -> None:
+        real(handle, how)
+        calls.append(handle)
+        if len(calls) == 1:
+            lock.unlink()
+
+    monkeypatch.setattr(files.fcntl, "flock", late)
+    with sole_writer(tmp_path / "a.txt"):
+        assert lock.is_file() and len(calls) == 2

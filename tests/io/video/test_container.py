@@ -1,0 +1,184 @@
+"""Video files as others write them: playlists, claims, damage, clocks that jump, sizes that change."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from lanes.io.images import MOST_PIXELS
+from lanes.io.video import container
+from lanes.io.video.container import VideoError, open_video
+from lanes.io.video.reader import inspect_video, read_frames, read_timed_frames
+from tests.io.video.test_video import make_video, number_of, numbered
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory) -> Path:
+    return make_video(tmp_path_factory.mktemp("container") / "drive.mp4", 25)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "ffconcat version 1.0\nfile drive.mp4\n",
+        "#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\ndrive.mp4\n#EXT-X-ENDLIST\n",
+        "#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nfile:///etc/hostname\n#EXT-X-ENDLIST\n",
+        '<MPD xmlns="urn:mpeg:dash:schema:mpd:2011"><Period><BaseURL>drive.mp4</BaseURL></Period></MPD>',
+        "v=0\nc=IN IP4 127.0.0.1\nm=video 5004 RTP/AVP 96\na=rtpmap:96 H264/90000\n",
+    ],
+    ids=["ffconcat", "m3u8", "m3u8 elsewhere", "dash", "sdp"],
+)
+@pytest.mark.parametrize("suffix", ["mp4", "m3u8", "ts"])
+def test_a_list_of_other_files_is_no_video(video, tmp_path, text, suffix):
+    (tmp_path / "drive.mp4").write_bytes(video.read_bytes())
+    path = tmp_path / f"list.{suffix}"
+    path.write_text(text)
+    with pytest.raises(VideoError, match=rf"list\.{suffix}: cannot be read as a video .*playlist"):
+        open_video(path)
+
+
+@pytest.mark.parametrize("name", ["concat:drive.mp4|drive.mp4", "http:x.mp4", "-i.mp4", "дорога 1%d.mp4", "file:a.mp4"])
+def test_a_name_is_only_a_name(video, tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "drive.mp4").write_bytes(video.read_bytes())
+    with pytest.raises(FileNotFoundError):
+        open_video(name)
+    (tmp_path / name).write_bytes(video.read_bytes())
+    assert inspect_video(name).frames == 25
+    assert number_of(next(read_frames(name, start_s=0.4))) == 10
+
+
+def stored_pictures(path: Path, codec: str, pix_fmt: str, marker: bytes, claim) -> Path:
+    """Ten pictures of a codec that keeps each for itself; `claim` rewrites the header of all but the first four."""
+    with av.open(str(path), "w") as file:
+        stream = file.add_stream(codec, rate=25)
+        stream.width, stream.height, stream.pix_fmt = 160, 96, pix_fmt
+        for number in range(10):
+            file.mux(stream.encode(av.VideoFrame.from_ndarray(numbered(number))))
+        file.mux(stream.encode(None))
+    data, at = bytearray(path.read_bytes()), 0
+    for number in range(10):
+        at = data.index(marker, at + 1)
+        if number >= 4:
+            claim(data, at)
+    path.write_bytes(data)
+    return path
+
+
+def claim_jpeg(data: bytearray, at: int) -> None:
+    struct.pack_into(">HH", data, at + 5, 65500, 65500)
+
+
+def claim_png(data: bytearray, at: int) -> None:
+    struct.pack_into(">II", data, at + 4, 40000, 40000)
+    struct.pack_into(">I", data, at + 17, zlib.crc32(bytes(data[at : at + 17])))
+
+
+@pytest.mark.parametrize(
+    ("name", "codec"),
+    [
+        ("bomb.avi", ("mjpeg", "yuvj420p", b"\xff\xc0", claim_jpeg)),
+        ("bomb.mov", ("png", "rgb24", b"IHDR", claim_png)),
+    ],
+)
+def test_claims_inside_a_video_are_damage(tmp_path, name, codec):
+    path = stored_pictures(tmp_path / name, *codec)
+    assert [frame.number for frame in read_timed_frames(path)] == [0, 1, 2, 3]
+    assert inspect_video(path).frames == 10
+
+
+def test_a_claim_in_front_is_refused(video, tmp_path, monkeypatch):
+    monkeypatch.setattr(container, "MOST_PIXELS", 160 * 96 - 1)
+    with pytest.raises(VideoError, match=r"drive\.mp4: claims 160x96 pixels|cannot be decoded"):
+        inspect_video(video)
+    assert MOST_PIXELS > 7680 * 4320
+
+
+@pytest.mark.parametrize("suffix", ["mp4", "mkv", "ts", "flv"])
+def test_damage_is_counted_by_the_clock(tmp_path, suffix):
+    """Whether packets are spoilt or gone altogether: frames that remain keep their numbers and times."""
+    path = make_video(tmp_path / f"drive.{suffix}", 100, size=(320, 192))
+    data = bytearray(path.read_bytes())
+    noise = np.random.default_rng(1)
+    # Matroska finds no way back in after the second time.
+    for share in (0.4,) if suffix == "mkv" else (0.3, 0.45, 0.55, 0.7):
+        at = int(share * len(data))
+        data[at : at + 1500] = noise.integers(0, 256, 1500, np.uint8).tobytes()
+    path.write_bytes(data)
+    info = inspect_video(path)
+    frames = list(read_timed_frames(path))
+    assert 30 <= len(frames) <= 96
+    assert info.frames + info.missing == 100 if suffix != "flv" else info.frames <= 100
+    assert [frame.number for frame in frames] == sorted({frame.number for frame in frames})
+    if suffix != "flv":
+        np.testing.assert_allclose([f.time_s for f in frames], [f.number / 25 for f in frames], atol=1e-3)
+        assert info.duration_s == pytest.approx(4, abs=0.05)
+    assert number_of(frames[5].image) == 5
+
+
+@pytest.mark.parametrize("suffix", ["mkv", "flv", "avi", "mp4"])
+def test_cut_off_files_are_refused(tmp_path, suffix):
+    """Those that announce how long they are; a transport stream does not."""
+    path = make_video(tmp_path / f"drive.{suffix}", 250)
+    data = path.read_bytes()
+    # The last tenth of the AVI file is its index, which is missed by nobody.
+    for share in (0.1, 0.5) if suffix == "avi" else (0.1, 0.5, 0.9):
+        path.write_bytes(data[: int(share * len(data))])
+        with pytest.raises(VideoError, match=rf"drive\.{suffix}: .*(cut off|no frame)"):
+            inspect_video(path)
+
+
+def test_a_size_that_changes_is_told_with_its_time(tmp_path):
+    parts = [make_video(tmp_path / f"{n}.ts", 25, size=size) for n, size in enumerate([(160, 96), (320, 192)])]
+    path = tmp_path / "both.ts"
+    path.write_bytes(b"".join(part.read_bytes() for part in parts))
+    frames = []
+    with pytest.raises(VideoError, match=r"both\.ts: changes from 160x96 to 320x192 pixels at 0\.96 s; cut it there"):
+        frames.extend(frame.number for frame in read_timed_frames(path))
+
+
+def test_a_clock_that_begins_again_goes_on(tmp_path):
+    part = make_video(tmp_path / "part.ts", 50).read_bytes()
+    path = tmp_path / "both.ts"
+    path.write_bytes(part + part)
+    times_s = [frame.time_s for frame in read_timed_frames(path)]
+    assert len(times_s) == 100
+    assert (np.diff(times_s) > 0).all() and times_s[-1] == pytest.approx(3.96, abs=0.1)
+
+
+@pytest.mark.parametrize("fps", [Fraction(1, 50), 5000])
+def test_rates_that_are_none_are_refused(tmp_path, fps):
+    path = tmp_path / "odd.mp4"
+    make_video(path, 3, fps=fps)
+    with pytest.raises(VideoError, match=r"odd\.mp4: says that it has .* frames per second"):
+        inspect_video(path)
+
+
+@pytest.mark.parametrize(
+    ("codec", "pix_fmt", "suffix"),
+    [
+        ("libx264", "yuv420p10le", "mkv"),
+        ("libx264", "gray", "mp4"),
+        ("ffv1", "gray16le", "mkv"),
+        ("png", "rgba", "mov"),
+    ],
+)
+def test_ten_bits_gray_and_alpha_become_rgb(tmp_path, codec, pix_fmt, suffix):
+    path = tmp_path / f"deep.{suffix}"
+    with av.open(str(path), "w") as file:
+        stream = file.add_stream(codec, rate=25)
+        stream.width, stream.height, stream.pix_fmt = 160, 96, pix_fmt
+        for number in range(5):
+            file.mux(stream.encode(av.VideoFrame.from_ndarray(numbered(number)).reformat(format=pix_fmt)))
+        file.mux(stream.encode(None))
+    frames = list(read_frames(path))
+    assert [number_of(frame) for frame in frames] == list(range(5))
+    assert frames[0].shape == (96, 160, 3) and frames[0].dtype == np.uint8
+    if "gray" in pix_fmt:
+        assert np.ptp(frames[0].astype(int), axis=2).max() <= 2

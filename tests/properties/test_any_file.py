@@ -1,0 +1,128 @@
+"""Whatever a text file holds: its reader gives what it promises, or one sentence that names the file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from benchmark.labels.labels import read_labels, read_predictions
+from benchmark.tables import read_scores
+from lanes.camera.camera_file import camera_to_dict, load_camera
+from lanes.camera.camera_pose import CameraError
+from lanes.io.telemetry import read_telemetry
+from tests.support.examples import examples
+from tests.support.painted_drive import CAMERA
+
+# What is put in the place of something in a file that is whole.
+ODD = st.none() | st.booleans() | st.text(max_size=5) | st.lists(st.integers(), max_size=2) | st.just({})
+ODD |= st.integers() | st.floats() | st.sampled_from([0, -1, 1e-320, 1e308, "1e3", 2**70, float("nan"), "nan", "~"])
+JSON = st.recursive(
+    ODD, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner), max_leaves=5
+)
+LABEL = {"raw_file": "a.jpg", "h_samples": [400, 410, 420, 430], "lanes": [[1, 2, 3, 4], [-2, 7, 8, 9]]}
+TELEMETRY = "frame,time_s,state,offset_m\n0,0.0,tracking,0.1\n1,0.04,lost,\n"
+SCORES = "scene,difficulty,system,right_share\nmotorway,clean,tracker,1\n"
+
+
+def places(content: object, *before: object) -> list[tuple]:
+    """The ways to everything that nested dicts and lists hold."""
+    inner = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
+    return [way for key, value in inner for way in ((*before, key), *places(value, *before, key))]
+
+
+@st.composite
+def damaged(draw: st.DrawFn, content: dict) -> dict:
+    """The same with up to three things in it replaced or taken away."""
+    content = json.loads(json.dumps(content))
+    for _ in range(draw(st.integers(1, 3))):
+        *way, last = draw(st.sampled_from(places(content)))
+        holder = content
+        for key in way:
+            holder = holder[key]
+        if draw(st.booleans()):
+            holder[last] = draw(ODD)
+        else:
+            del holder[last]
+        if not places(content):
+            break
+    return content
+
+
+@st.composite
+def garbled(draw: st.DrawFn, text: str) -> bytes:
+    """The same with some of its bytes replaced, left out or repeated; or any bytes at all."""
+    data = text.encode()
+    for _ in range(draw(st.integers(1, 4))):
+        begin, end = sorted(draw(st.tuples(*[st.integers(0, len(data))] * 2)))
+        data = data[:begin] + draw(st.binary(max_size=6) | st.just(data[begin:end] * 2)) + data[end:]
+    return draw(st.just(data) | st.binary(max_size=40))
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("any") / "file with a name"
+
+
+def assert_read_or_refused(read, path: Path, data: bytes, error: type[Exception] = ValueError):
+    """What the reader gives; None where it refuses the file in a sentence."""
+    path.write_bytes(data)
+    try:
+        return read(path)
+    except error as refusal:
+        assert str(refusal).startswith(f"{path}: ") and "\n" not in str(refusal)
+        return None
+
+
+CAMERA_FILE = camera_to_dict(CAMERA) | {
+    "calibration": {
+        "rms_px": 0.2,
+        "boards_used": 1,
+        "board_rms_px": {"a.jpg": 0.2},
+        "rejected": {},
+        "date": "2026-01-01",
+    }
+}
+
+
+@examples(60)
+@given(
+    damaged(CAMERA_FILE).map(lambda content: yaml.safe_dump(content).encode()) | garbled(yaml.safe_dump(CAMERA_FILE))
+)
+def test_camera_files(path, data):
+    camera = assert_read_or_refused(load_camera, path, data, CameraError)
+    if camera is not None:
+        assert np.isfinite([*camera.matrix.ravel(), *camera.distortion, camera.largest_ray or 0]).any()
+        assert np.isfinite(camera.matrix).all() and np.isfinite(camera.distortion).all()
+        assert min(camera.size) > 0 and "nan" not in repr(camera)
+
+
+@examples(60)
+@given(
+    st.lists(damaged(LABEL) | JSON, max_size=3).map(lambda rows: "\n".join(map(json.dumps, rows)).encode())
+    | garbled(json.dumps(LABEL))
+)
+def test_lanes_in_json_lines(path, data):
+    for read in (read_labels, read_predictions):
+        for lanes in assert_read_or_refused(read, path, data) or ():
+            assert lanes.columns.shape == (2, len(lanes.rows))
+
+
+@examples(40)
+@given(garbled(TELEMETRY))
+def test_telemetry(path, data):
+    columns = assert_read_or_refused(read_telemetry, path, data)
+    assert columns is None or ("frame" in columns and len({len(column) for column in columns.values()}) == 1)
+
+
+@examples(40)
+@given(garbled(SCORES))
+@example(b"scene,scene,difficulty,system,right_share\nmotorway,clean,tracker,1\n")
+def test_tables_of_the_benchmark(path, data):
+    for row in assert_read_or_refused(read_scores, path, data) or ():
+        assert isinstance(row["scene"], str) and isinstance(row["right_share"], float)

@@ -1,0 +1,115 @@
+"""Whatever the picture shows: no finder raises, and what it says is finite and consistent."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lanes.camera.camera_pose import CameraError
+from lanes.classic.finder import RECIPES, LaneFinder, get_recipe
+from lanes.drives.detections import Finder
+from lanes.tracking.birdseye import BirdsEyeView
+from lanes.tracking.detector import find_lane
+from lanes.tracking.lane import Lane, LaneLine
+from lanes.tracking.model import LIMIT, ROAD_M, SIDES, WIDTH, line_coefficients, line_y
+from lanes.tracking.tracked_lane import LOST, TrackedLane
+from lanes.tracking.tracker import LaneTracker
+from tests.support.any_pictures import SIZES, camera_of, pictures
+from tests.support.examples import examples
+
+X_M = np.array([5.0, 15.0, 30.0])
+FPS = 20.0
+view_of = cache(lambda size: BirdsEyeView(camera_of(size)))
+tracker_of = cache(lambda size: LaneTracker(camera_of(size), fps=FPS))
+finder_of = cache(lambda name, size: LaneFinder(get_recipe(name, size), camera_of(size)))
+
+
+def size_of(image: np.ndarray) -> tuple[int, int]:
+    return image.shape[1], image.shape[0]
+
+
+def assert_positive_definite(covariance: np.ndarray) -> None:
+    """As correlations, because metres and curvatures differ by powers of ten."""
+    std = np.sqrt(np.diag(covariance))
+    assert np.isfinite(std).all() and std.min() > 0
+    assert np.linalg.eigvalsh(covariance / np.outer(std, std)).min() > 0
+
+
+def assert_sound(tracked: TrackedLane, size: tuple[int, int]) -> None:
+    """Finite numbers, a proper covariance, and lines that are drawn inside the picture."""
+    assert (tracked.lane is None) == (tracked.state == LOST)
+    if tracked.lane is None:
+        assert tracked.confidence == 0
+        return
+    lane, camera = tracked.lane, camera_of(size)
+    assert 0 <= tracked.confidence <= 1
+    assert np.isfinite([value for value in vars(lane).values() if isinstance(value, float)]).all()
+    for line in (lane.left, lane.right):
+        assert np.isfinite([value for value in vars(line).values() if isinstance(value, float)]).all()
+        assert 0 <= line.support <= 1.5 and 0 <= line.reach_m <= ROAD_M.max()
+    assert_positive_definite(lane.covariance)
+    columns = lane.pixels(camera, np.arange(camera.height))
+    assert ((columns == -2) | ((columns >= 0) & (columns <= camera.width - 1))).all()
+    json.dumps(tracked.as_row(), allow_nan=False)
+    assert "nan" not in repr(tracked)
+
+
+@examples(70)
+@given(pictures())
+def test_the_engine_takes_any_still(image):
+    size = size_of(image)
+    assert_sound(TrackedLane.from_still(find_lane(image, view_of(size))), size)
+    json.dumps(Finder(camera_of(size), np.arange(size[1])).detect(image), allow_nan=False)
+
+
+@examples(25)
+@given(
+    st.lists(pictures(sizes=((64, 36),)), min_size=1, max_size=4),
+    st.lists(st.sampled_from([0.0, 1e-3, 1 / FPS, 0.3, 1.0, 5.0, 1e9, -1.0, np.nan]), min_size=8, max_size=8),
+)
+def test_the_tracker_takes_any_drive_and_any_clock(images, clock):
+    """Each picture twice, so that some are confirmed; time stands still, leaps, and runs backwards."""
+    tracker = tracker_of((64, 36))
+    tracker.reset()
+    for image, elapsed_s in zip([image for image in images for _ in range(2)], clock, strict=False):
+        assert_sound(tracker.update(image, elapsed_s=elapsed_s), (64, 36))
+
+
+@pytest.mark.parametrize("name", RECIPES)
+@examples(16)
+@given(pictures())
+def test_the_recipes_take_any_still_and_any_drive(name, image):
+    finder = finder_of(name, size_of(image))
+    finder.reset()
+    results = [finder.find(image), finder.follow(image), finder.follow(image)]
+    for result in results:
+        lines = result.lateral_m(X_M)
+        assert lines is None or np.isfinite(lines).all()
+        assert (lines is None) or result.state != "lost"
+
+
+def test_the_smallest_size_is_the_one_that_is_stated():
+    assert all(view_of(size).seen.any() for size in SIZES)
+    for size in [(1, 1), (2, 1), (1, 720), (3, 1)]:
+        with pytest.raises(CameraError, match="sees no road between 5 and 70 m ahead"):
+            find_lane(np.zeros((size[1], size[0], 3), np.uint8), BirdsEyeView(camera_of(size)))
+
+
+@examples(100)
+@given(st.data())
+def test_every_lane_within_the_limits_has_lines(data):
+    """Also those that turn back before they are beside the car."""
+    share = data.draw(st.lists(st.floats(-1, 1), min_size=len(LIMIT), max_size=len(LIMIT)))
+    model = LIMIT * share
+    model[WIDTH] = abs(model[WIDTH])
+    lines = tuple(LaneLine(*line_coefficients(model, side), 0.1, 0.3, 30.0, True) for side in SIDES)
+    lane = Lane.from_model(model, np.diag(np.square(LIMIT)), lines, score=1.0, margin=0.5)
+    assert_sound(TrackedLane.from_still(lane), (640, 360))
+    for side in SIDES:
+        y = line_y(X_M, model, side)
+        assert (np.isfinite(y) | np.isnan(y)).all()

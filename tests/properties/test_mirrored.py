@@ -1,0 +1,97 @@
+"""The mirrored picture, seen by the mirrored camera, shows the mirrored lane: left is as good as right."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given
+
+from benchmark.suite_drives import list_drives
+from lanes.camera.camera import Camera
+from lanes.camera.camera_file import load_camera
+from lanes.io.video.reader import read_frames
+from lanes.tracking.birdseye import BirdsEyeView
+from lanes.tracking.detector import find_lane
+from lanes.tracking.lane import Lane
+from lanes.tracking.markings import marking_response
+from lanes.tracking.tracker import LaneTracker
+from tests.support.any_pictures import camera_of, pictures
+from tests.support.examples import examples
+from tests.support.painted_drive import BENDS, SMALL
+
+X_M = np.array([5.0, 10.0, 15.0, 20.0, 30.0])
+# What sums of floats in another order leave, metres and 1/m; a still's search and fit, and two seconds of following.
+DUPLICATE_M, SAME_PER_M = 1e-5, 1e-7
+
+
+def mirrored(camera: Camera) -> Camera:
+    """The camera on the other side of the car: what was at column u is at width - 1 - u."""
+    matrix, distortion, pose = camera.matrix.copy(), camera.distortion.copy(), camera.pose
+    matrix[0, 2] = camera.width - 1 - matrix[0, 2]
+    # p2 shifts columns by their square, which mirrors to the other side
+    distortion[3] *= -1
+    pose = replace(pose, yaw_rad=-pose.yaw_rad, roll_rad=-pose.roll_rad)
+    return replace(camera, matrix=matrix, distortion=distortion, pose=pose)
+
+
+def flip(image: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(image[:, ::-1])
+
+
+view_of = cache(lambda size: BirdsEyeView(camera_of(size)))
+mirrored_view_of = cache(lambda size: BirdsEyeView(mirrored(camera_of(size))))
+
+
+def assert_mirrored(lane: Lane | None, other: Lane | None) -> None:
+    assert (lane is None) == (other is None)
+    if lane is None:
+        return
+    # NaN, where a line has turned back, at the same places
+    np.testing.assert_allclose(other.lateral_m(X_M)[::-1], -lane.lateral_m(X_M), atol=DUPLICATE_M)
+    assert other.offset_m == pytest.approx(-lane.offset_m, abs=DUPLICATE_M)
+    assert other.curvature_per_m == pytest.approx(-lane.curvature_per_m, abs=SAME_PER_M)
+    assert other.width_m == pytest.approx(lane.width_m, abs=DUPLICATE_M)
+    assert other.offset_std_m == pytest.approx(lane.offset_std_m, rel=1e-4)
+    assert (other.left.seen, other.right.seen) == (lane.right.seen, lane.left.seen)
+
+
+def rendered_stills() -> Iterator[tuple[str, Camera, np.ndarray]]:
+    """Three pictures of each committed drive: motorway, concrete, hairpins."""
+    for name, drive in list_drives().items():
+        if drive.video:
+            camera = load_camera(drive.video.with_suffix(".yaml"))
+            for n, second in enumerate((0.0, 1.5, 3.0)):
+                yield f"{name} {n}", camera, next(read_frames(drive.video, start_s=second))
+
+
+def test_rendered_stills():
+    for _, camera, image in rendered_stills():
+        lane = find_lane(image, BirdsEyeView(camera))
+        assert_mirrored(lane, find_lane(flip(image), BirdsEyeView(mirrored(camera))))
+
+
+def test_a_painted_drive_is_followed_alike():
+    """Two seconds of bends, yellow on the left and broken white on the right, then the other way round."""
+    trackers = LaneTracker(SMALL, fps=12.5), LaneTracker(mirrored(SMALL), fps=12.5)
+    for time_s in np.arange(25) / 12.5:
+        image = BENDS.frame(time_s)
+        said, other = trackers[0].update(image), trackers[1].update(flip(image))
+        assert said.state == other.state
+        assert_mirrored(said.lane, other.lane)
+
+
+@examples(60)
+@given(pictures(sizes=((64, 36), (160, 90), (320, 180))))
+def test_the_evidence_in_any_picture(image):
+    """Of whole numbers and therefore the same to the last bit, but for the noise, which is a mean."""
+    size = image.shape[1], image.shape[0]
+    view, other = view_of(size), mirrored_view_of(size)
+    seen = view.warp(image)
+    response, mirror = marking_response(seen, view), marking_response(flip(seen), other)
+    for name in ("channels", "narrow", "wide"):
+        np.testing.assert_array_equal(getattr(mirror, name)[..., ::-1], getattr(response, name))
+    np.testing.assert_allclose(mirror.strength[:, ::-1], response.strength, atol=1e-4)

@@ -1,0 +1,88 @@
+"""The filter's covariance over many random steps: measurements, gaps, jolts of speed, lane changes, new beginnings."""
+
+from __future__ import annotations
+
+from random import Random
+
+import numpy as np
+import pytest
+
+from lanes.tracking.birdseye import BirdsEyeView
+from lanes.tracking.model import LIMIT, PRIOR_MEAN, PRIOR_STD, SIDES, lateral_gradient, line_points
+from lanes.tracking.state import FASTEST_MPS, SPEED, KalmanState
+from lanes.tracking.tracker import LONGEST_COAST_S
+from lanes.tracking.update import initial_state, update_lane
+from tests.support.examples import TIMES
+from tests.support.painted_drive import CAMERA
+from tests.support.shapes import stripes_at
+
+VIEW = BirdsEyeView(CAMERA)
+# How lateral places of both lines, 4 to 68 m ahead, move with the lane's numbers.
+ROWS = np.array([lateral_gradient(x, side) for x in np.arange(4.0, 70, 4) for side in SIDES])
+# Seconds between pictures: the same one twice, usual frame rates, dropped frames, the longest gap that is bridged.
+CLOCK = (0.0, 1 / 60, 0.04, 0.04, 0.1, 0.5, LONGEST_COAST_S)
+# None, 0 and usual speeds; how exactly places are measured, metres; how far from the usual a lane is.
+SPEEDS_MPS, EXACT_M, ODD = (None, 0.0, 8.0, 25.0, FASTEST_MPS), (0.01, 0.1, 1.0), (0.1, 1.0, 3.0)
+
+
+class Drive:
+    """Random steps; Python's random numbers where one at a time is needed, because numpy's take ten times as long."""
+
+    def __init__(self, seed: int) -> None:
+        self.dice, self.rng = Random(seed), np.random.default_rng(seed)
+
+    def begin(self) -> KalmanState:
+        """A belief as after a first picture, of any road at any speed."""
+        spread = PRIOR_STD * self.rng.uniform(0.01, 1, len(PRIOR_STD))
+        lane = PRIOR_MEAN + PRIOR_STD * self.dice.choice(ODD) * self.rng.normal(size=len(PRIOR_STD))
+        return initial_state(np.clip(lane, -LIMIT, LIMIT), np.diag(spread**2), self.dice.choice(SPEEDS_MPS))
+
+    def move(self, estimate: KalmanState) -> KalmanState:
+        """The belief at the next picture: some time later, perhaps at another speed or in the next lane."""
+        kind = self.dice.random()
+        if kind < 0.002:
+            return self.begin()
+        if kind < 0.005:
+            estimate = estimate.beside(self.dice.choice(SIDES))
+        estimate = estimate.predict(self.dice.choice(CLOCK), steady_speed=kind < 0.5)
+        if kind < 0.1:
+            estimate.mean[SPEED] = self.dice.uniform(0, FASTEST_MPS)
+        return estimate
+
+    def measure(self, estimate: KalmanState) -> KalmanState:
+        """The filter's update with some measured places, from none to many, from the finest to the roughest."""
+        rows = ROWS[self.rng.integers(0, len(ROWS), self.dice.randrange(30))] / self.dice.choice(EXACT_M)
+        covariance = np.linalg.inv(np.linalg.inv(estimate.lane_covariance) + rows.T @ rows)
+        return estimate.updated(estimate.lane + covariance @ (rows.T @ self.rng.normal(size=len(rows))), covariance)
+
+    def follow(self, estimate: KalmanState) -> KalmanState:
+        """The same by the tracker's own correction, with stripes along the lane and anywhere else."""
+        rng, count = self.rng, self.dice.randrange(40)
+        x = rng.choice(VIEW.x_m, count)
+        along = line_points(estimate.lane, self.dice.choice(SIDES), x) + rng.normal(0, 0.1, (count, 2))
+        anywhere = np.column_stack([x, rng.uniform(-9, 9, count)])
+        x, y = np.where(rng.random((count, 1)) < 0.5, along, anywhere).T
+        strength, angle = rng.exponential(20, count), rng.uniform(-0.3, 0.3, count)
+        stripes = stripes_at(np.zeros(count, int), np.clip(x, 5, 70), y, angle, strength)
+        fit = update_lane(stripes, estimate, VIEW)
+        return estimate.updated(fit.lane[0], np.linalg.inv(fit.information[0]))
+
+
+@pytest.mark.parametrize(("correct", "steps"), [(Drive.measure, 100_000), (Drive.follow, 1_000)])
+def test_the_covariance_stays_positive_definite(correct, steps):
+    drive = Drive(seed=1)
+    estimate = drive.begin()
+    for _ in range(steps * TIMES // 1000):
+        seen = []
+        for _ in range(1000):
+            moved = drive.move(estimate)
+            estimate = correct(drive, moved)
+            seen += moved.covariance, estimate.covariance
+            assert np.isfinite(estimate.mean).all()
+        covariances = np.array(seen)
+        std = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+        assert std.min() > 0
+        correlations = covariances / (std[:, :, None] * std[:, None, :])
+        np.testing.assert_allclose(correlations, np.swapaxes(correlations, 1, 2), atol=1e-9)
+        # it has a root only if it is positive definite
+        np.linalg.cholesky(correlations)

@@ -1,0 +1,77 @@
+"""Pictures that nobody would take on purpose, of any size, for tests of what must hold for all of them."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from hypothesis import strategies as st
+
+from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import CameraError
+from tests.support.painted_drive import CAMERA
+
+# From the smallest picture in which a camera like this has road in sight, over odd sizes to one of 1280 columns.
+SIZES = (
+    *((3, 2), (5, 3), (16, 9), (7, 40), (33, 19), (64, 36), (64, 64), (101, 57)),
+    *((160, 90), (201, 40), (90, 160), (163, 91), (320, 180), (640, 360), (1280, 720)),
+)
+
+
+@cache
+def camera_of(size: tuple[int, int]) -> Camera:
+    """The tests' dashcam; for pictures of another shape one of its field of view, which has no distortion."""
+    try:
+        return CAMERA.scaled(size)
+    except CameraError:
+        return Camera.from_fov(size, CAMERA.hfov_deg, CAMERA.pose)
+
+
+def _stripes(u: np.ndarray, v: np.ndarray, period: int, phase: int) -> np.ndarray:
+    return (u + phase) // period % 2
+
+
+def _lying_stripes(u: np.ndarray, v: np.ndarray, period: int, phase: int) -> np.ndarray:
+    return (v + phase) // period % 2
+
+
+def _squares(u: np.ndarray, v: np.ndarray, period: int, phase: int) -> np.ndarray:
+    return (u // period + (v + phase) // period) % 2
+
+
+def _wedges(u: np.ndarray, v: np.ndarray, period: int, phase: int) -> np.ndarray:
+    """Like paint: stripes that run together at a point near the horizon."""
+    angle = np.arctan2(u - u.shape[1] / 2 + phase, v - 0.49 * u.shape[0] + 0.1)
+    return (np.sin(angle * 200 / period) > 0.7).astype(float)
+
+
+def _slope_across(u: np.ndarray, v: np.ndarray, period: int, phase: int) -> np.ndarray:
+    return u / u.shape[1]
+
+
+def _slope_down(u: np.ndarray, v: np.ndarray, period: int, phase: int) -> np.ndarray:
+    return v / u.shape[0]
+
+
+def _flat(u: np.ndarray, v: np.ndarray, period: int, phase: int) -> np.ndarray:
+    return np.zeros(u.shape)
+
+
+PATTERNS = (_stripes, _lying_stripes, _squares, _wedges, _slope_across, _slope_down, _flat)
+GREY_LEVELS = st.integers(0, 255)
+COLOURS = st.sampled_from([(0, 0, 0), (255, 255, 255), (255, 255, 0), (0, 0, 255)]) | st.tuples(*[GREY_LEVELS] * 3)
+
+
+@st.composite
+def pictures(draw: st.DrawFn, sizes: tuple = SIZES) -> np.ndarray:
+    """A picture (height, width, 3) uint8: one of the patterns in two colours, more or less noise, some of it dead."""
+    width, height = draw(st.sampled_from(sizes))
+    v, u = np.mgrid[:height, :width]
+    share = draw(st.sampled_from(PATTERNS))(u, v, draw(st.integers(1, 60)), draw(st.integers(0, 60)))[..., None]
+    image = np.float32(share) * draw(COLOURS) + np.float32(1 - share) * draw(COLOURS)
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    noise = draw(st.sampled_from([0.0, 2.0, 30.0, 1000.0]))
+    if noise:
+        image = image + rng.normal(0, noise, image.shape)
+    image[rng.random((height, width)) < draw(st.sampled_from([0.0, 0.0, 0.01, 0.5]))] = draw(COLOURS)
+    return np.clip(image, 0, 255).astype(np.uint8)

@@ -1,0 +1,186 @@
+"""Drives along painted roads, for tests of what needs time: quick to draw, with the truth of every frame.
+
+A road is a clothoid line (`simulator.road.geometry`), the car moves as in the rendered drives (`Motion`), and paint is
+drawn as polygons through the camera model: a frame costs a few milliseconds, and lines can be taken away while driving.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import CameraPose
+from lanes.tracking.tracked_lane import TrackedLane
+from lanes.tracking.tracker import LaneTracker
+from simulator.rendering.drive import Motion
+from simulator.road.geometry import Pose, RoadGeometry, offset_point
+from simulator.road.truth import Truth, lane_truth
+
+WHITE, YELLOW, ASPHALT, TAR = (215, 215, 210), (205, 160, 45), (98, 98, 98), (60, 60, 62)
+DASH_M = (3.05, 12.2)
+SPARE_PX = 64
+AHEAD_M = np.concatenate([np.arange(1.0, 25, 0.5), np.arange(25.0, 60, 1.0), np.arange(60.0, 161, 4)])
+CAMERA = Camera(
+    1280,
+    720,
+    np.array([[1150.0, 0, 640], [0, 1150, 370], [0, 0, 1]]),
+    np.array([-0.24, 0.02, 0.0005, -0.0003, 0.0]),
+    CameraPose(height_m=1.3, pitch_rad=-0.012, yaw_rad=-0.012, roll_rad=0.004),
+)
+
+
+@dataclass(frozen=True)
+class Stripe:
+    """Something that runs along the road.
+
+    `on_s` are times (from, to) at which a line is painted, `gone_s` such at which it is not; `along_m` the arc lengths
+    between which it lies.
+    """
+
+    lateral_m: float
+    width_m: float = 0.13
+    colour: tuple[int, int, int] = WHITE
+    dash_m: tuple[float, float] | None = None
+    phase_m: float = 0.0
+    gone_s: tuple[float, float] = (np.inf, np.inf)
+    along_m: tuple[float, float] = (-np.inf, np.inf)
+
+    def pieces(self, station_m: float) -> list[tuple[float, float]]:
+        """(from, to) in metres ahead of the car at which it is to be seen."""
+        low, high = max(1.0, self.along_m[0] - station_m), min(150.0, self.along_m[1] - station_m)
+        if not self.dash_m:
+            return [(low, high)] if high > low else []
+        length, period = self.dash_m
+        first = np.floor((low + station_m - self.phase_m) / period)
+        starts = self.phase_m + period * np.arange(first, first + (high - low) / period + 2) - station_m
+        pieces = [(max(a, low), min(a + length, high)) for a in starts]
+        return [(a, b) for a, b in pieces if b > a + 0.05]
+
+
+@dataclass(frozen=True, eq=False)
+class PaintedDrive:
+    """A road with stripes on it, and how the car moves along it.
+
+    `lane_m` are the laterals of the ego lane's lines at first; `black_s` times (from, to) of black pictures.
+    """
+
+    road: RoadGeometry
+    lines: tuple[Stripe, ...]
+    motion: Motion = Motion(speed_mps=25.0)
+    lane_m: tuple[float, float] = (1.8, -1.8)
+    ground: tuple[Stripe, ...] = ()
+    shades: tuple[Stripe, ...] = ()
+    camera: Camera = CAMERA
+    noise: float = 2.5
+    contrast: float = 1.0
+    black_s: tuple[float, float] = (np.inf, np.inf)
+    seed: int = 0
+    drift_mps: float = 0.0
+    drift_s: tuple[float, float] = (np.inf, np.inf)
+
+    def pose(self, time_s: float) -> Pose:
+        """Place on the road; the drift leads the car sideways, as when changing lanes."""
+        pose = self.motion.pose(time_s)
+        begin, end = self.drift_s
+        if time_s <= begin:
+            return pose
+        share = min((time_s - begin) / (end - begin), 1.0)
+        distance = self.drift_mps * (end - begin)
+        lateral = pose.lateral_m + distance * (share - np.sin(2 * np.pi * share) / (2 * np.pi))
+        speed = self.drift_mps * (1 - np.cos(2 * np.pi * share)) if share < 1 else 0.0
+        return Pose(pose.s_m, lateral, pose.heading_rad + float(np.arctan(speed / self.motion.speed_mps)))
+
+    def truth(self, time_s: float, lane_m: tuple[float, float] | None = None) -> Truth:
+        """What is true of the frame at `time_s`."""
+        pitch = self.camera.pose.pitch_rad + self.motion.pitch(time_s)
+        return lane_truth(self.road, self.pose(time_s), lane_m or self.lane_m, time_s=time_s, pitch_rad=pitch)
+
+    def frame(self, time_s: float) -> np.ndarray:
+        """The picture (height, width, 3) uint8 at `time_s`; what is above the horizon is grey as well."""
+        height, width = self.camera.height, self.camera.width
+        if self.black_s[0] <= time_s < self.black_s[1]:
+            return np.zeros((height, width, 3), np.uint8)
+        pose, camera_pose = self.pose(time_s), self.camera.pose
+        camera = self.camera.with_pose(replace(camera_pose, pitch_rad=camera_pose.pitch_rad + self.motion.pitch(time_s)))
+        # the reference line and its normal in the car's frame, from which all stripes follow
+        base, beside = (pose.to_car(self.road, offset_point(self.road, pose.s_m + AHEAD_M, d)) for d in (0.0, 1.0))
+        image = np.full((height, width, 3), ASPHALT[0], np.uint8)
+        for stripe in (*self.ground, *self.lines):
+            if not stripe.gone_s[0] <= time_s < stripe.gone_s[1]:
+                for corners in self._outlines(stripe, pose.s_m, camera, base, beside - base):
+                    cv2.fillPoly(image, [corners], tuple(self._colour(stripe)), cv2.LINE_AA, 4)
+        for shade in self.shades:
+            mask = np.zeros((height, width), np.uint8)
+            cv2.fillPoly(mask, list(self._outlines(shade, pose.s_m, camera, base, beside - base)), 255, 8, 4)
+            cv2.copyTo(cv2.convertScaleAbs(image, alpha=0.45), mask, image)
+        rng = np.random.default_rng(self.seed * 10007 + round(time_s * 1000))
+        top, left = rng.integers(0, SPARE_PX, 2)
+        grain = _grain(height, width, self.noise)[top : top + height, left : left + width]
+        return cv2.add(image, grain, dtype=cv2.CV_8U)
+
+    def _colour(self, stripe: Stripe) -> list[float]:
+        return [a + self.contrast * (c - a) for c, a in zip(stripe.colour, ASPHALT, strict=True)]
+
+    def _outlines(
+        self, stripe: Stripe, station_m: float, camera: Camera, base: np.ndarray, normal: np.ndarray
+    ) -> Iterator[np.ndarray]:
+        """Corners (N, 2) int32, in sixteenths of a pixel, of each painted piece of a stripe."""
+        borders = []
+        for low, high in stripe.pieces(station_m):
+            ahead = np.unique(np.clip(AHEAD_M, low, high))
+            sides = [base + (stripe.lateral_m + half * stripe.width_m) * normal for half in (0.5, -0.5)]
+            left, right = (np.stack([np.interp(ahead, AHEAD_M, xy) for xy in side.T], axis=1) for side in sides)
+            borders.append(np.vstack([left, right[::-1]]))
+        if borders:
+            pixels = np.round(camera.road_to_pixels(np.vstack(borders)).clip(-4000, 5000) * 16)
+            for corners in np.split(pixels, np.cumsum([len(border) for border in borders])[:-1]):
+                corners = corners[np.isfinite(corners).all(axis=1)]
+                if len(corners) > 2:
+                    yield corners.astype(np.int32)
+
+
+@lru_cache(maxsize=4)
+def _grain(height: int, width: int, std: float) -> np.ndarray:
+    """Noise (height, width, 3), made once: drawing numbers for each frame costs 50 ms."""
+    return np.round(np.random.default_rng(1).normal(0, std, (height + SPARE_PX, width + SPARE_PX, 3))).astype(np.int16)
+
+
+def straight_road() -> RoadGeometry:
+    """Two kilometres straight on."""
+    return RoadGeometry([0.0, 2000.0], [0.0, 0.0])
+
+
+def s_bend(radius_m: float = 450.0, knot_m: float = 80.0) -> RoadGeometry:
+    """Left, right, left, ..., with arcs and the clothoids between them of `knot_m` each."""
+    bends = np.tile([0.0, 1.0, 1.0, 0.0, -1.0, -1.0], 4) / radius_m
+    return RoadGeometry(np.arange(len(bends)) * knot_m, bends)
+
+
+def lane_lines(*, left: dict | None = None, right: dict | None = None) -> tuple[Stripe, ...]:
+    """Solid yellow left, broken white right, and the broken line of the lane beyond."""
+    return (
+        Stripe(1.8, **({"colour": YELLOW} | (left or {}))),
+        Stripe(-1.8, **({"dash_m": DASH_M} | (right or {}))),
+        Stripe(-5.4, dash_m=DASH_M, phase_m=4.0),
+    )
+
+
+SMALL = CAMERA.scaled((640, 360))
+# Sixty metres along bends of 450 m, a little left of the lane's middle.
+BENDS = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3), camera=SMALL)
+
+
+@lru_cache(maxsize=1)
+def tracked_bends() -> tuple[np.ndarray, TrackedLane]:
+    """The fourth picture of `BENDS`, which nobody may write on, and what a tracker says of it."""
+    tracker = LaneTracker(SMALL)
+    for frame in range(4):
+        image = BENDS.frame(frame / 25)
+        result = tracker.update(image)
+    image.flags.writeable = False
+    return image, result

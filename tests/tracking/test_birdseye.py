@@ -1,0 +1,118 @@
+import numpy as np
+import pytest
+
+from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import CameraError, CameraPose
+from lanes.io.frames import PictureError
+from lanes.tracking.birdseye import BirdsEyeView
+from tests.support.painter import Road, dashcam
+
+
+def test_rows_go_from_far_to_near_and_columns_from_left_to_right():
+    view = BirdsEyeView(dashcam(), near_m=5, far_m=60, half_width_m=8)
+    assert view.shape == (len(view.x_m), len(view.y_m))
+    assert 55 < view.x_m[0] <= 60 and view.x_m[-1] == pytest.approx(5)
+    assert view.y_m[0] == pytest.approx(8) and view.y_m[-1] == pytest.approx(-8)
+    np.testing.assert_allclose(view.x_m[:-1] / view.x_m[1:], 1 + view.growth)
+
+
+@pytest.mark.parametrize(("x", "y"), [(6.5, 1.2), (12.0, -2.7), (25.0, 3.4), (45.0, -0.6)])
+def test_a_mark_on_the_road_appears_in_its_cells(x, y):
+    camera = dashcam(1280)
+    view = BirdsEyeView(camera)
+    road = Road(camera, noise=0).paint(lambda px, py: (abs(px - x) < 0.06 * x) & (abs(py - y) < 0.3), (255, 255, 255))
+    lightness = view.warp(road.image()).sum(axis=2).astype(float)
+    bright = lightness - np.median(lightness[view.seen])
+    bright[~view.seen | (bright < 200)] = 0
+    # The mark is symmetric in y but covers more rows on its near side, as rows do; weigh them by their depth.
+    depth = view.x_m[:, None]
+    assert (bright * view.y_m).sum() / bright.sum() == pytest.approx(y, abs=0.02)
+    assert (bright * depth * depth).sum() / (bright * depth).sum() == pytest.approx(x, rel=0.02)
+
+
+@pytest.mark.parametrize("size", [(1283, 721), (641, 359), (1920, 1080)])
+def test_odd_sizes_shift_nothing(size):
+    width, height = size
+    scale = width / 1280
+    matrix = np.array([[1150 * scale, 0, width / 2], [0, 1150 * scale, height / 2], [0, 0, 1]])
+    camera = Camera(width, height, matrix, np.zeros(5), CameraPose(1.3, 0.02))
+    view = BirdsEyeView(camera)
+    image = Road(camera, noise=0).line(lambda x: 0 * x - 2.13).line(lambda x: 0 * x + 2.13).image()
+    lightness = view.warp(image)[..., 1].astype(float)
+    for row in np.flatnonzero((view.x_m > 6) & (view.x_m < 30))[::6]:
+        for side in (-1, 1):
+            near = np.abs(view.y_m - side * 2.13) < 0.3
+            paint = lightness[row, near] - lightness[row, near].min()
+            assert (paint * view.y_m[near]).sum() / paint.sum() == pytest.approx(side * 2.13, abs=0.02)
+
+
+def test_a_camera_that_looks_at_the_sky_is_refused():
+    with pytest.raises(CameraError, match="sees no road between 5 and 70 m"):
+        BirdsEyeView(dashcam(pitch_rad=-0.8)).warp(np.zeros((360, 640, 3), np.uint8))
+
+
+def test_the_lens_is_taken_out():
+    # At the edge of the picture the lens of the test camera moves a line by 20 px; on the view it must be straight.
+    camera = dashcam(1280)
+    assert np.abs(camera.undistort_points([[100.0, 650.0]]) - [100, 650]).max() > 20
+    view = BirdsEyeView(camera)
+    image = Road(camera, noise=0).line(lambda x: 0 * x + 2.5).image()
+    lightness = view.warp(image)[..., 1].astype(float)
+    lightness[~view.seen] = 0
+    rows = np.flatnonzero((view.x_m > 6) & (view.x_m < 30))
+    peak = lightness[rows].argmax(axis=1)
+    np.testing.assert_allclose(view.y_m[peak], 2.5, atol=view.cell_m)
+
+
+def test_near_cells_average_the_pixels_they_cover():
+    # Fine texture near the car must become gray, not a pattern of its own.
+    camera = dashcam(1280)
+    view = BirdsEyeView(camera)
+    checks = np.indices((camera.height, camera.width)).sum(axis=0) % 2 * 200
+    seen = view.warp(np.repeat(checks[..., None], 3, axis=2).astype(np.uint8))[view.x_m < 12]
+    assert np.std(seen[view.seen[view.x_m < 12]]) < 1.5
+
+
+def test_cells_outside_the_picture_are_unseen_and_go_on_as_the_picture_ends():
+    view = BirdsEyeView(dashcam())
+    image = np.random.default_rng(2).integers(50, 200, (360, 640, 3), np.uint8)
+    warped = view.warp(image)
+    assert not view.seen[-1, 0] and view.seen[-1, len(view.y_m) // 2]
+    for cells, seen in zip(warped, view.seen, strict=True):
+        first, last = np.flatnonzero(seen)[[0, -1]]
+        assert (cells[:first] == cells[first]).all() and (cells[last:] == cells[last]).all()
+    black = view.blacken(warped)
+    assert (black[~view.seen] == 0).all() and (black[view.seen] == warped[view.seen]).all()
+
+
+def test_share_of_a_window_that_is_seen():
+    view = BirdsEyeView(dashcam())
+    share = view.seen_share(5, 51)
+    row = int(np.flatnonzero(~view.seen[:, 0])[-1]) - 10
+    window = view.seen[row - 2 : row + 3, 60 - 25 : 60 + 26]
+    assert share[row, 60] == pytest.approx(window.mean(), abs=1e-5)
+    assert share[view.seen].min() > 0.2
+
+
+def test_a_cell_is_trusted_where_its_neighbours_are_seen():
+    view = BirdsEyeView(dashcam())
+    trusted = view.seen_around(3).astype(bool)
+    assert (view.seen[:, :-6] & view.seen[:, 6:] == trusted[:, 3:-3]).all()
+    assert 0 < trusted.sum() < view.seen.sum()
+
+
+def test_a_picture_of_another_size_is_refused():
+    with pytest.raises(PictureError, match="320x180"):
+        BirdsEyeView(dashcam()).warp(np.zeros((180, 320, 3), np.uint8))
+
+
+def test_mirrored_camera_mirrors_the_view():
+    camera = dashcam(roll_rad=0.0, yaw_rad=0.0)
+    matrix = camera.matrix.copy()
+    matrix[0, 2] = camera.width - 1 - matrix[0, 2]
+    distortion = camera.distortion * [1, 1, 1, -1, 1]
+    flipped = type(camera)(camera.width, camera.height, matrix, distortion, CameraPose(1.3, -0.01))
+    image = Road(camera).line(lambda x: 1.5 + 0.002 * x * x).image()
+    one = BirdsEyeView(camera).warp(image).astype(int)
+    other = BirdsEyeView(flipped).warp(np.ascontiguousarray(image[:, ::-1]))[:, ::-1].astype(int)
+    assert np.abs(one - other).mean() < 0.5

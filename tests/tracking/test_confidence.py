@@ -1,0 +1,119 @@
+"""The confidence: lower for doubtful lanes, and right about as often as it says on drives that it was not fitted on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmark.errors import LaneTruth
+from lanes.tracking.birdseye import BirdsEyeView
+from lanes.tracking.confidence import FEATURES, STILL_WEIGHTS, TRACK_WEIGHTS, lane_features, lateral_std_m, rate_lane
+from lanes.tracking.detector import find_lane
+from lanes.tracking.lines import LineObservation, describe_tracked_lane
+from lanes.tracking.tracker import LaneTracker
+from lanes.tracking.update import initial_state
+from simulator.road.truth import truth_row
+from tests.support.painted_drive import CAMERA, TAR, PaintedDrive, Stripe, s_bend
+from tests.support.shapes import a_lane
+from tools.fit_confidence import chances_of_others, drive_along, fit_logistic, judge, logistic
+
+
+def lane_with(*, width_m: float = 3.6, std_m: float = 0.02, centre_m: float = 0.1, reach_m: float = 40.0):
+    small = dict(rate=1e-7, pitch=1e-3, vertical=1e-5, kinks=1e-9, beside=1e-9)
+    std = a_lane(centre=std_m, width=std_m, heading=std_m / 50, curvature=std_m / 500, **small)
+    estimate = initial_state(a_lane(centre=centre_m, width=width_m), np.diag(np.square(std)), 20.0)
+    return describe_tracked_lane(
+        estimate, (LineObservation(0.6, reach_m), LineObservation(0.3, reach_m)), (False, False), 1.0
+    )
+
+
+@pytest.mark.parametrize("followed", [False, True])
+def test_doubtful_lanes_are_doubted(followed):
+    good = rate_lane(lane_with(), followed=followed)
+    assert good > 0.95
+    for width_m in (4.5, 2.5):
+        assert rate_lane(lane_with(width_m=width_m), followed=followed) < 0.5
+    for doubt in ({"std_m": 0.3}, {"reach_m": 8.0}, {"centre_m": 0.7}):
+        assert rate_lane(lane_with(**doubt), followed=followed) < good - 0.02, doubt
+    assert len(FEATURES) == len(STILL_WEIGHTS) == len(TRACK_WEIGHTS) == len(lane_features(lane_with()))
+
+
+def test_features_are_what_their_names_say():
+    lane = lane_with(width_m=3.3, centre_m=-0.25)
+    lane = replace(lane, left=replace(lane.left, reach_m=25.0), right=replace(lane.right, reach_m=10.0))
+    constant, std, width, offset, shorter, longer, bend = lane_features(lane)
+    assert (constant, bend) == (1.0, 0.0)
+    assert np.exp(std) == pytest.approx(lateral_std_m(lane, 30.0))
+    assert (width, offset) == (pytest.approx(0.2**2), pytest.approx(0.25))
+    assert (np.exp(shorter), np.exp(longer)) == (pytest.approx(0.5), pytest.approx(1.0))
+    assert lane_features(lane_with(centre_m=1.9))[3] == lane_features(lane_with(centre_m=1.2))[3]
+    assert lane_features(lane_with(reach_m=70.0))[5] == lane_features(lane_with(reach_m=45.0))[5]
+
+
+def test_standard_deviation_grows_with_the_distance():
+    lane = lane_with()
+    assert lateral_std_m(lane, 0.0) == pytest.approx(np.hypot(0.02, 0.01))
+    parts = [0.02, 0.02 / 2, 30 * 0.02 / 50, 30**2 / 2 * 0.02 / 500]
+    assert lateral_std_m(lane, 30.0) == pytest.approx(np.sqrt(np.sum(np.square(parts))), rel=1e-3)
+
+
+def test_confident_lanes_are_right_on_drives_not_seen_before():
+    """Of those with more than 0.9 at least 95 %; the full check is `python -m tools.fit_confidence --check`."""
+    small = CAMERA.scaled((640, 360))
+    rows = [row for seed in range(3000, 3021) for row in drive_along(seed, small, seconds=1.6, fps=12.5)[0]]
+    features, right = np.array(rows)[:, :-2], np.array(rows)[:, -2]
+    confident = 1 / (1 + np.exp(-features @ TRACK_WEIGHTS)) > 0.9
+    assert confident.sum() > 40
+    assert right[confident].mean() >= 0.95
+    assert right[~confident].mean() < right[confident].mean()
+
+
+def test_nothing_is_confidently_found_on_a_road_without_lines():
+    """A tar seam, the edge of a patch, a pale crack and a kerb are all there is to be taken for lines."""
+    things = (
+        Stripe(0.3, 0.05, TAR),
+        Stripe(-1.6, 1.4, (84, 84, 84)),
+        Stripe(-0.9, 0.06, (118, 118, 118), along_m=(10.0, 60.0)),
+        Stripe(3.4, 0.25, (140, 140, 138)),
+    )
+    drive = PaintedDrive(s_bend(150.0, 40.0), (), ground=things, camera=CAMERA.scaled((640, 360)))
+    tracker, view = LaneTracker(drive.camera, fps=12.5), BirdsEyeView(drive.camera)
+    for time_s in np.arange(25) / 12.5:
+        image = drive.frame(time_s)
+        assert tracker.update(image).confidence < 0.9
+        still = find_lane(image, view)
+        assert still is None or rate_lane(still) < 0.9
+
+
+class TestTheFit:
+    def test_weights_are_found_again(self):
+        rng = np.random.default_rng(3)
+        features = np.column_stack([np.ones(4000), rng.normal(0, 2, 4000)])
+        right = rng.random(4000) < logistic(features @ [1.0, -2.0])
+        np.testing.assert_allclose(fit_logistic(features, right, np.arange(4000)), [1.0, -2.0], atol=0.15)
+
+    def test_long_drives_count_no_more_than_short_ones(self):
+        features = np.ones((1010, 1))
+        right, drive = np.repeat([True, False], [1000, 10]), np.repeat([0, 1], [1000, 10])
+        assert fit_logistic(features, right, drive)[0] == pytest.approx(0.0, abs=1e-6)
+
+    def test_a_drive_says_nothing_of_itself(self):
+        """Each drive has a feature of its own that tells all: only to those who have seen the drive."""
+        drive = np.repeat(np.arange(10), 20)
+        right = drive % 2 == 0
+        features = np.column_stack([np.ones(200), drive[:, None] == np.arange(10)])
+        assert np.abs(chances_of_others(features, right, drive) - 0.5).max() < 0.2
+        assert np.abs(logistic(features @ fit_logistic(features, right, drive)) - right).max() < 0.2
+
+    def test_lanes_are_judged_by_their_own_truth(self):
+        drive = PaintedDrive(s_bend(), (Stripe(1.8), Stripe(-1.8)), camera=CAMERA.scaled((640, 360)))
+        rows = [truth_row(drive.truth(i / 12.5), frame=i) for i in range(9)]
+        truth = LaneTruth.of({name: np.array([row[name] for row in rows], float) for name in rows[0]})
+        frames = [drive.frame(i / 12.5) for i in range(9)]
+        followed, alone = judge(frames, drive.camera, truth, fps=12.5, number=7)
+        assert [len(followed), len(alone)] == [9, 3]
+        assert {row[-1] for row in followed + alone} == {7} and all(row[-2] for row in followed + alone)
+        aside = replace(truth, lines_y_m=truth.lines_y_m + 0.3)
+        assert not any(row[-2] for rows in judge(frames, drive.camera, aside, fps=12.5, number=7) for row in rows)

@@ -1,0 +1,154 @@
+import numpy as np
+import pytest
+
+from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import CameraPose
+from lanes.tracking.birdseye import BirdsEyeView
+from lanes.tracking.detector import describe_lane, find_lane
+from lanes.tracking.markings import extract_evidence
+from lanes.tracking.model import LEFT_SIDE, RIGHT_SIDE
+from lanes.tracking.update import initial_state, update_lane
+from tests.support.painter import WHITE, YELLOW, Road, dashcam
+from tests.support.shapes import a_lane
+
+CAMERA = dashcam()
+VIEW = BirdsEyeView(CAMERA)
+X_M = np.array([5.0, 10.0, 15.0, 20.0, 25.0, 30.0])
+
+
+def bend(offset, width, slope, curvature):
+    """The two lines of a lane whose middle lies `offset` to the right of the car."""
+    return [lambda x, s=s: -offset + s * width / 2 + slope * x + curvature * x * x / 2 for s in (1, -1)]
+
+
+def shaded_bend():
+    left, right = bend(0.35, 3.5, 0.015, 1 / 420)
+    road = Road(CAMERA).line(left, colour=YELLOW).line(right, dash_m=(3, 12))
+    road.paint(lambda x, y: y > left(x) + 0.6, (130, 130, 128)).line(lambda x: left(x) - 1.4, colour=(50, 50, 50))
+    return road.shade(lambda x, y: (x > 11) & (x < 16) & (y > -1), 0.35), left, right
+
+
+def test_shaded_bend_off_centre():
+    road, left, right = shaded_bend()
+    lane = find_lane(road.image(), VIEW)
+    np.testing.assert_allclose(lane.line_y(X_M, LEFT_SIDE), left(X_M), atol=0.02)
+    np.testing.assert_allclose(lane.line_y(X_M, RIGHT_SIDE), right(X_M), atol=0.04)
+    assert lane.offset_m == pytest.approx(0.35, abs=0.02)
+    assert lane.width_m == pytest.approx(3.5, abs=0.03)
+    assert lane.heading_rad == pytest.approx(0.015, abs=0.003)
+    assert lane.curvature_per_m == pytest.approx(1 / 420, rel=0.06)
+    assert lane.left.profile.yellow and not lane.right.profile.yellow
+    assert lane.left.seen and lane.right.seen
+    assert abs(lane.offset_m - 0.35) < 3 * lane.offset_std_m < 0.5
+
+
+def test_coefficients_describe_the_lines_near_the_car():
+    road, left, right = shaded_bend()
+    lane = find_lane(road.image(), VIEW)
+    x = np.array([0.0, 4.0, 8.0])
+    for line, truth in ((lane.left, left), (lane.right, right)):
+        y = line.c0_m + line.c1 * x + line.c2_per_m * x**2 / 2 + line.c3_per_m2 * x**3 / 6
+        np.testing.assert_allclose(y, truth(x), atol=0.04)
+
+
+def test_pixels_lie_on_the_paint():
+    road, left, right = shaded_bend()
+    lane = find_lane(road.image(), VIEW)
+    rows = np.arange(200, 340, 10)
+    columns = lane.pixels(CAMERA, rows)
+    for k, truth in enumerate((left, right)):
+        known = CAMERA.road_to_pixels(np.column_stack([np.geomspace(4, 90, 400), truth(np.geomspace(4, 90, 400))]))
+        expected = np.interp(rows, known[::-1, 1], known[::-1, 0])
+        seen = columns[k] >= 0
+        assert seen.sum() >= 12
+        np.testing.assert_allclose(columns[k][seen], expected[seen], atol=2.0)
+    assert (lane.pixels(CAMERA, [10, 100]) == -2).all()
+
+
+def test_mirrored_picture_gives_the_mirrored_lane():
+    image = shaded_bend()[0].image()
+    matrix = CAMERA.matrix.copy()
+    matrix[0, 2] = CAMERA.width - 1 - matrix[0, 2]
+    m = CAMERA.pose
+    other = Camera(*CAMERA.size, matrix, CAMERA.distortion * [1, 1, 1, -1, 1], CameraPose(1.3, m.pitch_rad, -m.yaw_rad))
+    lane = find_lane(image, VIEW)
+    mirrored = find_lane(np.ascontiguousarray(image[:, ::-1]), BirdsEyeView(other))
+    assert mirrored.offset_m == pytest.approx(-lane.offset_m, abs=0.01)
+    assert mirrored.curvature_per_m == pytest.approx(-lane.curvature_per_m, abs=3e-5)
+    np.testing.assert_allclose(mirrored.line_y(X_M, LEFT_SIDE), -lane.line_y(X_M, RIGHT_SIDE), atol=0.02)
+
+
+@pytest.mark.parametrize("radius", [-18.0, 22.0, -40.0])
+def test_hairpin(radius):
+    camera = dashcam(yaw_rad=0.0)
+    road = Road(camera)
+    # circles about (0, radius): distance from the car's own circle, positive to the left
+    for a, colour in ((1.75, YELLOW), (-1.65, WHITE)):
+        road.paint(
+            lambda x, y, a=a: np.abs(np.sign(radius) * (abs(radius) - np.hypot(x, y - radius)) - a) < 0.06, colour
+        )
+    lane = find_lane(road.image(), BirdsEyeView(camera))
+    assert 1 / lane.curvature_per_m == pytest.approx(radius, rel=0.08)
+    assert lane.width_m == pytest.approx(3.4, abs=0.12)
+    assert lane.offset_m == pytest.approx(-0.05, abs=0.08)
+
+
+@pytest.mark.parametrize("side", [LEFT_SIDE, RIGHT_SIDE])
+def test_one_line_missing(side):
+    lines = bend(-0.2, 3.6, -0.01, -1 / 600)
+    painted = lines[0 if side == LEFT_SIDE else 1]
+    lane = find_lane(Road(CAMERA).line(painted).image(), VIEW)
+    np.testing.assert_allclose(lane.line_y(X_M, side), painted(X_M), atol=0.1)
+    seen, guessed = (lane.left, lane.right) if side == LEFT_SIDE else (lane.right, lane.left)
+    assert seen.seen and not guessed.seen
+    assert guessed.c0_std_m > 0.3 and guessed.reach_m == 0
+    assert 2.9 < lane.width_m < 4.1
+
+
+def test_a_nodding_camera_is_noticed():
+    pose = CAMERA.pose
+    nodding = CAMERA.with_pose(CameraPose(pose.height_m, pose.pitch_rad + 0.012, pose.yaw_rad))
+    left, right = bend(0.1, 3.6, 0.0, 0.0)
+    lane = find_lane(Road(nodding).line(left).line(right).image(), VIEW)
+    assert lane.pitch_rad == pytest.approx(0.012, abs=0.002)
+    np.testing.assert_allclose(lane.line_y(X_M, RIGHT_SIDE), right(X_M), atol=0.04)
+
+
+@pytest.mark.parametrize("offset", [0.5, -0.5, -1.0, 1.0])
+def test_the_car_is_in_its_lane_whatever_the_neighbours_look_like(offset):
+    # the own lane is dashed on both sides; the neighbouring lanes have a solid line each, which is much more paint
+    road = Road(CAMERA)
+    for number, dash in ((1.5, None), (0.5, (3, 12)), (-0.5, (3, 12)), (-1.5, None)):
+        road.line(lambda x, n=number: 0 * x + 3.6 * n - offset, dash_m=dash)
+    lane = find_lane(road.image(), VIEW)
+    assert lane.left.c0_m > 0 > lane.right.c0_m
+    assert lane.offset_m == pytest.approx(offset, abs=0.3) and lane.width_m == pytest.approx(3.6, abs=0.1)
+    np.testing.assert_allclose(lane.line_y(np.array([13.0, 25.0]), LEFT_SIDE), 1.8 - offset, atol=0.06)
+
+
+@pytest.mark.parametrize("noise", [0.0, 2.0, 15.0])
+def test_bare_road_has_no_lane(noise):
+    assert find_lane(Road(CAMERA, noise=noise).image(), VIEW) is None
+
+
+def test_edges_alone_are_no_lane():
+    road = Road(CAMERA).shade(lambda x, y: y > 1.8, 0.4).paint(lambda x, y: y < -1.7, (150, 150, 150))
+    assert find_lane(road.image(), VIEW) is None
+
+
+def test_following_agrees_with_searching():
+    road, left, _ = shaded_bend()
+    evidence = extract_evidence(road.image(), VIEW)
+    cold = find_lane(road.image(), VIEW)
+    expected = cold.model + a_lane(centre=0.05, width=0.03, heading=0.003, curvature=2e-4, pitch=0.002)
+    small = dict(rate=1e-4, pitch=0.005, vertical=1e-4, kinks=1e-4, beside=1e-4)
+    std = a_lane(centre=0.1, width=0.1, heading=0.01, curvature=1e-3, **small)
+    estimate = initial_state(expected, np.diag(std**2), None)
+    lane = describe_lane(update_lane(evidence.stripes, estimate, VIEW), evidence, VIEW)
+    np.testing.assert_allclose(lane.line_y(X_M, LEFT_SIDE), cold.line_y(X_M, LEFT_SIDE), atol=0.02)
+    np.testing.assert_allclose(lane.line_y(X_M, RIGHT_SIDE), cold.line_y(X_M, RIGHT_SIDE), atol=0.03)
+
+
+def test_the_same_picture_gives_the_same_lane():
+    image = shaded_bend()[0].image()
+    np.testing.assert_array_equal(find_lane(image, VIEW).model, find_lane(image, BirdsEyeView(CAMERA)).model)

@@ -1,0 +1,123 @@
+import numpy as np
+import pytest
+
+from lanes.tracking.birdseye import BirdsEyeView
+from lanes.tracking.markings import LEAST_STRENGTH, find_stripes, marking_response
+from tests.support.painter import WHITE, YELLOW, Road, dashcam
+
+CAMERA = dashcam()
+VIEW = BirdsEyeView(CAMERA)
+
+
+def stripes_of(road):
+    return find_stripes(marking_response(VIEW.warp(road.image()), VIEW), VIEW)
+
+
+def near(stripes, y_of_x, within_m=0.3, far_m=30.0):
+    return stripes.select((np.abs(stripes.y_m - y_of_x(stripes.x_m)) < within_m) & (stripes.x_m < far_m))
+
+
+@pytest.mark.parametrize("y", [1.52, -1.87, 0.31])
+def test_stripe_is_placed_between_the_columns(y):
+    stripes = near(stripes_of(Road(CAMERA).line(lambda x: y - 0.02 * x)), lambda x: y - 0.02 * x)
+    strong = stripes.select(stripes.strength > 6)
+    rows = (VIEW.x_m < 30).sum()
+    assert len(np.unique(strong.row)) > 0.95 * rows
+    error = strong.y_m - (y - 0.02 * strong.x_m)
+    assert abs(np.median(error)) < 0.005 and np.std(error) < 0.02
+
+
+def test_direction_is_measured():
+    y_of_x = lambda x: 1.6 - 0.05 * x + x * x / 2 / 60  # noqa: E731
+    stripes = near(stripes_of(Road(CAMERA).line(y_of_x)), y_of_x, far_m=25)
+    strong = stripes.select(stripes.strength > 6)
+    np.testing.assert_allclose(strong.angle, np.arctan(-0.05 + strong.x_m / 60), atol=0.08)
+
+
+def test_colour_and_doubles_are_told_apart():
+    road = Road(CAMERA).line(lambda x: 0 * x - 1.8, colour=WHITE)
+    for y in (1.7, 1.92):
+        road.line(lambda x, y=y: 0 * x + y, colour=YELLOW)
+    stripes = stripes_of(road)
+    white, yellow = (near(stripes, lambda x, y=y: 0 * x + y, far_m=12) for y in (-1.8, 1.81))
+    assert len(white) > 20 and not white.yellow.any() and not white.double.any()
+    centre = yellow.select(np.abs(yellow.y_m - 1.81) < 0.04)
+    assert len(centre) > 20 and centre.yellow.all() and centre.double.mean() > 0.9
+
+
+@pytest.mark.parametrize("light", [1.0, 0.35])
+@pytest.mark.parametrize("noise", [1.0, 3.0])
+def test_paint_counts_in_shade_and_at_night_as_in_sun(light, noise):
+    # no brightness threshold: what counts is contrast over noise
+    road = Road(CAMERA, noise=noise).line(lambda x: 0 * x + 1.7).shade(lambda x, y: x > 0, light)
+    stripes = near(stripes_of(road), lambda x: 0 * x + 1.7)
+    assert np.median(stripes.strength) > 6
+
+
+def clutter():
+    # not paint: each of these is an edge or dark
+    yield "shadow edge", Road(CAMERA).shade(lambda x, y: y > 0.4 - 0.03 * x, 0.4)
+    yield "tar seam", Road(CAMERA).line(lambda x: 0.4 - 0.03 * x, colour=(45, 45, 45))
+    yield "asphalt joint", Road(CAMERA).paint(lambda x, y: y > 0.4 - 0.03 * x, (140, 140, 142))
+    yield "barrier foot", Road(CAMERA).paint(lambda x, y: y > 0.4 - 0.03 * x, (215, 213, 205))
+    yield "verge", Road(CAMERA).paint(lambda x, y: y > 0.4 - 0.03 * x, (120, 125, 60))
+    yield "shadow across", Road(CAMERA).shade(lambda x, y: (x > 10) & (x < 14), 0.4)
+
+
+@pytest.mark.parametrize(("name", "road"), [pytest.param(*c, id=c[0]) for c in clutter()])
+def test_what_is_no_stripe_scores_nothing(name, road):
+    stripes = near(stripes_of(road), lambda x: 0.4 - 0.03 * x, within_m=1.0)
+    assert len(stripes) <= 3, f"{name}: {len(stripes)} stripes, strongest {stripes.strength.max():.1f}"
+
+
+def test_kerb_wide_as_a_stripe_would_be_seen():
+    # the counterpart of the test above: the same colours do score when they are as wide as paint
+    road = Road(CAMERA).line(lambda x: 0.4 - 0.03 * x, colour=(215, 213, 205))
+    assert len(near(stripes_of(road), lambda x: 0.4 - 0.03 * x)) > 40
+
+
+def test_every_stripe_is_strong_enough_and_in_sight():
+    rng = np.random.default_rng(1)
+    image = rng.integers(0, 256, (CAMERA.height, CAMERA.width, 3), dtype=np.uint8)
+    stripes = find_stripes(marking_response(VIEW.warp(image), VIEW), VIEW)
+    column = np.round((VIEW.y_m[0] - stripes.y_m) / VIEW.cell_m).astype(int)
+    assert (stripes.strength > LEAST_STRENGTH).all()
+    assert VIEW.seen[stripes.row, column].all()
+    assert (np.bincount(stripes.row) <= 14).all()
+
+
+def test_the_edge_of_the_picture_is_no_stripe():
+    image = np.full((CAMERA.height, CAMERA.width, 3), 210, np.uint8)
+    assert len(find_stripes(marking_response(VIEW.warp(image), VIEW), VIEW)) == 0
+
+
+@pytest.mark.parametrize("slope", [-0.5, 0.5])
+def test_a_double_line_that_crosses_the_view_is_seen(slope):
+    """As in a hairpin: two yellow stripes with a gap, 27 degrees aslant, 0.44 m wide along a row."""
+    road = Road(CAMERA)
+    for across in (-0.16, 0.16):
+        road.line(lambda x, a=across: slope * (x - 9.0) + a, colour=YELLOW)
+    stripes = near(stripes_of(road), lambda x: slope * (x - 9.0), far_m=14)
+    centre = stripes.select(np.abs(stripes.y_m - slope * (stripes.x_m - 9.0)) < 0.1)
+    strong = centre.select(centre.strength > 6)
+    assert len(np.unique(strong.row)) > 0.9 * len(np.unique(stripes.row))
+    assert strong.yellow.mean() > 0.9 and strong.double.mean() > 0.9
+
+
+@pytest.mark.parametrize("inside_m", [0.15, 0.4])
+def test_a_line_is_found_as_far_as_the_edge_of_the_picture(inside_m):
+    # as the inner line of a hairpin: nothing of the road beyond it is seen
+    last = np.array([VIEW.y_m[seen][-1] if seen.any() else np.nan for seen in VIEW.seen])
+    rows = np.flatnonzero((VIEW.x_m < 9) & ~VIEW.seen[:, -1])
+    edge = np.polynomial.Polynomial.fit(VIEW.x_m[rows], last[rows], 2)
+    stripes = near(stripes_of(Road(CAMERA).line(lambda x: edge(x) + inside_m)), lambda x: edge(x) + inside_m, far_m=9)
+    assert len(np.unique(stripes.row)) > 0.8 * len(rows)
+
+
+@pytest.mark.parametrize("degrees", [-50, -40, -25, 25, 40, 50])
+def test_direction_of_a_line_that_runs_across(degrees):
+    # as in hairpins; from row to row it moves aside by more than a window of single columns
+    slope = np.tan(np.radians(degrees))
+    stripes = near(stripes_of(Road(CAMERA).line(lambda x: slope * (x - 11), width_m=0.2)), lambda x: slope * (x - 11))
+    assert len(stripes) > 5
+    assert np.median(np.abs(stripes.angle - np.radians(degrees))) < 0.15

@@ -1,0 +1,207 @@
+import numpy as np
+import pytest
+
+from lanes.camera.camera_pose import CameraPose
+from lanes.tracking.model import (
+    LEFT_SIDE,
+    RIGHT_SIDE,
+    SIDES,
+    STRAIGHT_FROM_M,
+    VERTICAL_KNOTS_M,
+    arc_coordinates,
+    flatten,
+    height_and_grade,
+    intersect_ground,
+    line_coefficients,
+    line_points,
+    line_y,
+    lines_on_view,
+    road_height,
+)
+from tests.support.painter import dashcam
+from tests.support.shapes import a_lane
+
+HAIRPIN = a_lane(centre=0.3, width=3.4, heading=-0.1, curvature=-1 / 15)
+CLOTHOID = a_lane(centre=-0.2, width=3.6, heading=0.01, curvature=1 / 600, rate=4e-5)
+
+
+def test_place_measures_the_distance_to_a_circle():
+    rng = np.random.default_rng(0)
+    x, y = rng.uniform(0, 14, 50), rng.uniform(-5, 5, 50)
+    heading, curvature = 0.2, -1 / 20
+    centre = np.array([-np.sin(heading), np.cos(heading)]) / curvature
+    a, turn, scale, ahead, aside = arc_coordinates(x, y, heading, curvature)
+    # right bend: points farther from the centre lie to the left
+    np.testing.assert_allclose(a, np.hypot(x - centre[0], y - centre[1]) - 20, atol=1e-12)
+    np.testing.assert_allclose(scale, 1 - curvature * a)
+    np.testing.assert_allclose(np.hypot(ahead, aside), np.hypot(x, y))
+    # a perpendicular of the arc leads to the point from where the arc has turned so far
+    normal = np.stack([-np.sin(heading + turn), np.cos(heading + turn)], axis=1)
+    np.testing.assert_allclose(centre + (20 + a)[:, None] * normal, np.stack([x, y], axis=1), atol=1e-9)
+
+
+def test_place_needs_no_curvature():
+    a, turn, _, ahead, _ = arc_coordinates(np.array([10.0]), np.array([2.0]), 0.1, 0.0)
+    assert a == pytest.approx(2 * np.cos(0.1) - 10 * np.sin(0.1))
+    assert (turn[0], ahead[0]) == pytest.approx((0.0, 10 * np.cos(0.1) + 2 * np.sin(0.1)))
+
+
+@pytest.mark.parametrize("lane", [HAIRPIN, CLOTHOID], ids=["hairpin", "clothoid"])
+@pytest.mark.parametrize("side", [LEFT_SIDE, RIGHT_SIDE])
+def test_points_of_a_line_lie_at_half_a_width(lane, side):
+    along = np.linspace(0, 18, 40)
+    points = line_points(lane, side, along)
+    a, *_ = arc_coordinates(points[:, 0], points[:, 1], lane[2], lane[3])
+    # measured at right angles to the arc, which the lane leaves with this slope
+    aslant = np.hypot(1, lane[4] * along**2 / 2)
+    np.testing.assert_allclose(a - lane[4] * along**3 / 6, lane[0] + side * aslant * lane[1] / 2, atol=1e-9)
+
+
+def test_a_clothoid_bends_as_its_rate_says():
+    along = np.linspace(0, 60, 601)
+    x, y = line_points(CLOTHOID - a_lane(width=0.0, heading=0.01), 0.0, along).T
+    slope = np.gradient(y, x)
+    curvature = np.gradient(slope, x) / (1 + slope**2) ** 1.5
+    np.testing.assert_allclose(curvature[5:-5], (1 / 600 + 4e-5 * along)[5:-5], rtol=0.03)
+
+
+@pytest.mark.parametrize("side", [LEFT_SIDE, RIGHT_SIDE])
+def test_lateral_place_at_a_distance(side):
+    x = np.array([0.0, 5.0, 20.0, 50.0])
+    y = line_y(x, CLOTHOID, side)
+    along = np.linspace(-5, 60, 4000)
+    points = line_points(CLOTHOID, side, along)
+    np.testing.assert_allclose(y, np.interp(x, points[:, 0], points[:, 1]), atol=1e-4)
+
+
+def test_a_line_that_turns_back_has_no_place_beyond():
+    radius = 15 + 0.3 + 3.4 / 2
+    reach = radius - 15 * np.sin(0.1)
+    y = line_y(np.array([reach - 1.0, reach + 0.5]), HAIRPIN, LEFT_SIDE)
+    assert np.isfinite(y[0]) and np.isnan(y[1])
+
+
+@pytest.mark.parametrize("side", [LEFT_SIDE, RIGHT_SIDE])
+def test_coefficients_are_the_derivatives_at_the_car(side):
+    lane = a_lane(centre=0.4, heading=0.08, curvature=1 / 60, rate=2e-4)
+    h = 0.05
+    y = line_y(np.arange(-2, 3) * h, lane, side)
+    c0, c1, c2, c3 = line_coefficients(lane, side)
+    assert c0 == pytest.approx(y[2])
+    assert c1 == pytest.approx((y[3] - y[1]) / (2 * h), rel=1e-3)
+    assert c2 == pytest.approx((y[3] - 2 * y[2] + y[1]) / h**2, rel=5e-3)
+    assert c3 == pytest.approx((y[4] - 2 * y[3] + 2 * y[1] - y[0]) / (2 * h**3), rel=0.12)
+
+
+@pytest.mark.parametrize(("pitch", "vertical"), [(0.012, 0.0), (-0.01, 0.0), (0.0, 6e-4), (0.006, -4e-4)])
+def test_pitch_and_hills_are_undone(pitch, vertical):
+    # a straight line, seen by a camera that has nodded, on a road that bends upwards
+    camera = dashcam(1280, yaw_rad=0.0)
+    m = camera.pose
+    nodded = camera.with_pose(CameraPose(m.height_m, m.pitch_rad + pitch, m.yaw_rad, m.roll_rad))
+    x = np.array([6.0, 12.0, 25.0, 40.0])
+    points = np.column_stack([x, 1.7 + 0.02 * x, vertical * x * x / 2])
+    flat = camera.pixels_to_road(nodded.road_to_pixels(points))
+    lane = a_lane(centre=1.7, width=0.0, heading=np.arctan(0.02), pitch=pitch, vertical=vertical)
+    ground = intersect_ground(flat[:, 0], lane, m.height_m)
+    found_x, found_y, _ = flatten(flat[:, 0], flat[:, 1], np.zeros(4), ground, m.height_m)
+    np.testing.assert_allclose(found_x, x, rtol=0.01)
+    np.testing.assert_allclose(found_y, points[:, 1], rtol=0.01)
+    shown = lines_on_view(lane[None], flat[:, 0], m.height_m)[0, 0]
+    np.testing.assert_allclose(shown, flat[:, 1], rtol=0.01)
+
+
+def test_directions_turn_with_pitch():
+    # directions must agree with the places of two neighbouring points
+    x, y, h = np.array([15.0]), np.array([1.5]), 1e-4
+    angle = 0.12
+    lane = a_lane(pitch=0.01, vertical=5e-4)
+    x0, y0, found = flatten(x, y, np.array([angle]), intersect_ground(x, lane, 1.3), 1.3)
+    x1, y1, _ = flatten(x + h, y + h * np.tan(angle), np.array([angle]), intersect_ground(x + h, lane, 1.3), 1.3)
+    assert found == pytest.approx(np.arctan2(y1 - y0, x1 - x0), abs=2e-3)
+
+
+def test_a_line_that_turns_back_before_the_car_has_finite_coefficients():
+    """40 degrees to the left and R 8.3 m to the right: its right line never comes beside the car."""
+    beside = a_lane(width=3.6, heading=0.3, curvature=-0.03)
+    away = a_lane(centre=-3.0, width=5.8, heading=0.7, curvature=-0.12)
+    for side in SIDES:
+        assert np.isfinite(line_coefficients(away, side)).all()
+        y = line_y(np.array([0.0, 0.01]), beside, side)
+        c0, c1, *_ = line_coefficients(beside, side)
+        assert (c0, c1) == pytest.approx((y[0], (y[1] - y[0]) / 0.01), abs=1e-3)
+    assert line_coefficients(away, -1.0)[1] > 2
+
+
+WAVES = {
+    "crest": (-4e-3, -2e-3, 1e-3, 0.0),
+    "dip": (3e-3, 2e-3, -1e-3, -1e-4),
+    "a crest that hides a dip": (0.0, -0.014, 0.006, 2e-3),
+}
+
+
+def test_heights_and_grades_are_integrals_of_the_curvature():
+    x, numbers = np.arange(0.0, 90.0, 0.002), np.array([3e-3, -7e-3, 5e-3, -2e-3])
+    # from where the view ends the road goes on as steep as it is
+    curvature = np.interp(x, [*VERTICAL_KNOTS_M, STRAIGHT_FROM_M], [*numbers, 0.0])
+    grade = np.concatenate([[0], np.cumsum((curvature[1:] + curvature[:-1]) / 2 * 0.002)])
+    rise = np.concatenate([[0], np.cumsum((grade[1:] + grade[:-1]) / 2 * 0.002)])
+    found_rises, found_grades = height_and_grade(x)
+    np.testing.assert_allclose(found_rises @ numbers, rise, atol=1e-6)
+    np.testing.assert_allclose(found_grades @ numbers, grade, atol=1e-8)
+    np.testing.assert_allclose(road_height(a_lane(vertical=tuple(numbers)), x), rise, atol=1e-6)
+
+
+def first_hit(lane, flat_x, height_m, pitch):
+    """Where the rays to flat distances (N,) first touch the road, by walking along each of them; NaN if never."""
+    x = np.arange(2.0, 340.0, 0.01)
+    fall = height_m / flat_x[:, None] + pitch
+    above = height_m - fall * x - road_height(lane, x)
+    hit = above <= 0
+    first = hit.argmax(axis=1)
+    rows = np.arange(len(flat_x))
+    before, after = above[rows, first - 1], above[rows, first]
+    root = x[first] - 0.01 * after / (after - before)
+    return np.where(hit.any(axis=1) & (first > 0), root, np.nan)
+
+
+@pytest.mark.parametrize("pitch", [-0.01, 0.0, 0.02])
+@pytest.mark.parametrize("vertical", WAVES.values(), ids=WAVES.keys())
+def test_rays_meet_the_road_where_they_touch_it_first(vertical, pitch):
+    lane, flat_x, height = a_lane(pitch=pitch, vertical=vertical), 5 * 1.022 ** np.arange(80), 1.3
+    expected = first_hit(lane, flat_x, height, pitch)
+    ground = intersect_ground(flat_x, lane, height)
+    seen = np.isfinite(expected) & (expected < 100)
+    assert seen.sum() > 20
+    # a ray that only just passes over a crest goes far, and one a hair lower does not: one in twenty may be either
+    near = np.abs(ground.x_m - expected)[seen] < 0.005 * expected[seen] + 0.01
+    assert near.mean() > 0.95
+    height_there = height - (height / flat_x + pitch) * ground.x_m
+    off = np.abs(height_there - road_height(lane, ground.x_m))[seen]
+    assert off[near].max() < 3e-3
+    np.testing.assert_array_equal(ground.rises, height_and_grade(ground.x_m)[0])
+
+
+def test_no_ray_meets_what_is_hidden_behind_a_crest():
+    lane, height = a_lane(vertical=WAVES["a crest that hides a dip"]), 1.3
+    x = np.arange(2.0, 60.0, 0.01)
+    fall = (height - road_height(lane, x)) / x
+    hidden = x[fall > np.minimum.accumulate(fall) + 1e-9]
+    assert hidden[-1] - hidden[0] > 12
+    met = intersect_ground(height / np.linspace(0.3, 0.003, 2000), lane, height).x_m
+    inside = (met > hidden[0] * 1.035) & (met < hidden[-1] / 1.035)
+    assert inside.mean() < 0.01
+    assert (met < hidden[0]).any() and (met > hidden[-1]).any()
+    y = lines_on_view(lane[None], 5 * 1.022 ** np.arange(121)[::-1], height)[0]
+    # the lines end at the crest, for the view has nothing of them where it is covered
+    assert np.isfinite(y).any() and np.isnan(y[:, 0]).all()
+
+
+def test_rays_of_many_lanes_are_those_of_each():
+    lanes = np.array([a_lane(pitch=0.01, vertical=v) for v in WAVES.values()])
+    flat_x = np.linspace(6, 50, 30)
+    together = intersect_ground(flat_x, lanes, 1.4)
+    for k, lane in enumerate(lanes):
+        alone = intersect_ground(flat_x, lane, 1.4)
+        for name in ("x_m", "fall", "rises"):
+            np.testing.assert_allclose(getattr(together, name)[k], getattr(alone, name), rtol=1e-12)
