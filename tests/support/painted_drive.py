@@ -106,7 +106,8 @@ class PaintedDrive:
         if self.black_s[0] <= time_s < self.black_s[1]:
             return np.zeros((height, width, 3), np.uint8)
         pose, camera_pose = self.pose(time_s), self.camera.pose
-        camera = self.camera.with_pose(replace(camera_pose, pitch_rad=camera_pose.pitch_rad + self.motion.pitch(time_s)))
+        tilted = replace(camera_pose, pitch_rad=camera_pose.pitch_rad + self.motion.pitch(time_s))
+        camera = self.camera.with_pose(tilted)
         # the reference line and its normal in the car's frame, from which all stripes follow
         base, beside = (pose.to_car(self.road, offset_point(self.road, pose.s_m + AHEAD_M, d)) for d in (0.0, 1.0))
         image = np.full((height, width, 3), ASPHALT[0], np.uint8)
