@@ -1,4 +1,4 @@
-"""A live camera: frames are annotated as they come, until Ctrl-C or a given time."""
+"""Annotation of a live camera, until Ctrl-C or until a given time."""
 
 from __future__ import annotations
 
@@ -22,20 +22,21 @@ from lanes.io.video.reader import STAMP_TOLERANCE_S, TimedFrame
 from lanes.io.video.writer import VideoWriter
 from lanes.tracking.tracker import LaneTracker
 
-# For a camera without a pose: so many pictures, this far apart, are looked at before annotating begins. Ten seconds
-# of a motorway average the car's heading in its lane out well enough.
-POSE_PICTURES, POSE_EVERY_S = 20, 0.5
+# Pictures for the estimate of an unknown camera pose, and the time between two of them. Over these ten seconds of
+# motorway the heading of the car in its lane averages out.
+POSE_PICTURES, POSE_INTERVAL_S = 20, 0.5
 
 
 def annotate_live(index: int, settings: DriveSettings) -> DriveResult:
-    """Annotate what camera number `index` sees, until Ctrl-C or `settings.end_s`; then write what a drive gets.
+    """Annotate the frames of camera number `index` until Ctrl-C or `settings.end_s`; write the same files as for a video.
 
-    Frames carry the time at which they came, so that a slow machine gives a video of fewer frames, not a slower one.
+    Each frame is written with the time at which it arrived. A slow machine therefore writes fewer frames, and the
+    video keeps its speed.
 
     Raises
     ------
     VideoError
-        If there is no such camera, or it gives no frame.
+        If the camera does not exist or gives no frame.
     CameraError, PoseError, OSError
         As `annotate_drive`.
     """
@@ -45,14 +46,14 @@ def annotate_live(index: int, settings: DriveSettings) -> DriveResult:
         camera, pose = _with_pose(settings.camera_for(source.size, f"camera {index}"), frames, f"camera {index}")
         began_s = time.perf_counter()
         process = track_lane(LaneTracker(camera, fps=source.fps), camera, style=settings.style)
-        # In this order: telemetry gets its name only when the video has.
+        # The order matters: the telemetry gets its final name after the video.
         with TelemetryWriter(video.with_suffix(".csv")) as table, VideoWriter(video, fps=source.fps) as writer:
-            for number, (frame, elapsed_s) in enumerate(_since_first(frames)):
+            for number, (frame, elapsed_s) in enumerate(_with_elapsed_time(frames)):
                 if settings.end_s is not None and frame.time_s > settings.end_s - STAMP_TOLERANCE_S:
                     break
-                looked_s = time.perf_counter()
+                frame_began_s = time.perf_counter()
                 picture, row = process(frame.image, elapsed_s)
-                latency_ms = round(1e3 * (time.perf_counter() - looked_s), 3)
+                latency_ms = round(1e3 * (time.perf_counter() - frame_began_s), 3)
                 table.write({"frame": number, "time_s": round(frame.time_s, 6), **row, "latency_ms": latency_ms})
                 writer.write(picture, frame.time_s)
     return conclude_drive(f"camera {index}", video, camera, pose, settings, time.perf_counter() - began_s)
@@ -65,24 +66,25 @@ def _with_pose(camera: Camera, frames: Iterator[TimedFrame], name: str) -> tuple
     for frame in frames:
         if frame.time_s >= next_s:
             pictures.append(frame.image)
-            next_s = frame.time_s + POSE_EVERY_S
+            next_s = frame.time_s + POSE_INTERVAL_S
         if len(pictures) == POSE_PICTURES:
             break
     return pose_from_pictures(camera, pictures, name)
 
 
-def _since_first(frames: Iterator[TimedFrame]) -> Iterator[tuple[TimedFrame, float | None]]:
-    """The frames with times since the first of them, and the time since the one before."""
-    first_s = last_s = None
+def _with_elapsed_time(frames: Iterator[TimedFrame]) -> Iterator[tuple[TimedFrame, float | None]]:
+    """The frames, timed from the first one, and the seconds since the previous frame (None for the first)."""
+    first_s = previous_s = None
     for frame in frames:
         first_s = frame.time_s if first_s is None else first_s
-        yield TimedFrame(frame.number, frame.time_s - first_s, frame.image), last_s and frame.time_s - last_s
-        last_s = frame.time_s
+        elapsed_s = None if previous_s is None else frame.time_s - previous_s
+        yield TimedFrame(frame.number, frame.time_s - first_s, frame.image), elapsed_s
+        previous_s = frame.time_s
 
 
 @contextmanager
 def _until_interrupted() -> Iterator[threading.Event]:
-    """An event that Ctrl-C and SIGTERM set, instead of stopping the work in the middle of a frame."""
+    """An event that Ctrl-C and SIGTERM set, so that the current frame is still finished."""
     stopped = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield stopped

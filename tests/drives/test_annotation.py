@@ -9,6 +9,7 @@ import signal
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -261,6 +262,17 @@ def test_a_live_camera_for_a_time_and_with_a_pose_of_its_own(tmp_path, capture):
     table = read_telemetry(result.telemetry)
     assert table["time_s"][0] == 0
     assert table["curvature_per_m"][-1] == pytest.approx(BENDS.truth(9.9).curvature_per_m, abs=1e-3)
+
+
+def test_elapsed_time_counts_from_a_first_frame_at_time_zero(tmp_path, capture, monkeypatch):
+    """A camera that stalls for 1.5 s after its first frame: the tracker starts again with the second one."""
+    clock = Mock(monotonic=Mock(side_effect=[0.0, 0.0, 1.5, 1.54, 1.58]))
+    monkeypatch.setattr("lanes.io.video.live_camera.time", clock)
+    capture.frames = 4
+    result = annotate_live(0, DriveSettings(output=tmp_path, camera=SMALL, report=False))
+    table = read_telemetry(result.telemetry)
+    np.testing.assert_allclose(table["time_s"], [0, 1.5, 1.54, 1.58])
+    assert table["state"].tolist() == ["searching", "searching", "searching", "tracking"]
 
 
 def test_a_camera_that_is_not_there_or_sees_nothing(tmp_path, capture):
