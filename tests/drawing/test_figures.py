@@ -16,6 +16,7 @@ import pytest  # noqa: E402
 
 from benchmark import figures  # noqa: E402
 from lanes.drawing import figures as plots  # noqa: E402
+from lanes.drives.figures import plot_path, plot_telemetry  # noqa: E402
 from lanes.io.images import read_image  # noqa: E402
 
 
@@ -158,7 +159,7 @@ def telemetry(count: int = 50) -> dict[str, np.ndarray]:
 
 def test_telemetry_shows_bands_truth_and_states():
     rows = telemetry()
-    figure, axes = plots.plot_telemetry(rows, truth={k: rows[k] for k in ("time_s", "offset_m", "curvature_per_m")})
+    figure, axes = plot_telemetry(rows, truth={k: rows[k] for k in ("time_s", "offset_m", "curvature_per_m")})
     assert [axis.get_ylabel().split(" (")[0] for axis in axes] == ["offset", "curvature", "confidence"]
     band = axes[0].collections[0].get_paths()[0].vertices
     # one standard deviation to either side: twice 0.02 m at the first frame
@@ -208,7 +209,7 @@ class TestReliability:
 def test_a_path_keeps_its_shape():
     turn = np.linspace(0, np.pi, 50)
     path = 100 * np.column_stack([np.sin(turn), 1 - np.cos(turn)])
-    figure, axis = plots.plot_path({"measured": path, "truth": path + [0, 1]})
+    figure, axis = plot_path({"measured": path, "truth": path + [0, 1]})
     figure.canvas.draw()
     assert axis.get_aspect() == 1
     np.testing.assert_array_equal(axis.lines[0].get_xydata(), path)

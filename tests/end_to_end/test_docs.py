@@ -49,7 +49,7 @@ def test_links_lead_somewhere(page):
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_commands_and_their_options_exist(page):
     text = page.read_text(encoding="utf-8")
-    for command, rest in re.findall(r"python -m (?:lanes )?([a-z]+)([^`\n]*)", text):
+    for command, rest in re.findall(r"python -m (?:lanes )?([a-z]+)\b([^`\n]*)", text):
         assert command in MODULES
         options = set(re.findall(r"(?<!\S)--?[a-z][a-z-]*", rest.split("#")[0]))
         assert options <= options_of(command), command
