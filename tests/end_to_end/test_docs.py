@@ -50,6 +50,8 @@ def test_links_lead_somewhere(page):
 def test_commands_and_their_options_exist(page):
     text = page.read_text(encoding="utf-8")
     for command, rest in re.findall(r"python -m (?:lanes )?([a-z]+)\b([^`\n]*)", text):
+        if command == "lanes":
+            continue
         assert command in MODULES
         options = set(re.findall(r"(?<!\S)--?[a-z][a-z-]*", rest.split("#")[0]))
         assert options <= options_of(command), command
