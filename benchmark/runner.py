@@ -6,16 +6,9 @@ drives -> stage (render, take or estimate the pose) -> measure (follow all frame
 from __future__ import annotations
 
 import hashlib
-import multiprocessing
-import os
-import signal
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from threading import Thread
-
-import cv2
 
 from benchmark import readings, systems
 from benchmark.errors import frame_errors
@@ -28,6 +21,7 @@ from benchmark.suite_drives import with_video
 from benchmark.systems import SOURCES, require_system
 from lanes.camera.camera_file import camera_to_dict
 from lanes.io.disk_cache import cache_folder
+from lanes.io.processes import run_all
 from lanes.io.video.reader import inspect_video
 
 Progress = Callable[[int, int], None]
@@ -76,24 +70,22 @@ def run_benchmark(
         require_system(system)
     folder = folder or cache_folder() / "benchmark"
     report = progress or (lambda what: lambda done, total: None)
-    # Fresh processes: forked ones may inherit the locks of OpenCV's and FFmpeg's threads.
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_begin_work) as pool:
-        try:
-            staged = _all_done(pool, prepare, [(drive, estimated_pose) for drive in drives], report("scenes"))
-            tasks = [(drive, system, folder, workers) for drive in staged for system in systems]
-            kept = _all_done(pool, measure, tasks, report("benchmark"))
-        except BrokenProcessPool as error:
-            raise OSError("a worker was killed, perhaps for want of memory; try again with fewer --workers.") from error
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-    return [_result(task[0], task[1], path) for task, path in zip(tasks, kept, strict=True)]
+    prepare = partial(_prepare, estimated_pose=estimated_pose)
+    prepared = run_all(prepare, drives, workers=workers, progress=report("scenes"))
+    tasks = [(drive, system) for drive in prepared for system in systems]
+    measure = partial(_measure, folder=folder, workers=workers)
+    paths = run_all(measure, tasks, workers=workers, progress=report("benchmark"))
+    return [_result(drive, system, path) for (drive, system), path in zip(tasks, paths, strict=True)]
 
 
-def prepare(drive: BenchmarkDrive, estimated_pose: bool) -> Staged:
-    """Render the drive where needed, and take or estimate the camera pose."""
-    # Scenes are spread over the processes already; each is rendered by one.
+def _prepare(drive: BenchmarkDrive, *, estimated_pose: bool) -> Staged:
+    """Render the drive where needed, and read or estimate its camera pose."""
+    # The scenes are already spread over the processes.
     return stage(with_video(drive, workers=1), estimated_pose=estimated_pose)
+
+
+def _measure(task: tuple[Staged, str], *, folder: Path, workers: int) -> Path:
+    return measure(*task, folder, workers)
 
 
 def measure(staged: Staged, system: str, folder: Path, workers: int) -> Path:
@@ -115,37 +107,6 @@ def _result(staged: Staged, system: str, path: Path) -> Result:
         raise ValueError(f"{drive.video}: {error}") from error
     workers, fps, machine = (about[name] for name in ("workers", "fps", "machine"))
     return Result(drive.name, drive.difficulty, system, errors, staged.pose, workers, fps, machine)
-
-
-def _all_done(pool: ProcessPoolExecutor, work: Callable, tasks: Iterable[tuple], report: Progress) -> list:
-    """The results of work(*task), in the order of the tasks."""
-    futures = [pool.submit(_do, work, task) for task in tasks]
-    for done, future in enumerate(as_completed(futures), 1):
-        future.result()
-        report(done, len(futures))
-    return [future.result() for future in futures]
-
-
-def _begin_work() -> None:
-    """In each process: one thread for OpenCV, deaf to interruptions while idle, and no life after its parent's."""
-    cv2.setNumThreads(1)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # An idle one waits for work for ever if the process that gives it was killed.
-    Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    multiprocessing.parent_process().join()
-    os._exit(1)
-
-
-def _do(work: Callable, task: tuple) -> object:
-    """In each process: work(*task); an interruption ends it and lets it remove what is half-written."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        return work(*task)
-    finally:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _key(staged: Staged, system: str) -> str:

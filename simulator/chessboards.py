@@ -20,8 +20,8 @@ from lanes.camera.camera import Camera
 from lanes.camera.camera_file import camera_to_dict
 from lanes.io.files import write_atomically
 from lanes.io.images import write_image
+from lanes.io.processes import map_ordered
 from simulator.scenes.dashcam import DASHCAM
-from simulator.workers import ordered
 
 COLUMNS, ROWS = 9, 6
 # 10 x 7 squares of this size leave margins of 15 and 19 mm on a sheet of US Letter paper.
@@ -120,7 +120,7 @@ def write_boards(
     folder = Path(folder)
     written = []
     truth: dict = {"camera": camera_to_dict(DASHCAM), "pattern": [COLUMNS, ROWS], "boards": {}}
-    with closing(ordered(_seeded_board, enumerate(VIEWS, 1), workers=workers)) as boards:
+    with closing(map_ordered(_seeded_board, enumerate(VIEWS, 1), workers=workers)) as boards:
         for number, (view, board) in enumerate(zip(VIEWS, boards, strict=True), 1):
             name = f"calibration{number}.jpg"
             written.append(write_image(folder / name, board, jpeg_quality=90))

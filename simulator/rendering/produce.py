@@ -10,12 +10,12 @@ from pathlib import Path
 
 from lanes.camera.camera_file import save_camera
 from lanes.io.files import atomic_write
+from lanes.io.processes import map_ordered
 from lanes.io.video.reader import inspect_video
 from simulator.rendering.drive import Drive
 from simulator.rendering.ingredients import ingredients
 from simulator.rendering.render import render_frame
 from simulator.road.truth import Truth, truth_row, write_truth_csv
-from simulator.workers import ordered
 
 Progress = Callable[[int, int], None]
 
@@ -97,7 +97,7 @@ def _encode(
         output_params=[*quality, *ENCODER],
     )
     rows, before = [], ingredients(drive)
-    frames = ordered(partial(_render, drive), [*before, *range(count)], workers=workers)
+    frames = map_ordered(partial(_render, drive), [*before, *range(count)], workers=workers)
     with closing(writer), closing(frames):
         writer.send(None)
         for number, (image, truth) in enumerate(islice(frames, len(before), None)):

@@ -6,12 +6,12 @@ from contextlib import closing
 from pathlib import Path
 
 from lanes.io.images import write_image
+from lanes.io.processes import map_ordered
 from simulator.rendering.produce import VIDEO_SECONDS, Progress, write_video
 from simulator.rendering.render import render_frame
 from simulator.road.truth import truth_entry, write_truth_json
 from simulator.scenes.catalogue import project_video, still_scenes
 from simulator.scenes.famous import CHALLENGE_CRF, HARDER_CRF, challenge_video, harder_challenge_video
-from simulator.workers import ordered
 
 
 def write_stills(folder: str | Path, *, progress: Progress | None = None, workers: int | None = None) -> list[Path]:
@@ -39,7 +39,7 @@ def write_stills(folder: str | Path, *, progress: Progress | None = None, worker
     folder = Path(folder)
     scenes = still_scenes()
     written, entries = [], []
-    with closing(ordered(render_frame, scenes.values(), workers=workers)) as frames:
+    with closing(map_ordered(render_frame, scenes.values(), workers=workers)) as frames:
         for number, ((name, drive), frame) in enumerate(zip(scenes.items(), frames, strict=True), 1):
             path = write_image(folder / f"{name}.jpg", frame.image)
             raw_file, camera = f"{folder.name}/{path.name}", drive.camera_at(0.0)

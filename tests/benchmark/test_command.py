@@ -106,7 +106,7 @@ class TestCommand:
 
 class TestRunner:
     def test_what_is_finished_is_not_done_again(self, folder, tmp_path, monkeypatch):
-        staged = stage(own(folder / "bend.mp4"), False)
+        staged = stage(own(folder / "bend.mp4"), estimated_pose=False)
         path = measure(staged, "tracker", tmp_path, 1)
         monkeypatch.setattr(runner, "follow_drive", lambda *_: pytest.fail("it was done again"))
         assert measure(staged, "tracker", tmp_path, 1) == path
@@ -121,17 +121,17 @@ class TestRunner:
 
         monkeypatch.setattr(runner, "follow_drive", interrupted)
         with pytest.raises(KeyboardInterrupt):
-            measure(stage(own(folder / "bend.mp4"), False), "tracker", tmp_path, 1)
+            measure(stage(own(folder / "bend.mp4"), estimated_pose=False), "tracker", tmp_path, 1)
         assert not list(tmp_path.iterdir())
 
     def test_another_engine_is_another_result(self, folder, tmp_path, monkeypatch):
-        staged = stage(own(folder / "bend.mp4"), False)
+        staged = stage(own(folder / "bend.mp4"), estimated_pose=False)
         first = runner._key(staged, "tracker")
-        monkeypatch.setitem(runner.SOURCES, "tracker", ("camera.py",))
+        monkeypatch.setitem(runner.SOURCES, "tracker", (Path(__file__),))
         assert runner._key(staged, "tracker") != first
 
     def test_the_estimated_pose_is_another_one(self, folder):
-        staged = stage(own(folder / "bend.mp4"), True)
+        staged = stage(own(folder / "bend.mp4"), estimated_pose=True)
         assert staged.pose == "estimated"
         assert staged.camera.pose != SMALL.pose
         assert staged.camera.pose.pitch_rad == pytest.approx(SMALL.pose.pitch_rad, abs=0.01)
@@ -139,7 +139,7 @@ class TestRunner:
     def test_without_a_pose_no_lane_is_given(self, folder, tmp_path):
         blank = replace(DRIVE, lines=())
         video = write_drive(tmp_path / "blank.mp4", blank, 2)
-        staged = stage(own(video), True)
+        staged = stage(own(video), estimated_pose=True)
         assert (staged.camera, staged.pose) == (None, "not found")
         assert not follow_drive(staged, "tracker").given.any()
 
@@ -153,7 +153,7 @@ class TestRunner:
         rows = (tmp_path / "bend.csv").read_text().splitlines()
         (tmp_path / "bend.csv").write_text("\n".join(rows[:-1]) + "\n")
         drive = own(tmp_path / "bend.mp4")
-        staged = stage(drive, False)
+        staged = stage(drive, estimated_pose=False)
         with pytest.raises(ValueError, match="bend.mp4: a system's 5 frames cannot be held against a truth of 4"):
             runner._result(staged, "tracker", measure(staged, "tracker", tmp_path, 1))
         (tmp_path / "bend.csv").write_text("frame\n0\n")

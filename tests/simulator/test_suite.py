@@ -13,12 +13,12 @@ import pytest
 from benchmark.dataset import PROJECT_ROOT
 from lanes.camera.camera import undistort
 from lanes.io.disk_cache import cache_folder, cached_array
+from lanes.io.processes import map_ordered
 from simulator.objects.bonnet import bonnet_outline
 from simulator.rendering.render import render_frame
 from simulator.scenes import suite
 from simulator.scenes.scene import SuiteScene
 from simulator.scenes.suite import SUITE, render_scene, scene_path
-from simulator.workers import ordered
 
 
 def test_every_scene_is_found_under_its_own_name():
@@ -124,7 +124,7 @@ def keep_slowly(number: int) -> tuple[int, float]:
 
 def test_of_several_that_want_the_same_one_makes_it_and_only_the_latest_stay(monkeypatch, tmp_path):
     monkeypatch.setenv("LANES_CACHE", str(tmp_path))
-    made, sums = zip(*ordered(keep_slowly, range(6), workers=3), strict=True)
+    made, sums = zip(*map_ordered(keep_slowly, range(6), workers=3), strict=True)
     assert sum(made) == 1 and set(sums) == {21.0}
     for number in range(4):
         cached_array(f"few/{number}", [], lambda n=number: np.arange(n + 1.0), most=2)
