@@ -97,7 +97,7 @@ def score_labelled(options: argparse.Namespace) -> int:
     from benchmark.labels.labels import EGO_LANE_NOTE, pair_predictions, read_labels, read_predictions, score_lines
     from benchmark.labels.stills import describe_labelled, score_stills
     from benchmark.systems import SYSTEMS
-    from lanes.drives.own_camera import pose_from_drive
+    from lanes.camera.pose_from_lanes.pose_from_files import pose_from_drive
 
     labels, folder = read_labels(options.labels), options.labels.parent
     if options.predictions:

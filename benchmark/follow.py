@@ -16,7 +16,7 @@ from benchmark.systems import follow_with, require_system
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import load_camera
 from lanes.camera.pose_from_lanes.pose_estimate import PoseError
-from lanes.drives.own_camera import pose_from_drive
+from lanes.camera.pose_from_lanes.pose_from_files import pose_from_drive
 from lanes.io.telemetry import read_telemetry
 from lanes.io.video.reader import inspect_video, read_frames
 

@@ -25,7 +25,7 @@ from benchmark.systems import SYSTEMS  # noqa: E402
 from lanes.camera.calibration.boards import calibrate_folder  # noqa: E402
 from lanes.camera.camera import Camera  # noqa: E402
 from lanes.camera.camera_file import load_camera  # noqa: E402
-from lanes.drives.own_camera import pose_from_drive  # noqa: E402
+from lanes.camera.pose_from_lanes.pose_from_files import pose_from_drive  # noqa: E402
 from lanes.io.images import list_pictures  # noqa: E402
 from lanes.io.video.reader import read_frames  # noqa: E402
 from simulator.rendering.produce import VIDEO_FPS  # noqa: E402

@@ -32,8 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Find the lane in every picture and write the detections."""
+    from lanes.camera.pose_from_lanes.pose_from_files import pose_from_drive
     from lanes.drives.detections import count_gaps, detect_files, write_detections
-    from lanes.drives.own_camera import pose_from_drive
 
     camera, estimate = pose_from_drive(find_lens(options), options.files, progress=progress_line("pose"))
     if estimate:

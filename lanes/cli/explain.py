@@ -29,8 +29,8 @@ def run(options: argparse.Namespace) -> int:
     from lanes.camera.camera_pose import CameraPose
     from lanes.camera.pose_from_lanes.lane_width import USUAL_HEIGHT_M
     from lanes.camera.pose_from_lanes.pose_estimate import PoseError
+    from lanes.camera.pose_from_lanes.pose_from_files import pose_from_drive
     from lanes.drawing.figures import figure_kind, save_figure
-    from lanes.drives.own_camera import pose_from_drive
     from lanes.explain.explanation import explain_frame
     from lanes.explain.panels import show_explanation
 

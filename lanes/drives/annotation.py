@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lanes.camera.camera import Camera
+from lanes.camera.pose_change import find_pose_change
 from lanes.camera.pose_from_lanes.pose_estimate import PoseEstimate
-from lanes.drives.camera_moved import find_pose_change
+from lanes.camera.pose_from_lanes.pose_from_files import pose_from_drive
 from lanes.drives.overlay_styles import STYLES, track_lane
-from lanes.drives.own_camera import pose_from_drive
 from lanes.drives.report.moments import seconds_lost, share_tracked
 from lanes.drives.report.page import write_report
 from lanes.drives.settings import DriveResult, DriveSettings, StillsResult, describe_frames, describe_settings

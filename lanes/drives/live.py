@@ -11,9 +11,9 @@ from itertools import takewhile
 
 from lanes.camera.camera import Camera
 from lanes.camera.pose_from_lanes.pose_estimate import PoseEstimate
+from lanes.camera.pose_from_lanes.pose_from_files import pose_from_pictures
 from lanes.drives.annotation import conclude_drive
 from lanes.drives.overlay_styles import track_lane
-from lanes.drives.own_camera import pose_from_pictures
 from lanes.drives.settings import DriveResult, DriveSettings
 from lanes.io.files import sole_writer
 from lanes.io.telemetry import TelemetryWriter

@@ -1,8 +1,8 @@
-"""The camera pose from the drive itself, where the camera does not bring one."""
+"""Field of view of the camera from the files of a drive: EXIF, broken lines of known period, or the default."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,48 +10,14 @@ import numpy as np
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError
 from lanes.camera.field_of_view import USUAL_HFOV_DEG, FieldOfView, read_hfov
-from lanes.camera.pose_from_lanes.pose_estimate import PoseError, PoseEstimate, estimate_pose
+from lanes.camera.pose_from_lanes.pose_estimate import PoseError
+from lanes.camera.pose_from_lanes.pose_from_files import POSE_PICTURES, pose_from_pictures
 from lanes.drives.dash_period import measure_dash_period
 from lanes.io.footage import pick_pictures
 from lanes.io.images import PICTURE_SUFFIXES
 
-# More pictures than this find nothing new.
-POSE_PICTURES = 40
 # Lenses to look at broken lines with: where one shows their period outside 4 to 30 m, the next does not.
 TRIED_HFOV_DEG = (60.0, 100.0)
-
-
-def pose_from_drive(
-    camera: Camera,
-    files: Sequence[Path],
-    *,
-    start_s: float = 0.0,
-    end_s: float | None = None,
-    progress: Callable[[int, int], None] | None = None,
-) -> tuple[Camera, PoseEstimate | None]:
-    """The camera with its pose: its own, or else the one that the files show, videos between `start_s` and `end_s`; and
-    the estimate, if there was one.
-
-    Raises
-    ------
-    PoseError
-        If the files do not tell it.
-    """
-    if camera.pose is not None:
-        return camera, None
-    pictures = pick_pictures(list(files), POSE_PICTURES, require=camera.require_size, start_s=start_s, end_s=end_s)
-    return pose_from_pictures(camera, pictures, str(files[0]), progress=progress)
-
-
-def pose_from_pictures(
-    camera: Camera, pictures: Iterable[np.ndarray], name: str, *, progress: Callable[[int, int], None] | None = None
-) -> tuple[Camera, PoseEstimate]:
-    """The camera with the pose that pictures show; errors begin with the `name` of the drive."""
-    try:
-        estimate = estimate_pose(pictures, camera, progress=progress)
-    except PoseError as error:
-        raise PoseError(f"{name}: {error}") from error
-    return camera.with_pose(estimate.pose), estimate
 
 
 def find_field_of_view(files: Sequence[Path], *, dash_period_m: float | None = None) -> FieldOfView:

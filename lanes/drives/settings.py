@@ -13,8 +13,8 @@ import numpy as np
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError
 from lanes.camera.field_of_view import FieldOfView
+from lanes.camera.pose_change import PoseChange
 from lanes.camera.pose_from_lanes.pose_estimate import PoseEstimate, describe_accuracy
-from lanes.drives.camera_moved import PoseChange
 from lanes.io.frames import PictureError
 
 

@@ -8,9 +8,8 @@ height.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -20,7 +19,6 @@ from lanes.camera.camera_pose import CameraPose
 from lanes.camera.pose_from_lanes.lane_width import USUAL_HEIGHT_M, USUAL_ROLL_STD, LaneView, lane_share, view_lanes
 from lanes.camera.pose_from_lanes.segments import Segments, find_segments
 from lanes.camera.pose_from_lanes.vanishing_point import DIRECTIONS, HORIZONS, RoadLines, fit_lines, vote
-from lanes.io.images import list_pictures, read_image
 from lanes.io.words import html_table
 
 # 12 ft, the lane of US Interstates (AASHTO, A Policy on Design Standards: Interstate System); motorway lanes elsewhere
@@ -111,7 +109,7 @@ class PoseEstimate:
         }
 
     def __repr__(self) -> str:
-        return f"PoseEstimate({', '.join(f'{name} {words}' for name, words in self.in_words().items())})"
+        return f"PoseEstimate({', '.join(f'{name} {words}' for name, words in self.summary().items())})"
 
     def _repr_html_(self) -> str:
         return html_table(
@@ -187,18 +185,6 @@ def describe_accuracy(estimate: PoseEstimate, camera: Camera) -> str:
         f"expect offset and lane width to be good to {PINHOLE_OFFSET_CM} cm{width}; "
         "distances ahead to be off as much as the focal length, which was not calibrated, and curvature twice as much"
     )
-
-
-def estimate_camera_pose(camera: Camera, folder: str | Path) -> Camera:
-    """The camera with the pose that a folder of pictures from one drive shows; see `estimate_pose`."""
-    return camera.with_pose(estimate_pose(_read_pictures(folder, camera), camera).pose)
-
-
-def _read_pictures(folder: str | Path, camera: Camera) -> Iterator[np.ndarray]:
-    for path in list_pictures(folder):
-        image = read_image(path)
-        camera.require_size(image, path)
-        yield image
 
 
 def _angle_line(name: str, angle_rad: float, std_rad: float, positive: str, negative: str) -> str:

@@ -13,7 +13,8 @@ import pytest
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import camera_from_dict
 from lanes.camera.camera_pose import CameraPose
-from lanes.camera.pose_from_lanes.pose_estimate import PoseError, estimate_camera_pose, estimate_pose
+from lanes.camera.pose_from_lanes.pose_estimate import PoseError, estimate_pose
+from lanes.camera.pose_from_lanes.pose_from_files import estimate_camera_pose
 from lanes.io.frames import PictureError
 from lanes.io.images import read_image, write_image
 from tests.support.painted_roads import paint_road
@@ -123,6 +124,12 @@ def test_description_words_the_signs(straight):
     text = estimate_pose(straight[:2], CAMERA).describe()
     assert "looks down" in text and "looks right" in text and "right side down" in text
     assert "from 2 of 2 pictures" in text
+
+
+def test_repr_names_each_number_with_its_standard_deviation(straight):
+    estimate = estimate_pose(straight[:2], CAMERA)
+    assert repr(estimate).startswith(f"PoseEstimate(height {estimate.pose.height_m:.2f} ± ")
+    assert repr(estimate).endswith("pictures 2 of 2 used)")
 
 
 def unmarked():

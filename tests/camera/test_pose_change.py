@@ -1,4 +1,4 @@
-"""A camera that moves in its pose is noticed; bumps, bends and weaving are not taken for it."""
+"""A change of the camera pose during a drive is detected; bumps, bends and weaving are not mistaken for one."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lanes.drives.camera_moved import find_pose_change
+from lanes.camera.pose_change import find_pose_change
 from lanes.drives.settings import DriveResult
 from lanes.tracking.tracker import LaneTracker
 from simulator.rendering.drive import Motion
@@ -21,7 +21,7 @@ TURN = np.radians(1.5)
 
 
 def telemetry(*, seconds: float = 16, moved_s: float = 8, **turn: float) -> dict[str, np.ndarray]:
-    """What the tracker says of a bumpy drive through bends, whose pose turns by so much half-way."""
+    """Telemetry of a bumpy drive through bends; the camera pose changes by `turn` at `moved_s`."""
     before = PaintedDrive(s_bend(), lane_lines(), BUMPY)
     pose = before.camera.pose
     moved = replace(pose, **{name: getattr(pose, name) + angle for name, angle in turn.items()})
@@ -37,19 +37,19 @@ def telemetry(*, seconds: float = 16, moved_s: float = 8, **turn: float) -> dict
     ("turn", "half_s", "pitch_deg", "yaw_deg", "words"),
     [
         ({"pitch_rad": TURN}, 8, 1.5, 0, r"since then it looks 1.\d deg farther down; annotate"),
-        # through bends the heading of a lane seen aslant is less steady than the pitch
+        # in bends the heading of the lane varies more than the pitch
         ({"yaw_rad": -TURN}, 15, 0, -1.5, r"since then it looks 1.\d deg farther to the right; annotate"),
     ],
 )
-def test_a_camera_that_moves_half_way_is_noticed(turn, half_s, pitch_deg, yaw_deg, words):
+def test_a_camera_that_moves_half_way_is_detected(turn, half_s, pitch_deg, yaw_deg, words):
     change = find_pose_change(telemetry(seconds=2 * half_s, moved_s=half_s, **turn))
-    # for two seconds a camera that suddenly looks farther down is taken for a road that waves
+    # for two seconds the tracker explains the change of pitch as a vertical curve of the road
     assert change.time_s == pytest.approx(half_s, abs=2)
     assert np.degrees([change.pitch_rad, change.yaw_rad]) == pytest.approx([pitch_deg, yaw_deg], abs=0.6)
     assert re.search(words, change.describe())
 
 
-def test_an_ordinary_bumpy_drive_is_not():
+def test_an_ordinary_bumpy_drive_has_no_pose_change():
     rows = telemetry(seconds=12)
     assert np.degrees(np.nanstd(rows["pitch_rad"])) > 0.2
     assert (rows["state"] == "tracking").mean() > 0.8
@@ -79,13 +79,13 @@ TIMES_S = np.arange(0, 60, 0.04)
         1.2 * np.sin(TIMES_S / 3),
         np.where(TIMES_S > 30, 0.5, 0.0),
     ],
-    ids=["a crest", "too late to tell", "hilly", "too little"],
+    ids=["a crest", "too late", "hilly", "too little"],
 )
-def test_what_passes_is_no_move(pitch_deg):
+def test_temporary_and_small_changes_are_not_detected(pitch_deg):
     assert find_pose_change(made(pitch_deg)) is None
 
 
-def test_a_late_small_move_is_dated():
+def test_time_and_size_of_a_late_small_change():
     change = find_pose_change(made(np.where(TIMES_S > 50, 1.0, 0.0), np.where(TIMES_S > 50, -1.2, 0.0)))
     assert change.time_s == pytest.approx(50, abs=1)
     assert np.degrees([change.pitch_rad, change.yaw_rad]) == pytest.approx([1.0, 1.2], abs=0.1)
@@ -101,7 +101,7 @@ def test_frames_without_a_lane_do_not_count():
     assert find_pose_change(rows) is None
 
 
-def test_an_annotated_drive_says_so():
+def test_the_result_of_a_drive_describes_the_change():
     change = find_pose_change(made(np.where(TIMES_S > 30, 1.5, 0.0)))
     path = Path("drive.mp4")
     result = DriveResult("drive.mp4", path, path, None, CAMERA, None, 1500, 1.0, 0.0, 30.0, moved=change)

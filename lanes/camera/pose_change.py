@@ -1,0 +1,119 @@
+"""Detect from the telemetry of a drive that the camera moved.
+
+In every frame the tracker measures the pitch relative to the camera pose and the direction of the road. Bumps, grades
+and steering change them for a moment. A change at one moment that lasts until the end comes from the camera.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+# Value of the telemetry's column `state` in frames with a tracked lane.
+TRACKED_STATE = "tracking"
+# Frames are averaged by the second. Both parts must last at least this long, because bumps and bends pass sooner.
+MIN_PART_S = 5
+# A smaller change does not need a new pose: on a rendered drive 0.8 degrees of pitch move the offset by 1 cm.
+MIN_CHANGE_RAD = np.radians(0.8)
+# Smallest change in standard deviations. High, because the best of all splits is taken and because the values of
+# successive seconds are correlated.
+MIN_CHANGE_STDS = 6.0
+
+
+@dataclass(frozen=True)
+class PoseChange:
+    """Time and size of a change of the camera pose.
+
+    Attributes
+    ----------
+    time_s : float
+        Time of the change, seconds since the start of the drive.
+    pitch_rad, yaw_rad : float
+        Change of pitch (> 0 looks farther down) and yaw (> 0 looks farther left); 0 where it is not significant.
+    """
+
+    time_s: float
+    pitch_rad: float
+    yaw_rad: float
+
+    def describe(self) -> str:
+        """One sentence with the change and what to do."""
+        turns = [
+            _describe_turn(self.pitch_rad, "down", "up"),
+            _describe_turn(self.yaw_rad, "to the left", "to the right"),
+        ]
+        return (
+            f"the camera seems to have moved after {self.time_s:.0f} s: since then it looks "
+            f"{' and '.join(filter(None, turns))}; annotate the two parts separately (--start, --end), each with its "
+            "own pose."
+        )
+
+
+def find_pose_change(rows: Mapping[str, np.ndarray]) -> PoseChange | None:
+    """The moment at which the camera moved, or None.
+
+    Parameters
+    ----------
+    rows : mapping of str to ndarray of shape (N,)
+        Telemetry of one drive: time_s, state, pitch_rad, heading_rad, offset_m.
+
+    Returns
+    -------
+    PoseChange or None
+        None if there is no significant change, or less than `MIN_PART_S` seconds are tracked before or after it.
+    """
+    seconds, pitch, heading = _values_per_second(rows)
+    (pitch_split, pitch_rad), (yaw_split, yaw_rad) = _largest_step(pitch), _largest_step(-heading)
+    if not pitch_rad and not yaw_rad:
+        return None
+    split = pitch_split if abs(pitch_rad) > abs(yaw_rad) else yaw_split
+    return PoseChange(float(seconds[split]), pitch_rad, yaw_rad)
+
+
+def _values_per_second(rows: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Seconds with tracked frames, their median pitch, and their median heading without the effect of weaving."""
+    tracked = np.asarray(rows["state"]) == TRACKED_STATE
+    second = np.floor(np.asarray(rows["time_s"], float)).astype(int)
+    seconds = np.unique(second[tracked])
+    frames = [np.flatnonzero(tracked & (second == s)) for s in seconds]
+    pitch, heading, offset = (
+        np.array([np.median(np.asarray(rows[name])[f]) for f in frames])
+        for name in ("pitch_rad", "heading_rad", "offset_m")
+    )
+    return seconds, pitch, heading - _weaving_heading(heading, offset)
+
+
+def _weaving_heading(heading: np.ndarray, offset_m: np.ndarray) -> np.ndarray:
+    """Part of the headings (N,) that is proportional to the lateral speed; the factor is fitted (1 / speed)."""
+    if len(heading) < 3:
+        return np.zeros_like(heading)
+    lateral_speed = np.gradient(offset_m)
+    # Fitted to differences between seconds, so that a step of the heading has little influence.
+    differences = np.diff(lateral_speed)
+    slope = differences @ np.diff(heading) / max(differences @ differences, 1e-9)
+    return slope * lateral_speed
+
+
+def _largest_step(values: np.ndarray) -> tuple[int, float]:
+    """Best split of (N,) values into two constant levels, and the step between these; 0.0 if not significant."""
+    residuals = []
+    for split in range(1, len(values)):
+        levels = np.median(values[:split]), np.median(values[split:])
+        residuals.append(np.abs(values - np.where(np.arange(len(values)) < split, *levels)))
+    if not residuals:
+        return 0, 0.0
+    split = 1 + int(np.argmin([residual.sum() for residual in residuals]))
+    before, after = split, len(values) - split
+    # The median of n normal values has the variance pi / 2n.
+    std = 1.4826 * np.median(residuals[split - 1]) * np.sqrt(np.pi / 2 * (1 / before + 1 / after))
+    step = float(np.median(values[split:]) - np.median(values[:split]))
+    significant = min(before, after) >= MIN_PART_S and abs(step) > max(MIN_CHANGE_RAD, MIN_CHANGE_STDS * std)
+    return split, step if significant else 0.0
+
+
+def _describe_turn(angle_rad: float, positive: str, negative: str) -> str | None:
+    if not angle_rad:
+        return None
+    return f"{np.degrees(abs(angle_rad)):.1f} deg farther {positive if angle_rad > 0 else negative}"

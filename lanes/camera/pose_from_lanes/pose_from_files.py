@@ -1,0 +1,111 @@
+"""Camera pose from the files of a drive: stills, videos, or frames of a live camera."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from lanes.camera.camera import Camera
+from lanes.camera.pose_from_lanes.pose_estimate import PoseError, PoseEstimate, estimate_pose
+from lanes.io.footage import pick_pictures
+from lanes.io.images import list_pictures, read_image
+
+# Pictures taken from a drive; more did not improve the estimate.
+POSE_PICTURES = 40
+
+
+def pose_from_drive(
+    camera: Camera,
+    files: Sequence[Path],
+    *,
+    start_s: float = 0.0,
+    end_s: float | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[Camera, PoseEstimate | None]:
+    """The camera with a pose: its own if it has one, otherwise the pose estimated from the files.
+
+    Parameters
+    ----------
+    camera : Camera
+    files : sequence of Path
+        Stills and videos of one drive, of the camera's size.
+    start_s, end_s : float
+        Part of the videos to use, seconds.
+    progress : callable, optional
+        Called with (pictures done, pictures in all).
+
+    Returns
+    -------
+    camera : Camera
+    estimate : PoseEstimate or None
+        None if the camera already had a pose.
+
+    Raises
+    ------
+    PoseError
+        If the files do not determine the pose; see `estimate_pose`.
+    PictureError
+        If a picture is not of the camera's size.
+    """
+    if camera.pose is not None:
+        return camera, None
+    pictures = pick_pictures(list(files), POSE_PICTURES, require=camera.require_size, start_s=start_s, end_s=end_s)
+    return pose_from_pictures(camera, pictures, str(files[0]), progress=progress)
+
+
+def pose_from_pictures(
+    camera: Camera,
+    pictures: Iterable[np.ndarray],
+    name: str,
+    *,
+    progress: Callable[[int, int], None] | None = None,
+    **options: float | None,
+) -> tuple[Camera, PoseEstimate]:
+    """The camera with the pose estimated from pictures, and the estimate.
+
+    Parameters
+    ----------
+    camera : Camera
+    pictures : iterable of ndarray of shape (height, width, 3), uint8
+        RGB, raw.
+    name : str
+        Name of the drive, which precedes the message of an error.
+    progress : callable, optional
+        Called with (pictures done, pictures in all).
+    **options
+        `lane_width_m` and `height_m` of `estimate_pose`.
+
+    Raises
+    ------
+    PoseError
+        If the pictures do not determine the pose; see `estimate_pose`.
+    """
+    try:
+        estimate = estimate_pose(pictures, camera, progress=progress, **options)
+    except PoseError as error:
+        raise PoseError(f"{name}: {error}") from error
+    return camera.with_pose(estimate.pose), estimate
+
+
+def estimate_camera_pose(camera: Camera, folder: str | Path) -> Camera:
+    """The camera with the pose estimated from a folder of pictures of one drive.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the folder does not exist or holds no picture.
+    PictureError
+        If a picture cannot be read or is not of the camera's size.
+    PoseError
+        If the pictures do not determine the pose; see `estimate_pose`.
+    """
+    return camera.with_pose(estimate_pose(_read_pictures(folder, camera), camera).pose)
+
+
+def _read_pictures(folder: str | Path, camera: Camera) -> Iterator[np.ndarray]:
+    for path in list_pictures(folder):
+        image = read_image(path)
+        camera.require_size(image, path)
+        yield image
