@@ -49,7 +49,7 @@ from lanes.classic.search import lane_histogram, find_peaks, sliding_windows, se
 from lanes.classic.fit import fit_line, ransac_line
 from lanes.io.words import describe_bend, describe_offset
 from benchmark.course import worst_lateral_error_m, describe_error, drive_errors_m
-from benchmark.tables import format_table
+from benchmark.reporting.tables import format_table
 
 # 8 Draw, video
 from lanes.drawing.canvas import LEFT_COLOUR, RIGHT_COLOUR
@@ -89,8 +89,8 @@ from lanes.explain.explanation import explain_frame
 from lanes.explain.panels import show_explanation
 
 # 14 How wrong
-from benchmark.follow import score_video
-from benchmark.tables import results_table
+from benchmark.evaluation import score_video
+from benchmark.reporting.tables import results_table
 
 # Sliders
 from lanes.explain.sliders import tune_threshold, tune_view

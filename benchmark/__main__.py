@@ -94,8 +94,8 @@ def measure_speeds() -> int:
 
 def score_labelled(options: argparse.Namespace) -> int:
     """Score a file of predictions, or every system, on the stills of `options.labels`."""
-    from benchmark.labels.labels import EGO_LANE_NOTE, pair_predictions, read_labels, read_predictions, score_lines
     from benchmark.labels.stills import describe_labelled, score_stills
+    from benchmark.labels.tusimple import EGO_LANE_NOTE, pair_predictions, read_labels, read_predictions, score_lines
     from benchmark.systems import SYSTEMS
     from lanes.camera.pose_from_lanes.pose_from_files import pose_from_drive
 
@@ -115,11 +115,11 @@ def score_labelled(options: argparse.Namespace) -> int:
 
 
 def _report(results: list, folder: Path) -> None:
-    from benchmark.failures import describe_failures
-    from benchmark.figures import save_reliability_figure, save_scores_figure
+    from benchmark.reporting.failures import describe_failures
+    from benchmark.reporting.figures import save_reliability_figure, save_scores_figure
+    from benchmark.reporting.tables import describe_run, describe_scores
     from benchmark.scores import score_rows, total_rows
     from benchmark.systems import TRACKER
-    from benchmark.tables import describe_run, describe_scores
     from lanes.io.telemetry import write_telemetry
 
     rows = [*score_rows(results), *total_rows(results)]

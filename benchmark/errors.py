@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from benchmark.readings import AT_M, Readings
+from benchmark.estimates import AT_M, Readings
 from lanes.camera.camera import Camera
 from lanes.tracking.confidence import RIGHT_M
 

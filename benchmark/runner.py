@@ -10,11 +10,11 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from benchmark import readings, systems
+from benchmark import estimates, systems
 from benchmark.errors import frame_errors
-from benchmark.follow import Staged, follow_drive, stage, true_lane
+from benchmark.estimates import read_readings, write_readings
+from benchmark.evaluation import Staged, follow_drive, stage, true_lane
 from benchmark.machine import describe_machine
-from benchmark.readings import read_readings, write_readings
 from benchmark.scored_drive import BenchmarkDrive
 from benchmark.scores import Result
 from benchmark.suite_drives import with_video
@@ -113,7 +113,7 @@ def _key(staged: Staged, system: str) -> str:
     """Twelve digits that change with all that the readings depend on."""
     digest = hashlib.sha256(staged.drive.video.read_bytes())
     digest.update(f"{describe_machine()} {staged.camera and camera_to_dict(staged.camera)}".encode())
-    own = [Path(module.__file__) for module in (readings, systems)]
+    own = [Path(module.__file__) for module in (estimates, systems)]
     for source in (*own, *SOURCES[system]):
         for file in sorted(source.rglob("*.py")) if source.is_dir() else [source]:
             digest.update(file.read_bytes())

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmark.errors import FrameErrors, recoveries
-from benchmark.readings import AT_M
+from benchmark.estimates import AT_M
 
 # Distances of which the table speaks.
 TABLE_AT_M = (5.0, 15.0, 30.0)

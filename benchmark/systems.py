@@ -12,7 +12,7 @@ from types import ModuleType
 
 import numpy as np
 
-from benchmark.readings import AT_M, Reading
+from benchmark.estimates import AT_M, Reading
 from lanes import classic, tracking
 from lanes.camera import camera
 from lanes.camera.camera import Camera

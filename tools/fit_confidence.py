@@ -22,8 +22,8 @@ import cv2
 import numpy as np
 
 from benchmark.errors import LaneTruth, frame_errors  # noqa: E402
-from benchmark.follow import true_lane  # noqa: E402
-from benchmark.readings import Readings  # noqa: E402
+from benchmark.estimates import Readings  # noqa: E402
+from benchmark.evaluation import true_lane  # noqa: E402
 from benchmark.scored_drive import BenchmarkDrive  # noqa: E402
 from benchmark.suite_drives import choose_drives  # noqa: E402
 from benchmark.systems import read_tracked  # noqa: E402

@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmark.labels.labels import LaneColumns, LineScore, read_labels  # noqa: E402
 from benchmark.labels.stills import score_pictures, score_stills  # noqa: E402
+from benchmark.labels.tusimple import LaneColumns, LineScore, read_labels  # noqa: E402
 from benchmark.machine import describe_machine  # noqa: E402
 from benchmark.suite_drives import list_drives  # noqa: E402
 from benchmark.systems import SYSTEMS  # noqa: E402

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmark.labels.labels import LaneColumns, LineScore, score_lines, summarize_lines
+from benchmark.labels.tusimple import LaneColumns, LineScore, score_lines, summarize_lines
+from benchmark.reporting.tables import format_table
 from benchmark.systems import find_with
-from benchmark.tables import format_table
 from lanes.camera.camera import Camera
 from lanes.io.images import read_image
 

@@ -9,9 +9,9 @@ from itertools import islice
 from pathlib import Path
 
 from benchmark.machine import describe_load, describe_machine
+from benchmark.reporting.tables import format_table
 from benchmark.speed.stages import FrameTime, time_frames
 from benchmark.speed.transcode import FileTime, peak_memory_mb, time_files
-from benchmark.tables import format_table
 from lanes.camera.camera_file import load_camera
 from lanes.io.video.reader import read_frames
 

@@ -13,7 +13,7 @@ from benchmark.course import (
     paint_share,
     worst_lateral_error_m,
 )
-from benchmark.tables import format_table
+from benchmark.reporting.tables import format_table
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraPose
 from lanes.classic.finder import LaneFinder, get_recipe

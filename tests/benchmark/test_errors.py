@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from benchmark.errors import LaneTruth, frame_errors, recoveries
-from benchmark.failures import describe_failures, failures
-from benchmark.readings import AT_M, Reading, Readings, read_readings, write_readings
+from benchmark.estimates import AT_M, Reading, Readings, read_readings, write_readings
+from benchmark.reporting.failures import describe_failures, failures
 from benchmark.scores import Result, percentile, score, score_rows, total_rows
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraPose

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmark.errors import LaneTruth, frame_errors
-from benchmark.readings import AT_M, Readings
+from benchmark.estimates import AT_M, Readings
 from benchmark.systems import SYSTEMS, find_with, follow_with, read_classic
 from lanes.classic.measure import RoadLine
 from lanes.classic.result import LaneResult

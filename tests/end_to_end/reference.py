@@ -17,8 +17,8 @@ import cv2
 import numpy as np
 
 from benchmark.errors import FrameErrors, frame_errors  # noqa: E402
-from benchmark.follow import true_lane  # noqa: E402
-from benchmark.readings import Readings  # noqa: E402
+from benchmark.estimates import Readings  # noqa: E402
+from benchmark.evaluation import true_lane  # noqa: E402
 from benchmark.scores import score  # noqa: E402
 from benchmark.suite_drives import COMMITTED, list_drives  # noqa: E402
 from benchmark.systems import TRACKER, follow_with  # noqa: E402

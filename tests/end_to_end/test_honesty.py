@@ -13,9 +13,9 @@ import pytest
 
 from benchmark.dataset import PROJECT_ROOT
 from benchmark.errors import CONFIDENT
+from benchmark.reporting.tables import read_scores
 from benchmark.scores import Row
 from benchmark.systems import TRACKER
-from benchmark.tables import read_scores
 from simulator.scenes.suite import SUITE
 
 TABLE = PROJECT_ROOT / "docs" / "benchmark" / "benchmark.csv"

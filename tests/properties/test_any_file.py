@@ -11,8 +11,8 @@ import yaml
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from benchmark.labels.labels import read_labels, read_predictions
-from benchmark.tables import read_scores
+from benchmark.labels.tusimple import read_labels, read_predictions
+from benchmark.reporting.tables import read_scores
 from lanes.camera.camera_file import camera_to_dict, load_camera
 from lanes.camera.camera_pose import CameraError
 from lanes.io.telemetry import read_telemetry

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from benchmark.errors import FrameErrors, LaneTruth, frame_errors
-from benchmark.follow import true_lane
-from benchmark.readings import AT_M, Readings
+from benchmark.estimates import AT_M, Readings
+from benchmark.evaluation import true_lane
 from benchmark.suite_drives import list_drives
 from benchmark.systems import read_tracked
 from lanes.camera.camera import Camera

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmark.errors import LaneTruth, frame_errors
-from benchmark.readings import Reading, Readings
+from benchmark.estimates import Reading, Readings
 from benchmark.scored_drive import NO_LANE, BenchmarkDrive, own_drive
 from benchmark.scores import Result, Row, score_rows
 from benchmark.systems import follow_with, require_system

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmark.errors import FrameErrors
-from benchmark.reliability import StatedLanes, wilson_interval
+from benchmark.reporting.reliability import StatedLanes, wilson_interval
 
 
 def lanes(confidence: list[float], right: list[bool], *, exists: list[bool] | None = None, lane_frames: int = 0):

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmark.labels.labels import (
+from benchmark.labels.tusimple import (
     LaneColumns,
     LineScore,
     pair_predictions,
@@ -24,7 +24,7 @@ from simulator.rendering.drive import Motion
 from tests.support.command_line import process
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 ROWS = np.arange(400.0, 600, 10)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmark.reliability import StatedLanes
+from benchmark.reporting.reliability import StatedLanes
 from benchmark.scores import Result, Row
 from benchmark.systems import TRACKER
 from lanes.drawing.figures import TRUTH_LOOK, new_figure, save_figure

@@ -1,0 +1,60 @@
+"""The benchmark's tables: for the terminal, in Markdown, and read from a file."""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+import pytest
+
+from benchmark.reporting.tables import describe_scores, results_table
+
+
+def row(scene: str, system: str, **numbers: float) -> dict:
+    names = ("lateral_5m", "lateral_15m", "lateral_30m", "lateral_5_20m", "offset")
+    base = {f"{name}_{part}_m": 0.123 for name in names for part in ("median", "p95")}
+    base |= {f"heading_{part}_rad": 0.001 for part in ("median", "p95")}
+    base |= {f"curvature_{part}_per_m": 0.0001 for part in ("median", "p95")}
+    base |= {"recover_median_frames": 0.0, "recover_longest_frames": 12.0, "time_median_ms": 9.0, "frames": 100.0}
+    base |= {"available_share": 1.0, "right_share": 0.5, "confidently_wrong_share": 0.25}
+    about = {"scene": scene, "difficulty": "hard", "system": system, "pose": "true", "workers": 1.0}
+    return about | base | numbers
+
+
+class TestTables:
+    def test_nothing_measured_is_a_dash_and_infinite_is_said(self):
+        lost = row("fog", "tracker", **{f"lateral_5m_{part}_m": np.nan for part in ("median", "p95")})
+        lost |= {"available_share": np.nan, "lateral_30m_p95_m": np.inf}
+        heads, units, scene, line = describe_scores([lost]).splitlines()
+        assert scene == "fog (hard, 100 frames)"
+        assert line.split() == ["tracker", "-", "50.0", "25.0", "-", "12/12", "12/inf", "12/12"] + [
+            "12/12", "0.1/0.1", "0.1/0.1", "0/12", "9.0",
+        ]  # fmt: skip
+
+    def test_readme_shows_who_loses(self, tmp_path):
+        rows = [
+            row("bridge", "hls_sobel", right_share=0.9),
+            row("bridge", "tracker", right_share=0.8),
+            row("hairpin", "hls_sobel", right_share=0.0, lateral_5_20m_p95_m=np.nan),
+            row("hairpin", "tracker", right_share=0.4, lateral_5_20m_p95_m=np.inf),
+            row("desert", "hls_sobel", right_share=np.nan, confidently_wrong_share=1.0),
+            row("desert", "tracker", right_share=np.nan, confidently_wrong_share=0.0),
+        ]
+        with (tmp_path / "benchmark.csv").open("w", newline="") as file:
+            writer = csv.DictWriter(file, rows[0])
+            writer.writeheader()
+            writer.writerows(rows)
+        assert results_table(tmp_path / "benchmark.csv").splitlines() == [
+            "| scene | difficulty | hls_sobel | tracker |",
+            "|---|---|---|---|",
+            "| bridge | hard | **90.0%, 0.12 m** | 80.0%, 0.12 m |",
+            "| hairpin | hard | 0.0%, lost | **40.0%, a line ends** |",
+            "| desert | hard | 100.0% false | **0.0% false** |",
+        ]
+
+    def test_other_files_are_refused(self, tmp_path):
+        with pytest.raises(FileNotFoundError, match=r"none.csv: there is no such table"):
+            results_table(tmp_path / "none.csv")
+        (tmp_path / "other.csv").write_text("frame,time_s\n0,0\n")
+        with pytest.raises(ValueError, match=r"other.csv: is no table of the benchmark"):
+            results_table(tmp_path / "other.csv")
