@@ -47,7 +47,7 @@ from lanes.classic.search import lane_histogram, find_peaks, sliding_windows, se
 
 # 7 Fit, measure
 from lanes.classic.fit import fit_line, ransac_line
-from lanes.io.words import describe_bend, describe_offset
+from lanes.io.describe import describe_bend, describe_offset
 from benchmark.course import worst_lateral_error_m, describe_error, drive_errors_m
 from benchmark.reporting.tables import format_table
 

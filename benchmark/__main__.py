@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 from lanes.cli.arguments import add_lens, find_lens
-from lanes.io.console import count, progress_line, run_command, run_program
+from lanes.io.console import positive_int, progress_line, run_command, run_program
 
 EXAMPLES = """\
   python -m benchmark --list
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--estimated-pose", action="store_true", help="estimate the camera pose from each video, as on real drives"
     )
     parser.add_argument("--speed", action="store_true", help="measure time and memory on the committed video")
-    parser.add_argument("--workers", type=count, default=1, metavar="N", help="processes (default: %(default)s)")
+    parser.add_argument("--workers", type=positive_int, default=1, metavar="N", help="processes (default: %(default)s)")
     parser.add_argument("-o", "--output", type=Path, default=Path("."), metavar="FOLDER", help="default: here")
     labelled = parser.add_argument_group("stills labelled by hand")
     labelled.add_argument(

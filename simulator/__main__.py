@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from lanes.io.console import number, progress_line, run_command, run_program
+from lanes.io.console import bounded_float, progress_line, run_command, run_program
 
 EXAMPLES = """\
   python -m simulator
@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, default=Path("."), help="folder to write into (default: here)")
     parser.add_argument(
         "--seconds",
-        type=number(0.04, 10),
+        type=bounded_float(0.04, 10),
         default=10.0,
         metavar="S",
         help="greatest length of a video (default: %(default)s)",
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Render what is asked for."""
-    from lanes.io.files import writing_to
+    from lanes.io.files import translate_write_errors
     from simulator.chessboards import write_boards
     from simulator.scenes.embedded import write_challenge_video, write_harder_video, write_project_video, write_stills
     from simulator.scenes.suite import render_scene
@@ -44,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
     if options.scene:
         print(f"{options.scene}: {render_scene(options.scene, progress=progress_line(options.scene))}")
         return 0
-    with writing_to(options.out):
+    with translate_write_errors(options.out):
         options.out.mkdir(parents=True, exist_ok=True)
     videos = options.out / "test_videos"
     jobs = {

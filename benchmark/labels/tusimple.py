@@ -18,11 +18,11 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from lanes.io.files import read_text
-from lanes.io.images import MOST_PIXELS, read_image
+from lanes.io.images import MAX_PIXELS, read_image
 
 NO_POINT = -2.0
 # A hundred thousand pictures with six lanes at 56 rows.
-MOST_BYTES = 200_000_000
+MAX_LABEL_FILE_BYTES = 200_000_000
 # TuSimple's tolerance and threshold.
 TOLERANCE_PX, MATCHED = 20.0, 0.85
 # A line with fewer labelled points than this has no sure direction and is not scored.
@@ -164,7 +164,7 @@ def _score_line(rows: np.ndarray, label: np.ndarray, predicted: np.ndarray) -> L
 def _read_entries(path: str | Path) -> list[dict]:
     entries = []
     # Not splitlines, which also ends lines at signs that JSON allows inside of strings.
-    for number, line in enumerate(read_text(path, "label", most_bytes=MOST_BYTES).split("\n"), 1):
+    for number, line in enumerate(read_text(path, "label", max_bytes=MAX_LABEL_FILE_BYTES).split("\n"), 1):
         if not line.strip():
             continue
         try:
@@ -200,7 +200,7 @@ def _require_entry(entry: dict) -> None:
 
 def _fits_picture(places: np.ndarray) -> bool:
     """Whether these can be rows or columns; a line may leave the picture, but not by more than its largest size."""
-    return bool((np.abs(places) < MOST_PIXELS).all())
+    return bool((np.abs(places) < MAX_PIXELS).all())
 
 
 def _two_lines(entry: dict, lanes: Sequence[Sequence[float]]) -> LaneColumns:

@@ -25,7 +25,7 @@ from lanes.camera.camera_file import load_camera
 from lanes.drives.overlay_styles import track_lane
 from lanes.io.threads import one_thread
 from lanes.io.video.container import open_video
-from lanes.io.video.pipeline import AsStored, annotate_video
+from lanes.io.video.pipeline import YuvProcess, annotate_video
 from lanes.io.video.reader import inspect_video
 from lanes.io.video.writer import open_mp4
 from lanes.tracking.tracker import LaneTracker
@@ -108,7 +108,7 @@ def repeat_video(source: Path, target: Path, frames: int) -> Path:
 
 
 def _annotate(source: Path, target: Path, camera: Camera, fps: float, table: Path, end_s: float | None = None) -> None:
-    process = AsStored(track_lane(LaneTracker(camera, fps=fps), camera))
+    process = YuvProcess(track_lane(LaneTracker(camera, fps=fps), camera))
     with one_thread():  # as the command does it
         annotate_video(source, target, process, end_s=end_s, progress=False, telemetry=table)
 

@@ -18,8 +18,8 @@ import cv2
 import numpy as np
 
 from lanes.camera.camera_pose import CameraError, CameraPose
+from lanes.io.describe import html_table
 from lanes.io.frames import Frame, PictureError, YuvFrame, require_rgb
-from lanes.io.words import html_table
 
 # Pictures whose aspect ratios differ by less than this come from the same sensor area: 1281x721 beside 1280x720
 # differs by 0.0006, the next common format (16:10 beside 16:9) by 0.18.

@@ -10,10 +10,10 @@ import yaml
 from lanes.camera.camera import CalibrationReport, Camera
 from lanes.camera.camera_pose import CameraError, CameraPose
 from lanes.io.files import read_text, write_atomically
-from lanes.io.images import MOST_PIXELS
+from lanes.io.images import MAX_PIXELS
 
 # One with a thousand boards has 50 kB.
-MOST_BYTES = 1_000_000
+MAX_CAMERA_FILE_BYTES = 1_000_000
 # Focal lengths in widths of the picture: fields of view from 1 degree to 157.
 FOCAL_LENGTHS = 0.1, 60.0
 # Lenses of long focal lengths have coefficients of hundreds; whatever is beyond this overflows in their polynomial.
@@ -72,7 +72,7 @@ def load_camera(path: str | Path) -> Camera:
     CameraError
         If it is no camera file, lacks an entry or holds numbers that are no camera's.
     """
-    text = read_text(path, "camera", error=CameraError, most_bytes=MOST_BYTES)
+    text = read_text(path, "camera", error=CameraError, max_bytes=MAX_CAMERA_FILE_BYTES)
     try:
         return camera_from_dict(yaml.load(text, _PlainLoader))
     except RecursionError as error:
@@ -104,7 +104,7 @@ def _require_lens(matrix: np.ndarray, distortion: np.ndarray, size: tuple[int, i
         raise ValueError("its numbers are not finite")
     if np.abs(distortion).max() > MOST_DISTORTION:
         raise ValueError(f"a distortion coefficient is not between -{MOST_DISTORTION:g} and {MOST_DISTORTION:g}")
-    if not (min(size) > 0 and size[0] * size[1] <= MOST_PIXELS):
+    if not (min(size) > 0 and size[0] * size[1] <= MAX_PIXELS):
         raise ValueError(f"{size[0]} x {size[1]} is no size of a picture")
     least, most = (share * size[0] for share in FOCAL_LENGTHS)
     if not all(least <= focal_px <= most for focal_px in (matrix[0, 0], matrix[1, 1])):

@@ -17,13 +17,13 @@ from lanes.drawing.canvas import (
     SHIFT,
     WINDOW_COLOUR,
     Colour,
-    fixed_point,
+    draw_polyline,
     line_thickness,
-    stroke_line,
+    to_fixed_point,
 )
 from lanes.drawing.pictures import _STEP_PX, _finite, draw_line, draw_mosaic, fill_lane, to_rgb, write_text
+from lanes.io.describe import describe_bend, describe_offset
 from lanes.io.frames import require_rgb
-from lanes.io.words import describe_bend, describe_offset
 
 
 def describe_result(result: LaneResult) -> list[str]:
@@ -128,8 +128,8 @@ def draw_lane(
     drawn = fill_lane(image, left, right, colour=colour, alpha=alpha)
     width_px = image.shape[1] / 160 if line_width_px is None else line_width_px
     if width_px > 0:
-        stroke_line(drawn, left, LEFT_COLOUR, width_px)
-        stroke_line(drawn, right, RIGHT_COLOUR, width_px)
+        draw_polyline(drawn, left, LEFT_COLOUR, width_px)
+        draw_polyline(drawn, right, RIGHT_COLOUR, width_px)
     return drawn
 
 
@@ -142,7 +142,7 @@ def draw_windows(view: np.ndarray, windows_px: np.ndarray, *, colour: Colour = W
     width = line_thickness(drawn.shape[1] / 320)
     for left, top, right, bottom in np.asarray(windows_px, float).reshape(-1, 4):
         outline = np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
-        cv2.polylines(drawn, [fixed_point(outline)], True, colour, width, cv2.LINE_AA, SHIFT)
+        cv2.polylines(drawn, [to_fixed_point(outline)], True, colour, width, cv2.LINE_AA, SHIFT)
     return drawn
 
 

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lanes.cli.arguments import add_lens, add_piece, find_field, require_piece
-from lanes.io.console import count, error_status, number, progress_line
+from lanes.io.console import bounded_float, error_status, positive_int, progress_line
 
 if TYPE_CHECKING:
     from lanes.drives.settings import DriveSettings
@@ -55,11 +55,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quiet", action="store_true", help="print errors only")
     many = parser.add_argument_group("many drives", "these need Dask: pip install -r requirements-cluster.txt")
     where = many.add_mutually_exclusive_group()
-    where.add_argument("--workers", type=count, metavar="N", help="processes on this machine, each with one thread")
+    where.add_argument(
+        "--workers", type=positive_int, metavar="N", help="processes on this machine, each with one thread"
+    )
     where.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster, like tcp://10.0.0.1:8786")
     many.add_argument(
         "--piece",
-        type=number(10),
+        type=bounded_float(10),
         default=300.0,
         metavar="S",
         help="drives longer than one and a half times this are cut into pieces of about this length, which are "

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lanes.io.console import number, progress_line
+from lanes.io.console import bounded_float, progress_line
 
 if TYPE_CHECKING:
     from lanes.camera.camera import Camera
@@ -27,14 +27,14 @@ def add_lens(parser: argparse._ActionsContainer) -> None:
     lens.add_argument("--camera", type=Path, metavar="YAML", help="camera file, as `calibrate` or `pose` writes it")
     lens.add_argument(
         "--hfov",
-        type=number(10, 150),
+        type=bounded_float(10, 150),
         metavar="DEG",
         help="horizontal field of view, if never calibrated (default: what the stills' EXIF says, else 60 is assumed)",
     )
     lens.add_argument("--boards", type=Path, metavar="FOLDER", help="pictures of a chessboard with 9 x 6 inner corners")
     lens.add_argument(
         "--dash-period",
-        type=number(3, 30),
+        type=bounded_float(3, 30),
         metavar="M",
         help="one dash and one gap of the road's broken lines, metres, which tells the field of view "
         "(motorways in the USA 12.19, in Germany and Austria 18)",
@@ -43,8 +43,10 @@ def add_lens(parser: argparse._ActionsContainer) -> None:
 
 def add_piece(parser: argparse.ArgumentParser) -> None:
     """The piece of the videos to work on; `require_piece` checks it."""
-    parser.add_argument("--start", type=number(0), default=0.0, metavar="S", help="second of the videos to begin at")
-    parser.add_argument("--end", type=number(0), metavar="S", help="second of the videos to stop at")
+    parser.add_argument(
+        "--start", type=bounded_float(0), default=0.0, metavar="S", help="second of the videos to begin at"
+    )
+    parser.add_argument("--end", type=bounded_float(0), metavar="S", help="second of the videos to stop at")
 
 
 def require_piece(options: argparse.Namespace) -> None:

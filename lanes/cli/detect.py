@@ -10,7 +10,7 @@ import argparse
 from pathlib import Path
 
 from lanes.cli.arguments import add_footage, add_lens, find_lens
-from lanes.io.console import number, progress_line
+from lanes.io.console import bounded_float, progress_line
 
 EXAMPLES = """\
   python -m lanes detect --camera camera.yaml drive.mp4 -o lanes.jsonl
@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rows", type=rows, default="420:701:10", metavar="FROM:TO:STEP", help="default: %(default)s")
     parser.add_argument("--sequence", action="store_true", help="the stills are consecutive frames, in this order")
     parser.add_argument(
-        "--fps", type=number(1), default=25.0, help="frames a second of --sequence (default: %(default)s)"
+        "--fps", type=bounded_float(1), default=25.0, help="frames a second of --sequence (default: %(default)s)"
     )
     parser.add_argument("-o", "--output", type=Path, default=Path("lanes.jsonl"), help="default: %(default)s")
 

@@ -9,7 +9,7 @@ import argparse
 from pathlib import Path
 
 from lanes.cli.arguments import add_lens, find_lens
-from lanes.io.console import number, progress_line
+from lanes.io.console import bounded_float, progress_line
 
 EXAMPLES = """\
   python -m lanes explain --camera camera.yaml drive.mp4 --at 12.5 -o explained.png
@@ -19,7 +19,9 @@ EXAMPLES = """\
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this command."""
     parser.add_argument("files", nargs=1, type=Path, metavar="FILE", help="a picture or a video")
-    parser.add_argument("--at", type=number(0), metavar="SECONDS", help="which frame of a video (default: the first)")
+    parser.add_argument(
+        "--at", type=bounded_float(0), metavar="SECONDS", help="which frame of a video (default: the first)"
+    )
     add_lens(parser)
     parser.add_argument("-o", "--output", type=Path, default=Path("explained.png"), help="default: %(default)s")
 

@@ -9,7 +9,7 @@ import argparse
 from pathlib import Path
 
 from lanes.cli.arguments import add_footage, add_lens, add_piece, find_lens, require_piece
-from lanes.io.console import count, number, progress_line
+from lanes.io.console import bounded_float, positive_int, progress_line
 
 EXAMPLES = """\
   python -m lanes pose --hfov 60 drive.mp4 -o camera.yaml
@@ -22,12 +22,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this command."""
     add_footage(parser, files="stills or videos of one drive")
     add_lens(parser)
-    parser.add_argument("--lane-width", type=number(2, 6), metavar="M", help="default: 3.66, a US Interstate's")
+    parser.add_argument("--lane-width", type=bounded_float(2, 6), metavar="M", help="default: 3.66, a US Interstate's")
     parser.add_argument(
-        "--height", type=number(0.5, 4.5), metavar="M", help="measured height of the camera above the road"
+        "--height", type=bounded_float(0.5, 4.5), metavar="M", help="measured height of the camera above the road"
     )
     add_piece(parser)
-    parser.add_argument("--pictures", type=count, default=40, metavar="N", help="use at most (default: %(default)s)")
+    parser.add_argument(
+        "--pictures", type=positive_int, default=40, metavar="N", help="use at most (default: %(default)s)"
+    )
     parser.add_argument("-o", "--output", type=Path, default=Path("camera.yaml"), help="default: %(default)s")
 
 

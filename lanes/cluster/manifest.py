@@ -24,7 +24,7 @@ from lanes.io.video.container import VideoError
 # Of a key, enough to tell all that anybody ever makes apart.
 DIGITS = 12
 # One has a few kilobytes.
-MOST_BYTES = 1_000_000
+MAX_MANIFEST_BYTES = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ def read_finished(key: DriveKey, folder: Path) -> Manifest | None:
     """The manifest of a drive if that is finished, else None: also if somebody has written something else there."""
     path = manifest_path(Path(key.source), folder)
     try:
-        content = json.loads(read_text(path, "manifest", most_bytes=MOST_BYTES))
+        content = json.loads(read_text(path, "manifest", max_bytes=MAX_MANIFEST_BYTES))
         manifest = Manifest(**{**content, "key": DriveKey(**content["key"])})
         _require_kinds(manifest)
         # Compared as JSON, which knows no tuples.

@@ -17,7 +17,7 @@ from lanes.cluster.manifest import Manifest, missing_outputs, read_finished
 from lanes.cluster.summary import SUMMARY, describe_totals, write_summary
 from lanes.cluster.tasks import DriveJob, Plan, begin_drive, finish_drive, work_on_piece
 from lanes.drives.settings import DriveSettings
-from lanes.io.files import sole_writer
+from lanes.io.files import exclusive_writer
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -99,7 +99,7 @@ def _annotate_left(
     if not jobs:
         return outcomes
     try:
-        with connect(cluster) as client, sole_writer(jobs[0].settings.output / SUMMARY):
+        with connect(cluster) as client, exclusive_writer(jobs[0].settings.output / SUMMARY):
             tell(f"{len(client.nthreads())} workers; dashboard: {client.dashboard_link}")
             for job, outcome in annotate_all(client, jobs, retries=cluster.retries):
                 outcomes[job] = outcome

@@ -24,7 +24,7 @@ from lanes.cluster.pieces import Piece, annotate_piece, cut_drive, join_pieces
 from lanes.cluster.summary import add_to_data_set
 from lanes.drives.annotation import PreparedDrive, follow_drive, output_for, prepare_drive
 from lanes.drives.settings import DriveSettings
-from lanes.io.files import remove_partials
+from lanes.io.files import remove_stale_partials
 from lanes.io.threads import one_thread
 from lanes.io.video.container import VideoError
 
@@ -58,7 +58,7 @@ class DriveJob:
     def remove_leftovers(self) -> None:
         """Remove what killed runs left of it: half-written files, and pieces that fit no more."""
         target = output_for(self.video, self.settings.output)
-        remove_partials(target)
+        remove_stale_partials(target)
         digits = "[0-9a-f]" * DIGITS
         for path in target.parent.glob(f"{escape(target.stem)}.pieces.{digits}"):
             if path != self.folder:

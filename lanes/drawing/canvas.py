@@ -13,7 +13,7 @@ from functools import cache, lru_cache
 import cv2
 import numpy as np
 
-from lanes.io.frames import Frame, YuvColours, YuvFrame, stored_colour
+from lanes.io.frames import Frame, YuvColourSpace, YuvFrame, rgb_to_yuv
 
 Colour = tuple[int, int, int]
 
@@ -40,7 +40,7 @@ class Layer:
     pixels: np.ndarray
     step: int = 1
     channel: int | None = None
-    colours: YuvColours | None = None
+    colours: YuvColourSpace | None = None
 
     def box(self, left: int, top: int, right: int, bottom: int) -> np.ndarray:
         """View of a rectangle given in pixels of the picture."""
@@ -49,7 +49,7 @@ class Layer:
 
     def value(self, colour: Colour) -> tuple[float, ...]:
         """What stands for an RGB colour here."""
-        return colour if self.colours is None else (stored_colour(colour, self.colours)[self.channel],)
+        return colour if self.colours is None else (rgb_to_yuv(colour, self.colours)[self.channel],)
 
     def place(self, corners: np.ndarray) -> tuple[np.ndarray, int]:
         """Where to draw for integers of 1/16 px of the picture: integers, and how many of their bits are fraction.
@@ -67,11 +67,11 @@ def layers_of(picture: Frame) -> tuple[Layer, ...]:
     return (Layer(picture),)
 
 
-def stroke_line(picture: Frame, points_px: np.ndarray, colour: Colour, width_px: float) -> None:
+def draw_polyline(picture: Frame, points_px: np.ndarray, colour: Colour, width_px: float) -> None:
     """Draw a polyline through points (N, 2)."""
     if len(points_px) < 2:
         return
-    corners = fixed_point(points_px)
+    corners = to_fixed_point(points_px)
     for layer in layers_of(picture):
         places, shift = layer.place(corners)
         thickness = line_thickness(width_px / layer.step)
@@ -80,7 +80,7 @@ def stroke_line(picture: Frame, points_px: np.ndarray, colour: Colour, width_px:
         cv2.polylines(layer.pixels, [places], False, layer.value(colour), thickness, edge, shift)
 
 
-def tint_area(
+def blend_polygon(
     picture: Frame,
     polygon_px: np.ndarray,
     colour: Colour,
@@ -97,7 +97,7 @@ def tint_area(
     # even, so that a plane of half the size has a corner there, too
     left, top = (int(min(max(low - 1, 0), size)) // 2 * 2 for low, size in ((left, width), (top, height)))
     right, bottom = (int(min(max(high + 2, 0), size)) for high, size in ((right, width), (bottom, height)))
-    corners = fixed_point(polygon_px - (left, top))
+    corners = to_fixed_point(polygon_px - (left, top))
     for layer in layers_of(picture):
         part = layer.box(left, top, right, bottom)
         if part.size:
@@ -106,7 +106,7 @@ def tint_area(
             cv2.addWeighted(tinted, alpha, part, 1 - alpha, 0, dst=part)
 
 
-def write_on(
+def put_text(
     picture: Frame,
     lines: str | Sequence[str],
     *,
@@ -122,7 +122,7 @@ def write_on(
     if not lines:
         return
     height, width = picture.shape[:2]
-    size, box_width, box_height = fitting_size(lines, size_px or round(height / 24), width, height)
+    size, box_width, box_height = fit_text(lines, size_px or round(height / 24), width, height)
     left = 0 if "left" in corner else width - box_width
     top = 0 if "top" in corner else height - box_height
     box = left, top, left + box_width, top + box_height
@@ -133,7 +133,7 @@ def write_on(
         plane.box(*box)[:] = plane.value(colour)
     left, top = left + _margin(size), top + _margin(size) // 2
     for number, line in enumerate(lines):
-        write_letters(finest, line, left, top + number * line_height(size), size, colour)
+        draw_text_line(finest, line, left, top + number * line_height(size), size, colour)
 
 
 def shade(layer: Layer, box: tuple[int, int, int, int], alpha: float) -> None:
@@ -143,7 +143,7 @@ def shade(layer: Layer, box: tuple[int, int, int, int], alpha: float) -> None:
     cv2.convertScaleAbs(part, dst=part, alpha=1 - alpha, beta=alpha * sum(panel) / len(panel))
 
 
-def fixed_point(points_px: np.ndarray) -> np.ndarray:
+def to_fixed_point(points_px: np.ndarray) -> np.ndarray:
     """Integers (N, 2) of 1/16 px, as OpenCV's drawing takes them."""
     return np.round(points_px.clip(-FARTHEST_PX, FARTHEST_PX) * (1 << SHIFT)).astype(np.int32)
 
@@ -172,7 +172,7 @@ def _margin(size: int) -> int:
     return max(2, round(size * 0.6))
 
 
-def fitting_size(lines: Sequence[str], size: int, width: int, height: int) -> tuple[int, int, int]:
+def fit_text(lines: Sequence[str], size: int, width: int, height: int) -> tuple[int, int, int]:
     """Largest letter size up to `size` at which `lines` and their margins fit; with the width and height they take."""
     for smaller in range(max(size, 1), 0, -1):
         longest = max(_text_width(line, smaller) for line in lines)
@@ -189,7 +189,7 @@ def _text_width(line: str, size: int) -> int:
     return cv2.getTextSize((0, 0), line, (0, 0), _font(), size, 500)[2]
 
 
-def write_letters(layer: Layer, line: str, left: int, top: int, size: int, colour: Colour) -> None:
+def draw_text_line(layer: Layer, line: str, left: int, top: int, size: int, colour: Colour) -> None:
     """Write one line; (left, top) is the upper left corner of its letters."""
     # Wrapping is moved out of reach: OpenCV would otherwise continue at the left edge, over the line before.
     place, beyond = (left, top + size), (0, 1 << 20)

@@ -18,13 +18,13 @@ from lanes.drawing.canvas import (
     TEXT_COLOUR,
     Colour,
     Layer,
-    fitting_size,
+    blend_polygon,
+    draw_polyline,
+    draw_text_line,
+    fit_text,
     line_height,
+    put_text,
     shade,
-    stroke_line,
-    tint_area,
-    write_letters,
-    write_on,
 )
 from lanes.io.frames import require_rgb
 
@@ -58,7 +58,7 @@ def fill_lane(
     if len(left) < 2 or len(right) < 2:
         return image.copy()
     drawn = image.copy()
-    tint_area(drawn, np.vstack([left, right[::-1]]), colour, alpha)
+    blend_polygon(drawn, np.vstack([left, right[::-1]]), colour, alpha)
     return drawn
 
 
@@ -66,7 +66,7 @@ def draw_line(image: np.ndarray, points_px: np.ndarray, *, colour: Colour, width
     """Draw a polyline through `points_px`, (N, 2), `width_px` wide; fewer than two points draw nothing."""
     require_rgb(image)
     drawn = image.copy()
-    stroke_line(drawn, _finite(points_px), colour, width_px)
+    draw_polyline(drawn, _finite(points_px), colour, width_px)
     return drawn
 
 
@@ -103,7 +103,7 @@ def write_text(
     """
     require_rgb(image)
     drawn = image.copy()
-    write_on(drawn, lines, corner=corner, size_px=size_px, colour=colour, panel_alpha=panel_alpha)
+    put_text(drawn, lines, corner=corner, size_px=size_px, colour=colour, panel_alpha=panel_alpha)
     return drawn
 
 
@@ -143,8 +143,8 @@ def draw_mosaic(
         small = _shrink(to_rgb(thumbnail), cell)
         top = margin + line_height(title_size)
         drawn[top : top + small.shape[0], left : left + small.shape[1]] = small
-        size, *_ = fitting_size([title], title_size, small.shape[1] + margin, strip_height)
-        write_letters(Layer(drawn), title, left, margin, size, TEXT_COLOUR)
+        size, *_ = fit_text([title], title_size, small.shape[1] + margin, strip_height)
+        draw_text_line(Layer(drawn), title, left, margin, size, TEXT_COLOUR)
         left += small.shape[1] + margin
     if lines:
         rest = np.ascontiguousarray(drawn[:strip_height, left:])

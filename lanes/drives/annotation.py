@@ -17,13 +17,13 @@ from lanes.drives.report.moments import seconds_lost, share_tracked
 from lanes.drives.report.page import write_report
 from lanes.drives.settings import DriveResult, DriveSettings, StillsResult, describe_frames, describe_settings
 from lanes.drives.sources import refuse_clashes
-from lanes.io.files import sole_writer
+from lanes.io.files import exclusive_writer
 from lanes.io.frames import PictureError
 from lanes.io.images import list_pictures, read_image, write_image
 from lanes.io.telemetry import read_telemetry, write_telemetry
 from lanes.io.threads import one_thread
 from lanes.io.video.container import VideoError
-from lanes.io.video.pipeline import AsStored, annotate_video
+from lanes.io.video.pipeline import YuvProcess, annotate_video
 from lanes.io.video.reader import VideoInfo, inspect_video
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
@@ -40,9 +40,9 @@ class PreparedDrive:
     camera: Camera
     pose: PoseEstimate | None
 
-    def follow(self, style: str) -> AsStored:
+    def follow(self, style: str) -> YuvProcess:
         """A function for `annotate_video`, with a tracker of its own; see `track_lane`."""
-        return AsStored(track_lane(LaneTracker(self.camera, fps=self.info.fps), self.camera, style=style))
+        return YuvProcess(track_lane(LaneTracker(self.camera, fps=self.info.fps), self.camera, style=style))
 
 
 def annotate_drive(video: str | Path, settings: DriveSettings) -> DriveResult:
@@ -62,7 +62,7 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> DriveResult:
         If an output cannot be written, also because another run is writing it.
     """
     drive = prepare_drive(video, settings)
-    with sole_writer(output_for(drive.video, settings.output)):
+    with exclusive_writer(output_for(drive.video, settings.output)):
         return follow_drive(drive, settings)
 
 
@@ -117,7 +117,7 @@ def annotate_stills(pictures: Sequence[Path], settings: DriveSettings) -> Stills
     camera, pose = pose_from_drive(settings.camera_for(size, usable[0]), usable)
     view, paint = BirdsEyeView(camera), STYLES[settings.style](camera)
     rows, written, telemetry = [], [], settings.output / "pictures.csv"
-    with sole_writer(telemetry):
+    with exclusive_writer(telemetry):
         for number, path in enumerate(usable):
             image = read_image(path)
             found = TrackedLane.from_still(find_lane(image, view))

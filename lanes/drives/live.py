@@ -15,7 +15,7 @@ from lanes.camera.pose_from_lanes.pose_from_files import pose_from_pictures
 from lanes.drives.annotation import conclude_drive
 from lanes.drives.overlay_styles import track_lane
 from lanes.drives.settings import DriveResult, DriveSettings
-from lanes.io.files import sole_writer
+from lanes.io.files import exclusive_writer
 from lanes.io.telemetry import TelemetryWriter
 from lanes.io.video.live_camera import LiveCamera
 from lanes.io.video.reader import STAMP_TOLERANCE_S, TimedFrame
@@ -41,7 +41,7 @@ def annotate_live(index: int, settings: DriveSettings) -> DriveResult:
         As `annotate_drive`.
     """
     video = settings.output / f"camera{index}.mp4"
-    with _until_interrupted() as stopped, LiveCamera(index) as source, sole_writer(video):
+    with _until_interrupted() as stopped, LiveCamera(index) as source, exclusive_writer(video):
         frames = takewhile(lambda _: not stopped.is_set(), source.frames())
         camera, pose = _with_pose(settings.camera_for(source.size, f"camera {index}"), frames, f"camera {index}")
         began_s = time.perf_counter()

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from lanes.camera.camera import Camera
-from lanes.drawing.canvas import LEFT_COLOUR, PANEL_COLOUR, RIGHT_COLOUR, stroke_line, write_on
+from lanes.drawing.canvas import LEFT_COLOUR, PANEL_COLOUR, RIGHT_COLOUR, draw_polyline, put_text
 from lanes.drawing.pictures import draw_line, write_text
 from lanes.io.frames import Frame, as_rgb
 from lanes.tracking.birdseye import BirdsEyeView
@@ -38,8 +38,8 @@ def paint_lines(camera: Camera) -> Painter:
         if tracked.lane is not None:
             outlines, lines = lane_outlines(tracked.lane, camera), (tracked.left, tracked.right)
             for points, line, colour in zip(outlines, lines, (LEFT_COLOUR, RIGHT_COLOUR), strict=True):
-                stroke_line(image, points, colour, camera.width / (SEEN_PX if line.seen else INFERRED_PX))
-        write_on(image, describe_tracked(tracked))
+                draw_polyline(image, points, colour, camera.width / (SEEN_PX if line.seen else INFERRED_PX))
+        put_text(image, describe_tracked(tracked))
         return image
 
     return paint

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from glob import glob
 from pathlib import Path
 
-from lanes.io.files import files_in
+from lanes.io.files import list_files
 from lanes.io.images import PICTURE_SUFFIXES, natural_key
 
 # What is taken out of a folder; a file that is named itself may have any suffix.
@@ -71,7 +71,7 @@ def refuse_clashes(videos: Iterable[Path], outputs: Iterable[Path]) -> None:
 def _files(name: str) -> list[Path]:
     path = Path(name)
     if name and path.is_dir():
-        found = files_in(path, PICTURE_SUFFIXES + VIDEO_SUFFIXES)
+        found = list_files(path, PICTURE_SUFFIXES + VIDEO_SUFFIXES)
         if not found:
             raise FileNotFoundError(f"{path}: holds neither a video nor a picture; name another folder.")
     elif name and path.exists():

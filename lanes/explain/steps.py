@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lanes.camera.camera import Camera
-from lanes.io.words import describe_bend
+from lanes.io.describe import describe_bend
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.confidence import FEATURES, STILL_WEIGHTS, USUAL_WIDTH_M, lane_features, lateral_std_m
 from lanes.tracking.detector import near_stripes

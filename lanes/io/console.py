@@ -1,4 +1,4 @@
-"""What every command line here shares: checked number types, a progress line and exit statuses."""
+"""Shared parts of the command lines: checked number types, a progress line and exit statuses."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from types import ModuleType
 INTERRUPTED = 130
 
 
-def number(least: float, most: float = math.inf) -> Callable[[str], float]:
-    """An argparse type: a number from `least` to `most`."""
-    limits = f"{least:g} or more" if most == math.inf else f"{least:g} to {most:g}"
+def bounded_float(minimum: float, maximum: float = math.inf) -> Callable[[str], float]:
+    """An argparse type: a number from `minimum` to `maximum`."""
+    limits = f"{minimum:g} or more" if maximum == math.inf else f"{minimum:g} to {maximum:g}"
 
     def parse(text: str) -> float:
         try:
             value = float(text)
         except ValueError:
             value = math.nan
-        if not (least <= value <= most and math.isfinite(value)):
+        if not (minimum <= value <= maximum and math.isfinite(value)):
             raise argparse.ArgumentTypeError(f"{text} does not do; give a number, {limits}")
         return value
 
     return parse
 
 
-def count(text: str) -> int:
+def positive_int(text: str) -> int:
     """An argparse type: a whole number from 1."""
     if not (text.isdecimal() and int(text)):
         raise argparse.ArgumentTypeError(f"{text} does not do; give a whole number, 1 or more")
@@ -36,7 +36,7 @@ def count(text: str) -> int:
 
 
 def progress_line(name: str) -> Callable[[int, int], None]:
-    """A callback (done, total) that keeps one line on stderr up to date."""
+    """A callback (done, total) that updates one line on stderr."""
 
     def report(done: int, total: int) -> None:
         print(f"\r{name}: {done} of {total}", end="\n" if done == total else "", file=sys.stderr, flush=True)
@@ -45,7 +45,7 @@ def progress_line(name: str) -> Callable[[int, int], None]:
 
 
 def error_status(error: OSError | ValueError) -> int:
-    """Exit status for an error: 2 if an input is missing or bad, 1 if the work could not be done with it."""
+    """Exit status for an error: 2 for a missing or bad input, 1 if the work could not be done with good inputs."""
     cannot_write = isinstance(error, OSError) and not isinstance(error, FileNotFoundError)
     return getattr(error, "exit_status", 1 if cannot_write else 2)
 
@@ -56,8 +56,8 @@ def run_command(command: ModuleType, program: str, arguments: list[str]) -> int:
     Returns
     -------
     int
-        The exit status. 0: done; 1: could not be done, for instance because the output cannot be written or the
-        pictures show no road; 2: wrong usage, or an input that is missing or bad; 130: interrupted.
+        The exit status. 0: done. 1: failed with good inputs, for instance an unwritable output or pictures without a
+        road. 2: wrong usage, or a missing or bad input. 130: interrupted.
     """
     parser = argparse.ArgumentParser(
         prog=program,
@@ -79,9 +79,9 @@ def run_command(command: ModuleType, program: str, arguments: list[str]) -> int:
 
 
 def run_program(main: Callable[[], int]) -> None:
-    """End this process with the exit status of `main()`; a process that is told to end (SIGTERM) has status 143."""
-    # As an exception, so that half-written files are removed, as on Ctrl-C.
+    """Exit this process with the status of `main()`; SIGTERM gives status 143."""
+    # SIGTERM raises an exception, as Ctrl-C does, so that half-written files are removed.
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
-    # File names and signs such as ± must not stop a command where the terminal cannot show them.
+    # A terminal that cannot show a file name or a sign such as ± must not stop the command.
     sys.stdout.reconfigure(errors="backslashreplace")
     sys.exit(main())

@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from lanes.io.files import atomic_write, files_in, sole_writer
+from lanes.io.files import atomic_write, exclusive_writer, list_files
 
 
 def cache_folder() -> Path:
@@ -62,7 +62,7 @@ def cached_array(
         array = _read(path)
         if array is None:
             with suppress(OSError):
-                alone.enter_context(sole_writer(path, wait=True))
+                alone.enter_context(exclusive_writer(path, wait=True))
             array = _read(path)
         if array is None:
             array = make()
@@ -88,6 +88,6 @@ def _read(path: Path) -> np.ndarray | None:
 def _remove_oldest(folder: Path, most: int | None) -> None:
     """Remove all but the `most` latest files of a folder; none if there is no such number."""
     with suppress(OSError, ValueError):
-        files = sorted(files_in(folder, {".npy"}), key=lambda path: path.stat().st_mtime, reverse=True)
+        files = sorted(list_files(folder, {".npy"}), key=lambda path: path.stat().st_mtime, reverse=True)
         for path in files[most if most is not None else len(files) :]:
             path.unlink()

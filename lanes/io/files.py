@@ -32,7 +32,7 @@ _KINDS = {
 
 
 def require_file(
-    path: str | Path, kind: str, *, error: type[ValueError] = ValueError, most_bytes: int | None = None
+    path: str | Path, kind: str, *, error: type[ValueError] = ValueError, max_bytes: int | None = None
 ) -> Path:
     """Refuse what cannot be read like a file, before anything waits for a pipe or fills the memory.
 
@@ -43,7 +43,7 @@ def require_file(
         What it should be, for the sentence: "picture", "video".
     error : type
         Raised where it is something else than a file.
-    most_bytes : int, optional
+    max_bytes : int, optional
         Greatest size; no limit if None.
 
     Raises
@@ -66,26 +66,26 @@ def require_file(
         raise error(f"{path}: may not be read (Permission denied); ask for the right to, or copy it.")
     if not found.st_size:
         raise error(f"{path}: the file is empty; copy it again from its source.")
-    if most_bytes is not None and found.st_size > most_bytes:
+    if max_bytes is not None and found.st_size > max_bytes:
         raise error(
             f"{path}: is {found.st_size / 1e6:.0f} MB large, more than any {kind} file of use "
-            f"({most_bytes / 1e6:g} MB); name another file."
+            f"({max_bytes / 1e6:g} MB); name another file."
         )
     return path
 
 
 def read_text(
-    path: str | Path, kind: str, *, error: type[ValueError] = ValueError, most_bytes: int | None = None
+    path: str | Path, kind: str, *, error: type[ValueError] = ValueError, max_bytes: int | None = None
 ) -> str:
     """The text of a file, which must be UTF-8; refuses what `require_file` refuses."""
-    data = require_file(path, kind, error=error, most_bytes=most_bytes).read_bytes()
+    data = require_file(path, kind, error=error, max_bytes=max_bytes).read_bytes()
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as wrong:
         raise error(f"{path}: is no text (byte {wrong.start} is not UTF-8); name a {kind} file.") from wrong
 
 
-def files_in(folder: str | Path, suffixes: Collection[str]) -> list[Path]:
+def list_files(folder: str | Path, suffixes: Collection[str]) -> list[Path]:
     """The files of a folder with one of `suffixes`, in lower case; neither hidden ones nor what is being written.
 
     Raises
@@ -123,7 +123,7 @@ def atomic_write(path: Path) -> Iterator[Path]:
     OSError
         If the file cannot be written; the folder is created where needed.
     """
-    with writing_to(path):
+    with translate_write_errors(path):
         partial = PartialFile(path)
         try:
             yield partial.name
@@ -140,7 +140,7 @@ class PartialFile:
         self.path = Path(os.path.realpath(path))
         _refuse_special(self.path)
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        remove_partials(self.path)
+        remove_stale_partials(self.path)
         digits = secrets.token_hex(_DIGITS // 2)
         self.name = self.path.with_name(f"{self.path.stem}{PARTIAL}{digits}{self.path.suffix}")
         self._handle = _open_locked(self.name, os.O_EXCL)
@@ -165,7 +165,7 @@ class PartialFile:
         self._handle = None
 
 
-def remove_partials(path: Path) -> None:
+def remove_stale_partials(path: Path) -> None:
     """Remove what dead processes left half-written of `path`, and of files that differ from it in the suffix."""
     ours = re.compile(re.escape(path.stem + PARTIAL) + rf"[0-9a-f]{{{_DIGITS}}}(\.\w+)?")
     with suppress(OSError), os.scandir(path.parent) as entries:
@@ -175,7 +175,7 @@ def remove_partials(path: Path) -> None:
 
 
 @contextmanager
-def sole_writer(path: Path, *, wait: bool = False) -> Iterator[None]:
+def exclusive_writer(path: Path, *, wait: bool = False) -> Iterator[None]:
     """Keep others from writing outputs that are called like `path` while the block runs: the run that is first wins.
 
     Parameters
@@ -191,7 +191,7 @@ def sole_writer(path: Path, *, wait: bool = False) -> Iterator[None]:
     """
     lock = Path(os.path.realpath(path))
     lock = lock.with_name(f"{lock.stem}{PARTIAL}lock")
-    with writing_to(path):
+    with translate_write_errors(path):
         lock.parent.mkdir(parents=True, exist_ok=True)
         try:
             handle = _open_locked(lock, wait=wait)
@@ -205,7 +205,7 @@ def sole_writer(path: Path, *, wait: bool = False) -> Iterator[None]:
 
 
 @contextmanager
-def writing_to(path: Path) -> Iterator[None]:
+def translate_write_errors(path: Path) -> Iterator[None]:
     """What the system refuses in the `with` block becomes a sentence that names `path`."""
     try:
         yield

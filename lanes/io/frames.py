@@ -25,7 +25,7 @@ WEIGHTS = {
 
 
 @dataclass(frozen=True)
-class YuvColours:
+class YuvColourSpace:
     """What the numbers of a picture stand for; by default BT.601's colours within 16..235, of BT.709's primaries.
 
     Attributes
@@ -61,7 +61,7 @@ class YuvColours:
 
 
 @lru_cache(maxsize=64)
-def stored_colour(colour: tuple[int, int, int], colours: YuvColours) -> tuple[float, float, float]:
+def rgb_to_yuv(colour: tuple[int, int, int], colours: YuvColourSpace) -> tuple[float, float, float]:
     """The numbers that stand for an RGB colour; kept, because few colours are drawn in thousands of frames."""
     return tuple((colours.from_rgb @ [*colour, 1]).tolist())
 
@@ -77,13 +77,13 @@ class YuvFrame:
         even by repeating the last column or row.
     width, height : int
         Of the picture, without what was added.
-    colours : YuvColours
+    colours : YuvColourSpace
     """
 
     data: np.ndarray
     width: int
     height: int
-    colours: YuvColours = YuvColours()
+    colours: YuvColourSpace = YuvColourSpace()
 
     @classmethod
     def from_rgb(cls, image: np.ndarray) -> YuvFrame:

@@ -13,14 +13,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from lanes.io.files import files_in, require_file, write_atomically
+from lanes.io.files import list_files, require_file, write_atomically
 from lanes.io.frames import PictureError, require_rgb
 
 PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png")
 # Four times an 8K video's, and above the 102 million of the largest cameras; a file may claim 4,000 million.
-MOST_PIXELS = 128_000_000
+MAX_PIXELS = 128_000_000
 # A PNG of so many pixels that cannot be compressed.
-MOST_BYTES = 3 * MOST_PIXELS
+MAX_PICTURE_BYTES = 3 * MAX_PIXELS
 
 
 def read_image(path: str | Path) -> np.ndarray:
@@ -46,7 +46,7 @@ def read_image(path: str | Path) -> np.ndarray:
     PictureError
         If the file is empty, truncated or not a picture.
     """
-    path = require_file(path, "picture", error=PictureError, most_bytes=MOST_BYTES)
+    path = require_file(path, "picture", error=PictureError, max_bytes=MAX_PICTURE_BYTES)
     data = path.read_bytes()
     _require_whole(path, data)
     try:
@@ -104,7 +104,7 @@ def list_pictures(folder: str | Path) -> list[Path]:
     FileNotFoundError
         If the folder does not exist or holds no picture.
     """
-    found = files_in(folder, PICTURE_SUFFIXES)
+    found = list_files(folder, PICTURE_SUFFIXES)
     if not found:
         raise FileNotFoundError(
             f"{folder}: holds no picture ({', '.join(PICTURE_SUFFIXES)}); put some there or name another folder."
@@ -135,9 +135,9 @@ def _require_whole(path: Path, data: bytes) -> None:
         )
     if not size[0] * size[1]:
         raise PictureError(f"{path}: this file cannot be decoded as a picture; save it again as JPEG or PNG.")
-    if size[0] * size[1] > MOST_PIXELS:
+    if size[0] * size[1] > MAX_PIXELS:
         raise PictureError(
-            f"{path}: claims {size[0]}x{size[1]} pixels, more than this program takes ({MOST_PIXELS / 1e6:.0f} "
+            f"{path}: claims {size[0]}x{size[1]} pixels, more than this program takes ({MAX_PIXELS / 1e6:.0f} "
             "million); make it smaller."
         )
 

@@ -11,7 +11,7 @@ from tempfile import TemporaryFile
 
 import numpy as np
 
-from lanes.io.files import atomic_write, read_text, writing_to
+from lanes.io.files import atomic_write, read_text, translate_write_errors
 
 
 class TelemetryWriter:
@@ -36,7 +36,7 @@ class TelemetryWriter:
         self._columns: dict[str, None] = {}
 
     def __enter__(self) -> TelemetryWriter:
-        with writing_to(self.path):
+        with translate_write_errors(self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
             # Names of pictures may hold bytes that are no text.
             text = {"encoding": "utf-8", "errors": "replace", "newline": ""}
@@ -47,7 +47,7 @@ class TelemetryWriter:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             if kind is None:
-                with writing_to(self.path):
+                with translate_write_errors(self.path):
                     self._finish()
         finally:
             # Rows that a full disk did not take are none that anybody misses.
@@ -61,7 +61,7 @@ class TelemetryWriter:
         field: nothing was measured.
         """
         self._columns |= dict.fromkeys(row)
-        with writing_to(self.path):
+        with translate_write_errors(self.path):
             self._csv.writerow(_field(row.get(name)) for name in self._columns)
 
     def _finish(self) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError
-from lanes.io.frames import Frame, YuvFrame, stored_colour
+from lanes.io.frames import Frame, YuvFrame, rgb_to_yuv
 
 # Enough for pictures of 4000 columns.
 REDUCTIONS = (1, 2, 4, 8, 16)
@@ -173,7 +173,7 @@ class BirdsEyeView:
         if not isinstance(image, YuvFrame):
             return self._look_up(image[self.top_px :], 1, self._fine, 0)
         y, *differences = image.planes
-        dark, gray, _ = stored_colour((0, 0, 0), image.colours)
+        dark, gray, _ = rgb_to_yuv((0, 0, 0), image.colours)
         found = [
             self._look_up(y[self.top_px :], 1, self._fine, dark),
             *(self._look_up(plane[self.top_px // 2 :], 2, self._coarse, gray) for plane in differences),

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lanes.camera.camera import Camera
-from lanes.io.words import describe_bend, describe_heading, describe_offset, html_table
+from lanes.io.describe import describe_bend, describe_heading, describe_offset, html_table
 from lanes.tracking.model import (
     CENTRE,
     CURVATURE,

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 
 from lanes.camera.camera import Camera
-from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, stroke_line, tint_area, write_on
+from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, blend_polygon, draw_polyline, put_text
+from lanes.io.describe import describe_bend, describe_offset
 from lanes.io.frames import Frame
-from lanes.io.words import describe_bend, describe_offset
 from lanes.tracking.lane import Lane
 from lanes.tracking.model import SIDES, line_points
 from lanes.tracking.tracked_lane import TrackedLane
@@ -62,11 +62,11 @@ def draw_tracked(image: Frame, tracked: TrackedLane, camera: Camera, *, onto: Fr
     # after all that is to be worked out: a whole picture drives everything else from the processor's cache
     drawn = image.copy() if onto is None else onto
     if len(left) > 1 and len(right) > 1:
-        tint_area(drawn, np.vstack([left, right[::-1]]), LANE_COLOUR, ALPHA, edge=cv2.LINE_8)
+        blend_polygon(drawn, np.vstack([left, right[::-1]]), LANE_COLOUR, ALPHA, edge=cv2.LINE_8)
     for points, line, colour in ((left, tracked.left, LEFT_COLOUR), (right, tracked.right, RIGHT_COLOUR)):
         if len(points) > 1:
-            stroke_line(drawn, points, colour, camera.width / (SEEN_PX if line.seen else INFERRED_PX))
-    write_on(drawn, words)
+            draw_polyline(drawn, points, colour, camera.width / (SEEN_PX if line.seen else INFERRED_PX))
+    put_text(drawn, words)
     return drawn
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from lanes.io.words import html_table
+from lanes.io.describe import html_table
 from lanes.tracking.confidence import rate_lane
 from lanes.tracking.departure import DepartureWarning
 from lanes.tracking.lane import Lane, LaneLine

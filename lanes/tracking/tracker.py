@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from lanes.camera.camera import Camera
-from lanes.io.words import html_table
+from lanes.io.describe import html_table
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.confidence import rate_lane
 from lanes.tracking.departure import watch_departure

@@ -14,9 +14,9 @@ from lanes.camera.calibration.boards import calibrate_folder
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError, CameraPose
 from lanes.classic.finder import RECIPES, LaneFinder, get_recipe
+from lanes.io.describe import describe_bend, describe_offset
 from lanes.io.frames import PictureError
 from lanes.io.images import list_pictures, read_image
-from lanes.io.words import describe_bend, describe_offset
 from tests.support.roads import CAMERA, LANE_WIDTH_M, WHITE, Road, arc, paint_picture
 
 PUBLISHED_SCALES = (3.7 / 700, 30 / 720)

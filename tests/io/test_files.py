@@ -15,10 +15,10 @@ from lanes.io import files
 from lanes.io.files import (
     PartialFile,
     atomic_write,
+    exclusive_writer,
     read_text,
-    remove_partials,
+    remove_stale_partials,
     require_file,
-    sole_writer,
     write_atomically,
 )
 
@@ -73,7 +73,7 @@ def test_large_files_and_what_is_no_text_are_refused(tmp_path):
     with pytest.raises(OddError, match="byte 4 is not UTF-8"):
         read_text(path, "test", error=OddError)
     with pytest.raises(OddError, match="MB large"):
-        read_text(path, "test", error=OddError, most_bytes=4)
+        read_text(path, "test", error=OddError, max_bytes=4)
 
 
 def test_what_may_not_be_read_is_refused(tmp_path, monkeypatch):
@@ -173,7 +173,7 @@ def test_two_that_write_the_same_do_not_mix(tmp_path):
     first.name.write_text("first")
     second.name.write_text("second")
     second.commit()
-    remove_partials(tmp_path / "a.txt")
+    remove_stale_partials(tmp_path / "a.txt")
     first.commit()
     assert names(tmp_path) == {"a.txt"} and (tmp_path / "a.txt").read_text() == "first"
 
@@ -199,18 +199,18 @@ def test_a_living_process_keeps_its_file_and_a_killed_one_loses_it(tmp_path):
 
 
 def test_one_run_at_a_time(tmp_path):
-    code = "with sole_writer(Path(sys.argv[1])): print('in', flush=True); time.sleep(60)"
+    code = "with exclusive_writer(Path(sys.argv[1])): print('in', flush=True); time.sleep(60)"
     with other(code, tmp_path / "drive.mp4") as process:
         assert process.stdout.readline() == "in\n"
         with (
             pytest.raises(OSError, match=r"drive\.csv: .*another run is writing it"),
-            sole_writer(tmp_path / "drive.csv"),
+            exclusive_writer(tmp_path / "drive.csv"),
         ):
             pytest.fail("two at once")
-        with sole_writer(tmp_path / "other.csv"):
+        with exclusive_writer(tmp_path / "other.csv"):
             pass
         process.kill()
-    with sole_writer(tmp_path / "drive.mp4"), atomic_write(tmp_path / "drive.mp4") as partial:
+    with exclusive_writer(tmp_path / "drive.mp4"), atomic_write(tmp_path / "drive.mp4") as partial:
         partial.write_text("new")
     assert names(tmp_path) == {"drive.mp4"}
 
@@ -221,7 +221,7 @@ def test_a_file_system_without_locks_refuses_no_run_and_removes_nothing(tmp_path
 
     monkeypatch.setattr(files.fcntl, "flock", cannot)
     (tmp_path / f"a.partial.{DEAD}.txt").touch()
-    with sole_writer(tmp_path / "a.txt"):
+    with exclusive_writer(tmp_path / "a.txt"):
         write_atomically(tmp_path / "a.txt", b"new")
     assert names(tmp_path) == {"a.txt", f"a.partial.{DEAD}.txt"}
 
@@ -238,5 +238,5 @@ def test_a_lock_that_was_removed_meanwhile_is_made_again(tmp_path, monkeypatch):
             lock.unlink()
 
     monkeypatch.setattr(files.fcntl, "flock", late)
-    with sole_writer(tmp_path / "a.txt"):
+    with exclusive_writer(tmp_path / "a.txt"):
         assert lock.is_file() and len(calls) == 2

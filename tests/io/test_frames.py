@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from av.video.reformatter import ColorRange, Colorspace, VideoReformatter
 
-from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, stroke_line, tint_area, write_on
-from lanes.io.frames import PictureError, YuvColours, YuvFrame, as_rgb, stored_colour
-from lanes.io.video.reader import upright, upright_as_stored
+from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, blend_polygon, draw_polyline, put_text
+from lanes.io.frames import PictureError, YuvColourSpace, YuvFrame, as_rgb, rgb_to_yuv
+from lanes.io.video.reader import to_upright_rgb, to_upright_yuv
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.overlay import draw_tracked
 from tests.support.painted_drive import SMALL, tracked_bends
@@ -34,10 +34,10 @@ def stored(image: np.ndarray, form: str, matrix: int = Colorspace.ITU601, span: 
 @pytest.mark.parametrize(("matrix", "number"), [(Colorspace.ITU601, 6), (Colorspace.ITU709, 1), (Colorspace.BT2020, 9)])
 def test_colours_are_those_of_ffmpeg(matrix, number, span):
     frame = stored(patches(), "yuv444p", matrix, span)
-    colours = YuvColours(number, full_range=span == ColorRange.JPEG)
-    expected = [stored_colour(colour, colours) for colour in COLOURS]
+    colours = YuvColourSpace(number, full_range=span == ColorRange.JPEG)
+    expected = [rgb_to_yuv(colour, colours) for colour in COLOURS]
     np.testing.assert_allclose(frame.to_ndarray()[:, 50, 8::16].T, expected, atol=1)
-    picture = upright_as_stored(frame, VideoReformatter())
+    picture = to_upright_yuv(frame, VideoReformatter())
     assert picture.colours == colours
     np.testing.assert_allclose(picture.to_rgb()[50, 8::16], COLOURS, atol=3)
 
@@ -57,22 +57,22 @@ def test_colours_are_those_of_ffmpeg(matrix, number, span):
 )
 def test_every_way_to_store_gives_the_same_picture(form, span):
     frame = stored(patches(), form, span=span)
-    picture = upright_as_stored(frame, VideoReformatter())
+    picture = to_upright_yuv(frame, VideoReformatter())
     seen = picture.to_rgb()
     assert picture.shape == seen.shape == (64, 112, 3)
     np.testing.assert_allclose(seen[50, 8::16], COLOURS, atol=3)
-    np.testing.assert_allclose(seen[4:-4:8, 8::16], upright(frame, VideoReformatter())[4:-4:8, 8::16], atol=4)
+    np.testing.assert_allclose(seen[4:-4:8, 8::16], to_upright_rgb(frame, VideoReformatter())[4:-4:8, 8::16], atol=4)
 
 
 def test_colours_that_are_not_told_are_taken_for_bt601():
     frame = stored(patches(), "yuv420p")
     frame.colorspace, frame.color_range, frame.color_primaries, frame.color_trc = 2, 0, 2, 2
-    assert upright_as_stored(frame, VideoReformatter()).colours == YuvColours()
+    assert to_upright_yuv(frame, VideoReformatter()).colours == YuvColourSpace()
 
 
 def test_planes_are_those_of_the_decoder_and_one_s_own():
     frame = stored(np.random.default_rng(3).integers(0, 256, (66, 90, 3)).astype(np.uint8), "yuv420p")
-    picture = upright_as_stored(frame, VideoReformatter())
+    picture = to_upright_yuv(frame, VideoReformatter())
     for plane, source in zip(picture.planes, frame.planes, strict=True):
         rows = np.frombuffer(source, np.uint8).reshape(source.height, source.line_size)[:, : source.width]
         np.testing.assert_array_equal(plane, rows)
@@ -91,7 +91,7 @@ def test_odd_sizes_repeat_the_last_pixels(width, height):
     assert picture.stored_size == (112, 64)
     np.testing.assert_allclose(picture.to_rgb()[4:-4:8, 8::16], image[4:-4:8, 8::16], atol=3)
     np.testing.assert_array_equal(picture.planes[0][-1, :width], picture.planes[0][height - 1, :width])
-    odd = upright_as_stored(stored(image, "yuv444p"), VideoReformatter())
+    odd = to_upright_yuv(stored(image, "yuv444p"), VideoReformatter())
     assert odd.shape == image.shape
     np.testing.assert_allclose(odd.to_rgb()[4:-4:8, 8::16], image[4:-4:8, 8::16], atol=4)
 
@@ -121,9 +121,9 @@ class TestDrawing:
     @pytest.mark.parametrize(
         "draw",
         [
-            lambda p: stroke_line(p, np.array([[12.3, 8.6], [140.2, 70.7]]), LEFT_COLOUR, 9.0),
-            lambda p: tint_area(p, np.array([[31.0, 15], [129.5, 20], [140, 77.3], [7, 80]]), LANE_COLOUR, 0.3),
-            lambda p: tint_area(p, np.array([[-50.0, 15], [300, 20], [50, 777]]), LANE_COLOUR, 1.0),
+            lambda p: draw_polyline(p, np.array([[12.3, 8.6], [140.2, 70.7]]), LEFT_COLOUR, 9.0),
+            lambda p: blend_polygon(p, np.array([[31.0, 15], [129.5, 20], [140, 77.3], [7, 80]]), LANE_COLOUR, 0.3),
+            lambda p: blend_polygon(p, np.array([[-50.0, 15], [300, 20], [50, 777]]), LANE_COLOUR, 1.0),
         ],
         ids=["line", "area", "area beyond the picture"],
     )
@@ -143,8 +143,8 @@ class TestDrawing:
     def test_nothing_else_changes(self):
         picture = YuvFrame.from_rgb(np.random.default_rng(4).integers(0, 256, (96, 160, 3)).astype(np.uint8))
         before = picture.copy()
-        tint_area(picture, np.array([[31.0, 15], [129.5, 20], [140, 77.3]]), LANE_COLOUR, 0.3)
-        stroke_line(picture, np.array([[31.0, 15], [100, 60]]), LEFT_COLOUR, 4.0)
+        blend_polygon(picture, np.array([[31.0, 15], [129.5, 20], [140, 77.3]]), LANE_COLOUR, 0.3)
+        draw_polyline(picture, np.array([[31.0, 15], [100, 60]]), LEFT_COLOUR, 4.0)
         for plane, old, step in zip(picture.planes, before.planes, (1, 2, 2), strict=True):
             np.testing.assert_array_equal(plane[: 10 // step], old[: 10 // step])
             np.testing.assert_array_equal(plane[:, : 24 // step], old[:, : 24 // step])
@@ -154,7 +154,7 @@ class TestDrawing:
         image = np.empty((96, 160, 3), np.uint8)
         image[:] = 60, 120, 250
         picture = YuvFrame.from_rgb(image)
-        write_on(picture, "lost", size_px=20)
+        put_text(picture, "lost", size_px=20)
         seen = picture.to_rgb()
         panel = seen[2:20, 2:40]
         assert panel.max() > 240

@@ -123,7 +123,7 @@ def huge_jpeg(picture: np.ndarray, width: int, height: int) -> bytes:
 def test_claims_of_a_header_are_refused_at_once(tmp_path, picture, kind, size, monkeypatch):
     if max(size) > 65535 and kind == "jpg":
         pytest.skip("a JPEG cannot claim more")
-    monkeypatch.setattr(images, "MOST_PIXELS", 200_000)
+    monkeypatch.setattr(images, "MAX_PIXELS", 200_000)
     path = tmp_path / f"bomb.{kind}"
     path.write_bytes(huge_png(*size) if kind == "png" else huge_jpeg(picture, *size))
     monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("would be decoded"))

@@ -19,7 +19,7 @@ from lanes.camera.camera_pose import CameraPose
 from lanes.camera.pose_from_lanes.lane_width import USUAL_HEIGHT_M, USUAL_ROLL_STD, LaneView, lane_share, view_lanes
 from lanes.camera.pose_from_lanes.segments import Segments, find_segments
 from lanes.camera.pose_from_lanes.vanishing_point import DIRECTIONS, HORIZONS, RoadLines, fit_lines, vote
-from lanes.io.words import html_table
+from lanes.io.describe import html_table
 
 # 12 ft, the lane of US Interstates (AASHTO, A Policy on Design Standards: Interstate System); motorway lanes elsewhere
 # are 3.50 to 3.75 m, hence the standard deviation.

@@ -11,13 +11,13 @@ from pathlib import Path
 import av
 
 from lanes.io.files import require_file
-from lanes.io.images import MOST_PIXELS
+from lanes.io.images import MAX_PIXELS
 
 # What recorders, phones and editors write. Playlists and lists of files (hls, dash, concat, image2) are left out: these
 # open further files, or the network, by names that whoever made them has chosen.
 FORMATS = "mov,matroska,avi,mpegts,mpeg,mpegvideo,flv,asf,ogg,mxf,nut,h264,hevc,m4v,mjpeg,yuv4mpegpipe,gif"
 # Frames in a second that a clock of 32 bits and a tracker can live with.
-LEAST_FPS, MOST_FPS = Fraction(1, 10), 1000
+MIN_FPS, MAX_FPS = Fraction(1, 10), 1000
 # A container that lasts so much longer than all that is in it was cut off; some round the length to half a second.
 CUT_OFF_S = 0.5
 # Rates by all frames and by the shortest step that differ by less than this are one: the rate is constant.
@@ -29,7 +29,7 @@ class VideoError(ValueError):
 
 
 @dataclass(frozen=True)
-class Contents:
+class PacketScan:
     """What the packets of a video tell: frames there, frames missing or damaged, seconds shown, the first frame."""
 
     frames: int
@@ -42,7 +42,7 @@ def open_video(path: str | Path) -> av.container.InputContainer:
     """Open a file that must exist and hold a video stream; nothing but this file is read, whatever is in it."""
     path = require_file(path, "video", error=VideoError)
     # The limit is for the look at the first frames that FFmpeg takes when it opens a file.
-    options = {"protocol_whitelist": "file", "format_whitelist": FORMATS, "max_pixels": str(MOST_PIXELS)}
+    options = {"protocol_whitelist": "file", "format_whitelist": FORMATS, "max_pixels": str(MAX_PIXELS)}
     try:
         # The prefix keeps names such as "concat:a.mp4" what they are.
         container = av.open(f"file:{path}", options=options)
@@ -56,11 +56,11 @@ def open_video(path: str | Path) -> av.container.InputContainer:
     except VideoError:
         container.close()
         raise
-    container.streams.video[0].codec_context.options = {"max_pixels": str(MOST_PIXELS)}
+    container.streams.video[0].codec_context.options = {"max_pixels": str(MAX_PIXELS)}
     return container
 
 
-def look_through(path: str | Path, container: av.container.InputContainer) -> Contents:
+def scan_packets(path: str | Path, container: av.container.InputContainer) -> PacketScan:
     """Count the packets of a video; only the first frame that can be is decoded.
 
     Raises
@@ -84,7 +84,7 @@ def look_through(path: str | Path, container: av.container.InputContainer) -> Co
     _require_whole(path, container, stored, end_s)
     rate = frame_rate(stream, path)
     missing = max(0, stream.frames - stored) or _holes(stamps, rate, stream)
-    return Contents(len(stamps), missing, round(float((len(stamps) + missing) / rate), 6), first)
+    return PacketScan(len(stamps), missing, round(float((len(stamps) + missing) / rate), 6), first)
 
 
 def decode_frames(container: av.container.InputContainer, stream: av.stream.Stream) -> Iterator[av.frame.Frame]:
@@ -106,12 +106,12 @@ def frame_rate(stream: av.VideoStream, path: str | Path) -> Fraction:
     rate = stream.average_rate or stream.guessed_rate
     if not rate:
         raise VideoError(f"{path}: does not say its frame rate; convert it to mp4 first.")
-    if not LEAST_FPS <= rate <= MOST_FPS:
+    if not MIN_FPS <= rate <= MAX_FPS:
         raise VideoError(f"{path}: says that it has {float(rate):g} frames per second; convert it to mp4 first.")
     return rate
 
 
-def steps_of(elapsed_s: Fraction | float, rate: Fraction, stream: av.VideoStream) -> int:
+def frames_between(elapsed_s: Fraction | float, rate: Fraction, stream: av.VideoStream) -> int:
     """How many frames further a frame is that comes `elapsed_s` after another one: 1 where the rate is not constant."""
     constant = stream.guessed_rate and abs(stream.guessed_rate / rate - 1) < SAME_RATE
     return max(1, round(elapsed_s * rate)) if constant else 1
@@ -130,10 +130,10 @@ def _require_pictures(path: Path, container: av.container.InputContainer) -> Non
     codec = container.streams.video[0].codec_context
     if codec is None:
         raise VideoError(f"{path}: holds no frame that can be decoded; copy or export it again.")
-    if codec.width * codec.height > MOST_PIXELS:
+    if codec.width * codec.height > MAX_PIXELS:
         raise VideoError(
             f"{path}: claims {codec.width}x{codec.height} pixels, more than this program takes "
-            f"({MOST_PIXELS / 1e6:.0f} million); convert it to a smaller size."
+            f"({MAX_PIXELS / 1e6:.0f} million); convert it to a smaller size."
         )
 
 
@@ -142,7 +142,7 @@ def _holes(stamps: list[int | None], rate: Fraction, stream: av.VideoStream) -> 
     if None in stamps:
         return 0
     times = sorted(pts * stream.time_base for pts in stamps)
-    return sum(steps_of(later - earlier, rate, stream) - 1 for earlier, later in pairwise(times))
+    return sum(frames_between(later - earlier, rate, stream) - 1 for earlier, later in pairwise(times))
 
 
 def _require_whole(path: str | Path, container: av.container.InputContainer, stored: int, end_s: float) -> None:

@@ -43,8 +43,8 @@ from lanes.io.video.reader import (
     VideoInfo,
     inspect_video,
     read_timed_frames,
-    upright,
-    upright_as_stored,
+    to_upright_rgb,
+    to_upright_yuv,
 )
 from lanes.io.video.writer import ENCODER_THREADS, VideoWriter
 
@@ -56,7 +56,7 @@ Process = Callable[..., "Frame | tuple[Frame, Row]"]
 
 
 @dataclass(frozen=True)
-class AsStored:
+class YuvProcess:
     """A function for `annotate_video` that takes frames as the video stores them, `YuvFrame`, instead of RGB.
 
     That saves two conversions of each frame, and all that the function does not draw on comes out as it was decoded.
@@ -109,7 +109,7 @@ def open_clip(path: str | Path, *, start_s: float = 0.0, end_s: float | None = N
 def annotate_video(
     source: str | Path,
     target: str | Path,
-    process: Process | AsStored,
+    process: Process | YuvProcess,
     *,
     start_s: float = 0.0,
     end_s: float | None = None,
@@ -127,12 +127,12 @@ def annotate_video(
     source, target : str or Path
         `target` ends in .mp4 and appears only when it is whole; whatever stops the run, Ctrl-C and SIGTERM included,
         leaves an earlier file of that name as it was and no other file behind.
-    process : callable or AsStored
+    process : callable or YuvProcess
         Takes a frame, ndarray of shape (height, width, 3), uint8, RGB, its own to write on, and returns the annotated
         one, or that and a mapping with the frame's telemetry. Called once a frame, in order, by the caller's thread;
         others read ahead and write behind meanwhile. All pictures that it returns must have one size. If it has a
         parameter `elapsed_s`, it is told the seconds since the frame before, None for the first: they differ from
-        frame to frame in videos of variable rate. `AsStored` holds a function that takes and returns `YuvFrame`s.
+        frame to frame in videos of variable rate. `YuvProcess` holds a function that takes and returns `YuvFrame`s.
     start_s, end_s : float
         The piece to work on, see `read_frames`.
     progress : bool
@@ -166,7 +166,9 @@ def annotate_video(
     decoders, encoders = (0, ENCODER_THREADS) if overlapped else (1, 1)
     sound_from = source if sound and info.has_audio else None
     writer = VideoWriter(target, fps=info.fps, sound_from=sound_from, threads=encoders)
-    process, convert = (process.process, upright_as_stored) if isinstance(process, AsStored) else (process, upright)
+    convert = to_upright_rgb
+    if isinstance(process, YuvProcess):
+        process, convert = process.process, to_upright_yuv
     first_s = max(0.0, start_s - warm_up_s)
     read = read_timed_frames(source, start_s=first_s, end_s=end_s, threads=decoders, convert=convert)
     with (

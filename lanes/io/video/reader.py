@@ -12,20 +12,20 @@ import av
 import numpy as np
 from av.video.reformatter import ColorRange, VideoReformatter
 
-from lanes.io.frames import WEIGHTS, Frame, YuvColours, YuvFrame
+from lanes.io.frames import WEIGHTS, Frame, YuvColourSpace, YuvFrame
 from lanes.io.video.container import (
     VideoError,
     decode_frames,
     frame_rate,
-    look_through,
+    frames_between,
     open_video,
+    scan_packets,
     start_time,
-    steps_of,
     translate_errors,
 )
 
 # Of the numbers of a frame's colours: not told (ITU-T H.273, tables 2 to 4).
-UNTOLD = 2
+UNSPECIFIED = 2
 # Some containers round time stamps to a millisecond, so that a stamp this close to a limit counts as on it.
 STAMP_TOLERANCE_S = 1e-3
 # A time stamp further back than this belongs to a recorder that began again, as in clips that were put together.
@@ -73,8 +73,8 @@ def inspect_video(path: str | Path) -> VideoInfo:
         If it is empty, no video, without frames, or cut off.
     """
     with open_video(path) as container:
-        found = look_through(path, container)
-        height, width = upright(found.first, VideoReformatter()).shape[:2]
+        found = scan_packets(path, container)
+        height, width = to_upright_rgb(found.first, VideoReformatter()).shape[:2]
         rate = float(frame_rate(container.streams.video[0], path))
         sound = bool(container.streams.audio)
         return VideoInfo(width, height, rate, found.frames, found.duration_s, sound, found.missing)
@@ -105,23 +105,24 @@ def read_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | None =
         yield frame.image
 
 
-def upright(frame: av.VideoFrame, converter: VideoReformatter) -> np.ndarray:
+def to_upright_rgb(frame: av.VideoFrame, converter: VideoReformatter) -> np.ndarray:
     """RGB picture of a decoded frame, turned as its display matrix says, in quarter turns."""
     image = converter.reformat(frame, format="rgb24", threads=1).to_ndarray()
     turns = _quarters(frame)
     return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
 
 
-def upright_as_stored(frame: av.VideoFrame, converter: VideoReformatter) -> YuvFrame:
-    """A decoded frame, turned as `upright` does, without any conversion where it is YUV 4:2:0 of 8 bits.
+def to_upright_yuv(frame: av.VideoFrame, converter: VideoReformatter) -> YuvFrame:
+    """A decoded frame, turned as `to_upright_rgb` does, without any conversion where it is YUV 4:2:0 of 8 bits.
 
     Colours that are not told are taken for BT.601's, as FFmpeg does.
     """
-    matrix = 6 if frame.colorspace == UNTOLD else frame.colorspace
+    matrix = 6 if frame.colorspace == UNSPECIFIED else frame.colorspace
     if frame.format.is_rgb or matrix not in WEIGHTS or frame.width % 2 or frame.height % 2:
-        return YuvFrame.from_rgb(upright(frame, converter))
-    told = frame.color_primaries, frame.color_trc
-    colours = YuvColours(matrix, frame.color_range == ColorRange.JPEG, *(1 if n == UNTOLD else int(n) for n in told))
+        return YuvFrame.from_rgb(to_upright_rgb(frame, converter))
+    full_range = frame.color_range == ColorRange.JPEG
+    primaries, transfer = (1 if n == UNSPECIFIED else int(n) for n in (frame.color_primaries, frame.color_trc))
+    colours = YuvColourSpace(matrix, full_range, primaries, transfer)
     planes = converter.reformat(frame, format="yuv420p", threads=1).to_ndarray()
     picture, turns = YuvFrame(planes, frame.width, frame.height, colours), _quarters(frame)
     return picture.turned(turns) if turns else picture
@@ -133,12 +134,12 @@ def read_timed_frames(
     start_s: float = 0.0,
     end_s: float | None = None,
     threads: int = 0,
-    convert: Callable[[av.VideoFrame, VideoReformatter], Frame] = upright,
+    convert: Callable[[av.VideoFrame, VideoReformatter], Frame] = to_upright_rgb,
 ) -> Iterator[TimedFrame]:
     """As `read_frames`, with the number and time of each frame.
 
     Damaged frames are left out, and so are their numbers where the rate is constant. `threads` decode, 0 stands for
-    one a core; `convert` makes the pictures, `upright` or `upright_as_stored`.
+    one a core; `convert` makes the pictures, `to_upright_rgb` or `to_upright_yuv`.
     """
     if not 0 <= start_s < (math.inf if end_s is None else end_s):
         raise VideoError(f"{path}: cannot read from {start_s} s to {end_s} s; give 0 <= start_s < end_s.")
@@ -153,7 +154,7 @@ def read_timed_frames(
                 continue
             if end_s is not None and time_s > end_s - STAMP_TOLERANCE_S:
                 break
-            number = last.number + steps_of(time_s - last.time_s, rate, stream) if last else round(time_s * rate)
+            number = last.number + frames_between(time_s - last.time_s, rate, stream) if last else round(time_s * rate)
             last = TimedFrame(number, float(time_s), convert(frame, converter))
             yield last
     if last is None:

@@ -12,8 +12,8 @@ import av
 import numpy as np
 from av.video.reformatter import ColorRange
 
-from lanes.io.files import PartialFile, writing_to
-from lanes.io.frames import Frame, YuvColours, YuvFrame, require_rgb
+from lanes.io.files import PartialFile, translate_write_errors
+from lanes.io.frames import Frame, YuvColourSpace, YuvFrame, require_rgb
 from lanes.io.video.container import VideoError, decode_frames, open_video, start_time, translate_errors
 from lanes.io.video.reader import STAMP_TOLERANCE_S, VideoInfo, inspect_video
 
@@ -87,7 +87,7 @@ class VideoWriter:
 
     def __enter__(self) -> VideoWriter:
         # Made at once, so that an unwritable folder is known before minutes of work.
-        with writing_to(self.path):
+        with translate_write_errors(self.path):
             self._partial = PartialFile(self.path)
         return self
 
@@ -151,7 +151,7 @@ class VideoWriter:
 
     def _open_container(self, frame: av.VideoFrame) -> None:
         size, full = (frame.width, frame.height), frame.color_range == ColorRange.JPEG
-        colours = YuvColours(frame.colorspace, full, int(frame.color_primaries), int(frame.color_trc))
+        colours = YuvColourSpace(frame.colorspace, full, int(frame.color_primaries), int(frame.color_trc))
         self._container, self._stream = open_mp4(
             self._partial.name, size, self._rate, self._tick, colours, crf=self._crf, threads=self._threads
         )
@@ -182,7 +182,7 @@ class VideoWriter:
             raise VideoError(
                 f"{self.path}: only {self.written.frames} of {self.frames} frames arrived in the file; try again."
             )
-        with writing_to(self.path):
+        with translate_write_errors(self.path):
             self._partial.commit()
 
     def _unwritable(self, error: OSError | av.FFmpegError) -> OSError:
@@ -195,7 +195,7 @@ def open_mp4(
     size: tuple[int, int],
     rate: Fraction,
     tick: Fraction,
-    colours: YuvColours = YuvColours(),  # noqa: B008 - it cannot be changed
+    colours: YuvColourSpace = YuvColourSpace(),  # noqa: B008 - it cannot be changed
     *,
     crf: int = CRF,
     threads: int = ENCODER_THREADS,
@@ -285,5 +285,5 @@ def _frame_of(picture: YuvFrame) -> av.VideoFrame:
     return frame
 
 
-def _range_of(colours: YuvColours) -> ColorRange:
+def _range_of(colours: YuvColourSpace) -> ColorRange:
     return ColorRange.JPEG if colours.full_range else ColorRange.MPEG

@@ -11,7 +11,7 @@ import av
 import numpy as np
 import pytest
 
-from lanes.io.images import MOST_PIXELS
+from lanes.io.images import MAX_PIXELS
 from lanes.io.video import container
 from lanes.io.video.container import VideoError, open_video
 from lanes.io.video.reader import inspect_video, read_frames, read_timed_frames
@@ -94,10 +94,10 @@ def test_claims_inside_a_video_are_damage(tmp_path, name, codec):
 
 
 def test_a_claim_in_front_is_refused(video, tmp_path, monkeypatch):
-    monkeypatch.setattr(container, "MOST_PIXELS", 160 * 96 - 1)
+    monkeypatch.setattr(container, "MAX_PIXELS", 160 * 96 - 1)
     with pytest.raises(VideoError, match=r"drive\.mp4: claims 160x96 pixels|cannot be decoded"):
         inspect_video(video)
-    assert MOST_PIXELS > 7680 * 4320
+    assert MAX_PIXELS > 7680 * 4320
 
 
 @pytest.mark.parametrize("suffix", ["mp4", "mkv", "ts", "flv"])

@@ -28,7 +28,7 @@ from lanes.io.frames import PictureError, YuvFrame
 from lanes.io.telemetry import read_telemetry
 from lanes.io.video import pipeline as annotate
 from lanes.io.video.container import VideoError
-from lanes.io.video.pipeline import AsStored, annotate_video, open_clip
+from lanes.io.video.pipeline import YuvProcess, annotate_video, open_clip
 from lanes.io.video.reader import inspect_video, read_frames, read_timed_frames
 from lanes.io.video.writer import VideoWriter
 
@@ -354,7 +354,7 @@ class TestAnnotate:
                 container.mux(stream.encode(frame))
             container.mux(stream.encode(None))
             add_tone(container, track, 2.2)
-        summary = annotate_video(path, tmp_path / "out.mp4", AsStored(lambda f: f), progress=False)
+        summary = annotate_video(path, tmp_path / "out.mp4", YuvProcess(lambda f: f), progress=False)
         found = list(read_timed_frames(tmp_path / "out.mp4"))
         assert summary.frames_out == 30 and [number_of(f.image) for f in found] == list(range(30))
         np.testing.assert_allclose([f.time_s for f in found], times_s, atol=1e-3)
@@ -451,7 +451,7 @@ class TestAsStored:
 
     def test_what_is_not_drawn_on_is_as_in_a_bare_transcode(self, repeatable, tmp_path):
         transcode(repeatable, tmp_path / "bare.mp4")
-        annotate_video(repeatable, tmp_path / "out.mp4", AsStored(unchanged), progress=False, sound=False)
+        annotate_video(repeatable, tmp_path / "out.mp4", YuvProcess(unchanged), progress=False, sound=False)
         assert packets_of(tmp_path / "out.mp4") == packets_of(tmp_path / "bare.mp4")
 
     def test_its_own_to_draw_on_and_in_order(self, video, tmp_path):
@@ -462,7 +462,7 @@ class TestAsStored:
             frame.planes[0][:] = 251 - frame.planes[0]
             return frame, {"number": number}
 
-        annotate_video(video, tmp_path / "out.mp4", AsStored(invert), progress=False, telemetry=tmp_path / "out.csv")
+        annotate_video(video, tmp_path / "out.mp4", YuvProcess(invert), progress=False, telemetry=tmp_path / "out.csv")
         np.testing.assert_array_equal(read_telemetry(tmp_path / "out.csv")["number"], np.arange(50))
         assert [1023 - number_of(frame) for frame in read_frames(tmp_path / "out.mp4")] == list(range(50))
 
@@ -492,7 +492,7 @@ class TestAsStored:
                 stored = frame.reformat(format=form, dst_colorspace=to, src_color_range=2, dst_color_range=span)
                 container.mux(stream.encode(stored))
             container.mux(stream.encode(None))
-        annotate_video(path, tmp_path / "out.mp4", AsStored(unchanged), progress=False)
+        annotate_video(path, tmp_path / "out.mp4", YuvProcess(unchanged), progress=False)
         with av.open(str(tmp_path / "out.mp4")) as container:
             codec = container.streams.video[0].codec_context
             assert (codec.colorspace, codec.color_range, codec.color_primaries, codec.color_trc) == tags
@@ -504,7 +504,7 @@ class TestAsStored:
     def test_turned_camera(self, tmp_path, degrees):
         path, turned = make_video(tmp_path / "upright.mp4", 2), tmp_path / "turned.mp4"
         set_rotation(path, turned, degrees)
-        summary = annotate_video(turned, tmp_path / "out.mp4", AsStored(unchanged), progress=False)
+        summary = annotate_video(turned, tmp_path / "out.mp4", YuvProcess(unchanged), progress=False)
         expected, written = (next(read_frames(p)).astype(int) for p in (turned, tmp_path / "out.mp4"))
         assert (summary.height, summary.width) == expected.shape[:2]
         assert np.abs(expected - written).mean() < 6
@@ -513,7 +513,7 @@ class TestAsStored:
         path = make_video(tmp_path / "odd.mkv", 3, size=(161, 97))
         shapes = []
         summary = annotate_video(
-            path, tmp_path / "out.mp4", AsStored(lambda f: shapes.append(f.shape) or f), progress=False
+            path, tmp_path / "out.mp4", YuvProcess(lambda f: shapes.append(f.shape) or f), progress=False
         )
         assert shapes == [(97, 161, 3)] * 3
         assert (summary.width, summary.height) == (162, 98)

@@ -1,6 +1,6 @@
 import pytest
 
-from lanes.io import words
+from lanes.io import describe
 
 
 @pytest.mark.parametrize(
@@ -16,7 +16,7 @@ from lanes.io import words
     ],
 )
 def test_words_for_a_bend(curvature, text):
-    assert words.describe_bend(curvature) == text
+    assert describe.describe_bend(curvature) == text
 
 
 @pytest.mark.parametrize(
@@ -29,4 +29,4 @@ def test_words_for_a_bend(curvature, text):
     ],
 )
 def test_words_for_an_offset(offset, text):
-    assert words.describe_offset(offset) == text
+    assert describe.describe_offset(offset) == text
