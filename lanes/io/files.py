@@ -1,27 +1,30 @@
-"""Files in and out: only ordinary files are read, and what is written gets its name when it is whole.
+"""Files in and out: checks of input files, atomic writes and locks on outputs.
 
-An output is written beside its place under a name of its own, ``STEM.partial.DIGITS.SUFFIX``, and then renamed. Whoever
-writes one holds a lock on it, which the system takes back when the process ends, however it ends: the next run that
-writes the same output removes what is left of dead ones, and touches nothing of those that live.
+An output is written to ``STEM.partial.DIGITS.SUFFIX`` in the same folder and renamed when it is complete. The writer
+holds a lock on this partial file; the operating system releases the lock when the process ends. The next run that
+writes the same output removes the partial files of killed processes and leaves those of running processes alone.
 """
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import secrets
 import stat
+import sys
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-try:
-    import fcntl
-except ImportError:  # Windows removes no file that somebody has open, which does as well
-    fcntl = None
+from filelock import FileLock, Timeout
 
 PARTIAL = ".partial."
 _DIGITS = 12
+# A lock that another run released and removed a moment ago is created again within this time.
+_LOCK_TIMEOUT_S = 0.2
+# Errors of file systems without locks.
+_NO_LOCKS = {errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK}
 _KINDS = {
     stat.S_IFDIR: "a folder",
     stat.S_IFIFO: "a pipe",
@@ -34,24 +37,24 @@ _KINDS = {
 def require_file(
     path: str | Path, kind: str, *, error: type[ValueError] = ValueError, max_bytes: int | None = None
 ) -> Path:
-    """Refuse what cannot be read like a file, before anything waits for a pipe or fills the memory.
+    """The path, if it is a readable, ordinary file; a pipe would block the reader, a device would fill the memory.
 
     Parameters
     ----------
     path : str or Path
     kind : str
-        What it should be, for the sentence: "picture", "video".
+        Expected content, for the error message: "picture", "video".
     error : type
-        Raised where it is something else than a file.
+        Exception for a path that exists but cannot be used.
     max_bytes : int, optional
-        Greatest size; no limit if None.
+        Maximum size; no limit if None.
 
     Raises
     ------
     FileNotFoundError
-        If there is nothing of that name.
+        If the file does not exist.
     error
-        If it is a folder, a pipe or a device, may not be read, is empty or too large.
+        If it is a folder, a pipe or a device, is not readable, is empty or too large.
     """
     path = Path(path)
     try:
@@ -68,7 +71,7 @@ def require_file(
         raise error(f"{path}: the file is empty; copy it again from its source.")
     if max_bytes is not None and found.st_size > max_bytes:
         raise error(
-            f"{path}: is {found.st_size / 1e6:.0f} MB large, more than any {kind} file of use "
+            f"{path}: is {found.st_size / 1e6:.0f} MB large, more than the maximum of a {kind} file "
             f"({max_bytes / 1e6:g} MB); name another file."
         )
     return path
@@ -77,23 +80,29 @@ def require_file(
 def read_text(
     path: str | Path, kind: str, *, error: type[ValueError] = ValueError, max_bytes: int | None = None
 ) -> str:
-    """The text of a file, which must be UTF-8; refuses what `require_file` refuses."""
+    """The text of a UTF-8 file; parameters and exceptions as for `require_file`.
+
+    Raises
+    ------
+    error
+        Also if the file is not UTF-8.
+    """
     data = require_file(path, kind, error=error, max_bytes=max_bytes).read_bytes()
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as wrong:
-        raise error(f"{path}: is no text (byte {wrong.start} is not UTF-8); name a {kind} file.") from wrong
+        raise error(f"{path}: is not a text file (byte {wrong.start} is not UTF-8); name a {kind} file.") from wrong
 
 
 def list_files(folder: str | Path, suffixes: Collection[str]) -> list[Path]:
-    """The files of a folder with one of `suffixes`, in lower case; neither hidden ones nor what is being written.
+    """The files of a folder with one of `suffixes` (lower case), without hidden and partial files.
 
     Raises
     ------
     FileNotFoundError
-        If there is no such folder.
+        If the folder does not exist.
     ValueError
-        If it may not be read.
+        If the folder is not readable.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -102,21 +111,21 @@ def list_files(folder: str | Path, suffixes: Collection[str]) -> list[Path]:
         found = [path for path in folder.iterdir() if path.suffix.lower() in suffixes and path.is_file()]
     except PermissionError as error:
         raise ValueError(f"{folder}: may not be read ({error.strerror}); ask for the right to, or copy it.") from error
-    # Some systems put hidden shadow files beside pictures.
+    # macOS adds hidden files such as ._board1.png.
     return [path for path in found if PARTIAL not in path.name and not path.name.startswith(".")]
 
 
 def write_atomically(path: str | Path, data: bytes) -> None:
-    """Write `data` beside `path` and rename it, so that an interruption never leaves half a file."""
+    """Write a file that is either complete or not there, see `atomic_write`."""
     with atomic_write(Path(path)) as partial:
         partial.write_bytes(data)
 
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
-    """A name to write to in the `with` block; the file becomes `path` at its end, or is removed if the block raises.
+    """The name of a partial file to write to; it is renamed to `path` after the block, or removed if the block raises.
 
-    Of two processes that write the same output, the one that ends last has its file there, whole.
+    Of two processes that write the same output, the last one to finish replaces the other's file.
 
     Raises
     ------
@@ -133,80 +142,93 @@ def atomic_write(path: Path) -> Iterator[Path]:
 
 
 class PartialFile:
-    """A file that is being written beside `path`, as `name`; `commit` gives it its name, `discard` removes it."""
+    """An unfinished output in the folder of `path`.
+
+    `commit` renames it to `path`, `discard` removes it unless it was committed.
+
+    Attributes
+    ----------
+    path : Path
+        The output; a link is replaced at its target and stays a link.
+    name : Path
+        The partial file, empty and locked.
+
+    Raises
+    ------
+    OSError
+        If the folder cannot be written to, or `path` is a folder, a pipe or a device.
+    """
 
     def __init__(self, path: str | Path) -> None:
-        # A link stays a link; what it points to is replaced.
         self.path = Path(os.path.realpath(path))
         _refuse_special(self.path)
         self.path.parent.mkdir(parents=True, exist_ok=True)
         remove_stale_partials(self.path)
         digits = secrets.token_hex(_DIGITS // 2)
         self.name = self.path.with_name(f"{self.path.stem}{PARTIAL}{digits}{self.path.suffix}")
-        self._handle = _open_locked(self.name, os.O_EXCL)
+        self.name.touch(exist_ok=False)
+        # On Windows nobody but the lock itself could write to a locked file.
+        self._lock = _lock(self.name) if sys.platform != "win32" else None
 
     def commit(self) -> None:
-        """Give the file its name; on the disk it is by then, so that a full one is known."""
-        os.fsync(self._handle)
-        if fcntl is None:
-            self._close()
+        """Flush the file to the disk, so that a full disk is noticed, and rename it."""
+        with self.name.open("rb+") as file:
+            os.fsync(file.fileno())
         os.replace(self.name, self.path)
-        self._close()
 
     def discard(self) -> None:
-        """Remove the file, unless it was committed."""
-        if self._handle is not None:
-            self.name.unlink(missing_ok=True)
-            self._close()
-
-    def _close(self) -> None:
-        if self._handle is not None:
-            os.close(self._handle)
-        self._handle = None
+        """Remove the file, unless it was committed, and release its lock."""
+        self.name.unlink(missing_ok=True)
+        if self._lock:
+            self._lock.release()
 
 
 def remove_stale_partials(path: Path) -> None:
-    """Remove what dead processes left half-written of `path`, and of files that differ from it in the suffix."""
+    """Remove the partial files that killed processes left of `path`, and of outputs that differ only in the suffix."""
     ours = re.compile(re.escape(path.stem + PARTIAL) + rf"[0-9a-f]{{{_DIGITS}}}(\.\w+)?")
     with suppress(OSError), os.scandir(path.parent) as entries:
         leftovers = [Path(entry.path) for entry in entries if ours.fullmatch(entry.name)]
         for leftover in leftovers:
-            _remove_unlocked(leftover)
+            # A running process holds the lock: Timeout is an OSError.
+            with suppress(OSError), FileLock(leftover, timeout=0, fallback_to_soft=False):
+                leftover.unlink()
 
 
 @contextmanager
 def exclusive_writer(path: Path, *, wait: bool = False) -> Iterator[None]:
-    """Keep others from writing outputs that are called like `path` while the block runs: the run that is first wins.
+    """Exclusive writer lock, during the block, on all outputs with the folder and stem of `path`.
 
     Parameters
     ----------
     path : Path
     wait : bool
-        Begin when the others are done, instead of refusing to.
+        Wait for the other writer instead of raising.
 
     Raises
     ------
     OSError
-        If another process is at it, unless told to wait.
+        If the folder cannot be written to, or if another process holds the lock and `wait` is False.
     """
-    lock = Path(os.path.realpath(path))
-    lock = lock.with_name(f"{lock.stem}{PARTIAL}lock")
+    lock_path = Path(os.path.realpath(path))
+    lock_path = lock_path.with_name(f"{lock_path.stem}{PARTIAL}lock")
     with translate_write_errors(path):
-        lock.parent.mkdir(parents=True, exist_ok=True)
+        lock_path.parent.mkdir(parents=True, exist_ok=True)
         try:
-            handle = _open_locked(lock, wait=wait)
-        except BlockingIOError as error:
+            lock = _lock(lock_path, timeout_s=-1 if wait else _LOCK_TIMEOUT_S)
+        except Timeout as error:
             raise OSError("another run is writing it; wait until that is done") from error
     try:
         yield
     finally:
-        lock.unlink(missing_ok=True)
-        os.close(handle)
+        # Removed while locked: a process that waits for this lock notices and creates the file again.
+        with suppress(OSError):
+            lock_path.unlink()
+        lock.release()
 
 
 @contextmanager
 def translate_write_errors(path: Path) -> Iterator[None]:
-    """What the system refuses in the `with` block becomes a sentence that names `path`."""
+    """Reword an OSError raised in the block: the message names `path` and says what to do."""
     try:
         yield
     except OSError as error:
@@ -216,52 +238,18 @@ def translate_write_errors(path: Path) -> Iterator[None]:
 
 
 def _refuse_special(path: Path) -> None:
-    """Nothing but an ordinary file is replaced: root could rename a file over /dev/null."""
+    """Raise if `path` is not an ordinary file: root could rename a file over /dev/null."""
     if path.exists() and not path.is_file():
         kind = _KINDS.get(stat.S_IFMT(path.stat().st_mode), "no file")
         raise OSError(f"it is {kind}")
 
 
-def _open_locked(path: Path, flags: int = 0, *, wait: bool = False) -> int:
-    """Create a file, or open it, and lock it until it is closed; BlockingIOError if another has it, unless we wait."""
-    while True:
-        handle = os.open(path, os.O_CREAT | os.O_RDWR | flags, 0o666)
-        try:
-            # A file system without locks: no run is refused there, and nothing is removed.
-            if not _lock(handle, wait=wait) or _is_open_at(path, handle):
-                return handle
-        except BaseException:
-            os.close(handle)
+def _lock(path: Path, *, timeout_s: float = -1) -> FileLock:
+    """A lock on a file, acquired; not acquired where the file system has no locks. Raises Timeout; -1 waits forever."""
+    lock = FileLock(path, timeout=timeout_s, thread_local=False, fallback_to_soft=False)
+    try:
+        lock.acquire()
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
             raise
-        os.close(handle)
-
-
-def _lock(handle: int, *, wait: bool = False) -> bool:
-    """Lock an open file; False where that cannot be done at all, BlockingIOError if another process has it locked."""
-    try:
-        if fcntl:
-            fcntl.flock(handle, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise
-    except OSError:
-        return False
-    return True
-
-
-def _is_open_at(path: Path, handle: int) -> bool:
-    """Whether it still has that name: somebody may have removed it before it was locked."""
-    try:
-        return os.path.samestat(os.fstat(handle), path.stat())
-    except FileNotFoundError:
-        return False
-
-
-def _remove_unlocked(path: Path) -> None:
-    """Remove a file unless a living process has it locked, or the file system knows no locks."""
-    with suppress(OSError):
-        handle = os.open(path, os.O_RDWR)
-        try:
-            if _lock(handle):
-                path.unlink()
-        finally:
-            os.close(handle)
+    return lock

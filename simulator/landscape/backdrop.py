@@ -86,7 +86,7 @@ def panorama(style: BackdropStyle, seed: int) -> np.ndarray:
     """(ROWS, COLUMNS + 2, 3) float32, about 90 MB; row 0 looks up to Z_TOP, column 1 along azimuth 0."""
     sources = [Path(source) for source in (__file__, foliage.__file__, noise.__file__, sky.__file__)]
     name = f"panoramas/{short_hash(style, seed)}"
-    return cached_array(name, sources, lambda: _paint_panorama(style, seed), most=MOST_KEPT)
+    return cached_array(name, sources, lambda: _paint_panorama(style, seed), max_files=MOST_KEPT)
 
 
 @all_threads()

@@ -40,7 +40,7 @@ def _paint(name: str, seed: int) -> np.ndarray:
 
 def _kept(name: str, seed: int) -> np.ndarray:
     sources = [Path(source) for source in (__file__, foliage.__file__, noise.__file__)]
-    return cached_array(f"walls/{name}-{seed}", sources, lambda: _paint(name, seed), most=MOST_KEPT)
+    return cached_array(f"walls/{name}-{seed}", sources, lambda: _paint(name, seed), max_files=MOST_KEPT)
 
 
 def _with_cover(rgb: np.ndarray, cover: np.ndarray | float = 1.0) -> np.ndarray:

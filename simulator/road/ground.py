@@ -85,7 +85,7 @@ def picture_rays(camera: Camera) -> np.ndarray:
     """Directions (height, width, 3) float32 in camera axes, z = 1, of every raw pixel; computed once for a lens."""
     sources = [Path(__file__), Path(lens_model.__file__)]
     lens = short_hash(camera.size, camera.matrix.tobytes(), camera.distortion.tobytes())
-    return cached_array(f"rays/{lens}", sources, lambda: _rays(camera), most=MOST_KEPT)
+    return cached_array(f"rays/{lens}", sources, lambda: _rays(camera), max_files=MOST_KEPT)
 
 
 def _rays(camera: Camera) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import socket
 import stat
@@ -11,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from lanes.io import files
 from lanes.io.files import (
     PartialFile,
     atomic_write,
@@ -219,7 +219,7 @@ def test_a_file_system_without_locks_refuses_no_run_and_removes_nothing(tmp_path
     def cannot(*_: object) -> None:
         raise OSError(95, "Operation not supported")
 
-    monkeypatch.setattr(files.fcntl, "flock", cannot)
+    monkeypatch.setattr("fcntl.flock", cannot)
     (tmp_path / f"a.partial.{DEAD}.txt").touch()
     with exclusive_writer(tmp_path / "a.txt"):
         write_atomically(tmp_path / "a.txt", b"new")
@@ -228,7 +228,7 @@ def test_a_file_system_without_locks_refuses_no_run_and_removes_nothing(tmp_path
 
 def test_a_lock_that_was_removed_meanwhile_is_made_again(tmp_path, monkeypatch):
     """The other run ended between our opening its lock and getting it."""
-    lock, real = tmp_path / "a.partial.lock", files.fcntl.flock
+    lock, real = tmp_path / "a.partial.lock", fcntl.flock
     calls = []
 
     def late(handle: int, how: int) -> None:
@@ -237,6 +237,6 @@ def test_a_lock_that_was_removed_meanwhile_is_made_again(tmp_path, monkeypatch):
         if len(calls) == 1:
             lock.unlink()
 
-    monkeypatch.setattr(files.fcntl, "flock", late)
+    monkeypatch.setattr("fcntl.flock", late)
     with exclusive_writer(tmp_path / "a.txt"):
         assert lock.is_file() and len(calls) == 2

@@ -127,7 +127,7 @@ def test_of_several_that_want_the_same_one_makes_it_and_only_the_latest_stay(mon
     made, sums = zip(*map_ordered(keep_slowly, range(6), workers=3), strict=True)
     assert sum(made) == 1 and set(sums) == {21.0}
     for number in range(4):
-        cached_array(f"few/{number}", [], lambda n=number: np.arange(n + 1.0), most=2)
+        cached_array(f"few/{number}", [], lambda n=number: np.arange(n + 1.0), max_files=2)
         # The time of a file is known to a hundredth of a second.
         time.sleep(0.02)
     assert sorted(path.name[0] for path in (tmp_path / "few").iterdir()) == ["2", "3"]
