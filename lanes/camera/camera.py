@@ -19,7 +19,7 @@ import numpy as np
 
 from lanes.camera.camera_pose import CameraError, CameraPose
 from lanes.io.describe import html_table
-from lanes.io.frames import Frame, PictureError, YuvFrame, require_rgb
+from lanes.io.frames import Frame, require_rgb, require_size
 
 # Pictures whose aspect ratios differ by less than this come from the same sensor area: 1281x721 beside 1280x720
 # differs by 0.0006, the next common format (16:10 beside 16:9) by 0.18.
@@ -130,16 +130,8 @@ class Camera:
         return replace(self, width=width, height=height, matrix=np.linalg.inv(shift) @ scale @ shift @ self.matrix)
 
     def require_size(self, image: Frame, name: object = "picture") -> None:
-        """Refuse a picture of another size than the calibration's, with a sentence that names both."""
-        if not isinstance(image, YuvFrame):
-            require_rgb(image, name)
-        got = (image.shape[1], image.shape[0])
-        if got != self.size:
-            raise PictureError(
-                f"{name}: is {got[0]}x{got[1]} pixels, but the camera was calibrated for {self.width}x{self.height}; "
-                "use a picture of that size, or ask for rescaling (rescale=True in undistort, or "
-                "camera.scaled) when it was only resized."
-            )
+        """Raise PictureError unless the picture has the size of the calibration; the message starts with `name`."""
+        require_size(image, self.size, name)
 
     def undistort_points(self, pixels: np.ndarray) -> np.ndarray:
         """Raw pixels (N, 2) to the pixels (N, 2) of the undistorted picture."""

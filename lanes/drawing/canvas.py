@@ -40,7 +40,7 @@ class Layer:
     pixels: np.ndarray
     step: int = 1
     channel: int | None = None
-    colours: YuvColourSpace | None = None
+    colour_space: YuvColourSpace | None = None
 
     def box(self, left: int, top: int, right: int, bottom: int) -> np.ndarray:
         """View of a rectangle given in pixels of the picture."""
@@ -49,7 +49,7 @@ class Layer:
 
     def value(self, colour: Colour) -> tuple[float, ...]:
         """What stands for an RGB colour here."""
-        return colour if self.colours is None else (rgb_to_yuv(colour, self.colours)[self.channel],)
+        return colour if self.colour_space is None else (rgb_to_yuv(colour, self.colour_space)[self.channel],)
 
     def place(self, corners: np.ndarray) -> tuple[np.ndarray, int]:
         """Where to draw for integers of 1/16 px of the picture: integers, and how many of their bits are fraction.
@@ -63,7 +63,7 @@ class Layer:
 def layers_of(picture: Frame) -> tuple[Layer, ...]:
     """The arrays to draw on; brightness, or all of an RGB picture, is the first."""
     if isinstance(picture, YuvFrame):
-        return tuple(Layer(plane, 1 + (k > 0), k, picture.colours) for k, plane in enumerate(picture.planes))
+        return tuple(Layer(plane, 1 + (k > 0), k, picture.colour_space) for k, plane in enumerate(picture.planes))
     return (Layer(picture),)
 
 

@@ -1,8 +1,8 @@
-"""Pictures as videos store them: brightness for each pixel, two differences of colour for each four (YUV 4:2:0).
+"""Picture types: RGB arrays and YUV 4:2:0 frames as videos store them.
 
-A frame that keeps this form from the decoder to the encoder needs no conversion, and all that nobody draws on is
-encoded as it was decoded. Two ways to store the same colour differ in their weights of red and blue and in their range;
-both are told by numbers of Recommendation ITU-T H.273.
+A frame that stays in YUV from the decoder to the encoder needs no colour conversion, and the encoder gets all pixels
+that were not drawn on as they were decoded. Colour spaces differ in luma coefficients and range; both are identified
+by the code points of Recommendation ITU-T H.273.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from functools import cached_property, lru_cache
 import cv2
 import numpy as np
 
-# Weights of red and blue in brightness, by the number of the matrix: H.273, table 4.
-WEIGHTS = {
+# Luma coefficients of red and blue by matrix code point: H.273, table 4.
+LUMA_COEFFICIENTS = {
     1: (0.2126, 0.0722),
     4: (0.30, 0.11),
     5: (0.299, 0.114),
@@ -24,18 +24,22 @@ WEIGHTS = {
 }
 
 
+class PictureError(ValueError):
+    """A picture cannot be used; the message names the file, the fault and a remedy."""
+
+
 @dataclass(frozen=True)
 class YuvColourSpace:
-    """What the numbers of a picture stand for; by default BT.601's colours within 16..235, of BT.709's primaries.
+    """The meaning of YUV values; by default BT.601 in the limited range 16..235, with BT.709 primaries.
 
     Attributes
     ----------
     matrix : int
-        A key of `WEIGHTS`.
+        Matrix code point, a key of `LUMA_COEFFICIENTS`.
     full_range : bool
-        Brightness takes 0 to 255 instead of 16 to 235.
+        Luma takes 0 to 255 instead of 16 to 235.
     primaries, transfer : int
-        Numbers of H.273, tables 2 and 3; handed on to the player.
+        Code points of H.273, tables 2 and 3; copied from the input video to the output.
     """
 
     matrix: int = 6
@@ -45,25 +49,25 @@ class YuvColourSpace:
 
     @cached_property
     def from_rgb(self) -> np.ndarray:
-        """(3, 4) affine map of (red, green, blue) 0..255 to the stored numbers: H.273, clause 8.3."""
-        red, blue = WEIGHTS[self.matrix]
-        brightness = np.array([red, 1 - red - blue, blue])
-        blueness, redness = np.eye(3)[2] - brightness, np.eye(3)[0] - brightness
-        differences = np.array([brightness, blueness / (1 - blue) / 2, redness / (1 - red) / 2])
-        low, spans = (0, (255, 255, 255)) if self.full_range else (16, (219, 224, 224))
-        return np.column_stack([differences * (np.array(spans)[:, None] / 255), [low, 128, 128]])
+        """(3, 4) affine map of (red, green, blue) 0..255 to (Y, Cb, Cr): H.273, clause 8.3."""
+        red, blue = LUMA_COEFFICIENTS[self.matrix]
+        luma = np.array([red, 1 - red - blue, blue])
+        blue_difference, red_difference = np.eye(3)[2] - luma, np.eye(3)[0] - luma
+        linear = np.array([luma, blue_difference / (1 - blue) / 2, red_difference / (1 - red) / 2])
+        black, spans = (0, (255, 255, 255)) if self.full_range else (16, (219, 224, 224))
+        return np.column_stack([linear * (np.array(spans)[:, None] / 255), [black, 128, 128]])
 
     @cached_property
     def to_rgb(self) -> np.ndarray:
-        """(3, 4) affine map of the stored numbers to (red, green, blue)."""
+        """(3, 4) affine map of (Y, Cb, Cr) to (red, green, blue)."""
         inverse = np.linalg.inv(self.from_rgb[:, :3])
         return np.column_stack([inverse, -inverse @ self.from_rgb[:, 3]])
 
 
 @lru_cache(maxsize=64)
-def rgb_to_yuv(colour: tuple[int, int, int], colours: YuvColourSpace) -> tuple[float, float, float]:
-    """The numbers that stand for an RGB colour; kept, because few colours are drawn in thousands of frames."""
-    return tuple((colours.from_rgb @ [*colour, 1]).tolist())
+def rgb_to_yuv(colour: tuple[int, int, int], colour_space: YuvColourSpace) -> tuple[float, float, float]:
+    """(Y, Cb, Cr) of an RGB colour; cached, because thousands of frames use the same few colours."""
+    return tuple((colour_space.from_rgb @ [*colour, 1]).tolist())
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,21 +77,29 @@ class YuvFrame:
     Attributes
     ----------
     data : ndarray, uint8
-        The planes one behind the other: brightness, blue difference, red difference. An odd width or height is made
-        even by repeating the last column or row.
+        The planes Y, Cb and Cr, one after the other. An odd width or height is padded by repeating the last column or
+        row.
     width, height : int
-        Of the picture, without what was added.
-    colours : YuvColourSpace
+        Size of the picture without the padding.
+    colour_space : YuvColourSpace
     """
 
     data: np.ndarray
     width: int
     height: int
-    colours: YuvColourSpace = YuvColourSpace()
+    colour_space: YuvColourSpace = YuvColourSpace()
 
     @classmethod
     def from_rgb(cls, image: np.ndarray) -> YuvFrame:
-        """Convert a picture (height, width, 3), uint8, to the default colours; 0.5 ms at 1280x720, FFmpeg takes 1.7."""
+        """An RGB picture (height, width, 3), uint8, in the default colour space.
+
+        Takes 0.5 ms at 1280x720, FFmpeg's conversion 1.7 ms.
+
+        Raises
+        ------
+        PictureError
+            If `image` is not such a picture.
+        """
         require_rgb(image)
         height, width = image.shape[:2]
         if height % 2 or width % 2:
@@ -100,50 +112,52 @@ class YuvFrame:
         return self.height, self.width, 3
 
     @property
-    def stored_size(self) -> tuple[int, int]:
-        """(width, height), both even."""
+    def padded_size(self) -> tuple[int, int]:
+        """(width, height) of the luma plane, both even."""
         return self.width + self.width % 2, self.height + self.height % 2
 
     @cached_property
     def planes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Brightness (stored height, stored width), blue and red difference of half as much each; views of `data`."""
-        width, height = self.stored_size
+        """Y (padded height, padded width), Cb and Cr of half that width and height; views of `data`."""
+        width, height = self.padded_size
         ends = np.cumsum([width * height, width * height // 4])
         y, u, v = np.split(self.data.ravel(), ends)
         return y.reshape(height, width), u.reshape(height // 2, -1), v.reshape(height // 2, -1)
 
     def copy(self) -> YuvFrame:
-        """The same on data of its own."""
+        """A frame with its own data."""
         return replace(self, data=self.data.copy())
 
-    def turned(self, quarters: int) -> YuvFrame:
-        """The picture turned counterclockwise by so many quarters; sides must be even."""
-        data = np.concatenate([np.rot90(plane, quarters).ravel() for plane in self.planes])
-        width, height = (self.height, self.width) if quarters % 2 else (self.width, self.height)
+    def rotated(self, quarter_turns: int) -> YuvFrame:
+        """The picture rotated counterclockwise; width and height must be even."""
+        data = np.concatenate([np.rot90(plane, quarter_turns).ravel() for plane in self.planes])
+        width, height = (self.height, self.width) if quarter_turns % 2 else (self.width, self.height)
         return replace(self, data=data, width=width, height=height)
 
     def to_rgb(self) -> np.ndarray:
-        """Convert to (height, width, 3), uint8."""
-        y, *differences = self.planes
-        full = [cv2.resize(plane, self.stored_size, interpolation=cv2.INTER_LINEAR) for plane in differences]
-        return cv2.transform(cv2.merge([y, *full]), self.colours.to_rgb)[: self.height, : self.width]
+        """Convert to RGB (height, width, 3), uint8."""
+        y, *chroma = self.planes
+        full_size = [cv2.resize(plane, self.padded_size, interpolation=cv2.INTER_LINEAR) for plane in chroma]
+        return cv2.transform(cv2.merge([y, *full_size]), self.colour_space.to_rgb)[: self.height, : self.width]
 
 
-# What can be looked at and drawn on: RGB of shape (height, width, 3), uint8, or a frame as its video stores it.
+# A picture to analyse or to draw on: RGB (height, width, 3), uint8, or YUV as its video stores it.
 Frame = np.ndarray | YuvFrame
 
 
 def as_rgb(picture: Frame) -> np.ndarray:
-    """The picture in RGB (height, width, 3), uint8; itself where it is already."""
+    """The picture in RGB (height, width, 3), uint8; no copy if it is RGB already."""
     return picture.to_rgb() if isinstance(picture, YuvFrame) else picture
 
 
-class PictureError(ValueError):
-    """A picture cannot be used; the message names the file, what is wrong and what to do."""
-
-
 def require_rgb(image: np.ndarray, name: object = "picture") -> None:
-    """Refuse anything that is not an (H, W, 3) uint8 array with pixels in it, naming what it is instead."""
+    """Refuse anything but a non-empty RGB picture.
+
+    Raises
+    ------
+    PictureError
+        If `image` is not an array (height, width, 3), uint8, or has no pixels.
+    """
     if not isinstance(image, np.ndarray) or image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
         got = f"shape {image.shape}, dtype {image.dtype}" if isinstance(image, np.ndarray) else type(image).__name__
         raise PictureError(
@@ -151,4 +165,23 @@ def require_rgb(image: np.ndarray, name: object = "picture") -> None:
             "read it with read_image."
         )
     if not image.size:
-        raise PictureError(f"{name}: holds no pixels (shape {image.shape}); check how it was cut out.")
+        raise PictureError(f"{name}: holds no pixels (shape {image.shape}); check how it was cropped.")
+
+
+def require_size(image: Frame, size: tuple[int, int], name: object = "picture") -> None:
+    """Refuse anything but a picture of the size (width, height) that the camera was calibrated for.
+
+    Raises
+    ------
+    PictureError
+        If `image` is neither an RGB picture nor a YUV frame, or has another size.
+    """
+    if not isinstance(image, YuvFrame):
+        require_rgb(image, name)
+    width, height = image.shape[1], image.shape[0]
+    if (width, height) != size:
+        raise PictureError(
+            f"{name}: is {width}x{height} pixels, but the camera was calibrated for {size[0]}x{size[1]}; "
+            "use a picture of that size, or ask for rescaling (rescale=True in undistort, or "
+            "camera.scaled) when it was only resized."
+        )

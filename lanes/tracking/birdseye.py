@@ -173,13 +173,13 @@ class BirdsEyeView:
         if not isinstance(image, YuvFrame):
             return self._look_up(image[self.top_px :], 1, self._fine, 0)
         y, *differences = image.planes
-        dark, gray, _ = rgb_to_yuv((0, 0, 0), image.colours)
+        dark, gray, _ = rgb_to_yuv((0, 0, 0), image.colour_space)
         found = [
             self._look_up(y[self.top_px :], 1, self._fine, dark),
             *(self._look_up(plane[self.top_px // 2 :], 2, self._coarse, gray) for plane in differences),
         ]
         # only the cells of the view become RGB, not the whole picture
-        return cv2.transform(cv2.merge(found), image.colours.to_rgb)
+        return cv2.transform(cv2.merge(found), image.colour_space.to_rgb)
 
     def blacken(self, cells: np.ndarray) -> np.ndarray:
         """A copy of what `warp` returned, or of another picture of the view, black where unseen."""

@@ -38,7 +38,7 @@ def test_colours_are_those_of_ffmpeg(matrix, number, span):
     expected = [rgb_to_yuv(colour, colours) for colour in COLOURS]
     np.testing.assert_allclose(frame.to_ndarray()[:, 50, 8::16].T, expected, atol=1)
     picture = to_upright_yuv(frame, VideoReformatter())
-    assert picture.colours == colours
+    assert picture.colour_space == colours
     np.testing.assert_allclose(picture.to_rgb()[50, 8::16], COLOURS, atol=3)
 
 
@@ -67,7 +67,7 @@ def test_every_way_to_store_gives_the_same_picture(form, span):
 def test_colours_that_are_not_told_are_taken_for_bt601():
     frame = stored(patches(), "yuv420p")
     frame.colorspace, frame.color_range, frame.color_primaries, frame.color_trc = 2, 0, 2, 2
-    assert to_upright_yuv(frame, VideoReformatter()).colours == YuvColourSpace()
+    assert to_upright_yuv(frame, VideoReformatter()).colour_space == YuvColourSpace()
 
 
 def test_planes_are_those_of_the_decoder_and_one_s_own():
@@ -88,7 +88,7 @@ def test_odd_sizes_repeat_the_last_pixels(width, height):
     image = patches(width, height)
     picture = YuvFrame.from_rgb(image)
     assert picture.shape == image.shape
-    assert picture.stored_size == (112, 64)
+    assert picture.padded_size == (112, 64)
     np.testing.assert_allclose(picture.to_rgb()[4:-4:8, 8::16], image[4:-4:8, 8::16], atol=3)
     np.testing.assert_array_equal(picture.planes[0][-1, :width], picture.planes[0][height - 1, :width])
     odd = to_upright_yuv(stored(image, "yuv444p"), VideoReformatter())
@@ -99,7 +99,7 @@ def test_odd_sizes_repeat_the_last_pixels(width, height):
 @pytest.mark.parametrize("quarters", [0, 1, 2, 3])
 def test_turned_as_rgb_is(quarters):
     image = patches()
-    turned = YuvFrame.from_rgb(image).turned(quarters)
+    turned = YuvFrame.from_rgb(image).rotated(quarters)
     expected = np.rot90(image, quarters)
     assert turned.shape == expected.shape
     assert turned.data.flags.c_contiguous

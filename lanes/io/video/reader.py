@@ -12,7 +12,7 @@ import av
 import numpy as np
 from av.video.reformatter import ColorRange, VideoReformatter
 
-from lanes.io.frames import WEIGHTS, Frame, YuvColourSpace, YuvFrame
+from lanes.io.frames import LUMA_COEFFICIENTS, Frame, YuvColourSpace, YuvFrame
 from lanes.io.video.container import (
     VideoError,
     decode_frames,
@@ -118,14 +118,14 @@ def to_upright_yuv(frame: av.VideoFrame, converter: VideoReformatter) -> YuvFram
     Colours that are not told are taken for BT.601's, as FFmpeg does.
     """
     matrix = 6 if frame.colorspace == UNSPECIFIED else frame.colorspace
-    if frame.format.is_rgb or matrix not in WEIGHTS or frame.width % 2 or frame.height % 2:
+    if frame.format.is_rgb or matrix not in LUMA_COEFFICIENTS or frame.width % 2 or frame.height % 2:
         return YuvFrame.from_rgb(to_upright_rgb(frame, converter))
     full_range = frame.color_range == ColorRange.JPEG
     primaries, transfer = (1 if n == UNSPECIFIED else int(n) for n in (frame.color_primaries, frame.color_trc))
-    colours = YuvColourSpace(matrix, full_range, primaries, transfer)
+    colour_space = YuvColourSpace(matrix, full_range, primaries, transfer)
     planes = converter.reformat(frame, format="yuv420p", threads=1).to_ndarray()
-    picture, turns = YuvFrame(planes, frame.width, frame.height, colours), _quarters(frame)
-    return picture.turned(turns) if turns else picture
+    picture, turns = YuvFrame(planes, frame.width, frame.height, colour_space), _quarters(frame)
+    return picture.rotated(turns) if turns else picture
 
 
 def read_timed_frames(

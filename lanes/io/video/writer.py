@@ -151,9 +151,9 @@ class VideoWriter:
 
     def _open_container(self, frame: av.VideoFrame) -> None:
         size, full = (frame.width, frame.height), frame.color_range == ColorRange.JPEG
-        colours = YuvColourSpace(frame.colorspace, full, int(frame.color_primaries), int(frame.color_trc))
+        colour_space = YuvColourSpace(frame.colorspace, full, int(frame.color_primaries), int(frame.color_trc))
         self._container, self._stream = open_mp4(
-            self._partial.name, size, self._rate, self._tick, colours, crf=self._crf, threads=self._threads
+            self._partial.name, size, self._rate, self._tick, colour_space, crf=self._crf, threads=self._threads
         )
         if self._sound_from is not None:
             self._sound = SoundTrack(self._sound_from, self._container, start_s=self._zero_s)
@@ -195,7 +195,7 @@ def open_mp4(
     size: tuple[int, int],
     rate: Fraction,
     tick: Fraction,
-    colours: YuvColourSpace = YuvColourSpace(),  # noqa: B008 - it cannot be changed
+    colour_space: YuvColourSpace = YuvColourSpace(),  # noqa: B008 - it cannot be changed
     *,
     crf: int = CRF,
     threads: int = ENCODER_THREADS,
@@ -210,8 +210,8 @@ def open_mp4(
     codec.time_base = tick
     codec.thread_count = threads
     # Untagged video is shown in other colours by each player.
-    codec.colorspace, codec.color_range = colours.matrix, _range_of(colours)
-    codec.color_primaries, codec.color_trc = colours.primaries, colours.transfer
+    codec.colorspace, codec.color_range = colour_space.matrix, _range_of(colour_space)
+    codec.color_primaries, codec.color_trc = colour_space.primaries, colour_space.transfer
     return container, stream
 
 
@@ -270,7 +270,7 @@ class SoundTrack:
 
 def _frame_of(picture: YuvFrame) -> av.VideoFrame:
     """The picture as FFmpeg takes it, without a copy where its height is a multiple of four."""
-    width, height = picture.stored_size
+    width, height = picture.padded_size
     if height % 4 == 0:
         frame = av.VideoFrame.from_numpy_buffer(picture.data.reshape(-1, width), format="yuv420p")
     else:
@@ -279,11 +279,11 @@ def _frame_of(picture: YuvFrame) -> av.VideoFrame:
         for target, plane in zip(frame.planes, picture.planes, strict=True):
             # FFmpeg's rows are longer than the picture where that suits its vector instructions
             np.frombuffer(target, np.uint8).reshape(target.height, -1)[:, : target.width] = plane
-    colours = picture.colours
-    frame.colorspace, frame.color_range = colours.matrix, _range_of(colours)
-    frame.color_primaries, frame.color_trc = colours.primaries, colours.transfer
+    colour_space = picture.colour_space
+    frame.colorspace, frame.color_range = colour_space.matrix, _range_of(colour_space)
+    frame.color_primaries, frame.color_trc = colour_space.primaries, colour_space.transfer
     return frame
 
 
-def _range_of(colours: YuvColourSpace) -> ColorRange:
-    return ColorRange.JPEG if colours.full_range else ColorRange.MPEG
+def _range_of(colour_space: YuvColourSpace) -> ColorRange:
+    return ColorRange.JPEG if colour_space.full_range else ColorRange.MPEG
