@@ -79,11 +79,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Annotate all sources; those that fail do not stop the others and are named at the end."""
-    from lanes.drives.annotation import output_for
-    from lanes.drives.sources import find_sources, refuse_clashes
+    from lanes.drives.annotation import output_path
+    from lanes.drives.sources import find_sources, require_distinct_outputs
 
     sources = find_sources(options.sources)
-    refuse_clashes(sources.videos, [output_for(video, options.output) for video in sources.videos])
+    require_distinct_outputs(sources.videos, [output_path(video, options.output) for video in sources.videos])
     settings = read_settings(options, sources)
     failures, done = [], 0
     if (options.workers or options.scheduler) and sources.videos:
@@ -116,7 +116,7 @@ def annotate_apart(
         scheduler=options.scheduler, workers=options.workers, piece_s=options.piece, retries=options.retries
     )
     finished, failures = annotate_many(
-        videos, settings, cluster, tell=lambda text: None if options.quiet else print(text, flush=True)
+        videos, settings, cluster, log=lambda text: None if options.quiet else print(text, flush=True)
     )
     return len(finished), failures
 

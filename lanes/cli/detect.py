@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Find the lane in every picture and write the detections."""
     from lanes.camera.pose_from_lanes.pose_from_files import pose_from_drive
-    from lanes.drives.detections import count_gaps, detect_files, write_detections
+    from lanes.drives.detections import count_missing_frames, detect_files, write_detections
 
     camera, estimate = pose_from_drive(find_lens(options), options.files, progress=progress_line("pose"))
     if estimate:
@@ -47,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
         progress=progress_line("detect"),
     )
     lost = sum(detection["state"] == "lost" for detection in found)
-    missing = count_gaps(found)
+    missing = count_missing_frames(found)
     damaged = f"; {missing} more are damaged or missing in the videos" if missing else ""
     print(f"wrote {write_detections(options.output, found)}: {len(found)} pictures, no lane in {lost}{damaged}")
     return 0

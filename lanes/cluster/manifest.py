@@ -1,7 +1,7 @@
-"""What was made of a drive, from what and with what: a file beside its outputs, so that nothing is done twice.
+"""Manifest of a finished drive: a JSON file next to its outputs, so that no drive is annotated twice.
 
-It is written last. A drive whose manifest is there, tells of the same input, settings and versions, and names outputs
-that are there in the same size, is finished; every other drive is to be annotated.
+The manifest is written last. A drive is finished if its manifest exists, names the same input, settings and versions,
+and all its outputs exist with the sizes in the manifest. Every other drive is annotated.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ from pathlib import Path
 
 import lanes
 from lanes.camera.camera_file import camera_to_dict
-from lanes.drives.annotation import output_for
+from lanes.drives.annotation import output_path
 from lanes.drives.settings import DriveResult, DriveSettings, versions
 from lanes.io.files import read_text, require_file, write_atomically
 from lanes.io.telemetry import read_telemetry
 from lanes.io.video.container import VideoError
 
-# Of a key, enough to tell all that anybody ever makes apart.
-DIGITS = 12
-# One has a few kilobytes.
+# Hexadecimal digits of a key: 48 bits, enough to keep all drives of an output folder apart.
+KEY_DIGITS = 12
+# Largest manifest that is read. A real one has a few kilobytes.
 MAX_MANIFEST_BYTES = 1_000_000
 
 
 @dataclass(frozen=True)
 class DriveKey:
-    """All that the outputs of a drive depend on: the input by path, size and mtime; settings; versions."""
+    """Everything the outputs of a drive depend on: input (path, size, modification time), settings and versions."""
 
     source: str
     size_bytes: int
@@ -38,10 +38,16 @@ class DriveKey:
     versions: Mapping[str, str]
 
     @classmethod
-    def of(cls, video: Path, settings: DriveSettings, piece_s: float) -> DriveKey:
-        """The key of a drive as it is now; raises FileNotFoundError if it is not there."""
-        found = require_file(video, "video", error=VideoError).stat()
-        told = {
+    def from_video(cls, video: Path, settings: DriveSettings, piece_s: float) -> DriveKey:
+        """The key of a drive in its present state.
+
+        Raises
+        ------
+        FileNotFoundError, VideoError
+            If the video does not exist or is not a file.
+        """
+        status = require_file(video, "video", error=VideoError).stat()
+        used = {
             "camera": settings.camera and camera_to_dict(settings.camera),
             "field": settings.field and asdict(settings.field),
             "style": settings.style,
@@ -51,32 +57,35 @@ class DriveKey:
             "overlapped": settings.overlapped,
             "piece_s": piece_s,
         }
-        return cls(str(video), found.st_size, found.st_mtime_ns, told, all_versions())
+        return cls(str(video), status.st_size, status.st_mtime_ns, used, all_versions())
 
-    def digits(self) -> str:
-        """`DIGITS` digits that change with any part of it."""
-        return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode(errors="replace")).hexdigest()[:DIGITS]
+    def digest(self) -> str:
+        """The first `KEY_DIGITS` hexadecimal digits of a hash of the key."""
+        return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode(errors="replace")).hexdigest()[
+            :KEY_DIGITS
+        ]
 
 
 @dataclass(frozen=True)
 class Manifest:
-    """What came of a drive.
+    """Inputs, outputs and results of a finished drive.
 
     Attributes
     ----------
     key : DriveKey
     outputs : mapping of str to int
-        Names of the files in the output folder, and their sizes in bytes.
+        Names of the files in the output folder and their sizes in bytes.
     frames, missing : int
     length_s : float
-        Of the annotated video.
+        Duration of the annotated video.
     tracked_share, lost_s : float
         As in `DriveResult`.
     cpu_s : float
-        Processor time of all that was done for the drive.
+        Processor time of all tasks of the drive.
     pieces : int
-    told : str
-        The drive in a sentence.
+        Number of pieces that the drive was cut into.
+    description : str
+        A sentence about the drive, see `DriveResult.describe`.
     """
 
     key: DriveKey
@@ -88,12 +97,12 @@ class Manifest:
     lost_s: float
     cpu_s: float
     pieces: int
-    told: str
+    description: str
 
 
 @cache
 def all_versions() -> dict[str, str]:
-    """What the results depend on: versions of packages, and a digest of this project's own code."""
+    """Versions of Python and of the packages that the results depend on, and a digest of the code of `lanes`."""
     digest = hashlib.sha256()
     root = Path(lanes.__file__).parent
     for path in sorted(root.rglob("*.py")):
@@ -102,12 +111,18 @@ def all_versions() -> dict[str, str]:
 
 
 def manifest_path(video: Path, folder: Path) -> Path:
-    """Where the manifest of a drive goes: beside the annotated video."""
-    return output_for(video, folder).with_suffix(".json")
+    """Path of the manifest of a drive, next to the annotated video."""
+    return output_path(video, folder).with_suffix(".json")
 
 
 def write_manifest(key: DriveKey, result: DriveResult, *, cpu_s: float, pieces: int) -> Manifest:
-    """Write the manifest of a drive whose outputs are all there."""
+    """Write the manifest of a drive whose outputs are complete.
+
+    Raises
+    ------
+    OSError
+        If the telemetry cannot be read or the manifest cannot be written.
+    """
     written = [path for path in (result.video, result.telemetry, result.report) if path]
     time_s = read_telemetry(result.telemetry)["time_s"]
     length_s = float(time_s[-1] - time_s[0]) * len(time_s) / max(len(time_s) - 1, 1)
@@ -128,34 +143,34 @@ def write_manifest(key: DriveKey, result: DriveResult, *, cpu_s: float, pieces: 
 
 
 def read_finished(key: DriveKey, folder: Path) -> Manifest | None:
-    """The manifest of a drive if that is finished, else None: also if somebody has written something else there."""
+    """The manifest of a drive if it is finished, else None. An unreadable or foreign file counts as no manifest."""
     path = manifest_path(Path(key.source), folder)
     try:
         content = json.loads(read_text(path, "manifest", max_bytes=MAX_MANIFEST_BYTES))
         manifest = Manifest(**{**content, "key": DriveKey(**content["key"])})
-        _require_kinds(manifest)
-        # Compared as JSON, which knows no tuples.
+        _require_types(manifest)
+        # Compared as JSON, because JSON turns tuples into lists.
         same = json.loads(json.dumps(asdict(key))) == json.loads(json.dumps(asdict(manifest.key)))
     except (OSError, ValueError, TypeError, KeyError, RecursionError):
         return None
     return manifest if same and not missing_outputs(manifest, folder) else None
 
 
-def _require_kinds(manifest: Manifest) -> None:
-    """TypeError if its numbers are none, or an output lies outside of its folder."""
+def _require_types(manifest: Manifest) -> None:
+    """Raise TypeError if an entry has the wrong type, or an output is not in the output folder."""
     numbers = ("frames", "missing", "length_s", "tracked_share", "lost_s", "cpu_s", "pieces")
-    kinds = {name: (int, float) for name in numbers} | {"outputs": dict, "told": str}
+    kinds = {name: (int, float) for name in numbers} | {"outputs": dict, "description": str}
     if not all(isinstance(getattr(manifest, name), kind) for name, kind in kinds.items()):
-        raise TypeError("an entry of the manifest is of another kind")
+        raise TypeError("an entry of the manifest has the wrong type")
     if not all(isinstance(size, int) and name == Path(name).name for name, size in manifest.outputs.items()):
-        raise TypeError("an output of the manifest lies elsewhere")
+        raise TypeError("an output of the manifest is not in the output folder")
 
 
 def missing_outputs(manifest: Manifest, folder: Path) -> Sequence[str]:
-    """Outputs that are not in the folder, or are of another size."""
+    """Names of the outputs that are not in `folder`, or have another size."""
 
-    def there(name: str, size_bytes: int) -> bool:
+    def is_complete(name: str, size_bytes: int) -> bool:
         path = folder / name
         return path.is_file() and path.stat().st_size == size_bytes
 
-    return [name for name, size_bytes in manifest.outputs.items() if not there(name, size_bytes)]
+    return [name for name, size_bytes in manifest.outputs.items() if not is_complete(name, size_bytes)]

@@ -1,9 +1,9 @@
-"""One long drive as pieces that are annotated on their own, and joined.
+"""A long drive in pieces that are annotated independently and then joined.
 
-The tracker has a memory, so that each piece begins to look some seconds before its first frame. It then knows nearly
-the same as one that has followed the lane from the beginning: after `WARM_UP_S` the states are the same, offsets differ
-by less than 1 cm, headings by less than 0.1 degrees, curvatures by less than 0.1 per km, and each by less than one of
-the standard deviations that the tracker gives it (tests/cluster/test_pieces.py; docs/many_drives.md has the times).
+The tracker has a state, so each piece starts tracking `WARM_UP_S` before its first frame. The result is then close to
+that of a tracker that started with the drive: states are equal, offsets differ by less than 1 cm, headings by less than
+0.1 degrees, curvatures by less than 0.1 per km. Each difference is below the tracker's own standard deviation
+(tests/cluster/test_pieces.py; docs/many_drives.md has the differences over time).
 """
 
 from __future__ import annotations
@@ -15,19 +15,20 @@ from pathlib import Path
 
 import numpy as np
 
-from lanes.drives.annotation import PreparedDrive, conclude_drive, output_for
+from lanes.drives.annotation import PreparedDrive, conclude_drive, output_path
 from lanes.drives.settings import DriveResult, DriveSettings
 from lanes.io.telemetry import read_telemetry, write_telemetry
 from lanes.io.video.join import join_videos
 from lanes.io.video.pipeline import annotate_video, count_missing
 
-# On the rendered drive offsets then differ by 4 mm and curvatures by 0.03 per km; after 1 s by 8 mm and 0.15 per km.
+# Measured on the rendered drive: after 5 s offsets differ by 4 mm and curvatures by 0.03 per km, after 1 s by 8 mm and
+# 0.15 per km.
 WARM_UP_S = 5.0
 
 
 @dataclass(frozen=True)
 class Piece:
-    """Part of a drive, in seconds since the first frame of its video; `end_s` is None where it goes on to the end."""
+    """Part of a drive, in seconds since the first frame of its video; `end_s` None: up to the end."""
 
     number: int
     start_s: float
@@ -35,9 +36,9 @@ class Piece:
 
 
 def cut_drive(drive: PreparedDrive, settings: DriveSettings, piece_s: float) -> tuple[Piece, ...]:
-    """Pieces of about `piece_s` seconds; a drive shorter than one and a half of them stays whole.
+    """Pieces of about `piece_s` seconds; a drive shorter than 1.5 `piece_s` is one piece.
 
-    They begin half a frame before a frame, so that no rounding can put a frame into two pieces or none.
+    Each cut lies halfway between two frames, so that rounding cannot put a frame into two pieces or into none.
     """
     info = drive.info
     length_s = min(settings.end_s or info.duration_s, info.duration_s) - settings.start_s
@@ -48,17 +49,25 @@ def cut_drive(drive: PreparedDrive, settings: DriveSettings, piece_s: float) -> 
 
 
 def annotate_piece(drive: PreparedDrive, piece: Piece, settings: DriveSettings, folder: Path) -> float:
-    """Annotate one piece into `folder`, unless that was done before; returns the seconds that it took, at least."""
-    target = _file_of(piece, folder)
+    """Annotate one piece into `folder`, unless that was done before; returns the time that it took, in seconds.
+
+    For a piece that was done before, the time is the sum of the latencies in its telemetry.
+
+    Raises
+    ------
+    VideoError, OSError
+        As `annotate_drive`.
+    """
+    target = _video_path(piece, folder)
     telemetry = target.with_suffix(".csv")
-    # It gets its name after the video.
+    # The telemetry gets its final name after the video, so that its existence means a finished piece.
     if telemetry.exists():
         return float(read_telemetry(telemetry)["latency_ms"].sum() / 1e3)
     began_s = time.perf_counter()
     annotate_video(
         drive.video,
         target,
-        drive.follow(settings.style),
+        drive.make_process(settings.style),
         start_s=piece.start_s,
         end_s=piece.end_s,
         progress=settings.progress,
@@ -74,12 +83,31 @@ def annotate_piece(drive: PreparedDrive, piece: Piece, settings: DriveSettings, 
 def join_pieces(
     drive: PreparedDrive, pieces: Sequence[Piece], settings: DriveSettings, folder: Path, elapsed_s: float
 ) -> DriveResult:
-    """Join the pieces in `folder` to what `annotate_drive` writes; `elapsed_s` is what they took."""
-    target = output_for(drive.video, settings.output)
-    videos = [_file_of(piece, folder) for piece in pieces]
+    """Join the pieces in `folder` into the files that `annotate_drive` writes.
+
+    Parameters
+    ----------
+    drive : PreparedDrive
+    pieces : sequence of Piece
+        All of them, in order.
+    settings : DriveSettings
+    folder : Path
+        Folder of the annotated pieces.
+    elapsed_s : float
+        Total time that the pieces took.
+
+    Raises
+    ------
+    VideoError
+        If a piece is damaged.
+    OSError
+        If a file cannot be read or written.
+    """
+    target = output_path(drive.video, settings.output)
+    videos = [_video_path(piece, folder) for piece in pieces]
     tables = [read_telemetry(video.with_suffix(".csv")) for video in videos]
     starts_s = [table["time_s"][0] for table in tables]
-    write_telemetry(target.with_suffix(".csv"), _rows(tables))
+    write_telemetry(target.with_suffix(".csv"), _join_rows(tables))
     join_videos(videos, starts_s, target, sound_from=drive.video if drive.info.has_audio else None)
     frames = read_telemetry(target.with_suffix(".csv"))["frame"]
     piece = {"start_s": settings.start_s, "end_s": settings.end_s}
@@ -88,12 +116,12 @@ def join_pieces(
     return conclude_drive(source, target, drive.camera, drive.pose, settings, elapsed_s, missing=missing)
 
 
-def _file_of(piece: Piece, folder: Path) -> Path:
+def _video_path(piece: Piece, folder: Path) -> Path:
     return folder / f"{piece.number:04}.mp4"
 
 
-def _rows(tables: Sequence[dict[str, np.ndarray]]) -> Iterator[dict[str, object]]:
-    """The rows of all tables, numbered through; numbers that are left out for damaged frames stay so."""
+def _join_rows(tables: Sequence[dict[str, np.ndarray]]) -> Iterator[dict[str, object]]:
+    """The rows of all tables with continuous frame numbers; the numbers of damaged frames are still skipped."""
     number = int(tables[0]["frame"][0])
     for table in tables:
         shift = number - int(table["frame"][0])

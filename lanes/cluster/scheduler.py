@@ -1,7 +1,7 @@
-"""Many drives at the same time: on the cores of this machine, or on whatever machines a Dask scheduler has.
+"""Many drives in parallel on Dask: on the cores of this machine, or on the workers of a Dask scheduler.
 
-Who does what when, what happens if a worker dies, and how often something is tried again is Dask's business; what is
-done for a drive is in `lanes.cluster.tasks`.
+Dask schedules the tasks, restarts dead workers and repeats failed tasks. The tasks themselves are in
+`lanes.cluster.tasks`.
 """
 
 from __future__ import annotations
@@ -15,35 +15,35 @@ from typing import TYPE_CHECKING
 
 from lanes.cluster.manifest import Manifest, missing_outputs, read_finished
 from lanes.cluster.summary import SUMMARY, describe_totals, write_summary
-from lanes.cluster.tasks import DriveJob, Plan, begin_drive, finish_drive, work_on_piece
+from lanes.cluster.tasks import DriveJob, Plan, begin_drive, finish_drive, run_piece
 from lanes.drives.settings import DriveSettings
 from lanes.io.files import exclusive_writer
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-# How long to wait for a scheduler to answer.
-CONNECT_S = 10
+# Time to wait for a scheduler to answer.
+CONNECT_TIMEOUT_S = 10
 
 
 class ClusterError(OSError):
-    """Dask, a worker or what they share is not as it must be; the message says what to do."""
+    """Dask, a worker or the shared storage is not usable; the message says what to do."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ClusterSettings:
-    """Where many drives are annotated, and how.
+    """Where and how many drives are annotated.
 
     Parameters
     ----------
     scheduler : str, optional
         Address of a Dask scheduler.
     workers : int, optional
-        Without a scheduler: processes on this machine, each with one thread.
+        Number of processes on this machine, each with one thread; used without a scheduler.
     piece_s : float
-        About how long the pieces of long drives are.
+        Approximate length of the pieces of a long drive.
     retries : int
-        How often a task is tried again when its worker dies, or a disk or the network fails.
+        How many times a task is repeated when its worker dies, or a disk or the network fails.
     """
 
     scheduler: str | None = None
@@ -53,23 +53,25 @@ class ClusterSettings:
 
 
 def annotate_many(
-    videos: Sequence[Path], settings: DriveSettings, cluster: ClusterSettings, *, tell: Callable[[str], None]
+    videos: Sequence[Path], settings: DriveSettings, cluster: ClusterSettings, *, log: Callable[[str], None]
 ) -> tuple[list[Manifest], list[OSError | ValueError]]:
-    """Annotate videos that are not finished yet, and write the summary of all.
+    """Annotate the videos that are not finished yet, and write the summary of all.
 
     Parameters
     ----------
     videos : sequence of Path
-        At least one; no two of one name.
+        At least one, with distinct file names.
     settings : DriveSettings
     cluster : ClusterSettings
-    tell : callable
-        Called with sentences for people, as things happen.
+    log : callable
+        Called with a message for each event.
 
     Returns
     -------
-    (list of Manifest, list of OSError or ValueError)
-        Of the finished drives, those of earlier runs included; why the others failed.
+    finished : list of Manifest
+        Manifests of the finished drives, including those of earlier runs.
+    failures : list of OSError or ValueError
+        One error for each other drive.
 
     Raises
     ------
@@ -78,35 +80,37 @@ def annotate_many(
     OSError
         If the summary cannot be written.
     """
-    jobs = [DriveJob.of(video, settings, cluster.piece_s) for video in videos]
+    jobs = [DriveJob.from_video(video, settings, cluster.piece_s) for video in videos]
     known = [read_finished(job.key, job.settings.output) for job in jobs]
     before = [manifest for manifest in known if manifest]
     if before:
-        tell(f"{len(before)} of {len(jobs)} drives were finished before")
-    outcomes = _annotate_left([job for job, manifest in zip(jobs, known, strict=True) if not manifest], cluster, tell)
+        log(f"{len(before)} of {len(jobs)} drives were finished before")
+    outcomes = _annotate_unfinished(
+        [job for job, manifest in zip(jobs, known, strict=True) if not manifest], cluster, log
+    )
     finished = before + [outcome for outcome in outcomes.values() if isinstance(outcome, Manifest)]
     failed = {job.video: outcome for job, outcome in outcomes.items() if isinstance(outcome, Exception)}
     table = write_summary(settings.output, finished, failed)
-    tell(f"{describe_totals(finished, len(failed), len(before))}\nwrote {table}")
+    log(f"{describe_totals(finished, len(failed), len(before))}\nwrote {table}")
     return finished, list(failed.values())
 
 
-def _annotate_left(
-    jobs: Sequence[DriveJob], cluster: ClusterSettings, tell: Callable[[str], None]
+def _annotate_unfinished(
+    jobs: Sequence[DriveJob], cluster: ClusterSettings, log: Callable[[str], None]
 ) -> dict[DriveJob, Manifest | Exception]:
-    """What came of each job; Dask is started only if there is one."""
+    """The manifest or the error of each job; Dask is started only if there are jobs."""
     outcomes: dict[DriveJob, Manifest | Exception] = {}
     if not jobs:
         return outcomes
     try:
         with connect(cluster) as client, exclusive_writer(jobs[0].settings.output / SUMMARY):
-            tell(f"{len(client.nthreads())} workers; dashboard: {client.dashboard_link}")
+            log(f"{len(client.nthreads())} workers; dashboard: {client.dashboard_link}")
             for job, outcome in annotate_all(client, jobs, retries=cluster.retries):
                 outcomes[job] = outcome
                 if isinstance(outcome, Manifest):
-                    tell(outcome.told)
+                    log(outcome.description)
     finally:
-        # Workers elsewhere finish what they have begun even if this process is interrupted; ours are gone by now.
+        # Local workers have ended here, also after an interruption. Workers of a scheduler still finish their tasks.
         if not cluster.scheduler:
             for job in jobs:
                 if job not in outcomes:
@@ -116,7 +120,7 @@ def _annotate_left(
 
 @contextmanager
 def connect(cluster: ClusterSettings) -> Iterator[Client]:
-    """A client of the scheduler that is asked for, or of one on this machine with workers of its own.
+    """A Dask client of `cluster.scheduler`, or of a new local cluster with `cluster.workers` processes.
 
     Raises
     ------
@@ -129,15 +133,15 @@ def connect(cluster: ClusterSettings) -> Iterator[Client]:
     except ImportError as error:
         raise ClusterError(
             "--workers and --scheduler need Dask, which is not installed; run "
-            "`pip install -r requirements-cluster.txt`, or leave them out to annotate one drive after the other."
+            "`pip install -r requirements-cluster.txt`, or omit them to annotate one drive after the other."
         ) from error
     if cluster.scheduler:
         try:
-            client = Client(cluster.scheduler, timeout=CONNECT_S)
+            client = Client(cluster.scheduler, timeout=CONNECT_TIMEOUT_S)
         except (OSError, ValueError) as error:
             raise ClusterError(
                 f"{cluster.scheduler}: no Dask scheduler answers there ({error}); start one with `dask scheduler`, and "
-                "name the address that it prints."
+                "give the address that it prints."
             ) from error
         with client:
             yield client
@@ -149,7 +153,7 @@ def connect(cluster: ClusterSettings) -> Iterator[Client]:
             threads_per_worker=1,
             processes=True,
             dashboard_address="127.0.0.1:0",
-            # Warnings of Dask are about workers that end or are started again: that is told where it costs a drive.
+            # Dask warns about each worker that ends or restarts. A failed drive is reported by this program.
             silence_logs=logging.ERROR,
         ) as local,
         Client(local) as client,
@@ -160,10 +164,10 @@ def connect(cluster: ClusterSettings) -> Iterator[Client]:
 def annotate_all(
     client: Client, jobs: Sequence[DriveJob], *, retries: int = 2
 ) -> Iterator[tuple[DriveJob, Manifest | Exception]]:
-    """Annotate drives, large files first; each comes back as soon as it is finished, or has failed for good.
+    """Annotate drives, large files first; yields each job with its manifest or error as soon as it is done.
 
-    What a file or its settings make impossible fails at once. All else that goes wrong, such as a full disk, is tried
-    again `retries` times, and so is what a worker was doing that died.
+    An unusable file or wrong settings fail at once. Other errors, such as a full disk or a dead worker, are retried up
+    to `retries` times.
     """
     from distributed import as_completed
 
@@ -179,13 +183,13 @@ def annotate_all(
             begun[joined] = job
             waiting.add(joined)
         else:
-            yield job, _seen_here(job, outcome)
+            yield job, _require_visible_outputs(job, outcome)
 
 
 def _submit_pieces(client: Client, job: DriveJob, plan: Plan, retries: int) -> Future:
-    """Before drives that were not begun yet, so that few are in pieces at the same time."""
+    """Submit the pieces of a drive and their join; they have priority over new drives, so that few drives are open."""
     pieces = [
-        client.submit(work_on_piece, job, plan.drive, piece, retries=retries, pure=False, priority=1)
+        client.submit(run_piece, job, plan.drive, piece, retries=retries, pure=False, priority=1)
         for piece in plan.pieces
     ]
     return client.submit(finish_drive, job, plan, pieces, retries=retries, pure=False, priority=2)
@@ -200,8 +204,8 @@ def _outcome(future: Future) -> Manifest | Plan | Exception:
     return ClusterError(f"{type(error).__name__}: {error}" if error else f"lost by the scheduler ({future.status})")
 
 
-def _seen_here(job: DriveJob, outcome: Manifest | Exception) -> Manifest | Exception:
-    """The same, unless a worker wrote into a folder of its own."""
+def _require_visible_outputs(job: DriveJob, outcome: Manifest | Exception) -> Manifest | Exception:
+    """The outcome, or a ClusterError if the outputs of the worker are not visible on this machine."""
     if isinstance(outcome, Exception):
         name = str(job.video)
         return outcome if name in str(outcome) else ClusterError(f"{name}: {outcome}")
@@ -210,5 +214,5 @@ def _seen_here(job: DriveJob, outcome: Manifest | Exception) -> Manifest | Excep
         return outcome
     return ClusterError(
         f"{job.video}: its worker wrote {', '.join(missing)}, but not into {job.settings.output} as seen from here; "
-        "choose an output folder on storage that all workers share."
+        "use an output folder on storage that all workers share."
     )

@@ -1,4 +1,4 @@
-"""What all drives together tell: one data set of telemetry, one table of drives with the worst first, and totals."""
+"""Summary of all drives: one telemetry data set, one table of drives with the worst first, and totals."""
 
 from __future__ import annotations
 
@@ -15,10 +15,15 @@ SUMMARY, DATA_SET = "summary", "telemetry"
 
 
 def add_to_data_set(telemetry: Path, folder: Path) -> Path:
-    """Put a drive's telemetry into the data set of `folder`: CSV, partitioned by drive as Hive does it.
+    """Copy a drive's telemetry into the data set of `folder`; returns the path written.
 
-    Such folders (drive=NAME, with other signs than letters and digits as in web addresses) are what Dask, DuckDB,
-    Spark and Arrow read as one table with a column `drive`.
+    The data set is CSV with Hive partitioning by drive. Dask, DuckDB, Spark and Arrow read its folders (drive=NAME,
+    special characters percent-encoded) as one table with a column `drive`.
+
+    Raises
+    ------
+    OSError
+        If the telemetry cannot be read or the copy cannot be written.
     """
     part = folder / SUMMARY / DATA_SET / f"drive={quote(telemetry.stem, safe=' ')}" / "part.csv"
     with atomic_write(part) as partial:
@@ -27,7 +32,13 @@ def add_to_data_set(telemetry: Path, folder: Path) -> Path:
 
 
 def write_summary(folder: Path, finished: Sequence[Manifest], failed: Mapping[Path, Exception]) -> Path:
-    """Write the table of drives: failed ones, then the worst tracked, first. Returns the path written."""
+    """Write the table of drives, failed ones first, then by tracked share from the worst on; returns its path.
+
+    Raises
+    ------
+    OSError
+        If the table cannot be written.
+    """
     worst = sorted(finished, key=lambda m: (m.tracked_share, -m.lost_s, m.key.source))
     rows = [{"drive": video.stem, "state": "failed", "reason": str(error)} for video, error in sorted(failed.items())]
     rows += [
@@ -49,7 +60,7 @@ def write_summary(folder: Path, finished: Sequence[Manifest], failed: Mapping[Pa
 
 
 def describe_totals(finished: Sequence[Manifest], failed: int, skipped: int) -> str:
-    """All drives in a sentence."""
+    """A sentence about all drives."""
     counts = f"{len(finished)} drives finished ({skipped} of them before), {failed} failed"
     length_s = sum(m.length_s for m in finished)
     if not length_s:

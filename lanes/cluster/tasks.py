@@ -1,10 +1,9 @@
-"""What a worker does for a drive: look into it, annotate it or a piece of it, join the pieces, write it down.
+"""The tasks of a worker: inspect a drive, annotate it or a piece of it, join the pieces, write the manifest.
 
-    begin_drive -> manifest                             (a drive of usual length is one task)
-                -> work_on_piece ... -> finish_drive -> manifest    (a long one is cut, see `lanes.cluster.pieces`)
+    begin_drive -> manifest                                  (a short drive is one task)
+                -> run_piece ... -> finish_drive -> manifest (a long drive is cut, see `lanes.cluster.pieces`)
 
-Nothing here knows who calls. Outputs get their names when they are whole and the manifest comes last, so that it does
-not matter how often a task was begun, and by whom.
+Tasks can be repeated: outputs get their final names when they are complete, and the manifest is written last.
 """
 
 from __future__ import annotations
@@ -19,10 +18,10 @@ from glob import escape
 from pathlib import Path
 from typing import TypeVar
 
-from lanes.cluster.manifest import DIGITS, DriveKey, Manifest, all_versions, read_finished, write_manifest
+from lanes.cluster.manifest import KEY_DIGITS, DriveKey, Manifest, all_versions, read_finished, write_manifest
 from lanes.cluster.pieces import Piece, annotate_piece, cut_drive, join_pieces
 from lanes.cluster.summary import add_to_data_set
-from lanes.drives.annotation import PreparedDrive, follow_drive, output_for, prepare_drive
+from lanes.drives.annotation import PreparedDrive, annotate_prepared, output_path, prepare_drive
 from lanes.drives.settings import DriveSettings
 from lanes.io.files import remove_stale_partials
 from lanes.io.threads import one_thread
@@ -33,33 +32,39 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True, eq=False)
 class DriveJob:
-    """A drive to be annotated, as sent to a worker."""
+    """A drive to annotate, as sent to a worker."""
 
     key: DriveKey
     settings: DriveSettings
 
     @classmethod
-    def of(cls, video: Path, settings: DriveSettings, piece_s: float) -> DriveJob:
-        """The job for a drive as it is now, by absolute paths: workers may have other working directories."""
+    def from_video(cls, video: Path, settings: DriveSettings, piece_s: float) -> DriveJob:
+        """The job for a drive, with absolute paths because workers may have other working directories.
+
+        Raises
+        ------
+        FileNotFoundError, VideoError
+            If the video does not exist or is not a file.
+        """
         settings = replace(settings, output=settings.output.absolute(), progress=False, overlapped=False)
-        return cls(DriveKey.of(video.absolute(), settings, piece_s), settings)
+        return cls(DriveKey.from_video(video.absolute(), settings, piece_s), settings)
 
     @property
     def video(self) -> Path:
-        """The drive's file."""
+        """Absolute path of the video."""
         return Path(self.key.source)
 
     @property
     def folder(self) -> Path:
-        """Where its pieces wait; those of another input, or of other settings, are elsewhere."""
-        target = output_for(self.video, self.settings.output)
-        return target.with_name(f"{target.stem}.pieces.{self.key.digits()}")
+        """Folder for the pieces of this drive; another input or other settings give another folder."""
+        target = output_path(self.video, self.settings.output)
+        return target.with_name(f"{target.stem}.pieces.{self.key.digest()}")
 
     def remove_leftovers(self) -> None:
-        """Remove what killed runs left of it: half-written files, and pieces that fit no more."""
-        target = output_for(self.video, self.settings.output)
+        """Remove the partial files of killed runs, and pieces of another input or of other settings."""
+        target = output_path(self.video, self.settings.output)
         remove_stale_partials(target)
-        digits = "[0-9a-f]" * DIGITS
+        digits = "[0-9a-f]" * KEY_DIGITS
         for path in target.parent.glob(f"{escape(target.stem)}.pieces.{digits}"):
             if path != self.folder:
                 shutil.rmtree(path, ignore_errors=True)
@@ -67,7 +72,7 @@ class DriveJob:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A long drive, looked into and cut; `cpu_s` is what that took."""
+    """A long drive, inspected and cut into pieces; `cpu_s` is the processor time of that."""
 
     drive: PreparedDrive
     pieces: tuple[Piece, ...]
@@ -75,18 +80,18 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class PieceDone:
-    """What a piece took: processor time and time by the clock."""
+class PieceTiming:
+    """Processor time and wall-clock time of a piece."""
 
     cpu_s: float
     elapsed_s: float
 
 
 def begin_drive(job: DriveJob) -> Manifest | Plan | Exception:
-    """Annotate a drive; if it is long, only look into it and cut it."""
+    """Annotate a short drive, or inspect and cut a long one; returns an error that would occur again."""
 
     def work() -> Manifest | Plan:
-        # The worker that finished it may have died before it could tell.
+        # An earlier worker may have finished the drive and died before it returned.
         if finished := read_finished(job.key, job.settings.output):
             return finished
         job.remove_leftovers()
@@ -95,26 +100,26 @@ def begin_drive(job: DriveJob) -> Manifest | Plan | Exception:
         pieces = cut_drive(drive, job.settings, job.key.settings["piece_s"])
         if len(pieces) > 1:
             return Plan(drive, pieces, time.process_time() - began_s)
-        result = follow_drive(drive, job.settings)
+        result = annotate_prepared(drive, job.settings)
         add_to_data_set(result.telemetry, job.settings.output)
         return write_manifest(job.key, result, cpu_s=time.process_time() - began_s, pieces=1)
 
-    return _settle(work, job)
+    return _return_permanent_errors(work, job)
 
 
-def work_on_piece(job: DriveJob, drive: PreparedDrive, piece: Piece) -> PieceDone | Exception:
-    """Annotate one piece of a long drive."""
+def run_piece(job: DriveJob, drive: PreparedDrive, piece: Piece) -> PieceTiming | Exception:
+    """Annotate one piece of a long drive; returns an error that would occur again."""
 
-    def work() -> PieceDone:
+    def work() -> PieceTiming:
         began_s = time.process_time()
         elapsed_s = annotate_piece(drive, piece, job.settings, job.folder)
-        return PieceDone(time.process_time() - began_s, elapsed_s)
+        return PieceTiming(time.process_time() - began_s, elapsed_s)
 
-    return _settle(work, job)
+    return _return_permanent_errors(work, job)
 
 
-def finish_drive(job: DriveJob, plan: Plan, done: Sequence[PieceDone | Exception]) -> Manifest | Exception:
-    """Join the pieces of a long drive."""
+def finish_drive(job: DriveJob, plan: Plan, done: Sequence[PieceTiming | Exception]) -> Manifest | Exception:
+    """Join the pieces of a long drive; returns an error that would occur again."""
 
     def work() -> Manifest:
         if finished := read_finished(job.key, job.settings.output):
@@ -124,7 +129,7 @@ def finish_drive(job: DriveJob, plan: Plan, done: Sequence[PieceDone | Exception
             elapsed_s = sum(piece.elapsed_s for piece in done)
             result = join_pieces(plan.drive, plan.pieces, job.settings, job.folder, elapsed_s)
         except VideoError:
-            # The next run shall not find the same damaged piece.
+            # The next run must not use the same damaged piece.
             shutil.rmtree(job.folder, ignore_errors=True)
             raise
         add_to_data_set(result.telemetry, job.settings.output)
@@ -134,13 +139,13 @@ def finish_drive(job: DriveJob, plan: Plan, done: Sequence[PieceDone | Exception
         return manifest
 
     failed = next((outcome for outcome in done if isinstance(outcome, Exception)), None)
-    return failed or _settle(work, job)
+    return failed or _return_permanent_errors(work, job)
 
 
-def _settle(work: Callable[[], Result], job: DriveJob) -> Result | Exception:
-    """What `work` returns, or the error if trying again would be of no use; other errors are raised, for Dask."""
+def _return_permanent_errors(work: Callable[[], Result], job: DriveJob) -> Result | Exception:
+    """The result of `work`, or an error that would occur again; other errors are raised, so that Dask retries."""
     try:
-        _require_same(all_versions(), job.key.versions)
+        _require_same_versions(all_versions(), job.key.versions)
         with one_thread():
             return work()
     except FileNotFoundError as error:
@@ -150,12 +155,12 @@ def _settle(work: Callable[[], Result], job: DriveJob) -> Result | Exception:
         return error
 
 
-def _require_same(here: Mapping[str, str], wanted: Mapping[str, str]) -> None:
+def _require_same_versions(here: Mapping[str, str], wanted: Mapping[str, str]) -> None:
     differing = [
         f"{name} {here.get(name)} instead of {version}" for name, version in wanted.items() if here.get(name) != version
     ]
     if differing:
         raise ValueError(
             f"the worker on {platform.node()} has {', '.join(differing)}, so that its results would differ; install "
-            "the same on all machines."
+            "the same versions on all machines."
         )

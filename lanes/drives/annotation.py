@@ -1,4 +1,4 @@
-"""One drive from beginning to end: find the camera pose, follow the lane, write video, telemetry and report."""
+"""Annotation of a whole drive: camera pose, lane tracking, annotated video, telemetry and report."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lanes.drives.overlay_styles import STYLES, track_lane
 from lanes.drives.report.moments import seconds_lost, share_tracked
 from lanes.drives.report.page import write_report
 from lanes.drives.settings import DriveResult, DriveSettings, StillsResult, describe_frames, describe_settings
-from lanes.drives.sources import refuse_clashes
+from lanes.drives.sources import require_distinct_outputs
 from lanes.io.files import exclusive_writer
 from lanes.io.frames import PictureError
 from lanes.io.images import list_pictures, read_image, write_image
@@ -33,41 +33,47 @@ from lanes.tracking.tracker import LaneTracker
 
 @dataclass(frozen=True, eq=False)
 class PreparedDrive:
-    """A video with what it holds, the camera in its pose, and the estimate of that (None: the camera brought it)."""
+    """A video, its properties, the camera with its pose, and the pose estimate (None if the camera had a pose)."""
 
     video: Path
     info: VideoInfo
     camera: Camera
     pose: PoseEstimate | None
 
-    def follow(self, style: str) -> YuvProcess:
-        """A function for `annotate_video`, with a tracker of its own; see `track_lane`."""
+    def make_process(self, style: str) -> YuvProcess:
+        """A function for `annotate_video` with a new tracker; see `track_lane`."""
         return YuvProcess(track_lane(LaneTracker(self.camera, fps=self.info.fps), self.camera, style=style))
 
 
 def annotate_drive(video: str | Path, settings: DriveSettings) -> DriveResult:
-    """Annotate a video and write its telemetry and report beside it.
+    """Annotate a video and write its telemetry and report next to it.
 
-    Needs nothing but its two arguments, which can be sent to another process, and leaves nothing behind but the files.
+    Both arguments can be sent to another process. The only side effect is the files written.
 
     Raises
     ------
     FileNotFoundError, VideoError
-        If the video cannot be used, or has nothing in the piece that is asked for.
+        If the video cannot be used, or has no frame between `settings.start_s` and `settings.end_s`.
     CameraError
         If the camera does not fit the video.
     PoseError
-        If the camera has no pose and the drive does not tell it.
+        If the camera has no pose and it cannot be estimated from the drive.
     OSError
-        If an output cannot be written, also because another run is writing it.
+        If an output cannot be written, for instance because another run is writing it.
     """
     drive = prepare_drive(video, settings)
-    with exclusive_writer(output_for(drive.video, settings.output)):
-        return follow_drive(drive, settings)
+    with exclusive_writer(output_path(drive.video, settings.output)):
+        return annotate_prepared(drive, settings)
 
 
 def prepare_drive(video: str | Path, settings: DriveSettings) -> PreparedDrive:
-    """Look into a video, and find the camera pose where it is not known; raises what `annotate_drive` does."""
+    """Inspect a video, and estimate the camera pose if the camera has none.
+
+    Raises
+    ------
+    FileNotFoundError, VideoError, CameraError, PoseError
+        As `annotate_drive`.
+    """
     video = Path(video)
     info = inspect_video(video)
     if settings.start_s >= info.duration_s:
@@ -77,16 +83,22 @@ def prepare_drive(video: str | Path, settings: DriveSettings) -> PreparedDrive:
     return PreparedDrive(video, info, *posed)
 
 
-def follow_drive(drive: PreparedDrive, settings: DriveSettings) -> DriveResult:
-    """The second part of `annotate_drive`."""
-    target = output_for(drive.video, settings.output)
+def annotate_prepared(drive: PreparedDrive, settings: DriveSettings) -> DriveResult:
+    """Annotate a drive after `prepare_drive`; writes its files.
+
+    Raises
+    ------
+    VideoError, OSError
+        As `annotate_drive`.
+    """
+    target = output_path(drive.video, settings.output)
     began_s = time.perf_counter()
-    # reader, loop and writer have a thread each
+    # Reader, tracker and writer already use one thread each.
     with one_thread():
         summary = annotate_video(
             drive.video,
             target,
-            drive.follow(settings.style),
+            drive.make_process(settings.style),
             start_s=settings.start_s,
             end_s=settings.end_s,
             progress=settings.progress,
@@ -100,44 +112,54 @@ def follow_drive(drive: PreparedDrive, settings: DriveSettings) -> DriveResult:
 
 
 def annotate_stills(pictures: Sequence[Path], settings: DriveSettings) -> StillsResult:
-    """Find the lane in each picture on its own; the pictures keep their names, `pictures.csv` has a row for each.
+    """Find the lane in each still independently; write annotated pictures of the same names and `pictures.csv`.
 
-    A picture that cannot be used, or has another size than most, does not stop the others; `StillsResult.failures` says
-    why it was left out.
+    A still that cannot be read, or whose size differs from that of most stills, is skipped. `StillsResult.failures`
+    has the reason.
 
     Raises
     ------
-    PictureError, ValueError
-        If none can be used, or one would be overwritten.
+    PictureError
+        If none of the stills can be used.
+    ValueError
+        If a still would be overwritten.
     CameraError, PoseError, OSError
         As `annotate_drive`.
     """
-    refuse_clashes(pictures, [settings.output / path.name for path in pictures])
-    size, usable, failures = _sort_out(pictures)
+    require_distinct_outputs(pictures, [settings.output / path.name for path in pictures])
+    size, usable, failures = _select_usable(pictures)
     camera, pose = pose_from_drive(settings.camera_for(size, usable[0]), usable)
-    view, paint = BirdsEyeView(camera), STYLES[settings.style](camera)
+    view, draw = BirdsEyeView(camera), STYLES[settings.style](camera)
     rows, written, telemetry = [], [], settings.output / "pictures.csv"
     with exclusive_writer(telemetry):
         for number, path in enumerate(usable):
             image = read_image(path)
             found = TrackedLane.from_still(find_lane(image, view))
             rows.append({"frame": number, "picture": path.name, **found.as_row()})
-            written.append(write_image(settings.output / path.name, paint(image, found)))
+            written.append(write_image(settings.output / path.name, draw(image, found)))
         write_telemetry(telemetry, rows)
     return StillsResult(tuple(written), telemetry, sum(row["state"] != LOST for row in rows), pose, tuple(failures))
 
 
 def annotate_folder(folder: str | Path, output: str | Path, camera: Camera) -> StillsResult:
-    """`annotate_stills` for all pictures of a folder, taken with `camera`; without a pose, they tell it themselves.
+    """Annotate all pictures of a folder with `annotate_stills`.
+
+    Parameters
+    ----------
+    folder : str or Path
+    output : str or Path
+        Another folder.
+    camera : Camera
+        Without a pose, the pose is estimated from the pictures.
 
     Raises
     ------
     FileNotFoundError
-        If there is no such folder, or no picture in it.
+        If the folder does not exist or holds no picture.
     PictureError
-        Naming the pictures that could not be used; the others are done by then.
+        If some pictures could not be used. It names them, and is raised after the others were annotated.
     CameraError, PoseError, OSError, ValueError
-        As `annotate_stills`; `output` has to be another folder.
+        As `annotate_stills`.
     """
     result = annotate_stills(list_pictures(folder), DriveSettings(output=Path(output), camera=camera))
     if result.failures:
@@ -145,8 +167,8 @@ def annotate_folder(folder: str | Path, output: str | Path, camera: Camera) -> S
     return result
 
 
-def _sort_out(pictures: Sequence[Path]) -> tuple[tuple[int, int], list[Path], list[PictureError]]:
-    """The size (width, height) of most pictures, those that have it, and what is wrong with the others."""
+def _select_usable(pictures: Sequence[Path]) -> tuple[tuple[int, int], list[Path], list[PictureError]]:
+    """The most frequent size (width, height), the pictures of that size, and one error for each other picture."""
     sizes, failures = {}, []
     for path in pictures:
         try:
@@ -176,7 +198,28 @@ def conclude_drive(
     *,
     missing: int = 0,
 ) -> DriveResult:
-    """Write the report, if asked for, and sum up what the telemetry beside `video` says."""
+    """Write the report if `settings.report` is set, and summarise the telemetry file next to `video`.
+
+    Parameters
+    ----------
+    source : str
+        Path of the source video, or name of the live camera.
+    video : Path
+        The annotated video.
+    camera : Camera
+        With its pose.
+    pose : PoseEstimate or None
+    settings : DriveSettings
+    elapsed_s : float
+        Time that the annotation took.
+    missing : int
+        Frames missing in the source.
+
+    Raises
+    ------
+    OSError
+        If the telemetry cannot be read or the report cannot be written.
+    """
     telemetry = video.with_suffix(".csv")
     columns = read_telemetry(telemetry)
     frames = len(columns["frame"])
@@ -203,6 +246,6 @@ def conclude_drive(
     )
 
 
-def output_for(video: Path, folder: Path) -> Path:
-    """Where the annotated video goes."""
+def output_path(video: Path, folder: Path) -> Path:
+    """Path of the annotated video in `folder`."""
     return folder / f"{video.stem}.mp4"

@@ -1,7 +1,8 @@
-"""Detections for others to score: the two ego lines in pixels of the raw pictures, as TuSimple's JSON lines.
+"""Detections of the two ego lane lines in pixels of the raw pictures, as TuSimple JSON lines.
 
-One line a picture: `raw_file`, `h_samples` (rows), `lanes` (columns of the left, then the right line; -2 where there is
-none), `run_time` (milliseconds); further `state`, `confidence`, `offset_m`, `curvature_per_m`, and `frame` in videos.
+One JSON object per picture, with the keys of TuSimple: `raw_file`, `h_samples` (rows), `lanes` (columns of the left,
+then of the right line; -2 for no point) and `run_time` (milliseconds). Additional keys: `state`, `confidence`,
+`offset_m`, `curvature_per_m`, and `frame` for videos.
 """
 
 from __future__ import annotations
@@ -44,20 +45,20 @@ def detect_files(
     ----------
     files : iterable of Path
     camera : Camera
-        With its pose. Rescaled to files of another size and the same shape.
+        With its pose. Rescaled to files of another size with the same aspect ratio.
     rows : ndarray of shape (R,)
-        Frame rows at which the lines' columns are wanted.
+        Picture rows at which the columns of the lines are written.
     sequence : bool
-        The stills are consecutive frames, `fps` a second; otherwise each is looked at on its own. The frames of a video
-        always are consecutive.
+        True: the stills are consecutive frames, `fps` per second. False: each still is processed independently. The
+        frames of a video are always consecutive.
     fps : float
     progress : callable, optional
-        Called as progress(pictures done, pictures in all).
+        Called as progress(pictures done, pictures in total).
 
     Returns
     -------
     list of dict
-        One for each picture, in order.
+        One detection per picture, in order.
 
     Raises
     ------
@@ -69,17 +70,17 @@ def detect_files(
     files = [Path(file) for file in files]
     videos = {file: inspect_video(file) for file in files if not _is_still(file)}
     total = len(files) - len(videos) + sum(info.frames for info in videos.values())
-    finder = Finder(camera, rows, sequence=sequence, fps=fps)
+    detector = LaneDetector(camera, rows, sequence=sequence, fps=fps)
     found: list[dict] = []
     for file in files:
         if file in videos:
-            tracker = Finder(camera, rows, sequence=True, fps=videos[file].fps)
+            tracker = LaneDetector(camera, rows, sequence=True, fps=videos[file].fps)
             pictures: Iterator[dict] = (
                 {"raw_file": f"{file}#{frame.number}", "frame": frame.number} | tracker.detect(frame.image)
                 for frame in read_timed_frames(file)
             )
         else:
-            pictures = iter([{"raw_file": str(file)} | finder.detect(read_image(file))])
+            pictures = iter([{"raw_file": str(file)} | detector.detect(read_image(file))])
         try:
             for detection in pictures:
                 found.append(detection)
@@ -91,13 +92,19 @@ def detect_files(
 
 
 def write_detections(path: str | Path, detections: Iterable[dict]) -> Path:
-    """Write JSON lines; the file appears under its name only when it is whole."""
+    """Write JSON lines atomically; returns the path.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
     write_atomically(path, "".join(json.dumps(detection) + "\n" for detection in detections).encode())
     return Path(path)
 
 
-def count_gaps(detections: Iterable[dict]) -> int:
-    """How many frames are left out, because they are damaged, before the last one of each video."""
+def count_missing_frames(detections: Iterable[dict]) -> int:
+    """Number of video frames without a detection, because they are damaged, before the last frame of each video."""
     last: dict[str, int] = {}
     counted = Counter()
     for detection in detections:
@@ -108,8 +115,19 @@ def count_gaps(detections: Iterable[dict]) -> int:
     return sum(number + 1 - counted[video] for video, number in last.items())
 
 
-class Finder:
-    """Detections in pictures of one camera: with a memory (`sequence`) or without."""
+class LaneDetector:
+    """Detects the lane in pictures of one camera, tracked from picture to picture (`sequence`) or independently.
+
+    Parameters
+    ----------
+    camera : Camera
+        With its pose. Rescaled to pictures of another size with the same aspect ratio.
+    rows : ndarray of shape (R,)
+        Picture rows at which the columns of the lines are returned.
+    sequence : bool
+    fps : float
+        Used for sequences only.
+    """
 
     def __init__(self, camera: Camera, rows: np.ndarray, *, sequence: bool = False, fps: float = 25.0) -> None:
         self.rows, self.sequence = np.asarray(rows), sequence
@@ -118,12 +136,20 @@ class Finder:
         self._tracker_of = cache(lambda size: LaneTracker(self._camera_of(size), fps=fps))
 
     def detect(self, image: np.ndarray) -> dict:
-        """The part of a detection that follows from the picture."""
+        """The detection in a picture of shape (height, width, 3), uint8, RGB, without the file's name.
+
+        Raises
+        ------
+        PictureError
+            If the picture is not RGB.
+        CameraError
+            If the camera has no pose or another aspect ratio.
+        """
         size = image.shape[1], image.shape[0]
-        # building the view is no part of a frame's run time
+        # The bird's-eye view is built before the clock starts: it is not part of the run time of a frame.
         _ = self._tracker_of(size) if self.sequence else self._view_of(size)
         start = time.perf_counter()
-        found = self._look(image, size)
+        found = self._find(image, size)
         run_time_ms = 1000 * (time.perf_counter() - start)
         lanes = np.full((2, len(self.rows)), NO_POINT)
         if found.lane is not None:
@@ -138,7 +164,7 @@ class Finder:
             "curvature_per_m": _rounded(found.curvature_per_m, 7),
         }
 
-    def _look(self, image: np.ndarray, size: tuple[int, int]) -> TrackedLane:
+    def _find(self, image: np.ndarray, size: tuple[int, int]) -> TrackedLane:
         if self.sequence:
             return self._tracker_of(size).update(image)
         return TrackedLane.from_still(find_lane(image, self._view_of(size)))

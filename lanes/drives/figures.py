@@ -1,4 +1,4 @@
-"""Figures of a drive: its telemetry over time and its path on the map."""
+"""Figures of a drive: telemetry over time, and the driven path on a map."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# From sure to lost.
+# Colours of the tracker states, from certain to lost.
 STATE_COLOURS = {
     TRACKING: LANE_COLOUR,
     FOUND: LANE_COLOUR,
@@ -29,15 +29,15 @@ STATE_COLOURS = {
 def plot_telemetry(
     rows: Mapping[str, np.ndarray], *, truth: Mapping[str, np.ndarray] | None = None, title: str = ""
 ) -> tuple[Figure, np.ndarray]:
-    """Plot a drive: offset and curvature with their bands of one standard deviation, confidence, and the states.
+    """Plot offset and curvature with bands of one standard deviation, the confidence, and the states of a drive.
 
     Parameters
     ----------
     rows : mapping of str to ndarray of shape (N,)
-        Telemetry as `read_telemetry` gives it: time_s, state, confidence, offset_m, offset_std_m, curvature_per_m,
-        curvature_std_per_m; NaN leaves a gap.
+        Telemetry as returned by `read_telemetry`: time_s, state, confidence, offset_m, offset_std_m, curvature_per_m,
+        curvature_std_per_m. NaN leaves a gap.
     truth : mapping of str to ndarray of shape (M,), optional
-        The drive's truth: time_s, offset_m, curvature_per_m.
+        Ground truth: time_s, offset_m, curvature_per_m.
     title : str
 
     Returns
@@ -59,7 +59,7 @@ def plot_telemetry(
     axes[2].set(xlabel="time (s)", ylabel="confidence", ylim=(0, 1.02))
     for axis in axes:
         axis.grid(alpha=0.3)
-        # Room for the strip below the curves.
+        # Leaves room for the strip of states below the curves.
         axis.margins(y=0.12)
         _colour_states(axis, rows["time_s"], rows["state"])
     curves = axes[0].get_legend_handles_labels()[0][: len(axes[0].lines)]
@@ -70,16 +70,27 @@ def plot_telemetry(
 
 
 def plot_path(
-    paths_m: Mapping[str, np.ndarray], *, title: str = "Where the car has driven (the drift grows along the way)"
+    paths_m: Mapping[str, np.ndarray], *, title: str = "Driven path (the drift grows with distance)"
 ) -> tuple[Figure, Axes]:
-    """Plot a map of driven paths, name to (N, 2) metres as `integrate_path` gives them; "truth" is drawn dashed."""
+    """Plot driven paths on a map.
+
+    Parameters
+    ----------
+    paths_m : mapping of str to ndarray of shape (N, 2)
+        Positions in metres by name, as returned by `integrate_path`. The path named "truth" is dashed.
+    title : str
+
+    Returns
+    -------
+    figure, axis : Figure, Axes
+    """
     figure, (axis,) = new_figure(1, 1, (10, 5))
     for name, path in paths_m.items():
         axis.plot(*np.transpose(path), label=name, **(TRUTH_LOOK if name == "truth" else {}))
     axis.plot(0, 0, "o", color="0.15", markersize=5)
     axis.annotate("start", (0, 0), xytext=(6, 6), textcoords="offset points")
     axis.set(xlabel="ahead of the start (m)", ylabel="to its left (m)", aspect="equal")
-    # Equal scales on both axes need some width, even where the road is straight.
+    # With equal scales a straight road would give a very narrow axis.
     axis.set_adjustable("datalim")
     axis.set_title(title, loc="left")
     axis.grid(alpha=0.3)
@@ -89,7 +100,7 @@ def plot_path(
 
 
 def _colour_states(axis: Axes, times_s: np.ndarray, states: np.ndarray) -> None:
-    """A strip along the bottom of the panel, in the colour of each frame's state."""
+    """Draw a strip along the bottom of the panel in the colours of the states."""
     step_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 1.0
     for state in dict.fromkeys(states):
         edges = np.flatnonzero(np.diff(np.concatenate([[0], states == state, [0]])))

@@ -28,7 +28,7 @@ POSE_PICTURES, POSE_INTERVAL_S = 20, 0.5
 
 
 def annotate_live(index: int, settings: DriveSettings) -> DriveResult:
-    """Annotate the frames of camera number `index` until Ctrl-C or `settings.end_s`; write the same files as for a video.
+    """Annotate camera number `index` until Ctrl-C or `settings.end_s`; writes the same files as for a video.
 
     Each frame is written with the time at which it arrived. A slow machine therefore writes fewer frames, and the
     video keeps its speed.

@@ -1,8 +1,8 @@
-"""Follow the lane through a drive and draw it: filled, its two lines, or a mosaic that shows how it was found."""
+"""Overlay styles for an annotated drive: the filled lane, its two lines, or a mosaic with intermediate results."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 
 import cv2
 import numpy as np
@@ -18,23 +18,23 @@ from lanes.tracking.overlay import INFERRED_PX, SEEN_PX, describe_tracked, draw_
 from lanes.tracking.tracked_lane import TrackedLane
 from lanes.tracking.tracker import LaneTracker
 
-# Takes a picture, which it may write on, and what was found in it; returns the annotated one.
-Painter = Callable[[Frame, TrackedLane], Frame]
-Row = dict[str, str | float | None]
+# Takes a picture, which it may modify, and the lane in it; returns the annotated picture.
+DrawOverlay = Callable[[Frame, TrackedLane], Frame]
+TelemetryRow = dict[str, str | float | None]
 
-# Strength that is drawn white, so many times what is kept: good paint reaches it.
+# Marking response that is drawn white. Paint in good condition reaches it.
 WHITE_STRENGTH = 4 * LEAST_STRENGTH
 
 
-def paint_lane(camera: Camera) -> Painter:
-    """The filled lane with its measures."""
+def lane_overlay(camera: Camera) -> DrawOverlay:
+    """A function that draws the filled lane and its measures."""
     return lambda image, tracked: draw_tracked(image, tracked, camera, onto=image)
 
 
-def paint_lines(camera: Camera) -> Painter:
-    """The two lines and the measures; the road between them stays as it is."""
+def lines_overlay(camera: Camera) -> DrawOverlay:
+    """A function that draws the two lane lines and the measures, and leaves the road between the lines unchanged."""
 
-    def paint(image: Frame, tracked: TrackedLane) -> Frame:
+    def draw(image: Frame, tracked: TrackedLane) -> Frame:
         if tracked.lane is not None:
             outlines, lines = lane_outlines(tracked.lane, camera), (tracked.left, tracked.right)
             for points, line, colour in zip(outlines, lines, (LEFT_COLOUR, RIGHT_COLOUR), strict=True):
@@ -42,84 +42,92 @@ def paint_lines(camera: Camera) -> Painter:
         put_text(image, describe_tracked(tracked))
         return image
 
-    return paint
+    return draw
 
 
-def paint_mosaic(camera: Camera) -> Painter:
-    """The annotated picture with, beside it, the road from above, the evidence for paint and the fitted lines."""
+def mosaic_overlay(camera: Camera) -> DrawOverlay:
+    """A function that puts the annotated picture, the bird's-eye view, the marking response and the fit together."""
     view = BirdsEyeView(camera)
 
-    def paint(image: Frame, tracked: TrackedLane) -> np.ndarray:
+    def draw(image: Frame, tracked: TrackedLane) -> np.ndarray:
         image = as_rgb(image)
         evidence = extract_evidence(image, view)
-        road = view.blacken(evidence.view_image)
-        strength = cv2.convertScaleAbs(evidence.evidence.strength, alpha=255 / WHITE_STRENGTH)
-        evidence = cv2.cvtColor(strength, cv2.COLOR_GRAY2RGB)
-        height, width = image.shape[:2]
-        mosaic = np.full_like(image, PANEL_COLOUR)
-        split, third = 2 * width // 3, height // 3
-        main = cv2.resize(draw_tracked(image, tracked, camera), (split, 2 * third), interpolation=cv2.INTER_AREA)
-        mosaic[: 2 * third, :split] = main
+        birdseye = view.blacken(evidence.view_image)
+        strength = cv2.convertScaleAbs(evidence.response.strength, alpha=255 / WHITE_STRENGTH)
         panels = {
-            "road from above": road,
-            "evidence for paint": evidence,
-            "fitted lines": _draw_fit(road // 2, tracked, view),
+            "bird's-eye view": birdseye,
+            "marking response": cv2.cvtColor(strength, cv2.COLOR_GRAY2RGB),
+            "fitted lines": _draw_fit(birdseye // 2, tracked, view),
         }
-        for number, (title, picture) in enumerate(panels.items()):
-            panel = cv2.resize(picture, (width - split - 2, third - 2), interpolation=cv2.INTER_LINEAR)
-            mosaic[number * third : (number + 1) * third - 2, split + 2 :] = write_text(
-                panel, title, size_px=third // 14
-            )
-        text = mosaic[2 * third :, :split]
-        text[:] = write_text(text, _numbers(tracked), size_px=third // 10, panel_alpha=0)
-        return mosaic
+        return _arrange_mosaic(draw_tracked(image, tracked, camera), panels, _describe_numbers(tracked))
 
-    return paint
+    return draw
 
 
-STYLES: dict[str, Callable[[Camera], Painter]] = {"lane": paint_lane, "lines": paint_lines, "mosaic": paint_mosaic}
+STYLES: dict[str, Callable[[Camera], DrawOverlay]] = {
+    "lane": lane_overlay,
+    "lines": lines_overlay,
+    "mosaic": mosaic_overlay,
+}
 
 
-def track_lane(tracker: LaneTracker, camera: Camera, *, style: str = "lane") -> Callable[..., tuple[np.ndarray, Row]]:
-    """A function for `annotate_video`: takes the frames in order, writes on them, gives each and its telemetry.
+def track_lane(
+    tracker: LaneTracker, camera: Camera, *, style: str = "lane"
+) -> Callable[..., tuple[Frame, TelemetryRow]]:
+    """A function for `annotate_video` that tracks the lane, draws on each frame and returns it with its telemetry.
 
-    It takes RGB as well as what videos store, `YuvFrame`.
+    The function is called as process(frame, elapsed_s=None), with the frames in order, RGB or `YuvFrame`. `elapsed_s`
+    is the time since the previous frame; None means 1 / fps.
 
     Parameters
     ----------
     tracker : LaneTracker
-        What the function returned goes on from; told a frame alone, it takes 1 / fps as the time since the one before,
-        `elapsed_s` says otherwise.
+        Its state is updated with every frame.
     camera : Camera
         With its pose.
     style : str
         One of `STYLES`.
     """
-    paint = STYLES[style](camera)
+    draw = STYLES[style](camera)
 
-    def process(frame: Frame, elapsed_s: float | None = None) -> tuple[Frame, Row]:
+    def process(frame: Frame, elapsed_s: float | None = None) -> tuple[Frame, TelemetryRow]:
         tracked = tracker.update(frame, elapsed_s=elapsed_s)
         warning = tracked.warning
         departure = warning.side if warning and warning.due else None
-        return paint(frame, tracked), {**tracked.as_row(), "departure": departure}
+        return draw(frame, tracked), {**tracked.as_row(), "departure": departure}
 
     return process
 
 
+def _arrange_mosaic(main: np.ndarray, panels: Mapping[str, np.ndarray], lines: Sequence[str]) -> np.ndarray:
+    """A picture of the size of `main`: main at 2/3 scale, three panels with titles on its right, text below it."""
+    height, width = main.shape[:2]
+    split, third = 2 * width // 3, height // 3
+    mosaic = np.full_like(main, PANEL_COLOUR)
+    mosaic[: 2 * third, :split] = cv2.resize(main, (split, 2 * third), interpolation=cv2.INTER_AREA)
+    for number, (title, picture) in enumerate(panels.items()):
+        panel = cv2.resize(picture, (width - split - 2, third - 2), interpolation=cv2.INTER_LINEAR)
+        panel = write_text(panel, title, size_px=third // 14)
+        mosaic[number * third : (number + 1) * third - 2, split + 2 :] = panel
+    text = mosaic[2 * third :, :split]
+    text[:] = write_text(text, lines, size_px=third // 10, panel_alpha=0)
+    return mosaic
+
+
 def _draw_fit(picture: np.ndarray, tracked: TrackedLane, view: BirdsEyeView) -> np.ndarray:
-    """The tracked lines on the view from above, as far as there is evidence for them."""
+    """The bird's-eye view with the tracked lines, each drawn up to its reach."""
     if tracked.lane is None:
         return picture
-    places = lines_on_view(tracked.lane.model[None], view.x_m, view.height_m)[0]
-    for line, place, colour in zip((tracked.left, tracked.right), places, (LEFT_COLOUR, RIGHT_COLOUR), strict=True):
+    lines_y_m = lines_on_view(tracked.lane.model[None], view.x_m, view.height_m)[0]
+    for line, y_m, colour in zip((tracked.left, tracked.right), lines_y_m, (LEFT_COLOUR, RIGHT_COLOUR), strict=True):
         rows = np.flatnonzero(view.x_m <= max(line.reach_m, view.near_m))
-        columns = (view.y_m[0] - place[rows]) / view.cell_m
+        columns = (view.y_m[0] - y_m[rows]) / view.cell_m
         picture = draw_line(picture, np.column_stack([columns, rows]), colour=colour, width_px=3)
     return picture
 
 
-def _numbers(tracked: TrackedLane) -> list[str]:
-    """What is known beyond the words on the picture."""
+def _describe_numbers(tracked: TrackedLane) -> list[str]:
+    """Lines of text with the numbers that the overlay does not show."""
     lane = tracked.lane
     if lane is None:
         return ["no lane"]
@@ -130,7 +138,7 @@ def _numbers(tracked: TrackedLane) -> list[str]:
     return [
         f"lane {lane.width_m:.2f} ± {lane.width_std_m:.2f} m wide, heading {np.degrees(lane.heading_rad):+.2f}°",
         f"curvature {1000 * lane.curvature_per_m:+.2f} ± {1000 * lane.curvature_std_per_m:.2f} per km",
-        f"camera nods {np.degrees(lane.pitch_rad):+.2f}°, road bends up {1000 * lane.vertical_per_m:+.2f} per km",
+        f"pitch motion {np.degrees(lane.pitch_rad):+.2f}°, vertical curvature {1000 * lane.vertical_per_m:+.2f} per km",
         *lines,
-        f"speed {tracked.speed_mps:.0f} m/s, read off the lane" if tracked.speed_mps else "speed unknown",
+        f"speed {tracked.speed_mps:.0f} m/s, estimated from the lane" if tracked.speed_mps else "speed unknown",
     ]

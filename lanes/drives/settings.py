@@ -1,4 +1,4 @@
-"""How drives are annotated, and what came of one: plain data that can be sent to another process."""
+"""Settings for annotating drives, and the results: plain dataclasses that can be sent to another process."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ class DriveSettings:
     Parameters
     ----------
     output : Path
-        Folder for the results, which take their names from the drives.
+        Folder for the results. They are named after the drives.
     camera : Camera, optional
-        The lens; without a pose the drive's own pictures tell it. Rescaled to drives of another size and the same
-        shape.
+        Lens model and camera pose. A camera without a pose gets one that is estimated from the pictures of the drive.
+        The camera is rescaled to drives of another size with the same aspect ratio.
     field : FieldOfView, optional
-        Of a lens that was never calibrated, instead of `camera`.
+        Field of view of an uncalibrated lens, instead of `camera`.
     style : str
         One of `lanes.drives.overlay_styles.STYLES`.
     start_s, end_s : float
-        The piece of each video, seconds since its first frame.
+        Part of each video to annotate, in seconds since its first frame; `end_s` None: up to the end.
     report : bool
-        Write the HTML report beside each video.
+        Write an HTML report next to each video.
     progress : bool
-        Show a bar where stderr is a terminal.
+        Show a progress bar if stderr is a terminal.
     overlapped : bool
-        Read, process and write at the same time; see `annotate_video`.
+        Read, process and write in parallel; see `annotate_video`.
     """
 
     output: Path
@@ -54,12 +54,12 @@ class DriveSettings:
     overlapped: bool = True
 
     def camera_for(self, size: tuple[int, int], name: object = "picture") -> Camera:
-        """The camera for pictures of `size` (width, height); errors begin with the `name` of the drive.
+        """The camera for pictures of `size` (width, height); error messages begin with the `name` of the drive.
 
         Raises
         ------
         CameraError
-            If no lens was named, or its pictures have another shape.
+            If neither a camera nor a field of view is set, or the camera has another aspect ratio.
         """
         if self.camera is not None:
             try:
@@ -73,30 +73,32 @@ class DriveSettings:
 
 @dataclass(frozen=True)
 class DriveResult:
-    """What came of one drive.
+    """Result of annotating one drive.
 
     Attributes
     ----------
     source : str
-        Name of the video, or of the camera.
+        Path of the video, or name of the live camera.
     video, telemetry : Path
         Files written.
     report : Path or None
+        The HTML report; None if it was switched off.
     camera : Camera
-        As used, with its pose.
+        The camera used, with its pose.
     pose : PoseEstimate or None
-        None where the camera came with its pose.
+        The estimated camera pose; None if the camera already had one.
     frames : int
+        Frames annotated.
     tracked_share : float
-        Share of the frames in which the lane was tracked.
+        Share of the frames with state "tracking".
     lost_s : float
-        How long it was not known.
+        Seconds with state "lost".
     frames_per_s : float
-        Frames annotated in a second of work, reading and writing included; the camera pose's estimate is left out.
-    moved : PoseChange or None
-        Whether the camera seems to have moved on the way.
+        Frames annotated per second, including reading and writing, without the camera pose estimate.
+    pose_change : PoseChange or None
+        The moment at which the camera seems to have moved, if there is one.
     missing : int
-        Frames that are damaged in the video, or not there although it announces them.
+        Frames that are damaged in the video, or announced by it but absent.
     """
 
     source: str
@@ -109,13 +111,13 @@ class DriveResult:
     tracked_share: float
     lost_s: float
     frames_per_s: float
-    moved: PoseChange | None = None
+    pose_change: PoseChange | None = None
     missing: int = 0
 
     def describe(self) -> str:
-        """The drive in a sentence, after the camera pose if it was estimated."""
-        written = f"{self.video} with telemetry{' and report' if self.report else ''} beside it"
-        moved = f"\n{self.source}: {self.moved.describe()}" if self.moved else ""
+        """A sentence about the drive, after the camera pose if it was estimated."""
+        written = f"{self.video} with telemetry{' and report' if self.report else ''} next to it"
+        moved = f"\n{self.source}: {self.pose_change.describe()}" if self.pose_change else ""
         accuracy = [describe_accuracy(self.pose, self.camera)] if self.pose else []
         frames = describe_frames(self.frames, self.missing)
         return _below_pose(
@@ -128,19 +130,20 @@ class DriveResult:
 
 @dataclass(frozen=True)
 class StillsResult:
-    """What came of stills.
+    """Result of annotating stills.
 
     Attributes
     ----------
     pictures : tuple of Path
-        Written, in the order of the stills.
+        Pictures written, in the order of the stills.
     telemetry : Path
+        File written, one row per picture.
     found : int
-        In how many there was a lane.
+        Number of stills in which a lane was found.
     pose : PoseEstimate or None
-        None where the camera came with its pose.
+        The estimated camera pose; None if the camera already had one.
     failures : tuple of PictureError
-        One for each still that could not be used, naming it.
+        One error for each still that could not be used.
     """
 
     pictures: tuple[Path, ...]
@@ -150,7 +153,7 @@ class StillsResult:
     failures: tuple[PictureError, ...] = ()
 
     def describe(self) -> str:
-        """The stills in a sentence, after the camera pose if it was estimated."""
+        """A sentence about the stills, after the camera pose if it was estimated."""
         folder = self.telemetry.parent
         return _below_pose(
             self.pose,
@@ -164,7 +167,7 @@ def _below_pose(pose: PoseEstimate | None, *sentences: str) -> str:
 
 
 def describe_frames(frames: int, missing: int) -> str:
-    """Words: "250 frames", "247 frames (3 more are damaged or missing in the video)"."""
+    """Text such as "250 frames" or "247 frames (3 more are damaged or missing in the video)"."""
     more = f" ({missing} more {'is' if missing == 1 else 'are'} damaged or missing in the video)" if missing else ""
     return f"{frames} frames{more}"
 
@@ -172,11 +175,11 @@ def describe_frames(frames: int, missing: int) -> str:
 def describe_settings(
     source: str, camera: Camera, pose: PoseEstimate | None, settings: DriveSettings
 ) -> dict[str, str]:
-    """What a drive was annotated with, for people."""
+    """The settings and versions that a drive was annotated with, as texts by name, for the report."""
     if settings.camera is None:
         lens = f"field of view {settings.field.hfov_deg:.3g}°, {settings.field.source}, not calibrated"
     elif camera.report is None:
-        lens = "as the camera file says"
+        lens = "from the camera file"
     else:
         lens = f"calibrated on {len(camera.report.board_rms_px)} boards, error {camera.report.rms_px:.2f} px"
     return {
@@ -184,12 +187,12 @@ def describe_settings(
         "piece": f"from {settings.start_s:g} s to {'the end' if settings.end_s is None else f'{settings.end_s:g} s'}",
         "picture": f"{camera.width}x{camera.height} pixels",
         "lens": f"{lens}; focal length {camera.matrix[0, 0]:.0f} px",
-        "pose": pose.describe() if pose else f"as the camera file says: {camera.pose.describe()}",
+        "pose": pose.describe() if pose else f"from the camera file: {camera.pose.describe()}",
         "style": settings.style,
         "versions": ", ".join(f"{name} {version}" for name, version in versions().items()),
     }
 
 
 def versions() -> dict[str, str]:
-    """What the results depend on, besides this project."""
+    """Versions of Python and of the packages that the results depend on."""
     return {"Python": python_version(), "OpenCV": cv2.__version__, "numpy": np.__version__, "PyAV": av.__version__}

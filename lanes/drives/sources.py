@@ -1,4 +1,4 @@
-"""What a user names on the command line: files, folders, patterns and cameras, sorted by kind."""
+"""Sources named on the command line (files, folders, patterns, cameras), sorted into videos, stills and cameras."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from pathlib import Path
 from lanes.io.files import list_files
 from lanes.io.images import PICTURE_SUFFIXES, natural_key
 
-# What is taken out of a folder; a file that is named itself may have any suffix.
+# Video suffixes looked for in a folder. A file that is named directly may have any suffix.
 VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm", ".ts", ".mts", ".mpg", ".mpeg")
 
 
 @dataclass(frozen=True)
 class Sources:
-    """Videos and stills, each file once and in natural order within a folder, and the numbers of live cameras."""
+    """Videos and stills without duplicates, in natural order within a folder, and the numbers of live cameras."""
 
     videos: tuple[Path, ...]
     stills: tuple[Path, ...]
@@ -24,18 +24,18 @@ class Sources:
 
 
 def find_sources(names: Iterable[str]) -> Sources:
-    """Sort out what `names` stand for.
+    """The videos, stills and live cameras that `names` stand for.
 
     Parameters
     ----------
     names : iterable of str
-        Files, folders (the videos and pictures right in them), patterns such as "drives/*.mp4", or whole numbers: a
-        number that is no file's name is a camera's.
+        Files, folders (videos and pictures in the folder itself, not in its subfolders), patterns such as
+        "drives/*.mp4", or camera numbers. A number that is also the name of a file means the file.
 
     Raises
     ------
     FileNotFoundError
-        If a name stands for nothing.
+        If a file or folder does not exist, a pattern matches nothing, or a folder holds no video and no picture.
     """
     videos: list[Path] = []
     stills: list[Path] = []
@@ -49,23 +49,28 @@ def find_sources(names: Iterable[str]) -> Sources:
     return Sources(*(tuple(dict.fromkeys(found)) for found in (videos, stills, cameras)))
 
 
-def refuse_clashes(videos: Iterable[Path], outputs: Iterable[Path]) -> None:
-    """Refuse to begin where an output would overwrite an input or another output.
+def require_distinct_outputs(inputs: Iterable[Path], outputs: Iterable[Path]) -> None:
+    """Check that each input has an output file of its own, and that no output is one of the inputs.
+
+    Parameters
+    ----------
+    inputs, outputs : iterable of Path
+        Of equal length: the file that is written from each input.
 
     Raises
     ------
     ValueError
-        Naming the files.
+        If an output would overwrite an input or another output.
     """
-    videos = list(videos)
-    inputs = {video.resolve() for video in videos}
-    taken: dict[Path, Path] = {}
-    for video, output in zip(videos, outputs, strict=True):
-        if output.resolve() in inputs:
+    inputs = list(inputs)
+    resolved_inputs = {path.resolve() for path in inputs}
+    source_of: dict[Path, Path] = {}
+    for source, output in zip(inputs, outputs, strict=True):
+        if output.resolve() in resolved_inputs:
             raise ValueError(f"{output}: is one of the inputs and would be overwritten; name another output folder.")
-        other = taken.setdefault(output.resolve(), video)
-        if other != video:
-            raise ValueError(f"{output}: would be written from {other} and from {video}; annotate them one by one.")
+        other = source_of.setdefault(output.resolve(), source)
+        if other != source:
+            raise ValueError(f"{output}: would be written from {other} and from {source}; annotate them one by one.")
 
 
 def _files(name: str) -> list[Path]:

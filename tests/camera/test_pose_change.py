@@ -104,6 +104,6 @@ def test_frames_without_a_lane_do_not_count():
 def test_the_result_of_a_drive_describes_the_change():
     change = find_pose_change(made(np.where(TIMES_S > 30, 1.5, 0.0)))
     path = Path("drive.mp4")
-    result = DriveResult("drive.mp4", path, path, None, CAMERA, None, 1500, 1.0, 0.0, 30.0, moved=change)
+    result = DriveResult("drive.mp4", path, path, None, CAMERA, None, 1500, 1.0, 0.0, 30.0, pose_change=change)
     assert "drive.mp4: the camera seems to have moved after 30 s" in result.describe()
-    assert "moved" not in replace(result, moved=None).describe()
+    assert "moved" not in replace(result, pose_change=None).describe()

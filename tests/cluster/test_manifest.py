@@ -27,12 +27,12 @@ def drive(tmp_path) -> tuple[Path, DriveSettings]:
     """A finished drive with its manifest."""
     video = write_drive(tmp_path / "drive.mp4", PaintedDrive(straight_road(), lane_lines(), camera=SMALL), 6)
     settings = DriveSettings(output=tmp_path / "out", camera=SMALL)
-    write_manifest(DriveKey.of(video, settings, 300.0), annotate_drive(video, settings), cpu_s=1.5, pieces=1)
+    write_manifest(DriveKey.from_video(video, settings, 300.0), annotate_drive(video, settings), cpu_s=1.5, pieces=1)
     return video, settings
 
 
 def finished(video: Path, settings: DriveSettings, piece_s: float = 300.0) -> Manifest | None:
-    return read_finished(DriveKey.of(video, settings, piece_s), settings.output)
+    return read_finished(DriveKey.from_video(video, settings, piece_s), settings.output)
 
 
 def test_a_finished_drive_is_known_again(drive):
@@ -42,7 +42,7 @@ def test_a_finished_drive_is_known_again(drive):
     assert manifest.outputs == {
         path.name: path.stat().st_size for path in settings.output.iterdir() if path.suffix != ".json"
     }
-    assert manifest.told.startswith(f"{video}: 6 frames")
+    assert manifest.description.startswith(f"{video}: 6 frames")
 
 
 def grow_input(video: Path, settings: DriveSettings) -> None:
@@ -92,7 +92,7 @@ def test_a_manifest_is_not_believed_whatever_it_says(drive):
     path = manifest_path(drive[0], drive[1].output)
     good = path.read_text()
     entries = [{"outputs": []}, {"outputs": {"/etc/passwd": 1}}, {"outputs": {"../drive.mp4": 1}}]
-    entries += [{"frames": "many"}, {"told": None}, {"key": 3}, {"more": 1}]
+    entries += [{"frames": "many"}, {"description": None}, {"key": 3}, {"more": 1}]
     for text in ["", "7", "[" * 99_999, *(json.dumps(json.loads(good) | entry) for entry in entries)]:
         path.write_text(text)
         assert finished(*drive) is None, text[:99]
@@ -120,7 +120,7 @@ def test_other_settings_are_another_drive(drive, changes):
     video, settings = drive
     assert finished(video, replace(settings, **changes)) is None
     assert finished(video, replace(settings, progress=False))
-    keys = {DriveKey.of(video, s, 300.0).digits() for s in (settings, replace(settings, **changes))}
+    keys = {DriveKey.from_video(video, s, 300.0).digest() for s in (settings, replace(settings, **changes))}
     assert len(keys) == 2
 
 
@@ -130,7 +130,7 @@ def test_the_length_of_pieces_is_a_setting(drive):
 
 def test_a_key_of_a_missing_file(tmp_path):
     with pytest.raises(FileNotFoundError, match="gone.mp4: there is no such video"):
-        DriveKey.of(tmp_path / "gone.mp4", DriveSettings(output=tmp_path), 300.0)
+        DriveKey.from_video(tmp_path / "gone.mp4", DriveSettings(output=tmp_path), 300.0)
 
 
 def test_the_worst_drive_is_first(tmp_path):

@@ -65,7 +65,7 @@ def settings_for(output: Path) -> DriveSettings:
 
 
 def jobs_for(videos: list[Path], output: Path, piece_s: float = 300.0) -> list[DriveJob]:
-    return [DriveJob.of(video, settings_for(output), piece_s) for video in videos]
+    return [DriveJob.from_video(video, settings_for(output), piece_s) for video in videos]
 
 
 def leftovers(output: Path) -> list[str]:
@@ -174,7 +174,7 @@ def test_a_drive_that_fails_stops_no_other(drives, tmp_path, monkeypatch):
     output, told = tmp_path / "out", []
     with in_this_process() as client:
         monkeypatch.setattr(cluster, "connect", lambda _: borrowed(client))
-        finished, failures = annotate_many(videos, settings_for(output), ClusterSettings(workers=1), tell=told.append)
+        finished, failures = annotate_many(videos, settings_for(output), ClusterSettings(workers=1), log=told.append)
         assert len(finished) == 2 and [str(error) for error in failures] == [
             f"{videos[2]}: cannot be read as a video (Invalid data found when processing input): it is none, a "
             "playlist, or it was cut off; copy it again, or convert it to mp4."
@@ -183,14 +183,14 @@ def test_a_drive_that_fails_stops_no_other(drives, tmp_path, monkeypatch):
         assert (output / "summary" / "drives.csv").read_text().splitlines()[1].startswith("text,failed,")
         before = {path: path.stat().st_mtime_ns for path in output.iterdir() if path.is_file()}
         videos[2].write_bytes(videos[0].read_bytes())
-        finished, failures = annotate_many(videos, settings_for(output), ClusterSettings(workers=1), tell=told.append)
+        finished, failures = annotate_many(videos, settings_for(output), ClusterSettings(workers=1), log=told.append)
     assert (len(finished), failures) == (3, [])
     assert "2 of 3 drives were finished before" in told
     assert {path: path.stat().st_mtime_ns for path in before} == before
     check_whole(output, videos)
     # Nothing is left: Dask is not even started.
     monkeypatch.setattr(cluster, "connect", lambda _: pytest.fail("started"))
-    finished, failures = annotate_many(videos, settings_for(output), ClusterSettings(workers=1), tell=told.append)
+    finished, failures = annotate_many(videos, settings_for(output), ClusterSettings(workers=1), log=told.append)
     assert (len(finished), failures) == (3, [])
 
 
@@ -201,15 +201,15 @@ def borrowed(client: distributed.Client) -> Iterator[distributed.Client]:
 
 @pytest.mark.parametrize("retries", [1, 2])
 def test_a_disk_that_fails_is_tried_again_but_not_for_ever(drives, tmp_path, monkeypatch, retries):
-    attempts, follow_drive = [], tasks.follow_drive
+    attempts, annotate_prepared = [], tasks.annotate_prepared
 
     def moody(drive, settings):
         attempts.append(drive.video)
         if len(attempts) <= 2:
             raise OSError(28, "No space left on device")
-        return follow_drive(drive, settings)
+        return annotate_prepared(drive, settings)
 
-    monkeypatch.setattr(tasks, "follow_drive", moody)
+    monkeypatch.setattr(tasks, "annotate_prepared", moody)
     video = videos_in(drives)[0]
     with in_this_process() as client:
         [(_, outcome)] = annotate_all(client, jobs_for([video], tmp_path), retries=retries)
@@ -221,12 +221,12 @@ def test_a_disk_that_fails_is_tried_again_but_not_for_ever(drives, tmp_path, mon
 
 
 def test_a_mistake_in_the_code_is_told_and_stops_no_other(drives, tmp_path, monkeypatch):
-    videos, follow_drive = videos_in(drives)[:2], tasks.follow_drive
+    videos, annotate_prepared = videos_in(drives)[:2], tasks.annotate_prepared
 
     def buggy(drive, settings):
-        return follow_drive(drive, settings) if drive.video == videos[1] else 1 / 0
+        return annotate_prepared(drive, settings) if drive.video == videos[1] else 1 / 0
 
-    monkeypatch.setattr(tasks, "follow_drive", buggy)
+    monkeypatch.setattr(tasks, "annotate_prepared", buggy)
     with in_this_process() as client:
         found = {job.video: outcome for job, outcome in annotate_all(client, jobs_for(videos, tmp_path), retries=0)}
     assert str(found[videos[0]]) == f"{videos[0]}: ZeroDivisionError: division by zero"
@@ -246,7 +246,7 @@ def test_outputs_that_a_worker_wrote_elsewhere_are_missed(drives, tmp_path, monk
 
 
 def test_no_scheduler_answers(monkeypatch):
-    monkeypatch.setattr(cluster, "CONNECT_S", 0.3)
+    monkeypatch.setattr(cluster, "CONNECT_TIMEOUT_S", 0.3)
     message = "tcp://127.0.0.1:9: no Dask scheduler answers"
     with pytest.raises(ClusterError, match=message), connect(ClusterSettings(scheduler="tcp://127.0.0.1:9")):
         pass

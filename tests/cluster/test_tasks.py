@@ -13,7 +13,7 @@ import pytest
 
 from lanes.cluster import tasks
 from lanes.cluster.manifest import Manifest
-from lanes.cluster.tasks import DriveJob, Plan, begin_drive, finish_drive, work_on_piece
+from lanes.cluster.tasks import DriveJob, Plan, begin_drive, finish_drive, run_piece
 from lanes.drives.settings import DriveSettings
 from lanes.io.telemetry import read_telemetry
 from lanes.io.video.container import VideoError
@@ -27,7 +27,7 @@ ROAD = PaintedDrive(straight_road(), lane_lines(), camera=SMALL)
 @pytest.fixture
 def job(tmp_path) -> DriveJob:
     video = write_drive(tmp_path / "drive.mp4", ROAD, 15)
-    return DriveJob.of(video, DriveSettings(output=tmp_path / "out", camera=SMALL), 300.0)
+    return DriveJob.from_video(video, DriveSettings(output=tmp_path / "out", camera=SMALL), 300.0)
 
 
 def names(folder: Path) -> set[str]:
@@ -35,13 +35,13 @@ def names(folder: Path) -> set[str]:
 
 
 def in_pieces(job: DriveJob) -> DriveJob:
-    return DriveJob.of(job.video, job.settings, 0.2)
+    return DriveJob.from_video(job.video, job.settings, 0.2)
 
 
 def test_a_job_is_sent_with_absolute_paths(tmp_path, monkeypatch):
     write_drive(tmp_path / "drive.mp4", ROAD, 1)
     monkeypatch.chdir(tmp_path)
-    job = DriveJob.of(Path("drive.mp4"), DriveSettings(output=Path("out"), camera=SMALL), 300.0)
+    job = DriveJob.from_video(Path("drive.mp4"), DriveSettings(output=Path("out"), camera=SMALL), 300.0)
     assert (job.video, job.settings.output) == (tmp_path / "drive.mp4", tmp_path / "out")
     assert not job.settings.progress and not job.settings.overlapped
     assert pickle.loads(pickle.dumps(job)).key == job.key
@@ -66,7 +66,7 @@ def test_a_long_drive_is_cut_and_joined(job):
     plan = begin_drive(job)
     assert isinstance(plan, Plan) and len(plan.pieces) == 3
     assert not job.settings.output.exists()
-    done = [work_on_piece(job, plan.drive, piece) for piece in pickle.loads(pickle.dumps(plan)).pieces]
+    done = [run_piece(job, plan.drive, piece) for piece in pickle.loads(pickle.dumps(plan)).pieces]
     manifest = finish_drive(job, plan, done)
     assert (manifest.frames, manifest.pieces) == (15, 3)
     assert manifest.cpu_s > sum(piece.cpu_s for piece in done)
@@ -85,11 +85,11 @@ def test_a_piece_that_fails_fails_the_drive(job):
 def test_a_damaged_piece_is_not_kept(job):
     job = in_pieces(job)
     plan = begin_drive(job)
-    done = [work_on_piece(job, plan.drive, piece) for piece in plan.pieces]
+    done = [run_piece(job, plan.drive, piece) for piece in plan.pieces]
     os.truncate(job.folder / "0001.mp4", 2000)
     assert isinstance(finish_drive(job, plan, done), VideoError)
     assert names(job.settings.output) == {"drive.csv"}
-    done = [work_on_piece(job, plan.drive, piece) for piece in plan.pieces]
+    done = [run_piece(job, plan.drive, piece) for piece in plan.pieces]
     assert finish_drive(job, plan, done).frames == 15
 
 
@@ -108,7 +108,7 @@ def test_what_may_pass_is_raised(job, monkeypatch):
     def full(*_) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(tasks, "follow_drive", full)
+    monkeypatch.setattr(tasks, "annotate_prepared", full)
     with pytest.raises(OSError, match="No space left"):
         begin_drive(job)
 

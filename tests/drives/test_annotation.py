@@ -21,7 +21,7 @@ from lanes.drives.annotation import annotate_drive, annotate_folder, annotate_st
 from lanes.drives.live import annotate_live
 from lanes.drives.overlay_styles import STYLES, track_lane
 from lanes.drives.settings import DriveSettings
-from lanes.drives.sources import find_sources, refuse_clashes
+from lanes.drives.sources import find_sources, require_distinct_outputs
 from lanes.io.frames import PictureError
 from lanes.io.images import read_image, write_image
 from lanes.io.telemetry import read_telemetry
@@ -55,11 +55,11 @@ def test_names_are_sorted_by_kind(tmp_path, monkeypatch):
 
 def test_no_output_overwrites_an_input_or_another_output(tmp_path):
     a, b = tmp_path / "a.mp4", tmp_path / "b" / "a.mp4"
-    refuse_clashes([a, b], [tmp_path / "out" / "a.mp4", tmp_path / "out" / "b.mp4"])
+    require_distinct_outputs([a, b], [tmp_path / "out" / "a.mp4", tmp_path / "out" / "b.mp4"])
     with pytest.raises(ValueError, match="one of the inputs"):
-        refuse_clashes([a, b], [tmp_path / "out" / "a.mp4", tmp_path / "b" / ".." / "a.mp4"])
+        require_distinct_outputs([a, b], [tmp_path / "out" / "a.mp4", tmp_path / "b" / ".." / "a.mp4"])
     with pytest.raises(ValueError, match="from .*a.mp4 and from .*a.mp4"):
-        refuse_clashes([a, b], [tmp_path / "out" / "a.mp4"] * 2)
+        require_distinct_outputs([a, b], [tmp_path / "out" / "a.mp4"] * 2)
 
 
 def test_settings_travel_and_fit_the_camera_to_the_drive(tmp_path):

@@ -32,11 +32,11 @@ def folder(tmp_path_factory):
             writer.write(np.full((180, 320, 3), 30 + number, np.uint8))
     write_report(folder / "inside.html", title=HOSTILE, video=folder / HOSTILE, telemetry=story(), settings={"a": "b"})
     write_report(
-        folder / "linked.html", title="t", video=folder / HOSTILE, telemetry=story(), settings={}, embedded_bytes=0
+        folder / "linked.html", title="t", video=folder / HOSTILE, telemetry=story(), settings={}, max_embedded_bytes=0
     )
     gone = folder / "gone.mp4"
     gone.write_bytes(b"0")
-    write_report(folder / "gone.html", title="t", video=gone, telemetry=story(), settings={}, embedded_bytes=0)
+    write_report(folder / "gone.html", title="t", video=gone, telemetry=story(), settings={}, max_embedded_bytes=0)
     gone.unlink()
     return folder
 

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lanes.camera.camera_pose import CameraError
-from lanes.classic.finder import RECIPES, LaneFinder, get_recipe
-from lanes.drives.detections import Finder
+from lanes.classic.finder import RECIPES, LaneLaneDetector, get_recipe
+from lanes.drives.detections import LaneDetector
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
 from lanes.tracking.lane import Lane, LaneLine
@@ -26,7 +26,7 @@ X_M = np.array([5.0, 15.0, 30.0])
 FPS = 20.0
 view_of = cache(lambda size: BirdsEyeView(camera_of(size)))
 tracker_of = cache(lambda size: LaneTracker(camera_of(size), fps=FPS))
-finder_of = cache(lambda name, size: LaneFinder(get_recipe(name, size), camera_of(size)))
+finder_of = cache(lambda name, size: LaneLaneDetector(get_recipe(name, size), camera_of(size)))
 
 
 def size_of(image: np.ndarray) -> tuple[int, int]:
@@ -64,7 +64,7 @@ def assert_sound(tracked: TrackedLane, size: tuple[int, int]) -> None:
 def test_the_engine_takes_any_still(image):
     size = size_of(image)
     assert_sound(TrackedLane.from_still(find_lane(image, view_of(size))), size)
-    json.dumps(Finder(camera_of(size), np.arange(size[1])).detect(image), allow_nan=False)
+    json.dumps(LaneDetector(camera_of(size), np.arange(size[1])).detect(image), allow_nan=False)
 
 
 @examples(25)

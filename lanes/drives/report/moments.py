@@ -1,4 +1,4 @@
-"""What a drive's telemetry has to tell: how much of it was tracked, and where it went worst."""
+"""Summary of a drive's telemetry: tracked share, time lost, and the worst moments."""
 
 from __future__ import annotations
 
@@ -11,49 +11,49 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from lanes.tracking.tracked_lane import COASTING, LOST, TRACKING
 
-# So many of each kind, and at least so far apart: two beside each other show the same thing.
-MOST, APART_S = 3, 2.0
+# Largest number of moments of a kind, and the least time between two: closer ones show the same situation.
+MAX_MOMENTS, MIN_SPACING_S = 3, 2.0
 
 Telemetry = Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True)
 class Moment:
-    """A place in the drive worth a look: seconds since its first frame, and what is there."""
+    """A moment of the drive: seconds since its first frame, and a text."""
 
     time_s: float
     text: str
 
 
 def share_tracked(telemetry: Telemetry) -> float:
-    """Share of the frames whose state is "tracking"."""
+    """Share of the frames with state "tracking", 0 to 1."""
     return float(np.mean(telemetry["state"] == TRACKING))
 
 
 def seconds_lost(telemetry: Telemetry) -> float:
-    """How long the state was "lost"."""
+    """Total time with state "lost", seconds."""
     return float(frame_lengths_s(telemetry["time_s"])[telemetry["state"] == LOST].sum())
 
 
 def frame_lengths_s(time_s: np.ndarray) -> np.ndarray:
-    """How long each frame (N,) is shown: until the next one; the last as long as most."""
+    """Duration (N,) of each frame in seconds: until the next frame; the median duration for the last one."""
     steps = np.diff(time_s)
     return np.append(steps, np.median(steps) if len(steps) else 0.0)
 
 
 def worst_moments(telemetry: Telemetry) -> dict[str, list[Moment]]:
-    """Where to look first, by kind; the worst of each kind first.
+    """The worst moments of a drive by kind, each list sorted from the worst on.
 
     Parameters
     ----------
     telemetry : mapping of str to ndarray of shape (frames,)
-        As `read_telemetry` gives it: time_s, state, confidence, offset_std_m, curvature_std_per_m, and departure
-        ("left", "right", or empty) where it was watched for.
+        As returned by `read_telemetry`: time_s, state, confidence, offset_std_m, curvature_std_per_m, and optionally
+        departure ("left", "right" or empty).
 
     Returns
     -------
     dict of str to list of Moment
-        Kinds of which there is nothing to tell have an empty list.
+        The list is empty for a kind that does not occur.
     """
     confidence = np.where(telemetry["state"] == LOST, np.nan, telemetry["confidence"])
     departures = _spans(telemetry, np.asarray(telemetry.get("departure", []), str), ("left", "right"))
@@ -80,14 +80,14 @@ def worst_moments(telemetry: Telemetry) -> dict[str, list[Moment]]:
 
 
 def runs(labels: np.ndarray) -> Iterator[tuple[str, int, int]]:
-    """Runs of equal labels (N,): (label, first, one past the last)."""
+    """Runs of equal labels (N,) as (label, first index, one past the last index)."""
     edges = np.unique([0, *(1 + np.flatnonzero(labels[1:] != labels[:-1])), len(labels)])
     for first, end in pairwise(edges):
         yield str(labels[first]), int(first), int(end)
 
 
 def _spans(telemetry: Telemetry, labels: np.ndarray, wanted: tuple[str, ...]) -> list[tuple[str, float, float]]:
-    """(label, start, length) in seconds of the runs of wanted labels."""
+    """Runs of the wanted labels as (label, start, length), seconds."""
     time_s, lengths_s = telemetry["time_s"] - telemetry["time_s"][0], frame_lengths_s(telemetry["time_s"])
     return [
         (label, float(time_s[first]), float(lengths_s[first:end].sum()))
@@ -97,18 +97,18 @@ def _spans(telemetry: Telemetry, labels: np.ndarray, wanted: tuple[str, ...]) ->
 
 
 def _longest(spans: list[tuple[str, float, float]]) -> list[tuple[str, float, float]]:
-    return sorted(spans, key=lambda span: -span[2])[:MOST]
+    return sorted(spans, key=lambda span: -span[2])[:MAX_MOMENTS]
 
 
 def _lowest(telemetry: Telemetry, values: np.ndarray) -> Iterator[tuple[float, float]]:
-    """(time, value) of the lowest values (N,), each the lowest around it and apart from the others; NaN never is."""
+    """(time, value) of the lowest local minima of values (N,), at least `MIN_SPACING_S` apart; NaN is skipped."""
     time_s = telemetry["time_s"] - telemetry["time_s"][0]
     values = np.where(np.isfinite(values), values, np.inf)
-    around = max(1, round(APART_S / 2 / np.median(np.diff(time_s)))) if len(time_s) > 1 else 1
-    padded = np.pad(values, around, constant_values=np.inf)
-    dips = np.flatnonzero(np.isfinite(values) & (values == sliding_window_view(padded, 2 * around + 1).min(axis=1)))
-    taken: list[int] = []
-    for at in dips[np.argsort(values[dips], kind="stable")]:
-        if len(taken) < MOST and all(abs(time_s[at] - time_s[other]) >= APART_S for other in taken):
-            taken.append(at)
-            yield float(time_s[at]), float(values[at])
+    radius = max(1, round(MIN_SPACING_S / 2 / np.median(np.diff(time_s)))) if len(time_s) > 1 else 1
+    padded = np.pad(values, radius, constant_values=np.inf)
+    minima = np.flatnonzero(np.isfinite(values) & (values == sliding_window_view(padded, 2 * radius + 1).min(axis=1)))
+    chosen: list[int] = []
+    for frame in minima[np.argsort(values[minima], kind="stable")]:
+        if len(chosen) < MAX_MOMENTS and all(abs(time_s[frame] - time_s[c]) >= MIN_SPACING_S for c in chosen):
+            chosen.append(frame)
+            yield float(time_s[frame]), float(values[frame])

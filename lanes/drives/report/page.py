@@ -1,8 +1,8 @@
-"""The report of a drive as one HTML file: works offline, needs nothing but a browser.
+"""The report of a drive as one HTML file that works offline in any browser.
 
-A video up to `EMBEDDED_BYTES` is put into the file, so that it can be sent by mail as it is; a larger one is linked and
-must stay beside it. Whatever comes from outside (file names, settings) is escaped, and a content security policy lets
-the page run no script but its own.
+A video of up to `MAX_EMBEDDED_BYTES` is embedded, so that the report can be sent by mail. A larger video is linked and
+must stay in the same folder. File names and settings are escaped. A content security policy allows only the page's own
+script.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from lanes.drives.report.curves import Curve, draw_curve, draw_states
 from lanes.drives.report.moments import Moment, Telemetry, seconds_lost, share_tracked, worst_moments
 from lanes.io.files import write_atomically
 
-# As base64 4/3 of it, below what most mail servers take (25 MB).
-EMBEDDED_BYTES = 16_000_000
-# Columns that the page shows beside the video, with the digits that are worth their place.
-SHOWN = {
+# Base64 makes it 4/3 as large: below the limit of most mail servers, 25 MB.
+MAX_EMBEDDED_BYTES = 16_000_000
+# Telemetry columns in the page, with their number of decimals.
+PAGE_COLUMNS = {
     "frame": 0,
     "offset_m": 3,
     "offset_std_m": 3,
@@ -45,24 +45,24 @@ def write_report(
     video: str | Path,
     telemetry: Telemetry,
     settings: Mapping[str, str],
-    embedded_bytes: int = EMBEDDED_BYTES,
+    max_embedded_bytes: int = MAX_EMBEDDED_BYTES,
 ) -> Path:
     """Write the report of an annotated drive.
 
     Parameters
     ----------
     path : str or Path
-        Ends in .html; in the folder of `video`.
+        Ends in .html, in the folder of `video`.
     title : str
         Name of the drive.
     video : str or Path
-        The annotated mp4.
+        The annotated video, mp4.
     telemetry : mapping of str to ndarray of shape (frames,)
-        As `read_telemetry` reads it from the CSV beside the video.
+        Telemetry of the video, as returned by `read_telemetry`.
     settings : mapping of str to str
-        What the drive was annotated with, shown as a table.
-    embedded_bytes : int
-        Videos up to this size are put into the file.
+        Settings of the drive, shown as a table.
+    max_embedded_bytes : int
+        Videos of up to this size are embedded.
 
     Returns
     -------
@@ -72,12 +72,12 @@ def write_report(
     Raises
     ------
     OSError
-        If the video cannot be read or the report not be written.
+        If the video cannot be read or the report cannot be written.
     """
     video = Path(video)
     time_s = telemetry["time_s"]
     script = _asset("report.js")
-    embedded = video.stat().st_size <= embedded_bytes
+    embedded = video.stat().st_size <= max_embedded_bytes
     page = _fill(
         _asset("report.html"),
         title=escape(title),
@@ -88,13 +88,13 @@ def write_report(
         style=_asset("report.css"),
         script=script,
         script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
-        data=_guarded_json(_frames(telemetry)),
+        data=_script_safe_json(_frames(telemetry)),
         states=draw_states(telemetry["state"], time_s) + _legend(telemetry["state"]),
         curves="".join(draw_curve(curve, time_s) for curve in _curves(telemetry)),
         moments=_moments(worst_moments(telemetry)),
         settings="".join(f"<tr><th>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in settings.items()),
     )
-    # Names of files may hold bytes that are no text.
+    # File names may contain bytes that are not valid UTF-8.
     write_atomically(path, page.encode(errors="replace"))
     return Path(path)
 
@@ -104,19 +104,19 @@ def _asset(name: str) -> str:
 
 
 def _fill(template: str, **parts: str) -> str:
-    """Put the parts in place of {{name}}, in one pass: what they contain is not looked at again."""
+    """The template with each {{name}} replaced. One pass, so that a {{name}} inside a part stays as it is."""
     return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], template)
 
 
-def _guarded_json(content: object) -> str:
-    """JSON that can stand inside <script>: nothing in it ends the element."""
+def _script_safe_json(content: object) -> str:
+    """JSON with "<" escaped, so that it cannot end the <script> element around it."""
     return json.dumps(content, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def _frames(telemetry: Telemetry) -> dict[str, list]:
-    """Times since the first frame, states and the columns shown, for the page's script."""
+    """Times since the first frame, states and `PAGE_COLUMNS`, for the script of the page."""
     time_s = telemetry["time_s"] - telemetry["time_s"][0]
-    columns = {name: _rounded(telemetry[name], digits) for name, digits in SHOWN.items()}
+    columns = {name: _rounded(telemetry[name], digits) for name, digits in PAGE_COLUMNS.items()}
     return {"time_s": _rounded(time_s, 4), "state": telemetry["state"].tolist(), **columns}
 
 
@@ -128,9 +128,9 @@ def _curves(telemetry: Telemetry) -> list[Curve]:
     per_km = 1000 * telemetry["curvature_per_m"], 1000 * telemetry["curvature_std_per_m"]
     offset = telemetry["offset_m"], telemetry["offset_std_m"]
     return [
-        Curve("offset", "Offset", "m, + is left of the lane’s centre", *offset, (-0.5, 0.5)),
-        Curve("curvature", "Curvature", "per km, + bends left; 1 is a radius of 1 km", *per_km, (-1, 1)),
-        Curve("confidence", "Confidence", "that both lines are right within 0.2 m", telemetry["confidence"]),
+        Curve("offset", "Offset", "m, > 0: left of the lane centre", *offset, (-0.5, 0.5)),
+        Curve("curvature", "Curvature", "per km, > 0: bends left; 1 per km is a radius of 1 km", *per_km, (-1, 1)),
+        Curve("confidence", "Confidence", "probability of an error below 0.2 m", telemetry["confidence"]),
     ]
 
 
@@ -160,9 +160,9 @@ def _summary(telemetry: Telemetry) -> str:
     lost_s = seconds_lost(telemetry)
     sentence = (
         f"{len(time_s)} frames, {time_s[-1] - time_s[0]:.1f} s. Lane tracked in {share_tracked(telemetry):.0%} of the "
-        f"frames, {f'lost for {lost_s:.1f} s in all' if lost_s else 'never lost'}."
+        f"frames, {f'lost for {lost_s:.1f} s in total' if lost_s else 'never lost'}."
     )
     if not np.isfinite(offset_m).any():
         return sentence
-    low, high, usual = np.nanmin(offset_m), np.nanmax(offset_m), np.nanmedian(telemetry["confidence"])
-    return f"{sentence} Offset from {low:+.2f} to {high:+.2f} m, median confidence {usual:.2f}."
+    low, high, median = np.nanmin(offset_m), np.nanmax(offset_m), np.nanmedian(telemetry["confidence"])
+    return f"{sentence} Offset from {low:+.2f} to {high:+.2f} m, median confidence {median:.2f}."

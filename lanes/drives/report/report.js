@@ -6,7 +6,7 @@ const track = document.getElementById("track");
 const cursor = document.getElementById("cursor");
 const times = frames.time_s;
 const last = times.length - 1;
-// The last frame is shown as long as the one before it.
+// The last frame lasts as long as the previous one.
 const length = last > 0 ? 2 * times[last] - times[last - 1] : 1;
 
 function loadVideo() {
@@ -16,13 +16,13 @@ function loadVideo() {
     video.src = video.dataset.link;
     return;
   }
-  const letters = atob(text);
-  const bytes = new Uint8Array(letters.length);
-  for (let i = 0; i < letters.length; i++) bytes[i] = letters.charCodeAt(i);
+  const binary = atob(text);
+  const bytes = new Uint8Array(binary.length);
+  for (let i = 0; i < binary.length; i++) bytes[i] = binary.charCodeAt(i);
   video.src = URL.createObjectURL(new Blob([bytes], { type: "video/mp4" }));
 }
 
-/** The frame that is shown at a time: the last one that began before it. */
+/** Index of the frame shown at a time: the last frame that starts before it. */
 function frameAt(time) {
   let low = 0;
   let high = last;
@@ -44,7 +44,7 @@ function offsetWords(offset, std) {
   return Math.abs(offset).toFixed(2) + " ± " + std.toFixed(2) + " m " + (offset > 0 ? "left" : "right");
 }
 
-/** As lanes.words.describe_bend puts it. */
+/** The same words as lanes.io.words.describe_bend. */
 function bendWords(curvature) {
   if (curvature === null) return "unknown";
   if (Math.abs(curvature) < 1 / 3000) return "straight (R > 3 km)";
@@ -68,7 +68,7 @@ function show() {
 }
 
 function seek(time) {
-  // A moment past the frame's own time, so that rounding does not show the one before it.
+  // One millisecond after the start of the frame, so that rounding does not show the previous frame.
   video.currentTime = Math.max(0, Math.min(time, times[last])) + 1e-3;
 }
 
@@ -118,7 +118,7 @@ for (const button of document.querySelectorAll("button[data-time]")) {
 }
 for (const name of ["seeking", "seeked", "timeupdate", "pause", "loadeddata"]) video.addEventListener(name, show);
 video.addEventListener("play", follow);
-// As wide as its height, which the style limits, lets it be: no bars beside it.
+// The style limits the height of the video. The width follows from it, so that there are no black bars.
 video.addEventListener("loadedmetadata", () => {
   video.style.width = "min(100%, " + (62 * video.videoWidth) / video.videoHeight + "vh)";
 });

@@ -148,7 +148,7 @@ def test_what_comes_from_outside_is_escaped(tmp_path):
     video.write_bytes(b"no video, but that is not the report's business")
     nasty = "</script><script>alert(1)</script>{{data}}"
     page = write_report(
-        tmp_path / "r.html", title=nasty, video=video, telemetry=story(), settings={nasty: nasty}, embedded_bytes=0
+        tmp_path / "r.html", title=nasty, video=video, telemetry=story(), settings={nasty: nasty}, max_embedded_bytes=0
     ).read_text()
     assert "<img" not in page and "alert(1)</script>" not in page
     assert page.count("<script") == 3
@@ -163,7 +163,7 @@ def test_large_videos_are_linked_and_small_ones_are_inside(tmp_path):
     sizes = []
     for limit in (10_240, 10_239):
         path = write_report(
-            tmp_path / f"{limit}.html", title="t", video=video, telemetry=story(), settings={}, embedded_bytes=limit
+            tmp_path / f"{limit}.html", title="t", video=video, telemetry=story(), settings={}, max_embedded_bytes=limit
         )
         sizes.append(path.stat().st_size)
     assert sizes[0] - sizes[1] == pytest.approx(10_240 * 4 / 3, abs=3)
@@ -178,4 +178,4 @@ def test_a_drive_without_a_lane_has_a_report(tmp_path):
     (tmp_path / "d.mp4").write_bytes(b"")
     page = write_report(tmp_path / "d.html", title="d", video=tmp_path / "d.mp4", telemetry=telemetry, settings={})
     text = page.read_text()
-    assert "lost for 10.0 s in all." in text and "nan" not in text.lower()
+    assert "lost for 10.0 s in total." in text and "nan" not in text.lower()
