@@ -1,4 +1,4 @@
-"""The command line: python -m lanes <command>. What each does is in the module of its name in lanes/cli/."""
+"""The command line: python -m lanes COMMAND. Each command is a module in lanes/cli/."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from importlib import import_module
 from lanes.io.console import run_command, run_program
 
 COMMANDS = {
-    "calibrate": "find the lens from pictures of a chessboard",
-    "pose": "estimate how the camera sits on the car, from its own pictures",
-    "annotate": "draw the lane on videos, stills or a live camera; telemetry and a report beside each video",
-    "detect": "find the lines of the own lane in pictures and videos, as TuSimple JSON lines",
-    "explain": "show every step from one picture to its lane, and where it failed",
+    "calibrate": "calibrate the lens from pictures of a chessboard",
+    "pose": "estimate the camera pose (height, pitch, yaw, roll) from pictures of a drive",
+    "annotate": "draw the lane on videos, stills or a live camera; write telemetry and a report",
+    "detect": "write the lines of the ego lane in stills and videos as TuSimple JSON lines",
+    "explain": "plot every step of the lane detection in one picture, and which step failed",
 }
 PROGRAM = "python -m lanes"
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run a command; returns the exit status, see `run_command`."""
+    """Run a command; returns its exit status, see `run_command`."""
     arguments = sys.argv[1:] if arguments is None else arguments
     name = _command_parser().parse_args(arguments[:1]).command
     return run_command(import_module(f"lanes.cli.{name}"), f"{PROGRAM} {name}", arguments[1:])
@@ -30,15 +30,17 @@ def _command_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog=PROGRAM,
         usage=f"{PROGRAM} [-h] COMMAND ...",
-        description="Find the lane, measure it, draw it.",
+        description="Find the ego lane in pictures and videos, measure it in metres, and draw it.",
         epilog="commands:\n"
         + "\n".join(f"  {name:<{width}}  {text}" for name, text in COMMANDS.items())
-        + f"\n\npython -m simulator renders roads with their truth; "
-        f"python -m benchmark scores lane finders.\n\nexamples:\n"
+        + "\n\npython -m simulator renders roads with ground truth; python -m benchmark scores lane finders.\n\n"
+        "examples:\n"
         f"  {PROGRAM} annotate --hfov 60 drive.mp4\n  {PROGRAM} annotate --help",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("command", choices=COMMANDS, metavar="COMMAND", help="one of those below; --help tells more")
+    parser.add_argument(
+        "command", choices=COMMANDS, metavar="COMMAND", help="one of the commands below; COMMAND --help describes it"
+    )
     return parser
 
 

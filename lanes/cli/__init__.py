@@ -1,1 +1,1 @@
-"""The commands of python -m lanes, one module each."""
+"""The commands of python -m lanes, one module per command."""

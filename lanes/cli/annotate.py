@@ -1,12 +1,12 @@
-"""Draw the lane on videos, stills or a live camera's pictures, with bend, offset and how sure that is.
+"""Draw the lane with curvature, offset and confidence on videos, stills or a live camera.
 
-Each video gets a new one, its telemetry (CSV, a row a frame) and a report (HTML, works offline) of
-the same name in the output folder; the sound is kept. Stills are looked at one by one. A number
-is a camera of this computer: it is followed until Ctrl-C. Where the camera file has no pose, each
-drive's own pictures tell how the camera sits on the car; that is then printed, with how sure it is.
+The output folder gets an annotated video with sound, the telemetry (CSV, one row per frame) and a
+report (HTML, works offline) for each video, all named after it. Stills are processed independently.
+A number as SOURCE is a camera of this computer, which is annotated until Ctrl-C. If the camera has no
+pose, the pose is estimated from each drive and printed with its standard deviations.
 
-With --workers or --scheduler videos are annotated at the same time, by Dask; finished ones are
-skipped the next time, and a summary of all is written (docs/many_drives.md).
+With --workers or --scheduler, Dask annotates several videos in parallel. The next run skips finished
+videos. A summary of all videos is written (docs/many_drives.md).
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from lanes.drives.settings import DriveSettings
     from lanes.drives.sources import Sources
 
-# What a job that was done tells, and what was wrong with single stills of it.
-Told = tuple[str, "Sequence[Exception]"]
+# Message of a finished job, and the errors of single stills.
+JobOutcome = tuple[str, "Sequence[Exception]"]
 
 EXAMPLES = """\
   python -m lanes annotate --hfov 60 drive.mp4
@@ -40,32 +40,37 @@ EXAMPLES = """\
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this command."""
     parser.add_argument(
-        "sources", nargs="+", metavar="SOURCE", help="video, still, folder or pattern of them, or a camera's number"
+        "sources",
+        nargs="+",
+        metavar="SOURCE",
+        help='video, still, folder, pattern such as "drives/*.mp4", or number of a camera',
     )
     add_lens(parser)
-    parser.add_argument("-o", "--output", type=Path, default=Path("annotated"), help="folder (default: %(default)s)")
+    parser.add_argument(
+        "-o", "--output", type=Path, default=Path("annotated"), help="output folder (default: %(default)s)"
+    )
     add_piece(parser)
     parser.add_argument(
         "--style",
         choices=("lane", "lines", "mosaic"),
         default="lane",
-        help="lane: filled; lines: only its two lines; mosaic: with the steps beside it (default: %(default)s)",
+        help="lane: filled lane; lines: the two lines only; mosaic: with intermediate results (default: %(default)s)",
     )
     parser.add_argument("--no-report", action="store_true", help="write no HTML report")
     parser.add_argument("--quiet", action="store_true", help="print errors only")
-    many = parser.add_argument_group("many drives", "these need Dask: pip install -r requirements-cluster.txt")
+    many = parser.add_argument_group("many drives", "require Dask: pip install -r requirements-cluster.txt")
     where = many.add_mutually_exclusive_group()
     where.add_argument(
-        "--workers", type=positive_int, metavar="N", help="processes on this machine, each with one thread"
+        "--workers", type=positive_int, metavar="N", help="number of processes on this machine, with one thread each"
     )
-    where.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster, like tcp://10.0.0.1:8786")
+    where.add_argument("--scheduler", metavar="ADDRESS", help="address of a Dask scheduler, like tcp://10.0.0.1:8786")
     many.add_argument(
         "--piece",
         type=bounded_float(10),
         default=300.0,
         metavar="S",
-        help="drives longer than one and a half times this are cut into pieces of about this length, which are "
-        "worked on at the same time and joined (default: %(default)g)",
+        help="cut drives longer than 1.5 S into pieces of about S seconds, annotate these in parallel, and join them "
+        "(default: %(default)g)",
     )
     many.add_argument(
         "--retries",
@@ -73,12 +78,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=range(11),
         default=2,
         metavar="N",
-        help="try a drive so often again, up to 10, when a worker dies or a disk fails (default: %(default)s)",
+        help="number of retries, up to 10, after a worker died or a disk failed (default: %(default)s)",
     )
 
 
 def run(options: argparse.Namespace) -> int:
-    """Annotate all sources; those that fail do not stop the others and are named at the end."""
+    """Annotate all sources. A failed source does not stop the others; errors are printed at the end."""
     from lanes.drives.annotation import output_path
     from lanes.drives.sources import find_sources, require_distinct_outputs
 
@@ -87,18 +92,18 @@ def run(options: argparse.Namespace) -> int:
     settings = read_settings(options, sources)
     failures, done = [], 0
     if (options.workers or options.scheduler) and sources.videos:
-        done, failures = annotate_apart(sources.videos, settings, options)
+        done, failures = annotate_on_dask(sources.videos, settings, options)
         sources = replace(sources, videos=())
     for job in list_jobs(sources, settings):
         try:
-            told, left_out = job()
+            message, still_failures = job()
         except (OSError, ValueError) as error:
             failures.append(error)
         else:
             done += 1
-            failures += left_out
+            failures += still_failures
             if not options.quiet:
-                print(told, flush=True)
+                print(message, flush=True)
     for error in failures:
         print(f"error: {error}", file=sys.stderr)
     if failures and not done:
@@ -106,10 +111,10 @@ def run(options: argparse.Namespace) -> int:
     return 1 if failures else 0
 
 
-def annotate_apart(
+def annotate_on_dask(
     videos: Sequence[Path], settings: DriveSettings, options: argparse.Namespace
 ) -> tuple[int, list[OSError | ValueError]]:
-    """Annotate videos with Dask; how many are finished now, and why the others failed."""
+    """Annotate videos with Dask; returns the number of finished videos, and the errors of the others."""
     from lanes.cluster.scheduler import ClusterSettings, annotate_many
 
     cluster = ClusterSettings(
@@ -122,7 +127,7 @@ def annotate_apart(
 
 
 def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettings:
-    """The settings that the options ask for; boards are calibrated here."""
+    """The settings according to the options; --boards is calibrated here."""
     from lanes.camera.calibration.boards import calibrate_folder
     from lanes.camera.camera_file import load_camera
     from lanes.drives.settings import DriveSettings
@@ -147,26 +152,26 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
     )
 
 
-def list_jobs(sources: Sources, settings: DriveSettings) -> Iterator[Callable[[], Told]]:
-    """What there is to do, each a function that does it."""
+def list_jobs(sources: Sources, settings: DriveSettings) -> Iterator[Callable[[], JobOutcome]]:
+    """One function per job: each video, all stills together, each live camera."""
     from lanes.drives.annotation import annotate_drive, annotate_stills
     from lanes.drives.live import annotate_live
 
-    def follow_video(video: Path) -> Told:
+    def run_video(video: Path) -> JobOutcome:
         return annotate_drive(video, settings).describe(), ()
 
-    def find_in_stills() -> Told:
+    def run_stills() -> JobOutcome:
         result = annotate_stills(sources.stills, settings)
         return result.describe(), result.failures
 
-    def follow_camera(index: int) -> Told:
+    def run_camera(index: int) -> JobOutcome:
         if settings.progress:
             print(f"camera {index}: annotating until Ctrl-C", file=sys.stderr)
         return annotate_live(index, settings).describe(), ()
 
     for video in sources.videos:
-        yield partial(follow_video, video)
+        yield partial(run_video, video)
     if sources.stills:
-        yield find_in_stills
+        yield run_stills
     for index in sources.cameras:
-        yield partial(follow_camera, index)
+        yield partial(run_camera, index)

@@ -1,4 +1,4 @@
-"""What commands share: the files and the lens, checked numbers, a line of progress, and what an error means."""
+"""Command-line options shared by several commands: files, lens, and part of the videos."""
 
 from __future__ import annotations
 
@@ -16,47 +16,69 @@ if TYPE_CHECKING:
 
 
 def add_footage(parser: argparse.ArgumentParser, *, files: str) -> None:
-    """The files that a command looks at (`files` is their help), and --size where they differ from the lens's."""
+    """Add the FILE arguments, with `files` as their help text, and --size."""
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help=files)
-    parser.add_argument("--size", type=size, metavar="WxH", help="picture size for --hfov (default: the first file's)")
+    parser.add_argument(
+        "--size", type=size, metavar="WxH", help="picture size for --hfov (default: size of the first file)"
+    )
 
 
 def add_lens(parser: argparse._ActionsContainer) -> None:
-    """The lens that took the pictures: --camera, --boards, --hfov, --dash-period or none; `find_lens` reads them."""
+    """Add the options for the lens: one of --camera, --hfov, --boards, --dash-period, or none; see `find_lens`."""
     lens = parser.add_mutually_exclusive_group()
-    lens.add_argument("--camera", type=Path, metavar="YAML", help="camera file, as `calibrate` or `pose` writes it")
+    lens.add_argument("--camera", type=Path, metavar="YAML", help="camera file written by `calibrate` or `pose`")
     lens.add_argument(
         "--hfov",
         type=bounded_float(10, 150),
         metavar="DEG",
-        help="horizontal field of view, if never calibrated (default: what the stills' EXIF says, else 60 is assumed)",
+        help="horizontal field of view of an uncalibrated lens, degrees (default: from the EXIF entries of the stills, "
+        "else 60)",
     )
-    lens.add_argument("--boards", type=Path, metavar="FOLDER", help="pictures of a chessboard with 9 x 6 inner corners")
+    lens.add_argument(
+        "--boards",
+        type=Path,
+        metavar="FOLDER",
+        help="calibrate the lens from pictures of a chessboard with 9 x 6 inner corners",
+    )
     lens.add_argument(
         "--dash-period",
         type=bounded_float(3, 30),
         metavar="M",
-        help="one dash and one gap of the road's broken lines, metres, which tells the field of view "
+        help="estimate the field of view from broken lines with this length of one dash and one gap, metres "
         "(motorways in the USA 12.19, in Germany and Austria 18)",
     )
 
 
 def add_piece(parser: argparse.ArgumentParser) -> None:
-    """The piece of the videos to work on; `require_piece` checks it."""
+    """Add the options for a part of the videos; `require_piece` checks them."""
     parser.add_argument(
-        "--start", type=bounded_float(0), default=0.0, metavar="S", help="second of the videos to begin at"
+        "--start", type=bounded_float(0), default=0.0, metavar="S", help="start at this second of each video"
     )
-    parser.add_argument("--end", type=bounded_float(0), metavar="S", help="second of the videos to stop at")
+    parser.add_argument("--end", type=bounded_float(0), metavar="S", help="stop at this second of each video")
 
 
 def require_piece(options: argparse.Namespace) -> None:
-    """Refuse a piece that ends before it begins."""
+    """Check the options of `add_piece`.
+
+    Raises
+    ------
+    ValueError
+        If --end is not after --start.
+    """
     if options.end is not None and options.end <= options.start:
         raise ValueError(f"--end {options.end:g} is not after --start {options.start:g}; give a later end.")
 
 
 def find_lens(options: argparse.Namespace) -> Camera:
-    """The camera of the options of `add_lens`; with a camera pose only if it comes from a file that has one."""
+    """The camera according to the options of `add_lens`; it has a pose only if it comes from a file with one.
+
+    Raises
+    ------
+    CameraError
+        If the camera file is not usable, or the field of view cannot be found.
+    FileNotFoundError, PictureError, VideoError
+        If a file cannot be read.
+    """
     from lanes.camera.calibration.boards import calibrate_folder
     from lanes.camera.camera import Camera
     from lanes.camera.camera_file import load_camera
@@ -72,7 +94,13 @@ def find_lens(options: argparse.Namespace) -> Camera:
 
 
 def find_field(options: argparse.Namespace, files: Sequence[Path]) -> FieldOfView:
-    """The field of view of a lens that was never calibrated; what was not given is told on stderr."""
+    """The field of view of an uncalibrated lens; prints it to stderr unless it was given by --hfov.
+
+    Raises
+    ------
+    CameraError
+        If the files show no broken line for --dash-period.
+    """
     from lanes.camera.field_of_view import FieldOfView
     from lanes.drives.own_camera import find_field_of_view
 
@@ -84,8 +112,8 @@ def find_field(options: argparse.Namespace, files: Sequence[Path]) -> FieldOfVie
 
 
 def size(text: str) -> tuple[int, int]:
-    """An argparse type: a picture's width and height, written like 1280x720."""
+    """An argparse type: picture width and height, written like 1280x720."""
     width, _, height = text.lower().partition("x")
     if not (width.isdecimal() and height.isdecimal() and int(width) and int(height)):
-        raise argparse.ArgumentTypeError(f"{text} is no picture size; write it like 1280x720")
+        raise argparse.ArgumentTypeError(f"{text} is not a picture size; write it like 1280x720")
     return int(width), int(height)

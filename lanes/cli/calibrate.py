@@ -1,6 +1,6 @@
-"""Find the lens from pictures of a chessboard, 10 to 20 of them, the board tilted each time in another
-direction and seen in all parts of the picture; write it into a camera file. A table tells what became
-of each picture, a sheet shows the corners found.
+"""Calibrate the lens from 10 to 20 pictures of a chessboard, and write a camera file. Tilt the board in
+another direction for each picture, and cover all parts of the picture. A table lists for each picture
+whether it was used, and its error. The sheet shows the corners found.
 """
 
 from __future__ import annotations
@@ -18,20 +18,26 @@ EXAMPLES = """\
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this command."""
-    parser.add_argument("pictures", nargs="+", type=Path, metavar="PICTURE", help="pictures, or folders of them")
+    parser.add_argument(
+        "pictures", nargs="+", type=Path, metavar="PICTURE", help="picture of a chessboard, or folder of pictures"
+    )
     parser.add_argument(
         "--pattern",
         type=pattern,
         default=(9, 6),
         metavar="CxR",
-        help="inner corners of the board, columns x rows, one less than its squares (default: 9x6)",
+        help="inner corners of the board, columns x rows: one less than its squares (default: 9x6)",
     )
-    parser.add_argument("--sheet", type=Path, metavar="FILE", help="write a picture of all boards with their corners")
-    parser.add_argument("-o", "--output", type=Path, default=Path("camera.yaml"), help="default: %(default)s")
+    parser.add_argument(
+        "--sheet", type=Path, metavar="FILE", help="also write a picture of all boards with their corners"
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, default=Path("camera.yaml"), help="camera file to write (default: %(default)s)"
+    )
 
 
 def run(options: argparse.Namespace) -> int:
-    """Calibrate, print the table and write the camera file."""
+    """Calibrate, print the table, and write the camera file."""
     from lanes.camera.calibration.boards import calibrate_found, find_boards
     from lanes.camera.calibration.coverage import describe_coverage, format_boards, used_boards
     from lanes.camera.calibration.sheet import draw_sheet
@@ -55,11 +61,13 @@ def run(options: argparse.Namespace) -> int:
 
 
 def pattern(text: str) -> tuple[int, int]:
-    """An argparse type: inner corners of a board, written like 9x6."""
+    """An argparse type: inner corners of a chessboard, columns and rows, written like 9x6."""
     try:
         columns, rows = size(text)
     except argparse.ArgumentTypeError:
         columns = rows = 0
     if min(columns, rows) < 3:
-        raise argparse.ArgumentTypeError(f"{text} is no board's pattern; write its inner corners like 9x6, 3x3 or more")
+        raise argparse.ArgumentTypeError(
+            f"{text} is not a chessboard pattern; write its inner corners like 9x6, at least 3x3"
+        )
     return columns, rows

@@ -1,7 +1,7 @@
-"""Write the columns of the own lane's two lines at given rows of the raw pictures, one JSON line a
-picture: raw_file, h_samples, lanes (left, right; -2 where there is none), run_time (ms), state,
-confidence, offset_m (> 0: car left of the middle), curvature_per_m (> 0 bends left).
-Without a camera file, or without a camera pose in it, the camera pose is estimated from the files first.
+"""Write the columns of the two ego lane lines at given rows of the raw pictures, one JSON line per
+picture: raw_file, h_samples, lanes (left, right; -2 for no point), run_time (ms), state, confidence,
+offset_m (> 0: car left of the lane centre), curvature_per_m (> 0: bends left). If no camera file with
+a camera pose is given, the pose is first estimated from the files.
 """
 
 from __future__ import annotations
@@ -22,16 +22,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this command."""
     add_footage(parser, files="stills or videos of one camera")
     add_lens(parser)
-    parser.add_argument("--rows", type=rows, default="420:701:10", metavar="FROM:TO:STEP", help="default: %(default)s")
-    parser.add_argument("--sequence", action="store_true", help="the stills are consecutive frames, in this order")
     parser.add_argument(
-        "--fps", type=bounded_float(1), default=25.0, help="frames a second of --sequence (default: %(default)s)"
+        "--rows",
+        type=rows,
+        default="420:701:10",
+        metavar="FROM:TO:STEP",
+        help="picture rows, TO excluded (default: %(default)s)",
     )
-    parser.add_argument("-o", "--output", type=Path, default=Path("lanes.jsonl"), help="default: %(default)s")
+    parser.add_argument("--sequence", action="store_true", help="the stills are consecutive frames in this order")
+    parser.add_argument(
+        "--fps", type=bounded_float(1), default=25.0, help="frames per second of --sequence (default: %(default)s)"
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, default=Path("lanes.jsonl"), help="file to write (default: %(default)s)"
+    )
 
 
 def run(options: argparse.Namespace) -> int:
-    """Find the lane in every picture and write the detections."""
+    """Detect the lane in every picture, and write the detections."""
     from lanes.camera.pose_from_lanes.pose_from_files import pose_from_drive
     from lanes.drives.detections import count_missing_frames, detect_files, write_detections
 
@@ -58,7 +66,7 @@ def rows(text: str) -> range:
     try:
         wanted = range(*(int(part) for part in text.split(":")))
     except (TypeError, ValueError) as error:
-        raise argparse.ArgumentTypeError(f"{text} is no row range; write it like 420:701:10") from error
+        raise argparse.ArgumentTypeError(f"{text} is not a row range; write it like 420:701:10") from error
     if ":" not in text or not wanted or min(wanted) < 0:
-        raise argparse.ArgumentTypeError(f"{text} holds no rows of a picture; write it like 420:701:10")
+        raise argparse.ArgumentTypeError(f"{text} contains no rows of a picture; write it like 420:701:10")
     return wanted

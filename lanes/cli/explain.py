@@ -1,15 +1,20 @@
-"""Show every step from one picture to its lane, with its numbers, in one figure: the horizon and the
-view from above, paint, stripes, votes, fit, result; and where it failed, why, and what to do.
-Without a camera file, or without a camera pose in it, the camera pose is estimated from the file first.
+"""Plot every step of the lane detection in one picture, with its numbers: horizon, bird's-eye view,
+marking response, stripes, votes, fit and result. If a step failed, the figure and the printed text say
+why, and what to do. If no camera file with a camera pose is given, the pose is first estimated from the
+picture or video.
 """
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from lanes.cli.arguments import add_lens, find_lens
 from lanes.io.console import bounded_float, progress_line
+
+if TYPE_CHECKING:
+    import numpy as np
 
 EXAMPLES = """\
   python -m lanes explain --camera camera.yaml drive.mp4 --at 12.5 -o explained.png
@@ -18,16 +23,18 @@ EXAMPLES = """\
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this command."""
-    parser.add_argument("files", nargs=1, type=Path, metavar="FILE", help="a picture or a video")
+    parser.add_argument("files", nargs=1, type=Path, metavar="FILE", help="picture or video")
     parser.add_argument(
-        "--at", type=bounded_float(0), metavar="SECONDS", help="which frame of a video (default: the first)"
+        "--at", type=bounded_float(0), metavar="SECONDS", help="time of the frame in a video (default: first frame)"
     )
     add_lens(parser)
-    parser.add_argument("-o", "--output", type=Path, default=Path("explained.png"), help="default: %(default)s")
+    parser.add_argument(
+        "-o", "--output", type=Path, default=Path("explained.png"), help="figure to write (default: %(default)s)"
+    )
 
 
 def run(options: argparse.Namespace) -> int:
-    """Explain the picture, print the words and write the figure."""
+    """Explain the picture, print the text, and write the figure."""
     from lanes.camera.camera_pose import CameraPose
     from lanes.camera.pose_from_lanes.lane_width import USUAL_HEIGHT_M
     from lanes.camera.pose_from_lanes.pose_estimate import PoseError
@@ -40,23 +47,23 @@ def run(options: argparse.Namespace) -> int:
     file = options.files[0]
     image = _read_frame(file, options.at)
     camera = find_lens(options)
-    trouble = ""
+    pose_failure = ""
     camera.require_size(image, file)
     try:
         camera, estimate = pose_from_drive(camera, options.files, progress=progress_line("pose"))
         if estimate:
             print(estimate.describe())
     except PoseError as error:
-        camera, trouble = camera.with_pose(CameraPose(USUAL_HEIGHT_M)), str(error)
-    explanation = explain_frame(image, camera, pose_trouble=trouble)
+        camera, pose_failure = camera.with_pose(CameraPose(USUAL_HEIGHT_M)), str(error)
+    explanation = explain_frame(image, camera, pose_failure=pose_failure)
     print(explanation.describe())
     figure, _ = show_explanation(explanation)
     print(f"wrote {save_figure(figure, options.output)}")
     return 0
 
 
-def _read_frame(file: Path, at_s: float | None):
-    """The picture, or the frame of a video that is shown at `at_s`."""
+def _read_frame(file: Path, at_s: float | None) -> np.ndarray:
+    """The picture, or the frame of a video at time `at_s`."""
     from lanes.io.frames import PictureError
     from lanes.io.images import PICTURE_SUFFIXES, read_image
     from lanes.io.video.reader import read_frames
@@ -64,5 +71,5 @@ def _read_frame(file: Path, at_s: float | None):
     if file.suffix.lower() not in PICTURE_SUFFIXES:
         return next(read_frames(file, start_s=at_s or 0.0))
     if at_s is not None:
-        raise PictureError(f"{file}: is a single picture, which has no frame at {at_s:g} s; leave --at out.")
+        raise PictureError(f"{file}: is a single picture, which has no frame at {at_s:g} s; omit --at.")
     return read_image(file)

@@ -1,6 +1,6 @@
-"""Estimate how the camera sits on the car: height, pitch, yaw and roll, from stills or videos of
-one drive, and write them, with the lens, into a camera file. Best are 20 pictures or more of a
-marked road by day; one will do, less surely.
+"""Estimate the camera pose (height, pitch, yaw and roll) from stills or videos of one drive, and write
+it with the lens into a camera file. Use 20 or more pictures of a marked road by day. One picture is
+enough, but gives larger standard deviations.
 """
 
 from __future__ import annotations
@@ -22,19 +22,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this command."""
     add_footage(parser, files="stills or videos of one drive")
     add_lens(parser)
-    parser.add_argument("--lane-width", type=bounded_float(2, 6), metavar="M", help="default: 3.66, a US Interstate's")
     parser.add_argument(
-        "--height", type=bounded_float(0.5, 4.5), metavar="M", help="measured height of the camera above the road"
+        "--lane-width",
+        type=bounded_float(2, 6),
+        metavar="M",
+        help="true width of the lanes, metres (default: 3.66, US Interstates)",
+    )
+    parser.add_argument(
+        "--height",
+        type=bounded_float(0.5, 4.5),
+        metavar="M",
+        help="measured height of the camera above the road, metres",
     )
     add_piece(parser)
     parser.add_argument(
-        "--pictures", type=positive_int, default=40, metavar="N", help="use at most (default: %(default)s)"
+        "--pictures",
+        type=positive_int,
+        default=40,
+        metavar="N",
+        help="largest number of pictures to use (default: %(default)s)",
     )
-    parser.add_argument("-o", "--output", type=Path, default=Path("camera.yaml"), help="default: %(default)s")
+    parser.add_argument(
+        "-o", "--output", type=Path, default=Path("camera.yaml"), help="camera file to write (default: %(default)s)"
+    )
 
 
 def run(options: argparse.Namespace) -> int:
-    """Estimate the camera pose, print it and write it with the lens."""
+    """Estimate the camera pose, print it, and write it with the lens."""
     from lanes.camera.camera_file import save_camera
     from lanes.camera.pose_from_lanes.pose_estimate import LANE_WIDTH_M, PoseError, describe_accuracy, estimate_pose
     from lanes.io.footage import pick_pictures

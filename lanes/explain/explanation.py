@@ -1,8 +1,8 @@
-"""Why a picture gives the lane that it gives, or none: every step from raw pixels to metres, with its numbers.
+"""Explanation of a lane detection: every step from the raw picture to the lane in metres, with its numbers.
 
-    picture -> view from above -> paint -> stripes -> votes -> fit -> lane
+    picture -> bird's-eye view -> marking response -> stripes -> votes -> fit -> lane
 
-Where a step comes to nothing, that is the place where the picture failed, and each has its own remedy.
+If the detection fails, the explanation names the step, the reason and what to do.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ import numpy as np
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError
 from lanes.explain.steps import (
-    POSE_AGAIN,
+    RE_ESTIMATE_POSE,
     Step,
-    judge_birdseye,
-    judge_fit,
-    judge_lane,
-    judge_markings,
-    judge_picture,
-    judge_pose,
-    judge_stripes,
-    judge_votes,
+    check_birdseye,
+    check_fit,
+    check_frame,
+    check_lane,
+    check_markings,
+    check_pose,
+    check_stripes,
+    check_votes,
 )
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.confidence import FEATURES, STILL_WEIGHTS, lane_features
@@ -46,18 +46,18 @@ from lanes.tracking.tracked_lane import TrackedLane
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A lane that was followed to the end.
+    """A lane that was fitted to the stripes.
 
     Attributes
     ----------
     model : ndarray (15,)
         Parameters as in `lanes.tracking.model`.
     support : ndarray (2,)
-        Share of the left and the right line's rows that have paint on them.
+        Share of rows with paint, for the left and the right line.
     score : float
     chosen : bool
     reason : str
-        Why it was chosen, or why not.
+        Description of the lane, and why it was rejected if it was.
     """
 
     model: np.ndarray
@@ -69,24 +69,24 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """A picture and what every step made of it; `lanes.explain.panels.show_explanation` draws it.
+    """A picture and the result of every detection step; `lanes.explain.panels.show_explanation` draws it.
 
     Attributes
     ----------
     image : ndarray of shape (height, width, 3), uint8
-        RGB, as taken.
+        RGB, raw.
     camera : Camera
     view : BirdsEyeView
-    sight : Sight or None
-        Road from above, evidence and stripes; None where the camera sees no road.
+    evidence : FrameEvidence or None
+        Bird's-eye view, marking response and stripes; None if the camera sees no road.
     votes : ndarray (H, BINS) or None
-        Of `lanes.tracking.voting`; None without stripes nearby.
+        Vote table of `lanes.tracking.voting`; None without near stripes.
     fit : LaneFit or None
     candidates : tuple of Candidate
         Best first.
     lane : Lane or None
     steps : tuple of Step
-        In the order in which they were done; the last one may have failed.
+        In order of execution; only the last one may have failed.
     """
 
     image: np.ndarray
@@ -101,12 +101,12 @@ class Explanation:
 
     @property
     def tracked(self) -> TrackedLane:
-        """The result as a frame of its own, with its confidence."""
+        """The lane with its confidence, as for a still."""
         return TrackedLane.from_still(self.lane)
 
     @property
     def failed(self) -> Step | None:
-        """The step at which it failed, or that leaves it unsure; None if all is well."""
+        """The step that failed, or that gives a low confidence; None if no step failed."""
         return next((step for step in self.steps if step.failure), None)
 
     @property
@@ -115,13 +115,13 @@ class Explanation:
         return replace(self.camera, distortion=np.zeros(5))
 
     def line_stds_m(self, x_m: np.ndarray) -> np.ndarray:
-        """Standard deviations (2, N) of the left and right line's lateral place at distances (N,), metres."""
+        """Standard deviations (2, N) of the lateral positions of the left and right line at distances (N,), metres."""
         gradients = np.array([[lateral_gradient(x, side) for x in x_m] for side in SIDES])
         return np.sqrt(((gradients @ self.lane.covariance) * gradients).sum(axis=-1))
 
     def describe(self) -> str:
-        """Lines for people: the steps, the result, what was rejected, and what to do."""
-        lines = [f"{step.name:<10} {step.words}" for step in self.steps]
+        """Text of several lines: steps, result, rejected lanes, failure and advice."""
+        lines = [f"{step.name:<10} {step.summary}" for step in self.steps]
         lines += [f"{name:<10} {words}" for name, words in self.tracked.summary().items()]
         lines += self.confidence_summary()
         lines += [f"rejected   {c.reason}" for c in self.candidates if not c.chosen]
@@ -130,33 +130,33 @@ class Explanation:
         return "\n".join(lines)
 
     def confidence_summary(self) -> list[str]:
-        """What the confidence is made of: each feature, its weight, and what it adds to the log odds."""
+        """Lines of text with the features of the confidence, their weights and their contributions to the log odds."""
         if self.lane is None:
             return []
         parts = list(zip(FEATURES, lane_features(self.lane), STILL_WEIGHTS, strict=True))
         lines = [f"  {name}: {value:.2f} x {weight:.2f} = {value * weight:+.2f}" for name, value, weight in parts]
-        return ["confidence, as log odds:", *lines, f"  in all {sum(v * w for _, v, w in parts):+.2f}"]
+        return ["confidence, as log odds:", *lines, f"  total {sum(v * w for _, v, w in parts):+.2f}"]
 
     def __repr__(self) -> str:
         return f"Explanation({self.tracked}, failed at {self.failed.name if self.failed else 'no step'})"
 
 
-def explain_frame(image: np.ndarray, camera: Camera, *, pose_trouble: str = "") -> Explanation:
-    """Go through all steps of finding the lane in a picture, and keep what each of them made.
+def explain_frame(image: np.ndarray, camera: Camera, *, pose_failure: str = "") -> Explanation:
+    """Detect the lane in a picture and keep the result of every step.
 
     Parameters
     ----------
     image : ndarray of shape (height, width, 3), uint8
-        RGB, as taken.
+        RGB, raw.
     camera : Camera
         With its pose.
-    pose_trouble : str
-        Why that pose is a mere assumption; empty if it is none.
+    pose_failure : str
+        Why the pose of `camera` is only assumed; empty if it is known.
 
     Returns
     -------
     Explanation
-        Its lane is that of `lanes.tracking.detector.find_lane`.
+        Its lane equals that of `lanes.tracking.detector.find_lane`.
 
     Raises
     ------
@@ -169,37 +169,37 @@ def explain_frame(image: np.ndarray, camera: Camera, *, pose_trouble: str = "") 
     camera.require_pose()
     view = BirdsEyeView(camera)
     empty = Explanation(image, camera, view, None, None, None, (), None, ())
-    steps = [judge_picture(image), judge_pose(camera, pose_trouble)]
+    steps = [check_frame(image), check_pose(camera, pose_failure)]
     try:
         evidence = extract_evidence(image, view)
     except CameraError as error:
-        failed = Step("view", "no road in the picture", str(error), POSE_AGAIN)
-        return replace(empty, steps=_until_failure([*steps, failed]))
-    if pose_trouble:
-        # Without the camera pose nothing that follows means anything, but it may show the eye why.
+        failed = Step("birdseye", "no road in the picture", str(error), RE_ESTIMATE_POSE)
+        return replace(empty, steps=_up_to_failure([*steps, failed]))
+    if pose_failure:
+        # Later steps are meaningless without the camera pose. The evidence is kept for the figure.
         return replace(empty, evidence=evidence, steps=tuple(steps))
-    steps += [judge_birdseye(evidence, view), judge_markings(evidence, view), judge_stripes(evidence)]
+    steps += [check_birdseye(evidence, view), check_markings(evidence, view), check_stripes(evidence)]
     near = near_stripes(evidence.stripes)
     if not len(near):
-        return replace(empty, evidence=evidence, steps=_until_failure(steps))
+        return replace(empty, evidence=evidence, steps=_up_to_failure(steps))
     votes, starts = vote_lanes(near, view)
     fit = search_lane(evidence.stripes, view)
     lane = describe_lane(fit, evidence, view)
     candidates = _candidates(fit, evidence, view, found=lane is not None)
-    steps += [judge_votes(starts), judge_fit(candidates[0].score, candidates[0].support)]
+    steps += [check_votes(starts), check_fit(candidates[0].score, candidates[0].support)]
     if lane is not None:
-        # What looked doubtful on the way has turned out to be enough.
-        steps = [replace(step, failure="", advice="") for step in steps] + [judge_lane(lane)]
-    return Explanation(image, camera, view, evidence, votes, fit, candidates, lane, _until_failure(steps))
+        # A lane was found, so an earlier failure was not decisive.
+        steps = [replace(step, failure="", advice="") for step in steps] + [check_lane(lane)]
+    return Explanation(image, camera, view, evidence, votes, fit, candidates, lane, _up_to_failure(steps))
 
 
-def _until_failure(steps: list[Step]) -> tuple[Step, ...]:
+def _up_to_failure(steps: list[Step]) -> tuple[Step, ...]:
     failed = next((n for n, step in enumerate(steps) if step.failure), len(steps))
     return tuple(steps[: failed + 1])
 
 
 def _candidates(fit: LaneFit, evidence: FrameEvidence, view: BirdsEyeView, *, found: bool) -> tuple[Candidate, ...]:
-    """The fitted lanes, best first, each with the reason for its fate; what became the best one is left out."""
+    """The fitted lanes with the reasons for their selection or rejection, best first, near duplicates removed."""
     support = support_of(fit, lines_on_view(fit.lane, view.x_m, view.height_m), evidence.stripes, view)
     score = score_lanes(fit.lane, support)
     order = np.argsort(-score, kind="stable")
@@ -208,34 +208,38 @@ def _candidates(fit: LaneFit, evidence: FrameEvidence, view: BirdsEyeView, *, fo
     for n in order:
         same = np.abs(fit.lane[n] - fit.lane[best])[[CENTRE, WIDTH]].max() <= RIVAL_M
         if n == best or not same:
-            reason = _fate(fit.lane[n], support[n], score[n], best=(support[best], score[best]), chosen=n == best)
+            reason = _describe_candidate(
+                fit.lane[n], support[n], score[n], best=(support[best], score[best]), chosen=n == best
+            )
             kept.append(Candidate(fit.lane[n], support[n], float(score[n]), bool(found and n == best), reason))
     return tuple(kept)
 
 
-def _fate(lane: np.ndarray, support: np.ndarray, score: float, *, best: tuple[np.ndarray, float], chosen: bool) -> str:
-    which = f"{lane[WIDTH]:.1f} m wide, middle {abs(lane[CENTRE]):.1f} m {'left' if lane[CENTRE] > 0 else 'right'}"
+def _describe_candidate(
+    lane: np.ndarray, support: np.ndarray, score: float, *, best: tuple[np.ndarray, float], chosen: bool
+) -> str:
+    which = f"{lane[WIDTH]:.1f} m wide, centre {abs(lane[CENTRE]):.1f} m {'left' if lane[CENTRE] > 0 else 'right'}"
     paint = f"paint {support[0]:.0%} left, {support[1]:.0%} right"
     if chosen:
         return f"{which}: {paint}, score {score:.2f}"
     if is_other_lane(lane[None])[0]:
-        why = "the car is not in it"
+        why = "not the ego lane"
     elif np.sqrt(support).sum() < np.sqrt(best[0]).sum():
         why = "less paint"
     else:
-        why = "a less usual lane"
+        why = "larger prior penalty"
     return f"{which}: {why} ({paint}), score {score:.2f} against {best[1]:.2f}"
 
 
 def stripes_on_lines(explanation: Explanation) -> np.ndarray:
-    """Which line of the found lane each stripe (N,) lies on: +1 left, -1 right, 0 neither.
+    """The line of the lane that each stripe (N,) lies on: +1 left, -1 right, 0 none.
 
-    The far lines of the lanes beside are neither, though they help to tell how the road lies.
+    Stripes on the far lines of adjacent lanes are 0, although they take part in the fit.
     """
     if explanation.fit is None or explanation.lane is None:
         return np.zeros(len(explanation.evidence.stripes) if explanation.evidence else 0)
     fit = explanation.fit
     chosen = next(c for c in explanation.candidates if c.chosen)
     best = int(np.flatnonzero((fit.lane == chosen.model).all(axis=1))[0])
-    own = np.isin(fit.side[best], SIDES) & (fit.weight[best] > LEAST_WEIGHT)
-    return np.where(own, fit.side[best], 0.0)
+    on_lane = np.isin(fit.side[best], SIDES) & (fit.weight[best] > LEAST_WEIGHT)
+    return np.where(on_lane, fit.side[best], 0.0)

@@ -1,6 +1,6 @@
-"""An explanation drawn: a panel for each step.
+"""Figure of an explanation: one panel per step.
 
-All of them work for a picture with nothing in it: what a step did not make is left out.
+Every panel can also be drawn for an explanation that failed at an earlier step.
 """
 
 from __future__ import annotations
@@ -22,33 +22,33 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Distances that are marked on the road, metres, and how far to either side.
-RUNGS_M, RUNG_HALF_M = (5, 10, 20, 40), 4.0
-# MarkingResponse is shown from none to this many times the noise.
-MOST_STRENGTH = 12.0
+# Distances marked on the road, and half the width of the marks, metres.
+DISTANCES_M, MARK_HALF_WIDTH_M = (5, 10, 20, 40), 4.0
+# Upper limit of the colour scale of the marking response, in units of the noise.
+MAX_STRENGTH = 12.0
 MAGENTA: Colour = (255, 60, 255)
 TEXT_COLUMNS, LINE_POINTS = 72, 12
-FAILED = "firebrick"
+FAILED_COLOUR = "firebrick"
 
 
-def panel_raw(axis: Axes, explanation: Explanation) -> None:
-    """The picture as taken."""
-    _show(axis, explanation.image, f"1 Frame: {_words(explanation, 'picture')}")
+def plot_frame(axis: Axes, explanation: Explanation) -> None:
+    """Plot the raw picture."""
+    _show(axis, explanation.image, f"1 Frame: {_step_summary(explanation, 'picture')}")
 
 
-def panel_pose(axis: Axes, explanation: Explanation) -> None:
-    """The undistorted picture with the horizon, the point straight ahead and distances on the road."""
+def plot_pose(axis: Axes, explanation: Explanation) -> None:
+    """Plot the undistorted picture with the horizon, the point straight ahead and distances on the road."""
     camera = explanation.undistorted_camera
     height, width = explanation.image.shape[:2]
     _show(axis, undistort(explanation.image, explanation.camera), f"2 Camera pose: {camera.pose.describe()}")
     ends = _directions_to_pixels(camera, np.array([[1.0, 0.6, 0], [1, 0, 0], [1, -0.6, 0]]))
     axis.plot(*ends.T, color=rgb(MAGENTA), lw=1.2, label="horizon of the camera pose")
     axis.plot(*ends[1], "+", color=rgb(MAGENTA), ms=14, mew=2, label="straight ahead of the car")
-    for x_m in RUNGS_M:
-        rung = camera.road_to_pixels(np.array([[x_m, RUNG_HALF_M], [x_m, -RUNG_HALF_M]]))
-        axis.plot(*rung.T, color=rgb(WINDOW_COLOUR), lw=1)
-        if rung[0, 1] < height:
-            axis.annotate(f"{x_m} m ", rung[0], color=rgb(WINDOW_COLOUR), fontsize=8, ha="right", va="center")
+    for x_m in DISTANCES_M:
+        mark = camera.road_to_pixels(np.array([[x_m, MARK_HALF_WIDTH_M], [x_m, -MARK_HALF_WIDTH_M]]))
+        axis.plot(*mark.T, color=rgb(WINDOW_COLOUR), lw=1)
+        if mark[0, 1] < height:
+            axis.annotate(f"{x_m} m ", mark[0], color=rgb(WINDOW_COLOUR), fontsize=8, ha="right", va="center")
     if explanation.lane is not None:
         lane = explanation.lane
         ahead = np.array([[np.cos(lane.heading_rad), np.sin(lane.heading_rad), lane.pitch_rad]])
@@ -58,34 +58,34 @@ def panel_pose(axis: Axes, explanation: Explanation) -> None:
             color=rgb(LANE_COLOUR),
             ms=9,
             mew=2,
-            label="where the lane goes",
+            label="direction of the lane",
         )
     axis.set(xlim=(0, width), ylim=(height, 0))
     axis.legend(loc="lower right", fontsize=7)
 
 
-def panel_birdseye(axis: Axes, explanation: Explanation) -> None:
-    """The road from above."""
-    title = f"3 From above: {_words(explanation, 'view')}"
+def plot_birdseye(axis: Axes, explanation: Explanation) -> None:
+    """Plot the bird's-eye view."""
+    title = f"3 Bird's-eye view: {_step_summary(explanation, 'birdseye')}"
     if explanation.evidence is None:
-        _say(axis, title, "the camera pose shows no road in this picture")
+        _show_message(axis, title, "the camera pose shows no road in this picture")
         return
     _show_view(axis, explanation, explanation.view.blacken(explanation.evidence.view_image), title)
 
 
-def panel_markings(axis: Axes, explanation: Explanation) -> None:
-    """How much each cell looks like paint."""
-    title = f"4 Paint: {_words(explanation, 'paint')}"
+def plot_markings(axis: Axes, explanation: Explanation) -> None:
+    """Plot the marking response."""
+    title = f"4 Marking response: {_step_summary(explanation, 'markings')}"
     if explanation.evidence is None:
-        _say(axis, title, "not reached")
+        _show_message(axis, title, "not reached")
         return
     strength = explanation.evidence.response.strength
-    _show_view(axis, explanation, strength, title, cmap="magma", vmin=0, vmax=MOST_STRENGTH)
+    _show_view(axis, explanation, strength, title, cmap="magma", vmin=0, vmax=MAX_STRENGTH)
 
 
-def panel_stripes(axis: Axes, explanation: Explanation) -> None:
-    """The stripe candidates, on the road in metres; those of the chosen lane in the colours of its lines."""
-    _axes_of_road(axis, explanation, f"5 Stripes: {_words(explanation, 'stripes')}")
+def plot_stripes(axis: Axes, explanation: Explanation) -> None:
+    """Plot the stripe candidates on the road in metres, those of the lane in the colours of its lines."""
+    _axes_of_road(axis, explanation, f"5 Stripes: {_step_summary(explanation, 'stripes')}")
     if explanation.evidence is None:
         return
     stripes, side = explanation.evidence.stripes, stripes_on_lines(explanation)
@@ -103,15 +103,15 @@ def panel_stripes(axis: Axes, explanation: Explanation) -> None:
             axis.legend(loc="upper right", fontsize=7)
 
 
-def panel_votes(axis: Axes, explanation: Explanation) -> None:
-    """The vote table: for each curvature and lateral place the votes of the best heading and pitch."""
-    title = f"6 Votes: {_words(explanation, 'votes')}"
+def plot_votes(axis: Axes, explanation: Explanation) -> None:
+    """Plot the vote table: for each curvature and lateral position the votes of the best heading and pitch."""
+    title = f"6 Votes: {_step_summary(explanation, 'votes')}"
     if explanation.votes is None:
-        _say(axis, title, "not reached")
+        _show_message(axis, title, "not reached")
         return
     curvature = hypotheses()[:, 1]
     bends = np.unique(curvature)
-    # Square roots, as they count in the search: a dashed line still shows beside a solid one.
+    # The search uses square roots of votes. They keep a dashed line visible next to a solid one.
     table = np.sqrt([explanation.votes[curvature == bend].max(axis=0) for bend in bends])
     half_m = BINS / 2 * BIN_M
     axis.imshow(table[:, ::-1], extent=(half_m, -half_m, len(bends) - 0.5, -0.5), aspect="auto", cmap="magma")
@@ -121,7 +121,7 @@ def panel_votes(axis: Axes, explanation: Explanation) -> None:
     axis.set_title(title)
     for candidate in explanation.candidates:
         row = np.interp(candidate.model[3], bends, np.arange(len(bends)))
-        places = candidate.model[CENTRE] + SIDES * candidate.model[WIDTH] / 2
+        lines_y_m = candidate.model[CENTRE] + SIDES * candidate.model[WIDTH] / 2
         look = {
             "color": rgb(LANE_COLOUR if candidate.chosen else WINDOW_COLOUR),
             "marker": "o",
@@ -129,12 +129,12 @@ def panel_votes(axis: Axes, explanation: Explanation) -> None:
             "ms": 9,
             "ls": "none",
         }
-        axis.plot(places, [row, row], **look)
+        axis.plot(lines_y_m, [row, row], **look)
 
 
-def panel_fit(axis: Axes, explanation: Explanation) -> None:
-    """The fitted lanes on the road in metres: the chosen one with its doubt, the rejected ones dashed."""
-    _axes_of_road(axis, explanation, f"7 Fit: {_words(explanation, 'fit')}")
+def plot_fit(axis: Axes, explanation: Explanation) -> None:
+    """Plot the fitted lanes on the road in metres: the chosen one with its uncertainty, the rejected ones dashed."""
+    _axes_of_road(axis, explanation, f"7 Fit: {_step_summary(explanation, 'fit')}")
     if explanation.evidence is not None:
         stripes = explanation.evidence.stripes
         axis.scatter(stripes.y_m, stripes.x_m, s=3, color="0.75", lw=0)
@@ -155,22 +155,22 @@ def panel_fit(axis: Axes, explanation: Explanation) -> None:
     axis.legend(loc="upper right", fontsize=7, title="bands: two standard deviations", title_fontsize=7)
 
 
-def panel_result(axis: Axes, explanation: Explanation) -> None:
-    """The overlay."""
+def plot_result(axis: Axes, explanation: Explanation) -> None:
+    """Plot the picture with the lane overlay."""
     tracked = explanation.tracked
     title = f"8 Result: {tracked.state}" + (f", confidence {tracked.confidence:.0%}" if tracked.lane else "")
     _show(axis, draw_found(explanation.image, explanation.lane, explanation.camera), title)
 
 
-def panel_text(axis: Axes, explanation: Explanation) -> None:
-    """The result in words: numbers, the confidence's ingredients, what was rejected, what to do."""
+def plot_text(axis: Axes, explanation: Explanation) -> None:
+    """Plot the text: failure and advice, numbers of the lane, terms of the confidence, rejected lanes."""
     results = [f"{name}: {words}" for name, words in explanation.tracked.summary().items()]
     results += explanation.confidence_summary()
     results += [f"rejected: {c.reason}" for c in explanation.candidates if not c.chosen]
     failed = explanation.failed
     verdict = [f"Step “{failed.name}”: {failed.failure}", f"What to do: {failed.advice}"] if failed else []
     below = 0
-    for lines, colour in ((verdict, FAILED), (results, "0.1")):
+    for lines, colour in ((verdict, FAILED_COLOUR), (results, "0.1")):
         for line in lines:
             for part in textwrap.wrap(line, TEXT_COLUMNS, subsequent_indent="    "):
                 place = {"xy": (0, 1), "xycoords": "axes fraction", "textcoords": "offset points"}
@@ -181,40 +181,44 @@ def panel_text(axis: Axes, explanation: Explanation) -> None:
     axis.set_title("9 In words")
 
 
-# The panel that shows a step.
-PANEL_OF = {"picture": 0, "pose": 1, "view": 2, "paint": 3, "stripes": 4, "votes": 5, "fit": 6, "lane": 7}
-PANELS = (
-    panel_raw,
-    panel_pose,
-    panel_birdseye,
-    panel_markings,
-    panel_stripes,
-    panel_votes,
-    panel_fit,
-    panel_result,
-    panel_text,
-)
+# The panels in order, by the name of their step.
+PANELS = {
+    "picture": plot_frame,
+    "pose": plot_pose,
+    "birdseye": plot_birdseye,
+    "markings": plot_markings,
+    "stripes": plot_stripes,
+    "votes": plot_votes,
+    "fit": plot_fit,
+    "lane": plot_result,
+    "text": plot_text,
+}
 
 
 def show_explanation(explanation: Explanation) -> tuple[Figure, np.ndarray]:
-    """Show every step from a picture to its lane, with the numbers: what `explain_frame` found.
+    """Plot every step of an explanation with its numbers; the title of a failed step is red.
+
+    Parameters
+    ----------
+    explanation : Explanation
+        As returned by `explain_frame`.
 
     Returns
     -------
     figure, axes : Figure, ndarray of Axes of shape (9,)
-        Frame, pose, view from above, paint, stripes, votes, fit, overlay, and the words.
+        Frame, camera pose, bird's-eye view, marking response, stripes, votes, fit, overlay and text.
     """
     figure, axes = new_figure(3, 3, (18, 11.5), height_ratios=(1, 1, 1.2))
-    for axis, draw in zip(axes, PANELS, strict=True):
-        draw(axis, explanation)
+    for axis, (name, plot) in zip(axes, PANELS.items(), strict=True):
+        plot(axis, explanation)
         axis.title.set_fontsize(10)
-    if explanation.failed:
-        axes[PANEL_OF[explanation.failed.name]].title.set_color(FAILED)
+        if explanation.failed and explanation.failed.name == name:
+            axis.title.set_color(FAILED_COLOUR)
     return figure, axes
 
 
-def _words(explanation: Explanation, name: str) -> str:
-    return next((step.words for step in explanation.steps if step.name == name), "not reached")
+def _step_summary(explanation: Explanation, name: str) -> str:
+    return next((step.summary for step in explanation.steps if step.name == name), "not reached")
 
 
 def _show(axis: Axes, image: np.ndarray, title: str) -> None:
@@ -223,18 +227,18 @@ def _show(axis: Axes, image: np.ndarray, title: str) -> None:
     axis.set_axis_off()
 
 
-def _say(axis: Axes, title: str, words: str) -> None:
+def _show_message(axis: Axes, title: str, words: str) -> None:
     axis.text(0.5, 0.5, words, ha="center", va="center", transform=axis.transAxes)
     axis.set_title(title)
     axis.set_axis_off()
 
 
 def _show_view(axis: Axes, explanation: Explanation, values: np.ndarray, title: str, **look: object) -> None:
-    """A view as it is: one row for each of its distances, which grow by a fixed share."""
+    """Show values of the bird's-eye view on its own grid, whose row distances grow geometrically."""
     view = explanation.view
     axis.imshow(values, extent=(view.y_m[0], view.y_m[-1], len(view.x_m) - 0.5, -0.5), aspect="auto", **look)
-    rows = np.interp(RUNGS_M, view.x_m[::-1], np.arange(len(view.x_m))[::-1])
-    axis.set_yticks(rows, [f"{x_m} m" for x_m in RUNGS_M])
+    rows = np.interp(DISTANCES_M, view.x_m[::-1], np.arange(len(view.x_m))[::-1])
+    axis.set_yticks(rows, [f"{x_m} m" for x_m in DISTANCES_M])
     axis.set_xlabel("left (m)")
     axis.set_title(title)
 
@@ -247,7 +251,7 @@ def _axes_of_road(axis: Axes, explanation: Explanation, title: str) -> None:
 
 
 def _directions_to_pixels(camera: Camera, directions: np.ndarray) -> np.ndarray:
-    """Pixels (N, 2) of points infinitely far away in these directions (N, 3) of the road frame; no distortion."""
+    """Undistorted pixels (N, 2) of points at infinity in directions (N, 3) of the road frame."""
     x, y, z = (directions @ camera.pose.rotation().T).T
     return np.column_stack([x / z, y / z, np.ones_like(z)]) @ camera.matrix[:2].T
 

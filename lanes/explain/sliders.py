@@ -1,6 +1,6 @@
-"""Sliders for the notebook: a picture beside what becomes of it, made anew whenever a slider moves.
+"""Sliders for the notebook: a picture next to its processed version, which follows the sliders.
 
-Needs ipywidgets, which comes with Jupyter; without it a sentence says how to get it, and nothing else is missing.
+Needs ipywidgets, which comes with Jupyter. Without it a message says how to install it.
 """
 
 from __future__ import annotations
@@ -19,29 +19,29 @@ from lanes.tracking.birdseye import BirdsEyeView
 if TYPE_CHECKING:
     from ipywidgets import VBox
 
-# Each of the two pictures is shown this wide.
+# Displayed width of each of the two pictures.
 SHOWN_PX = 560
-HOW_TO_GET_IT = "The sliders need ipywidgets: run `pip install ipywidgets` and start the notebook again."
+INSTALL_HINT = "The sliders need ipywidgets: run `pip install ipywidgets` and start the notebook again."
 
 
 def tune_threshold(
     image: np.ndarray, make: Callable[..., np.ndarray], **sliders: tuple[float, float, float | tuple[float, float]]
 ) -> VBox | None:
-    """Show a picture beside what a function makes of it, with sliders for the function's settings.
+    """Show a picture next to the result of a function, with sliders for the parameters of the function.
 
     Parameters
     ----------
     image : ndarray of shape (height, width, 3), uint8
         RGB.
     make : callable
-        Called as make(image, name=value, ...); returns a mask or a picture, for instance `saturation_mask`.
-    **sliders : (least, most, start)
-        For each setting; where `start` is a pair (low, high), so is the setting.
+        Called as make(image, name=value, ...); returns a mask or a picture. An example is `saturation_mask`.
+    **sliders : (minimum, maximum, start)
+        One entry per parameter. If `start` is a pair (low, high), the parameter is a pair too.
 
     Returns
     -------
     VBox or None
-        To be shown as the last line of a cell; None without ipywidgets, after a sentence that says how to get it.
+        Displayed by Jupyter as the last value of a cell. None without ipywidgets.
 
     Examples
     --------
@@ -50,7 +50,7 @@ def tune_threshold(
     try:
         import ipywidgets
     except ImportError:
-        print(HOW_TO_GET_IT)
+        print(INSTALL_HINT)
         return None
     controls = {name: _slider(ipywidgets, name, *limits) for name, limits in sliders.items()}
     shown = ipywidgets.Image(format="png")
@@ -66,31 +66,46 @@ def tune_threshold(
 
 
 def tune_view(image: np.ndarray, camera: Camera) -> VBox | None:
-    """Show a picture beside the road from above, with sliders for the distance it shows and the camera's pitch.
+    """Show a picture next to its bird's-eye view, with sliders for the extent of the view and the camera's pitch.
 
-    `camera` needs its pose. See `tune_threshold` for what is returned.
+    Parameters
+    ----------
+    image : ndarray of shape (height, width, 3), uint8
+        RGB, raw.
+    camera : Camera
+        With its pose.
+
+    Returns
+    -------
+    VBox or None
+        As `tune_threshold`.
+
+    Raises
+    ------
+    CameraError
+        If the camera has no pose.
     """
     pose = camera.require_pose()
 
-    def view_from_above(image: np.ndarray, far_m: float, half_width_m: float, pitch_deg: float) -> np.ndarray:
+    def warp_to_birdseye(image: np.ndarray, far_m: float, half_width_m: float, pitch_deg: float) -> np.ndarray:
         tilted = camera.with_pose(replace(pose, pitch_rad=np.radians(pitch_deg)))
         view = BirdsEyeView(tilted, far_m=far_m, half_width_m=half_width_m)
         return view.blacken(view.warp(image))
 
     pitch_deg = float(np.degrees(pose.pitch_rad))
     limits = {"far_m": (20.0, 120.0, 70.0), "half_width_m": (3.0, 15.0, 9.0)}
-    return tune_threshold(image, view_from_above, **limits, pitch_deg=(pitch_deg - 4, pitch_deg + 4, pitch_deg))
+    return tune_threshold(image, warp_to_birdseye, **limits, pitch_deg=(pitch_deg - 4, pitch_deg + 4, pitch_deg))
 
 
-def _slider(ipywidgets, name: str, least: float, most: float, start: float | tuple[float, float]):
-    """A slider for a number or, where it starts with a pair, for a range; whole numbers stay whole."""
+def _slider(ipywidgets, name: str, minimum: float, maximum: float, start: float | tuple[float, float]):
+    """A slider for a number, or for a range if `start` is a pair; integer limits give an integer slider."""
     pair = isinstance(start, tuple)
-    whole = all(isinstance(value, int) for value in (least, most, *(start if pair else (start,))))
+    whole = all(isinstance(value, int) for value in (minimum, maximum, *(start if pair else (start,))))
     kind = f"{'Int' if whole else 'Float'}{'Range' if pair else ''}Slider"
-    options = {} if whole else {"step": (most - least) / 100}
-    # A picture for each step of the mouse would lag behind it.
+    options = {} if whole else {"step": (maximum - minimum) / 100}
+    # Without continuous updates: drawing a picture for every mouse movement is too slow.
     return getattr(ipywidgets, kind)(
-        value=start, min=least, max=most, description=name, continuous_update=False, **options
+        value=start, min=minimum, max=maximum, description=name, continuous_update=False, **options
     )
 
 

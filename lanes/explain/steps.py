@@ -1,4 +1,4 @@
-"""The steps of finding a lane, judged: what each made of a picture, where it failed, why, and what to do."""
+"""Checks of the steps of lane detection in one picture: summary, failure and advice for each step."""
 
 from __future__ import annotations
 
@@ -19,160 +19,175 @@ from lanes.tracking.model import CURVATURE, PITCH, PRIOR_STD, WIDTH
 from lanes.tracking.tracked_lane import TrackedLane
 from lanes.tracking.tracker import LEAST_SCORE
 
-# A road this dark or this bright (grey levels of 255) shows next to nothing of its paint; and one whose grey levels
-# spread less than this has none, or something lies before the lens.
-DARK, GLARING, FLAT = 20, 240, 8
-# Below this probability a lane is rather wrong than right, and said to be unsure.
-UNSURE = 0.5
-# A frame's own pitch beyond three standard deviations of what cars do is no bump.
-ODD_PITCH_RAD = 3 * PRIOR_STD[PITCH]
+# Median grey levels (of 255) below and above which hardly any paint is visible, and the least range of grey levels of
+# a road with visible paint.
+DARK, BRIGHT, FLAT = 20, 240, 8
+# A lane with a lower confidence is more likely wrong than right.
+MIN_CONFIDENCE = 0.5
+# Pitch motion beyond three prior standard deviations is not caused by a bump.
+MAX_PITCH_RAD = 3 * PRIOR_STD[PITCH]
 
-POSE_AGAIN = "Estimate the camera pose again from pictures of this very drive (python -m lanes pose)."
+RE_ESTIMATE_POSE = "Estimate the camera pose again from pictures of this drive (python -m lanes pose)."
 
 
 @dataclass(frozen=True)
 class Step:
-    """One step: its name, its numbers in words; where it failed, why, and what to do."""
+    """One step of the detection: name, numbers as text, and reason and advice if it failed."""
 
     name: str
-    words: str
+    summary: str
     failure: str = ""
     advice: str = ""
 
 
-def judge_picture(image: np.ndarray) -> Step:
-    """Size and brightness."""
+def check_frame(image: np.ndarray) -> Step:
+    """State the size and the brightness of the picture."""
     return Step("picture", f"{image.shape[1]}x{image.shape[0]} px, mean brightness {image.mean():.0f} of 255")
 
 
-def judge_pose(camera: Camera, trouble: str) -> Step:
-    """Where the camera is thought to sit, and why that is a mere assumption, if it is one."""
-    if trouble:
-        return Step("pose", f"assumed, {camera.pose.describe()}", trouble, POSE_AGAIN)
+def check_pose(camera: Camera, pose_failure: str) -> Step:
+    """State the camera pose; `pose_failure` says why it is only assumed, and is empty otherwise."""
+    if pose_failure:
+        return Step("pose", f"assumed, {camera.pose.describe()}", pose_failure, RE_ESTIMATE_POSE)
     return Step("pose", camera.pose.describe())
 
 
-def judge_birdseye(evidence: FrameEvidence, view: BirdsEyeView) -> Step:
-    """How much road is seen, and how well it is lit."""
+def check_birdseye(evidence: FrameEvidence, view: BirdsEyeView) -> Step:
+    """Check that the road in the bird's-eye view is neither too dark nor too bright, and has contrast."""
     levels = lightness(evidence.view_image)[view.seen]
-    low, middle, high = np.percentile(levels, [0.1, 50, 99.9])
-    words = f"picture covers {view.seen.mean():.0%} of {view.near_m:g} to {view.far_m:g} m, brightness {middle:.0f}"
-    if middle < DARK:
+    low, median, high = np.percentile(levels, [0.1, 50, 99.9])
+    summary = f"picture covers {view.seen.mean():.0%} of {view.near_m:g} to {view.far_m:g} m, brightness {median:.0f}"
+    if median < DARK:
         return Step(
-            "view",
-            words,
-            f"the road is almost black (median {middle:.0f} of 255).",
-            "Let the camera expose for the road, switch on the headlights, or skip this stretch.",
+            "birdseye",
+            summary,
+            f"the road is almost black (median {median:.0f} of 255).",
+            "Set the exposure for the road, switch on the headlights, or skip this part of the drive.",
         )
-    if middle > GLARING:
+    if median > BRIGHT:
         return Step(
-            "view",
-            words,
-            f"the road is glaring white (median {middle:.0f} of 255).",
-            "Let the camera expose for the road, or wipe the windscreen; low sun cannot be helped.",
+            "birdseye",
+            summary,
+            f"the road is glaring white (median {median:.0f} of 255).",
+            "Set the exposure for the road, or clean the windscreen. There is no remedy for low sun.",
         )
     if high - low < FLAT:
         return Step(
-            "view",
-            words,
+            "birdseye",
+            summary,
             f"the road has no contrast (grey levels {low:.0f} to {high:.0f}).",
-            "See whether fog, dirt or blur lies before the lens, and whether the camera looks at the road at all.",
+            "Check for fog, dirt or blur, and whether the camera looks at the road.",
         )
-    return Step("view", words)
+    return Step("birdseye", summary)
 
 
-def judge_markings(evidence: FrameEvidence, view: BirdsEyeView) -> Step:
-    """Whether anything looks painted."""
+def check_markings(evidence: FrameEvidence, view: BirdsEyeView) -> Step:
+    """Check that the marking response exceeds the noise anywhere."""
     strength = evidence.response.strength[view.seen]
     best = float(strength.max(initial=0))
-    words = (
+    summary = (
         f"strongest {best:.0f} x noise, {(strength > LEAST_STRENGTH).mean():.1%} of the road above {LEAST_STRENGTH:g}"
     )
     if best > LEAST_STRENGTH:
-        return Step("paint", words)
+        return Step("markings", summary)
     return Step(
-        "paint",
-        words,
-        "nothing is brighter or yellower than the road on both its sides and as wide as painted lines are.",
-        "Look whether the road has lines at all, and whether they are in the view from above; if not: " + POSE_AGAIN,
+        "markings",
+        summary,
+        "nothing is brighter or yellower than the road on both sides of it and as wide as a painted line.",
+        "Check whether the road has lines, and whether the bird's-eye view shows them. If it does not: "
+        + RE_ESTIMATE_POSE,
     )
 
 
-def judge_stripes(evidence: FrameEvidence) -> Step:
-    """Whether there are stripes where the search begins."""
+def check_stripes(evidence: FrameEvidence) -> Step:
+    """Check that there are stripes at the near end of the road, where the search starts."""
     count, near = len(evidence.stripes), len(near_stripes(evidence.stripes))
-    words = f"{count} candidates, {near} of them within {START[-1][0]} m"
+    summary = f"{count} candidates, {near} of them within {START[-1][0]} m"
     if near:
-        return Step("stripes", words)
+        return Step("stripes", summary)
     return Step(
         "stripes",
-        words,
-        f"no stripe is nearer than {START[-1][0]} m, where the search begins.",
-        "See whether the bonnet or a car hides the road, or the lines end here; else: " + POSE_AGAIN,
+        summary,
+        f"no stripe is nearer than {START[-1][0]} m, where the search starts.",
+        "Check whether the bonnet or a car hides the road, or the lines end here. If not: " + RE_ESTIMATE_POSE,
     )
 
 
-def judge_votes(starts: np.ndarray) -> Step:
-    """What the stripes suggest, lanes (K, 15)."""
+def check_votes(starts: np.ndarray) -> Step:
+    """Describe the best of the lanes (K, 15) with the most votes."""
     best = starts[0]
     return Step(
         "votes",
-        f"{len(starts)} lanes suggested, best: {best[WIDTH]:.1f} m wide, {describe_bend(float(best[CURVATURE]))}",
+        f"{len(starts)} lanes proposed, best: {best[WIDTH]:.1f} m wide, {describe_bend(float(best[CURVATURE]))}",
     )
 
 
-def judge_fit(score: float, support: np.ndarray) -> Step:
-    """The best lane after the fit, with the supports (2,) of its lines."""
-    words = f"score {score:.2f}, paint on {support[0]:.0%} left, {support[1]:.0%} right"
+def check_fit(score: float, support: np.ndarray) -> Step:
+    """Check the support (2,) of the two lines of the best lane after the fit."""
+    summary = f"score {score:.2f}, paint on {support[0]:.0%} left, {support[1]:.0%} right"
     if support.max() >= LEAST_SUPPORT:
-        return Step("fit", words)
+        return Step("fit", summary)
     return Step(
         "fit",
-        words,
+        summary,
         f"neither line of the best lane has paint on {LEAST_SUPPORT:.0%} of its rows: the stripes do not line up.",
-        "See in the view from above whether the road has lines here, and whether they run side by side. If they do, "
-        "the car is crossing a line or in a hairpin, and a video bridges it; if they spread or close, the pose is "
-        "wrong. " + POSE_AGAIN,
+        "Check in the bird's-eye view whether the road has lines here, and whether they are parallel. If they are, the "
+        "car is crossing a line or in a hairpin, and in a video the tracker bridges it. If they diverge or converge, "
+        "the camera pose is wrong. " + RE_ESTIMATE_POSE,
     )
 
 
-def judge_lane(lane: Lane) -> Step:
-    """The lane, and whether to believe it."""
+def check_lane(lane: Lane) -> Step:
+    """Check the confidence and the pitch motion of the lane found."""
     confidence = TrackedLane.from_still(lane).confidence
-    words = f"confidence {confidence:.0%}, margin over the next lane {lane.margin:.2f}"
-    if confidence >= UNSURE and abs(lane.pitch_rad) < ODD_PITCH_RAD:
-        return Step("lane", words)
-    if abs(lane.pitch_rad) >= ODD_PITCH_RAD:
-        way = "down" if lane.pitch_rad > 0 else "up"
-        why = f"the camera seems to look {np.degrees(abs(lane.pitch_rad)):.1f} deg farther {way} than its pose says."
-        return Step("lane", words, why, POSE_AGAIN + " On a crest or a bump it passes by itself.")
+    summary = f"confidence {confidence:.0%}, margin over the next lane {lane.margin:.2f}"
+    if abs(lane.pitch_rad) >= MAX_PITCH_RAD:
+        return Step("lane", summary, *_explain_pitch(lane))
+    if confidence < MIN_CONFIDENCE:
+        return Step("lane", summary, *_explain_low_confidence(lane))
+    return Step("lane", summary)
+
+
+def _explain_pitch(lane: Lane) -> tuple[str, str]:
+    """Failure and advice for a lane whose pitch motion is implausibly large."""
+    direction = "down" if lane.pitch_rad > 0 else "up"
+    degrees = np.degrees(abs(lane.pitch_rad))
+    return (
+        f"the camera seems to look {degrees:.1f} deg farther {direction} than its pose says.",
+        RE_ESTIMATE_POSE + " On a crest or a bump no action is needed.",
+    )
+
+
+def _explain_low_confidence(lane: Lane) -> tuple[str, str]:
+    """Failure and advice for the most likely cause of a low confidence."""
     unseen = [name for name, line in (("left", lane.left), ("right", lane.right)) if not line.seen]
     if lane.score < LEAST_SCORE:
-        why = f"hardly any paint supports it (score {lane.score:.2f}; a video starts from {LEAST_SCORE} on)."
-        advice = "See in the paint and the stripes whether the road has lines at all here."
-    elif unseen:
-        why = f"the {unseen[0]} line is not seen; its place follows from the other one and the usual width."
-        advice = (
-            "Nothing is wrong if the road has no such line: a video carries the width over from where it was seen. If "
-            "it has one, and the lines do not run side by side in the view from above, the camera pose is wrong. "
-            + POSE_AGAIN
+        return (
+            f"hardly any paint supports the lane (score {lane.score:.2f}; a video needs at least {LEAST_SCORE}).",
+            "Check in the panels with the marking response and the stripes whether the road has lines here.",
         )
-    elif _width_is_to_blame(lane):
-        why = (
-            f"a lane {lane.width_m:.1f} m wide is odd (usual: {USUAL_WIDTH_M} m): the road is no usual one, or one of "
-            "the lines is a kerb, a crack or another lane's."
+    if unseen:
+        return (
+            f"the {unseen[0]} line is not seen; its position follows from the other line and the usual lane width.",
+            "If the road has no such line, no action is needed: in a video the tracker keeps the lane width from "
+            "earlier frames. If it has one, and the lines are not parallel in the bird's-eye view, the camera pose is "
+            "wrong. " + RE_ESTIMATE_POSE,
         )
-        advice = "See in the fit which of the two lines lies on paint; if all lanes come out like this: " + POSE_AGAIN
-    else:
-        why = (
-            f"the worse line is known to no more than {lateral_std_m(lane, 20.0):.1f} m at 20 m ahead: the paint found "
-            f"ends after {lane.left.reach_m:.0f} m (left) and {lane.right.reach_m:.0f} m (right)."
+    if _is_width_the_cause(lane):
+        return (
+            f"the lane width of {lane.width_m:.1f} m is implausible (usual: {USUAL_WIDTH_M} m): one of the lines may "
+            "be a kerb, a crack or a line of another lane, or the road is unusual.",
+            "Check in the panel with the fit which line lies on paint. If all lanes are like this: " + RE_ESTIMATE_POSE,
         )
-        advice = "Use the video instead of a still: the tracker adds up what many frames show."
-    return Step("lane", words, why, advice)
+    return (
+        f"the worse line has a standard deviation of {lateral_std_m(lane, 20.0):.1f} m at 20 m ahead: the paint found "
+        f"ends after {lane.left.reach_m:.0f} m (left) and {lane.right.reach_m:.0f} m (right).",
+        "Use the video instead of a still: the tracker combines many frames.",
+    )
 
 
-def _width_is_to_blame(lane: Lane) -> bool:
-    """Whether the lane would be believed if it were as wide as others."""
-    parts = lane_features(lane) * STILL_WEIGHTS
-    return bool(parts.sum() - parts[FEATURES.index("odd width")] >= np.log(UNSURE / (1 - UNSURE)))
+def _is_width_the_cause(lane: Lane) -> bool:
+    """Whether the confidence would be high enough for a lane of the usual width."""
+    log_odds = lane_features(lane) * STILL_WEIGHTS
+    without_width = log_odds.sum() - log_odds[FEATURES.index("odd width")]
+    return bool(without_width >= np.log(MIN_CONFIDENCE / (1 - MIN_CONFIDENCE)))

@@ -105,8 +105,8 @@ def test_other_sizes_of_the_same_shape_are_rescaled(folder):
     [
         (["missing.png", "--camera", "camera.yaml"], 2, "missing.png"),
         (["frame0.png", "--camera", "nowhere.yaml"], 2, "nowhere.yaml"),
-        (["frame0.png", "--camera", "camera.yaml", "--rows", "700"], 2, "700 holds no rows"),
-        (["frame0.png", "--camera", "camera.yaml", "--rows", "a:b"], 2, "a:b is no row range"),
+        (["frame0.png", "--camera", "camera.yaml", "--rows", "700"], 2, "700 contains no rows"),
+        (["frame0.png", "--camera", "camera.yaml", "--rows", "a:b"], 2, "a:b is not a row range"),
         (["black.png", "--camera", "lens.yaml"], 1, "parallel lane lines"),
         (["black.png", "--hfov", "5"], 2, "give a number, 10 to 150"),
     ],

@@ -1,4 +1,4 @@
-"""Every step of a picture explained: the same lane as everywhere, and for each way to fail its step and remedy."""
+"""Explanations of pictures: the lane equals that of `find_lane`, and each failure has its step, reason and advice."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.support.painter import YELLOW, Road, dashcam
 
 CAMERA = dashcam(width=1280)
 BEND, OFFSET_M = 1 / 350, -0.4
-STEPS = ["picture", "pose", "view", "paint", "stripes", "votes", "fit", "lane"]
+STEPS = ["picture", "pose", "birdseye", "markings", "stripes", "votes", "fit", "lane"]
 
 
 @pytest.fixture(autouse=True)
@@ -29,7 +29,7 @@ def closed_figures():
 
 
 def lane_road(camera: Camera = CAMERA, width_m: float = 3.6) -> Road:
-    """A yellow solid and a white broken line; the car is 0.4 m right of the middle, the road bends left."""
+    """A yellow solid and a white broken line; the car is 0.4 m right of the centre, the road bends left."""
     road = Road(camera)
     road.line(lambda x: width_m / 2 - OFFSET_M + BEND * x**2 / 2, colour=YELLOW)
     return road.line(lambda x: -width_m / 2 - OFFSET_M + BEND * x**2 / 2, dash_m=(3.0, 9.0))
@@ -46,7 +46,7 @@ def grey(level: float, noise: float = 2.0) -> np.ndarray:
 
 
 class TestGoodPicture:
-    def test_it_is_the_lane_that_is_found_everywhere(self, good):
+    def test_lane_equals_that_of_find_lane(self, good):
         lane = find_lane(good.image, BirdsEyeView(CAMERA))
         assert good.lane.offset_m == lane.offset_m == pytest.approx(OFFSET_M, abs=0.03)
         assert [step.name for step in good.steps] == STEPS
@@ -64,21 +64,21 @@ class TestGoodPicture:
             assert (side == s).sum() > 20
             assert np.abs(stripes.y_m - true)[(side == s) & (stripes.x_m < 30)].max() < 0.25
 
-    def test_ingredients_add_up_to_the_confidence(self, good):
+    def test_terms_add_up_to_the_confidence(self, good):
         odds = float(good.confidence_summary()[-1].split()[-1])
         assert 1 / (1 + np.exp(-odds)) == pytest.approx(good.tracked.confidence, abs=0.003)
 
-    def test_doubt_is_that_of_the_lane_and_grows_far_away(self, good):
+    def test_uncertainty_is_that_of_the_lane_and_grows_with_distance(self, good):
         stds = good.line_stds_m([0.0, 20.0, 60.0])
         assert stds[0, 0] == pytest.approx(good.lane.left.c0_std_m)
         assert stds[1, 0] == pytest.approx(good.lane.right.c0_std_m)
         assert (stds[:, 2] > 3 * stds[:, 1]).all()
 
-    def test_words(self, good):
-        words = good.describe()
+    def test_text(self, good):
+        text = good.describe()
         for part in ("offset     0.4", "bend       bends left, R 3", "confidence, as log odds:", "votes      5 lanes"):
-            assert part in words
-        assert "failed" not in words
+            assert part in text
+        assert "failed" not in text
         assert repr(good).endswith("failed at no step)")
 
 
@@ -92,51 +92,51 @@ def crumbs() -> np.ndarray:
     )
 
 
-# what is shown, the step at which it fails, what the sentence says
+# picture and camera, the step that fails, words of the reason
 FAILURES = {
-    "black": (lambda: (grey(3, 1.0), CAMERA), "view", "almost black"),
-    "glare": (lambda: (grey(252, 1.0), CAMERA), "view", "glaring white"),
-    "fog": (lambda: (grey(128, 0.6), CAMERA), "view", "no contrast"),
-    "no lines": (lambda: (grey(100, 6.0), CAMERA), "paint", "nothing is brighter or yellower"),
+    "black": (lambda: (grey(3, 1.0), CAMERA), "birdseye", "almost black"),
+    "glare": (lambda: (grey(252, 1.0), CAMERA), "birdseye", "glaring white"),
+    "fog": (lambda: (grey(128, 0.6), CAMERA), "birdseye", "no contrast"),
+    "no lines": (lambda: (grey(100, 6.0), CAMERA), "markings", "nothing is brighter or yellower"),
     "crumbs": (lambda: (crumbs(), CAMERA), "fit", "do not line up"),
-    "sky": (lambda: (grey(100), dashcam(width=1280, pitch_rad=-0.9)), "view", "sees no road"),
+    "sky": (lambda: (grey(100), dashcam(width=1280, pitch_rad=-0.9)), "birdseye", "sees no road"),
     "far paint": (
         lambda: (Road(CAMERA, noise=4.0).line(lambda x: np.where(x > 35, 1.8, 99)).image(), CAMERA),
         "stripes",
         "nearer than 26 m",
     ),
     "one line": (lambda: (Road(CAMERA).line(lambda x: 1.8 + 0 * x).image(), CAMERA), "lane", "right line is not seen"),
-    "nodding": (
+    "pitch motion": (
         lambda: (lane_road(dashcam(width=1280, pitch_rad=0.045)).image(), CAMERA),
         "lane",
         r"look [23]\.\d deg farther down",
     ),
-    "narrow": (lambda: (lane_road(width_m=2.6).image(), CAMERA), "lane", r"2\.6 m wide is odd"),
+    "narrow": (lambda: (lane_road(width_m=2.6).image(), CAMERA), "lane", r"width of 2\.6 m is implausible"),
 }
 
 
 @pytest.mark.parametrize("name", FAILURES)
-def test_each_failure_has_its_step_its_reason_and_its_remedy(name):
+def test_failure_has_step_reason_and_advice(name):
     make, step, reason = FAILURES[name]
     image, camera = make()
     explanation = explain_frame(image, camera)
     assert explanation.failed.name == step
     assert re.search(reason, explanation.failed.failure)
     assert explanation.failed.advice.endswith(".")
-    # the steps end where it failed
+    # The failed step is the last one.
     assert [s.name for s in explanation.steps] == STEPS[: STEPS.index(step) + 1]
     assert f"failed at  {step}: " in explanation.describe()
 
 
-def test_an_assumed_pose_is_where_it_failed():
-    explanation = explain_frame(lane_road().image(), CAMERA, pose_trouble="no parallel lines were seen.")
+def test_assumed_pose_is_the_failed_step():
+    explanation = explain_frame(lane_road().image(), CAMERA, pose_failure="no parallel lines were seen.")
     assert explanation.failed.name == "pose"
     assert explanation.failed.failure == "no parallel lines were seen."
     assert explanation.evidence is not None and explanation.lane is None
     panels.show_explanation(explanation)
 
 
-def test_wrong_pictures_are_refused():
+def test_wrong_pictures_are_rejected():
     with pytest.raises(PictureError, match="is 640x360 pixels"):
         explain_frame(np.zeros((360, 640, 3), np.uint8), CAMERA)
     with pytest.raises(ValueError, match="no pose"):
@@ -150,7 +150,7 @@ class TestFigure:
         titles = [axis.get_title() for axis in axes]
         assert [title.split()[0] for title in titles] == list("123456789")
         for step in good.steps[:1] + good.steps[2:7]:
-            assert any(step.words in title for title in titles)
+            assert any(step.summary in title for title in titles)
         labels = [text.get_text() for text in axes[4].get_legend().get_texts()]
         assert [label.split(maxsplit=1)[1] for label in labels] == ["on no line", "left line", "right line"]
         assert any("0.4" in text.get_text() and text.get_text().startswith("offset") for text in axes[8].texts)
@@ -162,7 +162,7 @@ class TestFigure:
         np.testing.assert_allclose(ahead.get_xydata()[0], far, atol=0.01)
 
     @pytest.mark.parametrize("name", ["black", "sky", "crumbs", "far paint"])
-    def test_failures_are_shown_in_red_and_nothing_breaks(self, name):
+    def test_failures_are_shown_in_red(self, name):
         image, camera = FAILURES[name][0]()
         explanation = explain_frame(image, camera)
         figure, axes = panels.show_explanation(explanation)

@@ -1,4 +1,4 @@
-"""Sliders of the notebook: what is shown follows them; without ipywidgets a sentence says how to get it."""
+"""Sliders of the notebook: the picture follows them; without ipywidgets a message says how to install it."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def picture() -> np.ndarray:
     return Road(CAMERA).line(lambda x: 1.7 + 0 * x, colour=YELLOW).image()
 
 
-def shown(box) -> np.ndarray:
-    """The right half of what the box shows, as RGB."""
+def right_half(box) -> np.ndarray:
+    """The right half of the picture in the box, RGB."""
     picture = cv2.imdecode(np.frombuffer(box.children[-1].value, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
     return picture[:, picture.shape[1] // 2 :].astype(int)
 
@@ -31,12 +31,12 @@ def test_the_mask_follows_the_slider(picture):
     box = tune_threshold(picture, saturation_mask, saturation=(0, 255, (100, 255)), lightness=(0, 255, (30, 255)))
     saturation, lightness, _ = box.children
     assert (saturation.description, saturation.value, lightness.value) == ("saturation", (100, 255), (30, 255))
-    some = shown(box)
+    some = right_half(box)
     assert 0 < (some > 128).mean() < 0.1
     saturation.value = (0, 255)
-    assert (shown(box) > 128).mean() > 0.5
+    assert (right_half(box) > 128).mean() > 0.5
     saturation.value = (100, 255)
-    np.testing.assert_array_equal(shown(box), some)
+    np.testing.assert_array_equal(right_half(box), some)
 
 
 def test_the_view_follows_the_slider(picture):
@@ -46,8 +46,8 @@ def test_the_view_follows_the_slider(picture):
     assert (far.value, pitch.value) == (70, pytest.approx(np.degrees(CAMERA.pose.pitch_rad)))
 
     def tilt() -> float:
-        """How far the yellow line moves sideways from the nearest row to the farthest."""
-        yellow = shown(box)[..., 0] - shown(box)[..., 2] > 60
+        """Difference of the yellow line's column between the nearest and the farthest row."""
+        yellow = right_half(box)[..., 0] - right_half(box)[..., 2] > 60
         columns = [np.flatnonzero(row).mean() for row in yellow if row.any()]
         return abs(columns[0] - columns[-1])
 
@@ -56,7 +56,7 @@ def test_the_view_follows_the_slider(picture):
     assert tilt() > straight + 5
 
 
-def test_without_ipywidgets_a_sentence_says_how_to_get_it(picture, monkeypatch, capsys):
+def test_without_ipywidgets_a_message_says_how_to_install_it(picture, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "ipywidgets", None)
     assert tune_threshold(picture, saturation_mask, saturation=(0, 255, (100, 255))) is None
     assert capsys.readouterr().out == (
