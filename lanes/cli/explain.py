@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Explain the picture, print the text, and write the figure."""
     from lanes.camera.camera_pose import CameraPose
-    from lanes.camera.pose_from_lanes.lane_width import USUAL_HEIGHT_M
+    from lanes.camera.pose_from_lanes.lane_width import PRIOR_HEIGHT_M
     from lanes.camera.pose_from_lanes.pose_estimate import PoseError
     from lanes.camera.pose_from_lanes.pose_from_files import pose_from_drive
     from lanes.drawing.figures import figure_kind, save_figure
@@ -54,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
         if estimate:
             print(estimate.describe())
     except PoseError as error:
-        camera, pose_failure = camera.with_pose(CameraPose(USUAL_HEIGHT_M)), str(error)
+        camera, pose_failure = camera.with_pose(CameraPose(PRIOR_HEIGHT_M)), str(error)
     explanation = explain_frame(image, camera, pose_failure=pose_failure)
     print(explanation.describe())
     figure, _ = show_explanation(explanation)

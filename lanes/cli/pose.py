@@ -50,24 +50,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Estimate the camera pose, print it, and write it with the lens."""
     from lanes.camera.camera_file import save_camera
-    from lanes.camera.pose_from_lanes.pose_estimate import LANE_WIDTH_M, PoseError, describe_accuracy, estimate_pose
+    from lanes.camera.pose_from_lanes.estimator import LANE_WIDTH_M
+    from lanes.camera.pose_from_lanes.pose_estimate import describe_accuracy
+    from lanes.camera.pose_from_lanes.pose_from_files import pose_from_pictures
     from lanes.io.footage import pick_pictures
 
     require_piece(options)
     camera = find_lens(options)
-    try:
-        estimate = estimate_pose(
-            pick_pictures(
-                options.files, options.pictures, require=camera.require_size, start_s=options.start, end_s=options.end
-            ),
-            camera,
-            lane_width_m=LANE_WIDTH_M if options.lane_width is None else options.lane_width,
-            height_m=options.height,
-            progress=progress_line("pose"),
-        )
-    except PoseError as error:
-        raise PoseError(f"{options.files[0]}: {error}") from error
+    pictures = pick_pictures(
+        options.files, options.pictures, require=camera.require_size, start_s=options.start, end_s=options.end
+    )
+    camera, estimate = pose_from_pictures(
+        camera,
+        pictures,
+        str(options.files[0]),
+        progress=progress_line("pose"),
+        lane_width_m=options.lane_width or LANE_WIDTH_M,
+        height_m=options.height,
+    )
     print(estimate.describe())
     print(describe_accuracy(estimate, camera))
-    print(f"wrote {save_camera(camera.with_pose(estimate.pose), options.output)}")
+    print(f"wrote {save_camera(camera, options.output)}")
     return 0

@@ -232,7 +232,7 @@ def test_metres_follow_from_the_warp(name):
 
 
 @pytest.mark.parametrize("height_m", [0.9, 1.2, 1.5])
-def test_metres_follow_from_the_mount(height_m):
+def test_metres_follow_from_the_pose(height_m):
     """The same picture from another height is another road: everything in it is larger in proportion."""
     pose = CAMERA.pose
     camera = CAMERA.with_pose(CameraPose(height_m, pose.pitch_rad, pose.yaw_rad))

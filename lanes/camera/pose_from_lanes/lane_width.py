@@ -1,8 +1,8 @@
-"""What the widths of the lanes in a picture tell about the camera: its height and its roll.
+"""Camera height and roll from the apparent width of the lanes.
 
-Lines come from `vanishing`, where k is a line's lateral position (right) in camera heights. Two lines a lane
-apart differ by lane width / camera height in k. Lanes are about equally wide, so where those on one side look wider
-than those on the other, the camera is rolled.
+The lateral position k of a line is in camera heights (see `vanishing_point`). Two lines that bound a lane therefore
+differ by lane width / camera height in k. Lanes of one road have about the same width. Where the lanes on one side look
+wider than those on the other, the camera is rolled.
 """
 
 from __future__ import annotations
@@ -13,24 +13,27 @@ import numpy as np
 
 from lanes.camera.pose_from_lanes.vanishing_point import RoadLines
 
-# Cameras of passenger cars sit at 1.1 to 1.6 m, of vans and lorries up to 2.5 m.
-USUAL_HEIGHT_M, USUAL_HEIGHT_LOG_STD = 1.35, 0.25
-# Heights that are tried, as multiples of the usual one.
-HEIGHTS = np.geomspace(0.4, 2.5, 240)
-# A camera is fixed by eye: level within about a degree.
-USUAL_ROLL_STD = np.radians(1.0)
-ROLLS = np.radians(np.linspace(-4, 4, 81))
-# A roll that the pictures leave nearly as uncertain as before counts as not seen.
-LEAST_GAIN = 0.85
-# Lanes of one road differ by this share of their width, so many pictures say no more than these few.
-LANE_SCATTER, INDEPENDENT_PICTURES = 0.04, 8
-# A line with this many picture rows of paint is surely one.
-SURE_ROWS = 40
+# Prior of the camera height, log-normal: 1.1 to 1.6 m in passenger cars, up to 2.5 m in vans and lorries.
+PRIOR_HEIGHT_M, PRIOR_HEIGHT_LOG_STD = 1.35, 0.25
+# Grid of heights, as multiples of the prior height.
+HEIGHT_RATIOS = np.geomspace(0.4, 2.5, 240)
+# Prior of the roll: cameras are installed level by eye, within about a degree.
+PRIOR_ROLL_STD_RAD = np.radians(1.0)
+ROLL_GRID_RAD = np.radians(np.linspace(-4, 4, 81))
+# The roll counts as not observed if its posterior standard deviation is above this share of the prior one.
+MAX_STD_RATIO = 0.85
+# Relative standard deviation of the lane widths of one road. It is common to all pictures of a drive, which therefore
+# count as at most this number of independent ones.
+LANE_WIDTH_SCATTER, MAX_INDEPENDENT_PICTURES = 0.04, 8
+# A line that is seen in this many picture rows has full weight.
+FULL_WEIGHT_ROWS = 40
+# Likelihood of a pair of lines that do not bound one lane, relative to the peak for those that do.
+OUTLIER_LIKELIHOOD = 0.05
 
 
 @dataclass(frozen=True)
-class LaneView:
-    """What the widths of the lanes tell: height and roll of the camera, each with its standard deviation."""
+class HeightAndRoll:
+    """Camera height and roll with their standard deviations."""
 
     height_m: float
     height_std_m: float
@@ -38,66 +41,68 @@ class LaneView:
     roll_std_rad: float
 
 
-def view_lanes(lines: list[RoadLines], lane_width_m: float, usual_height_m: float, roll_rad: float) -> LaneView:
-    """Height and roll from how wide the lanes look.
+def estimate_height_and_roll(
+    lines: list[RoadLines], lane_width_m: float, prior_height_m: float, roll_rad: float
+) -> HeightAndRoll:
+    """Estimate camera height and roll from the apparent width of the lanes.
 
     Parameters
     ----------
     lines : list of RoadLines
-        Of pictures that `roll_rad` was taken out of already.
+        Lines of each picture, corrected for `roll_rad`.
     lane_width_m : float
-        How wide lanes are in truth.
-    usual_height_m : float
-        About where the camera sits; tells a lane from two lanes with the line between them worn off.
+        True width of the lanes.
+    prior_height_m : float
+        Approximate camera height. It distinguishes one lane from two lanes whose common line is worn off.
     roll_rad : float
-        The roll assumed so far.
+        Current estimate of the roll.
 
     Returns
     -------
-    LaneView
-        Roll 0 with the standard deviation of the prior where the pictures do not tell it.
+    HeightAndRoll
+        Roll 0 with the standard deviation of the prior if the pictures do not determine it.
 
     Notes
     -----
-    A roll of r that is left takes a line at k to k + r (1 + k^2), so that a lane between k1 and k2 looks wider by
-    1 + r (k1 + k2). Every two lines of a picture may be a lane or not, hence a mixture with a flat part. Evaluated on a
-    grid of heights and rolls, which shows a second solution where there is one.
+    A remaining roll r moves a line from k to k + r (1 + k^2). A lane between k1 and k2 then looks 1 + r (k1 + k2) times
+    as wide. A pair of lines may bound a lane or not, so the likelihood is a mixture with a constant. It is evaluated on
+    a grid of heights and rolls, because it can have several maxima.
     """
-    width, middle, _, weight = _pairs(lines)
-    heights_m = usual_height_m * HEIGHTS
-    level = width[:, None] * (1 - 2 * ROLLS * middle[:, None])
-    miss = (level[:, None, :] * (heights_m / lane_width_m)[:, None] - 1) / LANE_SCATTER
-    evidence = np.einsum("p,phr->hr", weight, np.log(0.05 + np.exp(-0.5 * miss**2)))
-    evidence *= min(1.0, INDEPENDENT_PICTURES / len(lines))
-    usual_height = np.log(HEIGHTS) / USUAL_HEIGHT_LOG_STD
-    evidence -= 0.5 * (usual_height[:, None] ** 2 + ((roll_rad + ROLLS) / USUAL_ROLL_STD) ** 2)
-    posterior = np.exp(evidence - evidence.max())
-    height = _peak(heights_m, posterior.sum(axis=1))
-    roll, roll_std = _peak(ROLLS, posterior.sum(axis=0))
-    if roll_std > LEAST_GAIN * USUAL_ROLL_STD:
-        return LaneView(*height, 0.0, USUAL_ROLL_STD)
-    return LaneView(*height, roll_rad + roll, roll_std)
+    width, centre, _, weight = _line_pairs(lines)
+    heights_m = prior_height_m * HEIGHT_RATIOS
+    level_width = width[:, None] * (1 - 2 * ROLL_GRID_RAD * centre[:, None])
+    residual = (level_width[:, None, :] * (heights_m / lane_width_m)[:, None] - 1) / LANE_WIDTH_SCATTER
+    log_posterior = np.einsum("p,phr->hr", weight, np.log(OUTLIER_LIKELIHOOD + np.exp(-0.5 * residual**2)))
+    log_posterior *= min(1.0, MAX_INDEPENDENT_PICTURES / len(lines))
+    height_stds = np.log(HEIGHT_RATIOS) / PRIOR_HEIGHT_LOG_STD
+    log_posterior -= 0.5 * (height_stds[:, None] ** 2 + ((roll_rad + ROLL_GRID_RAD) / PRIOR_ROLL_STD_RAD) ** 2)
+    posterior = np.exp(log_posterior - log_posterior.max())
+    height = _mode_and_std(heights_m, posterior.sum(axis=1))
+    roll, roll_std = _mode_and_std(ROLL_GRID_RAD, posterior.sum(axis=0))
+    if roll_std > MAX_STD_RATIO * PRIOR_ROLL_STD_RAD:
+        return HeightAndRoll(*height, 0.0, PRIOR_ROLL_STD_RAD)
+    return HeightAndRoll(*height, roll_rad + roll, roll_std)
 
 
-def _pairs(lines: list[RoadLines]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of every two lines of a picture: distance and middle in k, the picture's number, a weight between 0 and 1."""
-    found = []
+def share_with_lane(lines: list[RoadLines], lane_width: float) -> float:
+    """Share of the pictures with two lines that are `lane_width` camera heights apart, 0..1."""
+    width, _, picture, _ = _line_pairs(lines)
+    is_lane = np.abs(width / lane_width - 1) < 3 * LANE_WIDTH_SCATTER
+    return len(np.unique(picture[is_lane])) / len(lines)
+
+
+def _line_pairs(lines: list[RoadLines]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """All pairs of lines of one picture: distance and centre in k, index of the picture, weight 0..1."""
+    pairs = []
     for number, picture in enumerate(lines):
-        left, right = np.triu_indices(len(picture.k), 1)
-        k, sure = picture.k, np.minimum(picture.rows / SURE_ROWS, 1)
-        weight = np.sqrt(sure[left] * sure[right])
-        found.append(np.stack([k[right] - k[left], (k[right] + k[left]) / 2, np.full(len(left), number), weight]))
-    return tuple(np.hstack(found))
+        left, right = np.triu_indices(len(picture.lateral), 1)
+        k, weight = picture.lateral, np.minimum(picture.rows / FULL_WEIGHT_ROWS, 1)
+        pair_weight = np.sqrt(weight[left] * weight[right])
+        pairs.append(np.stack([k[right] - k[left], (k[right] + k[left]) / 2, np.full(len(left), number), pair_weight]))
+    return tuple(np.hstack(pairs))
 
 
-def _peak(values: np.ndarray, density: np.ndarray) -> tuple[float, float]:
-    """The density's highest point, and the standard deviation of the whole about it."""
-    peak = values[np.argmax(density)]
-    return float(peak), float(np.sqrt(np.average((values - peak) ** 2, weights=density)))
-
-
-def lane_share(lines: list[RoadLines], lane: float) -> float:
-    """Share of the pictures in which two lines are `lane` camera heights apart."""
-    width, _, picture, _ = _pairs(lines)
-    fitting = np.abs(width / lane - 1) < 3 * LANE_SCATTER
-    return len(np.unique(picture[fitting])) / len(lines)
+def _mode_and_std(values: np.ndarray, density: np.ndarray) -> tuple[float, float]:
+    """Maximum of a density given on a grid, and the standard deviation about it."""
+    mode = values[np.argmax(density)]
+    return float(mode), float(np.sqrt(np.average((values - mode) ** 2, weights=density)))

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from lanes.camera.camera import Camera
-from lanes.camera.pose_from_lanes.pose_estimate import PoseError, PoseEstimate, estimate_pose
+from lanes.camera.pose_from_lanes.estimator import estimate_pose
+from lanes.camera.pose_from_lanes.pose_estimate import PoseError, PoseEstimate
 from lanes.io.footage import pick_pictures
 from lanes.io.images import list_pictures, read_image
 

@@ -1,7 +1,7 @@
-"""Painted stripes in a raw picture, found before anybody knows where the road lies: short straight pieces as rays.
+"""Short straight segments of painted stripes in a raw picture, before the camera pose is known.
 
-A stripe painted on a flat road has, along one picture row, a width that grows linearly with the row's distance from the
-horizon, whatever its direction: one row sees one distance ahead. That needs only a rough idea of the horizon row.
+The width of a stripe along a picture row grows linearly with the distance of that row from the horizon, whatever the
+direction of the stripe, because one row of a level camera shows one distance. A rough horizon row is therefore enough.
 """
 
 from __future__ import annotations
@@ -13,31 +13,43 @@ import numpy as np
 
 from lanes.camera.camera import Camera
 
-# Stripe width over camera height: 0.10-0.20 m of paint below a camera at 1.1-1.6 m. The filter answers to half and to
-# twice that width, so one number serves cars and vans.
+# Stripe width over camera height: stripes of 0.10-0.20 m, cameras at 1.1-1.6 m. The filter also responds to half and
+# to twice that width, so that one number serves cars and vans.
 STRIPE_TO_HEIGHT = 0.09
-# A response this many times the row's own median response is a stripe candidate.
-STRIPE_TO_NOISE = 4.0
-# Segments are cut where the distance ahead grows by this factor, so that a curve is nearly straight within each.
-BAND_RATIO = 1.25
-# Columns per row of a line 10 m beside a camera at 1.25 m; flatter ones are no lane lines near the car.
-STEEPEST_SLOPE = 8.0
+# A pixel whose response is this many times the noise of its row belongs to a stripe candidate.
+MIN_SIGNAL_TO_NOISE = 4.0
+# Weights in the centroid of a stripe are limited to this signal-to-noise ratio, so that one glaring pixel does not
+# dominate it.
+MAX_CENTROID_WEIGHT = 20.0
+# Rows with less than this share of the mean response of their segment are dropped: the blurred ends of a dash add rows
+# that run straight up and down and would make flat dashes look steeper.
+MIN_ROW_RESPONSE = 0.75
+# Stripes are cut into segments at distances with this ratio, so that a curve is nearly straight within a segment.
+DISTANCE_RATIO = 1.25
+# Largest |slope| in columns per row: a line 10 m to the side of a camera at 1.25 m. Flatter ones are not lane lines.
+MAX_SLOPE = 8.0
+# A segment needs this many rows and at most this residual, in pixels.
+MIN_SEGMENT_ROWS, MAX_RESIDUAL_PX = 6, 4
+# Standard deviation of a stripe centre in pixels. Added because few rows can lie on a line by chance.
+CENTRE_STD_PX = 0.4
+# The first row that is used lies this far below the rough horizon.
+HORIZON_MARGIN_PX = 8
 
 
 @dataclass(frozen=True)
 class Segments:
-    """Short pieces of stripes of one picture, in ray coordinates (x right, y down, at z = 1); all arrays are (N,).
+    """Stripe segments of one picture in ray coordinates (x right, y down, at z = 1); all arrays have shape (N,).
 
     Attributes
     ----------
     x, y : ndarray
-        Middle of the piece.
+        Centre of each segment.
     slope : ndarray
         dx/dy.
     x_std, slope_std : ndarray
-        Standard deviations of x (at y) and slope, from the scatter of the rows about the piece.
+        Standard deviations of x (at y) and slope, from the scatter of the rows about the segment.
     rows : ndarray
-        Frame rows that carry it.
+        Number of picture rows that support the segment.
     """
 
     x: np.ndarray
@@ -54,8 +66,8 @@ class Segments:
         """The segments of a boolean mask or index array."""
         return Segments(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
 
-    def rolled_back(self, roll_rad: float) -> Segments:
-        """As a camera without that roll would see them."""
+    def without_roll(self, roll_rad: float) -> Segments:
+        """The segments as seen by the same camera without its roll."""
         c, s = np.cos(roll_rad), np.sin(roll_rad)
         return replace(
             self,
@@ -66,101 +78,99 @@ class Segments:
 
 
 def find_segments(image: np.ndarray, camera: Camera, horizon_row: float) -> Segments:
-    """Find pieces of painted stripes below a rough horizon.
+    """Find segments of painted stripes below a rough horizon.
 
     Parameters
     ----------
     image : ndarray of shape (height, width, 3), uint8
         RGB, raw, of the camera's size.
     camera : Camera
-        Only its lens is used.
+        Only its intrinsics are used.
     horizon_row : float
-        Rough row of the horizon at the middle of the picture. Where it is off, far pieces of stripes are missed, as
-        the width expected of them is wrong; near ones are found all the same.
+        Approximate row of the horizon at the centre of the picture. An error changes the expected stripe width far
+        away, so that far segments are missed; near ones are still found.
 
     Returns
     -------
     Segments
-        Where the picture shows no stripe, of length 0.
+        Of length 0 if the picture shows no stripe.
     """
-    top = int(np.clip(horizon_row + 8, 0, image.shape[0] - 8))
+    top = int(np.clip(horizon_row + HORIZON_MARGIN_PX, 0, image.shape[0] - HORIZON_MARGIN_PX))
     below_horizon_px = np.maximum(np.arange(top, image.shape[0]) - horizon_row, 1)
     response = _stripe_response(image[top:], below_horizon_px)
-    rows, columns, piece = _link_rows(response, below_horizon_px)
+    rows, columns, segment = _stripe_centres(response, below_horizon_px)
     if not len(rows):
         return Segments(*np.empty((6, 0)))
     rays = camera.rays(np.column_stack([columns, rows + top]))
-    return _fit_pieces(rays[:, 0], rays[:, 1], piece, 1 / camera.matrix[0, 0])
+    return _fit_segments(rays[:, 0], rays[:, 1], segment, 1 / camera.matrix[0, 0])
 
 
 def _stripe_response(image: np.ndarray, below_horizon_px: np.ndarray) -> np.ndarray:
-    """How much brighter or yellower than both its neighbours, in units of the row's noise; (rows, columns) float32."""
-    half = _half_widths(below_horizon_px)
+    """Signal-to-noise ratio of a stripe brighter or yellower than both sides; (rows, columns) float32."""
+    half_widths = _half_widths_px(below_horizon_px)
     lab = cv2.cvtColor(image, cv2.COLOR_RGB2Lab)
     best = np.zeros(image.shape[:2], np.float32)
     for channel in (lab[..., 0], lab[..., 2]):
-        band = _band_filter(channel, half)
-        # One gray level is the least noise a digital picture has; the median does not see the few stripes themselves.
-        noise = 1.0 + 1.48 * np.median(np.abs(band[:, ::4]), axis=1, keepdims=True)
-        best = np.maximum(best, band / noise)
+        response = _band_filter(channel, half_widths)
+        # Digital pictures have at least one gray level of noise. The median is not affected by the few stripes.
+        noise = 1.0 + 1.48 * np.median(np.abs(response[:, ::4]), axis=1, keepdims=True)
+        best = np.maximum(best, response / noise)
     return best
 
 
-def _half_widths(below_horizon_px: np.ndarray) -> np.ndarray:
+def _half_widths_px(below_horizon_px: np.ndarray) -> np.ndarray:
     return np.maximum(np.round(STRIPE_TO_HEIGHT / 2 * below_horizon_px), 1).astype(int)
 
 
-def _aside(half: np.ndarray) -> np.ndarray:
-    """From the filter's middle to that of its sides: a gap of one half width keeps soft edges out of them."""
-    return 3 * half + 1
+def _side_distance_px(half_width_px: np.ndarray) -> np.ndarray:
+    """Distance from the centre of the filter to that of its sides; a gap of one half width excludes soft edges."""
+    return 3 * half_width_px + 1
 
 
-def _band_filter(channel: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """Mean over 2 half + 1 columns minus the greater of the means beside it, so that an edge scores nothing."""
+def _band_filter(channel: np.ndarray, half_widths: np.ndarray) -> np.ndarray:
+    """Mean over 2 half + 1 columns minus the greater of the means on both sides, so that an edge has no response."""
     response = np.zeros(channel.shape, np.float32)
-    for h in np.unique(half):
-        mean = cv2.boxFilter(channel[half == h], cv2.CV_32F, (2 * int(h) + 1, 1))
-        aside = _aside(h)
-        if 2 * aside < channel.shape[1]:
-            beside = np.maximum(mean[:, : -2 * aside], mean[:, 2 * aside :])
-            response[half == h, aside:-aside] = mean[:, aside:-aside] - beside
+    for half in np.unique(half_widths):
+        mean = cv2.boxFilter(channel[half_widths == half], cv2.CV_32F, (2 * int(half) + 1, 1))
+        side = _side_distance_px(half)
+        if 2 * side < channel.shape[1]:
+            sides = np.maximum(mean[:, : -2 * side], mean[:, 2 * side :])
+            response[half_widths == half, side:-side] = mean[:, side:-side] - sides
     return response
 
 
-def _link_rows(response: np.ndarray, below_horizon_px: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Stripe centres row by row: rows (N,), sub-pixel columns (N,), and the number of the piece they belong to (N,)."""
-    mask = response > STRIPE_TO_NOISE
+def _stripe_centres(response: np.ndarray, below_horizon_px: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Stripe centres in each row: rows (N,), sub-pixel columns (N,), and the index of their segment (N,)."""
+    mask = response > MIN_SIGNAL_TO_NOISE
     _, blobs = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8, ltype=cv2.CV_32S)
     v, u = np.nonzero(mask)
-    keys, at = np.unique(blobs[v, u].astype(np.int64) * len(response) + v, return_inverse=True)
-    # Capped, or a single glaring pixel would pull the centre to itself.
-    weight = np.minimum(response[v, u], 5 * STRIPE_TO_NOISE)
-    columns = np.bincount(at, weight * u) / np.bincount(at, weight)
-    # A stripe that leaves the filter's reach is cut in two, which would shift its centre.
-    reach = _aside(_half_widths(below_horizon_px))[v]
-    whole = np.bincount(at, (u <= reach) | (u >= response.shape[1] - 1 - reach)) == 0
+    # One centre for each row of each connected component.
+    keys, centre = np.unique(blobs[v, u].astype(np.int64) * len(response) + v, return_inverse=True)
+    weight = np.minimum(response[v, u], MAX_CENTROID_WEIGHT)
+    columns = np.bincount(centre, weight * u) / np.bincount(centre, weight)
+    # A stripe that is cut off where the filter ends would have a shifted centre.
+    border = _side_distance_px(_half_widths_px(below_horizon_px))[v]
+    complete = np.bincount(centre, (u <= border) | (u >= response.shape[1] - 1 - border)) == 0
     rows, blob = keys % len(response), keys // len(response)
-    band = np.floor(np.log(below_horizon_px[rows]) / np.log(BAND_RATIO)).astype(int)
-    piece = np.unique(blob * 64 + band, return_inverse=True)[1]
-    # The blurred ends of a dash reach a row too far, straight up and down, which would make flat dashes look steeper.
-    strength = np.bincount(at, response[v, u]) / np.bincount(at)
-    usual = np.bincount(piece, strength) / np.bincount(piece)
-    sound = whole & (strength > 0.75 * usual[piece])
-    return rows[sound], columns[sound], np.unique(piece[sound], return_inverse=True)[1]
+    distance_band = np.floor(np.log(below_horizon_px[rows]) / np.log(DISTANCE_RATIO)).astype(int)
+    segment = np.unique(blob * 64 + distance_band, return_inverse=True)[1]
+    row_response = np.bincount(centre, response[v, u]) / np.bincount(centre)
+    mean_response = np.bincount(segment, row_response) / np.bincount(segment)
+    valid = complete & (row_response > MIN_ROW_RESPONSE * mean_response[segment])
+    return rows[valid], columns[valid], np.unique(segment[valid], return_inverse=True)[1]
 
 
-def _fit_pieces(x: np.ndarray, y: np.ndarray, piece: np.ndarray, pixel: float) -> Segments:
-    """A straight line through the stripe centres of every piece; short, bent or ragged ones are dropped."""
-    rows = np.bincount(piece).astype(float)
-    mean_x, mean_y = np.bincount(piece, x) / rows, np.bincount(piece, y) / rows
-    dx, dy = x - mean_x[piece], y - mean_y[piece]
-    spread = np.maximum(np.bincount(piece, dy**2), 1e-12)
-    slope = np.bincount(piece, dx * dy) / spread
-    scatter = np.bincount(piece, (dx - slope[piece] * dy) ** 2) / np.maximum(rows - 2, 1)
-    # Six rows may happen to lie on a line; that makes them no better than 0.4 px.
-    std = np.sqrt(scatter + (0.4 * pixel) ** 2)
-    # Where in its first and last row a piece begins and ends stays open: a quarter row for its place, more for slope.
+def _fit_segments(x: np.ndarray, y: np.ndarray, segment: np.ndarray, pixel: float) -> Segments:
+    """Least-squares line through the centres of each segment; short, curved or irregular segments are dropped."""
+    rows = np.bincount(segment).astype(float)
+    mean_x, mean_y = np.bincount(segment, x) / rows, np.bincount(segment, y) / rows
+    dx, dy = x - mean_x[segment], y - mean_y[segment]
+    spread = np.maximum(np.bincount(segment, dy**2), 1e-12)
+    slope = np.bincount(segment, dx * dy) / spread
+    variance = np.bincount(segment, (dx - slope[segment] * dy) ** 2) / np.maximum(rows - 2, 1)
+    std = np.sqrt(variance + (CENTRE_STD_PX * pixel) ** 2)
+    # The ends of a segment are uncertain within their rows: 0.25 row in position, 0.35 row in length.
     x_std = np.hypot(std / np.sqrt(rows), 0.25 * slope * pixel)
     slope_std = np.hypot(std / np.sqrt(spread), 0.35 * slope / rows)
     found = Segments(mean_x, mean_y, slope, x_std, slope_std, rows)
-    return found.select((rows >= 6) & (std < 4 * pixel) & (np.abs(slope) < STEEPEST_SLOPE))
+    return found.select((rows >= MIN_SEGMENT_ROWS) & (std < MAX_RESIDUAL_PX * pixel) & (np.abs(slope) < MAX_SLOPE))

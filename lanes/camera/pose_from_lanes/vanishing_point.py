@@ -1,15 +1,17 @@
-"""Where the lines of one road meet: a vanishing point from straight and from curved stripes.
+"""Vanishing point of the lane lines of one picture, from straight and from curved lines.
 
-On a flat road, with y measured down from the horizon and all lengths in camera heights, a row y shows the distance
-X = 1 / y. A lane line of lateral position q (right), heading a and curvature b runs through Q = q + a X + b X^2 / 2
-and appears at x = Q / X, that is
+Measure y downward from the horizon, in ray coordinates, and all lengths in camera heights. On a flat road the picture
+row y then shows the distance X = 1 / y. A lane line with lateral position q (positive right), heading a and curvature b
+runs along Q = q + a X + b X^2 / 2. It appears at x = Q / X, that is
 
     x = x0 + k (y - y0) + c / (y - y0)
 
-with k = q, x0 = a (plus the camera's yaw) and c = b / 2. Parallel lines share x0, y0 and c; only k is each line's own.
-So a curve does no harm: its c carries the curvature, and y0 stays the horizon. (Of parallel arcs the inner one bends
-more, b / (1 - b q), which the fit takes as c (1 + 2 c k); without that, a bend of 60 m radius costs 0.2 degrees.)
-Differentiated, and with k eliminated, a piece of stripe (x, y, slope) alone votes for
+with k = q, x0 = a (plus the yaw of the camera) and c = b / 2. Parallel lines share x0, y0 and c; only k differs between
+lines. A curve therefore does not bias the horizon y0: its curvature goes into c. Among parallel arcs the inner one has
+the larger curvature b / (1 - b q). The fit approximates this by c (1 + 2 c k); without it, a curve of 60 m radius
+causes an error of 0.2 degrees.
+
+The derivative of the equation eliminates k. Each segment (x, y, slope) then votes for
 
     x0 = x - slope (y - y0) - 2 c / (y - y0)
 """
@@ -22,160 +24,182 @@ import numpy as np
 
 from lanes.camera.pose_from_lanes.segments import Segments
 
-# Votes: horizons of cameras pitched -14 to 19 degrees, directions within 27 degrees, curves down to a radius of 33 m
-# below a camera at 1.3 m (c = height / 2R), finer where roads are nearly straight.
-HORIZONS = np.arange(-0.34, 0.25, 0.005)
-DIRECTIONS = np.arange(-0.5, 0.5, 0.006)
-BENDS = 2e-4 * np.arange(-10, 11) * np.abs(np.arange(-10, 11))
-# Nearer to the horizon than this (beyond about 40 m) hills and changing curvature rule.
-NEAREST_TO_HORIZON = 0.03
-# Lines further to the side than this many camera heights are not the ego lane's or its neighbours'.
-WIDEST_LINE = 6.0
-# Stripes closer than this (about 0.25 m) are one line: a double line, or two pieces of one.
-SAME_LINE = 0.18
-# How far off a line may be without being wrong: half a pixel at a focal length of 1000, and the share of hills and of
-# changing curvature, which grows with the square of the distance (in camera heights): 2 px at 25 m, 8 px at 50 m.
+# Bins of the Hough accumulator: y0 of camera pitches from -14 to 19 degrees, x0 of directions within 27 degrees, and c
+# of curve radii down to 33 m at a camera height of 1.3 m (c = height / 2R), with finer steps for nearly straight roads.
+Y0_BINS = np.arange(-0.34, 0.25, 0.005)
+X0_BINS = np.arange(-0.5, 0.5, 0.006)
+HALF_CURVATURE_BINS = 2e-4 * np.arange(-10, 11) * np.abs(np.arange(-10, 11))
+# Segments closer to the horizon (beyond about 40 m) are not used: hills and changes of curvature dominate there.
+MIN_BELOW_HORIZON = 0.03
+# Lines farther to the side, in camera heights, do not belong to the ego lane or to its neighbours.
+MAX_LATERAL = 6.0
+# Segments closer than this (about 0.25 m) belong to one line: a double line, or two segments of one line.
+SAME_LINE_DISTANCE = 0.18
+# Standard deviation of the model. Near: half a pixel at a focal length of 1000 px. Far: hills and changes of curvature,
+# whose effect grows with the square of the distance in camera heights: 2 px at 25 m, 8 px at 50 m.
 NEAR_STD, FAR_STD = 5e-4, 5e-6
-# Bends of lanes, as c: a radius of about 60 m is one standard deviation.
-BEND_STD = 0.01
-# Beyond this many standard deviations a piece does not belong.
-GATE = 3.0
+# Prior standard deviation of c; a radius of about 60 m is one standard deviation.
+HALF_CURVATURE_STD = 0.01
+# Segments with a larger residual, in standard deviations, are outliers.
+GATE_STDS = 3.0
+# A long segment votes with no more rows than this, because its rows are not independent.
+MAX_VOTING_ROWS = 12
+# Share of a vote that also goes to both neighbouring bins of x0.
+NEIGHBOUR_VOTE = 0.7
 
 
 @dataclass(frozen=True)
 class RoadLines:
-    """The parallel lines found in one picture.
+    """Parallel lines found in one picture.
 
     Attributes
     ----------
-    x0, y0, bend : float
-        Vanishing point in ray coordinates, and c of the module docstring.
+    x0, y0 : float
+        Vanishing point in ray coordinates.
+    half_curvature : float
+        c of the module docstring, in 1 / camera heights.
     x0_std, y0_std : float
-        Standard deviations, the prior included.
-    k : ndarray of shape (M,)
-        The lines from left to right: lateral position (right) in camera heights.
+        Standard deviations, prior included.
+    lateral : ndarray of shape (M,)
+        Lateral positions k of the lines from left to right, positive right, in camera heights.
     rows : ndarray of shape (M,)
-        Frame rows that carry each line.
+        Number of picture rows that support each line.
     """
 
     x0: float
     y0: float
-    bend: float
+    half_curvature: float
     x0_std: float
     y0_std: float
-    k: np.ndarray
+    lateral: np.ndarray
     rows: np.ndarray
 
 
-def vote(segments: Segments, horizons: np.ndarray = HORIZONS) -> np.ndarray:
-    """Votes of one picture's pieces for every horizon, bend and direction.
+def hough_votes(segments: Segments, y0_bins: np.ndarray = Y0_BINS) -> np.ndarray:
+    """Hough accumulator of one picture over y0, c and x0.
 
     Parameters
     ----------
     segments : Segments
-        Pieces of stripes of one picture.
-    horizons : ndarray of shape (H,)
-        Values of y0 to try.
+        Segments of one picture.
+    y0_bins : ndarray of shape (H,)
+        Values of y0 to vote for.
 
     Returns
     -------
-    ndarray of shape (H, len(BENDS), len(DIRECTIONS)), float
-        Frame rows of stripe that agree.
+    ndarray of shape (H, len(HALF_CURVATURE_BINS), len(X0_BINS)), float
+        Number of stripe rows that agree with each bin.
     """
-    t = segments.y - horizons[:, None, None]
-    below = t > NEAREST_TO_HORIZON
+    t = segments.y - y0_bins[:, None, None]
+    below = t > MIN_BELOW_HORIZON
     t = np.where(below, t, 1.0)
-    x0 = segments.x - segments.slope * t - 2 * BENDS[:, None] / t
-    k = segments.slope + BENDS[:, None] / t**2
-    step = DIRECTIONS[1] - DIRECTIONS[0]
-    cell = np.round((x0 - DIRECTIONS[0]) / step).astype(int)
-    heard = below & (np.abs(k) < WIDEST_LINE) & (cell >= 0) & (cell < len(DIRECTIONS))
+    x0 = segments.x - segments.slope * t - 2 * HALF_CURVATURE_BINS[:, None] / t
+    k = segments.slope + HALF_CURVATURE_BINS[:, None] / t**2
+    step = X0_BINS[1] - X0_BINS[0]
+    x0_bin = np.round((x0 - X0_BINS[0]) / step).astype(int)
+    valid = below & (np.abs(k) < MAX_LATERAL) & (x0_bin >= 0) & (x0_bin < len(X0_BINS))
     std = np.hypot(_model_std(segments, t), t * segments.slope_std)
-    # A long line is one witness, not a hundred; a vague one spreads over more cells than it is given here.
-    weight = np.broadcast_to(np.minimum(segments.rows, 12) * step / np.maximum(std, step), cell.shape)
-    ballot = cell + len(DIRECTIONS) * np.arange(len(horizons) * len(BENDS)).reshape(len(horizons), -1, 1)
-    shape = (len(horizons), len(BENDS), len(DIRECTIONS))
-    votes = np.bincount(ballot[heard], weight[heard], np.prod(shape)).reshape(shape)
-    beside = np.zeros(shape)
-    beside[..., 1:] += votes[..., :-1]
-    beside[..., :-1] += votes[..., 1:]
-    return votes + 0.7 * beside
+    # An uncertain segment would spread over many bins; it votes for one, with a proportionally smaller weight.
+    weight = np.broadcast_to(np.minimum(segments.rows, MAX_VOTING_ROWS) * step / np.maximum(std, step), x0_bin.shape)
+    shape = (len(y0_bins), len(HALF_CURVATURE_BINS), len(X0_BINS))
+    flat_bin = x0_bin + len(X0_BINS) * np.arange(shape[0] * shape[1]).reshape(shape[0], -1, 1)
+    votes = np.bincount(flat_bin[valid], weight[valid], np.prod(shape)).reshape(shape)
+    neighbours = np.zeros(shape)
+    neighbours[..., 1:] += votes[..., :-1]
+    neighbours[..., :-1] += votes[..., 1:]
+    return votes + NEIGHBOUR_VOTE * neighbours
 
 
-def _model_std(s: Segments, t: np.ndarray) -> np.ndarray:
-    return np.sqrt(s.x_std**2 + NEAR_STD**2 + (FAR_STD / t**2) ** 2)
+def fit_parallel_lines(segments: Segments, y0: float, y0_std: float) -> RoadLines | None:
+    """Fit one set of parallel lines to the segments of one picture.
 
-
-def fit_lines(segments: Segments, y0: float, y0_std: float) -> RoadLines | None:
-    """Fit one set of parallel lines to the pieces of one picture.
+    The start comes from Hough votes; then outlier rejection and robust least squares alternate.
 
     Parameters
     ----------
     segments : Segments
-        Pieces of stripes of one picture.
+        Segments of one picture.
     y0, y0_std : float
-        What is known about the horizon.
+        Prior mean and standard deviation of the horizon.
 
     Returns
     -------
     RoadLines or None
         None if fewer than two lines agree.
     """
-    s = segments.select(segments.y - y0 > NEAREST_TO_HORIZON)
-    near = y0 + y0_std * np.linspace(-2, 2, 9)
-    votes = vote(s, near) * np.exp(-0.5 * ((near - y0) / y0_std) ** 2)[:, None, None]
+    s = segments.select(segments.y - y0 > MIN_BELOW_HORIZON)
+    y0_bins = y0 + y0_std * np.linspace(-2, 2, 9)
+    votes = hough_votes(s, y0_bins) * np.exp(-0.5 * ((y0_bins - y0) / y0_std) ** 2)[:, None, None]
     if votes.max() <= 0:
         return None
-    at = np.unravel_index(votes.argmax(), votes.shape)
-    start, slack = np.array([DIRECTIONS[at[2]], near[at[0]], BENDS[at[1]]]), DIRECTIONS[1] - DIRECTIONS[0]
+    best = np.unravel_index(votes.argmax(), votes.shape)
+    start = np.array([X0_BINS[best[2]], y0_bins[best[0]], HALF_CURVATURE_BINS[best[1]]])
+    # The start is only as accurate as the bins; later iterations do not need this tolerance.
+    x0_tolerance = X0_BINS[1] - X0_BINS[0]
     for _ in range(5):
-        chosen, line = _assign(s, start, slack)
+        inliers, line = _assign_to_lines(s, start, x0_tolerance)
         if line.max(initial=-1) < 1:
             return None
-        solution, covariance = _solve(s.select(chosen), line, start, (y0, y0_std))
-        start, slack = solution[:3], 0.0
-    x0, y0, bend = solution[:3]
+        solution, covariance = _solve(s.select(inliers), line, start, (y0, y0_std))
+        start, x0_tolerance = solution[:3], 0.0
+    x0, y0, half_curvature = solution[:3]
     x0_std, y0_std = np.sqrt(np.diag(covariance)[:2])
-    return RoadLines(x0, y0, bend, x0_std, y0_std, solution[3:], np.bincount(line, s.rows[chosen]))
+    return RoadLines(x0, y0, half_curvature, x0_std, y0_std, solution[3:], np.bincount(line, s.rows[inliers]))
 
 
-def _assign(s: Segments, start: np.ndarray, slack: float) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the pieces that fit (x0, y0, c), and the number of the line each belongs to, from left to right."""
-    x0, y0, bend = start
+def _model_std(s: Segments, t: np.ndarray) -> np.ndarray:
+    return np.sqrt(s.x_std**2 + NEAR_STD**2 + (FAR_STD / t**2) ** 2)
+
+
+def _assign_to_lines(s: Segments, start: np.ndarray, x0_tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of the segments that agree with (x0, y0, c), and for each the index of its line, from left to right."""
+    x0, y0, c = start
     t = s.y - y0
-    below = t > NEAREST_TO_HORIZON / 2
+    below = t > MIN_BELOW_HORIZON / 2
     t = np.where(below, t, 1.0)
-    k = (s.x - x0 - bend / t) / t
-    own_bend = bend * (1 + 2 * bend * k)
-    k = (s.x - x0 - own_bend / t) / t
-    miss = s.slope + own_bend / t**2 - k
-    std = np.hypot(_model_std(s, t) / t, s.slope_std) + slack / t
-    chosen = np.flatnonzero(below & (np.abs(miss) < GATE * std) & (np.abs(k) < WIDEST_LINE))
-    chosen = chosen[np.argsort(k[chosen])]
-    return chosen, np.cumsum(np.diff(k[chosen], prepend=-np.inf) > SAME_LINE) - 1
+    k = (s.x - x0 - c / t) / t
+    line_c = c * (1 + 2 * c * k)
+    k = (s.x - x0 - line_c / t) / t
+    residual = s.slope + line_c / t**2 - k
+    std = np.hypot(_model_std(s, t) / t, s.slope_std) + x0_tolerance / t
+    inliers = np.flatnonzero(below & (np.abs(residual) < GATE_STDS * std) & (np.abs(k) < MAX_LATERAL))
+    inliers = inliers[np.argsort(k[inliers])]
+    return inliers, np.cumsum(np.diff(k[inliers], prepend=-np.inf) > SAME_LINE_DISTANCE) - 1
 
 
 def _solve(
     s: Segments, line: np.ndarray, start: np.ndarray, horizon: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Robust least squares for (x0, y0, c, k of each line) by Gauss-Newton; the solution and its covariance."""
-    lines = np.eye(line[-1] + 1)[line]
-    position_std = _model_std(s, s.y - start[1])
-    std = np.concatenate([position_std, np.hypot(s.slope_std, position_std)])
-    # What is known beforehand: the horizon, that bends are gentle, and next to nothing of the rest.
-    p = np.concatenate([start, np.zeros(lines.shape[1])])
-    known, information = np.zeros_like(p), np.full_like(p, 1e-6)
-    known[1], information[1:3] = horizon[0], (horizon[1] ** -2, BEND_STD**-2)
+    one_hot = np.eye(line[-1] + 1)[line]
+    x_std = _model_std(s, s.y - start[1])
+    std = np.concatenate([x_std, np.hypot(s.slope_std, x_std)])
+    parameters = np.concatenate([start, np.zeros(one_hot.shape[1])])
+    # Prior of the horizon and of c; the small value keeps the normal matrix invertible.
+    prior, information = np.zeros_like(parameters), np.full_like(parameters, 1e-6)
+    prior[1], information[1:3] = horizon[0], (horizon[1] ** -2, HALF_CURVATURE_STD**-2)
     for _ in range(4):
-        x0, y0, c, k = p[0], p[1], p[2], p[3:][line]
-        t = np.maximum(s.y - y0, NEAREST_TO_HORIZON / 2)
-        own, by_c, by_k = c * (1 + 2 * c * k), 1 + 4 * c * k, 2 * c**2
-        miss = np.concatenate([s.x - x0 - k * t - own / t, s.slope - k + own / t**2]) / std
-        place = np.column_stack([np.ones_like(t), own / t**2 - k, by_c / t, lines * (t + by_k / t)[:, None]])
-        slope = np.column_stack([np.zeros_like(t), -2 * own / t**3, -by_c / t**2, lines * (1 - by_k / t**2)[:, None]])
-        design = np.vstack([place, slope]) / std[:, None]
-        # Cauchy's weights: a piece two standard deviations off counts half.
-        weight = 1 / (1 + (miss / 2) ** 2)
-        normal = design.T @ (design * weight[:, None]) + np.diag(information)
-        p = p + np.linalg.solve(normal, design.T @ (miss * weight) + information * (known - p))
-    return p, np.linalg.inv(normal)
+        residual, jacobian = _residuals(s, parameters, line, one_hot)
+        residual, jacobian = residual / std, jacobian / std[:, None]
+        # Cauchy weights: a segment at two standard deviations has half the weight.
+        weight = 1 / (1 + (residual / 2) ** 2)
+        normal = jacobian.T @ (jacobian * weight[:, None]) + np.diag(information)
+        gradient = jacobian.T @ (residual * weight) + information * (prior - parameters)
+        parameters = parameters + np.linalg.solve(normal, gradient)
+    return parameters, np.linalg.inv(normal)
+
+
+def _residuals(
+    s: Segments, parameters: np.ndarray, line: np.ndarray, one_hot: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals (2N,) of the positions and slopes of N segments, and the Jacobian (2N, parameters) of the model."""
+    x0, y0, c, k = parameters[0], parameters[1], parameters[2], parameters[3:][line]
+    t = np.maximum(s.y - y0, MIN_BELOW_HORIZON / 2)
+    # Curvature of each line, and its derivatives with respect to c and k.
+    line_c, by_c, by_k = c * (1 + 2 * c * k), 1 + 4 * c * k, 2 * c**2
+    residual = np.concatenate([s.x - x0 - k * t - line_c / t, s.slope - k + line_c / t**2])
+    of_x = np.column_stack([np.ones_like(t), line_c / t**2 - k, by_c / t, one_hot * (t + by_k / t)[:, None]])
+    of_slope = np.column_stack(
+        [np.zeros_like(t), -2 * line_c / t**3, -by_c / t**2, one_hot * (1 - by_k / t**2)[:, None]]
+    )
+    return residual, np.vstack([of_x, of_slope])

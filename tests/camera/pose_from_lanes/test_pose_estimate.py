@@ -13,14 +13,15 @@ import pytest
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import camera_from_dict
 from lanes.camera.camera_pose import CameraPose
-from lanes.camera.pose_from_lanes.pose_estimate import PoseError, estimate_pose
+from lanes.camera.pose_from_lanes.estimator import estimate_pose
+from lanes.camera.pose_from_lanes.pose_estimate import PoseError
 from lanes.camera.pose_from_lanes.pose_from_files import estimate_camera_pose
 from lanes.io.frames import PictureError
 from lanes.io.images import read_image, write_image
 from tests.support.painted_roads import paint_road
 
-MOUNT = CameraPose(1.35, np.radians(2.5), np.radians(-1.8), np.radians(0.9))
-CAMERA = Camera.from_fov((1280, 720), 62, MOUNT)
+TRUE_POSE = CameraPose(1.35, np.radians(2.5), np.radians(-1.8), np.radians(0.9))
+CAMERA = Camera.from_fov((1280, 720), 62, TRUE_POSE)
 # Off the lane's middle and heading both ways; the headings average to zero as they do over a drive.
 OFFSETS_M = (-0.4, 0.1, 0.35, -0.2, 0.5, 0.0)
 HEADINGS_RAD = np.radians((0.4, -0.7, 0.2, 0.6, -0.1, -0.4))
@@ -49,19 +50,19 @@ def assert_near(estimate, pose, *, pitch_deg, yaw_deg, roll_deg, height_m):
 
 def test_straight_drive_gives_all_four_numbers(straight):
     estimate = estimate_pose(straight, CAMERA)
-    assert_near(estimate, MOUNT, pitch_deg=0.1, yaw_deg=0.3, roll_deg=0.2, height_m=0.03)
+    assert_near(estimate, TRUE_POSE, pitch_deg=0.1, yaw_deg=0.3, roll_deg=0.2, height_m=0.03)
     assert estimate.frames_used == estimate.frames_total == 6
     assert estimate.notes == ()
 
 
 def test_bends_to_one_side_do_not_bias_the_angles():
     bends = drive(CAMERA, (1 / 250, 1 / 300, 1 / 400, 1 / 500, 1 / 350, 1 / 800))
-    assert_near(estimate_pose(bends, CAMERA), MOUNT, pitch_deg=0.15, yaw_deg=0.4, roll_deg=0.3, height_m=0.03)
+    assert_near(estimate_pose(bends, CAMERA), TRUE_POSE, pitch_deg=0.15, yaw_deg=0.4, roll_deg=0.3, height_m=0.03)
 
 
 @pytest.mark.parametrize("pitch_deg", [-9, 9])
 def test_the_horizon_may_be_far_from_the_middle(pitch_deg):
-    pose = replace(MOUNT, pitch_rad=np.radians(pitch_deg))
+    pose = replace(TRUE_POSE, pitch_rad=np.radians(pitch_deg))
     estimate = estimate_pose(drive(CAMERA.with_pose(pose))[:4], CAMERA)
     assert_near(estimate, pose, pitch_deg=0.2, yaw_deg=0.7, roll_deg=0.4, height_m=0.05)
 
@@ -76,17 +77,17 @@ def test_a_lens_with_distortion_and_a_larger_picture():
 def test_one_still_is_enough_and_says_what_it_cannot_tell():
     still = paint_road(CAMERA, offset_m=0.3, curvature_per_m=1 / 600)
     estimate = estimate_pose([still], CAMERA)
-    assert_near(estimate, MOUNT, pitch_deg=0.4, yaw_deg=0.8, roll_deg=1.0, height_m=0.1)
+    assert_near(estimate, TRUE_POSE, pitch_deg=0.4, yaw_deg=0.8, roll_deg=1.0, height_m=0.1)
     assert any("heading" in note for note in estimate.notes)
     assert estimate.yaw_std_rad > np.radians(0.5)
 
 
 def test_dashes_only():
     estimate = estimate_pose(drive(CAMERA, solid=()), CAMERA)
-    assert_near(estimate, MOUNT, pitch_deg=0.2, yaw_deg=0.4, roll_deg=0.4, height_m=0.04)
+    assert_near(estimate, TRUE_POSE, pitch_deg=0.2, yaw_deg=0.4, roll_deg=0.4, height_m=0.04)
 
 
-def test_roll_is_taken_to_be_level_where_only_the_own_lane_is_marked():
+def test_roll_is_taken_to_be_level_where_only_the_ego_lane_is_marked():
     estimate = estimate_pose(drive(CAMERA, lines=(0, 1), solid=(0, 1))[:3], CAMERA)
     assert estimate.pose.roll_rad == 0
     assert "roll" in estimate.notes[0]
@@ -177,7 +178,7 @@ def test_a_picture_of_another_size_is_named_by_its_file(tmp_path):
 STILLS = Path(__file__).parents[3] / "test_images"
 
 
-def test_the_embedded_stills_give_their_true_mount():
+def test_the_embedded_stills_give_their_true_pose():
     truth = json.loads((STILLS / "truth.json").read_text())
     camera = camera_from_dict(truth["camera"])
     images = [read_image(STILLS.parent / frame["raw_file"]) for frame in truth["frames"]]

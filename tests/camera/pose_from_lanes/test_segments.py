@@ -43,9 +43,9 @@ def test_edges_shadows_and_dark_stripes_score_nothing():
 
 def test_rolling_back_turns_pieces_about_the_axis():
     s = find_segments(stripe(road(), 0.7, (230, 230, 230)), CAMERA, HORIZON)
-    there_and_back = s.rolled_back(0.03).rolled_back(-0.03)
+    there_and_back = s.without_roll(0.03).without_roll(-0.03)
     np.testing.assert_allclose(there_and_back.slope, s.slope)
     np.testing.assert_allclose(there_and_back.x, s.x)
-    # A roll lowers the right side, so that taking it out raises what is on the right of the picture.
+    # A roll lowers the right side of the camera, so its correction moves the right part of the picture down.
     right = s.x > 0
-    assert (s.rolled_back(0.03).y[right] > s.y[right]).all()
+    assert (s.without_roll(0.03).y[right] > s.y[right]).all()

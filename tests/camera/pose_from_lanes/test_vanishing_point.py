@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lanes.camera.pose_from_lanes.segments import Segments
-from lanes.camera.pose_from_lanes.vanishing_point import DIRECTIONS, HORIZONS, fit_lines, vote
+from lanes.camera.pose_from_lanes.vanishing_point import X0_BINS, Y0_BINS, fit_parallel_lines, hough_votes
 
 X0, Y0 = 0.031, -0.042
 
@@ -28,14 +28,14 @@ def road(bend, noise=0.0):
 
 @pytest.mark.parametrize("bend", [0.0, 0.003, -0.01])
 def test_votes_and_fit_find_horizon_and_direction(bend):
-    votes = vote(road(bend))
+    votes = hough_votes(road(bend))
     at = np.unravel_index(votes.argmax(), votes.shape)
-    assert HORIZONS[at[0]] == pytest.approx(Y0, abs=0.011)
-    lines = fit_lines(road(bend), HORIZONS[at[0]], 0.016)
+    assert Y0_BINS[at[0]] == pytest.approx(Y0, abs=0.011)
+    lines = fit_parallel_lines(road(bend), Y0_BINS[at[0]], 0.016)
     assert lines.y0 == pytest.approx(Y0, abs=3e-4)
     assert lines.x0 == pytest.approx(X0, abs=1e-3)
-    assert lines.bend == pytest.approx(bend, abs=2e-4)
-    np.testing.assert_allclose(lines.k, [-4.0, -1.3, 1.4], atol=0.02)
+    assert lines.half_curvature == pytest.approx(bend, abs=2e-4)
+    np.testing.assert_allclose(lines.lateral, [-4.0, -1.3, 1.4], atol=0.02)
 
 
 def test_strangers_are_left_out():
@@ -50,18 +50,18 @@ def test_strangers_are_left_out():
             strict=True,
         )
     ]
-    lines = fit_lines(Segments(*both), Y0 + 0.006, 0.016)
+    lines = fit_parallel_lines(Segments(*both), Y0 + 0.006, 0.016)
     assert lines.y0 == pytest.approx(Y0, abs=1.5e-3)
     assert abs(lines.y0 - Y0) < 4 * lines.y0_std + 5e-4
 
 
 def test_fewer_than_two_lines_are_none():
-    assert fit_lines(pieces(np.array([1.4]), 0.0), Y0, 0.016) is None
-    assert fit_lines(Segments(*np.empty((6, 0))), Y0, 0.016) is None
+    assert fit_parallel_lines(pieces(np.array([1.4]), 0.0), Y0, 0.016) is None
+    assert fit_parallel_lines(Segments(*np.empty((6, 0))), Y0, 0.016) is None
 
 
 def test_no_votes_outside_the_grid():
     outside = road(0.0)
     outside = Segments(outside.x + 2, outside.y, outside.slope, outside.x_std, outside.slope_std, outside.rows)
-    assert vote(outside)[:, 10].sum() == 0
-    assert len(DIRECTIONS) == vote(outside).shape[2]
+    assert hough_votes(outside)[:, 10].sum() == 0
+    assert len(X0_BINS) == hough_votes(outside).shape[2]
