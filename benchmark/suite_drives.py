@@ -22,7 +22,9 @@ def list_drives() -> dict[str, BenchmarkDrive]:
     drives = {}
     for name, scene in SUITE.items():
         committed = PROJECT_ROOT / "test_videos" / COMMITTED.get(name, "")
-        drives[name] = BenchmarkDrive(name, scene.difficulty, scene.what, committed if committed.is_file() else None)
+        drives[name] = BenchmarkDrive(
+            name, scene.difficulty, scene.description, committed if committed.is_file() else None
+        )
     return drives
 
 

@@ -23,7 +23,7 @@ from lanes.io.images import write_image
 from lanes.io.processes import map_ordered
 from simulator.scenes.dashcam import DASHCAM
 
-COLUMNS, ROWS = 9, 6
+INNER_COLUMNS, INNER_ROWS = 9, 6
 # 10 x 7 squares of this size leave margins of 15 and 19 mm on a sheet of US Letter paper.
 SQUARE_M = 0.0248
 PAPER_M = (0.2794, 0.2159)
@@ -32,7 +32,7 @@ WALL_TEXELS = 2048
 
 
 @dataclass(frozen=True)
-class Wall:
+class PaintedWall:
     """A painted wall under one light: linear colours 0..1 of paint and paper, and how rough the plaster shows."""
 
     paint: tuple[float, float, float]
@@ -43,12 +43,12 @@ class Wall:
 
 
 # Near a window, and in the dim corridor where the sensor's gain is up.
-CREAM = Wall(paint=(0.68, 0.67, 0.58), paper=(0.84, 0.84, 0.85), ink=0.004, relief=0.6, noise=0.9)
-GRAY = Wall(paint=(0.250, 0.246, 0.238), paper=(0.385, 0.385, 0.435), ink=0.010, relief=0.5, noise=1.4)
+CREAM_WALL = PaintedWall(paint=(0.68, 0.67, 0.58), paper=(0.84, 0.84, 0.85), ink=0.004, relief=0.6, noise=0.9)
+GREY_WALL = PaintedWall(paint=(0.250, 0.246, 0.238), paper=(0.385, 0.385, 0.435), ink=0.010, relief=0.5, noise=1.4)
 
 
 @dataclass(frozen=True)
-class View:
+class BoardView:
     """One photograph: where the board's middle is seen, how large and how turned, and the light.
 
     `u`, `v`, `span_px`: middle of the board and width of its ten squares in pixels were it not turned; `turn_deg` > 0
@@ -57,7 +57,7 @@ class View:
     from top to bottom. `extra_px` adds a column and a row: the same camera, cut one pixel later.
     """
 
-    wall: Wall
+    wall: PaintedWall
     u: float
     v: float
     span_px: float
@@ -69,27 +69,27 @@ class View:
     extra_px: int = 0
 
 
-VIEWS = (
-    View(CREAM, 652, 436, 1165, 1.5, -2, 0.4, (200, -100, 900, 0.10), (0.06, 0.05)),
-    View(CREAM, 640, 375, 1000, -3, 31, 0.6, (1250, 100, 700, 0.12), (-0.05, 0.10)),
-    View(CREAM, 640, 366, 985, 2, -35, -0.5, (820, 60, 360, 0.30), (0.04, 0.16)),
-    View(CREAM, 872, 318, 1040, 35, 3, -1.2, (-60, 200, 500, 0.15), (-0.08, 0.06)),
-    View(CREAM, 560, 262, 985, -33, -4, 0.8, (1300, 650, 600, 0.14), (0.10, 0.02)),
-    View(GRAY, 622, 338, 392, 1, -1, 0.3, (1400, -200, 700, 0.25), (0.03, 0.10)),
-    View(GRAY, 446, 352, 398, 47, 2, -0.6, (30, 60, 320, 0.45), (0.02, 0.08), 1),
-    View(GRAY, 846, 362, 470, -43, -3, 1.0, (1380, 120, 420, 0.55), (-0.06, 0.10)),
-    View(GRAY, 742, 300, 436, -38, 18, 17.0, (1330, 250, 380, 0.80), (0.05, 0.09)),
-    View(GRAY, 770, 446, 560, 14, -44, -3.0, (80, 680, 500, 0.15), (0.08, -0.04)),
-    View(GRAY, 204, 356, 262, 22, -6, -1.5, (900, -80, 600, 0.20), (-0.05, 0.12)),
-    View(GRAY, 872, 318, 556, 33, 8, 2.2, (-20, 260, 330, 1.30), (-0.02, 0.12)),
-    View(GRAY, 604, 300, 452, 34, -22, -33.0, (-40, 640, 300, 1.70), (0.03, 0.05)),
-    View(GRAY, 1096, 186, 368, -32, -8, 4.0, (1260, 20, 260, 0.50), (0.02, 0.06)),
-    View(GRAY, 1092, 548, 402, -27, 12, 2.5, (1180, 40, 300, 0.55), (0.05, 0.06), 1),
-    View(GRAY, 1052, 246, 398, -30, 14, 3.0, (300, 740, 500, 0.20), (0.04, -0.05)),
-    View(GRAY, 666, 430, 642, -6, -20, -1.0, (120, -40, 420, 0.35), (0.02, 0.14)),
-    View(GRAY, 690, 268, 604, 8, 24, 0.8, (640, 800, 520, 0.25), (-0.03, -0.08)),
-    View(GRAY, 208, 158, 384, 28, 10, -3.0, (1100, 40, 500, 0.30), (-0.04, 0.10)),
-    View(GRAY, 222, 566, 396, 24, -14, 2.0, (60, 40, 380, 0.40), (0.04, 0.10)),
+BOARD_VIEWS = (
+    BoardView(CREAM_WALL, 652, 436, 1165, 1.5, -2, 0.4, (200, -100, 900, 0.10), (0.06, 0.05)),
+    BoardView(CREAM_WALL, 640, 375, 1000, -3, 31, 0.6, (1250, 100, 700, 0.12), (-0.05, 0.10)),
+    BoardView(CREAM_WALL, 640, 366, 985, 2, -35, -0.5, (820, 60, 360, 0.30), (0.04, 0.16)),
+    BoardView(CREAM_WALL, 872, 318, 1040, 35, 3, -1.2, (-60, 200, 500, 0.15), (-0.08, 0.06)),
+    BoardView(CREAM_WALL, 560, 262, 985, -33, -4, 0.8, (1300, 650, 600, 0.14), (0.10, 0.02)),
+    BoardView(GREY_WALL, 622, 338, 392, 1, -1, 0.3, (1400, -200, 700, 0.25), (0.03, 0.10)),
+    BoardView(GREY_WALL, 446, 352, 398, 47, 2, -0.6, (30, 60, 320, 0.45), (0.02, 0.08), 1),
+    BoardView(GREY_WALL, 846, 362, 470, -43, -3, 1.0, (1380, 120, 420, 0.55), (-0.06, 0.10)),
+    BoardView(GREY_WALL, 742, 300, 436, -38, 18, 17.0, (1330, 250, 380, 0.80), (0.05, 0.09)),
+    BoardView(GREY_WALL, 770, 446, 560, 14, -44, -3.0, (80, 680, 500, 0.15), (0.08, -0.04)),
+    BoardView(GREY_WALL, 204, 356, 262, 22, -6, -1.5, (900, -80, 600, 0.20), (-0.05, 0.12)),
+    BoardView(GREY_WALL, 872, 318, 556, 33, 8, 2.2, (-20, 260, 330, 1.30), (-0.02, 0.12)),
+    BoardView(GREY_WALL, 604, 300, 452, 34, -22, -33.0, (-40, 640, 300, 1.70), (0.03, 0.05)),
+    BoardView(GREY_WALL, 1096, 186, 368, -32, -8, 4.0, (1260, 20, 260, 0.50), (0.02, 0.06)),
+    BoardView(GREY_WALL, 1092, 548, 402, -27, 12, 2.5, (1180, 40, 300, 0.55), (0.05, 0.06), 1),
+    BoardView(GREY_WALL, 1052, 246, 398, -30, 14, 3.0, (300, 740, 500, 0.20), (0.04, -0.05)),
+    BoardView(GREY_WALL, 666, 430, 642, -6, -20, -1.0, (120, -40, 420, 0.35), (0.02, 0.14)),
+    BoardView(GREY_WALL, 690, 268, 604, 8, 24, 0.8, (640, 800, 520, 0.25), (-0.03, -0.08)),
+    BoardView(GREY_WALL, 208, 158, 384, 28, 10, -3.0, (1100, 40, 500, 0.30), (-0.04, 0.10)),
+    BoardView(GREY_WALL, 222, 566, 396, 24, -14, 2.0, (60, 40, 380, 0.40), (0.04, 0.10)),
 )
 
 
@@ -119,44 +119,46 @@ def write_boards(
     """
     folder = Path(folder)
     written = []
-    truth: dict = {"camera": camera_to_dict(DASHCAM), "pattern": [COLUMNS, ROWS], "boards": {}}
-    with closing(map_ordered(_seeded_board, enumerate(VIEWS, 1), workers=workers)) as boards:
-        for number, (view, board) in enumerate(zip(VIEWS, boards, strict=True), 1):
+    truth: dict = {"camera": camera_to_dict(DASHCAM), "pattern": [INNER_COLUMNS, INNER_ROWS], "boards": {}}
+    with closing(map_ordered(_seeded_board, enumerate(BOARD_VIEWS, 1), workers=workers)) as boards:
+        for number, (view, board) in enumerate(zip(BOARD_VIEWS, boards, strict=True), 1):
             name = f"calibration{number}.jpg"
             written.append(write_image(folder / name, board, jpeg_quality=90))
             truth["boards"][name] = _board_truth(view)
             if progress:
-                progress(number, len(VIEWS))
+                progress(number, len(BOARD_VIEWS))
     write_atomically(folder / "truth.json", (json.dumps(truth) + "\n").encode())
     return [*written, folder / "truth.json"]
 
 
-def _seeded_board(seed_and_view: tuple[int, View]) -> np.ndarray:
+def _seeded_board(seed_and_view: tuple[int, BoardView]) -> np.ndarray:
     return render_board(seed_and_view[1], seed=seed_and_view[0])
 
 
-def render_board(view: View, *, seed: int = 0, camera: Camera = DASHCAM) -> np.ndarray:
+def render_board(view: BoardView, *, seed: int = 0, camera: Camera = DASHCAM) -> np.ndarray:
     """Photograph of the board, ndarray (height, width, 3) uint8 RGB; `seed` is that of wall, paper and sensor noise."""
     rng = np.random.default_rng(seed)
     size = _picture_size(view, camera)
     x, y = _wall_coordinates(view, camera, size)
-    light = _light(view, size)
+    light = _illumination(view, size)
     scene = _wall(view, x, y, rng) * light[..., None]
     paper, coverage = _sheet(view, x, y, rng)
     scene += coverage[..., None] * (paper * light[..., None] - scene)
     return _expose(scene, view.wall.noise, rng)
 
 
-def true_corners(view: View, camera: Camera = DASHCAM) -> np.ndarray:
+def true_corners(view: BoardView, camera: Camera = DASHCAM) -> np.ndarray:
     """Pixels (54, 2) of the inner corners, row by row from the top left; some may lie outside the picture."""
-    turn, shift = _pose(view, camera)
-    column, row = np.meshgrid(np.arange(COLUMNS) - (COLUMNS - 1) / 2, np.arange(ROWS) - (ROWS - 1) / 2)
+    turn, shift = _board_pose(view, camera)
+    column, row = np.meshgrid(
+        np.arange(INNER_COLUMNS) - (INNER_COLUMNS - 1) / 2, np.arange(INNER_ROWS) - (INNER_ROWS - 1) / 2
+    )
     points = np.column_stack([column.ravel(), row.ravel(), np.zeros(column.size)]) * SQUARE_M
     pixels, _ = cv2.projectPoints(points, cv2.Rodrigues(turn)[0], shift, camera.matrix, camera.distortion)
     return pixels.reshape(-1, 2)
 
 
-def _board_truth(view: View) -> dict:
+def _board_truth(view: BoardView) -> dict:
     width, height = _picture_size(view, DASHCAM)
     corners = true_corners(view)
     inside = ((corners >= 0) & (corners <= [width - 1, height - 1])).all(axis=1)
@@ -168,17 +170,17 @@ def _board_truth(view: View) -> dict:
     }
 
 
-def _picture_size(view: View, camera: Camera) -> tuple[int, int]:
+def _picture_size(view: BoardView, camera: Camera) -> tuple[int, int]:
     return camera.width + view.extra_px, camera.height + view.extra_px
 
 
-def _pose(view: View, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+def _board_pose(view: BoardView, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """Rotation (3, 3) and shift (3,) in metres from the sheet (x right, y down, origin in the middle) to the camera."""
     turn, tilt, roll = np.radians([view.turn_deg, view.tilt_deg, view.roll_deg])
     about_x = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
     about_y = np.array([[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]])
     about_z = np.array([[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1]])
-    distance = camera.matrix[0, 0] * (COLUMNS + 1) * SQUARE_M / view.span_px
+    distance = camera.matrix[0, 0] * (INNER_COLUMNS + 1) * SQUARE_M / view.span_px
     return about_z @ about_y @ about_x, distance * camera.rays(np.array([[view.u, view.v]]))[0]
 
 
@@ -189,9 +191,9 @@ def _pixel_rays(camera: Camera, size: tuple[int, int]) -> np.ndarray:
     return camera.rays(np.column_stack([u.ravel(), v.ravel()])).reshape(size[1], size[0], 3)
 
 
-def _wall_coordinates(view: View, camera: Camera, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+def _wall_coordinates(view: BoardView, camera: Camera, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     """Where each pixel looks at the wall: (x, y) in metres from the sheet's middle, arrays (height, width)."""
-    turn, shift = _pose(view, camera)
+    turn, shift = _board_pose(view, camera)
     rays = _pixel_rays(camera, size)
     normal = turn[:, 2]
     # Far from a steep sheet a ray may run beside the wall; there it meets it far away and shows plain paint.
@@ -200,7 +202,7 @@ def _wall_coordinates(view: View, camera: Camera, size: tuple[int, int]) -> tupl
     return hit @ turn[:, 0], hit @ turn[:, 1]
 
 
-def _light(view: View, size: tuple[int, int]) -> np.ndarray:
+def _illumination(view: BoardView, size: tuple[int, int]) -> np.ndarray:
     """Brightness (height, width): fall-off, the lamp's glow and the lens's vignette."""
     u, v = np.meshgrid(np.linspace(-1, 1, size[0]), np.linspace(-1, 1, size[1]))
     falloff = 1 - (view.falloff[0] * u + view.falloff[1] * v)
@@ -208,7 +210,7 @@ def _light(view: View, size: tuple[int, int]) -> np.ndarray:
     return falloff * vignette + 0.25 * _glow(view, size)
 
 
-def _glow(view: View, size: tuple[int, int]) -> np.ndarray:
+def _glow(view: BoardView, size: tuple[int, int]) -> np.ndarray:
     """The lamp's reflection (height, width), with the long skirts that satin paint gives it."""
     lamp_u, lamp_v, reach, strength = view.lamp
     u, v = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
@@ -216,11 +218,11 @@ def _glow(view: View, size: tuple[int, int]) -> np.ndarray:
     return strength / (1 + squared) ** 2
 
 
-def _wall(view: View, x: np.ndarray, y: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _wall(view: BoardView, x: np.ndarray, y: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Colour (height, width, 3) of the painted wall with the relief of its plaster and the sheet's soft shadow."""
     start = rng.uniform(0, WALL_TEXELS, 2)
     footprint = float(np.median(np.hypot(np.gradient(x, axis=1), np.gradient(y, axis=1)))) / WALL_TEXEL_M
-    plaster = _seen_from_afar(_plaster(), footprint)
+    plaster = _blur_to_footprint(_plaster(), footprint)
     relief = np.clip(_sample(plaster, x / WALL_TEXEL_M + start[0], y / WALL_TEXEL_M + start[1]), -4, 4)
     # Satin paint reflects the lamp in the lamp's colour; slopes that face it glint, the others do not.
     glow = _glow(view, x.shape[::-1])
@@ -233,7 +235,7 @@ def _wall(view: View, x: np.ndarray, y: np.ndarray, rng: np.random.Generator) ->
     return np.clip(shade, 0.2, 2.0)[..., None] * np.array(view.wall.paint) + reflection
 
 
-def _sheet(view: View, x: np.ndarray, y: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def _sheet(view: BoardView, x: np.ndarray, y: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Colour (height, width, 3) of the printed sheet, and the share (height, width) of each pixel that it covers."""
     start = rng.uniform(0, WALL_TEXELS, 2)
     ripple = _sample(_ripples(), x / 0.002 + start[0], y / 0.002 + start[1])
@@ -249,8 +251,10 @@ def _sheet(view: View, x: np.ndarray, y: np.ndarray, rng: np.random.Generator) -
 
 def _ink(x: np.ndarray, y: np.ndarray, samples: int = 4) -> np.ndarray:
     """Share of each pixel's footprint on the sheet that is black, from samples x samples points of the footprint."""
-    across, down = x / SQUARE_M + (COLUMNS + 1) / 2, y / SQUARE_M + (ROWS + 1) / 2
-    near = (np.abs(across - (COLUMNS + 1) / 2) < COLUMNS / 2 + 1) & (np.abs(down - (ROWS + 1) / 2) < ROWS / 2 + 1)
+    across, down = x / SQUARE_M + (INNER_COLUMNS + 1) / 2, y / SQUARE_M + (INNER_ROWS + 1) / 2
+    near = (np.abs(across - (INNER_COLUMNS + 1) / 2) < INNER_COLUMNS / 2 + 1) & (
+        np.abs(down - (INNER_ROWS + 1) / 2) < INNER_ROWS / 2 + 1
+    )
     a, a_u, a_v, b, b_u, b_v = (
         values[near] for field in (across, down) for values in (field, *np.gradient(field)[::-1])
     )
@@ -258,7 +262,7 @@ def _ink(x: np.ndarray, y: np.ndarray, samples: int = 4) -> np.ndarray:
     for dv in (np.arange(samples) + 0.5) / samples - 0.5:
         for du in (np.arange(samples) + 0.5) / samples - 0.5:
             column, row = np.floor(a + du * a_u + dv * a_v), np.floor(b + du * b_u + dv * b_v)
-            printed = (column >= 0) & (column <= COLUMNS) & (row >= 0) & (row <= ROWS)
+            printed = (column >= 0) & (column <= INNER_COLUMNS) & (row >= 0) & (row <= INNER_ROWS)
             black += printed & ((column + row) % 2 == 0)
     ink = np.zeros_like(x)
     ink[near] = black / samples**2
@@ -289,7 +293,7 @@ def _plaster() -> np.ndarray:
     return (slope / slope.std()).astype(np.float32)
 
 
-def _seen_from_afar(tile: np.ndarray, texels_per_pixel: float) -> np.ndarray:
+def _blur_to_footprint(tile: np.ndarray, texels_per_pixel: float) -> np.ndarray:
     """A repeating tile blurred by the pixel's footprint, so that fine grain averages out instead of flickering."""
     if texels_per_pixel <= 1:
         return tile

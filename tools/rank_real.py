@@ -28,8 +28,8 @@ from lanes.camera.camera_file import load_camera  # noqa: E402
 from lanes.camera.pose_from_lanes.pose_from_files import pose_from_drive  # noqa: E402
 from lanes.io.images import list_pictures  # noqa: E402
 from lanes.io.video.reader import read_frames  # noqa: E402
-from simulator.rendering.produce import VIDEO_FPS  # noqa: E402
 from simulator.rendering.render import render_frame  # noqa: E402
+from simulator.rendering.video import VIDEO_FPS  # noqa: E402
 from simulator.road.truth import H_SAMPLES, line_pixels, visible_pixels  # noqa: E402
 from simulator.scenes.suite import SUITE  # noqa: E402
 

@@ -16,31 +16,31 @@ import numpy as np
 from lanes.io.disk_cache import cached_array, short_hash
 from lanes.io.threads import all_threads
 from simulator.landscape import foliage, sky
-from simulator.landscape.foliage import SUN_IN_SPRITE, plant_sprite
+from simulator.landscape.foliage import SUN_IN_SPRITE, plant_sprites
 from simulator.landscape.sky import (
-    COLUMNS,
     HORIZON_ROW,
+    PANORAMA_COLUMNS,
+    PANORAMA_ROWS,
     PIXELS_PER_RAD,
-    ROWS,
     Z_TOP,
     BackdropStyle,
-    air_between,
-    azimuths,
-    heights,
+    aerial_perspective,
+    column_azimuths,
     paint_clouds,
     paint_sky,
+    row_z,
 )
 from simulator.painting import noise
-from simulator.painting.brush import planes_of
+from simulator.painting.brush import split_channels
 from simulator.painting.noise import fractal_noise, fractal_profile, smoothstep
 
 __all__ = ["BackdropStyle", "paint_backdrop", "panorama"]
 
 # Every scene has its own country, so few are wanted again: those of the drives that are being rendered.
-MOST_KEPT = 3
-DRY_GRASS = np.array([0.40, 0.265, 0.135], np.float32)
+MAX_CACHED = 3
+HILL_GRASS = np.array([0.40, 0.265, 0.135], np.float32)
 DRY_SOIL = np.array([0.26, 0.175, 0.105], np.float32)
-GREEN_GRASS = np.array([0.17, 0.20, 0.055], np.float32)
+HILL_GREEN_GRASS = np.array([0.17, 0.20, 0.055], np.float32)
 CHAPARRAL = np.array([0.050, 0.050, 0.022], np.float32)
 FOREST_SUN = np.array([0.075, 0.080, 0.035], np.float32)
 FOREST_SHADE = np.array([0.012, 0.017, 0.012], np.float32)
@@ -77,23 +77,23 @@ def paint_backdrop(directions: Sequence[np.ndarray], style: BackdropStyle, *, se
 
 
 def _veil(colour: np.ndarray, distance_km: np.ndarray | float, style: BackdropStyle) -> np.ndarray:
-    through, air = air_between(np.asarray(distance_km) * 1000, style.haze_per_km)
+    through, air = aerial_perspective(np.asarray(distance_km) * 1000, style.haze_per_km)
     return colour * through + air
 
 
 @lru_cache(maxsize=3)
 def panorama(style: BackdropStyle, seed: int) -> np.ndarray:
-    """(ROWS, COLUMNS + 2, 3) float32, about 90 MB; row 0 looks up to Z_TOP, column 1 along azimuth 0."""
+    """Panorama (PANORAMA_ROWS, PANORAMA_COLUMNS + 2, 3), float32, 90 MB; row 0 is at Z_TOP, column 1 at azimuth 0."""
     sources = [Path(source) for source in (__file__, foliage.__file__, noise.__file__, sky.__file__)]
     name = f"panoramas/{short_hash(style, seed)}"
-    return cached_array(name, sources, lambda: _paint_panorama(style, seed), max_files=MOST_KEPT)
+    return cached_array(name, sources, lambda: _paint_panorama(style, seed), max_files=MAX_CACHED)
 
 
 @all_threads()
 def _paint_panorama(style: BackdropStyle, seed: int) -> np.ndarray:
     rng = np.random.default_rng([seed, 20])
     # Planes, because numpy is slow where the innermost axis has three elements.
-    panorama = planes_of(paint_sky(style))
+    panorama = split_channels(paint_sky(style))
     if style.cloud_cover > 0:
         paint_clouds(panorama, style, np.random.default_rng([seed, 21]))
     _paint_plain(panorama, style, rng)
@@ -101,7 +101,7 @@ def _paint_panorama(style: BackdropStyle, seed: int) -> np.ndarray:
     for distance_km, share in ((4.0, 0.62), (1.6, 0.75), (0.7, 1.0)):
         _paint_hills(panorama, style, rng, distance_km=distance_km, height_rad=share * style.hill_height_rad)
     _paint_woods(panorama, style, rng)
-    wrapped = np.empty((ROWS, COLUMNS + 2, 3), np.float32)
+    wrapped = np.empty((PANORAMA_ROWS, PANORAMA_COLUMNS + 2, 3), np.float32)
     cv2.merge(list(panorama), wrapped[:, 1:-1])
     wrapped[:, 0], wrapped[:, -1] = wrapped[:, -2], wrapped[:, 1]
     return wrapped
@@ -110,11 +110,11 @@ def _paint_panorama(style: BackdropStyle, seed: int) -> np.ndarray:
 def _paint_plain(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Generator) -> None:
     """Everything below the horizon: fields that grow finer and hazier with distance."""
     first = int(HORIZON_ROW)
-    z = np.minimum(heights()[first:], -2e-4)
-    noise = fractal_noise((len(z), COLUMNS), rng, cell_px=(14, 220), octaves=6, gain=0.6)
+    z = np.minimum(row_z()[first:], -2e-4)
+    noise = fractal_noise((len(z), PANORAMA_COLUMNS), rng, cell_px=(14, 220), octaves=6, gain=0.6)
     share = smoothstep(-0.6, 1.4, noise)
     distance_km = np.minimum(1.4e-3 / -z, 6.0)
-    through, air = np.moveaxis(air_between(distance_km[:, None] * 1000, style.haze_per_km), -1, 1)
+    through, air = np.moveaxis(aerial_perspective(distance_km[:, None] * 1000, style.haze_per_km), -1, 1)
     for plane, grass, scrub, left_over, added in zip(
         panorama, _grass(style), CHAPARRAL * 1.6, through, air, strict=True
     ):
@@ -122,16 +122,16 @@ def _paint_plain(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Gene
 
 
 def _grass(style: BackdropStyle) -> np.ndarray:
-    return DRY_GRASS + (GREEN_GRASS - DRY_GRASS) * style.greenness
+    return HILL_GRASS + (HILL_GREEN_GRASS - HILL_GRASS) * style.greenness
 
 
 def _skyline(rng: np.random.Generator, height_rad: float, *, cell_rad: float, roughness: float) -> np.ndarray:
-    """(COLUMNS,) z of a ridge line: broad hills that sometimes fall below the horizon."""
-    profile = fractal_profile(COLUMNS, rng, cell_px=cell_rad * PIXELS_PER_RAD, octaves=9, gain=roughness)
+    """(PANORAMA_COLUMNS,) z of a ridge line: broad hills that sometimes fall below the horizon."""
+    profile = fractal_profile(PANORAMA_COLUMNS, rng, cell_px=cell_rad * PIXELS_PER_RAD, octaves=9, gain=roughness)
     return height_rad * np.clip(0.62 + 0.42 * profile, -0.3, 1.6)
 
 
-def _cover(
+def _paint_slope(
     panorama: np.ndarray,
     rows: slice,
     colours: Iterable[np.ndarray],
@@ -143,12 +143,12 @@ def _cover(
 
     The edge is soft over one pixel; the planes are used up.
     """
-    through, air = air_between(np.asarray(distance_km) * 1000, style.haze_per_km)
-    alpha = np.clip((skyline[None, :] - heights()[rows, None]) * PIXELS_PER_RAD + 0.5, 0, 1)
+    through, air = aerial_perspective(np.asarray(distance_km) * 1000, style.haze_per_km)
+    alpha = np.clip((skyline[None, :] - row_z()[rows, None]) * PIXELS_PER_RAD + 0.5, 0, 1)
     for plane, colour, left_over, added in zip(panorama[:, rows], colours, through, air, strict=True):
         colour *= left_over
         colour += added
-        _mixed(plane, colour, alpha)
+        _blend(plane, colour, alpha)
 
 
 def _band(skyline: np.ndarray) -> tuple[int, int]:
@@ -162,7 +162,7 @@ def _relief(shape: tuple[int, int], rng: np.random.Generator, style: BackdropSty
     ground = fractal_noise(shape, rng, cell_px=(0.9 * cell, 0.6 * cell), octaves=4, gain=0.42)
     across = np.gradient(ground, axis=1) * cell
     # From the viewer, the sun lights the right-hand slopes where it stands to the right of the line of sight.
-    side = np.sin(azimuths() - style.sun_azimuth_rad)
+    side = np.sin(column_azimuths() - style.sun_azimuth_rad)
     return np.clip(1 + 0.07 * across * side[None, :] + 0.06 * ground, 0.5, 1.5)
 
 
@@ -170,24 +170,24 @@ def _paint_ridge(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Gene
     """The far wooded ridge, blue with distance: two lines of it."""
     for distance_km, share in ((14.0, 1.0), (7.0, 0.72)):
         skyline = _skyline(rng, share * style.ridge_height_rad, cell_rad=0.45, roughness=0.40)
-        skyline += 0.0007 * fractal_profile(COLUMNS, rng, cell_px=7, octaves=3)
+        skyline += 0.0007 * fractal_profile(PANORAMA_COLUMNS, rng, cell_px=7, octaves=3)
         first, last = _band(skyline)
-        shape = (last - first, COLUMNS)
+        shape = (last - first, PANORAMA_COLUMNS)
         relief = _relief(shape, rng, style, cell_rad=0.10)
         trees = fractal_noise(shape, rng, cell_px=(5, 7), octaves=3, gain=0.8)
         glades = fractal_noise(shape, rng, cell_px=(14, 70), octaves=5, gain=0.65)
         clearings = 0.6 * smoothstep(1.9, 2.8, glades + 0.3 * trees)
         light = np.clip(0.55 * relief + 0.16 * trees, 0.05, 1.3)
-        woods = (
+        wood_edges = (
             shade + brighter * light for shade, brighter in zip(FOREST_SHADE, FOREST_SUN - FOREST_SHADE, strict=True)
         )
         colours = (
-            _mixed(wood, grass * relief, clearings) for wood, grass in zip(woods, 0.8 * _grass(style), strict=True)
+            _blend(wood, grass * relief, clearings) for wood, grass in zip(wood_edges, 0.8 * _grass(style), strict=True)
         )
-        _cover(panorama, slice(first, last), colours, skyline, distance_km, style)
+        _paint_slope(panorama, slice(first, last), colours, skyline, distance_km, style)
 
 
-def _mixed(below: np.ndarray, above: np.ndarray, share: np.ndarray) -> np.ndarray:
+def _blend(below: np.ndarray, above: np.ndarray, share: np.ndarray) -> np.ndarray:
     """`below`, changed to `above` as far as its share goes; that is used up."""
     above -= below
     above *= share
@@ -201,11 +201,11 @@ def _paint_hills(
     """One line of grassy hills with scrub in the folds, and its trees."""
     skyline = _skyline(rng, height_rad, cell_rad=0.30 + 0.25 * (1.6 / (1 + distance_km)), roughness=0.36)
     # The road runs along a valley: ahead and behind, near hills stay low.
-    valley = smoothstep(0.02, 0.55, np.abs(np.sin(azimuths())))
+    valley = smoothstep(0.02, 0.55, np.abs(np.sin(column_azimuths())))
     skyline = skyline * (1 - (1 - valley) * min(1.0, 1.2 / distance_km) * 0.85)
-    skyline += 0.0006 * fractal_profile(COLUMNS, rng, cell_px=9, octaves=3)
+    skyline += 0.0006 * fractal_profile(PANORAMA_COLUMNS, rng, cell_px=9, octaves=3)
     first, last = _band(skyline)
-    shape = (last - first, COLUMNS)
+    shape = (last - first, PANORAMA_COLUMNS)
     relief = _relief(shape, rng, style, cell_rad=0.16)
     grain = fractal_noise(shape, rng, cell_px=(6, 9), octaves=3, gain=0.8)
     patches = fractal_noise(shape, rng, cell_px=(34, 150), octaves=6, gain=0.6)
@@ -215,37 +215,37 @@ def _paint_hills(
     brush *= 0.85
     bushes = np.clip(1 + 0.45 * grain, 0.2, 2)
     colours = (
-        _mixed((grass * moist + soil * dry) * relief, scrub * bushes, brush)
+        _blend((grass * moist + soil * dry) * relief, scrub * bushes, brush)
         for grass, soil, scrub in zip(_grass(style), DRY_SOIL * 0.55, CHAPARRAL, strict=True)
     )
-    _cover(panorama, slice(first, last), colours, skyline, distance_km, style)
+    _paint_slope(panorama, slice(first, last), colours, skyline, distance_km, style)
     count = int(3600 * style.tree_density * min(1.5, distance_km))
-    column, depth = rng.integers(0, COLUMNS, count), rng.uniform(0, 1, count) ** 0.8
-    grove = fractal_profile(COLUMNS, rng, cell_px=260, octaves=4)
-    keep = (grove[column] > rng.normal(0.25, 0.5, count)) & (skyline[column] > 0.004)
+    column, depth = rng.integers(0, PANORAMA_COLUMNS, count), rng.uniform(0, 1, count) ** 0.8
+    plant_trees = fractal_profile(PANORAMA_COLUMNS, rng, cell_px=260, octaves=4)
+    keep = (plant_trees[column] > rng.normal(0.25, 0.5, count)) & (skyline[column] > 0.004)
     column, depth = column[keep], depth[keep]
     base = skyline[column] * (1 - 0.9 * depth) - 0.001
-    _plant(panorama, style, rng, column, base, distance_km, kinds=("oak", "oak", "bush", "scrub", "bush"))
+    _paint_trees(panorama, style, rng, column, base, distance_km, kinds=("oak", "oak", "bush", "scrub", "bush"))
 
 
 def _paint_woods(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Generator) -> None:
     """Trees and hedges on the plain, from a kilometre away to three hundred metres."""
-    grove = fractal_profile(COLUMNS, rng, cell_px=900, octaves=5, gain=0.6)
+    plant_trees = fractal_profile(PANORAMA_COLUMNS, rng, cell_px=900, octaves=5, gain=0.6)
     trees = ("oak", "plane", "eucalyptus", "oak", "bush")
     for distance_km in (1.0, 0.6, 0.35):
         # Undergrowth stands around and before the trees and hides their feet.
         for kinds, share, spread in ((trees, 2000, 0.0), (("bush", "bush", "scrub"), 4500, 0.3)):
             count = int(share * style.tree_density)
-            column = rng.integers(0, COLUMNS, count)
+            column = rng.integers(0, PANORAMA_COLUMNS, count)
             # Near trees leave the road's own direction free; those in the picture there are the scene's.
             valley = np.abs(np.sin(column / PIXELS_PER_RAD))
             edge = rng.normal(0.9 - 1.4 * style.tree_density - spread, 0.35, count)
-            column = column[(grove[column] > edge) & (valley > 0.045 / distance_km)]
+            column = column[(plant_trees[column] > edge) & (valley > 0.045 / distance_km)]
             base = -0.0015 / distance_km * rng.uniform(0.5, 1.1, len(column))
-            _plant(panorama, style, rng, column, base, distance_km, kinds=kinds)
+            _paint_trees(panorama, style, rng, column, base, distance_km, kinds=kinds)
 
 
-def _plant(
+def _paint_trees(
     panorama: np.ndarray,
     style: BackdropStyle,
     rng: np.random.Generator,
@@ -274,7 +274,7 @@ def _plant(
 
 @lru_cache(maxsize=512)
 def _sized_sprite(kind: str, seed: int, rows: int) -> np.ndarray:
-    sprites = plant_sprite(kind, seed)
+    sprites = plant_sprites(kind, seed)
     level = next((s for s in reversed(sprites) if s.shape[0] >= rows), sprites[0])
     columns = max(1, round(level.shape[1] * rows / level.shape[0]))
     return cv2.resize(level, (columns, rows), interpolation=cv2.INTER_AREA)
@@ -290,12 +290,12 @@ def _stamp(
 ) -> None:
     """Lay a sprite over the panorama, foot at (column, foot), around the end of the panorama where needed."""
     rows, columns = sprite.shape[:2]
-    top, bottom = max(0, foot - rows), min(ROWS, foot)
+    top, bottom = max(0, foot - rows), min(PANORAMA_ROWS, foot)
     sprite = sprite[top - (foot - rows) : bottom - (foot - rows)]
     left = column - columns // 2
     where = slice(left, left + columns)
-    if left < 0 or left + columns > COLUMNS:
-        where = np.arange(left, left + columns) % COLUMNS
+    if left < 0 or left + columns > PANORAMA_COLUMNS:
+        where = np.arange(left, left + columns) % PANORAMA_COLUMNS
     *colours, alpha = sprite.transpose(2, 0, 1)
     clear = 1 - alpha
     for plane, colour, tone, through, added in zip(panorama, colours, tint, *air, strict=True):

@@ -40,19 +40,37 @@ class Species:
     bark_colour: tuple[float, float, float] = (0.12, 0.09, 0.07)
     trunk_width: float = 0.035
     taper: float = 0.0
-    airy: float = 0.2
+    openness: float = 0.2
 
 
 SPECIES = {
-    "oak": Species(1.0, 0.14, 40, 0.135, 0.0036, 44000, (0.150, 0.145, 0.042), (0.008, 0.010, 0.004), airy=0.15),
+    "oak": Species(1.0, 0.14, 40, 0.135, 0.0036, 44000, (0.150, 0.145, 0.042), (0.008, 0.010, 0.004), openness=0.15),
     "eucalyptus": Species(
-        0.66, 0.16, 44, 0.10, 0.0033, 42000, (0.165, 0.155, 0.062), (0.010, 0.011, 0.007), (0.30, 0.26, 0.21), airy=0.35
+        0.66,
+        0.16,
+        44,
+        0.10,
+        0.0033,
+        42000,
+        (0.165, 0.155, 0.062),
+        (0.010, 0.011, 0.007),
+        (0.30, 0.26, 0.21),
+        openness=0.35,
     ),
     "plane": Species(
-        1.05, 0.2, 70, 0.085, 0.0031, 34000, (0.16, 0.13, 0.058), (0.022, 0.019, 0.012), (0.16, 0.125, 0.10), airy=0.9
+        1.05,
+        0.2,
+        70,
+        0.085,
+        0.0031,
+        34000,
+        (0.16, 0.13, 0.058),
+        (0.022, 0.019, 0.012),
+        (0.16, 0.125, 0.10),
+        openness=0.9,
     ),
     "cypress": Species(
-        0.30, 0.03, 60, 0.07, 0.0034, 32000, (0.062, 0.080, 0.030), (0.006, 0.009, 0.005), taper=0.85, airy=0.1
+        0.30, 0.03, 60, 0.07, 0.0034, 32000, (0.062, 0.080, 0.030), (0.006, 0.009, 0.005), taper=0.85, openness=0.1
     ),
     "redwood": Species(
         0.46,
@@ -66,13 +84,13 @@ SPECIES = {
         (0.10, 0.06, 0.045),
         taper=0.8,
     ),
-    "bush": Species(1.45, -0.12, 34, 0.20, 0.0060, 44000, (0.175, 0.175, 0.050), (0.010, 0.013, 0.005), airy=0.1),
-    "scrub": Species(1.9, -0.12, 34, 0.19, 0.0075, 26000, (0.21, 0.165, 0.075), (0.026, 0.022, 0.012), airy=0.4),
+    "bush": Species(1.45, -0.12, 34, 0.20, 0.0060, 44000, (0.175, 0.175, 0.050), (0.010, 0.013, 0.005), openness=0.1),
+    "scrub": Species(1.9, -0.12, 34, 0.19, 0.0075, 26000, (0.21, 0.165, 0.075), (0.026, 0.022, 0.012), openness=0.4),
 }
 
 
 @lru_cache(maxsize=32)
-def plant_sprite(species: str, seed: int) -> tuple[np.ndarray, ...]:
+def plant_sprites(species: str, seed: int) -> tuple[np.ndarray, ...]:
     """Frame of one plant at halving sizes.
 
     Parameters
@@ -95,7 +113,7 @@ def plant_sprite(species: str, seed: int) -> tuple[np.ndarray, ...]:
     """
     if species not in SPECIES:
         raise ValueError(f"there is no plant called {species!r}; the species are {', '.join(sorted(SPECIES))}.")
-    sprites = [grown_plant(species, seed)]
+    sprites = [plant_picture(species, seed)]
     while sprites[-1].shape[0] > 10:
         size = (max(1, sprites[-1].shape[1] // 2), sprites[-1].shape[0] // 2)
         sprites.append(cv2.resize(sprites[-1], size, interpolation=cv2.INTER_AREA))
@@ -104,13 +122,13 @@ def plant_sprite(species: str, seed: int) -> tuple[np.ndarray, ...]:
     return tuple(sprites)
 
 
-def grown_plant(species: str, seed: int) -> np.ndarray:
+def plant_picture(species: str, seed: int) -> np.ndarray:
     """The largest picture of a plant, kept for other processes and days."""
     sources = [Path(__file__), Path(noise.__file__)]
-    return cached_array(f"plants/{species}-{seed}", sources, lambda: _grow(species, seed))
+    return cached_array(f"plants/{species}-{seed}", sources, lambda: _paint_plant(species, seed))
 
 
-def _grow(species: str, seed: int) -> np.ndarray:
+def _paint_plant(species: str, seed: int) -> np.ndarray:
     kind = SPECIES[species]
     rng = np.random.default_rng([seed, sorted(SPECIES).index(species)])
     rows = SPRITE_ROWS * _OVERSAMPLING
@@ -232,8 +250,8 @@ def _scatter_leaves(kind: Species, lumps: np.ndarray, rng: np.random.Generator) 
     which = rng.integers(0, clusters, kind.leaves)
     outward = cluster_direction[owner, which]
     # Clipped, because no leaf hangs in the air away from its spray.
-    scatter = (0.15 + 0.10 * kind.airy) * np.clip(rng.standard_normal((kind.leaves, 3)), -2.2, 2.2)
-    local = outward * (0.8 + 0.2 * kind.airy) + scatter
+    scatter = (0.15 + 0.10 * kind.openness) * np.clip(rng.standard_normal((kind.leaves, 3)), -2.2, 2.2)
+    local = outward * (0.8 + 0.2 * kind.openness) + scatter
     position = lumps[owner, :3] + local * lumps[owner, 3:4] * [1, 1, 0.8]
     position[:, 2] = np.clip(position[:, 2], 0.002, 0.998)
     crown_middle = np.array([0, 0, (1 + kind.crown_bottom) / 2])
@@ -241,7 +259,7 @@ def _scatter_leaves(kind: Species, lumps: np.ndarray, rng: np.random.Generator) 
     crown = (position - crown_middle) / crown_size
     facing = 0.58 * (local @ SUN_IN_SPRITE) + 0.38 * (crown @ SUN_IN_SPRITE)
     clump = rng.normal(0, 0.17, (len(lumps), clusters))[owner, which]
-    light = 0.22 + 0.95 * facing + clump + rng.normal(0, 0.06, kind.leaves) + 0.15 * kind.airy
+    light = 0.22 + 0.95 * facing + clump + rng.normal(0, 0.06, kind.leaves) + 0.15 * kind.openness
     # Inside the crown leaves are shaded by all the others.
     depth = np.linalg.norm(crown, axis=1)
     light *= 0.25 + 0.75 * np.clip(depth, 0, 1)

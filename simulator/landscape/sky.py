@@ -15,10 +15,10 @@ import numpy as np
 from simulator.painting.noise import fractal_noise, smoothstep
 
 # 1304 columns a radian: a little finer than the 1160 px/rad of a 63 degree wide picture of 1280 columns.
-COLUMNS = 8192
-PIXELS_PER_RAD = COLUMNS / (2 * np.pi)
+PANORAMA_COLUMNS = 8192
+PIXELS_PER_RAD = PANORAMA_COLUMNS / (2 * np.pi)
 Z_TOP, Z_BOTTOM = 0.64, -0.06
-ROWS = round((Z_TOP - Z_BOTTOM) * PIXELS_PER_RAD)
+PANORAMA_ROWS = round((Z_TOP - Z_BOTTOM) * PIXELS_PER_RAD)
 HORIZON_ROW = Z_TOP * PIXELS_PER_RAD
 
 # Linear radiance of a dry summer sky, sunlit white paint = 1: at the zenith, what the horizon adds, and how fast that
@@ -80,7 +80,7 @@ class BackdropStyle:
         )
 
 
-def air_between(distance_m: np.ndarray | float, haze_per_km: float) -> tuple[np.ndarray, np.ndarray]:
+def aerial_perspective(distance_m: np.ndarray | float, haze_per_km: float) -> tuple[np.ndarray, np.ndarray]:
     """What the air does to the light of a thing at a distance.
 
     Parameters
@@ -104,20 +104,20 @@ def air_between(distance_m: np.ndarray | float, haze_per_km: float) -> tuple[np.
     return through, HAZE_COLOUR * (1 - through)
 
 
-def azimuths() -> np.ndarray:
-    return (np.arange(COLUMNS, dtype=np.float32) + 0.5) / np.float32(PIXELS_PER_RAD)
+def column_azimuths() -> np.ndarray:
+    return (np.arange(PANORAMA_COLUMNS, dtype=np.float32) + 0.5) / np.float32(PIXELS_PER_RAD)
 
 
-def heights() -> np.ndarray:
+def row_z() -> np.ndarray:
     """z component of the direction of each row."""
-    return (Z_TOP - (np.arange(ROWS, dtype=np.float32) + 0.5) / PIXELS_PER_RAD).astype(np.float32)
+    return (Z_TOP - (np.arange(PANORAMA_ROWS, dtype=np.float32) + 0.5) / PIXELS_PER_RAD).astype(np.float32)
 
 
 def paint_sky(style: BackdropStyle) -> np.ndarray:
     """Gradient from the horizon up, and the bright side where the sun stands."""
     coarse = 4
-    z = cv2.resize(heights()[:, None], (1, ROWS // coarse), interpolation=cv2.INTER_AREA).ravel()
-    azimuth = azimuths().reshape(-1, coarse).mean(axis=1)
+    z = cv2.resize(row_z()[:, None], (1, PANORAMA_ROWS // coarse), interpolation=cv2.INTER_AREA).ravel()
+    azimuth = column_azimuths().reshape(-1, coarse).mean(axis=1)
     gradient = ZENITH + HORIZON_GLOW * np.exp(-GLOW_FALL * np.maximum(z, 0)[:, None])
     sun = style.sun_direction().astype(np.float32)
     facing = np.cos(azimuth - style.sun_azimuth_rad) * np.hypot(sun[0], sun[1])
@@ -125,21 +125,21 @@ def paint_sky(style: BackdropStyle) -> np.ndarray:
     # Aureole (forward scattering), the weak brightening of the sun's whole side, and haze that whitens both.
     glow = 0.30 * np.exp(-away / 0.05) + (0.05 + 0.35 * style.haze_per_km) * np.exp(-away / 0.5)
     sky = gradient[:, None, :] * (1.06 - 0.06 * away) + glow * np.array([0.85, 0.97, 1.0], np.float32)
-    return cv2.resize(sky.astype(np.float32), (COLUMNS, ROWS), interpolation=cv2.INTER_LINEAR)
+    return cv2.resize(sky.astype(np.float32), (PANORAMA_COLUMNS, PANORAMA_ROWS), interpolation=cv2.INTER_LINEAR)
 
 
 def paint_clouds(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Generator) -> None:
     """Cumulus: noise on a flat layer seen in perspective, so that clouds shrink and crowd towards the horizon.
 
-    The panorama is given as planes (3, ROWS, COLUMNS) and changed.
+    The panorama is given as planes (3, PANORAMA_ROWS, PANORAMA_COLUMNS) and changed.
     """
     size, coarse = 2048, 2
     noise = fractal_noise((size, size), rng, cell_px=(420, 420), octaves=8, gain=0.55)
     rows = int(HORIZON_ROW) // coarse
-    z = np.maximum(heights()[: rows * coarse : coarse], 0.004)[:, None]
+    z = np.maximum(row_z()[: rows * coarse : coarse], 0.004)[:, None]
     # The exponent is 1 for paper-thin clouds; less gives them the height that makes them cumulus.
     reach = 330 * np.sqrt(1 - z * z) / (z + 0.06) ** 0.55
-    azimuth = azimuths()[::coarse]
+    azimuth = column_azimuths()[::coarse]
     map_x = (reach * np.cos(azimuth) + size / 2).astype(np.float32)
     map_y = (reach * np.sin(azimuth) + size / 2).astype(np.float32)
     density = cv2.remap(noise, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
@@ -150,7 +150,7 @@ def paint_clouds(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Gene
     thick = smoothstep(edge + 0.1, edge + 1.7, cv2.GaussianBlur(density, (0, 0), 3))
     brightness = np.clip(0.84 - 0.46 * thick + 0.22 * lit, 0.26, 1.05)
     cover *= np.exp(-0.012 / z)
-    size = (COLUMNS, rows * coarse)
+    size = (PANORAMA_COLUMNS, rows * coarse)
     clear = 1 - cv2.resize(cover, size, interpolation=cv2.INTER_LINEAR)
     for plane, bright, dark in zip(panorama[:, : rows * coarse], (1.0, 1.0, 1.01), (0.03, 0.05, 0.09), strict=True):
         colour = brightness * np.float32(bright) + (1 - brightness) * np.float32(dark)

@@ -12,17 +12,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from simulator.light.lens import ADAPTED_TO, LUMINANCE, Lens
+from simulator.light.lens import LUMINANCE, REFERENCE_LUMINANCE, Lens
 from simulator.light.sunlight import Shade, light_along
 from simulator.road.surface import MATERIALS, Surface
 
 # Where on the road the camera meters, metres ahead and to the left, and how finely the way there is sampled.
 METERED_M = (5.0, 25.0)
-METERED_ASIDE_M = (-1.5, 0.0, 1.5)
-STEP_M = 1.0
+METERED_LATERALS_M = (-1.5, 0.0, 1.5)
+SAMPLE_STEP_M = 1.0
 # Steps of the integral over the past; after so many time constants the past no longer counts (e^-6 = 0.2 %).
-STEP_S = 0.04
-MEMORY = 6.0
+SAMPLE_STEP_S = 0.04
+MEMORY_TIME_CONSTANTS = 6.0
 
 
 @dataclass(frozen=True)
@@ -57,15 +57,15 @@ class AutoExposure:
         road_light : RoadLight
         time_s : float
         """
-        ago = np.arange(0.0, MEMORY * self.time_constant_s, STEP_S)
-        stations = np.array([station_m(time_s - float(t)) for t in ago])
-        weight = np.exp(-ago / self.time_constant_s)
+        age_s = np.arange(0.0, MEMORY_TIME_CONSTANTS * self.time_constant_s, SAMPLE_STEP_S)
+        stations = np.array([station_m(time_s - float(t)) for t in age_s])
+        weight = np.exp(-age_s / self.time_constant_s)
         stops = np.log2(np.maximum(road_light.metered(stations), self.darkest))
         return float(2.0 ** ((weight * stops).sum() / weight.sum()))
 
     def lens(self, lens: Lens, adapted_light: float) -> Lens:
         """The lens with this exposure's strength, and the noise that its gain brings: photons are fewer."""
-        gain = (ADAPTED_TO / adapted_light) ** self.strength
+        gain = (REFERENCE_LUMINANCE / adapted_light) ** self.strength
         return replace(lens, adaptation=self.strength, noise=lens.noise * float(np.sqrt(max(gain, 1.0))))
 
 
@@ -79,17 +79,19 @@ class RoadLight:
 
     def metered(self, stations_m: np.ndarray) -> np.ndarray:
         """Mean luminance (N,) of the road before the car at each of its stations (N,)."""
-        first, last = stations_m.min() + METERED_M[0], stations_m.max() + METERED_M[1] + STEP_M
-        s = np.arange(first, last + STEP_M, STEP_M)
-        until = np.concatenate([[0.0], np.cumsum(self.luminance(s)) * STEP_M])
+        first, last = stations_m.min() + METERED_M[0], stations_m.max() + METERED_M[1] + SAMPLE_STEP_M
+        s = np.arange(first, last + SAMPLE_STEP_M, SAMPLE_STEP_M)
+        until = np.concatenate([[0.0], np.cumsum(self.luminance(s)) * SAMPLE_STEP_M])
         # The integral at any place, from its values between the samples, each of which stands for one step.
-        at = np.concatenate([[s[0] - STEP_M / 2], s + STEP_M / 2])
+        at = np.concatenate([[s[0] - SAMPLE_STEP_M / 2], s + SAMPLE_STEP_M / 2])
         near, far = (np.interp(stations_m + m, at, until) for m in METERED_M)
         return (far - near) / (METERED_M[1] - METERED_M[0])
 
     def luminance(self, s_m: np.ndarray) -> np.ndarray:
         """Luminance (N,) of the road at places (N,) along it: the mean over the lane."""
-        light = np.mean([light_along(self.shades, s_m, 0 * s_m + d, seed=self.seed) for d in METERED_ASIDE_M], axis=0)
+        light = np.mean(
+            [light_along(self.shades, s_m, 0 * s_m + d, seed=self.seed) for d in METERED_LATERALS_M], axis=0
+        )
         zones = sorted(self.surface.zones, key=lambda zone: zone.start_m)
         which = np.searchsorted([zone.start_m for zone in zones[1:]], s_m, side="right")
         colours = np.array([MATERIALS[zone.material].colour for zone in zones], np.float32)

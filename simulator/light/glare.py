@@ -13,7 +13,7 @@ from simulator.road.ground import Ground
 
 SUN_COLOUR = np.array([1.0, 0.93, 0.80], np.float32)
 # Smooth light is computed on every eighth pixel, the flare on every fourth.
-COARSE, FINER = 8, 4
+VEIL_DOWNSAMPLING, FLARE_DOWNSAMPLING = 8, 4
 # Mirror images of the iris: place on the line from the sun (-1) through the middle (0), size as a share of the
 # picture's height, strength, colour.
 GHOSTS = (
@@ -68,7 +68,10 @@ def add_sheen(light: np.ndarray, ground: Ground, sun: np.ndarray, sun_direction:
     ----------
     Facets that are tilted by chance (Beckmann), each mirroring by Schlick's approximation of Fresnel's law.
     """
-    x, y = (cv2.resize(a, None, fx=1 / FINER, fy=1 / FINER, interpolation=cv2.INTER_AREA) for a in (ground.x, ground.y))
+    x, y = (
+        cv2.resize(a, None, fx=1 / FLARE_DOWNSAMPLING, fy=1 / FLARE_DOWNSAMPLING, interpolation=cv2.INTER_AREA)
+        for a in (ground.x, ground.y)
+    )
     to_eye = np.stack([-x, -y, np.full_like(x, height_m)], axis=-1)
     to_eye /= np.linalg.norm(to_eye, axis=-1, keepdims=True)
     half = to_eye + sun_direction.astype(np.float32)
@@ -91,7 +94,7 @@ def add_glare(light: np.ndarray, rays: np.ndarray, sun_ray: np.ndarray, glare: G
     ----------
     light : ndarray of shape (height, width, 3), float32
     rays : ndarray of shape (height, width, 3), float32
-        Directions of the pixels, camera axes, as `ground.picture_rays` gives them.
+        Directions of the pixels, camera axes, as `ground.pixel_rays` gives them.
     sun_ray : ndarray of shape (3,)
         Unit vector towards the sun, camera axes.
     glare : Glare
@@ -101,11 +104,11 @@ def add_glare(light: np.ndarray, rays: np.ndarray, sun_ray: np.ndarray, glare: G
     if sunshine <= 0:
         return
     height, width = light.shape[:2]
-    added = cv2.resize(_veil(rays[::COARSE, ::COARSE], sun_ray, glare.veil), (width, height))
+    added = cv2.resize(_veil(rays[::VEIL_DOWNSAMPLING, ::VEIL_DOWNSAMPLING], sun_ray, glare.veil), (width, height))
     if glare.veil:
         added *= _dirt(height, width)
     if glare.flare and sun_ray[2] > 0.3:
-        flare = glare.flare * _flare(rays[::FINER, ::FINER], sun_ray)
+        flare = glare.flare * _flare(rays[::FLARE_DOWNSAMPLING, ::FLARE_DOWNSAMPLING], sun_ray)
         added += cv2.resize(flare, (width, height))
     if glare.dashboard:
         cv2.scaleAdd(_dashboard(height, width), glare.dashboard, added, dst=added)

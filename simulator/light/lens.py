@@ -8,15 +8,15 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from simulator.painting.brush import planes_of
+from simulator.painting.brush import split_channels
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 # Steps of the tone curve's table: fine enough that no two neighbouring entries differ by more than one level.
 TONE_STEPS = 4096
-BRIGHTEST = 4.0
+MAX_LIGHT = 4.0
 # Luminance of a road at which the automatic exposure changes nothing: asphalt that is no longer new.
-ADAPTED_TO = 0.055
-ROWS_AT_A_TIME = 24
+REFERENCE_LUMINANCE = 0.055
+BLOCK_ROWS = 24
 # How fast darkness swallows detail: light equal to this comes out at half its strength.
 TOE = 0.012
 
@@ -70,13 +70,13 @@ def develop(light: np.ndarray, lens: Lens, *, road_light: float, seed: int) -> n
     ndarray of shape (height, width, 3), uint8
     """
     height, width = light.shape[:2]
-    gain = np.float32(2.0**lens.exposure * (ADAPTED_TO / max(road_light, 0.002)) ** lens.adaptation)
+    gain = np.float32(2.0**lens.exposure * (REFERENCE_LUMINANCE / max(road_light, 0.002)) ** lens.adaptation)
     light = cv2.GaussianBlur(light, (0, 0), lens.blur_px) if lens.blur_px else light
     vignette, noise = gain * _vignette(height, width, lens.vignette), _noise(height, width, seed)
     image = np.empty((height, width, 3), np.uint8)
     # Some rows at a time stay in the processor's cache through all steps.
-    for top in range(0, height, ROWS_AT_A_TIME):
-        rows = slice(top, top + ROWS_AT_A_TIME)
+    for top in range(0, height, BLOCK_ROWS):
+        rows = slice(top, top + BLOCK_ROWS)
         cv2.LUT(_tone_steps(light[rows], vignette[rows], noise[rows], lens.noise), _tone_curve(), dst=image[rows])
     if lens.sharpening:
         image = cv2.addWeighted(image, 1 + lens.sharpening, cv2.GaussianBlur(image, (0, 0), 1.1), -lens.sharpening, 0)
@@ -84,7 +84,7 @@ def develop(light: np.ndarray, lens: Lens, *, road_light: float, seed: int) -> n
 
 
 def _blur_chroma(image: np.ndarray, blur_px: float) -> np.ndarray:
-    luma, *chroma = planes_of(cv2.cvtColor(image, cv2.COLOR_RGB2YCrCb))
+    luma, *chroma = split_channels(cv2.cvtColor(image, cv2.COLOR_RGB2YCrCb))
     half = [cv2.GaussianBlur(cv2.pyrDown(plane), (0, 0), blur_px / 2) for plane in chroma]
     size = luma.shape[::-1]
     return cv2.cvtColor(cv2.merge([luma, *(cv2.resize(plane, size) for plane in half)]), cv2.COLOR_YCrCb2RGB)
@@ -94,9 +94,9 @@ def _tone_steps(light: np.ndarray, gain: np.ndarray, noise: np.ndarray, noise_sh
     """Entries of the tone curve's table (rows, width, 3) uint16 for light times gain (rows, width), with noise."""
     light = light * cv2.merge([gain] * 3)
     # Work on the square root of light, where photon noise has the same size everywhere.
-    root = np.sqrt(np.clip(light, 0, BRIGHTEST, out=light), out=light)
+    root = np.sqrt(np.clip(light, 0, MAX_LIGHT, out=light), out=light)
     root += np.float32(noise_share / 2) * noise
-    root *= np.float32((TONE_STEPS - 1) / np.sqrt(BRIGHTEST))
+    root *= np.float32((TONE_STEPS - 1) / np.sqrt(MAX_LIGHT))
     return np.clip(root, 0, TONE_STEPS - 1, out=root).astype(np.uint16)
 
 
@@ -130,7 +130,7 @@ def _noise(height: int, width: int, seed: int) -> np.ndarray:
 @lru_cache(maxsize=1)
 def _tone_curve() -> np.ndarray:
     """sRGB's transfer curve (IEC 61966-2-1) behind a toe, and a shoulder that keeps white paint from clipping."""
-    light = np.linspace(0, np.sqrt(BRIGHTEST), TONE_STEPS) ** 2
+    light = np.linspace(0, np.sqrt(MAX_LIGHT), TONE_STEPS) ** 2
     light = light**2 / (light + TOE)
     knee = 0.55
     over = np.maximum(light - knee, 0)

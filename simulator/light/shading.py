@@ -35,22 +35,22 @@ class Faces:
         return face_normals(self.corners)
 
     @cached_property
-    def height(self) -> np.ndarray:
+    def plane_distance(self) -> np.ndarray:
         """(F,) how far from the origin, along `flat_normal`, each face is: an eye that is farther sees it."""
         return (self.flat_normal * self.middle).sum(axis=1)
 
     @classmethod
-    def joined(cls, parts: list[Faces]) -> Faces:
+    def concatenate(cls, parts: list[Faces]) -> Faces:
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in cls.__dataclass_fields__))
 
-    def chosen(self, which: np.ndarray) -> Faces:
+    def select(self, which: np.ndarray) -> Faces:
         """Some of the faces, by mask or by order; their middles are taken along, not computed again."""
         faces = Faces(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
         faces.__dict__["middle"] = self.middle[which]
         return faces
 
     @classmethod
-    def of(cls, corners: np.ndarray, albedo: tuple, gloss: float, layer: int) -> Faces:
+    def from_corners(cls, corners: np.ndarray, albedo: tuple, gloss: float, layer: int) -> Faces:
         corners = np.reshape(corners, (-1, 4, 3))
         count = len(corners)
         return cls(

@@ -16,18 +16,18 @@ from simulator.road.road_ahead import RoadAhead
 # Share of the light on open ground that comes from the sky; measured on shaded asphalt: dark and blue.
 SKY_SHARE = np.array([0.11, 0.15, 0.22], np.float32)
 # Light of closed clouds on open ground, as a multiple of the clear sky's without the sun.
-CLOUDS = np.array([0.36, 0.38, 0.41], np.float32) / SKY_SHARE
+OVERCAST_LIGHT = np.array([0.36, 0.38, 0.41], np.float32) / SKY_SHARE
 # Shadows of things are followed between these distances ahead; the bonnet hides what is nearer.
-NEAREST_M = 1.5
-SHADOWS_UNTIL_M = 160.0
+MIN_SHADOW_M = 1.5
+MAX_SHADOW_M = 160.0
 LEAF_SEED = 61
 # Where 1 less the squares of the distances from a crown's middle, in its radii, is less than minus this, all is sunny:
 # noise above five standard deviations would be needed.
-FARTHEST_LEAF = 3.0
+CROWN_CUTOFF = 3.0
 # Farther than the blur of a shadow's edge reaches.
 PENUMBRA_PX = 6
 # What walls and the sunny road outside throw below the middle of a wide bridge, as a share of the open sky's light.
-BOUNCED = 0.4
+BOUNCED_SHARE = 0.4
 
 
 @dataclass(frozen=True)
@@ -39,11 +39,11 @@ class Sun:
 
     azimuth_rad: float
     elevation_rad: float
-    clouded: bool = False
+    overcast: bool = False
 
     def direction(self, heading_rad: float = 0.0) -> np.ndarray:
         """Unit vector (3,) towards the sun, in a road frame that points along `heading_rad`."""
-        if self.clouded:
+        if self.overcast:
             return np.array([0.0, 0.0, 1.0])
         angle = self.azimuth_rad - heading_rad
         level = np.cos(self.elevation_rad)
@@ -107,7 +107,7 @@ def sunlight_on_ground(shades: tuple[Shade, ...], ground: Ground, *, station_m: 
         if not len(rows):
             continue
         cut = slice(rows[0], rows[-1] + 1)
-        part = ground.rows(cut)
+        part = ground.crop(cut)
         if isinstance(shade, BridgeShade):
             sun[cut] *= _under_bridge(shade, part, s[cut])
         elif isinstance(shade, WoodShade):
@@ -125,8 +125,8 @@ def sky_on_ground(shades: tuple[Shade, ...], ground: Ground, *, station_m: float
     share = np.ones_like(ground.s)
     for shade in bridges:
         t = ground.s + np.float32(station_m) - np.float32(shade.skew) * ground.d
-        share -= hidden_sky(shade, t)
-    return np.maximum(share, np.float32(BOUNCED))
+        share -= blocked_sky(shade, t)
+    return np.maximum(share, np.float32(BOUNCED_SHARE))
 
 
 def sun_along(shades: tuple[Shade, ...], s_m: np.ndarray, d_m: np.ndarray, *, seed: int) -> np.ndarray:
@@ -154,7 +154,7 @@ def light_on_ground(sun: np.ndarray, sky: np.ndarray | None = None) -> np.ndarra
     return cv2.merge([share * sky + sun * (1 - share) for share in SKY_SHARE])
 
 
-def darken_polygons(
+def cast_shadows(
     sun: np.ndarray,
     polygons_m: list[np.ndarray],
     camera: Camera,
@@ -162,7 +162,7 @@ def darken_polygons(
     road: RoadAhead,
     *,
     station_m: float,
-    ragged_m: float = 0.0,
+    edge_noise_m: float = 0.0,
 ) -> None:
     """Shadows of things on the ground, in place.
 
@@ -178,14 +178,14 @@ def darken_polygons(
         Its ups and downs carry the shadows.
     station_m : float
         Arc length of the car.
-    ragged_m : float
+    edge_noise_m : float
         How far leaves fray the outlines; 0 keeps them.
     """
     near = _near(polygons_m)
     if not near:
         return
-    points, ends = _densified(near)
-    points = points if road.profile.level else road.on_surface(points)
+    points, ends = _densify(near)
+    points = points if road.profile.level else road.lift_to_surface(points)
     outlines = camera.road_to_pixels(points) - [0, ground.top]
     starts = np.concatenate([[0], ends[:-1]])
     out_of_sight = np.logical_or.reduceat(np.isnan(outlines[:, 0]), starts)
@@ -193,10 +193,10 @@ def darken_polygons(
     mask = np.zeros(sun.shape, np.uint8)
     for first, last in zip(starts[~out_of_sight].tolist(), ends[~out_of_sight].tolist(), strict=True):
         cv2.fillPoly(mask, [corners[first:last]], 255, cv2.LINE_AA, 4)
-    if ragged_m:
-        cut = _rows_within_reach(mask, ground, ragged_m)
-        part = ground.rows(cut)
-        frayed = _frayed(mask, part, part.s + np.float32(station_m), ragged_m, first_row=cut.start)
+    if edge_noise_m:
+        cut = _rows_within_reach(mask, ground, edge_noise_m)
+        part = ground.crop(cut)
+        frayed = _perturb_edges(mask, part, part.s + np.float32(station_m), edge_noise_m, first_row=cut.start)
         mask = np.zeros_like(mask)
         mask[cut] = frayed
     shaded = np.flatnonzero(mask.any(axis=1))
@@ -208,29 +208,31 @@ def darken_polygons(
 
 
 def _near(polygons: list[np.ndarray]) -> list[np.ndarray]:
-    """Those of the polygons that come between NEAREST_M and SHADOWS_UNTIL_M."""
+    """Those of the polygons that come between NEAREST_M and MAX_SHADOW_M."""
     if not polygons:
         return []
     ahead = np.concatenate([p[:, 0] for p in polygons])
     starts = np.cumsum([0, *(len(p) for p in polygons[:-1])])
-    near = np.maximum.reduceat(ahead, starts) > NEAREST_M
-    near &= np.minimum.reduceat(ahead, starts) < SHADOWS_UNTIL_M
+    near = np.maximum.reduceat(ahead, starts) > MIN_SHADOW_M
+    near &= np.minimum.reduceat(ahead, starts) < MAX_SHADOW_M
     return [polygon for polygon, chosen in zip(polygons, near.tolist(), strict=True) if chosen]
 
 
-def _rows_within_reach(mask: np.ndarray, ground: Ground, reach_m: float) -> slice:
-    """Rows into which `_frayed` may carry something of the mask: mostly few, because most shadows are far away."""
+def _rows_within_reach(mask: np.ndarray, ground: Ground, max_shift_m: float) -> slice:
+    """Rows that `_perturb_edges` may change. They are few, because most shadows are far away."""
     shaded = np.flatnonzero(mask.any(axis=1))
     if not len(shaded):
         return slice(0, 0)
     rows = np.arange(len(mask))
-    most = reach_m * np.abs(band_noise_tile(LEAF_SEED, octaves=3)).max()
-    reach_px = most / np.maximum(ground.reach_s.min(axis=1), 1e-2) + 2
+    most = max_shift_m * np.abs(band_noise_tile(LEAF_SEED, octaves=3)).max()
+    reach_px = most / np.maximum(ground.footprint_s.min(axis=1), 1e-2) + 2
     near = np.flatnonzero((rows + reach_px >= shaded[0]) & (rows - reach_px <= shaded[-1]))
     return slice(int(near[0]), int(near[-1]) + 1)
 
 
-def _frayed(mask: np.ndarray, ground: Ground, s: np.ndarray, reach_m: float, *, first_row: int) -> np.ndarray:
+def _perturb_edges(
+    mask: np.ndarray, ground: Ground, s: np.ndarray, max_shift_m: float, *, first_row: int
+) -> np.ndarray:
     """The mask with its places shifted at random by about `reach_m` on the ground, twigs and single leaves apart.
 
     `ground` and `s` are those of the rows from `first_row` on for which the result is wanted.
@@ -241,14 +243,14 @@ def _frayed(mask: np.ndarray, ground: Ground, s: np.ndarray, reach_m: float, *, 
     tile = band_noise_tile(LEAF_SEED, octaves=3)
     shift_d = sample_noise(tile, s, ground.d, wave_s_m=0.20, wave_d_m=0.15)
     shift_s = sample_noise(tile, s, ground.d + 7, wave_s_m=0.20, wave_d_m=0.15)
-    u = np.arange(columns, dtype=np.float32) + np.float32(reach_m) * shift_d / np.maximum(np.abs(ground.d_u), 1e-3)
-    v = np.arange(first_row, first_row + rows, dtype=np.float32)[:, None] + np.float32(reach_m) * shift_s / np.maximum(
-        ground.reach_s, 1e-2
-    )
+    u = np.arange(columns, dtype=np.float32) + np.float32(max_shift_m) * shift_d / np.maximum(np.abs(ground.d_u), 1e-3)
+    v = np.arange(first_row, first_row + rows, dtype=np.float32)[:, None] + np.float32(
+        max_shift_m
+    ) * shift_s / np.maximum(ground.footprint_s, 1e-2)
     return cv2.remap(mask, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
-def _densified(polygons: list[np.ndarray], *, edge_m: float = 1.5) -> tuple[np.ndarray, np.ndarray]:
+def _densify(polygons: list[np.ndarray], *, edge_m: float = 1.5) -> tuple[np.ndarray, np.ndarray]:
     """More points on long edges, because the lens bends straight lines; nothing closer than the camera can see.
 
     Returns the points (N, 2) of all polygons in a row, and the index (P,) after the last point of each.
@@ -262,7 +264,7 @@ def _densified(polygons: list[np.ndarray], *, edge_m: float = 1.5) -> tuple[np.n
     until = np.cumsum(parts)
     share = (np.arange(until[-1]) - np.repeat(until - parts, parts)) / np.repeat(parts, parts)
     dense = np.repeat(points, parts, axis=0) + share[:, None] * np.repeat(edges, parts, axis=0)
-    dense[:, 0] = np.maximum(dense[:, 0], NEAREST_M)
+    dense[:, 0] = np.maximum(dense[:, 0], MIN_SHADOW_M)
     return dense, until[last]
 
 
@@ -273,7 +275,7 @@ def _under_bridge(shade: BridgeShade, ground: Ground, s: np.ndarray) -> np.ndarr
     return 1 - strip_coverage(t, np.abs(ground.s_u) + soft, ground.s_v, shade.start_m, shade.end_m)
 
 
-def hidden_sky(shade: BridgeShade, t: np.ndarray) -> np.ndarray:
+def blocked_sky(shade: BridgeShade, t: np.ndarray) -> np.ndarray:
     """Share of the sky's light on level ground that an endless strip overhead takes, seen from places t along the road.
 
     Half the difference of the sines of the directions to its edges (view factor of a strip from a parallel plate).
@@ -284,13 +286,13 @@ def hidden_sky(shade: BridgeShade, t: np.ndarray) -> np.ndarray:
 
 def _in_wood(shade: WoodShade, ground: Ground, s: np.ndarray, seed: int) -> np.ndarray:
     """Few flecks, drawn out along the road, and ragged ends where the wood opens."""
-    reach = ground.reach_s
+    footprint = ground.footprint_s
     cloudy = band_noise_tile(seed + 41, octaves=4)
     gaps = sample_noise(cloudy, s, ground.d, wave_s_m=1.6, wave_d_m=0.8)
     # The quantile of a normal distribution that leaves the share of flecks above it.
     level = np.float32(NormalDist().inv_cdf(1 - shade.flecks))
     flecks = np.clip((gaps - level) * 2.5 + 0.5, 0, 1)
-    flecks += (1 - fade(reach, 1.6)) * (np.float32(shade.flecks) - flecks)
+    flecks += (1 - fade(footprint, 1.6)) * (np.float32(shade.flecks) - flecks)
     inside = np.minimum(s - np.float32(shade.start_m), np.float32(shade.end_m) - s) + np.float32(1.5) * gaps
     closed = np.clip(inside / 2 + 0.5, 0, 1)
     return 1 - closed * (1 - np.float32(0.85) * flecks)
@@ -302,11 +304,11 @@ def _under_tree(shade: TreeShade, ground: Ground, s: np.ndarray, seed: int) -> n
     across = (ground.d - np.float32((shade.low_m + shade.high_m) / 2)) * np.float32(2 / (shade.high_m - shade.low_m))
     middle = 1 - along**2 - across**2
     # Farther out no cluster is so dense that it throws a shadow.
-    near = np.flatnonzero(middle > -FARTHEST_LEAF)
-    s, d, reach, middle = (array.ravel()[near] for array in (s, ground.d, ground.reach_s, middle))
+    near = np.flatnonzero(middle > -CROWN_CUTOFF)
+    s, d, footprint, middle = (array.ravel()[near] for array in (s, ground.d, ground.footprint_s, middle))
     cloudy = band_noise_tile(seed + 31, octaves=3)
-    clusters = sample_noise(cloudy, s, d, wave_s_m=0.55, wave_d_m=0.42) * fade(reach, 4.0)
-    leaves = sample_noise(band_noise_tile(seed + 32), s, d, wave_s_m=0.22, wave_d_m=0.16) * fade(reach, 0.5)
+    clusters = sample_noise(cloudy, s, d, wave_s_m=0.55, wave_d_m=0.42) * fade(footprint, 4.0)
+    leaves = sample_noise(band_noise_tile(seed + 32), s, d, wave_s_m=0.22, wave_d_m=0.16) * fade(footprint, 0.5)
     level = np.float32(1.6) * np.minimum(middle, 0.8) + np.float32(0.75) * clusters + np.float32(0.35) * leaves
     share = np.clip((level + np.float32(0.05)) * 2 + np.float32(0.5) - np.float32(0.6), 0, 1)
     sun = np.ones(ground.s.shape, np.float32)

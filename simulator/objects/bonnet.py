@@ -7,7 +7,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from simulator.painting.brush import lay_behind, planes_of
+from simulator.painting.brush import composite_behind, split_channels
 from simulator.painting.noise import fractal_noise, smoothstep
 
 # Upper edge as shares of picture width and height: left wing, the dip beside the hump, the hump, right wing.
@@ -34,7 +34,7 @@ def bonnet_outline(size: tuple[int, int]) -> np.ndarray:
     return cv2.GaussianBlur(edge[None, :], (window, 1), window / 5, borderType=cv2.BORDER_REFLECT)[0]
 
 
-def hidden_from(size: tuple[int, int], seed: int = 0) -> int:
+def first_hidden_row(size: tuple[int, int], seed: int = 0) -> int:
     """The first row of a picture of `size` (width, height) from which on the bonnet hides all; the height if none."""
     layer, top = _bonnet_layer(size, seed)
     open_rows = np.flatnonzero(layer[..., 3].min(axis=1) < 1 - 1e-6)
@@ -47,14 +47,14 @@ def paint_bonnet(picture: np.ndarray, *, seed: int = 0, light: float = 1.0) -> N
     Parameters
     ----------
     picture : ndarray of shape (4, H, W), float32
-        As from `brush.empty_picture`, changed; the bonnet is nearer than all else.
+        As from `brush.new_canvas`, changed; the bonnet is nearer than all else.
     seed : int
         Another pattern of dust for every number.
     light : float
         1 in the sun, about 0.25 under trees.
     """
     layer, top = _bonnet_layer(picture.shape[:0:-1], seed)
-    lay_behind(picture, planes_of(layer), 0, top, through=light)
+    composite_behind(picture, split_channels(layer), 0, top, through=light)
 
 
 @lru_cache(maxsize=4)

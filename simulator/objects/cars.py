@@ -24,9 +24,9 @@ PAINTS = {
     "beige": (0.42, 0.37, 0.28),
 }
 GLASS, RUBBER, RIM, PLASTIC = (0.012, 0.016, 0.017), (0.018, 0.018, 0.019), (0.46, 0.46, 0.47), (0.02, 0.02, 0.021)
-LAMP, HEADLAMP, PLATE = (0.17, 0.008, 0.010), (0.50, 0.52, 0.55), (0.72, 0.72, 0.70)
+TAIL_LAMP, HEADLAMP, PLATE = (0.17, 0.008, 0.010), (0.50, 0.52, 0.55), (0.72, 0.72, 0.70)
 
-PAINTED = (np.nan, np.nan, np.nan)
+BODY_PAINT = (np.nan, np.nan, np.nan)
 
 # Rings: height, rear end, front end, half width, roundness of the corners (exponent of a superellipse), metres, with
 # the origin on the ground below the middle of the car. The fifth and sixth rings are the waist and the windows' foot.
@@ -176,17 +176,17 @@ def car_faces(body: str, paint: str, *, detail: int = 2) -> Faces:
     """
     if paint not in PAINTS:
         raise ValueError(f"there is no car paint {paint!r}; there are {', '.join(sorted(PAINTS))}.")
-    faces = _unpainted(body, detail)
+    faces = _unpainted_faces(body, detail)
     return replace(faces, albedo=np.where(np.isnan(faces.albedo), PAINTS[paint], faces.albedo))
 
 
 @lru_cache(maxsize=8)
-def _unpainted(body: str, detail: int) -> Faces:
+def _unpainted_faces(body: str, detail: int) -> Faces:
     """The faces of a car that has no colour yet where it will be painted: PAINTED."""
     shell = Shell(body)
     cells = shell.loft(28 * detail, detail)
-    skin = replace(Faces.of(cells, PAINTED, 1.0, BODY), normal=_smooth_normals(cells))
-    return Faces.joined([skin, *_end_parts(shell), *_flank_parts(shell), *_wheels(shell, detail)])
+    skin = replace(Faces.from_corners(cells, BODY_PAINT, 1.0, BODY), normal=_smooth_normals(cells))
+    return Faces.concatenate([skin, *_end_parts(shell), *_flank_parts(shell), *_wheels(shell, detail)])
 
 
 def _end_parts(shell: Shell) -> list[Faces]:
@@ -194,14 +194,14 @@ def _end_parts(shell: Shell) -> list[Faces]:
     z = shell.rings[:, 0]
     waist, foot, top = z[4], z[6], z[8]
     parts = []
-    for side, glow in ((-1, LAMP), (1, HEADLAMP)):
+    for side, glow in ((-1, TAIL_LAMP), (1, HEADLAMP)):
 
         def surface(yz: np.ndarray, side: int = side) -> np.ndarray:
             return shell.end(side * yz[..., 0], yz[..., 1], side=side)
 
         def add(y: tuple, zz: tuple, albedo: tuple, gloss: float, surface=surface, columns: int = 4) -> None:
             corners = [(y[0], zz[0]), (y[1], zz[0]), (y[2], zz[1]), (y[3], zz[1])]
-            parts.append(Faces.of(_patch(corners, surface, columns=columns), albedo, gloss, ON_BODY))
+            parts.append(Faces.from_corners(_patch(corners, surface, columns=columns), albedo, gloss, ON_BODY))
 
         width = shell.ring(np.array([foot, top]))[2]
         low, high = 0.90 * width[0], 0.86 * width[1]
@@ -230,7 +230,7 @@ def _add_rear(add: Callable, waist: float, foot: float, top: float) -> None:
     add((-0.82, 0.82, 0.82, -0.82), (waist - 0.245, waist - 0.233), PLASTIC, 0.2, columns=8)
     for y in (-0.70, 0.70):
         add((y - 0.007, y + 0.007, y + 0.007, y - 0.007), (waist - 0.24, foot), PLASTIC, 0.2)
-        add((y - 0.09, y + 0.09, y + 0.09, y - 0.09), (waist - 0.43, waist - 0.39), LAMP, 0.6)
+        add((y - 0.09, y + 0.09, y + 0.09, y - 0.09), (waist - 0.43, waist - 0.39), TAIL_LAMP, 0.6)
     add((-0.34, 0.34, 0.34, -0.34), (waist - 0.03, waist + 0.0), RIM, 1.0)
     add((-0.05, 0.05, 0.05, -0.05), (waist + 0.02, waist + 0.08), RIM, 1.0)
     add((-0.19, 0.19, 0.18, -0.18), (waist - 0.215, waist - 0.035), PLASTIC, 0.4)
@@ -256,7 +256,7 @@ def _flank_parts(shell: Shell) -> list[Faces]:
             corners = [(x[0], zz[0]), (x[1], zz[0]), (x[2], zz[1]), (x[3], zz[1])]
             if side > 0:
                 corners = [(-x[1], zz[0]), (-x[0], zz[0]), (-x[3], zz[1]), (-x[2], zz[1])]
-            parts.append(Faces.of(_patch(corners, surface), albedo, gloss, ON_BODY))
+            parts.append(Faces.from_corners(_patch(corners, surface), albedo, gloss, ON_BODY))
 
         windows = (foot + 0.02, top - 0.02)
         around = (bottom_rear + 0.33, bottom_front - 0.27, top_front - 0.08, top_rear + 0.17)
@@ -264,14 +264,14 @@ def _flank_parts(shell: Shell) -> list[Faces]:
         add((bottom_rear + 0.38, pillar - 0.04, pillar - 0.06, top_rear + 0.22), windows, GLASS, 2.0)
         add((pillar + 0.04, bottom_front - 0.34, top_front - 0.12, pillar + 0.02), windows, GLASS, 2.0)
         for x in (-0.48, 0.42):
-            add((x, x + 0.16, x + 0.16, x), (waist + 0.015, waist + 0.045), PAINTED, 1.0)
+            add((x, x + 0.16, x + 0.16, x), (waist + 0.015, waist + 0.045), BODY_PAINT, 1.0)
             add((x, x + 0.16, x + 0.16, x), (waist - 0.005, waist + 0.012), PLASTIC, 0.2)
         for x in (-0.62, 0.28, 1.08):
             add((x - 0.006, x + 0.006, x + 0.006, x - 0.006), (0.30, foot - 0.02), PLASTIC, 0.2)
         add((-1.0, 1.0, 1.0, -1.0), (0.21, 0.29), PLASTIC, 0.3)
-        add((-2.30, -2.02, -2.06, -2.27), (waist - 0.09, waist + 0.04), LAMP, 1.3)
+        add((-2.30, -2.02, -2.06, -2.27), (waist - 0.09, waist + 0.04), TAIL_LAMP, 1.3)
         add((1.86, 2.16, 2.10, 1.90), (waist - 0.10, waist + 0.0), HEADLAMP, 1.3)
-        parts.append(_box((0.72, side * 0.91, foot + 0.04), (0.06, 0.09, 0.055), PAINTED))
+        parts.append(_box((0.72, side * 0.91, foot + 0.04), (0.06, 0.09, 0.055), BODY_PAINT))
     return parts
 
 
@@ -281,7 +281,7 @@ def _box(middle: tuple, half: tuple, albedo: tuple) -> Faces:
     )
     corners = corners * half + np.array(middle)
     sides = [[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [4, 5, 6, 7]]
-    return Faces.of(corners[sides], albedo, 1.0, BEHIND_BODY)
+    return Faces.from_corners(corners[sides], albedo, 1.0, BEHIND_BODY)
 
 
 def _wheels(shell: Shell, detail: int) -> list[Faces]:
@@ -296,13 +296,13 @@ def _wheels(shell: Shell, detail: int) -> list[Faces]:
             rim = np.stack([x + radius * np.cos(angle), radius * (1 + np.sin(angle))], -1)
             a, b = (np.insert(rim, 1, y, axis=1) for y in ((outer, inner) if side > 0 else (inner, outer)))
             tread = np.stack([a[:-1], a[1:], b[1:], b[:-1]], axis=1)
-            parts.append(Faces.of(tread, RUBBER, 0.0, BEHIND_BODY))
+            parts.append(Faces.from_corners(tread, RUBBER, 0.0, BEHIND_BODY))
             for layer, (size, albedo, gloss) in enumerate(rings, start=1):
                 disc = _disc((x, outer + 0.012 * layer * side, radius), size, angle * side)
-                parts.append(Faces.of(disc, albedo, gloss, ON_BODY + layer))
+                parts.append(Faces.from_corners(disc, albedo, gloss, ON_BODY + layer))
             for turn in 2 * np.pi * (np.arange(5) + 0.5) / 5:
                 gap = (x + 0.14 * np.cos(turn), outer + 0.045 * side, radius + 0.14 * np.sin(turn))
-                parts.append(Faces.of(_disc(gap, 0.05, angle * side), PLASTIC, 0.0, ON_BODY + 4))
+                parts.append(Faces.from_corners(_disc(gap, 0.05, angle * side), PLASTIC, 0.0, ON_BODY + 4))
     return parts
 
 

@@ -8,13 +8,13 @@ import cv2
 import numpy as np
 
 from simulator.landscape.foliage import SPECIES
-from simulator.objects.overpass import Slab
-from simulator.objects.solids import Car, Sign, Thing, Tree, turned_by, upright
-from simulator.objects.vehicles import outline
+from simulator.objects.overpass import BridgeSlice
+from simulator.objects.scene_objects import Car, SceneObject, Sign, Tree, vertical_rectangle, yaw_rotation
+from simulator.objects.vehicles import outline_points
 from simulator.objects.walls import Wall
 
 
-def shadow_polygons(objects: list[Thing], sun_direction: np.ndarray) -> list[np.ndarray]:
+def shadow_polygons(objects: list[SceneObject], sun_direction: np.ndarray) -> list[np.ndarray]:
     """Where things keep the sun from the ground.
 
     Parameters
@@ -36,42 +36,44 @@ def shadow_polygons(objects: list[Thing], sun_direction: np.ndarray) -> list[np.
     sun = np.asarray(sun_direction, float)
     if sun[2] <= 0:
         raise ValueError("the sun is at or below the horizon, so nothing casts a shadow; give a direction with z > 0.")
-    drift = -sun[:2] / sun[2]
-    return [polygon.astype(np.float32, copy=False) for thing in objects for polygon in _shadows(thing, drift)]
+    offset_per_m = -sun[:2] / sun[2]
+    return [polygon.astype(np.float32, copy=False) for item in objects for polygon in _shadows(item, offset_per_m)]
 
 
-def _shadows(thing: Thing, drift: np.ndarray) -> list[np.ndarray]:
+def _shadows(item: SceneObject, offset_per_m: np.ndarray) -> list[np.ndarray]:
     """`drift` is how far the shadow of a point 1 m up lies from the point's foot."""
-    if isinstance(thing, (Wall, Slab)):
-        return thing.shadows(drift)
-    place = np.array([thing.x_m, thing.y_m])
-    if isinstance(thing, Car):
-        rings = outline(thing.body) @ turned_by(thing.heading_rad).T
-        return [_hull(place + rings[:, :2] + rings[:, 2:] * drift)]
-    if isinstance(thing, Tree):
-        return _tree_shadows(thing, place, drift)
-    if isinstance(thing, Sign):
-        plate = upright(0, 0, thing.width_m / 2, thing.width_m / 2, thing.bottom_m, thing.bottom_m + thing.height_m)
-        pole = upright(0, 0, 0.05, 0.05, 0, thing.bottom_m)
+    if isinstance(item, (Wall, BridgeSlice)):
+        return item.shadows(offset_per_m)
+    place = np.array([item.x_m, item.y_m])
+    if isinstance(item, Car):
+        rings = outline_points(item.body) @ yaw_rotation(item.heading_rad).T
+        return [_hull(place + rings[:, :2] + rings[:, 2:] * offset_per_m)]
+    if isinstance(item, Tree):
+        return _tree_shadows(item, place, offset_per_m)
+    if isinstance(item, Sign):
+        plate = vertical_rectangle(
+            0, 0, item.width_m / 2, item.width_m / 2, item.bottom_m, item.bottom_m + item.height_m
+        )
+        pole = vertical_rectangle(0, 0, 0.05, 0.05, 0, item.bottom_m)
     else:
-        half = thing.width_m / 2
-        plate, pole = upright(0, 0, half, half, 0, thing.height_m), None
-    return [_hull(place + part[:, :2] + part[:, 2:] * drift) for part in (plate, pole) if part is not None]
+        half = item.width_m / 2
+        plate, pole = vertical_rectangle(0, 0, half, half, 0, item.height_m), None
+    return [_hull(place + part[:, :2] + part[:, 2:] * offset_per_m) for part in (plate, pole) if part is not None]
 
 
-def _tree_shadows(tree: Tree, place: np.ndarray, drift: np.ndarray) -> list[np.ndarray]:
+def _tree_shadows(tree: Tree, place: np.ndarray, offset_per_m: np.ndarray) -> list[np.ndarray]:
     """Ragged blots, so that sun flecks remain between them, and the trunk."""
     kind = SPECIES[tree.species]
     low = max(kind.crown_bottom, 0.0)
     share, aside, blot = _lumps(tree.species, tree.seed, tree.height_m)
-    middle = place + aside + (share * tree.height_m + tree.base_m)[:, None] * drift
+    middle = place + aside + (share * tree.height_m + tree.base_m)[:, None] * offset_per_m
     # A lump is as tall as it is wide, so a low sun draws its shadow out.
-    away = drift / max(np.linalg.norm(drift), 1e-9)
-    outline = blot + 0.3 * np.linalg.norm(drift) * (blot @ away)[..., None] * away
+    away = offset_per_m / max(np.linalg.norm(offset_per_m), 1e-9)
+    outline = blot + 0.3 * np.linalg.norm(offset_per_m) * (blot @ away)[..., None] * away
     blots = list((middle[:, None] + outline).astype(np.float32))
     half = max(0.12, kind.trunk_width * tree.height_m / 2)
-    trunk = upright(0, 0, half, half, 0, tree.height_m * (low + 0.3))
-    return [*blots, _hull(place + trunk[:, :2] + trunk[:, 2:] * drift)]
+    trunk = vertical_rectangle(0, 0, half, half, 0, tree.height_m * (low + 0.3))
+    return [*blots, _hull(place + trunk[:, :2] + trunk[:, 2:] * offset_per_m)]
 
 
 @lru_cache(maxsize=512)

@@ -11,13 +11,13 @@ from simulator.objects.cars import (
     BEHIND_BODY,
     BODIES,
     BODY,
-    LAMP,
     ON_BODY,
     PAINTS,
     PLASTIC,
     PLATE,
     RIM,
     RUBBER,
+    TAIL_LAMP,
     Shell,
     car_faces,
 )
@@ -26,8 +26,8 @@ JACKET, JEANS, HELMET, STEEL = (0.020, 0.021, 0.026), (0.035, 0.045, 0.075), (0.
 # Rear end, front end and half width on the ground, metres.
 FOOTPRINTS = {"truck": (-6.0, 6.0, 1.2), "motorcycle": (-1.0, 0.95, 0.14)}
 CAR_FOOTPRINT = (-2.35, 2.3, 0.88)
-SIDES = np.array([[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [4, 5, 6, 7], [3, 2, 1, 0]])
-CORNERS = np.array([[x, y, z] for z in (-1, 1) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+BOX_FACES = np.array([[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [4, 5, 6, 7], [3, 2, 1, 0]])
+BOX_CORNERS = np.array([[x, y, z] for z in (-1, 1) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
 
 
 def vehicle_faces(body: str, paint: str, *, detail: int = 2) -> Faces:
@@ -57,14 +57,14 @@ def vehicle_faces(body: str, paint: str, *, detail: int = 2) -> Faces:
 
 
 @lru_cache(maxsize=8)
-def outline(body: str) -> np.ndarray:
+def outline_points(body: str) -> np.ndarray:
     """Points (N, 3) of a vehicle's surface whose hull is its outline, in its own frame."""
     if body in BODIES:
         return Shell(body).loft(8, 1).reshape(-1, 3)
     return vehicle_faces(body, "black").corners.reshape(-1, 3)
 
 
-def facet_m(body: str) -> float:
+def facet_width_m(body: str) -> float:
     """How wide the facets of its curved parts are, over which shading has to be blended."""
     return 0.012 if body == "motorcycle" else 0.05
 
@@ -94,14 +94,14 @@ def _truck(paint: str) -> Faces:
     for side in (-1, 1):
         outer = sorted((side * 0.72, side * 1.22))
         parts.append(
-            _box((-6.05, -6.03), sorted((side * 0.82, side * 1.13)), (0.88, 1.04), LAMP, 1.3, layer=ON_BODY + 1)
+            _box((-6.05, -6.03), sorted((side * 0.82, side * 1.13)), (0.88, 1.04), TAIL_LAMP, 1.3, layer=ON_BODY + 1)
         )
         parts.append(_box((-5.72, -5.68), sorted((side * 0.70, side * 1.22)), (0.20, 0.95), PLASTIC, 0.1))
         for x in (-4.9, -3.7, 4.9):
             parts.append(_ellipsoid((x, side * 0.98, 0.5), (0.52, 0.20, 0.50), RUBBER, 0.2))
             parts.append(_box((x - 0.35, x + 0.35), outer, (0.02, 0.7), RUBBER, 0.2))
     parts.append(_box((-6.06, -6.03), (-0.26, 0.26), (0.90, 1.02), PLATE, 0.0, layer=ON_BODY + 1))
-    return Faces.joined(parts)
+    return Faces.concatenate(parts)
 
 
 @lru_cache(maxsize=16)
@@ -120,7 +120,7 @@ def _motorcycle(paint: str) -> Faces:
         _ellipsoid((0.04, 0, 1.44), (0.14, 0.25, 0.13), JACKET, 0.5),
         _ellipsoid((0.13, 0, 1.64), (0.155, 0.135, 0.155), HELMET, 1.0),
         _box((-1.04, -1.02), (-0.10, 0.10), (0.48, 0.62), PLATE, 0.0, layer=ON_BODY),
-        _box((-1.03, -1.00), (-0.08, 0.08), (0.74, 0.80), LAMP, 1.3, layer=ON_BODY),
+        _box((-1.03, -1.00), (-0.08, 0.08), (0.74, 0.80), TAIL_LAMP, 1.3, layer=ON_BODY),
     ]
     for side in (-1, 1):
         parts += [
@@ -133,19 +133,19 @@ def _motorcycle(paint: str) -> Faces:
             _ellipsoid((0.50, side * 0.40, 1.28), (0.02, 0.055, 0.035), PLASTIC, 0.8),
             _ellipsoid((-0.55, side * 0.20, 0.36), (0.36, 0.06, 0.06), RIM, 1.0),
         ]
-    return Faces.joined(parts)
+    return Faces.concatenate(parts)
 
 
 def _box(x: tuple, y: tuple, z: tuple, albedo: tuple, gloss: float, *, layer: int = BODY, cells: int = 1) -> Faces:
     """A box between two values of each coordinate, its sides cut into cells x cells faces."""
     ranges = np.array([x, y, z], float)
-    corners = ranges.mean(axis=1) + CORNERS * np.diff(ranges, axis=1)[:, 0] / 2
+    corners = ranges.mean(axis=1) + BOX_CORNERS * np.diff(ranges, axis=1)[:, 0] / 2
     share = np.linspace(0, 1, cells + 1)
     p, q = share[None, None, :, None], share[None, :, None, None]
-    a, b, c, d = (corners[SIDES[:, i]][:, None, None] for i in range(4))
+    a, b, c, d = (corners[BOX_FACES[:, i]][:, None, None] for i in range(4))
     grid = (1 - q) * ((1 - p) * a + p * b) + q * ((1 - p) * d + p * c)
     quads = np.stack([grid[:, :-1, :-1], grid[:, :-1, 1:], grid[:, 1:, 1:], grid[:, 1:, :-1]], axis=3)
-    return Faces.of(quads, albedo, gloss, layer)
+    return Faces.from_corners(quads, albedo, gloss, layer)
 
 
 def _ellipsoid(middle: tuple, radii: tuple, albedo: tuple, gloss: float) -> Faces:
@@ -153,7 +153,7 @@ def _ellipsoid(middle: tuple, radii: tuple, albedo: tuple, gloss: float) -> Face
     around, up = np.linspace(0, 2 * np.pi, 15)[None, :], np.linspace(-np.pi / 2, np.pi / 2, 9)[:, None]
     unit = np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up) + 0 * around], axis=-1)
     cells = np.stack([unit[:-1, :-1], unit[:-1, 1:], unit[1:, 1:], unit[1:, :-1]], axis=2).reshape(-1, 4, 3)
-    faces = Faces.of(np.array(middle) + cells * radii, albedo, gloss, BODY)
+    faces = Faces.from_corners(np.array(middle) + cells * radii, albedo, gloss, BODY)
     normal = cells.mean(axis=1) / np.array(radii)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     return Faces(faces.corners, normal, faces.albedo, faces.gloss, faces.layer)

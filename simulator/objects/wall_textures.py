@@ -10,7 +10,7 @@ import numpy as np
 
 from lanes.io.disk_cache import cached_array
 from simulator.landscape import foliage
-from simulator.landscape.foliage import plant_sprite
+from simulator.landscape.foliage import plant_sprites
 from simulator.painting import noise
 from simulator.painting.noise import fractal_noise, smoothstep
 
@@ -18,13 +18,13 @@ TEXTURE_LENGTH_M = 48.0
 TEXTURE_PX_PER_M = 40
 # What takes longer to paint than to read, and how many are kept: twice what the suite has.
 SLOW = ("wood", "grass", "rock")
-MOST_KEPT = 26
+MAX_CACHED = 26
 
 
 @lru_cache(maxsize=32)
 def wall_texture(name: str, seed: int) -> tuple[np.ndarray, ...]:
     """(rows, columns, 4) RGB reflectance times coverage and coverage, top row first, then shorter and shorter ones."""
-    levels = [(_kept if name in SLOW else _paint)(name, seed)]
+    levels = [(_cached if name in SLOW else _paint)(name, seed)]
     while levels[-1].shape[1] > 16:
         # A wall is seen at a glance: shorten it much more than it is lowered.
         rows = max(8, levels[-1].shape[0] // 2) if len(levels) > 2 else levels[-1].shape[0]
@@ -38,9 +38,9 @@ def _paint(name: str, seed: int) -> np.ndarray:
     return _PAINTERS[name](np.random.default_rng([seed, 5]), columns).astype(np.float32)
 
 
-def _kept(name: str, seed: int) -> np.ndarray:
+def _cached(name: str, seed: int) -> np.ndarray:
     sources = [Path(source) for source in (__file__, foliage.__file__, noise.__file__)]
-    return cached_array(f"walls/{name}-{seed}", sources, lambda: _paint(name, seed), max_files=MOST_KEPT)
+    return cached_array(f"walls/{name}-{seed}", sources, lambda: _paint(name, seed), max_files=MAX_CACHED)
 
 
 def _with_cover(rgb: np.ndarray, cover: np.ndarray | float = 1.0) -> np.ndarray:
@@ -172,7 +172,7 @@ def _wood(rng: np.random.Generator, columns: int) -> np.ndarray:
     ):
         for _ in range(count):
             kind, size_m = str(rng.choice(kinds)), rng.uniform(low, high)
-            sprite = plant_sprite(kind, int(rng.integers(6)))[0]
+            sprite = plant_sprites(kind, int(rng.integers(6)))[0]
             size = (
                 max(4, round(size_m * sprite.shape[1] / sprite.shape[0] * TEXTURE_PX_PER_M)),
                 max(4, round(size_m / tall_m * rows)),

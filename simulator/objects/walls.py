@@ -14,17 +14,17 @@ import numpy as np
 from lanes.camera.camera import Camera
 from simulator.light.shading import irradiance
 from simulator.objects.wall_textures import TEXTURE_PX_PER_M, wall_texture
-from simulator.painting.brush import inside, lay_behind, planes_of, still_open, viewing_planes
+from simulator.painting.brush import composite_behind, frustum_planes, inside_planes, split_channels, uncovered_window
 from simulator.painting.noise import smoothstep
 
 # Where a bank comes in the order of painting when nothing of it is hidden: behind everything.
 BANK_DISTANCE_M = 590.0
 # Most columns painted at a time.
-RUN_PX = 128
+MAX_RUN_PX = 128
 
 
 @dataclass(frozen=True)
-class Profile:
+class WallProfile:
     """Lines of a kind of wall from the road outwards, (lateral distance, height) in metres, and the strips between."""
 
     lines: tuple[tuple[float, float], ...]
@@ -32,20 +32,20 @@ class Profile:
 
 
 WALLS = {
-    "jersey": Profile(((0.0, 0.0), (0.20, 0.81), (0.36, 0.81)), ("concrete", "top")),
-    "rail": Profile(((0.0, 0.0), (0.0, 0.80)), ("rail",)),
-    "parapet": Profile(((0.0, 0.0), (0.05, 0.62), (0.30, 0.62), (0.30, 1.02)), ("concrete", "top", "handrail")),
+    "jersey": WallProfile(((0.0, 0.0), (0.20, 0.81), (0.36, 0.81)), ("concrete", "top")),
+    "rail": WallProfile(((0.0, 0.0), (0.0, 0.80)), ("rail",)),
+    "parapet": WallProfile(((0.0, 0.0), (0.05, 0.62), (0.30, 0.62), (0.30, 1.02)), ("concrete", "top", "handrail")),
     # The rounded edge looks up more than the face, so it catches the light.
-    "kerb": Profile(((0.0, 0.0), (0.02, 0.11), (0.05, 0.14), (0.20, 0.14)), ("kerb", "kerb top", "kerb top")),
-    "rock": Profile(((0.0, 0.0), (2.2, 6.5)), ("rock",)),
+    "kerb": WallProfile(((0.0, 0.0), (0.02, 0.11), (0.05, 0.14), (0.20, 0.14)), ("kerb", "kerb top", "kerb top")),
+    "rock": WallProfile(((0.0, 0.0), (2.2, 6.5)), ("rock",)),
     # The edge of a wood: trunks and crowns, with the sky between their tops.
-    "wood": Profile(((0.0, 0.0), (0.6, 15.0)), ("wood",)),
-    "bank": Profile(((0.0, 0.0), (2.5, 0.5), (7.0, 2.6), (13.0, 5.6), (19.0, 7.6), (25.0, 8.4)), ("grass",) * 5),
+    "wood": WallProfile(((0.0, 0.0), (0.6, 15.0)), ("wood",)),
+    "bank": WallProfile(((0.0, 0.0), (2.5, 0.5), (7.0, 2.6), (13.0, 5.6), (19.0, 7.6), (25.0, 8.4)), ("grass",) * 5),
 }
 
 
 # Kinds whose upper lines may be above the picture while their feet are in it.
-TALL = ("rock", "wood")
+TALL_KINDS = ("rock", "wood")
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,13 +101,13 @@ class Wall:
         turn = np.argmin(self.side * np.arctan2(ahead[:, 1], ahead[:, 0])) if len(ahead) else 0
         return float(np.hypot(*ahead[turn])) if 0 < turn < len(ahead) - 1 else BANK_DISTANCE_M
 
-    def pieces(self, *, longer: float = 1.3) -> list[Wall]:
+    def segments(self, *, growth: float = 1.3) -> list[Wall]:
         """The wall cut into lengths that a painter can sort by distance; each is as far as the last times `longer`."""
         points, along = _resample(np.asarray(self.path_m, float))
         if self.kind == "bank":
             return [replace(self, path_m=points)]
         distance = np.hypot(points[:, 0], points[:, 1])
-        band = np.floor(np.log(np.maximum(distance, 1.0)) / np.log(longer)).astype(int)
+        band = np.floor(np.log(np.maximum(distance, 1.0)) / np.log(growth)).astype(int)
         cuts = [0, *(np.flatnonzero(np.diff(band)) + 1), len(points) - 1]
         # Pieces overlap, because foot and top of the same place are seen in different columns.
         spans = [(max(0, a - 8), b + 9) for a, b in zip(cuts[:-1], cuts[1:], strict=True) if b > a]
@@ -116,7 +116,7 @@ class Wall:
     def lines(self) -> np.ndarray:
         """(K, N, 3) points of the profile's lines along the path, road frame."""
         path = np.asarray(self.path_m, float)
-        path, rise_m = path[:, :2], path[:, 2] if path.shape[1] == 3 else 0.0
+        path, ground_height_m = path[:, :2], path[:, 2] if path.shape[1] == 3 else 0.0
         along = np.gradient(path, axis=0)
         along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
         outward = np.column_stack([-along[:, 1], along[:, 0]]) * self.side
@@ -127,17 +127,17 @@ class Wall:
             rise *= smoothstep(0, 80, np.concatenate([np.cumsum(step[::-1])[::-1], [0]]))
         return np.stack(
             [
-                np.column_stack([path + outward * lateral, height * rise + rise_m])
+                np.column_stack([path + outward * lateral, height * rise + ground_height_m])
                 for lateral, height in WALLS[self.kind].lines
             ]
         )
 
-    def shadows(self, drift: np.ndarray) -> list[np.ndarray]:
+    def shadows(self, offset_per_m: np.ndarray) -> list[np.ndarray]:
         """Ground shadow as quadrilaterals along the path; none for a bank, which is ground, and an airy wood."""
         if self.kind in ("bank", "wood"):
             return []
         lines = self.lines()[:, :: max(1, len(self.path_m) // 40)]
-        cast = lines[..., :2] + (lines[..., 2:] - lines[0, :, 2:]) * drift
+        cast = lines[..., :2] + (lines[..., 2:] - lines[0, :, 2:]) * offset_per_m
         shadows = []
         for low, high in zip(cast[:-1], cast[1:], strict=True):
             shadows += [np.array([low[i], low[i + 1], high[i + 1], high[i]]) for i in range(len(low) - 1)]
@@ -160,12 +160,12 @@ def _resample(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def paint_wall(picture: np.ndarray, camera: Camera, wall: Wall, sun: np.ndarray, air: tuple) -> None:
     """Paint a piece of a wall behind what is in a picture (4, H, W); strips that turn their back skip themselves."""
     lines = wall.lines()
-    seen = inside(lines, viewing_planes(camera))
+    seen = inside_planes(lines, frustum_planes(camera))
     if not seen.any():
         return
     pixels = np.full((*lines.shape[:2], 2), np.nan)
     pixels[seen] = camera.road_to_pixels(lines[seen])
-    if wall.kind in TALL:
+    if wall.kind in TALL_KINDS:
         _extend_upwards(pixels, lines, camera)
     path = np.asarray(wall.path_m)[:, :2]
     along = wall.start_m + np.concatenate([[0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
@@ -174,7 +174,7 @@ def paint_wall(picture: np.ndarray, camera: Camera, wall: Wall, sun: np.ndarray,
     light = irradiance(normals.reshape(-1, 3), sun).reshape(normals.shape) / 0.8 * share
     for strip in range(len(lines) - 1):
         texture = wall_texture(WALLS[wall.kind].textures[strip], wall.seed + strip)
-        low, high = (_Line(pixels[line], along, light[strip]) for line in (strip, strip + 1))
+        low, high = (_ProjectedLine(pixels[line], along, light[strip]) for line in (strip, strip + 1))
         (_paint_slope if wall.kind == "bank" else _paint_strip)(picture, low, high, texture, air)
 
 
@@ -198,32 +198,36 @@ def _strip_normals(lines: np.ndarray, side: int) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class _Line:
+class _ProjectedLine:
     """A line as the lens sees it: pixels (N, 2), places along the wall (N,), light (N, 3)."""
 
     pixels: np.ndarray
     along: np.ndarray
     light: np.ndarray
 
-    def part(self, order: slice) -> _Line:
-        return _Line(self.pixels[order], self.along[order], self.light[order])
+    def part(self, order: slice) -> _ProjectedLine:
+        return _ProjectedLine(self.pixels[order], self.along[order], self.light[order])
 
-    def seen(self) -> _Line:
+    def seen(self) -> _ProjectedLine:
         which = np.isfinite(self.pixels[:, 0])
-        return _Line(self.pixels[which], self.along[which], self.light[which])
+        return _ProjectedLine(self.pixels[which], self.along[which], self.light[which])
 
     def turns(self) -> np.ndarray:
         """Indices at which its columns change between rising and falling."""
         direction = np.sign(np.diff(self.pixels[:, 0]))
         return np.flatnonzero(direction[1:] * direction[:-1] < 0) + 1
 
-    def rising(self) -> _Line:
+    def rising(self) -> _ProjectedLine:
         """The line from left to right."""
         line = self if self.pixels[-1, 0] > self.pixels[0, 0] else self.part(slice(None, None, -1))
-        return _Line(np.maximum.accumulate(line.pixels, axis=0) * [1, 0] + line.pixels * [0, 1], line.along, line.light)
+        return _ProjectedLine(
+            np.maximum.accumulate(line.pixels, axis=0) * [1, 0] + line.pixels * [0, 1], line.along, line.light
+        )
 
 
-def _paint_strip(picture: np.ndarray, low: _Line, high: _Line, texture: tuple[np.ndarray, ...], air: tuple) -> None:
+def _paint_strip(
+    picture: np.ndarray, low: _ProjectedLine, high: _ProjectedLine, texture: tuple[np.ndarray, ...], air: tuple
+) -> None:
     """Paint between two lines of an upright wall, one run of rising or falling columns at a time, the near ones first.
 
     Lower and upper line turn at the same place, because one stands on the other.
@@ -231,14 +235,16 @@ def _paint_strip(picture: np.ndarray, low: _Line, high: _Line, texture: tuple[np
     both = np.isfinite(low.pixels[:, 0]) & np.isfinite(high.pixels[:, 0])
     if both.sum() < 2:
         return
-    low, high = (_Line(x.pixels[both], x.along[both], x.light[both]) for x in (low, high))
+    low, high = (_ProjectedLine(x.pixels[both], x.along[both], x.light[both]) for x in (low, high))
     bounds = [0, *low.turns(), len(low.along) - 1]
     for a, b in zip(bounds[:-1], bounds[1:], strict=True):
         run = slice(a, b + 1)
         _paint_run(picture, low.part(run).rising(), high.part(run).rising(), texture, air)
 
 
-def _paint_slope(picture: np.ndarray, low: _Line, high: _Line, texture: tuple[np.ndarray, ...], air: tuple) -> None:
+def _paint_slope(
+    picture: np.ndarray, low: _ProjectedLine, high: _ProjectedLine, texture: tuple[np.ndarray, ...], air: tuple
+) -> None:
     """Paint between two lines of a bank up to where it turns out of sight; what is beyond, the near part hides."""
     low, high = low.seen(), high.seen()
     if min(len(low.along), len(high.along)) < 2:
@@ -248,12 +254,16 @@ def _paint_slope(picture: np.ndarray, low: _Line, high: _Line, texture: tuple[np
     forward = np.sign(low.pixels[-1, 0] - low.pixels[0, 0])
     ends = sorted((low, high), key=lambda line: forward * line.pixels[-1, 0])
     last = ends[1].part(slice(-1, None))
-    longer = _Line(*(np.concatenate([getattr(ends[0], n), getattr(last, n)]) for n in ("pixels", "along", "light")))
+    longer = _ProjectedLine(
+        *(np.concatenate([getattr(ends[0], n), getattr(last, n)]) for n in ("pixels", "along", "light"))
+    )
     low, high = (longer if line is ends[0] else line for line in (low, high))
     _paint_run(picture, low.rising(), high.rising(), texture, air)
 
 
-def _paint_run(picture: np.ndarray, low: _Line, high: _Line, texture: tuple[np.ndarray, ...], air: tuple) -> None:
+def _paint_run(
+    picture: np.ndarray, low: _ProjectedLine, high: _ProjectedLine, texture: tuple[np.ndarray, ...], air: tuple
+) -> None:
     """Every column looks up both lines, which run from left to right; every pixel the texture between them."""
     height, width = picture.shape[1:]
     (low_u, low_v), (high_u, high_v) = low.pixels.T, high.pixels.T
@@ -270,19 +280,21 @@ def _paint_run(picture: np.ndarray, low: _Line, high: _Line, texture: tuple[np.n
     lit = np.stack([np.interp(u, low_u, low.light[:, c]) for c in range(3)]).astype(np.float32)
     foot = s_low + (s_high - s_low) * np.clip((bottom - (last - 1)) / np.maximum(bottom - top, 1e-3), 0, 1)
     for level, columns in _columns_by_level(foot, len(texture)):
-        edges = _Columns(*(x[..., columns] for x in (top, bottom, s_low, s_high, lit)))
+        edges = _StripColumns(*(x[..., columns] for x in (top, bottom, s_low, s_high, lit)))
         first, left = max(0, int(edges.top.min()) - 1), start + columns.start
-        seen = still_open(picture[3, first : max(first, int(edges.bottom.max()) + 2), left : start + columns.stop])
+        seen = uncovered_window(
+            picture[3, first : max(first, int(edges.bottom.max()) + 2), left : start + columns.stop]
+        )
         if seen is not None:
             rows, columns = seen
-            edges = _Columns(*(x[..., columns] for x in vars(edges).values()))
+            edges = _StripColumns(*(x[..., columns] for x in vars(edges).values()))
             v = np.arange(first + rows.start, first + rows.stop, dtype=np.float32)[:, None]
             planes = _texture_between(edges, v, texture[level], level)
-            lay_behind(picture, planes, left + columns.start, first + rows.start, through=air[0], air=air[1])
+            composite_behind(picture, planes, left + columns.start, first + rows.start, through=air[0], air=air[1])
 
 
 @dataclass(frozen=True)
-class _Columns:
+class _StripColumns:
     """Columns of a strip: rows of its edges and places along the wall there, each (columns,), light (3, columns)."""
 
     top: np.ndarray
@@ -302,13 +314,13 @@ def _columns_by_level(foot_m: np.ndarray, levels: int) -> list[tuple[int, slice]
     level = np.clip(np.log2(np.maximum(step * TEXTURE_PX_PER_M, 1)), 0, levels - 1).astype(int)
     cuts = [0, *(np.flatnonzero(np.diff(level)) + 1).tolist(), len(level)]
     return [
-        (int(level[a]), slice(i, min(i + RUN_PX, b)))
+        (int(level[a]), slice(i, min(i + MAX_RUN_PX, b)))
         for a, b in zip(cuts[:-1], cuts[1:], strict=True)
-        for i in range(a, b, RUN_PX)
+        for i in range(a, b, MAX_RUN_PX)
     ]
 
 
-def _texture_between(edges: _Columns, v: np.ndarray, picture: np.ndarray, level: int) -> list[np.ndarray]:
+def _texture_between(edges: _StripColumns, v: np.ndarray, picture: np.ndarray, level: int) -> list[np.ndarray]:
     """Lit texture between the edges in the picture's rows `v` (rows, 1): planes of RGB times coverage, and coverage."""
     # Single precision, in place where possible: a wood is a good part of the picture. Places along the wall are wrapped
     # first, because they can be some kilometres.
@@ -328,7 +340,7 @@ def _texture_between(edges: _Columns, v: np.ndarray, picture: np.ndarray, level:
     map_x += place
     map_y = np.subtract(1, share, out=share)
     map_y *= np.float32(picture.shape[0] - 1)
-    *colours, cover = planes_of(cv2.remap(picture, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP))
+    *colours, cover = split_channels(cv2.remap(picture, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP))
     for colour, lit in zip(colours, edges.lit, strict=True):
         colour *= alpha
         colour *= lit

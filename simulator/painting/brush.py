@@ -11,15 +11,15 @@ import numpy as np
 from lanes.camera.camera import Camera
 
 # Nothing nearer than this before the camera is drawn: the own bonnet hides it, and projection degenerates at 0.
-NEAREST_M = 0.5
+NEAR_PLANE_M = 0.5
 # Subpixel bits of OpenCV's polygon coordinates.
 _SHIFT = 4
 # Less than this of what is behind is not worth painting: it changes one pixel of ten thousand by a grey level.
-UNSEEN = 1e-5
+MIN_TRANSMITTANCE = 1e-5
 
 
 @lru_cache(maxsize=4)
-def viewing_planes(camera: Camera, wider: float = 1.15) -> np.ndarray:
+def frustum_planes(camera: Camera, wider: float = 1.15) -> np.ndarray:
     """Half spaces, in the road frame, inside which a point can be projected.
 
     Parameters
@@ -45,17 +45,17 @@ def viewing_planes(camera: Camera, wider: float = 1.15) -> np.ndarray:
     sides = np.array([[1, 0, reach[0]], [-1, 0, reach[0]], [0, 1, reach[1]], [0, -1, reach[1]]])
     normals = sides @ camera.pose.rotation()
     planes = np.column_stack([normals, -normals[:, 2] * camera.pose.height_m])
-    return np.vstack([[1.0, 0, 0, -NEAREST_M], planes])
+    return np.vstack([[1.0, 0, 0, -NEAR_PLANE_M], planes])
 
 
-def inside(points_m: np.ndarray, planes: np.ndarray) -> np.ndarray:
+def inside_planes(points_m: np.ndarray, planes: np.ndarray) -> np.ndarray:
     """(...,) bool: which points (..., 3) lie inside all planes."""
     return (points_m @ planes[:, :3].T + planes[:, 3] >= -1e-9).all(axis=-1)
 
 
-def out_of_picture(points_m: np.ndarray, camera: Camera) -> np.ndarray:
+def outside_picture(points_m: np.ndarray, camera: Camera) -> np.ndarray:
     """(...,) bool: which hulls of points (..., N, 3) leave nothing in the picture, not even blurred."""
-    planes = viewing_planes(camera, 1.05)
+    planes = frustum_planes(camera, 1.05)
     return (points_m @ planes[:, :3].T + planes[:, 3] < 0).all(axis=-2).any(axis=-1)
 
 
@@ -67,7 +67,7 @@ def clip_polygon(points_m: np.ndarray, planes: np.ndarray) -> np.ndarray:
     points_m : ndarray of shape (N, 3)
         Corners in the road frame, metres.
     planes : ndarray of shape (P, 4)
-        As from `viewing_planes`.
+        As from `frustum_planes`.
 
     Returns
     -------
@@ -100,7 +100,7 @@ def project_faces(camera: Camera, faces_m: np.ndarray) -> np.ndarray | list[np.n
 
     An array (F, corners, 2) where all are seen whole, as most things are.
     """
-    planes = viewing_planes(camera)
+    planes = frustum_planes(camera)
     count, corners = faces_m.shape[:2]
     # One product of all corners: numpy multiplies a stack of small matrices one by one.
     height = (faces_m.reshape(-1, 3) @ planes[:, :3].T + planes[:, 3]).reshape(count, corners, -1)
@@ -111,7 +111,7 @@ def project_faces(camera: Camera, faces_m: np.ndarray) -> np.ndarray | list[np.n
     if whole.any():
         pixels[whole] = camera.road_to_pixels(faces_m[whole].reshape(-1, 3)).reshape(-1, corners, 2)
     result: list[np.ndarray | None] = [face if seen else None for face, seen in zip(pixels, whole, strict=True)]
-    for i in np.flatnonzero(~whole)[~out_of_picture(faces_m[~whole], camera)]:
+    for i in np.flatnonzero(~whole)[~outside_picture(faces_m[~whole], camera)]:
         points = clip_polygon(faces_m[i], planes)
         result[i] = camera.road_to_pixels(points) if len(points) >= 3 else None
     return result
@@ -133,7 +133,7 @@ def paint_polygons(
     Parameters
     ----------
     picture : ndarray of shape (4, H, W), float32
-        As from `empty_picture`, changed.
+        As from `new_canvas`, changed.
     polygons_px : ndarray of shape (F, N, 2), or list of (N, 2) arrays or None
         Raw pixels; None is skipped.
     colours : ndarray of shape (F, 3)
@@ -141,14 +141,14 @@ def paint_polygons(
     opacity : ndarray of shape (F,), optional
         1 hides what is behind.
     through, air
-        What the air leaves of the colour and what it adds, RGB or scalar (see `backdrop.air_between`).
+        What the air leaves of the colour and what it adds, RGB or scalar (see `backdrop.aerial_perspective`).
     softness_px : float
         Blur of the whole group: a lens never shows a harder edge.
     blend_px : float
         Blur of the colours within the group's outline: shading without facets.
     """
     height, width = picture.shape[1:]
-    seen, points, bounds = _in_a_row(polygons_px)
+    seen, points, bounds = _concatenated(polygons_px)
     if not len(points):
         return
     margin = 2 + int(3 * softness_px)
@@ -158,7 +158,7 @@ def paint_polygons(
     high = np.minimum(np.ceil(last).astype(int) + margin + 1, [width, height])
     if (high <= low).any():
         return
-    if not still_open(picture[3, low[1] : high[1], low[0] : high[0]]):
+    if not uncovered_window(picture[3, low[1] : high[1], low[0] : high[0]]):
         return
     size = high - low
     # Four samples a pixel each way; two are enough where a thing fills a good part of the picture.
@@ -178,10 +178,12 @@ def paint_polygons(
         layer[..., :3] = spread[..., :3] * (layer[..., 3:] / np.maximum(spread[..., 3:], 1e-3))
     if softness_px > 0:
         layer = cv2.GaussianBlur(layer, (0, 0), softness_px)
-    lay_behind(picture, planes_of(layer), int(low[0]), int(low[1]), through=through, air=air)
+    composite_behind(picture, split_channels(layer), int(low[0]), int(low[1]), through=through, air=air)
 
 
-def _in_a_row(polygons_px: np.ndarray | list[np.ndarray | None]) -> tuple[slice | list[int], np.ndarray, Sequence[int]]:
+def _concatenated(
+    polygons_px: np.ndarray | list[np.ndarray | None],
+) -> tuple[slice | list[int], np.ndarray, Sequence[int]]:
     """Which polygons are seen, all their points (N, 2), and where in that row each begins and the last one ends."""
     if isinstance(polygons_px, np.ndarray):
         points = polygons_px.reshape(-1, 2)
@@ -191,7 +193,7 @@ def _in_a_row(polygons_px: np.ndarray | list[np.ndarray | None]) -> tuple[slice 
     return seen, np.concatenate([np.empty((0, 2)), *points]), [0, *np.cumsum([len(p) for p in points]).tolist()]
 
 
-def planes_of(image: np.ndarray) -> np.ndarray:
+def split_channels(image: np.ndarray) -> np.ndarray:
     """The channels of an image (h, w, channels) as planes (channels, h, w): cv2.split, given where to put them.
 
     Left to make its results itself it takes five times as long.
@@ -201,7 +203,7 @@ def planes_of(image: np.ndarray) -> np.ndarray:
     return planes
 
 
-def empty_picture(height: int, width: int) -> np.ndarray:
+def new_canvas(height: int, width: int) -> np.ndarray:
     """Planes (4, height, width) float32 to paint things into, the nearest first.
 
     Three are the light that they send (linear RGB), the last is how much of what is behind them is still seen: so
@@ -213,24 +215,24 @@ def empty_picture(height: int, width: int) -> np.ndarray:
     return picture
 
 
-def still_open(clear: np.ndarray) -> tuple[slice, slice] | None:
+def uncovered_window(clear: np.ndarray) -> tuple[slice, slice] | None:
     """The rows and columns of a part of the last plane in which anything behind is seen; None if there are none."""
-    seen = clear > UNSEEN
+    seen = clear > MIN_TRANSMITTANCE
     rows, columns = (np.flatnonzero(seen.any(axis=axis)) for axis in (1, 0))
     return (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)) if len(rows) else None
 
 
-def with_behind(picture: np.ndarray, image: np.ndarray) -> np.ndarray:
+def composite_over(picture: np.ndarray, image: np.ndarray) -> np.ndarray:
     """The image (H, W, 3) with what is in the picture (4, H, W) before it."""
     *lights, clear = picture
-    behind = planes_of(image.astype(np.float32, copy=False))
+    behind = split_channels(image.astype(np.float32, copy=False))
     for plane, light in zip(behind, lights, strict=True):
         plane *= clear
         plane += light
     return cv2.merge(behind)
 
 
-def lay_behind(
+def composite_behind(
     picture: np.ndarray,
     planes: Sequence[np.ndarray],
     left: int,

@@ -62,9 +62,9 @@ def _folded(values: np.ndarray, rows: int) -> np.ndarray:
     return folded.reshape(rows, LIST_ROW)
 
 
-def fade(reach: np.ndarray, wave_m: float) -> np.ndarray:
+def fade(footprint: np.ndarray, wave_m: float) -> np.ndarray:
     """How much of a wave is left after averaging over a footprint of length `reach`: 1 when short, 0 when long."""
-    ratio = reach * np.float32(1.6 / wave_m)
+    ratio = footprint * np.float32(1.6 / wave_m)
     ratio *= ratio
     ratio += 1
     return np.divide(1, ratio, out=ratio)

@@ -13,8 +13,8 @@ from simulator.light.glare import Glare
 from simulator.light.lens import Lens
 from simulator.light.sunlight import Shade, Sun
 from simulator.objects.overpass import Overpass
-from simulator.objects.roadside import Along, Placed
-from simulator.road.geometry import Pose, RoadGeometry
+from simulator.objects.placement import PlacedObject, PlacedWall
+from simulator.road.geometry import RoadGeometry, VehiclePose
 from simulator.road.painted_lines import Marking
 from simulator.road.surface import Surface
 from simulator.road.symbols import Symbol
@@ -65,7 +65,7 @@ class Motion:
     shift_seconds: float = 4.0
     rear_axle_m: float = 0.0
 
-    def pose(self, time_s: float) -> Pose:
+    def pose(self, time_s: float) -> VehiclePose:
         """Place and heading at a moment, on a road without sharp bends."""
         rate = 2 * np.pi / self.wander_period_s
         part = float(np.clip((time_s - self.shift_start_s) / self.shift_seconds, 0, 1))
@@ -75,7 +75,7 @@ class Motion:
         heading = self.heading_rad
         if speed:
             heading += float(np.arctan(aside / speed))
-        return Pose(station, float(lateral), heading)
+        return VehiclePose(station, float(lateral), heading)
 
     def _progress(self, time_s: float) -> tuple[float, float]:
         """Arc length and speed at a moment."""
@@ -133,7 +133,7 @@ class Drive:
     surface: Surface
     sun: Sun
     motion: Motion = Motion()
-    things: tuple[Placed | Along | Overpass, ...] = ()
+    objects: tuple[PlacedObject | PlacedWall | Overpass, ...] = ()
     shades: tuple[Shade, ...] = ()
     backdrop: BackdropStyle = BackdropStyle()
     lens: Lens = Lens()
@@ -153,7 +153,7 @@ class Drive:
         pose = self.pose(time_s)
         return lane_truth(self.road, pose, self.line_laterals_m, time_s=time_s, pitch_rad=pitch)
 
-    def pose(self, time_s: float) -> Pose:
+    def pose(self, time_s: float) -> VehiclePose:
         """Where the car is and where it points at a moment."""
         pose = self.motion.pose(time_s)
         if not self.motion.rear_axle_m:
@@ -163,8 +163,8 @@ class Drive:
 
     def camera_at(self, time_s: float) -> Camera:
         """The camera as it nods at a moment."""
-        return self.nodding(self.truth(time_s).pitch_rad)
+        return self.camera_at_pitch(self.truth(time_s).pitch_rad)
 
-    def nodding(self, pitch_rad: float) -> Camera:
+    def camera_at_pitch(self, pitch_rad: float) -> Camera:
         """The camera at a pitch angle."""
         return self.camera.with_pose(replace(self.camera.pose, pitch_rad=pitch_rad))

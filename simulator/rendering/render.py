@@ -14,35 +14,35 @@ from simulator.light.exposure import RoadLight
 from simulator.light.glare import add_glare, add_sheen
 from simulator.light.lens import LUMINANCE, develop
 from simulator.light.sunlight import (
-    CLOUDS,
-    SHADOWS_UNTIL_M,
+    MAX_SHADOW_M,
+    OVERCAST_LIGHT,
     SKY_SHARE,
     TreeShade,
-    darken_polygons,
+    cast_shadows,
     light_along,
     light_on_ground,
     sky_on_ground,
     sun_along,
     sunlight_on_ground,
 )
-from simulator.objects.bonnet import hidden_from, paint_bonnet
-from simulator.objects.obstacles import paint_objects
-from simulator.objects.roadside import things_in_view
+from simulator.objects.bonnet import first_hidden_row, paint_bonnet
+from simulator.objects.object_painter import paint_objects
+from simulator.objects.placement import objects_in_view
+from simulator.objects.scene_objects import SceneObject, Tree
 from simulator.objects.shadows import shadow_polygons
-from simulator.objects.solids import Thing, Tree
-from simulator.painting.brush import UNSEEN, empty_picture, planes_of, still_open, with_behind
+from simulator.painting.brush import MIN_TRANSMITTANCE, composite_over, new_canvas, split_channels, uncovered_window
 from simulator.rendering.drive import Drive, Motion
-from simulator.road.geometry import Pose
-from simulator.road.ground import Ground, cast_on_ground, picture_rays
+from simulator.road.geometry import VehiclePose
+from simulator.road.ground import Ground, cast_on_ground, pixel_rays
 from simulator.road.painted_lines import paint_markings
-from simulator.road.relief import FARTHEST_M
+from simulator.road.relief import MAX_GROUND_M
 from simulator.road.road_ahead import RoadAhead
 from simulator.road.surface import ground_albedo
 from simulator.road.symbols import paint_symbols
 from simulator.road.truth import Truth
-from simulator.weather.night import add_lamps, lamps_in_sight
-from simulator.weather.rain import add_streaks_in_air, see_through_drops
-from simulator.weather.wet import add_streaks
+from simulator.weather.night import add_lamps, visible_lamps
+from simulator.weather.rain import add_falling_drops, add_windscreen_drops
+from simulator.weather.wet import add_lamp_reflections
 
 __all__ = ["Drive", "Frame", "Motion", "render_frame"]
 
@@ -50,16 +50,16 @@ __all__ = ["Drive", "Frame", "Motion", "render_frame"]
 AIR_LIGHT = np.array([0.42, 0.48, 0.56], np.float32)
 AIR_LENGTH_M = 3500.0
 # Below closed clouds, country and sky send this share of what they do in the sun.
-CLOUDED_COUNTRY = 0.55
+OVERCAST_BACKDROP = 0.55
 # The wet road mirrors the sky coarsely: computed on every sixth pixel.
-MIRROR_STEP = 6
-ROWS_AT_A_TIME = 32
+MIRROR_DOWNSAMPLING = 6
+BLOCK_ROWS = 32
 # Trees farther aside than this throw their shadows on the grass.
-SHADOWS_ASIDE_M = 22.0
+MAX_SHADOW_LATERAL_M = 22.0
 # Rows of the picture in which the sun on the ground is the sun on the bonnet; the exposure follows those above.
-NEAREST_ROWS = 60
+BOTTOM_ROWS = 60
 # How far twigs and leaves fray the shadow of a crown.
-LEAVES_M = 0.13
+LEAF_NOISE_M = 0.13
 
 
 @dataclass(frozen=True)
@@ -83,41 +83,41 @@ class Frame:
 def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     """The picture that the drive's camera takes at `time_s`, and its truth."""
     truth = drive.truth(time_s)
-    camera = drive.nodding(truth.pitch_rad)
+    camera = drive.camera_at_pitch(truth.pitch_rad)
     heading = truth.pose.absolute_heading(drive.road)
     ahead = RoadAhead(drive.road, truth.pose)
-    ground = cast_on_ground(picture_rays(drive.camera), camera, ahead)
-    view = _View(camera, heading, ahead, ground, drive.sun.direction(heading), truth.pose.s_m)
-    things = things_in_view(drive.things, drive.road, truth.pose, time_s=time_s)
-    sun = _sun_on_ground(drive, things, view)
+    ground = cast_on_ground(pixel_rays(drive.camera), camera, ahead)
+    view = _FrameGeometry(camera, heading, ahead, ground, drive.sun.direction(heading), truth.pose.s_m)
+    objects = objects_in_view(drive.objects, drive.road, truth.pose, time_s=time_s)
+    sun = _sun_on_ground(drive, objects, view)
     seen = slice(0, _rows_before_bonnet(drive) - ground.top)
-    before_bonnet = ground.rows(seen)
-    picture = _things(drive, things, view, sunny=float(sun[-NEAREST_ROWS:].mean()))
+    before_bonnet = ground.crop(seen)
+    picture = _things(drive, objects, view, sunny=float(sun[-BOTTOM_ROWS:].mean()))
     # Before air dims it and without sky, cars and bonnet: what the camera's exposure follows.
-    metered = slice(max(len(sun) - 250, 0), len(sun) - NEAREST_ROWS, 4), slice(None, None, 8)
-    wanted = picture[3, ground.top :][seen] > UNSEEN
-    wanted[metered] = True
-    ground_light = _ground_light(drive, before_bonnet, sun[seen], things, station_m=view.station_m, wanted=wanted)
+    metered = slice(max(len(sun) - 250, 0), len(sun) - BOTTOM_ROWS, 4), slice(None, None, 8)
+    needed = picture[3, ground.top :][seen] > MIN_TRANSMITTANCE
+    needed[metered] = True
+    ground_light = _ground_light(drive, before_bonnet, sun[seen], objects, station_m=view.station_m, needed=needed)
     road_light = _mean_luminance(ground_light[metered])
     mirror = _add_shine(ground_light, drive, sun[seen], replace(view, ground=before_bonnet))
     bare = _backdrop(drive, view, picture[3])
-    _lay_ground(bare, ground_light, before_bonnet, daylight=drive.night is None)
-    light = with_behind(picture, bare)
+    _composite_ground(bare, ground_light, before_bonnet, daylight=drive.night is None)
+    light = composite_over(picture, bare)
     same = cv2.compare(light, bare, cv2.CMP_EQ)
     hidden = cv2.inRange(same, (255, 255, 255), (255, 255, 255)) == 0
     if mirror is not None or drive.night is not None:
-        lamps = lamps_in_sight(things, camera)
+        lamps = visible_lamps(objects, camera)
         if mirror is not None:
-            add_streaks(light, camera, lamps, mirror, ~hidden)
+            add_lamp_reflections(light, camera, lamps, mirror, ~hidden)
         add_lamps(light, camera, lamps)
     if drive.glare is not None:
         sun_ray = camera.pose.rotation() @ view.sun_direction
-        add_glare(light, picture_rays(drive.camera), sun_ray, drive.glare, sunshine=_sunshine(drive, truth.pose))
+        add_glare(light, pixel_rays(drive.camera), sun_ray, drive.glare, sunshine=_sunshine(drive, truth.pose))
     return Frame(_photograph(light, drive, time_s, road_light=road_light), truth, hidden)
 
 
 @dataclass(frozen=True, eq=False)
-class _View:
+class _FrameGeometry:
     """From where a frame is seen: the camera as it nods, its heading, the road and the ground before it, the sun."""
 
     camera: Camera
@@ -128,7 +128,7 @@ class _View:
     station_m: float
 
 
-def _add_shine(ground_light: np.ndarray, drive: Drive, sun: np.ndarray, view: _View) -> np.ndarray | None:
+def _add_shine(ground_light: np.ndarray, drive: Drive, sun: np.ndarray, view: _FrameGeometry) -> np.ndarray | None:
     """Add what the ground mirrors and lay fog over it, in place; how well a wet road mirrors (rows, width), or None."""
     height_m, mirror = view.camera.pose.height_m, None
     if drive.glare is not None:
@@ -140,25 +140,25 @@ def _add_shine(ground_light: np.ndarray, drive: Drive, sun: np.ndarray, view: _V
         sky *= cv2.merge([mirror] * 3)
         ground_light += sky
     if drive.fog is not None:
-        drive.fog.veil_ground(ground_light, view.ground)
+        drive.fog.apply_to_ground(ground_light, view.ground)
     return mirror
 
 
-def _things(drive: Drive, things: list[Thing], view: _View, *, sunny: float) -> np.ndarray:
-    """Bonnet and things as `empty_picture` describes; `sunny` is the sun's share on the near ground."""
+def _things(drive: Drive, objects: list[SceneObject], view: _FrameGeometry, *, sunny: float) -> np.ndarray:
+    """Bonnet and things as `new_canvas` describes; `sunny` is the sun's share on the near ground."""
     light_at = _light_on_things(drive, view.ahead, station_m=view.station_m)
-    picture = empty_picture(view.camera.height, view.camera.width)
+    picture = new_canvas(view.camera.height, view.camera.width)
     if drive.bonnet:
         open_sky = 1.0 if light_at is None else float(light_at(np.array([[-1.0, 0.0]])).mean())
         paint_bonnet(picture, light=(0.2 + 0.8 * sunny) * open_sky)
     paint_objects(
         picture,
         view.camera,
-        things,
+        objects,
         sun_direction=view.sun_direction,
         haze=drive.backdrop.haze_per_km,
         light_at=light_at,
-        air_at=_air(drive),
+        atmosphere_at=_air(drive),
         crest=_crest(view.ahead, view.ground, view.camera),
     )
     return picture
@@ -168,8 +168,8 @@ def _photograph(light: np.ndarray, drive: Drive, time_s: float, *, road_light: f
     """The picture that the camera stores of the light before the windscreen."""
     seed = drive.seed * 7919 + round(time_s * 1000)
     if drive.rain is not None:
-        add_streaks_in_air(light, drive.rain, seed=seed)
-        light = see_through_drops(light, drive.rain, time_s, seed=drive.seed)
+        add_falling_drops(light, drive.rain, seed=seed)
+        light = add_windscreen_drops(light, drive.rain, time_s, seed=drive.seed)
     lens = drive.lens
     if drive.exposure is not None:
         road_light = _adapted_light(drive, time_s)
@@ -183,32 +183,32 @@ def _rows_before_bonnet(drive: Drive) -> int:
     # Wet roads and glare are computed on a coarse grid that ends where the picture does.
     if not drive.bonnet or drive.wet is not None or drive.night is not None or drive.glare is not None:
         return height
-    return max(hidden_from(drive.camera.size), height - NEAREST_ROWS)
+    return max(first_hidden_row(drive.camera.size), height - BOTTOM_ROWS)
 
 
 def _ground_light(
-    drive: Drive, ground: Ground, sun: np.ndarray, things: list[Thing], *, station_m: float, wanted: np.ndarray
+    drive: Drive, ground: Ground, sun: np.ndarray, objects: list[SceneObject], *, station_m: float, needed: np.ndarray
 ) -> np.ndarray:
     """Light that the ground sends to the camera, (rows, width, 3) float32; right where it is `wanted`, a mask."""
-    light = ground_albedo(drive.surface, ground, station_m=station_m, seed=drive.seed, wanted=wanted)
+    light = ground_albedo(drive.surface, ground, station_m=station_m, seed=drive.seed, needed=needed)
     if drive.wet is not None:
         light *= np.float32(drive.wet.darkening)
     markings = drive.markings if drive.night is None else drive.night.markings(drive.markings)
     paint_markings(light, markings, ground, station_m=station_m, seed=drive.seed + 100)
     paint_symbols(light, drive.symbols, ground, station_m=station_m, seed=drive.seed + 200)
     if drive.night is not None:
-        light *= drive.night.on_ground(ground, things)
+        light *= drive.night.ground_light(ground, objects)
     else:
         light *= light_on_ground(sun, sky_on_ground(drive.shades, ground, station_m=station_m))
-        if drive.sun.clouded:
-            cv2.multiply(light, (*CLOUDS.tolist(), 0.0), dst=light)
+        if drive.sun.overcast:
+            cv2.multiply(light, (*OVERCAST_LIGHT.tolist(), 0.0), dst=light)
     return light
 
 
 def _air(drive: Drive) -> Callable[[float], tuple[np.ndarray, np.ndarray]] | None:
     """What is between a thing and us: fog, the dark of the night, or (None) the clear air of the day."""
     if drive.fog is not None:
-        return drive.fog.air_at
+        return drive.fog.atmosphere_at
     if drive.night is not None:
         return lambda distance_m: (np.ones(3, np.float32), np.zeros(3, np.float32))
     return None
@@ -218,10 +218,10 @@ def _light_on_things(drive: Drive, ahead: RoadAhead, *, station_m: float) -> Cal
     """The share of daylight at places in the car's road frame; None where all is in the open but for leaves."""
     closed = tuple(shade for shade in drive.shades if not isinstance(shade, TreeShade))
     if drive.night is not None:
-        return drive.night.on_things
-    if not closed and not drive.sun.clouded:
+        return drive.night.object_light
+    if not closed and not drive.sun.overcast:
         return None
-    clouds = float((CLOUDS * SKY_SHARE).mean()) if drive.sun.clouded else 1.0
+    clouds = float((OVERCAST_LIGHT * SKY_SHARE).mean()) if drive.sun.overcast else 1.0
     if not closed:
         return lambda places_m: np.full((len(places_m), 3), clouds)
 
@@ -232,7 +232,7 @@ def _light_on_things(drive: Drive, ahead: RoadAhead, *, station_m: float) -> Cal
     return light_at
 
 
-def _sunshine(drive: Drive, pose: Pose) -> float:
+def _sunshine(drive: Drive, pose: VehiclePose) -> float:
     """Share of the sun that reaches the windscreen."""
     return float(sun_along(drive.shades, np.array([pose.s_m]), np.array([pose.lateral_m]), seed=drive.seed)[0])
 
@@ -242,30 +242,30 @@ def _adapted_light(drive: Drive, time_s: float) -> float:
     return drive.exposure.adapted_light(lambda t: drive.motion.pose(t).s_m, road_light, time_s)
 
 
-def _sun_on_ground(drive: Drive, things: list[Thing], view: _View) -> np.ndarray:
+def _sun_on_ground(drive: Drive, objects: list[SceneObject], view: _FrameGeometry) -> np.ndarray:
     """Share of the sun that reaches each pixel's ground: shades along the road, shadows of trees and other things."""
     ground, station_m = view.ground, view.station_m
-    if drive.sun.clouded or drive.night is not None:
+    if drive.sun.overcast or drive.night is not None:
         return np.zeros_like(ground.s)
     sun = sunlight_on_ground(drive.shades, ground, station_m=station_m, seed=drive.seed)
-    trees = [t for t in things if isinstance(t, Tree) and t.x_m < SHADOWS_UNTIL_M and abs(t.y_m) < SHADOWS_ASIDE_M]
-    solid = [t for t in things if not isinstance(t, Tree)]
-    for group, ragged_m in ((trees, LEAVES_M), (solid, 0.0)):
+    trees = [t for t in objects if isinstance(t, Tree) and t.x_m < MAX_SHADOW_M and abs(t.y_m) < MAX_SHADOW_LATERAL_M]
+    solid = [t for t in objects if not isinstance(t, Tree)]
+    for group, edge_noise_m in ((trees, LEAF_NOISE_M), (solid, 0.0)):
         polygons = shadow_polygons(group, view.sun_direction)
-        darken_polygons(sun, polygons, view.camera, ground, view.ahead, station_m=station_m, ragged_m=ragged_m)
+        cast_shadows(sun, polygons, view.camera, ground, view.ahead, station_m=station_m, edge_noise_m=edge_noise_m)
     return sun
 
 
-def _backdrop(drive: Drive, view: _View, clear: np.ndarray) -> np.ndarray:
+def _backdrop(drive: Drive, view: _FrameGeometry, clear: np.ndarray) -> np.ndarray:
     """The picture (height, width, 3) with the backdrop down to where all is ground, where things let it be seen."""
-    rays, ground = picture_rays(drive.camera), view.ground
-    covered = ground.visible.all(axis=1) & (ground.distance.max(axis=1) < FARTHEST_M / 3)
+    rays, ground = pixel_rays(drive.camera), view.ground
+    covered = ground.visible.all(axis=1) & (ground.distance.max(axis=1) < MAX_GROUND_M / 3)
     bottom = ground.top + int(np.argmax(covered)) + 1
     light = np.zeros_like(rays)
     # Some rows at a time, because a wood leaves little of them open.
-    for top in range(0, bottom, ROWS_AT_A_TIME):
-        band = slice(top, min(top + ROWS_AT_A_TIME, bottom))
-        seen = still_open(clear[band])
+    for top in range(0, bottom, BLOCK_ROWS):
+        band = slice(top, min(top + BLOCK_ROWS, bottom))
+        seen = uncovered_window(clear[band])
         if seen is not None:
             columns = seen[1]
             directions = _directions(rays[band, columns], view.camera, view.heading_rad)
@@ -278,7 +278,7 @@ def _directions(rays: np.ndarray, camera: Camera, heading_rad: float) -> tuple[n
     cosine, sine = np.cos(heading_rad), np.sin(heading_rad)
     to_world = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
     # One axis after the other: numpy is slow where the innermost axis has three elements.
-    x, y, z = planes_of(cv2.transform(rays, (camera.pose.rotation() @ to_world).T))
+    x, y, z = split_channels(cv2.transform(rays, (camera.pose.rotation() @ to_world).T))
     length = np.sqrt(x * x + y * y + z * z)
     return x / length, y / length, z / length
 
@@ -286,12 +286,12 @@ def _directions(rays: np.ndarray, camera: Camera, heading_rad: float) -> tuple[n
 def _far_light(drive: Drive, directions: tuple[np.ndarray, ...]) -> np.ndarray:
     """Light (rows, columns, 3) that comes from sky and country along directions, as `_directions` gives them."""
     light = paint_backdrop(directions, drive.backdrop, seed=drive.seed)
-    if drive.sun.clouded:
-        light *= np.float32(CLOUDED_COUNTRY)
+    if drive.sun.overcast:
+        light *= np.float32(OVERCAST_BACKDROP)
     if drive.night is not None:
         drive.night.darken_sky(light, directions[2])
     if drive.fog is not None:
-        drive.fog.veil_sky(light, directions[2])
+        drive.fog.apply_to_sky(light, directions[2])
     return light
 
 
@@ -299,7 +299,7 @@ def _crest(ahead: RoadAhead, ground: Ground, camera: Camera) -> tuple[float, np.
     """How far the first crest is that hides road, and where in the picture (height, width) its near side is seen."""
     if ahead.profile.level:
         return None
-    distance_m = ahead.crest_m(camera.pose.height_m)
+    distance_m = ahead.crest_distance_m(camera.pose.height_m)
     near_side = np.zeros((camera.height, camera.width), bool)
     near_side[ground.top :] = ground.visible & (ground.distance < distance_m)
     return (distance_m, near_side) if np.isfinite(distance_m) else None
@@ -307,15 +307,15 @@ def _crest(ahead: RoadAhead, ground: Ground, camera: Camera) -> tuple[float, np.
 
 def _mirrored_sky(drive: Drive, camera: Camera, heading_rad: float, ground: Ground) -> np.ndarray:
     """Light (rows, width, 3) of the backdrop that a level mirror on the ground would show, smeared by its stones."""
-    rays = picture_rays(drive.camera)[ground.top :: MIRROR_STEP, ::MIRROR_STEP]
+    rays = pixel_rays(drive.camera)[ground.top :: MIRROR_DOWNSAMPLING, ::MIRROR_DOWNSAMPLING]
     x, y, z = _directions(rays, camera, heading_rad)
     light = cv2.GaussianBlur(
-        _far_light(drive, (x, y, np.abs(z))), (0, 0), sigmaX=1.0, sigmaY=camera.height / 60 / MIRROR_STEP
+        _far_light(drive, (x, y, np.abs(z))), (0, 0), sigmaX=1.0, sigmaY=camera.height / 60 / MIRROR_DOWNSAMPLING
     )
     return cv2.resize(light, ground.s.shape[::-1], interpolation=cv2.INTER_LINEAR)
 
 
-def _lay_ground(light: np.ndarray, radiance: np.ndarray, ground: Ground, *, daylight: bool) -> None:
+def _composite_ground(light: np.ndarray, radiance: np.ndarray, ground: Ground, *, daylight: bool) -> None:
     """Put the ground before the backdrop, in place: behind bright air, and fading out where it is too far to tell."""
     # Over a crest, rows below the nearest horizon may still see the sky.
     hidden = np.flatnonzero(~ground.visible.all(axis=1))
@@ -323,7 +323,7 @@ def _lay_ground(light: np.ndarray, radiance: np.ndarray, ground: Ground, *, dayl
     if daylight:
         air = (1 - np.exp(-ground.distance[:far] / np.float32(AIR_LENGTH_M)))[..., None]
         radiance[:far] += air * (AIR_LIGHT - radiance[:far])
-    share = np.clip((FARTHEST_M - ground.distance[:far]) / np.float32(FARTHEST_M / 2), 0, 1) * ground.visible[:far]
+    share = np.clip((MAX_GROUND_M - ground.distance[:far]) / np.float32(MAX_GROUND_M / 2), 0, 1) * ground.visible[:far]
     before = light[ground.top : ground.top + far]
     before += share[..., None] * (radiance[:far] - before)
     light[ground.top + far : ground.top + len(radiance)] = radiance[far:]

@@ -13,11 +13,11 @@ import numpy as np
 from simulator.road.profile import FLAT, HeightProfile
 
 # The road goes on with its last curvature for this long beyond either end, so that a camera at the end still sees one.
-REACH_M = 1500.0
+EXTENSION_M = 1500.0
 # Gauss-Legendre of order 5 over 1 m is exact to rounding for every radius above 10 m.
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(5)
 # A line that has turned this far from the car's heading has no y(x) any more that would be worth the name.
-MOST_TURNED_RAD = np.radians(80)
+MAX_TURN_RAD = np.radians(80)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ class RoadGeometry:
     @cached_property
     def _table(self) -> tuple[np.ndarray, np.ndarray]:
         """Arc lengths a metre apart, every knot among them, and the points there."""
-        start, end = self.stations_m[0] - REACH_M, self.stations_m[-1] + REACH_M
+        start, end = self.stations_m[0] - EXTENSION_M, self.stations_m[-1] + EXTENSION_M
         nodes = np.union1d(np.arange(start, end + 1), self.stations_m)
         points = np.vstack([[0.0, 0.0], np.cumsum(self._displacement(nodes[:-1], nodes[1:]), axis=0)])
         return nodes, points - points[np.searchsorted(nodes, self.stations_m[0])]
@@ -109,7 +109,7 @@ class RoadGeometry:
 
 
 @dataclass(frozen=True)
-class Pose:
+class VehiclePose:
     """Where the car's origin is and where it points: place on the road, and heading relative to the road's."""
 
     s_m: float
@@ -145,13 +145,13 @@ class LinePolynomial:
     c3_per_m2: float
 
 
-def line_polynomial(road: RoadGeometry, pose: Pose, lateral_m: float) -> LinePolynomial:
+def line_polynomial(road: RoadGeometry, pose: VehiclePose, lateral_m: float) -> LinePolynomial:
     """Exact Taylor coefficients, at x = 0 in the car's frame, of the line at lateral distance `lateral_m`.
 
     A line beside the reference has curvature k / (1 - k d), and its derivative along its own length is
     k' / (1 - k d)^3; y', y'' and y''' follow from dy/dx = tan(heading).
     """
-    s = _station_abeam(road, pose, lateral_m, np.array([0.0]))
+    s = _station_at_x(road, pose, lateral_m, np.array([0.0]))
     y = pose.to_car(road, offset_point(road, s, lateral_m))[0, 1]
     angle = float(road.heading(s)[0]) - pose.absolute_heading(road)
     stretch = 1 - float(road.curvature(s)[0]) * lateral_m
@@ -162,7 +162,7 @@ def line_polynomial(road: RoadGeometry, pose: Pose, lateral_m: float) -> LinePol
     return LinePolynomial(float(y), float(np.tan(angle)), float(curvature * secant**3), float(c3))
 
 
-def line_lateral(road: RoadGeometry, pose: Pose, lateral_m: float, x_m: np.ndarray) -> np.ndarray:
+def line_lateral(road: RoadGeometry, pose: VehiclePose, lateral_m: float, x_m: np.ndarray) -> np.ndarray:
     """Exact y in metres, in the car's frame, of the line at lateral distance `lateral_m` where it passes `x_m`.
 
     x is the horizontal distance ahead, uphill and downhill alike. NaN where the line never gets so far before it has
@@ -171,28 +171,28 @@ def line_lateral(road: RoadGeometry, pose: Pose, lateral_m: float, x_m: np.ndarr
     x_m = np.asarray(x_m, float)
     y = np.full(x_m.shape, np.nan)
     there = x_m <= _farthest_x(road, pose, lateral_m, float(x_m.max(initial=0.0)))
-    s = _station_abeam(road, pose, lateral_m, x_m[there])
+    s = _station_at_x(road, pose, lateral_m, x_m[there])
     y[there] = pose.to_car(road, offset_point(road, s, lateral_m))[:, 1]
     return y
 
 
-def surface_points(road: RoadGeometry, pose: Pose, s_m: np.ndarray, lateral_m: np.ndarray | float) -> np.ndarray:
+def surface_points(road: RoadGeometry, pose: VehiclePose, s_m: np.ndarray, lateral_m: np.ndarray | float) -> np.ndarray:
     """Points (..., 3) of the road's surface at places (s, d), in the car's frame: x forward, y left, z up."""
     level = pose.to_car(road, offset_point(road, s_m, lateral_m))
-    return np.concatenate([level, np.asarray(road.profile.rise(s_m, pose.s_m))[..., None]], axis=-1)
+    return np.concatenate([level, np.asarray(road.profile.height_above_plane(s_m, pose.s_m))[..., None]], axis=-1)
 
 
-def _farthest_x(road: RoadGeometry, pose: Pose, lateral_m: float, until_m: float) -> float:
+def _farthest_x(road: RoadGeometry, pose: VehiclePose, lateral_m: float, until_m: float) -> float:
     """How far ahead the line gets before it has turned too far: `until_m` or less."""
     s = pose.s_m + np.arange(0.0, 2 * until_m + 20.0, 0.25)
-    turned = np.abs(road.heading(s) - pose.absolute_heading(road)) > MOST_TURNED_RAD
+    turned = np.abs(road.heading(s) - pose.absolute_heading(road)) > MAX_TURN_RAD
     if not turned.any():
         return until_m
     x = pose.to_car(road, offset_point(road, s[: int(np.argmax(turned))], lateral_m))[:, 0]
     return min(until_m, float(x.max(initial=-np.inf)))
 
 
-def _station_abeam(road: RoadGeometry, pose: Pose, lateral_m: float, x_m: np.ndarray) -> np.ndarray:
+def _station_at_x(road: RoadGeometry, pose: VehiclePose, lateral_m: float, x_m: np.ndarray) -> np.ndarray:
     """Arc lengths at which the line beside the road passes the car-frame abscissae `x_m`, by Newton's method."""
     s = pose.s_m + x_m
     for _ in range(30):

@@ -12,11 +12,11 @@ import numpy as np
 from lanes.camera import camera as lens_model
 from lanes.camera.camera import Camera
 from lanes.io.disk_cache import cached_array, short_hash
-from simulator.road.relief import FARTHEST_M, cast_on_relief
+from simulator.road.relief import MAX_GROUND_M, cast_on_relief
 from simulator.road.road_ahead import RoadAhead
 
 # Lenses whose rays are kept.
-MOST_KEPT = 3
+MAX_CACHED = 3
 
 
 @dataclass(frozen=True)
@@ -45,47 +45,47 @@ class Ground:
         `lateral_m` (rows, width) is used instead of d for strips that do not run along the road.
         """
         if lateral_m is None:
-            right, left = self.reached_d
+            right, left = self.footprint_edges_d
         else:
-            right, left = lateral_m - self.half_reach_d, lateral_m + self.half_reach_d
+            right, left = lateral_m - self.half_footprint_d, lateral_m + self.half_footprint_d
         near = cv2.compare(left, float(low_m), cv2.CMP_GE)
         near &= cv2.compare(right, float(high_m), cv2.CMP_LE)
         # As bytes, which are compared many at a time; OpenCV's true is 255, numpy's is 1.
         near &= self.visible.view(np.uint8)
         return np.flatnonzero(near.view(bool))
 
-    def rows(self, cut: slice, columns: slice = slice(None)) -> Ground:
+    def crop(self, cut: slice, columns: slice = slice(None)) -> Ground:
         """The same for some rows, and perhaps some columns, only (views, no copies)."""
         arrays = {f.name: getattr(self, f.name)[cut, columns] for f in fields(self) if f.name != "top"}
         return replace(self, top=self.top + (cut.start or 0), **arrays)
 
     @cached_property
-    def reach_s(self) -> np.ndarray:
+    def footprint_s(self) -> np.ndarray:
         """Length of the footprint along the road."""
         return np.abs(self.s_u) + np.abs(self.s_v)
 
     @cached_property
-    def half_reach_d(self) -> np.ndarray:
-        """Half of `reach_d`, which every strip along the road asks for."""
-        return self.reach_d / 2
+    def half_footprint_d(self) -> np.ndarray:
+        """Half of `footprint_d`, which every strip along the road asks for."""
+        return self.footprint_d / 2
 
     @cached_property
-    def reached_d(self) -> tuple[np.ndarray, np.ndarray]:
+    def footprint_edges_d(self) -> tuple[np.ndarray, np.ndarray]:
         """Right and left ends of the footprint across the road."""
-        return self.d - self.half_reach_d, self.d + self.half_reach_d
+        return self.d - self.half_footprint_d, self.d + self.half_footprint_d
 
     @cached_property
-    def reach_d(self) -> np.ndarray:
+    def footprint_d(self) -> np.ndarray:
         """Width of the footprint across the road."""
         return np.abs(self.d_u) + np.abs(self.d_v)
 
 
 @lru_cache(maxsize=2)
-def picture_rays(camera: Camera) -> np.ndarray:
+def pixel_rays(camera: Camera) -> np.ndarray:
     """Directions (height, width, 3) float32 in camera axes, z = 1, of every raw pixel; computed once for a lens."""
     sources = [Path(__file__), Path(lens_model.__file__)]
     lens = short_hash(camera.size, camera.matrix.tobytes(), camera.distortion.tobytes())
-    return cached_array(f"rays/{lens}", sources, lambda: _rays(camera), max_files=MOST_KEPT)
+    return cached_array(f"rays/{lens}", sources, lambda: _rays(camera), max_files=MAX_CACHED)
 
 
 def _rays(camera: Camera) -> np.ndarray:
@@ -95,7 +95,7 @@ def _rays(camera: Camera) -> np.ndarray:
 
 
 def cast_on_ground(rays: np.ndarray, camera: Camera, road: RoadAhead) -> Ground:
-    """Cast the rays of `picture_rays` onto the road and find their places along it.
+    """Cast the rays of `pixel_rays` onto the road and find their places along it.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def cast_on_ground(rays: np.ndarray, camera: Camera, road: RoadAhead) -> Ground:
     pose = camera.pose
     to_road = pose.rotation().astype(np.float32)
     if road.profile.level:
-        least_drop = np.float32(pose.height_m / FARTHEST_M)
+        least_drop = np.float32(pose.height_m / MAX_GROUND_M)
         drop = -(rays @ to_road[:, 2])
         top = int(np.argmax((drop > least_drop).any(axis=1)))
         rays, drop = rays[top:], drop[top:]
@@ -189,11 +189,13 @@ def strip_coverage(d: np.ndarray, step_u: np.ndarray, step_v: np.ndarray, low: f
     return beyond_low - beyond_high
 
 
-def dash_coverage(s: np.ndarray, reach: np.ndarray, paint_m: float, period_m: float) -> np.ndarray:
+def dash_coverage(s: np.ndarray, footprint: np.ndarray, paint_m: float, period_m: float) -> np.ndarray:
     """Share of [s - reach/2, s + reach/2] that is painted when paint begins at every multiple of the period."""
-    reach = np.maximum(reach, np.float32(1e-4))
-    painted = _painted_until(s + reach / 2, paint_m, period_m) - _painted_until(s - reach / 2, paint_m, period_m)
-    return np.clip(painted / reach, 0, 1)
+    footprint = np.maximum(footprint, np.float32(1e-4))
+    painted = _painted_until(s + footprint / 2, paint_m, period_m) - _painted_until(
+        s - footprint / 2, paint_m, period_m
+    )
+    return np.clip(painted / footprint, 0, 1)
 
 
 def _painted_until(s: np.ndarray, paint_m: float, period_m: float) -> np.ndarray:

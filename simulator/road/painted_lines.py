@@ -109,24 +109,26 @@ def paint_coverage(marking: Marking, ground: Ground, *, station_m: float) -> tup
         d_u, d_v = (step - np.float32(marking.slope) * along.ravel()[pixels] for step, along in
                     ((d_u, ground.s_u), (d_v, ground.s_v)))  # fmt: skip
     coverage = sum(strip_coverage(d, d_u, d_v, *edges) for edges in marking.stripes)
-    s, reach = ground.s.ravel()[pixels], ground.reach_s.ravel()[pixels]
+    s, footprint = ground.s.ravel()[pixels], ground.footprint_s.ravel()[pixels]
     if marking.dashed:
         period = sum(marking.dash_m)
         s_dash = s + np.float32((station_m - marking.phase_m) % period)
         if marking.botts:
             places = np.float32(BOTTS_EVERY_M) * np.arange(4, dtype=np.float32)
-            coverage = coverage * sum(dash_coverage(s_dash - place, reach, BOTTS_LENGTH_M, period) for place in places)
+            coverage = coverage * sum(
+                dash_coverage(s_dash - place, footprint, BOTTS_LENGTH_M, period) for place in places
+            )
         else:
-            coverage = coverage * dash_coverage(s_dash, reach, marking.dash_m[0], period)
+            coverage = coverage * dash_coverage(s_dash, footprint, marking.dash_m[0], period)
     if (marking.start_m, marking.end_m) != (-ENDLESS_M, ENDLESS_M):
-        coverage = coverage * _between(s, reach, start, end)
+        coverage = coverage * _between(s, footprint, start, end)
     return pixels, coverage
 
 
-def _between(s: np.ndarray, reach: np.ndarray, start: np.float32, end: np.float32) -> np.ndarray:
+def _between(s: np.ndarray, footprint: np.ndarray, start: np.float32, end: np.float32) -> np.ndarray:
     """Share of [s - reach/2, s + reach/2] that lies from `start` to `end`."""
-    inside = np.minimum(s + reach / 2, end) - np.maximum(s - reach / 2, start)
-    return np.clip(inside / np.maximum(reach, np.float32(1e-4)), 0, 1)
+    inside = np.minimum(s + footprint / 2, end) - np.maximum(s - footprint / 2, start)
+    return np.clip(inside / np.maximum(footprint, np.float32(1e-4)), 0, 1)
 
 
 def paint_markings(
@@ -151,8 +153,8 @@ def worn(wear: float, ground: Ground, pixels: np.ndarray, station_m: float, seed
     s, d = (array.ravel()[pixels] for array in (ground.s, ground.d))
     s = s + np.float32(station_m)
     tile = band_noise_tile(seed)
-    chips = sample_noise(tile, s, d, wave_s_m=0.10, wave_d_m=0.05) * fade(ground.reach_s.ravel()[pixels], 0.10)
-    broad = sample_noise(tile, s, d + 3, wave_s_m=2.5, wave_d_m=0.6) * fade(ground.reach_s.ravel()[pixels], 2.5)
+    chips = sample_noise(tile, s, d, wave_s_m=0.10, wave_d_m=0.05) * fade(ground.footprint_s.ravel()[pixels], 0.10)
+    broad = sample_noise(tile, s, d + 3, wave_s_m=2.5, wave_d_m=0.6) * fade(ground.footprint_s.ravel()[pixels], 2.5)
     lost = np.clip((chips * 0.8 + broad * 0.7 - 1.6) * 0.9 + 1.5 * wear, 0, 1) * min(1.0, 3 * wear)
     return (1 - 0.12 * wear) * (1 - np.float32(0.85) * lost)
 
@@ -168,5 +170,5 @@ def _paint_dots(flat: np.ndarray, marking: Marking, ground: Ground, station_m: f
     coverage = strip_coverage(d, d_u, d_v, centre - 0.05, centre + 0.05)
     # Markers are 2 cm high, so from the car each looks about twice as long as it is.
     phase = np.float32((station_m - first) % period)
-    coverage = coverage * dash_coverage(s + phase, ground.reach_s.ravel()[pixels], 0.20, period)
+    coverage = coverage * dash_coverage(s + phase, ground.footprint_s.ravel()[pixels], 0.20, period)
     flat[pixels] += coverage[:, None] * (np.array(marking.colour, np.float32) - flat[pixels])

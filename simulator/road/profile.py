@@ -51,7 +51,7 @@ class HeightProfile:
         # The slope is linear from the knot to here, so its mean is that of its two ends.
         return at_knots[knot] + (self.slopes[knot] + self.slope(s)) / 2 * (s - self.stations_m[knot])
 
-    def rise(self, s_m: np.ndarray | float, from_m: float) -> np.ndarray:
+    def height_above_plane(self, s_m: np.ndarray | float, from_m: float) -> np.ndarray:
         """Height above the plane that touches the road at `from_m`: what a car there takes for level ground.
 
         Turning the world into that plane is done by a shear, not by a rotation: distances keep their horizontal length,

@@ -7,17 +7,17 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from simulator.road.geometry import MOST_TURNED_RAD, Pose, RoadGeometry
+from simulator.road.geometry import MAX_TURN_RAD, RoadGeometry, VehiclePose
 
 # A road with bends sharper than this is a winding one: mountain roads are, motorways and country roads are not.
 WINDING_PER_M = 1 / 120
 # In a winding road as much is drawn as is not behind the trees anyway.
 WINDING_AHEAD_M = 220.0
 # Crests are looked for up to here; one that hides less than this (2 pixels of a dashcam) is none.
-CREST_WITHIN_M, CREST_HIDES = 200.0, 0.002
+CREST_RANGE_M, MIN_HIDDEN_SLOPE = 200.0, 0.002
 # Where the map of a winding road lies before the car, and how fine it is.
 MAP_X_M, MAP_Y_M, MAP_CELL_M = (-40.0, 160.0), (-120.0, 120.0), 0.5
-POINTS_AT_A_TIME = 1 << 16
+BLOCK_POINTS = 1 << 16
 
 
 class RoadAhead:
@@ -41,10 +41,12 @@ class RoadAhead:
 
     STEP_M = 0.5
 
-    def __init__(self, road: RoadGeometry, pose: Pose, *, behind_m: float = 40.0, ahead_m: float = 900.0) -> None:
+    def __init__(
+        self, road: RoadGeometry, pose: VehiclePose, *, behind_m: float = 40.0, ahead_m: float = 900.0
+    ) -> None:
         s = np.arange(-behind_m, ahead_m + self.STEP_M, self.STEP_M)
         angle = road.heading(pose.s_m + s) - pose.absolute_heading(road)
-        turned = np.flatnonzero((np.abs(angle) > MOST_TURNED_RAD) & (s > 0))
+        turned = np.flatnonzero((np.abs(angle) > MAX_TURN_RAD) & (s > 0))
         sharpest = np.abs(road.curvature(pose.s_m + s[s < WINDING_AHEAD_M])).max()
         self.winding = bool(len(turned)) and sharpest > WINDING_PER_M
         end = int(np.argmax(s > WINDING_AHEAD_M)) if self.winding else turned[0] if len(turned) else len(s)
@@ -84,12 +86,12 @@ class RoadAhead:
         x, y = x_m.ravel(), y_m.ravel()
         s, d = np.empty_like(x), np.empty_like(y)
         # Some at a time stay in the processor's cache through all steps.
-        for start in range(0, len(x), POINTS_AT_A_TIME):
-            part = slice(start, start + POINTS_AT_A_TIME)
-            s[part], d[part] = self._places(x[part], y[part], iterations)
+        for start in range(0, len(x), BLOCK_POINTS):
+            part = slice(start, start + BLOCK_POINTS)
+            s[part], d[part] = self._locate_points(x[part], y[part], iterations)
         return s.reshape(x_m.shape), d.reshape(x_m.shape)
 
-    def _places(self, x: np.ndarray, y: np.ndarray, iterations: int) -> tuple[np.ndarray, np.ndarray]:
+    def _locate_points(self, x: np.ndarray, y: np.ndarray, iterations: int) -> tuple[np.ndarray, np.ndarray]:
         """`locate` for points (N,)."""
         node = first = self._first_node(x, y)
         s, d = self._project(x, y, node)
@@ -135,11 +137,11 @@ class RoadAhead:
         node = np.clip((s - self._s0) / np.float32(self.STEP_M), 0, len(self._table[0]) - 1).astype(np.intp)
         return tuple(column.take(node, mode="clip") for column in self._table[2:])
 
-    def rise(self, s: np.ndarray) -> np.ndarray:
+    def height_above_plane(self, s: np.ndarray) -> np.ndarray:
         """Height of the ground at places `s` from the car above the plane that touches the road under it, metres."""
-        return self.profile.rise(s + self._pose.s_m, self._pose.s_m)
+        return self.profile.height_above_plane(s + self._pose.s_m, self._pose.s_m)
 
-    def rise_and_grade(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def height_and_grade(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The same for very many places (float32), and the rise per metre there above the slope under the car.
 
         From tables at the nodes, a quarter metre away at most: 0.2 mm off where the vertical radius is 150 m.
@@ -153,19 +155,19 @@ class RoadAhead:
         """Rise and grade at the table's nodes."""
         s = self._pose.s_m + float(self._s0) + self.STEP_M * np.arange(len(self._table[0]))
         grade = self.profile.slope(s) - self.profile.slope(self._pose.s_m)
-        return self.profile.rise(s, self._pose.s_m).astype(np.float32), grade.astype(np.float32)
+        return self.profile.height_above_plane(s, self._pose.s_m).astype(np.float32), grade.astype(np.float32)
 
-    def crest_m(self, height_m: float) -> float:
+    def crest_distance_m(self, height_m: float) -> float:
         """How far ahead the road goes out of sight of an eye `height_m` above it, metres; infinite if never."""
-        s = np.arange(2.0, CREST_WITHIN_M)
-        slope = (self.rise(s) - height_m) / s
-        hidden = slope < np.maximum.accumulate(slope) - CREST_HIDES
+        s = np.arange(2.0, CREST_RANGE_M)
+        slope = (self.height_above_plane(s) - height_m) / s
+        hidden = slope < np.maximum.accumulate(slope) - MIN_HIDDEN_SLOPE
         return float(s[np.argmax(hidden)]) if hidden.any() else np.inf
 
-    def on_surface(self, points_m: np.ndarray) -> np.ndarray:
+    def lift_to_surface(self, points_m: np.ndarray) -> np.ndarray:
         """Points (N, 3) of the ground above or below points (N, 2) of the car's plane, metres."""
         s, _ = self.locate(*np.asarray(points_m, np.float32).T)
-        return np.column_stack([points_m, self.rise(s.astype(float))])
+        return np.column_stack([points_m, self.height_above_plane(s.astype(float))])
 
     def _first_node(self, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
         """Table nodes near the points, to begin with."""

@@ -9,11 +9,11 @@ import numpy as np
 
 from simulator.painting.texture import band_noise_tile, fade, sample_noise
 from simulator.road.ground import Ground, dash_coverage, edge_coverage, strip_coverage
-from simulator.road.verge import Opposite, lay_verge
+from simulator.road.verge import OppositeCarriageway, paint_verge
 
 TAR = (0.028, 0.027, 0.029)
 # How far a patch's edges may stray: 3 cm at one standard deviation of the noise, which has no five.
-RAGGED_M = 0.15
+EDGE_NOISE_M = 0.15
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class Surface:
 
 
 @dataclass(frozen=True)
-class Layers:
+class NoiseLayers:
     """Noise shared by all materials, each about 1 in strength near the car, faded by footprint; (rows, width)."""
 
     grain: np.ndarray
@@ -149,13 +149,13 @@ class Layers:
     track: np.ndarray
     oil: np.ndarray
 
-    def rows(self, cut: slice, columns: slice = slice(None)) -> Layers:
+    def crop(self, cut: slice, columns: slice = slice(None)) -> NoiseLayers:
         """The same for some rows, and perhaps some columns, only."""
-        return Layers(*(getattr(self, field.name)[cut, columns] for field in fields(self)))
+        return NoiseLayers(*(getattr(self, field.name)[cut, columns] for field in fields(self)))
 
 
 def ground_albedo(
-    surface: Surface, ground: Ground, *, station_m: float, seed: int, wanted: np.ndarray | None = None
+    surface: Surface, ground: Ground, *, station_m: float, seed: int, needed: np.ndarray | None = None
 ) -> np.ndarray:
     """Reflectance of the ground without paint.
 
@@ -178,14 +178,14 @@ def ground_albedo(
     s = ground.s + np.float32(station_m)
     layers = noise_layers(surface, ground, s, seed)
     albedo = _pavement(surface, ground, s, layers)
-    half_reach_s = ground.reach_s / 2
-    reached_rows = (s - half_reach_s).min(axis=1), (s + half_reach_s).max(axis=1)
+    half_footprint_s = ground.footprint_s / 2
+    reached_rows = (s - half_footprint_s).min(axis=1), (s + half_footprint_s).max(axis=1)
     for patch in surface.patches:
-        _lay_patch(albedo, patch, ground, s, layers, reached_rows)
+        _paint_patch(albedo, patch, ground, s, layers, reached_rows)
     for number, seam in enumerate(surface.seams):
-        _lay_seam(albedo, seam, ground, s, seed + 50 + number)
+        _paint_seam(albedo, seam, ground, s, seed + 50 + number)
     edges_m = (surface.right_edge_m, surface.left_edge_m)
-    lay_verge(
+    paint_verge(
         albedo,
         ground,
         s,
@@ -193,37 +193,37 @@ def ground_albedo(
         gravel_m=surface.gravel_m,
         opposite=_opposite(surface, layers),
         tint=surface.verge_tint,
-        wanted=wanted,
+        needed=needed,
         seed=seed + 11,
     )
     return albedo
 
 
-def noise_layers(surface: Surface, ground: Ground, s: np.ndarray, seed: int) -> Layers:
+def noise_layers(surface: Surface, ground: Ground, s: np.ndarray, seed: int) -> NoiseLayers:
     """The noise and the wear profile across the lanes."""
-    reach = ground.reach_s
+    footprint = ground.footprint_s
     grain = np.zeros_like(s)
     for number, (wave, strength) in enumerate(((0.022, 1.0), (0.06, 0.7), (0.25, 0.25))):
         # Only rows near enough for this grain to be seen at all.
-        near = reach[:, s.shape[1] // 2] < 3 * wave
+        near = footprint[:, s.shape[1] // 2] < 3 * wave
         first = int(np.argmax(near)) if near.any() else len(s)
         if first < len(s):
             # Longer along the road: the car moves 2 or 3 cm while the shutter is open.
             part = sample_noise(
                 band_noise_tile(seed + number), s[first:], ground.d[first:], wave_s_m=2 * wave, wave_d_m=wave
             )
-            grain[first:] += part * fade(reach[first:], wave) * np.float32(strength)
+            grain[first:] += part * fade(footprint[first:], wave) * np.float32(strength)
     tile = band_noise_tile(seed + 7, octaves=4)
     # Stains are drawn out along the way that tyres roll.
-    blotch = sample_noise(tile, s, ground.d, wave_s_m=2.2, wave_d_m=0.45) * fade(reach, 10.0)
+    blotch = sample_noise(tile, s, ground.d, wave_s_m=2.2, wave_d_m=0.45) * fade(footprint, 10.0)
     streak = sample_noise(band_noise_tile(seed + 8, octaves=3), s, ground.d, wave_s_m=18.0, wave_d_m=0.22)
     track, oil = _wear_profiles(surface, ground.d)
     uneven = 1 + np.float32(0.35) * sample_noise(tile, s, ground.d, wave_s_m=6.0, wave_d_m=1.3)
     spots = sample_noise(band_noise_tile(seed + 9, octaves=3), s, ground.d, wave_s_m=0.7, wave_d_m=0.16)
     # Oil and rubber lie where cars go: spots grow out of the places that are dark already.
     stain = np.clip(spots - 1.1 + np.float32(0.35) * blotch + np.float32(0.3) * (oil + track), 0, 1.5)
-    stain *= fade(reach, 6.0)
-    return Layers(grain, blotch, stain, streak * fade(ground.reach_d, 0.3), track * uneven, oil * uneven)
+    stain *= fade(footprint, 6.0)
+    return NoiseLayers(grain, blotch, stain, streak * fade(ground.footprint_d, 0.3), track * uneven, oil * uneven)
 
 
 def _wear_profiles(surface: Surface, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -239,7 +239,7 @@ def _wear_profiles(surface: Surface, d: np.ndarray) -> tuple[np.ndarray, np.ndar
     return tuple(profile.astype(np.float32).take(index, mode="clip") for profile in (track, oil))
 
 
-def _pavement(surface: Surface, ground: Ground, s: np.ndarray, layers: Layers) -> np.ndarray:
+def _pavement(surface: Surface, ground: Ground, s: np.ndarray, layers: NoiseLayers) -> np.ndarray:
     """The zones one after the other along the road, each computed only where it is seen."""
     zones = sorted(surface.zones, key=lambda zone: zone.start_m)
     started = [z for z in zones if z.start_m < s.min() - 10]
@@ -249,28 +249,28 @@ def _pavement(surface: Surface, ground: Ground, s: np.ndarray, layers: Layers) -
         if not len(beyond):
             break
         cut = slice(0, beyond[-1] + 1)
-        part = ground.rows(cut)
-        part_layers = layers.rows(cut)
+        part = ground.crop(cut)
+        part_layers = layers.crop(cut)
         # The edge is ragged by a few centimetres.
         t = s[cut] - np.float32(zone.start_m) - np.float32(zone.skew) * part.d
         t += np.float32(0.05) * part_layers.blotch
         share = edge_coverage(t, part.s_u, part.s_v)
-        _mix(albedo[cut], _material(MATERIALS[zone.material], part, s[cut], part_layers), share)
+        _blend(albedo[cut], _material(MATERIALS[zone.material], part, s[cut], part_layers), share)
     return albedo
 
 
-def _material(material: Material, ground: Ground, s: np.ndarray, layers: Layers) -> np.ndarray:
+def _material(material: Material, ground: Ground, s: np.ndarray, layers: NoiseLayers) -> np.ndarray:
     tone = 1 + np.float32(material.grain) * layers.grain + np.float32(material.blotch) * layers.blotch
     tone += np.float32(material.streak) * layers.streak - np.float32(material.stain) * layers.stain
     tone += np.float32(material.track) * layers.track + np.float32(material.oil) * layers.oil
     if material.slab_m:
-        joint = dash_coverage(s, ground.reach_s, 0.02, material.slab_m)
+        joint = dash_coverage(s, ground.footprint_s, 0.02, material.slab_m)
         tone -= np.float32(0.35) * joint
     np.maximum(tone, np.float32(0.25), out=tone)
     return cv2.merge([tone * np.float32(channel) for channel in material.colour])
 
 
-def _mix(below: np.ndarray, above: np.ndarray, share: np.ndarray) -> None:
+def _blend(below: np.ndarray, above: np.ndarray, share: np.ndarray) -> None:
     """Lay `above` over `below` in place with opacity `share`."""
     above -= below
     # Spread over the colours first: numpy is slow where the innermost axis has three elements.
@@ -278,44 +278,44 @@ def _mix(below: np.ndarray, above: np.ndarray, share: np.ndarray) -> None:
     below += above
 
 
-def _lay_patch(
+def _paint_patch(
     albedo: np.ndarray,
     patch: Patch,
     ground: Ground,
     s: np.ndarray,
-    layers: Layers,
+    layers: NoiseLayers,
     reached_rows: tuple[np.ndarray, np.ndarray],
 ) -> None:
     """`reached_rows`: the least and the greatest s, (rows,) each, of what a row sees."""
-    low, high = patch.start_m - RAGGED_M, patch.end_m + RAGGED_M
+    low, high = patch.start_m - EDGE_NOISE_M, patch.end_m + EDGE_NOISE_M
     seen = np.flatnonzero((reached_rows[1] > low) & (reached_rows[0] < high))
     if not len(seen):
         return
     rows = slice(seen[0], seen[-1] + 1)
     # A stall in a car park is a fiftieth of the rows around it.
-    reach_s, reach_d = ground.reach_s[rows] / 2, ground.half_reach_d[rows] + np.float32(RAGGED_M)
-    near = cv2.inRange(s[rows], np.float32(low) - reach_s, np.float32(high) + reach_s)
-    near &= cv2.inRange(ground.d[rows], np.float32(patch.low_m) - reach_d, np.float32(patch.high_m) + reach_d)
+    footprint_s, footprint_d = ground.footprint_s[rows] / 2, ground.half_footprint_d[rows] + np.float32(EDGE_NOISE_M)
+    near = cv2.inRange(s[rows], np.float32(low) - footprint_s, np.float32(high) + footprint_s)
+    near &= cv2.inRange(ground.d[rows], np.float32(patch.low_m) - footprint_d, np.float32(patch.high_m) + footprint_d)
     seen = np.flatnonzero(near.any(axis=0))
     if not len(seen):
         return
     cut = rows, slice(seen[0], seen[-1] + 1)
-    part, s, part_layers = ground.rows(*cut), s[cut], layers.rows(*cut)
+    part, s, part_layers = ground.crop(*cut), s[cut], layers.crop(*cut)
     wobble = np.float32(0.03) * part_layers.blotch
     ends = np.float32([patch.start_m, patch.end_m])[:, None, None]
     beyond_start, beyond_end = edge_coverage(s - ends + wobble, part.s_u, part.s_v)
     share = (beyond_start - beyond_end) * strip_coverage(part.d + wobble, part.d_u, part.d_v, patch.low_m, patch.high_m)
-    _mix(albedo[cut], _material(MATERIALS[patch.material], part, s, part_layers), share)
+    _blend(albedo[cut], _material(MATERIALS[patch.material], part, s, part_layers), share)
 
 
-def _opposite(surface: Surface, layers: Layers) -> Opposite | None:
+def _opposite(surface: Surface, layers: NoiseLayers) -> OppositeCarriageway | None:
     """The other carriageway: mostly hidden by barriers, so plain asphalt does."""
     if surface.opposite_m is None:
         return None
-    return Opposite(surface.opposite_m, MATERIALS["asphalt"].colour, 1 + 0.1 * layers.blotch)
+    return OppositeCarriageway(surface.opposite_m, MATERIALS["asphalt"].colour, 1 + 0.1 * layers.blotch)
 
 
-def _lay_seam(albedo: np.ndarray, seam: Seam, ground: Ground, s: np.ndarray, seed: int) -> None:
+def _paint_seam(albedo: np.ndarray, seam: Seam, ground: Ground, s: np.ndarray, seed: int) -> None:
     margin = seam.width_m + 3 * seam.wander_m + seam.soft_m
     pixels = ground.pixels_between(seam.lateral_m - margin, seam.lateral_m + margin)
     along = s.ravel()[pixels]

@@ -66,7 +66,7 @@ def symbol_coverage(symbol: Symbol, ground: Ground, *, station_m: float) -> tupl
     near = np.float32(symbol.s_m - station_m)
     far = near + np.float32(symbol.length_m)
     left = np.float32(symbol.lateral_m + symbol.width_m / 2)
-    margin = ground.reach_s
+    margin = ground.footprint_s
     inside = (ground.s > near - margin) & (ground.s < far + margin) & ground.visible
     inside &= np.abs(ground.d - np.float32(symbol.lateral_m)) < np.float32(symbol.width_m / 2 + 0.1)
     pixels = np.flatnonzero(inside)
@@ -75,8 +75,8 @@ def symbol_coverage(symbol: Symbol, ground: Ground, *, station_m: float) -> tupl
     s, d = ground.s.ravel()[pixels], ground.d.ravel()[pixels]
     levels = _stencil(symbol.kind, symbol.length_m, symbol.width_m)
     # A pixel sees much more of the road's length than of its width, so only the rows are averaged.
-    reach_px = np.median(margin.ravel()[pixels]) * ALONG_PX_PER_M
-    level = int(np.clip(np.rint(np.log2(max(reach_px, 1.0))), 0, len(levels) - 1))
+    footprint_px = np.median(margin.ravel()[pixels]) * ALONG_PX_PER_M
+    level = int(np.clip(np.rint(np.log2(max(footprint_px, 1.0))), 0, len(levels) - 1))
     row = ((far - s) * np.float32(ALONG_PX_PER_M) + np.float32(0.5)) / np.float32(2**level) - np.float32(0.5)
     column = (left - d) * np.float32(ACROSS_PX_PER_M)
     coverage = np.zeros(len(pixels), np.float32)

@@ -15,10 +15,10 @@ from lanes.camera.camera import Camera
 from lanes.camera.camera_file import camera_to_dict
 from lanes.io.files import write_atomically
 from simulator.road.geometry import (
-    MOST_TURNED_RAD,
+    MAX_TURN_RAD,
     LinePolynomial,
-    Pose,
     RoadGeometry,
+    VehiclePose,
     line_lateral,
     line_polynomial,
     surface_points,
@@ -69,7 +69,7 @@ class Truth:
     left: LinePolynomial
     right: LinePolynomial
     road: RoadGeometry
-    pose: Pose
+    pose: VehiclePose
     laterals_m: tuple[float, float]
 
     @property
@@ -84,7 +84,9 @@ class Truth:
         return line_lateral(self.road, self.pose, self.laterals_m[side], x_m)
 
 
-def lane_truth(road: RoadGeometry, pose: Pose, lines_m: Sequence[float], *, time_s: float, pitch_rad: float) -> Truth:
+def lane_truth(
+    road: RoadGeometry, pose: VehiclePose, lines_m: Sequence[float], *, time_s: float, pitch_rad: float
+) -> Truth:
     """The truth of the lane that a car at `pose` is in.
 
     Parameters
@@ -97,7 +99,7 @@ def lane_truth(road: RoadGeometry, pose: Pose, lines_m: Sequence[float], *, time
     time_s, pitch_rad : float
         Passed on.
     """
-    left_m, right_m = _own_lines(lines_m, pose.lateral_m)
+    left_m, right_m = _ego_lines(lines_m, pose.lateral_m)
     centre_m = (left_m + right_m) / 2
     stretch = 1 - float(road.curvature(pose.s_m)) * centre_m
     return Truth(
@@ -116,7 +118,7 @@ def lane_truth(road: RoadGeometry, pose: Pose, lines_m: Sequence[float], *, time
     )
 
 
-def _own_lines(lines_m: Sequence[float], lateral_m: float) -> tuple[float, float]:
+def _ego_lines(lines_m: Sequence[float], lateral_m: float) -> tuple[float, float]:
     """The neighbours of `lateral_m` among the lines; beyond the outermost, the last lane."""
     if not len(lines_m):
         return np.nan, np.nan
@@ -141,7 +143,7 @@ def line_pixels(truth: Truth, side: int, camera: Camera) -> np.ndarray:
     # Even steps in 1/x are even steps in picture rows.
     ahead = 1 / np.linspace(1 / 2.0, 1 / 600.0, 6000)
     s = truth.pose.s_m + ahead
-    turned = np.abs(truth.road.heading(s) - truth.pose.absolute_heading(truth.road)) > MOST_TURNED_RAD
+    turned = np.abs(truth.road.heading(s) - truth.pose.absolute_heading(truth.road)) > MAX_TURN_RAD
     s = s[: int(np.argmax(turned))] if turned.any() else s
     points = surface_points(truth.road, truth.pose, s, truth.laterals_m[side])
     pixels = camera.road_to_pixels(points)

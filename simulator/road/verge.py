@@ -12,17 +12,17 @@ from simulator.road.ground import Ground, edge_coverage, strip_coverage
 # Linear-light reflectance, 1.0 = white paint; dry summer country.
 GRAVEL = np.array([0.30, 0.255, 0.185], np.float32)
 DIRT = np.array([0.34, 0.265, 0.165], np.float32)
-DRY_GRASS = np.array([0.40, 0.285, 0.135], np.float32)
+VERGE_GRASS = np.array([0.40, 0.285, 0.135], np.float32)
 DUST = (0.26, 0.235, 0.215)
 # How far dust creeps from the verge onto the pavement, and how much of it is seen at the edge.
 DUST_REACH_M = 2.0
 DUST_SHARE = 0.22
 # So many stay in the processor's cache through all steps.
-ROWS_AT_A_TIME = 32
+BLOCK_ROWS = 32
 
 
 @dataclass(frozen=True)
-class Opposite:
+class OppositeCarriageway:
     """Another carriageway beyond the verge: lateral edges, mean reflectance, and how it varies (rows, width)."""
 
     edges_m: tuple[float, float]
@@ -30,16 +30,16 @@ class Opposite:
     tone: np.ndarray
 
 
-def lay_verge(
+def paint_verge(
     albedo: np.ndarray,
     ground: Ground,
     s: np.ndarray,
     *,
     edges_m: tuple[float, float],
     gravel_m: float,
-    opposite: Opposite | None = None,
+    opposite: OppositeCarriageway | None = None,
     tint: tuple[float, float, float] = (1.0, 1.0, 1.0),
-    wanted: np.ndarray | None = None,
+    needed: np.ndarray | None = None,
     seed: int,
 ) -> None:
     """Paint the ground beside the pavement, in place.
@@ -62,37 +62,37 @@ def lay_verge(
         Where to paint; everywhere if None.
     seed : int
     """
-    for first in range(0, len(s), ROWS_AT_A_TIME):
-        rows = slice(first, first + ROWS_AT_A_TIME)
+    for first in range(0, len(s), BLOCK_ROWS):
+        rows = slice(first, first + BLOCK_ROWS)
         across = None if opposite is None else replace(opposite, tone=opposite.tone[rows])
-        where = True if wanted is None else wanted[rows]
-        _lay_rows(albedo[rows], ground.rows(rows), s[rows], edges_m, gravel_m, across, tint, where, seed)
+        where = True if needed is None else needed[rows]
+        _paint_rows(albedo[rows], ground.crop(rows), s[rows], edges_m, gravel_m, across, tint, where, seed)
 
 
-def _lay_rows(
+def _paint_rows(
     albedo: np.ndarray,
     ground: Ground,
     s: np.ndarray,
     edges_m: tuple[float, float],
     gravel_m: float,
-    opposite: Opposite | None,
+    opposite: OppositeCarriageway | None,
     tint: tuple[float, float, float],
-    wanted: np.ndarray | bool,
+    needed: np.ndarray | bool,
     seed: int,
 ) -> None:
-    """`lay_verge` for some rows."""
+    """`paint_verge` for some rows."""
     beyond = np.maximum(ground.d - np.float32(edges_m[1]), np.float32(edges_m[0]) - ground.d)
-    pixels = np.flatnonzero((beyond > -ground.reach_d - np.float32(DUST_REACH_M)) & wanted)
+    pixels = np.flatnonzero((beyond > -ground.footprint_d - np.float32(DUST_REACH_M)) & needed)
     if not len(pixels):
         return
-    arrays = (s, ground.d, ground.d_u, ground.d_v, ground.reach_s, beyond)
-    s, d, d_u, d_v, reach, beyond = (array.ravel()[pixels] for array in arrays)
+    arrays = (s, ground.d, ground.d_u, ground.d_v, ground.footprint_s, beyond)
+    s, d, d_u, d_v, footprint, beyond = (array.ravel()[pixels] for array in arrays)
     cloudy = band_noise_tile(seed, octaves=4)
-    rough = sample_noise(cloudy, s, d, wave_s_m=0.5, wave_d_m=0.3) * fade(reach, 3.0)
-    broad = sample_noise(cloudy, s, d + 5, wave_s_m=5.0, wave_d_m=1.8) * fade(reach, 30.0)
-    fine = sample_noise(band_noise_tile(seed + 1), s, d, wave_s_m=0.12, wave_d_m=0.07) * fade(reach, 0.2)
+    rough = sample_noise(cloudy, s, d, wave_s_m=0.5, wave_d_m=0.3) * fade(footprint, 3.0)
+    broad = sample_noise(cloudy, s, d + 5, wave_s_m=5.0, wave_d_m=1.8) * fade(footprint, 30.0)
+    fine = sample_noise(band_noise_tile(seed + 1), s, d, wave_s_m=0.12, wave_d_m=0.07) * fade(footprint, 0.2)
     gravel_tone = 1 + 0.16 * rough + 0.15 * fine
-    grass = _grass(s, d, reach, rough, broad, fine, seed=seed + 2)
+    grass = _grass(s, d, footprint, rough, broad, fine, seed=seed + 2)
     # The border is as ragged as tufts are.
     to_grass = edge_coverage(beyond - np.float32(gravel_m) + 0.15 * rough + 0.2 * broad, d_u + 0.5, d_v)
     share = edge_coverage(beyond + np.float32(0.02) * rough + np.float32(0.04) * broad, d_u, d_v)
@@ -117,7 +117,7 @@ def _lay_rows(
 def _grass(
     s: np.ndarray,
     d: np.ndarray,
-    reach: np.ndarray,
+    footprint: np.ndarray,
     rough: np.ndarray,
     broad: np.ndarray,
     fine: np.ndarray,
@@ -126,7 +126,7 @@ def _grass(
 ) -> np.ndarray:
     """Reflectance (3, K) of dry grass with bare places, in tufts with dark between them."""
     tufts = sample_noise(band_noise_tile(seed), s, d, wave_s_m=0.6, wave_d_m=0.22)
-    tufts = np.minimum(tufts, 0.6) * fade(reach, 1.5)
-    grass = DRY_GRASS[:, None] * (1 + 0.20 * broad)
+    tufts = np.minimum(tufts, 0.6) * fade(footprint, 1.5)
+    grass = VERGE_GRASS[:, None] * (1 + 0.20 * broad)
     grass += np.clip(0.35 * broad - 0.2, 0, 0.6) * (DIRT[:, None] - grass)
     return grass * np.maximum(1 + 0.22 * rough + 0.35 * fine + 0.25 * tufts, 0.12)

@@ -11,25 +11,33 @@ from simulator.light.glare import Glare
 from simulator.light.lens import Lens
 from simulator.light.sunlight import TreeShade, WoodShade
 from simulator.objects.overpass import Overpass
-from simulator.objects.roadside import Along, Placed
-from simulator.objects.solids import Car, Post
+from simulator.objects.placement import PlacedObject, PlacedWall
+from simulator.objects.scene_objects import Car, Post
 from simulator.rendering.drive import Drive, Motion
 from simulator.road.geometry import RoadGeometry
 from simulator.road.painted_lines import WHITE, YELLOW, Marking
 from simulator.road.surface import Seam, Surface, Zone
-from simulator.scenes.catalogue import EGO_LINES_M
 from simulator.scenes.dashcam import DASHCAM
-from simulator.scenes.freeway import LANE_M, car, freeway_markings, freeway_surface, grove, oncoming, weather
+from simulator.scenes.freeway import (
+    LANE_WIDTH_M,
+    car,
+    daylight,
+    freeway_markings,
+    freeway_surface,
+    oncoming_cars,
+    plant_trees,
+)
 from simulator.scenes.scene import SuiteScene
+from simulator.scenes.stills import EGO_LINES_M
 from simulator.weather.fog import Fog
 from simulator.weather.night import Night
 from simulator.weather.rain import Rain
 from simulator.weather.wet import Wet
 
-OPPOSITE_M = 17.0
+OPPOSITE_EDGE_M = 17.0
 
 
-def motorway(seed: int, *zones: Zone, seams: tuple[Seam, ...] = (), wear: float = 0.25, **parts) -> Drive:
+def plain_motorway(seed: int, *zones: Zone, seams: tuple[Seam, ...] = (), wear: float = 0.25, **changes) -> Drive:
     """A carriageway that bends left and then right; the car off the centre of its left lane, others in theirs."""
     traffic = (
         car(38.0, -1, "silver", speed_mps=27.0),
@@ -38,32 +46,32 @@ def motorway(seed: int, *zones: Zone, seams: tuple[Seam, ...] = (), wear: float 
         car(120.0, 0, "grey", speed_mps=28.5),
     )
     country = (
-        Along(4.4, "jersey", seed=seed),
-        *oncoming(seed + 1, along=(60, 620), opposite_m=OPPOSITE_M, speed_mps=26.0),
-        *grove(seed + 2, "oak plane", along=(10, 560), aside=(-40, -21), tall=(4, 10), every_m=15),
-        *grove(seed + 3, "plane oak", along=(30, 560), aside=(34, 50), tall=(6, 11), every_m=20),
+        PlacedWall(4.4, "jersey", seed=seed),
+        *oncoming_cars(seed + 1, s_m=(60, 620), opposite_m=OPPOSITE_EDGE_M, speed_mps=26.0),
+        *plant_trees(seed + 2, "oak plane", s_m=(10, 560), d_m=(-40, -21), height_m=(4, 10), every_m=15),
+        *plant_trees(seed + 3, "plane oak", s_m=(30, 560), d_m=(34, 50), height_m=(6, 11), every_m=20),
     )
     base = Drive(
         camera=DASHCAM,
         road=RoadGeometry([0.0, 55.0, 120.0, 300.0, 360.0], [1 / 520, 1 / 520, -1 / 430, -1 / 430, 0.0]),
         line_laterals_m=EGO_LINES_M,
-        markings=freeway_markings(phase_m=3.0, wear=wear, opposite_m=OPPOSITE_M),
-        surface=freeway_surface(*(zones or (Zone(-100.0, "asphalt"),)), seams=seams, opposite_m=OPPOSITE_M),
+        markings=freeway_markings(phase_m=3.0, wear=wear, opposite_m=OPPOSITE_EDGE_M),
+        surface=freeway_surface(*(zones or (Zone(-100.0, "asphalt"),)), seams=seams, opposite_m=OPPOSITE_EDGE_M),
         motion=Motion(0.0, 27.0, offset_m=0.12, wander_m=0.2, wander_period_s=6.0, pitch_rad=float(np.radians(0.2))),
         seed=seed,
-        **({"things": traffic + country} | weather(75, 50, tree_density=0.4) | parts),
+        **({"objects": traffic + country} | daylight(75, 50, tree_density=0.4) | changes),
     )
     return base
 
 
-def country_road(seed: int, **parts) -> Drive:
+def country_road_drive(seed: int, **changes) -> Drive:
     """A two-lane road through a wood, R 170 m to the left, then 140 m to the right; double yellow and white edge."""
     middle, edge = 1.75, -1.75
     trees = tuple(
-        thing
-        for number, aside in enumerate(((-16.0, -5.5), (8.5, 19.0)))
-        for thing in grove(
-            seed + number, "oak redwood eucalyptus", along=(4, 240), aside=aside, tall=(9, 17), every_m=5
+        item
+        for number, d_m in enumerate(((-16.0, -5.5), (8.5, 19.0)))
+        for item in plant_trees(
+            seed + number, "oak redwood eucalyptus", s_m=(4, 240), d_m=d_m, height_m=(9, 17), every_m=5
         )
     )
     return Drive(
@@ -79,13 +87,13 @@ def country_road(seed: int, **parts) -> Drive:
         surface=Surface((Zone(-100.0, "fresh asphalt"),), -2.3, 5.8, (0.0, 3.5), gravel_m=0.8),
         motion=Motion(0.0, 15.0, offset_m=-0.1, wander_m=0.15, wander_period_s=5.0, pitch_rad=float(np.radians(0.25))),
         seed=seed,
-        **({"things": (Along(-2.9, "rail", 20.0, 90.0), *trees)} | weather(60, 48, tree_density=0.9) | parts),
+        **({"objects": (PlacedWall(-2.9, "rail", 20.0, 90.0), *trees)} | daylight(60, 48, tree_density=0.9) | changes),
     )
 
 
 def _pale_concrete() -> Drive:
     seams = (Seam(0.4, 0.02, 0.10, 20.0, 90.0), Seam(-0.9, 0.03, 0.08, 60.0, 150.0))
-    drive = motorway(301, Zone(-100.0, "concrete"), seams=seams, wear=0.55, lens=Lens(exposure=0.3))
+    drive = plain_motorway(301, Zone(-100.0, "concrete"), seams=seams, wear=0.55, lens=Lens(exposure=0.3))
     return replace(drive, motion=replace(drive.motion, speed_mps=33.0))
 
 
@@ -96,45 +104,45 @@ def _dapple() -> Drive:
         TreeShade(s, s + rng.uniform(7, 15), -rng.uniform(1, 7), rng.uniform(3, 9), rng.uniform(0.85, 0.97))
         for s in (starts + rng.uniform(-2, 2, len(starts))).tolist()
     )
-    return motorway(
+    return plain_motorway(
         311, Zone(-100.0, "old asphalt"), shades=shades, exposure=AutoExposure(0.7, 0.6), lens=Lens(exposure=0.6)
     )
 
 
 def _underpass() -> Drive:
     bridge = Overpass(48.0, 78.0, -18.5, 11.5, skew=0.15, seed=2)
-    drive = motorway(321, shades=(bridge.shade(),), exposure=AutoExposure(0.7, 0.85), lens=Lens(exposure=0.6))
-    return replace(drive, things=(*drive.things, bridge))
+    drive = plain_motorway(321, shades=(bridge.shade(),), exposure=AutoExposure(0.7, 0.85), lens=Lens(exposure=0.6))
+    return replace(drive, objects=(*drive.objects, bridge))
 
 
 def _low_sun() -> Drive:
-    sun = weather(4, 12, tree_density=0.4, haze_per_km=0.12)
+    sun = daylight(4, 12, tree_density=0.4, haze_per_km=0.12)
     shades = (TreeShade(50.0, 64.0, -4.0, 8.0, 0.9),)
-    return motorway(331, glare=Glare(veil=1.1, sheen=1.8), shades=shades, lens=Lens(noise=0.005), **sun)
+    return plain_motorway(331, glare=Glare(veil=1.1, sheen=1.8), shades=shades, lens=Lens(noise=0.005), **sun)
 
 
 def _dirty_glass() -> Drive:
     glare = Glare(veil=1.2, flare=0.6, dashboard=1.6)
-    return country_road(341, glare=glare, exposure=AutoExposure(0.8, 0.6), **weather(-28, 22, tree_density=0.9))
+    return country_road_drive(341, glare=glare, exposure=AutoExposure(0.8, 0.6), **daylight(-28, 22, tree_density=0.9))
 
 
 def _white_out() -> Drive:
     zones = (Zone(-100.0, "fresh asphalt"), Zone(44.0, "concrete", 0.2))
-    return motorway(
+    return plain_motorway(
         351, *zones, shades=(WoodShade(-60.0, 41.0, 0.05),), exposure=AutoExposure(1.5, 0.6), lens=Lens(exposure=1.2)
     )
 
 
 def _deep_shade() -> Drive:
-    return country_road(361, shades=(WoodShade(-60.0, 400.0, 0.035),), exposure=AutoExposure(0.8, 0.55))
+    return country_road_drive(361, shades=(WoodShade(-60.0, 400.0, 0.035),), exposure=AutoExposure(0.8, 0.55))
 
 
 def _fog() -> Drive:
-    return motorway(371, fog=Fog(85.0), **_clouded())
+    return plain_motorway(371, fog=Fog(85.0), **_overcast())
 
 
 def _haze() -> Drive:
-    return motorway(381, fog=Fog(420.0, (0.62, 0.62, 0.60)), **weather(20, 35, tree_density=0.4))
+    return plain_motorway(381, fog=Fog(420.0, (0.62, 0.62, 0.60)), **daylight(20, 35, tree_density=0.4))
 
 
 def _wet_night() -> Drive:
@@ -143,27 +151,27 @@ def _wet_night() -> Drive:
         car(62.0, 0, "black", "suv", speed_mps=23.0),
         car(90.0, -2, "grey", speed_mps=20.0),
         *(
-            Placed(s, 3.55, Car(0, 0, np.pi, paint), -19.0)
+            PlacedObject(s, 3.55, Car(0, 0, np.pi, paint), -19.0)
             for s, paint in ((70.0, "white"), (128.0, "blue"), (190.0, "red"))
         ),
-        *(Placed(12.0 + 42.0 * i, -15.2, Post(0, 0, 9.0, 0.18, arm_m=2.4)) for i in range(9)),
+        *(PlacedObject(12.0 + 42.0 * i, -15.2, Post(0, 0, 9.0, 0.18, arm_m=2.4)) for i in range(9)),
     )
     lines = freeway_markings(phase_m=3.0, wear=0.3)
-    drive = motorway(391, night=Night(), wet=Wet(film=0.4), things=others, lens=Lens(noise=0.028, exposure=0.9))
+    drive = plain_motorway(391, night=Night(), wet=Wet(film=0.4), objects=others, lens=Lens(noise=0.028, exposure=0.9))
     # Two ways: the left line of the lane parts them, and others come towards us beyond it.
-    edge = Marking(LANE_M * 1.5, 0.12, WHITE)
-    surface = replace(drive.surface, left_edge_m=LANE_M * 1.5 + 1.5, opposite_m=None)
+    edge = Marking(LANE_WIDTH_M * 1.5, 0.12, WHITE)
+    surface = replace(drive.surface, left_edge_m=LANE_WIDTH_M * 1.5 + 1.5, opposite_m=None)
     motion = replace(drive.motion, speed_mps=22.0)
     return replace(drive, markings=(*lines, edge), surface=surface, motion=motion)
 
 
 def _rain() -> Drive:
-    return motorway(401, rain=Rain(), wet=Wet(), fog=Fog(700.0, (0.40, 0.42, 0.45)), **_clouded())
+    return plain_motorway(401, rain=Rain(), wet=Wet(), fog=Fog(700.0, (0.40, 0.42, 0.45)), **_overcast())
 
 
-def _clouded() -> dict:
-    style = weather(75, 50, tree_density=0.4, cloud_cover=1.0)
-    return style | {"sun": replace(style["sun"], clouded=True), "lens": Lens(exposure=0.5)}
+def _overcast() -> dict:
+    style = daylight(75, 50, tree_density=0.4, cloud_cover=1.0)
+    return style | {"sun": replace(style["sun"], overcast=True), "lens": Lens(exposure=0.5)}
 
 
 SCENES = (

@@ -7,11 +7,11 @@ from pathlib import Path
 
 from lanes.io.images import write_image
 from lanes.io.processes import map_ordered
-from simulator.rendering.produce import VIDEO_SECONDS, Progress, write_video
 from simulator.rendering.render import render_frame
+from simulator.rendering.video import VIDEO_SECONDS, Progress, write_video
 from simulator.road.truth import truth_entry, write_truth_json
-from simulator.scenes.catalogue import project_video, still_scenes
-from simulator.scenes.famous import CHALLENGE_CRF, HARDER_CRF, challenge_video, harder_challenge_video
+from simulator.scenes.challenge import CHALLENGE_CRF, HARDER_CRF, challenge_video, harder_challenge_video
+from simulator.scenes.stills import project_video, still_scenes
 
 
 def write_stills(folder: str | Path, *, progress: Progress | None = None, workers: int | None = None) -> list[Path]:

@@ -6,18 +6,18 @@ import numpy as np
 
 from simulator.landscape.sky import BackdropStyle
 from simulator.light.sunlight import Sun
-from simulator.objects.roadside import Along, Placed
-from simulator.objects.solids import Car, Tree
+from simulator.objects.placement import PlacedObject, PlacedWall
+from simulator.objects.scene_objects import Car, Tree
 from simulator.objects.walls import WALLS
 from simulator.road.geometry import RoadGeometry
 from simulator.road.painted_lines import WHITE, YELLOW, Marking
 from simulator.road.surface import Patch, Seam, Surface, Zone
 
 # Twelve feet, the lane of a US freeway.
-LANE_M = 3.66
+LANE_WIDTH_M = 3.66
 # The other carriageway: a narrow shoulder, three lanes and a wide shoulder.
 OPPOSITE_SHOULDER_M = 1.6
-OPPOSITE_M = OPPOSITE_SHOULDER_M + 3 * LANE_M + 2.8
+OPPOSITE_WIDTH_M = OPPOSITE_SHOULDER_M + 3 * LANE_WIDTH_M + 2.8
 
 
 def freeway_markings(
@@ -42,16 +42,16 @@ def freeway_markings(
     opposite_m : float, optional
         Lateral distance at which the pavement of the other carriageway begins; its lines come too.
     """
-    marks = [Marking((lanes_left + 0.5) * LANE_M, 0.15, YELLOW, wear=wear, dots=True)]
+    marks = [Marking((lanes_left + 0.5) * LANE_WIDTH_M, 0.15, YELLOW, wear=wear, dots=True)]
     for number in range(lanes_left + lanes_right):
-        lateral = (lanes_left - 0.5 - number) * LANE_M
+        lateral = (lanes_left - 0.5 - number) * LANE_WIDTH_M
         # Neighbouring lines are painted in one pass, so their dashes are nearly, not exactly, abreast.
         marks.append(Marking(lateral, 0.12, WHITE, dashed=True, phase_m=phase_m + 0.35 * number, wear=wear, dots=True))
-    marks.append(Marking(-(lanes_right + 0.5) * LANE_M, 0.12, WHITE, wear=wear))
+    marks.append(Marking(-(lanes_right + 0.5) * LANE_WIDTH_M, 0.12, WHITE, wear=wear))
     if opposite_m is not None:
         inner = opposite_m + OPPOSITE_SHOULDER_M
-        marks += [Marking(inner, 0.12, YELLOW), Marking(inner + 3 * LANE_M, 0.12, WHITE)]
-        marks += [Marking(inner + n * LANE_M, 0.12, WHITE, dashed=True, phase_m=phase_m + 3 * n) for n in (1, 2)]
+        marks += [Marking(inner, 0.12, YELLOW), Marking(inner + 3 * LANE_WIDTH_M, 0.12, WHITE)]
+        marks += [Marking(inner + n * LANE_WIDTH_M, 0.12, WHITE, dashed=True, phase_m=phase_m + 3 * n) for n in (1, 2)]
     return tuple(marks)
 
 
@@ -66,20 +66,20 @@ def freeway_surface(
     seams: tuple[Seam, ...] = (),
 ) -> Surface:
     """Pavement of the same carriageway, with the paving joint that runs beside each broken line."""
-    centres = tuple((lanes_left - number) * LANE_M for number in range(lanes_left + lanes_right + 1))
-    joints = tuple(Seam(c - LANE_M / 2 - 0.18, 0.025, 0.02, strength=0.5) for c in centres[:-1])
+    centres = tuple((lanes_left - number) * LANE_WIDTH_M for number in range(lanes_left + lanes_right + 1))
+    joints = tuple(Seam(c - LANE_WIDTH_M / 2 - 0.18, 0.025, 0.02, strength=0.5) for c in centres[:-1])
     return Surface(
         zones,
-        right_edge_m=-(lanes_right + 0.5) * LANE_M - right_shoulder_m,
-        left_edge_m=(lanes_left + 0.5) * LANE_M + left_shoulder_m,
+        right_edge_m=-(lanes_right + 0.5) * LANE_WIDTH_M - right_shoulder_m,
+        left_edge_m=(lanes_left + 0.5) * LANE_WIDTH_M + left_shoulder_m,
         lane_centres_m=centres,
-        opposite_m=None if opposite_m is None else (opposite_m, opposite_m + OPPOSITE_M),
+        opposite_m=None if opposite_m is None else (opposite_m, opposite_m + OPPOSITE_WIDTH_M),
         patches=patches,
         seams=joints + seams,
     )
 
 
-def bend(curvature_per_m: float, *, before_m: float = 60.0, ahead_m: float = 300.0, rate: float = 1.5e-5):
+def bend_road(curvature_per_m: float, *, before_m: float = 60.0, ahead_m: float = 300.0, rate: float = 1.5e-5):
     """A road that is already bending at arc length 100, where the car of a still is, and eases out far ahead."""
     ease = max(abs(curvature_per_m) / rate, 30.0)
     return RoadGeometry(
@@ -88,23 +88,23 @@ def bend(curvature_per_m: float, *, before_m: float = 60.0, ahead_m: float = 300
     )
 
 
-def weather(azimuth_deg: float, elevation_deg: float, **country: float) -> dict:
+def daylight(azimuth_deg: float, elevation_deg: float, **landscape: float) -> dict:
     """The sun, and the backdrop that it lights, as arguments of a Drive; `country` as in BackdropStyle."""
     sun = Sun(float(np.radians(azimuth_deg)), float(np.radians(elevation_deg)))
-    style = BackdropStyle(sun_azimuth_rad=sun.azimuth_rad, sun_elevation_rad=sun.elevation_rad, **country)
+    style = BackdropStyle(sun_azimuth_rad=sun.azimuth_rad, sun_elevation_rad=sun.elevation_rad, **landscape)
     return {"sun": sun, "backdrop": style}
 
 
-def grove(
+def plant_trees(
     seed: int,
     species: str,
     *,
-    along: tuple[float, float],
-    aside: tuple[float, float],
-    tall: tuple[float, float],
+    s_m: tuple[float, float],
+    d_m: tuple[float, float],
+    height_m: tuple[float, float],
     every_m: float,
-    bank: Along | None = None,
-) -> tuple[Placed, ...]:
+    bank: PlacedWall | None = None,
+) -> tuple[PlacedObject, ...]:
     """Trees or bushes strewn beside the road.
 
     Parameters
@@ -122,27 +122,29 @@ def grove(
     rng = np.random.default_rng(seed)
     outward, height = np.array(WALLS["bank"].lines).T
     trees = []
-    for s in np.arange(*along, every_m):
-        lateral = float(rng.uniform(*aside))
+    for s in np.arange(*s_m, every_m):
+        lateral = float(rng.uniform(*d_m))
         base = 0.0
         if bank is not None:
             base = float(np.interp(abs(lateral - bank.lateral_m), outward, height)) * bank.height_scale
-        tree = Tree(0, 0, rng.uniform(*tall), str(rng.choice(species.split())), int(rng.integers(6)), base)
-        trees.append(Placed(float(s + rng.uniform(-0.4, 0.4) * every_m), lateral, tree))
+        tree = Tree(0, 0, rng.uniform(*height_m), str(rng.choice(species.split())), int(rng.integers(6)), base)
+        trees.append(PlacedObject(float(s + rng.uniform(-0.4, 0.4) * every_m), lateral, tree))
     return tuple(trees)
 
 
-def oncoming(seed: int, *, along: tuple[float, float], opposite_m: float, speed_mps: float = 0.0) -> tuple[Placed, ...]:
+def oncoming_cars(
+    seed: int, *, s_m: tuple[float, float], opposite_m: float, speed_mps: float = 0.0
+) -> tuple[PlacedObject, ...]:
     """Some cars on the other carriageway, whose pavement begins at lateral `opposite_m`."""
     rng = np.random.default_rng(seed)
     cars = []
-    for s in np.arange(*along, 45.0):
+    for s in np.arange(*s_m, 45.0):
         paint, body = str(rng.choice(["white", "silver", "grey", "blue", "black"])), str(rng.choice(["sedan", "suv"]))
-        lateral = opposite_m + OPPOSITE_SHOULDER_M + LANE_M * (0.5 + float(rng.integers(3)))
-        cars.append(Placed(float(s + rng.uniform(-15, 15)), lateral, Car(0, 0, np.pi, paint, body), -speed_mps))
+        lateral = opposite_m + OPPOSITE_SHOULDER_M + LANE_WIDTH_M * (0.5 + float(rng.integers(3)))
+        cars.append(PlacedObject(float(s + rng.uniform(-15, 15)), lateral, Car(0, 0, np.pi, paint, body), -speed_mps))
     return tuple(cars)
 
 
-def car(s_m: float, lane: int, paint: str, body: str = "sedan", *, speed_mps: float = 0.0) -> Placed:
+def car(s_m: float, lane: int, paint: str, body: str = "sedan", *, speed_mps: float = 0.0) -> PlacedObject:
     """A car in the middle of a lane, counted from the ego lane to the left."""
-    return Placed(s_m, lane * LANE_M, Car(0, 0, 0.0, paint, body), speed_mps)
+    return PlacedObject(s_m, lane * LANE_WIDTH_M, Car(0, 0, 0.0, paint, body), speed_mps)

@@ -7,36 +7,44 @@ from dataclasses import replace
 import numpy as np
 
 from simulator.light.lens import Lens
-from simulator.objects.roadside import Along, Placed
-from simulator.objects.solids import Sign
+from simulator.objects.placement import PlacedObject, PlacedWall
+from simulator.objects.scene_objects import Sign
 from simulator.rendering.drive import Drive, Motion
 from simulator.road.geometry import RoadGeometry
 from simulator.road.painted_lines import WHITE, YELLOW, Marking
 from simulator.road.surface import Patch, Seam, Zone
 from simulator.road.symbols import Symbol
-from simulator.scenes.catalogue import EGO_LINES_M, project_video
 from simulator.scenes.dashcam import DASHCAM
-from simulator.scenes.freeway import LANE_M, car, freeway_markings, freeway_surface, grove, oncoming, weather
+from simulator.scenes.freeway import (
+    LANE_WIDTH_M,
+    car,
+    daylight,
+    freeway_markings,
+    freeway_surface,
+    oncoming_cars,
+    plant_trees,
+)
 from simulator.scenes.scene import SuiteScene
+from simulator.scenes.stills import EGO_LINES_M, project_video
 
 # Where lines were ground off, the asphalt is rougher and paler; where they were painted over, black and smooth.
 GROUND_OFF, BLACKENED = (0.30, 0.285, 0.27), (0.020, 0.020, 0.022)
 # Where the dark strip beside the pale lanes ends: in the middle of the leftmost lane, as lanes were moved since.
-JOINT_M, JOINT_BARRIER_M = -0.03, LANE_M / 2 + 0.85
-# Bleached yellow. It, the two pavements and the lens of `with_joint` give the picture the levels that stills of the
+JOINT_M, JOINT_BARRIER_M = -0.03, LANE_WIDTH_M / 2 + 0.85
+# Bleached yellow. It, the two pavements and the lens of `joint_fields` give the picture the levels that stills of the
 # real challenge drive have: strip 112, lanes 155, stripe (195, 160, 100), its colour spread over 20 px.
 FADED_YELLOW = (0.50, 0.30, 0.055)
 # Temporary yellow or orange of road works.
 WORKS_YELLOW = (1.0, 0.45, 0.03)
 
 
-def motorway(**parts) -> Drive:
+def motorway_drive(**changes) -> Drive:
     """A motorway that bends left (R 560 m) and right (R 480 m), to be changed by `parts`, fields of Drive.
 
     We drive in the leftmost lane between solid yellow and broken white, with three lanes to the right, a barrier and
     the other carriageway to the left, some traffic, and a grassy bank.
     """
-    bank = Along(-18.0, "bank", seed=26)
+    bank = PlacedWall(-18.0, "bank", seed=26)
     drive = Drive(
         camera=DASHCAM,
         road=RoadGeometry(
@@ -45,26 +53,26 @@ def motorway(**parts) -> Drive:
         line_laterals_m=EGO_LINES_M,
         markings=freeway_markings(phase_m=4.0, wear=0.3, opposite_m=17.0),
         surface=freeway_surface(Zone(-100.0, "asphalt"), opposite_m=17.0),
-        things=(
-            Along(4.4, "jersey", seed=25),
+        objects=(
+            PlacedWall(4.4, "jersey", seed=25),
             bank,
             car(22.0, -1, "silver", "suv", speed_mps=26.0),
             car(70.0, -2, "white", speed_mps=25.0),
-            Placed(120.0, -16.7, Sign(0, 0, "green", 3.2, 1.6, 2.6)),
-            *oncoming(31, along=(40, 420), opposite_m=17.0, speed_mps=26.0),
-            *grove(32, "oak bush", along=(10, 420), aside=(-40, -31), tall=(4, 9), every_m=14, bank=bank),
-            *grove(33, "plane oak", along=(30, 420), aside=(34, 50), tall=(6, 11), every_m=20),
+            PlacedObject(120.0, -16.7, Sign(0, 0, "green", 3.2, 1.6, 2.6)),
+            *oncoming_cars(31, s_m=(40, 420), opposite_m=17.0, speed_mps=26.0),
+            *plant_trees(32, "oak bush", s_m=(10, 420), d_m=(-40, -31), height_m=(4, 9), every_m=14, bank=bank),
+            *plant_trees(33, "plane oak", s_m=(30, 420), d_m=(34, 50), height_m=(6, 11), every_m=20),
         ),
         motion=Motion(
             0.0, 25.0, offset_m=0.15, wander_m=0.2, wander_period_s=5.0, pitch_rad=float(np.radians(0.22))
         ),
         seed=131,
-        **weather(60, 48, cloud_cover=0.3, tree_density=0.7),
+        **daylight(60, 48, cloud_cover=0.3, tree_density=0.7),
     )  # fmt: skip
-    return replace(drive, **parts)
+    return replace(drive, **changes)
 
 
-def with_joint(*seams: Seam, patches: tuple[Patch, ...] = ()) -> dict:
+def joint_fields(*seams: Seam, patches: tuple[Patch, ...] = ()) -> dict:
     """Pale lanes with a dark strip beside them, whose joint runs down the middle of our lane, as arguments of a Drive.
 
     The yellow line is thin and faded, on the dark side, and has the shadow of the barrier for a neighbour. The car
@@ -74,39 +82,39 @@ def with_joint(*seams: Seam, patches: tuple[Patch, ...] = ()) -> dict:
     return {
         "surface": freeway_surface(
             Zone(-100.0, "grey concrete"),
-            left_shoulder_m=JOINT_BARRIER_M - LANE_M / 2 + 0.05,
+            left_shoulder_m=JOINT_BARRIER_M - LANE_WIDTH_M / 2 + 0.05,
             opposite_m=17.0,
             patches=(Patch(-200.0, 800.0, JOINT_M, 4.4, "grey asphalt"), *patches),
             seams=(Seam(JOINT_M, 0.02, 0.01, strength=0.35), *seams),
         ),
         "markings": (replace(yellow, width_m=0.10, colour=FADED_YELLOW, wear=0.1), *white),
-        "motion": replace(motorway().motion, offset_m=0.12, wander_m=0.05),
+        "motion": replace(motorway_drive().motion, offset_m=0.12, wander_m=0.05),
         "lens": Lens(exposure=0.72, blur_px=1.2, chroma_blur_px=4.0),
     }
 
 
 def _joint_and_seam() -> Drive:
     """In a bend to the right (R 620 m): the joint from the first frame on, a tar seam beside it soon."""
-    things = tuple(t for t in motorway().things if not (isinstance(t, Along) and t.kind == "jersey"))
-    return motorway(
+    objects = tuple(t for t in motorway_drive().objects if not (isinstance(t, PlacedWall) and t.kind == "jersey"))
+    return motorway_drive(
         road=RoadGeometry([0.0, 30.0, 160.0, 300.0], [-1 / 700, -1 / 620, -1 / 620, 0.0]),
-        things=(Along(JOINT_BARRIER_M, "jersey", height_scale=1.25, seed=25), *things),
+        objects=(PlacedWall(JOINT_BARRIER_M, "jersey", height_scale=1.25, seed=25), *objects),
         seed=132,
-        **with_joint(Seam(-0.95, 0.03, 0.03, 40.0, 600.0, 0.7)),
-        **weather(78, 58, cloud_cover=0.6, tree_density=0.7),
+        **joint_fields(Seam(-0.95, 0.03, 0.03, 40.0, 600.0, 0.7)),
+        **daylight(78, 58, cloud_cover=0.6, tree_density=0.7),
     )
 
 
 def _barrier() -> Drive:
     """A barrier 0.6 m beside the yellow line; the sun stands behind it and throws its shadow up to the paint."""
-    things = tuple(t for t in motorway().things if not (isinstance(t, Along) and t.kind == "jersey"))
-    return motorway(
-        things=(Along(LANE_M / 2 + 0.6, "jersey", height_scale=1.1, seed=27), *things),
+    objects = tuple(t for t in motorway_drive().objects if not (isinstance(t, PlacedWall) and t.kind == "jersey"))
+    return motorway_drive(
+        objects=(PlacedWall(LANE_WIDTH_M / 2 + 0.6, "jersey", height_scale=1.1, seed=27), *objects),
         surface=freeway_surface(Zone(-100.0, "old asphalt"), opposite_m=17.0, left_shoulder_m=0.65),
         markings=freeway_markings(phase_m=4.0, wear=0.45, opposite_m=17.0),
-        motion=replace(motorway().motion, offset_m=-0.2),
+        motion=replace(motorway_drive().motion, offset_m=-0.2),
         seed=133,
-        **weather(75, 42, cloud_cover=0.2, tree_density=0.7),
+        **daylight(75, 42, cloud_cover=0.2, tree_density=0.7),
     )
 
 
@@ -118,7 +126,7 @@ def _worn_paint() -> Drive:
         patches=(Patch(34.0, 41.0, -1.7, 0.1, "asphalt"), Patch(66.0, 78.0, -0.3, 1.6, "fresh asphalt")),
         seams=(Seam(0.5, 0.03, 0.09, 10.0, 60.0), Seam(-0.7, 0.03, 0.1, 40.0, 140.0)),
     )
-    return motorway(surface=surface, markings=freeway_markings(wear=0.8, opposite_m=17.0), seed=134)
+    return motorway_drive(surface=surface, markings=freeway_markings(wear=0.8, opposite_m=17.0), seed=134)
 
 
 def _missing_paint() -> Drive:
@@ -131,19 +139,19 @@ def _missing_paint() -> Drive:
         replace(broken, end_m=24.0, dots=False),
         replace(broken, start_m=84.0, dots=False),
     )
-    return motorway(markings=(*markings, *others), seed=135)
+    return motorway_drive(markings=(*markings, *others), seed=135)
 
 
 def _dashes_only() -> Drive:
     """In a middle lane: broken white on both sides, short dashes, and the car left of the middle."""
     side = {"lanes_left": 1, "lanes_right": 2}
     markings = freeway_markings(**side, phase_m=2.0, wear=0.4, opposite_m=17.0)
-    things = tuple(t for t in motorway().things if not (isinstance(t, Along) and t.kind == "jersey"))
-    return motorway(
+    objects = tuple(t for t in motorway_drive().objects if not (isinstance(t, PlacedWall) and t.kind == "jersey"))
+    return motorway_drive(
         markings=tuple(replace(m, width_m=0.10) if m.dashed else m for m in markings),
         surface=freeway_surface(Zone(-100.0, "old concrete"), **side, opposite_m=17.0),
-        things=(Along(8.1, "jersey", seed=25), car(30.0, 1, "grey", speed_mps=24.0), *things),
-        motion=replace(motorway().motion, offset_m=0.35),
+        objects=(PlacedWall(8.1, "jersey", seed=25), car(30.0, 1, "grey", speed_mps=24.0), *objects),
+        motion=replace(motorway_drive().motion, offset_m=0.35),
         seed=136,
     )
 
@@ -152,22 +160,24 @@ def _botts_dots() -> Drive:
     """Botts' dots in place of paint: four round dots and a reflector in each 12 m, on both sides."""
     side = {"lanes_left": 1, "lanes_right": 2}
     markings = freeway_markings(**side, phase_m=2.0, wear=0.3, opposite_m=17.0)
-    things = tuple(t for t in motorway().things if not (isinstance(t, Along) and t.kind == "jersey"))
-    return motorway(
+    objects = tuple(t for t in motorway_drive().objects if not (isinstance(t, PlacedWall) and t.kind == "jersey"))
+    return motorway_drive(
         markings=tuple(replace(m, botts=True, width_m=0.10, wear=0.1) if m.dashed else m for m in markings),
         surface=freeway_surface(Zone(-100.0, "asphalt"), **side, opposite_m=17.0),
-        things=(Along(8.1, "jersey", seed=25), *things),
-        motion=replace(motorway().motion, offset_m=-0.25),
+        objects=(PlacedWall(8.1, "jersey", seed=25), *objects),
+        motion=replace(motorway_drive().motion, offset_m=-0.25),
         seed=137,
     )
 
 
 def _lane_change() -> Drive:
     """From the leftmost lane to the next one on the right in three and a half seconds."""
-    return motorway(
-        line_laterals_m=tuple(LANE_M / 2 - n * LANE_M for n in range(5)),
-        motion=replace(motorway().motion, wander_m=0.0, shift_m=-LANE_M, shift_start_s=0.6, shift_seconds=3.6),
-        things=(*motorway().things[:2], car(60.0, 0, "red", speed_mps=22.0), *motorway().things[4:]),
+    return motorway_drive(
+        line_laterals_m=tuple(LANE_WIDTH_M / 2 - n * LANE_WIDTH_M for n in range(5)),
+        motion=replace(
+            motorway_drive().motion, wander_m=0.0, shift_m=-LANE_WIDTH_M, shift_start_s=0.6, shift_seconds=3.6
+        ),
+        objects=(*motorway_drive().objects[:2], car(60.0, 0, "red", speed_mps=22.0), *motorway_drive().objects[4:]),
         seed=138,
     )
 
@@ -179,13 +189,13 @@ def _symbols() -> Drive:
         Symbol(34.0, 0.0, "CAR", 2.6, 2.2),
         Symbol(40.0, 0.0, "POOL", 2.6, 2.4),
         Symbol(58.0, 0.1, "arrow", 4.2, 1.1),
-        Symbol(58.0, -LANE_M, "arrow", 4.2, 1.1),
+        Symbol(58.0, -LANE_WIDTH_M, "arrow", 4.2, 1.1),
         Symbol(82.0, 0.0, "diamond", 3.7, 1.0, wear=0.5),
         Symbol(100.0, -0.1, "left arrow", 3.8, 1.9),
         Symbol(118.0, 0.0, "SLOW", 2.6, 2.4),
         Symbol(134.0, 0.0, "arrow", 4.2, 1.1),
     )
-    return motorway(symbols=symbols, motion=replace(motorway().motion, offset_m=-0.3), seed=139)
+    return motorway_drive(symbols=symbols, motion=replace(motorway_drive().motion, offset_m=-0.3), seed=139)
 
 
 def _construction() -> Drive:
@@ -196,13 +206,13 @@ def _construction() -> Drive:
         Marking(1.0, 0.16, BLACKENED, slope=-0.022, start_m=30.0, end_m=220.0, wear=0.2),
     )
     new = (
-        Marking(LANE_M / 2, 0.12, WORKS_YELLOW, wear=0.1, dots=True),
-        Marking(-LANE_M / 2, 0.12, WHITE, wear=0.15),
-        Marking(-LANE_M * 1.5, 0.12, WHITE, wear=0.3),
+        Marking(LANE_WIDTH_M / 2, 0.12, WORKS_YELLOW, wear=0.1, dots=True),
+        Marking(-LANE_WIDTH_M / 2, 0.12, WHITE, wear=0.15),
+        Marking(-LANE_WIDTH_M * 1.5, 0.12, WHITE, wear=0.3),
     )
-    things = tuple(t for t in motorway().things if not (isinstance(t, Along) and t.kind == "jersey"))
-    warning = (Placed(60.0, -7.6, Sign(0, 0, "warning", 1.2, 1.2, 1.5)),)
-    return motorway(
+    objects = tuple(t for t in motorway_drive().objects if not (isinstance(t, PlacedWall) and t.kind == "jersey"))
+    warning = (PlacedObject(60.0, -7.6, Sign(0, 0, "warning", 1.2, 1.2, 1.5)),)
+    return motorway_drive(
         markings=(*old, *new),
         surface=freeway_surface(
             Zone(-100.0, "old asphalt"),
@@ -210,8 +220,13 @@ def _construction() -> Drive:
             opposite_m=17.0,
             patches=(Patch(48.0, 300.0, -2.6, -0.6, "asphalt"),),
         ),
-        things=(Along(LANE_M / 2 + 1.0, "jersey", seed=28), Along(-7.4, "jersey", seed=29), *warning, *things),
-        motion=replace(motorway().motion, speed_mps=20.0),
+        objects=(
+            PlacedWall(LANE_WIDTH_M / 2 + 1.0, "jersey", seed=28),
+            PlacedWall(-7.4, "jersey", seed=29),
+            *warning,
+            *objects,
+        ),
+        motion=replace(motorway_drive().motion, speed_mps=20.0),
         seed=140,
     )
 
@@ -219,7 +234,7 @@ def _construction() -> Drive:
 def _two_lane() -> Drive:
     """A country road with broken yellow between the directions, bends of R 140 m and a car that comes towards us."""
     half = 1.75
-    return motorway(
+    return motorway_drive(
         road=RoadGeometry([0.0, 40.0, 80.0, 100.0, 150.0, 200.0], [1 / 400, 1 / 140, 1 / 140, -1 / 160, -1 / 160, 0.0]),
         line_laterals_m=(half, -half),
         markings=(
@@ -232,10 +247,10 @@ def _two_lane() -> Drive:
             left_edge_m=3 * half + 0.6,
             lane_centres_m=(0.0, 2 * half),
         ),
-        things=(
+        objects=(
             car(170.0, 1, "blue", speed_mps=-18.0),
-            *grove(41, "oak plane bush", along=(10, 300), aside=(-22, -8), tall=(3, 10), every_m=9),
-            *grove(42, "oak eucalyptus bush", along=(10, 300), aside=(13, 30), tall=(3, 12), every_m=9),
+            *plant_trees(41, "oak plane bush", s_m=(10, 300), d_m=(-22, -8), height_m=(3, 10), every_m=9),
+            *plant_trees(42, "oak eucalyptus bush", s_m=(10, 300), d_m=(13, 30), height_m=(3, 12), every_m=9),
         ),
         motion=Motion(0.0, 18.0, offset_m=-0.2, wander_m=0.15, pitch_rad=float(np.radians(0.25))),
         seed=141,

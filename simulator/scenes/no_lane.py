@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from simulator.objects.roadside import Along, Placed
-from simulator.objects.solids import Car, Post
+from simulator.objects.placement import PlacedObject, PlacedWall
+from simulator.objects.scene_objects import Car, Post
 from simulator.rendering.drive import Drive, Motion
 from simulator.road.geometry import RoadGeometry
 from simulator.road.surface import Patch, Seam, Surface, Zone
-from simulator.scenes.freeway import grove
-from simulator.scenes.motorway import motorway
+from simulator.scenes.freeway import plant_trees
+from simulator.scenes.motorway import motorway_drive
 from simulator.scenes.scene import SuiteScene
 
 BAY_M, STALL_M, LINE_M = 5.0, 2.6, 0.10
@@ -18,7 +18,7 @@ BAY_M, STALL_M, LINE_M = 5.0, 2.6, 0.10
 
 def _unmarked_road() -> Drive:
     """A narrow road without any paint, with a paving joint in the middle, between trees."""
-    return motorway(
+    return motorway_drive(
         road=RoadGeometry([0.0, 30.0, 60.0, 90.0, 140.0], [0.0, 1 / 90, 1 / 90, -1 / 120, 0.0]),
         line_laterals_m=(),
         markings=(),
@@ -31,9 +31,9 @@ def _unmarked_road() -> Drive:
             seams=(Seam(0.25, 0.03, 0.06, strength=0.6), Seam(-1.2, 0.03, 0.12, 20.0, 60.0)),
             patches=(Patch(30.0, 36.0, -1.9, -0.4, "asphalt"),),
         ),
-        things=(
-            *grove(71, "oak plane bush", along=(5, 220), aside=(-12, -4.5), tall=(2, 9), every_m=6),
-            *grove(72, "oak bush", along=(5, 220), aside=(5.5, 14), tall=(2, 9), every_m=6),
+        objects=(
+            *plant_trees(71, "oak plane bush", s_m=(5, 220), d_m=(-12, -4.5), height_m=(2, 9), every_m=6),
+            *plant_trees(72, "oak bush", s_m=(5, 220), d_m=(5.5, 14), height_m=(2, 9), every_m=6),
         ),
         motion=Motion(0.0, 11.0, offset_m=-0.3, wander_m=0.2, pitch_rad=float(np.radians(0.3))),
         seed=161,
@@ -48,14 +48,14 @@ def _car_park() -> Drive:
     taken = np.random.default_rng(7).choice(36, 17, replace=False)
     paints = ("white", "silver", "grey", "blue", "red", "black", "beige")
     cars = tuple(
-        Placed(
+        PlacedObject(
             -6.7 + STALL_M * (n + 1),
             (-3.4 - BAY_M / 2, 3.1 + BAY_M / 2)[k % 2],
             Car(0, 0, (np.pi / 2, -np.pi / 2)[k % 2], paints[k % 7], ("sedan", "suv")[k % 3 == 0]),
         )
         for k, n in enumerate(taken)
     )
-    return motorway(
+    return motorway_drive(
         road=RoadGeometry([0.0, 100.0], [1 / 300, 1 / 300]),
         line_laterals_m=(),
         markings=(),
@@ -67,13 +67,13 @@ def _car_park() -> Drive:
             patches=tuple(ends),
             seams=(Seam(0.4, 0.03, 0.06, strength=0.5),),
         ),
-        things=(
+        objects=(
             *cars,
-            Along(-9.9, "kerb", seed=4),
-            Along(9.3, "kerb", seed=6),
-            *(Placed(s, 9.9, Post(0, 0, 7.0, 0.16, arm_m=-1.2)) for s in (20.0, 50.0)),
-            *grove(73, "plane oak", along=(5, 130), aside=(-18, -12), tall=(5, 9), every_m=9),
-            *grove(74, "plane oak", along=(5, 130), aside=(12, 18), tall=(5, 9), every_m=9),
+            PlacedWall(-9.9, "kerb", seed=4),
+            PlacedWall(9.3, "kerb", seed=6),
+            *(PlacedObject(s, 9.9, Post(0, 0, 7.0, 0.16, arm_m=-1.2)) for s in (20.0, 50.0)),
+            *plant_trees(73, "plane oak", s_m=(5, 130), d_m=(-18, -12), height_m=(5, 9), every_m=9),
+            *plant_trees(74, "plane oak", s_m=(5, 130), d_m=(12, 18), height_m=(5, 9), every_m=9),
         ),
         motion=Motion(0.0, 5.0, offset_m=0.2, wander_m=0.3, pitch_rad=float(np.radians(0.1))),
         seed=162,
@@ -82,14 +82,14 @@ def _car_park() -> Drive:
 
 def _dirt_track() -> Drive:
     """Two wheel tracks through dry grass."""
-    return motorway(
+    return motorway_drive(
         road=RoadGeometry([0.0, 25.0, 50.0, 75.0, 120.0], [0.0, -1 / 60, -1 / 60, 1 / 80, 0.0]),
         line_laterals_m=(),
         markings=(),
         surface=Surface((Zone(-100.0, "dirt"),), right_edge_m=-1.5, left_edge_m=1.6, gravel_m=0.2),
-        things=(
-            *grove(75, "oak bush scrub", along=(5, 200), aside=(-30, -4), tall=(0.6, 5), every_m=4),
-            *grove(76, "oak bush scrub", along=(5, 200), aside=(4, 30), tall=(0.6, 6), every_m=4),
+        objects=(
+            *plant_trees(75, "oak bush scrub", s_m=(5, 200), d_m=(-30, -4), height_m=(0.6, 5), every_m=4),
+            *plant_trees(76, "oak bush scrub", s_m=(5, 200), d_m=(4, 30), height_m=(0.6, 6), every_m=4),
         ),
         motion=Motion(0.0, 7.0, offset_m=0.1, wander_m=0.2, pitch_rad=float(np.radians(0.8)), pitch_period_s=0.8),
         seed=163,

@@ -23,7 +23,7 @@ class SuiteScene:
         "clean", "medium", "hard" or "no lane".
     seconds : float
         How long it is to be driven.
-    what : str
+    description : str
         One sentence: what is to be seen.
     drive : callable
         Called without arguments, gives the Drive.
@@ -32,7 +32,7 @@ class SuiteScene:
     name: str
     difficulty: Difficulty
     seconds: float
-    what: str
+    description: str
     drive: Callable[[], Drive]
 
     def __post_init__(self) -> None:

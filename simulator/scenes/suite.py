@@ -12,9 +12,9 @@ from pathlib import Path
 import simulator
 from lanes.camera import camera
 from lanes.io.disk_cache import cache_folder
-from simulator.rendering.produce import Progress, write_video
+from simulator.rendering.video import Progress, write_video
 from simulator.scenes.bad_weather import SCENES as WEATHER
-from simulator.scenes.famous import SCENES as FAMOUS
+from simulator.scenes.challenge import SCENES as FAMOUS
 from simulator.scenes.motorway import SCENES as MOTORWAY
 from simulator.scenes.mountain import SCENES as MOUNTAIN
 from simulator.scenes.no_lane import SCENES as NO_LANE

@@ -4,48 +4,48 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from simulator.objects.roadside import Placed
-from simulator.objects.solids import Car
+from simulator.objects.placement import PlacedObject
+from simulator.objects.scene_objects import Car
 from simulator.rendering.drive import Drive
-from simulator.scenes.bad_weather import country_road, motorway
-from simulator.scenes.freeway import LANE_M
+from simulator.scenes.bad_weather import country_road_drive, plain_motorway
+from simulator.scenes.freeway import LANE_WIDTH_M
 from simulator.scenes.scene import SuiteScene
 
 
-def _with(drive: Drive, *others: Placed) -> Drive:
+def _with(drive: Drive, *others: PlacedObject) -> Drive:
     """The drive with these in place of its own traffic on our carriageway."""
     kept = tuple(
-        p for p in drive.things if not (isinstance(p, Placed) and isinstance(p.thing, Car) and p.speed_mps > 0)
+        p for p in drive.objects if not (isinstance(p, PlacedObject) and isinstance(p.item, Car) and p.speed_mps > 0)
     )
-    return replace(drive, things=(*kept, *others))
+    return replace(drive, objects=(*kept, *others))
 
 
 def _motorcycle() -> Drive:
     """It comes from the right, rides on our right line, crosses the lane and the left line, and comes back."""
     path = ((0.0, -2.0), (0.8, -1.7), (2.0, 1.6), (2.8, 1.7), (4.0, -0.4))
-    rider = Placed(13.0, 0.0, Car(0, 0, 0.0, "red", "motorcycle"), 15.6, path)
-    return _with(country_road(411), rider)
+    rider = PlacedObject(13.0, 0.0, Car(0, 0, 0.0, "red", "motorcycle"), 15.6, path)
+    return _with(country_road_drive(411), rider)
 
 
 def _cut_in() -> Drive:
     """From the lane to our right, over the broken line, 11 m ahead in our lane, and back."""
-    path = ((0.0, -LANE_M), (0.5, -LANE_M), (2.0, -0.2), (2.7, -0.2), (4.2, -LANE_M))
+    path = ((0.0, -LANE_WIDTH_M), (0.5, -LANE_WIDTH_M), (2.0, -0.2), (2.7, -0.2), (4.2, -LANE_WIDTH_M))
     others = (
-        Placed(16.0, 0.0, Car(0, 0, 0.0, "white", "suv"), 27.6, path),
-        Placed(70.0, -LANE_M, Car(0, 0, 0.0, "black"), 28.0),
-        Placed(95.0, 0.0, Car(0, 0, 0.0, "silver"), 29.0),
+        PlacedObject(16.0, 0.0, Car(0, 0, 0.0, "white", "suv"), 27.6, path),
+        PlacedObject(70.0, -LANE_WIDTH_M, Car(0, 0, 0.0, "black"), 28.0),
+        PlacedObject(95.0, 0.0, Car(0, 0, 0.0, "silver"), 29.0),
     )
-    return _with(motorway(421), *others)
+    return _with(plain_motorway(421), *others)
 
 
 def _lorry() -> Drive:
     """It drives on the broken line to our right, half in our lane, for two seconds."""
-    path = ((0.0, -LANE_M), (0.8, -LANE_M), (1.8, -2.6), (3.3, -2.6), (4.5, -LANE_M))
+    path = ((0.0, -LANE_WIDTH_M), (0.8, -LANE_WIDTH_M), (1.8, -2.6), (3.3, -2.6), (4.5, -LANE_WIDTH_M))
     others = (
-        Placed(17.0, 0.0, Car(0, 0, 0.0, "blue", "truck"), 26.4, path),
-        Placed(80.0, 0.0, Car(0, 0, 0.0, "red"), 29.0),
+        PlacedObject(17.0, 0.0, Car(0, 0, 0.0, "blue", "truck"), 26.4, path),
+        PlacedObject(80.0, 0.0, Car(0, 0, 0.0, "red"), 29.0),
     )
-    return _with(motorway(431), *others)
+    return _with(plain_motorway(431), *others)
 
 
 SCENES = (

@@ -43,16 +43,16 @@ class Fog:
         """Share of the contrast that is left at distances of any shape."""
         return np.exp(np.float32(np.log(JUST_SEEN) / self.visibility_m) * np.asarray(distance_m, np.float32))
 
-    def air_at(self, distance_m: float) -> tuple[np.ndarray, np.ndarray]:
-        """(through, air) of a thing, as `sky.air_between` gives them."""
+    def atmosphere_at(self, distance_m: float) -> tuple[np.ndarray, np.ndarray]:
+        """(through, air) of a thing, as `sky.aerial_perspective` gives them."""
         through = np.full(3, self.through(distance_m), np.float32)
         return through, np.array(self.colour, np.float32) * (1 - through)
 
-    def veil_ground(self, light: np.ndarray, ground: Ground) -> None:
+    def apply_to_ground(self, light: np.ndarray, ground: Ground) -> None:
         """Lay the fog over the ground's light (rows, width, 3), in place."""
         self._veil(light, self.through(ground.distance))
 
-    def veil_sky(self, light: np.ndarray, up: np.ndarray) -> None:
+    def apply_to_sky(self, light: np.ndarray, up: np.ndarray) -> None:
         """Lay it over sky and far country, in place; `up` is the z component (rows, width) of the directions."""
         # Hills are hidden like the sky just above the horizon; what lies below it is far.
         self._veil(light, self.through(self.height_m / np.maximum(up, np.float32(1e-3))))

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 from lanes.camera.camera import Camera
-from simulator.objects.solids import Car, Post, Thing, turned_by
-from simulator.objects.vehicles import outline
+from simulator.objects.scene_objects import Car, Post, SceneObject, yaw_rotation
+from simulator.objects.vehicles import outline_points
 from simulator.road.ground import Ground
 from simulator.road.painted_lines import Marking
 
@@ -17,20 +17,20 @@ HALOGEN = np.array([1.0, 0.86, 0.62], np.float32)
 SODIUM = np.array([1.0, 0.62, 0.25], np.float32)
 TOWN_GLOW = np.array([0.010, 0.007, 0.005], np.float32)
 # Low beam: half width of its cone, and the distance at which the light on the road begins to fall steeply.
-CONE_RAD, REACH_M = 0.32, 20.0
+BEAM_HALF_WIDTH_RAD, BEAM_RANGE_M = 0.32, 20.0
 # Lamps of other bodies in their own frames: (x, y, z) of the right one of a pair, colour and brightness.
-TAIL, HEAD = np.array([1.0, 0.05, 0.03]) * 3.0, np.array([1.0, 0.93, 0.80]) * 25.0
+TAIL_LIGHT, HEADLIGHT = np.array([1.0, 0.05, 0.03]) * 3.0, np.array([1.0, 0.93, 0.80]) * 25.0
 LAMPS = {
-    "sedan": (((-2.24, 0.64, 0.84), TAIL), ((2.12, 0.62, 0.66), HEAD)),
-    "suv": (((-2.22, 0.68, 0.98), TAIL), ((2.16, 0.66, 0.80), HEAD)),
-    "truck": (((-6.1, 1.0, 0.95), TAIL), ((6.0, 0.9, 0.9), HEAD)),
-    "motorcycle": (((-1.0, 0.0, 0.78), TAIL), ((0.75, 0.0, 0.95), HEAD)),
+    "sedan": (((-2.24, 0.64, 0.84), TAIL_LIGHT), ((2.12, 0.62, 0.66), HEADLIGHT)),
+    "suv": (((-2.22, 0.68, 0.98), TAIL_LIGHT), ((2.16, 0.66, 0.80), HEADLIGHT)),
+    "truck": (((-6.1, 1.0, 0.95), TAIL_LIGHT), ((6.0, 0.9, 0.9), HEADLIGHT)),
+    "motorcycle": (((-1.0, 0.0, 0.78), TAIL_LIGHT), ((0.75, 0.0, 0.95), HEADLIGHT)),
 }
 # Glow about a lamp: sizes in rows of a picture 720 rows high, and shares of the light.
 HALOS = ((3.0, 0.35), (14.0, 0.05), (60.0, 0.006))
-COARSE = 4
+GLOW_DOWNSAMPLING = 4
 # A vehicle that begins before us hides nothing that lies ahead: half a lorry is 6 m long.
-NEAREST_CAR_M = 7.0
+MIN_OCCLUDER_M = 7.0
 
 
 @dataclass(frozen=True)
@@ -60,23 +60,23 @@ class Night:
 
         Level ground is lit at a grazing angle: its light falls by one power of the distance more.
         """
-        distance2 = (np.hypot(x_m, y_m) / REACH_M) ** 2
-        aside = np.arctan2(y_m, np.maximum(x_m, np.float32(0.1))) / np.float32(CONE_RAD)
+        distance2 = (np.hypot(x_m, y_m) / BEAM_RANGE_M) ** 2
+        aside = np.arctan2(y_m, np.maximum(x_m, np.float32(0.1))) / np.float32(BEAM_HALF_WIDTH_RAD)
         fall = 1 / (1 + distance2) ** (1.0 if upright else 1.5)
         return np.float32(self.headlights) * fall * np.exp(-(np.abs(aside) ** 2.5))
 
-    def on_ground(self, ground: Ground, things: list[Thing]) -> np.ndarray:
+    def ground_light(self, ground: Ground, objects: list[SceneObject]) -> np.ndarray:
         """Light (rows, width, 3) on the ground."""
         x, y = (cv2.resize(a, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) for a in (ground.x, ground.y))
         light = self.beam(x, y)[..., None] * HALOGEN + np.float32(self.ambient)
-        for lamp in things:
+        for lamp in objects:
             if isinstance(lamp, Post) and lamp.arm_m:
                 # Cosine to the ground and square of the distance, 1 below the lamp.
                 below = (1 + ((x - lamp.x_m) ** 2 + (y - lamp.y_m - lamp.arm_m) ** 2) / lamp.height_m**2) ** -1.5
                 light += (np.float32(self.street_lamp) * below**1.5)[..., None].astype(np.float32) * SODIUM
         return cv2.resize(light.astype(np.float32), ground.x.shape[::-1], interpolation=cv2.INTER_LINEAR)
 
-    def on_things(self, places_m: np.ndarray) -> np.ndarray:
+    def object_light(self, places_m: np.ndarray) -> np.ndarray:
         """Light (N, 3) on things at places (N, 2)."""
         return self.beam(*places_m.T, upright=True)[:, None] * HALOGEN + np.float32(self.ambient)
 
@@ -104,16 +104,16 @@ class Lamp:
         return float(np.linalg.norm(self.place_m))
 
 
-def lamps_of(things: list[Thing]) -> list[Lamp]:
+def find_lamps(objects: list[SceneObject]) -> list[Lamp]:
     """The lamps of cars that look at us, and of street lamps ahead."""
     lamps = []
-    for thing in things:
-        if isinstance(thing, Post) and thing.arm_m and thing.x_m > 1:
-            head = np.array([thing.x_m, thing.y_m + thing.arm_m, thing.rise_m + thing.height_m - 0.1])
+    for item in objects:
+        if isinstance(item, Post) and item.arm_m and item.x_m > 1:
+            head = np.array([item.x_m, item.y_m + item.arm_m, item.ground_height_m + item.height_m - 0.1])
             lamps.append(Lamp(head, 12 * SODIUM, 0.15))
-        elif isinstance(thing, Car):
-            turn, place = turned_by(thing.heading_rad), np.array([thing.x_m, thing.y_m, thing.rise_m])
-            for (x, y, z), light in LAMPS[thing.body]:
+        elif isinstance(item, Car):
+            turn, place = yaw_rotation(item.heading_rad), np.array([item.x_m, item.y_m, item.ground_height_m])
+            for (x, y, z), light in LAMPS[item.body]:
                 axis = turn @ np.array([np.sign(x), 0, 0])
                 facing = max(0.0, float(-axis @ place / np.linalg.norm(place))) ** 2
                 at = [place + turn @ np.array([x, side * y, z]) for side in (1, -1)]
@@ -121,13 +121,13 @@ def lamps_of(things: list[Thing]) -> list[Lamp]:
     return lamps
 
 
-def lamps_in_sight(things: list[Thing], camera: Camera) -> list[Lamp]:
-    """Those of `lamps_of` that no nearer vehicle hides."""
-    lamps = lamps_of(things)
-    seen = list(zip(lamps, pixels_of(camera, lamps).tolist(), strict=True))
-    for car in (thing for thing in things if isinstance(thing, Car) and thing.x_m > NEAREST_CAR_M):
-        place = np.array([car.x_m, car.y_m, car.rise_m])
-        pixels = camera.road_to_pixels(outline(car.body) @ turned_by(car.heading_rad).T + place)
+def visible_lamps(objects: list[SceneObject], camera: Camera) -> list[Lamp]:
+    """Those of `find_lamps` that no nearer vehicle hides."""
+    lamps = find_lamps(objects)
+    seen = list(zip(lamps, lamp_pixels(camera, lamps).tolist(), strict=True))
+    for car in (item for item in objects if isinstance(item, Car) and item.x_m > MIN_OCCLUDER_M):
+        place = np.array([car.x_m, car.y_m, car.ground_height_m])
+        pixels = camera.road_to_pixels(outline_points(car.body) @ yaw_rotation(car.heading_rad).T + place)
         hull = cv2.convexHull(pixels[np.isfinite(pixels).all(axis=1)].astype(np.float32))
         if hull is None:  # far aside, where the lens is blind
             continue
@@ -139,7 +139,7 @@ def lamps_in_sight(things: list[Thing], camera: Camera) -> list[Lamp]:
     return [lamp for lamp, _ in seen]
 
 
-def pixels_of(camera: Camera, lamps: list[Lamp], *, mirrored: bool = False) -> np.ndarray:
+def lamp_pixels(camera: Camera, lamps: list[Lamp], *, mirrored: bool = False) -> np.ndarray:
     """Pixels (N, 2) of the lamps, or of their images in a level mirror on the ground; NaN out of the lens's sight."""
     places = np.array([lamp.place_m for lamp in lamps]).reshape(-1, 3)
     return camera.road_to_pixels(places * [1, 1, -1 if mirrored else 1])
@@ -148,17 +148,17 @@ def pixels_of(camera: Camera, lamps: list[Lamp], *, mirrored: bool = False) -> n
 def add_lamps(light: np.ndarray, camera: Camera, lamps: list[Lamp]) -> None:
     """Add lamps with their glow, in place; what they are brighter than the picture can hold spreads in the glow."""
     height, width = light.shape[:2]
-    glow = np.zeros((height // COARSE, width // COARSE, 3), np.float32)
-    for lamp, (u, v) in zip(lamps, pixels_of(camera, lamps), strict=True):
+    glow = np.zeros((height // GLOW_DOWNSAMPLING, width // GLOW_DOWNSAMPLING, 3), np.float32)
+    for lamp, (u, v) in zip(lamps, lamp_pixels(camera, lamps), strict=True):
         if not (0 <= u < width - 1 and 0 <= v < height - 1):
             continue
         radius = camera.matrix[0, 0] * lamp.radius_m / lamp.distance_m
         _add_disc(light, u, v, radius, lamp.light)
         # Energy of the disc, spread over one coarse pixel.
-        glow[int(v) // COARSE % len(glow), int(u) // COARSE % glow.shape[1]] += (
-            lamp.light * np.pi * max(radius, 0.5) ** 2 / COARSE**2
+        glow[int(v) // GLOW_DOWNSAMPLING % len(glow), int(u) // GLOW_DOWNSAMPLING % glow.shape[1]] += (
+            lamp.light * np.pi * max(radius, 0.5) ** 2 / GLOW_DOWNSAMPLING**2
         )
-    scale = height / 720 / COARSE
+    scale = height / 720 / GLOW_DOWNSAMPLING
     spread = sum(np.float32(share) * cv2.GaussianBlur(glow, (0, 0), size * scale) for size, share in HALOS)
     light += cv2.resize(spread, (width, height), interpolation=cv2.INTER_LINEAR)
 

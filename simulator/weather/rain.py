@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 
 # Sight through rain is computed on every second pixel.
-COARSE = 2
+DROP_DOWNSAMPLING = 2
 # The wiper turns about a point below the picture; widths and heights are shares of the picture's.
 PIVOT, SWEEP_RAD = (0.30, 1.25), (-1.15, 1.05)
 # A drop is a strong lens: what it shows is upside down and this many times smaller, so nearly the whole scene.
-SHRINKS = 9.0
+DROP_MINIFICATION = 9.0
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Rain:
     streaks: float = 0.10
 
 
-def add_streaks_in_air(light: np.ndarray, rain: Rain, *, seed: int) -> None:
+def add_falling_drops(light: np.ndarray, rain: Rain, *, seed: int) -> None:
     """Add falling drops, drawn out by the shutter, in place; another pattern for each seed."""
     height, width = light.shape[:2]
     row, column = np.random.default_rng(seed).integers(0, 64, 2)
@@ -44,7 +44,7 @@ def add_streaks_in_air(light: np.ndarray, rain: Rain, *, seed: int) -> None:
     cv2.scaleAdd(streaks, rain.streaks, light, dst=light)
 
 
-def see_through_drops(light: np.ndarray, rain: Rain, time_s: float, *, seed: int) -> np.ndarray:
+def add_windscreen_drops(light: np.ndarray, rain: Rain, time_s: float, *, seed: int) -> np.ndarray:
     """The picture through the wet windscreen.
 
     Parameters
@@ -60,11 +60,11 @@ def see_through_drops(light: np.ndarray, rain: Rain, time_s: float, *, seed: int
     ndarray of the same shape, float32
     """
     height, width = light.shape[:2]
-    small = cv2.resize(light, (width // COARSE, height // COARSE), interpolation=cv2.INTER_AREA)
-    blurred = cv2.GaussianBlur(small, (0, 0), 0.012 * height / COARSE)
+    small = cv2.resize(light, (width // DROP_DOWNSAMPLING, height // DROP_DOWNSAMPLING), interpolation=cv2.INTER_AREA)
+    blurred = cv2.GaussianBlur(small, (0, 0), 0.012 * height / DROP_DOWNSAMPLING)
     cover = np.zeros(small.shape[:2], np.float32)
     map_u, map_v = np.meshgrid(*(np.arange(n, dtype=np.float32) for n in small.shape[1::-1]))
-    for at_u, at_v, radius in drops_on_glass(rain, time_s, seed=seed) * [width, height, height] / COARSE:
+    for at_u, at_v, radius in windscreen_drops(rain, time_s, seed=seed) * [width, height, height] / DROP_DOWNSAMPLING:
         _lay_drop(cover, map_u, map_v, at_u, at_v, radius)
     _lay_blade(cover, map_u, map_v, rain, time_s)
     seen = cv2.remap(blurred, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
@@ -75,14 +75,14 @@ def see_through_drops(light: np.ndarray, rain: Rain, time_s: float, *, seed: int
     return seen
 
 
-def drops_on_glass(rain: Rain, time_s: float, *, seed: int) -> np.ndarray:
+def windscreen_drops(rain: Rain, time_s: float, *, seed: int) -> np.ndarray:
     """Places and sizes (N, 3) of the drops at a moment: u and v as shares of width and height, radius of the height."""
     cycle = int(np.floor(time_s / rain.wipe_every_s))
-    kept = [_of_cycle(rain, number, time_s, seed) for number in (cycle - 1, cycle)]
+    kept = [_drops_of_cycle(rain, number, time_s, seed) for number in (cycle - 1, cycle)]
     return np.concatenate(kept)
 
 
-def _of_cycle(rain: Rain, number: int, time_s: float, seed: int) -> np.ndarray:
+def _drops_of_cycle(rain: Rain, number: int, time_s: float, seed: int) -> np.ndarray:
     """The drops that have come between wipes `number` and `number + 1` and are still there."""
     rng = np.random.default_rng([seed, 91, number + 1000])
     u, v = rng.uniform(0, 1, (2, rain.drops))
@@ -106,8 +106,8 @@ def _lay_drop(cover, map_u, map_v, at_u: float, at_v: float, radius: float) -> N
     # The camera is focused on the road: the drop's edge is wide.
     inside = np.clip(1.25 - np.hypot(du, dv * np.float32(0.85)) / np.float32(radius), 0, 0.75) / np.float32(0.75)
     better = inside > cover[part]
-    map_u[part] = np.where(better, at_u - SHRINKS * du, map_u[part])
-    map_v[part] = np.where(better, at_v - SHRINKS * dv, map_v[part])
+    map_u[part] = np.where(better, at_u - DROP_MINIFICATION * du, map_u[part])
+    map_v[part] = np.where(better, at_v - DROP_MINIFICATION * dv, map_v[part])
     cover[part] = np.maximum(cover[part], inside * np.float32(0.9))
 
 

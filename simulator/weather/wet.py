@@ -10,9 +10,9 @@ import numpy as np
 from lanes.camera.camera import Camera
 from simulator.painting.texture import band_noise_tile, fade, sample_noise
 from simulator.road.ground import Ground
-from simulator.weather.night import Lamp, pixels_of
+from simulator.weather.night import Lamp, lamp_pixels
 
-COARSE = 4
+STREAK_DOWNSAMPLING = 4
 # Reflectance of water at normal incidence.
 WATER = 0.02
 # A lamp's streak: how long for its distance below the horizon, and how wide in metres where it is mirrored.
@@ -34,11 +34,13 @@ class Wet:
         upright = np.float32(height_m) / np.sqrt(ground.distance * ground.distance + np.float32(height_m**2))
         mirrored = np.float32(WATER) + np.float32(1 - WATER) * (1 - upright) ** 5
         tile, s = band_noise_tile(seed + 81, octaves=3), ground.s + np.float32(station_m)
-        puddles = sample_noise(tile, s, ground.d, wave_s_m=5.0, wave_d_m=0.45) * fade(ground.reach_s, 12.0)
+        puddles = sample_noise(tile, s, ground.d, wave_s_m=5.0, wave_d_m=0.45) * fade(ground.footprint_s, 12.0)
         return mirrored * np.clip(np.float32(self.film) * (1 + np.float32(0.22) * puddles), 0, 0.95)
 
 
-def add_streaks(light: np.ndarray, camera: Camera, lamps: list[Lamp], share: np.ndarray, open_to: np.ndarray) -> None:
+def add_lamp_reflections(
+    light: np.ndarray, camera: Camera, lamps: list[Lamp], share: np.ndarray, open_to: np.ndarray
+) -> None:
     """Add the streaks of lamps mirrored in the road, in place.
 
     Parameters
@@ -52,17 +54,19 @@ def add_streaks(light: np.ndarray, camera: Camera, lamps: list[Lamp], share: np.
         Where the road is seen.
     """
     height, width = light.shape[:2]
-    layer = np.zeros((height // COARSE, width // COARSE, 3), np.float32)
-    rows, columns = np.mgrid[: len(layer), : layer.shape[1]].astype(np.float32) * COARSE
+    layer = np.zeros((height // STREAK_DOWNSAMPLING, width // STREAK_DOWNSAMPLING, 3), np.float32)
+    rows, columns = np.mgrid[: len(layer), : layer.shape[1]].astype(np.float32) * STREAK_DOWNSAMPLING
     horizon = float(camera.road_to_pixels(np.array([[3000.0, 0.0]]))[0, 1])
-    for lamp, (u, v) in zip(lamps, pixels_of(camera, lamps, mirrored=True), strict=True):
+    for lamp, (u, v) in zip(lamps, lamp_pixels(camera, lamps, mirrored=True), strict=True):
         if not (-50 < u < width + 50 and v < 2 * height):
             continue
         wide = max(camera.matrix[0, 0] * STREAK_WIDE_M / lamp.distance_m, 2.0)
         long = max(STREAK_LONG * (v - horizon), 4.0)
         # The lamp's energy, smeared over the streak.
         energy = (camera.matrix[0, 0] * lamp.radius_m / lamp.distance_m) ** 2 / (2 * wide * long)
-        at = slice(max(int((u - 3 * wide) / COARSE), 0), max(int((u + 3 * wide) / COARSE) + 2, 0))
+        at = slice(
+            max(int((u - 3 * wide) / STREAK_DOWNSAMPLING), 0), max(int((u + 3 * wide) / STREAK_DOWNSAMPLING) + 2, 0)
+        )
         streak = np.exp(-((columns[:, at] - u) ** 2) / (2 * wide**2) - (rows[:, at] - v) ** 2 / (2 * long**2))
         layer[:, at] += (np.float32(energy) * streak)[..., None] * lamp.light.astype(np.float32)
     layer = cv2.resize(layer, (width, height), interpolation=cv2.INTER_LINEAR)[height - len(share) :]

@@ -13,7 +13,7 @@ from benchmark.reporting.failures import describe_failures, failures
 from benchmark.scores import Result, percentile, score, score_rows, total_rows
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraPose
-from simulator.road.geometry import Pose, RoadGeometry, line_lateral, line_polynomial
+from simulator.road.geometry import RoadGeometry, VehiclePose, line_lateral, line_polynomial
 
 N, WIDTH = 5, 3.6
 
@@ -136,7 +136,9 @@ def test_heading_and_curvature_err_either_way():
 class TestOnTheLine:
     """The car's middle is 0.3 m right of its lane's left line: on the way into the lane on the left."""
 
-    def neighbour(self, lane: LaneTruth, road: RoadGeometry, pose: Pose, laterals_m: tuple[float, float]) -> Readings:
+    def neighbour(
+        self, lane: LaneTruth, road: RoadGeometry, pose: VehiclePose, laterals_m: tuple[float, float]
+    ) -> Readings:
         """A system that has the lane on the left, exactly."""
         lines = [line_lateral(road, pose, d, AT_M) for d in laterals_m]
         left, right = (line_polynomial(road, pose, d).c0_m for d in laterals_m)
@@ -145,7 +147,7 @@ class TestOnTheLine:
 
     def drive(self, lateral_m: float) -> tuple[LaneTruth, Readings, Readings]:
         """Truth of the lane around 0; what it is when read exactly, and the lane on its left."""
-        road, pose = RoadGeometry([0.0, 500.0], [1 / 400, 1 / 400]), Pose(100.0, lateral_m, 0.0)
+        road, pose = RoadGeometry([0.0, 500.0], [1 / 400, 1 / 400]), VehiclePose(100.0, lateral_m, 0.0)
         lines = np.array([line_lateral(road, pose, d, AT_M) for d in (WIDTH / 2, -WIDTH / 2)])
         beside = [line_polynomial(road, pose, d).c0_m for d in (WIDTH / 2, -WIDTH / 2)]
         every = np.ones(N)

@@ -21,8 +21,8 @@ from lanes.io.images import read_image, write_image
 from lanes.io.telemetry import read_telemetry, write_telemetry
 from lanes.io.video.reader import inspect_video
 from lanes.io.video.writer import VideoWriter
-from simulator.rendering import produce
-from simulator.scenes.catalogue import project_video
+from simulator.rendering import video
+from simulator.scenes.stills import project_video
 from tests.support.clips import write_drive
 from tests.support.painted_drive import BENDS
 
@@ -235,7 +235,7 @@ def test_an_encoder_that_was_killed_is_not_believed(tmp_path, monkeypatch):
         write_drive(path, BENDS, 2)
         return [{"frame": number} for number in range(4)]
 
-    monkeypatch.setattr(produce, "_encode", half)
+    monkeypatch.setattr(video, "_encode", half)
     with pytest.raises(OSError, match=r"a\.mp4: cannot be written \(not all of the 4 frames"):
-        produce.write_video(tmp_path / "a.mp4", drive=project_video(), seconds=4 / 25)
+        video.write_video(tmp_path / "a.mp4", drive=project_video(), seconds=4 / 25)
     assert not (tmp_path / "a.mp4").exists()

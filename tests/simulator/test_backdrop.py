@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from simulator.landscape.backdrop import paint_backdrop
-from simulator.landscape.sky import BackdropStyle, air_between
+from simulator.landscape.sky import BackdropStyle, aerial_perspective
 
 STYLE = BackdropStyle(tree_density=0.15)
 
@@ -66,7 +66,7 @@ def test_clouds_cover_about_the_share_asked_for():
 
 
 def test_haze_takes_the_colour_of_what_is_far():
-    through, air = air_between(np.array([10.0, 2000.0, 20000.0]), 0.1)
+    through, air = aerial_perspective(np.array([10.0, 2000.0, 20000.0]), 0.1)
     assert through.shape == air.shape == (3, 3)
     assert (np.diff(through, axis=0) < 0).all() and (np.diff(air, axis=0) > 0).all()
     assert through[0].min() > 0.998

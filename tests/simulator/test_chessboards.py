@@ -10,7 +10,7 @@ from benchmark.dataset import PROJECT_ROOT
 from lanes.camera.camera_file import camera_from_dict
 from lanes.io.images import read_image
 from simulator import chessboards as scene
-from simulator.chessboards import VIEWS, render_board, true_corners, write_boards
+from simulator.chessboards import BOARD_VIEWS, render_board, true_corners, write_boards
 from simulator.scenes.dashcam import DASHCAM
 
 BOARDS = PROJECT_ROOT / "camera_cal"
@@ -66,7 +66,7 @@ def test_true_corners_lie_where_the_picture_has_them(truth, number):
 
 @pytest.mark.parametrize("number", [3, 7, 13])
 def test_undistorted_corners_are_a_flat_grid_in_perspective(number):
-    corners = DASHCAM.undistort_points(true_corners(VIEWS[number - 1]))
+    corners = DASHCAM.undistort_points(true_corners(BOARD_VIEWS[number - 1]))
     y, x = np.mgrid[:6, :9]
     plane = np.column_stack([x.ravel(), y.ravel()]).astype(float)
     perspective, _ = cv2.findHomography(plane, corners)
@@ -76,30 +76,30 @@ def test_undistorted_corners_are_a_flat_grid_in_perspective(number):
 
 def test_views_differ_enough_to_determine_the_lens():
     """Turned to all four sides, in all four quarters of the picture, near and far."""
-    turns, tilts = np.array([v.turn_deg for v in VIEWS]), np.array([v.tilt_deg for v in VIEWS])
+    turns, tilts = np.array([v.turn_deg for v in BOARD_VIEWS]), np.array([v.tilt_deg for v in BOARD_VIEWS])
     assert min(turns.max(), -turns.min(), tilts.max(), -tilts.min()) > 25
-    quarters = {(v.u > 640, v.v > 360) for v in VIEWS}
+    quarters = {(v.u > 640, v.v > 360) for v in BOARD_VIEWS}
     assert len(quarters) == 4
-    assert max(v.span_px for v in VIEWS) > 3 * min(v.span_px for v in VIEWS)
+    assert max(v.span_px for v in BOARD_VIEWS) > 3 * min(v.span_px for v in BOARD_VIEWS)
 
 
 def test_the_committed_picture_is_what_the_renderer_makes():
-    again = render_board(VIEWS[10], seed=11)
+    again = render_board(BOARD_VIEWS[10], seed=11)
     committed = read_image(BOARDS / "calibration11.jpg")
     difference = np.abs(again.astype(int) - committed)
     assert difference.mean() < 3 and np.percentile(difference, 99.9) < 20
 
 
 def test_rendering_twice_gives_the_same_bits_and_another_seed_others():
-    first, second, other = (render_board(VIEWS[5], seed=seed) for seed in (3, 3, 4))
+    first, second, other = (render_board(BOARD_VIEWS[5], seed=seed) for seed in (3, 3, 4))
     assert first.tobytes() == second.tobytes()
     assert (first != other).mean() > 0.3
 
 
 def test_square_edges_are_soft_as_a_lens_makes_them():
     """From black to white within 2 to 4 pixels: neither a staircase nor a smear."""
-    image = render_board(VIEWS[0], seed=1)[..., 1].astype(float)
-    a, b = true_corners(VIEWS[0])[[20, 21]]
+    image = render_board(BOARD_VIEWS[0], seed=1)[..., 1].astype(float)
+    a, b = true_corners(BOARD_VIEWS[0])[[20, 21]]
     middle = ((a + b) / 2).round().astype(int)
     edge = image[middle[1] - 8 : middle[1] + 9, middle[0] - 5 : middle[0] + 6].mean(axis=1)
     low, high = np.sort(edge[[0, -1]])
@@ -108,13 +108,13 @@ def test_square_edges_are_soft_as_a_lens_makes_them():
 
 
 def test_writing_says_how_far_it_is_and_writes_the_same_truth(tmp_path, monkeypatch):
-    monkeypatch.setattr(scene, "VIEWS", VIEWS[5:7])
+    monkeypatch.setattr(scene, "BOARD_VIEWS", BOARD_VIEWS[5:7])
     seen = []
     written = write_boards(tmp_path / "new", progress=lambda done, total: seen.append((done, total)), workers=1)
     assert [p.name for p in written] == ["calibration1.jpg", "calibration2.jpg", "truth.json"]
     assert seen == [(1, 2), (2, 2)]
     boards = json.loads(written[-1].read_text())["boards"]
-    np.testing.assert_allclose(boards["calibration2.jpg"]["corners_px"], true_corners(VIEWS[6]), atol=1e-3)
+    np.testing.assert_allclose(boards["calibration2.jpg"]["corners_px"], true_corners(BOARD_VIEWS[6]), atol=1e-3)
 
 
 def test_unwritable_folder_is_named(tmp_path):

@@ -5,16 +5,23 @@ import pytest
 
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraPose
-from simulator.landscape.foliage import SPECIES, plant_sprite
+from simulator.landscape.foliage import SPECIES, plant_sprites
 from simulator.objects.bonnet import bonnet_outline, paint_bonnet
-from simulator.objects.obstacles import paint_objects
-from simulator.objects.roadside import Along, things_in_view
+from simulator.objects.object_painter import paint_objects
+from simulator.objects.placement import PlacedWall, objects_in_view
+from simulator.objects.scene_objects import Car, Post, Sign, Tree
 from simulator.objects.shadows import shadow_polygons
-from simulator.objects.solids import Car, Post, Sign, Tree
 from simulator.objects.walls import Wall
-from simulator.painting.brush import clip_polygon, empty_picture, inside, still_open, viewing_planes, with_behind
+from simulator.painting.brush import (
+    clip_polygon,
+    composite_over,
+    frustum_planes,
+    inside_planes,
+    new_canvas,
+    uncovered_window,
+)
 from simulator.painting.noise import fractal_noise, fractal_profile
-from simulator.road.geometry import Pose, RoadGeometry, offset_point
+from simulator.road.geometry import RoadGeometry, VehiclePose, offset_point
 
 SUN = np.array([-0.3, -0.5, 0.8]) / np.linalg.norm([-0.3, -0.5, 0.8])
 
@@ -28,14 +35,14 @@ def empty() -> np.ndarray:
     return np.full((360, 640, 3), 0.3, np.float32)
 
 
-def draw(things, lens=None, sun=SUN, haze=0.0) -> np.ndarray:
-    picture = empty_picture(360, 640)
-    paint_objects(picture, lens or camera(), things, sun_direction=sun, haze=haze)
-    return with_behind(picture, empty())
+def draw(objects, lens=None, sun=SUN, haze=0.0) -> np.ndarray:
+    picture = new_canvas(360, 640)
+    paint_objects(picture, lens or camera(), objects, sun_direction=sun, haze=haze)
+    return composite_over(picture, empty())
 
 
-def changed(things, lens=None) -> np.ndarray:
-    return np.abs(draw(things, lens) - empty()).max(axis=2) > 0.02
+def changed(objects, lens=None) -> np.ndarray:
+    return np.abs(draw(objects, lens) - empty()).max(axis=2) > 0.02
 
 
 def straight_wall(y: float, kind: str, side: int, *, start: float = -4.0) -> Wall:
@@ -138,11 +145,11 @@ def test_whatever_the_planes_let_through_can_be_projected():
     lens = camera(yaw=0.1, roll=-0.05)
     rng = np.random.default_rng(0)
     points = rng.uniform([-20, -60, 0], [80, 60, 30], (4000, 3))
-    kept = points[inside(points, viewing_planes(lens))]
+    kept = points[inside_planes(points, frustum_planes(lens))]
     assert len(kept) > 100
     assert np.isfinite(lens.road_to_pixels(kept)).all()
     on_road = lens.pixels_to_road(np.array([[0.0, 359.0], [639.0, 359.0], [320.0, 300.0]]))
-    assert inside(np.column_stack([on_road, np.zeros(3)]), viewing_planes(lens)).all()
+    assert inside_planes(np.column_stack([on_road, np.zeros(3)]), frustum_planes(lens)).all()
 
 
 def test_near_things_hide_far_ones_whatever_their_order_in_the_list():
@@ -157,12 +164,12 @@ def test_near_things_hide_far_ones_whatever_their_order_in_the_list():
 
 def test_things_are_painted_only_where_something_nearer_lets_them_be_seen():
     """The same things behind a window in a dark sheet: seen through the window as without it, and nothing beside it."""
-    picture, window = empty_picture(360, 640), (slice(150, 260), slice(200, 460))
+    picture, window = new_canvas(360, 640), (slice(150, 260), slice(200, 460))
     picture[3] = 0
     picture[3][window] = 1
-    assert still_open(picture[3]) == window and still_open(picture[3, :150]) is None
+    assert uncovered_window(picture[3]) == window and uncovered_window(picture[3, :150]) is None
     paint_objects(picture, camera(), EVERYTHING, sun_direction=SUN, haze=0.0)
-    seen = with_behind(picture, empty())
+    seen = composite_over(picture, empty())
     np.testing.assert_allclose(seen[window], draw(EVERYTHING)[window], atol=1e-4)
     assert np.ptp(seen[window]) > 0.3
     seen[window] = 0
@@ -211,8 +218,8 @@ def test_every_wall_but_a_bank_casts_a_shadow_along_its_path():
 
 
 def test_kerb_follows_the_road_at_its_lateral_place():
-    road, pose, lens = RoadGeometry([0.0, 400.0], [1 / 200, 1 / 200]), Pose(100.0, 0.3, 0.01), camera()
-    kerb = things_in_view((Along(-4.0, "kerb"),), road, pose, time_s=0.0)
+    road, pose, lens = RoadGeometry([0.0, 400.0], [1 / 200, 1 / 200]), VehiclePose(100.0, 0.3, 0.01), camera()
+    kerb = objects_in_view((PlacedWall(-4.0, "kerb"),), road, pose, time_s=0.0)
     mask = changed(kerb, lens)
     s = pose.s_m + np.array([10.0, 15.0, 25.0])
     for lateral, height, painted in ((-4.01, 0.06, True), (-4.12, 0.14, True), (-3.8, 0.0, False), (-4.8, 0.14, False)):
@@ -250,9 +257,9 @@ def test_bonnet_hides_the_bottom_edge_only_and_is_soft():
     lens = camera().scaled((1280, 720))
 
     def with_bonnet(seed):
-        picture = empty_picture(720, 1280)
+        picture = new_canvas(720, 1280)
         paint_bonnet(picture, seed=seed)
-        return with_behind(picture, before)
+        return composite_over(picture, before)
 
     after = with_bonnet(3)
     edge = bonnet_outline(lens.size)
@@ -289,7 +296,7 @@ def test_a_thing_of_another_kind_is_refused():
 
 @pytest.mark.parametrize("species", sorted(SPECIES))
 def test_plant_stands_on_its_foot_and_is_green_or_brown(species):
-    sprites = plant_sprite(species, 3)
+    sprites = plant_sprites(species, 3)
     whole = sprites[0]
     assert whole.dtype == np.float32 and (whole[..., 3] <= 1 + 1e-6).all() and (whole >= 0).all()
     rows = np.flatnonzero((whole[..., 3] > 0.5).any(axis=1))

@@ -18,27 +18,27 @@ from lanes.camera.camera_file import load_camera
 from lanes.camera.camera_pose import CameraPose
 from lanes.io.images import read_image
 from simulator.landscape.sky import BackdropStyle
-from simulator.light.lens import ADAPTED_TO, Lens, develop
+from simulator.light.lens import REFERENCE_LUMINANCE, Lens, develop
 from simulator.light.sunlight import BridgeShade, Sun
-from simulator.objects.roadside import Placed
-from simulator.objects.solids import Car
+from simulator.objects.placement import PlacedObject
+from simulator.objects.scene_objects import Car
 from simulator.rendering.drive import Drive, Motion
-from simulator.rendering.produce import VIDEO_FPS, write_video
 from simulator.rendering.render import render_frame
-from simulator.road.geometry import Pose, RoadGeometry, line_polynomial
-from simulator.road.ground import cast_on_ground, dash_coverage, edge_coverage, picture_rays
+from simulator.rendering.video import VIDEO_FPS, write_video
+from simulator.road.geometry import RoadGeometry, VehiclePose, line_polynomial
+from simulator.road.ground import cast_on_ground, dash_coverage, edge_coverage, pixel_rays
 from simulator.road.painted_lines import WHITE, Marking, paint_coverage, paint_markings
 from simulator.road.road_ahead import RoadAhead
 from simulator.road.surface import Zone, ground_albedo
 from simulator.road.truth import H_SAMPLES, line_pixels, truth_entry, truth_row
-from simulator.scenes.catalogue import project_video, still_scenes
 from simulator.scenes.dashcam import DASHCAM
-from simulator.scenes.freeway import LANE_M, freeway_markings, freeway_surface
+from simulator.scenes.freeway import LANE_WIDTH_M, freeway_markings, freeway_surface
+from simulator.scenes.stills import project_video, still_scenes
 from tests.support.command_line import main
 
-MOUNT = CameraPose(1.3, np.radians(2.0), np.radians(-1.0), np.radians(0.6))
-TINY = replace(DASHCAM.scaled((320, 180)), pose=MOUNT)
-SMALL = replace(DASHCAM.scaled((640, 360)), pose=MOUNT)
+POSE = CameraPose(1.3, np.radians(2.0), np.radians(-1.0), np.radians(0.6))
+TINY = replace(DASHCAM.scaled((320, 180)), pose=POSE)
+SMALL = replace(DASHCAM.scaled((640, 360)), pose=POSE)
 PLAIN_LENS = Lens(noise=0.0, sharpening=0.0, blur_px=0.0, vignette=0.0, adaptation=0.0)
 
 
@@ -48,7 +48,7 @@ def small_drive(curvature: float = 1 / 250, **changes) -> Drive:
     base = Drive(
         camera=SMALL,
         road=road,
-        line_laterals_m=(LANE_M / 2, -LANE_M / 2),
+        line_laterals_m=(LANE_WIDTH_M / 2, -LANE_WIDTH_M / 2),
         markings=tuple(replace(m, wear=0.0, dots=False) for m in freeway_markings()),
         surface=freeway_surface(Zone(0.0, "fresh asphalt")),
         sun=Sun(1.0, 0.9),
@@ -81,9 +81,9 @@ def test_dash_coverage_is_the_share_of_paint_in_the_footprint():
 @pytest.mark.parametrize(("dashed", "worst", "mean"), [(False, 0.02, 5e-4), (True, 0.3, 2e-3)])
 def test_paint_coverage_equals_brute_force_supersampling(dashed, worst, mean):
     """Exact along a line; only where a dash ends within a pixel on the line's edge is it an approximation."""
-    road, pose = RoadGeometry([0.0, 300.0], [1 / 300, 1 / 300]), Pose(50.0, 0.3, 0.01)
+    road, pose = RoadGeometry([0.0, 300.0], [1 / 300, 1 / 300]), VehiclePose(50.0, 0.3, 0.01)
     marking = Marking(-1.8, 0.12, WHITE, dashed=dashed, phase_m=1.0)
-    ground = cast_on_ground(picture_rays(SMALL), SMALL, RoadAhead(road, pose))
+    ground = cast_on_ground(pixel_rays(SMALL), SMALL, RoadAhead(road, pose))
     pixels, coverage = paint_coverage(marking, ground, station_m=50.0)
     picture = np.zeros(ground.s.shape, np.float32)
     picture.ravel()[pixels] = coverage
@@ -103,8 +103,10 @@ def test_paint_coverage_equals_brute_force_supersampling(dashed, worst, mean):
 
 def stripes_at(markings: tuple[Marking, ...], x_m: float) -> list[tuple[float, float]]:
     """(centre, width) in metres of the stripes that a row of the picture crosses `x_m` ahead, from left to right."""
-    camera = replace(DASHCAM, pose=MOUNT)
-    ground = cast_on_ground(picture_rays(camera), camera, RoadAhead(RoadGeometry([0.0, 300.0], [0.0, 0.0]), Pose(50.0)))
+    camera = replace(DASHCAM, pose=POSE)
+    ground = cast_on_ground(
+        pixel_rays(camera), camera, RoadAhead(RoadGeometry([0.0, 300.0], [0.0, 0.0]), VehiclePose(50.0))
+    )
     black = np.zeros((*ground.s.shape, 3), np.float32)
     paint_markings(black, markings, ground, station_m=50.0, seed=1)
     row = round(float(camera.road_to_pixels(np.array([[x_m, markings[0].lateral_m]]))[0, 1])) - ground.top
@@ -137,11 +139,11 @@ def test_double_line_that_one_side_may_cross_is_a_solid_and_a_broken_marking():
 @pytest.mark.parametrize("curvature", [1 / 250, -1 / 250])
 def test_truth_lies_on_the_paint_of_the_picture(curvature):
     drive = small_drive(curvature)
-    camera = replace(DASHCAM, pose=MOUNT)
+    camera = replace(DASHCAM, pose=POSE)
     drive = replace(
         drive,
         camera=camera,
-        markings=(Marking(LANE_M / 2, 0.15, WHITE, wear=0.0), Marking(-LANE_M / 2, 0.15, WHITE, wear=0.0)),
+        markings=(Marking(LANE_WIDTH_M / 2, 0.15, WHITE, wear=0.0), Marking(-LANE_WIDTH_M / 2, 0.15, WHITE, wear=0.0)),
     )
     frame = render_frame(drive)
     light = frame.image[..., 2].astype(float)
@@ -181,19 +183,19 @@ def test_same_seed_same_picture_other_seed_another():
     first, again = render_frame(drive, 0.2), render_frame(drive, 0.2)
     assert np.array_equal(first.image, again.image)
     road = RoadAhead(drive.road, drive.motion.pose(0.2))
-    ground = cast_on_ground(picture_rays(SMALL), SMALL, road)
+    ground = cast_on_ground(pixel_rays(SMALL), SMALL, road)
     one, other = (ground_albedo(drive.surface, ground, station_m=60.0, seed=seed) for seed in (5, 6))
     assert not np.array_equal(one, other)
 
 
 def test_hidden_ground_may_be_left_unpainted_but_what_is_wanted_is_the_same():
     drive = small_drive()
-    ground = cast_on_ground(picture_rays(SMALL), SMALL, RoadAhead(drive.road, drive.motion.pose(0.2)))
-    wanted = np.random.default_rng(1).random(ground.s.shape) < 0.5
+    ground = cast_on_ground(pixel_rays(SMALL), SMALL, RoadAhead(drive.road, drive.motion.pose(0.2)))
+    needed = np.random.default_rng(1).random(ground.s.shape) < 0.5
     whole = ground_albedo(drive.surface, ground, station_m=60.0, seed=5)
-    part = ground_albedo(drive.surface, ground, station_m=60.0, seed=5, wanted=wanted)
-    np.testing.assert_array_equal(part[wanted], whole[wanted])
-    assert (part[~wanted] != whole[~wanted]).any(axis=-1).mean() > 0.2
+    part = ground_albedo(drive.surface, ground, station_m=60.0, seed=5, needed=needed)
+    np.testing.assert_array_equal(part[needed], whole[needed])
+    assert (part[~needed] != whole[~needed]).any(axis=-1).mean() > 0.2
 
 
 def test_mirrored_scene_gives_mirrored_lines():
@@ -202,7 +204,7 @@ def test_mirrored_scene_gives_mirrored_lines():
     flipped_matrix = SMALL.matrix.copy()
     flipped_matrix[0, 2] = SMALL.width - 1 - SMALL.matrix[0, 2]
     distortion = SMALL.distortion * [1, 1, 1, -1, 1]
-    pose = replace(MOUNT, yaw_rad=-MOUNT.yaw_rad, roll_rad=-MOUNT.roll_rad)
+    pose = replace(POSE, yaw_rad=-POSE.yaw_rad, roll_rad=-POSE.roll_rad)
     camera = Camera(SMALL.width, SMALL.height, flipped_matrix, distortion, pose)
     mirrored = replace(
         drive,
@@ -222,10 +224,10 @@ def test_mirrored_scene_gives_mirrored_lines():
 def test_pitch_moves_the_horizon():
     """Nodding changes the truth's pitch and where the line is seen, not where it is."""
     drive = small_drive(motion=Motion(60.0, 20.0, 0.3, pitch_rad=0.01, pitch_period_s=1.0))
-    still, nodding = drive.truth(0.0), drive.truth(0.25)
-    assert abs(nodding.pitch_rad - MOUNT.pitch_rad) > 0.003
-    assert nodding.pitch_rad != still.pitch_rad
-    assert line_polynomial(drive.road, nodding.pose, 1.83) == nodding.left
+    still, camera_at_pitch = drive.truth(0.0), drive.truth(0.25)
+    assert abs(camera_at_pitch.pitch_rad - POSE.pitch_rad) > 0.003
+    assert camera_at_pitch.pitch_rad != still.pitch_rad
+    assert line_polynomial(drive.road, camera_at_pitch.pose, 1.83) == camera_at_pitch.left
 
 
 def test_committed_still_is_rendered_again():
@@ -246,11 +248,11 @@ def test_project_video_bends_both_ways():
 
 
 def test_car_hides_the_line_behind_it():
-    thing = Placed(60.0 + 12.5, LANE_M / 2, Car(0, 0, 0.0, "red"))
-    drive = small_drive(0.0, camera=replace(DASHCAM, pose=MOUNT))
+    item = PlacedObject(60.0 + 12.5, LANE_WIDTH_M / 2, Car(0, 0, 0.0, "red"))
+    drive = small_drive(0.0, camera=replace(DASHCAM, pose=POSE))
     open_road, behind = (
         truth_entry(frame.truth, raw_file="x.jpg", camera=drive.camera, hidden=frame.hidden)
-        for frame in (render_frame(drive), render_frame(replace(drive, things=(thing,))))
+        for frame in (render_frame(drive), render_frame(replace(drive, objects=(item,))))
     )
     left_open, left_hidden = (np.array(entry["lanes"][0]) for entry in (open_road, behind))
     hidden = (left_open >= 0) & (left_hidden < 0)
@@ -297,7 +299,7 @@ def test_video_and_its_truth_do_not_depend_on_the_number_of_processes(tmp_path):
         assert (tmp_path / f"1{suffix}").read_bytes() == (tmp_path / f"2{suffix}").read_bytes()
     rows = csv_file.read_text().splitlines()[1:]
     assert [int(row.split(",")[0]) for row in rows] == list(range(7))
-    assert load_camera(camera_file).pose == MOUNT
+    assert load_camera(camera_file).pose == POSE
     with closing(imageio_ffmpeg.read_frames(str(video))) as frames:
         size = next(frames)["size"]
         pictures = [np.frombuffer(frame, np.uint8).reshape(*size[::-1], 3).astype(float) for frame in frames]
@@ -336,7 +338,8 @@ def test_a_camera_that_keeps_colour_coarsely_spreads_it_and_nothing_else():
     light = np.full((60, 80, 3), 0.2, np.float32)
     light[:, 38:42] = (0.5, 0.3, 0.05)
     crisp, coarse = (
-        develop(light, replace(PLAIN_LENS, chroma_blur_px=blur), road_light=ADAPTED_TO, seed=0) for blur in (0.0, 4.0)
+        develop(light, replace(PLAIN_LENS, chroma_blur_px=blur), road_light=REFERENCE_LUMINANCE, seed=0)
+        for blur in (0.0, 4.0)
     )
     luma, yellow = (
         [cv2.cvtColor(i, cv2.COLOR_RGB2YCrCb)[30, :, k].astype(int) for i in (crisp, coarse)] for k in (0, 2)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simulator.road.geometry import Pose, RoadGeometry, line_lateral, line_polynomial, offset_point
+from simulator.road.geometry import RoadGeometry, VehiclePose, line_lateral, line_polynomial, offset_point
 from simulator.road.road_ahead import RoadAhead
 
 S_BEND = RoadGeometry([0.0, 75.0, 125.0, 175.0, 255.0, 330.0], [0.0, 0.0, 1 / 300, 1 / 300, -1 / 200, -1 / 200])
@@ -46,7 +46,7 @@ def test_road_before_its_start_is_continuous():
 )
 def test_points_of_the_ground_find_their_place(curvatures, lateral, heading, seed):
     road = RoadGeometry([0.0, 50.0, 100.0, 180.0], curvatures)
-    pose = Pose(20.0, lateral, heading)
+    pose = VehiclePose(20.0, lateral, heading)
     rng = np.random.default_rng(seed)
     s, d = rng.uniform(0, 120, 500), rng.uniform(-15, 15, 500)
     points = pose.to_car(road, offset_point(road, pose.s_m + s, d)).astype(np.float32)
@@ -58,7 +58,7 @@ def test_points_of_the_ground_find_their_place(curvatures, lateral, heading, see
 
 @pytest.mark.parametrize("lateral_m", [1.83, -1.83])
 def test_polynomial_touches_the_line_to_third_order(lateral_m):
-    pose = Pose(210.0, 0.4, 0.03)
+    pose = VehiclePose(210.0, 0.4, 0.03)
     line = line_polynomial(S_BEND, pose, lateral_m)
     x = np.linspace(-3, 3, 7)
     cubic = line.c0_m + line.c1 * x + line.c2_per_m * x**2 / 2 + line.c3_per_m2 * x**3 / 6
@@ -68,8 +68,8 @@ def test_polynomial_touches_the_line_to_third_order(lateral_m):
 
 
 def test_mirrored_road_swaps_left_and_right():
-    left = line_polynomial(S_BEND, Pose(150.0, 0.4, 0.03), 1.83)
-    right = line_polynomial(S_BEND.mirrored(), Pose(150.0, -0.4, -0.03), -1.83)
+    left = line_polynomial(S_BEND, VehiclePose(150.0, 0.4, 0.03), 1.83)
+    right = line_polynomial(S_BEND.mirrored(), VehiclePose(150.0, -0.4, -0.03), -1.83)
     assert (left.c0_m, left.c1, left.c2_per_m, left.c3_per_m2) == pytest.approx(
         (-right.c0_m, -right.c1, -right.c2_per_m, -right.c3_per_m2)
     )

@@ -22,7 +22,9 @@ from simulator.scenes.suite import SUITE, render_scene, scene_path
 
 
 def test_every_scene_is_found_under_its_own_name():
-    assert all(scene.name == name and scene.seconds > 1 and scene.what.endswith(".") for name, scene in SUITE.items())
+    assert all(
+        scene.name == name and scene.seconds > 1 and scene.description.endswith(".") for name, scene in SUITE.items()
+    )
     assert SUITE["motorway"].difficulty == "clean"
 
 

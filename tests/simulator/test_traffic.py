@@ -11,9 +11,9 @@ import pytest
 from lanes.camera.camera_pose import CameraPose
 from simulator.landscape.sky import BackdropStyle
 from simulator.light.sunlight import Sun
-from simulator.objects.roadside import Placed
-from simulator.objects.solids import Car
-from simulator.objects.vehicles import footprint, outline, vehicle_faces
+from simulator.objects.placement import PlacedObject
+from simulator.objects.scene_objects import Car
+from simulator.objects.vehicles import footprint, outline_points, vehicle_faces
 from simulator.rendering.drive import Drive, Motion
 from simulator.rendering.render import render_frame
 from simulator.road.geometry import RoadGeometry
@@ -21,23 +21,23 @@ from simulator.road.surface import Zone
 from simulator.road.truth import H_SAMPLES, NOT_VISIBLE, line_pixels, truth_row, visible_pixels
 from simulator.scenes.bad_weather import SCENES as WEATHER
 from simulator.scenes.dashcam import DASHCAM
-from simulator.scenes.freeway import LANE_M, freeway_markings, freeway_surface
+from simulator.scenes.freeway import LANE_WIDTH_M, freeway_markings, freeway_surface
 from simulator.scenes.traffic import SCENES as TRAFFIC
 
-SWERVE = ((0.0, -LANE_M), (2.0, 0.2), (3.0, 0.2), (5.0, -LANE_M))
+SWERVE = ((0.0, -LANE_WIDTH_M), (2.0, 0.2), (3.0, 0.2), (5.0, -LANE_WIDTH_M))
 
 
-def bend_drive(*things: Placed) -> Drive:
+def bend_drive(*objects: PlacedObject) -> Drive:
     """Off-centre in a bend to the right, at the size of the committed pictures, a bare country."""
     return Drive(
         camera=replace(DASHCAM, pose=CameraPose(1.3, np.radians(-1.5), np.radians(-1.0), np.radians(0.5))),
         road=RoadGeometry([0.0, 400.0], [-1 / 300, -1 / 300]),
-        line_laterals_m=(LANE_M / 2, -LANE_M / 2),
+        line_laterals_m=(LANE_WIDTH_M / 2, -LANE_WIDTH_M / 2),
         markings=freeway_markings(),
         surface=freeway_surface(Zone(0.0, "asphalt")),
         sun=Sun(1.2, 0.9),
         motion=Motion(100.0, 25.0, offset_m=0.3),
-        things=things,
+        objects=objects,
         backdrop=BackdropStyle(tree_density=0.0),
         bonnet=False,
         seed=5,
@@ -47,7 +47,7 @@ def bend_drive(*things: Placed) -> Drive:
 def seen_outline(drive: Drive, s_m: float, lateral_m: float, body: str) -> np.ndarray:
     """Mask of the hull of a vehicle and of the ground that it covers, by a way of its own: no painter, no clipping."""
     angle = float(drive.road.heading(s_m))
-    points = np.vstack([outline(body), 1.03 * footprint(body)])
+    points = np.vstack([outline_points(body), 1.03 * footprint(body)])
     foot = drive.road.position(s_m) + lateral_m * np.array([-np.sin(angle), np.cos(angle)])
     world = foot + points[:, :1] * [np.cos(angle), np.sin(angle)] + points[:, 1:2] * [-np.sin(angle), np.cos(angle)]
     level = drive.pose(0.0).to_car(drive.road, world)
@@ -61,11 +61,11 @@ def seen_outline(drive: Drive, s_m: float, lateral_m: float, body: str) -> np.nd
 
 @pytest.mark.parametrize(
     ("body", "s_m", "lateral_m", "side"),
-    [("motorcycle", 114.0, LANE_M / 2 - 0.45, 0), ("truck", 122.0, -2.4, 1), ("suv", 118.0, -2.2, 1)],
+    [("motorcycle", 114.0, LANE_WIDTH_M / 2 - 0.45, 0), ("truck", 122.0, -2.4, 1), ("suv", 118.0, -2.2, 1)],
 )
 def test_a_vehicle_hides_the_line_where_it_covers_it_and_nowhere_else(body, s_m, lateral_m, side):
-    thing = Placed(s_m, lateral_m, Car(0, 0, 0.0, "red", body))
-    drive = bend_drive(thing)
+    item = PlacedObject(s_m, lateral_m, Car(0, 0, 0.0, "red", body))
+    drive = bend_drive(item)
     frame = render_frame(drive)
     columns = line_pixels(frame.truth, side, drive.camera_at(0.0))
     lost = (columns >= 0) & (visible_pixels(columns, frame.hidden) == NOT_VISIBLE)
@@ -83,18 +83,20 @@ def test_a_vehicle_hides_the_line_where_it_covers_it_and_nowhere_else(body, s_m,
 
 
 def test_a_vehicle_changes_the_picture_but_not_the_truth():
-    empty, full = (render_frame(bend_drive(*things)) for things in ((), (Placed(115.0, 0.0, Car(0, 0, 0, "red")),)))
+    empty, full = (
+        render_frame(bend_drive(*objects)) for objects in ((), (PlacedObject(115.0, 0.0, Car(0, 0, 0, "red")),))
+    )
     assert truth_row(empty.truth, frame=0) == truth_row(full.truth, frame=0)
     assert not empty.hidden.any() and full.hidden.any()
 
 
 def test_swerving_passes_its_knots_and_points_where_it_goes():
-    swerving = Placed(20.0, 0.0, Car(0, 0), 25.0, SWERVE)
+    swerving = PlacedObject(20.0, 0.0, Car(0, 0), 25.0, SWERVE)
     np.testing.assert_allclose([swerving.lateral_at(t) for t, _ in SWERVE], [d for _, d in SWERVE], atol=1e-12)
     assert swerving.lateral_at(-1.0) == SWERVE[0][1] and swerving.lateral_at(9.0) == SWERVE[-1][1]
     # Half way through, a smooth step is half as fast again as its mean.
-    assert swerving.swerve_rad(1.0) == pytest.approx(np.arctan(1.5 * (0.2 + LANE_M) / 2.0 / 25.0), rel=1e-3)
-    assert swerving.swerve_rad(2.5) == 0 and swerving.swerve_rad(4.0) < 0
+    assert swerving.path_heading_rad(1.0) == pytest.approx(np.arctan(1.5 * (0.2 + LANE_WIDTH_M) / 2.0 / 25.0), rel=1e-3)
+    assert swerving.path_heading_rad(2.5) == 0 and swerving.path_heading_rad(4.0) < 0
 
 
 @pytest.mark.parametrize("body", ["truck", "motorcycle"])

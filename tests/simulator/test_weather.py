@@ -14,24 +14,24 @@ from simulator.light.glare import Glare
 from simulator.light.lens import Lens
 from simulator.light.sunlight import BridgeShade, Sun, WoodShade, light_along
 from simulator.objects.overpass import Overpass
-from simulator.objects.roadside import Placed
-from simulator.objects.solids import Car
+from simulator.objects.placement import PlacedObject
+from simulator.objects.scene_objects import Car
 from simulator.rendering.drive import Drive, Motion
 from simulator.rendering.render import render_frame
-from simulator.road.geometry import Pose, RoadGeometry
-from simulator.road.ground import cast_on_ground, picture_rays
+from simulator.road.geometry import RoadGeometry, VehiclePose
+from simulator.road.ground import cast_on_ground, pixel_rays
 from simulator.road.road_ahead import RoadAhead
 from simulator.road.surface import Zone
 from simulator.road.truth import truth_row
 from simulator.scenes.dashcam import DASHCAM
-from simulator.scenes.freeway import LANE_M, freeway_markings, freeway_surface
+from simulator.scenes.freeway import LANE_WIDTH_M, freeway_markings, freeway_surface
 from simulator.weather.fog import Fog
-from simulator.weather.night import Night, lamps_in_sight
-from simulator.weather.rain import Rain, drops_on_glass
+from simulator.weather.night import Night, visible_lamps
+from simulator.weather.rain import Rain, windscreen_drops
 from simulator.weather.wet import Wet
 
-MOUNT = CameraPose(1.3, np.radians(2.0), np.radians(-1.0), np.radians(0.6))
-SMALL = replace(DASHCAM.scaled((640, 360)), pose=MOUNT)
+POSE = CameraPose(1.3, np.radians(2.0), np.radians(-1.0), np.radians(0.6))
+SMALL = replace(DASHCAM.scaled((640, 360)), pose=POSE)
 PLAIN_LENS = Lens(noise=0.0, sharpening=0.0, blur_px=0.0, vignette=0.0, adaptation=0.0)
 BRIDGE = Overpass(110.0, 126.0, -20.0, 12.0, skew=0.1)
 
@@ -41,7 +41,7 @@ def small_drive(curvature: float = 1 / 250, **changes) -> Drive:
     base = Drive(
         camera=SMALL,
         road=RoadGeometry([0.0, 40.0, 300.0, 340.0], [0.0, curvature, curvature, 0.0]),
-        line_laterals_m=(LANE_M / 2, -LANE_M / 2),
+        line_laterals_m=(LANE_WIDTH_M / 2, -LANE_WIDTH_M / 2),
         markings=tuple(replace(m, wear=0.0, dots=False) for m in freeway_markings()),
         surface=freeway_surface(Zone(0.0, "asphalt")),
         sun=Sun(1.0, 0.9),
@@ -89,7 +89,7 @@ def test_exposure_comes_back_after_the_bridge_and_lags_behind_the_light():
 
 
 def test_frames_do_not_depend_on_their_order():
-    drive = under_bridge(things=(BRIDGE,))
+    drive = under_bridge(objects=(BRIDGE,))
     forth = [render_frame(drive, t).image for t in (1.9, 2.6)]
     back = [render_frame(drive, t).image for t in (2.6, 1.9)]
     np.testing.assert_array_equal(forth[0], back[1])
@@ -121,7 +121,7 @@ def test_adapting_eyes_see_the_road_below_the_bridge_and_are_dazzled_beyond():
 
 def test_the_bridge_hides_the_sky_and_nothing_of_the_lane():
     drive = small_drive(motion=Motion(60.0, 20.0, offset_m=0.3))
-    hidden = render_frame(replace(drive, things=(BRIDGE,)), 1.5).hidden
+    hidden = render_frame(replace(drive, objects=(BRIDGE,)), 1.5).hidden
     s = np.linspace(8.0, 60.0, 30)
     rays = drive.camera_at(1.5).road_to_pixels(np.column_stack([s, drive.truth(1.5).line_y(0, s)])).round().astype(int)
     assert not hidden[rays[:, 1], rays[:, 0]].any()
@@ -230,12 +230,12 @@ def test_lamps_are_seen_from_where_they_shine_and_mirrored_below(monkeypatch):
     at = SMALL.road_to_pixels(np.array([[18.0, 0.0]])).round().astype(int)[0]
     lights = {}
     for name, wet, heading in (("wet", Wet(), np.pi), ("dry", None, np.pi), ("rear", Wet(), 0.0)):
-        car = Placed(130.0, 0.0, Car(0, 0, heading, "black"))
+        car = PlacedObject(130.0, 0.0, Car(0, 0, heading, "black"))
         found = []
         monkeypatch.setattr(
             "simulator.rendering.render.develop", lambda light, *a, found=found, **k: found.append(light) or light
         )
-        render_frame(night_drive(night=Night(headlights=0.0), wet=wet, things=(car,)))
+        render_frame(night_drive(night=Night(headlights=0.0), wet=wet, objects=(car,)))
         lights[name] = found[0]
     below = {
         name: light[at[1] - 3 : at[1] + 3, at[0] - 20 : at[0] + 20].max(axis=(0, 1)) for name, light in lights.items()
@@ -250,13 +250,15 @@ def test_lamps_behind_a_nearer_vehicle_are_not_seen():
     """Through a lorry nothing shines; past it, and from its own end that looks at us, it does."""
     lorry = Car(20.0, 0.5, 0.1, "white", body="truck")
     for y_m, lamps in ((0.4, 2), (6.0, 4)):
-        seen = lamps_in_sight([Car(60.0, y_m, np.pi, "black"), lorry], SMALL)
+        seen = visible_lamps([Car(60.0, y_m, np.pi, "black"), lorry], SMALL)
         assert len(seen) == lamps
         assert sum(lamp.distance_m < 16.0 for lamp in seen) == 2
 
 
 def test_wet_road_mirrors_most_where_it_is_seen_flat():
-    ground = cast_on_ground(picture_rays(SMALL), SMALL, RoadAhead(RoadGeometry([0.0, 300.0], [0.0, 0.0]), Pose(50.0)))
+    ground = cast_on_ground(
+        pixel_rays(SMALL), SMALL, RoadAhead(RoadGeometry([0.0, 300.0], [0.0, 0.0]), VehiclePose(50.0))
+    )
     share = Wet(film=0.3).mirror_share(ground, 1.3, station_m=50.0, seed=1)
     near, far = (share[np.abs(ground.distance - x) < 0.1 * x].mean() for x in (5.0, 40.0))
     # Schlick at 14.6 and at 1.9 degrees above the road.
@@ -266,17 +268,17 @@ def test_wet_road_mirrors_most_where_it_is_seen_flat():
 
 def test_drops_gather_until_the_blade_takes_them():
     rain = Rain(drops=400, wipe_every_s=1.0, wipe_s=0.3)
-    before, after = (drops_on_glass(rain, t, seed=3) for t in (2.99, 3.35))
+    before, after = (windscreen_drops(rain, t, seed=3) for t in (2.99, 3.35))
     assert len(before) > 0.5 * 400
     assert len(after) < 0.6 * len(before)
     # A drop stays where it is.
-    soon = {tuple(drop) for drop in drops_on_glass(rain, 2.6, seed=3)}
+    soon = {tuple(drop) for drop in windscreen_drops(rain, 2.6, seed=3)}
     assert soon <= {tuple(drop) for drop in before}
 
 
 def test_rain_changes_the_picture_but_neither_truth_nor_what_is_hidden():
-    clear, rainy = (render_frame(small_drive(rain=rain, things=(BRIDGE,)), 0.9) for rain in (None, Rain()))
-    again = render_frame(small_drive(rain=Rain(), things=(BRIDGE,)), 0.9)
+    clear, rainy = (render_frame(small_drive(rain=rain, objects=(BRIDGE,)), 0.9) for rain in (None, Rain()))
+    again = render_frame(small_drive(rain=Rain(), objects=(BRIDGE,)), 0.9)
     np.testing.assert_array_equal(rainy.image, again.image)
     np.testing.assert_array_equal(rainy.hidden, clear.hidden)
     assert truth_row(rainy.truth, frame=0) == truth_row(clear.truth, frame=0)

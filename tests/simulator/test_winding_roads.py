@@ -13,12 +13,12 @@ from lanes.io.telemetry import read_telemetry
 from simulator.landscape.sky import BackdropStyle
 from simulator.light.lens import Lens
 from simulator.light.sunlight import Sun
-from simulator.objects.roadside import Placed
-from simulator.objects.solids import Car
+from simulator.objects.placement import PlacedObject
+from simulator.objects.scene_objects import Car
 from simulator.rendering.drive import Drive, Motion
 from simulator.rendering.render import render_frame
-from simulator.road.geometry import Pose, RoadGeometry, line_lateral, offset_point, surface_points
-from simulator.road.ground import cast_on_ground, picture_rays
+from simulator.road.geometry import RoadGeometry, VehiclePose, line_lateral, offset_point, surface_points
+from simulator.road.ground import cast_on_ground, pixel_rays
 from simulator.road.painted_lines import WHITE, Marking, paint_coverage
 from simulator.road.profile import HeightProfile
 from simulator.road.road_ahead import RoadAhead
@@ -47,11 +47,14 @@ def test_height_is_the_integral_of_the_slope():
     summed = np.concatenate([[0], np.cumsum(HILLY.slope((s[1:] + s[:-1]) / 2) * np.diff(s))])
     np.testing.assert_allclose(HILLY.height(s), summed - np.interp(0, s, summed), atol=1e-9)
     # What a car sees of a crest 30 m ahead whose slope changes by 0.065 on the way: the parabola falls away.
-    assert HILLY.rise(75.0, 60.0) == pytest.approx(-0.5 * 0.13 / 30 * 15**2)
-    assert HeightProfile([5.0], [0.07]).rise(80.0, 20.0) == pytest.approx(0)
+    assert HILLY.height_above_plane(75.0, 60.0) == pytest.approx(-0.5 * 0.13 / 30 * 15**2)
+    assert HeightProfile([5.0], [0.07]).height_above_plane(80.0, 20.0) == pytest.approx(0)
 
 
-@pytest.mark.parametrize("pose", [Pose(20.0, 0.4, -0.02), Pose(60.0, -0.3, -0.07), Pose(112.0), Pose(150.0, 0.2, 0.1)])
+@pytest.mark.parametrize(
+    "pose",
+    [VehiclePose(20.0, 0.4, -0.02), VehiclePose(60.0, -0.3, -0.07), VehiclePose(112.0), VehiclePose(150.0, 0.2, 0.1)],
+)
 def test_places_in_hairpins_are_found_again(pose):
     """Points up to the edges of a two-lane road, all the way that the next bend does not cover."""
     s, d = (a.ravel() for a in np.meshgrid(np.linspace(-5, 70, 600), np.linspace(-3, 6, 25)))
@@ -65,29 +68,31 @@ def test_places_in_hairpins_are_found_again(pose):
 @pytest.mark.parametrize("s_m", [45.0, 70.0, 84.0])
 def test_rays_end_on_the_first_ground_that_they_meet(profile, s_m):
     road = RoadGeometry([0.0, 100.0], [1 / 90, 1 / 90], profile)
-    ahead = RoadAhead(road, Pose(s_m, 0.3, 0.01))
-    rays = picture_rays(SMALL) @ SMALL.pose.rotation().astype(np.float32)
-    ground = cast_on_ground(picture_rays(SMALL), SMALL, ahead)
+    ahead = RoadAhead(road, VehiclePose(s_m, 0.3, 0.01))
+    rays = pixel_rays(SMALL) @ SMALL.pose.rotation().astype(np.float32)
+    ground = cast_on_ground(pixel_rays(SMALL), SMALL, ahead)
     seen = ground.visible & (ground.distance < 80)
     points = np.column_stack([ground.x[seen], ground.y[seen]])
     ray = rays[ground.top :][seen].astype(float)
     height = SMALL.pose.height_m + ray[:, 2] / ray[:, 0] * points[:, 0]
-    off = np.abs(ahead.on_surface(points)[:, 2] - height)
+    off = np.abs(ahead.lift_to_surface(points)[:, 2] - height)
     # Only where a ray grazes a crest is it a matter of pixels which side it meets.
     assert np.quantile(off, 0.995) < 2e-3
     for got, looked_up in zip((ground.s, ground.d), ahead.locate(ground.x, ground.y), strict=True):
         np.testing.assert_allclose(got[seen], looked_up[seen], atol=1e-3)
     before = np.linspace(0.05, 0.97, 40)[:, None, None] * np.column_stack([points, height - SMALL.pose.height_m])[::97]
-    surface = ahead.on_surface(before[..., :2].reshape(-1, 2))[:, 2]
+    surface = ahead.lift_to_surface(before[..., :2].reshape(-1, 2))[:, 2]
     assert (before[..., 2].ravel() + SMALL.pose.height_m - surface).min() > -0.01
 
 
 def test_level_slope_looks_like_level_ground():
     ramp = RoadGeometry([0.0, 300.0], [1 / 200, 1 / 200], HeightProfile([0.0, 300.0], [0.08, 0.08]))
-    assert np.abs(surface_points(ramp, Pose(20.0), np.linspace(0, 90, 10), 1.5)[:, 2]).max() < 1e-12
+    assert np.abs(surface_points(ramp, VehiclePose(20.0), np.linspace(0, 90, 10), 1.5)[:, 2]).max() < 1e-12
 
 
-@pytest.mark.parametrize(("pose", "lateral_m"), [(Pose(20.0, 0.4, -0.02), 1.6), (Pose(112.0, 0.0, 0.02), -1.6)])
+@pytest.mark.parametrize(
+    ("pose", "lateral_m"), [(VehiclePose(20.0, 0.4, -0.02), 1.6), (VehiclePose(112.0, 0.0, 0.02), -1.6)]
+)
 def test_lateral_place_in_a_hairpin_is_that_of_the_first_passage_or_none(pose, lateral_m):
     s = pose.s_m + np.arange(-5, 60, 1e-3)
     x, y = pose.to_car(HAIRPINS, offset_point(HAIRPINS, s, lateral_m)).T
@@ -119,7 +124,7 @@ def test_a_change_of_lane_renames_the_lines_when_the_middle_of_the_car_crosses()
 
 
 def test_a_road_without_a_lane_has_rows_that_say_so(tmp_path):
-    truth = lane_truth(HAIRPINS, Pose(10.0, 0.5, 0.1), (), time_s=0.4, pitch_rad=0.02)
+    truth = lane_truth(HAIRPINS, VehiclePose(10.0, 0.5, 0.1), (), time_s=0.4, pitch_rad=0.02)
     assert not truth.has_lane
     assert (line_pixels(truth, 0, SMALL) == NOT_VISIBLE).all()
     write_truth_csv(tmp_path / "a.csv", [truth_row(truth, frame=0), truth_row(truth, frame=1)])
@@ -189,21 +194,24 @@ def test_truth_lies_on_the_paint_in_hairpins_and_on_crests(road, start_m):
 
 def test_a_crest_hides_what_stands_behind_it():
     road = RoadGeometry([0.0, 200.0], [0.0, 0.0], HeightProfile([0.0, 40.0, 60.0], [0.08, 0.08, -0.10]))
-    ahead = RoadAhead(road, Pose(20.0))
-    crest_m = ahead.crest_m(SMALL.pose.height_m)
-    assert 25 < crest_m < 45
-    assert RoadAhead(replace(road, profile=HeightProfile([0.0], [0.05])), Pose(20.0)).crest_m(1.3) == np.inf
+    ahead = RoadAhead(road, VehiclePose(20.0))
+    crest_distance_m = ahead.crest_distance_m(SMALL.pose.height_m)
+    assert 25 < crest_distance_m < 45
+    assert (
+        RoadAhead(replace(road, profile=HeightProfile([0.0], [0.05])), VehiclePose(20.0)).crest_distance_m(1.3)
+        == np.inf
+    )
     bare = render_frame(painted_drive(road, 20.0)).image
-    for s_m, changes in ((20.0 + 0.7 * crest_m, True), (20.0 + crest_m + 45.0, False)):
-        thing = Placed(s_m, 0.4, Car(0, 0, 0.0, "red"))
-        picture = render_frame(painted_drive(road, 20.0, things=(thing,))).image
+    for s_m, changes in ((20.0 + 0.7 * crest_distance_m, True), (20.0 + crest_distance_m + 45.0, False)):
+        item = PlacedObject(s_m, 0.4, Car(0, 0, 0.0, "red"))
+        picture = render_frame(painted_drive(road, 20.0, objects=(item,))).image
         assert (np.abs(picture.astype(int) - bare).max() > 60) == changes
 
 
 def test_painted_stencils_cover_their_area_where_they_are():
     """A diamond 3.7 m by 1 m with a stroke of 24 % of its half: seen from above its area is known."""
-    road, pose = RoadGeometry([0.0, 200.0], [1 / 150, 1 / 150]), Pose(50.0, 0.3)
-    ground = cast_on_ground(picture_rays(DASHCAM), DASHCAM, RoadAhead(road, pose))
+    road, pose = RoadGeometry([0.0, 200.0], [1 / 150, 1 / 150]), VehiclePose(50.0, 0.3)
+    ground = cast_on_ground(pixel_rays(DASHCAM), DASHCAM, RoadAhead(road, pose))
     pixels, coverage = symbol_coverage(Symbol(58.0, -0.4, "diamond", 3.7, 1.0), ground, station_m=50.0)
     s, d = ground.s.ravel()[pixels], ground.d.ravel()[pixels]
     area = np.abs(ground.s_u * ground.d_v - ground.s_v * ground.d_u).ravel()[pixels]
@@ -213,8 +221,8 @@ def test_painted_stencils_cover_their_area_where_they_are():
 
 
 def test_botts_dots_missing_stretches_and_skew_lines_are_where_they_should_be():
-    road, pose = RoadGeometry([0.0, 200.0], [0.0, 0.0]), Pose(50.0, 0.1)
-    ground = cast_on_ground(picture_rays(DASHCAM), DASHCAM, RoadAhead(road, pose))
+    road, pose = RoadGeometry([0.0, 200.0], [0.0, 0.0]), VehiclePose(50.0, 0.1)
+    ground = cast_on_ground(pixel_rays(DASHCAM), DASHCAM, RoadAhead(road, pose))
     places = (ground.s.ravel(), ground.d.ravel())
 
     def painted(**options):

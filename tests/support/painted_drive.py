@@ -18,7 +18,7 @@ from lanes.camera.camera_pose import CameraPose
 from lanes.tracking.tracked_lane import TrackedLane
 from lanes.tracking.tracker import LaneTracker
 from simulator.rendering.drive import Motion
-from simulator.road.geometry import Pose, RoadGeometry, offset_point
+from simulator.road.geometry import RoadGeometry, VehiclePose, offset_point
 from simulator.road.truth import Truth, lane_truth
 
 WHITE, YELLOW, ASPHALT, TAR = (215, 215, 210), (205, 160, 45), (98, 98, 98), (60, 60, 62)
@@ -83,7 +83,7 @@ class PaintedDrive:
     drift_mps: float = 0.0
     drift_s: tuple[float, float] = (np.inf, np.inf)
 
-    def pose(self, time_s: float) -> Pose:
+    def pose(self, time_s: float) -> VehiclePose:
         """Place on the road; the drift leads the car sideways, as when changing lanes."""
         pose = self.motion.pose(time_s)
         begin, end = self.drift_s
@@ -93,7 +93,7 @@ class PaintedDrive:
         distance = self.drift_mps * (end - begin)
         lateral = pose.lateral_m + distance * (share - np.sin(2 * np.pi * share) / (2 * np.pi))
         speed = self.drift_mps * (1 - np.cos(2 * np.pi * share)) if share < 1 else 0.0
-        return Pose(pose.s_m, lateral, pose.heading_rad + float(np.arctan(speed / self.motion.speed_mps)))
+        return VehiclePose(pose.s_m, lateral, pose.heading_rad + float(np.arctan(speed / self.motion.speed_mps)))
 
     def truth(self, time_s: float, lane_m: tuple[float, float] | None = None) -> Truth:
         """What is true of the frame at `time_s`."""

@@ -29,7 +29,7 @@ from lanes.tracking.state import (
     sharpest_bend,
 )
 from lanes.tracking.update import initial_state
-from simulator.road.geometry import Pose, RoadGeometry
+from simulator.road.geometry import RoadGeometry, VehiclePose
 from simulator.road.truth import lane_truth
 from tests.support.shapes import a_lane
 
@@ -49,7 +49,7 @@ def belief_with(**car: float) -> KalmanState:
 def test_straight_driving_along_a_bend():
     """A car that drives straight on: the lane turns and moves below it as geometry says."""
     road = RoadGeometry([0.0, 1000.0], [1 / 400, 1 / 400])
-    before = lane_truth(road, Pose(100.0, 0.2, -0.01), (1.8, -1.8), time_s=0, pitch_rad=0)
+    before = lane_truth(road, VehiclePose(100.0, 0.2, -0.01), (1.8, -1.8), time_s=0, pitch_rad=0)
     lane = a_lane(centre=-0.2, width=3.6, heading=before.heading_rad, curvature=1 / 400)
     estimate = initial_state(lane, COVARIANCE, 20.0)
     estimate.mean[PATH] = 0.0

@@ -14,7 +14,7 @@ from lanes.camera.calibration.corners import Board
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError
 from lanes.io.images import read_image, write_image
-from simulator.chessboards import VIEWS, true_corners
+from simulator.chessboards import BOARD_VIEWS, true_corners
 from simulator.scenes.dashcam import DASHCAM
 
 SIZE = (1280, 720)
@@ -23,7 +23,7 @@ SIZE = (1280, 720)
 def true_board(number: int, noise_px: float = 0.05) -> Board:
     """The corners of rendered board `number` where they truly are, give or take a finder's noise."""
     noise = np.random.default_rng(number).normal(0, noise_px, (54, 2))
-    return Board((true_corners(VIEWS[number - 1]) + noise).astype(np.float32), 9, 6, SIZE)
+    return Board((true_corners(BOARD_VIEWS[number - 1]) + noise).astype(np.float32), 9, 6, SIZE)
 
 
 @pytest.fixture

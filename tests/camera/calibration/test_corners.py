@@ -10,7 +10,7 @@ import pytest
 from benchmark.dataset import PROJECT_ROOT
 from lanes.camera.calibration.corners import Board, draw_board, find_board
 from lanes.io.images import read_image
-from simulator.chessboards import CREAM, View, render_board, true_corners
+from simulator.chessboards import CREAM_WALL, BoardView, render_board, true_corners
 
 BOARDS = PROJECT_ROOT / "camera_cal"
 TRUTH = json.loads((BOARDS / "truth.json").read_text())["boards"]
@@ -76,7 +76,7 @@ def test_large_pictures_are_searched_small_and_measured_whole():
 
 
 def test_a_board_with_glare_across_it_is_found():
-    view = View(CREAM, 640, 360, 700, 20, 10, 5, (700, 300, 150, 3.0), (0.1, 0.2))
+    view = BoardView(CREAM_WALL, 640, 360, 700, 20, 10, 5, (700, 300, 150, 3.0), (0.1, 0.2))
     board = find_board(render_board(view, seed=5))
     assert errors_px(board, true_corners(view)).max() < 0.5
 

@@ -14,30 +14,30 @@ import cv2
 import numpy as np
 
 from lanes.camera.camera import Camera
-from simulator.landscape.foliage import plant_sprite
-from simulator.landscape.sky import air_between
+from simulator.landscape.foliage import plant_sprites
+from simulator.landscape.sky import aerial_perspective
 from simulator.light.shading import irradiance, shade_faces
 from simulator.objects.cars import BODY, ON_BODY
-from simulator.objects.overpass import Slab, paint_slab
+from simulator.objects.overpass import BridgeSlice, paint_bridge_slice
+from simulator.objects.scene_objects import Car, Post, SceneObject, Sign, Tree, vertical_rectangle, yaw_rotation
 from simulator.objects.shadows import shadow_polygons
-from simulator.objects.solids import Car, Post, Sign, Thing, Tree, turned_by, upright
-from simulator.objects.vehicles import facet_m, footprint, outline, vehicle_faces
+from simulator.objects.vehicles import facet_width_m, footprint, outline_points, vehicle_faces
 from simulator.objects.walls import Wall, paint_wall
 from simulator.painting.brush import (
-    inside,
-    lay_behind,
-    out_of_picture,
+    composite_behind,
+    frustum_planes,
+    inside_planes,
+    outside_picture,
     paint_polygons,
-    planes_of,
     project_faces,
-    still_open,
-    viewing_planes,
+    split_channels,
+    uncovered_window,
 )
 
-__all__ = ["Car", "Post", "Sign", "Thing", "Tree", "Wall", "paint_objects", "shadow_polygons"]
+__all__ = ["Car", "Post", "Sign", "SceneObject", "Tree", "Wall", "paint_objects", "shadow_polygons"]
 
 # Things farther than this are not worth drawing: a car is 4 pixels wide there.
-FARTHEST_M = 600.0
+MAX_OBJECT_M = 600.0
 SIGN_COLOURS = {
     "green": ((0.012, 0.16, 0.085), (0.75, 0.77, 0.74)),
     "blue": ((0.015, 0.07, 0.26), (0.75, 0.77, 0.78)),
@@ -49,12 +49,12 @@ SIGN_COLOURS = {
 def paint_objects(
     picture: np.ndarray,
     camera: Camera,
-    objects: list[Thing],
+    objects: list[SceneObject],
     *,
     sun_direction: np.ndarray,
     haze: float = 0.06,
     light_at: Callable[[np.ndarray], np.ndarray] | None = None,
-    air_at: Callable[[float], tuple[np.ndarray, np.ndarray]] | None = None,
+    atmosphere_at: Callable[[float], tuple[np.ndarray, np.ndarray]] | None = None,
     crest: tuple[float, np.ndarray] | None = None,
 ) -> None:
     """Paint things behind what is in a picture, the nearest first: what they hide need not be painted.
@@ -62,7 +62,7 @@ def paint_objects(
     Parameters
     ----------
     picture : ndarray of shape (4, H, W), float32
-        As from `brush.empty_picture`, changed.
+        As from `brush.new_canvas`, changed.
     camera : Camera
         With a camera pose; its distortion bends the things as it bends the road.
     objects : list of Car, Wall, Tree, Sign, Post
@@ -74,8 +74,8 @@ def paint_objects(
     light_at : callable, optional
         From places (N, 2) in the road frame to the light (N, 3) there, as a share of open daylight; all of it
         everywhere by default.
-    air_at : callable, optional
-        From a distance in metres to what `air_between` gives, instead of clear air with `haze`.
+    atmosphere_at : callable, optional
+        From a distance in metres to what `aerial_perspective` gives, instead of clear air with `haze`.
     crest : (float, ndarray of shape (H, W), bool), optional
         Distance of a crest of the road, and where its near side is: that hides the things beyond.
 
@@ -84,82 +84,88 @@ def paint_objects(
     TypeError
         For a thing of another kind.
     """
-    crest_m, near_side = crest or (np.inf, None)
+    crest_distance_m, near_side = crest or (np.inf, None)
     sun = np.asarray(sun_direction, float) / np.linalg.norm(sun_direction)
     jobs = []
-    for thing in [thing for thing in objects if not isinstance(thing, Tree)] + _planted(camera, objects):
-        if isinstance(thing, Wall):
+    for item in [item for item in objects if not isinstance(item, Tree)] + _planted(camera, objects):
+        if isinstance(item, Wall):
             # All of a piece is behind the same air: thick air wants short pieces.
-            pieces = thing.pieces() if air_at is None else thing.pieces(longer=1.12)
+            segments = item.segments() if atmosphere_at is None else item.segments(growth=1.12)
         else:
-            pieces = [thing]
-        jobs += [(_distance(piece), piece) for piece in pieces]
+            segments = [item]
+        jobs += [(_distance(segment), segment) for segment in segments]
     # Backwards, so that of two things at one distance the later one is before the other.
-    jobs = sorted((job for job in jobs if job[0] < FARTHEST_M), key=lambda job: -job[0])[::-1]
+    jobs = sorted((job for job in jobs if job[0] < MAX_OBJECT_M), key=lambda job: -job[0])[::-1]
     road = 0.0
-    for (distance, thing), light in zip(jobs, _lights([thing for _, thing in jobs], light_at), strict=True):
-        if distance >= crest_m:
+    for (distance, item), light in zip(jobs, _lights([item for _, item in jobs], light_at), strict=True):
+        if distance >= crest_distance_m:
             # From here on the near side of the crest hides all.
-            road, crest_m = picture[3] * near_side, np.inf
+            road, crest_distance_m = picture[3] * near_side, np.inf
             picture[3] -= road
-        through, air = air_between(distance, haze) if air_at is None else air_at(distance)
-        if isinstance(thing, Wall):
-            thing = replace(thing, light=light)
-        elif light is not None and not isinstance(thing, Slab):
+        through, air = aerial_perspective(distance, haze) if atmosphere_at is None else atmosphere_at(distance)
+        if isinstance(item, Wall):
+            item = replace(item, light=light)
+        elif light is not None and not isinstance(item, BridgeSlice):
             through = through * light[0]
-        _painter(thing)(picture, camera, thing, sun, (through, air))
+        _painter(item)(picture, camera, item, sun, (through, air))
     picture[3] += road
 
 
-def _lights(things: list[Thing], light_at: Callable[[np.ndarray], np.ndarray] | None) -> list[np.ndarray | None]:
+def _lights(objects: list[SceneObject], light_at: Callable[[np.ndarray], np.ndarray] | None) -> list[np.ndarray | None]:
     """The light (N, 3) where each thing stands, along the path of a wall; None in the open. A slab has its own."""
     if light_at is None:
-        return [None] * len(things)
+        return [None] * len(objects)
     none = np.empty((0, 2))
     places = [
-        np.asarray(t.path_m)[:, :2] if isinstance(t, Wall) else none if isinstance(t, Slab) else [[t.x_m, t.y_m]]
-        for t in things
+        np.asarray(t.path_m)[:, :2] if isinstance(t, Wall) else none if isinstance(t, BridgeSlice) else [[t.x_m, t.y_m]]
+        for t in objects
     ]
     counts = [len(p) for p in places]
     # All places at once, because there are hundreds of things.
-    return np.split(light_at(np.concatenate(places)), np.cumsum(counts)[:-1]) if any(counts) else [None] * len(things)
+    return np.split(light_at(np.concatenate(places)), np.cumsum(counts)[:-1]) if any(counts) else [None] * len(objects)
 
 
-def _distance(thing: Thing) -> float:
-    if isinstance(thing, (Wall, Slab)):
-        return thing.distance_m()
-    if not isinstance(thing, (Car, Tree, Sign, Post)):
-        raise TypeError(f"a {type(thing).__name__} cannot be drawn; give Car, Wall, Tree, Sign or Post.")
-    return float(np.hypot(thing.x_m, thing.y_m))
+def _distance(item: SceneObject) -> float:
+    if isinstance(item, (Wall, BridgeSlice)):
+        return item.distance_m()
+    if not isinstance(item, (Car, Tree, Sign, Post)):
+        raise TypeError(f"a {type(item).__name__} cannot be drawn; give Car, Wall, Tree, Sign or Post.")
+    return float(np.hypot(item.x_m, item.y_m))
 
 
-def _painter(thing: Thing):
-    painters = {Wall: paint_wall, Slab: paint_slab, Car: _paint_car, _Planted: _paint_tree, Sign: _paint_sign}
-    return (painters | {Post: _paint_post})[type(thing)]
+def _painter(item: SceneObject):
+    painters = {
+        Wall: paint_wall,
+        BridgeSlice: paint_bridge_slice,
+        Car: _paint_car,
+        _Planted: _paint_tree,
+        Sign: _paint_sign,
+    }
+    return (painters | {Post: _paint_post})[type(item)]
 
 
 def _paint_car(picture: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, air: tuple) -> None:
     """The faces that look at the camera, by layer and from far to near, and the contact shadow behind them."""
-    turn = turned_by(car.heading_rad)
-    place = np.array([car.x_m, car.y_m, car.rise_m])
-    if out_of_picture(outline(car.body) @ turn.T + place, camera):
+    turn = yaw_rotation(car.heading_rad)
+    place = np.array([car.x_m, car.y_m, car.ground_height_m])
+    if outside_picture(outline_points(car.body) @ turn.T + place, camera):
         return
     eye = (np.array([0, 0, camera.pose.height_m]) - place) @ turn
     distance = float(np.hypot(car.x_m, car.y_m))
     faces = vehicle_faces(car.body, car.paint, detail=1 if distance > 40 else 2)
-    toward = np.flatnonzero(faces.flat_normal @ eye > faces.height)
+    toward = np.flatnonzero(faces.flat_normal @ eye > faces.plane_distance)
     # What lies on the body keeps its order (plate on bumper); body and wheels go from far to near.
     layer = faces.layer[toward]
     away = faces.middle[toward] - eye
     apart = np.where(layer < ON_BODY, -np.einsum("ij,ij->i", away, away), 0)
-    faces = faces.chosen(toward[np.lexsort((apart, layer))])
+    faces = faces.select(toward[np.lexsort((apart, layer))])
     colours = shade_faces(faces, eye, sun @ turn)
     ground = footprint(car.body)
     corners = np.concatenate([faces.corners, [ground * 1.03, ground * 0.97]]).reshape(-1, 3) @ turn.T + place
     pixels = project_faces(camera, corners.reshape(-1, 4, 3))
     cuts = np.searchsorted(faces.layer, [BODY, ON_BODY])
     # Facets are some 0.1 m wide: their shading is blended, the outline stays sharp.
-    blend = facet_m(car.body) * camera.matrix[0, 0] / max(distance, 2)
+    blend = facet_width_m(car.body) * camera.matrix[0, 0] / max(distance, 2)
     parts = (slice(0, cuts[0]), slice(*cuts), slice(cuts[1], len(colours)))
     for part, blend_px in zip(parts[::-1], (0.0, blend, 0.0), strict=True):
         paint_polygons(picture, pixels[part], colours[part], through=air[0], air=air[1], blend_px=blend_px)
@@ -177,17 +183,20 @@ class _Planted(Tree):
     ends_px: np.ndarray
 
 
-def _planted(camera: Camera, objects: list[Thing]) -> list[_Planted]:
+def _planted(camera: Camera, objects: list[SceneObject]) -> list[_Planted]:
     """The trees that the lens sees. All at once, because there are a hundred and each is little work."""
-    trees = [thing for thing in objects if isinstance(thing, Tree)]
+    trees = [item for item in objects if isinstance(item, Tree)]
     if not trees:
         return []
-    foot, height = np.array([[t.x_m, t.y_m, t.base_m + t.rise_m] for t in trees]), np.array([t.height_m for t in trees])
+    foot, height = (
+        np.array([[t.x_m, t.y_m, t.base_m + t.ground_height_m] for t in trees]),
+        np.array([t.height_m for t in trees]),
+    )
     up = np.array([0, 0, 1.0])
     ends = np.stack([foot, np.column_stack([foot[:, :2], foot[:, 2] + height])], axis=1)
     around = foot[:, None] + [0.9 * up, 1.9 * up]
-    planes = viewing_planes(camera)
-    near_foot, whole = (inside(points, planes).all(axis=1) for points in (around, ends))
+    planes = frustum_planes(camera)
+    near_foot, whole = (inside_planes(points, planes).all(axis=1) for points in (around, ends))
     pixels = camera.road_to_pixels(np.where(whole[:, None, None], ends, around).reshape(-1, 3)).reshape(-1, 2, 2)
     # Top and foot may be out of the lens's sight while the crown is in it: extend what is seen at mid height.
     rise = pixels[:, 1] - pixels[:, 0]
@@ -211,7 +220,7 @@ def _paint_tree(picture: np.ndarray, camera: Camera, tree: _Planted, sun: np.nda
 @lru_cache(maxsize=64)
 def _narrow_sprites(species: str, seed: int) -> tuple[np.ndarray, ...]:
     """The plant's pictures without the columns on both sides in which there is nothing."""
-    sprites = plant_sprite(species, seed)
+    sprites = plant_sprites(species, seed)
     filled = [(sprite[..., 3] > 0).any(axis=0) for sprite in sprites]
     bare = [np.argmax(columns | columns[::-1]) for columns in filled]
     return tuple(sprite[:, n : sprite.shape[1] - n] for sprite, n in zip(sprites, bare, strict=True))
@@ -228,7 +237,7 @@ def _warp_sprite(
     corners = np.array([[0, 0, 1], [width, 0, 1], [0, height, 1], [width, height, 1]]) @ place.T
     low = np.maximum(np.floor(corners.min(axis=0)).astype(int) - 1, 0)
     high = np.minimum(np.ceil(corners.max(axis=0)).astype(int) + 2, [picture.shape[2], picture.shape[1]])
-    seen = still_open(picture[3, low[1] : high[1], low[0] : high[0]]) if (high > low).all() else None
+    seen = uncovered_window(picture[3, low[1] : high[1], low[0] : high[0]]) if (high > low).all() else None
     if seen is None:
         return
     rows, columns = seen
@@ -236,7 +245,7 @@ def _warp_sprite(
     place[:, 2] -= [left, top]
     size = (int(columns.stop - columns.start), int(rows.stop - rows.start))
     layer = cv2.warpAffine(sprite, place, size, flags=cv2.INTER_LINEAR)
-    lay_behind(picture, planes_of(layer), left, top, **air)
+    composite_behind(picture, split_channels(layer), left, top, **air)
 
 
 def _paint_sign(picture: np.ndarray, camera: Camera, sign: Sign, sun: np.ndarray, air: tuple) -> None:
@@ -249,7 +258,7 @@ def _paint_sign(picture: np.ndarray, camera: Camera, sign: Sign, sun: np.ndarray
     faces, colours = [], []
     feet = (-0.6 * half, 0.6 * half) if half > 0.7 else (0.0,)
     for foot in feet:
-        faces.append(upright(sign.x_m + 0.05, sign.y_m + foot, 0.04, 0.04, 0, low + 0.9 * tall))
+        faces.append(vertical_rectangle(sign.x_m + 0.05, sign.y_m + foot, 0.04, 0.04, 0, low + 0.9 * tall))
         colours.append((0.25, 0.24, 0.22))
     if sign.kind == "warning":
         for size, colour in ((1.0, field), (0.93, ink), (0.89, field), (0.28, ink)):
@@ -260,12 +269,12 @@ def _paint_sign(picture: np.ndarray, camera: Camera, sign: Sign, sun: np.ndarray
     else:
         for inset, colour in ((0.0, field), (0.035 * tall, ink), (0.07 * tall, field)):
             edge = half - inset
-            faces.append(upright(sign.x_m, sign.y_m, edge, edge, low + inset, low + tall - inset))
+            faces.append(vertical_rectangle(sign.x_m, sign.y_m, edge, edge, low + inset, low + tall - inset))
             colours.append(colour)
         lines, colour = _writing(sign), ink
         faces += lines
         colours += [colour] * len(lines)
-    pixels = project_faces(camera, np.array(faces) + [0, 0, sign.rise_m])
+    pixels = project_faces(camera, np.array(faces) + [0, 0, sign.ground_height_m])
     paint_polygons(picture, pixels, np.array(colours) * light, through=air[0], air=air[1])
 
 
@@ -282,7 +291,7 @@ def _writing(sign: Sign) -> list[np.ndarray]:
         while y > -reach:
             width = letter * rng.uniform(0.10, 0.22)
             top = bottom + letter * rng.choice([0.7, 1.0])
-            strokes.append(upright(sign.x_m - 0.01, sign.y_m + y, 0, width, bottom, top))
+            strokes.append(vertical_rectangle(sign.x_m - 0.01, sign.y_m + y, 0, width, bottom, top))
             y -= width + letter * rng.uniform(0.14, 0.4)
     return strokes
 
@@ -291,15 +300,18 @@ def _paint_post(picture: np.ndarray, camera: Camera, post: Post, sun: np.ndarray
     """Three upright strips from light to shade; a lamp's arm reaches `arm_m` to the left (negative: right)."""
     half = post.width_m / 2
     edges = np.linspace(-half, half, 4)
-    faces = [upright(post.x_m, post.y_m, b, -a, 0, post.height_m) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    faces = [
+        vertical_rectangle(post.x_m, post.y_m, b, -a, 0, post.height_m)
+        for a, b in zip(edges[:-1], edges[1:], strict=True)
+    ]
     normals = np.array([[-0.5, -0.86, 0], [-1.0, 0, 0], [-0.5, 0.86, 0]])
     if post.arm_m:
         low, high = sorted((0.0, post.arm_m))
         top = post.height_m
-        faces.append(upright(post.x_m, post.y_m, high, -low, top - 0.06, top + 0.06))
+        faces.append(vertical_rectangle(post.x_m, post.y_m, high, -low, top - 0.06, top + 0.06))
         end = post.arm_m
-        faces.append(upright(post.x_m, post.y_m, end + 0.35, -end + 0.35, top - 0.12, top + 0.10))
+        faces.append(vertical_rectangle(post.x_m, post.y_m, end + 0.35, -end + 0.35, top - 0.12, top + 0.10))
         normals = np.vstack([normals, [[-1.0, 0, 0], [-1.0, 0, 0]]])
     colours = np.array(post.colour) / 0.8 * irradiance(normals, sun)
-    pixels = project_faces(camera, np.array(faces) + [0, 0, post.rise_m])
+    pixels = project_faces(camera, np.array(faces) + [0, 0, post.ground_height_m])
     paint_polygons(picture, pixels, colours, through=air[0], air=air[1])

@@ -12,16 +12,25 @@ import numpy as np
 
 from simulator.light.lens import Lens
 from simulator.light.sunlight import TreeShade
-from simulator.objects.roadside import Along, Placed
-from simulator.objects.solids import Post, Sign, Tree
+from simulator.objects.placement import PlacedObject, PlacedWall
+from simulator.objects.scene_objects import Post, Sign, Tree
 from simulator.rendering.drive import Drive, Motion
 from simulator.road.geometry import RoadGeometry
 from simulator.road.surface import Patch, Seam, Zone
 from simulator.road.verge import DUST
 from simulator.scenes.dashcam import DASHCAM
-from simulator.scenes.freeway import LANE_M, bend, car, freeway_markings, freeway_surface, grove, oncoming, weather
+from simulator.scenes.freeway import (
+    LANE_WIDTH_M,
+    bend_road,
+    car,
+    daylight,
+    freeway_markings,
+    freeway_surface,
+    oncoming_cars,
+    plant_trees,
+)
 
-EGO_LINES_M = (LANE_M / 2, -LANE_M / 2)
+EGO_LINES_M = (LANE_WIDTH_M / 2, -LANE_WIDTH_M / 2)
 STRAIGHT = RoadGeometry([0.0, 2000.0], [0.0, 0.0])
 
 
@@ -32,7 +41,7 @@ def still_scenes() -> dict[str, Drive]:
 
 def _straight_lines1() -> Drive:
     """Straight; solid yellow left, broken white right; fresh asphalt, dry hills; car left of the centre."""
-    bank = Along(-17.5, "bank", height_scale=0.9, seed=3)
+    bank = PlacedWall(-17.5, "bank", height_scale=0.9, seed=3)
     return Drive(
         camera=DASHCAM,
         road=STRAIGHT,
@@ -46,27 +55,27 @@ def _straight_lines1() -> Drive:
                 Seam(1.65, 0.2, 0.02, strength=0.14, colour=DUST, soft_m=0.2),
             ),
         ),
-        things=(
+        objects=(
             bank,
-            Along(12.6, "jersey"),
-            Placed(200.0, -16.6, Sign(0, 0, "green", 3.2, 1.6, 2.6)),
-            Placed(155.0, -16.4, Sign(0, 0, "speed", 0.9, 1.2, 2.1)),
-            *(Placed(142.0 + 5 * i, 8.4, Tree(0, 0, 3.4 + 0.3 * i, "bush", 2 * i)) for i in range(3)),
+            PlacedWall(12.6, "jersey"),
+            PlacedObject(200.0, -16.6, Sign(0, 0, "green", 3.2, 1.6, 2.6)),
+            PlacedObject(155.0, -16.4, Sign(0, 0, "speed", 0.9, 1.2, 2.1)),
+            *(PlacedObject(142.0 + 5 * i, 8.4, Tree(0, 0, 3.4 + 0.3 * i, "bush", 2 * i)) for i in range(3)),
             car(245.0, 0, "white"),
             car(268.0, -1, "black", "suv"),
-            *oncoming(1, along=(160, 300), opposite_m=14.0),
-            *grove(5, "oak bush", along=(150, 420), aside=(-36, -30), tall=(3, 9), every_m=11, bank=bank),
-            *grove(6, "scrub bush", along=(112, 260), aside=(-27, -20), tall=(0.8, 1.8), every_m=7, bank=bank),
+            *oncoming_cars(1, s_m=(160, 300), opposite_m=14.0),
+            *plant_trees(5, "oak bush", s_m=(150, 420), d_m=(-36, -30), height_m=(3, 9), every_m=11, bank=bank),
+            *plant_trees(6, "scrub bush", s_m=(112, 260), d_m=(-27, -20), height_m=(0.8, 1.8), every_m=7, bank=bank),
         ),
         motion=Motion(100.0, offset_m=0.14, heading_rad=0.003),
         seed=11,
-        **weather(70, 55),
+        **daylight(70, 55),
     )
 
 
 def _straight_lines2() -> Drive:
     """Straight, in the right-hand lane: broken white left, solid white right; traffic in the lanes to the left."""
-    bank = Along(-6.2, "bank", height_scale=0.45, seed=7)
+    bank = PlacedWall(-6.2, "bank", height_scale=0.45, seed=7)
     side = {"lanes_left": 3, "lanes_right": 0}
     return Drive(
         camera=DASHCAM,
@@ -74,23 +83,23 @@ def _straight_lines2() -> Drive:
         line_laterals_m=EGO_LINES_M,
         markings=freeway_markings(**side, phase_m=105.1, opposite_m=17.0),
         surface=freeway_surface(Zone(0.0, "fresh asphalt"), **side, right_shoulder_m=3.4, opposite_m=17.0),
-        things=(
+        objects=(
             bank,
-            Along(15.6, "jersey"),
+            PlacedWall(15.6, "jersey"),
             car(123.0, 3, "red", "suv"),
             car(152.0, 2, "black", "suv"),
             car(176.0, 2, "red"),
             car(163.0, 1, "white"),
             car(210.0, 1, "grey", "suv"),
             car(232.0, 0, "silver"),
-            *oncoming(2, along=(150, 300), opposite_m=17.0),
-            *(Placed(128.0 + 40 * i, -9.5, Post(0, 0, 9.0, 0.28)) for i in range(3)),
-            *grove(7, "eucalyptus oak", along=(112, 330), aside=(-29, -17), tall=(9, 17), every_m=9, bank=bank),
-            *grove(8, "cypress", along=(140, 260), aside=(34, 37), tall=(8, 13), every_m=6),
+            *oncoming_cars(2, s_m=(150, 300), opposite_m=17.0),
+            *(PlacedObject(128.0 + 40 * i, -9.5, Post(0, 0, 9.0, 0.28)) for i in range(3)),
+            *plant_trees(7, "eucalyptus oak", s_m=(112, 330), d_m=(-29, -17), height_m=(9, 17), every_m=9, bank=bank),
+            *plant_trees(8, "cypress", s_m=(140, 260), d_m=(34, 37), height_m=(8, 13), every_m=6),
         ),
         motion=Motion(100.0, offset_m=-0.11, heading_rad=-0.002),
         seed=22,
-        **weather(-40, 48),
+        **daylight(-40, 48),
     )
 
 
@@ -98,7 +107,7 @@ def _test1() -> Drive:
     """Light concrete with a repair and a crack, gentle bend to the right, two cars on the right."""
     return Drive(
         camera=DASHCAM,
-        road=bend(-1 / 900),
+        road=bend_road(-1 / 900),
         line_laterals_m=EGO_LINES_M,
         markings=freeway_markings(phase_m=107.0, wear=0.35, opposite_m=5.4),
         surface=freeway_surface(
@@ -108,29 +117,29 @@ def _test1() -> Drive:
             seams=(Seam(0.4, 0.02, 0.10, 104.0, 113.0),),
             patches=(Patch(108.0, 112.5, -1.3, -0.4, "old asphalt"),),
         ),
-        things=(
-            Along(4.35, "parapet", seed=2),
-            Along(-16.4, "rail", seed=5),
+        objects=(
+            PlacedWall(4.35, "parapet", seed=2),
+            PlacedWall(-16.4, "rail", seed=5),
             car(121.0, -1, "black"),
             car(119.0, -2, "white"),
             car(196.0, -1, "silver"),
             car(214.0, -2, "grey", "suv"),
-            *oncoming(3, along=(125, 300), opposite_m=5.4),
-            *grove(9, "plane oak", along=(135, 340), aside=(23, 40), tall=(6, 13), every_m=16),
-            *grove(10, "eucalyptus oak", along=(150, 380), aside=(-34, -21), tall=(8, 17), every_m=13),
+            *oncoming_cars(3, s_m=(125, 300), opposite_m=5.4),
+            *plant_trees(9, "plane oak", s_m=(135, 340), d_m=(23, 40), height_m=(6, 13), every_m=16),
+            *plant_trees(10, "eucalyptus oak", s_m=(150, 380), d_m=(-34, -21), height_m=(8, 17), every_m=13),
         ),
         motion=Motion(100.0, offset_m=0.22, heading_rad=0.004),
         seed=33,
-        **weather(100, 60, tree_density=0.9),
+        **daylight(100, 60, tree_density=0.9),
     )
 
 
 def _test2() -> Drive:
     """Bends left, R 480 m, behind a median barrier; nearly empty road."""
-    bank = Along(-18.0, "bank", seed=8)
+    bank = PlacedWall(-18.0, "bank", seed=8)
     return Drive(
         camera=DASHCAM,
-        road=bend(1 / 480),
+        road=bend_road(1 / 480),
         line_laterals_m=EGO_LINES_M,
         markings=freeway_markings(phase_m=108.3, opposite_m=5.4),
         surface=freeway_surface(
@@ -138,45 +147,45 @@ def _test2() -> Drive:
             opposite_m=5.4,
             seams=(Seam(-0.3, 0.14, 0.015, strength=0.16, colour=DUST, soft_m=0.12),),
         ),
-        things=(
-            Along(4.35, "jersey", seed=4),
+        objects=(
+            PlacedWall(4.35, "jersey", seed=4),
             bank,
-            Placed(121.0, 5.1, Sign(0, 0, "warning", 1.1, 1.1, 2.0)),
-            Placed(158.0, -16.6, Sign(0, 0, "blue", 1.2, 0.6, 2.0)),
+            PlacedObject(121.0, 5.1, Sign(0, 0, "warning", 1.1, 1.1, 2.0)),
+            PlacedObject(158.0, -16.6, Sign(0, 0, "blue", 1.2, 0.6, 2.0)),
             car(232.0, -1, "blue"),
-            *oncoming(4, along=(140, 300), opposite_m=5.4),
-            *grove(11, "oak bush", along=(120, 400), aside=(-42, -33), tall=(3, 9), every_m=10, bank=bank),
-            *grove(12, "scrub bush", along=(112, 300), aside=(-29, -22), tall=(0.7, 1.8), every_m=6, bank=bank),
+            *oncoming_cars(4, s_m=(140, 300), opposite_m=5.4),
+            *plant_trees(11, "oak bush", s_m=(120, 400), d_m=(-42, -33), height_m=(3, 9), every_m=10, bank=bank),
+            *plant_trees(12, "scrub bush", s_m=(112, 300), d_m=(-29, -22), height_m=(0.7, 1.8), every_m=6, bank=bank),
         ),
         motion=Motion(100.0, offset_m=0.33, heading_rad=-0.004),
         seed=44,
-        **weather(35, 52),
+        **daylight(35, 52),
     )
 
 
 def _test3() -> Drive:
     """Bends right, R 620 m, older asphalt with a tar seam, wooded ridge, one car ahead on the right."""
-    bank = Along(-17.0, "bank", height_scale=1.25, seed=9)
+    bank = PlacedWall(-17.0, "bank", height_scale=1.25, seed=9)
     return Drive(
         camera=DASHCAM,
-        road=bend(-1 / 620),
+        road=bend_road(-1 / 620),
         line_laterals_m=EGO_LINES_M,
         markings=freeway_markings(phase_m=104.6),
         surface=freeway_surface(
             Zone(0.0, "asphalt"), left_shoulder_m=3.0, seams=(Seam(0.9, 0.03, 0.08, 103.0, 160.0, 0.5),)
         ),
-        things=(
-            Along(5.0, "jersey", seed=6),
+        objects=(
+            PlacedWall(5.0, "jersey", seed=6),
             bank,
             car(130.0, -2, "white"),
             car(197.0, -1, "blue", "suv"),
-            Placed(215.0, -16.5, Sign(0, 0, "warning", 1.1, 1.1, 2.0)),
-            *grove(13, "plane oak", along=(112, 330), aside=(12, 24), tall=(3, 7), every_m=10),
-            *grove(14, "oak", along=(180, 330), aside=(-34, -24), tall=(4, 8), every_m=12, bank=bank),
+            PlacedObject(215.0, -16.5, Sign(0, 0, "warning", 1.1, 1.1, 2.0)),
+            *plant_trees(13, "plane oak", s_m=(112, 330), d_m=(12, 24), height_m=(3, 7), every_m=10),
+            *plant_trees(14, "oak", s_m=(180, 330), d_m=(-34, -24), height_m=(4, 8), every_m=12, bank=bank),
         ),
         motion=Motion(100.0, offset_m=-0.18, heading_rad=0.006),
         seed=55,
-        **weather(60, 50, ridge_height_rad=0.11, tree_density=0.9),
+        **daylight(60, 50, ridge_height_rad=0.11, tree_density=0.9),
     )
 
 
@@ -184,27 +193,27 @@ def _test4() -> Drive:
     """Fresh asphalt ends and concrete begins 11 m ahead; tree shadow on the near part; bends right; two cars."""
     return Drive(
         camera=DASHCAM,
-        road=bend(-1 / 780),
+        road=bend_road(-1 / 780),
         line_laterals_m=EGO_LINES_M,
         markings=freeway_markings(phase_m=111.2, wear=0.25, opposite_m=5.4),
         surface=freeway_surface(
             Zone(0.0, "fresh asphalt"), Zone(111.5, "concrete", 0.35), Zone(150.0, "asphalt"), opposite_m=5.4
         ),
         shades=(TreeShade(102.5, 108.5, -2.6, 4.4, 0.95),),
-        things=(
-            Along(4.35, "parapet", seed=11),
-            Along(-16.4, "rail", seed=5),
+        objects=(
+            PlacedWall(4.35, "parapet", seed=11),
+            PlacedWall(-16.4, "rail", seed=5),
             car(119.5, -1, "black"),
             car(121.0, -2, "white"),
             car(190.0, -1, "silver"),
             car(228.0, -2, "grey"),
-            *oncoming(5, along=(130, 300), opposite_m=5.4),
-            *grove(15, "plane oak", along=(140, 340), aside=(22, 36), tall=(7, 12), every_m=18),
-            *grove(16, "eucalyptus oak", along=(150, 380), aside=(-34, -22), tall=(8, 17), every_m=12),
+            *oncoming_cars(5, s_m=(130, 300), opposite_m=5.4),
+            *plant_trees(15, "plane oak", s_m=(140, 340), d_m=(22, 36), height_m=(7, 12), every_m=18),
+            *plant_trees(16, "eucalyptus oak", s_m=(150, 380), d_m=(-34, -22), height_m=(8, 17), every_m=12),
         ),
         motion=Motion(100.0, offset_m=0.16, heading_rad=-0.003),
         seed=66,
-        **weather(80, 50, tree_density=0.9),
+        **daylight(80, 50, tree_density=0.9),
     )
 
 
@@ -213,33 +222,33 @@ def _test5() -> Drive:
     trunks = ((116.0, 10.0, 15.0, "eucalyptus"), (124.0, 12.5, 14.0, "plane"), (133.0, 11.0, 15.0, "eucalyptus"))
     return Drive(
         camera=DASHCAM,
-        road=bend(-1 / 560),
+        road=bend_road(-1 / 560),
         line_laterals_m=EGO_LINES_M,
         markings=freeway_markings(phase_m=103.0, wear=0.3, opposite_m=17.0),
         surface=freeway_surface(Zone(0.0, "concrete"), Zone(118.0, "asphalt", -0.3), opposite_m=17.0),
         shades=(TreeShade(114.0, 131.0, -6.0, 9.0, 0.97), TreeShade(133.0, 150.0, -3.0, 9.0, 0.95)),
-        things=(
-            Along(4.35, "jersey", seed=12),
+        objects=(
+            PlacedWall(4.35, "jersey", seed=12),
             car(121.0, -1, "black"),
             car(118.0, -2, "white"),
             car(186.0, -1, "white"),
-            *(Placed(s, d, Tree(0, 0, tall, kind, i + 1)) for i, (s, d, tall, kind) in enumerate(trunks)),
-            *oncoming(8, along=(130, 300), opposite_m=17.0),
-            *grove(17, "oak plane", along=(160, 340), aside=(33, 45), tall=(7, 12), every_m=12),
-            *grove(18, "eucalyptus redwood", along=(128, 300), aside=(-27, -19), tall=(11, 18), every_m=8),
+            *(PlacedObject(s, d, Tree(0, 0, tall, kind, i + 1)) for i, (s, d, tall, kind) in enumerate(trunks)),
+            *oncoming_cars(8, s_m=(130, 300), opposite_m=17.0),
+            *plant_trees(17, "oak plane", s_m=(160, 340), d_m=(33, 45), height_m=(7, 12), every_m=12),
+            *plant_trees(18, "eucalyptus redwood", s_m=(128, 300), d_m=(-27, -19), height_m=(11, 18), every_m=8),
         ),
         motion=Motion(100.0, offset_m=-0.26, heading_rad=0.005),
         seed=77,
-        **weather(75, 50, tree_density=1.0),
+        **daylight(75, 50, tree_density=1.0),
     )
 
 
 def _test6() -> Drive:
     """Bends left, R 380 m; old asphalt with a patch, tar and a stretch of fresh; a car alongside."""
-    bank = Along(-18.5, "bank", height_scale=0.8, seed=14)
+    bank = PlacedWall(-18.5, "bank", height_scale=0.8, seed=14)
     return Drive(
         camera=DASHCAM,
-        road=bend(1 / 380),
+        road=bend_road(1 / 380),
         line_laterals_m=EGO_LINES_M,
         markings=freeway_markings(phase_m=106.4, wear=0.45, opposite_m=5.6),
         surface=freeway_surface(
@@ -250,19 +259,19 @@ def _test6() -> Drive:
             patches=(Patch(109.0, 114.0, -1.9, 0.2, "fresh asphalt"),),
             seams=(Seam(0.75, 0.04, 0.09, 100.0, 124.0), Seam(-0.9, 0.03, 0.07, 106.0, 124.0)),
         ),
-        things=(
-            Along(4.6, "jersey", seed=13),
+        objects=(
+            PlacedWall(4.6, "jersey", seed=13),
             bank,
             car(114.0, -1, "silver", "suv"),
             car(150.0, -2, "red"),
             car(196.0, 0, "grey"),
-            *oncoming(6, along=(130, 300), opposite_m=5.6),
-            *grove(19, "plane", along=(125, 300), aside=(23, 34), tall=(7, 12), every_m=15),
-            *grove(20, "oak bush", along=(130, 400), aside=(-38, -31), tall=(4, 10), every_m=10, bank=bank),
+            *oncoming_cars(6, s_m=(130, 300), opposite_m=5.6),
+            *plant_trees(19, "plane", s_m=(125, 300), d_m=(23, 34), height_m=(7, 12), every_m=15),
+            *plant_trees(20, "oak bush", s_m=(130, 400), d_m=(-38, -31), height_m=(4, 10), every_m=10, bank=bank),
         ),
         motion=Motion(100.0, offset_m=0.2, heading_rad=0.002),
         seed=88,
-        **weather(-70, 45, tree_density=0.6),
+        **daylight(-70, 45, tree_density=0.6),
     )
 
 
@@ -280,7 +289,7 @@ _STILLS: dict[str, Callable[[], Drive]] = {
 
 def project_video() -> Drive:
     """Ten seconds at 27 m/s: straight, an S-bend left (R 520 m) and right (R 400 m), tree shadows, light concrete."""
-    bank = Along(-18.0, "bank", seed=16)
+    bank = PlacedWall(-18.0, "bank", seed=16)
     return Drive(
         camera=DASHCAM,
         road=RoadGeometry(
@@ -302,24 +311,24 @@ def project_video() -> Drive:
             TreeShade(163.0, 172.0, -1.0, 8.0, 0.9),
             TreeShade(238.0, 254.0, -4.0, 9.0, 0.95),
         ),
-        things=(
-            Along(4.4, "jersey", seed=15),
+        objects=(
+            PlacedWall(4.4, "jersey", seed=15),
             bank,
             car(14.0, -1, "white", speed_mps=25.3),
             car(46.0, -2, "black", "suv", speed_mps=27.5),
             car(95.0, -1, "silver", speed_mps=29.0),
             car(130.0, 0, "grey", speed_mps=28.5),
-            Placed(120.0, -16.7, Sign(0, 0, "green", 3.2, 1.6, 2.6)),
-            Placed(205.0, -16.5, Sign(0, 0, "speed", 0.9, 1.2, 2.1)),
-            *oncoming(7, along=(60, 640), opposite_m=17.0, speed_mps=26.0),
-            *grove(21, "oak bush", along=(10, 620), aside=(-40, -31), tall=(4, 9), every_m=14, bank=bank),
-            *grove(22, "scrub bush", along=(10, 620), aside=(-30, -21), tall=(0.8, 2.0), every_m=13, bank=bank),
-            *grove(23, "eucalyptus oak", along=(140, 176), aside=(11, 13), tall=(11, 14), every_m=9),
-            *grove(24, "eucalyptus plane", along=(238, 262), aside=(11, 13), tall=(11, 14), every_m=9),
-            *grove(25, "plane oak", along=(60, 620), aside=(34, 50), tall=(6, 11), every_m=22),
+            PlacedObject(120.0, -16.7, Sign(0, 0, "green", 3.2, 1.6, 2.6)),
+            PlacedObject(205.0, -16.5, Sign(0, 0, "speed", 0.9, 1.2, 2.1)),
+            *oncoming_cars(7, s_m=(60, 640), opposite_m=17.0, speed_mps=26.0),
+            *plant_trees(21, "oak bush", s_m=(10, 620), d_m=(-40, -31), height_m=(4, 9), every_m=14, bank=bank),
+            *plant_trees(22, "scrub bush", s_m=(10, 620), d_m=(-30, -21), height_m=(0.8, 2.0), every_m=13, bank=bank),
+            *plant_trees(23, "eucalyptus oak", s_m=(140, 176), d_m=(11, 13), height_m=(11, 14), every_m=9),
+            *plant_trees(24, "eucalyptus plane", s_m=(238, 262), d_m=(11, 13), height_m=(11, 14), every_m=9),
+            *plant_trees(25, "plane oak", s_m=(60, 620), d_m=(34, 50), height_m=(6, 11), every_m=22),
         ),
         motion=Motion(0.0, 27.0, offset_m=0.05, wander_m=0.22, wander_period_s=6.5, pitch_rad=float(np.radians(0.22))),
         lens=Lens(noise=0.005),
         seed=99,
-        **weather(75, 50, tree_density=0.7),
+        **daylight(75, 50, tree_density=0.7),
     )

@@ -1,7 +1,7 @@
-"""Things beside and on the road, as the scenes name them.
+"""Objects on and beside the road: vehicles, trees, signs and posts.
 
-Places are in the car's road frame: x forward, y left, z up, metres; the camera is above the origin. `rise_m` is how
-high the road at the thing is above the plane under the car.
+Positions are in the car's road frame: x forward, y left, z up, metres; the camera is above the origin.
+`ground_height_m` is the height of the road at the object above the plane under the car.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simulator.objects.overpass import Slab
+from simulator.objects.overpass import BridgeSlice
 from simulator.objects.walls import Wall
 
 
@@ -26,7 +26,7 @@ class Car:
     heading_rad: float = 0.0
     paint: str = "white"
     body: str = "sedan"
-    rise_m: float = 0.0
+    ground_height_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Tree:
     species: str = "oak"
     seed: int = 0
     base_m: float = 0.0
-    rise_m: float = 0.0
+    ground_height_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Sign:
     width_m: float = 1.8
     height_m: float = 1.2
     bottom_m: float = 2.1
-    rise_m: float = 0.0
+    ground_height_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -65,18 +65,18 @@ class Post:
     width_m: float = 0.1
     arm_m: float = 0.0
     colour: tuple[float, float, float] = (0.55, 0.55, 0.53)
-    rise_m: float = 0.0
+    ground_height_m: float = 0.0
 
 
-Thing = Car | Wall | Slab | Tree | Sign | Post
+SceneObject = Car | Wall | BridgeSlice | Tree | Sign | Post
 
 
-def turned_by(heading_rad: float) -> np.ndarray:
+def yaw_rotation(heading_rad: float) -> np.ndarray:
     """(3, 3) matrix that turns a thing's own axes to its heading; heading > 0 turns left."""
     c, s = np.cos(heading_rad), np.sin(heading_rad)
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
 
 
-def upright(x: float, y: float, left: float, right: float, bottom: float, top: float) -> np.ndarray:
+def vertical_rectangle(x: float, y: float, left: float, right: float, bottom: float, top: float) -> np.ndarray:
     """(4, 3) corners of an upright rectangle across the road, anticlockwise as seen by the driver."""
     return np.array([[x, y - right, bottom], [x, y - right, top], [x, y + left, top], [x, y + left, bottom]])

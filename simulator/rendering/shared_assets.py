@@ -7,32 +7,32 @@ from functools import partial
 from itertools import product
 
 from simulator.landscape.backdrop import panorama
-from simulator.landscape.foliage import grown_plant
-from simulator.objects.roadside import Along, Placed
-from simulator.objects.solids import Tree
+from simulator.landscape.foliage import plant_picture
+from simulator.objects.placement import PlacedObject, PlacedWall
+from simulator.objects.scene_objects import Tree
 from simulator.objects.wall_textures import SLOW, wall_texture
 from simulator.objects.walls import WALLS
 from simulator.rendering.drive import Drive
-from simulator.road.ground import picture_rays
+from simulator.road.ground import pixel_rays
 
 # Plants, by species and number, of which the country far away and the edge of a wood are made.
-IN_COUNTRY = set(product(("oak", "plane", "eucalyptus", "bush", "scrub"), range(2)))
-IN_WOOD = set(product(("redwood", "oak", "plane", "bush", "scrub"), range(6)))
+BACKDROP_PLANTS = set(product(("oak", "plane", "eucalyptus", "bush", "scrub"), range(2)))
+WOOD_PLANTS = set(product(("redwood", "oak", "plane", "bush", "scrub"), range(6)))
 
 
-def ingredients(drive: Drive) -> list[Callable[[], object]]:
+def asset_jobs(drive: Drive) -> list[Callable[[], object]]:
     """Calls, in any processes, that leave everything to be found that a frame of the drive would have to wait for.
 
     Plants come first: country and woods are full of them.
     """
-    placed = [thing.thing for thing in drive.things if isinstance(thing, Placed)]
-    walls = {(thing.kind, thing.seed) for thing in drive.things if isinstance(thing, Along)}
+    placed = [item.item for item in drive.objects if isinstance(item, PlacedObject)]
+    walls = {(item.kind, item.seed) for item in drive.objects if isinstance(item, PlacedWall)}
     strips = {(name, seed + n) for kind, seed in walls for n, name in enumerate(WALLS[kind].textures)}
-    plants = {(tree.species, tree.seed) for tree in placed if isinstance(tree, Tree)} | IN_COUNTRY
-    plants |= IN_WOOD if "wood" in dict(strips) else set()
+    plants = {(tree.species, tree.seed) for tree in placed if isinstance(tree, Tree)} | BACKDROP_PLANTS
+    plants |= WOOD_PLANTS if "wood" in dict(strips) else set()
     return [
-        partial(picture_rays, drive.camera),
-        *(partial(grown_plant, *plant) for plant in sorted(plants)),
+        partial(pixel_rays, drive.camera),
+        *(partial(plant_picture, *plant) for plant in sorted(plants)),
         partial(panorama, drive.backdrop, drive.seed),
         *(partial(wall_texture, *strip) for strip in sorted(strips) if strip[0] in SLOW),
     ]

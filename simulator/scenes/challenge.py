@@ -11,16 +11,15 @@ from simulator.light.glare import Glare
 from simulator.light.lens import Lens
 from simulator.light.sunlight import TreeShade, WoodShade
 from simulator.objects.overpass import Overpass
-from simulator.objects.roadside import Along, Placed
-from simulator.objects.solids import Car
+from simulator.objects.placement import PlacedObject, PlacedWall
+from simulator.objects.scene_objects import Car
 from simulator.rendering.drive import Drive, Motion
 from simulator.road.geometry import RoadGeometry
 from simulator.road.surface import Patch, Seam
 from simulator.road.symbols import Symbol
-from simulator.scenes.freeway import car, weather
-from simulator.scenes.motorway import JOINT_BARRIER_M, motorway, with_joint
-from simulator.scenes.mountain import LANE_M as MOUNTAIN_LANE_M
-from simulator.scenes.mountain import bends, mountain
+from simulator.scenes.freeway import car, daylight
+from simulator.scenes.motorway import JOINT_BARRIER_M, joint_fields, motorway_drive
+from simulator.scenes.mountain import MOUNTAIN_LANE_WIDTH_M, mountain_drive, winding_road
 from simulator.scenes.scene import SuiteScene
 from simulator.weather.fog import Fog
 
@@ -35,33 +34,33 @@ def challenge_video() -> Drive:
     bridge and another after it.
     """
     bridge = Overpass(112.0, 128.0, -20.0, 15.5, skew=0.12, seed=3)
-    joint = with_joint(
+    joint = joint_fields(
         Seam(-0.95, 0.025, 0.03, 150.0, 190.0, 0.6),
         Seam(-0.55, 0.03, 0.05, 20.0, 70.0, 0.6),
         patches=(Patch(60.0, 84.0, -7.0, -3.9, "asphalt"),),
     )
-    return motorway(
+    return motorway_drive(
         road=RoadGeometry(
             [0.0, 40.0, 90.0, 140.0, 180.0, 260.0, 330.0, 420.0],
             [-1 / 900, -1 / 620, -1 / 620, 0.0, 1 / 1600, 1 / 1200, 0.0, 0.0],
         ),
-        things=(
-            Along(JOINT_BARRIER_M, "jersey", height_scale=1.25, seed=25),
-            motorway().things[1],
+        objects=(
+            PlacedWall(JOINT_BARRIER_M, "jersey", height_scale=1.25, seed=25),
+            motorway_drive().objects[1],
             bridge,
             car(26.0, -1, "black", "suv", speed_mps=26.5),
             car(64.0, -2, "white", speed_mps=25.0),
             car(-12.0, -1, "silver", speed_mps=29.0),
             car(90.0, 0, "grey", speed_mps=26.5),
             # The bridge is built where they would stand.
-            *(t for t in motorway().things[4:] if isinstance(t, Along) or not 104 < t.s_m < 136),
+            *(t for t in motorway_drive().objects[4:] if isinstance(t, PlacedWall) or not 104 < t.s_m < 136),
         ),
         symbols=(Symbol(72.0, 0.0, "diamond", 3.7, 1.0, wear=0.4), Symbol(190.0, 0.0, "diamond", 3.7, 1.0, wear=0.4)),
         shades=(bridge.shade(),),
         exposure=AutoExposure(strength=0.6),
         seed=171,
         **joint | {"lens": replace(joint["lens"], exposure=1.75)},
-        **weather(70, 56, cloud_cover=0.45, tree_density=0.7),
+        **daylight(70, 56, cloud_cover=0.45, tree_density=0.7),
     )
 
 
@@ -70,9 +69,9 @@ def harder_challenge_video() -> Drive:
 
     Deep shade with flecks of sun before the first, glare in it, an oncoming car between, broken shade in the second.
     """
-    road = bends((21.0, 115.0), (-17.0, 125.0), straight_m=7.0, ease_m=10.0)
-    base = mountain(road, Motion())
-    return mountain(
+    road = winding_road((21.0, 115.0), (-17.0, 125.0), straight_m=7.0, ease_m=10.0)
+    base = mountain_drive(road, Motion())
+    return mountain_drive(
         road,
         Motion(
             1.0,
@@ -84,7 +83,7 @@ def harder_challenge_video() -> Drive:
             later_speeds=((1.5, 8.5), (5.0, 8.5), (6.0, 9.5), (7.5, 8.0)),
         ),
         markings=tuple(replace(m, wear=wear) for m, wear in zip(base.markings, (0.55, 0.4, 0.45), strict=True)),
-        things=(*base.things, Placed(96.0, MOUNTAIN_LANE_M, Car(0, 0, np.pi, "blue"), -8.0)),
+        objects=(*base.objects, PlacedObject(96.0, MOUNTAIN_LANE_WIDTH_M, Car(0, 0, np.pi, "blue"), -8.0)),
         shades=(
             WoodShade(-20.0, 24.0, flecks=0.10),
             TreeShade(58.0, 70.0, -5.0, 7.0, 0.95),
@@ -96,7 +95,7 @@ def harder_challenge_video() -> Drive:
         glare=Glare(veil=0.6, sheen=0.8, flare=0.6, dashboard=0.3),
         lens=Lens(noise=0.004, exposure=0.3),
         seed=172,
-        **weather(45, 28, tree_density=0.3, greenness=0.8, ridge_height_rad=0.30, hill_height_rad=0.22),
+        **daylight(45, 28, tree_density=0.3, greenness=0.8, ridge_height_rad=0.30, hill_height_rad=0.22),
     )
 
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from simulator.objects.obstacles import FARTHEST_M
+from simulator.objects.object_painter import MAX_OBJECT_M
 from simulator.objects.overpass import Overpass
-from simulator.objects.solids import Car, Post, Sign, Thing, Tree
+from simulator.objects.scene_objects import Car, Post, SceneObject, Sign, Tree
 from simulator.objects.walls import Wall
-from simulator.road.geometry import Pose, RoadGeometry, surface_points
+from simulator.road.geometry import RoadGeometry, VehiclePose, surface_points
 
 # How far ahead walls are followed: at 450 m a barrier is a pixel high.
 WALL_AHEAD_M = 450.0
@@ -22,7 +22,7 @@ WIDEST_VIEW = 1.73
 
 
 @dataclass(frozen=True)
-class Placed:
+class PlacedObject:
     """A thing at arc length `s_m` and lateral `lateral_m` at time 0, moving along the road at `speed_mps`.
 
     `thing` says what it is; its own x and y are ignored, and the heading of a car is relative to the road. A car that
@@ -32,7 +32,7 @@ class Placed:
 
     s_m: float
     lateral_m: float
-    thing: Car | Tree | Sign | Post
+    item: Car | Tree | Sign | Post
     speed_mps: float = 0.0
     path: tuple[tuple[float, float], ...] = ()
 
@@ -45,7 +45,7 @@ class Placed:
         share = np.clip((time_s - times[i]) / (times[i + 1] - times[i]), 0, 1)
         return float(laterals[i] + (laterals[i + 1] - laterals[i]) * share * share * (3 - 2 * share))
 
-    def swerve_rad(self, time_s: float) -> float:
+    def path_heading_rad(self, time_s: float) -> float:
         """How far it points away from the road's direction at a moment, > 0 to the left."""
         if not self.path or not self.speed_mps:
             return 0.0
@@ -54,7 +54,7 @@ class Placed:
 
 
 @dataclass(frozen=True)
-class Along:
+class PlacedWall:
     """A wall of a kind from `start_m` to `end_m` whose foot is at `lateral_m`; it stands away from the lane."""
 
     lateral_m: float
@@ -65,53 +65,53 @@ class Along:
     seed: int = 0
 
 
-def things_in_view(
-    placed: tuple[Placed | Along | Overpass, ...], road: RoadGeometry, pose: Pose, *, time_s: float
-) -> list[Thing]:
+def objects_in_view(
+    placed: tuple[PlacedObject | PlacedWall | Overpass, ...], road: RoadGeometry, pose: VehiclePose, *, time_s: float
+) -> list[SceneObject]:
     """The things as the car at `pose` has them in its road frame at a moment.
 
     Parameters
     ----------
-    placed : tuple of Placed, Along or Overpass
+    placed : tuple of PlacedObject, Along or Overpass
     road : RoadGeometry
     pose : Pose
     time_s : float
 
     Returns
     -------
-    list of Car, Wall, Slab, Tree, Sign, Post
+    list of Car, Wall, BridgeSlice, Tree, Sign, Post
         Those ahead; walls cut to what can be seen.
     """
-    walls = [_wall(p, road, pose) for p in placed if isinstance(p, Along)]
-    others = [p for p in placed if isinstance(p, Placed)]
+    walls = [_wall(p, road, pose) for p in placed if isinstance(p, PlacedWall)]
+    others = [p for p in placed if isinstance(p, PlacedObject)]
     s = np.array([p.s_m + p.speed_mps * time_s for p in others])
     points = surface_points(road, pose, s, np.array([p.lateral_at(time_s) for p in others]))
-    headings = road.heading(s) - pose.absolute_heading(road) + np.array([p.swerve_rad(time_s) for p in others])
+    headings = road.heading(s) - pose.absolute_heading(road) + np.array([p.path_heading_rad(time_s) for p in others])
     ahead = [
-        _moved(p.thing, *place, heading)
+        _moved(p.item, *place, heading)
         for p, place, heading in zip(others, points, headings, strict=True)
-        if _in_reach(p.thing, place)
+        if _in_reach(p.item, place)
     ]
-    bridges = [slab for p in placed if isinstance(p, Overpass) for slab in p.pieces_at(road, pose)]
+    bridges = [slab for p in placed if isinstance(p, Overpass) for slab in p.slices_at(road, pose)]
     return [wall for wall in walls if wall is not None] + bridges + ahead
 
 
-def _in_reach(thing: Thing, place_m: np.ndarray) -> bool:
+def _in_reach(item: SceneObject, place_m: np.ndarray) -> bool:
     """A tree or a lamp behind the camera may shade or light the road ahead; other things out of view are of no use."""
     x, y, _ = place_m
-    if isinstance(thing, Tree) or (isinstance(thing, Post) and thing.arm_m):
-        return -30.0 < x < FARTHEST_M
-    return 1.0 < x < FARTHEST_M and abs(y) < WIDEST_VIEW * x + 5.0
+    if isinstance(item, Tree) or (isinstance(item, Post) and item.arm_m):
+        return -30.0 < x < MAX_OBJECT_M
+    return 1.0 < x < MAX_OBJECT_M and abs(y) < WIDEST_VIEW * x + 5.0
 
 
-def _moved(thing: Thing, x_m: float, y_m: float, rise_m: float, heading_rad: float) -> Thing:
-    place = {"x_m": float(x_m), "y_m": float(y_m), "rise_m": float(rise_m)}
-    if isinstance(thing, Car):
-        place["heading_rad"] = thing.heading_rad + float(heading_rad)
-    return replace(thing, **place)
+def _moved(item: SceneObject, x_m: float, y_m: float, ground_height_m: float, heading_rad: float) -> SceneObject:
+    place = {"x_m": float(x_m), "y_m": float(y_m), "ground_height_m": float(ground_height_m)}
+    if isinstance(item, Car):
+        place["heading_rad"] = item.heading_rad + float(heading_rad)
+    return replace(item, **place)
 
 
-def _wall(along: Along, road: RoadGeometry, pose: Pose) -> Wall | None:
+def _wall(along: PlacedWall, road: RoadGeometry, pose: VehiclePose) -> Wall | None:
     # On a grid that stands still, so that its joints do not swim when we drive on.
     first = max(along.start_m, np.floor((pose.s_m - 6) / WALL_STEP_M) * WALL_STEP_M)
     last = min(along.end_m, pose.s_m + WALL_AHEAD_M)

@@ -13,8 +13,8 @@ from lanes.io.files import atomic_write
 from lanes.io.processes import map_ordered
 from lanes.io.video.reader import inspect_video
 from simulator.rendering.drive import Drive
-from simulator.rendering.ingredients import ingredients
 from simulator.rendering.render import render_frame
+from simulator.rendering.shared_assets import asset_jobs
 from simulator.road.truth import Truth, truth_row, write_truth_csv
 
 Progress = Callable[[int, int], None]
@@ -96,7 +96,7 @@ def _encode(
         macro_block_size=1,
         output_params=[*quality, *ENCODER],
     )
-    rows, before = [], ingredients(drive)
+    rows, before = [], asset_jobs(drive)
     frames = map_ordered(partial(_render, drive), [*before, *range(count)], workers=workers)
     with closing(writer), closing(frames):
         writer.send(None)
