@@ -58,6 +58,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--no-report", action="store_true", help="write no HTML report")
     parser.add_argument("--quiet", action="store_true", help="print errors only")
+    _add_many_drives(parser)
+
+
+def _add_many_drives(parser: argparse.ArgumentParser) -> None:
+    """Add the options for Dask."""
     many = parser.add_argument_group("many drives", "require Dask: pip install -r requirements-cluster.txt")
     where = many.add_mutually_exclusive_group()
     where.add_argument(

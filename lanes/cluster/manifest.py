@@ -127,16 +127,16 @@ def write_manifest(key: DriveKey, result: DriveResult, *, cpu_s: float, pieces: 
     time_s = read_telemetry(result.telemetry)["time_s"]
     length_s = float(time_s[-1] - time_s[0]) * len(time_s) / max(len(time_s) - 1, 1)
     manifest = Manifest(
-        key,
-        {path.name: path.stat().st_size for path in written},
-        result.frames,
-        result.missing,
-        round(length_s, 6),
-        result.tracked_share,
-        result.lost_s,
-        round(cpu_s, 3),
-        pieces,
-        result.describe(),
+        key=key,
+        outputs={path.name: path.stat().st_size for path in written},
+        frames=result.frames,
+        missing=result.missing,
+        length_s=round(length_s, 6),
+        tracked_share=result.tracked_share,
+        lost_s=result.lost_s,
+        cpu_s=round(cpu_s, 3),
+        pieces=pieces,
+        description=result.describe(),
     )
     write_atomically(result.video.with_suffix(".json"), json.dumps(asdict(manifest), indent=1).encode(errors="replace"))
     return manifest

@@ -128,24 +128,33 @@ def connect(cluster: ClusterSettings) -> Iterator[Client]:
         If Dask is not installed, or no scheduler answers.
     """
     try:
-        import dask
-        from distributed import Client, LocalCluster
+        import distributed  # noqa: F401 (checks that Dask is installed)
     except ImportError as error:
         raise ClusterError(
             "--workers and --scheduler need Dask, which is not installed; run "
             "`pip install -r requirements-cluster.txt`, or omit them to annotate one drive after the other."
         ) from error
-    if cluster.scheduler:
-        try:
-            client = Client(cluster.scheduler, timeout=CONNECT_TIMEOUT_S)
-        except (OSError, ValueError) as error:
-            raise ClusterError(
-                f"{cluster.scheduler}: no Dask scheduler answers there ({error}); start one with `dask scheduler`, and "
-                "give the address that it prints."
-            ) from error
-        with client:
-            yield client
-        return
+    with _connect_to(cluster.scheduler) if cluster.scheduler else _start_local(cluster) as client:
+        yield client
+
+
+def _connect_to(scheduler: str) -> Client:
+    from distributed import Client
+
+    try:
+        return Client(scheduler, timeout=CONNECT_TIMEOUT_S)
+    except (OSError, ValueError) as error:
+        raise ClusterError(
+            f"{scheduler}: no Dask scheduler answers there ({error}); start one with `dask scheduler`, and give the "
+            "address that it prints."
+        ) from error
+
+
+@contextmanager
+def _start_local(cluster: ClusterSettings) -> Iterator[Client]:
+    import dask
+    from distributed import Client, LocalCluster
+
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": cluster.retries}),
         LocalCluster(

@@ -79,8 +79,8 @@ def prepare_drive(video: str | Path, settings: DriveSettings) -> PreparedDrive:
     if settings.start_s >= info.duration_s:
         raise VideoError(f"{video}: lasts {info.duration_s:g} s; begin before that, not at {settings.start_s:g} s.")
     camera = settings.camera_for((info.width, info.height), video)
-    posed = pose_from_drive(camera, [video], start_s=settings.start_s, end_s=settings.end_s)
-    return PreparedDrive(video, info, *posed)
+    camera, pose = pose_from_drive(camera, [video], start_s=settings.start_s, end_s=settings.end_s)
+    return PreparedDrive(video, info, camera, pose)
 
 
 def annotate_prepared(drive: PreparedDrive, settings: DriveSettings) -> DriveResult:
@@ -231,18 +231,18 @@ def conclude_drive(
         path = video.with_suffix(".html")
         report = write_report(path, title=Path(source).name, video=video, telemetry=columns, settings=used)
     return DriveResult(
-        source,
-        video,
-        telemetry,
-        report,
-        camera,
-        pose,
-        frames,
-        share_tracked(columns),
-        seconds_lost(columns),
-        frames / elapsed_s,
-        find_pose_change(columns),
-        missing,
+        source=source,
+        video=video,
+        telemetry=telemetry,
+        report=report,
+        camera=camera,
+        pose=pose,
+        frames=frames,
+        tracked_share=share_tracked(columns),
+        lost_s=seconds_lost(columns),
+        frames_per_s=frames / elapsed_s,
+        pose_change=find_pose_change(columns),
+        missing=missing,
     )
 
 

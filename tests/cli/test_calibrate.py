@@ -1,4 +1,4 @@
-"""The account of a calibration, and python -m lanes calibrate run as a process: success, and each way to misuse it."""
+"""Table and sheet of a calibration, and the command `python -m lanes calibrate`."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from lanes.io.images import read_image, write_image
 ROOT = Path(__file__).parents[2]
 SIZE = (640, 360)
 LENS = Camera(*SIZE, np.array([[580.0, 0, 322], [0, 580, 178], [0, 0, 1]]), np.array([-0.2, 0.03, 0, 0, 0]))
-# turn about both axes (degrees) and place of the board's middle (squares; the camera is 14 squares away)
+# Rotation about both axes (degrees) and position of the board centre (squares; the camera is 14 squares away).
 POSES = {"a": (25, 0, 0, 0), "b": (-25, 10, -3, 1), "c": (5, 30, 3, -1), "d": (-10, -30, 0, 1), "e": (20, 20, -2, -1.5)}
 PATTERN = (9, 6)
 
@@ -71,7 +71,7 @@ def run(*arguments: object, cwd: Path) -> subprocess.CompletedProcess:
     return subprocess.run(command, cwd=cwd, env={"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, timeout=60)
 
 
-def test_a_folder_becomes_a_camera_file_with_a_table_and_a_sheet(folder):
+def test_folder_gives_camera_file_table_and_sheet(folder):
     done = run(".", "--sheet", "out/sheet.png", "-o", "out/lens.yaml", cwd=folder)
     assert done.returncode == 0, done.stderr
     camera = load_camera(folder / "out" / "lens.yaml")
@@ -83,7 +83,7 @@ def test_a_folder_becomes_a_camera_file_with_a_table_and_a_sheet(folder):
     assert "broken.jpg: the picture is cut off" in table["broken.jpg"]
     assert "5 of 8 pictures used, error 0." in done.stdout
     assert "corners in the " in done.stdout and done.stdout.endswith("wrote out/lens.yaml\n")
-    # eight pictures and the map of the corners, five a row
+    # Eight pictures and the map of the corners, five per row.
     assert read_image(folder / "out" / "sheet.png").shape == (2 * (225 + 44 + 12), 5 * (400 + 12), 3)
 
 
@@ -99,7 +99,7 @@ def test_a_folder_becomes_a_camera_file_with_a_table_and_a_sheet(folder):
         (["a.png", "b.png", "c.png", "d.png", "-o", "a.png/camera.yaml"], 1, "camera.yaml: cannot be written"),
     ],
 )
-def test_misuse_gives_one_sentence(folder, arguments, status, words):
+def test_misuse_gives_a_message(folder, arguments, status, words):
     done = run(*arguments, cwd=folder)
     assert done.returncode == status
     assert words in done.stderr
@@ -110,9 +110,9 @@ def search_of(boards: dict[str, Board], **unused: str) -> BoardSearch:
     return BoardSearch({name: Path(f"{name}.png") for name in [*boards, *unused]}, PATTERN, boards, unused)
 
 
-def test_each_board_has_its_fate(monkeypatch):
+def test_use_of_each_board_is_described(monkeypatch):
     boards = {name: seen_board(name) for name in POSES}
-    # hangs over the picture's left edge: only its columns 3 to 8 are in sight
+    # Cut off by the left picture border: only columns 3 to 8 are visible.
     monkeypatch.setitem(POSES, "f", (10, 10, -6, 0))
     boards["f"] = Board(seen_board("f").corners_px.reshape(6, 9, 2)[:, 3:].reshape(-1, 2), 6, 6, SIZE)
     boards["a"] = Board(boards["a"].corners_px.reshape(6, 9, 2)[:5].reshape(-1, 2), 9, 5, SIZE)
@@ -123,19 +123,19 @@ def test_each_board_has_its_fate(monkeypatch):
     boards |= {f"{name}2": seen_board(name, noise_px=0.12) for name in "abce"}
     search = search_of(boards, wall="no chessboard")
     camera = calibrate_found(search, "here")
-    fates = describe_boards(search, camera)
-    assert fates["f"] == "cut by the edge, 6x6 corners of it used"
-    assert fates["a"] == "partly hidden, 9x5 corners of it used"
-    assert fates["c"] == "used"
-    assert fates["d"].startswith("error ")
-    assert fates["e"] == "used, picture of 1280x720"
-    assert fates["wall"] == "no chessboard"
+    uses = describe_boards(search, camera)
+    assert uses["f"] == "cut by the edge, 6x6 corners of it used"
+    assert uses["a"] == "partly hidden, 9x5 corners of it used"
+    assert uses["c"] == "used"
+    assert uses["d"].startswith("error ")
+    assert uses["e"] == "used, picture of 1280x720"
+    assert uses["wall"] == "no chessboard"
     rows = format_boards(search, camera).splitlines()
     assert len(rows) == 1 + len(search.paths)
     assert f"{camera.report.board_rms_px['c']:.2f}  used" in rows[3]
 
 
-def test_missing_corners_are_named_where_they_are_missing():
+def test_parts_of_the_picture_without_corners_are_named():
     u, v = np.meshgrid(np.linspace(0, 639, 40), np.linspace(0, 359, 30))
     everywhere = np.column_stack([u.ravel(), v.ravel()]).astype(np.float32)
     assert describe_coverage({"x": Board(everywhere, 40, 30, SIZE)}) == "corners were seen in all parts of the picture"
@@ -150,14 +150,14 @@ def test_missing_corners_are_named_where_they_are_missing():
     )
 
 
-def test_the_sheet_marks_what_was_used_and_what_was_not(tmp_path):
+def test_sheet_marks_used_and_unused_boards(tmp_path):
     boards = {name: seen_board(name) for name in POSES}
     for name in [*POSES, "wall"]:
         write_image(tmp_path / f"{name}.png", np.full((360, 640, 3), 128, np.uint8))
     search = search_of(boards, wall="no chessboard")
     search = BoardSearch({n: tmp_path / p for n, p in search.paths.items()}, PATTERN, boards, search.unused)
     sheet = draw_sheet(search, calibrate_found(search, "here"))
-    # the frames: five boards used, green; the wall red; all corners drawn somewhere within their tiles
+    # Green frames for the five boards used, a red one for the wall; the corners lie within their tiles.
     tile = (225 + 44 + 12, 400 + 12)
     assert (sheet[3, 3] == (0, 220, 90)).all()
     assert (sheet[tile[0] + 3, 3] == (255, 70, 60)).all()

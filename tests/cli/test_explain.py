@@ -1,4 +1,4 @@
-"""python -m lanes explain, run as a process: for success, and for each way to misuse it."""
+"""The command `python -m lanes explain`: success and misuse."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def folder(tmp_path_factory) -> Path:
     return folder
 
 
-def test_one_frame_in_one_picture_out(folder):
+def test_picture_gives_a_figure(folder):
     done = run("road.jpg", "--camera", "camera.yaml", "-o", "new/explained.png", cwd=folder)
     assert done.returncode == 0, done.stderr
     assert "offset     0.2" in done.stdout
@@ -41,7 +41,7 @@ def test_one_frame_in_one_picture_out(folder):
     assert read_image(folder / "new" / "explained.png").shape[1] > 1200
 
 
-def test_a_picture_without_pose_and_without_lines_says_at_which_step_it_failed(folder):
+def test_picture_without_pose_and_without_lines_names_the_failed_step(folder):
     done = run("grey.png", "--hfov", 60, cwd=folder)
     assert done.returncode == 0, done.stderr
     assert "failed at  pose: grey.png: only 0 of 1 pictures show two or more parallel lane lines" in done.stdout
@@ -62,7 +62,7 @@ def test_a_picture_without_pose_and_without_lines_says_at_which_step_it_failed(f
         (["road.jpg", "--camera", "camera.yaml", "-o", "road.jpg/out.png"], 1, "out.png: cannot be written"),
     ],
 )
-def test_misuse_gives_one_sentence(folder, arguments, status, words):
+def test_misuse_gives_a_message(folder, arguments, status, words):
     done = run(*arguments, cwd=folder)
     assert done.returncode == status
     assert words in done.stderr

@@ -1,4 +1,4 @@
-"""python -m lanes pose: files in, camera file out."""
+"""The command `python -m lanes pose`."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from lanes.io.video.writer import VideoWriter
 from tests.support.command_line import main
 from tests.support.painted_roads import paint_road
 
-MOUNT = CameraPose(1.3, np.radians(3.0), np.radians(1.5), np.radians(-0.6))
-CAMERA = Camera.from_fov((960, 540), 66, MOUNT)
+POSE = CameraPose(1.3, np.radians(3.0), np.radians(1.5), np.radians(-0.6))
+CAMERA = Camera.from_fov((960, 540), 66, POSE)
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,7 @@ def test_video_with_a_field_of_view_alone(drive, tmp_path, capsys):
     assert "from 3 of 3 pictures" in capsys.readouterr().out
 
 
-def test_a_piece_of_a_video_and_a_measured_height(drive, tmp_path, capsys):
+def test_part_of_a_video_and_a_measured_height(drive, tmp_path, capsys):
     bent = replace(CAMERA, pose=None, distortion=np.array([-0.01, 0, 0, 0, 0]))
     lens = save_camera(bent, tmp_path / "lens.yaml")
     piece = ["--start", 1, "--end", 2.5, "--height", 1.3]
@@ -80,14 +80,14 @@ def test_pictures_are_spread_over_stills_and_video(drive):
     files = [drive / "still0.jpg", drive / "drive.mp4", drive / "still1.jpg"]
     pictures = list(pick_pictures(files, 40))
     assert len(pictures) == 8
-    # Four places in the video lie 0.75 s apart; what is shown from 0.75 s and 1.5 s on are its third and fourth frame.
+    # Four samples of the video are 0.75 s apart. At 0.75 s and 1.5 s it shows its third and fourth frame.
     few = list(pick_pictures(files, 4))
     assert len(few) == 4
     for got, expected in zip(few, (0, 3, 4, 7), strict=True):
         np.testing.assert_array_equal(got, pictures[expected])
 
 
-def test_refusals_are_sentences(drive, tmp_path, capsys):
+def test_misuse_gives_a_message(drive, tmp_path, capsys):
     assert run("--hfov", 60, tmp_path / "nowhere.jpg") == 2
     assert "there is no such picture file" in capsys.readouterr().err
     sky = write_image(tmp_path / "sky.png", np.full((540, 960, 3), 200, np.uint8))

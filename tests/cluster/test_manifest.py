@@ -1,4 +1,4 @@
-"""Manifests: a drive is finished if nothing has changed since and its outputs are whole; the summary of all."""
+"""Manifests and summary: a drive is finished if nothing has changed and its outputs are complete."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def finished(video: Path, settings: DriveSettings, piece_s: float = 300.0) -> Ma
     return read_finished(DriveKey.from_video(video, settings, piece_s), settings.output)
 
 
-def test_a_finished_drive_is_known_again(drive):
+def test_finished_drive_is_recognised(drive):
     video, settings = drive
     manifest = finished(video, settings)
     assert (manifest.frames, manifest.cpu_s, manifest.length_s) == (6, 1.5, 0.24)
@@ -81,14 +81,14 @@ def other_version(video: Path, settings: DriveSettings) -> None:
     "change",
     [grow_input, touch_input, remove_output, truncate_output, forget_manifest, spoil_manifest, other_version],
 )
-def test_what_has_changed_is_not_finished(drive, change):
+def test_changed_drive_is_not_finished(drive, change):
     assert finished(*drive)
     change(*drive)
     assert finished(*drive) is None
 
 
-def test_a_manifest_is_not_believed_whatever_it_says(drive):
-    """Somebody may have written it who can write into the output folder."""
+def test_invalid_manifests_are_rejected(drive):
+    """Anyone with write access to the output folder may have written the manifest."""
     path = manifest_path(drive[0], drive[1].output)
     good = path.read_text()
     entries = [{"outputs": []}, {"outputs": {"/etc/passwd": 1}}, {"outputs": {"../drive.mp4": 1}}]
@@ -116,7 +116,7 @@ def test_a_manifest_is_not_believed_whatever_it_says(drive):
     ],
     ids=lambda changes: "-".join(changes),
 )
-def test_other_settings_are_another_drive(drive, changes):
+def test_other_settings_give_another_key(drive, changes):
     video, settings = drive
     assert finished(video, replace(settings, **changes)) is None
     assert finished(video, replace(settings, progress=False))
@@ -124,16 +124,16 @@ def test_other_settings_are_another_drive(drive, changes):
     assert len(keys) == 2
 
 
-def test_the_length_of_pieces_is_a_setting(drive):
+def test_piece_length_is_part_of_the_key(drive):
     assert finished(*drive, piece_s=60.0) is None
 
 
-def test_a_key_of_a_missing_file(tmp_path):
+def test_key_of_a_missing_file(tmp_path):
     with pytest.raises(FileNotFoundError, match="gone.mp4: there is no such video"):
         DriveKey.from_video(tmp_path / "gone.mp4", DriveSettings(output=tmp_path), 300.0)
 
 
-def test_the_worst_drive_is_first(tmp_path):
+def test_worst_drive_is_first(tmp_path):
     def manifest(name: str, tracked_share: float, lost_s: float, frames: int) -> Manifest:
         key = DriveKey(f"/drives/{name}.mp4", 1, 1, {}, {})
         return Manifest(key, {}, frames, 0, frames / 25, tracked_share, lost_s, frames / 10, 1, "")
@@ -149,7 +149,7 @@ def test_the_worst_drive_is_first(tmp_path):
     assert describe_totals([], 4, 0) == "0 drives finished (0 of them before), 4 failed."
 
 
-def test_the_data_set_is_partitioned_by_drive(drive, tmp_path):
+def test_data_set_is_partitioned_by_drive(drive, tmp_path):
     _, settings = drive
     telemetry = settings.output / "a=b ö.csv"
     (settings.output / "drive.csv").rename(telemetry)

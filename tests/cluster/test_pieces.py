@@ -1,4 +1,4 @@
-"""Long drives in pieces: every frame once, and telemetry as of the uncut drive."""
+"""Long drives in pieces: each frame once, and the telemetry of the whole drive."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from lanes.tracking.tracker import LaneTracker
 from tests.support.clips import write_drive
 from tests.support.painted_drive import BENDS, SMALL
 
-# What the module's description states.
+# As stated in the docstring of lanes.cluster.pieces.
 TOLERANCES = {"offset_m": 0.01, "heading_rad": np.radians(0.1), "curvature_per_m": 1e-4}
 
 
 @pytest.mark.parametrize("fps", [25.0, 30000 / 1001, 59.94, 7.5])
 @pytest.mark.parametrize(("start_s", "end_s", "count"), [(0.0, None, 7), (12.34, 61.7, 5), (0.0, 14.9, 1)])
-def test_every_frame_is_in_one_piece(tmp_path, fps, start_s, end_s, count):
+def test_each_frame_is_in_exactly_one_piece(tmp_path, fps, start_s, end_s, count):
     info = VideoInfo(640, 360, fps, round(70 * fps), 70.0, False)
     settings = DriveSettings(output=tmp_path, camera=SMALL, start_s=start_s, end_s=end_s)
     pieces = cut_drive(PreparedDrive(tmp_path / "drive.mp4", info, SMALL, None), settings, 10.0)
@@ -41,8 +41,8 @@ def test_every_frame_is_in_one_piece(tmp_path, fps, start_s, end_s, count):
     assert max(frames) - min(frames) <= 2
 
 
-def test_pieces_join_to_the_drive(tmp_path):
-    """Both pieces warm up from the very beginning, so that they must tell the same to the last digit."""
+def test_joined_pieces_equal_the_whole_drive(tmp_path):
+    """All pieces warm up from the start of the drive, so that the numbers must be equal."""
     video = write_drive(tmp_path / "drive.mp4", BENDS, 45)
     whole = annotate_drive(video, DriveSettings(output=tmp_path / "whole", camera=SMALL, overlapped=False))
     settings = DriveSettings(output=tmp_path / "joined", camera=SMALL, overlapped=False)
@@ -64,7 +64,7 @@ def test_pieces_join_to_the_drive(tmp_path):
     assert "drive.mp4: lane report" in joined.report.read_text()
 
 
-def test_a_finished_piece_is_not_done_again(tmp_path):
+def test_finished_piece_is_not_repeated(tmp_path):
     video = write_drive(tmp_path / "drive.mp4", BENDS, 12)
     settings = DriveSettings(output=tmp_path, camera=SMALL)
     drive, folder = prepare_drive(video, settings), tmp_path / "pieces"
@@ -78,8 +78,8 @@ def test_a_finished_piece_is_not_done_again(tmp_path):
     assert {path.name for path in folder.iterdir()} == {"0000.mp4", "0000.csv", "0001.mp4", "0001.csv"}
 
 
-def test_warming_up_is_long_enough_and_needed():
-    """On the committed drive: a tracker that began a second late, after `WARM_UP_S`; and one that begins only then."""
+def test_warm_up_is_necessary_and_sufficient():
+    """Compared with the whole drive: a tracker after `WARM_UP_S` of warm-up, and one without warm-up."""
     video = PROJECT_ROOT / "test_videos" / "project_video.mp4"
     camera, fps = load_camera(video.with_suffix(".yaml")), inspect_video(video).fps
     serial, late, cold = (LaneTracker(camera, fps=fps) for _ in range(3))
@@ -91,7 +91,7 @@ def test_warming_up_is_long_enough_and_needed():
         found = late.update(image)
         if number < (1 + WARM_UP_S) * fps:
             continue
-        compared.append((found.state, found.kinds) == (expected.state, expected.kinds))
+        compared.append((found.state, found.marking_types) == (expected.state, expected.marking_types))
         without = cold.update(image)
         for name, tolerance in TOLERANCES.items():
             true = getattr(expected, name)

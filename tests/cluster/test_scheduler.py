@@ -1,4 +1,4 @@
-"""Many drives on Dask: as the serial run, whatever dies on the way."""
+"""Many drives on Dask: the results of a serial run, also after workers died or errors occurred."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ FRAMES, LONG = 20, 50
 
 @pytest.fixture(scope="module")
 def drives(tmp_path_factory) -> Path:
-    """Eight short drives, each another one, and their camera."""
+    """Eight different short drives and their camera."""
     folder = tmp_path_factory.mktemp("drives")
     for number in range(8):
         road = PaintedDrive(s_bend(), lane_lines(), motion=Motion(50.0 * number, 25.0, offset_m=0.3), camera=SMALL)
@@ -73,7 +73,7 @@ def leftovers(output: Path) -> list[str]:
 
 
 def check_whole(output: Path, videos: list[Path], frames: int = FRAMES) -> None:
-    """Each drive once, all of its frames once and in order, and nothing half-written."""
+    """Check that each drive exists once, with all its frames once and in order, and without partial files."""
     assert [path.name for path in videos_in(output)] == [video.name for video in videos]
     for video in videos:
         table = read_telemetry(output / f"{video.stem}.csv")
@@ -107,7 +107,7 @@ def two_workers() -> Iterator[distributed.Client]:
         yield client
 
 
-def test_the_results_are_those_of_the_serial_run(two_workers, drives, tmp_path):
+def test_results_equal_those_of_a_serial_run(two_workers, drives, tmp_path):
     videos = videos_in(drives)
     began_s = time.time()
     with distributed.get_task_stream(client=two_workers) as stream:
@@ -129,7 +129,7 @@ def test_the_results_are_those_of_the_serial_run(two_workers, drives, tmp_path):
             np.testing.assert_array_equal(tables[0][name], tables[1][name], err_msg=f"{video}: {name}")
 
 
-def test_pieces_of_a_long_drive_are_worked_on_at_the_same_time(two_workers, long_drive, tmp_path):
+def test_pieces_of_a_long_drive_run_in_parallel(two_workers, long_drive, tmp_path):
     [(_, manifest)] = annotate_all(two_workers, jobs_for([long_drive], tmp_path, piece_s=0.5))
     assert (manifest.pieces, manifest.frames) == (4, LONG)
     check_whole(tmp_path, [long_drive], LONG)
@@ -139,7 +139,7 @@ def test_pieces_of_a_long_drive_are_worked_on_at_the_same_time(two_workers, long
         np.testing.assert_array_equal(a[name], b[name], err_msg=name)
 
 
-def test_a_worker_that_is_killed_loses_nothing_and_doubles_nothing(two_workers, drives, tmp_path):
+def test_killed_worker_loses_and_repeats_no_frame(two_workers, drives, tmp_path):
     videos = videos_in(drives)
     pids, outcomes = two_workers.run(os.getpid), {}
 
@@ -164,33 +164,39 @@ def test_a_worker_that_is_killed_loses_nothing_and_doubles_nothing(two_workers, 
     assert busy not in two_workers.run(os.getpid).values()
 
 
-# --- what goes wrong with single drives
+# --- errors of single drives
 
 
-def test_a_drive_that_fails_stops_no_other(drives, tmp_path, monkeypatch):
-    """And the next run does what is left only."""
+def test_failed_drive_does_not_stop_the_others(drives, tmp_path, monkeypatch):
+    """The next run annotates only the unfinished drive."""
     videos = [*videos_in(drives)[:2], tmp_path / "text.mp4"]
     videos[2].write_text("no video")
-    output, told = tmp_path / "out", []
+    output, messages = tmp_path / "out", []
     with in_this_process() as client:
         monkeypatch.setattr(cluster, "connect", lambda _: borrowed(client))
-        finished, failures = annotate_many(videos, settings_for(output), ClusterSettings(workers=1), log=told.append)
+        finished, failures = annotate_many(
+            videos, settings_for(output), ClusterSettings(workers=1), log=messages.append
+        )
         assert len(finished) == 2 and [str(error) for error in failures] == [
             f"{videos[2]}: cannot be read as a video (Invalid data found when processing input): it is none, a "
             "playlist, or it was cut off; copy it again, or convert it to mp4."
         ]
-        assert "1 workers; dashboard: " in told[0] and told[-1].startswith("2 drives finished (0 of them before), 1 f")
+        assert "1 workers; dashboard: " in messages[0] and messages[-1].startswith(
+            "2 drives finished (0 of them before), 1 f"
+        )
         assert (output / "summary" / "drives.csv").read_text().splitlines()[1].startswith("text,failed,")
         before = {path: path.stat().st_mtime_ns for path in output.iterdir() if path.is_file()}
         videos[2].write_bytes(videos[0].read_bytes())
-        finished, failures = annotate_many(videos, settings_for(output), ClusterSettings(workers=1), log=told.append)
+        finished, failures = annotate_many(
+            videos, settings_for(output), ClusterSettings(workers=1), log=messages.append
+        )
     assert (len(finished), failures) == (3, [])
-    assert "2 of 3 drives were finished before" in told
+    assert "2 of 3 drives were finished before" in messages
     assert {path: path.stat().st_mtime_ns for path in before} == before
     check_whole(output, videos)
     # Nothing is left: Dask is not even started.
     monkeypatch.setattr(cluster, "connect", lambda _: pytest.fail("started"))
-    finished, failures = annotate_many(videos, settings_for(output), ClusterSettings(workers=1), log=told.append)
+    finished, failures = annotate_many(videos, settings_for(output), ClusterSettings(workers=1), log=messages.append)
     assert (len(finished), failures) == (3, [])
 
 
@@ -200,16 +206,16 @@ def borrowed(client: distributed.Client) -> Iterator[distributed.Client]:
 
 
 @pytest.mark.parametrize("retries", [1, 2])
-def test_a_disk_that_fails_is_tried_again_but_not_for_ever(drives, tmp_path, monkeypatch, retries):
+def test_disk_errors_are_retried_a_limited_number_of_times(drives, tmp_path, monkeypatch, retries):
     attempts, annotate_prepared = [], tasks.annotate_prepared
 
-    def moody(drive, settings):
+    def fail_twice(drive, settings):
         attempts.append(drive.video)
         if len(attempts) <= 2:
             raise OSError(28, "No space left on device")
         return annotate_prepared(drive, settings)
 
-    monkeypatch.setattr(tasks, "annotate_prepared", moody)
+    monkeypatch.setattr(tasks, "annotate_prepared", fail_twice)
     video = videos_in(drives)[0]
     with in_this_process() as client:
         [(_, outcome)] = annotate_all(client, jobs_for([video], tmp_path), retries=retries)
@@ -220,20 +226,20 @@ def test_a_disk_that_fails_is_tried_again_but_not_for_ever(drives, tmp_path, mon
         assert isinstance(outcome, OSError) and f"{video}: " in str(outcome) and "No space left" in str(outcome)
 
 
-def test_a_mistake_in_the_code_is_told_and_stops_no_other(drives, tmp_path, monkeypatch):
+def test_bug_is_reported_and_does_not_stop_the_others(drives, tmp_path, monkeypatch):
     videos, annotate_prepared = videos_in(drives)[:2], tasks.annotate_prepared
 
-    def buggy(drive, settings):
+    def fail_first(drive, settings):
         return annotate_prepared(drive, settings) if drive.video == videos[1] else 1 / 0
 
-    monkeypatch.setattr(tasks, "annotate_prepared", buggy)
+    monkeypatch.setattr(tasks, "annotate_prepared", fail_first)
     with in_this_process() as client:
         found = {job.video: outcome for job, outcome in annotate_all(client, jobs_for(videos, tmp_path), retries=0)}
     assert str(found[videos[0]]) == f"{videos[0]}: ZeroDivisionError: division by zero"
     assert found[videos[1]].frames == FRAMES
 
 
-def test_outputs_that_a_worker_wrote_elsewhere_are_missed(drives, tmp_path, monkeypatch):
+def test_outputs_written_elsewhere_are_reported(drives, tmp_path, monkeypatch):
     def elsewhere(job):
         manifest = tasks.begin_drive(job)
         (tmp_path / "drive0.mp4").unlink()
@@ -269,7 +275,7 @@ def popen(command: list[str], cwd: Path) -> subprocess.Popen:
     )
 
 
-def test_without_dask_a_sentence_tells_how_to_get_it(drives, tmp_path):
+def test_without_dask_a_message_says_how_to_install_it(drives, tmp_path):
     arguments = ["annotate", "--camera", drives / "drive0.yaml", drives / "drive0.mp4", "-o", tmp_path / "out"]
     with start(*arguments, "--workers", 2, before="sys.modules['distributed'] = None") as process:
         out, err = process.communicate(timeout=180)
@@ -281,7 +287,7 @@ def test_without_dask_a_sentence_tells_how_to_get_it(drives, tmp_path):
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
-def test_a_run_that_is_killed_goes_on_where_it_was(drives, tmp_path, number):
+def test_killed_run_continues(drives, tmp_path, number):
     output = tmp_path / "out"
     arguments = ["annotate", "--camera", drives / "drive0.yaml", drives, "-o", output, "--workers", 2]
     with start(*arguments) as process:
@@ -308,7 +314,7 @@ def test_a_run_that_is_killed_goes_on_where_it_was(drives, tmp_path, number):
 
 
 @pytest.mark.skipif(not Path("/proc/self/cwd").exists(), reason="needs a path that means another file to each process")
-def test_workers_in_other_folders_by_tcp_where_only_one_has_the_drives(drives, tmp_path):
+def test_remote_workers_of_which_only_one_has_the_drives(drives, tmp_path):
     here, bare, output = drives, tmp_path / "bare", tmp_path / "out"
     bare.mkdir()
     address = f"tcp://127.0.0.1:{free_port()}"

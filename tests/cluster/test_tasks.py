@@ -1,4 +1,4 @@
-"""What a worker does: whole outputs and a manifest, or a reason; and what it leaves to be tried again."""
+"""Tasks of a worker: complete outputs and a manifest, returned permanent errors, raised temporary errors."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def in_pieces(job: DriveJob) -> DriveJob:
     return DriveJob.from_video(job.video, job.settings, 0.2)
 
 
-def test_a_job_is_sent_with_absolute_paths(tmp_path, monkeypatch):
+def test_job_has_absolute_paths(tmp_path, monkeypatch):
     write_drive(tmp_path / "drive.mp4", ROAD, 1)
     monkeypatch.chdir(tmp_path)
     job = DriveJob.from_video(Path("drive.mp4"), DriveSettings(output=Path("out"), camera=SMALL), 300.0)
@@ -47,7 +47,7 @@ def test_a_job_is_sent_with_absolute_paths(tmp_path, monkeypatch):
     assert pickle.loads(pickle.dumps(job)).key == job.key
 
 
-def test_a_short_drive_is_one_task(job, monkeypatch):
+def test_short_drive_is_one_task(job, monkeypatch):
     out = job.settings.output
     out.mkdir()
     (out / "drive.partial.0123456789ab.mp4").write_text("half")
@@ -56,12 +56,12 @@ def test_a_short_drive_is_one_task(job, monkeypatch):
     manifest = begin_drive(job)
     assert isinstance(manifest, Manifest) and manifest.frames == 15 and manifest.cpu_s > 0.05
     assert names(out) == {"drive.mp4", "drive.csv", "drive.html", "drive.json", "summary", "drive.pieces.mine"}
-    # A worker that dies before it could tell is no reason to do it again.
+    # A worker may die before it returns; the task is then not repeated.
     monkeypatch.setattr(tasks, "prepare_drive", lambda *_: pytest.fail("done again"))
     assert begin_drive(job) == manifest
 
 
-def test_a_long_drive_is_cut_and_joined(job):
+def test_long_drive_is_cut_and_joined(job):
     job = in_pieces(job)
     plan = begin_drive(job)
     assert isinstance(plan, Plan) and len(plan.pieces) == 3
@@ -76,13 +76,13 @@ def test_a_long_drive_is_cut_and_joined(job):
     assert finish_drive(job, plan, done) == manifest
 
 
-def test_a_piece_that_fails_fails_the_drive(job):
+def test_failed_piece_fails_the_drive(job):
     job = in_pieces(job)
     plan = begin_drive(job)
     assert finish_drive(job, plan, [VideoError("damaged")]).args == ("damaged",)
 
 
-def test_a_damaged_piece_is_not_kept(job):
+def test_damaged_piece_is_removed(job):
     job = in_pieces(job)
     plan = begin_drive(job)
     done = [run_piece(job, plan.drive, piece) for piece in plan.pieces]
@@ -93,7 +93,7 @@ def test_a_damaged_piece_is_not_kept(job):
     assert finish_drive(job, plan, done).frames == 15
 
 
-def test_what_the_file_makes_impossible_is_a_reason(job):
+def test_permanent_errors_are_returned(job):
     job.video.write_bytes(b"no video at all")
     assert "cannot be read as a video" in str(begin_drive(job))
     job.video.unlink()
@@ -104,7 +104,7 @@ def test_what_the_file_makes_impossible_is_a_reason(job):
     )
 
 
-def test_what_may_pass_is_raised(job, monkeypatch):
+def test_temporary_errors_are_raised(job, monkeypatch):
     def full(*_) -> None:
         raise OSError(28, "No space left on device")
 
@@ -113,7 +113,7 @@ def test_what_may_pass_is_raised(job, monkeypatch):
         begin_drive(job)
 
 
-def test_a_worker_with_other_versions_says_so(job):
+def test_worker_with_other_versions_returns_an_error(job):
     key = replace(job.key, versions={**job.key.versions, "OpenCV": "4.0.0"})
     error = begin_drive(replace(job, key=key))
     assert isinstance(error, ValueError) and "instead of 4.0.0, so that its results would differ" in str(error)

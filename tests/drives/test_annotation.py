@@ -1,4 +1,4 @@
-"""Whole drives: what names stand for, how lanes are drawn, live cameras."""
+"""Whole drives: sources, settings, overlay styles, stills, videos and live cameras."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_names_are_sorted_by_kind(tmp_path, monkeypatch):
         find_sources(["empty"])
 
 
-def test_no_output_overwrites_an_input_or_another_output(tmp_path):
+def test_outputs_that_overwrite_an_input_or_another_output_are_rejected(tmp_path):
     a, b = tmp_path / "a.mp4", tmp_path / "b" / "a.mp4"
     require_distinct_outputs([a, b], [tmp_path / "out" / "a.mp4", tmp_path / "out" / "b.mp4"])
     with pytest.raises(ValueError, match="one of the inputs"):
@@ -62,7 +62,7 @@ def test_no_output_overwrites_an_input_or_another_output(tmp_path):
         require_distinct_outputs([a, b], [tmp_path / "out" / "a.mp4"] * 2)
 
 
-def test_settings_travel_and_fit_the_camera_to_the_drive(tmp_path):
+def test_settings_can_be_pickled_and_scale_the_camera(tmp_path):
     settings = pickle.loads(pickle.dumps(DriveSettings(output=tmp_path, camera=CAMERA, style="lines")))
     np.testing.assert_allclose(settings.camera_for((640, 360)).matrix, SMALL.matrix)
     assert settings.camera_for(CAMERA.size) is settings.camera
@@ -76,7 +76,7 @@ def test_settings_travel_and_fit_the_camera_to_the_drive(tmp_path):
 
 
 @pytest.mark.parametrize("style", STYLES)
-def test_styles_draw_on_a_picture_of_its_size_and_say_lost(style):
+def test_styles_keep_the_picture_size_and_show_the_lost_state(style):
     image, result = tracked_bends()
     paint = STYLES[style](SMALL)
     drawn, lost = paint(image.copy(), result), paint(image.copy(), TrackedLane(LOST))
@@ -85,7 +85,7 @@ def test_styles_draw_on_a_picture_of_its_size_and_say_lost(style):
     assert (drawn != lost).any(axis=2).mean() > 0.005
 
 
-def test_lines_are_drawn_on_the_paint_and_nothing_between():
+def test_lines_style_draws_on_the_paint_only():
     image, result = tracked_bends()
     drawn = STYLES["lines"](SMALL)(image.copy(), result)
     x = np.array([9.0, 14.0])
@@ -97,7 +97,7 @@ def test_lines_are_drawn_on_the_paint_and_nothing_between():
     np.testing.assert_array_equal(drawn[v, u], image[v, u])
 
 
-def test_the_mosaic_shows_fit_and_evidence_in_their_places():
+def test_mosaic_shows_fit_and_marking_response():
     image, result = tracked_bends()
     mosaic = STYLES["mosaic"](SMALL)(image, result)
     height, width = image.shape[:2]
@@ -111,7 +111,7 @@ def test_the_mosaic_shows_fit_and_evidence_in_their_places():
     assert (np.ptp(response, axis=2) == 0).all() and response.max() > 200
 
 
-def test_following_gives_each_frame_its_picture_and_numbers():
+def test_track_lane_returns_picture_and_telemetry():
     process = track_lane(LaneTracker(SMALL), SMALL)
     drawn, row = process(BENDS.frame(0.0))
     assert (drawn != BENDS.frame(0.0)).any()
@@ -122,7 +122,7 @@ def test_following_gives_each_frame_its_picture_and_numbers():
     assert (row["state"], row["confidence"], row["offset_m"], row["left_c3_per_m2"]) == ("lost", 0.0, None, None)
 
 
-def test_stills_with_a_pose_of_their_own(tmp_path):
+def test_stills_with_estimated_pose(tmp_path):
     for i in range(3):
         write_image(tmp_path / f"{i}.png", BENDS.frame(i))
     pictures = sorted(tmp_path.glob("*.png"))
@@ -137,7 +137,7 @@ def test_stills_with_a_pose_of_their_own(tmp_path):
         annotate_stills(pictures, DriveSettings(output=tmp_path, camera=SMALL))
 
 
-def test_stills_that_cannot_be_used_do_not_stop_the_others(tmp_path):
+def test_unusable_stills_do_not_stop_the_others(tmp_path):
     folder, other = tmp_path / "in", np.zeros((480, 640, 3), np.uint8)
     for name, image in (("b2.jpg", BENDS.frame(0)), ("b10.jpg", BENDS.frame(1)), ("a.jpg", other), ("c.jpg", other)):
         write_image(folder / name, image)
@@ -156,7 +156,7 @@ def test_stills_that_cannot_be_used_do_not_stop_the_others(tmp_path):
     assert not (tmp_path / "none").exists()
 
 
-def test_a_folder_of_pictures_is_annotated_one_by_one(tmp_path):
+def test_folder_of_pictures_is_annotated(tmp_path):
     for name in ("b2.jpg", "b10.jpg"):
         write_image(tmp_path / "in" / name, BENDS.frame(0))
     result = annotate_folder(tmp_path / "in", tmp_path / "out", SMALL)
@@ -164,8 +164,8 @@ def test_a_folder_of_pictures_is_annotated_one_by_one(tmp_path):
     assert (result.found, result.failures, result.pose) == (2, (), None)
 
 
-def test_time_passes_as_the_frames_of_a_variable_rate_say(tmp_path):
-    """The lane is carried on for a second: a frame later, but 1.5 s later, nothing is known any more."""
+def test_time_stamps_of_a_variable_frame_rate_are_used(tmp_path):
+    """The tracker coasts for one second: one frame later it coasts, 1.5 s later the lane is lost."""
     with VideoWriter(tmp_path / "drive.mp4", fps=25) as writer:
         for number in range(12):
             writer.write(BENDS.frame(number / 25), number / 25)
@@ -176,22 +176,22 @@ def test_time_passes_as_the_frames_of_a_variable_rate_say(tmp_path):
     assert states[-3:].tolist() == ["tracking", "coasting", "lost"]
 
 
-def test_a_piece_of_a_drive_has_its_own_mount(tmp_path):
-    """Half-way the camera is knocked down by two degrees: each part is measured with the camera pose that it had."""
+def test_pose_is_estimated_from_the_annotated_part_only(tmp_path):
+    """The camera pitches down by two degrees half-way; each part gets the pose that it had."""
     pose = SMALL.pose
-    knocked = replace(BENDS, camera=SMALL.with_pose(replace(pose, pitch_rad=pose.pitch_rad + np.radians(2))))
-    frames = [drive.frame(number / 5) for drive in (BENDS, knocked) for number in range(12)]
+    pitched = replace(BENDS, camera=SMALL.with_pose(replace(pose, pitch_rad=pose.pitch_rad + np.radians(2))))
+    frames = [drive.frame(number / 5) for drive in (BENDS, pitched) for number in range(12)]
     with VideoWriter(tmp_path / "drive.mp4", fps=5) as writer:
         for number, frame in enumerate(frames):
             writer.write(frame, number / 5)
     settings = {"output": tmp_path / "out", "camera": SMALL.with_pose(None), "report": False, "progress": False}
-    for piece, drive in (({"end_s": 2.4}, BENDS), ({"start_s": 2.4}, knocked)):
+    for piece, drive in (({"end_s": 2.4}, BENDS), ({"start_s": 2.4}, pitched)):
         result = annotate_drive(tmp_path / "drive.mp4", DriveSettings(**settings, **piece))
         assert (result.frames, result.pose.frames_total) == (12, 12)
         assert result.pose.pose.pitch_rad == pytest.approx(drive.camera.pose.pitch_rad, abs=np.radians(0.3))
 
 
-def test_a_drive_is_annotated_in_another_process(tmp_path):
+def test_annotation_in_another_process(tmp_path):
     video = write_drive(tmp_path / "drive.mp4", BENDS, 6)
     settings = DriveSettings(output=tmp_path / "out", camera=SMALL, progress=False)
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
@@ -202,7 +202,7 @@ def test_a_drive_is_annotated_in_another_process(tmp_path):
 
 
 class FakeCapture:
-    """Stands in for cv2.VideoCapture: the painted drive as camera 0, and no other camera."""
+    """Replaces cv2.VideoCapture: camera 0 shows the painted drive, other cameras do not exist."""
 
     frames, interrupt_at, interrupt_by, plugged_in = 1000, None, signal.SIGINT, True
 
@@ -230,7 +230,7 @@ class FakeCapture:
 
 @pytest.fixture
 def capture(monkeypatch):
-    """A fake camera whose clock goes on by 1/25 s with each frame."""
+    """A fake camera whose clock advances by 1/25 s per frame."""
     fake = type("Fake", (FakeCapture,), {})
     clock = iter(np.arange(100_000) / 25)
     monkeypatch.setattr("lanes.io.video.live_camera.cv2.VideoCapture", fake)
@@ -239,26 +239,26 @@ def capture(monkeypatch):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_live_camera_until_it_is_stopped(tmp_path, capture, number):
+def test_live_camera_until_a_signal(tmp_path, capture, number):
     capture.interrupt_at, capture.interrupt_by = 12, number
     result = annotate_live(0, DriveSettings(output=tmp_path, camera=SMALL))
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
     table = read_telemetry(tmp_path / "camera0.csv")
-    # The frame that was being read when the key was pressed is no longer annotated.
+    # The frame that is read during the signal is not annotated.
     assert len(table["frame"]) == result.frames == inspect_video(result.video).frames == 12
     np.testing.assert_allclose(table["time_s"], np.arange(12) / 25)
     assert table["offset_m"][-1] == pytest.approx(BENDS.truth(12 / 25).offset_m, abs=0.05)
     assert {path.name for path in tmp_path.iterdir()} == {"camera0.mp4", "camera0.csv", "camera0.html"}
 
 
-def test_a_live_camera_for_a_time_and_with_a_pose_of_its_own(tmp_path, capture):
+def test_live_camera_with_end_time_and_estimated_pose(tmp_path, capture):
     capture.frames = 400
     settings = DriveSettings(output=tmp_path, camera=SMALL.with_pose(None), end_s=0.4, report=False)
     result = annotate_live(0, settings)
     assert result.frames == 10 and result.report is None
     assert result.pose.frames_total == 20
-    # Annotating begins after the ten seconds that the camera pose takes, and its clock with it.
+    # Annotation and its time stamps start after the ten seconds of the pose estimate.
     table = read_telemetry(result.telemetry)
     assert table["time_s"][0] == 0
     assert table["curvature_per_m"][-1] == pytest.approx(BENDS.truth(9.9).curvature_per_m, abs=1e-3)
@@ -275,7 +275,7 @@ def test_elapsed_time_counts_from_a_first_frame_at_time_zero(tmp_path, capture, 
     assert table["state"].tolist() == ["searching", "searching", "searching", "tracking"]
 
 
-def test_a_camera_that_is_not_there_or_sees_nothing(tmp_path, capture):
+def test_missing_camera_and_camera_without_frames(tmp_path, capture):
     settings = DriveSettings(output=tmp_path, camera=SMALL.with_pose(None))
     with pytest.raises(VideoError, match="camera 3: cannot be opened"):
         annotate_live(3, settings)

@@ -1,4 +1,4 @@
-"""`python -m lanes detect` as a process, and the detections themselves."""
+"""The command `python -m lanes detect`, and the detections."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def true_columns(frame: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("sequence", [False, True])
-def test_command_writes_what_it_sees(folder, tmp_path, sequence):
+def test_command_writes_detections(folder, tmp_path, sequence):
     frames = [folder / f"frame{n}.png" for n in range(4)]
     output = tmp_path / "lanes.jsonl"
     rows = f"{ROWS.start}:{ROWS.stop}:{ROWS.step}"
@@ -73,25 +73,25 @@ def test_command_writes_what_it_sees(folder, tmp_path, sequence):
     assert states == (["searching", "searching", "tracking", "tracking"] if sequence else ["found"] * 4)
 
 
-def test_videos_are_followed_frame_by_frame(tmp_path):
+def test_videos_are_tracked_frame_by_frame(tmp_path):
     video = write_clip(tmp_path / "drive.mp4", [DRIVE.frame(frame / 25) for frame in range(6)])
-    told: list[tuple[int, int]] = []
-    found = detect_files([video], SMALL, np.array(ROWS), progress=lambda *done: told.append(done))
+    progress: list[tuple[int, int]] = []
+    found = detect_files([video], SMALL, np.array(ROWS), progress=lambda *done: progress.append(done))
     assert [row["raw_file"] for row in found] == [f"{video}#{frame}" for frame in range(6)]
     assert [row["frame"] for row in found] == list(range(6))
     assert found[-1]["state"] == "tracking"
     assert found[-1]["offset_m"] == pytest.approx(DRIVE.truth(0.2).offset_m, abs=0.05)
-    assert told == [(done, 6) for done in range(1, 7)]
+    assert progress == [(done, 6) for done in range(1, 7)]
 
 
-def test_nothing_there_is_said(folder):
+def test_picture_without_a_lane(folder):
     (row,) = detect_files([folder / "black.png"], SMALL, np.array(ROWS))
     assert (row["state"], row["confidence"], row["offset_m"]) == ("lost", 0.0, None)
     assert row["lanes"] == [[-2.0] * len(ROWS)] * 2
     json.dumps(row)
 
 
-def test_other_sizes_of_the_same_shape_are_rescaled(folder):
+def test_camera_is_rescaled_to_pictures_of_the_same_aspect_ratio(folder):
     (row,) = detect_files([folder / "frame0.png"], CAMERA, np.array(ROWS))
     columns, true = np.array(row["lanes"]), true_columns(0)
     inside = (true > 5) & (true < 635)
@@ -111,7 +111,7 @@ def test_other_sizes_of_the_same_shape_are_rescaled(folder):
         (["black.png", "--hfov", "5"], 2, "give a number, 10 to 150"),
     ],
 )
-def test_misuse_is_told_and_nothing_written(folder, tmp_path, arguments, status, words):
+def test_misuse_gives_a_message_and_writes_nothing(folder, tmp_path, arguments, status, words):
     files = [folder / a if a.endswith((".png", ".yaml")) else a for a in arguments]
     output = tmp_path / "lanes.jsonl"
     done = run(*files, "-o", output)

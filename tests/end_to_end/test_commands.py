@@ -181,7 +181,7 @@ def test_interrupted(drive, tmp_path):
     assert names(tmp_path / "out") == set()
 
 
-def test_mount(drive, tmp_path):
+def test_pose(drive, tmp_path):
     output = tmp_path / "camera.yaml"
     status, out, err = run("pose", "--camera", drive / "lens.yaml", *(drive / "stills").iterdir(), "-o", output)
     assert status == 0, err

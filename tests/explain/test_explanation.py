@@ -82,8 +82,8 @@ class TestGoodPicture:
         assert repr(good).endswith("failed at no step)")
 
 
-def crumbs() -> np.ndarray:
-    """White spots here and there on the road."""
+def spots_picture() -> np.ndarray:
+    """A road with scattered white spots instead of lines."""
     spots = np.random.default_rng(3).uniform([6, -8], [20, 8], (12, 2))
     return (
         Road(CAMERA)
@@ -98,7 +98,7 @@ FAILURES = {
     "glare": (lambda: (grey(252, 1.0), CAMERA), "birdseye", "glaring white"),
     "fog": (lambda: (grey(128, 0.6), CAMERA), "birdseye", "no contrast"),
     "no lines": (lambda: (grey(100, 6.0), CAMERA), "markings", "nothing is brighter or yellower"),
-    "crumbs": (lambda: (crumbs(), CAMERA), "fit", "do not line up"),
+    "spots": (lambda: (spots_picture(), CAMERA), "fit", "do not line up"),
     "sky": (lambda: (grey(100), dashcam(width=1280, pitch_rad=-0.9)), "birdseye", "sees no road"),
     "far paint": (
         lambda: (Road(CAMERA, noise=4.0).line(lambda x: np.where(x > 35, 1.8, 99)).image(), CAMERA),
@@ -161,7 +161,7 @@ class TestFigure:
         ahead = next(line for line in axes[1].lines if line.get_label() == "straight ahead of the car")
         np.testing.assert_allclose(ahead.get_xydata()[0], far, atol=0.01)
 
-    @pytest.mark.parametrize("name", ["black", "sky", "crumbs", "far paint"])
+    @pytest.mark.parametrize("name", ["black", "sky", "spots", "far paint"])
     def test_failures_are_shown_in_red(self, name):
         image, camera = FAILURES[name][0]()
         explanation = explain_frame(image, camera)

@@ -1,4 +1,4 @@
-"""The report's parts against telemetry whose story is known."""
+"""Moments, curves and page of the report, from synthetic telemetry."""
 
 from __future__ import annotations
 
@@ -39,20 +39,20 @@ def story(frames: int = 200, fps: float = 20.0) -> dict[str, np.ndarray]:
     }
 
 
-def told(moments) -> list[tuple[float, str]]:
+def as_pairs(moments) -> list[tuple[float, str]]:
     return [(round(moment.time_s, 3), moment.text) for moment in moments]
 
 
-def test_moments_tell_the_story():
+def test_worst_moments():
     kinds = worst_moments(story())
-    assert told(kinds["Lane not seen"]) == [(4.5, "lost for 1.5 s"), (4.0, "coasting for 0.5 s")]
-    assert told(kinds["Lane departures"]) == [
+    assert as_pairs(kinds["Lane not seen"]) == [(4.5, "lost for 1.5 s"), (4.0, "coasting for 0.5 s")]
+    assert as_pairs(kinds["Lane departures"]) == [
         (6.5, "towards the right line, 1.0 s"),
         (1.0, "towards the left line, 0.5 s"),
     ]
-    # 2.75 s is no place of its own beside 2.5 s; lost frames have no confidence to be low.
-    assert told(kinds["Lowest confidence"])[:2] == [(2.5, "confidence 0.50"), (7.5, "confidence 0.60")]
-    assert told(kinds["Least certain offset"])[0] == (8.0, "± 0.20 m")
+    # 2.75 s is too close to 2.5 s. Lost frames are left out.
+    assert as_pairs(kinds["Lowest confidence"])[:2] == [(2.5, "confidence 0.50"), (7.5, "confidence 0.60")]
+    assert as_pairs(kinds["Least certain offset"])[0] == (8.0, "± 0.20 m")
 
 
 def test_shares_count_time_not_frames():
@@ -64,16 +64,16 @@ def test_shares_count_time_not_frames():
     assert seconds_lost({name: column[kept] for name, column in telemetry.items()}) == pytest.approx(1.5)
 
 
-def test_a_fading_doubt_is_told_once():
+def test_decreasing_uncertainty_gives_one_moment():
     telemetry = story()
     telemetry["offset_std_m"] = np.linspace(0.5, 0.1, 200)
-    assert told(worst_moments(telemetry)["Least certain offset"]) == [(0.0, "± 0.50 m")]
+    assert as_pairs(worst_moments(telemetry)["Least certain offset"]) == [(0.0, "± 0.50 m")]
 
 
-def test_nothing_known_and_a_single_frame():
+def test_moments_of_a_single_lost_frame():
     one = {name: column[100:101] for name, column in story().items()}
     kinds = worst_moments(one)
-    assert told(kinds["Lane not seen"]) == [(0.0, "lost for 0.0 s")]
+    assert as_pairs(kinds["Lane not seen"]) == [(0.0, "lost for 0.0 s")]
     assert kinds["Lowest confidence"] == kinds["Least certain bend"] == []
     assert share_tracked(one) == 0
 
@@ -94,7 +94,7 @@ def path_of(svg: str, kind: str) -> str:
     return re.search(rf'<path class="{kind}" d="([^"]*)"', svg)[1]
 
 
-def test_a_curve_is_drawn_to_scale_with_gaps():
+def test_curve_has_scale_and_gaps():
     time_s = np.arange(10) * 0.5
     values = np.array([0, 1, 2, np.nan, np.nan, 4, 3, 2, 1, 0.0])
     curve = Curve("v", "Value", "m", values, np.full(10, 0.5), (0, 4))
@@ -110,7 +110,7 @@ def test_a_curve_is_drawn_to_scale_with_gaps():
     np.testing.assert_allclose(band[0][[0, -1]], [[0, 87.5], [0, 112.5]])
 
 
-def test_a_long_drive_keeps_its_peaks():
+def test_long_curve_keeps_its_peaks():
     values = np.zeros(90_000)
     values[12_345], values[70_001] = 3.0, -2.0
     curve = Curve("v", "Value", "m", values, None, (-3, 3))
@@ -123,7 +123,7 @@ def test_a_long_drive_keeps_its_peaks():
 
 
 @pytest.mark.parametrize("values", [[np.nan, np.nan], [0.0, 0.0], [1e-7, -1e-7], [-250.0, 380.0], [0.5, np.nan]])
-def test_axes_hold_the_values_on_round_ticks(values):
+def test_axes_contain_the_values_and_have_round_ticks(values):
     curve = Curve("v", "Value", "m", np.array(values), None, (-0.5, 0.5))
     low, high = curve.limits()
     assert low <= min(-0.5, np.nanmin([*values, 0])) and high >= max(0.5, np.nanmax([*values, 0]))
@@ -131,7 +131,7 @@ def test_axes_hold_the_values_on_round_ticks(values):
     assert "nan" not in draw_curve(curve, np.array([0.0, 0.1]))
 
 
-def test_one_wild_frame_does_not_flatten_the_rest():
+def test_outlier_does_not_flatten_the_curve():
     values = np.sin(np.arange(500) / 20)
     values[77] = 1e4
     assert Curve("v", "Value", "m", values).limits()[1] < 5
@@ -143,7 +143,7 @@ def test_states_fill_the_strip():
     assert bars == [("searching", "0.00", "250.00"), ("tracking", "250.00", "750.00"), ("lost", "750.00", "1000.00")]
 
 
-def test_what_comes_from_outside_is_escaped(tmp_path):
+def test_names_and_settings_are_escaped(tmp_path):
     video = tmp_path / "<img src=x onerror=alert(1)>.mp4"
     video.write_bytes(b"no video, but that is not the report's business")
     nasty = "</script><script>alert(1)</script>{{data}}"
@@ -157,7 +157,7 @@ def test_what_comes_from_outside_is_escaped(tmp_path):
     assert not re.search(r"https?://", page)
 
 
-def test_large_videos_are_linked_and_small_ones_are_inside(tmp_path):
+def test_large_videos_are_linked_and_small_ones_embedded(tmp_path):
     video = tmp_path / "drive.mp4"
     video.write_bytes(bytes(range(256)) * 40)
     sizes = []
@@ -169,7 +169,7 @@ def test_large_videos_are_linked_and_small_ones_are_inside(tmp_path):
     assert sizes[0] - sizes[1] == pytest.approx(10_240 * 4 / 3, abs=3)
 
 
-def test_a_drive_without_a_lane_has_a_report(tmp_path):
+def test_report_of_a_drive_without_a_lane(tmp_path):
     telemetry = story()
     telemetry["state"][:] = "lost"
     for name in ("offset_m", "offset_std_m", "curvature_per_m", "curvature_std_per_m", "lane_width_m"):
