@@ -40,7 +40,7 @@ from lanes.classic.threshold import (
     equalized_white_mask,
 )
 from lanes.classic.finder import RECIPES, get_recipe, LaneFinder
-from benchmark.course import binary_on_road, paint_share, line_coverage
+from benchmark.course import binary_on_road, marking_precision, marking_recall
 
 # 6 Find
 from lanes.classic.search import lane_histogram, find_peaks, sliding_windows, search_band

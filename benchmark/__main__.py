@@ -1,8 +1,10 @@
-"""Score every lane finder on drives whose truth is known: the suite's scenes (rendered on demand,
-kept in a cache) and the committed videos. Writes benchmark.csv, benchmark.png and reliability.png.
-What is finished is kept, so that an interrupted run goes on where it was.
-With --speed: how long they take instead, from file to file too, and how much memory (some minutes).
-With --labels: score them, or a file of predictions, on stills that were labelled by hand.
+"""Score the three recipes and the tracker on drives with known truth.
+
+The drives are the scenes of the suite, which are rendered once and cached, or your own videos.
+Writes benchmark.csv, benchmark.png and reliability.png. Finished scores are cached, so an
+interrupted run continues where it stopped.
+--speed measures time and memory instead (some minutes).
+--labels scores the systems, or a file of predictions, on hand-labelled stills instead.
 """
 
 from __future__ import annotations
@@ -25,14 +27,14 @@ EXAMPLES = """\
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of this command."""
+    """Add the options of this command."""
     parser.add_argument(
         "scenes",
         nargs="*",
         metavar="SCENE",
-        help="scenes of the suite (default: all), or videos with their truth (.csv) and camera (.yaml) beside them",
+        help="scene of the suite (default: all), or video with its truth (.csv) and camera (.yaml) next to it",
     )
-    parser.add_argument("--list", action="store_true", help="say which scenes there are, and do nothing")
+    parser.add_argument("--list", action="store_true", help="list the scenes and exit")
     parser.add_argument(
         "--system",
         type=lambda text: text.split(","),
@@ -41,17 +43,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="hls_sobel, equalized_hsv, best_channel, tracker (default: all)",
     )
     parser.add_argument(
-        "--estimated-pose", action="store_true", help="estimate the camera pose from each video, as on real drives"
+        "--estimated-pose",
+        action="store_true",
+        help="estimate the camera pose from each video, as for real drives, instead of using the true pose",
     )
-    parser.add_argument("--speed", action="store_true", help="measure time and memory on the committed video")
-    parser.add_argument("--workers", type=positive_int, default=1, metavar="N", help="processes (default: %(default)s)")
-    parser.add_argument("-o", "--output", type=Path, default=Path("."), metavar="FOLDER", help="default: here")
-    labelled = parser.add_argument_group("stills labelled by hand")
+    parser.add_argument("--speed", action="store_true", help="measure time and memory on the committed project video")
+    parser.add_argument(
+        "--workers", type=positive_int, default=1, metavar="N", help="number of processes (default: %(default)s)"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("."),
+        metavar="FOLDER",
+        help="output folder (default: the current one)",
+    )
+    labelled = parser.add_argument_group("hand-labelled stills")
     labelled.add_argument(
         "--labels", type=Path, metavar="JSONL", help="labels in TuSimple's format; raw_file is relative to this file"
     )
     labelled.add_argument(
-        "--predictions", type=Path, metavar="JSONL", help="score these, as `detect` writes them, and run no system"
+        "--predictions",
+        type=Path,
+        metavar="JSONL",
+        help="score these predictions of `python -m lanes detect` instead of the systems",
     )
     add_lens(labelled)
 
@@ -64,14 +80,14 @@ def run(options: argparse.Namespace) -> int:
 
     if options.list:
         for drive in list_drives().values():
-            print(f"{drive.name:24}{drive.difficulty:9}{drive.what}")
+            print(f"{drive.name:24}{drive.difficulty:9}{drive.description}")
         return 0
     if options.speed:
         return measure_speeds()
     if options.labels:
         return score_labelled(options)
     if options.predictions:
-        raise ValueError(f"{options.predictions}: predictions of what? Name the labels with --labels.")
+        raise ValueError(f"{options.predictions}: predictions need labels; name their file with --labels.")
     results = run_benchmark(
         choose_drives(options.scenes),
         options.system or SYSTEMS,
@@ -125,8 +141,8 @@ def _report(results: list, folder: Path) -> None:
     rows = [*score_rows(results), *total_rows(results)]
     print(describe_scores(rows))
     print(describe_run(rows))
-    engine = describe_failures([result for result in results if result.system == TRACKER])
-    print(f"Where the tracker is not right:\n{engine or 'nowhere'}")
+    failures = describe_failures([result for result in results if result.system == TRACKER])
+    print(f"Failures of the tracker:\n{failures or 'none'}")
     written = [
         write_telemetry(folder / "benchmark.csv", rows),
         save_scores_figure(folder / "benchmark.png", rows),
@@ -136,7 +152,7 @@ def _report(results: list, folder: Path) -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command; returns the exit status, see `run_command`."""
+    """Run the command; return the exit status of `run_command`."""
     arguments = sys.argv[1:] if arguments is None else arguments
     return run_command(sys.modules[__name__], "python -m benchmark", arguments)
 

@@ -1,4 +1,4 @@
-"""Results against truth: how far a found lane is from the true one, and how much of a binary is paint.
+"""Results of the course against the truth: lateral errors of lanes, precision and recall of marking pixels.
 
 Truth is a frame of truth.json (see benchmark.dataset): points of both lines in the road frame, metres.
 """
@@ -15,58 +15,57 @@ from lanes.classic.result import LaneResult
 from lanes.classic.search import binary_pixels
 from lanes.classic.warp import view_to_road
 
-# Where a driver needs the lane: from the bonnet to about a second ahead on a motorway.
-NEAR_M, VOTING_FAR_M = 5.0, 30.0
-# The distances in that range at which a drive's truth is written down.
+# Range in which a driver needs the lane: from the bonnet to about a second ahead on a motorway.
+NEAR_M, FAR_M = 5.0, 30.0
+# Distances in that range at which the truth CSV of a drive has columns.
 DRIVE_X_M = (5, 10, 15, 20, 30)
 
 
 class HasLines(Protocol):
-    """Any result that can say where its two lines are."""
+    """A result with two lane lines."""
 
     def lateral_m(self, x_m: np.ndarray) -> np.ndarray | None:
-        """Lateral places (2, N) of the left and right line at distances (N,), metres; None if not both are known."""
+        """Lateral positions (2, N) of the left and right line at distances (N,), metres; None without both lines."""
 
 
 def worst_lateral_error_m(result: HasLines | None, truth: dict | None) -> float | None:
-    """Largest lateral distance between found and true lines, 5 to 30 m ahead, metres.
+    """Largest lateral distance between detected and true lines, 5 to 30 m ahead, metres.
 
-    Infinite where a line was not found: a lane that is lost is not half right. None where one was found and no truth
-    is known.
+    Infinite if a line was not detected, because one line is no lane. None if both were detected but there is no truth.
     """
     x_m = np.array(truth["x_m"] if truth else [NEAR_M])
-    ahead = (x_m >= NEAR_M) & (x_m <= VOTING_FAR_M)
-    found = result and result.lateral_m(x_m[ahead])
-    if found is None:
+    ahead = (x_m >= NEAR_M) & (x_m <= FAR_M)
+    detected = result and result.lateral_m(x_m[ahead])
+    if detected is None:
         return np.inf
     if truth is None:
         return None
     true = np.array([truth["left_y_m"], truth["right_y_m"]])[:, ahead]
-    return float(np.abs(found - true).max())
+    return float(np.abs(detected - true).max())
 
 
 def drive_errors_m(rows: Mapping[str, np.ndarray], truth: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Largest lateral distance between found and true lines in each frame of a drive, 5 to 30 m ahead.
+    """Largest lateral distance between tracked and true lines in each frame of a drive, 5 to 30 m ahead.
 
     Parameters
     ----------
     rows : mapping of str to ndarray of shape (N,)
-        Telemetry: left_c0_m, left_c1, left_c2_per_m, where known left_c3_per_m2, and the same for right.
+        Telemetry: left_c0_m, left_c1, left_c2_per_m, optionally left_c3_per_m2, and the same for right.
     truth : mapping of str to ndarray of shape (M,), M >= N
-        The drive's truth: left_y05_m, left_y10_m ... at these distances ahead.
+        The drive's truth: left_y05_m, left_y10_m, ... at these distances ahead, and the same for right.
 
     Returns
     -------
     ndarray of shape (N,)
-        Metres; infinite where a line is not known.
+        Metres; infinite in frames without both lines.
     """
     worst = np.zeros(len(rows["left_c0_m"]))
     for side in ("left", "right"):
         c = [rows[f"{side}_{name}"] for name in ("c0_m", "c1", "c2_per_m")]
         c.append(rows.get(f"{side}_c3_per_m2", np.zeros_like(worst)))
         for x_m in DRIVE_X_M:
-            found = c[0] + c[1] * x_m + c[2] * x_m**2 / 2 + c[3] * x_m**3 / 6
-            worst = np.maximum(worst, np.abs(found - truth[f"{side}_y{x_m:02d}_m"][: len(worst)]))
+            tracked = c[0] + c[1] * x_m + c[2] * x_m**2 / 2 + c[3] * x_m**3 / 6
+            worst = np.maximum(worst, np.abs(tracked - truth[f"{side}_y{x_m:02d}_m"][: len(worst)]))
     return np.where(np.isnan(worst), np.inf, worst)
 
 
@@ -75,13 +74,13 @@ def binary_on_road(result: LaneResult, camera: Camera) -> np.ndarray:
     return view_to_road(binary_pixels(result.steps.warped_binary), result.warp, camera)
 
 
-def paint_share(
-    points_m: np.ndarray, truth: dict | None, *, beside_m: float = 1.0, paint_m: float = 0.2
+def marking_precision(
+    points_m: np.ndarray, truth: dict | None, *, margin_m: float = 1.0, tolerance_m: float = 0.2
 ) -> float | None:
-    """Share of the points taken for paint that lie on the paint of the own lane.
+    """Precision of marking points: the share of them that lies on a line of the ego lane.
 
-    Counted are the points from 5 to 30 m ahead in the own lane and `beside_m` to each side of it; right are those
-    within `paint_m` of the centre of a line (half a painted line, and as much again for blur).
+    The points 5 to 30 m ahead count, in the ego lane and up to `margin_m` outside it. A point lies on a line if it is
+    within `tolerance_m` of its centre (half the width of a line, and the same again for blur).
 
     Parameters
     ----------
@@ -93,54 +92,55 @@ def paint_share(
     Returns
     -------
     float or None
-        In range 0..1; None where no truth is known or no point is counted.
+        In range 0..1; None without truth, or without any point in that range.
     """
     if truth is None:
         return None
     x, y = np.asarray(points_m, float).reshape(-1, 2).T
     left, right = (np.interp(x, truth["x_m"], truth[key]) for key in ("left_y_m", "right_y_m"))
-    counted = (x >= NEAR_M) & (x <= VOTING_FAR_M) & (y < left + beside_m) & (y > right - beside_m)
+    counted = (x >= NEAR_M) & (x <= FAR_M) & (y < left + margin_m) & (y > right - margin_m)
     if not counted.any():
         return None
-    on_paint = np.minimum(np.abs(y - left), np.abs(y - right)) <= paint_m
-    return float(on_paint[counted].mean())
+    on_line = np.minimum(np.abs(y - left), np.abs(y - right)) <= tolerance_m
+    return float(on_line[counted].mean())
 
 
-def line_coverage(points_m: np.ndarray, truth: dict | None, *, paint_m: float = 0.2) -> float | None:
-    """Share of both lines, 5 to 30 m ahead, beside which a point taken for paint lies; None without truth.
+def marking_recall(points_m: np.ndarray, truth: dict | None, *, tolerance_m: float = 0.2) -> float | None:
+    """Recall of marking points: the share of both lines, 5 to 30 m ahead, with a point on it; None without truth.
 
-    Looked at is every half metre, whether painted or a gap: a dashed line counts at most with its dashes.
+    The lines are divided into steps of half a metre. Gaps of a dashed line count as well, so its recall cannot exceed
+    the share of its dashes unless noise fills the gaps.
     """
     if truth is None:
         return None
     x, y = np.asarray(points_m, float).reshape(-1, 2).T
-    edges = np.arange(NEAR_M, VOTING_FAR_M + 0.1, 0.5)
+    edges = np.arange(NEAR_M, FAR_M + 0.1, 0.5)
     covered = []
     for key in ("left_y_m", "right_y_m"):
-        on_line = np.abs(y - np.interp(x, truth["x_m"], truth[key])) <= paint_m
+        on_line = np.abs(y - np.interp(x, truth["x_m"], truth[key])) <= tolerance_m
         covered.append(np.histogram(x[on_line], edges)[0] > 0)
     return float(np.mean(covered))
 
 
 def describe_error(error_m: float | None) -> str:
-    """Words for an error: "0.12 m", "lost" where nothing was found, "unknown" where there is no truth."""
+    """An error in words: "0.12 m", "lost" if infinite (no lane), "unknown" if None (no truth)."""
     if error_m is None:
         return "unknown"
     return f"{error_m:.2f} m" if np.isfinite(error_m) else "lost"
 
 
 def check(name: str, measured: float, truth: float | None, unit: str, *, within: float, digits: int = 2) -> str:
-    """Hold a number against the truth and put the outcome in words.
+    """Compare a number with the truth; the comparison in words.
 
     Parameters
     ----------
     name, unit : str
-        For the sentence.
+        Printed in the sentence.
     measured : float
     truth : float or None
-        None where it is not known, as in real pictures.
+        None if unknown, as for real pictures.
     within : float
-        The difference that counts as right, in `unit`.
+        Largest allowed difference, in `unit`.
     digits : int
         Decimals printed.
 
@@ -152,7 +152,7 @@ def check(name: str, measured: float, truth: float | None, unit: str, *, within:
     Raises
     ------
     AssertionError
-        If the truth is known and missed by more than `within`: a check that cannot fail would be none.
+        If the difference to a known truth is larger than `within`.
     """
     if truth is None:
         return f"{name}: {measured:.{digits}f} {unit} (no truth known for these pictures)"

@@ -1,7 +1,7 @@
-"""Where the course's pictures, videos and truth are, and how a measured number is held against the truth.
+"""The data of the course: pictures, videos and their truth.
 
-The embedded data are rendered and come with truth files. `LANES_DATA=path/to/folder` names other data, laid out as
-here or as in Udacity's repository; where those have no truth, a check says so instead of failing.
+The embedded data are rendered and come with truth files. The environment variable LANES_DATA names a folder with other
+data, in the layout of this project or of Udacity's repository; those may have no truth.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from lanes.io.files import read_text
 from lanes.io.images import list_pictures
 from lanes.io.telemetry import read_telemetry
 
-Found = TypeVar("Found")
+Part = TypeVar("Part")
 
 PROJECT_ROOT = Path(__file__).resolve().parents[1]
 
 
 class DatasetError(OSError):
-    """A data folder lacks something; the message says what and where it was looked for."""
+    """A file or folder of the data is missing or damaged; the message names it."""
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """A folder with camera_cal/, test_images/ and videos; `output` is where results made from it go."""
+    """A folder with camera_cal/, test_images/ and videos; `output` is the folder for results."""
 
     root: Path
     output: Path
 
     @property
     def boards(self) -> Path:
-        """Folder of the chessboard pictures."""
+        """The folder with the chessboard pictures."""
         return self.root / "camera_cal"
 
     @property
@@ -53,27 +53,35 @@ class Dataset:
         Raises
         ------
         DatasetError
-            If there is none.
+            If there is no such picture.
         """
         for path in self.stills:
             if path.stem == name:
                 return path
-        raise DatasetError(f"{self.root / 'test_images'}: holds no picture called {name}; see which names it has.")
+        raise DatasetError(
+            f"{self.root / 'test_images'}: there is no picture {name}; look in the folder for its names."
+        )
 
     def video(self, name: str) -> Path:
-        """The video called `name`, in test_videos/ or beside it as in Udacity's repository."""
+        """The video file `name`, in test_videos/ or directly in the data folder, as in Udacity's repository.
+
+        Raises
+        ------
+        DatasetError
+            If there is no such video.
+        """
         for folder in (self.root / "test_videos", self.root):
             if (folder / name).is_file():
                 return folder / name
-        raise DatasetError(f"{self.root}: holds no video {name}, neither in test_videos/ nor beside it; copy it there.")
+        raise DatasetError(f"{self.root}: there is no video {name}, here or in test_videos/; copy it there.")
 
     def true_camera(self) -> Camera | None:
-        """The camera that the pictures were taken with, where it is known exactly."""
+        """The true camera of the test pictures, from truth.json; None without that file."""
         path = self.root / "test_images" / "truth.json"
         return _read_truth(path, lambda truth: camera_from_dict(truth["camera"])) if path.is_file() else None
 
     def true_lane(self, still: Path) -> dict | None:
-        """What is known of the lane in a test picture (keys: DESIGN of truth.json), or None."""
+        """The entry of a test picture in truth.json (keys: simulator/road/truth.py); None without one."""
         path = still.parent / "truth.json"
         if not path.is_file():
             return None
@@ -84,21 +92,23 @@ class Dataset:
         return _read_truth(path, find)
 
     def true_drive(self, video: Path) -> dict[str, np.ndarray] | None:
-        """What is known of the lane in the frames of a video, an array for each column, or None."""
+        """The truth CSV of a video, an array (frames,) for each column; None without that file."""
         path = video.with_suffix(".csv")
         return read_telemetry(path) if path.is_file() else None
 
 
-def _read_truth(path: Path, take: Callable[[dict], Found]) -> Found:
-    """What `take` takes out of a truth file."""
+def _read_truth(path: Path, select: Callable[[dict], Part]) -> Part:
+    """The part of a truth file that `select` returns."""
     try:
-        return take(json.loads(read_text(path, "truth")))
+        return select(json.loads(read_text(path, "truth")))
     except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
-        raise DatasetError(f"{path}: is no truth of pictures ({error!r}); remove it, or copy it again.") from error
+        raise DatasetError(
+            f"{path}: is not a truth file of pictures ({error!r}); remove it, or copy it again."
+        ) from error
 
 
 def open_dataset(root: str | Path | None = None) -> Dataset:
-    """Open the data folder that `root`, else the environment variable LANES_DATA, names; else the embedded data.
+    """The data folder `root`; default: the one named by the environment variable LANES_DATA, else the embedded data.
 
     Raises
     ------

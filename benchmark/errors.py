@@ -1,4 +1,4 @@
-"""How wrong a system is in each frame of a drive whose truth is known."""
+"""Errors of a system in each frame of a drive with known truth."""
 
 from __future__ import annotations
 
@@ -7,51 +7,51 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from benchmark.estimates import AT_M, Readings
+from benchmark.estimates import AHEAD_M, DriveEstimates
 from lanes.camera.camera import Camera
 from lanes.tracking.confidence import RIGHT_M
 
-# Where a driver needs the lane most: from the bonnet to a second ahead in town; the near part of AT_M.
-NEAR = AT_M <= 20.0
-# While the car's middle is this close to a line, that line may be called the left or the right one of the lane.
-CHANGING_M = 0.4
-# A line that runs across the car's way at this angle or more is not judged any farther: in a hairpin its place at a
-# given x says little, and ends where the line turns back.
-MOST_ACROSS_RAD = np.radians(60)
-# From this confidence on a lane that is wrong is confidently wrong.
+# The near part of AHEAD_M, where a driver needs the lane most: from the bonnet to a second ahead in town.
+NEAR = AHEAD_M <= 20.0
+# Within this distance of a line the car is changing lanes: either adjacent lane counts as the ego lane.
+LANE_CHANGE_M = 0.4
+# A line is compared only as far as its direction differs from the car's by less than this. In a hairpin the lateral
+# position at a given x says little, and the line ends where it turns back.
+MAX_LINE_ANGLE_RAD = np.radians(60)
+# A wrong lane with this confidence or more is confident and wrong.
 CONFIDENT = 0.9
-# A lane that was lost or wrong is back when it is right in so many frames in a row.
-SETTLED = 3
+# A lost or wrong lane has recovered after this number of correct frames in a row.
+RECOVERED_FRAMES = 3
 
 
 @dataclass(frozen=True, eq=False)
 class LaneTruth:
-    """The true lane in N frames; NaN where there is none, and where the road does not reach so far.
+    """The true lane in N frames; NaN where there is no lane, and beyond the end of a line.
 
     Parameters
     ----------
     lines_y_m : ndarray of shape (N, 2, D)
-        Lateral places of the left and right line at AT_M.
-    beside_y_m : ndarray of shape (N, 2)
-        The same beside the car.
+        Lateral positions of the left and right line at AHEAD_M.
+    at_car_y_m : ndarray of shape (N, 2)
+        The same at the car, x = 0.
     offset_m, heading_rad, curvature_per_m, width_m : ndarray of shape (N,)
     """
 
     lines_y_m: np.ndarray
-    beside_y_m: np.ndarray
+    at_car_y_m: np.ndarray
     offset_m: np.ndarray
     heading_rad: np.ndarray
     curvature_per_m: np.ndarray
     width_m: np.ndarray
 
     @classmethod
-    def of(cls, columns: Mapping[str, np.ndarray]) -> LaneTruth:
-        """From the columns of a drive's CSV."""
-        lines = [[columns[f"{side}_y{x:02.0f}_m"] for x in AT_M] for side in ("left", "right")]
-        beside = [columns[f"{side}_c0_m"] for side in ("left", "right")]
+    def from_columns(cls, columns: Mapping[str, np.ndarray]) -> LaneTruth:
+        """From the columns of a truth CSV."""
+        lines = [[columns[f"{side}_y{x:02.0f}_m"] for x in AHEAD_M] for side in ("left", "right")]
+        at_car = [columns[f"{side}_c0_m"] for side in ("left", "right")]
         return cls(
             np.moveaxis(np.array(lines, float), 2, 0),
-            np.array(beside, float).T,
+            np.array(at_car, float).T,
             *(np.asarray(columns[n], float) for n in ("offset_m", "heading_rad", "curvature_per_m", "lane_width_m")),
         )
 
@@ -61,78 +61,78 @@ class LaneTruth:
         return np.isfinite(self.lines_y_m[:, :, 0]).all(axis=1)
 
     @property
-    def across(self) -> np.ndarray:
-        """(N, 2, D): distance across a line for each metre of y beside it; NaN from MOST_ACROSS_RAD on.
+    def line_cosine(self) -> np.ndarray:
+        """(N, 2, D) cosine of the line's direction; NaN from MAX_LINE_ANGLE_RAD on.
 
-        The cosine of the line's direction. That of the flatter of the two chords to its next points is taken, so that
-        no error comes out smaller than it is.
+        It converts a difference in y to a distance perpendicular to the line. The flatter of the two adjacent chords
+        is used, so that no error is underestimated.
         """
-        places = np.concatenate([self.beside_y_m[..., None], self.lines_y_m], axis=2)
-        chords = np.abs(np.diff(places, axis=2) / np.diff(AT_M, prepend=0.0))
+        positions = np.concatenate([self.at_car_y_m[..., None], self.lines_y_m], axis=2)
+        chords = np.abs(np.diff(positions, axis=2) / np.diff(AHEAD_M, prepend=0.0))
         slope = np.fmin(chords, np.concatenate([chords[..., 1:], chords[..., -1:]], axis=2))
-        return np.where(slope < np.tan(MOST_ACROSS_RAD), 1 / np.hypot(1, slope), np.nan)
+        return np.where(slope < np.tan(MAX_LINE_ANGLE_RAD), 1 / np.hypot(1, slope), np.nan)
 
     def in_picture(self, camera: Camera | None) -> np.ndarray:
-        """(N, 2, D) bool: the line is in the camera's picture at AT_M, hidden or not; everywhere without camera."""
+        """(N, 2, D) bool: the line at AHEAD_M is inside the picture, hidden or not; all True without a camera."""
         if camera is None:
             return np.ones(self.lines_y_m.shape, bool)
-        places = np.stack([np.broadcast_to(AT_M, self.lines_y_m.shape), self.lines_y_m], axis=-1)
-        # neither bumps nor hills move a place across the picture by much: the flat road's column will do
-        column = camera.road_to_pixels(places.reshape(-1, 2))[:, 0].reshape(self.lines_y_m.shape)
+        positions = np.stack([np.broadcast_to(AHEAD_M, self.lines_y_m.shape), self.lines_y_m], axis=-1)
+        # A flat road is assumed: bumps and hills hardly change the column of a road point.
+        column = camera.road_to_pixels(positions.reshape(-1, 2))[:, 0].reshape(self.lines_y_m.shape)
         return (column >= 0) & (column <= camera.width - 1)
 
-    def cut(self, frames: slice) -> LaneTruth:
+    def select(self, frames: slice) -> LaneTruth:
         """The truth of some of the frames."""
         return LaneTruth(**{field.name: getattr(self, field.name)[frames] for field in fields(self)})
 
-    def beside(self) -> LaneTruth:
-        """The lane on the other side of the line that the car is on, where it is; elsewhere the same lane.
+    def adjacent(self) -> LaneTruth:
+        """The lane on the other side of the line that the car is crossing; the same lane in all other frames.
 
-        Its far line is put as far beyond the shared one as this lane is wide, which is exact for parallel lines on a
-        straight road and good to a millimetre on one of 400 m radius.
+        The adjacent lane gets the width of this one. That is exact for parallel lines on a straight road and good to
+        a millimetre at a radius of 400 m.
         """
-        left_near, right_near = (np.abs(self.beside_y_m) < CHANGING_M).T
+        left_near, right_near = (np.abs(self.at_car_y_m) < LANE_CHANGE_M).T
         step = np.where(left_near, 1.0, np.where(right_near, -1.0, 0.0))
-        # In a hairpin one line may reach farther than the other: what is not known of that one is no matter elsewhere.
-        across = np.where(step[:, None, None] == 0, 0.0, self.lines_y_m[:, :1] - self.lines_y_m[:, 1:])
+        # Masked by step: in a hairpin one line may end before the other, and its NaN must not spread to other frames.
+        shift = np.where(step[:, None, None] == 0, 0.0, self.lines_y_m[:, :1] - self.lines_y_m[:, 1:])
         return replace(
             self,
-            lines_y_m=self.lines_y_m + step[:, None, None] * across,
+            lines_y_m=self.lines_y_m + step[:, None, None] * shift,
             offset_m=self.offset_m - step * self.width_m,
-            # a curve beside another one, of the same centre
+            # adjacent curves have the same centre
             curvature_per_m=self.curvature_per_m / (1 - step * self.width_m * self.curvature_per_m),
         )
 
 
 @dataclass(frozen=True, eq=False)
 class FrameErrors:
-    """Errors of N frames; NaN where no lane is given, none is there, or the road does not reach so far.
+    """Errors of N frames; NaN if no lane is available, no lane exists, or the line ends before that distance.
 
     Parameters
     ----------
-    exists, given : ndarray of shape (N,), bool
-        Whether there is a lane, and whether the system gives one.
+    exists, available : ndarray of shape (N,), bool
+        A lane exists; the system reports a lane.
     confident : ndarray of shape (N,), bool
-        A lane is given, with a confidence of CONFIDENT or more, or by a system that states none.
+        The system reports a lane with a confidence of CONFIDENT or more, or it states no confidence.
     lateral_m : ndarray of shape (N, D)
-        Distance between found and true line at AT_M, square to the true one, of the line that is farther off there.
-    near_m, far_m : ndarray of shape (N,)
-        Root mean square of a line's lateral errors, of the worse line: over 5 to 20 m, and over 5 to 30 m, which is
-        what the confidence speaks of. Infinite where the found line has turned back before the true one.
-    in_picture_m : ndarray of shape (N,)
-        As `near_m`, over those places that are in the picture: in a hairpin the inner line leaves it at its side.
+        Distance between estimated and true line at AHEAD_M, perpendicular to the true one, of the worse line there.
+    near_rms_m, full_rms_m : ndarray of shape (N,)
+        Root mean square of the lateral errors of the worse line: over 5 to 20 m, and over 5 to 30 m, for which the
+        confidence is defined. Infinite if the estimated line turns back before the true one.
+    in_picture_rms_m : ndarray of shape (N,)
+        As `near_rms_m`, over the points inside the picture: in a hairpin the inner line leaves it at the side.
     offset_m, heading_rad, curvature_per_m : ndarray of shape (N,)
         Absolute errors.
     confidence, time_ms : ndarray of shape (N,)
     """
 
     exists: np.ndarray
-    given: np.ndarray
+    available: np.ndarray
     confident: np.ndarray
     lateral_m: np.ndarray
-    near_m: np.ndarray
-    far_m: np.ndarray
-    in_picture_m: np.ndarray
+    near_rms_m: np.ndarray
+    full_rms_m: np.ndarray
+    in_picture_rms_m: np.ndarray
     offset_m: np.ndarray
     heading_rad: np.ndarray
     curvature_per_m: np.ndarray
@@ -140,56 +140,67 @@ class FrameErrors:
     time_ms: np.ndarray
 
     @property
-    def right(self) -> np.ndarray:
-        """(N,) bool: a lane is there and given, and both lines are within RIGHT_M of it over 5 to 20 m."""
-        return self.exists & self.given & (self.near_m <= RIGHT_M)
+    def correct(self) -> np.ndarray:
+        """(N,) bool: a lane exists and is available, and both lines are within RIGHT_M (rms over 5 to 20 m)."""
+        return self.exists & self.available & (self.near_rms_m <= RIGHT_M)
 
     @property
-    def right_in_picture(self) -> np.ndarray:
-        """(N,) bool: as `right`, judged only where the lines are in the picture."""
-        return self.exists & self.given & ~(self.in_picture_m > RIGHT_M)
+    def correct_in_picture(self) -> np.ndarray:
+        """(N,) bool: as `correct`, compared only where the lines are inside the picture."""
+        return self.exists & self.available & ~(self.in_picture_rms_m > RIGHT_M)
 
     @property
-    def confidently_wrong(self) -> np.ndarray:
-        """(N,) bool: a lane is given confidently where it is not right."""
-        return self.confident & ~self.right
+    def confident_and_wrong(self) -> np.ndarray:
+        """(N,) bool: the lane is reported with confidence, but not correct."""
+        return self.confident & ~self.correct
 
 
-def frame_errors(readings: Readings, truth: LaneTruth, camera: Camera | None = None) -> FrameErrors:
-    """Hold what a system says against the truth, frame by frame.
+def frame_errors(estimates: DriveEstimates, truth: LaneTruth, camera: Camera | None = None) -> FrameErrors:
+    """Errors of the estimates against the truth, frame by frame.
 
-    Where the car is on a line, the lane on either side of it will do: the one that the lines found are nearer to.
-    The camera, with its pose, tells what is in the picture; without one, all is.
+    While the car crosses a line, the estimate is compared with the lanes on both sides, and the nearer one counts.
+
+    Parameters
+    ----------
+    estimates : DriveEstimates
+    truth : LaneTruth
+        Of the same N frames.
+    camera : Camera, optional
+        With its pose; decides which points are inside the picture. Without it all are.
 
     Raises
     ------
     ValueError
-        If the two are not of the same number of frames.
+        If the numbers of frames differ.
     """
-    if len(readings.offset_m) != len(truth.offset_m):
+    if len(estimates.offset_m) != len(truth.offset_m):
         raise ValueError(
-            f"a system's {len(readings.offset_m)} frames cannot be held against a truth of {len(truth.offset_m)}; "
-            "the video and the CSV beside it must belong together."
+            f"{len(estimates.offset_m)} frames of estimates cannot be compared with {len(truth.offset_m)} frames of "
+            "truth; the video and its CSV must belong together."
         )
-    named, other = (_errors_of(readings, lane, camera) for lane in (truth, truth.beside()))
-    swap = np.nan_to_num(other["near_m"], nan=np.inf) < np.nan_to_num(named["near_m"], nan=np.inf)
-    chosen = {name: np.where(swap[(...,) + (None,) * (e.ndim - 1)], other[name], e) for name, e in named.items()}
-    confident = readings.given & ~(readings.confidence < CONFIDENT)
+    ego, other = (_errors_against(estimates, lane, camera) for lane in (truth, truth.adjacent()))
+    swap = np.nan_to_num(other["near_rms_m"], nan=np.inf) < np.nan_to_num(ego["near_rms_m"], nan=np.inf)
+    chosen = {name: np.where(swap[(...,) + (None,) * (e.ndim - 1)], other[name], e) for name, e in ego.items()}
+    confident = estimates.available & ~(estimates.confidence < CONFIDENT)
     return FrameErrors(
-        truth.exists, readings.given, confident, **chosen, confidence=readings.confidence, time_ms=readings.time_ms
+        truth.exists,
+        estimates.available,
+        confident,
+        **chosen,
+        confidence=estimates.confidence,
+        time_ms=estimates.time_ms,
     )
 
 
-def recoveries(right: np.ndarray) -> list[int]:
-    """How long each loss lasted: frames from the first one not right to the first of SETTLED right ones in a row.
+def recovery_lengths(correct: np.ndarray) -> list[int]:
+    """Lengths of all losses: frames from the first wrong one to the first of RECOVERED_FRAMES correct ones in a row.
 
-    A lane that is not right at the beginning counts as lost there; a loss that lasts to the end counts with the frames
-    there are.
+    A lane that is not correct in the first frame counts as lost there. A loss at the end counts up to the last frame.
     """
     lengths, at = [], 0
-    while at < len(right):
+    while at < len(correct):
         start = at
-        while not right[at : at + (1 if at == start else SETTLED)].all():
+        while not correct[at : at + (1 if at == start else RECOVERED_FRAMES)].all():
             at += 1
         if at > start:
             lengths.append(at - start)
@@ -197,24 +208,25 @@ def recoveries(right: np.ndarray) -> list[int]:
     return lengths
 
 
-def _errors_of(readings: Readings, truth: LaneTruth, camera: Camera | None) -> dict[str, np.ndarray]:
-    """The errors that depend on how the lines are named."""
-    error = np.abs(readings.lines_y_m - truth.lines_y_m) * truth.across
-    judged = readings.given[:, None, None] & np.isfinite(truth.across)
-    error = np.where(judged, np.where(np.isnan(error), np.inf, error), np.nan)
+def _errors_against(estimates: DriveEstimates, truth: LaneTruth, camera: Camera | None) -> dict[str, np.ndarray]:
+    """The errors that depend on which lane counts as the ego lane."""
+    cosine = truth.line_cosine
+    error = np.abs(estimates.lines_y_m - truth.lines_y_m) * cosine
+    compared = estimates.available[:, None, None] & np.isfinite(cosine)
+    error = np.where(compared, np.where(np.isnan(error), np.inf, error), np.nan)
     errors = {
         "lateral_m": np.fmax(error[:, 0], error[:, 1]),
-        "near_m": _worse_rms(error[..., NEAR]),
-        "far_m": _worse_rms(error),
-        "in_picture_m": _worse_rms(np.where(truth.in_picture(camera), error, np.nan)[..., NEAR]),
+        "near_rms_m": _worse_rms(error[..., NEAR]),
+        "full_rms_m": _worse_rms(error),
+        "in_picture_rms_m": _worse_rms(np.where(truth.in_picture(camera), error, np.nan)[..., NEAR]),
     }
     for name in ("offset_m", "heading_rad", "curvature_per_m"):
-        errors[name] = np.where(truth.exists, np.abs(getattr(readings, name) - getattr(truth, name)), np.nan)
+        errors[name] = np.where(truth.exists, np.abs(getattr(estimates, name) - getattr(truth, name)), np.nan)
     return errors
 
 
 def _worse_rms(error: np.ndarray) -> np.ndarray:
-    """(N,) from errors (N, 2, K): the larger of both lines' root mean squares over what is known; NaN if nothing is."""
+    """(N,) from errors (N, 2, K): the larger root mean square of the two lines, NaN left out; NaN if all are NaN."""
     known = ~np.isnan(error)
     count = known.sum(axis=2)
     square = np.where(known, error, 0.0) ** 2

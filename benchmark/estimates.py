@@ -1,4 +1,4 @@
-"""What a system says of each frame of a drive, and how that is kept in a file."""
+"""The estimates of a system: one lane per frame, arrays for a whole drive, and their JSON file."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ import numpy as np
 from lanes.io.files import read_text, write_atomically
 from lanes.tracking.confidence import RIGHT_AT_M
 
-# Distances ahead at which lines are held against the truth, metres: those that the confidence speaks of.
-AT_M = RIGHT_AT_M
+# Distances ahead at which lines are compared with the truth, metres. The confidence is defined at the same distances.
+AHEAD_M = RIGHT_AT_M
 
 
 @dataclass(frozen=True, eq=False)
-class Reading:
-    """What a system says of one frame; all None where it gives no lane.
+class LaneEstimate:
+    """The ego lane as a system sees it in one frame; all None if no lane is available.
 
     Parameters
     ----------
     lines_y_m : ndarray of shape (2, D) or None
-        Lateral places of the left and right line at the distances AT_M; NaN where a line has turned back before.
+        Lateral positions of the left and right line at AHEAD_M; NaN beyond the point where a line turns back.
     offset_m, heading_rad, curvature_per_m : float or None
-        Signs as everywhere.
+        Signs as in docs/conventions.md.
     confidence : float or None
-        None also where the system states none.
+        None also if the system states no confidence.
     """
 
     lines_y_m: np.ndarray | None = None
@@ -38,14 +38,15 @@ class Reading:
 
 
 @dataclass(frozen=True, eq=False)
-class Readings:
-    """The readings of N frames as arrays, NaN for None.
+class DriveEstimates:
+    """The estimates of N consecutive frames as arrays, NaN for None.
 
     Parameters
     ----------
     lines_y_m : ndarray of shape (N, 2, D)
-    offset_m, heading_rad, curvature_per_m, confidence, time_ms : ndarray of shape (N,)
-        `time_ms` is how long the system took.
+    offset_m, heading_rad, curvature_per_m, confidence : ndarray of shape (N,)
+    time_ms : ndarray of shape (N,)
+        Time that the system took for the frame.
     """
 
     lines_y_m: np.ndarray
@@ -56,43 +57,51 @@ class Readings:
     time_ms: np.ndarray
 
     @classmethod
-    def of(cls, readings: Sequence[Reading], time_ms: Sequence[float]) -> Readings:
-        """The readings of consecutive frames, and the milliseconds that each took."""
-        nowhere = np.full((2, len(AT_M)), np.nan)
-        lines = [nowhere if r.lines_y_m is None else r.lines_y_m for r in readings]
+    def from_frames(cls, estimates: Sequence[LaneEstimate], time_ms: Sequence[float]) -> DriveEstimates:
+        """From the estimates of consecutive frames and their times."""
+        no_lines = np.full((2, len(AHEAD_M)), np.nan)
+        lines = [no_lines if estimate.lines_y_m is None else estimate.lines_y_m for estimate in estimates]
         numbers = {
-            name: np.array([getattr(r, name) for r in readings], float)
+            name: np.array([getattr(estimate, name) for estimate in estimates], float)
             for name in ("offset_m", "heading_rad", "curvature_per_m", "confidence")
         }
-        return cls(np.array(lines, float).reshape(-1, 2, len(AT_M)), **numbers, time_ms=np.array(time_ms, float))
+        return cls(np.array(lines, float).reshape(-1, 2, len(AHEAD_M)), **numbers, time_ms=np.array(time_ms, float))
 
     @property
-    def given(self) -> np.ndarray:
-        """(N,) bool: frames in which a lane is given."""
+    def available(self) -> np.ndarray:
+        """(N,) bool: frames in which the system reports a lane."""
         return np.isfinite(self.offset_m)
 
-    def cut(self, frames: slice) -> Readings:
-        """The readings of some of the frames."""
-        return Readings(**{field.name: getattr(self, field.name)[frames] for field in fields(self)})
+    def select(self, frames: slice) -> DriveEstimates:
+        """The estimates of some of the frames."""
+        return DriveEstimates(**{field.name: getattr(self, field.name)[frames] for field in fields(self)})
 
 
-def write_readings(path: Path, readings: Readings, **about: object) -> None:
-    """Write readings, and what else is to be known `about` them, as JSON; micrometres are kept, NaN becomes null."""
-    numbers = {name: _nested(array) for name, array in asdict(readings).items()}
-    write_atomically(path, json.dumps(about | numbers).encode())
+def write_estimates(path: Path, estimates: DriveEstimates, **metadata: object) -> None:
+    """Write estimates and metadata as JSON; numbers are rounded to 1e-7, NaN becomes null."""
+    numbers = {name: _nested_lists(array) for name, array in asdict(estimates).items()}
+    write_atomically(path, json.dumps(metadata | numbers).encode())
 
 
-def read_readings(path: Path) -> tuple[Readings, dict]:
-    """Read what `write_readings` wrote: the readings, and what else is known; ValueError if it is damaged."""
+def read_estimates(path: Path) -> tuple[DriveEstimates, dict]:
+    """Estimates and metadata from a file of `write_estimates`.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    ValueError
+        If the file is damaged.
+    """
     try:
-        content = json.loads(read_text(path, "readings"))
-        arrays = {field.name: np.array(content.pop(field.name), float) for field in fields(Readings)}
-        arrays["lines_y_m"] = arrays["lines_y_m"].reshape(-1, 2, len(AT_M))
+        content = json.loads(read_text(path, "estimates"))
+        arrays = {field.name: np.array(content.pop(field.name), float) for field in fields(DriveEstimates)}
+        arrays["lines_y_m"] = arrays["lines_y_m"].reshape(-1, 2, len(AHEAD_M))
     except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
-        raise ValueError(f"{path}: holds no readings ({error}); remove it, to have them made again.") from error
-    return Readings(**arrays), content
+        raise ValueError(f"{path}: holds no estimates ({error}); remove it, so that it is made again.") from error
+    return DriveEstimates(**arrays), content
 
 
-def _nested(array: np.ndarray) -> list:
-    """Nested lists of numbers with null for NaN, as JSON has no NaN; offsets and places need no more than 1e-7."""
+def _nested_lists(array: np.ndarray) -> list:
+    """Nested lists of numbers; JSON has no NaN, so it becomes null."""
     return np.where(np.isnan(array), None, np.round(array, 7).astype(object)).tolist()

@@ -1,4 +1,4 @@
-"""Run one system over one drive: every frame in order, then its errors against the truth."""
+"""Evaluation of one system on one drive: run it on every frame, then compare its estimates with the truth."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from benchmark.errors import LaneTruth, frame_errors
-from benchmark.estimates import Reading, Readings
-from benchmark.scored_drive import NO_LANE, BenchmarkDrive, own_drive
+from benchmark.estimates import DriveEstimates, LaneEstimate
+from benchmark.scored_drive import NO_LANE, BenchmarkDrive, drive_from_video
 from benchmark.scores import Result, Row, score_rows
-from benchmark.systems import follow_with, require_system
+from benchmark.systems import require_system, start_system
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import load_camera
 from lanes.camera.pose_from_lanes.pose_estimate import PoseError
@@ -22,49 +22,49 @@ from lanes.io.video.reader import inspect_video, read_frames
 
 
 @dataclass(frozen=True)
-class Staged:
-    """A drive with its video at hand, and the camera that the systems are given (None: no pose was to be found)."""
+class PreparedDrive:
+    """A drive with a video, and the camera for the systems (None if no pose was found in the video)."""
 
     drive: BenchmarkDrive
     camera: Camera | None
     pose: str
 
 
-def stage(drive: BenchmarkDrive, *, estimated_pose: bool = False) -> Staged:
-    """Take the true pose of a drive whose video is at hand, or estimate it from the video."""
+def prepare_drive(drive: BenchmarkDrive, *, estimated_pose: bool = False) -> PreparedDrive:
+    """Load the camera of a drive with its true pose, or estimate the pose from the video."""
     camera = load_camera(drive.video.with_suffix(".yaml"))
     if not estimated_pose:
-        return Staged(drive, camera, "true")
+        return PreparedDrive(drive, camera, "true")
     try:
         camera, _ = pose_from_drive(replace(camera, pose=None), [drive.video])
     except PoseError:
-        return Staged(drive, None, "not found")
-    return Staged(drive, camera, "estimated")
+        return PreparedDrive(drive, None, "not found")
+    return PreparedDrive(drive, camera, "estimated")
 
 
-def follow_drive(staged: Staged, system: str, *, end_s: float | None = None) -> Readings:
-    """What a system says of each frame of a drive up to `end_s`; nothing where the camera has no pose."""
-    info = inspect_video(staged.drive.video)
-    follow = follow_with(system, staged.camera, info.fps) if staged.camera else lambda image: Reading()
-    readings, time_ms = [], []
-    for image in read_frames(staged.drive.video, end_s=end_s):
+def run_system(prepared: PreparedDrive, system: str, *, end_s: float | None = None) -> DriveEstimates:
+    """Estimates of a system for the frames of a drive before `end_s`; no lane in any frame without a pose."""
+    info = inspect_video(prepared.drive.video)
+    estimate = start_system(system, prepared.camera, info.fps) if prepared.camera else lambda image: LaneEstimate()
+    estimates, time_ms = [], []
+    for image in read_frames(prepared.drive.video, end_s=end_s):
         start = time.perf_counter()
-        readings.append(follow(image))
-        time_ms.append(1000 * (time.perf_counter() - start) if staged.camera else np.nan)
-    return Readings.of(readings, time_ms)
+        estimates.append(estimate(image))
+        time_ms.append(1000 * (time.perf_counter() - start) if prepared.camera else np.nan)
+    return DriveEstimates.from_frames(estimates, time_ms)
 
 
 def score_video(video: str | Path, system: str, *, end_s: float | None = None) -> Row:
-    """Score a system on a video with its truth and camera beside it, here and now: a row of the benchmark's table.
+    """Score a system on a video: a row of the benchmark's table.
 
     Parameters
     ----------
     video : str or Path
-        With the truth (.csv) and the camera with its pose (.yaml) beside it.
+        With its truth (.csv) and its camera with pose (.yaml) next to it.
     system : str
         One of `systems.SYSTEMS`.
     end_s : float, optional
-        Score the frames before this moment, seconds.
+        Score only the frames before this time, seconds.
 
     Raises
     ------
@@ -74,21 +74,23 @@ def score_video(video: str | Path, system: str, *, end_s: float | None = None) -
         If a file cannot be read.
     """
     require_system(system)
-    staged = stage(own_drive(video))
-    readings = follow_drive(staged, system, end_s=end_s)
-    truth = true_lane(staged.drive).cut(slice(len(readings.offset_m)))
-    errors = frame_errors(readings, truth, staged.camera)
-    return score_rows([Result(staged.drive.name, staged.drive.difficulty, system, errors)])[0]
+    prepared = prepare_drive(drive_from_video(video))
+    estimates = run_system(prepared, system, end_s=end_s)
+    truth = read_truth(prepared.drive).select(slice(len(estimates.offset_m)))
+    errors = frame_errors(estimates, truth, prepared.camera)
+    return score_rows([Result(prepared.drive.name, prepared.drive.difficulty, system, errors)])[0]
 
 
-def true_lane(drive: BenchmarkDrive) -> LaneTruth:
-    """The truth of a drive's frames; none in any frame where the road shows no lane."""
+def read_truth(drive: BenchmarkDrive) -> LaneTruth:
+    """The true lane in the frames of a drive; NaN in all frames of a scene without a lane."""
     path = drive.video.with_suffix(".csv")
     columns = read_telemetry(path)
     try:
-        truth = LaneTruth.of(columns)
+        truth = LaneTruth.from_columns(columns)
     except KeyError as error:
-        raise ValueError(f"{path}: lacks the column {error}; give the truth that is written beside a video.") from error
+        raise ValueError(f"{path}: lacks the column {error}; use the truth that was written with the video.") from error
     except ValueError as error:
-        raise ValueError(f"{path}: is no truth ({error}); give the one that is written beside a video.") from error
+        raise ValueError(
+            f"{path}: is not a truth file ({error}); use the one that was written with the video."
+        ) from error
     return replace(truth, lines_y_m=np.full_like(truth.lines_y_m, np.nan)) if drive.difficulty == NO_LANE else truth

@@ -1,4 +1,4 @@
-"""On what a time was measured: without that, milliseconds say nothing."""
+"""Description of the machine and its load, for every measured time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 
 @lru_cache(maxsize=1)
 def describe_machine() -> str:
-    """Processor, cores that this process may use, system and versions, in one line."""
+    """Processor, cores available to this process, operating system and versions, in one line."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return (
         f"{_processor()} ({cores} {'core' if cores == 1 else 'cores'}), {platform.system()} {platform.machine()}, "
@@ -23,7 +23,7 @@ def describe_machine() -> str:
 
 
 def _processor() -> str:
-    """As the system names it; Linux tells in a file, where `platform` knows only the architecture."""
+    """Name of the processor; on Linux from /proc/cpuinfo, because `platform` knows only the architecture there."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
@@ -33,7 +33,7 @@ def _processor() -> str:
 
 
 def describe_load() -> str:
-    """How many processes have wanted a core in the last minute, in words; not every system counts them."""
+    """Load average of the last minute, in words; unknown on systems without it."""
     if not hasattr(os, "getloadavg"):
         return "load unknown"
     return f"load {os.getloadavg()[0]:.1f} at the start"

@@ -1,6 +1,6 @@
-"""Run every system over every drive, several at a time; what is finished is kept, so that a broken-off run goes on.
+"""The whole benchmark: every system on every drive, on several processes; finished estimates are cached.
 
-drives -> stage (render, take or estimate the pose) -> measure (follow all frames, keep) -> Result (against truth)
+drives -> PreparedDrive (rendered, camera with pose) -> DriveEstimates (cached in a file) -> Result (errors)
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from pathlib import Path
 
 from benchmark import estimates, systems
 from benchmark.errors import frame_errors
-from benchmark.estimates import read_readings, write_readings
-from benchmark.evaluation import Staged, follow_drive, stage, true_lane
+from benchmark.estimates import read_estimates, write_estimates
+from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_system
 from benchmark.machine import describe_machine
 from benchmark.scored_drive import BenchmarkDrive
 from benchmark.scores import Result
-from benchmark.suite_drives import with_video
+from benchmark.suite_drives import ensure_video
 from benchmark.systems import SOURCES, require_system
 from lanes.camera.camera_file import camera_to_dict
 from lanes.io.disk_cache import cache_folder
@@ -44,15 +44,15 @@ def run_benchmark(
     systems : sequence of str
         In `systems.SYSTEMS`.
     workers : int
-        Processes at the same time, each with one OpenCV thread.
+        Number of processes, each with one OpenCV thread.
     estimated_pose : bool
-        The systems get the pose that `estimate_pose` finds in the video, instead of the true one. The lens is the
-        true one always.
+        The systems get the pose that is estimated from the video instead of the true one. The lens is always the
+        true one.
     folder : Path, optional
-        Where finished results are kept: a folder in the cache by default. One is used again as long as video, camera,
-        machine and the system's own sources are what they were.
+        Cache of finished estimates; default: a folder in the project's cache. An entry is used again while video,
+        camera, machine and the sources of the system are unchanged.
     progress : callable, optional
-        Called as progress(what), gives the callback (done, in all) for that part of the work.
+        progress(name of a part) returns the callback (done, total) for that part of the work.
 
     Returns
     -------
@@ -64,57 +64,55 @@ def run_benchmark(
     ValueError
         If a system is unknown, or a video and its truth do not belong together.
     OSError
-        If a file cannot be read or written.
+        If a file cannot be read or written, or a worker process died.
     """
     for system in systems:
         require_system(system)
     folder = folder or cache_folder() / "benchmark"
     report = progress or (lambda what: lambda done, total: None)
-    prepare = partial(_prepare, estimated_pose=estimated_pose)
+    prepare = partial(_render_and_prepare, estimated_pose=estimated_pose)
     prepared = run_all(prepare, drives, workers=workers, progress=report("scenes"))
     tasks = [(drive, system) for drive in prepared for system in systems]
-    measure = partial(_measure, folder=folder, workers=workers)
-    paths = run_all(measure, tasks, workers=workers, progress=report("benchmark"))
+    estimate = partial(_estimate, folder=folder, workers=workers)
+    paths = run_all(estimate, tasks, workers=workers, progress=report("benchmark"))
     return [_result(drive, system, path) for (drive, system), path in zip(tasks, paths, strict=True)]
 
 
-def _prepare(drive: BenchmarkDrive, *, estimated_pose: bool) -> Staged:
-    """Render the drive where needed, and read or estimate its camera pose."""
-    # The scenes are already spread over the processes.
-    return stage(with_video(drive, workers=1), estimated_pose=estimated_pose)
-
-
-def _measure(task: tuple[Staged, str], *, folder: Path, workers: int) -> Path:
-    return measure(*task, folder, workers)
-
-
-def measure(staged: Staged, system: str, folder: Path, workers: int) -> Path:
-    """Follow a drive with a system unless that was done before; the file in which its readings are."""
-    path = folder / f"{staged.drive.name}-{system}-{_key(staged, system)}.json"
+def cached_estimates(prepared: PreparedDrive, system: str, folder: Path, workers: int) -> Path:
+    """The file with the estimates of a system for a drive; the system runs if there is no such file yet."""
+    path = folder / f"{prepared.drive.name}-{system}-{_cache_key(prepared, system)}.json"
     if not path.is_file():
-        fps = inspect_video(staged.drive.video).fps
-        about = {"workers": workers, "fps": fps, "machine": describe_machine()}
-        write_readings(path, follow_drive(staged, system), **about)
+        fps = inspect_video(prepared.drive.video).fps
+        metadata = {"workers": workers, "fps": fps, "machine": describe_machine()}
+        write_estimates(path, run_system(prepared, system), **metadata)
     return path
 
 
-def _result(staged: Staged, system: str, path: Path) -> Result:
-    readings, about = read_readings(path)
-    drive = staged.drive
+def _render_and_prepare(drive: BenchmarkDrive, *, estimated_pose: bool) -> PreparedDrive:
+    # One process renders a scene: the scenes are already spread over the workers.
+    return prepare_drive(ensure_video(drive, workers=1), estimated_pose=estimated_pose)
+
+
+def _estimate(task: tuple[PreparedDrive, str], *, folder: Path, workers: int) -> Path:
+    return cached_estimates(*task, folder, workers)
+
+
+def _result(prepared: PreparedDrive, system: str, path: Path) -> Result:
+    estimates, metadata = read_estimates(path)
+    drive = prepared.drive
     try:
-        errors = frame_errors(readings, true_lane(drive), staged.camera)
+        errors = frame_errors(estimates, read_truth(drive), prepared.camera)
     except ValueError as error:
         raise ValueError(f"{drive.video}: {error}") from error
-    workers, fps, machine = (about[name] for name in ("workers", "fps", "machine"))
-    return Result(drive.name, drive.difficulty, system, errors, staged.pose, workers, fps, machine)
+    return Result(drive.name, drive.difficulty, system, errors, prepared.pose, **metadata)
 
 
-def _key(staged: Staged, system: str) -> str:
-    """Twelve digits that change with all that the readings depend on."""
-    digest = hashlib.sha256(staged.drive.video.read_bytes())
-    digest.update(f"{describe_machine()} {staged.camera and camera_to_dict(staged.camera)}".encode())
-    own = [Path(module.__file__) for module in (estimates, systems)]
-    for source in (*own, *SOURCES[system]):
+def _cache_key(prepared: PreparedDrive, system: str) -> str:
+    """Twelve digits that depend on everything that the estimates depend on."""
+    digest = hashlib.sha256(prepared.drive.video.read_bytes())
+    digest.update(f"{describe_machine()} {prepared.camera and camera_to_dict(prepared.camera)}".encode())
+    modules = [Path(module.__file__) for module in (estimates, systems)]
+    for source in (*modules, *SOURCES[system]):
         for file in sorted(source.rglob("*.py")) if source.is_dir() else [source]:
             digest.update(file.read_bytes())
     return digest.hexdigest()[:12]

@@ -6,20 +6,22 @@ from dataclasses import dataclass
 from pathlib import Path
 
 NO_LANE = "no lane"
+# Difficulty of a video that is not a scene of the suite.
+CUSTOM = "custom"
 
 
 @dataclass(frozen=True)
 class BenchmarkDrive:
-    """A video with its truth (.csv) and camera (.yaml) beside it; `video` is None if it is not rendered yet."""
+    """A video with its truth (.csv) and camera (.yaml) next to it; `video` is None until it is rendered."""
 
     name: str
     difficulty: str
-    what: str
+    description: str
     video: Path | None
 
 
-def own_drive(video: str | Path, *, difficulty: str = "own") -> BenchmarkDrive:
-    """The drive of a video file that has its truth (.csv) and its camera (.yaml) beside it.
+def drive_from_video(video: str | Path, *, difficulty: str = CUSTOM) -> BenchmarkDrive:
+    """The drive of a video file with its truth (.csv) and camera (.yaml) next to it.
 
     Raises
     ------
@@ -30,6 +32,6 @@ def own_drive(video: str | Path, *, difficulty: str = "own") -> BenchmarkDrive:
     for file, what in ((video, "video"), (video.with_suffix(".csv"), "truth"), (video.with_suffix(".yaml"), "camera")):
         if not file.is_file():
             raise FileNotFoundError(
-                f"{file}: there is no such {what}; a drive is a video with .csv and .yaml beside it."
+                f"{file}: there is no such {what} file; a drive is a video with its .csv and .yaml next to it."
             )
     return BenchmarkDrive(video.stem, difficulty, f"{video}", video)

@@ -1,4 +1,4 @@
-"""The errors of many frames in a few numbers: a row of the benchmark's table for each scene and system."""
+"""The scores of a system on a scene: one row of the benchmark's table, computed from the errors of its frames."""
 
 from __future__ import annotations
 
@@ -7,30 +7,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmark.errors import FrameErrors, recoveries
-from benchmark.estimates import AT_M
+from benchmark.errors import FrameErrors, recovery_lengths
+from benchmark.estimates import AHEAD_M
 
-# Distances of which the table speaks.
-TABLE_AT_M = (5.0, 15.0, 30.0)
+# Distances ahead with columns of their own.
+TABLE_AHEAD_M = (5.0, 15.0, 30.0)
 Row = dict[str, str | float]
 
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What a system made of a scene.
+    """The errors of one system on one scene.
 
     Parameters
     ----------
     scene, difficulty, system : str
     errors : FrameErrors
     pose : str
-        Of the camera that the system was given: "true", "estimated", or why there is none.
+        Source of the camera pose: "true", "estimated" or "not found".
     workers : int
-        Processes that worked at the same time when the milliseconds were taken.
+        Number of processes during the time measurement.
     fps : float
-        Frames a second of the drive.
+        Frames per second of the drive.
     machine : str
-        On which the milliseconds were taken, as `describe_machine` says.
+        Machine of the time measurement, from `describe_machine`.
     """
 
     scene: str
@@ -44,7 +44,7 @@ class Result:
 
 
 def score_rows(results: Iterable[Result]) -> list[Row]:
-    """A row for each scene and system: what it is, then `score`."""
+    """A row for each scene and system: names and conditions, then the numbers of `score`."""
     return [
         {
             "scene": result.scene,
@@ -79,23 +79,24 @@ def total_rows(results: Sequence[Result]) -> list[Row]:
 
 
 def score(drives: Sequence[FrameErrors]) -> dict[str, float]:
-    """The numbers of some drives, over all their frames.
+    """Scores over all frames of some drives.
 
     Returns
     -------
     dict of str to float
-        NaN where there is nothing to measure. `*_share` of the frames with a lane; `confidently_wrong_share` of all
-        frames. `*_median` and `*_p95` are over the frames with a lane given, infinite where so many of the lines found
-        have turned back before the true ones. `recover_*` are lengths of losses, 0 if there was none.
+        `available_share` and `accuracy` refer to the frames with a true lane, `confident_and_wrong_share` to all
+        frames. `*_median` and `*_p95` are over the frames with an available lane; they are infinite if that
+        percentile is a line that turns back before the true one. `recovery_*` are lengths of losses, 0 without a loss.
+        NaN without any frame to score.
     """
     exists = _joined([drive.exists for drive in drives])
-    given = _joined([drive.given for drive in drives])
-    right = _joined([drive.right for drive in drives])
+    available = _joined([drive.available for drive in drives])
+    correct = _joined([drive.correct for drive in drives])
     lateral = _joined([drive.lateral_m for drive in drives])
-    lost = [length for drive in drives for length in recoveries(drive.right[drive.exists])]
-    measured = {f"lateral_{x:.0f}m": lateral[:, int(np.argmax(x == AT_M))] for x in TABLE_AT_M}
-    measured["lateral_5_20m"] = _joined([drive.near_m for drive in drives])
-    measured["lateral_5_20m_in_picture"] = _joined([drive.in_picture_m for drive in drives])
+    losses = [length for drive in drives for length in recovery_lengths(drive.correct[drive.exists])]
+    measured = {f"lateral_{x:.0f}m": lateral[:, int(np.argmax(x == AHEAD_M))] for x in TABLE_AHEAD_M}
+    measured["lateral_5_20m"] = _joined([drive.near_rms_m for drive in drives])
+    measured["lateral_5_20m_in_picture"] = _joined([drive.in_picture_rms_m for drive in drives])
     units = dict.fromkeys(measured, "m") | {"offset": "m", "heading": "rad", "curvature": "per_m"}
     measured |= {
         name: _joined([getattr(d, f"{name}_{units[name]}") for d in drives]) for name in units.keys() - measured
@@ -103,31 +104,31 @@ def score(drives: Sequence[FrameErrors]) -> dict[str, float]:
     row = {
         "frames": float(len(exists)),
         "lane_frames": float(exists.sum()),
-        "available_share": _share(given[exists]),
-        "right_share": _share(right[exists]),
-        "right_in_picture_share": _share(_joined([drive.right_in_picture for drive in drives])[exists]),
-        "confidently_wrong_share": _share(_joined([drive.confidently_wrong for drive in drives])),
+        "available_share": _share(available[exists]),
+        "accuracy": _share(correct[exists]),
+        "accuracy_in_picture": _share(_joined([drive.correct_in_picture for drive in drives])[exists]),
+        "confident_and_wrong_share": _share(_joined([drive.confident_and_wrong for drive in drives])),
     }
     for name, unit in units.items():
         row[f"{name}_median_{unit}"] = percentile(measured[name], 50)
         row[f"{name}_p95_{unit}"] = percentile(measured[name], 95)
-    row["recover_median_frames"] = percentile(np.array(lost or [0.0]), 50)
-    row["recover_longest_frames"] = float(max(lost, default=0))
+    row["recovery_median_frames"] = percentile(np.array(losses or [0.0]), 50)
+    row["recovery_longest_frames"] = float(max(losses, default=0))
     row["time_median_ms"] = percentile(_joined([drive.time_ms for drive in drives]), 50)
     return row
 
 
 def percentile(values: np.ndarray, percent: float) -> float:
-    """The smallest value that is not exceeded by `percent` of them, NaN left out; NaN if there is none.
+    """The smallest value that at least `percent` of the values do not exceed, NaN left out; NaN without any value.
 
-    A value that occurs, so that infinite ones, which have no mean, do no harm.
+    It is always one of the values (nearest rank): interpolation would fail with infinite ones.
     """
     values = np.sort(values[~np.isnan(values)])
     return float(values[max(int(np.ceil(len(values) * percent / 100)) - 1, 0)]) if len(values) else float("nan")
 
 
-def _share(true: np.ndarray) -> float:
-    return float(true.mean()) if len(true) else float("nan")
+def _share(flags: np.ndarray) -> float:
+    return float(flags.mean()) if len(flags) else float("nan")
 
 
 def _joined(arrays: Sequence[np.ndarray]) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The drives that systems are scored on: the scenes of the suite, and videos with their truth and camera."""
+"""The drives of the benchmark: the scenes of the suite, and other videos with truth and camera."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from benchmark.dataset import PROJECT_ROOT
-from benchmark.scored_drive import BenchmarkDrive, own_drive
+from benchmark.scored_drive import CUSTOM, BenchmarkDrive, drive_from_video
 from simulator.scenes.suite import SUITE, render_scene
 
-# Scenes of the suite whose videos are committed: these are scored, as a student has them.
+# Scenes of the suite with a committed video. It is scored instead of a new rendering, as everybody has it.
 COMMITTED = {
     "motorway": "project_video.mp4",
     "challenge": "challenge_video.mp4",
@@ -29,23 +29,23 @@ def list_drives() -> dict[str, BenchmarkDrive]:
 
 
 def choose_drives(names: list[str]) -> list[BenchmarkDrive]:
-    """Drives by name, all if none is named; a name may also be that of a video with .csv and .yaml beside it.
+    """Drives by scene name or video path; all scenes if the list is empty.
 
-    A video that is called like a scene is one of its difficulty.
+    A video with the name of a scene gets the difficulty of that scene.
 
     Raises
     ------
     FileNotFoundError
-        If a video is not there, or lacks its truth or its camera.
+        If a video, its truth (.csv) or its camera (.yaml) is missing.
     ValueError
-        If a name is neither.
+        If a name is neither a scene nor a video.
     """
     known = list_drives()
     return [known[name] if name in known else _video_drive(name, known) for name in names or known]
 
 
-def with_video(drive: BenchmarkDrive, *, workers: int | None = None) -> BenchmarkDrive:
-    """The drive with its video, which is rendered into the cache by `workers` processes if there is none."""
+def ensure_video(drive: BenchmarkDrive, *, workers: int | None = None) -> BenchmarkDrive:
+    """The drive with its video; a missing one is rendered into the cache by `workers` processes."""
     return drive if drive.video else replace(drive, video=render_scene(drive.name, workers=workers))
 
 
@@ -53,4 +53,4 @@ def _video_drive(name: str, known: dict[str, BenchmarkDrive]) -> BenchmarkDrive:
     stem, suffix = Path(name).stem, Path(name).suffix
     if not suffix:
         raise ValueError(f"there is no scene {name!r}; give a video file, or one of {', '.join(known)}.")
-    return own_drive(name, difficulty=known[stem].difficulty if stem in known else "own")
+    return drive_from_video(name, difficulty=known[stem].difficulty if stem in known else CUSTOM)

@@ -1,7 +1,7 @@
-"""Everything that finds lanes, behind one door: a system takes the frames of a drive, or a still, and says where it is.
+"""All lane finders behind one interface: the three classic recipes and the tracker.
 
-The recipes follow with their own memory (`LaneFinder.follow`), the tracker with its tracker; in a still each
-looks at that picture alone.
+`start_system` runs a system on the frames of a drive, with its memory: `LaneFinder.follow` or `LaneTracker.update`.
+`column_detector` runs it on single pictures.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from types import ModuleType
 
 import numpy as np
 
-from benchmark.estimates import AT_M, Reading
+from benchmark.estimates import AHEAD_M, LaneEstimate
 from lanes import classic, tracking
 from lanes.camera import camera
 from lanes.camera.camera import Camera
@@ -32,18 +32,18 @@ def _package(package: ModuleType) -> Path:
     return Path(package.__file__).parent
 
 
-# The files and folders that what a system says depends on.
+# Source files and folders that the estimates of a system depend on.
 SOURCES = {name: (_CAMERA, _package(classic)) for name in RECIPES} | {TRACKER: (_CAMERA, _package(tracking))}
 
-# Where a recipe's line is put back into the picture: even steps in 1 / x are even steps in picture rows.
-ALONG_M = 1 / np.linspace(1 / 1.5, 1 / 200.0, 400)
+# Distances at which a recipe's line is projected into the picture: even steps in 1 / x are even steps in picture rows.
+PROJECTED_AT_M = 1 / np.linspace(1 / 1.5, 1 / 200.0, 400)
 
-Follow = Callable[[np.ndarray], Reading]
-FindColumns = Callable[[np.ndarray, np.ndarray], np.ndarray]
+EstimateFrame = Callable[[np.ndarray], LaneEstimate]
+DetectColumns = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
-def follow_with(system: str, camera: Camera, fps: float) -> Follow:
-    """A system that is to be shown the frames of a drive in order.
+def start_system(system: str, camera: Camera, fps: float) -> EstimateFrame:
+    """Start a system on a drive.
 
     Parameters
     ----------
@@ -52,87 +52,87 @@ def follow_with(system: str, camera: Camera, fps: float) -> Follow:
     camera : Camera
         With its pose.
     fps : float
-        Frames a second.
+        Frames per second.
 
     Returns
     -------
     callable
-        Takes a frame (height, width, 3) uint8 RGB as taken, gives its Reading.
+        Takes the next frame, (height, width, 3) uint8 RGB with lens distortion; returns its LaneEstimate.
+
+    Raises
+    ------
+    ValueError
+        If the system is unknown.
     """
     require_system(system)
     if system == TRACKER:
         tracker = LaneTracker(camera, fps=fps)
-        return lambda image: read_tracked(tracker.update(image))
+        return lambda image: tracker_estimate(tracker.update(image))
     finder = LaneFinder(get_recipe(system, camera.size), camera)
-    return lambda image: read_classic(finder.follow(image))
+    return lambda image: recipe_estimate(finder.follow(image))
 
 
-def look_with(system: str, camera: Camera) -> Follow:
-    """As `follow_with`, for pictures that are looked at each on its own."""
-    require_system(system)
-    if system == TRACKER:
-        view = BirdsEyeView(camera)
-        return lambda image: read_tracked(TrackedLane.from_still(find_lane(image, view)))
-    finder = LaneFinder(get_recipe(system, camera.size), camera)
-    return lambda image: read_classic(finder.find(image))
-
-
-def find_with(system: str, camera: Camera) -> FindColumns:
-    """As `look_with`, for the lines in the picture.
+def column_detector(system: str, camera: Camera) -> DetectColumns:
+    """A system that detects the lines of single pictures, without memory.
 
     Returns
     -------
     callable
-        Takes a picture and rows (R,), gives the columns (2, R) of the left and right line in the raw picture; -2 where
-        a line does not pass, as in TuSimple's files.
+        Takes a picture and rows (R,); returns the columns (2, R) of the left and right line in the raw picture, -2
+        where a line does not pass, as in TuSimple's files.
+
+    Raises
+    ------
+    ValueError
+        If the system is unknown.
     """
     require_system(system)
     if system == TRACKER:
         view = BirdsEyeView(camera)
 
-        def find(image: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        def detect(image: np.ndarray, rows: np.ndarray) -> np.ndarray:
             lane = find_lane(image, view)
             return np.full((2, len(rows)), -2.0) if lane is None else lane.pixels(camera, rows)
 
-        return find
+        return detect
     finder = LaneFinder(get_recipe(system, camera.size), camera)
-    return lambda image, rows: classic_columns(finder.find(image), camera, rows)
+    return lambda image, rows: recipe_columns(finder.find(image), camera, rows)
 
 
 def require_system(name: str) -> None:
-    """Refuse a name that is no system's."""
+    """Raise a ValueError if there is no system of this name."""
     if name not in SYSTEMS:
         raise ValueError(f"there is no system {name!r}; the systems are {', '.join(SYSTEMS)}.")
 
 
-def read_tracked(tracked: TrackedLane) -> Reading:
-    """What the tracker says of a frame."""
+def tracker_estimate(tracked: TrackedLane) -> LaneEstimate:
+    """The tracker's estimate for a frame."""
     if tracked.lane is None:
-        return Reading()
-    lines = tracked.lane.lateral_m(AT_M)
-    return Reading(lines, tracked.offset_m, tracked.heading_rad, tracked.curvature_per_m, tracked.confidence)
+        return LaneEstimate()
+    lines = tracked.lane.lateral_m(AHEAD_M)
+    return LaneEstimate(lines, tracked.offset_m, tracked.heading_rad, tracked.curvature_per_m, tracked.confidence)
 
 
-def read_classic(result: LaneResult) -> Reading:
-    """What a recipe says of a frame: a lane where it has both lines, measured or from memory; no confidence."""
-    lines = result.lateral_m(AT_M)
+def recipe_estimate(result: LaneResult) -> LaneEstimate:
+    """A recipe's estimate for a frame: a lane if both lines are measured or remembered; no confidence."""
+    lines = result.lateral_m(AHEAD_M)
     if lines is None:
-        return Reading()
+        return LaneEstimate()
     heading = np.arctan((result.left_road.c1 + result.right_road.c1) / 2)
-    return Reading(lines, result.offset_m, float(heading), result.curvature_per_m)
+    return LaneEstimate(lines, result.offset_m, float(heading), result.curvature_per_m)
 
 
-def classic_columns(result: LaneResult, camera: Camera, rows: np.ndarray) -> np.ndarray:
-    """Columns (2, R) of a recipe's lines at rows of the raw picture, from below it to the upper end of its view.
+def recipe_columns(result: LaneResult, camera: Camera, rows: np.ndarray) -> np.ndarray:
+    """Columns (2, R) of a recipe's lines at rows of the raw picture, up to the upper end of its bird's-eye view.
 
-    They are the lines in metres, put back into the picture: views end above the bonnet, and a line does not.
+    The lines in metres are projected into the picture, because the view ends above the bonnet and the lines do not.
     """
     columns = np.full((2, len(rows)), -2.0)
     lines = ((result.left_road, result.left_px), (result.right_road, result.right_px))
     for k, (line, points) in enumerate(lines):
         if line is None:
             continue
-        u, v = camera.road_to_pixels(np.column_stack([ALONG_M, line.lateral_m(ALONG_M)])).T
+        u, v = camera.road_to_pixels(np.column_stack([PROJECTED_AT_M, line.lateral_m(PROJECTED_AT_M)])).T
         top = np.nanmin(camera.distort_points(points)[:, 1])
         shown = np.isfinite(v) & (v >= top - 1)
         if shown.sum() > 1:

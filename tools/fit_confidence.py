@@ -22,11 +22,11 @@ import cv2
 import numpy as np
 
 from benchmark.errors import LaneTruth, frame_errors  # noqa: E402
-from benchmark.estimates import Readings  # noqa: E402
-from benchmark.evaluation import true_lane  # noqa: E402
+from benchmark.estimates import DriveEstimates  # noqa: E402
+from benchmark.evaluation import read_truth  # noqa: E402
 from benchmark.scored_drive import BenchmarkDrive  # noqa: E402
 from benchmark.suite_drives import choose_drives  # noqa: E402
-from benchmark.systems import read_tracked  # noqa: E402
+from benchmark.systems import tracker_estimate  # noqa: E402
 from lanes.camera.camera import Camera  # noqa: E402
 from lanes.camera.camera_file import load_camera  # noqa: E402
 from lanes.io.video.reader import inspect_video, read_frames  # noqa: E402
@@ -120,14 +120,14 @@ def drive_along(seed: int, camera: Camera = CAMERA, *, seconds: float = SECONDS,
     drive, camera = draw_drive(seed, camera)
     times = np.arange(int(seconds * fps)) / fps
     rows = [truth_row(drive.truth(time_s), frame=0) for time_s in times]
-    truth = LaneTruth.of({name: np.array([row[name] for row in rows], float) for name in rows[0]})
+    truth = LaneTruth.from_columns({name: np.array([row[name] for row in rows], float) for name in rows[0]})
     return judge(map(drive.frame, times), camera, truth, fps=fps, number=seed)
 
 
 def drive_through(drive: BenchmarkDrive, number: int) -> tuple[list, list]:
     """The same for a drive of the suite."""
     camera, fps = load_camera(drive.video.with_suffix(".yaml")), inspect_video(drive.video).fps
-    return judge(read_frames(drive.video), camera, true_lane(drive), fps=fps, number=number)
+    return judge(read_frames(drive.video), camera, read_truth(drive), fps=fps, number=number)
 
 
 def judge(
@@ -142,8 +142,8 @@ def judge(
             alone.append(TrackedLane.from_still(find_lane(image, tracker.view)))
     tables = []
     for said, every in ((followed, 1), (alone, ALONE_EVERY)):
-        readings = Readings.of([read_tracked(tracked) for tracked in said], [0.0] * len(said))
-        right = frame_errors(readings, truth.cut(slice(0, len(said) * every, every))).far_m <= RIGHT_M
+        estimates = DriveEstimates.from_frames([tracker_estimate(tracked) for tracked in said], [0.0] * len(said))
+        right = frame_errors(estimates, truth.select(slice(0, len(said) * every, every))).full_rms_m <= RIGHT_M
         rows = zip(said, right & truth.exists[: len(followed) : every], strict=True)
         tables.append([[*lane_features(one.lane), yes, number] for one, yes in rows if one.lane is not None])
     return tables[0], tables[1]

@@ -1,1 +1,1 @@
-"""Scores on stills that were labelled by hand."""
+"""Scores on hand-labelled stills."""

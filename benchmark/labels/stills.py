@@ -1,4 +1,4 @@
-"""Every system on stills that were labelled by hand."""
+"""Scores of every system on hand-labelled stills."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmark.labels.tusimple import LaneColumns, LineScore, score_lines, summarize_lines
 from benchmark.reporting.tables import format_table
-from benchmark.systems import find_with
+from benchmark.systems import column_detector
 from lanes.camera.camera import Camera
 from lanes.io.images import read_image
 
@@ -24,7 +24,7 @@ def score_stills(
     *,
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, list[LineScore]]:
-    """Let systems look at labelled pictures, each on its own.
+    """Score systems on labelled picture files; each picture is processed independently.
 
     Parameters
     ----------
@@ -35,17 +35,17 @@ def score_stills(
     systems : sequence of str
         In `systems.SYSTEMS`.
     progress : callable, optional
-        Called as progress(pictures done, pictures in all).
+        Called as progress(pictures done, pictures in total).
 
     Returns
     -------
     dict of str to list of LineScore
-        For each system a score for each of both lines in each picture.
+        For each system the scores of the left and right line of each picture in turn.
 
     Raises
     ------
     FileNotFoundError, PictureError
-        If a picture is missing, damaged or of another size than the camera's.
+        If a picture is missing, damaged or not of the camera's size.
     """
     pictures = (read_image(Path(folder) / label.name) for label in labels)
     return score_pictures(labels, pictures, camera, systems, progress=progress)
@@ -59,27 +59,27 @@ def score_pictures(
     *,
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, list[LineScore]]:
-    """The same for pictures (height, width, 3) uint8 that come one after the other, as many as labels.
+    """As `score_stills`, for an iterable of pictures (height, width, 3) uint8, one for each label.
 
     Raises
     ------
     PictureError
-        If a picture is of another size than the camera's.
+        If a picture is not of the camera's size.
     """
-    finders = {system: find_with(system, camera) for system in systems}
+    detectors = {system: column_detector(system, camera) for system in systems}
     scores: dict[str, list[LineScore]] = {system: [] for system in systems}
     for done, (label, image) in enumerate(zip(labels, pictures, strict=True), 1):
         camera.require_size(image, label.name)
-        for system, find in finders.items():
-            found = LaneColumns(label.name, label.rows, np.round(find(image, label.rows), 1))
-            scores[system] += score_lines(label, found)
+        for system, detect in detectors.items():
+            detected = LaneColumns(label.name, label.rows, np.round(detect(image, label.rows), 1))
+            scores[system] += score_lines(label, detected)
         if progress:
             progress(done, len(labels))
     return scores
 
 
 def describe_labelled(scores: Mapping[str, Sequence[LineScore]]) -> str:
-    """A table with a line for each system."""
+    """A table of the summary, a line for each system."""
     rows = {}
     for system, lines in scores.items():
         row = summarize_lines(lines)

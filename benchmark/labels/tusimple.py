@@ -1,11 +1,12 @@
-"""Lanes labelled by hand: TuSimple's files and TuSimple's score, for the two lines of the own lane.
+"""Hand-labelled lanes: TuSimple's file format and the ego-lane variant of TuSimple's score.
 
-A file has a JSON object a line: `raw_file` (relative to the file), `h_samples` (rows) and `lanes` (columns at these
-rows, -2 where a lane has no point). The rules are those of TuSimple's lane detection challenge: a point is right within
-20 px over the cosine of the lane's angle, a lane is matched when 85 % of its points are right. Other than in the
-official score only the own lane's two lines are looked at, left is compared with left and right with right, and only
-rows in which the label has a point count (the official one also counts rows without one, as right where the prediction
-has none either): this is the ego-lane variant.
+Each line of a file is a JSON object with `raw_file` (relative to the file), `h_samples` (rows) and `lanes` (columns at
+these rows, -2 without a point). The rules are those of TuSimple's lane detection challenge: a point is correct within
+20 px over the cosine of the line's angle, and a line is matched if 85 % of its points are correct.
+
+The ego-lane variant differs from the official score: only the two lines of the ego lane count, left is compared with
+left and right with right, and only rows with a labelled point count. The official score also counts rows without one,
+as correct if the prediction has none either.
 """
 
 from __future__ import annotations
@@ -21,20 +22,20 @@ from lanes.io.files import read_text
 from lanes.io.images import MAX_PIXELS, read_image
 
 NO_POINT = -2.0
-# A hundred thousand pictures with six lanes at 56 rows.
+# Enough for a hundred thousand pictures with six lanes at 56 rows.
 MAX_LABEL_FILE_BYTES = 200_000_000
-# TuSimple's tolerance and threshold.
-TOLERANCE_PX, MATCHED = 20.0, 0.85
-# A line with fewer labelled points than this has no sure direction and is not scored.
-FEWEST_POINTS = 4
+# TuSimple's tolerance of a point, and accuracy of a matched line.
+TOLERANCE_PX, MATCH_ACCURACY = 20.0, 0.85
+# A line with fewer labelled points has no reliable direction and is not scored.
+MIN_POINTS = 4
 EGO_LANE_NOTE = (
-    "ego-lane variant of TuSimple's score (the own lane's two lines, labelled rows only), not the official one"
+    "ego-lane variant of TuSimple's score (two lines of the ego lane, labelled rows only), not the official score"
 )
 
 
 @dataclass(frozen=True, eq=False)
 class LaneColumns:
-    """The own lane in a picture, labelled or predicted.
+    """The ego lane in a picture, labelled or predicted.
 
     Parameters
     ----------
@@ -42,7 +43,7 @@ class LaneColumns:
         `raw_file` as in the file.
     rows : ndarray of shape (R,)
     columns : ndarray of shape (2, R)
-        Of the left and right line, pixels; -2 where there is no point.
+        Of the left and right line, pixels; -2 without a point.
     """
 
     name: str
@@ -50,7 +51,7 @@ class LaneColumns:
     columns: np.ndarray
 
     def at(self, rows: np.ndarray) -> np.ndarray:
-        """Columns (2, N) at rows (N,); -2 in rows that are not among its own."""
+        """Columns (2, N) at rows (N,); -2 in rows that are not in `rows`."""
         place = {row: k for k, row in enumerate(self.rows.tolist())}
         chosen = [place.get(row) for row in np.asarray(rows).tolist()]
         columns = [np.full(2, NO_POINT) if k is None else self.columns[:, k] for k in chosen]
@@ -59,7 +60,17 @@ class LaneColumns:
 
 @dataclass(frozen=True)
 class LineScore:
-    """How well a labelled line was met: share of its points that are right (None: too few), median error, predicted."""
+    """Score of a labelled line.
+
+    Parameters
+    ----------
+    accuracy : float or None
+        Share of its points that are correct; None with too few labelled points.
+    error_px : float or None
+        Median error of the predicted points; None without any.
+    predicted : bool
+        Whether the prediction has a point.
+    """
 
     accuracy: float | None
     error_px: float | None
@@ -67,30 +78,30 @@ class LineScore:
 
 
 def read_labels(path: str | Path) -> list[LaneColumns]:
-    """Read a file of labels; of more than two lanes those left and right of the bottom centre are the own one's.
+    """The ego lane of each labelled picture; with more than two lines, those left and right of the bottom centre.
 
-    Pictures are read from the file's own folder and below it only.
+    Pictures are only read from the folder of the file and its subfolders.
 
     Raises
     ------
     FileNotFoundError
         If the file, or a picture whose width is needed to choose lanes, is not there.
     ValueError
-        If a line is no label.
+        If a line is not a label.
     """
     entries = _read_entries(path)
     for entry in entries:
         name = PurePosixPath(entry["raw_file"].replace("\\", "/"))
         if name.is_absolute() or ".." in name.parts or "\0" in entry["raw_file"]:
             raise ValueError(
-                f"{path}: the picture {entry['raw_file']!r} lies outside of the labels' folder; put it there, and "
-                "name it relative to that."
+                f"{path}: the picture {entry['raw_file']!r} lies outside of the folder of the labels; put it "
+                "there, and write its path relative to that folder."
             )
-    return [_own_lane(entry, Path(path).parent) for entry in entries]
+    return [_ego_lane(entry, Path(path).parent) for entry in entries]
 
 
 def read_predictions(path: str | Path) -> list[LaneColumns]:
-    """Read predictions as `detect` writes them: the left line first, then the right one, others are ignored."""
+    """Read predictions as `detect` writes them: the left line, then the right line; further lines are ignored."""
     return [_two_lines(entry, entry["lanes"]) for entry in _read_entries(path)]
 
 
@@ -99,13 +110,13 @@ def pair_predictions(
 ) -> list[tuple[LaneColumns, LaneColumns | None]]:
     """Each label with the prediction for the same picture, or None.
 
-    The two files may name folders differently: as many parts of the path are compared, from its end, as tell the
-    labels apart.
+    The two files may use different folders: the paths are compared from their end, over as many parts as distinguish
+    all labels.
 
     Raises
     ------
     ValueError
-        If two labels are of the same picture, or no prediction is of any of the pictures.
+        If two labels are for the same picture, or no prediction is for a labelled picture.
     """
     deepest = max((len(PurePosixPath(label.name).parts) for label in labels), default=1)
     for depth in range(1, deepest + 1):
@@ -113,11 +124,11 @@ def pair_predictions(
         if len(set(names)) == len(names):
             break
     else:
-        raise ValueError("two labels are of the same picture; leave one out.")
+        raise ValueError("two labels are for the same picture; remove one.")
     by_name = {_tail(prediction.name, depth): prediction for prediction in predictions}
     pairs = [(label, by_name.get(name)) for label, name in zip(labels, names, strict=True)]
     if labels and not any(prediction for _, prediction in pairs):
-        raise ValueError("none of the predictions is of a labelled picture; the names in raw_file must agree.")
+        raise ValueError("none of the predictions is for a labelled picture; the names in raw_file must agree.")
     return pairs
 
 
@@ -129,15 +140,15 @@ def score_lines(label: LaneColumns, prediction: LaneColumns | None) -> list[Line
 
 
 def summarize_lines(scores: Iterable[LineScore]) -> dict[str, float]:
-    """The scores of many lines: number, mean accuracy, share matched, FP, FN, median of the median errors in pixels.
+    """Summary of many lines: number, mean accuracy, share matched, FP, FN, median of the median errors in pixels.
 
-    FP is the share of predicted lines that match none, those on lines too short to be scored among them; FN the share
-    of labelled lines that are not matched. NaN where there is nothing to count.
+    FP is the share of predicted lines without a match, including those for labels too short to be scored. FN is the
+    share of labelled lines without a match. NaN without any line to count.
     """
     scores = list(scores)
     scored = [score for score in scores if score.accuracy is not None]
-    matched = [score.accuracy >= MATCHED for score in scored]
-    false = [score.accuracy is None or score.accuracy < MATCHED for score in scores if score.predicted]
+    matched = [score.accuracy >= MATCH_ACCURACY for score in scored]
+    false = [score.accuracy is None or score.accuracy < MATCH_ACCURACY for score in scores if score.predicted]
     errors = [score.error_px for score in scored if score.error_px is not None]
     return {
         "lines": float(len(scored)),
@@ -150,20 +161,20 @@ def summarize_lines(scores: Iterable[LineScore]) -> dict[str, float]:
 
 
 def _score_line(rows: np.ndarray, label: np.ndarray, predicted: np.ndarray) -> LineScore:
-    there = label >= 0
-    if there.sum() < FEWEST_POINTS:
+    labelled = label >= 0
+    if labelled.sum() < MIN_POINTS:
         return LineScore(None, None, bool((predicted >= 0).any()))
-    # The angle from the vertical is that of a straight line through the label, so 1 / cos = sqrt(1 + slope^2).
-    slope = np.polyfit(rows[there], label[there], 1)[0]
-    error = np.where(predicted >= 0, np.abs(predicted - label), np.inf)[there]
-    met = error[np.isfinite(error)]
+    # The angle is that of a straight line through the label, from the vertical: 1 / cos = sqrt(1 + slope^2).
+    slope = np.polyfit(rows[labelled], label[labelled], 1)[0]
+    error = np.where(predicted >= 0, np.abs(predicted - label), np.inf)[labelled]
+    finite = error[np.isfinite(error)]
     accuracy = float(np.mean(error < TOLERANCE_PX * np.hypot(1, slope)))
-    return LineScore(accuracy, float(np.median(met)) if len(met) else None, bool((predicted >= 0).any()))
+    return LineScore(accuracy, float(np.median(finite)) if len(finite) else None, bool((predicted >= 0).any()))
 
 
 def _read_entries(path: str | Path) -> list[dict]:
     entries = []
-    # Not splitlines, which also ends lines at signs that JSON allows inside of strings.
+    # Not splitlines: it also splits at characters that JSON allows inside strings.
     for number, line in enumerate(read_text(path, "label", max_bytes=MAX_LABEL_FILE_BYTES).split("\n"), 1):
         if not line.strip():
             continue
@@ -173,8 +184,8 @@ def _read_entries(path: str | Path) -> list[dict]:
         except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
             reason = f"entry {error} is missing" if isinstance(error, KeyError) else str(error)
             raise ValueError(
-                f"{path}: line {number} is no label ({reason:.200}); it needs raw_file, h_samples, and lanes with a "
-                "column for each of these rows."
+                f"{path}: line {number} is not a label ({reason:.200}); it needs raw_file, h_samples, and lanes "
+                "with a column for each of these rows."
             ) from error
         entries.append(entry)
     if not entries:
@@ -184,23 +195,23 @@ def _read_entries(path: str | Path) -> list[dict]:
 
 def _require_entry(entry: dict) -> None:
     if not isinstance(entry, dict) or not isinstance(entry["raw_file"], str) or not entry["raw_file"]:
-        raise ValueError("it names no picture")
+        raise ValueError("raw_file is not the name of a picture")
     rows = np.array(entry["h_samples"], float)
     if rows.ndim != 1 or not _fits_picture(rows) or (rows < 0).any():
-        raise ValueError("h_samples is no list of picture rows")
+        raise ValueError("h_samples is not a list of picture rows")
     if not isinstance(entry["lanes"], list):
-        raise ValueError("lanes is no list")
+        raise ValueError("lanes is not a list")
     for lane in entry["lanes"]:
         columns = np.array(lane, float)
         if columns.shape != rows.shape:
             raise ValueError(f"a lane has {columns.size} columns for {len(rows)} rows")
         if not _fits_picture(columns):
-            raise ValueError("a column is no place in a picture")
+            raise ValueError("a column is outside of any picture")
 
 
-def _fits_picture(places: np.ndarray) -> bool:
-    """Whether these can be rows or columns; a line may leave the picture, but not by more than its largest size."""
-    return bool((np.abs(places) < MAX_PIXELS).all())
+def _fits_picture(positions: np.ndarray) -> bool:
+    """Whether these can be rows or columns; a line may leave the picture by no more than the largest picture size."""
+    return bool((np.abs(positions) < MAX_PIXELS).all())
 
 
 def _two_lines(entry: dict, lanes: Sequence[Sequence[float]]) -> LaneColumns:
@@ -211,25 +222,25 @@ def _two_lines(entry: dict, lanes: Sequence[Sequence[float]]) -> LaneColumns:
     return LaneColumns(entry["raw_file"], rows, columns)
 
 
-def _own_lane(entry: dict, folder: Path) -> LaneColumns:
-    """Two lanes are the own one's lines; of more those next to the bottom centre, to its left and to its right."""
+def _ego_lane(entry: dict, folder: Path) -> LaneColumns:
+    """With more than two lines: the nearest ones left and right of the bottom centre of the picture."""
     if len(entry["lanes"]) <= 2:
         return _two_lines(entry, entry["lanes"])
     lanes = np.array(entry["lanes"], float)
     height, width, _ = read_image(folder / entry["raw_file"]).shape
     rows = np.array(entry["h_samples"], float)
     foot = np.array([_foot(rows, lane, height - 1) for lane in lanes]) - (width - 1) / 2
-    left, right = (np.where(mine, np.abs(foot), np.inf) for mine in (foot <= 0, foot > 0))
+    left, right = (np.where(side, np.abs(foot), np.inf) for side in (foot <= 0, foot > 0))
     empty = np.full(len(rows), NO_POINT)
     return _two_lines(entry, [lanes[d.argmin()] if np.isfinite(d.min()) else empty for d in (left, right)])
 
 
 def _foot(rows: np.ndarray, lane: np.ndarray, bottom: int) -> float:
-    """Column at which a lane's lower half, made longer, reaches the bottom of the picture; NaN with too few points."""
-    there = np.flatnonzero(lane >= 0)
-    if len(there) < 2:
+    """Column where the extended lower half of a line meets the bottom of the picture; NaN with fewer than 2 points."""
+    labelled = np.flatnonzero(lane >= 0)
+    if len(labelled) < 2:
         return np.nan
-    low = there[np.argsort(rows[there])][-max(2, len(there) // 2) :]
+    low = labelled[np.argsort(rows[labelled])][-max(2, len(labelled) // 2) :]
     slope, column = np.polyfit(rows[low] - bottom, lane[low], 1)
     return float(column)
 

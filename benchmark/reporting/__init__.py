@@ -1,1 +1,1 @@
-"""What the scores are shown as: tables, figures, reliability of the confidence, spans of failures."""
+"""Reports of the scores: tables, figures, calibration of the confidence, list of failures."""

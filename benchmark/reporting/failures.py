@@ -1,4 +1,4 @@
-"""Where in a drive a system is not right, in words: what to look at first."""
+"""The failures of a system on a drive, in words: spans of frames, the kind of failure, the largest error."""
 
 from __future__ import annotations
 
@@ -10,38 +10,40 @@ import numpy as np
 from benchmark.errors import FrameErrors
 from benchmark.scores import Result
 
-RIGHT, LOST, UNSURE, SURE, FALSE = "right", "lost", "wrong", "surely wrong", "a lane where there is none"
+CORRECT, LOST, WRONG = "correct", "lost", "wrong"
+CONFIDENT_AND_WRONG, FALSE_LANE = "confident and wrong", "a lane where none exists"
 
 
 def describe_failures(results: Iterable[Result]) -> str:
-    """A line for each drive that is not right throughout: when, how, and how far off."""
+    """A line for each drive with failures: kind, largest error and time span of each."""
     lines = []
     for result in results:
-        if spans := failures(result.errors, result.fps):
+        if spans := failure_spans(result.errors, result.fps):
             lines.append(f"{result.scene}, {result.system}: " + "; ".join(spans))
     return "\n".join(lines)
 
 
-def failures(errors: FrameErrors, fps: float) -> list[str]:
-    """Spans of frames that fail alike, as "lost 1.20-1.84 s", those that are wrong with the largest error."""
+def failure_spans(errors: FrameErrors, fps: float) -> list[str]:
+    """Spans of consecutive frames with the same kind of failure, as "lost 1.20-1.84 s" or "wrong by 0.50 m ..."."""
     spans, at = [], 0
     for kind, group in groupby(frame_kinds(errors)):
         end = at + len(list(group))
-        if kind != RIGHT:
-            spans.append(f"{kind}{_how_far(errors.near_m[at:end])} {at / fps:.2f}-{end / fps:.2f} s")
+        if kind != CORRECT:
+            spans.append(f"{kind}{_largest_error(errors.near_rms_m[at:end])} {at / fps:.2f}-{end / fps:.2f} s")
         at = end
     return spans
 
 
-def _how_far(near_m: np.ndarray) -> str:
-    """The largest error, where there is one."""
-    worst_m = np.nanmax(near_m, initial=-np.inf)
+def _largest_error(near_rms_m: np.ndarray) -> str:
+    """The largest error in words; empty if all are NaN."""
+    worst_m = np.nanmax(near_rms_m, initial=-np.inf)
     if worst_m == np.inf:
         return " (a line turns back too soon)"
     return f" by {worst_m:.2f} m" if worst_m >= 0 else ""
 
 
 def frame_kinds(errors: FrameErrors) -> list[str]:
-    """What is to be said of each frame; an unsure lane where there is none is nothing to complain about."""
-    cases = [errors.right | (~errors.exists & ~errors.confident), ~errors.exists, ~errors.given, errors.confident]
-    return np.select(cases, [RIGHT, FALSE, LOST, SURE], UNSURE).tolist()
+    """The kind of each frame; where no lane exists, a lane reported without confidence is no failure."""
+    correct = errors.correct | (~errors.exists & ~errors.confident)
+    cases = [correct, ~errors.exists, ~errors.available, errors.confident]
+    return np.select(cases, [CORRECT, FALSE_LANE, LOST, CONFIDENT_AND_WRONG], WRONG).tolist()

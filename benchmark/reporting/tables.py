@@ -1,4 +1,4 @@
-"""Numbers laid out for people: on the terminal and as markdown."""
+"""Tables of the scores: for the terminal, and in Markdown."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ from pathlib import Path
 from benchmark.scores import Row
 from lanes.io.files import read_text
 
-NAME_WIDTH = 17
+NAME_WIDTH = 15
 LEGEND = """\
-given, right, sure wrong: shares of frames. Right: both lines within 0.2 m (rms over 5 to 20 m ahead). Sure wrong: given
-  with a confidence of 0.9 or more and not right; recipes state no confidence, so each lane they give counts as sure.
-5 m to curve: median/95th percentile of the error, of the worse line, in the frames in which a lane is given.
-back: frames until right again (3 in a row) after the lane was lost or wrong: median/longest."""
+avail.: frames with an available lane. accuracy: frames with both lines within 0.2 m (rms over 5 to 20 m ahead).
+conf. wrong: frames that are confident and wrong: a lane with a confidence of 0.9 or more that is not correct.
+  The recipes state no confidence; each of their lanes counts as confident.
+5 m to curvature: median/95th percentile of the error of the worse line, over the frames with an available lane.
+recovery: frames until the lane is correct again (3 in a row) after it was lost or wrong: median/longest."""
 
 
 def format_table(columns: Sequence[str], rows: Mapping[str, Sequence[str]]) -> str:
-    """Lay out texts in columns of equal width: a heading line, then a line for each named row."""
+    """A text table with columns of equal width: a line of headings, then a line for each named row."""
     width = 2 + max(len(text) for texts in (columns, *rows.values()) for text in texts)
     name_width = max(map(len, rows), default=0)
     lines = [("", columns), *rows.items()]
@@ -41,39 +42,38 @@ def describe_scores(rows: Iterable[Row]) -> str:
 
 
 def describe_run(rows: Iterable[Row]) -> str:
-    """What the table's words mean, which camera the systems had, and under what load the milliseconds were taken."""
+    """Legend of the table, source of the camera pose, and conditions of the time measurement."""
     rows = list(rows)
     poses = " or ".join(sorted({str(row["pose"]) for row in rows}))
     workers = " or ".join(sorted({f"{row['workers']:.0f}" for row in rows}))
     machines = " or ".join(sorted({str(row["machine"]) for row in rows}))
     return (
         f"{LEGEND}\n"
-        f"All systems had the scene's true lens; the camera pose was: {poses}.\n"
-        f"time: median of a frame on one OpenCV thread, measured with {workers} workers at the same time,\n"
+        f"All systems use the true lens of the scene; camera pose: {poses}.\n"
+        f"time: median over the frames, on one OpenCV thread, measured with {workers} workers at the same time,\n"
         f"  on {machines}."
     )
 
 
 def results_table(path: str | Path) -> str:
-    """The table of README, in markdown, of a benchmark.csv: every scene, the losing ones too.
+    """A benchmark.csv as the Markdown table of the README, with every scene and system.
 
-    A cell says in what share of the frames the lane is right, and the 95th percentile of the lateral error over 5 to
-    20 m where one is given; where there is no lane, in what share of the frames one is given surely all the same. Best
-    of a row in bold.
+    A cell shows the accuracy, and the 95th percentile of the lateral error over 5 to 20 m. In scenes without a lane it
+    shows the share of frames that are confident and wrong. The best system of a row is bold.
 
     Raises
     ------
     FileNotFoundError
         If there is no such file.
     ValueError
-        If it is no CSV of the benchmark.
+        If it is not a CSV of the benchmark.
     """
     rows = read_scores(path)
     systems = list(dict.fromkeys(row["system"] for row in rows))
     lines = ["| scene | difficulty | " + " | ".join(systems) + " |", "|---" * (2 + len(systems)) + "|"]
     for (scene, difficulty), group in groupby(rows, key=lambda row: (row["scene"], row["difficulty"])):
         by_system = {row["system"]: row for row in group}
-        best = max(map(_success, by_system.values()))
+        best = max(map(_share_of_success, by_system.values()))
         cells = [_markdown_cell(by_system[name], best) if name in by_system else "" for name in systems]
         lines.append(f"| {scene} | {difficulty} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
@@ -82,45 +82,45 @@ def results_table(path: str | Path) -> str:
 def read_scores(path: str | Path) -> list[Row]:
     """The rows of a benchmark.csv; empty fields are NaN."""
     rows = list(csv.DictReader(io.StringIO(read_text(path, "table"))))
-    if not rows or not {"scene", "difficulty", "system", "right_share"} <= rows[0].keys():
-        raise ValueError(f"{path}: is no table of the benchmark; `python -m benchmark` writes one.")
+    if not rows or not {"scene", "difficulty", "system", "accuracy"} <= rows[0].keys():
+        raise ValueError(f"{path}: is not a table of the benchmark; `python -m benchmark` writes one.")
     try:
         return [{name: _value(name, text) for name, text in row.items()} for row in rows]
     except (TypeError, ValueError) as error:
         raise ValueError(
-            f"{path}: is no table of the benchmark ({error}); `python -m benchmark` writes one."
+            f"{path}: is not a table of the benchmark ({error}); `python -m benchmark` writes one."
         ) from error
 
 
 def _value(name: str, text: str | None) -> str | float:
     if text is None:
-        raise ValueError("a row is shorter than the first one")
+        raise ValueError("a row has fewer fields than the header")
     return text if name in ("scene", "difficulty", "system", "pose", "machine") else float(text or "nan")
 
 
-def _success(row: Row) -> float:
-    """Share of frames in which the system did what was to be done; no lane is to be given where there is none."""
-    right = float(row["right_share"])
-    return 1 - float(row["confidently_wrong_share"]) if math.isnan(right) else right
+def _share_of_success(row: Row) -> float:
+    """Accuracy; in scenes without a lane the share of frames that are not confident and wrong."""
+    accuracy = float(row["accuracy"])
+    return 1 - float(row["confident_and_wrong_share"]) if math.isnan(accuracy) else accuracy
 
 
 def _markdown_cell(row: Row, best: float) -> str:
-    if math.isnan(float(row["right_share"])):
-        text = f"{row['confidently_wrong_share']:.1%} false"
+    if math.isnan(float(row["accuracy"])):
+        text = f"{row['confident_and_wrong_share']:.1%} false"
     else:
-        text = f"{row['right_share']:.1%}, {_describe_distance(float(row['lateral_5_20m_p95_m']))}"
-    return f"**{text}**" if _success(row) == best else text
+        text = f"{row['accuracy']:.1%}, {_describe_distance(float(row['lateral_5_20m_p95_m']))}"
+    return f"**{text}**" if _share_of_success(row) == best else text
 
 
 def _describe_distance(error_m: float) -> str:
-    """An error, or what there is instead: no lane was given at all, or a line that ends before the true one."""
+    """An error in words: NaN means that no lane was available, infinite that a line ends before the true one."""
     if math.isnan(error_m):
         return "lost"
     return "a line ends" if math.isinf(error_m) else f"{error_m:.2f} m"
 
 
 def _pair(key: str, unit: str, factor: float = 1.0) -> Callable[[Row], str]:
-    """A cell "median/95th percentile"; a decimal below ten."""
+    """A cell "median/95th percentile"; values below ten have a decimal."""
 
     def cell(row: Row) -> str:
         values = [factor * float(row[f"{key}_{part}_{unit}"]) for part in ("median", "p95")]
@@ -135,16 +135,16 @@ def _share(key: str) -> Callable[[Row], str]:
 
 # Heading, unit, width, cell.
 COLUMNS: tuple[tuple[str, str, int, Callable[[Row], str]], ...] = (
-    ("given", "%", 6, _share("available_share")),
-    ("right", "%", 6, _share("right_share")),
-    ("sure wrong", "%", 11, _share("confidently_wrong_share")),
+    ("avail.", "%", 7, _share("available_share")),
+    ("accuracy", "%", 9, _share("accuracy")),
+    ("conf. wrong", "%", 12, _share("confident_and_wrong_share")),
     ("5 m", "cm", 8, _pair("lateral_5m", "m", 100)),
     ("15 m", "cm", 8, _pair("lateral_15m", "m", 100)),
     ("30 m", "cm", 9, _pair("lateral_30m", "m", 100)),
     ("5-20 m", "cm", 8, _pair("lateral_5_20m", "m", 100)),
     ("offset", "cm", 8, _pair("offset", "m", 100)),
     ("heading", "deg", 10, _pair("heading", "rad", 180 / math.pi)),
-    ("curve", "1/km", 10, _pair("curvature", "per_m", 1000)),
-    ("back", "frames", 9, lambda row: f"{row['recover_median_frames']:.0f}/{row['recover_longest_frames']:.0f}"),
+    ("curvature", "1/km", 10, _pair("curvature", "per_m", 1000)),
+    ("recovery", "frames", 9, lambda row: f"{row['recovery_median_frames']:.0f}/{row['recovery_longest_frames']:.0f}"),
     ("time", "ms", 6, lambda row: f"{row['time_median_ms']:.1f}"),
 )

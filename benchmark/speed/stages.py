@@ -1,9 +1,8 @@
-"""How long each stage of each system takes on a frame, in undistorts: the time that taking out the lens takes.
+"""CPU time of each stage of each system on a frame, in units of one undistortion.
 
-The yardstick is one `cv2.undistort` of the same frame on one OpenCV thread, run just before each measurement: the ratio
-says the same on a fast and on a slow machine. Times are the process's own processor time, and each frame is measured in
-several rounds of which the fastest counts, for yardstick and system alike: what others do at the same time, and what
-they drive from the processor's caches, only ever adds to a time.
+The unit is one `cv2.undistort` of the same frame on one OpenCV thread, measured just before: the ratio is comparable
+between machines. Times are CPU times of the process. Each frame is measured in several rounds, and the fastest one
+counts, for the unit and the system alike: other processes, and cache misses because of them, only ever add to a time.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
-from unittest.mock import patch
 
 import cv2
 import numpy as np
@@ -30,25 +28,25 @@ from lanes.drives import overlay_styles as styles
 from lanes.drives.overlay_styles import track_lane
 from lanes.io.frames import Frame, YuvFrame
 from lanes.io.threads import one_thread
-from lanes.tracking import lane, tracker
+from lanes.tracking import markings, tracker
 from lanes.tracking.birdseye import BirdsEyeView
 
-# A tracker needs some frames to be sure of its lane; before that it searches in each.
+# Frames that are not measured: the tracker searches in each frame until its lane is confirmed.
 WARM_UP = 10
 TRACKING, COLD = f"{TRACKER}, tracking", f"{TRACKER}, cold"
-REST = "the rest"
-# The functions whose time makes up a stage, where they are called from.
+REST = "other"
+# The functions of each stage, as (module or class that the caller looks them up in, name).
 TRACKER_STAGES = {
-    "road from above": [(BirdsEyeView, "warp")],
-    "paint": [(lane, "marking_response")],
-    "stripes": [(lane, "find_stripes")],
-    "follow": [(tracker, "update_lane"), (tracker, "observe_lines")],
+    "bird's-eye view": [(BirdsEyeView, "warp")],
+    "marking response": [(markings, "marking_response")],
+    "stripes": [(markings, "find_stripes")],
+    "update": [(tracker, "update_lane"), (tracker, "observe_lines")],
     "search": [(tracker, "search_lane"), (tracker, "describe_lane")],
     "draw": [(styles, "draw_tracked")],
 }
 CLASSIC_STAGES = {
     "undistort": [(recipes, "undistort")],
-    "from above": [(FourPointWarp, "warp")],
+    "bird's-eye view": [(FourPointWarp, "warp")],
     "thresholds": [(type(recipe.thresholds), "masks") for recipe in RECIPES.values()],
     "find lines": [(Channel, "line_from_windows"), (recipes, "nearest_line")],
     "measure": [(recipes, "road_line")],
@@ -58,16 +56,16 @@ CLASSIC_STAGES = {
 
 @dataclass(frozen=True)
 class FrameTime:
-    """Processor time of one system for a frame, in undistorts but for `ms`.
+    """CPU time of one system for a frame, in undistortions except for `ms`.
 
     Attributes
     ----------
     ms, undistorts : float
-        Of the frame in the middle: a tracker's rare searches do not count.
+        Of the median frame, so that the tracker's rare searches do not count.
     mean : float
         Over all frames.
     stages : dict of str to float
-        What the mean consists of.
+        The parts of the mean.
     """
 
     ms: float
@@ -78,23 +76,30 @@ class FrameTime:
 
 @dataclass(frozen=True)
 class System:
-    """What is measured: how to begin a drive with a function of its frames, the functions that are its stages.
+    """A system to be measured.
 
-    `as_stored`: the frames are as videos store them, which is how `annotate` looks at them.
+    Parameters
+    ----------
+    start : callable
+        Starts a drive; returns the function that processes its frames.
+    stages : dict of str to list of (object, str)
+        The functions of each stage.
+    as_yuv : bool
+        The frames are YUV as in a video, which is how `annotate` reads them.
     """
 
-    begin: Callable[[], Callable[[Frame], object]]
+    start: Callable[[], Callable[[Frame], object]]
     stages: dict[str, list[tuple[object, str]]]
-    as_stored: bool = False
+    as_yuv: bool = False
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """Names of the stages, and of what belongs to none."""
+        """Names of the stages, and REST for all other time."""
         return *self.stages, REST
 
 
 class Stopwatch:
-    """Processor time spent in named functions; a function's time is without that of named ones that it calls."""
+    """CPU time spent in named functions, not counting the named functions that they call."""
 
     def __init__(self) -> None:
         self.spent_s: dict[str, float] = defaultdict(float)
@@ -105,23 +110,25 @@ class Stopwatch:
 
         def run(*arguments: object, **options: object) -> object:
             self._inside_s.append(0.0)
-            began_s = time.process_time()
+            start_s = time.process_time()
             try:
                 return function(*arguments, **options)
             finally:
-                whole_s = time.process_time() - began_s
-                self.spent_s[name] += whole_s - self._inside_s.pop()
-                self._inside_s[-1] += whole_s
+                total_s = time.process_time() - start_s
+                self.spent_s[name] += total_s - self._inside_s.pop()
+                self._inside_s[-1] += total_s
 
         return run
 
     @contextmanager
     def watching(self, stages: dict[str, list[tuple[object, str]]]) -> Iterator[None]:
-        """Count these functions in the `with` block, wherever they are called from."""
-        with ExitStack() as stack:
+        """Time the functions of the stages in the `with` block."""
+        with ExitStack() as restore:
             for name, functions in stages.items():
                 for owner, function in functions:
-                    stack.enter_context(patch.object(owner, function, self.timed(name, getattr(owner, function))))
+                    original = getattr(owner, function)
+                    restore.callback(setattr, owner, function, original)
+                    setattr(owner, function, self.timed(name, original))
             yield
 
 
@@ -132,21 +139,21 @@ def time_frames(
     rounds: int = 3,
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, FrameTime]:
-    """Time of detecting, measuring and drawing in consecutive frames, for each system.
+    """CPU time of each system to detect, measure and draw in consecutive frames.
 
     Parameters
     ----------
     frames : sequence of ndarray of shape (height, width, 3), uint8
-        More than `WARM_UP`; so many are not counted. In memory: a decoder's threads would be counted too.
+        More than `WARM_UP` frames; that number is not counted. In memory, because the threads of a decoder would count.
     camera : Camera
         With its pose.
     rounds : int
-        Each system goes so often through all frames; the systems take turns.
+        Number of times that each system processes all frames; the systems take turns.
 
     Returns
     -------
     dict of str to FrameTime
-        The tracker while tracking and cold (knowing nothing of the frames before), and each recipe.
+        The tracker while tracking and cold (reset before each frame), and each recipe.
     """
     systems = _systems(camera)
     seconds: dict[str, list[np.ndarray]] = {name: [] for name in systems}
@@ -160,28 +167,28 @@ def time_frames(
 
 
 def _systems(camera: Camera) -> dict[str, System]:
-    def begin_cold() -> Callable[[Frame], object]:
-        searched = tracker.LaneTracker(camera)
-        draw = track_lane(searched, camera)
-        return lambda frame: (searched.reset(), draw(frame))
+    def start_cold() -> Callable[[Frame], object]:
+        cold = tracker.LaneTracker(camera)
+        draw = track_lane(cold, camera)
+        return lambda frame: (cold.reset(), draw(frame))
 
     systems = {
-        TRACKING: System(lambda: track_lane(tracker.LaneTracker(camera), camera), TRACKER_STAGES, as_stored=True),
-        COLD: System(begin_cold, TRACKER_STAGES),
+        TRACKING: System(lambda: track_lane(tracker.LaneTracker(camera), camera), TRACKER_STAGES, as_yuv=True),
+        COLD: System(start_cold, TRACKER_STAGES),
     }
     for name in RECIPES:
-        systems[name] = System(partial(_begin_recipe, name, camera), CLASSIC_STAGES)
+        systems[name] = System(partial(_start_recipe, name, camera), CLASSIC_STAGES)
     return systems
 
 
-def _begin_recipe(name: str, camera: Camera) -> Callable[[np.ndarray], object]:
+def _start_recipe(name: str, camera: Camera) -> Callable[[np.ndarray], object]:
     return overlay.follow_lane(LaneFinder(get_recipe(name, camera.size), camera), camera)
 
 
 def _undistort_s(frame: np.ndarray, camera: Camera) -> float:
-    began_s = time.process_time()
+    start_s = time.process_time()
     cv2.undistort(frame, camera.matrix, camera.distortion)
-    return time.process_time() - began_s
+    return time.process_time() - start_s
 
 
 def _stages_s(process: Callable, stages: dict, frame: Frame) -> dict[str, float]:
@@ -192,21 +199,21 @@ def _stages_s(process: Callable, stages: dict, frame: Frame) -> dict[str, float]
 
 
 def _time_round(system: System, frames: Sequence[np.ndarray], camera: Camera) -> np.ndarray:
-    """(frames, 1 + parts) seconds: of the undistort, then of each part of the system."""
-    process, seconds = system.begin(), []
+    """Seconds (frames, 1 + parts): of cv2.undistort, then of each part of the system."""
+    process, seconds = system.start(), []
     for frame in frames:
         unit_s = _undistort_s(frame.copy(), camera)
-        own = YuvFrame.from_rgb(frame) if system.as_stored else frame.copy()
-        spent_s = _stages_s(process, system.stages, own)
+        copy = YuvFrame.from_rgb(frame) if system.as_yuv else frame.copy()
+        spent_s = _stages_s(process, system.stages, copy)
         seconds.append([unit_s, *(spent_s[part] for part in system.parts)])
     return np.array(seconds)
 
 
 def _fastest(seconds: np.ndarray, parts: Sequence[str]) -> FrameTime:
-    """What counts of times (rounds, frames, 1 + parts): of each frame the fastest round."""
+    """From seconds (rounds, frames, 1 + parts): the fastest round counts for each frame."""
     units_s, parts_s = seconds[:, WARM_UP:, 0].min(axis=0), seconds[:, WARM_UP:, 1:]
     fastest = parts_s.sum(axis=2).argmin(axis=0)
     parts_s = parts_s[fastest, np.arange(len(fastest))]
-    middle_s = float(np.median(parts_s.sum(axis=1)))
+    median_s = float(np.median(parts_s.sum(axis=1)))
     shares = dict(zip(parts, (parts_s.mean(axis=0) / units_s.mean()).tolist(), strict=True))
-    return FrameTime(1e3 * middle_s, middle_s / float(np.median(units_s)), sum(shares.values()), shares)
+    return FrameTime(1e3 * median_s, median_s / float(np.median(units_s)), sum(shares.values()), shares)

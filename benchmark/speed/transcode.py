@@ -1,8 +1,7 @@
-"""From file to file: the annotated video against a bare transcode, and the memory that a long video takes.
+"""Time from file to file, annotation compared with a bare transcode, and peak memory for a long video.
 
-The bare transcode decodes and encodes with the settings of `annotate_video` and does nothing else: its frames stay as
-they were decoded, in YUV. Beside it a run that only converts them to RGB and back tells what a function of RGB pictures
-costs before it has done anything.
+The bare transcode decodes and encodes with the settings of `annotate_video`; its frames stay in YUV. A third run
+converts them to RGB and back: the fixed cost of any function of RGB pictures.
 """
 
 from __future__ import annotations
@@ -33,16 +32,16 @@ from lanes.tracking.tracker import LaneTracker
 
 @dataclass(frozen=True)
 class FileTime:
-    """Of the fastest run: time and processor time of a frame in ms, and both as multiples of the bare transcode's."""
+    """Wall time and CPU time per frame of the fastest run, in ms and relative to the bare transcode."""
 
     wall_ms: float
-    processor_ms: float
+    cpu_ms: float
     wall_ratio: float
-    processor_ratio: float
+    cpu_ratio: float
 
 
 def transcode(source: Path, target: Path) -> None:
-    """Decode and encode a video, with the settings of `annotate_video`, without sound."""
+    """Decode and encode a video with the settings of `annotate_video`, without sound."""
     with open_video(source) as read:
         stream = read.streams.video[0]
         stream.thread_type = "AUTO"
@@ -51,7 +50,7 @@ def transcode(source: Path, target: Path) -> None:
         written, output = open_mp4(target, size, stream.average_rate, stream.time_base)
         with written:
             for frame in read.decode(stream):
-                frame.pict_type = 0  # which frames are key frames is the encoder's own choice
+                frame.pict_type = 0  # the encoder chooses the key frames
                 written.mux(output.encode(frame))
             written.mux(output.encode(None))
 
@@ -59,40 +58,40 @@ def transcode(source: Path, target: Path) -> None:
 def time_files(
     source: Path, camera: Camera, *, rounds: int = 5, progress: Callable[[int, int], None] | None = None
 ) -> dict[str, FileTime]:
-    """Bare transcode, RGB round trip and annotation of a video in turn, `rounds` times; telemetry is written too.
+    """Time a bare transcode, an RGB round trip and the annotation (with telemetry) of a video, in turns.
 
-    Of each way the fastest run counts, for the clock and for the processor: what others do only ever adds to it.
+    The fastest of `rounds` runs counts, for wall time and CPU time: other processes only ever add to a time.
     """
     info = inspect_video(source)
     with TemporaryDirectory() as folder:
         target, table = Path(folder, "out.mp4"), Path(folder, "out.csv")
-        ways = {
+        processings = {
             "bare transcode": lambda: transcode(source, target),
             "through RGB": lambda: annotate_video(source, target, lambda frame: frame, progress=False),
             "annotated": lambda: _annotate(source, target, camera, info.fps, table),
         }
-        seconds = np.empty((rounds, len(ways), 2))
+        seconds = np.empty((rounds, len(processings), 2))
         for run in range(rounds):
-            for way, work in enumerate(ways.values()):
-                seconds[run, way] = _seconds_of(work)
+            for k, process in enumerate(processings.values()):
+                seconds[run, k] = _seconds_of(process)
                 if progress:
-                    progress(run * len(ways) + way + 1, rounds * len(ways))
+                    progress(run * len(processings) + k + 1, rounds * len(processings))
     frame_ms = 1e3 / info.frames * seconds.min(axis=0)
     ratios = frame_ms / frame_ms[0]
-    return {name: FileTime(*map(float, (*frame_ms[k], *ratios[k]))) for k, name in enumerate(ways)}
+    return {name: FileTime(*map(float, (*frame_ms[k], *ratios[k]))) for k, name in enumerate(processings)}
 
 
 def peak_memory_mb(source: Path, camera_file: Path, frames: int) -> float:
-    """Peak of the resident memory of a process of its own that annotates so many frames of the repeated video, MB."""
+    """Peak resident memory of a separate process that annotates `frames` frames of the repeated video, MB."""
     with TemporaryDirectory() as folder:
         long = repeat_video(source, Path(folder, "long.mp4"), frames)
-        # spawned: a forked process would begin with this one's memory
+        # not forked: a forked process starts with the memory of this one
         with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-            return pool.submit(_annotate_and_weigh, long, Path(folder, "out.mp4"), camera_file, frames).result()
+            return pool.submit(_annotation_peak_mb, long, Path(folder, "out.mp4"), camera_file, frames).result()
 
 
 def repeat_video(source: Path, target: Path, frames: int) -> Path:
-    """A video of at least so many frames: the packets of `source` again and again, without encoding them anew."""
+    """A video of at least `frames` frames: the packets of `source`, repeated without encoding."""
     info = inspect_video(source)
     with av.open(str(target), "w") as written:
         for turn in range(-(-frames // info.frames)):
@@ -109,28 +108,29 @@ def repeat_video(source: Path, target: Path, frames: int) -> Path:
 
 def _annotate(source: Path, target: Path, camera: Camera, fps: float, table: Path, end_s: float | None = None) -> None:
     process = YuvProcess(track_lane(LaneTracker(camera, fps=fps), camera))
-    with one_thread():  # as the command does it
+    with one_thread():  # as in `python -m lanes annotate`
         annotate_video(source, target, process, end_s=end_s, progress=False, telemetry=table)
 
 
-def _annotate_and_weigh(source: Path, target: Path, camera_file: Path, frames: int) -> float:
+def _annotation_peak_mb(source: Path, target: Path, camera_file: Path, frames: int) -> float:
     fps = inspect_video(source).fps
     _annotate(source, target, load_camera(camera_file), fps, target.with_suffix(".csv"), end_s=frames / fps)
     return _own_peak_mb()
 
 
 def _own_peak_mb() -> float:
-    """Peak of this process's resident memory; Linux counts in getrusage what was there before this program began."""
+    """Peak resident memory of this process; on Linux getrusage also counts the memory before the exec."""
     status = Path("/proc/self/status")
     if status.is_file():
         return int(re.search(r"VmHWM:\s*(\d+) kB", status.read_text())[1]) / 1e3
-    import resource  # not there on Windows
+    import resource  # missing on Windows
 
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / (1e6 if sys.platform == "darwin" else 1e3)
 
 
-def _seconds_of(work: Callable[[], object]) -> tuple[float, float]:
-    wall_s, processor_s = time.perf_counter(), time.process_time()
-    work()
-    return time.perf_counter() - wall_s, time.process_time() - processor_s
+def _seconds_of(process: Callable[[], object]) -> tuple[float, float]:
+    """Wall time and CPU time."""
+    wall_s, cpu_s = time.perf_counter(), time.process_time()
+    process()
+    return time.perf_counter() - wall_s, time.process_time() - cpu_s

@@ -1,3 +1,5 @@
+"""Lateral errors, precision and recall on lanes and points made by hand."""
+
 from __future__ import annotations
 
 from types import SimpleNamespace
@@ -9,11 +11,10 @@ from benchmark.course import (
     binary_on_road,
     describe_error,
     drive_errors_m,
-    line_coverage,
-    paint_share,
+    marking_precision,
+    marking_recall,
     worst_lateral_error_m,
 )
-from benchmark.reporting.tables import format_table
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraPose
 from lanes.classic.finder import LaneFinder, get_recipe
@@ -45,7 +46,7 @@ class Lines:
 class TestWorstLateralError:
     def test_it_is_the_largest_of_both_lines_within_the_range(self):
         found = Lines(RoadLine(1.65, 0.02, 0.001), RoadLine(-2.0, 0.03, 0.001))
-        # the right line leaves the truth by 0.01 a metre, so by 0.3 m at 30 m; what lies beyond does not count
+        # the right line departs from the truth by 0.01 m per metre: 0.3 m at 30 m; points farther ahead do not count
         assert worst_lateral_error_m(found, truth()) == pytest.approx(0.3)
 
     def test_a_lane_that_was_not_found_is_infinitely_wrong(self):
@@ -73,53 +74,45 @@ class TestDriveErrors:
         assert drive_errors_m(rows, truth)[0] < 0.5
 
 
-class TestPaintShare:
-    def road_points(self, of_m: float) -> np.ndarray:
-        """Points along two stripes 0.3 m wide, `of_m` metres left of the true lines."""
+class TestMarkingPrecision:
+    def road_points(self, shift_m: float) -> np.ndarray:
+        """Points along two stripes 0.3 m wide, `shift_m` metres left of the true lines."""
         x, across = (grid.ravel() for grid in np.meshgrid(np.arange(3.0, 40, 0.1), np.linspace(-0.15, 0.15, 7)))
-        lines = [np.interp(x, X, truth()[key]) + of_m + across for key in ("left_y_m", "right_y_m")]
+        lines = [np.interp(x, X, truth()[key]) + shift_m + across for key in ("left_y_m", "right_y_m")]
         return np.vstack([np.column_stack([x, y]) for y in lines])
 
-    def test_paint_on_the_lines_is_all_paint(self):
-        assert paint_share(self.road_points(0.0), truth()) == 1
+    def test_points_on_the_lines_have_precision_1(self):
+        assert marking_precision(self.road_points(0.0), truth()) == 1
 
-    def test_stripes_beside_the_lines_are_none(self):
-        assert paint_share(self.road_points(0.6), truth()) == 0
+    def test_points_next_to_the_lines_have_precision_0(self):
+        assert marking_precision(self.road_points(0.6), truth()) == 0
 
     def test_other_lanes_and_the_far_road_do_not_count(self):
         elsewhere = [[20.0, 8.0], [20.0, -8.0], [3.0, 0.0], [35.0, 0.0]]
-        assert paint_share(np.vstack([self.road_points(0.0), elsewhere]), truth()) == 1
-        assert paint_share(np.array(elsewhere), truth()) is None
+        assert marking_precision(np.vstack([self.road_points(0.0), elsewhere]), truth()) == 1
+        assert marking_precision(np.array(elsewhere), truth()) is None
 
-    def test_a_flooded_binary_has_the_share_of_the_paint_in_the_lane(self):
+    def test_a_flooded_binary_has_the_share_of_the_lines_in_the_lane(self):
         flooded = SimpleNamespace(steps=SimpleNamespace(warped_binary=np.full((360, 640), 255, np.uint8)), warp=WARP)
         # two stripes of 0.4 m in 3.6 m of lane and a metre on each side
-        assert paint_share(binary_on_road(flooded, CAMERA), truth()) == pytest.approx(0.8 / 5.6, abs=0.05)
+        assert marking_precision(binary_on_road(flooded, CAMERA), truth()) == pytest.approx(0.8 / 5.6, abs=0.05)
 
     def test_nothing_known_is_none(self):
-        assert paint_share(self.road_points(0.0), None) is None
+        assert marking_precision(self.road_points(0.0), None) is None
 
 
-class TestLineCoverage:
+class TestMarkingRecall:
     def test_a_dash_covers_its_length_of_one_line(self):
         x = np.arange(10.0, 20.0, 0.1)
         dash = np.column_stack([x, np.interp(x, X, truth()["right_y_m"]) + 0.1])
         # 10 of the 25 m of one of two lines
-        assert line_coverage(dash, truth()) == pytest.approx(0.2, abs=0.01)
-        assert line_coverage(dash + [0, 0.3], truth()) == 0
+        assert marking_recall(dash, truth()) == pytest.approx(0.2, abs=0.01)
+        assert marking_recall(dash + [0, 0.3], truth()) == 0
 
-    def test_nothing_found_covers_nothing_and_nothing_known_is_none(self):
-        assert line_coverage(np.empty((0, 2)), truth()) == 0
-        assert line_coverage(np.empty((0, 2)), None) is None
+    def test_no_points_are_recall_0_and_no_truth_is_none(self):
+        assert marking_recall(np.empty((0, 2)), truth()) == 0
+        assert marking_recall(np.empty((0, 2)), None) is None
 
 
 def test_errors_are_worded():
     assert [describe_error(e) for e in (None, np.inf, 0.123)] == ["unknown", "lost", "0.12 m"]
-
-
-def test_a_table_is_aligned_to_the_right():
-    assert format_table(["a", "long"], {"one": ["1", "2"], "three": ["lost", "4"]}).splitlines() == [
-        "          a  long",
-        "one       1     2",
-        "three  lost     4",
-    ]

@@ -1,3 +1,5 @@
+"""Data folders, their truth, and the comparison with it."""
+
 from __future__ import annotations
 
 import json
@@ -25,7 +27,7 @@ def test_embedded_data_by_default_and_lanes_data_by_environment(folder, monkeypa
     assert open_dataset().output.name == "output_real"
 
 
-def test_a_folder_without_boards_is_refused_by_name(tmp_path):
+def test_a_folder_without_boards_is_named_in_the_error(tmp_path):
     with pytest.raises(DatasetError, match="has no camera_cal"):
         open_dataset(tmp_path)
 
@@ -38,7 +40,7 @@ def test_stills_come_in_natural_order_and_by_name(folder):
         data.still("test7")
 
 
-def test_videos_are_found_in_their_folder_or_beside_it(folder):
+def test_videos_are_found_in_test_videos_or_in_the_data_folder(folder):
     data = open_dataset(folder)
     with pytest.raises(DatasetError, match="project_video.mp4"):
         data.video("project_video.mp4")
@@ -49,7 +51,7 @@ def test_videos_are_found_in_their_folder_or_beside_it(folder):
     assert data.video("project_video.mp4").parent.name == "test_videos"
 
 
-def test_truth_is_none_where_there_is_none(folder):
+def test_missing_truth_is_none(folder):
     data = open_dataset(folder)
     assert data.true_camera() is None
     assert data.true_lane(data.still("test2")) is None
@@ -69,11 +71,11 @@ def test_truth_is_found_by_the_pictures_name(folder):
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"camera": 3, "frames": [{}]}', "[" * 99_999])
-def test_truth_that_is_none_is_named(folder, text):
+def test_a_damaged_truth_file_is_named(folder, text):
     (folder / "test_images" / "truth.json").write_text(text)
     data = open_dataset(folder)
     for ask in (data.true_camera, lambda: data.true_lane(data.still("test2"))):
-        with pytest.raises(DatasetError, match=r"truth\.json: is no truth of pictures"):
+        with pytest.raises(DatasetError, match=r"truth\.json: is not a truth file of pictures"):
             ask()
 
 

@@ -17,11 +17,11 @@ import cv2
 import numpy as np
 
 from benchmark.errors import FrameErrors, frame_errors  # noqa: E402
-from benchmark.estimates import Readings  # noqa: E402
-from benchmark.evaluation import true_lane  # noqa: E402
+from benchmark.estimates import DriveEstimates  # noqa: E402
+from benchmark.evaluation import read_truth  # noqa: E402
 from benchmark.scores import score  # noqa: E402
 from benchmark.suite_drives import COMMITTED, list_drives  # noqa: E402
-from benchmark.systems import TRACKER, follow_with  # noqa: E402
+from benchmark.systems import TRACKER, start_system  # noqa: E402
 from lanes.camera.camera_file import load_camera  # noqa: E402
 from lanes.io.video.reader import inspect_video, read_frames  # noqa: E402
 
@@ -30,15 +30,15 @@ SECONDS = 3.6
 # As much as decoders and processors differ: up to three levels.
 NOISE_LEVELS, RUNS = 3, 8
 # By the unit that a measure's name ends with.
-LEAST = {"share": 1.0, "frames": 1.0, "rad": 0.001 / 20, "per_m": 2 * 0.001 / 20**2, "m": 0.001}
-HIGH_IS_GOOD = ("available_share", "right_share")
+LEAST = {"share": 1.0, "accuracy": 1.0, "frames": 1.0, "rad": 0.001 / 20, "per_m": 2 * 0.001 / 20**2, "m": 0.001}
+HIGH_IS_GOOD = ("available_share", "accuracy")
 LOW_IS_GOOD = (
-    "confidently_wrong_share",
+    "confident_and_wrong_share",
     *[f"lateral_{at}_{part}_m" for at in ("5m", "15m", "30m", "5_20m") for part in ("median", "p95")],
     "offset_p95_m",
     "heading_p95_rad",
     "curvature_p95_per_m",
-    "recover_longest_frames",
+    "recovery_longest_frames",
 )
 MEASURES = (*HIGH_IS_GOOD, *LOW_IS_GOOD)
 
@@ -46,9 +46,11 @@ MEASURES = (*HIGH_IS_GOOD, *LOW_IS_GOOD)
 def measure(scene: str, *, disturb: Callable[[np.ndarray], np.ndarray] = lambda image: image) -> FrameErrors:
     """The engine's errors in the first seconds of a committed video, whose pictures may be disturbed."""
     drive = list_drives()[scene]
-    follow = follow_with(TRACKER, load_camera(drive.video.with_suffix(".yaml")), inspect_video(drive.video).fps)
-    said = [follow(disturb(image)) for image in read_frames(drive.video, end_s=SECONDS)]
-    return frame_errors(Readings.of(said, [0.0] * len(said)), true_lane(drive).cut(slice(len(said))))
+    estimate = start_system(TRACKER, load_camera(drive.video.with_suffix(".yaml")), inspect_video(drive.video).fps)
+    estimates = [estimate(disturb(image)) for image in read_frames(drive.video, end_s=SECONDS)]
+    return frame_errors(
+        DriveEstimates.from_frames(estimates, [0.0] * len(estimates)), read_truth(drive).select(slice(len(estimates)))
+    )
 
 
 def worse_than(reference: dict[str, dict[str, float]], errors: FrameErrors) -> list[str]:
@@ -74,7 +76,7 @@ def make_reference(scene: str) -> dict[str, dict[str, float]]:
     for name in MEASURES:
         spread = max(abs(run[name] - values[name]) for run in noisy)
         least = next(smallest for unit, smallest in LEAST.items() if name.endswith(unit))
-        tolerance = max(spread, least / len(errors.given) if name.endswith("share") else least)
+        tolerance = max(spread, least / len(errors.available) if name.endswith(("share", "accuracy")) else least)
         reference[name] = {"value": float(f"{values[name]:.6g}"), "tolerance": float(f"{tolerance:.3g}")}
     return reference
 

@@ -31,7 +31,7 @@ def rows_of_the_engine() -> list[Row]:
 
 def surely_wrong(rows: Iterable[Row]) -> float:
     """Share of all frames of these rows."""
-    frames = [(row["frames"], row["confidently_wrong_share"]) for row in rows]
+    frames = [(row["frames"], row["confident_and_wrong_share"]) for row in rows]
     return sum(count * share for count, share in frames) / sum(count for count, _ in frames)
 
 

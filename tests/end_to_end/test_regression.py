@@ -29,7 +29,7 @@ def test_the_engine_is_not_worse_than_it_was(scene, measured):
 
 
 def test_the_engine_is_surely_wrong_as_seldom_as_promised_on_fresh_frames(measured):
-    wrong = [(measured.get(scene) or measure(scene)).confidently_wrong for scene in REFERENCES]
+    wrong = [(measured.get(scene) or measure(scene)).confident_and_wrong for scene in REFERENCES]
     assert np.concatenate(wrong).mean() <= PROMISED["elsewhere"]
 
 
@@ -43,15 +43,15 @@ class TestTheGuard:
 
     def test_a_lane_shifted_by_a_centimetre_is_seen(self, measured):
         errors = measured.get(FIRST) or measure(FIRST)
-        shifted = replace(errors, lateral_m=errors.lateral_m + 0.01, near_m=errors.near_m + 0.01)
+        shifted = replace(errors, lateral_m=errors.lateral_m + 0.01, near_rms_m=errors.near_rms_m + 0.01)
         assert any("lateral_5_20m_p95_m" in told for told in worse_than(REFERENCES[FIRST], shifted))
 
     def test_frames_that_are_lost_are_seen(self, measured):
         errors = measured.get(FIRST) or measure(FIRST)
-        lost = np.isin(np.arange(len(errors.given)), (10, 11, 12))
-        some = replace(errors, given=errors.given & ~lost, confident=errors.confident & ~lost)
+        lost = np.isin(np.arange(len(errors.available)), (10, 11, 12))
+        some = replace(errors, available=errors.available & ~lost, confident=errors.confident & ~lost)
         told = worse_than(REFERENCES[FIRST], some)
-        assert [line.split(":")[0] for line in told] == ["available_share", "right_share", "recover_longest_frames"]
+        assert [line.split(":")[0] for line in told] == ["available_share", "accuracy", "recovery_longest_frames"]
 
     def test_measures_that_are_not_there_any_more_are_seen(self, measured):
         errors = measured.get(FIRST) or measure(FIRST)

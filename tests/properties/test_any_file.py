@@ -27,7 +27,7 @@ JSON = st.recursive(
 )
 LABEL = {"raw_file": "a.jpg", "h_samples": [400, 410, 420, 430], "lanes": [[1, 2, 3, 4], [-2, 7, 8, 9]]}
 TELEMETRY = "frame,time_s,state,offset_m\n0,0.0,tracking,0.1\n1,0.04,lost,\n"
-SCORES = "scene,difficulty,system,right_share\nmotorway,clean,tracker,1\n"
+SCORES = "scene,difficulty,system,accuracy\nmotorway,clean,tracker,1\n"
 
 
 def places(content: object, *before: object) -> list[tuple]:
@@ -122,7 +122,7 @@ def test_telemetry(path, data):
 
 @examples(40)
 @given(garbled(SCORES))
-@example(b"scene,scene,difficulty,system,right_share\nmotorway,clean,tracker,1\n")
+@example(b"scene,scene,difficulty,system,accuracy\nmotorway,clean,tracker,1\n")
 def test_tables_of_the_benchmark(path, data):
     for row in assert_read_or_refused(read_scores, path, data) or ():
-        assert isinstance(row["scene"], str) and isinstance(row["right_share"], float)
+        assert isinstance(row["scene"], str) and isinstance(row["accuracy"], float)

@@ -110,7 +110,7 @@ class TestTheFit:
     def test_lanes_are_judged_by_their_own_truth(self):
         drive = PaintedDrive(s_bend(), (Stripe(1.8), Stripe(-1.8)), camera=CAMERA.scaled((640, 360)))
         rows = [truth_row(drive.truth(i / 12.5), frame=i) for i in range(9)]
-        truth = LaneTruth.of({name: np.array([row[name] for row in rows], float) for name in rows[0]})
+        truth = LaneTruth.from_columns({name: np.array([row[name] for row in rows], float) for name in rows[0]})
         frames = [drive.frame(i / 12.5) for i in range(9)]
         followed, alone = judge(frames, drive.camera, truth, fps=12.5, number=7)
         assert [len(followed), len(alone)] == [9, 3]

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from benchmark.errors import FrameErrors, LaneTruth, frame_errors
-from benchmark.estimates import AT_M, Readings
-from benchmark.evaluation import true_lane
+from benchmark.estimates import AHEAD_M, DriveEstimates
+from benchmark.evaluation import read_truth
 from benchmark.suite_drives import list_drives
-from benchmark.systems import read_tracked
+from benchmark.systems import tracker_estimate
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import load_camera
 from lanes.io.video.reader import read_frames
@@ -35,7 +35,7 @@ class Drive:
         self.camera: Camera = camera.scaled((camera.width // 2, camera.height // 2))
         frames = read_frames(drive.video, end_s=SECONDS)
         self.frames = [cv2.resize(frame, self.camera.size, interpolation=cv2.INTER_AREA) for frame in frames]
-        self.truth: LaneTruth = true_lane(drive)
+        self.truth: LaneTruth = read_truth(drive)
 
     def follow(self, steps: Iterator[Step]) -> tuple[list[TrackedLane], FrameErrors]:
         """What the tracker says of each step, and how wrong that is of what is shown."""
@@ -43,8 +43,8 @@ class Drive:
         for image, elapsed_s, frame in steps:
             said.append(tracker.update(image, elapsed_s=elapsed_s))
             shown.append(frame)
-        readings = Readings.of([read_tracked(tracked) for tracked in said], [0.0] * len(said))
-        return said, frame_errors(readings, self.truth.cut(np.array(shown)))
+        estimates = DriveEstimates.from_frames([tracker_estimate(tracked) for tracked in said], [0.0] * len(said))
+        return said, frame_errors(estimates, self.truth.select(np.array(shown)))
 
     def hit(self, share: float, seed: int) -> np.ndarray:
         """(frames,) bool: which frames are disturbed; neither the first nor the last few."""
@@ -108,8 +108,8 @@ def all_at_once(drive: Drive, hit: np.ndarray) -> Iterator[Step]:
 def test_a_drive_that_is_disturbed_ends_tracked_and_is_nowhere_surely_wrong(drive, disturbed, share, right, seed):
     said, errors = drive.follow(disturbed(drive, drive.hit(share, seed)))
     assert said[-1].state == TRACKING
-    assert not errors.confidently_wrong.any()
-    assert errors.right.mean() >= right
+    assert not errors.confident_and_wrong.any()
+    assert errors.correct.mean() >= right
 
 
 class Exposure:
@@ -131,18 +131,20 @@ def test_flicker_and_noise_move_a_followed_lane_by_centimetres(drive):
     exposure, gain = Exposure(drive.camera, 10, seed=1), np.random.default_rng(1).uniform(0.3, 1.7, len(drive.frames))
     plain, _ = drive.follow((image, None, frame) for frame, image in enumerate(drive.frames))
     said, errors = drive.follow((exposure.expose(f, gain[n]), None, n) for n, f in enumerate(drive.frames))
-    moved = [np.abs(a.lane.lateral_m(AT_M) - b.lane.lateral_m(AT_M)).max() for a, b in zip(plain, said, strict=True)]
+    moved = [
+        np.abs(a.lane.lateral_m(AHEAD_M) - b.lane.lateral_m(AHEAD_M)).max() for a, b in zip(plain, said, strict=True)
+    ]
     assert np.percentile(moved, 95) < 0.015 and max(moved) < 0.05
-    assert errors.right.all() and said[-1].state == TRACKING
+    assert errors.correct.all() and said[-1].state == TRACKING
 
 
 @pytest.mark.parametrize("frame", [0, 70, 140])
 def test_exposure_and_noise_move_the_lane_of_a_still_by_centimetres(drive, frame):
     """Both lines, 5 to 30 m ahead. (Brighter by more, pale concrete burns out, and what is white on it is gone.)"""
     view, image = BirdsEyeView(drive.camera), drive.frames[frame]
-    lines = find_lane(image, view).lateral_m(AT_M)
+    lines = find_lane(image, view).lateral_m(AHEAD_M)
     for noise in (0, 5):
         exposure = Exposure(drive.camera, noise, seed=frame)
         for gain in (0.3, 0.5, 0.8, 1.15, 1.3):
             found = find_lane(exposure.expose(image, gain), view)
-            assert np.abs(found.lateral_m(AT_M) - lines).max() < 0.04, (gain, noise)
+            assert np.abs(found.lateral_m(AHEAD_M) - lines).max() < 0.04, (gain, noise)

@@ -1,4 +1,4 @@
-"""TuSimple's score on lines whose every point is placed by hand, and the command that prints it."""
+"""TuSimple's score on lines made by hand, and the command that prints it."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class TestPoints:
         nowhere = LaneColumns("a.jpg", ROWS + 5, np.array([upright(), upright()]))
         assert score_lines(lane(upright()), nowhere)[0] == LineScore(0.0, None, False)
 
-    def test_left_and_right_are_not_to_be_mixed_up(self):
+    def test_left_is_compared_with_left_and_right_with_right(self):
         label = lane(upright(200), upright(900))
         assert [s.accuracy for s in score_lines(label, lane(upright(900), upright(200)))] == [0, 0]
 
@@ -107,7 +107,7 @@ class TestFiles:
     def entry(self, *lanes: np.ndarray, name: str = "a.png") -> dict:
         return {"raw_file": name, "h_samples": ROWS.tolist(), "lanes": [one.tolist() for one in lanes]}
 
-    def test_of_many_lanes_those_beside_the_bottom_centre_are_the_own_ones(self, tmp_path):
+    def test_of_many_lines_those_next_to_the_bottom_centre_are_the_ego_lane(self, tmp_path):
         write_image(tmp_path / "a.png", np.zeros((720, 1280, 3), np.uint8))
         # In row 400 the second lane is nearest to the centre on the left; at the bottom it has gone far left.
         lanes = [upright(200), slanted(-2) + 530, upright(500), upright(800), slanted(3) + 600]
@@ -116,13 +116,13 @@ class TestFiles:
         (label,) = read_labels(self.write(tmp_path, self.entry(upright(700), upright(-2), upright(900))))
         assert label.columns[:, 0].tolist() == [-2, 700]
 
-    def test_two_lanes_are_left_and_right_whatever_they_are(self, tmp_path):
+    def test_two_lines_are_left_and_right_in_this_order(self, tmp_path):
         (label,) = read_labels(self.write(tmp_path, self.entry(upright(-2), upright(900))))
         assert label.columns[:, 0].tolist() == [-2, 900]
         (label,) = read_labels(self.write(tmp_path, self.entry()))
         assert (label.columns == -2).all()
 
-    def test_predictions_are_left_and_right_without_looking_at_the_picture(self, tmp_path):
+    def test_predictions_are_left_and_right_and_need_no_picture(self, tmp_path):
         (found,) = read_predictions(self.write(tmp_path, self.entry(upright(1), upright(2), upright(3))))
         assert found.columns[:, 0].tolist() == [1, 2]
 
@@ -133,10 +133,10 @@ class TestFiles:
         assert (one, none, two) == (labels[0], None, labels[1])
         assert hit is found[0]
 
-    def test_what_cannot_be_paired_is_told(self):
-        with pytest.raises(ValueError, match="two labels are of the same picture"):
+    def test_labels_that_cannot_be_paired_are_refused(self):
+        with pytest.raises(ValueError, match="two labels are for the same picture"):
             pair_predictions([lane(upright()), lane(upright())], [])
-        with pytest.raises(ValueError, match="none of the predictions is of a labelled picture"):
+        with pytest.raises(ValueError, match="none of the predictions is for a labelled picture"):
             pair_predictions([lane(upright())], [lane(upright(), name="b.jpg")])
 
     @pytest.mark.parametrize(
@@ -156,7 +156,7 @@ class TestFiles:
     def test_other_files_are_refused_with_the_line(self, tmp_path, text):
         path = self.write(tmp_path, self.entry(upright()))
         path.write_text(path.read_text().strip() + f"\n{text}\n")
-        with pytest.raises(ValueError, match=r"labels.jsonl: line 2 is no label"):
+        with pytest.raises(ValueError, match=r"labels.jsonl: line 2 is not a label"):
             read_labels(path)
         with pytest.raises(FileNotFoundError, match="none.jsonl: there is no such label file"):
             read_labels(tmp_path / "none.jsonl")
@@ -199,22 +199,22 @@ class TestCommand:
         return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
 
     def test_predictions_are_scored(self, folder):
-        told = self.run(folder, "--predictions", "predictions.jsonl")
-        assert told.returncode == 0, told.stderr
-        row = next(line for line in told.stdout.splitlines() if line.startswith("predictions.jsonl"))
+        done = self.run(folder, "--predictions", "predictions.jsonl")
+        assert done.returncode == 0, done.stderr
+        row = next(line for line in done.stdout.splitlines() if line.startswith("predictions.jsonl"))
         assert row.split()[1:-2] == ["8", "0.750", "0.750", "0.250", "0.250"]
-        assert "not the official one" in told.stdout
+        assert "not the official score" in done.stdout
 
     def test_systems_are_scored_with_an_estimated_pose_where_the_camera_has_none(self, folder):
-        told = self.run(folder, "--camera", "lens.yaml")
-        assert told.returncode == 0, told.stderr
-        assert "height" in told.stdout
-        rows = {line.split()[0]: line.split() for line in told.stdout.splitlines() if line}
+        done = self.run(folder, "--camera", "lens.yaml")
+        assert done.returncode == 0, done.stderr
+        assert "height" in done.stdout
+        rows = {line.split()[0]: line.split() for line in done.stdout.splitlines() if line}
         assert rows["tracker"][1:3] == ["8", "1.000"]
         assert rows["best_channel"][1] == "8"
 
-    def test_misuse_is_told(self, folder):
+    def test_wrong_usage_is_reported(self, folder):
         for arguments, words in ((("--predictions", "no.jsonl"), "no.jsonl"), (("--camera", "no.yaml"), "no.yaml")):
-            told = self.run(folder, *arguments)
-            assert (told.returncode, "Traceback" in told.stderr) == (2, False)
-            assert words in told.stderr
+            done = self.run(folder, *arguments)
+            assert (done.returncode, "Traceback" in done.stderr) == (2, False)
+            assert words in done.stderr

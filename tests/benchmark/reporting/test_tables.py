@@ -7,7 +7,7 @@ import csv
 import numpy as np
 import pytest
 
-from benchmark.reporting.tables import describe_scores, results_table
+from benchmark.reporting.tables import describe_scores, format_table, results_table
 
 
 def row(scene: str, system: str, **numbers: float) -> dict:
@@ -15,14 +15,14 @@ def row(scene: str, system: str, **numbers: float) -> dict:
     base = {f"{name}_{part}_m": 0.123 for name in names for part in ("median", "p95")}
     base |= {f"heading_{part}_rad": 0.001 for part in ("median", "p95")}
     base |= {f"curvature_{part}_per_m": 0.0001 for part in ("median", "p95")}
-    base |= {"recover_median_frames": 0.0, "recover_longest_frames": 12.0, "time_median_ms": 9.0, "frames": 100.0}
-    base |= {"available_share": 1.0, "right_share": 0.5, "confidently_wrong_share": 0.25}
+    base |= {"recovery_median_frames": 0.0, "recovery_longest_frames": 12.0, "time_median_ms": 9.0, "frames": 100.0}
+    base |= {"available_share": 1.0, "accuracy": 0.5, "confident_and_wrong_share": 0.25}
     about = {"scene": scene, "difficulty": "hard", "system": system, "pose": "true", "workers": 1.0}
     return about | base | numbers
 
 
 class TestTables:
-    def test_nothing_measured_is_a_dash_and_infinite_is_said(self):
+    def test_nan_is_a_dash_and_infinite_is_inf(self):
         lost = row("fog", "tracker", **{f"lateral_5m_{part}_m": np.nan for part in ("median", "p95")})
         lost |= {"available_share": np.nan, "lateral_30m_p95_m": np.inf}
         heads, units, scene, line = describe_scores([lost]).splitlines()
@@ -31,14 +31,14 @@ class TestTables:
             "12/12", "0.1/0.1", "0.1/0.1", "0/12", "9.0",
         ]  # fmt: skip
 
-    def test_readme_shows_who_loses(self, tmp_path):
+    def test_markdown_table_shows_every_system_and_the_best_in_bold(self, tmp_path):
         rows = [
-            row("bridge", "hls_sobel", right_share=0.9),
-            row("bridge", "tracker", right_share=0.8),
-            row("hairpin", "hls_sobel", right_share=0.0, lateral_5_20m_p95_m=np.nan),
-            row("hairpin", "tracker", right_share=0.4, lateral_5_20m_p95_m=np.inf),
-            row("desert", "hls_sobel", right_share=np.nan, confidently_wrong_share=1.0),
-            row("desert", "tracker", right_share=np.nan, confidently_wrong_share=0.0),
+            row("bridge", "hls_sobel", accuracy=0.9),
+            row("bridge", "tracker", accuracy=0.8),
+            row("hairpin", "hls_sobel", accuracy=0.0, lateral_5_20m_p95_m=np.nan),
+            row("hairpin", "tracker", accuracy=0.4, lateral_5_20m_p95_m=np.inf),
+            row("desert", "hls_sobel", accuracy=np.nan, confident_and_wrong_share=1.0),
+            row("desert", "tracker", accuracy=np.nan, confident_and_wrong_share=0.0),
         ]
         with (tmp_path / "benchmark.csv").open("w", newline="") as file:
             writer = csv.DictWriter(file, rows[0])
@@ -56,5 +56,13 @@ class TestTables:
         with pytest.raises(FileNotFoundError, match=r"none.csv: there is no such table"):
             results_table(tmp_path / "none.csv")
         (tmp_path / "other.csv").write_text("frame,time_s\n0,0\n")
-        with pytest.raises(ValueError, match=r"other.csv: is no table of the benchmark"):
+        with pytest.raises(ValueError, match=r"other.csv: is not a table of the benchmark"):
             results_table(tmp_path / "other.csv")
+
+
+def test_text_columns_are_aligned_to_the_right():
+    assert format_table(["a", "long"], {"one": ["1", "2"], "three": ["lost", "4"]}).splitlines() == [
+        "          a  long",
+        "one       1     2",
+        "three  lost     4",
+    ]

@@ -1,4 +1,4 @@
-"""How fast: what is counted is counted once, where it belongs, and a transcode is one."""
+"""Speed: every function is timed once, in its stage; a transcode keeps all frames."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from benchmark.speed.stages import (
 from benchmark.speed.transcode import FileTime, peak_memory_mb, repeat_video, time_files, transcode
 from lanes.classic.finder import RECIPES
 from lanes.io.video.reader import inspect_video, read_frames, read_timed_frames
-from lanes.tracking import lane
+from lanes.tracking import markings
 from simulator.rendering.drive import Motion
 from tests.support.clips import write_drive
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
@@ -48,7 +48,7 @@ def burn(seconds: float) -> None:
 
 
 class TestStopwatch:
-    def test_time_inside_is_counted_once(self):
+    def test_time_of_an_inner_function_is_counted_once(self):
         watch = Stopwatch()
         inner = watch.timed("inner", lambda: burn(0.02))
         watch.timed("outer", lambda: (burn(0.01), inner(), inner()))()
@@ -60,13 +60,13 @@ class TestStopwatch:
         watch.timed("asleep", lambda: time.sleep(0.05))()
         assert watch.spent_s["asleep"] < 0.01
 
-    def test_results_and_errors_pass_and_functions_come_back(self):
-        before = lane.marking_response
+    def test_results_and_errors_pass_and_functions_are_restored(self):
+        before = markings.marking_response
         watch = Stopwatch()
         with pytest.raises(ZeroDivisionError), watch.watching(TRACKER_STAGES):
-            assert lane.marking_response is not before
+            assert markings.marking_response is not before
             watch.timed("division", lambda a, *, by: a / by)(1, by=0)
-        assert lane.marking_response is before
+        assert markings.marking_response is before
         assert Stopwatch().timed("division", lambda a, *, by: a / by)(6, by=2) == 3
 
 
@@ -81,32 +81,32 @@ def test_every_system_is_timed(times):
     assert all(found.ms > 0 and found.undistorts > 0 for found in times.values())
 
 
-def test_every_stage_is_met(times):
-    """Functions that are no longer called under these names would leave their time to the rest."""
-    unmet = {(name, stage) for name, found in times.items() for stage, share in found.stages.items() if not share}
-    assert unmet <= {(TRACKING, "search"), (COLD, "follow")}
+def test_every_stage_is_called(times):
+    """A function that is no longer called under its name would add its time to REST."""
+    unmet = {(name, stage) for name, t in times.items() for stage, share in t.stages.items() if not share}
+    assert unmet <= {(TRACKING, "search"), (COLD, "update")}
     assert list(times[COLD].stages) == [*TRACKER_STAGES, REST]
     assert list(times["hls_sobel"].stages) == [*CLASSIC_STAGES, REST]
 
 
-def test_stages_make_up_the_whole(times):
+def test_stages_sum_up_to_the_mean(times):
     for found in times.values():
         assert sum(found.stages.values()) == pytest.approx(found.mean)
 
 
-def test_a_search_costs_more_than_following(times):
-    assert times[COLD].stages["search"] > 2 * times[TRACKING].stages["follow"]
+def test_a_search_costs_more_than_an_update(times):
+    assert times[COLD].stages["search"] > 2 * times[TRACKING].stages["update"]
 
 
 class TestTranscode:
-    def test_all_frames_arrive(self, clip, tmp_path):
+    def test_all_frames_are_kept(self, clip, tmp_path):
         transcode(clip, tmp_path / "out.mp4")
         assert inspect_video(tmp_path / "out.mp4") == inspect_video(clip)
         for was, now in zip(read_frames(clip), read_frames(tmp_path / "out.mp4"), strict=True):
             assert np.abs(was.astype(int) - now).mean() < 4
 
     def test_repeated_video(self, clip, tmp_path):
-        """As long as asked for, evenly timed, and each turn is the video again."""
+        """At least as long as requested, evenly timed, and each repetition is the video."""
         count = inspect_video(clip).frames
         path = repeat_video(clip, tmp_path / "long.mp4", 2 * count + 1)
         assert inspect_video(path).frames == 3 * count
@@ -119,28 +119,28 @@ class TestTranscode:
     def test_times_are_ratios_to_the_bare_transcode(self, clip):
         reports = []
         times = time_files(clip, SMALL, rounds=1, progress=lambda *done: reports.append(done))
-        assert (times["bare transcode"].wall_ratio, times["bare transcode"].processor_ratio) == (1, 1)
+        assert (times["bare transcode"].wall_ratio, times["bare transcode"].cpu_ratio) == (1, 1)
         annotated = times["annotated"]
-        assert annotated.processor_ratio == pytest.approx(annotated.processor_ms / times["bare transcode"].processor_ms)
+        assert annotated.cpu_ratio == pytest.approx(annotated.cpu_ms / times["bare transcode"].cpu_ms)
         assert reports == [(1, 3), (2, 3), (3, 3)]
 
-    def test_memory_is_of_a_process_of_its_own(self, clip):
-        """What this process holds does not count."""
+    def test_memory_is_that_of_a_separate_process(self, clip):
+        """The memory of this process does not count."""
         ballast = np.ones(50_000_000)
         assert 50 < peak_memory_mb(clip, clip.with_suffix(".yaml"), 3) < ballast.nbytes / 1e6
         del ballast
 
 
-def test_told_in_words():
+def test_described_in_words():
     speed = Speed(
-        {TRACKING: FrameTime(3.1, 0.45, 0.5, {"paint": 0.125})},
+        {TRACKING: FrameTime(3.1, 0.45, 0.5, {"search": 0.125})},
         {"annotated": FileTime(20.0, 30.0, 1.1, 1.4)},
         {400: 250.4},
         "abacus",
     )
     lines = speed.describe().splitlines()
     assert lines[1].split() == ["tracker,", "tracking", "0.45", "0.50", "3.1"]
-    assert lines[2].split() == ["paint", "0.12"]
+    assert lines[2].split() == ["search", "0.12"]
     assert ["annotated", "20.0", "30.0", "1.10", "1.40"] in [line.split() for line in lines]
     assert lines[-3:] == ["400 frames: at most 250 MB of memory", "", "Measured on abacus."]
     assert max(map(len, lines)) <= 120
