@@ -180,17 +180,17 @@ def annotate_all(
     """
     from distributed import as_completed
 
-    begun = {
+    pending = {
         client.submit(begin_drive, job, retries=retries, pure=False): job
         for job in sorted(jobs, key=lambda job: -job.key.size_bytes)
     }
-    waiting = as_completed(begun)
-    for future in waiting:
-        job, outcome = begun.pop(future), _outcome(future)
+    completed = as_completed(pending)
+    for future in completed:
+        job, outcome = pending.pop(future), _outcome(future)
         if isinstance(outcome, Plan):
             joined = _submit_pieces(client, job, outcome, retries)
-            begun[joined] = job
-            waiting.add(joined)
+            pending[joined] = job
+            completed.add(joined)
         else:
             yield job, _require_visible_outputs(job, outcome)
 

@@ -218,17 +218,18 @@ def _candidates(fit: LaneFit, evidence: FrameEvidence, view: BirdsEyeView, *, fo
 def _describe_candidate(
     lane: np.ndarray, support: np.ndarray, score: float, *, best: tuple[np.ndarray, float], chosen: bool
 ) -> str:
-    which = f"{lane[WIDTH]:.1f} m wide, centre {abs(lane[CENTRE]):.1f} m {'left' if lane[CENTRE] > 0 else 'right'}"
+    side = "left" if lane[CENTRE] > 0 else "right"
+    description = f"{lane[WIDTH]:.1f} m wide, centre {abs(lane[CENTRE]):.1f} m {side}"
     paint = f"paint {support[0]:.0%} left, {support[1]:.0%} right"
     if chosen:
-        return f"{which}: {paint}, score {score:.2f}"
+        return f"{description}: {paint}, score {score:.2f}"
     if is_other_lane(lane[None])[0]:
         why = "not the ego lane"
     elif np.sqrt(support).sum() < np.sqrt(best[0]).sum():
         why = "less paint"
     else:
         why = "larger prior penalty"
-    return f"{which}: {why} ({paint}), score {score:.2f} against {best[1]:.2f}"
+    return f"{description}: {why} ({paint}), score {score:.2f} against {best[1]:.2f}"
 
 
 def stripes_on_lines(explanation: Explanation) -> np.ndarray:

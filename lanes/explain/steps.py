@@ -163,7 +163,7 @@ def _explain_low_confidence(lane: Lane) -> tuple[str, str]:
     unseen = [name for name, line in (("left", lane.left), ("right", lane.right)) if not line.seen]
     if lane.score < LEAST_SCORE:
         return (
-            f"hardly any paint supports the lane (score {lane.score:.2f}; a video needs at least {LEAST_SCORE}).",
+            f"hardly any paint supports the lane (score {lane.score:.2f}; the tracker starts from {LEAST_SCORE} on).",
             "Check in the panels with the marking response and the stripes whether the road has lines here.",
         )
     if unseen:
