@@ -1,7 +1,7 @@
-"""Chessboard photographs with known truth: a printed sheet on a plastered wall, seen through the course's own lens.
+"""Chessboard photographs with ground truth: a printed sheet on a plastered wall, seen through the course's lens.
 
-Every pixel's ray, distortion included, is cast onto the wall plane, so the place of each corner is known exactly. The
-sheet is flat; what looks like curled paper is shading, which moves no corner.
+The ray of each pixel, distortion included, is cast onto the plane of the wall, so the corner positions are exact. The
+sheet is flat: paper that looks curled is only shaded, which moves no corner.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from lanes.io.processes import map_ordered
 from simulator.scenes.dashcam import DASHCAM
 
 INNER_COLUMNS, INNER_ROWS = 9, 6
-# 10 x 7 squares of this size leave margins of 15 and 19 mm on a sheet of US Letter paper.
+# 10 x 7 squares of this size leave margins of 15 and 19 mm on US Letter paper.
 SQUARE_M = 0.0248
 PAPER_M = (0.2794, 0.2159)
 WALL_TEXEL_M = 0.0005
@@ -33,7 +33,7 @@ WALL_TEXELS = 2048
 
 @dataclass(frozen=True)
 class PaintedWall:
-    """A painted wall under one light: linear colours 0..1 of paint and paper, and how rough the plaster shows."""
+    """Painted wall and sheet under one light: linear colours 0..1, strength of the plaster, sensor noise."""
 
     paint: tuple[float, float, float]
     paper: tuple[float, float, float]
@@ -42,19 +42,19 @@ class PaintedWall:
     noise: float
 
 
-# Near a window, and in the dim corridor where the sensor's gain is up.
+# Near a window, and in a dim corridor with a high sensor gain.
 CREAM_WALL = PaintedWall(paint=(0.68, 0.67, 0.58), paper=(0.84, 0.84, 0.85), ink=0.004, relief=0.6, noise=0.9)
 GREY_WALL = PaintedWall(paint=(0.250, 0.246, 0.238), paper=(0.385, 0.385, 0.435), ink=0.010, relief=0.5, noise=1.4)
 
 
 @dataclass(frozen=True)
 class BoardView:
-    """One photograph: where the board's middle is seen, how large and how turned, and the light.
+    """One photograph: position, size, orientation and light of the board.
 
-    `u`, `v`, `span_px`: middle of the board and width of its ten squares in pixels were it not turned; `turn_deg` > 0
-    brings its right side nearer, `tilt_deg` > 0 its top, `roll_deg` > 0 turns it clockwise in the picture. `lamp` is
-    (u, v, reach in pixels, strength) of the glow on the wall, `falloff` the share of light lost from left to right and
-    from top to bottom. `extra_px` adds a column and a row: the same camera, cut one pixel later.
+    `u` and `v` are the pixel of the board's centre, `span_px` is the width of its ten squares without rotation.
+    `turn_deg` > 0 brings the right side nearer, `tilt_deg` > 0 the top, `roll_deg` > 0 rotates it clockwise in the
+    picture. `lamp` is (u, v, radius in pixels, strength) of the glow on the wall. `falloff` is the share of light lost
+    from left to right and from top to bottom. `extra_px` adds columns and rows: the same camera with a larger crop.
     """
 
     wall: PaintedWall
@@ -103,9 +103,9 @@ def write_boards(
     folder : str or Path
         Created where needed.
     progress : callable, optional
-        Called as progress(pictures done, pictures in all).
+        Called as progress(pictures done, number of pictures).
     workers : int, optional
-        Processes that render; the files do not depend on it. Default: as many as CPUs may be used.
+        Number of processes; it does not change the files. Default: one for each available CPU.
 
     Returns
     -------
@@ -136,7 +136,7 @@ def _seeded_board(seed_and_view: tuple[int, BoardView]) -> np.ndarray:
 
 
 def render_board(view: BoardView, *, seed: int = 0, camera: Camera = DASHCAM) -> np.ndarray:
-    """Photograph of the board, ndarray (height, width, 3) uint8 RGB; `seed` is that of wall, paper and sensor noise."""
+    """Photograph of the board (height, width, 3), uint8 RGB; `seed` is for wall, paper and sensor noise."""
     rng = np.random.default_rng(seed)
     size = _picture_size(view, camera)
     x, y = _wall_coordinates(view, camera, size)
@@ -175,7 +175,7 @@ def _picture_size(view: BoardView, camera: Camera) -> tuple[int, int]:
 
 
 def _board_pose(view: BoardView, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation (3, 3) and shift (3,) in metres from the sheet (x right, y down, origin in the middle) to the camera."""
+    """Rotation (3, 3) and translation (3,) in metres from sheet (x right, y down, origin at its centre) to camera."""
     turn, tilt, roll = np.radians([view.turn_deg, view.tilt_deg, view.roll_deg])
     about_x = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
     about_y = np.array([[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]])
@@ -186,24 +186,24 @@ def _board_pose(view: BoardView, camera: Camera) -> tuple[np.ndarray, np.ndarray
 
 @lru_cache(maxsize=2)
 def _pixel_rays(camera: Camera, size: tuple[int, int]) -> np.ndarray:
-    """Directions (height, width, 3) of all pixels; the same for all views, and slow because of the distortion."""
+    """Ray directions (height, width, 3) of all pixels; cached, because inverting the distortion is slow."""
     u, v = np.meshgrid(np.arange(size[0], dtype=float), np.arange(size[1], dtype=float))
     return camera.rays(np.column_stack([u.ravel(), v.ravel()])).reshape(size[1], size[0], 3)
 
 
 def _wall_coordinates(view: BoardView, camera: Camera, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """Where each pixel looks at the wall: (x, y) in metres from the sheet's middle, arrays (height, width)."""
+    """Points of the wall seen by each pixel: x and y (height, width) in metres from the centre of the sheet."""
     turn, shift = _board_pose(view, camera)
     rays = _pixel_rays(camera, size)
     normal = turn[:, 2]
-    # Far from a steep sheet a ray may run beside the wall; there it meets it far away and shows plain paint.
+    # A ray nearly parallel to the wall is given a far intersection, where there is only paint.
     slope = np.maximum(rays @ normal, 1e-2)
     hit = rays * (normal @ shift / slope)[..., None] - shift
     return hit @ turn[:, 0], hit @ turn[:, 1]
 
 
 def _illumination(view: BoardView, size: tuple[int, int]) -> np.ndarray:
-    """Brightness (height, width): fall-off, the lamp's glow and the lens's vignette."""
+    """Brightness (height, width): fall-off, glow of the lamp, and vignetting."""
     u, v = np.meshgrid(np.linspace(-1, 1, size[0]), np.linspace(-1, 1, size[1]))
     falloff = 1 - (view.falloff[0] * u + view.falloff[1] * v)
     vignette = 1 - 0.07 * (u**2 + v**2)
@@ -211,7 +211,7 @@ def _illumination(view: BoardView, size: tuple[int, int]) -> np.ndarray:
 
 
 def _glow(view: BoardView, size: tuple[int, int]) -> np.ndarray:
-    """The lamp's reflection (height, width), with the long skirts that satin paint gives it."""
+    """Reflection of the lamp (height, width), with the wide tails of satin paint."""
     lamp_u, lamp_v, reach, strength = view.lamp
     u, v = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
     squared = ((u - lamp_u) ** 2 + (1.3 * (v - lamp_v)) ** 2) / reach**2
@@ -219,16 +219,16 @@ def _glow(view: BoardView, size: tuple[int, int]) -> np.ndarray:
 
 
 def _wall(view: BoardView, x: np.ndarray, y: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Colour (height, width, 3) of the painted wall with the relief of its plaster and the sheet's soft shadow."""
+    """Colour (height, width, 3) of the painted wall, with relief of the plaster and soft shadow of the sheet."""
     start = rng.uniform(0, WALL_TEXELS, 2)
     footprint = float(np.median(np.hypot(np.gradient(x, axis=1), np.gradient(y, axis=1)))) / WALL_TEXEL_M
     plaster = _blur_to_footprint(_plaster(), footprint)
     relief = np.clip(_sample(plaster, x / WALL_TEXEL_M + start[0], y / WALL_TEXEL_M + start[1]), -4, 4)
-    # Satin paint reflects the lamp in the lamp's colour; slopes that face it glint, the others do not.
+    # Satin paint reflects the lamp in the lamp's colour, on slopes that face it.
     glow = _glow(view, x.shape[::-1])
     glint = 1 + 4 * glow
     shade = 1 + view.wall.relief * 0.055 * relief * glint
-    # The sheet stands off the wall by a few millimetres, more at its lower edge.
+    # The sheet is a few millimetres off the wall, more at its lower edge.
     distance = _outside(x - 0.0015, y - 0.0025)
     shade *= 1 - 0.34 * np.exp(-np.maximum(distance, 0) / 0.0022)
     reflection = (glow * shade**2)[..., None] * np.array([0.30, 0.30, 0.34])
@@ -236,13 +236,13 @@ def _wall(view: BoardView, x: np.ndarray, y: np.ndarray, rng: np.random.Generato
 
 
 def _sheet(view: BoardView, x: np.ndarray, y: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Colour (height, width, 3) of the printed sheet, and the share (height, width) of each pixel that it covers."""
+    """Colour (height, width, 3) of the printed sheet, and its coverage (height, width) of each pixel."""
     start = rng.uniform(0, WALL_TEXELS, 2)
     ripple = _sample(_ripples(), x / 0.002 + start[0], y / 0.002 + start[1])
     edge = _outside(x, y) + 0.00035 * ripple
     pixel = np.hypot(np.gradient(x, axis=1), np.gradient(y, axis=1)) + 1e-9
     coverage = np.clip(0.5 - edge / pixel, 0, 1)
-    # Paper is not quite flat: it shades by a percent or two, more where its border lifts off the wall.
+    # Paper is not quite flat: shading varies by 1 to 2 %, more at the border, which lifts off the wall.
     shade = 1 + 0.012 * ripple + 0.05 * ripple * np.exp(np.minimum(edge, 0) / 0.006)
     ink = _ink(x, y)[..., None]
     sheen = 0.02 * _glow(view, x.shape[::-1])[..., None]
@@ -250,7 +250,7 @@ def _sheet(view: BoardView, x: np.ndarray, y: np.ndarray, rng: np.random.Generat
 
 
 def _ink(x: np.ndarray, y: np.ndarray, samples: int = 4) -> np.ndarray:
-    """Share of each pixel's footprint on the sheet that is black, from samples x samples points of the footprint."""
+    """Black share (height, width) of each pixel's footprint on the sheet, from samples x samples points."""
     across, down = x / SQUARE_M + (INNER_COLUMNS + 1) / 2, y / SQUARE_M + (INNER_ROWS + 1) / 2
     near = (np.abs(across - (INNER_COLUMNS + 1) / 2) < INNER_COLUMNS / 2 + 1) & (
         np.abs(down - (INNER_ROWS + 1) / 2) < INNER_ROWS / 2 + 1
@@ -270,13 +270,13 @@ def _ink(x: np.ndarray, y: np.ndarray, samples: int = 4) -> np.ndarray:
 
 
 def _outside(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Distance in metres from the sheet's outline, negative on the sheet."""
+    """Signed distance in metres from the outline of the sheet, negative inside."""
     dx, dy = np.abs(x) - PAPER_M[0] / 2, np.abs(y) - PAPER_M[1] / 2
     return np.hypot(np.maximum(dx, 0), np.maximum(dy, 0)) + np.minimum(np.maximum(dx, dy), 0)
 
 
 def _sample(tile: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Look up a tile that repeats in both directions."""
+    """Sample a tile that is periodic in both directions."""
     side = tile.shape[0]
     wrapped = cv2.copyMakeBorder(tile, 0, 1, 0, 1, cv2.BORDER_WRAP)
     return cv2.remap(wrapped, (u % side).astype(np.float32), (v % side).astype(np.float32), cv2.INTER_LINEAR)
@@ -284,7 +284,7 @@ def _sample(tile: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def _plaster() -> np.ndarray:
-    """Slope of a knock-down plaster towards the light, unit variance: flat splashes with steep rims."""
+    """Slope towards the light of a knock-down plaster, unit variance: flat splashes with steep rims."""
     rng = np.random.default_rng(20)
     fine, coarse, where = (_smooth_noise(rng, sigma) for sigma in (3.0, 9.0, 60.0))
     splash = 1 / (1 + np.exp(-7 * (coarse + 0.35 * fine + 0.5 * where - 1.35)))
@@ -294,7 +294,7 @@ def _plaster() -> np.ndarray:
 
 
 def _blur_to_footprint(tile: np.ndarray, texels_per_pixel: float) -> np.ndarray:
-    """A repeating tile blurred by the pixel's footprint, so that fine grain averages out instead of flickering."""
+    """Periodic tile blurred by the pixel footprint, which prevents aliasing."""
     if texels_per_pixel <= 1:
         return tile
     margin = 64
@@ -304,12 +304,12 @@ def _blur_to_footprint(tile: np.ndarray, texels_per_pixel: float) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def _ripples() -> np.ndarray:
-    """Gentle undulation of paper, unit variance, one texel for 2 mm."""
+    """Undulation of the paper, unit variance, 2 mm a texel."""
     return _smooth_noise(np.random.default_rng(21), 9.0, 512)
 
 
 def _smooth_noise(rng: np.random.Generator, sigma: float, side: int = WALL_TEXELS) -> np.ndarray:
-    """White noise blurred by a Gaussian of `sigma` texels, repeating, unit variance."""
+    """Periodic white noise blurred by a Gaussian of `sigma` texels, unit variance."""
     frequency_v, frequency_u = np.fft.fftfreq(side)[:, None], np.fft.rfftfreq(side)[None, :]
     gain = np.exp(-2 * (np.pi * sigma) ** 2 * (frequency_u**2 + frequency_v**2))
     noise = np.fft.irfft2(np.fft.rfft2(rng.standard_normal((side, side))) * gain, (side, side))
@@ -317,12 +317,12 @@ def _smooth_noise(rng: np.random.Generator, sigma: float, side: int = WALL_TEXEL
 
 
 def _expose(scene: np.ndarray, noise_levels: float, rng: np.random.Generator) -> np.ndarray:
-    """Lens blur, veiling glare, tone curve, the camera's own sharpening, and noise; returns uint8 RGB."""
+    """Camera picture, uint8 RGB: lens blur, veiling glare, tone curve, sharpening and noise."""
     scene = cv2.GaussianBlur(scene.astype(np.float32), (0, 0), 0.75)
     small = cv2.resize(scene, None, fx=1 / 16, fy=1 / 16, interpolation=cv2.INTER_AREA)
     veil = cv2.resize(cv2.GaussianBlur(small, (0, 0), 8), scene.shape[1::-1], interpolation=cv2.INTER_LINEAR)
     scene = 0.993 * scene + 0.007 * veil
-    # sRGB's curve (IEC 61966-2-1), and a soft shoulder so that highlights do not clip hard
+    # sRGB transfer curve (IEC 61966-2-1) after a soft shoulder, which compresses highlights.
     scene = np.where(scene > 0.7, 0.7 + 0.3 * np.tanh((scene - 0.7) / 0.3), scene)
     levels = 255 * np.where(scene > 0.0031308, 1.055 * np.maximum(scene, 1e-6) ** (1 / 2.4) - 0.055, 12.92 * scene)
     levels += 0.5 * (levels - cv2.GaussianBlur(levels, (0, 0), 1.3))

@@ -1,1 +1,1 @@
-"""Sky, plants and the distant landscape."""
+"""Sky, plants and distant landscape."""

@@ -1,7 +1,7 @@
-"""What stands still behind the road: sky, clouds, hills and the woods on them, painted once as a panorama.
+"""Backdrop: sky, clouds, hills and woods, painted once as a panorama.
 
-The land of the panorama is here, its sky and its geometry in `sky`. Everything in it is so far away that driving does
-not move it; only turning does.
+This module paints the landscape; the sky and the geometry of the panorama are in `sky`. The backdrop is at infinity:
+it moves in the picture when the car turns, not when it drives.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from simulator.painting.noise import fractal_noise, fractal_profile, smoothstep
 
 __all__ = ["BackdropStyle", "paint_backdrop", "panorama"]
 
-# Every scene has its own country, so few are wanted again: those of the drives that are being rendered.
+# Panoramas in the disk cache. Each scene has its own one, so only those of the current drives are reused.
 MAX_CACHED = 3
 HILL_GRASS = np.array([0.40, 0.265, 0.135], np.float32)
 DRY_SOIL = np.array([0.26, 0.175, 0.105], np.float32)
@@ -47,7 +47,7 @@ FOREST_SHADE = np.array([0.012, 0.017, 0.012], np.float32)
 
 
 def paint_backdrop(directions: Sequence[np.ndarray], style: BackdropStyle, *, seed: int = 0) -> np.ndarray:
-    """Light that comes from far away along each direction.
+    """Radiance of the backdrop in each direction.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def paint_backdrop(directions: Sequence[np.ndarray], style: BackdropStyle, *, se
         x, y and z of unit vectors in the world frame, already turned by the car's heading.
     style : BackdropStyle
     seed : int
-        Another country of the same style for every number.
+        Each seed gives another landscape of the same style.
 
     Returns
     -------
@@ -65,12 +65,12 @@ def paint_backdrop(directions: Sequence[np.ndarray], style: BackdropStyle, *, se
     Raises
     ------
     ValueError
-        If `directions` is not a picture of vectors.
+        If `directions` does not hold three 2-D arrays.
     """
     if len(directions) != 3 or any(np.ndim(axis) != 2 for axis in directions):
         raise ValueError(f"directions must be x, y and z, each (rows, columns), not {np.shape(directions)}.")
     x, y, z = directions
-    # cv2.phase runs from 0 to 2 pi; the panorama has one column more on either side, copies of the opposite ones.
+    # cv2.phase is 0 to 2 pi. The panorama is padded by a column on each side, so that it wraps.
     column = cv2.phase(x, y) * np.float32(PIXELS_PER_RAD) + np.float32(0.5)
     row = (np.float32(Z_TOP) - z) * np.float32(PIXELS_PER_RAD) - np.float32(0.5)
     return cv2.remap(panorama(style, seed), column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -92,7 +92,7 @@ def panorama(style: BackdropStyle, seed: int) -> np.ndarray:
 @all_threads()
 def _paint_panorama(style: BackdropStyle, seed: int) -> np.ndarray:
     rng = np.random.default_rng([seed, 20])
-    # Planes, because numpy is slow where the innermost axis has three elements.
+    # Separate planes, because numpy is slow where the innermost axis has three elements.
     panorama = split_channels(paint_sky(style))
     if style.cloud_cover > 0:
         paint_clouds(panorama, style, np.random.default_rng([seed, 21]))
@@ -108,7 +108,7 @@ def _paint_panorama(style: BackdropStyle, seed: int) -> np.ndarray:
 
 
 def _paint_plain(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Generator) -> None:
-    """Everything below the horizon: fields that grow finer and hazier with distance."""
+    """Paint the plain below the horizon: fields that get finer and hazier with distance."""
     first = int(HORIZON_ROW)
     z = np.minimum(row_z()[first:], -2e-4)
     noise = fractal_noise((len(z), PANORAMA_COLUMNS), rng, cell_px=(14, 220), octaves=6, gain=0.6)
@@ -126,7 +126,7 @@ def _grass(style: BackdropStyle) -> np.ndarray:
 
 
 def _skyline(rng: np.random.Generator, height_rad: float, *, cell_rad: float, roughness: float) -> np.ndarray:
-    """(PANORAMA_COLUMNS,) z of a ridge line: broad hills that sometimes fall below the horizon."""
+    """Skyline of broad hills: z (PANORAMA_COLUMNS,), partly below the horizon."""
     profile = fractal_profile(PANORAMA_COLUMNS, rng, cell_px=cell_rad * PIXELS_PER_RAD, octaves=9, gain=roughness)
     return height_rad * np.clip(0.62 + 0.42 * profile, -0.3, 1.6)
 
@@ -139,9 +139,9 @@ def _paint_slope(
     distance_km: float,
     style: BackdropStyle,
 ) -> None:
-    """Lay the planes of a slope behind its air over some rows of the panorama, below `skyline`.
+    """Paint a slope, seen through the air, over some rows of the panorama below `skyline`.
 
-    The edge is soft over one pixel; the planes are used up.
+    The edge is anti-aliased over one pixel. The colour planes are overwritten.
     """
     through, air = aerial_perspective(np.asarray(distance_km) * 1000, style.haze_per_km)
     alpha = np.clip((skyline[None, :] - row_z()[rows, None]) * PIXELS_PER_RAD + 0.5, 0, 1)
@@ -152,22 +152,22 @@ def _paint_slope(
 
 
 def _band(skyline: np.ndarray) -> tuple[int, int]:
-    """Rows that a ridge reaches, down to the horizon."""
+    """First and last row of a ridge, down to the horizon."""
     return max(0, int(HORIZON_ROW - skyline.max() * PIXELS_PER_RAD) - 2), int(HORIZON_ROW) + 1
 
 
 def _relief(shape: tuple[int, int], rng: np.random.Generator, style: BackdropStyle, *, cell_rad: float) -> np.ndarray:
-    """Sunlight on folded slopes, about 1: spurs and gullies run downhill, their sides face the sun or do not."""
+    """Relative sunlight on folded slopes, about 1: the sides of spurs and gullies face the sun or not."""
     cell = cell_rad * PIXELS_PER_RAD
     ground = fractal_noise(shape, rng, cell_px=(0.9 * cell, 0.6 * cell), octaves=4, gain=0.42)
     across = np.gradient(ground, axis=1) * cell
-    # From the viewer, the sun lights the right-hand slopes where it stands to the right of the line of sight.
+    # The sun lights right-hand slopes where it is to the right of the line of sight.
     side = np.sin(column_azimuths() - style.sun_azimuth_rad)
     return np.clip(1 + 0.07 * across * side[None, :] + 0.06 * ground, 0.5, 1.5)
 
 
 def _paint_ridge(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Generator) -> None:
-    """The far wooded ridge, blue with distance: two lines of it."""
+    """Paint two lines of far wooded ridges, blue with distance."""
     for distance_km, share in ((14.0, 1.0), (7.0, 0.72)):
         skyline = _skyline(rng, share * style.ridge_height_rad, cell_rad=0.45, roughness=0.40)
         skyline += 0.0007 * fractal_profile(PANORAMA_COLUMNS, rng, cell_px=7, octaves=3)
@@ -188,7 +188,7 @@ def _paint_ridge(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Gene
 
 
 def _blend(below: np.ndarray, above: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """`below`, changed to `above` as far as its share goes; that is used up."""
+    """Blend `above` into `below` with weight `share`, in place; `above` is overwritten."""
     above -= below
     above *= share
     below += above
@@ -198,9 +198,9 @@ def _blend(below: np.ndarray, above: np.ndarray, share: np.ndarray) -> np.ndarra
 def _paint_hills(
     panorama: np.ndarray, style: BackdropStyle, rng: np.random.Generator, *, distance_km: float, height_rad: float
 ) -> None:
-    """One line of grassy hills with scrub in the folds, and its trees."""
+    """Paint a line of grassy hills with scrub in the folds, and its trees."""
     skyline = _skyline(rng, height_rad, cell_rad=0.30 + 0.25 * (1.6 / (1 + distance_km)), roughness=0.36)
-    # The road runs along a valley: ahead and behind, near hills stay low.
+    # The road runs along a valley, so near hills are low ahead and behind.
     valley = smoothstep(0.02, 0.55, np.abs(np.sin(column_azimuths())))
     skyline = skyline * (1 - (1 - valley) * min(1.0, 1.2 / distance_km) * 0.85)
     skyline += 0.0006 * fractal_profile(PANORAMA_COLUMNS, rng, cell_px=9, octaves=3)
@@ -229,15 +229,15 @@ def _paint_hills(
 
 
 def _paint_woods(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Generator) -> None:
-    """Trees and hedges on the plain, from a kilometre away to three hundred metres."""
+    """Paint trees and hedges on the plain at distances from 1 km to 350 m."""
     plant_trees = fractal_profile(PANORAMA_COLUMNS, rng, cell_px=900, octaves=5, gain=0.6)
     trees = ("oak", "plane", "eucalyptus", "oak", "bush")
     for distance_km in (1.0, 0.6, 0.35):
-        # Undergrowth stands around and before the trees and hides their feet.
+        # Undergrowth in front of the trees hides their feet.
         for kinds, share, spread in ((trees, 2000, 0.0), (("bush", "bush", "scrub"), 4500, 0.3)):
             count = int(share * style.tree_density)
             column = rng.integers(0, PANORAMA_COLUMNS, count)
-            # Near trees leave the road's own direction free; those in the picture there are the scene's.
+            # No near trees in the direction of the road, because the scene has its own there.
             valley = np.abs(np.sin(column / PIXELS_PER_RAD))
             edge = rng.normal(0.9 - 1.4 * style.tree_density - spread, 0.35, count)
             column = column[(plant_trees[column] > edge) & (valley > 0.045 / distance_km)]
@@ -255,7 +255,7 @@ def _paint_trees(
     *,
     kinds: tuple[str, ...],
 ) -> None:
-    """Stand trees on the panorama, the highest feet first, because those are the farthest."""
+    """Paint trees on the panorama from far to near, that is from the highest foot down."""
     air = _veil(np.zeros(3, np.float32), distance_km, style)
     through = _veil(np.ones(3, np.float32), distance_km, style) - air
     metres = {"oak": 9, "plane": 13, "eucalyptus": 19, "cypress": 12, "redwood": 24, "bush": 3, "scrub": 1.5}
@@ -264,7 +264,7 @@ def _paint_trees(
         height_m = metres[kind] * rng.uniform(0.55, 1.25)
         rows = height_m / (1000 * distance_km) * PIXELS_PER_RAD
         sprite = _sized_sprite(kind, int(rng.integers(2)), int(max(2, round(rows))))
-        # Sprites are lit from the left; the sun is to the left of the line of sight where this sine is positive.
+        # Sprites are lit from the left. The sun is to the left of the line of sight where this sine is positive.
         if np.sin(style.sun_azimuth_rad - column[i] / PIXELS_PER_RAD) * -SUN_IN_SPRITE[0] < 0:
             sprite = sprite[:, ::-1]
         tint = np.exp(rng.normal(0, 0.16) + rng.normal(0, 0.05, 3)).astype(np.float32)
@@ -288,7 +288,7 @@ def _stamp(
     tint: np.ndarray,
     air: tuple[np.ndarray, np.ndarray],
 ) -> None:
-    """Lay a sprite over the panorama, foot at (column, foot), around the end of the panorama where needed."""
+    """Composite a sprite over the panorama with its foot at (column, foot), wrapping around the end."""
     rows, columns = sprite.shape[:2]
     top, bottom = max(0, foot - rows), min(PANORAMA_ROWS, foot)
     sprite = sprite[top - (foot - rows) : bottom - (foot - rows)]

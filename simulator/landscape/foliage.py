@@ -1,8 +1,7 @@
-"""Trees and bushes: pictures of single plants with transparent background, grown from a seed.
+"""Sprites of trees and bushes: seeded pictures of single plants with a transparent background.
 
-A crown is lumps of leaf clusters (the two scales that the eye sees in a real tree), each leaf a small polygon whose
-brightness follows from where it sits: bright where its cluster and its lump face the sun, nearly black inside and
-below. Branches run from the trunk to the lumps and show through the gaps.
+A crown consists of lumps, a lump of leaf clusters, a cluster of leaves. Each leaf is a small polygon: bright where its
+cluster and its lump face the sun, nearly black inside the crown and below. Branches connect the trunk with the lumps.
 """
 
 from __future__ import annotations
@@ -18,8 +17,8 @@ from lanes.io.disk_cache import cached_array
 from simulator.painting import noise
 from simulator.painting.noise import fractal_noise
 
-# Sunlight in a plant's own picture comes from the upper left and a little from behind the viewer (x right, y towards
-# the viewer, z up); the painter mirrors the picture where the sun stands on the other side.
+# Direction to the sun in a sprite (x right, y towards the viewer, z up): upper left, slightly behind the viewer.
+# Sprites are mirrored where the sun is on the other side.
 SUN_IN_SPRITE = np.array([-0.55, 0.35, 0.76])
 SPRITE_ROWS = 640
 _OVERSAMPLING = 2
@@ -27,7 +26,7 @@ _OVERSAMPLING = 2
 
 @dataclass(frozen=True)
 class Species:
-    """Shape and colour of a kind of plant; lengths as shares of its height, colours linear RGB reflectance."""
+    """Shape and colour of a species: lengths as shares of its height, colours as linear RGB reflectance."""
 
     crown_width: float
     crown_bottom: float
@@ -91,20 +90,20 @@ SPECIES = {
 
 @lru_cache(maxsize=32)
 def plant_sprites(species: str, seed: int) -> tuple[np.ndarray, ...]:
-    """Frame of one plant at halving sizes.
+    """Image pyramid of one plant.
 
     Parameters
     ----------
     species : str
         A name in `SPECIES`.
     seed : int
-        Another plant of the kind for every number.
+        Each seed gives another plant of the species.
 
     Returns
     -------
     tuple of ndarray of shape (rows, columns, 4), float32
-        Linear RGB times coverage, and coverage; the plant stands on the middle of the bottom edge and reaches the top.
-        The first picture has SPRITE_ROWS rows, each later one half of that.
+        Linear RGB times coverage, and coverage. The foot is in the middle of the bottom edge, the top at the top edge.
+        The first level has SPRITE_ROWS rows, each further level half as many.
 
     Raises
     ------
@@ -123,7 +122,7 @@ def plant_sprites(species: str, seed: int) -> tuple[np.ndarray, ...]:
 
 
 def plant_picture(species: str, seed: int) -> np.ndarray:
-    """The largest picture of a plant, kept for other processes and days."""
+    """Full-size picture of a plant, from the disk cache."""
     sources = [Path(__file__), Path(noise.__file__)]
     return cached_array(f"plants/{species}-{seed}", sources, lambda: _paint_plant(species, seed))
 
@@ -140,10 +139,10 @@ def _paint_plant(species: str, seed: int) -> np.ndarray:
 
 
 def _place_lumps(kind: Species, rng: np.random.Generator) -> np.ndarray:
-    """(lumps, 4): centre (x right, y towards the viewer, z up) and radius, as shares of the plant's height."""
+    """Lumps (lumps, 4): centre (x right, y towards the viewer, z up) and radius, as shares of the plant's height."""
     direction = rng.standard_normal((kind.lumps, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    # Square root: more lumps near the crown's skin, where the leaves are.
+    # Square root, for more lumps near the surface of the crown, where the leaves are.
     reach = np.sqrt(rng.uniform(0.15, 1.0, kind.lumps))
     unit = direction * reach[:, None]
     if kind.taper:
@@ -154,10 +153,10 @@ def _place_lumps(kind: Species, rng: np.random.Generator) -> np.ndarray:
     z = middle + unit[:, 2] * np.maximum(half - radius, 0.02)
     narrowing = 1 - kind.taper * (z - kind.crown_bottom) / (1 - kind.crown_bottom)
     width = (kind.crown_width / 2 - kind.lump_radius * 0.7) * np.clip(narrowing, 0.08, 1)
-    # An uneven outline: a few big sectors of the crown reach further than others.
+    # Uneven outline: some large sectors of the crown are wider than others.
     sway = 1 + 0.22 * (1 - kind.taper) * np.sin(3 * np.arctan2(unit[:, 2], unit[:, 0]) + rng.uniform(0, 6.28))
     lumps = np.column_stack([unit[:, 0] * width * sway, unit[:, 1] * width, z, radius * (0.35 + 0.65 * narrowing)])
-    # One lump on the top, so that the plant has the height that it was given.
+    # One lump at the top, so that the plant has its nominal height.
     top = np.argmax(lumps[:, 2])
     lumps[top] = [rng.uniform(-0.1, 0.1) * width[top], 0, 1 - lumps[top, 3] * 0.9, lumps[top, 3]]
     return lumps[np.argsort(lumps[:, 1], kind="stable")]
@@ -169,7 +168,7 @@ def _to_canvas(canvas: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def _draw_branches(canvas: np.ndarray, kind: Species, lumps: np.ndarray, rng: np.random.Generator) -> None:
-    """Trunk, a few big limbs, and a branch from one of them to every lump."""
+    """Draw the trunk, a few limbs, and a branch from a limb to each lump."""
     rows = canvas.shape[0]
     fork = np.array([0.0, 0, max(kind.crown_bottom, 0.0) * rng.uniform(0.7, 1.0) + 0.02])
     bend = rng.uniform(-0.012, 0.012)
@@ -186,7 +185,7 @@ def _draw_branches(canvas: np.ndarray, kind: Species, lumps: np.ndarray, rng: np
     chosen = rng.choice(len(lumps), min(6, len(lumps)), replace=False)
     mains = [limb(fork, ends[i], 0.55 * kind.trunk_width, 0.15 * kind.trunk_width) for i in chosen]
     for i in np.setdiff1d(np.arange(len(lumps)), chosen):
-        # A branch leaves the big limb that comes closest, below where it is going.
+        # A branch starts at the limb that is closest, preferably below its end.
         joints = np.array([curve[rng.integers(4, 11)] for curve in mains])
         joint = joints[
             np.argmin(np.linalg.norm(joints - ends[i], axis=1) + 2 * np.maximum(joints[:, 2] - ends[i, 2], 0))
@@ -196,21 +195,21 @@ def _draw_branches(canvas: np.ndarray, kind: Species, lumps: np.ndarray, rng: np
     trunk = np.column_stack([bend * np.sin(np.linspace(0, 3, 8)), np.zeros(8), trunk_z])
     width = kind.trunk_width * (1 + 0.5 * np.exp(-np.linspace(0, 8, 8)))
     _draw_limb(canvas, _to_canvas(canvas, trunk), width * rows, kind.bark_colour)
-    # Bark is furrowed along the stem.
+    # Furrows of the bark along the stem.
     furrows = fractal_noise((rows // 2, canvas.shape[1] // 2), rng, cell_px=(20, 4.5), octaves=2, gain=0.7)
     furrows = cv2.resize(furrows, canvas.shape[1::-1], interpolation=cv2.INTER_LINEAR)
     painted = np.flatnonzero(cv2.extractChannel(canvas, 3))
     bark = np.clip(1 + 0.28 * furrows.ravel()[painted], 0.3, 1.8)
-    # One colour after the other: numpy is slow where the innermost axis has three elements.
+    # Channel by channel, because numpy is slow where the innermost axis has three elements.
     for colour in canvas.reshape(-1, 4).T[:3]:
         colour[painted] *= bark
 
 
 def _draw_limb(canvas: np.ndarray, path: np.ndarray, width_px: np.ndarray, colour: tuple) -> None:
-    """A tapering limb in strips from sunlit to shaded."""
+    """Draw a tapering limb in strips from sunlit to shaded."""
     across = np.column_stack([-np.gradient(path[:, 1]), np.gradient(path[:, 0])])
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-6)
-    # Strips run over the limb's width from its left side to its right one.
+    # Strips cross the limb from its left side to its right side.
     across *= -np.sign(across[len(across) // 2, 0] or 1)
     edges = np.linspace(0.5, -0.5, 6)
     for outer, inner, light in zip(edges[:-1], edges[1:], (0.75, 0.85, 0.6, 0.35, 0.16), strict=True):
@@ -220,12 +219,12 @@ def _draw_limb(canvas: np.ndarray, path: np.ndarray, width_px: np.ndarray, colou
 
 
 def _draw_leaves(canvas: np.ndarray, kind: Species, lumps: np.ndarray, rng: np.random.Generator) -> None:
-    """All leaves, the farthest first."""
+    """Draw all leaves from far to near."""
     position, light = _scatter_leaves(kind, lumps, rng)
     order = np.argsort(position[:, 1], kind="stable")
     position, light = position[order], light[order]
     count = len(position)
-    # Each leaf a diamond of random turn and size: at picture scale a spray of leaves, not a single one.
+    # Each leaf is a diamond of random orientation and size. At picture scale it stands for a spray of leaves.
     angle = rng.uniform(0, np.pi, count)
     size = kind.leaf_size * canvas.shape[0] * rng.uniform(0.5, 1.5, count)
     along = np.column_stack([np.cos(angle), np.sin(angle)]) * size[:, None]
@@ -241,7 +240,7 @@ def _draw_leaves(canvas: np.ndarray, kind: Species, lumps: np.ndarray, rng: np.r
 
 
 def _scatter_leaves(kind: Species, lumps: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (N, 3) of the leaves and the light (N,), 0 to 1, that each one gets."""
+    """Positions (N, 3) of the leaves, and the light (N,) on each, 0 to 1."""
     share = lumps[:, 3] ** 2
     owner = rng.choice(len(lumps), kind.leaves, p=share / share.sum())
     clusters = 18
@@ -249,7 +248,7 @@ def _scatter_leaves(kind: Species, lumps: np.ndarray, rng: np.random.Generator) 
     cluster_direction /= np.linalg.norm(cluster_direction, axis=2, keepdims=True)
     which = rng.integers(0, clusters, kind.leaves)
     outward = cluster_direction[owner, which]
-    # Clipped, because no leaf hangs in the air away from its spray.
+    # Clipped, so that no leaf floats away from its cluster.
     scatter = (0.15 + 0.10 * kind.openness) * np.clip(rng.standard_normal((kind.leaves, 3)), -2.2, 2.2)
     local = outward * (0.8 + 0.2 * kind.openness) + scatter
     position = lumps[owner, :3] + local * lumps[owner, 3:4] * [1, 1, 0.8]
@@ -260,7 +259,7 @@ def _scatter_leaves(kind: Species, lumps: np.ndarray, rng: np.random.Generator) 
     facing = 0.58 * (local @ SUN_IN_SPRITE) + 0.38 * (crown @ SUN_IN_SPRITE)
     clump = rng.normal(0, 0.17, (len(lumps), clusters))[owner, which]
     light = 0.22 + 0.95 * facing + clump + rng.normal(0, 0.06, kind.leaves) + 0.15 * kind.openness
-    # Inside the crown leaves are shaded by all the others.
+    # Leaves inside the crown are shaded by the others.
     depth = np.linalg.norm(crown, axis=1)
     light *= 0.25 + 0.75 * np.clip(depth, 0, 1)
     return position, np.clip(light, 0.0, 1.2)

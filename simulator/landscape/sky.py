@@ -1,7 +1,7 @@
-"""The sky: what the country looks like, the panorama's geometry, the blue, the clouds and the air.
+"""Sky of the backdrop: style, geometry of the panorama, sky gradient, clouds and aerial perspective.
 
-Directions are unit vectors in the world frame (x forward where the road starts, y left, z up). The panorama is an
-equal-area cylinder: columns follow the azimuth, rows the z component of the direction, so that looking a direction up
+Directions are unit vectors in the world frame (x along the start of the road, y left, z up). The panorama is an
+equal-area cylindrical projection: columns are azimuths, rows are z components of the direction. A lookup therefore
 costs one arc tangent and one remap.
 """
 
@@ -14,40 +14,45 @@ import numpy as np
 
 from simulator.painting.noise import fractal_noise, smoothstep
 
-# 1304 columns a radian: a little finer than the 1160 px/rad of a 63 degree wide picture of 1280 columns.
+# 1304 px/rad, a little finer than the 1160 px/rad of a 63 degree wide picture of 1280 columns.
 PANORAMA_COLUMNS = 8192
 PIXELS_PER_RAD = PANORAMA_COLUMNS / (2 * np.pi)
 Z_TOP, Z_BOTTOM = 0.64, -0.06
 PANORAMA_ROWS = round((Z_TOP - Z_BOTTOM) * PIXELS_PER_RAD)
 HORIZON_ROW = Z_TOP * PIXELS_PER_RAD
 
-# Linear radiance of a dry summer sky, sunlit white paint = 1: at the zenith, what the horizon adds, and how fast that
-# fades with height, for red, green and blue (red fades fastest: that is why the sky above is blue).
+# Linear RGB radiance of a dry summer sky (sunlit white paint is 1): at the zenith, the addition at the horizon, and its
+# decay with z. Red decays fastest, so the sky is blue above.
 ZENITH = np.array([0.020, 0.120, 0.380], np.float32)
 HORIZON_GLOW = np.array([0.43, 0.47, 0.32], np.float32)
 GLOW_FALL = np.array([5.0, 3.1, 1.9], np.float32)
-# What distance fades to: the sky just above the horizon, a little darker and bluer.
+# Airlight of infinite distance: the sky just above the horizon, a little darker and bluer.
 HAZE_COLOUR = (ZENITH + HORIZON_GLOW) * np.array([0.62, 0.72, 0.90], np.float32)
 
 
 @dataclass(frozen=True)
 class BackdropStyle:
-    """What the country looks like.
+    """Style of sky and landscape.
 
     Parameters
     ----------
     cloud_cover : float
-        Share of the sky that cumulus clouds cover; 0 is a clear sky.
+        Share of the sky covered by cumulus clouds; 0 is a clear sky.
     hill_height_rad, ridge_height_rad : float
-        How high the near hills and the far wooded ridge typically stand above the horizon.
+        Typical elevation of the near hills and of the far wooded ridge above the horizon.
     greenness : float
-        Grass of the hills, from dry gold (0) to spring green (1).
+        Colour of the grass, from dry gold (0) to spring green (1).
     tree_density : float
-        Woods on the hills and in front of them: 0 bare, 1 closed.
+        Density of the woods on the hills and in front of them: 0 is bare, 1 is closed.
     haze_per_km : float
         Extinction of the air; 0.06 is a clear day, 0.4 a hazy one.
     sun_azimuth_rad, sun_elevation_rad : float
-        Where the sun stands in the world frame (azimuth > 0 is left of the road's first heading).
+        Position of the sun in the world frame (azimuth > 0 is left of the road's first heading).
+
+    Raises
+    ------
+    ValueError
+        If a value is outside its range.
     """
 
     cloud_cover: float = 0.0
@@ -69,7 +74,7 @@ class BackdropStyle:
             raise ValueError(f"haze_per_km is an extinction, 0 or more, not {self.haze_per_km}.")
 
     def sun_direction(self) -> np.ndarray:
-        """(3,) unit vector towards the sun, world frame."""
+        """Unit vector (3,) towards the sun in the world frame."""
         level = np.cos(self.sun_elevation_rad)
         return np.array(
             [
@@ -81,23 +86,23 @@ class BackdropStyle:
 
 
 def aerial_perspective(distance_m: np.ndarray | float, haze_per_km: float) -> tuple[np.ndarray, np.ndarray]:
-    """What the air does to the light of a thing at a distance.
+    """Attenuation and airlight for an object at a distance.
 
     Parameters
     ----------
     distance_m : float or ndarray of any shape
-        From the eye, metres.
+        Distance from the camera, metres.
     haze_per_km : float
         Extinction, 1/km.
 
     Returns
     -------
-    (through, air) : ndarrays of that shape with 3 more entries
-        Colour seen = colour * through + air; blue is scattered in first and most.
+    transmittance, airlight : ndarrays of the shape of `distance_m` plus (3,)
+        Observed colour = colour * transmittance + airlight. Blue is scattered most.
 
     References
     ----------
-    Koschmieder's law of the contrast of far things.
+    Koschmieder's law of the contrast of distant objects.
     """
     extinction = haze_per_km / 1000 * np.array([0.8, 1.0, 1.3], np.float32)
     through = np.exp(-np.multiply.outer(np.asarray(distance_m, np.float32), extinction))
@@ -105,16 +110,17 @@ def aerial_perspective(distance_m: np.ndarray | float, haze_per_km: float) -> tu
 
 
 def column_azimuths() -> np.ndarray:
+    """Azimuth in radians of each column of the panorama."""
     return (np.arange(PANORAMA_COLUMNS, dtype=np.float32) + 0.5) / np.float32(PIXELS_PER_RAD)
 
 
 def row_z() -> np.ndarray:
-    """z component of the direction of each row."""
+    """z component of the direction of each row of the panorama."""
     return (Z_TOP - (np.arange(PANORAMA_ROWS, dtype=np.float32) + 0.5) / PIXELS_PER_RAD).astype(np.float32)
 
 
 def paint_sky(style: BackdropStyle) -> np.ndarray:
-    """Gradient from the horizon up, and the bright side where the sun stands."""
+    """Clear sky (PANORAMA_ROWS, PANORAMA_COLUMNS, 3): vertical gradient, and the brightening towards the sun."""
     coarse = 4
     z = cv2.resize(row_z()[:, None], (1, PANORAMA_ROWS // coarse), interpolation=cv2.INTER_AREA).ravel()
     azimuth = column_azimuths().reshape(-1, coarse).mean(axis=1)
@@ -122,28 +128,28 @@ def paint_sky(style: BackdropStyle) -> np.ndarray:
     sun = style.sun_direction().astype(np.float32)
     facing = np.cos(azimuth - style.sun_azimuth_rad) * np.hypot(sun[0], sun[1])
     away = 1 - (np.sqrt(1 - z * z)[:, None] * facing[None, :] + z[:, None] * sun[2])[..., None]
-    # Aureole (forward scattering), the weak brightening of the sun's whole side, and haze that whitens both.
+    # Aureole (forward scattering), weak brightening of the sun's side, and haze that whitens both.
     glow = 0.30 * np.exp(-away / 0.05) + (0.05 + 0.35 * style.haze_per_km) * np.exp(-away / 0.5)
     sky = gradient[:, None, :] * (1.06 - 0.06 * away) + glow * np.array([0.85, 0.97, 1.0], np.float32)
     return cv2.resize(sky.astype(np.float32), (PANORAMA_COLUMNS, PANORAMA_ROWS), interpolation=cv2.INTER_LINEAR)
 
 
 def paint_clouds(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Generator) -> None:
-    """Cumulus: noise on a flat layer seen in perspective, so that clouds shrink and crowd towards the horizon.
+    """Paint cumulus clouds into a panorama (3, PANORAMA_ROWS, PANORAMA_COLUMNS), in place.
 
-    The panorama is given as planes (3, PANORAMA_ROWS, PANORAMA_COLUMNS) and changed.
+    The clouds are noise on a flat layer in perspective, so they get smaller towards the horizon.
     """
     size, coarse = 2048, 2
     noise = fractal_noise((size, size), rng, cell_px=(420, 420), octaves=8, gain=0.55)
     rows = int(HORIZON_ROW) // coarse
     z = np.maximum(row_z()[: rows * coarse : coarse], 0.004)[:, None]
-    # The exponent is 1 for paper-thin clouds; less gives them the height that makes them cumulus.
+    # The exponent is 1 for thin clouds; a smaller one gives them the height of cumulus.
     reach = 330 * np.sqrt(1 - z * z) / (z + 0.06) ** 0.55
     azimuth = column_azimuths()[::coarse]
     map_x = (reach * np.cos(azimuth) + size / 2).astype(np.float32)
     map_y = (reach * np.sin(azimuth) + size / 2).astype(np.float32)
     density = cv2.remap(noise, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
-    # Tops are lit: where there is less cloud a little higher up. Bases are flat and grey.
+    # Tops, with less cloud above them, are lit. Bases are grey.
     lit = density - np.roll(cv2.GaussianBlur(density, (0, 0), 5), 12, axis=0)
     edge = np.float32(np.quantile(density[::8, ::8], 1 - style.cloud_cover))
     cover = smoothstep(edge - 0.08, edge + 0.40, density)

@@ -1,1 +1,1 @@
-"""Sunlight, shading, glare, and what lens and exposure do to the light."""
+"""Sunlight, shading, glare, exposure and the camera's development of light to pictures."""

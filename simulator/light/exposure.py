@@ -1,8 +1,7 @@
-"""Automatic exposure that follows the light of the road with delay, as a pure function of the drive and the moment.
+"""Automatic exposure with delay, as a pure function of drive and time.
 
-A camera's exposure at a moment depends on what it saw before. Instead of a state that is carried from frame to frame,
-the light along the way already driven is integrated again for each frame, on a handful of points: so frames can be
-rendered in any order, and in several processes.
+The exposure of a camera depends on earlier frames. There is no state between frames here: the light along the road
+already driven is integrated again for each frame. Frames can therefore be rendered in any order and in parallel.
 """
 
 from __future__ import annotations
@@ -16,27 +15,32 @@ from simulator.light.lens import LUMINANCE, REFERENCE_LUMINANCE, Lens
 from simulator.light.sunlight import Shade, light_along
 from simulator.road.surface import MATERIALS, Surface
 
-# Where on the road the camera meters, metres ahead and to the left, and how finely the way there is sampled.
+# Metering area on the road: metres ahead, lateral positions, and sampling step along the road.
 METERED_M = (5.0, 25.0)
 METERED_LATERALS_M = (-1.5, 0.0, 1.5)
 SAMPLE_STEP_M = 1.0
-# Steps of the integral over the past; after so many time constants the past no longer counts (e^-6 = 0.2 %).
+# Time step of the integral, and its length in time constants (e^-6 = 0.2 % is left).
 SAMPLE_STEP_S = 0.04
 MEMORY_TIME_CONSTANTS = 6.0
 
 
 @dataclass(frozen=True)
 class AutoExposure:
-    """How the exposure follows the road.
+    """Parameters of the automatic exposure.
 
     Parameters
     ----------
     time_constant_s : float
-        After a sudden change of light the exposure (in stops) has done 63 % of its way.
+        Time after which the exposure (in stops) has followed 63 % of a sudden change of light.
     strength : float
-        0: fixed exposure; 1: the road always comes out equally bright in the end.
+        0 is a fixed exposure; 1 finally renders every road equally bright.
     darkest : float
-        Luminance of a road below which the gain grows no more.
+        Luminance of the road below which the gain no longer rises.
+
+    Raises
+    ------
+    ValueError
+        If the time constant is not positive.
     """
 
     time_constant_s: float = 0.7
@@ -53,7 +57,7 @@ class AutoExposure:
         Parameters
         ----------
         station_m : callable
-            Arc length of the car at a moment, seconds to metres.
+            Function from time in seconds to arc length of the car in metres.
         road_light : RoadLight
         time_s : float
         """
@@ -64,31 +68,31 @@ class AutoExposure:
         return float(2.0 ** ((weight * stops).sum() / weight.sum()))
 
     def lens(self, lens: Lens, adapted_light: float) -> Lens:
-        """The lens with this exposure's strength, and the noise that its gain brings: photons are fewer."""
+        """The lens with this strength of adaptation, and with the photon noise that the gain amplifies."""
         gain = (REFERENCE_LUMINANCE / adapted_light) ** self.strength
         return replace(lens, adaptation=self.strength, noise=lens.noise * float(np.sqrt(max(gain, 1.0))))
 
 
 @dataclass(frozen=True)
 class RoadLight:
-    """What the pavement sends to the camera along the road, without its texture."""
+    """Luminance of the pavement along the road, without texture."""
 
     surface: Surface
     shades: tuple[Shade, ...]
     seed: int
 
     def metered(self, stations_m: np.ndarray) -> np.ndarray:
-        """Mean luminance (N,) of the road before the car at each of its stations (N,)."""
+        """Mean luminance (N,) of the metering area for the car at stations (N,)."""
         first, last = stations_m.min() + METERED_M[0], stations_m.max() + METERED_M[1] + SAMPLE_STEP_M
         s = np.arange(first, last + SAMPLE_STEP_M, SAMPLE_STEP_M)
         until = np.concatenate([[0.0], np.cumsum(self.luminance(s)) * SAMPLE_STEP_M])
-        # The integral at any place, from its values between the samples, each of which stands for one step.
+        # Integral at any arc length; each sample is valid for one step.
         at = np.concatenate([[s[0] - SAMPLE_STEP_M / 2], s + SAMPLE_STEP_M / 2])
         near, far = (np.interp(stations_m + m, at, until) for m in METERED_M)
         return (far - near) / (METERED_M[1] - METERED_M[0])
 
     def luminance(self, s_m: np.ndarray) -> np.ndarray:
-        """Luminance (N,) of the road at places (N,) along it: the mean over the lane."""
+        """Luminance (N,) of the road at arc lengths (N,), averaged over the lane."""
         light = np.mean(
             [light_along(self.shades, s_m, 0 * s_m + d, seed=self.seed) for d in METERED_LATERALS_M], axis=0
         )

@@ -1,4 +1,4 @@
-"""A low sun ahead: light scattered in the windscreen, flare between the lenses, and the sheen of the road."""
+"""Glare of a low sun ahead: veiling light in the windscreen, lens flare, and specular reflection of the road."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from simulator.painting.noise import fractal_noise, smoothstep
 from simulator.road.ground import Ground
 
 SUN_COLOUR = np.array([1.0, 0.93, 0.80], np.float32)
-# Smooth light is computed on every eighth pixel, the flare on every fourth.
+# The veil is computed on every 8th pixel, the flare on every 4th.
 VEIL_DOWNSAMPLING, FLARE_DOWNSAMPLING = 8, 4
-# Mirror images of the iris: place on the line from the sun (-1) through the middle (0), size as a share of the
-# picture's height, strength, colour.
+# Lens ghosts: position on the line from the sun (-1) through the centre (0), radius as a share of the picture's height,
+# strength, colour.
 GHOSTS = (
     (0.25, 0.035, 0.030, (0.7, 1.0, 0.8)),
     (0.55, 0.075, 0.016, (1.0, 0.8, 0.6)),
@@ -27,18 +27,18 @@ GHOSTS = (
 
 @dataclass(frozen=True)
 class Glare:
-    """How strongly a low sun dazzles the camera; 0 switches a part off, 1 is a windscreen that wants cleaning.
+    """Strengths of the glare; 0 switches a part off, 1 is a dirty windscreen.
 
     Parameters
     ----------
     veil : float
-        Light scattered by dirt on the windscreen and in the lens: strongest about the sun, some of it everywhere.
+        Light scattered by dirt on the windscreen and in the lens, strongest around the sun.
     sheen : float
-        Mirror-like light of the road below the sun.
+        Specular reflection of the road below the sun.
     flare : float
-        Ghosts and rays.
+        Lens ghosts and rays.
     dashboard : float
-        The sunny dashboard, mirrored in the windscreen over the lower half of the picture.
+        Reflection of the sunny dashboard in the windscreen, over the lower half of the picture.
     """
 
     veil: float = 1.0
@@ -49,24 +49,24 @@ class Glare:
 
 def add_sheen(light: np.ndarray, ground: Ground, sun: np.ndarray, sun_direction: np.ndarray, *, strength: float,
               height_m: float) -> None:  # fmt: skip
-    """Add the road's mirror-like light, in place.
+    """Add the specular reflection of the sun on the road, in place.
 
     Parameters
     ----------
     light : ndarray of shape (rows, width, 3), float32
-        The ground's.
+        Light of the ground, changed.
     ground : Ground
     sun : ndarray of shape (rows, width), float32
-        Share of the sun that reaches the ground.
+        Share of sunlight on the ground.
     sun_direction : ndarray of shape (3,)
         Unit vector towards the sun, road frame.
     strength : float
     height_m : float
-        Of the camera.
+        Height of the camera.
 
     References
     ----------
-    Facets that are tilted by chance (Beckmann), each mirroring by Schlick's approximation of Fresnel's law.
+    Beckmann microfacet distribution with Schlick's approximation of the Fresnel term.
     """
     x, y = (
         cv2.resize(a, None, fx=1 / FLARE_DOWNSAMPLING, fy=1 / FLARE_DOWNSAMPLING, interpolation=cv2.INTER_AREA)
@@ -78,28 +78,28 @@ def add_sheen(light: np.ndarray, ground: Ground, sun: np.ndarray, sun_direction:
     half /= np.linalg.norm(half, axis=-1, keepdims=True)
     tilt2 = 1 / np.maximum(half[..., 2], np.float32(0.05)) ** 2 - 1
     mirrored = 0.04 + 0.96 * (1 - (half * to_eye).sum(axis=-1)) ** 5
-    # Slopes of worn asphalt: a quarter, as the root mean square.
+    # The RMS slope of worn asphalt is 0.25.
     sheen = np.float32(strength) * mirrored * np.exp(-tilt2 / np.float32(0.25**2))
     sheen = cv2.resize(sheen, (light.shape[1], light.shape[0]), interpolation=cv2.INTER_LINEAR) * sun
-    # Stones and paint that are brighter are also the smoother ones.
+    # Brighter stones and paint are smoother.
     sheen *= 0.8 + np.minimum(light[..., 1], 1) * np.float32(0.4)
-    # numpy is slow where the innermost axis has three elements
+    # cv2.merge, because numpy is slow where the innermost axis has three elements.
     light += cv2.merge([sheen * c for c in SUN_COLOUR])
 
 
 def add_glare(light: np.ndarray, rays: np.ndarray, sun_ray: np.ndarray, glare: Glare, *, sunshine: float) -> None:
-    """Add what the sun does to windscreen and lens, in place.
+    """Add veil, flare and dashboard reflection, in place.
 
     Parameters
     ----------
     light : ndarray of shape (height, width, 3), float32
     rays : ndarray of shape (height, width, 3), float32
-        Directions of the pixels, camera axes, as `ground.pixel_rays` gives them.
+        Ray directions of the pixels in camera axes, from `ground.pixel_rays`.
     sun_ray : ndarray of shape (3,)
         Unit vector towards the sun, camera axes.
     glare : Glare
     sunshine : float
-        Share of the sun that reaches the windscreen: 0 in the shade.
+        Share of sunlight on the windscreen, 0 in the shade.
     """
     if sunshine <= 0:
         return
@@ -116,7 +116,7 @@ def add_glare(light: np.ndarray, rays: np.ndarray, sun_ray: np.ndarray, glare: G
 
 
 def _veil(rays: np.ndarray, sun_ray: np.ndarray, strength: float) -> np.ndarray:
-    """Scattered light (rows, columns, 3): it falls with the square of the angle (Stiles and Holladay), and a rest."""
+    """Veiling light (rows, columns, 3): inverse square of the angle to the sun (Stiles-Holladay), plus a constant."""
     cosine = (rays @ sun_ray.astype(np.float32)) / np.linalg.norm(rays, axis=-1)
     angle2 = np.arccos(np.clip(cosine, -1, 1)) ** 2
     veil = np.float32(strength) * (0.04 + 0.012 / (angle2 + 0.003) + 2.0 * np.exp(-angle2 / 0.0012))
@@ -124,7 +124,7 @@ def _veil(rays: np.ndarray, sun_ray: np.ndarray, strength: float) -> np.ndarray:
 
 
 def _flare(rays: np.ndarray, sun_ray: np.ndarray) -> np.ndarray:
-    """Disc of the sun with its rays, and its ghosts across the picture, on the coarse grid of `rays`."""
+    """Disc of the sun with rays, and lens ghosts, on the coarse grid of `rays`."""
     height, width = rays.shape[:2]
     step_px = 1 / (rays[height // 2, width // 2 + 1, 0] - rays[height // 2, width // 2, 0])
     middle = np.array([width / 2, height / 2])
@@ -145,7 +145,7 @@ def _flare(rays: np.ndarray, sun_ray: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=2)
 def _dirt(height: int, width: int) -> np.ndarray:
-    """How unevenly a windscreen scatters (height, width, 3), about 1: smears of the wiper, and specks."""
+    """Relative scattering of a dirty windscreen (height, width, 3), about 1: wiper smears and specks."""
     rng = np.random.default_rng(71)
     smears = fractal_noise((height, width), rng, cell_px=(0.9 * height, 0.12 * width), octaves=4, gain=0.6)
     specks = fractal_noise((height, width), rng, cell_px=(5, 5), octaves=2)
@@ -155,7 +155,7 @@ def _dirt(height: int, width: int) -> np.ndarray:
 
 @lru_cache(maxsize=2)
 def _dashboard(height: int, width: int) -> np.ndarray:
-    """Grained plastic from its far edge down, a fold along it, all out of focus; (height, width, 3)."""
+    """Reflected dashboard (height, width, 3), out of focus: grained plastic with a fold along its far edge."""
     rng = np.random.default_rng(72)
     v, u = np.mgrid[:height, :width] / np.array([height, width]).reshape(2, 1, 1)
     edge = 0.66 + 0.05 * (u - 0.4) ** 2

@@ -1,4 +1,4 @@
-"""From linear light to the bytes of a dashcam: exposure, vignette, blur, noise, tone curve, sharpening."""
+"""Camera model from linear light to 8-bit pictures: exposure, vignetting, blur, noise, tone curve, sharpening."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ import numpy as np
 from simulator.painting.brush import split_channels
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
-# Steps of the tone curve's table: fine enough that no two neighbouring entries differ by more than one level.
+# Entries of the tone curve's table: neighbouring entries differ by one level at most.
 TONE_STEPS = 4096
 MAX_LIGHT = 4.0
-# Luminance of a road at which the automatic exposure changes nothing: asphalt that is no longer new.
+# Road luminance at which the automatic exposure is neutral: used asphalt.
 REFERENCE_LUMINANCE = 0.055
 BLOCK_ROWS = 24
-# How fast darkness swallows detail: light equal to this comes out at half its strength.
+# Toe of the tone curve: light of this value is halved.
 TOE = 0.012
 
 
 @dataclass(frozen=True)
 class Lens:
-    """How the camera turns light into a picture.
+    """Parameters of the camera's imaging.
 
     Parameters
     ----------
@@ -32,15 +32,15 @@ class Lens:
     vignette : float
         Share of light lost in the corners.
     noise : float
-        Sensor noise at white, as a share of white; grows with the square root of light.
+        Standard deviation of the sensor noise at white, as a share of white; proportional to the square root of light.
     sharpening : float
-        Strength of the halo that such cameras add.
+        Strength of the unsharp mask.
     exposure : float
-        Stops are 2**exposure on top of the automatic one.
+        Exposure compensation in stops.
     adaptation : float
-        0: fixed exposure; 1: the road always comes out equally bright.
+        0 is a fixed exposure; 1 renders every road equally bright.
     chroma_blur_px : float
-        Standard deviation of the blur of colour alone: cameras keep it at half the size, and their codec smooths it.
+        Standard deviation of the blur of the chroma channels, which cameras store at half resolution.
     """
 
     blur_px: float = 0.6
@@ -53,7 +53,7 @@ class Lens:
 
 
 def develop(light: np.ndarray, lens: Lens, *, road_light: float, seed: int) -> np.ndarray:
-    """The picture that the camera stores.
+    """Develop linear light to the picture that the camera stores.
 
     Parameters
     ----------
@@ -61,9 +61,9 @@ def develop(light: np.ndarray, lens: Lens, *, road_light: float, seed: int) -> n
         Linear RGB, 1.0 = sunlit white paint.
     lens : Lens
     road_light : float
-        Mean luminance of the road in view, which the exposure follows.
+        Mean luminance of the visible road, which the exposure adapts to.
     seed : int
-        Of the noise; another one for each frame.
+        Seed of the noise, different for each frame.
 
     Returns
     -------
@@ -74,7 +74,7 @@ def develop(light: np.ndarray, lens: Lens, *, road_light: float, seed: int) -> n
     light = cv2.GaussianBlur(light, (0, 0), lens.blur_px) if lens.blur_px else light
     vignette, noise = gain * _vignette(height, width, lens.vignette), _noise(height, width, seed)
     image = np.empty((height, width, 3), np.uint8)
-    # Some rows at a time stay in the processor's cache through all steps.
+    # Blocks of rows stay in the processor's cache.
     for top in range(0, height, BLOCK_ROWS):
         rows = slice(top, top + BLOCK_ROWS)
         cv2.LUT(_tone_steps(light[rows], vignette[rows], noise[rows], lens.noise), _tone_curve(), dst=image[rows])
@@ -91,9 +91,9 @@ def _blur_chroma(image: np.ndarray, blur_px: float) -> np.ndarray:
 
 
 def _tone_steps(light: np.ndarray, gain: np.ndarray, noise: np.ndarray, noise_share: float) -> np.ndarray:
-    """Entries of the tone curve's table (rows, width, 3) uint16 for light times gain (rows, width), with noise."""
+    """Indices (rows, width, 3) uint16 into the tone curve for light times gain (rows, width), with noise."""
     light = light * cv2.merge([gain] * 3)
-    # Work on the square root of light, where photon noise has the same size everywhere.
+    # The square root of light has photon noise of constant variance.
     root = np.sqrt(np.clip(light, 0, MAX_LIGHT, out=light), out=light)
     root += np.float32(noise_share / 2) * noise
     root *= np.float32((TONE_STEPS - 1) / np.sqrt(MAX_LIGHT))
@@ -109,9 +109,9 @@ def _vignette(height: int, width: int, strength: float) -> np.ndarray:
 
 @lru_cache(maxsize=2)
 def _noise_tile(height: int, width: int, *, mirrored: bool) -> np.ndarray:
-    """Normal noise, a little coarser than a pixel as after demosaicing, larger than the picture to be shifted."""
+    """Normal noise with the correlation of demosaicing, 64 pixels larger than the picture to allow shifts."""
     if mirrored:
-        # Kept beside the other, because numpy goes through columns that run backwards one by one.
+        # A flipped copy, because numpy is slow with reversed columns.
         return cv2.flip(_noise_tile(height, width, mirrored=False), 1)
     noise = np.random.default_rng(0).standard_normal((height + 64, width + 64, 3)).astype(np.float32)
     noise = cv2.GaussianBlur(noise, (0, 0), 0.6)
@@ -119,7 +119,7 @@ def _noise_tile(height: int, width: int, *, mirrored: bool) -> np.ndarray:
 
 
 def _noise(height: int, width: int, seed: int) -> np.ndarray:
-    """The tile shifted and flipped by chance, which is much faster than drawing anew for each frame."""
+    """The noise tile, randomly shifted and flipped, which is much faster than new noise for each frame."""
     rng = np.random.default_rng(seed)
     row, column = rng.integers(0, 64, 2)
     down, right = rng.choice([-1, 1]), rng.choice([-1, 1])
@@ -129,7 +129,7 @@ def _noise(height: int, width: int, seed: int) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def _tone_curve() -> np.ndarray:
-    """sRGB's transfer curve (IEC 61966-2-1) behind a toe, and a shoulder that keeps white paint from clipping."""
+    """sRGB transfer curve (IEC 61966-2-1) after a toe, and a shoulder that keeps white paint from clipping."""
     light = np.linspace(0, np.sqrt(MAX_LIGHT), TONE_STEPS) ** 2
     light = light**2 / (light + TOE)
     knee = 0.55
@@ -137,5 +137,5 @@ def _tone_curve() -> np.ndarray:
     light = np.minimum(light, knee) + (1 - knee) * (1 - np.exp(-over / (1 - knee) * 1.35)) * 1.02
     light = np.clip(light, 0, 1)
     encoded = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
-    # OpenCV wants an entry for every 16-bit number.
+    # cv2.LUT needs an entry for every 16-bit value.
     return np.pad(np.rint(255 * encoded).astype(np.uint8), (0, 65536 - TONE_STEPS), mode="edge")

@@ -1,6 +1,6 @@
-"""Light on solid things: sun, sky and road on a surface, and what paint and glass mirror.
+"""Shading of object surfaces: irradiance from sun, sky and road, and reflections in paint and glass.
 
-White paint that lies in the sun is 1, as in the whole renderer.
+Radiance is linear RGB; horizontal white paint in the sun is 1.
 """
 
 from __future__ import annotations
@@ -10,13 +10,24 @@ from functools import cached_property
 
 import numpy as np
 
-# Share of the light on level ground that comes from the sun itself, the rest from the sky.
+# Share of the sun in the light on level ground; the rest comes from the sky.
 SUN_SHARE = 0.84
 
 
 @dataclass(frozen=True)
 class Faces:
-    """Faces (F, 4, 3), metres; normals and colours (F, 3); gloss (F,): 0 matt, 1 paint, 2 glass; layer (F,)."""
+    """Quadrilateral faces of an object.
+
+    Attributes
+    ----------
+    corners : ndarray of shape (F, 4, 3)
+        Metres.
+    normal, albedo : ndarrays of shape (F, 3)
+    gloss : ndarray of shape (F,)
+        0 matt, 1 paint, 2 glass.
+    layer : ndarray of shape (F,)
+        Order of painting.
+    """
 
     corners: np.ndarray
     normal: np.ndarray
@@ -26,31 +37,33 @@ class Faces:
 
     @cached_property
     def middle(self) -> np.ndarray:
-        """(F, 3) means of the corners."""
+        """Centres (F, 3) of the faces."""
         return self.corners.mean(axis=1)
 
     @cached_property
     def flat_normal(self) -> np.ndarray:
-        """(F, 3) normals of the faces themselves; `normal` may be smoothed."""
+        """Geometric normals (F, 3) of the faces; `normal` may be smoothed."""
         return face_normals(self.corners)
 
     @cached_property
     def plane_distance(self) -> np.ndarray:
-        """(F,) how far from the origin, along `flat_normal`, each face is: an eye that is farther sees it."""
+        """Distances (F,) of the face planes from the origin along `flat_normal`; eyes beyond a plane see the face."""
         return (self.flat_normal * self.middle).sum(axis=1)
 
     @classmethod
     def concatenate(cls, parts: list[Faces]) -> Faces:
+        """All faces of several parts."""
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in cls.__dataclass_fields__))
 
     def select(self, which: np.ndarray) -> Faces:
-        """Some of the faces, by mask or by order; their middles are taken along, not computed again."""
+        """Faces selected by mask or indices, with their cached centres."""
         faces = Faces(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
         faces.__dict__["middle"] = self.middle[which]
         return faces
 
     @classmethod
     def from_corners(cls, corners: np.ndarray, albedo: tuple, gloss: float, layer: int) -> Faces:
+        """Faces of one material from their corners (..., 4, 3)."""
         corners = np.reshape(corners, (-1, 4, 3))
         count = len(corners)
         return cls(
@@ -63,19 +76,19 @@ class Faces:
 
 
 def shade_faces(faces: Faces, eye_m: np.ndarray, sun: np.ndarray) -> np.ndarray:
-    """Radiance of each face seen from `eye_m` (3,) under the sun in direction `sun` (3,), all in the faces' frame.
+    """Radiance of each face towards `eye_m` (3,), with the sun in direction `sun` (3,), all in the faces' frame.
 
     Returns
     -------
     ndarray of shape (F, 3)
-        Linear RGB; white paint lying in the sun is 1.
+        Linear RGB; horizontal white paint in the sun is 1.
     """
     middle = faces.middle
     normal = faces.normal
     view = eye_m - middle
     view /= np.linalg.norm(view, axis=1, keepdims=True)
     facing = np.clip((normal * view).sum(axis=1), 0, 1)
-    # Near the road less sky is seen, and what comes back from it has been in the car's own shadow.
+    # Low surfaces see less sky, and the road below the car reflects little, because it is in shadow.
     open_air = 0.5 + 0.5 * np.clip((middle[:, 2:] - 0.15) / 0.5, 0, 1)
     diffuse = faces.albedo / 0.8 * irradiance(normal, sun) * open_air
     mirrored = 2 * facing[:, None] * normal - view
@@ -86,13 +99,13 @@ def shade_faces(faces: Faces, eye_m: np.ndarray, sun: np.ndarray) -> np.ndarray:
 
 
 def face_normals(corners: np.ndarray) -> np.ndarray:
-    """(F, 3) unit normals from the diagonals, so that a face whose corners coincide in pairs still has one."""
+    """Unit normals (F, 3) from the diagonals, which also exist for triangles (two equal corners)."""
     normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
 
 
 def irradiance(normal: np.ndarray, sun: np.ndarray) -> np.ndarray:
-    """Light (N, 3) on surfaces with `normal` (N, 3): sun, blue sky from above, warm light from the road below."""
+    """Irradiance (N, 3) of surfaces with `normal` (N, 3): sun, blue sky above, warm light from the road below."""
     direct = SUN_SHARE * np.clip(normal @ sun, 0, None) / max(float(sun[2]), 0.45)
     up = 0.5 + 0.5 * normal[:, 2]
     sky = (1 - SUN_SHARE) * up[:, None] * np.array([0.80, 0.98, 1.25])
@@ -101,7 +114,7 @@ def irradiance(normal: np.ndarray, sun: np.ndarray) -> np.ndarray:
 
 
 def _surroundings(direction: np.ndarray) -> np.ndarray:
-    """What paint and glass mirror: sky, a dark line of trees at the horizon, the road."""
+    """Environment map for reflections: sky, a dark line of trees at the horizon, and road."""
     z = direction[:, 2:3]
     sky = np.array([0.06, 0.20, 0.46]) + np.array([0.42, 0.40, 0.28]) * np.exp(-5 * np.maximum(z, 0))
     trees, road = np.array([0.07, 0.07, 0.05]), np.array([0.10, 0.10, 0.10])

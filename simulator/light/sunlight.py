@@ -1,4 +1,4 @@
-"""Sun and sky on the ground: where the sun reaches, and the blue light of the sky where it does not."""
+"""Irradiance of the ground: shares of sunlight and skylight in the shade of trees, woods, bridges and objects."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from simulator.painting.texture import band_noise_tile, fade, sample_noise
 from simulator.road.ground import Ground, strip_coverage
 from simulator.road.road_ahead import RoadAhead
 
-# Share of the light on open ground that comes from the sky; measured on shaded asphalt: dark and blue.
+# Share of the sky in the light on open ground, from measurements of shaded asphalt.
 SKY_SHARE = np.array([0.11, 0.15, 0.22], np.float32)
-# Light of closed clouds on open ground, as a multiple of the clear sky's without the sun.
+# Light of an overcast sky on open ground, relative to that of the clear sky without the sun.
 OVERCAST_LIGHT = np.array([0.36, 0.38, 0.41], np.float32) / SKY_SHARE
-# Shadows of things are followed between these distances ahead; the bonnet hides what is nearer.
+# Range ahead in which objects cast shadows; the bonnet hides what is nearer.
 MIN_SHADOW_M = 1.5
 MAX_SHADOW_M = 160.0
 LEAF_SEED = 61
-# Where 1 less the squares of the distances from a crown's middle, in its radii, is less than minus this, all is sunny:
-# noise above five standard deviations would be needed.
+# Outside 1 - r^2 < -CROWN_CUTOFF (r is the distance from the centre in crown radii) there is no shade: noise above five
+# standard deviations would be needed.
 CROWN_CUTOFF = 3.0
-# Farther than the blur of a shadow's edge reaches.
+# Margin for the blur of shadow edges.
 PENUMBRA_PX = 6
-# What walls and the sunny road outside throw below the middle of a wide bridge, as a share of the open sky's light.
+# Least skylight below a wide bridge, as a share of open sky: light scattered by walls and the sunny road outside.
 BOUNCED_SHARE = 0.4
 
 
 @dataclass(frozen=True)
 class Sun:
-    """Where the sun stands: azimuth in the world frame (0 along the road's start, > 0 to the left), and elevation.
+    """Position of the sun: azimuth in the world frame (0 along the road's start, > 0 to the left), and elevation.
 
-    Behind closed clouds (`clouded`) it throws no shadows, and light comes from above.
+    An `overcast` sky has no shadows, and its light comes from above.
     """
 
     azimuth_rad: float
@@ -52,7 +52,7 @@ class Sun:
 
 @dataclass(frozen=True)
 class TreeShade:
-    """The dappled shadow of tree crowns: a rounded stretch of road between lateral `low_m` and `high_m`."""
+    """Dappled shadow of tree crowns: an elliptical area of the road between lateral `low_m` and `high_m`."""
 
     start_m: float
     end_m: float
@@ -61,26 +61,26 @@ class TreeShade:
     density: float = 0.8
 
     def mirrored(self) -> TreeShade:
-        """The shade with left and right exchanged."""
+        """The shade mirrored left to right."""
         return replace(self, low_m=-self.high_m, high_m=-self.low_m)
 
 
 @dataclass(frozen=True)
 class WoodShade:
-    """The closed shade of a wood on both sides: the sky's blue light, and `flecks` of sun here and there (a share)."""
+    """Shade of a dense wood on both sides: blue skylight, and flecks of sun on a share `flecks` of the ground."""
 
     start_m: float
     end_m: float
     flecks: float = 0.04
 
     def mirrored(self) -> WoodShade:
-        """The same: it has no sides."""
+        """The same shade, which is symmetric."""
         return self
 
 
 @dataclass(frozen=True)
 class BridgeShade:
-    """The sharp shadow of a bridge across the whole road, and the sky that its deck hides.
+    """Sharp shadow of a bridge across the whole road, and the skylight blocked by its deck.
 
     `skew` is ds/dd of its edges; `clearance_m` is the height of the deck above the road.
     """
@@ -91,7 +91,7 @@ class BridgeShade:
     clearance_m: float = 5.0
 
     def mirrored(self) -> BridgeShade:
-        """The shade with left and right exchanged."""
+        """The shade mirrored left to right."""
         return replace(self, skew=-self.skew)
 
 
@@ -99,7 +99,7 @@ Shade = TreeShade | WoodShade | BridgeShade
 
 
 def sunlight_on_ground(shades: tuple[Shade, ...], ground: Ground, *, station_m: float, seed: int) -> np.ndarray:
-    """Share of the sun that reaches each pixel's ground: (rows, width) float32, 1 in the open, 0 in full shade."""
+    """Share of sunlight on the ground of each pixel (rows, width) float32: 1 in the open, 0 in full shade."""
     s = ground.s + np.float32(station_m)
     sun = np.ones_like(s)
     for number, shade in enumerate(shades):
@@ -118,7 +118,7 @@ def sunlight_on_ground(shades: tuple[Shade, ...], ground: Ground, *, station_m: 
 
 
 def sky_on_ground(shades: tuple[Shade, ...], ground: Ground, *, station_m: float) -> np.ndarray | None:
-    """Share of the sky's light that bridges leave to each pixel's ground, (rows, width) float32; None if no bridge."""
+    """Share of skylight on the ground of each pixel (rows, width) float32; None without a bridge."""
     bridges = [shade for shade in shades if isinstance(shade, BridgeShade)]
     if not bridges:
         return None
@@ -130,25 +130,25 @@ def sky_on_ground(shades: tuple[Shade, ...], ground: Ground, *, station_m: float
 
 
 def sun_along(shades: tuple[Shade, ...], s_m: np.ndarray, d_m: np.ndarray, *, seed: int) -> np.ndarray:
-    """Share of the sun (N,) at places (s_m, d_m) on the road, (N,) each; leaves are averaged away."""
+    """Share of sunlight (N,) at road coordinates `s_m`, `d_m` (N,), averaged over the leaves."""
     return sunlight_on_ground(shades, _points(s_m, d_m), station_m=0.0, seed=seed)[:, 0]
 
 
 def light_along(shades: tuple[Shade, ...], s_m: np.ndarray, d_m: np.ndarray, *, seed: int) -> np.ndarray:
-    """Irradiance (N, 3) relative to open ground at places (s_m, d_m) on the road, (N,) each, without leaves."""
+    """Irradiance (N, 3) relative to open ground at `s_m`, `d_m` (N,), averaged over the leaves."""
     sky = sky_on_ground(shades, _points(s_m, d_m), station_m=0.0)
     return light_on_ground(sun_along(shades, s_m, d_m, seed=seed)[:, None], sky)[:, 0]
 
 
 def _points(s_m: np.ndarray, d_m: np.ndarray) -> Ground:
-    """Single places as ground of one column, with footprints in which no leaf can be told."""
+    """Points as ground of one column, with footprints so large that leaves average out."""
     s, d = (np.asarray(x, np.float32)[:, None] for x in (s_m, d_m))
     wide, none = np.full_like(s, 2.0), np.zeros_like(s)
     return Ground(0, np.ones(s.shape, bool), s, s, d, s, d, none, wide, wide, none)
 
 
 def light_on_ground(sun: np.ndarray, sky: np.ndarray | None = None) -> np.ndarray:
-    """Irradiance (rows, width, 3) float32 relative to open ground, from the shares of the sun and of the sky."""
+    """Irradiance (rows, width, 3) float32 relative to open ground, from the shares of sunlight and skylight."""
     if sky is None:
         return cv2.merge([share + sun * (1 - share) for share in SKY_SHARE])
     return cv2.merge([share * sky + sun * (1 - share) for share in SKY_SHARE])
@@ -164,7 +164,7 @@ def cast_shadows(
     station_m: float,
     edge_noise_m: float = 0.0,
 ) -> None:
-    """Shadows of things on the ground, in place.
+    """Remove the sunlight inside shadow polygons, in place.
 
     Parameters
     ----------
@@ -173,13 +173,13 @@ def cast_shadows(
         Outlines in the car's road frame, metres.
     camera : Camera
     ground : Ground
-        Of the same rows as `sun`.
+        Ground of the same rows as `sun`.
     road : RoadAhead
-        Its ups and downs carry the shadows.
+        Its vertical profile carries the shadows.
     station_m : float
         Arc length of the car.
     edge_noise_m : float
-        How far leaves fray the outlines; 0 keeps them.
+        Displacement of the outlines by leaves; 0 keeps them sharp.
     """
     near = _near(polygons_m)
     if not near:
@@ -202,13 +202,13 @@ def cast_shadows(
     shaded = np.flatnonzero(mask.any(axis=1))
     if not len(shaded):
         return
-    # A penumbra of about a pixel; at car height it is a few centimetres wide. Rows that it does not reach stay.
+    # A penumbra of about a pixel; it is a few centimetres wide at car height.
     rows = slice(max(shaded[0] - PENUMBRA_PX, 0), shaded[-1] + PENUMBRA_PX + 1)
     sun[rows] *= 1 - cv2.GaussianBlur(mask[rows], (0, 0), 0.8).astype(np.float32) * np.float32(0.97 / 255)
 
 
 def _near(polygons: list[np.ndarray]) -> list[np.ndarray]:
-    """Those of the polygons that come between NEAREST_M and MAX_SHADOW_M."""
+    """Polygons that overlap the range MIN_SHADOW_M to MAX_SHADOW_M ahead."""
     if not polygons:
         return []
     ahead = np.concatenate([p[:, 0] for p in polygons])
@@ -233,9 +233,9 @@ def _rows_within_reach(mask: np.ndarray, ground: Ground, max_shift_m: float) -> 
 def _perturb_edges(
     mask: np.ndarray, ground: Ground, s: np.ndarray, max_shift_m: float, *, first_row: int
 ) -> np.ndarray:
-    """The mask with its places shifted at random by about `reach_m` on the ground, twigs and single leaves apart.
+    """The mask with edges displaced by noise of about `max_shift_m` on the ground, as by twigs and leaves.
 
-    `ground` and `s` are those of the rows from `first_row` on for which the result is wanted.
+    `ground` and `s` hold the rows from `first_row` on for which the result is computed.
     """
     rows, columns = s.shape
     if not rows:
@@ -251,9 +251,14 @@ def _perturb_edges(
 
 
 def _densify(polygons: list[np.ndarray], *, edge_m: float = 1.5) -> tuple[np.ndarray, np.ndarray]:
-    """More points on long edges, because the lens bends straight lines; nothing closer than the camera can see.
+    """Subdivide long edges, because the lens distorts straight lines, and clip to MIN_SHADOW_M ahead.
 
-    Returns the points (N, 2) of all polygons in a row, and the index (P,) after the last point of each.
+    Returns
+    -------
+    points : ndarray of shape (N, 2)
+        Points of all polygons, one polygon after the other.
+    ends : ndarray of shape (P,)
+        Index after the last point of each polygon.
     """
     points = np.concatenate(polygons).astype(float)
     last = np.cumsum([len(p) for p in polygons]) - 1
@@ -270,26 +275,26 @@ def _densify(polygons: list[np.ndarray], *, edge_m: float = 1.5) -> tuple[np.nda
 
 def _under_bridge(shade: BridgeShade, ground: Ground, s: np.ndarray) -> np.ndarray:
     t = s - np.float32(shade.skew) * ground.d
-    # The sun is half a degree wide, so an edge 6 m up is soft over 6 cm and more along a low sun's way.
+    # The sun is half a degree wide, so the shadow of an edge at 6 m is soft over 6 cm or more.
     soft = np.float32(0.1)
     return 1 - strip_coverage(t, np.abs(ground.s_u) + soft, ground.s_v, shade.start_m, shade.end_m)
 
 
 def blocked_sky(shade: BridgeShade, t: np.ndarray) -> np.ndarray:
-    """Share of the sky's light on level ground that an endless strip overhead takes, seen from places t along the road.
+    """Share of skylight that an infinite strip overhead blocks, at positions `t` along the road.
 
-    Half the difference of the sines of the directions to its edges (view factor of a strip from a parallel plate).
+    It is half the difference of the sines of the directions to its edges (view factor of a strip and a parallel plate).
     """
     sines = [(edge - t) / np.hypot(edge - t, np.float32(shade.clearance_m)) for edge in (shade.start_m, shade.end_m)]
     return (sines[1] - sines[0]).astype(np.float32) / 2
 
 
 def _in_wood(shade: WoodShade, ground: Ground, s: np.ndarray, seed: int) -> np.ndarray:
-    """Few flecks, drawn out along the road, and ragged ends where the wood opens."""
+    """Share of sunlight in a wood: sun flecks stretched along the road, and irregular ends of the shade."""
     footprint = ground.footprint_s
     cloudy = band_noise_tile(seed + 41, octaves=4)
     gaps = sample_noise(cloudy, s, ground.d, wave_s_m=1.6, wave_d_m=0.8)
-    # The quantile of a normal distribution that leaves the share of flecks above it.
+    # Normal noise exceeds this quantile on the share `flecks` of the ground.
     level = np.float32(NormalDist().inv_cdf(1 - shade.flecks))
     flecks = np.clip((gaps - level) * 2.5 + 0.5, 0, 1)
     flecks += (1 - fade(footprint, 1.6)) * (np.float32(shade.flecks) - flecks)
@@ -299,11 +304,11 @@ def _in_wood(shade: WoodShade, ground: Ground, s: np.ndarray, seed: int) -> np.n
 
 
 def _under_tree(shade: TreeShade, ground: Ground, s: np.ndarray, seed: int) -> np.ndarray:
-    """Clusters of leaves: cloudy noise cut at a level that falls from the middle of the crown to its edge."""
+    """Share of sunlight below a crown: noise with a threshold that depends on the distance from the centre."""
     along = (s - np.float32((shade.start_m + shade.end_m) / 2)) * np.float32(2 / (shade.end_m - shade.start_m))
     across = (ground.d - np.float32((shade.low_m + shade.high_m) / 2)) * np.float32(2 / (shade.high_m - shade.low_m))
     middle = 1 - along**2 - across**2
-    # Farther out no cluster is so dense that it throws a shadow.
+    # No cluster farther out is dense enough to cast a shadow.
     near = np.flatnonzero(middle > -CROWN_CUTOFF)
     s, d, footprint, middle = (array.ravel()[near] for array in (s, ground.d, ground.footprint_s, middle))
     cloudy = band_noise_tile(seed + 31, octaves=3)

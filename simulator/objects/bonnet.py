@@ -1,4 +1,4 @@
-"""The own bonnet: a dusty, dark reddish-brown curve along the bottom edge, out of focus, that moves with the camera."""
+"""Bonnet of the car: dusty, dark reddish-brown, out of focus, fixed at the bottom edge of the picture."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from simulator.painting.brush import composite_behind, split_channels
 from simulator.painting.noise import fractal_noise, smoothstep
 
-# Upper edge as shares of picture width and height: left wing, the dip beside the hump, the hump, right wing.
+# Upper edge as shares of picture width and height: left wing, dip, hump in the middle, right wing.
 _OUTLINE = np.array(
     [
         [-0.02, 0.933], [0.05, 0.936], [0.11, 0.943], [0.16, 0.9515], [0.21, 0.953], [0.27, 0.9495], [0.34, 0.9395],
@@ -24,34 +24,34 @@ SKY_IN_PAINT = np.array([0.125, 0.090, 0.140])
 
 
 def bonnet_outline(size: tuple[int, int]) -> np.ndarray:
-    """Row of the bonnet's upper edge in each column of a picture of `size` (width, height): (width,) float."""
+    """Row of the bonnet's upper edge in each column (width,) of a picture of `size` (width, height)."""
     width, height = size
     knots_u, knots_v = _OUTLINE[:, 0] * width, _OUTLINE[:, 1] * height
     u = np.arange(width, dtype=float)
     edge = np.interp(u, knots_u, knots_v)
-    # Knots joined by straight lines, then smoothed as a pressed sheet would be.
+    # Linear interpolation, smoothed to look like pressed steel.
     window = max(3, int(0.05 * width)) | 1
     return cv2.GaussianBlur(edge[None, :], (window, 1), window / 5, borderType=cv2.BORDER_REFLECT)[0]
 
 
 def first_hidden_row(size: tuple[int, int], seed: int = 0) -> int:
-    """The first row of a picture of `size` (width, height) from which on the bonnet hides all; the height if none."""
+    """First row from which the bonnet hides everything in a picture of `size` (width, height); the height if none."""
     layer, top = _bonnet_layer(size, seed)
     open_rows = np.flatnonzero(layer[..., 3].min(axis=1) < 1 - 1e-6)
     return top + int(open_rows[-1]) + 1
 
 
 def paint_bonnet(picture: np.ndarray, *, seed: int = 0, light: float = 1.0) -> None:
-    """Paint the own bonnet along the bottom of a picture.
+    """Paint the bonnet along the bottom of a picture.
 
     Parameters
     ----------
     picture : ndarray of shape (4, H, W), float32
         As from `brush.new_canvas`, changed; the bonnet is nearer than all else.
     seed : int
-        Another pattern of dust for every number.
+        Seed of the dust.
     light : float
-        1 in the sun, about 0.25 under trees.
+        Light on the bonnet: 1 in the sun, about 0.25 under trees.
     """
     layer, top = _bonnet_layer(picture.shape[:0:-1], seed)
     composite_behind(picture, split_channels(layer), 0, top, through=light)
@@ -59,7 +59,7 @@ def paint_bonnet(picture: np.ndarray, *, seed: int = 0, light: float = 1.0) -> N
 
 @lru_cache(maxsize=4)
 def _bonnet_layer(size: tuple[int, int], seed: int) -> tuple[np.ndarray, int]:
-    """(rows, W, 4) premultiplied picture of the bonnet and the row where it starts."""
+    """Premultiplied RGBA picture of the bonnet (rows, W, 4), and its first row."""
     width, height = size
     scale = height / 720
     edge = bonnet_outline(size)
@@ -68,7 +68,7 @@ def _bonnet_layer(size: tuple[int, int], seed: int) -> tuple[np.ndarray, int]:
     rng = np.random.default_rng([seed, 31])
     inward = (v - edge) / scale
     colour = _paint(size, inward, rng)
-    # Out of focus: the edge is a ramp of some three rows.
+    # The edge is out of focus: a ramp of about three rows.
     cover = smoothstep(-1.6, 1.6, inward)[..., None]
     layer = np.concatenate([colour * cover, cover], axis=2).astype(np.float32)
     layer = cv2.GaussianBlur(layer, (0, 0), 0.6 * scale, borderType=cv2.BORDER_REPLICATE)
@@ -77,7 +77,7 @@ def _bonnet_layer(size: tuple[int, int], seed: int) -> tuple[np.ndarray, int]:
 
 
 def _paint(size: tuple[int, int], inward: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Colour (rows, W, 3): dusty towards the edge, mirroring dark trees nearer to us, flecks squeezed by the slant."""
+    """Colour (rows, W, 3): dusty at the edge, with foreshortened reflections of dark trees and flecks below."""
     width = size[0]
     shape = inward.shape
     across = (np.arange(width) / width)[None, :]
@@ -85,19 +85,19 @@ def _paint(size: tuple[int, int], inward: np.ndarray, rng: np.random.Generator) 
     dark = fractal_noise(shape, rng, cell_px=(3.0, 20), octaves=3, gain=0.8)
     flecks = fractal_noise(shape, rng, cell_px=(2.6, 17), octaves=2, gain=0.7)
     grain = fractal_noise(shape, rng, cell_px=(1.6, 3.5), octaves=1)
-    # The hump in the middle, between two creases that run towards us and outwards.
+    # The hump in the middle, between two creases that diverge towards the windscreen.
     run = np.clip(inward / 48, 0, 1) ** 0.7
     left, right = 0.335 - 0.16 * run, 0.70 + 0.19 * run
     hump = smoothstep(-0.006, 0.006, across - left) * smoothstep(-0.012, 0.012, right - across)
     clean = np.clip(hump * smoothstep(4, 30, inward) * 0.75 + 0.22 * broad + 0.12, 0, 1)
     colour = DUSTY_PAINT * (1 - clean[..., None]) + CLEAN_PAINT * clean[..., None]
-    # The wings slope away and mirror the blue of the sky.
+    # The wings slope outwards and reflect the blue sky.
     wings = np.maximum(smoothstep(0.13, 0.04, across), smoothstep(0.90, 0.97, across)) * smoothstep(26, 8, inward)
     colour += (0.8 * wings)[..., None] * (SKY_IN_PAINT - colour)
     light = 1 + 0.05 * grain - 0.04 * np.clip(dark, -1, 2)
     light += 0.18 * (np.exp(-(((across - left) / 0.006) ** 2)) + 0.6 * np.exp(-(((across - right) / 0.008) ** 2)))
     light -= 0.38 * smoothstep(1.6, 2.5, dark) * smoothstep(3, 9, inward)
     light += 0.55 * smoothstep(2.1, 2.8, flecks) * smoothstep(5, 14, inward)
-    # A brighter line where the sheet bends over towards the road and mirrors the sky at a glance.
+    # A brighter line where the bonnet curves down and reflects the sky at a grazing angle.
     light += 0.14 * np.exp(-(((inward - 2.5) / 2.5) ** 2))
     return np.clip(colour * light[..., None], 0.005, 1)

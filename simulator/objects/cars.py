@@ -1,7 +1,6 @@
-"""Other cars: a lofted body with windows, lamps, plate and wheels, as faces with the paint that they have.
+"""Cars as shaded faces: a lofted body with windows, lamps, licence plate and wheels.
 
-A body is a stack of rounded rectangles (rings) from the sill to the roof. Windows, lamps and the rest lie on its
-surface.
+A body is a stack of superelliptic rings from the sill to the roof. Windows, lamps and other parts lie on its surface.
 """
 
 from __future__ import annotations
@@ -28,8 +27,8 @@ TAIL_LAMP, HEADLAMP, PLATE = (0.17, 0.008, 0.010), (0.50, 0.52, 0.55), (0.72, 0.
 
 BODY_PAINT = (np.nan, np.nan, np.nan)
 
-# Rings: height, rear end, front end, half width, roundness of the corners (exponent of a superellipse), metres, with
-# the origin on the ground below the middle of the car. The fifth and sixth rings are the waist and the windows' foot.
+# Rings: height, rear end, front end, half width (metres), and exponent of the superellipse. The origin is on the ground
+# below the centre of the car. The fifth ring is the waist line, the seventh the lower edge of the windows.
 BODIES = {
     "sedan": np.array(
         [
@@ -66,12 +65,18 @@ BODIES = {
 }
 WHEEL_RADIUS_M = 0.33
 AXLES_M = (-1.40, 1.38)
-# Layers are painted in this order: treads and mirrors, the body, then what lies on it.
+# Layers in the order of painting: treads and mirrors, the body, parts on the body.
 BEHIND_BODY, BODY, ON_BODY = 0, 1, 2
 
 
 class Shell:
-    """The surface of a body: the rings, and points on its rear, front and sides."""
+    """Surface of a car body: its rings, and points on rear, front and flanks.
+
+    Raises
+    ------
+    ValueError
+        If there is no such body.
+    """
 
     def __init__(self, body: str):
         if body not in BODIES:
@@ -79,12 +84,12 @@ class Shell:
         self.rings = BODIES[body]
 
     def ring(self, z: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Middle, half length, half width and exponent at heights z."""
+        """Centre, half length, half width and exponent at heights z."""
         rear, front, width, power = (np.interp(z, self.rings[:, 0], self.rings[:, i]) for i in range(1, 5))
         return (rear + front) / 2, (front - rear) / 2, width, power
 
     def droop(self, points: np.ndarray) -> np.ndarray:
-        """The bonnet falls towards the front: lower what is high and far forward."""
+        """Lower high points at the front, because the bonnet slopes down."""
         points = np.array(points, float)
         forward = np.clip((points[..., 0] - 0.9) / 1.5, 0, 1)
         points[..., 2] -= 0.20 * forward**1.5 * np.clip((points[..., 2] - 0.45) / 0.5, 0, 1)
@@ -103,7 +108,7 @@ class Shell:
         return self.droop(np.stack([x, side * (width * inner + lift_m), z], axis=-1))
 
     def loft(self, around: int, between: int) -> np.ndarray:
-        """Faces (levels, around, 4, 3) of the whole body; their corners run so that normals point outwards."""
+        """Faces (levels, around, 4, 3) of the whole body, with outward normals."""
         z, rear, front, width, power = _rounded(self.rings, between).T[:, :, None]
         angle = _even_angles(around)
         c, s = np.cos(angle), np.sin(angle)
@@ -113,7 +118,7 @@ class Shell:
 
 
 def _rounded(rings: np.ndarray, between: int) -> np.ndarray:
-    """More rings on a smooth curve through the given ones (Catmull-Rom)."""
+    """Rings interpolated by Catmull-Rom splines, `between` for each interval."""
     padded = np.vstack([2 * rings[0] - rings[1], rings, 2 * rings[-1] - rings[-2]])
     t = (np.arange(between) / between)[:, None, None]
     a, b, c, d = padded[:-3], padded[1:-2], padded[2:-1], padded[3:]
@@ -122,13 +127,13 @@ def _rounded(rings: np.ndarray, between: int) -> np.ndarray:
 
 
 def _even_angles(count: int) -> np.ndarray:
-    """Parameters of points round a car-shaped superellipse, from front to left, close where it turns sharply."""
+    """Angles of points on a car-shaped superellipse, denser where it turns sharply."""
     angle = np.linspace(0, 2 * np.pi, 4001)
     c, s = np.cos(angle), np.sin(angle)
     x, y = 2.3 * np.sign(c) * np.abs(c) ** 0.45, 0.9 * np.sign(s) * np.abs(s) ** 0.45
     dx, dy = np.diff(x), np.diff(y)
     turn = np.abs(np.diff(np.unwrap(np.arctan2(dy, dx)), prepend=np.pi / 2))
-    # The ends count more than the flanks: they are what a driver sees of other cars.
+    # More points at rear and front than on the flanks, because drivers mostly see the rear and the front.
     length = np.hypot(dx, 2.5 * dy)
     spent = np.concatenate([[0], np.cumsum(length / length.sum() + 1.2 * turn / turn.sum())])
     return np.interp(np.linspace(0, spent[-1], count + 1), spent, angle)
@@ -140,7 +145,7 @@ def _cells(grid: np.ndarray) -> np.ndarray:
 
 
 def _smooth_normals(cells: np.ndarray) -> np.ndarray:
-    """Normals (F, 3) of a loft, averaged with their neighbours' so that the shading has no facets."""
+    """Normals (F, 3) of a loft, averaged with the neighbours for smooth shading."""
     normal = face_normals(cells.reshape(-1, 4, 3)).reshape(*cells.shape[:2], 3)
     around = normal + 0.6 * (np.roll(normal, 1, axis=1) + np.roll(normal, -1, axis=1))
     up = np.concatenate([around[:1], around, around[-1:]])
@@ -149,7 +154,7 @@ def _smooth_normals(cells: np.ndarray) -> np.ndarray:
 
 
 def _patch(corners: np.ndarray, surface, *, columns: int = 4, rows: int = 3) -> np.ndarray:
-    """A piece of a surface as faces; `corners` (4, 2) in surface coordinates, anticlockwise seen from outside."""
+    """Faces of a piece of a surface; `corners` (4, 2) in surface coordinates, anticlockwise as seen from outside."""
     a, b, c, d = np.asarray(corners, float)
     p, q = np.linspace(0, 1, columns + 1)[None, :, None], np.linspace(0, 1, rows + 1)[:, None, None]
     grid = surface((1 - q) * ((1 - p) * a + p * b) + q * ((1 - p) * d + p * c))
@@ -158,7 +163,7 @@ def _patch(corners: np.ndarray, surface, *, columns: int = 4, rows: int = 3) -> 
 
 @lru_cache(maxsize=32)
 def car_faces(body: str, paint: str, *, detail: int = 2) -> Faces:
-    """All faces of a car in its own frame (x forward, y left, z up, origin on the ground below its middle).
+    """Faces of a car in its own frame (x forward, y left, z up, origin on the ground below its centre).
 
     Parameters
     ----------
@@ -167,7 +172,7 @@ def car_faces(body: str, paint: str, *, detail: int = 2) -> Faces:
     paint : str
         A name in `PAINTS`.
     detail : int
-        1 for a far car, 2 or more for a near one: how finely curved parts are cut up.
+        Resolution of curved parts: 1 for a far car, 2 or more for a near one.
 
     Raises
     ------
@@ -182,7 +187,7 @@ def car_faces(body: str, paint: str, *, detail: int = 2) -> Faces:
 
 @lru_cache(maxsize=8)
 def _unpainted_faces(body: str, detail: int) -> Faces:
-    """The faces of a car that has no colour yet where it will be painted: PAINTED."""
+    """Faces of a car; those in the colour of the car have the placeholder albedo BODY_PAINT."""
     shell = Shell(body)
     cells = shell.loft(28 * detail, detail)
     skin = replace(Faces.from_corners(cells, BODY_PAINT, 1.0, BODY), normal=_smooth_normals(cells))
@@ -190,7 +195,7 @@ def _unpainted_faces(body: str, detail: int) -> Faces:
 
 
 def _end_parts(shell: Shell) -> list[Faces]:
-    """Windows, lamps, plate and bumper of the rear and the front."""
+    """Windows, lamps, licence plate and bumper of rear and front."""
     z = shell.rings[:, 0]
     waist, foot, top = z[4], z[6], z[8]
     parts = []
@@ -222,7 +227,7 @@ def _end_parts(shell: Shell) -> list[Faces]:
 
 
 def _add_rear(add: Callable, waist: float, foot: float, top: float) -> None:
-    """Head rests behind the glass, gaps of the lid, badge, plate, reflectors."""
+    """Head rests, gaps of the boot lid, badge, licence plate and reflectors."""
     for y in (-0.36, 0.36):
         add(
             (y - 0.13, y + 0.13, y + 0.10, y - 0.10), (foot + 0.04, foot + 0.55 * (top - foot)), (0.03, 0.03, 0.03), 1.6
@@ -239,7 +244,7 @@ def _add_rear(add: Callable, waist: float, foot: float, top: float) -> None:
 
 
 def _flank_parts(shell: Shell) -> list[Faces]:
-    """Side windows, wheel arches, seams, wrapped lamps and mirrors."""
+    """Side windows, door handles and seams, sills, side parts of the lamps, and mirrors."""
     z = shell.rings[:, 0]
     waist, foot, top = z[4], z[6], z[8]
     bottom_rear, bottom_front = shell.rings[6, 1:3]
@@ -252,7 +257,7 @@ def _flank_parts(shell: Shell) -> list[Faces]:
             return shell.flank(-side * xz[..., 0], xz[..., 1], side=side)
 
         def add(x: tuple, zz: tuple, albedo: tuple, gloss: float, surface=surface, side: int = side) -> None:
-            # Anticlockwise from outside: on the left flank forward is to the left, so x is mirrored there.
+            # Anticlockwise as seen from outside: x is mirrored on the left flank.
             corners = [(x[0], zz[0]), (x[1], zz[0]), (x[2], zz[1]), (x[3], zz[1])]
             if side > 0:
                 corners = [(-x[1], zz[0]), (-x[0], zz[0]), (-x[3], zz[1]), (-x[2], zz[1])]
@@ -285,7 +290,7 @@ def _box(middle: tuple, half: tuple, albedo: tuple) -> Faces:
 
 
 def _wheels(shell: Shell, detail: int) -> list[Faces]:
-    """Treads below the body, and the arches, tyres, rims and their gaps on the flanks."""
+    """Treads below the body; arches, tyres and rims on the flanks."""
     angle = np.linspace(0, 2 * np.pi, 12 * detail + 1)
     width, radius = float(shell.rings[2, 3]), WHEEL_RADIUS_M
     rings = ((radius + 0.055, (0.008, 0.008, 0.008), 0.0), (radius, RUBBER, 0.3), (0.68 * radius, RIM, 0.6))
@@ -307,7 +312,7 @@ def _wheels(shell: Shell, detail: int) -> list[Faces]:
 
 
 def _disc(middle: tuple[float, float, float], radius: float, angle: np.ndarray) -> np.ndarray:
-    """Faces (F, 4, 3) of an upright disc; it looks to the left when `angle` rises, to the right when it falls."""
+    """Faces (F, 4, 3) of a vertical disc, facing left for increasing `angle`, right for decreasing."""
     ring = np.stack([radius * np.cos(angle), 0 * angle, radius * np.sin(angle)], axis=-1) + middle
     centre = np.broadcast_to(middle, ring[1:].shape)
     return np.stack([centre, ring[1:], ring[:-1], centre], axis=1)

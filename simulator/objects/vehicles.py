@@ -1,4 +1,4 @@
-"""What else drives: lorries and motorcycles, beside the cars; one door to the faces of all of them."""
+"""Lorries and motorcycles as shaded faces, and access to the faces of all vehicles."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ BOX_CORNERS = np.array([[x, y, z] for z in (-1, 1) for x, y in ((-1, -1), (1, -1
 
 
 def vehicle_faces(body: str, paint: str, *, detail: int = 2) -> Faces:
-    """All faces of a vehicle in its own frame (x forward, y left, z up, origin on the ground below its middle).
+    """Faces of a vehicle in its own frame (x forward, y left, z up, origin on the ground below its centre).
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def vehicle_faces(body: str, paint: str, *, detail: int = 2) -> Faces:
     paint : str
         A name in `cars.PAINTS`.
     detail : int
-        1 for a far one, 2 or more for a near one.
+        Resolution of curved parts: 1 for a far vehicle, 2 or more for a near one.
 
     Raises
     ------
@@ -58,26 +58,26 @@ def vehicle_faces(body: str, paint: str, *, detail: int = 2) -> Faces:
 
 @lru_cache(maxsize=8)
 def outline_points(body: str) -> np.ndarray:
-    """Points (N, 3) of a vehicle's surface whose hull is its outline, in its own frame."""
+    """Points (N, 3) on a vehicle in its own frame, whose projected hull is its outline."""
     if body in BODIES:
         return Shell(body).loft(8, 1).reshape(-1, 3)
     return vehicle_faces(body, "black").corners.reshape(-1, 3)
 
 
 def facet_width_m(body: str) -> float:
-    """How wide the facets of its curved parts are, over which shading has to be blended."""
+    """Width in metres of the facets of curved parts, over which shading is blurred."""
     return 0.012 if body == "motorcycle" else 0.05
 
 
 def footprint(body: str) -> np.ndarray:
-    """(4, 3) corners of what a vehicle covers of the ground, in its own frame."""
+    """Corners (4, 3) of the ground area below a vehicle, in its own frame."""
     rear, front, half = FOOTPRINTS.get(body, CAR_FOOTPRINT)
     return np.array([[rear, -half, 0], [front, -half, 0], [front, half, 0], [rear, half, 0]])
 
 
 @lru_cache(maxsize=16)
 def _truck(paint: str) -> Faces:
-    """A lorry with a box body: 2.5 m wide, 4 m high, 12 m long, as the EU's rules allow."""
+    """Faces of a lorry with a box body, 2.5 m wide, 4 m high, 12 m long, the limits of the EU."""
     colour, white = PAINTS[paint], PAINTS["white"]
     parts = [
         _box((-6.0, 3.3), (-1.25, 1.25), (1.10, 3.95), white, 0.6, cells=4),
@@ -85,7 +85,7 @@ def _truck(paint: str) -> Faces:
         _box((-5.7, 5.6), (-0.45, 0.45), (0.55, 1.05), PLASTIC, 0.2, layer=BEHIND_BODY, cells=4),
         _box((-5.95, -5.80), (-1.15, 1.15), (0.42, 0.56), STEEL, 0.4),
         _box((-6.03, -6.0), (-1.15, 1.15), (0.86, 1.06), PLASTIC, 0.3, layer=ON_BODY),
-        # Frame of the doors, the gap between them, and their bars.
+        # Frame of the doors, gap between them, and locking bars.
         _box((-6.02, -6.0), (-1.25, 1.25), (3.86, 3.95), STEEL, 0.5, layer=ON_BODY),
         _box((-6.02, -6.0), (-0.012, 0.012), (1.12, 3.86), PLASTIC, 0.2, layer=ON_BODY),
     ]
@@ -106,7 +106,7 @@ def _truck(paint: str) -> Faces:
 
 @lru_cache(maxsize=16)
 def _motorcycle(paint: str) -> Faces:
-    """A motorcycle and its rider, leaning forward a little."""
+    """Faces of a motorcycle and its rider."""
     colour = PAINTS[paint]
     parts = [
         _ellipsoid((-0.72, 0, 0.32), (0.32, 0.085, 0.32), RUBBER, 0.2),
@@ -137,7 +137,7 @@ def _motorcycle(paint: str) -> Faces:
 
 
 def _box(x: tuple, y: tuple, z: tuple, albedo: tuple, gloss: float, *, layer: int = BODY, cells: int = 1) -> Faces:
-    """A box between two values of each coordinate, its sides cut into cells x cells faces."""
+    """Faces of a box between two values of each coordinate; each side has cells x cells faces."""
     ranges = np.array([x, y, z], float)
     corners = ranges.mean(axis=1) + BOX_CORNERS * np.diff(ranges, axis=1)[:, 0] / 2
     share = np.linspace(0, 1, cells + 1)
@@ -149,7 +149,7 @@ def _box(x: tuple, y: tuple, z: tuple, albedo: tuple, gloss: float, *, layer: in
 
 
 def _ellipsoid(middle: tuple, radii: tuple, albedo: tuple, gloss: float) -> Faces:
-    """An ellipsoid with smooth normals."""
+    """Faces of an ellipsoid with smooth normals."""
     around, up = np.linspace(0, 2 * np.pi, 15)[None, :], np.linspace(-np.pi / 2, np.pi / 2, 9)[:, None]
     unit = np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up) + 0 * around], axis=-1)
     cells = np.stack([unit[:-1, :-1], unit[:-1, 1:], unit[1:, 1:], unit[1:, :-1]], axis=2).reshape(-1, 4, 3)

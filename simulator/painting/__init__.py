@@ -1,1 +1,1 @@
-"""Noise, ground texture and the brush that draws solid objects through the lens."""
+"""Noise, ground texture, and polygons drawn through the lens model."""

@@ -1,4 +1,4 @@
-"""Painting solid things into a picture through the lens: clipping, projecting, and edges without steps."""
+"""Draws polygons through the lens: clipping, projection, anti-aliasing and front-to-back compositing."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ import numpy as np
 
 from lanes.camera.camera import Camera
 
-# Nothing nearer than this before the camera is drawn: the own bonnet hides it, and projection degenerates at 0.
+# Near clipping plane, metres ahead of the camera: the bonnet hides what is nearer, and projection degenerates at 0.
 NEAR_PLANE_M = 0.5
-# Subpixel bits of OpenCV's polygon coordinates.
+# Fractional bits of OpenCV's polygon coordinates.
 _SHIFT = 4
-# Less than this of what is behind is not worth painting: it changes one pixel of ten thousand by a grey level.
+# Below this transmittance the background is not painted: it changes one pixel of ten thousand by one grey level.
 MIN_TRANSMITTANCE = 1e-5
 
 
 @lru_cache(maxsize=4)
 def frustum_planes(camera: Camera, wider: float = 1.15) -> np.ndarray:
-    """Half spaces, in the road frame, inside which a point can be projected.
+    """View frustum in the road frame: the half spaces in which a point can be projected.
 
     Parameters
     ----------
     camera : Camera
     wider : float
-        How much wider than the picture they are.
+        Width of the frustum relative to the picture.
 
     Returns
     -------
     ndarray of shape (5, 4)
-        Rows (nx, ny, nz, d): a point p is inside where n.p + d >= 0. First x > NEAREST_M, then the sides of
-        a pyramid around the picture, narrower than what the distortion polynomial can take.
+        Rows (nx, ny, nz, d); a point p is inside where n.p + d >= 0. The first row is the near plane, the others
+        are the sides of a pyramid around the picture, limited to the valid range of the distortion polynomial.
     """
     width, height = camera.size
     across, down = np.linspace(0, width - 1, 9), np.linspace(0, height - 1, 9)
@@ -49,18 +49,18 @@ def frustum_planes(camera: Camera, wider: float = 1.15) -> np.ndarray:
 
 
 def inside_planes(points_m: np.ndarray, planes: np.ndarray) -> np.ndarray:
-    """(...,) bool: which points (..., 3) lie inside all planes."""
+    """Mask (...,) of the points (..., 3) that lie inside all planes."""
     return (points_m @ planes[:, :3].T + planes[:, 3] >= -1e-9).all(axis=-1)
 
 
 def outside_picture(points_m: np.ndarray, camera: Camera) -> np.ndarray:
-    """(...,) bool: which hulls of points (..., N, 3) leave nothing in the picture, not even blurred."""
+    """Mask (...,) of the point sets (..., N, 3) whose convex hull is outside the picture, blur included."""
     planes = frustum_planes(camera, 1.05)
     return (points_m @ planes[:, :3].T + planes[:, 3] < 0).all(axis=-2).any(axis=-1)
 
 
 def clip_polygon(points_m: np.ndarray, planes: np.ndarray) -> np.ndarray:
-    """The part of a polygon inside all planes.
+    """Clip a polygon to the inside of all planes.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def clip_polygon(points_m: np.ndarray, planes: np.ndarray) -> np.ndarray:
     Returns
     -------
     ndarray of shape (M, 3)
-        M is 0 when nothing remains.
+        Corners of the clipped polygon; M is 0 where the polygon is outside.
 
     References
     ----------
@@ -96,13 +96,16 @@ def clip_polygon(points_m: np.ndarray, planes: np.ndarray) -> np.ndarray:
 
 
 def project_faces(camera: Camera, faces_m: np.ndarray) -> np.ndarray | list[np.ndarray | None]:
-    """Pixels of each face (F, corners, 3), clipped to what the lens can see; None for a face out of sight.
+    """Pixels of the corners of each face (F, corners, 3), clipped to the view frustum.
 
-    An array (F, corners, 2) where all are seen whole, as most things are.
+    Returns
+    -------
+    ndarray of shape (F, corners, 2), or list of (N, 2) arrays or None
+        The array if no face is clipped, otherwise the clipped polygons; None for a face outside the frustum.
     """
     planes = frustum_planes(camera)
     count, corners = faces_m.shape[:2]
-    # One product of all corners: numpy multiplies a stack of small matrices one by one.
+    # One matrix product for all corners: numpy multiplies a stack of small matrices one by one.
     height = (faces_m.reshape(-1, 3) @ planes[:, :3].T + planes[:, 3]).reshape(count, corners, -1)
     whole = (height >= -1e-9).all(axis=(1, 2))
     if whole.all():
@@ -128,31 +131,31 @@ def paint_polygons(
     softness_px: float = 0.35,
     blend_px: float = 0.0,
 ) -> None:
-    """Paint convex polygons, each over those before it, behind all that is in the picture, with smooth edges.
+    """Paint anti-aliased convex polygons behind the canvas content; each polygon covers those before it in the list.
 
     Parameters
     ----------
     picture : ndarray of shape (4, H, W), float32
-        As from `new_canvas`, changed.
+        Canvas from `new_canvas`, changed in place.
     polygons_px : ndarray of shape (F, N, 2), or list of (N, 2) arrays or None
         Raw pixels; None is skipped.
     colours : ndarray of shape (F, 3)
         Linear RGB of each polygon.
     opacity : ndarray of shape (F,), optional
-        1 hides what is behind.
+        1 (the default) is opaque.
     through, air
         What the air leaves of the colour and what it adds, RGB or scalar (see `backdrop.aerial_perspective`).
     softness_px : float
-        Blur of the whole group: a lens never shows a harder edge.
+        Standard deviation of the blur of the whole group, so that no edge is sharper than the lens allows.
     blend_px : float
-        Blur of the colours within the group's outline: shading without facets.
+        Standard deviation of the blur of the colours within the outline of the group. It hides the facets.
     """
     height, width = picture.shape[1:]
     seen, points, bounds = _concatenated(polygons_px)
     if not len(points):
         return
     margin = 2 + int(3 * softness_px)
-    # OpenCV, because numpy is slow where the innermost axis has two elements.
+    # cv2.reduce, because numpy is slow where the innermost axis has two elements.
     first, last = (cv2.reduce(points, 0, extreme)[0] for extreme in (cv2.REDUCE_MIN, cv2.REDUCE_MAX))
     low = np.maximum(np.floor(first).astype(int) - margin, 0)
     high = np.minimum(np.ceil(last).astype(int) + margin + 1, [width, height])
@@ -161,7 +164,7 @@ def paint_polygons(
     if not uncovered_window(picture[3, low[1] : high[1], low[0] : high[0]]):
         return
     size = high - low
-    # Four samples a pixel each way; two are enough where a thing fills a good part of the picture.
+    # Supersampling by 4 in each direction; 2 is enough for a large object.
     fine = 4 if size[0] * size[1] < 60_000 else 2
     layer = np.zeros((size[1] * fine, size[0] * fine, 4), np.float32)
     opacity = np.ones(len(polygons_px)) if opacity is None else opacity
@@ -169,7 +172,7 @@ def paint_polygons(
     corners = np.rint(((points - low + 0.5) * fine - 0.5) * (1 << _SHIFT)).astype(np.int32)
     for first, last, rgba in zip(bounds[:-1], bounds[1:], paint, strict=True):
         cv2.fillConvexPoly(layer, corners[first:last], rgba, cv2.LINE_8, _SHIFT)
-    # Halved once or twice: OpenCV has a quicker way for that than for quarters.
+    # Halve once or twice, because OpenCV is faster at halving than at quartering.
     while fine > 1:
         fine //= 2
         layer = cv2.resize(layer, (size * fine).tolist(), interpolation=cv2.INTER_AREA)
@@ -184,7 +187,7 @@ def paint_polygons(
 def _concatenated(
     polygons_px: np.ndarray | list[np.ndarray | None],
 ) -> tuple[slice | list[int], np.ndarray, Sequence[int]]:
-    """Which polygons are seen, all their points (N, 2), and where in that row each begins and the last one ends."""
+    """Indices of the polygons that are not None, their points (N, 2), and the bounds of each polygon among them."""
     if isinstance(polygons_px, np.ndarray):
         points = polygons_px.reshape(-1, 2)
         return slice(None), points, range(0, len(points) + 1, polygons_px.shape[1])
@@ -194,9 +197,9 @@ def _concatenated(
 
 
 def split_channels(image: np.ndarray) -> np.ndarray:
-    """The channels of an image (h, w, channels) as planes (channels, h, w): cv2.split, given where to put them.
+    """Channels of an image (h, w, channels) as planes (channels, h, w).
 
-    Left to make its results itself it takes five times as long.
+    cv2.split with preallocated outputs is five times as fast as without.
     """
     planes = np.empty((image.shape[2], *image.shape[:2]), image.dtype)
     cv2.split(image, list(planes))
@@ -204,11 +207,11 @@ def split_channels(image: np.ndarray) -> np.ndarray:
 
 
 def new_canvas(height: int, width: int) -> np.ndarray:
-    """Planes (4, height, width) float32 to paint things into, the nearest first.
+    """Empty canvas (4, height, width) float32 for front-to-back compositing.
 
-    Three are the light that they send (linear RGB), the last is how much of what is behind them is still seen: so
-    nothing need be painted where that is nothing. Planes, because hundreds of things cover small parts of a picture,
-    and taking these apart and putting them together again would cost as much as the painting.
+    Planes 0 to 2 are radiance (linear RGB), plane 3 is the transmittance: the share of the background that is still
+    visible. Objects are painted from near to far, so that covered pixels can be skipped. The channels are separate
+    planes, because splitting and merging hundreds of small rectangles would take as long as painting them.
     """
     picture = np.zeros((4, height, width), np.float32)
     picture[3] = 1
@@ -216,14 +219,14 @@ def new_canvas(height: int, width: int) -> np.ndarray:
 
 
 def uncovered_window(clear: np.ndarray) -> tuple[slice, slice] | None:
-    """The rows and columns of a part of the last plane in which anything behind is seen; None if there are none."""
+    """Bounding rows and columns of the pixels with visible background in a part of plane 3; None if there are none."""
     seen = clear > MIN_TRANSMITTANCE
     rows, columns = (np.flatnonzero(seen.any(axis=axis)) for axis in (1, 0))
     return (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)) if len(rows) else None
 
 
 def composite_over(picture: np.ndarray, image: np.ndarray) -> np.ndarray:
-    """The image (H, W, 3) with what is in the picture (4, H, W) before it."""
+    """Image (H, W, 3): the canvas `picture` (4, H, W) composited over the background `image` (H, W, 3)."""
     *lights, clear = picture
     behind = split_channels(image.astype(np.float32, copy=False))
     for plane, light in zip(behind, lights, strict=True):

@@ -1,4 +1,4 @@
-"""Seeded fractal noise: what keeps hills, leaves, concrete and paint from looking drawn."""
+"""Seeded fractal noise for hills, leaves, concrete and paint."""
 
 from __future__ import annotations
 
@@ -14,18 +14,17 @@ def fractal_noise(
     octaves: int = 5,
     gain: float = 0.5,
 ) -> np.ndarray:
-    """Smooth random field, a sum of value noise at halving scales, that closes on itself from right to left.
+    """Smooth random field: a sum of value noise at halving scales, periodic along the rows.
 
     Parameters
     ----------
     shape : (int, int)
         Rows and columns.
     rng : Generator
-        Draws the numbers.
     cell_px : (float, float)
-        Rows and columns of the coarsest cell, pixels.
+        Height and width of the coarsest cell, pixels.
     octaves : int
-        Number of scales; it stops early where cells would be smaller than a pixel and a half.
+        Number of scales. Scales with cells smaller than 1.5 pixels are skipped.
     gain : float
         Amplitude of each scale relative to the coarser one.
 
@@ -42,13 +41,13 @@ def fractal_noise(
         across = max(1, round(columns / cell_columns))
         grid = rng.standard_normal((int(np.ceil(rows / cell_rows)) + 4, across)).astype(np.float32)
         grid = np.pad(grid, ((0, 0), (2, 2)), mode="wrap")
-        # Exact scale, so that the last column runs into the first one.
+        # Exact scale, so that the last column continues into the first one.
         to_grid = np.array([[across / columns, 0, 2], [0, 1 / cell_rows, 1]])
         flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
         layer = cv2.warpAffine(grid, to_grid, (columns, rows), flags=flags, borderMode=cv2.BORDER_REFLECT_101)
         layer *= gain**octave
         total += layer
-    # In place: these fields are large.
+    # In place, because these fields are large.
     total -= total.mean()
     total /= max(float(np.sqrt(np.square(total).mean())), 1e-9)
     return total
@@ -57,7 +56,7 @@ def fractal_noise(
 def fractal_profile(
     length: int, rng: np.random.Generator, *, cell_px: float, octaves: int = 7, gain: float = 0.5
 ) -> np.ndarray:
-    """The same in one dimension: (length,) float32, mean 0 and standard deviation 1, closed from end to start."""
+    """Periodic 1-D fractal noise (length,) float32, mean 0, standard deviation 1; see `fractal_noise`."""
     x = np.arange(length)
     total = np.zeros(length)
     for octave in range(octaves):
@@ -72,6 +71,6 @@ def fractal_profile(
 
 
 def smoothstep(low: float, high: float, x: np.ndarray) -> np.ndarray:
-    """0 below `low`, 1 above `high`, a smooth S between."""
+    """Smooth step: 0 below `low`, 1 above `high`, a cubic between."""
     t = np.clip((x - low) / (high - low), 0, 1)
     return t * t * (3 - 2 * t)

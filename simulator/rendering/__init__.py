@@ -1,1 +1,1 @@
-"""From the description of a drive to frames and video files."""
+"""Rendering of a drive to frames and video files."""

@@ -1,6 +1,6 @@
-"""Where the road goes: a centre line of clothoids, and the way from points on the ground to places along it.
+"""Road geometry: a reference line of clothoids, and the pose of a vehicle relative to it.
 
-A place on the road is (s, d): arc length along the reference line and lateral distance from it, d > 0 to the left.
+Road coordinates are (s, d): arc length along the reference line, and lateral distance from it, d > 0 to the left.
 """
 
 from __future__ import annotations
@@ -12,32 +12,37 @@ import numpy as np
 
 from simulator.road.profile import FLAT, HeightProfile
 
-# The road goes on with its last curvature for this long beyond either end, so that a camera at the end still sees one.
+# Beyond either end the road continues with its last curvature for this length, so that a camera at the end sees a road.
 EXTENSION_M = 1500.0
 # Gauss-Legendre of order 5 over 1 m is exact to rounding for every radius above 10 m.
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(5)
-# A line that has turned this far from the car's heading has no y(x) any more that would be worth the name.
+# Largest angle between a line and the car's heading at which the line is still described as y(x).
 MAX_TURN_RAD = np.radians(80)
 
 
 @dataclass(frozen=True, eq=False)
 class RoadGeometry:
-    """A reference line whose curvature is piecewise linear in arc length: straights, arcs and the clothoids between.
+    """Reference line with piecewise linear curvature: straights, arcs, and clothoids between them.
 
     Parameters
     ----------
     stations_m : ndarray of shape (K,)
         Increasing arc lengths.
     curvatures_per_m : ndarray of shape (K,)
-        Signed curvature there, > 0 bends left; linear in between, constant before the first and after the last.
+        Curvature at the stations, > 0 bends left. Linear between stations, constant outside.
     profile : HeightProfile
-        Up and down; the road has no cross slope, so its height depends on arc length alone.
+        Vertical profile. The road has no cross slope, so its height depends on arc length alone.
 
     The line starts at the origin of the world, heading along its x axis, at arc length `stations_m[0]`.
 
     References
     ----------
-    Clothoid (Euler spiral): heading is the integral of curvature, position that of (cos, sin) of heading.
+    Clothoid (Euler spiral): heading is the integral of curvature, position the integral of (cos, sin) of heading.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two stations, they do not increase, or there is not one curvature for each.
     """
 
     stations_m: np.ndarray
@@ -53,16 +58,16 @@ class RoadGeometry:
             or stations.shape != curvatures.shape
             or (np.diff(stations) <= 0).any()
         ):
-            raise ValueError("a road needs at least two increasing stations and as many curvatures.")
+            raise ValueError("a road needs two or more increasing stations and one curvature for each.")
         object.__setattr__(self, "stations_m", stations)
         object.__setattr__(self, "curvatures_per_m", curvatures)
 
     def mirrored(self) -> RoadGeometry:
-        """The road with left and right exchanged."""
+        """The road mirrored left to right."""
         return RoadGeometry(self.stations_m, -self.curvatures_per_m, self.profile)
 
     def curvature(self, s_m: np.ndarray | float) -> np.ndarray:
-        """Signed curvature in 1/m at arc lengths `s_m`."""
+        """Curvature in 1/m at arc lengths `s_m`, > 0 bends left."""
         return np.interp(s_m, self.stations_m, self.curvatures_per_m)
 
     def curvature_rate(self, s_m: np.ndarray | float) -> np.ndarray:
@@ -70,7 +75,7 @@ class RoadGeometry:
         return self._knots[1][np.searchsorted(self.stations_m, s_m, side="right")]
 
     def heading(self, s_m: np.ndarray | float) -> np.ndarray:
-        """Heading in radians at arc lengths `s_m`, counted from the start: the exact integral of the curvature."""
+        """Heading in radians at arc lengths `s_m` relative to the start: the exact integral of the curvature."""
         s = np.asarray(s_m, float)
         at_knots = self._knots[0]
         knot = np.clip(np.searchsorted(self.stations_m, s, side="right") - 1, 0, len(self.stations_m) - 1)
@@ -87,21 +92,21 @@ class RoadGeometry:
 
     @cached_property
     def _knots(self) -> tuple[np.ndarray, np.ndarray]:
-        """Headings at the stations; rates before, between and after them. Every frame asks a hundred times."""
+        """Headings at the stations, and curvature rates before, between and after them. A frame reads them often."""
         steps = np.diff(self.stations_m) * (self.curvatures_per_m[1:] + self.curvatures_per_m[:-1]) / 2
         rates = np.concatenate([[0.0], np.diff(self.curvatures_per_m) / np.diff(self.stations_m), [0.0]])
         return np.concatenate([[0.0], np.cumsum(steps)]), rates
 
     @cached_property
     def _table(self) -> tuple[np.ndarray, np.ndarray]:
-        """Arc lengths a metre apart, every knot among them, and the points there."""
+        """Arc lengths at most 1 m apart, including all stations, and the positions there."""
         start, end = self.stations_m[0] - EXTENSION_M, self.stations_m[-1] + EXTENSION_M
         nodes = np.union1d(np.arange(start, end + 1), self.stations_m)
         points = np.vstack([[0.0, 0.0], np.cumsum(self._displacement(nodes[:-1], nodes[1:]), axis=0)])
         return nodes, points - points[np.searchsorted(nodes, self.stations_m[0])]
 
     def _displacement(self, start_m: np.ndarray, end_m: np.ndarray) -> np.ndarray:
-        """Vectors (..., 2) between two places less than a knot apart, by Gauss-Legendre quadrature."""
+        """Vectors (..., 2) between arc lengths with no station in between, by Gauss-Legendre quadrature."""
         half = (end_m - start_m) / 2
         headings = self.heading((start_m + end_m)[..., None] / 2 + half[..., None] * GAUSS_NODES)
         directions = np.stack([np.cos(headings), np.sin(headings)], axis=-1)
@@ -110,14 +115,14 @@ class RoadGeometry:
 
 @dataclass(frozen=True)
 class VehiclePose:
-    """Where the car's origin is and where it points: place on the road, and heading relative to the road's."""
+    """Position of the car's origin in road coordinates, and heading relative to the road (> 0 points left), radians."""
 
     s_m: float
     lateral_m: float = 0.0
     heading_rad: float = 0.0
 
     def to_car(self, road: RoadGeometry, world_m: np.ndarray) -> np.ndarray:
-        """World points (..., 2) to the car's road frame (..., 2): x forward, y left."""
+        """Transform world points (..., 2) to the car's road frame (..., 2): x forward, y left."""
         angle = self.absolute_heading(road)
         origin = offset_point(road, self.s_m, self.lateral_m)
         cosine, sine = np.cos(angle), np.sin(angle)
@@ -129,7 +134,7 @@ class VehiclePose:
 
 
 def offset_point(road: RoadGeometry, s_m: np.ndarray | float, lateral_m: np.ndarray | float) -> np.ndarray:
-    """World points (..., 2) at places (s, d)."""
+    """World points (..., 2) at road coordinates (s, d)."""
     angle = road.heading(s_m)
     normal = np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
     return road.position(s_m) + np.asarray(lateral_m)[..., None] * normal
@@ -137,7 +142,7 @@ def offset_point(road: RoadGeometry, s_m: np.ndarray | float, lateral_m: np.ndar
 
 @dataclass(frozen=True)
 class LinePolynomial:
-    """A lane line about the car: y(x) = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6, metres, y to the left."""
+    """Lane line near the car: y(x) = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6, metres, y to the left."""
 
     c0_m: float
     c1: float
@@ -146,10 +151,10 @@ class LinePolynomial:
 
 
 def line_polynomial(road: RoadGeometry, pose: VehiclePose, lateral_m: float) -> LinePolynomial:
-    """Exact Taylor coefficients, at x = 0 in the car's frame, of the line at lateral distance `lateral_m`.
+    """Taylor coefficients, at x = 0 in the car's frame, of the line at lateral distance `lateral_m`; exact.
 
-    A line beside the reference has curvature k / (1 - k d), and its derivative along its own length is
-    k' / (1 - k d)^3; y', y'' and y''' follow from dy/dx = tan(heading).
+    A parallel line at distance d has curvature k / (1 - k d), whose derivative along that line is k' / (1 - k d)^3.
+    y', y'' and y''' follow from dy/dx = tan(heading).
     """
     s = _station_at_x(road, pose, lateral_m, np.array([0.0]))
     y = pose.to_car(road, offset_point(road, s, lateral_m))[0, 1]
@@ -163,10 +168,10 @@ def line_polynomial(road: RoadGeometry, pose: VehiclePose, lateral_m: float) -> 
 
 
 def line_lateral(road: RoadGeometry, pose: VehiclePose, lateral_m: float, x_m: np.ndarray) -> np.ndarray:
-    """Exact y in metres, in the car's frame, of the line at lateral distance `lateral_m` where it passes `x_m`.
+    """Lateral position y in metres, in the car's frame, of the line at lateral distance `lateral_m`, at `x_m`; exact.
 
-    x is the horizontal distance ahead, uphill and downhill alike. NaN where the line never gets so far before it has
-    turned by 80 degrees from the car's heading, as in a hairpin.
+    x is the horizontal distance ahead, also on slopes. NaN where the line turns by more than 80 degrees from the car's
+    heading before it reaches x, as in a hairpin.
     """
     x_m = np.asarray(x_m, float)
     y = np.full(x_m.shape, np.nan)
@@ -177,13 +182,13 @@ def line_lateral(road: RoadGeometry, pose: VehiclePose, lateral_m: float, x_m: n
 
 
 def surface_points(road: RoadGeometry, pose: VehiclePose, s_m: np.ndarray, lateral_m: np.ndarray | float) -> np.ndarray:
-    """Points (..., 3) of the road's surface at places (s, d), in the car's frame: x forward, y left, z up."""
+    """Points (..., 3) of the road surface at road coordinates (s, d), in the car's frame: x forward, y left, z up."""
     level = pose.to_car(road, offset_point(road, s_m, lateral_m))
     return np.concatenate([level, np.asarray(road.profile.height_above_plane(s_m, pose.s_m))[..., None]], axis=-1)
 
 
 def _farthest_x(road: RoadGeometry, pose: VehiclePose, lateral_m: float, until_m: float) -> float:
-    """How far ahead the line gets before it has turned too far: `until_m` or less."""
+    """Largest x that the line reaches before it has turned by MAX_TURN_RAD, at most `until_m`."""
     s = pose.s_m + np.arange(0.0, 2 * until_m + 20.0, 0.25)
     turned = np.abs(road.heading(s) - pose.absolute_heading(road)) > MAX_TURN_RAD
     if not turned.any():
@@ -193,7 +198,7 @@ def _farthest_x(road: RoadGeometry, pose: VehiclePose, lateral_m: float, until_m
 
 
 def _station_at_x(road: RoadGeometry, pose: VehiclePose, lateral_m: float, x_m: np.ndarray) -> np.ndarray:
-    """Arc lengths at which the line beside the road passes the car-frame abscissae `x_m`, by Newton's method."""
+    """Arc lengths at which the line at `lateral_m` reaches `x_m` in the car's frame, by Newton's method."""
     s = pose.s_m + x_m
     for _ in range(30):
         x = pose.to_car(road, offset_point(road, s, lateral_m))[:, 0]

@@ -1,4 +1,4 @@
-"""Which piece of ground each pixel sees: its place on the road, and how far its footprint reaches there."""
+"""Ground seen by each pixel: road coordinates, and the footprint of the pixel on the ground."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from lanes.io.disk_cache import cached_array, short_hash
 from simulator.road.relief import MAX_GROUND_M, cast_on_relief
 from simulator.road.road_ahead import RoadAhead
 
-# Lenses whose rays are kept.
+# Lenses in the disk cache.
 MAX_CACHED = 3
 
 
 @dataclass(frozen=True)
 class Ground:
-    """What the pixels below the horizon see, as arrays of shape (rows, width), float32, metres.
+    """Ground seen by the pixels below the horizon: arrays of shape (rows, width), float32, metres.
 
-    Rows start at picture row `top`. Pixels that see no ground hold places at `FARTHEST_M`; `visible` is False there.
+    The first row is picture row `top`. Pixels without ground hold points at MAX_GROUND_M, and `visible` is False there.
     The footprint of a pixel in s and d is the parallelogram spanned by one step right (`_u`) and one step down (`_v`).
     """
 
@@ -40,9 +40,9 @@ class Ground:
     d_v: np.ndarray
 
     def pixels_between(self, low_m: float, high_m: float, lateral_m: np.ndarray | None = None) -> np.ndarray:
-        """Indices into the raveled arrays of the pixels that see a strip d = low_m..high_m, or a part of it.
+        """Indices into the raveled arrays of the pixels that overlap the strip d = low_m..high_m.
 
-        `lateral_m` (rows, width) is used instead of d for strips that do not run along the road.
+        `lateral_m` (rows, width) replaces d for strips that are not parallel to the road.
         """
         if lateral_m is None:
             right, left = self.footprint_edges_d
@@ -50,39 +50,39 @@ class Ground:
             right, left = lateral_m - self.half_footprint_d, lateral_m + self.half_footprint_d
         near = cv2.compare(left, float(low_m), cv2.CMP_GE)
         near &= cv2.compare(right, float(high_m), cv2.CMP_LE)
-        # As bytes, which are compared many at a time; OpenCV's true is 255, numpy's is 1.
+        # Masks as bytes, for SIMD; true is 255 in OpenCV and 1 in numpy.
         near &= self.visible.view(np.uint8)
         return np.flatnonzero(near.view(bool))
 
     def crop(self, cut: slice, columns: slice = slice(None)) -> Ground:
-        """The same for some rows, and perhaps some columns, only (views, no copies)."""
+        """Part of the rows and columns (views, no copies)."""
         arrays = {f.name: getattr(self, f.name)[cut, columns] for f in fields(self) if f.name != "top"}
         return replace(self, top=self.top + (cut.start or 0), **arrays)
 
     @cached_property
     def footprint_s(self) -> np.ndarray:
-        """Length of the footprint along the road."""
+        """Length of the footprint along the road, metres."""
         return np.abs(self.s_u) + np.abs(self.s_v)
 
     @cached_property
     def half_footprint_d(self) -> np.ndarray:
-        """Half of `footprint_d`, which every strip along the road asks for."""
+        """Half of `footprint_d`; cached, because every strip needs it."""
         return self.footprint_d / 2
 
     @cached_property
     def footprint_edges_d(self) -> tuple[np.ndarray, np.ndarray]:
-        """Right and left ends of the footprint across the road."""
+        """Right and left ends of the footprint across the road, metres."""
         return self.d - self.half_footprint_d, self.d + self.half_footprint_d
 
     @cached_property
     def footprint_d(self) -> np.ndarray:
-        """Width of the footprint across the road."""
+        """Width of the footprint across the road, metres."""
         return np.abs(self.d_u) + np.abs(self.d_v)
 
 
 @lru_cache(maxsize=2)
 def pixel_rays(camera: Camera) -> np.ndarray:
-    """Directions (height, width, 3) float32 in camera axes, z = 1, of every raw pixel; computed once for a lens."""
+    """Ray directions (height, width, 3) float32 of all raw pixels, in camera axes with z = 1; cached for each lens."""
     sources = [Path(__file__), Path(lens_model.__file__)]
     lens = short_hash(camera.size, camera.matrix.tobytes(), camera.distortion.tobytes())
     return cached_array(f"rays/{lens}", sources, lambda: _rays(camera), max_files=MAX_CACHED)
@@ -95,16 +95,20 @@ def _rays(camera: Camera) -> np.ndarray:
 
 
 def cast_on_ground(rays: np.ndarray, camera: Camera, road: RoadAhead) -> Ground:
-    """Cast the rays of `pixel_rays` onto the road and find their places along it.
+    """Cast the rays of `pixel_rays` onto the road.
 
     Parameters
     ----------
     rays : ndarray of shape (height, width, 3), float32
         Camera axes.
     camera : Camera
-        Its pose holds the pitch of this moment.
+        With the pitch of this moment in its pose.
     road : RoadAhead
-        The road as seen from the car.
+        Tables of the road in the car's frame.
+
+    Returns
+    -------
+    Ground
     """
     pose = camera.pose
     to_road = pose.rotation().astype(np.float32)
@@ -125,9 +129,9 @@ def cast_on_ground(rays: np.ndarray, camera: Camera, road: RoadAhead) -> Ground:
 
 
 def _steps_along(road: RoadAhead, s: np.ndarray, d: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple:
-    """Changes of s and of d per pixel to the right and down, from those of x and y.
+    """Changes of s and d per pixel to the right and down, computed from those of x and y.
 
-    Between two bends, and behind a crest, s and d jump from pixel to pixel; this does not mistake that for a footprint.
+    Between two bends and at crests, s and d jump from pixel to pixel. Such jumps do not count as footprint.
     """
     cosine, sine, curvature = road.directions(s)
     stretch = np.maximum(1 - curvature * d, np.float32(0.2))
@@ -148,19 +152,19 @@ def _steps(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def edge_coverage(t: np.ndarray, step_u: np.ndarray, step_v: np.ndarray) -> np.ndarray:
-    """Share of a square pixel that lies on the positive side of a straight edge, exactly.
+    """Share of a square pixel on the positive side of a straight edge; exact.
 
     Parameters
     ----------
     t : ndarray
-        Signed distance of the pixel's centre from the edge, any unit. (2, ...) for two edges of the same direction.
+        Signed distance of the pixel's centre from the edge, any unit; (2, ...) for two parallel edges.
     step_u, step_v : ndarray
         Change of that distance per pixel to the right and down, same unit.
 
     Notes
     -----
-    The pixel's values of t are distributed as the sum of two uniform variables of widths |step_u| and |step_v|: a
-    trapezoid. Its integral is a difference of four one-sided parabolas.
+    Within a pixel, t is distributed as the sum of two uniform variables of widths |step_u| and |step_v|, a trapezoid.
+    Its integral is a difference of four one-sided parabolas.
     """
     a = np.maximum(np.abs(step_u), np.float32(1e-6))
     b = np.maximum(np.abs(step_v), np.float32(1e-3) * a)
@@ -183,14 +187,14 @@ def edge_coverage(t: np.ndarray, step_u: np.ndarray, step_v: np.ndarray) -> np.n
 
 
 def strip_coverage(d: np.ndarray, step_u: np.ndarray, step_v: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Share of each pixel between the edges d = low and d = high."""
+    """Share of each pixel between the edges d = `low` and d = `high`."""
     edges = np.float32([low, high]).reshape(2, *[1] * d.ndim)
     beyond_low, beyond_high = edge_coverage(d - edges, step_u, step_v)
     return beyond_low - beyond_high
 
 
 def dash_coverage(s: np.ndarray, footprint: np.ndarray, paint_m: float, period_m: float) -> np.ndarray:
-    """Share of [s - reach/2, s + reach/2] that is painted when paint begins at every multiple of the period."""
+    """Share of [s - footprint/2, s + footprint/2] that is painted; dashes begin at multiples of the period."""
     footprint = np.maximum(footprint, np.float32(1e-4))
     painted = _painted_until(s + footprint / 2, paint_m, period_m) - _painted_until(
         s - footprint / 2, paint_m, period_m

@@ -1,4 +1,4 @@
-"""Paint on the road: where it is, and how much of each pixel it covers."""
+"""Longitudinal road markings, and their coverage of each pixel."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 from simulator.painting.texture import band_noise_tile, fade, sample_noise
 from simulator.road.ground import Ground, dash_coverage, strip_coverage
 
-# Linear-light reflectance relative to fresh white paint in the sun.
+# Linear reflectance relative to fresh white paint.
 WHITE = (1.0, 0.99, 0.95)
 YELLOW = (1.05, 0.60, 0.06)
-# Ten feet of paint and thirty of gap: the broken line of the US manual (MUTCD 3A.06).
+# Broken line of ten feet of paint and thirty feet of gap (MUTCD 3A.06).
 DASH_PAINT_M = 3.05
 DASH_GAP_M = 9.15
-# Three feet from dot to dot (Caltrans standard plan A20A); a dot is 10 cm wide and 2 cm high, so it looks longer.
+# Dot spacing of three feet (Caltrans standard plan A20A). A dot is 10 cm wide and 2 cm high, so it looks longer.
 BOTTS_EVERY_M, BOTTS_LENGTH_M = 0.914, 0.16
 ENDLESS_M = 1e5
 
@@ -33,23 +33,23 @@ class Marking:
     colour : tuple of three floats
         Linear RGB, 1.0 = sunlit white paint.
     dashed : bool
-        `dash_m` of paint and of gap.
+        Whether the line is broken, with the lengths `dash_m`.
     phase_m : float
-        Arc length at which one dash begins.
+        Arc length at which a dash begins.
     double_gap_m : float
-        > 0: two stripes with this clear width between them.
+        > 0: a double line with this gap between the inner edges of its stripes.
     wear : float
-        0 fresh, 1 mostly gone.
+        0 is fresh paint, 1 is mostly worn off.
     dots : bool
-        Raised reflectors: in the middle of each gap, or every 14.6 m beside a solid line.
+        Whether there are raised reflectors: in the middle of each gap, or every 14.6 m next to a solid line.
     dash_m : (float, float)
         Lengths of paint and gap.
     start_m, end_m : float
-        Arc lengths between which it is painted.
+        Arc lengths at which the paint starts and ends.
     slope : float
-        dd/ds: it runs askew across the road, at `lateral_m` where it starts.
+        dd/ds of a line that crosses the road at an angle; it starts at `lateral_m`.
     botts : bool
-        Four round ceramic dots 0.91 m apart in place of each dash, as in California.
+        Whether each dash is replaced by four round ceramic dots 0.91 m apart, as in California.
     """
 
     lateral_m: float
@@ -67,12 +67,12 @@ class Marking:
     botts: bool = False
 
     def mirrored(self) -> Marking:
-        """The marking with left and right exchanged."""
+        """The marking mirrored left to right."""
         return replace(self, lateral_m=-self.lateral_m, slope=-self.slope)
 
     @property
     def stripes(self) -> list[tuple[float, float]]:
-        """(low, high) lateral edges of its stripes, metres."""
+        """Lateral edges (low, high) of the stripes, metres."""
         if not self.double_gap_m:
             return [(self.lateral_m - self.width_m / 2, self.lateral_m + self.width_m / 2)]
         inner = self.double_gap_m / 2
@@ -83,21 +83,21 @@ class Marking:
 
 
 def paint_coverage(marking: Marking, ground: Ground, *, station_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """How much of each pixel fresh paint of this marking covers.
+    """Share of each pixel that is covered by fresh paint of a marking.
 
-    The lateral edges are integrated exactly over the pixel; the ends of dashes over its length along the road.
+    The lateral edges are integrated exactly over the pixel, the ends of dashes over its length along the road.
 
     Parameters
     ----------
     marking : Marking
     ground : Ground
     station_m : float
-        Arc length of the car, from which ground.s counts.
+        Arc length of the car, the origin of ground.s.
 
     Returns
     -------
     pixels : ndarray of shape (K,), int64
-        Indices into the raveled ground arrays of the pixels that paint touches.
+        Indices into the raveled ground arrays of the pixels with paint.
     coverage : ndarray of shape (K,), float32, in range 0..1
     """
     low, high = min(e[0] for e in marking.stripes), max(e[1] for e in marking.stripes)
@@ -126,7 +126,7 @@ def paint_coverage(marking: Marking, ground: Ground, *, station_m: float) -> tup
 
 
 def _between(s: np.ndarray, footprint: np.ndarray, start: np.float32, end: np.float32) -> np.ndarray:
-    """Share of [s - reach/2, s + reach/2] that lies from `start` to `end`."""
+    """Share of [s - footprint/2, s + footprint/2] between `start` and `end`."""
     inside = np.minimum(s + footprint / 2, end) - np.maximum(s - footprint / 2, start)
     return np.clip(inside / np.maximum(footprint, np.float32(1e-4)), 0, 1)
 
@@ -149,7 +149,7 @@ def paint_markings(
 
 
 def worn(wear: float, ground: Ground, pixels: np.ndarray, station_m: float, seed: int) -> np.ndarray:
-    """Share (K,) of the paint that is left: fine chips, and stretches where tyres cross it; `wear` as of Marking."""
+    """Share (K,) of paint left at the given pixels after wear by chips and tyres; `wear` as in Marking."""
     s, d = (array.ravel()[pixels] for array in (ground.s, ground.d))
     s = s + np.float32(station_m)
     tile = band_noise_tile(seed)
@@ -160,7 +160,7 @@ def worn(wear: float, ground: Ground, pixels: np.ndarray, station_m: float, seed
 
 
 def _paint_dots(flat: np.ndarray, marking: Marking, ground: Ground, station_m: float) -> None:
-    """Raised markers, 0.10 m square, 12.2 m apart in the middle of the gaps or 14.6 m apart beside a solid line."""
+    """Raised markers, 0.10 m square: 12.2 m apart in the middle of the gaps, or 14.6 m apart next to a solid line."""
     paint, gap = marking.dash_m
     period, side = (paint + gap, 0.0) if marking.dashed else (14.63, marking.width_m / 2 + 0.12)
     first = marking.phase_m + paint + gap / 2 if marking.dashed else marking.phase_m
@@ -168,7 +168,7 @@ def _paint_dots(flat: np.ndarray, marking: Marking, ground: Ground, station_m: f
     pixels = ground.pixels_between(centre - 0.06, centre + 0.06)
     d, d_u, d_v, s = (array.ravel()[pixels] for array in (ground.d, ground.d_u, ground.d_v, ground.s))
     coverage = strip_coverage(d, d_u, d_v, centre - 0.05, centre + 0.05)
-    # Markers are 2 cm high, so from the car each looks about twice as long as it is.
+    # Markers are 2 cm high, so each looks about twice as long from the car.
     phase = np.float32((station_m - first) % period)
     coverage = coverage * dash_coverage(s + phase, ground.footprint_s.ravel()[pixels], 0.20, period)
     flat[pixels] += coverage[:, None] * (np.array(marking.colour, np.float32) - flat[pixels])

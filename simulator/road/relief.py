@@ -1,4 +1,4 @@
-"""Where a ray first meets a road that goes up and down: crests hide what is behind them."""
+"""Ray casting onto a road with a vertical profile, where crests hide the ground behind them."""
 
 from __future__ import annotations
 
@@ -7,49 +7,50 @@ import numpy as np
 
 from simulator.road.road_ahead import RoadAhead
 
-# Beyond this the ground is less than 2 px below the horizon and belongs to the backdrop.
+# Beyond this distance the ground is less than 2 px below the horizon and is part of the backdrop.
 MAX_GROUND_M = 800.0
 MIN_GROUND_M = 1.0
-# Ways out from under the camera, by the tangent of their direction, and the distances looked at on each.
+# Directions out from the camera (tangents), and the distances sampled in each.
 TANGENTS = np.linspace(-1.0, 1.0, 81)
 DISTANCES_M = np.geomspace(MIN_GROUND_M, MAX_GROUND_M, 420)
-# Slopes of rays (rise per metre ahead) between which the table is read: half a pixel of a dashcam apart.
+# Slopes of rays (rise per metre ahead) in the table; the step is half a pixel of a dashcam.
 SLOPES = np.arange(-1.0, 0.35, 1 / 2400)
-# By how much slopes may differ within a row between the columns that are looked at, and more.
+# Safety margin for the differences of slope within a row between the sampled columns.
 SKY_MARGIN = 0.02
-# After steps shorter than this share of the distance a place need not be looked up again.
+# After steps shorter than this share of the distance, road coordinates are extrapolated and not looked up again.
 SHORT_STEP = 1e-4
-# So many stay in the processor's cache through all steps.
+# Rows per block, so that a block stays in the processor's cache.
 BLOCK_ROWS = 48
 
 
 def cast_on_relief(
     rays: np.ndarray, height_m: float, road: RoadAhead
 ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The first ground that each ray meets.
+    """First intersection of each ray with the ground.
 
     Parameters
     ----------
     rays : ndarray of shape (height, width, 3), float32
         Directions in the car's road frame.
     height_m : float
-        Of the camera above the road under it.
+        Height of the camera above the road below it.
     road : RoadAhead
 
     Returns
     -------
     top : int
-        First row with ground in it.
+        First row with visible ground.
     visible : ndarray of shape (height - top, width), bool
     x, y : ndarrays of that shape, float32
-        Metres ahead and to the left; at FARTHEST_M where no ground is seen.
+        Metres ahead and to the left; MAX_GROUND_M ahead where no ground is visible.
     s, d : ndarrays of that shape, float32
-        The same places along the road, as from `RoadAhead.locate`.
+        Road coordinates of these points, as from `RoadAhead.locate`.
 
     Notes
     -----
-    Along a way out, ground at distance x and height h is hidden unless (h - height) / x is larger than everywhere
-    before: the running maximum of that slope, inverted, says how far each ray gets. Newton's method does the rest.
+    Ground at distance x and height h is visible if the slope (h - height_m) / x exceeds that of all nearer ground in
+    the same direction. The inverse of the running maximum of this slope gives the range of each ray; two steps of
+    Newton's method refine it.
     """
     inverse = _inverse_distance_table(height_m, road)
     sky = _count_sky_rows(rays, inverse)
@@ -72,7 +73,7 @@ def cast_on_relief(
 
 
 def _count_sky_rows(rays: np.ndarray, inverse: np.ndarray) -> int:
-    """How many rows at the top of the picture see no ground for certain: all of their rays rise too steeply."""
+    """Number of rows at the top of the picture whose rays are all too steep to meet ground."""
     steepest = SLOPES[np.flatnonzero(inverse.any(axis=1)).max(initial=0)]
     few = rays[:, ::32]
     rising = few[..., 2] > np.float32(steepest + SKY_MARGIN) * np.maximum(few[..., 0], np.float32(0.05))
@@ -80,9 +81,9 @@ def _count_sky_rows(rays: np.ndarray, inverse: np.ndarray) -> int:
 
 
 def _inverse_distance_table(height_m: float, road: RoadAhead) -> np.ndarray:
-    """(slopes, tangents) float32 of 1 / x of the first ground that a ray meets, 0 where it meets none.
+    """Table (slopes, tangents) float32 of 1 / x of the first ground that a ray meets; 0 for no ground.
 
-    1 / x, because over level ground it is linear in the slope.
+    The table holds 1 / x, because it is linear in the slope over level ground.
     """
     x, tangent = (a.astype(np.float32) for a in np.meshgrid(DISTANCES_M, TANGENTS))
     s, _ = road.locate(x, x * tangent)
@@ -95,9 +96,9 @@ def _inverse_distance_table(height_m: float, road: RoadAhead) -> np.ndarray:
 def _refine(
     x: np.ndarray, tangent: np.ndarray, slope: np.ndarray, height_m: float, road: RoadAhead
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Two steps of Newton's method from x (N,), and the places (x, s, d) where they end.
+    """Points (x, s, d) after two steps of Newton's method from x (N,).
 
-    No step is longer than one of the table, and there is none where a ray grazes the ground.
+    Steps are limited to the step of the table, and skipped where a ray grazes the ground.
     """
     s, d = road.locate(x, x * tangent)
     for _ in range(2):
@@ -109,7 +110,7 @@ def _refine(
         step = -above / np.minimum(falling, np.float32(-1e-3))
         step = np.clip(step, np.float32(-0.02) * x, np.float32(0.02) * x) * (falling < -1e-3)
         x = x + step
-        # Nearly all steps are so short that the place moves along with them.
+        # Nearly all steps are short enough to extrapolate s and d linearly.
         s += step * along / np.maximum(1 - curvature * d, np.float32(0.2))
         d += step * (cosine * tangent - sine)
         far = np.flatnonzero(np.abs(step) > np.float32(SHORT_STEP) * x)

@@ -1,4 +1,4 @@
-"""The road as a driver has it before him: the way from very many points on the ground to places along the road."""
+"""Fast conversion of ground points in the car's frame to road coordinates."""
 
 from __future__ import annotations
 
@@ -9,34 +9,34 @@ import numpy as np
 
 from simulator.road.geometry import MAX_TURN_RAD, RoadGeometry, VehiclePose
 
-# A road with bends sharper than this is a winding one: mountain roads are, motorways and country roads are not.
+# A road with curvature above this is winding: mountain roads are, motorways and country roads are not.
 WINDING_PER_M = 1 / 120
-# In a winding road as much is drawn as is not behind the trees anyway.
+# Length of a winding road that is drawn; the rest is behind trees.
 WINDING_AHEAD_M = 220.0
-# Crests are looked for up to here; one that hides less than this (2 pixels of a dashcam) is none.
+# Range in which crests are searched, and the slope (2 pixels of a dashcam) that a crest must hide at least.
 CREST_RANGE_M, MIN_HIDDEN_SLOPE = 200.0, 0.002
-# Where the map of a winding road lies before the car, and how fine it is.
+# Extent and cell size, in the car's frame, of the nearest-node map of a winding road.
 MAP_X_M, MAP_Y_M, MAP_CELL_M = (-40.0, 160.0), (-120.0, 120.0), 0.5
 BLOCK_POINTS = 1 << 16
 
 
 class RoadAhead:
-    """The road as tables in the car's frame, to find (s, d) of very many ground points quickly (float32).
+    """Tables of the road in the car's frame, for road coordinates (s, d) of many ground points (float32).
 
     Parameters
     ----------
     road : RoadGeometry
     pose : Pose
-        Where the car is; arc lengths are then counted from `pose.s_m`, which keeps float32 exact to 0.1 mm.
+        Pose of the car. Arc lengths are relative to `pose.s_m`, which keeps float32 exact to 0.1 mm.
     behind_m, ahead_m : float
-        How far the tables reach. They end earlier where the road has turned by 80 degrees, because beyond that
-        one x has two places on the road; unless it is `winding`.
+        Length of the tables. Unless the road is `winding`, they end where it has turned by 80 degrees, because one x
+        has two points on the road beyond that.
 
     Attributes
     ----------
     winding : bool
-        The road turns by more than 80 degrees in sharp bends. A ground point then belongs to the place nearest to it,
-        found in a map.
+        Whether the road turns by more than 80 degrees in sharp bends. A ground point is then assigned to the nearest
+        point of the road, by a map.
     """
 
     STEP_M = 0.5
@@ -60,32 +60,32 @@ class RoadAhead:
         if self.winding:
             self._map = _nearest_nodes(points)
         else:
-            # First guess: the place abeam, from x alone, at whole steps of x.
+            # First guess: the point of the road at the same x, tabulated at steps of x.
             self._x0 = np.float32(points[0, 0])
             x = np.arange(points[0, 0], points[-1, 0], self.STEP_M)
             self._guess = np.rint((np.interp(x, points[:, 0], s) - s[0]) / self.STEP_M).astype(np.intp)
 
     def locate(self, x_m: np.ndarray, y_m: np.ndarray, *, iterations: int = 3) -> tuple[np.ndarray, np.ndarray]:
-        """Places (s, d) of ground points in the car's frame.
+        """Road coordinates (s, d) of ground points in the car's frame.
 
-        Each step projects the point on the circle that touches the line at the nearest table node, which is exact but
-        for the change of curvature within half a table step.
+        Each iteration projects the point onto the osculating circle at the nearest table node. The error is the change
+        of curvature within half a table step.
 
         Parameters
         ----------
         x_m, y_m : ndarray of float32, same shape
             Metres, forward and left.
         iterations : int
-            Three are enough for points within 50 m of the line at any radius above 50 m.
+            Three are enough for points within 50 m of the reference line and radii above 50 m.
 
         Returns
         -------
         s, d : ndarray of float32, same shape
-            Metres along the road from the car's own arc length, metres to the left of the reference line.
+            Metres along the road from the car's arc length, and metres to the left of the reference line.
         """
         x, y = x_m.ravel(), y_m.ravel()
         s, d = np.empty_like(x), np.empty_like(y)
-        # Some at a time stay in the processor's cache through all steps.
+        # Blocks stay in the processor's cache.
         for start in range(0, len(x), BLOCK_POINTS):
             part = slice(start, start + BLOCK_POINTS)
             s[part], d[part] = self._locate_points(x[part], y[part], iterations)
@@ -98,19 +98,19 @@ class RoadAhead:
         for _ in range(iterations - 1):
             nearest = self._nearest_node(s)
             if self.winding:
-                # The map is right to some nodes; from far off, a step along the line would lead to another bend.
+                # The map is exact to some nodes. A longer step could lead to another bend.
                 nearest = np.clip(nearest, first - 4, first + 4)
-            # Most points are at the right node already: they would come out as they are.
+            # Most points are at the right node already.
             moved = np.flatnonzero(nearest != node)
             node = nearest
             s[moved], d[moved] = self._project(x[moved], y[moved], node[moved])
         return s + self._s0, d
 
     def _project(self, x_m: np.ndarray, y_m: np.ndarray, node: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Places (s from the table's start, d) of points (N,) on the circles that touch the line at nodes (N,)."""
-        # All nodes are in the table; with "clip" numpy need not look for those that are not.
+        """Coordinates (s from the table's start, d) of points (N,), by the osculating circles at nodes (N,)."""
+        # All nodes are in the table; mode="clip" saves numpy the bounds check.
         px, py, cosine, sine, curvature = (column.take(node, mode="clip") for column in self._table)
-        # In place where possible: half of the time goes into finding memory for a picture's worth of numbers.
+        # In place where possible, because allocating arrays of a picture's size takes half of the time.
         dx, dy = np.subtract(x_m, px, out=px), np.subtract(y_m, py, out=py)
         along, across = cosine * dx, cosine * dy
         along += np.multiply(sine, dy, out=dy)
@@ -128,23 +128,23 @@ class RoadAhead:
         return s, across
 
     def _nearest_node(self, s: np.ndarray) -> np.ndarray:
-        """Table nodes at places counted from the table's start."""
+        """Nearest table nodes of arc lengths relative to the table's start."""
         steps = s / np.float32(self.STEP_M)
         return np.clip(np.rint(steps, out=steps), 0, len(self._table[0]) - 1, out=steps).astype(np.intp)
 
     def directions(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Cosine and sine of the road's heading in the car's frame, and its curvature, at places `s` from the car."""
+        """Cosine and sine of the road's heading in the car's frame, and its curvature, `s` metres from the car."""
         node = np.clip((s - self._s0) / np.float32(self.STEP_M), 0, len(self._table[0]) - 1).astype(np.intp)
         return tuple(column.take(node, mode="clip") for column in self._table[2:])
 
     def height_above_plane(self, s: np.ndarray) -> np.ndarray:
-        """Height of the ground at places `s` from the car above the plane that touches the road under it, metres."""
+        """Height in metres of the ground, `s` metres from the car, above the plane that touches the road below it."""
         return self.profile.height_above_plane(s + self._pose.s_m, self._pose.s_m)
 
     def height_and_grade(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same for very many places (float32), and the rise per metre there above the slope under the car.
+        """`height_above_plane` for many points (float32), and the slope there minus the slope below the car.
 
-        From tables at the nodes, a quarter metre away at most: 0.2 mm off where the vertical radius is 150 m.
+        Extrapolated from the nearest table node, at most 0.25 m away: 0.2 mm of error at a vertical radius of 150 m.
         """
         node = self._nearest_node(s - self._s0)
         height, grade = (column.take(node, mode="clip") for column in self._heights)
@@ -152,25 +152,25 @@ class RoadAhead:
 
     @cached_property
     def _heights(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rise and grade at the table's nodes."""
+        """Height above the plane, and relative slope, at the table's nodes."""
         s = self._pose.s_m + float(self._s0) + self.STEP_M * np.arange(len(self._table[0]))
         grade = self.profile.slope(s) - self.profile.slope(self._pose.s_m)
         return self.profile.height_above_plane(s, self._pose.s_m).astype(np.float32), grade.astype(np.float32)
 
     def crest_distance_m(self, height_m: float) -> float:
-        """How far ahead the road goes out of sight of an eye `height_m` above it, metres; infinite if never."""
+        """Distance in metres of the first crest that hides road from an eye `height_m` above it; infinite if none."""
         s = np.arange(2.0, CREST_RANGE_M)
         slope = (self.height_above_plane(s) - height_m) / s
         hidden = slope < np.maximum.accumulate(slope) - MIN_HIDDEN_SLOPE
         return float(s[np.argmax(hidden)]) if hidden.any() else np.inf
 
     def lift_to_surface(self, points_m: np.ndarray) -> np.ndarray:
-        """Points (N, 3) of the ground above or below points (N, 2) of the car's plane, metres."""
+        """Points (N, 3) of the ground at points (N, 2) of the car's plane, metres."""
         s, _ = self.locate(*np.asarray(points_m, np.float32).T)
         return np.column_stack([points_m, self.height_above_plane(s.astype(float))])
 
     def _first_node(self, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
-        """Table nodes near the points, to begin with."""
+        """Initial table nodes near the points."""
         if self.winding:
             return _look_up(self._map, x_m, y_m)
         index = np.clip((x_m - self._x0) / np.float32(self.STEP_M), 0, len(self._guess) - 1).astype(np.intp)
@@ -178,7 +178,7 @@ class RoadAhead:
 
 
 def _nearest_nodes(points: np.ndarray) -> np.ndarray:
-    """Map (rows of x, columns of y) of which of the points (N, 2) is the nearest, in cells of MAP_CELL_M."""
+    """Map (rows of x, columns of y) of the index of the nearest of the points (N, 2), in cells of MAP_CELL_M."""
     shape = tuple(round((high - low) / MAP_CELL_M) + 1 for low, high in (MAP_X_M, MAP_Y_M))
     cells = np.rint((points - [MAP_X_M[0], MAP_Y_M[0]]) / MAP_CELL_M).astype(int)
     inside = np.flatnonzero(((cells >= 0) & (cells < shape)).all(axis=1))

@@ -1,4 +1,4 @@
-"""What the ground reflects: asphalt and concrete with their wear, seams and patches, and what lies beside them."""
+"""Reflectance of the ground: asphalt and concrete with wear, seams and patches, and the verge."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from simulator.road.ground import Ground, dash_coverage, edge_coverage, strip_co
 from simulator.road.verge import OppositeCarriageway, paint_verge
 
 TAR = (0.028, 0.027, 0.029)
-# How far a patch's edges may stray: 3 cm at one standard deviation of the noise, which has no five.
+# Largest displacement of the edges of a patch: five standard deviations of the noise of 3 cm.
 EDGE_NOISE_M = 0.15
 
 
 @dataclass(frozen=True)
 class Material:
-    """A pavement: mean reflectance (linear RGB, 1.0 = white paint) and how strongly each kind of texture shows.
+    """Pavement material: mean reflectance (linear RGB, 1.0 = white paint) and the strength of each texture.
 
-    Strengths are relative changes of reflectance: `grain` of single stones, `blotch` of uneven colour, `stain` of dark
-    spots here and there, `streak` of wear drawn lengthwise, `track` in the wheel tracks, `oil` in the middle of the
-    lane. `slab_m` > 0 has transverse joints.
+    Strengths are relative changes of reflectance: `grain` for single stones, `blotch` for uneven colour, `stain` for
+    scattered dark spots, `streak` for wear along the road, `track` for the wheel tracks, `oil` for the middle of the
+    lane. `slab_m` > 0 is the distance of transverse joints.
     """
 
     colour: tuple[float, float, float]
@@ -62,7 +62,7 @@ MATERIALS = {
 
 @dataclass(frozen=True)
 class Zone:
-    """Pavement of one material from arc length `start_m` on; its edge runs across the road with `skew` (ds/dd)."""
+    """Pavement of one material from arc length `start_m` on; its edge crosses the road with slope `skew` (ds/dd)."""
 
     start_m: float
     material: str
@@ -71,7 +71,7 @@ class Zone:
 
 @dataclass(frozen=True)
 class Patch:
-    """A rectangle of other pavement: a repair, a trench."""
+    """Rectangle of another material: a repair or a trench."""
 
     start_m: float
     end_m: float
@@ -82,7 +82,7 @@ class Patch:
 
 @dataclass(frozen=True)
 class Seam:
-    """A line along the road at `lateral_m`, of tar or another colour, meandering by `wander_m`, edges `soft_m` wide."""
+    """Line along the road at `lateral_m`, of tar or another colour: lateral noise `wander_m`, edges `soft_m` wide."""
 
     lateral_m: float
     width_m: float = 0.03
@@ -96,22 +96,22 @@ class Seam:
 
 @dataclass(frozen=True)
 class Surface:
-    """The ground from side to side.
+    """Cross section of the ground: pavement, its flaws, and the verges.
 
     Parameters
     ----------
     zones : tuple of Zone
-        Pavements in the order of their starts; the first reaches back without end.
+        Pavements; the first one extends backwards without end.
     right_edge_m, left_edge_m : float
         Lateral edges of the pavement.
     lane_centres_m : tuple of float
-        Where wheels roll.
+        Centres of the lanes, which have wheel tracks.
     gravel_m : float
-        Width of the strip of gravel beside the pavement, before the grass.
+        Width of the gravel strip between pavement and grass.
     opposite_m : (float, float) or None
         Lateral edges of the other carriageway.
     verge_tint : (float, float, float)
-        Colour of the ground beside the pavement, relative to gravel and dry grass.
+        Factor on the colours of gravel and grass.
     """
 
     zones: tuple[Zone, ...]
@@ -125,7 +125,7 @@ class Surface:
     verge_tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
     def mirrored(self) -> Surface:
-        """The ground with left and right exchanged."""
+        """The surface mirrored left to right."""
         return replace(
             self,
             right_edge_m=-self.left_edge_m,
@@ -140,7 +140,7 @@ class Surface:
 
 @dataclass(frozen=True)
 class NoiseLayers:
-    """Noise shared by all materials, each about 1 in strength near the car, faded by footprint; (rows, width)."""
+    """Noise shared by all materials (rows, width): about unit strength near the car, attenuated by the footprint."""
 
     grain: np.ndarray
     blotch: np.ndarray
@@ -150,14 +150,14 @@ class NoiseLayers:
     oil: np.ndarray
 
     def crop(self, cut: slice, columns: slice = slice(None)) -> NoiseLayers:
-        """The same for some rows, and perhaps some columns, only."""
+        """Part of the rows and columns."""
         return NoiseLayers(*(getattr(self, field.name)[cut, columns] for field in fields(self)))
 
 
 def ground_albedo(
     surface: Surface, ground: Ground, *, station_m: float, seed: int, needed: np.ndarray | None = None
 ) -> np.ndarray:
-    """Reflectance of the ground without paint.
+    """Reflectance of the ground without road markings.
 
     Parameters
     ----------
@@ -166,9 +166,9 @@ def ground_albedo(
     station_m : float
         Arc length of the car.
     seed : int
-        Chooses the noise.
+        Seed of the noise.
     wanted : ndarray of shape (rows, width), bool, optional
-        Where it must be right, because nothing hides it; everywhere if None.
+        Pixels that are visible and must be right; all if None.
 
     Returns
     -------
@@ -200,34 +200,34 @@ def ground_albedo(
 
 
 def noise_layers(surface: Surface, ground: Ground, s: np.ndarray, seed: int) -> NoiseLayers:
-    """The noise and the wear profile across the lanes."""
+    """Noise layers, including the wear across the lanes."""
     footprint = ground.footprint_s
     grain = np.zeros_like(s)
     for number, (wave, strength) in enumerate(((0.022, 1.0), (0.06, 0.7), (0.25, 0.25))):
-        # Only rows near enough for this grain to be seen at all.
+        # Only rows near enough to resolve this grain.
         near = footprint[:, s.shape[1] // 2] < 3 * wave
         first = int(np.argmax(near)) if near.any() else len(s)
         if first < len(s):
-            # Longer along the road: the car moves 2 or 3 cm while the shutter is open.
+            # Stretched along the road, because the car moves 2 to 3 cm during the exposure.
             part = sample_noise(
                 band_noise_tile(seed + number), s[first:], ground.d[first:], wave_s_m=2 * wave, wave_d_m=wave
             )
             grain[first:] += part * fade(footprint[first:], wave) * np.float32(strength)
     tile = band_noise_tile(seed + 7, octaves=4)
-    # Stains are drawn out along the way that tyres roll.
+    # Stains are stretched in the direction of travel.
     blotch = sample_noise(tile, s, ground.d, wave_s_m=2.2, wave_d_m=0.45) * fade(footprint, 10.0)
     streak = sample_noise(band_noise_tile(seed + 8, octaves=3), s, ground.d, wave_s_m=18.0, wave_d_m=0.22)
     track, oil = _wear_profiles(surface, ground.d)
     uneven = 1 + np.float32(0.35) * sample_noise(tile, s, ground.d, wave_s_m=6.0, wave_d_m=1.3)
     spots = sample_noise(band_noise_tile(seed + 9, octaves=3), s, ground.d, wave_s_m=0.7, wave_d_m=0.16)
-    # Oil and rubber lie where cars go: spots grow out of the places that are dark already.
+    # Oil and rubber lie in the wheel tracks, so dark areas have more spots.
     stain = np.clip(spots - 1.1 + np.float32(0.35) * blotch + np.float32(0.3) * (oil + track), 0, 1.5)
     stain *= fade(footprint, 6.0)
     return NoiseLayers(grain, blotch, stain, streak * fade(ground.footprint_d, 0.3), track * uneven, oil * uneven)
 
 
 def _wear_profiles(surface: Surface, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Wheel tracks (0.85 m either side of a lane's centre) and the oil streak in the middle, looked up by d."""
+    """Wheel tracks (0.85 m to either side of a lane's centre) and oil streak (centre), each evaluated at d."""
     step = 0.02
     at = np.arange(-40, 40, step)
     track, oil = np.zeros_like(at), np.zeros_like(at)
@@ -235,12 +235,12 @@ def _wear_profiles(surface: Surface, d: np.ndarray) -> tuple[np.ndarray, np.ndar
         track += np.exp(-(((np.abs(at - centre) - 0.85) / 0.30) ** 2))
         oil += np.exp(-(((at - centre) / 0.38) ** 2))
     index = ((d + np.float32(40)) / np.float32(step)).astype(np.intp)
-    # With "clip" numpy takes the ends for places that are outside, and need not look for them.
+    # mode="clip" repeats the ends and saves numpy the bounds check.
     return tuple(profile.astype(np.float32).take(index, mode="clip") for profile in (track, oil))
 
 
 def _pavement(surface: Surface, ground: Ground, s: np.ndarray, layers: NoiseLayers) -> np.ndarray:
-    """The zones one after the other along the road, each computed only where it is seen."""
+    """Reflectance of the zones, each computed only in the rows that show it."""
     zones = sorted(surface.zones, key=lambda zone: zone.start_m)
     started = [z for z in zones if z.start_m < s.min() - 10]
     albedo = _material(MATERIALS[(started or zones)[-1 if started else 0].material], ground, s, layers)
@@ -251,7 +251,7 @@ def _pavement(surface: Surface, ground: Ground, s: np.ndarray, layers: NoiseLaye
         cut = slice(0, beyond[-1] + 1)
         part = ground.crop(cut)
         part_layers = layers.crop(cut)
-        # The edge is ragged by a few centimetres.
+        # The edge is irregular by a few centimetres.
         t = s[cut] - np.float32(zone.start_m) - np.float32(zone.skew) * part.d
         t += np.float32(0.05) * part_layers.blotch
         share = edge_coverage(t, part.s_u, part.s_v)
@@ -271,9 +271,9 @@ def _material(material: Material, ground: Ground, s: np.ndarray, layers: NoiseLa
 
 
 def _blend(below: np.ndarray, above: np.ndarray, share: np.ndarray) -> None:
-    """Lay `above` over `below` in place with opacity `share`."""
+    """Blend `above` over `below` in place with opacity `share`."""
     above -= below
-    # Spread over the colours first: numpy is slow where the innermost axis has three elements.
+    # cv2.merge, because numpy is slow where the innermost axis has three elements.
     above *= cv2.merge([share] * 3)
     below += above
 
@@ -286,13 +286,13 @@ def _paint_patch(
     layers: NoiseLayers,
     reached_rows: tuple[np.ndarray, np.ndarray],
 ) -> None:
-    """`reached_rows`: the least and the greatest s, (rows,) each, of what a row sees."""
+    """Paint a patch in place; `reached_rows` are the smallest and largest s (rows,) of each row."""
     low, high = patch.start_m - EDGE_NOISE_M, patch.end_m + EDGE_NOISE_M
     seen = np.flatnonzero((reached_rows[1] > low) & (reached_rows[0] < high))
     if not len(seen):
         return
     rows = slice(seen[0], seen[-1] + 1)
-    # A stall in a car park is a fiftieth of the rows around it.
+    # The columns too, because a parking stall fills 2 % of the rows around it.
     footprint_s, footprint_d = ground.footprint_s[rows] / 2, ground.half_footprint_d[rows] + np.float32(EDGE_NOISE_M)
     near = cv2.inRange(s[rows], np.float32(low) - footprint_s, np.float32(high) + footprint_s)
     near &= cv2.inRange(ground.d[rows], np.float32(patch.low_m) - footprint_d, np.float32(patch.high_m) + footprint_d)
@@ -309,7 +309,7 @@ def _paint_patch(
 
 
 def _opposite(surface: Surface, layers: NoiseLayers) -> OppositeCarriageway | None:
-    """The other carriageway: mostly hidden by barriers, so plain asphalt does."""
+    """The opposite carriageway, of plain asphalt, because barriers hide most of it."""
     if surface.opposite_m is None:
         return None
     return OppositeCarriageway(surface.opposite_m, MATERIALS["asphalt"].colour, 1 + 0.1 * layers.blotch)

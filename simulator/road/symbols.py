@@ -11,7 +11,7 @@ import numpy as np
 from simulator.road.ground import Ground
 from simulator.road.painted_lines import WHITE, worn
 
-# Stencils are drawn this fine: a centimetre and a half across, three along the road.
+# Resolution of the stencils: 1.6 cm across the road, 3.1 cm along it.
 ACROSS_PX_PER_M, ALONG_PX_PER_M = 64, 32
 # Outlines as shares of width (0 left, 1 right) and length (0 near, 1 far), after MUTCD figures 3B-21 and 3B-24.
 OUTLINES = {
@@ -27,10 +27,9 @@ DIAMOND_STROKE = 0.24
 
 @dataclass(frozen=True)
 class Symbol:
-    """A stencil: `kind` is "arrow", "left arrow", "diamond" or the word itself.
+    """Symbol painted on the road: `kind` is "arrow", "left arrow", "diamond", or a word to be written.
 
-    `s_m` is the arc length of its near end and `lateral_m` the place of its middle; it is as long and as wide as
-    `length_m` and `width_m` say, stretched along the road as such signs are.
+    `s_m` is the arc length of its near end, `lateral_m` the lateral position of its centre.
     """
 
     s_m: float
@@ -55,7 +54,7 @@ def paint_symbols(
 
 
 def symbol_coverage(symbol: Symbol, ground: Ground, *, station_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """How much of each pixel the symbol covers.
+    """Share of each pixel that a symbol covers.
 
     Returns
     -------
@@ -74,7 +73,7 @@ def symbol_coverage(symbol: Symbol, ground: Ground, *, station_m: float) -> tupl
         return pixels, np.zeros(0, np.float32)
     s, d = ground.s.ravel()[pixels], ground.d.ravel()[pixels]
     levels = _stencil(symbol.kind, symbol.length_m, symbol.width_m)
-    # A pixel sees much more of the road's length than of its width, so only the rows are averaged.
+    # Footprints are much longer than wide, so only the rows are averaged.
     footprint_px = np.median(margin.ravel()[pixels]) * ALONG_PX_PER_M
     level = int(np.clip(np.rint(np.log2(max(footprint_px, 1.0))), 0, len(levels) - 1))
     row = ((far - s) * np.float32(ALONG_PX_PER_M) + np.float32(0.5)) / np.float32(2**level) - np.float32(0.5)
@@ -90,7 +89,7 @@ def symbol_coverage(symbol: Symbol, ground: Ground, *, station_m: float) -> tupl
 
 @lru_cache(maxsize=32)
 def _stencil(kind: str, length_m: float, width_m: float) -> list[np.ndarray]:
-    """The stencil, 0..1 float32, far end in the first row, four empty pixels around; then with half as many rows..."""
+    """Pyramid of the stencil, float32 0..1: far end in the first row, 4 px of border; each level has half the rows."""
     fine = 4
     rows, columns = round(length_m * ALONG_PX_PER_M) * fine, round(width_m * ACROSS_PX_PER_M) * fine
     picture = _outline(kind, rows, columns) if kind in OUTLINES else _word(kind, rows, columns)
@@ -113,7 +112,7 @@ def _outline(kind: str, rows: int, columns: int) -> np.ndarray:
 
 
 def _word(text: str, rows: int, columns: int) -> np.ndarray:
-    """Block letters that fill the stencil."""
+    """Stencil filled with a word in block letters."""
     scale, stroke = 8.0, 40
     (wide, tall), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, stroke)
     picture = np.zeros((tall + 2 * stroke, wide + 2 * stroke), np.uint8)

@@ -1,4 +1,4 @@
-"""What is exactly known about a rendered frame, and how it is written down."""
+"""Ground truth of a rendered frame, and its files."""
 
 from __future__ import annotations
 
@@ -24,39 +24,39 @@ from simulator.road.geometry import (
     surface_points,
 )
 
-# Rows of the raw picture at which the lines' columns are noted, as in TuSimple's benchmark; -2 where there is none.
+# Picture rows of the line columns in the truth files, as in TuSimple's benchmark; -2 where there is no line.
 H_SAMPLES = np.arange(420, 701, 10)
 NOT_VISIBLE = -2.0
 NO_LINE = LinePolynomial(np.nan, np.nan, np.nan, np.nan)
-# Distances ahead at which the lines' lateral positions are noted.
+# Distances ahead of the lateral line positions in the truth files.
 STILL_X_M = np.arange(5.0, 61.0, 5.0)
 VIDEO_X_M = np.array([5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0])
 
 
 @dataclass(frozen=True)
 class Truth:
-    """One frame's truth in the car's road frame (x forward, y left, metres).
+    """Ground truth of one frame in the car's road frame (x forward, y left, metres).
 
-    Where the road goes up and down, the frame's plane touches the road under the car, and x is horizontal distance.
-    Where there is no lane, all but time and pitch is NaN.
+    On a road with a vertical profile, the plane of the frame touches the road below the car, and x is horizontal.
+    Without a lane, everything except time and pitch is NaN.
 
     Attributes
     ----------
     time_s : float
     offset_m : float
-        Car's origin relative to the lane's centre, > 0 when left of it.
+        Position of the car's origin relative to the lane centre, > 0 is left of it.
     heading_rad : float
-        Direction of the lane seen from the car, > 0 when the lane leads to the left: atan of the lines' c1.
+        Direction of the lane relative to the car, > 0 if the lane leads left; atan of the lines' c1.
     curvature_per_m, curvature_rate_per_m2 : float
-        Of the lane's centre line beside the car, > 0 bends left, and its change per metre.
+        Curvature of the lane's centre line at the car, > 0 bends left, and its change per metre.
     lane_width_m : float
-        Between the centres of the two lines, square to the road.
+        Distance between the centres of the two lines, perpendicular to the road.
     pitch_rad : float
-        Of the camera at this moment, > 0 looks down.
+        Pitch of the camera at this moment, > 0 looks down.
     left, right : LinePolynomial
-        Exact Taylor coefficients of the lines at x = 0.
+        Taylor coefficients of the lines at x = 0; exact.
     road, pose, laterals_m
-        From which exact points follow.
+        Geometry from which `line_y` computes exact points.
     """
 
     time_s: float
@@ -74,11 +74,11 @@ class Truth:
 
     @property
     def has_lane(self) -> bool:
-        """False on a road without markings, in a car park, on a track."""
+        """False on unmarked roads, dirt tracks and in car parks."""
         return not np.isnan(self.lane_width_m)
 
     def line_y(self, side: int, x_m: np.ndarray) -> np.ndarray:
-        """Exact y in metres of the left (0) or right (1) line at `x_m`; NaN where the line has turned away before."""
+        """Lateral position in metres of the left (0) or right (1) line at `x_m`; NaN where `line_lateral` has none."""
         if not self.has_lane:
             return np.full(np.shape(x_m), np.nan)
         return line_lateral(self.road, self.pose, self.laterals_m[side], x_m)
@@ -87,17 +87,17 @@ class Truth:
 def lane_truth(
     road: RoadGeometry, pose: VehiclePose, lines_m: Sequence[float], *, time_s: float, pitch_rad: float
 ) -> Truth:
-    """The truth of the lane that a car at `pose` is in.
+    """Ground truth of the lane that contains the car.
 
     Parameters
     ----------
     road : RoadGeometry
     pose : Pose
     lines_m : sequence of float
-        Lateral places of the lines' centres from left to right. The car's lane is the one that its origin is in: in a
-        lane change both lines are renamed when the middle of the car crosses the line between. None: there is no lane.
+        Lateral positions of the line centres from left to right. The ego lane contains the car's origin, so it switches
+        when the middle of the car crosses a line. Empty: there is no lane.
     time_s, pitch_rad : float
-        Passed on.
+        Stored in the result.
     """
     left_m, right_m = _ego_lines(lines_m, pose.lateral_m)
     centre_m = (left_m + right_m) / 2
@@ -119,7 +119,7 @@ def lane_truth(
 
 
 def _ego_lines(lines_m: Sequence[float], lateral_m: float) -> tuple[float, float]:
-    """The neighbours of `lateral_m` among the lines; beyond the outermost, the last lane."""
+    """Lines next to `lateral_m`; those of the outermost lane for a position outside all lanes."""
     if not len(lines_m):
         return np.nan, np.nan
     right = int(np.argmax(np.append(np.asarray(lines_m) <= lateral_m, True)))
@@ -128,9 +128,9 @@ def _ego_lines(lines_m: Sequence[float], lateral_m: float) -> tuple[float, float
 
 
 def line_pixels(truth: Truth, side: int, camera: Camera) -> np.ndarray:
-    """Columns (len(H_SAMPLES),) in the raw picture of a line's paint centre; -2 above its end or outside the picture.
+    """Columns (len(H_SAMPLES),) of a line's centre in the raw picture; -2 above its end or outside the picture.
 
-    The line ends where it has turned by 80 degrees: from there on it runs along the rows.
+    The line ends where it has turned by 80 degrees, because it is nearly parallel to the rows from there on.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def line_pixels(truth: Truth, side: int, camera: Camera) -> np.ndarray:
     camera : Camera
         With the camera pose of this moment.
     """
-    # Even steps in 1/x are even steps in picture rows.
+    # Equal steps in 1/x are equal steps in picture rows.
     ahead = 1 / np.linspace(1 / 2.0, 1 / 600.0, 6000)
     s = truth.pose.s_m + ahead
     turned = np.abs(truth.road.heading(s) - truth.pose.absolute_heading(truth.road)) > MAX_TURN_RAD
@@ -150,8 +150,7 @@ def line_pixels(truth: Truth, side: int, camera: Camera) -> np.ndarray:
     pixels = pixels[~np.isnan(pixels).any(axis=1)]
     if not len(pixels):
         return np.full(len(H_SAMPLES), NOT_VISIBLE)
-    # The line goes up the picture until it leaves it or reaches the horizon; later parts cannot be told from those,
-    # and what a crest hides lies lower than the crest.
+    # Only points above all nearer ones are kept: parts hidden by a crest are lower in the picture than the crest.
     rising = np.maximum.accumulate(-pixels[:, 1]) <= -pixels[:, 1]
     u = np.interp(-H_SAMPLES, -pixels[rising, 1], pixels[rising, 0], left=np.nan, right=np.nan)
     outside = np.isnan(u) | (u < 0) | (u > camera.width - 1)
@@ -159,7 +158,7 @@ def line_pixels(truth: Truth, side: int, camera: Camera) -> np.ndarray:
 
 
 def visible_pixels(columns: np.ndarray, hidden: np.ndarray) -> np.ndarray:
-    """`columns` of `line_pixels` with -2 also where `hidden` (height, width) bool says that a thing is in front."""
+    """`columns` of `line_pixels`, with -2 also where the mask `hidden` (height, width) marks an object in front."""
     columns = columns.copy()
     for i, (row, u) in enumerate(zip(H_SAMPLES, columns, strict=True)):
         if u >= 0 and hidden[row, round(float(u))]:
@@ -168,7 +167,7 @@ def visible_pixels(columns: np.ndarray, hidden: np.ndarray) -> np.ndarray:
 
 
 def truth_row(truth: Truth, *, frame: int) -> dict[str, float | None]:
-    """The columns of the CSV beside a video; None, an empty field, is what does not exist."""
+    """Row of the truth CSV of a video, by column name; None (an empty field) where there is no value."""
     row = {"frame": frame, "time_s": round(truth.time_s, 6), **_scalars(truth)}
     for side, name in enumerate(("left", "right")):
         y = truth.line_y(side, VIDEO_X_M)
@@ -177,7 +176,7 @@ def truth_row(truth: Truth, *, frame: int) -> dict[str, float | None]:
 
 
 def truth_entry(truth: Truth, *, raw_file: str, camera: Camera, hidden: np.ndarray) -> dict:
-    """The entry of a still in truth.json; None, null in JSON, is what does not exist."""
+    """Entry of a still in truth.json; None (null in JSON) where there is no value."""
     lanes = [visible_pixels(line_pixels(truth, side, camera), hidden) for side in (0, 1)]
     return {
         "raw_file": raw_file,
@@ -191,14 +190,14 @@ def truth_entry(truth: Truth, *, raw_file: str, camera: Camera, hidden: np.ndarr
 
 
 def write_truth_json(path: Path, camera: Camera, frames: list[dict]) -> None:
-    """Write truth.json: the camera and one entry a still, one line each so that changes can be read."""
+    """Write truth.json: the camera and one entry for each still, a line each so that diffs are readable."""
     lines = ",\n".join(json.dumps(entry) for entry in frames)
     text = f'{{"camera": {json.dumps(camera_to_dict(camera))},\n"frames": [\n{lines}\n]}}\n'
     write_atomically(path, text.encode())
 
 
 def write_truth_csv(path: Path, rows: list[dict]) -> None:
-    """Write the truth of a video, a row a frame."""
+    """Write the truth CSV of a video, a row for each frame."""
     text = io.StringIO()
     writer = csv.DictWriter(text, fieldnames=list(rows[0]), lineterminator="\n")
     writer.writeheader()

@@ -1,4 +1,4 @@
-"""Beside the pavement: gravel, dry grass, and the dust that creeps from them onto the road."""
+"""Verge of the road: gravel, dry grass, and dust on the edge of the pavement."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ import numpy as np
 from simulator.painting.texture import band_noise_tile, fade, sample_noise
 from simulator.road.ground import Ground, edge_coverage, strip_coverage
 
-# Linear-light reflectance, 1.0 = white paint; dry summer country.
+# Linear reflectance in a dry summer, 1.0 = white paint.
 GRAVEL = np.array([0.30, 0.255, 0.185], np.float32)
 DIRT = np.array([0.34, 0.265, 0.165], np.float32)
 VERGE_GRASS = np.array([0.40, 0.285, 0.135], np.float32)
 DUST = (0.26, 0.235, 0.215)
-# How far dust creeps from the verge onto the pavement, and how much of it is seen at the edge.
+# Width of the dust on the pavement, and its coverage at the edge.
 DUST_REACH_M = 2.0
 DUST_SHARE = 0.22
-# So many stay in the processor's cache through all steps.
+# Rows per block, so that a block stays in the processor's cache.
 BLOCK_ROWS = 32
 
 
 @dataclass(frozen=True)
 class OppositeCarriageway:
-    """Another carriageway beyond the verge: lateral edges, mean reflectance, and how it varies (rows, width)."""
+    """Carriageway beyond the verge: lateral edges, mean reflectance, and relative tone (rows, width)."""
 
     edges_m: tuple[float, float]
     colour: tuple[float, float, float]
@@ -42,7 +42,7 @@ def paint_verge(
     needed: np.ndarray | None = None,
     seed: int,
 ) -> None:
-    """Paint the ground beside the pavement, in place.
+    """Paint the ground next to the pavement, in place.
 
     Parameters
     ----------
@@ -50,16 +50,16 @@ def paint_verge(
         Reflectance of the pavement.
     ground : Ground
     s : ndarray of shape (rows, width), float32
-        Arc lengths from the road's beginning.
+        Arc lengths from the road's start.
     edges_m : (float, float)
-        Lateral edges of the pavement, right and left.
+        Right and left edge of the pavement, lateral.
     gravel_m : float
-        Width of the strip of gravel before the grass.
+        Width of the gravel strip between pavement and grass.
     opposite : Opposite, optional
     tint : (float, float, float)
-        Factor of the colours of gravel and grass.
+        Factor on the colours of gravel and grass.
     wanted : ndarray of shape (rows, width), bool, optional
-        Where to paint; everywhere if None.
+        Pixels to paint; all if None.
     seed : int
     """
     for first in range(0, len(s), BLOCK_ROWS):
@@ -80,7 +80,7 @@ def _paint_rows(
     needed: np.ndarray | bool,
     seed: int,
 ) -> None:
-    """`paint_verge` for some rows."""
+    """`paint_verge` for a block of rows."""
     beyond = np.maximum(ground.d - np.float32(edges_m[1]), np.float32(edges_m[0]) - ground.d)
     pixels = np.flatnonzero((beyond > -ground.footprint_d - np.float32(DUST_REACH_M)) & needed)
     if not len(pixels):
@@ -93,7 +93,7 @@ def _paint_rows(
     fine = sample_noise(band_noise_tile(seed + 1), s, d, wave_s_m=0.12, wave_d_m=0.07) * fade(footprint, 0.2)
     gravel_tone = 1 + 0.16 * rough + 0.15 * fine
     grass = _grass(s, d, footprint, rough, broad, fine, seed=seed + 2)
-    # The border is as ragged as tufts are.
+    # The border follows the tufts.
     to_grass = edge_coverage(beyond - np.float32(gravel_m) + 0.15 * rough + 0.2 * broad, d_u + 0.5, d_v)
     share = edge_coverage(beyond + np.float32(0.02) * rough + np.float32(0.04) * broad, d_u, d_v)
     dust = np.clip(1 + beyond / np.float32(DUST_REACH_M), 0, 1) ** 2 * np.maximum(1 + 0.5 * rough + 0.3 * broad, 0)
@@ -101,7 +101,7 @@ def _paint_rows(
     if opposite is not None:
         pavement_tone = opposite.tone.ravel()[pixels]
         on_pavement = strip_coverage(d, d_u, d_v, *opposite.edges_m)
-    # One colour after the other: numpy is slow where the innermost axis has three elements.
+    # Channel by channel, because numpy is slow where the innermost axis has three elements.
     for channel in range(3):
         verge = GRAVEL[channel] * gravel_tone
         verge += to_grass * (grass[channel] - verge)
@@ -124,7 +124,7 @@ def _grass(
     *,
     seed: int,
 ) -> np.ndarray:
-    """Reflectance (3, K) of dry grass with bare places, in tufts with dark between them."""
+    """Reflectance (3, K) of dry grass in tufts, with bare soil and dark gaps."""
     tufts = sample_noise(band_noise_tile(seed), s, d, wave_s_m=0.6, wave_d_m=0.22)
     tufts = np.minimum(tufts, 0.6) * fade(footprint, 1.5)
     grass = VERGE_GRASS[:, None] * (1 + 0.20 * broad)

@@ -1,4 +1,4 @@
-"""Fog and haze: contrast that falls with distance, and the light that the air puts in its place."""
+"""Fog and haze: contrast lost with distance, and airlight."""
 
 from __future__ import annotations
 
@@ -9,26 +9,31 @@ import numpy as np
 
 from simulator.road.ground import Ground
 
-# Contrast at which black things against the horizon can just be told: the meteorological visibility (WMO: 5 %).
+# Contrast threshold that defines the meteorological visibility (WMO: 5 %).
 JUST_SEEN = 0.05
 
 
 @dataclass(frozen=True)
 class Fog:
-    """Air of the same thickness everywhere up to a height.
+    """Homogeneous fog up to a height.
 
     Parameters
     ----------
     visibility_m : float
-        Distance at which 5 % of a thing's contrast is left: below 1000 fog, up to 5000 haze.
+        Distance at which 5 % of an object's contrast is left: below 1000 m fog, up to 5000 m haze.
     colour : tuple of three floats
-        Light of endless fog, linear RGB, sunlit white paint = 1.
+        Airlight of infinite fog, linear RGB; sunlit white paint is 1.
     height_m : float
-        How high the fog reaches; the sky shines through it overhead.
+        Height of the fog; the sky is visible through it overhead.
 
     References
     ----------
-    Koschmieder's law of the contrast of far things.
+    Koschmieder's law of the contrast of distant objects.
+
+    Raises
+    ------
+    ValueError
+        If the visibility is not positive.
     """
 
     visibility_m: float
@@ -40,7 +45,7 @@ class Fog:
             raise ValueError(f"visibility_m must be positive, not {self.visibility_m}.")
 
     def through(self, distance_m: np.ndarray | float) -> np.ndarray:
-        """Share of the contrast that is left at distances of any shape."""
+        """Transmittance at distances of any shape: the share of contrast that is left."""
         return np.exp(np.float32(np.log(JUST_SEEN) / self.visibility_m) * np.asarray(distance_m, np.float32))
 
     def atmosphere_at(self, distance_m: float) -> tuple[np.ndarray, np.ndarray]:
@@ -49,16 +54,16 @@ class Fog:
         return through, np.array(self.colour, np.float32) * (1 - through)
 
     def apply_to_ground(self, light: np.ndarray, ground: Ground) -> None:
-        """Lay the fog over the ground's light (rows, width, 3), in place."""
+        """Apply the fog to the light of the ground (rows, width, 3), in place."""
         self._veil(light, self.through(ground.distance))
 
     def apply_to_sky(self, light: np.ndarray, up: np.ndarray) -> None:
-        """Lay it over sky and far country, in place; `up` is the z component (rows, width) of the directions."""
-        # Hills are hidden like the sky just above the horizon; what lies below it is far.
+        """Apply the fog to the backdrop, in place; `up` is the z component (rows, width) of the directions."""
+        # Hills are treated like the sky just above the horizon.
         self._veil(light, self.through(self.height_m / np.maximum(up, np.float32(1e-3))))
 
     def _veil(self, light: np.ndarray, through: np.ndarray) -> None:
-        # OpenCV, because numpy is slow where the innermost axis has three elements.
+        # cv2, because numpy is slow where the innermost axis has three elements.
         cv2.subtract(light, (*self.colour, 0.0), dst=light)
         cv2.multiply(light, cv2.merge([through] * 3), dst=light)
         cv2.add(light, (*self.colour, 0.0), dst=light)

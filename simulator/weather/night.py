@@ -1,4 +1,4 @@
-"""Night: the own headlights on road and things, paint that throws them back, street lamps, and the lamps of others."""
+"""Night: headlights on road and objects, retroreflective paint, street lamps, and lamps of other vehicles."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from simulator.road.painted_lines import Marking
 HALOGEN = np.array([1.0, 0.86, 0.62], np.float32)
 SODIUM = np.array([1.0, 0.62, 0.25], np.float32)
 TOWN_GLOW = np.array([0.010, 0.007, 0.005], np.float32)
-# Low beam: half width of its cone, and the distance at which the light on the road begins to fall steeply.
+# Low beam: half width, and the distance beyond which the light on the road falls steeply.
 BEAM_HALF_WIDTH_RAD, BEAM_RANGE_M = 0.32, 20.0
-# Lamps of other bodies in their own frames: (x, y, z) of the right one of a pair, colour and brightness.
+# Lamps of vehicle bodies in their own frame: (x, y, z) of one lamp of a pair, colour times brightness.
 TAIL_LIGHT, HEADLIGHT = np.array([1.0, 0.05, 0.03]) * 3.0, np.array([1.0, 0.93, 0.80]) * 25.0
 LAMPS = {
     "sedan": (((-2.24, 0.64, 0.84), TAIL_LIGHT), ((2.12, 0.62, 0.66), HEADLIGHT)),
@@ -26,28 +26,28 @@ LAMPS = {
     "truck": (((-6.1, 1.0, 0.95), TAIL_LIGHT), ((6.0, 0.9, 0.9), HEADLIGHT)),
     "motorcycle": (((-1.0, 0.0, 0.78), TAIL_LIGHT), ((0.75, 0.0, 0.95), HEADLIGHT)),
 }
-# Glow about a lamp: sizes in rows of a picture 720 rows high, and shares of the light.
+# Glow of a lamp: standard deviations in pixels of a picture of 720 rows, and shares of the light.
 HALOS = ((3.0, 0.35), (14.0, 0.05), (60.0, 0.006))
 GLOW_DOWNSAMPLING = 4
-# A vehicle that begins before us hides nothing that lies ahead: half a lorry is 6 m long.
+# Vehicles nearer than this do not hide lamps ahead; half a lorry is 6 m long.
 MIN_OCCLUDER_M = 7.0
 
 
 @dataclass(frozen=True)
 class Night:
-    """How dark it is and what light there is.
+    """Light at night.
 
     Parameters
     ----------
     ambient : float
-        Light of sky and town, as a share of open daylight.
+        Light of the sky and the town, as a share of open daylight.
     headlights : float
-        Light of the own low beam on the road just ahead, in the same unit.
+        Light of the car's low beam on the road just ahead, in the same unit.
     retroreflection : float
-        How many times more of the own light comes back from paint with glass beads than from white paint without;
-        below a film of water little of it is left.
+        Brightness of paint with glass beads in the car's own light, relative to plain white paint. Low for paint under
+        water.
     street_lamp : float
-        Light on the road straight below a lamp.
+        Light on the road directly below a street lamp.
     """
 
     ambient: float = 0.004
@@ -56,9 +56,9 @@ class Night:
     street_lamp: float = 0.10
 
     def beam(self, x_m: np.ndarray, y_m: np.ndarray, *, upright: bool = False) -> np.ndarray:
-        """Light of the own headlights at places of any shape, on level ground or on what stands there.
+        """Light of the headlights at positions of any shape, on level ground or on `upright` surfaces.
 
-        Level ground is lit at a grazing angle: its light falls by one power of the distance more.
+        Level ground is lit at a grazing angle, so its light falls with one more power of the distance.
         """
         distance2 = (np.hypot(x_m, y_m) / BEAM_RANGE_M) ** 2
         aside = np.arctan2(y_m, np.maximum(x_m, np.float32(0.1))) / np.float32(BEAM_HALF_WIDTH_RAD)
@@ -66,33 +66,33 @@ class Night:
         return np.float32(self.headlights) * fall * np.exp(-(np.abs(aside) ** 2.5))
 
     def ground_light(self, ground: Ground, objects: list[SceneObject]) -> np.ndarray:
-        """Light (rows, width, 3) on the ground."""
+        """Light (rows, width, 3) on the ground from headlights, street lamps and sky."""
         x, y = (cv2.resize(a, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) for a in (ground.x, ground.y))
         light = self.beam(x, y)[..., None] * HALOGEN + np.float32(self.ambient)
         for lamp in objects:
             if isinstance(lamp, Post) and lamp.arm_m:
-                # Cosine to the ground and square of the distance, 1 below the lamp.
+                # Cosine of incidence over squared distance, 1 below the lamp.
                 below = (1 + ((x - lamp.x_m) ** 2 + (y - lamp.y_m - lamp.arm_m) ** 2) / lamp.height_m**2) ** -1.5
                 light += (np.float32(self.street_lamp) * below**1.5)[..., None].astype(np.float32) * SODIUM
         return cv2.resize(light.astype(np.float32), ground.x.shape[::-1], interpolation=cv2.INTER_LINEAR)
 
     def object_light(self, places_m: np.ndarray) -> np.ndarray:
-        """Light (N, 3) on things at places (N, 2)."""
+        """Light (N, 3) on objects at positions (N, 2)."""
         return self.beam(*places_m.T, upright=True)[:, None] * HALOGEN + np.float32(self.ambient)
 
     def markings(self, markings: tuple[Marking, ...]) -> tuple[Marking, ...]:
-        """The markings with the colours that the own headlights see: paint with glass beads throws light back."""
+        """The markings with colours multiplied by the retroreflection."""
         return tuple(replace(m, colour=tuple(self.retroreflection * c for c in m.colour)) for m in markings)
 
     def darken_sky(self, light: np.ndarray, up: np.ndarray) -> None:
-        """Turn the day's backdrop into that of a night near a town, in place; `up` is z of the directions."""
+        """Turn a backdrop by day into one at night near a town, in place; `up` is z (rows, width) of the directions."""
         light *= np.float32(self.ambient)
         light += np.exp(-np.maximum(up, 0) / np.float32(0.2))[..., None] * TOWN_GLOW
 
 
 @dataclass(frozen=True)
 class Lamp:
-    """A lamp seen: place (3,) in the road frame, colour and brightness (3,), radius in metres."""
+    """Visible lamp: position (3,) in the road frame, colour times brightness (3,), radius in metres."""
 
     place_m: np.ndarray
     light: np.ndarray
@@ -100,12 +100,12 @@ class Lamp:
 
     @property
     def distance_m(self) -> float:
-        """From the place on the road below the camera."""
+        """Distance from the point of the road below the camera, metres."""
         return float(np.linalg.norm(self.place_m))
 
 
 def find_lamps(objects: list[SceneObject]) -> list[Lamp]:
-    """The lamps of cars that look at us, and of street lamps ahead."""
+    """Lamps of vehicles that face the camera, and street lamps ahead."""
     lamps = []
     for item in objects:
         if isinstance(item, Post) and item.arm_m and item.x_m > 1:
@@ -122,16 +122,16 @@ def find_lamps(objects: list[SceneObject]) -> list[Lamp]:
 
 
 def visible_lamps(objects: list[SceneObject], camera: Camera) -> list[Lamp]:
-    """Those of `find_lamps` that no nearer vehicle hides."""
+    """Lamps of `find_lamps` that are not hidden by a nearer vehicle."""
     lamps = find_lamps(objects)
     seen = list(zip(lamps, lamp_pixels(camera, lamps).tolist(), strict=True))
     for car in (item for item in objects if isinstance(item, Car) and item.x_m > MIN_OCCLUDER_M):
         place = np.array([car.x_m, car.y_m, car.ground_height_m])
         pixels = camera.road_to_pixels(outline_points(car.body) @ yaw_rotation(car.heading_rad).T + place)
         hull = cv2.convexHull(pixels[np.isfinite(pixels).all(axis=1)].astype(np.float32))
-        if hull is None:  # far aside, where the lens is blind
+        if hull is None:  # outside the field of view of the lens
             continue
-        # its own lamps that look at us are nearer than its middle
+        # Its own lamps that face the camera are nearer than its centre.
         until_m = np.linalg.norm(place)
         seen = [
             (lamp, px) for lamp, px in seen if lamp.distance_m < until_m or cv2.pointPolygonTest(hull, px, False) <= 0
@@ -140,13 +140,13 @@ def visible_lamps(objects: list[SceneObject], camera: Camera) -> list[Lamp]:
 
 
 def lamp_pixels(camera: Camera, lamps: list[Lamp], *, mirrored: bool = False) -> np.ndarray:
-    """Pixels (N, 2) of the lamps, or of their images in a level mirror on the ground; NaN out of the lens's sight."""
+    """Pixels (N, 2) of the lamps, or of their mirror images in level ground; NaN outside the view of the lens."""
     places = np.array([lamp.place_m for lamp in lamps]).reshape(-1, 3)
     return camera.road_to_pixels(places * [1, 1, -1 if mirrored else 1])
 
 
 def add_lamps(light: np.ndarray, camera: Camera, lamps: list[Lamp]) -> None:
-    """Add lamps with their glow, in place; what they are brighter than the picture can hold spreads in the glow."""
+    """Add lamps and their glow to the light, in place."""
     height, width = light.shape[:2]
     glow = np.zeros((height // GLOW_DOWNSAMPLING, width // GLOW_DOWNSAMPLING, 3), np.float32)
     for lamp, (u, v) in zip(lamps, lamp_pixels(camera, lamps), strict=True):
@@ -154,7 +154,7 @@ def add_lamps(light: np.ndarray, camera: Camera, lamps: list[Lamp]) -> None:
             continue
         radius = camera.matrix[0, 0] * lamp.radius_m / lamp.distance_m
         _add_disc(light, u, v, radius, lamp.light)
-        # Energy of the disc, spread over one coarse pixel.
+        # Energy of the disc in one coarse pixel.
         glow[int(v) // GLOW_DOWNSAMPLING % len(glow), int(u) // GLOW_DOWNSAMPLING % glow.shape[1]] += (
             lamp.light * np.pi * max(radius, 0.5) ** 2 / GLOW_DOWNSAMPLING**2
         )
@@ -164,7 +164,7 @@ def add_lamps(light: np.ndarray, camera: Camera, lamps: list[Lamp]) -> None:
 
 
 def _add_disc(light: np.ndarray, u: float, v: float, radius: float, colour: np.ndarray) -> None:
-    """A soft disc; one smaller than a pixel is as much dimmer."""
+    """Add a soft disc, in place; discs smaller than a pixel are dimmed by their area."""
     sigma = max(radius / 1.5, 0.7)
     reach = int(3 * sigma) + 1
     top, left = max(int(v) - reach, 0), max(int(u) - reach, 0)

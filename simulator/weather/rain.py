@@ -1,4 +1,4 @@
-"""Rain: drops on the windscreen that the wiper takes away, streaks in the air, and the spray of wheels."""
+"""Rain: drops and wiper on the windscreen, and falling drops."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-# Sight through rain is computed on every second pixel.
+# The view through drops is computed on every 2nd pixel.
 DROP_DOWNSAMPLING = 2
-# The wiper turns about a point below the picture; widths and heights are shares of the picture's.
+# Pivot of the wiper as shares of the picture's width and height, and its range of angles.
 PIVOT, SWEEP_RAD = (0.30, 1.25), (-1.15, 1.05)
-# A drop is a strong lens: what it shows is upside down and this many times smaller, so nearly the whole scene.
+# Minification of a drop, which is a strong lens: it shows nearly the whole scene upside down.
 DROP_MINIFICATION = 9.0
 
 
 @dataclass(frozen=True)
 class Rain:
-    """How hard it rains.
+    """Strength of the rain.
 
     Parameters
     ----------
     drops : int
-        New drops on the part of the windscreen that is seen, between two wipes.
+        New drops on the visible part of the windscreen between two wipes.
     wipe_every_s, wipe_s : float
-        Time from wipe to wipe, and how long the blade takes to cross the picture.
+        Time from wipe to wipe, and time that the blade takes to cross the picture.
     streaks : float
-        Light of the falling drops, sunlit white paint = 1.
+        Light of the falling drops; sunlit white paint is 1.
     """
 
     drops: int = 280
@@ -37,7 +37,7 @@ class Rain:
 
 
 def add_falling_drops(light: np.ndarray, rain: Rain, *, seed: int) -> None:
-    """Add falling drops, drawn out by the shutter, in place; another pattern for each seed."""
+    """Add motion-blurred falling drops, in place; each seed gives another pattern."""
     height, width = light.shape[:2]
     row, column = np.random.default_rng(seed).integers(0, 64, 2)
     streaks = _streaks(height, width)[row : row + height, column : column + width]
@@ -45,14 +45,14 @@ def add_falling_drops(light: np.ndarray, rain: Rain, *, seed: int) -> None:
 
 
 def add_windscreen_drops(light: np.ndarray, rain: Rain, time_s: float, *, seed: int) -> np.ndarray:
-    """The picture through the wet windscreen.
+    """The light through the wet windscreen.
 
     Parameters
     ----------
     light : ndarray of shape (height, width, 3), float32
     rain : Rain
     time_s : float
-        Drops come and go with time, each in its place until the blade takes it.
+        Time, which determines the drops and the position of the wiper.
     seed : int
 
     Returns
@@ -76,19 +76,19 @@ def add_windscreen_drops(light: np.ndarray, rain: Rain, time_s: float, *, seed: 
 
 
 def windscreen_drops(rain: Rain, time_s: float, *, seed: int) -> np.ndarray:
-    """Places and sizes (N, 3) of the drops at a moment: u and v as shares of width and height, radius of the height."""
+    """Drops (N, 3) at a time: u as a share of the width, v and radius as shares of the height."""
     cycle = int(np.floor(time_s / rain.wipe_every_s))
     kept = [_drops_of_cycle(rain, number, time_s, seed) for number in (cycle - 1, cycle)]
     return np.concatenate(kept)
 
 
 def _drops_of_cycle(rain: Rain, number: int, time_s: float, seed: int) -> np.ndarray:
-    """The drops that have come between wipes `number` and `number + 1` and are still there."""
+    """Drops that fell between wipes `number` and `number + 1` and are not wiped off yet."""
     rng = np.random.default_rng([seed, 91, number + 1000])
     u, v = rng.uniform(0, 1, (2, rain.drops))
     radius = 0.005 + 0.021 * rng.uniform(0, 1, rain.drops) ** 3
     born = (number + rng.uniform(0, 1, rain.drops)) * rain.wipe_every_s
-    # How far through its sweep the blade is when it meets the drop.
+    # Share of the sweep at which the blade meets the drop.
     angle = np.arctan2(u - PIVOT[0], (PIVOT[1] - v) * 9 / 16)
     share = np.clip((angle - SWEEP_RAD[0]) / (SWEEP_RAD[1] - SWEEP_RAD[0]), 0, 1)
     wiped = number * rain.wipe_every_s + share * rain.wipe_s
@@ -98,12 +98,12 @@ def _drops_of_cycle(rain: Rain, number: int, time_s: float, seed: int) -> np.nda
 
 
 def _lay_drop(cover, map_u, map_v, at_u: float, at_v: float, radius: float) -> None:
-    """Soft cover, and where to look through the drop, in place."""
+    """Add the coverage and the refracted view of a drop, in place."""
     reach = int(1.6 * radius) + 2
     part = np.s_[max(int(at_v) - reach, 0) : int(at_v) + reach + 1, max(int(at_u) - reach, 0) : int(at_u) + reach + 1]
     rows, columns = (np.arange(size, dtype=np.float32)[cut] for size, cut in zip(cover.shape, part, strict=True))
     du, dv = columns - np.float32(at_u), rows[:, None] - np.float32(at_v)
-    # The camera is focused on the road: the drop's edge is wide.
+    # The edge of the drop is wide, because the camera is focused on the road.
     inside = np.clip(1.25 - np.hypot(du, dv * np.float32(0.85)) / np.float32(radius), 0, 0.75) / np.float32(0.75)
     better = inside > cover[part]
     map_u[part] = np.where(better, at_u - DROP_MINIFICATION * du, map_u[part])
@@ -112,7 +112,7 @@ def _lay_drop(cover, map_u, map_v, at_u: float, at_v: float, radius: float) -> N
 
 
 def _lay_blade(cover: np.ndarray, map_u: np.ndarray, map_v: np.ndarray, rain: Rain, time_s: float) -> None:
-    """The blade while it crosses: a dark blurred bar; it shows the dark foot of the picture, far out of focus."""
+    """Add the moving wiper blade, in place: a blurred bar with the colour of the bottom of the picture."""
     height, width = cover.shape
     share = (time_s % rain.wipe_every_s) / rain.wipe_s
     if share >= 1:
@@ -131,12 +131,12 @@ def _lay_blade(cover: np.ndarray, map_u: np.ndarray, map_v: np.ndarray, rain: Ra
 
 @lru_cache(maxsize=2)
 def _streaks(height: int, width: int) -> np.ndarray:
-    """Short lines, nearly upright, out of focus where near; larger than the picture, to be shifted; grey RGB."""
+    """Short, nearly vertical, blurred streaks in grey RGB; 64 pixels larger than the picture to allow shifts."""
     rng = np.random.default_rng(92)
     layer = np.zeros((height + 64, width + 64), np.float32)
     for _ in range(260):
         u, v = rng.uniform(0, layer.shape[1]), rng.uniform(0, layer.shape[0])
-        # Drops stream away from the point that we drive to.
+        # Drops move away from the focus of expansion.
         toward = np.array([(u / layer.shape[1] - 0.5) * 0.5, 1.0]) * height * rng.uniform(0.02, 0.07)
         ends = [np.rint(np.array(p) * 16).astype(int).tolist() for p in ((u, v), (u + toward[0], v + toward[1]))]
         cv2.line(layer, *ends, float(rng.uniform(0.2, 1.0)), 1, cv2.LINE_AA, 4)

@@ -1,4 +1,4 @@
-"""A wet road: darker, with the sky and the lamps mirrored in its film of water."""
+"""Wet road: darker, with reflections of sky and lamps in a film of water."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from simulator.weather.night import Lamp, lamp_pixels
 STREAK_DOWNSAMPLING = 4
 # Reflectance of water at normal incidence.
 WATER = 0.02
-# A lamp's streak: how long for its distance below the horizon, and how wide in metres where it is mirrored.
+# Reflection of a lamp: standard deviations, vertical as a share of its depth below the horizon, horizontal in metres.
 STREAK_LONG, STREAK_WIDE_M = 0.45, 0.16
 
 
 @dataclass(frozen=True)
 class Wet:
-    """How wet: `film` is the share of the stones that water covers, `darkening` what is left of dry reflectance."""
+    """Wetness: `film` is the share of the surface under water, `darkening` the factor on the dry reflectance."""
 
     film: float = 0.32
     darkening: float = 0.55
 
     def mirror_share(self, ground: Ground, height_m: float, *, station_m: float, seed: int) -> np.ndarray:
-        """Share (rows, width) of the light from above that the road mirrors: Schlick's approximation, in puddles.
+        """Specular reflectance (rows, width) of the road: Schlick's approximation times the coverage by puddles.
 
-        Ruts hold more water than the crown between them; noise says where.
+        The coverage varies by noise, as ruts hold more water.
         """
         upright = np.float32(height_m) / np.sqrt(ground.distance * ground.distance + np.float32(height_m**2))
         mirrored = np.float32(WATER) + np.float32(1 - WATER) * (1 - upright) ** 5
@@ -41,7 +41,7 @@ class Wet:
 def add_lamp_reflections(
     light: np.ndarray, camera: Camera, lamps: list[Lamp], share: np.ndarray, open_to: np.ndarray
 ) -> None:
-    """Add the streaks of lamps mirrored in the road, in place.
+    """Add the reflections of lamps in the road, in place.
 
     Parameters
     ----------
@@ -49,9 +49,9 @@ def add_lamp_reflections(
     camera : Camera
     lamps : list of Lamp
     share : ndarray of shape (rows, width), float32
-        As from `Wet.mirror_share`, for the lowest rows of the picture.
+        Reflectance from `Wet.mirror_share`, for the lowest rows of the picture.
     open_to : ndarray of shape (height, width), bool
-        Where the road is seen.
+        Mask of the visible road.
     """
     height, width = light.shape[:2]
     layer = np.zeros((height // STREAK_DOWNSAMPLING, width // STREAK_DOWNSAMPLING, 3), np.float32)
@@ -62,7 +62,7 @@ def add_lamp_reflections(
             continue
         wide = max(camera.matrix[0, 0] * STREAK_WIDE_M / lamp.distance_m, 2.0)
         long = max(STREAK_LONG * (v - horizon), 4.0)
-        # The lamp's energy, smeared over the streak.
+        # The lamp's energy is spread over the streak.
         energy = (camera.matrix[0, 0] * lamp.radius_m / lamp.distance_m) ** 2 / (2 * wide * long)
         at = slice(
             max(int((u - 3 * wide) / STREAK_DOWNSAMPLING), 0), max(int((u + 3 * wide) / STREAK_DOWNSAMPLING) + 2, 0)
