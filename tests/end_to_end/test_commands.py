@@ -244,7 +244,7 @@ MISUSE = {
 def test_misuse(drive, tmp_path, name):
     expected, words, arguments = MISUSE[name]
     arguments = [argument.format(drive=drive) for argument in arguments]
-    if arguments[0] != "render" and "-o" not in arguments:
+    if arguments[0] != "simulator" and "-o" not in arguments:
         arguments += ["-o", tmp_path / "out.yaml"]
     before = names(drive)
     status, out, err = run(*arguments)
