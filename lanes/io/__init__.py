@@ -1,1 +1,1 @@
-"""Files, pictures, videos, telemetry, the terminal: everything that touches the operating system."""
+"""Access to the operating system: files, pictures, videos, telemetry, terminal, threads."""

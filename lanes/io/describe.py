@@ -1,6 +1,6 @@
-"""How measures are worded for people.
+"""Measurements as text, and a table of them for notebooks.
 
-Signs: curvature > 0 bends left; offset > 0 has the car left of the lane's centre.
+Signs: curvature > 0 bends left; offset > 0 means the car is left of the lane centre.
 """
 
 from __future__ import annotations
@@ -9,13 +9,13 @@ from collections.abc import Mapping
 from html import escape
 from math import degrees
 
-# A straight road measures as some huge radius of either sign; above this one the bend is not worth a word: over the
-# 30 m that the classic views show, the line leaves its tangent by 0.15 m, the width of the paint.
+# On a straight road the measured radius is large and of either sign. At this radius a line leaves its tangent by
+# 0.15 m, the width of a marking, over the 30 m that the classic views show.
 STRAIGHT_RADIUS_M = 3000.0
 
 
 def describe_bend(curvature_per_m: float | None) -> str:
-    """Words for a curvature: "bends right, R 640 m", "straight (R > 3 km)" or "bend unknown"."""
+    """Text for a curvature: "bends right, R 640 m", "straight (R > 3 km)" or "bend unknown"."""
     if curvature_per_m is None:
         return "bend unknown"
     if abs(curvature_per_m) < 1 / STRAIGHT_RADIUS_M:
@@ -24,7 +24,7 @@ def describe_bend(curvature_per_m: float | None) -> str:
 
 
 def describe_offset(offset_m: float | None, std_m: float | None = None) -> str:
-    """Words for an offset: "0.12 m left of centre", "in the centre" or "offset unknown".
+    """Text for an offset: "0.12 m left of centre", "in the centre" or "offset unknown".
 
     With a standard deviation: "0.12 ± 0.02 m left of centre".
     """
@@ -38,7 +38,7 @@ def describe_offset(offset_m: float | None, std_m: float | None = None) -> str:
 
 
 def describe_heading(heading_rad: float | None) -> str:
-    """Words for the road's direction seen from the car: "0.6 deg to the left", "straight ahead", "heading unknown"."""
+    """Text for the road's direction relative to the car: "0.6 deg to the left", "straight ahead", "heading unknown"."""
     if heading_rad is None:
         return "heading unknown"
     degrees_ = abs(degrees(heading_rad))
@@ -48,11 +48,11 @@ def describe_heading(heading_rad: float | None) -> str:
 
 
 def html_table(title: str, rows: Mapping[str, str]) -> str:
-    """A small table for notebooks: a heading, then name and words of each row."""
-    cells = "".join(f"<tr><th>{escape(name)}</th><td>{escape(words)}</td></tr>" for name, words in rows.items())
+    """An HTML table for notebooks: a caption, then a name and a text per row."""
+    cells = "".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in rows.items())
     return f"<table><caption>{escape(title)}</caption>{cells}</table>"
 
 
 def _two_digits(radius: float) -> str:
-    """Radii are known to a few per cent, so tens of metres are all that is worth printing above 100 m."""
+    """A radius, above 100 m rounded to tens of metres: it is accurate to a few per cent."""
     return f"{round(radius, -1):.0f}" if radius >= 100 else f"{radius:.0f}"

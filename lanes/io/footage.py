@@ -1,4 +1,4 @@
-"""Pictures of a drive, from stills and videos alike."""
+"""Sample pictures of a drive, from stills and videos."""
 
 from __future__ import annotations
 
@@ -14,36 +14,48 @@ from lanes.io.images import PICTURE_SUFFIXES, read_image
 from lanes.io.video.container import VideoError
 from lanes.io.video.reader import TimedFrame, inspect_video, read_timed_frames
 
-# Reading on for this long costs about as much as opening the video again at another place.
+# Reading this much of a video takes about as long as reopening it at another time.
 SEEK_S = 2.0
 
 
 def pick_pictures(
     files: list[Path],
-    most: int,
+    max_pictures: int,
     *,
     require: Callable[[np.ndarray, Path], None] | None = None,
     start_s: float = 0.0,
     end_s: float | None = None,
 ) -> Iterator[np.ndarray]:
-    """At most `most` pictures, spread evenly over stills and videos; RGB (height, width, 3) uint8.
+    """Yield up to `max_pictures` pictures, evenly spaced over stills and videos.
 
-    Of videos only the piece from `start_s` to `end_s` counts, seconds since the first frame. `require(image, file)`
-    raises where a picture cannot be used, as `Camera.require_size` does.
+    Parameters
+    ----------
+    files : list of Path
+    max_pictures : int
+    require : callable, optional
+        Called as `require(image, file)`; raises if the picture cannot be used, as `Camera.require_size` does.
+    start_s, end_s : float
+        Part of each video to sample, seconds since the first frame.
+
+    Yields
+    ------
+    ndarray of shape (height, width, 3), uint8
+        RGB.
 
     Raises
     ------
     FileNotFoundError, PictureError, VideoError
-        If a file cannot be read, `require` refuses a picture, or a video is over at `start_s`.
+        If a file cannot be read, `require` refuses a picture, or a video ends before `start_s`.
     """
-    places: list[tuple[Path, float | None]] = []
+    candidates: list[tuple[Path, float | None]] = []
     for file in files:
         if file.suffix.lower() in PICTURE_SUFFIXES:
-            places.append((file, None))
+            candidates.append((file, None))
         else:
-            places += [(file, time_s) for time_s in _times_s(file, most, start_s, end_s)]
-    chosen = np.unique(np.linspace(0, len(places) - 1, min(most, len(places))).round().astype(int))
-    for file, group in groupby((places[at] for at in chosen), key=itemgetter(0)):
+            candidates += [(file, time_s) for time_s in _times_s(file, max_pictures, start_s, end_s)]
+    count = min(max_pictures, len(candidates))
+    chosen = np.unique(np.linspace(0, len(candidates) - 1, count).round().astype(int))
+    for file, group in groupby((candidates[index] for index in chosen), key=itemgetter(0)):
         times_s = [time_s for _, time_s in group]
         for image in [read_image(file)] if times_s[0] is None else _frames_at(file, times_s):
             if require:
@@ -51,18 +63,18 @@ def pick_pictures(
             yield image
 
 
-def _times_s(video: Path, most: int, start_s: float, end_s: float | None) -> np.ndarray:
-    """At most `most` times, evenly spread over a piece of a video, not more than there are frames."""
+def _times_s(video: Path, max_times: int, start_s: float, end_s: float | None) -> np.ndarray:
+    """Up to `max_times` times, evenly spaced over a part of a video, at most one per frame."""
     info = inspect_video(video)
     length_s = min(info.duration_s, math.inf if end_s is None else end_s) - start_s
     if length_s <= 0:
         raise VideoError(f"{video}: lasts {info.duration_s:g} s; begin before that, not at {start_s:g} s.")
-    count = min(most, max(round(length_s * info.fps), 1))
+    count = min(max_times, max(round(length_s * info.fps), 1))
     return start_s + length_s * np.arange(count) / count
 
 
 def _frames_at(video: Path, times_s: list[float]) -> Iterator[np.ndarray]:
-    """The frames shown at rising times; reads on where the next is near, and seeks where it is far."""
+    """The frames shown at increasing times; seeks if the next time is more than `SEEK_S` ahead."""
     frames: Iterator[TimedFrame] = iter(())
     now_s = -np.inf
     for time_s in times_s:

@@ -1,7 +1,7 @@
 """Picture types: RGB arrays and YUV 4:2:0 frames as videos store them.
 
-A frame that stays in YUV from the decoder to the encoder needs no colour conversion, and the encoder gets all pixels
-that were not drawn on as they were decoded. Colour spaces differ in luma coefficients and range; both are identified
+A frame that stays in YUV from the decoder to the encoder needs no colour conversion. Pixels that nobody draws on reach
+the encoder unchanged. Colour spaces differ in luma coefficients and range; both are identified
 by the code points of Recommendation ITU-T H.273.
 """
 

@@ -1,4 +1,4 @@
-"""Telemetry: one CSV row a frame, units in the column names, as beside each rendered video's truth."""
+"""Telemetry: CSV with one row per frame and units in the column names; rendered videos have their truth like this."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from lanes.io.files import atomic_write, read_text, translate_write_errors
 
 
 class TelemetryWriter:
-    """Write rows as CSV while they come, in a `with` block; the file gets its name at the end of the block.
+    """Writer of CSV rows, atomically, in a `with` block.
 
-    Rows wait on disk, not in memory, because the columns are known only at the end. If the block raises, nothing of
-    them remains and an earlier file of that name is untouched.
+    Rows are collected in a temporary file, because the columns are complete only at the end. If the block raises, an
+    earlier file of that name is unchanged.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class TelemetryWriter:
     def __enter__(self) -> TelemetryWriter:
         with translate_write_errors(self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            # Names of pictures may hold bytes that are no text.
+            # File names of pictures may contain bytes that are not UTF-8.
             text = {"encoding": "utf-8", "errors": "replace", "newline": ""}
             self._rows = TemporaryFile("w+", **text, dir=self.path.parent)
         self._csv = csv.writer(self._rows, lineterminator="\n")
@@ -50,15 +50,20 @@ class TelemetryWriter:
                 with translate_write_errors(self.path):
                     self._finish()
         finally:
-            # Rows that a full disk did not take are none that anybody misses.
+            # A full disk is reported above already.
             with suppress(OSError):
                 self._rows.close()
 
     def write(self, row: Mapping[str, object]) -> None:
         """Append a row: column name to value.
 
-        The columns are those of all rows, in order of first appearance. What a row lacks, None and NaN become an empty
-        field: nothing was measured.
+        The table has the columns of all rows, in order of first appearance. Missing values, None and NaN become empty
+        fields.
+
+        Raises
+        ------
+        OSError
+            If the row cannot be written.
         """
         self._columns |= dict.fromkeys(row)
         with translate_write_errors(self.path):
@@ -69,12 +74,12 @@ class TelemetryWriter:
         with atomic_write(self.path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(self._columns)
-            # the early rows lack the columns that appeared later
+            # Early rows lack the columns that appeared later.
             writer.writerows(row + [""] * (len(self._columns) - len(row)) for row in csv.reader(self._rows))
 
 
 def write_telemetry(path: str | Path, rows: Iterable[Mapping[str, object]]) -> Path:
-    """Write rows as CSV, see `TelemetryWriter`; returns the path written."""
+    """Write rows as CSV, see `TelemetryWriter`; returns the path."""
     with TelemetryWriter(path) as table:
         for row in rows:
             table.write(row)
@@ -89,9 +94,9 @@ def read_telemetry(path: str | Path) -> dict[str, np.ndarray]:
     Raises
     ------
     FileNotFoundError
-        If there is no such file.
+        If the file does not exist.
     ValueError
-        If it is no CSV with a header, a column "frame" and rows of equal length.
+        If it is not a CSV table with a header, a column "frame" and rows of equal length.
     """
     text = read_text(path, "telemetry")
     try:
@@ -110,7 +115,7 @@ def _field(value: object) -> object:
     if value is None:
         return ""
     if isinstance(value, (float, np.floating)):
-        # Nine digits keep micrometres over kilometres, and hide the last bits that differ between processors.
+        # Nine digits resolve micrometres over kilometres and hide the last bits, which differ between processors.
         return "" if np.isnan(value) else f"{value:.9g}"
     return value
 

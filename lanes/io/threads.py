@@ -1,4 +1,4 @@
-"""How many threads OpenCV works with, for a while."""
+"""The number of OpenCV threads, set for the duration of a block."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import cv2
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """OpenCV on one thread in the `with` block.
+    """Run OpenCV on one thread in the `with` block.
 
-    For results that do not vary (more threads add sums in another order each time), for measuring, and where other
-    threads keep the processor busy already: OpenCV's own would mostly wait, and waiting takes processor time.
+    Use it for reproducible results (with more threads the order of summation varies), for timing, and if other threads
+    use the processor already: OpenCV's threads would then mostly wait, and waiting takes processor time.
     """
     with _threads(1):
         yield
@@ -21,7 +21,7 @@ def one_thread() -> Iterator[None]:
 
 @contextmanager
 def all_threads() -> Iterator[None]:
-    """OpenCV on as many threads as it has by default in the `with` block: where other processes wait for the result."""
+    """Run OpenCV on its default number of threads in the `with` block, if other processes wait for the result."""
     with _threads(-1):
         yield
 

@@ -35,7 +35,7 @@ distributed = pytest.importorskip(
 )
 
 ROOT = Path(__file__).parents[2]
-# x264 makes the same bytes each time only of widths that are multiples of 256 (tests/io/video/test_video.py).
+# x264 makes the same bytes each time only of widths that are multiples of 256 (tests/io/video/conftest.py).
 SMALL = CAMERA.scaled((768, 432))
 FRAMES, LONG = 20, 50
 
@@ -178,8 +178,8 @@ def test_failed_drive_does_not_stop_the_others(drives, tmp_path, monkeypatch):
             videos, settings_for(output), ClusterSettings(workers=1), log=messages.append
         )
         assert len(finished) == 2 and [str(error) for error in failures] == [
-            f"{videos[2]}: cannot be read as a video (Invalid data found when processing input): it is none, a "
-            "playlist, or it was cut off; copy it again, or convert it to mp4."
+            f"{videos[2]}: cannot be read as a video (Invalid data found when processing input): it is not a video, "
+            "a playlist, or cut off; copy it again, or convert it to mp4."
         ]
         assert "1 workers; dashboard: " in messages[0] and messages[-1].startswith(
             "2 drives finished (0 of them before), 1 f"

@@ -138,7 +138,7 @@ def test_importing_does_not_import_pyplot():
     assert subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[2]).returncode == 0
 
 
-def test_bars_stand_at_their_values_under_their_names():
+def test_bars_have_their_values_and_names():
     _, axis = plots.plot_bars({"calibration1.jpg": 0.5, "calibration2.jpg": 0.25}, label="error (px)", title="boards")
     assert [bar.get_height() for bar in axis.patches] == [0.5, 0.25]
     assert [text.get_text() for text in axis.get_xticklabels()] == ["calibration1.jpg", "calibration2.jpg"]

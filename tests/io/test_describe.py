@@ -15,7 +15,7 @@ from lanes.io import describe
         (None, "bend unknown"),
     ],
 )
-def test_words_for_a_bend(curvature, text):
+def test_describe_bend(curvature, text):
     assert describe.describe_bend(curvature) == text
 
 
@@ -28,5 +28,5 @@ def test_words_for_a_bend(curvature, text):
         (None, "offset unknown"),
     ],
 )
-def test_words_for_an_offset(offset, text):
+def test_describe_offset(offset, text):
     assert describe.describe_offset(offset) == text

@@ -1,4 +1,4 @@
-"""Files in and out: what is no file is refused, what is written appears whole, whoever else writes or has died."""
+"""Input files are checked, outputs are written atomically, and writers lock each other out."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from lanes.io.files import (
 )
 
 ROOT = Path(__file__).parents[2]
-DEAD = "0123456789ab"
+STALE = "0123456789ab"
 
 
-class OddError(ValueError):
+class CustomError(ValueError):
     pass
 
 
@@ -37,14 +37,14 @@ def names(folder: Path) -> set[str]:
 # --- in
 
 
-def test_a_file_is_taken_whatever_it_is_called(tmp_path, monkeypatch):
+def test_unusual_file_names_are_read(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("-rf.txt", "two words.txt", "дорога.txt", "con:cat.txt", "a*[b]?.txt", os.fsdecode(b"\xff.txt")):
         Path(name).write_text("ü")
         assert read_text(name, "text") == "ü"
 
 
-def test_what_is_no_file_is_refused_and_named(tmp_path):
+def test_anything_but_a_file_is_refused_by_name(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "folder").mkdir()
     (tmp_path / "nothing").touch()
@@ -59,45 +59,45 @@ def test_what_is_no_file_is_refused_and_named(tmp_path):
         tmp_path / "nothing": "is empty",
     }
     for path, words in cases.items():
-        with pytest.raises(OddError, match=f"^{path}: .*{words}"):
-            require_file(path, "test", error=OddError)
+        with pytest.raises(CustomError, match=f"^{path}: .*{words}"):
+            require_file(path, "test", error=CustomError)
     for name in ("gone", "loop", "gone/too", "long" * 99, "nul\0"):
         with pytest.raises(FileNotFoundError, match="no such test file"):
-            require_file(tmp_path / name, "test", error=OddError)
+            require_file(tmp_path / name, "test", error=CustomError)
     listening.close()
 
 
-def test_large_files_and_what_is_no_text_are_refused(tmp_path):
+def test_large_and_binary_files_are_refused(tmp_path):
     path = tmp_path / "a"
     path.write_bytes(b"1234\xff")
-    with pytest.raises(OddError, match="byte 4 is not UTF-8"):
-        read_text(path, "test", error=OddError)
-    with pytest.raises(OddError, match="MB large"):
-        read_text(path, "test", error=OddError, max_bytes=4)
+    with pytest.raises(CustomError, match="byte 4 is not UTF-8"):
+        read_text(path, "test", error=CustomError)
+    with pytest.raises(CustomError, match="MB large"):
+        read_text(path, "test", error=CustomError, max_bytes=4)
 
 
-def test_what_may_not_be_read_is_refused(tmp_path, monkeypatch):
-    """Root may read all, so that the system's answers are played where the tests run as root."""
+def test_unreadable_files_are_refused(tmp_path, monkeypatch):
+    """Root may read every file, so the system's answers are simulated."""
     path = tmp_path / "folder" / "secret"
     write_atomically(path, b"x")
     path.chmod(0)
     if os.geteuid() == 0:
         monkeypatch.setattr(os, "access", lambda *_: False)
-    with pytest.raises(OddError, match="secret: may not be read"):
-        require_file(path, "test", error=OddError)
+    with pytest.raises(CustomError, match="secret: may not be read"):
+        require_file(path, "test", error=CustomError)
 
     def refused(self: Path) -> None:
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(Path, "stat", refused)
-    with pytest.raises(OddError, match="secret: may not be read"):
-        require_file(path, "test", error=OddError)
+    with pytest.raises(CustomError, match="secret: may not be read"):
+        require_file(path, "test", error=CustomError)
 
 
 # --- out
 
 
-def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
+def test_an_interrupted_write_keeps_the_old_file(tmp_path, monkeypatch):
     target = tmp_path / "a.txt"
     write_atomically(target, b"old")
 
@@ -114,7 +114,7 @@ def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(tmp_path, mon
 
 
 @pytest.mark.parametrize("call", ["replace", "fsync"])
-def test_full_disk_is_said_and_leaves_the_old_file(tmp_path, monkeypatch, call):
+def test_a_full_disk_is_reported_and_keeps_the_old_file(tmp_path, monkeypatch, call):
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
@@ -125,13 +125,13 @@ def test_full_disk_is_said_and_leaves_the_old_file(tmp_path, monkeypatch, call):
     assert names(tmp_path) == {"a.txt"} and (tmp_path / "a.txt").read_bytes() == b"old"
 
 
-def test_rights_are_those_of_any_new_file(tmp_path):
+def test_permissions_are_those_of_any_new_file(tmp_path):
     write_atomically(tmp_path / "a", b"")
     (tmp_path / "b").touch()
     assert stat.S_IMODE((tmp_path / "a").stat().st_mode) == stat.S_IMODE((tmp_path / "b").stat().st_mode)
 
 
-def test_a_link_stays_one(tmp_path):
+def test_a_link_stays_a_link(tmp_path):
     (tmp_path / "there").mkdir()
     write_atomically(tmp_path / "there" / "real.txt", b"old")
     (tmp_path / "link.txt").symlink_to(tmp_path / "there" / "real.txt")
@@ -141,8 +141,8 @@ def test_a_link_stays_one(tmp_path):
 
 
 @pytest.mark.parametrize(("kind", "words"), [("pipe", "is a pipe"), ("folder", "is a folder")])
-def test_nothing_but_files_is_replaced(tmp_path, kind, words):
-    """Least of all /dev/null, over which root could rename a file."""
+def test_only_files_are_replaced(tmp_path, kind, words):
+    """Root could rename a file over /dev/null."""
     path = tmp_path / kind
     os.mkfifo(path) if kind == "pipe" else path.mkdir()
     with pytest.raises(OSError, match=f"{kind}: cannot be written \\(it {words}"):
@@ -152,7 +152,7 @@ def test_nothing_but_files_is_replaced(tmp_path, kind, words):
         write_atomically("/dev/null", b"new")
 
 
-def test_leftovers_of_the_dead_go_and_nothing_else(tmp_path):
+def test_only_stale_partial_files_are_removed(tmp_path):
     kept = {
         "b.partial.0123456789ab.txt",
         "a.partial.txt",
@@ -160,14 +160,14 @@ def test_leftovers_of_the_dead_go_and_nothing_else(tmp_path):
         "a.partial.0123456789abc.txt",
         "xa.txt",
     }
-    for name in kept | {f"a.partial.{DEAD}.txt", f"a.partial.{DEAD}.csv", f"a.partial.{DEAD}"}:
+    for name in kept | {f"a.partial.{STALE}.txt", f"a.partial.{STALE}.csv", f"a.partial.{STALE}"}:
         (tmp_path / name).touch()
     write_atomically(tmp_path / "a.txt", b"new")
     assert names(tmp_path) == kept | {"a.txt"}
 
 
-def test_two_that_write_the_same_do_not_mix(tmp_path):
-    """Neither touches what the other is writing; the last one's file is there at the end, whole."""
+def test_two_writers_of_one_file_do_not_mix(tmp_path):
+    """Neither changes the other's partial file; the last one to finish replaces the first one's output."""
     first, second = PartialFile(tmp_path / "a.txt"), PartialFile(tmp_path / "a.txt")
     assert first.name != second.name and names(tmp_path) == {first.name.name, second.name.name}
     first.name.write_text("first")
@@ -187,7 +187,7 @@ def other(code: str, *arguments: object) -> subprocess.Popen:
     return subprocess.Popen([*command, *map(str, arguments)], cwd=ROOT, stdout=subprocess.PIPE, text=True)
 
 
-def test_a_living_process_keeps_its_file_and_a_killed_one_loses_it(tmp_path):
+def test_partial_files_of_killed_processes_only_are_removed(tmp_path):
     code = "with atomic_write(Path(sys.argv[1])) as p: p.write_text('half'); print(p.name, flush=True); time.sleep(60)"
     with other(code, tmp_path / "a.txt") as process:
         half = process.stdout.readline().strip()
@@ -198,7 +198,7 @@ def test_a_living_process_keeps_its_file_and_a_killed_one_loses_it(tmp_path):
     assert names(tmp_path) == {"a.txt", "a.csv"} and (tmp_path / "a.txt").read_text() == "mine"
 
 
-def test_one_run_at_a_time(tmp_path):
+def test_a_second_writer_is_refused(tmp_path):
     code = "with exclusive_writer(Path(sys.argv[1])): print('in', flush=True); time.sleep(60)"
     with other(code, tmp_path / "drive.mp4") as process:
         assert process.stdout.readline() == "in\n"
@@ -215,19 +215,19 @@ def test_one_run_at_a_time(tmp_path):
     assert names(tmp_path) == {"drive.mp4"}
 
 
-def test_a_file_system_without_locks_refuses_no_run_and_removes_nothing(tmp_path, monkeypatch):
+def test_without_locks_no_writer_is_refused_and_nothing_is_removed(tmp_path, monkeypatch):
     def cannot(*_: object) -> None:
         raise OSError(95, "Operation not supported")
 
     monkeypatch.setattr("fcntl.flock", cannot)
-    (tmp_path / f"a.partial.{DEAD}.txt").touch()
+    (tmp_path / f"a.partial.{STALE}.txt").touch()
     with exclusive_writer(tmp_path / "a.txt"):
         write_atomically(tmp_path / "a.txt", b"new")
-    assert names(tmp_path) == {"a.txt", f"a.partial.{DEAD}.txt"}
+    assert names(tmp_path) == {"a.txt", f"a.partial.{STALE}.txt"}
 
 
-def test_a_lock_that_was_removed_meanwhile_is_made_again(tmp_path, monkeypatch):
-    """The other run ended between our opening its lock and getting it."""
+def test_a_lock_removed_by_another_run_is_created_again(tmp_path, monkeypatch):
+    """The other run ends between the opening of its lock file and the locking."""
     lock, real = tmp_path / "a.partial.lock", fcntl.flock
     calls = []
 

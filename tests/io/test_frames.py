@@ -1,4 +1,4 @@
-"""Pictures as videos store them: the right colours, every pixel its own place, and the same road seen in them."""
+"""YUV frames: colours, positions of pixels, drawing, and the bird's-eye view made from them."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ COLOURS = [(255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 255), (0, 0, 0), (2
 
 
 def patches(width: int = 112, height: int = 64) -> np.ndarray:
-    """Columns of plain colours; the upper right is darker, so that no turned picture equals another."""
+    """Columns of plain colours; the upper right is darker, so that no rotated picture equals another."""
     image = np.repeat(np.repeat(np.array(COLOURS, np.uint8), 16, axis=0)[None, :width], height, axis=0)
     image[: height // 2, width // 2 :] //= 2
     return image
 
 
 def stored(image: np.ndarray, form: str, matrix: int = Colorspace.ITU601, span: ColorRange = ColorRange.MPEG):
-    """The picture as a decoder gives it, converted by FFmpeg."""
+    """The picture as a decoded frame, converted by FFmpeg."""
     frame = av.VideoFrame.from_ndarray(image)
     return frame.reformat(format=form, dst_colorspace=matrix, src_color_range=ColorRange.JPEG, dst_color_range=span)
 
@@ -55,7 +55,7 @@ def test_colours_are_those_of_ffmpeg(matrix, number, span):
         ("gbrp", ColorRange.JPEG),
     ],
 )
-def test_every_way_to_store_gives_the_same_picture(form, span):
+def test_every_pixel_format_gives_the_same_picture(form, span):
     frame = stored(patches(), form, span=span)
     picture = to_upright_yuv(frame, VideoReformatter())
     seen = picture.to_rgb()
@@ -64,13 +64,13 @@ def test_every_way_to_store_gives_the_same_picture(form, span):
     np.testing.assert_allclose(seen[4:-4:8, 8::16], to_upright_rgb(frame, VideoReformatter())[4:-4:8, 8::16], atol=4)
 
 
-def test_colours_that_are_not_told_are_taken_for_bt601():
+def test_unspecified_colours_are_taken_for_bt601():
     frame = stored(patches(), "yuv420p")
     frame.colorspace, frame.color_range, frame.color_primaries, frame.color_trc = 2, 0, 2, 2
     assert to_upright_yuv(frame, VideoReformatter()).colour_space == YuvColourSpace()
 
 
-def test_planes_are_those_of_the_decoder_and_one_s_own():
+def test_planes_are_copies_of_the_decoder_s():
     frame = stored(np.random.default_rng(3).integers(0, 256, (66, 90, 3)).astype(np.uint8), "yuv420p")
     picture = to_upright_yuv(frame, VideoReformatter())
     for plane, source in zip(picture.planes, frame.planes, strict=True):
@@ -97,7 +97,7 @@ def test_odd_sizes_repeat_the_last_pixels(width, height):
 
 
 @pytest.mark.parametrize("quarters", [0, 1, 2, 3])
-def test_turned_as_rgb_is(quarters):
+def test_rotation_is_that_of_rgb(quarters):
     image = patches()
     turned = YuvFrame.from_rgb(image).rotated(quarters)
     expected = np.rot90(image, quarters)
@@ -108,7 +108,7 @@ def test_turned_as_rgb_is(quarters):
         np.testing.assert_allclose(turned.to_rgb()[row, column], expected[row, column], atol=3)
 
 
-def test_only_rgb_becomes_one():
+def test_only_rgb_is_converted():
     with pytest.raises(PictureError, match="float64"):
         YuvFrame.from_rgb(patches() / 255)
     image = patches()
@@ -116,7 +116,7 @@ def test_only_rgb_becomes_one():
 
 
 class TestDrawing:
-    """Each function on gray pictures of both kinds; what differs are colours along edges, of two pixels."""
+    """Each function on a gray RGB picture and YUV frame; they differ in colours along edges, up to two pixels wide."""
 
     @pytest.mark.parametrize(
         "draw",
@@ -150,7 +150,7 @@ class TestDrawing:
             np.testing.assert_array_equal(plane[:, : 24 // step], old[:, : 24 // step])
             assert (plane != old).mean() > 0.1
 
-    def test_words_are_white_on_a_dark_panel_without_a_hue(self):
+    def test_text_is_white_on_a_neutral_dark_panel(self):
         image = np.empty((96, 160, 3), np.uint8)
         image[:] = 60, 120, 250
         picture = YuvFrame.from_rgb(image)
@@ -164,7 +164,7 @@ class TestDrawing:
 
 
 def test_the_road_looks_the_same():
-    """From above, an even surface and its paint: differences stay within what rounding and coarser colours make."""
+    """The bird's-eye views of both differ by rounding and the coarser chroma only."""
     image, _ = tracked_bends()
     view = BirdsEyeView(SMALL)
     rgb, yuv = view.warp(image), view.warp(YuvFrame.from_rgb(image))
@@ -180,7 +180,7 @@ def test_the_lane_is_drawn_on_either():
     drawn = draw_tracked(image, result, SMALL)
     picture = YuvFrame.from_rgb(image)
     assert draw_tracked(picture, result, SMALL, onto=picture) is picture
-    # below the panel, where hues differ on purpose
+    # below the panel, where chroma differs on purpose
     difference = np.abs(drawn.astype(int) - picture.to_rgb())[80:]
     assert difference.mean() < 3
     with pytest.raises(PictureError, match="1280x720"):

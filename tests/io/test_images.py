@@ -1,4 +1,4 @@
-"""Pictures in and out of files: the one layout, and each way in which a file can be unfit."""
+"""Picture files: the array layout, and unusable files."""
 
 import struct
 import time
@@ -18,7 +18,7 @@ RED, GREEN = (220, 30, 20), (20, 200, 40)
 
 @pytest.fixture
 def picture() -> np.ndarray:
-    """Red on the left, green on the right: a swap of channels, sides or axes shows."""
+    """Red on the left, green on the right, so that swapped channels, sides or axes are noticed."""
     image = np.zeros((40, 64, 3), np.uint8)
     image[:, :32], image[:, 32:] = RED, GREEN
     return image
@@ -35,7 +35,7 @@ def test_jpeg_round_trip_keeps_red_red(tmp_path, picture):
     np.testing.assert_allclose(read[20, 54], GREEN, atol=6)
 
 
-def test_files_hold_red_as_others_read_it(tmp_path, picture):
+def test_other_readers_see_red_as_red(tmp_path, picture):
     bgr = cv2.imread(str(write_image(tmp_path / "a.png", picture)))
     assert tuple(bgr[0, 0]) == RED[::-1]
 
@@ -69,7 +69,7 @@ def test_truncated_file_is_refused(tmp_path, picture, suffix, share):
 
 
 def test_truncated_jpeg_with_whole_thumbnail_is_refused(tmp_path, picture):
-    """A thumbnail in the header brings an end marker of its own, which must not pass for the picture's."""
+    """The end marker of a thumbnail in the header must not be taken for the picture's."""
     whole = write_image(tmp_path / "a.jpg", picture).read_bytes()
     thumbnail = b"\xff\xe1" + (2 + len(whole)).to_bytes(2, "big") + whole
     with_thumbnail = tmp_path / "with.jpg"
@@ -80,7 +80,7 @@ def test_truncated_jpeg_with_whole_thumbnail_is_refused(tmp_path, picture):
         read_image(with_thumbnail)
 
 
-def test_data_after_the_end_of_a_jpeg_is_no_fault(tmp_path, picture):
+def test_data_after_the_end_of_a_jpeg_are_ignored(tmp_path, picture):
     path = write_image(tmp_path / "a.jpg", picture)
     path.write_bytes(path.read_bytes() + b"maker's own data\0\0")
     assert read_image(path).shape == picture.shape
@@ -99,7 +99,7 @@ def test_text_named_jpg_is_refused(tmp_path):
 
 
 def huge_png(width: int, height: int) -> bytes:
-    """A picture of a few bytes that claims any size."""
+    """A PNG of a few bytes with any size in its header."""
     chunks = [
         (b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)),
         (b"IDAT", zlib.compress(b"")),
@@ -112,7 +112,7 @@ def huge_png(width: int, height: int) -> bytes:
 
 
 def huge_jpeg(picture: np.ndarray, width: int, height: int) -> bytes:
-    """A JPEG whose frame header claims another size than it has."""
+    """A JPEG with a wrong size in its frame header."""
     data = bytearray(cv2.imencode(".jpg", picture)[1].tobytes())
     struct.pack_into(">HH", data, data.index(b"\xff\xc0") + 5, height, width)
     return bytes(data)
@@ -134,7 +134,7 @@ def test_claims_of_a_header_are_refused_at_once(tmp_path, picture, kind, size, m
 
 
 def test_a_thumbnail_is_not_taken_for_the_picture(tmp_path, picture):
-    """It lies in a block before the frame header, with a frame header of its own."""
+    """A thumbnail with its own frame header lies before the picture's frame header."""
     data = huge_jpeg(picture, 64, 40)
     thumbnail = huge_jpeg(picture, 60000, 60000)
     path = tmp_path / "a.jpg"
@@ -177,7 +177,7 @@ def test_unwritable_folder_is_named(tmp_path, picture):
         write_image(tmp_path / "file" / "a.png", picture)
 
 
-def test_pictures_are_listed_in_natural_order_without_leftovers(tmp_path, picture):
+def test_pictures_are_listed_in_natural_order_without_partial_files(tmp_path, picture):
     for name in ("board10.png", "board2.PNG", "board1.jpeg", "notes.txt", "._board1.png"):
         (tmp_path / name).touch()
     (tmp_path / "board3.partial.0123456789ab.png").touch()

@@ -1,4 +1,4 @@
-"""Telemetry: what is written is what is read, and nothing measured is not zero."""
+"""Telemetry: values survive writing and reading, and missing values are not zero."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_missing_file(tmp_path):
         b"frame\n\xff\xfe\n",
     ],
 )
-def test_files_that_are_no_table(tmp_path, content):
+def test_files_that_are_not_a_table(tmp_path, content):
     (tmp_path / "drive.csv").write_bytes(content)
     with pytest.raises(ValueError, match=r"drive\.csv: (is no te(lemetry table|xt)|the file is empty)"):
         read_telemetry(tmp_path / "drive.csv")

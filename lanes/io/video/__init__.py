@@ -1,1 +1,1 @@
-"""Read, write, process and join videos; PyAV is used here only."""
+"""Read, write, process and join videos; only this package uses PyAV."""

@@ -1,4 +1,4 @@
-"""Video files, opened: local files only, looked through packet by packet, damaged packets left out."""
+"""Opening, scanning and decoding of local video files; damaged packets are skipped."""
 
 from __future__ import annotations
 
@@ -13,24 +13,34 @@ import av
 from lanes.io.files import require_file
 from lanes.io.images import MAX_PIXELS
 
-# What recorders, phones and editors write. Playlists and lists of files (hls, dash, concat, image2) are left out: these
-# open further files, or the network, by names that whoever made them has chosen.
+# Formats of recorders, phones and editors. Playlists and lists of files (hls, dash, concat, image2) are excluded: they
+# make FFmpeg open further files or network addresses that the author of the file chose.
 FORMATS = "mov,matroska,avi,mpegts,mpeg,mpegvideo,flv,asf,ogg,mxf,nut,h264,hevc,m4v,mjpeg,yuv4mpegpipe,gif"
-# Frames in a second that a clock of 32 bits and a tracker can live with.
+# Frame rates that a 32-bit clock and the tracker can handle.
 MIN_FPS, MAX_FPS = Fraction(1, 10), 1000
-# A container that lasts so much longer than all that is in it was cut off; some round the length to half a second.
+# A file was cut off if its header announces more than this beyond its last packet; some round to half a second.
 CUT_OFF_S = 0.5
-# Rates by all frames and by the shortest step that differ by less than this are one: the rate is constant.
+# The rate is constant if average rate and base rate differ by a smaller share than this.
 SAME_RATE = 0.02
 
 
 class VideoError(ValueError):
-    """A video cannot be used; the message names the file, what is wrong and what to do."""
+    """A video cannot be used; the message names the file, the fault and a remedy."""
 
 
 @dataclass(frozen=True)
 class PacketScan:
-    """What the packets of a video tell: frames there, frames missing or damaged, seconds shown, the first frame."""
+    """Result of `scan_packets`.
+
+    Attributes
+    ----------
+    frames, missing : int
+        Frames stored, and frames missing or damaged.
+    duration_s : float
+        Seconds shown, missing frames included.
+    first : VideoFrame
+        The first frame that can be decoded.
+    """
 
     frames: int
     missing: int
@@ -39,16 +49,24 @@ class PacketScan:
 
 
 def open_video(path: str | Path) -> av.container.InputContainer:
-    """Open a file that must exist and hold a video stream; nothing but this file is read, whatever is in it."""
+    """Open a video file; FFmpeg cannot open any other file or address named in it.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the file does not exist.
+    VideoError
+        If it is not a video of one of `FORMATS`, or claims more than `MAX_PIXELS`.
+    """
     path = require_file(path, "video", error=VideoError)
-    # The limit is for the look at the first frames that FFmpeg takes when it opens a file.
+    # FFmpeg decodes the first frames while it opens a file: the limit applies to these.
     options = {"protocol_whitelist": "file", "format_whitelist": FORMATS, "max_pixels": str(MAX_PIXELS)}
     try:
-        # The prefix keeps names such as "concat:a.mp4" what they are.
+        # Without the prefix a name such as "concat:a.mp4" would select a protocol.
         container = av.open(f"file:{path}", options=options)
     except av.FFmpegError as error:
         raise VideoError(
-            f"{path}: cannot be read as a video ({error.strerror}): it is none, a playlist, or it was cut off; copy it "
+            f"{path}: cannot be read as a video ({error.strerror}): it is not a video, a playlist, or cut off; copy it "
             "again, or convert it to mp4."
         ) from error
     try:
@@ -61,7 +79,7 @@ def open_video(path: str | Path) -> av.container.InputContainer:
 
 
 def scan_packets(path: str | Path, container: av.container.InputContainer) -> PacketScan:
-    """Count the packets of a video; only the first frame that can be is decoded.
+    """Count the frames of a video by its packets; only the first frame is decoded.
 
     Raises
     ------
@@ -75,26 +93,26 @@ def scan_packets(path: str | Path, container: av.container.InputContainer) -> Pa
             end_s = max(end_s, float((packet.pts + (packet.duration or 0)) * packet.time_base))
         if packet.stream is stream:
             stored += packet.size > 0
-            # A clip that was cut without encoding it again begins with frames that serve only to decode the others.
+            # A clip cut without re-encoding begins with frames that are only references for later ones.
             if packet.size and not packet.is_discard:
                 stamps.append(packet.pts)
             first = first or next(_decoded(packet), None)
     if first is None:
         raise VideoError(f"{path}: holds no frame that can be decoded; copy or export it again.")
-    _require_whole(path, container, stored, end_s)
+    _refuse_cut_off(path, container, stored, end_s)
     rate = frame_rate(stream, path)
-    missing = max(0, stream.frames - stored) or _holes(stamps, rate, stream)
+    missing = max(0, stream.frames - stored) or _count_gaps(stamps, rate, stream)
     return PacketScan(len(stamps), missing, round(float((len(stamps) + missing) / rate), 6), first)
 
 
 def decode_frames(container: av.container.InputContainer, stream: av.stream.Stream) -> Iterator[av.frame.Frame]:
-    """The frames of a stream in order, without those that are damaged."""
+    """The undamaged frames of a stream in order."""
     for packet in container.demux(stream):
         yield from _decoded(packet)
 
 
 def translate_errors(items: Iterator, path: str | Path) -> Iterator:
-    """The same items; FFmpeg's errors on the way become sentences."""
+    """The same items; FFmpeg's errors become a VideoError that names `path`."""
     try:
         yield from items
     except av.FFmpegError as error:
@@ -102,7 +120,13 @@ def translate_errors(items: Iterator, path: str | Path) -> Iterator:
 
 
 def frame_rate(stream: av.VideoStream, path: str | Path) -> Fraction:
-    """Frames per second; refuses a file that does not tell it, or one that is none."""
+    """Frames per second.
+
+    Raises
+    ------
+    VideoError
+        If the file has no frame rate, or one outside `MIN_FPS` to `MAX_FPS`.
+    """
     rate = stream.average_rate or stream.guessed_rate
     if not rate:
         raise VideoError(f"{path}: does not say its frame rate; convert it to mp4 first.")
@@ -112,18 +136,18 @@ def frame_rate(stream: av.VideoStream, path: str | Path) -> Fraction:
 
 
 def frames_between(elapsed_s: Fraction | float, rate: Fraction, stream: av.VideoStream) -> int:
-    """How many frames further a frame is that comes `elapsed_s` after another one: 1 where the rate is not constant."""
+    """Difference of the frame numbers of two frames `elapsed_s` apart; 1 if the rate is not constant."""
     constant = stream.guessed_rate and abs(stream.guessed_rate / rate - 1) < SAME_RATE
     return max(1, round(elapsed_s * rate)) if constant else 1
 
 
 def start_time(stream: av.VideoStream) -> Fraction:
-    """When the first frame is shown, in the container's seconds: not 0 in transport streams."""
+    """Presentation time of the first frame on the container's clock, seconds; not 0 in transport streams."""
     return (stream.start_time or 0) * stream.time_base
 
 
 def _require_pictures(path: Path, container: av.container.InputContainer) -> None:
-    """Refuse a file without pictures, or with such that nobody could decode or keep in memory."""
+    """Refuse a file without a video stream, without a decoder for it, or with too large pictures."""
     if not container.streams.video:
         kinds = " and ".join(sorted({stream.type for stream in container.streams})) or "none"
         raise VideoError(f"{path}: holds no frame of a video (its streams: {kinds}); name a video file.")
@@ -132,21 +156,21 @@ def _require_pictures(path: Path, container: av.container.InputContainer) -> Non
         raise VideoError(f"{path}: holds no frame that can be decoded; copy or export it again.")
     if codec.width * codec.height > MAX_PIXELS:
         raise VideoError(
-            f"{path}: claims {codec.width}x{codec.height} pixels, more than this program takes "
-            f"({MAX_PIXELS / 1e6:.0f} million); convert it to a smaller size."
+            f"{path}: claims {codec.width}x{codec.height} pixels, more than the maximum of "
+            f"{MAX_PIXELS / 1e6:.0f} million; convert it to a smaller size."
         )
 
 
-def _holes(stamps: list[int | None], rate: Fraction, stream: av.VideoStream) -> int:
-    """Frames that are missing between those with these time stamps; 0 where some have none."""
+def _count_gaps(stamps: list[int | None], rate: Fraction, stream: av.VideoStream) -> int:
+    """Number of frames missing between time stamps; 0 if some packets have no time stamp."""
     if None in stamps:
         return 0
     times = sorted(pts * stream.time_base for pts in stamps)
     return sum(frames_between(later - earlier, rate, stream) - 1 for earlier, later in pairwise(times))
 
 
-def _require_whole(path: str | Path, container: av.container.InputContainer, stored: int, end_s: float) -> None:
-    """Refuse a file that holds less than its header announces, at its end; what is missing inside is told later."""
+def _refuse_cut_off(path: str | Path, container: av.container.InputContainer, stored: int, end_s: float) -> None:
+    """Refuse a file that ends before its header announces; frames missing in the middle are counted elsewhere."""
     stream = container.streams.video[0]
     announced_s = ((container.duration or 0) + (container.start_time or 0)) / av.time_base
     frame_s = float(1 / frame_rate(stream, path))
@@ -159,7 +183,7 @@ def _require_whole(path: str | Path, container: av.container.InputContainer, sto
 
 
 def _decoded(packet: av.Packet) -> Iterator[av.frame.Frame]:
-    """The frames that a packet completes; none where it is damaged, and none that FFmpeg has patched up."""
+    """The frames that a packet completes; none from a damaged packet, and none that FFmpeg concealed errors in."""
     try:
         yield from (frame for frame in packet.decode() if not frame.is_corrupt)
     except av.FFmpegError:

@@ -1,4 +1,4 @@
-"""Pieces of one annotated video into the whole, without decoding or encoding anything again."""
+"""Concatenation of the pieces of an annotated video without re-encoding."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ from lanes.io.video.writer import SoundTrack
 def join_videos(
     pieces: Sequence[Path], starts_s: Sequence[float], target: Path, *, sound_from: str | Path | None = None
 ) -> int:
-    """Put videos that `VideoWriter` wrote one behind the other; returns the number of frames.
+    """Concatenate videos written by `VideoWriter`; returns the number of frames.
 
-    Every piece begins with a key frame, and all that a decoder has to know beforehand is the same in all of them, so
-    that their packets only need new times.
+    Every piece begins with a key frame and all have the same decoder configuration, so that packets only need new time
+    stamps.
 
     Parameters
     ----------
     pieces : sequence of Path
         In order; written with the same settings.
     starts_s : sequence of float
-        When the first frame of each piece is shown; the first of all becomes the start of the file.
+        Time of the first frame of each piece in the whole drive; the output begins at the first of them.
     target : Path
-        Ends in .mp4; appears only when it is whole.
+        Ends in .mp4; written atomically.
     sound_from : str or Path, optional
-        A video whose sound goes along, from `starts_s[0]` to the last frame.
+        A video whose sound is copied, from `starts_s[0]` to the last frame.
 
     Raises
     ------
     VideoError
-        If a piece is damaged or of another kind than the others, or not all frames arrived.
+        If a piece is damaged or encoded with other settings, or frames are missing in the output.
     OSError
         If `target` cannot be written.
     """
@@ -46,7 +46,7 @@ def join_videos(
             frames = _copy_all(pieces, starts_s, container, sound_from)
         arrived = inspect_video(partial).frames
         if arrived != frames:
-            raise VideoError(f"{target}: only {arrived} of {frames} frames arrived in the file; try again.")
+            raise VideoError(f"{target}: only {arrived} of {frames} frames are in the output file; try again.")
     return frames
 
 
@@ -60,7 +60,7 @@ def _copy_all(
     with closing(open_video(pieces[0])) as first:
         like = first.streams.video[0]
         stream = container.add_stream_from_template(like)
-        # The tick of the pieces: no time is rounded.
+        # The time base of the pieces, so that no time stamp is rounded.
         stream.time_base = like.time_base
         header = like.codec_context.extradata
         track = SoundTrack(sound_from, container, start_s=starts_s[0]) if sound_from is not None else None
@@ -78,21 +78,22 @@ def _copy_all(
 
 
 def _packets(pieces: Sequence[Path], starts_s: Sequence[float], header: bytes, tick: Fraction) -> Iterator[av.Packet]:
-    """The packets of all pieces in the order of decoding, with the times of the whole."""
+    """The packets of all pieces in decoding order, with time stamps of the output."""
     last_dts = None
     for path, start_s in zip(pieces, starts_s, strict=True):
-        inspect_video(path)  # finds a file that is cut off, which would only seem to be shorter
+        inspect_video(path)  # refuses a piece that was cut off
         shift = round((start_s - starts_s[0]) / float(tick))
         with closing(open_video(path)) as piece:
             video = piece.streams.video[0]
             if (video.codec_context.extradata, video.time_base) != (header, tick):
-                raise VideoError(f"{path}: was encoded otherwise than the piece before it; annotate the video again.")
+                raise VideoError(
+                    f"{path}: was encoded with other settings than the piece before it; annotate the video again."
+                )
             for packet in translate_errors(piece.demux(video), path):
                 if not packet.size:
                     continue
                 packet.pts += shift
-                # Frames are decoded somewhat before they are shown; where the rate changes at a joint, two would be at
-                # the same time.
+                # Decoding times precede presentation times: where the rate changes at a joint, two could be equal.
                 packet.dts = packet.dts + shift if last_dts is None else max(packet.dts + shift, last_dts + 1)
                 last_dts = packet.dts
                 yield packet

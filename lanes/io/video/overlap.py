@@ -1,8 +1,7 @@
-"""Neighbours for a loop over frames: one reads ahead of it, one writes behind it, each in a thread of its own.
+"""Read-ahead and write-behind for a loop over frames, each in its own thread.
 
-Decoding and encoding release Python's lock, so that the frame being processed, the next and the one before are worked
-on at once. Order and results are those of the plain loop, and so are the errors: what goes wrong beside the loop is
-raised in it.
+Decoding and encoding release Python's global lock, so that three frames are decoded, processed and encoded at the same
+time. Order and results are those of the plain loop. Exceptions of both threads are raised in the loop.
 """
 
 from __future__ import annotations
@@ -15,19 +14,19 @@ from typing import TypeVar
 
 Item = TypeVar("Item")
 
-# Items between two threads. One would do if each step always took the same time; more than a few only take memory.
-ROOM = 3
+# Items between two threads. One would be enough if every step took constant time; many would only take memory.
+QUEUE_SIZE = 3
 
 
-def read_ahead(items: Generator[Item], *, room: int = ROOM) -> Generator[Item]:
-    """The same items in the same order, at most `room` of them fetched before they are asked for.
+def read_ahead(items: Generator[Item], *, queue_size: int = QUEUE_SIZE) -> Generator[Item]:
+    """The same items in the same order; up to `queue_size` are fetched in advance by another thread.
 
-    Close it when leaving early (`contextlib.closing`): it waits for the item being fetched, and closes `items`.
+    Close it when leaving early (`contextlib.closing`): closing waits for the item being fetched and closes `items`.
     """
     end = object()
     pool = ThreadPoolExecutor(1, "read_ahead")
     try:
-        waiting = deque(pool.submit(next, items, end) for _ in range(room))
+        waiting = deque(pool.submit(next, items, end) for _ in range(queue_size))
         while (item := waiting.popleft().result()) is not end:
             waiting.append(pool.submit(next, items, end))
             yield item
@@ -37,18 +36,18 @@ def read_ahead(items: Generator[Item], *, room: int = ROOM) -> Generator[Item]:
 
 
 @contextmanager
-def write_behind(write: Callable[[Item], object], *, room: int = ROOM) -> Iterator[Callable[[Item], None]]:
-    """A function that hands an item to `write` and returns at once, unless `room` items wait already.
+def write_behind(write: Callable[[Item], object], *, queue_size: int = QUEUE_SIZE) -> Iterator[Callable[[Item], None]]:
+    """A function that queues an item for `write` in another thread; it blocks while `queue_size` items are waiting.
 
-    At the end of the `with` block all have been written. What `write` raises comes out of a later call or of the end of
-    the block; then, and when the block itself raises, the items that still wait are dropped. Either way nothing is
-    being written any more when the block is left.
+    All items have been written at the end of the `with` block. An exception of `write` is raised by a later call or at
+    the end of the block. After an exception, also of the block itself, the waiting items are dropped. In all cases the
+    thread has ended when the block is left.
     """
     pool = ThreadPoolExecutor(1, "write_behind")
     waiting: deque[Future] = deque()
 
     def put(item: Item) -> None:
-        if len(waiting) == room:
+        if len(waiting) == queue_size:
             waiting.popleft().result()
         waiting.append(pool.submit(write, item))
 

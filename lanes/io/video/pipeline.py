@@ -1,20 +1,20 @@
-"""Videos: read frames, process them in order, write them so that every browser plays the result.
+"""Videos from file to file: read frames, process them in order, write a video that browsers play.
 
-The course teaches moviepy (`open_clip` gives its clip; `image_transform` and `write_videofile` follow), because three
-lines of it show the idea. `annotate_video` does the same job frame by frame with PyAV, which is FFmpeg inside this
-process. What decided it, measured with moviepy 2.2.1 and PyAV 18.1:
+The course teaches moviepy (`open_clip`, then `image_transform` and `write_videofile`), because three lines show the
+idea. `annotate_video` does the same with PyAV, which is FFmpeg inside this process. The reasons, measured with moviepy
+2.2.1 and PyAV 18.1:
 
-- moviepy calls the function once before the first frame, so that a tracker sees that frame twice, and derives the
-  number of frames from a rounded duration: 251 frames at 25 a second come out as 250. Here each frame comes once, and
-  what was written is counted;
-- it hands the frame rate on with two decimals: 24000/1001 becomes 1199/50. Here the rate is exact, and a video of
-  variable rate keeps its time stamps;
-- it encodes the sound again, by way of a file in the working directory. Here its packets are copied;
-- pictures of odd size come out in the profile High 4:4:4, which not every browser plays. Here they are padded;
-- it ignores FFmpeg's exit code, and after an exception leaves a playable half under the final name. Here a file gets
-  its name when it is whole;
-- it takes 32 ms of processor time for each frame of 1280x720, reading and writing; this takes 24 ms (both with x264's
-  veryfast), and reads, processes and writes at the same time (see `overlap`).
+- moviepy calls the function once before the first frame, so that a tracker sees that frame twice. It computes the
+  number of frames from a rounded duration: of 251 frames at 25 per second it writes 250. `annotate_video` processes
+  each frame once and counts the written frames.
+- moviepy rounds the frame rate to two decimals: 24000/1001 becomes 1199/50. Here the rate is exact, and a video of
+  variable rate keeps its time stamps.
+- moviepy re-encodes the sound through a file in the working directory. Here its packets are copied.
+- moviepy writes pictures of odd size in the profile High 4:4:4, which not every browser plays. Here they are padded.
+- moviepy ignores FFmpeg's exit code, and leaves a playable half under the final name after an exception. Here the file
+  is written atomically.
+- moviepy takes 32 ms of processor time to read and write a frame of 1280x720, PyAV 24 ms (both with x264's veryfast).
+  Here reading, processing and writing also overlap (see `overlap`).
 """
 
 from __future__ import annotations
@@ -57,9 +57,9 @@ Process = Callable[..., "Frame | tuple[Frame, Row]"]
 
 @dataclass(frozen=True)
 class YuvProcess:
-    """A function for `annotate_video` that takes frames as the video stores them, `YuvFrame`, instead of RGB.
+    """A function for `annotate_video` that takes and returns a `YuvFrame` instead of an RGB array.
 
-    That saves two conversions of each frame, and all that the function does not draw on comes out as it was decoded.
+    This saves two colour conversions per frame and leaves all pixels unchanged that the function does not draw on.
     """
 
     process: Process
@@ -67,10 +67,21 @@ class YuvProcess:
 
 @dataclass(frozen=True)
 class VideoSummary:
-    """What `annotate_video` did: frames read and written, frames per second, size written, sound or not.
+    """Result of `annotate_video`.
 
-    `missing` frames are damaged in the source or not there; they are left out, and those around them keep their times.
-    `elapsed_s` is the time that it took; it is left out when printed, so that two runs print the same.
+    Attributes
+    ----------
+    path : Path
+    frames_in, frames_out : int
+        Frames processed, and frames counted in the output file.
+    fps, duration_s : float
+    width, height : int
+        Size of the output in pixels.
+    has_audio : bool
+    missing : int
+        Frames of the source that are damaged or missing; they are skipped, and the others keep their times.
+    elapsed_s : float
+        Processing time; not printed, so that two runs print the same.
     """
 
     path: Path
@@ -86,20 +97,19 @@ class VideoSummary:
 
 
 def open_clip(path: str | Path, *, start_s: float = 0.0, end_s: float | None = None) -> VideoFileClip:
-    """A moviepy clip of a video that has been looked into, so that a bad file gives a sentence.
+    """A moviepy clip of a video that `inspect_video` has checked, without sound.
 
-    Close it after use, best by `with open_clip(...) as clip`. Its frames are read-only; the functions of `draw` accept
-    them. The sound is left out.
+    Close it after use, best by `with open_clip(...) as clip`. Its frames are read-only.
 
     Raises
     ------
     FileNotFoundError, VideoError
-        As `inspect_video`; also if the piece does not lie within the video.
+        As `inspect_video`; also if `start_s` to `end_s` does not lie within the video.
     """
     info = inspect_video(path)
     if not 0 <= start_s < (info.duration_s if end_s is None else min(end_s, info.duration_s)):
         raise VideoError(f"{path}: lasts {info.duration_s} s; there is no piece from {start_s} s to {end_s} s.")
-    # Imported here: it takes longer than all the rest together, and only the course's chapter on it needs it.
+    # Imported here: it takes longer than all other imports together, and only one chapter of the course needs it.
     from moviepy import VideoFileClip
 
     clip = VideoFileClip(str(path), audio=False)
@@ -120,44 +130,43 @@ def annotate_video(
     overlapped: bool = True,
     info: VideoInfo | None = None,
 ) -> VideoSummary:
-    """Run every frame of a video through `process` and write the result as an mp4 that browsers play.
+    """Process every frame of a video and write the result as an mp4 that browsers play.
 
     Parameters
     ----------
     source, target : str or Path
-        `target` ends in .mp4 and appears only when it is whole; whatever stops the run, Ctrl-C and SIGTERM included,
-        leaves an earlier file of that name as it was and no other file behind.
+        `target` ends in .mp4 and is written atomically: after an exception, Ctrl-C or SIGTERM an earlier file of that
+        name is unchanged, and no other file remains.
     process : callable or YuvProcess
-        Takes a frame, ndarray of shape (height, width, 3), uint8, RGB, its own to write on, and returns the annotated
-        one, or that and a mapping with the frame's telemetry. Called once a frame, in order, by the caller's thread;
-        others read ahead and write behind meanwhile. All pictures that it returns must have one size. If it has a
-        parameter `elapsed_s`, it is told the seconds since the frame before, None for the first: they differ from
-        frame to frame in videos of variable rate. `YuvProcess` holds a function that takes and returns `YuvFrame`s.
+        Takes a frame, an RGB array (height, width, 3), uint8, which it may overwrite. Returns the annotated frame, or a
+        pair of that and a mapping with the frame's telemetry. It is called once per frame, in order, in the caller's
+        thread. All returned pictures must have the same size. If it has a parameter `elapsed_s`, it gets the seconds
+        since the previous frame, None for the first; they vary in videos of variable rate.
     start_s, end_s : float
-        The piece to work on, see `read_frames`.
+        Frames to process, see `read_frames`.
     progress : bool
-        Show frames a second and the time left, in a terminal and in a notebook; log files stay clean.
+        Show frames per second and the remaining time, in a terminal or a notebook only.
     telemetry : str or Path, optional
-        CSV file for a row a frame: frame (counted from the start of `source`), time_s, what `process` returned, and
-        latency_ms, the time that `process` took.
+        CSV file with a row per frame: frame (counted from the start of `source`), time_s, the telemetry of `process`,
+        and latency_ms, the time that `process` took.
     sound : bool
         Keep the sound track, if there is one.
     warm_up_s : float
-        `process` is also given the frames of so many seconds before `start_s`; what it makes of them is not written.
+        `process` also gets the frames of this time before `start_s`; its results for them are not written.
     overlapped : bool
-        Read, process and write at the same time, with codecs of several threads. False keeps to one thread, where
-        other processes have work for the other cores; the telemetry is the same, the encoder's bytes are others.
+        Read, process and write at the same time, with multi-threaded codecs. False uses one thread, for runs with one
+        process per core; the telemetry is the same, the encoder's bytes differ.
     info : VideoInfo, optional
-        What `inspect_video` says of `source`, where that is known: to find out it reads the whole file.
+        Result of `inspect_video(source)`, if known; otherwise the file is read twice.
 
     Raises
     ------
     FileNotFoundError, VideoError
-        If `source` cannot be used, `process` returns no picture, or not all frames were written.
+        If `source` cannot be used, `process` does not return a picture, or frames are missing in the output.
     PictureError
-        If `process` refuses a frame, for instance because the camera is of another size.
+        If `process` refuses a frame, for instance because its size differs from the camera's.
     OSError
-        If `target` cannot be written.
+        If `target` or `telemetry` cannot be written.
     """
     began_s = time.perf_counter()
     info = info or inspect_video(source)
@@ -172,8 +181,8 @@ def annotate_video(
     first_s = max(0.0, start_s - warm_up_s)
     read = read_timed_frames(source, start_s=first_s, end_s=end_s, threads=decoders, convert=convert)
     with (
-        _stopping_cleanly(),
-        # In this order: telemetry gets its name only when the video has.
+        _sigterm_as_exception(),
+        # This order renames the telemetry file only after the video.
         nullcontext() if telemetry is None else TelemetryWriter(telemetry) as table,
         writer,
         closing(read_ahead(read) if overlapped else read) as frames,
@@ -187,7 +196,7 @@ def annotate_video(
             last_s = frame.time_s
             if frame.time_s < start_s - STAMP_TOLERANCE_S:
                 continue
-            # Converted here and not behind: `process` may return the same array again and again.
+            # Converted in this thread: `process` may return the same array every time.
             encode(writer.convert(picture, frame.time_s))
             if table:
                 table.write({"frame": frame.number, "time_s": round(frame.time_s, 6), **row})
@@ -200,35 +209,35 @@ def annotate_video(
 def count_missing(
     info: VideoInfo, first: int, last: int, frames: int, *, start_s: float = 0.0, end_s: float | None = None
 ) -> int:
-    """How many frames of a piece of a video are damaged or not there, if `frames` came, numbered `first` to `last`."""
+    """Number of damaged or missing frames in a part of a video whose `frames` have numbers from `first` to `last`."""
     whole = start_s == 0 and (end_s is None or end_s >= info.duration_s)
     return max(0, (info.frames + info.missing if whole else last - first + 1) - frames)
 
 
 def _progress_bar(info: VideoInfo, start_s: float, end_s: float | None, *, shown: bool) -> tqdm:
-    """Frames done, frames a second and the time left; hidden where it would only fill a log file."""
+    """A progress bar in frames; hidden if stderr is neither a terminal nor a notebook."""
     expected = round((min(end_s or info.duration_s, info.duration_s) - start_s) * info.fps)
-    # A notebook's stderr is no terminal, but obeys the carriage return too. Text needs no ipywidgets.
-    watched = sys.stderr.isatty() or type(sys.stderr).__module__.startswith("ipykernel")
-    return tqdm(total=max(expected, 0), unit="frame", disable=not (shown and watched))
+    # A notebook's stderr also handles the carriage return. Text needs no ipywidgets.
+    interactive = sys.stderr.isatty() or type(sys.stderr).__module__.startswith("ipykernel")
+    return tqdm(total=max(expected, 0), unit="frame", disable=not (shown and interactive))
 
 
 def _with_time(process: Process) -> Process:
-    """`process` as a function of a frame and `elapsed_s`, whether it cares for the time or not."""
+    """`process` as a function of a frame and `elapsed_s`."""
     try:
-        cares = "elapsed_s" in inspect.signature(process).parameters
+        takes_time = "elapsed_s" in inspect.signature(process).parameters
     except ValueError:
-        cares = False  # functions written in C do not tell their parameters
-    return process if cares else lambda frame, elapsed_s: process(frame)
+        takes_time = False  # functions written in C have no signature
+    return process if takes_time else lambda frame, elapsed_s: process(frame)
 
 
 def _processed(process: Process, frame: Frame, elapsed_s: float | None, name: str) -> tuple[Frame, Row]:
-    """What `process` makes of a frame: the picture, and its telemetry with the time that it took."""
+    """The picture that `process` returns for a frame, and its telemetry with the latency; errors name the frame."""
     began_s = time.perf_counter()
     try:
         result = process(frame, elapsed_s=elapsed_s)
     except PictureError as error:
-        # It says "picture", because `process` does not know which one it is.
+        # The message begins with "picture", because `process` does not know the frame's number.
         raise PictureError(f"{name}: {str(error).removeprefix('picture: ')}") from error
     except Exception as error:
         error.add_note(f"(while processing {name})")
@@ -249,15 +258,15 @@ def _require_picture(result: object, name: str) -> None:
 
 def _summary(writer: VideoWriter, missing: int, elapsed_s: float) -> VideoSummary:
     written = writer.written
-    about = written.fps, written.width, written.height, written.duration_s, written.has_audio
-    return VideoSummary(writer.path, writer.frames, written.frames, *about, missing, elapsed_s)
+    properties = written.fps, written.width, written.height, written.duration_s, written.has_audio
+    return VideoSummary(writer.path, writer.frames, written.frames, *properties, missing, elapsed_s)
 
 
 @contextmanager
-def _stopping_cleanly() -> Iterator[None]:
-    """Turn SIGTERM into an exception, as Ctrl-C is one, so that half-written files are removed."""
+def _sigterm_as_exception() -> Iterator[None]:
+    """Turn SIGTERM into an exception, as for Ctrl-C, so that unfinished files are removed."""
     in_main = threading.current_thread() is threading.main_thread()
-    # Python allows handlers in the main thread only; one that the caller has set is left to do its work.
+    # Python allows handlers in the main thread only; a handler of the caller is kept.
     if not in_main or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
         yield
         return

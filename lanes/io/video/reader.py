@@ -1,4 +1,4 @@
-"""Frames out of video files, through PyAV (FFmpeg inside this process)."""
+"""Frames from video files, through PyAV (FFmpeg inside this process)."""
 
 from __future__ import annotations
 
@@ -24,19 +24,30 @@ from lanes.io.video.container import (
     translate_errors,
 )
 
-# Of the numbers of a frame's colours: not told (ITU-T H.273, tables 2 to 4).
+# Code point of an unspecified colour property: ITU-T H.273, tables 2 to 4.
 UNSPECIFIED = 2
-# Some containers round time stamps to a millisecond, so that a stamp this close to a limit counts as on it.
+# Some containers round time stamps to a millisecond: a time stamp this close to a limit counts as equal.
 STAMP_TOLERANCE_S = 1e-3
-# A time stamp further back than this belongs to a recorder that began again, as in clips that were put together.
-CLOCK_BACK_S = 1
+# A larger step back in time is a recorder's restarted clock, as in concatenated clips.
+CLOCK_RESET_S = 1
 
 
 @dataclass(frozen=True)
 class VideoInfo:
-    """What a video file holds: size in pixels as shown (upright), frames per second, length, sound or not.
+    """Properties of a video file.
 
-    `missing` counts the frames that the file announces, or that its time stamps leave room for, and that are not there.
+    Attributes
+    ----------
+    width, height : int
+        Size in pixels as shown, after rotation.
+    fps : float
+        Frames per second.
+    frames : int
+        Frames in the file.
+    duration_s : float
+    has_audio : bool
+    missing : int
+        Frames that the header announces or the time stamps have gaps for, but that are not in the file.
     """
 
     width: int
@@ -50,7 +61,7 @@ class VideoInfo:
 
 @dataclass(frozen=True, eq=False)
 class TimedFrame:
-    """One frame: its number, its time since the video's first frame, and the picture, RGB unless otherwise asked."""
+    """One frame: its number, its time since the video's first frame, and the picture."""
 
     number: int
     time_s: float
@@ -58,7 +69,7 @@ class TimedFrame:
 
 
 def inspect_video(path: str | Path) -> VideoInfo:
-    """Look into a video file; only its first frame is decoded, but all are counted.
+    """Properties of a video file, with the frames counted; reads the whole file but decodes one frame.
 
     Parameters
     ----------
@@ -68,9 +79,9 @@ def inspect_video(path: str | Path) -> VideoInfo:
     Raises
     ------
     FileNotFoundError
-        If there is no such file.
+        If the file does not exist.
     VideoError
-        If it is empty, no video, without frames, or cut off.
+        If it is empty, not a video, without frames, or cut off.
     """
     with open_video(path) as container:
         found = scan_packets(path, container)
@@ -81,41 +92,41 @@ def inspect_video(path: str | Path) -> VideoInfo:
 
 
 def read_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | None = None) -> Iterator[np.ndarray]:
-    """Frames of a video in order, each once.
+    """Yield the frames of a video in order.
 
     Parameters
     ----------
     path : str or Path
     start_s, end_s : float
-        The frames shown at or after `start_s` and before `end_s`, seconds since the first frame; None reads to the end.
+        Read frames with start_s <= time < end_s, seconds since the first frame; None reads to the end.
 
     Yields
     ------
     ndarray of shape (height, width, 3), uint8
-        RGB, upright where the file says that the camera was turned. Each is the receiver's own to write on.
+        RGB, rotated as the file's display matrix says. The caller may write to it.
 
     Raises
     ------
     FileNotFoundError
-        If there is no such file.
+        If the file does not exist.
     VideoError
-        If it is no video, its frames change their size, or it has ended before `start_s`.
+        If it is not a video, its frame size changes, or it ends before `start_s`.
     """
     for frame in read_timed_frames(path, start_s=start_s, end_s=end_s):
         yield frame.image
 
 
 def to_upright_rgb(frame: av.VideoFrame, converter: VideoReformatter) -> np.ndarray:
-    """RGB picture of a decoded frame, turned as its display matrix says, in quarter turns."""
+    """RGB picture (height, width, 3), uint8, of a decoded frame, rotated as its display matrix says."""
     image = converter.reformat(frame, format="rgb24", threads=1).to_ndarray()
-    turns = _quarters(frame)
+    turns = _quarter_turns(frame)
     return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
 
 
 def to_upright_yuv(frame: av.VideoFrame, converter: VideoReformatter) -> YuvFrame:
-    """A decoded frame, turned as `to_upright_rgb` does, without any conversion where it is YUV 4:2:0 of 8 bits.
+    """YUV picture of a decoded frame, rotated as by `to_upright_rgb`; 8-bit YUV 4:2:0 is not converted.
 
-    Colours that are not told are taken for BT.601's, as FFmpeg does.
+    An unspecified colour space is taken for BT.601, as FFmpeg does.
     """
     matrix = 6 if frame.colorspace == UNSPECIFIED else frame.colorspace
     if frame.format.is_rgb or matrix not in LUMA_COEFFICIENTS or frame.width % 2 or frame.height % 2:
@@ -124,7 +135,7 @@ def to_upright_yuv(frame: av.VideoFrame, converter: VideoReformatter) -> YuvFram
     primaries, transfer = (1 if n == UNSPECIFIED else int(n) for n in (frame.color_primaries, frame.color_trc))
     colour_space = YuvColourSpace(matrix, full_range, primaries, transfer)
     planes = converter.reformat(frame, format="yuv420p", threads=1).to_ndarray()
-    picture, turns = YuvFrame(planes, frame.width, frame.height, colour_space), _quarters(frame)
+    picture, turns = YuvFrame(planes, frame.width, frame.height, colour_space), _quarter_turns(frame)
     return picture.rotated(turns) if turns else picture
 
 
@@ -136,10 +147,23 @@ def read_timed_frames(
     threads: int = 0,
     convert: Callable[[av.VideoFrame, VideoReformatter], Frame] = to_upright_rgb,
 ) -> Iterator[TimedFrame]:
-    """As `read_frames`, with the number and time of each frame.
+    """Yield the frames of a video in order with their numbers and times; see `read_frames`.
 
-    Damaged frames are left out, and so are their numbers where the rate is constant. `threads` decode, 0 stands for
-    one a core; `convert` makes the pictures, `to_upright_rgb` or `to_upright_yuv`.
+    Damaged frames are skipped. If the frame rate is constant, their numbers are skipped too.
+
+    Parameters
+    ----------
+    path : str or Path
+    start_s, end_s : float
+    threads : int
+        Decoder threads; 0 is one per core.
+    convert : callable
+        `to_upright_rgb` or `to_upright_yuv`.
+
+    Raises
+    ------
+    FileNotFoundError, VideoError
+        As `read_frames`.
     """
     if not 0 <= start_s < (math.inf if end_s is None else end_s):
         raise VideoError(f"{path}: cannot read from {start_s} s to {end_s} s; give 0 <= start_s < end_s.")
@@ -148,7 +172,7 @@ def read_timed_frames(
         stream = container.streams.video[0]
         stream.thread_type, stream.codec_context.thread_count = "AUTO", threads
         rate = frame_rate(stream, path)
-        converter = VideoReformatter()  # one for all frames: setting it up takes half as long as using it
+        converter = VideoReformatter()  # shared: its setup takes half as long as one conversion
         for frame, time_s in _timed(_decoded_from(path, container, start_s), stream, rate, path):
             if time_s < start_s - STAMP_TOLERANCE_S:
                 continue
@@ -164,7 +188,7 @@ def read_timed_frames(
 def _timed(
     frames: Iterator[av.VideoFrame], stream: av.VideoStream, rate: Fraction, path: str | Path
 ) -> Iterator[tuple[av.VideoFrame, Fraction]]:
-    """Frames of one size with their seconds since the video's first, which never run back."""
+    """Frames with their times in seconds since the first, monotonic; raises VideoError if the size changes."""
     first = last_s = None
     shift_s = Fraction(0)
     for frame in frames:
@@ -174,10 +198,10 @@ def _timed(
                 f"{path}: changes from {first.width}x{first.height} to {frame.width}x{frame.height} pixels at "
                 f"{float(last_s):.2f} s; cut it there, or convert it to one size."
             )
-        # Only raw streams have no time stamps; they have no gaps either.
+        # Only raw streams have no time stamps, and they have no gaps.
         after_s = Fraction(0) if last_s is None else last_s + 1 / rate
         time_s = after_s if frame.pts is None else _seconds_since_start(frame, stream) + shift_s
-        if last_s is not None and time_s < last_s - CLOCK_BACK_S:
+        if last_s is not None and time_s < last_s - CLOCK_RESET_S:
             shift_s += after_s - time_s
             time_s = after_s
         last_s = time_s if last_s is None else max(time_s, last_s)
@@ -185,7 +209,7 @@ def _timed(
 
 
 def _decoded_from(path: str | Path, container: av.container.InputContainer, start_s: float) -> Iterator[av.VideoFrame]:
-    """Decoded frames from the last key frame before `start_s`, one second early for containers that seek coarsely."""
+    """Decoded frames from a key frame before `start_s`; one second early, because some containers seek coarsely."""
     stream = container.streams.video[0]
     if start_s > 1:
         container.seek(int((start_s - 1 + start_time(stream)) / stream.time_base), stream=stream)
@@ -196,5 +220,5 @@ def _seconds_since_start(frame: av.VideoFrame, stream: av.VideoStream) -> Fracti
     return frame.pts * frame.time_base - start_time(stream)
 
 
-def _quarters(frame: av.VideoFrame) -> int:
+def _quarter_turns(frame: av.VideoFrame) -> int:
     return round(frame.rotation / 90) % 4

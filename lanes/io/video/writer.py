@@ -1,4 +1,4 @@
-"""Frames into video files that browsers play, through PyAV (FFmpeg inside this process)."""
+"""Video files that browsers play, written through PyAV (FFmpeg inside this process)."""
 
 from __future__ import annotations
 
@@ -17,37 +17,43 @@ from lanes.io.frames import Frame, YuvColourSpace, YuvFrame, require_rgb
 from lanes.io.video.container import VideoError, decode_frames, open_video, start_time, translate_errors
 from lanes.io.video.reader import STAMP_TOLERANCE_S, VideoInfo, inspect_video
 
-# Sound that an mp4 file may hold and browsers play; any other is encoded as AAC.
-_COPIED_SOUND = {"aac", "mp3", "opus", "flac"}
-# x264's own default of constant quality.
+# Audio codecs that mp4 allows and browsers play; any other is re-encoded as AAC.
+_COPIED_CODECS = {"aac", "mp3", "opus", "flac"}
+# x264's default for constant quality.
 CRF = 23
-# x264 makes other bytes with another number of threads: a fixed one gives the same file on every machine. Four are as
+# The bytes of x264 depend on its number of threads: a fixed number gives the same file on every machine. Four are as
 # fast as any other number on two cores.
 ENCODER_THREADS = 4
 
 
 class VideoWriter:
-    """Write frames as an mp4 file that browsers play: H.264, yuv420p, index in front.
+    """Writer of an mp4 file that browsers play: H.264, yuv420p, index at the start.
 
-    RGB becomes BT.601 colours; what comes as videos store it, `YuvFrame`, stays as it is.
+    RGB frames are converted to BT.601; a `YuvFrame` is encoded as it is.
 
-    Use it in a `with` block. The file gets its name at the end of the block, when its frames have been counted; if the
-    block raises, nothing of it remains and an earlier file of that name is untouched. `written` then says what the file
-    holds.
+    Use it in a `with` block. The file is renamed to `path` at the end of the block, after its frames were counted. If
+    the block raises, the unfinished file is removed and an earlier file of that name is not changed.
 
     Parameters
     ----------
     path : str or Path
         Ends in .mp4; the folder is created where needed.
     fps : float
-        Frames per second. Taken as the nearest fraction with a denominator up to 1001, so that 29.97 and the like of
-        television are exact when given as 30000 / 1001.
+        Frames per second, rounded to the nearest fraction with a denominator up to 1001: television rates such as
+        30000 / 1001 are exact.
     crf : int, in range 0..51
-        x264's constant quality; lower is better and larger.
+        x264's constant rate factor; lower means better quality and larger files.
     sound_from : str or Path, optional
-        A video whose sound goes along, from the time of the first written frame to that of the last.
+        A video whose sound is copied, from the time of the first written frame to that of the last.
     threads : int
-        Encode; with another number the file has other bytes.
+        Encoder threads; another number gives other bytes.
+
+    Attributes
+    ----------
+    frames : int
+        Frames converted so far.
+    written : VideoInfo or None
+        Properties of the finished file, after the block.
 
     Raises
     ------
@@ -72,7 +78,7 @@ class VideoWriter:
         self.frames = 0
         self.written: VideoInfo | None = None
         self._rate = Fraction(fps).limit_denominator(1001)
-        # Ticks shorter than 0.1 ms, a whole number of them to a frame: exact for a constant rate, fine for any other.
+        # Time base below 0.1 ms with a whole number of ticks per frame: exact for a constant rate.
         per_frame = math.ceil(10_000 / self._rate.numerator)
         self._tick = Fraction(1, self._rate.numerator * per_frame)
         self._ticks_per_frame = self._rate.denominator * per_frame
@@ -86,7 +92,7 @@ class VideoWriter:
         self._last_pts = -1
 
     def __enter__(self) -> VideoWriter:
-        # Made at once, so that an unwritable folder is known before minutes of work.
+        # Created at once, so that an unwritable folder is reported before minutes of work.
         with translate_write_errors(self.path):
             self._partial = PartialFile(self.path)
         return self
@@ -109,19 +115,27 @@ class VideoWriter:
         Parameters
         ----------
         image : ndarray of shape (height, width, 3), uint8, or YuvFrame
-            RGB, or as videos store it; all of one kind and size. H.264 stores colours for squares of four pixels: an
-            odd width or height is made even by repeating the last column or row, so that nothing is lost and no pixel
-            moves.
+            All frames have one type and size. H.264 needs an even width and height: an odd one is padded by repeating
+            the last column or row, so that no pixel is lost or moved.
         time_s : float, optional
-            When the frame is shown, in the time of `sound_from`; the first written frame becomes the start of the
-            file. Without it the frames follow each other at the frame rate.
+            Presentation time, on the clock of `sound_from`; the file begins at the first written frame. Without it
+            frames follow at the frame rate.
+
+        Raises
+        ------
+        PictureError
+            If `image` is neither an RGB picture nor a `YuvFrame`.
+        VideoError
+            If its size differs from the first frame's.
+        OSError
+            If the file cannot be written.
         """
         self.encode(self.convert(image, time_s))
 
     def convert(self, image: Frame, time_s: float | None = None) -> av.VideoFrame:
-        """The first half of `write`: the frame in the video's colours and with its time.
+        """First half of `write`: the frame in YUV with its time stamp.
 
-        An RGB image is free again then; the frame of a `YuvFrame` lives on its data.
+        It shares the data of a `YuvFrame`; an RGB array may be overwritten afterwards.
         """
         if not isinstance(image, YuvFrame):
             require_rgb(image, f"frame {self.frames} of {self.path}")
@@ -139,7 +153,7 @@ class VideoWriter:
         return frame
 
     def encode(self, frame: av.VideoFrame) -> None:
-        """The second half of `write`, to be called for the converted frames in their order; by any thread."""
+        """Second half of `write`: encode the converted frames in order; may run in another thread."""
         try:
             if self._container is None:
                 self._open_container(frame)
@@ -162,14 +176,14 @@ class VideoWriter:
         nearest = round(time_s * self._rate)
         constant_rate = abs(time_s - float(nearest / self._rate)) < STAMP_TOLERANCE_S
         pts = nearest * self._ticks_per_frame if constant_rate else round(time_s / float(self._tick))
-        # Two frames at one time, as some recorders write them, would be refused by the container.
+        # Some recorders write two frames with one time stamp, which mp4 does not allow.
         self._last_pts = frame.pts = max(pts, self._last_pts + 1)
         frame.time_base = self._tick
         frame.duration = self._ticks_per_frame
 
     def _finish(self) -> None:
         if self._container is None:
-            raise VideoError(f"{self.path}: no frame was written, so there is no video; give at least one.")
+            raise VideoError(f"{self.path}: no frame was written; a video needs at least one.")
         try:
             self._container.mux(self._stream.encode(None))
             if self._sound is not None:
@@ -180,7 +194,7 @@ class VideoWriter:
         self.written = inspect_video(self._partial.name)
         if self.written.frames != self.frames:
             raise VideoError(
-                f"{self.path}: only {self.written.frames} of {self.frames} frames arrived in the file; try again."
+                f"{self.path}: only {self.written.frames} of {self.frames} frames are in the output file; try again."
             )
         with translate_write_errors(self.path):
             self._partial.commit()
@@ -195,12 +209,12 @@ def open_mp4(
     size: tuple[int, int],
     rate: Fraction,
     tick: Fraction,
-    colour_space: YuvColourSpace = YuvColourSpace(),  # noqa: B008 - it cannot be changed
+    colour_space: YuvColourSpace = YuvColourSpace(),  # noqa: B008 - immutable
     *,
     crf: int = CRF,
     threads: int = ENCODER_THREADS,
 ) -> tuple[av.container.OutputContainer, av.VideoStream]:
-    """A file to be written and its stream of pictures of `size` (width, height), with all settings of the encoder."""
+    """An mp4 container open for writing and its H.264 stream for pictures of `size` (width, height)."""
     container = av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"})
     # veryfast: 1.6 times as fast as x264's default, at about the same size (measured at 1280x720).
     stream = container.add_stream("libx264", rate=rate, options={"preset": "veryfast", "crf": str(crf)})
@@ -209,14 +223,14 @@ def open_mp4(
     codec.pix_fmt = "yuv420p"
     codec.time_base = tick
     codec.thread_count = threads
-    # Untagged video is shown in other colours by each player.
+    # Players disagree on the colours of video without these tags.
     codec.colorspace, codec.color_range = colour_space.matrix, _range_of(colour_space)
     codec.color_primaries, codec.color_trc = colour_space.primaries, colour_space.transfer
     return container, stream
 
 
 class SoundTrack:
-    """The sound track of `source`, brought into `target` piece by piece so that it lies beside the frames."""
+    """The sound track of `source`, written to `target` interleaved with the frames."""
 
     def __init__(self, source: str | Path, target: av.container.OutputContainer, *, start_s: float) -> None:
         self._path = source
@@ -224,7 +238,7 @@ class SoundTrack:
         self._target = target
         self._start_s = start_s
         self._input = self._source.streams.audio[0]
-        self._copied = self._input.codec_context.name in _COPIED_SOUND
+        self._copied = self._input.codec_context.name in _COPIED_CODECS
         if self._copied:
             self._output = target.add_stream_from_template(self._input)
         else:
@@ -233,7 +247,7 @@ class SoundTrack:
         self._next = next(self._pieces, None)
 
     def write_until(self, time_s: float) -> None:
-        """Write what is heard before `time_s`, seconds since the first written frame."""
+        """Write the sound before `time_s`, seconds since the first written frame."""
         while self._next is not None and self._next[0] < time_s:
             piece = self._next[1]
             if self._copied:
@@ -244,16 +258,17 @@ class SoundTrack:
             self._next = next(self._pieces, None)
 
     def finish(self, time_s: float) -> None:
-        """Write what is heard before `time_s`, and what the encoder holds back."""
+        """Write the sound before `time_s` and flush the encoder."""
         self.write_until(time_s)
         if not self._copied:
             self._target.mux(self._output.encode(None))
 
     def close(self) -> None:
+        """Close the source."""
         self._source.close()
 
     def _from_start(self) -> Iterator[tuple[float, av.Packet | av.AudioFrame]]:
-        """Packets to copy, or frames to encode, from the first written frame on; with their times since it."""
+        """Packets to copy or frames to encode from `start_s` on, with their times since then."""
         zero_s = self._start_s + float(start_time(self._source.streams.video[0]))
         if self._start_s > 0:
             self._source.seek(int(zero_s * av.time_base))
@@ -269,15 +284,15 @@ class SoundTrack:
 
 
 def _frame_of(picture: YuvFrame) -> av.VideoFrame:
-    """The picture as FFmpeg takes it, without a copy where its height is a multiple of four."""
+    """The picture as a PyAV frame; no copy if its height is a multiple of four."""
     width, height = picture.padded_size
     if height % 4 == 0:
         frame = av.VideoFrame.from_numpy_buffer(picture.data.reshape(-1, width), format="yuv420p")
     else:
-        # For other heights PyAV mistakes the number of rows: the planes are copied one by one, which takes 1 ms.
+        # For other heights PyAV miscounts the rows; copying the planes takes 1 ms.
         frame = av.VideoFrame(width, height, "yuv420p")
         for target, plane in zip(frame.planes, picture.planes, strict=True):
-            # FFmpeg's rows are longer than the picture where that suits its vector instructions
+            # FFmpeg pads its rows for vector instructions.
             np.frombuffer(target, np.uint8).reshape(target.height, -1)[:, : target.width] = plane
     colour_space = picture.colour_space
     frame.colorspace, frame.color_range = colour_space.matrix, _range_of(colour_space)

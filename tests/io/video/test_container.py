@@ -1,4 +1,4 @@
-"""Video files as others write them: playlists, claims, damage, clocks that jump, sizes that change."""
+"""Unusual video files: playlists, huge sizes, damage, clock resets, changing sizes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lanes.io.images import MAX_PIXELS
 from lanes.io.video import container
 from lanes.io.video.container import VideoError, open_video
 from lanes.io.video.reader import inspect_video, read_frames, read_timed_frames
-from tests.io.video.test_video import make_video, number_of, numbered
+from tests.io.video.sample_videos import make_video, number_of, numbered
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def video(tmp_path_factory) -> Path:
     ids=["ffconcat", "m3u8", "m3u8 elsewhere", "dash", "sdp"],
 )
 @pytest.mark.parametrize("suffix", ["mp4", "m3u8", "ts"])
-def test_a_list_of_other_files_is_no_video(video, tmp_path, text, suffix):
+def test_playlists_are_refused(video, tmp_path, text, suffix):
     (tmp_path / "drive.mp4").write_bytes(video.read_bytes())
     path = tmp_path / f"list.{suffix}"
     path.write_text(text)
@@ -44,7 +44,7 @@ def test_a_list_of_other_files_is_no_video(video, tmp_path, text, suffix):
 
 
 @pytest.mark.parametrize("name", ["concat:drive.mp4|drive.mp4", "http:x.mp4", "-i.mp4", "дорога 1%d.mp4", "file:a.mp4"])
-def test_a_name_is_only_a_name(video, tmp_path, monkeypatch, name):
+def test_names_with_a_protocol_are_files(video, tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "drive.mp4").write_bytes(video.read_bytes())
     with pytest.raises(FileNotFoundError):
@@ -55,7 +55,7 @@ def test_a_name_is_only_a_name(video, tmp_path, monkeypatch, name):
 
 
 def stored_pictures(path: Path, codec: str, pix_fmt: str, marker: bytes, claim) -> Path:
-    """Ten pictures of a codec that keeps each for itself; `claim` rewrites the header of all but the first four."""
+    """Ten pictures of an intra-only codec; `claim` rewrites the header of all but the first four."""
     with av.open(str(path), "w") as file:
         stream = file.add_stream(codec, rate=25)
         stream.width, stream.height, stream.pix_fmt = 160, 96, pix_fmt
@@ -87,13 +87,13 @@ def claim_png(data: bytearray, at: int) -> None:
         ("bomb.mov", ("png", "rgb24", b"IHDR", claim_png)),
     ],
 )
-def test_claims_inside_a_video_are_damage(tmp_path, name, codec):
+def test_a_huge_size_inside_a_video_is_damage(tmp_path, name, codec):
     path = stored_pictures(tmp_path / name, *codec)
     assert [frame.number for frame in read_timed_frames(path)] == [0, 1, 2, 3]
     assert inspect_video(path).frames == 10
 
 
-def test_a_claim_in_front_is_refused(video, tmp_path, monkeypatch):
+def test_a_huge_size_in_the_header_is_refused(video, tmp_path, monkeypatch):
     monkeypatch.setattr(container, "MAX_PIXELS", 160 * 96 - 1)
     with pytest.raises(VideoError, match=r"drive\.mp4: claims 160x96 pixels|cannot be decoded"):
         inspect_video(video)
@@ -101,8 +101,8 @@ def test_a_claim_in_front_is_refused(video, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("suffix", ["mp4", "mkv", "ts", "flv"])
-def test_damage_is_counted_by_the_clock(tmp_path, suffix):
-    """Whether packets are spoilt or gone altogether: frames that remain keep their numbers and times."""
+def test_damaged_frames_are_counted_by_time_stamps(tmp_path, suffix):
+    """The remaining frames keep their numbers and times, whether packets are damaged or missing."""
     path = make_video(tmp_path / f"drive.{suffix}", 100, size=(320, 192))
     data = bytearray(path.read_bytes())
     noise = np.random.default_rng(1)
@@ -124,7 +124,7 @@ def test_damage_is_counted_by_the_clock(tmp_path, suffix):
 
 @pytest.mark.parametrize("suffix", ["mkv", "flv", "avi", "mp4"])
 def test_cut_off_files_are_refused(tmp_path, suffix):
-    """Those that announce how long they are; a transport stream does not."""
+    """Only containers that store their length; a transport stream does not."""
     path = make_video(tmp_path / f"drive.{suffix}", 250)
     data = path.read_bytes()
     # The last tenth of the AVI file is its index, which is missed by nobody.
@@ -134,7 +134,7 @@ def test_cut_off_files_are_refused(tmp_path, suffix):
             inspect_video(path)
 
 
-def test_a_size_that_changes_is_told_with_its_time(tmp_path):
+def test_a_change_of_size_is_reported_with_its_time(tmp_path):
     parts = [make_video(tmp_path / f"{n}.ts", 25, size=size) for n, size in enumerate([(160, 96), (320, 192)])]
     path = tmp_path / "both.ts"
     path.write_bytes(b"".join(part.read_bytes() for part in parts))
@@ -143,7 +143,7 @@ def test_a_size_that_changes_is_told_with_its_time(tmp_path):
         frames.extend(frame.number for frame in read_timed_frames(path))
 
 
-def test_a_clock_that_begins_again_goes_on(tmp_path):
+def test_times_continue_after_a_clock_reset(tmp_path):
     part = make_video(tmp_path / "part.ts", 50).read_bytes()
     path = tmp_path / "both.ts"
     path.write_bytes(part + part)
@@ -153,7 +153,7 @@ def test_a_clock_that_begins_again_goes_on(tmp_path):
 
 
 @pytest.mark.parametrize("fps", [Fraction(1, 50), 5000])
-def test_rates_that_are_none_are_refused(tmp_path, fps):
+def test_impossible_frame_rates_are_refused(tmp_path, fps):
     path = tmp_path / "odd.mp4"
     make_video(path, 3, fps=fps)
     with pytest.raises(VideoError, match=r"odd\.mp4: says that it has .* frames per second"):

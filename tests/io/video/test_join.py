@@ -1,4 +1,4 @@
-"""Videos in pieces and joined: the same frames at the same times with the same sound as in one go."""
+"""Joined pieces have the frames, times and sound of the video processed in one run."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from lanes.io.video.join import join_videos
 from lanes.io.video.pipeline import annotate_video
 from lanes.io.video.reader import inspect_video, read_timed_frames
 from lanes.io.video.writer import VideoWriter
-from tests.io.video.test_video import NTSC, make_video, number_of, numbered, tone_starts_s, unchanged
+from tests.io.video.sample_videos import NTSC, make_video, number_of, numbered, tone_starts_s, unchanged
 
 
 def in_pieces(source: Path, cuts_s: list[float], folder: Path) -> tuple[list[Path], list[float]]:
-    """Pieces of a video between the cuts, and when the first frame of each is shown."""
+    """Pieces of a video between the cuts, and the time of the first frame of each."""
     pieces, starts_s = [], []
     for start_s, end_s in zip(cuts_s[:-1], cuts_s[1:], strict=True):
         pieces.append(folder / f"{len(pieces)}.mp4")
@@ -31,7 +31,7 @@ def in_pieces(source: Path, cuts_s: list[float], folder: Path) -> tuple[list[Pat
 
 
 def packets(path: Path, kind: str) -> list[tuple[float, bool, bytes]]:
-    """Times, key or not, and content, in the order of decoding."""
+    """Times, key frame flag and content of the packets in decoding order."""
     with av.open(str(path)) as container:
         found = [p for p in container.demux(getattr(container.streams, kind)[0]) if p.size]
         return [(float(p.pts * p.time_base), p.is_keyframe, bytes(p)) for p in found]
@@ -52,14 +52,14 @@ def test_joined_pieces_are_the_video(tmp_path, fps):
     frames = list(read_timed_frames(joined))
     assert [number_of(frame.image) for frame in frames] == list(range(60))
     np.testing.assert_allclose([f.time_s for f in frames], [f.time_s for f in read_timed_frames(whole)], atol=1e-6)
-    # Players show what is decoded: no decoder may be left with a frame that refers to another piece.
+    # No frame may refer to another piece.
     keys = [round(time_s * fps) for time_s, key, _ in packets(joined, "video") if key]
     assert keys == [0, 21, 22, 44]
     assert packets(joined, "audio") == packets(whole, "audio")
     assert {path.name for path in tmp_path.iterdir() if ".partial." in path.name} == set()
 
 
-def test_nothing_is_encoded_again(tmp_path):
+def test_nothing_is_re_encoded(tmp_path):
     source = make_video(tmp_path / "drive.mp4", 40)
     pieces, starts_s = in_pieces(source, [0, 0.78, None], tmp_path)
     join_videos(pieces, starts_s, tmp_path / "joined.mp4")
@@ -76,7 +76,7 @@ def test_a_part_of_a_video_with_sound(tmp_path):
 
 
 def test_variable_rate_across_the_cuts(tmp_path):
-    """Long frames after short ones at a joint: what is decoded early would be before what is decoded late."""
+    """With long frames after short ones at a joint, decoding times would decrease."""
     times_s = np.cumsum([0, *[0.01] * 12, *[0.3] * 12, *[0.01] * 12])
     with VideoWriter(tmp_path / "variable.mp4", fps=25) as writer:
         for number, time_s in enumerate(times_s):
@@ -93,7 +93,7 @@ def test_pieces_of_different_kinds_are_refused(tmp_path):
     for number, size in enumerate([(160, 96), (176, 96)]):
         with VideoWriter(tmp_path / f"{number}.mp4", fps=25) as writer:
             writer.write(numbered(0, size))
-    with pytest.raises(VideoError, match=r"1\.mp4: was encoded otherwise"):
+    with pytest.raises(VideoError, match=r"1\.mp4: was encoded with other settings"):
         join_videos([tmp_path / "0.mp4", tmp_path / "1.mp4"], [0.0, 0.04], tmp_path / "joined.mp4")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["0.mp4", "1.mp4"]
 
@@ -109,7 +109,7 @@ def test_a_damaged_piece_leaves_an_earlier_file(tmp_path):
 
 
 @pytest.mark.parametrize("overlapped", [True, False])
-def test_warming_up_is_seen_but_not_written(tmp_path, overlapped):
+def test_warm_up_frames_are_processed_but_not_written(tmp_path, overlapped):
     source = make_video(tmp_path / "drive.mp4", 50, sound="aac")
     seen = []
     options = {"start_s": 1.0, "end_s": 1.4, "warm_up_s": 0.2, "progress": False, "overlapped": overlapped}

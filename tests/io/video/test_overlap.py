@@ -1,4 +1,4 @@
-"""Reading ahead and writing behind: the plain loop's order, results and errors, and nothing left running."""
+"""Read-ahead and write-behind: order, results and errors of the plain loop, and no thread remains."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ def test_all_items_in_order():
     assert list(read_ahead(counting([], 0))) == []
 
 
-def test_reads_ahead_but_no_further_than_there_is_room():
+def test_reads_ahead_up_to_the_queue_size():
     log: list[int] = []
-    with closing(read_ahead(counting(log), room=3)) as items:
+    with closing(read_ahead(counting(log), queue_size=3)) as items:
         assert next(items) == 0
         wait_until(lambda: len(log) == 4)
         time.sleep(0.05)
         assert log == [0, 1, 2, 3]
 
 
-def test_reading_happens_beside_the_loop():
-    """Each of both waits for the other, which only two threads can."""
+def test_reading_runs_in_another_thread():
+    """The reader and the loop wait for each other, which needs two threads."""
     asked, read = threading.Event(), threading.Event()
 
     def items():
@@ -72,7 +72,7 @@ def test_leaving_early_closes_the_source():
     assert not threads("read_ahead")
 
 
-def test_written_in_order_and_all_at_the_end():
+def test_all_items_are_written_in_order():
     written = []
     with write_behind(lambda item: (time.sleep(0.002), written.append(item))) as write:
         for number in range(20):
@@ -81,9 +81,9 @@ def test_written_in_order_and_all_at_the_end():
     assert not threads("write_behind")
 
 
-def test_a_slow_writer_holds_the_loop_up():
+def test_a_slow_writer_blocks_the_loop():
     gate, written = threading.Event(), []
-    with write_behind(lambda item: (gate.wait(5), written.append(item)), room=2) as write:
+    with write_behind(lambda item: (gate.wait(5), written.append(item)), queue_size=2) as write:
         write(0)
         write(1)
         threading.Timer(0.05, gate.set).start()
@@ -100,7 +100,7 @@ def test_error_of_the_writer_ends_the_loop(failing):
             raise OSError("disk full")
 
     given = []
-    with pytest.raises(OSError, match="disk full"), write_behind(refuse, room=2) as write:
+    with pytest.raises(OSError, match="disk full"), write_behind(refuse, queue_size=2) as write:
         for number in range(10):
             given.append(number)
             write(number)
@@ -108,7 +108,7 @@ def test_error_of_the_writer_ends_the_loop(failing):
     assert not threads("write_behind")
 
 
-def test_error_of_the_loop_drops_what_waits():
+def test_error_of_the_loop_drops_waiting_items():
     written, started = [], threading.Event()
 
     def slow(item):
@@ -116,7 +116,7 @@ def test_error_of_the_loop_drops_what_waits():
         time.sleep(0.05)
         written.append(item)
 
-    with pytest.raises(KeyboardInterrupt), write_behind(slow, room=5) as write:
+    with pytest.raises(KeyboardInterrupt), write_behind(slow, queue_size=5) as write:
         for number in range(5):
             write(number)
         started.wait(5)
