@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import cv2
 import numpy as np
 
 from lanes.camera.camera import Camera
@@ -14,16 +13,17 @@ from lanes.drawing.canvas import (
     LANE_COLOUR,
     LEFT_COLOUR,
     RIGHT_COLOUR,
-    SHIFT,
     WINDOW_COLOUR,
     Colour,
     draw_polyline,
-    line_thickness,
-    to_fixed_point,
+    finite_points,
 )
-from lanes.drawing.pictures import _STEP_PX, _finite, draw_line, draw_mosaic, fill_lane, to_rgb, write_text
+from lanes.drawing.pictures import draw_line, draw_mosaic, fill_lane, to_rgb, write_text
 from lanes.io.describe import describe_bend, describe_offset
 from lanes.io.frames import require_rgb
+
+# Straight lines of the undistorted picture are curved in the raw one: steps of this length follow them to 0.01 px.
+LENS_STEP_PX = 8.0
 
 
 def describe_result(result: LaneResult) -> list[str]:
@@ -139,10 +139,9 @@ def draw_windows(view: np.ndarray, windows_px: np.ndarray, *, colour: Colour = W
     `windows_px` has shape (N, 4): left, top, right, bottom edge of each window in pixels. Returns RGB.
     """
     drawn = to_rgb(view)
-    width = line_thickness(drawn.shape[1] / 320)
     for left, top, right, bottom in np.asarray(windows_px, float).reshape(-1, 4):
         outline = np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
-        cv2.polylines(drawn, [to_fixed_point(outline)], True, colour, width, cv2.LINE_AA, SHIFT)
+        draw_polyline(drawn, outline, colour, drawn.shape[1] / 320, closed=True)
     return drawn
 
 
@@ -166,7 +165,7 @@ def draw_fit(
     for points, colour in ((left_px, LEFT_COLOUR), (right_px, RIGHT_COLOUR)):
         if points is None:
             continue
-        points = _finite(points)
+        points = finite_points(points)
         if band_px > 0:
             drawn = fill_lane(drawn, points - [band_px, 0], points + [band_px, 0], colour=WINDOW_COLOUR, alpha=0.3)
         drawn = draw_line(drawn, points, colour=colour, width_px=drawn.shape[1] / 200)
@@ -177,10 +176,10 @@ def _on_raw_picture(points_px: np.ndarray | None, camera: Camera | None) -> np.n
     """Where the points of the undistorted picture lie on the raw one; none for None."""
     if points_px is None:
         return np.empty((0, 2))
-    points = _finite(points_px)
+    points = finite_points(points_px)
     if camera is None or len(points) < 2:
         return points
     along = np.concatenate([[0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
     # Evenly spaced places besides the given ones, so that no corner of the polyline is cut.
-    places = np.union1d(along, np.arange(0, along[-1], _STEP_PX))
+    places = np.union1d(along, np.arange(0, along[-1], LENS_STEP_PX))
     return camera.distort_points(np.column_stack([np.interp(places, along, column) for column in points.T]))

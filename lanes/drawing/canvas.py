@@ -1,7 +1,7 @@
-"""Drawing in place, on pictures in RGB and on those of videos (`YuvFrame`) alike: lines, areas, text.
+"""Drawing in place on RGB pictures and on YUV frames: lines, areas, text.
 
-`lanes.drawing.pictures` makes of this what most need: functions that take a picture and return another. Points are
-(column u, row v) in pixels, floats, shape (N, 2), pixel centres at integers.
+Points are (column u, row v) in pixels, floats, shape (N, 2), pixel centres at integers, accurate to 1/16 px. The
+functions of `lanes.drawing.pictures` draw on a copy instead.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from lanes.io.frames import Frame, YuvColourSpace, YuvFrame, rgb_to_yuv
 
 Colour = tuple[int, int, int]
 
-# One colour (RGB) for each kind of thing, in pictures and in plots alike.
+# RGB colours of pictures and plots.
 LANE_COLOUR: Colour = (0, 220, 90)
 LEFT_COLOUR: Colour = (255, 70, 60)
 RIGHT_COLOUR: Colour = (60, 130, 255)
@@ -27,57 +27,69 @@ PANEL_COLOUR: Colour = (16, 18, 22)
 
 CORNERS = ("top left", "top right", "bottom left", "bottom right")
 
-# Fractional bits of the integers that OpenCV's drawing takes: 4 bits are 1/16 px, finer than anti-aliasing shows.
-SHIFT = 4
-# Points further out are pulled to here, well inside 32-bit integers and far outside any picture.
-FARTHEST_PX = 1e6
+# Fractional bits of OpenCV's drawing coordinates: 1/16 px is finer than anti-aliasing shows.
+_SHIFT = 4
+# Limit of coordinates: fits in 32-bit integers, far outside any picture.
+_MAX_COORDINATE_PX = 1e6
 
 
 @dataclass(frozen=True, eq=False)
-class Layer:
-    """An array to draw on: a whole picture in RGB, or one plane of another, whose elements are `step` pixels wide."""
+class Plane:
+    """An array to draw on: an RGB picture, or one plane of a YUV frame.
+
+    Attributes
+    ----------
+    pixels : ndarray, uint8
+    subsampling : int
+        Picture pixels per element, horizontally and vertically.
+    channel : int, optional
+        0 to 2 for Y, Cb, Cr.
+    colour_space : YuvColourSpace, optional
+        None for RGB.
+    """
 
     pixels: np.ndarray
-    step: int = 1
+    subsampling: int = 1
     channel: int | None = None
     colour_space: YuvColourSpace | None = None
 
     def box(self, left: int, top: int, right: int, bottom: int) -> np.ndarray:
-        """View of a rectangle given in pixels of the picture."""
-        step = self.step
+        """View of a rectangle given in picture pixels."""
+        step = self.subsampling
         return self.pixels[top // step : -(-bottom // step), left // step : -(-right // step)]
 
     def value(self, colour: Colour) -> tuple[float, ...]:
-        """What stands for an RGB colour here."""
+        """An RGB colour as a value of this plane."""
         return colour if self.colour_space is None else (rgb_to_yuv(colour, self.colour_space)[self.channel],)
 
-    def place(self, corners: np.ndarray) -> tuple[np.ndarray, int]:
-        """Where to draw for integers of 1/16 px of the picture: integers, and how many of their bits are fraction.
+    def coordinates(self, fixed_px: np.ndarray) -> tuple[np.ndarray, int]:
+        """Fixed-point coordinates on this plane, from those of the picture, and their number of fractional bits.
 
-        They count half as much on elements of two pixels, of which the first is centred half a pixel after the first
-        pixel.
+        The first element of a subsampled plane is centred half a pixel after the first pixel.
         """
-        return (corners, SHIFT) if self.step == 1 else (corners - (1 << SHIFT - 1), SHIFT + 1)
+        return (fixed_px, _SHIFT) if self.subsampling == 1 else (fixed_px - (1 << _SHIFT - 1), _SHIFT + 1)
 
 
-def layers_of(picture: Frame) -> tuple[Layer, ...]:
-    """The arrays to draw on; brightness, or all of an RGB picture, is the first."""
+def drawing_planes(picture: Frame) -> tuple[Plane, ...]:
+    """The planes to draw on; the first is an RGB picture itself, or the luma plane."""
     if isinstance(picture, YuvFrame):
-        return tuple(Layer(plane, 1 + (k > 0), k, picture.colour_space) for k, plane in enumerate(picture.planes))
-    return (Layer(picture),)
+        return tuple(Plane(plane, 1 + (k > 0), k, picture.colour_space) for k, plane in enumerate(picture.planes))
+    return (Plane(picture),)
 
 
-def draw_polyline(picture: Frame, points_px: np.ndarray, colour: Colour, width_px: float) -> None:
-    """Draw a polyline through points (N, 2)."""
+def draw_polyline(
+    picture: Frame, points_px: np.ndarray, colour: Colour, width_px: float, *, closed: bool = False
+) -> None:
+    """Draw a polyline through points (N, 2); fewer than two points draw nothing."""
     if len(points_px) < 2:
         return
-    corners = to_fixed_point(points_px)
-    for layer in layers_of(picture):
-        places, shift = layer.place(corners)
-        thickness = line_thickness(width_px / layer.step)
-        # smooth edges take four times as long, and nobody sees them in planes of colour, which are coarse
-        edge = cv2.LINE_AA if layer.step == 1 else cv2.LINE_8
-        cv2.polylines(layer.pixels, [places], False, layer.value(colour), thickness, edge, shift)
+    fixed_px = _to_fixed_point(points_px)
+    for plane in drawing_planes(picture):
+        coordinates, shift = plane.coordinates(fixed_px)
+        thickness = _line_thickness(width_px / plane.subsampling)
+        # Anti-aliasing takes four times as long, and is not visible in the coarse chroma planes.
+        edge = cv2.LINE_AA if plane.subsampling == 1 else cv2.LINE_8
+        cv2.polylines(plane.pixels, [coordinates], closed, plane.value(colour), thickness, edge, shift)
 
 
 def blend_polygon(
@@ -88,22 +100,22 @@ def blend_polygon(
     *,
     edge: int = cv2.LINE_AA,
 ) -> None:
-    """Mix `colour` in by `alpha` inside a polygon (N, 2); only its bounding box is worked on.
+    """Blend a polygon (N, 2) of one colour into the picture with weight `alpha`; only its bounding box is processed.
 
-    Where lines will cover the edges, `edge=cv2.LINE_8` fills in a quarter of the time.
+    If lines will cover the polygon's edges, `edge=cv2.LINE_8` fills it in a quarter of the time.
     """
     height, width = picture.shape[:2]
     (left, top), (right, bottom) = polygon_px.min(axis=0).tolist(), polygon_px.max(axis=0).tolist()
-    # even, so that a plane of half the size has a corner there, too
+    # Even, so that the box also begins at an element of a subsampled plane.
     left, top = (int(min(max(low - 1, 0), size)) // 2 * 2 for low, size in ((left, width), (top, height)))
     right, bottom = (int(min(max(high + 2, 0), size)) for high, size in ((right, width), (bottom, height)))
-    corners = to_fixed_point(polygon_px - (left, top))
-    for layer in layers_of(picture):
-        part = layer.box(left, top, right, bottom)
+    fixed_px = _to_fixed_point(polygon_px - (left, top))
+    for plane in drawing_planes(picture):
+        part = plane.box(left, top, right, bottom)
         if part.size:
-            tinted, (places, shift) = part.copy(), layer.place(corners)
-            cv2.fillPoly(tinted, [places], layer.value(colour), edge, shift)
-            cv2.addWeighted(tinted, alpha, part, 1 - alpha, 0, dst=part)
+            filled, (coordinates, shift) = part.copy(), plane.coordinates(fixed_px)
+            cv2.fillPoly(filled, [coordinates], plane.value(colour), edge, shift)
+            cv2.addWeighted(filled, alpha, part, 1 - alpha, 0, dst=part)
 
 
 def put_text(
@@ -115,7 +127,26 @@ def put_text(
     colour: Colour = TEXT_COLOUR,
     panel_alpha: float = 0.6,
 ) -> None:
-    """Write lines of text in place; see `lanes.drawing.pictures.write_text`."""
+    """Write lines of text into a corner, on a dark panel that keeps them readable on any background.
+
+    Parameters
+    ----------
+    picture : ndarray of shape (height, width, 3), uint8, or YuvFrame
+    lines : str or sequence of str
+        One string per line; Latin, Greek and Cyrillic letters and signs such as ° and ± are supported.
+    corner : {"top left", "top right", "bottom left", "bottom right"}
+    size_px : int, optional
+        Font size in pixels, by default 1/24 of the picture's height. Reduced if the text would not fit.
+    colour : tuple of three int
+        RGB of the letters.
+    panel_alpha : float, in range 0..1
+        Opacity of the panel.
+
+    Raises
+    ------
+    ValueError
+        If `corner` is not one of the four.
+    """
     if corner not in CORNERS:
         raise ValueError(f"corner must be one of {', '.join(CORNERS)}; got {corner!r}.")
     lines = [lines] if isinstance(lines, str) else list(lines)
@@ -126,54 +157,31 @@ def put_text(
     left = 0 if "left" in corner else width - box_width
     top = 0 if "top" in corner else height - box_height
     box = left, top, left + box_width, top + box_height
-    finest, *coarse = layers_of(picture)
-    shade(finest, box, panel_alpha)
-    for plane in coarse:
-        # letters are too fine for it: all of the panel takes their hue, which is none where they are white
+    full_size, *chroma = drawing_planes(picture)
+    darken_box(full_size, box, panel_alpha)
+    for plane in chroma:
+        # Letters are too fine for the chroma planes: the whole panel takes the letters' hue, none for white.
         plane.box(*box)[:] = plane.value(colour)
     left, top = left + _margin(size), top + _margin(size) // 2
     for number, line in enumerate(lines):
-        draw_text_line(finest, line, left, top + number * line_height(size), size, colour)
+        draw_text_line(full_size, line, left, top + number * line_height(size), size, colour)
 
 
-def shade(layer: Layer, box: tuple[int, int, int, int], alpha: float) -> None:
-    """Darken a rectangle (left, top, right, bottom)."""
-    part, panel = layer.box(*box), layer.value(PANEL_COLOUR)
-    # one level for the three channels: to mix the panel's slight blue in takes twice as long, and nobody sees it
+def darken_box(plane: Plane, box: tuple[int, int, int, int], alpha: float) -> None:
+    """Blend the panel's colour into a rectangle (left, top, right, bottom) with weight `alpha`."""
+    part, panel = plane.box(*box), plane.value(PANEL_COLOUR)
+    # The mean of the three channels: blending the panel's slight blue takes twice as long, and is not visible.
     cv2.convertScaleAbs(part, dst=part, alpha=1 - alpha, beta=alpha * sum(panel) / len(panel))
 
 
-def to_fixed_point(points_px: np.ndarray) -> np.ndarray:
-    """Integers (N, 2) of 1/16 px, as OpenCV's drawing takes them."""
-    return np.round(points_px.clip(-FARTHEST_PX, FARTHEST_PX) * (1 << SHIFT)).astype(np.int32)
-
-
-def line_thickness(width_px: float) -> int:
-    """What to ask of OpenCV for a line that is `width_px` wide, to about a pixel.
-
-    Measured on 5.0 with smooth edges: 1 gives 1.3 px, an even number n gives n + 1.4 px, an odd one as much as n + 1.
-    """
-    return max(1, 2 * round((width_px - 1.4) / 2))
-
-
-@cache
-def _font() -> cv2.FontFace:
-    # The outline font that comes with OpenCV: unlike its stroke fonts it has letters and signs beyond ASCII.
-    return cv2.FontFace("sans")
-
-
-def line_height(size: int) -> int:
-    """Pixels from one line of text to the next."""
-    return size + max(2, size // 3)
-
-
-def _margin(size: int) -> int:
-    """Space beside the letters; half of it goes above and below, where letters are seldom as tall as their line."""
-    return max(2, round(size * 0.6))
+def finite_points(points_px: np.ndarray) -> np.ndarray:
+    """Points (N, 2) as floats, without rows that contain NaN or infinity."""
+    points = np.asarray(points_px, float).reshape(-1, 2)
+    return points[np.isfinite(points).all(axis=1)]
 
 
 def fit_text(lines: Sequence[str], size: int, width: int, height: int) -> tuple[int, int, int]:
-    """Largest letter size up to `size` at which `lines` and their margins fit; with the width and height they take."""
+    """Largest font size up to `size` at which `lines` and their margins fit; and their width and height, pixels."""
     for smaller in range(max(size, 1), 0, -1):
         longest = max(_text_width(line, smaller) for line in lines)
         box_width = longest + 2 * _margin(smaller)
@@ -183,14 +191,45 @@ def fit_text(lines: Sequence[str], size: int, width: int, height: int) -> tuple[
     return smaller, min(box_width, width), min(box_height, height)
 
 
+def line_height(size: int) -> int:
+    """Distance between lines of text, pixels."""
+    return size + max(2, size // 3)
+
+
+def draw_text_line(plane: Plane, line: str, left: int, top: int, size: int, colour: Colour) -> None:
+    """Write one line of text with its upper left corner at (left, top)."""
+    # OpenCV would wrap a long line at the left edge, over the line before: the wrap range is put out of reach.
+    origin, wrap_range = (left, top + size), (0, 1 << 20)
+    cv2.putText(
+        plane.pixels, line, origin, plane.value(colour), _font(), size, 500, cv2.PUT_TEXT_ALIGN_LEFT, wrap_range
+    )
+
+
+def _to_fixed_point(points_px: np.ndarray) -> np.ndarray:
+    """Integers (N, 2) of 1/16 px for OpenCV's drawing functions."""
+    return np.round(points_px.clip(-_MAX_COORDINATE_PX, _MAX_COORDINATE_PX) * (1 << _SHIFT)).astype(np.int32)
+
+
+def _line_thickness(width_px: float) -> int:
+    """OpenCV's thickness for a line of `width_px`, to about a pixel.
+
+    Measured on 5.0 with anti-aliasing: 1 gives 1.3 px, an even n gives n + 1.4 px, an odd n the same as n + 1.
+    """
+    return max(1, 2 * round((width_px - 1.4) / 2))
+
+
+@cache
+def _font() -> cv2.FontFace:
+    # OpenCV's outline font; its stroke fonts have no letters and signs beyond ASCII.
+    return cv2.FontFace("sans")
+
+
+def _margin(size: int) -> int:
+    """Horizontal margin of text, pixels; the vertical one is half, because few letters fill the line's height."""
+    return max(2, round(size * 0.6))
+
+
 @lru_cache(maxsize=64)
 def _text_width(line: str, size: int) -> int:
-    """Pixels; kept, because it takes as long as writing the line, and most lines stay the same for a few frames."""
+    """Width in pixels; cached, because it takes as long as drawing, and most lines stay the same for several frames."""
     return cv2.getTextSize((0, 0), line, (0, 0), _font(), size, 500)[2]
-
-
-def draw_text_line(layer: Layer, line: str, left: int, top: int, size: int, colour: Colour) -> None:
-    """Write one line; (left, top) is the upper left corner of its letters."""
-    # Wrapping is moved out of reach: OpenCV would otherwise continue at the left edge, over the line before.
-    place, beyond = (left, top + size), (0, 1 << 20)
-    cv2.putText(layer.pixels, line, place, layer.value(colour), _font(), size, 500, cv2.PUT_TEXT_ALIGN_LEFT, beyond)

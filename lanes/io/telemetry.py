@@ -107,7 +107,7 @@ def read_telemetry(path: str | Path) -> dict[str, np.ndarray]:
         if len(columns) != len(header):
             raise ValueError("header and rows differ in length")
     except (ValueError, csv.Error) as error:
-        raise ValueError(f"{path}: is no telemetry table ({error}); write it with write_telemetry.") from error
+        raise ValueError(f"{path}: is not a telemetry table ({error}); write it with write_telemetry.") from error
     return {name: _column(fields) for name, fields in zip(header, columns, strict=True)}
 
 

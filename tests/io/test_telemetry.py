@@ -52,7 +52,7 @@ def test_missing_file(tmp_path):
 )
 def test_files_that_are_not_a_table(tmp_path, content):
     (tmp_path / "drive.csv").write_bytes(content)
-    with pytest.raises(ValueError, match=r"drive\.csv: (is no te(lemetry table|xt)|the file is empty)"):
+    with pytest.raises(ValueError, match=r"drive\.csv: (is not a (telemetry table|text file)|the file is empty)"):
         read_telemetry(tmp_path / "drive.csv")
 
 

@@ -156,6 +156,6 @@ OUTSIDE = {
 TRUTH = {
     "no columns": (holds("frame\n0\n1\n2\n"), "lacks the column"),
     "words for numbers": (lambda path, data: path.write_bytes(data.replace(b"0.", b"x.")), "is no truth"),
-    "rows of other lengths": (holds("frame,offset_m\n0,1\n1\n"), "is no telemetry table"),
-    "a field of 1 MB": (holds("frame,offset_m\n0," + "9" * 1_000_000), "is no telemetry table"),
+    "rows of other lengths": (holds("frame,offset_m\n0,1\n1\n"), "is not a telemetry table"),
+    "a field of 1 MB": (holds("frame,offset_m\n0," + "9" * 1_000_000), "is not a telemetry table"),
 }

@@ -44,7 +44,7 @@ function offsetWords(offset, std) {
   return Math.abs(offset).toFixed(2) + " ± " + std.toFixed(2) + " m " + (offset > 0 ? "left" : "right");
 }
 
-/** The same words as lanes.io.words.describe_bend. */
+/** The same words as lanes.io.describe.describe_bend. */
 function bendWords(curvature) {
   if (curvature === null) return "unknown";
   if (Math.abs(curvature) < 1 / 3000) return "straight (R > 3 km)";
