@@ -28,7 +28,7 @@ help:
 	@echo "make fuzz   the tests with random examples, ten times as long and with other examples each time"
 	@echo "make coverage  which lines no test runs; make mutants  which mistakes no test notices (docs/testing.md)"
 	@echo "make soak   an hour of driving through the command line, with a look at memory, frames and sound"
-	@echo "make audit  whether weaknesses are known of what requirements.lock pins; make lock writes that anew"
+	@echo "make audit  known vulnerabilities of the packages in requirements.lock; make lock writes that file again"
 	@echo "make clean  remove .venv and caches"
 	@echo "Real pictures: make run LANES_DATA=path/to/folder   (results: project_real.ipynb, output_real/)"
 
@@ -95,7 +95,7 @@ lock: $(INSTALLED)
 
 audit: $(INSTALLED)
 	@$(PYTHON) -m venv .venv/tools && .venv/tools/bin/python -m pip install --quiet --disable-pip-version-check pip-audit==2.10.1
-	@.venv/tools/bin/python tools/audit.py
+	@.venv/tools/bin/python -m tools.audit
 
 # Beside the packages that the project runs with, not among them.
 $(MEASURING): requirements-measuring.txt $(INSTALLED)

@@ -1,1 +1,1 @@
-"""Scripts for those who work on the project: python -m tools.NAME."""
+"""Scripts for the developers of the project: python -m tools.NAME."""

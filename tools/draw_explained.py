@@ -1,9 +1,9 @@
-"""Draw the explained pictures of docs/when_it_fails.md anew.
+"""Draw the explained pictures of docs/when_it_fails.md again.
 
     python -m tools.draw_explained
 
-The pictures are the project's own stills and frames of the suite, rendered where they have not been yet. Look at what
-the page says of them afterwards.
+The pictures are stills of the project and frames of the suite; missing scenes are rendered. Check afterwards that the
+text of the page still fits the pictures.
 """
 
 from __future__ import annotations
@@ -13,39 +13,40 @@ from pathlib import Path
 
 import numpy as np
 
+from lanes.camera.camera import Camera
+from lanes.camera.camera_file import load_camera
+from lanes.drawing.figures import save_figure
+from lanes.explain.explanation import explain_frame
+from lanes.explain.panels import show_explanation
+from lanes.io.images import read_image
+from lanes.io.video.reader import read_frames
+from simulator.scenes.suite import render_scene
+
 PROJECT = Path(__file__).parents[1]
-
-from lanes.camera.camera import Camera  # noqa: E402
-from lanes.camera.camera_file import load_camera  # noqa: E402
-from lanes.drawing.figures import save_figure  # noqa: E402
-from lanes.explain.explanation import explain_frame  # noqa: E402
-from lanes.explain.panels import show_explanation  # noqa: E402
-from lanes.io.images import read_image  # noqa: E402
-from lanes.io.video.reader import read_frames  # noqa: E402
-from simulator.scenes.suite import render_scene  # noqa: E402
-
-# Stills by the error of the camera pose's pitch, degrees; scenes by the second that is shown.
+# Picture -> still and error of its camera pitch, degrees.
 STILLS = {"good": ("test4", 0.0), "wrong_pose": ("test6", -3.0)}
+# Picture -> scene and time of the frame, seconds.
 SCENES = {"one_line": ("missing-paint", 1.12), "no_lines": ("unmarked-road", 0.0), "hairpin": ("hairpin-right", 4.4)}
 
 
-def still(name: str, wrong_deg: float) -> tuple[np.ndarray, Camera]:
-    """A picture, and its camera with a camera pose that looks so much farther down than it does."""
+def read_still(name: str, pitch_error_deg: float) -> tuple[np.ndarray, Camera]:
+    """A still and its camera, whose pitch is too large by `pitch_error_deg` (too far down)."""
     camera = load_camera(PROJECT / "test_videos" / "project_video.yaml")
-    pose = replace(camera.pose, pitch_rad=camera.pose.pitch_rad + np.radians(wrong_deg))
+    pose = replace(camera.pose, pitch_rad=camera.pose.pitch_rad + np.radians(pitch_error_deg))
     return read_image(PROJECT / "test_images" / f"{name}.jpg"), camera.with_pose(pose)
 
 
-def frame(scene: str, time_s: float) -> tuple[np.ndarray, Camera]:
+def read_frame(scene: str, time_s: float) -> tuple[np.ndarray, Camera]:
     """A frame of a scene, and its camera."""
     video = render_scene(scene)
     return next(read_frames(video, start_s=time_s)), load_camera(video.with_suffix(".yaml"))
 
 
 def main() -> None:
-    """Draw, and print what the pictures say."""
-    shown = {name: still(*what) for name, what in STILLS.items()} | {n: frame(*what) for n, what in SCENES.items()}
-    for name, (image, camera) in shown.items():
+    """Draw the pictures and print their explanations."""
+    pictures = {name: read_still(*still) for name, still in STILLS.items()}
+    pictures |= {name: read_frame(*frame) for name, frame in SCENES.items()}
+    for name, (image, camera) in pictures.items():
         explanation = explain_frame(image, camera)
         figure, _ = show_explanation(explanation)
         print(save_figure(figure, PROJECT / "docs" / "pictures" / f"explained_{name}.jpg"))

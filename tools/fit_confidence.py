@@ -1,56 +1,56 @@
-"""Where the numbers of `lanes.tracking.confidence` come from: drive along roads of known truth, count, fit.
+"""Fit the weights of `lanes.tracking.confidence` by logistic regression on drives with known truth.
 
-    python -m tools.fit_confidence [VIDEO ...]   fits, prints the weights and how well they hold
-    python -m tools.fit_confidence --check       drives other roads and only says how well the present weights hold
+    python -m tools.fit_confidence [VIDEO ...]   fits; prints the weights and their calibration
+    python -m tools.fit_confidence --check       prints the calibration of the present weights on other roads
 
-The roads are painted ones, and the drives of the suite: those given as VIDEO (with .csv and .yaml beside it), or all,
-rendered where they have not been yet. It takes some minutes.
+The drives are painted roads and scenes of the suite: the given VIDEOs (with .csv and .yaml next to them), or all of
+them. Missing scenes are rendered. It takes some minutes.
 
-Painted roads: paint, light, motion and errors of the pose are drawn at random, hard ones among them: worn paint, lines
-missing for seconds, tar seams, bright cracks and kerbs that run along the lane, shadows, black pictures. The suite has
-what paint on a plane has not: crests, hairpins, weather, traffic, and roads without a lane. How well weights hold is
-told by drives that took no part in their fit.
+On painted roads, paint, light, motion and pose errors are random. Hard cases are worn paint, lines missing for
+seconds, tar seams, bright cracks and kerbs along the lane, shadows, and black pictures. The suite adds what paint on a
+plane cannot show: crests, hairpins, weather, traffic, and roads without a lane. Calibration is measured by
+cross-validation: on drives that were not part of the fit.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
 from collections.abc import Iterable
 from dataclasses import replace
 
 import cv2
 import numpy as np
 
-from benchmark.errors import LaneTruth, frame_errors  # noqa: E402
-from benchmark.estimates import DriveEstimates  # noqa: E402
-from benchmark.evaluation import read_truth  # noqa: E402
-from benchmark.scored_drive import BenchmarkDrive  # noqa: E402
-from benchmark.suite_drives import choose_drives  # noqa: E402
-from benchmark.systems import tracker_estimate  # noqa: E402
-from lanes.camera.camera import Camera  # noqa: E402
-from lanes.camera.camera_file import load_camera  # noqa: E402
-from lanes.io.video.reader import inspect_video, read_frames  # noqa: E402
-from lanes.tracking.confidence import FEATURES, RIGHT_M, STILL_WEIGHTS, TRACK_WEIGHTS, lane_features  # noqa: E402
-from lanes.tracking.detector import find_lane  # noqa: E402
-from lanes.tracking.tracked_lane import TrackedLane  # noqa: E402
-from lanes.tracking.tracker import LaneTracker  # noqa: E402
-from simulator.rendering.drive import Motion  # noqa: E402
-from simulator.road.geometry import RoadGeometry  # noqa: E402
-from simulator.road.truth import truth_row  # noqa: E402
-from tests.support.painted_drive import CAMERA, DASH_M, TAR, WHITE, YELLOW, PaintedDrive, Stripe  # noqa: E402
+from benchmark.errors import LaneTruth, frame_errors
+from benchmark.estimates import DriveEstimates
+from benchmark.evaluation import read_truth
+from benchmark.scored_drive import BenchmarkDrive
+from benchmark.suite_drives import choose_drives, ensure_video
+from benchmark.systems import tracker_estimate
+from lanes.camera.camera import Camera
+from lanes.camera.camera_file import load_camera
+from lanes.io.video.reader import inspect_video, read_frames
+from lanes.tracking.confidence import FEATURES, RIGHT_M, STILL_WEIGHTS, TRACK_WEIGHTS, lane_features
+from lanes.tracking.detector import find_lane
+from lanes.tracking.tracked_lane import TrackedLane
+from lanes.tracking.tracker import LaneTracker
+from simulator.rendering.drive import Motion
+from simulator.road.geometry import RoadGeometry
+from simulator.road.truth import truth_row
+from tests.support.painted_drive import CAMERA, DASH_M, TAR, WHITE, YELLOW, PaintedDrive, Stripe
 
 DRIVES, SECONDS, FPS = 60, 3.0, 12.5
-# So often a picture is also looked at on its own.
-ALONE_EVERY = 4
+# Every fourth frame is also detected without the tracker.
+STILL_EVERY = 4
 RIDGE = 1.0
-# Frames of one drive are alike: all of them together count as so many independent ones.
-WORTH = 25.0
-# Drives are dealt into so many parts; each is told the chances by weights that were fitted on the others.
-PARTS = 5
+# Frames of one drive are correlated: together they count as this number of independent ones.
+EFFECTIVE_FRAMES = 25.0
+# Number of parts of the cross-validation; a drive is in one part only.
+FOLDS = 5
 
 
 def draw_road(rng: np.random.Generator) -> tuple[RoadGeometry, float]:
-    """A road and the speed that it is driven at: motorway, country road or mountain road."""
+    """A random road and its speed: motorway, country road or mountain road."""
     tightest, knot_m, speed_mps = ((400, 80, 28.0), (150, 45, 18.0), (45, 22, 10.0))[rng.choice(3, p=(0.6, 0.25, 0.15))]
     bends = np.round(rng.uniform(-1, 1, 60)) * rng.uniform(0.3, 1.0, 60) / tightest
     curvatures = np.repeat(bends, 2)
@@ -58,7 +58,7 @@ def draw_road(rng: np.random.Generator) -> tuple[RoadGeometry, float]:
 
 
 def draw_line(rng: np.random.Generator, lateral_m: float) -> Stripe:
-    """A line of the lane: any usual paint, sometimes worn, sometimes missing for a while."""
+    """A random lane line of any usual paint, sometimes worn, sometimes missing for a while."""
     gone = (np.inf, np.inf)
     if rng.random() < 0.3:
         start = rng.uniform(0, SECONDS)
@@ -71,7 +71,7 @@ def draw_line(rng: np.random.Generator, lateral_m: float) -> Stripe:
 
 
 def draw_clutter(rng: np.random.Generator, half_m: float) -> tuple[Stripe, ...]:
-    """What looks a little like lines: seams, cracks, kerbs, the lines of other lanes."""
+    """Random objects similar to lane lines: seams, cracks, kerbs, lines of other lanes."""
     things = [draw_line(rng, side * half_m * 3) for side in (1, -1) if rng.random() < 0.6]
     for _ in range(rng.poisson(0.7)):
         things.append(Stripe(rng.uniform(-3, 3), rng.uniform(0.04, 0.2), TAR))
@@ -86,7 +86,7 @@ def draw_clutter(rng: np.random.Generator, half_m: float) -> tuple[Stripe, ...]:
 
 
 def draw_drive(seed: int, camera: Camera = CAMERA) -> tuple[PaintedDrive, Camera]:
-    """A drive, and the camera as the one who follows it believes it to be."""
+    """A random drive, and its camera with a random pose error."""
     rng = np.random.default_rng(seed)
     road, speed_mps = draw_road(rng)
     half_m = rng.uniform(1.5, 1.9)
@@ -106,111 +106,120 @@ def draw_drive(seed: int, camera: Camera = CAMERA) -> tuple[PaintedDrive, Camera
         seed=seed,
     )
     pose = camera.pose
-    believed = replace(
+    wrong_pose = replace(
         pose,
         height_m=pose.height_m * (1 + rng.normal(0, 0.01)),
         pitch_rad=pose.pitch_rad + rng.normal(0, 0.002),
         yaw_rad=pose.yaw_rad + rng.normal(0, 0.002),
     )
-    return drive, camera.with_pose(believed)
+    return drive, camera.with_pose(wrong_pose)
 
 
-def drive_along(seed: int, camera: Camera = CAMERA, *, seconds: float = SECONDS, fps: float = FPS) -> tuple[list, list]:
-    """Features, rightness and seed of each lane found on a painted road: followed, and in pictures on their own."""
+def samples_of_painted_drive(
+    seed: int, camera: Camera = CAMERA, *, seconds: float = SECONDS, fps: float = FPS
+) -> tuple[list, list]:
+    """Samples of a painted drive with this seed, see `label_lanes`."""
     drive, camera = draw_drive(seed, camera)
     times = np.arange(int(seconds * fps)) / fps
     rows = [truth_row(drive.truth(time_s), frame=0) for time_s in times]
     truth = LaneTruth.from_columns({name: np.array([row[name] for row in rows], float) for name in rows[0]})
-    return judge(map(drive.frame, times), camera, truth, fps=fps, number=seed)
+    return label_lanes(map(drive.frame, times), camera, truth, fps=fps, number=seed)
 
 
-def drive_through(drive: BenchmarkDrive, number: int) -> tuple[list, list]:
-    """The same for a drive of the suite."""
+def samples_of_video(drive: BenchmarkDrive, number: int) -> tuple[list, list]:
+    """Samples of a drive of the suite, see `label_lanes`."""
     camera, fps = load_camera(drive.video.with_suffix(".yaml")), inspect_video(drive.video).fps
-    return judge(read_frames(drive.video), camera, read_truth(drive), fps=fps, number=number)
+    return label_lanes(read_frames(drive.video), camera, read_truth(drive), fps=fps, number=number)
 
 
-def judge(
+def label_lanes(
     frames: Iterable[np.ndarray], camera: Camera, truth: LaneTruth, *, fps: float, number: int
 ) -> tuple[list, list]:
-    """Rows (features, right, `number`) of the lanes in the frames: followed, and in each ALONE_EVERY-th on its own."""
+    """Samples (*features, correct, `number`) of the lanes in the frames: tracked ones, and those detected in stills."""
     tracker = LaneTracker(camera, fps=fps)
-    followed, alone = [], []
+    tracked, stills = [], []
     for frame, image in enumerate(frames):
-        followed.append(tracker.update(image))
-        if frame % ALONE_EVERY == 0:
-            alone.append(TrackedLane.from_still(find_lane(image, tracker.view)))
+        tracked.append(tracker.update(image))
+        if frame % STILL_EVERY == 0:
+            stills.append(TrackedLane.from_still(find_lane(image, tracker.view)))
     tables = []
-    for said, every in ((followed, 1), (alone, ALONE_EVERY)):
-        estimates = DriveEstimates.from_frames([tracker_estimate(tracked) for tracked in said], [0.0] * len(said))
-        right = frame_errors(estimates, truth.select(slice(0, len(said) * every, every))).full_rms_m <= RIGHT_M
-        rows = zip(said, right & truth.exists[: len(followed) : every], strict=True)
-        tables.append([[*lane_features(one.lane), yes, number] for one, yes in rows if one.lane is not None])
+    for lanes, every in ((tracked, 1), (stills, STILL_EVERY)):
+        estimates = DriveEstimates.from_frames([tracker_estimate(lane) for lane in lanes], [0.0] * len(lanes))
+        correct = frame_errors(estimates, truth.select(slice(0, len(lanes) * every, every))).full_rms_m <= RIGHT_M
+        rows = zip(lanes, correct & truth.exists[: len(tracked) : every], strict=True)
+        tables.append([[*lane_features(row.lane), label, number] for row, label in rows if row.lane is not None])
     return tables[0], tables[1]
 
 
-def fit_logistic(features: np.ndarray, right: np.ndarray, drive: np.ndarray) -> np.ndarray:
-    """Weights by Newton's method on the log-likelihood, with a ridge so that no feature runs away.
+def fit_logistic(features: np.ndarray, correct: np.ndarray, drive: np.ndarray) -> np.ndarray:
+    """Weights of a logistic regression by Newton's method, with an L2 penalty.
 
     Parameters
     ----------
     features : ndarray (lanes, features)
-    right : ndarray (lanes,)
+    correct : ndarray (lanes,)
         0 or 1.
     drive : ndarray (lanes,)
-        Numbers of the drives: each drive counts as much as any other.
+        Number of the lane's drive. All drives have the same weight.
     """
     _, of, count = np.unique(drive, return_inverse=True, return_counts=True)
-    worth, weights = WORTH / count[of], np.zeros(features.shape[1])
+    sample_weight, weights = EFFECTIVE_FRAMES / count[of], np.zeros(features.shape[1])
     for _ in range(50):
-        chance = logistic(features @ weights)
-        information = (features * (worth * chance * (1 - chance))[:, None]).T @ features + RIDGE * np.eye(len(weights))
-        weights += np.linalg.solve(information, features.T @ (worth * (right - chance)) - RIDGE * weights)
+        probability = logistic(features @ weights)
+        spread = sample_weight * probability * (1 - probability)
+        hessian = (features.T * spread) @ features + RIDGE * np.eye(len(weights))
+        gradient = features.T @ (sample_weight * (correct - probability)) - RIDGE * weights
+        weights += np.linalg.solve(hessian, gradient)
     return weights
 
 
-def logistic(odds: np.ndarray) -> np.ndarray:
-    """Chances of logarithmic odds."""
-    return 1 / (1 + np.exp(-odds))
+def logistic(log_odds: np.ndarray) -> np.ndarray:
+    """Probabilities from logarithmic odds."""
+    return 1 / (1 + np.exp(-log_odds))
 
 
-def chances_of_others(features: np.ndarray, right: np.ndarray, drive: np.ndarray) -> np.ndarray:
-    """Chances (lanes,) by weights that were fitted without the lane's own drive."""
+def cross_validated(features: np.ndarray, correct: np.ndarray, drive: np.ndarray) -> np.ndarray:
+    """Probabilities (lanes,) from weights that were fitted without the lane's own drive."""
     numbers = np.random.default_rng(0).permutation(np.unique(drive))
-    chance = np.zeros(len(right))
-    for part in np.array_split(numbers, PARTS):
-        mine = np.isin(drive, part)
-        chance[mine] = logistic(features[mine] @ fit_logistic(features[~mine], right[~mine], drive[~mine]))
-    return chance
+    probability = np.zeros(len(correct))
+    for fold in np.array_split(numbers, FOLDS):
+        held_out = np.isin(drive, fold)
+        weights = fit_logistic(features[~held_out], correct[~held_out], drive[~held_out])
+        probability[held_out] = logistic(features[held_out] @ weights)
+    return probability
 
 
-def tell(name: str, chance: np.ndarray, right: np.ndarray) -> None:
-    """Print how often lanes of each confidence are right."""
-    surprise = -np.mean(np.log(np.where(right, chance, 1 - chance) + 1e-9))
-    print(f"{name}: {len(right)} lanes, {right.mean():.1%} right, {surprise:.3f} nats a lane")
+def print_calibration(name: str, confidence: np.ndarray, correct: np.ndarray) -> None:
+    """Print the accuracy of the lanes in bins of confidence."""
+    log_loss = -np.mean(np.log(np.where(correct, confidence, 1 - confidence) + 1e-9))
+    print(f"{name}: {len(correct)} lanes, {correct.mean():.1%} correct, log loss {log_loss:.3f}")
     for low, high in ((0, 0.1), (0.1, 0.3), (0.3, 0.5), (0.5, 0.7), (0.7, 0.9), (0.9, 0.97), (0.97, 1.01), (0.9, 1.01)):
-        some = (chance > low) & (chance <= high)
+        some = (confidence > low) & (confidence <= high)
         if some.any():
-            stated, share = chance[some].mean(), right[some].mean()
-            print(
-                f"  confidence {low:.2f} to {min(high, 1):.2f}: {some.sum():5d} lanes, {stated:.1%}, {share:.1%} right"
-            )
+            mean, accuracy = confidence[some].mean(), correct[some].mean()
+            bounds = f"{low:.2f} to {min(high, 1):.2f}"
+            print(f"  confidence {bounds}: {some.sum():5d} lanes, mean {mean:.1%}, {accuracy:.1%} correct")
 
 
 def main() -> None:
-    """Drive, fit, tell."""
+    """Collect samples, fit, print the calibration."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("videos", nargs="*", metavar="VIDEO", help="scene or video (default: the whole suite)")
+    parser.add_argument("--check", action="store_true", help="only check the present weights, on other roads")
+    options = parser.parse_args()
     cv2.setNumThreads(1)
-    check = "--check" in sys.argv
-    suite = [] if check else choose_drives(sys.argv[1:])
-    data = [drive_along(seed) for seed in (range(1000, 1000 + DRIVES // 2) if check else range(DRIVES))]
-    data += [drive_through(drive.at_hand(), -1 - number) for number, drive in enumerate(suite)]
+    seeds = range(1000, 1000 + DRIVES // 2) if options.check else range(DRIVES)
+    suite = [] if options.check else choose_drives(options.videos)
+    data = [samples_of_painted_drive(seed) for seed in seeds]
+    data += [samples_of_video(ensure_video(drive), -1 - number) for number, drive in enumerate(suite)]
     for name, part, present in (("TRACK_WEIGHTS", 0, TRACK_WEIGHTS), ("STILL_WEIGHTS", 1, STILL_WEIGHTS)):
         rows = np.array([row for one in data for row in one[part]], float)
-        features, right, drive = rows[:, :-2], rows[:, -2] > 0, rows[:, -1]
-        tell(f"{name} as they are", logistic(features @ present), right)
-        if not check:
-            tell(f"{name}, of drives that were not in the fit", chances_of_others(features, right, drive), right)
-            weights = fit_logistic(features, right, drive)
+        features, correct, drive = rows[:, :-2], rows[:, -2] > 0, rows[:, -1]
+        print_calibration(f"present {name}", logistic(features @ present), correct)
+        if not options.check:
+            held_out = cross_validated(features, correct, drive)
+            print_calibration(f"new {name}, cross-validated", held_out, correct)
+            weights = fit_logistic(features, correct, drive)
             print(name, dict(zip(FEATURES, np.round(weights, 2).tolist(), strict=True)))
 
 

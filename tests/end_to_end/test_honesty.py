@@ -1,7 +1,7 @@
-"""The engine does not lie: what share of the frames of the whole suite it gets wrong while it says that it is sure.
+"""Share of the frames of the whole suite in which the tracker is confident and wrong.
 
-The table is the committed one, made by `python -m benchmark -o docs/benchmark`; test_regression.py holds
-fresh frames to the same promise. A promise that is not kept is a failing test: not one to be loosened.
+The table is the committed one, made by `python -m benchmark -o docs/benchmark`; test_regression.py checks the
+same limit on new frames. A limit that is exceeded is a defect of the tracker; do not loosen it.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from simulator.scenes.suite import SUITE
 
 TABLE = PROJECT_ROOT / "docs" / "benchmark" / "benchmark.csv"
 NO_LANE = "no lane"
-# Of the frames without a lane, and of those with one: what share may be surely wrong.
+# Largest share of confident and wrong frames, of those without a lane and of those with one.
 PROMISED = {"where there is no lane": 0.0, "elsewhere": 0.005}
 
 
-def rows_of_the_engine() -> list[Row]:
-    """A row a scene, without the sums."""
+def tracker_rows() -> list[Row]:
+    """One row per scene, without the totals."""
     return [row for row in read_scores(TABLE) if row["system"] == TRACKER and not row["scene"].startswith("all ")]
 
 
-def surely_wrong(rows: Iterable[Row]) -> float:
-    """Share of all frames of these rows."""
+def confident_and_wrong(rows: Iterable[Row]) -> float:
+    """Share of confident and wrong frames, over all frames of these rows."""
     frames = [(row["frames"], row["confident_and_wrong_share"]) for row in rows]
     return sum(count * share for count, share in frames) / sum(count for count, _ in frames)
 
@@ -42,13 +42,13 @@ def surely_wrong(rows: Iterable[Row]) -> float:
         ("elsewhere", lambda row: row["difficulty"] != NO_LANE),
     ],
 )
-def test_the_engine_is_surely_wrong_as_seldom_as_promised(where: str, chosen: Callable[[Row], bool]):
-    assert surely_wrong(row for row in rows_of_the_engine() if chosen(row)) <= PROMISED[where]
+def test_the_tracker_is_confident_and_wrong_as_rarely_as_promised(where: str, chosen: Callable[[Row], bool]):
+    assert confident_and_wrong(row for row in tracker_rows() if chosen(row)) <= PROMISED[where]
 
 
 def test_no_scene_and_no_frame_is_left_out():
-    """Else the promise would be kept by looking away."""
-    rows = {row["scene"]: row for row in rows_of_the_engine()}
+    """Missing rows or frames could hide wrong ones."""
+    rows = {row["scene"]: row for row in tracker_rows()}
     assert rows.keys() == SUITE.keys()
     for name, scene in SUITE.items():
         assert rows[name]["difficulty"] == scene.difficulty
@@ -57,8 +57,8 @@ def test_no_scene_and_no_frame_is_left_out():
         assert rows[name]["lane_frames"] == (0 if scene.difficulty == NO_LANE else rows[name]["frames"])
 
 
-def test_sure_is_what_the_benchmark_calls_sure():
-    """A higher bar would hide wrong frames; the table's own words state it."""
+def test_confident_means_the_same_in_the_table_and_in_its_text():
+    """A higher threshold would hide wrong frames."""
     assert CONFIDENT == 0.9
     words = (TABLE.parent / "README.md").read_text(encoding="utf-8")
     assert re.search(r"confidence of 0\.9 or more", words)

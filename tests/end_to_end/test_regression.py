@@ -23,12 +23,12 @@ def measured() -> dict[str, FrameErrors]:
 
 
 @pytest.mark.parametrize("scene", REFERENCES)
-def test_the_engine_is_not_worse_than_it_was(scene, measured):
+def test_the_tracker_is_not_worse_than_the_reference(scene, measured):
     measured[scene] = measure(scene)
     assert worse_than(REFERENCES[scene], measured[scene]) == []
 
 
-def test_the_engine_is_surely_wrong_as_seldom_as_promised_on_fresh_frames(measured):
+def test_the_tracker_is_confident_and_wrong_as_rarely_as_promised_on_new_frames(measured):
     wrong = [(measured.get(scene) or measure(scene)).confident_and_wrong for scene in REFERENCES]
     assert np.concatenate(wrong).mean() <= PROMISED["elsewhere"]
 

@@ -12,7 +12,7 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from tools.audit import judge
+from tools.audit import assess
 
 ROOT = Path(__file__).parents[2]
 SOURCES = {
@@ -146,11 +146,11 @@ def test_the_lock_is_complete():
                 assert canonicalize_name(requirement.name) in lock, f"{name} requires {requirement}; run `make lock`"
 
 
-def test_an_audit_that_asked_nobody_is_no_good_news():
+def test_an_audit_without_answers_is_no_success():
     fine = {"name": "a", "version": "1", "vulns": []}
     weak = {"name": "b", "version": "2", "vulns": [{"id": "CVE-1"}, {"id": "CVE-2"}]}
     skipped = {"name": "c", "skip_reason": "not found"}
-    assert judge([fine, fine]) == (0, "no weakness is known of the 2 packages in requirements.lock")
-    assert judge([fine, weak, skipped])[0] == 1 and "b 2: CVE-1, CVE-2" in judge([weak])[1]
-    assert judge([fine, skipped])[0] == judge([])[0] == 2
-    assert "1 of 2 packages" in judge([fine, skipped])[1]
+    assert assess([fine, fine]) == (0, "no known vulnerability in the 2 packages of requirements.lock")
+    assert assess([fine, weak, skipped])[0] == 1 and "b 2: CVE-1, CVE-2" in assess([weak])[1]
+    assert assess([fine, skipped])[0] == assess([])[0] == 2
+    assert "1 of 2 packages" in assess([fine, skipped])[1]

@@ -1,4 +1,4 @@
-"""The hour-long run is not part of the tests, but what it would notice is."""
+"""The functions of the soak test; the hour-long run itself is not part of the tests."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from lanes.io.video.reader import inspect_video, read_frames
 from simulator.rendering.drive import Motion
 from tests.support.clips import write_drive
 from tests.support.painted_drive import SMALL, PaintedDrive, lane_lines, s_bend
-from tools.soak import describe_memory, farthest, packet_times, repeat_drive
+from tools.soak import describe_memory, largest_differences, packet_times, repeat_drive
 
 FRAMES, TURNS = 12, 4
 
 
-def test_a_repeated_drive_has_every_frame_and_sound_beside_it(tmp_path):
+def test_a_repeated_drive_has_every_frame_and_its_sound(tmp_path):
     drive = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0), camera=SMALL)
     source, long = write_drive(tmp_path / "short.mp4", drive, FRAMES), tmp_path / "long.mp4"
     repeat_drive(source, long, TURNS)
@@ -28,8 +28,8 @@ def test_a_repeated_drive_has_every_frame_and_sound_beside_it(tmp_path):
 
 
 @pytest.mark.parametrize(("drift", "last"), [(0.0, 0.01), (0.002, 0.048)])
-def test_what_drifts_lies_farther_and_farther_away(tmp_path, drift, last):
-    """The first repetition is not looked at; the second is what the others are compared with."""
+def test_drift_grows_the_differences(tmp_path, drift, last):
+    """The first repetition is ignored; the others are compared with the second one."""
     rng = np.random.default_rng(2)
     rows = [
         {"frame": n, "offset_m": 0.3 + rng.choice([-1, 1]) * 0.005 + drift * turn + (turn == 0), "state": "tracking"}
@@ -37,13 +37,13 @@ def test_what_drifts_lies_farther_and_farther_away(tmp_path, drift, last):
         for n in range(FRAMES)
     ]
     rows[-1]["state"] = "lost"
-    found = farthest(write_telemetry(tmp_path / "long.csv", rows), FRAMES)
+    found = largest_differences(write_telemetry(tmp_path / "long.csv", rows), FRAMES)
     assert found["offset_m"][0] == pytest.approx(0.01 + 2 * drift, abs=1e-6)
     assert found["offset_m"][1] == pytest.approx(last, abs=0.003)
     assert found["state"] == (0, pytest.approx(1 / FRAMES))
 
 
-def test_memory_that_grows_shows():
+def test_growing_memory_is_shown():
     seconds = np.arange(0, 3600, 5.0)
     text = describe_memory(np.column_stack([seconds, 200 + seconds / 36]))
     assert "+100.0 MB an hour" in text

@@ -17,7 +17,7 @@ from lanes.tracking.update import initial_state
 from simulator.road.truth import truth_row
 from tests.support.painted_drive import CAMERA, TAR, PaintedDrive, Stripe, s_bend
 from tests.support.shapes import a_lane
-from tools.fit_confidence import chances_of_others, drive_along, fit_logistic, judge, logistic
+from tools.fit_confidence import cross_validated, fit_logistic, label_lanes, logistic, samples_of_painted_drive
 
 
 def lane_with(*, width_m: float = 3.6, std_m: float = 0.02, centre_m: float = 0.1, reach_m: float = 40.0):
@@ -62,7 +62,9 @@ def test_standard_deviation_grows_with_the_distance():
 def test_confident_lanes_are_right_on_drives_not_seen_before():
     """Of those with more than 0.9 at least 95 %; the full check is `python -m tools.fit_confidence --check`."""
     small = CAMERA.scaled((640, 360))
-    rows = [row for seed in range(3000, 3021) for row in drive_along(seed, small, seconds=1.6, fps=12.5)[0]]
+    rows = [
+        row for seed in range(3000, 3021) for row in samples_of_painted_drive(seed, small, seconds=1.6, fps=12.5)[0]
+    ]
     features, right = np.array(rows)[:, :-2], np.array(rows)[:, -2]
     confident = 1 / (1 + np.exp(-features @ TRACK_WEIGHTS)) > 0.9
     assert confident.sum() > 40
@@ -104,7 +106,7 @@ class TestTheFit:
         drive = np.repeat(np.arange(10), 20)
         right = drive % 2 == 0
         features = np.column_stack([np.ones(200), drive[:, None] == np.arange(10)])
-        assert np.abs(chances_of_others(features, right, drive) - 0.5).max() < 0.2
+        assert np.abs(cross_validated(features, right, drive) - 0.5).max() < 0.2
         assert np.abs(logistic(features @ fit_logistic(features, right, drive)) - right).max() < 0.2
 
     def test_lanes_are_judged_by_their_own_truth(self):
@@ -112,8 +114,8 @@ class TestTheFit:
         rows = [truth_row(drive.truth(i / 12.5), frame=i) for i in range(9)]
         truth = LaneTruth.from_columns({name: np.array([row[name] for row in rows], float) for name in rows[0]})
         frames = [drive.frame(i / 12.5) for i in range(9)]
-        followed, alone = judge(frames, drive.camera, truth, fps=12.5, number=7)
+        followed, alone = label_lanes(frames, drive.camera, truth, fps=12.5, number=7)
         assert [len(followed), len(alone)] == [9, 3]
         assert {row[-1] for row in followed + alone} == {7} and all(row[-2] for row in followed + alone)
         aside = replace(truth, lines_y_m=truth.lines_y_m + 0.3)
-        assert not any(row[-2] for rows in judge(frames, drive.camera, aside, fps=12.5, number=7) for row in rows)
+        assert not any(row[-2] for rows in label_lanes(frames, drive.camera, aside, fps=12.5, number=7) for row in rows)

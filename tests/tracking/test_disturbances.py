@@ -105,7 +105,7 @@ def all_at_once(drive: Drive, hit: np.ndarray) -> Iterator[Step]:
     ids=["dropped", "dropped without a word", "doubled", "black", "all at once"],
 )
 @pytest.mark.parametrize("seed", [0, 1])
-def test_a_drive_that_is_disturbed_ends_tracked_and_is_nowhere_surely_wrong(drive, disturbed, share, right, seed):
+def test_a_drive_that_is_disturbed_ends_tracked_and_is_never_confident_and_wrong(drive, disturbed, share, right, seed):
     said, errors = drive.follow(disturbed(drive, drive.hit(share, seed)))
     assert said[-1].state == TRACKING
     assert not errors.confident_and_wrong.any()
