@@ -185,3 +185,21 @@ def require_size(image: Frame, size: tuple[int, int], name: object = "picture") 
             "use a picture of that size, or ask for rescaling (rescale=True in undistort, or "
             "camera.scaled) when it was only resized."
         )
+
+
+def planes_of(image: Frame, size: tuple[int, int]) -> list[tuple[np.ndarray, int, float]]:
+    """Stored planes of a picture: (plane, factor by which it is smaller than the picture, its value of black).
+
+    RGB gives one plane (height, width, 3); YUV gives Y, and Cb and Cr of half the size.
+
+    Raises
+    ------
+    PictureError
+        If `image` is neither an RGB picture nor a YUV frame, or has another size (width, height).
+    """
+    require_size(image, size)
+    if not isinstance(image, YuvFrame):
+        return [(image, 1, 0.0)]
+    luma, *chroma = image.planes
+    black, grey, _ = rgb_to_yuv((0, 0, 0), image.colour_space)
+    return [(luma, 1, black), *((plane, 2, grey) for plane in chroma)]

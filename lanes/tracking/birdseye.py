@@ -1,11 +1,12 @@
-"""The road from above, on a grid in metres, straight from the raw picture.
+"""Bird's-eye view: the road from above, on a grid in metres, straight from the raw picture.
 
-The four-point warp of the course's first half has pixels of unknown size. Here every cell has a place on the road:
-its centre goes through pose and lens once, when the view is made, and from then on a frame costs one lookup.
+The four-point warp of the course's first half has pixels of unknown size. Here each cell has a known position on the
+road. The centre of each cell is projected through pose and lens once, when the view is made; after that a frame costs
+one remap.
 
-Rows follow a geometric series: each is a fixed share farther than the last, as pixel rows are. A cell near the car
-covers many pixels, one far away less than one; the lookup therefore reads from a picture reduced so far that the cell
-covers about one of its pixels (the idea of mip maps, L. Williams, "Pyramidal parametrics", SIGGRAPH 1983).
+The distances of the rows form a geometric series, which matches the spacing of picture rows. A cell near the car covers
+many pixels and a distant one less than one. Each row is therefore sampled from a picture that is reduced until the cell
+covers about one of its pixels, as with mip maps (L. Williams, "Pyramidal parametrics", SIGGRAPH 1983).
 """
 
 from __future__ import annotations
@@ -18,15 +19,19 @@ import numpy as np
 
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError
-from lanes.io.frames import Frame, YuvFrame, rgb_to_yuv
+from lanes.io.frames import Frame, planes_of
 
 # Enough for pictures of 4000 columns.
 REDUCTIONS = (1, 2, 4, 8, 16)
+# Position of cells that no pixel shows: far outside any picture, so that the remap returns its border value.
+OUTSIDE_PX = -99.0
+# (reduction, rows of the view, map, map fraction): the rows sampled at a reduction, and the pixels to sample.
+LookupTable = tuple[int, slice, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
 class BirdsEyeView:
-    """A grid on the flat road ahead; row 0 is the farthest, column 0 the leftmost, as one looks.
+    """A grid on the flat road ahead; row 0 is the farthest, column 0 the leftmost.
 
     Parameters
     ----------
@@ -35,9 +40,9 @@ class BirdsEyeView:
     near_m, far_m : float
         Distance ahead of the nearest and the farthest row.
     growth : float
-        Each row lies this share farther than the one before it.
+        Relative increase of the distance from one row to the next.
     half_width_m : float
-        How far the grid reaches to the left and to the right; wide enough for a hairpin.
+        Extent of the grid to the left and to the right. The default is wide enough for a hairpin.
     cell_m : float
         Distance between columns.
     """
@@ -57,7 +62,7 @@ class BirdsEyeView:
 
     @cached_property
     def y_m(self) -> np.ndarray:
-        """(columns,) lateral place of each column, positive (left) first."""
+        """(columns,) lateral position of each column, positive (left) first."""
         half = round(self.half_width_m / self.cell_m)
         return np.arange(half, -half - 1, -1) * self.cell_m
 
@@ -78,7 +83,7 @@ class BirdsEyeView:
 
     @cached_property
     def pixels(self) -> np.ndarray:
-        """(rows, columns, 2) raw pixel (u, v) of each cell's centre; NaN where the lens is blind."""
+        """(rows, columns, 2) raw pixel (u, v) of the centre of each cell; NaN where the lens model does not reach."""
         x, y = np.meshgrid(self.x_m, self.y_m, indexing="ij")
         return self.camera.road_to_pixels(np.column_stack([x.ravel(), y.ravel()])).reshape(*self.shape, 2)
 
@@ -90,65 +95,28 @@ class BirdsEyeView:
             return (u >= 0) & (u <= self.camera.width - 1) & (v >= 0) & (v <= self.camera.height - 1)
 
     def seen_around(self, columns: int) -> np.ndarray:
-        """(rows, columns) uint8: 1 where so many cells to the left and to the right lie inside the picture, too."""
+        """(rows, columns) uint8: 1 where the cell and `columns` cells on either side lie inside the picture."""
         if columns not in self._seen_around:
             self._seen_around[columns] = cv2.erode(self.seen.astype(np.uint8), np.ones((1, 2 * columns + 1), np.uint8))
         return self._seen_around[columns]
 
     @cached_property
     def _seen_around(self) -> dict[int, np.ndarray]:
-        """Worked out once, not in every frame."""
         return {}
 
     def seen_share(self, rows: int, columns: int) -> np.ndarray:
-        """(rows, columns) float32: which share of a window around each cell lies inside the picture."""
+        """(rows, columns) float32: share of a window around each cell that lies inside the picture."""
         if (rows, columns) not in self._seen_share:
             self._seen_share[rows, columns] = cv2.blur(self.seen.astype(np.float32), (columns, rows))
         return self._seen_share[rows, columns]
 
     @cached_property
     def _seen_share(self) -> dict[tuple[int, int], np.ndarray]:
-        """Worked out once, not in every frame."""
         return {}
 
     @cached_property
-    def _nearest_pixels(self) -> np.ndarray:
-        """As `pixels`; for a cell outside the picture, that of the nearest cell of its row that is inside."""
-        columns = self.shape[1]
-        first, last = self.seen.argmax(axis=1), columns - 1 - self.seen[:, ::-1].argmax(axis=1)
-        nearest = np.clip(np.arange(columns), first[:, None], last[:, None])
-        return np.take_along_axis(self.pixels, nearest[..., None], axis=1)
-
-    @cached_property
-    def _fine(self) -> list[tuple[int, slice, np.ndarray, np.ndarray]]:
-        return self._lookups(0)
-
-    @cached_property
-    def _coarse(self) -> list[tuple[int, slice, np.ndarray, np.ndarray]]:
-        return self._lookups(1)
-
-    def _lookups(self, first: int) -> list[tuple[int, slice, np.ndarray, np.ndarray]]:
-        """(reduction, rows, map, map fraction): which rows are read from which reduced picture, and where.
-
-        The picture itself is already reduced by the first of `REDUCTIONS`.
-        """
-        cell_px = self.cell_m * self.focal_px / self.x_m
-        level = np.clip(np.floor(np.log2(np.maximum(cell_px, 1))).astype(int), first, len(REDUCTIONS) - 1)
-        lookups = []
-        for index, reduction in enumerate(REDUCTIONS):
-            rows = np.flatnonzero(level == index)
-            if len(rows):
-                part = slice(rows[0], rows[-1] + 1)
-                # pixel centres lie at integers: the first reduced pixel is centred on (reduction - 1) / 2
-                place = (
-                    np.nan_to_num(self._nearest_pixels[part] - [0, self.top_px], nan=-99.0) - (reduction - 1) / 2
-                ) / reduction
-                lookups.append((reduction, part, *cv2.convertMaps(place.astype(np.float32), None, cv2.CV_16SC2)))
-        return lookups
-
-    @cached_property
-    def top_px(self) -> int:
-        """First picture row that any cell is read from, rounded down to whole reduced pixels.
+    def first_row_px(self) -> int:
+        """First picture row that any cell is sampled from, rounded down to whole reduced pixels.
 
         Raises
         ------
@@ -160,39 +128,74 @@ class BirdsEyeView:
                 f"a camera mounted like this sees no road between {self.near_m:g} and {self.far_m:g} m ahead "
                 f"({self.camera.pose}); check the camera pose's angles, or estimate it from the drive's own pictures."
             )
-        top = int(np.nanmin(np.where(self.seen, self.pixels[..., 1], np.nan)))
-        return max(0, top - 2) // REDUCTIONS[-1] * REDUCTIONS[-1]
+        first = int(np.nanmin(np.where(self.seen, self.pixels[..., 1], np.nan)))
+        return max(0, first - 2) // REDUCTIONS[-1] * REDUCTIONS[-1]
 
     def warp(self, image: Frame) -> np.ndarray:
-        """The road in `image` (raw) from above: RGB (rows, columns, 3) uint8.
+        """The bird's-eye view of a raw picture: RGB (rows, columns, 3) uint8.
 
-        Beyond the picture's edges each row goes on as it ends there, so that no filter takes them for edges of the
-        road; `blacken` what people are to look at.
+        Cells outside the picture repeat the nearest cell of their row inside it, so that no filter sees the picture's
+        border as an edge on the road. Use `blacken` before display.
+
+        Raises
+        ------
+        PictureError
+            If the picture is not RGB or not of the camera's size.
+        CameraError
+            If no cell is in the picture.
         """
-        self.camera.require_size(image)
-        if not isinstance(image, YuvFrame):
-            return self._look_up(image[self.top_px :], 1, self._fine, 0)
-        y, *differences = image.planes
-        dark, gray, _ = rgb_to_yuv((0, 0, 0), image.colour_space)
-        found = [
-            self._look_up(y[self.top_px :], 1, self._fine, dark),
-            *(self._look_up(plane[self.top_px // 2 :], 2, self._coarse, gray) for plane in differences),
-        ]
-        # only the cells of the view become RGB, not the whole picture
-        return cv2.transform(cv2.merge(found), image.colour_space.to_rgb)
+        planes = [self._resample(*plane) for plane in planes_of(image, self.camera.size)]
+        if len(planes) == 1:
+            return planes[0]
+        # only the cells of the view are converted to RGB, not the whole picture
+        return cv2.transform(cv2.merge(planes), image.colour_space.to_rgb)
 
     def blacken(self, cells: np.ndarray) -> np.ndarray:
-        """A copy of what `warp` returned, or of another picture of the view, black where unseen."""
+        """A copy of a picture of the view, black where the cells lie outside the raw picture."""
         return cv2.copyTo(cells, self.seen.view(np.uint8))
 
-    def _look_up(self, reduced: np.ndarray, done: int, lookups: list, outside: float) -> np.ndarray:
-        """The cells' values in the rows from `top_px` on of the picture reduced `done` times."""
-        view = np.empty((*self.shape, *reduced.shape[2:]), np.uint8)
-        for reduction, rows, place, fraction in lookups:
-            if reduction != done:
-                share = done / reduction
-                reduced = cv2.resize(reduced, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
-                done = reduction
-            border = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": outside}
-            cv2.remap(reduced, place, fraction, cv2.INTER_LINEAR, dst=view[rows], **border)
-        return view
+    def _resample(self, plane: np.ndarray, reduction: int, black: float) -> np.ndarray:
+        """The values of the cells in a plane of the picture that is stored `reduction` times smaller."""
+        reduced = plane[self.first_row_px // reduction :]
+        cells = np.empty((*self.shape, *plane.shape[2:]), np.uint8)
+        for target, rows, position, fraction in self._lookup_tables(reduction):
+            if target != reduction:
+                scale = reduction / target
+                reduced = cv2.resize(reduced, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+                reduction = target
+            border = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": black}
+            cv2.remap(reduced, position, fraction, cv2.INTER_LINEAR, dst=cells[rows], **border)
+        return cells
+
+    def _lookup_tables(self, reduction: int) -> list[LookupTable]:
+        """Lookup tables of a plane that is stored `reduction` times smaller: 1, or 2 for the chroma of YUV 4:2:0."""
+        if reduction not in self._lookup_cache:
+            self._lookup_cache[reduction] = self._make_lookup_tables(reduction)
+        return self._lookup_cache[reduction]
+
+    @cached_property
+    def _lookup_cache(self) -> dict[int, list[LookupTable]]:
+        return {}
+
+    def _make_lookup_tables(self, stored_reduction: int) -> list[LookupTable]:
+        cell_px = self.cell_m * self.focal_px / self.x_m
+        level = np.floor(np.log2(np.maximum(cell_px, 1))).astype(int)
+        level = np.clip(level, REDUCTIONS.index(stored_reduction), len(REDUCTIONS) - 1)
+        tables = []
+        for index, reduction in enumerate(REDUCTIONS):
+            rows = np.flatnonzero(level == index)
+            if len(rows):
+                part = slice(rows[0], rows[-1] + 1)
+                pixels = np.nan_to_num(self._nearest_pixels[part] - [0, self.first_row_px], nan=OUTSIDE_PX)
+                # pixel centres lie at integers: the first reduced pixel is centred on (reduction - 1) / 2
+                position = (pixels - (reduction - 1) / 2) / reduction
+                tables.append((reduction, part, *cv2.convertMaps(position.astype(np.float32), None, cv2.CV_16SC2)))
+        return tables
+
+    @cached_property
+    def _nearest_pixels(self) -> np.ndarray:
+        """As `pixels`; for a cell outside the picture, those of the nearest cell of its row inside it."""
+        columns = self.shape[1]
+        first, last = self.seen.argmax(axis=1), columns - 1 - self.seen[:, ::-1].argmax(axis=1)
+        nearest = np.clip(np.arange(columns), first[:, None], last[:, None])
+        return np.take_along_axis(self.pixels, nearest[..., None], axis=1)

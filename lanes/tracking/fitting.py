@@ -1,289 +1,271 @@
-"""One fit for both lines of a lane, robust against everything else that looks like a stripe.
+"""Robust fit of both lines of a lane to the stripes.
 
-Iteratively reweighted least squares: each stripe pulls on the nearer line, the more the stronger it is, the nearer it
-lies and the better its direction agrees. The fit begins near the car and follows the lines outwards, so that it stays
-on them where they bend away. What is usual for lanes enters as a prior, so that one line, or a few dashes, suffice.
+Iteratively reweighted least squares: each stripe belongs to the nearest line, with a weight that grows with its strength
+and falls with its distance and with the difference of the directions. The fit begins near the car and extends outwards
+step by step, so that it stays on lines that bend. A prior on the parameters makes one line, or a few dashes, sufficient.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.markings import ANGLE_STD_RAD, BLIND_COLUMNS, Stripes, marking_weight, position_std
-from lanes.tracking.model import (
-    ADJACENT,
-    CENTRE,
-    CURVATURE,
-    FAR_LINE,
-    HEADING,
-    LEFT_SIDE,
-    LIMIT,
-    PITCH,
-    PRIOR_MEAN,
-    RATE,
-    RATE_STEPS,
-    RIGHT_SIDE,
-    SIDES,
-    VERTICAL_CURVATURE,
-    WIDTH,
-    arc_coordinates,
-    beyond_knots,
-    flatten,
-    intersect_ground,
-    never_zero,
-    prior_std,
-)
-from lanes.tracking.state import KalmanState
+from lanes.tracking.markings import Stripes, marking_weight, position_std
+from lanes.tracking.model import LIMIT, PARAMETERS, PRIOR_MEAN, SIDES, is_ego_lane, lines_on_view, prior_std
+from lanes.tracking.residuals import StripeResiduals, intersect_ground, stripe_residuals
+from lanes.tracking.voting import suppress_non_maxima
 
-MODEL_ERROR_M, MODEL_ERROR_AT_M = 0.08, 40.0
+# Steps of a fit: (far_m, scale) uses the stripes nearer than `far_m`, with standard deviations times `scale`.
+Schedule = tuple[tuple[float, float], ...]
 
-# Steps of the fit: (how far it looks, how many standard deviations still pull).
-START = ((16, 6), (20, 4), (26, 4))
-GROW = ((34, 3), (44, 3), (56, 2), (70, 1.5), (70, 1))
-# The same in small steps, for roads that bend or fall away so much that nothing farther out is where it is expected.
-OUTWARDS = (
-    *((far_m, 3.0) for far_m in (9.0, 11.0, 13.0, 16.0, 19.0, 23.0)),
-    *((28.0, 2.0), (35.0, 2.0), (45.0, 2.0), (70.0, 1.0), (70.0, 1.0)),
-)
-# Paint lies beside a line when it is this near to it and runs so nearly along it, and not too far ahead. Where
-# that many stripes of it are not explained by a lane, the road may bend or wave in a way that its fit did not reach.
-BESIDE_M, BESIDE_RAD, BESIDE_FAR_M, UNEXPLAINED = 0.5, 0.3, 45.0, 8.0
-# How much more than usual a road may curve up and down where that explains so many stripes more.
-WAVES_PER_M, MORE_PAINT = 4e-3, 6.0
 
-# A stripe is taken if its innovation squared over its variance is below this: chi-square of one degree of freedom,
-# 99.7 %.
-GATE = 9.0
-# Stripes of one picture err together (the same paint, the same lens), so they count as so many times fewer.
-VARIANCE_INFLATION = 4.0
-# Passes of the correction: (how far it looks, how many standard deviations still pull).
-NEAR_STEPS = ((70.0, 1.5), (70.0, 1.0))
+@dataclass(frozen=True)
+class FitParameters:
+    """Schedules, weights and thresholds; tuned on the labelled Udacity stills and the rendered suite."""
+
+    # First steps from a start hypothesis, and the steps that follow them.
+    start: Schedule = ((16, 6), (20, 4), (26, 4))
+    extend: Schedule = ((34, 3), (44, 3), (56, 2), (70, 1.5), (70, 1))
+    # Smaller steps, for roads so curved or hilly that distant stripes are far from where they are expected.
+    outwards: Schedule = (
+        *((far_m, 3.0) for far_m in (9.0, 11.0, 13.0, 16.0, 19.0, 23.0)),
+        *((28.0, 2.0), (35.0, 2.0), (45.0, 2.0), (70.0, 1.0), (70.0, 1.0)),
+    )
+    # Steps near a prediction.
+    near: Schedule = ((70.0, 1.5), (70.0, 1.0))
+    # Model error: deviation of real roads from the model at `model_error_at_m`; it grows with the cube of the distance.
+    model_error_m: float = 0.08
+    model_error_at_m: float = 40.0
+    # A stripe belongs to a line if its weight is larger than this.
+    min_weight: float = 0.25
+    # Stripes nearer to a line than this, in distance and direction, should be explained by the fit, up to this distance
+    # ahead. If the weight of those that are not exceeds `max_unexplained`, the road may bend or undulate more.
+    nearby_m: float = 0.5
+    nearby_rad: float = 0.3
+    nearby_far_m: float = 45.0
+    max_unexplained: float = 8.0
+    # Vertical curvature added to the prior's standard deviation for roads that undulate, and the weight of stripes that
+    # such a fit must gain.
+    undulation_std_per_m: float = 4e-3
+    undulation_gain: float = 6.0
+    # Start hypotheses that are fitted to the end. Those that differ in pitch by more than this are kept apart: near the
+    # car a little more pitch looks like a little less width.
+    hypotheses: int = 3
+    same_pitch_rad: float = 0.008
+    # Gate of the squared innovation over its variance: chi-square of one degree of freedom, 99.7 %.
+    gate: float = 9.0
+    # Variance inflation: the errors of stripes in one frame are correlated (same paint, same lens).
+    variance_inflation: float = 4.0
+
+
+FIT = FitParameters()
 
 
 @dataclass(frozen=True, eq=False)
 class LaneFit:
-    """Lanes fitted to the stripes of one frame; K of them, or one.
+    """K lanes fitted to the stripes of one frame.
 
     Attributes
     ----------
-    lane : ndarray (..., 15)
-        The parameters, in the order of `lanes.tracking.model`.
-    information : ndarray (..., 15, 15)
+    lane : ndarray (K, 15)
+        Parameters as in `lanes.tracking.model`.
+    information : ndarray (K, 15, 15)
         Inverse covariance, prior included.
-    weight : ndarray (..., stripes)
-        How much each stripe supports the lane, 0 to 1.
-    side : ndarray (..., stripes)
-        The line that the stripe is nearest to: `LEFT_SIDE` or `RIGHT_SIDE`, or `FAR_LINE` times that.
-    beside : ndarray (...)
-        How much paint lies beside the lines, whether it is on them or not.
+    weight : ndarray (K, stripes)
+        Weight of each stripe, 0 to 1.
+    side : ndarray (K, stripes)
+        The line that the stripe is nearest to, as in `StripeResiduals`.
+    nearby_weight : ndarray (K,)
+        Sum of the marking weights of the stripes near the lines, explained by the fit or not.
+    stripes : Stripes
+    view : BirdsEyeView
     """
 
     lane: np.ndarray
     information: np.ndarray
     weight: np.ndarray
     side: np.ndarray
-    beside: np.ndarray
+    nearby_weight: np.ndarray
+    stripes: Stripes
+    view: BirdsEyeView
+
+    @cached_property
+    def explained(self) -> np.ndarray:
+        """(K,) sum of the weights of the stripes."""
+        return self.weight.sum(axis=1)
+
+    @cached_property
+    def on_line(self) -> np.ndarray:
+        """(K, 2, stripes) bool: the stripe is nearest to the left or to the right line of the lane."""
+        return self.side[:, None] == SIDES[:, None]
+
+    @cached_property
+    def members(self) -> np.ndarray:
+        """(K, 2, stripes) bool: the stripe belongs to the left or to the right line of the lane."""
+        return self.on_line & (self.weight > FIT.min_weight)[:, None]
+
+    @cached_property
+    def reach_m(self) -> np.ndarray:
+        """(K, 2) distance of the farthest stripe of each line on the lane's road; 0 without any."""
+        x = self.stripes.x_m
+        flat_m = np.where(self.members, x, 1.0).max(axis=-1, initial=1.0)
+        return np.where(self.members.any(axis=-1), intersect_ground(flat_m, self.lane, self.view.height_m).x_m, 0.0)
+
+    @cached_property
+    def lines_y_m(self) -> np.ndarray:
+        """(K, 2, rows) lateral positions of both lines in the rows of the view; NaN where a line does not pass."""
+        return lines_on_view(self.lane, self.view.x_m, self.view.height_m)
 
     def joined(self, other: LaneFit) -> LaneFit:
-        """The lanes of both fits of the same stripes."""
-        return LaneFit(*(np.concatenate([getattr(f, field.name) for f in (self, other)]) for field in fields(self)))
+        """The lanes of two fits to the same stripes."""
+        names = ("lane", "information", "weight", "side", "nearby_weight")
+        return replace(self, **{name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in names})
 
 
-def model_error_m(stripes: Stripes) -> np.ndarray:
-    """How far the road may stray from the model at each stripe, metres."""
-    share = stripes.x_m / MODEL_ERROR_AT_M
-    return MODEL_ERROR_M * (share * share * share)
+def near_stripes(stripes: Stripes) -> Stripes:
+    """The stripes that a search begins with: those within the last step of `FIT.start`."""
+    return stripes.select(stripes.x_m < FIT.start[-1][0])
+
+
+def fit_starts(starts: np.ndarray, stripes: Stripes, view: BirdsEyeView) -> LaneFit:
+    """Fit start hypotheses (K, 15) without a prediction: `FIT.hypotheses` lanes, after non-maximum suppression.
+
+    If the best one leaves many stripes nearby unexplained, it is also fitted as a road that undulates; that lane is
+    added if it explains more.
+    """
+    first = fit_lanes(starts, near_stripes(stripes), view, schedule=FIT.start)
+    support = np.sqrt((first.weight[:, None] * first.on_line).sum(-1)).sum(-1)
+    # lanes that the car is not in come last
+    order = np.argsort(~is_ego_lane(first.lane) * 1e3 - support, kind="stable")
+    lanes = suppress_non_maxima(first.lane[order], FIT.hypotheses, same_pitch_rad=FIT.same_pitch_rad)
+    fit = fit_lanes(lanes, stripes, view)
+    best = int(fit.explained.argmax())
+    if fit.explained[best] > fit.nearby_weight[best] - FIT.max_unexplained:
+        return fit
+    undulating = fit_lanes(
+        lanes[best][None], stripes, view, schedule=FIT.outwards, extra_vertical_per_m=FIT.undulation_std_per_m
+    )
+    gained = undulating.explained[0] > fit.explained[best] + FIT.undulation_gain
+    return fit.joined(undulating) if gained else fit
+
+
+def fit_outwards(
+    stripes: Stripes, mean: np.ndarray, covariance: np.ndarray, view: BirdsEyeView, *, schedule: Schedule = FIT.outwards
+) -> LaneFit:
+    """The lane fitted outwards from the car, with a prediction (15,), (15, 15) as start and prior."""
+    return fit_lanes(
+        mean[None],
+        stripes,
+        view,
+        prior_mean=mean,
+        prior_information=np.linalg.inv(covariance),
+        schedule=schedule,
+        variance_inflation=FIT.variance_inflation,
+    )
+
+
+def fit_near(stripes: Stripes, mean: np.ndarray, covariance: np.ndarray, view: BirdsEyeView) -> LaneFit:
+    """The lane near a prediction (15,) with covariance (15, 15): the update of an extended Kalman filter.
+
+    Stripes that do not pass the gate have no weight. The step is small, so that the residuals are linearised once, at
+    the prediction.
+    """
+    std, marking = position_std(stripes, view.focal_px), marking_weight(stripes)
+    predicted = stripe_residuals(mean[None], stripes, view.height_m)
+    jacobian, model_error = predicted.jacobian[0], model_error_m(stripes)
+    gated = gate_stripes(predicted, std, covariance) * marking
+    prior_information = np.linalg.inv(covariance)
+    residuals, step = predicted, np.zeros_like(mean)
+    for far_m, scale in FIT.near:
+        weight = residuals.weights(std * scale)[0] * gated * (stripes.x_m < far_m)
+        weighted = jacobian * (weight / (FIT.variance_inflation * ((std * scale) ** 2 + model_error**2)))
+        information = weighted @ jacobian.T + prior_information
+        step = step - np.linalg.solve(information, weighted @ residuals.residual_m[0] + prior_information @ step)
+        residuals = replace(predicted, residual_m=predicted.residual_m + step @ jacobian)
+    nearby = nearby_weight(predicted, stripes, marking)
+    # the weights are those before the last step, which is small
+    return LaneFit((mean + step)[None], information[None], weight[None], predicted.side, nearby, stripes, view)
 
 
 def fit_lanes(
     lanes: np.ndarray,
     stripes: Stripes,
-    height_m: float,
-    focal_px: float,
+    view: BirdsEyeView,
     *,
     prior_mean: np.ndarray = PRIOR_MEAN,
     prior_information: np.ndarray | None = None,
-    schedule: tuple = GROW,
+    schedule: Schedule = FIT.extend,
     extra_vertical_per_m: float = 0.0,
     variance_inflation: float = 1.0,
 ) -> LaneFit:
-    """Refine lanes (K, 15) by reweighted least squares, following both lines outwards.
+    """Refine lanes (K, 15) by iteratively reweighted least squares.
 
-    Each step weighs a stripe by its strength, by its distance from the nearer line (Geman-McClure) and by how well its
-    direction agrees with the line's, then solves the normal equations together with the prior.
+    Each step weights a stripe by its strength, by its distance from the nearest line (Geman-McClure) and by the
+    difference of the directions, then solves the normal equations together with the prior.
 
     Parameters
     ----------
     lanes : ndarray (K, 15)
-        Starts.
+        Start values.
     stripes : Stripes
-    height_m, focal_px : float
-        Of the camera.
+    view : BirdsEyeView
+        The view that the stripes were found in.
     prior_mean : ndarray (15,)
     prior_information : ndarray (15, 15), optional
-        Inverse covariance of the prior; by default that of `prior_std`.
+        Inverse covariance of the prior; by default that of `prior_std` at the lane of each step.
     schedule : sequence of (far_m, scale)
-    waves_per_m : float
+    extra_vertical_per_m : float
         As of `prior_std`.
-    together : float
-        Stripes of one picture err together, so that they count as so many times fewer.
-
-    Returns
-    -------
-    LaneFit
+    variance_inflation : float
+        Factor of the stripes' variances.
     """
-    lanes, std, paint = np.array(lanes, float), position_std(stripes, focal_px), marking_weight(stripes)
-    information, stray = None, model_error_m(stripes)
+    lanes, std, marking = np.array(lanes, float), position_std(stripes, view.focal_px), marking_weight(stripes)
+    information, model_error = None, model_error_m(stripes)
     for far_m, scale in schedule:
-        found = compare(lanes, stripes, height_m)
-        pull = paint * (stripes.x_m < far_m) / (variance_inflation * ((std * scale) ** 2 + stray**2))
-        weighted = found.derivative * (found.agreement(std * scale, ease=scale) * pull)[:, None]
+        residuals = stripe_residuals(lanes, stripes, view.height_m)
+        variance = variance_inflation * ((std * scale) ** 2 + model_error**2)
+        precision = marking * (stripes.x_m < far_m) / variance
+        weighted = residuals.jacobian * (residuals.weights(std * scale, angle_scale=scale) * precision)[:, None]
         prior = prior_information
         if prior is None:
-            prior = (
-                np.eye(len(prior_mean))
-                / np.square(prior_std(lanes, extra_vertical_per_m=extra_vertical_per_m))[..., None]
-            )
-        information = weighted @ np.swapaxes(found.derivative, -1, -2) + prior
-        gradient = weighted @ found.residual_m[..., None] + prior @ (lanes - prior_mean)[..., None]
+            prior_variance = np.square(prior_std(lanes, extra_vertical_per_m=extra_vertical_per_m))
+            prior = np.eye(PARAMETERS) / prior_variance[..., None]
+        information = weighted @ np.swapaxes(residuals.jacobian, -1, -2) + prior
+        gradient = weighted @ residuals.residual_m[..., None] + prior @ (lanes - prior_mean)[..., None]
         lanes = lanes - np.linalg.solve(information, gradient)[..., 0]
         lanes = np.clip(lanes, -LIMIT, LIMIT)
-    found = compare(lanes, stripes, height_m)
-    return LaneFit(lanes, information, found.agreement(std) * paint, found.side, markings_near(found, stripes, paint))
+    residuals = stripe_residuals(lanes, stripes, view.height_m)
+    nearby = nearby_weight(residuals, stripes, marking)
+    return LaneFit(lanes, information, residuals.weights(std) * marking, residuals.side, nearby, stripes, view)
 
 
-@dataclass(frozen=True, eq=False)
-class Comparison:
-    """How stripes lie beside lanes (K, 15).
-
-    Attributes
-    ----------
-    residual_m : ndarray (K, stripes)
-        Distance to the left of the nearer line.
-    side : ndarray (K, stripes)
-        `LEFT_SIDE` or `RIGHT_SIDE`: which line that is; `FAR_LINE` times that for the far lines of the lanes beside.
-    astray_rad : ndarray (K, stripes)
-        How much farther to the left than the stripe that line points.
-    astray_std_rad : ndarray (K, stripes)
-        How well that is known.
-    derivative : ndarray (K, 15, stripes)
-        Of the residual, for each number of the lane.
-    """
-
-    residual_m: np.ndarray
-    side: np.ndarray
-    angle_residual_rad: np.ndarray
-    angle_std_rad: np.ndarray
-    derivative: np.ndarray
-
-    def agreement(self, std_m: np.ndarray, *, ease: float = 1.0) -> np.ndarray:
-        """(K, stripes) weight 0..1 of stripes whose places are known to `std_m` (stripes,): Geman-McClure's, twice.
-
-        Directions may differ `ease` times as much as usual.
-        """
-        q = (1 + (self.residual_m / std_m) ** 2) * (1 + (self.angle_residual_rad / (ease * self.angle_std_rad)) ** 2)
-        return 1 / (q * q)
+def model_error_m(stripes: Stripes) -> np.ndarray:
+    """(stripes,) standard deviation of the road's distance from the model at each stripe, metres."""
+    share = stripes.x_m / FIT.model_error_at_m
+    return FIT.model_error_m * (share * share * share)
 
 
-def compare(lanes: np.ndarray, stripes: Stripes, height_m: float) -> Comparison:
-    """Lay stripes beside lanes (K, 15)."""
-    centre, width, heading, curvature, rate = (lanes[:, k, None] for k in range(PITCH))
-    ground = intersect_ground(stripes.x_m, lanes, height_m)
-    x, y, angle = flatten(stripes.x_m, stripes.y_m, stripes.angle, ground, height_m)
-    curvature = never_zero(curvature)
-    a, turn, scale, ahead, aside = arc_coordinates(x, y, heading[..., 0], curvature[..., 0])
-    along = turn / curvature
-    squared, square = along * along, ahead * ahead + aside * aside
-    bent = squared * along / 6
-    beyond = beyond_knots(along)
-    slopes = np.square(beyond) / 2
-    bumps = slopes * beyond / 3
-    kinks = lanes[:, RATE_STEPS, None]
-    slope = rate / 2 * squared + (kinks * slopes).sum(axis=1)
-    from_middle = a - rate * bent - (kinks * bumps).sum(axis=1) - centre
-    aslant = np.sqrt(1 + slope * slope)
-    # from halfway to the far line of the next lane on, a stripe is held against that one
-    side = np.where(from_middle >= 0, LEFT_SIDE, RIGHT_SIDE)
-    beyond = np.abs(from_middle) > aslant * width
-    widths = np.where(beyond, 1.5, 0.5)
-    next_lane = np.where(side > 0, lanes[:, None, ADJACENT.start], lanes[:, None, ADJACENT.start + 1])
-    outwards = side * aslant
-    residual = from_middle - outwards * (widths * width + beyond * next_lane)
-    derivative = np.empty((*lanes.shape, len(stripes)))
-    derivative[:, CENTRE] = -1
-    derivative[:, WIDTH] = -outwards * widths
-    derivative[:, HEADING] = -ahead / scale
-    derivative[:, CURVATURE] = (a * a - square) / (2 * scale)
-    derivative[:, RATE] = -bent
-    # places move along their rays, by X / fall for each radian of pitch, and as if height / X were one
-    derivative[:, PITCH] = (curvature * square - aside + slope * ahead / scale) / (scale * ground.fall)
-    derivative[:, VERTICAL_CURVATURE] = np.moveaxis(ground.rises, -1, 1) * (derivative[:, PITCH] / x)[:, None]
-    derivative[:, RATE_STEPS] = -bumps
-    derivative[:, ADJACENT] = -outwards[:, None] * (beyond[:, None] & (side[:, None] == SIDES[:, None]))
-    side[beyond] *= FAR_LINE
-    direction = heading + turn + np.arctan(slope)
-    # the tangent of the direction, without a division by the cosine of one that runs across
-    columns = stripes.step * np.abs(np.sin(direction)) / np.maximum(np.cos(direction), 0.05)
-    steepness = np.square(columns / BLIND_COLUMNS)
-    astray_std = ANGLE_STD_RAD * (1 + steepness * steepness * steepness)
-    return Comparison(residual, side, direction - angle, astray_std, derivative)
+def nearby_weight(residuals: StripeResiduals, stripes: Stripes, marking: np.ndarray) -> np.ndarray:
+    """(K,) sum of the marking weights (stripes,) of the stripes near the lines of each lane."""
+    near = (np.abs(residuals.residual_m) < FIT.nearby_m) & (np.abs(residuals.angle_residual_rad) < FIT.nearby_rad)
+    return (near & (stripes.x_m < FIT.nearby_far_m)) @ marking
 
 
-def markings_near(found: Comparison, stripes: Stripes, paint: np.ndarray) -> np.ndarray:
-    """(K,) how much paint lies beside the lines of the lanes with which stripes were compared."""
-    beside = (np.abs(found.residual_m) < BESIDE_M) & (np.abs(found.angle_residual_rad) < BESIDE_RAD)
-    return (beside & (stripes.x_m < BESIDE_FAR_M)) @ paint
-
-
-def gate_stripes(found: Comparison, std_m: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """(stripes,) bool: their distance from the predicted line is no surprise, innovation^2 < GATE (H P H^T + R).
+def gate_stripes(residuals: StripeResiduals, std_m: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """(stripes,) bool: the innovation passes the gate, innovation^2 < gate (H P H^T + R).
 
     Parameters
     ----------
-    found : Comparison
-        With the predicted lane alone.
+    residuals : StripeResiduals
+        With respect to the predicted lane alone.
     std_m : ndarray (stripes,)
-        Standard deviation of each stripe's place.
+        Measurement noise of each stripe.
     covariance : ndarray (15, 15)
         Of the prediction.
     """
-    derivative = found.derivative[0]
-    known = ((covariance @ derivative) * derivative).sum(axis=0)
-    return np.square(found.residual_m[0]) < GATE * (known + std_m * std_m)
-
-
-def fit_outwards(stripes: Stripes, estimate: KalmanState, view: BirdsEyeView, *, schedule: tuple) -> LaneFit:
-    """The lane followed outwards from the car."""
-    return fit_lanes(
-        estimate.lane[None],
-        stripes,
-        view.height_m,
-        view.focal_px,
-        prior_mean=estimate.lane,
-        prior_information=np.linalg.inv(estimate.lane_covariance),
-        schedule=schedule,
-        variance_inflation=VARIANCE_INFLATION,
-    )
-
-
-def fit_near(
-    found: Comparison, stripes: Stripes, estimate: KalmanState, paint: np.ndarray, std_m: np.ndarray
-) -> LaneFit:
-    """The lane near the prediction, with which the stripes were compared.
-
-    So small a step bends nothing: the stripes need not be laid beside the lane again.
-    """
-    expected, stray = gate_stripes(found, std_m, estimate.lane_covariance) * paint, model_error_m(stripes)
-    prior, moved, step = np.linalg.inv(estimate.lane_covariance), found, np.zeros_like(estimate.lane)
-    for far_m, scale in NEAR_STEPS:
-        agreement = moved.agreement(std_m * scale)[0] * expected * (stripes.x_m < far_m)
-        weighted = found.derivative[0] * (agreement / (VARIANCE_INFLATION * ((std_m * scale) ** 2 + stray**2)))
-        information = weighted @ found.derivative[0].T + prior
-        step = step - np.linalg.solve(information, weighted @ moved.residual_m[0] + prior @ step)
-        moved = replace(found, residual_m=found.residual_m + step @ found.derivative[0])
-    # the agreement is the one before the last step, which is small
-    beside = markings_near(found, stripes, paint)
-    return LaneFit((estimate.lane + step)[None], information[None], agreement[None], found.side, beside)
+    jacobian = residuals.jacobian[0]
+    predicted = ((covariance @ jacobian) * jacobian).sum(axis=0)
+    return np.square(residuals.residual_m[0]) < FIT.gate * (predicted + std_m * std_m)

@@ -1,9 +1,4 @@
-"""The lane in one picture: from raw pixels to metres, with an account of how sure that is.
-
-    raw picture -> observe -> Sight -> search_lane or follow.update_lane -> LaneFit -> describe_lane -> Lane
-
-`find_lane` runs through all of it for a picture of which nothing is known.
-"""
+"""Result types: the profile of a marking, one line, and the lane with its geometry, all in metres."""
 
 from __future__ import annotations
 
@@ -13,24 +8,43 @@ import numpy as np
 
 from lanes.camera.camera import Camera
 from lanes.io.describe import describe_bend, describe_heading, describe_offset, html_table
-from lanes.tracking.model import (
-    CENTRE,
-    CURVATURE,
-    HEADING,
-    PITCH,
-    RATE,
-    SIDES,
-    VERTICAL_CURVATURE,
-    WIDTH,
-    line_points,
-    line_y,
-    road_height,
-)
+from lanes.tracking.model import SIDES, line_points, line_y, road_height
 
-# Where a line is drawn through, unless asked otherwise: from below the picture to the horizon.
+# Default arc lengths of an outline: from below the picture to the horizon.
 OUTLINE_M = np.geomspace(3.0, 400.0, 120)
-# A painted stripe is 0.10 to 0.15 m wide; two of them with their gap come to 0.25 m and more.
+# A painted stripe is 0.10 to 0.15 m wide; two of them with their gap are 0.25 m wide or more.
 STRIPE_M, DOUBLE_FROM_M = 0.12, 0.23
+
+
+@dataclass(frozen=True)
+class MarkingProfile:
+    """Cross-section of a line's marking.
+
+    Attributes
+    ----------
+    width_m : float
+        Width of the painted band at half its height: of a double line both stripes and the gap between them.
+    centre_m : float
+        Centre of the band, left of the fitted line.
+    yellow : bool
+        Its contrast in yellowness is larger than in lightness.
+    contrast : float
+        Height over the road beside it, in units of that road's noise.
+    """
+
+    width_m: float
+    centre_m: float
+    yellow: bool
+    contrast: float
+
+    @property
+    def double(self) -> bool:
+        """Two stripes side by side."""
+        return self.width_m > DOUBLE_FROM_M
+
+    def stripe_m(self, side: float) -> float:
+        """Position of the stripe next to the lane, left of the fitted line; `side` is +1 for the left line, else -1."""
+        return self.centre_m - side * (self.width_m - STRIPE_M) / 2 if self.double else self.centre_m
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,12 +57,12 @@ class LaneLine:
     c0_std_m : float
         Standard deviation of `c0_m`.
     support : float
-        Share of the line's rows in sight, up to 50 m, that have paint on it: 0.3 is a good dashed line.
+        Share of the line's visible rows, up to 50 m, that have markings on them: 0.3 is a good dashed line.
     reach_m : float
-        How far the evidence goes.
+        Distance of the farthest stripe on the line.
     seen : bool
         False if the line was only inferred from the other one and the usual width of lanes.
-    paint : Paint, optional
+    profile : MarkingProfile, optional
     """
 
     c0_m: float
@@ -61,8 +75,12 @@ class LaneLine:
     seen: bool
     profile: MarkingProfile | None = None
 
+    def y(self, x_m: float | np.ndarray) -> float | np.ndarray:
+        """Lateral position at distances x near the car, metres."""
+        return self.c0_m + x_m * (self.c1 + x_m * (self.c2_per_m / 2 + x_m * self.c3_per_m2 / 6))
+
     def summary(self) -> str:
-        """Where the line runs beside the car, and what it rests on."""
+        """Lateral position beside the car, and the evidence for it."""
         beside = f"{abs(self.c0_m):.2f} ± {self.c0_std_m:.2f} m {'left' if self.c0_m > 0 else 'right'}"
         if not self.seen:
             return f"{beside}, inferred from the other line"
@@ -71,20 +89,32 @@ class LaneLine:
 
 @dataclass(frozen=True, eq=False)
 class Lane:
-    """The lane that the car is in; SI units, signs as everywhere (offset > 0: car left of the middle).
+    """The ego lane, in SI units.
 
     Attributes
     ----------
-    offset_m, offset_std_m, heading_rad, curvature_per_m, curvature_std_per_m, curvature_rate_per_m2, width_m,
-    width_std_m, pitch_rad, vertical_per_m : float
-        `heading_rad` is the road's direction seen from the car, positive to the left; `pitch_rad` what the camera looks
-        farther down than its pose says; `vertical_per_m` the road's curvature upwards below the car.
+    offset_m, offset_std_m : float
+        Position of the car left of the lane centre, and its standard deviation.
+    heading_rad : float
+        Direction of the road seen from the car, positive left.
+    curvature_per_m, curvature_std_per_m : float
+        Curvature at the car, positive for a left bend.
+    curvature_rate_per_m2 : float
+        Change of the curvature per metre.
+    width_m, width_std_m : float
+    pitch_rad : float
+        Pitch of the camera in this frame minus that of its pose, positive down.
+    vertical_per_m : float
+        Vertical curvature of the road at the car, positive upwards.
     left, right : LaneLine
-    score, margin : float
-        Sum of the square roots of the supports less what the lane is unusual; and how much better than the next lane.
+    score : float
+        Sum of the square roots of the lines' supports minus the penalty of the prior.
+    margin : float
+        Score minus that of the next best lane.
     model : ndarray (15,)
-        Parameters as in `lanes.tracking.fitting`, for the stripes next to the lane.
+        Parameters as in `lanes.tracking.model`, for the stripes next to the lane.
     covariance : ndarray (15, 15)
+        Of the parameters.
     """
 
     offset_m: float
@@ -104,39 +134,13 @@ class Lane:
     model: np.ndarray
     covariance: np.ndarray
 
-    @classmethod
-    def from_model(
-        cls,
-        model: np.ndarray,
-        covariance: np.ndarray,
-        lines: tuple[LaneLine, LaneLine],
-        *,
-        score: float,
-        margin: float,
-    ) -> Lane:
-        """The lane of a fitted model (15,) and its covariance (15, 15), with its left and right line."""
-        std = np.sqrt(np.diag(covariance))
-        return cls(
-            offset_m=float(-model[CENTRE]),
-            offset_std_m=float(std[CENTRE]),
-            heading_rad=float(model[HEADING]),
-            curvature_per_m=float(model[CURVATURE] / (1 - model[CURVATURE] * model[CENTRE])),
-            curvature_std_per_m=float(std[CURVATURE]),
-            curvature_rate_per_m2=float(model[RATE]),
-            width_m=float(model[WIDTH]),
-            width_std_m=float(std[WIDTH]),
-            pitch_rad=float(model[PITCH]),
-            vertical_per_m=float(model[VERTICAL_CURVATURE][0]),
-            left=lines[0],
-            right=lines[1],
-            score=score,
-            margin=margin,
-            model=model,
-            covariance=covariance,
-        )
+    @property
+    def lines(self) -> tuple[LaneLine, LaneLine]:
+        """The left and the right line."""
+        return self.left, self.right
 
     def summary(self) -> dict[str, str]:
-        """What is known of the lane, by name: offset, bend, heading, width and both lines."""
+        """Offset, bend, heading, width and both lines in words, by name."""
         return {
             "offset": describe_offset(self.offset_m, self.offset_std_m),
             "bend": f"{describe_bend(self.curvature_per_m)} "
@@ -155,67 +159,44 @@ class Lane:
         return html_table("Lane", self.summary())
 
     def lateral_m(self, x_m: np.ndarray) -> np.ndarray:
-        """Lateral places (2, N) of the left and right line at distances (N,), metres; NaN where one has turned back."""
+        """Lateral positions (2, N) of the left and right line at distances (N,), metres; as `line_y`."""
         return np.array([self.line_y(x_m, side) for side in SIDES])
 
     def line_y(self, x_m: np.ndarray, side: float) -> np.ndarray:
-        """Lateral place of the left (side +1) or right (-1) line at distances (N,); NaN where it has turned back."""
+        """Lateral position (N,) of the left (+1) or right (-1) line at distances (N,); NaN where it has turned back."""
         return line_y(np.asarray(x_m, float), self.model, side)
 
     def height_m_at(self, x_m: np.ndarray) -> np.ndarray:
         """Height (N,) of the road at distances (N,) above the plane that the car stands on, metres."""
         return road_height(self.model, x_m)
 
-    def outline(self, camera: Camera, side: float, *, along_m: np.ndarray = OUTLINE_M) -> np.ndarray:
-        """Raw pixels (N, 2) of a line where the lane has run `along_m`, ascending, up to where it is out of sight.
+    def outlines(self, camera: Camera, *, along_m: np.ndarray = OUTLINE_M) -> tuple[np.ndarray, np.ndarray]:
+        """Raw pixels (N, 2) of the left and of the right line at arc lengths `along_m`, ascending.
 
-        That is where it turns back or dips behind a crest, or goes out of the lens.
+        Each ends where the line turns back, dips behind a crest or leaves the lens. It has at least two points or none.
         """
-        x, y = line_points(self.model, side, along_m).T
+        points = np.empty((len(SIDES), len(along_m), 3))
+        points[..., :2] = line_points(self.model, SIDES, along_m)
+        points[..., 2] = self.height_m_at(points[..., 0])
         pose = replace(camera.pose, pitch_rad=camera.pose.pitch_rad + self.pitch_rad)
-        points = np.column_stack([x, y, self.height_m_at(x)])
-        pixels = camera.with_pose(pose).road_to_pixels(points)
-        pixels = pixels[np.isfinite(pixels).all(axis=1)]
-        back = np.flatnonzero(~(np.diff(pixels[:, 1]) < 0))
-        return pixels[: back[0] + 1] if len(back) else pixels
+        pixels = camera.with_pose(pose).road_to_pixels(points.reshape(-1, 3))
+        left, right = pixels.reshape(*points.shape[:2], 2)
+        return _visible_part(left), _visible_part(right)
 
     def pixels(self, camera: Camera, rows: np.ndarray) -> np.ndarray:
         """Columns (2, rows) of the left and the right line at picture rows; -2 where they do not pass."""
         rows = np.asarray(rows, float)
         columns = np.full((2, len(rows)), -2.0)
-        for k, side in enumerate(SIDES):
-            outline = self.outline(camera, side)
-            if len(outline) > 1:
+        for k, outline in enumerate(self.outlines(camera)):
+            if len(outline):
                 columns[k] = np.interp(rows, outline[::-1, 1], outline[::-1, 0], left=-2, right=-2)
         return np.where((columns >= 0) & (columns <= camera.width - 1), columns, -2.0)
 
 
-@dataclass(frozen=True)
-class MarkingProfile:
-    """Cross-section of a line's paint.
-
-    Attributes
-    ----------
-    width_m : float
-        Width of the painted band at half its height: of a double line both stripes and the gap between them.
-    centre_m : float
-        Where the band's middle lies, left of the fitted line.
-    yellow : bool
-        Its yellowness stands out more than its lightness.
-    contrast : float
-        Height over the road beside it, in units of that road's noise.
-    """
-
-    width_m: float
-    centre_m: float
-    yellow: bool
-    contrast: float
-
-    @property
-    def double(self) -> bool:
-        """Two stripes side by side."""
-        return self.width_m > DOUBLE_FROM_M
-
-    def stripe_m(self, side: float) -> float:
-        """Where the stripe next to the lane lies, left of the fitted line; `side` is +1 for the lane's left line."""
-        return self.centre_m - side * (self.width_m - STRIPE_M) / 2 if self.double else self.centre_m
+def _visible_part(pixels: np.ndarray) -> np.ndarray:
+    """The points (N, 2) of a line, nearest first, while they rise in the picture; NaN at the beginning is left out."""
+    pixels = pixels[int(np.isfinite(pixels[:, 0]).argmax()) :]
+    # comparisons with NaN are False: a point outside the lens ends the line
+    rises = pixels[1:, 1] < pixels[:-1, 1]
+    end = len(pixels) if rises.all() else int(rises.argmin()) + 1
+    return pixels[: end if end > 1 else 0]

@@ -1,8 +1,4 @@
-"""The lane of a frame put into words of `lanes.tracking.lane`, when it was followed rather than found.
-
-What is known comes from the belief, what was seen from this picture; a line's paint is looked at now and then only,
-because it seldom changes.
-"""
+"""What a frame shows of the two lines of a lane, and the `Lane` that results from model and observations."""
 
 from __future__ import annotations
 
@@ -15,32 +11,54 @@ from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.fitting import LaneFit
 from lanes.tracking.lane import Lane, LaneLine, MarkingProfile
 from lanes.tracking.marking_profile import marking_profile
-from lanes.tracking.markings import FrameEvidence, Stripes
+from lanes.tracking.markings import FrameEvidence
 from lanes.tracking.model import (
     CENTRE,
+    CURVATURE,
+    HEADING,
     PARAMETERS,
+    PITCH,
+    RATE,
     SIDES,
-    VOTE_PRIOR_WEIGHT,
+    VERTICAL_CURVATURE,
     WIDTH,
-    intersect_ground,
+    lateral_std_m,
     line_coefficients,
-    lines_on_view,
     squared_mahalanobis,
 )
-from lanes.tracking.state import KalmanState
 
-# Support is counted up to this distance, against at least so many rows, that a line just leaving the picture is not
-# thought perfect for the three rows it has.
-SUPPORT_FAR_M, LEAST_ROWS = 50.0, 30
-# A stripe belongs to a line from this weight on; a line is seen from this support on.
-LEAST_WEIGHT, LEAST_SUPPORT = 0.25, 0.03
+
+@dataclass(frozen=True)
+class LineParameters:
+    """Support of lines and score of lanes; tuned on the labelled Udacity stills."""
+
+    # Support is counted up to this distance, over at least this many rows, so that a line with three rows left in the
+    # picture is not taken for a perfect one.
+    support_far_m: float = 50.0
+    min_rows: int = 30
+    # A line is seen if its support is at least this.
+    min_support: float = 0.03
+    # Cost of one squared standard deviation from the prior, relative to the square root of a line's support.
+    prior_weight: float = 0.01
+
+
+LINES = LineParameters()
 
 
 @dataclass(frozen=True)
 class LineObservation:
-    """What was seen of a line: share of its rows with paint, how far ahead, and what the paint is like.
+    """What was seen of a line.
 
-    `rows` is in how many rows of the view the line is in sight; None where that is not known.
+    Attributes
+    ----------
+    support : float
+        Share of the line's visible rows that have markings on it.
+    reach_m : float
+        Distance of its farthest stripe.
+    profile : MarkingProfile, optional
+        Latest cross-section of the marking.
+    rows : int, optional
+        Number of rows of the view in which the line is visible; None if not counted yet.
     """
 
     support: float = 0.0
@@ -48,108 +66,128 @@ class LineObservation:
     profile: MarkingProfile | None = None
     rows: int | None = None
 
-    def behind(self, distance_m: float) -> LineObservation:
-        """The same after driving on without seeing anything: evidence comes nearer and counts no more."""
+    def coast(self, distance_m: float) -> LineObservation:
+        """The observation after driving on without detection: no support, and the reach comes nearer."""
         return LineObservation(0.0, max(self.reach_m - distance_m, 0.0), self.profile)
+
+
+Observations = tuple[LineObservation, LineObservation]
 
 
 def observe_lines(
     fit: LaneFit,
     evidence: FrameEvidence,
     view: BirdsEyeView,
-    before: tuple[LineObservation, LineObservation],
-    look_at: int | None,
-) -> tuple[LineObservation, LineObservation]:
-    """What a picture shows of the two lines of a fitted lane (1, 15).
+    *,
+    index: int = 0,
+    previous: Observations = (LineObservation(), LineObservation()),
+    profiles_of: Sequence[int] = (0, 1),
+) -> Observations:
+    """What a frame shows of the left and the right line of a fitted lane.
 
     Parameters
     ----------
-    fit, sight, view
-        Of this picture.
-    before : (Seen, Seen)
-        Of the picture before; its paint and rows are kept.
-    look_at : {0, 1, None}
-        The line whose paint is looked at again; the rows of both are counted again then, too.
+    fit : LaneFit
+    evidence : FrameEvidence
+    view : BirdsEyeView
+        The view of fit and evidence.
+    index : int
+        Which lane of the fit.
+    previous : (LineObservation, LineObservation)
+        Of the previous frame; its profiles and rows are kept where they are not measured again.
+    profiles_of : sequence of {0, 1}
+        Lines whose profile is measured. If there are any, the visible rows of both lines are counted again, too:
+        they change slowly.
     """
-    mine = [(fit.side[0] == side) & (fit.weight[0] > LEAST_WEIGHT) for side in SIDES]
-    reach_m = reach_of(evidence.stripes, mine, fit.lane[0], view.height_m)
-    rows, profile = [line.rows for line in before], [line.profile for line in before]
-    # how many rows a line is in sight in changes slowly, and where exactly it runs is needed for its paint alone
-    if look_at is not None or None in rows:
-        lines = lines_on_view(fit.lane, view.x_m, view.height_m)
-        rows = rows_in_sight(lines, view)[0].tolist()
-        if look_at is not None and mine[look_at].any():
-            line, painted = np.full(len(view.x_m), np.nan), evidence.stripes.row[mine[look_at]]
-            line[painted] = lines[0, look_at, painted]
-            profile[look_at] = marking_profile(evidence.response, view, line) or profile[look_at]
-    support = (painted_rows(fit, evidence.stripes)[0] / rows).tolist()
-    left, right = map(LineObservation, support, reach_m, profile, rows)
+    rows = [line.rows for line in previous]
+    if len(profiles_of) or None in rows:
+        rows = visible_rows(fit, view)[index].tolist()
+    support = (marked_rows(fit)[index] / rows).tolist()
+    profiles = [line.profile for line in previous]
+    for k in profiles_of:
+        profiles[k] = _measure_profile(fit, evidence, view, index, k) or profiles[k]
+    left, right = map(LineObservation, support, fit.reach_m[index].tolist(), profiles, rows)
     return left, right
 
 
-def describe_tracked_lane(
-    estimate: KalmanState, seen: tuple[LineObservation, LineObservation], double: tuple[bool, bool], margin: float
-) -> Lane:
-    """The lane that is believed in, with what was seen of its lines.
+def _measure_profile(
+    fit: LaneFit, evidence: FrameEvidence, view: BirdsEyeView, index: int, k: int
+) -> MarkingProfile | None:
+    """Cross-section of the left (k = 0) or right (1) line, over the rows with stripes; None if there are too few."""
+    rows = fit.stripes.row[fit.members[index, k]]
+    line_y_m = np.full(len(view.x_m), np.nan)
+    line_y_m[rows] = fit.lines_y_m[index, k, rows]
+    return marking_profile(evidence.response, view, line_y_m)
 
-    Of `double` lines the stripe beside the lane bounds it. (For single ones the filter knows the middle of the paint
-    better than one look at it.)
+
+def line_support(fit: LaneFit, view: BirdsEyeView) -> np.ndarray:
+    """(K, 2) support of each line: share of its visible rows, up to `LINES.support_far_m`, with markings on it."""
+    return marked_rows(fit) / visible_rows(fit, view)
+
+
+def marked_rows(fit: LaneFit) -> np.ndarray:
+    """(K, 2) number of rows up to `LINES.support_far_m` with markings on each line: the sum of its stripes' weights."""
+    weight = fit.weight * (fit.stripes.x_m < LINES.support_far_m)
+    return (weight[:, None] * fit.on_line).sum(axis=-1)
+
+
+def visible_rows(fit: LaneFit, view: BirdsEyeView) -> np.ndarray:
+    """(K, 2) number of rows up to `LINES.support_far_m` in which each line is visible, at least `LINES.min_rows`."""
+    rows = np.flatnonzero(view.x_m < LINES.support_far_m)
+    column = (view.y_m[0] - fit.lines_y_m[..., rows]) / view.cell_m
+    inside = (column >= 0) & (column <= len(view.y_m) - 1)
+    seen = inside & view.seen[rows, np.where(inside, column, 0).astype(int)]
+    return np.maximum(seen.sum(axis=-1), LINES.min_rows)
+
+
+def score_lanes(lanes: np.ndarray, support: np.ndarray) -> np.ndarray:
+    """(K,) score of lanes (K, 15): square roots of their lines' supports (K, 2) minus prior penalty."""
+    return np.sqrt(support).sum(axis=1) - LINES.prior_weight * squared_mahalanobis(lanes)
+
+
+def inner_stripe_shift(profiles: Sequence[MarkingProfile | None]) -> np.ndarray:
+    """Shift (15,) of the parameters from the fitted lines to the stripes next to the lane.
+
+    Fits follow the centre of a double line. `profiles` are those of the left and the right line; None shifts nothing.
     """
-    doubles = [
-        s.profile if twice and s.profile and s.profile.double else None for s, twice in zip(seen, double, strict=True)
-    ]
-    model, covariance = estimate.lane + inner_stripes(doubles), estimate.lane_covariance
-    lines = tuple(_line(model, covariance, side, s) for side, s in zip(SIDES, seen, strict=True))
-    score = sum(np.sqrt(s.support) for s in seen) - VOTE_PRIOR_WEIGHT * squared_mahalanobis(estimate.lane[None])[0]
-    return Lane.from_model(model, covariance, lines, score=float(score), margin=margin)
-
-
-def _line(model: np.ndarray, covariance: np.ndarray, side: float, seen: LineObservation) -> LaneLine:
-    variance = covariance[CENTRE, CENTRE] + side * covariance[CENTRE, WIDTH] + covariance[WIDTH, WIDTH] / 4
-    return LaneLine(
-        *line_coefficients(model, side),
-        c0_std_m=float(np.sqrt(variance)),
-        support=seen.support,
-        reach_m=seen.reach_m,
-        seen=seen.support >= LEAST_SUPPORT,
-        profile=seen.profile,
-    )
-
-
-def reach_of(stripes: Stripes, mine: Sequence[np.ndarray], lane: np.ndarray, height_m: float) -> list[float]:
-    """How far ahead the stripes of each line, `mine` (stripes,) bool, go on the road of a lane (15,); 0 without any."""
-    nearest = float(stripes.x_m.min(initial=1.0))
-    flat_m = np.array([stripes.x_m[m].max(initial=nearest) for m in mine])
-    met_m = intersect_ground(flat_m, lane, height_m).x_m
-    return [float(x) if m.any() else 0.0 for x, m in zip(met_m, mine, strict=True)]
-
-
-def inner_stripes(profile: Sequence[MarkingProfile | None]) -> np.ndarray:
-    """What leads from a fitted lane to the one between the stripes next to it, (15,): fits follow a double's middle.
-
-    `profile` is that of the left and the right line; None moves nothing.
-    """
-    left, right = (p.stripe_m(side) if p else 0.0 for p, side in zip(profile, SIDES, strict=True))
+    left, right = (p.stripe_m(side) if p else 0.0 for p, side in zip(profiles, SIDES, strict=True))
     shift = np.zeros(PARAMETERS)
     shift[[CENTRE, WIDTH]] = (left + right) / 2, left - right
     return shift
 
 
-def support_of(fit: LaneFit, lines_y_m: np.ndarray, stripes: Stripes, view: BirdsEyeView) -> np.ndarray:
-    """(K, 2): share of each line's rows in sight, up to `SUPPORT_FAR_M`, that have paint on it; left, right."""
-    return painted_rows(fit, stripes) / rows_in_sight(lines_y_m, view)
-
-
-def painted_rows(fit: LaneFit, stripes: Stripes) -> np.ndarray:
-    """(K, 2): in how many rows up to `SUPPORT_FAR_M` there is paint on each line, by the weight of its stripes."""
-    weight = fit.weight * (stripes.x_m < SUPPORT_FAR_M)
-    return (weight[:, None] * (fit.side[:, None] == SIDES[:, None])).sum(axis=-1)
-
-
-def rows_in_sight(lines_y_m: np.ndarray, view: BirdsEyeView) -> np.ndarray:
-    """(K, 2): in how many rows up to `SUPPORT_FAR_M` each line is in sight; at least `LEAST_ROWS`."""
-    rows = np.flatnonzero(view.x_m < SUPPORT_FAR_M)
-    column = (view.y_m[0] - lines_y_m[..., rows]) / view.cell_m
-    inside = (column >= 0) & (column <= len(view.y_m) - 1)
-    seen = inside & view.seen[rows, np.where(inside, column, 0).astype(int)]
-    return np.maximum(seen.sum(axis=-1), LEAST_ROWS)
+def describe_lane(
+    model: np.ndarray, covariance: np.ndarray, observations: Observations, *, score: float, margin: float
+) -> Lane:
+    """The lane of parameters (15,) and covariance (15, 15), with what was seen of its lines."""
+    std = np.sqrt(np.diag(covariance))
+    left, right = (
+        LaneLine(
+            *line_coefficients(model, side),
+            c0_std_m=line_std,
+            support=seen.support,
+            reach_m=seen.reach_m,
+            seen=seen.support >= LINES.min_support,
+            profile=seen.profile,
+        )
+        for side, line_std, seen in zip(SIDES, lateral_std_m(covariance, 0.0).tolist(), observations, strict=True)
+    )
+    return Lane(
+        offset_m=float(-model[CENTRE]),
+        offset_std_m=float(std[CENTRE]),
+        heading_rad=float(model[HEADING]),
+        # of the concentric arc through the car
+        curvature_per_m=float(model[CURVATURE] / (1 - model[CURVATURE] * model[CENTRE])),
+        curvature_std_per_m=float(std[CURVATURE]),
+        curvature_rate_per_m2=float(model[RATE]),
+        width_m=float(model[WIDTH]),
+        width_std_m=float(std[WIDTH]),
+        pitch_rad=float(model[PITCH]),
+        vertical_per_m=float(model[VERTICAL_CURVATURE][0]),
+        left=left,
+        right=right,
+        score=score,
+        margin=margin,
+        model=model,
+        covariance=covariance,
+    )

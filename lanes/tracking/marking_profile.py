@@ -1,59 +1,76 @@
-"""What kind of line is it: white or yellow, single or double, solid or dashed? Read off the straightened stripe.
+"""Cross-section of a line's marking: width, position, colour and contrast.
 
-Along a fitted line the view is laid out straight: one row for each row of the view, one column for each distance
-from the line. Its median over the rows is the cross-section of the paint, free of the road's texture.
+The view is resampled along a fitted line: one row for each row of the view, one column for each distance from the line.
+The median over the rows is the cross-section of the marking, without the texture of the road.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.lane import MarkingProfile
-from lanes.tracking.markings import NOISE_FLOOR, MarkingResponse
+from lanes.tracking.markings import MARKINGS, MarkingResponse
 
-STEP_M, REACH_M = 0.025, 0.6
-OFFSETS_M = np.arange(REACH_M, -REACH_M - STEP_M / 2, -STEP_M)
-# So many of them, at either end, lie beside any paint.
-BESIDE = 12
-# Beyond this distance a double line's stripes run together in the picture.
-VOTING_FAR_M = 22.0
-LEAST_ROWS, MOST_ROWS = 4, 32
+
+@dataclass(frozen=True)
+class ProfileParameters:
+    """Sampling of cross-sections; tuned on the labelled Udacity stills."""
+
+    # Distance between samples, and the largest distance from the line.
+    step_m: float = 0.025
+    reach_m: float = 0.6
+    # Samples at either end that lie on the road beside the marking.
+    road_samples: int = 12
+    # Rows are taken up to this distance: beyond it the stripes of a double line merge in the picture.
+    far_m: float = 22.0
+    min_rows: int = 4
+    max_rows: int = 32
+
+
+PROFILE = ProfileParameters()
+# Sampled distances to the left of the line.
+OFFSETS_M = np.arange(PROFILE.reach_m, -PROFILE.reach_m - PROFILE.step_m / 2, -PROFILE.step_m)
 
 
 def straighten(channel: np.ndarray, view: BirdsEyeView, line_y_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lay a channel out along a line.
+    """Resample a channel along a line.
 
     Parameters
     ----------
     channel : ndarray of shape (rows, columns), float32
     view : BirdsEyeView
     line_y_m : ndarray of shape (rows,)
-        The line's lateral place on the view's grid at each of its rows; NaN for rows to leave out.
+        Lateral position of the line on the view's grid in each row; NaN for rows to leave out.
 
     Returns
     -------
     values : ndarray of shape (rows used, offsets), float32
-        At most `MOST_ROWS` rows, none farther than `VOTING_FAR_M`.
+        At most `PROFILE.max_rows` rows, none farther than `PROFILE.far_m`.
     offsets_m : ndarray of shape (offsets,)
         Distance to the left of the line, at right angles.
     """
-    reach = (view.y_m[0] - REACH_M, view.y_m[-1] + REACH_M)
-    rows = np.flatnonzero((line_y_m < reach[0]) & (line_y_m > reach[1]) & (view.x_m < VOTING_FAR_M))
+    most, least = view.y_m[0] - PROFILE.reach_m, view.y_m[-1] + PROFILE.reach_m
+    rows = np.flatnonzero((line_y_m < most) & (line_y_m > least) & (view.x_m < PROFILE.far_m))
     if len(rows) < 2:
         return np.empty((0, len(OFFSETS_M)), np.float32), OFFSETS_M
-    # a row cuts a line that runs aslant aslant, too: what lies side by side is farther apart along the row
-    aslant = np.hypot(1, np.gradient(line_y_m[rows], view.x_m[rows]))
-    chosen = slice(None, None, len(rows) // MOST_ROWS + 1)
-    rows, aslant = rows[chosen], aslant[chosen]
-    column = (view.y_m[0] - line_y_m[rows, None] - aslant[:, None] * OFFSETS_M) / view.cell_m
+    # rows cut a slanted line at an angle: distances at right angles to it are longer along the row
+    slant = np.hypot(1, np.gradient(line_y_m[rows], view.x_m[rows]))
+    chosen = slice(None, None, len(rows) // PROFILE.max_rows + 1)
+    rows, slant = rows[chosen], slant[chosen]
+    column = (view.y_m[0] - line_y_m[rows, None] - slant[:, None] * OFFSETS_M) / view.cell_m
     row = np.broadcast_to(rows[:, None], column.shape).astype(np.float32)
     return cv2.remap(channel, column.astype(np.float32), row, cv2.INTER_LINEAR), OFFSETS_M
 
 
 def marking_profile(response: MarkingResponse, view: BirdsEyeView, line_y_m: np.ndarray) -> MarkingProfile | None:
-    """Cross-section of the paint along a line, in the channel where it stands out more; None where there is none."""
+    """Cross-section of the marking along a line, in the channel with more contrast; None without a marking.
+
+    `line_y_m` is that of `straighten`.
+    """
     found = [
         (*section, yellow)
         for channel, yellow in zip(response.channels.astype(np.float32), (False, True), strict=True)
@@ -68,15 +85,17 @@ def marking_profile(response: MarkingResponse, view: BirdsEyeView, line_y_m: np.
 def _section(channel: np.ndarray, view: BirdsEyeView, line_y_m: np.ndarray) -> tuple[float, float, float] | None:
     """Contrast, width and centre of the band in one channel."""
     values, offsets = straighten(channel, view, line_y_m)
-    if len(values) < LEAST_ROWS:
+    if len(values) < PROFILE.min_rows:
         return None
+    road = PROFILE.road_samples
     section = np.median(values, axis=0)
-    section = section - max(section[:BESIDE].mean(), section[-BESIDE:].mean())
-    inner = section[BESIDE:-BESIDE]
+    section = section - max(section[:road].mean(), section[-road:].mean())
+    inner = section[road:-road]
     top = inner.max()
     if top <= 0:
         return None
     step = np.abs(np.diff(values, axis=1))
-    noise = (step[:, : BESIDE - 1].mean() + step[:, 1 - BESIDE :].mean()) / 2
-    band = offsets[BESIDE:-BESIDE][inner >= top / 2]
-    return float(top / (noise + NOISE_FLOOR)), float(band[0] - band[-1] + STEP_M), float(band[0] + band[-1]) / 2
+    noise = (step[:, : road - 1].mean() + step[:, 1 - road :].mean()) / 2
+    band = offsets[road:-road][inner >= top / 2]
+    width, centre = float(band[0] - band[-1] + PROFILE.step_m), float(band[0] + band[-1]) / 2
+    return float(top / (noise + MARKINGS.noise_floor)), width, centre

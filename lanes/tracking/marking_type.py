@@ -1,7 +1,7 @@
-"""What kind a line is, over time: white or yellow, solid or dashed, single or double.
+"""Type of a line's marking over time: white or yellow, solid or dashed, single or double.
 
-One picture may show a solid line under a tree's shadow in pieces, or a single dash as long as the view. So each
-picture votes, old votes fade, and the majority holds.
+A single picture may show a solid line in pieces (shadows), or one dash as long as the view. Each frame therefore votes,
+old votes decay, and the majority decides.
 """
 
 from __future__ import annotations
@@ -12,19 +12,35 @@ import numpy as np
 
 from lanes.tracking.lane import MarkingProfile
 
-# Gaps between dashes are 3 m (UK, slow roads) to 12 m (Germany); holes that wear and shadows leave are mostly shorter.
-DASH_GAP_M = 2.7
-# Farther than this a gap is too few rows of the view to be sure of.
-VOTING_FAR_M = 32.0
-LEAST_ROWS = 6
-# A vote loses this share of its weight with every further one: 14 halve it.
-FADING = 0.95
-LEAST_VOTES = 0.5
+
+@dataclass(frozen=True)
+class MarkingTypeParameters:
+    """Votes on the type of a marking; tuned on the rendered suite where no source is given."""
+
+    # Gaps between dashes are 3 m (UK, slow roads) to 12 m (Germany); holes from wear and shadows are mostly shorter.
+    min_dash_gap_m: float = 2.7
+    # Beyond this distance a gap has too few rows of the view.
+    far_m: float = 32.0
+    min_rows: int = 6
+    # Share of its weight that a vote keeps with each further vote: it is halved after 14 votes.
+    decay: float = 0.95
+    # Smallest sum of votes that decides.
+    min_votes: float = 0.5
+
+
+MARKING_TYPE = MarkingTypeParameters()
 
 
 @dataclass(frozen=True)
 class MarkingType:
-    """What a line looks like; None where it has not been seen well enough to say."""
+    """Type of a marking; None where it was not seen well enough.
+
+    Attributes
+    ----------
+    colour : {"yellow", "white", None}
+    pattern : {"dashed", "solid", None}
+    double : bool or None
+    """
 
     colour: str | None = None
     pattern: str | None = None
@@ -37,25 +53,31 @@ class MarkingType:
 
 @dataclass(frozen=True)
 class MarkingVotes:
-    """Votes of the pictures so far, each > 0 for yellow, dashed, double and < 0 for white, solid, single."""
+    """Sums of the votes so far, each positive for yellow, dashed, double and negative for white, solid, single."""
 
     yellow: float = 0.0
     dashed: float = 0.0
     double: float = 0.0
 
-    def add_profile(self, paint: MarkingProfile) -> MarkingVotes:
-        """Count a look at the line's cross-section."""
-        yellow, double = (1 if yes else -1 for yes in (paint.yellow, paint.double))
-        return replace(self, yellow=FADING * self.yellow + yellow, double=FADING * self.double + double)
+    def add_profile(self, profile: MarkingProfile | None) -> MarkingVotes:
+        """Add a vote on colour and double from a cross-section, if there is one."""
+        if profile is None:
+            return self
+        yellow, double = (1 if yes else -1 for yes in (profile.yellow, profile.double))
+        return replace(
+            self, yellow=MARKING_TYPE.decay * self.yellow + yellow, double=MARKING_TYPE.decay * self.double + double
+        )
 
-    def add_gaps(self, painted_m: np.ndarray) -> MarkingVotes:
-        """Count a picture with paint at these distances ahead (N,), sorted or not."""
-        dashed = looks_dashed(painted_m)
-        return self if dashed is None else replace(self, dashed=FADING * self.dashed + (1 if dashed else -1))
+    def add_gaps(self, marked_m: np.ndarray) -> MarkingVotes:
+        """Add a vote on the pattern from a frame with stripes at these distances ahead (N,), sorted or not."""
+        dashed = looks_dashed(marked_m)
+        if dashed is None:
+            return self
+        return replace(self, dashed=MARKING_TYPE.decay * self.dashed + (1 if dashed else -1))
 
     @property
-    def kind(self) -> MarkingType:
-        """The majority's opinion."""
+    def marking_type(self) -> MarkingType:
+        """The majority of the votes."""
         return MarkingType(
             _decide(self.yellow, "yellow", "white"),
             _decide(self.dashed, "dashed", "solid"),
@@ -63,15 +85,15 @@ class MarkingVotes:
         )
 
 
-def looks_dashed(painted_m: np.ndarray) -> bool | None:
-    """Whether paint at these distances (N,) has gaps like a dashed line's; None if there is too little of it."""
-    painted_m = np.sort(painted_m[painted_m < VOTING_FAR_M])
-    gaps = painted_m[1:] - painted_m[:-1]
-    # the same place twice is one place
-    if np.count_nonzero(gaps) < LEAST_ROWS - 1:
+def looks_dashed(marked_m: np.ndarray) -> bool | None:
+    """Whether stripes at these distances (N,) have gaps like a dashed line's; None if there are too few."""
+    marked_m = np.sort(marked_m[marked_m < MARKING_TYPE.far_m])
+    gaps = marked_m[1:] - marked_m[:-1]
+    # stripes at the same distance count once
+    if np.count_nonzero(gaps) < MARKING_TYPE.min_rows - 1:
         return None
-    return bool(gaps.max() > DASH_GAP_M)
+    return bool(gaps.max() > MARKING_TYPE.min_dash_gap_m)
 
 
-def _decide(vote: float, positive: object, negative: object):
-    return None if abs(vote) < LEAST_VOTES else positive if vote > 0 else negative
+def _decide(votes: float, positive: object, negative: object):
+    return None if abs(votes) < MARKING_TYPE.min_votes else positive if votes > 0 else negative

@@ -1,10 +1,9 @@
-"""Paint, not brightness: how much each cell of the road view looks like a painted stripe.
+"""Marking response: how much each cell of the bird's-eye view looks like a painted stripe, and the stripe candidates.
 
-A stripe is brighter (or yellower) than the road on *both* its sides, and about 0.1 to 0.2 m wide, or 0.3 to 0.4 m when
-two stripes run side by side. The signed band filter asks just that: centre minus the larger neighbour. An edge, be it a
-shadow's, a kerb's or that of another asphalt, has one neighbour as bright as its bright side and scores nothing; a dark
-tar seam scores less than nothing. What remains is measured in units of the local noise, so that neither exposure nor
-shade needs a threshold of its own.
+A stripe is brighter (or yellower) than the road on *both* its sides, and about 0.1 to 0.2 m wide, or 0.3 to 0.4 m where
+two stripes run side by side. The band filter measures centre minus the larger neighbour. An edge (shadow, kerb, joint of
+two asphalts) has one neighbour as bright as its bright side and scores zero; a dark tar seam scores below zero. The
+response is divided by the local noise, so that one threshold serves all exposures, in sun and in shade.
 """
 
 from __future__ import annotations
@@ -15,36 +14,50 @@ from math import lcm
 import cv2
 import numpy as np
 
+from lanes.io.frames import Frame
 from lanes.tracking.birdseye import BirdsEyeView
 
-# Painted widths, metres: one stripe (0.10-0.15 m in most of the world), and a double line taken as one. Then the width
-# of the road strips that the stripe is compared with, on either side, and their distance from it, and the window along
-# a row over which noise is averaged.
-SIZES_M = (0.15, 0.35, 0.15, 0.05, 2.5)
-# In a hairpin a double yellow line crosses the rows aslant, which makes it wider, and pictures are blurred there: so
-# wide, and so far beside it the road. In yellowness only: strips of light are as wide, but nothing is as yellow.
-ASLANT_M, ASLANT_GAP_M = 0.45, 0.15
-NOISE_ROWS = 5
-# Rounding to whole grey levels alone makes about this much noise; less is never assumed.
-NOISE_FLOOR = 1.0
-# Cells inside the picture have more than this share of their window inside, too.
-LEAST_SEEN = 0.2
-# A stripe's strength above which it is worth keeping: so many times the local noise.
-LEAST_STRENGTH = 3.0
-STRIPES_PER_ROW = 14
-# A stripe's direction is measured with so many columns taken as one, so that one that runs across, and moves aside by
-# many of them from row to row, is still within the window there.
-COARSE_COLUMNS = 4
 
-# Strength (times the noise) at which a stripe counts half, and difference in direction at which it counts a quarter.
-HALF_STRENGTH = 6.0
-ANGLE_STD_RAD = 0.1
-# A stripe that moves aside by this many columns from row to row shows its direction only half as well, and one that
-# moves twice as much hardly at all.
-BLIND_COLUMNS = 8.0
-# Standard deviation of a stripe's lateral place: worn paint near by, one pixel far away; and how far a road of changing
-# curvature strays from the model at 40 m, growing with the cube of the distance.
-PLACE_STD_M, PLACE_STD_PX = 0.04, 1.0
+@dataclass(frozen=True)
+class MarkingParameters:
+    """Band filter, noise and stripe candidates; tuned on the labelled Udacity stills where no source is given."""
+
+    # Painted widths of one stripe and of a double line taken as one; most countries paint 0.10 to 0.15 m.
+    single_m: float = 0.15
+    double_m: float = 0.35
+    # Width of the strips of road that a stripe is compared with, and their distance from it.
+    side_m: float = 0.15
+    gap_m: float = 0.05
+    # The same for a double yellow line that crosses the rows at a slant in a hairpin, where pictures are also blurred.
+    # Applied to yellowness only: strips of light are as wide, but not as yellow.
+    slanted_m: float = 0.45
+    slanted_gap_m: float = 0.15
+    # Window along a row, and rows, over which the noise is averaged.
+    noise_window_m: float = 2.5
+    noise_rows: int = 5
+    # Grey levels. Rounding to whole grey levels alone makes about this much noise; less is never assumed.
+    noise_floor: float = 1.0
+    # Lower bound for the share of a noise window that lies inside the picture; cells inside the picture have more.
+    min_seen_share: float = 0.2
+    # Smallest strength (times the local noise) of a stripe candidate, and the number of candidates kept in a row.
+    min_strength: float = 3.0
+    stripes_per_row: int = 14
+    # Columns averaged into one before a direction is measured, so that the window holds a stripe that moves sideways
+    # by many columns from row to row.
+    coarse_columns: int = 4
+    # Strength (times the local noise) at which a candidate has half the weight of a certain marking.
+    half_weight_strength: float = 6.0
+    # Standard deviation of a direction: at this difference a candidate has a quarter of its weight.
+    angle_std_rad: float = 0.1
+    # Columns that a stripe moves sideways from row to row at which the standard deviation of its direction is doubled;
+    # at twice as many columns the direction carries almost no information.
+    blind_columns: float = 8.0
+    # Standard deviation of a candidate's lateral position: worn paint nearby, one pixel far away.
+    position_std_m: float = 0.04
+    position_std_px: float = 1.0
+
+
+MARKINGS = MarkingParameters()
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +67,7 @@ class MarkingResponse:
     Attributes
     ----------
     strength : ndarray of shape (rows, columns), float32
-        The best filter's response in units of the local noise; 0 where there is nothing.
+        The largest filter response in units of the local noise, at least 0.
     channels : ndarray of shape (2, rows, columns), int
         Lightness and yellowness of the view, in grey levels.
     narrow, wide : ndarray of shape (2, rows, columns), int
@@ -73,25 +86,25 @@ class MarkingResponse:
 
 @dataclass(frozen=True, eq=False)
 class Stripes:
-    """Stripe centres found row by row; all arrays have shape (stripes,).
+    """Stripe candidates, found row by row; all arrays have shape (stripes,).
 
     Attributes
     ----------
     row : int
         Row of the view.
     x_m, y_m : float
-        Where on the road, metres ahead and to the left, between the columns.
+        Position on the flat road, metres ahead and to the left, with sub-column precision.
     angle : float
-        Which way the stripe runs, radians, positive to the left of straight ahead.
+        Direction of the stripe, radians, positive to the left of straight ahead.
     step : float
-        How many columns of the view its row is deep: by so many times the tangent of its direction a stripe moves
-        aside from row to row.
+        Depth of the row in columns of the view: from row to row a stripe moves sideways by `step` times the tangent of
+        its direction.
     strength : float
         Band filter response over local noise.
     double : bool
-        The wide filter answered better than the narrow one.
+        The wide filter responded more than the narrow one.
     yellow : bool
-        Yellowness answered better than lightness.
+        Yellowness responded more than lightness.
     """
 
     row: np.ndarray
@@ -111,15 +124,90 @@ class Stripes:
         return Stripes(*(getattr(self, f.name)[which] for f in fields(self)))
 
 
+@dataclass(frozen=True, eq=False)
+class FrameEvidence:
+    """What one picture shows.
+
+    Attributes
+    ----------
+    view_image : ndarray of shape (rows, columns, 3), uint8
+        The bird's-eye view, from `BirdsEyeView.warp`.
+    response : MarkingResponse
+    stripes : Stripes
+    """
+
+    view_image: np.ndarray
+    response: MarkingResponse
+    stripes: Stripes
+
+
+def extract_evidence(image: Frame, view: BirdsEyeView) -> FrameEvidence:
+    """Bird's-eye view, marking response and stripe candidates of a raw picture."""
+    view_image = view.warp(image)
+    response = marking_response(view_image, view)
+    return FrameEvidence(view_image, response, find_stripes(response, view))
+
+
 def lightness(view_image: np.ndarray) -> np.ndarray:
     """Luma of an RGB view, (rows, columns) uint8, weights of ITU-R BT.601."""
     return cv2.cvtColor(view_image, cv2.COLOR_RGB2GRAY)
 
 
 def yellowness(view_image: np.ndarray) -> np.ndarray:
-    """How much blue is missing: min(R, G) - B as (rows, columns) int16; yellow paint has it in sun and in shade."""
+    """min(R, G) - B as (rows, columns) int16: large for yellow paint, in sun and in shade."""
     red, green, blue = cv2.split(view_image)
     return cv2.subtract(cv2.min(red, green), blue, dtype=cv2.CV_16S)
+
+
+def marking_response(view_image: np.ndarray, view: BirdsEyeView) -> MarkingResponse:
+    """Apply the band filters to a view.
+
+    Parameters
+    ----------
+    view_image : ndarray of shape (rows, columns, 3), uint8
+        From `view.warp`.
+    view : BirdsEyeView
+
+    Returns
+    -------
+    MarkingResponse
+    """
+    m = MARKINGS
+    lengths_m = m.single_m, m.double_m, m.side_m, m.gap_m, m.noise_window_m, m.slanted_m, m.slanted_gap_m
+    single, double, side, gap, window, slanted, slanted_gap = (round(length / view.cell_m) | 1 for length in lengths_m)
+    pad, unit = slanted // 2 + slanted_gap + side + 1, lcm(single, double, side, slanted)
+    channels = _padded_channels(view_image, pad, unit)
+    inside = (..., slice(pad, -pad))
+    road = sums_around(channels, side) * (unit // side)
+    road[..., :pad], road[..., -pad:] = road[..., pad, None], road[..., -pad - 1, None]
+    narrow, wide, broad = (
+        filter_band(sums_around(cells, n) * (unit // n), beside, n // 2 + distance + side // 2 + 1)[inside]
+        for cells, beside, n, distance in (
+            (channels, road, single, gap),
+            (channels, road, double, gap),
+            (channels[1], road[1], slanted, slanted_gap),
+        )
+    )
+    np.maximum(wide[1], broad, out=wide[1])
+    steps = np.abs(channels[..., pad : 1 - pad] - channels[..., pad - 1 : -pad])
+    noise = local_noise(steps[..., :-1] + steps[..., 1:], window, view)
+    noise *= unit
+    strength = np.maximum(np.maximum(*np.maximum(narrow, wide) / noise), 0)
+    # a stripe that the picture's border cuts off may have any width
+    whole = view.seen_around(single // 2 + 1)
+    return MarkingResponse(cv2.copyTo(strength, whole), channels[inside], narrow, wide, noise)
+
+
+def _padded_channels(view_image: np.ndarray, pad: int, unit: int) -> np.ndarray:
+    """(2, rows, columns + 2 pad) lightness and yellowness, in a type that holds sums over `unit` cells.
+
+    Filters use sums instead of means, scaled to a common unit: the integers are exact, and int16 is twice as fast as
+    float32. Where cells are so small that the sums do not fit, numpy's next larger type is used.
+    """
+    padded = cv2.copyMakeBorder(view_image, 0, 0, pad, pad, cv2.BORDER_REPLICATE)
+    channels = np.empty((2, *padded.shape[:2]), np.min_scalar_type(-2 * 255 * unit))
+    channels[0], channels[1] = lightness(padded), yellowness(padded)
+    return channels
 
 
 def sums_around(cells: np.ndarray, count: int) -> np.ndarray:
@@ -133,7 +221,7 @@ def sums_around(cells: np.ndarray, count: int) -> np.ndarray:
 
 
 def _window_sums(row: np.ndarray, count: int) -> np.ndarray:
-    """(N - count + 1,) sums over `count` neighbours of (N,); sums of half as many save most of the additions."""
+    """(N - count + 1,) sums over `count` neighbours of (N,), by doubling: about log2(count) additions per cell."""
     if count == 1:
         return row
     half, size = _window_sums(row, count // 2), len(row) - count + 1
@@ -142,83 +230,39 @@ def _window_sums(row: np.ndarray, count: int) -> np.ndarray:
 
 
 def filter_band(centre: np.ndarray, side: np.ndarray, reach: int) -> np.ndarray:
-    """How much more `centre` (..., columns) is than the larger of `side` at `reach` columns to its left and right."""
+    """`centre` (..., columns) minus the larger of `side` at `reach` columns to its left and right; in place."""
     response, beside = centre.ravel(), side.ravel()
     response[reach:-reach] -= np.maximum(beside[: -2 * reach], beside[2 * reach :])
     return response.reshape(centre.shape)
 
 
 def local_noise(steps: np.ndarray, window: int, view: BirdsEyeView) -> np.ndarray:
-    """Means of steps from column to column around each cell and `NOISE_FLOOR`, (2, rows, columns) float32.
+    """Mean step from column to column around each cell plus the noise floor, (2, rows, columns) float32.
 
-    `steps` are each cell's two, to its left and to its right, added: the mirrored picture has the mirrored noise.
-    Beyond the picture there are none, so that the means are those of the cells inside.
+    `steps` holds the sum of each cell's two steps, to the left and to the right, so that the mirrored picture has the
+    mirrored noise. Steps outside the picture are 0 and are left out of the mean.
     """
     noise = np.empty(steps.shape, np.float32)
     for channel, mean in zip(steps, noise, strict=True):
-        cv2.boxFilter(channel, cv2.CV_32F, (window, NOISE_ROWS), dst=mean)
-    noise /= 2 * np.maximum(view.seen_share(NOISE_ROWS, window), LEAST_SEEN)
-    noise += NOISE_FLOOR
+        cv2.boxFilter(channel, cv2.CV_32F, (window, MARKINGS.noise_rows), dst=mean)
+    noise /= 2 * np.maximum(view.seen_share(MARKINGS.noise_rows, window), MARKINGS.min_seen_share)
+    noise += MARKINGS.noise_floor
     return noise
 
 
-def marking_response(view_image: np.ndarray, view: BirdsEyeView) -> MarkingResponse:
-    """Look for stripes everywhere in a view.
-
-    Parameters
-    ----------
-    view_image : ndarray of shape (rows, columns, 3), uint8
-        What `view.warp` returned.
-    view : BirdsEyeView
-
-    Returns
-    -------
-    MarkingResponse
-    """
-    single, double, beside, gap, window = (round(length / view.cell_m) | 1 for length in SIZES_M)
-    aslant, far = (round(length / view.cell_m) | 1 for length in (ASLANT_M, ASLANT_GAP_M))
-    margin, unit = aslant // 2 + far + beside + 1, lcm(single, double, beside, aslant)
-    wider = cv2.copyMakeBorder(view_image, 0, 0, margin, margin, cv2.BORDER_REPLICATE)
-    # Sums instead of means, times what makes them comparable: whole numbers, exact, and of int16 twice as many fit into
-    # a register as of float32. (Should the cells be so small that the sums do not fit, numpy's next larger type.)
-    channels = np.empty((2, *wider.shape[:2]), np.min_scalar_type(-2 * 255 * unit))
-    channels[0], channels[1] = lightness(wider), yellowness(wider)
-    inside = (..., slice(margin, -margin))
-    side = sums_around(channels, beside) * (unit // beside)
-    side[..., :margin], side[..., -margin:] = side[..., margin, None], side[..., -margin - 1, None]
-    narrow, wide, broad = (
-        filter_band(sums_around(cells, n) * (unit // n), road, n // 2 + apart + beside // 2 + 1)[inside]
-        for cells, road, n, apart in (
-            (channels, side, single, gap),
-            (channels, side, double, gap),
-            (channels[1], side[1], aslant, far),
-        )
-    )
-    np.maximum(wide[1], broad, out=wide[1])
-    steps = np.abs(channels[..., margin : 1 - margin] - channels[..., margin - 1 : -margin])
-    noise = local_noise(steps[..., :-1] + steps[..., 1:], window, view)
-    noise *= unit
-    strength = np.maximum(np.maximum(*np.maximum(narrow, wide) / noise), 0)
-    # what is cut by the picture's edge may be of any width
-    whole = view.seen_around(single // 2 + 1)
-    return MarkingResponse(cv2.copyTo(strength, whole), channels[inside], narrow, wide, noise)
-
-
 def find_stripes(response: MarkingResponse, view: BirdsEyeView) -> Stripes:
-    """Peaks of the evidence along each row, placed between the columns.
+    """Peaks of the marking response along each row, with sub-column precision.
 
     Returns
     -------
     Stripes
-        At most `STRIPES_PER_ROW` a row, the strongest, each at least `LEAST_STRENGTH` times the noise.
+        At most `MARKINGS.stripes_per_row` in a row, the strongest, each at least `MARKINGS.min_strength` times the
+        noise.
     """
-    best = response.strength
-    peak = cv2.compare(best, cv2.dilate(best, np.ones((1, 5), np.uint8)), cv2.CMP_GE)
-    # places in one long row: numpy finds them six times as fast as rows and columns
-    row, column = np.divmod(np.flatnonzero(peak.view(bool) & (best > LEAST_STRENGTH)), best.shape[1])
-    inside = (column > 0) & (column < best.shape[1] - 1)
-    row, column = _strongest_of_each_row(row[inside], column[inside], best)
-    left, middle, right = (best[row, column + k] for k in (-1, 0, 1))
+    strength = response.strength
+    row, column = _peaks(strength)
+    left, middle, right = (strength[row, column + k] for k in (-1, 0, 1))
+    # vertex of the parabola through the peak and its neighbours
     bend = left - 2 * middle + right
     shift = np.where(bend < 0, 0.5 * (left - right) / np.minimum(bend, -1e-9), 0.0)
     y = view.y_m[0] - (column + np.clip(shift, -0.5, 0.5)) * view.cell_m
@@ -227,7 +271,41 @@ def find_stripes(response: MarkingResponse, view: BirdsEyeView) -> Stripes:
     double = np.maximum(*wide) > np.maximum(*narrow)
     yellow = np.greater(*np.maximum(narrow, wide)[::-1])
     step = view.x_m[row] * (view.growth / (1 + view.growth) / view.cell_m)
-    return Stripes(row, view.x_m[row], y, _stripe_angle(best, row, column, step), step, middle, double, yellow)
+    return Stripes(row, view.x_m[row], y, _stripe_angle(strength, row, column, step), step, middle, double, yellow)
+
+
+def _peaks(strength: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of the largest cells within two columns that are strong enough, in order of the rows."""
+    peak = cv2.compare(strength, cv2.dilate(strength, np.ones((1, 5), np.uint8)), cv2.CMP_GE)
+    # positions in one long row: numpy finds them six times as fast as rows and columns
+    found = np.flatnonzero(peak.view(bool) & (strength > MARKINGS.min_strength))
+    row, column = np.divmod(found, strength.shape[1])
+    inside = (column > 0) & (column < strength.shape[1] - 1)
+    row, column = row[inside], column[inside]
+    if np.bincount(row).max(initial=0) <= MARKINGS.stripes_per_row:
+        return row, column
+    order = np.lexsort((-strength[row, column], row))
+    row, column = row[order], column[order]
+    keep = np.arange(len(row)) - np.searchsorted(row, row) < MARKINGS.stripes_per_row
+    return row[keep], column[keep]
+
+
+def _stripe_angle(strength: np.ndarray, row: np.ndarray, column: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Direction of stripes on the road from the structure tensor of the response (Bigun and Granlund, 1987)."""
+    rows, columns = strength.shape
+    # an odd number of cells, so that a mirrored picture has mirrored directions
+    cells = columns // MARKINGS.coarse_columns | 1
+    coarse = cv2.resize(strength, (cells, rows), interpolation=cv2.INTER_AREA)
+    across = cv2.Scharr(coarse, cv2.CV_32F, 1, 0)
+    along = cv2.Scharr(coarse, cv2.CV_32F, 0, 1)
+    cell = (2 * column + 1) * cells // (2 * columns)
+    # only the tensor's off-diagonal element and the difference of its diagonal are needed
+    xy, difference = (
+        mean_around(product, 3, 5)[row, cell] for product in (across * along, (across - along) * (across + along))
+    )
+    normal = 0.5 * np.arctan2(2 * xy, difference)
+    # from one row to the next nearer one the stripe moves this many cells to the right, and x falls by the row's depth
+    return np.arctan2(-np.tan(normal), step * cells / columns)
 
 
 def mean_around(values: np.ndarray, columns: int, rows: int) -> np.ndarray:
@@ -236,54 +314,11 @@ def mean_around(values: np.ndarray, columns: int, rows: int) -> np.ndarray:
     return cv2.sepFilter2D(values, -1, across, along, borderType=cv2.BORDER_REPLICATE)
 
 
-def _strongest_of_each_row(row: np.ndarray, column: np.ndarray, best: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    if np.bincount(row).max(initial=0) <= STRIPES_PER_ROW:
-        return row, column
-    order = np.lexsort((-best[row, column], row))
-    row, column = row[order], column[order]
-    keep = np.arange(len(row)) - np.searchsorted(row, row) < STRIPES_PER_ROW
-    return row[keep], column[keep]
-
-
-def _stripe_angle(response: np.ndarray, row: np.ndarray, column: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Direction of stripes on the road from the structure tensor of the evidence (Bigun and Granlund, 1987)."""
-    rows, columns = response.shape
-    # an odd number of cells, so that a mirrored picture has mirrored directions
-    cells = columns // COARSE_COLUMNS | 1
-    coarse = cv2.resize(response, (cells, rows), interpolation=cv2.INTER_AREA)
-    across = cv2.Scharr(coarse, cv2.CV_32F, 1, 0)
-    along = cv2.Scharr(coarse, cv2.CV_32F, 0, 1)
-    cell = (2 * column + 1) * cells // (2 * columns)
-    # only the tensor's off-diagonal and the difference of its diagonal are needed
-    xy, difference = (
-        mean_around(product, 3, 5)[row, cell] for product in (across * along, (across - along) * (across + along))
-    )
-    normal = 0.5 * np.arctan2(2 * xy, difference)
-    # One row down the stripe moves this many cells to the right, while x falls by one row's depth.
-    return np.arctan2(-np.tan(normal), step * cells / columns)
-
-
-@dataclass(frozen=True, eq=False)
-class FrameEvidence:
-    """What one picture shows: its `BirdsEyeView.warp`, (rows, columns, 3) uint8, the evidence there and its stripes."""
-
-    view_image: np.ndarray
-    response: MarkingResponse
-    stripes: Stripes
-
-
-def extract_evidence(image: np.ndarray, view: BirdsEyeView) -> FrameEvidence:
-    """Look at the road in a raw picture."""
-    view_image = view.warp(image)
-    response = marking_response(view_image, view)
-    return FrameEvidence(view_image, response, find_stripes(response, view))
-
-
 def marking_weight(stripes: Stripes) -> np.ndarray:
-    """How likely a stripe is paint, from its strength: 0 to 1."""
-    return stripes.strength**2 / (stripes.strength**2 + HALF_STRENGTH**2)
+    """(stripes,) weight 0 to 1 of each candidate as a road marking, from its strength."""
+    return stripes.strength**2 / (stripes.strength**2 + MARKINGS.half_weight_strength**2)
 
 
 def position_std(stripes: Stripes, focal_px: float) -> np.ndarray:
-    """Standard deviation of each stripe's lateral place on the road, metres."""
-    return np.hypot(PLACE_STD_M, PLACE_STD_PX * stripes.x_m / focal_px)
+    """(stripes,) standard deviation of each candidate's lateral position on the road, metres."""
+    return np.hypot(MARKINGS.position_std_m, MARKINGS.position_std_px * stripes.x_m / focal_px)

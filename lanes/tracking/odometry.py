@@ -1,8 +1,8 @@
-"""Where the car has driven, from what the camera says of the lane: a map without satellites.
+"""Visual odometry: the driven path, integrated from curvature and heading of the lane.
 
-The road turns by its curvature for each metre driven, the car points away from it by the heading, and the place follows
-by adding up steps in that direction. Every error stays in the sum, so the drift grows: a curvature that is off by 1e-5
-per metre throughout puts the map off by 5 m after a kilometre, by 20 m after two.
+The road turns by its curvature per metre driven, the car points away from the road by the heading, and the position is
+the sum of steps in that direction. Errors accumulate: a constant curvature error of 1e-5 per metre moves the path by 5 m
+after one kilometre and by 20 m after two.
 """
 
 from __future__ import annotations
@@ -13,20 +13,20 @@ import numpy as np
 
 
 def integrate_path(rows: Mapping[str, np.ndarray], speed_mps: float | np.ndarray) -> np.ndarray:
-    """Add up the driven path.
+    """Integrate the driven path.
 
     Parameters
     ----------
     rows : mapping of str to ndarray of shape (N,)
-        Telemetry: time_s, heading_rad, curvature_per_m; NaN where the lane was not known.
+        Telemetry: time_s, heading_rad, curvature_per_m; NaN where the lane was lost.
     speed_mps : float or ndarray of shape (N,)
-        How fast the car drove; the path is as long as this says.
+        Speed of the car, which sets the length of the path.
 
     Returns
     -------
     ndarray of shape (N, 2)
-        Metres, x ahead and y to the left of where and how the first known frame points. NaN where the lane was not
-        known: the path goes on behind such a gap as if the curvature had changed evenly in it.
+        Metres, x ahead and y to the left in the frame of the car in the first known frame. NaN where the lane was lost;
+        in such gaps curvature and heading are interpolated.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def integrate_path(rows: Mapping[str, np.ndarray], speed_mps: float | np.ndarray
     road_rad = np.concatenate([[0.0], np.cumsum(_between(curvature) * step_m)])
     car_rad = road_rad - heading
     car_rad -= car_rad[known][0]
-    # Over a step the car turns evenly: its chord is shorter than the arc by sinc.
+    # over a step the car turns evenly: the chord is shorter than the arc by sinc
     direction, turn = _between(car_rad), np.diff(car_rad)
     chord = step_m * np.sinc(turn / (2 * np.pi))
     steps = chord[:, None] * np.column_stack([np.cos(direction), np.sin(direction)])
@@ -51,5 +51,5 @@ def integrate_path(rows: Mapping[str, np.ndarray], speed_mps: float | np.ndarray
 
 
 def _between(values: np.ndarray) -> np.ndarray:
-    """Means of neighbours."""
+    """(N - 1,) means of neighbours."""
     return (values[1:] + values[:-1]) / 2

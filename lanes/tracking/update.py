@@ -1,89 +1,122 @@
-"""Correct a prediction with the stripes near it: the measurement update of an extended Kalman filter.
+"""Measurement update of the extended Kalman filter, with the stripes of one frame.
 
-Each stripe measures its distance from the nearer predicted line. Gating leaves out those whose innovation would be a
-surprise; the others are weighed as in the fit of a single picture, with the prediction as prior, and weighed again by
-their distance from the lane that comes out.
+Each stripe measures its distance from the nearest predicted line. Gating excludes stripes with a large innovation; the
+others are weighted as in the fit of a single picture, with the prediction as prior, and weighted again by their distance
+from the updated lane.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.fitting import GROW, OUTWARDS, UNEXPLAINED, LaneFit, compare, fit_near, fit_outwards
-from lanes.tracking.markings import Stripes, marking_weight, position_std
-from lanes.tracking.model import CURVATURE
-from lanes.tracking.state import (
-    AIM_STD_RAD,
+from lanes.tracking.car import (
     CAMERA_YAW,
-    GIVEN_SPEED_STD_MPS,
+    CAR,
+    CAR_PARAMETERS,
     LANE,
     PATH,
-    PATH_PER_S,
     REST_PITCH,
-    REST_STD_RAD,
     SPEED,
     STATES,
-    USUAL_PUSH,
-    USUAL_SPEED_MPS,
-    USUAL_SPEED_STD_MPS,
-    KalmanState,
-    fastest_mps,
-    largest_vertical,
-    sharpest_bend,
+    max_speed_mps,
 )
+from lanes.tracking.fitting import FIT, LaneFit, fit_near, fit_outwards
+from lanes.tracking.markings import Stripes
+from lanes.tracking.model import CURVATURE, PARAMETERS
+from lanes.tracking.process_noise import PROCESS_NOISE, max_curvature, max_vertical_curvature
+from lanes.tracking.state import KalmanState
 
-# Where the road bends or waves, or where this much paint that lies beside the prediction is not explained by it, the
-# lane is also followed outwards from the car, as in a single picture: what begins ahead leaves the prediction by more
-# than any standard deviation. The lane with more paint on it is taken; one of a road that suddenly bends or waves in a
-# new way must have a few stripes more, because it may do so freely.
-INFLATED_GAIN = 3.0
-SHARP_PER_M, WAVY_PER_M = 5e-3, 1e-3
+
+@dataclass(frozen=True)
+class UpdateParameters:
+    """When to fit outwards from the car instead of near the prediction; tuned on the rendered suite."""
+
+    # On roads with larger curvature or vertical curvature than this, every frame may be fitted outwards.
+    min_curvature_per_m: float = 5e-3
+    min_vertical_per_m: float = 1e-3
+    # Weight of stripes that a fit with inflated covariance must explain in addition, because it is less constrained.
+    inflated_gain: float = 3.0
+    # Standard deviation of the first path curvature, as a share of the road's curvature.
+    path_share: float = 0.3
+
+
+UPDATE = UpdateParameters()
 
 
 def update_lane(stripes: Stripes, estimate: KalmanState, view: BirdsEyeView, *, outwards: bool = True) -> LaneFit:
-    """The lane after this picture's stripes were taken into account.
+    """The lane after the measurement update.
+
+    If the fit near the prediction leaves many stripes nearby unexplained, the lane is also fitted outwards from the car,
+    as in a single picture: what begins ahead (a bend, a crest) leaves the prediction by more than any standard
+    deviation. The fit that explains more stripes is taken. If that is still not enough, the covariance is inflated for
+    abrupt changes.
 
     Parameters
     ----------
     stripes : Stripes
-        All of the picture.
-    belief : KalmanState
-        Predicted to the time of the picture.
+        All stripes of the frame.
+    estimate : KalmanState
+        Predicted to the time of the frame.
     view : BirdsEyeView
     outwards : bool
-        Whether to follow the lane outwards on an even road, too, should it leave paint unexplained.
+        Whether the lane may be fitted outwards on a smooth road, too.
 
     Returns
     -------
     LaneFit
-        One lane (1, 15); its information is the inverse of the covariance after the update. Near the prediction,
-        stripes that do not pass the gate have no weight; followed outwards, those that lie off the lines have little.
+        One lane (1, 15); its information is the inverse of the updated covariance. Near the prediction, stripes that do
+        not pass the gate have no weight; fitted outwards, stripes far from the lines have little.
     """
-    found = compare(estimate.lane[None], stripes, view.height_m)
-    paint, std = marking_weight(stripes), position_std(stripes, view.focal_px)
-    same = fit_near(found, stripes, estimate, paint, std)
-    to_explain = same.beside[0] - UNEXPLAINED
-    even = sharpest_bend(estimate.lane) < SHARP_PER_M and largest_vertical(estimate.lane) < WAVY_PER_M
-    if (even and not outwards) or same.weight.sum() > to_explain:
-        return same
-    grown = fit_outwards(stripes, estimate, view, schedule=GROW if even else OUTWARDS)
-    best = grown if grown.weight.sum() > same.weight.sum() else same
-    if best.weight.sum() > to_explain:
+    near = fit_near(stripes, estimate.lane, estimate.lane_covariance, view)
+    enough = near.nearby_weight[0] - FIT.max_unexplained
+    smooth = is_smooth(estimate.lane)
+    if (smooth and not outwards) or near.explained[0] > enough:
+        return near
+    schedule = FIT.extend if smooth else FIT.outwards
+    far = fit_outwards(stripes, estimate.lane, estimate.lane_covariance, view, schedule=schedule)
+    best = far if far.explained[0] > near.explained[0] else near
+    if best.explained[0] > enough:
         return best
-    inflated = fit_outwards(stripes, estimate.inflated(), view, schedule=OUTWARDS)
-    return inflated if inflated.weight.sum() > best.weight.sum() + INFLATED_GAIN else best
+    inflated = estimate.inflated()
+    free = fit_outwards(stripes, inflated.lane, inflated.lane_covariance, view)
+    return free if free.explained[0] > best.explained[0] + UPDATE.inflated_gain else best
+
+
+def is_smooth(lane: np.ndarray) -> bool:
+    """Whether the road of a lane (15,) has little curvature and vertical curvature."""
+    return max_curvature(lane) < UPDATE.min_curvature_per_m and max_vertical_curvature(lane) < UPDATE.min_vertical_per_m
+
+
+def update_state(estimate: KalmanState, lane: np.ndarray, covariance: np.ndarray) -> KalmanState:
+    """The predicted state conditioned on the updated lane (15,) with covariance (15, 15).
+
+    The car follows by regression on the lane, with gain G = P_cl P_ll^-1.
+    """
+    root = np.linalg.cholesky(estimate.covariance)
+    gain = np.linalg.solve(root[LANE, LANE].T, root[CAR, LANE].T).T
+    mean = np.concatenate([lane, estimate.mean[CAR] + gain @ (lane - estimate.lane)])
+    mean[SPEED] = min(max(mean[SPEED], 0.0), max_speed_mps(lane[CURVATURE], CAR_PARAMETERS.max_lateral_mps2))
+    # sums of squares, because differences of nearly equal matrices may lose positive definiteness
+    regression = np.vstack([np.eye(PARAMETERS), gain])
+    updated = regression @ ((covariance + covariance.T) / 2) @ regression.T
+    updated[CAR, CAR] += root[CAR, CAR] @ root[CAR, CAR].T
+    return KalmanState(mean, updated)
 
 
 def initial_state(lane: np.ndarray, covariance: np.ndarray, speed_mps: float | None) -> KalmanState:
-    """The belief after a first picture: the car follows the road, roughly, at the given or the usual speed."""
-    path_std = np.hypot(PATH_PER_S, 0.3 * lane[CURVATURE])
-    speed, speed_std = speed_mps, GIVEN_SPEED_STD_MPS
+    """The state after a first detection (15,), (15, 15): the car follows the road at the given or the usual speed."""
+    path_std = np.hypot(PROCESS_NOISE.path_per_m_per_s, UPDATE.path_share * lane[CURVATURE])
+    speed, speed_std = speed_mps, CAR_PARAMETERS.given_speed_std_mps
     if speed_mps is None:
-        speed = min(USUAL_SPEED_MPS, fastest_mps(lane[CURVATURE], USUAL_PUSH))
-        speed_std = USUAL_SPEED_STD_MPS * speed / USUAL_SPEED_MPS
-    whole = np.zeros((STATES, STATES))
-    whole[LANE, LANE] = covariance
+        usual = CAR_PARAMETERS.usual_speed_mps
+        speed = min(usual, max_speed_mps(lane[CURVATURE], CAR_PARAMETERS.usual_lateral_mps2))
+        speed_std = CAR_PARAMETERS.usual_speed_std_mps * speed / usual
+    full = np.zeros((STATES, STATES))
+    full[LANE, LANE] = covariance
     car = [PATH, SPEED, REST_PITCH, CAMERA_YAW]
-    whole[car, car] = np.square([path_std, speed_std, REST_STD_RAD, AIM_STD_RAD])
-    return KalmanState(np.concatenate([lane, [lane[CURVATURE], speed, 0.0, 0.0]]), whole)
+    stds = [path_std, speed_std, CAR_PARAMETERS.rest_pitch_std_rad, CAR_PARAMETERS.camera_yaw_std_rad]
+    full[car, car] = np.square(stds)
+    return KalmanState(np.concatenate([lane, [lane[CURVATURE], speed, 0.0, 0.0]]), full)

@@ -1,111 +1,151 @@
-"""Where could a lane be? The histogram of the course's first half, generalised to roads that bend.
+"""Start hypotheses for the fit: the histogram of the course's first half, generalised to roads that bend.
 
-For each hypothesis of heading, curvature and pitch the stripes are laid out straight, by their distance from its arc,
-and counted in bins: a line that follows the hypothesis piles up in one bin, whatever its shape on the road. Stripes
-whose own direction contradicts the hypothesis do not count (votes with directions: Ballard's generalised Hough
-transform, 1981). Peaks to the left and to the right of the car are then paired by how wide and where lanes are.
+For each hypothesis of heading, curvature and pitch the stripes are counted in bins of their distance from its arc: a
+line that follows the hypothesis adds up in one bin, whatever its shape on the road. Stripes whose own direction
+contradicts the hypothesis have no weight (votes with directions: Ballard's generalised Hough transform, 1981). Peaks to
+the left and to the right of the car are then paired to lanes, with a prior for lane width and position.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-from lanes.tracking.markings import ANGLE_STD_RAD, Stripes, marking_weight
+from lanes.tracking.birdseye import BirdsEyeView
+from lanes.tracking.markings import MARKINGS, Stripes, marking_weight
 from lanes.tracking.model import (
     CENTRE,
     CURVATURE,
     HEADING,
-    LEAST_SCALE,
     PARAMETERS,
     PITCH,
     PRIOR_MEAN,
     PRIOR_STD,
     WIDTH,
-    flatten,
-    intersect_ground,
 )
+from lanes.tracking.residuals import MIN_SQUARED_SCALE, flatten, intersect_ground
 
-# Votes come from the near road, where one arc is enough; the fit finds its way from there.
-VOTING_FAR_M = 22.0
-BIN_M, BINS = 0.15, 60
-# Lines are looked for so far to either side, metres.
-LINE_FROM_M, LINE_TO_M = 0.3, 3.6
-# A stripe between two bins counts for both: share of the neighbours' votes that a bin gets.
-NEIGHBOUR = 0.6
-# How much one squared standard deviation from the usual costs, beside the square roots of two lines' supports.
-VOTE_PRIOR_WEIGHT = 0.05
-# Hypotheses worth pairing, and two lanes that one fit would make the same.
-PAIRED = 300
-DUPLICATE_M, DUPLICATE_BEND, DUPLICATE_CURVATURE_PER_M = 0.35, 0.3, 0.002
+
+@dataclass(frozen=True)
+class VotingParameters:
+    """Hypotheses, bins and pairing; tuned on the labelled Udacity stills where no source is given."""
+
+    # Votes come from stripes nearer than this, where one arc is enough; the fit continues outwards.
+    far_m: float = 22.0
+    # Hypotheses to either side of 0, the first step between them, and the relative growth of the steps: dense where
+    # roads usually are, with radii down to 15 m.
+    headings: int = 6
+    heading_step_rad: float = 0.03
+    heading_growth: float = 0.18
+    curvatures: int = 11
+    curvature_step_per_m: float = 0.0015
+    curvature_growth: float = 0.24
+    # Pitch hypotheses are 0 and plus or minus this.
+    pitch_step_rad: float = 0.018
+    bin_m: float = 0.15
+    bins: int = 60
+    # Share of a bin's votes that both its neighbours get, for stripes between two bins.
+    neighbour_share: float = 0.6
+    # Distances from the car to either side between which lines are searched.
+    line_from_m: float = 0.3
+    line_to_m: float = 3.6
+    # Cost of one squared standard deviation from the prior, relative to the square root of a line's share of votes.
+    prior_weight: float = 0.05
+    # Hypotheses whose lines are paired, and lanes that are returned.
+    paired: int = 300
+    lanes: int = 5
+    # Two lanes are duplicates, which one fit would make the same, if centre and width differ by less than this, and
+    # curvature by less than this share of it plus this value.
+    duplicate_m: float = 0.35
+    duplicate_curvature_share: float = 0.3
+    duplicate_curvature_per_m: float = 0.002
+
+
+VOTING = VotingParameters()
+
+
+def vote_lanes(stripes: Stripes, view: BirdsEyeView) -> tuple[np.ndarray, np.ndarray]:
+    """The vote table (hypotheses, bins) of the stripes, and the lanes (K, 15) that it suggests, best first."""
+    votes = count_votes(stripes, view.height_m)
+    return votes, best_pairs(votes, int((view.x_m < VOTING.far_m).sum()))
 
 
 @lru_cache(maxsize=1)
 def hypotheses() -> np.ndarray:
-    """(H, 3): heading, curvature and pitch; dense where roads usually are, down to a radius of 15 m."""
-    grids = np.meshgrid(_spread(6, 0.03, 0.18), _spread(11, 0.0015, 0.24), np.arange(-1, 2) * 0.018, indexing="ij")
+    """(H, 3): heading, curvature and pitch."""
+    heading = _spread(VOTING.headings, VOTING.heading_step_rad, VOTING.heading_growth)
+    curvature = _spread(VOTING.curvatures, VOTING.curvature_step_per_m, VOTING.curvature_growth)
+    grids = np.meshgrid(heading, curvature, np.arange(-1, 2) * VOTING.pitch_step_rad, indexing="ij")
     return np.stack([grid.ravel() for grid in grids], axis=1)
 
 
 def _spread(count: int, step: float, growth: float) -> np.ndarray:
-    """Zero and `count` values to either side, first a `step` apart and then ever more."""
+    """Zero and `count` values to either side, first a `step` apart, then at growing distances."""
     k = np.arange(-count, count + 1)
     return np.sign(k) * step * np.expm1(np.abs(k) * growth) / growth
 
 
+def bin_centres_m() -> np.ndarray:
+    """(bins,) distance of the centre of each bin to the left of a hypothesis' arc."""
+    return (np.arange(VOTING.bins) + 0.5 - VOTING.bins / 2) * VOTING.bin_m
+
+
 def count_votes(stripes: Stripes, height_m: float) -> np.ndarray:
-    """Count the stripes by their distance left of each hypothesis' arc.
+    """Histogram of the stripes by their distance to the left of each hypothesis' arc.
 
     Parameters
     ----------
     stripes : Stripes
     height_m : float
-        Of the camera, because the pitch belongs to the hypothesis.
+        Of the camera, because the pitch is part of the hypothesis.
 
     Returns
     -------
-    ndarray of shape (H, BINS)
-        Weighted votes; bin b is centred on (b + 1/2 - BINS / 2) * BIN_M metres.
+    ndarray of shape (H, bins)
+        Weighted votes; the bins are centred on `bin_centres_m`.
     """
-    near = stripes.select(stripes.x_m < VOTING_FAR_M)
-    paint = marking_weight(near).astype(np.float32)
+    near = stripes.select(stripes.x_m < VOTING.far_m)
+    weight = marking_weight(near).astype(np.float32)
     heading, curvature, pitch = hypotheses().T
-    votes = np.zeros((len(heading), BINS))
-    for tilt in np.unique(pitch):
-        of = np.flatnonzero(pitch == tilt)
-        tilted = np.zeros(PARAMETERS)
-        tilted[PITCH] = tilt
-        places = flatten(near.x_m, near.y_m, near.angle, intersect_ground(near.x_m, tilted, height_m), height_m)
-        bins, agreement = _bins_and_agreement(*places, heading[of], curvature[of])
-        bins += BINS * np.arange(len(of))[:, None]
-        votes[of] = np.bincount(bins.ravel(), (agreement * paint).ravel(), len(of) * BINS).reshape(-1, BINS)
-    # the outermost bins hold everything beyond
+    votes = np.zeros((len(heading), VOTING.bins))
+    for angle_rad in np.unique(pitch):
+        of = np.flatnonzero(pitch == angle_rad)
+        pitched = np.zeros(PARAMETERS)
+        pitched[PITCH] = angle_rad
+        ground = intersect_ground(near.x_m, pitched, height_m)
+        positions = flatten(near.x_m, near.y_m, near.angle, ground, height_m)
+        bins, agreement = _bins_and_agreement(*positions, heading[of], curvature[of])
+        bins += VOTING.bins * np.arange(len(of))[:, None]
+        counts = np.bincount(bins.ravel(), (agreement * weight).ravel(), len(of) * VOTING.bins)
+        votes[of] = counts.reshape(-1, VOTING.bins)
+    # the outermost bins also hold everything beyond them
     votes[:, [0, -1]] = 0
     return votes
 
 
 def _bins_and_agreement(x, y, angle, heading, curvature) -> tuple[np.ndarray, np.ndarray]:
-    """For each hypothesis and stripe: the bin that it falls into, int, and how well its direction agrees, 0 to 1.
+    """For each hypothesis and stripe: the stripe's bin, int, and the agreement of the directions, 0 to 1.
 
-    The same geometry as `lanemodel.place`, with all sums of products made by two products of matrices, and in float32:
-    bins are coarse, and this table is what a search takes longest for.
+    The geometry is that of `lanes.tracking.residuals.arc_coordinates`, written as two products of matrices in float32:
+    bins are coarse, and this table takes most of the time of a search.
     """
     sin, cos = np.sin(heading), np.cos(heading)
     across, front = np.sin(angle), np.cos(angle)
     twice = _sums_of_products((2 * cos, -2 * sin, -curvature), (y, x, x * x + y * y))
-    astray = _sums_of_products((sin, -cos, curvature), (front, across, x * front + y * across))
-    astray *= 1 / ANGLE_STD_RAD
-    squared_scale = np.maximum(1 - curvature.astype(np.float32)[:, None] * twice, LEAST_SCALE)
-    # in place where possible: half of the time goes into finding memory
+    angle_residual = _sums_of_products((sin, -cos, curvature), (front, across, x * front + y * across))
+    angle_residual *= 1 / MARKINGS.angle_std_rad
+    squared_scale = np.maximum(1 - curvature.astype(np.float32)[:, None] * twice, MIN_SQUARED_SCALE)
+    # in place where possible: half of the time is memory allocation
     a = np.divide(twice, 1 + np.sqrt(squared_scale), out=twice)
-    a *= 1 / BIN_M
-    a += BINS / 2
-    agreement = np.multiply(astray, astray, out=astray)
+    a *= 1 / VOTING.bin_m
+    a += VOTING.bins / 2
+    agreement = np.multiply(angle_residual, angle_residual, out=angle_residual)
     agreement += squared_scale
     np.divide(squared_scale, agreement, out=agreement)
     np.square(agreement, out=agreement)
-    return np.clip(a, 0, BINS - 1, out=a).astype(np.intp), agreement
+    return np.clip(a, 0, VOTING.bins - 1, out=a).astype(np.intp), agreement
 
 
 def _sums_of_products(of_hypotheses: tuple, of_stripes: tuple) -> np.ndarray:
@@ -113,57 +153,67 @@ def _sums_of_products(of_hypotheses: tuple, of_stripes: tuple) -> np.ndarray:
     return np.stack(of_hypotheses, axis=1).astype(np.float32) @ np.stack(of_stripes).astype(np.float32)
 
 
-def best_pairs(votes: np.ndarray, rows: int, *, most: int = 5) -> np.ndarray:
+def best_pairs(votes: np.ndarray, rows: int, *, most: int = VOTING.lanes) -> np.ndarray:
     """Pair lines to lanes.
 
     Parameters
     ----------
-    votes : ndarray of shape (H, BINS)
+    votes : ndarray of shape (H, bins)
         From `count_votes`.
     rows : int
-        How many votes a perfect solid line would get.
+        Votes of a perfect solid line.
     most : int
 
     Returns
     -------
     ndarray of shape (K, 15), K <= `most`
-        Lanes as in `lanemodel`, best first, no two alike. The square root of each line's votes counts, so that
-        two fair lines beat one good line beside nothing.
+        Lanes as in `lanes.tracking.model`, best first, without duplicates. The score of a lane is the sum of the square
+        roots of its lines' shares of votes, so that two fair lines beat one good line beside nothing.
     """
-    guess = hypotheses()
-    shared = votes.copy()
-    shared[:, 1:-1] += NEIGHBOUR * (votes[:, :-2] + votes[:, 2:])
-    # float32, because all pairs of all hypotheses are 145,000 numbers
-    support = np.sqrt(shared / rows).astype(np.float32)
-    middle = (np.arange(BINS) + 0.5 - BINS / 2) * BIN_M
-    left = np.flatnonzero((middle > LINE_FROM_M) & (middle < LINE_TO_M))
-    right = np.flatnonzero((middle < -LINE_FROM_M) & (middle > -LINE_TO_M))
-    unusual = (guess / PRIOR_STD[[HEADING, CURVATURE, PITCH]]) ** 2
-    worth = support[:, left].max(1) + support[:, right].max(1) - VOTE_PRIOR_WEIGHT * unusual.sum(1)
-    kept = np.argsort(-worth, kind="stable")[:PAIRED]
+    hypothesis, support = hypotheses(), _line_support(votes, rows)
+    middle = bin_centres_m()
+    left = np.flatnonzero((middle > VOTING.line_from_m) & (middle < VOTING.line_to_m))
+    right = np.flatnonzero((middle < -VOTING.line_from_m) & (middle > -VOTING.line_to_m))
+    distance = ((hypothesis / PRIOR_STD[[HEADING, CURVATURE, PITCH]]) ** 2).sum(1)
+    bound = support[:, left].max(1) + support[:, right].max(1) - VOTING.prior_weight * distance
+    kept = np.argsort(-bound, kind="stable")[: VOTING.paired]
     width, centre = middle[left, None] - middle[right], (middle[left, None] + middle[right]) / 2
-    odd = ((width - PRIOR_MEAN[WIDTH]) / PRIOR_STD[WIDTH]) ** 2 + (
+    pair_distance = ((width - PRIOR_MEAN[WIDTH]) / PRIOR_STD[WIDTH]) ** 2 + (
         (centre - PRIOR_MEAN[CENTRE]) / PRIOR_STD[CENTRE]
     ) ** 2
     score = support[kept][:, left, None] + support[kept][:, None, right]
-    score -= (VOTE_PRIOR_WEIGHT * odd).astype(np.float32)
+    score -= (VOTING.prior_weight * pair_distance).astype(np.float32)
     score = score.reshape(len(kept), -1)
     pair = score.argmax(axis=1)
-    best = score[np.arange(len(kept)), pair] - VOTE_PRIOR_WEIGHT * unusual[kept].sum(1)
-    lanes = np.zeros((len(kept), len(PRIOR_MEAN)))
+    best = score[np.arange(len(kept)), pair] - VOTING.prior_weight * distance[kept]
+    lanes = np.zeros((len(kept), PARAMETERS))
     lanes[:, CENTRE], lanes[:, WIDTH] = centre.ravel()[pair], width.ravel()[pair]
-    lanes[:, [HEADING, CURVATURE, PITCH]] = guess[kept]
+    lanes[:, [HEADING, CURVATURE, PITCH]] = hypothesis[kept]
     return suppress_non_maxima(lanes[np.argsort(-best, kind="stable")], most)
 
 
+def _line_support(votes: np.ndarray, rows: int) -> np.ndarray:
+    """(H, bins) square root of each bin's share of votes; float32, because there are 145,000 pairs of bins."""
+    shared = votes.copy()
+    shared[:, 1:-1] += VOTING.neighbour_share * (votes[:, :-2] + votes[:, 2:])
+    return np.sqrt(shared / rows).astype(np.float32)
+
+
 def suppress_non_maxima(lanes: np.ndarray, most: int, *, same_pitch_rad: float = np.inf) -> np.ndarray:
-    """The first `most` of the lanes (N, 15) that differ from all before them, be it only by so much pitch."""
+    """The first `most` of the lanes (N, 15), best first, that are no duplicates of an earlier one.
+
+    Lanes whose pitch differs by more than `same_pitch_rad` are no duplicates either.
+    """
     chosen, free = [], np.ones(len(lanes), bool)
     while len(chosen) < most and free.any():
         chosen.append(free.argmax())
-        off = np.abs(lanes - lanes[chosen[-1]])
-        elsewhere = (np.maximum(off[:, CENTRE], off[:, WIDTH]) > DUPLICATE_M) | (off[:, PITCH] > same_pitch_rad)
-        free &= elsewhere | (
-            off[:, CURVATURE] > DUPLICATE_BEND * np.abs(lanes[:, CURVATURE]) + DUPLICATE_CURVATURE_PER_M
+        difference = np.abs(lanes - lanes[chosen[-1]])
+        tolerance_per_m = (
+            VOTING.duplicate_curvature_share * np.abs(lanes[:, CURVATURE]) + VOTING.duplicate_curvature_per_m
+        )
+        free &= (
+            (np.maximum(difference[:, CENTRE], difference[:, WIDTH]) > VOTING.duplicate_m)
+            | (difference[:, PITCH] > same_pitch_rad)
+            | (difference[:, CURVATURE] > tolerance_per_m)
         )
     return lanes[chosen]
