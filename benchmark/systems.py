@@ -109,8 +109,8 @@ def tracker_estimate(tracked: TrackedLane) -> LaneEstimate:
     """The tracker's estimate for a frame."""
     if tracked.lane is None:
         return LaneEstimate()
-    lines = tracked.lane.lateral_m(AHEAD_M)
-    return LaneEstimate(lines, tracked.offset_m, tracked.heading_rad, tracked.curvature_per_m, tracked.confidence)
+    lane, lines = tracked.lane, tracked.lane.lateral_m(AHEAD_M)
+    return LaneEstimate(lines, lane.offset_m, lane.heading_rad, lane.curvature_per_m, tracked.confidence)
 
 
 def recipe_estimate(result: LaneResult) -> LaneEstimate:

@@ -30,7 +30,7 @@ from benchmark.systems import tracker_estimate
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import load_camera
 from lanes.io.video.reader import inspect_video, read_frames
-from lanes.tracking.confidence import FEATURES, RIGHT_M, STILL_WEIGHTS, TRACK_WEIGHTS, lane_features
+from lanes.tracking.confidence import CONFIDENCE, FEATURES, RIGHT_M, lane_features
 from lanes.tracking.detector import find_lane
 from lanes.tracking.tracked_lane import TrackedLane
 from lanes.tracking.tracker import LaneTracker
@@ -212,10 +212,10 @@ def main() -> None:
     suite = [] if options.check else choose_drives(options.videos)
     data = [samples_of_painted_drive(seed) for seed in seeds]
     data += [samples_of_video(ensure_video(drive), -1 - number) for number, drive in enumerate(suite)]
-    for name, part, present in (("TRACK_WEIGHTS", 0, TRACK_WEIGHTS), ("STILL_WEIGHTS", 1, STILL_WEIGHTS)):
+    for part, name in enumerate(("track_weights", "still_weights")):
         rows = np.array([row for one in data for row in one[part]], float)
         features, correct, drive = rows[:, :-2], rows[:, -2] > 0, rows[:, -1]
-        print_calibration(f"present {name}", logistic(features @ present), correct)
+        print_calibration(f"present {name}", logistic(features @ getattr(CONFIDENCE, name)), correct)
         if not options.check:
             held_out = cross_validated(features, correct, drive)
             print_calibration(f"new {name}, cross-validated", held_out, correct)

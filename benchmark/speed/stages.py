@@ -41,7 +41,7 @@ TRACKER_STAGES = {
     "marking response": [(markings, "marking_response")],
     "stripes": [(markings, "find_stripes")],
     "update": [(tracker, "update_lane"), (tracker, "observe_lines")],
-    "search": [(tracker, "search_lane"), (tracker, "describe_lane")],
+    "search": [(tracker, "search_lane")],
     "draw": [(styles, "draw_tracked")],
 }
 CLASSIC_STAGES = {

@@ -14,9 +14,10 @@ import numpy as np
 
 from lanes.camera.camera import Camera
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.detector import describe_lane, search_lane
+from lanes.tracking.detector import search_lane
 from lanes.tracking.markings import extract_evidence
-from lanes.tracking.model import WIDTH, intersect_ground, lines_on_view
+from lanes.tracking.model import WIDTH, lines_on_view
+from lanes.tracking.residuals import intersect_ground
 
 # Between these distances paint is looked for, every so many metres, and for these periods (metres, geometric).
 NEAR_M, VOTING_FAR_M, STEP_M = 6.0, 50.0, 0.1
@@ -77,8 +78,7 @@ def measure_dash_period(images: Iterable[np.ndarray], camera: Camera) -> DashPer
 def _waves(image: np.ndarray, view: BirdsEyeView) -> list[np.ndarray]:
     """Paint (1) or none (0) along the broken lines of a picture: the own lane's, and one more on each side."""
     evidence = extract_evidence(image, view)
-    fit = search_lane(evidence.stripes, view)
-    lane = describe_lane(fit, evidence, view) if fit else None
+    lane = search_lane(evidence, view)
     if lane is None:
         return []
     stripes = evidence.stripes

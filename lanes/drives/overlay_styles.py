@@ -8,13 +8,13 @@ import cv2
 import numpy as np
 
 from lanes.camera.camera import Camera
-from lanes.drawing.canvas import LEFT_COLOUR, PANEL_COLOUR, RIGHT_COLOUR, draw_polyline, put_text
+from lanes.drawing.canvas import LEFT_COLOUR, PANEL_COLOUR, RIGHT_COLOUR, put_text
 from lanes.drawing.pictures import draw_line, write_text
 from lanes.io.frames import Frame, as_rgb
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.markings import LEAST_STRENGTH, extract_evidence
+from lanes.tracking.markings import MARKINGS, extract_evidence
 from lanes.tracking.model import lines_on_view
-from lanes.tracking.overlay import INFERRED_PX, SEEN_PX, describe_tracked, draw_tracked, lane_outlines
+from lanes.tracking.overlay import describe_tracked, draw_lines, draw_tracked, lane_outlines
 from lanes.tracking.tracked_lane import TrackedLane
 from lanes.tracking.tracker import LaneTracker
 
@@ -23,7 +23,7 @@ DrawOverlay = Callable[[Frame, TrackedLane], Frame]
 TelemetryRow = dict[str, str | float | None]
 
 # Marking response that is drawn white. Paint in good condition reaches it.
-WHITE_STRENGTH = 4 * LEAST_STRENGTH
+WHITE_STRENGTH = 4 * MARKINGS.min_strength
 
 
 def lane_overlay(camera: Camera) -> DrawOverlay:
@@ -36,9 +36,7 @@ def lines_overlay(camera: Camera) -> DrawOverlay:
 
     def draw(image: Frame, tracked: TrackedLane) -> Frame:
         if tracked.lane is not None:
-            outlines, lines = lane_outlines(tracked.lane, camera), (tracked.left, tracked.right)
-            for points, line, colour in zip(outlines, lines, (LEFT_COLOUR, RIGHT_COLOUR), strict=True):
-                draw_polyline(image, points, colour, camera.width / (SEEN_PX if line.seen else INFERRED_PX))
+            draw_lines(image, tracked.lane, lane_outlines(tracked.lane, camera), camera)
         put_text(image, describe_tracked(tracked))
         return image
 
@@ -119,7 +117,7 @@ def _draw_fit(picture: np.ndarray, tracked: TrackedLane, view: BirdsEyeView) -> 
     if tracked.lane is None:
         return picture
     lines_y_m = lines_on_view(tracked.lane.model[None], view.x_m, view.height_m)[0]
-    for line, y_m, colour in zip((tracked.left, tracked.right), lines_y_m, (LEFT_COLOUR, RIGHT_COLOUR), strict=True):
+    for line, y_m, colour in zip(tracked.lane.lines, lines_y_m, (LEFT_COLOUR, RIGHT_COLOUR), strict=True):
         rows = np.flatnonzero(view.x_m <= max(line.reach_m, view.near_m))
         columns = (view.y_m[0] - y_m[rows]) / view.cell_m
         picture = draw_line(picture, np.column_stack([columns, rows]), colour=colour, width_px=3)
@@ -140,5 +138,5 @@ def _describe_numbers(tracked: TrackedLane) -> list[str]:
         f"curvature {1000 * lane.curvature_per_m:+.2f} ± {1000 * lane.curvature_std_per_m:.2f} per km",
         f"pitch motion {np.degrees(lane.pitch_rad):+.2f}°, vertical curvature {1000 * lane.vertical_per_m:+.2f} per km",
         *lines,
-        f"speed {tracked.speed_mps:.0f} m/s, estimated from the lane" if tracked.speed_mps else "speed unknown",
+        f"speed {tracked.motion.speed_mps:.0f} m/s, estimated from the lane" if tracked.motion else "speed unknown",
     ]

@@ -26,22 +26,15 @@ from lanes.explain.steps import (
     check_votes,
 )
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.confidence import FEATURES, STILL_WEIGHTS, lane_features
-from lanes.tracking.detector import (
-    RIVAL_M,
-    describe_lane,
-    is_other_lane,
-    near_stripes,
-    score_lanes,
-    search_lane,
-    vote_lanes,
-)
-from lanes.tracking.fitting import LaneFit
+from lanes.tracking.confidence import CONFIDENCE, FEATURES, lane_features
+from lanes.tracking.detector import RIVAL_M, choose_lane, ego_score
+from lanes.tracking.fitting import LaneFit, fit_starts, near_stripes
 from lanes.tracking.lane import Lane
-from lanes.tracking.lines import LEAST_WEIGHT, support_of
+from lanes.tracking.lines import line_support
 from lanes.tracking.markings import FrameEvidence, extract_evidence
-from lanes.tracking.model import CENTRE, SIDES, WIDTH, lateral_gradient, lines_on_view
+from lanes.tracking.model import CENTRE, SIDES, WIDTH, is_ego_lane, lateral_std_m
 from lanes.tracking.tracked_lane import TrackedLane
+from lanes.tracking.voting import vote_lanes
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +109,7 @@ class Explanation:
 
     def line_stds_m(self, x_m: np.ndarray) -> np.ndarray:
         """Standard deviations (2, N) of the lateral positions of the left and right line at distances (N,), metres."""
-        gradients = np.array([[lateral_gradient(x, side) for x in x_m] for side in SIDES])
-        return np.sqrt(((gradients @ self.lane.covariance) * gradients).sum(axis=-1))
+        return lateral_std_m(self.lane.covariance, x_m)
 
     def describe(self) -> str:
         """Text of several lines: steps, result, rejected lanes, failure and advice."""
@@ -133,7 +125,7 @@ class Explanation:
         """Lines of text with the features of the confidence, their weights and their contributions to the log odds."""
         if self.lane is None:
             return []
-        parts = list(zip(FEATURES, lane_features(self.lane), STILL_WEIGHTS, strict=True))
+        parts = list(zip(FEATURES, lane_features(self.lane), CONFIDENCE.still_weights, strict=True))
         lines = [f"  {name}: {value:.2f} x {weight:.2f} = {value * weight:+.2f}" for name, value, weight in parts]
         return ["confidence, as log odds:", *lines, f"  total {sum(v * w for _, v, w in parts):+.2f}"]
 
@@ -179,13 +171,12 @@ def explain_frame(image: np.ndarray, camera: Camera, *, pose_failure: str = "") 
         # Later steps are meaningless without the camera pose. The evidence is kept for the figure.
         return replace(empty, evidence=evidence, steps=tuple(steps))
     steps += [check_birdseye(evidence, view), check_markings(evidence, view), check_stripes(evidence)]
-    near = near_stripes(evidence.stripes)
-    if not len(near):
+    if not len(near_stripes(evidence.stripes)):
         return replace(empty, evidence=evidence, steps=_up_to_failure(steps))
-    votes, starts = vote_lanes(near, view)
-    fit = search_lane(evidence.stripes, view)
-    lane = describe_lane(fit, evidence, view)
-    candidates = _candidates(fit, evidence, view, found=lane is not None)
+    votes, starts = vote_lanes(evidence.stripes, view)
+    fit = fit_starts(starts, evidence.stripes, view)
+    lane = choose_lane(fit, evidence, view)
+    candidates = _candidates(fit, view, found=lane is not None)
     steps += [check_votes(starts), check_fit(candidates[0].score, candidates[0].support)]
     if lane is not None:
         # A lane was found, so an earlier failure was not decisive.
@@ -198,10 +189,10 @@ def _up_to_failure(steps: list[Step]) -> tuple[Step, ...]:
     return tuple(steps[: failed + 1])
 
 
-def _candidates(fit: LaneFit, evidence: FrameEvidence, view: BirdsEyeView, *, found: bool) -> tuple[Candidate, ...]:
+def _candidates(fit: LaneFit, view: BirdsEyeView, *, found: bool) -> tuple[Candidate, ...]:
     """The fitted lanes with the reasons for their selection or rejection, best first, near duplicates removed."""
-    support = support_of(fit, lines_on_view(fit.lane, view.x_m, view.height_m), evidence.stripes, view)
-    score = score_lanes(fit.lane, support)
+    support = line_support(fit, view)
+    score = ego_score(fit.lane, support)
     order = np.argsort(-score, kind="stable")
     best = order[0]
     kept = []
@@ -223,7 +214,7 @@ def _describe_candidate(
     paint = f"paint {support[0]:.0%} left, {support[1]:.0%} right"
     if chosen:
         return f"{description}: {paint}, score {score:.2f}"
-    if is_other_lane(lane[None])[0]:
+    if not is_ego_lane(lane[None])[0]:
         why = "not the ego lane"
     elif np.sqrt(support).sum() < np.sqrt(best[0]).sum():
         why = "less paint"
@@ -242,5 +233,4 @@ def stripes_on_lines(explanation: Explanation) -> np.ndarray:
     fit = explanation.fit
     chosen = next(c for c in explanation.candidates if c.chosen)
     best = int(np.flatnonzero((fit.lane == chosen.model).all(axis=1))[0])
-    on_lane = np.isin(fit.side[best], SIDES) & (fit.weight[best] > LEAST_WEIGHT)
-    return np.where(on_lane, fit.side[best], 0.0)
+    return SIDES @ fit.members[best]

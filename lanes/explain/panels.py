@@ -16,7 +16,7 @@ from lanes.drawing.figures import new_figure, rgb
 from lanes.explain.explanation import Explanation, stripes_on_lines
 from lanes.tracking.model import CENTRE, SIDES, WIDTH, line_y, lines_on_view
 from lanes.tracking.overlay import draw_found
-from lanes.tracking.voting import BIN_M, BINS, hypotheses
+from lanes.tracking.voting import VOTING, hypotheses
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -113,7 +113,7 @@ def plot_votes(axis: Axes, explanation: Explanation) -> None:
     bends = np.unique(curvature)
     # The search uses square roots of votes. They keep a dashed line visible next to a solid one.
     table = np.sqrt([explanation.votes[curvature == bend].max(axis=0) for bend in bends])
-    half_m = BINS / 2 * BIN_M
+    half_m = VOTING.bins / 2 * VOTING.bin_m
     axis.imshow(table[:, ::-1], extent=(half_m, -half_m, len(bends) - 0.5, -0.5), aspect="auto", cmap="magma")
     shown = np.arange(1, len(bends), 3)
     axis.set_yticks(shown, [f"{_radius(bends[n])}" for n in shown], fontsize=8)

@@ -9,15 +9,14 @@ import numpy as np
 from lanes.camera.camera import Camera
 from lanes.io.describe import describe_bend
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.confidence import FEATURES, STILL_WEIGHTS, USUAL_WIDTH_M, lane_features, lateral_std_m
-from lanes.tracking.detector import near_stripes
-from lanes.tracking.fitting import START
+from lanes.tracking.confidence import CONFIDENCE, FEATURES, lane_features
+from lanes.tracking.fitting import FIT, near_stripes
 from lanes.tracking.lane import Lane
-from lanes.tracking.lines import LEAST_SUPPORT
-from lanes.tracking.markings import LEAST_STRENGTH, FrameEvidence, lightness
-from lanes.tracking.model import CURVATURE, PITCH, PRIOR_STD, WIDTH
+from lanes.tracking.lines import LINES
+from lanes.tracking.markings import MARKINGS, FrameEvidence, lightness
+from lanes.tracking.model import CURVATURE, PITCH, PRIOR_STD, WIDTH, lateral_std_m
 from lanes.tracking.tracked_lane import TrackedLane
-from lanes.tracking.tracker import LEAST_SCORE
+from lanes.tracking.tracker import TRACKER
 
 # Median grey levels (of 255) below and above which hardly any paint is visible, and the least range of grey levels of
 # a road with visible paint.
@@ -83,12 +82,10 @@ def check_birdseye(evidence: FrameEvidence, view: BirdsEyeView) -> Step:
 
 def check_markings(evidence: FrameEvidence, view: BirdsEyeView) -> Step:
     """Check that the marking response exceeds the noise anywhere."""
-    strength = evidence.response.strength[view.seen]
+    strength, minimum = evidence.response.strength[view.seen], MARKINGS.min_strength
     best = float(strength.max(initial=0))
-    summary = (
-        f"strongest {best:.0f} x noise, {(strength > LEAST_STRENGTH).mean():.1%} of the road above {LEAST_STRENGTH:g}"
-    )
-    if best > LEAST_STRENGTH:
+    summary = f"strongest {best:.0f} x noise, {(strength > minimum).mean():.1%} of the road above {minimum:g}"
+    if best > minimum:
         return Step("markings", summary)
     return Step(
         "markings",
@@ -102,13 +99,13 @@ def check_markings(evidence: FrameEvidence, view: BirdsEyeView) -> Step:
 def check_stripes(evidence: FrameEvidence) -> Step:
     """Check that there are stripes at the near end of the road, where the search starts."""
     count, near = len(evidence.stripes), len(near_stripes(evidence.stripes))
-    summary = f"{count} candidates, {near} of them within {START[-1][0]} m"
+    summary = f"{count} candidates, {near} of them within {FIT.start[-1][0]} m"
     if near:
         return Step("stripes", summary)
     return Step(
         "stripes",
         summary,
-        f"no stripe is nearer than {START[-1][0]} m, where the search starts.",
+        f"no stripe is nearer than {FIT.start[-1][0]} m, where the search starts.",
         "Check whether the bonnet or a car hides the road, or the lines end here. If not: " + RE_ESTIMATE_POSE,
     )
 
@@ -125,12 +122,12 @@ def check_votes(starts: np.ndarray) -> Step:
 def check_fit(score: float, support: np.ndarray) -> Step:
     """Check the support (2,) of the two lines of the best lane after the fit."""
     summary = f"score {score:.2f}, paint on {support[0]:.0%} left, {support[1]:.0%} right"
-    if support.max() >= LEAST_SUPPORT:
+    if support.max() >= LINES.min_support:
         return Step("fit", summary)
     return Step(
         "fit",
         summary,
-        f"neither line of the best lane has paint on {LEAST_SUPPORT:.0%} of its rows: the stripes do not line up.",
+        f"neither line of the best lane has paint on {LINES.min_support:.0%} of its rows: the stripes do not line up.",
         "Check in the bird's-eye view whether the road has lines here, and whether they are parallel. If they are, the "
         "car is crossing a line or in a hairpin, and in a video the tracker bridges it. If they diverge or converge, "
         "the camera pose is wrong. " + RE_ESTIMATE_POSE,
@@ -161,9 +158,9 @@ def _explain_pitch(lane: Lane) -> tuple[str, str]:
 def _explain_low_confidence(lane: Lane) -> tuple[str, str]:
     """Failure and advice for the most likely cause of a low confidence."""
     unseen = [name for name, line in (("left", lane.left), ("right", lane.right)) if not line.seen]
-    if lane.score < LEAST_SCORE:
+    if lane.score < TRACKER.min_score:
         return (
-            f"hardly any paint supports the lane (score {lane.score:.2f}; the tracker starts from {LEAST_SCORE} on).",
+            f"hardly any paint supports the lane (score {lane.score:.2f}; the tracker starts from {TRACKER.min_score} on).",
             "Check in the panels with the marking response and the stripes whether the road has lines here.",
         )
     if unseen:
@@ -175,12 +172,13 @@ def _explain_low_confidence(lane: Lane) -> tuple[str, str]:
         )
     if _is_width_the_cause(lane):
         return (
-            f"the lane width of {lane.width_m:.1f} m is implausible (usual: {USUAL_WIDTH_M} m): one of the lines may "
-            "be a kerb, a crack or a line of another lane, or the road is unusual.",
+            f"the lane width of {lane.width_m:.1f} m is implausible (usual: {CONFIDENCE.usual_width_m} m): one of the "
+            "lines may be a kerb, a crack or a line of another lane, or the road is unusual.",
             "Check in the panel with the fit which line lies on paint. If all lanes are like this: " + RE_ESTIMATE_POSE,
         )
+    std_m = lateral_std_m(lane.covariance, 20.0).max()
     return (
-        f"the worse line has a standard deviation of {lateral_std_m(lane, 20.0):.1f} m at 20 m ahead: the paint found "
+        f"the worse line has a standard deviation of {std_m:.1f} m at 20 m ahead: the paint found "
         f"ends after {lane.left.reach_m:.0f} m (left) and {lane.right.reach_m:.0f} m (right).",
         "Use the video instead of a still: the tracker combines many frames.",
     )
@@ -188,6 +186,6 @@ def _explain_low_confidence(lane: Lane) -> tuple[str, str]:
 
 def _is_width_the_cause(lane: Lane) -> bool:
     """Whether the confidence would be high enough for a lane of the usual width."""
-    log_odds = lane_features(lane) * STILL_WEIGHTS
+    log_odds = lane_features(lane) * CONFIDENCE.still_weights
     without_width = log_odds.sum() - log_odds[FEATURES.index("odd width")]
     return bool(without_width >= np.log(MIN_CONFIDENCE / (1 - MIN_CONFIDENCE)))

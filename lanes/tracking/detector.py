@@ -20,7 +20,7 @@ from lanes.tracking.markings import FrameEvidence, Stripes, extract_evidence
 from lanes.tracking.model import CENTRE, WIDTH, is_ego_lane
 from lanes.tracking.voting import vote_lanes
 
-# Fitted lanes whose centre or width differs by more than this are different lanes; tuned on the labelled Udacity stills.
+# Lanes whose centre or width differs by more than this are different lanes; tuned on the labelled Udacity stills.
 RIVAL_M = 0.5
 
 

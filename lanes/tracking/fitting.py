@@ -1,8 +1,9 @@
 """Robust fit of both lines of a lane to the stripes.
 
-Iteratively reweighted least squares: each stripe belongs to the nearest line, with a weight that grows with its strength
-and falls with its distance and with the difference of the directions. The fit begins near the car and extends outwards
-step by step, so that it stays on lines that bend. A prior on the parameters makes one line, or a few dashes, sufficient.
+Iteratively reweighted least squares: each stripe belongs to the nearest line, with a weight that grows with its
+strength and falls with its distance and with the difference of the directions. The fit begins near the car and extends
+outwards step by step, so that it stays on lines that bend. Because of a prior on the parameters, one line or a few
+dashes are sufficient.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Marking response: how much each cell of the bird's-eye view looks like a painted stripe, and the stripe candidates.
 
-A stripe is brighter (or yellower) than the road on *both* its sides, and about 0.1 to 0.2 m wide, or 0.3 to 0.4 m where
-two stripes run side by side. The band filter measures centre minus the larger neighbour. An edge (shadow, kerb, joint of
-two asphalts) has one neighbour as bright as its bright side and scores zero; a dark tar seam scores below zero. The
-response is divided by the local noise, so that one threshold serves all exposures, in sun and in shade.
+A stripe is brighter (or yellower) than the road on *both* its sides, and about 0.1 to 0.2 m wide, or 0.3 to 0.4 m
+where two stripes run side by side. The band filter measures centre minus the larger neighbour. An edge (shadow, kerb,
+joint of two asphalts) has one neighbour as bright as its bright side and scores zero; a dark tar seam scores below
+zero. The response is divided by the local noise, so that one threshold serves all exposures, in sun and in shade.
 """
 
 from __future__ import annotations

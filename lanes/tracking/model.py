@@ -2,7 +2,7 @@
 
 The centre line is an arc that passes the car at `centre` with `heading` and `curvature`, which changes by `rate` per
 metre. The two lines run half a `width` to its left and right. Three rate steps change the rate at `KNOTS_M` along the
-road: the curvature is piecewise linear in arc length, so that a bend may begin and end within the view, as in a hairpin.
+road: the curvature is piecewise linear in arc length, so that a bend may begin and end within the view (hairpins).
 
 `pitch` is the camera's pitch in this frame minus that of its pose (bumps, brakes). Four parameters are the vertical
 curvature of the road at `VERTICAL_KNOTS_M`, linear in between and fading beyond: crests, dips, and undulations shorter

@@ -1,8 +1,8 @@
 """Visual odometry: the driven path, integrated from curvature and heading of the lane.
 
 The road turns by its curvature per metre driven, the car points away from the road by the heading, and the position is
-the sum of steps in that direction. Errors accumulate: a constant curvature error of 1e-5 per metre moves the path by 5 m
-after one kilometre and by 20 m after two.
+the sum of steps in that direction. Errors accumulate: a constant curvature error of 1e-5 per metre moves the path by
+5 m after one kilometre and by 20 m after two.
 """
 
 from __future__ import annotations

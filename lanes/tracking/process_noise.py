@@ -29,7 +29,7 @@ RATE_CHAIN = np.array([RATE, *range(PARAMETERS)[RATE_STEPS]])
 
 @dataclass(frozen=True)
 class ProcessNoise:
-    """Standard deviations added in one second (`_per_s`, times the square root of time) or one metre of road (`_per_m`).
+    """Standard deviations added in one second (`_per_s`) or in one metre of road (`_per_m`); their squares add up.
 
     A `_share` multiplies a curvature of the road, 1/m. Tuned on the rendered suite where no source is given.
     """

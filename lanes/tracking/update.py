@@ -1,8 +1,8 @@
 """Measurement update of the extended Kalman filter, with the stripes of one frame.
 
 Each stripe measures its distance from the nearest predicted line. Gating excludes stripes with a large innovation; the
-others are weighted as in the fit of a single picture, with the prediction as prior, and weighted again by their distance
-from the updated lane.
+others are weighted as in the fit of a single picture, with the prediction as prior, and weighted again by their
+distance from the updated lane.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ UPDATE = UpdateParameters()
 def update_lane(stripes: Stripes, estimate: KalmanState, view: BirdsEyeView, *, outwards: bool = True) -> LaneFit:
     """The lane after the measurement update.
 
-    If the fit near the prediction leaves many stripes nearby unexplained, the lane is also fitted outwards from the car,
-    as in a single picture: what begins ahead (a bend, a crest) leaves the prediction by more than any standard
+    If the fit near the prediction leaves many stripes nearby unexplained, the lane is also fitted outwards from the
+    car, as in a single picture: what begins ahead (a bend, a crest) leaves the prediction by more than any standard
     deviation. The fit that explains more stripes is taken. If that is still not enough, the covariance is inflated for
     abrupt changes.
 

@@ -94,10 +94,10 @@ def test_warm_up_is_necessary_and_sufficient():
         compared.append((found.state, found.marking_types) == (expected.state, expected.marking_types))
         without = cold.update(image)
         for name, tolerance in TOLERANCES.items():
-            true = getattr(expected, name)
-            assert abs(getattr(found, name) - true) < tolerance, (number, name)
-            worst[name] = max(worst[name], abs(getattr(without, name) - true))
-        assert abs(found.offset_m - expected.offset_m) < expected.offset_std_m
-        assert abs(found.curvature_per_m - expected.curvature_per_m) < expected.curvature_std_per_m
+            true = getattr(expected.lane, name)
+            assert abs(getattr(found.lane, name) - true) < tolerance, (number, name)
+            worst[name] = max(worst[name], abs(getattr(without.lane, name) - true))
+        assert abs(found.lane.offset_m - expected.lane.offset_m) < expected.lane.offset_std_m
+        assert abs(found.lane.curvature_per_m - expected.lane.curvature_per_m) < expected.lane.curvature_std_per_m
     assert compared == [True] * 30
     assert any(worst[name] > tolerance for name, tolerance in TOLERANCES.items())

@@ -15,8 +15,9 @@ from lanes.classic.finder import RECIPES, LaneLaneDetector, get_recipe
 from lanes.drives.detections import LaneDetector
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
-from lanes.tracking.lane import Lane, LaneLine
-from lanes.tracking.model import LIMIT, ROAD_M, SIDES, WIDTH, line_coefficients, line_y
+from lanes.tracking.lines import LineObservation, describe_lane
+from lanes.tracking.model import LIMIT, SIDES, WIDTH, line_y
+from lanes.tracking.residuals import ROAD_M
 from lanes.tracking.tracked_lane import LOST, TrackedLane
 from lanes.tracking.tracker import LaneTracker
 from tests.support.any_pictures import SIZES, camera_of, pictures
@@ -107,8 +108,8 @@ def test_every_lane_within_the_limits_has_lines(data):
     share = data.draw(st.lists(st.floats(-1, 1), min_size=len(LIMIT), max_size=len(LIMIT)))
     model = LIMIT * share
     model[WIDTH] = abs(model[WIDTH])
-    lines = tuple(LaneLine(*line_coefficients(model, side), 0.1, 0.3, 30.0, True) for side in SIDES)
-    lane = Lane.from_model(model, np.diag(np.square(LIMIT)), lines, score=1.0, margin=0.5)
+    seen = LineObservation(0.3, 30.0)
+    lane = describe_lane(model, np.diag(np.square(LIMIT)), (seen, seen), score=1.0, margin=0.5)
     assert_sound(TrackedLane.from_still(lane), (640, 360))
     for side in SIDES:
         y = line_y(X_M, model, side)

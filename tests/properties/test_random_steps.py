@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from lanes.tracking.birdseye import BirdsEyeView
+from lanes.tracking.car import CAR_PARAMETERS, SPEED
 from lanes.tracking.model import LIMIT, PRIOR_MEAN, PRIOR_STD, SIDES, lateral_gradient, line_points
-from lanes.tracking.state import FASTEST_MPS, SPEED, KalmanState
-from lanes.tracking.tracker import LONGEST_COAST_S
-from lanes.tracking.update import initial_state, update_lane
+from lanes.tracking.state import KalmanState
+from lanes.tracking.tracker import TRACKER
+from lanes.tracking.update import initial_state, update_lane, update_state
 from tests.support.examples import TIMES
 from tests.support.painted_drive import CAMERA
 from tests.support.shapes import stripes_at
@@ -20,9 +21,9 @@ VIEW = BirdsEyeView(CAMERA)
 # How lateral places of both lines, 4 to 68 m ahead, move with the lane's numbers.
 ROWS = np.array([lateral_gradient(x, side) for x in np.arange(4.0, 70, 4) for side in SIDES])
 # Seconds between pictures: the same one twice, usual frame rates, dropped frames, the longest gap that is bridged.
-CLOCK = (0.0, 1 / 60, 0.04, 0.04, 0.1, 0.5, LONGEST_COAST_S)
+CLOCK = (0.0, 1 / 60, 0.04, 0.04, 0.1, 0.5, TRACKER.max_coast_s)
 # None, 0 and usual speeds; how exactly places are measured, metres; how far from the usual a lane is.
-SPEEDS_MPS, EXACT_M, ODD = (None, 0.0, 8.0, 25.0, FASTEST_MPS), (0.01, 0.1, 1.0), (0.1, 1.0, 3.0)
+SPEEDS_MPS, EXACT_M, ODD = (None, 0.0, 8.0, 25.0, CAR_PARAMETERS.max_speed_mps), (0.01, 0.1, 1.0), (0.1, 1.0, 3.0)
 
 
 class Drive:
@@ -43,17 +44,19 @@ class Drive:
         if kind < 0.002:
             return self.begin()
         if kind < 0.005:
-            estimate = estimate.beside(self.dice.choice(SIDES))
+            estimate = estimate.adjacent(self.dice.choice(SIDES))
         estimate = estimate.predict(self.dice.choice(CLOCK), steady_speed=kind < 0.5)
         if kind < 0.1:
-            estimate.mean[SPEED] = self.dice.uniform(0, FASTEST_MPS)
+            estimate.mean[SPEED] = self.dice.uniform(0, CAR_PARAMETERS.max_speed_mps)
         return estimate
 
     def measure(self, estimate: KalmanState) -> KalmanState:
         """The filter's update with some measured places, from none to many, from the finest to the roughest."""
         rows = ROWS[self.rng.integers(0, len(ROWS), self.dice.randrange(30))] / self.dice.choice(EXACT_M)
         covariance = np.linalg.inv(np.linalg.inv(estimate.lane_covariance) + rows.T @ rows)
-        return estimate.updated(estimate.lane + covariance @ (rows.T @ self.rng.normal(size=len(rows))), covariance)
+        return update_state(
+            estimate, estimate.lane + covariance @ (rows.T @ self.rng.normal(size=len(rows))), covariance
+        )
 
     def follow(self, estimate: KalmanState) -> KalmanState:
         """The same by the tracker's own correction, with stripes along the lane and anywhere else."""
@@ -65,7 +68,7 @@ class Drive:
         strength, angle = rng.exponential(20, count), rng.uniform(-0.3, 0.3, count)
         stripes = stripes_at(np.zeros(count, int), np.clip(x, 5, 70), y, angle, strength)
         fit = update_lane(stripes, estimate, VIEW)
-        return estimate.updated(fit.lane[0], np.linalg.inv(fit.information[0]))
+        return update_state(estimate, fit.lane[0], np.linalg.inv(fit.information[0]))
 
 
 @pytest.mark.parametrize(("correct", "steps"), [(Drive.measure, 100_000), (Drive.follow, 1_000)])

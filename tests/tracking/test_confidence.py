@@ -9,11 +9,11 @@ import pytest
 
 from benchmark.errors import LaneTruth
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.confidence import FEATURES, STILL_WEIGHTS, TRACK_WEIGHTS, lane_features, lateral_std_m, rate_lane
+from lanes.tracking.confidence import CONFIDENCE, FEATURES, lane_features, rate_lane
 from lanes.tracking.detector import find_lane
-from lanes.tracking.lines import LineObservation, describe_tracked_lane
+from lanes.tracking.lines import LineObservation, describe_lane
+from lanes.tracking.model import lateral_std_m
 from lanes.tracking.tracker import LaneTracker
-from lanes.tracking.update import initial_state
 from simulator.road.truth import truth_row
 from tests.support.painted_drive import CAMERA, TAR, PaintedDrive, Stripe, s_bend
 from tests.support.shapes import a_lane
@@ -23,21 +23,25 @@ from tools.fit_confidence import cross_validated, fit_logistic, label_lanes, log
 def lane_with(*, width_m: float = 3.6, std_m: float = 0.02, centre_m: float = 0.1, reach_m: float = 40.0):
     small = dict(rate=1e-7, pitch=1e-3, vertical=1e-5, kinks=1e-9, beside=1e-9)
     std = a_lane(centre=std_m, width=std_m, heading=std_m / 50, curvature=std_m / 500, **small)
-    estimate = initial_state(a_lane(centre=centre_m, width=width_m), np.diag(np.square(std)), 20.0)
-    return describe_tracked_lane(
-        estimate, (LineObservation(0.6, reach_m), LineObservation(0.3, reach_m)), (False, False), 1.0
-    )
+    seen = LineObservation(0.6, reach_m), LineObservation(0.3, reach_m)
+    model, covariance = a_lane(centre=centre_m, width=width_m), np.diag(np.square(std))
+    return describe_lane(model, covariance, seen, score=1.0, margin=1.0)
 
 
-@pytest.mark.parametrize("followed", [False, True])
-def test_doubtful_lanes_are_doubted(followed):
-    good = rate_lane(lane_with(), followed=followed)
+@pytest.mark.parametrize("tracked", [False, True])
+def test_doubtful_lanes_are_doubted(tracked):
+    good = rate_lane(lane_with(), tracked=tracked)
     assert good > 0.95
     for width_m in (4.5, 2.5):
-        assert rate_lane(lane_with(width_m=width_m), followed=followed) < 0.5
+        assert rate_lane(lane_with(width_m=width_m), tracked=tracked) < 0.5
     for doubt in ({"std_m": 0.3}, {"reach_m": 8.0}, {"centre_m": 0.7}):
-        assert rate_lane(lane_with(**doubt), followed=followed) < good - 0.02, doubt
-    assert len(FEATURES) == len(STILL_WEIGHTS) == len(TRACK_WEIGHTS) == len(lane_features(lane_with()))
+        assert rate_lane(lane_with(**doubt), tracked=tracked) < good - 0.02, doubt
+    assert (
+        len(FEATURES)
+        == len(CONFIDENCE.still_weights)
+        == len(CONFIDENCE.track_weights)
+        == len(lane_features(lane_with()))
+    )
 
 
 def test_features_are_what_their_names_say():
@@ -45,7 +49,7 @@ def test_features_are_what_their_names_say():
     lane = replace(lane, left=replace(lane.left, reach_m=25.0), right=replace(lane.right, reach_m=10.0))
     constant, std, width, offset, shorter, longer, bend = lane_features(lane)
     assert (constant, bend) == (1.0, 0.0)
-    assert np.exp(std) == pytest.approx(lateral_std_m(lane, 30.0))
+    assert np.exp(std) == pytest.approx(lateral_std_m(lane.covariance, 30.0).max())
     assert (width, offset) == (pytest.approx(0.2**2), pytest.approx(0.25))
     assert (np.exp(shorter), np.exp(longer)) == (pytest.approx(0.5), pytest.approx(1.0))
     assert lane_features(lane_with(centre_m=1.9))[3] == lane_features(lane_with(centre_m=1.2))[3]
@@ -54,9 +58,9 @@ def test_features_are_what_their_names_say():
 
 def test_standard_deviation_grows_with_the_distance():
     lane = lane_with()
-    assert lateral_std_m(lane, 0.0) == pytest.approx(np.hypot(0.02, 0.01))
+    assert lateral_std_m(lane.covariance, 0.0).max() == pytest.approx(np.hypot(0.02, 0.01))
     parts = [0.02, 0.02 / 2, 30 * 0.02 / 50, 30**2 / 2 * 0.02 / 500]
-    assert lateral_std_m(lane, 30.0) == pytest.approx(np.sqrt(np.sum(np.square(parts))), rel=1e-3)
+    assert lateral_std_m(lane.covariance, 30.0).max() == pytest.approx(np.sqrt(np.sum(np.square(parts))), rel=1e-3)
 
 
 def test_confident_lanes_are_right_on_drives_not_seen_before():
@@ -66,7 +70,7 @@ def test_confident_lanes_are_right_on_drives_not_seen_before():
         row for seed in range(3000, 3021) for row in samples_of_painted_drive(seed, small, seconds=1.6, fps=12.5)[0]
     ]
     features, right = np.array(rows)[:, :-2], np.array(rows)[:, -2]
-    confident = 1 / (1 + np.exp(-features @ TRACK_WEIGHTS)) > 0.9
+    confident = 1 / (1 + np.exp(-features @ CONFIDENCE.track_weights)) > 0.9
     assert confident.sum() > 40
     assert right[confident].mean() >= 0.95
     assert right[~confident].mean() < right[confident].mean()

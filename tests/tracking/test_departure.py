@@ -5,22 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lanes.tracking.car import CarMotion
 from lanes.tracking.departure import watch_departure
-from lanes.tracking.lines import LineObservation, describe_tracked_lane
-from lanes.tracking.update import initial_state
+from lanes.tracking.lines import LineObservation, describe_lane
 from tests.support.shapes import a_lane
 
 
 def lane_at(centre_m: float, heading_rad: float = 0.0, curvature_per_m: float = 0.0):
     model = a_lane(centre=centre_m, width=3.6, heading=heading_rad, curvature=curvature_per_m)
-    estimate = initial_state(model, np.eye(len(model)) * 1e-6, 20.0)
-    return describe_tracked_lane(
-        estimate, (LineObservation(0.5, 30.0), LineObservation(0.5, 30.0)), (False, False), 1.0
-    )
+    seen = LineObservation(0.5, 30.0), LineObservation(0.5, 30.0)
+    return describe_lane(model, np.eye(len(model)) * 1e-6, seen, score=1.0, margin=1.0)
 
 
 def test_keeping_to_the_lane():
-    warning = watch_departure(lane_at(0.0), 20.0)
+    warning = watch_departure(lane_at(0.0), CarMotion(20.0))
     assert (warning.side, warning.due, warning.describe()) == (None, False, None)
     assert warning.time_to_crossing_s == float("inf")
     assert (warning.left_m, warning.right_m) == pytest.approx((0.9, 0.9))
@@ -29,17 +27,17 @@ def test_keeping_to_the_lane():
 @pytest.mark.parametrize(("heading_rad", "side"), [(-0.03, "left"), (0.03, "right")])
 def test_drifting_on_a_straight_road(heading_rad, side):
     """20 m/s at 0.03 rad is 0.6 m/s sideways; 0.9 m to go."""
-    warning = watch_departure(lane_at(0.0, heading_rad), 20.0)
+    warning = watch_departure(lane_at(0.0, heading_rad), CarMotion(20.0))
     assert warning.side == side
     assert warning.time_to_crossing_s == pytest.approx(1.5, rel=0.01)
     assert not warning.due
-    closer = watch_departure(lane_at(-0.5 if side == "left" else 0.5, heading_rad), 20.0)
+    closer = watch_departure(lane_at(-0.5 if side == "left" else 0.5, heading_rad), CarMotion(20.0))
     assert closer.due
     assert closer.describe() == f"lane departure: 0.7 s to the {side} line"
 
 
 def test_on_the_line():
-    warning = watch_departure(lane_at(-1.0), 20.0)
+    warning = watch_departure(lane_at(-1.0), CarMotion(20.0))
     assert (warning.side, warning.time_to_crossing_s, warning.due) == ("left", 0.0, True)
     assert "crossing the left line" in warning.describe()
 
@@ -47,21 +45,24 @@ def test_on_the_line():
 def test_a_bend_that_is_not_steered_is_left():
     """Going straight on in a left bend of R 400 m leads out on the right, at v^2 / R = 1 m/s^2."""
     bend = lane_at(0.0, heading_rad=0.01, curvature_per_m=1 / 400)
-    warning = watch_departure(bend, 20.0)
+    warning = watch_departure(bend, CarMotion(20.0))
     assert warning.side == "right"
     assert 0.2 * warning.time_to_crossing_s + warning.time_to_crossing_s**2 / 2 == pytest.approx(0.9, rel=0.02)
-    assert watch_departure(bend, 20.0, path_per_m=1 / 400).time_to_crossing_s == pytest.approx(4.5, rel=0.02)
+    assert watch_departure(bend, CarMotion(20.0, path_per_m=1 / 400)).time_to_crossing_s == pytest.approx(4.5, rel=0.02)
 
 
 def test_course_and_speed_count():
-    assert watch_departure(lane_at(0.0, 0.02), 20.0, course_rad=0.02).side is None
-    assert watch_departure(lane_at(0.0, 0.03), 0.0).side is None
+    assert watch_departure(lane_at(0.0, 0.02), CarMotion(20.0, course_rad=0.02)).side is None
+    assert watch_departure(lane_at(0.0, 0.03), CarMotion(0.0)).side is None
 
 
 def test_what_is_not_known_is_no_reason_to_warn():
     lane = lane_at(0.0, -0.05)
-    assert watch_departure(lane, 20.0).due
-    unsure = watch_departure(lane, 20.0, course_std_rad=0.03)
-    assert not unsure.due and unsure.time_to_crossing_s == watch_departure(lane, 20.0).time_to_crossing_s
+    assert watch_departure(lane, CarMotion(20.0)).due
+    unsure = watch_departure(lane, CarMotion(20.0, course_std_rad=0.03))
+    assert not unsure.due and unsure.time_to_crossing_s == watch_departure(lane, CarMotion(20.0)).time_to_crossing_s
     bend = lane_at(0.0, 0.01, 1 / 80)
-    assert watch_departure(bend, 15.0).due and not watch_departure(bend, 15.0, turning_std_per_m=0.01).due
+    assert (
+        watch_departure(bend, CarMotion(15.0)).due
+        and not watch_departure(bend, CarMotion(15.0, turning_std_per_m=0.01)).due
+    )

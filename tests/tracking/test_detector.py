@@ -4,7 +4,7 @@ import pytest
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraPose
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.detector import describe_lane, find_lane
+from lanes.tracking.detector import choose_lane, find_lane
 from lanes.tracking.markings import extract_evidence
 from lanes.tracking.model import LEFT_SIDE, RIGHT_SIDE
 from lanes.tracking.update import initial_state, update_lane
@@ -144,7 +144,7 @@ def test_following_agrees_with_searching():
     small = dict(rate=1e-4, pitch=0.005, vertical=1e-4, kinks=1e-4, beside=1e-4)
     std = a_lane(centre=0.1, width=0.1, heading=0.01, curvature=1e-3, **small)
     estimate = initial_state(expected, np.diag(std**2), None)
-    lane = describe_lane(update_lane(evidence.stripes, estimate, VIEW), evidence, VIEW)
+    lane = choose_lane(update_lane(evidence.stripes, estimate, VIEW), evidence, VIEW)
     np.testing.assert_allclose(lane.line_y(X_M, LEFT_SIDE), cold.line_y(X_M, LEFT_SIDE), atol=0.02)
     np.testing.assert_allclose(lane.line_y(X_M, RIGHT_SIDE), cold.line_y(X_M, RIGHT_SIDE), atol=0.03)
 

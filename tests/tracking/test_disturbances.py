@@ -19,7 +19,7 @@ from lanes.io.video.reader import read_frames
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
 from lanes.tracking.tracked_lane import TRACKING, TrackedLane
-from lanes.tracking.tracker import CONFIRMATIONS, LaneTracker
+from lanes.tracking.tracker import TRACKER, LaneTracker
 
 SECONDS, FPS = 6.0, 25.0
 # A step of a drive: its picture, seconds since the step before as the tracker is told, and which frame is shown.
@@ -50,7 +50,7 @@ class Drive:
         """(frames,) bool: which frames are disturbed; neither the first nor the last few."""
         hit = np.random.default_rng(seed).random(len(self.frames)) < share
         hit[0] = False
-        hit[-CONFIRMATIONS - 1 :] = False
+        hit[-TRACKER.confirmations - 1 :] = False
         return hit
 
 

@@ -3,7 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.tracking.fitting import compare, fit_lanes, model_error_m
+from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import CameraPose
+from lanes.tracking.birdseye import BirdsEyeView
+from lanes.tracking.fitting import fit_lanes, model_error_m
 from lanes.tracking.markings import marking_weight, position_std
 from lanes.tracking.model import (
     ADJACENT,
@@ -26,10 +29,20 @@ from lanes.tracking.model import (
     prior_std,
     squared_mahalanobis,
 )
+from lanes.tracking.residuals import stripe_residuals
 from lanes.tracking.voting import best_pairs, count_votes
 from tests.support.shapes import a_lane, stripes_at
 
 HEIGHT_M, FOCAL_PX = 1.3, 1150.0
+
+
+def view_with(focal_px: float) -> BirdsEyeView:
+    """The view of a camera at `HEIGHT_M` with this focal length."""
+    matrix = np.array([[focal_px, 0, 640], [0, focal_px, 360], [0, 0, 1.0]])
+    return BirdsEyeView(Camera(1280, 720, matrix, np.zeros(5), CameraPose(HEIGHT_M, 0.0, 0.0)))
+
+
+VIEW = view_with(FOCAL_PX)
 ROWS_M = 5 * 1.022 ** np.arange(121)
 
 
@@ -54,7 +67,7 @@ def stripes_on(lane, sides=(LEFT_SIDE, RIGHT_SIDE), *, noise_m=0.01, outliers=0,
 
 def search(stripes):
     starts = best_pairs(count_votes(stripes, HEIGHT_M), 67)
-    near = fit_lanes(starts, stripes, HEIGHT_M, FOCAL_PX)
+    near = fit_lanes(starts, stripes, VIEW)
     return near.lane[near.weight.sum(axis=1).argmax()], near
 
 
@@ -110,7 +123,7 @@ def test_a_stripe_counts_by_its_place_its_distance_and_its_strength(aside_m):
     lane[WIDTH] = 3.6
     held = {"prior_mean": lane, "prior_information": 1e12 * np.eye(len(lane))}
     stripe = one_stripe(x_m=30.0, aside_m=aside_m)
-    fit = fit_lanes(lane[None], stripe, HEIGHT_M, 1000.0, schedule=((70, 2.0),), **held)
+    fit = fit_lanes(lane[None], stripe, view_with(1000.0), schedule=((70, 2.0),), **held)
     # half as strong as paint; twice as far astray is let pass as is usual
     variance, stray = 0.04**2 + 0.03**2, 0.08 * (30 / 40) ** 3
     agreement = 1 / (1 + aside_m**2 / (4 * variance)) ** 2
@@ -118,7 +131,7 @@ def test_a_stripe_counts_by_its_place_its_distance_and_its_strength(aside_m):
     assert added[CENTRE, CENTRE] == pytest.approx(0.5 * agreement / (4 * variance + stray**2), rel=1e-3)
     assert fit.weight[0, 0] == pytest.approx(0.5 / (1 + aside_m**2 / variance) ** 2, rel=1e-2)
     assert fit.side[0, 0] == LEFT_SIDE
-    near = fit_lanes(lane[None], stripe, HEIGHT_M, 1000.0, schedule=((30.0, 2.0),), **held)
+    near = fit_lanes(lane[None], stripe, view_with(1000.0), schedule=((30.0, 2.0),), **held)
     np.testing.assert_array_equal(near.information[0], held["prior_information"])
 
 
@@ -126,7 +139,7 @@ def test_a_stripe_counts_by_its_place_its_distance_and_its_strength(aside_m):
 def test_a_lane_never_leaves_its_limits(sign):
     nothing = one_stripe(x_m=30.0).select([])
     far = {"prior_mean": 2 * sign * LIMIT, "prior_information": np.eye(len(LIMIT))}
-    fit = fit_lanes(PRIOR_MEAN[None].astype(int), nothing, HEIGHT_M, FOCAL_PX, schedule=((70, 1),), **far)
+    fit = fit_lanes(PRIOR_MEAN[None].astype(int), nothing, VIEW, schedule=((70, 1),), **far)
     np.testing.assert_array_equal(fit.lane[0], sign * LIMIT)
 
 
@@ -197,11 +210,11 @@ ALL = dict(centre=0.01, width=0.01, heading=0.01, curvature=0.01)
 def test_derivatives_agree_with_differences(lane, most):
     """For every number, beside all four lines and far out; ROAD_M is close enough that lookups bend nothing."""
     stripes = stripes_on(lane, (LEFT_SIDE, RIGHT_SIDE, FAR_LINE * LEFT_SIDE, FAR_LINE * RIGHT_SIDE), outliers=50)
-    derivative = compare(lane[None], stripes, HEIGHT_M).derivative[0]
+    derivative = stripe_residuals(lane[None], stripes, HEIGHT_M).jacobian[0]
     tiny = dict(pitch=1e-6, vertical=1e-8, kinks=1e-9, beside=1e-5)
     for k, step in enumerate(a_lane(centre=1e-5, width=1e-5, heading=1e-6, curvature=1e-7, rate=1e-9, **tiny)):
         shift = np.eye(PARAMETERS)[k] * step
-        above, below = (compare((lane + s)[None], stripes, HEIGHT_M).residual_m[0] for s in (shift, -shift))
+        above, below = (stripe_residuals((lane + s)[None], stripes, HEIGHT_M).residual_m[0] for s in (shift, -shift))
         measured = (above - below) / (2 * step)
         # what hardly moves shows nothing but how places are looked up
         moved = np.abs(measured) > 0.02 * np.quantile(np.abs(measured), 0.95)
@@ -217,11 +230,13 @@ def test_directions_that_rows_cannot_show_count_less():
     lane, ease = a_lane(heading=0.6, centre=-3.0), 3.0
     stripes = stripes_on(lane, noise_m=0.0)
     stripes = replace(stripes, angle=stripes.angle - 0.25)
-    fine, coarse = (compare(lane[None], replace(stripes, step=stripes.step * k), HEIGHT_M) for k in (0.1, 10.0))
+    fine, coarse = (
+        stripe_residuals(lane[None], replace(stripes, step=stripes.step * k), HEIGHT_M) for k in (0.1, 10.0)
+    )
     std = np.full(len(stripes), 0.05)
-    assert (coarse.agreement(std) >= fine.agreement(std)).all()
-    assert np.median(coarse.agreement(std)) > 0.9 > 0.1 > np.median(fine.agreement(std))
-    assert (fine.agreement(std, ease=ease) > 3 * fine.agreement(std)).mean() > 0.9
+    assert (coarse.weights(std) >= fine.weights(std)).all()
+    assert np.median(coarse.weights(std)) > 0.9 > 0.1 > np.median(fine.weights(std))
+    assert (fine.weights(std, angle_scale=ease) > 3 * fine.weights(std)).mean() > 0.9
 
 
 def test_a_prediction_holds_where_there_is_no_evidence():
@@ -230,8 +245,7 @@ def test_a_prediction_holds_where_there_is_no_evidence():
     fit = fit_lanes(
         expected[None],
         nothing,
-        HEIGHT_M,
-        FOCAL_PX,
+        VIEW,
         prior_mean=expected,
         prior_information=np.eye(PARAMETERS) * 1e4,
     )
@@ -243,7 +257,7 @@ def test_uncertainty_covers_the_error():
     road = ROADS["left bend"]
     errors, claims = [], []
     for seed in range(30):
-        fit = fit_lanes(road[None], stripes_on(road, noise_m=0.04, seed=seed), HEIGHT_M, FOCAL_PX)
+        fit = fit_lanes(road[None], stripes_on(road, noise_m=0.04, seed=seed), VIEW)
         errors.append(fit.lane[0] - road)
         claims.append(np.sqrt(np.diag(np.linalg.inv(fit.information[0]))))
     spread = np.sqrt(np.mean(np.square(errors), axis=0)) / np.mean(claims, axis=0)

@@ -26,13 +26,13 @@ def test_short_holes_are_no_gaps():
 
 def test_the_majority_holds():
     votes = MarkingVotes()
-    assert votes.kind == MarkingType(None, None, None)
-    assert votes.kind.describe() == "unknown"
+    assert votes.marking_type == MarkingType(None, None, None)
+    assert votes.marking_type.describe() == "unknown"
     for _ in range(5):
         votes = votes.add_profile(MarkingProfile(0.35, 0.0, True, 5.0)).add_gaps(DASHES)
     votes = votes.add_profile(MarkingProfile(0.12, 0.0, False, 5.0)).add_gaps(np.arange(5, 30, 0.3))
-    assert votes.kind == MarkingType("yellow", "dashed", True)
-    assert votes.kind.describe() == "yellow double dashed"
+    assert votes.marking_type == MarkingType("yellow", "dashed", True)
+    assert votes.marking_type.describe() == "yellow double dashed"
     for _ in range(12):
         votes = votes.add_profile(MarkingProfile(0.12, 0.0, False, 5.0)).add_gaps(np.arange(5, 30, 0.3))
-    assert votes.kind == MarkingType("white", "solid", False)
+    assert votes.marking_type == MarkingType("white", "solid", False)

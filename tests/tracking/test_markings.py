@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.markings import LEAST_STRENGTH, find_stripes, marking_response
+from lanes.tracking.markings import MARKINGS, find_stripes, marking_response
 from tests.support.painter import WHITE, YELLOW, Road, dashcam
 
 CAMERA = dashcam()
@@ -81,7 +81,7 @@ def test_every_stripe_is_strong_enough_and_in_sight():
     image = rng.integers(0, 256, (CAMERA.height, CAMERA.width, 3), dtype=np.uint8)
     stripes = find_stripes(marking_response(VIEW.warp(image), VIEW), VIEW)
     column = np.round((VIEW.y_m[0] - stripes.y_m) / VIEW.cell_m).astype(int)
-    assert (stripes.strength > LEAST_STRENGTH).all()
+    assert (stripes.strength > MARKINGS.min_strength).all()
     assert VIEW.seen[stripes.row, column].all()
     assert (np.bincount(stripes.row) <= 14).all()
 

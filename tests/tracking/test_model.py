@@ -8,16 +8,14 @@ from lanes.tracking.model import (
     SIDES,
     STRAIGHT_FROM_M,
     VERTICAL_KNOTS_M,
-    arc_coordinates,
-    flatten,
     height_and_grade,
-    intersect_ground,
     line_coefficients,
     line_points,
     line_y,
     lines_on_view,
     road_height,
 )
+from lanes.tracking.residuals import arc_coordinates, flatten, intersect_ground
 from tests.support.painter import dashcam
 from tests.support.shapes import a_lane
 
@@ -179,7 +177,7 @@ def test_rays_meet_the_road_where_they_touch_it_first(vertical, pitch):
     height_there = height - (height / flat_x + pitch) * ground.x_m
     off = np.abs(height_there - road_height(lane, ground.x_m))[seen]
     assert off[near].max() < 3e-3
-    np.testing.assert_array_equal(ground.rises, height_and_grade(ground.x_m)[0])
+    np.testing.assert_array_equal(ground.heights, height_and_grade(ground.x_m)[0])
 
 
 def test_no_ray_meets_what_is_hidden_behind_a_crest():
@@ -203,5 +201,5 @@ def test_rays_of_many_lanes_are_those_of_each():
     together = intersect_ground(flat_x, lanes, 1.4)
     for k, lane in enumerate(lanes):
         alone = intersect_ground(flat_x, lane, 1.4)
-        for name in ("x_m", "fall", "rises"):
+        for name in ("x_m", "fall", "heights"):
             np.testing.assert_allclose(getattr(together, name)[k], getattr(alone, name), rtol=1e-12)

@@ -27,7 +27,7 @@ def test_outlines_lie_on_the_paint():
 
 def test_outlines_end_with_the_evidence():
     _, result = tracked_bends()
-    reach_m = max(result.left.reach_m, result.right.reach_m)
+    reach_m = max(result.lane.left.reach_m, result.lane.right.reach_m)
     assert 25 < reach_m <= 70
     top = min(outline[:, 1].min() for outline in lane_outlines(result.lane, SMALL))
     horizon_row = SMALL.road_to_pixels(np.array([[1e5, 0.0]]))[0, 1]

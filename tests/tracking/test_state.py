@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lanes.tracking.car import CAMERA_YAW, LANE, PATH, REST_PITCH, SPEED, lever_m, max_speed_mps
 from lanes.tracking.model import (
     ADJACENT,
     CENTRE,
@@ -17,18 +18,9 @@ from lanes.tracking.model import (
     VERTICAL_CURVATURE,
     WIDTH,
 )
-from lanes.tracking.state import (
-    CAMERA_YAW,
-    LANE,
-    PATH,
-    REST_PITCH,
-    SPEED,
-    KalmanState,
-    fastest_mps,
-    lever_m,
-    sharpest_bend,
-)
-from lanes.tracking.update import initial_state
+from lanes.tracking.process_noise import max_curvature
+from lanes.tracking.state import KalmanState
+from lanes.tracking.update import initial_state, update_state
 from simulator.road.geometry import RoadGeometry, VehiclePose
 from simulator.road.truth import lane_truth
 from tests.support.shapes import a_lane
@@ -89,12 +81,12 @@ def test_correction_moves_the_car_with_the_lane():
     estimate = estimate.predict(0.5)
     lane = estimate.lane.copy()
     lane[CENTRE] += 0.05
-    updated = estimate.updated(lane, estimate.lane_covariance / 4)
+    updated = update_state(estimate, lane, estimate.lane_covariance / 4)
     assert updated.mean[SPEED] > 20.5
     assert updated.covariance[SPEED, SPEED] < estimate.covariance[SPEED, SPEED]
     np.testing.assert_array_equal(updated.mean[LANE], lane)
     # learning nothing changes nothing
-    same = estimate.updated(estimate.lane, estimate.lane_covariance)
+    same = update_state(estimate, estimate.lane, estimate.lane_covariance)
     np.testing.assert_allclose(same.covariance, estimate.covariance, atol=1e-12)
 
 
@@ -106,7 +98,7 @@ def test_correction_is_the_kalman_update():
     s = h @ estimate.covariance @ h + 0.05**2
     gain = estimate.covariance @ h / s
     mean, covariance = estimate.mean + gain * 0.1, estimate.covariance - np.outer(gain, gain) * s
-    updated = estimate.updated(mean[LANE], covariance[LANE, LANE])
+    updated = update_state(estimate, mean[LANE], covariance[LANE, LANE])
     np.testing.assert_allclose(updated.mean, mean, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(updated.covariance, covariance, rtol=1e-6, atol=1e-12)
 
@@ -114,7 +106,7 @@ def test_correction_is_the_kalman_update():
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_the_neighbouring_lane_shares_a_line(side):
     estimate = belief_with()
-    neighbour = estimate.beside(side)
+    neighbour = estimate.adjacent(side)
     shared = np.zeros(len(estimate.mean))
     shared[[CENTRE, WIDTH]] = 1, side / 2
     other = shared.copy()
@@ -129,11 +121,11 @@ def test_the_neighbouring_lane_shares_a_line(side):
 def test_the_neighbour_is_as_much_wider_as_was_seen_and_back_again_all_is_as_before(side):
     estimate = belief_with()
     estimate.mean[ADJACENT] = 0.3, -0.2
-    there = estimate.beside(side)
+    there = estimate.adjacent(side)
     wider = 0.3 if side > 0 else -0.2
     assert there.mean[WIDTH] == pytest.approx(3.6 + wider)
     assert there.mean[CENTRE] == pytest.approx(0.3 + side * (3.6 + wider / 2))
-    back = there.beside(-side)
+    back = there.adjacent(-side)
     np.testing.assert_allclose(back.mean[[CENTRE, WIDTH]], estimate.mean[[CENTRE, WIDTH]])
     for number in (CENTRE, WIDTH):
         assert back.covariance[number, number] == pytest.approx(estimate.covariance[number, number])
@@ -161,12 +153,12 @@ def test_a_kink_comes_nearer_and_becomes_the_rate():
     rate, kink = estimate.mean[RATE], estimate.mean[RATE_STEPS][0]
     assert 0 < kink < rate < 2e-3
     assert 0 < estimate.mean[CURVATURE] < 2e-3 * 7
-    assert sharpest_bend(road) == pytest.approx(2e-3 * (25 - KNOTS_M[0]))
+    assert max_curvature(road) == pytest.approx(2e-3 * (25 - KNOTS_M[0]))
 
 
 @pytest.mark.parametrize(("radius_m", "fastest"), [(24.0, 12.0), (1e9, 70.0)])
 def test_nobody_drives_a_hairpin_at_the_speed_of_a_motorway(radius_m, fastest):
-    assert fastest_mps(-1 / radius_m, 6.0) == pytest.approx(fastest)
+    assert max_speed_mps(-1 / radius_m, 6.0) == pytest.approx(fastest)
     lane = a_lane(width=3.4, curvature=1 / radius_m)
     assert initial_state(lane, COVARIANCE, None).mean[SPEED] <= fastest
     assert initial_state(lane, COVARIANCE, 20.0).mean[SPEED] == 20.0
@@ -178,5 +170,5 @@ def test_round_a_hairpin_the_camera_moves_along_the_lane_that_it_looks_askew_at(
     lane = a_lane(centre=0.1, width=3.2, heading=lever_m(speed) * path + 0.01, curvature=path)
     estimate = initial_state(lane, COVARIANCE, speed)
     estimate.mean[CAMERA_YAW] = 0.01
-    assert estimate.course_rad == pytest.approx(lane[HEADING])
+    assert estimate.motion.course_rad == pytest.approx(lane[HEADING])
     assert estimate.predict(0.04).mean[CENTRE] == pytest.approx(0.1, abs=1e-9)

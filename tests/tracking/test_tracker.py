@@ -42,7 +42,7 @@ def s_bend_drive(speed_mps: float | None = None) -> list[tuple]:
 
 
 def errors(frames: list[tuple], measure: Callable) -> np.ndarray:
-    return np.array([measure(tracked) - measure(truth) for _, tracked, truth in frames])
+    return np.array([measure(tracked.lane) - measure(truth) for _, tracked, truth in frames])
 
 
 def test_tracks_from_the_third_frame_on():
@@ -72,7 +72,7 @@ def test_curvature_is_unbiased():
 def test_nothing_lags_in_s_bends(measure, speed_mps, most_frames):
     """What is measured resembles the truth of the same frame, not that of an earlier one."""
     frames = s_bend_drive(speed_mps)
-    found = np.array([measure(tracked) for _, tracked, _ in frames])[8:-3]
+    found = np.array([measure(tracked.lane) for _, tracked, _ in frames])[8:-3]
     true = np.array([measure(truth) for *_, truth in frames])
     late = [np.var(found - true[8 - lag : len(true) - 3 - lag]) for lag in (-1, 0, 1)]
     # the variance is a parabola of the lag, whose lowest point is the lag
@@ -83,7 +83,7 @@ def test_nothing_lags_in_s_bends(measure, speed_mps, most_frames):
 def test_standard_deviations_are_honest():
     """Neither boasting nor useless: the error is below three standard deviations nearly always, these below 10 cm."""
     offset = np.abs(errors(s_bend_drive(), lambda r: r.offset_m))
-    std = np.array([tracked.offset_std_m for _, tracked, _ in s_bend_drive()])
+    std = np.array([tracked.lane.offset_std_m for _, tracked, _ in s_bend_drive()])
     assert np.mean(offset < 3 * std) > 0.95
     assert std[5:].max() < 0.10
 
@@ -104,7 +104,7 @@ def test_no_line_is_lost_and_never_confidently_wrong():
     assert states[max(states)] == "tracking"
     for _, tracked, truth in frames:
         assert tracked.confidence < 0.9 or lateral_error_m(tracked, truth) < 0.2
-        assert (tracked.lane is None) == (tracked.state == "lost") == (tracked.offset_m is None)
+        assert (tracked.lane is None) == (tracked.state == "lost") == (tracked.as_row()["offset_m"] is None)
 
 
 def test_black_pictures_are_survived():
@@ -112,7 +112,7 @@ def test_black_pictures_are_survived():
     states = [tracked.state for time, tracked, _ in frames if 1.0 <= time < 1.3]
     assert set(states) == {"coasting"}
     assert frames[-1][1].state == "tracking"
-    stds = [tracked.offset_std_m for time, tracked, _ in frames if 0.9 <= time < 1.3]
+    stds = [tracked.lane.offset_std_m for time, tracked, _ in frames if 0.9 <= time < 1.3]
     assert np.all(np.diff(stds) > 0)
 
 
@@ -136,7 +136,7 @@ def test_lane_change_relabels_the_lines():
     assert {tracked.state for _, tracked, _ in frames[3:]} == {"tracking"}
     assert lateral_error_m(frames[10][1], frames[10][2]) < 0.1
     assert lateral_error_m(frames[-1][1], drive.truth(frames[-1][0], (-1.8, -5.4))) < 0.1
-    jumps = [abs(a[1].offset_m - b[1].offset_m) for a, b in zip(frames, frames[1:], strict=False)]
+    jumps = [abs(a[1].lane.offset_m - b[1].lane.offset_m) for a, b in zip(frames, frames[1:], strict=False)]
     assert sum(jump > 1 for jump in jumps) == 1
 
 
@@ -172,7 +172,7 @@ def test_wrong_lock_does_not_live():
 
 
 def test_kinds_of_lines():
-    kinds = s_bend_drive()[-1][1].kinds
+    kinds = s_bend_drive()[-1][1].marking_types
     assert (kinds[0].colour, kinds[0].pattern, kinds[0].double) == ("yellow", "solid", False)
     assert (kinds[1].colour, kinds[1].pattern, kinds[1].double) == ("white", "dashed", False)
 
@@ -182,12 +182,12 @@ def test_the_inner_stripe_of_a_double_line_bounds_the_lane_from_the_first_pictur
     drive = replace(DRIVE, road=straight_road(), lines=lines, lane_m=(1.7, -1.8), camera=CAMERA)
     frames = follow(drive, 1.2)
     assert max(lateral_error_m(tracked, truth) for _, tracked, truth in frames) < 0.04
-    assert frames[0][1].kinds[0].double and not frames[0][1].kinds[1].double
+    assert frames[0][1].marking_types[0].double and not frames[0][1].marking_types[1].double
 
 
 def test_speed_is_found_or_taken():
-    assert s_bend_drive()[-1][1].speed_mps == pytest.approx(25.0, abs=5.0)
-    assert s_bend_drive(25.0)[-1][1].speed_mps == pytest.approx(25.0, abs=0.5)
+    assert s_bend_drive()[-1][1].motion.speed_mps == pytest.approx(25.0, abs=5.0)
+    assert s_bend_drive(25.0)[-1][1].motion.speed_mps == pytest.approx(25.0, abs=0.5)
 
 
 def test_reset_forgets():

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.fitting import OUTWARDS, WAVES_PER_M, fit_lanes
+from lanes.tracking.car import CAMERA_YAW, PATH, SPEED
+from lanes.tracking.fitting import FIT, fit_lanes
 from lanes.tracking.markings import Stripes
 from lanes.tracking.model import (
     ADJACENT,
@@ -20,13 +21,13 @@ from lanes.tracking.model import (
     line_y,
     road_height,
 )
-from lanes.tracking.state import CAMERA_YAW, PATH, SPEED, KalmanState
+from lanes.tracking.state import KalmanState
 from lanes.tracking.update import initial_state, update_lane
 from tests.support.painted_drive import CAMERA
 from tests.support.shapes import a_lane, stripes_at
 
 VIEW = BirdsEyeView(CAMERA)
-HEIGHT_M, FOCAL_PX = VIEW.height_m, VIEW.focal_px
+HEIGHT_M = VIEW.height_m
 # Waves 52 m long and 1 m high, from trough to crest.
 LENGTH_M, HALF_HEIGHT_M = 52.0, 0.5
 AT_M = np.array([6.0, 9.0, 13.0, 16.0, 20.0])
@@ -68,7 +69,7 @@ def error_m(lane: np.ndarray, lines_m: tuple[float, float]) -> float:
 @pytest.mark.parametrize("phase", PHASES, ids=np.degrees(PHASES).round().astype(int).astype(str))
 def test_one_picture_of_waves_shows_the_lane(phase):
     stripes, start = seen(LINES, lambda x: wave_m(x, phase)), a_lane(centre=0.1)[None]
-    fit = fit_lanes(start, stripes, HEIGHT_M, FOCAL_PX, schedule=OUTWARDS, extra_vertical_per_m=WAVES_PER_M)
+    fit = fit_lanes(start, stripes, VIEW, schedule=FIT.outwards, extra_vertical_per_m=FIT.undulation_std_per_m)
     assert error_m(fit.lane[0], LINES) < 0.05
     assert np.abs(road_height(fit.lane[0], AT_M) - wave_m(AT_M, phase)).max() < 0.15
 
@@ -78,7 +79,7 @@ def test_whoever_thinks_the_road_is_flat_is_wrong_by_much():
     errors = []
     for phase in PHASES:
         stripes = seen(LINES, lambda x, phase=phase: wave_m(x, phase))
-        errors.append(error_m(fit_lanes(a_lane(centre=0.1)[None], stripes, HEIGHT_M, FOCAL_PX).lane[0], LINES))
+        errors.append(error_m(fit_lanes(a_lane(centre=0.1)[None], stripes, VIEW).lane[0], LINES))
     assert np.median(errors) > 0.3
 
 
@@ -99,7 +100,7 @@ def test_the_far_line_of_the_next_lane_tells_how_the_camera_nods(side):
     """One line of the lane is out of sight; the next lane's far one runs parallel, as a nodding camera cannot show."""
     pitch, start = 0.009, a_lane()[None]
     own, far = side * 1.8, side * 1.8 * FAR_LINE + side * 0.1
-    fits = [fit_lanes(start, seen(y, pitch=pitch), HEIGHT_M, FOCAL_PX) for y in ((own, far), (own,))]
+    fits = [fit_lanes(start, seen(y, pitch=pitch), VIEW) for y in ((own, far), (own,))]
     both, alone = (np.sqrt(np.linalg.inv(f.information[0])[PITCH, PITCH]) for f in fits)
     assert both < 0.002 and alone > 5 * both
     assert fits[0].lane[0][PITCH] == pytest.approx(pitch, abs=0.0005)
@@ -111,7 +112,7 @@ def test_the_far_line_of_the_next_lane_tells_how_the_camera_nods(side):
 
 def test_a_wider_lane_beside_is_told_from_a_nod():
     """Three lines show the nod; the fourth then shows that the lane to the right is wider than this by 0.3 m."""
-    fit = fit_lanes(a_lane()[None], seen((5.25, 1.75, -1.75, -5.55), pitch=0.006), HEIGHT_M, FOCAL_PX)
+    fit = fit_lanes(a_lane()[None], seen((5.25, 1.75, -1.75, -5.55), pitch=0.006), VIEW)
     lane = fit.lane[0]
     assert lane[PITCH] == pytest.approx(0.006, abs=5e-4)
     assert lane[ADJACENT] == pytest.approx([0.0, 0.3], abs=0.05)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from lanes.tracking.model import CENTRE, CURVATURE, HEADING, LEFT_SIDE, RIGHT_SIDE, line_y
-from lanes.tracking.voting import BIN_M, BINS, VOTING_FAR_M, best_pairs, count_votes, hypotheses, suppress_non_maxima
+from lanes.tracking.voting import VOTING, best_pairs, bin_centres_m, count_votes, hypotheses, suppress_non_maxima
 from tests.support.shapes import a_lane
 from tests.tracking.test_fitting import HEIGHT_M, ROADS, stripes_on
 
@@ -21,9 +21,8 @@ def test_a_line_piles_up_in_the_bin_of_its_distance():
     stripes = stripes_on(a_lane(width=3.8), (LEFT_SIDE,), noise_m=0.0)
     votes = count_votes(stripes, HEIGHT_M)
     straight = votes[np.flatnonzero((hypotheses() == 0).all(axis=1))[0]]
-    middle = (np.arange(BINS) + 0.5 - BINS / 2) * BIN_M
-    assert middle[straight.argmax()] == pytest.approx(1.9, abs=BIN_M / 2)
-    assert straight.max() > 0.95 * straight.sum() > 0.5 * (stripes.x_m < VOTING_FAR_M).sum()
+    assert bin_centres_m()[straight.argmax()] == pytest.approx(1.9, abs=VOTING.bin_m / 2)
+    assert straight.max() > 0.95 * straight.sum() > 0.5 * (stripes.x_m < VOTING.far_m).sum()
 
 
 def test_stripes_that_run_elsewhere_do_not_count():
