@@ -1,7 +1,7 @@
-"""Matplotlib figures, and the style of all: the only module that imports pyplot, and only when one is asked for.
+"""Matplotlib figures in one style; the only module that imports pyplot, on first use.
 
-Every function takes what others computed, draws it and returns (figure, axes); none of them computes or shows. In a
-notebook `plt.show()` or the end of the cell shows the figure.
+The functions plot given values and return (figure, axes); they neither compute nor show. In a notebook `plt.show()` or
+the end of the cell shows the figure.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# 80 dots per inch and JPEG make a figure of two photographs about 70 kB, a tenth of the default PNG.
+# At 80 dots per inch a JPEG figure of two photographs takes about 70 kB, a tenth of the default PNG.
 STYLE = {
     "figure.dpi": 80,
     "figure.constrained_layout.use": True,
@@ -38,13 +38,13 @@ TRUTH_LOOK = {"color": "0.15", "linestyle": "--", "linewidth": 1.3, "zorder": 3}
 def show_pictures(
     images: Sequence[np.ndarray], titles: Sequence[str], *, columns: int = 2, width_in: float = 12.0
 ) -> tuple[Figure, np.ndarray]:
-    """Show pictures side by side, in rows of `columns`.
+    """Plot pictures side by side, in rows of `columns`.
 
     Parameters
     ----------
     images : sequence of ndarray
-        RGB (height, width, 3), or masks and gray pictures (height, width): bool and 0..1 masks from black to white,
-        uint8 over 0..255, anything else over its own range.
+        RGB (height, width, 3), or masks and gray pictures (height, width). The gray scale is 0..1 for bool and for 0..1
+        masks, 0..255 for other uint8, and the range of values for other types.
     titles : sequence of str
         One for each picture.
     columns : int
@@ -58,7 +58,7 @@ def show_pictures(
     Raises
     ------
     ValueError
-        If there are not as many titles as pictures, or none.
+        If the numbers of titles and pictures differ or are 0.
     """
     if not len(images) or len(images) != len(titles):
         raise ValueError(f"one title for each picture is needed; got {len(images)} pictures and {len(titles)} titles.")
@@ -81,7 +81,7 @@ def plot_histogram(
     right_px: float | None = None,
     title: str = "Where the paint is",
 ) -> tuple[Figure, Axes]:
-    """Plot the column histogram of a binary view, (width,), with the two start columns of the search."""
+    """Plot the column histogram (width,) of a binary view, with the two start columns of the search."""
     figure, (axis,) = new_figure(1, 1, (10, 3))
     axis.fill_between(np.arange(len(counts)), counts, color=rgb(WINDOW_COLOUR), alpha=0.6, linewidth=0)
     for column, colour, name in ((left_px, LEFT_COLOUR, "left"), (right_px, RIGHT_COLOUR, "right")):
@@ -96,7 +96,7 @@ def plot_histogram(
 
 
 def plot_bars(values: Mapping[str, float], *, label: str, title: str = "") -> tuple[Figure, Axes]:
-    """Plot a number for each of several named things; `label` names the number and its unit."""
+    """Plot named values as bars; `label` is their name with the unit."""
     figure, (axis,) = new_figure(1, 1, (10, 3))
     axis.bar(list(values), list(values.values()), color=rgb(WINDOW_COLOUR))
     axis.tick_params(axis="x", rotation=90)
@@ -111,14 +111,14 @@ def plot_series(
     title: str = "",
     xlabel: str = "time (s)",
 ) -> tuple[Figure, np.ndarray]:
-    """Plot telemetry over time, one panel for each quantity.
+    """Plot telemetry over time, one panel per quantity.
 
     Parameters
     ----------
     times_s : ndarray of shape (N,)
     series : mapping of str to (mapping of str to ndarray of shape (N,))
-        Axis label with unit ("offset (m)") to the curves of that panel, name to values. A curve named "truth" is drawn
-        as a dark dashed line over the others; NaN leaves a gap, where nothing was measured.
+        Axis label with unit ("offset (m)") to the curves of that panel, name to values. A curve named "truth" is a dark
+        dashed line above the others. NaN leaves a gap.
     title, xlabel : str
 
     Returns
@@ -131,7 +131,7 @@ def plot_series(
         If `series` is empty.
     """
     if not series:
-        raise ValueError("there is no quantity to plot; give at least one axis label with its curves.")
+        raise ValueError("no quantity to plot; give at least one axis label with its curves.")
     figure, axes = new_figure(len(series), 1, (10, 0.6 + 2.2 * len(series)), sharex=True)
     for axis, (label, curves) in zip(axes, series.items(), strict=True):
         for name, values in curves.items():
@@ -140,7 +140,7 @@ def plot_series(
         axis.set_ylabel(label)
         axis.grid(alpha=0.3)
         if len(curves) > 1:
-            # Above the panel, where it hides no curve.
+            # Above the panel, so that it hides no curve.
             axis.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=len(curves), frameon=False, borderaxespad=0)
     axes[-1].set_xlabel(xlabel)
     axes[0].set_title(title, loc="left")
@@ -148,8 +148,8 @@ def plot_series(
 
 
 def new_figure(rows: int, columns: int, size_in: tuple[float, float], **options: object) -> tuple[Figure, np.ndarray]:
-    """A figure in the course's style, with its axes as a flat array."""
-    # Imported here, so that computing without figures starts half a second sooner.
+    """A figure in the course's style, and its axes as a flat array."""
+    # Imported here: programs without figures start half a second sooner.
     import matplotlib.pyplot as plt
 
     with plt.rc_context(STYLE):
@@ -158,24 +158,24 @@ def new_figure(rows: int, columns: int, size_in: tuple[float, float], **options:
 
 
 def rgb(colour: Colour) -> tuple[float, float, float]:
-    """A colour of `lanes.drawing.canvas` in matplotlib's 0 to 1."""
+    """An RGB colour 0..255 in matplotlib's range 0..1."""
     red, green, blue = (value / 255 for value in colour)
     return red, green, blue
 
 
 def save_figure(figure: Figure, path: str | Path, *, jpeg_quality: int = 85) -> Path:
-    """Write a figure as .jpg or .png, whole or not at all; the folder is created where needed.
+    """Write a figure atomically as .jpg or .png; the folder is created where needed. Returns the path.
 
     Raises
     ------
     ValueError
-        If the name ends in something else.
+        If the name has another suffix.
     OSError
         If the folder cannot be written to.
     """
     path = Path(path)
     kind = figure_kind(path)
-    # matplotlib's version in the file would change it with every release.
+    # Without the name of the software, which contains matplotlib's version.
     options = {"pil_kwargs": {"quality": jpeg_quality}} if kind == "jpeg" else {"metadata": {"Software": None}}
     data = BytesIO()
     figure.savefig(data, format=kind, **options)
@@ -184,7 +184,13 @@ def save_figure(figure: Figure, path: str | Path, *, jpeg_quality: int = 85) -> 
 
 
 def figure_kind(path: Path) -> str:
-    """Either "jpeg" or "png", by the name's ending; ValueError for any other."""
+    """The format, "jpeg" or "png", by the suffix.
+
+    Raises
+    ------
+    ValueError
+        If the name has another suffix.
+    """
     kind = {".jpg": "jpeg", ".jpeg": "jpeg", ".png": "png"}.get(path.suffix.lower())
     if kind is None:
         raise ValueError(f"{path}: cannot write this kind of figure; end the name in .jpg or .png.")
@@ -204,6 +210,6 @@ def _show_picture(axis: Axes, image: np.ndarray, title: str) -> None:
 
 
 def _line_colour(name: str) -> tuple[float, float, float] | None:
-    """Left and right as in the overlay; None lets matplotlib choose."""
+    """Colours of the overlay for "left", "right" and "lane"; None lets matplotlib choose."""
     known = {"left": LEFT_COLOUR, "right": RIGHT_COLOUR, "lane": LANE_COLOUR}
     return rgb(known[name]) if name in known else None
