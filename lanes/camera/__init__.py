@@ -1,1 +1,1 @@
-"""The camera: lens model, pose, camera file, calibration from chessboards, pose from lane lines."""
+"""The camera: lens model, pose, camera file, chessboard calibration, pose from lane lines, field of view."""

@@ -12,18 +12,18 @@ from lanes.camera.camera_pose import CameraError, CameraPose
 from lanes.io.files import read_text, write_atomically
 from lanes.io.images import MAX_PIXELS
 
-# One with a thousand boards has 50 kB.
+# A file with a thousand boards has 50 kB.
 MAX_CAMERA_FILE_BYTES = 1_000_000
-# Focal lengths in widths of the picture: fields of view from 1 degree to 157.
-FOCAL_LENGTHS = 0.1, 60.0
-# Lenses of long focal lengths have coefficients of hundreds; whatever is beyond this overflows in their polynomial.
-MOST_DISTORTION = 1e6
-# A camera higher above the road than any lorry's, or one that looks at the sky or the bonnet, sees no lane.
-HIGHEST_M = 20.0
+# Smallest and largest focal length in picture widths: fields of view from 157 degrees to 1 degree.
+FOCAL_LENGTH_RANGE = 0.1, 60.0
+# Lenses of long focal length have coefficients of several hundred; beyond this limit the polynomial overflows.
+MAX_DISTORTION = 1e6
+# Higher than the camera of any lorry.
+MAX_HEIGHT_M = 20.0
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """Numbers, words, lists and entries; no aliases, with which a few lines stand for any number of entries."""
+    """YAML without aliases, because a few lines with aliases can expand to any number of entries."""
 
     def compose_node(self, parent: yaml.Node | None, index: object) -> yaml.Node:
         if self.check_event(yaml.AliasEvent):
@@ -32,7 +32,18 @@ class _PlainLoader(yaml.SafeLoader):
 
 
 def save_camera(camera: Camera, path: str | Path) -> Path:
-    """Write camera.yaml in the layout of ROS camera_info plus `pose:` and `calibration:` blocks; see `load_camera`."""
+    """Write camera.yaml in the layout of ROS camera_info plus `pose:` and `calibration:` blocks.
+
+    Returns
+    -------
+    Path
+        The file written; `load_camera` reads it.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
     path = Path(path)
     write_atomically(path, yaml.safe_dump(camera_to_dict(camera), sort_keys=False, allow_unicode=True).encode())
     return path
@@ -51,13 +62,13 @@ def camera_to_dict(camera: Camera) -> dict:
     if camera.pose:
         content["pose"] = {name: float(getattr(camera.pose, name)) for name in CameraPose.__dataclass_fields__}
     if camera.report:
-        r = camera.report
+        report = camera.report
         content["calibration"] = {
-            "rms_px": round(float(r.rms_px), 4),
-            "boards_used": len(r.board_rms_px),
-            "board_rms_px": {name: round(float(e), 4) for name, e in r.board_rms_px.items()},
-            "rejected": dict(r.rejected),
-            "date": r.date,
+            "rms_px": round(float(report.rms_px), 4),
+            "boards_used": len(report.board_rms_px),
+            "board_rms_px": {name: round(float(error), 4) for name, error in report.board_rms_px.items()},
+            "rejected": dict(report.rejected),
+            "date": report.date,
         }
     return content
 
@@ -68,60 +79,68 @@ def load_camera(path: str | Path) -> Camera:
     Raises
     ------
     FileNotFoundError
-        If there is no such file.
+        If the file does not exist.
     CameraError
-        If it is no camera file, lacks an entry or holds numbers that are no camera's.
+        If it is not a camera file, lacks an entry, or has values that no camera can have.
     """
     text = read_text(path, "camera", error=CameraError, max_bytes=MAX_CAMERA_FILE_BYTES)
     try:
         return camera_from_dict(yaml.load(text, _PlainLoader))
     except RecursionError as error:
-        raise CameraError(f"{path}: is no usable camera file (it is nested too deep); make it again.") from error
+        raise CameraError(f"{path}: is not a usable camera file (it is nested too deep); make it again.") from error
     except (yaml.YAMLError, AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
         reason = f"entry {error} is missing" if isinstance(error, KeyError) else " ".join(str(error).split())
-        raise CameraError(f"{path}: is no usable camera file ({reason}); make it again by calibrating.") from error
+        raise CameraError(f"{path}: is not a usable camera file ({reason}); make it again by calibrating.") from error
 
 
 def camera_from_dict(content: dict) -> Camera:
-    """The camera in a parsed camera.yaml or in the `camera` part of a truth file; KeyError or ValueError if unfit."""
+    """The camera of a parsed camera.yaml or of the `camera` part of a truth file.
+
+    Raises
+    ------
+    KeyError
+        If an entry is missing.
+    ValueError, TypeError, AttributeError, OverflowError
+        If an entry is not valid.
+    """
     if not isinstance(content, dict):
-        raise ValueError("it holds no entries")
+        raise ValueError("it has no entries")
     if content["distortion_model"] != "plumb_bob":
         raise ValueError(f"distortion model {content['distortion_model']!r:.40} is not supported, only plumb_bob")
     matrix = np.array(content["camera_matrix"]["data"], float).reshape(3, 3)
     distortion = np.array(content["distortion_coefficients"]["data"], float).reshape(5)
     size = int(content["image_width"]), int(content["image_height"])
-    _require_lens(matrix, distortion, size)
-    # Files written by the first version call this block `mount`.
-    name = "pose" if "pose" in content else "mount"
-    pose = _pose(content[name]) if name in content else None
-    report = _report(content["calibration"]) if "calibration" in content else None
+    _require_valid_intrinsics(matrix, distortion, size)
+    # The first version wrote this block as `mount`.
+    block = "pose" if "pose" in content else "mount"
+    pose = _parse_pose(content[block]) if block in content else None
+    report = _parse_report(content["calibration"]) if "calibration" in content else None
     return Camera(*size, matrix, distortion, pose, report)
 
 
-def _require_lens(matrix: np.ndarray, distortion: np.ndarray, size: tuple[int, int]) -> None:
+def _require_valid_intrinsics(matrix: np.ndarray, distortion: np.ndarray, size: tuple[int, int]) -> None:
     if not (np.isfinite(matrix).all() and np.isfinite(distortion).all()):
-        raise ValueError("its numbers are not finite")
-    if np.abs(distortion).max() > MOST_DISTORTION:
-        raise ValueError(f"a distortion coefficient is not between -{MOST_DISTORTION:g} and {MOST_DISTORTION:g}")
+        raise ValueError("its intrinsics are not finite")
+    if np.abs(distortion).max() > MAX_DISTORTION:
+        raise ValueError(f"a distortion coefficient is not between -{MAX_DISTORTION:g} and {MAX_DISTORTION:g}")
     if not (min(size) > 0 and size[0] * size[1] <= MAX_PIXELS):
-        raise ValueError(f"{size[0]} x {size[1]} is no size of a picture")
-    least, most = (share * size[0] for share in FOCAL_LENGTHS)
-    if not all(least <= focal_px <= most for focal_px in (matrix[0, 0], matrix[1, 1])):
-        raise ValueError(f"a focal length is not between {least:g} and {most:g} pixels")
-    centred = 0 < matrix[0, 2] < size[0] and 0 < matrix[1, 2] < size[1]
-    if not centred or matrix[0, 1] or matrix[1, 0] or (matrix[2] != [0, 0, 1]).any():
-        raise ValueError("its matrix is no camera's")
+        raise ValueError(f"{size[0]} x {size[1]} is not a valid picture size")
+    shortest, longest = (widths * size[0] for widths in FOCAL_LENGTH_RANGE)
+    if not all(shortest <= focal_px <= longest for focal_px in (matrix[0, 0], matrix[1, 1])):
+        raise ValueError(f"a focal length is not between {shortest:g} and {longest:g} pixels")
+    centre_inside = 0 < matrix[0, 2] < size[0] and 0 < matrix[1, 2] < size[1]
+    if not centre_inside or matrix[0, 1] or matrix[1, 0] or (matrix[2] != [0, 0, 1]).any():
+        raise ValueError("its camera matrix is not valid")
 
 
-def _pose(content: dict) -> CameraPose:
+def _parse_pose(content: dict) -> CameraPose:
     pose = CameraPose(**{name: float(value) for name, value in content.items()})
-    if pose.height_m > HIGHEST_M or max(map(abs, (pose.pitch_rad, pose.yaw_rad, pose.roll_rad))) > np.pi / 2:
-        raise ValueError(f"a camera {pose.describe()} sees no road")
+    if pose.height_m > MAX_HEIGHT_M or max(map(abs, (pose.pitch_rad, pose.yaw_rad, pose.roll_rad))) > np.pi / 2:
+        raise ValueError(f"a camera {pose.describe()} does not see the road")
     return pose
 
 
-def _report(content: dict) -> CalibrationReport:
+def _parse_report(content: dict) -> CalibrationReport:
     errors = {str(name): float(error) for name, error in content["board_rms_px"].items()}
     rejected = {str(name): str(reason) for name, reason in content.get("rejected", {}).items()}
     return CalibrationReport(float(content["rms_px"]), errors, rejected, str(content["date"]))

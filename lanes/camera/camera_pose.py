@@ -1,4 +1,7 @@
-"""How the camera sits on the car: its height above the road and its three angles."""
+"""Camera pose (extrinsics): height above the road and three angles.
+
+Signs: pitch > 0 looks down, yaw > 0 looks left, roll > 0 has the right side down.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +12,25 @@ import numpy as np
 
 
 class CameraError(ValueError):
-    """A camera file or a picture does not fit; the message says which and what to do."""
+    """A camera, camera file or calibration cannot be used; the message says which, why and what to do."""
 
 
 @dataclass(frozen=True)
 class CameraPose:
-    """Where the camera sits on the car: height above the road, angles with the signs of the module docstring."""
+    """Position and orientation of the camera relative to the road.
+
+    Parameters
+    ----------
+    height_m : float, > 0
+        Height above the road.
+    pitch_rad, yaw_rad, roll_rad : float
+        Angles with the signs of the module docstring.
+
+    Raises
+    ------
+    CameraError
+        If the height is not positive or a number is not finite.
+    """
 
     height_m: float
     pitch_rad: float = 0.0
@@ -24,20 +40,20 @@ class CameraPose:
     def __post_init__(self) -> None:
         angles = self.pitch_rad, self.yaw_rad, self.roll_rad
         if not (np.isfinite([self.height_m, *angles]).all() and self.height_m > 0):
-            raise CameraError(f"{self} is no camera pose: the height must be positive and every angle finite.")
+            raise CameraError(f"{self} is not a camera pose: the height must be positive and every angle finite.")
 
     def describe(self) -> str:
-        """Words: "1.32 m high, pitch -1.80, yaw -1.36, roll 0.40 deg"."""
+        """Text such as "1.32 m high, pitch -1.80, yaw -1.36, roll 0.40 deg"."""
         pitch, yaw, roll = np.degrees([self.pitch_rad, self.yaw_rad, self.roll_rad])
         return f"{self.height_m:.2f} m high, pitch {pitch:.2f}, yaw {yaw:.2f}, roll {roll:.2f} deg"
 
     def rotation(self) -> np.ndarray:
-        """(3, 3) matrix, read-only, that takes directions in the road frame to camera axes."""
+        """Rotation matrix (3, 3) from the road frame to camera axes; read-only."""
         return self._rotation
 
     @cached_property
     def _rotation(self) -> np.ndarray:
-        """Kept, because every projection asks for it."""
+        """Cached, because every projection uses it."""
         cy, sy = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
         cp, sp = np.cos(self.pitch_rad), np.sin(self.pitch_rad)
         cr, sr = np.cos(self.roll_rad), np.sin(self.roll_rad)

@@ -1,8 +1,8 @@
-"""The horizontal field of view of a camera that was never calibrated: from its pictures' EXIF, from broken lines of
-known period, or assumed.
+"""Horizontal field of view of an uncalibrated camera: from EXIF, from broken lines of known period, or assumed.
 
-What depends on it was measured (docs/own_camera.md): offset, lane width and camera height do not, because they rest on
-the width of lanes; distances ahead grow in proportion to the focal length, and curvatures fall with its square.
+The effect of an error was measured (docs/own_camera.md). Offset, lane width and camera height do not depend on the
+field of view, because the lane width determines them. Distances ahead are proportional to the focal length, and
+curvatures to its inverse square.
 """
 
 from __future__ import annotations
@@ -15,76 +15,84 @@ import numpy as np
 
 from lanes.io.files import require_file
 
-# What is assumed where nothing is known: phones filming have 55 to 70 degrees, dashcams 60 to 140.
-USUAL_HFOV_DEG = 60.0
-# A diagonal of 35 mm film, 36 x 24 mm, which the equivalent focal length refers to.
+# Assumed if there is no information: phones that film have 55 to 70 degrees, dashcams 60 to 140.
+DEFAULT_HFOV_DEG = 60.0
+# Accepted from EXIF, in degrees; the same limits as in `Camera.from_fov`.
+HFOV_RANGE_DEG = 10, 150
+# Diagonal of 35 mm film, 36 x 24 mm, which the equivalent focal length refers to.
 FILM_DIAGONAL_MM = float(np.hypot(36, 24))
-# EXIF 2.32: the block of the camera's settings, and in it these entries.
-EXIF_BLOCK, FOCAL_MM, FOCAL_35MM, FOCAL_PLANE_RESOLUTION, FOCAL_PLANE_UNIT, STORED_WIDTH = (
-    0x8769,
-    0x920A,
-    0xA405,
-    0xA20E,
-    0xA210,
-    0xA002,
-)
-UNIT_MM = {2: 25.4, 3: 10.0}
+# Tags of EXIF 2.32: the IFD of the camera settings, and five entries in it.
+EXIF_IFD = 0x8769
+FOCAL_LENGTH, FOCAL_LENGTH_IN_35MM_FILM = 0x920A, 0xA405
+FOCAL_PLANE_X_RESOLUTION, FOCAL_PLANE_RESOLUTION_UNIT, PIXEL_X_DIMENSION = 0xA20E, 0xA210, 0xA002
+# Values of FOCAL_PLANE_RESOLUTION_UNIT: inch and centimetre.
+RESOLUTION_UNIT_MM = {2: 25.4, 3: 10.0}
 
 
 @dataclass(frozen=True)
 class FieldOfView:
-    """A horizontal field of view, where it comes from, and whether that is a mere assumption."""
+    """A horizontal field of view and its source.
+
+    Attributes
+    ----------
+    hfov_deg : float
+        Horizontal field of view, degrees.
+    source : str
+        Text for people.
+    assumed : bool
+        True if it is a default and not a measurement.
+    """
 
     hfov_deg: float
     source: str
     assumed: bool = False
 
     def describe(self) -> str:
-        """A sentence or two for people."""
-        words = f"field of view {self.hfov_deg:.1f} deg, {self.source}"
+        """One sentence with value and source; for an assumed value also the effect of an error and what to do."""
+        text = f"field of view {self.hfov_deg:.1f} deg, {self.source}"
         if not self.assumed:
-            return words
+            return text
         return (
-            f"{words}. Offset and lane width do not depend on it, but distances and bends do: if it is 50 (70) deg in "
-            "truth, bends come out 1.5 times too strong (too gentle). Give --hfov, --dash-period or --boards if known."
+            f"{text}. Offset and lane width do not depend on it, but distances and curvature do: if the true value is "
+            "50 (70) deg, the curvature is 1.5 times too strong (too weak). Give --hfov, --dash-period or --boards."
         )
 
 
 def read_hfov(picture: str | Path) -> float | None:
-    """Horizontal field of view of a still in degrees by its EXIF entries, or None where they do not tell it.
+    """Horizontal field of view of a still in degrees from its EXIF entries, or None if they do not determine it.
 
-    The focal length in terms of 35 mm film is one for the diagonal (CIPA DCG-001); else the focal length in
-    millimetres and the number of pixels in a millimetre of the sensor do.
+    First choice is the focal length in 35 mm film, which refers to the diagonal (CIPA DCG-001). Second choice is the
+    focal length in millimetres together with the resolution of the sensor.
     """
-    # Imported here: only pictures without any other word on their lens are asked.
+    # Imported here, because it is needed only for pictures without other information about the lens.
     from PIL import Image
 
     try:
         require_file(picture, "picture")
         with warnings.catch_warnings(action="ignore"), Image.open(picture) as image:
-            entries, (width, height) = image.getexif().get_ifd(EXIF_BLOCK), image.size
-    except Exception:  # EXIF is a mere hint, and whoever writes nonsense there makes Pillow raise anything
+            entries, (width, height) = image.getexif().get_ifd(EXIF_IFD), image.size
+    except Exception:  # EXIF is optional information, and Pillow raises many types of error on invalid entries.
         return None
-    focal_px = _focal_px({key: _number(value) for key, value in entries.items()}, width, height)
+    focal_px = _focal_length_px({key: _to_float(value) for key, value in entries.items()}, width, height)
     if focal_px is None:
         return None
     hfov_deg = float(np.degrees(2 * np.arctan(width / 2 / focal_px)))
-    return hfov_deg if 10 <= hfov_deg <= 150 else None
+    return hfov_deg if HFOV_RANGE_DEG[0] <= hfov_deg <= HFOV_RANGE_DEG[1] else None
 
 
-def _focal_px(entries: dict[int, float], width: int, height: int) -> float | None:
-    if entries.get(FOCAL_35MM, 0) > 0:
-        return entries[FOCAL_35MM] / FILM_DIAGONAL_MM * float(np.hypot(width, height))
-    focal_mm, resolution = entries.get(FOCAL_MM, 0), entries.get(FOCAL_PLANE_RESOLUTION, 0)
-    unit_mm = UNIT_MM.get(round(entries.get(FOCAL_PLANE_UNIT, 2)))
+def _focal_length_px(entries: dict[int, float], width: int, height: int) -> float | None:
+    if entries.get(FOCAL_LENGTH_IN_35MM_FILM, 0) > 0:
+        return entries[FOCAL_LENGTH_IN_35MM_FILM] / FILM_DIAGONAL_MM * float(np.hypot(width, height))
+    focal_mm, resolution = entries.get(FOCAL_LENGTH, 0), entries.get(FOCAL_PLANE_X_RESOLUTION, 0)
+    unit_mm = RESOLUTION_UNIT_MM.get(round(entries.get(FOCAL_PLANE_RESOLUTION_UNIT, 2)))
     if not (focal_mm > 0 and resolution > 0 and unit_mm):
         return None
-    # The resolution is that of the picture as stored at first, which may have been resized since.
-    resized = width / (entries.get(STORED_WIDTH, 0) or width)
-    return focal_mm * resolution / unit_mm * resized
+    # The resolution refers to the original picture, which may have been resized.
+    scale = width / (entries.get(PIXEL_X_DIMENSION, 0) or width)
+    return focal_mm * resolution / unit_mm * scale
 
 
-def _number(value: object) -> float:
+def _to_float(value: object) -> float:
     try:
         number = float(value)
     except (TypeError, ValueError, ZeroDivisionError):

@@ -9,7 +9,7 @@ import numpy as np
 
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError
-from lanes.camera.field_of_view import USUAL_HFOV_DEG, FieldOfView, read_hfov
+from lanes.camera.field_of_view import DEFAULT_HFOV_DEG, FieldOfView, read_hfov
 from lanes.camera.pose_from_lanes.pose_estimate import PoseError
 from lanes.camera.pose_from_lanes.pose_from_files import POSE_PICTURES, pose_from_pictures
 from lanes.drives.dash_period import measure_dash_period
@@ -29,7 +29,7 @@ def find_field_of_view(files: Sequence[Path], *, dash_period_m: float | None = N
         Of one camera; at least one.
     dash_period_m : float, optional
         Length of one dash and one gap of the road's broken lines. Without it the EXIF entries of the stills are asked,
-        and where they do not tell it either, `USUAL_HFOV_DEG` is assumed.
+        and where they do not tell it either, `DEFAULT_HFOV_DEG` is assumed.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def find_field_of_view(files: Sequence[Path], *, dash_period_m: float | None = N
         hfov_deg = read_hfov(file) if Path(file).suffix.lower() in PICTURE_SUFFIXES else None
         if hfov_deg is not None:
             return FieldOfView(hfov_deg, f"as {Path(file).name} says (EXIF)")
-    return FieldOfView(USUAL_HFOV_DEG, "assumed, because neither the command nor the files name one", assumed=True)
+    return FieldOfView(DEFAULT_HFOV_DEG, "assumed, because neither the command nor the files name one", assumed=True)
 
 
 def _from_dashes(files: Sequence[Path], dash_period_m: float) -> FieldOfView:

@@ -1,4 +1,4 @@
-"""The camera: its signs one by one, the ways between pixels and road and back."""
+"""The camera: signs of the pose, projections between pixels and road, sizes, undistortion."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def see(pose: CameraPose, point_m: tuple[float, float, float]) -> np.ndarray:
     return Camera.from_fov((1280, 720), 60, pose).road_to_pixels(np.array([point_m]))[0]
 
 
-# --- signs, each by itself -------------------------------------------------------------------------------------------
+# --- signs -----------------------------------------------------------------------------------------------------------
 
 
 def test_level_camera_sees_the_point_ahead_at_its_height_in_the_middle():
@@ -57,7 +57,7 @@ def test_positive_roll_has_the_right_side_down_so_the_horizon_falls_to_the_left(
 
 
 @given(poses)
-def test_rotation_is_one(pose):
+def test_rotation_is_orthonormal(pose):
     rotation = pose.rotation()
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(rotation) > 0
@@ -69,7 +69,7 @@ def test_impossible_pose_is_refused(bad):
         CameraPose(**bad)
 
 
-# --- there and back --------------------------------------------------------------------------------------------------
+# --- projections -----------------------------------------------------------------------------------------------------
 
 
 @given(picture_points)
@@ -107,19 +107,19 @@ def test_road_to_pixels_and_back(pose, x_m, y_m):
     np.testing.assert_allclose(camera.pixels_to_road(pixel)[0], (x_m, y_m), rtol=1e-4, atol=1e-4)
 
 
-def test_sky_is_no_road_and_what_is_behind_is_not_seen():
+def test_sky_and_points_behind_the_camera_give_nan():
     assert np.isnan(DASHCAM.pixels_to_road(np.array([[640.0, 20.0]]))).all()
     assert np.isnan(DASHCAM.road_to_pixels(np.array([[-5.0, 0.0]]))).all()
 
 
-def test_rays_that_the_distortion_polynomial_folds_back_are_not_seen():
+def test_rays_beyond_the_monotonic_range_of_the_distortion_give_nan():
     folding = Camera(1280, 720, DASHCAM.matrix, np.array([-0.3, 0, 0, 0, 0]), CameraPose(1.3))
     assert folding.largest_ray == pytest.approx(np.sqrt(1 / 0.9))
     assert np.isnan(folding.road_to_pixels(np.array([[2.0, 8.0]]))).all()
     assert Camera.from_fov((640, 480), 60).largest_ray == np.inf
 
 
-def test_a_camera_without_pose_says_so():
+def test_a_camera_without_pose_is_refused():
     with pytest.raises(CameraError, match="no pose"):
         Camera.from_fov((640, 480), 60).pixels_to_road(np.zeros((1, 2)))
 
@@ -127,14 +127,14 @@ def test_a_camera_without_pose_says_so():
 # --- sizes -----------------------------------------------------------------------------------------------------------
 
 
-def test_scaled_camera_sees_the_same_ray_at_the_same_share_of_the_picture():
+def test_scaled_camera_has_the_same_ray_at_the_same_share_of_the_picture():
     half = DASHCAM.scaled((640, 360))
     pixels = np.array([[100.0, 50.0], [1200.0, 700.0]])
     np.testing.assert_allclose(half.rays((pixels + 0.5) / 2 - 0.5), DASHCAM.rays(pixels), atol=1e-9)
 
 
-def test_other_shape_cannot_be_rescaled():
-    with pytest.raises(CameraError, match="640x480 picture has another shape than the calibrated 1280x720"):
+def test_another_aspect_ratio_cannot_be_rescaled():
+    with pytest.raises(CameraError, match="640x480 picture has another aspect ratio than the calibrated 1280x720"):
         DASHCAM.scaled((640, 480))
 
 
@@ -171,5 +171,5 @@ def test_undistort_refuses_another_size_unless_asked_to_rescale():
     ):
         undistort(small, DASHCAM)
     assert undistort(small, DASHCAM, rescale=True).shape == (360, 640, 3)
-    with pytest.raises(CameraError, match="another shape"):
+    with pytest.raises(CameraError, match="another aspect ratio"):
         undistort(np.zeros((480, 640, 3), np.uint8), DASHCAM, rescale=True)

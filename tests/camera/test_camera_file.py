@@ -1,4 +1,4 @@
-"""Camera files: what is written is read back, and each way in which a file can be unfit is refused."""
+"""Camera files: writing and reading them back, and the errors for invalid files."""
 
 import numpy as np
 import pytest
@@ -34,6 +34,21 @@ def test_camera_file_round_trip(tmp_path, content):
 def test_camera_file_without_pose_and_report(tmp_path):
     loaded = load_camera(save_camera(Camera.from_fov((640, 480), 60), tmp_path / "camera.yaml"))
     assert loaded.pose is None and loaded.report is None
+
+
+def test_block_of_the_pose_is_called_pose_and_the_older_name_mount_is_read(tmp_path, content):
+    assert content["pose"]["height_m"] == DASHCAM.pose.height_m and "mount" not in content
+    older = content | {"mount": content["pose"]}
+    del older["pose"]
+    assert load_camera(write(tmp_path / "older.yaml", older)).pose == DASHCAM.pose
+    both = content | {"mount": {"height_m": 9.0}}
+    assert load_camera(write(tmp_path / "both.yaml", both)).pose == DASHCAM.pose
+
+
+def test_an_invalid_pose_under_the_older_name_is_refused(tmp_path, content):
+    content["mount"] = content.pop("pose") | {"height_m": 1300}
+    with pytest.raises(CameraError, match=r"camera\.yaml: is not a usable camera file \(a camera 1300\.00 m high"):
+        load_camera(write(tmp_path / "camera.yaml", content))
 
 
 def test_camera_file_has_the_layout_of_ros(content):
@@ -81,7 +96,7 @@ def test_missing_entry_is_named(tmp_path, content, entry):
 )
 def test_bad_entry_is_refused(tmp_path, content, entry, value):
     content[entry] = value
-    with pytest.raises(CameraError, match=r"camera\.yaml: is no usable camera file"):
+    with pytest.raises(CameraError, match=r"camera\.yaml: is not a usable camera file"):
         load_camera(write(tmp_path / "camera.yaml", content))
 
 
@@ -90,8 +105,8 @@ def test_bad_entry_is_refused(tmp_path, content, entry, value):
     ["#", "just words", "- a\n- list", "a: [1, 2", "!!python/object/apply:os.getcwd []", "\0", "[" * 9999],
     ids=["empty", "words", "list", "broken", "python tag", "binary", "deep"],
 )
-def test_what_is_no_camera_file_is_refused(tmp_path, text):
-    with pytest.raises(CameraError, match=r"camera\.yaml: is no usable camera file"):
+def test_a_file_of_another_kind_is_refused(tmp_path, text):
+    with pytest.raises(CameraError, match=r"camera\.yaml: is not a usable camera file"):
         load_camera(write(tmp_path / "camera.yaml", text))
 
 
@@ -103,8 +118,8 @@ def test_missing_and_unwritable_camera_files_are_named(tmp_path):
         save_camera(DASHCAM, tmp_path / "file" / "camera.yaml")
 
 
-def test_aliases_are_refused_before_they_are_multiplied(tmp_path):
-    """Nine lines that stand for 10^9 numbers."""
+def test_aliases_are_refused_before_they_are_expanded(tmp_path):
+    """Nine lines that expand to 10^9 numbers."""
     lines = ["a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"]
     lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]" for n in range(1, 9)]
     text = "\n".join(lines) + "\ncamera_matrix: {data: *a8}\n"
@@ -112,7 +127,7 @@ def test_aliases_are_refused_before_they_are_multiplied(tmp_path):
         load_camera(write(tmp_path / "camera.yaml", text))
 
 
-def test_names_that_are_no_text_are_written_all_the_same(tmp_path):
+def test_names_that_are_not_valid_text_are_written(tmp_path):
     report = CalibrationReport(0.5, {"\udcff.jpg": 0.4})
     written = save_camera(DASHCAM.with_report(report), tmp_path / "camera.yaml")
     assert load_camera(written).report.board_rms_px == report.board_rms_px

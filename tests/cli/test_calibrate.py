@@ -79,7 +79,7 @@ def test_folder_gives_camera_file_table_and_sheet(folder):
     table = {line.split()[0]: line for line in done.stdout.splitlines() if line}
     assert table["a.png"].endswith("  used")
     assert table["wall.png"].endswith("-  no chessboard of 9x6 inner corners, nor a part of one")
-    assert "another shape, so another camera or a cropped picture" in table["square.png"]
+    assert "another aspect ratio, so another camera or a cropped picture" in table["square.png"]
     assert "broken.jpg: cannot be decoded as a picture, it is cut off or damaged" in table["broken.jpg"]
     assert "5 of 8 pictures used, error 0." in done.stdout
     assert "corners in the " in done.stdout and done.stdout.endswith("wrote out/lens.yaml\n")

@@ -107,7 +107,7 @@ def matrix(focal_px: float) -> dict:
 
 
 BOMB = "a: &a [1, 1]\n" + "".join(f"{n}: &{n} [*{p}, *{p}, *{p}]\n" for p, n in pairwise("abcdefghij"))
-UNFIT = "is no usable camera file"
+UNFIT = "is not a usable camera file"
 CAMERA = {
     "Python tag": (holds('!!python/object/apply:os.system ["touch owned"]'), UNFIT),
     "alias bomb": (holds(BOMB + "camera_matrix: {data: *j}"), "has an alias"),
@@ -124,7 +124,7 @@ CAMERA = {
     "pose at height 0": (camera(pose={"height_m": 0.0}), UNFIT),
     "pose at NaN": (camera(pose={"height_m": 1.3, "pitch_rad": float("nan")}), UNFIT),
     "pose of words": (camera(pose="on the roof"), UNFIT),
-    "another shape": (camera(image_width=480), "another shape|pixels, but the camera"),
+    "another shape": (camera(image_width=480), "another aspect ratio|pixels, but the camera"),
 }
 
 

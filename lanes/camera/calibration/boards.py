@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from lanes.camera.calibration.corners import Board, draw_board, find_board
-from lanes.camera.camera import SAME_ASPECT, CalibrationReport, Camera
+from lanes.camera.camera import MAX_ASPECT_DIFFERENCE, CalibrationReport, Camera
 from lanes.camera.camera_pose import CameraError
 from lanes.io.frames import PictureError
 from lanes.io.images import list_pictures, read_image
@@ -238,11 +238,11 @@ def _adopt(board: Board, camera: Camera) -> tuple[Board | None, str]:
     candidates = []
     if abs(board_width - width) <= CUT_PX and abs(board_height - height) <= CUT_PX:
         candidates.append(board.corners_px)
-    if abs(board_width / board_height - width / height) <= SAME_ASPECT:
+    if abs(board_width / board_height - width / height) <= MAX_ASPECT_DIFFERENCE:
         # Pixel centres lie at integers, so the picture's edge is at -0.5: shift by half a pixel, scale, shift back.
         candidates.append((board.corners_px + 0.5) * np.divide(camera.size, board.size) - 0.5)
     if not candidates:
-        return None, f"{which}: another shape, so another camera or a cropped picture"
+        return None, f"{which}: another aspect ratio, so another camera or a cropped picture"
     boards = [Board(c.astype(np.float32), board.columns, board.rows, camera.size) for c in candidates]
     errors = [_pose_error_px(b, camera) for b in boards]
     limit = max(OUTLIER_RATIO * float(np.median(list(camera.report.board_rms_px.values()))), OUTLIER_FLOOR_PX)

@@ -168,6 +168,11 @@ def test_bad_input_is_named():
         estimate_pose([unmarked()], CAMERA, height_m=0.1)
 
 
+def test_a_failed_estimate_is_work_undone_not_bad_input():
+    """Commands exit with this status; the ValueError of a bad argument gives 2."""
+    assert PoseError("").exit_status == 1 and issubclass(PoseError, ValueError)
+
+
 def test_a_picture_of_another_size_is_named_by_its_file(tmp_path):
     write_image(tmp_path / "first.png", unmarked())
     write_image(tmp_path / "second.png", np.zeros((721, 1281, 3), np.uint8))
