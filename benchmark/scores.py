@@ -10,7 +10,7 @@ import numpy as np
 from benchmark.errors import FrameErrors, recovery_lengths
 from benchmark.estimates import AHEAD_M
 
-# Distances ahead with columns of their own.
+# Distances ahead, each with its own columns in the table.
 TABLE_AHEAD_M = (5.0, 15.0, 30.0)
 Row = dict[str, str | float]
 

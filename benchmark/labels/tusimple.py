@@ -52,8 +52,8 @@ class LaneColumns:
 
     def at(self, rows: np.ndarray) -> np.ndarray:
         """Columns (2, N) at rows (N,); -2 in rows that are not in `rows`."""
-        place = {row: k for k, row in enumerate(self.rows.tolist())}
-        chosen = [place.get(row) for row in np.asarray(rows).tolist()]
+        index = {row: k for k, row in enumerate(self.rows.tolist())}
+        chosen = [index.get(row) for row in np.asarray(rows).tolist()]
         columns = [np.full(2, NO_POINT) if k is None else self.columns[:, k] for k in chosen]
         return np.array(columns).T.reshape(2, -1)
 

@@ -86,10 +86,10 @@ class AvailableLanes:
 
     def reliability(self) -> Reliability:
         """The reliability diagram: accuracy against confidence."""
-        place = np.clip(np.searchsorted(BIN_EDGES, self.confidence, side="right") - 1, 0, len(BIN_EDGES) - 2)
         bins = len(BIN_EDGES) - 1
-        count = np.bincount(place, minlength=bins)
-        confidence, correct = (np.bincount(place, of, bins)[count > 0] for of in (self.confidence, self.correct))
+        index = np.clip(np.searchsorted(BIN_EDGES, self.confidence, side="right") - 1, 0, bins - 1)
+        count = np.bincount(index, minlength=bins)
+        confidence, correct = (np.bincount(index, w, bins)[count > 0] for w in (self.confidence, self.correct))
         count = count[count > 0]
         return Reliability(confidence / count, correct / count, *wilson_interval(correct, count), count)
 
