@@ -1,4 +1,4 @@
-"""Render the embedded chessboards, stills and videos again, or a scene of the suite, each with its truth file."""
+"""Render the course's chessboards, stills and videos, or a scene of the suite, with their ground truth."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from lanes.io.console import bounded_float, progress_line, run_command, run_prog
 
 EXAMPLES = """\
   python -m simulator
-  python -m simulator stills --out elsewhere
-  python -m simulator video --seconds 2 --out elsewhere
+  python -m simulator stills --out renders
+  python -m simulator video --seconds 2 --out renders
   python -m simulator --scene hairpin-left"""
 
 
@@ -19,23 +19,34 @@ EMBEDDED = ("boards", "stills", "video", "challenge", "harder")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of this command."""
-    parser.add_argument("what", nargs="?", default="all", choices=(*EMBEDDED, "all"))
+    """Add the options of this command."""
     parser.add_argument(
-        "--scene", metavar="NAME", help="a scene of the suite instead, into the cache (LANES_CACHE) unless it is there"
+        "what",
+        nargs="?",
+        default="all",
+        choices=(*EMBEDDED, "all"),
+        help="what to render: chessboards into camera_cal/, stills into test_images/, the videos into test_videos/ "
+        "(default: all)",
     )
-    parser.add_argument("--out", type=Path, default=Path("."), help="folder to write into (default: here)")
+    parser.add_argument(
+        "--scene",
+        metavar="NAME",
+        help="render this scene of the suite into the cache folder (LANES_CACHE) instead, if it is not there yet",
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("."), help="folder that holds these folders (default: the current one)"
+    )
     parser.add_argument(
         "--seconds",
         type=bounded_float(0.04, 10),
         default=10.0,
         metavar="S",
-        help="greatest length of a video (default: %(default)s)",
+        help="maximum length of a video in seconds (default: %(default)s)",
     )
 
 
 def run(options: argparse.Namespace) -> int:
-    """Render what is asked for."""
+    """Render the selected files; returns the exit status."""
     from lanes.io.files import translate_write_errors
     from simulator.chessboards import write_boards
     from simulator.scenes.embedded import write_challenge_video, write_harder_video, write_project_video, write_stills
@@ -57,12 +68,12 @@ def run(options: argparse.Namespace) -> int:
     for name, job in jobs.items():
         if options.what in (name, "all"):
             written = job(progress_line(name))
-            print(f"{name}: wrote {', '.join(str(path) for path in written[-3:])}, {len(written)} files in all")
+            print(f"{name}: wrote {', '.join(str(path) for path in written[-3:])}, {len(written)} files in total")
     return 0
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command; returns the exit status, see `run_command`."""
+    """Run the command line; returns the exit status, see `run_command`."""
     arguments = sys.argv[1:] if arguments is None else arguments
     return run_command(sys.modules[__name__], "python -m simulator", arguments)
 

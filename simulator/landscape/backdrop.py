@@ -31,7 +31,7 @@ from simulator.landscape.sky import (
     row_z,
 )
 from simulator.painting import noise
-from simulator.painting.brush import split_channels
+from simulator.painting.brush import Atmosphere, split_channels
 from simulator.painting.noise import fractal_noise, fractal_profile, smoothstep
 
 __all__ = ["BackdropStyle", "paint_backdrop", "panorama"]
@@ -77,8 +77,8 @@ def paint_backdrop(directions: Sequence[np.ndarray], style: BackdropStyle, *, se
 
 
 def _veil(colour: np.ndarray, distance_km: np.ndarray | float, style: BackdropStyle) -> np.ndarray:
-    through, air = aerial_perspective(np.asarray(distance_km) * 1000, style.haze_per_km)
-    return colour * through + air
+    transmittance, airlight = aerial_perspective(np.asarray(distance_km) * 1000, style.haze_per_km)
+    return colour * transmittance + airlight
 
 
 @lru_cache(maxsize=3)
@@ -114,11 +114,11 @@ def _paint_plain(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Gene
     noise = fractal_noise((len(z), PANORAMA_COLUMNS), rng, cell_px=(14, 220), octaves=6, gain=0.6)
     share = smoothstep(-0.6, 1.4, noise)
     distance_km = np.minimum(1.4e-3 / -z, 6.0)
-    through, air = np.moveaxis(aerial_perspective(distance_km[:, None] * 1000, style.haze_per_km), -1, 1)
-    for plane, grass, scrub, left_over, added in zip(
-        panorama, _grass(style), CHAPARRAL * 1.6, through, air, strict=True
+    transmittance, airlight = np.moveaxis(aerial_perspective(distance_km[:, None] * 1000, style.haze_per_km), -1, 1)
+    for plane, grass, scrub, factor, offset in zip(
+        panorama, _grass(style), CHAPARRAL * 1.6, transmittance, airlight, strict=True
     ):
-        plane[first:] = (grass * (1 - share) + scrub * share) * left_over + added
+        plane[first:] = (grass * (1 - share) + scrub * share) * factor + offset
 
 
 def _grass(style: BackdropStyle) -> np.ndarray:
@@ -143,11 +143,11 @@ def _paint_slope(
 
     The edge is anti-aliased over one pixel. The colour planes are overwritten.
     """
-    through, air = aerial_perspective(np.asarray(distance_km) * 1000, style.haze_per_km)
+    transmittance, airlight = aerial_perspective(np.asarray(distance_km) * 1000, style.haze_per_km)
     alpha = np.clip((skyline[None, :] - row_z()[rows, None]) * PIXELS_PER_RAD + 0.5, 0, 1)
-    for plane, colour, left_over, added in zip(panorama[:, rows], colours, through, air, strict=True):
-        colour *= left_over
-        colour += added
+    for plane, colour, factor, offset in zip(panorama[:, rows], colours, transmittance, airlight, strict=True):
+        colour *= factor
+        colour += offset
         _blend(plane, colour, alpha)
 
 
@@ -256,8 +256,8 @@ def _paint_trees(
     kinds: tuple[str, ...],
 ) -> None:
     """Paint trees on the panorama from far to near, that is from the highest foot down."""
-    air = _veil(np.zeros(3, np.float32), distance_km, style)
-    through = _veil(np.ones(3, np.float32), distance_km, style) - air
+    airlight = _veil(np.zeros(3, np.float32), distance_km, style)
+    transmittance = _veil(np.ones(3, np.float32), distance_km, style) - airlight
     metres = {"oak": 9, "plane": 13, "eucalyptus": 19, "cypress": 12, "redwood": 24, "bush": 3, "scrub": 1.5}
     for i in np.argsort(-base_z, kind="stable"):
         kind = kinds[rng.integers(len(kinds))]
@@ -269,7 +269,7 @@ def _paint_trees(
             sprite = sprite[:, ::-1]
         tint = np.exp(rng.normal(0, 0.16) + rng.normal(0, 0.05, 3)).astype(np.float32)
         foot = int(round(HORIZON_ROW - base_z[i] * PIXELS_PER_RAD))
-        _stamp(panorama, sprite, int(column[i]), foot, tint, (through, air))
+        _stamp(panorama, sprite, int(column[i]), foot, tint, Atmosphere(transmittance, airlight))
 
 
 @lru_cache(maxsize=512)
@@ -286,7 +286,7 @@ def _stamp(
     column: int,
     foot: int,
     tint: np.ndarray,
-    air: tuple[np.ndarray, np.ndarray],
+    atmosphere: Atmosphere,
 ) -> None:
     """Composite a sprite over the panorama with its foot at (column, foot), wrapping around the end."""
     rows, columns = sprite.shape[:2]
@@ -298,5 +298,5 @@ def _stamp(
         where = np.arange(left, left + columns) % PANORAMA_COLUMNS
     *colours, alpha = sprite.transpose(2, 0, 1)
     clear = 1 - alpha
-    for plane, colour, tone, through, added in zip(panorama, colours, tint, *air, strict=True):
-        plane[top:bottom, where] = plane[top:bottom, where] * clear + colour * tone * through + added * alpha
+    for plane, colour, tone, factor, offset in zip(panorama, colours, tint, *atmosphere, strict=True):
+        plane[top:bottom, where] = plane[top:bottom, where] * clear + colour * tone * factor + offset * alpha

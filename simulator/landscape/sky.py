@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from simulator.painting.brush import Atmosphere
 from simulator.painting.noise import fractal_noise, smoothstep
 
 # 1304 px/rad, a little finer than the 1160 px/rad of a 63 degree wide picture of 1280 columns.
@@ -85,7 +86,7 @@ class BackdropStyle:
         )
 
 
-def aerial_perspective(distance_m: np.ndarray | float, haze_per_km: float) -> tuple[np.ndarray, np.ndarray]:
+def aerial_perspective(distance_m: np.ndarray | float, haze_per_km: float) -> Atmosphere:
     """Attenuation and airlight for an object at a distance.
 
     Parameters
@@ -97,16 +98,16 @@ def aerial_perspective(distance_m: np.ndarray | float, haze_per_km: float) -> tu
 
     Returns
     -------
-    transmittance, airlight : ndarrays of the shape of `distance_m` plus (3,)
-        Observed colour = colour * transmittance + airlight. Blue is scattered most.
+    Atmosphere
+        Two ndarrays of the shape of `distance_m` plus (3,). Blue is scattered most.
 
     References
     ----------
     Koschmieder's law of the contrast of distant objects.
     """
     extinction = haze_per_km / 1000 * np.array([0.8, 1.0, 1.3], np.float32)
-    through = np.exp(-np.multiply.outer(np.asarray(distance_m, np.float32), extinction))
-    return through, HAZE_COLOUR * (1 - through)
+    transmittance = np.exp(-np.multiply.outer(np.asarray(distance_m, np.float32), extinction))
+    return Atmosphere(transmittance, HAZE_COLOUR * (1 - transmittance))
 
 
 def column_azimuths() -> np.ndarray:

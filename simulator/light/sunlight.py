@@ -17,7 +17,7 @@ from simulator.road.road_ahead import RoadAhead
 SKY_SHARE = np.array([0.11, 0.15, 0.22], np.float32)
 # Light of an overcast sky on open ground, relative to that of the clear sky without the sun.
 OVERCAST_LIGHT = np.array([0.36, 0.38, 0.41], np.float32) / SKY_SHARE
-# Range ahead in which objects cast shadows; the bonnet hides what is nearer.
+# Range of shadows ahead; the bonnet hides nearer ones.
 MIN_SHADOW_M = 1.5
 MAX_SHADOW_M = 160.0
 LEAF_SEED = 61

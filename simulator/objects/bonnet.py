@@ -7,7 +7,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from simulator.painting.brush import composite_behind, split_channels
+from simulator.painting.brush import Atmosphere, composite_behind, split_channels
 from simulator.painting.noise import fractal_noise, smoothstep
 
 # Upper edge as shares of picture width and height: left wing, dip, hump in the middle, right wing.
@@ -54,7 +54,7 @@ def paint_bonnet(picture: np.ndarray, *, seed: int = 0, light: float = 1.0) -> N
         Light on the bonnet: 1 in the sun, about 0.25 under trees.
     """
     layer, top = _bonnet_layer(picture.shape[:0:-1], seed)
-    composite_behind(picture, split_channels(layer), 0, top, through=light)
+    composite_behind(picture, split_channels(layer), 0, top, atmosphere=Atmosphere(light))
 
 
 @lru_cache(maxsize=4)

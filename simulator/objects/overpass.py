@@ -1,4 +1,4 @@
-"""A road bridge over ours: the deck on its beams, the walls that carry it, and the shadow that it throws."""
+"""Bridge across the road: deck on beams, side walls, and its shadow."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ import numpy as np
 from lanes.camera.camera import Camera
 from simulator.light.shading import irradiance
 from simulator.light.sunlight import BOUNCED_SHARE, BridgeShade, blocked_sky
-from simulator.painting.brush import paint_polygons, project_faces
+from simulator.painting.brush import Atmosphere, paint_polygons, project_faces
 from simulator.road.geometry import RoadGeometry, VehiclePose, surface_points
 
 CONCRETE = np.array([0.36, 0.345, 0.315])
 BEAM_EVERY_M, BEAM_M = 2.4, 0.8
 BEAMS_PER_SLICE = 3
 DECK_M, RAILING_M = 1.15, 0.95
-# The walls of the approaches on either side of the opening, and the width of their panels.
+# Length of the approach walls on either side of the opening, and width of their panels.
 APPROACH_M, PANEL_M = 54.0, 3.0
-# Light below the deck is what the road throws up: about the mean reflectance of asphalt, more near the open air.
+# Light below the deck is reflected by the road: about the mean reflectance of asphalt, more near the edges.
 FROM_ROAD = 0.08
 MAX_BRIDGE_M = 420.0
 
 
 @dataclass(frozen=True)
 class Overpass:
-    """A bridge across the road from arc length `start_m` to `end_m`; its opening is from `low_m` to `high_m` wide.
+    """Bridge from arc length `start_m` to `end_m`, with an opening from lateral `low_m` to `high_m`.
 
-    `skew` is ds/dd of its edges, as of `BridgeShade`; `clearance_m` the height of its beams above the road.
+    `skew` is ds/dd of its edges, as in `BridgeShade`; `clearance_m` is the height of the beams above the road.
     """
 
     start_m: float
@@ -39,17 +39,17 @@ class Overpass:
     seed: int = 0
 
     def shade(self) -> BridgeShade:
-        """Its shadow for a sun that stands high; the light of the sky that it hides belongs to it."""
+        """Shadow of the bridge for a high sun, including the skylight that it blocks."""
         return BridgeShade(self.start_m, self.end_m, self.skew, self.clearance_m)
 
     def slices_at(self, road: RoadGeometry, pose: VehiclePose) -> list[BridgeSlice]:
-        """The bridge in the car's road frame, in slices that a painter can sort by distance."""
+        """Slices of the bridge in the car's road frame, which can be sorted by distance."""
         if self.end_m < pose.s_m - 2 or self.start_m > pose.s_m + MAX_BRIDGE_M:
             return []
         count = max(2, round((self.end_m - self.start_m) / BEAM_EVERY_M))
         edges = np.linspace(self.start_m, self.end_m, count + 1)
         slices = [self._underside(low, high) for low, high in zip(edges[:-1], edges[1:], strict=True)]
-        # Some beams are painted together, the far ones first: each layer of paint covers the upper half of the picture.
+        # Several beams in one slice, far ones first, because each paint call covers the upper half of the picture.
         groups = [slices[i : i + BEAMS_PER_SLICE][::-1] for i in range(0, count, BEAMS_PER_SLICE)]
         faces, tones = self._front()
         front = BridgeSlice(_in_car(faces, road, pose), tones, front=True)
@@ -57,7 +57,7 @@ class Overpass:
         return [front, *(BridgeSlice(_in_car(faces, road, pose), light) for faces, light in joined)]
 
     def _front(self) -> tuple[np.ndarray, np.ndarray]:
-        """Walls of the approaches, edge of the deck and railing, all across the road at `start_m`."""
+        """Faces and tones of approach walls, edge of the deck and railing, all at `start_m`."""
         low, high, top = self.low_m, self.high_m, self.clearance_m + DECK_M
         sides = [np.arange(high, high + APPROACH_M, PANEL_M), low - PANEL_M - np.arange(0, APPROACH_M, PANEL_M)]
         panels = [(d, PANEL_M, z, z + 1.5, 0.94) for side in sides for d in side for z in np.arange(0, 5.9, 1.5)]
@@ -73,7 +73,7 @@ class Overpass:
         return self._skew(faces), tone * (1 + 0.06 * rng.standard_normal(len(tone)))
 
     def _underside(self, start: float, end: float) -> tuple[np.ndarray, np.ndarray]:
-        """One beam with the gap behind it, and the walls beside the road below them; light as a share of open sky."""
+        """Faces and light of one beam, the gap behind it, and the side walls below; light as a share of open sky."""
         d = np.arange(self.low_m, self.high_m, 2.0)
         across = (d, np.minimum(d + 2.0, self.high_m))
         low, high, beam = self.clearance_m, self.clearance_m + DECK_M - 0.3, start + BEAM_M
@@ -88,7 +88,7 @@ class Overpass:
         for d_wall in (self.low_m, self.high_m):
             wall = np.full(4, d_wall)
             parts.append((_quads((start, end), (wall, wall), (heights[:-1], heights[1:])), 1.0))
-            # An upright wall sees half the sky that the ground sees, and the road's light below.
+            # A vertical wall sees half of the ground's sky, and the road.
             light.append(np.full(4, FROM_ROAD / 2 + 0.5 * max(open_sky, BOUNCED_SHARE) * 0.16))
         return self._skew(np.concatenate([quads for quads, _ in parts])), np.concatenate(light)
 
@@ -99,9 +99,9 @@ class Overpass:
 
 @dataclass(frozen=True, eq=False)
 class BridgeSlice:
-    """A slice of a bridge in the car's road frame: faces (F, 4, 3), metres; light on each of them (F,).
+    """Slice of a bridge in the car's road frame: faces (F, 4, 3) in metres, and the light (F,) on them.
 
-    `front` says that the faces stand in the open air and `light` is a tone of their colour.
+    Faces with `front` are in open daylight, and their `light` is a factor on the colour.
     """
 
     faces_m: np.ndarray
@@ -109,25 +109,27 @@ class BridgeSlice:
     front: bool = False
 
     def distance_m(self) -> float:
-        """Distance that painters sort by: along the road to the middle, because the slice spans it."""
+        """Sorting distance in metres: along the road to the median of the corners."""
         return float(np.abs(np.median(self.faces_m[..., 0])))
 
     def shadows(self, offset_per_m: np.ndarray) -> list[np.ndarray]:
-        """None: the shade of a bridge is its own (`Overpass.shade`)."""
+        """Empty, because `Overpass.shade` is the shadow of the bridge."""
         return []
 
 
-def paint_bridge_slice(picture: np.ndarray, camera: Camera, slab: BridgeSlice, sun: np.ndarray, air: tuple) -> None:
-    """Paint a slice of a bridge behind what is in a picture (4, H, W), in place."""
+def paint_bridge_slice(
+    picture: np.ndarray, camera: Camera, part: BridgeSlice, sun: np.ndarray, air: Atmosphere
+) -> None:
+    """Paint a slice of a bridge behind the content of a canvas (4, H, W), in place."""
     light = np.ones(3)
-    if slab.front:
+    if part.front:
         light = irradiance(np.array([[-1.0, 0, 0]]), sun)[0]
-    colours = slab.light[:, None] * CONCRETE * light / 0.8
-    paint_polygons(picture, project_faces(camera, slab.faces_m), colours, through=air[0], air=air[1])
+    colours = part.light[:, None] * CONCRETE * light / 0.8
+    paint_polygons(picture, project_faces(camera, part.faces_m), colours, atmosphere=air)
 
 
 def _in_car(faces: np.ndarray, road: RoadGeometry, pose: VehiclePose) -> np.ndarray:
-    """Faces (F, 4, 3: s, d, z) in the car's road frame (F, 4, 3: x, y, z)."""
+    """Convert faces (F, 4, 3) from (s, d, z) to the car's road frame (x, y, z)."""
     points = surface_points(road, pose, faces[..., 0], faces[..., 1])
     return points + faces[..., 2:] * [0, 0, 1]
 
@@ -137,7 +139,7 @@ def _at(s: float, d: np.ndarray, z: np.ndarray) -> np.ndarray:
 
 
 def _quads(s: tuple, d: tuple, z: tuple) -> np.ndarray:
-    """Quadrilaterals (F, 4, 3) with the corners (s0, d0, z0), (s1, d0, z0 or z1), ... of a box's side."""
+    """Quadrilaterals (F, 4, 3) in (s, d, z): sides of boxes across, along, or parallel to the road."""
     (s0, s1), (d0, d1), (z0, z1) = s, d, z
     d0, d1, z0, z1 = np.broadcast_arrays(d0, d1, z0, z1)
     if s0 == s1:

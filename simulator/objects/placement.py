@@ -1,4 +1,4 @@
-"""Things that stand beside the road or drive on it, by their places along the road."""
+"""Objects placed in road coordinates, and their conversion to the car's frame."""
 
 from __future__ import annotations
 
@@ -12,22 +12,21 @@ from simulator.objects.scene_objects import Car, Post, SceneObject, Sign, Tree
 from simulator.objects.walls import Wall
 from simulator.road.geometry import RoadGeometry, VehiclePose, surface_points
 
-# How far ahead walls are followed: at 450 m a barrier is a pixel high.
+# Length of walls ahead: a barrier is a pixel high at 450 m.
 WALL_AHEAD_M = 450.0
 WALL_STEP_M = 2.0
-# A wall is followed until it has turned so far that it comes back.
+# A wall ends where the road has turned by this angle.
 WALL_TURNS_RAD = np.radians(200)
-# Tangent of half the angle that a wide dashcam sees (120 degrees).
+# Tangent of half the field of view of a wide dashcam (120 degrees).
 WIDEST_VIEW = 1.73
 
 
 @dataclass(frozen=True)
 class PlacedObject:
-    """A thing at arc length `s_m` and lateral `lateral_m` at time 0, moving along the road at `speed_mps`.
+    """Object at arc length `s_m` and lateral position `lateral_m` at time 0, moving along the road at `speed_mps`.
 
-    `thing` says what it is; its own x and y are ignored, and the heading of a car is relative to the road. A car that
-    does not keep to its lateral place has a `path`: (time in s, lateral in m) from which to which it swerves smoothly;
-    its heading follows.
+    The x and y of `item` are ignored, and the heading of a car is relative to the road. `path` holds knots (time in s,
+    lateral position in m) of a car that moves sideways: the position is interpolated smoothly, and the heading follows.
     """
 
     s_m: float
@@ -37,7 +36,7 @@ class PlacedObject:
     path: tuple[tuple[float, float], ...] = ()
 
     def lateral_at(self, time_s: float) -> float:
-        """Lateral place at a moment."""
+        """Lateral position at a time, metres."""
         if not self.path:
             return self.lateral_m
         times, laterals = np.array(self.path).T
@@ -46,7 +45,7 @@ class PlacedObject:
         return float(laterals[i] + (laterals[i + 1] - laterals[i]) * share * share * (3 - 2 * share))
 
     def path_heading_rad(self, time_s: float) -> float:
-        """How far it points away from the road's direction at a moment, > 0 to the left."""
+        """Heading relative to the road that follows from `path` at a time, radians, > 0 left."""
         if not self.path or not self.speed_mps:
             return 0.0
         across = (self.lateral_at(time_s + 0.02) - self.lateral_at(time_s - 0.02)) / 0.04
@@ -55,7 +54,7 @@ class PlacedObject:
 
 @dataclass(frozen=True)
 class PlacedWall:
-    """A wall of a kind from `start_m` to `end_m` whose foot is at `lateral_m`; it stands away from the lane."""
+    """Wall from `start_m` to `end_m` along the road; `lateral_m` is its foot on the side of the traffic."""
 
     lateral_m: float
     kind: str = "jersey"
@@ -68,7 +67,7 @@ class PlacedWall:
 def objects_in_view(
     placed: tuple[PlacedObject | PlacedWall | Overpass, ...], road: RoadGeometry, pose: VehiclePose, *, time_s: float
 ) -> list[SceneObject]:
-    """The things as the car at `pose` has them in its road frame at a moment.
+    """Objects in the road frame of the car at a time.
 
     Parameters
     ----------
@@ -80,7 +79,7 @@ def objects_in_view(
     Returns
     -------
     list of Car, Wall, BridgeSlice, Tree, Sign, Post
-        Those ahead; walls cut to what can be seen.
+        Objects in view; walls are cut to the visible length.
     """
     walls = [_wall(p, road, pose) for p in placed if isinstance(p, PlacedWall)]
     others = [p for p in placed if isinstance(p, PlacedObject)]
@@ -92,12 +91,12 @@ def objects_in_view(
         for p, place, heading in zip(others, points, headings, strict=True)
         if _in_reach(p.item, place)
     ]
-    bridges = [slab for p in placed if isinstance(p, Overpass) for slab in p.slices_at(road, pose)]
+    bridges = [part for p in placed if isinstance(p, Overpass) for part in p.slices_at(road, pose)]
     return [wall for wall in walls if wall is not None] + bridges + ahead
 
 
 def _in_reach(item: SceneObject, place_m: np.ndarray) -> bool:
-    """A tree or a lamp behind the camera may shade or light the road ahead; other things out of view are of no use."""
+    """Whether an object can matter: in view, or a tree or street lamp that can shade or light the road ahead."""
     x, y, _ = place_m
     if isinstance(item, Tree) or (isinstance(item, Post) and item.arm_m):
         return -30.0 < x < MAX_OBJECT_M
@@ -112,7 +111,7 @@ def _moved(item: SceneObject, x_m: float, y_m: float, ground_height_m: float, he
 
 
 def _wall(along: PlacedWall, road: RoadGeometry, pose: VehiclePose) -> Wall | None:
-    # On a grid that stands still, so that its joints do not swim when we drive on.
+    # On a grid that is fixed to the road, so that joints do not move with the car.
     first = max(along.start_m, np.floor((pose.s_m - 6) / WALL_STEP_M) * WALL_STEP_M)
     last = min(along.end_m, pose.s_m + WALL_AHEAD_M)
     if last - first < 2 * WALL_STEP_M:

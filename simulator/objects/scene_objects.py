@@ -16,7 +16,7 @@ from simulator.objects.walls import Wall
 
 @dataclass(frozen=True)
 class Car:
-    """A vehicle on the ground at (x_m, y_m) of its middle; heading 0 drives with us, pi comes towards us.
+    """Vehicle with its centre at (x_m, y_m); heading 0 is the car's own direction, pi is oncoming.
 
     `body` is "sedan", "suv", "truck" or "motorcycle".
     """
@@ -31,7 +31,7 @@ class Car:
 
 @dataclass(frozen=True)
 class Tree:
-    """A tree or bush; `species` as in `foliage.SPECIES`."""
+    """Tree or bush; `species` is a name in `foliage.SPECIES`."""
 
     x_m: float
     y_m: float
@@ -44,7 +44,7 @@ class Tree:
 
 @dataclass(frozen=True)
 class Sign:
-    """A sign on one or two posts that faces the traffic: kind "green", "speed", "warning" or "blue"."""
+    """Sign on one or two posts, facing the traffic: kind "green", "speed", "warning" or "blue"."""
 
     x_m: float
     y_m: float
@@ -57,7 +57,7 @@ class Sign:
 
 @dataclass(frozen=True)
 class Post:
-    """An upright pole: a delineator (1 m), a utility pole or, with `arm_m` reaching over the road, a street lamp."""
+    """Vertical pole: a delineator (1 m), a utility pole or, with an arm of length `arm_m`, a street lamp."""
 
     x_m: float
     y_m: float
@@ -72,11 +72,11 @@ SceneObject = Car | Wall | BridgeSlice | Tree | Sign | Post
 
 
 def yaw_rotation(heading_rad: float) -> np.ndarray:
-    """(3, 3) matrix that turns a thing's own axes to its heading; heading > 0 turns left."""
+    """Rotation matrix (3, 3) about z by a heading, > 0 turns left."""
     c, s = np.cos(heading_rad), np.sin(heading_rad)
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
 
 
 def vertical_rectangle(x: float, y: float, left: float, right: float, bottom: float, top: float) -> np.ndarray:
-    """(4, 3) corners of an upright rectangle across the road, anticlockwise as seen by the driver."""
+    """Corners (4, 3) of a vertical rectangle across the road: lower right, upper right, upper left, lower left."""
     return np.array([[x, y - right, bottom], [x, y - right, top], [x, y + left, top], [x, y + left, bottom]])

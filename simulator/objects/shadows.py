@@ -1,4 +1,4 @@
-"""Where things beside and on the road keep the sun from the ground."""
+"""Shadow polygons of objects on the ground."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from simulator.objects.walls import Wall
 
 
 def shadow_polygons(objects: list[SceneObject], sun_direction: np.ndarray) -> list[np.ndarray]:
-    """Where things keep the sun from the ground.
+    """Ground polygons that objects keep from the sun.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def shadow_polygons(objects: list[SceneObject], sun_direction: np.ndarray) -> li
     Returns
     -------
     list of ndarray of shape (N, 2), float32
-        Polygons in the road frame, metres; their union is the shadow. A tree gives one for each lump of leaves.
+        Polygons in the road frame, metres; their union is the shadow. A tree has one for each lump of leaves.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def shadow_polygons(objects: list[SceneObject], sun_direction: np.ndarray) -> li
 
 
 def _shadows(item: SceneObject, offset_per_m: np.ndarray) -> list[np.ndarray]:
-    """`drift` is how far the shadow of a point 1 m up lies from the point's foot."""
+    """Shadow polygons of one object; `offset_per_m` (2,) is the horizontal shadow offset for each metre of height."""
     if isinstance(item, (Wall, BridgeSlice)):
         return item.shadows(offset_per_m)
     place = np.array([item.x_m, item.y_m])
@@ -62,12 +62,12 @@ def _shadows(item: SceneObject, offset_per_m: np.ndarray) -> list[np.ndarray]:
 
 
 def _tree_shadows(tree: Tree, place: np.ndarray, offset_per_m: np.ndarray) -> list[np.ndarray]:
-    """Ragged blots, so that sun flecks remain between them, and the trunk."""
+    """Irregular polygons of the lumps, with sun flecks between them, and the polygon of the trunk."""
     kind = SPECIES[tree.species]
     low = max(kind.crown_bottom, 0.0)
     share, aside, blot = _lumps(tree.species, tree.seed, tree.height_m)
     middle = place + aside + (share * tree.height_m + tree.base_m)[:, None] * offset_per_m
-    # A lump is as tall as it is wide, so a low sun draws its shadow out.
+    # A lump is as tall as wide, so its shadow gets longer with a low sun.
     away = offset_per_m / max(np.linalg.norm(offset_per_m), 1e-9)
     outline = blot + 0.3 * np.linalg.norm(offset_per_m) * (blot @ away)[..., None] * away
     blots = list((middle[:, None] + outline).astype(np.float32))
@@ -78,9 +78,9 @@ def _tree_shadows(tree: Tree, place: np.ndarray, offset_per_m: np.ndarray) -> li
 
 @lru_cache(maxsize=512)
 def _lumps(species: str, seed: int, height_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of a tree's lumps of leaves: heights (N,) as shares, places beside the trunk (N, 2), outlines (N, 12, 2), metres.
+    """Lumps of a tree: heights (N,) as shares, offsets from the trunk (N, 2) and outlines (N, 12, 2) in metres.
 
-    They stay the same from frame to frame.
+    Seeded, so they are the same in all frames.
     """
     kind, count = SPECIES[species], 45
     rng = np.random.default_rng([seed, 7])

@@ -1,4 +1,4 @@
-"""What walls and banks are made of: concrete, kerbstones, steel rails, dry grass, as pictures along the wall."""
+"""Textures of walls and banks: concrete, kerbstones, steel rails, grass, rock and wood."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from simulator.painting.noise import fractal_noise, smoothstep
 
 TEXTURE_LENGTH_M = 48.0
 TEXTURE_PX_PER_M = 40
-# What takes longer to paint than to read, and how many are kept: twice what the suite has.
+# Textures in the disk cache, because painting them takes longer than reading. The number is twice that of the suite.
 SLOW = ("wood", "grass", "rock")
 MAX_CACHED = 26
 
 
 @lru_cache(maxsize=32)
 def wall_texture(name: str, seed: int) -> tuple[np.ndarray, ...]:
-    """(rows, columns, 4) RGB reflectance times coverage and coverage, top row first, then shorter and shorter ones."""
+    """Image pyramid (rows, columns, 4): RGB reflectance times coverage, and coverage, top row first."""
     levels = [(_cached if name in SLOW else _paint)(name, seed)]
     while levels[-1].shape[1] > 16:
-        # A wall is seen at a glance: shorten it much more than it is lowered.
+        # Walls are seen at grazing angles, so columns are reduced more than rows.
         rows = max(8, levels[-1].shape[0] // 2) if len(levels) > 2 else levels[-1].shape[0]
         levels.append(cv2.resize(levels[-1], (levels[-1].shape[1] // 2, rows), interpolation=cv2.INTER_AREA))
     return tuple(levels)
 
 
 def _paint(name: str, seed: int) -> np.ndarray:
-    """The first and largest picture."""
+    """Full-size texture."""
     columns = int(TEXTURE_LENGTH_M * TEXTURE_PX_PER_M)
     return _PAINTERS[name](np.random.default_rng([seed, 5]), columns).astype(np.float32)
 
@@ -49,7 +49,7 @@ def _with_cover(rgb: np.ndarray, cover: np.ndarray | float = 1.0) -> np.ndarray:
 
 
 def _concrete(rng: np.random.Generator, columns: int) -> np.ndarray:
-    """Cast concrete: blotches, water stains that run down, joints every 6 m, dirt at the foot."""
+    """Cast concrete: blotches, vertical water stains, joints every 6 m, dirt at the foot."""
     rows = 40
     shape = (rows, columns)
     blotches = fractal_noise(shape, rng, cell_px=(30, 90), octaves=5, gain=0.6)
@@ -57,7 +57,7 @@ def _concrete(rng: np.random.Generator, columns: int) -> np.ndarray:
     grain = rng.normal(0, 1, shape)
     height = np.linspace(1, 0, rows)[:, None]
     grey = 0.34 * (1 + 0.10 * blotches + 0.05 * grain - 0.10 * np.clip(drips, 0, 2) * height)
-    # The foot flares out towards the road and looks up more.
+    # The foot is inclined and gets more skylight.
     grey *= 1 + 0.16 * smoothstep(0.36, 0.28, height) - 0.45 * smoothstep(0.13, 0.0, height) * (1 + 0.3 * blotches)
     joint = (np.arange(columns) % int(6 * TEXTURE_PX_PER_M)) < 2
     grey[:, joint] *= 0.45
@@ -72,7 +72,7 @@ def _concrete_top(rng: np.random.Generator, columns: int) -> np.ndarray:
 
 
 def _kerb(rng: np.random.Generator, columns: int) -> np.ndarray:
-    """Face of kerbstones: each of another tone, scraped by tyres above, dark with the gutter's dirt below."""
+    """Face of kerbstones: individual tones, tyre marks above, dirt of the gutter below."""
     rows = 16
     height = np.linspace(1, 0, rows)[:, None]
     grey = _kerbstones((rows, columns), rng)
@@ -88,7 +88,7 @@ def _kerb_top(rng: np.random.Generator, columns: int) -> np.ndarray:
 
 
 def _kerbstones(shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
-    """(rows, columns) grey of concrete stones 1.2 m long, their joints 2.5 cm wide; they close where the wall does."""
+    """Grey (rows, columns) of concrete stones 1.2 m long with joints of 2.5 cm; periodic along the wall."""
     length = int(1.2 * TEXTURE_PX_PER_M)
     stone = np.arange(shape[1]) // length
     tone = rng.normal(0, 0.05, stone[-1] + 1)[stone]
@@ -99,11 +99,11 @@ def _kerbstones(shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
 
 
 def _rail(rng: np.random.Generator, columns: int) -> np.ndarray:
-    """W-beam on posts every 2 m, open below."""
+    """W-beam guard rail on posts every 2 m, open below."""
     rows = 48
     height = np.linspace(0.80, 0, rows)[:, None]
     beam = smoothstep(0.44, 0.46, height) * smoothstep(0.79, 0.77, height)
-    # Two ridges: each looks up on its upper half and down on its lower one.
+    # Two ridges, each bright on its upper half and dark on its lower half.
     fold = np.sin((height - 0.46) / 0.31 * 4 * np.pi)
     rust = fractal_noise((rows, columns), rng, cell_px=(20, 50), octaves=5, gain=0.7)
     steel = (0.34 + 0.17 * fold) * (1 + 0.07 * rust)
@@ -113,7 +113,7 @@ def _rail(rng: np.random.Generator, columns: int) -> np.ndarray:
 
 
 def _handrail(rng: np.random.Generator, columns: int) -> np.ndarray:
-    """Round rail on stubby posts every 2.4 m, as on bridges."""
+    """Round rail on short posts every 2.4 m, as on bridges."""
     rows = 32
     height = np.linspace(1, 0, rows)[:, None]
     rail = smoothstep(0.50, 0.56, height)
@@ -143,7 +143,7 @@ def _grass(rng: np.random.Generator, columns: int) -> np.ndarray:
 
 
 def _rock(rng: np.random.Generator, columns: int) -> np.ndarray:
-    """A cutting through weathered rock: ledges, cracks that run down, soil and weeds on what lies flat."""
+    """Weathered rock of a cutting: ledges, vertical cracks, soil and weeds on flat parts."""
     shape = (200, columns)
     ledges = fractal_noise(shape, rng, cell_px=(24, 48), octaves=6, gain=0.7)
     cracks = fractal_noise(shape, rng, cell_px=(70, 20), octaves=6, gain=0.7)
@@ -158,7 +158,7 @@ def _rock(rng: np.random.Generator, columns: int) -> np.ndarray:
 
 
 def _wood(rng: np.random.Generator, columns: int) -> np.ndarray:
-    """The edge of a wood 15 m high: dark between the trunks, plants before it, the small ones last."""
+    """Edge of a wood, 15 m high: dark background, large plants, then small plants in front."""
     rows, tall_m = 360, 15.0
     picture = np.zeros((rows, columns, 4), np.float32)
     depth = fractal_noise((rows, columns), rng, cell_px=(50, 60), octaves=5, gain=0.7)

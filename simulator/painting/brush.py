@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -16,6 +17,16 @@ NEAR_PLANE_M = 0.5
 _SHIFT = 4
 # Below this transmittance the background is not painted: it changes one pixel of ten thousand by one grey level.
 MIN_TRANSMITTANCE = 1e-5
+
+
+class Atmosphere(NamedTuple):
+    """Air in front of an object, RGB or scalar: observed colour = colour * transmittance + airlight."""
+
+    transmittance: np.ndarray | float = 1.0
+    airlight: np.ndarray | float = 0.0
+
+
+CLEAR_AIR = Atmosphere()
 
 
 @lru_cache(maxsize=4)
@@ -126,8 +137,7 @@ def paint_polygons(
     colours: np.ndarray,
     *,
     opacity: np.ndarray | None = None,
-    through: np.ndarray | float = 1.0,
-    air: np.ndarray | float = 0.0,
+    atmosphere: Atmosphere = CLEAR_AIR,
     softness_px: float = 0.35,
     blend_px: float = 0.0,
 ) -> None:
@@ -143,8 +153,8 @@ def paint_polygons(
         Linear RGB of each polygon.
     opacity : ndarray of shape (F,), optional
         1 (the default) is opaque.
-    through, air
-        What the air leaves of the colour and what it adds, RGB or scalar (see `backdrop.aerial_perspective`).
+    atmosphere : Atmosphere
+        Air in front of the polygons.
     softness_px : float
         Standard deviation of the blur of the whole group, so that no edge is sharper than the lens allows.
     blend_px : float
@@ -181,7 +191,7 @@ def paint_polygons(
         layer[..., :3] = spread[..., :3] * (layer[..., 3:] / np.maximum(spread[..., 3:], 1e-3))
     if softness_px > 0:
         layer = cv2.GaussianBlur(layer, (0, 0), softness_px)
-    composite_behind(picture, split_channels(layer), int(low[0]), int(low[1]), through=through, air=air)
+    composite_behind(picture, split_channels(layer), int(low[0]), int(low[1]), atmosphere=atmosphere)
 
 
 def _concatenated(
@@ -241,17 +251,26 @@ def composite_behind(
     left: int,
     top: int,
     *,
-    through: np.ndarray | float = 1.0,
-    air: np.ndarray | float = 0.0,
+    atmosphere: Atmosphere = CLEAR_AIR,
 ) -> None:
-    """Lay an image behind what is in the picture (4, H, W), in place.
+    """Composite an image behind the content of a canvas (4, H, W), in place.
 
-    `planes` are its RGB times coverage, and coverage, each (h, w); they are used up. All of it is inside the picture.
+    Parameters
+    ----------
+    picture : ndarray of shape (4, H, W), float32
+        Canvas from `new_canvas`, changed.
+    planes : sequence of four ndarrays of shape (h, w), float32
+        RGB times coverage, and coverage; overwritten.
+    left, top : int
+        Position of the image, which must be inside the canvas.
+    atmosphere : Atmosphere
+        Air in front of the image.
     """
     *colours, alpha = planes
     *lights, clear = picture[:, top : top + alpha.shape[0], left : left + alpha.shape[1]]
-    for light, colour, left_over, added in zip(lights, colours, np.full(3, through), np.full(3, air), strict=True):
-        # Each in one go over the numbers, where numpy goes five times.
-        cv2.addWeighted(colour, left_over, alpha, added, 0, dst=colour)
+    transmittance, airlight = (np.full(3, value) for value in atmosphere)
+    for light, colour, factor, offset in zip(lights, colours, transmittance, airlight, strict=True):
+        # cv2 makes one pass over the data in each call, numpy would make five.
+        cv2.addWeighted(colour, factor, alpha, offset, 0, dst=colour)
         cv2.accumulateProduct(colour, clear, light)
     clear *= np.subtract(1, alpha, out=alpha)

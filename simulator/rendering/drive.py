@@ -1,4 +1,4 @@
-"""A drive along a rendered road: everything that its frames are made of, and how the car moves."""
+"""Description of a drive: road, objects, light, camera and motion of the car."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from simulator.weather.wet import Wet
 
 @dataclass(frozen=True)
 class Motion:
-    """How the car moves: along the road at constant speed, wandering a little in its lane, nodding a little.
+    """Motion of the car along the road, with lateral oscillation and pitch motion.
 
     Parameters
     ----------
@@ -35,20 +35,20 @@ class Motion:
         Arc length at time 0.
     speed_mps : float
     offset_m : float
-        Mean lateral place relative to the reference line, > 0 left.
+        Mean lateral position relative to the reference line, > 0 left.
     wander_m, wander_period_s : float
-        Sideways sine on top of it; the heading follows from it.
+        Amplitude and period of a lateral sine; the heading follows from it.
     pitch_rad, pitch_period_s : float
-        Amplitude and period of the nodding.
+        Amplitude and period of the pitch motion.
     heading_rad : float
-        Additional heading relative to the road (for stills taken in the act of steering).
+        Additional heading relative to the road.
     later_speeds : tuple of (float, float)
-        Further (time, speed) knots in order of time, linear in between; before the first, from `speed_mps` at 0.
+        Knots (time, speed) after `speed_mps` at time 0; linear in between, constant after the last.
     shift_m, shift_start_s, shift_seconds : float
-        A change of lane: how far to the left it leads, when it begins, how long it takes.
+        Lane change: lateral shift (> 0 left), start and duration.
     rear_axle_m : float
-        How far the rear axle is behind the camera. A car points where its rear axle goes, so in a sharp bend its
-        heading lags behind the road beside the camera.
+        Distance of the rear axle behind the camera. The heading of a car is the direction of the road at its rear axle,
+        so in a sharp bend it lags behind the road at the camera.
     """
 
     start_m: float = 0.0
@@ -66,7 +66,7 @@ class Motion:
     rear_axle_m: float = 0.0
 
     def pose(self, time_s: float) -> VehiclePose:
-        """Place and heading at a moment, on a road without sharp bends."""
+        """Pose at a time, without the lag of the rear axle (see `Drive.pose`)."""
         rate = 2 * np.pi / self.wander_period_s
         part = float(np.clip((time_s - self.shift_start_s) / self.shift_seconds, 0, 1))
         lateral = self.offset_m + self.wander_m * np.sin(rate * time_s) + self.shift_m * part**2 * (3 - 2 * part)
@@ -78,7 +78,7 @@ class Motion:
         return VehiclePose(station, float(lateral), heading)
 
     def _progress(self, time_s: float) -> tuple[float, float]:
-        """Arc length and speed at a moment."""
+        """Arc length and speed at a time."""
         if not self.later_speeds:
             return self.start_m + self.speed_mps * time_s, self.speed_mps
         times, speeds = np.array([(0.0, self.speed_mps), *self.later_speeds]).T
@@ -88,14 +88,14 @@ class Motion:
         return self.start_m + float(way), now
 
     def pitch(self, time_s: float) -> float:
-        """Nodding angle at a moment: two sines that do not repeat together, as springs and road make them."""
+        """Pitch motion at a time, radians: two sines of incommensurable periods."""
         phase = 2 * np.pi * time_s / self.pitch_period_s
         return float(self.pitch_rad * (0.7 * np.sin(phase) + 0.3 * np.sin(2.63 * phase + 1.0)))
 
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """Everything that a rendered picture or video is made of.
+    """Everything that a rendered picture or video depends on.
 
     Parameters
     ----------
@@ -103,27 +103,27 @@ class Drive:
         With its pose.
     road : RoadGeometry
     line_laterals_m : tuple of float
-        Lateral places of the centres of the ego lane's left and right lines; where the car changes lanes, of all lines
-        from left to right; empty where there is no lane.
-    markings, surface, sun, things, shades, backdrop, lens
+        Lateral positions of the line centres from left to right: the two lines of the ego lane, or all lines if the car
+        changes lanes. Empty without a lane.
+    markings, surface, sun, objects, shades, backdrop, lens
         See their modules.
     bonnet : bool
-        Whether the own bonnet is in the picture.
+        Whether the car's bonnet is in the picture.
     motion : Motion
     seed : int
-        Of everything that is random.
+        Seed of all random numbers.
     exposure : AutoExposure, optional
-        Follows the road's light with delay; without it the exposure follows each picture at once, by little.
+        Automatic exposure with delay. Default: the exposure adapts slightly to each picture at once.
     symbols : tuple of Symbol
-        Arrows, diamonds and words on the road.
+        Symbols and words on the road.
     fog : Fog, optional
     glare : Glare, optional
-        Of a low sun ahead.
+        Glare of a low sun ahead.
     night : Night, optional
     wet : Wet, optional
-        The road mirrors the sky and the lamps of others, which are lit.
+        Wet road, which reflects the sky and the lamps of other vehicles.
     rain : Rain, optional
-        On the windscreen and in the air.
+        Rain on the windscreen and in the air.
     """
 
     camera: Camera
@@ -148,13 +148,13 @@ class Drive:
     rain: Rain | None = None
 
     def truth(self, time_s: float = 0.0) -> Truth:
-        """What is known of the frame at a moment, without rendering it."""
+        """Ground truth of the frame at a time; no rendering."""
         pitch = self.camera.pose.pitch_rad + self.motion.pitch(time_s)
         pose = self.pose(time_s)
         return lane_truth(self.road, pose, self.line_laterals_m, time_s=time_s, pitch_rad=pitch)
 
     def pose(self, time_s: float) -> VehiclePose:
-        """Where the car is and where it points at a moment."""
+        """Pose of the car at a time."""
         pose = self.motion.pose(time_s)
         if not self.motion.rear_axle_m:
             return pose
@@ -162,9 +162,9 @@ class Drive:
         return replace(pose, heading_rad=pose.heading_rad - float(lag))
 
     def camera_at(self, time_s: float) -> Camera:
-        """The camera as it nods at a moment."""
+        """Camera with the pitch at a time."""
         return self.camera_at_pitch(self.truth(time_s).pitch_rad)
 
     def camera_at_pitch(self, pitch_rad: float) -> Camera:
-        """The camera at a pitch angle."""
+        """Camera with a pitch angle, > 0 looks down."""
         return self.camera.with_pose(replace(self.camera.pose, pitch_rad=pitch_rad))

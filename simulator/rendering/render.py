@@ -1,4 +1,4 @@
-"""A frame of a drive: its picture at a moment, put together from ground, things, air and lens, and its truth."""
+"""Renders a frame of a drive, with its ground truth."""
 
 from __future__ import annotations
 
@@ -30,7 +30,14 @@ from simulator.objects.object_painter import paint_objects
 from simulator.objects.placement import objects_in_view
 from simulator.objects.scene_objects import SceneObject, Tree
 from simulator.objects.shadows import shadow_polygons
-from simulator.painting.brush import MIN_TRANSMITTANCE, composite_over, new_canvas, split_channels, uncovered_window
+from simulator.painting.brush import (
+    MIN_TRANSMITTANCE,
+    Atmosphere,
+    composite_over,
+    new_canvas,
+    split_channels,
+    uncovered_window,
+)
 from simulator.rendering.drive import Drive, Motion
 from simulator.road.geometry import VehiclePose
 from simulator.road.ground import Ground, cast_on_ground, pixel_rays
@@ -46,25 +53,25 @@ from simulator.weather.wet import add_lamp_reflections
 
 __all__ = ["Drive", "Frame", "Motion", "render_frame"]
 
-# Light that the air adds before distant ground, and the distance over which it does (metres).
+# Airlight in front of distant ground, and its length constant in metres.
 AIR_LIGHT = np.array([0.42, 0.48, 0.56], np.float32)
 AIR_LENGTH_M = 3500.0
-# Below closed clouds, country and sky send this share of what they do in the sun.
+# Light of the backdrop below an overcast sky, relative to a sunny day.
 OVERCAST_BACKDROP = 0.55
-# The wet road mirrors the sky coarsely: computed on every sixth pixel.
+# The reflection of the sky in a wet road is computed on every 6th pixel.
 MIRROR_DOWNSAMPLING = 6
 BLOCK_ROWS = 32
-# Trees farther aside than this throw their shadows on the grass.
+# Trees farther from the car than this, laterally, cast shadows on grass only.
 MAX_SHADOW_LATERAL_M = 22.0
-# Rows of the picture in which the sun on the ground is the sun on the bonnet; the exposure follows those above.
+# Rows at the bottom whose sunlight is that of the bonnet. The exposure is metered above them.
 BOTTOM_ROWS = 60
-# How far twigs and leaves fray the shadow of a crown.
+# Displacement of the shadow edges of crowns by leaves, metres.
 LEAF_NOISE_M = 0.13
 
 
 @dataclass(frozen=True)
 class Frame:
-    """A rendered picture with its truth.
+    """Rendered picture with its ground truth.
 
     Attributes
     ----------
@@ -72,7 +79,7 @@ class Frame:
         RGB.
     truth : Truth
     hidden : ndarray of shape (height, width), bool
-        Pixels where something stands before the ground.
+        Pixels where an object is in front of ground or backdrop.
     """
 
     image: np.ndarray
@@ -81,7 +88,7 @@ class Frame:
 
 
 def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
-    """The picture that the drive's camera takes at `time_s`, and its truth."""
+    """Picture of the drive's camera at `time_s`, with its ground truth."""
     truth = drive.truth(time_s)
     camera = drive.camera_at_pitch(truth.pitch_rad)
     heading = truth.pose.absolute_heading(drive.road)
@@ -91,17 +98,17 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     objects = objects_in_view(drive.objects, drive.road, truth.pose, time_s=time_s)
     sun = _sun_on_ground(drive, objects, view)
     seen = slice(0, _rows_before_bonnet(drive) - ground.top)
-    before_bonnet = ground.crop(seen)
-    picture = _things(drive, objects, view, sunny=float(sun[-BOTTOM_ROWS:].mean()))
-    # Before air dims it and without sky, cars and bonnet: what the camera's exposure follows.
+    visible_ground = ground.crop(seen)
+    picture = _paint_foreground(drive, objects, view, sunny=float(sun[-BOTTOM_ROWS:].mean()))
+    # The exposure is metered on the bare ground, without air, sky, vehicles and bonnet.
     metered = slice(max(len(sun) - 250, 0), len(sun) - BOTTOM_ROWS, 4), slice(None, None, 8)
     needed = picture[3, ground.top :][seen] > MIN_TRANSMITTANCE
     needed[metered] = True
-    ground_light = _ground_light(drive, before_bonnet, sun[seen], objects, station_m=view.station_m, needed=needed)
+    ground_light = _ground_light(drive, visible_ground, sun[seen], objects, station_m=view.station_m, needed=needed)
     road_light = _mean_luminance(ground_light[metered])
-    mirror = _add_shine(ground_light, drive, sun[seen], replace(view, ground=before_bonnet))
+    mirror = _add_shine(ground_light, drive, sun[seen], replace(view, ground=visible_ground))
     bare = _backdrop(drive, view, picture[3])
-    _composite_ground(bare, ground_light, before_bonnet, daylight=drive.night is None)
+    _composite_ground(bare, ground_light, visible_ground, daylight=drive.night is None)
     light = composite_over(picture, bare)
     same = cv2.compare(light, bare, cv2.CMP_EQ)
     hidden = cv2.inRange(same, (255, 255, 255), (255, 255, 255)) == 0
@@ -118,7 +125,7 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
 
 @dataclass(frozen=True, eq=False)
 class _FrameGeometry:
-    """From where a frame is seen: the camera as it nods, its heading, the road and the ground before it, the sun."""
+    """Geometry of a frame: camera with its pitch, heading, road, ground, sun direction and arc length of the car."""
 
     camera: Camera
     heading_rad: float
@@ -129,7 +136,7 @@ class _FrameGeometry:
 
 
 def _add_shine(ground_light: np.ndarray, drive: Drive, sun: np.ndarray, view: _FrameGeometry) -> np.ndarray | None:
-    """Add what the ground mirrors and lay fog over it, in place; how well a wet road mirrors (rows, width), or None."""
+    """Add reflections and fog to the ground, in place; returns the reflectance (rows, width) of a wet road, or None."""
     height_m, mirror = view.camera.pose.height_m, None
     if drive.glare is not None:
         strength = drive.glare.sheen
@@ -144,9 +151,9 @@ def _add_shine(ground_light: np.ndarray, drive: Drive, sun: np.ndarray, view: _F
     return mirror
 
 
-def _things(drive: Drive, objects: list[SceneObject], view: _FrameGeometry, *, sunny: float) -> np.ndarray:
-    """Bonnet and things as `new_canvas` describes; `sunny` is the sun's share on the near ground."""
-    light_at = _light_on_things(drive, view.ahead, station_m=view.station_m)
+def _paint_foreground(drive: Drive, objects: list[SceneObject], view: _FrameGeometry, *, sunny: float) -> np.ndarray:
+    """Canvas with bonnet and objects; `sunny` is the share of sunlight on the near ground."""
+    light_at = _object_light(drive, view.ahead, station_m=view.station_m)
     picture = new_canvas(view.camera.height, view.camera.width)
     if drive.bonnet:
         open_sky = 1.0 if light_at is None else float(light_at(np.array([[-1.0, 0.0]])).mean())
@@ -158,14 +165,14 @@ def _things(drive: Drive, objects: list[SceneObject], view: _FrameGeometry, *, s
         sun_direction=view.sun_direction,
         haze=drive.backdrop.haze_per_km,
         light_at=light_at,
-        atmosphere_at=_air(drive),
+        atmosphere_at=_atmosphere(drive),
         crest=_crest(view.ahead, view.ground, view.camera),
     )
     return picture
 
 
 def _photograph(light: np.ndarray, drive: Drive, time_s: float, *, road_light: float) -> np.ndarray:
-    """The picture that the camera stores of the light before the windscreen."""
+    """Picture that the camera stores of the light in front of the windscreen."""
     seed = drive.seed * 7919 + round(time_s * 1000)
     if drive.rain is not None:
         add_falling_drops(light, drive.rain, seed=seed)
@@ -178,9 +185,9 @@ def _photograph(light: np.ndarray, drive: Drive, time_s: float, *, road_light: f
 
 
 def _rows_before_bonnet(drive: Drive) -> int:
-    """Rows of the picture in which the ground's light is wanted: a twelfth of the ground is behind the bonnet."""
+    """Number of rows in which ground light is computed; the bonnet hides a twelfth of the ground."""
     height = drive.camera.height
-    # Wet roads and glare are computed on a coarse grid that ends where the picture does.
+    # Wet roads and glare are computed on coarse grids of the whole picture.
     if not drive.bonnet or drive.wet is not None or drive.night is not None or drive.glare is not None:
         return height
     return max(first_hidden_row(drive.camera.size), height - BOTTOM_ROWS)
@@ -189,7 +196,7 @@ def _rows_before_bonnet(drive: Drive) -> int:
 def _ground_light(
     drive: Drive, ground: Ground, sun: np.ndarray, objects: list[SceneObject], *, station_m: float, needed: np.ndarray
 ) -> np.ndarray:
-    """Light that the ground sends to the camera, (rows, width, 3) float32; right where it is `wanted`, a mask."""
+    """Light of the ground (rows, width, 3) float32, valid in the mask `needed`."""
     light = ground_albedo(drive.surface, ground, station_m=station_m, seed=drive.seed, needed=needed)
     if drive.wet is not None:
         light *= np.float32(drive.wet.darkening)
@@ -205,17 +212,17 @@ def _ground_light(
     return light
 
 
-def _air(drive: Drive) -> Callable[[float], tuple[np.ndarray, np.ndarray]] | None:
-    """What is between a thing and us: fog, the dark of the night, or (None) the clear air of the day."""
+def _atmosphere(drive: Drive) -> Callable[[float], Atmosphere] | None:
+    """Air in front of objects by distance: fog, none at night, or None for the default haze."""
     if drive.fog is not None:
         return drive.fog.atmosphere_at
     if drive.night is not None:
-        return lambda distance_m: (np.ones(3, np.float32), np.zeros(3, np.float32))
+        return lambda distance_m: Atmosphere(np.ones(3, np.float32), np.zeros(3, np.float32))
     return None
 
 
-def _light_on_things(drive: Drive, ahead: RoadAhead, *, station_m: float) -> Callable[[np.ndarray], np.ndarray] | None:
-    """The share of daylight at places in the car's road frame; None where all is in the open but for leaves."""
+def _object_light(drive: Drive, ahead: RoadAhead, *, station_m: float) -> Callable[[np.ndarray], np.ndarray] | None:
+    """Share of daylight at positions in the car's road frame; None if only trees cast shade."""
     closed = tuple(shade for shade in drive.shades if not isinstance(shade, TreeShade))
     if drive.night is not None:
         return drive.night.object_light
@@ -223,17 +230,17 @@ def _light_on_things(drive: Drive, ahead: RoadAhead, *, station_m: float) -> Cal
         return None
     clouds = float((OVERCAST_LIGHT * SKY_SHARE).mean()) if drive.sun.overcast else 1.0
     if not closed:
-        return lambda places_m: np.full((len(places_m), 3), clouds)
+        return lambda points_m: np.full((len(points_m), 3), clouds)
 
-    def light_at(places_m: np.ndarray) -> np.ndarray:
-        s, d = ahead.locate(*places_m.T.astype(np.float32))
+    def light_at(points_m: np.ndarray) -> np.ndarray:
+        s, d = ahead.locate(*points_m.T.astype(np.float32))
         return light_along(closed, s + station_m, d, seed=drive.seed) * clouds
 
     return light_at
 
 
 def _sunshine(drive: Drive, pose: VehiclePose) -> float:
-    """Share of the sun that reaches the windscreen."""
+    """Share of sunlight on the windscreen."""
     return float(sun_along(drive.shades, np.array([pose.s_m]), np.array([pose.lateral_m]), seed=drive.seed)[0])
 
 
@@ -243,7 +250,7 @@ def _adapted_light(drive: Drive, time_s: float) -> float:
 
 
 def _sun_on_ground(drive: Drive, objects: list[SceneObject], view: _FrameGeometry) -> np.ndarray:
-    """Share of the sun that reaches each pixel's ground: shades along the road, shadows of trees and other things."""
+    """Share of sunlight on the ground of each pixel, after shades and shadows of objects."""
     ground, station_m = view.ground, view.station_m
     if drive.sun.overcast or drive.night is not None:
         return np.zeros_like(ground.s)
@@ -257,34 +264,34 @@ def _sun_on_ground(drive: Drive, objects: list[SceneObject], view: _FrameGeometr
 
 
 def _backdrop(drive: Drive, view: _FrameGeometry, clear: np.ndarray) -> np.ndarray:
-    """The picture (height, width, 3) with the backdrop down to where all is ground, where things let it be seen."""
+    """Picture (height, width, 3) of the backdrop, where no object covers it, down to the first row of ground only."""
     rays, ground = pixel_rays(drive.camera), view.ground
     covered = ground.visible.all(axis=1) & (ground.distance.max(axis=1) < MAX_GROUND_M / 3)
     bottom = ground.top + int(np.argmax(covered)) + 1
     light = np.zeros_like(rays)
-    # Some rows at a time, because a wood leaves little of them open.
+    # In blocks of rows, because woods cover most of them.
     for top in range(0, bottom, BLOCK_ROWS):
         band = slice(top, min(top + BLOCK_ROWS, bottom))
         seen = uncovered_window(clear[band])
         if seen is not None:
             columns = seen[1]
             directions = _directions(rays[band, columns], view.camera, view.heading_rad)
-            light[band, columns] = _far_light(drive, directions)
+            light[band, columns] = _backdrop_light(drive, directions)
     return light
 
 
 def _directions(rays: np.ndarray, camera: Camera, heading_rad: float) -> tuple[np.ndarray, ...]:
-    """Unit vectors in the world frame, as x, y and z (rows, columns), of rays (rows, columns, 3) in camera axes."""
+    """Unit vectors in the world frame, x, y and z (rows, columns), of rays (rows, columns, 3) in camera axes."""
     cosine, sine = np.cos(heading_rad), np.sin(heading_rad)
     to_world = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
-    # One axis after the other: numpy is slow where the innermost axis has three elements.
+    # Axis by axis, because numpy is slow where the innermost axis has three elements.
     x, y, z = split_channels(cv2.transform(rays, (camera.pose.rotation() @ to_world).T))
     length = np.sqrt(x * x + y * y + z * z)
     return x / length, y / length, z / length
 
 
-def _far_light(drive: Drive, directions: tuple[np.ndarray, ...]) -> np.ndarray:
-    """Light (rows, columns, 3) that comes from sky and country along directions, as `_directions` gives them."""
+def _backdrop_light(drive: Drive, directions: tuple[np.ndarray, ...]) -> np.ndarray:
+    """Light (rows, columns, 3) of the backdrop in directions from `_directions`."""
     light = paint_backdrop(directions, drive.backdrop, seed=drive.seed)
     if drive.sun.overcast:
         light *= np.float32(OVERCAST_BACKDROP)
@@ -296,7 +303,7 @@ def _far_light(drive: Drive, directions: tuple[np.ndarray, ...]) -> np.ndarray:
 
 
 def _crest(ahead: RoadAhead, ground: Ground, camera: Camera) -> tuple[float, np.ndarray] | None:
-    """How far the first crest is that hides road, and where in the picture (height, width) its near side is seen."""
+    """Distance of the first crest that hides road, and mask (height, width) of the ground on its near side."""
     if ahead.profile.level:
         return None
     distance_m = ahead.crest_distance_m(camera.pose.height_m)
@@ -306,18 +313,18 @@ def _crest(ahead: RoadAhead, ground: Ground, camera: Camera) -> tuple[float, np.
 
 
 def _mirrored_sky(drive: Drive, camera: Camera, heading_rad: float, ground: Ground) -> np.ndarray:
-    """Light (rows, width, 3) of the backdrop that a level mirror on the ground would show, smeared by its stones."""
+    """Backdrop mirrored in level ground (rows, width, 3), blurred by the roughness of the road."""
     rays = pixel_rays(drive.camera)[ground.top :: MIRROR_DOWNSAMPLING, ::MIRROR_DOWNSAMPLING]
     x, y, z = _directions(rays, camera, heading_rad)
     light = cv2.GaussianBlur(
-        _far_light(drive, (x, y, np.abs(z))), (0, 0), sigmaX=1.0, sigmaY=camera.height / 60 / MIRROR_DOWNSAMPLING
+        _backdrop_light(drive, (x, y, np.abs(z))), (0, 0), sigmaX=1.0, sigmaY=camera.height / 60 / MIRROR_DOWNSAMPLING
     )
     return cv2.resize(light, ground.s.shape[::-1], interpolation=cv2.INTER_LINEAR)
 
 
 def _composite_ground(light: np.ndarray, radiance: np.ndarray, ground: Ground, *, daylight: bool) -> None:
-    """Put the ground before the backdrop, in place: behind bright air, and fading out where it is too far to tell."""
-    # Over a crest, rows below the nearest horizon may still see the sky.
+    """Composite the ground over the backdrop, in place, with airlight and a fade-out in the distance."""
+    # Beyond a crest, rows below the horizon can show sky.
     hidden = np.flatnonzero(~ground.visible.all(axis=1))
     far = max(int(np.argmax(ground.distance.min(axis=1) < 40.0)), hidden[-1] + 1 if len(hidden) else 0)
     if daylight:

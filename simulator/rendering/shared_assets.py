@@ -1,4 +1,4 @@
-"""What the frames of a drive have in common and takes long to make: made once, by any process, and kept for all."""
+"""Slow assets that all frames of a drive share: each is made once, by one process, and cached on disk for all."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from simulator.objects.walls import WALLS
 from simulator.rendering.drive import Drive
 from simulator.road.ground import pixel_rays
 
-# Plants, by species and number, of which the country far away and the edge of a wood are made.
+# Plants (species and seed) in backdrops and at the edge of a wood.
 BACKDROP_PLANTS = set(product(("oak", "plane", "eucalyptus", "bush", "scrub"), range(2)))
 WOOD_PLANTS = set(product(("redwood", "oak", "plane", "bush", "scrub"), range(6)))
 
 
 def asset_jobs(drive: Drive) -> list[Callable[[], object]]:
-    """Calls, in any processes, that leave everything to be found that a frame of the drive would have to wait for.
+    """Functions without arguments that fill the disk cache for a drive. They can run in any process.
 
-    Plants come first: country and woods are full of them.
+    Plants come first, because panoramas and woods need them.
     """
     placed = [item.item for item in drive.objects if isinstance(item, PlacedObject)]
     walls = {(item.kind, item.seed) for item in drive.objects if isinstance(item, PlacedWall)}

@@ -1,4 +1,4 @@
-"""Render the course's pictures and video into files, each with its truth."""
+"""Renders a drive to a video file with its ground truth and camera."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from simulator.road.truth import Truth, truth_row, write_truth_csv
 
 Progress = Callable[[int, int], None]
 
-# 21 keeps the texture of asphalt at about 6 Mbit/s.
+# CRF 21 preserves the texture of asphalt at about 6 Mbit/s.
 VIDEO_CRF = 21
-# What is committed is worth 0.08 s a frame to be small.
+# Smaller files for 0.08 s more a frame, because videos are committed.
 VIDEO_PRESET = "slow"
-# One encoder thread: with more, x264 cuts the picture differently and the bytes depend on the machine.
-# faststart lets browsers play while loading.
+# One encoder thread, because x264 output depends on the number of threads.
+# faststart: browsers can play the file while it loads.
 ENCODER = ["-threads", "1", "-movflags", "+faststart", "-bitexact"]
 
 VIDEO_SECONDS = 10.0
@@ -41,22 +41,22 @@ def write_video(
     progress: Progress | None = None,
     workers: int | None = None,
 ) -> list[Path]:
-    """Write a drive as H.264 video, with a CSV of its truth (a row a frame) and its camera beside it.
+    """Write a drive as H.264 video, with a CSV of its ground truth (a row for each frame) and its camera.
 
     Parameters
     ----------
     path : str or Path
-        Ends in .mp4; the other two get the same stem.
+        Name of the video, ending in .mp4. The CSV and the camera file get the same stem.
     drive : Drive
     seconds : float
     crf : int
-        Quality of the encoder, lower is better and larger.
+        Constant rate factor of x264: lower values give better quality and larger files.
     preset : str
-        How long the encoder (x264) may think to make the file smaller: "ultrafast" to "placebo".
+        Speed preset of x264, "ultrafast" to "placebo". Slower ones give smaller files.
     progress : callable, optional
-        Called as progress(frames done, frames in all).
+        Called as progress(frames done, number of frames).
     workers : int, optional
-        Processes that render; the files do not depend on it. Default: as many as CPUs may be used.
+        Number of processes; it does not change the files. Default: one for each available CPU.
 
     Returns
     -------
@@ -72,9 +72,9 @@ def write_video(
     count = round(seconds * VIDEO_FPS)
     with atomic_write(path) as unfinished:
         rows = _encode(unfinished, drive, count, ["-crf", str(crf), "-preset", preset], progress, workers)
-        # The encoder is a process of its own, which may be killed or meet a full disk without a word.
+        # The encoder is a separate process, which can be killed or run out of disk space silently.
         if inspect_video(unfinished).frames != count:
-            raise OSError(f"not all of the {count} frames arrived in the file")
+            raise OSError(f"{path}: the encoder wrote fewer than {count} frames; check the free space and try again.")
     write_truth_csv(path.with_suffix(".csv"), rows)
     save_camera(drive.camera, path.with_suffix(".yaml"))
     return [path, path.with_suffix(".csv"), path.with_suffix(".yaml")]
@@ -83,8 +83,8 @@ def write_video(
 def _encode(
     path: Path, drive: Drive, count: int, quality: list[str], progress: Progress | None, workers: int | None
 ) -> list[dict]:
-    """Render and encode `count` frames; the truth's rows."""
-    # Only who renders waits for it: the notebook scores videos without.
+    """Render and encode `count` frames; returns the rows of the truth CSV."""
+    # Imported here, because it is slow and only rendering needs it.
     import imageio_ffmpeg
 
     writer = imageio_ffmpeg.write_frames(
@@ -96,11 +96,11 @@ def _encode(
         macro_block_size=1,
         output_params=[*quality, *ENCODER],
     )
-    rows, before = [], asset_jobs(drive)
-    frames = map_ordered(partial(_render, drive), [*before, *range(count)], workers=workers)
+    rows, assets = [], asset_jobs(drive)
+    frames = map_ordered(partial(_render, drive), [*assets, *range(count)], workers=workers)
     with closing(writer), closing(frames):
         writer.send(None)
-        for number, (image, truth) in enumerate(islice(frames, len(before), None)):
+        for number, (image, truth) in enumerate(islice(frames, len(assets), None)):
             writer.send(image)
             rows.append(truth_row(truth, frame=number))
             if progress:
@@ -109,10 +109,7 @@ def _encode(
 
 
 def _render(drive: Drive, job: int | Callable[[], object]) -> tuple[bytes, Truth] | None:
-    """One frame of a drive, by number; what the encoder and the table need of it, and no more, goes back.
-
-    Before the frames come their ingredients, of which nothing does.
-    """
+    """Bytes and truth of the frame with number `job`; None for a job that fills the disk cache."""
     if callable(job):
         job()
         return None

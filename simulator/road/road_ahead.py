@@ -13,7 +13,7 @@ from simulator.road.geometry import MAX_TURN_RAD, RoadGeometry, VehiclePose
 WINDING_PER_M = 1 / 120
 # Length of a winding road that is drawn; the rest is behind trees.
 WINDING_AHEAD_M = 220.0
-# Range in which crests are searched, and the slope (2 pixels of a dashcam) that a crest must hide at least.
+# Range of the search for crests, and the smallest slope (2 pixels of a dashcam) that a crest must hide.
 CREST_RANGE_M, MIN_HIDDEN_SLOPE = 200.0, 0.002
 # Extent and cell size, in the car's frame, of the nearest-node map of a winding road.
 MAP_X_M, MAP_Y_M, MAP_CELL_M = (-40.0, 160.0), (-120.0, 120.0), 0.5

@@ -1,1 +1,1 @@
-"""The scenes: the embedded pictures and videos, and the benchmark suite."""
+"""Scenes: the course's stills and videos, and the benchmark suite."""

@@ -1,4 +1,4 @@
-"""Light and weather of the suite: what the sun, the air, the night and the rain do to a clean road."""
+"""Light and weather scenes of the suite: bright and deep shade, glare, fog, night and rain."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ OPPOSITE_EDGE_M = 17.0
 
 
 def plain_motorway(seed: int, *zones: Zone, seams: tuple[Seam, ...] = (), wear: float = 0.25, **changes) -> Drive:
-    """A carriageway that bends left and then right; the car off the centre of its left lane, others in theirs."""
+    """Motorway that bends left, then right; the car is in the leftmost lane; `changes` are fields of Drive."""
     traffic = (
         car(38.0, -1, "silver", speed_mps=27.0),
         car(64.0, -2, "white", "suv", speed_mps=26.0),
@@ -65,7 +65,7 @@ def plain_motorway(seed: int, *zones: Zone, seams: tuple[Seam, ...] = (), wear: 
 
 
 def country_road_drive(seed: int, **changes) -> Drive:
-    """A two-lane road through a wood, R 170 m to the left, then 140 m to the right; double yellow and white edge."""
+    """Two-lane road through a wood, R 170 m left, then 140 m right; `changes` are fields of Drive."""
     middle, edge = 1.75, -1.75
     trees = tuple(
         item
@@ -77,7 +77,7 @@ def country_road_drive(seed: int, **changes) -> Drive:
     return Drive(
         camera=DASHCAM,
         road=RoadGeometry([0.0, 35.0, 75.0, 130.0, 160.0], [1 / 170, 1 / 170, -1 / 140, -1 / 140, 0.0]),
-        # what bounds the lane is the stripe beside it, as in labels by hand
+        # The inner stripe of the double line bounds the lane, as in manual labels.
         line_laterals_m=(middle - 0.10, edge),
         markings=(
             Marking(middle, 0.10, YELLOW, double_gap_m=0.10, wear=0.2),
@@ -158,7 +158,7 @@ def _wet_night() -> Drive:
     )
     lines = freeway_markings(phase_m=3.0, wear=0.3)
     drive = plain_motorway(391, night=Night(), wet=Wet(film=0.4), objects=others, lens=Lens(noise=0.028, exposure=0.9))
-    # Two ways: the left line of the lane parts them, and others come towards us beyond it.
+    # A two-way road: oncoming cars are left of the lane's left line.
     edge = Marking(LANE_WIDTH_M * 1.5, 0.12, WHITE)
     surface = replace(drive.surface, left_edge_m=LANE_WIDTH_M * 1.5 + 1.5, opposite_m=None)
     motion = replace(drive.motion, speed_mps=22.0)
@@ -178,26 +178,20 @@ SCENES = (
     SuiteScene(
         "pale-concrete", "medium", 4.0, "Worn paint on light concrete at 120 km/h, cracks along it.", _pale_concrete
     ),
+    SuiteScene("dapple", "medium", 5.0, "Dappled shadows of tree crowns all along the road.", _dapple),
     SuiteScene(
-        "dapple", "medium", 5.0, "Shadows of crowns with flecks of sun pass over the road all the time.", _dapple
+        "underpass", "hard", 4.0, "Bright, dark, bright: below a wide bridge, with delayed exposure.", _underpass
     ),
+    SuiteScene("low-sun", "hard", 4.0, "A low sun ahead: veiling glare, lens flare, a shining road.", _low_sun),
     SuiteScene(
-        "underpass", "hard", 4.0, "Bright, black, bright: below a wide bridge; the exposure follows late.", _underpass
+        "dirty-glass", "hard", 4.0, "Sun on a dirty windscreen that reflects the dashboard, in a wood.", _dirty_glass
     ),
-    SuiteScene("low-sun", "hard", 4.0, "The sun stands above the road: veil, flare, a shining road.", _low_sun),
+    SuiteScene("white-out", "hard", 4.0, "From a dark wood onto sunny concrete: overexposed for a second.", _white_out),
     SuiteScene(
-        "dirty-glass", "hard", 4.0, "Sun on a dirty windscreen that mirrors the dashboard, in a wood.", _dirty_glass
+        "deep-shade", "medium", 4.0, "A winding road in the deep blue shade of a wood, with sun flecks.", _deep_shade
     ),
-    SuiteScene(
-        "white-out", "hard", 4.0, "Out of a dark wood onto sunny concrete: for a second all is white.", _white_out
-    ),
-    SuiteScene(
-        "deep-shade", "medium", 4.0, "A winding road in the blue dark of a wood, with flecks of sun.", _deep_shade
-    ),
-    SuiteScene("fog", "hard", 4.0, "Of what is 85 m away, a twentieth of the contrast is left.", _fog),
+    SuiteScene("fog", "hard", 4.0, "Dense fog: 5 % of the contrast is left at 85 m.", _fog),
     SuiteScene("haze", "medium", 4.0, "Far lines fade in bright haze.", _haze),
-    SuiteScene(
-        "wet-night", "hard", 5.0, "Own headlights on a wet road; lamps of others and of the street in it.", _wet_night
-    ),
-    SuiteScene("rain", "hard", 5.0, "Drops on the windscreen between wipes, a road that mirrors the clouds.", _rain),
+    SuiteScene("wet-night", "hard", 5.0, "Headlights on a wet road with reflections of lamps.", _wet_night),
+    SuiteScene("rain", "hard", 5.0, "Drops on the windscreen between wipes, a road that reflects the clouds.", _rain),
 )

@@ -1,4 +1,4 @@
-"""The two committed drives after the famous harder ones: a patched motorway with a bridge, and hairpins in a wood."""
+"""The two harder committed drives: a patched motorway with a bridge, and hairpins in a wood."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from simulator.scenes.mountain import MOUNTAIN_LANE_WIDTH_M, mountain_drive, win
 from simulator.scenes.scene import SuiteScene
 from simulator.weather.fog import Fog
 
-# Coarser than the project video's, so that each stays below 3.5 MB: wide concrete and leaves are costly texture.
+# Higher than for the project video, so that each file is below 3.5 MB: concrete and leaves need many bits.
 CHALLENGE_CRF, HARDER_CRF = 25, 27
 
 
 def challenge_video() -> Drive:
-    """Nine seconds at 25 m/s: pale lanes with a dark strip beside the yellow line, tar seams, a barrier, a bridge.
+    """Nine seconds at 25 m/s: pale lanes, a dark strip at the yellow line, tar seams, a barrier, a bridge.
 
-    The joint between dark and pale runs along the middle of the lane for the whole drive; a seam joins it before the
-    bridge and another after it.
+    The joint between dark and pale pavement is in the middle of the lane for the whole drive. There is one seam before
+    the bridge and one after it.
     """
     bridge = Overpass(112.0, 128.0, -20.0, 15.5, skew=0.12, seed=3)
     joint = joint_fields(
@@ -52,7 +52,7 @@ def challenge_video() -> Drive:
             car(64.0, -2, "white", speed_mps=25.0),
             car(-12.0, -1, "silver", speed_mps=29.0),
             car(90.0, 0, "grey", speed_mps=26.5),
-            # The bridge is built where they would stand.
+            # No objects where the bridge is.
             *(t for t in motorway_drive().objects[4:] if isinstance(t, PlacedWall) or not 104 < t.s_m < 136),
         ),
         symbols=(Symbol(72.0, 0.0, "diamond", 3.7, 1.0, wear=0.4), Symbol(190.0, 0.0, "diamond", 3.7, 1.0, wear=0.4)),
@@ -65,9 +65,9 @@ def challenge_video() -> Drive:
 
 
 def harder_challenge_video() -> Drive:
-    """Ten seconds at 8 to 11 m/s: a hairpin left (R 21 m) and one right (R 17 m) in a wood, a low sun behind haze.
+    """Ten seconds at 8 to 11 m/s: hairpins left (R 21 m) and right (R 17 m) in a wood, with a low sun in haze.
 
-    Deep shade with flecks of sun before the first, glare in it, an oncoming car between, broken shade in the second.
+    Deep shade with sun flecks before the first one, glare in it, an oncoming car after it, dappled shade in the second.
     """
     road = winding_road((21.0, 115.0), (-17.0, 125.0), straight_m=7.0, ease_m=10.0)
     base = mountain_drive(road, Motion())

@@ -1,4 +1,4 @@
-"""The camera that every committed picture is rendered with: its numbers are the truth that calibration has to find."""
+"""Camera of all committed pictures: the ground truth for calibration."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import numpy as np
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraPose
 
-# A dashcam in kind: 63 degrees wide, barrel distortion, a principal point that is not in the middle of the
-# picture, and a pose that is a little crooked, as every real one is. The distortion polynomial grows over the whole
-# picture (Camera.largest_ray is beyond the widest corner), so that every pixel has one ray and back. Pitch and yaw put
-# the vanishing point near column 640, row 422, where it is in the drives that the classic recipes' warps were made for.
+# A typical dashcam: 63 degrees wide, barrel distortion, principal point off the centre, and small yaw and roll. The
+# distortion polynomial is monotonic over the whole picture (Camera.largest_ray is beyond the corners), so that pixels
+# and rays correspond one to one. Pitch and yaw put the vanishing point near column 640, row 422, for which the warps of
+# the classic recipes were made.
 DASHCAM = Camera(
     width=1280,
     height=720,

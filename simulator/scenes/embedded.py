@@ -1,4 +1,4 @@
-"""The embedded test pictures and videos, written with their truth."""
+"""Writes the committed stills and videos with their ground truth."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from simulator.scenes.stills import project_video, still_scenes
 
 
 def write_stills(folder: str | Path, *, progress: Progress | None = None, workers: int | None = None) -> list[Path]:
-    """Write the eight test pictures and their truth.json.
+    """Write the eight stills and their truth.json.
 
     Parameters
     ----------
     folder : str or Path
         Created where needed; "test_images" in the project.
     progress : callable, optional
-        Called as progress(pictures done, pictures in all).
+        Called as progress(pictures done, number of pictures).
     workers : int, optional
-        Processes that render; the files do not depend on it. Default: as many as CPUs may be used.
+        Number of processes; it does not change the files. Default: one for each available CPU.
 
     Returns
     -------
@@ -55,18 +55,18 @@ def write_stills(folder: str | Path, *, progress: Progress | None = None, worker
 def write_project_video(
     folder: str | Path, *, seconds: float = VIDEO_SECONDS, progress: Progress | None = None
 ) -> list[Path]:
-    """Write project_video.mp4 with its truth; see `write_video`."""
+    """Write project_video.mp4 with its truth and camera into a folder; see `write_video`."""
     return write_video(Path(folder) / "project_video.mp4", drive=project_video(), seconds=seconds, progress=progress)
 
 
 def write_challenge_video(folder: str | Path, *, seconds: float = 9.0, progress: Progress | None = None) -> list[Path]:
-    """Write challenge_video.mp4 with its truth and camera into a folder; see `produce.write_video`."""
+    """Write challenge_video.mp4 with its truth and camera into a folder; see `write_video`."""
     path = Path(folder) / "challenge_video.mp4"
     return write_video(path, drive=challenge_video(), seconds=min(seconds, 9.0), crf=CHALLENGE_CRF, progress=progress)
 
 
 def write_harder_video(folder: str | Path, *, seconds: float = 10.0, progress: Progress | None = None) -> list[Path]:
-    """Write harder_challenge_video.mp4 with its truth and camera into a folder; see `produce.write_video`."""
+    """Write harder_challenge_video.mp4 with its truth and camera into a folder; see `write_video`."""
     path = Path(folder) / "harder_challenge_video.mp4"
     return write_video(
         path, drive=harder_challenge_video(), seconds=min(seconds, 10.0), crf=HARDER_CRF, progress=progress

@@ -1,4 +1,4 @@
-"""Building blocks of a freeway: its lines, its pavement, its roadside and its traffic, for the catalogue to combine."""
+"""Building blocks of the scenes: markings and surface of a freeway, trees, traffic, road and daylight."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from simulator.road.surface import Patch, Seam, Surface, Zone
 
 # Twelve feet, the lane of a US freeway.
 LANE_WIDTH_M = 3.66
-# The other carriageway: a narrow shoulder, three lanes and a wide shoulder.
+# Opposite carriageway: a narrow shoulder, three lanes and a wide shoulder.
 OPPOSITE_SHOULDER_M = 1.6
 OPPOSITE_WIDTH_M = OPPOSITE_SHOULDER_M + 3 * LANE_WIDTH_M + 2.8
 
@@ -28,24 +28,24 @@ def freeway_markings(
     wear: float = 0.15,
     opposite_m: float | None = None,
 ) -> tuple[Marking, ...]:
-    """Lines around the ego lane, whose centre is the reference line.
+    """Markings of a freeway; the centre of the ego lane is the reference line.
 
     Parameters
     ----------
     lanes_left, lanes_right : int
-        Further lanes on either side; solid yellow beyond those on the left, solid white beyond those on the right,
-        broken white between.
+        Number of lanes to the left and right of the ego lane. The leftmost line is solid yellow, the rightmost solid
+        white, the others broken white.
     phase_m : float
-        Arc length at which a dash of the leftmost broken line begins.
+        Arc length at the start of a dash of the leftmost broken line.
     wear : float
-        0 fresh, 1 mostly gone.
+        0 is fresh paint, 1 is mostly worn off.
     opposite_m : float, optional
-        Lateral distance at which the pavement of the other carriageway begins; its lines come too.
+        Lateral position of the right edge of the opposite carriageway, whose lines are added.
     """
     marks = [Marking((lanes_left + 0.5) * LANE_WIDTH_M, 0.15, YELLOW, wear=wear, dots=True)]
     for number in range(lanes_left + lanes_right):
         lateral = (lanes_left - 0.5 - number) * LANE_WIDTH_M
-        # Neighbouring lines are painted in one pass, so their dashes are nearly, not exactly, abreast.
+        # Neighbouring lines are painted in one pass, so their dashes are nearly aligned.
         marks.append(Marking(lateral, 0.12, WHITE, dashed=True, phase_m=phase_m + 0.35 * number, wear=wear, dots=True))
     marks.append(Marking(-(lanes_right + 0.5) * LANE_WIDTH_M, 0.12, WHITE, wear=wear))
     if opposite_m is not None:
@@ -65,7 +65,7 @@ def freeway_surface(
     patches: tuple[Patch, ...] = (),
     seams: tuple[Seam, ...] = (),
 ) -> Surface:
-    """Pavement of the same carriageway, with the paving joint that runs beside each broken line."""
+    """Surface of the same carriageway, with a paving joint next to each broken line; see `freeway_markings`."""
     centres = tuple((lanes_left - number) * LANE_WIDTH_M for number in range(lanes_left + lanes_right + 1))
     joints = tuple(Seam(c - LANE_WIDTH_M / 2 - 0.18, 0.025, 0.02, strength=0.5) for c in centres[:-1])
     return Surface(
@@ -80,7 +80,7 @@ def freeway_surface(
 
 
 def bend_road(curvature_per_m: float, *, before_m: float = 60.0, ahead_m: float = 300.0, rate: float = 1.5e-5):
-    """A road that is already bending at arc length 100, where the car of a still is, and eases out far ahead."""
+    """Road with constant curvature around arc length 100, where the car of a still is, and a straight end."""
     ease = max(abs(curvature_per_m) / rate, 30.0)
     return RoadGeometry(
         [0.0, 100 - before_m, 100 + ahead_m, 100 + ahead_m + ease],
@@ -89,7 +89,7 @@ def bend_road(curvature_per_m: float, *, before_m: float = 60.0, ahead_m: float 
 
 
 def daylight(azimuth_deg: float, elevation_deg: float, **landscape: float) -> dict:
-    """The sun, and the backdrop that it lights, as arguments of a Drive; `country` as in BackdropStyle."""
+    """Fields `sun` and `backdrop` of a Drive; `landscape` holds fields of BackdropStyle."""
     sun = Sun(float(np.radians(azimuth_deg)), float(np.radians(elevation_deg)))
     style = BackdropStyle(sun_azimuth_rad=sun.azimuth_rad, sun_elevation_rad=sun.elevation_rad, **landscape)
     return {"sun": sun, "backdrop": style}
@@ -105,19 +105,19 @@ def plant_trees(
     every_m: float,
     bank: PlacedWall | None = None,
 ) -> tuple[PlacedObject, ...]:
-    """Trees or bushes strewn beside the road.
+    """Trees or bushes at random positions next to the road.
 
     Parameters
     ----------
     seed : int
     species : str
-        Names from foliage.SPECIES, separated by blanks; drawn by chance.
-    along, aside, tall : (float, float)
-        From where to where along the road and lateral to it, and how high, metres.
+        Names in foliage.SPECIES, separated by blanks, chosen at random.
+    s_m, d_m, height_m : (float, float)
+        Ranges of arc length, lateral position and height of the trees, metres.
     every_m : float
-        Mean distance along the road from one to the next.
+        Mean distance along the road.
     bank : Along, optional
-        The slope on which they stand.
+        Bank on which they stand.
     """
     rng = np.random.default_rng(seed)
     outward, height = np.array(WALLS["bank"].lines).T
@@ -135,7 +135,7 @@ def plant_trees(
 def oncoming_cars(
     seed: int, *, s_m: tuple[float, float], opposite_m: float, speed_mps: float = 0.0
 ) -> tuple[PlacedObject, ...]:
-    """Some cars on the other carriageway, whose pavement begins at lateral `opposite_m`."""
+    """Oncoming cars on the opposite carriageway, whose right edge is at lateral `opposite_m`."""
     rng = np.random.default_rng(seed)
     cars = []
     for s in np.arange(*s_m, 45.0):
@@ -146,5 +146,5 @@ def oncoming_cars(
 
 
 def car(s_m: float, lane: int, paint: str, body: str = "sedan", *, speed_mps: float = 0.0) -> PlacedObject:
-    """A car in the middle of a lane, counted from the ego lane to the left."""
+    """Car in the centre of a lane; `lane` is 0 for the ego lane, > 0 to the left."""
     return PlacedObject(s_m, lane * LANE_WIDTH_M, Car(0, 0, 0.0, paint, body), speed_mps)

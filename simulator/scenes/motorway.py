@@ -1,4 +1,4 @@
-"""Motorway scenes of the suite: seams, barriers, worn and missing paint, dots, changes of lane, works."""
+"""Motorway scenes of the suite: seams, barriers, worn and missing paint, Botts' dots, lane changes, road works."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ from simulator.scenes.freeway import (
 from simulator.scenes.scene import SuiteScene
 from simulator.scenes.stills import EGO_LINES_M, project_video
 
-# Where lines were ground off, the asphalt is rougher and paler; where they were painted over, black and smooth.
+# Removed markings: ground-off lines are rough and pale, painted-over lines are black and smooth.
 GROUND_OFF, BLACKENED = (0.30, 0.285, 0.27), (0.020, 0.020, 0.022)
-# Where the dark strip beside the pale lanes ends: in the middle of the leftmost lane, as lanes were moved since.
+# Lateral positions of the joint between dark strip and pale lanes, and of the barrier. The lanes were moved later.
 JOINT_M, JOINT_BARRIER_M = -0.03, LANE_WIDTH_M / 2 + 0.85
-# Bleached yellow. It, the two pavements and the lens of `joint_fields` give the picture the levels that stills of the
-# real challenge drive have: strip 112, lanes 155, stripe (195, 160, 100), its colour spread over 20 px.
+# Bleached yellow. Together with the two pavements and the lens of `joint_fields` it gives the levels of the real
+# challenge drive: strip 112, lanes 155, stripe (195, 160, 100) with its colour spread over 20 px.
 FADED_YELLOW = (0.50, 0.30, 0.055)
 # Temporary yellow or orange of road works.
 WORKS_YELLOW = (1.0, 0.45, 0.03)
 
 
 def motorway_drive(**changes) -> Drive:
-    """A motorway that bends left (R 560 m) and right (R 480 m), to be changed by `parts`, fields of Drive.
+    """Motorway that bends left (R 560 m) and right (R 480 m); `changes` are fields of Drive.
 
-    We drive in the leftmost lane between solid yellow and broken white, with three lanes to the right, a barrier and
-    the other carriageway to the left, some traffic, and a grassy bank.
+    The car is in the leftmost of four lanes, between solid yellow and broken white. There are a barrier and the opposite
+    carriageway to the left, some traffic, and a grassy bank.
     """
     bank = PlacedWall(-18.0, "bank", seed=26)
     drive = Drive(
@@ -73,10 +73,10 @@ def motorway_drive(**changes) -> Drive:
 
 
 def joint_fields(*seams: Seam, patches: tuple[Patch, ...] = ()) -> dict:
-    """Pale lanes with a dark strip beside them, whose joint runs down the middle of our lane, as arguments of a Drive.
+    """Fields of a Drive: pale lanes next to a dark strip, whose joint runs along the middle of the ego lane.
 
-    The yellow line is thin and faded, on the dark side, and has the shadow of the barrier for a neighbour. The car
-    keeps its place to some centimetres. All of it as in the real challenge drive.
+    As in the real challenge drive, the yellow line is thin and faded, on the dark side, next to the shadow of the
+    barrier. The car keeps its lateral position to some centimetres.
     """
     yellow, *white = freeway_markings(phase_m=4.0, wear=0.35, opposite_m=17.0)
     return {
@@ -94,7 +94,7 @@ def joint_fields(*seams: Seam, patches: tuple[Patch, ...] = ()) -> dict:
 
 
 def _joint_and_seam() -> Drive:
-    """In a bend to the right (R 620 m): the joint from the first frame on, a tar seam beside it soon."""
+    """Bend to the right (R 620 m) with a joint in the lane, later with a tar seam next to it."""
     objects = tuple(t for t in motorway_drive().objects if not (isinstance(t, PlacedWall) and t.kind == "jersey"))
     return motorway_drive(
         road=RoadGeometry([0.0, 30.0, 160.0, 300.0], [-1 / 700, -1 / 620, -1 / 620, 0.0]),
@@ -106,7 +106,7 @@ def _joint_and_seam() -> Drive:
 
 
 def _barrier() -> Drive:
-    """A barrier 0.6 m beside the yellow line; the sun stands behind it and throws its shadow up to the paint."""
+    """Barrier 0.6 m from the yellow line; its shadow ends at the paint."""
     objects = tuple(t for t in motorway_drive().objects if not (isinstance(t, PlacedWall) and t.kind == "jersey"))
     return motorway_drive(
         objects=(PlacedWall(LANE_WIDTH_M / 2 + 0.6, "jersey", height_scale=1.1, seed=27), *objects),
@@ -119,7 +119,7 @@ def _barrier() -> Drive:
 
 
 def _worn_paint() -> Drive:
-    """Old asphalt, patched and stained; what is left of the paint is thin on both sides."""
+    """Old asphalt with patches and stains, and very worn lines on both sides."""
     surface = freeway_surface(
         Zone(-100.0, "old asphalt"),
         opposite_m=17.0,
@@ -130,7 +130,7 @@ def _worn_paint() -> Drive:
 
 
 def _missing_paint() -> Drive:
-    """The broken line is missing for 60 m, later the solid one for 40 m; both are thin."""
+    """The broken line is missing for 60 m, later the solid line for 40 m. Both are narrow."""
     whole = freeway_markings(phase_m=4.0, wear=0.5, opposite_m=17.0)
     yellow, broken, *others = (replace(m, width_m=min(m.width_m, 0.10)) for m in whole)
     markings = (
@@ -143,7 +143,7 @@ def _missing_paint() -> Drive:
 
 
 def _dashes_only() -> Drive:
-    """In a middle lane: broken white on both sides, short dashes, and the car left of the middle."""
+    """Middle lane between broken white lines; the car is left of the centre."""
     side = {"lanes_left": 1, "lanes_right": 2}
     markings = freeway_markings(**side, phase_m=2.0, wear=0.4, opposite_m=17.0)
     objects = tuple(t for t in motorway_drive().objects if not (isinstance(t, PlacedWall) and t.kind == "jersey"))
@@ -157,7 +157,7 @@ def _dashes_only() -> Drive:
 
 
 def _botts_dots() -> Drive:
-    """Botts' dots in place of paint: four round dots and a reflector in each 12 m, on both sides."""
+    """Botts' dots instead of paint on both sides: four round dots and a reflector every 12 m."""
     side = {"lanes_left": 1, "lanes_right": 2}
     markings = freeway_markings(**side, phase_m=2.0, wear=0.3, opposite_m=17.0)
     objects = tuple(t for t in motorway_drive().objects if not (isinstance(t, PlacedWall) and t.kind == "jersey"))
@@ -171,7 +171,7 @@ def _botts_dots() -> Drive:
 
 
 def _lane_change() -> Drive:
-    """From the leftmost lane to the next one on the right in three and a half seconds."""
+    """Lane change from the leftmost lane to the next one on the right, in 3.6 s."""
     return motorway_drive(
         line_laterals_m=tuple(LANE_WIDTH_M / 2 - n * LANE_WIDTH_M for n in range(5)),
         motion=replace(
@@ -183,7 +183,7 @@ def _lane_change() -> Drive:
 
 
 def _symbols() -> Drive:
-    """A diamond lane: diamonds, words and arrows painted between the lines."""
+    """Diamonds, words and arrows painted in the lane."""
     symbols = (
         Symbol(16.0, 0.0, "diamond", 3.7, 1.0),
         Symbol(34.0, 0.0, "CAR", 2.6, 2.2),
@@ -199,7 +199,7 @@ def _symbols() -> Drive:
 
 
 def _construction() -> Drive:
-    """Works: the old lines, ground off or painted over, still show and cross the new ones at a small angle."""
+    """Road works: removed old lines are still visible and cross the new lines at a small angle."""
     old = (
         Marking(2.9, 0.15, GROUND_OFF, slope=-0.020, start_m=-40.0, end_m=150.0, wear=0.1),
         Marking(-0.9, 0.14, GROUND_OFF, dashed=True, slope=-0.020, start_m=-40.0, end_m=150.0, wear=0.1),
@@ -232,7 +232,7 @@ def _construction() -> Drive:
 
 
 def _two_lane() -> Drive:
-    """A country road with broken yellow between the directions, bends of R 140 m and a car that comes towards us."""
+    """Country road with a broken yellow centre line, bends of R 140 m and an oncoming car."""
     half = 1.75
     return motorway_drive(
         road=RoadGeometry([0.0, 40.0, 80.0, 100.0, 150.0, 200.0], [1 / 400, 1 / 140, 1 / 140, -1 / 160, -1 / 160, 0.0]),

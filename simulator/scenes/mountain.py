@@ -1,4 +1,4 @@
-"""Mountain scenes of the suite: hairpins and bends, crests and dips."""
+"""Mountain scenes of the suite: bends, hairpins, crests and dips."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from simulator.scenes.dashcam import DASHCAM
 from simulator.scenes.freeway import daylight, plant_trees
 from simulator.scenes.scene import SuiteScene
 
-# Ten and a half feet, the lane of a mountain road.
+# Lane width of a mountain road, ten and a half feet.
 MOUNTAIN_LANE_WIDTH_M = 3.2
-# Four inches: a stripe, and the gap between the two of a double line.
+# Width of a stripe, and of the gap in a double line: four inches.
 STRIPE_M = 0.10
-# The camera is about as far before the rear axle.
+# Distance from the rear axle to the camera.
 REAR_AXLE_M = 1.6
-# Leaves and needles on bare soil.
+# Tint of leaves and needles on bare soil.
 WOOD_FLOOR = (0.62, 0.50, 0.48)
 MARKER_ORANGE = (0.62, 0.13, 0.03)
 
 
 def winding_road(*turns: tuple[float, float], straight_m: float = 14.0, ease_m: float = 12.0) -> RoadGeometry:
-    """A road of arcs (radius in metres, > 0 left; degrees turned) with straights and clothoids between.
+    """Road of arcs (radius in metres, > 0 left; angle in degrees) with clothoids and straights between.
 
-    A clothoid turns by half of what an arc of its length would, so that radius and angle come out as asked for.
+    The arcs are shortened by the angle of their clothoids, so that the total angles are as given.
     """
     stations, curvatures = [0.0, straight_m], [0.0, 0.0]
     for radius, degrees in turns:
@@ -44,9 +44,9 @@ def winding_road(*turns: tuple[float, float], straight_m: float = 14.0, ease_m: 
 
 
 def mountain_drive(road: RoadGeometry, motion: Motion, *, rock: bool = False, **changes) -> Drive:
-    """A two-lane road through woods: double yellow, white edges, a guard rail on the right, `rock` on the left or not.
+    """Two-lane road through woods: double yellow, white edges, a guard rail on the right, optional `rock` on the left.
 
-    `parts` are fields of Drive that are to differ.
+    `changes` are fields of Drive.
     """
     half, end = MOUNTAIN_LANE_WIDTH_M / 2, float(road.stations_m[-1]) + 80.0
     drive = Drive(
@@ -54,7 +54,7 @@ def mountain_drive(road: RoadGeometry, motion: Motion, *, rock: bool = False, **
         road=road,
         line_laterals_m=(half, -half),
         markings=(
-            # what bounds the lane is the stripe beside it, as in labels by hand
+            # The inner stripe of the double line bounds the lane, as in manual labels.
             Marking(half + STRIPE_M, STRIPE_M, YELLOW, double_gap_m=STRIPE_M, wear=0.35),
             Marking(-half, STRIPE_M, WHITE, wear=0.25),
             Marking(3 * half, STRIPE_M, WHITE, wear=0.3),
@@ -86,7 +86,7 @@ def mountain_drive(road: RoadGeometry, motion: Motion, *, rock: bool = False, **
 def wood_edges(
     end_m: float, *, right_m: float = 7.5, left_m: float = 9.5, rock: bool = False
 ) -> tuple[PlacedObject | PlacedWall, ...]:
-    """Woods on both sides from the lateral places on, with trees before their edge; `rock`: a cutting on the left."""
+    """Edges of woods at lateral positions on both sides, with trees in front; `rock`: a cutting on the left."""
     return (
         PlacedWall(left_m, "rock" if rock else "wood", -60.0, end_m, seed=7),
         PlacedWall(-right_m - 1.5, "wood", -60.0, end_m, height_scale=0.9, seed=8),
@@ -98,7 +98,7 @@ def wood_edges(
             height_m=(2, 9),
             every_m=11,
         ),
-        # Single crowns on the edge itself hide that it is a sheet.
+        # Single trees at the edge hide that it is flat.
         *plant_trees(
             63,
             "redwood oak",
@@ -127,7 +127,7 @@ def wood_edges(
 
 
 def _hairpin_left() -> Drive:
-    """One hairpin to the left, R 22 m, at 8 m/s."""
+    """Hairpin to the left, R 22 m, at 8 m/s, with an oncoming car."""
     return mountain_drive(
         winding_road((22.0, 170.0)),
         Motion(2.0, 8.0, offset_m=-0.1, wander_m=0.15, wander_period_s=5.0, pitch_rad=float(np.radians(0.3))),
@@ -139,7 +139,7 @@ def _hairpin_left() -> Drive:
 
 
 def _hairpin_right() -> Drive:
-    """One hairpin to the right, R 15 m, at 6 m/s: the inner line bends round the bonnet."""
+    """Hairpin to the right, R 15 m, at 6 m/s. The inner line is very close to the bonnet."""
     return mountain_drive(
         winding_road((-15.0, 160.0)),
         Motion(4.0, 6.0, offset_m=0.15, wander_m=0.1, wander_period_s=5.0, pitch_rad=float(np.radians(0.3))),
@@ -149,7 +149,7 @@ def _hairpin_right() -> Drive:
 
 
 def _switchback() -> Drive:
-    """Left R 26 m and right R 20 m one after the other, in broken shade."""
+    """Hairpins of R 26 m to the left and R 20 m to the right, in dappled shade."""
     road = winding_road((26.0, 110.0), (-20.0, 120.0), straight_m=6.0)
     shades = tuple(TreeShade(s, s + 9.0, -5.0, 8.0, 0.9) for s in np.arange(14.0, 140.0, 21.0))
     return mountain_drive(
@@ -168,27 +168,27 @@ def _mountain_bends() -> Drive:
 
 
 def _crests() -> Drive:
-    """Up over a crest (vertical radius 260 m), down through a dip, in gentle bends."""
+    """Crest (vertical radius 260 m) and dip in gentle bends."""
     profile = HeightProfile([0.0, 16.0, 52.0, 66.0, 96.0, 150.0], [0.08, 0.08, -0.06, -0.06, 0.05, 0.05])
     road = replace(winding_road((180.0, 25.0), (-150.0, 25.0)), profile=profile)
     return mountain_drive(road, Motion(0.0, 15.0, offset_m=0.2, wander_m=0.15, wander_period_s=4.0), seed=155)
 
 
 def _dips() -> Drive:
-    """A straight and a bend of R 90 m in short waves, 0.9 m high: the ground rises before the bonnet and falls away."""
+    """Straight and bends of R 90 m over short waves, 0.9 m high."""
     stations = np.arange(0.0, 260.0, 4.0)
     profile = HeightProfile(stations, 0.055 * np.sin(2 * np.pi * stations / 52.0))
     road = replace(winding_road((90.0, 60.0), (-110.0, 50.0)), profile=profile)
     drive = mountain_drive(road, Motion(4.0, 15.0, offset_m=-0.2, wander_m=0.1, wander_period_s=4.0), seed=156)
-    # the usual height would stand up like a wall in this country
+    # A higher ridge would fill the picture here.
     return replace(drive, backdrop=replace(drive.backdrop, ridge_height_rad=0.12))
 
 
 SCENES = (
-    SuiteScene("mountain-bends", "medium", 5.0, "Woods, double yellow, bends of R 45 to 70 m.", _mountain_bends),
-    SuiteScene("hairpin-left", "hard", 5.0, "A hairpin of R 22 m to the left with a car in it.", _hairpin_left),
+    SuiteScene("mountain-bends", "medium", 5.0, "Bends of R 45 to 70 m in woods, double yellow line.", _mountain_bends),
+    SuiteScene("hairpin-left", "hard", 5.0, "A hairpin of R 22 m to the left with an oncoming car.", _hairpin_left),
     SuiteScene("hairpin-right", "hard", 5.0, "A hairpin of R 15 m to the right.", _hairpin_right),
-    SuiteScene("switchback", "hard", 5.0, "A left and a right hairpin in broken shade.", _switchback),
+    SuiteScene("switchback", "hard", 5.0, "A left and a right hairpin in dappled shade.", _switchback),
     SuiteScene("crests", "hard", 5.0, "Over a steep crest and through a dip.", _crests),
-    SuiteScene("dips", "hard", 5.0, "Short waves of the road in a bend of R 90 m.", _dips),
+    SuiteScene("dips", "hard", 5.0, "Short waves of the road in bends of R 90 m.", _dips),
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Scenes of the suite without a lane: nothing may be found here."""
+"""Scenes of the suite without a lane, where no lane may be found."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ BAY_M, STALL_M, LINE_M = 5.0, 2.6, 0.10
 
 
 def _unmarked_road() -> Drive:
-    """A narrow road without any paint, with a paving joint in the middle, between trees."""
+    """Narrow road without markings, with a paving joint in the middle, between trees."""
     return motorway_drive(
         road=RoadGeometry([0.0, 30.0, 60.0, 90.0, 140.0], [0.0, 1 / 90, 1 / 90, -1 / 120, 0.0]),
         line_laterals_m=(),
@@ -41,7 +41,7 @@ def _unmarked_road() -> Drive:
 
 
 def _car_park() -> Drive:
-    """Across a car park: rows of stalls left and right of the aisle, some of them taken."""
+    """Aisle of a car park with rows of stalls on both sides, some of them occupied."""
     ends = []
     for low, high in ((-3.4 - BAY_M, -3.4), (3.1, 3.1 + BAY_M)):
         ends += [Patch(s, s + LINE_M, low, high, "paint") for s in np.arange(-8.0, 90.0, STALL_M)]

@@ -1,4 +1,4 @@
-"""A named drive of the suite: what it shows and how hard it is."""
+"""Named drive of the suite with its difficulty."""
 
 from __future__ import annotations
 
@@ -13,20 +13,25 @@ Difficulty = Literal["clean", "medium", "hard", "no lane"]
 
 @dataclass(frozen=True)
 class SuiteScene:
-    """A drive of some seconds with exact truth.
+    """Drive of a few seconds with exact ground truth.
 
     Parameters
     ----------
     name : str
-        Lower case letters, digits and hyphens: it becomes a file name.
+        Lower case letters, digits and hyphens, because it is part of file names.
     difficulty : str
         "clean", "medium", "hard" or "no lane".
     seconds : float
-        How long it is to be driven.
+        Length of the video.
     description : str
-        One sentence: what is to be seen.
+        One sentence that says what the scene shows.
     drive : callable
-        Called without arguments, gives the Drive.
+        Function without arguments that returns the Drive.
+
+    Raises
+    ------
+    ValueError
+        If the name has other characters or there is no such difficulty.
     """
 
     name: str
@@ -37,6 +42,10 @@ class SuiteScene:
 
     def __post_init__(self) -> None:
         if not self.name.replace("-", "").isalnum() or self.name != self.name.lower():
-            raise ValueError(f"a scene's name has lower case letters, digits and hyphens only, unlike {self.name!r}.")
+            raise ValueError(
+                f"a scene's name must consist of lower case letters, digits and hyphens, not {self.name!r}."
+            )
         if self.difficulty not in get_args(Difficulty):
-            raise ValueError(f"{self.name}: no difficulty {self.difficulty!r}; there are {get_args(Difficulty)}.")
+            raise ValueError(
+                f"{self.name}: unknown difficulty {self.difficulty!r}; choose one of {', '.join(get_args(Difficulty))}."
+            )

@@ -1,7 +1,7 @@
-"""The pictures and the video that the course uses: what each of them shows.
+"""The course's eight stills.
 
-The stills are twins in kind of the eight that everyone in this field knows, under the same names: none is centred in
-its lane, most are curved, and light, pavement and traffic differ.
+They correspond in kind and name to the well-known test images of this task. The car is off-centre in all of them, most
+roads are curved, and light, pavement and traffic differ.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ STRAIGHT = RoadGeometry([0.0, 2000.0], [0.0, 0.0])
 
 
 def still_scenes() -> dict[str, Drive]:
-    """The eight stills by file name without suffix."""
+    """Drives of the eight stills, by file name without suffix."""
     return {name: build() for name, build in _STILLS.items()}
 
 
 def _straight_lines1() -> Drive:
-    """Straight; solid yellow left, broken white right; fresh asphalt, dry hills; car left of the centre."""
+    """Straight; solid yellow left, broken white right; fresh asphalt, dry hills; the car is left of the centre."""
     bank = PlacedWall(-17.5, "bank", height_scale=0.9, seed=3)
     return Drive(
         camera=DASHCAM,
@@ -74,7 +74,7 @@ def _straight_lines1() -> Drive:
 
 
 def _straight_lines2() -> Drive:
-    """Straight, in the right-hand lane: broken white left, solid white right; traffic in the lanes to the left."""
+    """Straight, rightmost lane: broken white left, solid white right; traffic in the lanes to the left."""
     bank = PlacedWall(-6.2, "bank", height_scale=0.45, seed=7)
     side = {"lanes_left": 3, "lanes_right": 0}
     return Drive(
@@ -104,7 +104,7 @@ def _straight_lines2() -> Drive:
 
 
 def _test1() -> Drive:
-    """Light concrete with a repair and a crack, gentle bend to the right, two cars on the right."""
+    """Light concrete with a patch and a crack, gentle bend to the right, two cars on the right."""
     return Drive(
         camera=DASHCAM,
         road=bend_road(-1 / 900),
@@ -244,7 +244,7 @@ def _test5() -> Drive:
 
 
 def _test6() -> Drive:
-    """Bends left, R 380 m; old asphalt with a patch, tar and a stretch of fresh; a car alongside."""
+    """Bends left, R 380 m; old asphalt with a patch, tar and a fresh section; a car on the right."""
     bank = PlacedWall(-18.5, "bank", height_scale=0.8, seed=14)
     return Drive(
         camera=DASHCAM,

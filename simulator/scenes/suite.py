@@ -1,7 +1,4 @@
-"""The suite: hard roads by name, and their videos, rendered on demand into a cache outside the project.
-
-Each theme has a module with its scenes; here they come together.
-"""
+"""The benchmark suite: all scenes by name, and their videos, rendered on demand into a cache outside the project."""
 
 from __future__ import annotations
 
@@ -24,14 +21,14 @@ from simulator.scenes.traffic import SCENES as TRAFFIC
 __all__ = ["SUITE", "SuiteScene", "cache_folder", "render_scene", "scene_path"]
 
 _THEMES = (MOTORWAY, FAMOUS, MOUNTAIN, WEATHER, TRAFFIC, NO_LANE)
-# Scenes are a cache and may be larger than what is committed (2.5 times): encoding takes a tenth of the time, and the
-# quality is not worse (0.5 to 0.9 dB better, measured on two scenes).
+# Cached videos are 2.5 times as large as committed ones. Encoding takes a tenth of the time, and the quality is 0.5
+# to 0.9 dB better (measured on two scenes).
 CACHE_CRF, CACHE_PRESET = 20, "ultrafast"
 SUITE: dict[str, SuiteScene] = {scene.name: scene for scenes in _THEMES for scene in scenes}
 
 
 def scene_path(name: str, folder: str | Path | None = None) -> Path:
-    """The video of a scene, rendered or not yet; its name changes when the renderer does, so none is ever stale.
+    """Path of a scene's video, rendered or not. It contains a hash of the renderer, so that no video is outdated.
 
     Raises
     ------
@@ -39,30 +36,30 @@ def scene_path(name: str, folder: str | Path | None = None) -> Path:
         If there is no such scene.
     """
     if name not in SUITE:
-        raise ValueError(f"there is no scene {name!r} in the suite; there are {', '.join(SUITE)}.")
+        raise ValueError(f"no scene {name!r} in the suite; choose one of {', '.join(SUITE)}.")
     return Path(folder or cache_folder()) / f"{name}-{_renderer_hash()}.mp4"
 
 
 def render_scene(
     name: str, folder: str | Path | None = None, *, progress: Progress | None = None, workers: int | None = None
 ) -> Path:
-    """Render a scene of the suite, unless it is there already.
+    """Render a scene of the suite if its video does not exist yet.
 
     Parameters
     ----------
     name : str
-        In SUITE.
+        Key of SUITE.
     folder : str or Path, optional
-        Instead of `cache_folder()`.
+        Folder of the video. Default: `cache_folder()`.
     progress : callable, optional
-        Called as progress(frames done, frames in all); not at all when there is nothing to render.
+        Called as progress(frames done, number of frames); not called if the video exists.
     workers : int, optional
-        Processes that render; the files do not depend on it. Default: as many as CPUs may be used.
+        Number of processes; it does not change the files. Default: one for each available CPU.
 
     Returns
     -------
     Path
-        The video; beside it are its truth (.csv, a row a frame) and its camera (.yaml).
+        The video. Its ground truth (.csv, a row for each frame) and camera (.yaml) have the same stem.
 
     Raises
     ------
@@ -72,7 +69,7 @@ def render_scene(
         If the folder cannot be written to.
     """
     path = scene_path(name, folder)
-    # The camera is written last: where it is, all is.
+    # The camera file is written last, so it exists only with the other two.
     if not path.with_suffix(".yaml").is_file():
         scene = SUITE[name]
         encoder = {"crf": CACHE_CRF, "preset": CACHE_PRESET}
@@ -82,7 +79,7 @@ def render_scene(
 
 @lru_cache(maxsize=1)
 def _renderer_hash() -> str:
-    """Eight digits that change with the source of any module that a picture is made by."""
+    """Hash (eight digits) of the sources of all modules that affect the pictures."""
     folder = Path(simulator.__file__).parent
     digest = hashlib.sha256()
     for source in (Path(camera.__file__), *sorted(folder.rglob("*.py"))):

@@ -1,4 +1,4 @@
-"""Traffic of the suite: who crosses our lane, and who hides its lines."""
+"""Traffic scenes of the suite: vehicles that cross the ego lane or hide its lines."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from simulator.scenes.scene import SuiteScene
 
 
 def _with(drive: Drive, *others: PlacedObject) -> Drive:
-    """The drive with these in place of its own traffic on our carriageway."""
+    """The drive with other vehicles instead of those on the car's carriageway."""
     kept = tuple(
         p for p in drive.objects if not (isinstance(p, PlacedObject) and isinstance(p.item, Car) and p.speed_mps > 0)
     )
@@ -21,14 +21,14 @@ def _with(drive: Drive, *others: PlacedObject) -> Drive:
 
 
 def _motorcycle() -> Drive:
-    """It comes from the right, rides on our right line, crosses the lane and the left line, and comes back."""
+    """A motorcycle that crosses the lane from the right line to beyond the left one, and back."""
     path = ((0.0, -2.0), (0.8, -1.7), (2.0, 1.6), (2.8, 1.7), (4.0, -0.4))
     rider = PlacedObject(13.0, 0.0, Car(0, 0, 0.0, "red", "motorcycle"), 15.6, path)
     return _with(country_road_drive(411), rider)
 
 
 def _cut_in() -> Drive:
-    """From the lane to our right, over the broken line, 11 m ahead in our lane, and back."""
+    """A car that cuts in from the right lane, 11 m ahead, and leaves again."""
     path = ((0.0, -LANE_WIDTH_M), (0.5, -LANE_WIDTH_M), (2.0, -0.2), (2.7, -0.2), (4.2, -LANE_WIDTH_M))
     others = (
         PlacedObject(16.0, 0.0, Car(0, 0, 0.0, "white", "suv"), 27.6, path),
@@ -39,7 +39,7 @@ def _cut_in() -> Drive:
 
 
 def _lorry() -> Drive:
-    """It drives on the broken line to our right, half in our lane, for two seconds."""
+    """A lorry that drives on the broken line for two seconds, half in the ego lane."""
     path = ((0.0, -LANE_WIDTH_M), (0.8, -LANE_WIDTH_M), (1.8, -2.6), (3.3, -2.6), (4.5, -LANE_WIDTH_M))
     others = (
         PlacedObject(17.0, 0.0, Car(0, 0, 0.0, "blue", "truck"), 26.4, path),
@@ -51,7 +51,7 @@ def _lorry() -> Drive:
 SCENES = (
     SuiteScene("motorcycle", "medium", 4.0, "A motorcycle weaves across the lane and both of its lines.", _motorcycle),
     SuiteScene(
-        "cut-in", "medium", 4.5, "A car crosses the line into our lane just ahead, and leaves it again.", _cut_in
+        "cut-in", "medium", 4.5, "A car crosses the line into the ego lane just ahead, and leaves it again.", _cut_in
     ),
     SuiteScene("lorry", "hard", 4.5, "A lorry hides the broken line for two seconds, driving on it.", _lorry),
 )

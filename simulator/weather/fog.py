@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from simulator.painting.brush import Atmosphere
 from simulator.road.ground import Ground
 
 # Contrast threshold that defines the meteorological visibility (WMO: 5 %).
@@ -44,26 +45,26 @@ class Fog:
         if self.visibility_m <= 0:
             raise ValueError(f"visibility_m must be positive, not {self.visibility_m}.")
 
-    def through(self, distance_m: np.ndarray | float) -> np.ndarray:
+    def transmittance(self, distance_m: np.ndarray | float) -> np.ndarray:
         """Transmittance at distances of any shape: the share of contrast that is left."""
         return np.exp(np.float32(np.log(JUST_SEEN) / self.visibility_m) * np.asarray(distance_m, np.float32))
 
-    def atmosphere_at(self, distance_m: float) -> tuple[np.ndarray, np.ndarray]:
-        """(through, air) of a thing, as `sky.aerial_perspective` gives them."""
-        through = np.full(3, self.through(distance_m), np.float32)
-        return through, np.array(self.colour, np.float32) * (1 - through)
+    def atmosphere_at(self, distance_m: float) -> Atmosphere:
+        """Fog in front of an object at a distance."""
+        transmittance = np.full(3, self.transmittance(distance_m), np.float32)
+        return Atmosphere(transmittance, np.array(self.colour, np.float32) * (1 - transmittance))
 
     def apply_to_ground(self, light: np.ndarray, ground: Ground) -> None:
         """Apply the fog to the light of the ground (rows, width, 3), in place."""
-        self._veil(light, self.through(ground.distance))
+        self._veil(light, self.transmittance(ground.distance))
 
     def apply_to_sky(self, light: np.ndarray, up: np.ndarray) -> None:
         """Apply the fog to the backdrop, in place; `up` is the z component (rows, width) of the directions."""
         # Hills are treated like the sky just above the horizon.
-        self._veil(light, self.through(self.height_m / np.maximum(up, np.float32(1e-3))))
+        self._veil(light, self.transmittance(self.height_m / np.maximum(up, np.float32(1e-3))))
 
-    def _veil(self, light: np.ndarray, through: np.ndarray) -> None:
+    def _veil(self, light: np.ndarray, transmittance: np.ndarray) -> None:
         # cv2, because numpy is slow where the innermost axis has three elements.
         cv2.subtract(light, (*self.colour, 0.0), dst=light)
-        cv2.multiply(light, cv2.merge([through] * 3), dst=light)
+        cv2.multiply(light, cv2.merge([transmittance] * 3), dst=light)
         cv2.add(light, (*self.colour, 0.0), dst=light)
