@@ -27,12 +27,12 @@ from lanes.explain.steps import (
 )
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.confidence import CONFIDENCE, FEATURES, lane_features
-from lanes.tracking.detector import RIVAL_M, choose_lane, ego_score
+from lanes.tracking.detector import RIVAL_M, choose_lane
 from lanes.tracking.fitting import LaneFit, fit_starts, near_stripes
 from lanes.tracking.lane import Lane
 from lanes.tracking.lines import line_support
 from lanes.tracking.markings import FrameEvidence, extract_evidence
-from lanes.tracking.model import CENTRE, SIDES, WIDTH, is_ego_lane, lateral_std_m
+from lanes.tracking.model import CENTRE, SIDES, WIDTH, ego_score, is_ego_lane, lateral_std_m
 from lanes.tracking.tracked_lane import TrackedLane
 from lanes.tracking.voting import vote_lanes
 

@@ -160,7 +160,8 @@ def _explain_low_confidence(lane: Lane) -> tuple[str, str]:
     unseen = [name for name, line in (("left", lane.left), ("right", lane.right)) if not line.seen]
     if lane.score < TRACKER.min_score:
         return (
-            f"hardly any paint supports the lane (score {lane.score:.2f}; the tracker starts from {TRACKER.min_score} on).",
+            f"hardly any paint supports the lane (score {lane.score:.2f}; "
+            f"the tracker starts from {TRACKER.min_score} on).",
             "Check in the panels with the marking response and the stripes whether the road has lines here.",
         )
     if unseen:

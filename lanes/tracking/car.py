@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from lanes.tracking.model import PARAMETERS
 
 PATH, SPEED, REST_PITCH, CAMERA_YAW = range(PARAMETERS, PARAMETERS + 4)
@@ -71,9 +69,3 @@ class CarMotion:
 def lever_m(speed_mps: float) -> float:
     """Distance behind the camera of the point of the car that moves in the direction in which the car points."""
     return CAR_PARAMETERS.lever_m * max(0.0, 1 - (speed_mps / CAR_PARAMETERS.tangent_mps) ** 2)
-
-
-def max_speed_mps(curvature_per_m: float, lateral_mps2: float) -> float:
-    """Speed at which a bend causes this lateral acceleration, v^2 k; at most `CAR_PARAMETERS.max_speed_mps`."""
-    min_curvature = lateral_mps2 / CAR_PARAMETERS.max_speed_mps**2
-    return float(np.sqrt(lateral_mps2 / max(abs(curvature_per_m), min_curvature)))

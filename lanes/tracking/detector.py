@@ -14,10 +14,9 @@ from lanes.tracking.lines import (
     inner_stripe_shift,
     line_support,
     observe_lines,
-    score_lanes,
 )
 from lanes.tracking.markings import FrameEvidence, Stripes, extract_evidence
-from lanes.tracking.model import CENTRE, WIDTH, is_ego_lane
+from lanes.tracking.model import CENTRE, WIDTH, ego_score
 from lanes.tracking.voting import vote_lanes
 
 # Lanes whose centre or width differs by more than this are different lanes; tuned on the labelled Udacity stills.
@@ -72,15 +71,11 @@ def choose_lane(fit: LaneFit, evidence: FrameEvidence, view: BirdsEyeView) -> La
         return None
     rivals = np.abs(fit.lane - fit.lane[best])[:, [CENTRE, WIDTH]].max(axis=1) > RIVAL_M
     observations = observe_lines(fit, evidence, view, index=best)
+    model = fit.lane[best] + inner_stripe_shift([line.profile for line in observations])
     return describe_lane(
-        fit.lane[best] + inner_stripe_shift([line.profile for line in observations]),
+        model,
         np.linalg.inv(fit.information[best]),
         observations,
         score=float(score[best]),
         margin=float(score[best] - score[rivals].max(initial=0.0)),
     )
-
-
-def ego_score(lanes: np.ndarray, support: np.ndarray) -> np.ndarray:
-    """(K,) score of lanes (K, 15) with line supports (K, 2), minus 1 for lanes that the car is not in."""
-    return score_lanes(lanes, support) - ~is_ego_lane(lanes)

@@ -16,7 +16,7 @@ import numpy as np
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.markings import Stripes, marking_weight, position_std
 from lanes.tracking.model import LIMIT, PARAMETERS, PRIOR_MEAN, SIDES, is_ego_lane, lines_on_view, prior_std
-from lanes.tracking.residuals import StripeResiduals, intersect_ground, stripe_residuals
+from lanes.tracking.residuals import intersect_ground, stripe_residuals
 from lanes.tracking.voting import suppress_non_maxima
 
 # Steps of a fit: (far_m, scale) uses the stripes nearer than `far_m`, with standard deviations times `scale`.
@@ -154,7 +154,7 @@ def fit_starts(starts: np.ndarray, stripes: Stripes, view: BirdsEyeView) -> Lane
 
 
 def fit_outwards(
-    stripes: Stripes, mean: np.ndarray, covariance: np.ndarray, view: BirdsEyeView, *, schedule: Schedule = FIT.outwards
+    stripes: Stripes, mean: np.ndarray, covariance: np.ndarray, view: BirdsEyeView, *, schedule: Schedule
 ) -> LaneFit:
     """The lane fitted outwards from the car, with a prediction (15,), (15, 15) as start and prior."""
     return fit_lanes(
@@ -174,10 +174,10 @@ def fit_near(stripes: Stripes, mean: np.ndarray, covariance: np.ndarray, view: B
     Stripes that do not pass the gate have no weight. The step is small, so that the residuals are linearised once, at
     the prediction.
     """
-    std, marking = position_std(stripes, view.focal_px), marking_weight(stripes)
+    std, marking, model_error = position_std(stripes, view.focal_px), marking_weight(stripes), model_error_m(stripes)
     predicted = stripe_residuals(mean[None], stripes, view.height_m)
-    jacobian, model_error = predicted.jacobian[0], model_error_m(stripes)
-    gated = gate_stripes(predicted, std, covariance) * marking
+    jacobian = predicted.jacobian[0]
+    gated = (predicted.squared_mahalanobis(std, covariance) < FIT.gate) * marking
     prior_information = np.linalg.inv(covariance)
     residuals, step = predicted, np.zeros_like(mean)
     for far_m, scale in FIT.near:
@@ -186,7 +186,7 @@ def fit_near(stripes: Stripes, mean: np.ndarray, covariance: np.ndarray, view: B
         information = weighted @ jacobian.T + prior_information
         step = step - np.linalg.solve(information, weighted @ residuals.residual_m[0] + prior_information @ step)
         residuals = replace(predicted, residual_m=predicted.residual_m + step @ jacobian)
-    nearby = nearby_weight(predicted, stripes, marking)
+    nearby = (predicted.near(FIT.nearby_m, FIT.nearby_rad) & (stripes.x_m < FIT.nearby_far_m)) @ marking
     # the weights are those before the last step, which is small
     return LaneFit((mean + step)[None], information[None], weight[None], predicted.side, nearby, stripes, view)
 
@@ -239,7 +239,7 @@ def fit_lanes(
         lanes = lanes - np.linalg.solve(information, gradient)[..., 0]
         lanes = np.clip(lanes, -LIMIT, LIMIT)
     residuals = stripe_residuals(lanes, stripes, view.height_m)
-    nearby = nearby_weight(residuals, stripes, marking)
+    nearby = (residuals.near(FIT.nearby_m, FIT.nearby_rad) & (stripes.x_m < FIT.nearby_far_m)) @ marking
     return LaneFit(lanes, information, residuals.weights(std) * marking, residuals.side, nearby, stripes, view)
 
 
@@ -247,26 +247,3 @@ def model_error_m(stripes: Stripes) -> np.ndarray:
     """(stripes,) standard deviation of the road's distance from the model at each stripe, metres."""
     share = stripes.x_m / FIT.model_error_at_m
     return FIT.model_error_m * (share * share * share)
-
-
-def nearby_weight(residuals: StripeResiduals, stripes: Stripes, marking: np.ndarray) -> np.ndarray:
-    """(K,) sum of the marking weights (stripes,) of the stripes near the lines of each lane."""
-    near = (np.abs(residuals.residual_m) < FIT.nearby_m) & (np.abs(residuals.angle_residual_rad) < FIT.nearby_rad)
-    return (near & (stripes.x_m < FIT.nearby_far_m)) @ marking
-
-
-def gate_stripes(residuals: StripeResiduals, std_m: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """(stripes,) bool: the innovation passes the gate, innovation^2 < gate (H P H^T + R).
-
-    Parameters
-    ----------
-    residuals : StripeResiduals
-        With respect to the predicted lane alone.
-    std_m : ndarray (stripes,)
-        Measurement noise of each stripe.
-    covariance : ndarray (15, 15)
-        Of the prediction.
-    """
-    jacobian = residuals.jacobian[0]
-    predicted = ((covariance @ jacobian) * jacobian).sum(axis=0)
-    return np.square(residuals.residual_m[0]) < FIT.gate * (predicted + std_m * std_m)

@@ -24,13 +24,12 @@ from lanes.tracking.model import (
     WIDTH,
     lateral_std_m,
     line_coefficients,
-    squared_mahalanobis,
 )
 
 
 @dataclass(frozen=True)
 class LineParameters:
-    """Support of lines and score of lanes; tuned on the labelled Udacity stills."""
+    """Support of lines; tuned on the labelled Udacity stills."""
 
     # Support is counted up to this distance, over at least this many rows, so that a line with three rows left in the
     # picture is not taken for a perfect one.
@@ -38,8 +37,6 @@ class LineParameters:
     min_rows: int = 30
     # A line is seen if its support is at least this.
     min_support: float = 0.03
-    # Cost of one squared standard deviation from the prior, relative to the square root of a line's support.
-    prior_weight: float = 0.01
 
 
 LINES = LineParameters()
@@ -138,11 +135,6 @@ def visible_rows(fit: LaneFit, view: BirdsEyeView) -> np.ndarray:
     inside = (column >= 0) & (column <= len(view.y_m) - 1)
     seen = inside & view.seen[rows, np.where(inside, column, 0).astype(int)]
     return np.maximum(seen.sum(axis=-1), LINES.min_rows)
-
-
-def score_lanes(lanes: np.ndarray, support: np.ndarray) -> np.ndarray:
-    """(K,) score of lanes (K, 15): square roots of their lines' supports (K, 2) minus prior penalty."""
-    return np.sqrt(support).sum(axis=1) - LINES.prior_weight * squared_mahalanobis(lanes)
 
 
 def inner_stripe_shift(profiles: Sequence[MarkingProfile | None]) -> np.ndarray:

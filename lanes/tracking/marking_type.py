@@ -6,6 +6,7 @@ old votes decay, and the majority decides.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,6 +30,7 @@ class MarkingTypeParameters:
 
 
 MARKING_TYPE = MarkingTypeParameters()
+NO_STRIPES = (np.empty(0), np.empty(0))
 
 
 @dataclass(frozen=True)
@@ -83,6 +85,19 @@ class MarkingVotes:
             _decide(self.dashed, "dashed", "solid"),
             _decide(self.double, True, False),
         )
+
+
+Votes = tuple[MarkingVotes, MarkingVotes]
+
+
+def add_votes(
+    votes: Votes, profiles: Sequence[MarkingProfile | None], marked_m: Sequence[np.ndarray] = NO_STRIPES
+) -> Votes:
+    """The votes on the left and the right line after a frame with these profiles and distances of stripes."""
+    left, right = (
+        line.add_gaps(x_m).add_profile(profile) for line, profile, x_m in zip(votes, profiles, marked_m, strict=True)
+    )
+    return left, right
 
 
 def looks_dashed(marked_m: np.ndarray) -> bool | None:

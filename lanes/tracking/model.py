@@ -231,6 +231,8 @@ class PriorParameters:
     motorway_curvature_per_m: float = 0.002
     vertical_bend_share: float = 0.03
     vertical_share: float = 1.0
+    # Cost of one squared standard deviation in the score of a lane, relative to the square root of a line's support.
+    score_weight: float = 0.01
 
 
 PRIOR = PriorParameters()
@@ -273,3 +275,13 @@ def prior_std(lanes: np.ndarray, *, extra_vertical_per_m: float = 0.0) -> np.nda
 def squared_mahalanobis(lanes: np.ndarray) -> np.ndarray:
     """(K,) squared Mahalanobis distance of lanes (K, 15) from the prior mean."""
     return np.square((lanes - PRIOR_MEAN) / prior_std(lanes)).sum(axis=1)
+
+
+def score_lanes(lanes: np.ndarray, support: np.ndarray) -> np.ndarray:
+    """(K,) score of lanes (K, 15): square roots of their lines' supports (K, 2) minus prior penalty."""
+    return np.sqrt(support).sum(axis=1) - PRIOR.score_weight * squared_mahalanobis(lanes)
+
+
+def ego_score(lanes: np.ndarray, support: np.ndarray) -> np.ndarray:
+    """(K,) score of lanes, as `score_lanes`, minus 1 for lanes that the car is not in."""
+    return score_lanes(lanes, support) - ~is_ego_lane(lanes)

@@ -16,24 +16,11 @@ from lanes.camera.camera import Camera
 from lanes.io.describe import html_table
 from lanes.io.frames import Frame
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.car import SPEED
 from lanes.tracking.detector import search_lane
-from lanes.tracking.fitting import FIT, LaneFit
 from lanes.tracking.lane import Lane
-from lanes.tracking.lines import (
-    LineObservation,
-    Observations,
-    describe_lane,
-    inner_stripe_shift,
-    observe_lines,
-    score_lanes,
-)
-from lanes.tracking.marking_type import MarkingVotes
-from lanes.tracking.markings import FrameEvidence, extract_evidence
-from lanes.tracking.model import CENTRE, LEFT_SIDE, RIGHT_SIDE, WIDTH, lateral_std_m
-from lanes.tracking.state import KalmanState
+from lanes.tracking.markings import extract_evidence
+from lanes.tracking.track import Track, start_track, update_track
 from lanes.tracking.tracked_lane import COASTING, LOST, SEARCHING, TRACKING, TrackedLane
-from lanes.tracking.update import initial_state, update_lane, update_state
 
 
 @dataclass(frozen=True)
@@ -44,12 +31,8 @@ class TrackerParameters:
     # number of consecutive detections that confirm it.
     min_score: float = 0.45
     confirmations: int = 3
-    # Smallest sum of both lines' supports of a lane that is seen.
-    min_total_support: float = 0.06
-    # Longest time without detection, and largest standard deviation of a line at this distance meanwhile.
+    # Longest time in which the lane is not seen.
     max_coast_s: float = 1.0
-    max_coast_std_m: float = 0.4
-    coast_std_at_m: float = 15.0
     # Period of searches while tracking. A track is given up after this number of consecutive searches that found
     # another lane whose score is larger by this margin.
     search_period_s: float = 1.0
@@ -59,8 +42,6 @@ class TrackerParameters:
     profile_period: int = 10
     # Period of fits outwards on a smooth road: some metres of a drive.
     outwards_period_s: float = 0.25
-    # Distance of the car's centre beyond a line at which the adjacent lane becomes the ego lane; a hysteresis.
-    lane_change_m: float = 0.1
     # Two lanes are the same if their lines lie within this at these distances.
     same_lane_m: float = 0.3
     same_lane_at_m: tuple[float, ...] = (6.0, 12.0, 20.0)
@@ -105,13 +86,10 @@ class LaneTracker:
 
     def reset(self) -> None:
         """Forget everything, as between two drives."""
-        self._estimate: KalmanState | None = None
-        self._lane: Lane | None = None
+        self._track: Track | None = None
         self._state = LOST
         self._confirmed = self._objections = self._regained = self._since_search = 0
         self._unseen_s, self._margin = 0.0, 0.0
-        self._observations: Observations = (LineObservation(), LineObservation())
-        self._votes = (MarkingVotes(), MarkingVotes())
 
     def summary(self) -> dict[str, str]:
         """Settings and current result in words, by name."""
@@ -154,10 +132,12 @@ class LaneTracker:
         search = self._search_is_due()
         view = self.view if search else self._narrowest_view()
         evidence = extract_evidence(image, view)
-        if self._estimate is not None:
-            self._track(evidence, view, elapsed_s)
+        if self._track is not None:
+            track = update_track(self._track, evidence, view, elapsed_s=elapsed_s, **self._schedule())
+            self._follow(track, elapsed_s)
         if search:
-            self._search(evidence)
+            found = search_lane(evidence, self.view)
+            self._compare(found)
         return self._result()
 
     def _search_is_due(self) -> bool:
@@ -166,110 +146,48 @@ class LaneTracker:
 
     def _narrowest_view(self) -> BirdsEyeView:
         """The narrowest view that contains both lines."""
-        reach_m = max(np.abs(line.y(_VIEW_LINES_AT_M)).max() for line in self._lane.lines)
+        reach_m = max(np.abs(line.y(_VIEW_LINES_AT_M)).max() for line in self._track.lane.lines)
         wide_enough = (view for view in self._views if reach_m < view.half_width_m - TRACKER.view_margin_m)
         return next(wide_enough, self._views[-1])
 
-    def _track(self, evidence: FrameEvidence, view: BirdsEyeView, elapsed_s: float) -> None:
-        """Predict the state, update it with the stripes near the prediction, and describe the lane."""
-        predicted = self._predict(elapsed_s)
+    def _schedule(self) -> dict:
+        """Options of `update_track` in this frame: what is not done in every frame, speed and margin."""
         outwards = self._since_search % max(round(TRACKER.outwards_period_s * self.fps), 1) == 0
-        fit = update_lane(evidence.stripes, predicted, view, outwards=outwards)
-        profiles_of = self._profiles_due()
-        seen = observe_lines(fit, evidence, view, previous=self._observations, profiles_of=profiles_of)
-        self._estimate = update_state(predicted, fit.lane[0], np.linalg.inv(fit.information[0]))
-        if seen[0].support + seen[1].support < TRACKER.min_total_support:
-            self._coast(elapsed_s)
-        else:
-            self._accept(seen)
-        if self._estimate is not None:
-            self._count_votes(fit, profiles_of)
-            self._change_lane()
-            self._describe()
-
-    def _predict(self, elapsed_s: float) -> KalmanState:
-        """The state at the time of this frame; a given speed replaces the estimated one."""
-        predicted = self._estimate.predict(elapsed_s, steady_speed=self.speed_mps is not None)
-        if self.speed_mps is not None:
-            predicted.mean[SPEED] = self.speed_mps
-        return predicted
-
-    def _profiles_due(self) -> tuple[int, ...]:
-        """Lines whose profile is measured in this frame: left (0), right (1) or none."""
         phase = self._since_search % TRACKER.profile_period
-        return (0,) if phase == 0 else (1,) if phase == TRACKER.profile_period // 2 else ()
+        profiles_of = (0,) if phase == 0 else (1,) if phase == TRACKER.profile_period // 2 else ()
+        return {
+            "speed_mps": self.speed_mps,
+            "margin": self._margin,
+            "outwards": outwards,
+            "profiles_of": profiles_of,
+        }
 
-    def _accept(self, seen: Observations) -> None:
-        """The lane is seen in this frame."""
-        self._observations, self._unseen_s = seen, 0.0
-        self._regained += self._state == COASTING
-        if self._regained >= TRACKER.confirmations:
-            self._state, self._regained = TRACKING, 0
-
-    def _coast(self, elapsed_s: float) -> None:
-        """The lane is not seen in this frame: continue on the prediction for a while."""
+    def _follow(self, track: Track, elapsed_s: float) -> None:
+        """Take the updated track, coast on it if the lane is not seen, or give it up."""
+        self._track = track
+        if track.seen:
+            self._unseen_s = 0.0
+            self._regained += self._state == COASTING
+            if self._regained >= TRACKER.confirmations:
+                self._state, self._regained = TRACKING, 0
+            return
         self._unseen_s += elapsed_s
-        std_m = lateral_std_m(self._estimate.lane_covariance, TRACKER.coast_std_at_m).max()
-        too_long = self._unseen_s > TRACKER.max_coast_s or std_m > TRACKER.max_coast_std_m
-        if self._state == SEARCHING or too_long:
+        if self._state == SEARCHING or self._unseen_s > TRACKER.max_coast_s or not track.certain:
             self.reset()
-            return
-        distance_m = float(self._estimate.mean[SPEED]) * elapsed_s
-        left, right = self._observations
-        self._observations = left.coast(distance_m), right.coast(distance_m)
-        self._state, self._regained = COASTING, 0
+        else:
+            self._state, self._regained = COASTING, 0
 
-    def _count_votes(self, fit: LaneFit, profiles_of: tuple[int, ...]) -> None:
-        """Add this frame's votes on the marking types of both lines."""
-        left, right = (
-            votes.add_gaps(fit.stripes.x_m[members]).add_profile(line.profile if k in profiles_of else None)
-            for k, (votes, members, line) in enumerate(
-                zip(self._votes, fit.members[0], self._observations, strict=True)
-            )
-        )
-        self._votes = left, right
-
-    def _change_lane(self) -> None:
-        """After the car's centre has crossed a line, the adjacent lane is the ego lane, and the lines swap names."""
-        lane = self._estimate.lane
-        if abs(lane[CENTRE]) < lane[WIDTH] / 2 + TRACKER.lane_change_m:
-            return
-        to_left = lane[CENTRE] < 0
-        self._estimate = self._estimate.adjacent(LEFT_SIDE if to_left else RIGHT_SIDE)
-        left, right = self._observations
-        self._observations = (LineObservation(), left) if to_left else (right, LineObservation())
-        left, right = self._votes
-        self._votes = (MarkingVotes(), left) if to_left else (right, MarkingVotes())
-
-    def _describe(self) -> None:
-        """The lane of the estimate. A double line is bounded by its inner stripe.
-
-        Single lines are not shifted: the filter estimates their centres better than one profile does.
-        """
-        profiles = [
-            line.profile if votes.marking_type.double and line.profile and line.profile.double else None
-            for line, votes in zip(self._observations, self._votes, strict=True)
-        ]
-        lane, support = self._estimate.lane, [line.support for line in self._observations]
-        self._lane = describe_lane(
-            lane + inner_stripe_shift(profiles),
-            self._estimate.lane_covariance,
-            self._observations,
-            score=float(score_lanes(lane[None], np.array([support]))[0]),
-            margin=self._margin,
-        )
-
-    def _search(self, evidence: FrameEvidence) -> None:
-        """Detect the lane without memory: to start a track, to confirm it, or to object to it."""
+    def _compare(self, found: Lane | None) -> None:
+        """Compare a lane detected without memory with the track: start, confirm it, or object to it."""
         self._since_search = 0
-        found = search_lane(evidence, self.view)
+        known = self._track and self._track.lane
         if found is None or found.score < TRACKER.min_score:
             self._objections = 0
-        elif self._estimate is None:
-            self._start(found)
-        elif same_lane(found, self._lane):
+        elif known is not None and same_lane(found, known):
             self._confirm(found)
-        elif self._state != TRACKING or found.score > self._lane.score + TRACKER.rival_margin:
+        elif known is None:
+            self._start(found)
+        elif self._state != TRACKING or found.score > known.score + TRACKER.rival_margin:
             self._object(found)
         else:
             self._objections = 0
@@ -284,28 +202,21 @@ class LaneTracker:
     def _object(self, found: Lane) -> None:
         """The search found another lane: start with it if the track is not confirmed, or after several objections."""
         self._objections += 1
-        self._margin = self._lane.score - found.score
+        self._margin = self._track.lane.score - found.score
         if self._state == SEARCHING or self._objections >= TRACKER.objections:
             self._start(found)
 
     def _start(self, lane: Lane) -> None:
-        """Start a track with a detected lane. The filter tracks the centre of a double line."""
+        """Start a track with a detected lane."""
         self.reset()
-        profiles = [line.profile for line in lane.lines]
-        model = lane.model - inner_stripe_shift([p if p and p.double else None for p in profiles])
-        self._estimate = initial_state(model, lane.covariance * FIT.variance_inflation, self.speed_mps)
-        self._lane = lane
-        left, right = (LineObservation(line.support, line.reach_m, line.profile) for line in lane.lines)
-        self._observations = left, right
-        left, right = (MarkingVotes().add_profile(profile) for profile in profiles)
-        self._votes = left, right
+        self._track = start_track(lane, self.speed_mps)
         self._state, self._confirmed, self._margin = SEARCHING, 1, lane.margin
 
     def _result(self) -> TrackedLane:
-        if self._lane is None:
+        if self._track is None:
             return TrackedLane(LOST)
-        left, right = self._votes
-        return TrackedLane(self._state, self._lane, self._estimate.motion, (left.marking_type, right.marking_type))
+        left, right = (votes.marking_type for votes in self._track.votes)
+        return TrackedLane(self._state, self._track.lane, self._track.estimate.motion, (left, right))
 
 
 def same_lane(found: Lane, known: Lane) -> bool:

@@ -21,7 +21,6 @@ from lanes.tracking.car import (
     REST_PITCH,
     SPEED,
     STATES,
-    max_speed_mps,
 )
 from lanes.tracking.fitting import FIT, LaneFit, fit_near, fit_outwards
 from lanes.tracking.markings import Stripes
@@ -75,14 +74,18 @@ def update_lane(stripes: Stripes, estimate: KalmanState, view: BirdsEyeView, *, 
     smooth = is_smooth(estimate.lane)
     if (smooth and not outwards) or near.explained[0] > enough:
         return near
-    schedule = FIT.extend if smooth else FIT.outwards
-    far = fit_outwards(stripes, estimate.lane, estimate.lane_covariance, view, schedule=schedule)
-    best = far if far.explained[0] > near.explained[0] else near
-    if best.explained[0] > enough:
-        return best
-    inflated = estimate.inflated()
-    free = fit_outwards(stripes, inflated.lane, inflated.lane_covariance, view)
-    return free if free.explained[0] > best.explained[0] + UPDATE.inflated_gain else best
+    attempts = (
+        (estimate, FIT.extend if smooth else FIT.outwards, 0.0),
+        (estimate.inflated(), FIT.outwards, UPDATE.inflated_gain),
+    )
+    best = near
+    for prior, schedule, gain in attempts:
+        fit = fit_outwards(stripes, prior.lane, prior.lane_covariance, view, schedule=schedule)
+        if fit.explained[0] > best.explained[0] + gain:
+            best = fit
+        if best.explained[0] > enough:
+            break
+    return best
 
 
 def is_smooth(lane: np.ndarray) -> bool:
@@ -120,3 +123,9 @@ def initial_state(lane: np.ndarray, covariance: np.ndarray, speed_mps: float | N
     stds = [path_std, speed_std, CAR_PARAMETERS.rest_pitch_std_rad, CAR_PARAMETERS.camera_yaw_std_rad]
     full[car, car] = np.square(stds)
     return KalmanState(np.concatenate([lane, [lane[CURVATURE], speed, 0.0, 0.0]]), full)
+
+
+def max_speed_mps(curvature_per_m: float, lateral_mps2: float) -> float:
+    """Speed at which a bend causes this lateral acceleration, v^2 k; at most `CAR_PARAMETERS.max_speed_mps`."""
+    min_curvature = lateral_mps2 / CAR_PARAMETERS.max_speed_mps**2
+    return float(np.sqrt(lateral_mps2 / max(abs(curvature_per_m), min_curvature)))

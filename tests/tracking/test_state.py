@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.tracking.car import CAMERA_YAW, LANE, PATH, REST_PITCH, SPEED, lever_m, max_speed_mps
+from lanes.tracking.car import CAMERA_YAW, LANE, PATH, REST_PITCH, SPEED, lever_m
 from lanes.tracking.model import (
     ADJACENT,
     CENTRE,
@@ -20,7 +20,7 @@ from lanes.tracking.model import (
 )
 from lanes.tracking.process_noise import max_curvature
 from lanes.tracking.state import KalmanState
-from lanes.tracking.update import initial_state, update_state
+from lanes.tracking.update import initial_state, max_speed_mps, update_state
 from simulator.road.geometry import RoadGeometry, VehiclePose
 from simulator.road.truth import lane_truth
 from tests.support.shapes import a_lane
