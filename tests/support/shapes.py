@@ -1,4 +1,4 @@
-"""The fifteen numbers of a lane by their names, and stripes that lie where a test puts them."""
+"""Lane parameters by name, and stripes at given positions."""
 
 from __future__ import annotations
 
@@ -20,13 +20,16 @@ def a_lane(
     rate: float = 0.0,
     pitch: float = 0.0,
     vertical: float | tuple[float, ...] = 0.0,
-    kinks: float | tuple[float, ...] = 0.0,
-    beside: float | tuple[float, ...] = 0.0,
+    rate_steps: float | tuple[float, ...] = 0.0,
+    adjacent: float | tuple[float, ...] = 0.0,
 ) -> np.ndarray:
-    """Numbers (15,) of a lane, or their standard deviations; `vertical`, `kinks`, `beside` each one for all or each."""
+    """Lane parameters (15,), or their standard deviations.
+
+    `vertical`, `rate_steps` and `adjacent` take one value for all of their parameters, or one for each.
+    """
     lane = np.empty(PARAMETERS)
     lane[: VERTICAL_CURVATURE.start] = centre, width, heading, curvature, rate, pitch
-    lane[VERTICAL_CURVATURE], lane[RATE_STEPS], lane[ADJACENT] = vertical, kinks, beside
+    lane[VERTICAL_CURVATURE], lane[RATE_STEPS], lane[ADJACENT] = vertical, rate_steps, adjacent
     return lane
 
 

@@ -21,7 +21,7 @@ from tools.fit_confidence import cross_validated, fit_logistic, label_lanes, log
 
 
 def lane_with(*, width_m: float = 3.6, std_m: float = 0.02, centre_m: float = 0.1, reach_m: float = 40.0):
-    small = dict(rate=1e-7, pitch=1e-3, vertical=1e-5, kinks=1e-9, beside=1e-9)
+    small = dict(rate=1e-7, pitch=1e-3, vertical=1e-5, rate_steps=1e-9, adjacent=1e-9)
     std = a_lane(centre=std_m, width=std_m, heading=std_m / 50, curvature=std_m / 500, **small)
     seen = LineObservation(0.6, reach_m), LineObservation(0.3, reach_m)
     model, covariance = a_lane(centre=centre_m, width=width_m), np.diag(np.square(std))
@@ -29,7 +29,7 @@ def lane_with(*, width_m: float = 3.6, std_m: float = 0.02, centre_m: float = 0.
 
 
 @pytest.mark.parametrize("tracked", [False, True])
-def test_doubtful_lanes_are_doubted(tracked):
+def test_unusual_lanes_have_low_confidence(tracked):
     good = rate_lane(lane_with(), tracked=tracked)
     assert good > 0.95
     for width_m in (4.5, 2.5):

@@ -42,7 +42,7 @@ def test_on_the_line():
     assert "crossing the left line" in warning.describe()
 
 
-def test_a_bend_that_is_not_steered_is_left():
+def test_going_straight_in_a_bend_leaves_the_lane():
     """Going straight on in a left bend of R 400 m leads out on the right, at v^2 / R = 1 m/s^2."""
     bend = lane_at(0.0, heading_rad=0.01, curvature_per_m=1 / 400)
     warning = watch_departure(bend, CarMotion(20.0))
@@ -56,7 +56,7 @@ def test_course_and_speed_count():
     assert watch_departure(lane_at(0.0, 0.03), CarMotion(0.0)).side is None
 
 
-def test_what_is_not_known_is_no_reason_to_warn():
+def test_uncertainty_suppresses_the_warning():
     lane = lane_at(0.0, -0.05)
     assert watch_departure(lane, CarMotion(20.0)).due
     unsure = watch_departure(lane, CarMotion(20.0, course_std_rad=0.03))

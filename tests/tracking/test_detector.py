@@ -105,7 +105,7 @@ def test_one_line_missing(side):
     assert 2.9 < lane.width_m < 4.1
 
 
-def test_a_nodding_camera_is_noticed():
+def test_pitch_of_the_camera_is_estimated():
     pose = CAMERA.pose
     nodding = CAMERA.with_pose(CameraPose(pose.height_m, pose.pitch_rad + 0.012, pose.yaw_rad))
     left, right = bend(0.1, 3.6, 0.0, 0.0)
@@ -136,12 +136,12 @@ def test_edges_alone_are_no_lane():
     assert find_lane(road.image(), VIEW) is None
 
 
-def test_following_agrees_with_searching():
+def test_update_agrees_with_search():
     road, left, _ = shaded_bend()
     evidence = extract_evidence(road.image(), VIEW)
     cold = find_lane(road.image(), VIEW)
     expected = cold.model + a_lane(centre=0.05, width=0.03, heading=0.003, curvature=2e-4, pitch=0.002)
-    small = dict(rate=1e-4, pitch=0.005, vertical=1e-4, kinks=1e-4, beside=1e-4)
+    small = dict(rate=1e-4, pitch=0.005, vertical=1e-4, rate_steps=1e-4, adjacent=1e-4)
     std = a_lane(centre=0.1, width=0.1, heading=0.01, curvature=1e-3, **small)
     estimate = initial_state(expected, np.diag(std**2), None)
     lane = choose_lane(update_lane(evidence.stripes, estimate, VIEW), evidence, VIEW)

@@ -80,7 +80,7 @@ ROADS = {
 }
 
 
-def test_strangeness_counts_squared_standard_deviations_from_the_usual():
+def test_squared_mahalanobis_distance_from_the_prior():
     odd = PRIOR_MEAN.copy()
     odd[[CENTRE, HEADING]] += [2, -3] * PRIOR_STD[[CENTRE, HEADING]]
     np.testing.assert_allclose(squared_mahalanobis(np.array([PRIOR_MEAN, odd])), [0, 4 + 9])
@@ -91,7 +91,7 @@ def test_strangeness_counts_squared_standard_deviations_from_the_usual():
     assert (prior_std(bent[None]) >= PRIOR_STD).all()
 
 
-def test_a_road_that_bends_may_soon_bend_otherwise():
+def test_prior_is_wider_for_roads_that_bend():
     bent = PRIOR_MEAN.copy()
     bent[[CURVATURE, RATE]] = -0.03, -1e-3
     std = prior_std(bent[None])[0]
@@ -108,7 +108,7 @@ def one_stripe(*, x_m, aside_m=0.0, strength=6.0):
     return replace(stripes, strength=np.array([strength]), **places)
 
 
-def test_paint_place_and_stray_are_what_their_constants_say():
+def test_marking_weight_position_std_and_model_error():
     strengths = [marking_weight(one_stripe(x_m=10.0, strength=strength))[0] for strength in (0.0, 6.0, 18.0)]
     np.testing.assert_allclose(strengths, [0, 0.5, 0.9])
     for x_m, stray in ((20.0, 0.01), (40.0, 0.08), (80.0, 0.64)):
@@ -117,7 +117,7 @@ def test_paint_place_and_stray_are_what_their_constants_say():
 
 
 @pytest.mark.parametrize("aside_m", [0.0, 0.1, -0.1])
-def test_a_stripe_counts_by_its_place_its_distance_and_its_strength(aside_m):
+def test_weight_of_a_stripe_by_position_distance_and_strength(aside_m):
     """Held fast by a prior that is much surer, the lane stays; what a stripe adds to the information is seen alone."""
     lane = np.zeros(len(PRIOR_MEAN))
     lane[WIDTH] = 3.6
@@ -180,15 +180,17 @@ def test_mirrored_stripes_give_the_mirrored_lane():
     mirrored = replace(stripes, y_m=-stripes.y_m, angle=-stripes.angle)
     lane, _ = search(stripes)
     other, _ = search(mirrored)
-    signs = a_lane(centre=-1, width=1, heading=-1, curvature=-1, rate=-1, pitch=1, vertical=1, kinks=-1, beside=1)
+    signs = a_lane(
+        centre=-1, width=1, heading=-1, curvature=-1, rate=-1, pitch=1, vertical=1, rate_steps=-1, adjacent=1
+    )
     expected = lane * signs
     expected[ADJACENT] = expected[ADJACENT][::-1]
     off = np.abs(other - expected)
-    most = dict(width=1e-3, heading=1e-4, curvature=1e-5, rate=1e-6, pitch=1e-4, vertical=1e-5, kinks=1e-6)
-    assert (off < a_lane(centre=1e-3, beside=1e-3, **most)).all()
+    most = dict(width=1e-3, heading=1e-4, curvature=1e-5, rate=1e-6, pitch=1e-4, vertical=1e-5, rate_steps=1e-6)
+    assert (off < a_lane(centre=1e-3, adjacent=1e-3, **most)).all()
 
 
-PARTS = dict(heading=0.05, curvature=1 / 90, pitch=0.004, vertical=(2e-4, -8e-4, 6e-4, 3e-4), beside=(0.2, -0.1))
+PARTS = dict(heading=0.05, curvature=1 / 90, pitch=0.004, vertical=(2e-4, -8e-4, 6e-4, 3e-4), adjacent=(0.2, -0.1))
 
 
 ALL = dict(centre=0.01, width=0.01, heading=0.01, curvature=0.01)
@@ -197,12 +199,12 @@ ALL = dict(centre=0.01, width=0.01, heading=0.01, curvature=0.01)
 @pytest.mark.parametrize(
     ("lane", "most"),
     [
-        (a_lane(centre=0.2, width=3.4, **PARTS), a_lane(**ALL, rate=0.01, pitch=0.01, vertical=0.01, kinks=0.01)),
-        (a_lane(centre=-0.1, width=3.6), a_lane(**ALL, rate=0.01, pitch=0.01, vertical=0.01, kinks=0.01)),
+        (a_lane(centre=0.2, width=3.4, **PARTS), a_lane(**ALL, rate=0.01, pitch=0.01, vertical=0.01, rate_steps=0.01)),
+        (a_lane(centre=-0.1, width=3.6), a_lane(**ALL, rate=0.01, pitch=0.01, vertical=0.01, rate_steps=0.01)),
         # where it swerves, second-order terms are left out
         (
-            a_lane(centre=0.2, width=3.4, rate=1e-4, kinks=(1e-4, -1e-4, 1e-4), **PARTS),
-            a_lane(**ALL, rate=0.02, pitch=0.06, vertical=0.25, kinks=0.15),
+            a_lane(centre=0.2, width=3.4, rate=1e-4, rate_steps=(1e-4, -1e-4, 1e-4), **PARTS),
+            a_lane(**ALL, rate=0.02, pitch=0.06, vertical=0.25, rate_steps=0.15),
         ),
     ],
     ids=["bend", "straight", "swerving"],
@@ -211,7 +213,7 @@ def test_derivatives_agree_with_differences(lane, most):
     """For every number, beside all four lines and far out; ROAD_M is close enough that lookups bend nothing."""
     stripes = stripes_on(lane, (LEFT_SIDE, RIGHT_SIDE, FAR_LINE * LEFT_SIDE, FAR_LINE * RIGHT_SIDE), outliers=50)
     derivative = stripe_residuals(lane[None], stripes, HEIGHT_M).jacobian[0]
-    tiny = dict(pitch=1e-6, vertical=1e-8, kinks=1e-9, beside=1e-5)
+    tiny = dict(pitch=1e-6, vertical=1e-8, rate_steps=1e-9, adjacent=1e-5)
     for k, step in enumerate(a_lane(centre=1e-5, width=1e-5, heading=1e-6, curvature=1e-7, rate=1e-9, **tiny)):
         shift = np.eye(PARAMETERS)[k] * step
         above, below = (stripe_residuals((lane + s)[None], stripes, HEIGHT_M).residual_m[0] for s in (shift, -shift))
@@ -225,7 +227,7 @@ def test_derivatives_agree_with_differences(lane, most):
         assert np.mean((np.abs(measured) > 1e-6) > (derivative[k] != 0)) < 0.01, k
 
 
-def test_directions_that_rows_cannot_show_count_less():
+def test_uncertain_directions_have_less_weight():
     """A stripe that moves aside by many columns a row may seem to run elsewhere, and one that does not may not."""
     lane, ease = a_lane(heading=0.6, centre=-3.0), 3.0
     stripes = stripes_on(lane, noise_m=0.0)

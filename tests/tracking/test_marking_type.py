@@ -24,7 +24,7 @@ def test_short_holes_are_no_gaps():
     assert looks_dashed(places[(places < 12) | (places > 14)]) is False
 
 
-def test_the_majority_holds():
+def test_the_majority_decides():
     votes = MarkingVotes()
     assert votes.marking_type == MarkingType(None, None, None)
     assert votes.marking_type.describe() == "unknown"

@@ -23,7 +23,7 @@ HAIRPIN = a_lane(centre=0.3, width=3.4, heading=-0.1, curvature=-1 / 15)
 CLOTHOID = a_lane(centre=-0.2, width=3.6, heading=0.01, curvature=1 / 600, rate=4e-5)
 
 
-def test_place_measures_the_distance_to_a_circle():
+def test_arc_coordinates_measure_the_distance_to_a_circle():
     rng = np.random.default_rng(0)
     x, y = rng.uniform(0, 14, 50), rng.uniform(-5, 5, 50)
     heading, curvature = 0.2, -1 / 20
@@ -38,7 +38,7 @@ def test_place_measures_the_distance_to_a_circle():
     np.testing.assert_allclose(centre + (20 + a)[:, None] * normal, np.stack([x, y], axis=1), atol=1e-9)
 
 
-def test_place_needs_no_curvature():
+def test_arc_coordinates_of_a_straight_road():
     a, turn, _, ahead, _ = arc_coordinates(np.array([10.0]), np.array([2.0]), 0.1, 0.0)
     assert a == pytest.approx(2 * np.cos(0.1) - 10 * np.sin(0.1))
     assert (turn[0], ahead[0]) == pytest.approx((0.0, 10 * np.cos(0.1) + 2 * np.sin(0.1)))

@@ -25,12 +25,12 @@ from simulator.road.geometry import RoadGeometry, VehiclePose
 from simulator.road.truth import lane_truth
 from tests.support.shapes import a_lane
 
-SMALL = dict(rate=1e-5, pitch=0.005, vertical=1e-4, kinks=1e-5, beside=0.1)
+SMALL = dict(rate=1e-5, pitch=0.005, vertical=1e-4, rate_steps=1e-5, adjacent=0.1)
 COVARIANCE = np.diag(np.square(a_lane(centre=0.1, width=0.1, heading=0.01, curvature=1e-3, **SMALL)))
 LANE_BEFORE = a_lane(centre=0.3, width=3.6, heading=0.02, curvature=2e-3, rate=1e-5, pitch=0.004)
 
 
-def belief_with(**car: float) -> KalmanState:
+def state_with(**car: float) -> KalmanState:
     estimate = initial_state(LANE_BEFORE, COVARIANCE, 20.0)
     places = {"path": PATH, "speed": SPEED, "rest": REST_PITCH, "aim": CAMERA_YAW}
     for name, value in car.items():
@@ -52,31 +52,31 @@ def test_straight_driving_along_a_bend():
 
 
 def test_clothoid_and_springs():
-    after = belief_with(path=2e-3, rest=0.0).predict(0.04).mean
+    after = state_with(path=2e-3, rest=0.0).predict(0.04).mean
     assert after[CURVATURE] == pytest.approx(2e-3 + 1e-5 * 0.8)
     assert 0 < after[PITCH] < 0.004
     assert after[WIDTH] == 3.6
     assert after[RATE] == pytest.approx(1e-5, rel=0.01)
 
 
-def test_a_camera_that_looks_aside_moves_the_lane_no_farther():
-    after = belief_with(path=2e-3, aim=0.02).predict(0.1).mean
+def test_camera_yaw_does_not_move_the_lane():
+    after = state_with(path=2e-3, aim=0.02).predict(0.1).mean
     assert after[CENTRE] == pytest.approx(0.3, abs=1e-9)
 
 
 def test_uncertainty_grows_and_a_standing_car_keeps_the_road():
-    estimate = belief_with()
+    estimate = state_with()
     later = estimate.predict(0.04)
     assert np.all(np.diag(later.covariance)[:3] > np.diag(estimate.covariance)[:3])
-    standing = belief_with(speed=0.0).predict(0.04)
+    standing = state_with(speed=0.0).predict(0.04)
     for parameter in (WIDTH, CURVATURE, RATE):
         assert standing.covariance[parameter, parameter] == pytest.approx(estimate.covariance[parameter, parameter])
     np.testing.assert_allclose(later.covariance, later.covariance.T, atol=1e-15)
 
 
-def test_correction_moves_the_car_with_the_lane():
+def test_update_moves_the_car_with_the_lane():
     """If the lane has moved farther sideways than foretold, the car is faster than believed."""
-    estimate = belief_with(path=2e-3, speed=20.0)
+    estimate = state_with(path=2e-3, speed=20.0)
     estimate.covariance[SPEED, SPEED] = 64.0
     estimate = estimate.predict(0.5)
     lane = estimate.lane.copy()
@@ -90,9 +90,9 @@ def test_correction_moves_the_car_with_the_lane():
     np.testing.assert_allclose(same.covariance, estimate.covariance, atol=1e-12)
 
 
-def test_correction_is_the_kalman_update():
+def test_update_equals_the_textbook_kalman_update():
     """Against the textbook's formula, with a measurement of the centre alone."""
-    estimate = belief_with().predict(0.2)
+    estimate = state_with().predict(0.2)
     h = np.zeros(len(estimate.mean))
     h[CENTRE] = 1
     s = h @ estimate.covariance @ h + 0.05**2
@@ -104,8 +104,8 @@ def test_correction_is_the_kalman_update():
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_the_neighbouring_lane_shares_a_line(side):
-    estimate = belief_with()
+def test_the_adjacent_lane_shares_a_line(side):
+    estimate = state_with()
     neighbour = estimate.adjacent(side)
     shared = np.zeros(len(estimate.mean))
     shared[[CENTRE, WIDTH]] = 1, side / 2
@@ -118,8 +118,8 @@ def test_the_neighbouring_lane_shares_a_line(side):
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_the_neighbour_is_as_much_wider_as_was_seen_and_back_again_all_is_as_before(side):
-    estimate = belief_with()
+def test_the_adjacent_lane_has_its_own_width_and_the_way_back_restores_the_state(side):
+    estimate = state_with()
     estimate.mean[ADJACENT] = 0.3, -0.2
     there = estimate.adjacent(side)
     wider = 0.3 if side > 0 else -0.2
@@ -131,20 +131,20 @@ def test_the_neighbour_is_as_much_wider_as_was_seen_and_back_again_all_is_as_bef
         assert back.covariance[number, number] == pytest.approx(estimate.covariance[number, number])
 
 
-def test_a_roused_belief_expects_waves_bends_and_nods_and_else_the_same():
-    estimate = belief_with()
+def test_inflated_covariance_of_vertical_curvature_rate_steps_and_pitch():
+    estimate = state_with()
     inflated = estimate.inflated()
     more = np.diag(inflated.covariance - estimate.covariance)
     free = np.isin(np.arange(len(more)), [PITCH, *range(len(more))[VERTICAL_CURVATURE], *range(len(more))[RATE_STEPS]])
     assert (more[free] > 1e-7).all() and (more[~free] == 0).all()
     np.testing.assert_array_equal(inflated.mean, estimate.mean)
-    np.testing.assert_array_equal(estimate.covariance, belief_with().covariance)
+    np.testing.assert_array_equal(estimate.covariance, state_with().covariance)
 
 
-def test_a_kink_comes_nearer_and_becomes_the_rate():
+def test_a_rate_step_comes_nearer_and_becomes_the_rate():
     """A straight that bends from the first knot on: when the car is there, so is the bend."""
-    estimate = belief_with(path=0.0, aim=0.0)
-    road = a_lane(width=3.6, kinks=(2e-3, 0, 0))
+    estimate = state_with(path=0.0, aim=0.0)
+    road = a_lane(width=3.6, rate_steps=(2e-3, 0, 0))
     estimate.mean[LANE] = road
     for _ in range(70):
         estimate.mean[SPEED] = 10.0
@@ -157,7 +157,7 @@ def test_a_kink_comes_nearer_and_becomes_the_rate():
 
 
 @pytest.mark.parametrize(("radius_m", "fastest"), [(24.0, 12.0), (1e9, 70.0)])
-def test_nobody_drives_a_hairpin_at_the_speed_of_a_motorway(radius_m, fastest):
+def test_max_speed_falls_with_curvature(radius_m, fastest):
     assert max_speed_mps(-1 / radius_m, 6.0) == pytest.approx(fastest)
     lane = a_lane(width=3.4, curvature=1 / radius_m)
     assert initial_state(lane, COVARIANCE, None).mean[SPEED] <= fastest
@@ -165,7 +165,7 @@ def test_nobody_drives_a_hairpin_at_the_speed_of_a_motorway(radius_m, fastest):
 
 
 @pytest.mark.parametrize("radius_m", [-15.0, 22.0])
-def test_round_a_hairpin_the_camera_moves_along_the_lane_that_it_looks_askew_at(radius_m):
+def test_camera_moves_along_the_lane_in_a_hairpin(radius_m):
     path, speed = 1 / radius_m, 8.0
     lane = a_lane(centre=0.1, width=3.2, heading=lever_m(speed) * path + 0.01, curvature=path)
     estimate = initial_state(lane, COVARIANCE, speed)

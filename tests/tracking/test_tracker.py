@@ -107,7 +107,7 @@ def test_no_line_is_lost_and_never_confidently_wrong():
         assert (tracked.lane is None) == (tracked.state == "lost") == (tracked.as_row()["offset_m"] is None)
 
 
-def test_black_pictures_are_survived():
+def test_tracking_continues_after_black_pictures():
     frames = follow(replace(DRIVE, black_s=(1.0, 1.3)), 2.0)
     states = [tracked.state for time, tracked, _ in frames if 1.0 <= time < 1.3]
     assert set(states) == {"coasting"}
@@ -116,7 +116,7 @@ def test_black_pictures_are_survived():
     assert np.all(np.diff(stds) > 0)
 
 
-def test_dropped_and_repeated_pictures_are_survived():
+def test_tracking_continues_after_dropped_and_repeated_pictures():
     tracker = LaneTracker(SMALL, fps=FPS)
     for time in np.arange(0, 1, 1 / FPS):
         tracker.update(DRIVE.frame(time))
@@ -140,7 +140,7 @@ def test_lane_change_relabels_the_lines():
     assert sum(jump > 1 for jump in jumps) == 1
 
 
-def test_departure_is_foretold():
+def test_departure_is_predicted():
     drive = replace(DRIVE, road=straight_road(), drift_mps=0.7, drift_s=(1.0, 4.0), motion=Motion(speed_mps=25.0))
     frames = follow(drive, 3.2, tracker=LaneTracker(SMALL, fps=FPS, speed_mps=25.0))
     warned = [time for time, tracked, _ in frames if tracked.warning.due]
@@ -151,7 +151,7 @@ def test_departure_is_foretold():
     assert all(not tracked.warning.due for time, tracked, _ in frames if time < 1.0)
 
 
-def test_a_lane_with_one_weak_line_does_not_unseat_the_known_width():
+def test_a_lane_with_one_weak_line_is_the_known_lane():
     """Cracks beside a missing line look like a narrow lane: the line that both share must not speak for the other."""
     known = s_bend_drive()[20][1].lane
     narrower = known.model.copy()
@@ -162,7 +162,7 @@ def test_a_lane_with_one_weak_line_does_not_unseat_the_known_width():
     assert not same_lane(replace(found, left=known.left), known)
 
 
-def test_wrong_lock_does_not_live():
+def test_a_wrong_track_is_given_up():
     """Two stripes a lane apart, 1.2 m beside the lane, hold the tracker only until the true lines come."""
     cracks = tuple(Stripe(side * 1.5 - 1.0, colour=(150, 150, 150), along_m=(-50, 60)) for side in SIDES)
     lines = tuple(Stripe(side * 1.8, along_m=(40, 2000)) for side in SIDES)
@@ -171,7 +171,7 @@ def test_wrong_lock_does_not_live():
     assert lateral_error_m(frames[-1][1], frames[-1][2]) < 0.1
 
 
-def test_kinds_of_lines():
+def test_marking_types():
     kinds = s_bend_drive()[-1][1].marking_types
     assert (kinds[0].colour, kinds[0].pattern, kinds[0].double) == ("yellow", "solid", False)
     assert (kinds[1].colour, kinds[1].pattern, kinds[1].double) == ("white", "dashed", False)
@@ -201,7 +201,7 @@ def test_reset_forgets():
 
 
 @pytest.mark.parametrize("elapsed_s", [1.5, 1e9, -0.04, np.nan])
-def test_a_clock_that_leaps_begins_anew(elapsed_s):
+def test_a_jump_of_the_clock_resets_the_tracker(elapsed_s):
     """After a gap too long to bridge, and when the clock was set back, the picture is looked at like a first one."""
     tracker = LaneTracker(SMALL, fps=FPS)
     for time in np.arange(0, 0.4, 1 / FPS):
@@ -211,7 +211,7 @@ def test_a_clock_that_leaps_begins_anew(elapsed_s):
     assert again.state == "searching"
 
 
-def test_misuse_is_refused():
+def test_invalid_arguments_raise():
     with pytest.raises(ValueError, match="fps=0"):
         LaneTracker(SMALL, fps=0)
     with pytest.raises(PictureError, match="calibrated for 640x360"):

@@ -1,4 +1,4 @@
-"""Gating and correction on stripes that lie exactly where the test puts them."""
+"""Gating and measurement update with synthetic stripes."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from tests.support.painted_drive import CAMERA
 from tests.support.shapes import a_lane, stripes_at
 
 VIEW = BirdsEyeView(CAMERA)
-SMALL = dict(pitch=0.003, vertical=5e-5, beside=0.05)
-STD = a_lane(centre=0.1, width=0.05, heading=0.01, curvature=5e-4, rate=1e-5, kinks=1e-5, **SMALL)
+SMALL = dict(pitch=0.003, vertical=5e-5, adjacent=0.05)
+STD = a_lane(centre=0.1, width=0.05, heading=0.01, curvature=5e-4, rate=1e-5, rate_steps=1e-5, **SMALL)
 # Where the road bends, kinks of a hairpin's size are expected.
-KINKED_STD = a_lane(centre=0.1, width=0.05, heading=0.02, curvature=5e-3, rate=5e-4, kinks=2e-3, **SMALL)
+KINKED_STD = a_lane(centre=0.1, width=0.05, heading=0.02, curvature=5e-3, rate=5e-4, rate_steps=2e-3, **SMALL)
 LANE = a_lane(centre=0.2, width=3.6, heading=0.01, curvature=1 / 500)
 
 
@@ -47,7 +47,7 @@ def kept_by_gate(stripes: Stripes, estimate: KalmanState) -> int:
     return int((update_lane(stripes, estimate, VIEW).weight > 0).sum())
 
 
-def test_gate_keeps_what_is_no_surprise():
+def test_gate_keeps_small_innovations():
     estimate = initial_state(LANE, np.diag(STD**2), 20.0)
     near = stripes_on(LANE, aside_m=0.1)
     assert kept_by_gate(near, estimate) == len(near)
@@ -56,7 +56,7 @@ def test_gate_keeps_what_is_no_surprise():
     assert kept_by_gate(beside, initial_state(LANE, np.diag((5 * STD) ** 2), 20.0)) > 0
 
 
-def test_correction_finds_the_lane_and_becomes_surer():
+def test_update_finds_the_lane_and_reduces_the_covariance():
     estimate = initial_state(LANE, np.diag(STD**2), 20.0)
     true = LANE + 0.7 * STD * a_lane(centre=1, width=-1, heading=1, curvature=1)
     fit = update_lane(stripes_on(true), estimate, VIEW)
@@ -97,7 +97,7 @@ def test_no_stripes_leave_the_prediction():
     np.testing.assert_allclose(np.linalg.inv(fit.information[0]), np.diag(STD**2), rtol=1e-6, atol=1e-15)
 
 
-def test_a_bend_that_begins_ahead_is_followed():
+def test_a_bend_that_begins_ahead_is_tracked():
     """Predicted is a gentle bend; from 11 m on the road tightens to R 25 m, by up to 1.5 m at 22 m."""
     estimate = initial_state(a_lane(width=3.4, curvature=4e-3), np.diag(KINKED_STD**2), 8.0)
     along = np.arange(0.0, 40.0, 0.02)

@@ -31,7 +31,7 @@ HEIGHT_M = VIEW.height_m
 # Waves 52 m long and 1 m high, from trough to crest.
 LENGTH_M, HALF_HEIGHT_M = 52.0, 0.5
 AT_M = np.array([6.0, 9.0, 13.0, 16.0, 20.0])
-STD = a_lane(centre=0.1, width=0.05, heading=0.01, curvature=5e-4, rate=1e-5, pitch=0.003, vertical=2e-4, beside=0.05)
+STD = a_lane(centre=0.1, width=0.05, heading=0.01, curvature=5e-4, rate=1e-5, pitch=0.003, vertical=2e-4, adjacent=0.05)
 STD[RATE_STEPS] = 1e-5
 PHASES = np.radians([0, 45, 90, 135, 180, 225, 270, 315])
 LINES = (1.85, -1.65)
@@ -67,14 +67,14 @@ def error_m(lane: np.ndarray, lines_m: tuple[float, float]) -> float:
 
 
 @pytest.mark.parametrize("phase", PHASES, ids=np.degrees(PHASES).round().astype(int).astype(str))
-def test_one_picture_of_waves_shows_the_lane(phase):
+def test_lane_of_an_undulating_road_from_one_picture(phase):
     stripes, start = seen(LINES, lambda x: wave_m(x, phase)), a_lane(centre=0.1)[None]
     fit = fit_lanes(start, stripes, VIEW, schedule=FIT.outwards, extra_vertical_per_m=FIT.undulation_std_per_m)
     assert error_m(fit.lane[0], LINES) < 0.05
     assert np.abs(road_height(fit.lane[0], AT_M) - wave_m(AT_M, phase)).max() < 0.15
 
 
-def test_whoever_thinks_the_road_is_flat_is_wrong_by_much():
+def test_a_fit_without_undulations_fails_on_undulating_roads():
     """Of the eight phases the fit that expects no waves loses the lane at most."""
     errors = []
     for phase in PHASES:
@@ -84,7 +84,7 @@ def test_whoever_thinks_the_road_is_flat_is_wrong_by_much():
 
 
 @pytest.mark.parametrize("phase", PHASES, ids=np.degrees(PHASES).round().astype(int).astype(str))
-def test_waves_that_nothing_foretold_are_followed(phase):
+def test_unpredicted_undulations_are_tracked(phase):
     """The road was flat in the last picture. Kept near the prediction, the lane explains hardly any of the paint."""
     stripes = seen(LINES, lambda x: wave_m(x, phase))
     estimate = initial_state(a_lane(centre=0.1), np.diag(STD**2), 15.0)
@@ -96,7 +96,7 @@ def test_waves_that_nothing_foretold_are_followed(phase):
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_the_far_line_of_the_next_lane_tells_how_the_camera_nods(side):
+def test_the_far_line_of_the_adjacent_lane_determines_the_pitch(side):
     """One line of the lane is out of sight; the next lane's far one runs parallel, as a nodding camera cannot show."""
     pitch, start = 0.009, a_lane()[None]
     own, far = side * 1.8, side * 1.8 * FAR_LINE + side * 0.1
@@ -110,7 +110,7 @@ def test_the_far_line_of_the_next_lane_tells_how_the_camera_nods(side):
     np.testing.assert_allclose(line_y(x, fits[0].lane[0], side), own, atol=0.02)
 
 
-def test_a_wider_lane_beside_is_told_from_a_nod():
+def test_a_wider_adjacent_lane_is_not_mistaken_for_pitch():
     """Three lines show the nod; the fourth then shows that the lane to the right is wider than this by 0.3 m."""
     fit = fit_lanes(a_lane()[None], seen((5.25, 1.75, -1.75, -5.55), pitch=0.006), VIEW)
     lane = fit.lane[0]
@@ -129,7 +129,7 @@ def standing_on(lane: np.ndarray, speed: float):
 
 
 @pytest.mark.parametrize("steps", [1, 8], ids=["at once", "in eight steps"])
-def test_waves_come_nearer_as_the_car_drives_on(steps):
+def test_undulations_come_nearer_as_the_car_drives_on(steps):
     """The plane that the car stands on tilts with the road: h'(x) = h(x + d) - h(d) - h'(d) x."""
     distance, tiny, k = 2.0, np.array([-1e-4, 1e-4]), 2 * np.pi / LENGTH_M
     x, found_off, stale_off = np.array([10.0, 15.0, 20.0]), [], []
@@ -148,7 +148,7 @@ def test_waves_come_nearer_as_the_car_drives_on(steps):
     assert np.max(found_off) < 0.16
 
 
-def test_a_step_of_a_knot_moves_every_curvature_by_one():
+def test_driving_one_knot_gap_moves_every_vertical_curvature_by_one():
     gap = VERTICAL_KNOTS_M[1]
     after = standing_on(WAVED, 10.0).predict(gap / 10.0, steady_speed=True).lane[VERTICAL_CURVATURE]
     first, second, third, last = WAVED[VERTICAL_CURVATURE]
@@ -158,9 +158,9 @@ def test_a_step_of_a_knot_moves_every_curvature_by_one():
     assert 0 < after[3] / last < 1
 
 
-def test_the_prediction_spreads_what_is_known_as_it_moves_it():
+def test_jacobian_of_the_prediction():
     """Its covariance is J P J', with J the finite differences of its mean, and noise that shares nothing."""
-    lane = a_lane(centre=0.2, heading=0.02, curvature=2e-3, rate=1e-4, pitch=0.004, kinks=2e-4, beside=0.1)
+    lane = a_lane(centre=0.2, heading=0.02, curvature=2e-3, rate=1e-4, pitch=0.004, rate_steps=2e-4, adjacent=0.1)
     lane[VERTICAL_CURVATURE] = WAVED[VERTICAL_CURVATURE]
     estimate = initial_state(lane, np.diag(STD**2), 14.0)
     jacobian = np.empty(estimate.covariance.shape)

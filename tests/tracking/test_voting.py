@@ -25,7 +25,7 @@ def test_a_line_piles_up_in_the_bin_of_its_distance():
     assert straight.max() > 0.95 * straight.sum() > 0.5 * (stripes.x_m < VOTING.far_m).sum()
 
 
-def test_stripes_that_run_elsewhere_do_not_count():
+def test_stripes_of_other_directions_have_no_votes():
     stripes = stripes_on(a_lane(width=3.8), (LEFT_SIDE,), noise_m=0.0)
     turned = type(stripes)(**{**vars(stripes), "angle": stripes.angle + 0.5})
     straight = np.flatnonzero((hypotheses() == 0).all(axis=1))[0]
@@ -44,7 +44,7 @@ def test_one_of_the_best_pairs_is_near_the_lane(road):
     assert min(errors) < 0.5
 
 
-def test_lanes_that_one_fit_would_make_the_same_are_named_once():
+def test_non_maximum_suppression_removes_duplicates():
     lanes = np.tile(a_lane(), (4, 1))
     lanes[1, CENTRE], lanes[2, HEADING], lanes[3, CURVATURE] = 0.6, 0.02, 0.01
     kept = suppress_non_maxima(lanes, 3)
