@@ -38,24 +38,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Calibrate, print the table, and write the camera file."""
-    from lanes.camera.calibration.boards import calibrate_found, find_boards
+    from lanes.camera.calibration.boards import calibrate_detections, find_boards
+    from lanes.camera.calibration.contact_sheet import draw_contact_sheet
     from lanes.camera.calibration.coverage import describe_coverage, format_boards, used_boards
-    from lanes.camera.calibration.sheet import draw_sheet
     from lanes.camera.camera_file import save_camera
     from lanes.io.images import list_pictures, write_image
 
     paths = [path for given in options.pictures for path in (list_pictures(given) if given.is_dir() else [given])]
-    search = find_boards(paths, options.pattern, progress=progress_line("calibrate"))
-    camera = calibrate_found(search, ", ".join(map(str, options.pictures[:3])))
-    print(format_boards(search, camera))
+    detections = find_boards(paths, options.pattern, progress=progress_line("calibrate"))
+    camera = calibrate_detections(detections, ", ".join(map(str, options.pictures[:3])))
+    print(format_boards(detections, camera))
     report = camera.report
     print(
         f"{len(report.board_rms_px)} of {len(paths)} pictures used, error {report.rms_px:.2f} px (RMS of all corners)"
     )
     print(f"focal length {camera.matrix[0, 0]:.1f} px, horizontal field of view {camera.hfov_deg:.1f} deg")
-    print(describe_coverage(used_boards(search, camera)))
+    print(describe_coverage(used_boards(detections, camera)))
     if options.sheet:
-        print(f"wrote {write_image(options.sheet, draw_sheet(search, camera))}")
+        print(f"wrote {write_image(options.sheet, draw_contact_sheet(detections, camera))}")
     print(f"wrote {save_camera(camera, options.output)}")
     return 0
 

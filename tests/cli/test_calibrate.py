@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.camera.calibration.boards import BoardSearch, calibrate_found
+from lanes.camera.calibration.boards import BoardDetections, calibrate_detections
+from lanes.camera.calibration.contact_sheet import draw_contact_sheet
 from lanes.camera.calibration.corners import Board
 from lanes.camera.calibration.coverage import count_corners, describe_boards, describe_coverage, format_boards
-from lanes.camera.calibration.sheet import draw_sheet
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import load_camera
 from lanes.io.images import read_image, write_image
@@ -33,7 +33,7 @@ def pose(name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def seen_board(name: str, *, noise_px: float = 0.1) -> Board:
-    grid = Board(np.empty((54, 2), np.float32), *PATTERN, SIZE).plane_points
+    grid = Board(np.empty((54, 2), np.float32), *PATTERN, SIZE).object_points
     corners, _ = cv2.projectPoints(grid, *pose(name), LENS.matrix, LENS.distortion)
     noise = np.random.default_rng(len(name) + ord(name[0])).normal(0, noise_px, (54, 2))
     return Board((corners.reshape(-1, 2) + noise).astype(np.float32), *PATTERN, SIZE)
@@ -106,8 +106,8 @@ def test_misuse_gives_a_message(folder, arguments, status, words):
     assert "Traceback" not in done.stderr
 
 
-def search_of(boards: dict[str, Board], **unused: str) -> BoardSearch:
-    return BoardSearch({name: Path(f"{name}.png") for name in [*boards, *unused]}, PATTERN, boards, unused)
+def detections_of(boards: dict[str, Board], **unused: str) -> BoardDetections:
+    return BoardDetections({name: Path(f"{name}.png") for name in [*boards, *unused]}, PATTERN, boards, unused)
 
 
 def test_use_of_each_board_is_described(monkeypatch):
@@ -121,24 +121,27 @@ def test_use_of_each_board_is_described(monkeypatch):
     moved[::7] += 6
     boards["d"] = Board(moved, *PATTERN, SIZE)
     boards |= {f"{name}2": seen_board(name, noise_px=0.12) for name in "abce"}
-    search = search_of(boards, wall="no chessboard")
-    camera = calibrate_found(search, "here")
-    uses = describe_boards(search, camera)
+    detections = detections_of(boards, wall="no chessboard")
+    camera = calibrate_detections(detections, "here")
+    uses = describe_boards(detections, camera)
     assert uses["f"] == "cut by the edge, 6x6 corners of it used"
     assert uses["a"] == "partly hidden, 9x5 corners of it used"
     assert uses["c"] == "used"
     assert uses["d"].startswith("error ")
     assert uses["e"] == "used, picture of 1280x720"
     assert uses["wall"] == "no chessboard"
-    rows = format_boards(search, camera).splitlines()
-    assert len(rows) == 1 + len(search.paths)
+    rows = format_boards(detections, camera).splitlines()
+    assert len(rows) == 1 + len(detections.paths)
     assert f"{camera.report.board_rms_px['c']:.2f}  used" in rows[3]
 
 
 def test_parts_of_the_picture_without_corners_are_named():
     u, v = np.meshgrid(np.linspace(0, 639, 40), np.linspace(0, 359, 30))
     everywhere = np.column_stack([u.ravel(), v.ravel()]).astype(np.float32)
-    assert describe_coverage({"x": Board(everywhere, 40, 30, SIZE)}) == "corners were seen in all parts of the picture"
+    assert (
+        describe_coverage({"x": Board(everywhere, 40, 30, SIZE)})
+        == "corners were detected in all regions of the picture"
+    )
     upper_left = (everywhere[:, 0] < 160) & (everywhere[:, 1] < 90)
     right = everywhere[:, 0] > 480
     few = np.flatnonzero(right & (everywhere[:, 1] > 270))[:5]
@@ -154,9 +157,11 @@ def test_sheet_marks_used_and_unused_boards(tmp_path):
     boards = {name: seen_board(name) for name in POSES}
     for name in [*POSES, "wall"]:
         write_image(tmp_path / f"{name}.png", np.full((360, 640, 3), 128, np.uint8))
-    search = search_of(boards, wall="no chessboard")
-    search = BoardSearch({n: tmp_path / p for n, p in search.paths.items()}, PATTERN, boards, search.unused)
-    sheet = draw_sheet(search, calibrate_found(search, "here"))
+    detections = detections_of(boards, wall="no chessboard")
+    detections = BoardDetections(
+        {n: tmp_path / p for n, p in detections.paths.items()}, PATTERN, boards, detections.unused
+    )
+    sheet = draw_contact_sheet(detections, calibrate_detections(detections, "here"))
     # Green frames for the five boards used, a red one for the wall; the corners lie within their tiles.
     tile = (225 + 44 + 12, 400 + 12)
     assert (sheet[3, 3] == (0, 220, 90)).all()

@@ -1,4 +1,4 @@
-"""Chessboard pictures -> Camera: calibration from full and cut boards, with outliers dropped and named."""
+"""Calibrate a camera from pictures of a chessboard, complete or partly visible; outliers are rejected and named."""
 
 from __future__ import annotations
 
@@ -19,34 +19,36 @@ from lanes.io.threads import one_thread
 
 __all__ = ["Board", "calibrate", "calibrate_folder", "draw_board", "find_board"]
 
-# Five intrinsics beyond the pose of each view: two views determine them in theory, three make mistakes visible.
-FEWEST_BOARDS = 3
-# Two grids nearer than this are one view: what differs is noise, and noise must not pass for a second perspective.
+# Two views determine the intrinsics in theory; a third makes errors visible.
+MIN_VIEWS = 3
+# Two boards with a smaller mean distance are the same view: they differ by noise only.
 SAME_VIEW_PX = 2.0
-# A board whose error is this many times the median board's was bent, moved or misread: on twenty real boards of paper
-# on a wall the worst one has 1.5 times the median, and one with misread corners 2.9 times.
+# A board with more than this many times the median error was bent, moved or detected wrongly. On the 20 Udacity boards,
+# paper on a wall, the worst one has 1.5 times the median, and one with wrong corners 2.9 times.
 OUTLIER_RATIO = 2.5
-# Errors below this are the finder's on a compressed picture, whatever the median is.
-OUTLIER_FLOOR_PX = 0.3
-# Pictures of the same camera that differ by so many pixels were cut differently, not resized.
-CUT_PX = 2
-# Share of the focal length that its standard deviation may reach; three tilted real boards reach 0.4 %.
-LARGEST_FOCAL_STD = 0.02
+# Boards below this error are never outliers; it is the error of the corner detection in a compressed picture.
+MIN_OUTLIER_ERROR_PX = 0.3
+# Pictures of one camera whose sizes differ by at most this were cropped differently, not resized.
+MAX_CROP_PX = 2
+# Largest standard deviation of the focal length, as a share of it; three tilted real boards reach 0.4 %.
+MAX_FOCAL_STD_SHARE = 0.02
+_ADVICE = "take pictures in which the board is tilted by 20 to 45 degrees, each time in another direction"
 
 
 @dataclass(frozen=True, eq=False)
-class BoardSearch:
-    """What was found in pictures of a chessboard.
+class BoardDetections:
+    """Chessboards detected in pictures.
 
     Attributes
     ----------
     paths : dict of str to Path
-        All pictures by name.
+        All pictures, by name.
     pattern : tuple of int
-        Inner corners (columns, rows) that were looked for.
+        Inner corners (columns, rows) of the complete board.
     boards : dict of str to Board
+        Detected boards, by the name of the picture.
     unused : dict of str to str
-        Pictures without a board, and why.
+        Pictures without a board, and the reason.
     """
 
     paths: dict[str, Path]
@@ -56,39 +58,39 @@ class BoardSearch:
 
 
 def calibrate(boards: dict[str, Board], size: tuple[int, int]) -> Camera:
-    """Find the lens from boards seen in different poses (Zhang, PAMI 2000).
+    """Camera intrinsics from boards in different poses (Zhang, PAMI 2000).
 
     Parameters
     ----------
     boards : dict of str to Board
-        By the name of the picture. Boards in pictures of another size count if they fit the camera that the others
-        give, as they are (cut by a pixel or two) or rescaled, whichever fits better.
+        Boards by the name of the picture. Boards in pictures of another size are used if they fit the camera that the
+        others determine: unchanged (the picture was cropped by a pixel or two) or rescaled, whichever fits better.
     size : tuple of int
-        (width, height) of the camera's pictures.
+        (width, height) of the camera's pictures, pixels.
 
     Returns
     -------
     Camera
-        Without pose; its `report` names each board's error, and each rejected board with the reason.
+        Without pose; its `report` has the reprojection error of each board, and the reason for each rejected board.
 
     Raises
     ------
     CameraError
-        If fewer than three different views of the board remain, or they do not determine the lens.
+        If fewer than three different views of the board remain, or they do not determine the intrinsics.
     """
-    ours = {name: board for name, board in boards.items() if board.size == size}
+    same_size = {name: board for name, board in boards.items() if board.size == size}
     rejected: dict[str, str] = {}
-    camera = _calibrate_without_outliers(ours, size, rejected)
-    adopted = {}
-    for name in [name for name in boards if name not in ours]:
-        board, reason = _adopt(boards[name], camera)
+    camera = _calibrate_without_outliers(same_size, size, rejected)
+    converted = {}
+    for name in [name for name in boards if name not in same_size]:
+        board, reason = _convert_size(boards[name], camera)
         if board is None:
             rejected[name] = reason
         else:
-            adopted[name] = board
-    if adopted:
-        kept = {**{name: ours[name] for name in camera.report.board_rms_px}, **adopted}
-        camera = _calibrate_without_outliers({name: kept[name] for name in boards if name in kept}, size, rejected)
+            converted[name] = board
+    if converted:
+        used = {**{name: same_size[name] for name in camera.report.board_rms_px}, **converted}
+        camera = _calibrate_without_outliers({name: used[name] for name in boards if name in used}, size, rejected)
     return camera
 
 
@@ -98,36 +100,42 @@ def calibrate_folder(
     *,
     progress: Callable[[int, int], None] | None = None,
 ) -> Camera:
-    """Calibrate from all pictures of a folder.
+    """Camera intrinsics from all pictures of a folder.
 
     Parameters
     ----------
     folder : str or Path
     pattern : tuple of int
-        Inner corners (columns, rows) of the whole board.
+        Inner corners (columns, rows) of the complete board.
     progress : callable, optional
-        Called as progress(pictures done, pictures in all).
+        Called with (pictures done, pictures in all).
 
     Returns
     -------
     Camera
-        For the picture size that most boards have; `report.rejected` names the pictures not used, with the reason.
+        For the most frequent picture size; `report.rejected` names the pictures not used, with the reason.
 
     Raises
     ------
     FileNotFoundError
         If the folder does not exist or holds no picture.
     CameraError
-        If too few boards are found, or they do not determine the lens.
+        If too few boards are found, or they do not determine the intrinsics.
     """
-    return calibrate_found(find_boards(list_pictures(folder), pattern, progress=progress), str(folder))
+    return calibrate_detections(find_boards(list_pictures(folder), pattern, progress=progress), str(folder))
 
 
 def find_boards(
     paths: Sequence[Path], pattern: tuple[int, int] = (9, 6), *, progress: Callable[[int, int], None] | None = None
-) -> BoardSearch:
-    """Look for the board in every picture; see `calibrate_folder`."""
-    names = _names(paths)
+) -> BoardDetections:
+    """Detect the board in every picture; parameters as in `calibrate_folder`.
+
+    Raises
+    ------
+    FileNotFoundError
+        If a picture does not exist. Pictures that cannot be decoded are listed in `unused`.
+    """
+    names = _unique_names(paths)
     boards: dict[str, Board] = {}
     unused: dict[str, str] = {}
     for done, (name, path) in enumerate(names.items(), 1):
@@ -142,48 +150,56 @@ def find_boards(
                 boards[name] = board
         if progress:
             progress(done, len(paths))
-    return BoardSearch(names, pattern, boards, unused)
+    return BoardDetections(names, pattern, boards, unused)
 
 
-def calibrate_found(search: BoardSearch, source: str) -> Camera:
-    """The lens from the boards found; see `calibrate_folder`. `source` names their pictures in errors."""
-    unused = "".join(f"\n  {name}: {reason}" for name, reason in search.unused.items())
-    if not search.boards:
+def calibrate_detections(detections: BoardDetections, source: str) -> Camera:
+    """Camera intrinsics from detected boards; `source` names the pictures in messages.
+
+    Raises
+    ------
+    CameraError
+        If there are too few boards, or they do not determine the intrinsics.
+    """
+    unused = "".join(f"\n  {name}: {reason}" for name, reason in detections.unused.items())
+    if not detections.boards:
         raise CameraError(
-            f"no chessboard of {search.pattern[0]}x{search.pattern[1]} inner corners was found in any of the "
-            f"{len(search.paths)} pictures of {source}; give pictures of a board of that pattern, or the pattern of "
-            f"this one.{unused}"
+            f"no chessboard of {detections.pattern[0]}x{detections.pattern[1]} inner corners was found in any of the "
+            f"{len(detections.paths)} pictures of {source}; give pictures of a board of that pattern, or the pattern "
+            f"of this one.{unused}"
         )
     try:
-        camera = calibrate(search.boards, _most_common_size(search.boards))
+        camera = calibrate(detections.boards, _most_common_size(detections.boards))
     except CameraError as error:
         raise CameraError(f"{source}: {error}{unused}") from error
     report = camera.report
-    return camera.with_report(CalibrationReport(report.rms_px, report.board_rms_px, search.unused | report.rejected))
+    return camera.with_report(
+        CalibrationReport(report.rms_px, report.board_rms_px, detections.unused | report.rejected)
+    )
 
 
-def _names(paths: Sequence[Path]) -> dict[str, Path]:
-    """The pictures by their file names, or by their paths where two have the same name."""
+def _unique_names(paths: Sequence[Path]) -> dict[str, Path]:
+    """Pictures by file name, or by path if two have the same name."""
     names = Counter(path.name for path in paths)
     return {path.name if names[path.name] == 1 else str(path): path for path in paths}
 
 
 def _most_common_size(boards: dict[str, Board]) -> tuple[int, int]:
-    """The size that most pictures have, the larger one of two equally common."""
+    """Most frequent picture size; the larger one of two equally frequent."""
     sizes = Counter(board.size for board in boards.values())
     return max(sizes, key=lambda size: (sizes[size], size))
 
 
 def _calibrate_without_outliers(boards: dict[str, Board], size: tuple[int, int], rejected: dict[str, str]) -> Camera:
-    """Calibrate, drop the worst board if it is an outlier, and again; `rejected` takes the names and reasons."""
+    """Calibrate and remove the worst board until it is not an outlier; names and reasons are added to `rejected`."""
     boards = dict(boards)
     while True:
         camera = _calibrate_once(boards, size)
         errors = camera.report.board_rms_px
         median = float(np.median(list(errors.values())))
         worst = max(errors, key=errors.get)
-        # With three boards left nothing tells which of them is wrong.
-        if len(boards) == FEWEST_BOARDS or errors[worst] <= max(OUTLIER_RATIO * median, OUTLIER_FLOOR_PX):
+        # With three boards it cannot be decided which one is wrong.
+        if len(boards) == MIN_VIEWS or errors[worst] <= max(OUTLIER_RATIO * median, MIN_OUTLIER_ERROR_PX):
             return camera.with_report(CalibrationReport(camera.report.rms_px, errors, rejected))
         rejected[worst] = (
             f"error {errors[worst]:.2f} px, more than {OUTLIER_RATIO} times the median board's {median:.2f}"
@@ -193,66 +209,64 @@ def _calibrate_without_outliers(boards: dict[str, Board], size: tuple[int, int],
 
 def _calibrate_once(boards: dict[str, Board], size: tuple[int, int]) -> Camera:
     views = _count_views(boards)
-    if views < FEWEST_BOARDS:
+    if views < MIN_VIEWS:
         raise CameraError(
             f"{views} different view(s) of the board at {size[0]}x{size[1]} pixels, but calibration needs at least "
-            f"{FEWEST_BOARDS}, better 15; take more pictures, with the board tilted each time in another direction."
+            f"{MIN_VIEWS}, better 15; take more pictures, with the board tilted each time in another direction."
         )
-    planes = [board.plane_points for board in boards.values()]
-    corners = [board.corners_px for board in boards.values()]
+    object_points = [board.object_points for board in boards.values()]
+    image_points = [board.corners_px for board in boards.values()]
     try:
         with one_thread():
-            rms, matrix, distortion, *_, std, _, errors = cv2.calibrateCameraExtended(planes, corners, size, None, None)
+            rms, matrix, distortion, *_, std, _, errors = cv2.calibrateCameraExtended(
+                object_points, image_points, size, None, None
+            )
     except cv2.error as error:
-        raise CameraError(f"these boards do not determine a lens; {_HOW_TO_TAKE}.") from error
+        raise CameraError(f"these boards do not determine the intrinsics; {_ADVICE}.") from error
     focal, focal_std = matrix[0, 0], std[0, 0]
-    if not (np.isfinite(matrix).all() and focal_std <= LARGEST_FOCAL_STD * focal):
+    if not (np.isfinite(matrix).all() and focal_std <= MAX_FOCAL_STD_SHARE * focal):
         raise CameraError(
-            f"these boards leave the focal length open ({focal:.0f} px give or take {focal_std:.0f} px); "
-            f"{_HOW_TO_TAKE}."
+            f"these boards do not determine the focal length ({focal:.0f} +- {focal_std:.0f} px); {_ADVICE}."
         )
     report = CalibrationReport(float(rms), dict(zip(boards, errors.ravel().tolist(), strict=True)))
     return Camera(*size, matrix, distortion.ravel(), report=report)
 
 
-_HOW_TO_TAKE = "take pictures in which the board is tilted by 20 to 45 degrees, each time in another direction"
-
-
 def _count_views(boards: dict[str, Board]) -> int:
-    """How many boards are seen differently; the same picture twice determines nothing more than once."""
+    """Number of different views; a repeated picture adds no information."""
     views: list[Board] = []
     for board in boards.values():
         if not any(
-            seen.corners_px.shape == board.corners_px.shape
-            and np.abs(seen.corners_px - board.corners_px).mean() < SAME_VIEW_PX
-            for seen in views
+            view.corners_px.shape == board.corners_px.shape
+            and np.abs(view.corners_px - board.corners_px).mean() < SAME_VIEW_PX
+            for view in views
         ):
             views.append(board)
     return len(views)
 
 
-def _adopt(board: Board, camera: Camera) -> tuple[Board | None, str]:
-    """A board from a picture of another size, in the camera's pixels; or None and why it is not this camera's."""
+def _convert_size(board: Board, camera: Camera) -> tuple[Board | None, str]:
+    """A board of a picture of another size, in the camera's pixels; or None and why it does not fit the camera."""
     (width, height), (board_width, board_height) = camera.size, board.size
-    which = f"picture is {board_width}x{board_height} pixels, the others {width}x{height}"
+    sizes = f"picture is {board_width}x{board_height} pixels, the others {width}x{height}"
     candidates = []
-    if abs(board_width - width) <= CUT_PX and abs(board_height - height) <= CUT_PX:
+    if abs(board_width - width) <= MAX_CROP_PX and abs(board_height - height) <= MAX_CROP_PX:
         candidates.append(board.corners_px)
     if abs(board_width / board_height - width / height) <= MAX_ASPECT_DIFFERENCE:
-        # Pixel centres lie at integers, so the picture's edge is at -0.5: shift by half a pixel, scale, shift back.
+        # Pixel centres are at integers, so the picture begins at -0.5: shift by half a pixel, scale, shift back.
         candidates.append((board.corners_px + 0.5) * np.divide(camera.size, board.size) - 0.5)
     if not candidates:
-        return None, f"{which}: another aspect ratio, so another camera or a cropped picture"
+        return None, f"{sizes}: another aspect ratio, so another camera or a cropped picture"
     boards = [Board(c.astype(np.float32), board.columns, board.rows, camera.size) for c in candidates]
-    errors = [_pose_error_px(b, camera) for b in boards]
-    limit = max(OUTLIER_RATIO * float(np.median(list(camera.report.board_rms_px.values()))), OUTLIER_FLOOR_PX)
+    errors = [_reprojection_error_px(b, camera) for b in boards]
+    limit = max(OUTLIER_RATIO * float(np.median(list(camera.report.board_rms_px.values()))), MIN_OUTLIER_ERROR_PX)
     if min(errors) > limit:
-        return None, f"{which}, and it does not fit the same lens (error {min(errors):.2f} px, limit {limit:.2f})"
+        return None, f"{sizes}, and it does not fit the same lens (error {min(errors):.2f} px, limit {limit:.2f})"
     return boards[int(np.argmin(errors))], ""
 
 
-def _pose_error_px(board: Board, camera: Camera) -> float:
-    """Root mean square distance of the corners from where the lens would show the best-placed board."""
-    _, turn, shift = cv2.solvePnP(board.plane_points, board.corners_px, camera.matrix, camera.distortion)
-    seen, _ = cv2.projectPoints(board.plane_points, turn, shift, camera.matrix, camera.distortion)
-    return float(np.sqrt(((seen.reshape(-1, 2) - board.corners_px) ** 2).sum(axis=1).mean()))
+def _reprojection_error_px(board: Board, camera: Camera) -> float:
+    """Root mean square reprojection error of a board whose pose is fitted to its corners."""
+    _, rotation, translation = cv2.solvePnP(board.object_points, board.corners_px, camera.matrix, camera.distortion)
+    projected, _ = cv2.projectPoints(board.object_points, rotation, translation, camera.matrix, camera.distortion)
+    return float(np.sqrt(((projected.reshape(-1, 2) - board.corners_px) ** 2).sum(axis=1).mean()))

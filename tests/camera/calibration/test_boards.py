@@ -188,7 +188,7 @@ def test_one_view_three_times_is_one_view(boards):
 
 
 def test_views_without_tilt_do_not_determine_the_focal_length():
-    grid = true_board(6).plane_points[:, :2]
+    grid = true_board(6).object_points[:, :2]
     flat = {f"{n}.jpg": Board(grid * 30 + np.float32([100 + 300 * n, 200]), 9, 6, SIZE) for n in range(4)}
     with pytest.raises(CameraError, match="tilted"):
         calibrate(flat, SIZE)

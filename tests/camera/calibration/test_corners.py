@@ -1,4 +1,4 @@
-"""Finding corners: whole and cut boards against their true corners, and pictures that hold none."""
+"""Corner detection: complete and partial boards against their true corners, and pictures without a board."""
 
 import json
 from dataclasses import replace
@@ -54,8 +54,8 @@ def test_boards_cut_by_the_edge_give_all_their_whole_rows(number, size):
     [(13, np.s_[:, 430:], 40), (13, np.s_[:, :740], 36), (9, np.s_[:, :800], 30), (17, np.s_[300:], 27)],
     ids=["turned, cut left", "turned, cut right", "steep, cut right", "cut top"],
 )
-def test_turned_and_cut_boards_are_never_joined_askew(number, keep, at_least):
-    """The finder's own sub-grids mix rows here; what is returned must be a true block of the board."""
+def test_turned_and_cut_boards_have_correct_rows_and_columns(number, keep, at_least):
+    """The detector assigns corners to wrong rows here; the result must be a true block of the board."""
     name = f"calibration{number}.jpg"
     image = np.ascontiguousarray(read_image(BOARDS / name)[keep])
     rows, columns = (keep if isinstance(keep, tuple) else (keep, np.s_[:]))[:2]
@@ -107,7 +107,7 @@ def test_other_patterns_are_found_and_larger_ones_only_in_part():
     assert sorted((part.columns, part.rows)) == [5, 7]
 
 
-def test_a_pattern_of_nothing_is_refused():
+def test_too_small_a_pattern_is_refused():
     with pytest.raises(ValueError, match="2x6 inner corners is too small"):
         find_board(np.zeros((50, 50, 3), np.uint8), (2, 6))
 
@@ -124,6 +124,6 @@ def test_drawing_marks_the_corners_on_a_copy():
     assert changed.min() > 20 and (changed < [135, 105]).all()
 
 
-def test_plane_points_run_like_the_corners():
+def test_object_points_are_in_the_order_of_the_corners():
     board = replace(Board(np.zeros((12, 2), np.float32), 4, 3, (10, 10)))
-    assert board.plane_points.tolist()[:5] == [[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0], [0, 1, 0]]
+    assert board.object_points.tolist()[:5] == [[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0], [0, 1, 0]]

@@ -1,0 +1,98 @@
+"""Contact sheet of a calibration: all pictures with their detected corners, and the coverage of the picture."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from lanes.camera.calibration.boards import BoardDetections
+from lanes.camera.calibration.corners import draw_board
+from lanes.camera.calibration.coverage import REGION_BORDERS, count_corners, describe_boards, used_boards
+from lanes.camera.camera import Camera
+from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, PANEL_COLOUR, TEXT_COLOUR, WINDOW_COLOUR, Colour
+from lanes.drawing.pictures import to_rgb, write_text
+from lanes.io.frames import PictureError
+from lanes.io.images import read_image
+
+COLUMNS, TILE_PX, LABEL_PX, GAP_PX, TEXT_SIZE_PX = 5, (400, 225), 44, 6, 13
+
+
+def draw_contact_sheet(detections: BoardDetections, camera: Camera) -> np.ndarray:
+    """All pictures of a calibration on one contact sheet.
+
+    Parameters
+    ----------
+    detections : BoardDetections
+    camera : Camera
+        Result of `calibrate_detections`.
+
+    Returns
+    -------
+    ndarray of shape (height, width, 3), uint8
+        RGB. The frame of a tile is green if the complete board was used, yellow if a part of it was used, and red if
+        the picture was not used. The last tile shows the positions of all corners used, and their number by region.
+    """
+    uses, errors = describe_boards(detections, camera), camera.report.board_rms_px
+    tiles = []
+    for name, path in detections.paths.items():
+        label = [name, f"{errors[name]:.2f} px, {uses[name]}"] if name in errors else [name, uses[name]]
+        colour = LEFT_COLOUR if name not in errors else LANE_COLOUR if uses[name].startswith("used") else WINDOW_COLOUR
+        tiles.append(_draw_tile(_draw_corners(detections, name, path), label, colour))
+    tiles.append(_draw_tile(_draw_coverage(detections, camera), ["where corners were seen"], TEXT_COLOUR))
+    columns = min(COLUMNS, len(tiles))
+    blank = np.full_like(tiles[0], PANEL_COLOUR)
+    tiles += [blank] * (-len(tiles) % columns)
+    rows = [np.hstack(tiles[start : start + columns]) for start in range(0, len(tiles), columns)]
+    return np.vstack(rows)
+
+
+def _draw_corners(detections: BoardDetections, name: str, path: Path) -> np.ndarray:
+    """The picture with its corners, both resized to a tile; black if it cannot be read."""
+    try:
+        image = read_image(path)
+    except PictureError:
+        return np.zeros((TILE_PX[1], TILE_PX[0], 3), np.uint8)
+    small = _fit_to_tile(image)
+    if name not in detections.boards:
+        return small
+    board, scale = detections.boards[name], small.shape[1] / image.shape[1]
+    corners = ((board.corners_px + 0.5) * scale - 0.5).astype(np.float32)
+    return draw_board(small, replace(board, corners_px=corners, size=(small.shape[1], small.shape[0])))
+
+
+def _fit_to_tile(image: np.ndarray) -> np.ndarray:
+    scale = min(TILE_PX[0] / image.shape[1], TILE_PX[1] / image.shape[0])
+    size = round(image.shape[1] * scale), round(image.shape[0] * scale)
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+
+
+def _draw_tile(image: np.ndarray, label: list[str], colour: Colour) -> np.ndarray:
+    """The picture below its label, in a frame of that colour."""
+    small = _fit_to_tile(image)
+    tile = np.full((TILE_PX[1] + LABEL_PX, TILE_PX[0], 3), PANEL_COLOUR, np.uint8)
+    left = (TILE_PX[0] - small.shape[1]) // 2
+    tile[LABEL_PX : LABEL_PX + small.shape[0], left : left + small.shape[1]] = small
+    tile[:LABEL_PX] = write_text(tile[:LABEL_PX], label, size_px=TEXT_SIZE_PX, panel_alpha=0)
+    return cv2.copyMakeBorder(tile, *[GAP_PX] * 4, cv2.BORDER_CONSTANT, value=colour)
+
+
+def _draw_coverage(detections: BoardDetections, camera: Camera) -> np.ndarray:
+    """All corners used as dots, the regions of the picture, and the number of corners in each."""
+    width, height = 2 * TILE_PX[0], round(2 * TILE_PX[0] * camera.height / camera.width)
+    boards = used_boards(detections, camera)
+    drawn = to_rgb(np.full((height, width), 30, np.uint8))
+    for board in boards.values():
+        for u, v in (board.corners_px + 0.5) / board.size * (width, height):
+            cv2.circle(drawn, (round(float(u)), round(float(v))), 3, LANE_COLOUR, -1, cv2.LINE_AA)
+    for share in REGION_BORDERS[1:-1]:
+        cv2.line(drawn, (0, round(share * height)), (width, round(share * height)), TEXT_COLOUR, 1)
+        cv2.line(drawn, (round(share * width), 0), (round(share * width), height), TEXT_COLOUR, 1)
+    edges_u, edges_v = (np.multiply(REGION_BORDERS, length).round().astype(int) for length in (width, height))
+    counts = count_corners(boards)
+    for row, column in np.ndindex(counts.shape):
+        region = drawn[edges_v[row] : edges_v[row + 1], edges_u[column] : edges_u[column + 1]]
+        region[:] = write_text(region, str(counts[row, column]), corner="bottom right", size_px=28)
+    return drawn
