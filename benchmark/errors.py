@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmark.estimates import AHEAD_M, DriveEstimates
 from lanes.camera.camera import Camera
-from lanes.tracking.confidence import RIGHT_M
+from lanes.tracking.confidence import CORRECT_WITHIN_M
 
 # The near part of AHEAD_M, where a driver needs the lane most: from the bonnet to a second ahead in town.
 NEAR = AHEAD_M <= 20.0
@@ -141,13 +141,13 @@ class FrameErrors:
 
     @property
     def correct(self) -> np.ndarray:
-        """(N,) bool: a lane exists and is available, and both lines are within RIGHT_M (rms over 5 to 20 m)."""
-        return self.exists & self.available & (self.near_rms_m <= RIGHT_M)
+        """(N,) bool: a lane exists and is available, and both lines are within 0.2 m (rms over 5 to 20 m)."""
+        return self.exists & self.available & (self.near_rms_m <= CORRECT_WITHIN_M)
 
     @property
     def correct_in_picture(self) -> np.ndarray:
         """(N,) bool: as `correct`, compared only where the lines are inside the picture."""
-        return self.exists & self.available & ~(self.in_picture_rms_m > RIGHT_M)
+        return self.exists & self.available & ~(self.in_picture_rms_m > CORRECT_WITHIN_M)
 
     @property
     def confident_and_wrong(self) -> np.ndarray:

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from lanes.io.files import read_text, write_atomically
-from lanes.tracking.confidence import RIGHT_AT_M
+from lanes.tracking.confidence import CORRECT_AT_M
 
 # Distances ahead at which lines are compared with the truth, metres. The confidence is defined at the same distances.
-AHEAD_M = RIGHT_AT_M
+AHEAD_M = CORRECT_AT_M
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,7 +30,7 @@ from benchmark.systems import tracker_estimate
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import load_camera
 from lanes.io.video.reader import inspect_video, read_frames
-from lanes.tracking.confidence import CONFIDENCE, FEATURES, RIGHT_M, lane_features
+from lanes.tracking.confidence import CONFIDENCE, CORRECT_WITHIN_M, FEATURES, lane_features
 from lanes.tracking.detector import find_lane
 from lanes.tracking.tracked_lane import TrackedLane
 from lanes.tracking.tracker import LaneTracker
@@ -145,7 +145,9 @@ def label_lanes(
     tables = []
     for lanes, every in ((tracked, 1), (stills, STILL_EVERY)):
         estimates = DriveEstimates.from_frames([tracker_estimate(lane) for lane in lanes], [0.0] * len(lanes))
-        correct = frame_errors(estimates, truth.select(slice(0, len(lanes) * every, every))).full_rms_m <= RIGHT_M
+        correct = (
+            frame_errors(estimates, truth.select(slice(0, len(lanes) * every, every))).full_rms_m <= CORRECT_WITHIN_M
+        )
         rows = zip(lanes, correct & truth.exists[: len(tracked) : every], strict=True)
         tables.append([[*lane_features(row.lane), label, number] for row, label in rows if row.lane is not None])
     return tables[0], tables[1]

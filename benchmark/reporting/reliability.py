@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmark.errors import FrameErrors
-from lanes.tracking.confidence import RIGHT_M
+from lanes.tracking.confidence import CORRECT_WITHIN_M
 
 # Steps of 0.1; the last one is halved, because most lanes are in it.
 BIN_EDGES = np.array([*np.arange(0, 0.95, 0.1), 0.95, 1.0])
@@ -80,7 +80,7 @@ class AvailableLanes:
         drives = list(drives)
         available = np.concatenate([drive.available for drive in drives])
         exists = np.concatenate([drive.exists for drive in drives])
-        correct = exists & (np.concatenate([drive.full_rms_m for drive in drives]) <= RIGHT_M)
+        correct = exists & (np.concatenate([drive.full_rms_m for drive in drives]) <= CORRECT_WITHIN_M)
         confidence = np.nan_to_num(np.concatenate([drive.confidence for drive in drives]), nan=1.0)
         return cls(confidence[available], correct[available], exists[available], int(exists.sum()))
 

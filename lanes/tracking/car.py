@@ -1,8 +1,8 @@
-"""The car in the Kalman state: four numbers beside the lane's 15, and what is known of cars in general.
+"""The car: its four variables in the Kalman state, general parameters of cars, and the estimated motion.
 
-The four are the curvature of the path that the car steers, its speed, the pitch at rest between bumps, and the yaw of
-the camera with respect to the direction of motion. None of them is measured. They are estimated from the motion of the
-lane; where that does not show them (straight ahead in the lane centre, the speed has no effect) they stay uncertain.
+The variables are the curvature of the steered path, the speed, the pitch at rest between bumps, and the yaw of the
+camera relative to the direction of motion. None of them is measured. They are estimated from the motion of the lane.
+Where they have no effect on it (the speed, straight ahead in the lane centre) they stay uncertain.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class CarParameters:
 
     # Distance of a camera behind the windscreen from the rear axle, metres.
     lever_m: float = 1.6
-    # Tangent speed, 60 to 80 km/h for most cars: rear tyres slip so far outwards that the car points along its path.
+    # Tangent speed, 60 to 80 km/h for most cars: with the slip of the rear tyres the whole car points along its path.
     tangent_mps: float = 20.0
     # Speed where it is not given, and its standard deviation; standard deviation of a given speed (clock, speedometer).
     usual_speed_mps: float = 24.0
@@ -67,5 +67,5 @@ class CarMotion:
 
 
 def lever_m(speed_mps: float) -> float:
-    """Distance behind the camera of the point of the car that moves in the direction in which the car points."""
+    """Distance from the camera back to the point of the car that moves along the car's longitudinal axis."""
     return CAR_PARAMETERS.lever_m * max(0.0, 1 - (speed_mps / CAR_PARAMETERS.tangent_mps) ** 2)

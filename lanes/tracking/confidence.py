@@ -14,7 +14,7 @@ import numpy as np
 from lanes.tracking.lane import Lane
 from lanes.tracking.model import lateral_std_m
 
-RIGHT_M, RIGHT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
+CORRECT_WITHIN_M, CORRECT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
 # Features of a lane:
 # - log std: logarithm of the standard deviation (metres) of the less certain line 30 m ahead; it includes the supports.
 # - odd width: squared deviation from the usual width (metres): a crack or kerb taken for a line is seldom a lane's
@@ -35,9 +35,9 @@ class ConfidenceModel:
     track_weights: tuple[float, ...] = (1.49, -0.78, -6.14, -3.06, 0.15, 1.41, 0.85)
     # Usual width of lanes.
     usual_width_m: float = 3.5
-    # Larger offsets occur in lane changes and tell nothing more.
+    # Larger offsets occur in lane changes and carry no further information.
     max_offset_m: float = 0.8
-    # A longer reach tells little about the lines up to 30 m ahead.
+    # A longer reach carries little information about the lines up to 30 m ahead.
     max_reach_m: float = 40.0
 
 
@@ -46,7 +46,7 @@ CONFIDENCE = ConfidenceModel()
 
 def lane_features(lane: Lane) -> np.ndarray:
     """The features (7,) of a lane, in the order of `FEATURES`."""
-    far_m = RIGHT_AT_M[-1]
+    far_m = CORRECT_AT_M[-1]
     reach = np.minimum(sorted((lane.left.reach_m, lane.right.reach_m)), CONFIDENCE.max_reach_m)
     return np.array(
         [
@@ -54,7 +54,7 @@ def lane_features(lane: Lane) -> np.ndarray:
             np.log(lateral_std_m(lane.covariance, far_m).max()),
             (lane.width_m - CONFIDENCE.usual_width_m) ** 2,
             min(abs(lane.offset_m), CONFIDENCE.max_offset_m),
-            *np.log((reach + RIGHT_AT_M[0]) / far_m),
+            *np.log((reach + CORRECT_AT_M[0]) / far_m),
             abs(lane.curvature_per_m) * far_m,
         ]
     )

@@ -29,7 +29,7 @@ class MarkingProfile:
     yellow : bool
         Its contrast in yellowness is larger than in lightness.
     contrast : float
-        Height over the road beside it, in units of that road's noise.
+        Height over the adjacent road, in units of that road's noise.
     """
 
     width_m: float
@@ -80,7 +80,7 @@ class LaneLine:
         return self.c0_m + x_m * (self.c1 + x_m * (self.c2_per_m / 2 + x_m * self.c3_per_m2 / 6))
 
     def summary(self) -> str:
-        """Lateral position beside the car, and the evidence for it."""
+        """Lateral position at the car, and the evidence for it."""
         beside = f"{abs(self.c0_m):.2f} ± {self.c0_std_m:.2f} m {'left' if self.c0_m > 0 else 'right'}"
         if not self.seen:
             return f"{beside}, inferred from the other line"

@@ -1,4 +1,4 @@
-"""What a frame shows of the two lines of a lane, and the `Lane` that results from model and observations."""
+"""Observations of the two lines of a lane in one frame, and the `Lane` of parameters and observations."""
 
 from __future__ import annotations
 
@@ -31,8 +31,7 @@ from lanes.tracking.model import (
 class LineParameters:
     """Support of lines; tuned on the labelled Udacity stills."""
 
-    # Support is counted up to this distance, over at least this many rows, so that a line with three rows left in the
-    # picture is not taken for a perfect one.
+    # Support is counted up to this distance, over at least this many rows: three rows are no reliable share.
     support_far_m: float = 50.0
     min_rows: int = 30
     # A line is seen if its support is at least this.
@@ -44,7 +43,7 @@ LINES = LineParameters()
 
 @dataclass(frozen=True)
 class LineObservation:
-    """What was seen of a line.
+    """Evidence for one line in a frame.
 
     Attributes
     ----------
@@ -55,7 +54,7 @@ class LineObservation:
     profile : MarkingProfile, optional
         Latest cross-section of the marking.
     rows : int, optional
-        Number of rows of the view in which the line is visible; None if not counted yet.
+        Number of visible rows of the line; None if not counted yet.
     """
 
     support: float = 0.0
@@ -80,7 +79,7 @@ def observe_lines(
     previous: Observations = (LineObservation(), LineObservation()),
     profiles_of: Sequence[int] = (0, 1),
 ) -> Observations:
-    """What a frame shows of the left and the right line of a fitted lane.
+    """Observations of the left and the right line of a fitted lane in one frame.
 
     Parameters
     ----------
@@ -129,7 +128,7 @@ def marked_rows(fit: LaneFit) -> np.ndarray:
 
 
 def visible_rows(fit: LaneFit, view: BirdsEyeView) -> np.ndarray:
-    """(K, 2) number of rows up to `LINES.support_far_m` in which each line is visible, at least `LINES.min_rows`."""
+    """(K, 2) number of visible rows of each line up to `LINES.support_far_m`, at least `LINES.min_rows`."""
     rows = np.flatnonzero(view.x_m < LINES.support_far_m)
     column = (view.y_m[0] - fit.lines_y_m[..., rows]) / view.cell_m
     inside = (column >= 0) & (column <= len(view.y_m) - 1)
@@ -151,7 +150,7 @@ def inner_stripe_shift(profiles: Sequence[MarkingProfile | None]) -> np.ndarray:
 def describe_lane(
     model: np.ndarray, covariance: np.ndarray, observations: Observations, *, score: float, margin: float
 ) -> Lane:
-    """The lane of parameters (15,) and covariance (15, 15), with what was seen of its lines."""
+    """The lane of parameters (15,) and covariance (15, 15), with the observations of its lines."""
     std = np.sqrt(np.diag(covariance))
     left, right = (
         LaneLine(

@@ -23,7 +23,7 @@ class ProfileParameters:
     # Distance between samples, and the largest distance from the line.
     step_m: float = 0.025
     reach_m: float = 0.6
-    # Samples at either end that lie on the road beside the marking.
+    # Samples of the road next to the marking, at either end.
     road_samples: int = 12
     # Rows are taken up to this distance: beyond it the stripes of a double line merge in the picture.
     far_m: float = 22.0

@@ -49,8 +49,8 @@ class MarkingParameters:
     half_weight_strength: float = 6.0
     # Standard deviation of a direction: at this difference a candidate has a quarter of its weight.
     angle_std_rad: float = 0.1
-    # Columns that a stripe moves sideways from row to row at which the standard deviation of its direction is doubled;
-    # at twice as many columns the direction carries almost no information.
+    # Lateral movement of a stripe from row to row, in columns, that doubles the standard deviation of its direction.
+    # At twice as many columns the direction carries almost no information.
     blind_columns: float = 8.0
     # Standard deviation of a candidate's lateral position: worn paint nearby, one pixel far away.
     position_std_m: float = 0.04
@@ -202,7 +202,7 @@ def _padded_channels(view_image: np.ndarray, pad: int, unit: int) -> np.ndarray:
     """(2, rows, columns + 2 pad) lightness and yellowness, in a type that holds sums over `unit` cells.
 
     Filters use sums instead of means, scaled to a common unit: the integers are exact, and int16 is twice as fast as
-    float32. Where cells are so small that the sums do not fit, numpy's next larger type is used.
+    float32. If the sums do not fit because the cells are small, numpy's next larger type is used.
     """
     padded = cv2.copyMakeBorder(view_image, 0, 0, pad, pad, cv2.BORDER_REPLICATE)
     channels = np.empty((2, *padded.shape[:2]), np.min_scalar_type(-2 * 255 * unit))

@@ -176,7 +176,7 @@ def lateral_std_m(covariance: np.ndarray, x_m: float | np.ndarray) -> np.ndarray
 
 
 def line_coefficients(lane: np.ndarray, side: float) -> tuple[float, float, float, float]:
-    """(c0, c1, c2, c3) of y = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6: the Taylor series of the line beside the car.
+    """(c0, c1, c2, c3) of y = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6: the Taylor series of the line at the car.
 
     A line that turns back before it would pass the car is taken to pass it at an angle of sine `MAX_SINE`.
     """

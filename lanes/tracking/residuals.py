@@ -1,7 +1,7 @@
 """Residuals: distances of the stripes from the lines of a lane, with their derivatives by the lane's parameters.
 
-The distance of a point from the arc at right angles needs no function y(x), so that a hairpin that folds back is no
-special case:
+The distance of a point from the arc, at right angles, needs no function y(x). Hairpins that fold back need no special
+case:
 
     a (1 - k a / 2) = y cos h - x sin h - k (x^2 + y^2) / 2        for heading h and curvature k,
 
@@ -37,8 +37,8 @@ from lanes.tracking.model import (
     never_zero,
 )
 
-# Distances of the table in which rays are intersected with the road, farthest first; the error is below a millimetre
-# of height.
+# Distances of the lookup table for intersections of rays with the road, farthest first; the error is below a
+# millimetre of height.
 ROAD_M = np.geomspace(350.0, 2.0, 160)
 # Lower bound for how fast a ray approaches the road, relative to a flat road: rays that graze a crest.
 MIN_RELATIVE_FALL = 0.2
@@ -99,8 +99,8 @@ def flatten(x_m, y_m, angle, ground: Ground, height_m: float) -> tuple[np.ndarra
 def arc_coordinates(x, y, heading, curvature) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Points (..., N) relative to arcs (...): (a, turn, 1 - k a, ahead, aside).
 
-    `a` is the distance to the left of the arc, at right angles; `turn` the angle by which the arc has turned there;
-    `ahead` and `aside` are the point's coordinates along and left of the initial direction of the arc.
+    `a` is the distance to the left of the arc, at right angles, and `turn` the direction of the arc there minus its
+    initial direction. `ahead` and `aside` are the point's coordinates along and left of the initial direction.
     """
     heading, curvature = np.asarray(heading)[..., None], np.asarray(curvature)[..., None]
     sin, cos = np.sin(heading), np.cos(heading)

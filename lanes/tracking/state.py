@@ -6,8 +6,9 @@ distance d along its own arc, the lane moves in the car's frame by
     centre + (heading - camera yaw - lever path) d + (curvature - path) d^2 / 2,   heading + (curvature - path) d,
     curvature + rate d.
 
-The lever is the distance of the camera from the rear axle. Only that axle moves in the direction in which the car
-points; what lies ahead of it also swings to the inside of the bend. Tyre slip compensates for this with growing speed.
+The lever is the distance of the camera from the rear axle. Only the rear axle moves in the direction of the car's
+longitudinal axis; points ahead of it also swing to the inside of the bend. Tyre slip compensates for this with growing
+speed.
 
 References: R. E. Kalman, "A new approach to linear filtering and prediction problems", 1960. The measurement update is
 in `lanes.tracking.update`.

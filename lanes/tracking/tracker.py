@@ -133,7 +133,16 @@ class LaneTracker:
         view = self.view if search else self._narrowest_view()
         evidence = extract_evidence(image, view)
         if self._track is not None:
-            track = update_track(self._track, evidence, view, elapsed_s=elapsed_s, **self._schedule())
+            track = update_track(
+                self._track,
+                evidence,
+                view,
+                elapsed_s=elapsed_s,
+                speed_mps=self.speed_mps,
+                margin=self._margin,
+                outwards=self._outwards_is_due(),
+                profiles_of=self._profiles_due(),
+            )
             self._follow(track, elapsed_s)
         if search:
             found = search_lane(evidence, self.view)
@@ -150,17 +159,14 @@ class LaneTracker:
         wide_enough = (view for view in self._views if reach_m < view.half_width_m - TRACKER.view_margin_m)
         return next(wide_enough, self._views[-1])
 
-    def _schedule(self) -> dict:
-        """Options of `update_track` in this frame: what is not done in every frame, speed and margin."""
-        outwards = self._since_search % max(round(TRACKER.outwards_period_s * self.fps), 1) == 0
+    def _outwards_is_due(self) -> bool:
+        """Whether the lane may be fitted outwards in this frame on a smooth road, too."""
+        return self._since_search % max(round(TRACKER.outwards_period_s * self.fps), 1) == 0
+
+    def _profiles_due(self) -> tuple[int, ...]:
+        """Lines whose profile is measured in this frame: left (0), right (1) or none."""
         phase = self._since_search % TRACKER.profile_period
-        profiles_of = (0,) if phase == 0 else (1,) if phase == TRACKER.profile_period // 2 else ()
-        return {
-            "speed_mps": self.speed_mps,
-            "margin": self._margin,
-            "outwards": outwards,
-            "profiles_of": profiles_of,
-        }
+        return (0,) if phase == 0 else (1,) if phase == TRACKER.profile_period // 2 else ()
 
     def _follow(self, track: Track, elapsed_s: float) -> None:
         """Take the updated track, coast on it if the lane is not seen, or give it up."""

@@ -1,7 +1,7 @@
 """Measurement update of the extended Kalman filter, with the stripes of one frame.
 
-Each stripe measures its distance from the nearest predicted line. Gating excludes stripes with a large innovation; the
-others are weighted as in the fit of a single picture, with the prediction as prior, and weighted again by their
+Each stripe measures its distance from the nearest predicted line. Gating excludes stripes with a large innovation. The
+others are weighted as in the fit of a single picture, with the prediction as prior. They are weighted again by their
 distance from the updated lane.
 """
 

@@ -56,8 +56,8 @@ class VotingParameters:
     # Hypotheses whose lines are paired, and lanes that are returned.
     paired: int = 300
     lanes: int = 5
-    # Two lanes are duplicates, which one fit would make the same, if centre and width differ by less than this, and
-    # curvature by less than this share of it plus this value.
+    # Two lanes are duplicates, because they lead to the same fit, if centre and width differ by less than this. Their
+    # curvatures must also differ by less than this share of them plus this value.
     duplicate_m: float = 0.35
     duplicate_curvature_share: float = 0.3
     duplicate_curvature_per_m: float = 0.002
@@ -168,7 +168,7 @@ def best_pairs(votes: np.ndarray, rows: int, *, most: int = VOTING.lanes) -> np.
     -------
     ndarray of shape (K, 15), K <= `most`
         Lanes as in `lanes.tracking.model`, best first, without duplicates. The score of a lane is the sum of the square
-        roots of its lines' shares of votes, so that two fair lines beat one good line beside nothing.
+        roots of its lines' shares of votes, so that two fair lines beat one good line alone.
     """
     hypothesis, support = hypotheses(), _line_support(votes, rows)
     middle = bin_centres_m()
