@@ -49,6 +49,7 @@ def _slopes_of_knots() -> np.ndarray:
 
 
 _TO_SLOPES = _slopes_of_knots()
+_VERTICAL_BREAKS_M = np.array([*VERTICAL_KNOTS_M, STRAIGHT_FROM_M])
 
 
 def height_and_grade(x_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -57,7 +58,7 @@ def height_and_grade(x_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     They are the two integrals of a piecewise linear curvature.
     """
     x = np.asarray(x_m, float)[..., None]
-    beyond = np.maximum(x - [*VERTICAL_KNOTS_M, STRAIGHT_FROM_M], 0)
+    beyond = np.maximum(x - _VERTICAL_BREAKS_M, 0)
     square = beyond * beyond
     heights = np.concatenate([x * x / 2, square * beyond / 6], axis=-1) @ _TO_SLOPES
     return heights, np.concatenate([x, square / 2], axis=-1) @ _TO_SLOPES
@@ -171,8 +172,17 @@ def lateral_std_m(covariance: np.ndarray, x_m: float | np.ndarray) -> np.ndarray
 
     `covariance` (15, 15) is that of a nearly straight lane.
     """
-    gradients = np.array([lateral_gradient(x_m, side) for side in SIDES])
+    gradients = _lateral_gradients(x_m) if isinstance(x_m, float) else _both_gradients(x_m)
     return np.sqrt(((gradients @ covariance) * gradients).sum(axis=-1))
+
+
+def _both_gradients(x_m: float | np.ndarray) -> np.ndarray:
+    """(2, ..., 15) `lateral_gradient` of the left and the right line."""
+    return np.array([lateral_gradient(x_m, side) for side in SIDES])
+
+
+# Cached, because every frame asks for the same few distances.
+_lateral_gradients = lru_cache(maxsize=16)(_both_gradients)
 
 
 def line_coefficients(lane: np.ndarray, side: float) -> tuple[float, float, float, float]:

@@ -44,6 +44,7 @@ ROAD_M = np.geomspace(350.0, 2.0, 160)
 MIN_RELATIVE_FALL = 0.2
 # Lower bound for (1 - k a)^2: near the centre of the arc a point has no side.
 MIN_SQUARED_SCALE = 1e-2
+_INVERSE_ROAD_M = 1 / ROAD_M
 _ROAD_HEIGHTS = height_and_grade(ROAD_M)[0]
 
 
@@ -74,13 +75,13 @@ def intersect_ground(x_m: np.ndarray, lanes: np.ndarray, height_m: float) -> Gro
     nearly so; it is interpolated in a table.
     """
     lanes = np.asarray(lanes)
-    ray_fall, inverse = height_m / x_m + lanes[..., PITCH, None], 1 / ROAD_M
+    ray_fall = height_m / x_m + lanes[..., PITCH, None]
     # road that is lower in the picture than nearer road is hidden behind it
-    falls = inverse * (height_m - lanes[..., VERTICAL_CURVATURE] @ _ROAD_HEIGHTS.T)
+    falls = _INVERSE_ROAD_M * (height_m - lanes[..., VERTICAL_CURVATURE] @ _ROAD_HEIGHTS.T)
     falls = np.minimum.accumulate(falls[..., ::-1], axis=-1)[..., ::-1]
     inverse_x = np.empty(ray_fall.shape)
     for index in np.ndindex(ray_fall.shape[:-1]):
-        inverse_x[index] = np.interp(ray_fall[index], falls[index], inverse)
+        inverse_x[index] = np.interp(ray_fall[index], falls[index], _INVERSE_ROAD_M)
     x = 1 / inverse_x
     heights, grades = height_and_grade(x)
     fall = ray_fall + (grades @ lanes[..., VERTICAL_CURVATURE, None])[..., 0]
