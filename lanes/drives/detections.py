@@ -160,8 +160,8 @@ class LaneDetector:
             "run_time": round(run_time_ms, 2),
             "state": found.state,
             "confidence": round(found.confidence, 4),
-            "offset_m": _rounded(found.offset_m, 4),
-            "curvature_per_m": _rounded(found.curvature_per_m, 7),
+            "offset_m": _rounded(found.lane and found.lane.offset_m, 4),
+            "curvature_per_m": _rounded(found.lane and found.lane.curvature_per_m, 7),
         }
 
     def _find(self, image: np.ndarray, size: tuple[int, int]) -> TrackedLane:

@@ -138,7 +138,7 @@ def line(text: str) -> Spoil:
     return spoil
 
 
-THIRD = "line 3 is no label"
+THIRD = "line 3 is not a label"
 LABELS = {
     "nonsense in line 3": (line("nonsense"), THIRD),
     "a number in line 3": (line("7"), THIRD),
@@ -155,7 +155,7 @@ OUTSIDE = {
 }
 TRUTH = {
     "no columns": (holds("frame\n0\n1\n2\n"), "lacks the column"),
-    "words for numbers": (lambda path, data: path.write_bytes(data.replace(b"0.", b"x.")), "is no truth"),
+    "words for numbers": (lambda path, data: path.write_bytes(data.replace(b"0.", b"x.")), "is not a truth file"),
     "rows of other lengths": (holds("frame,offset_m\n0,1\n1\n"), "is not a telemetry table"),
     "a field of 1 MB": (holds("frame,offset_m\n0," + "9" * 1_000_000), "is not a telemetry table"),
 }
