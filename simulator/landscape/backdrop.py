@@ -16,7 +16,7 @@ import numpy as np
 from lanes.io.disk_cache import cached_array, short_hash
 from lanes.io.threads import all_threads
 from simulator.landscape import foliage, sky
-from simulator.landscape.foliage import SUN_IN_SPRITE, plant_sprites
+from simulator.landscape.foliage import SUN_IN_SPRITE, plant_sprites, sprite_level
 from simulator.landscape.sky import (
     HORIZON_ROW,
     PANORAMA_COLUMNS,
@@ -275,7 +275,7 @@ def _paint_trees(
 @lru_cache(maxsize=512)
 def _sized_sprite(kind: str, seed: int, rows: int) -> np.ndarray:
     sprites = plant_sprites(kind, seed)
-    level = next((s for s in reversed(sprites) if s.shape[0] >= rows), sprites[0])
+    level = sprite_level(sprites, rows)
     columns = max(1, round(level.shape[1] * rows / level.shape[0]))
     return cv2.resize(level, (columns, rows), interpolation=cv2.INTER_AREA)
 

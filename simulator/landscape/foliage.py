@@ -111,7 +111,7 @@ def plant_sprites(species: str, seed: int) -> tuple[np.ndarray, ...]:
         If there is no such species.
     """
     if species not in SPECIES:
-        raise ValueError(f"there is no plant called {species!r}; the species are {', '.join(sorted(SPECIES))}.")
+        raise ValueError(f"unknown plant species {species!r}; choose one of {', '.join(sorted(SPECIES))}.")
     sprites = [plant_picture(species, seed)]
     while sprites[-1].shape[0] > 10:
         size = (max(1, sprites[-1].shape[1] // 2), sprites[-1].shape[0] // 2)
@@ -119,6 +119,11 @@ def plant_sprites(species: str, seed: int) -> tuple[np.ndarray, ...]:
     for sprite in sprites:
         sprite.setflags(write=False)
     return tuple(sprites)
+
+
+def sprite_level(sprites: tuple[np.ndarray, ...], rows: float) -> np.ndarray:
+    """Smallest level of an image pyramid with at least `rows` rows; the largest one if there is none."""
+    return next((sprite for sprite in reversed(sprites) if sprite.shape[0] >= rows), sprites[0])
 
 
 def plant_picture(species: str, seed: int) -> np.ndarray:

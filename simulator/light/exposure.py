@@ -13,7 +13,8 @@ import numpy as np
 
 from simulator.light.lens import LUMINANCE, REFERENCE_LUMINANCE, Lens
 from simulator.light.sunlight import Shade, light_along
-from simulator.road.surface import MATERIALS, Surface
+from simulator.road.materials import MATERIALS
+from simulator.road.surface import Surface
 
 # Metering area on the road: metres ahead, lateral positions, and sampling step along the road.
 METERED_M = (5.0, 25.0)

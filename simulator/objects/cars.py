@@ -80,7 +80,7 @@ class Shell:
 
     def __init__(self, body: str):
         if body not in BODIES:
-            raise ValueError(f"there is no car body {body!r}; there are {', '.join(sorted(BODIES))}.")
+            raise ValueError(f"unknown car body {body!r}; choose one of {', '.join(sorted(BODIES))}.")
         self.rings = BODIES[body]
 
     def ring(self, z: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -180,7 +180,7 @@ def car_faces(body: str, paint: str, *, detail: int = 2) -> Faces:
         If there is no such body or paint.
     """
     if paint not in PAINTS:
-        raise ValueError(f"there is no car paint {paint!r}; there are {', '.join(sorted(PAINTS))}.")
+        raise ValueError(f"unknown car paint {paint!r}; choose one of {', '.join(sorted(PAINTS))}.")
     faces = _unpainted_faces(body, detail)
     return replace(faces, albedo=np.where(np.isnan(faces.albedo), PAINTS[paint], faces.albedo))
 

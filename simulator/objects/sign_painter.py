@@ -26,7 +26,7 @@ def paint_sign(picture: np.ndarray, camera: Camera, sign: Sign, sun: np.ndarray,
         If there is no such kind of sign.
     """
     if sign.kind not in SIGN_COLOURS:
-        raise ValueError(f"there is no sign {sign.kind!r}; there are {', '.join(sorted(SIGN_COLOURS))}.")
+        raise ValueError(f"unknown sign {sign.kind!r}; choose one of {', '.join(sorted(SIGN_COLOURS))}.")
     field, ink = (np.array(c) for c in SIGN_COLOURS[sign.kind])
     light = irradiance(np.array([[-1.0, 0, 0]]), sun)[0] / 0.8
     half, low, tall = sign.width_m / 2, sign.bottom_m, sign.height_m

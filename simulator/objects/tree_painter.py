@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from lanes.camera.camera import Camera
-from simulator.landscape.foliage import plant_sprites
+from simulator.landscape.foliage import plant_sprites, sprite_level
 from simulator.objects.scene_objects import SceneObject, Tree
 from simulator.painting.brush import (
     Atmosphere,
@@ -56,7 +56,7 @@ def paint_tree(picture: np.ndarray, camera: Camera, tree: ProjectedTree, sun: np
     pixels = tree.ends_px
     rows = float(np.linalg.norm(pixels[1] - pixels[0]))
     sprites = _narrow_sprites(tree.species, tree.seed)
-    sprite = next((s for s in reversed(sprites) if s.shape[0] >= rows), sprites[0])
+    sprite = sprite_level(sprites, rows)
     # The sprite is lit from its left. The sun's side of the road decides on mirroring, not its side of the line of
     # sight, so that no tree flips while the car passes.
     _warp_sprite(picture, sprite, pixels, mirrored=sun[1] < 0, air=air)

@@ -50,9 +50,9 @@ def vehicle_faces(body: str, paint: str, *, detail: int = 2) -> Faces:
     if body in BODIES:
         return car_faces(body, paint, detail=detail)
     if body not in FOOTPRINTS:
-        raise ValueError(f"there is no vehicle {body!r}; there are {', '.join(sorted([*BODIES, *FOOTPRINTS]))}.")
+        raise ValueError(f"unknown vehicle {body!r}; choose one of {', '.join(sorted([*BODIES, *FOOTPRINTS]))}.")
     if paint not in PAINTS:
-        raise ValueError(f"there is no car paint {paint!r}; there are {', '.join(sorted(PAINTS))}.")
+        raise ValueError(f"unknown car paint {paint!r}; choose one of {', '.join(sorted(PAINTS))}.")
     return _truck(paint) if body == "truck" else _motorcycle(paint)
 
 

@@ -74,12 +74,13 @@ class _ProjectedLine:
     along: np.ndarray
     light: np.ndarray
 
-    def part(self, order: slice) -> _ProjectedLine:
+    def part(self, order: slice | np.ndarray) -> _ProjectedLine:
+        """Points selected by a slice or a mask."""
         return _ProjectedLine(self.pixels[order], self.along[order], self.light[order])
 
     def seen(self) -> _ProjectedLine:
-        which = np.isfinite(self.pixels[:, 0])
-        return _ProjectedLine(self.pixels[which], self.along[which], self.light[which])
+        """Points in the view of the lens."""
+        return self.part(np.isfinite(self.pixels[:, 0]))
 
     def turns(self) -> np.ndarray:
         """Indices at which the columns change between increasing and decreasing."""
@@ -104,7 +105,7 @@ def _paint_strip(
     both = np.isfinite(low.pixels[:, 0]) & np.isfinite(high.pixels[:, 0])
     if both.sum() < 2:
         return
-    low, high = (_ProjectedLine(x.pixels[both], x.along[both], x.light[both]) for x in (low, high))
+    low, high = low.part(both), high.part(both)
     bounds = [0, *low.turns(), len(low.along) - 1]
     for a, b in zip(bounds[:-1], bounds[1:], strict=True):
         run = slice(a, b + 1)

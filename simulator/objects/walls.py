@@ -72,7 +72,7 @@ class Wall:
 
     def __post_init__(self) -> None:
         if self.kind not in WALLS:
-            raise ValueError(f"there is no wall {self.kind!r}; there are {', '.join(sorted(WALLS))}.")
+            raise ValueError(f"unknown wall {self.kind!r}; choose one of {', '.join(sorted(WALLS))}.")
         if self.side not in (-1, 1):
             raise ValueError(f"side is +1 (left) or -1 (right), not {self.side}.")
         path = np.asarray(self.path_m, float)

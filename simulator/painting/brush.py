@@ -173,25 +173,30 @@ def paint_polygons(
         return
     if not uncovered_window(picture[3, low[1] : high[1], low[0] : high[0]]):
         return
-    size = high - low
-    # Supersampling by 4 in each direction; 2 is enough for a large object.
-    fine = 4 if size[0] * size[1] < 60_000 else 2
-    layer = np.zeros((size[1] * fine, size[0] * fine, 4), np.float32)
     opacity = np.ones(len(polygons_px)) if opacity is None else opacity
     paint = np.column_stack([np.asarray(colours) * opacity[:, None], opacity])[seen].tolist()
-    corners = np.rint(((points - low + 0.5) * fine - 0.5) * (1 << _SHIFT)).astype(np.int32)
-    for first, last, rgba in zip(bounds[:-1], bounds[1:], paint, strict=True):
-        cv2.fillConvexPoly(layer, corners[first:last], rgba, cv2.LINE_8, _SHIFT)
-    # Halve once or twice, because OpenCV is faster at halving than at quartering.
-    while fine > 1:
-        fine //= 2
-        layer = cv2.resize(layer, (size * fine).tolist(), interpolation=cv2.INTER_AREA)
+    layer = _fill_polygons(points - low, bounds, paint, high - low)
     if blend_px > 0.3:
         spread = cv2.GaussianBlur(layer, (0, 0), blend_px)
         layer[..., :3] = spread[..., :3] * (layer[..., 3:] / np.maximum(spread[..., 3:], 1e-3))
     if softness_px > 0:
         layer = cv2.GaussianBlur(layer, (0, 0), softness_px)
     composite_behind(picture, split_channels(layer), int(low[0]), int(low[1]), atmosphere=atmosphere)
+
+
+def _fill_polygons(points: np.ndarray, bounds: Sequence[int], paint: list[list[float]], size: np.ndarray) -> np.ndarray:
+    """Anti-aliased RGBA layer (height, width, 4) of polygons, each filled with its entry of `paint`."""
+    # Supersampling by 4 in each direction; 2 is enough for a large object.
+    fine = 4 if size[0] * size[1] < 60_000 else 2
+    layer = np.zeros((size[1] * fine, size[0] * fine, 4), np.float32)
+    corners = np.rint(((points + 0.5) * fine - 0.5) * (1 << _SHIFT)).astype(np.int32)
+    for first, last, rgba in zip(bounds[:-1], bounds[1:], paint, strict=True):
+        cv2.fillConvexPoly(layer, corners[first:last], rgba, cv2.LINE_8, _SHIFT)
+    # Halve once or twice, because OpenCV is faster at halving than at quartering.
+    while fine > 1:
+        fine //= 2
+        layer = cv2.resize(layer, (size * fine).tolist(), interpolation=cv2.INTER_AREA)
+    return layer
 
 
 def _concatenated(

@@ -10,15 +10,14 @@ import numpy as np
 
 from lanes.camera.camera import Camera
 from simulator.landscape.backdrop import paint_backdrop
+from simulator.light.cast_shadows import MAX_SHADOW_M, cast_shadows
 from simulator.light.exposure import RoadLight
 from simulator.light.glare import add_glare, add_sheen
 from simulator.light.lens import LUMINANCE, develop
 from simulator.light.sunlight import (
-    MAX_SHADOW_M,
     OVERCAST_LIGHT,
     SKY_SHARE,
     TreeShade,
-    cast_shadows,
     light_along,
     light_on_ground,
     sky_on_ground,

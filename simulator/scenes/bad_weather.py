@@ -19,6 +19,7 @@ from simulator.road.painted_lines import WHITE, YELLOW, Marking
 from simulator.road.surface import Seam, Surface, Zone
 from simulator.scenes.dashcam import DASHCAM
 from simulator.scenes.freeway import (
+    EGO_LINES_M,
     LANE_WIDTH_M,
     car,
     daylight,
@@ -28,7 +29,6 @@ from simulator.scenes.freeway import (
     plant_trees,
 )
 from simulator.scenes.scene import SuiteScene
-from simulator.scenes.stills import EGO_LINES_M
 from simulator.weather.fog import Fog
 from simulator.weather.night import Night
 from simulator.weather.rain import Rain

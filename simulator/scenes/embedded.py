@@ -11,7 +11,8 @@ from simulator.rendering.render import render_frame
 from simulator.rendering.video import VIDEO_SECONDS, Progress, write_video
 from simulator.road.truth import truth_entry, write_truth_json
 from simulator.scenes.challenge import CHALLENGE_CRF, HARDER_CRF, challenge_video, harder_challenge_video
-from simulator.scenes.stills import project_video, still_scenes
+from simulator.scenes.project_video import project_video
+from simulator.scenes.stills import still_scenes
 
 
 def write_stills(folder: str | Path, *, progress: Progress | None = None, workers: int | None = None) -> list[Path]:

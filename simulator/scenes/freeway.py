@@ -15,6 +15,8 @@ from simulator.road.surface import Patch, Seam, Surface, Zone
 
 # Twelve feet, the lane of a US freeway.
 LANE_WIDTH_M = 3.66
+# Lateral positions of the lines of the ego lane, whose centre is the reference line.
+EGO_LINES_M = (LANE_WIDTH_M / 2, -LANE_WIDTH_M / 2)
 # Opposite carriageway: a narrow shoulder, three lanes and a wide shoulder.
 OPPOSITE_SHOULDER_M = 1.6
 OPPOSITE_WIDTH_M = OPPOSITE_SHOULDER_M + 3 * LANE_WIDTH_M + 2.8

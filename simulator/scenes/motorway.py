@@ -16,6 +16,7 @@ from simulator.road.surface import Patch, Seam, Zone
 from simulator.road.symbols import Symbol
 from simulator.scenes.dashcam import DASHCAM
 from simulator.scenes.freeway import (
+    EGO_LINES_M,
     LANE_WIDTH_M,
     car,
     daylight,
@@ -24,8 +25,8 @@ from simulator.scenes.freeway import (
     oncoming_cars,
     plant_trees,
 )
+from simulator.scenes.project_video import project_video
 from simulator.scenes.scene import SuiteScene
-from simulator.scenes.stills import EGO_LINES_M, project_video
 
 # Removed markings: ground-off lines are rough and pale, painted-over lines are black and smooth.
 GROUND_OFF, BLACKENED = (0.30, 0.285, 0.27), (0.020, 0.020, 0.022)
@@ -41,8 +42,8 @@ WORKS_YELLOW = (1.0, 0.45, 0.03)
 def motorway_drive(**changes) -> Drive:
     """Motorway that bends left (R 560 m) and right (R 480 m); `changes` are fields of Drive.
 
-    The car is in the leftmost of four lanes, between solid yellow and broken white. There are a barrier and the opposite
-    carriageway to the left, some traffic, and a grassy bank.
+    The car is in the leftmost of four lanes, between solid yellow and broken white. A barrier and the
+    opposite carriageway are to the left; there are some traffic and a grassy bank.
     """
     bank = PlacedWall(-18.0, "bank", seed=26)
     drive = Drive(
@@ -93,12 +94,18 @@ def joint_fields(*seams: Seam, patches: tuple[Patch, ...] = ()) -> dict:
     }
 
 
+def _without_barrier() -> tuple[PlacedObject | PlacedWall, ...]:
+    """Objects of `motorway_drive` except its barrier."""
+    return tuple(
+        item for item in motorway_drive().objects if not (isinstance(item, PlacedWall) and item.kind == "jersey")
+    )
+
+
 def _joint_and_seam() -> Drive:
     """Bend to the right (R 620 m) with a joint in the lane, later with a tar seam next to it."""
-    objects = tuple(t for t in motorway_drive().objects if not (isinstance(t, PlacedWall) and t.kind == "jersey"))
     return motorway_drive(
         road=RoadGeometry([0.0, 30.0, 160.0, 300.0], [-1 / 700, -1 / 620, -1 / 620, 0.0]),
-        objects=(PlacedWall(JOINT_BARRIER_M, "jersey", height_scale=1.25, seed=25), *objects),
+        objects=(PlacedWall(JOINT_BARRIER_M, "jersey", height_scale=1.25, seed=25), *_without_barrier()),
         seed=132,
         **joint_fields(Seam(-0.95, 0.03, 0.03, 40.0, 600.0, 0.7)),
         **daylight(78, 58, cloud_cover=0.6, tree_density=0.7),
@@ -107,9 +114,8 @@ def _joint_and_seam() -> Drive:
 
 def _barrier() -> Drive:
     """Barrier 0.6 m from the yellow line; its shadow ends at the paint."""
-    objects = tuple(t for t in motorway_drive().objects if not (isinstance(t, PlacedWall) and t.kind == "jersey"))
     return motorway_drive(
-        objects=(PlacedWall(LANE_WIDTH_M / 2 + 0.6, "jersey", height_scale=1.1, seed=27), *objects),
+        objects=(PlacedWall(LANE_WIDTH_M / 2 + 0.6, "jersey", height_scale=1.1, seed=27), *_without_barrier()),
         surface=freeway_surface(Zone(-100.0, "old asphalt"), opposite_m=17.0, left_shoulder_m=0.65),
         markings=freeway_markings(phase_m=4.0, wear=0.45, opposite_m=17.0),
         motion=replace(motorway_drive().motion, offset_m=-0.2),
@@ -146,11 +152,10 @@ def _dashes_only() -> Drive:
     """Middle lane between broken white lines; the car is left of the centre."""
     side = {"lanes_left": 1, "lanes_right": 2}
     markings = freeway_markings(**side, phase_m=2.0, wear=0.4, opposite_m=17.0)
-    objects = tuple(t for t in motorway_drive().objects if not (isinstance(t, PlacedWall) and t.kind == "jersey"))
     return motorway_drive(
         markings=tuple(replace(m, width_m=0.10) if m.dashed else m for m in markings),
         surface=freeway_surface(Zone(-100.0, "old concrete"), **side, opposite_m=17.0),
-        objects=(PlacedWall(8.1, "jersey", seed=25), car(30.0, 1, "grey", speed_mps=24.0), *objects),
+        objects=(PlacedWall(8.1, "jersey", seed=25), car(30.0, 1, "grey", speed_mps=24.0), *_without_barrier()),
         motion=replace(motorway_drive().motion, offset_m=0.35),
         seed=136,
     )
@@ -160,11 +165,10 @@ def _botts_dots() -> Drive:
     """Botts' dots instead of paint on both sides: four round dots and a reflector every 12 m."""
     side = {"lanes_left": 1, "lanes_right": 2}
     markings = freeway_markings(**side, phase_m=2.0, wear=0.3, opposite_m=17.0)
-    objects = tuple(t for t in motorway_drive().objects if not (isinstance(t, PlacedWall) and t.kind == "jersey"))
     return motorway_drive(
         markings=tuple(replace(m, botts=True, width_m=0.10, wear=0.1) if m.dashed else m for m in markings),
         surface=freeway_surface(Zone(-100.0, "asphalt"), **side, opposite_m=17.0),
-        objects=(PlacedWall(8.1, "jersey", seed=25), *objects),
+        objects=(PlacedWall(8.1, "jersey", seed=25), *_without_barrier()),
         motion=replace(motorway_drive().motion, offset_m=-0.25),
         seed=137,
     )
@@ -210,7 +214,6 @@ def _construction() -> Drive:
         Marking(-LANE_WIDTH_M / 2, 0.12, WHITE, wear=0.15),
         Marking(-LANE_WIDTH_M * 1.5, 0.12, WHITE, wear=0.3),
     )
-    objects = tuple(t for t in motorway_drive().objects if not (isinstance(t, PlacedWall) and t.kind == "jersey"))
     warning = (PlacedObject(60.0, -7.6, Sign(0, 0, "warning", 1.2, 1.2, 1.5)),)
     return motorway_drive(
         markings=(*old, *new),
@@ -224,7 +227,7 @@ def _construction() -> Drive:
             PlacedWall(LANE_WIDTH_M / 2 + 1.0, "jersey", seed=28),
             PlacedWall(-7.4, "jersey", seed=29),
             *warning,
-            *objects,
+            *_without_barrier(),
         ),
         motion=replace(motorway_drive().motion, speed_mps=20.0),
         seed=140,

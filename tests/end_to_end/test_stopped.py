@@ -22,7 +22,7 @@ from lanes.io.telemetry import read_telemetry, write_telemetry
 from lanes.io.video.reader import inspect_video
 from lanes.io.video.writer import VideoWriter
 from simulator.rendering import video
-from simulator.scenes.stills import project_video
+from simulator.scenes.project_video import project_video
 from tests.support.clips import write_drive
 from tests.support.painted_drive import BENDS
 

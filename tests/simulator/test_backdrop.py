@@ -1,4 +1,4 @@
-"""The backdrop: same seed same country, hills that stay where they are, a sky that pales towards the horizon."""
+"""Backdrop: determinism, rotation with the car, seam of the panorama, sky gradient, clouds and haze."""
 
 import time
 
@@ -12,7 +12,7 @@ STYLE = BackdropStyle(tree_density=0.15)
 
 
 def look(azimuth_rad: float, *, rows: int = 90, columns: int = 160, half_rad: float = 0.5) -> np.ndarray:
-    """Directions of a picture without lens whose middle column looks along `azimuth_rad`, from -3 to +22 degrees up."""
+    """Directions of a picture without distortion, centred at `azimuth_rad`, at elevations from -3 to +22 degrees."""
     across = azimuth_rad + np.linspace(half_rad, -half_rad, columns)[None, :]
     up = np.radians(np.linspace(22, -3, rows))[:, None]
     return np.stack([np.cos(up) * np.cos(across), np.cos(up) * np.sin(across), np.sin(up) + 0 * across]).astype(
@@ -20,15 +20,15 @@ def look(azimuth_rad: float, *, rows: int = 90, columns: int = 160, half_rad: fl
     )
 
 
-def test_same_seed_same_country_other_seed_another():
+def test_landscape_depends_on_the_seed():
     first, again, other = (paint_backdrop(look(0.3), STYLE, seed=s) for s in (1, 1, 2))
     np.testing.assert_array_equal(first, again)
     assert first.dtype == np.float32 and first.shape == (90, 160, 3) and np.isfinite(first).all() and first.min() >= 0
     assert np.abs(first - other).mean() > 0.003
 
 
-def test_hills_stay_put_when_the_car_turns():
-    """A turn by 40 columns shows the same country 40 columns to the side."""
+def test_landscape_shifts_when_the_car_turns():
+    """A turn by 40 columns shifts the landscape by 40 columns."""
     per_column = 1.0 / 159
     ahead = paint_backdrop(look(0.2), STYLE, seed=1)
     turned = paint_backdrop(look(0.2 - 40 * per_column), STYLE, seed=1)
@@ -37,7 +37,7 @@ def test_hills_stay_put_when_the_car_turns():
 
 
 def test_no_seam_where_the_panorama_closes():
-    """Across azimuth 0, where its last column meets its first one, sky and hills go on."""
+    """Sky and hills are continuous across azimuth 0, where the panorama wraps."""
     picture = paint_backdrop(look(0.0, half_rad=0.02, columns=401), STYLE, seed=1)
     steps = np.abs(np.diff(picture, axis=1)).mean(axis=(0, 2))
     assert steps[198:203].max() < 3 * np.median(steps) + 0.002
@@ -57,7 +57,7 @@ def test_sky_is_brightest_towards_the_sun():
     assert towards > 1.15 * away
 
 
-def test_clouds_cover_about_the_share_asked_for():
+def test_clouds_cover_about_the_requested_share():
     directions = look(0.0, half_rad=3.0, columns=400)[:, :60]
     clear = paint_backdrop(directions, STYLE, seed=1)
     cloudy = paint_backdrop(directions, BackdropStyle(cloud_cover=0.5, tree_density=0.0), seed=1)
@@ -65,29 +65,29 @@ def test_clouds_cover_about_the_share_asked_for():
     assert 0.25 < covered < 0.75
 
 
-def test_haze_takes_the_colour_of_what_is_far():
-    through, air = aerial_perspective(np.array([10.0, 2000.0, 20000.0]), 0.1)
-    assert through.shape == air.shape == (3, 3)
-    assert (np.diff(through, axis=0) < 0).all() and (np.diff(air, axis=0) > 0).all()
-    assert through[0].min() > 0.998
-    assert through[2, 2] < through[2, 0], "blue is scattered most"
+def test_transmittance_falls_and_airlight_rises_with_distance():
+    transmittance, airlight = aerial_perspective(np.array([10.0, 2000.0, 20000.0]), 0.1)
+    assert transmittance.shape == airlight.shape == (3, 3)
+    assert (np.diff(transmittance, axis=0) < 0).all() and (np.diff(airlight, axis=0) > 0).all()
+    assert transmittance[0].min() > 0.998
+    assert transmittance[2, 2] < transmittance[2, 0], "blue is scattered most"
 
 
 @pytest.mark.parametrize("bad", [{"cloud_cover": 1.5}, {"sun_elevation_rad": -0.1}, {"haze_per_km": -1}])
-def test_style_refuses_what_no_country_has(bad):
+def test_style_refuses_values_out_of_range(bad):
     with pytest.raises(ValueError, match=str(next(iter(bad.values())))):
         BackdropStyle(**bad)
 
 
-def test_directions_of_another_shape_are_refused():
+def test_directions_of_a_wrong_shape_are_refused():
     with pytest.raises(ValueError, match=r"\(5, 3\)"):
         paint_backdrop(np.zeros((5, 3), np.float32), STYLE)
 
 
-def test_a_frame_is_quick_once_the_country_is_painted():
+def test_backdrop_is_quick_once_the_panorama_is_painted():
     directions = look(0.0, rows=720, columns=1280)
     paint_backdrop(directions, STYLE, seed=1)
     start = time.perf_counter()
     paint_backdrop(directions, STYLE, seed=1)
-    # About 15 ms on one core; the margin is for a machine that does other things too.
+    # About 15 ms on one core; the margin is for a busy machine.
     assert time.perf_counter() - start < 0.3

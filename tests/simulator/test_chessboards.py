@@ -1,4 +1,4 @@
-"""Rendered boards: the truth is checked against the pictures by other means than those that made it."""
+"""Rendered chessboards: their ground truth is checked against the pictures by independent means."""
 
 import json
 
@@ -43,7 +43,7 @@ def test_truth_holds_the_camera(truth):
     np.testing.assert_array_equal(camera.distortion, DASHCAM.distortion)
 
 
-def test_corners_outside_are_told_from_those_inside(truth):
+def test_corners_outside_the_picture_are_marked(truth):
     for board in truth["boards"].values():
         corners = np.array(board["corners_px"])
         inside = (corners.min(axis=1) >= 0) & (corners[:, 0] < board["width"]) & (corners[:, 1] < board["height"])
@@ -51,8 +51,8 @@ def test_corners_outside_are_told_from_those_inside(truth):
 
 
 @pytest.mark.parametrize("number", range(1, 21))
-def test_true_corners_lie_where_the_picture_has_them(truth, number):
-    """Refinement by gradients, started at the truth, must stay there."""
+def test_true_corners_are_at_the_corners_of_the_picture(truth, number):
+    """Sub-pixel refinement that starts at the truth stays there."""
     board = truth["boards"][f"calibration{number}.jpg"]
     gray = cv2.cvtColor(read_image(BOARDS / f"calibration{number}.jpg"), cv2.COLOR_RGB2GRAY)
     corners = np.array(board["corners_px"], np.float32)
@@ -75,7 +75,7 @@ def test_undistorted_corners_are_a_flat_grid_in_perspective(number):
 
 
 def test_views_differ_enough_to_determine_the_lens():
-    """Turned to all four sides, in all four quarters of the picture, near and far."""
+    """Boards are turned to all four sides, in all four quarters of the picture, near and far."""
     turns, tilts = np.array([v.turn_deg for v in BOARD_VIEWS]), np.array([v.tilt_deg for v in BOARD_VIEWS])
     assert min(turns.max(), -turns.min(), tilts.max(), -tilts.min()) > 25
     quarters = {(v.u > 640, v.v > 360) for v in BOARD_VIEWS}
@@ -83,21 +83,21 @@ def test_views_differ_enough_to_determine_the_lens():
     assert max(v.span_px for v in BOARD_VIEWS) > 3 * min(v.span_px for v in BOARD_VIEWS)
 
 
-def test_the_committed_picture_is_what_the_renderer_makes():
+def test_committed_picture_is_reproduced():
     again = render_board(BOARD_VIEWS[10], seed=11)
     committed = read_image(BOARDS / "calibration11.jpg")
     difference = np.abs(again.astype(int) - committed)
     assert difference.mean() < 3 and np.percentile(difference, 99.9) < 20
 
 
-def test_rendering_twice_gives_the_same_bits_and_another_seed_others():
+def test_picture_depends_on_the_seed_only():
     first, second, other = (render_board(BOARD_VIEWS[5], seed=seed) for seed in (3, 3, 4))
     assert first.tobytes() == second.tobytes()
     assert (first != other).mean() > 0.3
 
 
-def test_square_edges_are_soft_as_a_lens_makes_them():
-    """From black to white within 2 to 4 pixels: neither a staircase nor a smear."""
+def test_edges_of_squares_have_the_blur_of_a_lens():
+    """The transition from black to white takes 2 to 4 pixels."""
     image = render_board(BOARD_VIEWS[0], seed=1)[..., 1].astype(float)
     a, b = true_corners(BOARD_VIEWS[0])[[20, 21]]
     middle = ((a + b) / 2).round().astype(int)
@@ -107,7 +107,7 @@ def test_square_edges_are_soft_as_a_lens_makes_them():
     assert high - low > 120 and 1 <= between <= 4
 
 
-def test_writing_says_how_far_it_is_and_writes_the_same_truth(tmp_path, monkeypatch):
+def test_writing_reports_progress_and_writes_the_truth(tmp_path, monkeypatch):
     monkeypatch.setattr(scene, "BOARD_VIEWS", BOARD_VIEWS[5:7])
     seen = []
     written = write_boards(tmp_path / "new", progress=lambda done, total: seen.append((done, total)), workers=1)
@@ -117,7 +117,7 @@ def test_writing_says_how_far_it_is_and_writes_the_same_truth(tmp_path, monkeypa
     np.testing.assert_allclose(boards["calibration2.jpg"]["corners_px"], true_corners(BOARD_VIEWS[6]), atol=1e-3)
 
 
-def test_unwritable_folder_is_named(tmp_path):
+def test_message_names_an_unwritable_folder(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(OSError, match="cannot be written"):
         write_boards(tmp_path / "file", workers=1)

@@ -1,4 +1,4 @@
-"""Things by the road: where the lens puts them, what hides what, and where their shadows fall."""
+"""Objects: projection, occlusion, shadows, walls, kerbs, bonnet and plants."""
 
 import numpy as np
 import pytest
@@ -69,7 +69,7 @@ def test_drawing_is_repeatable():
 
 
 @pytest.mark.parametrize(("x", "y"), [(12.0, -3.2), (25.0, 2.5), (45.0, -1.0)])
-def test_car_is_where_the_lens_sees_its_box(x, y):
+def test_car_fills_its_projected_box(x, y):
     lens = camera(yaw=0.02, roll=0.01)
     rows, columns = np.nonzero(changed([Car(x, y, 0.0, "white")], lens))
     corners = np.array([[x + i, y + j, k] for i in (-2.42, 2.42) for j in (-0.92, 0.92) for k in (0.0, 1.46)])
@@ -104,8 +104,8 @@ def test_wall_has_no_gaps_along_its_face(kind):
     assert mask[:, 2 : int(end)].any(axis=0).all()
 
 
-def test_bank_hides_what_is_round_the_bend():
-    """A road that bends right beside a cutting: what stands far along it is hidden, what stands near is not."""
+def test_bank_hides_objects_around_the_bend():
+    """In a right bend next to a cutting, far objects are hidden and near ones are not."""
     x = np.arange(-4.0, 300.0, 2.0)
     bank = Wall(np.column_stack([x, -8.0 - x**2 / 800]), "bank", -1)
     near, far = Post(30.0, -6.5, 3.0, 0.4), Post(260.0, -2.0 - 260.0**2 / 800, 3.0, 2.0)
@@ -121,18 +121,18 @@ def test_bank_ends_in_one_smooth_outline_where_it_turns_away():
     columns = np.flatnonzero(mask.any(axis=0))
     np.testing.assert_array_equal(columns, np.arange(columns[0], 640))
     outline = mask[:, columns].argmax(axis=0)
-    # It rises from left to right and never jumps by a step of several rows.
+    # It rises from left to right without jumps of several rows.
     steps = np.diff(outline[:-2])
     assert steps.max() <= 1 and steps.min() >= -6
 
 
-def test_parts_behind_the_camera_are_cut_and_never_thrown_across_the_picture():
+def test_parts_behind_the_camera_are_clipped():
     beside = changed([Car(3.5, -2.6, 0.0, "white")])
     assert beside[:, 560:].any() and not beside[:, :400].any()
     assert not changed([Car(-6.0, 0.0), Tree(-3.0, 1.0, 8.0), Sign(-1.0, 3.0), Post(0.1, 0.0)]).any()
 
 
-def test_clipping_keeps_what_is_inside_and_cuts_on_the_plane():
+def test_polygons_are_clipped_at_the_plane():
     planes = np.array([[1.0, 0, 0, -0.5]])
     square = np.array([[-1.0, 0, 0], [2, 0, 0], [2, 1, 0], [-1, 1, 0]])
     part = clip_polygon(square, planes)
@@ -141,7 +141,7 @@ def test_clipping_keeps_what_is_inside_and_cuts_on_the_plane():
     assert len(clip_polygon(square - [5, 0, 0], planes)) == 0
 
 
-def test_whatever_the_planes_let_through_can_be_projected():
+def test_all_points_inside_the_frustum_can_be_projected():
     lens = camera(yaw=0.1, roll=-0.05)
     rng = np.random.default_rng(0)
     points = rng.uniform([-20, -60, 0], [80, 60, 30], (4000, 3))
@@ -152,7 +152,7 @@ def test_whatever_the_planes_let_through_can_be_projected():
     assert inside_planes(np.column_stack([on_road, np.zeros(3)]), frustum_planes(lens)).all()
 
 
-def test_near_things_hide_far_ones_whatever_their_order_in_the_list():
+def test_near_objects_hide_far_ones_in_any_order():
     near, far = Car(12.0, 0.0, 0.0, "white"), Car(30.0, 0.0, 0.0, "red", "suv")
     one, other = draw([near, far]), draw([far, near])
     np.testing.assert_array_equal(one, other)
@@ -162,8 +162,8 @@ def test_near_things_hide_far_ones_whatever_their_order_in_the_list():
     assert np.abs(draw([far])[window] - one[window]).max() > 0.05
 
 
-def test_things_are_painted_only_where_something_nearer_lets_them_be_seen():
-    """The same things behind a window in a dark sheet: seen through the window as without it, and nothing beside it."""
+def test_objects_are_painted_only_where_nearer_ones_leave_them_visible():
+    """Objects behind an opaque canvas with a window are visible in the window only."""
     picture, window = new_canvas(360, 640), (slice(150, 260), slice(200, 460))
     picture[3] = 0
     picture[3][window] = 1
@@ -177,7 +177,7 @@ def test_things_are_painted_only_where_something_nearer_lets_them_be_seen():
 
 
 def test_mirrored_world_gives_the_mirrored_picture():
-    """With a symmetric lens, exchanging left and right mirrors cars and walls."""
+    """With a symmetric lens, mirrored cars and walls give the mirrored picture."""
     matrix = np.array([[580.0, 0, 319.5], [0, 580.0, 190.0], [0, 0, 1]])
     lens = Camera(640, 360, matrix, np.array([-0.24, -0.02, 0, 0, 0]), CameraPose(1.3, np.radians(-1.5)))
     left = [Car(15.0, 2.5, 0.1, "silver"), straight_wall(3.9, "jersey", 1, start=1.0)]
@@ -200,7 +200,7 @@ def test_side_towards_the_sun_is_brighter():
 def test_shadows_fall_away_from_the_sun():
     polygon = shadow_polygons([Car(20.0, -2.0)], np.array([0.0, -0.6, 0.8]))[0]
     assert polygon.dtype == np.float32 and polygon.shape[1] == 2
-    # The roof throws its shadow 0.75 m to the left for each metre of height.
+    # The shadow of the roof is 0.75 m farther left for each metre of height.
     assert polygon[:, 1].max() == pytest.approx(-2.0 + 0.75 * 1.41 + 0.57, abs=0.15)
     assert polygon[:, 1].min() > -2.0 - 0.95
     tree = np.vstack(shadow_polygons([Tree(30.0, 5.0, 10.0, "oak", 1)], np.array([0.6, 0.0, 0.8])))
@@ -217,7 +217,7 @@ def test_every_wall_but_a_bank_casts_a_shadow_along_its_path():
     assert shadow_polygons([Wall(path, "bank", 1)], SUN) == []
 
 
-def test_kerb_follows_the_road_at_its_lateral_place():
+def test_kerb_follows_the_road():
     road, pose, lens = RoadGeometry([0.0, 400.0], [1 / 200, 1 / 200]), VehiclePose(100.0, 0.3, 0.01), camera()
     kerb = objects_in_view((PlacedWall(-4.0, "kerb"),), road, pose, time_s=0.0)
     mask = changed(kerb, lens)
@@ -232,7 +232,7 @@ def test_kerb_follows_the_road_at_its_lateral_place():
 def test_kerb_is_fourteen_centimetres_high(distance_m, scale):
     lens, x = camera(distortion=(0.0,) * 5), np.arange(-4.0, 150.0)
     mask = changed([Wall(np.column_stack([x, np.full(len(x), -3.0)]), "kerb", -1, height_scale=scale)], lens)
-    # One column sees the foot and, as much farther as it is farther aside, the back of the top.
+    # One column shows the foot, and the back edge of the top at a proportionally larger distance.
     foot, back = lens.road_to_pixels(
         np.array([[distance_m, -3.0, 0.0], [distance_m * 3.2 / 3.0, -3.2, 0.14 * scale]]),
     )
@@ -241,7 +241,7 @@ def test_kerb_is_fourteen_centimetres_high(distance_m, scale):
 
 
 @pytest.mark.parametrize(("y", "side"), [(3.0, 1), (-3.0, -1)])
-def test_kerb_has_a_lit_top_and_a_face_in_its_own_shade_when_the_sun_is_behind_it(y, side):
+def test_kerb_has_a_lit_top_and_a_shaded_face_with_the_sun_behind_it(y, side):
     lens, kerb = camera(), [straight_wall(y, "kerb", side)]
     places = np.array([[x, y + side * out, z] for out, z in ((0.01, 0.06), (0.12, 0.14)) for x in np.arange(6, 7, 0.1)])
     u, v = np.round(lens.road_to_pixels(places)).astype(int).T
@@ -284,12 +284,12 @@ def test_bonnet_hides_the_bottom_edge_only_and_is_soft():
         (lambda: shadow_polygons([], np.array([1.0, 0, -0.1])), "sun"),
     ],
 )
-def test_unknown_things_are_named(make, named):
+def test_message_names_an_unknown_kind(make, named):
     with pytest.raises(ValueError, match=named):
         make()
 
 
-def test_a_thing_of_another_kind_is_refused():
+def test_refuses_an_object_of_another_type():
     with pytest.raises(TypeError, match="str"):
         draw(["car"])
 
@@ -301,16 +301,16 @@ def test_plant_stands_on_its_foot_and_is_green_or_brown(species):
     assert whole.dtype == np.float32 and (whole[..., 3] <= 1 + 1e-6).all() and (whole >= 0).all()
     rows = np.flatnonzero((whole[..., 3] > 0.5).any(axis=1))
     assert rows[0] < 0.06 * len(whole) and rows[-1] >= len(whole) - 2
-    # Nothing of the sun's colour where nothing is: colours come with their coverage.
+    # Colours are premultiplied: zero where the coverage is zero.
     assert whole[whole[..., 3] == 0].max(initial=0) == 0
     red, green, blue, cover = whole.reshape(-1, 4).sum(axis=0)
     assert blue < 0.8 * min(red, green) and 0.005 < green / cover < 0.2
-    # The smaller pictures show the same plant.
+    # The smaller levels show the same plant.
     for smaller in sprites[1:3]:
         assert smaller[..., 3].mean() == pytest.approx(whole[..., 3].mean(), rel=0.03)
 
 
-def test_noise_closes_on_itself_and_is_normalised():
+def test_noise_is_periodic_and_normalised():
     noise = fractal_noise((60, 200), np.random.default_rng(5), cell_px=(20, 33), octaves=4)
     assert noise.mean() == pytest.approx(0, abs=1e-4) and noise.std() == pytest.approx(1, abs=1e-4)
     inner = np.abs(np.diff(noise, axis=1)).mean()

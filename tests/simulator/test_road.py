@@ -1,4 +1,4 @@
-"""Clothoids against fine numerical integration, and the way from the ground back to the road."""
+"""Road geometry: clothoids against fine numerical integration, and road coordinates of ground points."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_road_before_its_start_is_continuous():
     heading=st.floats(-0.05, 0.05),
     seed=st.integers(0, 1000),
 )
-def test_points_of_the_ground_find_their_place(curvatures, lateral, heading, seed):
+def test_ground_points_get_their_road_coordinates(curvatures, lateral, heading, seed):
     road = RoadGeometry([0.0, 50.0, 100.0, 180.0], curvatures)
     pose = VehiclePose(20.0, lateral, heading)
     rng = np.random.default_rng(seed)
@@ -63,7 +63,7 @@ def test_polynomial_touches_the_line_to_third_order(lateral_m):
     x = np.linspace(-3, 3, 7)
     cubic = line.c0_m + line.c1 * x + line.c2_per_m * x**2 / 2 + line.c3_per_m2 * x**3 / 6
     np.testing.assert_allclose(line_lateral(S_BEND, pose, lateral_m, x), cubic, atol=1e-5)
-    # Without the cubic term it is visibly worse, so c3 carries information.
+    # Without the cubic term the error is larger, so c3 matters.
     assert np.abs(line_lateral(S_BEND, pose, lateral_m, x) - cubic + line.c3_per_m2 * x**3 / 6).max() > 1e-4
 
 

@@ -1,4 +1,4 @@
-"""Vehicles in the way: where they swerve to, what they hide, and how they look in the suite's scenes."""
+"""Vehicles: lateral motion, occlusion of lines, outward faces, and the scenes of traffic and weather."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from simulator.scenes.dashcam import DASHCAM
 from simulator.scenes.freeway import LANE_WIDTH_M, freeway_markings, freeway_surface
 from simulator.scenes.traffic import SCENES as TRAFFIC
 
-SWERVE = ((0.0, -LANE_WIDTH_M), (2.0, 0.2), (3.0, 0.2), (5.0, -LANE_WIDTH_M))
+PATH = ((0.0, -LANE_WIDTH_M), (2.0, 0.2), (3.0, 0.2), (5.0, -LANE_WIDTH_M))
 
 
 def bend_drive(*objects: PlacedObject) -> Drive:
-    """Off-centre in a bend to the right, at the size of the committed pictures, a bare country."""
+    """Off-centre car in a bend to the right, full-size pictures, no trees."""
     return Drive(
         camera=replace(DASHCAM, pose=CameraPose(1.3, np.radians(-1.5), np.radians(-1.0), np.radians(0.5))),
         road=RoadGeometry([0.0, 400.0], [-1 / 300, -1 / 300]),
@@ -44,8 +44,8 @@ def bend_drive(*objects: PlacedObject) -> Drive:
     )
 
 
-def seen_outline(drive: Drive, s_m: float, lateral_m: float, body: str) -> np.ndarray:
-    """Mask of the hull of a vehicle and of the ground that it covers, by a way of its own: no painter, no clipping."""
+def outline_mask(drive: Drive, s_m: float, lateral_m: float, body: str) -> np.ndarray:
+    """Mask of the convex hull of a vehicle and its ground area, computed without the renderer."""
     angle = float(drive.road.heading(s_m))
     points = np.vstack([outline_points(body), 1.03 * footprint(body)])
     foot = drive.road.position(s_m) + lateral_m * np.array([-np.sin(angle), np.cos(angle)])
@@ -63,14 +63,14 @@ def seen_outline(drive: Drive, s_m: float, lateral_m: float, body: str) -> np.nd
     ("body", "s_m", "lateral_m", "side"),
     [("motorcycle", 114.0, LANE_WIDTH_M / 2 - 0.45, 0), ("truck", 122.0, -2.4, 1), ("suv", 118.0, -2.2, 1)],
 )
-def test_a_vehicle_hides_the_line_where_it_covers_it_and_nowhere_else(body, s_m, lateral_m, side):
+def test_vehicle_hides_exactly_the_part_of_the_line_behind_it(body, s_m, lateral_m, side):
     item = PlacedObject(s_m, lateral_m, Car(0, 0, 0.0, "red", body))
     drive = bend_drive(item)
     frame = render_frame(drive)
     columns = line_pixels(frame.truth, side, drive.camera_at(0.0))
     lost = (columns >= 0) & (visible_pixels(columns, frame.hidden) == NOT_VISIBLE)
-    hull = seen_outline(drive, s_m, lateral_m, body)
-    # The soft contact shadow hides paint beside the hull too; between rider and mirror the road is seen.
+    hull = outline_mask(drive, s_m, lateral_m, body)
+    # The contact shadow also hides paint next to the hull, and the road is visible between rider and mirror.
     grown = cv2.dilate(hull.astype(np.uint8), np.ones((27, 27))).astype(bool)
     shrunk = cv2.erode(hull.astype(np.uint8), np.ones((15, 15))).astype(bool)
     at = [(v, round(float(u))) for v, u in zip(H_SAMPLES, columns, strict=True)]
@@ -82,7 +82,7 @@ def test_a_vehicle_hides_the_line_where_it_covers_it_and_nowhere_else(body, s_m,
     assert inside.sum() >= 2 and lost[inside].sum() >= 2
 
 
-def test_a_vehicle_changes_the_picture_but_not_the_truth():
+def test_vehicle_changes_the_picture_but_not_the_truth():
     empty, full = (
         render_frame(bend_drive(*objects)) for objects in ((), (PlacedObject(115.0, 0.0, Car(0, 0, 0, "red")),))
     )
@@ -90,18 +90,18 @@ def test_a_vehicle_changes_the_picture_but_not_the_truth():
     assert not empty.hidden.any() and full.hidden.any()
 
 
-def test_swerving_passes_its_knots_and_points_where_it_goes():
-    swerving = PlacedObject(20.0, 0.0, Car(0, 0), 25.0, SWERVE)
-    np.testing.assert_allclose([swerving.lateral_at(t) for t, _ in SWERVE], [d for _, d in SWERVE], atol=1e-12)
-    assert swerving.lateral_at(-1.0) == SWERVE[0][1] and swerving.lateral_at(9.0) == SWERVE[-1][1]
-    # Half way through, a smooth step is half as fast again as its mean.
-    assert swerving.path_heading_rad(1.0) == pytest.approx(np.arctan(1.5 * (0.2 + LANE_WIDTH_M) / 2.0 / 25.0), rel=1e-3)
-    assert swerving.path_heading_rad(2.5) == 0 and swerving.path_heading_rad(4.0) < 0
+def test_lateral_path_passes_its_knots_and_sets_the_heading():
+    car = PlacedObject(20.0, 0.0, Car(0, 0), 25.0, PATH)
+    np.testing.assert_allclose([car.lateral_at(t) for t, _ in PATH], [d for _, d in PATH], atol=1e-12)
+    assert car.lateral_at(-1.0) == PATH[0][1] and car.lateral_at(9.0) == PATH[-1][1]
+    # The slope of a smooth step at its middle is 1.5 times its mean.
+    assert car.path_heading_rad(1.0) == pytest.approx(np.arctan(1.5 * (0.2 + LANE_WIDTH_M) / 2.0 / 25.0), rel=1e-3)
+    assert car.path_heading_rad(2.5) == 0 and car.path_heading_rad(4.0) < 0
 
 
 @pytest.mark.parametrize("body", ["truck", "motorcycle"])
 def test_faces_look_outwards(body):
-    """Seen from afar on any side, the faces that look at us are in front of those that look away."""
+    """From any side, front faces are nearer than back faces."""
     faces = vehicle_faces(body, "blue")
     for direction in np.array([[-1.0, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, 1]]):
         depth, facing = faces.middle @ direction, faces.flat_normal @ direction
@@ -114,8 +114,8 @@ def test_refuses_an_unknown_vehicle():
 
 
 @pytest.mark.parametrize("scene", [*WEATHER, *TRAFFIC], ids=lambda scene: scene.name)
-def test_no_scene_is_trivial(scene):
-    """Three to five seconds, in a bend somewhere, off the lane's centre, with finite truth throughout."""
+def test_scenes_have_a_bend_and_an_off_centre_car(scene):
+    """They last three to five seconds and have finite truth throughout."""
     drive = scene.drive()
     truths = [drive.truth(t) for t in np.arange(0.0, scene.seconds, 0.25)]
     assert 3 <= scene.seconds <= 5

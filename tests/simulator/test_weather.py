@@ -1,4 +1,4 @@
-"""Light and weather of rendered drives: exposure, bridges, fog, glare, night, rain, and traffic in the way."""
+"""Light and weather: exposure, bridges, fog, glare, shade, night, wet roads and rain."""
 
 from __future__ import annotations
 
@@ -7,11 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.camera.camera_pose import CameraPose
-from simulator.landscape.sky import BackdropStyle
 from simulator.light.exposure import AutoExposure, RoadLight
 from simulator.light.glare import Glare
-from simulator.light.lens import Lens
 from simulator.light.sunlight import BridgeShade, Sun, WoodShade, light_along
 from simulator.objects.overpass import Overpass
 from simulator.objects.placement import PlacedObject
@@ -23,39 +20,27 @@ from simulator.road.ground import cast_on_ground, pixel_rays
 from simulator.road.road_ahead import RoadAhead
 from simulator.road.surface import Zone
 from simulator.road.truth import truth_row
-from simulator.scenes.dashcam import DASHCAM
-from simulator.scenes.freeway import LANE_WIDTH_M, freeway_markings, freeway_surface
+from simulator.scenes.freeway import freeway_markings, freeway_surface
 from simulator.weather.fog import Fog
 from simulator.weather.night import Night, visible_lamps
 from simulator.weather.rain import Rain, windscreen_drops
 from simulator.weather.wet import Wet
+from tests.simulator.small_drive import PLAIN_LENS, SMALL, small_drive
 
-POSE = CameraPose(1.3, np.radians(2.0), np.radians(-1.0), np.radians(0.6))
-SMALL = replace(DASHCAM.scaled((640, 360)), pose=POSE)
-PLAIN_LENS = Lens(noise=0.0, sharpening=0.0, blur_px=0.0, vignette=0.0, adaptation=0.0)
 BRIDGE = Overpass(110.0, 126.0, -20.0, 12.0, skew=0.1)
 
 
-def small_drive(curvature: float = 1 / 250, **changes) -> Drive:
-    """An off-centre car in a bend, small picture, no noise, a bare country."""
-    base = Drive(
-        camera=SMALL,
-        road=RoadGeometry([0.0, 40.0, 300.0, 340.0], [0.0, curvature, curvature, 0.0]),
-        line_laterals_m=(LANE_WIDTH_M / 2, -LANE_WIDTH_M / 2),
-        markings=tuple(replace(m, wear=0.0, dots=False) for m in freeway_markings()),
-        surface=freeway_surface(Zone(0.0, "asphalt")),
-        sun=Sun(1.0, 0.9),
-        motion=Motion(60.0, 20.0, offset_m=0.3, heading_rad=0.01),
-        lens=PLAIN_LENS,
-        backdrop=BackdropStyle(tree_density=0.0),
-        bonnet=False,
-        seed=5,
-    )
-    return replace(base, **changes)
+def asphalt_drive(curvature: float = 1 / 250, **changes) -> Drive:
+    """`small_drive` on used asphalt at 20 m/s."""
+    base = {
+        "surface": freeway_surface(Zone(0.0, "asphalt")),
+        "motion": Motion(60.0, 20.0, offset_m=0.3, heading_rad=0.01),
+    }
+    return small_drive(curvature, **(base | changes))
 
 
 def under_bridge(**changes) -> Drive:
-    return small_drive(shades=(BRIDGE.shade(),), exposure=AutoExposure(0.5, 0.8), **changes)
+    return asphalt_drive(shades=(BRIDGE.shade(),), exposure=AutoExposure(0.5, 0.8), **changes)
 
 
 def adapted(drive: Drive, time_s: float) -> float:
@@ -64,20 +49,20 @@ def adapted(drive: Drive, time_s: float) -> float:
 
 
 def test_exposure_covers_63_percent_of_a_step_within_the_time_constant():
-    """A joint from asphalt to concrete, both 400 m long, seen from a car at such a speed that it is a sudden step."""
-    drive = small_drive(
+    """A change from asphalt to concrete at such a speed that it is a step."""
+    drive = asphalt_drive(
         surface=freeway_surface(Zone(0.0, "fresh asphalt"), Zone(1000.0, "concrete")),
         motion=Motion(0.0, 400.0),
         exposure=AutoExposure(0.8),
     )
     before, after = (np.log2(adapted(drive, t)) for t in (1.5, 12.0))
-    # The window from 5 to 25 m ahead is passed in 0.05 s.
+    # The metering area from 5 to 25 m ahead is passed in 0.05 s.
     step_s = (1000.0 - 15.0) / 400.0
     shares = [(np.log2(adapted(drive, step_s + k * 0.8)) - before) / (after - before) for k in (0.0, 1.0, 2.0)]
     np.testing.assert_allclose(shares, [0.0, 1 - np.exp(-1), 1 - np.exp(-2)], atol=0.04)
 
 
-def test_exposure_comes_back_after_the_bridge_and_lags_behind_the_light():
+def test_exposure_follows_the_light_below_a_bridge_with_delay():
     drive = under_bridge()
     times = np.arange(0.0, 8.0, 0.1)
     light = RoadLight(drive.surface, drive.shades, drive.seed).metered(60 + 20 * times)
@@ -97,16 +82,16 @@ def test_frames_do_not_depend_on_their_order():
     assert (forth[0] != forth[1]).mean() > 0.5
 
 
-def test_sky_below_a_bridge_is_what_its_deck_leaves_free():
-    """At the middle of a bridge as long as it is high, the deck covers sin(26.6 deg) = 0.447 of the sky's light."""
+def test_skylight_below_a_bridge_is_reduced_by_its_deck():
+    """Below the centre of a bridge as long as high, the deck blocks sin(26.6 deg) = 0.447 of the skylight."""
     shade = BridgeShade(100.0, 105.0, clearance_m=5.0)
     open_road, middle = light_along((shade,), np.array([0.0, 102.5]), np.zeros(2), seed=0)
     np.testing.assert_allclose(open_road, 1.0, atol=2e-3)
     np.testing.assert_allclose(middle, np.array([0.11, 0.15, 0.22]) * (1 - np.sqrt(0.2)), rtol=1e-3)
 
 
-def test_adapting_eyes_see_the_road_below_the_bridge_and_are_dazzled_beyond():
-    """Same places, with and without adaptation: brighter in the dark, and clipped when the light comes back."""
+def test_automatic_exposure_brightens_below_the_bridge_and_overexposes_beyond():
+    """Compared with a fixed exposure: brighter in the shade, and too bright after it."""
     road = np.s_[270:330, 250:400]
     levels = {}
     for name, exposure in (("fixed", None), ("adapts", AutoExposure(0.5, 0.8))):
@@ -119,8 +104,8 @@ def test_adapting_eyes_see_the_road_below_the_bridge_and_are_dazzled_beyond():
     assert adapts[2] > 1.1 * fixed[2]
 
 
-def test_the_bridge_hides_the_sky_and_nothing_of_the_lane():
-    drive = small_drive(motion=Motion(60.0, 20.0, offset_m=0.3))
+def test_bridge_hides_the_sky_and_no_lane_line():
+    drive = asphalt_drive(motion=Motion(60.0, 20.0, offset_m=0.3))
     hidden = render_frame(replace(drive, objects=(BRIDGE,)), 1.5).hidden
     s = np.linspace(8.0, 60.0, 30)
     rays = drive.camera_at(1.5).road_to_pixels(np.column_stack([s, drive.truth(1.5).line_y(0, s)])).round().astype(int)
@@ -129,7 +114,7 @@ def test_the_bridge_hides_the_sky_and_nothing_of_the_lane():
 
 
 def ground_levels(drive: Drive, x_m: np.ndarray, y_m: np.ndarray, monkeypatch) -> np.ndarray:
-    """Linear green light of the ground at places (N,) ahead, before the camera makes a picture of it."""
+    """Linear green light of the ground at points `x_m`, `y_m` (N,), before development."""
     lights = []
     monkeypatch.setattr("simulator.rendering.render.develop", lambda light, *a, **k: lights.append(light) or light)
     render_frame(drive)
@@ -137,10 +122,10 @@ def ground_levels(drive: Drive, x_m: np.ndarray, y_m: np.ndarray, monkeypatch) -
     return lights[0][rows, columns, 1]
 
 
-def test_contrast_in_fog_falls_as_koschmieder_says(monkeypatch):
-    """Paint against the asphalt beside it: 5 % of the contrast is left at the visibility, its square at twice that."""
+def test_contrast_in_fog_obeys_koschmieders_law(monkeypatch):
+    """Contrast of paint and pavement: 5 % is left at the visibility, and its square at twice the visibility."""
     x = np.array([10.0, 20.0, 40.0])
-    drive = small_drive(
+    drive = asphalt_drive(
         0.0,
         motion=Motion(100.0),
         markings=(replace(freeway_markings()[0], wear=0.0, width_m=1.2, dots=False),),
@@ -153,25 +138,25 @@ def test_contrast_in_fog_falls_as_koschmieder_says(monkeypatch):
     np.testing.assert_allclose(contrast[Fog(20.0)] / contrast[None], 0.05 ** (np.array([10, 20, 40]) / 20), rtol=0.05)
 
 
-def test_fog_hides_far_things_and_the_sky_behind_them(monkeypatch):
+def test_fog_hides_the_horizon(monkeypatch):
     fog = Fog(60.0)
     lights = []
     monkeypatch.setattr("simulator.rendering.render.develop", lambda light, *a, **k: lights.append(light) or light)
-    render_frame(small_drive(fog=fog))
+    render_frame(asphalt_drive(fog=fog))
     horizon = round(float(SMALL.road_to_pixels(np.array([[5000.0, 0.0]]))[0, 1]))
     np.testing.assert_allclose(
         lights[0][horizon - 8 : horizon, ::20], np.broadcast_to(fog.colour, (8, 32, 3)), atol=0.02
     )
 
 
-def test_refuses_fog_through_which_nothing_is_seen():
+def test_refuses_a_visibility_that_is_not_positive():
     with pytest.raises(ValueError, match="-5"):
         Fog(-5)
 
 
-def test_sun_ahead_takes_contrast_and_one_behind_or_in_the_shade_does_not(monkeypatch):
+def test_only_an_unshaded_sun_ahead_reduces_the_contrast(monkeypatch):
     def contrast(azimuth: float, **changes) -> float:
-        drive = small_drive(0.0, motion=Motion(100.0), sun=Sun(azimuth, 0.2), glare=Glare(), **changes)
+        drive = asphalt_drive(0.0, motion=Motion(100.0), sun=Sun(azimuth, 0.2), glare=Glare(), **changes)
         x = np.array([10.0, 15.0, 25.0])
         paint, road = (ground_levels(drive, x, 0 * x + y, monkeypatch) for y in (1.83, 1.0))
         return float((paint / road).mean())
@@ -181,9 +166,9 @@ def test_sun_ahead_takes_contrast_and_one_behind_or_in_the_shade_does_not(monkey
     assert shaded > 1.5 * contrast(0.0)
 
 
-def test_the_road_shines_below_the_sun():
-    """The sheen is a stripe in the sun's direction, not on the other side of the picture."""
-    drive = small_drive(0.0, motion=Motion(100.0), sun=Sun(0.25, 0.2))
+def test_sheen_of_the_road_is_below_the_sun():
+    """The sheen is in the direction of the sun, not on the other side of the picture."""
+    drive = asphalt_drive(0.0, motion=Motion(100.0), sun=Sun(0.25, 0.2))
     bare, shiny = (render_frame(d).image.astype(int) for d in (drive, replace(drive, glare=Glare(veil=0.0, flare=0.0))))
     more = (shiny - bare).mean(axis=2)
     at = SMALL.road_to_pixels(np.array([[25.0, 25 * np.tan(0.25)], [25.0, -25 * np.tan(0.25)]])).round().astype(int)
@@ -192,8 +177,8 @@ def test_the_road_shines_below_the_sun():
     assert np.abs(more[:100]).max() == 0
 
 
-def test_a_wood_leaves_the_share_of_flecks_that_it_says():
-    drive = small_drive(0.0, motion=Motion(100.0), shades=(WoodShade(-50.0, 400.0, 0.10),))
+def test_share_of_sun_flecks_in_a_wood():
+    drive = asphalt_drive(0.0, motion=Motion(100.0), shades=(WoodShade(-50.0, 400.0, 0.10),))
     open_road = replace(drive, shades=())
     ratio = render_frame(drive).image.astype(float) / np.maximum(render_frame(open_road).image, 1)
     lit = ratio[250:350, 100:540].mean(axis=2) > 0.75
@@ -201,11 +186,11 @@ def test_a_wood_leaves_the_share_of_flecks_that_it_says():
 
 
 def night_drive(**changes) -> Drive:
-    return small_drive(0.0, motion=Motion(100.0), **changes)
+    return asphalt_drive(0.0, motion=Motion(100.0), **changes)
 
 
-def test_paint_throws_the_own_light_back_and_asphalt_does_not(monkeypatch):
-    """Paint is as many times brighter, against one without beads, as it is retroreflecting; the road is the same."""
+def test_paint_is_retroreflective_and_asphalt_is_not(monkeypatch):
+    """Retroreflection multiplies the light of paint, not that of the road."""
     x = np.array([10.0, 20.0, 35.0])
     for y, expected in ((1.83, 4.0), (0.6, 1.0)):
         markings = (replace(freeway_markings()[0], wear=0.0, width_m=1.2, dots=False),)
@@ -220,13 +205,13 @@ def test_headlights_fall_with_distance_and_to_the_sides():
     night = Night(ambient=0.0)
     ahead = night.beam(np.array([5.0, 20.0, 40.0, 80.0]), np.zeros(4))
     assert (np.diff(ahead) < 0).all()
-    # Far away, level ground loses light with the third power of the distance.
+    # Far away, the light on level ground falls with the third power of the distance.
     assert ahead[3] / ahead[2] == pytest.approx(1 / 8, rel=0.3)
     assert night.beam(np.array([20.0]), np.array([14.0]))[0] < 0.1 * ahead[1]
 
 
-def test_lamps_are_seen_from_where_they_shine_and_mirrored_below(monkeypatch):
-    """An oncoming car's headlamps are bright, and so is the road below them when it is wet; a dry road stays dark."""
+def test_lamps_are_visible_from_their_front_and_mirrored_in_a_wet_road(monkeypatch):
+    """Headlamps of an oncoming car are bright, and mirrored in a wet road, not in a dry one."""
     at = SMALL.road_to_pixels(np.array([[18.0, 0.0]])).round().astype(int)[0]
     lights = {}
     for name, wet, heading in (("wet", Wet(), np.pi), ("dry", None, np.pi), ("rear", Wet(), 0.0)):
@@ -246,8 +231,8 @@ def test_lamps_are_seen_from_where_they_shine_and_mirrored_below(monkeypatch):
     assert below["wet"][0] < 2 * below["wet"][1]
 
 
-def test_lamps_behind_a_nearer_vehicle_are_not_seen():
-    """Through a lorry nothing shines; past it, and from its own end that looks at us, it does."""
+def test_lamps_behind_a_nearer_vehicle_are_hidden():
+    """A lorry hides lamps behind it, not lamps next to it and its own tail lamps."""
     lorry = Car(20.0, 0.5, 0.1, "white", body="truck")
     for y_m, lamps in ((0.4, 2), (6.0, 4)):
         seen = visible_lamps([Car(60.0, y_m, np.pi, "black"), lorry], SMALL)
@@ -255,7 +240,7 @@ def test_lamps_behind_a_nearer_vehicle_are_not_seen():
         assert sum(lamp.distance_m < 16.0 for lamp in seen) == 2
 
 
-def test_wet_road_mirrors_most_where_it_is_seen_flat():
+def test_wet_road_reflects_most_at_grazing_angles():
     ground = cast_on_ground(
         pixel_rays(SMALL), SMALL, RoadAhead(RoadGeometry([0.0, 300.0], [0.0, 0.0]), VehiclePose(50.0))
     )
@@ -266,19 +251,19 @@ def test_wet_road_mirrors_most_where_it_is_seen_flat():
     assert far == pytest.approx(0.3 * (0.02 + 0.98 * (1 - np.sin(np.radians(1.9))) ** 5), rel=0.1)
 
 
-def test_drops_gather_until_the_blade_takes_them():
+def test_drops_collect_until_the_wiper_removes_them():
     rain = Rain(drops=400, wipe_every_s=1.0, wipe_s=0.3)
     before, after = (windscreen_drops(rain, t, seed=3) for t in (2.99, 3.35))
     assert len(before) > 0.5 * 400
     assert len(after) < 0.6 * len(before)
-    # A drop stays where it is.
+    # Drops do not move.
     soon = {tuple(drop) for drop in windscreen_drops(rain, 2.6, seed=3)}
     assert soon <= {tuple(drop) for drop in before}
 
 
-def test_rain_changes_the_picture_but_neither_truth_nor_what_is_hidden():
-    clear, rainy = (render_frame(small_drive(rain=rain, objects=(BRIDGE,)), 0.9) for rain in (None, Rain()))
-    again = render_frame(small_drive(rain=Rain(), objects=(BRIDGE,)), 0.9)
+def test_rain_changes_the_picture_but_neither_truth_nor_hidden_mask():
+    clear, rainy = (render_frame(asphalt_drive(rain=rain, objects=(BRIDGE,)), 0.9) for rain in (None, Rain()))
+    again = render_frame(asphalt_drive(rain=Rain(), objects=(BRIDGE,)), 0.9)
     np.testing.assert_array_equal(rainy.image, again.image)
     np.testing.assert_array_equal(rainy.hidden, clear.hidden)
     assert truth_row(rainy.truth, frame=0) == truth_row(clear.truth, frame=0)

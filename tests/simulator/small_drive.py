@@ -1,0 +1,42 @@
+"""A short drive with small pictures, shared by the tests of the renderer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from lanes.camera.camera_pose import CameraPose
+from simulator.landscape.sky import BackdropStyle
+from simulator.light.lens import Lens
+from simulator.light.sunlight import Sun
+from simulator.rendering.drive import Drive, Motion
+from simulator.road.geometry import RoadGeometry
+from simulator.road.surface import Zone
+from simulator.scenes.dashcam import DASHCAM
+from simulator.scenes.freeway import LANE_WIDTH_M, freeway_markings, freeway_surface
+
+POSE = CameraPose(1.3, np.radians(2.0), np.radians(-1.0), np.radians(0.6))
+TINY = replace(DASHCAM.scaled((320, 180)), pose=POSE)
+SMALL = replace(DASHCAM.scaled((640, 360)), pose=POSE)
+PLAIN_LENS = Lens(noise=0.0, sharpening=0.0, blur_px=0.0, vignette=0.0, adaptation=0.0)
+
+
+def small_drive(curvature: float = 1 / 250, **changes) -> Drive:
+    """Off-centre car in a bend, small pictures without noise; `changes` are fields of Drive."""
+    road = RoadGeometry([0.0, 40.0, 300.0, 340.0], [0.0, curvature, curvature, 0.0])
+    base = Drive(
+        camera=SMALL,
+        road=road,
+        line_laterals_m=(LANE_WIDTH_M / 2, -LANE_WIDTH_M / 2),
+        markings=tuple(replace(m, wear=0.0, dots=False) for m in freeway_markings()),
+        surface=freeway_surface(Zone(0.0, "fresh asphalt")),
+        sun=Sun(1.0, 0.9),
+        motion=Motion(60.0, offset_m=0.3, heading_rad=0.01),
+        lens=PLAIN_LENS,
+        # Painting woods takes seconds.
+        backdrop=BackdropStyle(tree_density=0.0),
+        bonnet=False,
+        seed=5,
+    )
+    return replace(base, **changes)

@@ -1,0 +1,121 @@
+"""Road markings: coverage against brute force, double lines, symbols, Botts' dots."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from simulator.road.geometry import RoadGeometry, VehiclePose
+from simulator.road.ground import cast_on_ground, dash_coverage, edge_coverage, pixel_rays
+from simulator.road.painted_lines import WHITE, Marking, paint_coverage, paint_markings
+from simulator.road.road_ahead import RoadAhead
+from simulator.road.symbols import Symbol, symbol_coverage
+from simulator.scenes.dashcam import DASHCAM
+from tests.simulator.small_drive import POSE, SMALL
+
+
+@pytest.mark.parametrize(("a", "b"), [(1.0, 0.3), (0.2, 0.9), (0.5, 0.5), (0.7, 0.0)])
+def test_edge_coverage_is_the_area_of_a_pixel_behind_an_edge(a, b):
+    side = (np.arange(400) + 0.5) / 400 - 0.5
+    u, v = np.meshgrid(side, side)
+    for t in (-0.6, -0.31, 0.0, 0.17, 0.45):
+        brute = (t + a * u + b * v > 0).mean()
+        assert edge_coverage(np.float32(t), np.float32(a), np.float32(-b)) == pytest.approx(brute, abs=4e-3)
+
+
+def test_dash_coverage_is_the_share_of_paint_in_the_footprint():
+    s, reach = np.linspace(-5, 40, 97, dtype=np.float32), np.float32(2.7)
+    fine = s[:, None] + np.linspace(-reach / 2, reach / 2, 4001)
+    brute = (fine % 12.2 < 3.05).mean(axis=1)
+    np.testing.assert_allclose(dash_coverage(s, np.full_like(s, reach), 3.05, 12.2), brute, atol=2e-3)
+
+
+@pytest.mark.parametrize(("dashed", "worst", "mean"), [(False, 0.02, 5e-4), (True, 0.3, 2e-3)])
+def test_paint_coverage_equals_brute_force_supersampling(dashed, worst, mean):
+    """Coverage is exact along a line, and approximate where a dash ends at a pixel on the edge of the line."""
+    road, pose = RoadGeometry([0.0, 300.0], [1 / 300, 1 / 300]), VehiclePose(50.0, 0.3, 0.01)
+    marking = Marking(-1.8, 0.12, WHITE, dashed=dashed, phase_m=1.0)
+    ground = cast_on_ground(pixel_rays(SMALL), SMALL, RoadAhead(road, pose))
+    pixels, coverage = paint_coverage(marking, ground, station_m=50.0)
+    picture = np.zeros(ground.s.shape, np.float32)
+    picture.ravel()[pixels] = coverage
+    # 17 x 17 rays in each pixel of a window that contains the line from 15 m to 40 m ahead.
+    rows, columns, n = np.arange(197, 232), np.arange(335, 425), 17
+    inner = (np.arange(n) + 0.5) / n - 0.5
+    v, u = np.meshgrid((rows[:, None] + inner).ravel(), (columns[:, None] + inner).ravel(), indexing="ij")
+    points = SMALL.pixels_to_road(np.column_stack([u.ravel(), v.ravel()])).astype(np.float32)
+    s, d = RoadAhead(road, pose).locate(points[:, 0], points[:, 1])
+    painted = (np.abs(d + 1.8) < 0.06) & (((s + 49.0) % 12.2 < 3.05) | (not dashed))
+    brute = painted.reshape(len(rows), n, len(columns), n).mean(axis=(1, 3))
+    got = picture[rows[0] - ground.top : rows[-1] + 1 - ground.top, columns]
+    assert brute.max() == 1.0
+    assert np.abs(got - brute).mean() < mean
+    assert np.abs(got - brute).max() < worst
+
+
+def stripes_at(markings: tuple[Marking, ...], x_m: float) -> list[tuple[float, float]]:
+    """Centre and width in metres of the stripes in the picture row `x_m` ahead, from left to right."""
+    camera = replace(DASHCAM, pose=POSE)
+    ground = cast_on_ground(
+        pixel_rays(camera), camera, RoadAhead(RoadGeometry([0.0, 300.0], [0.0, 0.0]), VehiclePose(50.0))
+    )
+    black = np.zeros((*ground.s.shape, 3), np.float32)
+    paint_markings(black, markings, ground, station_m=50.0, seed=1)
+    row = round(float(camera.road_to_pixels(np.array([[x_m, markings[0].lateral_m]]))[0, 1])) - ground.top
+    paint, d, step = black[row, :, 0], ground.d[row], np.abs(ground.d_u[row])
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], paint > 0.02, [0]]).astype(int))).reshape(-1, 2)
+    runs = [slice(a, b) for a, b in edges]
+    return [(float(np.average(d[run], weights=paint[run])), float((paint * step)[run].sum())) for run in runs]
+
+
+@pytest.mark.parametrize(("width_m", "gap_m"), [(0.12, 0.10), (0.10, 0.20)])
+@pytest.mark.parametrize("x_m", [7.0, 14.0])
+def test_double_line_is_two_stripes_of_the_right_width_with_the_right_gap(width_m, gap_m, x_m):
+    (left, left_width), (right, right_width) = stripes_at((Marking(1.8, width_m, double_gap_m=gap_m, wear=0.0),), x_m)
+    assert (left_width, right_width) == pytest.approx((width_m, width_m), rel=0.03)
+    assert left - right - width_m == pytest.approx(gap_m, abs=0.004)
+    assert (left + right) / 2 == pytest.approx(1.8, abs=0.003)
+
+
+def test_solid_and_broken_marking_next_to_each_other():
+    """The right line has a dash from 6 m to 9.05 m ahead, then a gap of 9.15 m; the left line is solid."""
+    solid, broken = Marking(1.91, wear=0.0), Marking(1.69, dashed=True, phase_m=56.0, wear=0.0)
+    assert [d for d, _ in stripes_at((solid, broken), 7.5)] == pytest.approx([1.91, 1.69], abs=0.003)
+    assert [d for d, _ in stripes_at((solid, broken), 13.0)] == pytest.approx([1.91], abs=0.003)
+    assert [w for _, w in stripes_at((solid, broken), 7.5)] == pytest.approx([0.12, 0.12], rel=0.03)
+    # Both stripes of one double marking are broken together.
+    both = (Marking(1.8, dashed=True, phase_m=56.0, double_gap_m=0.1, wear=0.0),)
+    assert len(stripes_at(both, 7.5)) == 2 and stripes_at(both, 13.0) == []
+
+
+def test_symbol_has_the_right_area_and_position():
+    """The area of a diamond of 3.7 m by 1 m with a stroke of 24 % of its half width is known."""
+    road, pose = RoadGeometry([0.0, 200.0], [1 / 150, 1 / 150]), VehiclePose(50.0, 0.3)
+    ground = cast_on_ground(pixel_rays(DASHCAM), DASHCAM, RoadAhead(road, pose))
+    pixels, coverage = symbol_coverage(Symbol(58.0, -0.4, "diamond", 3.7, 1.0), ground, station_m=50.0)
+    s, d = ground.s.ravel()[pixels], ground.d.ravel()[pixels]
+    area = np.abs(ground.s_u * ground.d_v - ground.s_v * ground.d_u).ravel()[pixels]
+    assert (coverage * area).sum() == pytest.approx(0.5 * 3.7 * (1 - (1 - 2 * 0.24) ** 2), rel=0.04)
+    assert np.average(s, weights=coverage * area) == pytest.approx(58.0 - 50.0 + 3.7 / 2, abs=0.05)
+    assert np.average(d, weights=coverage * area) == pytest.approx(-0.4, abs=0.02)
+
+
+def test_botts_dots_limited_lines_and_oblique_lines_have_the_right_position():
+    road, pose = RoadGeometry([0.0, 200.0], [0.0, 0.0]), VehiclePose(50.0, 0.1)
+    ground = cast_on_ground(pixel_rays(DASHCAM), DASHCAM, RoadAhead(road, pose))
+    places = (ground.s.ravel(), ground.d.ravel())
+
+    def painted(**options):
+        pixels, coverage = paint_coverage(Marking(-1.5, 0.10, wear=0.0, **options), ground, station_m=50.0)
+        return [place[pixels[coverage > 0.5]] for place in places]
+
+    s, _ = painted(dashed=True, botts=True, phase_m=56.0)
+    near = np.sort(s[s < 10])
+    groups = np.split(near, np.flatnonzero(np.diff(near) > 0.4) + 1)
+    assert [group.mean() for group in groups] == pytest.approx([6.08 + k * 0.914 for k in range(4)], abs=0.04)
+    s, _ = painted(start_m=58.0, end_m=64.0)
+    assert (s.min(), s.max()) == pytest.approx((8.0, 14.0), abs=0.1)
+    s, d = painted(slope=0.05, start_m=55.0)
+    np.testing.assert_allclose(d, -1.5 + 0.05 * (s - 5.0), atol=0.08)

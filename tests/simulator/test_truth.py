@@ -1,0 +1,122 @@
+"""Ground truth: on the painted lines, consistent, through lane changes and without a lane; motion of the car."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lanes.io.telemetry import read_telemetry
+from simulator.rendering.drive import Motion
+from simulator.rendering.render import render_frame
+from simulator.rendering.video import VIDEO_FPS
+from simulator.road.geometry import RoadGeometry, VehiclePose
+from simulator.road.painted_lines import WHITE, Marking
+from simulator.road.truth import (
+    H_SAMPLES,
+    NOT_VISIBLE,
+    lane_truth,
+    line_pixels,
+    truth_entry,
+    truth_row,
+    write_truth_csv,
+)
+from simulator.scenes.dashcam import DASHCAM
+from simulator.scenes.freeway import LANE_WIDTH_M
+from simulator.scenes.project_video import project_video
+from tests.simulator.small_drive import POSE, SMALL, small_drive
+
+BENDS = RoadGeometry([0.0, 30.0, 40.0, 85.0], [0.0, 0.0, 1 / 20, 1 / 20])
+
+
+@pytest.mark.parametrize("curvature", [1 / 250, -1 / 250])
+def test_truth_lies_on_the_paint_of_the_picture(curvature):
+    drive = small_drive(curvature)
+    camera = replace(DASHCAM, pose=POSE)
+    drive = replace(
+        drive,
+        camera=camera,
+        markings=(Marking(LANE_WIDTH_M / 2, 0.15, WHITE, wear=0.0), Marking(-LANE_WIDTH_M / 2, 0.15, WHITE, wear=0.0)),
+    )
+    frame = render_frame(drive)
+    light = frame.image[..., 2].astype(float)
+    errors = []
+    for side in (0, 1):
+        for row, u in zip(H_SAMPLES, line_pixels(frame.truth, side, camera), strict=True):
+            if u > 50 and row > 440 and u < camera.width - 50:
+                at = np.arange(round(u) - 45, round(u) + 46)
+                weight = np.clip(light[row, at] - 120, 0, None)
+                errors.append((weight * at).sum() / weight.sum() - u)
+    assert len(errors) > 30
+    assert np.abs(errors).max() < 0.35
+    assert abs(np.mean(errors)) < 0.1
+
+
+def test_truth_is_consistent():
+    truth = small_drive().truth(0.5)
+    row = truth_row(truth, frame=3)
+    assert row["offset_m"] == pytest.approx(0.3)
+    assert row["heading_rad"] == pytest.approx(-0.01)
+    assert row["left_c0_m"] - row["right_c0_m"] == pytest.approx(row["lane_width_m"], rel=1e-3)
+    assert row["left_c1"] == pytest.approx(np.tan(row["heading_rad"]), abs=2e-4)
+    x = 5.0
+    cubic = row["left_c0_m"] + row["left_c1"] * x + row["left_c2_per_m"] * x**2 / 2 + row["left_c3_per_m2"] * x**3 / 6
+    assert row["left_y05_m"] == pytest.approx(cubic, abs=1e-3)
+
+
+def test_heading_follows_from_wander():
+    motion = Motion(0.0, 25.0, 0.1, wander_m=0.3, wander_period_s=6.0)
+    before, now, after = (motion.pose(t) for t in (1.99, 2.0, 2.01))
+    slope = (after.lateral_m - before.lateral_m) / (after.s_m - before.s_m)
+    assert now.heading_rad == pytest.approx(np.arctan(slope), abs=1e-6)
+
+
+def test_project_video_bends_both_ways():
+    drive = project_video()
+    truths = [drive.truth(i / VIDEO_FPS) for i in range(250)]
+    radii = 1 / np.array([t.curvature_per_m for t in truths if t.curvature_per_m])
+    assert truths[0].curvature_per_m == 0
+    assert 350 < radii[radii > 0].min() < 600
+    assert -450 < radii[radii < 0].max() < -350
+    assert np.ptp([t.offset_m for t in truths]) > 0.2
+
+
+def test_lane_change_switches_the_lane_when_the_middle_of_the_car_crosses_the_line():
+    motion = Motion(0.0, 25.0, 0.2, shift_m=-3.6, shift_start_s=1.0, shift_seconds=3.0)
+    lines = (1.8, -1.8, -5.4)
+    road = RoadGeometry([0.0, 300.0], [1 / 800, 1 / 800])
+    times = np.arange(0, 5, 0.04)
+    truths = [lane_truth(road, motion.pose(t), lines, time_s=t, pitch_rad=0.0) for t in times]
+    offsets = np.array([t.offset_m for t in truths])
+    jumps = np.flatnonzero(np.abs(np.diff(offsets)) > 1)
+    assert len(jumps) == 1
+    before, after = truths[jumps[0]], truths[jumps[0] + 1]
+    assert before.laterals_m == (1.8, -1.8) and after.laterals_m == (-1.8, -5.4)
+    # The right line becomes the left one.
+    assert before.right.c0_m == pytest.approx(after.left.c0_m, abs=0.1)
+    assert offsets[0] == pytest.approx(0.2) and offsets[-1] == pytest.approx(0.2)
+    # The heading is the slope of the path.
+    lateral = [motion.pose(t).lateral_m for t in (1.99, 2.01)]
+    assert np.tan(motion.pose(2.0).heading_rad) == pytest.approx((lateral[1] - lateral[0]) / 0.02 / 25, rel=1e-3)
+
+
+def test_truth_rows_are_empty_without_a_lane(tmp_path):
+    truth = lane_truth(BENDS, VehiclePose(10.0, 0.5, 0.1), (), time_s=0.4, pitch_rad=0.02)
+    assert not truth.has_lane
+    assert (line_pixels(truth, 0, SMALL) == NOT_VISIBLE).all()
+    write_truth_csv(tmp_path / "a.csv", [truth_row(truth, frame=0), truth_row(truth, frame=1)])
+    table = read_telemetry(tmp_path / "a.csv")
+    assert table["frame"].tolist() == [0, 1] and table["pitch_rad"].tolist() == [0.02, 0.02]
+    missing = {name for name, values in table.items() if np.isnan(values).all()}
+    assert set(table) - missing == {"frame", "time_s", "pitch_rad"}
+    entry = truth_entry(truth, raw_file="a.jpg", camera=SMALL, hidden=np.zeros((360, 640), bool))
+    assert "NaN" not in json.dumps(entry)
+    assert entry["offset_m"] is None and set(entry["left_y_m"]) == {None}
+
+
+def test_distance_is_the_integral_of_the_speed_knots():
+    motion = Motion(5.0, 12.0, later_speeds=((2.0, 6.0), (4.0, 6.0)))
+    assert [motion.pose(t).s_m for t in (0.0, 1.0, 2.0, 3.0, 5.0)] == pytest.approx([5.0, 15.5, 23.0, 29.0, 41.0])
+    assert replace(motion, later_speeds=()).pose(3.0).s_m == 41.0
