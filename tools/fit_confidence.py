@@ -37,7 +37,8 @@ from lanes.tracking.tracker import LaneTracker
 from simulator.rendering.drive import Motion
 from simulator.road.geometry import RoadGeometry
 from simulator.road.truth import truth_row
-from tests.support.painted_drive import CAMERA, DASH_M, TAR, WHITE, YELLOW, PaintedDrive, Stripe
+from tests.support.painted_drive import CAMERA, TAR, WORN_WHITE, WORN_YELLOW, PaintedDrive, Stripe
+from tests.support.painted_roads import DASH_M
 
 DRIVES, SECONDS, FPS = 60, 3.0, 12.5
 # Every fourth frame is also detected without the tracker.
@@ -63,7 +64,7 @@ def draw_line(rng: np.random.Generator, lateral_m: float) -> Stripe:
     if rng.random() < 0.3:
         start = rng.uniform(0, SECONDS)
         gone = (start, start + rng.uniform(0.5, 3))
-    colour = YELLOW if rng.random() < 0.3 else WHITE
+    colour = WORN_YELLOW if rng.random() < 0.3 else WORN_WHITE
     dash = (None, DASH_M, (3.0, 9.0), (6.0, 18.0))[rng.choice(4, p=(0.4, 0.4, 0.1, 0.1))]
     wear = rng.choice([1.0, 0.5, 0.25], p=[0.6, 0.25, 0.15])
     colour = tuple(int(98 + wear * (c - 98)) for c in colour)

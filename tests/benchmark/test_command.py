@@ -21,8 +21,8 @@ from simulator.rendering.drive import Motion
 from tests.support.clips import write_drive
 from tests.support.command_line import process
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
+from tests.support.project import ROOT
 
-ROOT = Path(__file__).parents[2]
 SMALL = CAMERA.scaled((640, 360))
 DRIVE = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3, wander_m=0.2), camera=SMALL)
 FRAMES = 5

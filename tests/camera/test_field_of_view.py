@@ -18,8 +18,8 @@ from lanes.drives.own_camera import find_field_of_view
 from lanes.io.images import write_image
 from simulator.rendering.drive import Motion
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
+from tests.support.project import ROOT
 
-ROOT = Path(__file__).parents[2]
 EXIF_BLOCK = 0x8769
 
 

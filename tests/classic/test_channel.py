@@ -7,7 +7,7 @@ from lanes.classic.channel import Channel, nearest_line
 from lanes.classic.finder import get_recipe
 from lanes.classic.fit import LineFit
 from lanes.classic.memory import LineMemory
-from tests.support.roads import paint_view
+from tests.support.painted_roads import paint_view
 
 A, C = get_recipe("hls_sobel"), get_recipe("best_channel")
 UPRIGHT = LineFit((0.0, 0.0, 300.0), 1, (0, 719))

@@ -1,9 +1,7 @@
 """The three recipes on painted roads of known truth, against the defects of their originals, and on real stills."""
 
-import os
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -17,10 +15,11 @@ from lanes.classic.finder import RECIPES, LaneFinder, get_recipe
 from lanes.io.describe import describe_bend, describe_offset
 from lanes.io.frames import PictureError
 from lanes.io.images import list_pictures, read_image
-from tests.support.roads import CAMERA, LANE_WIDTH_M, WHITE, Road, arc, paint_picture
+from tests.support.painted_roads import LANE_WIDTH_M, SUNLIT_WHITE, LaneRoad, paint_lane
+from tests.support.painted_roads import RECIPE_CAMERA as CAMERA
+from tests.support.project import REAL_DATA
 
 PUBLISHED_SCALES = (3.7 / 700, 30 / 720)
-REAL = Path(os.environ.get("LANES_DATA") or Path(__file__).parents[3] / "shared" / "real")
 every_recipe = pytest.mark.parametrize("name", RECIPES)
 
 
@@ -31,7 +30,7 @@ def finder(name, camera=CAMERA, **options):
 @cache
 def picture(road):
     """Painted once for all tests, and locked, because a finder has no business writing to its input."""
-    image = paint_picture(road)
+    image = paint_lane(road)
     image.flags.writeable = False
     return image
 
@@ -42,13 +41,13 @@ def summary(result):
 
 # --- against truth -----------------------------------------------------------------------------------------------
 
-LEFT_BEND = Road(1 / 400, 0.3)
-RIGHT_BEND = Road(-1 / 400, -0.3)
-DASHED = Road(1 / 600, 0.2, right_dashed=True)
-STRAIGHT = Road(0.0, -0.25)
-SHADOW = Road(-1 / 500, 0.1, shadow_m=(9, 14))
-TWO_WHITE = Road(1 / 700, 0.0, left=WHITE)
-HALF_LANE = Road(1 / 500, 0.2, right=None)
+LEFT_BEND = LaneRoad(1 / 400, 0.3)
+RIGHT_BEND = LaneRoad(-1 / 400, -0.3)
+DASHED = LaneRoad(1 / 600, 0.2, right_dashed=True)
+STRAIGHT = LaneRoad(0.0, -0.25)
+SHADOW = LaneRoad(-1 / 500, 0.1, shadow_m=(9, 14))
+TWO_WHITE = LaneRoad(1 / 700, 0.0, left=SUNLIT_WHITE)
+HALF_LANE = LaneRoad(1 / 500, 0.2, right=None)
 
 
 @pytest.mark.parametrize("road", [LEFT_BEND, RIGHT_BEND, DASHED, STRAIGHT, SHADOW, TWO_WHITE], ids=str)
@@ -89,7 +88,7 @@ def test_a_mirrored_road_has_a_mirrored_lane():
         source_px=((559.5, 460), (719.5, 460), (1059.5, 670), (219.5, 670)),
         destination_px=((199.5, 0), (1079.5, 0), (1079.5, 720), (199.5, 720)),
     )
-    image = paint_picture(LEFT_BEND, camera)
+    image = paint_lane(LEFT_BEND, camera)
     seen, mirrored = (LaneFinder(recipe, camera).find(i) for i in (image, np.ascontiguousarray(image[:, ::-1])))
     assert mirrored.curvature_per_m == pytest.approx(-seen.curvature_per_m, rel=0.01)
     assert mirrored.offset_m == pytest.approx(-seen.offset_m, abs=0.003)
@@ -113,7 +112,7 @@ def test_yellow_is_yellow_in_video(name, mask):
 @pytest.mark.parametrize(("name", "length"), [("hls_sobel", 5), ("equalized_hsv", 10), ("best_channel", 30)])
 def test_shown_lines_are_the_mean_of_the_last_fits(name, length):
     follow = finder(name)
-    frames = [picture(Road(1 / 600, offset)) for offset in (0.0, 0.04, 0.08)]
+    frames = [picture(LaneRoad(1 / 600, offset)) for offset in (0.0, 0.04, 0.08)]
     results = [follow.follow(frame) for frame in frames]
     assert all(r.found for r in results)
     single = [r.steps.left.fit.coefficients for r in results]
@@ -132,7 +131,7 @@ def test_windows_slide_in_video_too(name):
 @every_recipe
 def test_measures_are_not_frozen_at_the_first_frame(name):
     follow = finder(name)
-    offsets = [follow.follow(picture(Road(1 / 600, offset))).offset_m for offset in (0.0, 0.04, 0.08)]
+    offsets = [follow.follow(picture(LaneRoad(1 / 600, offset))).offset_m for offset in (0.0, 0.04, 0.08)]
     assert offsets == sorted(offsets)
     assert offsets[-1] - offsets[0] == pytest.approx(0.04, abs=0.02)  # the mean of 0, 4 and 8 cm
 
@@ -180,7 +179,7 @@ def test_a_channel_full_of_noise_does_not_confirm_the_line_so_far():
     """Recipe C takes the channel nearest to the line so far: noise around that line always is, and says nothing."""
     follow = finder("best_channel")
     for offset in (0.0, 0.04, 0.08):
-        result = follow.follow(picture(Road(1 / 600, offset)))
+        result = follow.follow(picture(LaneRoad(1 / 600, offset)))
     hue = result.steps.masks["hue"]
     assert (hue[500:] > 0).mean() > 0.05  # neutral asphalt has no hue, so its noise takes every one
     assert "hue" not in (result.steps.left.channel, result.steps.right.channel)
@@ -216,7 +215,7 @@ def test_lines_lie_on_the_raw_paint_once_the_lens_is_put_back(name):
         ideal = result.warp.points_to_picture(np.column_stack([fit.columns(rows), rows]))
         raw = CAMERA.distort_points(ideal)
         x = CAMERA.pixels_to_road(raw)[:, 0]
-        paint = CAMERA.road_to_pixels(np.column_stack([x, arc(STRAIGHT, side * LANE_WIDTH_M / 2, x)]))
+        paint = CAMERA.road_to_pixels(np.column_stack([x, STRAIGHT.lateral_m(side * LANE_WIDTH_M / 2, x)]))
         assert np.abs(raw - paint).max() < 4
         assert np.abs(ideal - paint).max() > 8
 
@@ -224,7 +223,7 @@ def test_lines_lie_on_the_raw_paint_once_the_lens_is_put_back(name):
 @every_recipe
 def test_metres_follow_from_the_warp(name):
     """Fixed metres per pixel are wrong by the same share at every offset; the warp's own are right."""
-    near, far = Road(0.0, 0.0), Road(0.0, 0.4)
+    near, far = LaneRoad(0.0, 0.0), LaneRoad(0.0, 0.4)
     exact = [finder(name).find(picture(road)).offset_m for road in (near, far)]
     fixed = [finder(name, metres_per_px=PUBLISHED_SCALES).find(picture(road)).offset_m for road in (near, far)]
     assert exact[1] - exact[0] == pytest.approx(0.4, abs=0.02)
@@ -261,7 +260,7 @@ def test_a_glint_changes_nothing_elsewhere(name):
 
 @every_recipe
 def test_bends_have_a_sign_and_straight_roads_no_radius(name):
-    left, right, straight = (finder(name).find(picture(road)) for road in (LEFT_BEND, Road(-1 / 600), STRAIGHT))
+    left, right, straight = (finder(name).find(picture(road)) for road in (LEFT_BEND, LaneRoad(-1 / 600), STRAIGHT))
     assert left.curvature_per_m > 0 > right.curvature_per_m
     assert left.left_radius_m > 0 > right.right_radius_m
     # Beside the car, not at the far end of the view, where a parabola bends less.
@@ -367,20 +366,20 @@ def test_embedded_stills_are_results_and_mostly_true(name, right):
 # --- real stills -------------------------------------------------------------------------------------------------
 
 with_real_stills = pytest.mark.skipif(
-    not (REAL / "test_images" / "test5.jpg").is_file() or not (REAL / "camera_cal").is_dir(),
-    reason=f"the real stills are not there ({REAL.name}/test_images); name their folder in LANES_DATA",
+    not (REAL_DATA / "test_images" / "test5.jpg").is_file() or not (REAL_DATA / "camera_cal").is_dir(),
+    reason=f"the real stills are not there ({REAL_DATA.name}/test_images); name their folder in LANES_DATA",
 )
 
 
 @pytest.fixture(scope="module")
 def real_camera():
-    return calibrate_folder(REAL / "camera_cal")
+    return calibrate_folder(REAL_DATA / "camera_cal")
 
 
 @with_real_stills
 def test_recipe_a_gives_its_published_numbers(real_camera):
     result = finder("hls_sobel", real_camera, metres_per_px=PUBLISHED_SCALES).find(
-        read_image(REAL / "test_images" / "test5.jpg")
+        read_image(REAL_DATA / "test_images" / "test5.jpg")
     )
     assert result.found
     # The road bends right and the car stands right of the centre, which the published numbers do not say.
@@ -393,7 +392,7 @@ def test_recipe_a_gives_its_published_numbers(real_camera):
 @pytest.mark.parametrize(("name", "lanes"), [("hls_sobel", 8), ("equalized_hsv", 7), ("best_channel", 5)])
 def test_every_real_still_is_a_result(real_camera, name, lanes):
     """On light concrete the right dashes escape B, and the thresholds of C flood, which it notices."""
-    stills = list_pictures(REAL / "test_images")
+    stills = list_pictures(REAL_DATA / "test_images")
     shared = finder(name, real_camera, metres_per_px=PUBLISHED_SCALES)
     states = [shared.find(read_image(still)).state for still in stills]
     assert len(states) >= 8

@@ -7,14 +7,15 @@ import pytest
 
 from lanes.classic.finder import LaneFinder, get_recipe
 from lanes.classic.overlay import annotate, describe_result, diagnose, draw_search, follow_lane
-from tests.support.roads import CAMERA, LANE_WIDTH_M, Road, arc, paint_picture
+from tests.support.painted_roads import LANE_WIDTH_M, LaneRoad, paint_lane
+from tests.support.painted_roads import RECIPE_CAMERA as CAMERA
 
-ROAD = Road(curvature_per_m=1 / 500, offset_m=0.28)
+ROAD = LaneRoad(curvature_per_m=1 / 500, offset_m=0.28)
 
 
 @pytest.fixture(scope="module")
 def picture():
-    return paint_picture(ROAD)
+    return paint_lane(ROAD)
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +28,7 @@ def test_the_filled_lane_ends_at_the_paint_of_the_raw_picture(picture, result):
     green = (annotate(picture, result, CAMERA).astype(int) - picture)[..., 1] > 10
     for x in (6.0, 10.0, 15.0):
         shifts_m = (LANE_WIDTH_M / 2, -LANE_WIDTH_M / 2)
-        lines_m = [np.array([[x, *arc(ROAD, shift_m, np.array([x]))]]) for shift_m in shifts_m]
+        lines_m = [np.array([[x, *ROAD.lateral_m(shift_m, np.array([x]))]]) for shift_m in shifts_m]
         u_left, u_right = (CAMERA.road_to_pixels(point)[0] for point in lines_m)
         row = round(float(u_left[1]))
         columns = np.flatnonzero(green[row, :])

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from lanes.classic.fit import LineFit
 from lanes.classic.search import band_pixels, binary_pixels, find_peaks, lane_histogram, search_band, sliding_windows
-from tests.support.roads import paint_view
+from tests.support.painted_roads import paint_view
 
 SIZE = (1280, 720)
 

@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 from lanes.camera.camera_pose import CameraError, CameraPose
 from lanes.classic.warp import FourPointWarp, metres_per_pixel, scale_to_road, view_to_road
 from lanes.io.frames import PictureError
-from tests.support.roads import CAMERA, paint_view
+from tests.support.painted_roads import RECIPE_CAMERA as CAMERA
+from tests.support.painted_roads import paint_view
 
 SIZE = (1280, 720)
 TRAPEZIUM = [(580, 460), (740, 460), (1100, 670), (270, 670)]

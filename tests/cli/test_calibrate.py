@@ -17,8 +17,8 @@ from lanes.camera.calibration.coverage import count_corners, describe_boards, de
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import load_camera
 from lanes.io.images import read_image, write_image
+from tests.support.project import ROOT
 
-ROOT = Path(__file__).parents[2]
 SIZE = (640, 360)
 LENS = Camera(*SIZE, np.array([[580.0, 0, 322], [0, 580, 178], [0, 0, 1]]), np.array([-0.2, 0.03, 0, 0, 0]))
 # Rotation about both axes (degrees) and position of the board centre (squares; the camera is 14 squares away).

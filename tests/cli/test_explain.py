@@ -11,9 +11,9 @@ import pytest
 
 from lanes.camera.camera_file import save_camera
 from lanes.io.images import read_image, write_image
-from tests.support.painter import YELLOW, Road, dashcam
+from tests.support.painted_roads import YELLOW, Road, dashcam
+from tests.support.project import ROOT
 
-ROOT = Path(__file__).parents[2]
 CAMERA = dashcam(width=640)
 
 

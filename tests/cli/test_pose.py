@@ -15,7 +15,7 @@ from lanes.io.footage import pick_pictures
 from lanes.io.images import write_image
 from lanes.io.video.writer import VideoWriter
 from tests.support.command_line import main
-from tests.support.painted_roads import paint_road
+from tests.support.painted_roads import paint_motorway
 
 POSE = CameraPose(1.3, np.radians(3.0), np.radians(1.5), np.radians(-0.6))
 CAMERA = Camera.from_fov((960, 540), 66, POSE)
@@ -26,10 +26,10 @@ def drive(tmp_path_factory):
     """Two stills and a video of six frames, 2 a second."""
     folder = tmp_path_factory.mktemp("drive")
     for i in range(2):
-        write_image(folder / f"still{i}.jpg", paint_road(CAMERA, offset_m=0.3 * i, phase_m=5 * i, seed=i))
+        write_image(folder / f"still{i}.jpg", paint_motorway(CAMERA, offset_m=0.3 * i, phase_m=5 * i, seed=i))
     with VideoWriter(folder / "drive.mp4", fps=2) as video:
         for i in range(6):
-            video.write(paint_road(CAMERA, offset_m=0.1 * i, phase_m=3 * i, seed=i), i / 2)
+            video.write(paint_motorway(CAMERA, offset_m=0.1 * i, phase_m=3 * i, seed=i), i / 2)
     return folder
 
 

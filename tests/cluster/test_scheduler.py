@@ -29,12 +29,12 @@ from lanes.io.video.reader import inspect_video
 from simulator.rendering.drive import Motion
 from tests.support.clips import write_drive
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
+from tests.support.project import ROOT
 
 distributed = pytest.importorskip(
     "distributed", reason="Dask is not installed: pip install -r requirements-cluster.txt"
 )
 
-ROOT = Path(__file__).parents[2]
 # x264 makes the same bytes each time only of widths that are multiples of 256 (tests/io/video/conftest.py).
 SMALL = CAMERA.scaled((768, 432))
 FRAMES, LONG = 20, 50

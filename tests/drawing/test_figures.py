@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from pathlib import Path
 
 import matplotlib
 
@@ -16,6 +15,7 @@ import pytest  # noqa: E402
 
 from lanes.drawing import figures as plots  # noqa: E402
 from lanes.io.images import read_image  # noqa: E402
+from tests.support.project import ROOT
 
 
 @pytest.fixture(autouse=True)
@@ -134,7 +134,7 @@ def test_style_stays_within():
 def test_importing_does_not_import_pyplot():
     """So that commands that draw no figure start quickly."""
     code = "import sys, lanes.drawing.figures, lanes.drawing.pictures; sys.exit('matplotlib' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[2]).returncode == 0
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT).returncode == 0
 
 
 def test_bars_have_their_values_and_names():

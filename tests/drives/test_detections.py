@@ -17,11 +17,11 @@ from lanes.io.images import write_image
 from simulator.rendering.drive import Motion
 from tests.support.clips import write_clip
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
+from tests.support.project import ROOT
 
 SMALL = CAMERA.scaled((640, 360))
 DRIVE = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3, wander_m=0.2), camera=SMALL)
 ROWS = range(230, 351, 10)
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")

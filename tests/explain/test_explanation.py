@@ -15,7 +15,7 @@ from lanes.explain.explanation import Explanation, explain_frame, stripes_on_lin
 from lanes.io.frames import PictureError
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
-from tests.support.painter import YELLOW, Road, dashcam
+from tests.support.painted_roads import YELLOW, Road, dashcam
 
 CAMERA = dashcam(width=1280)
 BEND, OFFSET_M = 1 / 350, -0.4

@@ -10,7 +10,7 @@ import pytest
 
 from lanes.classic.threshold import saturation_mask
 from lanes.explain.sliders import tune_threshold, tune_view
-from tests.support.painter import YELLOW, Road, dashcam
+from tests.support.painted_roads import YELLOW, Road, dashcam
 
 CAMERA = dashcam()
 

@@ -21,8 +21,8 @@ from lanes.io.files import (
     require_file,
     write_atomically,
 )
+from tests.support.project import ROOT
 
-ROOT = Path(__file__).parents[2]
 STALE = "0123456789ab"
 
 

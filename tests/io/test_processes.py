@@ -16,8 +16,7 @@ import psutil
 import pytest
 
 from lanes.io.processes import available_workers, map_ordered, run_all
-
-ROOT = Path(__file__).parents[2]
+from tests.support.project import ROOT
 
 
 def slow_square(number: int) -> tuple[int, int]:

@@ -1,4 +1,4 @@
-"""What results say of themselves in a notebook: in words, short, with a table of the same content."""
+"""Results in a notebook: a short `repr` in words, and an HTML table of the same content."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
 from lanes.tracking.tracked_lane import TrackedLane
 from lanes.tracking.tracker import LaneTracker
-from tests.support.painter import YELLOW, Road, dashcam
+from tests.support.painted_roads import YELLOW, Road, dashcam
 
 CAMERA = dashcam(width=1280)
-# The car is 0.35 m right of the middle of a lane of 3.6 m that bends left with a radius of 400 m.
+# The car is 0.35 m right of the centre of a lane 3.6 m wide that bends left with a radius of 400 m.
 OFFSET_M, BEND = -0.35, 1 / 400
 
 
@@ -33,7 +33,7 @@ def rows_of(html: str) -> dict[str, str]:
     return dict(re.findall(r"<tr><th>(.*?)</th><td>(.*?)</td></tr>", html))
 
 
-def test_a_lane_says_where_the_car_is_and_how_the_road_bends(picture):
+def test_a_lane_gives_the_offset_and_the_bend(picture):
     lane = find_lane(picture, BirdsEyeView(CAMERA))
     assert re.fullmatch(
         r"Lane\(0\.3[3-7] ± 0\.\d\d m right of centre, bends left, R (39|40|41)0 m, 3\.\d\d ± 0\.\d\d m wide\)",
@@ -45,7 +45,7 @@ def test_a_lane_says_where_the_car_is_and_how_the_road_bends(picture):
     assert re.fullmatch(r"1\.4\d ± 0\.\d\d m right, paint .*", rows["right line"])
 
 
-def test_a_line_that_is_not_seen_is_said_to_be_inferred():
+def test_an_invisible_line_is_marked_as_inferred():
     only_left = Road(CAMERA).line(lambda x: 1.8 + 0 * x).image()
     lane = find_lane(only_left, BirdsEyeView(CAMERA))
     assert lane.summary()["right line"].endswith("inferred from the other line")
@@ -56,7 +56,7 @@ def test_a_lost_lane_has_no_numbers():
     assert rows_of(TrackedLane("lost")._repr_html_()) == {"state": "lost"}
 
 
-def test_a_tracker_says_what_it_knows_now(picture):
+def test_a_tracker_gives_its_state_and_speed(picture):
     tracker = LaneTracker(CAMERA, fps=20, speed_mps=25.0)
     assert repr(tracker) == "LaneTracker(1280x720 px, 20 pictures a second, lost)"
     for _ in range(4):
@@ -70,7 +70,7 @@ def test_a_tracker_says_what_it_knows_now(picture):
     assert f"confidence {tracked.confidence:.2f}" in repr(tracked)
 
 
-def test_a_camera_says_lens_pose_and_calibration():
+def test_a_camera_gives_lens_pose_and_calibration():
     camera = CAMERA.with_report(CalibrationReport(0.254, {"a": 0.2, "b": 0.3}))
     assert repr(camera) == (
         "Camera(1280x720 px, focal length 1150 px, field of view 58.2 deg, "
@@ -85,7 +85,7 @@ def test_the_field_of_view_is_the_one_asked_for(hfov_deg):
     assert Camera.from_fov((1920, 1080), hfov_deg).hfov_deg == pytest.approx(hfov_deg)
 
 
-def test_a_pose_comes_with_its_doubts_and_notes():
+def test_a_pose_comes_with_standard_deviations_and_notes():
     pose = CameraPose(1.32, np.radians(-1.8), np.radians(-1.36), 0.0)
     estimate = PoseEstimate(pose, 0.04, 0.001, 0.002, 0.0175, 12, 40, 0.003, 0.01, 3.66, ("roll <unknown>",))
     assert repr(estimate).startswith("PoseEstimate(height 1.32 ± 0.04 m (lane 3.66 m wide), pitch -1.80 ± 0.06 deg, ")

@@ -1,7 +1,7 @@
-"""Drives along painted roads, for tests of what needs time: quick to draw, with the truth of every frame.
+"""Drives along painted roads, with the truth of every frame, for tests of what happens over time.
 
-A road is a clothoid line (`simulator.road.geometry`), the car moves as in the rendered drives (`Motion`), and paint is
-drawn as polygons through the camera model: a frame costs a few milliseconds, and lines can be taken away while driving.
+A road is a clothoid line (`simulator.road.geometry`), and the car moves as in the rendered drives (`Motion`). Stripes
+are polygons, which takes a few milliseconds a frame; `tests.support.painted_roads` paints single pictures more exactly.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from lanes.tracking.tracker import LaneTracker
 from simulator.rendering.drive import Motion
 from simulator.road.geometry import RoadGeometry, VehiclePose, offset_point
 from simulator.road.truth import Truth, lane_truth
+from tests.support.painted_roads import DASH_M, FARTHEST_M
 
-WHITE, YELLOW, ASPHALT, TAR = (215, 215, 210), (205, 160, 45), (98, 98, 98), (60, 60, 62)
-DASH_M = (3.05, 12.2)
+WORN_WHITE, WORN_YELLOW, GREY, TAR = (215, 215, 210), (205, 160, 45), (98, 98, 98), (60, 60, 62)
 SPARE_PX = 64
 AHEAD_M = np.concatenate([np.arange(1.0, 25, 0.5), np.arange(25.0, 60, 1.0), np.arange(60.0, 161, 4)])
 CAMERA = Camera(
@@ -36,23 +36,23 @@ CAMERA = Camera(
 
 @dataclass(frozen=True)
 class Stripe:
-    """Something that runs along the road.
+    """A line, a seam or a shadow along the road, `lateral_m` left of the reference line.
 
-    `on_s` are times (from, to) at which a line is painted, `gone_s` such at which it is not; `along_m` the arc lengths
-    between which it lies.
+    `dash_m` is (length, period), `phase_m` the arc length at which a dash begins. The stripe is painted between the arc
+    lengths `along_m`, but not at the times `gone_s` (from, to).
     """
 
     lateral_m: float
     width_m: float = 0.13
-    colour: tuple[int, int, int] = WHITE
+    colour: tuple[int, int, int] = WORN_WHITE
     dash_m: tuple[float, float] | None = None
     phase_m: float = 0.0
     gone_s: tuple[float, float] = (np.inf, np.inf)
     along_m: tuple[float, float] = (-np.inf, np.inf)
 
     def pieces(self, station_m: float) -> list[tuple[float, float]]:
-        """(from, to) in metres ahead of the car at which it is to be seen."""
-        low, high = max(1.0, self.along_m[0] - station_m), min(150.0, self.along_m[1] - station_m)
+        """(from, to) of each visible piece, metres ahead of a car at the arc length `station_m`."""
+        low, high = max(1.0, self.along_m[0] - station_m), min(FARTHEST_M, self.along_m[1] - station_m)
         if not self.dash_m:
             return [(low, high)] if high > low else []
         length, period = self.dash_m
@@ -64,9 +64,10 @@ class Stripe:
 
 @dataclass(frozen=True, eq=False)
 class PaintedDrive:
-    """A road with stripes on it, and how the car moves along it.
+    """A road with stripes on it, and the car's motion along it.
 
-    `lane_m` are the laterals of the ego lane's lines at first; `black_s` times (from, to) of black pictures.
+    `lane_m` are the lateral positions of the ego lane's lines at the start. Between the times `black_s` (from, to) all
+    frames are black; between the times `drift_s` the car changes its lateral position by `drift_mps` on average.
     """
 
     road: RoadGeometry
@@ -84,7 +85,7 @@ class PaintedDrive:
     drift_s: tuple[float, float] = (np.inf, np.inf)
 
     def pose(self, time_s: float) -> VehiclePose:
-        """Place on the road; the drift leads the car sideways, as when changing lanes."""
+        """Position on the road; the drift moves the car sideways, as in a lane change."""
         pose = self.motion.pose(time_s)
         begin, end = self.drift_s
         if time_s <= begin:
@@ -96,28 +97,28 @@ class PaintedDrive:
         return VehiclePose(pose.s_m, lateral, pose.heading_rad + float(np.arctan(speed / self.motion.speed_mps)))
 
     def truth(self, time_s: float, lane_m: tuple[float, float] | None = None) -> Truth:
-        """What is true of the frame at `time_s`."""
+        """Ground truth of the frame at `time_s`."""
         pitch = self.camera.pose.pitch_rad + self.motion.pitch(time_s)
         return lane_truth(self.road, self.pose(time_s), lane_m or self.lane_m, time_s=time_s, pitch_rad=pitch)
 
     def frame(self, time_s: float) -> np.ndarray:
-        """The picture (height, width, 3) uint8 at `time_s`; what is above the horizon is grey as well."""
+        """The frame (height, width, 3) uint8 at `time_s`; the sky is as grey as the road."""
         height, width = self.camera.height, self.camera.width
         if self.black_s[0] <= time_s < self.black_s[1]:
             return np.zeros((height, width, 3), np.uint8)
         pose, camera_pose = self.pose(time_s), self.camera.pose
         tilted = replace(camera_pose, pitch_rad=camera_pose.pitch_rad + self.motion.pitch(time_s))
         camera = self.camera.with_pose(tilted)
-        # the reference line and its normal in the car's frame, from which all stripes follow
-        base, beside = (pose.to_car(self.road, offset_point(self.road, pose.s_m + AHEAD_M, d)) for d in (0.0, 1.0))
-        image = np.full((height, width, 3), ASPHALT[0], np.uint8)
+        # the reference line and its normal in the car's frame; all stripes are offsets along that normal
+        base, left_1_m = (pose.to_car(self.road, offset_point(self.road, pose.s_m + AHEAD_M, d)) for d in (0.0, 1.0))
+        image = np.full((height, width, 3), GREY[0], np.uint8)
         for stripe in (*self.ground, *self.lines):
             if not stripe.gone_s[0] <= time_s < stripe.gone_s[1]:
-                for corners in self._outlines(stripe, pose.s_m, camera, base, beside - base):
+                for corners in self._outlines(stripe, pose.s_m, camera, base, left_1_m - base):
                     cv2.fillPoly(image, [corners], tuple(self._colour(stripe)), cv2.LINE_AA, 4)
         for shade in self.shades:
             mask = np.zeros((height, width), np.uint8)
-            cv2.fillPoly(mask, list(self._outlines(shade, pose.s_m, camera, base, beside - base)), 255, 8, 4)
+            cv2.fillPoly(mask, list(self._outlines(shade, pose.s_m, camera, base, left_1_m - base)), 255, 8, 4)
             cv2.copyTo(cv2.convertScaleAbs(image, alpha=0.45), mask, image)
         rng = np.random.default_rng(self.seed * 10007 + round(time_s * 1000))
         top, left = rng.integers(0, SPARE_PX, 2)
@@ -125,12 +126,12 @@ class PaintedDrive:
         return cv2.add(image, grain, dtype=cv2.CV_8U)
 
     def _colour(self, stripe: Stripe) -> list[float]:
-        return [a + self.contrast * (c - a) for c, a in zip(stripe.colour, ASPHALT, strict=True)]
+        return [a + self.contrast * (c - a) for c, a in zip(stripe.colour, GREY, strict=True)]
 
     def _outlines(
         self, stripe: Stripe, station_m: float, camera: Camera, base: np.ndarray, normal: np.ndarray
     ) -> Iterator[np.ndarray]:
-        """Corners (N, 2) int32, in sixteenths of a pixel, of each painted piece of a stripe."""
+        """Corners (N, 2) int32 of each painted piece of a stripe, in sixteenths of a pixel."""
         borders = []
         for low, high in stripe.pieces(station_m):
             ahead = np.unique(np.clip(AHEAD_M, low, high))
@@ -147,38 +148,38 @@ class PaintedDrive:
 
 @lru_cache(maxsize=4)
 def _grain(height: int, width: int, std: float) -> np.ndarray:
-    """Noise (height, width, 3), made once: drawing numbers for each frame costs 50 ms."""
+    """Noise (height, width, 3), cached: drawing the numbers for each frame costs 50 ms."""
     return np.round(np.random.default_rng(1).normal(0, std, (height + SPARE_PX, width + SPARE_PX, 3))).astype(np.int16)
 
 
 def straight_road() -> RoadGeometry:
-    """Two kilometres straight on."""
+    """Two kilometres of straight road."""
     return RoadGeometry([0.0, 2000.0], [0.0, 0.0])
 
 
 def s_bend(radius_m: float = 450.0, knot_m: float = 80.0) -> RoadGeometry:
-    """Left, right, left, ..., with arcs and the clothoids between them of `knot_m` each."""
+    """Bends to the left and right in turn: arcs and the clothoids between them, each `knot_m` long."""
     bends = np.tile([0.0, 1.0, 1.0, 0.0, -1.0, -1.0], 4) / radius_m
     return RoadGeometry(np.arange(len(bends)) * knot_m, bends)
 
 
 def lane_lines(*, left: dict | None = None, right: dict | None = None) -> tuple[Stripe, ...]:
-    """Solid yellow left, broken white right, and the broken line of the lane beyond."""
+    """Solid yellow line on the left, dashed white line on the right, and the dashed line of the next lane."""
     return (
-        Stripe(1.8, **({"colour": YELLOW} | (left or {}))),
+        Stripe(1.8, **({"colour": WORN_YELLOW} | (left or {}))),
         Stripe(-1.8, **({"dash_m": DASH_M} | (right or {}))),
         Stripe(-5.4, dash_m=DASH_M, phase_m=4.0),
     )
 
 
 SMALL = CAMERA.scaled((640, 360))
-# Sixty metres along bends of 450 m, a little left of the lane's middle.
+# From 60 m on, along bends of 450 m, a little left of the lane centre.
 BENDS = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3), camera=SMALL)
 
 
 @lru_cache(maxsize=1)
 def tracked_bends() -> tuple[np.ndarray, TrackedLane]:
-    """The fourth picture of `BENDS`, which nobody may write on, and what a tracker says of it."""
+    """The fourth frame of `BENDS`, read-only, and the tracker's result for it."""
     tracker = LaneTracker(SMALL)
     for frame in range(4):
         image = BENDS.frame(frame / 25)

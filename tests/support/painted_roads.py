@@ -1,77 +1,273 @@
-"""Pictures of painted roads with exactly known truth, drawn through the camera for the tests of the camera pose."""
+"""Pictures of flat roads, painted through a camera model, for tests: each line lies exactly where the test puts it.
+
+`Road` is a picture that is painted step by step. `paint_lane` and `paint_motorway` are two ready-made pictures: the
+lane of the classic recipes, and the road with several lanes that shows a camera's pose. Drives with many frames are in
+`tests.support.painted_drive`.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
 
 import cv2
 import numpy as np
 
 from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import CameraPose
 
-LANE_M, STRIPE_M = 3.66, 0.12
+WHITE, YELLOW, ASPHALT = (225, 225, 220), (215, 165, 40), (95, 95, 98)
+SUNLIT_WHITE, SUNLIT_YELLOW, SUNLIT_ASPHALT = (235, 235, 230), (230, 185, 50), (105, 105, 105)
+SKY = (120, 150, 190)
+# Length and period of the dashes of an American motorway.
+DASH_M = (3.05, 12.2)
+# Nothing is painted farther away.
+FARTHEST_M = 150.0
+# Samples of one pixel in each direction, as shares of the pixel.
+SUBPIXELS = (-0.375, -0.125, 0.125, 0.375)
+
+# The camera that the published recipes were tuned on: its lens bends straight lines by up to 20 px at the corners.
+RECIPE_CAMERA = Camera(
+    1280,
+    720,
+    np.array([[1157.0, 0, 670], [0, 1152, 386], [0, 0, 1]]),
+    np.array([-0.25, 0.05, -0.0009, 0.0008, 0.0]),
+    CameraPose(height_m=1.2, pitch_rad=-0.026, yaw_rad=-0.022),
+)
+
+Inside = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
-def paint_road(
+def dashcam(width: int = 640, **pose: float) -> Camera:
+    """A camera with distortion, 1.3 m above the road, that looks slightly up and to the right."""
+    scale = width / 1280
+    matrix = np.array([[1150 * scale, 0, 640 * scale], [0, 1150 * scale, 370 * scale], [0, 0, 1]])
+    lens = Camera(width, width * 9 // 16, matrix, np.array([-0.24, 0.06, 0.0005, -0.0003, 0.0]))
+    return lens.with_pose(CameraPose(**{"height_m": 1.3, "pitch_rad": -0.01, "yaw_rad": -0.012, **pose}))
+
+
+@dataclass(frozen=True)
+class Arc:
+    """The centre line of a lane of constant curvature, and its coordinates.
+
+    `curvature_per_m` > 0 bends left, `offset_m` > 0 puts the car left of the centre line, `heading_rad` > 0 turns the
+    road left of the car's axis.
+    """
+
+    curvature_per_m: float = 0.0
+    offset_m: float = 0.0
+    heading_rad: float = 0.0
+
+    def coordinates(self, points_m: np.ndarray) -> np.ndarray:
+        """Arc length and lateral position (..., 2) of points (..., 2) on the road."""
+        x, y = points_m[..., 0], points_m[..., 1] + self.offset_m
+        cos, sin = np.cos(self.heading_rad), np.sin(self.heading_rad)
+        x, y = cos * x + sin * y, cos * y - sin * x
+        if abs(self.curvature_per_m) < 1e-9:
+            return np.stack([x, y], axis=-1)
+        radius, side = 1 / abs(self.curvature_per_m), np.sign(self.curvature_per_m)
+        along = radius * np.arctan2(x, radius - side * y)
+        return np.stack([along, side * (radius - np.hypot(x, radius - side * y))], axis=-1)
+
+    def lateral_m(self, shift_m: float, x_m: np.ndarray) -> np.ndarray:
+        """Lateral position (N,) in the car's frame of the parallel arc `shift_m` left; for a heading of 0."""
+        if abs(self.curvature_per_m) < 1e-9:
+            return np.full_like(x_m, shift_m - self.offset_m)
+        radius = 1 / self.curvature_per_m - shift_m
+        return shift_m - self.offset_m + radius - np.sign(radius) * np.sqrt(radius**2 - x_m**2)
+
+
+@lru_cache(maxsize=8)
+def _road_points(size: tuple, matrix: tuple, distortion: tuple, pose: CameraPose) -> tuple[int, list[np.ndarray]]:
+    """First row that shows road, and road points of all pixels from there on, for several heights within a pixel."""
+    camera = Camera(*size, np.reshape(matrix, (3, 3)), np.array(distortion), pose)
+    top = max(0, int(camera.road_to_pixels(np.array([[FARTHEST_M, 0.0]]))[0, 1]) - 20)
+    v, u = np.mgrid[top : camera.height, : camera.width].astype(float)
+    rows = (np.column_stack([u.ravel(), (v + dv).ravel()]) for dv in SUBPIXELS)
+    return top, [camera.pixels_to_road(pixels).reshape(*u.shape, 2) for pixels in rows]
+
+
+class Road:
+    """A picture of a flat road to paint on.
+
+    The coordinates of everything painted are arc length and lateral position along `arc`; without it these are x and y
+    in the car's frame.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        *,
+        arc: Arc | None = None,
+        asphalt: tuple = ASPHALT,
+        noise: float = 2.0,
+        seed: int = 0,
+    ) -> None:
+        self.camera, self.noise, self.seed = camera, noise, seed
+        lens = tuple(camera.matrix.ravel()), tuple(camera.distortion)
+        self._top, found = _road_points(camera.size, *lens, camera.pose)
+        # x, y and lateral metres per column of all pixels, for each height within a pixel
+        self._samples = []
+        for points in found:
+            x, y = np.moveaxis(arc.coordinates(points) if arc else points, -1, 0).copy()
+            self._samples.append((x, y, np.gradient(y, axis=1)))
+        self.picture = np.ones((camera.height, camera.width, 3)) * asphalt
+
+    def cover(self, inside: Inside, candidates: np.ndarray | slice = np.s_[:]) -> np.ndarray:
+        """Share (height, width, 1) of each pixel that lies where `inside(x, y)` is true."""
+        share = np.zeros((self.camera.height, self.camera.width, 1))
+        road = share[self._top :, :, 0]
+        with np.errstate(invalid="ignore"):
+            for sample in self._samples:
+                x, y, across = (values[candidates] for values in sample)
+                for du in SUBPIXELS:
+                    road[candidates] += inside(x, y + du * across) & (x < FARTHEST_M)
+        return share / len(SUBPIXELS) ** 2
+
+    def paint(self, inside: Inside, colour: tuple) -> Road:
+        """Paint the part of the road where `inside(x, y)` is true."""
+        return self._blend(self.cover(inside), colour)
+
+    def line(
+        self,
+        y_of_x: Callable[[np.ndarray], np.ndarray],
+        *,
+        colour: tuple = WHITE,
+        width_m: float = 0.12,
+        dash_m: tuple[float, float] | None = None,
+        phase_m: float = 0.0,
+    ) -> Road:
+        """Paint a line; `dash_m` is (length, period), `phase_m` the place where a dash begins."""
+
+        def inside(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+            on = np.abs(y - y_of_x(x)) < width_m / 2
+            return on & ((x - phase_m) % dash_m[1] < dash_m[0]) if dash_m else on
+
+        # only pixels near the line are sampled finely
+        near = [np.abs(y - y_of_x(x)) < width_m / 2 + np.abs(across) for x, y, across in self._samples]
+        return self._blend(self.cover(inside, np.any(near, axis=0)), colour)
+
+    def shade(self, inside: Inside, share: float) -> Road:
+        """Darken the part of the road where `inside(x, y)` is true to `share` of its light."""
+        return self._blend((1 - share) * self.cover(inside), (0, 0, 0))
+
+    def surround(self, landscape: np.ndarray | tuple) -> Road:
+        """Replace everything above the road by a colour or a picture."""
+        return self._blend(1 - self.cover(lambda x, y: x > 0), landscape)
+
+    def _blend(self, share: np.ndarray, colour: np.ndarray | tuple) -> Road:
+        """Paint a colour, or a picture (height, width, 3), over this share (height, width, 1) of each pixel."""
+        self.picture += share * (np.asarray(colour, float) - self.picture)
+        return self
+
+    def image(self) -> np.ndarray:
+        """The picture (height, width, 3) uint8 with sensor noise."""
+        rng = np.random.default_rng(self.seed)
+        noisy = self.picture + rng.normal(0, self.noise, self.picture.shape)
+        return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
+
+
+LANE_WIDTH_M = 3.7
+
+
+@dataclass(frozen=True)
+class LaneRoad(Arc):
+    """One sunlit lane between two lines; None leaves a line out. A shadow crosses it at the distances `shadow_m`."""
+
+    left: tuple[int, int, int] | None = SUNLIT_YELLOW
+    right: tuple[int, int, int] | None = SUNLIT_WHITE
+    right_dashed: bool = False
+    shadow_m: tuple[float, float] | None = None
+
+
+def paint_lane(lane: LaneRoad, camera: Camera = RECIPE_CAMERA) -> np.ndarray:
+    """Picture (height, width, 3) uint8 of one lane, 3.7 m wide.
+
+    Everything is a polygon with a soft edge, which makes distant lines about a pixel wider than those of `Road`. Recipe
+    C chooses its channel by the number of bright pixels and finds other lines in pictures of thinner ones.
+    """
+    image = np.full((camera.height, camera.width, 3), SKY, np.uint8)
+    _fill(image, camera, np.array([[2.5, -14], [2.5, 14], [400, 200], [400, -200]]), SUNLIT_ASPHALT)
+    dashes = [(start, start + DASH_M[0]) for start in np.arange(4.0, 120.0, DASH_M[1])]
+    for colour, side, dashed in ((lane.left, 1, False), (lane.right, -1, lane.right_dashed)):
+        if colour:
+            for start, end in dashes if dashed else [(3.0, 120.0)]:
+                x = np.linspace(start, end, max(int((end - start) * 4), 2))
+                edges = [lane.lateral_m(side * LANE_WIDTH_M / 2 + half * 0.15, x) for half in (0.5, -0.5)]
+                left, right = (np.column_stack([x, y]) for y in edges)
+                _fill(image, camera, np.vstack([left, right[::-1]]), colour)
+    if lane.shadow_m:
+        light, (near, far) = np.full(image.shape[:2], 255, np.uint8), lane.shadow_m
+        _fill(light, camera, np.array([[near, -14], [near + 1, 14], [far + 1, 14], [far, -14]]), 110)
+        image = (image * (cv2.GaussianBlur(light, (9, 9), 0)[..., None] / 255.0)).astype(np.uint8)
+    noise = np.random.default_rng(0).normal(0, 2.0, image.shape)
+    return np.clip(cv2.GaussianBlur(image, (0, 0), 0.8) + noise, 0, 255).astype(np.uint8)
+
+
+def _fill(image: np.ndarray, camera: Camera, corners_m: np.ndarray, colour: tuple | int) -> None:
+    """Fill a polygon (N, 2) on the road; its edges are divided finely enough to bend with the lens."""
+    closed = np.vstack([corners_m, corners_m[:1]])
+    fine = np.vstack([np.linspace(a, b, 20, endpoint=False) for a, b in pairwise(closed)])
+    pixels = camera.road_to_pixels(fine)
+    pixels = pixels[np.isfinite(pixels).all(axis=1) & (np.abs(pixels) < 20000).all(axis=1)]
+    if len(pixels) >= 3:
+        cv2.fillPoly(image, [np.round(pixels * 16).astype(np.int32)], colour, lineType=cv2.LINE_AA, shift=4)
+
+
+def paint_motorway(
     camera: Camera,
     *,
+    curvature_per_m: float = 0.0,
     offset_m: float = 0.0,
     heading_rad: float = 0.0,
-    curvature_per_m: float = 0.0,
     lines: tuple[int, ...] = (-1, 0, 1, 2),
     solid: tuple[int, ...] = (0,),
     phase_m: float = 0.0,
     seed: int = 0,
 ) -> np.ndarray:
-    """A gray road below a textured sky, RGB (H, W, 3) uint8.
+    """Picture (height, width, 3) uint8 of lanes 3.66 m wide, with things next to the lines that are no lines.
 
-    `lines` are numbered from left to right: 0 and 1 bound the own lane. `offset_m` > 0 puts the car left of its middle,
-    `heading_rad` > 0 turns the road left of the car's axis. Lines not in `solid` are dashed, 3 m in 12 m.
+    `lines` are numbered from left to right; 0, which is yellow, and 1 bound the ego lane. Lines that are not in `solid`
+    are dashed, 3 m in 12 m.
     """
     rng = np.random.default_rng(seed)
-    height, width = camera.height, camera.width
-    picture = _backdrop(camera, rng)
+    road = Road(camera, arc=Arc(curvature_per_m, offset_m, heading_rad), noise=4.0, seed=seed)
+    road.picture = _enlarge(rng.normal(90, 12, (18, 32, 1)), camera)
+    road.surround(_enlarge(rng.integers(40, 220, (camera.height // 12, camera.width // 12, 3)), camera))
+    road.paint(lambda x, y: (x > 4) & (x < 60) & (y > -0.9) & (y < 0.4), (70, 70, 72))
     for number in lines:
-        colour = (235, 190, 60) if number == 0 else (235, 235, 235)
-        lateral = LANE_M * (0.5 - number)
-        starts = np.arange(1.0, 90.0, 1.0) if number in solid else np.arange(1.0 + phase_m % 12, 90, 12.0)
-        for start in starts:
-            along = np.linspace(start, start + (1.0 if number in solid else 3.0), 4)
-            left, right = (
-                _beside_the_road(along, lateral + side * STRIPE_M / 2, offset_m, heading_rad, curvature_per_m)
-                for side in (1, -1)
-            )
-            outline = camera.road_to_pixels(np.vstack([left, right[::-1]]))
-            if np.isfinite(outline).all() and (np.abs(outline) < 10 * width).all():
-                cv2.fillPoly(picture, [np.round(outline * 16).astype(np.int32)], colour, cv2.LINE_AA, 4)
-    noisy = cv2.GaussianBlur(picture, (3, 3), 0) + 4 * rng.standard_normal((height, width, 1), np.float32)
-    return np.clip(noisy, 0, 255).astype(np.uint8)
+        dash_m, colour = None if number in solid else (3.0, 12.0), YELLOW if number == 0 else WHITE
+        lateral_m = 3.66 * (0.5 - number)
+        road.line(lambda x, y=lateral_m: y + 0 * x, colour=colour, dash_m=dash_m, phase_m=1.0 + phase_m)
+    _paint_car(road)
+    return road.image()
 
 
-def _beside_the_road(
-    along_m: np.ndarray, lateral_m: float, offset_m: float, heading_rad: float, curvature_per_m: float
+def _enlarge(coarse: np.ndarray, camera: Camera) -> np.ndarray:
+    """Smooth picture (height, width, 3) of the camera's size."""
+    smooth = cv2.resize(coarse.astype(np.float32), camera.size, interpolation=cv2.INTER_LINEAR)
+    return np.broadcast_to(np.atleast_3d(smooth), (camera.height, camera.width, 3)).astype(float)
+
+
+def _paint_car(road: Road) -> None:
+    """Paint a pale box on the lane to the right, 25 m ahead."""
+    (left, bottom), (right, top) = road.camera.road_to_pixels(np.array([[25.0, -2.9, 0.0], [25.0, -4.7, 1.4]]))
+    road.picture[max(int(top), 0) : int(bottom) + 1, max(int(left), 0) : int(right) + 1] = (190, 190, 200)
+
+
+def paint_view(
+    size: tuple[int, int], rows_to_columns, *, thickness_px: int = 15, rows: tuple[int, int] | None = None
 ) -> np.ndarray:
-    """Points (N, 2) to the left of the middle of a lane that runs along a circle: lines are truly parallel."""
-    turn = curvature_per_m * along_m
-    # sinc keeps the chord exact for straight roads, too.
-    chord, direction = along_m * np.sinc(turn / 2 / np.pi), heading_rad + turn / 2
-    normal = heading_rad + turn
-    x = chord * np.cos(direction) - lateral_m * np.sin(normal)
-    y = chord * np.sin(direction) + lateral_m * np.cos(normal) - offset_m
-    return np.column_stack([x, y])
-
-
-def _backdrop(camera: Camera, rng: np.random.Generator) -> np.ndarray:
-    """Stained asphalt below the horizon, a rugged landscape above it, a darker patch and a car that are no stripes."""
-    stains = cv2.resize(rng.normal(90, 12, (18, 32)).astype(np.float32), camera.size, interpolation=cv2.INTER_CUBIC)
-    picture = np.repeat(np.clip(stains, 0, 255).astype(np.uint8)[..., None], 3, axis=2)
-    left, right = camera.road_to_pixels(np.array([[2000.0, 300.0], [2000.0, -300.0]]))
-    step = (right - left) / (right - left)[0]
-    horizon = [left + step * (column - left[0]) for column in (0, camera.width)]
-    land = np.array([*horizon, [camera.width, 0], [0, 0]])
-    mask = cv2.fillPoly(np.zeros(picture.shape[:2], np.uint8), [land.astype(np.int32)], 1)
-    coarse = rng.integers(40, 220, (camera.height // 12, camera.width // 12, 3), dtype=np.uint8)
-    picture[mask > 0] = cv2.resize(coarse, camera.size, interpolation=cv2.INTER_LINEAR)[mask > 0]
-    joint = camera.road_to_pixels(np.array([[4.0, 0.4], [60.0, 0.4], [60.0, -0.9], [4.0, -0.9]]))
-    cv2.fillPoly(picture, [joint.astype(np.int32)], (70, 70, 72))
-    car = camera.road_to_pixels(np.array([[25.0, -2.9, 0.0], [25.0, -4.7, 1.4]]))
-    cv2.rectangle(picture, tuple(map(int, car[0])), tuple(map(int, car[1])), (190, 190, 200), -1)
-    return picture
+    """Binary bird's-eye view (height, width) with a line through the columns that each function gives for a row."""
+    width, height = size
+    binary = np.zeros((height, width), np.uint8)
+    first, last = rows or (0, height)
+    y = np.arange(first, last)
+    for function in rows_to_columns:
+        x = np.round(function(y)).astype(int)
+        for shift in range(-(thickness_px // 2), thickness_px // 2 + 1):
+            inside = (x + shift >= 0) & (x + shift < width)
+            binary[y[inside], x[inside] + shift] = 255
+    return binary

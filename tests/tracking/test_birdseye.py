@@ -5,7 +5,7 @@ from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError, CameraPose
 from lanes.io.frames import PictureError
 from lanes.tracking.birdseye import BirdsEyeView
-from tests.support.painter import Road, dashcam
+from tests.support.painted_roads import Road, dashcam
 
 
 def test_rows_go_from_far_to_near_and_columns_from_left_to_right():

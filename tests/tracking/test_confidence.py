@@ -63,6 +63,7 @@ def test_standard_deviation_grows_with_the_distance():
     assert lateral_std_m(lane.covariance, 30.0).max() == pytest.approx(np.sqrt(np.sum(np.square(parts))), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_confident_lanes_are_right_on_drives_not_seen_before():
     """Of those with more than 0.9 at least 95 %; the full check is `python -m tools.fit_confidence --check`."""
     small = CAMERA.scaled((640, 360))

@@ -8,7 +8,7 @@ from lanes.tracking.detector import choose_lane, find_lane
 from lanes.tracking.markings import extract_evidence
 from lanes.tracking.model import LEFT_SIDE, RIGHT_SIDE
 from lanes.tracking.update import initial_state, update_lane
-from tests.support.painter import WHITE, YELLOW, Road, dashcam
+from tests.support.painted_roads import WHITE, YELLOW, Road, dashcam
 from tests.support.shapes import a_lane
 
 CAMERA = dashcam()

@@ -21,6 +21,8 @@ from lanes.tracking.detector import find_lane
 from lanes.tracking.tracked_lane import TRACKING, TrackedLane
 from lanes.tracking.tracker import TRACKER, LaneTracker
 
+pytestmark = pytest.mark.slow
+
 SECONDS, FPS = 6.0, 25.0
 # A step of a drive: its picture, seconds since the step before as the tracker is told, and which frame is shown.
 Step = tuple[np.ndarray, float | None, int]

@@ -4,7 +4,7 @@ import pytest
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.marking_profile import marking_profile
 from lanes.tracking.markings import marking_response
-from tests.support.painter import WHITE, YELLOW, Road, dashcam
+from tests.support.painted_roads import WHITE, YELLOW, Road, dashcam
 
 CAMERA = dashcam(1280)
 VIEW = BirdsEyeView(CAMERA)

@@ -3,7 +3,7 @@ import pytest
 
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.markings import MARKINGS, find_stripes, marking_response
-from tests.support.painter import WHITE, YELLOW, Road, dashcam
+from tests.support.painted_roads import WHITE, YELLOW, Road, dashcam
 
 CAMERA = dashcam()
 VIEW = BirdsEyeView(CAMERA)

@@ -16,7 +16,7 @@ from lanes.tracking.model import (
     road_height,
 )
 from lanes.tracking.residuals import arc_coordinates, flatten, intersect_ground
-from tests.support.painter import dashcam
+from tests.support.painted_roads import dashcam
 from tests.support.shapes import a_lane
 
 HAIRPIN = a_lane(centre=0.3, width=3.4, heading=-0.1, curvature=-1 / 15)

@@ -13,7 +13,7 @@ from lanes.io.frames import PictureError
 from lanes.tracking.model import CENTRE, SIDES, WIDTH
 from lanes.tracking.tracker import LaneTracker, same_lane
 from simulator.rendering.drive import Motion
-from tests.support.painted_drive import CAMERA, YELLOW, PaintedDrive, Stripe, lane_lines, s_bend, straight_road
+from tests.support.painted_drive import CAMERA, WORN_YELLOW, PaintedDrive, Stripe, lane_lines, s_bend, straight_road
 
 SMALL = CAMERA.scaled((640, 360))
 FPS = 12.5
@@ -45,6 +45,7 @@ def errors(frames: list[tuple], measure: Callable) -> np.ndarray:
     return np.array([measure(tracked.lane) - measure(truth) for _, tracked, truth in frames])
 
 
+@pytest.mark.slow
 def test_tracks_from_the_third_frame_on():
     states = [tracked.state for _, tracked, _ in s_bend_drive()]
     assert states[:2] == ["searching", "searching"]
@@ -67,6 +68,7 @@ def test_curvature_is_unbiased():
     assert abs((error[bent] * np.sign(true[bent])).mean() / np.abs(true[bent]).mean()) < 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("measure", [lambda r: r.curvature_per_m, lambda r: r.offset_m], ids=["curvature", "offset"])
 @pytest.mark.parametrize(("speed_mps", "most_frames"), [(None, 0.5), (25.0, 0.3)])
 def test_nothing_lags_in_s_bends(measure, speed_mps, most_frames):
@@ -88,6 +90,7 @@ def test_standard_deviations_are_honest():
     assert std[5:].max() < 0.10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gone", [{"left": {"gone_s": (1.0, 4.0)}}, {"right": {"gone_s": (1.0, 4.0)}}])
 def test_one_line_is_enough_for_three_seconds(gone):
     frames = follow(replace(DRIVE, lines=lane_lines(**gone)), 4.4)
@@ -178,7 +181,7 @@ def test_marking_types():
 
 
 def test_the_inner_stripe_of_a_double_line_bounds_the_lane_from_the_first_picture_on():
-    lines = (*(Stripe(y, 0.10, YELLOW) for y in (1.7, 1.9)), Stripe(-1.8))
+    lines = (*(Stripe(y, 0.10, WORN_YELLOW) for y in (1.7, 1.9)), Stripe(-1.8))
     drive = replace(DRIVE, road=straight_road(), lines=lines, lane_m=(1.7, -1.8), camera=CAMERA)
     frames = follow(drive, 1.2)
     assert max(lateral_error_m(tracked, truth) for _, tracked, truth in frames) < 0.04

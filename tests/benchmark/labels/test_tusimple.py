@@ -23,8 +23,8 @@ from lanes.io.images import write_image
 from simulator.rendering.drive import Motion
 from tests.support.command_line import process
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
+from tests.support.project import ROOT
 
-ROOT = Path(__file__).parents[3]
 ROWS = np.arange(400.0, 600, 10)
 
 

@@ -45,11 +45,13 @@ def assert_is_the_dashcam(camera: Camera) -> None:
 # --- the rendered pictures -------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_rendered_boards_give_the_lens_they_were_taken_with(rendered):
     assert_is_the_dashcam(rendered)
     assert rendered.size == SIZE
 
 
+@pytest.mark.slow
 def test_rendered_lens_undistorts_like_the_true_one(rendered):
     u, v = np.meshgrid(np.linspace(0, 1279, 15), np.linspace(0, 719, 9))
     pixels = np.column_stack([u.ravel(), v.ravel()])
@@ -57,6 +59,7 @@ def test_rendered_lens_undistorts_like_the_true_one(rendered):
     assert np.degrees(angle).max() < 0.05
 
 
+@pytest.mark.slow
 def test_all_rendered_boards_are_used_also_the_cut_and_the_larger_ones(rendered):
     assert rendered.report.rejected == {}
     assert list(rendered.report.board_rms_px) == [f"calibration{n}.jpg" for n in range(1, 21)]

@@ -40,6 +40,7 @@ def test_whole_boards_are_found_to_a_seventh_of_a_pixel(number):
     assert is_a_grid_of(board, np.array(TRUTH[name]["corners_px"]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "size"), [(1, (9, 5)), (4, (8, 6)), (5, (9, 5))])
 def test_boards_cut_by_the_edge_give_all_their_whole_rows(number, size):
     name = f"calibration{number}.jpg"
@@ -49,6 +50,7 @@ def test_boards_cut_by_the_edge_give_all_their_whole_rows(number, size):
     assert is_a_grid_of(board, np.array(TRUTH[name]["corners_px"]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "keep", "at_least"),
     [(13, np.s_[:, 430:], 40), (13, np.s_[:, :740], 36), (9, np.s_[:, :800], 30), (17, np.s_[300:], 27)],
@@ -75,6 +77,7 @@ def test_large_pictures_are_searched_small_and_measured_whole():
     assert np.sqrt((error**2).mean()) < 3 * 0.15
 
 
+@pytest.mark.slow
 def test_a_board_with_glare_across_it_is_found():
     view = BoardView(CREAM_WALL, 640, 360, 700, 20, 10, 5, (700, 300, 150, 3.0), (0.1, 0.2))
     board = find_board(render_board(view, seed=5))

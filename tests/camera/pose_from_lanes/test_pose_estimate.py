@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +16,10 @@ from lanes.camera.pose_from_lanes.pose_estimate import PoseError
 from lanes.camera.pose_from_lanes.pose_from_files import estimate_camera_pose
 from lanes.io.frames import PictureError
 from lanes.io.images import read_image, write_image
-from tests.support.painted_roads import paint_road
+from tests.support.painted_roads import paint_motorway
+from tests.support.project import REAL_DATA, ROOT
+
+pytestmark = pytest.mark.slow
 
 TRUE_POSE = CameraPose(1.35, np.radians(2.5), np.radians(-1.8), np.radians(0.9))
 CAMERA = Camera.from_fov((1280, 720), 62, TRUE_POSE)
@@ -30,7 +31,7 @@ HEADINGS_RAD = np.radians((0.4, -0.7, 0.2, 0.6, -0.1, -0.4))
 def drive(camera: Camera, curvatures_per_m=(0.0,) * 6, **options) -> list[np.ndarray]:
     states = zip(OFFSETS_M, HEADINGS_RAD, curvatures_per_m, strict=True)
     return [
-        paint_road(camera, offset_m=o, heading_rad=h, curvature_per_m=c, phase_m=2.9 * i, seed=i, **options)
+        paint_motorway(camera, offset_m=o, heading_rad=h, curvature_per_m=c, phase_m=2.9 * i, seed=i, **options)
         for i, (o, h, c) in enumerate(states)
     ]
 
@@ -75,7 +76,7 @@ def test_a_lens_with_distortion_and_a_larger_picture():
 
 
 def test_one_still_is_enough_and_says_what_it_cannot_tell():
-    still = paint_road(CAMERA, offset_m=0.3, curvature_per_m=1 / 600)
+    still = paint_motorway(CAMERA, offset_m=0.3, curvature_per_m=1 / 600)
     estimate = estimate_pose([still], CAMERA)
     assert_near(estimate, TRUE_POSE, pitch_deg=0.4, yaw_deg=0.8, roll_deg=1.0, height_m=0.1)
     assert any("heading" in note for note in estimate.notes)
@@ -108,7 +109,8 @@ def test_errors_stay_within_three_standard_deviations():
     for seed in range(3):
         pose = CameraPose(rng.uniform(1.1, 1.7), *np.radians(rng.uniform([-5, -3, -1.5], [5, 3, 1.5])))
         camera = Camera.from_fov((1280, 720), rng.uniform(50, 80), pose)
-        e = estimate_pose([paint_road(camera, offset_m=rng.normal(0, 0.3), seed=seed + i) for i in range(2)], camera)
+        images = [paint_motorway(camera, offset_m=rng.normal(0, 0.3), seed=seed + i) for i in range(2)]
+        e = estimate_pose(images, camera)
         for name in ("height_m", "pitch_rad", "yaw_rad", "roll_rad"):
             std = getattr(e, name.replace("_", "_std_"))
             assert abs(getattr(e.pose, name) - getattr(pose, name)) < 3 * std, (seed, name)
@@ -134,7 +136,7 @@ def test_repr_names_each_number_with_its_standard_deviation(straight):
 
 
 def unmarked():
-    return paint_road(CAMERA, lines=())
+    return paint_motorway(CAMERA, lines=())
 
 
 def speckled():
@@ -149,7 +151,7 @@ def test_pictures_without_lanes_are_refused(image):
 
 def test_one_line_alone_is_refused():
     with pytest.raises(PoseError, match="parallel lane lines|a lane apart"):
-        estimate_pose([paint_road(CAMERA, lines=(0,))] * 2, CAMERA)
+        estimate_pose([paint_motorway(CAMERA, lines=(0,))] * 2, CAMERA)
 
 
 def test_lines_that_bound_no_lane_are_refused():
@@ -180,7 +182,7 @@ def test_a_picture_of_another_size_is_named_by_its_file(tmp_path):
         estimate_camera_pose(CAMERA, tmp_path)
 
 
-STILLS = Path(__file__).parents[3] / "test_images"
+STILLS = ROOT / "test_images"
 
 
 def test_the_embedded_stills_give_their_true_pose():
@@ -191,19 +193,16 @@ def test_the_embedded_stills_give_their_true_pose():
     assert_near(estimate, camera.pose, pitch_deg=0.1, yaw_deg=0.4, roll_deg=0.4, height_m=0.05)
 
 
-REAL = Path(os.environ.get("LANES_DATA") or Path(__file__).parents[4] / "shared" / "real")
-
-
 @pytest.mark.skipif(
-    not (REAL / "labels.jsonl").is_file(),
-    reason=f"no labelled real stills in {REAL.name}; name their folder LANES_DATA",
+    not (REAL_DATA / "labels.jsonl").is_file(),
+    reason=f"no labelled real stills in {REAL_DATA.name}; name their folder LANES_DATA",
 )
 def test_real_stills_meet_where_their_labels_meet():
     """With a guessed lens, the labelled lines of the straight stills meet within 0.3 degrees of straight ahead."""
-    labels = map(json.loads, (REAL / "labels.jsonl").read_text().splitlines())
+    labels = map(json.loads, (REAL_DATA / "labels.jsonl").read_text().splitlines())
     stills = [label for label in labels if "test_images" in label["raw_file"]]
     camera = Camera.from_fov((1280, 720), 60)
-    pose = estimate_pose([read_image(REAL / still["raw_file"]) for still in stills], camera).pose
+    pose = estimate_pose([read_image(REAL_DATA / still["raw_file"]) for still in stills], camera).pose
     far_ahead = camera.with_pose(pose).road_to_pixels(np.array([[1e6, 0.0]]))[0]
     meetings = [meeting_point(still) for still in stills if "straight" in still["raw_file"]]
     assert len(meetings) == 2

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import io
-import os
 import re
 import sys
 from fractions import Fraction
-from pathlib import Path
 
 import av
 import cv2
@@ -35,6 +33,7 @@ from tests.io.video.sample_videos import (
     set_rotation,
     unchanged,
 )
+from tests.support.project import REAL_DATA
 
 
 class StatefulProcess:
@@ -294,7 +293,7 @@ class TestClip:
             open_clip(tmp_path / "drive.mp4")
 
 
-REAL = Path(os.environ.get("LANES_DATA", Path(__file__).parents[4] / "shared" / "real")) / "test_videos"
+REAL = REAL_DATA / "test_videos"
 
 
 @pytest.mark.skipif(not (REAL / "project_video_0513.mp4").is_file(), reason="the real drives are not here")

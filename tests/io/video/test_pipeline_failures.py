@@ -26,6 +26,7 @@ from tests.io.video.sample_videos import (
     number_of,
     unchanged,
 )
+from tests.support.project import ROOT
 
 
 class TestFailure:
@@ -90,7 +91,7 @@ class TestFailure:
             "    return frame\n"
             "annotate_video(sys.argv[1], sys.argv[2], slow)\n"
         )
-        root = Path(__file__).parents[3]
+        root = ROOT
         command = [sys.executable, "-c", code, str(video), str(target)]
         with subprocess.Popen(command, cwd=root, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
             for _ in range(5):
