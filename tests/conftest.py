@@ -2,6 +2,6 @@
 
 from hypothesis import settings
 
-# The same examples in every run, and no time limit for one of them: a busy machine is no defect.
+# The same examples in every run, without a time limit for each, because the machine may be busy.
 settings.register_profile("course", derandomize=True, deadline=None)
 settings.load_profile("course")

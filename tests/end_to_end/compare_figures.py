@@ -1,4 +1,4 @@
-"""A pytest plugin that makes nbval compare figures too: `-p tests.end_to_end.compare_figures`.
+"""Pytest plugin that makes nbval compare figures: `-p tests.end_to_end.compare_figures`.
 
 nbval 0.11 skips pictures, so a wrong figure would pass. Comparing bytes would be too strict: they change with every
 matplotlib release and by a grey level between CPUs. So the decoded pixels are compared, with a tolerance.
@@ -48,7 +48,7 @@ def pictures(outputs: list) -> list[np.ndarray]:
 
 
 def figure_fault(expected: list[np.ndarray], got: list[np.ndarray]) -> str | None:
-    """Say in what two lists of pictures differ, or None."""
+    """Describe the difference between two lists of pictures; None if there is none."""
     if len(expected) != len(got):
         return f"{len(got)} instead of {len(expected)}"
     for old, new in zip(expected, got, strict=True):

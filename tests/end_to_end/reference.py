@@ -1,10 +1,10 @@
-"""How accurate the tracker was on parts of the committed videos: what tests/end_to_end/test_regression.py holds it to.
+"""Accuracy of the tracker on parts of the committed videos: the reference of tests/end_to_end/test_regression.py.
 
-    python -m tests.end_to_end.reference    measures again and writes reference.json beside it (some minutes)
+    python -m tests.end_to_end.reference    measures again and writes reference.json into this folder (some minutes)
 
-To be run when the engine has become better, or a committed video was rendered anew; not to make a failing test pass.
-A tolerance is the spread of the measurement itself: the largest difference that a little noise on the pictures makes;
-or what moves a line by a millimetre 20 m ahead, or one frame, where that is more.
+Run it when the tracker has improved or a committed video was rendered again, not to make a failing test pass.
+A tolerance is the spread of the measurement itself: the largest change that a little noise on the frames causes. It is
+at least the change that moves a line by 1 mm 20 m ahead, or one frame.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmark.errors import FrameErrors, frame_errors  # noqa: E402
-from benchmark.estimates import DriveEstimates  # noqa: E402
-from benchmark.evaluation import read_truth  # noqa: E402
-from benchmark.scores import score  # noqa: E402
-from benchmark.suite_drives import COMMITTED, list_drives  # noqa: E402
-from benchmark.systems import TRACKER, start_system  # noqa: E402
-from lanes.camera.camera_file import load_camera  # noqa: E402
-from lanes.io.video.reader import inspect_video, read_frames  # noqa: E402
+from benchmark.errors import FrameErrors, frame_errors
+from benchmark.estimates import DriveEstimates
+from benchmark.evaluation import read_truth
+from benchmark.scores import score
+from benchmark.suite_drives import COMMITTED, list_drives
+from benchmark.systems import TRACKER, start_system
+from lanes.camera.camera_file import load_camera
+from lanes.io.video.reader import inspect_video, read_frames
 
 REFERENCE = Path(__file__).with_name("reference.json")
 SECONDS = 3.6
-# As much as decoders and processors differ: up to three levels.
+# Decoders and processors differ by up to three grey levels.
 NOISE_LEVELS, RUNS = 3, 8
-# By the unit that a measure's name ends with.
+# Smallest tolerance by the unit at the end of a measure's name.
 LEAST = {"share": 1.0, "accuracy": 1.0, "frames": 1.0, "rad": 0.001 / 20, "per_m": 2 * 0.001 / 20**2, "m": 0.001}
 HIGH_IS_GOOD = ("available_share", "accuracy")
 LOW_IS_GOOD = (
@@ -43,32 +43,40 @@ LOW_IS_GOOD = (
 MEASURES = (*HIGH_IS_GOOD, *LOW_IS_GOOD)
 
 
-def measure(scene: str, *, disturb: Callable[[np.ndarray], np.ndarray] = lambda image: image) -> FrameErrors:
-    """The engine's errors in the first seconds of a committed video, whose pictures may be disturbed."""
+def measure(
+    scene: str,
+    *,
+    begin_s: float = 0.0,
+    end_s: float = SECONDS,
+    disturb: Callable[[np.ndarray], np.ndarray] = lambda image: image,
+) -> FrameErrors:
+    """The tracker's errors in a piece of a committed video, with each frame changed by `disturb`."""
     drive = list_drives()[scene]
     estimate = start_system(TRACKER, load_camera(drive.video.with_suffix(".yaml")), inspect_video(drive.video).fps)
-    estimates = [estimate(disturb(image)) for image in read_frames(drive.video, end_s=SECONDS)]
-    return frame_errors(
-        DriveEstimates.from_frames(estimates, [0.0] * len(estimates)), read_truth(drive).select(slice(len(estimates)))
-    )
+    estimates = [estimate(disturb(image)) for image in read_frames(drive.video, start_s=begin_s, end_s=end_s)]
+    first = round(begin_s * inspect_video(drive.video).fps)
+    truth = read_truth(drive).select(slice(first, first + len(estimates)))
+    return frame_errors(DriveEstimates.from_frames(estimates, [0.0] * len(estimates)), truth)
 
 
 def worse_than(reference: dict[str, dict[str, float]], errors: FrameErrors) -> list[str]:
-    """What has become worse by more than its tolerance, in words; empty if nothing has."""
+    """One sentence for each measure that is worse by more than its tolerance."""
     now = score([errors])
-    told = []
+    worse_measures = []
     for name, known in reference.items():
-        # what had no bound cannot become worse: lines that turn back too soon are infinitely far off
+        # an infinite error cannot become worse: a line that turns back too early is infinitely far off
         if np.isinf(known["value"]):
             continue
         worse = (known["value"] - now[name]) if name in HIGH_IS_GOOD else (now[name] - known["value"])
         if not worse <= known["tolerance"]:
-            told.append(f"{name}: {now[name]:.5g}, was {known['value']:.5g} (tolerance {known['tolerance']:.2g})")
-    return told
+            worse_measures.append(
+                f"{name}: {now[name]:.5g}, was {known['value']:.5g} (tolerance {known['tolerance']:.2g})"
+            )
+    return worse_measures
 
 
 def make_reference(scene: str) -> dict[str, dict[str, float]]:
-    """Values and tolerances for a scene; a share's tolerance is a frame at least."""
+    """Values and tolerances of a scene; the tolerance of a share is at least one frame."""
     errors = measure(scene)
     values = score([errors])
     noisy = [score([measure(scene, disturb=_noise(np.random.default_rng(seed)))]) for seed in range(RUNS)]

@@ -1,8 +1,7 @@
-"""What every command does with files that are not what they should be.
+"""Every command with damaged, truncated and hostile files.
 
-Always: a sentence on stderr that names the file, says what is wrong and what to do; exit status 2; no traceback;
-nothing new under the names of the outputs, and what was there before is still there. The commands run in this process;
-a clock ends what hangs.
+A command prints a sentence that names the file, the fault and the remedy, and exits with status 2, without a traceback.
+It writes no output and keeps earlier results. The commands run in this process; an alarm ends a command that hangs.
 """
 
 from __future__ import annotations
@@ -29,9 +28,9 @@ from tests.support import bad_files as badfiles
 from tests.support.clips import write_drive
 from tests.support.command_line import main
 from tests.support.painted_drive import BENDS, SMALL
+from tests.support.project import ROOT
 
-ROOT = Path(__file__).parents[2]
-# Long enough for a machine with twenty other jobs.
+# Long enough on a machine with twenty other jobs.
 HANGS_S = 200
 KINDS = {
     "png": ("still.png", badfiles.PNG),
@@ -41,9 +40,9 @@ KINDS = {
     "labels": ("labels.jsonl", badfiles.LABELS | badfiles.OUTSIDE),
     "predictions": ("predictions.jsonl", badfiles.LABELS),
 }
-# Each way into a command, and the kind of the file that is BAD; {in} holds good files.
+# Inputs of the commands: the kind of the file BAD, and the arguments; {in} is a folder of good files.
 CAMERA = ["--camera", "{in}/drive.yaml"]
-DOORS = {
+INPUTS = {
     "annotate video": ("video", ["annotate", *CAMERA, "BAD", "-o", "{out}"]),
     "annotate still": ("png", ["annotate", *CAMERA, "BAD", "-o", "{out}"]),
     "annotate still, no lens": ("jpg", ["annotate", "BAD", "-o", "{out}"]),
@@ -62,7 +61,7 @@ DOORS = {
     "predictions": ("predictions", ["benchmark", "--labels", "{in}/labels.jsonl", "--predictions", "BAD"]),
     "labelled still": ("png", ["benchmark", *CAMERA, "--system", "tracker", "--labels", "{in}/bad.jsonl"]),
 }
-# What is no fault: a file of words that lost its last ones may still be whole.
+# No faults: a truncated text file may still be valid.
 FINE = {
     ("camera", "cut at 90 %"),
     ("labels", "cut at 90 %"),
@@ -70,15 +69,19 @@ FINE = {
     ("predictions", "cut at 90 %"),
     ("predictions", "cut at 50 %"),
 }
-# Files that are read together with the drive beside them, by worker processes.
-BESIDE = {"truth": (".csv", badfiles.TRUTH), "video": (".mp4", badfiles.VIDEO), "camera": (".yaml", badfiles.CAMERA)}
+# Files that belong to a video and are read by worker processes.
+COMPANIONS = {
+    "truth": (".csv", badfiles.TRUTH),
+    "video": (".mp4", badfiles.VIDEO),
+    "camera": (".yaml", badfiles.CAMERA),
+}
 
 
 def rows() -> Iterator:
-    for door, (kind, _) in DOORS.items():
+    for where, (kind, _) in INPUTS.items():
         for bad in badfiles.ANY | KINDS[kind][1]:
             if (kind, bad) not in FINE:
-                yield pytest.param(door, bad, id=f"{door}: {bad}")
+                yield pytest.param(where, bad, id=f"{where}: {bad}")
 
 
 @pytest.fixture(scope="module")
@@ -108,10 +111,10 @@ def out(tmp_path) -> Path:
 
 @pytest.fixture(autouse=True)
 def clock() -> Iterator[None]:
-    """Ends what hangs."""
+    """Interrupt a command that hangs."""
 
     def late(*_: object) -> None:
-        raise TimeoutError("this hangs")
+        raise TimeoutError("the command hangs")
 
     before = signal.signal(signal.SIGALRM, late)
     signal.alarm(HANGS_S)
@@ -128,12 +131,12 @@ def peak_mb() -> float:
     return int(re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text())[1]) / 1e3
 
 
-@pytest.mark.parametrize(("door", "bad"), list(rows()))
-def test_a_bad_file_is_named_and_nothing_else_happens(door, bad, good, out, tmp_path, monkeypatch, capfd):
-    kind, arguments = DOORS[door]
+@pytest.mark.parametrize(("where", "bad"), list(rows()))
+def test_a_bad_file_is_named_and_nothing_is_written(where, bad, good, out, tmp_path, monkeypatch, capfd):
+    kind, arguments = INPUTS[where]
     name, own = KINDS[kind]
     spoil, words = (badfiles.ANY | own)[bad]
-    folder = good / "bad" if door == "labelled still" else tmp_path
+    folder = good / "bad" if where == "labelled still" else tmp_path
     shutil.rmtree(good / "bad", ignore_errors=True)
     folder.mkdir(exist_ok=True)
     path = folder / f"BAD{Path(name).suffix}"
@@ -145,7 +148,7 @@ def test_a_bad_file_is_named_and_nothing_else_happens(door, bad, good, out, tmp_
     before, there, most_mb = contents(out), {*tmp_path.iterdir()}, peak_mb() + 300
     began_s = time.process_time()
     status = main([str(path) if word == "BAD" else word.format(**{"in": good, "out": out}) for word in arguments])
-    told, err = capfd.readouterr()
+    printed, err = capfd.readouterr()
     sentence = err.rpartition("error: ")[2]
     assert status == 2, err
     assert re.search(words, sentence) and ("BAD" in sentence or bad == "another shape"), err
@@ -155,13 +158,13 @@ def test_a_bad_file_is_named_and_nothing_else_happens(door, bad, good, out, tmp_
     assert peak_mb() < most_mb and time.process_time() - began_s < 5
 
 
-@pytest.mark.parametrize("beside", BESIDE)
-def test_a_drive_with_bad_truth_camera_or_video_is_not_scored(beside, good, tmp_path, monkeypatch, capfd):
-    """Worker processes read these, so that a few stand for all."""
-    suffix, own = BESIDE[beside]
+@pytest.mark.parametrize("companion", COMPANIONS)
+def test_a_drive_with_bad_truth_camera_or_video_is_not_scored(companion, good, tmp_path, monkeypatch, capfd):
+    """Only a few faults, because each starts worker processes."""
+    suffix, own = COMPANIONS[companion]
     chosen = {"truth": ["no columns", "words for numbers", "empty"], "video": ["ffconcat"], "camera": ["alias bomb"]}
     monkeypatch.setenv("LANES_CACHE", str(tmp_path / "cache"))
-    for bad in chosen[beside]:
+    for bad in chosen[companion]:
         for good_suffix in (".mp4", ".csv", ".yaml"):
             shutil.copy(good / f"drive{good_suffix}", tmp_path / f"BAD{good_suffix}")
         spoil, words = (badfiles.ANY | own)[bad]
@@ -173,8 +176,8 @@ def test_a_drive_with_bad_truth_camera_or_video_is_not_scored(beside, good, tmp_
         (tmp_path / f"BAD{suffix}").unlink()
 
 
-def test_odd_names_do(good, tmp_path, monkeypatch, capfd):
-    """For inputs and outputs of every command; -- keeps a leading dash from being an option."""
+def test_odd_names_are_accepted(good, tmp_path, monkeypatch, capfd):
+    """For inputs and outputs of every command; after -- a leading dash is not an option."""
     monkeypatch.chdir(tmp_path)
     for name in badfiles.ODD_NAMES:
         for suffix in (".mp4", ".png", ".yaml"):
@@ -204,7 +207,7 @@ def test_pose_writes_under_odd_names(good, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("size", [(1, 1), (3, 360), (640, 3), (47, 64)])
 @pytest.mark.parametrize("command", ["pose", "annotate", "explain", "detect"])
-def test_pictures_too_small_for_a_road_are_told(size, command, good, tmp_path, monkeypatch, capfd):
+def test_pictures_too_small_for_a_road_are_refused(size, command, good, tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     write_image("tiny.png", read_image(good / "still.png")[: size[1], : size[0]])
     before = contents(tmp_path)
@@ -214,8 +217,8 @@ def test_pictures_too_small_for_a_road_are_told(size, command, good, tmp_path, m
     assert command == "explain" or contents(tmp_path) == before
 
 
-def test_damaged_frames_are_told_and_left_out(good, tmp_path, capfd):
-    """In what the command prints, in the table, in the report and in the lines; the other frames keep their numbers."""
+def test_damaged_frames_are_counted_and_left_out(good, tmp_path, capfd):
+    """In the message, the table, the report and the JSON lines; the other frames keep their numbers."""
     video = write_drive(tmp_path / "drive.mp4", BENDS, 12)
     data = bytearray(video.read_bytes())
     half = data.index(b"mdat") + (data.index(b"moov") - data.index(b"mdat")) // 2
@@ -223,9 +226,9 @@ def test_damaged_frames_are_told_and_left_out(good, tmp_path, capfd):
     video.write_bytes(data)
     out, camera = tmp_path / "out", ["--camera", str(good / "drive.yaml")]
     assert main(["annotate", *camera, str(video), "-o", str(out)]) == 0
-    told = capfd.readouterr().out
+    printed = capfd.readouterr().out
     frames, missing = map(
-        int, re.search(r"drive\.mp4: (\d+) frames \((\d+) more (?:is|are) damaged or missing", told).groups()
+        int, re.search(r"drive\.mp4: (\d+) frames \((\d+) more (?:is|are) damaged or missing", printed).groups()
     )
     assert frames + missing == 12 and missing >= 1
     table = read_telemetry(out / "drive.csv")
@@ -244,8 +247,8 @@ def test_damaged_frames_are_told_and_left_out(good, tmp_path, capfd):
     assert "drive.mp4: " in capfd.readouterr().err
 
 
-def test_a_few_as_processes(good, tmp_path):
-    """Nothing is told on the way out of the interpreter either."""
+def test_bad_files_in_processes(good, tmp_path):
+    """The exit of the interpreter prints nothing either."""
     for bad in ("pipe", "ffconcat", "cut at 50 %"):
         spoil, words = (badfiles.ANY | badfiles.VIDEO)[bad]
         path = tmp_path / f"{bad}.mp4"

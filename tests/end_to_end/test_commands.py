@@ -1,4 +1,4 @@
-"""Every command as a process: help, success, and each way to misuse it."""
+"""Every command as a process: help, success and misuse."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from lanes.io.video.reader import inspect_video, read_frames
 from tests.support.clips import write_drive
 from tests.support.command_line import PROGRAMS, process
 from tests.support.painted_drive import BENDS, CAMERA, SMALL
+from tests.support.project import ROOT
 
-ROOT = Path(__file__).parents[2]
 FRAMES = 30
 
 
 def start(*arguments: object, python: tuple[str, ...] = ()) -> subprocess.Popen:
     command = process(*arguments, python=python)
-    # One thread each: on a busy machine more only wait for each other.
+    # One thread each, because several wait for each other on a busy machine.
     environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
     return subprocess.Popen(
         command, env=environment, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -47,7 +47,7 @@ def names(folder: Path) -> set[str]:
 
 @pytest.fixture(scope="session")
 def drive(tmp_path_factory) -> Path:
-    """A folder with a drive, three of its frames as stills, camera files, and things that are none of these."""
+    """A folder with a drive, three of its frames as stills, camera files, and invalid files."""
     folder = tmp_path_factory.mktemp("a drive")
     write_drive(folder / "drive.mp4", BENDS, FRAMES)
     for number in range(3):
@@ -72,11 +72,11 @@ def commands() -> list[str]:
     return re.findall(r"^  (\w+) ", out.partition("commands:\n")[2].partition("\n\n")[0], re.MULTILINE)
 
 
-def test_the_list_of_commands_is_there_at_once():
+def test_the_list_of_commands_comes_quickly():
     before = os.times()
     assert {"pose", "annotate", "detect"} <= set(commands())
     after = os.times()
-    # Processor time, which other work on the machine does not change.
+    # Processor time, because other jobs do not change it.
     assert after.children_user + after.children_system - before.children_user - before.children_system < 0.3
 
 
@@ -128,7 +128,7 @@ def test_annotate_a_piece_of_an_uncalibrated_video(drive, tmp_path):
     assert status == 0, err
     assert names(tmp_path) == {"drive.mp4", "drive.csv"}
     np.testing.assert_array_equal(read_telemetry(tmp_path / "drive.csv")["frame"], np.arange(10, 20))
-    # The camera pose that the drive shows is printed, with how sure it is.
+    # The estimated camera pose is printed with its standard deviations.
     assert float(re.search(r"height +([\d.]+) m +\+- [\d.]+", out)[1]) == pytest.approx(SMALL.pose.height_m, abs=0.15)
 
 
@@ -191,19 +191,19 @@ def test_pose(drive, tmp_path):
     assert found.pitch_rad == pytest.approx(SMALL.pose.pitch_rad, abs=np.radians(0.3))
 
 
-def test_render(tmp_path):
+def test_simulator(tmp_path):
     status, out, err = run("simulator", "video", "--seconds", 0.04, "--out", tmp_path)
     assert status == 0, err
     assert "project_video.mp4" in out and "3 files" in out
     videos = tmp_path / "test_videos", ROOT / "test_videos"
     again, committed = (next(read_frames(folder / "project_video.mp4")).astype(int) for folder in videos)
-    # One frame alone is compressed a little otherwise than at the head of ten seconds.
+    # A single frame is compressed slightly differently from the first of ten seconds.
     assert np.abs(again - committed).mean() < 2
     rows = [(folder / "project_video.csv").read_text().splitlines()[:2] for folder in videos]
     assert rows[0] == rows[1]
 
 
-# --- misuse: a sentence that names what is wrong, no traceback, nothing written
+# --- misuse: a sentence that names the fault, no traceback, nothing written
 
 ANNOTATE = ["annotate", "--camera", "{drive}/drive.yaml"]
 MISUSE = {
@@ -216,9 +216,9 @@ MISUSE = {
     "no such camera file": (2, "no.yaml: there is no such", ["annotate", "--camera", "no.yaml", "{drive}/drive.mp4"]),
     "bad camera file": (2, "bad.yaml: is no usable", ["annotate", "--camera", "{drive}/bad.yaml", "{drive}/drive.mp4"]),
     "wrong shape": (2, "another aspect ratio", ["annotate", "--camera", "{drive}/other.yaml", "{drive}/drive.mp4"]),
-    "boards that are none": (2, "no chessboard", ["annotate", "--boards", "{drive}/sky", "{drive}/drive.mp4"]),
+    "boards without a chessboard": (2, "no chessboard", ["annotate", "--boards", "{drive}/sky", "{drive}/drive.mp4"]),
     "no road": (1, "sky.png: only 0 of 1", ["annotate", "--hfov", "60", "{drive}/sky"]),
-    "a number that is none": (2, "wide does not do", ["annotate", "--hfov", "wide", "{drive}/drive.mp4"]),
+    "not a number": (2, "wide does not do", ["annotate", "--hfov", "wide", "{drive}/drive.mp4"]),
     "not finite": (2, "nan does not do", [*ANNOTATE, "{drive}/drive.mp4", "--start", "nan"]),
     "negative start": (2, "0 or more", [*ANNOTATE, "{drive}/drive.mp4", "--start=-1"]),
     "ends before it starts": (2, "not after --start", [*ANNOTATE, "{drive}/drive.mp4", "--start", "2", "--end", "1"]),

@@ -1,21 +1,20 @@
-"""What docs and README name exists: files, pictures, commands and their options."""
+"""Files, pictures, commands and options that README and docs name exist."""
 
 from __future__ import annotations
 
 import argparse
 import re
 from importlib import import_module
-from pathlib import Path
 
 import pytest
 
 import helpers
 from lanes.__main__ import COMMANDS
+from tests.support.project import ROOT
 
 MODULES = {name: f"lanes.cli.{name}" for name in COMMANDS} | {
     name: f"{name}.__main__" for name in ("benchmark", "simulator")
 }
-ROOT = Path(__file__).parents[2]
 # Options of git, pip, helm and Dask.
 OF_OTHERS = {
     "--require-hashes",
@@ -30,7 +29,7 @@ OF_OTHERS = {
     "--create-namespace",
     "--generate-name",
 }
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
 def options_of(command: str) -> set[str]:
@@ -40,7 +39,7 @@ def options_of(command: str) -> set[str]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_links_lead_somewhere(page):
+def test_links_exist(page):
     targets = re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8"))
     targets = [target.split("#")[0] for target in targets if not re.match(r"https?:|#", target)]
     assert not [target for target in targets if not (page.parent / target).exists()]
@@ -58,7 +57,7 @@ def test_commands_and_their_options_exist(page):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_options_named_in_passing_are_some_commands(page):
+def test_options_in_the_text_belong_to_a_command(page):
     known = set().union(*map(options_of, MODULES)) | OF_OTHERS
     assert set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", page.read_text(encoding="utf-8"))) <= known
 
@@ -75,7 +74,7 @@ def test_modules_named_exist(page):
     assert not [path for path in paths if not (ROOT / path).exists()]
 
 
-def test_the_guides_are_there_and_linked_pages_are_checked():
+def test_the_guides_exist():
     assert {page.name for page in PAGES} >= {
         "README.md",
         "own_camera.md",

@@ -1,6 +1,6 @@
-"""The engine against the yardstick of this project: one cv2.undistort of a whole 1280x720 picture, on one thread.
+"""Speed of the tracker, relative to one cv2.undistort of a 1280x720 picture on one thread.
 
-Yardstick and frame take turns, so that a slow machine slows both. Processor time is what counts: others may be at work.
+The two take turns, so that a slow machine slows both. Processor time is measured, because other jobs may be running.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ def on_one_thread() -> Iterator[None]:
 
 
 def undistorts(begin: Callable[[], Callable[[Frame], object]], pictures: Sequence[Frame]) -> float:
-    """How many yardsticks a picture costs, on average over those after a few to warm up.
+    """Mean time of `begin()(picture)` over the pictures after WARM_UP, in units of one cv2.undistort.
 
-    `begin` gives a function of pictures, which it may draw on, for one round; of each picture's rounds the fastest
-    counts, for both.
+    `begin` returns the function for one round, which may draw on the pictures. The fastest of the rounds of each
+    picture counts, for both.
     """
     seconds = np.empty((ROUNDS, 2, FRAMES))
     for number in range(ROUNDS):
@@ -53,8 +53,8 @@ def undistorts(begin: Callable[[], Callable[[Frame], object]], pictures: Sequenc
     return float(work_s / unit_s)
 
 
-def test_a_followed_frame_costs_little_more_than_half_of_undistorting_it():
-    """In a bend of 450 m: 0.62 on a quiet machine, 0.70 beside another test, 0.83 at a load of 17."""
+def test_a_tracked_frame_costs_less_than_undistorting_it():
+    """In a bend of 450 m: 0.62 on a quiet machine, 0.70 during another test, 0.83 at a load of 17."""
     states = []
 
     def begin() -> Callable[[Frame], object]:
@@ -71,8 +71,8 @@ def test_a_followed_frame_costs_little_more_than_half_of_undistorting_it():
     assert states.count(TRACKING) > 0.9 * len(states)
 
 
-def test_a_picture_of_which_nothing_is_known_costs_three_times_as_much():
-    """1.4 on a quiet machine, 1.5 beside another test, 1.7 at a load of 17."""
+def test_a_still_costs_less_than_two_undistortions():
+    """1.4 on a quiet machine, 1.5 during another test, 1.7 at a load of 17."""
     view = BirdsEyeView(CAMERA)
 
     def work(image: np.ndarray) -> None:

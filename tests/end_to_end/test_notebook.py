@@ -1,18 +1,18 @@
-"""The notebook's hygiene. Its numbers and figures are compared by nbval itself (see the Makefile)."""
+"""Form of the notebook; nbval compares its numbers and figures (see the Makefile)."""
 
 from __future__ import annotations
 
 import json
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.end_to_end.compare_figures import figure_fault
+from tests.support.project import ROOT
 
-NOTEBOOK = Path(__file__).parents[2] / "project.ipynb"
-# Cells whose output legitimately differs from run to run; none so far.
+NOTEBOOK = ROOT / "project.ipynb"
+# Cells whose output may differ between runs: none.
 MAY_IGNORE_OUTPUT: set[str] = set()
 
 
@@ -31,7 +31,7 @@ def source(cell: dict) -> str:
 
 
 def test_is_executed_from_top_to_bottom(code_cells):
-    # nbval passes a notebook without outputs unchecked, so this is what makes the strict comparison mean something.
+    # nbval accepts a notebook without outputs, so its comparison depends on this test.
     assert [cell["execution_count"] for cell in code_cells] == list(range(1, len(code_cells) + 1))
 
 

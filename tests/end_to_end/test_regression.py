@@ -1,4 +1,4 @@
-"""The tracker is as accurate as it was, on parts of the committed videos."""
+"""The tracker is as accurate as its reference, on parts of the committed videos."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_the_tracker_is_not_worse_than_the_reference(scene, measured):
 
 def test_the_tracker_is_confident_and_wrong_as_rarely_as_promised_on_new_frames(measured):
     wrong = [(measured.get(scene) or measure(scene)).confident_and_wrong for scene in REFERENCES]
-    assert np.concatenate(wrong).mean() <= PROMISED["elsewhere"]
+    assert np.concatenate(wrong).mean() <= PROMISED["lane"]
 
 
 def test_every_committed_video_is_held_to_every_measure():
@@ -38,24 +38,24 @@ def test_every_committed_video_is_held_to_every_measure():
     assert all(tuple(reference) == MEASURES for reference in REFERENCES.values())
 
 
-class TestTheGuard:
-    """It would be none if it let worse engines through."""
+class TestTheComparison:
+    """The test fails for worse results."""
 
-    def test_a_lane_shifted_by_a_centimetre_is_seen(self, measured):
+    def test_a_lane_shifted_by_a_centimetre_is_noticed(self, measured):
         errors = measured.get(FIRST) or measure(FIRST)
         shifted = replace(errors, lateral_m=errors.lateral_m + 0.01, near_rms_m=errors.near_rms_m + 0.01)
-        assert any("lateral_5_20m_p95_m" in told for told in worse_than(REFERENCES[FIRST], shifted))
+        assert any("lateral_5_20m_p95_m" in line for line in worse_than(REFERENCES[FIRST], shifted))
 
-    def test_frames_that_are_lost_are_seen(self, measured):
+    def test_frames_that_are_lost_are_noticed(self, measured):
         errors = measured.get(FIRST) or measure(FIRST)
         lost = np.isin(np.arange(len(errors.available)), (10, 11, 12))
         some = replace(errors, available=errors.available & ~lost, confident=errors.confident & ~lost)
-        told = worse_than(REFERENCES[FIRST], some)
-        assert [line.split(":")[0] for line in told] == ["available_share", "accuracy", "recovery_longest_frames"]
+        worse = worse_than(REFERENCES[FIRST], some)
+        assert [line.split(":")[0] for line in worse] == ["available_share", "accuracy", "recovery_longest_frames"]
 
-    def test_measures_that_are_not_there_any_more_are_seen(self, measured):
+    def test_measures_that_are_missing_are_noticed(self, measured):
         errors = measured.get(FIRST) or measure(FIRST)
         nothing = np.full_like(errors.offset_m, np.nan)
         assert any(
-            "offset_p95_m: nan" in told for told in worse_than(REFERENCES[FIRST], replace(errors, offset_m=nothing))
+            "offset_p95_m: nan" in line for line in worse_than(REFERENCES[FIRST], replace(errors, offset_m=nothing))
         )

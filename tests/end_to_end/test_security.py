@@ -1,4 +1,4 @@
-"""What must not be in the sources, and what is installed: no pickle, eval or shell; files only; all pinned by hash."""
+"""Security of the sources (no pickle, eval or shell; files only) and of the lock file (all pinned by hash)."""
 
 from __future__ import annotations
 
@@ -6,27 +6,26 @@ import ast
 import re
 from collections.abc import Iterator
 from importlib import metadata
-from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from tests.support.project import ROOT
 from tools.audit import assess
 
-ROOT = Path(__file__).parents[2]
 SOURCES = {
     path.relative_to(ROOT).as_posix(): ast.parse(path.read_text(encoding="utf-8"))
     for path in (ROOT / "helpers.py", *sorted((ROOT / "lanes").rglob("*.py")))
 }
-# Whatever turns bytes into objects, words into code, or a line into a shell's.
+# Modules and calls that turn bytes into objects or text into code, or that start a shell.
 IMPORTS = {"pickle", "cPickle", "_pickle", "dill", "cloudpickle", "joblib", "marshal", "shelve", "code", "codeop"}
 IMPORTS |= {"subprocess", "pty", "socket", "http", "urllib.request", "requests", "httpx", "ctypes"}
 CALLS = {"eval", "exec", "compile", "__import__", "os.system", "os.popen", "os.execv", "os.spawnv", "pd.read_pickle"}
 CALLS |= {"yaml.unsafe_load", "yaml.full_load", "yaml.load_all", "np.fromfile", "cv2.imread", "cv2.imwrite"}
 CALLS |= {"cv2.FileStorage", "shutil.unpack_archive", "tempfile.mktemp"}
-# The only modules that may open a video, a camera, or a file to write in.
-DOORS = {
+# The only modules that may open a video, a camera, or a file for writing.
+OPENERS = {
     "av.open": {"lanes/io/video/container.py", "lanes/io/video/writer.py", "lanes/io/video/join.py"}
     | {"benchmark/speed/transcode.py"},
     "cv2.VideoCapture": {"lanes/io/video/live_camera.py"},
@@ -44,7 +43,7 @@ REQUIRED = {
 
 
 def calls(tree: ast.AST) -> Iterator[tuple[str, ast.Call]]:
-    """The calls in a source, by dotted names as they are written."""
+    """The calls in a source, by their dotted names as written."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Call):
             yield ast.unparse(node.func), node
@@ -60,11 +59,11 @@ def imports(tree: ast.AST) -> Iterator[str]:
 
 
 def faults(tree: ast.AST, name: str) -> set[str]:
-    """What is not allowed in a source."""
+    """Forbidden imports and calls in a source."""
     found = {i for i in imports(tree) if i in IMPORTS or i.partition(".")[0] in IMPORTS}
     for called, node in calls(tree):
         keywords = {keyword.arg: ast.unparse(keyword.value) for keyword in node.keywords}
-        if called in CALLS or name not in DOORS.get(called, {name}):
+        if called in CALLS or name not in OPENERS.get(called, {name}):
             found.add(called)
         if keywords.get("allow_pickle", "False") != "False" or keywords.get("shell", "False") != "False":
             found.add(f"{called}({keywords})")
@@ -81,12 +80,12 @@ def test_nothing_dangerous_is_in_the_sources(name):
     ["import pickle", "from pickle import loads", "from urllib import request", "eval('1')", "os.system('ls')"]
     + ["np.load(f, allow_pickle=True)", "run('ls', shell=True)", "open('x', 'w')", "av.open(name)", "yaml.load(f)"],
 )
-def test_it_would_be_seen(line):
+def test_forbidden_code_is_noticed(line):
     assert faults(ast.parse(line), "lanes/x.py")
 
 
 def test_yaml_is_read_without_tags():
-    """The only loader derives from the safe one."""
+    """The only loader is a subclass of the safe one."""
     tree = SOURCES["lanes/camera/camera_file.py"]
     loaders = {ast.unparse(node.args[1]) for called, node in calls(tree) if called == "yaml.load"}
     bases = {
@@ -97,15 +96,15 @@ def test_yaml_is_read_without_tags():
     assert [bases[loader] for loader in loaders] == [["yaml.SafeLoader"]]
 
 
-def test_videos_that_others_made_are_opened_at_one_place():
-    """Everywhere else files are opened to be written, by names that end in a suffix of ours."""
+def test_input_videos_are_opened_in_one_module():
+    """All other modules open videos for writing."""
     for name, tree in SOURCES.items():
         for called, node in calls(tree):
             if called == "av.open" and name != "lanes/io/video/container.py":
                 assert [ast.unparse(argument) for argument in node.args[1:]] == ["'w'"], name
 
 
-# --- what is installed
+# --- installed packages
 
 
 def locked() -> dict[str, tuple[str, list[str]]]:
@@ -134,7 +133,7 @@ def test_the_lock_names_no_host():
 
 
 def test_the_lock_is_complete():
-    """Whatever an installed package of the lock requires on this machine is in the lock, too."""
+    """Each requirement of an installed package of the lock is in the lock too."""
     lock = locked()
     for name in lock:
         try:

@@ -1,4 +1,4 @@
-"""Runs that are stopped, killed, or out of room: the old file or the whole new one, and the next run finishes."""
+"""Runs that are stopped, killed or out of disk space: each file is the old one or the whole new one."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from simulator.rendering import video
 from simulator.scenes.project_video import project_video
 from tests.support.clips import write_drive
 from tests.support.painted_drive import BENDS
+from tests.support.project import ROOT
 
-ROOT = Path(__file__).parents[2]
 FRAMES = 40
 
-# Writes each kind of file again and again, as the commands do, and says so before it begins.
+# Writes each kind of file repeatedly, as the commands do, and prints a line before it starts.
 WRITES = """
 import sys
 from pathlib import Path
@@ -65,7 +65,7 @@ def start(*command: object, limit_bytes: int | None = None) -> subprocess.Popen:
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, limit_bytes))
 
     environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
-    if limit_bytes:  # what counts lines writes a file, too
+    if limit_bytes:  # coverage writes a file too
         environment.pop("COVERAGE_PROCESS_START", None)
     return subprocess.Popen(
         [sys.executable, *map(str, command)],
@@ -90,7 +90,7 @@ def names(folder: Path) -> set[str]:
 
 
 def require_whole(folder: Path) -> None:
-    """Every file of WRITES that is there can be read to its end."""
+    """Check that every existing file of WRITES can be read to its end."""
     there = names(folder)
     whole: dict[str, Callable[[Path], object]] = {
         "a.png": read_image,
@@ -106,7 +106,7 @@ def require_whole(folder: Path) -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 def test_stopped_at_any_moment_files_are_old_or_new_and_whole(number, tmp_path):
-    """Processes, one after the other over the same files; each is stopped a moment after it begins to write."""
+    """Several processes write the same files in turn; each is stopped soon after it starts to write."""
     moments = random.Random(int(number))
     waiting = [start("-c", WRITES, tmp_path, FOREVER) for _ in range(2)]
     for process in waiting:
@@ -115,7 +115,7 @@ def test_stopped_at_any_moment_files_are_old_or_new_and_whole(number, tmp_path):
         process.send_signal(number)
         process.communicate(timeout=30)
         require_whole(tmp_path)
-    # Whoever writes next removes what is left.
+    # The next run removes the partial files.
     with start("-c", WRITES, tmp_path, 1) as process:
         _, err = process.communicate(timeout=60)
     assert process.returncode == 0, err
@@ -123,7 +123,7 @@ def test_stopped_at_any_moment_files_are_old_or_new_and_whole(number, tmp_path):
     require_whole(tmp_path)
 
 
-def test_processes_that_write_the_same_at_once_do_not_mix(tmp_path):
+def test_simultaneous_writers_do_not_mix(tmp_path):
     running = [start("-c", WRITES, tmp_path, 8) for _ in range(3)]
     for process in running:
         process.stdout.readline()
@@ -149,8 +149,8 @@ def annotate(drive: Path, out: Path) -> list:
     return ["annotate", "--camera", drive / "drive.yaml", drive / "drive.mp4", "-o", out, "--quiet"]
 
 
-def test_a_killed_run_is_made_up_for_by_the_next(drive, tmp_path):
-    """Killed as soon as it writes, and after that a little later each time; then one may finish."""
+def test_the_run_after_a_killed_one_finishes(drive, tmp_path):
+    """The first run is killed as soon as it writes, the second a little later; the third finishes."""
     out = tmp_path / "out"
     for delay_s in (0.0, 0.25):
         with start("-m", "lanes", *annotate(drive, out)) as process:
@@ -180,7 +180,7 @@ def test_of_two_runs_on_one_output_the_first_wins(drive, tmp_path):
 
 
 OLD = ("drive.mp4", "drive.csv", "drive.html", "still.png", "pictures.csv", "lanes.jsonl", "camera.yaml")
-# What a command writes that is larger than so many bytes does not fit.
+# Commands, and a limit on the size of their files that is too small for one of them.
 FULL = {
     "video": (20_000, annotate),
     "table": (1_000, annotate),
@@ -191,8 +191,8 @@ FULL = {
 
 
 @pytest.mark.parametrize("what", FULL)
-def test_no_room(what, drive, tmp_path):
-    """The system refuses to write more, as a full disk does: a sentence, status 1, and the old files stay."""
+def test_file_size_limit(what, drive, tmp_path):
+    """The system refuses to write more, as on a full disk: a sentence, status 1, and the old files stay."""
     limit_bytes, arguments = FULL[what]
     for name in OLD:
         (tmp_path / name).write_text(f"old {name}")
@@ -204,19 +204,19 @@ def test_no_room(what, drive, tmp_path):
     assert {name for name, path in files.items() if path.read_text() != f"old {name}"} == set()
 
 
-@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root may make a small disk")
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root can mount a small disk")
 def test_a_disk_that_is_full(tmp_path, drive):
-    """A real one of 64 kB."""
+    """A disk of 64 kB."""
     disk = tmp_path / "disk"
     disk.mkdir()
-    posed = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", disk], capture_output=True)
-    if posed.returncode:
-        pytest.skip("no disk can be made here")
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", disk], capture_output=True)
+    if mounted.returncode:
+        pytest.skip("a disk cannot be mounted here")
     try:
         write_telemetry(disk / "other.csv", [{"frame": 0}])
         status, err = lanes(*annotate(drive, disk))
         assert status == 1 and os.strerror(errno.ENOSPC) in err and "Traceback" not in err, err
-        # Each file is whole or not there: the video has its name before the table is written.
+        # Each file is whole or missing: the video gets its name before the table is written.
         assert names(disk) <= {"drive.mp4", "drive.csv", "other.csv"}
         assert "drive.mp4" not in names(disk) or inspect_video(disk / "drive.mp4").frames == FRAMES
         assert read_telemetry(disk / "other.csv")["frame"].tolist() == [0]
@@ -228,8 +228,8 @@ def test_a_disk_that_is_full(tmp_path, drive):
         subprocess.run(["umount", disk], check=True)
 
 
-def test_an_encoder_that_was_killed_is_not_believed(tmp_path, monkeypatch):
-    """The renderer's is a process of its own; it left half of the frames behind."""
+def test_the_output_of_a_killed_encoder_is_refused(tmp_path, monkeypatch):
+    """The encoder of the renderer is a separate process; here it wrote half of the frames."""
 
     def half(path: Path, *_: object) -> list[dict]:
         write_drive(path, BENDS, 2)

@@ -1,4 +1,4 @@
-"""Whatever a text file holds: its reader gives what it promises, or one sentence that names the file."""
+"""For any content of a text file: its reader returns valid data, or raises one sentence that names the file."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from lanes.io.telemetry import read_telemetry
 from tests.support.examples import examples
 from tests.support.painted_drive import CAMERA
 
-# What is put in the place of something in a file that is whole.
+# Values that replace parts of a valid file.
 ODD = st.none() | st.booleans() | st.text(max_size=5) | st.lists(st.integers(), max_size=2) | st.just({})
 ODD |= st.integers() | st.floats() | st.sampled_from([0, -1, 1e-320, 1e308, "1e3", 2**70, float("nan"), "nan", "~"])
 JSON = st.recursive(
@@ -30,18 +30,18 @@ TELEMETRY = "frame,time_s,state,offset_m\n0,0.0,tracking,0.1\n1,0.04,lost,\n"
 SCORES = "scene,difficulty,system,accuracy\nmotorway,clean,tracker,1\n"
 
 
-def places(content: object, *before: object) -> list[tuple]:
-    """The ways to everything that nested dicts and lists hold."""
+def paths_into(content: object, *before: object) -> list[tuple]:
+    """The key sequences of all values in nested dicts and lists."""
     inner = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
-    return [way for key, value in inner for way in ((*before, key), *places(value, *before, key))]
+    return [way for key, value in inner for way in ((*before, key), *paths_into(value, *before, key))]
 
 
 @st.composite
 def damaged(draw: st.DrawFn, content: dict) -> dict:
-    """The same with up to three things in it replaced or taken away."""
+    """The content with up to three values replaced or removed."""
     content = json.loads(json.dumps(content))
     for _ in range(draw(st.integers(1, 3))):
-        *way, last = draw(st.sampled_from(places(content)))
+        *way, last = draw(st.sampled_from(paths_into(content)))
         holder = content
         for key in way:
             holder = holder[key]
@@ -49,14 +49,14 @@ def damaged(draw: st.DrawFn, content: dict) -> dict:
             holder[last] = draw(ODD)
         else:
             del holder[last]
-        if not places(content):
+        if not paths_into(content):
             break
     return content
 
 
 @st.composite
 def garbled(draw: st.DrawFn, text: str) -> bytes:
-    """The same with some of its bytes replaced, left out or repeated; or any bytes at all."""
+    """The text with some of its bytes replaced, removed or repeated; or random bytes."""
     data = text.encode()
     for _ in range(draw(st.integers(1, 4))):
         begin, end = sorted(draw(st.tuples(*[st.integers(0, len(data))] * 2)))
@@ -70,7 +70,7 @@ def path(tmp_path_factory) -> Path:
 
 
 def assert_read_or_refused(read, path: Path, data: bytes, error: type[Exception] = ValueError):
-    """What the reader gives; None where it refuses the file in a sentence."""
+    """Result of the reader; None if it refuses the file with a sentence."""
     path.write_bytes(data)
     try:
         return read(path)

@@ -1,4 +1,4 @@
-"""Whatever the picture shows: no finder raises, and what it says is finite and consistent."""
+"""For any picture: no finder raises, and its results are finite and consistent."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lanes.camera.camera_pose import CameraError
-from lanes.classic.finder import RECIPES, LaneLaneDetector, get_recipe
+from lanes.classic.finder import RECIPES, LaneFinder, get_recipe
 from lanes.drives.detections import LaneDetector
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
 from lanes.tracking.lines import LineObservation, describe_lane
-from lanes.tracking.model import LIMIT, SIDES, WIDTH, line_y
+from lanes.tracking.model import LIMIT, SIDES, WIDTH, line_points, line_y
 from lanes.tracking.residuals import ROAD_M
 from lanes.tracking.tracked_lane import LOST, TrackedLane
 from lanes.tracking.tracker import LaneTracker
@@ -24,10 +24,12 @@ from tests.support.any_pictures import SIZES, camera_of, pictures
 from tests.support.examples import examples
 
 X_M = np.array([5.0, 15.0, 30.0])
+# Arc lengths at which a line is sampled, from the car on.
+ALONG_M = np.linspace(0.0, 100.0, 5001)
 FPS = 20.0
 view_of = cache(lambda size: BirdsEyeView(camera_of(size)))
 tracker_of = cache(lambda size: LaneTracker(camera_of(size), fps=FPS))
-finder_of = cache(lambda name, size: LaneLaneDetector(get_recipe(name, size), camera_of(size)))
+finder_of = cache(lambda name, size: LaneFinder(get_recipe(name, size), camera_of(size)))
 
 
 def size_of(image: np.ndarray) -> tuple[int, int]:
@@ -35,14 +37,14 @@ def size_of(image: np.ndarray) -> tuple[int, int]:
 
 
 def assert_positive_definite(covariance: np.ndarray) -> None:
-    """As correlations, because metres and curvatures differ by powers of ten."""
+    """Check the correlation matrix: metres and curvatures differ by powers of ten."""
     std = np.sqrt(np.diag(covariance))
     assert np.isfinite(std).all() and std.min() > 0
     assert np.linalg.eigvalsh(covariance / np.outer(std, std)).min() > 0
 
 
 def assert_sound(tracked: TrackedLane, size: tuple[int, int]) -> None:
-    """Finite numbers, a proper covariance, and lines that are drawn inside the picture."""
+    """Finite numbers, a positive definite covariance, and lines inside the picture."""
     assert (tracked.lane is None) == (tracked.state == LOST)
     if tracked.lane is None:
         assert tracked.confidence == 0
@@ -62,7 +64,7 @@ def assert_sound(tracked: TrackedLane, size: tuple[int, int]) -> None:
 
 @examples(70)
 @given(pictures())
-def test_the_engine_takes_any_still(image):
+def test_the_detector_accepts_any_still(image):
     size = size_of(image)
     assert_sound(TrackedLane.from_still(find_lane(image, view_of(size))), size)
     json.dumps(LaneDetector(camera_of(size), np.arange(size[1])).detect(image), allow_nan=False)
@@ -73,8 +75,8 @@ def test_the_engine_takes_any_still(image):
     st.lists(pictures(sizes=((64, 36),)), min_size=1, max_size=4),
     st.lists(st.sampled_from([0.0, 1e-3, 1 / FPS, 0.3, 1.0, 5.0, 1e9, -1.0, np.nan]), min_size=8, max_size=8),
 )
-def test_the_tracker_takes_any_drive_and_any_clock(images, clock):
-    """Each picture twice, so that some are confirmed; time stands still, leaps, and runs backwards."""
+def test_the_tracker_accepts_any_drive_and_any_clock(images, clock):
+    """Each picture comes twice, so that some lanes are confirmed; time stops, jumps, and runs backwards."""
     tracker = tracker_of((64, 36))
     tracker.reset()
     for image, elapsed_s in zip([image for image in images for _ in range(2)], clock, strict=False):
@@ -84,7 +86,7 @@ def test_the_tracker_takes_any_drive_and_any_clock(images, clock):
 @pytest.mark.parametrize("name", RECIPES)
 @examples(16)
 @given(pictures())
-def test_the_recipes_take_any_still_and_any_drive(name, image):
+def test_the_recipes_accept_any_still_and_any_drive(name, image):
     finder = finder_of(name, size_of(image))
     finder.reset()
     results = [finder.find(image), finder.follow(image), finder.follow(image)]
@@ -94,7 +96,7 @@ def test_the_recipes_take_any_still_and_any_drive(name, image):
         assert (lines is None) or result.state != "lost"
 
 
-def test_the_smallest_size_is_the_one_that_is_stated():
+def test_the_smallest_size_is_the_documented_one():
     assert all(view_of(size).seen.any() for size in SIZES)
     for size in [(1, 1), (2, 1), (1, 720), (3, 1)]:
         with pytest.raises(CameraError, match="sees no road between 5 and 70 m ahead"):
@@ -104,7 +106,7 @@ def test_the_smallest_size_is_the_one_that_is_stated():
 @examples(100)
 @given(st.data())
 def test_every_lane_within_the_limits_has_lines(data):
-    """Also those that turn back before they are beside the car."""
+    """Also a lane whose lines turn back before they are next to the car."""
     share = data.draw(st.lists(st.floats(-1, 1), min_size=len(LIMIT), max_size=len(LIMIT)))
     model = LIMIT * share
     model[WIDTH] = abs(model[WIDTH])
@@ -112,5 +114,26 @@ def test_every_lane_within_the_limits_has_lines(data):
     lane = describe_lane(model, np.diag(np.square(LIMIT)), (seen, seen), score=1.0, margin=0.5)
     assert_sound(TrackedLane.from_still(lane), (640, 360))
     for side in SIDES:
-        y = line_y(X_M, model, side)
-        assert (np.isfinite(y) | np.isnan(y)).all()
+        assert_on_the_line(line_y(X_M, model, side), line_points(model, side, ALONG_M))
+
+
+def assert_on_the_line(y_m: np.ndarray, points: np.ndarray) -> None:
+    """Lateral positions at X_M lie on the line through the points (N, 2); NaN only where it is steeper than 45 deg."""
+    x, y = points.T
+    steps = np.diff(points, axis=0)
+    for x_m, found_m in zip(X_M, y_m, strict=True):
+        crossed = np.flatnonzero((x[:-1] <= x_m) != (x[1:] <= x_m))
+        if np.isnan(found_m):
+            before = steps[: crossed[0] + 1] if len(crossed) else steps
+            assert (before[:, 0] < np.abs(before[:, 1])).any()
+        else:
+            share = (x_m - x[crossed]) / steps[crossed, 0]
+            assert np.abs(y[crossed] + share * steps[crossed, 1] - found_m).min() < 0.01 + 1e-3 * abs(found_m)
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, 1e6, 2.0])
+def test_a_wrong_lateral_position_is_noticed(wrong):
+    points = np.column_stack([ALONG_M, 0.1 * ALONG_M])
+    assert_on_the_line(0.1 * X_M, points)
+    with pytest.raises(AssertionError):
+        assert_on_the_line(np.array([0.5, 1.5, wrong]), points)

@@ -1,4 +1,4 @@
-"""The filter's covariance over many random steps: measurements, gaps, jolts of speed, lane changes, new beginnings."""
+"""The filter's covariance over many random steps: measurements, gaps, changes of speed, lane changes, restarts."""
 
 from __future__ import annotations
 
@@ -18,28 +18,29 @@ from tests.support.painted_drive import CAMERA
 from tests.support.shapes import stripes_at
 
 VIEW = BirdsEyeView(CAMERA)
-# How lateral places of both lines, 4 to 68 m ahead, move with the lane's numbers.
+# Derivatives of the lateral positions of both lines, 4 to 68 m ahead, with respect to the lane parameters.
 ROWS = np.array([lateral_gradient(x, side) for x in np.arange(4.0, 70, 4) for side in SIDES])
-# Seconds between pictures: the same one twice, usual frame rates, dropped frames, the longest gap that is bridged.
+# Seconds between frames: a repeated frame, usual frame rates, dropped frames, the longest gap without a restart.
 CLOCK = (0.0, 1 / 60, 0.04, 0.04, 0.1, 0.5, TRACKER.max_coast_s)
-# None, 0 and usual speeds; how exactly places are measured, metres; how far from the usual a lane is.
-SPEEDS_MPS, EXACT_M, ODD = (None, 0.0, 8.0, 25.0, CAR_PARAMETERS.max_speed_mps), (0.01, 0.1, 1.0), (0.1, 1.0, 3.0)
+# Speeds; standard deviations of the measured positions; factors on the prior standard deviation of a new lane.
+SPEEDS_MPS = (None, 0.0, 8.0, 25.0, CAR_PARAMETERS.max_speed_mps)
+POSITION_STD_M, PRIOR_FACTORS = (0.01, 0.1, 1.0), (0.1, 1.0, 3.0)
 
 
 class Drive:
-    """Random steps; Python's random numbers where one at a time is needed, because numpy's take ten times as long."""
+    """Random steps. Single numbers come from Python's generator, because numpy's takes ten times as long."""
 
     def __init__(self, seed: int) -> None:
         self.dice, self.rng = Random(seed), np.random.default_rng(seed)
 
     def begin(self) -> KalmanState:
-        """A belief as after a first picture, of any road at any speed."""
+        """State estimate after a first frame, of any road at any speed."""
         spread = PRIOR_STD * self.rng.uniform(0.01, 1, len(PRIOR_STD))
-        lane = PRIOR_MEAN + PRIOR_STD * self.dice.choice(ODD) * self.rng.normal(size=len(PRIOR_STD))
+        lane = PRIOR_MEAN + PRIOR_STD * self.dice.choice(PRIOR_FACTORS) * self.rng.normal(size=len(PRIOR_STD))
         return initial_state(np.clip(lane, -LIMIT, LIMIT), np.diag(spread**2), self.dice.choice(SPEEDS_MPS))
 
     def move(self, estimate: KalmanState) -> KalmanState:
-        """The belief at the next picture: some time later, perhaps at another speed or in the next lane."""
+        """State estimate at the next frame, perhaps at another speed or in the next lane."""
         kind = self.dice.random()
         if kind < 0.002:
             return self.begin()
@@ -51,15 +52,15 @@ class Drive:
         return estimate
 
     def measure(self, estimate: KalmanState) -> KalmanState:
-        """The filter's update with some measured places, from none to many, from the finest to the roughest."""
-        rows = ROWS[self.rng.integers(0, len(ROWS), self.dice.randrange(30))] / self.dice.choice(EXACT_M)
+        """Update with 0 to 29 measured positions of any precision."""
+        rows = ROWS[self.rng.integers(0, len(ROWS), self.dice.randrange(30))] / self.dice.choice(POSITION_STD_M)
         covariance = np.linalg.inv(np.linalg.inv(estimate.lane_covariance) + rows.T @ rows)
         return update_state(
             estimate, estimate.lane + covariance @ (rows.T @ self.rng.normal(size=len(rows))), covariance
         )
 
-    def follow(self, estimate: KalmanState) -> KalmanState:
-        """The same by the tracker's own correction, with stripes along the lane and anywhere else."""
+    def track(self, estimate: KalmanState) -> KalmanState:
+        """Update by the tracker's own function, with stripes along the lane and elsewhere."""
         rng, count = self.rng, self.dice.randrange(40)
         x = rng.choice(VIEW.x_m, count)
         along = line_points(estimate.lane, self.dice.choice(SIDES), x) + rng.normal(0, 0.1, (count, 2))
@@ -71,15 +72,15 @@ class Drive:
         return update_state(estimate, fit.lane[0], np.linalg.inv(fit.information[0]))
 
 
-@pytest.mark.parametrize(("correct", "steps"), [(Drive.measure, 100_000), (Drive.follow, 1_000)])
-def test_the_covariance_stays_positive_definite(correct, steps):
+@pytest.mark.parametrize(("update", "steps"), [(Drive.measure, 100_000), (Drive.track, 1_000)])
+def test_the_covariance_stays_positive_definite(update, steps):
     drive = Drive(seed=1)
     estimate = drive.begin()
     for _ in range(steps * TIMES // 1000):
         seen = []
         for _ in range(1000):
             moved = drive.move(estimate)
-            estimate = correct(drive, moved)
+            estimate = update(drive, moved)
             seen += moved.covariance, estimate.covariance
             assert np.isfinite(estimate.mean).all()
         covariances = np.array(seen)
@@ -87,5 +88,5 @@ def test_the_covariance_stays_positive_definite(correct, steps):
         assert std.min() > 0
         correlations = covariances / (std[:, :, None] * std[:, None, :])
         np.testing.assert_allclose(correlations, np.swapaxes(correlations, 1, 2), atol=1e-9)
-        # it has a root only if it is positive definite
+        # only a positive definite matrix has a Cholesky root
         np.linalg.cholesky(correlations)

@@ -1,4 +1,4 @@
-"""What is no (height, width, 3) uint8 picture is refused with a sentence wherever a colour picture is meant."""
+"""Every function that expects a (height, width, 3) uint8 picture refuses other arrays with a sentence."""
 
 from __future__ import annotations
 
@@ -41,6 +41,6 @@ COLOUR_FUNCTIONS = {
     ],
     ids=["gray", "rgba", "float", "empty", "none"],
 )
-def test_only_colour_pictures_are_taken(function, wrong, sentence):
+def test_other_arrays_are_refused(function, wrong, sentence):
     with pytest.raises(PictureError, match=sentence):
         function(wrong)

@@ -1,4 +1,4 @@
-"""Files that are not what they should be, in every way that comes to mind, made from good ones."""
+"""Damaged, truncated and hostile files, made from good ones."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import yaml
 
-# Names that are unusual and must do all the same.
+# Unusual names of files that are valid.
 ODD_NAMES = ("two words", "дорога 道路", "-rf", "a[1]*?", "concat:a|b", "%03d", "$(touch owned)`;&", "<img src=x>")
 ODD_NAMES += ("line\nfeed", os.fsdecode(b"caf\xe9"))
 
@@ -19,30 +19,30 @@ Spoil = Callable[[Path, bytes], None]
 
 
 def cut(share: float) -> Spoil:
-    """The file ends after this share of it."""
+    """Truncate the file to this share of its bytes."""
     return lambda path, data: path.write_bytes(data[: int(share * len(data))])
 
 
 def holds(content: bytes | str) -> Spoil:
-    """The file holds something else."""
+    """Replace the content of the file."""
     return lambda path, _: path.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
-def no_right(path: Path, data: bytes) -> None:
-    """Nobody may read the file, but root may; the test plays the system's answer then."""
+def unreadable(path: Path, data: bytes) -> None:
+    """Remove the right to read the file; for root, who may read it anyway, the test fakes the answer of `os.access`."""
     path.write_bytes(data)
     path.chmod(0)
 
 
-# What may be wrong with a file of any kind: what to do with it, and words of the sentence.
+# Faults of a file of any kind: a function that makes it, and a pattern of the error message.
 ANY: dict[str, tuple[Spoil, str]] = {
     "missing": (lambda path, _: None, "there is no such"),
     "empty": (holds(b""), "is empty"),
     "folder": (lambda path, _: path.mkdir(), "folder|neither"),
     "pipe": (lambda path, _: os.mkfifo(path), "is a pipe"),
     "device": (lambda path, _: path.symlink_to("/dev/zero"), "is a device"),
-    "link in a ring": (lambda path, _: path.symlink_to(path.name), "there is no such"),
-    "no right to read": (no_right, "may not be read"),
+    "circular link": (lambda path, _: path.symlink_to(path.name), "there is no such"),
+    "no right to read": (unreadable, "may not be read"),
     "zeros": (holds(bytes(9999)), ""),
     "text": (holds("this is no such file\n" * 99), ""),
     "not UTF-8": (holds(b"\xff\xfe\xfd" * 999), ""),
@@ -62,7 +62,7 @@ def png_claiming(width: int, height: int) -> bytes:
 
 
 def jpeg_claiming(width: int, height: int) -> Spoil:
-    """A JPEG whose header claims another size."""
+    """Write another size into the header of a JPEG."""
 
     def spoil(path: Path, data: bytes) -> None:
         patched = bytearray(data)
@@ -76,8 +76,8 @@ PNG = {
     "claims 65535x65535": (holds(png_claiming(65535, 65535)), "claims 65535x65535 pixels"),
     "claims 0x0": (holds(png_claiming(0, 0)), "cannot be decoded"),
     "claims 4 GB": (holds(png_claiming(2**31 - 1, 1)), "claims 2147483647x1 pixels"),
-    "a JPEG's head": (holds(b"\xff\xd8\xff\xe0"), "cut off"),
-    "a spoilt middle": (lambda path, data: path.write_bytes(data[:60] + bytes(99) + data[159:]), "cannot be decoded"),
+    "the header of a JPEG": (holds(b"\xff\xd8\xff\xe0"), "cut off"),
+    "a damaged middle": (lambda path, data: path.write_bytes(data[:60] + bytes(99) + data[159:]), "cannot be decoded"),
 }
 JPEG = {
     "claims 65500x65500": (jpeg_claiming(65500, 65500), "claims 65500x65500 pixels"),
@@ -92,7 +92,7 @@ VIDEO = {
 
 
 def camera(**changes: object) -> Spoil:
-    """A camera file with other entries; None takes one out."""
+    """Change entries of a camera file; None removes one."""
 
     def spoil(path: Path, data: bytes) -> None:
         content = yaml.safe_load(data) | changes
@@ -102,7 +102,7 @@ def camera(**changes: object) -> Spoil:
 
 
 def matrix(focal_px: float) -> dict:
-    """The entry of a camera matrix."""
+    """The camera_matrix entry for a focal length."""
     return {"data": [focal_px, 0, 320, 0, focal_px, 180, 0, 0, 1]}
 
 
@@ -129,7 +129,7 @@ CAMERA = {
 
 
 def line(text: str) -> Spoil:
-    """JSON lines with another third line."""
+    """Replace the third line of a file of JSON lines."""
 
     def spoil(path: Path, data: bytes) -> None:
         lines = data.split(b"\n")

@@ -1,4 +1,4 @@
-"""Small videos for tests."""
+"""Short videos for tests."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FPS = 25
 
 
 def write_clip(path: Path, frames: Iterable[np.ndarray]) -> Path:
-    """Encode pictures (height, width, 3) as H.264, 25 a second, with little loss."""
+    """Encode frames (height, width, 3) as H.264 at 25 frames/s with little loss."""
     frames = list(frames)
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=FPS, options={"crf": "12", "preset": "ultrafast"})
@@ -29,7 +29,7 @@ def write_clip(path: Path, frames: Iterable[np.ndarray]) -> Path:
 
 
 def write_drive(path: Path, drive: PaintedDrive, count: int) -> Path:
-    """Encode the first frames of a drive, with truth (.csv) and camera (.yaml) beside the video."""
+    """Encode the first frames of a drive, and write its truth (.csv) and camera (.yaml) next to the video."""
     times_s = [number / FPS for number in range(count)]
     write_clip(path, map(drive.frame, times_s))
     write_truth_csv(path.with_suffix(".csv"), [truth_row(drive.truth(t), frame=n) for n, t in enumerate(times_s)])

@@ -1,4 +1,4 @@
-"""How long the tests with random examples search: in `make fuzz` longer than in `make test`, and each time anew."""
+"""Number of random examples: fixed ones in `make test`, more and different ones in each `make fuzz`."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import os
 
 from hypothesis import HealthCheck, settings
 
-# How many times as many examples as in `make test`.
+# Factor on the number of examples in `make test`.
 TIMES = int(os.environ.get("LANES_FUZZ", "1"))
 
 
 def examples(count: int) -> settings:
-    """Search `count` examples, the same ones in every run; in `make fuzz` `TIMES` as many, others each time."""
+    """Try `count` examples, the same in every run; `make fuzz` tries `TIMES` as many, different in each run."""
     return settings(
         max_examples=count * TIMES,
         derandomize=TIMES == 1,
