@@ -1,10 +1,10 @@
-# Two commands: `make run` executes the course, `make test` checks everything.
-# They need Python 3.11-3.13 and make, and the network only the first time.
+# `make run` executes the course, `make test` checks everything, `make check` is the quick check while you work.
+# They need Python 3.11-3.13 and make; the first run needs the network to install the packages.
 
 .DEFAULT_GOAL := help
-.PHONY: help run test fuzz coverage mutants soak lock audit clean
+.PHONY: help run check test lint fuzz coverage mutants soak lock audit clean
 
-# An own choice is possible: make run PYTHON=/path/to/python3.12
+# Choose another Python with: make run PYTHON=/path/to/python3.12
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
 	$$p -c 'import sys, venv, ensurepip; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' \
 	>/dev/null 2>&1 && echo $$p && break; done)
@@ -14,22 +14,27 @@ EXECUTE := $(ENV)/jupyter nbconvert --log-level WARN --to notebook --execute --E
 INSTALLED := .venv/installed.txt
 WITH_DASK := .venv/installed-cluster.txt
 MEASURING := .venv/installed-measuring.txt
+# The packages whose unit tests are quick; tests marked `slow` are left to `make test`.
+QUICK_TESTS := tests/camera tests/classic tests/drawing tests/explain tests/io tests/tracking
 COVERAGE_ENV := PYTHONPATH=$(CURDIR)/.venv/measuring COVERAGE_PROCESS_START=$(CURDIR)/pyproject.toml \
 	COVERAGE_FILE=$(CURDIR)/.coverage
 
-# Figures belong into the notebook, whatever the caller's shell asks of matplotlib.
+# Figures belong in the notebook, even if the caller's shell sets another matplotlib backend.
 unexport MPLBACKEND
-# Jupyter's own notice about its folders is no news to the reader.
+# Without it Jupyter prints a notice about its folders.
 export JUPYTER_PLATFORM_DIRS := 1
 
 help:
-	@echo "make run    execute project.ipynb, regenerate output_images/ and the annotated video"
-	@echo "make test   lint, unit tests, and project.ipynb re-executed and compared by nbval"
-	@echo "make fuzz   the tests with random examples, ten times as long and with other examples each time"
-	@echo "make coverage  which lines no test runs; make mutants  which mistakes no test notices (docs/testing.md)"
-	@echo "make soak   an hour of driving through the command line, with a look at memory, frames and sound"
-	@echo "make audit  known vulnerabilities of the packages in requirements.lock; make lock writes that file again"
-	@echo "make clean  remove .venv and caches"
+	@echo "make run       execute project.ipynb, regenerate output_images/ and the annotated video"
+	@echo "make check     lint, import contracts and the quick unit tests (under a minute)"
+	@echo "make test      lint, import contracts, all tests, and project.ipynb executed again and compared by nbval"
+	@echo "make fuzz      the tests with random examples: ten times as many, and other ones in each run"
+	@echo "make coverage  lines that no test runs"
+	@echo "make mutants   small changes of the code that no test notices (docs/testing.md)"
+	@echo "make soak      an hour of video through the command line; checks memory, frames and sound"
+	@echo "make lock      write requirements.lock for requirements.txt"
+	@echo "make audit     look up known vulnerabilities of the packages in requirements.lock"
+	@echo "make clean     remove .venv and caches"
 	@echo "Real pictures: make run LANES_DATA=path/to/folder   (results: project_real.ipynb, output_real/)"
 
 run: $(INSTALLED)
@@ -43,19 +48,27 @@ else
 	@echo "== Done: read project.ipynb, see output_images/"
 endif
 
-test: $(INSTALLED) $(WITH_DASK)
+lint: $(INSTALLED)
 	@echo "== Lint"
 	@$(ENV)/ruff check . && $(ENV)/ruff format --check .
-	@echo "== Unit tests, then the notebook against its committed outputs (some minutes)"
+	@echo "== Import contracts (pyproject.toml)"
+	@$(ENV)/lint-imports --no-logo --no-cache
+
+check: lint
+	@echo "== Quick unit tests"
+	@env -u LANES_DATA OMP_NUM_THREADS=1 $(ENV)/python -m pytest $(QUICK_TESTS) -m "not slow" -n 2 --dist loadfile
+
+test: lint $(WITH_DASK)
+	@echo "== All tests, and the notebook against its committed outputs (some minutes)"
 	@env -u LANES_DATA $(ENV)/python -m pytest tests project.ipynb -n 2 --dist loadfile --nbval --nbval-current-env \
 		--nbval-cell-timeout 120 -p tests.end_to_end.compare_figures
 
 fuzz: $(INSTALLED)
-	@echo "== Random pictures, files, drives and filter steps: ten times as many as make test (some minutes)"
+	@echo "== Random pictures, files, drives and filter steps: ten times as many as in make test (some minutes)"
 	@LANES_FUZZ=10 $(ENV)/python -m pytest $(shell grep -rl 'from tests.support.examples import' tests)
 
-# In one process and without the notebook, which is a test of its own, and the speed tests: who counts lines is slow.
-# Commands run as processes are counted, too: Python imports `sitecustomize` wherever it starts.
+# One process, without the notebook (a test of its own) and the speed tests: counting lines is slow.
+# Python imports `sitecustomize` at every start, so that commands run as processes are counted too.
 coverage: $(MEASURING) $(WITH_DASK)
 	@rm -f .coverage .coverage.*
 	@echo "import coverage; coverage.process_startup()" > .venv/measuring/sitecustomize.py
@@ -63,31 +76,31 @@ coverage: $(MEASURING) $(WITH_DASK)
 	@$(COVERAGE_ENV) $(ENV)/python -m coverage combine --quiet
 	@$(COVERAGE_ENV) $(ENV)/python -m coverage report --fail-under=95
 
-# OpenCV's own threads do not survive the fork that makes a mutant cheap.
+# mutmut forks a process for each mutant, and OpenCV's threads do not survive a fork.
 mutants: $(MEASURING)
 	@rm -rf mutants
 	@PYTHONPATH=.venv/measuring OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 $(ENV)/python -m mutmut run --max-children 1
 	@PYTHONPATH=.venv/measuring $(ENV)/python -m mutmut results
 
 soak: $(INSTALLED)
-	@echo "== One hour of driving through the command line: frames, sound, memory (half an hour or more)"
+	@echo "== One hour of video through the command line: frames, sound, memory (half an hour or more)"
 	@$(ENV)/python -m tools.soak
 
-# Written last, so that a broken installation is tried again.
+# The copy is made last, so that a failed installation is repeated.
 $(INSTALLED): requirements.txt
-	@test -n "$(PYTHON)" || { echo "No Python 3.11, 3.12 or 3.13 with venv found; install one, or say make PYTHON=/path/to/python"; exit 1; }
+	@test -n "$(PYTHON)" || { echo "No Python 3.11, 3.12 or 3.13 with venv found; install one, or run make PYTHON=/path/to/python"; exit 1; }
 	@echo "== Installing requirements.txt into .venv with $(PYTHON) (once)"
 	@test -x $(ENV)/python || $(PYTHON) -m venv .venv
 	@$(ENV)/python -m pip install --quiet --disable-pip-version-check -r requirements.txt
 	@cp requirements.txt $@
 
-# Only the tests of lanes/cluster/ need it; where it cannot be had, they are skipped.
+# Only the tests of lanes/cluster/ need Dask; they are skipped where it cannot be installed.
 $(WITH_DASK): requirements-cluster.txt $(INSTALLED)
 	@echo "== Installing requirements-cluster.txt into .venv (once)"
 	@$(ENV)/python -m pip install --quiet --disable-pip-version-check -r requirements-cluster.txt && cp requirements-cluster.txt $@ \
-		|| echo "== Dask could not be installed: the tests of many drives are skipped"
+		|| echo "== Dask could not be installed: the tests of lanes/cluster are skipped"
 
-# Everything that requirements.txt brings along, by hash, for Python 3.11-3.13 on any system.
+# All packages that requirements.txt and requirements-cluster.txt depend on, with hashes, for Python 3.11-3.13.
 lock: $(INSTALLED)
 	@$(PYTHON) -m venv .venv/tools && .venv/tools/bin/python -m pip install --quiet --disable-pip-version-check uv==0.13.9
 	@.venv/tools/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
@@ -97,7 +110,7 @@ audit: $(INSTALLED)
 	@$(PYTHON) -m venv .venv/tools && .venv/tools/bin/python -m pip install --quiet --disable-pip-version-check pip-audit==2.10.1
 	@.venv/tools/bin/python -m tools.audit
 
-# Beside the packages that the project runs with, not among them.
+# In a folder of their own, apart from the packages that the project runs with.
 $(MEASURING): requirements-measuring.txt $(INSTALLED)
 	@echo "== Installing requirements-measuring.txt into .venv/measuring (once)"
 	@$(ENV)/python -m pip install --quiet --disable-pip-version-check --upgrade --target .venv/measuring -r requirements-measuring.txt
