@@ -175,8 +175,8 @@ def explain_frame(image: np.ndarray, camera: Camera, *, pose_failure: str = "") 
         return replace(empty, evidence=evidence, steps=_up_to_failure(steps))
     votes, starts = vote_lanes(evidence.stripes, view)
     fit = fit_starts(starts, evidence.stripes, view)
-    lane = choose_lane(fit, evidence, view)
-    candidates = _candidates(fit, view, found=lane is not None)
+    lane = choose_lane(fit, evidence)
+    candidates = _candidates(fit, found=lane is not None)
     steps += [check_votes(starts), check_fit(candidates[0].score, candidates[0].support)]
     if lane is not None:
         # A lane was found, so an earlier failure was not decisive.
@@ -189,9 +189,9 @@ def _up_to_failure(steps: list[Step]) -> tuple[Step, ...]:
     return tuple(steps[: failed + 1])
 
 
-def _candidates(fit: LaneFit, view: BirdsEyeView, *, found: bool) -> tuple[Candidate, ...]:
+def _candidates(fit: LaneFit, *, found: bool) -> tuple[Candidate, ...]:
     """The fitted lanes with the reasons for their selection or rejection, best first, near duplicates removed."""
-    support = line_support(fit, view)
+    support = line_support(fit)
     score = ego_score(fit.lane, support)
     order = np.argsort(-score, kind="stable")
     best = order[0]

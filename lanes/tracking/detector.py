@@ -51,7 +51,7 @@ def find_lane(image: Frame, view: BirdsEyeView) -> Lane | None:
 def search_lane(evidence: FrameEvidence, view: BirdsEyeView) -> Lane | None:
     """The ego lane in the evidence of one frame; None if neither line is seen."""
     fit = fit_hypotheses(evidence.stripes, view)
-    return choose_lane(fit, evidence, view) if fit else None
+    return choose_lane(fit, evidence) if fit else None
 
 
 def fit_hypotheses(stripes: Stripes, view: BirdsEyeView) -> LaneFit | None:
@@ -62,15 +62,15 @@ def fit_hypotheses(stripes: Stripes, view: BirdsEyeView) -> LaneFit | None:
     return fit_starts(starts, stripes, view)
 
 
-def choose_lane(fit: LaneFit, evidence: FrameEvidence, view: BirdsEyeView) -> Lane | None:
+def choose_lane(fit: LaneFit, evidence: FrameEvidence) -> Lane | None:
     """The fitted lane with the best score; None if neither of its lines is seen."""
-    support = line_support(fit, view)
+    support = line_support(fit)
     score = ego_score(fit.lane, support)
     best = int(score.argmax())
     if support[best].max() < LINES.min_support:
         return None
     rivals = np.abs(fit.lane - fit.lane[best])[:, [CENTRE, WIDTH]].max(axis=1) > RIVAL_M
-    observations = observe_lines(fit, evidence, view, index=best)
+    observations = observe_lines(fit, evidence, index=best)
     model = fit.lane[best] + inner_stripe_shift([line.profile for line in observations])
     return describe_lane(
         model,

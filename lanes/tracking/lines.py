@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.fitting import LaneFit
 from lanes.tracking.lane import Lane, LaneLine, MarkingProfile
 from lanes.tracking.marking_profile import marking_profile
@@ -73,7 +72,6 @@ Observations = tuple[LineObservation, LineObservation]
 def observe_lines(
     fit: LaneFit,
     evidence: FrameEvidence,
-    view: BirdsEyeView,
     *,
     index: int = 0,
     previous: Observations = (LineObservation(), LineObservation()),
@@ -85,8 +83,7 @@ def observe_lines(
     ----------
     fit : LaneFit
     evidence : FrameEvidence
-    view : BirdsEyeView
-        The view of fit and evidence.
+        The evidence that the lane was fitted to.
     index : int
         Which lane of the fit.
     previous : (LineObservation, LineObservation)
@@ -97,28 +94,26 @@ def observe_lines(
     """
     rows = [line.rows for line in previous]
     if len(profiles_of) or None in rows:
-        rows = visible_rows(fit, view)[index].tolist()
+        rows = visible_rows(fit)[index].tolist()
     support = (marked_rows(fit)[index] / rows).tolist()
     profiles = [line.profile for line in previous]
     for k in profiles_of:
-        profiles[k] = _measure_profile(fit, evidence, view, index, k) or profiles[k]
+        profiles[k] = _measure_profile(fit, evidence, index, k) or profiles[k]
     left, right = map(LineObservation, support, fit.reach_m[index].tolist(), profiles, rows)
     return left, right
 
 
-def _measure_profile(
-    fit: LaneFit, evidence: FrameEvidence, view: BirdsEyeView, index: int, k: int
-) -> MarkingProfile | None:
+def _measure_profile(fit: LaneFit, evidence: FrameEvidence, index: int, k: int) -> MarkingProfile | None:
     """Cross-section of the left (k = 0) or right (1) line, over the rows with stripes; None if there are too few."""
     rows = fit.stripes.row[fit.members[index, k]]
-    line_y_m = np.full(len(view.x_m), np.nan)
+    line_y_m = np.full(len(fit.view.x_m), np.nan)
     line_y_m[rows] = fit.lines_y_m[index, k, rows]
-    return marking_profile(evidence.response, view, line_y_m)
+    return marking_profile(evidence.response, fit.view, line_y_m)
 
 
-def line_support(fit: LaneFit, view: BirdsEyeView) -> np.ndarray:
+def line_support(fit: LaneFit) -> np.ndarray:
     """(K, 2) support of each line: share of its visible rows, up to `LINES.support_far_m`, with markings on it."""
-    return marked_rows(fit) / visible_rows(fit, view)
+    return marked_rows(fit) / visible_rows(fit)
 
 
 def marked_rows(fit: LaneFit) -> np.ndarray:
@@ -127,8 +122,9 @@ def marked_rows(fit: LaneFit) -> np.ndarray:
     return (weight[:, None] * fit.on_line).sum(axis=-1)
 
 
-def visible_rows(fit: LaneFit, view: BirdsEyeView) -> np.ndarray:
+def visible_rows(fit: LaneFit) -> np.ndarray:
     """(K, 2) number of visible rows of each line up to `LINES.support_far_m`, at least `LINES.min_rows`."""
+    view = fit.view
     rows = np.flatnonzero(view.x_m < LINES.support_far_m)
     column = (view.y_m[0] - fit.lines_y_m[..., rows]) / view.cell_m
     inside = (column >= 0) & (column <= len(view.y_m) - 1)

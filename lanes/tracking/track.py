@@ -110,7 +110,7 @@ def update_track(
         predicted.mean[SPEED] = speed_mps
     fit = update_lane(evidence.stripes, predicted, view, outwards=outwards)
     estimate = update_state(predicted, fit.lane[0], np.linalg.inv(fit.information[0]))
-    observations = observe_lines(fit, evidence, view, previous=track.observations, profiles_of=profiles_of)
+    observations = observe_lines(fit, evidence, previous=track.observations, profiles_of=profiles_of)
     if total_support(observations) < TRACK.min_total_support:
         distance_m = float(estimate.mean[SPEED]) * elapsed_s
         observations = tuple(line.coast(distance_m) for line in track.observations)

@@ -144,7 +144,7 @@ def test_update_agrees_with_search():
     small = dict(rate=1e-4, pitch=0.005, vertical=1e-4, rate_steps=1e-4, adjacent=1e-4)
     std = a_lane(centre=0.1, width=0.1, heading=0.01, curvature=1e-3, **small)
     estimate = initial_state(expected, np.diag(std**2), None)
-    lane = choose_lane(update_lane(evidence.stripes, estimate, VIEW), evidence, VIEW)
+    lane = choose_lane(update_lane(evidence.stripes, estimate, VIEW), evidence)
     np.testing.assert_allclose(lane.line_y(X_M, LEFT_SIDE), cold.line_y(X_M, LEFT_SIDE), atol=0.02)
     np.testing.assert_allclose(lane.line_y(X_M, RIGHT_SIDE), cold.line_y(X_M, RIGHT_SIDE), atol=0.03)
 
