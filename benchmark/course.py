@@ -13,7 +13,7 @@ import numpy as np
 from lanes.camera.camera import Camera
 from lanes.classic.result import LaneResult
 from lanes.classic.search import binary_pixels
-from lanes.classic.warp import view_to_road
+from lanes.classic.warp import birdseye_to_road
 
 # Range in which a driver needs the lane: from the bonnet to about a second ahead on a motorway.
 NEAR_M, FAR_M = 5.0, 30.0
@@ -71,7 +71,7 @@ def drive_errors_m(rows: Mapping[str, np.ndarray], truth: Mapping[str, np.ndarra
 
 def binary_on_road(result: LaneResult, camera: Camera) -> np.ndarray:
     """Road points (N, 2), metres, of the set pixels of a classic result's binary."""
-    return view_to_road(binary_pixels(result.steps.warped_binary), result.warp, camera)
+    return birdseye_to_road(binary_pixels(result.steps.warped_binary), result.warp, camera)
 
 
 def marking_precision(

@@ -1,4 +1,4 @@
-"""One binary of one frame on its way to a line: warped and searched at most once, and only if asked."""
+"""Line search in one binary of one frame; warping and window search are lazy and run at most once."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from lanes.classic.warp import FourPointWarp
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """A binary (height, width), uint8, with the recipe's ways to find a line in it.
+    """One binary of a frame with the line search of a recipe.
 
     Parameters
     ----------
     name : str
     mask : ndarray of shape (height, width), uint8
-        Of the view if the recipe warps first, else of the undistorted picture.
+        Binary of the bird's-eye view if the recipe warps first, otherwise of the undistorted picture.
     recipe : Recipe
     warp : FourPointWarp
     """
@@ -37,17 +37,17 @@ class Channel:
 
     @cached_property
     def binary(self) -> np.ndarray:
-        """The binary in the view."""
+        """The binary in the bird's-eye view."""
         return self.mask if self.recipe.warp_first else self.warp.warp(self.mask)
 
     @cached_property
     def pixels(self) -> np.ndarray:
-        """Set pixels (N, 2) of the view."""
+        """Set pixels (N, 2) of the bird's-eye view."""
         return binary_pixels(self.binary)
 
     @cached_property
     def search(self) -> WindowSearch:
-        """Both lines by sliding windows."""
+        """Sliding-window search of both lines."""
         r = self.recipe
         return sliding_windows(
             self.binary,
@@ -60,7 +60,7 @@ class Channel:
         )
 
     def line_from_windows(self, side: int) -> FoundLine:
-        """Left (0) or right (1) line: fit what the windows caught, then everything in a band around that."""
+        """Left (0) or right (1) line: fit the pixels in the windows, then those in a band around that fit."""
         search = self.search
         pixels = (search.left_pixels, search.right_pixels)[side]
         windows = (search.left_windows, search.right_windows)[side]
@@ -70,7 +70,7 @@ class Channel:
         return replace(self.line_near(first, self.recipe.still_band_px), windows=windows)
 
     def line_near(self, known: LineFit, margin_px: float) -> FoundLine:
-        """Fit the pixels in a band around a known line."""
+        """Fit the pixels within `margin_px` of a known line, along the row."""
         pixels = band_pixels(self.pixels, known, margin_px)
         return FoundLine(self._fit(pixels), pixels, self.name)
 
@@ -85,12 +85,12 @@ class Channel:
             residual_px=r.ransac_px,
             min_span_px=r.min_span_px,
         )
-        return fit if fit and fit.pixels >= r.ransac_share * len(pixels) else None
+        return fit if fit and fit.pixels >= r.min_inlier_ratio * len(pixels) else None
 
 
 def nearest_line(channels: Sequence[Channel], memory: LineMemory, side: int) -> FoundLine:
-    """Search every channel where `memory` says, and take the line that lies nearest to the one remembered."""
-    near, best = memory.near, memory.best
-    lines = [c.line_near(near, c.recipe.video_band_px) if near else c.line_from_windows(side) for c in channels]
+    """The line of the channel whose fit is closest to the average in `memory`."""
+    prior, average = memory.search_prior, memory.average
+    lines = [c.line_near(prior, c.recipe.video_band_px) if prior else c.line_from_windows(side) for c in channels]
     height = channels[0].recipe.size[1]
-    return min(lines, key=lambda line: mean_distance_px(line.fit, best, height) if line.fit else inf)
+    return min(lines, key=lambda line: mean_distance_px(line.fit, average, height) if line.fit else inf)

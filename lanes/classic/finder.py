@@ -1,10 +1,10 @@
-"""Three classic lane finders, each with its published numbers, made of the steps of this package.
+"""Three classic lane finders with their published parameters, composed of the steps of this package.
 
 - "hls_sobel" (A): warp the colour picture; saturation or gradients; mean of the last five accepted fits;
 - "equalized_hsv" (B): brightest and yellow pixels or strong gradients; mean of the last ten;
-- "best_channel" (C): six binaries, for each line the best one; RANSAC; damped mean of the last thirty.
+- "best_channel" (C): six binaries, the best one for each line; RANSAC; mean of the last thirty, with blended outliers.
 
-They differ from their originals where those were wrong; tests/classic/test_finder.py has a test for each such place.
+They differ from the originals where those had defects; tests/classic/test_finder.py has a test for each difference.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from lanes.classic.memory import LineMemory
 from lanes.classic.recipe import Recipe
 from lanes.classic.result import FoundLine, LaneResult, Steps
 from lanes.classic.threshold import BestChannelThresholds, EqualizedHsvThresholds, HlsSobelThresholds, Thresholds
-from lanes.classic.warp import scale_to_road, view_to_road
+from lanes.classic.warp import birdseye_to_road, scale_to_road
 
 _SIZE = (1280, 720)
 
@@ -40,7 +40,7 @@ RECIPES = {
         margin_px=80,
         still_band_px=80,
         video_band_px=80,
-        memories=(LineMemory(length=5, good=(0.001, 1.0, 100)),) * 2,
+        memories=(LineMemory(length=5, accept_limits=(0.001, 1.0, 100)),) * 2,
     ),
     "equalized_hsv": Recipe(
         name="equalized_hsv",
@@ -70,12 +70,12 @@ RECIPES = {
         memories=tuple(
             LineMemory(
                 length=30,
-                good=(7e-5, inf, 50),
-                doubtful=(doubtful_a, inf, 150),
-                doubtful_weight=weight,
-                forget_after=forget_after,
+                accept_limits=(7e-5, inf, 50),
+                blend_limits=(blend_a, inf, 150),
+                blend_weight=weight,
+                max_missed=max_missed,
             )
-            for doubtful_a, weight, forget_after in ((12e-5, 0.05, 8), (15e-5, 0.15, 10))
+            for blend_a, weight, max_missed in ((12e-5, 0.05, 8), (15e-5, 0.15, 10))
         ),
     ),
 }
@@ -95,17 +95,17 @@ def get_recipe(name: str, size: tuple[int, int] = _SIZE) -> Recipe:
 
 
 class LaneFinder:
-    """Find the lane with a classic recipe: `find` in a still, `follow` in consecutive frames.
+    """Lane detection with a classic recipe: `find` for a still, `follow` for consecutive frames.
 
     Parameters
     ----------
     recipe : Recipe
         For pictures of the camera's size.
     camera : Camera
-        Its lens is taken out of every picture; its pose says where on the road a pixel lies.
+        Its intrinsics undistort the pictures; its pose projects pixels to the road.
     metres_per_px : tuple of float, optional
-        (metres per column, metres per row) of the view, as (3.7 / 700, 30 / 720) in the originals. By default lines
-        are placed on the road exactly, through the warp and the camera pose; see `view.view_to_road`.
+        (metres per column, metres per row) of the bird's-eye view, for example (3.7 / 700, 30 / 720) in the originals.
+        By default, lines are projected to the road with homography and camera pose; see `warp.birdseye_to_road`.
 
     Raises
     ------
@@ -117,7 +117,7 @@ class LaneFinder:
         if recipe.size != camera.size:
             raise CameraError(
                 f"recipe {recipe.name} is for {recipe.size[0]}x{recipe.size[1]} pictures, but the camera was "
-                f"calibrated for {camera.width}x{camera.height}; ask for get_recipe(name, camera.size)."
+                f"calibrated for {camera.width}x{camera.height}; use get_recipe(name, camera.size)."
             )
         if camera.pose is None and metres_per_px is None:
             raise CameraError(
@@ -126,57 +126,58 @@ class LaneFinder:
             )
         self.recipe, self.camera, self.warp = recipe, camera, recipe.warp()
         if metres_per_px is None:
-            self._to_road = partial(view_to_road, warp=self.warp, camera=camera)
+            self._to_road = partial(birdseye_to_road, warp=self.warp, camera=camera)
         else:
-            self._to_road = partial(scale_to_road, metres_per_px=metres_per_px, view_size=recipe.size)
+            self._to_road = partial(scale_to_road, metres_per_px=metres_per_px, birdseye_size=recipe.size)
         self.reset()
 
     def reset(self) -> None:
-        """Forget every frame seen by `follow`."""
+        """Delete the memory of `follow`."""
         self._memories = self.recipe.memories
 
     def find(self, image: np.ndarray) -> LaneResult:
-        """Find the lane in one picture on its own; nothing is remembered and nothing remembered is used.
+        """Find the lane in one picture; the memory is neither used nor changed.
 
         Parameters
         ----------
         image : ndarray of shape (height, width, 3), uint8
-            RGB, as taken, of the camera's size.
+            RGB, raw, of the camera's size.
 
         Returns
         -------
         LaneResult
-            With state "lost" where not both lines are found; a picture without a line is no error.
+            With state "lost" if not both lines are found; a picture without lines does not raise an error.
 
         Raises
         ------
         PictureError
-            If the picture is no RGB picture of the camera's size.
+            If the picture is not an RGB picture of the camera's size.
         """
-        undistorted, channels = self._look(image, self.recipe.thresholds)
+        undistorted, channels = self._threshold(image, self.recipe.thresholds)
         lines = [channels["combined"].line_from_windows(side) for side in (0, 1)]
         fits = [line.fit for line in lines]
         state = "found" if all(fits) else "lost"
         return self._result(undistorted, channels, lines, fits, fits, state)
 
     def follow(self, image: np.ndarray) -> LaneResult:
-        """Find the lane in the next frame of a drive, helped by the frames before; see `find`.
+        """Find the lane in the next frame of a drive, with the memory of the previous frames.
 
-        A line that this frame does not show, or shows implausibly, is taken from memory, and `state` says so.
+        If a line is missing or not plausible in this frame, the memory is used and `state` is "kept". Parameter, return
+        value and errors as in `find`.
         """
-        undistorted, channels = self._look(image, self.recipe.video_thresholds)
+        undistorted, channels = self._threshold(image, self.recipe.video_thresholds)
         candidates = [channels[name] for name in self.recipe.video_thresholds.candidates]
         lines = [
-            nearest_line(candidates, memory, side) if memory.best else channels["combined"].line_from_windows(side)
+            nearest_line(candidates, memory, side) if memory.average else channels["combined"].line_from_windows(side)
             for side, memory in enumerate(self._memories)
         ]
         self._memories = tuple(m.update(line.fit) for m, line in zip(self._memories, lines, strict=True))
         states = {memory.state for memory in self._memories}
         state = next(s for s in ("lost", "kept", "found") if s in states)
-        best, smoothest = zip(*((m.best, m.smoothest) for m in self._memories), strict=True)
-        return self._result(undistorted, channels, lines, best, smoothest, state)
+        shown, measured = zip(*((m.average, m.measured_average) for m in self._memories), strict=True)
+        return self._result(undistorted, channels, lines, shown, measured, state)
 
-    def _look(self, image: np.ndarray, thresholds: Thresholds) -> tuple[np.ndarray, dict[str, Channel]]:
+    def _threshold(self, image: np.ndarray, thresholds: Thresholds) -> tuple[np.ndarray, dict[str, Channel]]:
         undistorted = undistort(image, self.camera)
         masks = thresholds.masks(self.warp.warp(undistorted) if self.recipe.warp_first else undistorted)
         return undistorted, {name: Channel(name, mask, self.recipe, self.warp) for name, mask in masks.items()}

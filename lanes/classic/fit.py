@@ -1,6 +1,7 @@
-"""Fitting a lane line: least squares with guards, and RANSAC.
+"""Parabola fits of a lane line: least squares and RANSAC.
 
-A line in the view is x = A y^2 + B y + C: column as a function of row, because lane lines run up the view.
+A line in the bird's-eye view is x = A y^2 + B y + C, the column as a function of the row, because lane lines are
+nearly vertical there.
 """
 
 from __future__ import annotations
@@ -10,19 +11,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
+# RANSAC counts the inliers of a trial among at most this many pixels.
+MAX_COUNTED_PIXELS = 2000
+
 
 @dataclass(frozen=True)
 class LineFit:
-    """One lane line in the view.
+    """One lane line in the bird's-eye view.
 
     Parameters
     ----------
     coefficients : tuple of float
         (A, B, C) of x = A y^2 + B y + C, x the column and y the row in pixels, y growing downward.
     pixels : int
-        How many pixels support it.
+        Number of pixels that support the line.
     rows_px : tuple of float
-        First and last row with such a pixel; outside of them the line is a guess.
+        First and last row with such a pixel; beyond them the line is extrapolated.
     """
 
     coefficients: tuple[float, float, float]
@@ -34,7 +38,7 @@ class LineFit:
         return np.polyval(self.coefficients, rows_px)
 
     def points(self, height: int, *, step_px: int = 8) -> np.ndarray:
-        """Points (N, 2) as (column, row) from the view's top row to its bottom row, far to near, for drawing."""
+        """Points (N, 2) as (column, row) from the top row to the bottom row, far to near, for drawing."""
         rows = np.append(np.arange(0, height - 1, step_px), height - 1)
         return np.column_stack([self.columns(rows), rows])
 
@@ -47,20 +51,20 @@ def fit_line(pixels: np.ndarray, *, min_span_px: float = 2) -> LineFit | None:
     pixels : ndarray of shape (N, 2)
         (column, row) of each pixel.
     min_span_px : float
-        Fewer rows than this between first and last pixel cannot show a bend.
+        Smallest number of rows between the first and the last pixel; fewer do not determine the curvature.
 
     Returns
     -------
     LineFit or None
-        None where the pixels do not determine a parabola: fewer than three different rows, or too short a span.
+        None if the pixels do not determine a parabola: fewer than three different rows, or too short a span.
     """
     pixels = np.asarray(pixels, float).reshape(-1, 2)
     if not _determines_parabola(pixels[:, 1], min_span_px):
         return None
     x, y = pixels.T
-    middle, half = _centre(y)
-    powers = _powers((y - middle) / half)
-    return _as_fit(np.linalg.solve(powers.T @ powers, powers.T @ x), middle, half, y)
+    centre, half_span = _normalization(y)
+    powers = _powers((y - centre) / half_span)
+    return _denormalize(np.linalg.solve(powers.T @ powers, powers.T @ x), centre, half_span, y)
 
 
 def ransac_line(
@@ -72,10 +76,10 @@ def ransac_line(
     seed: int = 0,
     min_span_px: float = 2,
 ) -> LineFit | None:
-    """Parabola through the largest group of pixels that agree (random sample consensus, Fischler and Bolles 1981).
+    """Parabola through the largest consensus set (RANSAC, Fischler and Bolles 1981).
 
-    Every trial fits `samples` pixels drawn with replacement and counts the pixels within `residual_px` of it; the
-    pixels of the best trial are fitted by least squares. At most 2000 evenly spread pixels do the counting.
+    Every trial fits `samples` pixels, drawn with replacement, and counts the inliers within `residual_px` among at most
+    `MAX_COUNTED_PIXELS` evenly spaced pixels. The inliers of the best trial are fitted by least squares.
 
     Parameters
     ----------
@@ -83,9 +87,9 @@ def ransac_line(
         (column, row) of each pixel.
     trials, samples : int
     residual_px : float, > 0
-        Largest distance along the row.
+        Inlier threshold: largest distance along the row.
     seed : int
-        The same seed gives the same line.
+        Seed of the random samples; the same seed gives the same line.
     min_span_px : float
         See `fit_line`.
 
@@ -98,20 +102,20 @@ def ransac_line(
     if not _determines_parabola(pixels[:, 1], min_span_px):
         return None
     x, y = pixels.T
-    middle, half = _centre(y)
-    powers = _powers((y - middle) / half)
+    centre, half_span = _normalization(y)
+    powers = _powers((y - centre) / half_span)
     drawn = np.random.default_rng(seed).integers(len(x), size=(trials, min(samples, len(x))))
     p = powers[drawn]
-    # A trial may draw fewer than three different rows; the pseudo-inverse then gives some flat line, which loses.
+    # A sample may have fewer than three different rows. The pseudo-inverse then gives a line with few inliers.
     models = np.linalg.pinv(p.transpose(0, 2, 1) @ p, hermitian=True) @ (p.transpose(0, 2, 1) @ x[drawn][..., None])
-    jury = slice(None, None, -(-len(x) // 2000))
-    agree = np.abs(powers[jury] @ models[..., 0].T - x[jury, None]) <= residual_px
-    best = models[np.argmax(agree.sum(axis=0)), :, 0]
+    subset = slice(None, None, -(-len(x) // MAX_COUNTED_PIXELS))
+    inliers = np.abs(powers[subset] @ models[..., 0].T - x[subset, None]) <= residual_px
+    best = models[np.argmax(inliers.sum(axis=0)), :, 0]
     return fit_line(pixels[np.abs(powers @ best - x) <= residual_px], min_span_px=min_span_px)
 
 
 def mean_fit(fits: Sequence[LineFit]) -> LineFit | None:
-    """Plain mean of the coefficients, total support; None of no fits."""
+    """Mean of the coefficients, with the pixels of all fits and the rows that they cover; None without fits."""
     if not fits:
         return None
     first, last = zip(*(fit.rows_px for fit in fits), strict=True)
@@ -120,7 +124,7 @@ def mean_fit(fits: Sequence[LineFit]) -> LineFit | None:
 
 
 def mean_distance_px(fit: LineFit, other: LineFit, height: int) -> float:
-    """Mean absolute distance between two lines along the rows 0..height-1, pixels."""
+    """Mean absolute distance between two lines over the rows 0..height-1, pixels."""
     rows = np.arange(height)
     return float(np.abs(fit.columns(rows) - other.columns(rows)).mean())
 
@@ -132,8 +136,8 @@ def _determines_parabola(rows: np.ndarray, min_span_px: float) -> bool:
     return last - first >= max(min_span_px, 2) and bool(((rows > first) & (rows < last)).any())
 
 
-def _centre(rows: np.ndarray) -> tuple[float, float]:
-    """Middle and half span: in rows scaled to -1..1 the normal equations are well conditioned."""
+def _normalization(rows: np.ndarray) -> tuple[float, float]:
+    """Centre and half span of the rows; scaled to -1..1 the normal equations are well conditioned."""
     return (rows.min() + rows.max()) / 2, (rows.max() - rows.min()) / 2
 
 
@@ -141,8 +145,8 @@ def _powers(rows: np.ndarray) -> np.ndarray:
     return np.column_stack([rows * rows, rows, np.ones_like(rows)])
 
 
-def _as_fit(scaled: np.ndarray, middle: float, half: float, rows: np.ndarray) -> LineFit:
-    """Undo the scaling of the rows: substitute (y - middle) / half."""
-    a, b = scaled[0] / half**2, scaled[1] / half
-    coefficients = (a, b - 2 * a * middle, scaled[2] - b * middle + a * middle**2)
+def _denormalize(scaled: np.ndarray, centre: float, half_span: float, rows: np.ndarray) -> LineFit:
+    """Coefficients for unscaled rows: substitute (y - centre) / half_span."""
+    a, b = scaled[0] / half_span**2, scaled[1] / half_span
+    coefficients = (a, b - 2 * a * centre, scaled[2] - b * centre + a * centre**2)
     return LineFit(tuple(float(c) for c in coefficients), len(rows), (float(rows.min()), float(rows.max())))

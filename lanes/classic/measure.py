@@ -1,6 +1,6 @@
-"""From fitted lines to metres: curvature, radius, offset, width.
+"""Measurements in metres from fitted lines: curvature, radius, offset, lane width.
 
-Signs: curvature and radius > 0 bend left; offset > 0 has the car left of the lane's centre.
+Signs: curvature and radius > 0: the road bends left; offset > 0: car left of the lane centre.
 """
 
 from __future__ import annotations
@@ -22,36 +22,38 @@ class RoadLine:
     c2_per_m: float
 
     def lateral_m(self, x_m: np.ndarray | float) -> np.ndarray | float:
-        """Position left of the car at `x_m` metres ahead."""
+        """Lateral position at `x_m` metres ahead, positive left."""
         return self.c0_m + self.c1 * x_m + self.c2_per_m * np.square(x_m) / 2
 
     def curvature_per_m(self, x_m: float = 0.0) -> float:
-        """Signed curvature y'' / (1 + y'^2)^1.5 in 1/m, by default beside the car."""
+        """Signed curvature y'' / (1 + y'^2)^1.5 in 1/m, by default at the car."""
         return self.c2_per_m / (1 + (self.c1 + self.c2_per_m * x_m) ** 2) ** 1.5
 
 
 def road_line(
     fit: LineFit, to_road: Callable[[np.ndarray], np.ndarray], height: int, *, samples: int = 60
 ) -> RoadLine | None:
-    """Bring a line from the view to the road: map points of it and fit them again, in metres.
+    """The line on the road: points of the line in the bird's-eye view are mapped to the road and fitted in metres.
 
-    A parabola in the view is one on the road only if the view is a true map; mapping points is right in any case.
+    A parabola in the bird's-eye view is a parabola on the road only if the scales are constant, but points can always
+    be mapped.
 
     Parameters
     ----------
     fit : LineFit
-        The line in the view.
+        The line in the bird's-eye view.
     to_road : callable
-        Takes view points (N, 2) to road points (N, 2) in metres: `view.view_to_road` or `view.scale_to_road`.
+        Maps points (N, 2) of the bird's-eye view to road points (N, 2) in metres: `warp.birdseye_to_road` or
+        `warp.scale_to_road`.
     height : int
-        Of the view, in pixels; the line is sampled over all of it.
+        Height of the bird's-eye view in pixels; the line is sampled over all rows.
     samples : int
-        How many points.
+        Number of points.
 
     Returns
     -------
     RoadLine or None
-        None where fewer than three points lie on the road (the others are above the horizon).
+        None if fewer than three points are on the road (the others are above the horizon).
     """
     rows = np.linspace(0, height - 1, samples)
     points = to_road(np.column_stack([fit.columns(rows), rows]))
@@ -79,10 +81,10 @@ def curvature_through(points_m: np.ndarray) -> float:
 
 
 def lane_offset_m(left: RoadLine, right: RoadLine) -> float:
-    """How far the car stands left of the lane's centre, metres."""
+    """Offset of the car from the lane centre in metres, > 0: car left of the lane centre."""
     return -(left.c0_m + right.c0_m) / 2
 
 
 def lane_width_m(left: RoadLine, right: RoadLine) -> float:
-    """Distance between the two lines beside the car, metres, across the lane rather than across the car."""
+    """Distance between the two lines at the car in metres, perpendicular to the lane."""
     return (left.c0_m - right.c0_m) / float(np.hypot(1, (left.c1 + right.c1) / 2))

@@ -1,4 +1,4 @@
-"""What carries over from frame to frame: the memory of a classic lane line."""
+"""Temporal smoothing of one lane line: mean of the last accepted fits, with a gate for new ones."""
 
 from __future__ import annotations
 
@@ -12,85 +12,91 @@ Limits = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class LineMemory:
-    """The recent fits of one line; `update` returns the memory after the next frame and leaves this one alone.
+    """Recent fits of one line. Immutable: `update` returns the memory after the next frame.
 
     Parameters
     ----------
     length : int
-        `best` is the mean of so many of the last accepted fits.
+        Number of accepted fits averaged in `average`.
     measured_length : int, optional
-        `smoothest` is the mean of so many, by default the same.
-    good, doubtful : tuple of float
-        Largest |dA|, |dB|, |dC| against `best` (pixels) of a good and of a doubtful fit; worse is bad.
-    doubtful_weight : float, in range 0..1
-        A doubtful fit enters at this share of its distance from `best`.
-    forget_after : int
-        After more missed frames in a row than this the line is forgotten, so that a wrong line cannot stay for ever.
+        Number of accepted fits averaged in `measured_average`; default `length`.
+    accept_limits, blend_limits : tuple of float
+        Largest |dA|, |dB|, |dC| between a new fit and `average`, pixels. Within `accept_limits` the fit is accepted,
+        within `blend_limits` it is blended with `average`, otherwise it is rejected.
+    blend_weight : float, in range 0..1
+        Weight of a blended fit; `average` has the rest.
+    max_missed : int
+        After more missed frames in a row the line is deleted, so that a wrong line does not persist.
     search_again : bool
-        After a missed frame, look with windows in the next one instead of near the old line.
+        After a missed frame, search with sliding windows in the next one instead of around the previous line.
     """
 
     length: int
     measured_length: int | None = None
-    good: Limits = (inf, inf, inf)
-    doubtful: Limits = (0, 0, 0)
-    doubtful_weight: float = 0.0
-    forget_after: int = 25
+    accept_limits: Limits = (inf, inf, inf)
+    blend_limits: Limits = (0, 0, 0)
+    blend_weight: float = 0.0
+    max_missed: int = 25
     search_again: bool = True
     fits: tuple[LineFit, ...] = ()
     missed: int = 0
     state: str = "lost"
 
     @property
-    def best(self) -> LineFit | None:
-        """The line so far; None before the first fit and after too many missed frames."""
+    def average(self) -> LineFit | None:
+        """Mean of the last `length` fits; None before the first fit and after too many missed frames."""
         return mean_fit(self.fits[-self.length :])
 
     @property
-    def smoothest(self) -> LineFit | None:
-        """The line to measure, averaged over `measured_length` fits."""
+    def measured_average(self) -> LineFit | None:
+        """Mean of the last `measured_length` fits, for measurements on the road."""
         return mean_fit(self.fits)
 
     @property
-    def near(self) -> LineFit | None:
-        """The line near which to look in the next frame; None asks for a search with windows."""
-        return None if self.missed and self.search_again else self.best
+    def search_prior(self) -> LineFit | None:
+        """The line around which to search in the next frame; None for a search with sliding windows."""
+        return None if self.missed and self.search_again else self.average
 
     def update(self, fit: LineFit | None) -> LineMemory:
-        """The memory after a frame in which `fit`, or nothing, was found.
+        """The memory after the next frame, with the fit of that frame or None.
 
-        Its `state` is "found" if the frame gave a good fit, "kept" if the line is the old one, wholly or nearly
-        (bad, doubtful or no fit), "lost" if there is no line.
+        Its `state` is "found" if the fit was accepted and "kept" if it was blended, rejected or missing. It is "lost"
+        if the memory has no line.
         """
         weight = self._weight(fit)
         if fit is None or weight == 0:
             missed = self.missed + 1
-            if not self.fits or missed > self.forget_after:
+            if not self.fits or missed > self.max_missed:
                 return replace(self, fits=(), missed=0, state="lost")
             return replace(self, missed=missed, state="kept")
-        fits = (*self.fits, self._damped(fit, weight))[-(self.measured_length or self.length) :]
+        fits = (*self.fits, self._blend(fit, weight))[-(self.measured_length or self.length) :]
         return replace(self, fits=fits, missed=0, state="found" if weight == 1 else "kept")
 
     def scaled(self, sx: float, sy: float) -> LineMemory:
-        """The same, empty, for pictures resized by `sx` across and `sy` along: A, B, C carry px/px^2, px/px and px."""
+        """The same parameters, without fits, for pictures scaled by `sx` in columns and `sy` in rows.
+
+        A, B and C have the units px/px^2, px/px and px.
+        """
         factors = (sx / sy**2, sx / sy, sx)
-        good, doubtful = (
-            tuple(x * f for x, f in zip(limits, factors, strict=True)) for limits in (self.good, self.doubtful)
+        accept_limits, blend_limits = (
+            tuple(x * f for x, f in zip(limits, factors, strict=True))
+            for limits in (self.accept_limits, self.blend_limits)
         )
-        return replace(self, good=good, doubtful=doubtful, fits=(), missed=0, state="lost")
+        return replace(self, accept_limits=accept_limits, blend_limits=blend_limits, fits=(), missed=0, state="lost")
 
     def _weight(self, fit: LineFit | None) -> float:
-        best = self.best
-        if fit is None or best is None:
+        """1 for an accepted fit, `blend_weight` for a blended one, 0 for a rejected one."""
+        average = self.average
+        if fit is None or average is None:
             return 1.0
-        change = [abs(new - old) for new, old in zip(fit.coefficients, best.coefficients, strict=True)]
-        if all(c <= limit for c, limit in zip(change, self.good, strict=True)):
+        change = [abs(new - old) for new, old in zip(fit.coefficients, average.coefficients, strict=True)]
+        if all(c <= limit for c, limit in zip(change, self.accept_limits, strict=True)):
             return 1.0
-        return self.doubtful_weight if all(c <= d for c, d in zip(change, self.doubtful, strict=True)) else 0.0
+        return self.blend_weight if all(c <= d for c, d in zip(change, self.blend_limits, strict=True)) else 0.0
 
-    def _damped(self, fit: LineFit, weight: float) -> LineFit:
-        best = self.best
-        if best is None or weight == 1:
+    def _blend(self, fit: LineFit, weight: float) -> LineFit:
+        average = self.average
+        if average is None or weight == 1:
             return fit
-        mixed = (old + weight * (new - old) for new, old in zip(fit.coefficients, best.coefficients, strict=True))
-        return replace(fit, coefficients=tuple(mixed))
+        blended = (old + weight * (new - old) for new, old in zip(fit.coefficients, average.coefficients, strict=True))
+        return replace(fit, coefficients=tuple(blended))

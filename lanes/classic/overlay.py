@@ -1,4 +1,4 @@
-"""What the driver sees: a classic recipe's result drawn on the picture that it was found in, with its numbers."""
+"""Draw the result of a classic recipe on the picture, with its measurements."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ LENS_STEP_PX = 8.0
 
 
 def describe_result(result: LaneResult) -> list[str]:
-    """The result in words, a line each: what is known, or that the lane is lost."""
+    """Text lines with bend and offset, or "lane lost"."""
     if result.state == "lost":
         return ["lane lost"]
     memory = ["(from memory)"] if result.state == "kept" else []
@@ -37,16 +37,16 @@ def describe_result(result: LaneResult) -> list[str]:
 def annotate(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarray:
     """Draw the lane and its numbers on the raw picture.
 
-    The lines were found in the view of an undistorted picture; they go back through the warp and through the lens,
-    so that they lie on the paint of the picture as it was taken.
+    The lines are projected from the bird's-eye view to the raw picture, through the homography and the distortion of
+    the lens, so that they coincide with the markings.
 
     Parameters
     ----------
     image : ndarray of shape (height, width, 3), uint8
-        RGB, raw. Stays as it is.
+        RGB, raw; not modified.
     result : LaneResult
     camera : Camera
-        The lens; its pose is not needed.
+        Only its intrinsics are used.
 
     Returns
     -------
@@ -56,7 +56,7 @@ def annotate(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarra
 
 
 def draw_search(result: LaneResult) -> np.ndarray:
-    """The view's binary with what the search did: windows, the pixels of each line, the fitted lines. RGB."""
+    """Warped binary with the search windows, the pixels of each line and the fitted lines; RGB."""
     steps = result.steps
     drawn = draw_pixels(steps.warped_binary, steps.left.pixels, colour=LEFT_COLOUR)
     drawn = draw_pixels(drawn, steps.right.pixels, colour=RIGHT_COLOUR)
@@ -66,14 +66,14 @@ def draw_search(result: LaneResult) -> np.ndarray:
 
 
 def diagnose(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarray:
-    """The annotated picture under a strip of the steps that led to it: binary, view, search."""
-    thumbnails = [result.steps.warped_binary, result.steps.view, draw_search(result)]
+    """The annotated picture below a strip of intermediate results: binary, bird's-eye view, search."""
+    thumbnails = [result.steps.warped_binary, result.steps.birdseye, draw_search(result)]
     drawn = _draw_result(image, result, camera)
     return draw_mosaic(drawn, thumbnails, ["binary", "view", "search"], lines=describe_result(result))
 
 
 def follow_lane(finder: LaneFinder, camera: Camera) -> Callable[[np.ndarray], tuple[np.ndarray, dict[str, object]]]:
-    """A function for `video.annotate_video`: takes the frames in order, gives each annotated and its telemetry."""
+    """A function for `annotate_video` that returns the annotated frame and its telemetry; frames must be in order."""
 
     def process(frame: np.ndarray) -> tuple[np.ndarray, dict[str, object]]:
         result = finder.follow(frame)
@@ -83,7 +83,7 @@ def follow_lane(finder: LaneFinder, camera: Camera) -> Callable[[np.ndarray], tu
 
 
 def _draw_result(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarray:
-    """The lane alone; nothing of a lane that is lost."""
+    """The picture with the lane; a copy of the picture if the lane is lost."""
     if result.state == "lost":
         return image.copy()
     return draw_lane(image, result.left_px, result.right_px, camera)
@@ -99,22 +99,21 @@ def draw_lane(
     alpha: float = 0.3,
     line_width_px: float | None = None,
 ) -> np.ndarray:
-    """Draw a lane on the picture as the camera took it.
+    """Draw a lane on a raw or undistorted picture.
 
     Parameters
     ----------
     image : ndarray of shape (height, width, 3), uint8
-        RGB. The raw picture when `camera` is given, otherwise the one that the points belong to.
+        RGB. The raw picture if `camera` is given, otherwise the picture that the points refer to.
     left_px, right_px : ndarray of shape (N, 2) and (M, 2), or None
-        The two lines, both from far to near or both from near to far. None where a line was not found:
-        the other one is still drawn, and nothing is filled.
+        The two lines, both from far to near or both from near to far. If one is None, the other is drawn and the area
+        is not filled.
     camera : Camera, optional
-        The points are then pixels of the undistorted picture, and go through the lens model: drawn as they are they
-        would lie beside the paint of the raw picture.
+        If given, the points are pixels of the undistorted picture and are distorted with its lens model.
     colour, alpha
-        Of the area between the lines, see `fill_lane`.
+        Colour and opacity of the area between the lines, see `fill_lane`.
     line_width_px : float, optional
-        Width of the lines, red left and blue right; 0 leaves them out. The default is 1/160 of the picture's width.
+        Width of the lines, red left and blue right; 0 draws none. The default is 1/160 of the picture width.
 
     Raises
     ------
@@ -124,7 +123,7 @@ def draw_lane(
     require_rgb(image)
     if camera is not None:
         camera.require_size(image)
-    left, right = (_on_raw_picture(points, camera) for points in (left_px, right_px))
+    left, right = (_distort_line(points, camera) for points in (left_px, right_px))
     drawn = fill_lane(image, left, right, colour=colour, alpha=alpha)
     width_px = image.shape[1] / 160 if line_width_px is None else line_width_px
     if width_px > 0:
@@ -136,7 +135,19 @@ def draw_lane(
 def draw_windows(view: np.ndarray, windows_px: np.ndarray, *, colour: Colour = WINDOW_COLOUR) -> np.ndarray:
     """Draw search windows on a picture or mask.
 
-    `windows_px` has shape (N, 4): left, top, right, bottom edge of each window in pixels. Returns RGB.
+    Parameters
+    ----------
+    view : ndarray of shape (height, width, 3) or (height, width)
+        RGB picture or mask.
+    windows_px : ndarray of shape (N, 4)
+        Left, top, right, bottom edge of each window in pixels.
+    colour : tuple of three int
+        RGB.
+
+    Returns
+    -------
+    ndarray of shape (height, width, 3), uint8
+        RGB.
     """
     drawn = to_rgb(view)
     for left, top, right, bottom in np.asarray(windows_px, float).reshape(-1, 4):
@@ -146,7 +157,7 @@ def draw_windows(view: np.ndarray, windows_px: np.ndarray, *, colour: Colour = W
 
 
 def draw_pixels(view: np.ndarray, pixels_px: np.ndarray, *, colour: Colour) -> np.ndarray:
-    """Colour single pixels of a picture or mask, (N, 2) whole columns and rows; those outside are left out."""
+    """Colour the pixels (N, 2) (column, row) of a picture or mask; pixels outside are ignored. Returns RGB."""
     drawn = to_rgb(view)
     columns, rows = np.asarray(pixels_px).reshape(-1, 2).astype(int).T
     inside = (columns >= 0) & (columns < drawn.shape[1]) & (rows >= 0) & (rows < drawn.shape[0])
@@ -157,9 +168,9 @@ def draw_pixels(view: np.ndarray, pixels_px: np.ndarray, *, colour: Colour) -> n
 def draw_fit(
     view: np.ndarray, left_px: np.ndarray | None, right_px: np.ndarray | None, *, band_px: float = 0.0
 ) -> np.ndarray:
-    """Draw two fitted curves on a picture or mask, with the band of +- `band_px` columns that was searched.
+    """Draw two fitted curves on a picture or mask, with the search band of +- `band_px` columns.
 
-    Returns RGB; a curve that is None is left out.
+    Returns RGB. A curve that is None is not drawn.
     """
     drawn = to_rgb(view)
     for points, colour in ((left_px, LEFT_COLOUR), (right_px, RIGHT_COLOUR)):
@@ -172,14 +183,14 @@ def draw_fit(
     return drawn
 
 
-def _on_raw_picture(points_px: np.ndarray | None, camera: Camera | None) -> np.ndarray:
-    """Where the points of the undistorted picture lie on the raw one; none for None."""
+def _distort_line(points_px: np.ndarray | None, camera: Camera | None) -> np.ndarray:
+    """Points of the raw picture for points of the undistorted one; empty for None."""
     if points_px is None:
         return np.empty((0, 2))
     points = finite_points(points_px)
     if camera is None or len(points) < 2:
         return points
-    along = np.concatenate([[0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
-    # Evenly spaced places besides the given ones, so that no corner of the polyline is cut.
-    places = np.union1d(along, np.arange(0, along[-1], LENS_STEP_PX))
-    return camera.distort_points(np.column_stack([np.interp(places, along, column) for column in points.T]))
+    arc_length = np.concatenate([[0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
+    # The given points are kept, and evenly spaced ones are added, so that the polyline keeps its corners.
+    positions = np.union1d(arc_length, np.arange(0, arc_length[-1], LENS_STEP_PX))
+    return camera.distort_points(np.column_stack([np.interp(positions, arc_length, column) for column in points.T]))

@@ -1,4 +1,4 @@
-"""All numbers of a classic lane finder, for pictures of one size, and rescaled to another."""
+"""Parameters of a classic lane finder, for pictures of one size, and their scaling to another size."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Points = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True)
 class Recipe:
-    """All numbers of one classic lane finder, in pixels of pictures of `size`.
+    """Parameters of one classic lane finder, in pixels of pictures of `size`.
 
     Parameters
     ----------
@@ -21,29 +21,29 @@ class Recipe:
     size : tuple of int
         (width, height) of the pictures.
     source_px, destination_px : tuple of four (u, v)
-        The warp, see `view.FourPointWarp`.
+        Corresponding points of the homography, see `warp.FourPointWarp`.
     warp_first : bool
-        Warp the colour picture and threshold the view, instead of thresholding the picture and warping binaries.
+        If True, the colour picture is warped and then thresholded; otherwise the binaries are warped.
     thresholds, video_thresholds : Thresholds
         For stills and for consecutive frames.
     histogram_rows_px : tuple of int
-        First row and end of the rows in which the lines' starts are looked for.
+        First and end row of the histogram that finds the start of the lines.
     margin_px, windows, recentre_pixels, flood_pixels
         See `search.sliding_windows`.
     still_band_px, video_band_px : float
-        Half width of the band in which pixels near a line are taken: the line of the windows, the line so far.
+        Half width of the search band around the line of the windows (stills) or of the previous frames (video).
     ransac_px : float or None
-        Residual threshold of RANSAC; None fits by least squares.
+        Inlier threshold of RANSAC; None fits by least squares.
     ransac_trials, ransac_samples : int
         See `fit.ransac_line`.
-    ransac_share : float, in range 0..1
-        A line must explain this share of the pixels near it. A channel full of noise fills the band around the line
-        so far evenly and would otherwise confirm that line for ever. Measured on motorway stills: paint 0.5 to 1.0,
-        noise and flooded thresholds 0.2 to 0.38.
+    min_inlier_ratio : float, in range 0..1
+        Smallest share of the pixels in the search band that must be inliers of the line. A noisy channel fills the
+        band evenly and would otherwise confirm the previous line forever. Measured on motorway stills: markings 0.5 to
+        1.0, noise and flooded thresholds 0.2 to 0.38.
     min_span_px : float
-        A line seen over fewer rows is no line: no bend can be measured on it.
+        Smallest number of rows from the first to the last pixel of a line; a shorter line does not determine curvature.
     memories : tuple of LineMemory
-        Of the left and the right line, empty.
+        Empty memories of the left and the right line.
     """
 
     name: str
@@ -64,21 +64,28 @@ class Recipe:
     ransac_px: float | None = None
     ransac_trials: int = 100
     ransac_samples: int = 150
-    ransac_share: float = 0.4
+    min_inlier_ratio: float = 0.4
     min_span_px: float = 160  # two windows
 
     def warp(self) -> FourPointWarp:
-        """The recipe's way to look at the road from above."""
+        """The homography from the undistorted picture to the bird's-eye view."""
         return FourPointWarp(self.source_px, self.destination_px, self.size)
 
     def scaled(self, size: tuple[int, int]) -> Recipe:
         """The same recipe for pictures resized to `size` (width, height).
 
-        Lengths, pixel counts and kernels are scaled, gradients are not: a picture made smaller has sharper edges.
+        Lengths, pixel counts and kernels are scaled. Gradients are not, because a smaller picture has sharper edges.
+
+        Raises
+        ------
+        ValueError
+            If the size is not positive.
         """
         width, height = size
         if width < 1 or height < 1:
-            raise ValueError(f"a picture of {width}x{height} pixels has no lane; give the pictures' width and height.")
+            raise ValueError(
+                f"a picture size of {width}x{height} pixels is not valid; give the width and height of the pictures."
+            )
         sx, sy = width / self.size[0], height / self.size[1]
         area = sx * sy
         return replace(
@@ -101,5 +108,5 @@ class Recipe:
 
 
 def _scale_points(points: Points, sx: float, sy: float) -> Points:
-    """Pixel centres lie at integers, so the picture's edge is at -0.5: shift by half a pixel, scale, shift back."""
+    """Pixel centres are at integers, so the picture begins at -0.5: shift by half a pixel, scale, shift back."""
     return tuple(((u + 0.5) * sx - 0.5, (v + 0.5) * sy - 0.5) for u, v in points)

@@ -1,4 +1,4 @@
-"""What a classic lane finder says about one frame, and what it saw on the way."""
+"""Result of a classic lane finder for one frame, and its intermediate results."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lanes.classic.warp import FourPointWarp
 
 @dataclass(frozen=True, eq=False)
 class FoundLine:
-    """One line in one frame, before memory: its fit, the pixels (N, 2) under it, where they came from."""
+    """One line of one frame, before the memory: fit, pixels (N, 2), name of the channel, search windows."""
 
     fit: LineFit | None
     pixels: np.ndarray
@@ -25,17 +25,17 @@ class FoundLine:
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """What happened on the way, for looking at.
+    """Intermediate results of one frame, for display.
 
     Parameters
     ----------
     undistorted : ndarray of shape (height, width, 3), uint8
     masks : dict of ndarray (height, width), uint8
-        Every binary by name; of the view if the recipe warps first, else of the picture.
+        All binaries by name; of the bird's-eye view if the recipe warps first, otherwise of the picture.
     warped_binary : ndarray of shape (height, width), uint8
-        The binary, or both lines' binaries, that the pixels were taken from, in the view.
+        Binary with the pixels of both lines, in the bird's-eye view.
     left, right : FoundLine
-        What this frame alone gave.
+        Lines of this frame without the memory.
     warp : FourPointWarp
     """
 
@@ -47,13 +47,13 @@ class Steps:
     warp: FourPointWarp
 
     @cached_property
-    def view(self) -> np.ndarray:
-        """The undistorted picture from above, RGB."""
+    def birdseye(self) -> np.ndarray:
+        """Bird's-eye view of the undistorted picture, RGB."""
         return self.warp.warp(self.undistorted)
 
     @property
     def windows(self) -> tuple[Window, ...]:
-        """The windows of both lines; none for a line that was looked for near its last place."""
+        """Windows of both lines; none for a line that was searched in a band around the previous one."""
         return self.left.windows + self.right.windows
 
     @property
@@ -64,16 +64,16 @@ class Steps:
 
 @dataclass(frozen=True, eq=False)
 class LaneResult:
-    """The lane in one frame; every measure is None where the lines it needs are missing.
+    """The lane in one frame; a measurement is None if the lines it needs are missing.
 
     Parameters
     ----------
     left, right : LineFit or None
-        The lines in the view, smoothed by the memory where there is one.
+        Lines in the bird's-eye view, smoothed by the memory if there is one.
     left_road, right_road : RoadLine or None
-        The same on the road, metres.
+        Lines on the road, metres.
     state : {"found", "kept", "lost"}
-        "found": both lines measured in this frame; "kept": both known, at least one from memory only; "lost": not both.
+        "found": both lines measured in this frame; "kept": at least one line from memory; "lost": a line is missing.
     steps : Steps
     """
 
@@ -86,17 +86,17 @@ class LaneResult:
 
     @property
     def found(self) -> bool:
-        """Whether both lines were measured in this very frame."""
+        """Whether both lines were measured in this frame."""
         return self.state == "found"
 
     @property
     def warp(self) -> FourPointWarp:
-        """The way between undistorted picture and view."""
+        """Homography between the undistorted picture and the bird's-eye view."""
         return self.steps.warp
 
     @property
     def left_px(self) -> np.ndarray | None:
-        """The left line in the undistorted picture, (N, 2) from far to near, as `draw.draw_lane` takes it."""
+        """The left line in the undistorted picture, (N, 2) from far to near, for `overlay.draw_lane`."""
         return self.left and self.warp.points_to_picture(self.left.points(self.warp.size[1]))
 
     @property
@@ -106,38 +106,38 @@ class LaneResult:
 
     @property
     def left_radius_m(self) -> float | None:
-        """Signed radius of the left line beside the car, > 0 bends left."""
+        """Signed radius of the left line at the car in metres, > 0 bends left."""
         return radius_m(self.left_road.curvature_per_m()) if self.left_road else None
 
     @property
     def right_radius_m(self) -> float | None:
-        """Signed radius of the right line beside the car, > 0 bends left."""
+        """Signed radius of the right line at the car in metres, > 0 bends left."""
         return radius_m(self.right_road.curvature_per_m()) if self.right_road else None
 
     @property
     def curvature_per_m(self) -> float | None:
-        """Mean curvature of the lines there are, 1/m, > 0 bends left."""
+        """Mean curvature of the available lines in 1/m, > 0 bends left."""
         lines = [line.curvature_per_m() for line in (self.left_road, self.right_road) if line]
         return sum(lines) / len(lines) if lines else None
 
     @property
     def offset_m(self) -> float | None:
-        """How far the car stands left of the lane's centre."""
+        """Offset from the lane centre in metres, > 0: car left of the lane centre."""
         return lane_offset_m(self.left_road, self.right_road) if self.left_road and self.right_road else None
 
     @property
     def lane_width_m(self) -> float | None:
-        """Distance between the lines."""
+        """Distance between the lines in metres."""
         return lane_width_m(self.left_road, self.right_road) if self.left_road and self.right_road else None
 
     def lateral_m(self, x_m: np.ndarray) -> np.ndarray | None:
-        """Lateral places (2, N) of the left and right line at distances (N,), metres; None if not both are known."""
+        """Lateral positions (2, N) of the left and right line at distances (N,), metres; None if a line is missing."""
         if self.left_road is None or self.right_road is None:
             return None
         return np.array([self.left_road.lateral_m(x_m), self.right_road.lateral_m(x_m)])
 
     def as_row(self) -> dict[str, str | float | None]:
-        """The measures by the column names of the telemetry."""
+        """Measurements by the column names of the telemetry."""
         row = {name: getattr(self, name) for name in ("state", "offset_m", "curvature_per_m", "lane_width_m")}
         for side, line in (("left", self.left_road), ("right", self.right_road)):
             for name in ("c0_m", "c1", "c2_per_m"):

@@ -1,4 +1,4 @@
-"""Finding the pixels of the two lane lines in a warped binary: histogram, sliding windows, prior band."""
+"""Pixels of the two lane lines in a warped binary: histogram, sliding windows, band around the previous line."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lanes.classic.fit import LineFit
 
 @dataclass(frozen=True)
 class Window:
-    """One search window, columns and rows in pixels, both ends included; `pixels` is what it caught."""
+    """One search window, columns and rows in pixels, both ends included, and the number of pixels in it."""
 
     left: float
     top: int
@@ -24,7 +24,7 @@ class Window:
 
 @dataclass(frozen=True, eq=False)
 class WindowSearch:
-    """What a search found: pixels (N, 2) as (column, row) for each line, and the windows it looked through."""
+    """Result of a search: pixels (N, 2) as (column, row) of each line, and the search windows."""
 
     left_pixels: np.ndarray
     right_pixels: np.ndarray
@@ -48,7 +48,7 @@ def window_edges(windows: Sequence[Window]) -> np.ndarray:
 
 
 def lane_histogram(binary: np.ndarray, *, first_row: int | None = None, last_row: int | None = None) -> np.ndarray:
-    """Count the set pixels of each column, by default over the lower half, where lines stand upright and apart.
+    """Number of set pixels in each column, by default of the lower half, where lines are nearly vertical.
 
     Parameters
     ----------
@@ -66,9 +66,9 @@ def lane_histogram(binary: np.ndarray, *, first_row: int | None = None, last_row
 
 
 def find_peaks(histogram: np.ndarray) -> tuple[int | None, int | None]:
-    """Columns of the highest peak left and right of the middle; None where a half is empty.
+    """Columns of the highest peak left and right of the centre; None if a half is empty.
 
-    Of equally high columns the one nearest the middle counts, so a mirrored picture has mirrored peaks.
+    Of equally high columns the one closest to the centre is used, so that a mirrored picture has mirrored peaks.
     """
     middle = len(histogram) // 2
     left, right = histogram[:middle][::-1], histogram[middle:]
@@ -94,22 +94,22 @@ def sliding_windows(
     first_row: int | None = None,
     last_row: int | None = None,
 ) -> WindowSearch:
-    """Follow each line upward from its histogram peak through a stack of windows.
+    """Pixels of each line from a stack of windows that starts at the histogram peak and goes up.
 
     Parameters
     ----------
     binary : ndarray of shape (height, width), uint8
-        Warped binary, 0 where there is nothing.
+        Warped binary; pixels other than 0 are set.
     count : int
-        Windows one above the other, over the whole height.
+        Number of windows, which together cover the full height.
     margin_px : float
         Half the width of a window.
     recentre_pixels : int
-        A window that catches at least so many moves the next one to their mean column.
+        A window with at least this many pixels moves the next one to their mean column.
     flood_pixels : int, optional
-        A window that catches so many or more has hit a flooded threshold and is dropped.
+        A window with at least this many pixels is dropped, because the threshold is flooded there.
     first_row, last_row : int, optional
-        Rows for the histogram, see `lane_histogram`.
+        Rows of the histogram, see `lane_histogram`.
 
     Returns
     -------
@@ -119,17 +119,17 @@ def sliding_windows(
     peaks = find_peaks(lane_histogram(binary, first_row=first_row, last_row=last_row))
     pixels = binary_pixels(binary)
     edges = np.linspace(binary.shape[0], 0, count + 1).round().astype(int)
-    # Sorted by row, so that the pixels of each window's rows are one slice.
-    cuts = np.searchsorted(pixels[:, 1], edges)
-    settings = (edges, cuts, margin_px, recentre_pixels, flood_pixels)
-    left, left_windows = _climb(pixels, peaks[0], *settings)
-    right, right_windows = _climb(pixels, peaks[1], *settings)
+    # Pixels are sorted by row, so those in the rows of a window are one slice.
+    bounds = np.searchsorted(pixels[:, 1], edges)
+    settings = (edges, bounds, margin_px, recentre_pixels, flood_pixels)
+    left, left_windows = _stack_windows(pixels, peaks[0], *settings)
+    right, right_windows = _stack_windows(pixels, peaks[1], *settings)
     return WindowSearch(left, right, left_windows, right_windows)
 
 
 def band_pixels(pixels: np.ndarray, line: LineFit, margin_px: float) -> np.ndarray:
-    """Those of the pixels (N, 2) that lie within `margin_px` of a line, along the row."""
-    # One evaluation a row, looked up by each pixel, is ten times faster than one for each pixel.
+    """The pixels, of (N, 2), within `margin_px` of a line along the row."""
+    # One evaluation per row and a lookup for each pixel is ten times faster than one evaluation per pixel.
     if not len(pixels):
         return pixels
     columns = line.columns(np.arange(pixels[:, 1].max() + 1)).astype(np.float32)
@@ -137,47 +137,52 @@ def band_pixels(pixels: np.ndarray, line: LineFit, margin_px: float) -> np.ndarr
 
 
 def search_band(binary: np.ndarray, left: LineFit | None, right: LineFit | None, *, margin_px: float) -> WindowSearch:
-    """Take the pixels near the lines known so far, as from the frame before.
+    """Pixels in a band around known lines, for example those of the previous frame.
 
     Parameters
     ----------
     binary : ndarray of shape (height, width), uint8
         Warped binary.
     left, right : LineFit or None
-        A line that is not known catches no pixels.
+        A line that is None has no pixels.
     margin_px : float
         Half the width of the band, along the row.
+
+    Returns
+    -------
+    WindowSearch
+        Without windows.
     """
     pixels = binary_pixels(binary)
-    nothing = pixels[:0]
+    no_pixels = pixels[:0]
     return WindowSearch(
-        band_pixels(pixels, left, margin_px) if left else nothing,
-        band_pixels(pixels, right, margin_px) if right else nothing,
+        band_pixels(pixels, left, margin_px) if left else no_pixels,
+        band_pixels(pixels, right, margin_px) if right else no_pixels,
     )
 
 
-def _climb(
+def _stack_windows(
     pixels: np.ndarray,
     column: float | None,
     edges: np.ndarray,
-    cuts: np.ndarray,
+    bounds: np.ndarray,
     margin_px: float,
     recentre_pixels: int,
     flood_pixels: int | None,
 ) -> tuple[np.ndarray, tuple[Window, ...]]:
-    """One line's windows from the bottom up, and the pixels they caught."""
+    """Pixels and windows of one line, from the bottom row to the top."""
     if column is None:
         return pixels[:0], ()
-    caught, windows = [], []
+    found, windows = [], []
     for i in range(len(edges) - 1):
-        rows = pixels[cuts[i + 1] : cuts[i]]
+        rows = pixels[bounds[i + 1] : bounds[i]]
         inside = rows[np.abs(rows[:, 0] - column) <= margin_px]
         windows.append(
             Window(column - margin_px, int(edges[i + 1]), column + margin_px, int(edges[i]) - 1, len(inside))
         )
         if flood_pixels is not None and len(inside) >= flood_pixels:
             continue
-        caught.append(inside)
+        found.append(inside)
         if len(inside) >= max(recentre_pixels, 1):
             column = float(inside[:, 0].mean())
-    return np.concatenate(caught) if caught else pixels[:0], tuple(windows)
+    return np.concatenate(found) if found else pixels[:0], tuple(windows)

@@ -1,14 +1,14 @@
-"""Colour and gradient thresholds: from a picture to a binary in which the lane lines stand out.
+"""Colour and gradient thresholds: binaries of the lane lines.
 
 A binary is an ndarray of shape (height, width), uint8, 0 or 255, so that binaries combine with `&` and `|` and can be
 warped or shown as they are. All ranges include both ends.
 
-Gradients are measured in *steps*: a Sobel filter is divided by its own answer to a sharp edge, and an edge of
-`full_step` levels counts as 255. The originals divided by the picture's largest gradient instead, so that one glint of
-light moved every threshold in the picture. The full steps below stand where those largest gradients lie on ordinary
-motorway (medians over 66 pictures: lightness of the view 78 levels, its saturation 232, gray 180 with a kernel of 3
-and 195 with 9), so that the published ranges keep their meaning; the two of recipe A are rounded to 75 and to the full
-range 255, towards the numbers published for it.
+Gradients are in gray levels of a step edge: a Sobel filter is divided by its response to a unit step. A step of
+`full_step` levels is scaled to 255. The originals divided by the largest gradient of the picture instead, so that one
+glint of light changed every threshold. The default values of `full_step` are the medians of that largest gradient over
+66 motorway pictures, so that the published ranges keep their meaning: lightness of the bird's-eye view 78 levels, its
+saturation 232, gray 180 with a kernel of 3 and 195 with 9. The two of recipe A are rounded to 75 and 255, which gives
+results closer to the published ones.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _SPACES = {
 
 
 def split_channels(image: np.ndarray, space: str) -> tuple[np.ndarray, ...]:
-    """Convert an RGB picture to another colour space and take its channels apart.
+    """Channels of an RGB picture in another colour space.
 
     Parameters
     ----------
@@ -49,10 +49,10 @@ def split_channels(image: np.ndarray, space: str) -> tuple[np.ndarray, ...]:
     Raises
     ------
     ValueError
-        If `space` is none of these.
+        If `space` is not one of these.
     PictureError
-        If `image` is no RGB picture, as everywhere in this module where one is meant: OpenCV would drop a fourth
-        channel without a word.
+        If `image` is not an RGB picture, as in all functions of this module that take one. OpenCV would silently ignore
+        a fourth channel.
     """
     require_rgb(image)
     if space == "RGB":
@@ -63,18 +63,18 @@ def split_channels(image: np.ndarray, space: str) -> tuple[np.ndarray, ...]:
 
 
 def to_gray(image: np.ndarray) -> np.ndarray:
-    """RGB picture to brightness (height, width), uint8, with the weights of ITU-R BT.601."""
+    """Gray picture (height, width), uint8, of an RGB picture, with the weights of ITU-R BT.601."""
     require_rgb(image)
     return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
 
 
 def range_mask(channel: np.ndarray, levels: Range) -> np.ndarray:
-    """Binary of the pixels of one channel whose value lies in `levels` (low, high)."""
+    """Binary of the pixels of one channel in the range `levels` (low, high)."""
     return cv2.inRange(channel, levels[0], levels[1])
 
 
 def saturation_mask(image: np.ndarray, saturation: Range = (120, 255), lightness: Range = (30, 255)) -> np.ndarray:
-    """Binary of strongly coloured pixels (HLS) that are not too dark: saturation is noise in the dark."""
+    """Binary of saturated pixels (HLS) above a lightness; in dark pixels saturation is noise."""
     _, light, colour = split_channels(image, "HLS")
     return range_mask(colour, saturation) & range_mask(light, lightness)
 
@@ -82,18 +82,18 @@ def saturation_mask(image: np.ndarray, saturation: Range = (120, 255), lightness
 def yellow_mask(
     image: np.ndarray, low: tuple[int, int, int] = (0, 70, 70), high: tuple[int, int, int] = (50, 255, 255)
 ) -> np.ndarray:
-    """Binary of the pixels between two HSV colours, by default red to yellow."""
+    """Binary of the pixels between two HSV colours (low, high); the default is red to yellow."""
     require_rgb(image)
     return cv2.inRange(cv2.cvtColor(image, cv2.COLOR_RGB2HSV), low, high)
 
 
 def equalized_white_mask(image: np.ndarray, levels: Range = (251, 255)) -> np.ndarray:
-    """Binary of the brightest few per cent of a picture: its gray is spread evenly over 0..255 first."""
+    """Binary of the brightest few per cent of a picture: gray levels after histogram equalization."""
     return range_mask(cv2.equalizeHist(to_gray(image)), levels)
 
 
 def gradient_x_mask(channel: np.ndarray, levels: Range, *, full_step: float, kernel: int = 3) -> np.ndarray:
-    """Binary of the pixels with a horizontal change of brightness.
+    """Binary of the pixels with a horizontal gradient in a range.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def gradient_x_mask(channel: np.ndarray, levels: Range, *, full_step: float, ker
     levels : tuple of float
         Accepted range on the scale 0..255.
     full_step : float
-        Height in levels of the sharp edge that counts as 255.
+        Step in gray levels that is scaled to 255.
     kernel : odd int
         Size of the Sobel filter.
     """
@@ -109,26 +109,26 @@ def gradient_x_mask(channel: np.ndarray, levels: Range, *, full_step: float, ker
 
 
 def gradient_y_mask(channel: np.ndarray, levels: Range, *, full_step: float, kernel: int = 3) -> np.ndarray:
-    """Binary of the pixels with a vertical change of brightness; see `gradient_x_mask`."""
+    """Binary of the pixels with a vertical gradient in a range; see `gradient_x_mask`."""
     return _level_mask(np.abs(_sobel(channel, 0, 1, kernel)), levels, full_step)
 
 
 def magnitude_mask(channel: np.ndarray, levels: Range, *, full_step: float, kernel: int = 3) -> np.ndarray:
-    """Binary of the pixels with a change of brightness in any direction; see `gradient_x_mask`."""
+    """Binary of the pixels with a gradient magnitude in a range; see `gradient_x_mask`."""
     return _level_mask(cv2.magnitude(*_gradient(channel, kernel)), levels, full_step)
 
 
 def direction_mask(channel: np.ndarray, angles_rad: Range, *, kernel: int = 3) -> np.ndarray:
-    """Binary of the pixels whose gradient points in a range of angles from the horizontal, 0..pi/2.
+    """Binary of the pixels with a gradient direction in a range of angles to the horizontal, 0..pi/2.
 
-    A vertical edge has direction 0; pixels without any gradient count as 0 too. Angles are good to 0.3 degrees
-    (cv2.phase), so widen a range by that where its end matters.
+    A vertical edge has direction 0, and so have pixels without a gradient. Angles are accurate to 0.3 degrees
+    (cv2.phase); widen the range by that if its ends matter.
     """
     return _angle_mask(*_gradient(channel, kernel), angles_rad)
 
 
 def region_mask(size: tuple[int, int], polygon: tuple[Range, ...]) -> np.ndarray:
-    """Binary of the inside of a polygon.
+    """Binary of the interior of a polygon.
 
     Parameters
     ----------
@@ -147,37 +147,37 @@ def close_gaps(binary: np.ndarray, size_px: int = 5) -> np.ndarray:
 
 
 def _sobel(channel: np.ndarray, dx: int, dy: int, kernel: int) -> np.ndarray:
-    """Sobel filter scaled so that a sharp edge of k levels answers k, whatever the kernel's size."""
+    """Sobel filter, scaled to the response k for a step of k levels with any kernel size."""
     derive, smooth = cv2.getDerivKernels(1, 0, kernel)
     gain = smooth.sum() * np.abs(np.cumsum(derive)).max()
     return cv2.Sobel(channel, cv2.CV_32F, dx, dy, ksize=kernel, scale=1 / gain)
 
 
 def _gradient(channel: np.ndarray, kernel: int) -> tuple[np.ndarray, np.ndarray]:
-    """Steps across and along the rows."""
+    """Horizontal and vertical gradient, in levels of a step edge."""
     return _sobel(channel, 1, 0, kernel), _sobel(channel, 0, 1, kernel)
 
 
-def _angle_mask(across: np.ndarray, along: np.ndarray, angles_rad: Range) -> np.ndarray:
-    return cv2.inRange(cv2.phase(np.abs(across), np.abs(along)), angles_rad[0], angles_rad[1])
+def _angle_mask(gradient_x: np.ndarray, gradient_y: np.ndarray, angles_rad: Range) -> np.ndarray:
+    return cv2.inRange(cv2.phase(np.abs(gradient_x), np.abs(gradient_y)), angles_rad[0], angles_rad[1])
 
 
 def _level_mask(steps: np.ndarray, levels: Range, full_step: float) -> np.ndarray:
-    # 255 is the top of the scale, so everything steeper counts as 255.
+    # 255 is the end of the scale and includes all larger gradients.
     high = np.inf if levels[1] >= 255 else levels[1] * full_step / 255
     return cv2.inRange(steps, levels[0] * full_step / 255, high)
 
 
 class Thresholds(Protocol):
-    """What a recipe asks of its threshold part."""
+    """Interface of the threshold step of a recipe."""
 
     candidates: ClassVar[tuple[str, ...]]
 
     def masks(self, image: np.ndarray) -> dict[str, np.ndarray]:
-        """Every binary by name; "combined" is the one for a still, `candidates` those a line is chosen from."""
+        """All binaries by name: "combined" for stills, and the `candidates` for the choice in video."""
 
     def scaled(self, factor: float) -> Thresholds:
-        """The same for pictures `factor` times as large; a kernel of 3 pixels stays, there is no smaller one."""
+        """The same thresholds for pictures `factor` times as large; kernels have at least 3 pixels."""
         return self
 
 
@@ -190,7 +190,7 @@ class HlsSobelThresholds(Thresholds):
     gradient: Range = (20, 255)
     direction_rad: Range = (0, np.pi / 2)
     lightness_full_step: float = 75
-    # Saturation jumps by nearly its whole range beside white pixels, so its full range is the scale.
+    # Saturation changes by nearly its full range next to white pixels, so the scale is the full range.
     saturation_full_step: float = 255
     candidates: ClassVar[tuple[str, ...]] = ("combined",)
 
@@ -202,7 +202,7 @@ class HlsSobelThresholds(Thresholds):
             "gradient x": gradient_x_mask(light, self.gradient, full_step=self.lightness_full_step),
             "magnitude": magnitude_mask(colour, self.gradient, full_step=self.saturation_full_step),
         }
-        # 0..pi/2 are all directions there are, so the published range changes nothing and costs nothing.
+        # The published range 0..pi/2 includes all directions, so it needs no computation.
         if self.direction_rad != (0, np.pi / 2):
             masks["magnitude"] &= direction_mask(colour, self.direction_rad)
         masks["combined"] = masks["saturation"] | masks["gradient x"] | masks["magnitude"]
@@ -234,15 +234,15 @@ class EqualizedHsvThresholds(Thresholds):
         return masks
 
     def scaled(self, factor: float) -> EqualizedHsvThresholds:
-        """The same for pictures `factor` times as large."""
+        """The same thresholds for pictures `factor` times as large."""
         kernel, close_px = (2 * round((size * factor - 1) / 2) + 1 for size in (self.magnitude_kernel, self.close_px))
-        # OpenCV knows Sobel filters of 3 to 31 pixels.
+        # OpenCV has Sobel filters of 3 to 31 pixels.
         return replace(self, magnitude_kernel=min(max(kernel, 3), 31), close_px=max(close_px, 1))
 
 
 @dataclass(frozen=True)
 class BestChannelThresholds(Thresholds):
-    """Recipe C, on the undistorted picture: six binaries kept apart, so that each line can choose its own."""
+    """Recipe C, on the undistorted picture: six separate binaries, so that the best one is used for each line."""
 
     red: Range = (210, 255)
     hue: Range = (20, 80)
@@ -253,7 +253,7 @@ class BestChannelThresholds(Thresholds):
     magnitude: Range = (10, 225)
     direction_rad: Range = (0.7, 1.2)
     full_step: float = 180
-    # Road ahead, as fractions of width and height; the sky and the neighbouring lanes stay out.
+    # Region of interest, as fractions of width and height; it excludes the sky and the adjacent lanes.
     region: tuple[Range, ...] = ((0, 1), (0.45, 1 / 1.8), (0.55, 1 / 1.8), (0.99, 1))
     candidates: ClassVar[tuple[str, ...]] = ("red", "gradients", "hue", "saturation", "luv lightness", "lab b")
 
@@ -261,22 +261,23 @@ class BestChannelThresholds(Thresholds):
         """Binaries of an RGB picture (height, width, 3): the six candidates and combined (saturation, red or b)."""
         require_rgb(image)
         region = region_mask(image.shape[1::-1], self.region)
-        # Above the region all is dark, so nothing needs to be computed there.
+        # The rows above the region are 0 and need no computation.
         top = int(region.any(axis=1).argmax())
         masks = self._road_masks(image[top:], region[top:])
         return {name: cv2.copyMakeBorder(mask, top, 0, 0, 0, cv2.BORDER_CONSTANT) for name, mask in masks.items()}
 
     def _road_masks(self, image: np.ndarray, region: np.ndarray) -> dict[str, np.ndarray]:
         hue, _, saturation = split_channels(image, "HLS")
-        # one gradient for all four questions that are asked of it
-        across, along = _gradient(to_gray(image), 3)
-        direction = _angle_mask(across, along, self.direction_rad) & region
+        # One gradient for the four binaries that use it.
+        gradient_x, gradient_y = _gradient(to_gray(image), 3)
+        direction = _angle_mask(gradient_x, gradient_y, self.direction_rad) & region
         step = self.full_step
-        along_both = _level_mask(np.abs(across), self.gradient, step) & region
-        along_both &= _level_mask(np.abs(along), self.gradient, step)
+        both_gradients = _level_mask(np.abs(gradient_x), self.gradient, step) & region
+        both_gradients &= _level_mask(np.abs(gradient_y), self.gradient, step)
+        magnitude = _level_mask(cv2.magnitude(gradient_x, gradient_y), self.magnitude, step)
         masks = {
             "red": range_mask(np.ascontiguousarray(image[..., 0]), self.red) & region,
-            "gradients": along_both | (_level_mask(cv2.magnitude(across, along), self.magnitude, step) & direction),
+            "gradients": both_gradients | (magnitude & direction),
             "hue": range_mask(hue, self.hue) & direction,
             "saturation": range_mask(saturation, self.saturation) & region,
             "luv lightness": range_mask(split_channels(image, "LUV")[0], self.luv_lightness) & region,

@@ -1,8 +1,8 @@
-"""The road from above: the four-point warp of the classic recipes, and what its pixels mean in metres.
+"""Bird's-eye view of the classic recipes: a homography from four points, and its scale in metres.
 
 Conventions
 -----------
-- picture = the undistorted picture, view = the picture warped to look down on the road; both in pixels (u, v);
+- picture: the undistorted picture; bird's-eye view: the warped picture; both in pixels (u, v);
 - road points are (x forward, y left) in metres, as in lanes.camera.camera.
 """
 
@@ -20,19 +20,19 @@ from lanes.io.frames import PictureError, require_rgb
 
 @dataclass(frozen=True, eq=False)
 class FourPointWarp:
-    """The view in which four picture points come to lie on four chosen view points.
+    """Homography that maps four points of the picture to four points of the bird's-eye view.
 
-    Four points on the road that form a rectangle there give a true map of a flat road (up to two scales); the
-    trapezia chosen by eye in the classic recipes come close to that, but not quite.
+    If the four points form a rectangle on a flat road, the bird's-eye view is a map of the road with two constant
+    scales. The trapezia of the classic recipes were chosen by eye and fulfil this only approximately.
 
     Parameters
     ----------
     source_px : array_like of shape (4, 2)
         Points (u, v) in the undistorted picture, in order around the quadrangle.
     destination_px : array_like of shape (4, 2)
-        Where they come to lie in the view, in the same order.
+        Corresponding points in the bird's-eye view, in the same order.
     size : tuple of int
-        (width, height) in pixels, of the picture and of the view.
+        (width, height) in pixels, of the picture and of the bird's-eye view.
 
     Raises
     ------
@@ -53,33 +53,33 @@ class FourPointWarp:
         object.__setattr__(self, "inverse", np.linalg.inv(self.matrix))
 
     def warp(self, image: np.ndarray) -> np.ndarray:
-        """Undistorted picture to view, both (height, width) of `size`; binaries (2-D) keep their two values.
+        """Bird's-eye view of an undistorted picture, both of `size`; binaries (2-D) keep their two values.
 
         Raises
         ------
         PictureError
-            If `image` is neither an RGB picture nor a binary of that size.
+            If `image` is not an RGB picture or a binary of that size.
         """
         self._require_size(image)
         return cv2.warpPerspective(image, self.matrix, self.size, flags=_interpolation(image))
 
     def unwarp(self, image: np.ndarray, size: tuple[int, int] | None = None) -> np.ndarray:
-        """View back to an undistorted picture of `size` (width, height), by default the view's own; black outside.
+        """Undistorted picture of `size` (width, height) from a bird's-eye view; black outside. Default: its own size.
 
         Raises
         ------
         PictureError
-            If `image` is neither an RGB picture nor a binary of the view's size.
+            If `image` is not an RGB picture or a binary of the size of the bird's-eye view.
         """
         self._require_size(image)
         return cv2.warpPerspective(image, self.inverse, size or self.size, flags=_interpolation(image))
 
-    def points_to_view(self, points_px: np.ndarray) -> np.ndarray:
-        """Points (N, 2) of the undistorted picture to points (N, 2) of the view."""
+    def points_to_birdseye(self, points_px: np.ndarray) -> np.ndarray:
+        """Points (N, 2) of the bird's-eye view for points (N, 2) of the undistorted picture."""
         return _transform(points_px, self.matrix)
 
     def points_to_picture(self, points_px: np.ndarray) -> np.ndarray:
-        """Points (N, 2) of the view to points (N, 2) of the undistorted picture."""
+        """Points (N, 2) of the undistorted picture for points (N, 2) of the bird's-eye view."""
         return _transform(points_px, self.inverse)
 
     def _require_size(self, image: np.ndarray) -> None:
@@ -93,16 +93,16 @@ class FourPointWarp:
             )
 
 
-def view_to_road(points_px: np.ndarray, warp: FourPointWarp, camera: Camera) -> np.ndarray:
-    """Put points of the view on the flat road, exactly, whatever quadrangle the warp was made from.
+def birdseye_to_road(points_px: np.ndarray, warp: FourPointWarp, camera: Camera) -> np.ndarray:
+    """Points on the flat road of points in the bird's-eye view; exact for every quadrangle.
 
     Parameters
     ----------
     points_px : ndarray of shape (N, 2)
-        Points (u, v) in the view.
+        Points (u, v) in the bird's-eye view.
     warp : FourPointWarp
     camera : Camera
-        With a camera pose; its lens has already been taken out of the picture that `warp` starts from.
+        With a pose. Its distortion is not applied, because `warp` starts from the undistorted picture.
 
     Returns
     -------
@@ -118,38 +118,40 @@ def view_to_road(points_px: np.ndarray, warp: FourPointWarp, camera: Camera) -> 
     return pinhole.pixels_to_road(warp.points_to_picture(points_px))
 
 
-def scale_to_road(points_px: np.ndarray, metres_per_px: tuple[float, float], view_size: tuple[int, int]) -> np.ndarray:
-    """Put points of the view on the road by two fixed scales, as the original recipes do.
+def scale_to_road(
+    points_px: np.ndarray, metres_per_px: tuple[float, float], birdseye_size: tuple[int, int]
+) -> np.ndarray:
+    """Points on the road of points in the bird's-eye view by two constant scales, as in the original recipes.
 
-    Assumes that the car stands at the middle of the view's bottom row and looks along its columns.
+    Assumes that the car is at the centre of the bottom row and that the columns are parallel to its axis.
 
     Parameters
     ----------
     points_px : ndarray of shape (N, 2)
-        Points (u, v) in the view.
+        Points (u, v) in the bird's-eye view.
     metres_per_px : tuple of float
         Metres per column and metres per row, for example (3.7 / 700, 30 / 720).
-    view_size : tuple of int
+    birdseye_size : tuple of int
         (width, height) in pixels.
 
     Returns
     -------
     ndarray of shape (N, 2)
-        (x forward, y left) in metres, counted from the bottom row and the middle column.
+        (x forward, y left) in metres from the centre of the bottom row.
     """
     points = np.asarray(points_px, float)
-    width, height = view_size
+    width, height = birdseye_size
     return np.column_stack(
         [(height - 1 - points[:, 1]) * metres_per_px[1], ((width - 1) / 2 - points[:, 0]) * metres_per_px[0]]
     )
 
 
 def metres_per_pixel(warp: FourPointWarp, camera: Camera) -> tuple[float, float]:
-    """The two scales that describe a four-point warp best, from the camera pose.
+    """Lateral and longitudinal scale of a four-point warp, from the camera pose.
 
-    A single pair of scales is exact only when the quadrangle is a rectangle on the road. Across, the scale is taken
-    where the offset is measured, at the middle of the bottom row (the local Jacobian); along, it is the road's length
-    between bottom and top row on the middle column, divided by the rows between them.
+    Constant scales are exact only if the quadrangle is a rectangle on the road. The lateral scale is the local Jacobian
+    at the centre of the bottom row, where the offset is measured. The longitudinal scale is the distance on the road
+    between the bottom and top row along the centre column, divided by the number of rows.
 
     Returns
     -------
@@ -159,20 +161,20 @@ def metres_per_pixel(warp: FourPointWarp, camera: Camera) -> tuple[float, float]
     Raises
     ------
     CameraError
-        If the camera has no pose, or the view reaches up to the horizon.
+        If the camera has no pose, or the bird's-eye view reaches the horizon.
     """
     width, height = warp.size
-    middle, bottom = (width - 1) / 2, height - 1
-    points = np.array([[middle - 0.5, bottom], [middle + 0.5, bottom], [middle, bottom], [middle, 0]])
-    road = view_to_road(points, warp, camera)
+    centre, bottom = (width - 1) / 2, height - 1
+    points = np.array([[centre - 0.5, bottom], [centre + 0.5, bottom], [centre, bottom], [centre, 0]])
+    road = birdseye_to_road(points, warp, camera)
     if not np.isfinite(road).all():
         raise CameraError(
-            "the warp's quadrangle reaches the horizon of this camera pose, so its rows have no length on the "
-            "road; choose lower points or correct the camera pose's pitch."
+            "the quadrangle of the warp reaches the horizon of this camera pose, so its rows have no length on the "
+            "road; choose lower points or correct the pitch of the camera pose."
         )
-    across = float(np.linalg.norm(road[0] - road[1]))
-    along = float(np.linalg.norm(road[3] - road[2])) / max(height - 1, 1)
-    return across, along
+    lateral = float(np.linalg.norm(road[0] - road[1]))
+    longitudinal = float(np.linalg.norm(road[3] - road[2])) / max(height - 1, 1)
+    return lateral, longitudinal
 
 
 def _transform(points_px: np.ndarray, matrix: np.ndarray) -> np.ndarray:
@@ -187,12 +189,12 @@ def _interpolation(image: np.ndarray) -> int:
 
 
 def _require_quadrangle(points: np.ndarray, name: str) -> None:
-    """Three points in a line, or a bow tie, have no usable homography; OpenCV would answer with a singular matrix."""
-    sentence = f"{name}: expected four points (u, v) in order around a convex quadrangle, got {points.tolist()}."
+    """Collinear points and self-intersecting quadrangles give a singular homography, which OpenCV returns silently."""
+    message = f"{name}: expected four points (u, v) in order around a convex quadrangle, got {points.tolist()}."
     if points.shape != (4, 2) or not np.isfinite(points).all():
-        raise ValueError(sentence)
+        raise ValueError(message)
     edges = np.roll(points, -1, axis=0) - points
     following = np.roll(edges, -1, axis=0)
     turns = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
     if not (np.all(turns > 0) or np.all(turns < 0)):
-        raise ValueError(sentence)
+        raise ValueError(message)

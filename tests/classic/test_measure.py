@@ -11,7 +11,7 @@ from lanes.classic.warp import scale_to_road
 
 SIZE = (1280, 720)
 SCALES = (3.7 / 700, 30 / 720)
-TO_ROAD = partial(scale_to_road, metres_per_px=SCALES, view_size=SIZE)
+TO_ROAD = partial(scale_to_road, metres_per_px=SCALES, birdseye_size=SIZE)
 
 
 def circle_in_view(radius_m, y0_m=0.0):

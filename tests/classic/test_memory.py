@@ -21,78 +21,78 @@ def after(memory, fits):
 
 
 @pytest.mark.parametrize(("memory", "length"), [(A, 5), (B, 10), (C_LEFT, 30)])
-def test_mean_of_the_last_fits_is_a_mean_not_the_last_one(memory, length):
+def test_average_of_the_last_fits(memory, length):
     shown = 100 + 40 * np.random.default_rng(0).random(length + 7)
     memory = after(memory, map(line, shown))
     assert memory.state == "found"
-    assert memory.best.coefficients[2] == pytest.approx(shown[-length:].mean())
-    assert memory.best.coefficients[2] != pytest.approx(shown[-1], abs=0.1)
+    assert memory.average.coefficients[2] == pytest.approx(shown[-length:].mean())
+    assert memory.average.coefficients[2] != pytest.approx(shown[-1], abs=0.1)
 
 
 def test_recipe_b_measures_over_twenty_fits_and_draws_ten():
     memory = after(B, (line(c) for c in range(40)))
-    assert memory.best.coefficients[2] == pytest.approx(np.mean(range(30, 40)))
-    assert memory.smoothest.coefficients[2] == pytest.approx(np.mean(range(20, 40)))
+    assert memory.average.coefficients[2] == pytest.approx(np.mean(range(30, 40)))
+    assert memory.measured_average.coefficients[2] == pytest.approx(np.mean(range(20, 40)))
 
 
-def test_an_update_leaves_the_old_memory_alone():
+def test_an_update_does_not_change_the_old_memory():
     before = A.update(line(100))
     before.update(line(120))
-    assert before.best == line(100)
-    assert A.best is None
+    assert before.average == line(100)
+    assert A.average is None
 
 
 @pytest.mark.parametrize("fit", [None, line(201), line(100, a=0.0011)], ids=["nothing", "jumped", "bent"])
-def test_recipe_a_keeps_its_best_fit_and_says_so(fit):
+def test_recipe_a_keeps_its_average_and_reports_kept(fit):
     memory = A.update(line(100)).update(fit)
     assert memory.state == "kept"
-    assert memory.best == line(100)
-    assert memory.near is None  # asks for windows
+    assert memory.average == line(100)
+    assert memory.search_prior is None  # sliding windows in the next frame
 
 
-def test_recipe_b_looks_again_near_the_last_fit():
+def test_recipe_b_searches_around_the_last_fit():
     memory = B.update(line(100)).update(None)
     assert memory.state == "kept"
-    assert memory.near == line(100)
+    assert memory.search_prior == line(100)
 
 
 @pytest.mark.parametrize(("memory", "share"), [(C_LEFT, 0.05), (C_RIGHT, 0.15)])
-def test_recipe_c_lets_a_doubtful_fit_in_at_a_small_share(memory, share):
+def test_recipe_c_blends_a_fit_with_a_small_weight(memory, share):
     memory = after(memory, [line(100)])
-    doubtful = memory.update(line(200))
-    assert doubtful.state == "kept"
-    assert doubtful.fits[-1].coefficients[2] == pytest.approx(100 + share * 100)
+    blended = memory.update(line(200))
+    assert blended.state == "kept"
+    assert blended.fits[-1].coefficients[2] == pytest.approx(100 + share * 100)
     assert memory.update(line(149)).fits[-1] == line(149)
     assert memory.update(line(251)).fits == memory.fits
 
 
-def test_recipe_c_judges_the_bend_more_kindly_on_the_right():
+def test_recipe_c_has_a_wider_curvature_gate_on_the_right():
     bent = line(100, a=13e-5)
     assert len(C_LEFT.update(line(100)).update(bent).fits) == 1
     assert len(C_RIGHT.update(line(100)).update(bent).fits) == 2
 
 
-@pytest.mark.parametrize(("memory", "patience"), [(A, 25), (B, 25), (C_LEFT, 8), (C_RIGHT, 10)])
-def test_a_line_not_seen_for_long_is_forgotten(memory, patience):
-    kept = after(memory.update(line(100)), [None] * patience)
+@pytest.mark.parametrize(("memory", "max_missed"), [(A, 25), (B, 25), (C_LEFT, 8), (C_RIGHT, 10)])
+def test_a_line_missed_too_often_is_deleted(memory, max_missed):
+    kept = after(memory.update(line(100)), [None] * max_missed)
     assert kept.state == "kept"
     lost = kept.update(None)
     assert lost.state == "lost"
-    assert lost.best is None
-    assert lost.update(line(900)).best == line(900)
+    assert lost.average is None
+    assert lost.update(line(900)).average == line(900)
 
 
-def test_a_frame_with_the_line_ends_the_count():
+def test_a_frame_with_the_line_resets_the_count():
     memory = after(C_LEFT.update(line(100)), [None] * 8 + [line(100)] + [None] * 8)
     assert memory.state == "kept"
 
 
-def test_nothing_at_all_is_lost():
+def test_a_memory_without_a_fit_is_lost():
     memory = LineMemory(length=5).update(None)
-    assert (memory.state, memory.best, memory.near) == ("lost", None, None)
+    assert (memory.state, memory.average, memory.search_prior) == ("lost", None, None)
 
 
 def test_limits_scale_with_the_picture():
     half = A.update(line(100)).scaled(0.5, 0.5)
-    assert half.good == pytest.approx((0.002, 1.0, 50))
+    assert half.accept_limits == pytest.approx((0.002, 1.0, 50))
     assert half.fits == ()

@@ -45,7 +45,7 @@ def test_only_a_measured_lane_is_found(state, found):
 
 def test_steps_show_the_view_and_all_windows():
     steps = result().steps
-    np.testing.assert_array_equal(steps.view, steps.warp.warp(steps.undistorted))
+    np.testing.assert_array_equal(steps.birdseye, steps.warp.warp(steps.undistorted))
     assert [w.pixels for w in steps.windows] == [12]
     assert steps.windows_px.tolist() == [[220, 640, 380, 719]]
 
@@ -53,7 +53,7 @@ def test_steps_show_the_view_and_all_windows():
 def test_lines_in_the_picture_run_from_far_to_near():
     lane = result(right=None)
     assert lane.right_px is None
-    np.testing.assert_allclose(lane.warp.points_to_view(lane.left_px), FIT.points(720), atol=1e-6)
+    np.testing.assert_allclose(lane.warp.points_to_birdseye(lane.left_px), FIT.points(720), atol=1e-6)
     assert lane.left_px[0, 1] < lane.left_px[-1, 1]
 
 

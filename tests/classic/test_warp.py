@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lanes.camera.camera_pose import CameraError, CameraPose
-from lanes.classic.warp import FourPointWarp, metres_per_pixel, scale_to_road, view_to_road
+from lanes.classic.warp import FourPointWarp, birdseye_to_road, metres_per_pixel, scale_to_road
 from lanes.io.frames import PictureError
 from tests.support.painted_roads import RECIPE_CAMERA as CAMERA
 from tests.support.painted_roads import paint_view
@@ -23,14 +23,14 @@ def road_rectangle_warp(near_m=6.0, far_m=30.0, half_width_m=4.0):
 
 
 def test_source_points_come_to_lie_on_destination_points():
-    np.testing.assert_allclose(WARP.points_to_view(TRAPEZIUM), RECTANGLE, atol=1e-3)
+    np.testing.assert_allclose(WARP.points_to_birdseye(TRAPEZIUM), RECTANGLE, atol=1e-3)
     np.testing.assert_allclose(WARP.points_to_picture(RECTANGLE), TRAPEZIUM, atol=1e-3)
 
 
 @given(st.lists(st.tuples(st.floats(0, 1279), st.floats(0, 719)), min_size=1, max_size=8))
 def test_points_return_from_the_view_where_they_were(points):
     there = WARP.points_to_picture(np.array(points))
-    np.testing.assert_allclose(WARP.points_to_view(there), points, atol=1e-5)
+    np.testing.assert_allclose(WARP.points_to_birdseye(there), points, atol=1e-5)
 
 
 def test_pictures_move_as_points_do():
@@ -38,7 +38,7 @@ def test_pictures_move_as_points_do():
     u, v = 500, 560
     picture[v, u] = 255
     rows, columns = np.nonzero(WARP.warp(picture)[..., 0] > 200)
-    np.testing.assert_allclose([columns.mean(), rows.mean()], WARP.points_to_view([(u, v)])[0], atol=0.6)
+    np.testing.assert_allclose([columns.mean(), rows.mean()], WARP.points_to_birdseye([(u, v)])[0], atol=0.6)
 
 
 def test_binaries_keep_two_values_and_come_back():
@@ -78,7 +78,7 @@ def test_only_pictures_and_binaries_of_the_warps_size_are_taken(way, wrong, sent
 
 
 def test_no_points_are_no_points():
-    assert WARP.points_to_view(np.empty((0, 2))).shape == (0, 2)
+    assert WARP.points_to_birdseye(np.empty((0, 2))).shape == (0, 2)
 
 
 @pytest.mark.parametrize(
@@ -93,8 +93,8 @@ def test_points_that_are_no_quadrangle_are_refused(points):
 
 def test_view_points_lie_on_the_road_where_the_camera_put_them():
     road = np.array([[7.0, 1.5], [12.0, -2.0], [25.0, 0.3]])
-    view = WARP.points_to_view(CAMERA.undistort_points(CAMERA.road_to_pixels(road)))
-    np.testing.assert_allclose(view_to_road(view, WARP, CAMERA), road, atol=1e-3)
+    view = WARP.points_to_birdseye(CAMERA.undistort_points(CAMERA.road_to_pixels(road)))
+    np.testing.assert_allclose(birdseye_to_road(view, WARP, CAMERA), road, atol=1e-3)
 
 
 def test_scales_of_a_true_map_are_its_scales():
@@ -106,8 +106,8 @@ def test_scales_of_a_true_map_are_its_scales():
 def test_scales_follow_the_camera_height():
     """From twice the height every pixel spans twice the road; the originals' 3.7/700 could not know."""
     low = metres_per_pixel(WARP, CAMERA)
-    m = CAMERA.pose
-    high = metres_per_pixel(WARP, CAMERA.with_pose(CameraPose(2 * m.height_m, m.pitch_rad, m.yaw_rad)))
+    pose = CAMERA.pose
+    high = metres_per_pixel(WARP, CAMERA.with_pose(CameraPose(2 * pose.height_m, pose.pitch_rad, pose.yaw_rad)))
     np.testing.assert_allclose(high, 2 * np.array(low), rtol=1e-9)
 
 
@@ -115,15 +115,15 @@ def test_a_view_up_to_the_horizon_has_no_scale():
     with pytest.raises(CameraError) as refusal:
         metres_per_pixel(WARP, CAMERA.with_pose(CameraPose(1.2, pitch_rad=-0.1)))
     assert str(refusal.value) == (
-        "the warp's quadrangle reaches the horizon of this camera pose, so its rows have no length on the "
-        "road; choose lower points or correct the camera pose's pitch."
+        "the quadrangle of the warp reaches the horizon of this camera pose, so its rows have no length on the "
+        "road; choose lower points or correct the pitch of the camera pose."
     )
 
 
 def test_scales_are_taken_on_the_middle_column():
     """No true map, seen by a camera that leans and looks aside: the scales differ from column to column."""
     camera = CAMERA.with_pose(CameraPose(1.3, 0.02, yaw_rad=0.1, roll_rad=0.06))
-    road = view_to_road(np.array([[639.0, 719.0], [640.0, 719.0], [639.5, 719.0], [639.5, 0.0]]), WARP, camera)
+    road = birdseye_to_road(np.array([[639.0, 719.0], [640.0, 719.0], [639.5, 719.0], [639.5, 0.0]]), WARP, camera)
     across, along = metres_per_pixel(WARP, camera)
     assert across == pytest.approx(np.hypot(*(road[1] - road[0])), rel=1e-6)
     assert along == pytest.approx(np.hypot(*(road[3] - road[2])) / 719, rel=1e-9)
@@ -138,7 +138,7 @@ def test_fixed_scales_count_from_the_bottom_and_the_middle():
 def test_fixed_scales_agree_with_the_road_on_a_true_map():
     warp = road_rectangle_warp()
     points = np.array([[300.0, 100.0], [900.0, 650.0]])
-    exact = view_to_road(points, warp, CAMERA)
+    exact = birdseye_to_road(points, warp, CAMERA)
     scaled = scale_to_road(points, metres_per_pixel(warp, CAMERA), SIZE)
     # The map's bottom row lies 6 m ahead; the columns' middle is the road's x axis.
     np.testing.assert_allclose(scaled + [6.0, 0], exact, atol=2e-3)
