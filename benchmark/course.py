@@ -136,7 +136,6 @@ def check(name: str, measured: float, truth: float | None, unit: str, *, within:
     ----------
     name, unit : str
         Printed in the sentence.
-    measured : float
     truth : float or None
         None if unknown, as for real pictures.
     within : float

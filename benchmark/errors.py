@@ -162,7 +162,6 @@ def frame_errors(estimates: DriveEstimates, truth: LaneTruth, camera: Camera | N
 
     Parameters
     ----------
-    estimates : DriveEstimates
     truth : LaneTruth
         Of the same N frames.
     camera : Camera, optional

@@ -40,7 +40,6 @@ def run_benchmark(
 
     Parameters
     ----------
-    drives : sequence of BenchmarkDrive
     systems : sequence of str
         In `systems.SYSTEMS`.
     workers : int

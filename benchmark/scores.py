@@ -21,8 +21,6 @@ class Result:
 
     Parameters
     ----------
-    scene, difficulty, system : str
-    errors : FrameErrors
     pose : str
         Source of the camera pose: "true", "estimated" or "not found".
     workers : int

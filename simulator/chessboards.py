@@ -96,21 +96,10 @@ BOARD_VIEWS = (
 def write_boards(
     folder: str | Path, *, progress: Callable[[int, int], None] | None = None, workers: int | None = None
 ) -> list[Path]:
-    """Write calibration1.jpg .. calibration20.jpg and truth.json.
+    """Files written: calibration1.jpg .. calibration20.jpg and truth.json, in a folder that is created where needed.
 
-    Parameters
-    ----------
-    folder : str or Path
-        Created where needed.
-    progress : callable, optional
-        Called as progress(pictures done, number of pictures).
-    workers : int, optional
-        Number of processes; it does not change the files. Default: one for each available CPU.
-
-    Returns
-    -------
-    list of Path
-        The files written.
+    `progress` is called as progress(pictures done, number of pictures). `workers` is the number of processes (default:
+    one for each available CPU) and does not change the files.
 
     Raises
     ------

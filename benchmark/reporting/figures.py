@@ -79,7 +79,6 @@ def plot_ranges(
         gets a marker. NaN is left out; values beyond the limits are drawn at the edge.
     limits : mapping of str to (float, float)
         For each label the ends of its axis; the axis is logarithmic if the first end is above zero.
-    title : str
 
     Returns
     -------
@@ -119,7 +118,6 @@ def plot_reliability(
         Confidence, accuracy, lower and upper limit of the accuracy, number of lanes.
     precisions : mapping of str to (ndarray of shape (K,), ndarray of shape (K,))
         For each system the available share and the precision; a single pair is drawn as a point.
-    title : str
 
     Returns
     -------

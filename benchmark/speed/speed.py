@@ -33,7 +33,6 @@ class Speed:
         By processing from file to file.
     memory_mb : dict of int to float
         Peak memory by number of frames.
-    machine : str
     """
 
     frames: dict[str, FrameTime]
@@ -52,7 +51,6 @@ def measure_speed(video: Path, *, progress: Callable[[str], Callable[[int, int],
 
     Parameters
     ----------
-    video : Path
     progress : callable, optional
         progress(name of a part) returns the callback (done, total) for it.
     """

@@ -47,20 +47,10 @@ FOREST_SHADE = np.array([0.012, 0.017, 0.012], np.float32)
 
 
 def paint_backdrop(directions: Sequence[np.ndarray], style: BackdropStyle, *, seed: int = 0) -> np.ndarray:
-    """Radiance of the backdrop in each direction.
+    """Radiance (H, W, 3) of the backdrop in each direction, linear float32 RGB; 1 is white paint in the sun.
 
-    Parameters
-    ----------
-    directions : three ndarrays of shape (H, W), float32
-        x, y and z of unit vectors in the world frame, already turned by the car's heading.
-    style : BackdropStyle
-    seed : int
-        Each seed gives another landscape of the same style.
-
-    Returns
-    -------
-    ndarray of shape (H, W, 3), float32
-        Linear RGB radiance; 1 is white paint in the sun.
+    `directions` are x, y and z (H, W) float32 of unit vectors in the world frame, already turned by the car's heading.
+    Each seed gives another landscape of the same style.
 
     Raises
     ------

@@ -90,20 +90,10 @@ SPECIES = {
 
 @lru_cache(maxsize=32)
 def plant_sprites(species: str, seed: int) -> tuple[np.ndarray, ...]:
-    """Image pyramid of one plant.
+    """Image pyramid (rows, columns, 4) float32 of one plant: linear RGB times coverage, and coverage.
 
-    Parameters
-    ----------
-    species : str
-        A name in `SPECIES`.
-    seed : int
-        Each seed gives another plant of the species.
-
-    Returns
-    -------
-    tuple of ndarray of shape (rows, columns, 4), float32
-        Linear RGB times coverage, and coverage. The foot is in the middle of the bottom edge, the top at the top edge.
-        The first level has SPRITE_ROWS rows, each further level half as many.
+    The foot is in the middle of the bottom edge, the top at the top edge. The first level has SPRITE_ROWS rows, each
+    further level half as many. `species` is a name in `SPECIES`; each seed gives another plant of it.
 
     Raises
     ------

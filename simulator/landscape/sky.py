@@ -87,23 +87,9 @@ class BackdropStyle:
 
 
 def aerial_perspective(distance_m: np.ndarray | float, haze_per_km: float) -> Atmosphere:
-    """Attenuation and airlight for an object at a distance.
+    """Attenuation and airlight for objects at distances of any shape; both get one more axis (3,) for RGB.
 
-    Parameters
-    ----------
-    distance_m : float or ndarray of any shape
-        Distance from the camera, metres.
-    haze_per_km : float
-        Extinction, 1/km.
-
-    Returns
-    -------
-    Atmosphere
-        Two ndarrays of the shape of `distance_m` plus (3,). Blue is scattered most.
-
-    References
-    ----------
-    Koschmieder's law of the contrast of distant objects.
+    `haze_per_km` is the extinction in 1/km. Koschmieder's law of contrast; blue is scattered most.
     """
     extinction = haze_per_km / 1000 * np.array([0.8, 1.0, 1.3], np.float32)
     transmittance = np.exp(-np.multiply.outer(np.asarray(distance_m, np.float32), extinction))

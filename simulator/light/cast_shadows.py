@@ -35,7 +35,6 @@ def cast_shadows(
     sun : ndarray of shape (rows, width), float32
     polygons_m : list of ndarray of shape (N, 2)
         Outlines in the car's road frame, metres.
-    camera : Camera
     ground : Ground
         Ground of the same rows as `sun`.
     road : RoadAhead
@@ -115,14 +114,9 @@ def _perturb_edges(
 
 
 def _densify(polygons: list[np.ndarray], *, edge_m: float = 1.5) -> tuple[np.ndarray, np.ndarray]:
-    """Subdivide long edges, because the lens distorts straight lines, and clip to MIN_SHADOW_M ahead.
+    """Points (N, 2) of all polygons, one after the other, and the index after the last point of each.
 
-    Returns
-    -------
-    points : ndarray of shape (N, 2)
-        Points of all polygons, one polygon after the other.
-    ends : ndarray of shape (P,)
-        Index after the last point of each polygon.
+    Long edges are subdivided, because the lens distorts straight lines. Points are clipped to MIN_SHADOW_M ahead.
     """
     points = np.concatenate(polygons).astype(float)
     last = np.cumsum([len(p) for p in polygons]) - 1

@@ -55,12 +55,7 @@ class AutoExposure:
     def adapted_light(self, station_m: Callable[[float], float], road_light: RoadLight, time_s: float) -> float:
         """Luminance of the road to which the exposure has adapted at `time_s`.
 
-        Parameters
-        ----------
-        station_m : callable
-            Function from time in seconds to arc length of the car in metres.
-        road_light : RoadLight
-        time_s : float
+        `station_m` is a function from time in seconds to arc length of the car in metres.
         """
         age_s = np.arange(0.0, MEMORY_TIME_CONSTANTS * self.time_constant_s, SAMPLE_STEP_S)
         stations = np.array([station_m(time_s - float(t)) for t in age_s])

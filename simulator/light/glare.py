@@ -49,24 +49,10 @@ class Glare:
 
 def add_sheen(light: np.ndarray, ground: Ground, sun: np.ndarray, sun_direction: np.ndarray, *, strength: float,
               height_m: float) -> None:  # fmt: skip
-    """Add the specular reflection of the sun on the road, in place.
+    """Add the specular reflection of the sun on the road to the light (rows, width, 3) of the ground, in place.
 
-    Parameters
-    ----------
-    light : ndarray of shape (rows, width, 3), float32
-        Light of the ground, changed.
-    ground : Ground
-    sun : ndarray of shape (rows, width), float32
-        Share of sunlight on the ground.
-    sun_direction : ndarray of shape (3,)
-        Unit vector towards the sun, road frame.
-    strength : float
-    height_m : float
-        Height of the camera.
-
-    References
-    ----------
-    Beckmann microfacet distribution with Schlick's approximation of the Fresnel term.
+    `sun` (rows, width) is the share of sunlight, `sun_direction` (3,) points towards the sun in the road frame,
+    `height_m` is that of the camera. Beckmann microfacet distribution with Schlick's approximation of the Fresnel term.
     """
     x, y = (
         cv2.resize(a, None, fx=1 / FLARE_DOWNSAMPLING, fy=1 / FLARE_DOWNSAMPLING, interpolation=cv2.INTER_AREA)
@@ -88,18 +74,10 @@ def add_sheen(light: np.ndarray, ground: Ground, sun: np.ndarray, sun_direction:
 
 
 def add_glare(light: np.ndarray, rays: np.ndarray, sun_ray: np.ndarray, glare: Glare, *, sunshine: float) -> None:
-    """Add veil, flare and dashboard reflection, in place.
+    """Add veil, flare and dashboard reflection to the light (height, width, 3), in place.
 
-    Parameters
-    ----------
-    light : ndarray of shape (height, width, 3), float32
-    rays : ndarray of shape (height, width, 3), float32
-        Ray directions of the pixels in camera axes, from `ground.pixel_rays`.
-    sun_ray : ndarray of shape (3,)
-        Unit vector towards the sun, camera axes.
-    glare : Glare
-    sunshine : float
-        Share of sunlight on the windscreen, 0 in the shade.
+    `rays` (height, width, 3) are those of `ground.pixel_rays`, `sun_ray` (3,) points towards the sun, both in camera
+    axes; `sunshine` is the share of sunlight on the windscreen, 0 in the shade.
     """
     if sunshine <= 0:
         return

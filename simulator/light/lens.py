@@ -53,21 +53,10 @@ class Lens:
 
 
 def develop(light: np.ndarray, lens: Lens, *, road_light: float, seed: int) -> np.ndarray:
-    """Develop linear light to the picture that the camera stores.
+    """Picture (height, width, 3) uint8 that the camera stores of linear light, RGB float32, 1.0 = sunlit white paint.
 
-    Parameters
-    ----------
-    light : ndarray of shape (height, width, 3), float32
-        Linear RGB, 1.0 = sunlit white paint.
-    lens : Lens
-    road_light : float
-        Mean luminance of the visible road, which the exposure adapts to.
-    seed : int
-        Seed of the noise, different for each frame.
-
-    Returns
-    -------
-    ndarray of shape (height, width, 3), uint8
+    `road_light` is the mean luminance of the visible road, which the exposure adapts to. `seed` is that of the noise,
+    different for each frame.
     """
     height, width = light.shape[:2]
     gain = np.float32(2.0**lens.exposure * (REFERENCE_LUMINANCE / max(road_light, 0.002)) ** lens.adaptation)

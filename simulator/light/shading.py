@@ -16,17 +16,9 @@ SUN_SHARE = 0.84
 
 @dataclass(frozen=True)
 class Faces:
-    """Quadrilateral faces of an object.
+    """Quadrilateral faces of an object: corners (F, 4, 3) in metres, normals and albedo (F, 3), gloss and layer (F,).
 
-    Attributes
-    ----------
-    corners : ndarray of shape (F, 4, 3)
-        Metres.
-    normal, albedo : ndarrays of shape (F, 3)
-    gloss : ndarray of shape (F,)
-        0 matt, 1 paint, 2 glass.
-    layer : ndarray of shape (F,)
-        Order of painting.
+    Gloss is 0 for matt surfaces, 1 for paint, 2 for glass. The layer is the order of painting.
     """
 
     corners: np.ndarray
@@ -76,12 +68,9 @@ class Faces:
 
 
 def shade_faces(faces: Faces, eye_m: np.ndarray, sun: np.ndarray) -> np.ndarray:
-    """Radiance of each face towards `eye_m` (3,), with the sun in direction `sun` (3,), all in the faces' frame.
+    """Radiance (F, 3) of each face towards `eye_m` (3,), linear RGB; horizontal white paint in the sun is 1.
 
-    Returns
-    -------
-    ndarray of shape (F, 3)
-        Linear RGB; horizontal white paint in the sun is 1.
+    The sun is in direction `sun` (3,); all are in the faces' frame.
     """
     middle = faces.middle
     normal = faces.normal

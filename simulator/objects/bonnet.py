@@ -42,16 +42,9 @@ def first_hidden_row(size: tuple[int, int], seed: int = 0) -> int:
 
 
 def paint_bonnet(picture: np.ndarray, *, seed: int = 0, light: float = 1.0) -> None:
-    """Paint the bonnet along the bottom of a picture.
+    """Paint the bonnet along the bottom of a canvas (4, H, W) of `new_canvas`, in place; it is nearer than all else.
 
-    Parameters
-    ----------
-    picture : ndarray of shape (4, H, W), float32
-        As from `brush.new_canvas`, changed; the bonnet is nearer than all else.
-    seed : int
-        Seed of the dust.
-    light : float
-        Light on the bonnet: 1 in the sun, about 0.25 under trees.
+    `seed` is that of the dust; `light` is 1 in the sun and about 0.25 under trees.
     """
     layer, top = _bonnet_layer(picture.shape[:0:-1], seed)
     composite_behind(picture, split_channels(layer), 0, top, atmosphere=Atmosphere(light))

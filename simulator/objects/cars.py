@@ -165,14 +165,7 @@ def _patch(corners: np.ndarray, surface, *, columns: int = 4, rows: int = 3) -> 
 def car_faces(body: str, paint: str, *, detail: int = 2) -> Faces:
     """Faces of a car in its own frame (x forward, y left, z up, origin on the ground below its centre).
 
-    Parameters
-    ----------
-    body : str
-        A name in `BODIES`.
-    paint : str
-        A name in `PAINTS`.
-    detail : int
-        Resolution of curved parts: 1 for a far car, 2 or more for a near one.
+    `body` is a name in `BODIES`, `paint` one in `PAINTS`; `detail` is 1 for a far car, 2 or more for a near one.
 
     Raises
     ------

@@ -55,15 +55,10 @@ def paint_objects(
         Canvas from `brush.new_canvas`, changed.
     camera : Camera
         With its pose; the lens distorts objects and road alike.
-    objects : list of Car, Wall, Tree, Sign, Post
-        In the car's road frame.
-    sun_direction : ndarray of shape (3,)
-        Unit vector towards the sun, road frame.
     haze : float
         Extinction of the air, 1/km.
     light_at : callable, optional
-        Function from positions (N, 2) in the road frame to the light (N, 3) there, as a share of open daylight.
-        Default: open daylight.
+        Function from positions (N, 2) in the road frame to the light (N, 3) there, as a share of daylight (default 1).
     atmosphere_at : callable, optional
         Function from a distance in metres to the Atmosphere. Default: `aerial_perspective` with `haze`.
     crest : (float, ndarray of shape (H, W), bool), optional

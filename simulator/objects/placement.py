@@ -67,20 +67,7 @@ class PlacedWall:
 def objects_in_view(
     placed: tuple[PlacedObject | PlacedWall | Overpass, ...], road: RoadGeometry, pose: VehiclePose, *, time_s: float
 ) -> list[SceneObject]:
-    """Objects in the road frame of the car at a time.
-
-    Parameters
-    ----------
-    placed : tuple of PlacedObject, Along or Overpass
-    road : RoadGeometry
-    pose : Pose
-    time_s : float
-
-    Returns
-    -------
-    list of Car, Wall, BridgeSlice, Tree, Sign, Post
-        Objects in view; walls are cut to the visible length.
-    """
+    """Objects in view in the road frame of the car at a time; walls are cut to the visible length."""
     walls = [_wall(p, road, pose) for p in placed if isinstance(p, PlacedWall)]
     others = [p for p in placed if isinstance(p, PlacedObject)]
     s = np.array([p.s_m + p.speed_mps * time_s for p in others])

@@ -15,18 +15,9 @@ from simulator.objects.walls import Wall
 
 
 def shadow_polygons(objects: list[SceneObject], sun_direction: np.ndarray) -> list[np.ndarray]:
-    """Ground polygons that objects keep from the sun.
+    """Polygons (N, 2) of the shadows on the ground, metres in the road frame, float32; their union is the shadow.
 
-    Parameters
-    ----------
-    objects : list of Car, Wall, Tree, Sign, Post
-    sun_direction : ndarray of shape (3,)
-        Unit vector towards the sun, road frame.
-
-    Returns
-    -------
-    list of ndarray of shape (N, 2), float32
-        Polygons in the road frame, metres; their union is the shadow. A tree has one for each lump of leaves.
+    A tree has a polygon for each lump of leaves. `sun_direction` (3,) points towards the sun, in the road frame.
 
     Raises
     ------

@@ -33,14 +33,7 @@ BOX_CORNERS = np.array([[x, y, z] for z in (-1, 1) for x, y in ((-1, -1), (1, -1
 def vehicle_faces(body: str, paint: str, *, detail: int = 2) -> Faces:
     """Faces of a vehicle in its own frame (x forward, y left, z up, origin on the ground below its centre).
 
-    Parameters
-    ----------
-    body : str
-        "sedan", "suv", "truck" or "motorcycle".
-    paint : str
-        A name in `cars.PAINTS`.
-    detail : int
-        Resolution of curved parts: 1 for a far vehicle, 2 or more for a near one.
+    `body` is "sedan", "suv", "truck" or "motorcycle", `paint` a name in `cars.PAINTS`; `detail` as for `car_faces`.
 
     Raises
     ------

@@ -52,7 +52,6 @@ class Wall:
         Height relative to the profile.
     start_m : float
         Arc length of the first point, which fixes joints and stains to the road.
-    seed : int
     light : ndarray of shape (N, 3), optional
         Share of open daylight at the points of the path.
 

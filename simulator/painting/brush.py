@@ -33,17 +33,9 @@ CLEAR_AIR = Atmosphere()
 def frustum_planes(camera: Camera, wider: float = 1.15) -> np.ndarray:
     """View frustum in the road frame: the half spaces in which a point can be projected.
 
-    Parameters
-    ----------
-    camera : Camera
-    wider : float
-        Width of the frustum relative to the picture.
-
-    Returns
-    -------
-    ndarray of shape (5, 4)
-        Rows (nx, ny, nz, d); a point p is inside where n.p + d >= 0. The first row is the near plane, the others
-        are the sides of a pyramid around the picture, limited to the valid range of the distortion polynomial.
+    Rows (nx, ny, nz, d) of the result (5, 4); a point p is inside where n.p + d >= 0. The first row is the near plane,
+    the others are the sides of a pyramid around the picture, `wider` times its width, limited to the valid range of the
+    distortion polynomial.
     """
     width, height = camera.size
     across, down = np.linspace(0, width - 1, 9), np.linspace(0, height - 1, 9)
@@ -71,22 +63,8 @@ def outside_picture(points_m: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def clip_polygon(points_m: np.ndarray, planes: np.ndarray) -> np.ndarray:
-    """Clip a polygon to the inside of all planes.
+    """Corners (M, 3) of a polygon (N, 3) clipped to all `planes` (P, 4) of `frustum_planes`; M is 0 outside.
 
-    Parameters
-    ----------
-    points_m : ndarray of shape (N, 3)
-        Corners in the road frame, metres.
-    planes : ndarray of shape (P, 4)
-        As from `frustum_planes`.
-
-    Returns
-    -------
-    ndarray of shape (M, 3)
-        Corners of the clipped polygon; M is 0 where the polygon is outside.
-
-    References
-    ----------
     Sutherland and Hodgman, Reentrant polygon clipping, CACM 1974.
     """
     points = np.asarray(points_m, float)
@@ -109,10 +87,8 @@ def clip_polygon(points_m: np.ndarray, planes: np.ndarray) -> np.ndarray:
 def project_faces(camera: Camera, faces_m: np.ndarray) -> np.ndarray | list[np.ndarray | None]:
     """Pixels of the corners of each face (F, corners, 3), clipped to the view frustum.
 
-    Returns
-    -------
-    ndarray of shape (F, corners, 2), or list of (N, 2) arrays or None
-        The array if no face is clipped, otherwise the clipped polygons; None for a face outside the frustum.
+    The array (F, corners, 2) if no face is clipped, otherwise a list of clipped polygons (N, 2); None for a face
+    outside.
     """
     planes = frustum_planes(camera)
     count, corners = faces_m.shape[:2]
@@ -258,18 +234,10 @@ def composite_behind(
     *,
     atmosphere: Atmosphere = CLEAR_AIR,
 ) -> None:
-    """Composite an image behind the content of a canvas (4, H, W), in place.
+    """Composite an image behind the content of a canvas (4, H, W) of `new_canvas`, in place.
 
-    Parameters
-    ----------
-    picture : ndarray of shape (4, H, W), float32
-        Canvas from `new_canvas`, changed.
-    planes : sequence of four ndarrays of shape (h, w), float32
-        RGB times coverage, and coverage; overwritten.
-    left, top : int
-        Position of the image, which must be inside the canvas.
-    atmosphere : Atmosphere
-        Air in front of the image.
+    `planes` are four float32 arrays (h, w), RGB times coverage, and coverage; they are overwritten. `left`, `top` is
+    the position of the image, which must be inside the canvas; `atmosphere` is the air in front of it.
     """
     *colours, alpha = planes
     *lights, clear = picture[:, top : top + alpha.shape[0], left : left + alpha.shape[1]]

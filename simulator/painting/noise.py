@@ -14,23 +14,10 @@ def fractal_noise(
     octaves: int = 5,
     gain: float = 0.5,
 ) -> np.ndarray:
-    """Smooth random field: a sum of value noise at halving scales, periodic along the rows.
+    """Smooth random field of `shape`, float32, mean 0, standard deviation 1, periodic along the rows.
 
-    Parameters
-    ----------
-    shape : (int, int)
-        Rows and columns.
-    rng : Generator
-    cell_px : (float, float)
-        Height and width of the coarsest cell, pixels.
-    octaves : int
-        Number of scales. Scales with cells smaller than 1.5 pixels are skipped.
-    gain : float
-        Amplitude of each scale relative to the coarser one.
-
-    Returns
-    -------
-    ndarray of `shape`, float32, mean 0 and standard deviation 1
+    It is a sum of value noise at `octaves` halving scales, without cells smaller than 1.5 pixels. `cell_px` is the
+    height and width of the coarsest cell, `gain` the amplitude of each scale relative to the coarser one.
     """
     rows, columns = shape
     total = np.zeros(shape, np.float32)

@@ -38,15 +38,7 @@ def _gain(octaves: int) -> np.ndarray:
 
 
 def sample_noise(tile: np.ndarray, s: np.ndarray, d: np.ndarray, *, wave_s_m: float, wave_d_m: float) -> np.ndarray:
-    """Noise at road coordinates (s, d) with the given wavelengths along and across the road.
-
-    Parameters
-    ----------
-    tile : ndarray of shape (TILE + 1, TILE + 1), float32
-        From `band_noise_tile`.
-    s, d : ndarray of shape (rows, width) or (K,), float32
-        Metres.
-    """
+    """Noise of a `band_noise_tile` at road coordinates (rows, width) or (K,) float32, with wavelengths in metres."""
     u, v = _wrapped(s, wave_s_m), _wrapped(d, wave_d_m)
     if s.ndim == 2:
         return cv2.remap(tile, u, v, cv2.INTER_LINEAR)

@@ -33,7 +33,6 @@ class Motion:
     ----------
     start_m : float
         Arc length at time 0.
-    speed_mps : float
     offset_m : float
         Mean lateral position relative to the reference line, > 0 left.
     wander_m, wander_period_s : float
@@ -101,7 +100,6 @@ class Drive:
     ----------
     camera : Camera
         With its pose.
-    road : RoadGeometry
     line_laterals_m : tuple of float
         Lateral positions of the line centres from left to right: the two lines of the ego lane, or all lines if the car
         changes lanes. Empty without a lane.
@@ -109,17 +107,14 @@ class Drive:
         See their modules.
     bonnet : bool
         Whether the car's bonnet is in the picture.
-    motion : Motion
     seed : int
         Seed of all random numbers.
     exposure : AutoExposure, optional
         Automatic exposure with delay. Default: the exposure adapts slightly to each picture at once.
     symbols : tuple of Symbol
         Symbols and words on the road.
-    fog : Fog, optional
     glare : Glare, optional
         Glare of a low sun ahead.
-    night : Night, optional
     wet : Wet, optional
         Wet road, which reflects the sky and the lamps of other vehicles.
     rain : Rain, optional

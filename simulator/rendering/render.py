@@ -70,15 +70,9 @@ LEAF_NOISE_M = 0.13
 
 @dataclass(frozen=True)
 class Frame:
-    """Rendered picture with its ground truth.
+    """Rendered picture (height, width, 3) uint8 RGB, its ground truth, and the mask of what objects hide.
 
-    Attributes
-    ----------
-    image : ndarray of shape (height, width, 3), uint8
-        RGB.
-    truth : Truth
-    hidden : ndarray of shape (height, width), bool
-        Pixels where an object is in front of ground or backdrop.
+    `hidden` (height, width) is True where an object is in front of ground or backdrop.
     """
 
     image: np.ndarray

@@ -41,14 +41,10 @@ def write_video(
     progress: Progress | None = None,
     workers: int | None = None,
 ) -> list[Path]:
-    """Write a drive as H.264 video, with a CSV of its ground truth (a row for each frame) and its camera.
+    """Write a drive as H.264 video (.mp4), with a CSV of its ground truth (a row for each frame) and its camera.
 
     Parameters
     ----------
-    path : str or Path
-        Name of the video, ending in .mp4. The CSV and the camera file get the same stem.
-    drive : Drive
-    seconds : float
     crf : int
         Constant rate factor of x264: lower values give better quality and larger files.
     preset : str
@@ -61,7 +57,7 @@ def write_video(
     Returns
     -------
     list of Path
-        Video, CSV, camera.
+        Video, CSV and camera, all with the same stem.
 
     Raises
     ------

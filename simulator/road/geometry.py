@@ -22,22 +22,12 @@ MAX_TURN_RAD = np.radians(80)
 
 @dataclass(frozen=True, eq=False)
 class RoadGeometry:
-    """Reference line with piecewise linear curvature: straights, arcs, and clothoids between them.
+    """Reference line with piecewise linear curvature: straights, arcs, and clothoids (Euler spirals) between them.
 
-    Parameters
-    ----------
-    stations_m : ndarray of shape (K,)
-        Increasing arc lengths.
-    curvatures_per_m : ndarray of shape (K,)
-        Curvature at the stations, > 0 bends left. Linear between stations, constant outside.
-    profile : HeightProfile
-        Vertical profile. The road has no cross slope, so its height depends on arc length alone.
-
-    The line starts at the origin of the world, heading along its x axis, at arc length `stations_m[0]`.
-
-    References
-    ----------
-    Clothoid (Euler spiral): heading is the integral of curvature, position the integral of (cos, sin) of heading.
+    Heading is the integral of curvature (> 0 bends left, linear between the increasing stations, constant outside),
+    position the integral of (cos, sin) of heading. The line starts at the origin of the world, heading along its x
+    axis, at arc length `stations_m[0]`. The road has no cross slope, so its height, the `profile`, depends on arc
+    length alone.
 
     Raises
     ------

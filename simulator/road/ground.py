@@ -95,21 +95,7 @@ def _rays(camera: Camera) -> np.ndarray:
 
 
 def cast_on_ground(rays: np.ndarray, camera: Camera, road: RoadAhead) -> Ground:
-    """Cast the rays of `pixel_rays` onto the road.
-
-    Parameters
-    ----------
-    rays : ndarray of shape (height, width, 3), float32
-        Camera axes.
-    camera : Camera
-        With the pitch of this moment in its pose.
-    road : RoadAhead
-        Tables of the road in the car's frame.
-
-    Returns
-    -------
-    Ground
-    """
+    """Ground that the rays (height, width, 3) of `pixel_rays` meet; `camera` has the pitch of this moment."""
     pose = camera.pose
     to_road = pose.rotation().astype(np.float32)
     if road.profile.level:
@@ -154,17 +140,10 @@ def _steps(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def edge_coverage(t: np.ndarray, step_u: np.ndarray, step_v: np.ndarray) -> np.ndarray:
     """Share of a square pixel on the positive side of a straight edge; exact.
 
-    Parameters
-    ----------
-    t : ndarray
-        Signed distance of the pixel's centre from the edge, any unit; (2, ...) for two parallel edges.
-    step_u, step_v : ndarray
-        Change of that distance per pixel to the right and down, same unit.
-
-    Notes
-    -----
-    Within a pixel, t is distributed as the sum of two uniform variables of widths |step_u| and |step_v|, a trapezoid.
-    Its integral is a difference of four one-sided parabolas.
+    `t` is the signed distance of the pixel's centre from the edge in any unit, (2, ...) for two parallel edges;
+    `step_u` and `step_v` are its changes per pixel to the right and down. Within a pixel, t is distributed as the sum
+    of two uniform variables of widths |step_u| and |step_v|, a trapezoid. Its integral is a difference of four one-
+    sided parabolas.
     """
     a = np.maximum(np.abs(step_u), np.float32(1e-6))
     b = np.maximum(np.abs(step_v), np.float32(1e-3) * a)

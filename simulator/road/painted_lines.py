@@ -83,16 +83,9 @@ class Marking:
 
 
 def paint_coverage(marking: Marking, ground: Ground, *, station_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Share of each pixel that is covered by fresh paint of a marking.
+    """Share of each pixel that is covered by fresh paint of a marking; `station_m` is the arc length of the car.
 
     The lateral edges are integrated exactly over the pixel, the ends of dashes over its length along the road.
-
-    Parameters
-    ----------
-    marking : Marking
-    ground : Ground
-    station_m : float
-        Arc length of the car, the origin of ground.s.
 
     Returns
     -------

@@ -9,18 +9,9 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class HeightProfile:
-    """Height of the road over arc length, with piecewise linear slope.
+    """Height of the road over arc length: constant grades joined by parabolic vertical curves, as roads are designed.
 
-    Parameters
-    ----------
-    stations_m : ndarray of shape (K,)
-        Increasing arc lengths.
-    slopes : ndarray of shape (K,)
-        Slope at the stations, > 0 uphill. Linear between stations, constant outside.
-
-    References
-    ----------
-    Roads are designed with constant grades joined by parabolic vertical curves.
+    The slope (> 0 uphill) is linear between the increasing stations and constant outside.
 
     Raises
     ------

@@ -28,13 +28,10 @@ def cast_on_relief(
 ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """First intersection of each ray with the ground.
 
-    Parameters
-    ----------
-    rays : ndarray of shape (height, width, 3), float32
-        Directions in the car's road frame.
-    height_m : float
-        Height of the camera above the road below it.
-    road : RoadAhead
+    Ground at distance x and height h is visible if the slope (h - height_m) / x exceeds that of all nearer ground in
+    the same direction. The inverse of the running maximum of this slope gives the range of each ray; two steps of
+    Newton's method refine it. `rays` (height, width, 3) are directions in the car's road frame, `height_m` is that of
+    the camera above the road below it.
 
     Returns
     -------
@@ -45,12 +42,6 @@ def cast_on_relief(
         Metres ahead and to the left; MAX_GROUND_M ahead where no ground is visible.
     s, d : ndarrays of that shape, float32
         Road coordinates of these points, as from `RoadAhead.locate`.
-
-    Notes
-    -----
-    Ground at distance x and height h is visible if the slope (h - height_m) / x exceeds that of all nearer ground in
-    the same direction. The inverse of the running maximum of this slope gives the range of each ray; two steps of
-    Newton's method refine it.
     """
     inverse = _inverse_distance_table(height_m, road)
     sky = _count_sky_rows(rays, inverse)

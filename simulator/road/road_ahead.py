@@ -23,14 +23,9 @@ BLOCK_POINTS = 1 << 16
 class RoadAhead:
     """Tables of the road in the car's frame, for road coordinates (s, d) of many ground points (float32).
 
-    Parameters
-    ----------
-    road : RoadGeometry
-    pose : Pose
-        Pose of the car. Arc lengths are relative to `pose.s_m`, which keeps float32 exact to 0.1 mm.
-    behind_m, ahead_m : float
-        Length of the tables. Unless the road is `winding`, they end where it has turned by 80 degrees, because one x
-        has two points on the road beyond that.
+    Arc lengths are relative to `pose.s_m`, which keeps float32 exact to 0.1 mm. The tables reach from `behind_m` to
+    `ahead_m`. Unless the road is `winding`, they end where it has turned by 80 degrees, because one x has two points on
+    the road beyond that.
 
     Attributes
     ----------
@@ -66,22 +61,11 @@ class RoadAhead:
             self._guess = np.rint((np.interp(x, points[:, 0], s) - s[0]) / self.STEP_M).astype(np.intp)
 
     def locate(self, x_m: np.ndarray, y_m: np.ndarray, *, iterations: int = 3) -> tuple[np.ndarray, np.ndarray]:
-        """Road coordinates (s, d) of ground points in the car's frame.
+        """Road coordinates (s, d) of ground points (x forward, y left) in the car's frame: float32, metres, any shape.
 
-        Each iteration projects the point onto the osculating circle at the nearest table node. The error is the change
-        of curvature within half a table step.
-
-        Parameters
-        ----------
-        x_m, y_m : ndarray of float32, same shape
-            Metres, forward and left.
-        iterations : int
-            Three are enough for points within 50 m of the reference line and radii above 50 m.
-
-        Returns
-        -------
-        s, d : ndarray of float32, same shape
-            Metres along the road from the car's arc length, and metres to the left of the reference line.
+        s counts from the car's arc length, d to the left of the reference line. Each iteration projects the point onto
+        the osculating circle at the nearest table node. The error is the change of curvature within half a table step.
+        Three iterations are enough for points within 50 m of the reference line and radii above 50 m.
         """
         x, y = x_m.ravel(), y_m.ravel()
         s, d = np.empty_like(x), np.empty_like(y)

@@ -114,23 +114,10 @@ class NoiseLayers:
 def ground_albedo(
     surface: Surface, ground: Ground, *, station_m: float, seed: int, needed: np.ndarray | None = None
 ) -> np.ndarray:
-    """Reflectance of the ground without road markings.
+    """Reflectance (rows, width, 3) of the ground without markings, linear float32 RGB, 1.0 = white paint.
 
-    Parameters
-    ----------
-    surface : Surface
-    ground : Ground
-    station_m : float
-        Arc length of the car.
-    seed : int
-        Seed of the noise.
-    wanted : ndarray of shape (rows, width), bool, optional
-        Pixels that are visible and must be right; all if None.
-
-    Returns
-    -------
-    ndarray of shape (rows, width, 3), float32
-        Linear RGB, 1.0 = white paint.
+    `station_m` is the arc length of the car. The verge is only right in the mask `needed` (rows, width); default:
+    everywhere.
     """
     s = ground.s + np.float32(station_m)
     layers = noise_layers(surface, ground, s, seed)

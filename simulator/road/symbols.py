@@ -54,14 +54,7 @@ def paint_symbols(
 
 
 def symbol_coverage(symbol: Symbol, ground: Ground, *, station_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Share of each pixel that a symbol covers.
-
-    Returns
-    -------
-    pixels : ndarray of shape (K,), int64
-        Indices into the raveled ground arrays.
-    coverage : ndarray of shape (K,), float32, in range 0..1
-    """
+    """Pixels (K,), as indices into the raveled ground arrays, and the share (K,) of each that a symbol covers."""
     near = np.float32(symbol.s_m - station_m)
     far = near + np.float32(symbol.length_m)
     left = np.float32(symbol.lateral_m + symbol.width_m / 2)

@@ -42,7 +42,6 @@ class Truth:
 
     Attributes
     ----------
-    time_s : float
     offset_m : float
         Position of the car's origin relative to the lane centre, > 0 is left of it.
     heading_rad : float
@@ -89,15 +88,8 @@ def lane_truth(
 ) -> Truth:
     """Ground truth of the lane that contains the car.
 
-    Parameters
-    ----------
-    road : RoadGeometry
-    pose : Pose
-    lines_m : sequence of float
-        Lateral positions of the line centres from left to right. The ego lane contains the car's origin, so it switches
-        when the middle of the car crosses a line. Empty: there is no lane.
-    time_s, pitch_rad : float
-        Stored in the result.
+    `lines_m` are the lateral positions of the line centres from left to right; empty: there is no lane. The ego lane
+    contains the car's origin, so it switches when the middle of the car crosses a line.
     """
     left_m, right_m = _ego_lines(lines_m, pose.lateral_m)
     centre_m = (left_m + right_m) / 2
@@ -128,17 +120,10 @@ def _ego_lines(lines_m: Sequence[float], lateral_m: float) -> tuple[float, float
 
 
 def line_pixels(truth: Truth, side: int, camera: Camera) -> np.ndarray:
-    """Columns (len(H_SAMPLES),) of a line's centre in the raw picture; -2 above its end or outside the picture.
+    """Columns (len(H_SAMPLES),) of the centre of the left (0) or right (1) line in the raw picture.
 
-    The line ends where it has turned by 80 degrees, because it is nearly parallel to the rows from there on.
-
-    Parameters
-    ----------
-    truth : Truth
-    side : int
-        0 left, 1 right.
-    camera : Camera
-        With the camera pose of this moment.
+    They are -2 above the line's end and outside the picture. The line ends where it has turned by 80 degrees, because
+    it is nearly parallel to the rows from there on. `camera` has the pose of this moment.
     """
     # Equal steps in 1/x are equal steps in picture rows.
     ahead = 1 / np.linspace(1 / 2.0, 1 / 600.0, 6000)

@@ -48,19 +48,16 @@ def paint_verge(
     ----------
     albedo : ndarray of shape (rows, width, 3), float32
         Reflectance of the pavement.
-    ground : Ground
     s : ndarray of shape (rows, width), float32
         Arc lengths from the road's start.
     edges_m : (float, float)
         Right and left edge of the pavement, lateral.
     gravel_m : float
         Width of the gravel strip between pavement and grass.
-    opposite : Opposite, optional
     tint : (float, float, float)
         Factor on the colours of gravel and grass.
     wanted : ndarray of shape (rows, width), bool, optional
         Pixels to paint; all if None.
-    seed : int
     """
     for first in range(0, len(s), BLOCK_ROWS):
         rows = slice(first, first + BLOCK_ROWS)

@@ -16,21 +16,10 @@ from simulator.scenes.stills import still_scenes
 
 
 def write_stills(folder: str | Path, *, progress: Progress | None = None, workers: int | None = None) -> list[Path]:
-    """Write the eight stills and their truth.json.
+    """Files written: the eight stills and their truth.json, in a folder that is created where needed.
 
-    Parameters
-    ----------
-    folder : str or Path
-        Created where needed; "test_images" in the project.
-    progress : callable, optional
-        Called as progress(pictures done, number of pictures).
-    workers : int, optional
-        Number of processes; it does not change the files. Default: one for each available CPU.
-
-    Returns
-    -------
-    list of Path
-        The files written.
+    `progress` is called as progress(pictures done, number of pictures). `workers` is the number of processes (default:
+    one for each available CPU) and does not change the files.
 
     Raises
     ------

@@ -32,17 +32,9 @@ def freeway_markings(
 ) -> tuple[Marking, ...]:
     """Markings of a freeway; the centre of the ego lane is the reference line.
 
-    Parameters
-    ----------
-    lanes_left, lanes_right : int
-        Number of lanes to the left and right of the ego lane. The leftmost line is solid yellow, the rightmost solid
-        white, the others broken white.
-    phase_m : float
-        Arc length at the start of a dash of the leftmost broken line.
-    wear : float
-        0 is fresh paint, 1 is mostly worn off.
-    opposite_m : float, optional
-        Lateral position of the right edge of the opposite carriageway, whose lines are added.
+    The leftmost line is solid yellow, the rightmost solid white, the others broken white. `lanes_left` and
+    `lanes_right` count the lanes next to the ego lane, `phase_m` is the start of a dash of the leftmost broken line,
+    `wear` is that of Marking. With `opposite_m`, the right edge of the opposite carriageway, its lines are added.
     """
     marks = [Marking((lanes_left + 0.5) * LANE_WIDTH_M, 0.15, YELLOW, wear=wear, dots=True)]
     for number in range(lanes_left + lanes_right):
@@ -107,19 +99,10 @@ def plant_trees(
     every_m: float,
     bank: PlacedWall | None = None,
 ) -> tuple[PlacedObject, ...]:
-    """Trees or bushes at random positions next to the road.
+    """Trees or bushes at random positions next to the road, about every `every_m` metres, on a bank where one is given.
 
-    Parameters
-    ----------
-    seed : int
-    species : str
-        Names in foliage.SPECIES, separated by blanks, chosen at random.
-    s_m, d_m, height_m : (float, float)
-        Ranges of arc length, lateral position and height of the trees, metres.
-    every_m : float
-        Mean distance along the road.
-    bank : Along, optional
-        Bank on which they stand.
+    `species` are names in foliage.SPECIES, separated by blanks, chosen at random. `s_m`, `d_m` and `height_m` are
+    ranges of arc length, lateral position and height of the trees.
     """
     rng = np.random.default_rng(seed)
     outward, height = np.array(WALLS["bank"].lines).T

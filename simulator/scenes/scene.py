@@ -13,20 +13,9 @@ Difficulty = Literal["clean", "medium", "hard", "no lane"]
 
 @dataclass(frozen=True)
 class SuiteScene:
-    """Drive of a few seconds with exact ground truth.
+    """Drive of a few seconds with exact ground truth; `drive` returns it, `description` is one sentence.
 
-    Parameters
-    ----------
-    name : str
-        Lower case letters, digits and hyphens, because it is part of file names.
-    difficulty : str
-        "clean", "medium", "hard" or "no lane".
-    seconds : float
-        Length of the video.
-    description : str
-        One sentence that says what the scene shows.
-    drive : callable
-        Function without arguments that returns the Drive.
+    The name has only lower case letters, digits and hyphens, because it is part of file names.
 
     Raises
     ------

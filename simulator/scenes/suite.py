@@ -43,28 +43,13 @@ def scene_path(name: str, folder: str | Path | None = None) -> Path:
 def render_scene(
     name: str, folder: str | Path | None = None, *, progress: Progress | None = None, workers: int | None = None
 ) -> Path:
-    """Render a scene of the suite if its video does not exist yet.
+    """Path of a scene's video, which is rendered if it does not exist yet.
 
-    Parameters
-    ----------
-    name : str
-        Key of SUITE.
-    folder : str or Path, optional
-        Folder of the video. Default: `cache_folder()`.
-    progress : callable, optional
-        Called as progress(frames done, number of frames); not called if the video exists.
-    workers : int, optional
-        Number of processes; it does not change the files. Default: one for each available CPU.
-
-    Returns
-    -------
-    Path
-        The video. Its ground truth (.csv, a row for each frame) and camera (.yaml) have the same stem.
+    Its ground truth (.csv, a row for each frame) and camera (.yaml) have the same stem. `name`, `folder` and the
+    ValueError are those of `scene_path`. `progress` and `workers` are those of `write_video`.
 
     Raises
     ------
-    ValueError
-        If there is no such scene.
     OSError
         If the folder cannot be written to.
     """

@@ -16,20 +16,10 @@ JUST_SEEN = 0.05
 
 @dataclass(frozen=True)
 class Fog:
-    """Homogeneous fog up to a height.
+    """Homogeneous fog up to `height_m`; the sky is visible through it overhead.
 
-    Parameters
-    ----------
-    visibility_m : float
-        Distance at which 5 % of an object's contrast is left: below 1000 m fog, up to 5000 m haze.
-    colour : tuple of three floats
-        Airlight of infinite fog, linear RGB; sunlit white paint is 1.
-    height_m : float
-        Height of the fog; the sky is visible through it overhead.
-
-    References
-    ----------
-    Koschmieder's law of the contrast of distant objects.
+    5 % of an object's contrast is left at `visibility_m` (below 1000 m fog, up to 5000 m haze): Koschmieder's law of
+    the contrast of distant objects. `colour` is the airlight of infinite fog, linear RGB; sunlit white paint is 1.
 
     Raises
     ------

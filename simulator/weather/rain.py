@@ -18,16 +18,10 @@ DROP_MINIFICATION = 9.0
 
 @dataclass(frozen=True)
 class Rain:
-    """Strength of the rain.
+    """Strength of the rain: new drops on the visible part of the windscreen between two wipes, and falling drops.
 
-    Parameters
-    ----------
-    drops : int
-        New drops on the visible part of the windscreen between two wipes.
-    wipe_every_s, wipe_s : float
-        Time from wipe to wipe, and time that the blade takes to cross the picture.
-    streaks : float
-        Light of the falling drops; sunlit white paint is 1.
+    A wipe begins every `wipe_every_s`; the blade takes `wipe_s` to cross the picture. `streaks` is the light of the
+    falling drops; sunlit white paint is 1.
     """
 
     drops: int = 280
@@ -45,20 +39,7 @@ def add_falling_drops(light: np.ndarray, rain: Rain, *, seed: int) -> None:
 
 
 def add_windscreen_drops(light: np.ndarray, rain: Rain, time_s: float, *, seed: int) -> np.ndarray:
-    """The light through the wet windscreen.
-
-    Parameters
-    ----------
-    light : ndarray of shape (height, width, 3), float32
-    rain : Rain
-    time_s : float
-        Time, which determines the drops and the position of the wiper.
-    seed : int
-
-    Returns
-    -------
-    ndarray of the same shape, float32
-    """
+    """The light (height, width, 3) float32 through the wet windscreen; the time gives drops and wiper."""
     height, width = light.shape[:2]
     small = cv2.resize(light, (width // DROP_DOWNSAMPLING, height // DROP_DOWNSAMPLING), interpolation=cv2.INTER_AREA)
     blurred = cv2.GaussianBlur(small, (0, 0), 0.012 * height / DROP_DOWNSAMPLING)

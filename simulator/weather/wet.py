@@ -41,17 +41,10 @@ class Wet:
 def add_lamp_reflections(
     light: np.ndarray, camera: Camera, lamps: list[Lamp], share: np.ndarray, open_to: np.ndarray
 ) -> None:
-    """Add the reflections of lamps in the road, in place.
+    """Add the reflections of lamps in the road to the light (height, width, 3), in place.
 
-    Parameters
-    ----------
-    light : ndarray of shape (height, width, 3), float32
-    camera : Camera
-    lamps : list of Lamp
-    share : ndarray of shape (rows, width), float32
-        Reflectance from `Wet.mirror_share`, for the lowest rows of the picture.
-    open_to : ndarray of shape (height, width), bool
-        Mask of the visible road.
+    `share` (rows, width) is the reflectance of `Wet.mirror_share` for the lowest rows of the picture, `open_to`
+    (height, width) the mask of the visible road.
     """
     height, width = light.shape[:2]
     layer = np.zeros((height // STREAK_DOWNSAMPLING, width // STREAK_DOWNSAMPLING, 3), np.float32)
