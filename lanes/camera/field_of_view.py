@@ -8,12 +8,14 @@ curvatures to its inverse square.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from lanes.io.files import require_file
+from lanes.io.images import PICTURE_SUFFIXES
 
 # Assumed if there is no information: phones that film have 55 to 70 degrees, dashcams 60 to 140.
 DEFAULT_HFOV_DEG = 60.0
@@ -56,6 +58,21 @@ class FieldOfView:
             f"{text}. Offset and lane width do not depend on it, but distances and curvature do: if the true value is "
             "50 (70) deg, the curvature is 1.5 times too strong (too weak). Give --hfov, --dash-period or --boards."
         )
+
+
+def find_field_of_view(files: Iterable[Path]) -> FieldOfView:
+    """Horizontal field of view from the EXIF entries of the first still that has them, otherwise `DEFAULT_HFOV_DEG`.
+
+    Parameters
+    ----------
+    files : iterable of Path
+        Stills and videos of one camera.
+    """
+    for file in files:
+        hfov_deg = read_hfov(file) if Path(file).suffix.lower() in PICTURE_SUFFIXES else None
+        if hfov_deg is not None:
+            return FieldOfView(hfov_deg, f"as {Path(file).name} says (EXIF)")
+    return FieldOfView(DEFAULT_HFOV_DEG, "assumed, because neither the command nor the files name one", assumed=True)
 
 
 def read_hfov(picture: str | Path) -> float | None:

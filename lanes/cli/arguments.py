@@ -101,12 +101,15 @@ def find_field(options: argparse.Namespace, files: Sequence[Path]) -> FieldOfVie
     CameraError
         If the files show no broken line for --dash-period.
     """
-    from lanes.camera.field_of_view import FieldOfView
-    from lanes.drives.own_camera import find_field_of_view
+    from lanes.camera.field_of_view import FieldOfView, find_field_of_view
+    from lanes.drives.dash_period import field_of_view_from_dashes
 
     if options.hfov is not None:
         return FieldOfView(options.hfov, "as given")
-    found = find_field_of_view(files, dash_period_m=options.dash_period)
+    if options.dash_period is None:
+        found = find_field_of_view(files)
+    else:
+        found = field_of_view_from_dashes(files, options.dash_period)
     print(f"{'warning: ' if found.assumed else ''}{found.describe()}", file=sys.stderr)
     return found
 

@@ -1,108 +1,165 @@
-"""How long a dash and its gap are, as seen on the road: the one length along the road that is known beforehand.
+"""Period of broken lines on the road (one dash and one gap), and the field of view that follows from it.
 
-A lane's width gives all lengths across the road, and the height of the camera, but along the road a wrong focal length
-stretches everything by its own factor. So the period at which the broken lines repeat, compared with the one that they
-are painted with, tells the focal length.
+The dash period is the only known length along the road. The lane width determines all lateral lengths and the camera
+height, but distances ahead are proportional to the focal length. The ratio of the painted period to the measured one
+therefore gives the focal length.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import CameraError
+from lanes.camera.field_of_view import FieldOfView
+from lanes.camera.pose_from_lanes.pose_estimate import PoseError
+from lanes.camera.pose_from_lanes.pose_from_files import POSE_PICTURES, pose_from_pictures
+from lanes.io.footage import pick_pictures
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import search_lane
 from lanes.tracking.markings import extract_evidence
 from lanes.tracking.model import WIDTH, lines_on_view
 from lanes.tracking.residuals import intersect_ground
 
-# Between these distances paint is looked for, every so many metres, and for these periods (metres, geometric).
-NEAR_M, VOTING_FAR_M, STEP_M = 6.0, 50.0, 0.1
+# Fields of view to try: if the period is outside 4 to 30 m with the first, it is inside with the second.
+TRIED_HFOV_DEG = (60.0, 100.0)
+# Sampling of a line along the road: nearest and farthest distance, and step.
+NEAR_M, FAR_M, STEP_M = 6.0, 50.0, 0.1
+# Periods of the spectrum, geometric.
 PERIODS_M = np.geomspace(4.0, 30.0, 400)
-# Paint so near to a line that runs along it is its own.
-ON_LINE_M, ALONG_LINE_RAD = 0.12, 0.1
-# A broken line has paint on at least and at most these shares of its rows.
-LEAST_SHARE, MOST_SHARE = 0.08, 0.75
-# Fewer lines than this may repeat by chance; and so clear a period (power of the wave over that of all the paint, as
-# many samples as it has) is one: drives on motorways have 33 to 62, a mountain road without broken lines 2.
-FEWEST_LINES, CLEAR = 6, 15.0
-# A period is the overtone of its double if that has this share of its power.
-OVERTONE = 0.4
+# A stripe belongs to a line if it is this close to it and this parallel.
+MAX_DISTANCE_M, MAX_ANGLE_RAD = 0.12, 0.1
+# Share of the samples of a broken line that are painted.
+MIN_PAINTED_SHARE, MAX_PAINTED_SHARE = 0.08, 0.75
+# Fewer lines can have a common period by chance.
+MIN_LINES = 6
+# Smallest peak of the spectrum (power at the period over the power of the whole signal, times the number of samples).
+# Motorway drives have 33 to 62, a mountain road without broken lines 2.
+MIN_CLARITY = 15.0
+# The double of the period is chosen if it has this share of the power: short dashes have a strong second harmonic.
+HARMONIC_RATIO = 0.4
 
 
 @dataclass(frozen=True)
 class DashPeriod:
-    """The period of broken lines in metres, how clear it is (0 to about 60), and the number of lines it rests on."""
+    """Period of broken lines.
+
+    Attributes
+    ----------
+    period_m : float
+        Length of one dash and one gap, metres.
+    clarity : float
+        Peak of the spectrum, 0 to about 60.
+    lines : int
+        Number of lines used, over all pictures.
+    """
 
     period_m: float
     clarity: float
     lines: int
 
 
+def field_of_view_from_dashes(files: Sequence[Path], dash_period_m: float) -> FieldOfView:
+    """Horizontal field of view of the camera from broken lines of known period.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        Stills and videos of one camera.
+    dash_period_m : float
+        Length of one dash and one gap, metres.
+
+    Raises
+    ------
+    CameraError
+        If there is no file, or no broken line with a clear period.
+    """
+    if not files:
+        raise CameraError("a live camera's broken lines are not measured; give --hfov, or an earlier drive's --camera.")
+    images = list(pick_pictures(list(files), POSE_PICTURES))
+    size = images[0].shape[1], images[0].shape[0]
+    for hfov_deg in TRIED_HFOV_DEG:
+        camera = Camera.from_fov(size, hfov_deg)
+        try:
+            camera, _ = pose_from_pictures(camera, images, str(files[0]))
+        except PoseError:
+            continue
+        measured = measure_dash_period(images, camera)
+        if measured is not None:
+            focal_px = camera.matrix[0, 0] * dash_period_m / measured.period_m
+            hfov_deg = float(np.degrees(2 * np.arctan(size[0] / 2 / focal_px)))
+            return FieldOfView(hfov_deg, f"from {measured.lines} broken lines of {dash_period_m:g} m, to about 10 %")
+    raise CameraError(
+        f"{files[0]}: shows no broken line with a clear period, so the field of view cannot be measured; "
+        "give --hfov, or pictures of a motorway."
+    )
+
+
 def measure_dash_period(images: Iterable[np.ndarray], camera: Camera) -> DashPeriod | None:
-    """Measure how often broken lines repeat, along the road as this camera sees it.
+    """Measure the period of broken lines with the lens and pose of a camera.
 
     Parameters
     ----------
     images : iterable of ndarray of shape (height, width, 3), uint8
         RGB, raw.
     camera : Camera
-        With its pose.
+        With a pose.
 
     Returns
     -------
     DashPeriod or None
-        None if no period is clear.
+        None without a clear period.
     """
     view = BirdsEyeView(camera)
-    waves = [wave for image in images for wave in _waves(image, view)]
-    if len(waves) < FEWEST_LINES:
+    signals = [signal for image in images for signal in _broken_lines(image, view)]
+    if len(signals) < MIN_LINES:
         return None
-    power = np.mean([_power(wave) for wave in waves], axis=0)
-    best = int(power.argmax())
-    # Dashes much shorter than their gaps also repeat, more weakly, at half their period.
-    twice = best + round(np.log(2) / np.log(PERIODS_M[1] / PERIODS_M[0]))
-    if twice < len(power) - 2 and power[twice - 2 : twice + 3].max() > OVERTONE * power[best]:
-        best = twice - 2 + int(power[twice - 2 : twice + 3].argmax())
-    if power[best] < CLEAR or best in (0, len(power) - 1):
-        return None
-    left, middle, right = power[best - 1 : best + 2]
-    shift = 0.5 * (left - right) / (left - 2 * middle + right)
+    power = np.mean([_power_spectrum(signal) for signal in signals], axis=0)
     ratio = PERIODS_M[1] / PERIODS_M[0]
-    return DashPeriod(float(PERIODS_M[best] * ratio**shift), float(power[best]), len(waves))
+    peak = int(power.argmax())
+    double = peak + round(np.log(2) / np.log(ratio))
+    if double < len(power) - 2 and power[double - 2 : double + 3].max() > HARMONIC_RATIO * power[peak]:
+        peak = double - 2 + int(power[double - 2 : double + 3].argmax())
+    if power[peak] < MIN_CLARITY or peak in (0, len(power) - 1):
+        return None
+    # Vertex of the parabola through the peak and its neighbours.
+    before, at_peak, after = power[peak - 1 : peak + 2]
+    shift = 0.5 * (before - after) / (before - 2 * at_peak + after)
+    return DashPeriod(float(PERIODS_M[peak] * ratio**shift), float(power[peak]), len(signals))
 
 
-def _waves(image: np.ndarray, view: BirdsEyeView) -> list[np.ndarray]:
-    """Paint (1) or none (0) along the broken lines of a picture: the own lane's, and one more on each side."""
+def _broken_lines(image: np.ndarray, view: BirdsEyeView) -> list[np.ndarray]:
+    """Samples along the broken lines of a picture, 1 where painted: those of the ego lane and one on each side."""
     evidence = extract_evidence(image, view)
     lane = search_lane(evidence, view)
     if lane is None:
         return []
     stripes = evidence.stripes
     x_m = intersect_ground(view.x_m, lane.model, view.height_m).x_m
-    # The lines beyond are those of a lane three times as wide.
-    wider = lane.model.copy()
-    wider[WIDTH] *= 3
-    lines = lines_on_view(np.array([lane.model, wider]), view.x_m, view.height_m).reshape(-1, len(view.x_m))
-    waves = []
-    for line in lines:
-        astray = stripes.angle - np.arctan(np.gradient(line, view.x_m))[stripes.row]
-        on_line = (np.abs(stripes.y_m - line[stripes.row]) < ON_LINE_M) & (np.abs(astray) < ALONG_LINE_RAD)
+    # The outer lines of the adjacent lanes are those of a lane three times as wide.
+    three_lanes = lane.model.copy()
+    three_lanes[WIDTH] *= 3
+    models = np.array([lane.model, three_lanes])
+    signals = []
+    for line in lines_on_view(models, view.x_m, view.height_m).reshape(-1, len(view.x_m)):
+        angle = stripes.angle - np.arctan(np.gradient(line, view.x_m))[stripes.row]
+        on_line = (np.abs(stripes.y_m - line[stripes.row]) < MAX_DISTANCE_M) & (np.abs(angle) < MAX_ANGLE_RAD)
         painted = np.zeros(len(view.x_m))
         painted[stripes.row[on_line]] = 1
-        wave = np.interp(np.arange(NEAR_M, VOTING_FAR_M, STEP_M), x_m[::-1], painted[::-1])
-        if LEAST_SHARE < wave.mean() < MOST_SHARE:
-            waves.append(wave)
-    return waves
+        signal = np.interp(np.arange(NEAR_M, FAR_M, STEP_M), x_m[::-1], painted[::-1])
+        if MIN_PAINTED_SHARE < signal.mean() < MAX_PAINTED_SHARE:
+            signals.append(signal)
+    return signals
 
 
-def _power(wave: np.ndarray) -> np.ndarray:
-    """How much of a line's paint repeats with each of `PERIODS_M`: a windowed Fourier sum at those periods."""
-    places = NEAR_M + STEP_M * np.arange(len(wave))
-    window = np.hanning(len(wave))
-    swing = wave - wave.mean()
-    turned = np.exp(2j * np.pi * places[:, None] / PERIODS_M)
-    return np.abs((swing * window) @ turned) ** 2 / (swing**2 * window).sum()
+def _power_spectrum(signal: np.ndarray) -> np.ndarray:
+    """Normalized power at `PERIODS_M`: Fourier sums with a Hann window."""
+    distances_m = NEAR_M + STEP_M * np.arange(len(signal))
+    window = np.hanning(len(signal))
+    centred = signal - signal.mean()
+    waves = np.exp(2j * np.pi * distances_m[:, None] / PERIODS_M)
+    return np.abs((centred * window) @ waves) ** 2 / (centred**2 * window).sum()

@@ -1,23 +1,18 @@
-"""The field of view of a lens that was never calibrated: by EXIF, by broken lines, or assumed."""
+"""The field of view of an uncalibrated camera: from EXIF or assumed."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from PIL import Image
 
 from lanes.camera.camera_file import load_camera
-from lanes.camera.field_of_view import read_hfov
-from lanes.drives.dash_period import measure_dash_period
-from lanes.drives.own_camera import find_field_of_view
+from lanes.camera.field_of_view import find_field_of_view, read_hfov
 from lanes.io.images import write_image
-from simulator.rendering.drive import Motion
-from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
+from tests.support.painted_drive import PaintedDrive, lane_lines, s_bend
 from tests.support.project import ROOT
 
 EXIF_BLOCK = 0x8769
@@ -54,65 +49,28 @@ class TestExif:
         "entries",
         [{}, {"focal_mm": 4.2}, {"focal_35mm": 0}, {"focal_35mm": 4000}, {"focal_mm": 4, "plane": 100.0, "unit": 9}],
     )
-    def test_entries_that_do_not_tell(self, tmp_path, entries):
+    def test_insufficient_entries_give_none(self, tmp_path, entries):
         assert read_hfov(photo(tmp_path / "a.jpg", **entries)) is None
 
     def test_no_picture_at_all(self, tmp_path):
         (tmp_path / "a.jpg").write_bytes(b"nothing")
         assert read_hfov(tmp_path / "a.jpg") is None
 
-    def test_the_first_still_that_knows_it_is_asked(self, tmp_path):
+    def test_the_first_still_with_the_entries_is_used(self, tmp_path):
         files = [photo(tmp_path / "a.jpg"), tmp_path / "drive.mp4", photo(tmp_path / "b.jpg", focal_35mm=28)]
         found = find_field_of_view(files)
         assert found.hfov_deg == pytest.approx(67.9, abs=0.1)
         assert found.describe() == "field of view 67.9 deg, as b.jpg says (EXIF)"
 
-    def test_nothing_known_is_said_with_what_it_means(self, tmp_path):
+    def test_without_entries_the_default_comes_with_a_warning(self, tmp_path):
         found = find_field_of_view([photo(tmp_path / "a.jpg")])
         assert (found.hfov_deg, found.assumed) == (60.0, True)
         assert "assumed" in found.describe() and "1.5 times too strong" in found.describe()
 
 
-def drive_pictures(count: int = 8, lines=None) -> list[np.ndarray]:
-    """Bends both ways, weaving and bumps; the broken lines are painted every 12.2 m."""
-    motion = Motion(speed_mps=23.0, offset_m=0.2, wander_m=0.2, pitch_rad=np.radians(0.3))
-    drive = PaintedDrive(s_bend(), lines or lane_lines(), motion)
-    return [drive.frame(1.22 * n) for n in range(count)]
-
-
-class TestDashes:
-    @pytest.mark.parametrize("stretch", [0.75, 1.0, 1.4])
-    def test_the_period_grows_with_the_focal_length(self, stretch):
-        """As the docs say of a wrong focal length: all distances are wrong by its factor, and the pitch less."""
-        matrix = CAMERA.matrix.copy()
-        matrix[[0, 1], [0, 1]] *= stretch
-        pose = replace(CAMERA.pose, pitch_rad=CAMERA.pose.pitch_rad / stretch, yaw_rad=CAMERA.pose.yaw_rad / stretch)
-        camera = replace(CAMERA, matrix=matrix, distortion=CAMERA.distortion / stretch**2, pose=pose)
-        period = measure_dash_period(drive_pictures(), camera)
-        assert period.period_m == pytest.approx(12.2 * stretch, rel=0.03)
-        assert period.clarity > 25
-
-    def test_solid_lines_tell_nothing(self):
-        lines = lane_lines(right={"dash_m": None})[:2]
-        assert measure_dash_period(drive_pictures(lines=lines), CAMERA) is None
-
-    def test_pictures_become_a_field_of_view(self, tmp_path):
-        files = [write_image(tmp_path / f"{n}.png", image) for n, image in enumerate(drive_pictures())]
-        found = find_field_of_view(files, dash_period_m=12.2)
-        # a distorted lens of 58.2 degrees, seen without its distortion
-        assert found.hfov_deg == pytest.approx(58.2, abs=3)
-        assert "broken lines of 12.2 m" in found.source
-
-    def test_no_broken_lines(self, tmp_path):
-        wall = write_image(tmp_path / "wall.png", np.full((360, 640, 3), 128, np.uint8))
-        with pytest.raises(ValueError, match=r"wall\.png: shows no broken line that repeats clearly"):
-            find_field_of_view([wall], dash_period_m=12.2)
-        with pytest.raises(ValueError, match="live camera"):
-            find_field_of_view([], dash_period_m=12.2)
-
-
-def test_a_command_without_a_lens_warns_and_goes_on(tmp_path):
-    files = [write_image(tmp_path / f"{n}.jpg", image) for n, image in enumerate(drive_pictures(2))]
+def test_a_command_without_a_lens_warns_and_continues(tmp_path):
+    drive = PaintedDrive(s_bend(), lane_lines())
+    files = [write_image(tmp_path / f"{n}.jpg", image) for n, image in enumerate(map(drive.frame, (0.0, 1.22)))]
     command = [sys.executable, "-m", "lanes", "pose", *files, "-o", tmp_path / "camera.yaml"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr

@@ -24,8 +24,8 @@ import numpy as np
 
 from lanes.camera.pose_from_lanes.segments import Segments
 
-# Bins of the Hough accumulator: y0 of camera pitches from -14 to 19 degrees, x0 of directions within 27 degrees, and c
-# of curve radii down to 33 m at a camera height of 1.3 m (c = height / 2R), with finer steps for nearly straight roads.
+# Bins of the Hough accumulator. y0: camera pitches from -14 to 19 degrees. x0: directions within 27 degrees. c: curve
+# radii down to 33 m at a camera height of 1.3 m (c = height / 2R), with finer steps for nearly straight roads.
 Y0_BINS = np.arange(-0.34, 0.25, 0.005)
 X0_BINS = np.arange(-0.5, 0.5, 0.006)
 HALF_CURVATURE_BINS = 2e-4 * np.arange(-10, 11) * np.abs(np.arange(-10, 11))

@@ -1,4 +1,4 @@
-"""Stripe pieces in a raw picture: where they are, and what is none."""
+"""Stripe segments in a raw picture, and edges and shadows without any."""
 
 from __future__ import annotations
 
