@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from contextlib import closing
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -20,7 +19,7 @@ from lanes.camera.camera import Camera
 from lanes.camera.camera_file import camera_to_dict
 from lanes.io.files import write_atomically
 from lanes.io.images import write_image
-from lanes.io.processes import map_ordered
+from lanes.io.processes import available_workers, run_all
 from simulator.scenes.dashcam import DASHCAM
 
 INNER_COLUMNS, INNER_ROWS = 9, 6
@@ -107,15 +106,15 @@ def write_boards(
         If the folder cannot be written to.
     """
     folder = Path(folder)
+    boards = run_all(
+        _seeded_board, list(enumerate(BOARD_VIEWS, 1)), workers=workers or available_workers(), progress=progress
+    )
     written = []
     truth: dict = {"camera": camera_to_dict(DASHCAM), "pattern": [INNER_COLUMNS, INNER_ROWS], "boards": {}}
-    with closing(map_ordered(_seeded_board, enumerate(BOARD_VIEWS, 1), workers=workers)) as boards:
-        for number, (view, board) in enumerate(zip(BOARD_VIEWS, boards, strict=True), 1):
-            name = f"calibration{number}.jpg"
-            written.append(write_image(folder / name, board, jpeg_quality=90))
-            truth["boards"][name] = _board_truth(view)
-            if progress:
-                progress(number, len(BOARD_VIEWS))
+    for number, (view, board) in enumerate(zip(BOARD_VIEWS, boards, strict=True), 1):
+        name = f"calibration{number}.jpg"
+        written.append(write_image(folder / name, board, jpeg_quality=90))
+        truth["boards"][name] = _board_truth(view)
     write_atomically(folder / "truth.json", (json.dumps(truth) + "\n").encode())
     return [*written, folder / "truth.json"]
 

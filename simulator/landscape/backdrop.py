@@ -34,8 +34,6 @@ from simulator.painting import noise
 from simulator.painting.brush import Atmosphere, split_channels
 from simulator.painting.noise import fractal_noise, fractal_profile, smoothstep
 
-__all__ = ["BackdropStyle", "paint_backdrop", "panorama"]
-
 # Panoramas in the disk cache. Each scene has its own one, so only those of the current drives are reused.
 MAX_CACHED = 3
 HILL_GRASS = np.array([0.40, 0.265, 0.135], np.float32)

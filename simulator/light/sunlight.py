@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from statistics import NormalDist
 
 import cv2
@@ -52,10 +52,6 @@ class TreeShade:
     high_m: float
     density: float = 0.8
 
-    def mirrored(self) -> TreeShade:
-        """The shade mirrored left to right."""
-        return replace(self, low_m=-self.high_m, high_m=-self.low_m)
-
 
 @dataclass(frozen=True)
 class WoodShade:
@@ -64,10 +60,6 @@ class WoodShade:
     start_m: float
     end_m: float
     flecks: float = 0.04
-
-    def mirrored(self) -> WoodShade:
-        """The same shade, which is symmetric."""
-        return self
 
 
 @dataclass(frozen=True)
@@ -81,10 +73,6 @@ class BridgeShade:
     end_m: float
     skew: float = 0.0
     clearance_m: float = 5.0
-
-    def mirrored(self) -> BridgeShade:
-        """The shade mirrored left to right."""
-        return replace(self, skew=-self.skew)
 
 
 Shade = TreeShade | WoodShade | BridgeShade

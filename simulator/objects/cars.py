@@ -114,7 +114,7 @@ class Shell:
         c, s = np.cos(angle), np.sin(angle)
         x = (rear + front) / 2 + (front - rear) / 2 * np.sign(c) * np.abs(c) ** (2 / power)
         y = width * np.sign(s) * np.abs(s) ** (2 / power)
-        return _cells(self.droop(np.stack([x, y, np.broadcast_to(z, x.shape)], axis=-1)))
+        return grid_cells(self.droop(np.stack([x, y, np.broadcast_to(z, x.shape)], axis=-1)))
 
 
 def _rounded(rings: np.ndarray, between: int) -> np.ndarray:
@@ -139,7 +139,7 @@ def _even_angles(count: int) -> np.ndarray:
     return np.interp(np.linspace(0, spent[-1], count + 1), spent, angle)
 
 
-def _cells(grid: np.ndarray) -> np.ndarray:
+def grid_cells(grid: np.ndarray) -> np.ndarray:
     """Faces (rows, columns, 4, 3) between the points of a grid (rows + 1, columns + 1, 3)."""
     return np.stack([grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]], axis=2)
 
@@ -158,7 +158,7 @@ def _patch(corners: np.ndarray, surface, *, columns: int = 4, rows: int = 3) -> 
     a, b, c, d = np.asarray(corners, float)
     p, q = np.linspace(0, 1, columns + 1)[None, :, None], np.linspace(0, 1, rows + 1)[:, None, None]
     grid = surface((1 - q) * ((1 - p) * a + p * b) + q * ((1 - p) * d + p * c))
-    return _cells(grid).reshape(-1, 4, 3)
+    return grid_cells(grid).reshape(-1, 4, 3)
 
 
 @lru_cache(maxsize=32)

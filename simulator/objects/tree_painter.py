@@ -53,31 +53,13 @@ def project_trees(camera: Camera, objects: list[SceneObject]) -> list[ProjectedT
 
 def paint_tree(picture: np.ndarray, camera: Camera, tree: ProjectedTree, sun: np.ndarray, air: Atmosphere) -> None:
     """Paint the sprite of a tree between its projected foot and top, in place."""
-    pixels = tree.ends_px
-    rows = float(np.linalg.norm(pixels[1] - pixels[0]))
-    sprites = _narrow_sprites(tree.species, tree.seed)
-    sprite = sprite_level(sprites, rows)
-    # The sprite is lit from its left. The sun's side of the road decides on mirroring, not its side of the line of
-    # sight, so that no tree flips while the car passes.
-    _warp_sprite(picture, sprite, pixels, mirrored=sun[1] < 0, air=air)
-
-
-@lru_cache(maxsize=64)
-def _narrow_sprites(species: str, seed: int) -> tuple[np.ndarray, ...]:
-    """Sprites of a plant without their empty columns on both sides."""
-    sprites = plant_sprites(species, seed)
-    filled = [(sprite[..., 3] > 0).any(axis=0) for sprite in sprites]
-    bare = [np.argmax(columns | columns[::-1]) for columns in filled]
-    return tuple(sprite[:, n : sprite.shape[1] - n] for sprite, n in zip(sprites, bare, strict=True))
-
-
-def _warp_sprite(
-    picture: np.ndarray, sprite: np.ndarray, ends_px: np.ndarray, *, mirrored: bool, air: Atmosphere
-) -> None:
-    """Composite a sprite behind the content of a canvas, with foot and top at `ends_px` (2, 2)."""
+    ends_px = tree.ends_px
+    sprite = sprite_level(_narrow_sprites(tree.species, tree.seed), float(np.linalg.norm(ends_px[1] - ends_px[0])))
     height, width = sprite.shape[:2]
     up = (ends_px[1] - ends_px[0]) / height
-    right = np.array([-up[1], up[0]]) * (-1 if mirrored else 1)
+    # The sprite is lit from its left. The sun's side of the road decides on mirroring, not its side of the line of
+    # sight, so that no tree flips while the car passes.
+    right = np.array([-up[1], up[0]]) * (-1 if sun[1] < 0 else 1)
     place = np.column_stack([right, -up, ends_px[1] - right * (width - 1) / 2])
     corners = np.array([[0, 0, 1], [width, 0, 1], [0, height, 1], [width, height, 1]]) @ place.T
     low = np.maximum(np.floor(corners.min(axis=0)).astype(int) - 1, 0)
@@ -91,3 +73,12 @@ def _warp_sprite(
     size = (int(columns.stop - columns.start), int(rows.stop - rows.start))
     layer = cv2.warpAffine(sprite, place, size, flags=cv2.INTER_LINEAR)
     composite_behind(picture, split_channels(layer), left, top, atmosphere=air)
+
+
+@lru_cache(maxsize=64)
+def _narrow_sprites(species: str, seed: int) -> tuple[np.ndarray, ...]:
+    """Sprites of a plant without their empty columns on both sides."""
+    sprites = plant_sprites(species, seed)
+    filled = [(sprite[..., 3] > 0).any(axis=0) for sprite in sprites]
+    bare = [np.argmax(columns | columns[::-1]) for columns in filled]
+    return tuple(sprite[:, n : sprite.shape[1] - n] for sprite, n in zip(sprites, bare, strict=True))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -20,6 +21,7 @@ from simulator.objects.cars import (
     TAIL_LAMP,
     Shell,
     car_faces,
+    grid_cells,
 )
 
 JACKET, JEANS, HELMET, STEEL = (0.020, 0.021, 0.026), (0.035, 0.045, 0.075), (0.45, 0.06, 0.03), (0.22, 0.22, 0.23)
@@ -137,16 +139,15 @@ def _box(x: tuple, y: tuple, z: tuple, albedo: tuple, gloss: float, *, layer: in
     p, q = share[None, None, :, None], share[None, :, None, None]
     a, b, c, d = (corners[BOX_FACES[:, i]][:, None, None] for i in range(4))
     grid = (1 - q) * ((1 - p) * a + p * b) + q * ((1 - p) * d + p * c)
-    quads = np.stack([grid[:, :-1, :-1], grid[:, :-1, 1:], grid[:, 1:, 1:], grid[:, 1:, :-1]], axis=3)
-    return Faces.from_corners(quads, albedo, gloss, layer)
+    return Faces.from_corners([grid_cells(side) for side in grid], albedo, gloss, layer)
 
 
 def _ellipsoid(middle: tuple, radii: tuple, albedo: tuple, gloss: float) -> Faces:
     """Faces of an ellipsoid with smooth normals."""
     around, up = np.linspace(0, 2 * np.pi, 15)[None, :], np.linspace(-np.pi / 2, np.pi / 2, 9)[:, None]
     unit = np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up) + 0 * around], axis=-1)
-    cells = np.stack([unit[:-1, :-1], unit[:-1, 1:], unit[1:, 1:], unit[1:, :-1]], axis=2).reshape(-1, 4, 3)
+    cells = grid_cells(unit).reshape(-1, 4, 3)
     faces = Faces.from_corners(np.array(middle) + cells * radii, albedo, gloss, BODY)
     normal = cells.mean(axis=1) / np.array(radii)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    return Faces(faces.corners, normal, faces.albedo, faces.gloss, faces.layer)
+    return replace(faces, normal=normal)

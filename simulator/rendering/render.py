@@ -37,7 +37,7 @@ from simulator.painting.brush import (
     split_channels,
     uncovered_window,
 )
-from simulator.rendering.drive import Drive, Motion
+from simulator.rendering.drive import Drive
 from simulator.road.geometry import VehiclePose
 from simulator.road.ground import Ground, cast_on_ground, pixel_rays
 from simulator.road.painted_lines import paint_markings
@@ -49,8 +49,6 @@ from simulator.road.truth import Truth
 from simulator.weather.night import add_lamps, visible_lamps
 from simulator.weather.rain import add_falling_drops, add_windscreen_drops
 from simulator.weather.wet import add_lamp_reflections
-
-__all__ = ["Drive", "Frame", "Motion", "render_frame"]
 
 # Airlight in front of distant ground, and its length constant in metres.
 AIR_LIGHT = np.array([0.42, 0.48, 0.56], np.float32)

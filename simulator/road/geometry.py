@@ -52,10 +52,6 @@ class RoadGeometry:
         object.__setattr__(self, "stations_m", stations)
         object.__setattr__(self, "curvatures_per_m", curvatures)
 
-    def mirrored(self) -> RoadGeometry:
-        """The road mirrored left to right."""
-        return RoadGeometry(self.stations_m, -self.curvatures_per_m, self.profile)
-
     def curvature(self, s_m: np.ndarray | float) -> np.ndarray:
         """Curvature in 1/m at arc lengths `s_m`, > 0 bends left."""
         return np.interp(s_m, self.stations_m, self.curvatures_per_m)

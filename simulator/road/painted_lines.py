@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -65,10 +65,6 @@ class Marking:
     end_m: float = ENDLESS_M
     slope: float = 0.0
     botts: bool = False
-
-    def mirrored(self) -> Marking:
-        """The marking mirrored left to right."""
-        return replace(self, lateral_m=-self.lateral_m, slope=-self.slope)
 
     @property
     def stripes(self) -> list[tuple[float, float]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields
 
 import cv2
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from simulator.painting.texture import band_noise_tile, fade, sample_noise
 from simulator.road.ground import Ground, dash_coverage, edge_coverage, strip_coverage
 from simulator.road.materials import MATERIALS, Material
-from simulator.road.verge import OppositeCarriageway, paint_verge
+from simulator.road.verge import paint_verge
 
 TAR = (0.028, 0.027, 0.029)
 # Largest displacement of the edges of a patch: five standard deviations of the noise of 3 cm.
@@ -77,22 +77,9 @@ class Surface:
     lane_centres_m: tuple[float, ...] = (0.0,)
     gravel_m: float = 1.2
     opposite_m: tuple[float, float] | None = None
-    patches: tuple[Patch, ...] = field(default=())
-    seams: tuple[Seam, ...] = field(default=())
+    patches: tuple[Patch, ...] = ()
+    seams: tuple[Seam, ...] = ()
     verge_tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
-
-    def mirrored(self) -> Surface:
-        """The surface mirrored left to right."""
-        return replace(
-            self,
-            right_edge_m=-self.left_edge_m,
-            left_edge_m=-self.right_edge_m,
-            lane_centres_m=tuple(-c for c in self.lane_centres_m),
-            opposite_m=None if self.opposite_m is None else (-self.opposite_m[1], -self.opposite_m[0]),
-            zones=tuple(replace(z, skew=-z.skew) for z in self.zones),
-            patches=tuple(replace(p, low_m=-p.high_m, high_m=-p.low_m) for p in self.patches),
-            seams=tuple(replace(s, lateral_m=-s.lateral_m) for s in self.seams),
-        )
 
 
 @dataclass(frozen=True)
@@ -128,18 +115,7 @@ def ground_albedo(
         _paint_patch(albedo, patch, ground, s, layers, reached_rows)
     for number, seam in enumerate(surface.seams):
         _paint_seam(albedo, seam, ground, s, seed + 50 + number)
-    edges_m = (surface.right_edge_m, surface.left_edge_m)
-    paint_verge(
-        albedo,
-        ground,
-        s,
-        edges_m=edges_m,
-        gravel_m=surface.gravel_m,
-        opposite=_opposite(surface, layers),
-        tint=surface.verge_tint,
-        needed=needed,
-        seed=seed + 11,
-    )
+    paint_verge(albedo, surface, ground, s, layers.blotch, needed=needed, seed=seed + 11)
     return albedo
 
 
@@ -250,13 +226,6 @@ def _paint_patch(
     beyond_start, beyond_end = edge_coverage(s - ends + wobble, part.s_u, part.s_v)
     share = (beyond_start - beyond_end) * strip_coverage(part.d + wobble, part.d_u, part.d_v, patch.low_m, patch.high_m)
     _blend(albedo[cut], _material(MATERIALS[patch.material], part, s, part_layers), share)
-
-
-def _opposite(surface: Surface, layers: NoiseLayers) -> OppositeCarriageway | None:
-    """The opposite carriageway, of plain asphalt, because barriers hide most of it."""
-    if surface.opposite_m is None:
-        return None
-    return OppositeCarriageway(surface.opposite_m, MATERIALS["asphalt"].colour, 1 + 0.1 * layers.blotch)
 
 
 def _paint_seam(albedo: np.ndarray, seam: Seam, ground: Ground, s: np.ndarray, seed: int) -> None:

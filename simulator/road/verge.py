@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from simulator.painting.texture import band_noise_tile, fade, sample_noise
 from simulator.road.ground import Ground, edge_coverage, strip_coverage
+from simulator.road.materials import MATERIALS
+
+if TYPE_CHECKING:
+    from simulator.road.surface import Surface
 
 # Linear reflectance in a dry summer, 1.0 = white paint.
 GRAVEL = np.array([0.30, 0.255, 0.185], np.float32)
@@ -21,64 +25,38 @@ DUST_SHARE = 0.22
 BLOCK_ROWS = 32
 
 
-@dataclass(frozen=True)
-class OppositeCarriageway:
-    """Carriageway beyond the verge: lateral edges, mean reflectance, and relative tone (rows, width)."""
-
-    edges_m: tuple[float, float]
-    colour: tuple[float, float, float]
-    tone: np.ndarray
-
-
 def paint_verge(
     albedo: np.ndarray,
+    surface: Surface,
     ground: Ground,
     s: np.ndarray,
+    blotch: np.ndarray,
     *,
-    edges_m: tuple[float, float],
-    gravel_m: float,
-    opposite: OppositeCarriageway | None = None,
-    tint: tuple[float, float, float] = (1.0, 1.0, 1.0),
     needed: np.ndarray | None = None,
     seed: int,
 ) -> None:
-    """Paint the ground next to the pavement, in place.
+    """Paint the ground next to the pavement onto the reflectance (rows, width, 3), in place.
 
-    Parameters
-    ----------
-    albedo : ndarray of shape (rows, width, 3), float32
-        Reflectance of the pavement.
-    s : ndarray of shape (rows, width), float32
-        Arc lengths from the road's start.
-    edges_m : (float, float)
-        Right and left edge of the pavement, lateral.
-    gravel_m : float
-        Width of the gravel strip between pavement and grass.
-    tint : (float, float, float)
-        Factor on the colours of gravel and grass.
-    wanted : ndarray of shape (rows, width), bool, optional
-        Pixels to paint; all if None.
+    `s` (rows, width) are arc lengths from the road's start, `blotch` (rows, width) is noise.
+    Only the pixels of the mask `needed` are painted; default: all.
     """
     for first in range(0, len(s), BLOCK_ROWS):
         rows = slice(first, first + BLOCK_ROWS)
-        across = None if opposite is None else replace(opposite, tone=opposite.tone[rows])
         where = True if needed is None else needed[rows]
-        _paint_rows(albedo[rows], ground.crop(rows), s[rows], edges_m, gravel_m, across, tint, where, seed)
+        _paint_rows(albedo[rows], surface, ground.crop(rows), s[rows], blotch[rows], where, seed)
 
 
 def _paint_rows(
     albedo: np.ndarray,
+    surface: Surface,
     ground: Ground,
     s: np.ndarray,
-    edges_m: tuple[float, float],
-    gravel_m: float,
-    opposite: OppositeCarriageway | None,
-    tint: tuple[float, float, float],
+    blotch: np.ndarray,
     needed: np.ndarray | bool,
     seed: int,
 ) -> None:
     """`paint_verge` for a block of rows."""
-    beyond = np.maximum(ground.d - np.float32(edges_m[1]), np.float32(edges_m[0]) - ground.d)
+    beyond = np.maximum(ground.d - np.float32(surface.left_edge_m), np.float32(surface.right_edge_m) - ground.d)
     pixels = np.flatnonzero((beyond > -ground.footprint_d - np.float32(DUST_REACH_M)) & needed)
     if not len(pixels):
         return
@@ -91,21 +69,22 @@ def _paint_rows(
     gravel_tone = 1 + 0.16 * rough + 0.15 * fine
     grass = _grass(s, d, footprint, rough, broad, fine, seed=seed + 2)
     # The border follows the tufts.
-    to_grass = edge_coverage(beyond - np.float32(gravel_m) + 0.15 * rough + 0.2 * broad, d_u + 0.5, d_v)
+    to_grass = edge_coverage(beyond - np.float32(surface.gravel_m) + 0.15 * rough + 0.2 * broad, d_u + 0.5, d_v)
     share = edge_coverage(beyond + np.float32(0.02) * rough + np.float32(0.04) * broad, d_u, d_v)
     dust = np.clip(1 + beyond / np.float32(DUST_REACH_M), 0, 1) ** 2 * np.maximum(1 + 0.5 * rough + 0.3 * broad, 0)
     share += (1 - share) * np.float32(DUST_SHARE) * dust
-    if opposite is not None:
-        pavement_tone = opposite.tone.ravel()[pixels]
-        on_pavement = strip_coverage(d, d_u, d_v, *opposite.edges_m)
+    if surface.opposite_m is not None:
+        # Plain asphalt, because barriers hide most of it.
+        asphalt = MATERIALS["asphalt"].colour
+        asphalt_tone = 1 + 0.1 * blotch.ravel()[pixels]
+        on_asphalt = strip_coverage(d, d_u, d_v, *surface.opposite_m)
     # Channel by channel, because numpy is slow where the innermost axis has three elements.
     for channel in range(3):
         verge = GRAVEL[channel] * gravel_tone
         verge += to_grass * (grass[channel] - verge)
-        if tint[channel] != 1.0:
-            verge *= np.float32(tint[channel])
-        if opposite is not None:
-            verge += on_pavement * (np.float32(opposite.colour[channel]) * pavement_tone - verge)
+        verge *= np.float32(surface.verge_tint[channel])
+        if surface.opposite_m is not None:
+            verge += on_asphalt * (np.float32(asphalt[channel]) * asphalt_tone - verge)
         flat = albedo.reshape(-1, 3)[:, channel]
         below = flat[pixels]
         flat[pixels] = below + share * (verge - below)

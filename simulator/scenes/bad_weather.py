@@ -51,7 +51,7 @@ def plain_motorway(seed: int, *zones: Zone, seams: tuple[Seam, ...] = (), wear: 
         *plant_trees(seed + 2, "oak plane", s_m=(10, 560), d_m=(-40, -21), height_m=(4, 10), every_m=15),
         *plant_trees(seed + 3, "plane oak", s_m=(30, 560), d_m=(34, 50), height_m=(6, 11), every_m=20),
     )
-    base = Drive(
+    return Drive(
         camera=DASHCAM,
         road=RoadGeometry([0.0, 55.0, 120.0, 300.0, 360.0], [1 / 520, 1 / 520, -1 / 430, -1 / 430, 0.0]),
         line_laterals_m=EGO_LINES_M,
@@ -61,7 +61,6 @@ def plain_motorway(seed: int, *zones: Zone, seams: tuple[Seam, ...] = (), wear: 
         seed=seed,
         **({"objects": traffic + country} | daylight(75, 50, tree_density=0.4) | changes),
     )
-    return base
 
 
 def country_road_drive(seed: int, **changes) -> Drive:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from pathlib import Path
 
 from lanes.io.images import write_image
-from lanes.io.processes import map_ordered
+from lanes.io.processes import available_workers, run_all
 from simulator.rendering.render import render_frame
 from simulator.rendering.video import VIDEO_SECONDS, Progress, write_video
 from simulator.road.truth import truth_entry, write_truth_json
 from simulator.scenes.challenge import CHALLENGE_CRF, HARDER_CRF, challenge_video, harder_challenge_video
+from simulator.scenes.dashcam import DASHCAM
 from simulator.scenes.project_video import project_video
 from simulator.scenes.stills import still_scenes
 
@@ -28,17 +28,14 @@ def write_stills(folder: str | Path, *, progress: Progress | None = None, worker
     """
     folder = Path(folder)
     scenes = still_scenes()
+    frames = run_all(render_frame, list(scenes.values()), workers=workers or available_workers(), progress=progress)
     written, entries = [], []
-    with closing(map_ordered(render_frame, scenes.values(), workers=workers)) as frames:
-        for number, ((name, drive), frame) in enumerate(zip(scenes.items(), frames, strict=True), 1):
-            path = write_image(folder / f"{name}.jpg", frame.image)
-            raw_file, camera = f"{folder.name}/{path.name}", drive.camera_at(0.0)
-            entries.append(truth_entry(frame.truth, raw_file=raw_file, camera=camera, hidden=frame.hidden))
-            written.append(path)
-            if progress:
-                progress(number, len(scenes))
-    camera = next(iter(scenes.values())).camera
-    write_truth_json(folder / "truth.json", camera, entries)
+    for (name, drive), frame in zip(scenes.items(), frames, strict=True):
+        path = write_image(folder / f"{name}.jpg", frame.image)
+        raw_file, camera = f"{folder.name}/{path.name}", drive.camera_at(0.0)
+        entries.append(truth_entry(frame.truth, raw_file=raw_file, camera=camera, hidden=frame.hidden))
+        written.append(path)
+    write_truth_json(folder / "truth.json", DASHCAM, entries)
     return [*written, folder / "truth.json"]
 
 

@@ -83,46 +83,16 @@ def mountain_drive(road: RoadGeometry, motion: Motion, *, rock: bool = False, **
     return replace(drive, **changes)
 
 
-def wood_edges(
-    end_m: float, *, right_m: float = 7.5, left_m: float = 9.5, rock: bool = False
-) -> tuple[PlacedObject | PlacedWall, ...]:
-    """Edges of woods at lateral positions on both sides, with trees in front; `rock`: a cutting on the left."""
+def wood_edges(end_m: float, *, rock: bool = False) -> tuple[PlacedObject | PlacedWall, ...]:
+    """Edges of woods on both sides, with trees in front; `rock`: a cutting on the left."""
     return (
-        PlacedWall(left_m, "rock" if rock else "wood", -60.0, end_m, seed=7),
-        PlacedWall(-right_m - 1.5, "wood", -60.0, end_m, height_scale=0.9, seed=8),
-        *plant_trees(
-            61,
-            "redwood oak bush",
-            s_m=(-10, end_m),
-            d_m=(-right_m - 1, -right_m + 2),
-            height_m=(2, 9),
-            every_m=11,
-        ),
+        PlacedWall(9.5, "rock" if rock else "wood", -60.0, end_m, seed=7),
+        PlacedWall(-9.0, "wood", -60.0, end_m, height_scale=0.9, seed=8),
+        *plant_trees(61, "redwood oak bush", s_m=(-10, end_m), d_m=(-8.5, -5.5), height_m=(2, 9), every_m=11),
         # Single trees at the edge hide that it is flat.
-        *plant_trees(
-            63,
-            "redwood oak",
-            s_m=(-5, end_m),
-            d_m=(-right_m - 1.6, -right_m - 1),
-            height_m=(9, 14),
-            every_m=14,
-        ),
-        *plant_trees(
-            64,
-            "redwood oak",
-            s_m=(-5, end_m),
-            d_m=(left_m - 0.4, left_m),
-            height_m=(8, 14),
-            every_m=16,
-        ),
-        *plant_trees(
-            62,
-            "scrub bush",
-            s_m=(-10, end_m),
-            d_m=(left_m - 1.5, left_m - 0.6),
-            height_m=(0.5, 1.6),
-            every_m=12,
-        ),
+        *plant_trees(63, "redwood oak", s_m=(-5, end_m), d_m=(-9.1, -8.5), height_m=(9, 14), every_m=14),
+        *plant_trees(64, "redwood oak", s_m=(-5, end_m), d_m=(9.1, 9.5), height_m=(8, 14), every_m=16),
+        *plant_trees(62, "scrub bush", s_m=(-10, end_m), d_m=(8.0, 8.9), height_m=(0.5, 1.6), every_m=12),
     )
 
 

@@ -6,8 +6,6 @@ roads are curved, and light, pavement and traffic differ.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from simulator.light.sunlight import TreeShade
 from simulator.objects.placement import PlacedObject, PlacedWall
 from simulator.objects.scene_objects import Post, Sign, Tree
@@ -32,7 +30,8 @@ STRAIGHT = RoadGeometry([0.0, 2000.0], [0.0, 0.0])
 
 def still_scenes() -> dict[str, Drive]:
     """Drives of the eight stills, by file name without suffix."""
-    return {name: build() for name, build in _STILLS.items()}
+    builders = (_straight_lines1, _straight_lines2, _test1, _test2, _test3, _test4, _test5, _test6)
+    return {build.__name__.removeprefix("_"): build() for build in builders}
 
 
 def _straight_lines1() -> Drive:
@@ -269,15 +268,3 @@ def _test6() -> Drive:
         seed=88,
         **daylight(-70, 45, tree_density=0.6),
     )
-
-
-_STILLS: dict[str, Callable[[], Drive]] = {
-    "straight_lines1": _straight_lines1,
-    "straight_lines2": _straight_lines2,
-    "test1": _test1,
-    "test2": _test2,
-    "test3": _test3,
-    "test4": _test4,
-    "test5": _test5,
-    "test6": _test6,
-}

@@ -18,8 +18,6 @@ from simulator.scenes.no_lane import SCENES as NO_LANE
 from simulator.scenes.scene import SuiteScene
 from simulator.scenes.traffic import SCENES as TRAFFIC
 
-__all__ = ["SUITE", "SuiteScene", "cache_folder", "render_scene", "scene_path"]
-
 _THEMES = (MOTORWAY, FAMOUS, MOUNTAIN, WEATHER, TRAFFIC, NO_LANE)
 # Cached videos are 2.5 times as large as committed ones. Encoding takes a tenth of the time, and the quality is 0.5
 # to 0.9 dB better (measured on two scenes).

@@ -60,10 +60,16 @@ def test_mirrored_scene_gives_mirrored_lines():
     mirrored = replace(
         drive,
         camera=camera,
-        road=drive.road.mirrored(),
+        road=replace(drive.road, curvatures_per_m=-drive.road.curvatures_per_m),
         motion=replace(drive.motion, offset_m=-0.3, heading_rad=-0.01),
-        markings=tuple(m.mirrored() for m in drive.markings),
-        surface=drive.surface.mirrored(),
+        markings=tuple(replace(m, lateral_m=-m.lateral_m) for m in drive.markings),
+        surface=replace(
+            drive.surface,
+            right_edge_m=-drive.surface.left_edge_m,
+            left_edge_m=-drive.surface.right_edge_m,
+            lane_centres_m=tuple(-centre for centre in drive.surface.lane_centres_m),
+            seams=tuple(replace(seam, lateral_m=-seam.lateral_m) for seam in drive.surface.seams),
+        ),
     )
     assert mirrored.truth().offset_m == -drive.truth().offset_m
     ours = (render_frame(drive).image[..., 2] > 180)[200:]

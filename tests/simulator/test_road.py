@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -68,8 +70,9 @@ def test_polynomial_touches_the_line_to_third_order(lateral_m):
 
 
 def test_mirrored_road_swaps_left_and_right():
+    mirrored = replace(S_BEND, curvatures_per_m=-S_BEND.curvatures_per_m)
     left = line_polynomial(S_BEND, VehiclePose(150.0, 0.4, 0.03), 1.83)
-    right = line_polynomial(S_BEND.mirrored(), VehiclePose(150.0, -0.4, -0.03), -1.83)
+    right = line_polynomial(mirrored, VehiclePose(150.0, -0.4, -0.03), -1.83)
     assert (left.c0_m, left.c1, left.c2_per_m, left.c3_per_m2) == pytest.approx(
         (-right.c0_m, -right.c1, -right.c2_per_m, -right.c3_per_m2)
     )
