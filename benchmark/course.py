@@ -45,19 +45,11 @@ def worst_lateral_error_m(result: HasLines | None, truth: dict | None) -> float 
 
 
 def drive_errors_m(rows: Mapping[str, np.ndarray], truth: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Largest lateral distance between tracked and true lines in each frame of a drive, 5 to 30 m ahead.
+    """Largest lateral distance (N,) between tracked and true lines in each frame of a drive, 5 to 30 m ahead, metres.
 
-    Parameters
-    ----------
-    rows : mapping of str to ndarray of shape (N,)
-        Telemetry: left_c0_m, left_c1, left_c2_per_m, optionally left_c3_per_m2, and the same for right.
-    truth : mapping of str to ndarray of shape (M,), M >= N
-        The drive's truth: left_y05_m, left_y10_m, ... at these distances ahead, and the same for right.
-
-    Returns
-    -------
-    ndarray of shape (N,)
-        Metres; infinite in frames without both lines.
+    It is infinite in frames without both lines. `rows` is telemetry with left_c0_m, left_c1, left_c2_per_m, optionally
+    left_c3_per_m2, and the same for right, each (N,). `truth` is the drive's truth with left_y05_m, left_y10_m, ... at
+    these distances ahead, and the same for right, each (M,), M >= N.
     """
     worst = np.zeros(len(rows["left_c0_m"]))
     for side in ("left", "right"):
@@ -77,22 +69,11 @@ def binary_on_road(result: LaneResult, camera: Camera) -> np.ndarray:
 def marking_precision(
     points_m: np.ndarray, truth: dict | None, *, margin_m: float = 1.0, tolerance_m: float = 0.2
 ) -> float | None:
-    """Precision of marking points: the share of them that lies on a line of the ego lane.
+    """Precision of marking points: the share of them that lies on a line of the ego lane, in range 0..1.
 
-    The points 5 to 30 m ahead count, in the ego lane and up to `margin_m` outside it. A point lies on a line if it is
-    within `tolerance_m` of its centre (half the width of a line, and the same again for blur).
-
-    Parameters
-    ----------
-    points_m : ndarray of shape (N, 2)
-        x forward, y left, metres.
-    truth : dict or None
-        A frame of truth.json.
-
-    Returns
-    -------
-    float or None
-        In range 0..1; None without truth, or without any point in that range.
+    The points (N, 2) 5 to 30 m ahead (x forward, y left, metres) count, in the ego lane and up to `margin_m` outside
+    it. A point lies on a line if it is within `tolerance_m` of its centre (half the width of a line, and the same again
+    for blur). None without truth, which is a frame of truth.json, or without any point in that range.
     """
     if truth is None:
         return None
@@ -130,23 +111,10 @@ def describe_error(error_m: float | None) -> str:
 
 
 def check(name: str, measured: float, truth: float | None, unit: str, *, within: float, digits: int = 2) -> str:
-    """Compare a number with the truth; the comparison in words.
+    """Compare a number with the truth: "offset: 0.12 m, truth 0.10 m, off by 0.02 m (allowed 0.05 m)".
 
-    Parameters
-    ----------
-    name, unit : str
-        Printed in the sentence.
-    truth : float or None
-        None if unknown, as for real pictures.
-    within : float
-        Largest allowed difference, in `unit`.
-    digits : int
-        Decimals printed.
-
-    Returns
-    -------
-    str
-        "offset: 0.12 m, truth 0.10 m, off by 0.02 m (allowed 0.05 m)"
+    The difference may be `within` at most, in `unit`; `truth` is None if unknown, as for real pictures. `digits` are
+    the decimals printed.
 
     Raises
     ------

@@ -28,13 +28,8 @@ RECOVERED_FRAMES = 3
 class LaneTruth:
     """The true lane in N frames; NaN where there is no lane, and beyond the end of a line.
 
-    Parameters
-    ----------
-    lines_y_m : ndarray of shape (N, 2, D)
-        Lateral positions of the left and right line at AHEAD_M.
-    at_car_y_m : ndarray of shape (N, 2)
-        The same at the car, x = 0.
-    offset_m, heading_rad, curvature_per_m, width_m : ndarray of shape (N,)
+    `lines_y_m` (N, 2, D) are lateral positions of the left and right line at AHEAD_M, `at_car_y_m` (N, 2) those at the
+    car, x = 0. All others are (N,).
     """
 
     lines_y_m: np.ndarray
@@ -156,16 +151,10 @@ class FrameErrors:
 
 
 def frame_errors(estimates: DriveEstimates, truth: LaneTruth, camera: Camera | None = None) -> FrameErrors:
-    """Errors of the estimates against the truth, frame by frame.
+    """Errors of the estimates against the truth of the same N frames.
 
-    While the car crosses a line, the estimate is compared with the lanes on both sides, and the nearer one counts.
-
-    Parameters
-    ----------
-    truth : LaneTruth
-        Of the same N frames.
-    camera : Camera, optional
-        With its pose; decides which points are inside the picture. Without it all are.
+    While the car crosses a line, the estimate is compared with the lanes on both sides, and the nearer one counts. The
+    camera, with its pose, decides which points are inside the picture; without it all are.
 
     Raises
     ------

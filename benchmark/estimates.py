@@ -18,16 +18,10 @@ AHEAD_M = CORRECT_AT_M
 
 @dataclass(frozen=True, eq=False)
 class LaneEstimate:
-    """The ego lane as a system sees it in one frame; all None if no lane is available.
+    """The ego lane as a system sees it in one frame; all None if no lane is available. Signs as in docs/conventions.md.
 
-    Parameters
-    ----------
-    lines_y_m : ndarray of shape (2, D) or None
-        Lateral positions of the left and right line at AHEAD_M; NaN beyond the point where a line turns back.
-    offset_m, heading_rad, curvature_per_m : float or None
-        Signs as in docs/conventions.md.
-    confidence : float or None
-        None also if the system states no confidence.
+    `lines_y_m` (2, D) are lateral positions of the left and right line at AHEAD_M; NaN beyond the point where a line
+    turns back. `confidence` is None also if the system states none.
     """
 
     lines_y_m: np.ndarray | None = None
@@ -39,14 +33,9 @@ class LaneEstimate:
 
 @dataclass(frozen=True, eq=False)
 class DriveEstimates:
-    """The estimates of N consecutive frames as arrays, NaN for None.
+    """The estimates of N consecutive frames as arrays, NaN for None: `lines_y_m` (N, 2, D), all others (N,).
 
-    Parameters
-    ----------
-    lines_y_m : ndarray of shape (N, 2, D)
-    offset_m, heading_rad, curvature_per_m, confidence : ndarray of shape (N,)
-    time_ms : ndarray of shape (N,)
-        Time that the system took for the frame.
+    `time_ms` is the time that the system took for the frame.
     """
 
     lines_y_m: np.ndarray

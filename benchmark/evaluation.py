@@ -55,16 +55,9 @@ def run_system(prepared: PreparedDrive, system: str, *, end_s: float | None = No
 
 
 def score_video(video: str | Path, system: str, *, end_s: float | None = None) -> Row:
-    """Score a system on a video: a row of the benchmark's table.
+    """Score a system of `SYSTEMS` on a video, up to the time `end_s`: a row of the benchmark's table.
 
-    Parameters
-    ----------
-    video : str or Path
-        With its truth (.csv) and its camera with pose (.yaml) next to it.
-    system : str
-        One of `systems.SYSTEMS`.
-    end_s : float, optional
-        Score only the frames before this time, seconds.
+    The truth (.csv) and the camera with pose (.yaml) are next to the video.
 
     Raises
     ------

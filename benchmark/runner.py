@@ -36,27 +36,19 @@ def run_benchmark(
     folder: Path | None = None,
     progress: Callable[[str], Progress] | None = None,
 ) -> list[Result]:
-    """Score systems on drives.
+    """Results in the order of `drives`, then of `systems` (names in `systems.SYSTEMS`).
 
     Parameters
     ----------
-    systems : sequence of str
-        In `systems.SYSTEMS`.
     workers : int
         Number of processes, each with one OpenCV thread.
     estimated_pose : bool
-        The systems get the pose that is estimated from the video instead of the true one. The lens is always the
-        true one.
+        The systems get the pose that is estimated from the video instead of the true one. The lens is true.
     folder : Path, optional
-        Cache of finished estimates; default: a folder in the project's cache. An entry is used again while video,
-        camera, machine and the sources of the system are unchanged.
+        Cache of finished estimates; default: a folder in the project's cache. An entry is valid while video, camera,
+        machine and the sources of the system are unchanged.
     progress : callable, optional
         progress(name of a part) returns the callback (done, total) for that part of the work.
-
-    Returns
-    -------
-    list of Result
-        In the order of `drives`, then of `systems`.
 
     Raises
     ------

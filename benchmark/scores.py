@@ -17,18 +17,10 @@ Row = dict[str, str | float]
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """The errors of one system on one scene.
+    """The errors of one system on one scene, and the conditions of the measurement.
 
-    Parameters
-    ----------
-    pose : str
-        Source of the camera pose: "true", "estimated" or "not found".
-    workers : int
-        Number of processes during the time measurement.
-    fps : float
-        Frames per second of the drive.
-    machine : str
-        Machine of the time measurement, from `describe_machine`.
+    `pose` is the source of the camera pose: "true", "estimated" or "not found". `workers` and `machine` (see
+    `describe_machine`) are the number of processes and the machine of the time measurement.
     """
 
     scene: str
@@ -43,18 +35,7 @@ class Result:
 
 def score_rows(results: Iterable[Result]) -> list[Row]:
     """A row for each scene and system: names and conditions, then the numbers of `score`."""
-    return [
-        {
-            "scene": result.scene,
-            "difficulty": result.difficulty,
-            "system": result.system,
-            "pose": result.pose,
-            "workers": result.workers,
-            "machine": result.machine,
-            **score([result.errors]),
-        }
-        for result in results
-    ]
+    return [_row(result.scene, [result]) for result in results]
 
 
 def total_rows(results: Sequence[Result]) -> list[Row]:
@@ -62,30 +43,28 @@ def total_rows(results: Sequence[Result]) -> list[Row]:
     groups: dict[tuple[str, str], list[Result]] = {}
     for result in results:
         groups.setdefault((result.difficulty, result.system), []).append(result)
-    return [
-        {
-            "scene": f"all {difficulty}",
-            "difficulty": difficulty,
-            "system": system,
-            "pose": " ".join(sorted({result.pose for result in group})),
-            "workers": max(result.workers for result in group),
-            "machine": " or ".join(sorted({result.machine for result in group})),
-            **score([result.errors for result in group]),
-        }
-        for (difficulty, system), group in groups.items()
-    ]
+    return [_row(f"all {group[0].difficulty}", group) for group in groups.values()]
+
+
+def _row(name: str, group: Sequence[Result]) -> Row:
+    """Row of the results of one system on scenes of one difficulty."""
+    return {
+        "scene": name,
+        "difficulty": group[0].difficulty,
+        "system": group[0].system,
+        "pose": " ".join(sorted({result.pose for result in group})),
+        "workers": max(result.workers for result in group),
+        "machine": " or ".join(sorted({result.machine for result in group})),
+        **score([result.errors for result in group]),
+    }
 
 
 def score(drives: Sequence[FrameErrors]) -> dict[str, float]:
-    """Scores over all frames of some drives.
+    """Scores over all frames of some drives; NaN without any frame to score.
 
-    Returns
-    -------
-    dict of str to float
-        `available_share` and `accuracy` refer to the frames with a true lane, `confident_and_wrong_share` to all
-        frames. `*_median` and `*_p95` are over the frames with an available lane; they are infinite if that
-        percentile is a line that turns back before the true one. `recovery_*` are lengths of losses, 0 without a loss.
-        NaN without any frame to score.
+    `available_share` and `accuracy` refer to the frames with a true lane, `confident_and_wrong_share` to all frames.
+    `*_median` and `*_p95` are over the frames with an available lane; they are infinite if that percentile is a line
+    that turns back before the true one. `recovery_*` are lengths of losses, 0 without a loss.
     """
     exists = _joined([drive.exists for drive in drives])
     available = _joined([drive.available for drive in drives])

@@ -43,21 +43,7 @@ DetectColumns = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def start_system(system: str, camera: Camera, fps: float) -> EstimateFrame:
-    """Start a system on a drive.
-
-    Parameters
-    ----------
-    system : str
-        In SYSTEMS.
-    camera : Camera
-        With its pose.
-    fps : float
-        Frames per second.
-
-    Returns
-    -------
-    callable
-        Takes the next frame, (height, width, 3) uint8 RGB with lens distortion; returns its LaneEstimate.
+    """Start a system on a drive: a function of the next frame, (height, width, 3) uint8 RGB with lens distortion.
 
     Raises
     ------
@@ -75,11 +61,8 @@ def start_system(system: str, camera: Camera, fps: float) -> EstimateFrame:
 def column_detector(system: str, camera: Camera) -> DetectColumns:
     """A system that detects the lines of single pictures, without memory.
 
-    Returns
-    -------
-    callable
-        Takes a picture and rows (R,); returns the columns (2, R) of the left and right line in the raw picture, -2
-        where a line does not pass, as in TuSimple's files.
+    It is a function of a picture and rows (R,), and returns the columns (2, R) of the left and right line in the raw
+    picture, -2 where a line does not pass, as in TuSimple's files.
 
     Raises
     ------

@@ -24,23 +24,10 @@ def score_stills(
     *,
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, list[LineScore]]:
-    """Score systems on labelled picture files; each picture is processed independently.
+    """Score systems on labelled picture files of a folder; each picture is processed independently.
 
-    Parameters
-    ----------
-    labels : sequence of LaneColumns
-        Their names are relative to `folder`.
-    camera : Camera
-        With its pose.
-    systems : sequence of str
-        In `systems.SYSTEMS`.
-    progress : callable, optional
-        Called as progress(pictures done, pictures in total).
-
-    Returns
-    -------
-    dict of str to list of LineScore
-        For each system the scores of the left and right line of each picture in turn.
+    For each system the scores of the left and right line of each picture in turn. `progress` is called as
+    progress(pictures done, pictures in total).
 
     Raises
     ------

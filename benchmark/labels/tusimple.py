@@ -35,15 +35,9 @@ EGO_LANE_NOTE = (
 
 @dataclass(frozen=True, eq=False)
 class LaneColumns:
-    """The ego lane in a picture, labelled or predicted.
+    """The ego lane in a picture, labelled or predicted; `name` is `raw_file` as in the file.
 
-    Parameters
-    ----------
-    name : str
-        `raw_file` as in the file.
-    rows : ndarray of shape (R,)
-    columns : ndarray of shape (2, R)
-        Of the left and right line, pixels; -2 without a point.
+    `columns` (2, R) are those of the left and right line at `rows` (R,), pixels; -2 without a point.
     """
 
     name: str
@@ -62,14 +56,8 @@ class LaneColumns:
 class LineScore:
     """Score of a labelled line.
 
-    Parameters
-    ----------
-    accuracy : float or None
-        Share of its points that are correct; None with too few labelled points.
-    error_px : float or None
-        Median error of the predicted points; None without any.
-    predicted : bool
-        Whether the prediction has a point.
+    `accuracy` is the share of its points that are correct, None with too few labelled points. `error_px` is the median
+    error of the predicted points, None without any. `predicted` says whether the prediction has a point.
     """
 
     accuracy: float | None

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmark.reporting.reliability import AvailableLanes
+from benchmark.reporting.reliability import AvailableLanes, PrecisionCurve, Reliability
 from benchmark.scores import Result, Row
 from benchmark.systems import TRACKER
 from lanes.drawing.figures import TRUTH_LOOK, new_figure, save_figure
@@ -47,17 +47,10 @@ def save_reliability_figure(path: str | Path, results: Sequence[Result]) -> Path
     lanes = {system: AvailableLanes.from_errors(errors) for system, errors in groups.items()}
     if TRACKER not in lanes or not len(lanes[TRACKER].confidence):
         return None
-    bins = lanes[TRACKER].reliability()
-    precisions = {}
-    for system, some in lanes.items():
-        if len(some.confidence):
-            curve = some.precision_curve()
-            precisions[system] = curve.available, curve.precision
+    precisions = {system: some.precision_curve() for system, some in lanes.items() if len(some.confidence)}
     scenes = len({result.scene for result in results})
     title = f"Is the confidence calibrated? ({scenes} scene{'s' * (scenes > 1)})"
-    figure, _ = plot_reliability(
-        (bins.confidence, bins.accuracy, bins.low, bins.high, bins.count), precisions, title=title
-    )
+    figure, _ = plot_reliability(lanes[TRACKER].reliability(), precisions, title=title)
     return save_figure(figure, path)
 
 
@@ -68,21 +61,15 @@ def plot_ranges(
     limits: Mapping[str, tuple[float, float]],
     title: str = "",
 ) -> tuple[Figure, np.ndarray]:
-    """Plot ranges of several systems: a row for each name, a panel for each quantity.
+    """Plot ranges of several systems: a row for each of the N names, from the top, a panel and axes for each quantity.
 
     Parameters
     ----------
-    names : sequence of str, N of them
-        From the top.
     panels : mapping of str to (mapping of str to (ndarray of shape (N,), ndarray of shape (N,)))
         Axis label with unit -> system -> both ends of the ranges, such as median and 95th percentile. The second end
         gets a marker. NaN is left out; values beyond the limits are drawn at the edge.
     limits : mapping of str to (float, float)
         For each label the ends of its axis; the axis is logarithmic if the first end is above zero.
-
-    Returns
-    -------
-    figure, axes : Figure, ndarray of Axes of shape (len(panels),)
     """
     systems = list(next(iter(panels.values())))
     figure, axes = new_figure(1, len(panels), (13, 1.5 + 0.12 * (len(systems) + 1) * len(names)), sharey=True)
@@ -105,23 +92,12 @@ def plot_ranges(
 
 
 def plot_reliability(
-    bins: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray],
-    precisions: Mapping[str, tuple[np.ndarray, np.ndarray]],
-    *,
-    title: str = "",
+    bins: Reliability, precisions: Mapping[str, PrecisionCurve], *, title: str = ""
 ) -> tuple[Figure, np.ndarray]:
-    """Plot a reliability diagram, and precision against the share of frames with an available lane.
+    """Plot a reliability diagram, and precision against the share of frames with an available lane, on two axes.
 
-    Parameters
-    ----------
-    bins : tuple of five ndarray of shape (B,)
-        Confidence, accuracy, lower and upper limit of the accuracy, number of lanes.
-    precisions : mapping of str to (ndarray of shape (K,), ndarray of shape (K,))
-        For each system the available share and the precision; a single pair is drawn as a point.
-
-    Returns
-    -------
-    figure, axes : Figure, ndarray of Axes of shape (2,)
+    `bins` are confidence, accuracy, lower and upper limit of the accuracy, and number of lanes, each (B,). `precisions`
+    are the available share and the precision (K,) of each system; a single pair is drawn as a point.
     """
     confidence, accuracy, low, high, count = bins
     figure, axes = new_figure(1, 2, (12, 5))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,18 +21,10 @@ BIN_EDGES = np.array([*np.arange(0, 0.95, 0.1), 0.95, 1.0])
 Z_95 = 1.96
 
 
-@dataclass(frozen=True, eq=False)
-class Reliability:
-    """Accuracy of the lanes in bins of confidence; bins without lanes are left out.
+class Reliability(NamedTuple):
+    """Accuracy of the lanes in B bins of confidence; bins without lanes are left out.
 
-    Parameters
-    ----------
-    confidence : ndarray of shape (B,)
-        Mean confidence in the bin.
-    accuracy, low, high : ndarray of shape (B,)
-        Share of correct lanes in the bin, and its 95 % interval.
-    count : ndarray of shape (B,), int
-        Lanes in the bin.
+    Mean confidence, share of correct lanes with its 95 % interval, and number of lanes in each bin.
     """
 
     confidence: np.ndarray
@@ -41,14 +34,11 @@ class Reliability:
     count: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class PrecisionCurve:
+class PrecisionCurve(NamedTuple):
     """Precision of the lanes above a confidence, against the share of frames in which such a lane is available.
 
-    Parameters
-    ----------
-    available, precision : ndarray of shape (K,)
-        Share of the frames with a true lane in which a lane is used; share of the used lanes that is correct.
+    `available` (K,) is the share of the frames with a true lane in which a lane is used, `precision` (K,) the share of
+    the used lanes that is correct.
     """
 
     available: np.ndarray
@@ -57,16 +47,9 @@ class PrecisionCurve:
 
 @dataclass(frozen=True, eq=False)
 class AvailableLanes:
-    """The lanes that a system reported in some frames.
+    """The M lanes that a system reported in some frames: confidence (1 if none is stated), correct, true lane exists.
 
-    Parameters
-    ----------
-    confidence : ndarray of shape (M,)
-        1 if the system states none.
-    correct, exists : ndarray of shape (M,), bool
-        Whether the lane is correct, and whether a true lane exists.
-    lane_frames : int
-        Frames with a true lane, including those in which the system reported none.
+    `lane_frames` is the number of frames with a true lane, including those in which the system reported none.
     """
 
     confidence: np.ndarray

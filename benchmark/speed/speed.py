@@ -23,17 +23,7 @@ SHORT_VIDEO, LONG_VIDEO = 400, 4000
 
 @dataclass(frozen=True)
 class Speed:
-    """Times and memory of `measure_speed`.
-
-    Parameters
-    ----------
-    frames : dict of str to FrameTime
-        By system.
-    files : dict of str to FileTime
-        By processing from file to file.
-    memory_mb : dict of int to float
-        Peak memory by number of frames.
-    """
+    """Times by system and by processing from file to file, and peak memory in MB by number of frames."""
 
     frames: dict[str, FrameTime]
     files: dict[str, FileTime]
@@ -47,12 +37,9 @@ class Speed:
 
 
 def measure_speed(video: Path, *, progress: Callable[[str], Callable[[int, int], None]] | None = None) -> Speed:
-    """Measure speed and memory on a video with its camera file (.yaml) next to it.
+    """Speed and memory on a video with its camera file (.yaml) next to it.
 
-    Parameters
-    ----------
-    progress : callable, optional
-        progress(name of a part) returns the callback (done, total) for it.
+    `progress`, called with the name of a part, returns the callback (done, total) for it.
     """
     camera, machine = load_camera(video.with_suffix(".yaml")), f"{describe_machine()}; {describe_load()}"
     report = progress or (lambda _: lambda *_: None)

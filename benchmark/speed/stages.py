@@ -58,14 +58,8 @@ CLASSIC_STAGES = {
 class FrameTime:
     """CPU time of one system for a frame, in undistortions except for `ms`.
 
-    Attributes
-    ----------
-    ms, undistorts : float
-        Of the median frame, so that the tracker's rare searches do not count.
-    mean : float
-        Over all frames.
-    stages : dict of str to float
-        The parts of the mean.
+    `ms` and `undistorts` are those of the median frame, so that the tracker's rare searches do not count. `mean` is
+    over all frames, `stages` are its parts.
     """
 
     ms: float
@@ -76,16 +70,9 @@ class FrameTime:
 
 @dataclass(frozen=True)
 class System:
-    """A system to be measured.
+    """A system to be measured: `start` starts a drive and returns the function that processes its frames.
 
-    Parameters
-    ----------
-    start : callable
-        Starts a drive; returns the function that processes its frames.
-    stages : dict of str to list of (object, str)
-        The functions of each stage.
-    as_yuv : bool
-        The frames are YUV as in a video, which is how `annotate` reads them.
+    `as_yuv`: the frames are YUV as in a video, which is how `annotate` reads them.
     """
 
     start: Callable[[], Callable[[Frame], object]]
@@ -141,19 +128,9 @@ def time_frames(
 ) -> dict[str, FrameTime]:
     """CPU time of each system to detect, measure and draw in consecutive frames.
 
-    Parameters
-    ----------
-    frames : sequence of ndarray of shape (height, width, 3), uint8
-        More than `WARM_UP` frames; that number is not counted. In memory, because the threads of a decoder would count.
-    camera : Camera
-        With its pose.
-    rounds : int
-        Number of times that each system processes all frames; the systems take turns.
-
-    Returns
-    -------
-    dict of str to FrameTime
-        The tracker while tracking and cold (reset before each frame), and each recipe.
+    The systems are the tracker while tracking and cold (reset before each frame), and each recipe. They take turns in
+    `rounds` rounds over all frames (height, width, 3) uint8, more than `WARM_UP`; that number is not counted. The
+    frames are in memory, because the threads of a decoder would count.
     """
     systems = _systems(camera)
     seconds: dict[str, list[np.ndarray]] = {name: [] for name in systems}
