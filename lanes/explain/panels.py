@@ -104,7 +104,7 @@ def plot_stripes(axis: Axes, explanation: Explanation) -> None:
 
 
 def plot_votes(axis: Axes, explanation: Explanation) -> None:
-    """Plot the vote table: for each curvature and lateral position the votes of the best heading and pitch."""
+    """Plot the vote table: for each curvature and lateral position the votes of the best heading."""
     title = f"6 Votes: {_step_summary(explanation, 'votes')}"
     if explanation.votes is None:
         _show_message(axis, title, "not reached")

@@ -94,16 +94,6 @@ class BirdsEyeView:
         with np.errstate(invalid="ignore"):
             return (u >= 0) & (u <= self.camera.width - 1) & (v >= 0) & (v <= self.camera.height - 1)
 
-    def seen_around(self, columns: int) -> np.ndarray:
-        """(rows, columns) uint8: 1 where the cell and `columns` cells on either side lie inside the picture."""
-        if columns not in self._seen_around:
-            self._seen_around[columns] = cv2.erode(self.seen.astype(np.uint8), np.ones((1, 2 * columns + 1), np.uint8))
-        return self._seen_around[columns]
-
-    @cached_property
-    def _seen_around(self) -> dict[int, np.ndarray]:
-        return {}
-
     def seen_share(self, rows: int, columns: int) -> np.ndarray:
         """(rows, columns) float32: share of a window around each cell that lies inside the picture."""
         if (rows, columns) not in self._seen_share:

@@ -193,9 +193,7 @@ def marking_response(view_image: np.ndarray, view: BirdsEyeView) -> MarkingRespo
     noise = local_noise(steps[..., :-1] + steps[..., 1:], window, view)
     noise *= unit
     strength = np.maximum(np.maximum(*np.maximum(narrow, wide) / noise), 0)
-    # a stripe that the picture's border cuts off may have any width
-    whole = view.seen_around(single // 2 + 1)
-    return MarkingResponse(cv2.copyTo(strength, whole), channels[inside], narrow, wide, noise)
+    return MarkingResponse(cv2.copyTo(strength, view.seen.view(np.uint8)), channels[inside], narrow, wide, noise)
 
 
 def _padded_channels(view_image: np.ndarray, pad: int, unit: int) -> np.ndarray:

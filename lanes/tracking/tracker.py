@@ -45,8 +45,6 @@ class TrackerParameters:
     # Two lanes are the same if their lines lie within this at these distances.
     same_lane_m: float = 0.3
     same_lane_at_m: tuple[float, ...] = (6.0, 12.0, 20.0)
-    # A line with less than this share of the other line's support is too weak to change the width of a known lane.
-    weak_support_share: float = 0.5
     # Half widths of the views while tracking: the narrowest is used that contains both lines at these distances with
     # this margin.
     half_widths_m: tuple[float, ...] = (3.0, 4.0, 5.0, 9.0, 13.0)
@@ -178,7 +176,7 @@ class LaneTracker:
                 self._state, self._regained = TRACKING, 0
             return
         self._unseen_s += elapsed_s
-        if self._state == SEARCHING or self._unseen_s > TRACKER.max_coast_s or not track.certain:
+        if self._state == SEARCHING or self._unseen_s > TRACKER.max_coast_s:
             self.reset()
         else:
             self._state, self._regained = COASTING, 0
@@ -226,19 +224,7 @@ class LaneTracker:
 
 
 def same_lane(found: Lane, known: Lane) -> bool:
-    """Whether a detected lane is the known one.
-
-    It is if both lines are the same; if it shares the line that the car is crossing; or if it shares one line and has
-    little support for the other one: then the known lane has the better estimate of that line.
-    """
+    """Whether both lines of a detected lane are those of the known one."""
     y, known_y = found.lateral_m(_SAME_LANE_AT_M), known.lateral_m(_SAME_LANE_AT_M)
     # lines of a hairpin may turn back before these distances: NaN counts as the same
-    same = ~(np.abs(y - known_y) > TRACKER.same_lane_m).any(axis=1)
-    crossing = [y[0] - known_y[1], y[1] - known_y[0]]
-    left, right = found.left.support, found.right.support
-    return bool(
-        same.all()
-        or any(np.all(np.abs(difference) < TRACKER.same_lane_m) for difference in crossing)
-        or (same[0] and right < TRACKER.weak_support_share * left)
-        or (same[1] and left < TRACKER.weak_support_share * right)
-    )
+    return not (np.abs(y - known_y) > TRACKER.same_lane_m).any()

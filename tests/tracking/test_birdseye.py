@@ -94,13 +94,6 @@ def test_share_of_a_window_that_is_seen():
     assert share[view.seen].min() > 0.2
 
 
-def test_a_cell_is_trusted_where_its_neighbours_are_seen():
-    view = BirdsEyeView(dashcam())
-    trusted = view.seen_around(3).astype(bool)
-    assert (view.seen[:, :-6] & view.seen[:, 6:] == trusted[:, 3:-3]).all()
-    assert 0 < trusted.sum() < view.seen.sum()
-
-
 def test_a_picture_of_another_size_is_refused():
     with pytest.raises(PictureError, match="320x180"):
         BirdsEyeView(dashcam()).warp(np.zeros((180, 320, 3), np.uint8))

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from lanes.io.frames import PictureError
-from lanes.tracking.model import CENTRE, SIDES, WIDTH
-from lanes.tracking.tracker import LaneTracker, same_lane
+from lanes.tracking.model import SIDES
+from lanes.tracking.tracker import LaneTracker
 from simulator.rendering.drive import Motion
 from tests.support.painted_drive import CAMERA, WORN_YELLOW, PaintedDrive, Stripe, lane_lines, s_bend, straight_road
 
@@ -152,17 +152,6 @@ def test_departure_is_predicted():
     assert 0.3 < crossing - warned[0] < 1.6
     assert {tracked.warning.side for time, tracked, _ in frames if time in warned} == {"left"}
     assert all(not tracked.warning.due for time, tracked, _ in frames if time < 1.0)
-
-
-def test_a_lane_with_one_weak_line_is_the_known_lane():
-    """Cracks beside a missing line look like a narrow lane: the line that both share must not speak for the other."""
-    known = s_bend_drive()[20][1].lane
-    narrower = known.model.copy()
-    narrower[[CENTRE, WIDTH]] -= (0.25, 0.5)
-    found = replace(known, model=narrower, left=replace(known.left, support=0.03))
-    np.testing.assert_allclose(found.lateral_m(AT_M)[1], known.lateral_m(AT_M)[1], atol=0.02)
-    assert same_lane(found, known)
-    assert not same_lane(replace(found, left=known.left), known)
 
 
 def test_a_wrong_track_is_given_up():
