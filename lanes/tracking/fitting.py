@@ -54,8 +54,6 @@ class FitParameters:
     undulation_gain: float = 6.0
     # Start hypotheses that are fitted to the end.
     hypotheses: int = 3
-    # Gate of the squared innovation over its variance: chi-square of one degree of freedom, 99.7 %.
-    gate: float = 9.0
     # Variance inflation: the errors of stripes in one frame are correlated (same paint, same lens).
     variance_inflation: float = 4.0
 
@@ -169,17 +167,16 @@ def fit_outwards(
 def fit_near(stripes: Stripes, mean: np.ndarray, covariance: np.ndarray, view: BirdsEyeView) -> LaneFit:
     """The lane near a prediction (15,) with covariance (15, 15): the update of an extended Kalman filter.
 
-    Stripes that do not pass the gate have no weight. The step is small, so that the residuals are linearised once, at
-    the prediction.
+    The weights reject outliers, so there is no separate gate. The step is small, so that the residuals are linearised
+    once, at the prediction.
     """
     std, marking, model_error = position_std(stripes, view.focal_px), marking_weight(stripes), model_error_m(stripes)
     predicted = stripe_residuals(mean[None], stripes, view.height_m)
     jacobian = predicted.jacobian[0]
-    gated = (predicted.squared_mahalanobis(std, covariance) < FIT.gate) * marking
     prior_information = np.linalg.inv(covariance)
     residuals, step = predicted, np.zeros_like(mean)
     for far_m, scale in FIT.near:
-        weight = residuals.weights(std * scale)[0] * gated * (stripes.x_m < far_m)
+        weight = residuals.weights(std * scale)[0] * marking * (stripes.x_m < far_m)
         weighted = jacobian * (weight / (FIT.variance_inflation * ((std * scale) ** 2 + model_error**2)))
         information = weighted @ jacobian.T + prior_information
         step = step - np.linalg.solve(information, weighted @ residuals.residual_m[0] + prior_information @ step)

@@ -149,15 +149,6 @@ class StripeResiduals:
         """(K, stripes) bool: both residuals are smaller than this."""
         return (np.abs(self.residual_m) < distance_m) & (np.abs(self.angle_residual_rad) < angle_rad)
 
-    def squared_mahalanobis(self, std_m: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-        """(stripes,) squared innovation over its variance H P H^T + R, for a predicted lane (K = 1).
-
-        `std_m` (stripes,) is the measurement noise, `covariance` (15, 15) that of the prediction.
-        """
-        jacobian = self.jacobian[0]
-        predicted = ((covariance @ jacobian) * jacobian).sum(axis=0)
-        return np.square(self.residual_m[0]) / (predicted + std_m * std_m)
-
 
 def stripe_residuals(lanes: np.ndarray, stripes: Stripes, height_m: float) -> StripeResiduals:
     """Residuals of stripes with respect to lanes (K, 15), for a camera `height_m` above the road."""

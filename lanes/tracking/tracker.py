@@ -1,6 +1,6 @@
 """The lane over time: an extended Kalman filter in metres with a state machine.
 
-    picture -> extract_evidence -> predict -> gate, update -> describe       (once a second: search as without memory)
+    picture -> extract_evidence -> predict -> update -> describe       (once a second: search as without memory)
 
 The estimate of a frame uses that frame and all earlier ones. It is not smoothed, so that it follows the beginning of a
 bend without delay.
