@@ -110,10 +110,11 @@ def measure_speeds() -> int:
 
 def score_labelled(options: argparse.Namespace) -> int:
     """Score a file of predictions, or every system, on the stills of `options.labels`."""
-    from benchmark.labels.stills import describe_labelled, score_stills
+    from benchmark.labels.stills import describe_labelled, score_pictures
     from benchmark.labels.tusimple import EGO_LANE_NOTE, pair_predictions, read_labels, read_predictions, score_lines
     from benchmark.systems import SYSTEMS
     from lanes.camera.pose_from_lanes.pose_from_files import pose_from_drive
+    from lanes.io.images import read_image
 
     labels, folder = read_labels(options.labels), options.labels.parent
     if options.predictions:
@@ -124,7 +125,8 @@ def score_labelled(options: argparse.Namespace) -> int:
         camera, estimate = pose_from_drive(find_lens(options), options.files, progress=progress_line("pose"))
         if estimate:
             print(estimate.describe())
-        scores = score_stills(labels, folder, camera, options.system or SYSTEMS, progress=progress_line("stills"))
+        pictures = map(read_image, options.files)
+        scores = score_pictures(labels, pictures, camera, options.system or SYSTEMS, progress=progress_line("stills"))
     print(describe_labelled(scores))
     print(f"{len(labels)} stills; {EGO_LANE_NOTE}")
     return 0

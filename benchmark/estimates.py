@@ -68,7 +68,9 @@ class DriveEstimates:
 
 def write_estimates(path: Path, estimates: DriveEstimates, **metadata: object) -> None:
     """Write estimates and metadata as JSON; numbers are rounded to 1e-7, NaN becomes null."""
-    numbers = {name: _nested_lists(array) for name, array in asdict(estimates).items()}
+    numbers = {}
+    for name, array in asdict(estimates).items():
+        numbers[name] = np.where(np.isnan(array), None, np.round(array, 7).astype(object)).tolist()
     write_atomically(path, json.dumps(metadata | numbers).encode())
 
 
@@ -89,8 +91,3 @@ def read_estimates(path: Path) -> tuple[DriveEstimates, dict]:
     except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
         raise ValueError(f"{path}: holds no estimates ({error}); remove it, so that it is made again.") from error
     return DriveEstimates(**arrays), content
-
-
-def _nested_lists(array: np.ndarray) -> list:
-    """Nested lists of numbers; JSON has no NaN, so it becomes null."""
-    return np.where(np.isnan(array), None, np.round(array, 7).astype(object)).tolist()

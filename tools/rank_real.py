@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmark.labels.stills import score_pictures, score_stills
+from benchmark.labels.stills import score_pictures
 from benchmark.labels.tusimple import LaneColumns, LineScore, read_labels
 from benchmark.machine import describe_machine
 from benchmark.suite_drives import ensure_video, list_drives
@@ -26,7 +26,7 @@ from lanes.camera.calibration.boards import calibrate_folder
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import load_camera
 from lanes.camera.pose_from_lanes.pose_from_files import pose_from_drive
-from lanes.io.images import list_pictures
+from lanes.io.images import list_pictures, read_image
 from lanes.io.video.reader import read_frames
 from simulator.rendering.render import render_frame
 from simulator.rendering.video import VIDEO_FPS
@@ -99,7 +99,7 @@ def score_real(real: Path, lens: Camera, labels: list[LaneColumns], prefixes: tu
         p for name in ("test_images", "stills") for p in list_pictures(real / name) if p.name.startswith(prefixes)
     ]
     camera, _ = pose_from_drive(lens, pictures)
-    return score_stills(labels, real, camera, SYSTEMS)
+    return score_pictures(labels, (read_image(real / label.name) for label in labels), camera, SYSTEMS)
 
 
 def score_rendered(scene: str, rows: tuple[float, float]) -> dict:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -11,31 +10,8 @@ from benchmark.labels.tusimple import LaneColumns, LineScore, score_lines, summa
 from benchmark.reporting.tables import format_table
 from benchmark.systems import column_detector
 from lanes.camera.camera import Camera
-from lanes.io.images import read_image
 
 COLUMNS = ("lines", "accuracy", "matched", "FP", "FN", "median error")
-
-
-def score_stills(
-    labels: Sequence[LaneColumns],
-    folder: str | Path,
-    camera: Camera,
-    systems: Sequence[str],
-    *,
-    progress: Callable[[int, int], None] | None = None,
-) -> dict[str, list[LineScore]]:
-    """Score systems on labelled picture files of a folder; each picture is processed independently.
-
-    For each system the scores of the left and right line of each picture in turn. `progress` is called as
-    progress(pictures done, pictures in total).
-
-    Raises
-    ------
-    FileNotFoundError, PictureError
-        If a picture is missing, damaged or not of the camera's size.
-    """
-    pictures = (read_image(Path(folder) / label.name) for label in labels)
-    return score_pictures(labels, pictures, camera, systems, progress=progress)
 
 
 def score_pictures(
@@ -46,7 +22,10 @@ def score_pictures(
     *,
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, list[LineScore]]:
-    """As `score_stills`, for an iterable of pictures (height, width, 3) uint8, one for each label.
+    """Scores of systems on labelled pictures (height, width, 3) uint8, each processed independently.
+
+    The scores of a system are those of the left and right line of each picture in turn. `progress` is called as
+    progress(pictures done, pictures in total).
 
     Raises
     ------

@@ -32,7 +32,8 @@ class Speed:
 
     def describe(self) -> str:
         """Three text tables, and the machine."""
-        tables = _describe_frames(self.frames), _describe_files(self.files), _describe_memory(self.memory_mb)
+        memory = [f"{frames} frames: at most {peak:.0f} MB of memory" for frames, peak in self.memory_mb.items()]
+        tables = _describe_frames(self.frames), _describe_files(self.files), "\n".join(memory)
         return "\n\n".join([*tables, f"Measured on {self.machine}."])
 
 
@@ -78,7 +79,3 @@ def _describe_files(times: dict[str, FileTime]) -> str:
         f"{table}\nFrom file to file, the fastest of five runs; ratios to a bare transcode with the same decoder and\n"
         "encoder."
     )
-
-
-def _describe_memory(memory_mb: dict[int, float]) -> str:
-    return "\n".join(f"{frames} frames: at most {peak:.0f} MB of memory" for frames, peak in memory_mb.items())

@@ -34,7 +34,7 @@ from lanes.tracking.birdseye import BirdsEyeView
 # Frames that are not measured: the tracker searches in each frame until its lane is confirmed.
 WARM_UP = 10
 TRACKING, COLD = f"{TRACKER}, tracking", f"{TRACKER}, cold"
-REST = "other"
+REST, UNIT = "other", "undistortion"
 # The functions of each stage, as (module or class that the caller looks them up in, name).
 TRACKER_STAGES = {
     "bird's-eye view": [(BirdsEyeView, "warp")],
@@ -149,40 +149,26 @@ def _systems(camera: Camera) -> dict[str, System]:
         draw = track_lane(cold, camera)
         return lambda frame: (cold.reset(), draw(frame))
 
+    def start_recipe(name: str) -> Callable[[np.ndarray], object]:
+        return overlay.follow_lane(LaneFinder(get_recipe(name, camera.size), camera), camera)
+
     systems = {
         TRACKING: System(lambda: track_lane(tracker.LaneTracker(camera), camera), TRACKER_STAGES, as_yuv=True),
         COLD: System(start_cold, TRACKER_STAGES),
     }
-    for name in RECIPES:
-        systems[name] = System(partial(_start_recipe, name, camera), CLASSIC_STAGES)
-    return systems
-
-
-def _start_recipe(name: str, camera: Camera) -> Callable[[np.ndarray], object]:
-    return overlay.follow_lane(LaneFinder(get_recipe(name, camera.size), camera), camera)
-
-
-def _undistort_s(frame: np.ndarray, camera: Camera) -> float:
-    start_s = time.process_time()
-    cv2.undistort(frame, camera.matrix, camera.distortion)
-    return time.process_time() - start_s
-
-
-def _stages_s(process: Callable, stages: dict, frame: Frame) -> dict[str, float]:
-    watch = Stopwatch()
-    with watch.watching(stages):
-        watch.timed(REST, process)(frame)
-    return watch.spent_s
+    return systems | {name: System(partial(start_recipe, name), CLASSIC_STAGES) for name in RECIPES}
 
 
 def _time_round(system: System, frames: Sequence[np.ndarray], camera: Camera) -> np.ndarray:
     """Seconds (frames, 1 + parts): of cv2.undistort, then of each part of the system."""
     process, seconds = system.start(), []
     for frame in frames:
-        unit_s = _undistort_s(frame.copy(), camera)
+        watch, copy = Stopwatch(), frame.copy()
+        watch.timed(UNIT, cv2.undistort)(copy, camera.matrix, camera.distortion)
         copy = YuvFrame.from_rgb(frame) if system.as_yuv else frame.copy()
-        spent_s = _stages_s(process, system.stages, copy)
-        seconds.append([unit_s, *(spent_s[part] for part in system.parts)])
+        with watch.watching(system.stages):
+            watch.timed(REST, process)(copy)
+        seconds.append([watch.spent_s[part] for part in (UNIT, *system.parts)])
     return np.array(seconds)
 
 

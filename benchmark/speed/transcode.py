@@ -73,7 +73,9 @@ def time_files(
         seconds = np.empty((rounds, len(processings), 2))
         for run in range(rounds):
             for k, process in enumerate(processings.values()):
-                seconds[run, k] = _seconds_of(process)
+                wall_s, cpu_s = time.perf_counter(), time.process_time()
+                process()
+                seconds[run, k] = time.perf_counter() - wall_s, time.process_time() - cpu_s
                 if progress:
                     progress(run * len(processings) + k + 1, rounds * len(processings))
     frame_ms = 1e3 / info.frames * seconds.min(axis=0)
@@ -127,10 +129,3 @@ def _own_peak_mb() -> float:
 
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / (1e6 if sys.platform == "darwin" else 1e3)
-
-
-def _seconds_of(process: Callable[[], object]) -> tuple[float, float]:
-    """Wall time and CPU time."""
-    wall_s, cpu_s = time.perf_counter(), time.process_time()
-    process()
-    return time.perf_counter() - wall_s, time.process_time() - cpu_s
