@@ -15,6 +15,8 @@ from lanes.tracking.tracker import LaneTracker
 from simulator.rendering.drive import Motion
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
 
+pytestmark = pytest.mark.slow
+
 FPS = 12
 BUMPY = Motion(speed_mps=25.0, offset_m=0.1, wander_m=0.3, pitch_rad=np.radians(0.6))
 TURN = np.radians(1.5)

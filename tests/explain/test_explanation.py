@@ -143,6 +143,7 @@ def test_wrong_pictures_are_rejected():
         explain_frame(grey(100), replace(CAMERA, pose=None))
 
 
+@pytest.mark.slow
 class TestFigure:
     def test_nine_panels_with_the_numbers_of_the_steps(self, good):
         figure, axes = panels.show_explanation(good)
