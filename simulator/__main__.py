@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 
 from lanes.io.console import bounded_float, progress_line, run_command, run_program
@@ -49,7 +50,7 @@ def run(options: argparse.Namespace) -> int:
     """Render the selected files; returns the exit status."""
     from lanes.io.files import translate_write_errors
     from simulator.chessboards import write_boards
-    from simulator.scenes.embedded import write_challenge_video, write_harder_video, write_project_video, write_stills
+    from simulator.scenes.embedded import write_course_video, write_stills
     from simulator.scenes.suite import render_scene
 
     if options.scene:
@@ -59,15 +60,15 @@ def run(options: argparse.Namespace) -> int:
         options.out.mkdir(parents=True, exist_ok=True)
     videos = options.out / "test_videos"
     jobs = {
-        "boards": lambda report: write_boards(options.out / "camera_cal", progress=report),
-        "stills": lambda report: write_stills(options.out / "test_images", progress=report),
-        "video": lambda report: write_project_video(videos, seconds=options.seconds, progress=report),
-        "challenge": lambda report: write_challenge_video(videos, seconds=options.seconds, progress=report),
-        "harder": lambda report: write_harder_video(videos, seconds=options.seconds, progress=report),
+        "boards": partial(write_boards, options.out / "camera_cal"),
+        "stills": partial(write_stills, options.out / "test_images"),
+        "video": partial(write_course_video, videos, "project_video", seconds=options.seconds),
+        "challenge": partial(write_course_video, videos, "challenge_video", seconds=options.seconds),
+        "harder": partial(write_course_video, videos, "harder_challenge_video", seconds=options.seconds),
     }
     for name, job in jobs.items():
         if options.what in (name, "all"):
-            written = job(progress_line(name))
+            written = job(progress=progress_line(name))
             print(f"{name}: wrote {', '.join(str(path) for path in written[-3:])}, {len(written)} files in total")
     return 0
 

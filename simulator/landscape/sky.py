@@ -35,20 +35,11 @@ HAZE_COLOUR = (ZENITH + HORIZON_GLOW) * np.array([0.62, 0.72, 0.90], np.float32)
 class BackdropStyle:
     """Style of sky and landscape.
 
-    Parameters
-    ----------
-    cloud_cover : float
-        Share of the sky covered by cumulus clouds; 0 is a clear sky.
-    hill_height_rad, ridge_height_rad : float
-        Typical elevation of the near hills and of the far wooded ridge above the horizon.
-    greenness : float
-        Colour of the grass, from dry gold (0) to spring green (1).
-    tree_density : float
-        Density of the woods on the hills and in front of them: 0 is bare, 1 is closed.
-    haze_per_km : float
-        Extinction of the air; 0.06 is a clear day, 0.4 a hazy one.
-    sun_azimuth_rad, sun_elevation_rad : float
-        Position of the sun in the world frame (azimuth > 0 is left of the road's first heading).
+    `cloud_cover` is the share of the sky covered by cumulus clouds. `hill_height_rad` and `ridge_height_rad` are
+    typical elevations of the near hills and of the far wooded ridge. `greenness` is the colour of the grass from dry
+    gold (0) to spring green (1), `tree_density` that of the woods from bare (0) to closed (1). `haze_per_km` is the
+    extinction of the air; 0.06 is a clear day, 0.4 a hazy one. The sun's position is in the world frame (azimuth > 0 is
+    left of the road's first heading).
 
     Raises
     ------
@@ -77,13 +68,8 @@ class BackdropStyle:
     def sun_direction(self) -> np.ndarray:
         """Unit vector (3,) towards the sun in the world frame."""
         level = np.cos(self.sun_elevation_rad)
-        return np.array(
-            [
-                level * np.cos(self.sun_azimuth_rad),
-                level * np.sin(self.sun_azimuth_rad),
-                np.sin(self.sun_elevation_rad),
-            ]
-        )
+        x, y = level * np.cos(self.sun_azimuth_rad), level * np.sin(self.sun_azimuth_rad)
+        return np.array([x, y, np.sin(self.sun_elevation_rad)])
 
 
 def aerial_perspective(distance_m: np.ndarray | float, haze_per_km: float) -> Atmosphere:

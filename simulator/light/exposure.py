@@ -29,14 +29,9 @@ MEMORY_TIME_CONSTANTS = 6.0
 class AutoExposure:
     """Parameters of the automatic exposure.
 
-    Parameters
-    ----------
-    time_constant_s : float
-        Time after which the exposure (in stops) has followed 63 % of a sudden change of light.
-    strength : float
-        0 is a fixed exposure; 1 finally renders every road equally bright.
-    darkest : float
-        Luminance of the road below which the gain no longer rises.
+    After `time_constant_s` the exposure (in stops) has followed 63 % of a sudden change of light. A `strength` of 0 is
+    a fixed exposure; 1 finally renders every road equally bright. `darkest` is the luminance of the road below which
+    the gain no longer rises.
 
     Raises
     ------

@@ -29,16 +29,9 @@ GHOSTS = (
 class Glare:
     """Strengths of the glare; 0 switches a part off, 1 is a dirty windscreen.
 
-    Parameters
-    ----------
-    veil : float
-        Light scattered by dirt on the windscreen and in the lens, strongest around the sun.
-    sheen : float
-        Specular reflection of the road below the sun.
-    flare : float
-        Lens ghosts and rays.
-    dashboard : float
-        Reflection of the sunny dashboard in the windscreen, over the lower half of the picture.
+    `veil` is light scattered by dirt on the windscreen and in the lens, strongest around the sun. `sheen` is the
+    specular reflection of the road below the sun, `flare` are lens ghosts and rays. `dashboard` is the reflection of
+    the sunny dashboard in the windscreen, over the lower half of the picture.
     """
 
     veil: float = 1.0

@@ -67,6 +67,8 @@ WHEEL_RADIUS_M = 0.33
 AXLES_M = (-1.40, 1.38)
 # Layers in the order of painting: treads and mirrors, the body, parts on the body.
 BEHIND_BODY, BODY, ON_BODY = 0, 1, 2
+BOX_FACES = np.array([[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [4, 5, 6, 7], [3, 2, 1, 0]])
+BOX_CORNERS = np.array([[x, y, z] for z in (-1, 1) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
 
 
 class Shell:
@@ -269,17 +271,20 @@ def _flank_parts(shell: Shell) -> list[Faces]:
         add((-1.0, 1.0, 1.0, -1.0), (0.21, 0.29), PLASTIC, 0.3)
         add((-2.30, -2.02, -2.06, -2.27), (waist - 0.09, waist + 0.04), TAIL_LAMP, 1.3)
         add((1.86, 2.16, 2.10, 1.90), (waist - 0.10, waist + 0.0), HEADLAMP, 1.3)
-        parts.append(_box((0.72, side * 0.91, foot + 0.04), (0.06, 0.09, 0.055), BODY_PAINT))
+        mirror = ((0.66, 0.78), (side * 0.91 - 0.09, side * 0.91 + 0.09), (foot - 0.015, foot + 0.095))
+        parts.append(box(*mirror, BODY_PAINT, 1.0, layer=BEHIND_BODY))
     return parts
 
 
-def _box(middle: tuple, half: tuple, albedo: tuple) -> Faces:
-    corners = np.array(
-        [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]]
-    )
-    corners = corners * half + np.array(middle)
-    sides = [[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [4, 5, 6, 7]]
-    return Faces.from_corners(corners[sides], albedo, 1.0, BEHIND_BODY)
+def box(x: tuple, y: tuple, z: tuple, albedo: tuple, gloss: float, *, layer: int = BODY, cells: int = 1) -> Faces:
+    """Faces of a box between two values of each coordinate; each side has cells x cells faces."""
+    ranges = np.array([x, y, z], float)
+    corners = ranges.mean(axis=1) + BOX_CORNERS * np.diff(ranges, axis=1)[:, 0] / 2
+    share = np.linspace(0, 1, cells + 1)
+    p, q = share[None, None, :, None], share[None, :, None, None]
+    a, b, c, d = (corners[BOX_FACES[:, i]][:, None, None] for i in range(4))
+    grid = (1 - q) * ((1 - p) * a + p * b) + q * ((1 - p) * d + p * c)
+    return Faces.from_corners([grid_cells(side) for side in grid], albedo, gloss, layer)
 
 
 def _wheels(shell: Shell, detail: int) -> list[Faces]:

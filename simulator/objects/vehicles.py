@@ -20,6 +20,7 @@ from simulator.objects.cars import (
     RUBBER,
     TAIL_LAMP,
     Shell,
+    box,
     car_faces,
     grid_cells,
 )
@@ -28,8 +29,6 @@ JACKET, JEANS, HELMET, STEEL = (0.020, 0.021, 0.026), (0.035, 0.045, 0.075), (0.
 # Rear end, front end and half width on the ground, metres.
 FOOTPRINTS = {"truck": (-6.0, 6.0, 1.2), "motorcycle": (-1.0, 0.95, 0.14)}
 CAR_FOOTPRINT = (-2.35, 2.3, 0.88)
-BOX_FACES = np.array([[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [4, 5, 6, 7], [3, 2, 1, 0]])
-BOX_CORNERS = np.array([[x, y, z] for z in (-1, 1) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
 
 
 def vehicle_faces(body: str, paint: str, *, detail: int = 2) -> Faces:
@@ -75,27 +74,27 @@ def _truck(paint: str) -> Faces:
     """Faces of a lorry with a box body, 2.5 m wide, 4 m high, 12 m long, the limits of the EU."""
     colour, white = PAINTS[paint], PAINTS["white"]
     parts = [
-        _box((-6.0, 3.3), (-1.25, 1.25), (1.10, 3.95), white, 0.6, cells=4),
-        _box((3.7, 6.0), (-1.22, 1.22), (0.55, 3.2), colour, 1.0, cells=3),
-        _box((-5.7, 5.6), (-0.45, 0.45), (0.55, 1.05), PLASTIC, 0.2, layer=BEHIND_BODY, cells=4),
-        _box((-5.95, -5.80), (-1.15, 1.15), (0.42, 0.56), STEEL, 0.4),
-        _box((-6.03, -6.0), (-1.15, 1.15), (0.86, 1.06), PLASTIC, 0.3, layer=ON_BODY),
+        box((-6.0, 3.3), (-1.25, 1.25), (1.10, 3.95), white, 0.6, cells=4),
+        box((3.7, 6.0), (-1.22, 1.22), (0.55, 3.2), colour, 1.0, cells=3),
+        box((-5.7, 5.6), (-0.45, 0.45), (0.55, 1.05), PLASTIC, 0.2, layer=BEHIND_BODY, cells=4),
+        box((-5.95, -5.80), (-1.15, 1.15), (0.42, 0.56), STEEL, 0.4),
+        box((-6.03, -6.0), (-1.15, 1.15), (0.86, 1.06), PLASTIC, 0.3, layer=ON_BODY),
         # Frame of the doors, gap between them, and locking bars.
-        _box((-6.02, -6.0), (-1.25, 1.25), (3.86, 3.95), STEEL, 0.5, layer=ON_BODY),
-        _box((-6.02, -6.0), (-0.012, 0.012), (1.12, 3.86), PLASTIC, 0.2, layer=ON_BODY),
+        box((-6.02, -6.0), (-1.25, 1.25), (3.86, 3.95), STEEL, 0.5, layer=ON_BODY),
+        box((-6.02, -6.0), (-0.012, 0.012), (1.12, 3.86), PLASTIC, 0.2, layer=ON_BODY),
     ]
     for y in (-0.75, -0.30, 0.30, 0.75):
-        parts.append(_box((-6.04, -6.0), (y - 0.018, y + 0.018), (1.15, 3.84), STEEL, 0.6, layer=ON_BODY))
+        parts.append(box((-6.04, -6.0), (y - 0.018, y + 0.018), (1.15, 3.84), STEEL, 0.6, layer=ON_BODY))
     for side in (-1, 1):
         outer = sorted((side * 0.72, side * 1.22))
         parts.append(
-            _box((-6.05, -6.03), sorted((side * 0.82, side * 1.13)), (0.88, 1.04), TAIL_LAMP, 1.3, layer=ON_BODY + 1)
+            box((-6.05, -6.03), sorted((side * 0.82, side * 1.13)), (0.88, 1.04), TAIL_LAMP, 1.3, layer=ON_BODY + 1)
         )
-        parts.append(_box((-5.72, -5.68), sorted((side * 0.70, side * 1.22)), (0.20, 0.95), PLASTIC, 0.1))
+        parts.append(box((-5.72, -5.68), sorted((side * 0.70, side * 1.22)), (0.20, 0.95), PLASTIC, 0.1))
         for x in (-4.9, -3.7, 4.9):
             parts.append(_ellipsoid((x, side * 0.98, 0.5), (0.52, 0.20, 0.50), RUBBER, 0.2))
-            parts.append(_box((x - 0.35, x + 0.35), outer, (0.02, 0.7), RUBBER, 0.2))
-    parts.append(_box((-6.06, -6.03), (-0.26, 0.26), (0.90, 1.02), PLATE, 0.0, layer=ON_BODY + 1))
+            parts.append(box((x - 0.35, x + 0.35), outer, (0.02, 0.7), RUBBER, 0.2))
+    parts.append(box((-6.06, -6.03), (-0.26, 0.26), (0.90, 1.02), PLATE, 0.0, layer=ON_BODY + 1))
     return Faces.concatenate(parts)
 
 
@@ -114,8 +113,8 @@ def _motorcycle(paint: str) -> Faces:
         _ellipsoid((-0.06, 0, 1.22), (0.17, 0.235, 0.33), JACKET, 0.5),
         _ellipsoid((0.04, 0, 1.44), (0.14, 0.25, 0.13), JACKET, 0.5),
         _ellipsoid((0.13, 0, 1.64), (0.155, 0.135, 0.155), HELMET, 1.0),
-        _box((-1.04, -1.02), (-0.10, 0.10), (0.48, 0.62), PLATE, 0.0, layer=ON_BODY),
-        _box((-1.03, -1.00), (-0.08, 0.08), (0.74, 0.80), TAIL_LAMP, 1.3, layer=ON_BODY),
+        box((-1.04, -1.02), (-0.10, 0.10), (0.48, 0.62), PLATE, 0.0, layer=ON_BODY),
+        box((-1.03, -1.00), (-0.08, 0.08), (0.74, 0.80), TAIL_LAMP, 1.3, layer=ON_BODY),
     ]
     for side in (-1, 1):
         parts += [
@@ -129,17 +128,6 @@ def _motorcycle(paint: str) -> Faces:
             _ellipsoid((-0.55, side * 0.20, 0.36), (0.36, 0.06, 0.06), RIM, 1.0),
         ]
     return Faces.concatenate(parts)
-
-
-def _box(x: tuple, y: tuple, z: tuple, albedo: tuple, gloss: float, *, layer: int = BODY, cells: int = 1) -> Faces:
-    """Faces of a box between two values of each coordinate; each side has cells x cells faces."""
-    ranges = np.array([x, y, z], float)
-    corners = ranges.mean(axis=1) + BOX_CORNERS * np.diff(ranges, axis=1)[:, 0] / 2
-    share = np.linspace(0, 1, cells + 1)
-    p, q = share[None, None, :, None], share[None, :, None, None]
-    a, b, c, d = (corners[BOX_FACES[:, i]][:, None, None] for i in range(4))
-    grid = (1 - q) * ((1 - p) * a + p * b) + q * ((1 - p) * d + p * c)
-    return Faces.from_corners([grid_cells(side) for side in grid], albedo, gloss, layer)
 
 
 def _ellipsoid(middle: tuple, radii: tuple, albedo: tuple, gloss: float) -> Faces:

@@ -94,31 +94,11 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """Everything that a rendered picture or video depends on.
+    """Everything that a rendered picture or video depends on; the types of the fields describe most of them.
 
-    Parameters
-    ----------
-    camera : Camera
-        With its pose.
-    line_laterals_m : tuple of float
-        Lateral positions of the line centres from left to right: the two lines of the ego lane, or all lines if the car
-        changes lanes. Empty without a lane.
-    markings, surface, sun, objects, shades, backdrop, lens
-        See their modules.
-    bonnet : bool
-        Whether the car's bonnet is in the picture.
-    seed : int
-        Seed of all random numbers.
-    exposure : AutoExposure, optional
-        Automatic exposure with delay. Default: the exposure adapts slightly to each picture at once.
-    symbols : tuple of Symbol
-        Symbols and words on the road.
-    glare : Glare, optional
-        Glare of a low sun ahead.
-    wet : Wet, optional
-        Wet road, which reflects the sky and the lamps of other vehicles.
-    rain : Rain, optional
-        Rain on the windscreen and in the air.
+    `line_laterals_m` are the lateral positions of the line centres from left to right: the two lines of the ego lane,
+    or all lines if the car changes lanes; empty without a lane. `bonnet` says whether the car's bonnet is in the
+    picture. Without `exposure`, the exposure adapts slightly to each picture at once; with it, it follows with a delay.
     """
 
     camera: Camera

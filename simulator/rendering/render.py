@@ -96,7 +96,7 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     needed = picture[3, ground.top :][seen] > MIN_TRANSMITTANCE
     needed[metered] = True
     ground_light = _ground_light(drive, visible_ground, sun[seen], objects, station_m=view.station_m, needed=needed)
-    road_light = _mean_luminance(ground_light[metered])
+    road_light = float((ground_light[metered] @ LUMINANCE).mean())
     mirror = _add_shine(ground_light, drive, sun[seen], replace(view, ground=visible_ground))
     bare = _backdrop(drive, view, picture[3])
     _composite_ground(bare, ground_light, visible_ground, daylight=drive.night is None)
@@ -170,7 +170,8 @@ def _photograph(light: np.ndarray, drive: Drive, time_s: float, *, road_light: f
         light = add_windscreen_drops(light, drive.rain, time_s, seed=drive.seed)
     lens = drive.lens
     if drive.exposure is not None:
-        road_light = _adapted_light(drive, time_s)
+        road = RoadLight(drive.surface, drive.shades, drive.seed)
+        road_light = drive.exposure.adapted_light(lambda t: drive.motion.pose(t).s_m, road, time_s)
         lens = drive.exposure.lens(lens, road_light)
     return develop(light, lens, road_light=road_light, seed=seed)
 
@@ -233,11 +234,6 @@ def _object_light(drive: Drive, ahead: RoadAhead, *, station_m: float) -> Callab
 def _sunshine(drive: Drive, pose: VehiclePose) -> float:
     """Share of sunlight on the windscreen."""
     return float(sun_along(drive.shades, np.array([pose.s_m]), np.array([pose.lateral_m]), seed=drive.seed)[0])
-
-
-def _adapted_light(drive: Drive, time_s: float) -> float:
-    road_light = RoadLight(drive.surface, drive.shades, drive.seed)
-    return drive.exposure.adapted_light(lambda t: drive.motion.pose(t).s_m, road_light, time_s)
 
 
 def _sun_on_ground(drive: Drive, objects: list[SceneObject], view: _FrameGeometry) -> np.ndarray:
@@ -325,7 +321,3 @@ def _composite_ground(light: np.ndarray, radiance: np.ndarray, ground: Ground, *
     before = light[ground.top : ground.top + far]
     before += share[..., None] * (radiance[:far] - before)
     light[ground.top + far : ground.top + len(radiance)] = radiance[far:]
-
-
-def _mean_luminance(light: np.ndarray) -> float:
-    return float((light @ LUMINANCE).mean())

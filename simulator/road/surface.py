@@ -55,20 +55,9 @@ class Seam:
 class Surface:
     """Cross section of the ground: pavement, its flaws, and the verges.
 
-    Parameters
-    ----------
-    zones : tuple of Zone
-        Pavements; the first one extends backwards without end.
-    right_edge_m, left_edge_m : float
-        Lateral edges of the pavement.
-    lane_centres_m : tuple of float
-        Centres of the lanes, which have wheel tracks.
-    gravel_m : float
-        Width of the gravel strip between pavement and grass.
-    opposite_m : (float, float) or None
-        Lateral edges of the other carriageway.
-    verge_tint : (float, float, float)
-        Factor on the colours of gravel and grass.
+    The first of the zones extends backwards without end. `lane_centres_m` are the centres of the lanes, which have
+    wheel tracks. `gravel_m` is the width of the gravel strip between pavement and grass, `opposite_m` the lateral edges
+    of the other carriageway, `verge_tint` a factor on the colours of gravel and grass.
     """
 
     zones: tuple[Zone, ...]

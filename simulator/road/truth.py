@@ -53,9 +53,7 @@ class Truth:
     pitch_rad : float
         Pitch of the camera at this moment, > 0 looks down.
     left, right : LinePolynomial
-        Taylor coefficients of the lines at x = 0; exact.
-    road, pose, laterals_m
-        Geometry from which `line_y` computes exact points.
+        Taylor coefficients of the lines at x = 0; exact. `line_y` computes exact points from the other fields.
     """
 
     time_s: float

@@ -7,12 +7,19 @@ from pathlib import Path
 from lanes.io.images import write_image
 from lanes.io.processes import available_workers, run_all
 from simulator.rendering.render import render_frame
-from simulator.rendering.video import VIDEO_SECONDS, Progress, write_video
+from simulator.rendering.video import VIDEO_CRF, VIDEO_SECONDS, Progress, write_video
 from simulator.road.truth import truth_entry, write_truth_json
 from simulator.scenes.challenge import CHALLENGE_CRF, HARDER_CRF, challenge_video, harder_challenge_video
 from simulator.scenes.dashcam import DASHCAM
 from simulator.scenes.project_video import project_video
 from simulator.scenes.stills import still_scenes
+
+# Committed videos by name: drive, length in seconds, and constant rate factor of x264.
+VIDEOS = {
+    "project_video": (project_video, VIDEO_SECONDS, VIDEO_CRF),
+    "challenge_video": (challenge_video, 9.0, CHALLENGE_CRF),
+    "harder_challenge_video": (harder_challenge_video, 10.0, HARDER_CRF),
+}
 
 
 def write_stills(folder: str | Path, *, progress: Progress | None = None, workers: int | None = None) -> list[Path]:
@@ -39,22 +46,10 @@ def write_stills(folder: str | Path, *, progress: Progress | None = None, worker
     return [*written, folder / "truth.json"]
 
 
-def write_project_video(
-    folder: str | Path, *, seconds: float = VIDEO_SECONDS, progress: Progress | None = None
+def write_course_video(
+    folder: str | Path, name: str, *, seconds: float = VIDEO_SECONDS, progress: Progress | None = None
 ) -> list[Path]:
-    """Write project_video.mp4 with its truth and camera into a folder; see `write_video`."""
-    return write_video(Path(folder) / "project_video.mp4", drive=project_video(), seconds=seconds, progress=progress)
-
-
-def write_challenge_video(folder: str | Path, *, seconds: float = 9.0, progress: Progress | None = None) -> list[Path]:
-    """Write challenge_video.mp4 with its truth and camera into a folder; see `write_video`."""
-    path = Path(folder) / "challenge_video.mp4"
-    return write_video(path, drive=challenge_video(), seconds=min(seconds, 9.0), crf=CHALLENGE_CRF, progress=progress)
-
-
-def write_harder_video(folder: str | Path, *, seconds: float = 10.0, progress: Progress | None = None) -> list[Path]:
-    """Write harder_challenge_video.mp4 with its truth and camera into a folder; see `write_video`."""
-    path = Path(folder) / "harder_challenge_video.mp4"
-    return write_video(
-        path, drive=harder_challenge_video(), seconds=min(seconds, 10.0), crf=HARDER_CRF, progress=progress
-    )
+    """Write a video of VIDEOS with its truth and camera into a folder, `seconds` at most; see `write_video`."""
+    drive, length_s, crf = VIDEOS[name]
+    path = Path(folder) / f"{name}.mp4"
+    return write_video(path, drive=drive(), seconds=min(seconds, length_s), crf=crf, progress=progress)

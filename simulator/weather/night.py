@@ -37,17 +37,10 @@ MIN_OCCLUDER_M = 7.0
 class Night:
     """Light at night.
 
-    Parameters
-    ----------
-    ambient : float
-        Light of the sky and the town, as a share of open daylight.
-    headlights : float
-        Light of the car's low beam on the road just ahead, in the same unit.
-    retroreflection : float
-        Brightness of paint with glass beads in the car's own light, relative to plain white paint. Low for paint under
-        water.
-    street_lamp : float
-        Light on the road directly below a street lamp.
+    `ambient` is the light of the sky and the town as a share of open daylight. In the same unit, `headlights` is the
+    light of the car's low beam on the road just ahead, and `street_lamp` that directly below a street lamp.
+    `retroreflection` is the brightness of paint with glass beads in the car's own light, relative to plain white paint;
+    low for paint under water.
     """
 
     ambient: float = 0.004
