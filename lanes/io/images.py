@@ -130,6 +130,8 @@ def _require_complete(path: Path, data: bytes) -> None:
     else:
         raise PictureError(f"{path}: this is neither a JPEG nor a PNG picture; save it again as JPEG or PNG.")
     try:
+        # Pillow decodes a PNG that lacks only its end; `verify` refuses it, but makes the object unusable.
+        opener(BytesIO(data)).verify()
         picture = opener(BytesIO(data))
         too_large = math.prod(picture.size) > MAX_PIXELS
         if not too_large:

@@ -68,6 +68,13 @@ def test_truncated_file_is_refused(tmp_path, picture, suffix, share):
         read_image(cut)
 
 
+def test_png_without_its_end_chunk_is_refused(tmp_path, picture):
+    path = write_image(tmp_path / "cut.png", picture)
+    path.write_bytes(path.read_bytes()[:-20])
+    with pytest.raises(PictureError, match=r"cut\.png.*cut off"):
+        read_image(path)
+
+
 def test_truncated_jpeg_with_whole_thumbnail_is_refused(tmp_path, picture):
     """The end marker of a thumbnail in the header must not be taken for the picture's."""
     whole = write_image(tmp_path / "a.jpg", picture).read_bytes()
