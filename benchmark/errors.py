@@ -105,10 +105,8 @@ class FrameErrors:
 
     Parameters
     ----------
-    exists, available : ndarray of shape (N,), bool
-        A lane exists; the system reports a lane.
-    confident : ndarray of shape (N,), bool
-        The system reports a lane with a confidence of CONFIDENT or more, or it states no confidence.
+    exists, available, confident : ndarray of shape (N,), bool
+        A lane exists; the system reports a lane, and does so with a confidence of CONFIDENT or more, or states none.
     lateral_m : ndarray of shape (N, D)
         Distance between estimated and true line at AHEAD_M, perpendicular to the true one, of the worse line there.
     near_rms_m, full_rms_m : ndarray of shape (N,)
@@ -118,7 +116,6 @@ class FrameErrors:
         As `near_rms_m`, over the points inside the picture: in a hairpin the inner line leaves it at the side.
     offset_m, heading_rad, curvature_per_m : ndarray of shape (N,)
         Absolute errors.
-    confidence, time_ms : ndarray of shape (N,)
     """
 
     exists: np.ndarray

@@ -28,21 +28,10 @@ def cast_shadows(
     station_m: float,
     edge_noise_m: float = 0.0,
 ) -> None:
-    """Remove the sunlight inside shadow polygons, in place.
+    """Remove the sunlight `sun` (rows, width) inside shadow polygons (N, 2), metres in the car's road frame, in place.
 
-    Parameters
-    ----------
-    sun : ndarray of shape (rows, width), float32
-    polygons_m : list of ndarray of shape (N, 2)
-        Outlines in the car's road frame, metres.
-    ground : Ground
-        Ground of the same rows as `sun`.
-    road : RoadAhead
-        Its vertical profile carries the shadows.
-    station_m : float
-        Arc length of the car.
-    edge_noise_m : float
-        Displacement of the outlines by leaves; 0 keeps them sharp.
+    `ground` is that of the same rows; the vertical profile of the road carries the shadows. `station_m` is the arc
+    length of the car, `edge_noise_m` the displacement of the outlines by leaves; 0 keeps them sharp.
     """
     near = _near(polygons_m)
     if not near:

@@ -25,22 +25,11 @@ TOE = 0.012
 class Lens:
     """Parameters of the camera's imaging.
 
-    Parameters
-    ----------
-    blur_px : float
-        Standard deviation of the optical blur.
-    vignette : float
-        Share of light lost in the corners.
-    noise : float
-        Standard deviation of the sensor noise at white, as a share of white; proportional to the square root of light.
-    sharpening : float
-        Strength of the unsharp mask.
-    exposure : float
-        Exposure compensation in stops.
-    adaptation : float
-        0 is a fixed exposure; 1 renders every road equally bright.
-    chroma_blur_px : float
-        Standard deviation of the blur of the chroma channels, which cameras store at half resolution.
+    `blur_px` and `chroma_blur_px` are standard deviations of the optical blur, and of that of the chroma channels,
+    which cameras store at half resolution. `vignette` is the share of light lost in the corners. `noise` is the
+    standard deviation of the sensor noise at white, as a share of white; proportional to the square root of light.
+    `sharpening` is the strength of the unsharp mask, `exposure` the exposure compensation in stops. An `adaptation` of
+    0 is a fixed exposure; 1 renders every road equally bright.
     """
 
     blur_px: float = 0.6

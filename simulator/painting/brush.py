@@ -125,12 +125,8 @@ def paint_polygons(
         Canvas from `new_canvas`, changed in place.
     polygons_px : ndarray of shape (F, N, 2), or list of (N, 2) arrays or None
         Raw pixels; None is skipped.
-    colours : ndarray of shape (F, 3)
-        Linear RGB of each polygon.
-    opacity : ndarray of shape (F,), optional
-        1 (the default) is opaque.
-    atmosphere : Atmosphere
-        Air in front of the polygons.
+    colours, opacity : ndarray of shape (F, 3), and of shape (F,), optional
+        Linear RGB and opacity of each polygon; 1 (the default) is opaque.
     softness_px : float
         Standard deviation of the blur of the whole group, so that no edge is sharper than the lens allows.
     blend_px : float

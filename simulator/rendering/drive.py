@@ -29,25 +29,13 @@ from simulator.weather.wet import Wet
 class Motion:
     """Motion of the car along the road, with lateral oscillation and pitch motion.
 
-    Parameters
-    ----------
-    start_m : float
-        Arc length at time 0.
-    offset_m : float
-        Mean lateral position relative to the reference line, > 0 left.
-    wander_m, wander_period_s : float
-        Amplitude and period of a lateral sine; the heading follows from it.
-    pitch_rad, pitch_period_s : float
-        Amplitude and period of the pitch motion.
-    heading_rad : float
-        Additional heading relative to the road.
-    later_speeds : tuple of (float, float)
-        Knots (time, speed) after `speed_mps` at time 0; linear in between, constant after the last.
-    shift_m, shift_start_s, shift_seconds : float
-        Lane change: lateral shift (> 0 left), start and duration.
-    rear_axle_m : float
-        Distance of the rear axle behind the camera. The heading of a car is the direction of the road at its rear axle,
-        so in a sharp bend it lags behind the road at the camera.
+    The car is at arc length `start_m` at time 0. `later_speeds` are knots (time, speed) after `speed_mps` at time 0;
+    linear in between, constant after the last. `offset_m` is the mean lateral position relative to the reference line,
+    > 0 left; `wander_m` and `wander_period_s` are amplitude and period of a lateral sine, from which the heading
+    follows; `heading_rad` is added to it. `pitch_rad` and `pitch_period_s` are amplitude and period of the pitch
+    motion. A lane change is a lateral shift of `shift_m` (> 0 left). `rear_axle_m` is the distance of the rear axle
+    behind the camera: the heading of a car is the direction of the road at its rear axle, so in a sharp bend it lags
+    behind the road at the camera.
     """
 
     start_m: float = 0.0

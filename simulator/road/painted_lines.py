@@ -24,32 +24,14 @@ ENDLESS_M = 1e5
 class Marking:
     """One longitudinal marking.
 
-    Parameters
-    ----------
-    lateral_m : float
-        Distance of its centre from the reference line, > 0 to the left.
-    width_m : float
-        Width of one stripe.
-    colour : tuple of three floats
-        Linear RGB, 1.0 = sunlit white paint.
-    dashed : bool
-        Whether the line is broken, with the lengths `dash_m`.
-    phase_m : float
-        Arc length at which a dash begins.
-    double_gap_m : float
-        > 0: a double line with this gap between the inner edges of its stripes.
-    wear : float
-        0 is fresh paint, 1 is mostly worn off.
-    dots : bool
-        Whether there are raised reflectors: in the middle of each gap, or every 14.6 m next to a solid line.
-    dash_m : (float, float)
-        Lengths of paint and gap.
-    start_m, end_m : float
-        Arc lengths at which the paint starts and ends.
-    slope : float
-        dd/ds of a line that crosses the road at an angle; it starts at `lateral_m`.
-    botts : bool
-        Whether each dash is replaced by four round ceramic dots 0.91 m apart, as in California.
+    Its centre is `lateral_m` left of the reference line, `width_m` the width of one stripe, `colour` linear RGB, 1.0 =
+    sunlit white paint. A broken line has the lengths `dash_m` of paint and gap; a dash begins at `phase_m`. With
+    `double_gap_m` > 0 it is a double line with this gap between the inner edges of its stripes. `wear` is 0 for fresh
+    paint, 1 for mostly worn off. The paint reaches from `start_m` to `end_m`.
+
+    With `dots` there are raised reflectors: in the middle of each gap, or every 14.6 m next to a solid line. With
+    `botts` each dash is replaced by four round ceramic dots 0.91 m apart, as in California. `slope` is dd/ds of a line
+    that crosses the road at an angle; it starts at `lateral_m`.
     """
 
     lateral_m: float
