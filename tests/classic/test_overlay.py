@@ -69,6 +69,7 @@ def test_following_gives_each_frame_its_picture_and_numbers(picture):
     assert annotated[300:].any()
 
 
+@pytest.mark.slow
 def test_the_search_picture_shows_windows_and_lines(result):
     drawn = draw_search(result)
     assert drawn.shape == (720, 1280, 3)

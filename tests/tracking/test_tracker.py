@@ -52,6 +52,7 @@ def test_tracks_from_the_third_frame_on():
     assert set(states[3:]) == {"tracking"}
 
 
+@pytest.mark.slow
 def test_offset_and_lateral_error_in_bends():
     offset = errors(s_bend_drive(), lambda r: r.offset_m)
     assert abs(offset.mean()) < 0.02
@@ -82,6 +83,7 @@ def test_nothing_lags_in_s_bends(measure, speed_mps, most_frames):
     assert abs(lag) < most_frames
 
 
+@pytest.mark.slow
 def test_standard_deviations_are_honest():
     """Neither boasting nor useless: the error is below three standard deviations nearly always, these below 10 cm."""
     offset = np.abs(errors(s_bend_drive(), lambda r: r.offset_m))
@@ -98,6 +100,7 @@ def test_one_line_is_enough_for_three_seconds(gone):
     assert max(lateral_error_m(tracked, truth) for _, tracked, truth in frames) < 0.2
 
 
+@pytest.mark.slow
 def test_no_line_is_lost_and_never_confidently_wrong():
     gone = {"gone_s": (1.0, 4.0)}
     frames = follow(replace(DRIVE, lines=lane_lines(left=gone, right=gone)), 5.0)
