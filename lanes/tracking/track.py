@@ -13,17 +13,20 @@ from lanes.tracking.lane import Lane
 from lanes.tracking.lines import LineObservation, Observations, describe_lane, inner_stripe_shift, observe_lines
 from lanes.tracking.marking_type import MarkingVotes, Votes, add_votes
 from lanes.tracking.markings import FrameEvidence
-from lanes.tracking.model import CENTRE, LEFT_SIDE, RIGHT_SIDE, WIDTH, score_lanes
+from lanes.tracking.model import CENTRE, LEFT_SIDE, RIGHT_SIDE, WIDTH, lateral_std_m, score_lanes
 from lanes.tracking.state import KalmanState
 from lanes.tracking.update import initial_state, update_lane, update_state
 
 
 @dataclass(frozen=True)
 class TrackParameters:
-    """When a track is seen, and when its lane changes; tuned on the rendered suite."""
+    """When a track is seen and certain, and when its lane changes; tuned on the rendered suite."""
 
     # Smallest sum of both lines' supports of a lane that is seen.
     min_total_support: float = 0.06
+    # Largest standard deviation of a line at this distance while the lane is not seen.
+    max_std_m: float = 0.4
+    max_std_at_m: float = 15.0
     # Distance of the car's centre beyond a line at which the adjacent lane becomes the ego lane; a hysteresis.
     lane_change_m: float = 0.1
 
@@ -51,6 +54,11 @@ class Track:
     observations: Observations
     votes: Votes
     lane: Lane
+
+    @property
+    def certain(self) -> bool:
+        """Whether the lines are known well enough without detection."""
+        return lateral_std_m(self.estimate.lane_covariance, TRACK.max_std_at_m).max() <= TRACK.max_std_m
 
     @property
     def seen(self) -> bool:

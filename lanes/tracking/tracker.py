@@ -176,7 +176,7 @@ class LaneTracker:
                 self._state, self._regained = TRACKING, 0
             return
         self._unseen_s += elapsed_s
-        if self._state == SEARCHING or self._unseen_s > TRACKER.max_coast_s:
+        if self._state == SEARCHING or self._unseen_s > TRACKER.max_coast_s or not track.certain:
             self.reset()
         else:
             self._state, self._regained = COASTING, 0
