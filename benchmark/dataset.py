@@ -85,11 +85,8 @@ class Dataset:
         path = still.parent / "truth.json"
         if not path.is_file():
             return None
-
-        def find(truth: dict) -> dict | None:
-            return next((frame for frame in truth["frames"] if Path(frame["raw_file"]).name == still.name), None)
-
-        return _read_truth(path, find)
+        frames = _read_truth(path, lambda truth: {Path(frame["raw_file"]).name: frame for frame in truth["frames"]})
+        return frames.get(still.name)
 
     def true_drive(self, video: Path) -> dict[str, np.ndarray] | None:
         """The truth CSV of a video, an array (frames,) for each column; None without that file."""

@@ -103,19 +103,13 @@ class LaneTruth:
 class FrameErrors:
     """Errors of N frames; NaN if no lane is available, no lane exists, or the line ends before that distance.
 
-    Parameters
-    ----------
-    exists, available, confident : ndarray of shape (N,), bool
-        A lane exists; the system reports a lane, and does so with a confidence of CONFIDENT or more, or states none.
-    lateral_m : ndarray of shape (N, D)
-        Distance between estimated and true line at AHEAD_M, perpendicular to the true one, of the worse line there.
-    near_rms_m, full_rms_m : ndarray of shape (N,)
-        Root mean square of the lateral errors of the worse line: over 5 to 20 m, and over 5 to 30 m, for which the
-        confidence is defined. Infinite if the estimated line turns back before the true one.
-    in_picture_rms_m : ndarray of shape (N,)
-        As `near_rms_m`, over the points inside the picture: in a hairpin the inner line leaves it at the side.
-    offset_m, heading_rad, curvature_per_m : ndarray of shape (N,)
-        Absolute errors.
+    `exists`, `available` and `confident` are bool: a lane exists; the system reports a lane; it reports one with a
+    confidence of CONFIDENT or more, or it states no confidence. `lateral_m` (N, D) is the distance between estimated
+    and true line at AHEAD_M, perpendicular to the true one, of the worse line there. `near_rms_m` and `full_rms_m` are
+    root mean squares of the lateral errors of the worse line: over 5 to 20 m, and over 5 to 30 m, for which the
+    confidence is defined; infinite if the estimated line turns back before the true one. `in_picture_rms_m` is
+    `near_rms_m` over the points inside the picture: in a hairpin the inner line leaves it at the side. Offset, heading
+    and curvature are absolute errors.
     """
 
     exists: np.ndarray

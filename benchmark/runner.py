@@ -38,17 +38,11 @@ def run_benchmark(
 ) -> list[Result]:
     """Results in the order of `drives`, then of `systems` (names in `systems.SYSTEMS`).
 
-    Parameters
-    ----------
-    workers : int
-        Number of processes, each with one OpenCV thread.
-    estimated_pose : bool
-        The systems get the pose that is estimated from the video instead of the true one. The lens is true.
-    folder : Path, optional
-        Cache of finished estimates; default: a folder in the project's cache. An entry is valid while video, camera,
-        machine and the sources of the system are unchanged.
-    progress : callable, optional
-        progress(name of a part) returns the callback (done, total) for that part of the work.
+    `workers` processes run, with one OpenCV thread each. With `estimated_pose` the systems get the pose that is
+    estimated from the video instead of the true one; the lens is always the true one. Finished estimates are cached in
+    `folder` (default: a folder in the project's cache); an entry is used again while video, camera, machine and the
+    sources of the system are unchanged. `progress`, called with the name of a part of the work, returns its callback
+    (done, total).
 
     Raises
     ------

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 
@@ -25,16 +24,9 @@ from lanes.tracking.tracker import LaneTracker
 
 TRACKER = "tracker"
 SYSTEMS = (*RECIPES, TRACKER)
-_CAMERA = Path(camera.__file__)
-
-
-def _package(package: ModuleType) -> Path:
-    return Path(package.__file__).parent
-
-
 # Source files and folders that the estimates of a system depend on.
-SOURCES = {name: (_CAMERA, _package(classic)) for name in RECIPES} | {TRACKER: (_CAMERA, _package(tracking))}
-
+_CAMERA, _CLASSIC, _TRACKING = (Path(module.__file__) for module in (camera, classic, tracking))
+SOURCES = {name: (_CAMERA, _CLASSIC.parent) for name in RECIPES} | {TRACKER: (_CAMERA, _TRACKING.parent)}
 # Distances at which a recipe's line is projected into the picture: even steps in 1 / x are even steps in picture rows.
 PROJECTED_AT_M = 1 / np.linspace(1 / 1.5, 1 / 200.0, 400)
 

@@ -63,13 +63,9 @@ def plot_ranges(
 ) -> tuple[Figure, np.ndarray]:
     """Plot ranges of several systems: a row for each of the N names, from the top, a panel and axes for each quantity.
 
-    Parameters
-    ----------
-    panels : mapping of str to (mapping of str to (ndarray of shape (N,), ndarray of shape (N,)))
-        Axis label with unit -> system -> both ends of the ranges, such as median and 95th percentile. The second end
-        gets a marker. NaN is left out; values beyond the limits are drawn at the edge.
-    limits : mapping of str to (float, float)
-        For each label the ends of its axis; the axis is logarithmic if the first end is above zero.
+    `panels` maps the axis label with its unit, then the system, to both ends of the ranges, each (N,), such as median
+    and 95th percentile. The second end gets a marker. NaN is left out; values beyond the limits are drawn at the edge.
+    `limits` are the ends of the axis of each label, which is logarithmic if the first end is above zero.
     """
     systems = list(next(iter(panels.values())))
     figure, axes = new_figure(1, len(panels), (13, 1.5 + 0.12 * (len(systems) + 1) * len(names)), sharey=True)
