@@ -61,10 +61,6 @@ class DriveEstimates:
         """(N,) bool: frames in which the system reports a lane."""
         return np.isfinite(self.offset_m)
 
-    def select(self, frames: slice) -> DriveEstimates:
-        """The estimates of some of the frames."""
-        return DriveEstimates(**{field.name: getattr(self, field.name)[frames] for field in fields(self)})
-
 
 def write_estimates(path: Path, estimates: DriveEstimates, **metadata: object) -> None:
     """Write estimates and metadata as JSON; numbers are rounded to 1e-7, NaN becomes null."""

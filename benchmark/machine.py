@@ -34,6 +34,4 @@ def _processor() -> str:
 
 def describe_load() -> str:
     """Load average of the last minute, in words; unknown on systems without it."""
-    if not hasattr(os, "getloadavg"):
-        return "load unknown"
-    return f"load {os.getloadavg()[0]:.1f} at the start"
+    return f"load {os.getloadavg()[0]:.1f} at the start" if hasattr(os, "getloadavg") else "load unknown"

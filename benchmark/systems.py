@@ -30,11 +30,8 @@ SOURCES = {name: (_CAMERA, _CLASSIC.parent) for name in RECIPES} | {TRACKER: (_C
 # Distances at which a recipe's line is projected into the picture: even steps in 1 / x are even steps in picture rows.
 PROJECTED_AT_M = 1 / np.linspace(1 / 1.5, 1 / 200.0, 400)
 
-EstimateFrame = Callable[[np.ndarray], LaneEstimate]
-DetectColumns = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
-
-def start_system(system: str, camera: Camera, fps: float) -> EstimateFrame:
+def start_system(system: str, camera: Camera, fps: float) -> Callable[[np.ndarray], LaneEstimate]:
     """Start a system on a drive: a function of the next frame, (height, width, 3) uint8 RGB with lens distortion.
 
     Raises
@@ -50,7 +47,7 @@ def start_system(system: str, camera: Camera, fps: float) -> EstimateFrame:
     return lambda image: recipe_estimate(finder.follow(image))
 
 
-def column_detector(system: str, camera: Camera) -> DetectColumns:
+def column_detector(system: str, camera: Camera) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     """A system that detects the lines of single pictures, without memory.
 
     It is a function of a picture and rows (R,), and returns the columns (2, R) of the left and right line in the raw

@@ -255,7 +255,7 @@ class TestUnknown:
 
     def test_frames_must_match(self):
         with pytest.raises(ValueError, match="4 frames of estimates cannot be compared with 5 frames of truth"):
-            frame_errors(perfect(truth()).select(slice(4)), truth())
+            frame_errors(perfect(truth().select(slice(4))), truth())
 
 
 @pytest.mark.parametrize(
