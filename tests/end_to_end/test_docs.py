@@ -15,6 +15,7 @@ from tests.support.project import ROOT
 MODULES = {name: f"lanes.cli.{name}" for name in COMMANDS} | {
     name: f"{name}.__main__" for name in ("benchmark", "simulator")
 }
+MODULES["tools.ablation"] = "tools.ablation"
 # Options of git, pip, helm and Dask.
 OF_OTHERS = {
     "--require-hashes",
@@ -48,7 +49,7 @@ def test_links_exist(page):
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_commands_and_their_options_exist(page):
     text = page.read_text(encoding="utf-8")
-    for command, rest in re.findall(r"python -m (?:lanes )?([a-z]+)\b([^`\n]*)", text):
+    for command, rest in re.findall(r"python -m (?:lanes )?([a-z]+(?:\.[a-z]+)?)\b([^`\n]*)", text):
         if command == "lanes":
             continue
         assert command in MODULES

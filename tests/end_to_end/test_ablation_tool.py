@@ -1,0 +1,56 @@
+"""`tools.ablation` switches a mechanism off in all modules that use it, and on again."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmark.evaluation import prepare_drive
+from benchmark.scored_drive import drive_from_video
+from lanes.tracking import fitting, track
+from tests.support.project import ROOT
+from tools.ablation import ALL_ON, SWITCHES, importers, measure, switched_off, table_row
+
+BY_NAME = {switch.name: switch for switch in SWITCHES}
+# Ten frames.
+SECONDS = 0.4
+
+
+@pytest.fixture(scope="module")
+def drives():
+    return [prepare_drive(drive_from_video(ROOT / "test_videos" / "harder_challenge_video.mp4"))]
+
+
+@pytest.fixture(scope="module")
+def all_on(drives):
+    return measure(ALL_ON, drives, end_s=SECONDS)
+
+
+def lateral_errors(measurement):
+    return measurement.drives[0].lateral_m
+
+
+def test_a_strong_mechanism_changes_the_result_and_all_on_does_not(drives, all_on):
+    without = measure(BY_NAME["rate steps"], drives, end_s=SECONDS)
+    again = measure(ALL_ON, drives, end_s=SECONDS)
+    np.testing.assert_array_equal(lateral_errors(again), lateral_errors(all_on))
+    assert not np.array_equal(lateral_errors(without), lateral_errors(all_on), equal_nan=True)
+    assert table_row(BY_NAME["rate steps"], without, all_on).startswith("| rate steps |")
+
+
+@pytest.mark.parametrize("switch", SWITCHES, ids=lambda switch: switch.name)
+def test_each_switch_replaces_objects_of_the_engine_and_restores_them(switch):
+    for old, new in switch.replacements:
+        places = importers(old)
+        assert places
+        with switched_off(switch):
+            assert not importers(old)
+            assert set(places) <= set(importers(new))
+        assert importers(old) == places
+
+
+def test_every_importer_of_a_parameter_instance_is_patched():
+    original = fitting.FIT
+    with switched_off(BY_NAME["variance inflation"]):
+        assert fitting.FIT.variance_inflation == track.FIT.variance_inflation == 1.0
+    assert fitting.FIT is track.FIT is original
