@@ -18,6 +18,8 @@ import pytest
 from lanes.io.processes import available_workers, map_ordered, run_all
 from tests.support.project import ROOT
 
+pytestmark = pytest.mark.slow
+
 
 def slow_square(number: int) -> tuple[int, int]:
     """Even numbers take longer, so that results come out of order."""
