@@ -38,12 +38,12 @@ from simulator.painting.brush import (
     uncovered_window,
 )
 from simulator.rendering.drive import Drive
+from simulator.road.albedo import ground_albedo
 from simulator.road.geometry import VehiclePose
 from simulator.road.ground import Ground, cast_on_ground, pixel_rays
 from simulator.road.painted_lines import paint_markings
 from simulator.road.relief import MAX_GROUND_M
 from simulator.road.road_ahead import RoadAhead
-from simulator.road.surface import ground_albedo
 from simulator.road.symbols import paint_symbols
 from simulator.road.truth import Truth
 from simulator.weather.night import add_lamps, visible_lamps

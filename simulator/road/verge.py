@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from simulator.painting.texture import band_noise_tile, fade, sample_noise
 from simulator.road.ground import Ground, edge_coverage, strip_coverage
 from simulator.road.materials import MATERIALS
-
-if TYPE_CHECKING:
-    from simulator.road.surface import Surface
+from simulator.road.surface import Surface
 
 # Linear reflectance in a dry summer, 1.0 = white paint.
 GRAVEL = np.array([0.30, 0.255, 0.185], np.float32)

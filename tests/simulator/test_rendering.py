@@ -18,10 +18,11 @@ from simulator.objects.placement import PlacedObject
 from simulator.objects.scene_objects import Car
 from simulator.rendering.drive import Motion
 from simulator.rendering.render import render_frame
+from simulator.road.albedo import ground_albedo
 from simulator.road.geometry import line_polynomial
 from simulator.road.ground import cast_on_ground, pixel_rays
 from simulator.road.road_ahead import RoadAhead
-from simulator.road.surface import Zone, ground_albedo
+from simulator.road.surface import Zone
 from simulator.road.truth import truth_entry
 from simulator.scenes.dashcam import DASHCAM
 from simulator.scenes.freeway import LANE_WIDTH_M, freeway_surface
