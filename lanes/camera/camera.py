@@ -24,6 +24,8 @@ from lanes.io.frames import Frame, require_rgb, require_size
 # Pictures whose aspect ratios differ by less than this show the same sensor area: 1281x721 and 1280x720 differ by
 # 0.0006, neighbouring common formats (16:10 and 16:9) by 0.18.
 MAX_ASPECT_DIFFERENCE = 0.005
+# Plausible horizontal fields of view of a dashcam, degrees.
+HFOV_RANGE_DEG = 10, 150
 
 
 @dataclass(frozen=True)
@@ -32,14 +34,12 @@ class CalibrationReport:
 
     Attributes
     ----------
-    rms_px : float
-        Root mean square reprojection error of all corners, pixels.
-    board_rms_px : dict of str to float
-        The same for each board used, by the name of its picture.
+    rms_px, board_rms_px
+        Root mean square reprojection error of all corners, and of each board used, by the name of its picture.
     rejected : dict of str to str
         Pictures that were not used, and why.
     date : str
-        Date of the calibration, ISO 8601; today by default.
+        ISO 8601; today by default.
     """
 
     rms_px: float
@@ -55,15 +55,13 @@ class Camera:
     Parameters
     ----------
     width, height : int
-        Picture size in pixels that the intrinsics refer to.
+        Picture size that the intrinsics refer to.
     matrix : ndarray of shape (3, 3)
         Camera matrix (focal lengths and principal point, pixels).
     distortion : ndarray of shape (5,)
         Brown-Conrady coefficients k1, k2, p1, p2, k3 in OpenCV's order ("plumb_bob" in ROS).
     pose : CameraPose, optional
         Extrinsics; needed for all projections to and from the road.
-    report : CalibrationReport, optional
-        Result of the calibration.
     """
 
     width: int
@@ -82,7 +80,7 @@ class Camera:
         CameraError
             If the field of view is not between 10 and 150 degrees.
         """
-        if not 10 <= hfov_deg <= 150:
+        if not HFOV_RANGE_DEG[0] <= hfov_deg <= HFOV_RANGE_DEG[1]:
             raise CameraError(
                 f"a horizontal field of view of {hfov_deg} degrees is not plausible for a dashcam; give 10 to 150."
             )
@@ -159,9 +157,8 @@ class Camera:
     def distort_points(self, pixels: np.ndarray) -> np.ndarray:
         """Raw pixels (N, 2) for pixels (N, 2) of the undistorted picture."""
         pixels = np.asarray(pixels, float).reshape(-1, 2)
-        rays = np.column_stack(
-            [(pixels - self.matrix[:2, 2]) @ np.linalg.inv(self.matrix[:2, :2]).T, np.ones(len(pixels))]
-        )
+        xy = (pixels - self.matrix[:2, 2]) @ np.linalg.inv(self.matrix[:2, :2]).T
+        rays = np.column_stack([xy, np.ones(len(pixels))])
         return self._project_camera_points(rays)
 
     def rays(self, pixels: np.ndarray) -> np.ndarray:
@@ -242,13 +239,7 @@ class Camera:
         return np.column_stack([u * self.matrix[0, 0] + self.matrix[0, 2], v * self.matrix[1, 1] + self.matrix[1, 2]])
 
     def require_pose(self) -> CameraPose:
-        """The camera pose.
-
-        Raises
-        ------
-        CameraError
-            If the camera has none.
-        """
+        """The camera pose; raises CameraError if the camera has none."""
         if self.pose is None:
             raise CameraError(
                 "this camera has no pose (height and angles), so pixels cannot be placed on the road; "
@@ -267,20 +258,9 @@ def _largest_ray(k1: float, k2: float, k3: float) -> float:
 
 
 def undistort(image: np.ndarray, camera: Camera, *, rescale: bool = False) -> np.ndarray:
-    """Remove the lens distortion of a picture.
+    """The RGB picture (height, width, 3), uint8, without lens distortion, with the same camera matrix.
 
-    Parameters
-    ----------
-    image : ndarray of shape (height, width, 3), uint8
-        RGB, raw.
-    camera : Camera
-        The undistorted picture has the same camera matrix.
-    rescale : bool
-        Accept a picture that was resized (same aspect ratio) and rescale the calibration to it.
-
-    Returns
-    -------
-    ndarray of the same shape, uint8
+    With `rescale` the picture may have been resized (same aspect ratio): the calibration is rescaled to it.
 
     Raises
     ------
@@ -290,7 +270,7 @@ def undistort(image: np.ndarray, camera: Camera, *, rescale: bool = False) -> np
         If `rescale` is True and the aspect ratio differs.
     """
     require_rgb(image)
-    size = (image.shape[1], image.shape[0])
+    size = image.shape[1::-1]
     if rescale and size != camera.size:
         camera = camera.scaled(size)
     camera.require_size(image)

@@ -32,12 +32,7 @@ class _PlainLoader(yaml.SafeLoader):
 
 
 def save_camera(camera: Camera, path: str | Path) -> Path:
-    """Write camera.yaml in the layout of ROS camera_info plus `pose:` and `calibration:` blocks.
-
-    Returns
-    -------
-    Path
-        The file written; `load_camera` reads it.
+    """Write camera.yaml, which `load_camera` reads; returns the path.
 
     Raises
     ------

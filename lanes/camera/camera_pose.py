@@ -19,12 +19,7 @@ class CameraError(ValueError):
 class CameraPose:
     """Position and orientation of the camera relative to the road.
 
-    Parameters
-    ----------
-    height_m : float, > 0
-        Height above the road.
-    pitch_rad, yaw_rad, roll_rad : float
-        Angles with the signs of the module docstring.
+    The angles have the signs of the module docstring.
 
     Raises
     ------

@@ -14,13 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
+from lanes.camera.camera import HFOV_RANGE_DEG
 from lanes.io.files import require_file
 from lanes.io.images import PICTURE_SUFFIXES
 
 # Assumed if there is no information: phones that film have 55 to 70 degrees, dashcams 60 to 140.
 DEFAULT_HFOV_DEG = 60.0
-# Accepted from EXIF, in degrees; the same limits as in `Camera.from_fov`.
-HFOV_RANGE_DEG = 10, 150
 # Diagonal of 35 mm film, 36 x 24 mm, which the equivalent focal length refers to.
 FILM_DIAGONAL_MM = float(np.hypot(36, 24))
 # Tags of EXIF 2.32: the IFD of the camera settings, and five entries in it.
@@ -33,17 +32,7 @@ RESOLUTION_UNIT_MM = {2: 25.4, 3: 10.0}
 
 @dataclass(frozen=True)
 class FieldOfView:
-    """A horizontal field of view and its source.
-
-    Attributes
-    ----------
-    hfov_deg : float
-        Horizontal field of view, degrees.
-    source : str
-        Text for people.
-    assumed : bool
-        True if it is a default and not a measurement.
-    """
+    """A horizontal field of view, and its source as text; `assumed` if it is a default and not a measurement."""
 
     hfov_deg: float
     source: str
@@ -61,13 +50,7 @@ class FieldOfView:
 
 
 def find_field_of_view(files: Iterable[Path]) -> FieldOfView:
-    """Horizontal field of view from the EXIF entries of the first still that has them, otherwise `DEFAULT_HFOV_DEG`.
-
-    Parameters
-    ----------
-    files : iterable of Path
-        Stills and videos of one camera.
-    """
+    """Horizontal field of view from the EXIF entries of the first still that has them, otherwise `DEFAULT_HFOV_DEG`."""
     for file in files:
         hfov_deg = read_hfov(file) if Path(file).suffix.lower() in PICTURE_SUFFIXES else None
         if hfov_deg is not None:

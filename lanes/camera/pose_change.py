@@ -26,12 +26,8 @@ MIN_CHANGE_STDS = 6.0
 class PoseChange:
     """Time and size of a change of the camera pose.
 
-    Attributes
-    ----------
-    time_s : float
-        Time of the change, seconds since the start of the drive.
-    pitch_rad, yaw_rad : float
-        Change of pitch (> 0 looks farther down) and yaw (> 0 looks farther left); 0 where it is not significant.
+    `time_s` is since the start of the drive. The changes of pitch (> 0 looks farther down) and yaw (> 0 looks farther
+    left) are 0 where they are not significant.
     """
 
     time_s: float
@@ -40,29 +36,22 @@ class PoseChange:
 
     def describe(self) -> str:
         """One sentence with the change and what to do."""
+        changes = (self.pitch_rad, "down", "up"), (self.yaw_rad, "to the left", "to the right")
         turns = [
-            _describe_turn(self.pitch_rad, "down", "up"),
-            _describe_turn(self.yaw_rad, "to the left", "to the right"),
+            f"{np.degrees(abs(angle_rad)):.1f} deg farther {positive if angle_rad > 0 else negative}"
+            for angle_rad, positive, negative in changes
+            if angle_rad
         ]
         return (
-            f"the camera seems to have moved after {self.time_s:.0f} s: since then it looks "
-            f"{' and '.join(filter(None, turns))}; annotate the two parts separately (--start, --end), each with its "
-            "own pose."
+            f"the camera seems to have moved after {self.time_s:.0f} s: since then it looks {' and '.join(turns)}; "
+            "annotate the two parts separately (--start, --end), each with its own pose."
         )
 
 
 def find_pose_change(rows: Mapping[str, np.ndarray]) -> PoseChange | None:
-    """The moment at which the camera moved, or None.
+    """The moment at which the camera moved; None if no change is significant and lasts `MIN_PART_S` on both sides.
 
-    Parameters
-    ----------
-    rows : mapping of str to ndarray of shape (N,)
-        Telemetry of one drive: time_s, state, pitch_rad, heading_rad, offset_m.
-
-    Returns
-    -------
-    PoseChange or None
-        None if there is no significant change, or less than `MIN_PART_S` seconds are tracked before or after it.
+    `rows` is the telemetry of one drive: columns (N,) time_s, state, pitch_rad, heading_rad and offset_m.
     """
     seconds, pitch, heading = _values_per_second(rows)
     (pitch_split, pitch_rad), (yaw_split, yaw_rad) = _largest_step(pitch), _largest_step(-heading)
@@ -111,9 +100,3 @@ def _largest_step(values: np.ndarray) -> tuple[int, float]:
     step = float(np.median(values[split:]) - np.median(values[:split]))
     significant = min(before, after) >= MIN_PART_S and abs(step) > max(MIN_CHANGE_RAD, MIN_CHANGE_STDS * std)
     return split, step if significant else 0.0
-
-
-def _describe_turn(angle_rad: float, positive: str, negative: str) -> str | None:
-    if not angle_rad:
-        return None
-    return f"{np.degrees(abs(angle_rad)):.1f} deg farther {positive if angle_rad > 0 else negative}"

@@ -37,15 +37,8 @@ _MAX_COORDINATE_PX = 1e6
 class Plane:
     """An array to draw on: an RGB picture, or one plane of a YUV frame.
 
-    Attributes
-    ----------
-    pixels : ndarray, uint8
-    subsampling : int
-        Picture pixels per element, horizontally and vertically.
-    channel : int, optional
-        0 to 2 for Y, Cb, Cr.
-    colour_space : YuvColourSpace, optional
-        None for RGB.
+    `subsampling` is in picture pixels per element, in both directions; `channel` is 0 to 2 for Y, Cb, Cr. Channel and
+    colour space are None for RGB.
     """
 
     pixels: np.ndarray
@@ -93,12 +86,7 @@ def draw_polyline(
 
 
 def blend_polygon(
-    picture: Frame,
-    polygon_px: np.ndarray,
-    colour: Colour,
-    alpha: float,
-    *,
-    edge: int = cv2.LINE_AA,
+    picture: Frame, polygon_px: np.ndarray, colour: Colour, alpha: float, *, edge: int = cv2.LINE_AA
 ) -> None:
     """Blend a polygon (N, 2) of one colour into the picture with weight `alpha`; only its bounding box is processed.
 
@@ -136,9 +124,7 @@ def put_text(
         One string per line; Latin, Greek and Cyrillic letters and signs such as ° and ± are supported.
     corner : {"top left", "top right", "bottom left", "bottom right"}
     size_px : int, optional
-        Font size in pixels, by default 1/24 of the picture's height. Reduced if the text would not fit.
-    colour : tuple of three int
-        RGB of the letters.
+        Font size, by default 1/24 of the picture's height. Reduced if the text would not fit.
     panel_alpha : float, in range 0..1
         Opacity of the panel.
 

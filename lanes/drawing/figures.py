@@ -1,7 +1,7 @@
 """Matplotlib figures in one style; the only module that imports pyplot, on first use.
 
-The functions plot given values and return (figure, axes); they neither compute nor show. In a notebook `plt.show()` or
-the end of the cell shows the figure.
+The functions plot given values and return the figure and its axes (an array if there can be several); they neither
+compute nor show. In a notebook `plt.show()` or the end of the cell shows the figure.
 """
 
 from __future__ import annotations
@@ -47,13 +47,8 @@ def show_pictures(
         masks, 0..255 for other uint8, and the range of values for other types.
     titles : sequence of str
         One for each picture.
-    columns : int
     width_in : float
         Width of the figure in inches; its height follows from the pictures.
-
-    Returns
-    -------
-    figure, axes : Figure, ndarray of Axes of shape (len(images),)
 
     Raises
     ------
@@ -105,25 +100,15 @@ def plot_bars(values: Mapping[str, float], *, label: str, title: str = "") -> tu
 
 
 def plot_series(
-    times_s: np.ndarray,
-    series: Mapping[str, Mapping[str, np.ndarray]],
-    *,
-    title: str = "",
-    xlabel: str = "time (s)",
+    times_s: np.ndarray, series: Mapping[str, Mapping[str, np.ndarray]], *, title: str = ""
 ) -> tuple[Figure, np.ndarray]:
     """Plot telemetry over time, one panel per quantity.
 
     Parameters
     ----------
-    times_s : ndarray of shape (N,)
     series : mapping of str to (mapping of str to ndarray of shape (N,))
         Axis label with unit ("offset (m)") to the curves of that panel, name to values. A curve named "truth" is a dark
         dashed line above the others. NaN leaves a gap.
-    title, xlabel : str
-
-    Returns
-    -------
-    figure, axes : Figure, ndarray of Axes of shape (len(series),)
 
     Raises
     ------
@@ -142,7 +127,7 @@ def plot_series(
         if len(curves) > 1:
             # Above the panel, so that it hides no curve.
             axis.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=len(curves), frameon=False, borderaxespad=0)
-    axes[-1].set_xlabel(xlabel)
+    axes[-1].set_xlabel("time (s)")
     axes[0].set_title(title, loc="left")
     return figure, axes
 
@@ -159,24 +144,21 @@ def new_figure(rows: int, columns: int, size_in: tuple[float, float], **options:
 
 def rgb(colour: Colour) -> tuple[float, float, float]:
     """An RGB colour 0..255 in matplotlib's range 0..1."""
-    red, green, blue = (value / 255 for value in colour)
-    return red, green, blue
+    return tuple(value / 255 for value in colour)
 
 
-def save_figure(figure: Figure, path: str | Path, *, jpeg_quality: int = 85) -> Path:
+def save_figure(figure: Figure, path: str | Path) -> Path:
     """Write a figure atomically as .jpg or .png; the folder is created where needed. Returns the path.
 
     Raises
     ------
-    ValueError
-        If the name has another suffix.
-    OSError
-        If the folder cannot be written to.
+    ValueError, OSError
+        If the name has another suffix, or the folder cannot be written to.
     """
     path = Path(path)
     kind = figure_kind(path)
     # Without the name of the software, which contains matplotlib's version.
-    options = {"pil_kwargs": {"quality": jpeg_quality}} if kind == "jpeg" else {"metadata": {"Software": None}}
+    options = {"pil_kwargs": {"quality": 85}} if kind == "jpeg" else {"metadata": {"Software": None}}
     data = BytesIO()
     figure.savefig(data, format=kind, **options)
     write_atomically(path, data.getvalue())
@@ -184,13 +166,7 @@ def save_figure(figure: Figure, path: str | Path, *, jpeg_quality: int = 85) -> 
 
 
 def figure_kind(path: Path) -> str:
-    """The format, "jpeg" or "png", by the suffix.
-
-    Raises
-    ------
-    ValueError
-        If the name has another suffix.
-    """
+    """The format, "jpeg" or "png", by the suffix; raises ValueError for another suffix."""
     kind = {".jpg": "jpeg", ".jpeg": "jpeg", ".png": "png"}.get(path.suffix.lower())
     if kind is None:
         raise ValueError(f"{path}: cannot write this kind of figure; end the name in .jpg or .png.")

@@ -1,7 +1,8 @@
 """Drawing on copies of RGB pictures: areas, lines, text, thumbnails.
 
 The input is never changed and may be read-only; `lanes.drawing.canvas` draws in place. Points are (column u, row v) in
-pixels, floats, shape (N, 2), pixel centres at integers; rows with NaN are dropped.
+pixels, floats, shape (N, 2), pixel centres at integers; rows with NaN are dropped. All functions raise PictureError if
+the picture is not RGB (height, width, 3), uint8.
 """
 
 from __future__ import annotations
@@ -33,26 +34,8 @@ def fill_lane(
 ) -> np.ndarray:
     """A copy of the picture with the area between two lines tinted.
 
-    Parameters
-    ----------
-    image : ndarray of shape (height, width, 3), uint8
-        RGB.
-    left_px, right_px : ndarray of shape (N, 2) and (M, 2)
-        The borders, both from far to near or both from near to far.
-    colour : tuple of three int
-        RGB.
-    alpha : float, in range 0..1
-        Opacity.
-
-    Returns
-    -------
-    ndarray of the same shape, uint8
-        An unchanged copy if a border has fewer than two points.
-
-    Raises
-    ------
-    PictureError
-        If `image` is not an RGB picture.
+    The borders (N, 2) and (M, 2) both run from far to near or both from near to far; with fewer than two points in one
+    of them nothing is drawn. `alpha` is the opacity, 0 to 1.
     """
     drawn, left, right = _copy_rgb(image), finite_points(left_px), finite_points(right_px)
     if len(left) >= 2 and len(right) >= 2:
@@ -61,26 +44,14 @@ def fill_lane(
 
 
 def draw_line(image: np.ndarray, points_px: np.ndarray, *, colour: Colour, width_px: float = 4.0) -> np.ndarray:
-    """A copy of the RGB picture with a polyline through points (N, 2); fewer than two points draw nothing.
-
-    Raises
-    ------
-    PictureError
-        If `image` is not an RGB picture.
-    """
+    """A copy of the RGB picture with a polyline through points (N, 2); fewer than two points draw nothing."""
     drawn = _copy_rgb(image)
     draw_polyline(drawn, finite_points(points_px), colour, width_px)
     return drawn
 
 
 def write_text(image: np.ndarray, lines: str | Sequence[str], **options: object) -> np.ndarray:
-    """A copy of the RGB picture with lines of text; options and exceptions as for `lanes.drawing.canvas.put_text`.
-
-    Raises
-    ------
-    PictureError
-        If `image` is not an RGB picture.
-    """
+    """A copy of the RGB picture with lines of text; options and exceptions as for `lanes.drawing.canvas.put_text`."""
     drawn = _copy_rgb(image)
     put_text(drawn, lines, **options)
     return drawn
@@ -94,7 +65,7 @@ def draw_mosaic(
     Parameters
     ----------
     image : ndarray of shape (height, width, 3), uint8
-        RGB; the strip covers the upper quarter.
+        The strip covers the upper quarter.
     thumbnails : sequence of ndarray
         RGB pictures or masks (see `to_rgb`) of any size, in order from the left; usually binary, warp and fit.
     titles : sequence of str
@@ -104,8 +75,6 @@ def draw_mosaic(
 
     Raises
     ------
-    PictureError
-        If `image` is not an RGB picture.
     ValueError
         If the numbers of titles and thumbnails differ or are 0.
     """

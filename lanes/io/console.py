@@ -9,8 +9,6 @@ import sys
 from collections.abc import Callable
 from types import ModuleType
 
-INTERRUPTED = 130
-
 
 def bounded_float(minimum: float, maximum: float = math.inf) -> Callable[[str], float]:
     """An argparse type: a number from `minimum` to `maximum`."""
@@ -53,11 +51,8 @@ def error_status(error: OSError | ValueError) -> int:
 def run_command(command: ModuleType, program: str, arguments: list[str]) -> int:
     """Run a command, a module with a docstring, EXAMPLES, `add_arguments(parser)` and `run(options)`.
 
-    Returns
-    -------
-    int
-        The exit status. 0: done. 1: failed with good inputs, for instance an unwritable output or pictures without a
-        road. 2: wrong usage, or a missing or bad input. 130: interrupted.
+    Returns the exit status. 0: done. 1: failed with good inputs, for instance an unwritable output or pictures without
+    a road. 2: wrong usage, or a missing or bad input. 130: interrupted.
     """
     parser = argparse.ArgumentParser(
         prog=program,
@@ -75,7 +70,7 @@ def run_command(command: ModuleType, program: str, arguments: list[str]) -> int:
         return error_status(error)
     except KeyboardInterrupt:
         print("\ninterrupted; nothing half-written was left behind", file=sys.stderr)
-        return INTERRUPTED
+        return 130
 
 
 def run_program(main: Callable[[], int]) -> None:

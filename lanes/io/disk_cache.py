@@ -31,7 +31,7 @@ def cache_folder() -> Path:
 def cached_array(
     name: str, sources: Iterable[Path], make: Callable[[], np.ndarray], *, max_files: int | None = None
 ) -> np.ndarray:
-    """The result of `make()`, read from the cache if it was made with the same sources and library versions.
+    """The result of `make()`, read-only, from the cache if it was made with the same sources and library versions.
 
     The file is mapped into memory: only the parts in use are read, and processes share them. If several processes need
     a missing array, one makes it and the others wait. An unusable cache folder costs time only.
@@ -42,15 +42,8 @@ def cached_array(
         Start of the file's name, with the folder in front.
     sources : iterable of Path
         Python files on which the array depends.
-    make : callable
-        Makes the array.
     max_files : int, optional
         Number of arrays to keep in that folder; the oldest are removed.
-
-    Returns
-    -------
-    ndarray
-        Read-only.
     """
     digest = short_hash(cv2.__version__, np.__version__, *(source.read_bytes() for source in sources))
     try:

@@ -39,22 +39,14 @@ def require_file(
 ) -> Path:
     """The path, if it is a readable, ordinary file; a pipe would block the reader, a device would fill the memory.
 
-    Parameters
-    ----------
-    path : str or Path
-    kind : str
-        Expected content, for the error message: "picture", "video".
-    error : type
-        Exception for a path that exists but cannot be used.
-    max_bytes : int, optional
-        Maximum size; no limit if None.
+    `kind` is the expected content, for the error message: "picture", "video".
 
     Raises
     ------
     FileNotFoundError
         If the file does not exist.
     error
-        If it is a folder, a pipe or a device, is not readable, is empty or too large.
+        If it is a folder, a pipe or a device, is not readable, is empty or larger than `max_bytes`.
     """
     path = Path(path)
     try:
@@ -64,7 +56,7 @@ def require_file(
     except (OSError, ValueError) as missing:  # ValueError: a NUL in the name
         raise FileNotFoundError(f"{path}: there is no such {kind} file; check the name and the folder.") from missing
     if not stat.S_ISREG(found.st_mode):
-        raise error(f"{path}: is {_KINDS.get(stat.S_IFMT(found.st_mode), 'no file')}; name a {kind} file.")
+        raise error(f"{path}: is {_describe_kind(found)}; name a {kind} file.")
     if not os.access(path, os.R_OK):
         raise error(f"{path}: may not be read (Permission denied); ask for the right to, or copy it.")
     if not found.st_size:
@@ -80,13 +72,7 @@ def require_file(
 def read_text(
     path: str | Path, kind: str, *, error: type[ValueError] = ValueError, max_bytes: int | None = None
 ) -> str:
-    """The text of a UTF-8 file; parameters and exceptions as for `require_file`.
-
-    Raises
-    ------
-    error
-        Also if the file is not UTF-8.
-    """
+    """The text of a UTF-8 file; parameters and exceptions as for `require_file`, and `error` if it is not UTF-8."""
     data = require_file(path, kind, error=error, max_bytes=max_bytes).read_bytes()
     try:
         return data.decode("utf-8-sig")
@@ -99,10 +85,8 @@ def list_files(folder: str | Path, suffixes: Collection[str]) -> list[Path]:
 
     Raises
     ------
-    FileNotFoundError
-        If the folder does not exist.
-    ValueError
-        If the folder is not readable.
+    FileNotFoundError, ValueError
+        If the folder does not exist, or is not readable.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -142,16 +126,10 @@ def atomic_write(path: Path) -> Iterator[Path]:
 
 
 class PartialFile:
-    """An unfinished output in the folder of `path`.
+    """An unfinished output in the folder of `path`: an empty, locked file with the path `name`.
 
-    `commit` renames it to `path`, `discard` removes it unless it was committed.
-
-    Attributes
-    ----------
-    path : Path
-        The output; a link is replaced at its target and stays a link.
-    name : Path
-        The partial file, empty and locked.
+    `commit` renames it to `path`, `discard` removes it unless it was committed. A link is replaced at its target and
+    stays a link.
 
     Raises
     ------
@@ -161,7 +139,9 @@ class PartialFile:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(os.path.realpath(path))
-        _refuse_special(self.path)
+        # Root could rename a file over /dev/null.
+        if self.path.exists() and not self.path.is_file():
+            raise OSError(f"it is {_describe_kind(self.path.stat())}")
         self.path.parent.mkdir(parents=True, exist_ok=True)
         remove_stale_partials(self.path)
         digits = secrets.token_hex(_DIGITS // 2)
@@ -198,16 +178,10 @@ def remove_stale_partials(path: Path) -> None:
 def exclusive_writer(path: Path, *, wait: bool = False) -> Iterator[None]:
     """Exclusive writer lock, during the block, on all outputs with the folder and stem of `path`.
 
-    Parameters
-    ----------
-    path : Path
-    wait : bool
-        Wait for the other writer instead of raising.
-
     Raises
     ------
     OSError
-        If the folder cannot be written to, or if another process holds the lock and `wait` is False.
+        If the folder cannot be written to, or if another process holds the lock; with `wait` it waits instead.
     """
     lock_path = Path(os.path.realpath(path))
     lock_path = lock_path.with_name(f"{lock_path.stem}{PARTIAL}lock")
@@ -237,11 +211,8 @@ def translate_write_errors(path: Path) -> Iterator[None]:
         ) from error
 
 
-def _refuse_special(path: Path) -> None:
-    """Raise if `path` is not an ordinary file: root could rename a file over /dev/null."""
-    if path.exists() and not path.is_file():
-        kind = _KINDS.get(stat.S_IFMT(path.stat().st_mode), "no file")
-        raise OSError(f"it is {kind}")
+def _describe_kind(found: os.stat_result) -> str:
+    return _KINDS.get(stat.S_IFMT(found.st_mode), "no file")
 
 
 def _lock(path: Path, *, timeout_s: float = -1) -> FileLock:

@@ -26,21 +26,10 @@ def pick_pictures(
     start_s: float = 0.0,
     end_s: float | None = None,
 ) -> Iterator[np.ndarray]:
-    """Yield up to `max_pictures` pictures, evenly spaced over stills and videos.
+    """Yield up to `max_pictures` RGB pictures (height, width, 3), uint8, evenly spaced over stills and videos.
 
-    Parameters
-    ----------
-    files : list of Path
-    max_pictures : int
-    require : callable, optional
-        Called as `require(image, file)`; raises if the picture cannot be used, as `Camera.require_size` does.
-    start_s, end_s : float
-        Part of each video to sample, seconds since the first frame.
-
-    Yields
-    ------
-    ndarray of shape (height, width, 3), uint8
-        RGB.
+    `require(image, file)` raises if a picture cannot be used, as `Camera.require_size` does. `start_s` and `end_s` are
+    the part of each video to sample, seconds since the first frame.
 
     Raises
     ------

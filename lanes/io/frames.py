@@ -1,8 +1,7 @@
 """Picture types: RGB arrays and YUV 4:2:0 frames as videos store them.
 
 A frame that stays in YUV from the decoder to the encoder needs no colour conversion. Pixels that nobody draws on reach
-the encoder unchanged. Colour spaces differ in luma coefficients and range; both are identified
-by the code points of Recommendation ITU-T H.273.
+the encoder unchanged. Colour spaces are identified by the code points of Recommendation ITU-T H.273.
 """
 
 from __future__ import annotations
@@ -78,10 +77,7 @@ class YuvFrame:
     ----------
     data : ndarray, uint8
         The planes Y, Cb and Cr, one after the other. An odd width or height is padded by repeating the last column or
-        row.
-    width, height : int
-        Size of the picture without the padding.
-    colour_space : YuvColourSpace
+        row; `width` and `height` are those without the padding.
     """
 
     data: np.ndarray
@@ -93,12 +89,7 @@ class YuvFrame:
     def from_rgb(cls, image: np.ndarray) -> YuvFrame:
         """An RGB picture (height, width, 3), uint8, in the default colour space.
 
-        Takes 0.5 ms at 1280x720, FFmpeg's conversion 1.7 ms.
-
-        Raises
-        ------
-        PictureError
-            If `image` is not such a picture.
+        Takes 0.5 ms at 1280x720, FFmpeg's conversion 1.7 ms. Raises PictureError if `image` is not such a picture.
         """
         require_rgb(image)
         height, width = image.shape[:2]
@@ -125,7 +116,7 @@ class YuvFrame:
         return y.reshape(height, width), u.reshape(height // 2, -1), v.reshape(height // 2, -1)
 
     def copy(self) -> YuvFrame:
-        """A frame with its own data."""
+        """The same frame with its own data."""
         return replace(self, data=self.data.copy())
 
     def rotated(self, quarter_turns: int) -> YuvFrame:
@@ -151,13 +142,7 @@ def as_rgb(picture: Frame) -> np.ndarray:
 
 
 def require_rgb(image: np.ndarray, name: object = "picture") -> None:
-    """Refuse anything but a non-empty RGB picture.
-
-    Raises
-    ------
-    PictureError
-        If `image` is not an array (height, width, 3), uint8, or has no pixels.
-    """
+    """Raise PictureError unless `image` is an array (height, width, 3), uint8, with at least one pixel."""
     if not isinstance(image, np.ndarray) or image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
         got = f"shape {image.shape}, dtype {image.dtype}" if isinstance(image, np.ndarray) else type(image).__name__
         raise PictureError(
@@ -169,13 +154,7 @@ def require_rgb(image: np.ndarray, name: object = "picture") -> None:
 
 
 def require_size(image: Frame, size: tuple[int, int], name: object = "picture") -> None:
-    """Refuse anything but a picture of the size (width, height) that the camera was calibrated for.
-
-    Raises
-    ------
-    PictureError
-        If `image` is neither an RGB picture nor a YUV frame, or has another size.
-    """
+    """Raise PictureError unless `image` is an RGB picture or a YUV frame of the size (width, height) of the camera."""
     if not isinstance(image, YuvFrame):
         require_rgb(image, name)
     width, height = image.shape[1], image.shape[0]

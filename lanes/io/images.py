@@ -21,19 +21,9 @@ MAX_PICTURE_BYTES = 3 * MAX_PIXELS
 
 
 def read_image(path: str | Path) -> np.ndarray:
-    """Read a picture file as RGB.
+    """The RGB picture (height, width, 3), uint8, of a JPEG or PNG file.
 
     Gray pictures are repeated over three channels; an alpha channel is dropped.
-
-    Parameters
-    ----------
-    path : str or Path
-        A JPEG or PNG file.
-
-    Returns
-    -------
-    ndarray of shape (height, width, 3), uint8
-        Channels in RGB order.
 
     Raises
     ------
@@ -55,21 +45,10 @@ def read_image(path: str | Path) -> np.ndarray:
 
 
 def write_image(path: str | Path, image: np.ndarray, *, jpeg_quality: int = 92) -> Path:
-    """Write an RGB picture atomically as JPEG or PNG.
+    """Write an RGB picture (height, width, 3), uint8, atomically as .jpg, .jpeg or .png; returns the path.
 
-    Parameters
-    ----------
-    path : str or Path
-        Ends in .jpg, .jpeg or .png; the folder is created where needed.
-    image : ndarray of shape (height, width, 3), uint8
-        RGB.
-    jpeg_quality : int, in range 1..100
-        Ignored for PNG. The default 92 keeps edges clean at about a fifth of the size of PNG.
-
-    Returns
-    -------
-    Path
-        The path written.
+    The folder is created where needed. `jpeg_quality` is 1 to 100; 92 keeps edges clean at about a fifth of the size of
+    PNG.
 
     Raises
     ------

@@ -37,6 +37,8 @@ def map_ordered(
 
     At most two jobs a worker are submitted ahead of the results taken, so that pictures do not pile up in memory.
 
+    Close the generator to end the workers early.
+
     Parameters
     ----------
     function : callable
@@ -45,11 +47,6 @@ def map_ordered(
         Picklable arguments.
     workers : int, optional
         Processes; 1 runs the jobs in this process. Default: `available_workers()`.
-
-    Returns
-    -------
-    generator of Result
-        Close it to end the workers early.
 
     Raises
     ------
@@ -72,17 +69,8 @@ def run_all(
 ) -> list[Result]:
     """Return the results of `function` in the order of the jobs, each computed on one OpenCV thread.
 
-    Parameters
-    ----------
-    function, jobs, workers
-        As for `map_ordered`, but all jobs are submitted at once.
-    progress : callable, optional
-        Called as progress(jobs finished, jobs in total).
-
-    Raises
-    ------
-    ValueError, OSError
-        As for `map_ordered`.
+    Parameters and exceptions are those of `map_ordered`, but all jobs are submitted at once. `progress` is called with
+    (jobs finished, jobs in all).
     """
     _require_workers(workers)
     report = progress or (lambda done, total: None)

@@ -20,15 +20,7 @@ class TelemetryWriter:
     Rows are collected in a temporary file, because the columns are complete only at the end. If the block raises, an
     earlier file of that name is unchanged.
 
-    Parameters
-    ----------
-    path : str or Path
-        The folder is created where needed.
-
-    Raises
-    ------
-    OSError
-        If the folder cannot be written to.
+    The folder is created where needed; entering the block raises OSError if it cannot be written to.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -58,12 +50,7 @@ class TelemetryWriter:
         """Append a row: column name to value.
 
         The table has the columns of all rows, in order of first appearance. Missing values, None and NaN become empty
-        fields.
-
-        Raises
-        ------
-        OSError
-            If the row cannot be written.
+        fields. Raises OSError if the row cannot be written.
         """
         self._columns |= dict.fromkeys(row)
         with translate_write_errors(self.path):
@@ -93,10 +80,8 @@ def read_telemetry(path: str | Path) -> dict[str, np.ndarray]:
 
     Raises
     ------
-    FileNotFoundError
-        If the file does not exist.
-    ValueError
-        If it is not a CSV table with a header, a column "frame" and rows of equal length.
+    FileNotFoundError, ValueError
+        If the file does not exist, or is not a CSV table with a header, a column "frame" and rows of equal length.
     """
     text = read_text(path, "telemetry")
     try:

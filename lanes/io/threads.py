@@ -3,27 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 
 import cv2
 
 
-@contextmanager
-def one_thread() -> Iterator[None]:
+def one_thread() -> AbstractContextManager[None]:
     """Run OpenCV on one thread in the `with` block.
 
     Use it for reproducible results (with more threads the order of summation varies), for timing, and if other threads
     use the processor already: OpenCV's threads would then mostly wait, and waiting takes processor time.
     """
-    with _threads(1):
-        yield
+    return _threads(1)
 
 
-@contextmanager
-def all_threads() -> Iterator[None]:
+def all_threads() -> AbstractContextManager[None]:
     """Run OpenCV on its default number of threads in the `with` block, if other processes wait for the result."""
-    with _threads(-1):
-        yield
+    return _threads(-1)
 
 
 @contextmanager

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from lanes.camera.calibration.corners import Board, draw_board, find_board
+from lanes.camera.calibration.corners import Board, find_board
 from lanes.camera.camera import MAX_ASPECT_DIFFERENCE, CalibrationReport, Camera
 from lanes.camera.camera_pose import CameraError
 from lanes.io.frames import PictureError
 from lanes.io.images import list_pictures, read_image
 from lanes.io.threads import one_thread
-
-__all__ = ["Board", "calibrate", "calibrate_folder", "draw_board", "find_board"]
 
 # Two views determine the intrinsics in theory; a third makes errors visible.
 MIN_VIEWS = 3
@@ -39,16 +37,8 @@ _ADVICE = "take pictures in which the board is tilted by 20 to 45 degrees, each 
 class BoardDetections:
     """Chessboards detected in pictures.
 
-    Attributes
-    ----------
-    paths : dict of str to Path
-        All pictures, by name.
-    pattern : tuple of int
-        Inner corners (columns, rows) of the complete board.
-    boards : dict of str to Board
-        Detected boards, by the name of the picture.
-    unused : dict of str to str
-        Pictures without a board, and the reason.
+    `paths` has all pictures by name, `boards` the detected boards by the name of the picture, and `unused` the pictures
+    without a board with the reason. `pattern` is the complete board's inner corners (columns, rows).
     """
 
     paths: dict[str, Path]
@@ -66,7 +56,7 @@ def calibrate(boards: dict[str, Board], size: tuple[int, int]) -> Camera:
         Boards by the name of the picture. Boards in pictures of another size are used if they fit the camera that the
         others determine: unchanged (the picture was cropped by a pixel or two) or rescaled, whichever fits better.
     size : tuple of int
-        (width, height) of the camera's pictures, pixels.
+        (width, height) of the camera's pictures.
 
     Returns
     -------
@@ -95,25 +85,12 @@ def calibrate(boards: dict[str, Board], size: tuple[int, int]) -> Camera:
 
 
 def calibrate_folder(
-    folder: str | Path,
-    pattern: tuple[int, int] = (9, 6),
-    *,
-    progress: Callable[[int, int], None] | None = None,
+    folder: str | Path, pattern: tuple[int, int] = (9, 6), *, progress: Callable[[int, int], None] | None = None
 ) -> Camera:
-    """Camera intrinsics from all pictures of a folder.
+    """Camera intrinsics from all pictures of a folder, for their most frequent size.
 
-    Parameters
-    ----------
-    folder : str or Path
-    pattern : tuple of int
-        Inner corners (columns, rows) of the complete board.
-    progress : callable, optional
-        Called with (pictures done, pictures in all).
-
-    Returns
-    -------
-    Camera
-        For the most frequent picture size; `report.rejected` names the pictures not used, with the reason.
+    `pattern` is the complete board's inner corners (columns, rows). `progress` is called with (pictures done, pictures
+    in all). The camera's `report.rejected` names the pictures not used, with the reason.
 
     Raises
     ------
@@ -172,10 +149,7 @@ def calibrate_detections(detections: BoardDetections, source: str) -> Camera:
         camera = calibrate(detections.boards, _most_common_size(detections.boards))
     except CameraError as error:
         raise CameraError(f"{source}: {error}{unused}") from error
-    report = camera.report
-    return camera.with_report(
-        CalibrationReport(report.rms_px, report.board_rms_px, detections.unused | report.rejected)
-    )
+    return camera.with_report(replace(camera.report, rejected=detections.unused | camera.report.rejected))
 
 
 def _unique_names(paths: Sequence[Path]) -> dict[str, Path]:
@@ -200,7 +174,7 @@ def _calibrate_without_outliers(boards: dict[str, Board], size: tuple[int, int],
         worst = max(errors, key=errors.get)
         # With three boards it cannot be decided which one is wrong.
         if len(boards) == MIN_VIEWS or errors[worst] <= max(OUTLIER_RATIO * median, MIN_OUTLIER_ERROR_PX):
-            return camera.with_report(CalibrationReport(camera.report.rms_px, errors, rejected))
+            return camera.with_report(replace(camera.report, rejected=rejected))
         rejected[worst] = (
             f"error {errors[worst]:.2f} px, more than {OUTLIER_RATIO} times the median board's {median:.2f}"
         )

@@ -23,17 +23,9 @@ COLUMNS, TILE_PX, LABEL_PX, GAP_PX, TEXT_SIZE_PX = 5, (400, 225), 44, 6, 13
 def draw_contact_sheet(detections: BoardDetections, camera: Camera) -> np.ndarray:
     """All pictures of a calibration on one contact sheet.
 
-    Parameters
-    ----------
-    detections : BoardDetections
-    camera : Camera
-        Result of `calibrate_detections`.
-
-    Returns
-    -------
-    ndarray of shape (height, width, 3), uint8
-        RGB. The frame of a tile is green if the complete board was used, yellow if a part of it was used, and red if
-        the picture was not used. The last tile shows the positions of all corners used, and their number by region.
+    RGB (height, width, 3), uint8. The frame of a tile is green if the complete board was used, yellow if a part of it
+    was used, and red if the picture was not used. The last tile shows the positions of all corners used, and their
+    number by region. `camera` is the result of `calibrate_detections`.
     """
     uses, errors = describe_boards(detections, camera), camera.report.board_rms_px
     tiles = []

@@ -34,11 +34,11 @@ class Board:
     Parameters
     ----------
     corners_px : ndarray of shape (columns * rows, 2), float32
-        Image points (u, v) in pixels, row by row.
+        Image points (u, v), row by row.
     columns, rows : int
         Size of the detected grid, which may be a part of the board.
     size : tuple of int
-        (width, height) of the picture, pixels.
+        (width, height) of the picture.
     """
 
     corners_px: np.ndarray
@@ -60,17 +60,8 @@ def find_board(image: np.ndarray, pattern: tuple[int, int] = (9, 6)) -> Board | 
     classic detector is the second, and the detection of a part of the board the third. All corners are then refined to
     sub-pixel accuracy (`cv2.cornerSubPix`). On the rendered boards this halves the largest error.
 
-    Parameters
-    ----------
-    image : ndarray of shape (height, width, 3), uint8
-        RGB.
-    pattern : tuple of int
-        Inner corners (columns, rows) of the complete board.
-
-    Returns
-    -------
-    Board or None
-        None if there is no grid of at least 5 x 4 corners.
+    `image` is RGB (height, width, 3), uint8; `pattern` has the complete board's inner corners (columns, rows). None is
+    returned if there is no grid of at least 5 x 4 corners.
 
     Raises
     ------
@@ -105,10 +96,7 @@ def draw_board(image: np.ndarray, board: Board) -> np.ndarray:
         If `image` is not an RGB picture.
     """
     require_rgb(image)
-    # Frames of a video can be read-only, so a copy is drawn on.
-    canvas = image.copy()
-    cv2.drawChessboardCorners(canvas, (board.columns, board.rows), board.corners_px, True)
-    return canvas
+    return cv2.drawChessboardCorners(image.copy(), (board.columns, board.rows), board.corners_px, True)
 
 
 def _find_full_board(gray: np.ndarray, pattern: tuple[int, int]) -> np.ndarray | None:
@@ -189,9 +177,9 @@ def _extend_by_row(gray: np.ndarray, grid: np.ndarray) -> np.ndarray | None:
     return extended if _is_chessboard(gray, extended) else None
 
 
-def _inside_image(gray: np.ndarray, points: np.ndarray, margin_px: int = 3) -> bool:
+def _inside_image(gray: np.ndarray, points: np.ndarray) -> bool:
     """Whether all points (..., 2) are inside the picture, with a margin for the refinement."""
-    height, width = gray.shape
+    margin_px, (height, width) = 3, gray.shape
     return bool(((points >= margin_px) & (points <= [width - 1 - margin_px, height - 1 - margin_px])).all())
 
 

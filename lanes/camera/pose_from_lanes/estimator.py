@@ -58,22 +58,18 @@ def estimate_pose(
 ) -> PoseEstimate:
     """Estimate height, pitch, yaw and roll of a camera from pictures of one drive.
 
+    Only the intrinsics of `camera` are used; an existing pose is ignored.
+
     Parameters
     ----------
     images : iterable of ndarray of shape (height, width, 3), uint8
         RGB, raw, of the camera's size. All are kept in memory; 20 to 60, spread over the drive, are enough.
-    camera : Camera
-        Only its intrinsics are used; an existing pose is ignored.
     lane_width_m : float
         Distance between the centres of the ego lane's lines; it determines the height.
     height_m : float, optional
         Measured height of the camera above the road. If given, the lane width is not used.
     progress : callable, optional
         Called with (pictures done, pictures in all).
-
-    Returns
-    -------
-    PoseEstimate
 
     Raises
     ------
@@ -201,8 +197,6 @@ def _combine(
         roll_std_rad=geometry.roll_std_rad,
         frames_used=len(lines),
         frames_total=total,
-        pitch_spread_rad=_robust_std(pitches),
-        yaw_spread_rad=_robust_std(yaws),
         lane_width_m=lane_width_m,
         notes=_notes(lines, geometry),
     )

@@ -46,6 +46,8 @@ def estimate_height_and_roll(
 ) -> HeightAndRoll:
     """Estimate camera height and roll from the apparent width of the lanes.
 
+    The roll is 0 with the standard deviation of the prior if the pictures do not determine it.
+
     Parameters
     ----------
     lines : list of RoadLines
@@ -56,11 +58,6 @@ def estimate_height_and_roll(
         Approximate camera height. It distinguishes one lane from two lanes whose common line is worn off.
     roll_rad : float
         Current estimate of the roll.
-
-    Returns
-    -------
-    HeightAndRoll
-        Roll 0 with the standard deviation of the prior if the pictures do not determine it.
 
     Notes
     -----

@@ -13,7 +13,6 @@ from lanes.io.describe import html_table
 # 95th percentile of the offset error on the rendered drive, in centimetres: with its calibrated lens, and without
 # distortion at focal lengths from 0.7 to 1.5 times the true one (docs/own_camera.md).
 CALIBRATED_OFFSET_ERROR_CM, UNCALIBRATED_OFFSET_ERROR_CM = 1, 3
-ANGLES = "pitch", "yaw", "roll"
 
 
 class PoseError(ValueError):
@@ -34,9 +33,6 @@ class PoseEstimate:
         Standard deviations. That of the height includes the uncertainty of the assumed lane width.
     frames_used, frames_total : int
         Pictures with at least two parallel lines, and all pictures.
-    pitch_spread_rad, yaw_spread_rad : float
-        Robust standard deviation between single pictures. It contains the pitch motion of the car and its heading in
-        the lane.
     lane_width_m : float
         Lane width that determines the height. If the height was given, the lane width that follows from it.
     notes : tuple of str
@@ -50,8 +46,6 @@ class PoseEstimate:
     roll_std_rad: float
     frames_used: int
     frames_total: int
-    pitch_spread_rad: float
-    yaw_spread_rad: float
     lane_width_m: float
     notes: tuple[str, ...] = ()
 
@@ -71,10 +65,12 @@ class PoseEstimate:
 
     def summary(self) -> dict[str, str]:
         """Each number with its standard deviation, by name."""
-        angles = {name: (getattr(self.pose, f"{name}_rad"), getattr(self, f"{name}_std_rad")) for name in ANGLES}
+        pose = self.pose
         return {
-            "height": f"{self.pose.height_m:.2f} ± {self.height_std_m:.2f} m (lane {self.lane_width_m:.2f} m wide)",
-            **{name: f"{np.degrees(angle):.2f} ± {np.degrees(std):.2f} deg" for name, (angle, std) in angles.items()},
+            "height": f"{pose.height_m:.2f} ± {self.height_std_m:.2f} m (lane {self.lane_width_m:.2f} m wide)",
+            "pitch": f"{np.degrees(pose.pitch_rad):.2f} ± {np.degrees(self.pitch_std_rad):.2f} deg",
+            "yaw": f"{np.degrees(pose.yaw_rad):.2f} ± {np.degrees(self.yaw_std_rad):.2f} deg",
+            "roll": f"{np.degrees(pose.roll_rad):.2f} ± {np.degrees(self.roll_std_rad):.2f} deg",
             "pictures": f"{self.frames_used} of {self.frames_total} used",
         }
 

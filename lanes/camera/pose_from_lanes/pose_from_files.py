@@ -27,21 +27,8 @@ def pose_from_drive(
 ) -> tuple[Camera, PoseEstimate | None]:
     """The camera with a pose: its own if it has one, otherwise the pose estimated from the files.
 
-    Parameters
-    ----------
-    camera : Camera
-    files : sequence of Path
-        Stills and videos of one drive, of the camera's size.
-    start_s, end_s : float
-        Part of the videos to use, seconds.
-    progress : callable, optional
-        Called with (pictures done, pictures in all).
-
-    Returns
-    -------
-    camera : Camera
-    estimate : PoseEstimate or None
-        None if the camera already had a pose.
+    `files` are stills and videos of one drive; of the videos the part from `start_s` to `end_s` is used. `progress` is
+    called with (pictures done, pictures in all). The second result is None if the camera already had a pose.
 
     Raises
     ------
@@ -66,17 +53,8 @@ def pose_from_pictures(
 ) -> tuple[Camera, PoseEstimate]:
     """The camera with the pose estimated from pictures, and the estimate.
 
-    Parameters
-    ----------
-    camera : Camera
-    pictures : iterable of ndarray of shape (height, width, 3), uint8
-        RGB, raw.
-    name : str
-        Name of the drive, which precedes the message of an error.
-    progress : callable, optional
-        Called with (pictures done, pictures in all).
-    **options
-        `lane_width_m` and `height_m` of `estimate_pose`.
+    The name of the drive precedes the message of an error. `options` are `lane_width_m` and `height_m` of
+    `estimate_pose`, to which also `progress` and the pictures are passed.
 
     Raises
     ------

@@ -78,22 +78,11 @@ class Segments:
 
 
 def find_segments(image: np.ndarray, camera: Camera, horizon_row: float) -> Segments:
-    """Find segments of painted stripes below a rough horizon.
+    """Segments of painted stripes below a rough horizon in a raw RGB picture (height, width, 3), uint8; can be empty.
 
-    Parameters
-    ----------
-    image : ndarray of shape (height, width, 3), uint8
-        RGB, raw, of the camera's size.
-    camera : Camera
-        Only its intrinsics are used.
-    horizon_row : float
-        Approximate row of the horizon at the centre of the picture. An error changes the expected stripe width far
-        away, so that far segments are missed; near ones are still found.
-
-    Returns
-    -------
-    Segments
-        Of length 0 if the picture shows no stripe.
+    Only the intrinsics of `camera` are used. `horizon_row` is the approximate row of the horizon at the centre of the
+    picture. An error changes the expected stripe width far away, so that far segments are missed; near ones are still
+    found.
     """
     top = int(np.clip(horizon_row + HORIZON_MARGIN_PX, 0, image.shape[0] - HORIZON_MARGIN_PX))
     below_horizon_px = np.maximum(np.arange(top, image.shape[0]) - horizon_row, 1)

@@ -76,19 +76,9 @@ class RoadLines:
 
 
 def hough_votes(segments: Segments, y0_bins: np.ndarray = Y0_BINS) -> np.ndarray:
-    """Hough accumulator of one picture over y0, c and x0.
+    """Hough accumulator of one picture over y0, c and x0: the number of stripe rows that agree with each bin.
 
-    Parameters
-    ----------
-    segments : Segments
-        Segments of one picture.
-    y0_bins : ndarray of shape (H,)
-        Values of y0 to vote for.
-
-    Returns
-    -------
-    ndarray of shape (H, len(HALF_CURVATURE_BINS), len(X0_BINS)), float
-        Number of stripe rows that agree with each bin.
+    Its shape is (len(y0_bins), len(HALF_CURVATURE_BINS), len(X0_BINS)).
     """
     t = segments.y - y0_bins[:, None, None]
     below = t > MIN_BELOW_HORIZON
@@ -111,21 +101,10 @@ def hough_votes(segments: Segments, y0_bins: np.ndarray = Y0_BINS) -> np.ndarray
 
 
 def fit_parallel_lines(segments: Segments, y0: float, y0_std: float) -> RoadLines | None:
-    """Fit one set of parallel lines to the segments of one picture.
+    """Fit one set of parallel lines to the segments of one picture; None if fewer than two lines agree.
 
-    The start comes from Hough votes; then outlier rejection and robust least squares alternate.
-
-    Parameters
-    ----------
-    segments : Segments
-        Segments of one picture.
-    y0, y0_std : float
-        Prior mean and standard deviation of the horizon.
-
-    Returns
-    -------
-    RoadLines or None
-        None if fewer than two lines agree.
+    The start comes from Hough votes; then outlier rejection and robust least squares alternate. `y0` and `y0_std` are
+    the prior mean and standard deviation of the horizon.
     """
     s = segments.select(segments.y - y0 > MIN_BELOW_HORIZON)
     y0_bins = y0 + y0_std * np.linspace(-2, 2, 9)

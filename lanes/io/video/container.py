@@ -30,17 +30,7 @@ class VideoError(ValueError):
 
 @dataclass(frozen=True)
 class PacketScan:
-    """Result of `scan_packets`.
-
-    Attributes
-    ----------
-    frames, missing : int
-        Frames stored, and frames missing or damaged.
-    duration_s : float
-        Seconds shown, missing frames included.
-    first : VideoFrame
-        The first frame that can be decoded.
-    """
+    """Frames stored, and missing or damaged; seconds shown, missing ones included; the first frame decoded."""
 
     frames: int
     missing: int

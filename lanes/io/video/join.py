@@ -18,21 +18,11 @@ from lanes.io.video.writer import SoundTrack
 def join_videos(
     pieces: Sequence[Path], starts_s: Sequence[float], target: Path, *, sound_from: str | Path | None = None
 ) -> int:
-    """Concatenate videos written by `VideoWriter`; returns the number of frames.
+    """Concatenate videos written by `VideoWriter` with the same settings, atomically; returns the number of frames.
 
     Every piece begins with a key frame and all have the same decoder configuration, so that packets only need new time
-    stamps.
-
-    Parameters
-    ----------
-    pieces : sequence of Path
-        In order; written with the same settings.
-    starts_s : sequence of float
-        Time of the first frame of each piece in the whole drive; the output begins at the first of them.
-    target : Path
-        Ends in .mp4; written atomically.
-    sound_from : str or Path, optional
-        A video whose sound is copied, from `starts_s[0]` to the last frame.
+    stamps. `starts_s` has the time of the first frame of each piece in the whole drive; the output begins at the first
+    of them. The sound of the video `sound_from` is copied, from `starts_s[0]` to the last frame.
 
     Raises
     ------

@@ -17,12 +17,7 @@ DEFAULT_FPS = 30.0
 class LiveCamera:
     """A camera of this computer by its index (0 is the first); use it in a `with` block.
 
-    Attributes
-    ----------
-    size : tuple of int
-        (width, height) of its frames.
-    fps : float
-        Nominal frames per second.
+    `size` is the (width, height) of its frames, `fps` their nominal rate.
 
     Raises
     ------
@@ -31,7 +26,6 @@ class LiveCamera:
     """
 
     def __init__(self, index: int) -> None:
-        self._index = index
         # OpenCV logs a warning for every driver that it tries.
         level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
         try:

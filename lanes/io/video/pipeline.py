@@ -1,20 +1,15 @@
 """Videos from file to file: read frames, process them in order, write a video that browsers play.
 
 The course teaches moviepy (`open_clip`, then `image_transform` and `write_videofile`), because three lines show the
-idea. `annotate_video` does the same with PyAV, which is FFmpeg inside this process. The reasons, measured with moviepy
-2.2.1 and PyAV 18.1:
+idea. `annotate_video` does the same with PyAV, which is FFmpeg inside this process, because moviepy 2.2.1
 
-- moviepy calls the function once before the first frame, so that a tracker sees that frame twice. It computes the
-  number of frames from a rounded duration: of 251 frames at 25 per second it writes 250. `annotate_video` processes
-  each frame once and counts the written frames.
-- moviepy rounds the frame rate to two decimals: 24000/1001 becomes 1199/50. Here the rate is exact, and a video of
-  variable rate keeps its time stamps.
-- moviepy re-encodes the sound through a file in the working directory. Here its packets are copied.
-- moviepy writes pictures of odd size in the profile High 4:4:4, which not every browser plays. Here they are padded.
-- moviepy ignores FFmpeg's exit code, and leaves a playable half under the final name after an exception. Here the file
-  is written atomically.
-- moviepy takes 32 ms of processor time to read and write a frame of 1280x720, PyAV 24 ms (both with x264's veryfast).
-  Here reading, processing and writing also overlap (see `overlap`).
+- calls the function once before the first frame, so that a tracker sees that frame twice;
+- computes the number of frames from a rounded duration: of 251 frames at 25 per second it writes 250;
+- rounds the frame rate to two decimals (24000/1001 becomes 1199/50) and loses the time stamps of a variable rate;
+- re-encodes the sound through a file in the working directory, where packets can be copied;
+- writes pictures of odd size in the profile High 4:4:4, which not every browser plays;
+- ignores FFmpeg's exit code, and leaves a playable half under the final name after an exception;
+- takes 32 ms of processor time to read and write a frame of 1280x720, PyAV 18.1 24 ms (both with x264's veryfast).
 """
 
 from __future__ import annotations
@@ -69,19 +64,8 @@ class YuvProcess:
 class VideoSummary:
     """Result of `annotate_video`.
 
-    Attributes
-    ----------
-    path : Path
-    frames_in, frames_out : int
-        Frames processed, and frames counted in the output file.
-    fps, duration_s : float
-    width, height : int
-        Size of the output in pixels.
-    has_audio : bool
-    missing : int
-        Frames of the source that are damaged or missing; they are skipped, and the others keep their times.
-    elapsed_s : float
-        Processing time; not printed, so that two runs print the same.
+    `frames_in` were processed and `frames_out` counted in the output; size, rate and duration are those of the output.
+    `missing` frames of the source are damaged or not there; they are skipped, and the others keep their times.
     """
 
     path: Path
@@ -93,6 +77,7 @@ class VideoSummary:
     duration_s: float
     has_audio: bool
     missing: int
+    # Not printed, so that two runs print the same.
     elapsed_s: float = field(repr=False, compare=False)
 
 
@@ -142,15 +127,13 @@ def annotate_video(
         pair of that and a mapping with the frame's telemetry. It is called once per frame, in order, in the caller's
         thread. All returned pictures must have the same size. If it has a parameter `elapsed_s`, it gets the seconds
         since the previous frame, None for the first; they vary in videos of variable rate.
-    start_s, end_s : float
-        Frames to process, see `read_frames`.
+    start_s, end_s
+        As for `read_frames`.
     progress : bool
         Show frames per second and the remaining time, in a terminal or a notebook only.
     telemetry : str or Path, optional
         CSV file with a row per frame: frame (counted from the start of `source`), time_s, the telemetry of `process`,
         and latency_ms, the time that `process` took.
-    sound : bool
-        Keep the sound track, if there is one.
     warm_up_s : float
         `process` also gets the frames of this time before `start_s`; its results for them are not written.
     overlapped : bool
@@ -270,11 +253,7 @@ def _sigterm_as_exception() -> Iterator[None]:
     if not in_main or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
         yield
         return
-
-    def stop(number: int, _: object) -> None:
-        raise SystemExit(128 + number)
-
-    signal.signal(signal.SIGTERM, stop)
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     try:
         yield
     finally:

@@ -36,18 +36,8 @@ CLOCK_RESET_S = 1
 class VideoInfo:
     """Properties of a video file.
 
-    Attributes
-    ----------
-    width, height : int
-        Size in pixels as shown, after rotation.
-    fps : float
-        Frames per second.
-    frames : int
-        Frames in the file.
-    duration_s : float
-    has_audio : bool
-    missing : int
-        Frames that the header announces or the time stamps have gaps for, but that are not in the file.
+    Width and height are those shown, after rotation. `missing` counts frames that the header announces or the time
+    stamps have gaps for, but that are not in the file.
     """
 
     width: int
@@ -71,17 +61,12 @@ class TimedFrame:
 def inspect_video(path: str | Path) -> VideoInfo:
     """Properties of a video file, with the frames counted; reads the whole file but decodes one frame.
 
-    Parameters
-    ----------
-    path : str or Path
-        Any format that FFmpeg reads: mp4, mov, avi, mkv, webm, ts.
-
     Raises
     ------
     FileNotFoundError
         If the file does not exist.
     VideoError
-        If it is empty, not a video, without frames, or cut off.
+        If it is empty, not a video (mp4, mov, avi, mkv, webm, ts and others), without frames, or cut off.
     """
     with open_video(path) as container:
         found = scan_packets(path, container)
@@ -92,18 +77,9 @@ def inspect_video(path: str | Path) -> VideoInfo:
 
 
 def read_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | None = None) -> Iterator[np.ndarray]:
-    """Yield the frames of a video in order.
+    """Yield the frames with start_s <= time < end_s, seconds since the first frame, in order; None reads to the end.
 
-    Parameters
-    ----------
-    path : str or Path
-    start_s, end_s : float
-        Read frames with start_s <= time < end_s, seconds since the first frame; None reads to the end.
-
-    Yields
-    ------
-    ndarray of shape (height, width, 3), uint8
-        RGB, rotated as the file's display matrix says. The caller may write to it.
+    They are RGB (height, width, 3), uint8, rotated as the file's display matrix says. The caller may write to them.
 
     Raises
     ------
@@ -151,14 +127,7 @@ def read_timed_frames(
 
     Damaged frames are skipped. If the frame rate is constant, their numbers are skipped too.
 
-    Parameters
-    ----------
-    path : str or Path
-    start_s, end_s : float
-    threads : int
-        Decoder threads; 0 is one per core.
-    convert : callable
-        `to_upright_rgb` or `to_upright_yuv`.
+    `threads` are decoder threads, 0 for one per core. `convert` is `to_upright_rgb` or `to_upright_yuv`.
 
     Raises
     ------
@@ -200,7 +169,7 @@ def _timed(
             )
         # Only raw streams have no time stamps, and they have no gaps.
         after_s = Fraction(0) if last_s is None else last_s + 1 / rate
-        time_s = after_s if frame.pts is None else _seconds_since_start(frame, stream) + shift_s
+        time_s = after_s if frame.pts is None else frame.pts * frame.time_base - start_time(stream) + shift_s
         if last_s is not None and time_s < last_s - CLOCK_RESET_S:
             shift_s += after_s - time_s
             time_s = after_s
@@ -214,10 +183,6 @@ def _decoded_from(path: str | Path, container: av.container.InputContainer, star
     if start_s > 1:
         container.seek(int((start_s - 1 + start_time(stream)) / stream.time_base), stream=stream)
     return translate_errors(decode_frames(container, stream), path)
-
-
-def _seconds_since_start(frame: av.VideoFrame, stream: av.VideoStream) -> Fraction:
-    return frame.pts * frame.time_base - start_time(stream)
 
 
 def _quarter_turns(frame: av.VideoFrame) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from fractions import Fraction
 from pathlib import Path
 
@@ -34,26 +34,20 @@ class VideoWriter:
     Use it in a `with` block. The file is renamed to `path` at the end of the block, after its frames were counted. If
     the block raises, the unfinished file is removed and an earlier file of that name is not changed.
 
+    `frames` counts the frames converted so far; after the block `written` has the properties of the finished file.
+
     Parameters
     ----------
     path : str or Path
         Ends in .mp4; the folder is created where needed.
     fps : float
-        Frames per second, rounded to the nearest fraction with a denominator up to 1001: television rates such as
-        30000 / 1001 are exact.
+        Rounded to the nearest fraction with a denominator up to 1001: television rates such as 30000 / 1001 are exact.
     crf : int, in range 0..51
         x264's constant rate factor; lower means better quality and larger files.
     sound_from : str or Path, optional
         A video whose sound is copied, from the time of the first written frame to that of the last.
     threads : int
         Encoder threads; another number gives other bytes.
-
-    Attributes
-    ----------
-    frames : int
-        Frames converted so far.
-    written : VideoInfo or None
-        Properties of the finished file, after the block.
 
     Raises
     ------
@@ -82,10 +76,8 @@ class VideoWriter:
         per_frame = math.ceil(10_000 / self._rate.numerator)
         self._tick = Fraction(1, self._rate.numerator * per_frame)
         self._ticks_per_frame = self._rate.denominator * per_frame
-        self._crf, self._threads = crf, threads
-        self._sound_from = sound_from
+        self._crf, self._threads, self._sound_from = crf, threads, sound_from
         self._sound: SoundTrack | None = None
-        self._partial: PartialFile | None = None
         self._container: av.container.OutputContainer | None = None
         self._size: tuple[int, int] | None = None
         self._zero_s = 0.0
@@ -112,14 +104,9 @@ class VideoWriter:
     def write(self, image: Frame, time_s: float | None = None) -> None:
         """Append a frame.
 
-        Parameters
-        ----------
-        image : ndarray of shape (height, width, 3), uint8, or YuvFrame
-            All frames have one type and size. H.264 needs an even width and height: an odd one is padded by repeating
-            the last column or row, so that no pixel is lost or moved.
-        time_s : float, optional
-            Presentation time, on the clock of `sound_from`; the file begins at the first written frame. Without it
-            frames follow at the frame rate.
+        All frames have one type and size. H.264 needs an even width and height: an odd one is padded by repeating the
+        last column or row, so that no pixel is lost or moved. `time_s` is the presentation time on the clock of
+        `sound_from`; the file begins at the first written frame. Without it frames follow at the frame rate.
 
         Raises
         ------
@@ -154,14 +141,12 @@ class VideoWriter:
 
     def encode(self, frame: av.VideoFrame) -> None:
         """Second half of `write`: encode the converted frames in order; may run in another thread."""
-        try:
+        with self._ffmpeg_errors():
             if self._container is None:
                 self._open_container(frame)
             self._container.mux(self._stream.encode(frame))
             if self._sound is not None:
                 self._sound.write_until(frame.time)
-        except av.FFmpegError as error:
-            raise self._unwritable(error) from error
 
     def _open_container(self, frame: av.VideoFrame) -> None:
         size, full = (frame.width, frame.height), frame.color_range == ColorRange.JPEG
@@ -184,13 +169,11 @@ class VideoWriter:
     def _finish(self) -> None:
         if self._container is None:
             raise VideoError(f"{self.path}: no frame was written; a video needs at least one.")
-        try:
+        with self._ffmpeg_errors():
             self._container.mux(self._stream.encode(None))
             if self._sound is not None:
                 self._sound.finish((self._last_pts + self._ticks_per_frame) * float(self._tick))
             self._container.close()
-        except av.FFmpegError as error:
-            raise self._unwritable(error) from error
         self.written = inspect_video(self._partial.name)
         if self.written.frames != self.frames:
             raise VideoError(
@@ -199,9 +182,14 @@ class VideoWriter:
         with translate_write_errors(self.path):
             self._partial.commit()
 
-    def _unwritable(self, error: OSError | av.FFmpegError) -> OSError:
-        kind = type(error) if type(error).__module__ == "builtins" else OSError
-        return kind(f"{self.path}: cannot be written ({error.strerror}); choose another folder or free some space.")
+    @contextmanager
+    def _ffmpeg_errors(self) -> Iterator[None]:
+        try:
+            yield
+        except av.FFmpegError as error:
+            raise OSError(
+                f"{self.path}: cannot be written ({error.strerror}); choose another folder or free some space."
+            ) from error
 
 
 def open_mp4(
@@ -224,8 +212,7 @@ def open_mp4(
     codec.time_base = tick
     codec.thread_count = threads
     # Players disagree on the colours of video without these tags.
-    codec.colorspace, codec.color_range = colour_space.matrix, _range_of(colour_space)
-    codec.color_primaries, codec.color_trc = colour_space.primaries, colour_space.transfer
+    _tag(codec, colour_space)
     return container, stream
 
 
@@ -294,11 +281,11 @@ def _frame_of(picture: YuvFrame) -> av.VideoFrame:
         for target, plane in zip(frame.planes, picture.planes, strict=True):
             # FFmpeg pads its rows for vector instructions.
             np.frombuffer(target, np.uint8).reshape(target.height, -1)[:, : target.width] = plane
-    colour_space = picture.colour_space
-    frame.colorspace, frame.color_range = colour_space.matrix, _range_of(colour_space)
-    frame.color_primaries, frame.color_trc = colour_space.primaries, colour_space.transfer
+    _tag(frame, picture.colour_space)
     return frame
 
 
-def _range_of(colour_space: YuvColourSpace) -> ColorRange:
-    return ColorRange.JPEG if colour_space.full_range else ColorRange.MPEG
+def _tag(target: av.VideoCodecContext | av.VideoFrame, colour_space: YuvColourSpace) -> None:
+    target.colorspace, target.color_primaries = colour_space.matrix, colour_space.primaries
+    target.color_trc = colour_space.transfer
+    target.color_range = ColorRange.JPEG if colour_space.full_range else ColorRange.MPEG
