@@ -21,13 +21,7 @@ from lanes.classic.warp import FourPointWarp
 class Channel:
     """One binary of a frame with the line search of a recipe.
 
-    Parameters
-    ----------
-    name : str
-    mask : ndarray of shape (height, width), uint8
-        Binary of the bird's-eye view if the recipe warps first, otherwise of the undistorted picture.
-    recipe : Recipe
-    warp : FourPointWarp
+    `mask` (height, width), uint8, is of the bird's-eye view if the recipe warps first, else of the undistorted picture.
     """
 
     name: str
@@ -91,6 +85,6 @@ class Channel:
 def nearest_line(channels: Sequence[Channel], memory: LineMemory, side: int) -> FoundLine:
     """The line of the channel whose fit is closest to the average in `memory`."""
     prior, average = memory.search_prior, memory.average
-    lines = [c.line_near(prior, c.recipe.video_band_px) if prior else c.line_from_windows(side) for c in channels]
+    lines = [c.line_near(prior, c.recipe.margin_px) if prior else c.line_from_windows(side) for c in channels]
     height = channels[0].recipe.size[1]
     return min(lines, key=lambda line: mean_distance_px(line.fit, average, height) if line.fit else inf)

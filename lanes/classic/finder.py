@@ -26,25 +26,20 @@ from lanes.classic.result import FoundLine, LaneResult, Steps
 from lanes.classic.threshold import BestChannelThresholds, EqualizedHsvThresholds, HlsSobelThresholds, Thresholds
 from lanes.classic.warp import birdseye_to_road, scale_to_road
 
-_SIZE = (1280, 720)
-
 RECIPES = {
     "hls_sobel": Recipe(
         name="hls_sobel",
-        size=_SIZE,
         source_px=((580, 460), (740, 460), (1100, 670), (270, 670)),
         destination_px=((200, 0), (1080, 0), (1080, 720), (200, 720)),
         warp_first=True,
-        thresholds=HlsSobelThresholds(gradient=(20, 255)),
+        thresholds=HlsSobelThresholds(),
         video_thresholds=HlsSobelThresholds(gradient=(15, 255)),
         margin_px=80,
         still_band_px=80,
-        video_band_px=80,
         memories=(LineMemory(length=5, accept_limits=(0.001, 1.0, 100)),) * 2,
     ),
     "equalized_hsv": Recipe(
         name="equalized_hsv",
-        size=_SIZE,
         source_px=((1280, 710), (0, 710), (546, 460), (732, 460)),
         destination_px=((1280, 720), (0, 720), (0, 0), (1280, 0)),
         thresholds=EqualizedHsvThresholds(),
@@ -52,19 +47,16 @@ RECIPES = {
         histogram_rows_px=(360, 690),
         margin_px=100,
         still_band_px=100,
-        video_band_px=100,
         memories=(LineMemory(length=10, measured_length=20, search_again=False),) * 2,
     ),
     "best_channel": Recipe(
         name="best_channel",
-        size=_SIZE,
         source_px=((249, 690), (579, 460), (704, 460), (1058, 690)),
         destination_px=((249, 720), (249, 0), (1058, 0), (1058, 720)),
         thresholds=BestChannelThresholds(),
         video_thresholds=BestChannelThresholds(),
         margin_px=75,
         still_band_px=100,
-        video_band_px=75,
         flood_pixels=9500,
         ransac_px=15,
         memories=tuple(
@@ -81,7 +73,7 @@ RECIPES = {
 }
 
 
-def get_recipe(name: str, size: tuple[int, int] = _SIZE) -> Recipe:
+def get_recipe(name: str, size: tuple[int, int] = (1280, 720)) -> Recipe:
     """A classic recipe by name, for pictures of `size` (width, height).
 
     Raises
@@ -136,17 +128,9 @@ class LaneFinder:
         self._memories = self.recipe.memories
 
     def find(self, image: np.ndarray) -> LaneResult:
-        """Find the lane in one picture; the memory is neither used nor changed.
+        """The lane in one raw RGB picture of the camera's size, "lost" if not both lines are found.
 
-        Parameters
-        ----------
-        image : ndarray of shape (height, width, 3), uint8
-            RGB, raw, of the camera's size.
-
-        Returns
-        -------
-        LaneResult
-            With state "lost" if not both lines are found; a picture without lines does not raise an error.
+        The memory is neither used nor changed.
 
         Raises
         ------
@@ -160,10 +144,9 @@ class LaneFinder:
         return self._result(undistorted, channels, lines, fits, fits, state)
 
     def follow(self, image: np.ndarray) -> LaneResult:
-        """Find the lane in the next frame of a drive, with the memory of the previous frames.
+        """The lane in the next frame of a drive, with the memory of the previous frames; see `find`.
 
-        If a line is missing or not plausible in this frame, the memory is used and `state` is "kept". Parameter, return
-        value and errors as in `find`.
+        If a line is missing or not plausible in this frame, the memory is used and `state` is "kept".
         """
         undistorted, channels = self._threshold(image, self.recipe.video_thresholds)
         candidates = [channels[name] for name in self.recipe.video_thresholds.candidates]

@@ -44,26 +44,16 @@ class LineFit:
 
 
 def fit_line(pixels: np.ndarray, *, min_span_px: float = 2) -> LineFit | None:
-    """Least-squares parabola through the pixels of one line.
+    """Least-squares parabola through the pixels (N, 2) (column, row) of one line.
 
-    Parameters
-    ----------
-    pixels : ndarray of shape (N, 2)
-        (column, row) of each pixel.
-    min_span_px : float
-        Smallest number of rows between the first and the last pixel; fewer do not determine the curvature.
-
-    Returns
-    -------
-    LineFit or None
-        None if the pixels do not determine a parabola: fewer than three different rows, or too short a span.
+    None if the pixels do not determine a parabola: fewer than three different rows, or fewer than `min_span_px` rows
+    between the first and the last pixel.
     """
     pixels = np.asarray(pixels, float).reshape(-1, 2)
     if not _determines_parabola(pixels[:, 1], min_span_px):
         return None
     x, y = pixels.T
-    centre, half_span = _normalization(y)
-    powers = _powers((y - centre) / half_span)
+    powers, centre, half_span = _scaled_powers(y)
     return _denormalize(np.linalg.solve(powers.T @ powers, powers.T @ x), centre, half_span, y)
 
 
@@ -76,34 +66,17 @@ def ransac_line(
     seed: int = 0,
     min_span_px: float = 2,
 ) -> LineFit | None:
-    """Parabola through the largest consensus set (RANSAC, Fischler and Bolles 1981).
+    """Parabola through the largest consensus set (RANSAC, Fischler and Bolles 1981); see `fit_line`.
 
-    Every trial fits `samples` pixels, drawn with replacement, and counts the inliers within `residual_px` among at most
-    `MAX_COUNTED_PIXELS` evenly spaced pixels. The inliers of the best trial are fitted by least squares.
-
-    Parameters
-    ----------
-    pixels : ndarray of shape (N, 2)
-        (column, row) of each pixel.
-    trials, samples : int
-    residual_px : float, > 0
-        Inlier threshold: largest distance along the row.
-    seed : int
-        Seed of the random samples; the same seed gives the same line.
-    min_span_px : float
-        See `fit_line`.
-
-    Returns
-    -------
-    LineFit or None
-        As for `fit_line`.
+    Every trial fits `samples` pixels, drawn with replacement, and counts the inliers within `residual_px` columns among
+    at most `MAX_COUNTED_PIXELS` evenly spaced pixels. The inliers of the best trial are fitted by least squares. The
+    same `seed` gives the same line.
     """
     pixels = np.asarray(pixels, float).reshape(-1, 2)
     if not _determines_parabola(pixels[:, 1], min_span_px):
         return None
     x, y = pixels.T
-    centre, half_span = _normalization(y)
-    powers = _powers((y - centre) / half_span)
+    powers, _, _ = _scaled_powers(y)
     drawn = np.random.default_rng(seed).integers(len(x), size=(trials, min(samples, len(x))))
     p = powers[drawn]
     # A sample may have fewer than three different rows. The pseudo-inverse then gives a line with few inliers.
@@ -136,13 +109,11 @@ def _determines_parabola(rows: np.ndarray, min_span_px: float) -> bool:
     return last - first >= max(min_span_px, 2) and bool(((rows > first) & (rows < last)).any())
 
 
-def _normalization(rows: np.ndarray) -> tuple[float, float]:
-    """Centre and half span of the rows; scaled to -1..1 the normal equations are well conditioned."""
-    return (rows.min() + rows.max()) / 2, (rows.max() - rows.min()) / 2
-
-
-def _powers(rows: np.ndarray) -> np.ndarray:
-    return np.column_stack([rows * rows, rows, np.ones_like(rows)])
+def _scaled_powers(rows: np.ndarray) -> tuple[np.ndarray, float, float]:
+    """Powers (N, 3) of the rows scaled to -1..1, for well-conditioned normal equations; their centre and half span."""
+    centre, half_span = (rows.min() + rows.max()) / 2, (rows.max() - rows.min()) / 2
+    scaled = (rows - centre) / half_span
+    return np.column_stack([scaled * scaled, scaled, np.ones_like(scaled)]), centre, half_span
 
 
 def _denormalize(scaled: np.ndarray, centre: float, half_span: float, rows: np.ndarray) -> LineFit:

@@ -1,6 +1,6 @@
-"""Measurements in metres from fitted lines: curvature, radius, offset, lane width.
+"""Measurements in metres from fitted lines: curvature, offset, lane width.
 
-Signs: curvature and radius > 0: the road bends left; offset > 0: car left of the lane centre.
+Signs: curvature > 0: the road bends left; offset > 0: car left of the lane centre.
 """
 
 from __future__ import annotations
@@ -30,9 +30,7 @@ class RoadLine:
         return self.c2_per_m / (1 + (self.c1 + self.c2_per_m * x_m) ** 2) ** 1.5
 
 
-def road_line(
-    fit: LineFit, to_road: Callable[[np.ndarray], np.ndarray], height: int, *, samples: int = 60
-) -> RoadLine | None:
+def road_line(fit: LineFit, to_road: Callable[[np.ndarray], np.ndarray], height: int) -> RoadLine | None:
     """The line on the road: points of the line in the bird's-eye view are mapped to the road and fitted in metres.
 
     A parabola in the bird's-eye view is a parabola on the road only if the scales are constant, but points can always
@@ -40,44 +38,24 @@ def road_line(
 
     Parameters
     ----------
-    fit : LineFit
-        The line in the bird's-eye view.
     to_road : callable
         Maps points (N, 2) of the bird's-eye view to road points (N, 2) in metres: `warp.birdseye_to_road` or
         `warp.scale_to_road`.
     height : int
         Height of the bird's-eye view in pixels; the line is sampled over all rows.
-    samples : int
-        Number of points.
 
     Returns
     -------
     RoadLine or None
         None if fewer than three points are on the road (the others are above the horizon).
     """
-    rows = np.linspace(0, height - 1, samples)
+    rows = np.linspace(0, height - 1, 60)
     points = to_road(np.column_stack([fit.columns(rows), rows]))
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) < 3 or np.ptp(points[:, 0]) == 0:
         return None
     half_c2, c1, c0 = np.polyfit(points[:, 0], points[:, 1], 2)
     return RoadLine(float(c0), float(c1), float(2 * half_c2))
-
-
-def radius_m(curvature_per_m: float) -> float:
-    """Signed radius in metres; infinite for a straight line."""
-    return 1 / curvature_per_m if curvature_per_m else float("inf")
-
-
-def curvature_through(points_m: np.ndarray) -> float:
-    """Signed curvature in 1/m of the circle through three road points (3, 2), in driving order.
-
-    Four times the triangle's signed area over the product of its sides (Menger curvature).
-    """
-    a, b, c = np.asarray(points_m, float)
-    (ux, uy), (vx, vy) = b - a, c - a
-    sides = np.hypot(*(b - a)) * np.hypot(*(c - b)) * np.hypot(*(c - a))
-    return float(2 * (ux * vy - uy * vx) / sides)
 
 
 def lane_offset_m(left: RoadLine, right: RoadLine) -> float:

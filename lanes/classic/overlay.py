@@ -35,22 +35,10 @@ def describe_result(result: LaneResult) -> list[str]:
 
 
 def annotate(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarray:
-    """Draw the lane and its numbers on the raw picture.
+    """A copy of the raw RGB picture with the lane and its numbers.
 
     The lines are projected from the bird's-eye view to the raw picture, through the homography and the distortion of
-    the lens, so that they coincide with the markings.
-
-    Parameters
-    ----------
-    image : ndarray of shape (height, width, 3), uint8
-        RGB, raw; not modified.
-    result : LaneResult
-    camera : Camera
-        Only its intrinsics are used.
-
-    Returns
-    -------
-    ndarray of the same shape, uint8
+    the lens, so that they coincide with the markings. The pose of the camera is not used.
     """
     return write_text(_draw_result(image, result, camera), describe_result(result))
 
@@ -60,7 +48,7 @@ def draw_search(result: LaneResult) -> np.ndarray:
     steps = result.steps
     drawn = draw_pixels(steps.warped_binary, steps.left.pixels, colour=LEFT_COLOUR)
     drawn = draw_pixels(drawn, steps.right.pixels, colour=RIGHT_COLOUR)
-    drawn = draw_windows(drawn, steps.windows_px, colour=WINDOW_COLOUR)
+    drawn = draw_windows(drawn, steps.windows_px)
     left, right = (fit and fit.points(drawn.shape[0]) for fit in (result.left, result.right))
     return draw_fit(drawn, left, right)
 
@@ -95,8 +83,6 @@ def draw_lane(
     right_px: np.ndarray | None,
     camera: Camera | None = None,
     *,
-    colour: Colour = LANE_COLOUR,
-    alpha: float = 0.3,
     line_width_px: float | None = None,
 ) -> np.ndarray:
     """Draw a lane on a raw or undistorted picture.
@@ -110,8 +96,6 @@ def draw_lane(
         is not filled.
     camera : Camera, optional
         If given, the points are pixels of the undistorted picture and are distorted with its lens model.
-    colour, alpha
-        Colour and opacity of the area between the lines, see `fill_lane`.
     line_width_px : float, optional
         Width of the lines, red left and blue right; 0 draws none. The default is 1/160 of the picture width.
 
@@ -124,7 +108,7 @@ def draw_lane(
     if camera is not None:
         camera.require_size(image)
     left, right = (_distort_line(points, camera) for points in (left_px, right_px))
-    drawn = fill_lane(image, left, right, colour=colour, alpha=alpha)
+    drawn = fill_lane(image, left, right, colour=LANE_COLOUR, alpha=0.3)
     width_px = image.shape[1] / 160 if line_width_px is None else line_width_px
     if width_px > 0:
         draw_polyline(drawn, left, LEFT_COLOUR, width_px)
@@ -132,27 +116,12 @@ def draw_lane(
     return drawn
 
 
-def draw_windows(view: np.ndarray, windows_px: np.ndarray, *, colour: Colour = WINDOW_COLOUR) -> np.ndarray:
-    """Draw search windows on a picture or mask.
-
-    Parameters
-    ----------
-    view : ndarray of shape (height, width, 3) or (height, width)
-        RGB picture or mask.
-    windows_px : ndarray of shape (N, 4)
-        Left, top, right, bottom edge of each window in pixels.
-    colour : tuple of three int
-        RGB.
-
-    Returns
-    -------
-    ndarray of shape (height, width, 3), uint8
-        RGB.
-    """
+def draw_windows(view: np.ndarray, windows_px: np.ndarray) -> np.ndarray:
+    """Draw search windows (N, 4) (left, top, right, bottom edge, pixels) on a picture or mask. Returns RGB."""
     drawn = to_rgb(view)
     for left, top, right, bottom in np.asarray(windows_px, float).reshape(-1, 4):
         outline = np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
-        draw_polyline(drawn, outline, colour, drawn.shape[1] / 320, closed=True)
+        draw_polyline(drawn, outline, WINDOW_COLOUR, drawn.shape[1] / 320, closed=True)
     return drawn
 
 

@@ -17,7 +17,6 @@ class Recipe:
 
     Parameters
     ----------
-    name : str
     size : tuple of int
         (width, height) of the pictures.
     source_px, destination_px : tuple of four (u, v)
@@ -28,10 +27,12 @@ class Recipe:
         For stills and for consecutive frames.
     histogram_rows_px : tuple of int
         First and end row of the histogram that finds the start of the lines.
-    margin_px, windows, recentre_pixels, flood_pixels
+    margin_px : float
+        Half width of the windows, and of the search band around the line of the previous frames (video).
+    still_band_px : float
+        Half width of the search band around the line of the windows (stills).
+    windows, recentre_pixels, flood_pixels
         See `search.sliding_windows`.
-    still_band_px, video_band_px : float
-        Half width of the search band around the line of the windows (stills) or of the previous frames (video).
     ransac_px : float or None
         Inlier threshold of RANSAC; None fits by least squares.
     ransac_trials, ransac_samples : int
@@ -47,15 +48,14 @@ class Recipe:
     """
 
     name: str
-    size: tuple[int, int]
     source_px: Points
     destination_px: Points
     thresholds: Thresholds
     video_thresholds: Thresholds
     margin_px: float
     still_band_px: float
-    video_band_px: float
     memories: tuple[LineMemory, LineMemory]
+    size: tuple[int, int] = (1280, 720)
     warp_first: bool = False
     histogram_rows_px: tuple[int, int] = (360, 720)
     windows: int = 9
@@ -98,7 +98,6 @@ class Recipe:
             histogram_rows_px=tuple(round(row * sy) for row in self.histogram_rows_px),
             margin_px=self.margin_px * sx,
             still_band_px=self.still_band_px * sx,
-            video_band_px=self.video_band_px * sx,
             recentre_pixels=max(round(self.recentre_pixels * area), 1),
             flood_pixels=self.flood_pixels and max(round(self.flood_pixels * area), 1),
             ransac_px=self.ransac_px and self.ransac_px * sx,

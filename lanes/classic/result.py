@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from lanes.classic.fit import LineFit
-from lanes.classic.measure import RoadLine, lane_offset_m, lane_width_m, radius_m
+from lanes.classic.measure import RoadLine, lane_offset_m, lane_width_m
 from lanes.classic.search import Window, window_edges
 from lanes.classic.warp import FourPointWarp
 
@@ -29,14 +29,12 @@ class Steps:
 
     Parameters
     ----------
-    undistorted : ndarray of shape (height, width, 3), uint8
     masks : dict of ndarray (height, width), uint8
         All binaries by name; of the bird's-eye view if the recipe warps first, otherwise of the picture.
     warped_binary : ndarray of shape (height, width), uint8
         Binary with the pixels of both lines, in the bird's-eye view.
     left, right : FoundLine
         Lines of this frame without the memory.
-    warp : FourPointWarp
     """
 
     undistorted: np.ndarray
@@ -52,14 +50,9 @@ class Steps:
         return self.warp.warp(self.undistorted)
 
     @property
-    def windows(self) -> tuple[Window, ...]:
-        """Windows of both lines; none for a line that was searched in a band around the previous one."""
-        return self.left.windows + self.right.windows
-
-    @property
     def windows_px(self) -> np.ndarray:
-        """(N, 4) left, top, right, bottom edge of each window, for drawing."""
-        return window_edges(self.windows)
+        """(N, 4) left, top, right, bottom edge of each window; none for a line searched around the previous one."""
+        return window_edges(self.left.windows + self.right.windows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +67,6 @@ class LaneResult:
         Lines on the road, metres.
     state : {"found", "kept", "lost"}
         "found": both lines measured in this frame; "kept": at least one line from memory; "lost": a line is missing.
-    steps : Steps
     """
 
     left: LineFit | None
@@ -103,16 +95,6 @@ class LaneResult:
     def right_px(self) -> np.ndarray | None:
         """The right line, see `left_px`."""
         return self.right and self.warp.points_to_picture(self.right.points(self.warp.size[1]))
-
-    @property
-    def left_radius_m(self) -> float | None:
-        """Signed radius of the left line at the car in metres, > 0 bends left."""
-        return radius_m(self.left_road.curvature_per_m()) if self.left_road else None
-
-    @property
-    def right_radius_m(self) -> float | None:
-        """Signed radius of the right line at the car in metres, > 0 bends left."""
-        return radius_m(self.right_road.curvature_per_m()) if self.right_road else None
 
     @property
     def curvature_per_m(self) -> float | None:

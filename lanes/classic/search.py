@@ -32,14 +32,9 @@ class WindowSearch:
     right_windows: tuple[Window, ...] = ()
 
     @property
-    def windows(self) -> tuple[Window, ...]:
-        """The windows of both lines."""
-        return self.left_windows + self.right_windows
-
-    @property
     def windows_px(self) -> np.ndarray:
         """(N, 4) left, top, right, bottom edge of each window, for drawing."""
-        return window_edges(self.windows)
+        return window_edges(self.left_windows + self.right_windows)
 
 
 def window_edges(windows: Sequence[Window]) -> np.ndarray:
@@ -48,17 +43,9 @@ def window_edges(windows: Sequence[Window]) -> np.ndarray:
 
 
 def lane_histogram(binary: np.ndarray, *, first_row: int | None = None, last_row: int | None = None) -> np.ndarray:
-    """Number of set pixels in each column, by default of the lower half, where lines are nearly vertical.
+    """Number of set pixels (width,) in each column of a binary (height, width), in rows first_row..last_row-1.
 
-    Parameters
-    ----------
-    binary : ndarray of shape (height, width), uint8
-    first_row, last_row : int, optional
-        Rows first_row..last_row-1 are counted.
-
-    Returns
-    -------
-    ndarray of shape (width,), int
+    The default is the lower half, where lines are nearly vertical.
     """
     height = binary.shape[0]
     rows = binary[height // 2 if first_row is None else first_row : height if last_row is None else last_row]
@@ -99,7 +86,7 @@ def sliding_windows(
     Parameters
     ----------
     binary : ndarray of shape (height, width), uint8
-        Warped binary; pixels other than 0 are set.
+        Warped binary.
     count : int
         Number of windows, which together cover the full height.
     margin_px : float
@@ -137,28 +124,13 @@ def band_pixels(pixels: np.ndarray, line: LineFit, margin_px: float) -> np.ndarr
 
 
 def search_band(binary: np.ndarray, left: LineFit | None, right: LineFit | None, *, margin_px: float) -> WindowSearch:
-    """Pixels in a band around known lines, for example those of the previous frame.
+    """Pixels of a warped binary within `margin_px` columns of known lines, for example those of the previous frame.
 
-    Parameters
-    ----------
-    binary : ndarray of shape (height, width), uint8
-        Warped binary.
-    left, right : LineFit or None
-        A line that is None has no pixels.
-    margin_px : float
-        Half the width of the band, along the row.
-
-    Returns
-    -------
-    WindowSearch
-        Without windows.
+    A line that is None has no pixels. The result has no windows.
     """
     pixels = binary_pixels(binary)
-    no_pixels = pixels[:0]
-    return WindowSearch(
-        band_pixels(pixels, left, margin_px) if left else no_pixels,
-        band_pixels(pixels, right, margin_px) if right else no_pixels,
-    )
+    found = (band_pixels(pixels, line, margin_px) if line else pixels[:0] for line in (left, right))
+    return WindowSearch(*found)
 
 
 def _stack_windows(

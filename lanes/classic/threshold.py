@@ -33,18 +33,7 @@ _SPACES = {
 
 
 def split_channels(image: np.ndarray, space: str) -> tuple[np.ndarray, ...]:
-    """Channels of an RGB picture in another colour space.
-
-    Parameters
-    ----------
-    image : ndarray of shape (height, width, 3), uint8
-        RGB.
-    space : {"RGB", "HLS", "HSV", "LAB", "LUV"}
-
-    Returns
-    -------
-    tuple of three ndarrays of shape (height, width), uint8
-        In the order of the space's letters.
+    """The three channels (height, width), uint8, of an RGB picture in a colour space: RGB, HLS, HSV, LAB or LUV.
 
     Raises
     ------
@@ -93,24 +82,12 @@ def equalized_white_mask(image: np.ndarray, levels: Range = (251, 255)) -> np.nd
 
 
 def gradient_x_mask(channel: np.ndarray, levels: Range, *, full_step: float, kernel: int = 3) -> np.ndarray:
-    """Binary of the pixels with a horizontal gradient in a range.
+    """Binary of the pixels of a channel (height, width), uint8, with a horizontal gradient in a range.
 
-    Parameters
-    ----------
-    channel : ndarray of shape (height, width), uint8
-    levels : tuple of float
-        Accepted range on the scale 0..255.
-    full_step : float
-        Step in gray levels that is scaled to 255.
-    kernel : odd int
-        Size of the Sobel filter.
+    `levels` is the range on the scale 0..255, where 255 is a step of `full_step` gray levels. `kernel` is the odd size
+    of the Sobel filter in pixels.
     """
     return _level_mask(np.abs(_sobel(channel, 1, 0, kernel)), levels, full_step)
-
-
-def gradient_y_mask(channel: np.ndarray, levels: Range, *, full_step: float, kernel: int = 3) -> np.ndarray:
-    """Binary of the pixels with a vertical gradient in a range; see `gradient_x_mask`."""
-    return _level_mask(np.abs(_sobel(channel, 0, 1, kernel)), levels, full_step)
 
 
 def magnitude_mask(channel: np.ndarray, levels: Range, *, full_step: float, kernel: int = 3) -> np.ndarray:
@@ -128,15 +105,7 @@ def direction_mask(channel: np.ndarray, angles_rad: Range, *, kernel: int = 3) -
 
 
 def region_mask(size: tuple[int, int], polygon: tuple[Range, ...]) -> np.ndarray:
-    """Binary of the interior of a polygon.
-
-    Parameters
-    ----------
-    size : tuple of int
-        (width, height) in pixels.
-    polygon : tuple of (float, float)
-        Corners as fractions of width and height.
-    """
+    """Binary of `size` (width, height) of a polygon's interior; its corners are fractions of width and height."""
     corners = np.round(np.array(polygon) * size).astype(np.int32)
     return cv2.fillPoly(np.zeros(size[::-1], np.uint8), [corners], 255)
 
@@ -171,7 +140,7 @@ def _level_mask(steps: np.ndarray, levels: Range, full_step: float) -> np.ndarra
 class Thresholds(Protocol):
     """Interface of the threshold step of a recipe."""
 
-    candidates: ClassVar[tuple[str, ...]]
+    candidates: ClassVar[tuple[str, ...]] = ("combined",)
 
     def masks(self, image: np.ndarray) -> dict[str, np.ndarray]:
         """All binaries by name: "combined" for stills, and the `candidates` for the choice in video."""
@@ -183,16 +152,17 @@ class Thresholds(Protocol):
 
 @dataclass(frozen=True)
 class HlsSobelThresholds(Thresholds):
-    """Recipe A, on the warped colour picture: saturation, or a gradient of lightness or of saturation."""
+    """Recipe A, on the warped colour picture: saturation, or a gradient of lightness or of saturation.
+
+    The published range of gradient directions is left out, because 0..pi/2 includes all directions.
+    """
 
     saturation: Range = (120, 255)
     lightness: Range = (30, 255)
     gradient: Range = (20, 255)
-    direction_rad: Range = (0, np.pi / 2)
     lightness_full_step: float = 75
     # Saturation changes by nearly its full range next to white pixels, so the scale is the full range.
     saturation_full_step: float = 255
-    candidates: ClassVar[tuple[str, ...]] = ("combined",)
 
     def masks(self, image: np.ndarray) -> dict[str, np.ndarray]:
         """Binaries of an RGB picture (height, width, 3): saturation, gradient x, magnitude, combined."""
@@ -202,9 +172,6 @@ class HlsSobelThresholds(Thresholds):
             "gradient x": gradient_x_mask(light, self.gradient, full_step=self.lightness_full_step),
             "magnitude": magnitude_mask(colour, self.gradient, full_step=self.saturation_full_step),
         }
-        # The published range 0..pi/2 includes all directions, so it needs no computation.
-        if self.direction_rad != (0, np.pi / 2):
-            masks["magnitude"] &= direction_mask(colour, self.direction_rad)
         masks["combined"] = masks["saturation"] | masks["gradient x"] | masks["magnitude"]
         return masks
 
@@ -220,7 +187,6 @@ class EqualizedHsvThresholds(Thresholds):
     magnitude_kernel: int = 9
     full_step: float = 195
     close_px: int = 5
-    candidates: ClassVar[tuple[str, ...]] = ("combined",)
 
     def masks(self, image: np.ndarray) -> dict[str, np.ndarray]:
         """Binaries of an RGB picture (height, width, 3): white, yellow, magnitude, combined (with gaps closed)."""

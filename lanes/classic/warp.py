@@ -1,9 +1,7 @@
 """Bird's-eye view of the classic recipes: a homography from four points, and its scale in metres.
 
-Conventions
------------
-- picture: the undistorted picture; bird's-eye view: the warped picture; both in pixels (u, v);
-- road points are (x forward, y left) in metres, as in lanes.camera.camera.
+The picture is the undistorted one, and the bird's-eye view the warped one, both in pixels (u, v). Road points are
+(x forward, y left) in metres, as in lanes.camera.camera.
 """
 
 from __future__ import annotations
@@ -60,19 +58,16 @@ class FourPointWarp:
         PictureError
             If `image` is not an RGB picture or a binary of that size.
         """
-        self._require_size(image)
-        return cv2.warpPerspective(image, self.matrix, self.size, flags=_interpolation(image))
-
-    def unwarp(self, image: np.ndarray, size: tuple[int, int] | None = None) -> np.ndarray:
-        """Undistorted picture of `size` (width, height) from a bird's-eye view; black outside. Default: its own size.
-
-        Raises
-        ------
-        PictureError
-            If `image` is not an RGB picture or a binary of the size of the bird's-eye view.
-        """
-        self._require_size(image)
-        return cv2.warpPerspective(image, self.inverse, size or self.size, flags=_interpolation(image))
+        if not (isinstance(image, np.ndarray) and image.ndim == 2 and image.dtype == np.uint8):
+            require_rgb(image)
+        (width, height), got = self.size, image.shape[1::-1]
+        if got != (width, height):
+            raise PictureError(
+                f"picture: is {got[0]}x{got[1]} pixels, but this warp is for {width}x{height}; "
+                "use a picture of that size, or a warp made for this one."
+            )
+        interpolation = cv2.INTER_NEAREST if image.ndim == 2 else cv2.INTER_LINEAR
+        return cv2.warpPerspective(image, self.matrix, self.size, flags=interpolation)
 
     def points_to_birdseye(self, points_px: np.ndarray) -> np.ndarray:
         """Points (N, 2) of the bird's-eye view for points (N, 2) of the undistorted picture."""
@@ -82,32 +77,12 @@ class FourPointWarp:
         """Points (N, 2) of the undistorted picture for points (N, 2) of the bird's-eye view."""
         return _transform(points_px, self.inverse)
 
-    def _require_size(self, image: np.ndarray) -> None:
-        if not (isinstance(image, np.ndarray) and image.ndim == 2 and image.dtype == np.uint8):
-            require_rgb(image)
-        (width, height), got = self.size, image.shape[1::-1]
-        if got != (width, height):
-            raise PictureError(
-                f"picture: is {got[0]}x{got[1]} pixels, but this warp is for {width}x{height}; "
-                "use a picture of that size, or a warp made for this one."
-            )
-
 
 def birdseye_to_road(points_px: np.ndarray, warp: FourPointWarp, camera: Camera) -> np.ndarray:
-    """Points on the flat road of points in the bird's-eye view; exact for every quadrangle.
+    """Points (N, 2) on the flat road of points (N, 2) in the bird's-eye view; exact for every quadrangle.
 
-    Parameters
-    ----------
-    points_px : ndarray of shape (N, 2)
-        Points (u, v) in the bird's-eye view.
-    warp : FourPointWarp
-    camera : Camera
-        With a pose. Its distortion is not applied, because `warp` starts from the undistorted picture.
-
-    Returns
-    -------
-    ndarray of shape (N, 2)
-        (x forward, y left) in metres; NaN at and above the horizon.
+    Road points are (x forward, y left) in metres, NaN at and above the horizon. The distortion of the camera is not
+    applied, because `warp` starts from the undistorted picture.
 
     Raises
     ------
@@ -121,23 +96,17 @@ def birdseye_to_road(points_px: np.ndarray, warp: FourPointWarp, camera: Camera)
 def scale_to_road(
     points_px: np.ndarray, metres_per_px: tuple[float, float], birdseye_size: tuple[int, int]
 ) -> np.ndarray:
-    """Points on the road of points in the bird's-eye view by two constant scales, as in the original recipes.
+    """Points (N, 2) on the road of points (N, 2) in the bird's-eye view by constant scales, as in the original recipes.
 
-    Assumes that the car is at the centre of the bottom row and that the columns are parallel to its axis.
+    Road points are (x forward, y left) in metres from the centre of the bottom row. This assumes that the car is there
+    and that the columns are parallel to its axis.
 
     Parameters
     ----------
-    points_px : ndarray of shape (N, 2)
-        Points (u, v) in the bird's-eye view.
     metres_per_px : tuple of float
         Metres per column and metres per row, for example (3.7 / 700, 30 / 720).
     birdseye_size : tuple of int
         (width, height) in pixels.
-
-    Returns
-    -------
-    ndarray of shape (N, 2)
-        (x forward, y left) in metres from the centre of the bottom row.
     """
     points = np.asarray(points_px, float)
     width, height = birdseye_size
@@ -182,10 +151,6 @@ def _transform(points_px: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     if not len(points):
         return points
     return cv2.perspectiveTransform(points[:, None], matrix)[:, 0]
-
-
-def _interpolation(image: np.ndarray) -> int:
-    return cv2.INTER_NEAREST if image.ndim == 2 else cv2.INTER_LINEAR
 
 
 def _require_quadrangle(points: np.ndarray, name: str) -> None:

@@ -61,9 +61,8 @@ class DriveKey:
 
     def digest(self) -> str:
         """The first `KEY_DIGITS` hexadecimal digits of a hash of the key."""
-        return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode(errors="replace")).hexdigest()[
-            :KEY_DIGITS
-        ]
+        content = json.dumps(asdict(self), sort_keys=True).encode(errors="replace")
+        return hashlib.sha256(content).hexdigest()[:KEY_DIGITS]
 
 
 @dataclass(frozen=True)
@@ -72,14 +71,12 @@ class Manifest:
 
     Attributes
     ----------
-    key : DriveKey
     outputs : mapping of str to int
         Names of the files in the output folder and their sizes in bytes.
-    frames, missing : int
+    frames, missing, tracked_share, lost_s
+        As in `DriveResult`.
     length_s : float
         Duration of the annotated video.
-    tracked_share, lost_s : float
-        As in `DriveResult`.
     cpu_s : float
         Processor time of all tasks of the drive.
     pieces : int

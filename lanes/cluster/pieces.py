@@ -83,18 +83,9 @@ def annotate_piece(drive: PreparedDrive, piece: Piece, settings: DriveSettings, 
 def join_pieces(
     drive: PreparedDrive, pieces: Sequence[Piece], settings: DriveSettings, folder: Path, elapsed_s: float
 ) -> DriveResult:
-    """Join the pieces in `folder` into the files that `annotate_drive` writes.
+    """Join all pieces, in order, from `folder` into the files that `annotate_drive` writes.
 
-    Parameters
-    ----------
-    drive : PreparedDrive
-    pieces : sequence of Piece
-        All of them, in order.
-    settings : DriveSettings
-    folder : Path
-        Folder of the annotated pieces.
-    elapsed_s : float
-        Total time that the pieces took.
+    `elapsed_s` is the total time that the pieces took.
 
     Raises
     ------

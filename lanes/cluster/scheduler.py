@@ -57,14 +57,7 @@ def annotate_many(
 ) -> tuple[list[Manifest], list[OSError | ValueError]]:
     """Annotate the videos that are not finished yet, and write the summary of all.
 
-    Parameters
-    ----------
-    videos : sequence of Path
-        At least one, with distinct file names.
-    settings : DriveSettings
-    cluster : ClusterSettings
-    log : callable
-        Called with a message for each event.
+    There is at least one video, and their file names are distinct. `log` is called with a message for each event.
 
     Returns
     -------

@@ -12,6 +12,7 @@ from lanes.io.files import atomic_write
 from lanes.io.telemetry import write_telemetry
 
 SUMMARY, DATA_SET = "summary", "telemetry"
+MEASURES = ("tracked_share", "lost_s", "frames", "missing", "length_s", "cpu_s", "pieces")
 
 
 def add_to_data_set(telemetry: Path, folder: Path) -> Path:
@@ -39,22 +40,15 @@ def write_summary(folder: Path, finished: Sequence[Manifest], failed: Mapping[Pa
     OSError
         If the table cannot be written.
     """
-    worst = sorted(finished, key=lambda m: (m.tracked_share, -m.lost_s, m.key.source))
     rows = [{"drive": video.stem, "state": "failed", "reason": str(error)} for video, error in sorted(failed.items())]
     rows += [
         {
             "drive": Path(manifest.key.source).stem,
             "state": "finished",
-            "tracked_share": manifest.tracked_share,
-            "lost_s": manifest.lost_s,
-            "frames": manifest.frames,
-            "missing": manifest.missing,
-            "length_s": manifest.length_s,
-            "cpu_s": manifest.cpu_s,
-            "pieces": manifest.pieces,
+            **{name: getattr(manifest, name) for name in MEASURES},
             "source": manifest.key.source,
         }
-        for manifest in worst
+        for manifest in sorted(finished, key=_rank)
     ]
     return write_telemetry(folder / SUMMARY / "drives.csv", rows)
 
@@ -69,9 +63,14 @@ def describe_totals(finished: Sequence[Manifest], failed: int, skipped: int) -> 
     tracked = sum(m.tracked_share * m.frames for m in finished) / frames
     lost_s = sum(m.lost_s for m in finished)
     per_minute_s = 60 * sum(m.cpu_s for m in finished) / length_s
-    worst = min(finished, key=lambda m: (m.tracked_share, -m.lost_s, m.key.source))
+    worst = min(finished, key=_rank)
     return (
         f"{counts}: {length_s / 3600:.3g} hours of video, {frames} frames, lane tracked in {tracked:.0%} of them, lost "
         f"for {lost_s:.1f} s; {per_minute_s:.0f} s of processor time for a minute of video. Worst: "
         f"{Path(worst.key.source).name}, tracked in {worst.tracked_share:.0%}."
     )
+
+
+def _rank(manifest: Manifest) -> tuple[float, float, str]:
+    """Sort key of a drive, the worst first."""
+    return manifest.tracked_share, -manifest.lost_s, manifest.key.source

@@ -142,15 +142,9 @@ def annotate_stills(pictures: Sequence[Path], settings: DriveSettings) -> Stills
 
 
 def annotate_folder(folder: str | Path, output: str | Path, camera: Camera) -> StillsResult:
-    """Annotate all pictures of a folder with `annotate_stills`.
+    """Annotate all pictures of a folder with `annotate_stills` into another folder.
 
-    Parameters
-    ----------
-    folder : str or Path
-    output : str or Path
-        Another folder.
-    camera : Camera
-        Without a pose, the pose is estimated from the pictures.
+    If the camera has no pose, the pose is estimated from the pictures.
 
     Raises
     ------
@@ -198,22 +192,10 @@ def conclude_drive(
     *,
     missing: int = 0,
 ) -> DriveResult:
-    """Write the report if `settings.report` is set, and summarise the telemetry file next to `video`.
+    """Write the report if `settings.report` is set, and summarise the telemetry file next to the annotated `video`.
 
-    Parameters
-    ----------
-    source : str
-        Path of the source video, or name of the live camera.
-    video : Path
-        The annotated video.
-    camera : Camera
-        With its pose.
-    pose : PoseEstimate or None
-    settings : DriveSettings
-    elapsed_s : float
-        Time that the annotation took.
-    missing : int
-        Frames missing in the source.
+    `source` is the path of the source video or the name of the live camera, `elapsed_s` the time that the annotation
+    took, and `missing` the number of frames missing in the source.
 
     Raises
     ------

@@ -64,14 +64,7 @@ class DashPeriod:
 
 
 def field_of_view_from_dashes(files: Sequence[Path], dash_period_m: float) -> FieldOfView:
-    """Horizontal field of view of the camera from broken lines of known period.
-
-    Parameters
-    ----------
-    files : sequence of Path
-        Stills and videos of one camera.
-    dash_period_m : float
-        Length of one dash and one gap, metres.
+    """Horizontal field of view of the camera of stills and videos, from broken lines of known period.
 
     Raises
     ------
@@ -100,20 +93,7 @@ def field_of_view_from_dashes(files: Sequence[Path], dash_period_m: float) -> Fi
 
 
 def measure_dash_period(images: Iterable[np.ndarray], camera: Camera) -> DashPeriod | None:
-    """Measure the period of broken lines with the lens and pose of a camera.
-
-    Parameters
-    ----------
-    images : iterable of ndarray of shape (height, width, 3), uint8
-        RGB, raw.
-    camera : Camera
-        With a pose.
-
-    Returns
-    -------
-    DashPeriod or None
-        None without a clear period.
-    """
+    """Period of the broken lines in raw RGB pictures of a camera with a pose; None without a clear period."""
     view = BirdsEyeView(camera)
     signals = [signal for image in images for signal in _broken_lines(image, view)]
     if len(signals) < MIN_LINES:

@@ -27,7 +27,6 @@ from lanes.tracking.tracked_lane import TrackedLane
 from lanes.tracking.tracker import LaneTracker
 
 NO_POINT = -2.0
-Progress = Callable[[int, int], None]
 
 
 def detect_files(
@@ -37,13 +36,12 @@ def detect_files(
     *,
     sequence: bool = False,
     fps: float = 25.0,
-    progress: Progress | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> list[dict]:
     """Find the ego lane in stills and videos.
 
     Parameters
     ----------
-    files : iterable of Path
     camera : Camera
         With its pose. Rescaled to files of another size with the same aspect ratio.
     rows : ndarray of shape (R,)
@@ -51,7 +49,6 @@ def detect_files(
     sequence : bool
         True: the stills are consecutive frames, `fps` per second. False: each still is processed independently. The
         frames of a video are always consecutive.
-    fps : float
     progress : callable, optional
         Called as progress(pictures done, pictures in total).
 
@@ -68,7 +65,7 @@ def detect_files(
         If the camera has no pose or cannot be rescaled to a file.
     """
     files = [Path(file) for file in files]
-    videos = {file: inspect_video(file) for file in files if not _is_still(file)}
+    videos = {file: inspect_video(file) for file in files if file.suffix.lower() not in PICTURE_SUFFIXES}
     total = len(files) - len(videos) + sum(info.frames for info in videos.values())
     detector = LaneDetector(camera, rows, sequence=sequence, fps=fps)
     found: list[dict] = []
@@ -118,15 +115,7 @@ def count_missing_frames(detections: Iterable[dict]) -> int:
 class LaneDetector:
     """Detects the lane in pictures of one camera, tracked from picture to picture (`sequence`) or independently.
 
-    Parameters
-    ----------
-    camera : Camera
-        With its pose. Rescaled to pictures of another size with the same aspect ratio.
-    rows : ndarray of shape (R,)
-        Picture rows at which the columns of the lines are returned.
-    sequence : bool
-    fps : float
-        Used for sequences only.
+    Parameters as in `detect_files`.
     """
 
     def __init__(self, camera: Camera, rows: np.ndarray, *, sequence: bool = False, fps: float = 25.0) -> None:
@@ -168,10 +157,6 @@ class LaneDetector:
         if self.sequence:
             return self._tracker_of(size).update(image)
         return TrackedLane.from_still(find_lane(image, self._view_of(size)))
-
-
-def _is_still(file: Path) -> bool:
-    return file.suffix.lower() in PICTURE_SUFFIXES
 
 
 def _rounded(value: float | None, digits: int) -> float | None:

@@ -38,7 +38,6 @@ def plot_telemetry(
         curvature_std_per_m. NaN leaves a gap.
     truth : mapping of str to ndarray of shape (M,), optional
         Ground truth: time_s, offset_m, curvature_per_m.
-    title : str
 
     Returns
     -------
@@ -72,18 +71,7 @@ def plot_telemetry(
 def plot_path(
     paths_m: Mapping[str, np.ndarray], *, title: str = "Driven path (the drift grows with distance)"
 ) -> tuple[Figure, Axes]:
-    """Plot driven paths on a map.
-
-    Parameters
-    ----------
-    paths_m : mapping of str to ndarray of shape (N, 2)
-        Positions in metres by name, as returned by `integrate_path`. The path named "truth" is dashed.
-    title : str
-
-    Returns
-    -------
-    figure, axis : Figure, Axes
-    """
+    """Plot driven paths (N, 2) in metres by name, from `integrate_path`, on a map; the path named "truth" is dashed."""
     figure, (axis,) = new_figure(1, 1, (10, 5))
     for name, path in paths_m.items():
         axis.plot(*np.transpose(path), label=name, **(TRUTH_LOOK if name == "truth" else {}))

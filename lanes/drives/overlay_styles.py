@@ -75,16 +75,7 @@ def track_lane(
     """A function for `annotate_video` that tracks the lane, draws on each frame and returns it with its telemetry.
 
     The function is called as process(frame, elapsed_s=None), with the frames in order, RGB or `YuvFrame`. `elapsed_s`
-    is the time since the previous frame; None means 1 / fps.
-
-    Parameters
-    ----------
-    tracker : LaneTracker
-        Its state is updated with every frame.
-    camera : Camera
-        With its pose.
-    style : str
-        One of `STYLES`.
+    is the time since the previous frame; None means 1 / fps. `style` is one of `STYLES`.
     """
     draw = STYLES[style](camera)
 

@@ -27,8 +27,8 @@ class DriveSettings:
     output : Path
         Folder for the results. They are named after the drives.
     camera : Camera, optional
-        Lens model and camera pose. A camera without a pose gets one that is estimated from the pictures of the drive.
-        The camera is rescaled to drives of another size with the same aspect ratio.
+        A camera without a pose gets one that is estimated from the pictures of the drive. The camera is rescaled to
+        drives of another size with the same aspect ratio.
     field : FieldOfView, optional
         Field of view of an uncalibrated lens, instead of `camera`.
     style : str
@@ -79,16 +79,10 @@ class DriveResult:
     ----------
     source : str
         Path of the video, or name of the live camera.
-    video, telemetry : Path
-        Files written.
     report : Path or None
         The HTML report; None if it was switched off.
-    camera : Camera
-        The camera used, with its pose.
     pose : PoseEstimate or None
         The estimated camera pose; None if the camera already had one.
-    frames : int
-        Frames annotated.
     tracked_share : float
         Share of the frames with state "tracking".
     lost_s : float
@@ -136,8 +130,6 @@ class StillsResult:
     ----------
     pictures : tuple of Path
         Pictures written, in the order of the stills.
-    telemetry : Path
-        File written, one row per picture.
     found : int
         Number of stills in which a lane was found.
     pose : PoseEstimate or None
@@ -154,11 +146,10 @@ class StillsResult:
 
     def describe(self) -> str:
         """A sentence about the stills, after the camera pose if it was estimated."""
-        folder = self.telemetry.parent
         return _below_pose(
             self.pose,
             f"stills: {len(self.pictures)} pictures, lane found in {self.found}; wrote them and "
-            f"{self.telemetry.name} to {folder}",
+            f"{self.telemetry.name} to {self.telemetry.parent}",
         )
 
 

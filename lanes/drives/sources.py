@@ -26,11 +26,8 @@ class Sources:
 def find_sources(names: Iterable[str]) -> Sources:
     """The videos, stills and live cameras that `names` stand for.
 
-    Parameters
-    ----------
-    names : iterable of str
-        Files, folders (videos and pictures in the folder itself, not in its subfolders), patterns such as
-        "drives/*.mp4", or camera numbers. A number that is also the name of a file means the file.
+    Names are files, folders (videos and pictures in the folder itself, not in its subfolders), patterns such as
+    "drives/*.mp4", or camera numbers. A number that is also the name of a file means the file.
 
     Raises
     ------
@@ -51,11 +48,6 @@ def find_sources(names: Iterable[str]) -> Sources:
 
 def require_distinct_outputs(inputs: Iterable[Path], outputs: Iterable[Path]) -> None:
     """Check that each input has an output file of its own, and that no output is one of the inputs.
-
-    Parameters
-    ----------
-    inputs, outputs : iterable of Path
-        Of equal length: the file that is written from each input.
 
     Raises
     ------

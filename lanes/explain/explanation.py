@@ -32,7 +32,7 @@ from lanes.tracking.fitting import LaneFit, fit_starts, near_stripes
 from lanes.tracking.lane import Lane
 from lanes.tracking.lines import line_support
 from lanes.tracking.markings import FrameEvidence, extract_evidence
-from lanes.tracking.model import CENTRE, SIDES, WIDTH, ego_score, is_ego_lane, lateral_std_m
+from lanes.tracking.model import CENTRE, SIDES, WIDTH, ego_score, is_ego_lane
 from lanes.tracking.tracked_lane import TrackedLane
 from lanes.tracking.voting import vote_lanes
 
@@ -47,8 +47,6 @@ class Candidate:
         Parameters as in `lanes.tracking.model`.
     support : ndarray (2,)
         Share of rows with paint, for the left and the right line.
-    score : float
-    chosen : bool
     reason : str
         Description of the lane, and why it was rejected if it was.
     """
@@ -68,16 +66,12 @@ class Explanation:
     ----------
     image : ndarray of shape (height, width, 3), uint8
         RGB, raw.
-    camera : Camera
-    view : BirdsEyeView
     evidence : FrameEvidence or None
         Bird's-eye view, marking response and stripes; None if the camera sees no road.
     votes : ndarray (H, BINS) or None
         Vote table of `lanes.tracking.voting`; None without near stripes.
-    fit : LaneFit or None
     candidates : tuple of Candidate
         Best first.
-    lane : Lane or None
     steps : tuple of Step
         In order of execution; only the last one may have failed.
     """
@@ -107,10 +101,6 @@ class Explanation:
         """The camera without its distortion, for drawing on the undistorted picture."""
         return replace(self.camera, distortion=np.zeros(5))
 
-    def line_stds_m(self, x_m: np.ndarray) -> np.ndarray:
-        """Standard deviations (2, N) of the lateral positions of the left and right line at distances (N,), metres."""
-        return lateral_std_m(self.lane.covariance, x_m)
-
     def describe(self) -> str:
         """Text of several lines: steps, result, rejected lanes, failure and advice."""
         lines = [f"{step.name:<10} {step.summary}" for step in self.steps]
@@ -134,21 +124,10 @@ class Explanation:
 
 
 def explain_frame(image: np.ndarray, camera: Camera, *, pose_failure: str = "") -> Explanation:
-    """Detect the lane in a picture and keep the result of every step.
+    """Detect the lane in a raw RGB picture and keep the result of every step.
 
-    Parameters
-    ----------
-    image : ndarray of shape (height, width, 3), uint8
-        RGB, raw.
-    camera : Camera
-        With its pose.
-    pose_failure : str
-        Why the pose of `camera` is only assumed; empty if it is known.
-
-    Returns
-    -------
-    Explanation
-        Its lane equals that of `lanes.tracking.detector.find_lane`.
+    The lane equals that of `lanes.tracking.detector.find_lane`. `pose_failure` says why the pose of `camera` is only
+    assumed; it is empty if the pose is known.
 
     Raises
     ------

@@ -14,7 +14,7 @@ from lanes.camera.camera import Camera, undistort
 from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR, Colour
 from lanes.drawing.figures import new_figure, rgb
 from lanes.explain.explanation import Explanation, stripes_on_lines
-from lanes.tracking.model import CENTRE, SIDES, WIDTH, line_y, lines_on_view
+from lanes.tracking.model import CENTRE, SIDES, WIDTH, lateral_std_m, line_y, lines_on_view
 from lanes.tracking.overlay import draw_found
 from lanes.tracking.voting import VOTING, hypotheses
 
@@ -52,14 +52,8 @@ def plot_pose(axis: Axes, explanation: Explanation) -> None:
     if explanation.lane is not None:
         lane = explanation.lane
         ahead = np.array([[np.cos(lane.heading_rad), np.sin(lane.heading_rad), lane.pitch_rad]])
-        axis.plot(
-            *_directions_to_pixels(camera, ahead)[0],
-            "x",
-            color=rgb(LANE_COLOUR),
-            ms=9,
-            mew=2,
-            label="direction of the lane",
-        )
+        pixel = _directions_to_pixels(camera, ahead)[0]
+        axis.plot(*pixel, "x", color=rgb(LANE_COLOUR), ms=9, mew=2, label="direction of the lane")
     axis.set(xlim=(0, width), ylim=(height, 0))
     axis.legend(loc="lower right", fontsize=7)
 
@@ -89,17 +83,12 @@ def plot_stripes(axis: Axes, explanation: Explanation) -> None:
     if explanation.evidence is None:
         return
     stripes, side = explanation.evidence.stripes, stripes_on_lines(explanation)
-    for which, colour, label in (
-        (0, (150, 150, 150), "on no line"),
-        (1, LEFT_COLOUR, "left line"),
-        (-1, RIGHT_COLOUR, "right line"),
-    ):
-        mine = side == which
-        if mine.any():
-            size = np.clip(stripes.strength[mine], 3, 30)
-            axis.scatter(
-                stripes.y_m[mine], stripes.x_m[mine], s=size, color=rgb(colour), lw=0, label=f"{mine.sum()} {label}"
-            )
+    lines = ((0, (150, 150, 150), "on no line"), (1, LEFT_COLOUR, "left line"), (-1, RIGHT_COLOUR, "right line"))
+    for which, colour, label in lines:
+        mine = stripes.select(side == which)
+        if len(mine):
+            size = np.clip(mine.strength, 3, 30)
+            axis.scatter(mine.y_m, mine.x_m, s=size, color=rgb(colour), lw=0, label=f"{len(mine)} {label}")
             axis.legend(loc="upper right", fontsize=7)
 
 
@@ -122,14 +111,8 @@ def plot_votes(axis: Axes, explanation: Explanation) -> None:
     for candidate in explanation.candidates:
         row = np.interp(candidate.model[3], bends, np.arange(len(bends)))
         lines_y_m = candidate.model[CENTRE] + SIDES * candidate.model[WIDTH] / 2
-        look = {
-            "color": rgb(LANE_COLOUR if candidate.chosen else WINDOW_COLOUR),
-            "marker": "o",
-            "mfc": "none",
-            "ms": 9,
-            "ls": "none",
-        }
-        axis.plot(lines_y_m, [row, row], **look)
+        colour = rgb(LANE_COLOUR if candidate.chosen else WINDOW_COLOUR)
+        axis.plot(lines_y_m, [row, row], "o", color=colour, mfc="none", ms=9)
 
 
 def plot_fit(axis: Axes, explanation: Explanation) -> None:
@@ -145,7 +128,7 @@ def plot_fit(axis: Axes, explanation: Explanation) -> None:
     if explanation.lane is None:
         return
     x_m = np.linspace(0, 50, 60)
-    stds = explanation.line_stds_m(x_m)
+    stds = lateral_std_m(explanation.lane.covariance, x_m)
     for side, std, colour, name in zip(SIDES, stds, (LEFT_COLOUR, RIGHT_COLOUR), ("left", "right"), strict=True):
         y_m = line_y(x_m, explanation.lane.model, side)
         line = getattr(explanation.lane, name)
@@ -197,11 +180,6 @@ PANELS = {
 
 def show_explanation(explanation: Explanation) -> tuple[Figure, np.ndarray]:
     """Plot every step of an explanation with its numbers; the title of a failed step is red.
-
-    Parameters
-    ----------
-    explanation : Explanation
-        As returned by `explain_frame`.
 
     Returns
     -------

@@ -57,7 +57,8 @@ def tune_threshold(
 
     def refresh(_change: object = None) -> None:
         made = make(image, **{name: control.value for name, control in controls.items()})
-        shown.value = _png(np.hstack([_shrink(to_rgb(picture)) for picture in _same_height(image, made)]))
+        made = cv2.resize(made, image.shape[1::-1], interpolation=cv2.INTER_AREA)
+        shown.value = _png(np.hstack([_shrink(to_rgb(picture)) for picture in (image, made)]))
 
     for control in controls.values():
         control.observe(refresh, names="value")
@@ -66,14 +67,7 @@ def tune_threshold(
 
 
 def tune_view(image: np.ndarray, camera: Camera) -> VBox | None:
-    """Show a picture next to its bird's-eye view, with sliders for the extent of the view and the camera's pitch.
-
-    Parameters
-    ----------
-    image : ndarray of shape (height, width, 3), uint8
-        RGB, raw.
-    camera : Camera
-        With its pose.
+    """Show a raw RGB picture next to its bird's-eye view, with sliders for the view's extent and the camera's pitch.
 
     Returns
     -------
@@ -107,10 +101,6 @@ def _slider(ipywidgets, name: str, minimum: float, maximum: float, start: float 
     return getattr(ipywidgets, kind)(
         value=start, min=minimum, max=maximum, description=name, continuous_update=False, **options
     )
-
-
-def _same_height(left: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return left, cv2.resize(right, (left.shape[1], left.shape[0]), interpolation=cv2.INTER_AREA)
 
 
 def _shrink(picture: np.ndarray) -> np.ndarray:

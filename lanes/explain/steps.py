@@ -56,28 +56,17 @@ def check_birdseye(evidence: FrameEvidence, view: BirdsEyeView) -> Step:
     levels = lightness(evidence.view_image)[view.seen]
     low, median, high = np.percentile(levels, [0.1, 50, 99.9])
     summary = f"picture covers {view.seen.mean():.0%} of {view.near_m:g} to {view.far_m:g} m, brightness {median:.0f}"
+    failure = advice = ""
     if median < DARK:
-        return Step(
-            "birdseye",
-            summary,
-            f"the road is almost black (median {median:.0f} of 255).",
-            "Set the exposure for the road, switch on the headlights, or skip this part of the drive.",
-        )
-    if median > BRIGHT:
-        return Step(
-            "birdseye",
-            summary,
-            f"the road is glaring white (median {median:.0f} of 255).",
-            "Set the exposure for the road, or clean the windscreen. There is no remedy for low sun.",
-        )
-    if high - low < FLAT:
-        return Step(
-            "birdseye",
-            summary,
-            f"the road has no contrast (grey levels {low:.0f} to {high:.0f}).",
-            "Check for fog, dirt or blur, and whether the camera looks at the road.",
-        )
-    return Step("birdseye", summary)
+        failure = f"the road is almost black (median {median:.0f} of 255)."
+        advice = "Set the exposure for the road, switch on the headlights, or skip this part of the drive."
+    elif median > BRIGHT:
+        failure = f"the road is glaring white (median {median:.0f} of 255)."
+        advice = "Set the exposure for the road, or clean the windscreen. There is no remedy for low sun."
+    elif high - low < FLAT:
+        failure = f"the road has no contrast (grey levels {low:.0f} to {high:.0f})."
+        advice = "Check for fog, dirt or blur, and whether the camera looks at the road."
+    return Step("birdseye", summary, failure, advice)
 
 
 def check_markings(evidence: FrameEvidence, view: BirdsEyeView) -> Step:
@@ -112,11 +101,8 @@ def check_stripes(evidence: FrameEvidence) -> Step:
 
 def check_votes(starts: np.ndarray) -> Step:
     """Describe the best of the lanes (K, 15) with the most votes."""
-    best = starts[0]
-    return Step(
-        "votes",
-        f"{len(starts)} lanes proposed, best: {best[WIDTH]:.1f} m wide, {describe_bend(float(best[CURVATURE]))}",
-    )
+    width_m, bend = starts[0, WIDTH], describe_bend(float(starts[0, CURVATURE]))
+    return Step("votes", f"{len(starts)} lanes proposed, best: {width_m:.1f} m wide, {bend}")
 
 
 def check_fit(score: float, support: np.ndarray) -> Step:

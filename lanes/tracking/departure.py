@@ -62,27 +62,14 @@ class DepartureWarning:
         return f"lane departure: {crossing} the {self.side} line"
 
 
-def watch_departure(lane: Lane, motion: CarMotion, *, half_track_m: float = DEPARTURE.half_track_m) -> DepartureWarning:
+def watch_departure(lane: Lane, motion: CarMotion) -> DepartureWarning:
     """Time to line crossing of a car in a lane.
 
-    Parameters
-    ----------
-    lane : Lane
-    motion : CarMotion
-        Of the car. A warning is due only if the car would also cross the line with its course and its turning one
-        standard deviation nearer to those of the lane.
-    half_track_m : float
-        From the centre of the car to the outside of its tyres.
-
-    Returns
-    -------
-    DepartureWarning
-
-    Notes
-    -----
-    The lines move sideways by v sin(h) t + (k - path) (v t)^2 / 2; the crossing is the first positive root.
+    A warning is due only if the car would also cross the line with its course and its turning one standard deviation
+    nearer to those of the lane. The lines move sideways by v sin(h) t + (k - path) (v t)^2 / 2; the crossing is the
+    first positive root.
     """
-    left, right = lane.left.c0_m - half_track_m, -lane.right.c0_m - half_track_m
+    left, right = lane.left.c0_m - DEPARTURE.half_track_m, -lane.right.c0_m - DEPARTURE.half_track_m
     heading = lane.heading_rad - motion.course_rad
     turning = lane.curvature_per_m - motion.path_per_m
     speed = motion.speed_mps

@@ -32,44 +32,32 @@ class ProfileParameters:
 
 
 PROFILE = ProfileParameters()
-# Sampled distances to the left of the line.
+# Sampled distances to the left of the line, at right angles.
 OFFSETS_M = np.arange(PROFILE.reach_m, -PROFILE.reach_m - PROFILE.step_m / 2, -PROFILE.step_m)
 
 
-def straighten(channel: np.ndarray, view: BirdsEyeView, line_y_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Resample a channel along a line.
+def _straighten(channel: np.ndarray, view: BirdsEyeView, line_y_m: np.ndarray) -> np.ndarray:
+    """(rows used, offsets) float32 of a channel (rows, columns), resampled along a line at `OFFSETS_M`.
 
-    Parameters
-    ----------
-    channel : ndarray of shape (rows, columns), float32
-    view : BirdsEyeView
-    line_y_m : ndarray of shape (rows,)
-        Lateral position of the line on the view's grid in each row; NaN for rows to leave out.
-
-    Returns
-    -------
-    values : ndarray of shape (rows used, offsets), float32
-        At most `PROFILE.max_rows` rows, none farther than `PROFILE.far_m`.
-    offsets_m : ndarray of shape (offsets,)
-        Distance to the left of the line, at right angles.
+    At most `PROFILE.max_rows` rows are used, none farther than `PROFILE.far_m`.
     """
     most, least = view.y_m[0] - PROFILE.reach_m, view.y_m[-1] + PROFILE.reach_m
     rows = np.flatnonzero((line_y_m < most) & (line_y_m > least) & (view.x_m < PROFILE.far_m))
     if len(rows) < 2:
-        return np.empty((0, len(OFFSETS_M)), np.float32), OFFSETS_M
+        return np.empty((0, len(OFFSETS_M)), np.float32)
     # rows cut a slanted line at an angle: distances at right angles to it are longer along the row
     slant = np.hypot(1, np.gradient(line_y_m[rows], view.x_m[rows]))
     chosen = slice(None, None, len(rows) // PROFILE.max_rows + 1)
     rows, slant = rows[chosen], slant[chosen]
     column = (view.y_m[0] - line_y_m[rows, None] - slant[:, None] * OFFSETS_M) / view.cell_m
     row = np.broadcast_to(rows[:, None], column.shape).astype(np.float32)
-    return cv2.remap(channel, column.astype(np.float32), row, cv2.INTER_LINEAR), OFFSETS_M
+    return cv2.remap(channel, column.astype(np.float32), row, cv2.INTER_LINEAR)
 
 
 def marking_profile(response: MarkingResponse, view: BirdsEyeView, line_y_m: np.ndarray) -> MarkingProfile | None:
     """Cross-section of the marking along a line, in the channel with more contrast; None without a marking.
 
-    `line_y_m` is that of `straighten`.
+    `line_y_m` (rows,) is the lateral position of the line on the view's grid in each row; NaN for rows to leave out.
     """
     found = [
         (*section, yellow)
@@ -84,7 +72,7 @@ def marking_profile(response: MarkingResponse, view: BirdsEyeView, line_y_m: np.
 
 def _section(channel: np.ndarray, view: BirdsEyeView, line_y_m: np.ndarray) -> tuple[float, float, float] | None:
     """Contrast, width and centre of the band in one channel."""
-    values, offsets = straighten(channel, view, line_y_m)
+    values = _straighten(channel, view, line_y_m)
     if len(values) < PROFILE.min_rows:
         return None
     road = PROFILE.road_samples
@@ -96,6 +84,6 @@ def _section(channel: np.ndarray, view: BirdsEyeView, line_y_m: np.ndarray) -> t
         return None
     step = np.abs(np.diff(values, axis=1))
     noise = (step[:, : road - 1].mean() + step[:, 1 - road :].mean()) / 2
-    band = offsets[road:-road][inner >= top / 2]
+    band = OFFSETS_M[road:-road][inner >= top / 2]
     width, centre = float(band[0] - band[-1] + PROFILE.step_m), float(band[0] + band[-1]) / 2
     return float(top / (noise + MARKINGS.noise_floor)), width, centre

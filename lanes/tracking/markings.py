@@ -70,17 +70,16 @@ class MarkingResponse:
         The largest filter response in units of the local noise, at least 0.
     channels : ndarray of shape (2, rows, columns), int
         Lightness and yellowness of the view, in grey levels.
-    narrow, wide : ndarray of shape (2, rows, columns), int
-        Responses of the filters for one stripe and for two, to lightness and to yellowness. Their unit is a grey
-        level over a whole number, so that they are exact.
+    bands : ndarray of shape (2, rows, columns), int
+        The larger of the responses of the filters for one stripe and for two, to lightness and to yellowness. Their
+        unit is a grey level over a whole number, so that they are exact.
     noise : ndarray of shape (2, rows, columns), float32
         Local noise of lightness and of yellowness, in the unit of the responses.
     """
 
     strength: np.ndarray
     channels: np.ndarray
-    narrow: np.ndarray
-    wide: np.ndarray
+    bands: np.ndarray
     noise: np.ndarray
 
 
@@ -101,8 +100,6 @@ class Stripes:
         its direction.
     strength : float
         Band filter response over local noise.
-    double : bool
-        The wide filter responded more than the narrow one.
     yellow : bool
         Yellowness responded more than lightness.
     """
@@ -113,7 +110,6 @@ class Stripes:
     angle: np.ndarray
     step: np.ndarray
     strength: np.ndarray
-    double: np.ndarray
     yellow: np.ndarray
 
     def __len__(self) -> int:
@@ -126,15 +122,7 @@ class Stripes:
 
 @dataclass(frozen=True, eq=False)
 class FrameEvidence:
-    """What one picture shows.
-
-    Attributes
-    ----------
-    view_image : ndarray of shape (rows, columns, 3), uint8
-        The bird's-eye view, from `BirdsEyeView.warp`.
-    response : MarkingResponse
-    stripes : Stripes
-    """
+    """What one picture shows; `view_image` (rows, columns, 3), uint8, is its bird's-eye view."""
 
     view_image: np.ndarray
     response: MarkingResponse
@@ -160,18 +148,7 @@ def yellowness(view_image: np.ndarray) -> np.ndarray:
 
 
 def marking_response(view_image: np.ndarray, view: BirdsEyeView) -> MarkingResponse:
-    """Apply the band filters to a view.
-
-    Parameters
-    ----------
-    view_image : ndarray of shape (rows, columns, 3), uint8
-        From `view.warp`.
-    view : BirdsEyeView
-
-    Returns
-    -------
-    MarkingResponse
-    """
+    """Response of the band filters to a picture (rows, columns, 3), uint8, of the view, from `view.warp`."""
     m = MARKINGS
     lengths_m = m.single_m, m.double_m, m.side_m, m.gap_m, m.noise_window_m, m.slanted_m, m.slanted_gap_m
     single, double, side, gap, window, slanted, slanted_gap = (round(length / view.cell_m) | 1 for length in lengths_m)
@@ -192,8 +169,9 @@ def marking_response(view_image: np.ndarray, view: BirdsEyeView) -> MarkingRespo
     steps = np.abs(channels[..., pad : 1 - pad] - channels[..., pad - 1 : -pad])
     noise = local_noise(steps[..., :-1] + steps[..., 1:], window, view)
     noise *= unit
-    strength = np.maximum(np.maximum(*np.maximum(narrow, wide) / noise), 0)
-    return MarkingResponse(cv2.copyTo(strength, view.seen.view(np.uint8)), channels[inside], narrow, wide, noise)
+    bands = np.maximum(narrow, wide)
+    strength = np.maximum(np.maximum(*bands / noise), 0)
+    return MarkingResponse(cv2.copyTo(strength, view.seen.view(np.uint8)), channels[inside], bands, noise)
 
 
 def _padded_channels(view_image: np.ndarray, pad: int, unit: int) -> np.ndarray:
@@ -251,11 +229,7 @@ def local_noise(steps: np.ndarray, window: int, view: BirdsEyeView) -> np.ndarra
 def find_stripes(response: MarkingResponse, view: BirdsEyeView) -> Stripes:
     """Peaks of the marking response along each row, with sub-column precision.
 
-    Returns
-    -------
-    Stripes
-        At most `MARKINGS.stripes_per_row` in a row, the strongest, each at least `MARKINGS.min_strength` times the
-        noise.
+    They are the strongest `MARKINGS.stripes_per_row` of a row, and at least `MARKINGS.min_strength` times the noise.
     """
     strength = response.strength
     row, column = _peaks(strength)
@@ -264,12 +238,10 @@ def find_stripes(response: MarkingResponse, view: BirdsEyeView) -> Stripes:
     bend = left - 2 * middle + right
     shift = np.where(bend < 0, 0.5 * (left - right) / np.minimum(bend, -1e-9), 0.0)
     y = view.y_m[0] - (column + np.clip(shift, -0.5, 0.5)) * view.cell_m
-    noise = response.noise[:, row, column]
-    narrow, wide = (response[:, row, column] / noise for response in (response.narrow, response.wide))
-    double = np.maximum(*wide) > np.maximum(*narrow)
-    yellow = np.greater(*np.maximum(narrow, wide)[::-1])
+    lightness_strength, yellowness_strength = response.bands[:, row, column] / response.noise[:, row, column]
     step = view.x_m[row] * (view.growth / (1 + view.growth) / view.cell_m)
-    return Stripes(row, view.x_m[row], y, _stripe_angle(strength, row, column, step), step, middle, double, yellow)
+    angle = _stripe_angle(strength, row, column, step)
+    return Stripes(row, view.x_m[row], y, angle, step, middle, yellowness_strength > lightness_strength)
 
 
 def _peaks(strength: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

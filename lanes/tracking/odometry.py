@@ -13,7 +13,9 @@ import numpy as np
 
 
 def integrate_path(rows: Mapping[str, np.ndarray], speed_mps: float | np.ndarray) -> np.ndarray:
-    """Integrate the driven path.
+    """Driven path (N, 2), metres, x ahead and y to the left in the frame of the car in the first known frame.
+
+    NaN where the lane was lost; in such gaps curvature and heading are interpolated.
 
     Parameters
     ----------
@@ -21,12 +23,6 @@ def integrate_path(rows: Mapping[str, np.ndarray], speed_mps: float | np.ndarray
         Telemetry: time_s, heading_rad, curvature_per_m; NaN where the lane was lost.
     speed_mps : float or ndarray of shape (N,)
         Speed of the car, which sets the length of the path.
-
-    Returns
-    -------
-    ndarray of shape (N, 2)
-        Metres, x ahead and y to the left in the frame of the car in the first known frame. NaN where the lane was lost;
-        in such gaps curvature and heading are interpolated.
 
     Raises
     ------

@@ -29,22 +29,12 @@ def lane_outlines(lane: Lane, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
 
 
 def draw_tracked(image: Frame, tracked: TrackedLane, camera: Camera, *, onto: Frame | None = None) -> Frame:
-    """Draw the lane and its measures.
+    """A copy of a raw picture, RGB or YUV, with the lane and its measures; words only if the lane is lost.
 
     Parameters
     ----------
-    image : ndarray of shape (height, width, 3), uint8, or YuvFrame
-        RGB, or as its video stores it; raw. It is not changed.
-    tracked : TrackedLane
-    camera : Camera
-        With its pose.
-    onto : the same kind of picture, optional
+    onto : Frame, optional
         Drawn on instead of a copy: pass `image` itself if it is not needed any more, which saves a quarter of the time.
-
-    Returns
-    -------
-    the same kind of picture
-        If the lane is lost, with words only.
     """
     camera.require_size(image)
     words, lane = describe_tracked(tracked), tracked.lane

@@ -99,7 +99,7 @@ def test_band_takes_the_pixels_beside_the_known_line_only():
     found = search_band(binary, known, None, margin_px=10)
     assert len(found.left_pixels) == 15 * 720
     assert found.right_pixels.shape == (0, 2)
-    assert found.windows == ()
+    assert found.left_windows == found.right_windows == ()
     assert found.windows_px.shape == (0, 4)
     everything = binary_pixels(binary)
     near = everything[np.abs(everything[:, 0] - slanted(everything[:, 1])) <= 3.1]

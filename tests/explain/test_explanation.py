@@ -15,6 +15,7 @@ from lanes.explain.explanation import Explanation, explain_frame, stripes_on_lin
 from lanes.io.frames import PictureError
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
+from lanes.tracking.model import lateral_std_m
 from tests.support.painted_roads import YELLOW, Road, dashcam
 
 CAMERA = dashcam(width=1280)
@@ -69,7 +70,7 @@ class TestGoodPicture:
         assert 1 / (1 + np.exp(-odds)) == pytest.approx(good.tracked.confidence, abs=0.003)
 
     def test_uncertainty_is_that_of_the_lane_and_grows_with_distance(self, good):
-        stds = good.line_stds_m([0.0, 20.0, 60.0])
+        stds = lateral_std_m(good.lane.covariance, np.array([0.0, 20.0, 60.0]))
         assert stds[0, 0] == pytest.approx(good.lane.left.c0_std_m)
         assert stds[1, 0] == pytest.approx(good.lane.right.c0_std_m)
         assert (stds[:, 2] > 3 * stds[:, 1]).all()

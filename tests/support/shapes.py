@@ -43,7 +43,7 @@ def stripes_at(
     growth: float = GROWTH,
     cell_m: float = CELL_M,
 ) -> Stripes:
-    """White single stripes (N,) of the given places, directions and strength in a view of such rows and columns."""
+    """White stripes (N,) of the given places, directions and strength in a view of such rows and columns."""
     no = np.zeros(len(x_m), bool)
     step = x_m * growth / (1 + growth) / cell_m
-    return Stripes(row, x_m, y_m, angle, step, np.broadcast_to(strength, len(x_m)) + 0.0, no, no)
+    return Stripes(row, x_m, y_m, angle, step, np.broadcast_to(strength, len(x_m)) + 0.0, no)

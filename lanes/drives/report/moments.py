@@ -42,18 +42,10 @@ def frame_lengths_s(time_s: np.ndarray) -> np.ndarray:
 
 
 def worst_moments(telemetry: Telemetry) -> dict[str, list[Moment]]:
-    """The worst moments of a drive by kind, each list sorted from the worst on.
+    """The worst moments of a drive by kind, each list sorted from the worst on; empty for a kind that does not occur.
 
-    Parameters
-    ----------
-    telemetry : mapping of str to ndarray of shape (frames,)
-        As returned by `read_telemetry`: time_s, state, confidence, offset_std_m, curvature_std_per_m, and optionally
-        departure ("left", "right" or empty).
-
-    Returns
-    -------
-    dict of str to list of Moment
-        The list is empty for a kind that does not occur.
+    Columns used: time_s, state, confidence, offset_std_m, curvature_std_per_m, and departure ("left", "right" or empty)
+    if there is one.
     """
     confidence = np.where(telemetry["state"] == LOST, np.nan, telemetry["confidence"])
     departures = _spans(telemetry, np.asarray(telemetry.get("departure", []), str), ("left", "right"))

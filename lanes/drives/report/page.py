@@ -47,27 +47,18 @@ def write_report(
     settings: Mapping[str, str],
     max_embedded_bytes: int = MAX_EMBEDDED_BYTES,
 ) -> Path:
-    """Write the report of an annotated drive.
+    """Write the report of an annotated drive; returns its path.
 
     Parameters
     ----------
     path : str or Path
         Ends in .html, in the folder of `video`.
-    title : str
-        Name of the drive.
     video : str or Path
         The annotated video, mp4.
     telemetry : mapping of str to ndarray of shape (frames,)
         Telemetry of the video, as returned by `read_telemetry`.
     settings : mapping of str to str
         Settings of the drive, shown as a table.
-    max_embedded_bytes : int
-        Videos of up to this size are embedded.
-
-    Returns
-    -------
-    Path
-        The path written.
 
     Raises
     ------
