@@ -109,8 +109,7 @@ def sliding_windows(
     # Pixels are sorted by row, so those in the rows of a window are one slice.
     bounds = np.searchsorted(pixels[:, 1], edges)
     settings = (edges, bounds, margin_px, recentre_pixels, flood_pixels)
-    left, left_windows = _stack_windows(pixels, peaks[0], *settings)
-    right, right_windows = _stack_windows(pixels, peaks[1], *settings)
+    (left, left_windows), (right, right_windows) = (_stack_windows(pixels, column, *settings) for column in peaks)
     return WindowSearch(left, right, left_windows, right_windows)
 
 

@@ -155,11 +155,7 @@ def _transform(points_px: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 
 def _require_quadrangle(points: np.ndarray, name: str) -> None:
     """Collinear points and self-intersecting quadrangles give a singular homography, which OpenCV returns silently."""
-    message = f"{name}: expected four points (u, v) in order around a convex quadrangle, got {points.tolist()}."
-    if points.shape != (4, 2) or not np.isfinite(points).all():
-        raise ValueError(message)
-    edges = np.roll(points, -1, axis=0) - points
-    following = np.roll(edges, -1, axis=0)
-    turns = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
-    if not (np.all(turns > 0) or np.all(turns < 0)):
-        raise ValueError(message)
+    if points.shape != (4, 2) or not np.isfinite(points).all() or not cv2.isContourConvex(points):
+        raise ValueError(
+            f"{name}: expected four points (u, v) in order around a convex quadrangle, got {points.tolist()}."
+        )

@@ -207,7 +207,7 @@ def stripes_on_lines(explanation: Explanation) -> np.ndarray:
 
     Stripes on the far lines of adjacent lanes are 0, although they take part in the fit.
     """
-    if explanation.fit is None or explanation.lane is None:
+    if explanation.lane is None:
         return np.zeros(len(explanation.evidence.stripes) if explanation.evidence else 0)
     fit = explanation.fit
     chosen = next(c for c in explanation.candidates if c.chosen)
