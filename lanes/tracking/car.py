@@ -1,6 +1,6 @@
-"""The car: its three variables in the Kalman state, general parameters of cars, and the estimated motion.
+"""The car: its four variables in the Kalman state, general parameters of cars, and the estimated motion.
 
-The variables are the curvature of the steered path, the speed, and the yaw of the
+The variables are the curvature of the steered path, the speed, the pitch at rest between bumps, and the yaw of the
 camera relative to the direction of motion. None of them is measured. They are estimated from the motion of the lane.
 Where they have no effect on it (the speed, straight ahead in the lane centre) they stay uncertain.
 """
@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 from lanes.tracking.model import PARAMETERS
 
-PATH, SPEED, CAMERA_YAW = range(PARAMETERS, PARAMETERS + 3)
-STATES = PARAMETERS + 3
+PATH, SPEED, REST_PITCH, CAMERA_YAW = range(PARAMETERS, PARAMETERS + 4)
+STATES = PARAMETERS + 4
 LANE, CAR = slice(0, PARAMETERS), slice(PARAMETERS, STATES)
 
 
@@ -32,9 +32,10 @@ class CarParameters:
     # Lateral acceleration that drivers accept in bends, and that tyres hold, m/s^2.
     usual_lateral_mps2: float = 3.0
     max_lateral_mps2: float = 6.0
-    # Time constant with which the springs return the pitch to that of the pose.
+    # Time constant with which the springs return the pitch to rest.
     pitch_relaxation_s: float = 0.3
-    # Standard deviation of the pose's yaw: a quarter of a degree.
+    # Standard deviation of the pose's pitch and yaw: a quarter of a degree.
+    rest_pitch_std_rad: float = 0.004
     camera_yaw_std_rad: float = 0.004
 
 

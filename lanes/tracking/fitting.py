@@ -52,8 +52,10 @@ class FitParameters:
     # such a fit must gain.
     undulation_std_per_m: float = 4e-3
     undulation_gain: float = 6.0
-    # Start hypotheses that are fitted to the end.
+    # Start hypotheses that are fitted to the end. Those that differ in pitch by more than this are kept apart: near the
+    # car a little more pitch looks like a little less width.
     hypotheses: int = 3
+    same_pitch_rad: float = 0.008
     # Variance inflation: the errors of stripes in one frame are correlated (same paint, same lens).
     variance_inflation: float = 4.0
 
@@ -137,7 +139,7 @@ def fit_starts(starts: np.ndarray, stripes: Stripes, view: BirdsEyeView) -> Lane
     support = np.sqrt((first.weight[:, None] * first.on_line).sum(-1)).sum(-1)
     # lanes that the car is not in come last
     order = np.argsort(~is_ego_lane(first.lane) * 1e3 - support, kind="stable")
-    lanes = suppress_non_maxima(first.lane[order], FIT.hypotheses)
+    lanes = suppress_non_maxima(first.lane[order], FIT.hypotheses, same_pitch_rad=FIT.same_pitch_rad)
     fit = fit_lanes(lanes, stripes, view)
     best = int(fit.explained.argmax())
     if fit.explained[best] > fit.nearby_weight[best] - FIT.max_unexplained:

@@ -7,7 +7,7 @@ from math import exp
 
 import numpy as np
 
-from lanes.tracking.car import CAMERA_YAW, PATH, SPEED, STATES
+from lanes.tracking.car import CAMERA_YAW, PATH, REST_PITCH, SPEED, STATES
 from lanes.tracking.model import (
     ADJACENT,
     CENTRE,
@@ -38,6 +38,7 @@ class ProcessNoise:
     centre_m_per_s: float = 0.015
     heading_rad_per_s: float = 0.003
     pitch_rad_per_s: float = 0.01
+    rest_pitch_rad_per_s: float = 1e-3
     camera_yaw_rad_per_s: float = 1e-4
     # Steering, on a straight road and in a bend; pedals.
     path_per_m_per_s: float = 1e-3
@@ -88,7 +89,7 @@ def max_vertical_curvature(lane: np.ndarray) -> float:
 
 
 def process_noise(lane: np.ndarray, distance_m: float, elapsed_s: float, *, steady_speed: bool) -> np.ndarray:
-    """(18,) variances that one prediction adds.
+    """(19,) variances that one prediction adds.
 
     Parameters
     ----------
@@ -103,6 +104,7 @@ def process_noise(lane: np.ndarray, distance_m: float, elapsed_s: float, *, stea
     curvature = max_curvature(lane)
     excess = max(curvature - PRIOR.motorway_curvature_per_m, 0.0)
     per_s[CENTRE], per_s[HEADING], per_s[PITCH] = n.centre_m_per_s, n.heading_rad_per_s, n.pitch_rad_per_s
+    per_s[REST_PITCH] = n.rest_pitch_rad_per_s
     per_s[CAMERA_YAW] = n.camera_yaw_rad_per_s
     per_s[PATH] = n.path_per_m_per_s + n.path_share_per_s * curvature
     per_s[SPEED] = 0.0 if steady_speed else n.speed_mps_per_s

@@ -1,6 +1,6 @@
 """State of the extended Kalman filter, its transition from frame to frame, and the prediction.
 
-The state has 18 numbers: the 15 of `lanes.tracking.model` and the three of `lanes.tracking.car`. While the car moves a
+The state has 19 numbers: the 15 of `lanes.tracking.model` and the four of `lanes.tracking.car`. While the car moves a
 distance d along its own arc, the lane moves in the car's frame by
 
     centre + (heading - camera yaw - lever path) d + (curvature - path) d^2 / 2,   heading + (curvature - path) d,
@@ -27,6 +27,7 @@ from lanes.tracking.car import (
     CAR_PARAMETERS,
     LANE,
     PATH,
+    REST_PITCH,
     SPEED,
     STATES,
     CarMotion,
@@ -59,7 +60,7 @@ RATE_STEP_DECAY_M = 15.0
 
 @dataclass(frozen=True, eq=False)
 class KalmanState:
-    """Mean (18,) and covariance (18, 18) of lane and car."""
+    """Mean (19,) and covariance (19, 19) of lane and car."""
 
     mean: np.ndarray
     covariance: np.ndarray
@@ -124,10 +125,10 @@ class KalmanState:
 
 
 def transition(mean: np.ndarray, elapsed_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """State transition: the mean (18,) `elapsed_s` later, and its Jacobian (18, 18)."""
+    """State transition: the mean (19,) `elapsed_s` later, and its Jacobian (19, 19)."""
     # Python floats: for single numbers numpy's overhead would dominate
     _, _, heading, curvature, rate, pitch, *_ = mean.tolist()
-    path, speed, camera_yaw = mean[CAR].tolist()
+    path, speed, rest_pitch, camera_yaw = mean[CAR].tolist()
     d, turn, lever = speed * elapsed_s, curvature - path, lever_m(speed)
     slant = heading - camera_yaw - lever * path
     pitch_kept = exp(-elapsed_s / CAR_PARAMETERS.pitch_relaxation_s)
@@ -140,7 +141,7 @@ def transition(mean: np.ndarray, elapsed_s: float) -> tuple[np.ndarray, np.ndarr
     after[CURVATURE] += rate * d
     after[RATE_CHAIN] *= rates_kept
     after[RATE_CHAIN[:-1]] += rates_moved * mean[RATE_STEPS]
-    after[PITCH] = pitch_kept * pitch
+    after[PITCH] = pitch_kept * pitch + (1 - pitch_kept) * rest_pitch
     after[VERTICAL_CURVATURE] = vertical @ mean[VERTICAL_CURVATURE]
     after[LANE] = np.minimum(np.maximum(after[LANE], -LIMIT), LIMIT)
 
@@ -152,7 +153,7 @@ def transition(mean: np.ndarray, elapsed_s: float) -> tuple[np.ndarray, np.ndarr
     jacobian[HEADING, SPEED] = turn * elapsed_s
     jacobian[CURVATURE, RATE], jacobian[CURVATURE, SPEED] = d, rate * elapsed_s
     jacobian[RATE_CHAIN, RATE_CHAIN], jacobian[RATE_CHAIN[:-1], RATE_CHAIN[1:]] = rates_kept, rates_moved
-    jacobian[PITCH, PITCH] = pitch_kept
+    jacobian[PITCH, PITCH], jacobian[PITCH, REST_PITCH] = pitch_kept, 1 - pitch_kept
     jacobian[VERTICAL_CURVATURE, VERTICAL_CURVATURE] = vertical
     return after, jacobian
 

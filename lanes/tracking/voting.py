@@ -1,6 +1,6 @@
 """Start hypotheses for the fit: the histogram of the course's first half, generalised to roads that bend.
 
-For each hypothesis of heading and curvature the stripes are counted in bins of their distance from its arc: a
+For each hypothesis of heading, curvature and pitch the stripes are counted in bins of their distance from its arc: a
 line that follows the hypothesis adds up in one bin, whatever its shape on the road. Stripes whose own direction
 contradicts the hypothesis have no weight (votes with directions: Ballard's generalised Hough transform, 1981). Peaks to
 the left and to the right of the car are then paired to lanes, with a prior for lane width and position.
@@ -20,11 +20,12 @@ from lanes.tracking.model import (
     CURVATURE,
     HEADING,
     PARAMETERS,
+    PITCH,
     PRIOR_MEAN,
     PRIOR_STD,
     WIDTH,
 )
-from lanes.tracking.residuals import MIN_SQUARED_SCALE
+from lanes.tracking.residuals import MIN_SQUARED_SCALE, flatten, intersect_ground
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,8 @@ class VotingParameters:
     curvatures: int = 11
     curvature_step_per_m: float = 0.0015
     curvature_growth: float = 0.24
+    # Pitch hypotheses are 0 and plus or minus this.
+    pitch_step_rad: float = 0.018
     bin_m: float = 0.15
     bins: int = 60
     # Share of a bin's votes that both its neighbours get, for stripes between two bins.
@@ -65,16 +68,16 @@ VOTING = VotingParameters()
 
 def vote_lanes(stripes: Stripes, view: BirdsEyeView) -> tuple[np.ndarray, np.ndarray]:
     """The vote table (hypotheses, bins) of the stripes, and the lanes (K, 15) that it suggests, best first."""
-    votes = count_votes(stripes)
+    votes = count_votes(stripes, view.height_m)
     return votes, best_pairs(votes, int((view.x_m < VOTING.far_m).sum()))
 
 
 @lru_cache(maxsize=1)
 def hypotheses() -> np.ndarray:
-    """(H, 2): heading and curvature."""
+    """(H, 3): heading, curvature and pitch."""
     heading = _spread(VOTING.headings, VOTING.heading_step_rad, VOTING.heading_growth)
     curvature = _spread(VOTING.curvatures, VOTING.curvature_step_per_m, VOTING.curvature_growth)
-    grids = np.meshgrid(heading, curvature, indexing="ij")
+    grids = np.meshgrid(heading, curvature, np.arange(-1, 2) * VOTING.pitch_step_rad, indexing="ij")
     return np.stack([grid.ravel() for grid in grids], axis=1)
 
 
@@ -89,12 +92,14 @@ def bin_centres_m() -> np.ndarray:
     return (np.arange(VOTING.bins) + 0.5 - VOTING.bins / 2) * VOTING.bin_m
 
 
-def count_votes(stripes: Stripes) -> np.ndarray:
+def count_votes(stripes: Stripes, height_m: float) -> np.ndarray:
     """Histogram of the stripes by their distance to the left of each hypothesis' arc.
 
     Parameters
     ----------
     stripes : Stripes
+    height_m : float
+        Of the camera, because the pitch is part of the hypothesis.
 
     Returns
     -------
@@ -103,11 +108,18 @@ def count_votes(stripes: Stripes) -> np.ndarray:
     """
     near = stripes.select(stripes.x_m < VOTING.far_m)
     weight = marking_weight(near).astype(np.float32)
-    heading, curvature = hypotheses().T
-    bins, agreement = _bins_and_agreement(near.x_m, near.y_m, near.angle, heading, curvature)
-    bins += VOTING.bins * np.arange(len(heading))[:, None]
-    counts = np.bincount(bins.ravel(), (agreement * weight).ravel(), len(heading) * VOTING.bins)
-    votes = counts.reshape(-1, VOTING.bins)
+    heading, curvature, pitch = hypotheses().T
+    votes = np.zeros((len(heading), VOTING.bins))
+    for angle_rad in np.unique(pitch):
+        of = np.flatnonzero(pitch == angle_rad)
+        pitched = np.zeros(PARAMETERS)
+        pitched[PITCH] = angle_rad
+        ground = intersect_ground(near.x_m, pitched, height_m)
+        positions = flatten(near.x_m, near.y_m, near.angle, ground, height_m)
+        bins, agreement = _bins_and_agreement(*positions, heading[of], curvature[of])
+        bins += VOTING.bins * np.arange(len(of))[:, None]
+        counts = np.bincount(bins.ravel(), (agreement * weight).ravel(), len(of) * VOTING.bins)
+        votes[of] = counts.reshape(-1, VOTING.bins)
     # the outermost bins also hold everything beyond them
     votes[:, [0, -1]] = 0
     return votes
@@ -162,7 +174,7 @@ def best_pairs(votes: np.ndarray, rows: int, *, most: int = VOTING.lanes) -> np.
     middle = bin_centres_m()
     left = np.flatnonzero((middle > VOTING.line_from_m) & (middle < VOTING.line_to_m))
     right = np.flatnonzero((middle < -VOTING.line_from_m) & (middle > -VOTING.line_to_m))
-    distance = ((hypothesis / PRIOR_STD[[HEADING, CURVATURE]]) ** 2).sum(1)
+    distance = ((hypothesis / PRIOR_STD[[HEADING, CURVATURE, PITCH]]) ** 2).sum(1)
     bound = support[:, left].max(1) + support[:, right].max(1) - VOTING.prior_weight * distance
     kept = np.argsort(-bound, kind="stable")[: VOTING.paired]
     width, centre = middle[left, None] - middle[right], (middle[left, None] + middle[right]) / 2
@@ -176,7 +188,7 @@ def best_pairs(votes: np.ndarray, rows: int, *, most: int = VOTING.lanes) -> np.
     best = score[np.arange(len(kept)), pair] - VOTING.prior_weight * distance[kept]
     lanes = np.zeros((len(kept), PARAMETERS))
     lanes[:, CENTRE], lanes[:, WIDTH] = centre.ravel()[pair], width.ravel()[pair]
-    lanes[:, [HEADING, CURVATURE]] = hypothesis[kept]
+    lanes[:, [HEADING, CURVATURE, PITCH]] = hypothesis[kept]
     return suppress_non_maxima(lanes[np.argsort(-best, kind="stable")], most)
 
 
@@ -187,8 +199,11 @@ def _line_support(votes: np.ndarray, rows: int) -> np.ndarray:
     return np.sqrt(shared / rows).astype(np.float32)
 
 
-def suppress_non_maxima(lanes: np.ndarray, most: int) -> np.ndarray:
-    """The first `most` of the lanes (N, 15), best first, that are no duplicates of an earlier one."""
+def suppress_non_maxima(lanes: np.ndarray, most: int, *, same_pitch_rad: float = np.inf) -> np.ndarray:
+    """The first `most` of the lanes (N, 15), best first, that are no duplicates of an earlier one.
+
+    Lanes whose pitch differs by more than `same_pitch_rad` are no duplicates either.
+    """
     chosen, free = [], np.ones(len(lanes), bool)
     while len(chosen) < most and free.any():
         chosen.append(free.argmax())
@@ -196,7 +211,9 @@ def suppress_non_maxima(lanes: np.ndarray, most: int) -> np.ndarray:
         tolerance_per_m = (
             VOTING.duplicate_curvature_share * np.abs(lanes[:, CURVATURE]) + VOTING.duplicate_curvature_per_m
         )
-        free &= (np.maximum(difference[:, CENTRE], difference[:, WIDTH]) > VOTING.duplicate_m) | (
-            difference[:, CURVATURE] > tolerance_per_m
+        free &= (
+            (np.maximum(difference[:, CENTRE], difference[:, WIDTH]) > VOTING.duplicate_m)
+            | (difference[:, PITCH] > same_pitch_rad)
+            | (difference[:, CURVATURE] > tolerance_per_m)
         )
     return lanes[chosen]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.tracking.car import CAMERA_YAW, LANE, PATH, SPEED, lever_m
+from lanes.tracking.car import CAMERA_YAW, LANE, PATH, REST_PITCH, SPEED, lever_m
 from lanes.tracking.model import (
     ADJACENT,
     CENTRE,
@@ -32,7 +32,7 @@ LANE_BEFORE = a_lane(centre=0.3, width=3.6, heading=0.02, curvature=2e-3, rate=1
 
 def state_with(**car: float) -> KalmanState:
     estimate = initial_state(LANE_BEFORE, COVARIANCE, 20.0)
-    places = {"path": PATH, "speed": SPEED, "aim": CAMERA_YAW}
+    places = {"path": PATH, "speed": SPEED, "rest": REST_PITCH, "aim": CAMERA_YAW}
     for name, value in car.items():
         estimate.mean[places[name]] = value
     return estimate
@@ -52,7 +52,7 @@ def test_straight_driving_along_a_bend():
 
 
 def test_clothoid_and_springs():
-    after = state_with(path=2e-3).predict(0.04).mean
+    after = state_with(path=2e-3, rest=0.0).predict(0.04).mean
     assert after[CURVATURE] == pytest.approx(2e-3 + 1e-5 * 0.8)
     assert 0 < after[PITCH] < 0.004
     assert after[WIDTH] == 3.6
