@@ -66,7 +66,7 @@ def stripes_on(lane, sides=(LEFT_SIDE, RIGHT_SIDE), *, noise_m=0.01, outliers=0,
 
 
 def search(stripes):
-    starts = best_pairs(count_votes(stripes), 67)
+    starts = best_pairs(count_votes(stripes, HEIGHT_M), 67)
     near = fit_lanes(starts, stripes, VIEW)
     return near.lane[near.weight.sum(axis=1).argmax()], near
 
