@@ -44,6 +44,9 @@ class ProcessNoise:
     path_per_m_per_s: float = 1e-3
     path_share_per_s: float = 0.3
     speed_mps_per_s: float = 1.0
+    # Varying tyre slip in bends.
+    camera_yaw_share_per_s: float = 0.15
+    centre_share_per_m: float = 0.3
     # Width of this lane and of the adjacent ones.
     width_m_per_m: float = 0.004
     # Curvature, and its rate: 5e-5 1/m^2 within 70 m on motorways; on mountain roads more, as the square of the
@@ -105,9 +108,10 @@ def process_noise(lane: np.ndarray, distance_m: float, elapsed_s: float, *, stea
     excess = max(curvature - PRIOR.motorway_curvature_per_m, 0.0)
     per_s[CENTRE], per_s[HEADING], per_s[PITCH] = n.centre_m_per_s, n.heading_rad_per_s, n.pitch_rad_per_s
     per_s[REST_PITCH] = n.rest_pitch_rad_per_s
-    per_s[CAMERA_YAW] = n.camera_yaw_rad_per_s
+    per_s[CAMERA_YAW] = n.camera_yaw_rad_per_s + n.camera_yaw_share_per_s * excess
     per_s[PATH] = n.path_per_m_per_s + n.path_share_per_s * curvature
     per_s[SPEED] = 0.0 if steady_speed else n.speed_mps_per_s
+    per_m[CENTRE] = n.centre_share_per_m * excess
     per_m[WIDTH] = per_m[ADJACENT] = n.width_m_per_m
     per_m[CURVATURE] = n.curvature_per_m_per_m
     per_m[RATE] = n.rate_per_m2_per_m + n.rate_square_share * curvature**2

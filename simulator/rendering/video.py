@@ -70,7 +70,7 @@ def write_video(
         rows = _encode(unfinished, drive, count, ["-crf", str(crf), "-preset", preset], progress, workers)
         # The encoder is a separate process, which can be killed or run out of disk space silently.
         if inspect_video(unfinished).frames != count:
-            raise OSError(f"{path}: the encoder wrote fewer than {count} frames; check the free space and try again.")
+            raise OSError(f"the encoder wrote fewer than {count} frames")
     write_truth_csv(path.with_suffix(".csv"), rows)
     save_camera(drive.camera, path.with_suffix(".yaml"))
     return [path, path.with_suffix(".csv"), path.with_suffix(".yaml")]

@@ -214,7 +214,11 @@ MISUSE = {
     "no source": (2, "SOURCE", ANNOTATE),
     "two lenses": (2, "not allowed with", [*ANNOTATE, "--hfov", "60", "{drive}/drive.mp4"]),
     "no such camera file": (2, "no.yaml: there is no such", ["annotate", "--camera", "no.yaml", "{drive}/drive.mp4"]),
-    "bad camera file": (2, "bad.yaml: is no usable", ["annotate", "--camera", "{drive}/bad.yaml", "{drive}/drive.mp4"]),
+    "bad camera file": (
+        2,
+        "not a usable camera file",
+        ["annotate", "--camera", "{drive}/bad.yaml", "{drive}/drive.mp4"],
+    ),
     "wrong shape": (2, "another aspect ratio", ["annotate", "--camera", "{drive}/other.yaml", "{drive}/drive.mp4"]),
     "boards without a chessboard": (2, "no chessboard", ["annotate", "--boards", "{drive}/sky", "{drive}/drive.mp4"]),
     "no road": (1, "sky.png: only 0 of 1", ["annotate", "--hfov", "60", "{drive}/sky"]),

@@ -94,6 +94,6 @@ def test_the_marking_response_of_any_picture(image):
     view, other = view_of(size), mirrored_view_of(size)
     seen = view.warp(image)
     response, mirror = marking_response(seen, view), marking_response(flip(seen), other)
-    for name in ("channels", "narrow", "wide"):
+    for name in ("channels", "bands"):
         np.testing.assert_array_equal(getattr(mirror, name)[..., ::-1], getattr(response, name))
     np.testing.assert_allclose(mirror.strength[:, ::-1], response.strength, atol=1e-4)

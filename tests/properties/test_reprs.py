@@ -87,7 +87,7 @@ def test_the_field_of_view_is_the_one_asked_for(hfov_deg):
 
 def test_a_pose_comes_with_standard_deviations_and_notes():
     pose = CameraPose(1.32, np.radians(-1.8), np.radians(-1.36), 0.0)
-    estimate = PoseEstimate(pose, 0.04, 0.001, 0.002, 0.0175, 12, 40, 0.003, 0.01, 3.66, ("roll <unknown>",))
+    estimate = PoseEstimate(pose, 0.04, 0.001, 0.002, 0.0175, 12, 40, 3.66, ("roll <unknown>",))
     assert repr(estimate).startswith("PoseEstimate(height 1.32 ± 0.04 m (lane 3.66 m wide), pitch -1.80 ± 0.06 deg, ")
     rows = rows_of(estimate._repr_html_())
     assert rows["roll"] == "0.00 ± 1.00 deg"
