@@ -50,8 +50,9 @@ def _straighten(channel: np.ndarray, view: BirdsEyeView, line_y_m: np.ndarray) -
     chosen = slice(None, None, len(rows) // PROFILE.max_rows + 1)
     rows, slant = rows[chosen], slant[chosen]
     column = (view.y_m[0] - line_y_m[rows, None] - slant[:, None] * OFFSETS_M) / view.cell_m
-    row = np.broadcast_to(rows[:, None], column.shape).astype(np.float32)
-    return cv2.remap(channel, column.astype(np.float32), row, cv2.INTER_LINEAR)
+    row = np.broadcast_to(np.arange(len(rows), dtype=np.float32)[:, None], column.shape)
+    # only the rows used are converted, not the whole channel
+    return cv2.remap(channel[rows].astype(np.float32), column.astype(np.float32), row, cv2.INTER_LINEAR)
 
 
 def marking_profile(response: MarkingResponse, view: BirdsEyeView, line_y_m: np.ndarray) -> MarkingProfile | None:
@@ -61,7 +62,7 @@ def marking_profile(response: MarkingResponse, view: BirdsEyeView, line_y_m: np.
     """
     found = [
         (*section, yellow)
-        for channel, yellow in zip(response.channels.astype(np.float32), (False, True), strict=True)
+        for channel, yellow in zip(response.channels, (False, True), strict=True)
         if (section := _section(channel, view, line_y_m))
     ]
     if not found:
