@@ -75,7 +75,7 @@ def test_uncertainty_grows_and_a_standing_car_keeps_the_road():
 
 
 def test_update_moves_the_car_with_the_lane():
-    """If the lane has moved farther sideways than foretold, the car is faster than believed."""
+    """If the lane has moved farther sideways than predicted, the estimated speed grows."""
     estimate = state_with(path=2e-3, speed=20.0)
     estimate.covariance[SPEED, SPEED] = 64.0
     estimate = estimate.predict(0.5)
