@@ -5,8 +5,10 @@ nothing and lists each name once.
 """
 
 # Data
-from benchmark.dataset import open_dataset, PROJECT_ROOT
-from benchmark.course import check
+from course.dataset import open_dataset
+from benchmark.scored_drive import PROJECT_ROOT
+from course.measures import check
+from course.exercises.check import check_exercise
 
 # 1 Why
 from lanes.io.images import read_image, write_image, list_pictures
@@ -40,7 +42,7 @@ from lanes.classic.threshold import (
     equalized_white_mask,
 )
 from lanes.classic.finder import RECIPES, get_recipe, LaneFinder
-from benchmark.course import binary_on_road, marking_precision, marking_recall
+from course.measures import binary_on_road, marking_precision, marking_recall
 
 # 6 Find
 from lanes.classic.search import lane_histogram, find_peaks, sliding_windows, search_band
@@ -48,7 +50,8 @@ from lanes.classic.search import lane_histogram, find_peaks, sliding_windows, se
 # 7 Fit, measure
 from lanes.classic.fit import fit_line, ransac_line
 from lanes.io.describe import describe_bend, describe_offset
-from benchmark.course import worst_lateral_error_m, describe_error, drive_errors_m
+from course.accuracy import accuracy_table
+from course.measures import worst_lateral_error_m, describe_error, drive_errors_m
 from benchmark.reporting.tables import format_table
 
 # 8 Draw, video

@@ -101,7 +101,7 @@ def run(options: argparse.Namespace) -> int:
 
 def measure_speeds() -> int:
     """Measure time and memory on the committed video."""
-    from benchmark.dataset import PROJECT_ROOT
+    from benchmark.scored_drive import PROJECT_ROOT
     from benchmark.speed.speed import measure_speed
 
     print(measure_speed(PROJECT_ROOT / "test_videos" / "project_video.mp4", progress=progress_line).describe())

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+# The project's top folder, with the committed videos in test_videos/.
+PROJECT_ROOT = Path(__file__).resolve().parents[1]
 NO_LANE = "no lane"
 # Difficulty of a video that is not a scene of the suite.
 CUSTOM = "custom"

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from benchmark.dataset import PROJECT_ROOT
-from benchmark.scored_drive import CUSTOM, BenchmarkDrive, drive_from_video
+from benchmark.scored_drive import CUSTOM, PROJECT_ROOT, BenchmarkDrive, drive_from_video
 from simulator.scenes.suite import SUITE, render_scene
 
 # Scenes of the suite with a committed video. It is scored instead of a new rendering, as everybody has it.

@@ -7,7 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmark.dataset import PROJECT_ROOT, open_dataset
+from benchmark.scored_drive import PROJECT_ROOT
+from course.dataset import open_dataset
 from lanes.camera.calibration.boards import calibrate_folder
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError, CameraPose

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmark.dataset import PROJECT_ROOT
+from benchmark.scored_drive import PROJECT_ROOT
 from lanes.camera.camera_file import load_camera
 from lanes.cluster.pieces import WARM_UP_S, annotate_piece, cut_drive, join_pieces
 from lanes.drives.annotation import PreparedDrive, annotate_drive, prepare_drive

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmark.dataset import PROJECT_ROOT
+from benchmark.scored_drive import PROJECT_ROOT
 from lanes.camera.camera_file import camera_from_dict
 from lanes.io.images import read_image
 from simulator import chessboards as scene

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmark.dataset import PROJECT_ROOT
+from benchmark.scored_drive import PROJECT_ROOT
 from lanes.camera.camera import Camera
 from lanes.io.images import read_image
 from simulator.landscape.sky import BackdropStyle

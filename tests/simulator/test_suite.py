@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmark.dataset import PROJECT_ROOT
+from benchmark.scored_drive import PROJECT_ROOT
 from lanes.camera.camera import undistort
 from lanes.io.disk_cache import cache_folder
 from simulator.objects.bonnet import bonnet_outline

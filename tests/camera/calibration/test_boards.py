@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmark.dataset import PROJECT_ROOT
+from benchmark.scored_drive import PROJECT_ROOT
 from lanes.camera.calibration.boards import calibrate, calibrate_folder
 from lanes.camera.calibration.corners import Board
 from lanes.camera.camera import Camera

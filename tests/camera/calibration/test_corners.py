@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmark.dataset import PROJECT_ROOT
+from benchmark.scored_drive import PROJECT_ROOT
 from lanes.camera.calibration.corners import Board, draw_board, find_board
 from lanes.io.images import read_image
 from simulator.chessboards import CREAM_WALL, BoardView, render_board, true_corners

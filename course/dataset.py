@@ -15,6 +15,8 @@ from typing import TypeVar
 
 import numpy as np
 
+from benchmark.labels.tusimple import LaneColumns, read_labels
+from benchmark.scored_drive import PROJECT_ROOT
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import camera_from_dict
 from lanes.io.files import read_text
@@ -22,8 +24,6 @@ from lanes.io.images import list_pictures
 from lanes.io.telemetry import read_telemetry
 
 Part = TypeVar("Part")
-
-PROJECT_ROOT = Path(__file__).resolve().parents[1]
 
 
 class DatasetError(OSError):
@@ -87,6 +87,15 @@ class Dataset:
             return None
         frames = _read_truth(path, lambda truth: {Path(frame["raw_file"]).name: frame for frame in truth["frames"]})
         return frames.get(still.name)
+
+    def labels(self) -> dict[str, LaneColumns]:
+        """The hand-made labels of the test pictures by file name, from labels.jsonl; empty without that file."""
+        path = self.root / "labels.jsonl"
+        if not path.is_file():
+            return {}
+        names = {still.name for still in self.stills}
+        labels = {Path(label.name).name: label for label in read_labels(path)}
+        return {name: label for name, label in labels.items() if name in names}
 
     def true_drive(self, video: Path) -> dict[str, np.ndarray] | None:
         """The truth CSV of a video, an array (frames,) for each column; None without that file."""

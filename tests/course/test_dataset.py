@@ -6,8 +6,8 @@ import json
 
 import pytest
 
-from benchmark.course import check
-from benchmark.dataset import DatasetError, open_dataset
+from course.dataset import DatasetError, open_dataset
+from course.measures import check
 
 
 @pytest.fixture

@@ -1,6 +1,6 @@
 """Results of the course against the truth: lateral errors of lanes, precision and recall of marking pixels.
 
-Truth is a frame of truth.json (see benchmark.dataset): points of both lines in the road frame, metres.
+Truth is a frame of truth.json (see course.dataset): points of both lines in the road frame, metres.
 """
 
 from __future__ import annotations

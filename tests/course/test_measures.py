@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmark.course import (
+from course.measures import (
     binary_on_road,
     describe_error,
     drive_errors_m,

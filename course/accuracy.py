@@ -1,0 +1,85 @@
+"""The accuracy of several methods on the stills of the course, in one table.
+
+Three kinds of data are possible: stills with truth (the embedded ones), stills with hand-made labels (`labels.jsonl`),
+and stills with neither. The table shows the strongest comparison that the data allow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from benchmark.labels.tusimple import LaneColumns, score_lines
+from benchmark.reporting.tables import format_table
+from course.dataset import Dataset
+from course.measures import HasLines, describe_error, worst_lateral_error_m
+from lanes.camera.camera import Camera
+
+# Distances at which a line is projected into the picture: even steps in 1 / x are even steps in picture rows.
+PROJECTED_AT_M = 1 / np.linspace(1 / 1.5, 1 / 100.0, 400)
+# Distances at which two methods are compared with each other, metres.
+COMPARED_AT_M = np.arange(5.0, 31.0, 5.0)
+Found = Mapping[str, Sequence[HasLines | None]]
+
+
+def accuracy_table(found: Found, data: Dataset, camera: Camera) -> str:
+    """A table of the results of each method on each still.
+
+    With truth a cell is the largest lateral error from 5 to 30 m ahead, or "lost". With labels it is the share of
+    labelled points within TuSimple's tolerance (20 px / cos of the angle of the line). With neither, one line states
+    how far the methods differ.
+
+    Parameters
+    ----------
+    found : dict
+        For each method its results in the order of `data.stills`; None where it found no lane.
+    """
+    stills, labels = data.stills, data.labels()
+    if any(data.true_lane(path) for path in stills):
+        rows = {
+            path.stem: [
+                describe_error(worst_lateral_error_m(results[k], data.true_lane(path))) for results in found.values()
+            ]
+            for k, path in enumerate(stills)
+        }
+        return format_table(list(found), rows)
+    if labels:
+        rows = {
+            path.stem: [f"{label_accuracy(results[k], labels[path.name], camera):.0%}" for results in found.values()]
+            for k, path in enumerate(stills)
+            if path.name in labels
+        }
+        return format_table(list(found), rows)
+    return _describe_differences(found)
+
+
+def label_accuracy(result: HasLines | None, label: LaneColumns, camera: Camera) -> float:
+    """Share of the labelled points of both lines that a result meets within 20 px / cos, 0 without a result."""
+    columns = np.full((2, len(label.rows)), -2.0)
+    lines = result and result.lateral_m(PROJECTED_AT_M)
+    for k, y_m in enumerate(() if lines is None else lines):
+        u, v = camera.road_to_pixels(np.column_stack([PROJECTED_AT_M, y_m])).T
+        seen = np.isfinite(u) & np.isfinite(v)
+        if seen.any():
+            order = np.argsort(v[seen])
+            columns[k] = np.interp(label.rows, v[seen][order], u[seen][order], left=-2, right=-2)
+    scores = score_lines(label, LaneColumns(label.name, label.rows, columns))
+    accuracies = [score.accuracy for score in scores if score.accuracy is not None]
+    return float(np.mean(accuracies)) if accuracies else float("nan")
+
+
+def _describe_differences(found: Found) -> str:
+    """The median and the largest distance between any two methods on one still."""
+    gaps = []
+    for results in zip(*found.values(), strict=True):
+        lines = [
+            line for line in (result and result.lateral_m(COMPARED_AT_M) for result in results) if line is not None
+        ]
+        gaps += [np.ptp(lines, axis=0).max()] if len(lines) > 1 else []
+    if not gaps:
+        return "no truth, no labels, and no still on which two methods found a lane"
+    return (
+        f"no truth and no labels: the methods differ by {np.median(gaps):.2f} m (median of {len(gaps)} stills), "
+        f"at most {max(gaps):.2f} m, 5 to 30 m ahead"
+    )

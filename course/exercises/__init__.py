@@ -1,0 +1,1 @@
+"""The checks of the exercises, one file for each chapter of project.ipynb."""

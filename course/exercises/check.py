@@ -1,0 +1,45 @@
+"""The check of an exercise by its number."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from course.exercises import chapter_06
+from course.exercises.verdict import NOT_TRIED, Verdict
+
+# Each check takes the answer, and by name what the exercise gives it; it returns a Verdict.
+CHECKS: dict[str, Callable[..., Verdict]] = {**chapter_06.CHECKS}
+
+
+def check_exercise(number: str, answer: object, **given: object) -> None:
+    """Print what is right or wrong about the answer to an exercise.
+
+    Prints "6.1: not tried yet.", a hint, or "6.1: correct, ..." with the number reached. An answer of None, or a
+    function that returns None, is not tried yet.
+
+    Parameters
+    ----------
+    number : str
+        Number of the exercise, for example "6.1".
+    answer : object
+        A value, or a function that the check calls.
+    **given
+        What the check needs besides, as the starter cell of the exercise passes it.
+
+    Raises
+    ------
+    ValueError
+        If there is no exercise of this number.
+    """
+    if number not in CHECKS:
+        raise ValueError(f"there is no exercise {number!r}; the exercises are {', '.join(sorted(CHECKS))}.")
+    print(f"{number}: {_judge(CHECKS[number], answer, given)}")
+
+
+def _judge(check: Callable[..., Verdict], answer: object, given: dict[str, object]) -> Verdict:
+    if answer is None:
+        return NOT_TRIED
+    try:
+        return check(answer, **given)
+    except Exception as error:  # the answer is code of the reader, which may raise anything
+        return Verdict(False, f"your answer raised {type(error).__name__}: {error}")

@@ -1,0 +1,29 @@
+"""What a check says about an answer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The result of a check: whether the answer is correct, and a sentence with the number reached or a hint."""
+
+    correct: bool
+    sentence: str
+
+    def __str__(self) -> str:
+        return f"correct, {self.sentence}" if self.correct else self.sentence
+
+
+NOT_TRIED = Verdict(False, "not tried yet.")
+
+
+def correct(sentence: str) -> Verdict:
+    """The answer is correct; `sentence` states the number reached, for example "3.58 m (truth 3.66 m)."."""
+    return Verdict(True, sentence)
+
+
+def hint(sentence: str) -> Verdict:
+    """The answer is wrong; `sentence` says what it is and what to do next."""
+    return Verdict(False, sentence)

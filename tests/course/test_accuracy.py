@@ -1,0 +1,80 @@
+"""The table of methods on stills: with truth, with labels, with neither."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from course.accuracy import accuracy_table, label_accuracy
+from course.dataset import Dataset, open_dataset
+from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import CameraPose
+from tests.support.project import ROOT
+
+CAMERA = Camera.from_fov((1280, 720), 60, CameraPose(1.4, pitch_rad=0.0))
+
+
+class Lines:
+    """A straight lane of half width `half_m`, shifted to the left by `shift_m`."""
+
+    def __init__(self, shift_m: float, half_m: float = 1.83) -> None:
+        self.shift_m, self.half_m = shift_m, half_m
+
+    def lateral_m(self, x_m: np.ndarray) -> np.ndarray:
+        return np.array([np.full_like(x_m, self.shift_m + side * self.half_m) for side in (1, -1)])
+
+
+@pytest.fixture
+def labelled(tmp_path) -> Dataset:
+    """One still with labels of a straight lane around the camera."""
+    (tmp_path / "test_images").mkdir()
+    shutil.copy(ROOT / "test_images" / "test1.jpg", tmp_path / "test_images" / "test1.jpg")
+    rows = list(range(400, 700, 10))
+    lanes = []
+    for y in (1.83, -1.83):
+        u, v = CAMERA.road_to_pixels([[x, y] for x in 1 / np.linspace(1 / 4, 1 / 60, 500)]).T
+        lanes.append(np.interp(rows, v[::-1], u[::-1]).round(1).tolist())
+    entry = {"raw_file": "test_images/test1.jpg", "h_samples": rows, "lanes": lanes}
+    (tmp_path / "labels.jsonl").write_text(json.dumps(entry) + "\n")
+    return Dataset(tmp_path, tmp_path)
+
+
+def test_with_truth_a_cell_is_an_error_in_metres_or_lost():
+    data = open_dataset(ROOT)
+    text = accuracy_table({"half a metre": [Lines(0.5)] * 8, "nothing": [None] * 8}, data, data.true_camera())
+    assert len(text.splitlines()) == 9
+    true = data.true_lane(data.still("straight_lines1"))
+    x_m, left_m = np.array(true["x_m"]), np.array(true["left_y_m"])
+    near = (x_m >= 5) & (x_m <= 30)
+    worst = max(np.abs(left_m[near] - 2.33).max(), np.abs(np.array(true["right_y_m"])[near] + 1.33).max())
+    assert text.splitlines()[1].split() == ["straight_lines1", f"{worst:.2f}", "m", "lost"]
+    assert all(line.endswith("lost") for line in text.splitlines()[1:])
+
+
+def test_with_labels_a_cell_is_the_share_of_points(labelled):
+    text = accuracy_table({"right": [Lines(0)], "beside": [Lines(0.8)], "none": [None]}, labelled, CAMERA)
+    cells = text.splitlines()[1].split()
+    assert cells[:2] == ["test1", "100%"]
+    assert cells[3] == "0%"
+    # 0.8 m are more than 20 px near the car and less far away
+    assert 0 < int(cells[2].rstrip("%")) < 70
+
+
+def test_a_line_without_points_counts_as_missed(labelled):
+    (label,) = labelled.labels().values()
+
+    class NoLine:
+        def lateral_m(self, x_m):
+            return None
+
+    assert label_accuracy(NoLine(), label, CAMERA) == 0
+
+
+def test_without_truth_and_labels_methods_are_compared(labelled):
+    (labelled.root / "labels.jsonl").unlink()
+    text = accuracy_table({"a": [Lines(0)], "b": [Lines(0.3)]}, labelled, CAMERA)
+    assert "0.30 m (median of 1 stills)" in text
+    assert "no still" in accuracy_table({"a": [Lines(0)], "b": [None]}, labelled, CAMERA)
