@@ -55,9 +55,8 @@ def draw_search(result: LaneResult) -> np.ndarray:
 
 def diagnose(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarray:
     """The annotated picture below a strip of intermediate results: binary, bird's-eye view, search."""
-    thumbnails = [result.steps.warped_binary, result.steps.birdseye, draw_search(result)]
-    drawn = _draw_result(image, result, camera)
-    return draw_mosaic(drawn, thumbnails, ["binary", "view", "search"], lines=describe_result(result))
+    thumbnails = {"binary": result.steps.warped_binary, "view": result.steps.birdseye, "search": draw_search(result)}
+    return draw_mosaic(_draw_result(image, result, camera), thumbnails, lines=describe_result(result))
 
 
 def follow_lane(finder: LaneFinder, camera: Camera) -> Callable[[np.ndarray], tuple[np.ndarray, dict[str, object]]]:

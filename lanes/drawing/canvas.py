@@ -27,6 +27,9 @@ PANEL_COLOUR: Colour = (16, 18, 22)
 
 CORNERS = ("top left", "top right", "bottom left", "bottom right")
 
+# On OpenCV's scale, where 400 is regular and 600 semi-bold.
+FONT_WEIGHT = 500
+
 # Fractional bits of OpenCV's drawing coordinates: 1/16 px is finer than anti-aliasing shows.
 _SHIFT = 4
 # Limit of coordinates: fits in 32-bit integers, far outside any picture.
@@ -37,13 +40,13 @@ _MAX_COORDINATE_PX = 1e6
 class Plane:
     """An array to draw on: an RGB picture, or one plane of a YUV frame.
 
-    `subsampling` is in picture pixels per element, in both directions; `channel` is 0 to 2 for Y, Cb, Cr. Channel and
-    colour space are None for RGB.
+    `subsampling` is in picture pixels per element, in both directions; `channel` is 0 to 2 for Y, Cb, Cr. The colour
+    space is None for RGB.
     """
 
     pixels: np.ndarray
     subsampling: int = 1
-    channel: int | None = None
+    channel: int = 0
     colour_space: YuvColourSpace | None = None
 
     def box(self, left: int, top: int, right: int, bottom: int) -> np.ndarray:
@@ -112,21 +115,19 @@ def put_text(
     *,
     corner: str = "top left",
     size_px: int | None = None,
-    colour: Colour = TEXT_COLOUR,
     panel_alpha: float = 0.6,
 ) -> None:
-    """Write lines of text into a corner, on a dark panel that keeps them readable on any background.
+    """Write lines of white text into a corner, on a dark panel that keeps them readable on any background.
+
+    Latin, Greek and Cyrillic letters and signs such as ° and ± are supported.
 
     Parameters
     ----------
-    picture : ndarray of shape (height, width, 3), uint8, or YuvFrame
-    lines : str or sequence of str
-        One string per line; Latin, Greek and Cyrillic letters and signs such as ° and ± are supported.
     corner : {"top left", "top right", "bottom left", "bottom right"}
     size_px : int, optional
         Font size, by default 1/24 of the picture's height. Reduced if the text would not fit.
-    panel_alpha : float, in range 0..1
-        Opacity of the panel.
+    panel_alpha : float
+        Opacity of the panel, 0 to 1.
 
     Raises
     ------
@@ -146,11 +147,11 @@ def put_text(
     full_size, *chroma = drawing_planes(picture)
     darken_box(full_size, box, panel_alpha)
     for plane in chroma:
-        # Letters are too fine for the chroma planes: the whole panel takes the letters' hue, none for white.
-        plane.box(*box)[:] = plane.value(colour)
+        # Letters are too fine for the chroma planes: the whole panel takes the letters' hue, which is none.
+        plane.box(*box)[:] = plane.value(TEXT_COLOUR)
     left, top = left + _margin(size), top + _margin(size) // 2
     for number, line in enumerate(lines):
-        draw_text_line(full_size, line, left, top + number * line_height(size), size, colour)
+        draw_text_line(full_size, line, left, top + number * line_height(size), size)
 
 
 def darken_box(plane: Plane, box: tuple[int, int, int, int], alpha: float) -> None:
@@ -182,13 +183,12 @@ def line_height(size: int) -> int:
     return size + max(2, size // 3)
 
 
-def draw_text_line(plane: Plane, line: str, left: int, top: int, size: int, colour: Colour) -> None:
-    """Write one line of text with its upper left corner at (left, top)."""
+def draw_text_line(plane: Plane, line: str, left: int, top: int, size: int) -> None:
+    """Write one line of white text with its upper left corner at (left, top)."""
     # OpenCV would wrap a long line at the left edge, over the line before: the wrap range is put out of reach.
     origin, wrap_range = (left, top + size), (0, 1 << 20)
-    cv2.putText(
-        plane.pixels, line, origin, plane.value(colour), _font(), size, 500, cv2.PUT_TEXT_ALIGN_LEFT, wrap_range
-    )
+    style = plane.value(TEXT_COLOUR), _font(), size, FONT_WEIGHT
+    cv2.putText(plane.pixels, line, origin, *style, cv2.PUT_TEXT_ALIGN_LEFT, wrap_range)
 
 
 def _to_fixed_point(points_px: np.ndarray) -> np.ndarray:
@@ -218,4 +218,4 @@ def _margin(size: int) -> int:
 @lru_cache(maxsize=64)
 def _text_width(line: str, size: int) -> int:
     """Width in pixels; cached, because it takes as long as drawing, and most lines stay the same for several frames."""
-    return cv2.getTextSize((0, 0), line, (0, 0), _font(), size, 500)[2]
+    return cv2.getTextSize((0, 0), line, (0, 0), _font(), size, FONT_WEIGHT)[2]

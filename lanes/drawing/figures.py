@@ -1,7 +1,7 @@
 """Matplotlib figures in one style; the only module that imports pyplot, on first use.
 
 The functions plot given values and return the figure and its axes (an array if there can be several); they neither
-compute nor show. In a notebook `plt.show()` or the end of the cell shows the figure.
+compute nor show.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR, Colour
+from lanes.drawing.canvas import LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR, Colour
 from lanes.io.files import write_atomically
 
 if TYPE_CHECKING:
@@ -33,6 +33,8 @@ STYLE = {
     "lines.linewidth": 1.8,
 }
 TRUTH_LOOK = {"color": "0.15", "linestyle": "--", "linewidth": 1.3, "zorder": 3}
+# Above the axes, where a legend hides no curve.
+LEGEND_ABOVE = {"loc": "lower right", "bbox_to_anchor": (1, 1), "frameon": False, "borderaxespad": 0}
 
 
 def show_pictures(
@@ -59,22 +61,19 @@ def show_pictures(
         raise ValueError(f"one title for each picture is needed; got {len(images)} pictures and {len(titles)} titles.")
     columns = min(columns, len(images))
     rows = -(-len(images) // columns)
-    column_in = width_in / columns
-    row_in = max(image.shape[0] / image.shape[1] for image in images) * column_in + 0.35
+    row_in = max(image.shape[0] / image.shape[1] for image in images) * width_in / columns + 0.35
     figure, axes = new_figure(rows, columns, (width_in, rows * row_in))
     for axis in axes[len(images) :]:
         axis.remove()
     for axis, image, title in zip(axes, images, titles, strict=False):
-        _show_picture(axis, image, title)
+        axis.imshow(image, cmap="gray", **_gray_limits(image))
+        axis.set_title(title)
+        axis.set_axis_off()
     return figure, axes[: len(images)]
 
 
 def plot_histogram(
-    counts: np.ndarray,
-    *,
-    left_px: float | None = None,
-    right_px: float | None = None,
-    title: str = "Where the paint is",
+    counts: np.ndarray, *, left_px: float | None = None, right_px: float | None = None
 ) -> tuple[Figure, Axes]:
     """Plot the column histogram (width,) of a binary view, with the two start columns of the search."""
     figure, (axis,) = new_figure(1, 1, (10, 3))
@@ -82,10 +81,9 @@ def plot_histogram(
     for column, colour, name in ((left_px, LEFT_COLOUR, "left"), (right_px, RIGHT_COLOUR, "right")):
         if column is not None:
             axis.axvline(column, color=rgb(colour), label=f"{name} start, column {column:.0f}")
-            axis.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2, frameon=False, borderaxespad=0)
-    axis.set_title(title, loc="left")
-    axis.set(xlabel="column (pixels)", ylabel="paint pixels in the column")
-    axis.set_xlim(0, len(counts) - 1)
+            axis.legend(ncols=2, **LEGEND_ABOVE)
+    axis.set_title("Where the paint is", loc="left")
+    axis.set(xlabel="column (pixels)", ylabel="paint pixels in the column", xlim=(0, len(counts) - 1))
     axis.set_ylim(bottom=0)
     return figure, axis
 
@@ -120,13 +118,11 @@ def plot_series(
     figure, axes = new_figure(len(series), 1, (10, 0.6 + 2.2 * len(series)), sharex=True)
     for axis, (label, curves) in zip(axes, series.items(), strict=True):
         for name, values in curves.items():
-            look = TRUTH_LOOK if name == "truth" else {"color": _line_colour(name)}
-            axis.plot(times_s, values, label=name, **look)
+            axis.plot(times_s, values, label=name, **(TRUTH_LOOK if name == "truth" else {}))
         axis.set_ylabel(label)
         axis.grid(alpha=0.3)
         if len(curves) > 1:
-            # Above the panel, so that it hides no curve.
-            axis.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=len(curves), frameon=False, borderaxespad=0)
+            axis.legend(ncols=len(curves), **LEGEND_ABOVE)
     axes[-1].set_xlabel("time (s)")
     axes[0].set_title(title, loc="left")
     return figure, axes
@@ -173,19 +169,8 @@ def figure_kind(path: Path) -> str:
     return kind
 
 
-def _show_picture(axis: Axes, image: np.ndarray, title: str) -> None:
-    limits = {}
-    if image.ndim == 2:
-        mask = image.dtype == bool or image.max() <= 1
-        limits = {"cmap": "gray", "interpolation": "antialiased"}
-        if mask or image.dtype == np.uint8:
-            limits |= {"vmin": 0, "vmax": 1 if mask else 255}
-    axis.imshow(image, **limits)
-    axis.set_title(title)
-    axis.set_axis_off()
-
-
-def _line_colour(name: str) -> tuple[float, float, float] | None:
-    """Colours of the overlay for "left", "right" and "lane"; None lets matplotlib choose."""
-    known = {"left": LEFT_COLOUR, "right": RIGHT_COLOUR, "lane": LANE_COLOUR}
-    return rgb(known[name]) if name in known else None
+def _gray_limits(image: np.ndarray) -> dict[str, int]:
+    """Limits of the gray scale, for matplotlib; it ignores them for RGB and derives missing ones from the values."""
+    if image.dtype == bool or image.max() <= 1:
+        return {"vmin": 0, "vmax": 1}
+    return {"vmin": 0, "vmax": 255} if image.dtype == np.uint8 else {}

@@ -7,14 +7,13 @@ the picture is not RGB (height, width, 3), uint8.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import cv2
 import numpy as np
 
 from lanes.drawing.canvas import (
     LANE_COLOUR,
-    TEXT_COLOUR,
     Colour,
     Plane,
     blend_polygon,
@@ -32,10 +31,10 @@ from lanes.io.frames import require_rgb
 def fill_lane(
     image: np.ndarray, left_px: np.ndarray, right_px: np.ndarray, *, colour: Colour = LANE_COLOUR, alpha: float = 0.3
 ) -> np.ndarray:
-    """A copy of the picture with the area between two lines tinted.
+    """A copy of the picture with the area between two lines tinted with opacity `alpha`, 0 to 1.
 
-    The borders (N, 2) and (M, 2) both run from far to near or both from near to far; with fewer than two points in one
-    of them nothing is drawn. `alpha` is the opacity, 0 to 1.
+    The lines (N, 2) and (M, 2) both run from far to near or both from near to far; with fewer than two points in one of
+    them nothing is drawn.
     """
     drawn, left, right = _copy_rgb(image), finite_points(left_px), finite_points(right_px)
     if len(left) >= 2 and len(right) >= 2:
@@ -57,43 +56,24 @@ def write_text(image: np.ndarray, lines: str | Sequence[str], **options: object)
     return drawn
 
 
-def draw_mosaic(
-    image: np.ndarray, thumbnails: Sequence[np.ndarray], titles: Sequence[str], *, lines: Sequence[str] = ()
-) -> np.ndarray:
-    """A copy of the picture with thumbnails, and text to their right, on a dark strip along the top.
+def draw_mosaic(image: np.ndarray, thumbnails: Mapping[str, np.ndarray], *, lines: Sequence[str] = ()) -> np.ndarray:
+    """A copy of the picture with thumbnails, and text to their right, on a dark strip along the upper quarter.
 
-    Parameters
-    ----------
-    image : ndarray of shape (height, width, 3), uint8
-        The strip covers the upper quarter.
-    thumbnails : sequence of ndarray
-        RGB pictures or masks (see `to_rgb`) of any size, in order from the left; usually binary, warp and fit.
-    titles : sequence of str
-        One for each thumbnail.
-    lines : sequence of str
-        Text for the right 30 % of the strip.
-
-    Raises
-    ------
-    ValueError
-        If the numbers of titles and thumbnails differ or are 0.
+    `thumbnails` are RGB pictures or masks (see `to_rgb`) of any size by title, at least one, in order from the left.
+    `lines` of text take the right 30 % of the strip.
     """
     drawn = _copy_rgb(image)
-    if len(thumbnails) != len(titles) or not titles:
-        raise ValueError(f"one title for each thumbnail is needed; got {len(thumbnails)} and {len(titles)}.")
     height, width = image.shape[:2]
     strip_height, margin = height // 4, max(2, height // 90)
     title_size = max(6, height // 36)
     darken_box(Plane(drawn), (0, 0, width, strip_height), 0.75)
-    room = (width * (0.7 if lines else 1.0) - margin) / len(titles) - margin
-    cell = (int(room), strip_height - 2 * margin - line_height(title_size))
-    left = margin
-    for thumbnail, title in zip(thumbnails, titles, strict=True):
-        small = _shrink(to_rgb(thumbnail), cell)
-        top = margin + line_height(title_size)
+    left, top = margin, margin + line_height(title_size)
+    room = (width * (0.7 if lines else 1.0) - margin) / len(thumbnails) - margin
+    for title, thumbnail in thumbnails.items():
+        small = _shrink(to_rgb(thumbnail), int(room), strip_height - margin - top)
         drawn[top : top + small.shape[0], left : left + small.shape[1]] = small
         size, *_ = fit_text([title], title_size, small.shape[1] + margin, strip_height)
-        draw_text_line(Plane(drawn), title, left, margin, size, TEXT_COLOUR)
+        draw_text_line(Plane(drawn), title, left, margin, size)
         left += small.shape[1] + margin
     if lines:
         put_text(drawn[:strip_height, left:], lines, size_px=round(height / 24), panel_alpha=0)
@@ -115,8 +95,8 @@ def _copy_rgb(image: np.ndarray) -> np.ndarray:
     return image.copy()
 
 
-def _shrink(picture: np.ndarray, cell: tuple[int, int]) -> np.ndarray:
-    """Resize to fit into `cell` (width, height), keeping the aspect ratio."""
-    scale = min(cell[0] / picture.shape[1], cell[1] / picture.shape[0])
+def _shrink(picture: np.ndarray, width: int, height: int) -> np.ndarray:
+    """The picture resized to fit into `width` x `height`, with its aspect ratio."""
+    scale = min(width / picture.shape[1], height / picture.shape[0])
     size = max(1, int(picture.shape[1] * scale)), max(1, int(picture.shape[0] * scale))
     return cv2.resize(picture, size, interpolation=cv2.INTER_AREA)

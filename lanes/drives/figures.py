@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR
-from lanes.drawing.figures import TRUTH_LOOK, new_figure, rgb
+from lanes.drawing.figures import LEGEND_ABOVE, TRUTH_LOOK, new_figure, rgb
+from lanes.drives.report.moments import runs
 from lanes.tracking.tracked_lane import COASTING, FOUND, LOST, SEARCHING, TRACKING
 
 if TYPE_CHECKING:
@@ -62,25 +63,22 @@ def plot_telemetry(
         axis.margins(y=0.12)
         _colour_states(axis, rows["time_s"], rows["state"])
     curves = axes[0].get_legend_handles_labels()[0][: len(axes[0].lines)]
-    axes[0].legend(handles=curves, loc="lower right", bbox_to_anchor=(1, 1), ncols=2, frameon=False, borderaxespad=0)
+    axes[0].legend(handles=curves, ncols=2, **LEGEND_ABOVE)
     axes[2].legend(loc="lower left", ncols=4, frameon=False)
     axes[0].set_title(title, loc="left")
     return figure, axes
 
 
-def plot_path(
-    paths_m: Mapping[str, np.ndarray], *, title: str = "Driven path (the drift grows with distance)"
-) -> tuple[Figure, Axes]:
+def plot_path(paths_m: Mapping[str, np.ndarray]) -> tuple[Figure, Axes]:
     """Plot driven paths (N, 2) in metres by name, from `integrate_path`, on a map; the path named "truth" is dashed."""
     figure, (axis,) = new_figure(1, 1, (10, 5))
     for name, path in paths_m.items():
         axis.plot(*np.transpose(path), label=name, **(TRUTH_LOOK if name == "truth" else {}))
     axis.plot(0, 0, "o", color="0.15", markersize=5)
     axis.annotate("start", (0, 0), xytext=(6, 6), textcoords="offset points")
-    axis.set(xlabel="ahead of the start (m)", ylabel="to its left (m)", aspect="equal")
     # With equal scales a straight road would give a very narrow axis.
-    axis.set_adjustable("datalim")
-    axis.set_title(title, loc="left")
+    axis.set(xlabel="ahead of the start (m)", ylabel="to its left (m)", aspect="equal", adjustable="datalim")
+    axis.set_title("Driven path (the drift grows with distance)", loc="left")
     axis.grid(alpha=0.3)
     if len(paths_m) > 1:
         axis.legend(frameon=False)
@@ -90,8 +88,9 @@ def plot_path(
 def _colour_states(axis: Axes, times_s: np.ndarray, states: np.ndarray) -> None:
     """Draw a strip along the bottom of the panel in the colours of the states."""
     step_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 1.0
-    for state in dict.fromkeys(states):
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], states == state, [0]])))
-        spans = [(times_s[a], times_s[b - 1] - times_s[a] + step_s) for a, b in edges.reshape(-1, 2)]
-        across = axis.get_xaxis_transform()
-        axis.broken_barh(spans, (0, 0.05), transform=across, color=rgb(STATE_COLOURS[state]), lw=0, label=state)
+    spans: dict[str, list[tuple[float, float]]] = {}
+    for state, first, end in runs(states):
+        spans.setdefault(state, []).append((times_s[first], times_s[end - 1] - times_s[first] + step_s))
+    for state, bars in spans.items():
+        look = {"transform": axis.get_xaxis_transform(), "color": rgb(STATE_COLOURS[state]), "lw": 0}
+        axis.broken_barh(bars, (0, 0.05), label=state, **look)

@@ -10,22 +10,15 @@ from lanes.classic.overlay import draw_fit, draw_lane, draw_pixels, draw_windows
 from lanes.drawing.canvas import LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR
 from lanes.drawing.pictures import fill_lane
 from lanes.io.frames import PictureError
+from tests.support.drawing import assert_draws_on_a_copy, gray_picture, read_only_noise
 
 LEFT = np.array([[60.0, 20.0], [20.0, 80.0]])
 RIGHT = np.array([[100.0, 20.0], [140.0, 80.0]])
 
 
 @pytest.fixture
-def picture() -> np.ndarray:
-    """Read-only noise: a function that writes on its input raises, one that copies does not."""
-    image = np.random.default_rng(4).integers(0, 256, (96, 160, 3)).astype(np.uint8)
-    image.flags.writeable = False
-    return image
-
-
-@pytest.fixture
 def gray() -> np.ndarray:
-    return np.full((96, 160, 3), 100, np.uint8)
+    return gray_picture()
 
 
 @pytest.fixture
@@ -44,23 +37,8 @@ ALL = {
 
 
 @pytest.mark.parametrize("name", ALL)
-class TestEveryFunction:
-    def test_input_is_not_changed(self, picture, name):
-        before = picture.copy()
-        drawn = ALL[name](picture)
-        np.testing.assert_array_equal(picture, before)
-        assert not np.shares_memory(drawn, picture)
-        assert (drawn.shape, drawn.dtype) == (picture.shape, np.uint8)
-        assert drawn.flags.writeable
-
-    def test_writable_input_is_not_changed(self, gray, name):
-        before = gray.copy()
-        ALL[name](gray)
-        np.testing.assert_array_equal(gray, before)
-
-    def test_refuses_floats_with_a_sentence(self, gray, name):
-        with pytest.raises(PictureError, match="float64"):
-            ALL[name](gray / 255)
+def test_every_function_draws_on_a_copy(name):
+    assert_draws_on_a_copy(ALL[name])
 
 
 class TestDrawLane:
@@ -91,7 +69,8 @@ class TestDrawLane:
         np.testing.assert_array_equal(drawn[50, 120], RIGHT_COLOUR)
         np.testing.assert_array_equal(drawn[:, :90], gray[:, :90])
 
-    def test_no_line_at_all(self, picture):
+    def test_no_line_at_all(self):
+        picture = read_only_noise()
         np.testing.assert_array_equal(draw_lane(picture, None, None), picture)
 
     def test_picture_of_another_size_is_refused(self, gray, lens):
