@@ -1,5 +1,6 @@
 """Score the three recipes and the tracker on drives with known truth.
 
+A recipe warps with its published points, or with points from the camera pose (NAME_pose).
 The drives are the scenes of the suite, which are rendered once and cached, or your own videos.
 Writes benchmark.csv, benchmark.png and reliability.png. Finished scores are cached, so an
 interrupted run continues where it stopped.
@@ -40,7 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=lambda text: text.split(","),
         action="extend",
         metavar="NAME,...",
-        help="hls_sobel, equalized_hsv, best_channel, tracker (default: all)",
+        help="hls_sobel, equalized_hsv, best_channel, each also with points from the camera pose (hls_sobel_pose, "
+        "equalized_hsv_pose, best_channel_pose), tracker (default: all)",
     )
     parser.add_argument(
         "--estimated-pose",

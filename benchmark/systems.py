@@ -1,4 +1,7 @@
-"""All lane finders behind one interface: the three classic recipes and the tracker.
+"""All lane finders behind one interface: the three classic recipes, each in two variants, and the tracker.
+
+The source points of a recipe's homography are the published ones, or those of a rectangle on the road from the camera
+pose ("hls_sobel_pose" and so on; see `lanes.classic.recipe.recipe_from_pose`).
 
 `start_system` runs a system on the frames of a drive, with its memory: `LaneFinder.follow` or `LaneTracker.update`.
 `column_detector` runs it on single pictures.
@@ -16,6 +19,7 @@ from lanes import classic, tracking
 from lanes.camera import camera
 from lanes.camera.camera import Camera
 from lanes.classic.finder import RECIPES, LaneFinder, get_recipe
+from lanes.classic.recipe import POSE_SUFFIX, recipe_from_pose
 from lanes.classic.result import LaneResult
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
@@ -23,10 +27,11 @@ from lanes.tracking.tracked_lane import TrackedLane
 from lanes.tracking.tracker import LaneTracker
 
 TRACKER = "tracker"
-SYSTEMS = (*RECIPES, TRACKER)
+RECIPE_SYSTEMS = (*RECIPES, *(name + POSE_SUFFIX for name in RECIPES))
+SYSTEMS = (*RECIPE_SYSTEMS, TRACKER)
 # Source files and folders that the estimates of a system depend on.
 _CAMERA, _CLASSIC, _TRACKING = (Path(module.__file__) for module in (camera, classic, tracking))
-SOURCES = {name: (_CAMERA, _CLASSIC.parent) for name in RECIPES} | {TRACKER: (_CAMERA, _TRACKING.parent)}
+SOURCES = {name: (_CAMERA, _CLASSIC.parent) for name in RECIPE_SYSTEMS} | {TRACKER: (_CAMERA, _TRACKING.parent)}
 # Distances at which a recipe's line is projected into the picture: even steps in 1 / x are even steps in picture rows.
 PROJECTED_AT_M = 1 / np.linspace(1 / 1.5, 1 / 200.0, 400)
 
@@ -43,7 +48,7 @@ def start_system(system: str, camera: Camera, fps: float) -> Callable[[np.ndarra
     if system == TRACKER:
         tracker = LaneTracker(camera, fps=fps)
         return lambda image: tracker_estimate(tracker.update(image))
-    finder = LaneFinder(get_recipe(system, camera.size), camera)
+    finder = _start_recipe(system, camera)
     return lambda image: recipe_estimate(finder.follow(image))
 
 
@@ -67,8 +72,13 @@ def column_detector(system: str, camera: Camera) -> Callable[[np.ndarray, np.nda
             return np.full((2, len(rows)), -2.0) if lane is None else lane.pixels(camera, rows)
 
         return detect
-    finder = LaneFinder(get_recipe(system, camera.size), camera)
+    finder = _start_recipe(system, camera)
     return lambda image, rows: recipe_columns(finder.find(image), camera, rows)
+
+
+def _start_recipe(system: str, camera: Camera) -> LaneFinder:
+    recipe = get_recipe(system.removesuffix(POSE_SUFFIX), camera.size)
+    return LaneFinder(recipe_from_pose(recipe, camera) if system.endswith(POSE_SUFFIX) else recipe, camera)
 
 
 def require_system(name: str) -> None:

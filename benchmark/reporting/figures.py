@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,7 @@ import numpy as np
 from benchmark.reporting.reliability import AvailableLanes, PrecisionCurve, Reliability
 from benchmark.scores import Result, Row
 from benchmark.systems import TRACKER
+from lanes.classic.recipe import POSE_SUFFIX
 from lanes.drawing.figures import TRUTH_LOOK, new_figure, save_figure
 
 if TYPE_CHECKING:
@@ -54,6 +55,16 @@ def save_reliability_figure(path: str | Path, results: Sequence[Result]) -> Path
     return save_figure(figure, path)
 
 
+def marker_looks(systems: Iterable[str]) -> dict[str, dict[str, str]]:
+    """Colour and marker of each system: both variants of a recipe have one colour, points from the pose are hollow."""
+    colours: dict[str, str] = {}
+    looks = {}
+    for system in systems:
+        colour = colours.setdefault(system.removesuffix(POSE_SUFFIX), f"C{len(colours)}")
+        looks[system] = {"color": colour, "markerfacecolor": "white" if system.endswith(POSE_SUFFIX) else colour}
+    return looks
+
+
 def plot_ranges(
     names: Sequence[str],
     panels: Mapping[str, Mapping[str, tuple[np.ndarray, np.ndarray]]],
@@ -68,16 +79,17 @@ def plot_ranges(
     `limits` are the ends of the axis of each label, which is logarithmic if the first end is above zero.
     """
     systems = list(next(iter(panels.values())))
-    figure, axes = new_figure(1, len(panels), (13, 1.5 + 0.12 * (len(systems) + 1) * len(names)), sharey=True)
+    looks = marker_looks(systems)
+    figure, axes = new_figure(1, len(panels), (13, 1.5 + 0.1 * (len(systems) + 1) * len(names)), sharey=True)
     for axis, (label, ranges) in zip(axes, panels.items(), strict=True):
         low, high = limits[label]
         axis.set(xlabel=label, xscale="log" if low > 0 else "linear", xlim=(low, high))
         axis.grid(axis="x", alpha=0.3)
-        for at, ends in enumerate(ranges.values()):
+        for at, (system, ends) in enumerate(ranges.items()):
             rows = np.arange(len(names)) + (at - (len(systems) - 1) / 2) / (len(systems) + 1)
             first, last = (np.clip(end, low, high) for end in ends)
-            axis.hlines(rows, first, last, color=f"C{at}", linewidth=2.5, alpha=0.5)
-            axis.plot(last, rows, "o", color=f"C{at}", markersize=4.5, label=systems[at], clip_on=False)
+            axis.hlines(rows, first, last, color=looks[system]["color"], linewidth=2.5, alpha=0.5)
+            axis.plot(last, rows, "o", **looks[system], markersize=4.5, label=system, clip_on=False)
         axis.hlines(np.arange(1, len(names)) - 0.5, low, high, color="0.85", linewidth=0.8)
     axes[0].set_yticks(np.arange(len(names)), names)
     axes[0].set_ylim(len(names) - 0.5, -0.5)
@@ -108,8 +120,9 @@ def plot_reliability(
         axes[0].annotate(f"{lanes}", (x, y), (0, shift), textcoords="offset points", **look)
     axes[0].set(xlabel="confidence", ylabel="accuracy: share of correct lanes", xlim=(0, 1.02), ylim=(0, 1.02))
     axes[0].set_title(title, loc="left")
+    looks = marker_looks(precisions)
     for name, (available, precision) in precisions.items():
-        axes[1].plot(available, precision, "-" if len(available) > 1 else "o", label=name)
+        axes[1].plot(available, precision, "-" if len(available) > 1 else "o", **looks[name], label=name)
     axes[1].set(
         xlabel="share of frames with an available lane", ylabel="precision: share of available lanes that are correct"
     )

@@ -12,10 +12,10 @@ from pathlib import Path
 from benchmark.scores import Row
 from lanes.io.files import read_text
 
-NAME_WIDTH = 15
+NAME_WIDTH = 20
 LEGEND = """\
 avail.: frames with an available lane. accuracy: frames with both lines within 0.2 m (rms over 5 to 20 m ahead).
-conf. wrong: frames that are confident and wrong: a lane with a confidence of 0.9 or more that is not correct.
+wrong: frames that are confident and wrong: a lane with a confidence of 0.9 or more that is not correct.
   The recipes state no confidence; each of their lanes counts as confident.
 5 m to curvature: median/95th percentile of the error of the worse line, over the frames with an available lane.
 recovery: frames until the lane is correct again (3 in a row) after it was lost or wrong: median/longest."""
@@ -137,7 +137,7 @@ def _share(key: str) -> Callable[[Row], str]:
 COLUMNS: tuple[tuple[str, str, int, Callable[[Row], str]], ...] = (
     ("avail.", "%", 7, _share("available_share")),
     ("accuracy", "%", 9, _share("accuracy")),
-    ("conf. wrong", "%", 12, _share("confident_and_wrong_share")),
+    ("wrong", "%", 7, _share("confident_and_wrong_share")),
     ("5 m", "cm", 8, _pair("lateral_5m", "m", 100)),
     ("15 m", "cm", 8, _pair("lateral_15m", "m", 100)),
     ("30 m", "cm", 9, _pair("lateral_30m", "m", 100)),

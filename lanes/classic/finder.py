@@ -106,11 +106,7 @@ class LaneFinder:
     """
 
     def __init__(self, recipe: Recipe, camera: Camera, *, metres_per_px: tuple[float, float] | None = None) -> None:
-        if recipe.size != camera.size:
-            raise CameraError(
-                f"recipe {recipe.name} is for {recipe.size[0]}x{recipe.size[1]} pictures, but the camera was "
-                f"calibrated for {camera.width}x{camera.height}; use get_recipe(name, camera.size)."
-            )
+        recipe.require_size(camera)
         if camera.pose is None and metres_per_px is None:
             raise CameraError(
                 "this camera has no pose (height and angles), so nothing can be measured on the road; "

@@ -61,7 +61,7 @@ def ransac_line(
     pixels: np.ndarray,
     *,
     trials: int = 100,
-    samples: int = 150,
+    samples: int = 3,
     residual_px: float = 15.0,
     seed: int = 0,
     min_span_px: float = 2,
@@ -71,6 +71,8 @@ def ransac_line(
     Every trial fits `samples` pixels, drawn with replacement, and counts the inliers within `residual_px` columns among
     at most `MAX_COUNTED_PIXELS` evenly spaced pixels. The inliers of the best trial are fitted by least squares. The
     same `seed` gives the same line.
+
+    Three pixels determine a parabola. More make each trial less noisy, but its sample is less often free of outliers.
     """
     pixels = np.asarray(pixels, float).reshape(-1, 2)
     if not _determines_parabola(pixels[:, 1], min_span_px):

@@ -1,14 +1,24 @@
-"""Parameters of a classic lane finder, for pictures of one size, and their scaling to another size."""
+"""Parameters of a classic lane finder, for pictures of one size, and their scaling to another size and camera pose."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import CameraError
 from lanes.classic.memory import LineMemory
 from lanes.classic.threshold import Thresholds
 from lanes.classic.warp import FourPointWarp
 
 Points = tuple[tuple[float, float], ...]
+
+# Suffix of the name of a recipe with points from the camera pose.
+POSE_SUFFIX = "_pose"
+# Limit of the far edge from the pose, metres. The published top row is 41 m away in the embedded pictures. In a camera
+# that looks farther up it is much farther away, or above the horizon.
+MAX_FAR_EDGE_M = 60.0
 
 
 @dataclass(frozen=True)
@@ -71,6 +81,14 @@ class Recipe:
         """The homography from the undistorted picture to the bird's-eye view."""
         return FourPointWarp(self.source_px, self.destination_px, self.size)
 
+    def require_size(self, camera: Camera) -> None:
+        """Raise CameraError unless the recipe is for pictures of the camera's size."""
+        if self.size != camera.size:
+            raise CameraError(
+                f"recipe {self.name} is for {self.size[0]}x{self.size[1]} pictures, but the camera was "
+                f"calibrated for {camera.width}x{camera.height}; use get_recipe(name, camera.size)."
+            )
+
     def scaled(self, size: tuple[int, int]) -> Recipe:
         """The same recipe for pictures resized to `size` (width, height).
 
@@ -104,6 +122,46 @@ class Recipe:
             min_span_px=self.min_span_px * sy,
             memories=tuple(m.scaled(sx, sy) for m in self.memories),
         )
+
+
+def recipe_from_pose(recipe: Recipe, camera: Camera) -> Recipe:
+    """The recipe, named "..._pose", with the source points of a true rectangle on the road.
+
+    The published points were chosen for another camera pose. With these points the bird's-eye view is a map of the road
+    with two constant scales. The edges of the rectangle are parallel to the car's axis and equally far to the left and
+    right of the camera. Its near and far edge are where the centre column of the picture crosses the published bottom
+    and top row, the far edge at most `MAX_FAR_EDGE_M` ahead. Its width is the published one at the near edge. Points
+    may lie outside the picture.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        For pictures of the camera's size.
+    camera : Camera
+        With its pose.
+
+    Raises
+    ------
+    CameraError
+        If the camera has no pose or another size than the recipe, or the near edge is not on the road.
+    """
+    camera.require_pose()
+    recipe.require_size(camera)
+    pinhole = replace(camera, distortion=np.zeros(5))  # the points are those of the undistorted picture
+    source = np.array(recipe.source_px)
+    u, v = source.T
+    left, near = u < u.mean(), v > v.mean()
+    centre = (camera.width - 1) / 2
+    near_m, far_m = pinhole.pixels_to_road([(centre, v[near].mean()), (centre, v[~near].mean())])[:, 0]
+    half_width_m = np.ptp(pinhole.pixels_to_road(source[near])[:, 1]) / 2
+    x = np.where(near, near_m, np.fmin(far_m, MAX_FAR_EDGE_M))
+    points = pinhole.road_to_pixels(np.column_stack([x, np.where(left, half_width_m, -half_width_m)]))
+    if not (np.isfinite(points).all() and near_m < MAX_FAR_EDGE_M):
+        raise CameraError(
+            f"the bottom row of recipe {recipe.name}'s points is not on the road ahead ({camera.pose.describe()}); "
+            "correct the camera pose."
+        )
+    return replace(recipe, name=recipe.name + POSE_SUFFIX, source_px=tuple(map(tuple, points.tolist())))
 
 
 def _scale_points(points: Points, sx: float, sy: float) -> Points:

@@ -54,6 +54,23 @@ def test_ransac_ignores_a_third_of_outliers_that_bend_least_squares():
     assert np.abs(ransac_line(pixels, samples=12).columns(ROWS) - truth).max() < 8
 
 
+def test_ransac_with_minimal_samples_is_robust_and_with_150_is_not():
+    """With 10 % of outliers, a sample of 150 pixels is free of them with a probability of 1e-7."""
+    truth = np.polyval([3e-4, -0.2, 300], ROWS)
+    worst = {3: 0.0, 150: 0.0}
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        line = line_pixels(3e-4, -0.2, 300) + rng.normal(0, 1, (720, 2)) * [1, 0]
+        outliers = np.column_stack([rng.uniform(800, 1280, 80), rng.integers(0, 720, 80)])
+        pixels = np.vstack([line, outliers])
+        for samples in worst:
+            fit = ransac_line(pixels, samples=samples)
+            worst[samples] = max(worst[samples], np.abs(fit.columns(ROWS) - truth).max())
+        assert ransac_line(pixels) == ransac_line(pixels, samples=3)
+    assert worst[3] < 0.5
+    assert worst[150] > 10
+
+
 def test_ransac_refuses_a_short_stub_among_pixels_that_span_enough():
     rng = np.random.default_rng(6)
     clutter = np.column_stack([rng.uniform(1000, 1280, 40), rng.integers(0, 50, 40)])

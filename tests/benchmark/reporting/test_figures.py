@@ -36,6 +36,13 @@ class TestRanges:
         assert [text.get_text() for text in figure.legends[0].get_texts()] == ["a", "b"]
 
 
+def test_both_variants_of_a_recipe_have_one_colour():
+    looks = figures.marker_looks(["hls_sobel", "hls_sobel_pose", "tracker"])
+    colour = looks["hls_sobel"]["color"]
+    assert looks["hls_sobel_pose"] == {"color": colour, "markerfacecolor": "white"}
+    assert looks["hls_sobel"]["markerfacecolor"] == colour != looks["tracker"]["color"]
+
+
 class TestReliability:
     def test_dots_whiskers_and_counts(self):
         bins = tuple(np.array(v) for v in ([0.3, 0.95], [0.5, 1.0], [0.2, 0.9], [0.8, 1.0], [10, 200]))
