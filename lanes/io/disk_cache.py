@@ -18,10 +18,7 @@ from lanes.io.files import atomic_write, exclusive_writer, list_files
 def cache_folder() -> Path:
     """Folder of the cache: LANES_CACHE if set, else one in the platform's cache folder of this user.
 
-    Raises
-    ------
-    RuntimeError
-        If the user has no home folder.
+    Raises RuntimeError if the user has no home folder.
     """
     if os.environ.get("LANES_CACHE"):
         return Path(os.environ["LANES_CACHE"])

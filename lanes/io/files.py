@@ -83,10 +83,7 @@ def read_text(
 def list_files(folder: str | Path, suffixes: Collection[str]) -> list[Path]:
     """The files of a folder with one of `suffixes` (lower case), without hidden and partial files.
 
-    Raises
-    ------
-    FileNotFoundError, ValueError
-        If the folder does not exist, or is not readable.
+    Raises FileNotFoundError if there is no such folder, ValueError if it is not readable.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -114,7 +111,7 @@ def atomic_write(path: Path) -> Iterator[Path]:
     Raises
     ------
     OSError
-        If the file cannot be written; the folder is created where needed.
+        If the file cannot be written, or `path` is a folder, a pipe or a device; the folder is created where needed.
     """
     with translate_write_errors(path):
         partial = PartialFile(path)
@@ -129,12 +126,7 @@ class PartialFile:
     """An unfinished output in the folder of `path`: an empty, locked file with the path `name`.
 
     `commit` renames it to `path`, `discard` removes it unless it was committed. A link is replaced at its target and
-    stays a link.
-
-    Raises
-    ------
-    OSError
-        If the folder cannot be written to, or `path` is a folder, a pipe or a device.
+    stays a link. Raises OSError as `atomic_write`, but not reworded.
     """
 
     def __init__(self, path: str | Path) -> None:

@@ -169,12 +169,8 @@ def require_size(image: Frame, size: tuple[int, int], name: object = "picture") 
 def planes_of(image: Frame, size: tuple[int, int]) -> list[tuple[np.ndarray, int, float]]:
     """Stored planes of a picture: (plane, factor by which it is smaller than the picture, its value of black).
 
-    RGB gives one plane (height, width, 3); YUV gives Y, and Cb and Cr of half the size.
-
-    Raises
-    ------
-    PictureError
-        If `image` is neither an RGB picture nor a YUV frame, or has another size (width, height).
+    RGB gives one plane (height, width, 3); YUV gives Y, and Cb and Cr of half the size. Raises PictureError as
+    `require_size`.
     """
     require_size(image, size)
     if not isinstance(image, YuvFrame):

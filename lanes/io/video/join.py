@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import closing, nullcontext
+from contextlib import ExitStack
 from fractions import Fraction
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import av
 from lanes.io.files import atomic_write
 from lanes.io.video.container import VideoError, open_video, translate_errors
 from lanes.io.video.reader import inspect_video
-from lanes.io.video.writer import SoundTrack
+from lanes.io.video.writer import SoundTrack, inspect_output
 
 
 def join_videos(
@@ -32,30 +32,20 @@ def join_videos(
         If `target` cannot be written.
     """
     with atomic_write(target) as partial:
-        with av.open(str(partial), "w", format="mp4", options={"movflags": "+faststart"}) as container:
-            frames = _copy_all(pieces, starts_s, container, sound_from)
-        arrived = inspect_video(partial).frames
-        if arrived != frames:
-            raise VideoError(f"{target}: only {arrived} of {frames} frames are in the output file; try again.")
-    return frames
-
-
-def _copy_all(
-    pieces: Sequence[Path],
-    starts_s: Sequence[float],
-    container: av.container.OutputContainer,
-    sound_from: str | Path | None,
-) -> int:
-    frames, end_s = 0, 0.0
-    with closing(open_video(pieces[0])) as first:
-        like = first.streams.video[0]
-        stream = container.add_stream_from_template(like)
-        # The time base of the pieces, so that no time stamp is rounded.
-        stream.time_base = like.time_base
-        header = like.codec_context.extradata
-        track = SoundTrack(sound_from, container, start_s=starts_s[0]) if sound_from is not None else None
-        with closing(track) if track else nullcontext():
-            for packet in _packets(pieces, starts_s, header, like.time_base):
+        with ExitStack() as opened:
+            container = opened.enter_context(
+                av.open(str(partial), "w", format="mp4", options={"movflags": "+faststart"})
+            )
+            like = opened.enter_context(open_video(pieces[0])).streams.video[0]
+            stream = container.add_stream_from_template(like)
+            # The time base of the pieces, so that no time stamp is rounded.
+            stream.time_base = like.time_base
+            track = None
+            if sound_from is not None:
+                track = SoundTrack(sound_from, container, start_s=starts_s[0])
+                opened.callback(track.close)
+            frames, end_s = 0, 0.0
+            for packet in _packets(pieces, starts_s, like.codec_context.extradata, like.time_base):
                 packet.stream = stream
                 frames += 1
                 end_s = max(end_s, float((packet.pts + packet.duration) * packet.time_base))
@@ -64,6 +54,7 @@ def _copy_all(
                     track.write_until(end_s)
             if track:
                 track.finish(end_s)
+        inspect_output(partial, frames, target)
     return frames
 
 
@@ -73,7 +64,7 @@ def _packets(pieces: Sequence[Path], starts_s: Sequence[float], header: bytes, t
     for path, start_s in zip(pieces, starts_s, strict=True):
         inspect_video(path)  # refuses a piece that was cut off
         shift = round((start_s - starts_s[0]) / float(tick))
-        with closing(open_video(path)) as piece:
+        with open_video(path) as piece:
             video = piece.streams.video[0]
             if (video.codec_context.extradata, video.time_base) != (header, tick):
                 raise VideoError(

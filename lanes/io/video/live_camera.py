@@ -17,12 +17,8 @@ DEFAULT_FPS = 30.0
 class LiveCamera:
     """A camera of this computer by its index (0 is the first); use it in a `with` block.
 
-    `size` is the (width, height) of its frames, `fps` their nominal rate.
-
-    Raises
-    ------
-    VideoError
-        If the camera does not exist or delivers no frame.
+    `size` is the (width, height) of its frames, `fps` their nominal rate. Raises VideoError if the camera does not
+    exist or delivers no frame.
     """
 
     def __init__(self, index: int) -> None:

@@ -10,15 +10,12 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from typing import TypeVar
-
-Item = TypeVar("Item")
 
 # Items between two threads. One would be enough if every step took constant time; many would only take memory.
 QUEUE_SIZE = 3
 
 
-def read_ahead(items: Generator[Item], *, queue_size: int = QUEUE_SIZE) -> Generator[Item]:
+def read_ahead(items: Generator, *, queue_size: int = QUEUE_SIZE) -> Generator:
     """The same items in the same order; up to `queue_size` are fetched in advance by another thread.
 
     Close it when leaving early (`contextlib.closing`): closing waits for the item being fetched and closes `items`.
@@ -36,7 +33,7 @@ def read_ahead(items: Generator[Item], *, queue_size: int = QUEUE_SIZE) -> Gener
 
 
 @contextmanager
-def write_behind(write: Callable[[Item], object], *, queue_size: int = QUEUE_SIZE) -> Iterator[Callable[[Item], None]]:
+def write_behind(write: Callable, *, queue_size: int = QUEUE_SIZE) -> Iterator[Callable]:
     """A function that queues an item for `write` in another thread; it blocks while `queue_size` items are waiting.
 
     All items have been written at the end of the `with` block. An exception of `write` is raised by a later call or at
@@ -46,7 +43,7 @@ def write_behind(write: Callable[[Item], object], *, queue_size: int = QUEUE_SIZ
     pool = ThreadPoolExecutor(1, "write_behind")
     waiting: deque[Future] = deque()
 
-    def put(item: Item) -> None:
+    def put(item: object) -> None:
         if len(waiting) == queue_size:
             waiting.popleft().result()
         waiting.append(pool.submit(write, item))

@@ -185,8 +185,19 @@ def annotate_video(
                 table.write({"frame": frame.number, "time_s": round(frame.time_s, 6), **row})
             bar.update()
             numbers = [*numbers[:1], frame.number]
-    missing = count_missing(info, numbers[0], numbers[-1], writer.frames, start_s=start_s, end_s=end_s)
-    return _summary(writer, missing, time.perf_counter() - began_s)
+    written = writer.written
+    return VideoSummary(
+        path=writer.path,
+        frames_in=writer.frames,
+        frames_out=written.frames,
+        fps=written.fps,
+        width=written.width,
+        height=written.height,
+        duration_s=written.duration_s,
+        has_audio=written.has_audio,
+        missing=count_missing(info, numbers[0], numbers[-1], writer.frames, start_s=start_s, end_s=end_s),
+        elapsed_s=time.perf_counter() - began_s,
+    )
 
 
 def count_missing(
@@ -237,12 +248,6 @@ def _require_picture(result: object, name: str) -> None:
     if not isinstance(result, np.ndarray) or result.ndim != 3 or result.shape[2] != 3 or result.dtype != np.uint8:
         got = f"{result.dtype} of shape {result.shape}" if isinstance(result, np.ndarray) else type(result).__name__
         raise VideoError(f"{name}: process returned {got}; it must return an RGB picture (height, width, 3), uint8.")
-
-
-def _summary(writer: VideoWriter, missing: int, elapsed_s: float) -> VideoSummary:
-    written = writer.written
-    properties = written.fps, written.width, written.height, written.duration_s, written.has_audio
-    return VideoSummary(writer.path, writer.frames, written.frames, *properties, missing, elapsed_s)
 
 
 @contextmanager

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 
 import av
@@ -16,10 +17,9 @@ from lanes.io.frames import LUMA_COEFFICIENTS, Frame, YuvColourSpace, YuvFrame
 from lanes.io.video.container import (
     VideoError,
     decode_frames,
+    decoded,
     frame_rate,
-    frames_between,
     open_video,
-    scan_packets,
     start_time,
     translate_errors,
 )
@@ -30,6 +30,10 @@ UNSPECIFIED = 2
 STAMP_TOLERANCE_S = 1e-3
 # A larger step back in time is a recorder's restarted clock, as in concatenated clips.
 CLOCK_RESET_S = 1
+# A file was cut off if its header announces more than this beyond its last packet; some round to half a second.
+CUT_OFF_S = 0.5
+# The rate is constant if average rate and base rate differ by a smaller share than this.
+SAME_RATE = 0.02
 
 
 @dataclass(frozen=True)
@@ -69,11 +73,25 @@ def inspect_video(path: str | Path) -> VideoInfo:
         If it is empty, not a video (mp4, mov, avi, mkv, webm, ts and others), without frames, or cut off.
     """
     with open_video(path) as container:
-        found = scan_packets(path, container)
-        height, width = to_upright_rgb(found.first, VideoReformatter()).shape[:2]
-        rate = float(frame_rate(container.streams.video[0], path))
-        sound = bool(container.streams.audio)
-        return VideoInfo(width, height, rate, found.frames, found.duration_s, sound, found.missing)
+        stream = container.streams.video[0]
+        stored, stamps, end_s, first = 0, [], 0.0, None
+        for packet in translate_errors(container.demux(), path):
+            if packet.pts is not None:
+                end_s = max(end_s, float((packet.pts + (packet.duration or 0)) * packet.time_base))
+            if packet.stream is stream:
+                stored += packet.size > 0
+                # A clip cut without re-encoding begins with frames that are only references for later ones.
+                if packet.size and not packet.is_discard:
+                    stamps.append(packet.pts)
+                first = first or next(decoded(packet), None)
+        if first is None:
+            raise VideoError(f"{path}: holds no frame that can be decoded; copy or export it again.")
+        rate = frame_rate(stream, path)
+        _refuse_cut_off(path, container, rate, stored, end_s)
+        missing = max(0, stream.frames - stored) or _count_gaps(stamps, rate, stream)
+        width, height = (first.height, first.width) if _quarter_turns(first) % 2 else (first.width, first.height)
+        duration_s = round(float((len(stamps) + missing) / rate), 6)
+        return VideoInfo(width, height, float(rate), len(stamps), duration_s, bool(container.streams.audio), missing)
 
 
 def read_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | None = None) -> Iterator[np.ndarray]:
@@ -128,11 +146,6 @@ def read_timed_frames(
     Damaged frames are skipped. If the frame rate is constant, their numbers are skipped too.
 
     `threads` are decoder threads, 0 for one per core. `convert` is `to_upright_rgb` or `to_upright_yuv`.
-
-    Raises
-    ------
-    FileNotFoundError, VideoError
-        As `read_frames`.
     """
     if not 0 <= start_s < (math.inf if end_s is None else end_s):
         raise VideoError(f"{path}: cannot read from {start_s} s to {end_s} s; give 0 <= start_s < end_s.")
@@ -147,11 +160,40 @@ def read_timed_frames(
                 continue
             if end_s is not None and time_s > end_s - STAMP_TOLERANCE_S:
                 break
-            number = last.number + frames_between(time_s - last.time_s, rate, stream) if last else round(time_s * rate)
+            number = last.number + _frames_between(time_s - last.time_s, rate, stream) if last else round(time_s * rate)
             last = TimedFrame(number, float(time_s), convert(frame, converter))
             yield last
     if last is None:
         raise VideoError(f"{path}: has no frame at or after {start_s} s; start earlier.")
+
+
+def _frames_between(elapsed_s: Fraction | float, rate: Fraction, stream: av.VideoStream) -> int:
+    """Difference of the frame numbers of two frames `elapsed_s` apart; 1 if the rate is not constant."""
+    constant = stream.guessed_rate and abs(stream.guessed_rate / rate - 1) < SAME_RATE
+    return max(1, round(elapsed_s * rate)) if constant else 1
+
+
+def _count_gaps(stamps: list[int | None], rate: Fraction, stream: av.VideoStream) -> int:
+    """Number of frames missing between time stamps; 0 if some packets have no time stamp."""
+    if None in stamps:
+        return 0
+    times = sorted(pts * stream.time_base for pts in stamps)
+    return sum(_frames_between(later - earlier, rate, stream) - 1 for earlier, later in pairwise(times))
+
+
+def _refuse_cut_off(
+    path: str | Path, container: av.container.InputContainer, rate: Fraction, stored: int, end_s: float
+) -> None:
+    """Refuse a file that ends before its header announces; frames missing in the middle are counted elsewhere."""
+    stream = container.streams.video[0]
+    announced_s = ((container.duration or 0) + (container.start_time or 0)) / av.time_base
+    frame_s = float(1 / rate)
+    in_frames_s = float(start_time(stream)) + stream.frames * frame_s
+    if announced_s - end_s > CUT_OFF_S or (stored < stream.frames and in_frames_s - end_s > 1.5 * frame_s):
+        announced_s = max(announced_s, in_frames_s)
+        raise VideoError(
+            f"{path}: is cut off after {end_s:.2f} of the {announced_s:.2f} s that it announces; copy it again."
+        )
 
 
 def _timed(

@@ -53,8 +53,10 @@ class VideoWriter:
     ------
     VideoError
         If the name does not end in .mp4, no frame was written, or the frames differ in size.
+    PictureError
+        If a frame is neither an RGB picture nor a `YuvFrame`.
     OSError
-        If the folder cannot be written to.
+        If the file cannot be written.
     """
 
     def __init__(
@@ -107,15 +109,6 @@ class VideoWriter:
         All frames have one type and size. H.264 needs an even width and height: an odd one is padded by repeating the
         last column or row, so that no pixel is lost or moved. `time_s` is the presentation time on the clock of
         `sound_from`; the file begins at the first written frame. Without it frames follow at the frame rate.
-
-        Raises
-        ------
-        PictureError
-            If `image` is neither an RGB picture nor a `YuvFrame`.
-        VideoError
-            If its size differs from the first frame's.
-        OSError
-            If the file cannot be written.
         """
         self.encode(self.convert(image, time_s))
 
@@ -126,15 +119,16 @@ class VideoWriter:
         """
         if not isinstance(image, YuvFrame):
             require_rgb(image, f"frame {self.frames} of {self.path}")
+            image = YuvFrame.from_rgb(image)
         time_s = self.frames / float(self._rate) if time_s is None else time_s
         if self._size is None:
-            self._size, self._zero_s = image.shape[1::-1], time_s
+            self._size, self._colour_space, self._zero_s = image.shape[1::-1], image.colour_space, time_s
         if image.shape[1::-1] != self._size:
             raise VideoError(
                 f"{self.path}: frame {self.frames} is {image.shape[1]}x{image.shape[0]} pixels, the first one was "
                 f"{self._size[0]}x{self._size[1]}; all frames of a video must have one size."
             )
-        frame = _frame_of(image if isinstance(image, YuvFrame) else YuvFrame.from_rgb(image))
+        frame = _frame_of(image)
         self._stamp(frame, time_s - self._zero_s)
         self.frames += 1
         return frame
@@ -143,16 +137,15 @@ class VideoWriter:
         """Second half of `write`: encode the converted frames in order; may run in another thread."""
         with self._ffmpeg_errors():
             if self._container is None:
-                self._open_container(frame)
+                self._open_container((frame.width, frame.height))
             self._container.mux(self._stream.encode(frame))
             if self._sound is not None:
                 self._sound.write_until(frame.time)
 
-    def _open_container(self, frame: av.VideoFrame) -> None:
-        size, full = (frame.width, frame.height), frame.color_range == ColorRange.JPEG
-        colour_space = YuvColourSpace(frame.colorspace, full, int(frame.color_primaries), int(frame.color_trc))
+    def _open_container(self, size: tuple[int, int]) -> None:
+        coding = {"crf": self._crf, "threads": self._threads}
         self._container, self._stream = open_mp4(
-            self._partial.name, size, self._rate, self._tick, colour_space, crf=self._crf, threads=self._threads
+            self._partial.name, size, self._rate, self._tick, self._colour_space, **coding
         )
         if self._sound_from is not None:
             self._sound = SoundTrack(self._sound_from, self._container, start_s=self._zero_s)
@@ -174,11 +167,7 @@ class VideoWriter:
             if self._sound is not None:
                 self._sound.finish((self._last_pts + self._ticks_per_frame) * float(self._tick))
             self._container.close()
-        self.written = inspect_video(self._partial.name)
-        if self.written.frames != self.frames:
-            raise VideoError(
-                f"{self.path}: only {self.written.frames} of {self.frames} frames are in the output file; try again."
-            )
+        self.written = inspect_output(self._partial.name, self.frames, self.path)
         with translate_write_errors(self.path):
             self._partial.commit()
 
@@ -190,6 +179,14 @@ class VideoWriter:
             raise OSError(
                 f"{self.path}: cannot be written ({error.strerror}); choose another folder or free some space."
             ) from error
+
+
+def inspect_output(partial: Path, frames: int, path: Path) -> VideoInfo:
+    """Properties of the unfinished file of `path`; raises VideoError unless it has `frames` frames."""
+    written = inspect_video(partial)
+    if written.frames != frames:
+        raise VideoError(f"{path}: only {written.frames} of {frames} frames are in the output file; try again.")
+    return written
 
 
 def open_mp4(
