@@ -115,7 +115,7 @@ def score_labelled(options: argparse.Namespace) -> int:
     from benchmark.labels.stills import describe_labelled, score_pictures
     from benchmark.labels.tusimple import EGO_LANE_NOTE, pair_predictions, read_labels, read_predictions, score_lines
     from benchmark.systems import SYSTEMS
-    from lanes.camera.pose_from_lanes.pose_from_files import pose_from_drive
+    from lanes.camera.pose_from_lanes.estimator import pose_from_drive
     from lanes.io.images import read_image
 
     labels, folder = read_labels(options.labels), options.labels.parent

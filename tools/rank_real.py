@@ -25,7 +25,7 @@ from benchmark.systems import SYSTEMS
 from lanes.camera.calibration.boards import calibrate_folder
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import load_camera
-from lanes.camera.pose_from_lanes.pose_from_files import pose_from_drive
+from lanes.camera.pose_from_lanes.estimator import pose_from_drive
 from lanes.io.images import list_pictures, read_image
 from lanes.io.video.reader import read_frames
 from simulator.rendering.render import render_frame

@@ -122,10 +122,6 @@ class Camera:
         """The same camera with another pose."""
         return replace(self, pose=pose)
 
-    def with_report(self, report: CalibrationReport) -> Camera:
-        """The same camera with another calibration report."""
-        return replace(self, report=report)
-
     def scaled(self, size: tuple[int, int]) -> Camera:
         """The same camera for pictures resized to `size` (width, height).
 
@@ -186,7 +182,7 @@ class Camera:
         points = np.asarray(points_m, float)
         if points.shape[-1] == 2:
             points = np.column_stack([points, np.zeros(len(points))])
-        return self._project_camera_points((points - [0, 0, pose.height_m]) @ pose.rotation().T)
+        return self._project_camera_points((points - [0, 0, pose.height_m]) @ pose.rotation.T)
 
     def pixels_to_road(self, pixels: np.ndarray) -> np.ndarray:
         """Points (N, 2) on the flat road, metres, of raw pixels (N, 2); NaN at and above the horizon.
@@ -197,7 +193,7 @@ class Camera:
             If the camera has no pose.
         """
         pose = self.require_pose()
-        directions = self.rays(pixels) @ pose.rotation()
+        directions = self.rays(pixels) @ pose.rotation
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = np.where(directions[:, 2] < -1e-9, -pose.height_m / directions[:, 2], np.nan)
         return directions[:, :2] * distance[:, None]

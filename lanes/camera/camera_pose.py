@@ -42,13 +42,9 @@ class CameraPose:
         pitch, yaw, roll = np.degrees([self.pitch_rad, self.yaw_rad, self.roll_rad])
         return f"{self.height_m:.2f} m high, pitch {pitch:.2f}, yaw {yaw:.2f}, roll {roll:.2f} deg"
 
+    @cached_property
     def rotation(self) -> np.ndarray:
         """Rotation matrix (3, 3) from the road frame to camera axes; read-only."""
-        return self._rotation
-
-    @cached_property
-    def _rotation(self) -> np.ndarray:
-        """Cached, because every projection uses it."""
         cy, sy = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
         cp, sp = np.cos(self.pitch_rad), np.sin(self.pitch_rad)
         cr, sr = np.cos(self.roll_rad), np.sin(self.roll_rad)

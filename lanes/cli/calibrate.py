@@ -39,8 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Calibrate, print the table, and write the camera file."""
     from lanes.camera.calibration.boards import calibrate_detections, find_boards
-    from lanes.camera.calibration.contact_sheet import draw_contact_sheet
-    from lanes.camera.calibration.coverage import describe_coverage, format_boards, used_boards
+    from lanes.camera.calibration.summary import describe_coverage, draw_contact_sheet, format_boards, used_boards
     from lanes.camera.camera_file import save_camera
     from lanes.io.images import list_pictures, write_image
 

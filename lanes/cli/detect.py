@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Detect the lane in every picture, and write the detections."""
-    from lanes.camera.pose_from_lanes.pose_from_files import pose_from_drive
+    from lanes.camera.pose_from_lanes.estimator import pose_from_drive
     from lanes.drives.detections import count_missing_frames, detect_files, write_detections
 
     camera, estimate = pose_from_drive(find_lens(options), options.files, progress=progress_line("pose"))

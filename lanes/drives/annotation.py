@@ -10,8 +10,8 @@ from pathlib import Path
 
 from lanes.camera.camera import Camera
 from lanes.camera.pose_change import find_pose_change
+from lanes.camera.pose_from_lanes.estimator import pose_from_drive
 from lanes.camera.pose_from_lanes.pose_estimate import PoseEstimate
-from lanes.camera.pose_from_lanes.pose_from_files import pose_from_drive
 from lanes.drives.overlay_styles import STYLES, track_lane
 from lanes.drives.report.moments import seconds_lost, share_tracked
 from lanes.drives.report.page import write_report

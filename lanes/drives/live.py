@@ -10,8 +10,8 @@ from contextlib import contextmanager
 from itertools import takewhile
 
 from lanes.camera.camera import Camera
+from lanes.camera.pose_from_lanes.estimator import pose_from_pictures
 from lanes.camera.pose_from_lanes.pose_estimate import PoseEstimate
-from lanes.camera.pose_from_lanes.pose_from_files import pose_from_pictures
 from lanes.drives.annotation import conclude_drive
 from lanes.drives.overlay_styles import track_lane
 from lanes.drives.settings import DriveResult, DriveSettings

@@ -230,7 +230,7 @@ def _axes_of_road(axis: Axes, explanation: Explanation, title: str) -> None:
 
 def _directions_to_pixels(camera: Camera, directions: np.ndarray) -> np.ndarray:
     """Undistorted pixels (N, 2) of points at infinity in directions (N, 3) of the road frame."""
-    x, y, z = (directions @ camera.pose.rotation().T).T
+    x, y, z = (directions @ camera.pose.rotation.T).T
     return np.column_stack([x / z, y / z, np.ones_like(z)]) @ camera.matrix[:2].T
 
 

@@ -46,7 +46,7 @@ def frustum_planes(camera: Camera, wider: float = 1.15) -> np.ndarray:
     reach = np.abs(camera.rays(border)[:, :2]).max(axis=0) * wider
     reach *= min(1.0, 0.98 * camera.largest_ray / np.hypot(*reach))
     sides = np.array([[1, 0, reach[0]], [-1, 0, reach[0]], [0, 1, reach[1]], [0, -1, reach[1]]])
-    normals = sides @ camera.pose.rotation()
+    normals = sides @ camera.pose.rotation
     planes = np.column_stack([normals, -normals[:, 2] * camera.pose.height_m])
     return np.vstack([[1.0, 0, 0, -NEAR_PLANE_M], planes])
 

@@ -109,7 +109,7 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
             add_lamp_reflections(light, camera, lamps, mirror, ~hidden)
         add_lamps(light, camera, lamps)
     if drive.glare is not None:
-        sun_ray = camera.pose.rotation() @ view.sun_direction
+        sun_ray = camera.pose.rotation @ view.sun_direction
         add_glare(light, pixel_rays(drive.camera), sun_ray, drive.glare, sunshine=_sunshine(drive, truth.pose))
     return Frame(_photograph(light, drive, time_s, road_light=road_light), truth, hidden)
 
@@ -272,7 +272,7 @@ def _directions(rays: np.ndarray, camera: Camera, heading_rad: float) -> tuple[n
     cosine, sine = np.cos(heading_rad), np.sin(heading_rad)
     to_world = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
     # Axis by axis, because numpy is slow where the innermost axis has three elements.
-    x, y, z = split_channels(cv2.transform(rays, (camera.pose.rotation() @ to_world).T))
+    x, y, z = split_channels(cv2.transform(rays, (camera.pose.rotation @ to_world).T))
     length = np.sqrt(x * x + y * y + z * z)
     return x / length, y / length, z / length
 

@@ -97,7 +97,7 @@ def _rays(camera: Camera) -> np.ndarray:
 def cast_on_ground(rays: np.ndarray, camera: Camera, road: RoadAhead) -> Ground:
     """Ground that the rays (height, width, 3) of `pixel_rays` meet; `camera` has the pitch of this moment."""
     pose = camera.pose
-    to_road = pose.rotation().astype(np.float32)
+    to_road = pose.rotation.astype(np.float32)
     if road.profile.level:
         least_drop = np.float32(pose.height_m / MAX_GROUND_M)
         drop = -(rays @ to_road[:, 2])

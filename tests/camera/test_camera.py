@@ -58,7 +58,7 @@ def test_positive_roll_has_the_right_side_down_so_the_horizon_falls_to_the_left(
 
 @given(poses)
 def test_rotation_is_orthonormal(pose):
-    rotation = pose.rotation()
+    rotation = pose.rotation
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(rotation) > 0
 

@@ -1,5 +1,7 @@
 """Camera files: writing and reading them back, and the errors for invalid files."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
@@ -13,7 +15,7 @@ from simulator.scenes.dashcam import DASHCAM
 @pytest.fixture
 def content() -> dict:
     report = CalibrationReport(0.5, {"a.jpg": 0.4, "b.jpg": 0.6}, {"c.jpg": "no chessboard"}, "2020-01-02")
-    return camera_to_dict(DASHCAM.with_report(report))
+    return camera_to_dict(replace(DASHCAM, report=report))
 
 
 def write(path, content):
@@ -129,5 +131,5 @@ def test_aliases_are_refused_before_they_are_expanded(tmp_path):
 
 def test_names_that_are_not_valid_text_are_written(tmp_path):
     report = CalibrationReport(0.5, {"\udcff.jpg": 0.4})
-    written = save_camera(DASHCAM.with_report(report), tmp_path / "camera.yaml")
+    written = save_camera(replace(DASHCAM, report=report), tmp_path / "camera.yaml")
     assert load_camera(written).report.board_rms_px == report.board_rms_px

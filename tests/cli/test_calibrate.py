@@ -11,9 +11,14 @@ import numpy as np
 import pytest
 
 from lanes.camera.calibration.boards import BoardDetections, calibrate_detections
-from lanes.camera.calibration.contact_sheet import draw_contact_sheet
 from lanes.camera.calibration.corners import Board
-from lanes.camera.calibration.coverage import count_corners, describe_boards, describe_coverage, format_boards
+from lanes.camera.calibration.summary import (
+    count_corners,
+    describe_boards,
+    describe_coverage,
+    draw_contact_sheet,
+    format_boards,
+)
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import load_camera
 from lanes.io.images import read_image, write_image

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -71,7 +72,7 @@ def test_a_tracker_gives_its_state_and_speed(picture):
 
 
 def test_a_camera_gives_lens_pose_and_calibration():
-    camera = CAMERA.with_report(CalibrationReport(0.254, {"a": 0.2, "b": 0.3}))
+    camera = replace(CAMERA, report=CalibrationReport(0.254, {"a": 0.2, "b": 0.3}))
     assert repr(camera) == (
         "Camera(1280x720 px, focal length 1150 px, field of view 58.2 deg, "
         "pose 1.30 m high, pitch -0.57, yaw -0.69, roll 0.00 deg)"

@@ -60,7 +60,7 @@ def test_road_coordinates_in_hairpins(pose):
 def test_rays_end_at_their_first_intersection_with_the_ground(profile, s_m):
     road = RoadGeometry([0.0, 100.0], [1 / 90, 1 / 90], profile)
     ahead = RoadAhead(road, VehiclePose(s_m, 0.3, 0.01))
-    rays = pixel_rays(SMALL) @ SMALL.pose.rotation().astype(np.float32)
+    rays = pixel_rays(SMALL) @ SMALL.pose.rotation.astype(np.float32)
     ground = cast_on_ground(pixel_rays(SMALL), SMALL, ahead)
     seen = ground.visible & (ground.distance < 80)
     points = np.column_stack([ground.x[seen], ground.y[seen]])

@@ -149,7 +149,7 @@ def calibrate_detections(detections: BoardDetections, source: str) -> Camera:
         camera = calibrate(detections.boards, _most_common_size(detections.boards))
     except CameraError as error:
         raise CameraError(f"{source}: {error}{unused}") from error
-    return camera.with_report(replace(camera.report, rejected=detections.unused | camera.report.rejected))
+    return replace(camera, report=replace(camera.report, rejected=detections.unused | camera.report.rejected))
 
 
 def _unique_names(paths: Sequence[Path]) -> dict[str, Path]:
@@ -174,7 +174,7 @@ def _calibrate_without_outliers(boards: dict[str, Board], size: tuple[int, int],
         worst = max(errors, key=errors.get)
         # With three boards it cannot be decided which one is wrong.
         if len(boards) == MIN_VIEWS or errors[worst] <= max(OUTLIER_RATIO * median, MIN_OUTLIER_ERROR_PX):
-            return camera.with_report(replace(camera.report, rejected=rejected))
+            return replace(camera, report=replace(camera.report, rejected=rejected))
         rejected[worst] = (
             f"error {errors[worst]:.2f} px, more than {OUTLIER_RATIO} times the median board's {median:.2f}"
         )

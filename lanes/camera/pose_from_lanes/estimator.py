@@ -1,4 +1,4 @@
-"""Estimate the camera pose from pictures of a road: height, pitch, yaw and roll from the lane lines.
+"""Estimate the camera pose from pictures or files of a drive: height, pitch, yaw and roll from the lane lines.
 
 Parallel lines on a flat road meet in a vanishing point on the horizon (`vanishing_point`). Its row gives the pitch. Its
 column gives the yaw, because the heading of a car in its lane averages to zero over a drive. The lane width in metres,
@@ -8,7 +8,8 @@ the roll (`lane_width`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -25,6 +26,8 @@ from lanes.camera.pose_from_lanes.lane_width import (
 from lanes.camera.pose_from_lanes.pose_estimate import PoseError, PoseEstimate
 from lanes.camera.pose_from_lanes.segments import Segments, find_segments
 from lanes.camera.pose_from_lanes.vanishing_point import X0_BINS, Y0_BINS, RoadLines, fit_parallel_lines, hough_votes
+from lanes.io.footage import pick_pictures
+from lanes.io.images import list_pictures
 
 # 12 ft, the lane of US Interstates (AASHTO, A Policy on Design Standards: Interstate System). Motorway lanes elsewhere
 # are 3.50 to 3.75 m wide, hence the standard deviation.
@@ -44,6 +47,8 @@ MIN_PICTURES_FOR_YAW = 5
 MIN_SIDE_PX = 48
 # Pictures are resized to this width; more pixels do not show more stripes.
 WORKING_WIDTH_PX = 1280
+# Pictures taken from the files of a drive; more did not improve the estimate.
+POSE_PICTURES = 40
 # Coarse search of the horizon: number of pictures, and start rows as shares of the picture height.
 COARSE_PICTURES, COARSE_HORIZONS = 8, np.array([0.3, 0.45, 0.6, 0.75])
 
@@ -91,6 +96,53 @@ def estimate_pose(
         geometry = estimate_height_and_roll(lines, lane_width_m, height_m or PRIOR_HEIGHT_M, geometry.roll_rad)
     _require_lanes(lines, lane_width_m / geometry.height_m)
     return _combine(lines, geometry, len(images), lane_width_m, height_m)
+
+
+def pose_from_pictures(
+    camera: Camera, pictures: Iterable[np.ndarray], name: str, **options: object
+) -> tuple[Camera, PoseEstimate]:
+    """The camera with the pose estimated from pictures, and the estimate; `options` are those of `estimate_pose`.
+
+    The name of the drive precedes the message of a PoseError.
+    """
+    try:
+        estimate = estimate_pose(pictures, camera, **options)
+    except PoseError as error:
+        raise PoseError(f"{name}: {error}") from error
+    return camera.with_pose(estimate.pose), estimate
+
+
+def pose_from_drive(
+    camera: Camera,
+    files: Sequence[Path],
+    *,
+    start_s: float = 0.0,
+    end_s: float | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[Camera, PoseEstimate | None]:
+    """The camera with a pose: its own if it has one, otherwise the pose estimated from the files.
+
+    `files` are stills and videos of one drive; of the videos the part from `start_s` to `end_s` is used. The second
+    result is None if the camera already had a pose. `progress` and errors are those of `estimate_pose`.
+    """
+    if camera.pose is not None:
+        return camera, None
+    pictures = pick_pictures(list(files), POSE_PICTURES, require=camera.require_size, start_s=start_s, end_s=end_s)
+    return pose_from_pictures(camera, pictures, str(files[0]), progress=progress)
+
+
+def estimate_camera_pose(camera: Camera, folder: str | Path) -> Camera:
+    """The camera with the pose estimated from a folder of pictures of one drive.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the folder does not exist or holds no picture.
+    PictureError, PoseError
+        If a picture cannot be read, or as in `estimate_pose`.
+    """
+    pictures = pick_pictures(list_pictures(folder), POSE_PICTURES, require=camera.require_size)
+    return camera.with_pose(estimate_pose(pictures, camera).pose)
 
 
 def _require_plausible(lane_width_m: float, height_m: float | None) -> None:

@@ -11,9 +11,8 @@ import pytest
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import camera_from_dict
 from lanes.camera.camera_pose import CameraPose
-from lanes.camera.pose_from_lanes.estimator import estimate_pose
+from lanes.camera.pose_from_lanes.estimator import estimate_camera_pose, estimate_pose
 from lanes.camera.pose_from_lanes.pose_estimate import PoseError
-from lanes.camera.pose_from_lanes.pose_from_files import estimate_camera_pose
 from lanes.io.frames import PictureError
 from lanes.io.images import read_image, write_image
 from tests.support.painted_roads import paint_motorway
