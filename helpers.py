@@ -95,6 +95,9 @@ from lanes.explain.panels import show_explanation
 from benchmark.evaluation import score_video
 from benchmark.reporting.tables import results_table
 
+# 15 Own finder
+from course.own_finder import score_finder, finder_table
+
 # Sliders
 from lanes.explain.sliders import tune_threshold, tune_view
 from lanes.io.video.reader import read_frames

@@ -22,6 +22,7 @@ EXAMPLES = """\
   python -m benchmark --workers 2 -o results
   python -m benchmark --system tracker --estimated-pose motorway
   python -m benchmark --system tracker,best_channel my_drive.mp4
+  python -m benchmark --system my_finder.py:my_finder,tracker --workers 2 -o results
   python -m benchmark --speed
   python -m benchmark --labels stills/labels.jsonl --camera camera.yaml
   python -m benchmark --labels stills/labels.jsonl --predictions lanes.jsonl"""
@@ -42,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="extend",
         metavar="NAME,...",
         help="hls_sobel, equalized_hsv, best_channel, each also with points from the camera pose (hls_sobel_pose, "
-        "equalized_hsv_pose, best_channel_pose), tracker (default: all)",
+        "equalized_hsv_pose, best_channel_pose), tracker (default: all of these), or file.py:function for your own",
     )
     parser.add_argument(
         "--estimated-pose",

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from benchmark.errors import LaneTruth, frame_errors
 from benchmark.estimates import DriveEstimates, LaneEstimate
+from benchmark.own_finder import OwnFinder
 from benchmark.scored_drive import NO_LANE, BenchmarkDrive, drive_from_video
 from benchmark.scores import Result, Row, score_rows
 from benchmark.systems import require_system, start_system
@@ -42,22 +44,27 @@ def prepare_drive(drive: BenchmarkDrive, *, estimated_pose: bool = False) -> Pre
     return PreparedDrive(drive, camera, "estimated")
 
 
-def run_system(prepared: PreparedDrive, system: str, *, end_s: float | None = None) -> DriveEstimates:
-    """Estimates of a system for the frames of a drive before `end_s`; no lane in any frame without a pose."""
+def run_system(
+    prepared: PreparedDrive, system: str | OwnFinder, *, end_s: float | None = None, every: int = 1
+) -> DriveEstimates:
+    """Estimates of a system for each `every`-th frame of a drive before `end_s`; no lane without a pose."""
     info = inspect_video(prepared.drive.video)
     estimate = start_system(system, prepared.camera, info.fps) if prepared.camera else lambda image: LaneEstimate()
     estimates, time_ms = [], []
-    for image in read_frames(prepared.drive.video, end_s=end_s):
+    for image in islice(read_frames(prepared.drive.video, end_s=end_s), 0, None, every):
         start = time.perf_counter()
         estimates.append(estimate(image))
         time_ms.append(1000 * (time.perf_counter() - start) if prepared.camera else np.nan)
     return DriveEstimates.from_frames(estimates, time_ms)
 
 
-def score_video(video: str | Path, system: str, *, end_s: float | None = None) -> Row:
-    """Score a system of `SYSTEMS` on a video, up to the time `end_s`: a row of the benchmark's table.
+def score_video(
+    video: str | Path, system: str | OwnFinder, *, end_s: float | None = None, every: int = 1, name: str | None = None
+) -> Row:
+    """Score a system of `SYSTEMS`, or a finder of one's own, on a video: a row of the benchmark's table.
 
-    The truth (.csv) and the camera with pose (.yaml) are next to the video.
+    Each `every`-th frame up to the time `end_s` counts; a system with a memory needs every frame. The truth (.csv) and
+    the camera with pose (.yaml) are next to the video. `name` is the name of an own finder in the row.
 
     Raises
     ------
@@ -66,12 +73,14 @@ def score_video(video: str | Path, system: str, *, end_s: float | None = None) -
     OSError
         If a file cannot be read.
     """
-    require_system(system)
+    if not callable(system):
+        require_system(system)
     prepared = prepare_drive(drive_from_video(video))
-    estimates = run_system(prepared, system, end_s=end_s)
-    truth = read_truth(prepared.drive).select(slice(len(estimates.offset_m)))
+    estimates = run_system(prepared, system, end_s=end_s, every=every)
+    truth = read_truth(prepared.drive).select(slice(0, len(estimates.offset_m) * every, every))
     errors = frame_errors(estimates, truth, prepared.camera)
-    return score_rows([Result(prepared.drive.name, prepared.drive.difficulty, system, errors)])[0]
+    label = name or (system.__name__ if callable(system) else system)
+    return score_rows([Result(prepared.drive.name, prepared.drive.difficulty, label, errors)])[0]
 
 
 def read_truth(drive: BenchmarkDrive) -> LaneTruth:

@@ -18,7 +18,7 @@ from benchmark.machine import describe_machine
 from benchmark.scored_drive import BenchmarkDrive
 from benchmark.scores import Result
 from benchmark.suite_drives import ensure_video
-from benchmark.systems import SOURCES, require_system
+from benchmark.systems import require_system, source_files
 from lanes.camera.camera_file import camera_to_dict
 from lanes.io.disk_cache import cache_folder
 from lanes.io.processes import run_all
@@ -65,7 +65,8 @@ def run_benchmark(
 
 def cached_estimates(prepared: PreparedDrive, system: str, folder: Path, workers: int) -> Path:
     """The file with the estimates of a system for a drive; the system runs if there is no such file yet."""
-    path = folder / f"{prepared.drive.name}-{system}-{_cache_key(prepared, system)}.json"
+    label = system.replace("/", "-").replace(":", "-")  # an own finder is named file.py:function
+    path = folder / f"{prepared.drive.name}-{label}-{_cache_key(prepared, system)}.json"
     if not path.is_file():
         fps = inspect_video(prepared.drive.video).fps
         metadata = {"workers": workers, "fps": fps, "machine": describe_machine()}
@@ -97,7 +98,7 @@ def _cache_key(prepared: PreparedDrive, system: str) -> str:
     digest = hashlib.sha256(prepared.drive.video.read_bytes())
     digest.update(f"{describe_machine()} {prepared.camera and camera_to_dict(prepared.camera)}".encode())
     modules = [Path(module.__file__) for module in (estimates, systems)]
-    for source in (*modules, *SOURCES[system]):
+    for source in (*modules, *source_files(system)):
         for file in sorted(source.rglob("*.py")) if source.is_dir() else [source]:
             digest.update(file.read_bytes())
     return digest.hexdigest()[:12]

@@ -7,6 +7,12 @@ from pathlib import Path
 
 # The project's top folder, with the committed videos in test_videos/.
 PROJECT_ROOT = Path(__file__).resolve().parents[1]
+# Scenes of the suite with a committed video. It is scored instead of a new rendering, as everybody has it.
+COMMITTED = {
+    "motorway": "project_video.mp4",
+    "challenge": "challenge_video.mp4",
+    "harder-challenge": "harder_challenge_video.mp4",
+}
 NO_LANE = "no lane"
 # Difficulty of a video that is not a scene of the suite.
 CUSTOM = "custom"

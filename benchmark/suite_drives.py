@@ -5,15 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from benchmark.scored_drive import CUSTOM, PROJECT_ROOT, BenchmarkDrive, drive_from_video
+from benchmark.scored_drive import COMMITTED, CUSTOM, PROJECT_ROOT, BenchmarkDrive, drive_from_video
 from simulator.scenes.suite import SUITE, render_scene
-
-# Scenes of the suite with a committed video. It is scored instead of a new rendering, as everybody has it.
-COMMITTED = {
-    "motorway": "project_video.mp4",
-    "challenge": "challenge_video.mp4",
-    "harder-challenge": "harder_challenge_video.mp4",
-}
 
 
 def list_drives() -> dict[str, BenchmarkDrive]:

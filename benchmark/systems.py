@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmark.estimates import AHEAD_M, LaneEstimate
+from benchmark.own_finder import Lines, OwnFinder, estimate_from_lines, finder_file, is_own_finder, load_finder
 from lanes import classic, tracking
 from lanes.camera import camera
 from lanes.camera.camera import Camera
@@ -31,20 +32,32 @@ RECIPE_SYSTEMS = (*RECIPES, *(name + POSE_SUFFIX for name in RECIPES))
 SYSTEMS = (*RECIPE_SYSTEMS, TRACKER)
 # Source files and folders that the estimates of a system depend on.
 _CAMERA, _CLASSIC, _TRACKING = (Path(module.__file__) for module in (camera, classic, tracking))
-SOURCES = {name: (_CAMERA, _CLASSIC.parent) for name in RECIPE_SYSTEMS} | {TRACKER: (_CAMERA, _TRACKING.parent)}
 # Distances at which a recipe's line is projected into the picture: even steps in 1 / x are even steps in picture rows.
 PROJECTED_AT_M = 1 / np.linspace(1 / 1.5, 1 / 200.0, 400)
 
 
-def start_system(system: str, camera: Camera, fps: float) -> Callable[[np.ndarray], LaneEstimate]:
+def source_files(system: str) -> tuple[Path, ...]:
+    """Source files and folders that the estimates of a system depend on."""
+    if is_own_finder(system):
+        return _CAMERA, finder_file(system)
+    return (_CAMERA, _TRACKING.parent) if system == TRACKER else (_CAMERA, _CLASSIC.parent)
+
+
+def start_system(system: str | OwnFinder, camera: Camera, fps: float) -> Callable[[np.ndarray], LaneEstimate]:
     """Start a system on a drive: a function of the next frame, (height, width, 3) uint8 RGB with lens distortion.
+
+    `system` is a name of `SYSTEMS`, "file.py:function", or a finder itself (see `benchmark.own_finder`).
 
     Raises
     ------
     ValueError
         If the system is unknown.
     """
+    if callable(system):
+        return lambda image: estimate_from_lines(system(image, camera))
     require_system(system)
+    if is_own_finder(system):
+        return start_system(load_finder(system), camera, fps)
     if system == TRACKER:
         tracker = LaneTracker(camera, fps=fps)
         return lambda image: tracker_estimate(tracker.update(image))
@@ -64,6 +77,9 @@ def column_detector(system: str, camera: Camera) -> Callable[[np.ndarray, np.nda
         If the system is unknown.
     """
     require_system(system)
+    if is_own_finder(system):
+        find = load_finder(system)
+        return lambda image, rows: own_columns(find(image, camera), camera, rows)
     if system == TRACKER:
         view = BirdsEyeView(camera)
 
@@ -82,9 +98,13 @@ def _start_recipe(system: str, camera: Camera) -> LaneFinder:
 
 
 def require_system(name: str) -> None:
-    """Raise a ValueError if there is no system of this name."""
-    if name not in SYSTEMS:
-        raise ValueError(f"there is no system {name!r}; the systems are {', '.join(SYSTEMS)}.")
+    """Raise a ValueError if there is no system of this name, or its file "file.py:function" cannot be used."""
+    if is_own_finder(name):
+        load_finder(name)
+    elif name not in SYSTEMS:
+        raise ValueError(
+            f"there is no system {name!r}; the systems are {', '.join(SYSTEMS)}, and file.py:function for your own."
+        )
 
 
 def tracker_estimate(tracked: TrackedLane) -> LaneEstimate:
@@ -102,6 +122,25 @@ def recipe_estimate(result: LaneResult) -> LaneEstimate:
         return LaneEstimate()
     heading = np.arctan((result.left_road.c1 + result.right_road.c1) / 2)
     return LaneEstimate(lines, result.offset_m, float(heading), result.curvature_per_m)
+
+
+def own_columns(lines: Lines | None, camera: Camera, rows: np.ndarray) -> np.ndarray:
+    """Columns (2, R) of the lines of an own finder at rows of the raw picture."""
+    if lines is None:
+        return np.full((2, len(rows)), -2.0)
+    return project_lines(np.array([np.polyval(line, PROJECTED_AT_M) for line in lines]), camera, rows)
+
+
+def project_lines(lateral_m: np.ndarray, camera: Camera, rows: np.ndarray) -> np.ndarray:
+    """Columns (2, R) in the raw picture of lines with lateral positions (2, N) at PROJECTED_AT_M; -2 outside of it."""
+    columns = np.full((2, len(rows)), -2.0)
+    for k, y_m in enumerate(lateral_m):
+        u, v = camera.road_to_pixels(np.column_stack([PROJECTED_AT_M, y_m])).T
+        seen = np.isfinite(u) & np.isfinite(v)
+        if seen.any():
+            order = np.argsort(v[seen])
+            columns[k] = np.interp(rows, v[seen][order], u[seen][order], left=-2, right=-2)
+    return np.where((columns >= 0) & (columns <= camera.width - 1), columns, -2.0)
 
 
 def recipe_columns(result: LaneResult, camera: Camera, rows: np.ndarray) -> np.ndarray:

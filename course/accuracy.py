@@ -12,12 +12,11 @@ import numpy as np
 
 from benchmark.labels.tusimple import LaneColumns, score_lines
 from benchmark.reporting.tables import format_table
+from benchmark.systems import PROJECTED_AT_M, project_lines
 from course.dataset import Dataset
 from course.measures import HasLines, describe_error, worst_lateral_error_m
 from lanes.camera.camera import Camera
 
-# Distances at which a line is projected into the picture: even steps in 1 / x are even steps in picture rows.
-PROJECTED_AT_M = 1 / np.linspace(1 / 1.5, 1 / 100.0, 400)
 # Distances at which two methods are compared with each other, metres.
 COMPARED_AT_M = np.arange(5.0, 31.0, 5.0)
 Found = Mapping[str, Sequence[HasLines | None]]
@@ -56,14 +55,9 @@ def accuracy_table(found: Found, data: Dataset, camera: Camera) -> str:
 
 def label_accuracy(result: HasLines | None, label: LaneColumns, camera: Camera) -> float:
     """Share of the labelled points of both lines that a result meets within 20 px / cos, 0 without a result."""
-    columns = np.full((2, len(label.rows)), -2.0)
     lines = result and result.lateral_m(PROJECTED_AT_M)
-    for k, y_m in enumerate(() if lines is None else lines):
-        u, v = camera.road_to_pixels(np.column_stack([PROJECTED_AT_M, y_m])).T
-        seen = np.isfinite(u) & np.isfinite(v)
-        if seen.any():
-            order = np.argsort(v[seen])
-            columns[k] = np.interp(label.rows, v[seen][order], u[seen][order], left=-2, right=-2)
+    no_lines = np.full((2, len(label.rows)), -2.0)
+    columns = no_lines if lines is None else project_lines(lines, camera, label.rows)
     scores = score_lines(label, LaneColumns(label.name, label.rows, columns))
     accuracies = [score.accuracy for score in scores if score.accuracy is not None]
     return float(np.mean(accuracies)) if accuracies else float("nan")

@@ -1,0 +1,83 @@
+"""A finder of one's own: how it is named, loaded and scored."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmark.estimates import AHEAD_M
+from benchmark.evaluation import score_video
+from benchmark.own_finder import estimate_from_lines, load_finder
+from benchmark.scored_drive import PROJECT_ROOT
+from benchmark.systems import column_detector, source_files, start_system
+from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import CameraPose
+
+CAMERA = Camera.from_fov((1280, 720), 60, CameraPose(1.4, pitch_rad=0.0))
+VIDEO = PROJECT_ROOT / "test_videos" / "project_video.mp4"
+IMAGE = np.zeros((720, 1280, 3), np.uint8)
+STRAIGHT = "def find(image, camera):\n    return (0.0, 1.9), (0.0, -1.7)\n"
+
+
+def test_polynomials_become_an_estimate():
+    estimate = estimate_from_lines([(0.001, 0.02, 1.6), (0.001, 0.02, -2.0)])
+    assert estimate.lines_y_m[:, AHEAD_M == 10].ravel() == pytest.approx([1.9, -1.7])
+    assert estimate.offset_m == pytest.approx(0.2)
+    assert estimate.heading_rad == pytest.approx(0.02, rel=1e-3)
+    assert estimate.curvature_per_m == pytest.approx(0.002, rel=1e-3)
+    assert estimate_from_lines(None).lines_y_m is None
+
+
+def test_one_line_is_refused():
+    with pytest.raises(ValueError, match="two lines or None, but this one returned 1"):
+        estimate_from_lines([(0.0, 1.0)])
+
+
+def test_a_finder_in_a_file_is_a_system(tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text(STRAIGHT)
+    system = f"{file}:find"
+    assert start_system(system, CAMERA, 25.0)(IMAGE).offset_m == pytest.approx(-0.1)
+    left, right = column_detector(system, CAMERA)(IMAGE, np.array([300, 600]))
+    assert (left[0], right[0]) == (-2, -2)
+    u, v = CAMERA.road_to_pixels([[10.0, 1.9]])[0]
+    assert column_detector(system, CAMERA)(IMAGE, np.array([v]))[0] == pytest.approx(u, abs=0.5)
+    assert file in source_files(system)
+
+
+@pytest.mark.parametrize(
+    ("content", "name", "message"),
+    [
+        (None, "find", "no such file"),
+        ("1 / 0", "find", "ZeroDivisionError"),
+        ("find = 3", "find", "no function 'find'"),
+    ],
+)
+def test_a_wrong_file_is_named(tmp_path, content, name, message):
+    file = tmp_path / "wrong.py"
+    if content:
+        file.write_text(content)
+    with pytest.raises(ValueError, match=message):
+        load_finder(f"{file}:{name}")
+
+
+def test_the_score_of_the_truth_is_full_and_of_a_shifted_lane_is_none():
+    from lanes.io.telemetry import read_telemetry
+
+    truth = read_telemetry(VIDEO.with_suffix(".csv"))
+
+    def finder(shift_m: float):
+        frames = iter(range(0, 1000, 5))
+
+        def find(image, camera):
+            k = next(frames)
+            return [
+                np.polyfit([5, 10, 15, 20], [truth[f"{side}_y{x:02d}_m"][k] + shift_m for x in (5, 10, 15, 20)], 3)
+                for side in ("left", "right")
+            ]
+
+        return find
+
+    row = score_video(VIDEO, finder(0.0), end_s=2, every=5, name="truth")
+    assert (row["system"], row["frames"], row["accuracy"]) == ("truth", 10, 1.0)
+    assert score_video(VIDEO, finder(0.4), end_s=2, every=5, name="shifted")["accuracy"] == 0
