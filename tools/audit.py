@@ -9,9 +9,10 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from pathlib import Path
 
-LOCK = Path(__file__).parents[1] / "requirements.lock"
+from benchmark.scored_drive import PROJECT_ROOT
+
+LOCK = PROJECT_ROOT / "requirements.lock"
 
 
 def main() -> int:

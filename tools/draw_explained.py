@@ -9,10 +9,10 @@ text of the page still fits the pictures.
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
+from benchmark.scored_drive import PROJECT_ROOT
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import load_camera
 from lanes.drawing.figures import save_figure
@@ -22,7 +22,6 @@ from lanes.io.images import read_image
 from lanes.io.video.reader import read_frames
 from simulator.scenes.suite import render_scene
 
-PROJECT = Path(__file__).parents[1]
 # Picture -> still and error of its camera pitch, degrees.
 STILLS = {"good": ("test4", 0.0), "wrong_pose": ("test6", -3.0)}
 # Picture -> scene and time of the frame, seconds.
@@ -31,9 +30,9 @@ SCENES = {"one_line": ("missing-paint", 1.12), "no_lines": ("unmarked-road", 0.0
 
 def read_still(name: str, pitch_error_deg: float) -> tuple[np.ndarray, Camera]:
     """A still and its camera, whose pitch is too large by `pitch_error_deg` (too far down)."""
-    camera = load_camera(PROJECT / "test_videos" / "project_video.yaml")
+    camera = load_camera(PROJECT_ROOT / "test_videos" / "project_video.yaml")
     pose = replace(camera.pose, pitch_rad=camera.pose.pitch_rad + np.radians(pitch_error_deg))
-    return read_image(PROJECT / "test_images" / f"{name}.jpg"), camera.with_pose(pose)
+    return read_image(PROJECT_ROOT / "test_images" / f"{name}.jpg"), camera.with_pose(pose)
 
 
 def read_frame(scene: str, time_s: float) -> tuple[np.ndarray, Camera]:
@@ -49,7 +48,7 @@ def main() -> None:
     for name, (image, camera) in pictures.items():
         explanation = explain_frame(image, camera)
         figure, _ = show_explanation(explanation)
-        print(save_figure(figure, PROJECT / "docs" / "pictures" / f"explained_{name}.jpg"))
+        print(save_figure(figure, PROJECT_ROOT / "docs" / "pictures" / f"explained_{name}.jpg"))
         print(explanation.describe(), end="\n\n")
 
 

@@ -21,10 +21,10 @@ import av
 import numpy as np
 
 from benchmark.machine import describe_machine
+from benchmark.scored_drive import PROJECT_ROOT
 from lanes.io.telemetry import read_telemetry
 from lanes.io.video.reader import inspect_video
 
-ROOT = Path(__file__).parents[1]
 SOUND_HZ, CLICK_S = 16000, 0.05
 SAMPLE_EVERY_S = 5.0
 # Smaller differences are rounding of the times, which grows with them.
@@ -59,7 +59,7 @@ def repeat_drive(source: Path, target: Path, repetitions: int) -> None:
 def run_watched(command: Sequence[str]) -> np.ndarray:
     """Run a command; return (samples, 2): seconds since its start and its resident memory in MB."""
     start_s, samples = time.monotonic(), []
-    with subprocess.Popen(command, cwd=ROOT) as process:
+    with subprocess.Popen(command, cwd=PROJECT_ROOT) as process:
         while process.poll() is None:
             status = Path(f"/proc/{process.pid}/status").read_text()
             memory = [line.split()[1] for line in status.splitlines() if line.startswith("VmRSS")]
@@ -145,7 +145,7 @@ if __name__ == "__main__":
     parser.add_argument(
         "--video",
         type=Path,
-        default=ROOT / "test_videos" / "project_video.mp4",
+        default=PROJECT_ROOT / "test_videos" / "project_video.mp4",
         help="video to repeat (default: the committed project video)",
     )
     options = parser.parse_args()

@@ -10,16 +10,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from lanes.drives.annotation import PreparedDrive, conclude_drive, output_path
+from lanes.drives.annotation import PreparedDrive, conclude_drive, output_path, track_video
 from lanes.drives.settings import DriveResult, DriveSettings
 from lanes.io.telemetry import read_telemetry, write_telemetry
 from lanes.io.video.join import join_videos
-from lanes.io.video.pipeline import annotate_video, count_missing
+from lanes.io.video.pipeline import count_missing
 
 # Measured on the rendered drive: after 5 s offsets differ by 4 mm and curvatures by 0.03 per km, after 1 s by 8 mm and
 # 0.15 per km.
@@ -64,19 +64,8 @@ def annotate_piece(drive: PreparedDrive, piece: Piece, settings: DriveSettings, 
     if telemetry.exists():
         return float(read_telemetry(telemetry)["latency_ms"].sum() / 1e3)
     began_s = time.perf_counter()
-    annotate_video(
-        drive.video,
-        target,
-        drive.make_process(settings.style),
-        start_s=piece.start_s,
-        end_s=piece.end_s,
-        progress=settings.progress,
-        telemetry=telemetry,
-        sound=False,
-        warm_up_s=WARM_UP_S,
-        overlapped=settings.overlapped,
-        info=drive.info,
-    )
+    part = replace(settings, start_s=piece.start_s, end_s=piece.end_s)
+    track_video(drive, target, part, sound=False, warm_up_s=WARM_UP_S)
     return time.perf_counter() - began_s
 
 

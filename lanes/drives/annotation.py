@@ -15,7 +15,7 @@ from lanes.camera.pose_from_lanes.pose_estimate import PoseEstimate
 from lanes.drives.overlay_styles import STYLES, track_lane
 from lanes.drives.report.moments import seconds_lost, share_tracked
 from lanes.drives.report.page import write_report
-from lanes.drives.settings import DriveResult, DriveSettings, StillsResult, describe_frames, describe_settings
+from lanes.drives.settings import DriveResult, DriveSettings, StillsResult, describe_settings
 from lanes.drives.sources import require_distinct_outputs
 from lanes.io.files import exclusive_writer
 from lanes.io.frames import PictureError
@@ -23,7 +23,7 @@ from lanes.io.images import list_pictures, read_image, write_image
 from lanes.io.telemetry import read_telemetry, write_telemetry
 from lanes.io.threads import one_thread
 from lanes.io.video.container import VideoError
-from lanes.io.video.pipeline import YuvProcess, annotate_video
+from lanes.io.video.pipeline import VideoSummary, YuvProcess, annotate_video
 from lanes.io.video.reader import VideoInfo, inspect_video
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
@@ -39,10 +39,6 @@ class PreparedDrive:
     info: VideoInfo
     camera: Camera
     pose: PoseEstimate | None
-
-    def make_process(self, style: str) -> YuvProcess:
-        """A function for `annotate_video` with a new tracker; see `track_lane`."""
-        return YuvProcess(track_lane(LaneTracker(self.camera, fps=self.info.fps), self.camera, style=style))
 
 
 def annotate_drive(video: str | Path, settings: DriveSettings) -> DriveResult:
@@ -67,13 +63,7 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> DriveResult:
 
 
 def prepare_drive(video: str | Path, settings: DriveSettings) -> PreparedDrive:
-    """Inspect a video, and estimate the camera pose if the camera has none.
-
-    Raises
-    ------
-    FileNotFoundError, VideoError, CameraError, PoseError
-        As `annotate_drive`.
-    """
+    """Inspect a video, and estimate the camera pose if the camera has none. Exceptions as for `annotate_drive`."""
     video = Path(video)
     info = inspect_video(video)
     if settings.start_s >= info.duration_s:
@@ -84,38 +74,39 @@ def prepare_drive(video: str | Path, settings: DriveSettings) -> PreparedDrive:
 
 
 def annotate_prepared(drive: PreparedDrive, settings: DriveSettings) -> DriveResult:
-    """Annotate a drive after `prepare_drive`; writes its files.
-
-    Raises
-    ------
-    VideoError, OSError
-        As `annotate_drive`.
-    """
+    """Annotate a drive after `prepare_drive`; writes its files. Exceptions as for `annotate_drive`."""
     target = output_path(drive.video, settings.output)
     began_s = time.perf_counter()
     # Reader, tracker and writer already use one thread each.
     with one_thread():
-        summary = annotate_video(
-            drive.video,
-            target,
-            drive.make_process(settings.style),
-            start_s=settings.start_s,
-            end_s=settings.end_s,
-            progress=settings.progress,
-            telemetry=target.with_suffix(".csv"),
-            overlapped=settings.overlapped,
-            info=drive.info,
-        )
+        missing = track_video(drive, target, settings).missing
     elapsed_s = time.perf_counter() - began_s
-    source, missing = str(drive.video), summary.missing
+    source = str(drive.video)
     return conclude_drive(source, target, drive.camera, drive.pose, settings, elapsed_s, missing=missing)
+
+
+def track_video(drive: PreparedDrive, target: Path, settings: DriveSettings, **options: object) -> VideoSummary:
+    """Write the annotated video `target` and its telemetry, with a new tracker; `options` are for `annotate_video`."""
+    process = track_lane(LaneTracker(drive.camera, fps=drive.info.fps), drive.camera, style=settings.style)
+    return annotate_video(
+        drive.video,
+        target,
+        YuvProcess(process),
+        start_s=settings.start_s,
+        end_s=settings.end_s,
+        progress=settings.progress,
+        telemetry=target.with_suffix(".csv"),
+        overlapped=settings.overlapped,
+        info=drive.info,
+        **options,
+    )
 
 
 def annotate_stills(pictures: Sequence[Path], settings: DriveSettings) -> StillsResult:
     """Find the lane in each still independently; write annotated pictures of the same names and `pictures.csv`.
 
-    A still that cannot be read, or whose size differs from that of most stills, is skipped. `StillsResult.failures`
-    has the reason.
+    A still that cannot be read, or whose size differs from that of most stills, is skipped; see
+    `StillsResult.failures`.
 
     Raises
     ------
@@ -166,8 +157,7 @@ def _select_usable(pictures: Sequence[Path]) -> tuple[tuple[int, int], list[Path
     sizes, failures = {}, []
     for path in pictures:
         try:
-            height, width = read_image(path).shape[:2]
-            sizes[path] = width, height
+            sizes[path] = read_image(path).shape[1::-1]
         except PictureError as error:
             failures.append(error)
     if not sizes:
@@ -192,31 +182,18 @@ def conclude_drive(
     *,
     missing: int = 0,
 ) -> DriveResult:
-    """Write the report if `settings.report` is set, and summarise the telemetry file next to the annotated `video`.
+    """Summarise the telemetry file next to the annotated `video`, and write the report if `settings.report` is set.
 
     `source` is the path of the source video or the name of the live camera, `elapsed_s` the time that the annotation
     took, and `missing` the number of frames missing in the source.
-
-    Raises
-    ------
-    OSError
-        If the telemetry cannot be read or the report cannot be written.
     """
-    telemetry = video.with_suffix(".csv")
-    columns = read_telemetry(telemetry)
+    columns = read_telemetry(video.with_suffix(".csv"))
     frames = len(columns["frame"])
-    report = None
-    if settings.report:
-        used = describe_settings(source, camera, pose, settings)
-        if missing:
-            used["frames"] = describe_frames(frames, missing)
-        path = video.with_suffix(".html")
-        report = write_report(path, title=Path(source).name, video=video, telemetry=columns, settings=used)
-    return DriveResult(
+    result = DriveResult(
         source=source,
         video=video,
-        telemetry=telemetry,
-        report=report,
+        telemetry=video.with_suffix(".csv"),
+        report=video.with_suffix(".html") if settings.report else None,
         camera=camera,
         pose=pose,
         frames=frames,
@@ -226,6 +203,10 @@ def conclude_drive(
         pose_change=find_pose_change(columns),
         missing=missing,
     )
+    if result.report:
+        used = describe_settings(result, settings)
+        write_report(result.report, title=Path(source).name, video=video, telemetry=columns, settings=used)
+    return result
 
 
 def output_path(video: Path, folder: Path) -> Path:

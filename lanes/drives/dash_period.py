@@ -46,17 +46,7 @@ HARMONIC_RATIO = 0.4
 
 @dataclass(frozen=True)
 class DashPeriod:
-    """Period of broken lines.
-
-    Attributes
-    ----------
-    period_m : float
-        Length of one dash and one gap, metres.
-    clarity : float
-        Peak of the spectrum, 0 to about 60.
-    lines : int
-        Number of lines used, over all pictures.
-    """
+    """Period of broken lines, the peak of its spectrum (0 to about 60), and the number of lines in all pictures."""
 
     period_m: float
     clarity: float
@@ -102,8 +92,9 @@ def measure_dash_period(images: Iterable[np.ndarray], camera: Camera) -> DashPer
     ratio = PERIODS_M[1] / PERIODS_M[0]
     peak = int(power.argmax())
     double = peak + round(np.log(2) / np.log(ratio))
-    if double < len(power) - 2 and power[double - 2 : double + 3].max() > HARMONIC_RATIO * power[peak]:
-        peak = double - 2 + int(power[double - 2 : double + 3].argmax())
+    around = power[double - 2 : double + 3]
+    if len(around) == 5 and around.max() > HARMONIC_RATIO * power[peak]:
+        peak = double - 2 + int(around.argmax())
     if power[peak] < MIN_CLARITY or peak in (0, len(power) - 1):
         return None
     # Vertex of the parabola through the peak and its neighbours.

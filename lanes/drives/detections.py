@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import json
 import time
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -102,14 +101,11 @@ def write_detections(path: str | Path, detections: Iterable[dict]) -> Path:
 
 def count_missing_frames(detections: Iterable[dict]) -> int:
     """Number of video frames without a detection, because they are damaged, before the last frame of each video."""
-    last: dict[str, int] = {}
-    counted = Counter()
+    frames = defaultdict(list)
     for detection in detections:
         if "frame" in detection:
-            video = detection["raw_file"].rpartition("#")[0]
-            last[video] = detection["frame"]
-            counted[video] += 1
-    return sum(number + 1 - counted[video] for video, number in last.items())
+            frames[detection["raw_file"].rpartition("#")[0]].append(detection["frame"])
+    return sum(numbers[-1] + 1 - len(numbers) for numbers in frames.values())
 
 
 class LaneDetector:
@@ -119,10 +115,9 @@ class LaneDetector:
     """
 
     def __init__(self, camera: Camera, rows: np.ndarray, *, sequence: bool = False, fps: float = 25.0) -> None:
-        self.rows, self.sequence = np.asarray(rows), sequence
-        self._camera_of = cache(lambda size: camera if size == camera.size else camera.scaled(size))
-        self._view_of = cache(lambda size: BirdsEyeView(self._camera_of(size)))
-        self._tracker_of = cache(lambda size: LaneTracker(self._camera_of(size), fps=fps))
+        self._camera, self._rows, self._sequence, self._fps = camera, np.asarray(rows), sequence, fps
+        # Scaled camera and lane finder for each picture size so far.
+        self._finders: dict[tuple[int, int], tuple[Camera, Callable[[np.ndarray], TrackedLane]]] = {}
 
     def detect(self, image: np.ndarray) -> dict:
         """The detection in a picture of shape (height, width, 3), uint8, RGB, without the file's name.
@@ -135,29 +130,29 @@ class LaneDetector:
             If the camera has no pose or another aspect ratio.
         """
         size = image.shape[1], image.shape[0]
-        # The bird's-eye view is built before the clock starts: it is not part of the run time of a frame.
-        _ = self._tracker_of(size) if self.sequence else self._view_of(size)
-        start = time.perf_counter()
-        found = self._find(image, size)
-        run_time_ms = 1000 * (time.perf_counter() - start)
-        lanes = np.full((2, len(self.rows)), NO_POINT)
-        if found.lane is not None:
-            lanes = found.lane.pixels(self._camera_of(size), self.rows)
+        # Made before the clock starts: the bird's-eye view is not part of the run time of a frame.
+        if size not in self._finders:
+            self._finders[size] = self._make_finder(size)
+        camera, find = self._finders[size]
+        start_s = time.perf_counter()
+        found = find(image)
+        run_time_ms = 1000 * (time.perf_counter() - start_s)
+        lane = found.lane
+        lanes = np.full((2, len(self._rows)), NO_POINT) if lane is None else lane.pixels(camera, self._rows)
         return {
-            "h_samples": [int(row) for row in self.rows],
+            "h_samples": self._rows.tolist(),
             "lanes": np.round(lanes, 1).tolist(),
             "run_time": round(run_time_ms, 2),
             "state": found.state,
             "confidence": round(found.confidence, 4),
-            "offset_m": _rounded(found.lane and found.lane.offset_m, 4),
-            "curvature_per_m": _rounded(found.lane and found.lane.curvature_per_m, 7),
+            "offset_m": lane and round(lane.offset_m, 4),
+            "curvature_per_m": lane and round(lane.curvature_per_m, 7),
         }
 
-    def _find(self, image: np.ndarray, size: tuple[int, int]) -> TrackedLane:
-        if self.sequence:
-            return self._tracker_of(size).update(image)
-        return TrackedLane.from_still(find_lane(image, self._view_of(size)))
-
-
-def _rounded(value: float | None, digits: int) -> float | None:
-    return None if value is None else round(value, digits)
+    def _make_finder(self, size: tuple[int, int]) -> tuple[Camera, Callable[[np.ndarray], TrackedLane]]:
+        """The camera for pictures of `size` (width, height), and a function that finds the lane in one of them."""
+        camera = self._camera if size == self._camera.size else self._camera.scaled(size)
+        if self._sequence:
+            return camera, LaneTracker(camera, fps=self._fps).update
+        view = BirdsEyeView(camera)
+        return camera, lambda image: TrackedLane.from_still(find_lane(image, view))

@@ -80,13 +80,13 @@ class DriveResult:
     source : str
         Path of the video, or name of the live camera.
     report : Path or None
-        The HTML report; None if it was switched off.
+        None if it was switched off.
     pose : PoseEstimate or None
-        The estimated camera pose; None if the camera already had one.
+        None if the camera already had a pose.
     tracked_share : float
         Share of the frames with state "tracking".
     lost_s : float
-        Seconds with state "lost".
+        Time with state "lost".
     frames_per_s : float
         Frames annotated per second, including reading and writing, without the camera pose estimate.
     pose_change : PoseChange or None
@@ -110,16 +110,15 @@ class DriveResult:
 
     def describe(self) -> str:
         """A sentence about the drive, after the camera pose if it was estimated."""
-        written = f"{self.video} with telemetry{' and report' if self.report else ''} next to it"
-        moved = f"\n{self.source}: {self.pose_change.describe()}" if self.pose_change else ""
-        accuracy = [describe_accuracy(self.pose, self.camera)] if self.pose else []
-        frames = describe_frames(self.frames, self.missing)
-        return _below_pose(
-            self.pose,
-            *accuracy,
-            f"{self.source}: {frames}, lane tracked in {self.tracked_share:.0%} of them, lost for {self.lost_s:.1f} s; "
-            f"{self.frames_per_s:.0f} frames/s; wrote {written}{moved}",
+        lines = [self.pose.describe(), describe_accuracy(self.pose, self.camera)] if self.pose else []
+        lines.append(
+            f"{self.source}: {describe_frames(self.frames, self.missing)}, lane tracked in {self.tracked_share:.0%} of "
+            f"them, lost for {self.lost_s:.1f} s; {self.frames_per_s:.0f} frames/s; wrote {self.video} with telemetry"
+            f"{' and report' if self.report else ''} next to it"
         )
+        if self.pose_change:
+            lines.append(f"{self.source}: {self.pose_change.describe()}")
+        return "\n".join(lines)
 
 
 @dataclass(frozen=True)
@@ -133,7 +132,7 @@ class StillsResult:
     found : int
         Number of stills in which a lane was found.
     pose : PoseEstimate or None
-        The estimated camera pose; None if the camera already had one.
+        None if the camera already had a pose.
     failures : tuple of PictureError
         One error for each still that could not be used.
     """
@@ -146,15 +145,11 @@ class StillsResult:
 
     def describe(self) -> str:
         """A sentence about the stills, after the camera pose if it was estimated."""
-        return _below_pose(
-            self.pose,
-            f"stills: {len(self.pictures)} pictures, lane found in {self.found}; wrote them and "
-            f"{self.telemetry.name} to {self.telemetry.parent}",
+        pose = f"{self.pose.describe()}\n" if self.pose else ""
+        return (
+            f"{pose}stills: {len(self.pictures)} pictures, lane found in {self.found}; wrote them and "
+            f"{self.telemetry.name} to {self.telemetry.parent}"
         )
-
-
-def _below_pose(pose: PoseEstimate | None, *sentences: str) -> str:
-    return "\n".join([*([pose.describe()] if pose else []), *sentences])
 
 
 def describe_frames(frames: int, missing: int) -> str:
@@ -163,18 +158,17 @@ def describe_frames(frames: int, missing: int) -> str:
     return f"{frames} frames{more}"
 
 
-def describe_settings(
-    source: str, camera: Camera, pose: PoseEstimate | None, settings: DriveSettings
-) -> dict[str, str]:
+def describe_settings(result: DriveResult, settings: DriveSettings) -> dict[str, str]:
     """The settings and versions that a drive was annotated with, as texts by name, for the report."""
+    camera, pose = result.camera, result.pose
     if settings.camera is None:
         lens = f"field of view {settings.field.hfov_deg:.3g}°, {settings.field.source}, not calibrated"
     elif camera.report is None:
         lens = "from the camera file"
     else:
         lens = f"calibrated on {len(camera.report.board_rms_px)} boards, error {camera.report.rms_px:.2f} px"
-    return {
-        "video": source,
+    texts = {
+        "video": result.source,
         "piece": f"from {settings.start_s:g} s to {'the end' if settings.end_s is None else f'{settings.end_s:g} s'}",
         "picture": f"{camera.width}x{camera.height} pixels",
         "lens": f"{lens}; focal length {camera.matrix[0, 0]:.0f} px",
@@ -182,6 +176,7 @@ def describe_settings(
         "style": settings.style,
         "versions": ", ".join(f"{name} {version}" for name, version in versions().items()),
     }
+    return texts | ({"frames": describe_frames(result.frames, result.missing)} if result.missing else {})
 
 
 def versions() -> dict[str, str]:

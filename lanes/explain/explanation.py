@@ -18,12 +18,11 @@ from lanes.explain.steps import (
     Step,
     check_birdseye,
     check_fit,
-    check_frame,
     check_lane,
     check_markings,
-    check_pose,
     check_stripes,
-    check_votes,
+    describe_input,
+    describe_votes,
 )
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.confidence import CONFIDENCE, FEATURES, lane_features
@@ -41,16 +40,11 @@ from lanes.tracking.voting import vote_lanes
 class Candidate:
     """A lane that was fitted to the stripes.
 
-    Attributes
-    ----------
-    model : ndarray (15,)
-        Parameters as in `lanes.tracking.model`.
-    support : ndarray (2,)
-        Share of rows with paint, for the left and the right line.
-    reason : str
-        Description of the lane, and why it was rejected if it was.
+    `index` is its number in the fit, `model` (15,) as in `lanes.tracking.model`; `support` (2,) is the share of rows
+    with paint, left and right; `reason` describes the lane, and says why it was rejected if it was.
     """
 
+    index: int
     model: np.ndarray
     support: np.ndarray
     score: float
@@ -66,25 +60,25 @@ class Explanation:
     ----------
     image : ndarray of shape (height, width, 3), uint8
         RGB, raw.
+    steps : tuple of Step
+        In order of execution; only the last one may have failed.
     evidence : FrameEvidence or None
         Bird's-eye view, marking response and stripes; None if the camera sees no road.
     votes : ndarray (H, BINS) or None
         Vote table of `lanes.tracking.voting`; None without near stripes.
     candidates : tuple of Candidate
         Best first.
-    steps : tuple of Step
-        In order of execution; only the last one may have failed.
     """
 
     image: np.ndarray
     camera: Camera
     view: BirdsEyeView
-    evidence: FrameEvidence | None
-    votes: np.ndarray | None
-    fit: LaneFit | None
-    candidates: tuple[Candidate, ...]
-    lane: Lane | None
     steps: tuple[Step, ...]
+    evidence: FrameEvidence | None = None
+    votes: np.ndarray | None = None
+    fit: LaneFit | None = None
+    candidates: tuple[Candidate, ...] = ()
+    lane: Lane | None = None
 
     @property
     def tracked(self) -> TrackedLane:
@@ -139,28 +133,27 @@ def explain_frame(image: np.ndarray, camera: Camera, *, pose_failure: str = "") 
     camera.require_size(image)
     camera.require_pose()
     view = BirdsEyeView(camera)
-    empty = Explanation(image, camera, view, None, None, None, (), None, ())
-    steps = [check_frame(image), check_pose(camera, pose_failure)]
+    steps = describe_input(image, camera, pose_failure)
     try:
         evidence = extract_evidence(image, view)
     except CameraError as error:
         failed = Step("birdseye", "no road in the picture", str(error), RE_ESTIMATE_POSE)
-        return replace(empty, steps=_up_to_failure([*steps, failed]))
+        return Explanation(image, camera, view, _up_to_failure([*steps, failed]))
     if pose_failure:
         # Later steps are meaningless without the camera pose. The evidence is kept for the figure.
-        return replace(empty, evidence=evidence, steps=tuple(steps))
+        return Explanation(image, camera, view, tuple(steps), evidence)
     steps += [check_birdseye(evidence, view), check_markings(evidence, view), check_stripes(evidence)]
     if not len(near_stripes(evidence.stripes)):
-        return replace(empty, evidence=evidence, steps=_up_to_failure(steps))
+        return Explanation(image, camera, view, _up_to_failure(steps), evidence)
     votes, starts = vote_lanes(evidence.stripes, view)
     fit = fit_starts(starts, evidence.stripes, view)
     lane = choose_lane(fit, evidence)
     candidates = _candidates(fit, found=lane is not None)
-    steps += [check_votes(starts), check_fit(candidates[0].score, candidates[0].support)]
+    steps += [describe_votes(starts), check_fit(candidates[0].score, candidates[0].support)]
     if lane is not None:
         # A lane was found, so an earlier failure was not decisive.
         steps = [replace(step, failure="", advice="") for step in steps] + [check_lane(lane)]
-    return Explanation(image, camera, view, evidence, votes, fit, candidates, lane, _up_to_failure(steps))
+    return Explanation(image, camera, view, _up_to_failure(steps), evidence, votes, fit, candidates, lane)
 
 
 def _up_to_failure(steps: list[Step]) -> tuple[Step, ...]:
@@ -172,34 +165,27 @@ def _candidates(fit: LaneFit, *, found: bool) -> tuple[Candidate, ...]:
     """The fitted lanes with the reasons for their selection or rejection, best first, near duplicates removed."""
     support = line_support(fit)
     score = ego_score(fit.lane, support)
-    order = np.argsort(-score, kind="stable")
-    best = order[0]
-    kept = []
+    order = np.argsort(-score, kind="stable").tolist()
+    best, candidates = order[0], []
     for n in order:
-        same = np.abs(fit.lane[n] - fit.lane[best])[[CENTRE, WIDTH]].max() <= RIVAL_M
-        if n == best or not same:
-            reason = _describe_candidate(
-                fit.lane[n], support[n], score[n], best=(support[best], score[best]), chosen=n == best
-            )
-            kept.append(Candidate(fit.lane[n], support[n], float(score[n]), bool(found and n == best), reason))
-    return tuple(kept)
+        lane = fit.lane[n]
+        if n != best and np.abs(lane - fit.lane[best])[[CENTRE, WIDTH]].max() <= RIVAL_M:
+            continue
+        paint = f"paint {support[n, 0]:.0%} left, {support[n, 1]:.0%} right"
+        verdict = f"{paint}, score {score[n]:.2f}"
+        if n != best:
+            why = _why_rejected(lane, support[n], support[best])
+            verdict = f"{why} ({paint}), score {score[n]:.2f} against {score[best]:.2f}"
+        side = "left" if lane[CENTRE] > 0 else "right"
+        reason = f"{lane[WIDTH]:.1f} m wide, centre {abs(lane[CENTRE]):.1f} m {side}: {verdict}"
+        candidates.append(Candidate(n, lane, support[n], float(score[n]), found and n == best, reason))
+    return tuple(candidates)
 
 
-def _describe_candidate(
-    lane: np.ndarray, support: np.ndarray, score: float, *, best: tuple[np.ndarray, float], chosen: bool
-) -> str:
-    side = "left" if lane[CENTRE] > 0 else "right"
-    description = f"{lane[WIDTH]:.1f} m wide, centre {abs(lane[CENTRE]):.1f} m {side}"
-    paint = f"paint {support[0]:.0%} left, {support[1]:.0%} right"
-    if chosen:
-        return f"{description}: {paint}, score {score:.2f}"
+def _why_rejected(lane: np.ndarray, support: np.ndarray, best_support: np.ndarray) -> str:
     if not is_ego_lane(lane[None])[0]:
-        why = "not the ego lane"
-    elif np.sqrt(support).sum() < np.sqrt(best[0]).sum():
-        why = "less paint"
-    else:
-        why = "larger prior penalty"
-    return f"{description}: {why} ({paint}), score {score:.2f} against {best[1]:.2f}"
+        return "not the ego lane"
+    return "less paint" if np.sqrt(support).sum() < np.sqrt(best_support).sum() else "larger prior penalty"
 
 
 def stripes_on_lines(explanation: Explanation) -> np.ndarray:
@@ -209,7 +195,4 @@ def stripes_on_lines(explanation: Explanation) -> np.ndarray:
     """
     if explanation.lane is None:
         return np.zeros(len(explanation.evidence.stripes) if explanation.evidence else 0)
-    fit = explanation.fit
-    chosen = next(c for c in explanation.candidates if c.chosen)
-    best = int(np.flatnonzero((fit.lane == chosen.model).all(axis=1))[0])
-    return SIDES @ fit.members[best]
+    return SIDES @ explanation.fit.members[explanation.candidates[0].index]

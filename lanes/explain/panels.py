@@ -6,16 +6,17 @@ Every panel can also be drawn for an explanation that failed at an earlier step.
 from __future__ import annotations
 
 import textwrap
+from collections import defaultdict
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lanes.camera.camera import Camera, undistort
-from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR, Colour
+from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR
 from lanes.drawing.figures import new_figure, rgb
 from lanes.explain.explanation import Explanation, stripes_on_lines
 from lanes.tracking.model import CENTRE, SIDES, WIDTH, lateral_std_m, line_y, lines_on_view
-from lanes.tracking.overlay import draw_found
+from lanes.tracking.overlay import draw_tracked
 from lanes.tracking.voting import VOTING, hypotheses
 
 if TYPE_CHECKING:
@@ -26,60 +27,86 @@ if TYPE_CHECKING:
 DISTANCES_M, MARK_HALF_WIDTH_M = (5, 10, 20, 40), 4.0
 # Upper limit of the colour scale of the marking response, in units of the noise.
 MAX_STRENGTH = 12.0
-MAGENTA: Colour = (255, 60, 255)
 TEXT_COLUMNS, LINE_POINTS = 72, 12
-FAILED_COLOUR = "firebrick"
+HORIZON_COLOUR, FAILED_COLOUR = rgb((255, 60, 255)), "firebrick"
 
 
-def plot_frame(axis: Axes, explanation: Explanation) -> None:
-    """Plot the raw picture."""
-    _show(axis, explanation.image, f"1 Frame: {_step_summary(explanation, 'picture')}")
+def show_explanation(explanation: Explanation) -> tuple[Figure, np.ndarray]:
+    """Plot every step of an explanation with its numbers; the title of a failed step is red.
+
+    Returns
+    -------
+    figure, axes : Figure, ndarray of Axes of shape (9,)
+        Frame, camera pose, bird's-eye view, marking response, stripes, votes, fit, overlay and text.
+    """
+    said = defaultdict(lambda: "not reached", {step.name: step.summary for step in explanation.steps})
+    tracked, failed = explanation.tracked, explanation.failed
+    result = f"Result: {tracked.state}" + (f", confidence {tracked.confidence:.0%}" if tracked.lane else "")
+    panels = {
+        "picture": (f"Frame: {said['picture']}", _plot_frame),
+        "pose": (f"Camera pose: {explanation.camera.pose.describe()}", _plot_pose),
+        "birdseye": (f"Bird's-eye view: {said['birdseye']}", _plot_birdseye),
+        "markings": (f"Marking response: {said['markings']}", _plot_markings),
+        "stripes": (f"Stripes: {said['stripes']}", _plot_stripes),
+        "votes": (f"Votes: {said['votes']}", _plot_votes),
+        "fit": (f"Fit: {said['fit']}", _plot_fit),
+        "lane": (result, _plot_result),
+        "text": ("In words", _plot_text),
+    }
+    figure, axes = new_figure(3, 3, (18, 11.5), height_ratios=(1, 1, 1.2))
+    for number, (axis, (step, (title, plot))) in enumerate(zip(axes, panels.items(), strict=True), 1):
+        plot(axis, explanation)
+        axis.set_title(f"{number} {title}", fontsize=10)
+        if failed and failed.name == step:
+            axis.title.set_color(FAILED_COLOUR)
+    return figure, axes
 
 
-def plot_pose(axis: Axes, explanation: Explanation) -> None:
-    """Plot the undistorted picture with the horizon, the point straight ahead and distances on the road."""
+def _plot_frame(axis: Axes, explanation: Explanation) -> None:
+    axis.imshow(explanation.image)
+    axis.set_axis_off()
+
+
+def _plot_pose(axis: Axes, explanation: Explanation) -> None:
+    """Undistorted picture with the horizon, the point straight ahead and distances on the road."""
     camera = explanation.undistorted_camera
     height, width = explanation.image.shape[:2]
-    _show(axis, undistort(explanation.image, explanation.camera), f"2 Camera pose: {camera.pose.describe()}")
+    axis.imshow(undistort(explanation.image, explanation.camera))
     ends = _directions_to_pixels(camera, np.array([[1.0, 0.6, 0], [1, 0, 0], [1, -0.6, 0]]))
-    axis.plot(*ends.T, color=rgb(MAGENTA), lw=1.2, label="horizon of the camera pose")
-    axis.plot(*ends[1], "+", color=rgb(MAGENTA), ms=14, mew=2, label="straight ahead of the car")
+    axis.plot(*ends.T, color=HORIZON_COLOUR, lw=1.2, label="horizon of the camera pose")
+    axis.plot(*ends[1], "+", color=HORIZON_COLOUR, ms=14, mew=2, label="straight ahead of the car")
     for x_m in DISTANCES_M:
         mark = camera.road_to_pixels(np.array([[x_m, MARK_HALF_WIDTH_M], [x_m, -MARK_HALF_WIDTH_M]]))
         axis.plot(*mark.T, color=rgb(WINDOW_COLOUR), lw=1)
         if mark[0, 1] < height:
             axis.annotate(f"{x_m} m ", mark[0], color=rgb(WINDOW_COLOUR), fontsize=8, ha="right", va="center")
-    if explanation.lane is not None:
-        lane = explanation.lane
+    if (lane := explanation.lane) is not None:
         ahead = np.array([[np.cos(lane.heading_rad), np.sin(lane.heading_rad), lane.pitch_rad]])
         pixel = _directions_to_pixels(camera, ahead)[0]
         axis.plot(*pixel, "x", color=rgb(LANE_COLOUR), ms=9, mew=2, label="direction of the lane")
     axis.set(xlim=(0, width), ylim=(height, 0))
+    axis.set_axis_off()
     axis.legend(loc="lower right", fontsize=7)
 
 
-def plot_birdseye(axis: Axes, explanation: Explanation) -> None:
-    """Plot the bird's-eye view."""
-    title = f"3 Bird's-eye view: {_step_summary(explanation, 'birdseye')}"
+def _plot_birdseye(axis: Axes, explanation: Explanation) -> None:
     if explanation.evidence is None:
-        _show_message(axis, title, "the camera pose shows no road in this picture")
-        return
-    _show_view(axis, explanation, explanation.view.blacken(explanation.evidence.view_image), title)
+        _show_message(axis, "the camera pose shows no road in this picture")
+    else:
+        _show_view(axis, explanation, explanation.view.blacken(explanation.evidence.view_image))
 
 
-def plot_markings(axis: Axes, explanation: Explanation) -> None:
-    """Plot the marking response."""
-    title = f"4 Marking response: {_step_summary(explanation, 'markings')}"
+def _plot_markings(axis: Axes, explanation: Explanation) -> None:
     if explanation.evidence is None:
-        _show_message(axis, title, "not reached")
-        return
-    strength = explanation.evidence.response.strength
-    _show_view(axis, explanation, strength, title, cmap="magma", vmin=0, vmax=MAX_STRENGTH)
+        _show_message(axis, "not reached")
+    else:
+        strength = explanation.evidence.response.strength
+        _show_view(axis, explanation, strength, cmap="magma", vmin=0, vmax=MAX_STRENGTH)
 
 
-def plot_stripes(axis: Axes, explanation: Explanation) -> None:
-    """Plot the stripe candidates on the road in metres, those of the lane in the colours of its lines."""
-    _axes_of_road(axis, explanation, f"5 Stripes: {_step_summary(explanation, 'stripes')}")
+def _plot_stripes(axis: Axes, explanation: Explanation) -> None:
+    """Stripe candidates on the road in metres, those of the lane in the colours of its lines."""
+    _axes_of_road(axis, explanation)
     if explanation.evidence is None:
         return
     stripes, side = explanation.evidence.stripes, stripes_on_lines(explanation)
@@ -92,11 +119,10 @@ def plot_stripes(axis: Axes, explanation: Explanation) -> None:
             axis.legend(loc="upper right", fontsize=7)
 
 
-def plot_votes(axis: Axes, explanation: Explanation) -> None:
-    """Plot the vote table: for each curvature and lateral position the votes of the best heading."""
-    title = f"6 Votes: {_step_summary(explanation, 'votes')}"
+def _plot_votes(axis: Axes, explanation: Explanation) -> None:
+    """Vote table: for each curvature and lateral position the votes of the best heading."""
     if explanation.votes is None:
-        _show_message(axis, title, "not reached")
+        _show_message(axis, "not reached")
         return
     curvature = hypotheses()[:, 1]
     bends = np.unique(curvature)
@@ -105,9 +131,8 @@ def plot_votes(axis: Axes, explanation: Explanation) -> None:
     half_m = VOTING.bins / 2 * VOTING.bin_m
     axis.imshow(table[:, ::-1], extent=(half_m, -half_m, len(bends) - 0.5, -0.5), aspect="auto", cmap="magma")
     shown = np.arange(1, len(bends), 3)
-    axis.set_yticks(shown, [f"{_radius(bends[n])}" for n in shown], fontsize=8)
+    axis.set_yticks(shown, [_radius(bends[n]) for n in shown], fontsize=8)
     axis.set(xlabel="left (m)", ylabel="bend")
-    axis.set_title(title)
     for candidate in explanation.candidates:
         row = np.interp(candidate.model[3], bends, np.arange(len(bends)))
         lines_y_m = candidate.model[CENTRE] + SIDES * candidate.model[WIDTH] / 2
@@ -115,9 +140,9 @@ def plot_votes(axis: Axes, explanation: Explanation) -> None:
         axis.plot(lines_y_m, [row, row], "o", color=colour, mfc="none", ms=9)
 
 
-def plot_fit(axis: Axes, explanation: Explanation) -> None:
-    """Plot the fitted lanes on the road in metres: the chosen one with its uncertainty, the rejected ones dashed."""
-    _axes_of_road(axis, explanation, f"7 Fit: {_step_summary(explanation, 'fit')}")
+def _plot_fit(axis: Axes, explanation: Explanation) -> None:
+    """Fitted lanes on the road in metres: the chosen one with its uncertainty, the rejected ones dashed."""
+    _axes_of_road(axis, explanation)
     if explanation.evidence is not None:
         stripes = explanation.evidence.stripes
         axis.scatter(stripes.y_m, stripes.x_m, s=3, color="0.75", lw=0)
@@ -138,94 +163,47 @@ def plot_fit(axis: Axes, explanation: Explanation) -> None:
     axis.legend(loc="upper right", fontsize=7, title="bands: two standard deviations", title_fontsize=7)
 
 
-def plot_result(axis: Axes, explanation: Explanation) -> None:
-    """Plot the picture with the lane overlay."""
-    tracked = explanation.tracked
-    title = f"8 Result: {tracked.state}" + (f", confidence {tracked.confidence:.0%}" if tracked.lane else "")
-    _show(axis, draw_found(explanation.image, explanation.lane, explanation.camera), title)
+def _plot_result(axis: Axes, explanation: Explanation) -> None:
+    axis.imshow(draw_tracked(explanation.image, explanation.tracked, explanation.camera))
+    axis.set_axis_off()
 
 
-def plot_text(axis: Axes, explanation: Explanation) -> None:
-    """Plot the text: failure and advice, numbers of the lane, terms of the confidence, rejected lanes."""
+def _plot_text(axis: Axes, explanation: Explanation) -> None:
+    """Failure and advice, numbers of the lane, terms of the confidence, rejected lanes."""
     results = [f"{name}: {words}" for name, words in explanation.tracked.summary().items()]
     results += explanation.confidence_summary()
     results += [f"rejected: {c.reason}" for c in explanation.candidates if not c.chosen]
     failed = explanation.failed
     verdict = [f"Step “{failed.name}”: {failed.failure}", f"What to do: {failed.advice}"] if failed else []
+    look = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "top", "fontsize": 9}
     below = 0
     for lines, colour in ((verdict, FAILED_COLOUR), (results, "0.1")):
         for line in lines:
             for part in textwrap.wrap(line, TEXT_COLUMNS, subsequent_indent="    "):
-                place = {"xy": (0, 1), "xycoords": "axes fraction", "textcoords": "offset points"}
-                axis.annotate(part, xytext=(0, -below), va="top", fontsize=9, family="monospace", color=colour, **place)
+                axis.annotate(part, (0, 1), (0, -below), family="monospace", color=colour, **look)
                 below += LINE_POINTS
         below += LINE_POINTS // 2
     axis.set_axis_off()
-    axis.set_title("9 In words")
 
 
-# The panels in order, by the name of their step.
-PANELS = {
-    "picture": plot_frame,
-    "pose": plot_pose,
-    "birdseye": plot_birdseye,
-    "markings": plot_markings,
-    "stripes": plot_stripes,
-    "votes": plot_votes,
-    "fit": plot_fit,
-    "lane": plot_result,
-    "text": plot_text,
-}
-
-
-def show_explanation(explanation: Explanation) -> tuple[Figure, np.ndarray]:
-    """Plot every step of an explanation with its numbers; the title of a failed step is red.
-
-    Returns
-    -------
-    figure, axes : Figure, ndarray of Axes of shape (9,)
-        Frame, camera pose, bird's-eye view, marking response, stripes, votes, fit, overlay and text.
-    """
-    figure, axes = new_figure(3, 3, (18, 11.5), height_ratios=(1, 1, 1.2))
-    for axis, (name, plot) in zip(axes, PANELS.items(), strict=True):
-        plot(axis, explanation)
-        axis.title.set_fontsize(10)
-        if explanation.failed and explanation.failed.name == name:
-            axis.title.set_color(FAILED_COLOUR)
-    return figure, axes
-
-
-def _step_summary(explanation: Explanation, name: str) -> str:
-    return next((step.summary for step in explanation.steps if step.name == name), "not reached")
-
-
-def _show(axis: Axes, image: np.ndarray, title: str) -> None:
-    axis.imshow(image)
-    axis.set_title(title)
-    axis.set_axis_off()
-
-
-def _show_message(axis: Axes, title: str, words: str) -> None:
+def _show_message(axis: Axes, words: str) -> None:
     axis.text(0.5, 0.5, words, ha="center", va="center", transform=axis.transAxes)
-    axis.set_title(title)
     axis.set_axis_off()
 
 
-def _show_view(axis: Axes, explanation: Explanation, values: np.ndarray, title: str, **look: object) -> None:
+def _show_view(axis: Axes, explanation: Explanation, values: np.ndarray, **look: object) -> None:
     """Show values of the bird's-eye view on its own grid, whose row distances grow geometrically."""
     view = explanation.view
     axis.imshow(values, extent=(view.y_m[0], view.y_m[-1], len(view.x_m) - 0.5, -0.5), aspect="auto", **look)
     rows = np.interp(DISTANCES_M, view.x_m[::-1], np.arange(len(view.x_m))[::-1])
     axis.set_yticks(rows, [f"{x_m} m" for x_m in DISTANCES_M])
     axis.set_xlabel("left (m)")
-    axis.set_title(title)
 
 
-def _axes_of_road(axis: Axes, explanation: Explanation, title: str) -> None:
+def _axes_of_road(axis: Axes, explanation: Explanation) -> None:
     half_m = explanation.view.half_width_m
     axis.set(xlim=(half_m, -half_m), ylim=(0, 52), xlabel="left (m)", ylabel="ahead (m)")
     axis.grid(alpha=0.3)
-    axis.set_title(title)
 
 
 def _directions_to_pixels(camera: Camera, directions: np.ndarray) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Sliders for the notebook: a picture next to its processed version, which follows the sliders.
 
-Needs ipywidgets, which comes with Jupyter. Without it a message says how to install it.
+They need ipywidgets, which comes with Jupyter.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from lanes.tracking.birdseye import BirdsEyeView
 if TYPE_CHECKING:
     from ipywidgets import VBox
 
-# Displayed width of each of the two pictures.
-SHOWN_PX = 560
+# Displayed width of the two pictures together.
+SHOWN_PX = 1120
 INSTALL_HINT = "The sliders need ipywidgets: run `pip install ipywidgets` and start the notebook again."
 
 
@@ -58,7 +58,10 @@ def tune_threshold(
     def refresh(_change: object = None) -> None:
         made = make(image, **{name: control.value for name, control in controls.items()})
         made = cv2.resize(made, image.shape[1::-1], interpolation=cv2.INTER_AREA)
-        shown.value = _png(np.hstack([_shrink(to_rgb(picture)) for picture in (image, made)]))
+        both = cv2.cvtColor(np.hstack([to_rgb(image), to_rgb(made)]), cv2.COLOR_RGB2BGR)
+        scale = SHOWN_PX / both.shape[1]
+        small = cv2.resize(both, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        shown.value = cv2.imencode(".png", small)[1].tobytes()
 
     for control in controls.values():
         control.observe(refresh, names="value")
@@ -69,10 +72,7 @@ def tune_threshold(
 def tune_view(image: np.ndarray, camera: Camera) -> VBox | None:
     """Show a raw RGB picture next to its bird's-eye view, with sliders for the view's extent and the camera's pitch.
 
-    Returns
-    -------
-    VBox or None
-        As `tune_threshold`.
+    It is shown as by `tune_threshold`.
 
     Raises
     ------
@@ -93,20 +93,10 @@ def tune_view(image: np.ndarray, camera: Camera) -> VBox | None:
 
 def _slider(ipywidgets, name: str, minimum: float, maximum: float, start: float | tuple[float, float]):
     """A slider for a number, or for a range if `start` is a pair; integer limits give an integer slider."""
-    pair = isinstance(start, tuple)
-    whole = all(isinstance(value, int) for value in (minimum, maximum, *(start if pair else (start,))))
-    kind = f"{'Int' if whole else 'Float'}{'Range' if pair else ''}Slider"
-    options = {} if whole else {"step": (maximum - minimum) / 100}
+    kind = "RangeSlider" if isinstance(start, tuple) else "Slider"
+    whole = np.hstack([minimum, maximum, start]).dtype.kind == "i"
     # Without continuous updates: drawing a picture for every mouse movement is too slow.
-    return getattr(ipywidgets, kind)(
-        value=start, min=minimum, max=maximum, description=name, continuous_update=False, **options
-    )
-
-
-def _shrink(picture: np.ndarray) -> np.ndarray:
-    height = round(SHOWN_PX * picture.shape[0] / picture.shape[1])
-    return cv2.resize(picture, (SHOWN_PX, height), interpolation=cv2.INTER_AREA)
-
-
-def _png(picture: np.ndarray) -> bytes:
-    return cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))[1].tobytes()
+    options = {"value": start, "min": minimum, "max": maximum, "description": name, "continuous_update": False}
+    if not whole:
+        options["step"] = (maximum - minimum) / 100
+    return getattr(ipywidgets, ("Int" if whole else "Float") + kind)(**options)

@@ -39,16 +39,13 @@ class Step:
     advice: str = ""
 
 
-def check_frame(image: np.ndarray) -> Step:
-    """State the size and the brightness of the picture."""
-    return Step("picture", f"{image.shape[1]}x{image.shape[0]} px, mean brightness {image.mean():.0f} of 255")
-
-
-def check_pose(camera: Camera, pose_failure: str) -> Step:
-    """State the camera pose; `pose_failure` says why it is only assumed, and is empty otherwise."""
+def describe_input(image: np.ndarray, camera: Camera, pose_failure: str) -> list[Step]:
+    """The picture and the camera pose; `pose_failure` says why the pose is only assumed, and is empty otherwise."""
+    picture = Step("picture", f"{image.shape[1]}x{image.shape[0]} px, mean brightness {image.mean():.0f} of 255")
+    pose = camera.pose.describe()
     if pose_failure:
-        return Step("pose", f"assumed, {camera.pose.describe()}", pose_failure, RE_ESTIMATE_POSE)
-    return Step("pose", camera.pose.describe())
+        return [picture, Step("pose", f"assumed, {pose}", pose_failure, RE_ESTIMATE_POSE)]
+    return [picture, Step("pose", pose)]
 
 
 def check_birdseye(evidence: FrameEvidence, view: BirdsEyeView) -> Step:
@@ -76,13 +73,9 @@ def check_markings(evidence: FrameEvidence, view: BirdsEyeView) -> Step:
     summary = f"strongest {best:.0f} x noise, {(strength > minimum).mean():.1%} of the road above {minimum:g}"
     if best > minimum:
         return Step("markings", summary)
-    return Step(
-        "markings",
-        summary,
-        "nothing is brighter or yellower than the road on both sides of it and as wide as a painted line.",
-        "Check whether the road has lines, and whether the bird's-eye view shows them. If it does not: "
-        + RE_ESTIMATE_POSE,
-    )
+    failure = "nothing is brighter or yellower than the road on both sides of it and as wide as a painted line."
+    advice = "Check whether the road has lines, and whether the bird's-eye view shows them. If it does not: "
+    return Step("markings", summary, failure, advice + RE_ESTIMATE_POSE)
 
 
 def check_stripes(evidence: FrameEvidence) -> Step:
@@ -91,15 +84,12 @@ def check_stripes(evidence: FrameEvidence) -> Step:
     summary = f"{count} candidates, {near} of them within {FIT.start[-1][0]} m"
     if near:
         return Step("stripes", summary)
-    return Step(
-        "stripes",
-        summary,
-        f"no stripe is nearer than {FIT.start[-1][0]} m, where the search starts.",
-        "Check whether the bonnet or a car hides the road, or the lines end here. If not: " + RE_ESTIMATE_POSE,
-    )
+    failure = f"no stripe is nearer than {FIT.start[-1][0]} m, where the search starts."
+    advice = "Check whether the bonnet or a car hides the road, or the lines end here. If not: "
+    return Step("stripes", summary, failure, advice + RE_ESTIMATE_POSE)
 
 
-def check_votes(starts: np.ndarray) -> Step:
+def describe_votes(starts: np.ndarray) -> Step:
     """Describe the best of the lanes (K, 15) with the most votes."""
     width_m, bend = starts[0, WIDTH], describe_bend(float(starts[0, CURVATURE]))
     return Step("votes", f"{len(starts)} lanes proposed, best: {width_m:.1f} m wide, {bend}")
@@ -125,20 +115,12 @@ def check_lane(lane: Lane) -> Step:
     confidence = TrackedLane.from_still(lane).confidence
     summary = f"confidence {confidence:.0%}, margin over the next lane {lane.margin:.2f}"
     if abs(lane.pitch_rad) >= MAX_PITCH_RAD:
-        return Step("lane", summary, *_explain_pitch(lane))
+        turned = f"{np.degrees(abs(lane.pitch_rad)):.1f} deg farther {'down' if lane.pitch_rad > 0 else 'up'}"
+        failure = f"the camera seems to look {turned} than its pose says."
+        return Step("lane", summary, failure, RE_ESTIMATE_POSE + " On a crest or a bump no action is needed.")
     if confidence < MIN_CONFIDENCE:
         return Step("lane", summary, *_explain_low_confidence(lane))
     return Step("lane", summary)
-
-
-def _explain_pitch(lane: Lane) -> tuple[str, str]:
-    """Failure and advice for a lane whose pitch motion is implausibly large."""
-    direction = "down" if lane.pitch_rad > 0 else "up"
-    degrees = np.degrees(abs(lane.pitch_rad))
-    return (
-        f"the camera seems to look {degrees:.1f} deg farther {direction} than its pose says.",
-        RE_ESTIMATE_POSE + " On a crest or a bump no action is needed.",
-    )
 
 
 def _explain_low_confidence(lane: Lane) -> tuple[str, str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from html import escape
 
@@ -22,16 +22,8 @@ AXIS_SHARE = 0.98
 class Curve:
     """A measured quantity over time.
 
-    Attributes
-    ----------
-    key, title, unit : str
-        `key` is part of the HTML id.
-    values : ndarray of shape (frames,)
-        NaN for frames without a measurement.
-    std : ndarray of shape (frames,), optional
-        Standard deviation, drawn as a band.
-    span : tuple of float
-        Range that the axis covers at least.
+    `key` is part of the HTML id; `values` (frames,) are NaN without a measurement; their standard deviations are drawn
+    as a band; `span` is the range that the axis covers at least.
     """
 
     key: str
@@ -43,13 +35,13 @@ class Curve:
 
     def limits(self) -> tuple[float, float]:
         """Lowest and highest value of the axis, rounded outwards to ticks."""
+        low, high = self.span
         known = self.values[np.isfinite(self.values)]
-        low, high = np.quantile(known, [(1 - AXIS_SHARE) / 2, (1 + AXIS_SHARE) / 2]) if len(known) else self.span
-        step = _tick_step(min(low, self.span[0]), max(high, self.span[1]))
-        return (
-            float(np.floor(min(low, self.span[0]) / step + 1e-9) * step),
-            float(np.ceil(max(high, self.span[1]) / step - 1e-9) * step),
-        )
+        if len(known):
+            quantiles = np.quantile(known, [(1 - AXIS_SHARE) / 2, (1 + AXIS_SHARE) / 2])
+            low, high = min(low, quantiles[0]), max(high, quantiles[1])
+        step = _tick_step(low, high)
+        return float(np.floor(low / step + 1e-9) * step), float(np.ceil(high / step - 1e-9) * step)
 
     def ticks(self) -> list[float]:
         """Values with a tick label."""
@@ -62,8 +54,8 @@ def draw_curve(curve: Curve, time_s: np.ndarray) -> str:
     """The curve as an HTML <figure> with caption, tick labels, band and line, over frame times of shape (frames,)."""
     low, high = curve.limits()
 
-    def to_y(value: float) -> float:
-        return 100 * (high - value) / (high - low)
+    def to_y(values: np.ndarray) -> np.ndarray:
+        return 100 * (high - values) / (high - low)
 
     ticks = "".join(f'<span style="top:{to_y(v):.1f}%">{v:g}</span>' for v in curve.ticks())
     grid = "".join(f"M0 {to_y(v):.2f}H{WIDTH}" for v in curve.ticks())
@@ -106,22 +98,21 @@ def _tick_step(low: float, high: float) -> float:
     return float(min((power * m for m in (1, 2, 5, 10)), key=lambda step: abs(step - rough)))
 
 
-def _path(points: Iterable[tuple[float, float]], to_y: Callable[[float], float]) -> str:
-    return "M" + "L".join(f"{x:.2f} {to_y(value):.2f}" for x, value in points)
+def _path(x: np.ndarray, y: np.ndarray) -> str:
+    return "M" + "L".join(f"{u:.2f} {v:.2f}" for u, v in zip(x, y, strict=True))
 
 
-def _line(x: np.ndarray, values: np.ndarray, to_y: Callable[[float], float]) -> str:
-    return "".join(_path(zip(*run, strict=True), to_y) for run in _finite_runs(*_decimate(x, values)))
+def _line(x: np.ndarray, values: np.ndarray, to_y: Callable[[np.ndarray], np.ndarray]) -> str:
+    x, values = _decimate(x, values)
+    return "".join(_path(x[run], to_y(values[run])) for run in _finite_runs(values))
 
 
-def _band(x: np.ndarray, curve: Curve, to_y: Callable[[float], float]) -> str:
+def _band(x: np.ndarray, curve: Curve, to_y: Callable[[np.ndarray], np.ndarray]) -> str:
     step = -(-len(x) // MAX_COLUMNS)
-    x, low, high = x[::step], (curve.values - curve.std)[::step], (curve.values + curve.std)[::step]
-    shapes = []
-    for xs, lows, highs in _finite_runs(x, low, high):
-        corners = [*zip(xs, highs, strict=True), *zip(xs[::-1], lows[::-1], strict=True)]
-        shapes.append(_path(corners, to_y) + "Z")
-    return "".join(shapes)
+    x, low, high = x[::step], to_y(curve.values - curve.std)[::step], to_y(curve.values + curve.std)[::step]
+    return "".join(
+        _path(np.append(x[run], x[run][::-1]), np.append(high[run], low[run][::-1])) + "Z" for run in _finite_runs(low)
+    )
 
 
 def _decimate(x: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -135,9 +126,5 @@ def _decimate(x: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return x[kept], values[kept]
 
 
-def _finite_runs(x: np.ndarray, *columns: np.ndarray) -> list[tuple[np.ndarray, ...]]:
-    """The runs of points in which all columns (N,) are finite."""
-    finite = np.isfinite(columns).all(axis=0).astype(str)
-    return [
-        tuple(column[first:end] for column in (x, *columns)) for label, first, end in runs(finite) if label == "True"
-    ]
+def _finite_runs(values: np.ndarray) -> list[slice]:
+    return np.ma.clump_unmasked(np.ma.masked_invalid(values))

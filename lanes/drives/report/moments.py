@@ -47,27 +47,16 @@ def worst_moments(telemetry: Telemetry) -> dict[str, list[Moment]]:
     Columns used: time_s, state, confidence, offset_std_m, curvature_std_per_m, and departure ("left", "right" or empty)
     if there is one.
     """
-    confidence = np.where(telemetry["state"] == LOST, np.nan, telemetry["confidence"])
-    departures = _spans(telemetry, np.asarray(telemetry.get("departure", []), str), ("left", "right"))
+    state, departure = telemetry["state"], np.asarray(telemetry.get("departure", []), str)
+    confidence = np.where(state == LOST, np.nan, telemetry["confidence"])
+    # Negative, so that the largest standard deviations are the lowest values.
+    offset_m, bend_per_km = -telemetry["offset_std_m"], -1000 * telemetry["curvature_std_per_m"]
     return {
-        "Lane not seen": [
-            Moment(start_s, f"{state} for {length_s:.1f} s")
-            for state, start_s, length_s in _longest(_spans(telemetry, telemetry["state"], (LOST, COASTING)))
-        ],
-        "Lane departures": [
-            Moment(start_s, f"towards the {side} line, {length_s:.1f} s")
-            for side, start_s, length_s in _longest(departures)
-        ],
-        "Lowest confidence": [
-            Moment(time_s, f"confidence {value:.2f}") for time_s, value in _lowest(telemetry, confidence)
-        ],
-        "Least certain offset": [
-            Moment(time_s, f"± {-value:.2f} m") for time_s, value in _lowest(telemetry, -telemetry["offset_std_m"])
-        ],
-        "Least certain bend": [
-            Moment(time_s, f"± {-1000 * value:.2f} per km")
-            for time_s, value in _lowest(telemetry, -telemetry["curvature_std_per_m"])
-        ],
+        "Lane not seen": _longest(telemetry, state, (LOST, COASTING), "{} for {:.1f} s"),
+        "Lane departures": _longest(telemetry, departure, ("left", "right"), "towards the {} line, {:.1f} s"),
+        "Lowest confidence": _lowest(telemetry, confidence, "confidence {:.2f}"),
+        "Least certain offset": _lowest(telemetry, offset_m, "± {:.2f} m"),
+        "Least certain bend": _lowest(telemetry, bend_per_km, "± {:.2f} per km"),
     }
 
 
@@ -78,22 +67,16 @@ def runs(labels: np.ndarray) -> Iterator[tuple[str, int, int]]:
         yield str(labels[first]), int(first), int(end)
 
 
-def _spans(telemetry: Telemetry, labels: np.ndarray, wanted: tuple[str, ...]) -> list[tuple[str, float, float]]:
-    """Runs of the wanted labels as (label, start, length), seconds."""
+def _longest(telemetry: Telemetry, labels: np.ndarray, wanted: tuple[str, ...], text: str) -> list[Moment]:
+    """The longest runs of the wanted labels; `text` is a format of label and seconds."""
     time_s, lengths_s = telemetry["time_s"] - telemetry["time_s"][0], frame_lengths_s(telemetry["time_s"])
-    return [
-        (label, float(time_s[first]), float(lengths_s[first:end].sum()))
-        for label, first, end in runs(labels)
-        if label in wanted
-    ]
+    spans = [(label, first, float(lengths_s[first:end].sum())) for label, first, end in runs(labels) if label in wanted]
+    spans = sorted(spans, key=lambda span: -span[2])[:MAX_MOMENTS]
+    return [Moment(float(time_s[first]), text.format(label, length_s)) for label, first, length_s in spans]
 
 
-def _longest(spans: list[tuple[str, float, float]]) -> list[tuple[str, float, float]]:
-    return sorted(spans, key=lambda span: -span[2])[:MAX_MOMENTS]
-
-
-def _lowest(telemetry: Telemetry, values: np.ndarray) -> Iterator[tuple[float, float]]:
-    """(time, value) of the lowest local minima of values (N,), at least `MIN_SPACING_S` apart; NaN is skipped."""
+def _lowest(telemetry: Telemetry, values: np.ndarray, text: str) -> list[Moment]:
+    """The lowest local minima of values (N,), at least `MIN_SPACING_S` apart; `text` is a format of their size."""
     time_s = telemetry["time_s"] - telemetry["time_s"][0]
     values = np.where(np.isfinite(values), values, np.inf)
     radius = max(1, round(MIN_SPACING_S / 2 / np.median(np.diff(time_s)))) if len(time_s) > 1 else 1
@@ -103,4 +86,4 @@ def _lowest(telemetry: Telemetry, values: np.ndarray) -> Iterator[tuple[float, f
     for frame in minima[np.argsort(values[minima], kind="stable")]:
         if len(chosen) < MAX_MOMENTS and all(abs(time_s[frame] - time_s[c]) >= MIN_SPACING_S for c in chosen):
             chosen.append(frame)
-            yield float(time_s[frame]), float(values[frame])
+    return [Moment(float(time_s[frame]), text.format(abs(values[frame]))) for frame in chosen]

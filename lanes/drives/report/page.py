@@ -47,18 +47,9 @@ def write_report(
     settings: Mapping[str, str],
     max_embedded_bytes: int = MAX_EMBEDDED_BYTES,
 ) -> Path:
-    """Write the report of an annotated drive; returns its path.
+    """Write the report of an annotated mp4 video into its folder; returns the `path`.
 
-    Parameters
-    ----------
-    path : str or Path
-        Ends in .html, in the folder of `video`.
-    video : str or Path
-        The annotated video, mp4.
-    telemetry : mapping of str to ndarray of shape (frames,)
-        Telemetry of the video, as returned by `read_telemetry`.
-    settings : mapping of str to str
-        Settings of the drive, shown as a table.
+    `telemetry` is that of the video, as returned by `read_telemetry`. `settings` are shown as a table.
 
     Raises
     ------
@@ -82,7 +73,7 @@ def write_report(
         data=_script_safe_json(_frames(telemetry)),
         states=draw_states(telemetry["state"], time_s) + _legend(telemetry["state"]),
         curves="".join(draw_curve(curve, time_s) for curve in _curves(telemetry)),
-        moments=_moments(worst_moments(telemetry)),
+        moments="".join(_moments(kind, moments) for kind, moments in worst_moments(telemetry).items() if moments),
         settings="".join(f"<tr><th>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in settings.items()),
     )
     # File names may contain bytes that are not valid UTF-8.
@@ -131,19 +122,13 @@ def _legend(state: np.ndarray) -> str:
     return f'<ul class="legend">{"".join(items)}</ul>'
 
 
-def _moments(kinds: Mapping[str, list[Moment]]) -> str:
-    return "".join(
-        f"<h3>{escape(kind)}</h3><ul>{''.join(_button(m) for m in moments)}</ul>" if moments else ""
-        for kind, moments in kinds.items()
-    )
-
-
-def _button(moment: Moment) -> str:
-    minutes, seconds = divmod(moment.time_s, 60)
-    return (
-        f'<li><button type="button" data-time="{moment.time_s:.4f}">'
-        f"<b>{minutes:.0f}:{seconds:04.1f}</b> {escape(moment.text)}</button></li>"
-    )
+def _moments(kind: str, moments: list[Moment]) -> str:
+    items = ""
+    for moment in moments:
+        minutes, seconds = divmod(moment.time_s, 60)
+        text = f"<b>{minutes:.0f}:{seconds:04.1f}</b> {escape(moment.text)}"
+        items += f'<li><button type="button" data-time="{moment.time_s:.4f}">{text}</button></li>'
+    return f"<h3>{escape(kind)}</h3><ul>{items}</ul>"
 
 
 def _summary(telemetry: Telemetry) -> str:
