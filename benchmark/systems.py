@@ -24,8 +24,7 @@ from lanes.classic.recipe import POSE_SUFFIX, recipe_from_pose
 from lanes.classic.result import LaneResult
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
-from lanes.tracking.tracked_lane import TrackedLane
-from lanes.tracking.tracker import LaneTracker
+from lanes.tracking.tracker import LaneTracker, TrackedLane
 
 TRACKER = "tracker"
 RECIPE_SYSTEMS = (*RECIPES, *(name + POSE_SUFFIX for name in RECIPES))

@@ -34,12 +34,11 @@ from lanes.camera.camera import Camera
 from lanes.camera.camera_file import load_camera
 from lanes.io.images import read_image
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.car import CAR_PARAMETERS
 from lanes.tracking.fitting import FIT, LaneFit, fit_near
 from lanes.tracking.markings import MARKINGS, Stripes, yellowness
 from lanes.tracking.model import PRIOR, beyond_knots, height_and_grade
-from lanes.tracking.process_noise import PROCESS_NOISE
-from lanes.tracking.state import KalmanState
+from lanes.tracking.prediction import PROCESS_NOISE
+from lanes.tracking.state import CAR_PARAMETERS, KalmanState
 from lanes.tracking.tracker import TRACKER
 from lanes.tracking.update import UPDATE, update_lane
 from lanes.tracking.voting import best_pairs

@@ -32,8 +32,7 @@ from lanes.camera.camera_file import load_camera
 from lanes.io.video.reader import inspect_video, read_frames
 from lanes.tracking.confidence import CONFIDENCE, CORRECT_WITHIN_M, FEATURES, lane_features
 from lanes.tracking.detector import find_lane
-from lanes.tracking.tracked_lane import TrackedLane
-from lanes.tracking.tracker import LaneTracker
+from lanes.tracking.tracker import LaneTracker, TrackedLane
 from simulator.rendering.drive import Motion
 from simulator.road.geometry import RoadGeometry
 from simulator.road.truth import truth_row

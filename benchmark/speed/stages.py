@@ -28,7 +28,7 @@ from lanes.drives import overlay_styles as styles
 from lanes.drives.overlay_styles import track_lane
 from lanes.io.frames import Frame, YuvFrame
 from lanes.io.threads import one_thread
-from lanes.tracking import markings, track, tracker
+from lanes.tracking import markings, tracker, update
 from lanes.tracking.birdseye import BirdsEyeView
 
 # Frames that are not measured: the tracker searches in each frame until its lane is confirmed.
@@ -40,7 +40,7 @@ TRACKER_STAGES = {
     "bird's-eye view": [(BirdsEyeView, "warp")],
     "marking response": [(markings, "marking_response")],
     "stripes": [(markings, "find_stripes")],
-    "update": [(track, "update_lane"), (track, "observe_lines")],
+    "update": [(update, "update_lane"), (update, "observe_lines")],
     "search": [(tracker, "search_lane")],
     "draw": [(styles, "draw_tracked")],
 }

@@ -27,8 +27,7 @@ from lanes.io.video.pipeline import VideoSummary, YuvProcess, annotate_video
 from lanes.io.video.reader import VideoInfo, inspect_video
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
-from lanes.tracking.tracked_lane import LOST, TrackedLane
-from lanes.tracking.tracker import LaneTracker
+from lanes.tracking.tracker import LOST, LaneTracker, TrackedLane
 
 
 @dataclass(frozen=True, eq=False)

@@ -105,8 +105,8 @@ def measure_dash_period(images: Iterable[np.ndarray], camera: Camera) -> DashPer
 
 def _broken_lines(image: np.ndarray, view: BirdsEyeView) -> list[np.ndarray]:
     """Samples along the broken lines of a picture, 1 where painted: those of the ego lane and one on each side."""
-    evidence = extract_evidence(image, view)
-    lane = search_lane(evidence, view)
+    evidence = extract_evidence(view.warp(image), view)
+    lane = search_lane(evidence)
     if lane is None:
         return []
     stripes = evidence.stripes

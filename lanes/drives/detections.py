@@ -22,8 +22,7 @@ from lanes.io.images import PICTURE_SUFFIXES, read_image
 from lanes.io.video.reader import inspect_video, read_timed_frames
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
-from lanes.tracking.tracked_lane import TrackedLane
-from lanes.tracking.tracker import LaneTracker
+from lanes.tracking.tracker import LaneTracker, TrackedLane
 
 NO_POINT = -2.0
 

@@ -10,7 +10,7 @@ import numpy as np
 from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR
 from lanes.drawing.figures import LEGEND_ABOVE, TRUTH_LOOK, new_figure, rgb
 from lanes.drives.report.moments import runs
-from lanes.tracking.tracked_lane import COASTING, FOUND, LOST, SEARCHING, TRACKING
+from lanes.tracking.tracker import COASTING, FOUND, LOST, SEARCHING, TRACKING
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

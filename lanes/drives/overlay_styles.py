@@ -15,8 +15,7 @@ from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.markings import MARKINGS, extract_evidence
 from lanes.tracking.model import lines_on_view
 from lanes.tracking.overlay import describe_tracked, draw_lines, draw_tracked, lane_outlines
-from lanes.tracking.tracked_lane import TrackedLane
-from lanes.tracking.tracker import LaneTracker
+from lanes.tracking.tracker import LaneTracker, TrackedLane
 
 # Takes a picture, which it may modify, and the lane in it; returns the annotated picture.
 DrawOverlay = Callable[[Frame, TrackedLane], Frame]
@@ -49,7 +48,7 @@ def mosaic_overlay(camera: Camera) -> DrawOverlay:
 
     def draw(image: Frame, tracked: TrackedLane) -> np.ndarray:
         image = as_rgb(image)
-        evidence = extract_evidence(image, view)
+        evidence = extract_evidence(view.warp(image), view)
         birdseye = view.blacken(evidence.view_image)
         strength = cv2.convertScaleAbs(evidence.response.strength, alpha=255 / WHITE_STRENGTH)
         panels = {

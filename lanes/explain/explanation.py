@@ -29,10 +29,9 @@ from lanes.tracking.confidence import CONFIDENCE, FEATURES, lane_features
 from lanes.tracking.detector import RIVAL_M, choose_lane
 from lanes.tracking.fitting import LaneFit, fit_starts, near_stripes
 from lanes.tracking.lane import Lane
-from lanes.tracking.lines import line_support
 from lanes.tracking.markings import FrameEvidence, extract_evidence
-from lanes.tracking.model import CENTRE, SIDES, WIDTH, ego_score, is_ego_lane
-from lanes.tracking.tracked_lane import TrackedLane
+from lanes.tracking.model import CENTRE, SIDES, WIDTH, is_ego_lane
+from lanes.tracking.tracker import TrackedLane
 from lanes.tracking.voting import vote_lanes
 
 
@@ -135,7 +134,7 @@ def explain_frame(image: np.ndarray, camera: Camera, *, pose_failure: str = "") 
     view = BirdsEyeView(camera)
     steps = describe_input(image, camera, pose_failure)
     try:
-        evidence = extract_evidence(image, view)
+        evidence = extract_evidence(view.warp(image), view)
     except CameraError as error:
         failed = Step("birdseye", "no road in the picture", str(error), RE_ESTIMATE_POSE)
         return Explanation(image, camera, view, _up_to_failure([*steps, failed]))
@@ -163,8 +162,7 @@ def _up_to_failure(steps: list[Step]) -> tuple[Step, ...]:
 
 def _candidates(fit: LaneFit, *, found: bool) -> tuple[Candidate, ...]:
     """The fitted lanes with the reasons for their selection or rejection, best first, near duplicates removed."""
-    support = line_support(fit)
-    score = ego_score(fit.lane, support)
+    support, score = fit.support, fit.score
     order = np.argsort(-score, kind="stable").tolist()
     best, candidates = order[0], []
     for n in order:

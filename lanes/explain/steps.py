@@ -12,11 +12,9 @@ from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.confidence import CONFIDENCE, FEATURES, lane_features
 from lanes.tracking.fitting import FIT, near_stripes
 from lanes.tracking.lane import Lane
-from lanes.tracking.lines import LINES
 from lanes.tracking.markings import MARKINGS, FrameEvidence, lightness
 from lanes.tracking.model import CURVATURE, PITCH, PRIOR_STD, WIDTH, lateral_std_m
-from lanes.tracking.tracked_lane import TrackedLane
-from lanes.tracking.tracker import TRACKER
+from lanes.tracking.tracker import TRACKER, TrackedLane
 
 # Median grey levels (of 255) below and above which hardly any paint is visible, and the least range of grey levels of
 # a road with visible paint.
@@ -98,12 +96,12 @@ def describe_votes(starts: np.ndarray) -> Step:
 def check_fit(score: float, support: np.ndarray) -> Step:
     """Check the support (2,) of the two lines of the best lane after the fit."""
     summary = f"score {score:.2f}, paint on {support[0]:.0%} left, {support[1]:.0%} right"
-    if support.max() >= LINES.min_support:
+    if support.max() >= FIT.min_support:
         return Step("fit", summary)
     return Step(
         "fit",
         summary,
-        f"neither line of the best lane has paint on {LINES.min_support:.0%} of its rows: the stripes do not line up.",
+        f"neither line of the best lane has paint on {FIT.min_support:.0%} of its rows: the stripes do not line up.",
         "Check in the bird's-eye view whether the road has lines here, and whether they are parallel. If they are, the "
         "car is crossing a line or in a hairpin, and in a video the tracker bridges it. If they diverge or converge, "
         "the camera pose is wrong. " + RE_ESTIMATE_POSE,

@@ -1,6 +1,6 @@
 """The lane tracker in metres; the files in the order of the data flow.
 
-One picture: birdseye, markings, model, residuals, voting, fitting, lane, marking_profile, lines, detector.
-A drive: car, process_noise, state, update, marking_type, track, tracked_lane, tracker.
+One picture: birdseye, markings, model, residuals, voting, fitting, marking_type, lane, detector.
+A drive: state, prediction, update, tracker.
 Derived from the result: departure, confidence, odometry, overlay.
 """

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lanes.tracking.car import CarMotion
 from lanes.tracking.lane import Lane
+from lanes.tracking.state import CarMotion
 
 
 @dataclass(frozen=True)

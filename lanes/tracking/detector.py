@@ -1,22 +1,18 @@
-"""Detection without memory: the ego lane of a single picture."""
+"""Detection without memory: what a frame shows of the lines of a fitted lane, and the ego lane of a single picture."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from lanes.io.frames import Frame
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.fitting import LaneFit, fit_starts, near_stripes
-from lanes.tracking.lane import Lane
-from lanes.tracking.lines import (
-    LINES,
-    describe_lane,
-    inner_stripe_shift,
-    line_support,
-    observe_lines,
-)
-from lanes.tracking.markings import FrameEvidence, Stripes, extract_evidence
-from lanes.tracking.model import CENTRE, WIDTH, ego_score
+from lanes.tracking.fitting import FIT, LaneFit, fit_starts, near_stripes
+from lanes.tracking.lane import Lane, LineObservation, Observations
+from lanes.tracking.marking_type import MarkingProfile, marking_profile
+from lanes.tracking.markings import FrameEvidence, extract_evidence
+from lanes.tracking.model import CENTRE, PARAMETERS, SIDES, WIDTH
 from lanes.tracking.voting import vote_lanes
 
 # Lanes whose centre or width differs by more than this are different lanes; tuned on the labelled Udacity stills.
@@ -45,37 +41,78 @@ def find_lane(image: Frame, view: BirdsEyeView) -> Lane | None:
     CameraError
         If the camera has no pose, or sees no road.
     """
-    return search_lane(extract_evidence(image, view), view)
+    view_image = view.warp(image)
+    return search_lane(extract_evidence(view_image, view))
 
 
-def search_lane(evidence: FrameEvidence, view: BirdsEyeView) -> Lane | None:
+def search_lane(evidence: FrameEvidence) -> Lane | None:
     """The ego lane in the evidence of one frame; None if neither line is seen."""
-    fit = fit_hypotheses(evidence.stripes, view)
-    return choose_lane(fit, evidence) if fit else None
-
-
-def fit_hypotheses(stripes: Stripes, view: BirdsEyeView) -> LaneFit | None:
-    """The lanes that the stripes vote for, fitted; None if there are no stripes near the car."""
+    stripes, view = evidence.stripes, evidence.view
     if not len(near_stripes(stripes)):
         return None
     _, starts = vote_lanes(stripes, view)
-    return fit_starts(starts, stripes, view)
+    fit = fit_starts(starts, stripes, view)
+    return choose_lane(fit, evidence)
 
 
 def choose_lane(fit: LaneFit, evidence: FrameEvidence) -> Lane | None:
     """The fitted lane with the best score; None if neither of its lines is seen."""
-    support = line_support(fit)
-    score = ego_score(fit.lane, support)
+    score = fit.score
     best = int(score.argmax())
-    if support[best].max() < LINES.min_support:
+    if fit.support[best].max() < FIT.min_support:
         return None
     rivals = np.abs(fit.lane - fit.lane[best])[:, [CENTRE, WIDTH]].max(axis=1) > RIVAL_M
-    observations = observe_lines(fit, evidence, index=best)
+    observations = observe_lines(fit, evidence, (LineObservation(), LineObservation()), index=best)
     model = fit.lane[best] + inner_stripe_shift([line.profile for line in observations])
-    return describe_lane(
-        model,
-        np.linalg.inv(fit.information[best]),
-        observations,
+    return Lane(
+        model=model,
+        centres=model - inner_stripe_shift([line.double_profile for line in observations]),
+        covariance=np.linalg.inv(fit.information[best]),
+        observations=observations,
         score=float(score[best]),
         margin=float(score[best] - score[rivals].max(initial=0.0)),
     )
+
+
+def observe_lines(
+    fit: LaneFit,
+    evidence: FrameEvidence,
+    previous: Observations,
+    *,
+    index: int = 0,
+    profiles_of: Sequence[int] = (0, 1),
+) -> Observations:
+    """Observations of the left and the right line of the fitted lane `index` in one frame.
+
+    The profiles of the lines `profiles_of` are measured, and vote. If there are any, the visible rows of both lines are
+    counted, too: they change slowly. Profiles and rows that are not measured are those of the `previous` frame.
+    """
+    rows = [line.rows for line in previous]
+    if len(profiles_of) or None in rows:
+        rows = fit.visible_rows[index].tolist()
+    support = (fit.marked_rows[index] / rows).tolist()
+    profiles, votes = [line.profile for line in previous], [line.votes for line in previous]
+    for k in profiles_of:
+        profiles[k] = _measure_profile(fit, evidence, index, k) or profiles[k]
+        votes[k] = votes[k].add_profile(profiles[k])
+    left, right = map(LineObservation, support, fit.reach_m[index].tolist(), profiles, rows, votes)
+    return left, right
+
+
+def _measure_profile(fit: LaneFit, evidence: FrameEvidence, index: int, k: int) -> MarkingProfile | None:
+    """Cross-section of the left (k = 0) or right (1) line, over the rows with stripes; None if there are too few."""
+    rows = fit.stripes.row[fit.members[index, k]]
+    line_y_m = np.full(len(fit.view.x_m), np.nan)
+    line_y_m[rows] = fit.lines_y_m[index, k, rows]
+    return marking_profile(evidence.response, fit.view, line_y_m)
+
+
+def inner_stripe_shift(profiles: Sequence[MarkingProfile | None]) -> np.ndarray:
+    """Shift (15,) of the parameters from the fitted lines to the stripes next to the lane.
+
+    Fits follow the centre of a double line. `profiles` are those of the left and the right line; None shifts nothing.
+    """
+    left, right = (p.stripe_m(side) if p else 0.0 for p, side in zip(profiles, SIDES, strict=True))
+    shift = np.zeros(PARAMETERS)
+    shift[[CENTRE, WIDTH]] = (left + right) / 2, left - right
+    return shift

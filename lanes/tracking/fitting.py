@@ -15,7 +15,7 @@ import numpy as np
 
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.markings import Stripes, marking_weight, position_std
-from lanes.tracking.model import LIMIT, PARAMETERS, PRIOR_MEAN, SIDES, is_ego_lane, lines_on_view, prior_std
+from lanes.tracking.model import LIMIT, PARAMETERS, PRIOR_MEAN, SIDES, ego_score, is_ego_lane, lines_on_view, prior_std
 from lanes.tracking.residuals import intersect_ground, stripe_residuals
 from lanes.tracking.voting import suppress_non_maxima
 
@@ -58,6 +58,11 @@ class FitParameters:
     same_pitch_rad: float = 0.008
     # Variance inflation: the errors of stripes in one frame are correlated (same paint, same lens).
     variance_inflation: float = 4.0
+    # Support of a line is counted up to this distance, over at least this many rows: three rows are no reliable share.
+    support_far_m: float = 50.0
+    min_support_rows: int = 30
+    # A line is seen if its support is at least this.
+    min_support: float = 0.03
 
 
 FIT = FitParameters()
@@ -118,6 +123,32 @@ class LaneFit:
         """(K, 2, rows) lateral positions of both lines in the rows of the view; NaN where a line does not pass."""
         return lines_on_view(self.lane, self.view.x_m, self.view.height_m)
 
+    @cached_property
+    def marked_rows(self) -> np.ndarray:
+        """(K, 2) rows up to `FIT.support_far_m` with markings on each line: the sum of its stripes' weights."""
+        weight = self.weight * (self.stripes.x_m < FIT.support_far_m)
+        return (weight[:, None] * self.on_line).sum(axis=-1)
+
+    @cached_property
+    def visible_rows(self) -> np.ndarray:
+        """(K, 2) visible rows of each line up to `FIT.support_far_m`, at least `FIT.min_support_rows`."""
+        view = self.view
+        rows = np.flatnonzero(view.x_m < FIT.support_far_m)
+        column = (view.y_m[0] - self.lines_y_m[..., rows]) / view.cell_m
+        inside = (column >= 0) & (column <= len(view.y_m) - 1)
+        seen = inside & view.seen[rows, np.where(inside, column, 0).astype(int)]
+        return np.maximum(seen.sum(axis=-1), FIT.min_support_rows)
+
+    @property
+    def support(self) -> np.ndarray:
+        """(K, 2) support of each line: share of its visible rows with markings on it."""
+        return self.marked_rows / self.visible_rows
+
+    @property
+    def score(self) -> np.ndarray:
+        """(K,) score of the lanes, as `ego_score`."""
+        return ego_score(self.lane, self.support)
+
     def joined(self, other: LaneFit) -> LaneFit:
         """The lanes of two fits to the same stripes."""
         names = ("lane", "information", "weight", "side", "nearby_weight")
@@ -149,21 +180,6 @@ def fit_starts(starts: np.ndarray, stripes: Stripes, view: BirdsEyeView) -> Lane
     )
     gained = undulating.explained[0] > fit.explained[best] + FIT.undulation_gain
     return fit.joined(undulating) if gained else fit
-
-
-def fit_outwards(
-    stripes: Stripes, mean: np.ndarray, covariance: np.ndarray, view: BirdsEyeView, *, schedule: Schedule
-) -> LaneFit:
-    """The lane fitted outwards from the car, with a prediction (15,), (15, 15) as start and prior."""
-    return fit_lanes(
-        mean[None],
-        stripes,
-        view,
-        prior_mean=mean,
-        prior_information=np.linalg.inv(covariance),
-        schedule=schedule,
-        variance_inflation=FIT.variance_inflation,
-    )
 
 
 def fit_near(stripes: Stripes, mean: np.ndarray, covariance: np.ndarray, view: BirdsEyeView) -> LaneFit:
@@ -204,21 +220,9 @@ def fit_lanes(
     Each step weights a stripe by its strength, by its distance from the nearest line (Geman-McClure) and by the
     difference of the directions, then solves the normal equations together with the prior.
 
-    Parameters
-    ----------
-    lanes : ndarray (K, 15)
-        Start values.
-    stripes : Stripes
-    view : BirdsEyeView
-        The view that the stripes were found in.
-    prior_mean : ndarray (15,)
-    prior_information : ndarray (15, 15), optional
-        Inverse covariance of the prior; by default that of `prior_std` at the lane of each step.
-    schedule : sequence of (far_m, scale)
-    extra_vertical_per_m : float
-        As of `prior_std`.
-    variance_inflation : float
-        Factor of the stripes' variances.
+    `schedule` holds steps (far_m, scale). The prior has the mean (15,) and the inverse covariance (15, 15) of a
+    prediction, by default those of `prior_std` at the lane of each step. The stripes' variances are multiplied by
+    `variance_inflation`.
     """
     lanes, std, marking = np.array(lanes, float), position_std(stripes, view.focal_px), marking_weight(stripes)
     information, model_error = None, model_error_m(stripes)

@@ -1,50 +1,75 @@
-"""Result types: the profile of a marking, one line, and the lane with its geometry, all in metres."""
+"""Result types: the observation of a line in a frame, one line, and the lane with its geometry, all in metres."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from lanes.camera.camera import Camera
 from lanes.io.describe import describe_bend, describe_heading, describe_offset, html_table
-from lanes.tracking.model import SIDES, line_points, line_y, road_height
+from lanes.tracking.fitting import FIT
+from lanes.tracking.marking_type import MarkingProfile, MarkingVotes
+from lanes.tracking.model import (
+    CENTRE,
+    CURVATURE,
+    HEADING,
+    PITCH,
+    RATE,
+    SIDES,
+    VERTICAL_CURVATURE,
+    WIDTH,
+    lateral_std_m,
+    line_coefficients,
+    line_points,
+    line_y,
+    road_height,
+)
 
 # Default arc lengths of an outline: from below the picture to the horizon.
 OUTLINE_M = np.geomspace(3.0, 400.0, 120)
-# A painted stripe is 0.10 to 0.15 m wide; two of them with their gap are 0.25 m wide or more.
-STRIPE_M, DOUBLE_FROM_M = 0.12, 0.23
 
 
 @dataclass(frozen=True)
-class MarkingProfile:
-    """Cross-section of a line's marking.
+class LineObservation:
+    """Evidence for one line in a frame.
 
     Attributes
     ----------
-    width_m : float
-        Width of the painted band at half its height: of a double line both stripes and the gap between them.
-    centre_m : float
-        Centre of the band, left of the fitted line.
-    yellow : bool
-        Its contrast in yellowness is larger than in lightness.
-    contrast : float
-        Height over the adjacent road, in units of that road's noise.
+    support : float
+        Share of the line's visible rows, up to 50 m, that have markings on them: 0.3 is a good dashed line.
+    reach_m : float
+        Distance of its farthest stripe.
+    profile : MarkingProfile, optional
+        Latest cross-section of the marking.
+    rows : int, optional
+        Number of visible rows of the line; None if not counted yet.
+    votes : MarkingVotes
+        On the type of the marking.
     """
 
-    width_m: float
-    centre_m: float
-    yellow: bool
-    contrast: float
+    support: float = 0.0
+    reach_m: float = 0.0
+    profile: MarkingProfile | None = None
+    rows: int | None = None
+    votes: MarkingVotes = MarkingVotes()
 
     @property
-    def double(self) -> bool:
-        """Two stripes side by side."""
-        return self.width_m > DOUBLE_FROM_M
+    def double_profile(self) -> MarkingProfile | None:
+        """The profile of a double line; None if the line is single, by its profile or by the votes."""
+        return self.profile if self.profile and self.profile.double and self.votes.marking_type.double else None
 
-    def stripe_m(self, side: float) -> float:
-        """Position of the stripe next to the lane, left of the fitted line; `side` is +1 for the left line, else -1."""
-        return self.centre_m - side * (self.width_m - STRIPE_M) / 2 if self.double else self.centre_m
+    def coast(self, distance_m: float, *, vote: bool) -> LineObservation:
+        """The observation after driving on without detection: no support, and the reach comes nearer.
+
+        `vote`: the latest profile votes again.
+        """
+        votes = self.votes.add_profile(self.profile) if vote else self.votes
+        return LineObservation(0.0, max(self.reach_m - distance_m, 0.0), self.profile, votes=votes)
+
+
+Observations = tuple[LineObservation, LineObservation]
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,13 +81,8 @@ class LaneLine:
     c0_m, c1, c2_per_m, c3_per_m2 : float
     c0_std_m : float
         Standard deviation of `c0_m`.
-    support : float
-        Share of the line's visible rows, up to 50 m, that have markings on them: 0.3 is a good dashed line.
-    reach_m : float
-        Distance of the farthest stripe on the line.
-    seen : bool
-        False if the line was only inferred from the other one and the usual width of lanes.
-    profile : MarkingProfile, optional
+    support, reach_m, profile
+        As of `LineObservation`.
     """
 
     c0_m: float
@@ -72,8 +92,12 @@ class LaneLine:
     c0_std_m: float
     support: float
     reach_m: float
-    seen: bool
     profile: MarkingProfile | None = None
+
+    @property
+    def seen(self) -> bool:
+        """False if the line was only inferred from the other one and the usual width of lanes."""
+        return self.support >= FIT.min_support
 
     def y(self, x_m: float | np.ndarray) -> float | np.ndarray:
         """Lateral position at distances x near the car, metres."""
@@ -93,51 +117,99 @@ class Lane:
 
     Attributes
     ----------
-    offset_m, offset_std_m : float
-        Position of the car left of the lane centre, and its standard deviation.
-    heading_rad : float
-        Direction of the road seen from the car, positive left.
-    curvature_per_m, curvature_std_per_m : float
-        Curvature at the car, positive for a left bend.
-    curvature_rate_per_m2 : float
-        Change of the curvature per metre.
-    width_m, width_std_m : float
-    pitch_rad : float
-        Pitch of the camera in this frame minus that of its pose, positive down.
-    vertical_per_m : float
-        Vertical curvature of the road at the car, positive upwards.
-    left, right : LaneLine
+    model : ndarray (15,)
+        Parameters as in `lanes.tracking.model`, for the stripes next to the lane.
+    centres : ndarray (15,)
+        The same for the centres of double lines, which the tracker follows.
+    covariance : ndarray (15, 15)
+        Of the parameters.
+    observations : (LineObservation, LineObservation)
+        Of the left and the right line.
     score : float
         Sum of the square roots of the lines' supports minus the penalty of the prior.
     margin : float
         Score minus that of the next best lane.
-    model : ndarray (15,)
-        Parameters as in `lanes.tracking.model`, for the stripes next to the lane.
-    covariance : ndarray (15, 15)
-        Of the parameters.
     """
 
-    offset_m: float
-    offset_std_m: float
-    heading_rad: float
-    curvature_per_m: float
-    curvature_std_per_m: float
-    curvature_rate_per_m2: float
-    width_m: float
-    width_std_m: float
-    pitch_rad: float
-    vertical_per_m: float
-    left: LaneLine
-    right: LaneLine
+    model: np.ndarray
+    centres: np.ndarray
+    covariance: np.ndarray
+    observations: Observations
     score: float
     margin: float
-    model: np.ndarray
-    covariance: np.ndarray
 
     @property
+    def offset_m(self) -> float:
+        """Position of the car left of the lane centre."""
+        return float(-self.model[CENTRE])
+
+    @property
+    def offset_std_m(self) -> float:
+        """Standard deviation of `offset_m`."""
+        return self._std(CENTRE)
+
+    @property
+    def heading_rad(self) -> float:
+        """Direction of the road seen from the car, positive left."""
+        return float(self.model[HEADING])
+
+    @property
+    def curvature_per_m(self) -> float:
+        """Curvature at the car, of the concentric arc through it; positive for a left bend."""
+        return float(self.model[CURVATURE] / (1 - self.model[CURVATURE] * self.model[CENTRE]))
+
+    @property
+    def curvature_std_per_m(self) -> float:
+        """Standard deviation of `curvature_per_m`."""
+        return self._std(CURVATURE)
+
+    @property
+    def curvature_rate_per_m2(self) -> float:
+        """Change of the curvature per metre."""
+        return float(self.model[RATE])
+
+    @property
+    def width_m(self) -> float:
+        """Distance between the lines."""
+        return float(self.model[WIDTH])
+
+    @property
+    def width_std_m(self) -> float:
+        """Standard deviation of `width_m`."""
+        return self._std(WIDTH)
+
+    @property
+    def pitch_rad(self) -> float:
+        """Pitch of the camera in this frame minus that of its pose, positive down."""
+        return float(self.model[PITCH])
+
+    @property
+    def vertical_per_m(self) -> float:
+        """Vertical curvature of the road at the car, positive upwards."""
+        return float(self.model[VERTICAL_CURVATURE][0])
+
+    def _std(self, parameter: int) -> float:
+        return float(np.sqrt(self.covariance[parameter, parameter]))
+
+    @cached_property
     def lines(self) -> tuple[LaneLine, LaneLine]:
         """The left and the right line."""
-        return self.left, self.right
+        stds_m = lateral_std_m(self.covariance, 0.0).tolist()
+        left, right = (
+            LaneLine(*line_coefficients(self.model, side), std_m, line.support, line.reach_m, line.profile)
+            for side, std_m, line in zip(SIDES, stds_m, self.observations, strict=True)
+        )
+        return left, right
+
+    @property
+    def left(self) -> LaneLine:
+        """The left line."""
+        return self.lines[0]
+
+    @property
+    def right(self) -> LaneLine:
+        """The right line."""
+        return self.lines[1]
 
     def summary(self) -> dict[str, str]:
         """Offset, bend, heading, width and both lines in words, by name."""

@@ -14,7 +14,6 @@ from math import lcm
 import cv2
 import numpy as np
 
-from lanes.io.frames import Frame
 from lanes.tracking.birdseye import BirdsEyeView
 
 
@@ -122,18 +121,18 @@ class Stripes:
 
 @dataclass(frozen=True, eq=False)
 class FrameEvidence:
-    """What one picture shows; `view_image` (rows, columns, 3), uint8, is its bird's-eye view."""
+    """What one picture shows in a view; `view_image` (rows, columns, 3), uint8, is its bird's-eye view."""
 
+    view: BirdsEyeView
     view_image: np.ndarray
     response: MarkingResponse
     stripes: Stripes
 
 
-def extract_evidence(image: Frame, view: BirdsEyeView) -> FrameEvidence:
-    """Bird's-eye view, marking response and stripe candidates of a raw picture."""
-    view_image = view.warp(image)
+def extract_evidence(view_image: np.ndarray, view: BirdsEyeView) -> FrameEvidence:
+    """Marking response and stripe candidates of a picture (rows, columns, 3), uint8, of the view, from `view.warp`."""
     response = marking_response(view_image, view)
-    return FrameEvidence(view_image, response, find_stripes(response, view))
+    return FrameEvidence(view, view_image, response, find_stripes(response, view))
 
 
 def lightness(view_image: np.ndarray) -> np.ndarray:

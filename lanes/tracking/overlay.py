@@ -10,7 +10,7 @@ from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, blend_p
 from lanes.io.describe import describe_bend, describe_offset
 from lanes.io.frames import Frame
 from lanes.tracking.lane import Lane
-from lanes.tracking.tracked_lane import TrackedLane
+from lanes.tracking.tracker import TrackedLane
 
 # Nearer than this the car's own bonnet hides the road from most cameras.
 NEAREST_M = 6.0

@@ -14,6 +14,7 @@ is pitched and curved vertically.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -48,22 +49,13 @@ _INVERSE_ROAD_M = 1 / ROAD_M
 _ROAD_HEIGHTS = height_and_grade(ROAD_M)[0]
 
 
-@dataclass(frozen=True, eq=False)
-class Ground:
-    """Intersections of rays with the roads of lanes (..., 15).
+class Ground(NamedTuple):
+    """Intersections of rays with the roads of lanes (..., 15)."""
 
-    Attributes
-    ----------
-    x_m : ndarray (..., N)
-        Distance ahead.
-    fall : ndarray (..., N)
-        How fast the ray approaches the road there, metres of height per metre ahead.
-    heights : ndarray (..., N, 4)
-        Height of the road there per unit of each vertical curvature.
-    """
-
+    # (..., N) distance ahead, and how fast the ray approaches the road there, metres of height per metre ahead.
     x_m: np.ndarray
     fall: np.ndarray
+    # (..., N, 4) height of the road there per unit of each vertical curvature.
     heights: np.ndarray
 
 

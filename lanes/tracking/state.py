@@ -1,61 +1,76 @@
-"""State of the extended Kalman filter, its transition from frame to frame, and the prediction.
+"""State of the extended Kalman filter: 15 numbers of the lane, as in `lanes.tracking.model`, and four of the car.
 
-The state has 19 numbers: the 15 of `lanes.tracking.model` and the four of `lanes.tracking.car`. While the car moves a
-distance d along its own arc, the lane moves in the car's frame by
-
-    centre + (heading - camera yaw - lever path) d + (curvature - path) d^2 / 2,   heading + (curvature - path) d,
-    curvature + rate d.
-
-The lever is the distance of the camera from the rear axle. Only the rear axle moves in the direction of the car's
-longitudinal axis; points ahead of it also swing to the inside of the bend. Tyre slip compensates for this with growing
-speed.
-
-References: R. E. Kalman, "A new approach to linear filtering and prediction problems", 1960. The measurement update is
-in `lanes.tracking.update`.
+The variables of the car are the curvature of the steered path, the speed, the pitch at rest between bumps, and the yaw
+of the camera relative to the direction of motion. None of them is measured. They are estimated from the motion of the
+lane. Where they have no effect on it (the speed, straight ahead in the lane centre) they stay uncertain.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import exp
 
 import numpy as np
 
-from lanes.tracking.car import (
-    CAMERA_YAW,
-    CAR,
-    CAR_PARAMETERS,
-    LANE,
-    PATH,
-    REST_PITCH,
-    SPEED,
-    STATES,
-    CarMotion,
-    lever_m,
-)
-from lanes.tracking.model import (
-    ADJACENT,
-    CENTRE,
-    CURVATURE,
-    HEADING,
-    KNOTS_M,
-    LIMIT,
-    PITCH,
-    PRIOR_STD,
-    RATE,
-    RATE_STEPS,
-    VERTICAL_CURVATURE,
-    VERTICAL_KNOTS_M,
-    WIDTH,
-)
-from lanes.tracking.process_noise import PROCESS_NOISE, RATE_CHAIN, process_noise
+from lanes.tracking.model import ADJACENT, CENTRE, CURVATURE, HEADING, PARAMETERS, PRIOR_STD, WIDTH
 
-KNOT_GAPS_M = np.diff(KNOTS_M, prepend=0.0)
-VERTICAL_KNOT_GAPS_M = np.diff(VERTICAL_KNOTS_M)
-# Decay length of the rate, because transition curves end; tuned on the rendered suite.
-RATE_DECAY_M = 150.0
-# Decay length of a predicted rate step: its size and position are uncertain before it is measured.
-RATE_STEP_DECAY_M = 15.0
+PATH, SPEED, REST_PITCH, CAMERA_YAW = range(PARAMETERS, PARAMETERS + 4)
+STATES = PARAMETERS + 4
+LANE, CAR = slice(0, PARAMETERS), slice(PARAMETERS, STATES)
+
+
+@dataclass(frozen=True)
+class CarParameters:
+    """Cars and their drivers; textbook values of passenger cars where no source is given."""
+
+    # Distance of a camera behind the windscreen from the rear axle, metres.
+    lever_m: float = 1.6
+    # Tangent speed, 60 to 80 km/h for most cars: with the slip of the rear tyres the whole car points along its path.
+    tangent_mps: float = 20.0
+    # Speed where it is not given, and its standard deviation; standard deviation of a given speed (clock, speedometer).
+    usual_speed_mps: float = 24.0
+    usual_speed_std_mps: float = 8.0
+    given_speed_std_mps: float = 0.5
+    max_speed_mps: float = 70.0
+    # Lateral acceleration that drivers accept in bends, and that tyres hold, m/s^2.
+    usual_lateral_mps2: float = 3.0
+    max_lateral_mps2: float = 6.0
+    # Time constant with which the springs return the pitch to rest.
+    pitch_relaxation_s: float = 0.3
+    # Standard deviation of the pose's pitch and yaw: a quarter of a degree.
+    rest_pitch_std_rad: float = 0.004
+    camera_yaw_std_rad: float = 0.004
+
+
+CAR_PARAMETERS = CarParameters()
+
+
+@dataclass(frozen=True)
+class CarMotion:
+    """How the car moves in its lane.
+
+    Attributes
+    ----------
+    speed_mps : float
+    path_per_m : float
+        Curvature of the path that the car steers, positive left.
+    course_rad : float
+        Direction of motion of the camera, seen from it, positive left.
+    turning_std_per_m : float
+        Standard deviation of the lane's curvature minus that of the path.
+    course_std_rad : float
+        Standard deviation of the lane's heading minus the course.
+    """
+
+    speed_mps: float
+    path_per_m: float = 0.0
+    course_rad: float = 0.0
+    turning_std_per_m: float = 0.0
+    course_std_rad: float = 0.0
+
+
+def lever_m(speed_mps: float) -> float:
+    """Distance from the camera back to the point of the car that moves along the car's longitudinal axis."""
+    return CAR_PARAMETERS.lever_m * max(0.0, 1 - (speed_mps / CAR_PARAMETERS.tangent_mps) ** 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,24 +108,6 @@ class KalmanState:
         indices, values = list(factors), np.array(list(factors.values()))
         return float(np.sqrt(values @ self.covariance[np.ix_(indices, indices)] @ values))
 
-    def predict(self, elapsed_s: float, *, steady_speed: bool = False) -> KalmanState:
-        """The state `elapsed_s` seconds later, before the next measurement; `steady_speed`: the speed is given."""
-        mean, jacobian = transition(self.mean, elapsed_s)
-        covariance = jacobian @ self.covariance @ jacobian.T
-        distance_m = float(self.mean[SPEED]) * elapsed_s
-        noise = process_noise(self.lane, distance_m, elapsed_s, steady_speed=steady_speed)
-        covariance.flat[:: STATES + 1] += noise
-        return KalmanState(mean, covariance)
-
-    def inflated(self) -> KalmanState:
-        """The same mean with extra variance for abrupt changes of vertical curvature, curvature rate and pitch."""
-        covariance = self.covariance.copy()
-        diagonal = covariance.reshape(-1)[:: STATES + 1]
-        diagonal[VERTICAL_CURVATURE] += PROCESS_NOISE.inflated_vertical_per_m**2
-        diagonal[RATE_STEPS] += PROCESS_NOISE.inflated_rate_step_per_m2**2
-        diagonal[PITCH] += PROCESS_NOISE.inflated_pitch_rad**2
-        return KalmanState(self.mean, covariance)
-
     def adjacent(self, side: float) -> KalmanState:
         """State of the adjacent lane to the left (+1) or right (-1), which shares a line with this one."""
         there, back = (ADJACENT.start, ADJACENT.start + 1) if side > 0 else (ADJACENT.start + 1, ADJACENT.start)
@@ -122,58 +119,3 @@ class KalmanState:
         covariance = jacobian @ self.covariance @ jacobian.T
         covariance[there, there] = PRIOR_STD[there] ** 2
         return KalmanState(jacobian @ self.mean, covariance)
-
-
-def transition(mean: np.ndarray, elapsed_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """State transition: the mean (19,) `elapsed_s` later, and its Jacobian (19, 19)."""
-    # Python floats: for single numbers numpy's overhead would dominate
-    _, _, heading, curvature, rate, pitch, *_ = mean.tolist()
-    path, speed, rest_pitch, camera_yaw = mean[CAR].tolist()
-    d, turn, lever = speed * elapsed_s, curvature - path, lever_m(speed)
-    slant = heading - camera_yaw - lever * path
-    pitch_kept = exp(-elapsed_s / CAR_PARAMETERS.pitch_relaxation_s)
-    rates_kept, rates_moved = _rate_transition(d)
-    vertical = _vertical_transition(d)
-
-    after = mean.copy()
-    after[CENTRE] += slant * d + turn * d * d / 2
-    after[HEADING] += turn * d
-    after[CURVATURE] += rate * d
-    after[RATE_CHAIN] *= rates_kept
-    after[RATE_CHAIN[:-1]] += rates_moved * mean[RATE_STEPS]
-    after[PITCH] = pitch_kept * pitch + (1 - pitch_kept) * rest_pitch
-    after[VERTICAL_CURVATURE] = vertical @ mean[VERTICAL_CURVATURE]
-    after[LANE] = np.minimum(np.maximum(after[LANE], -LIMIT), LIMIT)
-
-    jacobian = np.eye(STATES)
-    jacobian[CENTRE, HEADING], jacobian[CENTRE, CAMERA_YAW] = d, -d
-    jacobian[CENTRE, CURVATURE], jacobian[CENTRE, PATH] = d * d / 2, -d * d / 2 - lever * d
-    jacobian[CENTRE, SPEED] = (slant + turn * d) * elapsed_s
-    jacobian[HEADING, CURVATURE], jacobian[HEADING, PATH] = d, -d
-    jacobian[HEADING, SPEED] = turn * elapsed_s
-    jacobian[CURVATURE, RATE], jacobian[CURVATURE, SPEED] = d, rate * elapsed_s
-    jacobian[RATE_CHAIN, RATE_CHAIN], jacobian[RATE_CHAIN[:-1], RATE_CHAIN[1:]] = rates_kept, rates_moved
-    jacobian[PITCH, PITCH], jacobian[PITCH, REST_PITCH] = pitch_kept, 1 - pitch_kept
-    jacobian[VERTICAL_CURVATURE, VERTICAL_CURVATURE] = vertical
-    return after, jacobian
-
-
-def _rate_transition(distance_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Share of rate and rate steps (4,) that stays after driving on, and of the steps (3,) that moves one knot nearer.
-
-    A step comes nearer and is shared by the knots before and behind it; a step at the car becomes part of the rate.
-    """
-    moved = np.minimum(np.maximum(distance_m / KNOT_GAPS_M, 0), 1)
-    rate_decay, step_decay = np.exp(-distance_m / RATE_DECAY_M), np.exp(-distance_m / RATE_STEP_DECAY_M)
-    return np.concatenate([[rate_decay], (1 - moved) * step_decay]), moved * rate_decay
-
-
-def _vertical_transition(distance_m: float) -> np.ndarray:
-    """(4, 4) transition of the vertical curvatures: each comes nearer, and the farthest decays.
-
-    The road that comes into view beyond the last knot is unknown.
-    """
-    moved = np.minimum(np.maximum(distance_m / VERTICAL_KNOT_GAPS_M, 0), 1)
-    matrix = np.diag([*(1 - moved), exp(-distance_m / PROCESS_NOISE.vertical_decay_m)])
-    np.fill_diagonal(matrix[:, 1:], moved)
-    return matrix

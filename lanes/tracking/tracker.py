@@ -8,7 +8,8 @@ bend without delay.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -16,11 +17,18 @@ from lanes.camera.camera import Camera
 from lanes.io.describe import html_table
 from lanes.io.frames import Frame
 from lanes.tracking.birdseye import BirdsEyeView
+from lanes.tracking.confidence import rate_lane
+from lanes.tracking.departure import DepartureWarning, watch_departure
 from lanes.tracking.detector import search_lane
 from lanes.tracking.lane import Lane
+from lanes.tracking.marking_type import MarkingType
 from lanes.tracking.markings import extract_evidence
-from lanes.tracking.track import Track, start_track, update_track
-from lanes.tracking.tracked_lane import COASTING, LOST, SEARCHING, TRACKING, TrackedLane
+from lanes.tracking.state import CarMotion
+from lanes.tracking.update import Track, start_track, update_track
+
+SEARCHING, TRACKING, COASTING, LOST = "searching", "tracking", "coasting", "lost"
+# State of a lane detected in a single picture.
+FOUND = "found"
 
 
 @dataclass(frozen=True)
@@ -56,6 +64,74 @@ TRACKER = TrackerParameters()
 _VIEW_LINES_AT_M, _SAME_LANE_AT_M = np.array(TRACKER.view_lines_at_m), np.array(TRACKER.same_lane_at_m)
 
 
+@dataclass(frozen=True, eq=False)
+class TrackedLane:
+    """The lane in one frame of a drive.
+
+    Attributes
+    ----------
+    state : str
+        "tracking": seen in this frame and before; "searching": seen, not yet confirmed; "coasting": not seen now,
+        predicted from before; "lost": unknown, `lane` is None; "found": detected in a single picture.
+    lane : Lane or None
+        In metres, with standard deviations.
+    motion : CarMotion or None
+        Speed, path and course of the car; the speed is given, or estimated from the motion of the lane. None if lost,
+        and in a single picture.
+    marking_types : (MarkingType, MarkingType)
+        Colour, pattern, double: left and right.
+    """
+
+    state: str
+    lane: Lane | None = None
+    motion: CarMotion | None = None
+    marking_types: tuple[MarkingType, MarkingType] = (MarkingType(), MarkingType())
+
+    @classmethod
+    def from_still(cls, lane: Lane | None) -> TrackedLane:
+        """A lane detected in a single picture; lost where none was found."""
+        return cls(LOST) if lane is None else cls(FOUND, lane)
+
+    @cached_property
+    def confidence(self) -> float:
+        """Probability that both lines are correct within 0.2 m over 5 to 30 m ahead; 0 if lost."""
+        return 0.0 if self.lane is None else rate_lane(self.lane, tracked=self.state != FOUND)
+
+    @cached_property
+    def warning(self) -> DepartureWarning | None:
+        """Time to line crossing; None if lost, and in a single picture."""
+        return None if self.motion is None else watch_departure(self.lane, self.motion)
+
+    def summary(self) -> dict[str, str]:
+        """State, confidence, lane, speed and warning in words, by name."""
+        words = {"state": self.state}
+        if self.lane is None:
+            return words
+        words |= {"confidence": f"{self.confidence:.0%}"} | self.lane.summary()
+        if self.motion is not None:
+            words["speed"] = f"{3.6 * self.motion.speed_mps:.0f} km/h"
+        if self.warning and self.warning.due:
+            words["warning"] = self.warning.describe()
+        return words
+
+    def __repr__(self) -> str:
+        return f"TrackedLane({self.state}, confidence {self.confidence:.2f}, {self.lane})"
+
+    def _repr_html_(self) -> str:
+        return html_table("Lane in this frame", self.summary())
+
+    def as_row(self) -> dict[str, str | float | None]:
+        """Telemetry of the frame, by column name; None where the lane is lost."""
+        row, lane = {"state": self.state, "confidence": self.confidence}, self.lane
+        names = ("offset_m", "offset_std_m", "heading_rad", "curvature_per_m", "curvature_std_per_m")
+        row |= {name: lane and getattr(lane, name) for name in names}
+        row |= {"lane_width_m": lane and lane.width_m, "pitch_rad": lane and lane.pitch_rad}
+        for side in ("left", "right"):
+            line = lane and getattr(lane, side)
+            row |= {f"{side}_{name}": line and getattr(line, name) for name in ("c0_m", "c1", "c2_per_m", "c3_per_m2")}
+        return row
+
+
 class LaneTracker:
     """Tracks the lane through consecutive pictures of one camera.
 
@@ -87,7 +163,7 @@ class LaneTracker:
         self._track: Track | None = None
         self._state = LOST
         self._confirmed = self._objections = self._regained = self._since_search = 0
-        self._unseen_s, self._margin = 0.0, 0.0
+        self._unseen_s = 0.0
 
     def summary(self) -> dict[str, str]:
         """Settings and current result in words, by name."""
@@ -128,23 +204,23 @@ class LaneTracker:
             self.reset()
         self._since_search += 1
         search = self._search_is_due()
-        view = self.view if search else self._narrowest_view()
-        evidence = extract_evidence(image, view)
+        view: BirdsEyeView = self.view if search else self._narrowest_view()
+        view_image = view.warp(image)
+        evidence = extract_evidence(view_image, view)
         if self._track is not None:
             track = update_track(
                 self._track,
                 evidence,
-                view,
                 elapsed_s=elapsed_s,
                 speed_mps=self.speed_mps,
-                margin=self._margin,
                 outwards=self._outwards_is_due(),
                 profiles_of=self._profiles_due(),
             )
             self._follow(track, elapsed_s)
         if search:
-            found = search_lane(evidence, self.view)
-            self._compare(found)
+            found = search_lane(evidence)
+            if self._replaced_by(found):
+                self._start(found)
         return self._result()
 
     def _search_is_due(self) -> bool:
@@ -181,45 +257,44 @@ class LaneTracker:
         else:
             self._state, self._regained = COASTING, 0
 
-    def _compare(self, found: Lane | None) -> None:
-        """Compare a lane detected without memory with the track: start, confirm it, or object to it."""
+    def _replaced_by(self, found: Lane | None) -> bool:
+        """Compare a lane detected without memory with the track: does a new track start with it?"""
         self._since_search = 0
-        known = self._track and self._track.lane
         if found is None or found.score < TRACKER.min_score:
             self._objections = 0
-        elif known is not None and same_lane(found, known):
+            return False
+        if self._track is None:
+            return True
+        known = self._track.lane
+        if same_lane(found, known):
             self._confirm(found)
-        elif known is None:
-            self._start(found)
-        elif self._state != TRACKING or found.score > known.score + TRACKER.rival_margin:
-            self._object(found)
-        else:
+            return False
+        if self._state == TRACKING and found.score <= known.score + TRACKER.rival_margin:
             self._objections = 0
+            return False
+        # start with the other lane if the track is not confirmed, or after several objections
+        self._objections += 1
+        self._track = replace(self._track, margin=known.score - found.score)
+        return self._state == SEARCHING or self._objections >= TRACKER.objections
 
     def _confirm(self, found: Lane) -> None:
         """The search found the tracked lane."""
-        self._objections, self._margin = 0, found.margin
+        self._track = replace(self._track, margin=found.margin)
+        self._objections = 0
         self._confirmed += 1
         if self._confirmed >= TRACKER.confirmations and self._state == SEARCHING:
             self._state = TRACKING
-
-    def _object(self, found: Lane) -> None:
-        """The search found another lane: start with it if the track is not confirmed, or after several objections."""
-        self._objections += 1
-        self._margin = self._track.lane.score - found.score
-        if self._state == SEARCHING or self._objections >= TRACKER.objections:
-            self._start(found)
 
     def _start(self, lane: Lane) -> None:
         """Start a track with a detected lane."""
         self.reset()
         self._track = start_track(lane, self.speed_mps)
-        self._state, self._confirmed, self._margin = SEARCHING, 1, lane.margin
+        self._state, self._confirmed = SEARCHING, 1
 
     def _result(self) -> TrackedLane:
         if self._track is None:
             return TrackedLane(LOST)
-        left, right = (votes.marking_type for votes in self._track.votes)
+        left, right = (line.votes.marking_type for line in self._track.observations)
         return TrackedLane(self._state, self._track.lane, self._track.estimate.motion, (left, right))
 
 

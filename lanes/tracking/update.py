@@ -1,37 +1,39 @@
-"""Measurement update of the extended Kalman filter, with the stripes of one frame.
+"""A track, what is known of the lane from frame to frame, and its update with the evidence of the next frame.
 
-Each stripe measures its distance from the nearest predicted line. Stripes are weighted as in the fit of a single
-picture, with the prediction as prior, and weighted again by their distance from the updated lane. The weights make a
-gate unnecessary: the accuracy of the suite is the same with one (docs/ablation.md).
+Measurement update of the extended Kalman filter: each stripe measures its distance from the nearest predicted line.
+Stripes are weighted as in the fit of a single picture, with the prediction as prior, and weighted again by their
+distance from the updated lane. The weights make a gate unnecessary: the accuracy of the suite is the same with one
+(docs/ablation.md).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.car import (
-    CAMERA_YAW,
-    CAR,
-    CAR_PARAMETERS,
-    LANE,
-    PATH,
-    REST_PITCH,
-    SPEED,
-    STATES,
+from lanes.tracking.detector import inner_stripe_shift, observe_lines
+from lanes.tracking.fitting import FIT, LaneFit, fit_lanes, fit_near
+from lanes.tracking.lane import Lane, LineObservation, Observations
+from lanes.tracking.markings import FrameEvidence, Stripes
+from lanes.tracking.model import (
+    CENTRE,
+    CURVATURE,
+    LEFT_SIDE,
+    PARAMETERS,
+    RIGHT_SIDE,
+    WIDTH,
+    lateral_std_m,
+    score_lanes,
 )
-from lanes.tracking.fitting import FIT, LaneFit, fit_near, fit_outwards
-from lanes.tracking.markings import Stripes
-from lanes.tracking.model import CURVATURE, PARAMETERS
-from lanes.tracking.process_noise import PROCESS_NOISE, max_curvature, max_vertical_curvature
-from lanes.tracking.state import KalmanState
+from lanes.tracking.prediction import PROCESS_NOISE, inflate, max_curvature, max_vertical_curvature, predict
+from lanes.tracking.state import CAMERA_YAW, CAR, CAR_PARAMETERS, LANE, PATH, REST_PITCH, SPEED, STATES, KalmanState
 
 
 @dataclass(frozen=True)
 class UpdateParameters:
-    """When to fit outwards from the car instead of near the prediction; tuned on the rendered suite."""
+    """Fits, and when a track is seen and certain and its lane changes; tuned on the rendered suite."""
 
     # On roads with larger curvature or vertical curvature than this, every frame may be fitted outwards.
     min_curvature_per_m: float = 5e-3
@@ -40,9 +42,107 @@ class UpdateParameters:
     inflated_gain: float = 3.0
     # Standard deviation of the first path curvature, as a share of the road's curvature.
     path_share: float = 0.3
+    # Smallest sum of both lines' supports of a lane that is seen.
+    min_total_support: float = 0.06
+    # Largest standard deviation of a line at this distance while the lane is not seen.
+    max_std_m: float = 0.4
+    max_std_at_m: float = 15.0
+    # Distance of the car's centre beyond a line at which the adjacent lane becomes the ego lane; a hysteresis.
+    lane_change_m: float = 0.1
 
 
 UPDATE = UpdateParameters()
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """The lane after a frame.
+
+    Attributes
+    ----------
+    estimate : KalmanState
+        It follows the centres of double lines.
+    observations : (LineObservation, LineObservation)
+        What was last seen of the left and the right line.
+    lane : Lane
+        The estimate in metres; double lines are bounded by their inner stripes.
+    margin : float
+        Score minus that of the next best lane, in the latest search.
+    """
+
+    estimate: KalmanState
+    observations: Observations
+    lane: Lane
+    margin: float
+
+    @property
+    def certain(self) -> bool:
+        """Whether the lines are known well enough without detection."""
+        return lateral_std_m(self.estimate.lane_covariance, UPDATE.max_std_at_m).max() <= UPDATE.max_std_m
+
+    @property
+    def seen(self) -> bool:
+        """Whether the lane was seen in the frame."""
+        return total_support(self.observations) >= UPDATE.min_total_support
+
+
+def start_track(lane: Lane, speed_mps: float | None) -> Track:
+    """The track of a detected lane, for a car of given or usual speed."""
+    # rows are counted again, because the next view may be narrower
+    left, right = (replace(line, rows=None) for line in lane.observations)
+    estimate = initial_state(lane.centres, lane.covariance * FIT.variance_inflation, speed_mps)
+    return Track(estimate, (left, right), lane, lane.margin)
+
+
+def update_track(
+    track: Track,
+    evidence: FrameEvidence,
+    *,
+    elapsed_s: float,
+    speed_mps: float | None,
+    outwards: bool,
+    profiles_of: tuple[int, ...],
+) -> Track:
+    """The track `elapsed_s` seconds later, with the evidence of the next frame: predict, update, observe the lines.
+
+    `speed_mps` is the car's speed, if it is given. `outwards` is passed to `update_lane`, and `profiles_of` to
+    `observe_lines`.
+    """
+    predicted = predict(track.estimate, elapsed_s, steady_speed=speed_mps is not None)
+    if speed_mps is not None:
+        predicted.mean[SPEED] = speed_mps
+    fit = update_lane(evidence.stripes, predicted, evidence.view, outwards=outwards)
+    estimate = update_state(predicted, fit.lane[0], np.linalg.inv(fit.information[0]))
+    observations = observe_lines(fit, evidence, track.observations, profiles_of=profiles_of)
+    if total_support(observations) < UPDATE.min_total_support:
+        distance_m = float(estimate.mean[SPEED]) * elapsed_s
+        observations = [line.coast(distance_m, vote=k in profiles_of) for k, line in enumerate(track.observations)]
+    left, right = (
+        replace(line, votes=line.votes.add_gaps(evidence.stripes.x_m[members]))
+        for line, members in zip(observations, fit.members[0], strict=True)
+    )
+    estimate, observations = to_ego_lane(estimate, (left, right))
+    # single lines are not shifted: the filter estimates their centres better than one profile does
+    model = estimate.lane + inner_stripe_shift([line.double_profile for line in observations])
+    support = np.array([[line.support for line in observations]])
+    score = float(score_lanes(estimate.lane[None], support)[0])
+    lane = Lane(model, estimate.lane, estimate.lane_covariance, observations, score, track.margin)
+    return Track(estimate, observations, lane, track.margin)
+
+
+def total_support(observations: Observations) -> float:
+    """Sum of both lines' supports."""
+    return observations[0].support + observations[1].support
+
+
+def to_ego_lane(estimate: KalmanState, observations: Observations) -> tuple[KalmanState, Observations]:
+    """After the car's centre has crossed a line: the adjacent lane, whose lines swap names; else unchanged."""
+    lane, (left, right) = estimate.lane, observations
+    if abs(lane[CENTRE]) < lane[WIDTH] / 2 + UPDATE.lane_change_m:
+        return estimate, observations
+    if lane[CENTRE] < 0:
+        return estimate.adjacent(LEFT_SIDE), (LineObservation(), left)
+    return estimate.adjacent(RIGHT_SIDE), (right, LineObservation())
 
 
 def update_lane(stripes: Stripes, estimate: KalmanState, view: BirdsEyeView, *, outwards: bool = True) -> LaneFit:
@@ -53,21 +153,8 @@ def update_lane(stripes: Stripes, estimate: KalmanState, view: BirdsEyeView, *, 
     deviation. The fit that explains more stripes is taken. If that is still not enough, the covariance is inflated for
     abrupt changes.
 
-    Parameters
-    ----------
-    stripes : Stripes
-        All stripes of the frame.
-    estimate : KalmanState
-        Predicted to the time of the frame.
-    view : BirdsEyeView
-    outwards : bool
-        Whether the lane may be fitted outwards on a smooth road, too.
-
-    Returns
-    -------
-    LaneFit
-        One lane (1, 15); its information is the inverse of the updated covariance. Stripes far from the lines have
-        little weight.
+    On a smooth road that is done only if `outwards`. The fit has one lane (1, 15). Its information is the inverse of
+    the updated covariance, and stripes far from the lines have little weight.
     """
     near = fit_near(stripes, estimate.lane, estimate.lane_covariance, view)
     enough = near.nearby_weight[0] - FIT.max_unexplained
@@ -76,11 +163,19 @@ def update_lane(stripes: Stripes, estimate: KalmanState, view: BirdsEyeView, *, 
         return near
     attempts = (
         (estimate, FIT.extend if smooth else FIT.outwards, 0.0),
-        (estimate.inflated(), FIT.outwards, UPDATE.inflated_gain),
+        (inflate(estimate), FIT.outwards, UPDATE.inflated_gain),
     )
     best = near
     for prior, schedule, gain in attempts:
-        fit = fit_outwards(stripes, prior.lane, prior.lane_covariance, view, schedule=schedule)
+        fit = fit_lanes(
+            prior.lane[None],
+            stripes,
+            view,
+            prior_mean=prior.lane,
+            prior_information=np.linalg.inv(prior.lane_covariance),
+            schedule=schedule,
+            variance_inflation=FIT.variance_inflation,
+        )
         if fit.explained[0] > best.explained[0] + gain:
             best = fit
         if best.explained[0] > enough:

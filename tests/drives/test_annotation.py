@@ -28,8 +28,7 @@ from lanes.io.telemetry import read_telemetry
 from lanes.io.video.container import VideoError
 from lanes.io.video.reader import inspect_video
 from lanes.io.video.writer import VideoWriter
-from lanes.tracking.tracked_lane import LOST, TrackedLane
-from lanes.tracking.tracker import LaneTracker
+from lanes.tracking.tracker import LOST, LaneTracker, TrackedLane
 from tests.support.clips import write_drive
 from tests.support.painted_drive import BENDS, CAMERA, SMALL, tracked_bends
 

@@ -7,7 +7,7 @@ import pytest
 
 from benchmark.evaluation import prepare_drive
 from benchmark.scored_drive import drive_from_video
-from lanes.tracking import fitting, track
+from lanes.tracking import fitting, update
 from tests.support.project import ROOT
 from tools.ablation import ALL_ON, SWITCHES, importers, measure, switched_off, table_row
 
@@ -52,5 +52,5 @@ def test_each_switch_replaces_objects_of_the_engine_and_restores_them(switch):
 def test_every_importer_of_a_parameter_instance_is_patched():
     original = fitting.FIT
     with switched_off(BY_NAME["variance inflation"]):
-        assert fitting.FIT.variance_inflation == track.FIT.variance_inflation == 1.0
-    assert fitting.FIT is track.FIT is original
+        assert fitting.FIT.variance_inflation == update.FIT.variance_inflation == 1.0
+    assert fitting.FIT is update.FIT is original

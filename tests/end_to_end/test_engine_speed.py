@@ -17,8 +17,7 @@ from lanes.io.threads import one_thread
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
 from lanes.tracking.overlay import draw_tracked
-from lanes.tracking.tracked_lane import TRACKING, TrackedLane
-from lanes.tracking.tracker import LaneTracker
+from lanes.tracking.tracker import TRACKING, LaneTracker, TrackedLane
 from simulator.rendering.drive import Motion
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
 

@@ -15,11 +15,10 @@ from lanes.classic.finder import RECIPES, LaneFinder, get_recipe
 from lanes.drives.detections import LaneDetector
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
-from lanes.tracking.lines import LineObservation, describe_lane
+from lanes.tracking.lane import Lane, LineObservation
 from lanes.tracking.model import LIMIT, SIDES, WIDTH, line_points, line_y
 from lanes.tracking.residuals import ROAD_M
-from lanes.tracking.tracked_lane import LOST, TrackedLane
-from lanes.tracking.tracker import LaneTracker
+from lanes.tracking.tracker import LOST, LaneTracker, TrackedLane
 from tests.support.any_pictures import SIZES, camera_of, pictures
 from tests.support.examples import examples
 
@@ -111,7 +110,7 @@ def test_every_lane_within_the_limits_has_lines(data):
     model = LIMIT * share
     model[WIDTH] = abs(model[WIDTH])
     seen = LineObservation(0.3, 30.0)
-    lane = describe_lane(model, np.diag(np.square(LIMIT)), (seen, seen), score=1.0, margin=0.5)
+    lane = Lane(model, model, np.diag(np.square(LIMIT)), (seen, seen), score=1.0, margin=0.5)
     assert_sound(TrackedLane.from_still(lane), (640, 360))
     for side in SIDES:
         assert_on_the_line(line_y(X_M, model, side), line_points(model, side, ALONG_M))

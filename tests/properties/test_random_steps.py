@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.car import CAR_PARAMETERS, SPEED
 from lanes.tracking.model import LIMIT, PRIOR_MEAN, PRIOR_STD, SIDES, lateral_gradient, line_points
-from lanes.tracking.state import KalmanState
+from lanes.tracking.prediction import predict
+from lanes.tracking.state import CAR_PARAMETERS, SPEED, KalmanState
 from lanes.tracking.tracker import TRACKER
 from lanes.tracking.update import initial_state, update_lane, update_state
 from tests.support.examples import TIMES
@@ -46,7 +46,7 @@ class Drive:
             return self.begin()
         if kind < 0.005:
             estimate = estimate.adjacent(self.dice.choice(SIDES))
-        estimate = estimate.predict(self.dice.choice(CLOCK), steady_speed=kind < 0.5)
+        estimate = predict(estimate, self.dice.choice(CLOCK), steady_speed=kind < 0.5)
         if kind < 0.1:
             estimate.mean[SPEED] = self.dice.uniform(0, CAR_PARAMETERS.max_speed_mps)
         return estimate

@@ -13,8 +13,7 @@ from lanes.camera.camera_pose import CameraPose
 from lanes.camera.pose_from_lanes.pose_estimate import PoseEstimate
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
-from lanes.tracking.tracked_lane import TrackedLane
-from lanes.tracking.tracker import LaneTracker
+from lanes.tracking.tracker import LaneTracker, TrackedLane
 from tests.support.painted_roads import YELLOW, Road, dashcam
 
 CAMERA = dashcam(width=1280)

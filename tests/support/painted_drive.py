@@ -15,8 +15,7 @@ import numpy as np
 
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraPose
-from lanes.tracking.tracked_lane import TrackedLane
-from lanes.tracking.tracker import LaneTracker
+from lanes.tracking.tracker import LaneTracker, TrackedLane
 from simulator.rendering.drive import Motion
 from simulator.road.geometry import RoadGeometry, VehiclePose, offset_point
 from simulator.road.truth import Truth, lane_truth

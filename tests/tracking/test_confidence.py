@@ -11,7 +11,7 @@ from benchmark.errors import LaneTruth
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.confidence import CONFIDENCE, FEATURES, lane_features, rate_lane
 from lanes.tracking.detector import find_lane
-from lanes.tracking.lines import LineObservation, describe_lane
+from lanes.tracking.lane import Lane, LineObservation
 from lanes.tracking.model import lateral_std_m
 from lanes.tracking.tracker import LaneTracker
 from simulator.road.truth import truth_row
@@ -25,7 +25,7 @@ def lane_with(*, width_m: float = 3.6, std_m: float = 0.02, centre_m: float = 0.
     std = a_lane(centre=std_m, width=std_m, heading=std_m / 50, curvature=std_m / 500, **small)
     seen = LineObservation(0.6, reach_m), LineObservation(0.3, reach_m)
     model, covariance = a_lane(centre=centre_m, width=width_m), np.diag(np.square(std))
-    return describe_lane(model, covariance, seen, score=1.0, margin=1.0)
+    return Lane(model, model, covariance, seen, score=1.0, margin=1.0)
 
 
 @pytest.mark.parametrize("tracked", [False, True])
@@ -46,7 +46,7 @@ def test_unusual_lanes_have_low_confidence(tracked):
 
 def test_features_are_what_their_names_say():
     lane = lane_with(width_m=3.3, centre_m=-0.25)
-    lane = replace(lane, left=replace(lane.left, reach_m=25.0), right=replace(lane.right, reach_m=10.0))
+    lane = replace(lane, observations=(LineObservation(0.6, 25.0), LineObservation(0.3, 10.0)))
     constant, std, width, offset, shorter, longer, bend = lane_features(lane)
     assert (constant, bend) == (1.0, 0.0)
     assert np.exp(std) == pytest.approx(lateral_std_m(lane.covariance, 30.0).max())

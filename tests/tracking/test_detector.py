@@ -138,7 +138,7 @@ def test_edges_alone_are_no_lane():
 
 def test_update_agrees_with_search():
     road, left, _ = shaded_bend()
-    evidence = extract_evidence(road.image(), VIEW)
+    evidence = extract_evidence(VIEW.warp(road.image()), VIEW)
     cold = find_lane(road.image(), VIEW)
     expected = cold.model + a_lane(centre=0.05, width=0.03, heading=0.003, curvature=2e-4, pitch=0.002)
     small = dict(rate=1e-4, pitch=0.005, vertical=1e-4, rate_steps=1e-4, adjacent=1e-4)

@@ -18,8 +18,7 @@ from lanes.camera.camera_file import load_camera
 from lanes.io.video.reader import read_frames
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
-from lanes.tracking.tracked_lane import TRACKING, TrackedLane
-from lanes.tracking.tracker import TRACKER, LaneTracker
+from lanes.tracking.tracker import TRACKER, TRACKING, LaneTracker, TrackedLane
 
 pytestmark = pytest.mark.slow
 

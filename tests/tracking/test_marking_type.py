@@ -1,12 +1,14 @@
-"""Votes on what kind a line is."""
+"""The marking of a line: its cross-section in one picture, and the votes on its type."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from lanes.tracking.lane import MarkingProfile
-from lanes.tracking.marking_type import MarkingType, MarkingVotes, looks_dashed
+from lanes.tracking.birdseye import BirdsEyeView
+from lanes.tracking.marking_type import MarkingProfile, MarkingType, MarkingVotes, looks_dashed, marking_profile
+from lanes.tracking.markings import marking_response
+from tests.support.painted_roads import WHITE, YELLOW, Road, dashcam
 
 DASHES = np.concatenate([np.arange(6, 9, 0.2), np.arange(18.2, 21.2, 0.4)])
 
@@ -36,3 +38,59 @@ def test_the_majority_decides():
     for _ in range(12):
         votes = votes.add_profile(MarkingProfile(0.12, 0.0, False, 5.0)).add_gaps(np.arange(5, 30, 0.3))
     assert votes.marking_type == MarkingType("white", "solid", False)
+
+
+CAMERA = dashcam(1280)
+VIEW = BirdsEyeView(CAMERA)
+
+
+def paint_at(road, y):
+    return marking_profile(marking_response(VIEW.warp(road.image()), VIEW), VIEW, np.full(len(VIEW.x_m), y))
+
+
+@pytest.mark.parametrize(("colour", "yellow"), [(WHITE, False), (YELLOW, True)])
+@pytest.mark.parametrize("off", [-0.06, 0.0, 0.08])
+def test_single_stripe(colour, yellow, off):
+    paint = paint_at(Road(CAMERA).line(lambda x: 0 * x - 1.7 + off, colour=colour, width_m=0.12), -1.7)
+    assert paint.yellow is yellow and not paint.double
+    assert paint.width_m == pytest.approx(0.12, abs=0.04)
+    assert paint.centre_m == pytest.approx(off, abs=0.015)
+    assert paint.contrast > 20
+
+
+@pytest.mark.parametrize(("side", "y"), [(1, 1.6), (-1, -1.6)])
+def test_of_a_double_line_the_stripe_next_to_the_lane_counts(side, y):
+    road = Road(CAMERA)
+    for shift in (-0.11, 0.11):
+        road.line(lambda x, s=shift: 0 * x + y + s, colour=YELLOW, width_m=0.1)
+    paint = paint_at(road, y)
+    assert paint.double and paint.yellow
+    assert paint.stripe_m(side) == pytest.approx(-side * 0.11, abs=0.025)
+
+
+def test_bare_road_has_no_paint_to_speak_of():
+    paint = paint_at(Road(CAMERA), 1.0)
+    assert paint is None or paint.contrast < 3
+
+
+def paint_across(width_m, degrees):
+    slope, cos = np.tan(np.radians(degrees)), np.cos(np.radians(degrees))
+    road = Road(CAMERA).paint(lambda x, y: np.abs(y - slope * (x - 9.0)) * cos < width_m / 2, YELLOW)
+    return marking_profile(marking_response(VIEW.warp(road.image()), VIEW), VIEW, slope * (VIEW.x_m - 9.0))
+
+
+@pytest.mark.parametrize(("width_m", "degrees"), [(0.3, -40), (0.3, 40), (0.12, -20), (0.12, 20)])
+def test_a_line_that_runs_across_is_no_wider(width_m, degrees):
+    """Rows cut it aslant, where 0.3 m are 0.39 m; its cross-section is measured at right angles."""
+    paint = paint_across(width_m, degrees)
+    assert paint.width_m == pytest.approx(width_m, abs=0.04)
+    assert paint.centre_m == pytest.approx(0.0, abs=0.03)
+    assert paint.yellow and paint.double == (width_m > 0.2)
+
+
+@pytest.mark.parametrize("degrees", [-40, 40])
+def test_a_stripe_that_runs_across_is_not_taken_for_two(degrees):
+    """Rows far apart blur what is as thin as this to 0.2 m; measured along the row it would be 0.27 m."""
+    paint = paint_across(0.12, degrees)
+    assert not paint.double
+    assert paint.stripe_m(1.0) == pytest.approx(0.0, abs=0.03)

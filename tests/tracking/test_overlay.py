@@ -9,7 +9,7 @@ from lanes.io.frames import PictureError
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
 from lanes.tracking.overlay import describe_tracked, draw_found, draw_tracked, lane_outlines
-from lanes.tracking.tracked_lane import LOST, TrackedLane
+from lanes.tracking.tracker import LOST, TrackedLane
 from tests.support.painted_drive import BENDS, SMALL, tracked_bends
 
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.car import CAMERA_YAW, PATH, SPEED
 from lanes.tracking.fitting import FIT, fit_lanes
 from lanes.tracking.markings import Stripes
 from lanes.tracking.model import (
@@ -21,7 +20,8 @@ from lanes.tracking.model import (
     line_y,
     road_height,
 )
-from lanes.tracking.state import KalmanState
+from lanes.tracking.prediction import predict
+from lanes.tracking.state import CAMERA_YAW, PATH, SPEED, KalmanState
 from lanes.tracking.update import initial_state, update_lane
 from tests.support.painted_drive import CAMERA
 from tests.support.shapes import a_lane, stripes_at
@@ -137,7 +137,7 @@ def test_undulations_come_nearer_as_the_car_drives_on(steps):
         before = a_lane(vertical=tuple(-HALF_HEIGHT_M * k**2 * np.sin(k * VERTICAL_KNOTS_M + phase)))
         estimate = standing_on(before, 10.0)
         for _ in range(steps):
-            estimate = estimate.predict(distance / steps / 10.0, steady_speed=True)
+            estimate = predict(estimate, distance / steps / 10.0, steady_speed=True)
         grade = np.diff(road_height(before, distance + tiny)) / np.ptp(tiny)
         expected = road_height(before, x + distance) - road_height(before, np.array([distance])) - grade * x
         found_off.append(np.abs(road_height(estimate.lane, x) - expected))
@@ -150,7 +150,7 @@ def test_undulations_come_nearer_as_the_car_drives_on(steps):
 
 def test_driving_one_knot_gap_moves_every_vertical_curvature_by_one():
     gap = VERTICAL_KNOTS_M[1]
-    after = standing_on(WAVED, 10.0).predict(gap / 10.0, steady_speed=True).lane[VERTICAL_CURVATURE]
+    after = predict(standing_on(WAVED, 10.0), gap / 10.0, steady_speed=True).lane[VERTICAL_CURVATURE]
     first, second, third, last = WAVED[VERTICAL_CURVATURE]
     assert after[:2] == pytest.approx([second, third])
     assert after[2] == pytest.approx(third + (last - third) * gap / 16.0)
@@ -165,10 +165,10 @@ def test_jacobian_of_the_prediction():
     estimate = initial_state(lane, np.diag(STD**2), 14.0)
     jacobian = np.empty(estimate.covariance.shape)
     for k, row in enumerate(np.eye(len(estimate.mean)) * 1e-6):
-        above, below = (KalmanState(estimate.mean + s, estimate.covariance).predict(0.2).mean for s in (row, -row))
+        above, below = (predict(KalmanState(estimate.mean + s, estimate.covariance), 0.2).mean for s in (row, -row))
         jacobian[:, k] = (above - below) / 2e-6
-    noise = estimate.predict(0.2).covariance - jacobian @ estimate.covariance @ jacobian.T
-    std = np.sqrt(np.diag(estimate.predict(0.2).covariance))
+    noise = predict(estimate, 0.2).covariance - jacobian @ estimate.covariance @ jacobian.T
+    std = np.sqrt(np.diag(predict(estimate, 0.2).covariance))
     correlated = noise / std / std[:, None]
     assert (np.diag(noise) >= -1e-12).all()
     # how the kinks' fading depends on the speed is left out: it is small beside their noise

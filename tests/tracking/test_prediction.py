@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.tracking.car import CAMERA_YAW, LANE, PATH, REST_PITCH, SPEED, lever_m
 from lanes.tracking.model import (
     ADJACENT,
     CENTRE,
@@ -18,8 +17,8 @@ from lanes.tracking.model import (
     VERTICAL_CURVATURE,
     WIDTH,
 )
-from lanes.tracking.process_noise import max_curvature
-from lanes.tracking.state import KalmanState
+from lanes.tracking.prediction import inflate, max_curvature, predict
+from lanes.tracking.state import CAMERA_YAW, LANE, PATH, REST_PITCH, SPEED, KalmanState, lever_m
 from lanes.tracking.update import initial_state, max_speed_mps, update_state
 from simulator.road.geometry import RoadGeometry, VehiclePose
 from simulator.road.truth import lane_truth
@@ -45,14 +44,14 @@ def test_straight_driving_along_a_bend():
     lane = a_lane(centre=-0.2, width=3.6, heading=before.heading_rad, curvature=1 / 400)
     estimate = initial_state(lane, COVARIANCE, 20.0)
     estimate.mean[PATH] = 0.0
-    after = estimate.predict(0.1).mean
+    after = predict(estimate, 0.1).mean
     # two metres on: its heading relative to the road changes by 2 / 400, its lateral place by the integral of it
     assert after[HEADING] == pytest.approx(before.heading_rad + 2 / 400, abs=1e-6)
     assert after[CENTRE] == pytest.approx(-0.2 + 2 * before.heading_rad + 2**2 / 400 / 2, abs=1e-6)
 
 
 def test_clothoid_and_springs():
-    after = state_with(path=2e-3, rest=0.0).predict(0.04).mean
+    after = predict(state_with(path=2e-3, rest=0.0), 0.04).mean
     assert after[CURVATURE] == pytest.approx(2e-3 + 1e-5 * 0.8)
     assert 0 < after[PITCH] < 0.004
     assert after[WIDTH] == 3.6
@@ -60,15 +59,15 @@ def test_clothoid_and_springs():
 
 
 def test_camera_yaw_does_not_move_the_lane():
-    after = state_with(path=2e-3, aim=0.02).predict(0.1).mean
+    after = predict(state_with(path=2e-3, aim=0.02), 0.1).mean
     assert after[CENTRE] == pytest.approx(0.3, abs=1e-9)
 
 
 def test_uncertainty_grows_and_a_standing_car_keeps_the_road():
     estimate = state_with()
-    later = estimate.predict(0.04)
+    later = predict(estimate, 0.04)
     assert np.all(np.diag(later.covariance)[:3] > np.diag(estimate.covariance)[:3])
-    standing = state_with(speed=0.0).predict(0.04)
+    standing = predict(state_with(speed=0.0), 0.04)
     for parameter in (WIDTH, CURVATURE, RATE):
         assert standing.covariance[parameter, parameter] == pytest.approx(estimate.covariance[parameter, parameter])
     np.testing.assert_allclose(later.covariance, later.covariance.T, atol=1e-15)
@@ -78,7 +77,7 @@ def test_update_moves_the_car_with_the_lane():
     """If the lane has moved farther sideways than predicted, the estimated speed grows."""
     estimate = state_with(path=2e-3, speed=20.0)
     estimate.covariance[SPEED, SPEED] = 64.0
-    estimate = estimate.predict(0.5)
+    estimate = predict(estimate, 0.5)
     lane = estimate.lane.copy()
     lane[CENTRE] += 0.05
     updated = update_state(estimate, lane, estimate.lane_covariance / 4)
@@ -92,7 +91,7 @@ def test_update_moves_the_car_with_the_lane():
 
 def test_update_equals_the_textbook_kalman_update():
     """Against the textbook's formula, with a measurement of the centre alone."""
-    estimate = state_with().predict(0.2)
+    estimate = predict(state_with(), 0.2)
     h = np.zeros(len(estimate.mean))
     h[CENTRE] = 1
     s = h @ estimate.covariance @ h + 0.05**2
@@ -133,7 +132,7 @@ def test_the_adjacent_lane_has_its_own_width_and_the_way_back_restores_the_state
 
 def test_inflated_covariance_of_vertical_curvature_rate_steps_and_pitch():
     estimate = state_with()
-    inflated = estimate.inflated()
+    inflated = inflate(estimate)
     more = np.diag(inflated.covariance - estimate.covariance)
     free = np.isin(np.arange(len(more)), [PITCH, *range(len(more))[VERTICAL_CURVATURE], *range(len(more))[RATE_STEPS]])
     assert (more[free] > 1e-7).all() and (more[~free] == 0).all()
@@ -148,7 +147,7 @@ def test_a_rate_step_comes_nearer_and_becomes_the_rate():
     estimate.mean[LANE] = road
     for _ in range(70):
         estimate.mean[SPEED] = 10.0
-        estimate = estimate.predict(0.01)
+        estimate = predict(estimate, 0.01)
     # it fades as it comes; what is left of it has become the rate, or lies before the car
     rate, kink = estimate.mean[RATE], estimate.mean[RATE_STEPS][0]
     assert 0 < kink < rate < 2e-3
@@ -171,4 +170,4 @@ def test_camera_moves_along_the_lane_in_a_hairpin(radius_m):
     estimate = initial_state(lane, COVARIANCE, speed)
     estimate.mean[CAMERA_YAW] = 0.01
     assert estimate.motion.course_rad == pytest.approx(lane[HEADING])
-    assert estimate.predict(0.04).mean[CENTRE] == pytest.approx(0.1, abs=1e-9)
+    assert predict(estimate, 0.04).mean[CENTRE] == pytest.approx(0.1, abs=1e-9)
