@@ -19,15 +19,12 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lanes.cli.arguments import add_lens, add_piece, find_field, require_piece
-from lanes.io.console import bounded_float, error_status, positive_int, progress_line
+from lanes.cli.arguments import add_lens, add_output, add_piece, find_field, given_camera, require_piece
+from lanes.io.console import bounded_float, error_status, positive_int
 
 if TYPE_CHECKING:
-    from lanes.drives.settings import DriveSettings
+    from lanes.drives.settings import DriveResult, DriveSettings, StillsResult
     from lanes.drives.sources import Sources
-
-# Message of a finished job, and the errors of single stills.
-JobOutcome = tuple[str, "Sequence[Exception]"]
 
 EXAMPLES = """\
   python -m lanes annotate --hfov 60 drive.mp4
@@ -46,9 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='video, still, folder, pattern such as "drives/*.mp4", or number of a camera',
     )
     add_lens(parser)
-    parser.add_argument(
-        "-o", "--output", type=Path, default=Path("annotated"), help="output folder (default: %(default)s)"
-    )
+    add_output(parser, "annotated", "output folder")
     add_piece(parser)
     parser.add_argument(
         "--style",
@@ -101,14 +96,14 @@ def run(options: argparse.Namespace) -> int:
         sources = replace(sources, videos=())
     for job in list_jobs(sources, settings):
         try:
-            message, still_failures = job()
+            result = job()
         except (OSError, ValueError) as error:
             failures.append(error)
         else:
             done += 1
-            failures += still_failures
+            failures += getattr(result, "failures", ())  # of single stills
             if not options.quiet:
-                print(message, flush=True)
+                print(result.describe(), flush=True)
     for error in failures:
         print(f"error: {error}", file=sys.stderr)
     if failures and not done:
@@ -133,22 +128,14 @@ def annotate_on_dask(
 
 def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettings:
     """The settings according to the options; --boards is calibrated here."""
-    from lanes.camera.calibration.boards import calibrate_folder
-    from lanes.camera.camera_file import load_camera
     from lanes.drives.settings import DriveSettings
 
     require_piece(options)
-    camera = field = None
-    if options.camera:
-        camera = load_camera(options.camera)
-    elif options.boards:
-        camera = calibrate_folder(options.boards, progress=None if options.quiet else progress_line("boards"))
-    else:
-        field = find_field(options, [*sources.stills, *sources.videos])
+    camera = given_camera(options)
     return DriveSettings(
         output=options.output,
         camera=camera,
-        field=field,
+        field=find_field(options, [*sources.stills, *sources.videos]) if camera is None else None,
         style=options.style,
         start_s=options.start,
         end_s=options.end,
@@ -157,26 +144,16 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
     )
 
 
-def list_jobs(sources: Sources, settings: DriveSettings) -> Iterator[Callable[[], JobOutcome]]:
+def list_jobs(sources: Sources, settings: DriveSettings) -> Iterator[Callable[[], DriveResult | StillsResult]]:
     """One function per job: each video, all stills together, each live camera."""
     from lanes.drives.annotation import annotate_drive, annotate_stills
     from lanes.drives.live import annotate_live
 
-    def run_video(video: Path) -> JobOutcome:
-        return annotate_drive(video, settings).describe(), ()
-
-    def run_stills() -> JobOutcome:
-        result = annotate_stills(sources.stills, settings)
-        return result.describe(), result.failures
-
-    def run_camera(index: int) -> JobOutcome:
+    for video in sources.videos:
+        yield partial(annotate_drive, video, settings)
+    if sources.stills:
+        yield partial(annotate_stills, sources.stills, settings)
+    for index in sources.cameras:
         if settings.progress:
             print(f"camera {index}: annotating until Ctrl-C", file=sys.stderr)
-        return annotate_live(index, settings).describe(), ()
-
-    for video in sources.videos:
-        yield partial(run_video, video)
-    if sources.stills:
-        yield run_stills
-    for index in sources.cameras:
-        yield partial(run_camera, index)
+        yield partial(annotate_live, index, settings)

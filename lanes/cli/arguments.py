@@ -1,4 +1,4 @@
-"""Command-line options shared by several commands: files, lens, and part of the videos."""
+"""Command-line options shared by several commands: files, lens, part of the videos, and output."""
 
 from __future__ import annotations
 
@@ -58,49 +58,44 @@ def add_piece(parser: argparse.ArgumentParser) -> None:
 
 
 def require_piece(options: argparse.Namespace) -> None:
-    """Check the options of `add_piece`.
-
-    Raises
-    ------
-    ValueError
-        If --end is not after --start.
-    """
+    """Raise ValueError if --end is not after --start."""
     if options.end is not None and options.end <= options.start:
         raise ValueError(f"--end {options.end:g} is not after --start {options.start:g}; give a later end.")
 
 
-def find_lens(options: argparse.Namespace) -> Camera:
-    """The camera according to the options of `add_lens`; it has a pose only if it comes from a file with one.
+def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None:
+    """Add --output, with `what` as its help text."""
+    parser.add_argument("-o", "--output", type=Path, default=Path(default), help=f"{what} (default: %(default)s)")
 
-    Raises
-    ------
-    CameraError
-        If the camera file is not usable, or the field of view cannot be found.
-    FileNotFoundError, PictureError, VideoError
-        If a file cannot be read.
-    """
+
+def given_camera(options: argparse.Namespace) -> Camera | None:
+    """The camera of --camera or --boards; None without these options."""
     from lanes.camera.calibration.boards import calibrate_folder
-    from lanes.camera.camera import Camera
     from lanes.camera.camera_file import load_camera
-    from lanes.io.footage import pick_pictures
 
     if options.camera:
         return load_camera(options.camera)
     if options.boards:
-        return calibrate_folder(options.boards, progress=progress_line("boards"))
+        quiet = getattr(options, "quiet", False)
+        return calibrate_folder(options.boards, progress=None if quiet else progress_line("boards"))
+    return None
+
+
+def find_lens(options: argparse.Namespace) -> Camera:
+    """The camera according to the options of `add_lens`; it has a pose only if it comes from a file with one."""
+    from lanes.camera.camera import Camera
+    from lanes.io.footage import pick_pictures
+
+    camera = given_camera(options)
+    if camera is not None:
+        return camera
     first = next(pick_pictures(options.files, 1))
     field = find_field(options, options.files)
     return Camera.from_fov(getattr(options, "size", None) or (first.shape[1], first.shape[0]), field.hfov_deg)
 
 
 def find_field(options: argparse.Namespace, files: Sequence[Path]) -> FieldOfView:
-    """The field of view of an uncalibrated lens; prints it to stderr unless it was given by --hfov.
-
-    Raises
-    ------
-    CameraError
-        If the files show no broken line for --dash-period.
-    """
+    """The field of view of an uncalibrated lens; prints it to stderr unless it was given by --hfov."""
     from lanes.camera.field_of_view import FieldOfView, find_field_of_view
     from lanes.drives.dash_period import field_of_view_from_dashes
 

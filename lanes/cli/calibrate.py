@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from lanes.cli.arguments import size
+from lanes.cli.arguments import add_output, size
 from lanes.io.console import progress_line
 
 EXAMPLES = """\
@@ -31,9 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sheet", type=Path, metavar="FILE", help="also write a picture of all boards with their corners"
     )
-    parser.add_argument(
-        "-o", "--output", type=Path, default=Path("camera.yaml"), help="camera file to write (default: %(default)s)"
-    )
+    add_output(parser, "camera.yaml", "camera file to write")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -7,9 +7,8 @@ a camera pose is given, the pose is first estimated from the files.
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from lanes.cli.arguments import add_footage, add_lens, find_lens
+from lanes.cli.arguments import add_footage, add_lens, add_output, find_lens
 from lanes.io.console import bounded_float, progress_line
 
 EXAMPLES = """\
@@ -33,9 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--fps", type=bounded_float(1), default=25.0, help="frames per second of --sequence (default: %(default)s)"
     )
-    parser.add_argument(
-        "-o", "--output", type=Path, default=Path("lanes.jsonl"), help="file to write (default: %(default)s)"
-    )
+    add_output(parser, "lanes.jsonl", "file to write")
 
 
 def run(options: argparse.Namespace) -> int:

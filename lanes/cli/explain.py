@@ -10,7 +10,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lanes.cli.arguments import add_lens, find_lens
+from lanes.cli.arguments import add_lens, add_output, find_lens
 from lanes.io.console import bounded_float, progress_line
 
 if TYPE_CHECKING:
@@ -28,9 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--at", type=bounded_float(0), metavar="SECONDS", help="time of the frame in a video (default: first frame)"
     )
     add_lens(parser)
-    parser.add_argument(
-        "-o", "--output", type=Path, default=Path("explained.png"), help="figure to write (default: %(default)s)"
-    )
+    add_output(parser, "explained.png", "figure to write")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -6,9 +6,8 @@ enough, but gives larger standard deviations.
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from lanes.cli.arguments import add_footage, add_lens, add_piece, find_lens, require_piece
+from lanes.cli.arguments import add_footage, add_lens, add_output, add_piece, find_lens, require_piece
 from lanes.io.console import bounded_float, positive_int, progress_line
 
 EXAMPLES = """\
@@ -42,9 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="largest number of pictures to use (default: %(default)s)",
     )
-    parser.add_argument(
-        "-o", "--output", type=Path, default=Path("camera.yaml"), help="camera file to write (default: %(default)s)"
-    )
+    add_output(parser, "camera.yaml", "camera file to write")
 
 
 def run(options: argparse.Namespace) -> int:
