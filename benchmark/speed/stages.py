@@ -27,7 +27,7 @@ from lanes.classic.warp import FourPointWarp
 from lanes.drives import overlay_styles as styles
 from lanes.drives.overlay_styles import track_lane
 from lanes.io.frames import Frame, YuvFrame
-from lanes.io.threads import one_thread
+from lanes.io.threads import opencv_threads
 from lanes.tracking import markings, tracker, update
 from lanes.tracking.birdseye import BirdsEyeView
 
@@ -135,7 +135,7 @@ def time_frames(
     systems = _systems(camera)
     seconds: dict[str, list[np.ndarray]] = {name: [] for name in systems}
     turns = [(name, system) for _ in range(rounds) for name, system in systems.items()]
-    with one_thread():
+    with opencv_threads(1):
         for number, (name, system) in enumerate(turns):
             seconds[name].append(_time_round(system, frames, camera))
             if progress:

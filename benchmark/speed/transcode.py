@@ -22,9 +22,9 @@ import numpy as np
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import load_camera
 from lanes.drives.overlay_styles import track_lane
-from lanes.io.threads import one_thread
+from lanes.io.threads import opencv_threads
 from lanes.io.video.container import open_video
-from lanes.io.video.pipeline import YuvProcess, annotate_video
+from lanes.io.video.pipeline import annotate_video
 from lanes.io.video.reader import inspect_video
 from lanes.io.video.writer import open_mp4
 from lanes.tracking.tracker import LaneTracker
@@ -109,9 +109,9 @@ def repeat_video(source: Path, target: Path, frames: int) -> Path:
 
 
 def _annotate(source: Path, target: Path, camera: Camera, fps: float, table: Path, end_s: float | None = None) -> None:
-    process = YuvProcess(track_lane(LaneTracker(camera, fps=fps), camera))
-    with one_thread():  # as in `python -m lanes annotate`
-        annotate_video(source, target, process, end_s=end_s, progress=False, telemetry=table)
+    process = track_lane(LaneTracker(camera, fps=fps), camera)
+    with opencv_threads(1):  # as in `python -m lanes annotate`
+        annotate_video(source, target, process, yuv=True, end_s=end_s, progress=False, telemetry=table)
 
 
 def _annotation_peak_mb(source: Path, target: Path, camera_file: Path, frames: int) -> float:

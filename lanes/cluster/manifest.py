@@ -1,30 +1,36 @@
-"""Manifest of a finished drive: a JSON file next to its outputs, so that no drive is annotated twice.
+"""Manifest of a finished drive, a JSON file next to its outputs, so that no drive is annotated twice; summary of all.
 
 The manifest is written last. A drive is finished if its manifest exists, names the same input, settings and versions,
 and all its outputs exist with the sizes in the manifest. Every other drive is annotated.
+
+The summary has one telemetry data set, one table of drives with the worst first, and totals.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
+from urllib.parse import quote
 
 import lanes
 from lanes.camera.camera_file import camera_to_dict
 from lanes.drives.annotation import output_path
 from lanes.drives.settings import DriveResult, DriveSettings, versions
-from lanes.io.files import read_text, require_file, write_atomically
-from lanes.io.telemetry import read_telemetry
+from lanes.io.files import atomic_write, read_text, require_file, write_atomically
+from lanes.io.telemetry import read_telemetry, write_telemetry
 from lanes.io.video.container import VideoError
 
 # Hexadecimal digits of a key: 48 bits, enough to keep all drives of an output folder apart.
 KEY_DIGITS = 12
 # Largest manifest that is read. A real one has a few kilobytes.
 MAX_MANIFEST_BYTES = 1_000_000
+SUMMARY, DATA_SET = "summary", "telemetry"
+MEASURES = ("tracked_share", "lost_s", "frames", "missing", "length_s", "cpu_s", "pieces")
 
 
 @dataclass(frozen=True)
@@ -39,22 +45,12 @@ class DriveKey:
 
     @classmethod
     def from_video(cls, video: Path, settings: DriveSettings, piece_s: float) -> DriveKey:
-        """The key of a drive in its present state.
-
-        Raises
-        ------
-        FileNotFoundError, VideoError
-            If the video does not exist or is not a file.
-        """
+        """The key of a drive in its present state; raises FileNotFoundError or VideoError if it is not a file."""
         status = require_file(video, "video", error=VideoError).stat()
         used = {
             "camera": settings.camera and camera_to_dict(settings.camera),
             "field": settings.field and asdict(settings.field),
-            "style": settings.style,
-            "start_s": settings.start_s,
-            "end_s": settings.end_s,
-            "report": settings.report,
-            "overlapped": settings.overlapped,
+            **{name: getattr(settings, name) for name in ("style", "start_s", "end_s", "report", "overlapped")},
             "piece_s": piece_s,
         }
         return cls(str(video), status.st_size, status.st_mtime_ns, used, all_versions())
@@ -113,13 +109,7 @@ def manifest_path(video: Path, folder: Path) -> Path:
 
 
 def write_manifest(key: DriveKey, result: DriveResult, *, cpu_s: float, pieces: int) -> Manifest:
-    """Write the manifest of a drive whose outputs are complete.
-
-    Raises
-    ------
-    OSError
-        If the telemetry cannot be read or the manifest cannot be written.
-    """
+    """Write the manifest of a drive whose outputs are complete."""
     written = [path for path in (result.video, result.telemetry, result.report) if path]
     time_s = read_telemetry(result.telemetry)["time_s"]
     length_s = float(time_s[-1] - time_s[0]) * len(time_s) / max(len(time_s) - 1, 1)
@@ -165,9 +155,58 @@ def _require_types(manifest: Manifest) -> None:
 
 def missing_outputs(manifest: Manifest, folder: Path) -> Sequence[str]:
     """Names of the outputs that are not in `folder`, or have another size."""
+    return [
+        name
+        for name, size_bytes in manifest.outputs.items()
+        if not (folder / name).is_file() or (folder / name).stat().st_size != size_bytes
+    ]
 
-    def is_complete(name: str, size_bytes: int) -> bool:
-        path = folder / name
-        return path.is_file() and path.stat().st_size == size_bytes
 
-    return [name for name, size_bytes in manifest.outputs.items() if not is_complete(name, size_bytes)]
+def add_to_data_set(telemetry: Path, folder: Path) -> Path:
+    """Copy a drive's telemetry into the data set of `folder`; returns the path written.
+
+    The data set is CSV with Hive partitioning by drive. Dask, DuckDB, Spark and Arrow read its folders (drive=NAME,
+    special characters percent-encoded) as one table with a column `drive`.
+    """
+    part = folder / SUMMARY / DATA_SET / f"drive={quote(telemetry.stem, safe=' ')}" / "part.csv"
+    with atomic_write(part) as partial:
+        shutil.copyfile(telemetry, partial)
+    return part
+
+
+def write_summary(folder: Path, finished: Sequence[Manifest], failed: Mapping[Path, Exception]) -> Path:
+    """Write the table of drives, failed ones first, then by tracked share from the worst on; returns its path."""
+    rows = [{"drive": video.stem, "state": "failed", "reason": str(error)} for video, error in sorted(failed.items())]
+    rows += [
+        {
+            "drive": Path(manifest.key.source).stem,
+            "state": "finished",
+            **{name: getattr(manifest, name) for name in MEASURES},
+            "source": manifest.key.source,
+        }
+        for manifest in sorted(finished, key=_rank)
+    ]
+    return write_telemetry(folder / SUMMARY / "drives.csv", rows)
+
+
+def describe_totals(finished: Sequence[Manifest], failed: int, skipped: int) -> str:
+    """A sentence about all drives."""
+    counts = f"{len(finished)} drives finished ({skipped} of them before), {failed} failed"
+    length_s = sum(m.length_s for m in finished)
+    if not length_s:
+        return f"{counts}."
+    frames = sum(m.frames for m in finished)
+    tracked = sum(m.tracked_share * m.frames for m in finished) / frames
+    lost_s = sum(m.lost_s for m in finished)
+    per_minute_s = 60 * sum(m.cpu_s for m in finished) / length_s
+    worst = min(finished, key=_rank)
+    return (
+        f"{counts}: {length_s / 3600:.3g} hours of video, {frames} frames, lane tracked in {tracked:.0%} of them, lost "
+        f"for {lost_s:.1f} s; {per_minute_s:.0f} s of processor time for a minute of video. Worst: "
+        f"{Path(worst.key.source).name}, tracked in {worst.tracked_share:.0%}."
+    )
+
+
+def _rank(manifest: Manifest) -> tuple[float, float, str]:
+    """Sort key of a drive, the worst first."""
+    return manifest.tracked_share, -manifest.lost_s, manifest.key.source

@@ -52,11 +52,6 @@ def annotate_piece(drive: PreparedDrive, piece: Piece, settings: DriveSettings, 
     """Annotate one piece into `folder`, unless that was done before; returns the time that it took, in seconds.
 
     For a piece that was done before, the time is the sum of the latencies in its telemetry.
-
-    Raises
-    ------
-    VideoError, OSError
-        As `annotate_drive`.
     """
     target = _video_path(piece, folder)
     telemetry = target.with_suffix(".csv")
@@ -74,14 +69,7 @@ def join_pieces(
 ) -> DriveResult:
     """Join all pieces, in order, from `folder` into the files that `annotate_drive` writes.
 
-    `elapsed_s` is the total time that the pieces took.
-
-    Raises
-    ------
-    VideoError
-        If a piece is damaged.
-    OSError
-        If a file cannot be read or written.
+    `elapsed_s` is the total time that the pieces took. Raises VideoError if a piece is damaged.
     """
     target = output_path(drive.video, settings.output)
     videos = [_video_path(piece, folder) for piece in pieces]
@@ -90,10 +78,9 @@ def join_pieces(
     write_telemetry(target.with_suffix(".csv"), _join_rows(tables))
     join_videos(videos, starts_s, target, sound_from=drive.video if drive.info.has_audio else None)
     frames = read_telemetry(target.with_suffix(".csv"))["frame"]
-    piece = {"start_s": settings.start_s, "end_s": settings.end_s}
-    missing = count_missing(drive.info, int(frames[0]), int(frames[-1]), len(frames), **piece)
-    source = str(drive.video)
-    return conclude_drive(source, target, drive.camera, drive.pose, settings, elapsed_s, missing=missing)
+    part = {"start_s": settings.start_s, "end_s": settings.end_s}
+    missing = count_missing(drive.info, int(frames[0]), int(frames[-1]), len(frames), **part)
+    return conclude_drive(str(drive.video), target, drive.camera, drive.pose, settings, elapsed_s, missing=missing)
 
 
 def _video_path(piece: Piece, folder: Path) -> Path:

@@ -13,8 +13,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lanes.cluster.manifest import Manifest, missing_outputs, read_finished
-from lanes.cluster.summary import SUMMARY, describe_totals, write_summary
+from lanes.cluster.manifest import (
+    SUMMARY,
+    Manifest,
+    describe_totals,
+    missing_outputs,
+    read_finished,
+    write_summary,
+)
 from lanes.cluster.tasks import DriveJob, Plan, begin_drive, finish_drive, run_piece
 from lanes.drives.settings import DriveSettings
 from lanes.io.files import exclusive_writer
@@ -115,39 +121,20 @@ def _annotate_unfinished(
 def connect(cluster: ClusterSettings) -> Iterator[Client]:
     """A Dask client of `cluster.scheduler`, or of a new local cluster with `cluster.workers` processes.
 
-    Raises
-    ------
-    ClusterError
-        If Dask is not installed, or no scheduler answers.
+    Raises ClusterError if Dask is not installed, or no scheduler answers.
     """
     try:
-        import distributed  # noqa: F401 (checks that Dask is installed)
+        import dask
+        from distributed import Client, LocalCluster
     except ImportError as error:
         raise ClusterError(
             "--workers and --scheduler need Dask, which is not installed; run "
             "`pip install -r requirements-cluster.txt`, or omit them to annotate one drive after the other."
         ) from error
-    with _connect_to(cluster.scheduler) if cluster.scheduler else _start_local(cluster) as client:
-        yield client
-
-
-def _connect_to(scheduler: str) -> Client:
-    from distributed import Client
-
-    try:
-        return Client(scheduler, timeout=CONNECT_TIMEOUT_S)
-    except (OSError, ValueError) as error:
-        raise ClusterError(
-            f"{scheduler}: no Dask scheduler answers there ({error}); start one with `dask scheduler`, and give the "
-            "address that it prints."
-        ) from error
-
-
-@contextmanager
-def _start_local(cluster: ClusterSettings) -> Iterator[Client]:
-    import dask
-    from distributed import Client, LocalCluster
-
+    if cluster.scheduler:
+        with _connect_to(cluster.scheduler) as client:
+            yield client
+        return
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": cluster.retries}),
         LocalCluster(
@@ -161,6 +148,18 @@ def _start_local(cluster: ClusterSettings) -> Iterator[Client]:
         Client(local) as client,
     ):
         yield client
+
+
+def _connect_to(scheduler: str) -> Client:
+    from distributed import Client
+
+    try:
+        return Client(scheduler, timeout=CONNECT_TIMEOUT_S)
+    except (OSError, ValueError) as error:
+        raise ClusterError(
+            f"{scheduler}: no Dask scheduler answers there ({error}); start one with `dask scheduler`, and give the "
+            "address that it prints."
+        ) from error
 
 
 def annotate_all(

@@ -3,7 +3,8 @@
     begin_drive -> manifest                                  (a short drive is one task)
                 -> run_piece ... -> finish_drive -> manifest (a long drive is cut, see `lanes.cluster.pieces`)
 
-Tasks can be repeated: outputs get their final names when they are complete, and the manifest is written last.
+Tasks can be repeated: outputs get their final names when they are complete, and the manifest is written last. A task
+returns an error that would occur again, such as an unusable file, instead of its result.
 """
 
 from __future__ import annotations
@@ -14,20 +15,25 @@ import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import wraps
 from glob import escape
 from pathlib import Path
-from typing import TypeVar
 
-from lanes.cluster.manifest import KEY_DIGITS, DriveKey, Manifest, all_versions, read_finished, write_manifest
+from lanes.cluster.manifest import (
+    KEY_DIGITS,
+    DriveKey,
+    Manifest,
+    add_to_data_set,
+    all_versions,
+    read_finished,
+    write_manifest,
+)
 from lanes.cluster.pieces import Piece, annotate_piece, cut_drive, join_pieces
-from lanes.cluster.summary import add_to_data_set
 from lanes.drives.annotation import PreparedDrive, annotate_prepared, output_path, prepare_drive
 from lanes.drives.settings import DriveSettings
 from lanes.io.files import remove_stale_partials
-from lanes.io.threads import one_thread
+from lanes.io.threads import opencv_threads
 from lanes.io.video.container import VideoError
-
-Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,13 +45,7 @@ class DriveJob:
 
     @classmethod
     def from_video(cls, video: Path, settings: DriveSettings, piece_s: float) -> DriveJob:
-        """The job for a drive, with absolute paths because workers may have other working directories.
-
-        Raises
-        ------
-        FileNotFoundError, VideoError
-            If the video does not exist or is not a file.
-        """
+        """The job for a drive, with absolute paths because workers may have other working directories."""
         settings = replace(settings, output=settings.output.absolute(), progress=False, overlapped=False)
         return cls(DriveKey.from_video(video.absolute(), settings, piece_s), settings)
 
@@ -87,72 +87,69 @@ class PieceTiming:
     elapsed_s: float
 
 
-def begin_drive(job: DriveJob) -> Manifest | Plan | Exception:
-    """Annotate a short drive, or inspect and cut a long one; returns an error that would occur again."""
+def _return_permanent_errors(task: Callable) -> Callable:
+    """A task that returns errors that would occur again; it raises other errors, so that Dask repeats it."""
 
-    def work() -> Manifest | Plan:
-        # An earlier worker may have finished the drive and died before it returned.
-        if finished := read_finished(job.key, job.settings.output):
-            return finished
-        job.remove_leftovers()
-        began_s = time.process_time()
-        drive = prepare_drive(job.video, job.settings)
-        pieces = cut_drive(drive, job.settings, job.key.settings["piece_s"])
-        if len(pieces) > 1:
-            return Plan(drive, pieces, time.process_time() - began_s)
-        result = annotate_prepared(drive, job.settings)
-        add_to_data_set(result.telemetry, job.settings.output)
-        return write_manifest(job.key, result, cpu_s=time.process_time() - began_s, pieces=1)
-
-    return _return_permanent_errors(work, job)
-
-
-def run_piece(job: DriveJob, drive: PreparedDrive, piece: Piece) -> PieceTiming | Exception:
-    """Annotate one piece of a long drive; returns an error that would occur again."""
-
-    def work() -> PieceTiming:
-        began_s = time.process_time()
-        elapsed_s = annotate_piece(drive, piece, job.settings, job.folder)
-        return PieceTiming(time.process_time() - began_s, elapsed_s)
-
-    return _return_permanent_errors(work, job)
-
-
-def finish_drive(job: DriveJob, plan: Plan, done: Sequence[PieceTiming | Exception]) -> Manifest | Exception:
-    """Join the pieces of a long drive; returns an error that would occur again."""
-
-    def work() -> Manifest:
-        if finished := read_finished(job.key, job.settings.output):
-            return finished
-        began_s = time.process_time()
+    @wraps(task)
+    def run(job: DriveJob, *inputs: object) -> object:
         try:
-            elapsed_s = sum(piece.elapsed_s for piece in done)
-            result = join_pieces(plan.drive, plan.pieces, job.settings, job.folder, elapsed_s)
-        except VideoError:
-            # The next run must not use the same damaged piece.
-            shutil.rmtree(job.folder, ignore_errors=True)
-            raise
-        add_to_data_set(result.telemetry, job.settings.output)
-        cpu_s = plan.cpu_s + sum(piece.cpu_s for piece in done) + time.process_time() - began_s
-        manifest = write_manifest(job.key, result, cpu_s=cpu_s, pieces=len(done))
-        shutil.rmtree(job.folder)
-        return manifest
+            _require_same_versions(all_versions(), job.key.versions)
+            with opencv_threads(1):
+                return task(job, *inputs)
+        except FileNotFoundError as error:
+            here = f"worker on {platform.node()} in {os.getcwd()}"
+            return FileNotFoundError(f"{error} ({here}; all workers must see the drives by the same path)")
+        except ValueError as error:
+            return error
 
-    failed = next((outcome for outcome in done if isinstance(outcome, Exception)), None)
-    return failed or _return_permanent_errors(work, job)
+    return run
 
 
-def _return_permanent_errors(work: Callable[[], Result], job: DriveJob) -> Result | Exception:
-    """The result of `work`, or an error that would occur again; other errors are raised, so that Dask retries."""
+@_return_permanent_errors
+def begin_drive(job: DriveJob) -> Manifest | Plan:
+    """Annotate a short drive, or inspect and cut a long one."""
+    # An earlier worker may have finished the drive and died before it returned.
+    if finished := read_finished(job.key, job.settings.output):
+        return finished
+    job.remove_leftovers()
+    began_s = time.process_time()
+    drive = prepare_drive(job.video, job.settings)
+    pieces = cut_drive(drive, job.settings, job.key.settings["piece_s"])
+    if len(pieces) > 1:
+        return Plan(drive, pieces, time.process_time() - began_s)
+    result = annotate_prepared(drive, job.settings)
+    add_to_data_set(result.telemetry, job.settings.output)
+    return write_manifest(job.key, result, cpu_s=time.process_time() - began_s, pieces=1)
+
+
+@_return_permanent_errors
+def run_piece(job: DriveJob, drive: PreparedDrive, piece: Piece) -> PieceTiming:
+    """Annotate one piece of a long drive."""
+    began_s = time.process_time()
+    elapsed_s = annotate_piece(drive, piece, job.settings, job.folder)
+    return PieceTiming(time.process_time() - began_s, elapsed_s)
+
+
+@_return_permanent_errors
+def finish_drive(job: DriveJob, plan: Plan, done: Sequence[PieceTiming | Exception]) -> Manifest | Exception:
+    """Join the pieces of a long drive; returns the error of a failed piece."""
+    if failed := next((outcome for outcome in done if isinstance(outcome, Exception)), None):
+        return failed
+    if finished := read_finished(job.key, job.settings.output):
+        return finished
+    began_s = time.process_time()
     try:
-        _require_same_versions(all_versions(), job.key.versions)
-        with one_thread():
-            return work()
-    except FileNotFoundError as error:
-        here = f"worker on {platform.node()} in {os.getcwd()}"
-        return FileNotFoundError(f"{error} ({here}; all workers must see the drives by the same path)")
-    except ValueError as error:
-        return error
+        elapsed_s = sum(piece.elapsed_s for piece in done)
+        result = join_pieces(plan.drive, plan.pieces, job.settings, job.folder, elapsed_s)
+    except VideoError:
+        # The next run must not use the same damaged piece.
+        shutil.rmtree(job.folder, ignore_errors=True)
+        raise
+    add_to_data_set(result.telemetry, job.settings.output)
+    cpu_s = plan.cpu_s + sum(piece.cpu_s for piece in done) + time.process_time() - began_s
+    manifest = write_manifest(job.key, result, cpu_s=cpu_s, pieces=len(done))
+    shutil.rmtree(job.folder)
+    return manifest
 
 
 def _require_same_versions(here: Mapping[str, str], wanted: Mapping[str, str]) -> None:

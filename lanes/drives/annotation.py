@@ -21,9 +21,9 @@ from lanes.io.files import exclusive_writer
 from lanes.io.frames import PictureError
 from lanes.io.images import list_pictures, read_image, write_image
 from lanes.io.telemetry import read_telemetry, write_telemetry
-from lanes.io.threads import one_thread
+from lanes.io.threads import opencv_threads
 from lanes.io.video.container import VideoError
-from lanes.io.video.pipeline import VideoSummary, YuvProcess, annotate_video
+from lanes.io.video.pipeline import VideoSummary, annotate_video
 from lanes.io.video.reader import VideoInfo, inspect_video
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
@@ -77,7 +77,7 @@ def annotate_prepared(drive: PreparedDrive, settings: DriveSettings) -> DriveRes
     target = output_path(drive.video, settings.output)
     began_s = time.perf_counter()
     # Reader, tracker and writer already use one thread each.
-    with one_thread():
+    with opencv_threads(1):
         missing = track_video(drive, target, settings).missing
     elapsed_s = time.perf_counter() - began_s
     source = str(drive.video)
@@ -90,7 +90,8 @@ def track_video(drive: PreparedDrive, target: Path, settings: DriveSettings, **o
     return annotate_video(
         drive.video,
         target,
-        YuvProcess(process),
+        process,
+        yuv=True,
         start_s=settings.start_s,
         end_s=settings.end_s,
         progress=settings.progress,

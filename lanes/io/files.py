@@ -106,53 +106,43 @@ def write_atomically(path: str | Path, data: bytes) -> None:
 def atomic_write(path: Path) -> Iterator[Path]:
     """The name of a partial file to write to; it is renamed to `path` after the block, or removed if the block raises.
 
-    Of two processes that write the same output, the last one to finish replaces the other's file.
+    Of two processes that write the same output, the last one to finish replaces the other's file. A link is replaced at
+    its target and stays a link.
 
     Raises
     ------
     OSError
         If the file cannot be written, or `path` is a folder, a pipe or a device; the folder is created where needed.
     """
+    with partial_file(path) as partial, translate_write_errors(path):
+        yield partial
+
+
+@contextmanager
+def partial_file(path: Path) -> Iterator[Path]:
+    """As `atomic_write`, but errors of the block are not reworded."""
     with translate_write_errors(path):
-        partial = PartialFile(path)
-        try:
-            yield partial.name
-            partial.commit()
-        finally:
-            partial.discard()
-
-
-class PartialFile:
-    """An unfinished output in the folder of `path`: an empty, locked file with the path `name`.
-
-    `commit` renames it to `path`, `discard` removes it unless it was committed. A link is replaced at its target and
-    stays a link. Raises OSError as `atomic_write`, but not reworded.
-    """
-
-    def __init__(self, path: str | Path) -> None:
-        self.path = Path(os.path.realpath(path))
+        target = Path(os.path.realpath(path))
         # Root could rename a file over /dev/null.
-        if self.path.exists() and not self.path.is_file():
-            raise OSError(f"it is {_describe_kind(self.path.stat())}")
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        remove_stale_partials(self.path)
-        digits = secrets.token_hex(_DIGITS // 2)
-        self.name = self.path.with_name(f"{self.path.stem}{PARTIAL}{digits}{self.path.suffix}")
-        self.name.touch(exist_ok=False)
+        if target.exists() and not target.is_file():
+            raise OSError(f"it is {_describe_kind(target.stat())}")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        remove_stale_partials(target)
+        partial = target.with_name(f"{target.stem}{PARTIAL}{secrets.token_hex(_DIGITS // 2)}{target.suffix}")
+        partial.touch(exist_ok=False)
         # On Windows nobody but the lock itself could write to a locked file.
-        self._lock = _lock(self.name) if sys.platform != "win32" else None
-
-    def commit(self) -> None:
-        """Flush the file to the disk, so that a full disk is noticed, and rename it."""
-        with self.name.open("rb+") as file:
-            os.fsync(file.fileno())
-        os.replace(self.name, self.path)
-
-    def discard(self) -> None:
-        """Remove the file, unless it was committed, and release its lock."""
-        self.name.unlink(missing_ok=True)
-        if self._lock:
-            self._lock.release()
+        lock = _lock(partial) if sys.platform != "win32" else None
+    try:
+        yield partial
+        with translate_write_errors(path):
+            # Flushed to the disk, so that a full disk is noticed.
+            with partial.open("rb+") as file:
+                os.fsync(file.fileno())
+            os.replace(partial, target)
+    finally:
+        partial.unlink(missing_ok=True)
+        if lock:
+            lock.release()
 
 
 def remove_stale_partials(path: Path) -> None:

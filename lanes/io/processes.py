@@ -16,7 +16,7 @@ from typing import TypeVar
 
 import cv2
 
-from lanes.io.threads import one_thread
+from lanes.io.threads import opencv_threads
 
 Job, Result = TypeVar("Job"), TypeVar("Result")
 
@@ -75,7 +75,12 @@ def run_all(
     _require_workers(workers)
     report = progress or (lambda done, total: None)
     if workers == 1:
-        return _run_here(function, jobs, report)
+        results = []
+        with opencv_threads(1):
+            for done, job in enumerate(jobs, 1):
+                results.append(function(job))
+                report(done, len(jobs))
+        return results
     with _worker_pool(function, workers) as pool:
         with _sigint_blocked():
             futures = [pool.submit(_run_job, job) for job in jobs]
@@ -83,15 +88,6 @@ def run_all(
             future.result()
             report(done, len(futures))
         return [future.result() for future in futures]
-
-
-def _run_here(function: Callable, jobs: Sequence, report: Callable[[int, int], None]) -> list:
-    results = []
-    with one_thread():
-        for done, job in enumerate(jobs, 1):
-            results.append(function(job))
-            report(done, len(jobs))
-    return results
 
 
 def _map_on_workers(function: Callable, jobs: Iterator, workers: int) -> Generator:

@@ -39,8 +39,7 @@ class TelemetryWriter:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             if kind is None:
-                with translate_write_errors(self.path):
-                    self._finish()
+                self._finish()
         finally:
             # A full disk is reported above already.
             with suppress(OSError):
@@ -57,8 +56,8 @@ class TelemetryWriter:
             self._csv.writerow(_field(row.get(name)) for name in self._columns)
 
     def _finish(self) -> None:
-        self._rows.seek(0)
         with atomic_write(self.path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
+            self._rows.seek(0)
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(self._columns)
             # Early rows lack the columns that appeared later.

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from lanes.io.disk_cache import cached_array, short_hash
-from lanes.io.threads import all_threads
+from lanes.io.threads import opencv_threads
 from simulator.landscape import foliage, sky
 from simulator.landscape.foliage import SUN_IN_SPRITE, plant_sprites, sprite_level
 from simulator.landscape.sky import (
@@ -77,7 +77,7 @@ def panorama(style: BackdropStyle, seed: int) -> np.ndarray:
     return cached_array(name, sources, lambda: _paint_panorama(style, seed), max_files=MAX_CACHED)
 
 
-@all_threads()
+@opencv_threads(-1)
 def _paint_panorama(style: BackdropStyle, seed: int) -> np.ndarray:
     rng = np.random.default_rng([seed, 20])
     # Separate planes, because numpy is slow where the innermost axis has three elements.

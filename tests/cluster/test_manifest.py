@@ -11,8 +11,16 @@ import numpy as np
 import pytest
 
 from lanes.camera.field_of_view import FieldOfView
-from lanes.cluster.manifest import DriveKey, Manifest, manifest_path, read_finished, write_manifest
-from lanes.cluster.summary import add_to_data_set, describe_totals, write_summary
+from lanes.cluster.manifest import (
+    DriveKey,
+    Manifest,
+    add_to_data_set,
+    describe_totals,
+    manifest_path,
+    read_finished,
+    write_manifest,
+    write_summary,
+)
 from lanes.drives.annotation import annotate_drive
 from lanes.drives.settings import DriveSettings
 from lanes.io.telemetry import read_telemetry

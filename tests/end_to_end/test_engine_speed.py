@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from lanes.io.frames import Frame, YuvFrame
-from lanes.io.threads import one_thread
+from lanes.io.threads import opencv_threads
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
 from lanes.tracking.overlay import draw_tracked
@@ -28,7 +28,7 @@ PICTURES = [DRIVE.frame(frame / FPS) for frame in range(FRAMES)]
 
 @pytest.fixture(autouse=True)
 def on_one_thread() -> Iterator[None]:
-    with one_thread():
+    with opencv_threads(1):
         yield
 
 

@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 from lanes.io.files import (
-    PartialFile,
     atomic_write,
     exclusive_writer,
+    partial_file,
     read_text,
     remove_stale_partials,
     require_file,
@@ -168,13 +168,13 @@ def test_only_stale_partial_files_are_removed(tmp_path):
 
 def test_two_writers_of_one_file_do_not_mix(tmp_path):
     """Neither changes the other's partial file; the last one to finish replaces the first one's output."""
-    first, second = PartialFile(tmp_path / "a.txt"), PartialFile(tmp_path / "a.txt")
-    assert first.name != second.name and names(tmp_path) == {first.name.name, second.name.name}
-    first.name.write_text("first")
-    second.name.write_text("second")
-    second.commit()
-    remove_stale_partials(tmp_path / "a.txt")
-    first.commit()
+    with partial_file(tmp_path / "a.txt") as first:
+        with partial_file(tmp_path / "a.txt") as second:
+            assert first != second and names(tmp_path) == {first.name, second.name}
+            first.write_text("first")
+            second.write_text("second")
+        assert (tmp_path / "a.txt").read_text() == "second"
+        remove_stale_partials(tmp_path / "a.txt")
     assert names(tmp_path) == {"a.txt"} and (tmp_path / "a.txt").read_text() == "first"
 
 

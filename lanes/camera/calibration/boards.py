@@ -15,7 +15,7 @@ from lanes.camera.camera import MAX_ASPECT_DIFFERENCE, CalibrationReport, Camera
 from lanes.camera.camera_pose import CameraError
 from lanes.io.frames import PictureError
 from lanes.io.images import list_pictures, read_image
-from lanes.io.threads import one_thread
+from lanes.io.threads import opencv_threads
 
 # Two views determine the intrinsics in theory; a third makes errors visible.
 MIN_VIEWS = 3
@@ -191,7 +191,7 @@ def _calibrate_once(boards: dict[str, Board], size: tuple[int, int]) -> Camera:
     object_points = [board.object_points for board in boards.values()]
     image_points = [board.corners_px for board in boards.values()]
     try:
-        with one_thread():
+        with opencv_threads(1):
             rms, matrix, distortion, *_, std, _, errors = cv2.calibrateCameraExtended(
                 object_points, image_points, size, None, None
             )

@@ -22,7 +22,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -51,16 +51,6 @@ Process = Callable[..., "Frame | tuple[Frame, Row]"]
 
 
 @dataclass(frozen=True)
-class YuvProcess:
-    """A function for `annotate_video` that takes and returns a `YuvFrame` instead of an RGB array.
-
-    This saves two colour conversions per frame and leaves all pixels unchanged that the function does not draw on.
-    """
-
-    process: Process
-
-
-@dataclass(frozen=True)
 class VideoSummary:
     """Result of `annotate_video`.
 
@@ -68,7 +58,6 @@ class VideoSummary:
     `missing` frames of the source are damaged or not there; they are skipped, and the others keep their times.
     """
 
-    path: Path
     frames_in: int
     frames_out: int
     fps: float
@@ -77,8 +66,6 @@ class VideoSummary:
     duration_s: float
     has_audio: bool
     missing: int
-    # Not printed, so that two runs print the same.
-    elapsed_s: float = field(repr=False, compare=False)
 
 
 def open_clip(path: str | Path, *, start_s: float = 0.0, end_s: float | None = None) -> VideoFileClip:
@@ -104,8 +91,9 @@ def open_clip(path: str | Path, *, start_s: float = 0.0, end_s: float | None = N
 def annotate_video(
     source: str | Path,
     target: str | Path,
-    process: Process | YuvProcess,
+    process: Process,
     *,
+    yuv: bool = False,
     start_s: float = 0.0,
     end_s: float | None = None,
     progress: bool = True,
@@ -122,11 +110,14 @@ def annotate_video(
     source, target : str or Path
         `target` ends in .mp4 and is written atomically: after an exception, Ctrl-C or SIGTERM an earlier file of that
         name is unchanged, and no other file remains.
-    process : callable or YuvProcess
+    process : callable
         Takes a frame, an RGB array (height, width, 3), uint8, which it may overwrite. Returns the annotated frame, or a
         pair of that and a mapping with the frame's telemetry. It is called once per frame, in order, in the caller's
         thread. All returned pictures must have the same size. If it has a parameter `elapsed_s`, it gets the seconds
         since the previous frame, None for the first; they vary in videos of variable rate.
+    yuv : bool
+        `process` takes and returns a `YuvFrame` instead of an RGB array. This saves two colour conversions per frame
+        and leaves all pixels unchanged that the function does not draw on.
     start_s, end_s
         As for `read_frames`.
     progress : bool
@@ -151,16 +142,13 @@ def annotate_video(
     OSError
         If `target` or `telemetry` cannot be written.
     """
-    began_s = time.perf_counter()
     info = info or inspect_video(source)
     if Path(target).exists() and os.path.samefile(source, target):
         raise VideoError(f"{target}: is the source itself; write the annotated video under another name.")
     decoders, encoders = (0, ENCODER_THREADS) if overlapped else (1, 1)
     sound_from = source if sound and info.has_audio else None
     writer = VideoWriter(target, fps=info.fps, sound_from=sound_from, threads=encoders)
-    convert = to_upright_rgb
-    if isinstance(process, YuvProcess):
-        process, convert = process.process, to_upright_yuv
+    convert = to_upright_yuv if yuv else to_upright_rgb
     first_s = max(0.0, start_s - warm_up_s)
     read = read_timed_frames(source, start_s=first_s, end_s=end_s, threads=decoders, convert=convert)
     with (
@@ -187,7 +175,6 @@ def annotate_video(
             numbers = [*numbers[:1], frame.number]
     written = writer.written
     return VideoSummary(
-        path=writer.path,
         frames_in=writer.frames,
         frames_out=written.frames,
         fps=written.fps,
@@ -196,7 +183,6 @@ def annotate_video(
         duration_s=written.duration_s,
         has_audio=written.has_audio,
         missing=count_missing(info, numbers[0], numbers[-1], writer.frames, start_s=start_s, end_s=end_s),
-        elapsed_s=time.perf_counter() - began_s,
     )
 
 

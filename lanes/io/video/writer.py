@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from fractions import Fraction
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import av
 import numpy as np
 from av.video.reformatter import ColorRange
 
-from lanes.io.files import PartialFile, translate_write_errors
+from lanes.io.files import partial_file
 from lanes.io.frames import Frame, YuvColourSpace, YuvFrame, require_rgb
 from lanes.io.video.container import VideoError, decode_frames, open_video, start_time, translate_errors
 from lanes.io.video.reader import STAMP_TOLERANCE_S, VideoInfo, inspect_video
@@ -79,6 +79,7 @@ class VideoWriter:
         self._tick = Fraction(1, self._rate.numerator * per_frame)
         self._ticks_per_frame = self._rate.denominator * per_frame
         self._crf, self._threads, self._sound_from = crf, threads, sound_from
+        self._resources = ExitStack()
         self._sound: SoundTrack | None = None
         self._container: av.container.OutputContainer | None = None
         self._size: tuple[int, int] | None = None
@@ -87,21 +88,15 @@ class VideoWriter:
 
     def __enter__(self) -> VideoWriter:
         # Created at once, so that an unwritable folder is reported before minutes of work.
-        with translate_write_errors(self.path):
-            self._partial = PartialFile(self.path)
+        self._partial = self._resources.enter_context(partial_file(self.path))
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        try:
-            if kind is None:
-                self._finish()
-        finally:
-            if self._container is not None:
-                with suppress(av.FFmpegError):
-                    self._container.close()
-            if self._sound is not None:
-                self._sound.close()
-            self._partial.discard()
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
+        if kind is not None:
+            self._resources.__exit__(kind, *error)
+            return
+        with self._resources:
+            self._finish()
 
     def write(self, image: Frame, time_s: float | None = None) -> None:
         """Append a frame.
@@ -145,10 +140,16 @@ class VideoWriter:
     def _open_container(self, size: tuple[int, int]) -> None:
         coding = {"crf": self._crf, "threads": self._threads}
         self._container, self._stream = open_mp4(
-            self._partial.name, size, self._rate, self._tick, self._colour_space, **coding
+            self._partial, size, self._rate, self._tick, self._colour_space, **coding
         )
+        self._resources.callback(self._close_container)
         if self._sound_from is not None:
             self._sound = SoundTrack(self._sound_from, self._container, start_s=self._zero_s)
+            self._resources.callback(self._sound.close)
+
+    def _close_container(self) -> None:
+        with suppress(av.FFmpegError):
+            self._container.close()
 
     def _stamp(self, frame: av.VideoFrame, time_s: float) -> None:
         nearest = round(time_s * self._rate)
@@ -167,9 +168,7 @@ class VideoWriter:
             if self._sound is not None:
                 self._sound.finish((self._last_pts + self._ticks_per_frame) * float(self._tick))
             self._container.close()
-        self.written = inspect_output(self._partial.name, self.frames, self.path)
-        with translate_write_errors(self.path):
-            self._partial.commit()
+        self.written = inspect_output(self._partial, self.frames, self.path)
 
     @contextmanager
     def _ffmpeg_errors(self) -> Iterator[None]:

@@ -18,7 +18,7 @@ from lanes.drawing import pictures as draw
 from lanes.io.frames import YuvFrame
 from lanes.io.telemetry import read_telemetry
 from lanes.io.video.container import VideoError
-from lanes.io.video.pipeline import YuvProcess, annotate_video, open_clip
+from lanes.io.video.pipeline import annotate_video, open_clip
 from lanes.io.video.reader import inspect_video, read_frames, read_timed_frames
 from lanes.io.video.writer import VideoWriter
 from tests.io.video.sample_videos import (
@@ -175,12 +175,12 @@ class TestAnnotate:
         assert capfd.readouterr() == ("", "")
 
 
-class TestYuvProcess:
+class TestYuv:
     """Processes that take and return YUV frames."""
 
     def test_unchanged_frames_equal_a_plain_transcode(self, repeatable, tmp_path):
         transcode(repeatable, tmp_path / "bare.mp4")
-        annotate_video(repeatable, tmp_path / "out.mp4", YuvProcess(unchanged), progress=False, sound=False)
+        annotate_video(repeatable, tmp_path / "out.mp4", unchanged, yuv=True, progress=False, sound=False)
         assert packets_of(tmp_path / "out.mp4") == packets_of(tmp_path / "bare.mp4")
 
     def test_frames_are_copies_in_order(self, video, tmp_path):
@@ -191,7 +191,7 @@ class TestYuvProcess:
             frame.planes[0][:] = 251 - frame.planes[0]
             return frame, {"number": number}
 
-        annotate_video(video, tmp_path / "out.mp4", YuvProcess(invert), progress=False, telemetry=tmp_path / "out.csv")
+        annotate_video(video, tmp_path / "out.mp4", invert, yuv=True, progress=False, telemetry=tmp_path / "out.csv")
         np.testing.assert_array_equal(read_telemetry(tmp_path / "out.csv")["number"], np.arange(50))
         assert [1023 - number_of(frame) for frame in read_frames(tmp_path / "out.mp4")] == list(range(50))
 
@@ -221,7 +221,7 @@ class TestYuvProcess:
                 stored = frame.reformat(format=form, dst_colorspace=to, src_color_range=2, dst_color_range=span)
                 container.mux(stream.encode(stored))
             container.mux(stream.encode(None))
-        annotate_video(path, tmp_path / "out.mp4", YuvProcess(unchanged), progress=False)
+        annotate_video(path, tmp_path / "out.mp4", unchanged, yuv=True, progress=False)
         with av.open(str(tmp_path / "out.mp4")) as container:
             codec = container.streams.video[0].codec_context
             assert (codec.colorspace, codec.color_range, codec.color_primaries, codec.color_trc) == tags
@@ -233,7 +233,7 @@ class TestYuvProcess:
     def test_rotated_camera(self, tmp_path, degrees):
         path, turned = make_video(tmp_path / "upright.mp4", 2), tmp_path / "turned.mp4"
         set_rotation(path, turned, degrees)
-        summary = annotate_video(turned, tmp_path / "out.mp4", YuvProcess(unchanged), progress=False)
+        summary = annotate_video(turned, tmp_path / "out.mp4", unchanged, yuv=True, progress=False)
         expected, written = (next(read_frames(p)).astype(int) for p in (turned, tmp_path / "out.mp4"))
         assert (summary.height, summary.width) == expected.shape[:2]
         assert np.abs(expected - written).mean() < 6
@@ -242,7 +242,7 @@ class TestYuvProcess:
         path = make_video(tmp_path / "odd.mkv", 3, size=(161, 97))
         shapes = []
         summary = annotate_video(
-            path, tmp_path / "out.mp4", YuvProcess(lambda f: shapes.append(f.shape) or f), progress=False
+            path, tmp_path / "out.mp4", lambda f: shapes.append(f.shape) or f, yuv=True, progress=False
         )
         assert shapes == [(97, 161, 3)] * 3
         assert (summary.width, summary.height) == (162, 98)
