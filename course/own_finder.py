@@ -13,7 +13,7 @@ from benchmark.scores import Row
 SCORES = PROJECT_ROOT / "docs" / "benchmark" / "benchmark.csv"
 
 
-def score_finder(find: OwnFinder, *, every: int = 5, name: str = "my_finder") -> list[Row]:
+def score_finder(find: OwnFinder, *, every: int = 10, name: str = "my_finder") -> list[Row]:
     """Score a finder on the three embedded videos: a row of the benchmark's table for each.
 
     Parameters

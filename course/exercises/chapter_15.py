@@ -1,0 +1,33 @@
+"""Exercise of chapter 15, write your own lane finder."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from benchmark.own_finder import OwnFinder
+from benchmark.scores import Row
+from course.exercises.verdict import NOT_TRIED, Verdict, correct, hint
+from course.own_finder import score_finder
+
+# Points of accuracy on the motorway that a better finder gains at least.
+GAIN = 0.10
+
+
+def check_better_finder(find: OwnFinder, *, starter: Sequence[Row]) -> Verdict:
+    """15.1: a finder that beats the starter on the motorway and is not worse on the other videos."""
+    rows = score_finder(find)
+    if all(row["available_share"] == 0 for row in rows):
+        return NOT_TRIED
+    before, after = ({row["scene"]: row["accuracy"] for row in scores} for scores in (starter, rows))
+    reached = ", ".join(f"{scene} {before[scene]:.0%} -> {after[scene]:.0%}" for scene in after)
+    if all(row["lateral_5_20m_median_m"] > 3 for row in rows):
+        return hint(f"{reached}. The lines are metres away from the truth: are they in metres, left line first?")
+    worse = [scene for scene in after if after[scene] < before[scene]]
+    if worse:
+        return hint(f"{reached}. It loses on {', '.join(worse)}.")
+    if after["motorway"] < min(before["motorway"] + GAIN, 1.0):
+        return hint(f"{reached}. The motorway needs {GAIN:.0%} more; what do the wrong frames have in common?")
+    return correct(f"{reached}.")
+
+
+CHECKS = {"15.1": check_better_finder}
