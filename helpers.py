@@ -73,6 +73,7 @@ from lanes.io.telemetry import read_telemetry
 
 # 9 Metres
 from lanes.tracking.birdseye import BirdsEyeView
+from lanes.drawing.figures import show_birdseye
 
 # 10 Paint
 from lanes.tracking.markings import marking_response, find_stripes
@@ -83,6 +84,7 @@ from lanes.tracking.overlay import draw_found
 from lanes.drives.annotation import annotate_folder
 
 # 12 Memory
+from lanes.tracking.confidence import CONFIDENCE, FEATURES, lane_features, rate_lane
 from lanes.tracking.tracker import LaneTracker
 from lanes.drives.overlay_styles import track_lane
 from lanes.tracking.odometry import integrate_path

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -33,8 +33,20 @@ STYLE = {
     "lines.linewidth": 1.8,
 }
 TRUTH_LOOK = {"color": "0.15", "linestyle": "--", "linewidth": 1.3, "zorder": 3}
+# Distances ahead that are marked on pictures of a road grid, metres.
+MARKED_M = (5, 10, 20, 40)
 # Above the axes, where a legend hides no curve.
 LEGEND_ABOVE = {"loc": "lower right", "bbox_to_anchor": (1, 1), "frameon": False, "borderaxespad": 0}
+
+
+class RoadGrid(Protocol):
+    """Distance ahead of each row, farthest first, and lateral position of each column, left first; metres."""
+
+    @property
+    def x_m(self) -> np.ndarray: ...
+
+    @property
+    def y_m(self) -> np.ndarray: ...
 
 
 def show_pictures(
@@ -70,6 +82,46 @@ def show_pictures(
         axis.set_title(title)
         axis.set_axis_off()
     return figure, axes[: len(images)]
+
+
+def show_birdseye(
+    images: Sequence[np.ndarray],
+    titles: Sequence[str],
+    grid: RoadGrid,
+    *,
+    columns: int = 2,
+    width_in: float = 12.0,
+    **look: object,
+) -> tuple[Figure, np.ndarray]:
+    """Plot pictures of a road grid side by side, with axes in metres.
+
+    Parameters
+    ----------
+    images : sequence of ndarray
+        RGB (rows, columns, 3), or values (rows, columns), of the grid.
+    titles : sequence of str
+        One for each picture.
+    grid : RoadGrid
+        For example a `BirdsEyeView`.
+    **look
+        Options of matplotlib's `imshow`, for example cmap, vmin and vmax.
+    """
+    columns = min(columns, len(images))
+    rows = -(-len(images) // columns)
+    figure, axes = new_figure(rows, columns, (width_in, rows * (0.6 * width_in / columns + 0.6)))
+    for axis, image, title in zip(axes, images, titles, strict=True):
+        draw_on_road_grid(axis, image, grid, **look)
+        axis.set_title(title)
+    return figure, axes
+
+
+def draw_on_road_grid(axis: Axes, image: np.ndarray, grid: RoadGrid, **look: object) -> None:
+    """Show a picture of a road grid; the distances of its rows may grow, so the marks ahead are not even."""
+    rows = len(grid.x_m)
+    axis.imshow(image, extent=(grid.y_m[0], grid.y_m[-1], rows - 0.5, -0.5), aspect="auto", **look)
+    marks = np.interp(MARKED_M, grid.x_m[::-1], np.arange(rows)[::-1])
+    axis.set_yticks(marks, [f"{x_m} m" for x_m in MARKED_M])
+    axis.set(xlabel="left (m)", ylabel="ahead")
 
 
 def plot_histogram(

@@ -13,7 +13,7 @@ import numpy as np
 
 from lanes.camera.camera import Camera, undistort
 from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR
-from lanes.drawing.figures import new_figure, rgb
+from lanes.drawing.figures import MARKED_M, draw_on_road_grid, new_figure, rgb
 from lanes.explain.explanation import Explanation, stripes_on_lines
 from lanes.tracking.model import CENTRE, SIDES, WIDTH, lateral_std_m, line_y, lines_on_view
 from lanes.tracking.overlay import draw_tracked
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Distances marked on the road, and half the width of the marks, metres.
-DISTANCES_M, MARK_HALF_WIDTH_M = (5, 10, 20, 40), 4.0
+# Half the width of the marks on the road, metres.
+MARK_HALF_WIDTH_M = 4.0
 # Upper limit of the colour scale of the marking response, in units of the noise.
 MAX_STRENGTH = 12.0
 TEXT_COLUMNS, LINE_POINTS = 72, 12
@@ -75,7 +75,7 @@ def _plot_pose(axis: Axes, explanation: Explanation) -> None:
     ends = _directions_to_pixels(camera, np.array([[1.0, 0.6, 0], [1, 0, 0], [1, -0.6, 0]]))
     axis.plot(*ends.T, color=HORIZON_COLOUR, lw=1.2, label="horizon of the camera pose")
     axis.plot(*ends[1], "+", color=HORIZON_COLOUR, ms=14, mew=2, label="straight ahead of the car")
-    for x_m in DISTANCES_M:
+    for x_m in MARKED_M:
         mark = camera.road_to_pixels(np.array([[x_m, MARK_HALF_WIDTH_M], [x_m, -MARK_HALF_WIDTH_M]]))
         axis.plot(*mark.T, color=rgb(WINDOW_COLOUR), lw=1)
         if mark[0, 1] < height:
@@ -93,7 +93,7 @@ def _plot_birdseye(axis: Axes, explanation: Explanation) -> None:
     if explanation.evidence is None:
         _show_message(axis, "the camera pose shows no road in this picture")
     else:
-        _show_view(axis, explanation, explanation.view.blacken(explanation.evidence.view_image))
+        draw_on_road_grid(axis, explanation.view.blacken(explanation.evidence.view_image), explanation.view)
 
 
 def _plot_markings(axis: Axes, explanation: Explanation) -> None:
@@ -101,7 +101,7 @@ def _plot_markings(axis: Axes, explanation: Explanation) -> None:
         _show_message(axis, "not reached")
     else:
         strength = explanation.evidence.response.strength
-        _show_view(axis, explanation, strength, cmap="magma", vmin=0, vmax=MAX_STRENGTH)
+        draw_on_road_grid(axis, strength, explanation.view, cmap="magma", vmin=0, vmax=MAX_STRENGTH)
 
 
 def _plot_stripes(axis: Axes, explanation: Explanation) -> None:
@@ -189,15 +189,6 @@ def _plot_text(axis: Axes, explanation: Explanation) -> None:
 def _show_message(axis: Axes, words: str) -> None:
     axis.text(0.5, 0.5, words, ha="center", va="center", transform=axis.transAxes)
     axis.set_axis_off()
-
-
-def _show_view(axis: Axes, explanation: Explanation, values: np.ndarray, **look: object) -> None:
-    """Show values of the bird's-eye view on its own grid, whose row distances grow geometrically."""
-    view = explanation.view
-    axis.imshow(values, extent=(view.y_m[0], view.y_m[-1], len(view.x_m) - 0.5, -0.5), aspect="auto", **look)
-    rows = np.interp(DISTANCES_M, view.x_m[::-1], np.arange(len(view.x_m))[::-1])
-    axis.set_yticks(rows, [f"{x_m} m" for x_m in DISTANCES_M])
-    axis.set_xlabel("left (m)")
 
 
 def _axes_of_road(axis: Axes, explanation: Explanation) -> None:

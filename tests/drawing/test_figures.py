@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import matplotlib
 
@@ -28,6 +29,17 @@ def photo(height: int = 72, width: int = 128) -> np.ndarray:
     image = np.zeros((height, width, 3), np.uint8)
     image[:, : width // 2] = (255, 0, 0)
     return image
+
+
+class TestShowBirdseye:
+    def test_marks_ahead_lie_on_the_rows_of_these_distances(self):
+        grid = SimpleNamespace(x_m=np.geomspace(80.0, 5.0, 97), y_m=np.linspace(9, -9, 181))
+        figure, axes = plots.show_birdseye([np.zeros((97, 181))] * 2, ["road", "response"], grid, cmap="magma")
+        assert [axis.get_title() for axis in axes] == ["road", "response"]
+        labels = [label.get_text() for label in axes[0].get_yticklabels()]
+        assert labels == ["5 m", "10 m", "20 m", "40 m"]
+        assert axes[0].get_yticks() == pytest.approx([96, 72, 48, 24], abs=0.1)
+        assert axes[0].get_xlim() == (9, -9)
 
 
 class TestShowPictures:
