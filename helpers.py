@@ -41,7 +41,8 @@ from lanes.classic.threshold import (
     yellow_mask,
     equalized_white_mask,
 )
-from lanes.classic.finder import RECIPES, get_recipe, LaneFinder
+from lanes.classic.recipe import RECIPES, get_recipe
+from lanes.classic.finder import LaneFinder
 from course.measures import binary_on_road, marking_precision, marking_recall
 
 # 6 Find

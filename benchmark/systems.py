@@ -19,8 +19,8 @@ from benchmark.own_finder import Lines, OwnFinder, estimate_from_lines, finder_f
 from lanes import classic, tracking
 from lanes.camera import camera
 from lanes.camera.camera import Camera
-from lanes.classic.finder import RECIPES, LaneFinder, get_recipe
-from lanes.classic.recipe import POSE_SUFFIX, recipe_from_pose
+from lanes.classic.finder import LaneFinder
+from lanes.classic.recipe import POSE_SUFFIX, RECIPES, get_recipe, recipe_from_pose
 from lanes.classic.result import LaneResult
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane

@@ -21,8 +21,8 @@ from benchmark.systems import TRACKER
 from lanes.camera.camera import Camera
 from lanes.classic import finder as recipes
 from lanes.classic import overlay
-from lanes.classic.channel import Channel
-from lanes.classic.finder import RECIPES, LaneFinder, get_recipe
+from lanes.classic.finder import Channel, LaneFinder
+from lanes.classic.recipe import RECIPES, get_recipe
 from lanes.classic.warp import FourPointWarp
 from lanes.drives import overlay_styles as styles
 from lanes.drives.overlay_styles import track_lane

@@ -1,89 +1,93 @@
-"""Three classic lane finders with their published parameters, composed of the steps of this package.
-
-- "hls_sobel" (A): warp the colour picture; saturation or gradients; mean of the last five accepted fits;
-- "equalized_hsv" (B): brightest and yellow pixels or strong gradients; mean of the last ten;
-- "best_channel" (C): six binaries, the best one for each line; RANSAC; mean of the last thirty, with blended outliers.
-
-They differ from the originals where those had defects; tests/classic/test_finder.py has a test for each difference.
-"""
+"""The classic lane finder: threshold, warp, search and fit of one recipe, on stills or with the memory of a drive."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from math import inf
 
 import numpy as np
 
 from lanes.camera.camera import Camera, undistort
 from lanes.camera.camera_pose import CameraError
-from lanes.classic.channel import Channel, nearest_line
-from lanes.classic.fit import LineFit
-from lanes.classic.measure import road_line
+from lanes.classic.fit import LineFit, fit_line, mean_distance_px, ransac_line
 from lanes.classic.memory import LineMemory
 from lanes.classic.recipe import Recipe
-from lanes.classic.result import FoundLine, LaneResult, Steps
-from lanes.classic.threshold import BestChannelThresholds, EqualizedHsvThresholds, HlsSobelThresholds, Thresholds
-from lanes.classic.warp import birdseye_to_road, scale_to_road
-
-RECIPES = {
-    "hls_sobel": Recipe(
-        name="hls_sobel",
-        source_px=((580, 460), (740, 460), (1100, 670), (270, 670)),
-        destination_px=((200, 0), (1080, 0), (1080, 720), (200, 720)),
-        warp_first=True,
-        thresholds=HlsSobelThresholds(),
-        video_thresholds=HlsSobelThresholds(gradient=(15, 255)),
-        margin_px=80,
-        still_band_px=80,
-        memories=(LineMemory(length=5, accept_limits=(0.001, 1.0, 100)),) * 2,
-    ),
-    "equalized_hsv": Recipe(
-        name="equalized_hsv",
-        source_px=((1280, 710), (0, 710), (546, 460), (732, 460)),
-        destination_px=((1280, 720), (0, 720), (0, 0), (1280, 0)),
-        thresholds=EqualizedHsvThresholds(),
-        video_thresholds=EqualizedHsvThresholds(),
-        histogram_rows_px=(360, 690),
-        margin_px=100,
-        still_band_px=100,
-        memories=(LineMemory(length=10, measured_length=20, search_again=False),) * 2,
-    ),
-    "best_channel": Recipe(
-        name="best_channel",
-        source_px=((249, 690), (579, 460), (704, 460), (1058, 690)),
-        destination_px=((249, 720), (249, 0), (1058, 0), (1058, 720)),
-        thresholds=BestChannelThresholds(),
-        video_thresholds=BestChannelThresholds(),
-        margin_px=75,
-        still_band_px=100,
-        flood_pixels=9500,
-        ransac_px=15,
-        memories=tuple(
-            LineMemory(
-                length=30,
-                accept_limits=(7e-5, inf, 50),
-                blend_limits=(blend_a, inf, 150),
-                blend_weight=weight,
-                max_missed=max_missed,
-            )
-            for blend_a, weight, max_missed in ((12e-5, 0.05, 8), (15e-5, 0.15, 10))
-        ),
-    ),
-}
+from lanes.classic.result import FoundLine, LaneResult, Steps, road_line
+from lanes.classic.search import WindowSearch, band_pixels, binary_pixels, sliding_windows
+from lanes.classic.threshold import Thresholds
+from lanes.classic.warp import FourPointWarp, birdseye_to_road, scale_to_road
 
 
-def get_recipe(name: str, size: tuple[int, int] = (1280, 720)) -> Recipe:
-    """A classic recipe by name, for pictures of `size` (width, height).
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """One binary of a frame with the line search of a recipe; warping and window search run at most once.
 
-    Raises
-    ------
-    ValueError
-        If there is no recipe of that name, or the size is not positive.
+    `mask` (height, width), uint8, is of the bird's-eye view if the recipe warps first, else of the undistorted picture.
     """
-    if name not in RECIPES:
-        raise ValueError(f"there is no recipe {name!r}; the recipes are {', '.join(RECIPES)}.")
-    return RECIPES[name].scaled(size)
+
+    name: str
+    mask: np.ndarray
+    recipe: Recipe
+    warp: FourPointWarp
+
+    @cached_property
+    def binary(self) -> np.ndarray:
+        """The binary in the bird's-eye view."""
+        return self.mask if self.recipe.warp_first else self.warp.warp(self.mask)
+
+    @cached_property
+    def pixels(self) -> np.ndarray:
+        """Set pixels (N, 2) of the bird's-eye view."""
+        return binary_pixels(self.binary)
+
+    @cached_property
+    def search(self) -> WindowSearch:
+        """Sliding-window search of both lines."""
+        r = self.recipe
+        return sliding_windows(
+            self.binary,
+            margin_px=r.margin_px,
+            recentre_pixels=r.recentre_pixels,
+            flood_pixels=r.flood_pixels,
+            histogram_rows_px=r.histogram_rows_px,
+        )
+
+    def line_from_windows(self, side: int) -> FoundLine:
+        """Left (0) or right (1) line: fit the pixels in the windows, then those in a band around that fit."""
+        search = self.search
+        pixels = (search.left_pixels, search.right_pixels)[side]
+        windows = (search.left_windows, search.right_windows)[side]
+        first = self._fit(pixels)
+        if first is None:
+            return FoundLine(None, pixels, self.name, windows)
+        return replace(self.line_near(first, self.recipe.still_band_px), windows=windows)
+
+    def line_near(self, known: LineFit, margin_px: float) -> FoundLine:
+        """Fit the pixels within `margin_px` of a known line, along the row."""
+        pixels = band_pixels(self.pixels, known, margin_px)
+        return FoundLine(self._fit(pixels), pixels, self.name)
+
+    def _fit(self, pixels: np.ndarray) -> LineFit | None:
+        r = self.recipe
+        if r.ransac_px is None:
+            return fit_line(pixels, min_span_px=r.min_span_px)
+        fit = ransac_line(
+            pixels,
+            samples=r.ransac_samples,
+            residual_px=r.ransac_px,
+            min_span_px=r.min_span_px,
+        )
+        return fit if fit and fit.pixels >= r.min_inlier_ratio * len(pixels) else None
+
+
+def nearest_line(channels: Sequence[Channel], memory: LineMemory, side: int) -> FoundLine:
+    """The line of the channel whose fit is closest to the average in `memory`."""
+    prior, average = memory.search_prior, memory.average
+    lines = [c.line_near(prior, c.recipe.margin_px) if prior else c.line_from_windows(side) for c in channels]
+    height = channels[0].recipe.size[1]
+    return min(lines, key=lambda line: mean_distance_px(line.fit, average, height) if line.fit else inf)
 
 
 class LaneFinder:

@@ -37,9 +37,9 @@ class LineFit:
         """Columns in pixels at the given rows."""
         return np.polyval(self.coefficients, rows_px)
 
-    def points(self, height: int, *, step_px: int = 8) -> np.ndarray:
-        """Points (N, 2) as (column, row) from the top row to the bottom row, far to near, for drawing."""
-        rows = np.append(np.arange(0, height - 1, step_px), height - 1)
+    def points(self, height: int) -> np.ndarray:
+        """Points (N, 2) as (column, row) in every eighth row and the last, far to near, for drawing."""
+        rows = np.append(np.arange(0, height - 1, 8), height - 1)
         return np.column_stack([self.columns(rows), rows])
 
 
@@ -54,7 +54,11 @@ def fit_line(pixels: np.ndarray, *, min_span_px: float = 2) -> LineFit | None:
         return None
     x, y = pixels.T
     powers, centre, half_span = _scaled_powers(y)
-    return _denormalize(np.linalg.solve(powers.T @ powers, powers.T @ x), centre, half_span, y)
+    a, b, c = np.linalg.solve(powers.T @ powers, powers.T @ x)
+    # Coefficients for unscaled rows: substitute (y - centre) / half_span.
+    a, b = a / half_span**2, b / half_span
+    coefficients = (float(a), float(b - 2 * a * centre), float(c - b * centre + a * centre**2))
+    return LineFit(coefficients, len(y), (float(y.min()), float(y.max())))
 
 
 def ransac_line(
@@ -116,10 +120,3 @@ def _scaled_powers(rows: np.ndarray) -> tuple[np.ndarray, float, float]:
     centre, half_span = (rows.min() + rows.max()) / 2, (rows.max() - rows.min()) / 2
     scaled = (rows - centre) / half_span
     return np.column_stack([scaled * scaled, scaled, np.ones_like(scaled)]), centre, half_span
-
-
-def _denormalize(scaled: np.ndarray, centre: float, half_span: float, rows: np.ndarray) -> LineFit:
-    """Coefficients for unscaled rows: substitute (y - centre) / half_span."""
-    a, b = scaled[0] / half_span**2, scaled[1] / half_span
-    coefficients = (a, b - 2 * a * centre, scaled[2] - b * centre + a * centre**2)
-    return LineFit(tuple(float(c) for c in coefficients), len(rows), (float(rows.min()), float(rows.max())))

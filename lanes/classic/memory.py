@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from math import inf
 
+import numpy as np
+
 from lanes.classic.fit import LineFit, mean_fit
 
 Limits = tuple[float, float, float]
@@ -63,14 +65,14 @@ class LineMemory:
         Its `state` is "found" if the fit was accepted and "kept" if it was blended, rejected or missing. It is "lost"
         if the memory has no line.
         """
-        weight = self._weight(fit)
-        if fit is None or weight == 0:
+        accepted = None if fit is None else self._accept(fit)
+        if accepted is None:
             missed = self.missed + 1
             if not self.fits or missed > self.max_missed:
                 return replace(self, fits=(), missed=0, state="lost")
             return replace(self, missed=missed, state="kept")
-        fits = (*self.fits, self._blend(fit, weight))[-(self.measured_length or self.length) :]
-        return replace(self, fits=fits, missed=0, state="found" if weight == 1 else "kept")
+        fits = (*self.fits, accepted)[-(self.measured_length or self.length) :]
+        return replace(self, fits=fits, missed=0, state="found" if accepted is fit else "kept")
 
     def scaled(self, sx: float, sy: float) -> LineMemory:
         """The same parameters, without fits, for pictures scaled by `sx` in columns and `sy` in rows.
@@ -79,24 +81,18 @@ class LineMemory:
         """
         factors = (sx / sy**2, sx / sy, sx)
         accept_limits, blend_limits = (
-            tuple(x * f for x, f in zip(limits, factors, strict=True))
-            for limits in (self.accept_limits, self.blend_limits)
+            tuple(np.multiply(limits, factors).tolist()) for limits in (self.accept_limits, self.blend_limits)
         )
         return replace(self, accept_limits=accept_limits, blend_limits=blend_limits, fits=(), missed=0, state="lost")
 
-    def _weight(self, fit: LineFit | None) -> float:
-        """1 for an accepted fit, `blend_weight` for a blended one, 0 for a rejected one."""
-        average = self.average
-        if fit is None or average is None:
-            return 1.0
-        change = [abs(new - old) for new, old in zip(fit.coefficients, average.coefficients, strict=True)]
-        if all(c <= limit for c, limit in zip(change, self.accept_limits, strict=True)):
-            return 1.0
-        return self.blend_weight if all(c <= d for c, d in zip(change, self.blend_limits, strict=True)) else 0.0
-
-    def _blend(self, fit: LineFit, weight: float) -> LineFit:
-        average = self.average
-        if average is None or weight == 1:
+    def _accept(self, fit: LineFit) -> LineFit | None:
+        """The fit if it is accepted, its blend with the average, or None if it is rejected."""
+        if not self.fits:
             return fit
-        blended = (old + weight * (new - old) for new, old in zip(fit.coefficients, average.coefficients, strict=True))
-        return replace(fit, coefficients=tuple(blended))
+        average = np.array(self.average.coefficients)
+        change = fit.coefficients - average
+        if (np.abs(change) <= self.accept_limits).all():
+            return fit
+        if self.blend_weight == 0 or (np.abs(change) > self.blend_limits).any():
+            return None
+        return replace(fit, coefficients=tuple((average + self.blend_weight * change).tolist()))

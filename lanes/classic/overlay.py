@@ -133,21 +133,12 @@ def draw_pixels(view: np.ndarray, pixels_px: np.ndarray, *, colour: Colour) -> n
     return drawn
 
 
-def draw_fit(
-    view: np.ndarray, left_px: np.ndarray | None, right_px: np.ndarray | None, *, band_px: float = 0.0
-) -> np.ndarray:
-    """Draw two fitted curves on a picture or mask, with the search band of +- `band_px` columns.
-
-    Returns RGB. A curve that is None is not drawn.
-    """
+def draw_fit(view: np.ndarray, left_px: np.ndarray | None, right_px: np.ndarray | None) -> np.ndarray:
+    """Draw two fitted curves on a picture or mask. Returns RGB. A curve that is None is not drawn."""
     drawn = to_rgb(view)
     for points, colour in ((left_px, LEFT_COLOUR), (right_px, RIGHT_COLOUR)):
-        if points is None:
-            continue
-        points = finite_points(points)
-        if band_px > 0:
-            drawn = fill_lane(drawn, points - [band_px, 0], points + [band_px, 0], colour=WINDOW_COLOUR, alpha=0.3)
-        drawn = draw_line(drawn, points, colour=colour, width_px=drawn.shape[1] / 200)
+        if points is not None:
+            drawn = draw_line(drawn, finite_points(points), colour=colour, width_px=drawn.shape[1] / 200)
     return drawn
 
 

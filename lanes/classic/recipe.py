@@ -1,15 +1,24 @@
-"""Parameters of a classic lane finder, for pictures of one size, and their scaling to another size and camera pose."""
+"""The parameters of the three classic lane finders, their scaling to another picture size, and to a camera pose.
+
+- "hls_sobel" (A): warp the colour picture; saturation or gradients; mean of the last five accepted fits;
+- "equalized_hsv" (B): brightest and yellow pixels or strong gradients; mean of the last ten;
+- "best_channel" (C): six binaries, the best one for each line; RANSAC; mean of the last thirty, with blended outliers.
+
+The parameters are the published ones. The finder differs from the originals where those had defects;
+tests/classic/test_finder.py has a test for each difference.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import inf
 
 import numpy as np
 
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError
 from lanes.classic.memory import LineMemory
-from lanes.classic.threshold import Thresholds
+from lanes.classic.threshold import BestChannelThresholds, EqualizedHsvThresholds, HlsSobelThresholds, Thresholds
 from lanes.classic.warp import FourPointWarp
 
 Points = tuple[tuple[float, float], ...]
@@ -41,11 +50,11 @@ class Recipe:
         Half width of the windows, and of the search band around the line of the previous frames (video).
     still_band_px : float
         Half width of the search band around the line of the windows (stills).
-    windows, recentre_pixels, flood_pixels
+    recentre_pixels, flood_pixels
         See `search.sliding_windows`.
     ransac_px : float or None
         Inlier threshold of RANSAC; None fits by least squares.
-    ransac_trials, ransac_samples : int
+    ransac_samples : int
         See `fit.ransac_line`.
     min_inlier_ratio : float, in range 0..1
         Smallest share of the pixels in the search band that must be inliers of the line. A noisy channel fills the
@@ -68,11 +77,9 @@ class Recipe:
     size: tuple[int, int] = (1280, 720)
     warp_first: bool = False
     histogram_rows_px: tuple[int, int] = (360, 720)
-    windows: int = 9
     recentre_pixels: int = 50
     flood_pixels: int | None = None
     ransac_px: float | None = None
-    ransac_trials: int = 100
     ransac_samples: int = 150
     min_inlier_ratio: float = 0.4
     min_span_px: float = 160  # two windows
@@ -122,6 +129,66 @@ class Recipe:
             min_span_px=self.min_span_px * sy,
             memories=tuple(m.scaled(sx, sy) for m in self.memories),
         )
+
+
+RECIPES = {
+    "hls_sobel": Recipe(
+        name="hls_sobel",
+        source_px=((580, 460), (740, 460), (1100, 670), (270, 670)),
+        destination_px=((200, 0), (1080, 0), (1080, 720), (200, 720)),
+        warp_first=True,
+        thresholds=HlsSobelThresholds(),
+        video_thresholds=HlsSobelThresholds(gradient=(15, 255)),
+        margin_px=80,
+        still_band_px=80,
+        memories=(LineMemory(length=5, accept_limits=(0.001, 1.0, 100)),) * 2,
+    ),
+    "equalized_hsv": Recipe(
+        name="equalized_hsv",
+        source_px=((1280, 710), (0, 710), (546, 460), (732, 460)),
+        destination_px=((1280, 720), (0, 720), (0, 0), (1280, 0)),
+        thresholds=EqualizedHsvThresholds(),
+        video_thresholds=EqualizedHsvThresholds(),
+        histogram_rows_px=(360, 690),
+        margin_px=100,
+        still_band_px=100,
+        memories=(LineMemory(length=10, measured_length=20, search_again=False),) * 2,
+    ),
+    "best_channel": Recipe(
+        name="best_channel",
+        source_px=((249, 690), (579, 460), (704, 460), (1058, 690)),
+        destination_px=((249, 720), (249, 0), (1058, 0), (1058, 720)),
+        thresholds=BestChannelThresholds(),
+        video_thresholds=BestChannelThresholds(),
+        margin_px=75,
+        still_band_px=100,
+        flood_pixels=9500,
+        ransac_px=15,
+        memories=tuple(
+            LineMemory(
+                length=30,
+                accept_limits=(7e-5, inf, 50),
+                blend_limits=(blend_a, inf, 150),
+                blend_weight=weight,
+                max_missed=max_missed,
+            )
+            for blend_a, weight, max_missed in ((12e-5, 0.05, 8), (15e-5, 0.15, 10))
+        ),
+    ),
+}
+
+
+def get_recipe(name: str, size: tuple[int, int] = (1280, 720)) -> Recipe:
+    """A classic recipe by name, for pictures of `size` (width, height).
+
+    Raises
+    ------
+    ValueError
+        If there is no recipe of that name, or the size is not positive.
+    """
+    if name not in RECIPES:
+        raise ValueError(f"there is no recipe {name!r}; the recipes are {', '.join(RECIPES)}.")
+    return RECIPES[name].scaled(size)
 
 
 def recipe_from_pose(recipe: Recipe, camera: Camera) -> Recipe:

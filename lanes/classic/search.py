@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -11,15 +13,13 @@ import numpy as np
 from lanes.classic.fit import LineFit
 
 
-@dataclass(frozen=True)
-class Window:
-    """One search window, columns and rows in pixels, both ends included, and the number of pixels in it."""
+class Window(NamedTuple):
+    """One search window, columns and rows in pixels, both ends included."""
 
     left: float
     top: int
     right: float
     bottom: int
-    pixels: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,22 +34,16 @@ class WindowSearch:
     @property
     def windows_px(self) -> np.ndarray:
         """(N, 4) left, top, right, bottom edge of each window, for drawing."""
-        return window_edges(self.left_windows + self.right_windows)
+        return np.array(self.left_windows + self.right_windows, float).reshape(-1, 4)
 
 
-def window_edges(windows: Sequence[Window]) -> np.ndarray:
-    """(N, 4) left, top, right, bottom edge of each window in pixels."""
-    return np.array([(w.left, w.top, w.right, w.bottom) for w in windows], float).reshape(-1, 4)
-
-
-def lane_histogram(binary: np.ndarray, *, first_row: int | None = None, last_row: int | None = None) -> np.ndarray:
-    """Number of set pixels (width,) in each column of a binary (height, width), in rows first_row..last_row-1.
+def lane_histogram(binary: np.ndarray, rows_px: tuple[int, int] | None = None) -> np.ndarray:
+    """Number of set pixels (width,) in each column of a binary (height, width), in `rows_px` (first, end).
 
     The default is the lower half, where lines are nearly vertical.
     """
-    height = binary.shape[0]
-    rows = binary[height // 2 if first_row is None else first_row : height if last_row is None else last_row]
-    return np.count_nonzero(rows, axis=0)
+    first, end = rows_px or (binary.shape[0] // 2, binary.shape[0])
+    return np.count_nonzero(binary[first:end], axis=0)
 
 
 def find_peaks(histogram: np.ndarray) -> tuple[int | None, int | None]:
@@ -78,8 +72,7 @@ def sliding_windows(
     margin_px: float = 80,
     recentre_pixels: int = 50,
     flood_pixels: int | None = None,
-    first_row: int | None = None,
-    last_row: int | None = None,
+    histogram_rows_px: tuple[int, int] | None = None,
 ) -> WindowSearch:
     """Pixels of each line from a stack of windows that starts at the histogram peak and goes up.
 
@@ -95,21 +88,26 @@ def sliding_windows(
         A window with at least this many pixels moves the next one to their mean column.
     flood_pixels : int, optional
         A window with at least this many pixels is dropped, because the threshold is flooded there.
-    first_row, last_row : int, optional
-        Rows of the histogram, see `lane_histogram`.
+    histogram_rows_px : tuple of int, optional
+        First and end row of the histogram, see `lane_histogram`.
 
     Returns
     -------
     WindowSearch
         A line without a peak has no windows and no pixels.
     """
-    peaks = find_peaks(lane_histogram(binary, first_row=first_row, last_row=last_row))
+    peaks = find_peaks(lane_histogram(binary, histogram_rows_px))
     pixels = binary_pixels(binary)
     edges = np.linspace(binary.shape[0], 0, count + 1).round().astype(int)
     # Pixels are sorted by row, so those in the rows of a window are one slice.
     bounds = np.searchsorted(pixels[:, 1], edges)
-    settings = (edges, bounds, margin_px, recentre_pixels, flood_pixels)
-    (left, left_windows), (right, right_windows) = (_stack_windows(pixels, column, *settings) for column in peaks)
+    strips = [
+        (top, bottom - 1, pixels[start:end])
+        for (bottom, top), (end, start) in zip(pairwise(edges.tolist()), pairwise(bounds), strict=True)
+    ]
+    (left, left_windows), (right, right_windows) = (
+        _stack_windows(strips, column, margin_px, recentre_pixels, flood_pixels) for column in peaks
+    )
     return WindowSearch(left, right, left_windows, right_windows)
 
 
@@ -133,27 +131,20 @@ def search_band(binary: np.ndarray, left: LineFit | None, right: LineFit | None,
 
 
 def _stack_windows(
-    pixels: np.ndarray,
+    strips: Sequence[tuple[int, int, np.ndarray]],
     column: float | None,
-    edges: np.ndarray,
-    bounds: np.ndarray,
     margin_px: float,
     recentre_pixels: int,
     flood_pixels: int | None,
 ) -> tuple[np.ndarray, tuple[Window, ...]]:
-    """Pixels and windows of one line, from the bottom row to the top."""
-    if column is None:
-        return pixels[:0], ()
-    found, windows = [], []
-    for i in range(len(edges) - 1):
-        rows = pixels[bounds[i + 1] : bounds[i]]
-        inside = rows[np.abs(rows[:, 0] - column) <= margin_px]
-        windows.append(
-            Window(column - margin_px, int(edges[i + 1]), column + margin_px, int(edges[i]) - 1, len(inside))
-        )
+    """Pixels and windows of one line; strips are (top row, bottom row, pixels), from the bottom to the top."""
+    found, windows = [np.empty((0, 2), np.int32)], []
+    for top, bottom, pixels in strips if column is not None else ():
+        inside = pixels[np.abs(pixels[:, 0] - column) <= margin_px]
+        windows.append(Window(column - margin_px, top, column + margin_px, bottom))
         if flood_pixels is not None and len(inside) >= flood_pixels:
             continue
         found.append(inside)
         if len(inside) >= max(recentre_pixels, 1):
             column = float(inside[:, 0].mean())
-    return np.concatenate(found) if found else pixels[:0], tuple(windows)
+    return np.concatenate(found), tuple(windows)

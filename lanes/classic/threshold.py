@@ -14,7 +14,7 @@ results closer to the published ones.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -24,12 +24,7 @@ from lanes.io.frames import require_rgb
 Range = tuple[float, float]
 
 # OpenCV's 8-bit ranges: hue 0..179 (two degrees a level), everything else 0..255, neutral Lab a and b at 128.
-_SPACES = {
-    "HLS": cv2.COLOR_RGB2HLS,
-    "HSV": cv2.COLOR_RGB2HSV,
-    "LAB": cv2.COLOR_RGB2LAB,
-    "LUV": cv2.COLOR_RGB2LUV,
-}
+_SPACES = ("HLS", "HSV", "LAB", "LUV")
 
 
 def split_channels(image: np.ndarray, space: str) -> tuple[np.ndarray, ...]:
@@ -48,7 +43,7 @@ def split_channels(image: np.ndarray, space: str) -> tuple[np.ndarray, ...]:
         return cv2.split(image)
     if space not in _SPACES:
         raise ValueError(f"colour space {space!r} is not known; use one of RGB, {', '.join(_SPACES)}.")
-    return cv2.split(cv2.cvtColor(image, _SPACES[space]))
+    return cv2.split(cv2.cvtColor(image, getattr(cv2, f"COLOR_RGB2{space}")))
 
 
 def to_gray(image: np.ndarray) -> np.ndarray:
@@ -137,13 +132,14 @@ def _level_mask(steps: np.ndarray, levels: Range, full_step: float) -> np.ndarra
     return cv2.inRange(steps, levels[0] * full_step / 255, high)
 
 
-class Thresholds(Protocol):
-    """Interface of the threshold step of a recipe."""
+class Thresholds:
+    """Base class of the threshold step of a recipe."""
 
     candidates: ClassVar[tuple[str, ...]] = ("combined",)
 
     def masks(self, image: np.ndarray) -> dict[str, np.ndarray]:
         """All binaries by name: "combined" for stills, and the `candidates` for the choice in video."""
+        raise NotImplementedError
 
     def scaled(self, factor: float) -> Thresholds:
         """The same thresholds for pictures `factor` times as large; kernels have at least 3 pixels."""

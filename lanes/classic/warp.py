@@ -45,7 +45,11 @@ class FourPointWarp:
     def __post_init__(self) -> None:
         for name in ("source_px", "destination_px"):
             points = np.array(getattr(self, name), np.float32)
-            _require_quadrangle(points, name)
+            # OpenCV silently returns a singular homography for collinear points and self-intersecting quadrangles.
+            if points.shape != (4, 2) or not np.isfinite(points).all() or not cv2.isContourConvex(points):
+                raise ValueError(
+                    f"{name}: expected four points (u, v) in order around a convex quadrangle, got {points.tolist()}."
+                )
             object.__setattr__(self, name, points)
         object.__setattr__(self, "matrix", cv2.getPerspectiveTransform(self.source_px, self.destination_px))
         object.__setattr__(self, "inverse", np.linalg.inv(self.matrix))
@@ -151,11 +155,3 @@ def _transform(points_px: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     if not len(points):
         return points
     return cv2.perspectiveTransform(points[:, None], matrix)[:, 0]
-
-
-def _require_quadrangle(points: np.ndarray, name: str) -> None:
-    """Collinear points and self-intersecting quadrangles give a singular homography, which OpenCV returns silently."""
-    if points.shape != (4, 2) or not np.isfinite(points).all() or not cv2.isContourConvex(points):
-        raise ValueError(
-            f"{name}: expected four points (u, v) in order around a convex quadrangle, got {points.tolist()}."
-        )

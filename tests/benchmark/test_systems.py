@@ -8,8 +8,7 @@ import pytest
 from benchmark.errors import LaneTruth, frame_errors
 from benchmark.estimates import AHEAD_M, DriveEstimates
 from benchmark.systems import SYSTEMS, column_detector, recipe_estimate, start_system
-from lanes.classic.measure import RoadLine
-from lanes.classic.result import LaneResult
+from lanes.classic.result import LaneResult, RoadLine
 from simulator.rendering.drive import Motion
 from simulator.road.truth import truth_row
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend

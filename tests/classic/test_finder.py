@@ -12,7 +12,8 @@ from course.dataset import open_dataset
 from lanes.camera.calibration.boards import calibrate_folder
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError, CameraPose
-from lanes.classic.finder import RECIPES, LaneFinder, get_recipe
+from lanes.classic.finder import LaneFinder
+from lanes.classic.recipe import RECIPES, get_recipe
 from lanes.io.describe import describe_bend, describe_offset
 from lanes.io.frames import PictureError
 from lanes.io.images import list_pictures, read_image

@@ -116,9 +116,9 @@ def test_distance_is_the_mean_gap():
 
 
 def test_points_run_from_the_top_row_to_the_bottom_row():
-    points = LineFit((0.0, 2.0, 100.0), 1, (0, 20)).points(21, step_px=8)
+    points = LineFit((0.0, 2.0, 100.0), 1, (0, 20)).points(21)
     assert points.tolist() == [[100, 0], [116, 8], [132, 16], [140, 20]]
     assert len(LineFit((0.0, 2.0, 100.0), 1, (0, 0)).points(1)) == 1
     # the last row is drawn once, also where a step ends there
-    assert LineFit((0.0, 0.0, 5.0), 1, (0, 0)).points(18, step_px=8)[:, 1].tolist() == [0, 8, 16, 17]
+    assert LineFit((0.0, 0.0, 5.0), 1, (0, 0)).points(18)[:, 1].tolist() == [0, 8, 16, 17]
     assert LineFit((0.0, 0.0, 5.0), 1, (0, 0)).points(17)[:, 1].tolist() == [0, 8, 16]

@@ -5,8 +5,7 @@ import pytest
 
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError, CameraPose
-from lanes.classic.finder import RECIPES, get_recipe
-from lanes.classic.recipe import MAX_FAR_EDGE_M, recipe_from_pose
+from lanes.classic.recipe import MAX_FAR_EDGE_M, RECIPES, get_recipe, recipe_from_pose
 from lanes.classic.warp import birdseye_to_road, metres_per_pixel, scale_to_road
 from tests.support.painted_roads import RECIPE_CAMERA as CAMERA
 

@@ -23,7 +23,7 @@ def test_histogram_counts_the_lower_half_or_the_rows_asked_for():
     binary[:, 2] = 255
     binary[0:3, 4] = 255
     assert lane_histogram(binary).tolist() == [0, 0, 5, 0, 0, 0]
-    assert lane_histogram(binary, first_row=0, last_row=3).tolist() == [0, 0, 3, 0, 3, 0]
+    assert lane_histogram(binary, (0, 3)).tolist() == [0, 0, 3, 0, 3, 0]
 
 
 @pytest.mark.parametrize(
@@ -60,11 +60,12 @@ def test_windows_slide_along_a_slanted_and_a_bent_line():
     assert abs((top.left + top.right) / 2 - slanted(80)) < 40
 
 
-def test_windows_tile_the_height_and_count_what_they_catch():
+def test_windows_tile_the_height_and_catch_every_pixel():
     binary = paint_view(SIZE, [lambda y: 300 + 0 * y])
-    windows = sliding_windows(binary, count=9, margin_px=80).left_windows
+    found = sliding_windows(binary, count=9, margin_px=80)
+    windows = found.left_windows
     assert [(w.top, w.bottom) for w in windows] == [(640 - 80 * i, 719 - 80 * i) for i in range(9)]
-    assert all(w.pixels == 15 * 80 for w in windows)
+    assert len(found.left_pixels) == 9 * 15 * 80
     assert sliding_windows(binary, margin_px=80).windows_px[1].tolist() == [220, 560, 380, 639]
 
 

@@ -17,8 +17,9 @@ from course.measures import (
 )
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraPose
-from lanes.classic.finder import LaneFinder, get_recipe
-from lanes.classic.measure import RoadLine
+from lanes.classic.finder import LaneFinder
+from lanes.classic.recipe import get_recipe
+from lanes.classic.result import RoadLine
 from lanes.classic.warp import FourPointWarp
 
 X = np.arange(0.0, 45, 5)

@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lanes.camera.camera_pose import CameraError
-from lanes.classic.finder import RECIPES, LaneFinder, get_recipe
+from lanes.classic.finder import LaneFinder
+from lanes.classic.recipe import RECIPES, get_recipe
 from lanes.drives.detections import LaneDetector
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane

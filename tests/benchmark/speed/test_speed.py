@@ -23,7 +23,7 @@ from benchmark.speed.stages import (
     time_frames,
 )
 from benchmark.speed.transcode import FileTime, peak_memory_mb, repeat_video, time_files, transcode
-from lanes.classic.finder import RECIPES
+from lanes.classic.recipe import RECIPES
 from lanes.io.video.reader import inspect_video, read_frames, read_timed_frames
 from lanes.tracking import markings
 from simulator.rendering.drive import Motion
