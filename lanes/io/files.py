@@ -83,7 +83,7 @@ def read_text(
 def list_files(folder: str | Path, suffixes: Collection[str]) -> list[Path]:
     """The files of a folder with one of `suffixes` (lower case), without hidden and partial files.
 
-    Raises FileNotFoundError if there is no such folder, ValueError if it is not readable.
+    Raises FileNotFoundError if the folder does not exist, ValueError if it is not readable.
     """
     folder = Path(folder)
     if not folder.is_dir():
