@@ -51,7 +51,7 @@ from lanes.classic.search import lane_histogram, find_peaks, sliding_windows, se
 # 7 Fit, measure
 from lanes.classic.fit import fit_line, ransac_line
 from lanes.io.describe import describe_bend, describe_offset
-from course.accuracy import accuracy_table
+from course.accuracy import TwoLines, accuracy_table
 from course.measures import worst_lateral_error_m, describe_error, drive_errors_m
 from benchmark.reporting.tables import format_table
 

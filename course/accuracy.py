@@ -7,6 +7,7 @@ and stills with neither. The table shows the strongest comparison that the data 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,6 +21,18 @@ from lanes.camera.camera import Camera
 # Distances at which two methods are compared with each other, metres.
 COMPARED_AT_M = np.arange(5.0, 31.0, 5.0)
 Found = Mapping[str, Sequence[HasLines | None]]
+
+
+@dataclass(frozen=True)
+class TwoLines:
+    """Two lines as `np.polyfit` returns them: y = np.polyval(line, x), metres, x forward, y left."""
+
+    left: Sequence[float]
+    right: Sequence[float]
+
+    def lateral_m(self, x_m: np.ndarray) -> np.ndarray:
+        """Lateral positions (2, N) of both lines at distances (N,), metres."""
+        return np.array([np.polyval(line, x_m) for line in (self.left, self.right)])
 
 
 def accuracy_table(found: Found, data: Dataset, camera: Camera) -> str:

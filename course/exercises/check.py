@@ -4,13 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from course.exercises import chapter_05, chapter_06, chapter_15
+from course.exercises import (
+    chapter_05,
+    chapter_06,
+    chapter_10,
+    chapter_11,
+    chapter_12,
+    chapter_15,
+)
 from course.exercises.verdict import NOT_TRIED, Verdict
 
 # Each check takes the answer, and by name what the exercise gives it; it returns a Verdict.
 CHECKS: dict[str, Callable[..., Verdict]] = {
     **chapter_05.CHECKS,
     **chapter_06.CHECKS,
+    **chapter_10.CHECKS,
+    **chapter_11.CHECKS,
+    **chapter_12.CHECKS,
     **chapter_15.CHECKS,
 }
 

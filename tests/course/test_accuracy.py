@@ -8,7 +8,7 @@ import shutil
 import numpy as np
 import pytest
 
-from course.accuracy import accuracy_table, label_accuracy
+from course.accuracy import TwoLines, accuracy_table, label_accuracy
 from course.dataset import Dataset, open_dataset
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraPose
@@ -78,3 +78,8 @@ def test_without_truth_and_labels_methods_are_compared(labelled):
     text = accuracy_table({"a": [Lines(0)], "b": [Lines(0.3)]}, labelled, CAMERA)
     assert "0.30 m (median of 1 stills)" in text
     assert "no still" in accuracy_table({"a": [Lines(0)], "b": [None]}, labelled, CAMERA)
+
+
+def test_two_lines_are_polynomials_in_metres():
+    lines = TwoLines((0.001, 0.02, 1.8), (0.001, 0.02, -1.8))
+    assert lines.lateral_m(np.array([0.0, 10.0])) == pytest.approx(np.array([[1.8, 2.1], [-1.8, -1.5]]))

@@ -1,0 +1,55 @@
+"""Exercise of chapter 11, fit one model to both lines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from course.exercises.verdict import NOT_TRIED, Verdict, correct, hint
+
+# The lane of the check: centre (m), heading (rad), curvature (1/m), width (m).
+CENTRE_M, HEADING_RAD, CURVATURE_PER_M, WIDTH_M = 0.25, -0.012, 0.002, 3.66
+TOLERANCES = np.array([0.03, 0.004, 2e-4])
+
+
+def check_known_width(fit: Callable[[np.ndarray, np.ndarray, np.ndarray, float], np.ndarray]) -> Verdict:
+    """11.1: the lane from one of its lines, with a known width."""
+    fits = []
+    for side in (1, -1):
+        x_m, y_m = _line(side)
+        fits.append(fit(x_m, y_m, np.full(len(x_m), side > 0), WIDTH_M))
+    if fits[0] is None:
+        return NOT_TRIED
+    if any(np.shape(found) != (3,) for found in fits):
+        return hint(f"the result has shape {np.shape(fits[0])}; return the centre, the heading and the curvature.")
+    fits = np.array(fits, float)
+    off, both_m = fits - [CENTRE_M, HEADING_RAD, CURVATURE_PER_M], np.ptp(fits[:, 0])
+    if np.allclose(fits[:, 2], CURVATURE_PER_M / 2, atol=TOLERANCES[2]):
+        return hint(
+            f"the curvature is {1e3 * fits[0, 2]:.1f} instead of {1e3 * CURVATURE_PER_M:.1f} 1/km: use x^2 / 2."
+        )
+    if abs(both_m - WIDTH_M) < 0.1 and abs(off[0, 0] - WIDTH_M / 2) < 0.1:
+        return hint(f"the centre lies {off[0, 0]:.2f} m too far left: this is the line. Use the width.")
+    if abs(off[0, 0] + WIDTH_M / 2) < 0.1:
+        return hint("the centre lies half a width too far right: it is half a width from either line.")
+    if abs(off[0, 0] - WIDTH_M) < 0.1:
+        return hint("the centre lies on the wrong side of the left line: it is to the right of it, so y is smaller.")
+    if abs(off[0, 0]) < TOLERANCES[0] < abs(off[1, 0]):
+        return hint("with the left line it is right, but not with the right line, where `left` is False.")
+    if (np.abs(off) > TOLERANCES).any():
+        centre_m, heading_rad, curvature_per_m = fits[0]
+        return hint(
+            f"centre {centre_m:.2f} m, heading {heading_rad:.3f} rad, curvature {1e3 * curvature_per_m:.1f} 1/km."
+        )
+    return correct(f"with one line the centre is off by {100 * np.abs(off[:, 0]).max():.1f} cm at most.")
+
+
+def _line(side: int) -> tuple[np.ndarray, np.ndarray]:
+    """Candidates on the left (+1) or right (-1) line, with a noise of 2 cm."""
+    x_m = np.geomspace(5.0, 30.0, 80)
+    noise_m = np.random.default_rng(11).normal(0, 0.02, len(x_m))
+    return x_m, CENTRE_M + side * WIDTH_M / 2 + HEADING_RAD * x_m + CURVATURE_PER_M * x_m**2 / 2 + noise_m
+
+
+CHECKS = {"11.1": check_known_width}

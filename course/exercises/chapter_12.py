@@ -1,0 +1,75 @@
+"""Exercise of chapter 12, track with a Kalman filter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from course.exercises.verdict import NOT_TRIED, Verdict, correct, hint
+
+Correct = Callable[..., tuple[np.ndarray, np.ndarray]]
+# 99 % of the right measurements of three quantities have a smaller squared Mahalanobis distance (chi-squared).
+GATE = 11.34
+# A state of offset, heading and curvature, and a measurement of the offset and the heading alone.
+STATE, P = np.array([0.2, 0.01, 0.001]), np.array([[4e-4, 2e-5, 0], [2e-5, 1e-5, 1e-7], [0, 1e-7, 4e-8]])
+H, R = np.eye(3)[:2], np.array([[9e-4, 1e-5], [1e-5, 4e-6]])
+
+
+def check_gate(correct_state: Correct) -> Verdict:
+    """12.1: the correct step with a gate."""
+    near = STATE[:2] + [0.03, 0.002]
+    try:
+        found = _call(correct_state, near)
+    except ValueError as error:
+        if "shape" not in str(error) and "dimension" not in str(error):
+            raise
+        return hint(f"the shapes do not match ({error}). H is not square here: S = H P H^T + R, K = P H^T S^-1.")
+    if found is None:
+        return NOT_TRIED
+    if not isinstance(found, tuple) or [np.shape(part) for part in found] != [(3,), (3, 3)]:
+        return hint("return two values: the state (3,) and its covariance P (3, 3).")
+    state, covariance = found
+    expected, expected_p = _correct(near)
+    if np.allclose(state, STATE, atol=1e-9):
+        return hint(f"a measurement that is {_distance(near):.1f} away (squared) is rejected; it fits.")
+    if not np.allclose(state, expected, atol=1e-6):
+        return hint(f"the offset becomes {state[0]:.4f} instead of {expected[0]:.4f}: state + K (z - H state).")
+    if np.allclose(covariance, P, atol=1e-12):
+        return hint("the state is right, but P is not updated: a measurement makes it smaller, P - K H P.")
+    if not np.allclose(covariance, expected_p, rtol=1e-3, atol=1e-12):
+        return hint("the state is right, but P is not P - K H P.")
+    return _check_distances(correct_state)
+
+
+def _check_distances(correct_state: Correct) -> Verdict:
+    """Measurements of which the gate rejects some, with the distance that a wrong gate computes."""
+    step = np.array([0.6, 0.8]) * np.sqrt(np.diag(H @ P @ H.T + R))
+    for squared in (6.0, 10.5, 12.5, 30.0, 200.0):
+        z = STATE[:2] + step * np.sqrt(squared / _distance(STATE[:2] + step))
+        accepted = not np.allclose(_call(correct_state, z)[0], STATE, atol=1e-9)
+        if accepted and squared > GATE:
+            return hint(f"a measurement with d^2 = {squared:.1f} is accepted. Compare d^2 = v^T S^-1 v, not its root.")
+        if not accepted and squared < GATE:
+            return hint(f"a measurement with d^2 = {squared:.1f} is rejected. Use S = H P H^T + R, not R alone.")
+    if not np.allclose(_call(correct_state, z)[1], P, atol=1e-12):
+        return hint("a rejected measurement must leave P as it is, too.")
+    return correct("the filter takes what fits and skips the neighbouring lane.")
+
+
+def _call(correct_state: Correct, z: np.ndarray) -> object:
+    return correct_state(STATE.copy(), P.copy(), z.copy(), R.copy(), H.copy())
+
+
+def _correct(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    gain = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+    return STATE + gain @ (z - H @ STATE), P - gain @ H @ P
+
+
+def _distance(z: np.ndarray) -> float:
+    """Squared Mahalanobis distance of a measurement from its prediction."""
+    innovation = z - H @ STATE
+    return float(innovation @ np.linalg.solve(H @ P @ H.T + R, innovation))
+
+
+CHECKS = {"12.1": check_gate}
