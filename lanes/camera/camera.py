@@ -136,7 +136,7 @@ class Camera:
                 f"a {width}x{height} picture has another aspect ratio than the calibrated {self.width}x{self.height}: "
                 "it was cropped, so the calibration cannot be rescaled; calibrate at that size."
             )
-        # Pixel centres are at integers, so the picture begins at -0.5: shift by half a pixel, scale, shift back.
+        # As in `resize_points`.
         scale = np.diag([width / self.width, height / self.height, 1.0])
         shift = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
         return replace(self, width=width, height=height, matrix=np.linalg.inv(shift) @ scale @ shift @ self.matrix)
@@ -242,6 +242,14 @@ class Camera:
                 "give one or estimate it."
             )
         return self.pose
+
+
+def resize_points(pixels: np.ndarray, scale: float | tuple[float, float]) -> np.ndarray:
+    """Pixels (..., 2) of a picture after it is resized by a factor, or by a factor (columns, rows).
+
+    Pixel centres are at integers, so the picture begins at -0.5: shift by half a pixel, scale, shift back.
+    """
+    return (pixels + 0.5) * scale - 0.5
 
 
 @lru_cache(maxsize=32)

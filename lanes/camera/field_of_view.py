@@ -22,11 +22,7 @@ from lanes.io.images import PICTURE_SUFFIXES
 DEFAULT_HFOV_DEG = 60.0
 # Diagonal of 35 mm film, 36 x 24 mm, which the equivalent focal length refers to.
 FILM_DIAGONAL_MM = float(np.hypot(36, 24))
-# Tags of EXIF 2.32: the IFD of the camera settings, and five entries in it.
-EXIF_IFD = 0x8769
-FOCAL_LENGTH, FOCAL_LENGTH_IN_35MM_FILM = 0x920A, 0xA405
-FOCAL_PLANE_X_RESOLUTION, FOCAL_PLANE_RESOLUTION_UNIT, PIXEL_X_DIMENSION = 0xA20E, 0xA210, 0xA002
-# Values of FOCAL_PLANE_RESOLUTION_UNIT: inch and centimetre.
+# Values of the EXIF entry FocalPlaneResolutionUnit: inch and centimetre.
 RESOLUTION_UNIT_MM = {2: 25.4, 3: 10.0}
 
 
@@ -65,30 +61,31 @@ def read_hfov(picture: str | Path) -> float | None:
     focal length in millimetres together with the resolution of the sensor.
     """
     # Imported here, because it is needed only for pictures without other information about the lens.
-    from PIL import Image
+    from PIL import ExifTags, Image
 
     try:
         require_file(picture, "picture")
         with warnings.catch_warnings(action="ignore"), Image.open(picture) as image:
-            entries, (width, height) = image.getexif().get_ifd(EXIF_IFD), image.size
+            entries, (width, height) = image.getexif().get_ifd(ExifTags.IFD.Exif), image.size
     except Exception:  # EXIF is optional information, and Pillow raises many types of error on invalid entries.
         return None
-    focal_px = _focal_length_px({key: _to_float(value) for key, value in entries.items()}, width, height)
+    named = {ExifTags.TAGS.get(key): _to_float(value) for key, value in entries.items()}
+    focal_px = _focal_length_px(named, width, height)
     if focal_px is None:
         return None
     hfov_deg = float(np.degrees(2 * np.arctan(width / 2 / focal_px)))
     return hfov_deg if HFOV_RANGE_DEG[0] <= hfov_deg <= HFOV_RANGE_DEG[1] else None
 
 
-def _focal_length_px(entries: dict[int, float], width: int, height: int) -> float | None:
-    if entries.get(FOCAL_LENGTH_IN_35MM_FILM, 0) > 0:
-        return entries[FOCAL_LENGTH_IN_35MM_FILM] / FILM_DIAGONAL_MM * float(np.hypot(width, height))
-    focal_mm, resolution = entries.get(FOCAL_LENGTH, 0), entries.get(FOCAL_PLANE_X_RESOLUTION, 0)
-    unit_mm = RESOLUTION_UNIT_MM.get(round(entries.get(FOCAL_PLANE_RESOLUTION_UNIT, 2)))
+def _focal_length_px(entries: dict[str, float], width: int, height: int) -> float | None:
+    if entries.get("FocalLengthIn35mmFilm", 0) > 0:
+        return entries["FocalLengthIn35mmFilm"] / FILM_DIAGONAL_MM * float(np.hypot(width, height))
+    focal_mm, resolution = entries.get("FocalLength", 0), entries.get("FocalPlaneXResolution", 0)
+    unit_mm = RESOLUTION_UNIT_MM.get(round(entries.get("FocalPlaneResolutionUnit", 2)))
     if not (focal_mm > 0 and resolution > 0 and unit_mm):
         return None
     # The resolution refers to the original picture, which may have been resized.
-    scale = width / (entries.get(PIXEL_X_DIMENSION, 0) or width)
+    scale = width / (entries.get("ExifImageWidth", 0) or width)
     return focal_mm * resolution / unit_mm * scale
 
 

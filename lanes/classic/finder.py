@@ -73,12 +73,7 @@ class Channel:
         r = self.recipe
         if r.ransac_px is None:
             return fit_line(pixels, min_span_px=r.min_span_px)
-        fit = ransac_line(
-            pixels,
-            samples=r.ransac_samples,
-            residual_px=r.ransac_px,
-            min_span_px=r.min_span_px,
-        )
+        fit = ransac_line(pixels, samples=r.ransac_samples, residual_px=r.ransac_px, min_span_px=r.min_span_px)
         return fit if fit and fit.pixels >= r.min_inlier_ratio * len(pixels) else None
 
 

@@ -15,7 +15,7 @@ from math import inf
 
 import numpy as np
 
-from lanes.camera.camera import Camera
+from lanes.camera.camera import Camera, resize_points
 from lanes.camera.camera_pose import CameraError
 from lanes.classic.memory import LineMemory
 from lanes.classic.threshold import BestChannelThresholds, EqualizedHsvThresholds, HlsSobelThresholds, Thresholds
@@ -116,8 +116,8 @@ class Recipe:
         return replace(
             self,
             size=(width, height),
-            source_px=_scale_points(self.source_px, sx, sy),
-            destination_px=_scale_points(self.destination_px, sx, sy),
+            source_px=_to_tuples(resize_points(np.array(self.source_px), (sx, sy))),
+            destination_px=_to_tuples(resize_points(np.array(self.destination_px), (sx, sy))),
             thresholds=self.thresholds.scaled(area**0.5),
             video_thresholds=self.video_thresholds.scaled(area**0.5),
             histogram_rows_px=tuple(round(row * sy) for row in self.histogram_rows_px),
@@ -200,13 +200,6 @@ def recipe_from_pose(recipe: Recipe, camera: Camera) -> Recipe:
     and top row, the far edge at most `MAX_FAR_EDGE_M` ahead. Its width is the published one at the near edge. Points
     may lie outside the picture.
 
-    Parameters
-    ----------
-    recipe : Recipe
-        For pictures of the camera's size.
-    camera : Camera
-        With its pose.
-
     Raises
     ------
     CameraError
@@ -228,9 +221,8 @@ def recipe_from_pose(recipe: Recipe, camera: Camera) -> Recipe:
             f"the bottom row of recipe {recipe.name}'s points is not on the road ahead ({camera.pose.describe()}); "
             "correct the camera pose."
         )
-    return replace(recipe, name=recipe.name + POSE_SUFFIX, source_px=tuple(map(tuple, points.tolist())))
+    return replace(recipe, name=recipe.name + POSE_SUFFIX, source_px=_to_tuples(points))
 
 
-def _scale_points(points: Points, sx: float, sy: float) -> Points:
-    """Pixel centres are at integers, so the picture begins at -0.5: shift by half a pixel, scale, shift back."""
-    return tuple(((u + 0.5) * sx - 0.5, (v + 0.5) * sy - 0.5) for u, v in points)
+def _to_tuples(points: np.ndarray) -> Points:
+    return tuple(map(tuple, points.tolist()))

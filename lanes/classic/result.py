@@ -141,7 +141,7 @@ class LaneResult:
 
     @property
     def right_px(self) -> np.ndarray | None:
-        """The right line, see `left_px`."""
+        """The right line; see `left_px`."""
         return self.right and self.warp.points_to_picture(self.right.points(self.warp.size[1]))
 
     @property

@@ -102,15 +102,9 @@ def scale_to_road(
 ) -> np.ndarray:
     """Points (N, 2) on the road of points (N, 2) in the bird's-eye view by constant scales, as in the original recipes.
 
-    Road points are (x forward, y left) in metres from the centre of the bottom row. This assumes that the car is there
-    and that the columns are parallel to its axis.
-
-    Parameters
-    ----------
-    metres_per_px : tuple of float
-        Metres per column and metres per row, for example (3.7 / 700, 30 / 720).
-    birdseye_size : tuple of int
-        (width, height) in pixels.
+    `metres_per_px` is (metres per column, metres per row), for example (3.7 / 700, 30 / 720), and `birdseye_size` is
+    (width, height) in pixels. Road points are (x forward, y left) in metres from the centre of the bottom row. This
+    assumes that the car is there and that the columns are parallel to its axis.
     """
     points = np.asarray(points_px, float)
     width, height = birdseye_size
@@ -120,16 +114,11 @@ def scale_to_road(
 
 
 def metres_per_pixel(warp: FourPointWarp, camera: Camera) -> tuple[float, float]:
-    """Lateral and longitudinal scale of a four-point warp, from the camera pose.
+    """(metres per column, metres per row) of a four-point warp, from the camera pose.
 
     Constant scales are exact only if the quadrangle is a rectangle on the road. The lateral scale is the local Jacobian
     at the centre of the bottom row, where the offset is measured. The longitudinal scale is the distance on the road
     between the bottom and top row along the centre column, divided by the number of rows.
-
-    Returns
-    -------
-    tuple of float
-        (metres per column, metres per row).
 
     Raises
     ------

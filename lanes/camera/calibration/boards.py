@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from lanes.camera.calibration.corners import Board, find_board
-from lanes.camera.camera import MAX_ASPECT_DIFFERENCE, CalibrationReport, Camera
+from lanes.camera.camera import MAX_ASPECT_DIFFERENCE, CalibrationReport, Camera, resize_points
 from lanes.camera.camera_pose import CameraError
 from lanes.io.frames import PictureError
 from lanes.io.images import list_pictures, read_image
@@ -112,7 +112,8 @@ def find_boards(
     FileNotFoundError
         If a picture does not exist. Pictures that cannot be decoded are listed in `unused`.
     """
-    names = _unique_names(paths)
+    same_name = Counter(path.name for path in paths)
+    names = {path.name if same_name[path.name] == 1 else str(path): path for path in paths}
     boards: dict[str, Board] = {}
     unused: dict[str, str] = {}
     for done, (name, path) in enumerate(names.items(), 1):
@@ -145,23 +146,13 @@ def calibrate_detections(detections: BoardDetections, source: str) -> Camera:
             f"{len(detections.paths)} pictures of {source}; give pictures of a board of that pattern, or the pattern "
             f"of this one.{unused}"
         )
+    sizes = Counter(board.size for board in detections.boards.values())
     try:
-        camera = calibrate(detections.boards, _most_common_size(detections.boards))
+        # Most frequent picture size; the larger one of two equally frequent.
+        camera = calibrate(detections.boards, max(sizes, key=lambda size: (sizes[size], size)))
     except CameraError as error:
         raise CameraError(f"{source}: {error}{unused}") from error
     return replace(camera, report=replace(camera.report, rejected=detections.unused | camera.report.rejected))
-
-
-def _unique_names(paths: Sequence[Path]) -> dict[str, Path]:
-    """Pictures by file name, or by path if two have the same name."""
-    names = Counter(path.name for path in paths)
-    return {path.name if names[path.name] == 1 else str(path): path for path in paths}
-
-
-def _most_common_size(boards: dict[str, Board]) -> tuple[int, int]:
-    """Most frequent picture size; the larger one of two equally frequent."""
-    sizes = Counter(board.size for board in boards.values())
-    return max(sizes, key=lambda size: (sizes[size], size))
 
 
 def _calibrate_without_outliers(boards: dict[str, Board], size: tuple[int, int], rejected: dict[str, str]) -> Camera:
@@ -227,8 +218,7 @@ def _convert_size(board: Board, camera: Camera) -> tuple[Board | None, str]:
     if abs(board_width - width) <= MAX_CROP_PX and abs(board_height - height) <= MAX_CROP_PX:
         candidates.append(board.corners_px)
     if abs(board_width / board_height - width / height) <= MAX_ASPECT_DIFFERENCE:
-        # Pixel centres are at integers, so the picture begins at -0.5: shift by half a pixel, scale, shift back.
-        candidates.append((board.corners_px + 0.5) * np.divide(camera.size, board.size) - 0.5)
+        candidates.append(resize_points(board.corners_px, np.divide(camera.size, board.size)))
     if not candidates:
         return None, f"{sizes}: another aspect ratio, so another camera or a cropped picture"
     boards = [Board(c.astype(np.float32), board.columns, board.rows, camera.size) for c in candidates]

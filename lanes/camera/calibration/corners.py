@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from lanes.camera.camera import resize_points
 from lanes.io.frames import require_rgb
 
 # Smaller grids occur by chance in wall textures and keyboards.
@@ -81,8 +82,7 @@ def find_board(image: np.ndarray, pattern: tuple[int, int] = (9, 6)) -> Board | 
         grid = _find_partial_board(small, pattern)
     if grid is None:
         return None
-    # Pixel centres are at integers, so the picture begins at -0.5: shift by half a pixel, scale, shift back.
-    grid = _refine_corners(gray, (grid + 0.5) * scale - 0.5)
+    grid = _refine_corners(gray, resize_points(grid, scale))
     rows, columns, _ = grid.shape
     return Board(grid.reshape(-1, 2).astype(np.float32), columns, rows, (image.shape[1], image.shape[0]))
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from lanes.camera.calibration.boards import BoardDetections
 from lanes.camera.calibration.corners import Board, draw_board
-from lanes.camera.camera import Camera
+from lanes.camera.camera import Camera, resize_points
 from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, PANEL_COLOUR, TEXT_COLOUR, WINDOW_COLOUR, Colour
 from lanes.drawing.pictures import to_rgb, write_text
 from lanes.io.frames import PictureError
@@ -133,7 +133,7 @@ def _draw_corners(detections: BoardDetections, name: str, path: Path) -> np.ndar
     if name not in detections.boards:
         return small
     board, scale = detections.boards[name], small.shape[1] / image.shape[1]
-    corners = ((board.corners_px + 0.5) * scale - 0.5).astype(np.float32)
+    corners = resize_points(board.corners_px, scale).astype(np.float32)
     return draw_board(small, replace(board, corners_px=corners, size=(small.shape[1], small.shape[0])))
 
 

@@ -44,23 +44,12 @@ class HeightAndRoll:
 def estimate_height_and_roll(
     lines: list[RoadLines], lane_width_m: float, prior_height_m: float, roll_rad: float
 ) -> HeightAndRoll:
-    """Estimate camera height and roll from the apparent width of the lanes.
+    """Camera height and roll from the apparent width of the lanes.
 
-    The roll is 0 with the standard deviation of the prior if the pictures do not determine it.
+    `lines` are those of each picture, corrected for the current estimate `roll_rad`. The approximate height
+    `prior_height_m` distinguishes one lane from two lanes whose common line is worn off. The roll is 0 with the
+    standard deviation of the prior if the pictures do not determine it.
 
-    Parameters
-    ----------
-    lines : list of RoadLines
-        Lines of each picture, corrected for `roll_rad`.
-    lane_width_m : float
-        True width of the lanes.
-    prior_height_m : float
-        Approximate camera height. It distinguishes one lane from two lanes whose common line is worn off.
-    roll_rad : float
-        Current estimate of the roll.
-
-    Notes
-    -----
     A remaining roll r moves a line from k to k + r (1 + k^2). A lane between k1 and k2 then looks 1 + r (k1 + k2) times
     as wide. A pair of lines may bound a lane or not, so the likelihood is a mixture with a constant. It is evaluated on
     a grid of heights and rolls, because it can have several maxima.

@@ -40,24 +40,15 @@ HORIZON_MARGIN_PX = 8
 class Segments:
     """Stripe segments of one picture in ray coordinates (x right, y down, at z = 1); all arrays have shape (N,).
 
-    Attributes
-    ----------
-    x, y : ndarray
-        Centre of each segment.
-    slope : ndarray
-        dx/dy.
-    x_std, slope_std : ndarray
-        Standard deviations of x (at y) and slope, from the scatter of the rows about the segment.
-    rows : ndarray
-        Number of picture rows that support the segment.
+    The standard deviations are from the scatter of the rows about the segment.
     """
 
-    x: np.ndarray
+    x: np.ndarray  # centre
     y: np.ndarray
-    slope: np.ndarray
-    x_std: np.ndarray
+    slope: np.ndarray  # dx/dy
+    x_std: np.ndarray  # of x at y
     slope_std: np.ndarray
-    rows: np.ndarray
+    rows: np.ndarray  # number of picture rows that support the segment
 
     def __len__(self) -> int:
         return len(self.x)

@@ -50,29 +50,15 @@ NEIGHBOUR_VOTE = 0.7
 
 @dataclass(frozen=True)
 class RoadLines:
-    """Parallel lines found in one picture.
-
-    Attributes
-    ----------
-    x0, y0 : float
-        Vanishing point in ray coordinates.
-    half_curvature : float
-        c of the module docstring, in 1 / camera heights.
-    x0_std, y0_std : float
-        Standard deviations, prior included.
-    lateral : ndarray of shape (M,)
-        Lateral positions k of the lines from left to right, positive right, in camera heights.
-    rows : ndarray of shape (M,)
-        Number of picture rows that support each line.
-    """
+    """Parallel lines of one picture, in the symbols of the module docstring; standard deviations include the prior."""
 
     x0: float
     y0: float
-    half_curvature: float
+    half_curvature: float  # c
     x0_std: float
     y0_std: float
-    lateral: np.ndarray
-    rows: np.ndarray
+    lateral: np.ndarray  # k of each line (M,), from left to right
+    rows: np.ndarray  # number of picture rows that support each line (M,)
 
 
 def hough_votes(segments: Segments, y0_bins: np.ndarray = Y0_BINS) -> np.ndarray:
