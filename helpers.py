@@ -24,7 +24,7 @@ from lanes.camera.camera_file import save_camera, load_camera
 from lanes.camera.camera import undistort
 
 # 4 From above
-from lanes.classic.warp import FourPointWarp, metres_per_pixel, birdseye_to_road
+from lanes.classic.warp import FourPointWarp, metres_per_pixel, birdseye_to_road, road_axes
 from lanes.classic.recipe import recipe_from_pose
 from lanes.camera.pose_from_lanes.estimator import estimate_pose, estimate_camera_pose
 from lanes.io.footage import pick_pictures

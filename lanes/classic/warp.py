@@ -97,6 +97,33 @@ def birdseye_to_road(points_px: np.ndarray, warp: FourPointWarp, camera: Camera)
     return pinhole.pixels_to_road(warp.points_to_picture(points_px))
 
 
+@dataclass(frozen=True, eq=False)
+class RoadAxes:
+    """Distance ahead (height,) of each row and lateral position (width,) of each column of a view, metres."""
+
+    x_m: np.ndarray
+    y_m: np.ndarray
+
+
+def road_axes(warp: FourPointWarp, camera: Camera) -> RoadAxes:
+    """Axes in metres of a bird's-eye view, for `lanes.drawing.figures.show_birdseye`.
+
+    They are exact if the four points are a rectangle on the road, parallel to the car's axis. Otherwise they hold for
+    the centre column and the bottom row.
+
+    Raises
+    ------
+    CameraError
+        If the camera has no pose.
+    """
+    width, height = warp.size
+    rows, columns = np.arange(height), np.arange(width)
+    centre_column = np.column_stack([np.full(height, (width - 1) / 2), rows])
+    bottom_row = np.column_stack([columns, np.full(width, height - 1)])
+    x_m, y_m = (birdseye_to_road(points, warp, camera) for points in (centre_column, bottom_row))
+    return RoadAxes(x_m[:, 0], y_m[:, 1])
+
+
 def scale_to_road(
     points_px: np.ndarray, metres_per_px: tuple[float, float], birdseye_size: tuple[int, int]
 ) -> np.ndarray:

@@ -119,8 +119,9 @@ def draw_on_road_grid(axis: Axes, image: np.ndarray, grid: RoadGrid, **look: obj
     """Show a picture of a road grid; the distances of its rows may grow, so the marks ahead are not even."""
     rows = len(grid.x_m)
     axis.imshow(image, extent=(grid.y_m[0], grid.y_m[-1], rows - 0.5, -0.5), aspect="auto", **look)
-    marks = np.interp(MARKED_M, grid.x_m[::-1], np.arange(rows)[::-1])
-    axis.set_yticks(marks, [f"{x_m} m" for x_m in MARKED_M])
+    marked_m = [x_m for x_m in MARKED_M if grid.x_m[-1] <= x_m <= grid.x_m[0]]
+    marks = np.interp(marked_m, grid.x_m[::-1], np.arange(rows)[::-1])
+    axis.set_yticks(marks, [f"{x_m} m" for x_m in marked_m])
     axis.set(xlabel="left (m)", ylabel="ahead")
 
 

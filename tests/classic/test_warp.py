@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lanes.camera.camera_pose import CameraError, CameraPose
-from lanes.classic.warp import FourPointWarp, birdseye_to_road, metres_per_pixel, scale_to_road
+from lanes.classic.warp import FourPointWarp, birdseye_to_road, metres_per_pixel, road_axes, scale_to_road
 from lanes.io.frames import PictureError
 from tests.support.painted_roads import RECIPE_CAMERA as CAMERA
 from tests.support.painted_roads import paint_view
@@ -134,3 +134,9 @@ def test_fixed_scales_agree_with_the_road_on_a_true_map():
 def test_paint_view_paints_where_it_says():
     binary = paint_view((100, 40), [lambda y: 30 + 0 * y], thickness_px=3)
     assert np.flatnonzero(binary[20]).tolist() == [29, 30, 31]
+
+
+def test_axes_of_a_true_rectangle_are_linear():
+    axes = road_axes(road_rectangle_warp(), CAMERA)
+    np.testing.assert_allclose(axes.x_m, 30 - np.arange(720) * 24 / 719, atol=1e-3)
+    np.testing.assert_allclose(axes.y_m, (639.5 - np.arange(1280)) / 100, atol=1e-3)

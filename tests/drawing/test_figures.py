@@ -41,6 +41,11 @@ class TestShowBirdseye:
         assert axes[0].get_yticks() == pytest.approx([96, 72, 48, 24], abs=0.1)
         assert axes[0].get_xlim() == (9, -9)
 
+    def test_distances_outside_the_view_are_not_marked(self):
+        grid = SimpleNamespace(x_m=np.linspace(31.0, 7.0, 97), y_m=np.linspace(3, -3, 61))
+        _, axes = plots.show_birdseye([np.zeros((97, 61))], ["road"], grid)
+        assert [label.get_text() for label in axes[0].get_yticklabels()] == ["10 m", "20 m"]
+
 
 class TestShowPictures:
     def test_one_axis_for_each_picture_with_its_title(self):
