@@ -68,7 +68,11 @@ def results_table(path: str | Path) -> str:
     ValueError
         If it is not a CSV of the benchmark.
     """
-    rows = read_scores(path)
+    return markdown_table(read_scores(path))
+
+
+def markdown_table(rows: Sequence[Row]) -> str:
+    """Rows of the benchmark, in the order of the scenes, as the Markdown table of `results_table`."""
     systems = list(dict.fromkeys(row["system"] for row in rows))
     lines = ["| scene | difficulty | " + " | ".join(systems) + " |", "|---" * (2 + len(systems)) + "|"]
     for (scene, difficulty), group in groupby(rows, key=lambda row: (row["scene"], row["difficulty"])):
