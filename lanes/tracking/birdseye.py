@@ -148,7 +148,7 @@ class BirdsEyeView:
         """The values of the cells in a plane of the picture that is stored `reduction` times smaller."""
         reduced = plane[self.first_row_px // reduction :]
         cells = np.empty((*self.shape, *plane.shape[2:]), np.uint8)
-        for target, rows, position, fraction in self._lookup_tables(reduction):
+        for target, rows, position, fraction in self._lookup_tables[reduction]:
             if target != reduction:
                 scale = reduction / target
                 reduced = cv2.resize(reduced, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
@@ -157,15 +157,10 @@ class BirdsEyeView:
             cv2.remap(reduced, position, fraction, cv2.INTER_LINEAR, dst=cells[rows], **border)
         return cells
 
-    def _lookup_tables(self, reduction: int) -> list[LookupTable]:
-        """Lookup tables of a plane that is stored `reduction` times smaller: 1, or 2 for the chroma of YUV 4:2:0."""
-        if reduction not in self._lookup_cache:
-            self._lookup_cache[reduction] = self._make_lookup_tables(reduction)
-        return self._lookup_cache[reduction]
-
     @cached_property
-    def _lookup_cache(self) -> dict[int, list[LookupTable]]:
-        return {}
+    def _lookup_tables(self) -> dict[int, list[LookupTable]]:
+        """Lookup tables by how many times smaller a plane is stored: 1, or 2 for the chroma of YUV 4:2:0."""
+        return {reduction: self._make_lookup_tables(reduction) for reduction in REDUCTIONS[:2]}
 
     def _make_lookup_tables(self, stored_reduction: int) -> list[LookupTable]:
         cell_px = self.cell_m * self.focal_px / self.x_m

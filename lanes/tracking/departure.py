@@ -30,28 +30,19 @@ DEPARTURE = DepartureParameters()
 
 @dataclass(frozen=True)
 class DepartureWarning:
-    """Distance and time of the car to the lines.
+    """Distance and time of the car to the lines."""
 
-    Attributes
-    ----------
-    left_m, right_m : float
-        Distance from the tyres to the centre of the left and of the right line, beside the car; < 0 beyond it.
-    drift_mps : float
-        Lateral speed, positive left.
-    side : {"left", "right", None}
-        The line that the car approaches.
-    time_to_crossing_s : float
-        Time until the tyres are on that line if car and road continue as now; 0 on the line, infinite in lane keeping
-        or when it is more than 20 s away.
-    due : bool
-        Whether to warn: a crossing is less than a second away with certainty, or happening.
-    """
-
+    # Distance from the tyres to the centre of the left and of the right line, beside the car; < 0 beyond it.
     left_m: float
     right_m: float
+    # Lateral speed, positive left.
     drift_mps: float
+    # The line that the car approaches: "left", "right" or None.
     side: str | None
+    # Time until the tyres are on that line if car and road continue as now; 0 on the line, infinite in lane keeping or
+    # when it is more than 20 s away.
     time_to_crossing_s: float
+    # Whether to warn: a crossing is less than a second away with certainty, or happening.
     due: bool
 
     def describe(self) -> str | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -68,7 +69,8 @@ def choose_lane(fit: LaneFit, evidence: FrameEvidence) -> Lane | None:
         model=model,
         centres=model - inner_stripe_shift([line.double_profile for line in observations]),
         covariance=np.linalg.inv(fit.information[best]),
-        observations=observations,
+        # rows are counted again in the next frame, because its view may be narrower
+        observations=tuple(replace(line, rows=None) for line in observations),
         score=float(score[best]),
         margin=float(score[best] - score[rivals].max(initial=0.0)),
     )

@@ -15,7 +15,16 @@ import numpy as np
 
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.markings import Stripes, marking_weight, position_std
-from lanes.tracking.model import LIMIT, PARAMETERS, PRIOR_MEAN, SIDES, ego_score, is_ego_lane, lines_on_view, prior_std
+from lanes.tracking.model import (
+    LIMIT,
+    PARAMETERS,
+    PRIOR_MEAN,
+    SIDES,
+    is_ego_lane,
+    lines_on_view,
+    prior_std,
+    score_lanes,
+)
 from lanes.tracking.residuals import intersect_ground, stripe_residuals
 from lanes.tracking.voting import suppress_non_maxima
 
@@ -70,28 +79,15 @@ FIT = FitParameters()
 
 @dataclass(frozen=True, eq=False)
 class LaneFit:
-    """K lanes fitted to the stripes of one frame.
+    """K lanes fitted to the stripes of one frame."""
 
-    Attributes
-    ----------
-    lane : ndarray (K, 15)
-        Parameters as in `lanes.tracking.model`.
-    information : ndarray (K, 15, 15)
-        Inverse covariance, prior included.
-    weight : ndarray (K, stripes)
-        Weight of each stripe, 0 to 1.
-    side : ndarray (K, stripes)
-        The line that the stripe is nearest to, as in `StripeResiduals`.
-    nearby_weight : ndarray (K,)
-        Sum of the marking weights of the stripes near the lines, explained by the fit or not.
-    stripes : Stripes
-    view : BirdsEyeView
-    """
-
+    # (K, 15) parameters as in `lanes.tracking.model`, and (K, 15, 15) their inverse covariance, prior included.
     lane: np.ndarray
     information: np.ndarray
+    # (K, stripes) weight of each stripe, 0 to 1, and the line that it is nearest to, as in `StripeResiduals`.
     weight: np.ndarray
     side: np.ndarray
+    # (K,) sum of the marking weights of the stripes near the lines, explained by the fit or not.
     nearby_weight: np.ndarray
     stripes: Stripes
     view: BirdsEyeView
@@ -146,8 +142,8 @@ class LaneFit:
 
     @property
     def score(self) -> np.ndarray:
-        """(K,) score of the lanes, as `ego_score`."""
-        return ego_score(self.lane, self.support)
+        """(K,) score of the lanes, as `score_lanes`, minus 1 for lanes that the car is not in."""
+        return score_lanes(self.lane, self.support) - ~is_ego_lane(self.lane)
 
     def joined(self, other: LaneFit) -> LaneFit:
         """The lanes of two fits to the same stripes."""

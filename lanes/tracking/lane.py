@@ -16,7 +16,6 @@ from lanes.tracking.model import (
     CURVATURE,
     HEADING,
     PITCH,
-    RATE,
     SIDES,
     VERTICAL_CURVATURE,
     WIDTH,
@@ -33,26 +32,17 @@ OUTLINE_M = np.geomspace(3.0, 400.0, 120)
 
 @dataclass(frozen=True)
 class LineObservation:
-    """Evidence for one line in a frame.
+    """Evidence for one line in a frame."""
 
-    Attributes
-    ----------
-    support : float
-        Share of the line's visible rows, up to 50 m, that have markings on them: 0.3 is a good dashed line.
-    reach_m : float
-        Distance of its farthest stripe.
-    profile : MarkingProfile, optional
-        Latest cross-section of the marking.
-    rows : int, optional
-        Number of visible rows of the line; None if not counted yet.
-    votes : MarkingVotes
-        On the type of the marking.
-    """
-
+    # Share of the line's visible rows, up to 50 m, that have markings on them: 0.3 is a good dashed line.
     support: float = 0.0
+    # Distance of its farthest stripe.
     reach_m: float = 0.0
+    # Latest cross-section of the marking.
     profile: MarkingProfile | None = None
+    # Number of visible rows of the line; None if not counted yet.
     rows: int | None = None
+    # On the type of the marking.
     votes: MarkingVotes = MarkingVotes()
 
     @property
@@ -76,19 +66,14 @@ Observations = tuple[LineObservation, LineObservation]
 class LaneLine:
     """One line of the lane: y(x) = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6 near the car, metres, x forward, y left.
 
-    Attributes
-    ----------
-    c0_m, c1, c2_per_m, c3_per_m2 : float
-    c0_std_m : float
-        Standard deviation of `c0_m`.
-    support, reach_m, profile
-        As of `LineObservation`.
+    Support, reach and profile are those of its `LineObservation`.
     """
 
     c0_m: float
     c1: float
     c2_per_m: float
     c3_per_m2: float
+    # Standard deviation of `c0_m`.
     c0_std_m: float
     support: float
     reach_m: float
@@ -164,11 +149,6 @@ class Lane:
         return self._std(CURVATURE)
 
     @property
-    def curvature_rate_per_m2(self) -> float:
-        """Change of the curvature per metre."""
-        return float(self.model[RATE])
-
-    @property
     def width_m(self) -> float:
         """Distance between the lines."""
         return float(self.model[WIDTH])
@@ -238,10 +218,6 @@ class Lane:
         """Lateral position (N,) of the left (+1) or right (-1) line at distances (N,); NaN where it has turned back."""
         return line_y(np.asarray(x_m, float), self.model, side)
 
-    def height_m_at(self, x_m: np.ndarray) -> np.ndarray:
-        """Height (N,) of the road at distances (N,) above the plane that the car stands on, metres."""
-        return road_height(self.model, x_m)
-
     def outlines(self, camera: Camera, *, along_m: np.ndarray = OUTLINE_M) -> tuple[np.ndarray, np.ndarray]:
         """Raw pixels (N, 2) of the left and of the right line at arc lengths `along_m`, ascending.
 
@@ -249,7 +225,7 @@ class Lane:
         """
         points = np.empty((len(SIDES), len(along_m), 3))
         points[..., :2] = line_points(self.model, SIDES, along_m)
-        points[..., 2] = self.height_m_at(points[..., 0])
+        points[..., 2] = road_height(self.model, points[..., 0])
         pose = replace(camera.pose, pitch_rad=camera.pose.pitch_rad + self.pitch_rad)
         pixels = camera.with_pose(pose).road_to_pixels(points.reshape(-1, 3))
         left, right = pixels.reshape(*points.shape[:2], 2)

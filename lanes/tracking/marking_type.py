@@ -10,6 +10,7 @@ The type is white or yellow, solid or dashed, single or double. A single picture
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import cv2
 import numpy as np
@@ -43,23 +44,15 @@ OFFSETS_M = np.arange(PROFILE.reach_m, -PROFILE.reach_m - PROFILE.step_m / 2, -P
 
 @dataclass(frozen=True)
 class MarkingProfile:
-    """Cross-section of a line's marking.
+    """Cross-section of a line's marking."""
 
-    Attributes
-    ----------
-    width_m : float
-        Width of the painted band at half its height: of a double line both stripes and the gap between them.
-    centre_m : float
-        Centre of the band, left of the fitted line.
-    yellow : bool
-        Its contrast in yellowness is larger than in lightness.
-    contrast : float
-        Height over the adjacent road, in units of that road's noise.
-    """
-
+    # Width of the painted band at half its height: of a double line both stripes and the gap between them.
     width_m: float
+    # Centre of the band, left of the fitted line.
     centre_m: float
+    # Its contrast in yellowness is larger than in lightness.
     yellow: bool
+    # Height over the adjacent road, in units of that road's noise.
     contrast: float
 
     @property
@@ -77,19 +70,13 @@ def marking_profile(response: MarkingResponse, view: BirdsEyeView, line_y_m: np.
 
     `line_y_m` (rows,) is the lateral position of the line on the view's grid in each row; NaN for rows to leave out.
     """
-    found = [
-        (*section, yellow)
-        for channel, yellow in zip(response.channels, (False, True), strict=True)
-        if (section := _section(channel, view, line_y_m))
-    ]
-    if not found:
-        return None
-    contrast, width, centre, yellow = max(found)
-    return MarkingProfile(width, centre, yellow, contrast)
+    channels = zip(response.channels, (False, True), strict=True)
+    profiles = [_profile(channel, view, line_y_m, yellow=yellow) for channel, yellow in channels]
+    return max(filter(None, profiles), key=attrgetter("contrast"), default=None)
 
 
-def _section(channel: np.ndarray, view: BirdsEyeView, line_y_m: np.ndarray) -> tuple[float, float, float] | None:
-    """Contrast, width and centre of the band in one channel."""
+def _profile(channel: np.ndarray, view: BirdsEyeView, line_y_m: np.ndarray, *, yellow: bool) -> MarkingProfile | None:
+    """Cross-section of the marking in one channel."""
     values = _straighten(channel, view, line_y_m)
     if len(values) < PROFILE.min_rows:
         return None
@@ -104,14 +91,11 @@ def _section(channel: np.ndarray, view: BirdsEyeView, line_y_m: np.ndarray) -> t
     noise = (step[:, : road - 1].mean() + step[:, 1 - road :].mean()) / 2
     band = OFFSETS_M[road:-road][inner >= top / 2]
     width, centre = float(band[0] - band[-1] + PROFILE.step_m), float(band[0] + band[-1]) / 2
-    return float(top / (noise + MARKINGS.noise_floor)), width, centre
+    return MarkingProfile(width, centre, yellow, contrast=float(top / (noise + MARKINGS.noise_floor)))
 
 
 def _straighten(channel: np.ndarray, view: BirdsEyeView, line_y_m: np.ndarray) -> np.ndarray:
-    """(rows used, offsets) float32 of a channel (rows, columns), resampled along a line at `OFFSETS_M`.
-
-    At most `PROFILE.max_rows` rows are used, none farther than `PROFILE.far_m`.
-    """
+    """(at most `PROFILE.max_rows`, offsets) float32 of a channel, resampled along a line at `OFFSETS_M`."""
     most, least = view.y_m[0] - PROFILE.reach_m, view.y_m[-1] + PROFILE.reach_m
     rows = np.flatnonzero((line_y_m < most) & (line_y_m > least) & (view.x_m < PROFILE.far_m))
     if len(rows) < 2:
@@ -146,14 +130,7 @@ MARKING_TYPE = MarkingTypeParameters()
 
 @dataclass(frozen=True)
 class MarkingType:
-    """Type of a marking; None where it was not seen well enough.
-
-    Attributes
-    ----------
-    colour : {"yellow", "white", None}
-    pattern : {"dashed", "solid", None}
-    double : bool or None
-    """
+    """Type of a marking: "yellow" or "white", "dashed" or "solid", double or not; None where not seen well enough."""
 
     colour: str | None = None
     pattern: str | None = None
@@ -176,17 +153,13 @@ class MarkingVotes:
         """Add a vote on colour and double from a cross-section, if there is one."""
         if profile is None:
             return self
-        yellow, double = (1 if yes else -1 for yes in (profile.yellow, profile.double))
-        return replace(
-            self, yellow=MARKING_TYPE.decay * self.yellow + yellow, double=MARKING_TYPE.decay * self.double + double
-        )
+        yellow, double = _add(self.yellow, profile.yellow), _add(self.double, profile.double)
+        return replace(self, yellow=yellow, double=double)
 
     def add_gaps(self, marked_m: np.ndarray) -> MarkingVotes:
         """Add a vote on the pattern from a frame with stripes at these distances ahead (N,), sorted or not."""
         dashed = looks_dashed(marked_m)
-        if dashed is None:
-            return self
-        return replace(self, dashed=MARKING_TYPE.decay * self.dashed + (1 if dashed else -1))
+        return self if dashed is None else replace(self, dashed=_add(self.dashed, dashed))
 
     @property
     def marking_type(self) -> MarkingType:
@@ -196,6 +169,10 @@ class MarkingVotes:
             _decide(self.dashed, "dashed", "solid"),
             _decide(self.double, True, False),
         )
+
+
+def _add(votes: float, yes: bool) -> float:
+    return MARKING_TYPE.decay * votes + (1 if yes else -1)
 
 
 def looks_dashed(marked_m: np.ndarray) -> bool | None:

@@ -61,24 +61,16 @@ MARKINGS = MarkingParameters()
 
 @dataclass(frozen=True, eq=False)
 class MarkingResponse:
-    """How much each cell of a view looks like a painted stripe.
+    """How much each cell of a view looks like a painted stripe."""
 
-    Attributes
-    ----------
-    strength : ndarray of shape (rows, columns), float32
-        The largest filter response in units of the local noise, at least 0.
-    channels : ndarray of shape (2, rows, columns), int
-        Lightness and yellowness of the view, in grey levels.
-    bands : ndarray of shape (2, rows, columns), int
-        The larger of the responses of the filters for one stripe and for two, to lightness and to yellowness. Their
-        unit is a grey level over a whole number, so that they are exact.
-    noise : ndarray of shape (2, rows, columns), float32
-        Local noise of lightness and of yellowness, in the unit of the responses.
-    """
-
+    # (rows, columns) float32: the largest filter response in units of the local noise, at least 0.
     strength: np.ndarray
+    # (2, rows, columns) int: lightness and yellowness of the view, in grey levels.
     channels: np.ndarray
+    # (2, rows, columns) int: the larger of the responses of the filters for one stripe and for two, to lightness and to
+    # yellowness. Their unit is a grey level over a whole number, so that they are exact.
     bands: np.ndarray
+    # (2, rows, columns) float32: local noise of lightness and of yellowness, in the unit of the responses.
     noise: np.ndarray
 
 
@@ -86,28 +78,20 @@ class MarkingResponse:
 class Stripes:
     """Stripe candidates, found row by row; all arrays have shape (stripes,).
 
-    Attributes
-    ----------
-    row : int
-        Row of the view.
-    x_m, y_m : float
-        Position on the flat road, metres ahead and to the left, with sub-column precision.
-    angle : float
-        Direction of the stripe, radians, positive to the left of straight ahead.
-    step : float
-        Depth of the row in columns of the view: from row to row a stripe moves sideways by `step` times the tangent of
-        its direction.
-    strength : float
-        Band filter response over local noise.
-    yellow : bool
-        Yellowness responded more than lightness.
+    A yellow stripe responds more in yellowness than in lightness.
     """
 
+    # Row of the view.
     row: np.ndarray
+    # Position on the flat road, metres ahead and to the left, with sub-column precision.
     x_m: np.ndarray
     y_m: np.ndarray
+    # Direction of the stripe, radians, positive to the left of straight ahead.
     angle: np.ndarray
+    # Depth of the row in columns of the view. From row to row a stripe moves sideways by `step` times the tangent of
+    # its direction.
     step: np.ndarray
+    # Band filter response over local noise.
     strength: np.ndarray
     yellow: np.ndarray
 

@@ -75,7 +75,7 @@ def lines_on_view(lanes: np.ndarray, x_m: np.ndarray, height_m: float) -> np.nda
     Left line first; NaN where a line does not pass, because it has turned back before or lies behind a crest.
     """
     lanes = np.asarray(lanes)[:, None]
-    points = line_points(lanes, SIDES, _along(0.5 * float(x_m.min()), 1.5 * float(x_m.max())))
+    points = line_points(lanes, SIDES, np.geomspace(0.5 * x_m.min(), 1.5 * x_m.max(), 120))
     x, y = np.maximum(points[..., 0], 0.1), points[..., 1]
     # the ray to the road at x, and its intersection with a flat road in a view without the pitch
     height = (height_and_grade(x)[0] @ lanes[..., VERTICAL_CURVATURE, None])[..., 0]
@@ -88,12 +88,6 @@ def lines_on_view(lanes: np.ndarray, x_m: np.ndarray, height_m: float) -> np.nda
     for line, end in np.ndenumerate(ends):
         lines[line] = np.interp(x_m, flat_x[line][:end], flat_y[line][:end], left=np.nan, right=np.nan)
     return lines
-
-
-@lru_cache(maxsize=4)
-def _along(nearest_m: float, farthest_m: float) -> np.ndarray:
-    """Arc lengths at which lines are sampled; cached because they are the same in every frame."""
-    return np.geomspace(nearest_m, farthest_m, 120)
 
 
 def is_ego_lane(lanes: np.ndarray) -> np.ndarray:
@@ -157,14 +151,19 @@ def line_y(x_m: np.ndarray, lane: np.ndarray, side: float) -> np.ndarray:
     return np.where((np.abs(points[..., 0] - x_m) < 1e-3) & (dx > 0.1), points[..., 1], np.nan)
 
 
-def lateral_gradient(x_m: float | np.ndarray, side: float) -> np.ndarray:
-    """(..., 15) derivative of a line's lateral position at distances x (...) by the parameters of a straight lane."""
+def lateral_gradients(x_m: float | np.ndarray) -> np.ndarray:
+    """(2, ..., 15) derivatives of both lines' lateral positions at distances x (...), for a straight lane."""
     x = np.asarray(x_m, float)
-    gradient = np.zeros((*x.shape, PARAMETERS))
-    gradient[..., CENTRE], gradient[..., WIDTH], gradient[..., HEADING] = 1, side / 2, x
-    gradient[..., CURVATURE], gradient[..., RATE] = x**2 / 2, x**3 / 6
-    gradient[..., RATE_STEPS] = np.maximum(x[..., None] - KNOTS_M, 0) ** 3 / 6
-    return gradient
+    gradients = np.zeros((2, *x.shape, PARAMETERS))
+    gradients[..., CENTRE], gradients[..., HEADING] = 1, x
+    gradients[..., WIDTH] = SIDES.reshape(2, *[1] * x.ndim) / 2
+    gradients[..., CURVATURE], gradients[..., RATE] = x**2 / 2, x**3 / 6
+    gradients[..., RATE_STEPS] = np.maximum(x[..., None] - KNOTS_M, 0) ** 3 / 6
+    return gradients
+
+
+# Cached, because every frame asks for the same few distances.
+_cached_gradients = lru_cache(maxsize=16)(lateral_gradients)
 
 
 def lateral_std_m(covariance: np.ndarray, x_m: float | np.ndarray) -> np.ndarray:
@@ -172,17 +171,8 @@ def lateral_std_m(covariance: np.ndarray, x_m: float | np.ndarray) -> np.ndarray
 
     `covariance` (15, 15) is that of a nearly straight lane.
     """
-    gradients = _lateral_gradients(x_m) if isinstance(x_m, float) else _both_gradients(x_m)
+    gradients = _cached_gradients(x_m) if isinstance(x_m, float) else lateral_gradients(x_m)
     return np.sqrt(((gradients @ covariance) * gradients).sum(axis=-1))
-
-
-def _both_gradients(x_m: float | np.ndarray) -> np.ndarray:
-    """(2, ..., 15) `lateral_gradient` of the left and the right line."""
-    return np.array([lateral_gradient(x_m, side) for side in SIDES])
-
-
-# Cached, because every frame asks for the same few distances.
-_lateral_gradients = lru_cache(maxsize=16)(_both_gradients)
 
 
 def line_coefficients(lane: np.ndarray, side: float) -> tuple[float, float, float, float]:
@@ -290,8 +280,3 @@ def squared_mahalanobis(lanes: np.ndarray) -> np.ndarray:
 def score_lanes(lanes: np.ndarray, support: np.ndarray) -> np.ndarray:
     """(K,) score of lanes (K, 15): square roots of their lines' supports (K, 2) minus prior penalty."""
     return np.sqrt(support).sum(axis=1) - PRIOR.score_weight * squared_mahalanobis(lanes)
-
-
-def ego_score(lanes: np.ndarray, support: np.ndarray) -> np.ndarray:
-    """(K,) score of lanes, as `score_lanes`, minus 1 for lanes that the car is not in."""
-    return score_lanes(lanes, support) - ~is_ego_lane(lanes)

@@ -105,26 +105,16 @@ def arc_coordinates(x, y, heading, curvature) -> tuple[np.ndarray, np.ndarray, n
 
 @dataclass(frozen=True, eq=False)
 class StripeResiduals:
-    """Residuals of stripes with respect to lanes (K, 15).
+    """Residuals of stripes with respect to lanes (K, 15)."""
 
-    Attributes
-    ----------
-    residual_m : ndarray (K, stripes)
-        Distance to the left of the nearest line.
-    side : ndarray (K, stripes)
-        The nearest line: `LEFT_SIDE` or `RIGHT_SIDE`, or `FAR_LINE` times that for the far lines of adjacent lanes.
-    angle_residual_rad : ndarray (K, stripes)
-        Direction of that line minus direction of the stripe, positive left.
-    angle_std_rad : ndarray (K, stripes)
-        Its standard deviation.
-    jacobian : ndarray (K, 15, stripes)
-        Derivative of `residual_m` by each parameter.
-    """
-
+    # (K, stripes) distance to the left of the nearest line, and that line: `LEFT_SIDE` or `RIGHT_SIDE`, or `FAR_LINE`
+    # times that for the far lines of adjacent lanes.
     residual_m: np.ndarray
     side: np.ndarray
+    # (K, stripes) direction of that line minus direction of the stripe, positive left, and its standard deviation.
     angle_residual_rad: np.ndarray
     angle_std_rad: np.ndarray
+    # (K, 15, stripes) derivative of `residual_m` by each parameter.
     jacobian: np.ndarray
 
     def weights(self, std_m: np.ndarray, *, angle_scale: float = 1.0) -> np.ndarray:

@@ -46,24 +46,14 @@ CAR_PARAMETERS = CarParameters()
 
 @dataclass(frozen=True)
 class CarMotion:
-    """How the car moves in its lane.
-
-    Attributes
-    ----------
-    speed_mps : float
-    path_per_m : float
-        Curvature of the path that the car steers, positive left.
-    course_rad : float
-        Direction of motion of the camera, seen from it, positive left.
-    turning_std_per_m : float
-        Standard deviation of the lane's curvature minus that of the path.
-    course_std_rad : float
-        Standard deviation of the lane's heading minus the course.
-    """
+    """How the car moves in its lane."""
 
     speed_mps: float
+    # Curvature of the path that the car steers, positive left.
     path_per_m: float = 0.0
+    # Direction of motion of the camera, seen from it, positive left.
     course_rad: float = 0.0
+    # Standard deviations of the lane's curvature minus that of the path, and of the lane's heading minus the course.
     turning_std_per_m: float = 0.0
     course_std_rad: float = 0.0
 

@@ -208,12 +208,13 @@ class LaneTracker:
         view_image = view.warp(image)
         evidence = extract_evidence(view_image, view)
         if self._track is not None:
+            outwards_period = max(round(TRACKER.outwards_period_s * self.fps), 1)
             track = update_track(
                 self._track,
                 evidence,
                 elapsed_s=elapsed_s,
                 speed_mps=self.speed_mps,
-                outwards=self._outwards_is_due(),
+                outwards=self._since_search % outwards_period == 0,
                 profiles_of=self._profiles_due(),
             )
             self._follow(track, elapsed_s)
@@ -232,10 +233,6 @@ class LaneTracker:
         reach_m = max(np.abs(line.y(_VIEW_LINES_AT_M)).max() for line in self._track.lane.lines)
         wide_enough = (view for view in self._views if reach_m < view.half_width_m - TRACKER.view_margin_m)
         return next(wide_enough, self._views[-1])
-
-    def _outwards_is_due(self) -> bool:
-        """Whether the lane may be fitted outwards in this frame on a smooth road, too."""
-        return self._since_search % max(round(TRACKER.outwards_period_s * self.fps), 1) == 0
 
     def _profiles_due(self) -> tuple[int, ...]:
         """Lines whose profile is measured in this frame: left (0), right (1) or none."""
@@ -267,7 +264,10 @@ class LaneTracker:
             return True
         known = self._track.lane
         if same_lane(found, known):
-            self._confirm(found)
+            self._track, self._objections = replace(self._track, margin=found.margin), 0
+            self._confirmed += 1
+            if self._confirmed >= TRACKER.confirmations and self._state == SEARCHING:
+                self._state = TRACKING
             return False
         if self._state == TRACKING and found.score <= known.score + TRACKER.rival_margin:
             self._objections = 0
@@ -276,14 +276,6 @@ class LaneTracker:
         self._objections += 1
         self._track = replace(self._track, margin=known.score - found.score)
         return self._state == SEARCHING or self._objections >= TRACKER.objections
-
-    def _confirm(self, found: Lane) -> None:
-        """The search found the tracked lane."""
-        self._track = replace(self._track, margin=found.margin)
-        self._objections = 0
-        self._confirmed += 1
-        if self._confirmed >= TRACKER.confirmations and self._state == SEARCHING:
-            self._state = TRACKING
 
     def _start(self, lane: Lane) -> None:
         """Start a track with a detected lane."""
@@ -294,7 +286,7 @@ class LaneTracker:
     def _result(self) -> TrackedLane:
         if self._track is None:
             return TrackedLane(LOST)
-        left, right = (line.votes.marking_type for line in self._track.observations)
+        left, right = (line.votes.marking_type for line in self._track.lane.observations)
         return TrackedLane(self._state, self._track.lane, self._track.estimate.motion, (left, right))
 
 

@@ -56,23 +56,13 @@ UPDATE = UpdateParameters()
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """The lane after a frame.
+    """The lane after a frame."""
 
-    Attributes
-    ----------
-    estimate : KalmanState
-        It follows the centres of double lines.
-    observations : (LineObservation, LineObservation)
-        What was last seen of the left and the right line.
-    lane : Lane
-        The estimate in metres; double lines are bounded by their inner stripes.
-    margin : float
-        Score minus that of the next best lane, in the latest search.
-    """
-
+    # It follows the centres of double lines.
     estimate: KalmanState
-    observations: Observations
+    # The estimate in metres; double lines are bounded by their inner stripes.
     lane: Lane
+    # Score minus that of the next best lane, in the latest search.
     margin: float
 
     @property
@@ -83,15 +73,12 @@ class Track:
     @property
     def seen(self) -> bool:
         """Whether the lane was seen in the frame."""
-        return total_support(self.observations) >= UPDATE.min_total_support
+        return total_support(self.lane.observations) >= UPDATE.min_total_support
 
 
 def start_track(lane: Lane, speed_mps: float | None) -> Track:
     """The track of a detected lane, for a car of given or usual speed."""
-    # rows are counted again, because the next view may be narrower
-    left, right = (replace(line, rows=None) for line in lane.observations)
-    estimate = initial_state(lane.centres, lane.covariance * FIT.variance_inflation, speed_mps)
-    return Track(estimate, (left, right), lane, lane.margin)
+    return Track(initial_state(lane.centres, lane.covariance * FIT.variance_inflation, speed_mps), lane, lane.margin)
 
 
 def update_track(
@@ -113,10 +100,11 @@ def update_track(
         predicted.mean[SPEED] = speed_mps
     fit = update_lane(evidence.stripes, predicted, evidence.view, outwards=outwards)
     estimate = update_state(predicted, fit.lane[0], np.linalg.inv(fit.information[0]))
-    observations = observe_lines(fit, evidence, track.observations, profiles_of=profiles_of)
+    previous = track.lane.observations
+    observations = observe_lines(fit, evidence, previous, profiles_of=profiles_of)
     if total_support(observations) < UPDATE.min_total_support:
         distance_m = float(estimate.mean[SPEED]) * elapsed_s
-        observations = [line.coast(distance_m, vote=k in profiles_of) for k, line in enumerate(track.observations)]
+        observations = [line.coast(distance_m, vote=k in profiles_of) for k, line in enumerate(previous)]
     left, right = (
         replace(line, votes=line.votes.add_gaps(evidence.stripes.x_m[members]))
         for line, members in zip(observations, fit.members[0], strict=True)
@@ -127,7 +115,7 @@ def update_track(
     support = np.array([[line.support for line in observations]])
     score = float(score_lanes(estimate.lane[None], support)[0])
     lane = Lane(model, estimate.lane, estimate.lane_covariance, observations, score, track.margin)
-    return Track(estimate, observations, lane, track.margin)
+    return Track(estimate, lane, track.margin)
 
 
 def total_support(observations: Observations) -> float:
@@ -158,7 +146,8 @@ def update_lane(stripes: Stripes, estimate: KalmanState, view: BirdsEyeView, *, 
     """
     near = fit_near(stripes, estimate.lane, estimate.lane_covariance, view)
     enough = near.nearby_weight[0] - FIT.max_unexplained
-    smooth = is_smooth(estimate.lane)
+    curved = max_curvature(estimate.lane) >= UPDATE.min_curvature_per_m
+    smooth = not curved and max_vertical_curvature(estimate.lane) < UPDATE.min_vertical_per_m
     if (smooth and not outwards) or near.explained[0] > enough:
         return near
     attempts = (
@@ -181,11 +170,6 @@ def update_lane(stripes: Stripes, estimate: KalmanState, view: BirdsEyeView, *, 
         if best.explained[0] > enough:
             break
     return best
-
-
-def is_smooth(lane: np.ndarray) -> bool:
-    """Whether the road of a lane (15,) has little curvature and vertical curvature."""
-    return max_curvature(lane) < UPDATE.min_curvature_per_m and max_vertical_curvature(lane) < UPDATE.min_vertical_per_m
 
 
 def update_state(estimate: KalmanState, lane: np.ndarray, covariance: np.ndarray) -> KalmanState:

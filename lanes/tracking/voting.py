@@ -15,16 +15,7 @@ import numpy as np
 
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.markings import MARKINGS, Stripes, marking_weight
-from lanes.tracking.model import (
-    CENTRE,
-    CURVATURE,
-    HEADING,
-    PARAMETERS,
-    PITCH,
-    PRIOR_MEAN,
-    PRIOR_STD,
-    WIDTH,
-)
+from lanes.tracking.model import CENTRE, CURVATURE, HEADING, PARAMETERS, PITCH, PRIOR_MEAN, PRIOR_STD, WIDTH
 from lanes.tracking.residuals import MIN_SQUARED_SCALE, flatten, intersect_ground
 
 
@@ -93,18 +84,9 @@ def bin_centres_m() -> np.ndarray:
 
 
 def count_votes(stripes: Stripes, height_m: float) -> np.ndarray:
-    """Histogram of the stripes by their distance to the left of each hypothesis' arc.
+    """Histogram (H, bins) of the stripes, weighted, by their distance to the left of each hypothesis' arc.
 
-    Parameters
-    ----------
-    stripes : Stripes
-    height_m : float
-        Of the camera, because the pitch is part of the hypothesis.
-
-    Returns
-    -------
-    ndarray of shape (H, bins)
-        Weighted votes; the bins are centred on `bin_centres_m`.
+    The bins are centred on `bin_centres_m`. The height of the camera matters because the pitch is part of a hypothesis.
     """
     near = stripes.select(stripes.x_m < VOTING.far_m)
     weight = marking_weight(near).astype(np.float32)
@@ -154,21 +136,10 @@ def _sums_of_products(of_hypotheses: tuple, of_stripes: tuple) -> np.ndarray:
 
 
 def best_pairs(votes: np.ndarray, rows: int, *, most: int = VOTING.lanes) -> np.ndarray:
-    """Pair lines to lanes.
+    """At most `most` lanes (K, 15), best first, without duplicates, from pairs of lines in the votes of `count_votes`.
 
-    Parameters
-    ----------
-    votes : ndarray of shape (H, bins)
-        From `count_votes`.
-    rows : int
-        Votes of a perfect solid line.
-    most : int
-
-    Returns
-    -------
-    ndarray of shape (K, 15), K <= `most`
-        Lanes as in `lanes.tracking.model`, best first, without duplicates. The score of a lane is the sum of the square
-        roots of its lines' shares of votes, so that two fair lines beat one good line alone.
+    The score of a lane is the sum of the square roots of its lines' shares of `rows`, the votes of a solid line. Two
+    fair lines therefore beat one good line alone.
     """
     hypothesis, support = hypotheses(), _line_support(votes, rows)
     middle = bin_centres_m()

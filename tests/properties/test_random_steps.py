@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.model import LIMIT, PRIOR_MEAN, PRIOR_STD, SIDES, lateral_gradient, line_points
+from lanes.tracking.model import LIMIT, PRIOR_MEAN, PRIOR_STD, SIDES, lateral_gradients, line_points
 from lanes.tracking.prediction import predict
 from lanes.tracking.state import CAR_PARAMETERS, SPEED, KalmanState
 from lanes.tracking.tracker import TRACKER
@@ -19,7 +19,7 @@ from tests.support.shapes import stripes_at
 
 VIEW = BirdsEyeView(CAMERA)
 # Derivatives of the lateral positions of both lines, 4 to 68 m ahead, with respect to the lane parameters.
-ROWS = np.array([lateral_gradient(x, side) for x in np.arange(4.0, 70, 4) for side in SIDES])
+ROWS = lateral_gradients(np.arange(4.0, 70, 4)).reshape(-1, len(LIMIT))
 # Seconds between frames: a repeated frame, usual frame rates, dropped frames, the longest gap without a restart.
 CLOCK = (0.0, 1 / 60, 0.04, 0.04, 0.1, 0.5, TRACKER.max_coast_s)
 # Speeds; standard deviations of the measured positions; factors on the prior standard deviation of a new lane.
