@@ -7,6 +7,8 @@ from collections.abc import Callable
 from course.exercises import (
     chapter_05,
     chapter_06,
+    chapter_07,
+    chapter_08,
     chapter_10,
     chapter_11,
     chapter_12,
@@ -18,6 +20,8 @@ from course.exercises.verdict import NOT_TRIED, Verdict
 CHECKS: dict[str, Callable[..., Verdict]] = {
     **chapter_05.CHECKS,
     **chapter_06.CHECKS,
+    **chapter_07.CHECKS,
+    **chapter_08.CHECKS,
     **chapter_10.CHECKS,
     **chapter_11.CHECKS,
     **chapter_12.CHECKS,
