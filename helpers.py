@@ -28,6 +28,8 @@ from lanes.classic.warp import FourPointWarp, metres_per_pixel, birdseye_to_road
 from lanes.classic.recipe import recipe_from_pose
 from lanes.camera.pose_from_lanes.estimator import estimate_pose, estimate_camera_pose
 from lanes.io.footage import pick_pictures
+from course.measures import lane_widths_px
+from course.sketch import sketch_conventions
 
 # 5 Thresholds
 from lanes.classic.threshold import (

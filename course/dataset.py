@@ -97,6 +97,13 @@ class Dataset:
         labels = {Path(label.name).name: label for label in read_labels(path)}
         return {name: label for name, label in labels.items() if name in names}
 
+    def line_columns(self, still: Path) -> LaneColumns | None:
+        """The columns of both lines in a test picture: the truth, else the hand-made labels, None without either."""
+        truth = self.true_lane(still)
+        if truth is None:
+            return self.labels().get(still.name)
+        return LaneColumns(still.name, np.array(truth["h_samples"]), np.array(truth["lanes"]))
+
     def true_drive(self, video: Path) -> dict[str, np.ndarray] | None:
         """The truth CSV of a video, an array (frames,) for each column; None without that file."""
         path = video.with_suffix(".csv")

@@ -9,11 +9,12 @@ from collections.abc import Mapping
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lanes.camera.camera import Camera
 from lanes.classic.result import LaneResult
 from lanes.classic.search import binary_pixels
-from lanes.classic.warp import birdseye_to_road
+from lanes.classic.warp import FourPointWarp, birdseye_to_road
 
 # Range in which a driver needs the lane: from the bonnet to about a second ahead on a motorway.
 NEAR_M, FAR_M = 5.0, 30.0
@@ -59,6 +60,22 @@ def drive_errors_m(rows: Mapping[str, np.ndarray], truth: Mapping[str, np.ndarra
             tracked = c[0] + c[1] * x_m + c[2] * x_m**2 / 2 + c[3] * x_m**3 / 6
             worst = np.maximum(worst, np.abs(tracked - truth[f"{side}_y{x_m:02d}_m"][: len(worst)]))
     return np.where(np.isnan(worst), np.inf, worst)
+
+
+def lane_widths_px(warp: FourPointWarp, camera: Camera, lines_m: ArrayLike, x_m: ArrayLike) -> np.ndarray:
+    """Width (N,), in columns of the bird's-eye view, of a straight lane at distances (N,), metres.
+
+    It is negative where the view is mirrored.
+
+    Parameters
+    ----------
+    lines_m : array_like of shape (2, 2)
+        Lateral position at the car, metres, and heading, of the left and the right line.
+    """
+    x = np.asarray(x_m, float)
+    lines = (np.column_stack([x, c0 + heading * x]) for c0, heading in lines_m)
+    left, right = (warp.points_to_birdseye(camera.undistort_points(camera.road_to_pixels(line))) for line in lines)
+    return right[:, 0] - left[:, 0]
 
 
 def binary_on_road(result: LaneResult, camera: Camera) -> np.ndarray:

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from course.exercises import (
+    chapter_01,
+    chapter_02,
+    chapter_04,
     chapter_05,
     chapter_06,
     chapter_07,
@@ -18,6 +21,9 @@ from course.exercises.verdict import NOT_TRIED, Verdict
 
 # Each check takes the answer, and by name what the exercise gives it; it returns a Verdict.
 CHECKS: dict[str, Callable[..., Verdict]] = {
+    **chapter_01.CHECKS,
+    **chapter_02.CHECKS,
+    **chapter_04.CHECKS,
     **chapter_05.CHECKS,
     **chapter_06.CHECKS,
     **chapter_07.CHECKS,

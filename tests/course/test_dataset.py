@@ -88,3 +88,16 @@ def test_check_words_the_difference_and_fails_when_it_is_too_large():
     with pytest.raises(AssertionError):
         check("offset", float("nan"), 0.10, "m", within=0.05)
     assert "no truth" in check("offset", 0.40, None, "m", within=0.05)
+
+
+def test_line_columns_come_from_the_truth_else_from_the_labels(folder):
+    data = open_dataset(folder)
+    still = data.still("test2")
+    assert data.line_columns(still) is None
+    label = {"raw_file": "test_images/test2.jpg", "h_samples": [500, 510], "lanes": [[100, 90], [600, 610]]}
+    (folder / "labels.jsonl").write_text(json.dumps(label) + "\n")
+    assert data.line_columns(still).columns.tolist() == [[100, 90], [600, 610]]
+    true = {"raw_file": "test_images/test2.jpg", "h_samples": [500], "lanes": [[101], [601]]}
+    (folder / "test_images" / "truth.json").write_text(json.dumps({"frames": [true]}))
+    columns = data.line_columns(still)
+    assert (columns.rows.tolist(), columns.columns.tolist()) == ([500], [[101], [601]])

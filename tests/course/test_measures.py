@@ -11,6 +11,7 @@ from course.measures import (
     binary_on_road,
     describe_error,
     drive_errors_m,
+    lane_widths_px,
     marking_precision,
     marking_recall,
     worst_lateral_error_m,
@@ -117,3 +118,15 @@ class TestMarkingRecall:
 
 def test_errors_are_worded():
     assert [describe_error(e) for e in (None, np.inf, 0.123)] == ["unknown", "lost", "0.12 m"]
+
+
+def test_lane_width_in_columns_is_that_of_the_drawn_lane():
+    """In a rectangle on the road with 100 columns a metre, 3.6 m are 360 columns everywhere; mirrored, -360."""
+    corners = [[30, 3.2], [30, -3.2], [4, -3.2], [4, 3.2]]
+    source = CAMERA.road_to_pixels(corners)
+    straight = [[2.0, -0.01], [-1.6, -0.01]]
+    view = [(0, 0), (640, 0), (640, 360), (0, 360)]
+    warp = FourPointWarp(source, view, (640, 360))
+    np.testing.assert_allclose(lane_widths_px(warp, CAMERA, straight, [5, 10, 25]), 360, atol=0.1)
+    mirrored = FourPointWarp(source[[1, 0, 3, 2]], view, (640, 360))
+    np.testing.assert_allclose(lane_widths_px(mirrored, CAMERA, straight, [5, 25]), -360, atol=0.1)
