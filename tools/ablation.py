@@ -37,8 +37,7 @@ from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.fitting import FIT, LaneFit, fit_near
 from lanes.tracking.markings import MARKINGS, Stripes, yellowness
 from lanes.tracking.model import PRIOR, beyond_knots, height_and_grade
-from lanes.tracking.prediction import PROCESS_NOISE
-from lanes.tracking.state import CAR_PARAMETERS, KalmanState
+from lanes.tracking.state import CAR_PARAMETERS, PROCESS_NOISE, KalmanState
 from lanes.tracking.tracker import TRACKER
 from lanes.tracking.update import UPDATE, update_lane
 from lanes.tracking.voting import best_pairs

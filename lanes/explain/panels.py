@@ -17,7 +17,7 @@ from lanes.drawing.figures import MARKED_M, draw_on_road_grid, new_figure, rgb
 from lanes.explain.explanation import Explanation, stripes_on_lines
 from lanes.tracking.model import CENTRE, SIDES, WIDTH, lateral_std_m, line_y, lines_on_view
 from lanes.tracking.overlay import draw_tracked
-from lanes.tracking.voting import VOTING, hypotheses
+from lanes.tracking.voting import HYPOTHESES, VOTING
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -124,7 +124,7 @@ def _plot_votes(axis: Axes, explanation: Explanation) -> None:
     if explanation.votes is None:
         _show_message(axis, "not reached")
         return
-    curvature = hypotheses()[:, 1]
+    curvature = HYPOTHESES[:, 1]
     bends = np.unique(curvature)
     # The search uses square roots of votes. They keep a dashed line visible next to a solid one.
     table = np.sqrt([explanation.votes[curvature == bend].max(axis=0) for bend in bends])

@@ -57,6 +57,8 @@ class MarkingParameters:
 
 
 MARKINGS = MarkingParameters()
+# For windows this small a separable filter is faster than cv2.blur.
+MEAN_3, MEAN_5 = np.full(3, 1 / 3, np.float32), np.full(5, 1 / 5, np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,18 +255,12 @@ def _stripe_angle(strength: np.ndarray, row: np.ndarray, column: np.ndarray, ste
     along = cv2.Scharr(coarse, cv2.CV_32F, 0, 1)
     cell = (2 * column + 1) * cells // (2 * columns)
     # only the tensor's off-diagonal element and the difference of its diagonal are needed
-    xy, difference = (
-        mean_around(product, 3, 5)[row, cell] for product in (across * along, (across - along) * (across + along))
-    )
+    products = across * along, (across - along) * (across + along)
+    means = (cv2.sepFilter2D(product, -1, MEAN_3, MEAN_5, borderType=cv2.BORDER_REPLICATE) for product in products)
+    xy, difference = (mean[row, cell] for mean in means)
     normal = 0.5 * np.arctan2(2 * xy, difference)
     # from one row to the next nearer one the stripe moves this many cells to the right, and x falls by the row's depth
     return np.arctan2(-np.tan(normal), step * cells / columns)
-
-
-def mean_around(values: np.ndarray, columns: int, rows: int) -> np.ndarray:
-    """Mean over a window around each cell; for windows this small a separable filter is faster than cv2.blur."""
-    across, along = (np.full(n, 1 / n, np.float32) for n in (columns, rows))
-    return cv2.sepFilter2D(values, -1, across, along, borderType=cv2.BORDER_REPLICATE)
 
 
 def marking_weight(stripes: Stripes) -> np.ndarray:

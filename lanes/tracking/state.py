@@ -1,21 +1,58 @@
-"""State of the extended Kalman filter: 15 numbers of the lane, as in `lanes.tracking.model`, and four of the car.
+"""State of the extended Kalman filter, its transition from frame to frame, and the prediction.
 
-The variables of the car are the curvature of the steered path, the speed, the pitch at rest between bumps, and the yaw
-of the camera relative to the direction of motion. None of them is measured. They are estimated from the motion of the
-lane. Where they have no effect on it (the speed, straight ahead in the lane centre) they stay uncertain.
+The state has 15 numbers of the lane, as in `lanes.tracking.model`, and four of the car: the curvature of the steered
+path, the speed, the pitch at rest between bumps, and the yaw of the camera relative to the direction of motion. None of
+the four is measured. They are estimated from the motion of the lane. Where they have no effect on it (the speed,
+straight ahead in the lane centre) they stay uncertain.
+
+While the car moves a distance d along its own arc, the lane moves in the car's frame by
+
+    centre + (heading - camera yaw - lever path) d + (curvature - path) d^2 / 2,   heading + (curvature - path) d,
+    curvature + rate d.
+
+The lever is the distance of the camera from the rear axle. Only the rear axle moves in the direction of the car's
+longitudinal axis; points ahead of it also swing to the inside of the bend. Tyre slip compensates for this with growing
+speed.
+
+Reference: R. E. Kalman, "A new approach to linear filtering and prediction problems", 1960.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import exp
 
 import numpy as np
 
-from lanes.tracking.model import ADJACENT, CENTRE, CURVATURE, HEADING, PARAMETERS, PRIOR_STD, WIDTH
+from lanes.tracking.model import (
+    ADJACENT,
+    CENTRE,
+    CURVATURE,
+    HEADING,
+    KNOTS_M,
+    LIMIT,
+    PARAMETERS,
+    PITCH,
+    PRIOR,
+    PRIOR_STD,
+    RATE,
+    RATE_STEPS,
+    VERTICAL_CURVATURE,
+    VERTICAL_KNOTS_M,
+    WIDTH,
+)
 
 PATH, SPEED, REST_PITCH, CAMERA_YAW = range(PARAMETERS, PARAMETERS + 4)
 STATES = PARAMETERS + 4
 LANE, CAR = slice(0, PARAMETERS), slice(PARAMETERS, STATES)
+# The rate at the car and its steps at the knots: the curvature in x metres is the sum of their integrals.
+RATE_CHAIN = np.array([RATE, *range(PARAMETERS)[RATE_STEPS]])
+KNOT_GAPS_M = np.diff(KNOTS_M, prepend=0.0)
+VERTICAL_KNOT_GAPS_M = np.diff(VERTICAL_KNOTS_M)
+# Decay length of the rate, because transition curves end; tuned on the rendered suite.
+RATE_DECAY_M = 150.0
+# Decay length of a predicted rate step: its size and position are uncertain before it is measured.
+RATE_STEP_DECAY_M = 15.0
 
 
 @dataclass(frozen=True)
@@ -42,6 +79,59 @@ class CarParameters:
 
 
 CAR_PARAMETERS = CarParameters()
+
+
+@dataclass(frozen=True)
+class ProcessNoise:
+    """Standard deviations added in one second (`_per_s`) or in one metre of road (`_per_m`); their squares add up.
+
+    A `_share` multiplies a curvature of the road, 1/m. Tuned on the rendered suite where no source is given.
+    """
+
+    # Crosswind and banked roads; bumps; slow changes of load and of the camera's mounting.
+    centre_m_per_s: float = 0.015
+    heading_rad_per_s: float = 0.003
+    pitch_rad_per_s: float = 0.01
+    rest_pitch_rad_per_s: float = 1e-3
+    camera_yaw_rad_per_s: float = 1e-4
+    # Steering, on a straight road and in a bend; pedals.
+    path_per_m_per_s: float = 1e-3
+    path_share_per_s: float = 0.3
+    speed_mps_per_s: float = 1.0
+    # Varying tyre slip in bends.
+    camera_yaw_share_per_s: float = 0.15
+    centre_share_per_m: float = 0.3
+    # Width of this lane and of the adjacent ones.
+    width_m_per_m: float = 0.004
+    # Curvature, and its rate: 5e-5 1/m^2 within 70 m on motorways; on mountain roads more, as the square of the
+    # curvature (a transition curve is about as long as the radius of its bend allows).
+    curvature_per_m_per_m: float = 3e-6
+    rate_per_m2_per_m: float = 6e-6
+    rate_square_share: float = 1.0
+    # Rate steps: small on motorways, up to those of a hairpin where the road bends more.
+    rate_step_per_m2_per_m: float = 5e-5
+    rate_step_share: float = 0.2
+    max_rate_step_per_m2_per_m: float = 4e-3
+    # Vertical curvature that comes into view beyond the last knot: base value, growth with the curvature and with the
+    # largest vertical curvature of the lane; the maximum is a radius of 170 m, at which cars leave the ground.
+    vertical_per_m: float = 3e-4
+    vertical_bend_share: float = 0.03
+    vertical_share: float = 1.0
+    max_vertical_per_m: float = 6e-3
+    # Distance over which it is forgotten, and the share of the noise at each knot: at the nearer ones it is known from
+    # before, and the noise accounts for the interpolation between knots.
+    vertical_decay_m: float = 20.0
+    vertical_knot_shares: tuple[float, ...] = (0.3, 0.3, 0.5, 1.0)
+    # A bend within this distance counts as if the car were in it.
+    bend_ahead_m: float = 25.0
+    # Extra noise for abrupt changes of vertical curvature, curvature rate and pitch, see `inflate`.
+    inflated_vertical_per_m: float = 6e-3
+    inflated_rate_step_per_m2: float = 3e-3
+    inflated_pitch_rad: float = 0.015
+
+
+PROCESS_NOISE = ProcessNoise()
+_VERTICAL_KNOT_SHARES = np.array(PROCESS_NOISE.vertical_knot_shares)
 
 
 @dataclass(frozen=True)
@@ -109,3 +199,112 @@ class KalmanState:
         covariance = jacobian @ self.covariance @ jacobian.T
         covariance[there, there] = PRIOR_STD[there] ** 2
         return KalmanState(jacobian @ self.mean, covariance)
+
+
+def predict(state: KalmanState, elapsed_s: float, *, steady_speed: bool = False) -> KalmanState:
+    """The state `elapsed_s` seconds later, before the next measurement; `steady_speed`: the speed is given."""
+    mean, jacobian = transition(state.mean, elapsed_s)
+    covariance = jacobian @ state.covariance @ jacobian.T
+    distance_m = float(state.mean[SPEED]) * elapsed_s
+    noise = process_noise(state.lane, distance_m, elapsed_s, steady_speed=steady_speed)
+    covariance.flat[:: STATES + 1] += noise
+    return KalmanState(mean, covariance)
+
+
+def inflate(state: KalmanState) -> KalmanState:
+    """The same mean with extra variance for abrupt changes of vertical curvature, curvature rate and pitch."""
+    covariance = state.covariance.copy()
+    diagonal = covariance.reshape(-1)[:: STATES + 1]
+    diagonal[VERTICAL_CURVATURE] += PROCESS_NOISE.inflated_vertical_per_m**2
+    diagonal[RATE_STEPS] += PROCESS_NOISE.inflated_rate_step_per_m2**2
+    diagonal[PITCH] += PROCESS_NOISE.inflated_pitch_rad**2
+    return KalmanState(state.mean, covariance)
+
+
+def transition(mean: np.ndarray, elapsed_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """State transition: the mean (19,) `elapsed_s` later, and its Jacobian (19, 19)."""
+    # Python floats: for single numbers numpy's overhead would dominate
+    _, _, heading, curvature, rate, pitch, *_ = mean.tolist()
+    path, speed, rest_pitch, camera_yaw = mean[CAR].tolist()
+    d, turn, lever = speed * elapsed_s, curvature - path, lever_m(speed)
+    slant = heading - camera_yaw - lever * path
+    pitch_kept = exp(-elapsed_s / CAR_PARAMETERS.pitch_relaxation_s)
+    rates_kept, rates_moved = _rate_transition(d)
+    vertical = _vertical_transition(d)
+
+    after = mean.copy()
+    after[CENTRE] += slant * d + turn * d * d / 2
+    after[HEADING] += turn * d
+    after[CURVATURE] += rate * d
+    after[RATE_CHAIN] *= rates_kept
+    after[RATE_CHAIN[:-1]] += rates_moved * mean[RATE_STEPS]
+    after[PITCH] = pitch_kept * pitch + (1 - pitch_kept) * rest_pitch
+    after[VERTICAL_CURVATURE] = vertical @ mean[VERTICAL_CURVATURE]
+    after[LANE] = np.minimum(np.maximum(after[LANE], -LIMIT), LIMIT)
+
+    jacobian = np.eye(STATES)
+    jacobian[CENTRE, HEADING], jacobian[CENTRE, CAMERA_YAW] = d, -d
+    jacobian[CENTRE, CURVATURE], jacobian[CENTRE, PATH] = d * d / 2, -d * d / 2 - lever * d
+    jacobian[CENTRE, SPEED] = (slant + turn * d) * elapsed_s
+    jacobian[HEADING, CURVATURE], jacobian[HEADING, PATH] = d, -d
+    jacobian[HEADING, SPEED] = turn * elapsed_s
+    jacobian[CURVATURE, RATE], jacobian[CURVATURE, SPEED] = d, rate * elapsed_s
+    jacobian[RATE_CHAIN, RATE_CHAIN], jacobian[RATE_CHAIN[:-1], RATE_CHAIN[1:]] = rates_kept, rates_moved
+    jacobian[PITCH, PITCH], jacobian[PITCH, REST_PITCH] = pitch_kept, 1 - pitch_kept
+    jacobian[VERTICAL_CURVATURE, VERTICAL_CURVATURE] = vertical
+    return after, jacobian
+
+
+def _rate_transition(distance_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Share of rate and rate steps (4,) that stays after driving on, and of the steps (3,) that moves one knot nearer.
+
+    A step comes nearer and is shared by the knots before and behind it; a step at the car becomes part of the rate.
+    """
+    moved = np.minimum(np.maximum(distance_m / KNOT_GAPS_M, 0), 1)
+    rate_decay, step_decay = np.exp(-distance_m / RATE_DECAY_M), np.exp(-distance_m / RATE_STEP_DECAY_M)
+    return np.concatenate([[rate_decay], (1 - moved) * step_decay]), moved * rate_decay
+
+
+def _vertical_transition(distance_m: float) -> np.ndarray:
+    """(4, 4) transition of the vertical curvatures: each comes nearer, and the farthest decays.
+
+    The road that comes into view beyond the last knot is unknown.
+    """
+    moved = np.minimum(np.maximum(distance_m / VERTICAL_KNOT_GAPS_M, 0), 1)
+    matrix = np.diag([*(1 - moved), exp(-distance_m / PROCESS_NOISE.vertical_decay_m)])
+    np.fill_diagonal(matrix[:, 1:], moved)
+    return matrix
+
+
+def process_noise(lane: np.ndarray, distance_m: float, elapsed_s: float, *, steady_speed: bool) -> np.ndarray:
+    """(19,) variances that one prediction adds to the state of a lane (15,); none to a `steady_speed` that is given."""
+    n = PROCESS_NOISE
+    per_s, per_m = np.zeros(STATES), np.zeros(STATES)
+    curvature = max_curvature(lane)
+    excess = max(curvature - PRIOR.motorway_curvature_per_m, 0.0)
+    per_s[CENTRE], per_s[HEADING], per_s[PITCH] = n.centre_m_per_s, n.heading_rad_per_s, n.pitch_rad_per_s
+    per_s[REST_PITCH] = n.rest_pitch_rad_per_s
+    per_s[CAMERA_YAW] = n.camera_yaw_rad_per_s + n.camera_yaw_share_per_s * excess
+    per_s[PATH] = n.path_per_m_per_s + n.path_share_per_s * curvature
+    per_s[SPEED] = 0.0 if steady_speed else n.speed_mps_per_s
+    per_m[CENTRE] = n.centre_share_per_m * excess
+    per_m[WIDTH] = per_m[ADJACENT] = n.width_m_per_m
+    per_m[CURVATURE] = n.curvature_per_m_per_m
+    per_m[RATE] = n.rate_per_m2_per_m + n.rate_square_share * curvature**2
+    per_m[RATE_STEPS] = min(n.rate_step_per_m2_per_m + n.rate_step_share * excess, n.max_rate_step_per_m2_per_m)
+    variance = per_s**2 * elapsed_s + per_m**2 * abs(distance_m)
+    vertical = n.vertical_per_m + n.vertical_bend_share * excess + n.vertical_share * max_vertical_curvature(lane)
+    vertical_std = min(vertical, n.max_vertical_per_m) * _VERTICAL_KNOT_SHARES
+    variance[VERTICAL_CURVATURE] = np.square(vertical_std) * (1 - exp(-2 * abs(distance_m) / n.vertical_decay_m))
+    return variance
+
+
+def max_curvature(lane: np.ndarray) -> float:
+    """Largest curvature of the road (15,) here or soon, 1/m: expected changes are proportional to it."""
+    ahead = PROCESS_NOISE.bend_ahead_m - np.concatenate([[0.0], KNOTS_M])
+    return float(max(abs(lane[CURVATURE]), abs(lane[CURVATURE] + np.maximum(ahead, 0) @ lane[RATE_CHAIN])))
+
+
+def max_vertical_curvature(lane: np.ndarray) -> float:
+    """Largest vertical curvature of the road (15,) in view, 1/m."""
+    return float(np.abs(lane[VERTICAL_CURVATURE]).max())

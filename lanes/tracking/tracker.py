@@ -203,7 +203,8 @@ class LaneTracker:
         if not 0 <= elapsed_s <= TRACKER.max_coast_s:
             self.reset()
         self._since_search += 1
-        search = self._search_is_due()
+        due = self._objections > 0 or self._since_search >= TRACKER.search_period_s * self.fps
+        search = due or self._state != TRACKING
         view: BirdsEyeView = self.view if search else self._narrowest_view()
         view_image = view.warp(image)
         evidence = extract_evidence(view_image, view)
@@ -223,10 +224,6 @@ class LaneTracker:
             if self._replaced_by(found):
                 self._start(found)
         return self._result()
-
-    def _search_is_due(self) -> bool:
-        period = TRACKER.search_period_s * self.fps
-        return self._state != TRACKING or self._objections > 0 or self._since_search >= period
 
     def _narrowest_view(self) -> BirdsEyeView:
         """The narrowest view that contains both lines."""

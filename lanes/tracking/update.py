@@ -17,18 +17,23 @@ from lanes.tracking.detector import inner_stripe_shift, observe_lines
 from lanes.tracking.fitting import FIT, LaneFit, fit_lanes, fit_near
 from lanes.tracking.lane import Lane, LineObservation, Observations
 from lanes.tracking.markings import FrameEvidence, Stripes
-from lanes.tracking.model import (
-    CENTRE,
-    CURVATURE,
-    LEFT_SIDE,
-    PARAMETERS,
-    RIGHT_SIDE,
-    WIDTH,
-    lateral_std_m,
-    score_lanes,
+from lanes.tracking.model import CENTRE, CURVATURE, LEFT_SIDE, PARAMETERS, RIGHT_SIDE, WIDTH, lateral_std_m, score_lanes
+from lanes.tracking.state import (
+    CAMERA_YAW,
+    CAR,
+    CAR_PARAMETERS,
+    LANE,
+    PATH,
+    PROCESS_NOISE,
+    REST_PITCH,
+    SPEED,
+    STATES,
+    KalmanState,
+    inflate,
+    max_curvature,
+    max_vertical_curvature,
+    predict,
 )
-from lanes.tracking.prediction import PROCESS_NOISE, inflate, max_curvature, max_vertical_curvature, predict
-from lanes.tracking.state import CAMERA_YAW, CAR, CAR_PARAMETERS, LANE, PATH, REST_PITCH, SPEED, STATES, KalmanState
 
 
 @dataclass(frozen=True)

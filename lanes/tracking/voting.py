@@ -9,7 +9,6 @@ the left and to the right of the car are then paired to lanes, with a prior for 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -57,40 +56,40 @@ class VotingParameters:
 VOTING = VotingParameters()
 
 
-def vote_lanes(stripes: Stripes, view: BirdsEyeView) -> tuple[np.ndarray, np.ndarray]:
-    """The vote table (hypotheses, bins) of the stripes, and the lanes (K, 15) that it suggests, best first."""
-    votes = count_votes(stripes, view.height_m)
-    return votes, best_pairs(votes, int((view.x_m < VOTING.far_m).sum()))
-
-
-@lru_cache(maxsize=1)
-def hypotheses() -> np.ndarray:
-    """(H, 3): heading, curvature and pitch."""
-    heading = _spread(VOTING.headings, VOTING.heading_step_rad, VOTING.heading_growth)
-    curvature = _spread(VOTING.curvatures, VOTING.curvature_step_per_m, VOTING.curvature_growth)
-    grids = np.meshgrid(heading, curvature, np.arange(-1, 2) * VOTING.pitch_step_rad, indexing="ij")
-    return np.stack([grid.ravel() for grid in grids], axis=1)
-
-
 def _spread(count: int, step: float, growth: float) -> np.ndarray:
     """Zero and `count` values to either side, first a `step` apart, then at growing distances."""
     k = np.arange(-count, count + 1)
     return np.sign(k) * step * np.expm1(np.abs(k) * growth) / growth
 
 
-def bin_centres_m() -> np.ndarray:
-    """(bins,) distance of the centre of each bin to the left of a hypothesis' arc."""
-    return (np.arange(VOTING.bins) + 0.5 - VOTING.bins / 2) * VOTING.bin_m
+# (H, 3): heading, curvature and pitch.
+HYPOTHESES = np.stack(
+    np.meshgrid(
+        _spread(VOTING.headings, VOTING.heading_step_rad, VOTING.heading_growth),
+        _spread(VOTING.curvatures, VOTING.curvature_step_per_m, VOTING.curvature_growth),
+        np.arange(-1, 2) * VOTING.pitch_step_rad,
+        indexing="ij",
+    ),
+    axis=-1,
+).reshape(-1, 3)
+# (bins,) distance of the centre of each bin to the left of a hypothesis' arc.
+BIN_CENTRES_M = (np.arange(VOTING.bins) + 0.5 - VOTING.bins / 2) * VOTING.bin_m
+
+
+def vote_lanes(stripes: Stripes, view: BirdsEyeView) -> tuple[np.ndarray, np.ndarray]:
+    """The vote table (hypotheses, bins) of the stripes, and the lanes (K, 15) that it suggests, best first."""
+    votes = count_votes(stripes, view.height_m)
+    return votes, best_pairs(votes, int((view.x_m < VOTING.far_m).sum()))
 
 
 def count_votes(stripes: Stripes, height_m: float) -> np.ndarray:
     """Histogram (H, bins) of the stripes, weighted, by their distance to the left of each hypothesis' arc.
 
-    The bins are centred on `bin_centres_m`. The height of the camera matters because the pitch is part of a hypothesis.
+    The bins are centred on `BIN_CENTRES_M`. The height of the camera matters because the pitch is part of a hypothesis.
     """
     near = stripes.select(stripes.x_m < VOTING.far_m)
     weight = marking_weight(near).astype(np.float32)
-    heading, curvature, pitch = hypotheses().T
+    heading, curvature, pitch = HYPOTHESES.T
     votes = np.zeros((len(heading), VOTING.bins))
     for angle_rad in np.unique(pitch):
         of = np.flatnonzero(pitch == angle_rad)
@@ -141,8 +140,7 @@ def best_pairs(votes: np.ndarray, rows: int, *, most: int = VOTING.lanes) -> np.
     The score of a lane is the sum of the square roots of its lines' shares of `rows`, the votes of a solid line. Two
     fair lines therefore beat one good line alone.
     """
-    hypothesis, support = hypotheses(), _line_support(votes, rows)
-    middle = bin_centres_m()
+    hypothesis, support, middle = HYPOTHESES, _line_support(votes, rows), BIN_CENTRES_M
     left = np.flatnonzero((middle > VOTING.line_from_m) & (middle < VOTING.line_to_m))
     right = np.flatnonzero((middle < -VOTING.line_from_m) & (middle > -VOTING.line_to_m))
     distance = ((hypothesis / PRIOR_STD[[HEADING, CURVATURE, PITCH]]) ** 2).sum(1)

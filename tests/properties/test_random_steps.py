@@ -9,8 +9,7 @@ import pytest
 
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.model import LIMIT, PRIOR_MEAN, PRIOR_STD, SIDES, lateral_gradients, line_points
-from lanes.tracking.prediction import predict
-from lanes.tracking.state import CAR_PARAMETERS, SPEED, KalmanState
+from lanes.tracking.state import CAR_PARAMETERS, SPEED, KalmanState, predict
 from lanes.tracking.tracker import TRACKER
 from lanes.tracking.update import initial_state, update_lane, update_state
 from tests.support.examples import TIMES

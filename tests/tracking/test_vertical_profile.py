@@ -20,8 +20,7 @@ from lanes.tracking.model import (
     line_y,
     road_height,
 )
-from lanes.tracking.prediction import predict
-from lanes.tracking.state import CAMERA_YAW, PATH, SPEED, KalmanState
+from lanes.tracking.state import CAMERA_YAW, PATH, SPEED, KalmanState, predict
 from lanes.tracking.update import initial_state, update_lane
 from tests.support.painted_drive import CAMERA
 from tests.support.shapes import a_lane, stripes_at

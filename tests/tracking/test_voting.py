@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from lanes.tracking.model import CENTRE, CURVATURE, HEADING, LEFT_SIDE, RIGHT_SIDE, line_y
-from lanes.tracking.voting import VOTING, best_pairs, bin_centres_m, count_votes, hypotheses, suppress_non_maxima
+from lanes.tracking.voting import BIN_CENTRES_M, HYPOTHESES, VOTING, best_pairs, count_votes, suppress_non_maxima
 from tests.support.shapes import a_lane
 from tests.tracking.test_fitting import HEIGHT_M, ROADS, stripes_on
 
@@ -10,7 +10,7 @@ ROWS = 67
 
 
 def test_hypotheses_are_symmetric_and_reach_hairpins():
-    guess = hypotheses()
+    guess = HYPOTHESES
     mirrored = guess * [-1, -1, 1]
     assert {tuple(g.round(9)) for g in guess} == {tuple(g.round(9) + 0.0) for g in mirrored}
     assert np.abs(guess[:, 1]).max() > 1 / 15
@@ -20,15 +20,15 @@ def test_a_line_piles_up_in_the_bin_of_its_distance():
     # a straight line 1.9 m to the left, seen by the hypothesis of a straight road
     stripes = stripes_on(a_lane(width=3.8), (LEFT_SIDE,), noise_m=0.0)
     votes = count_votes(stripes, HEIGHT_M)
-    straight = votes[np.flatnonzero((hypotheses() == 0).all(axis=1))[0]]
-    assert bin_centres_m()[straight.argmax()] == pytest.approx(1.9, abs=VOTING.bin_m / 2)
+    straight = votes[np.flatnonzero((HYPOTHESES == 0).all(axis=1))[0]]
+    assert BIN_CENTRES_M[straight.argmax()] == pytest.approx(1.9, abs=VOTING.bin_m / 2)
     assert straight.max() > 0.95 * straight.sum() > 0.5 * (stripes.x_m < VOTING.far_m).sum()
 
 
 def test_stripes_of_other_directions_have_no_votes():
     stripes = stripes_on(a_lane(width=3.8), (LEFT_SIDE,), noise_m=0.0)
     turned = type(stripes)(**{**vars(stripes), "angle": stripes.angle + 0.5})
-    straight = np.flatnonzero((hypotheses() == 0).all(axis=1))[0]
+    straight = np.flatnonzero((HYPOTHESES == 0).all(axis=1))[0]
     assert count_votes(turned, HEIGHT_M)[straight].sum() < 0.01 * count_votes(stripes, HEIGHT_M)[straight].sum()
 
 

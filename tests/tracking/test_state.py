@@ -17,8 +17,18 @@ from lanes.tracking.model import (
     VERTICAL_CURVATURE,
     WIDTH,
 )
-from lanes.tracking.prediction import inflate, max_curvature, predict
-from lanes.tracking.state import CAMERA_YAW, LANE, PATH, REST_PITCH, SPEED, KalmanState, lever_m
+from lanes.tracking.state import (
+    CAMERA_YAW,
+    LANE,
+    PATH,
+    REST_PITCH,
+    SPEED,
+    KalmanState,
+    inflate,
+    lever_m,
+    max_curvature,
+    predict,
+)
 from lanes.tracking.update import initial_state, max_speed_mps, update_state
 from simulator.road.geometry import RoadGeometry, VehiclePose
 from simulator.road.truth import lane_truth
