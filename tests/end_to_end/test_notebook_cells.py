@@ -18,7 +18,7 @@ from tests.course import wrong_answers
 from tests.support.project import ROOT
 
 NOTEBOOK = ROOT / "project.ipynb"
-SOLUTION = re.compile(r"<summary>Solution</summary>\s*```python\n(.*?)```", re.S)
+SOLUTION = re.compile(r"<summary>Solution</summary>.*?```python\n(.*?)```", re.S)
 CHECK_LINE = re.compile(r'^(?:_ = )?helpers\.check_exercise\("([\d.]+)".*', re.M | re.S)
 
 
