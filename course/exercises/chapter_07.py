@@ -56,7 +56,7 @@ def check_corrected_measures(
         return bool(np.allclose(radii_m, published_m * factor, rtol=0.005))
 
     if used(across / along**2):
-        return hint(f"{radii_m[0]:.0f} m: the factor is upside down. His rows are longer than the usual ones.")
+        return hint(f"{radii_m[0]:.0f} m: the factor is upside down. A row is longer than the usual one.")
     if used(along / across):
         return hint(f"{radii_m[0]:.0f} m: the length along the road counts squared.")
     if used(along**2) or used(along) or used(across):
