@@ -1,11 +1,13 @@
-"""JPEG and PNG files in and out; outside this module a picture is an RGB array (height, width, 3), uint8."""
+"""Picture files in and out; outside this module a picture is an RGB array (height, width, 3), uint8."""
 
 from __future__ import annotations
 
 import math
 import re
+import warnings
 from io import BytesIO
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -13,7 +15,19 @@ import numpy as np
 from lanes.io.files import list_files, require_file, write_atomically
 from lanes.io.frames import PictureError, require_rgb
 
-PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png")
+if TYPE_CHECKING:
+    from PIL.ImageFile import ImageFile
+
+_READABLE = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff")
+# Files that are taken for pictures, not for videos. `read_image` refuses HEIC and says how to convert it.
+PICTURE_SUFFIXES = (*_READABLE, ".heic", ".heif")
+_QUALITY_OPTIONS = {
+    ".jpg": cv2.IMWRITE_JPEG_QUALITY,
+    ".jpeg": cv2.IMWRITE_JPEG_QUALITY,
+    ".webp": cv2.IMWRITE_WEBP_QUALITY,
+}
+# First box of a HEIC file (ISO 23008-12, 10.2).
+_HEIC_BOXES = {b"ftypheic", b"ftypheix", b"ftyphevc", b"ftypmif1", b"ftypmsf1"}
 # Four times an 8K video's, and above the 102 million of the largest cameras. A header can claim 4,000 million.
 MAX_PIXELS = 128_000_000
 # Size of an incompressible PNG with MAX_PIXELS.
@@ -21,7 +35,7 @@ MAX_PICTURE_BYTES = 3 * MAX_PIXELS
 
 
 def read_image(path: str | Path) -> np.ndarray:
-    """The RGB picture (height, width, 3), uint8, of a JPEG or PNG file.
+    """The RGB picture (height, width, 3), uint8, of a JPEG, PNG, WebP, BMP or TIFF file.
 
     Gray pictures are repeated over three channels; an alpha channel is dropped.
 
@@ -30,7 +44,7 @@ def read_image(path: str | Path) -> np.ndarray:
     FileNotFoundError
         If the file does not exist.
     PictureError
-        If the file is empty, truncated, damaged, too large, or neither JPEG nor PNG.
+        If the file is empty, truncated, damaged, too large, or of another format.
     """
     path = require_file(path, "picture", error=PictureError, max_bytes=MAX_PICTURE_BYTES)
     data = path.read_bytes()
@@ -45,25 +59,26 @@ def read_image(path: str | Path) -> np.ndarray:
 
 
 def write_image(path: str | Path, image: np.ndarray, *, jpeg_quality: int = 92) -> Path:
-    """Write an RGB picture (height, width, 3), uint8, atomically as .jpg, .jpeg or .png; returns the path.
+    """Write an RGB picture (height, width, 3), uint8, atomically in the format of its suffix; returns the path.
 
-    The folder is created where needed. `jpeg_quality` is 1 to 100; 92 keeps edges clean at about a fifth of the size of
-    PNG.
+    The folder is created where needed. `jpeg_quality`, 1 to 100, is also that of WebP; 92 keeps edges clean at about a
+    fifth of the size of PNG.
 
     Raises
     ------
     PictureError
-        If `image` is not an RGB picture or the suffix is not one of `PICTURE_SUFFIXES`.
+        If `image` is not an RGB picture or the suffix is none of a format that `read_image` reads.
     OSError
         If the folder cannot be written to.
     """
     path = Path(path)
-    if path.suffix.lower() not in PICTURE_SUFFIXES:
+    suffix = path.suffix.lower()
+    if suffix not in _READABLE:
         raise PictureError(
             f"{path}: cannot write {path.suffix or 'a name without suffix'}; end the name in .jpg or .png."
         )
     require_rgb(image, path)
-    options = [] if path.suffix.lower() == ".png" else [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality]
+    options = [_QUALITY_OPTIONS[suffix], jpeg_quality] if suffix in _QUALITY_OPTIONS else []
     done, data = cv2.imencode(path.suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)
     if not done:
         raise PictureError(f"{path}: the picture of shape {image.shape} could not be encoded as {path.suffix}.")
@@ -72,7 +87,7 @@ def write_image(path: str | Path, image: np.ndarray, *, jpeg_quality: int = 92) 
 
 
 def list_pictures(folder: str | Path) -> list[Path]:
-    """The JPEG and PNG files of a folder in natural order (board2 before board10).
+    """The picture files of a folder in natural order (board2 before board10).
 
     Raises
     ------
@@ -82,7 +97,7 @@ def list_pictures(folder: str | Path) -> list[Path]:
     found = list_files(folder, PICTURE_SUFFIXES)
     if not found:
         raise FileNotFoundError(
-            f"{folder}: holds no picture ({', '.join(PICTURE_SUFFIXES)}); add some or name another folder."
+            f"{folder}: holds no picture ({', '.join(_READABLE)}); add some or name another folder."
         )
     return sorted(found, key=natural_key)
 
@@ -93,29 +108,27 @@ def natural_key(path: Path) -> list:
 
 
 def _require_complete(path: Path, data: bytes) -> None:
-    """Refuse files that are not JPEG or PNG, too large, cut off or damaged; OpenCV would fill missing rows with gray.
+    """Refuse files of other formats, too large, cut off or damaged; OpenCV would fill missing rows with gray.
 
     Pillow decodes at an eighth of a JPEG's size: a third of the time of the full size.
     """
-    # Imported here: commands that read videos only start sooner.
-    from PIL.JpegImagePlugin import JpegImageFile
-    from PIL.PngImagePlugin import PngImageFile
-
-    # Not `PIL.Image.open`, which refuses large pictures without naming their size.
-    if data.startswith(b"\xff\xd8"):
-        opener = JpegImageFile
-    elif data.startswith(b"\x89PNG\r\n\x1a\n"):
-        opener = PngImageFile
-    else:
-        raise PictureError(f"{path}: this is neither a JPEG nor a PNG picture; save it again as JPEG or PNG.")
+    if data[4:12] in _HEIC_BOXES:
+        raise PictureError(
+            f"{path}: is a HEIC picture, which cannot be read; convert it to JPEG, for instance with ImageMagick "
+            f"(magick {path.name} {path.stem}.jpg) or by exporting it from the photo app."
+        )
+    opener = _opener(data)
+    if opener is None:
+        raise PictureError(f"{path}: this is not a JPEG, PNG, WebP, BMP or TIFF picture; save it again as JPEG or PNG.")
     try:
-        # Pillow decodes a PNG that lacks only its end; `verify` refuses it, but makes the object unusable.
-        opener(BytesIO(data)).verify()
-        picture = opener(BytesIO(data))
-        too_large = math.prod(picture.size) > MAX_PIXELS
-        if not too_large:
-            picture.draft("L", (1, 1))
-            picture.load()
+        with warnings.catch_warnings(action="ignore"):  # about entries of no importance here, such as EXIF
+            # Pillow decodes a PNG that lacks only its end; `verify` refuses it, but makes the object unusable.
+            opener(BytesIO(data)).verify()
+            picture = opener(BytesIO(data))
+            too_large = math.prod(picture.size) > MAX_PIXELS
+            if not too_large:
+                picture.draft("L", (1, 1))
+                picture.load()
     except Exception as error:  # a damaged file makes Pillow raise many types
         raise PictureError(
             f"{path}: cannot be decoded as a picture, it is cut off or damaged ({error}); copy it again from its "
@@ -126,3 +139,23 @@ def _require_complete(path: Path, data: bytes) -> None:
             f"{path}: claims {picture.width}x{picture.height} pixels, more than the maximum of "
             f"{MAX_PIXELS / 1e6:.0f} million; make it smaller."
         )
+
+
+def _opener(data: bytes) -> type[ImageFile] | None:
+    """Pillow's class for the format of a file; `PIL.Image.open` would refuse large pictures without their size."""
+    # Imported here: commands that read videos only start sooner.
+    from PIL.BmpImagePlugin import BmpImageFile
+    from PIL.JpegImagePlugin import JpegImageFile
+    from PIL.PngImagePlugin import PngImageFile
+    from PIL.TiffImagePlugin import TiffImageFile
+    from PIL.WebPImagePlugin import WebPImageFile
+
+    openers = {
+        b"\xff\xd8": JpegImageFile,
+        b"\x89PNG\r\n\x1a\n": PngImageFile,
+        b"RIFF": WebPImageFile,
+        b"BM": BmpImageFile,
+        b"II*\0": TiffImageFile,
+        b"MM\0*": TiffImageFile,
+    }
+    return next((opener for magic, opener in openers.items() if data.startswith(magic)), None)

@@ -24,12 +24,14 @@ def picture() -> np.ndarray:
     return image
 
 
-def test_png_round_trip_keeps_every_value(tmp_path, picture):
-    assert np.array_equal(read_image(write_image(tmp_path / "a.png", picture)), picture)
+@pytest.mark.parametrize("suffix", [".png", ".bmp", ".tif", ".TIFF"])
+def test_round_trip_keeps_every_value(tmp_path, picture, suffix):
+    assert np.array_equal(read_image(write_image(tmp_path / f"a{suffix}", picture)), picture)
 
 
-def test_jpeg_round_trip_keeps_red_red(tmp_path, picture):
-    read = read_image(write_image(tmp_path / "a.jpg", picture))
+@pytest.mark.parametrize("suffix", [".jpg", ".jpeg", ".webp"])
+def test_round_trip_keeps_red_red(tmp_path, picture, suffix):
+    read = read_image(write_image(tmp_path / f"a{suffix}", picture))
     assert read.shape == (40, 64, 3) and read.dtype == np.uint8
     np.testing.assert_allclose(read[20, 10], RED, atol=6)
     np.testing.assert_allclose(read[20, 54], GREEN, atol=6)
@@ -57,7 +59,7 @@ def test_missing_file_is_named(tmp_path):
         read_image(tmp_path / "nowhere.jpg")
 
 
-@pytest.mark.parametrize("suffix", [".jpg", ".png"])
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".webp", ".bmp", ".tif"])
 @pytest.mark.parametrize("share", [0.3, 0.9, 0.99])
 def test_truncated_file_is_refused(tmp_path, picture, suffix, share):
     noisy = np.random.default_rng(3).integers(0, 256, (60, 80, 3), dtype=np.uint8)
@@ -101,8 +103,15 @@ def test_empty_file_is_refused(tmp_path):
 
 def test_text_named_jpg_is_refused(tmp_path):
     (tmp_path / "text.jpg").write_text("not a picture")
-    with pytest.raises(PictureError, match=r"text\.jpg.*neither a JPEG nor a PNG"):
+    with pytest.raises(PictureError, match=r"text\.jpg.*not a JPEG, PNG, WebP, BMP or TIFF"):
         read_image(tmp_path / "text.jpg")
+
+
+@pytest.mark.parametrize("name", ["photo.heic", "renamed.jpg"])
+def test_heic_is_refused_with_the_way_to_convert_it(tmp_path, name):
+    (tmp_path / name).write_bytes(b"\0\0\0\x18ftypheic\0\0\0\0mif1heic" + bytes(99))
+    with pytest.raises(PictureError, match=rf"{name}: is a HEIC picture.*convert it to JPEG"):
+        read_image(tmp_path / name)
 
 
 def huge_png(width: int, height: int) -> bytes:
@@ -172,7 +181,7 @@ def test_only_rgb_is_written(tmp_path, wrong):
     assert not any(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("name", ["a.bmp", "a"])
+@pytest.mark.parametrize("name", ["a.gif", "a.heic", "a"])
 def test_other_formats_are_refused(tmp_path, picture, name):
     with pytest.raises(PictureError, match=r"end the name in \.jpg or \.png"):
         write_image(tmp_path / name, picture)

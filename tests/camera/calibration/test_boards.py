@@ -202,7 +202,7 @@ def test_a_folder_names_what_it_could_not_use(tmp_path):
     (tmp_path / "text.jpg").write_text("no picture")
     with pytest.raises(CameraError, match="^no chessboard of 9x6 inner corners .* any of the 2 pictures") as error:
         calibrate_folder(tmp_path)
-    assert "wall.png: no chessboard of 9x6" in str(error.value) and "neither a JPEG" in str(error.value)
+    assert "wall.png: no chessboard of 9x6" in str(error.value) and "not a JPEG" in str(error.value)
     assert str(tmp_path) in str(error.value)
 
 
