@@ -76,11 +76,13 @@ def join_pieces(
     tables = [read_telemetry(video.with_suffix(".csv")) for video in videos]
     starts_s = [table["time_s"][0] for table in tables]
     write_telemetry(target.with_suffix(".csv"), _join_rows(tables))
-    join_videos(videos, starts_s, target, sound_from=drive.video if drive.info.has_audio else None)
+    sound = drive.info.has_audio
+    join_videos(videos, starts_s, target, sound_from=drive.video if sound else None)
     frames = read_telemetry(target.with_suffix(".csv"))["frame"]
     part = {"start_s": settings.start_s, "end_s": settings.end_s}
     missing = count_missing(drive.info, int(frames[0]), int(frames[-1]), len(frames), **part)
-    return conclude_drive(str(drive.video), target, drive.camera, drive.pose, settings, elapsed_s, missing=missing)
+    source = str(drive.video)
+    return conclude_drive(source, target, drive.camera, drive.pose, settings, elapsed_s, missing=missing, sound=sound)
 
 
 def _video_path(piece: Piece, folder: Path) -> Path:

@@ -22,7 +22,7 @@ from lanes.io.frames import PictureError
 from lanes.io.images import list_pictures, read_image, write_image
 from lanes.io.telemetry import read_telemetry, write_telemetry
 from lanes.io.threads import opencv_threads
-from lanes.io.video.container import VideoError
+from lanes.io.video.container import VideoError, open_video
 from lanes.io.video.pipeline import VideoSummary, annotate_video
 from lanes.io.video.reader import VideoInfo, inspect_video
 from lanes.tracking.birdseye import BirdsEyeView
@@ -81,7 +81,8 @@ def annotate_prepared(drive: PreparedDrive, settings: DriveSettings) -> DriveRes
         missing = track_video(drive, target, settings).missing
     elapsed_s = time.perf_counter() - began_s
     source = str(drive.video)
-    return conclude_drive(source, target, drive.camera, drive.pose, settings, elapsed_s, missing=missing)
+    sound = drive.info.has_audio
+    return conclude_drive(source, target, drive.camera, drive.pose, settings, elapsed_s, missing=missing, sound=sound)
 
 
 def track_video(drive: PreparedDrive, target: Path, settings: DriveSettings, **options: object) -> VideoSummary:
@@ -181,14 +182,17 @@ def conclude_drive(
     elapsed_s: float,
     *,
     missing: int = 0,
+    sound: bool = False,
 ) -> DriveResult:
     """Summarise the telemetry file next to the annotated `video`, and write the report if `settings.report` is set.
 
     `source` is the path of the source video or the name of the live camera, `elapsed_s` the time that the annotation
-    took, and `missing` the number of frames missing in the source.
+    took, `missing` the number of frames missing in the source, and `sound` whether it has a sound track.
     """
     columns = read_telemetry(video.with_suffix(".csv"))
     frames = len(columns["frame"])
+    with open_video(video) as written:
+        lost_sound = sound and not written.streams.audio
     result = DriveResult(
         source=source,
         video=video,
@@ -202,6 +206,7 @@ def conclude_drive(
         frames_per_s=frames / elapsed_s,
         pose_change=find_pose_change(columns),
         missing=missing,
+        lost_sound=lost_sound,
     )
     if result.report:
         used = describe_settings(result, settings)

@@ -93,6 +93,8 @@ class DriveResult:
         The moment at which the camera seems to have moved, if there is one.
     missing : int
         Frames that are damaged in the video, or announced by it but absent.
+    lost_sound : bool
+        The video has a sound track that cannot be decoded, and the annotated video has none.
     """
 
     source: str
@@ -107,6 +109,7 @@ class DriveResult:
     frames_per_s: float
     pose_change: PoseChange | None = None
     missing: int = 0
+    lost_sound: bool = False
 
     def describe(self) -> str:
         """A sentence about the drive, after the camera pose if it was estimated."""
@@ -116,6 +119,8 @@ class DriveResult:
             f"them, lost for {self.lost_s:.1f} s; {self.frames_per_s:.0f} frames/s; wrote {self.video} with telemetry"
             f"{' and report' if self.report else ''} next to it"
         )
+        if self.lost_sound:
+            lines.append(f"{self.source}: its sound track cannot be decoded; {self.video} has no sound")
         if self.pose_change:
             lines.append(f"{self.source}: {self.pose_change.describe()}")
         return "\n".join(lines)

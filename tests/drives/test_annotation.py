@@ -29,18 +29,31 @@ from lanes.io.video.container import VideoError
 from lanes.io.video.reader import inspect_video
 from lanes.io.video.writer import VideoWriter
 from lanes.tracking.tracker import LOST, LaneTracker, TrackedLane
+from tests.io.video.sample_videos import make_video_with_unknown_sound
 from tests.support.clips import write_drive
 from tests.support.painted_drive import BENDS, CAMERA, SMALL, tracked_bends
 
 
 def test_names_are_sorted_by_kind(tmp_path, monkeypatch):
-    for name in ("d10.mp4", "d2.MOV", "b.jpg", "notes.txt", ".hidden.mp4", "d.partial.7.mp4", "more/x.mkv", "[1].avi"):
+    for name in (
+        "d10.mp4",
+        "d2.MOV",
+        "b.jpg",
+        "c.WebP",
+        "d.tif",
+        "e.HEIC",
+        "notes.txt",
+        ".hidden.mp4",
+        "d.partial.7.mp4",
+        "more/x.mkv",
+        "[1].avi",
+    ):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
     monkeypatch.chdir(tmp_path)
     found = find_sources([".", "0", "more/*", "d2.MOV", "[1].avi", "12"])
     assert [path.name for path in found.videos] == ["[1].avi", "d2.MOV", "d10.mp4", "x.mkv"]
-    assert [path.name for path in found.stills] == ["b.jpg"]
+    assert [path.name for path in found.stills] == ["b.jpg", "c.WebP", "d.tif", "e.HEIC"]
     assert found.cameras == (0, 12)
     (tmp_path / "7").touch()
     assert find_sources(["7"]).cameras == ()
@@ -134,6 +147,20 @@ def test_stills_with_estimated_pose(tmp_path):
     assert (read_image(tmp_path / "out" / "0.png") != read_image(pictures[0])).any()
     with pytest.raises(ValueError, match="one of the inputs"):
         annotate_stills(pictures, DriveSettings(output=tmp_path, camera=SMALL))
+
+
+def test_stills_of_all_formats_keep_their_format(tmp_path):
+    for suffix in ("bmp", "tif", "webp"):
+        write_image(tmp_path / f"still.{suffix}", BENDS.frame(0))
+    result = annotate_folder(tmp_path, tmp_path / "out", SMALL)
+    assert [path.name for path in result.pictures] == ["still.bmp", "still.tif", "still.webp"]
+    assert result.found == 3 and (read_image(result.pictures[0]) != BENDS.frame(0)).any()
+
+
+def test_lost_sound_is_stated(tmp_path):
+    drive = make_video_with_unknown_sound(tmp_path / "drive.avi", 3, size=SMALL.size)
+    result = annotate_drive(drive, DriveSettings(output=tmp_path / "out", camera=SMALL, report=False))
+    assert result.frames == 3 and "sound track cannot be decoded" in result.describe()
 
 
 def test_unusable_stills_do_not_stop_the_others(tmp_path):

@@ -15,10 +15,13 @@ from av.video.reformatter import ColorRange
 from lanes.io.files import partial_file
 from lanes.io.frames import Frame, YuvColourSpace, YuvFrame, require_rgb
 from lanes.io.video.container import VideoError, decode_frames, open_video, start_time, translate_errors
-from lanes.io.video.reader import STAMP_TOLERANCE_S, VideoInfo, inspect_video
+from lanes.io.video.reader import CLOCK_RESET_S, STAMP_TOLERANCE_S, VideoInfo, inspect_video
 
-# Audio codecs that mp4 allows and browsers play; any other is re-encoded as AAC.
-_COPIED_CODECS = {"aac", "mp3", "opus", "flac"}
+# Audio codecs that mp4 allows and browsers play. Any other is re-encoded as AAC, also MP3, which mp4 does not allow at
+# every sampling rate.
+_COPIED_CODECS = {"aac", "opus", "flac"}
+# Sampling rate of re-encoded sound whose own rate AAC does not have, Hz.
+_SOUND_RATE_HZ = 48_000
 # x264's default for constant quality.
 CRF = 23
 # The bytes of x264 depend on its number of threads: a fixed number gives the same file on every machine. Four are as
@@ -45,7 +48,8 @@ class VideoWriter:
     crf : int, in range 0..51
         x264's constant rate factor; lower means better quality and larger files.
     sound_from : str or Path, optional
-        A video whose sound is copied, from the time of the first written frame to that of the last.
+        A video whose sound is copied or re-encoded, from the time of the first written frame to that of the last. Sound
+        that cannot be decoded is left out.
     threads : int
         Encoder threads; another number gives other bytes.
 
@@ -213,38 +217,43 @@ def open_mp4(
 
 
 class SoundTrack:
-    """The sound track of `source`, written to `target` interleaved with the frames."""
+    """The first sound track of `source` that can be decoded, written to `target` interleaved with the frames."""
 
     def __init__(self, source: str | Path, target: av.container.OutputContainer, *, start_s: float) -> None:
         self._path = source
         self._source = open_video(source)
         self._target = target
         self._start_s = start_s
-        self._input = self._source.streams.audio[0]
-        self._copied = self._input.codec_context.name in _COPIED_CODECS
+        # A track in a codec that FFmpeg does not know has no codec context; it is left out.
+        self._input = next((track for track in self._source.streams.audio if track.codec_context), None)
+        self._copied = self._input is not None and self._input.codec_context.name in _COPIED_CODECS
         if self._copied:
             self._output = target.add_stream_from_template(self._input)
-        else:
-            self._output = target.add_stream("aac", rate=self._input.rate)
-        self._pieces = self._from_start()
+        elif self._input is not None:
+            known = self._input.rate in av.Codec("aac", "w").audio_rates
+            self._output = target.add_stream("aac", rate=self._input.rate if known else _SOUND_RATE_HZ)
+        self._pieces = iter(()) if self._input is None else self._from_start()
         self._next = next(self._pieces, None)
 
     def write_until(self, time_s: float) -> None:
         """Write the sound before `time_s`, seconds since the first written frame."""
         while self._next is not None and self._next[0] < time_s:
-            piece = self._next[1]
-            if self._copied:
-                piece.stream = self._output
-                self._target.mux(piece)
-            else:
-                self._target.mux(self._output.encode(piece))
+            self._write(self._next[1])
             self._next = next(self._pieces, None)
 
     def finish(self, time_s: float) -> None:
         """Write the sound before `time_s` and flush the encoder."""
         self.write_until(time_s)
-        if not self._copied:
-            self._target.mux(self._output.encode(None))
+        if self._input is not None and not self._copied:
+            self._write(None)
+
+    def _write(self, piece: av.Packet | av.AudioFrame | None) -> None:
+        """Write a packet or frame, or flush the encoder. One that FFmpeg refuses is left out; the video goes on."""
+        if self._copied:
+            piece.stream = self._output
+        # FFmpeg refuses, for instance, damaged packets, repeated time stamps and a changed number of channels.
+        with suppress(ValueError):
+            self._target.mux(piece if self._copied else self._output.encode(piece))
 
     def close(self) -> None:
         """Close the source."""
@@ -256,14 +265,23 @@ class SoundTrack:
         if self._start_s > 0:
             self._source.seek(int(zero_s * av.time_base))
         pieces = self._source.demux(self._input) if self._copied else decode_frames(self._source, self._input)
+        last_s = -math.inf
         for piece in translate_errors(pieces, self._path):
             if piece.pts is None:
                 continue
-            piece.pts -= round(zero_s / piece.time_base)
+            time_s = float(piece.pts * piece.time_base) - zero_s
+            if time_s < last_s - CLOCK_RESET_S:
+                zero_s -= last_s - time_s
+                time_s = last_s
+            last_s = time_s
+            if not self._copied:
+                # In avi a tick can be a whole frame of MP3, longer than one of AAC: two of these would have one time.
+                piece.time_base = Fraction(1, piece.sample_rate)
+            piece.pts = round(time_s / piece.time_base)
             if self._copied:
                 piece.dts = piece.pts
             if piece.pts >= 0:
-                yield float(piece.pts * piece.time_base), piece
+                yield time_s, piece
 
 
 def _frame_of(picture: YuvFrame) -> av.VideoFrame:

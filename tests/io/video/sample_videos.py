@@ -29,12 +29,14 @@ def number_of(image: np.ndarray) -> int:
     return sum(int(row[bit * 16 + 8] > 128) << bit for bit in range(10))
 
 
-def make_video(path: Path, frames: int = 25, *, fps=25, size=SIZE, sound: str | None = None, seconds=None) -> Path:
-    """A video written with PyAV instead of the tested code, in any container."""
+def make_video(
+    path: Path, frames: int = 25, *, fps=25, size=SIZE, sound: str | None = None, seconds=None, **audio
+) -> Path:
+    """A video written with PyAV instead of the tested code, in any container; `audio` may have a rate and a layout."""
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=Fraction(fps), options={"preset": "ultrafast", "g": "12"})
         stream.width, stream.height, stream.pix_fmt = *size, "yuv420p" if size[0] % 2 == 0 else "yuv444p"
-        track = container.add_stream(sound, rate=48000, layout="mono") if sound else None
+        track = container.add_stream(sound, **{"rate": 48000, "layout": "mono"} | audio) if sound else None
         for number in range(frames):
             container.mux(stream.encode(av.VideoFrame.from_ndarray(numbered(number, size))))
         container.mux(stream.encode(None))
@@ -60,6 +62,15 @@ def add_tone(container, track, seconds: float) -> None:
     frame.sample_rate, frame.pts = 48000, 0
     container.mux(track.encode(frame))
     container.mux(track.encode(None))
+
+
+def make_video_with_unknown_sound(path: Path, frames: int, **options) -> Path:
+    """An avi whose sound track has the number of no codec, in the first entry of its header (WAVEFORMAT.wFormatTag)."""
+    data = bytearray(make_video(path, frames, sound="pcm_s16le", **options).read_bytes())
+    at = data.index(b"strf", data.index(b"auds")) + 8
+    data[at : at + 2] = b"\x34\x12"
+    path.write_bytes(data)
+    return path
 
 
 def tone_starts_s(path: Path) -> float:

@@ -1,4 +1,4 @@
-"""Sound: copied where browsers play it, and in time with the frames."""
+"""Sound: copied where browsers play it, in time with the frames, and never at the cost of the video."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from lanes.io.video.pipeline import annotate_video
-from lanes.io.video.reader import read_timed_frames
+from lanes.io.video.reader import inspect_video, read_timed_frames
 from tests.io.video.sample_videos import (
     SIZE,
     add_tone,
     make_video,
+    make_video_with_unknown_sound,
     number_of,
     numbered,
     sound_packets,
@@ -34,12 +35,28 @@ def test_part_with_synchronous_sound(tmp_path):
         assert float(sound.duration * sound.time_base) == pytest.approx(2.0, abs=0.05)
 
 
-@pytest.mark.parametrize(("suffix", "codec"), [("ts", "aac"), ("avi", "pcm_s16le"), ("mov", "pcm_s16le")])
-def test_sound_of_other_containers(tmp_path, suffix, codec):
-    path = make_video(tmp_path / f"drive.{suffix}", 40, sound=codec)
+@pytest.mark.parametrize(
+    ("suffix", "codec", "audio"),
+    [
+        ("ts", "aac", {}),
+        ("ts", "mp2", {"layout": "stereo"}),
+        ("avi", "pcm_s16le", {}),
+        ("mov", "pcm_s16le", {}),
+        # A tick of this avi is a whole frame of MP3, longer than one of AAC.
+        ("avi", "libmp3lame", {"layout": "stereo", "rate": 44100}),
+        ("mkv", "ac3", {"layout": "stereo"}),
+        # AAC has no such sampling rate.
+        ("mkv", "pcm_s16le", {"rate": 192_000}),
+    ],
+)
+def test_sound_of_other_containers(tmp_path, suffix, codec, audio):
+    path = make_video(tmp_path / f"drive.{suffix}", 40, sound=codec, **audio)
     summary = annotate_video(path, tmp_path / "out.mp4", unchanged, progress=False)
     assert summary.has_audio
-    assert tone_starts_s(tmp_path / "out.mp4") == pytest.approx(0.8, abs=0.05)
+    # avi begins with the sound, some frames before the picture
+    with av.open(str(path)) as container:
+        first_s = next(container.decode(video=0)).time
+    assert tone_starts_s(tmp_path / "out.mp4") == pytest.approx(tone_starts_s(path) - first_s, abs=0.03)
 
 
 def test_sound_that_browsers_play_is_copied(video, tmp_path):
@@ -71,6 +88,25 @@ def test_variable_rate_with_sound(tmp_path):
     assert summary.frames_out == 30 and [number_of(f.image) for f in found] == list(range(30))
     np.testing.assert_allclose([f.time_s for f in found], times_s, atol=1e-3)
     assert tone_starts_s(tmp_path / "out.mp4") == pytest.approx(tone_starts_s(path), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("codec", "layout", "end_s"), [("aac", "mono", 2.8), ("mp2", "mono", 2.8), ("mp2", "stereo", 1.6)]
+)
+def test_appended_recording(tmp_path, codec, layout, end_s):
+    """The time stamps begin again. Sound with another number of channels is left out, its frames are not."""
+    path = make_video(tmp_path / "drive.ts", 40, sound=codec)
+    other = make_video(tmp_path / "other.ts", 30, sound=codec, layout=layout)
+    path.write_bytes(path.read_bytes() + other.read_bytes())
+    summary = annotate_video(path, tmp_path / "out.mp4", unchanged, progress=False)
+    assert (summary.frames_out, summary.has_audio) == (70, True)
+    assert sound_packets(tmp_path / "out.mp4")[-1][0] == pytest.approx(end_s, abs=0.1)
+
+
+def test_unknown_sound_is_left_out(tmp_path):
+    path = make_video_with_unknown_sound(tmp_path / "drive.avi", 10)
+    summary = annotate_video(path, tmp_path / "out.mp4", unchanged, progress=False)
+    assert inspect_video(path).has_audio and (summary.frames_out, summary.has_audio) == (10, False)
 
 
 def test_without_sound(video, tmp_path):
