@@ -1,12 +1,12 @@
 # `make run` executes the course, `make test` checks everything, `make check` is the quick check while you work.
-# They need Python 3.11-3.13 and make; the first run needs the network to install the packages.
+# They need Python 3.11-3.14 and make; the first run needs the network to install the packages.
 
 .DEFAULT_GOAL := help
 .PHONY: help run check test lint fuzz coverage mutants soak lock audit clean
 
 # Choose another Python with: make run PYTHON=/path/to/python3.12
-PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
-	$$p -c 'import sys, venv, ensurepip; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' \
+PYTHON ?= $(shell for p in python3.14 python3.13 python3.12 python3.11 python3 python; do \
+	$$p -c 'import sys, venv, ensurepip; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 14))' \
 	>/dev/null 2>&1 && echo $$p && break; done)
 ENV := .venv/bin
 EXECUTE := $(ENV)/jupyter nbconvert --log-level WARN --to notebook --execute --ExecutePreprocessor.record_timing=False \
@@ -88,7 +88,7 @@ soak: $(INSTALLED)
 
 # The copy is made last, so that a failed installation is repeated.
 $(INSTALLED): requirements.txt
-	@test -n "$(PYTHON)" || { echo "No Python 3.11, 3.12 or 3.13 with venv found; install one, or run make PYTHON=/path/to/python"; exit 1; }
+	@test -n "$(PYTHON)" || { echo "No Python 3.11 to 3.14 with venv found; install one, or run make PYTHON=/path/to/python"; exit 1; }
 	@echo "== Installing requirements.txt into .venv with $(PYTHON) (once)"
 	@test -x $(ENV)/python || $(PYTHON) -m venv .venv
 	@$(ENV)/python -m pip install --quiet --disable-pip-version-check -r requirements.txt
@@ -100,7 +100,7 @@ $(WITH_DASK): requirements-cluster.txt $(INSTALLED)
 	@$(ENV)/python -m pip install --quiet --disable-pip-version-check -r requirements-cluster.txt && cp requirements-cluster.txt $@ \
 		|| echo "== Dask could not be installed: the tests of lanes/cluster are skipped"
 
-# All packages that requirements.txt and requirements-cluster.txt depend on, with hashes, for Python 3.11-3.13.
+# All packages that requirements.txt and requirements-cluster.txt depend on, with hashes, for Python 3.11-3.14.
 lock: $(INSTALLED)
 	@$(PYTHON) -m venv .venv/tools && .venv/tools/bin/python -m pip install --quiet --disable-pip-version-check uv==0.13.9
 	@.venv/tools/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
