@@ -18,14 +18,14 @@ from lanes.cli.arguments import add_lens, find_lens
 from lanes.io.console import positive_int, progress_line, run_command, run_program
 
 EXAMPLES = """\
-  python -m benchmark --list
-  python -m benchmark --workers 2 -o results
-  python -m benchmark --system tracker --estimated-pose motorway
-  python -m benchmark --system tracker,best_channel my_drive.mp4
-  python -m benchmark --system my_finder.py:my_finder,tracker --workers 2 -o results
-  python -m benchmark --speed
-  python -m benchmark --labels stills/labels.jsonl --camera camera.yaml
-  python -m benchmark --labels stills/labels.jsonl --predictions lanes.jsonl"""
+  {program} --list
+  {program} --workers 2 -o results
+  {program} --system tracker --estimated-pose motorway
+  {program} --system tracker,best_channel my_drive.mp4
+  {program} --system my_finder.py:my_finder,tracker --workers 2 -o results
+  {program} --speed
+  {program} --labels stills/labels.jsonl --camera camera.yaml
+  {program} --labels stills/labels.jsonl --predictions lanes.jsonl"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -10,10 +10,10 @@ from pathlib import Path
 from lanes.io.console import bounded_float, progress_line, run_command, run_program
 
 EXAMPLES = """\
-  python -m simulator
-  python -m simulator stills --out renders
-  python -m simulator video --seconds 2 --out renders
-  python -m simulator --scene hairpin-left"""
+  {program}
+  {program} stills --out renders
+  {program} video --seconds 2 --out renders
+  {program} --scene hairpin-left"""
 
 
 EMBEDDED = ("boards", "stills", "video", "challenge", "harder")

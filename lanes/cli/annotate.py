@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     from lanes.drives.sources import Sources
 
 EXAMPLES = """\
-  python -m lanes annotate --hfov 60 drive.mp4
-  python -m lanes annotate --camera camera.yaml drives/ more/*.mp4 -o results
-  python -m lanes annotate --boards my_boards --style mosaic --start 60 --end 90 drive.mp4
-  python -m lanes annotate --camera camera.yaml 0
-  python -m lanes annotate --camera camera.yaml "drives/**/*.mp4" -o results --workers 8"""
+  {program} --hfov 60 drive.mp4
+  {program} --camera camera.yaml drives/ more/*.mp4 -o results
+  {program} --boards my_boards --style mosaic --start 60 --end 90 drive.mp4
+  {program} --camera camera.yaml 0
+  {program} --camera camera.yaml "drives/**/*.mp4" -o results --workers 8"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_many_drives(parser: argparse.ArgumentParser) -> None:
     """Add the options for Dask."""
-    many = parser.add_argument_group("many drives", "require Dask: pip install -r requirements-cluster.txt")
+    many = parser.add_argument_group("many drives", "require Dask: pip install 'dask[distributed]' bokeh")
     where = many.add_mutually_exclusive_group()
     where.add_argument(
         "--workers", type=positive_int, metavar="N", help="number of processes on this machine, with one thread each"

@@ -12,8 +12,8 @@ from lanes.cli.arguments import add_output, size
 from lanes.io.console import progress_line
 
 EXAMPLES = """\
-  python -m lanes calibrate my_boards -o lens.yaml
-  python -m lanes calibrate --pattern 8x5 --sheet sheet.png boards/*.jpg"""
+  {program} my_boards -o lens.yaml
+  {program} --pattern 8x5 --sheet sheet.png boards/*.jpg"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

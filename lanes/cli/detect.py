@@ -12,9 +12,9 @@ from lanes.cli.arguments import add_footage, add_lens, add_output, find_lens
 from lanes.io.console import bounded_float, progress_line
 
 EXAMPLES = """\
-  python -m lanes detect --camera camera.yaml drive.mp4 -o lanes.jsonl
-  python -m lanes detect --hfov 60 --rows 240:721:10 stills/*.jpg
-  python -m lanes detect --boards my_boards --sequence --fps 20 clip/*.jpg"""
+  {program} --camera camera.yaml drive.mp4 -o lanes.jsonl
+  {program} --hfov 60 --rows 240:721:10 stills/*.jpg
+  {program} --boards my_boards --sequence --fps 20 clip/*.jpg"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

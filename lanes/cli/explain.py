@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     import numpy as np
 
 EXAMPLES = """\
-  python -m lanes explain --camera camera.yaml drive.mp4 --at 12.5 -o explained.png
-  python -m lanes explain --hfov 60 still.jpg"""
+  {program} --camera camera.yaml drive.mp4 --at 12.5 -o explained.png
+  {program} --hfov 60 still.jpg"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -11,10 +11,10 @@ from lanes.cli.arguments import add_footage, add_lens, add_output, add_piece, fi
 from lanes.io.console import bounded_float, positive_int, progress_line
 
 EXAMPLES = """\
-  python -m lanes pose --hfov 60 drive.mp4 -o camera.yaml
-  python -m lanes pose --camera lens.yaml --lane-width 3.5 drive/*.jpg -o camera.yaml
-  python -m lanes pose --hfov 60 --start 60 --end 90 drive.mp4
-  python -m lanes pose --boards my_boards --height 1.35 drive.mp4"""
+  {program} --hfov 60 drive.mp4 -o camera.yaml
+  {program} --camera lens.yaml --lane-width 3.5 drive/*.jpg -o camera.yaml
+  {program} --hfov 60 --start 60 --end 90 drive.mp4
+  {program} --boards my_boards --height 1.35 drive.mp4"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -129,7 +129,7 @@ def connect(cluster: ClusterSettings) -> Iterator[Client]:
     except ImportError as error:
         raise ClusterError(
             "--workers and --scheduler need Dask, which is not installed; run "
-            "`pip install -r requirements-cluster.txt`, or omit them to annotate one drive after the other."
+            "`pip install 'dask[distributed]' bokeh`, or omit them to annotate one drive after the other."
         ) from error
     if cluster.scheduler:
         with _connect_to(cluster.scheduler) as client:

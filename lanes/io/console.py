@@ -51,13 +51,14 @@ def error_status(error: OSError | ValueError) -> int:
 def run_command(command: ModuleType, program: str, arguments: list[str]) -> int:
     """Run a command, a module with a docstring, EXAMPLES, `add_arguments(parser)` and `run(options)`.
 
+    In EXAMPLES, `{program}` stands for `program`, which is how the user starts this command.
     Returns the exit status. 0: done. 1: failed with good inputs, for instance an unwritable output or pictures without
     a road. 2: wrong usage, or a missing or bad input. 130: interrupted.
     """
     parser = argparse.ArgumentParser(
         prog=program,
         description=command.__doc__,
-        epilog=f"examples:\n{command.EXAMPLES}",
+        epilog=f"examples:\n{command.EXAMPLES.format(program=program)}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )

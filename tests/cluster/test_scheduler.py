@@ -280,7 +280,9 @@ def test_without_dask_a_message_says_how_to_install_it(drives, tmp_path):
     with start(*arguments, "--workers", 2, before="sys.modules['distributed'] = None") as process:
         out, err = process.communicate(timeout=180)
     assert (process.returncode, out) == (1, "") and not (tmp_path / "out").exists()
-    assert re.fullmatch(r"error: .* need Dask, which is not installed; run `pip install -r requirements.*\n", err)
+    assert re.fullmatch(
+        r"error: .* need Dask, which is not installed; run `pip install 'dask\[distributed\]' .*\n", err
+    )
     with start(*arguments, before="sys.modules['distributed'] = sys.modules['dask'] = None") as process:
         assert process.communicate(timeout=180)[1] == "" and process.returncode == 0
     assert not (tmp_path / "out" / "summary").exists()
