@@ -1,0 +1,134 @@
+"""The package: its metadata against requirements.txt and the imports, and an installation without the clone."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tarfile
+import tomllib
+import venv
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import numpy as np
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+from lanes import __version__
+from lanes.io.video.reader import inspect_video
+from tests.support.clips import FPS, write_clip
+from tests.support.painted_drive import BENDS
+from tests.support.project import ROOT
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+EXTRAS = PROJECT["optional-dependencies"]
+SOURCES = ("lanes", "pyproject.toml", "README.md", "LICENSE")
+FOLDERS = ("purelib", "scripts")
+FRAMES = 12
+
+
+def by_name(lines: list[str]) -> dict[str, Requirement]:
+    return {canonicalize_name(required.name): required for required in map(Requirement, lines)}
+
+
+def pins(name: str) -> dict[str, Requirement]:
+    """The packages that a requirements file pins."""
+    lines = (line.partition("#")[0].strip() for line in (ROOT / name).read_text(encoding="utf-8").splitlines())
+    return by_name([line for line in lines if line])
+
+
+@pytest.mark.parametrize(
+    "file, declared",
+    [
+        ("requirements.txt", PROJECT["dependencies"] + EXTRAS["course"] + EXTRAS["dev"]),
+        ("requirements-cluster.txt", EXTRAS["cluster"]),
+    ],
+)
+def test_the_requirements_pin_what_the_metadata_declare(file, declared):
+    pinned, declared = pins(file), by_name(declared)
+    assert pinned.keys() == declared.keys()
+    for name, required in pinned.items():
+        [pin] = required.specifier
+        assert pin.operator == "==" and pin.version in declared[name].specifier, name
+
+
+def imported_packages() -> set[str]:
+    """The distributions whose modules the sources of lanes/ import, at any place."""
+    modules = set()
+    for path in (ROOT / "lanes").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                modules |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                modules.add(node.module.partition(".")[0])
+    owners = packages_distributions()
+    return {canonicalize_name(owners.get(name, [name])[0]) for name in modules - sys.stdlib_module_names - {"lanes"}}
+
+
+def test_the_dependencies_are_what_lanes_imports():
+    # Dask and distributed are one extra. ipywidgets comes with Jupyter, moviepy with the course.
+    optional = {"dask", "distributed", "ipywidgets", "moviepy"}
+    assert imported_packages() - optional == by_name(PROJECT["dependencies"]).keys()
+
+
+@pytest.fixture(scope="module")
+def sources(tmp_path_factory) -> Path:
+    """A copy of the files that the package is built from, so that nothing is written into the clone."""
+    if not all(map(importlib.util.find_spec, ("flit_core", "pip"))):
+        pytest.skip("flit_core or pip is not installed: pip install -r requirements.txt")
+    folder = tmp_path_factory.mktemp("sources")
+    for name in SOURCES:
+        copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
+        copy(ROOT / name, folder / name)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def sdist(sources, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("sdist")
+    script = f"from flit_core.buildapi import build_sdist; print(build_sdist({str(folder)!r}))"
+    done = subprocess.run([sys.executable, "-c", script], cwd=sources, check=True, capture_output=True, text=True)
+    return folder / done.stdout.strip()
+
+
+def test_the_sdist_holds_the_package_and_nothing_else(sdist):
+    with tarfile.open(sdist) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    assert {name.partition("/")[0] for name in names} == {*SOURCES, "PKG-INFO"}
+    here = {path.relative_to(ROOT).as_posix() for path in (ROOT / "lanes").rglob("*") if path.is_file()}
+    assert {name for name in names if name.startswith("lanes/")} == {name for name in here if not name.endswith(".pyc")}
+
+
+def install(package: Path, environment: Path) -> Path:
+    """Install a package into a new environment, which borrows the dependencies; returns the folder of the commands."""
+    venv.create(environment, symlinks=os.name != "nt")
+    modules, commands = (Path(sysconfig.get_path(name, "venv", {"base": environment})) for name in FOLDERS)
+    (modules / "dependencies.pth").write_text(sysconfig.get_path("purelib"), encoding="utf-8")
+    options = ["--quiet", "--no-deps", "--no-index", "--no-build-isolation"]
+    subprocess.run([commands / "python", "-m", "pip", "install", *options, package], cwd=environment, check=True)
+    return commands
+
+
+@pytest.mark.slow
+def test_the_installed_command_annotates_a_video_from_an_empty_folder(sdist, tmp_path):
+    lanes = install(sdist, tmp_path / "environment") / "lanes"  # pip builds a wheel from the sdist
+    drive = write_clip(tmp_path / "drive.mp4", map(BENDS.frame, np.arange(FRAMES) / FPS))
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+
+    def run(*arguments: object) -> str:
+        command = [str(lanes), *map(str, arguments)]
+        return subprocess.run(command, cwd=empty, env=environment, check=True, capture_output=True, text=True).stdout
+
+    assert run("--version") == f"lanes {__version__}\n"
+    assert run("annotate", "--help").startswith("usage: lanes annotate ")
+    run("annotate", "--hfov", "60", drive)
+    assert sorted(path.name for path in empty.rglob("*.*")) == ["drive.csv", "drive.html", "drive.mp4"]
+    assert inspect_video(empty / "annotated" / "drive.mp4").frames == FRAMES
