@@ -38,7 +38,10 @@ def check_lane_width(
     if abs(width_m - columns * 3.7 / 700) < 0.01:
         return hint(f"{width_m:.2f} m. You used 3.7 m / 700 columns, which belongs to another warp (chapter 4).")
     if abs(width_m - expected_m) > 0.02:
-        return hint(f"{width_m:.2f} m. In this picture the peaks are {columns} columns apart; how many metres is one?")
+        return hint(
+            f"{width_m:.2f} m. With all three masks of hls_sobel the peaks are {columns} columns apart; "
+            "how many metres is one?"
+        )
     return correct(f"{width_m:.2f} m" + (f" (truth {truth['lane_width_m']:.2f} m)." if truth else "."))
 
 

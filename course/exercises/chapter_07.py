@@ -32,7 +32,7 @@ def check_ransac_choice(choice: Sequence[int], *, pixels: np.ndarray, line: Sequ
     if probability < REQUIRED_PROBABILITY or trials > MAX_TRIALS:
         return hint(
             f"a sample of {samples} pixels is clean with the probability {clean:.1%}, at least one of {trials} samples "
-            f"with {probability:.1%}. Required are {REQUIRED_PROBABILITY:.1%} in at most {MAX_TRIALS} trials."
+            f"with {probability:.2%}. Required are {REQUIRED_PROBABILITY:.2%} in at most {MAX_TRIALS} trials."
         )
     fit = ransac_line(pixels, trials=trials, samples=samples)
     rows = np.arange(720)

@@ -24,7 +24,8 @@ def check_stripe_response(respond: Callable[[np.ndarray, int], np.ndarray]) -> V
     )
     if on_stripe.shape != stripe.shape:
         return hint(f"the result has shape {on_stripe.shape}; it needs one number for each cell, {stripe.shape}.")
-    expected = _respond(stripe, 3)[PLACE]
+    course_score = _respond(stripe, 3)
+    expected = course_score[PLACE]
     if on_stripe[PLACE] < 0:
         return hint(f"a bright stripe scores {on_stripe[PLACE]:.1f}. Subtract the road from the stripe.")
     if on_seam[PLACE] > 0:
@@ -40,8 +41,12 @@ def check_stripe_response(respond: Callable[[np.ndarray, int], np.ndarray]) -> V
             f"a double line 7 cells wide scores {on_double[PLACE]:.1f} instead of {wide:.1f}. "
             "The width decides over the mean in the centre and over the distance of the strips of road."
         )
-    if np.abs(on_stripe - _respond(stripe, 3))[MARGIN:-MARGIN].max() > 0.1 * expected:
-        return hint(f"the stripe scores {on_stripe[PLACE]:.1f} instead of {expected:.1f}. Check gap, strips and noise.")
+    worst = MARGIN + int(np.abs(on_stripe - course_score)[MARGIN:-MARGIN].argmax())
+    if abs(on_stripe[worst] - course_score[worst]) > 0.1 * expected:
+        return hint(
+            f"{abs(worst - PLACE)} cells beside the middle of a stripe the score is {on_stripe[worst]:.1f} "
+            f"instead of {course_score[worst]:.1f}. Check gap, strips and noise."
+        )
     return correct(
         f"a stripe scores {expected:.1f}, an edge at most {max(near_edge, 0):.1f}, a seam {on_seam[PLACE]:.1f}."
     )

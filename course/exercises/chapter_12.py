@@ -47,9 +47,15 @@ def _check_distances(correct_state: Correct) -> Verdict:
     step = np.array([0.6, 0.8]) * np.sqrt(np.diag(H @ P @ H.T + R))
     for squared in (6.0, 10.5, 12.5, 30.0, 200.0):
         z = STATE[:2] + step * np.sqrt(squared / _distance(STATE[:2] + step))
-        accepted = not np.allclose(_call(correct_state, z)[0], STATE, atol=1e-9)
+        found = _call(correct_state, z)
+        if found is None:
+            return hint(f"None is returned at d^2 = {squared:.1f}. Return the state and P, both unchanged if rejected.")
+        accepted = not np.allclose(found[0], STATE, atol=1e-9)
         if accepted and squared > GATE:
-            return hint(f"a measurement with d^2 = {squared:.1f} is accepted. Compare d^2 = v^T S^-1 v, not its root.")
+            return hint(
+                f"a measurement with d^2 = {squared:.1f} is accepted. Above 11.3 return state and P unchanged. "
+                "Compare d^2 = nu^T S^-1 nu, not its root."
+            )
         if not accepted and squared < GATE:
             return hint(f"a measurement with d^2 = {squared:.1f} is rejected. Use S = H P H^T + R, not R alone.")
     if not np.allclose(_call(correct_state, z)[1], P, atol=1e-12):

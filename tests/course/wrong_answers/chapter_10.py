@@ -18,6 +18,10 @@ WRONG_ANSWERS = {
         (_FILTER.format("(np.maximum(left, right) - centre) / noise"), "Subtract the road from the stripe"),
         (_FILTER.format("centre - np.maximum(left, right)"), "Divide by the noise"),
         (_FILTER.replace("width // 2 + 3", "4").format("(centre - np.maximum(left, right)) / noise"), "double line"),
+        (
+            _FILTER.replace("width // 2 + 3", "width // 2 + 2").format("(centre - np.maximum(left, right)) / noise"),
+            "Check gap",
+        ),
         (_FILTER.format("np.max(centre - np.maximum(left, right)) / noise[:5]"), "one number for each cell"),
     ],
 }
