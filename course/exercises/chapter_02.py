@@ -18,6 +18,10 @@ def check_board_errors(errors_px: Sequence[float], *, rms_px: float, boards: int
     if errors.shape != (boards,):
         return hint(f"{boards} numbers are needed, one for each board; yours has the shape {errors.shape}.")
     got = float(np.sqrt((errors**2).mean()))
+    if np.ptp(errors) < 1e-6 * rms_px:
+        return hint(
+            "all boards have the same error. Each board has its own; the RMS of the calibration is over all boards."
+        )
     if abs(got / rms_px - 1) < 1e-3:
         return correct(
             f"the boards have {errors.min():.2f} to {errors.max():.2f} px (median {np.median(errors):.2f} px)."

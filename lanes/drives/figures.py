@@ -78,7 +78,7 @@ def plot_path(paths_m: Mapping[str, np.ndarray]) -> tuple[Figure, Axes]:
     axis.annotate("start", (0, 0), xytext=(6, 6), textcoords="offset points")
     # With equal scales a straight road would give a very narrow axis.
     axis.set(xlabel="ahead of the start (m)", ylabel="to its left (m)", aspect="equal", adjustable="datalim")
-    axis.set_title("Driven path (the drift grows with distance)", loc="left")
+    axis.set_title("Driven path", loc="left")
     axis.grid(alpha=0.3)
     if len(paths_m) > 1:
         axis.legend(frameon=False)

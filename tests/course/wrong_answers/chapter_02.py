@@ -9,6 +9,7 @@ for rotation, translation, seen in zip(board_rotations, board_translations, imag
 WRONG_ANSWERS = {
     "2.1": [
         ("board_errors_px = lens_rms_px", "one for each board"),
+        ("board_errors_px = [lens_rms_px] * len(image_points)", "Each board has its own"),
         (_EACH_BOARD + "    board_errors_px.append(cv2.norm(projected, seen, cv2.NORM_L2) / 54)", "OpenCV's tutorial"),
         (_EACH_BOARD + "    board_errors_px.append(np.sqrt(((projected - seen) ** 2).mean()))", "too small by sqrt(2)"),
         (
