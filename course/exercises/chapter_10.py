@@ -30,8 +30,11 @@ def check_stripe_response(respond: Callable[[np.ndarray, int], np.ndarray]) -> V
         return hint(f"a bright stripe scores {on_stripe[PLACE]:.1f}. Subtract the road from the stripe.")
     if on_seam[PLACE] > 0:
         return hint(f"a dark seam scores {on_seam[PLACE]:.1f}. It is no paint: take no absolute value.")
-    if on_stripe[PLACE] > 1.5 * expected:
-        return hint(f"the stripe scores {on_stripe[PLACE]:.1f} instead of {expected:.1f}. Divide by the noise, 1 + n.")
+    if abs(on_stripe[PLACE] - expected) > 0.1 * expected:
+        return hint(
+            f"the stripe scores {on_stripe[PLACE]:.1f} instead of {expected:.1f}. Divide by the noise, 1 + n, where n is "
+            "the mean over 51 cells."
+        )
     near_edge = on_edge[MARGIN:-MARGIN].max()
     if near_edge > 2:
         return hint(f"an edge of a shadow scores {near_edge:.1f}. Subtract the larger of the two sides: max(m_l, m_r).")

@@ -17,6 +17,8 @@ WRONG_ANSWERS = {
         (_FILTER.format("np.abs(centre - np.maximum(left, right)) / noise"), "a dark seam scores"),
         (_FILTER.format("(np.maximum(left, right) - centre) / noise"), "Subtract the road from the stripe"),
         (_FILTER.format("centre - np.maximum(left, right)"), "Divide by the noise"),
+        (_FILTER.format("(centre - np.maximum(left, right)) / (noise - 1)"), "Divide by the noise, 1 + n"),
+        (_FILTER.replace("51", "5").format("(centre - np.maximum(left, right)) / noise"), "mean over 51 cells"),
         (_FILTER.replace("width // 2 + 3", "4").format("(centre - np.maximum(left, right)) / noise"), "double line"),
         (
             _FILTER.replace("width // 2 + 3", "width // 2 + 2").format("(centre - np.maximum(left, right)) / noise"),
