@@ -32,7 +32,7 @@ def check_stripe_response(respond: Callable[[np.ndarray, int], np.ndarray]) -> V
         return hint(f"a dark seam scores {on_seam[PLACE]:.1f}. It is no paint: take no absolute value.")
     if abs(on_stripe[PLACE] - expected) > 0.1 * expected:
         return hint(
-            f"the stripe scores {on_stripe[PLACE]:.1f} instead of {expected:.1f}. Divide by the noise, 1 + n, where n is "
+            f"the stripe scores {on_stripe[PLACE]:.1f} instead of {expected:.1f}. Divide by the noise, 1 + n; n is "
             "the mean over 51 cells."
         )
     near_edge = on_edge[MARGIN:-MARGIN].max()
