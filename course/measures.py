@@ -16,7 +16,7 @@ from lanes.classic.result import LaneResult
 from lanes.classic.search import binary_pixels
 from lanes.classic.warp import FourPointWarp, birdseye_to_road
 
-# Range in which a driver needs the lane: from the bonnet to about a second ahead on a motorway.
+# The range that a driver needs: from the bonnet to about a second ahead on a motorway.
 NEAR_M, FAR_M = 5.0, 30.0
 # Distances in that range at which the truth CSV of a drive has columns.
 DRIVE_X_M = (5, 10, 15, 20, 30)

@@ -1,4 +1,4 @@
-"""The score of the reader's own lane finder on the three embedded videos, beside the systems of the benchmark."""
+"""Scores of a reader's lane finder on the three embedded videos, next to the systems of the benchmark."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def score_finder(find: OwnFinder, *, every: int = 10, name: str = "my_finder") -
 
 
 def finder_table(rows: Sequence[Row]) -> str:
-    """The rows of `score_finder` beside those of the systems on the same videos, as a Markdown table."""
+    """Markdown table: the rows of `score_finder`, next to the rows of the systems on the same videos."""
     known = {(row["scene"], row["system"]): row for row in read_scores(SCORES)}
     systems = list(dict.fromkeys(system for _, system in known))
     table = []

@@ -79,7 +79,7 @@ def check_relative_edges(make_mask: MakeMask, *, lightness: np.ndarray) -> Verdi
 
 
 def _mask_problem(mask: object, shape: tuple[int, int]) -> str | None:
-    """What is wrong with the form of a mask, or None."""
+    """The fault in the form of a mask, or None."""
     if not isinstance(mask, np.ndarray) or mask.shape != shape or mask.dtype not in (np.uint8, bool):
         form = f"{mask.shape} {mask.dtype}" if isinstance(mask, np.ndarray) else type(mask).__name__
         return f"your function returned {form}; a mask has the shape {shape} and the type uint8, 0 or 255."

@@ -8,7 +8,7 @@ import numpy as np
 
 from course.exercises.verdict import NOT_TRIED, Verdict, correct, hint
 
-# Cells at either end of a row that do not count, and the places of what the rows show.
+# Cells at either end of a row that do not count, and the positions of the stripes and edges.
 MARGIN, PLACE = 40, 150
 # Gray levels of the road, and of the contrast of paint and seams.
 ROAD, CONTRAST = 120.0, 60.0

@@ -43,7 +43,7 @@ def check_gate(correct_state: Correct) -> Verdict:
 
 
 def _check_distances(correct_state: Correct) -> Verdict:
-    """Measurements of which the gate rejects some, with the distance that a wrong gate computes."""
+    """Measurements, some of them outside the gate, with the distance that a wrong gate computes."""
     step = np.array([0.6, 0.8]) * np.sqrt(np.diag(H @ P @ H.T + R))
     for squared in (6.0, 10.5, 12.5, 30.0, 200.0):
         z = STATE[:2] + step * np.sqrt(squared / _distance(STATE[:2] + step))

@@ -1,4 +1,4 @@
-"""Exercise of chapter 15, write your own lane finder."""
+"""Exercise of chapter 15: a finder that is better than the starter."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from course.exercises import (
 )
 from course.exercises.verdict import NOT_TRIED, Verdict
 
-# Each check takes the answer, and by name what the exercise gives it; it returns a Verdict.
+# Each check takes the answer and named arguments of the exercise, and returns a Verdict.
 CHECKS: dict[str, Callable[..., Verdict]] = {
     **chapter_01.CHECKS,
     **chapter_02.CHECKS,
@@ -36,7 +36,7 @@ CHECKS: dict[str, Callable[..., Verdict]] = {
 
 
 def check_exercise(number: str, answer: object, **given: object) -> None:
-    """Print what is right or wrong about the answer to an exercise.
+    """Check the answer to an exercise and print the verdict.
 
     Prints "6.1: not tried yet.", a hint, or "6.1: correct, ..." with the number reached. An answer of None, or a
     function that returns None, is not tried yet.
@@ -48,12 +48,12 @@ def check_exercise(number: str, answer: object, **given: object) -> None:
     answer : object
         A value, or a function that the check calls.
     **given
-        What the check needs besides, as the starter cell of the exercise passes it.
+        Further arguments of the check, as in the starter cell of the exercise.
 
     Raises
     ------
     ValueError
-        If there is no exercise of this number.
+        If no exercise has this number.
     """
     if number not in CHECKS:
         raise ValueError(f"there is no exercise {number!r}; the exercises are {', '.join(sorted(CHECKS))}.")

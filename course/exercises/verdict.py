@@ -1,4 +1,4 @@
-"""What a check says about an answer."""
+"""The verdict of a check about an answer."""
 
 from __future__ import annotations
 
@@ -25,5 +25,5 @@ def correct(sentence: str) -> Verdict:
 
 
 def hint(sentence: str) -> Verdict:
-    """The answer is wrong; `sentence` says what it is and what to do next."""
+    """The answer is wrong; `sentence` describes it and names the next step."""
     return Verdict(False, sentence)
