@@ -34,10 +34,13 @@ def positive_int(text: str) -> int:
 
 
 def progress_line(name: str) -> Callable[[int, int], None]:
-    """A callback (done, total) that updates one line on stderr."""
+    """A callback (done, total) that updates one line on stderr; in a log file only the last state is printed."""
 
     def report(done: int, total: int) -> None:
-        print(f"\r{name}: {done} of {total}", end="\n" if done == total else "", file=sys.stderr, flush=True)
+        if sys.stderr.isatty():
+            print(f"\r{name}: {done} of {total}", end="\n" if done == total else "", file=sys.stderr, flush=True)
+        elif done == total:
+            print(f"{name}: {done} of {total}", file=sys.stderr, flush=True)
 
     return report
 

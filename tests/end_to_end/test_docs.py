@@ -7,6 +7,7 @@ import re
 from importlib import import_module
 
 import pytest
+from PIL import Image
 
 import helpers
 from lanes.__main__ import COMMANDS
@@ -16,20 +17,28 @@ MODULES = {name: f"lanes.cli.{name}" for name in COMMANDS} | {
     name: f"{name}.__main__" for name in ("benchmark", "simulator")
 }
 MODULES["tools.ablation"] = "tools.ablation"
-# Options of git, pip, helm and Dask.
+# Options of git, pip, helm, Dask, nbconvert, pytest and pre-commit.
 OF_OTHERS = {
     "--require-hashes",
     "--depth",
     "--help",
+    "--version",
     "--nworkers",
     "--nthreads",
     "--lifetime",
     "--lifetime-stagger",
-} | {
     "--repo",
     "--create-namespace",
     "--generate-name",
+    "--to",
+    "--execute",
+    "--inplace",
+    "--nbval",
+    "--nbval-current-env",
+    "--all-files",
 }
+# Modules of other projects that README and docs start.
+MODULES_OF_OTHERS = {"pip", "pytest", "venv", "build"}
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
@@ -49,10 +58,13 @@ def test_links_exist(page):
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_commands_and_their_options_exist(page):
     text = page.read_text(encoding="utf-8")
-    for command, rest in re.findall(r"python -m (?:lanes )?([a-z]+(?:\.[a-z]+)?)\b([^`\n]*)", text):
-        if command == "lanes":
+    for command, rest in re.findall(r"python -m (?:lanes )?([a-z]+(?:\.[a-z_]+)?)\b([^`\n]*)", text):
+        if command in {"lanes"} | MODULES_OF_OTHERS:
             continue
-        assert command in MODULES
+        if command.startswith("tools.") and command not in MODULES:
+            assert (ROOT / f"{command.replace('.', '/')}.py").exists(), command
+            continue
+        assert command in MODULES, command
         options = set(re.findall(r"(?<!\S)--?[a-z][a-z-]*", rest.split("#")[0]))
         assert options <= options_of(command), command
 
@@ -87,3 +99,14 @@ def test_the_guides_exist():
         "robustness.md",
     }
     assert "(pictures/explained_good.jpg)" in (ROOT / "docs" / "when_it_fails.md").read_text(encoding="utf-8")
+
+
+def test_the_animation_moves_and_is_small():
+    path = ROOT / "docs" / "pictures" / "tracked.webp"
+    with Image.open(path) as animation:
+        assert animation.n_frames > 20
+    assert path.stat().st_size < 1_500_000
+
+
+def test_the_readme_is_short():
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 120
