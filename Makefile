@@ -2,7 +2,7 @@
 # They need Python 3.11-3.14 and make; the first run needs the network to install the packages.
 
 .DEFAULT_GOAL := help
-.PHONY: help run check test lint fuzz coverage mutants soak lock audit clean
+.PHONY: help run book check test lint fuzz coverage mutants soak lock audit clean
 
 # Choose another Python with: make run PYTHON=/path/to/python3.12
 PYTHON ?= $(shell for p in python3.14 python3.13 python3.12 python3.11 python3 python; do \
@@ -14,6 +14,7 @@ EXECUTE := $(ENV)/jupyter nbconvert --log-level WARN --to notebook --execute --E
 INSTALLED := .venv/installed.txt
 WITH_DASK := .venv/installed-cluster.txt
 MEASURING := .venv/installed-measuring.txt
+BOOK := .venv/installed-book.txt
 # The packages whose unit tests are quick; tests marked `slow` are left to `make test`.
 QUICK_TESTS := tests/camera tests/classic tests/drawing tests/explain tests/io tests/tracking
 COVERAGE_ENV := PYTHONPATH=$(CURDIR)/.venv/measuring COVERAGE_PROCESS_START=$(CURDIR)/pyproject.toml \
@@ -26,6 +27,7 @@ export JUPYTER_PLATFORM_DIRS := 1
 
 help:
 	@echo "make run       execute project.ipynb, regenerate output_images/ and the annotated video"
+	@echo "make book      course, guides and API reference as a web site: book/_build/html/index.html"
 	@echo "make check     lint, import contracts and the quick unit tests (under a minute)"
 	@echo "make test      lint, import contracts, all tests, and project.ipynb executed again and compared by nbval"
 	@echo "make fuzz      the tests with random examples: ten times as many, and other ones in each run"
@@ -47,6 +49,12 @@ else
 	@$(EXECUTE) --inplace project.ipynb
 	@echo "== Done: read project.ipynb, see output_images/"
 endif
+
+# The course is shown as committed. A warning, such as a dead link, fails.
+book: $(BOOK)
+	@echo "== Building the book (about a minute)"
+	@PYTHONPATH=.venv/book $(ENV)/python -m book.build
+	@echo "== Done: open book/_build/html/index.html"
 
 lint: $(INSTALLED)
 	@echo "== Lint"
@@ -116,6 +124,11 @@ $(MEASURING): requirements-measuring.txt $(INSTALLED)
 	@$(ENV)/python -m pip install --quiet --disable-pip-version-check --upgrade --target .venv/measuring -r requirements-measuring.txt
 	@cp requirements-measuring.txt $@
 
+$(BOOK): requirements-book.txt $(INSTALLED)
+	@echo "== Installing requirements-book.txt into .venv/book (once)"
+	@$(ENV)/python -m pip install --quiet --disable-pip-version-check --upgrade --target .venv/book -r requirements-book.txt
+	@cp requirements-book.txt $@
+
 clean:
-	rm -rf .venv .pytest_cache .ruff_cache .hypothesis
+	rm -rf book/_build .venv .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -prune -exec rm -rf {} +

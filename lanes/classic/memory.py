@@ -23,8 +23,8 @@ class LineMemory:
     measured_length : int, optional
         Number of accepted fits averaged in `measured_average`; default `length`.
     accept_limits, blend_limits : tuple of float
-        Largest |dA|, |dB|, |dC| between a new fit and `average`, pixels. Within `accept_limits` the fit is accepted,
-        within `blend_limits` it is blended with `average`, otherwise it is rejected.
+        Largest ``|dA|``, ``|dB|``, ``|dC|`` between a new fit and `average`, pixels. Within `accept_limits` the fit is
+        accepted, within `blend_limits` it is blended with `average`, otherwise it is rejected.
     blend_weight : float, in range 0..1
         Weight of a blended fit; `average` has the rest.
     max_missed : int

@@ -27,7 +27,7 @@ def find_sources(names: Iterable[str]) -> Sources:
     """The videos, stills and live cameras that `names` stand for.
 
     Names are files, folders (videos and pictures in the folder itself, not in its subfolders), patterns such as
-    "drives/*.mp4", or camera numbers. A number that is also the name of a file means the file.
+    ``drives/*.mp4``, or camera numbers. A number that is also the name of a file means the file.
 
     Raises
     ------

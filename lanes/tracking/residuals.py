@@ -5,7 +5,7 @@ case:
 
     a (1 - k a / 2) = y cos h - x sin h - k (x^2 + y^2) / 2        for heading h and curvature k,
 
-which follows from |P - C| = 1/k - a for a circle of centre C. Concentric lines differ in `a` alone.
+which follows from ``|P - C| = 1/k - a`` for a circle of centre C. Concentric lines differ in `a` alone.
 
 The stripes come from the flat grid of the view. They are first moved along their rays onto the lane's own road, which
 is pitched and curved vertically.

@@ -1,0 +1,1 @@
+"""The book: `make book` builds the static site."""

@@ -1,0 +1,145 @@
+"""The built book in Chromium, opened from files: pages, links, formulas, videos, screen sizes and search."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+import pytest
+
+from tests.support.browser import CHROMIUM, DRIVER, Browser
+from tests.support.project import ROOT
+
+SITE = ROOT / "book" / "_build" / "html"
+HTML = sorted(page for page in SITE.rglob("*.html") if "_static" not in page.parts)
+# Sources of modules and the index have nothing that a browser could refuse.
+PAGES = [page for page in HTML if "_modules" not in page.parts and not page.name.startswith("genindex")]
+WIDTHS_PX = (400, 1400)
+
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(not HTML, reason="needs the book, which make book builds")]
+needs_browser = pytest.mark.skipif(
+    not (CHROMIUM and DRIVER), reason="needs chromium and chromedriver (Debian: chromium, chromium-driver)"
+)
+
+
+class Page(HTMLParser):
+    """The links and the names of a page."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.links: set[str] = set()
+        self.names: set[str] = set()
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        for name, value in attributes:
+            if name in ("id", "name") and value:
+                self.names.add(value)
+            elif name in ("href", "src") and value:
+                self.links.add(value)
+
+
+@cache
+def read_page(path: Path) -> Page:
+    return Page(path)
+
+
+def dead_links(path: Path) -> Iterator[str]:
+    for link in read_page(path).links:
+        parts = urlsplit(link)
+        if parts.scheme or parts.netloc:
+            continue
+        target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
+        fragment = unquote(parts.fragment)
+        names_a_place = fragment and target.suffix == ".html"
+        if not target.is_file() or (names_a_place and fragment not in read_page(target).names):
+            yield link
+
+
+def test_no_internal_link_is_dead():
+    dead = {str(path.relative_to(SITE)): sorted(dead_links(path)) for path in HTML}
+    assert not {page: links for page, links in dead.items() if links}
+
+
+def test_the_course_the_guides_and_the_reference_are_there():
+    names = {page.relative_to(SITE).as_posix() for page in PAGES}
+    assert names >= {f"chapter_{number:02d}.html" for number in range(1, 16)}
+    assert names >= {f"docs/{guide.stem}.html" for guide in (ROOT / "docs").glob("*.md")}
+    assert names >= {"index.html", "api/helpers.html", "api/lanes.tracking.detector.html", "docs/benchmark/README.html"}
+    assert {"find_lane", "lanes.tracking.detector.find_lane"} & read_page(
+        SITE / "api/lanes.tracking.detector.html"
+    ).names
+
+
+def test_the_course_links_to_terms_of_the_glossary():
+    links = read_page(SITE / "chapter_12.html").links
+    assert {"docs/glossary.html#term-innovation", "docs/glossary.html#term-gating"} <= links
+
+
+def test_no_script_or_style_comes_from_the_network():
+    scripts = {link for path in HTML for link in read_page(path).links if link.endswith((".js", ".css"))}
+    assert not [link for link in scripts if urlsplit(link).netloc]
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with pytest.MonkeyPatch.context() as patch:
+        # the driver runs on this machine, whatever proxy the shell names
+        patch.setenv("no_proxy", "*")
+        with Browser() as browser:
+            yield browser
+
+
+def errors(browser: Browser) -> list[str]:
+    return [entry["message"] for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
+
+
+@needs_browser
+def test_every_page_loads_with_its_formulas_and_fits_the_screen(browser):
+    for path in PAGES:
+        browser.set_size(WIDTHS_PX[0], 900)
+        browser.open(path)
+        browser.wait("!document.querySelector('.math') || window.MathJax?.startup?.promise")
+        browser.execute_async_script("Promise.resolve(window.MathJax?.startup?.promise).then(arguments[0])")
+        formulas, drawn, refused = browser.execute_script(
+            "return ['.math', '.math mjx-container svg', 'mjx-merror'].map(s => document.querySelectorAll(s).length)"
+        )
+        assert (drawn >= formulas, refused) == (True, 0), path
+        missing = browser.execute_script("return [...document.images].filter(i => !i.naturalWidth).map(i => i.src)")
+        assert not missing, path
+        for width in WIDTHS_PX:
+            browser.set_size(width, 900)
+            assert browser.execute_script("return document.documentElement.scrollWidth <= innerWidth"), (path, width)
+        assert errors(browser) == [], path
+
+
+@needs_browser
+def test_videos_play(browser):
+    shown = 0
+    for path in PAGES:
+        if not any(link.endswith(".mp4") for link in read_page(path).links):
+            continue
+        browser.open(path)
+        browser.wait("[...document.querySelectorAll('video')].every(video => video.readyState >= 2)")
+        browser.execute_script(
+            "document.querySelectorAll('video').forEach(video => { video.muted = true; video.play(); })"
+        )
+        browser.wait("[...document.querySelectorAll('video')].every(video => video.currentTime > 0.1)")
+        shown += browser.execute_script("return document.querySelectorAll('video').length")
+    assert shown >= 2
+
+
+@needs_browser
+def test_formulas_in_folded_answers_are_formulas(browser):
+    browser.open(SITE / "chapter_02.html")
+    browser.wait("document.querySelector('details mjx-container')")
+
+
+@needs_browser
+@pytest.mark.parametrize("word", ["Mahalanobis", "find_lane"])
+def test_the_search_finds_pages(browser, word):
+    browser.get(f"{(SITE / 'search.html').as_uri()}?q={word}")
+    browser.wait("document.querySelectorAll('#search-results li').length > 0")
