@@ -66,7 +66,9 @@ def write_estimates(path: Path, estimates: DriveEstimates, **metadata: object) -
     """Write estimates and metadata as JSON; numbers are rounded to 1e-7, NaN becomes null."""
     numbers = {}
     for name, array in asdict(estimates).items():
-        numbers[name] = np.where(np.isnan(array), None, np.round(array, 7).astype(object)).tolist()
+        rounded = np.round(array, 7).astype(object)
+        rounded[np.isnan(array)] = None
+        numbers[name] = rounded.tolist()
     write_atomically(path, json.dumps(metadata | numbers).encode())
 
 

@@ -34,11 +34,12 @@ class PreparedDrive:
 
 def prepare_drive(drive: BenchmarkDrive, *, estimated_pose: bool = False) -> PreparedDrive:
     """Load the camera of a drive with its true pose, or estimate the pose from the video."""
-    camera = load_camera(drive.video.with_suffix(".yaml"))
+    video = drive.require_video()
+    camera = load_camera(video.with_suffix(".yaml"))
     if not estimated_pose:
         return PreparedDrive(drive, camera, "true")
     try:
-        camera, _ = pose_from_drive(replace(camera, pose=None), [drive.video])
+        camera, _ = pose_from_drive(replace(camera, pose=None), [video])
     except PoseError:
         return PreparedDrive(drive, None, "not found")
     return PreparedDrive(drive, camera, "estimated")
@@ -48,10 +49,11 @@ def run_system(
     prepared: PreparedDrive, system: str | OwnFinder, *, end_s: float | None = None, every: int = 1
 ) -> DriveEstimates:
     """Estimates of a system for each `every`-th frame of a drive before `end_s`; no lane without a pose."""
-    info = inspect_video(prepared.drive.video)
+    video = prepared.drive.require_video()
+    info = inspect_video(video)
     estimate = start_system(system, prepared.camera, info.fps) if prepared.camera else lambda image: LaneEstimate()
     estimates, time_ms = [], []
-    for image in islice(read_frames(prepared.drive.video, end_s=end_s), 0, None, every):
+    for image in islice(read_frames(video, end_s=end_s), 0, None, every):
         start = time.perf_counter()
         estimates.append(estimate(image))
         time_ms.append(1000 * (time.perf_counter() - start) if prepared.camera else np.nan)
@@ -85,7 +87,7 @@ def score_video(
 
 def read_truth(drive: BenchmarkDrive) -> LaneTruth:
     """The true lane in the frames of a drive; NaN in all frames of a scene without a lane."""
-    path = drive.video.with_suffix(".csv")
+    path = drive.require_video().with_suffix(".csv")
     columns = read_telemetry(path)
     try:
         truth = LaneTruth.from_columns(columns)

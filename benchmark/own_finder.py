@@ -44,6 +44,8 @@ def load_finder(system: str) -> OwnFinder:
     if not file.is_file():
         raise ValueError(f"{file}: there is no such file; name your finder as file.py:function.")
     spec = importlib.util.spec_from_file_location(file.stem, file)
+    if spec is None or spec.loader is None:
+        raise ValueError(f"{file}: is not a Python file; name your finder as file.py:function.")
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)

@@ -6,6 +6,7 @@ drives -> PreparedDrive (rendered, camera with pose) -> DriveEstimates (cached i
 from __future__ import annotations
 
 import hashlib
+import inspect
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -68,7 +69,7 @@ def cached_estimates(prepared: PreparedDrive, system: str, folder: Path, workers
     label = system.replace("/", "-").replace(":", "-")  # an own finder is named file.py:function
     path = folder / f"{prepared.drive.name}-{label}-{_cache_key(prepared, system)}.json"
     if not path.is_file():
-        fps = inspect_video(prepared.drive.video).fps
+        fps = inspect_video(prepared.drive.require_video()).fps
         metadata = {"workers": workers, "fps": fps, "machine": describe_machine()}
         write_estimates(path, run_system(prepared, system), **metadata)
     return path
@@ -95,9 +96,9 @@ def _result(prepared: PreparedDrive, system: str, path: Path) -> Result:
 
 def _cache_key(prepared: PreparedDrive, system: str) -> str:
     """Twelve digits that depend on everything that the estimates depend on."""
-    digest = hashlib.sha256(prepared.drive.video.read_bytes())
+    digest = hashlib.sha256(prepared.drive.require_video().read_bytes())
     digest.update(f"{describe_machine()} {prepared.camera and camera_to_dict(prepared.camera)}".encode())
-    modules = [Path(module.__file__) for module in (estimates, systems)]
+    modules = [Path(inspect.getfile(module)) for module in (estimates, systems)]
     for source in (*modules, *source_files(system)):
         for file in sorted(source.rglob("*.py")) if source.is_dir() else [source]:
             digest.update(file.read_bytes())

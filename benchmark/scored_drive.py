@@ -27,6 +27,12 @@ class BenchmarkDrive:
     description: str
     video: Path | None
 
+    def require_video(self) -> Path:
+        """The video; raises FileNotFoundError if the scene is not rendered yet."""
+        if self.video is None:
+            raise FileNotFoundError(f"scene {self.name} is not rendered yet; call ensure_video first.")
+        return self.video
+
 
 def drive_from_video(video: str | Path, *, difficulty: str = CUSTOM) -> BenchmarkDrive:
     """The drive of a video file with its truth (.csv) and camera (.yaml) next to it.

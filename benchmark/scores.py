@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from benchmark.estimates import AHEAD_M
 
 # Distances ahead, each with its own columns in the table.
 TABLE_AHEAD_M = (5.0, 15.0, 30.0)
-Row = dict[str, str | float]
+Row = dict[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +90,7 @@ def score(drives: Sequence[FrameErrors]) -> dict[str, float]:
     for name, unit in units.items():
         row[f"{name}_median_{unit}"] = percentile(measured[name], 50)
         row[f"{name}_p95_{unit}"] = percentile(measured[name], 95)
-    row["recovery_median_frames"] = percentile(np.array(losses or [0.0]), 50)
+    row["recovery_median_frames"] = percentile(np.array(losses or [0], float), 50)
     row["recovery_longest_frames"] = float(max(losses, default=0))
     row["time_median_ms"] = percentile(_joined([drive.time_ms for drive in drives]), 50)
     return row

@@ -9,6 +9,7 @@ pose ("hls_sobel_pose" and so on; see `lanes.classic.recipe.recipe_from_pose`).
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from pathlib import Path
 
@@ -30,7 +31,7 @@ TRACKER = "tracker"
 RECIPE_SYSTEMS = (*RECIPES, *(name + POSE_SUFFIX for name in RECIPES))
 SYSTEMS = (*RECIPE_SYSTEMS, TRACKER)
 # Source files and folders that the estimates of a system depend on.
-_CAMERA, _CLASSIC, _TRACKING = (Path(module.__file__) for module in (camera, classic, tracking))
+_CAMERA, _CLASSIC, _TRACKING = (Path(inspect.getfile(module)) for module in (camera, classic, tracking))
 # Distances at which a recipe's line is projected into the picture: even steps in 1 / x are even steps in picture rows.
 PROJECTED_AT_M = 1 / np.linspace(1 / 1.5, 1 / 200.0, 400)
 
@@ -116,10 +117,10 @@ def tracker_estimate(tracked: TrackedLane) -> LaneEstimate:
 
 def recipe_estimate(result: LaneResult) -> LaneEstimate:
     """A recipe's estimate for a frame: a lane if both lines are measured or remembered; no confidence."""
-    lines = result.lateral_m(AHEAD_M)
-    if lines is None:
+    left, right, lines = result.left_road, result.right_road, result.lateral_m(AHEAD_M)
+    if left is None or right is None or lines is None:
         return LaneEstimate()
-    heading = np.arctan((result.left_road.c1 + result.right_road.c1) / 2)
+    heading = np.arctan((left.c1 + right.c1) / 2)
     return LaneEstimate(lines, result.offset_m, float(heading), result.curvature_per_m)
 
 
@@ -150,7 +151,7 @@ def recipe_columns(result: LaneResult, camera: Camera, rows: np.ndarray) -> np.n
     columns = np.full((2, len(rows)), -2.0)
     lines = ((result.left_road, result.left_px), (result.right_road, result.right_px))
     for k, (line, points) in enumerate(lines):
-        if line is None:
+        if line is None or points is None:
             continue
         u, v = camera.road_to_pixels(np.column_stack([PROJECTED_AT_M, line.lateral_m(PROJECTED_AT_M)])).T
         top = np.nanmin(camera.distort_points(points)[:, 1])

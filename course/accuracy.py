@@ -68,7 +68,7 @@ def accuracy_table(found: Found, data: Dataset, camera: Camera) -> str:
 
 def label_accuracy(result: HasLines | None, label: LaneColumns, camera: Camera) -> float:
     """Share of the labelled points of both lines that a result meets within 20 px / cos, 0 without a result."""
-    lines = result and result.lateral_m(PROJECTED_AT_M)
+    lines = None if result is None else result.lateral_m(PROJECTED_AT_M)
     no_lines = np.full((2, len(label.rows)), -2.0)
     columns = no_lines if lines is None else project_lines(lines, camera, label.rows)
     scores = score_lines(label, LaneColumns(label.name, label.rows, columns))

@@ -73,7 +73,7 @@ def lane_widths_px(warp: FourPointWarp, camera: Camera, lines_m: ArrayLike, x_m:
         Lateral position at the car, metres, and heading, of the left and the right line.
     """
     x = np.asarray(x_m, float)
-    lines = (np.column_stack([x, c0 + heading * x]) for c0, heading in lines_m)
+    lines = (np.column_stack([x, c0 + heading * x]) for c0, heading in np.asarray(lines_m, float))
     left, right = (warp.points_to_birdseye(camera.undistort_points(camera.road_to_pixels(line))) for line in lines)
     return right[:, 0] - left[:, 0]
 

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+Point = tuple[float, float]
+
 ROAD, ARROW, ANGLE, GUIDE = "0.25", "tab:red", "tab:blue", "0.6"
 
 
@@ -70,16 +72,16 @@ def _sketch_from_behind(axis: Axes) -> None:
     axis.set(xlim=(-3.2, 3.2), ylim=(-0.9, 4.3), title="From behind")
 
 
-def _camera(axis: Axes, at: tuple[float, float]) -> None:
+def _camera(axis: Axes, at: Point) -> None:
     axis.plot(*at, "s", color=ROAD, markersize=9)
 
 
-def _arrow(axis: Axes, start: tuple, end: tuple, text: str, text_at: tuple, colour: str = ARROW) -> None:
+def _arrow(axis: Axes, start: Point, end: Point, text: str, text_at: Point, colour: str = ARROW) -> None:
     axis.annotate("", end, start, arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1.8})
     axis.text(*text_at, text, color=colour)
 
 
-def _arc(axis: Axes, centre: tuple, radius: float, start_deg: float, end_deg: float, text: str, text_at: tuple) -> None:
+def _arc(axis: Axes, centre: Point, radius: float, start_deg: float, end_deg: float, text: str, text_at: Point) -> None:
     """An arc of an angle with its label."""
     angles = np.radians(np.linspace(start_deg, end_deg, 20))
     axis.plot(centre[0] + radius * np.cos(angles), centre[1] + radius * np.sin(angles), color=ANGLE)

@@ -11,6 +11,7 @@ as correct if the prediction has none either.
 
 from __future__ import annotations
 
+from numpy.typing import ArrayLike
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -134,13 +135,13 @@ def summarize_lines(scores: Iterable[LineScore]) -> dict[str, float]:
     share of labelled lines without a match. NaN without any line to count.
     """
     scores = list(scores)
-    scored = [score for score in scores if score.accuracy is not None]
-    matched = [score.accuracy >= MATCH_ACCURACY for score in scored]
+    accuracies = [score.accuracy for score in scores if score.accuracy is not None]
+    matched = [accuracy >= MATCH_ACCURACY for accuracy in accuracies]
     false = [score.accuracy is None or score.accuracy < MATCH_ACCURACY for score in scores if score.predicted]
-    errors = [score.error_px for score in scored if score.error_px is not None]
+    errors = [score.error_px for score in scores if score.accuracy is not None and score.error_px is not None]
     return {
-        "lines": float(len(scored)),
-        "accuracy": _mean([score.accuracy for score in scored]),
+        "lines": float(len(accuracies)),
+        "accuracy": _mean(accuracies),
         "matched": _mean(matched),
         "fp": _mean(false) if false else 0.0,
         "fn": 1 - _mean(matched),
@@ -202,7 +203,7 @@ def _fits_picture(positions: np.ndarray) -> bool:
     return bool((np.abs(positions) < MAX_PIXELS).all())
 
 
-def _two_lines(entry: dict, lanes: Sequence[Sequence[float]]) -> LaneColumns:
+def _two_lines(entry: dict, lanes: Sequence[ArrayLike]) -> LaneColumns:
     rows = np.array(entry["h_samples"], float)
     columns = np.full((2, len(rows)), NO_POINT)
     for k, lane in enumerate(lanes[:2]):

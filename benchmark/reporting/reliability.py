@@ -31,7 +31,7 @@ class Reliability(NamedTuple):
     accuracy: np.ndarray
     low: np.ndarray
     high: np.ndarray
-    count: np.ndarray
+    counts: np.ndarray
 
 
 class PrecisionCurve(NamedTuple):

@@ -32,8 +32,8 @@ def format_table(columns: Sequence[str], rows: Mapping[str, Sequence[str]]) -> s
 def describe_scores(rows: Iterable[Row]) -> str:
     """The benchmark's table for a terminal of 120 columns: a heading for each scene, a line for each system."""
     lines = [" " * NAME_WIDTH + "".join(head[k].rjust(width) for *head, width, _ in COLUMNS) for k in (0, 1)]
-    for (scene, difficulty), group in groupby(rows, key=lambda row: (row["scene"], row["difficulty"])):
-        group = list(group)
+    for (scene, difficulty), same_scene in groupby(rows, key=lambda row: (row["scene"], row["difficulty"])):
+        group = list(same_scene)
         lines.append(f"{scene} ({difficulty}, {group[0]['frames']:.0f} frames)")
         for row in group:
             cells = "".join(cell(row).rjust(width) for *_, width, cell in COLUMNS)

@@ -46,13 +46,13 @@ def measure_speed(video: Path, *, progress: Callable[[str], Callable[[int, int],
     report = progress or (lambda _: lambda *_: None)
     with closing(read_frames(video)) as frames:
         first = list(islice(frames, FRAMES))
-    frames = time_frames(first, camera, progress=report("frames"))
+    times = time_frames(first, camera, progress=report("frames"))
     files = time_files(video, camera, progress=report("files"))
     memory, report_memory = {}, report("memory")
     for number, count in enumerate((SHORT_VIDEO, LONG_VIDEO)):
         memory[count] = peak_memory_mb(video, video.with_suffix(".yaml"), count)
         report_memory(number + 1, 2)
-    return Speed(frames, files, memory, machine)
+    return Speed(times, files, memory, machine)
 
 
 def _describe_frames(times: dict[str, FrameTime]) -> str:

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import cv2
 import numpy as np
@@ -35,8 +36,9 @@ from lanes.tracking.birdseye import BirdsEyeView
 WARM_UP = 10
 TRACKING, COLD = f"{TRACKER}, tracking", f"{TRACKER}, cold"
 REST, UNIT = "other", "undistortion"
+Stages = dict[str, list[tuple[object, str]]]
 # The functions of each stage, as (module or class that the caller looks them up in, name).
-TRACKER_STAGES = {
+TRACKER_STAGES: Stages = {
     "bird's-eye view": [(BirdsEyeView, "warp")],
     "marking response": [(markings, "marking_response")],
     "stripes": [(markings, "find_stripes")],
@@ -44,7 +46,7 @@ TRACKER_STAGES = {
     "search": [(tracker, "search_lane")],
     "draw": [(styles, "draw_tracked")],
 }
-CLASSIC_STAGES = {
+CLASSIC_STAGES: Stages = {
     "undistort": [(recipes, "undistort")],
     "bird's-eye view": [(FourPointWarp, "warp")],
     "thresholds": [(type(recipe.thresholds), "masks") for recipe in RECIPES.values()],
@@ -75,8 +77,8 @@ class System:
     `as_yuv`: the frames are YUV as in a video, which is how `annotate` reads them.
     """
 
-    start: Callable[[], Callable[[Frame], object]]
-    stages: dict[str, list[tuple[object, str]]]
+    start: Callable[[], Callable[[Any], object]]
+    stages: Stages
     as_yuv: bool = False
 
     @property
@@ -147,9 +149,14 @@ def _systems(camera: Camera) -> dict[str, System]:
     def start_cold() -> Callable[[Frame], object]:
         cold = tracker.LaneTracker(camera)
         draw = track_lane(cold, camera)
-        return lambda frame: (cold.reset(), draw(frame))
 
-    def start_recipe(name: str) -> Callable[[np.ndarray], object]:
+        def forget_and_draw(frame: Frame) -> object:
+            cold.reset()
+            return draw(frame)
+
+        return forget_and_draw
+
+    def start_recipe(name: str) -> Callable[[Any], object]:
         return overlay.follow_lane(LaneFinder(get_recipe(name, camera.size), camera), camera)
 
     systems = {
@@ -163,8 +170,8 @@ def _time_round(system: System, frames: Sequence[np.ndarray], camera: Camera) ->
     """Seconds (frames, 1 + parts): of cv2.undistort, then of each part of the system."""
     process, seconds = system.start(), []
     for frame in frames:
-        watch, copy = Stopwatch(), frame.copy()
-        watch.timed(UNIT, cv2.undistort)(copy, camera.matrix, camera.distortion)
+        watch = Stopwatch()
+        watch.timed(UNIT, cv2.undistort)(frame.copy(), camera.matrix, camera.distortion)
         copy = YuvFrame.from_rgb(frame) if system.as_yuv else frame.copy()
         with watch.watching(system.stages):
             watch.timed(REST, process)(copy)

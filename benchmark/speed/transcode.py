@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -23,7 +24,7 @@ from lanes.camera.camera import Camera
 from lanes.camera.camera_file import load_camera
 from lanes.drives.overlay_styles import track_lane
 from lanes.io.threads import opencv_threads
-from lanes.io.video.container import open_video
+from lanes.io.video.container import frame_rate, open_video
 from lanes.io.video.pipeline import annotate_video
 from lanes.io.video.reader import inspect_video
 from lanes.io.video.writer import open_mp4
@@ -47,7 +48,7 @@ def transcode(source: Path, target: Path) -> None:
         stream.thread_type = "AUTO"
         codec = stream.codec_context
         size = codec.width, codec.height
-        written, output = open_mp4(target, size, stream.average_rate, stream.time_base)
+        written, output = open_mp4(target, size, frame_rate(stream, source), stream.time_base or Fraction(1))
         with written:
             for frame in read.decode(stream):
                 frame.pict_type = 0  # the encoder chooses the key frames
@@ -100,9 +101,9 @@ def repeat_video(source: Path, target: Path, frames: int) -> Path:
             with open_video(source) as read:
                 stream = read.streams.video[0]
                 output = written.streams.video[0] if turn else written.add_stream_from_template(stream)
-                shift = round(turn * info.duration_s / stream.time_base)
+                shift = round(turn * info.duration_s / (stream.time_base or 1))
                 for packet in read.demux(stream):
-                    if packet.size:
+                    if packet.size and packet.pts is not None and packet.dts is not None:
                         packet.pts, packet.dts, packet.stream = packet.pts + shift, packet.dts + shift, output
                         written.mux(packet)
     return target
@@ -123,8 +124,8 @@ def _annotation_peak_mb(source: Path, target: Path, camera_file: Path, frames: i
 def _own_peak_mb() -> float:
     """Peak resident memory of this process; on Linux getrusage also counts the memory before the exec."""
     status = Path("/proc/self/status")
-    if status.is_file():
-        return int(re.search(r"VmHWM:\s*(\d+) kB", status.read_text())[1]) / 1e3
+    if status.is_file() and (peak_kb := re.search(r"VmHWM:\s*(\d+) kB", status.read_text())):
+        return int(peak_kb[1]) / 1e3
     import resource  # missing on Windows
 
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

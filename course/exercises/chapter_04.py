@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from course.exercises.verdict import NOT_TRIED, Verdict, correct, hint
+from course.exercises.verdict import NOT_TRIED, Checks, Verdict, correct, hint
 from course.measures import lane_widths_px
 from lanes.camera.camera import Camera
 from lanes.classic.warp import FourPointWarp, birdseye_to_road, metres_per_pixel
@@ -18,10 +17,12 @@ WIDTH_TOLERANCE_M = 0.05
 # Points of the bird's-eye view at which exercise 4.2 is checked, as shares of its width and height.
 CHECKED_AT = np.array([[0.5, 1.0], [0.5, 0.5], [0.2, 0.9], [0.8, 0.6], [0.35, 0.3]])
 ROAD_TOLERANCE_M = 0.05
+# Two points of the road, the second one farther ahead, metres.
+AHEAD_M = np.array([[10.0, 0.0], [20.0, 0.0]])
 
 
 def check_four_points(
-    source_px: np.ndarray, *, destination_px: np.ndarray, camera: Camera, lines_m: ArrayLike
+    source_px: np.ndarray, *, destination_px: np.ndarray, camera: Camera, lines_m: Sequence[Sequence[float]]
 ) -> Verdict:
     """4.1: four points such that a straight lane is equally wide at all distances.
 
@@ -71,7 +72,7 @@ def check_metres(
     worst = float(np.abs(got - true).max())
     if worst <= ROAD_TOLERANCE_M:
         return correct(f"at most {worst:.2f} m off at {len(pixels)} pixels.")
-    u, v, x, y = *pixels[2], *got[2]
+    (u, v), (x, y) = pixels[2], got[2]
     said = (
         f"pixel ({u:.0f}, {v:.0f}): yours is x = {x:.2f}, y = {y:.2f} m, "
         f"true x = {true[2, 0]:.2f}, y = {true[2, 1]:.2f} m."
@@ -90,8 +91,8 @@ def check_metres(
 
 def _far_is_up(warp: FourPointWarp, camera: Camera) -> bool:
     """Whether a point farther ahead lies higher in the bird's-eye view."""
-    near, far = warp.points_to_birdseye(camera.undistort_points(camera.road_to_pixels([[10.0, 0.0], [20.0, 0.0]])))
+    near, far = warp.points_to_birdseye(camera.undistort_points(camera.road_to_pixels(AHEAD_M)))
     return bool(far[1] < near[1])
 
 
-CHECKS = {"4.1": check_four_points, "4.2": check_metres}
+CHECKS: Checks = {"4.1": check_four_points, "4.2": check_metres}

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from course.exercises.verdict import NOT_TRIED, Verdict, correct, hint
+from course.exercises.verdict import NOT_TRIED, Checks, Verdict, correct, hint
 from course.measures import marking_precision, marking_recall
 from lanes.camera.camera import Camera
 from lanes.classic.search import binary_pixels
@@ -39,9 +39,9 @@ def check_paint_mask(
     if truth is None:
         return hint(f"the mask covers {np.mean(mask > 0):.1%} of the view; no truth is known for this picture.")
     points_m = birdseye_to_road(binary_pixels(mask.astype(np.uint8)), warp, camera)
-    precision, recall = marking_precision(points_m, truth) or 0.0, marking_recall(points_m, truth)
+    precision, recall = marking_precision(points_m, truth) or 0.0, marking_recall(points_m, truth) or 0.0
     reached = f"precision {precision:.0%}, recall {recall:.0%}"
-    dashed = marking_recall(points_m, {**truth, "left_y_m": truth["right_y_m"]})
+    dashed = marking_recall(points_m, {**truth, "left_y_m": truth["right_y_m"]}) or 0.0
     if precision < LEAST_PRECISION:
         return hint(f"{reached}. Too many pixels are not paint: look at the mask. What is as wide as a line?")
     if recall < LEAST_RECALL and dashed < 0.2:
@@ -62,14 +62,16 @@ def check_relative_edges(make_mask: MakeMask, *, lightness: np.ndarray) -> Verdi
     strong, share = np.mean(mask[gradient >= STRONG_EDGE] > 0), np.mean(mask > 0)
     if strong < 0.7 or share > 0.1:
         return hint(f"the mask has {strong:.0%} of the strong edges and covers {share:.0%} of the view (allowed 10%).")
-    half_light = _overlap(mask, make_mask(lightness // 2))
+    in_half_light = make_mask(lightness // 2)
+    half_light = 0.0 if in_half_light is None else _overlap(mask, in_half_light)
     if half_light < LEAST_OVERLAP:
         return hint(
             f"at half the light only {half_light:.0%} of the edges are the same. Divide the gradient by the brightness."
         )
     far = np.ones(lightness.shape, bool)
     far[:GLINT_REACH_PX, :GLINT_REACH_PX] = False
-    glint = _overlap(mask[far], make_mask(_add_glint(lightness))[far])
+    with_glint = make_mask(_add_glint(lightness))
+    glint = 0.0 if with_glint is None else _overlap(mask[far], with_glint[far])
     if glint < LEAST_OVERLAP:
         return hint(
             f"{half_light:.0%} the same at half the light, but with a glint in one corner only {glint:.0%}. "
@@ -101,4 +103,4 @@ def _add_glint(channel: np.ndarray) -> np.ndarray:
     return picture
 
 
-CHECKS = {"5.1": check_paint_mask, "5.2": check_relative_edges}
+CHECKS: Checks = {"5.1": check_paint_mask, "5.2": check_relative_edges}

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from course.exercises.verdict import NOT_TRIED, Verdict, correct, hint
+from course.exercises.verdict import NOT_TRIED, Checks, Verdict, correct, hint
 from lanes.camera.camera import Camera
 from lanes.classic.search import find_peaks, lane_histogram, sliding_windows
 from lanes.classic.threshold import HlsSobelThresholds
@@ -94,4 +94,4 @@ def _slanted_line(lean: str) -> tuple[np.ndarray, np.ndarray, int]:
     return line, np.where(line | other, 255, 0).astype(np.uint8), start
 
 
-CHECKS = {"6.1": check_lane_width, "6.2": check_coasting}
+CHECKS: Checks = {"6.1": check_lane_width, "6.2": check_coasting}

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from course.exercises.verdict import Verdict, correct, hint
+from course.exercises.verdict import Checks, Verdict, correct, hint
 from lanes.classic.fit import ransac_line
 
 # 7.1: outliers of the streaked line, required probability of a sample without outliers, and limit on the trials.
@@ -35,6 +35,8 @@ def check_ransac_choice(choice: Sequence[int], *, pixels: np.ndarray, line: Sequ
             f"with {probability:.2%}. Required are {REQUIRED_PROBABILITY:.2%} in at most {MAX_TRIALS} trials."
         )
     fit = ransac_line(pixels, trials=trials, samples=samples)
+    if fit is None:
+        return hint(f"RANSAC finds no line with {trials} trials of {samples} pixels.")
     rows = np.arange(720)
     error_px = np.abs(fit.columns(rows) - np.polyval(line, rows)).max()
     return correct(
@@ -71,4 +73,4 @@ def check_corrected_measures(
     )
 
 
-CHECKS = {"7.1": check_ransac_choice, "7.2": check_corrected_measures}
+CHECKS: Checks = {"7.1": check_ransac_choice, "7.2": check_corrected_measures}

@@ -23,11 +23,11 @@ def check_known_width(fit: Callable[[np.ndarray, np.ndarray, np.ndarray, float],
         return NOT_TRIED
     if any(np.shape(found) != (3,) for found in fits):
         return hint(f"the result has shape {np.shape(fits[0])}; return the centre, the heading and the curvature.")
-    fits = np.array(fits, float)
-    off, both_m = fits - [CENTRE_M, HEADING_RAD, CURVATURE_PER_M], np.ptp(fits[:, 0])
-    if np.allclose(fits[:, 2], CURVATURE_PER_M / 2, atol=TOLERANCES[2]):
+    lanes = np.array(fits, float)
+    off, both_m = lanes - [CENTRE_M, HEADING_RAD, CURVATURE_PER_M], np.ptp(lanes[:, 0])
+    if np.allclose(lanes[:, 2], CURVATURE_PER_M / 2, atol=TOLERANCES[2]):
         return hint(
-            f"the curvature is {1e3 * fits[0, 2]:.1f} instead of {1e3 * CURVATURE_PER_M:.1f} 1/km: use x^2 / 2."
+            f"the curvature is {1e3 * lanes[0, 2]:.1f} instead of {1e3 * CURVATURE_PER_M:.1f} 1/km: use x^2 / 2."
         )
     if abs(both_m - WIDTH_M) < 0.1 and abs(off[0, 0] - WIDTH_M / 2) < 0.1:
         return hint(f"the centre lies {off[0, 0]:.2f} m too far left: this is the line. Use the width.")
@@ -38,7 +38,7 @@ def check_known_width(fit: Callable[[np.ndarray, np.ndarray, np.ndarray, float],
     if abs(off[0, 0]) < TOLERANCES[0] < abs(off[1, 0]):
         return hint("with the left line it is right, but not with the right line, where `left` is False.")
     if (np.abs(off) > TOLERANCES).any():
-        centre_m, heading_rad, curvature_per_m = fits[0]
+        centre_m, heading_rad, curvature_per_m = lanes[0]
         return hint(
             f"centre {centre_m:.2f} m, heading {heading_rad:.3f} rad, curvature {1e3 * curvature_per_m:.1f} 1/km."
         )

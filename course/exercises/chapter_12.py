@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -63,7 +64,7 @@ def _check_distances(correct_state: Correct) -> Verdict:
     return correct("the filter takes what fits and skips the neighbouring lane.")
 
 
-def _call(correct_state: Correct, z: np.ndarray) -> object:
+def _call(correct_state: Correct, z: np.ndarray) -> Any:
     return correct_state(STATE.copy(), P.copy(), z.copy(), R.copy(), H.copy())
 
 

@@ -17,10 +17,10 @@ from course.exercises import (
     chapter_12,
     chapter_15,
 )
-from course.exercises.verdict import NOT_TRIED, Verdict
+from course.exercises.verdict import NOT_TRIED, Checks, Verdict
 
 # Each check takes the answer and named arguments of the exercise, and returns a Verdict.
-CHECKS: dict[str, Callable[..., Verdict]] = {
+CHECKS: Checks = {
     **chapter_01.CHECKS,
     **chapter_02.CHECKS,
     **chapter_04.CHECKS,

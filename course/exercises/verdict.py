@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 
@@ -15,6 +16,9 @@ class Verdict:
     def __str__(self) -> str:
         return f"correct, {self.sentence}" if self.correct else self.sentence
 
+
+# The checks of a chapter: each takes the answer, and by name what the exercise gives it.
+Checks = dict[str, Callable[..., Verdict]]
 
 NOT_TRIED = Verdict(False, "not tried yet.")
 

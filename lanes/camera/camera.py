@@ -243,8 +243,14 @@ class Camera:
             )
         return self.pose
 
+    def require_report(self) -> CalibrationReport:
+        """The result of the calibration; raises CameraError if the camera has none."""
+        if self.report is None:
+            raise CameraError("this camera has no calibration report; use one that was calibrated on chessboards.")
+        return self.report
 
-def resize_points(pixels: np.ndarray, scale: float | tuple[float, float]) -> np.ndarray:
+
+def resize_points(pixels: np.ndarray, scale: float | tuple[float, float] | np.ndarray) -> np.ndarray:
     """Pixels (..., 2) of a picture after it is resized by a factor, or by a factor (columns, rows).
 
     Pixel centres are at integers, so the picture begins at -0.5: shift by half a pixel, scale, shift back.
@@ -285,5 +291,5 @@ def undistort(image: np.ndarray, camera: Camera, *, rescale: bool = False) -> np
 @lru_cache(maxsize=8)
 def _undistortion_maps(size: tuple[int, int], matrix: tuple, distortion: tuple) -> tuple[np.ndarray, np.ndarray]:
     """Maps for cv2.remap, cached for each lens: computing them takes as long as ten remaps."""
-    matrix = np.reshape(matrix, (3, 3))
-    return cv2.initUndistortRectifyMap(matrix, np.array(distortion), None, matrix, size, cv2.CV_16SC2)
+    intrinsics = np.reshape(matrix, (3, 3))
+    return cv2.initUndistortRectifyMap(intrinsics, np.array(distortion), None, intrinsics, size, cv2.CV_16SC2)

@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -69,7 +70,7 @@ def read_hfov(picture: str | Path) -> float | None:
             entries, (width, height) = image.getexif().get_ifd(ExifTags.IFD.Exif), image.size
     except Exception:  # EXIF is optional information, and Pillow raises many types of error on invalid entries.
         return None
-    named = {ExifTags.TAGS.get(key): _to_float(value) for key, value in entries.items()}
+    named = {ExifTags.TAGS.get(key, ""): _to_float(value) for key, value in entries.items()}
     focal_px = _focal_length_px(named, width, height)
     if focal_px is None:
         return None
@@ -89,7 +90,7 @@ def _focal_length_px(entries: dict[str, float], width: int, height: int) -> floa
     return focal_mm * resolution / unit_mm * scale
 
 
-def _to_float(value: object) -> float:
+def _to_float(value: Any) -> float:
     try:
         number = float(value)
     except (TypeError, ValueError, ZeroDivisionError):

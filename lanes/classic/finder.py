@@ -82,7 +82,7 @@ def nearest_line(channels: Sequence[Channel], memory: LineMemory, side: int) -> 
     prior, average = memory.search_prior, memory.average
     lines = [c.line_near(prior, c.recipe.margin_px) if prior else c.line_from_windows(side) for c in channels]
     height = channels[0].recipe.size[1]
-    return min(lines, key=lambda line: mean_distance_px(line.fit, average, height) if line.fit else inf)
+    return min(lines, key=lambda line: mean_distance_px(line.fit, average, height) if line.fit and average else inf)
 
 
 class LaneFinder:
@@ -169,7 +169,11 @@ class LaneFinder:
         measured: Sequence[LineFit | None],
         state: str,
     ) -> LaneResult:
-        roads = [fit and road_line(fit, self._to_road, self.recipe.size[1]) for fit in measured]
-        binary = channels[lines[0].channel].binary | channels[lines[1].channel].binary
+        (left, right), (left_fit, right_fit) = lines, shown
+        left_road, right_road = (
+            None if fit is None else road_line(fit, self._to_road, self.recipe.size[1]) for fit in measured
+        )
+        binary = channels[left.channel].binary | channels[right.channel].binary
         masks = {name: channel.mask for name, channel in channels.items()}
-        return LaneResult(*shown, *roads, state, Steps(undistorted, masks, binary, *lines, self.warp))
+        steps = Steps(undistorted, masks, binary, left, right, self.warp)
+        return LaneResult(left_fit, right_fit, left_road, right_road, state, steps)

@@ -87,9 +87,10 @@ class LineMemory:
 
     def _accept(self, fit: LineFit) -> LineFit | None:
         """The fit if it is accepted, its blend with the average, or None if it is rejected."""
-        if not self.fits:
+        previous = self.average
+        if previous is None:
             return fit
-        average = np.array(self.average.coefficients)
+        average = np.array(previous.coefficients)
         change = fit.coefficients - average
         if (np.abs(change) <= self.accept_limits).all():
             return fit

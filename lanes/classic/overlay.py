@@ -49,7 +49,7 @@ def draw_search(result: LaneResult) -> np.ndarray:
     drawn = draw_pixels(steps.warped_binary, steps.left.pixels, colour=LEFT_COLOUR)
     drawn = draw_pixels(drawn, steps.right.pixels, colour=RIGHT_COLOUR)
     drawn = draw_windows(drawn, steps.windows_px)
-    left, right = (fit and fit.points(drawn.shape[0]) for fit in (result.left, result.right))
+    left, right = (None if fit is None else fit.points(drawn.shape[0]) for fit in (result.left, result.right))
     return draw_fit(drawn, left, right)
 
 
@@ -59,10 +59,12 @@ def diagnose(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarra
     return draw_mosaic(_draw_result(image, result, camera), thumbnails, lines=describe_result(result))
 
 
-def follow_lane(finder: LaneFinder, camera: Camera) -> Callable[[np.ndarray], tuple[np.ndarray, dict[str, object]]]:
+def follow_lane(
+    finder: LaneFinder, camera: Camera
+) -> Callable[[np.ndarray], tuple[np.ndarray, dict[str, str | float | None]]]:
     """A function for `annotate_video` that returns the annotated frame and its telemetry; frames must be in order."""
 
-    def process(frame: np.ndarray) -> tuple[np.ndarray, dict[str, object]]:
+    def process(frame: np.ndarray) -> tuple[np.ndarray, dict[str, str | float | None]]:
         result = finder.follow(frame)
         return annotate(frame, result, camera), result.as_row()
 

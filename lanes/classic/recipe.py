@@ -73,7 +73,7 @@ class Recipe:
     video_thresholds: Thresholds
     margin_px: float
     still_band_px: float
-    memories: tuple[LineMemory, LineMemory]
+    memories: tuple[LineMemory, ...]
     size: tuple[int, int] = (1280, 720)
     warp_first: bool = False
     histogram_rows_px: tuple[int, int] = (360, 720)
@@ -86,7 +86,7 @@ class Recipe:
 
     def warp(self) -> FourPointWarp:
         """The homography from the undistorted picture to the bird's-eye view."""
-        return FourPointWarp(self.source_px, self.destination_px, self.size)
+        return FourPointWarp(np.array(self.source_px), np.array(self.destination_px), self.size)
 
     def require_size(self, camera: Camera) -> None:
         """Raise CameraError unless the recipe is for pictures of the camera's size."""
@@ -113,6 +113,7 @@ class Recipe:
             )
         sx, sy = width / self.size[0], height / self.size[1]
         area = sx * sy
+        first_row, end_row = self.histogram_rows_px
         return replace(
             self,
             size=(width, height),
@@ -120,7 +121,7 @@ class Recipe:
             destination_px=_to_tuples(resize_points(np.array(self.destination_px), (sx, sy))),
             thresholds=self.thresholds.scaled(area**0.5),
             video_thresholds=self.video_thresholds.scaled(area**0.5),
-            histogram_rows_px=tuple(round(row * sy) for row in self.histogram_rows_px),
+            histogram_rows_px=(round(first_row * sy), round(end_row * sy)),
             margin_px=self.margin_px * sx,
             still_band_px=self.still_band_px * sx,
             recentre_pixels=max(round(self.recentre_pixels * area), 1),
@@ -205,20 +206,20 @@ def recipe_from_pose(recipe: Recipe, camera: Camera) -> Recipe:
     CameraError
         If the camera has no pose or another size than the recipe, or the near edge is not on the road.
     """
-    camera.require_pose()
+    pose = camera.require_pose()
     recipe.require_size(camera)
     pinhole = replace(camera, distortion=np.zeros(5))  # the points are those of the undistorted picture
     source = np.array(recipe.source_px)
     u, v = source.T
     left, near = u < u.mean(), v > v.mean()
     centre = (camera.width - 1) / 2
-    near_m, far_m = pinhole.pixels_to_road([(centre, v[near].mean()), (centre, v[~near].mean())])[:, 0]
+    near_m, far_m = pinhole.pixels_to_road(np.array([(centre, v[near].mean()), (centre, v[~near].mean())]))[:, 0]
     half_width_m = np.ptp(pinhole.pixels_to_road(source[near])[:, 1]) / 2
     x = np.where(near, near_m, np.fmin(far_m, MAX_FAR_EDGE_M))
     points = pinhole.road_to_pixels(np.column_stack([x, np.where(left, half_width_m, -half_width_m)]))
     if not (np.isfinite(points).all() and near_m < MAX_FAR_EDGE_M):
         raise CameraError(
-            f"the bottom row of recipe {recipe.name}'s points is not on the road ahead ({camera.pose.describe()}); "
+            f"the bottom row of recipe {recipe.name}'s points is not on the road ahead ({pose.describe()}); "
             "correct the camera pose."
         )
     return replace(recipe, name=recipe.name + POSE_SUFFIX, source_px=_to_tuples(points))

@@ -137,12 +137,12 @@ class LaneResult:
     @property
     def left_px(self) -> np.ndarray | None:
         """The left line in the undistorted picture, (N, 2) from far to near, for `overlay.draw_lane`."""
-        return self.left and self.warp.points_to_picture(self.left.points(self.warp.size[1]))
+        return None if self.left is None else self.warp.points_to_picture(self.left.points(self.warp.size[1]))
 
     @property
     def right_px(self) -> np.ndarray | None:
         """The right line; see `left_px`."""
-        return self.right and self.warp.points_to_picture(self.right.points(self.warp.size[1]))
+        return None if self.right is None else self.warp.points_to_picture(self.right.points(self.warp.size[1]))
 
     @property
     def curvature_per_m(self) -> float | None:

@@ -126,8 +126,8 @@ def search_band(binary: np.ndarray, left: LineFit | None, right: LineFit | None,
     A line that is None has no pixels. The result has no windows.
     """
     pixels = binary_pixels(binary)
-    found = (band_pixels(pixels, line, margin_px) if line else pixels[:0] for line in (left, right))
-    return WindowSearch(*found)
+    left_pixels, right_pixels = (band_pixels(pixels, line, margin_px) if line else pixels[:0] for line in (left, right))
+    return WindowSearch(left_pixels, right_pixels)
 
 
 def _stack_windows(
@@ -139,7 +139,9 @@ def _stack_windows(
 ) -> tuple[np.ndarray, tuple[Window, ...]]:
     """Pixels and windows of one line; strips are (top row, bottom row, pixels), from the bottom to the top."""
     found, windows = [np.empty((0, 2), np.int32)], []
-    for top, bottom, pixels in strips if column is not None else ():
+    if column is None:
+        return found[0], ()
+    for top, bottom, pixels in strips:
         inside = pixels[np.abs(pixels[:, 0] - column) <= margin_px]
         windows.append(Window(column - margin_px, top, column + margin_px, bottom))
         if flood_pixels is not None and len(inside) >= flood_pixels:

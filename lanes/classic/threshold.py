@@ -40,10 +40,10 @@ def split_channels(image: np.ndarray, space: str) -> tuple[np.ndarray, ...]:
     """
     require_rgb(image)
     if space == "RGB":
-        return cv2.split(image)
+        return tuple(cv2.split(image))
     if space not in _SPACES:
         raise ValueError(f"colour space {space!r} is not known; use one of RGB, {', '.join(_SPACES)}.")
-    return cv2.split(cv2.cvtColor(image, getattr(cv2, f"COLOR_RGB2{space}")))
+    return tuple(cv2.split(cv2.cvtColor(image, getattr(cv2, f"COLOR_RGB2{space}"))))
 
 
 def to_gray(image: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ The picture is the undistorted one, and the bird's-eye view the warped one, both
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -41,6 +41,8 @@ class FourPointWarp:
     source_px: np.ndarray
     destination_px: np.ndarray
     size: tuple[int, int]
+    matrix: np.ndarray = field(init=False, repr=False)
+    inverse: np.ndarray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         for name in ("source_px", "destination_px"):

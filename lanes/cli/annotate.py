@@ -90,7 +90,8 @@ def run(options: argparse.Namespace) -> int:
     sources = find_sources(options.sources)
     require_distinct_outputs(sources.videos, [output_path(video, options.output) for video in sources.videos])
     settings = read_settings(options, sources)
-    failures, done = [], 0
+    failures: list[Exception] = []
+    done = 0
     if (options.workers or options.scheduler) and sources.videos:
         done, failures = annotate_on_dask(sources.videos, settings, options)
         sources = replace(sources, videos=())
@@ -104,8 +105,8 @@ def run(options: argparse.Namespace) -> int:
             failures += getattr(result, "failures", ())  # of single stills
             if not options.quiet:
                 print(result.describe(), flush=True)
-    for error in failures:
-        print(f"error: {error}", file=sys.stderr)
+    for failure in failures:
+        print(f"error: {failure}", file=sys.stderr)
     if failures and not done:
         return max(map(error_status, failures))
     return 1 if failures else 0
@@ -113,7 +114,7 @@ def run(options: argparse.Namespace) -> int:
 
 def annotate_on_dask(
     videos: Sequence[Path], settings: DriveSettings, options: argparse.Namespace
-) -> tuple[int, list[OSError | ValueError]]:
+) -> tuple[int, list[Exception]]:
     """Annotate videos with Dask; returns the number of finished videos, and the errors of the others."""
     from lanes.cluster.scheduler import ClusterSettings, annotate_many
 

@@ -45,8 +45,9 @@ def run(options: argparse.Namespace) -> int:
     detections = find_boards(paths, options.pattern, progress=progress_line("calibrate"))
     camera = calibrate_detections(detections, ", ".join(map(str, options.pictures[:3])))
     print(format_boards(detections, camera))
-    used, rms_px = len(camera.report.board_rms_px), camera.report.rms_px
-    print(f"{used} of {len(paths)} pictures used, error {rms_px:.2f} px (RMS of all corners)")
+    report = camera.require_report()
+    used = len(report.board_rms_px)
+    print(f"{used} of {len(paths)} pictures used, error {report.rms_px:.2f} px (RMS of all corners)")
     print(f"focal length {camera.matrix[0, 0]:.1f} px, horizontal field of view {camera.hfov_deg:.1f} deg")
     print(describe_coverage(used_boards(detections, camera)))
     if options.sheet:

@@ -15,6 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 import lanes
@@ -40,7 +41,7 @@ class DriveKey:
     source: str
     size_bytes: int
     mtime_ns: int
-    settings: Mapping[str, object]
+    settings: Mapping[str, Any]
     versions: Mapping[str, str]
 
     @classmethod

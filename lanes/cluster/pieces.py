@@ -79,8 +79,9 @@ def join_pieces(
     sound = drive.info.has_audio
     join_videos(videos, starts_s, target, sound_from=drive.video if sound else None)
     frames = read_telemetry(target.with_suffix(".csv"))["frame"]
-    part = {"start_s": settings.start_s, "end_s": settings.end_s}
-    missing = count_missing(drive.info, int(frames[0]), int(frames[-1]), len(frames), **part)
+    missing = count_missing(
+        drive.info, int(frames[0]), int(frames[-1]), len(frames), start_s=settings.start_s, end_s=settings.end_s
+    )
     source = str(drive.video)
     return conclude_drive(source, target, drive.camera, drive.pose, settings, elapsed_s, missing=missing, sound=sound)
 

@@ -60,7 +60,7 @@ class ClusterSettings:
 
 def annotate_many(
     videos: Sequence[Path], settings: DriveSettings, cluster: ClusterSettings, *, log: Callable[[str], None]
-) -> tuple[list[Manifest], list[OSError | ValueError]]:
+) -> tuple[list[Manifest], list[Exception]]:
     """Annotate the videos that are not finished yet, and write the summary of all.
 
     There is at least one video, and their file names are distinct. `log` is called with a message for each event.

@@ -138,15 +138,16 @@ def finish_drive(job: DriveJob, plan: Plan, done: Sequence[PieceTiming | Excepti
     if finished := read_finished(job.key, job.settings.output):
         return finished
     began_s = time.process_time()
+    timings = [outcome for outcome in done if isinstance(outcome, PieceTiming)]
     try:
-        elapsed_s = sum(piece.elapsed_s for piece in done)
+        elapsed_s = sum(piece.elapsed_s for piece in timings)
         result = join_pieces(plan.drive, plan.pieces, job.settings, job.folder, elapsed_s)
     except VideoError:
         # The next run must not use the same damaged piece.
         shutil.rmtree(job.folder, ignore_errors=True)
         raise
     add_to_data_set(result.telemetry, job.settings.output)
-    cpu_s = plan.cpu_s + sum(piece.cpu_s for piece in done) + time.process_time() - began_s
+    cpu_s = plan.cpu_s + sum(piece.cpu_s for piece in timings) + time.process_time() - began_s
     manifest = write_manifest(job.key, result, cpu_s=cpu_s, pieces=len(done))
     shutil.rmtree(job.folder)
     return manifest

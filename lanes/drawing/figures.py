@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 # At 80 dots per inch a JPEG figure of two photographs takes about 70 kB, a tenth of the default PNG.
-STYLE = {
+STYLE: dict[Any, Any] = {
     "figure.dpi": 80,
     "figure.constrained_layout.use": True,
     "font.size": 11,
@@ -115,7 +115,7 @@ def show_birdseye(
     return figure, axes
 
 
-def draw_on_road_grid(axis: Axes, image: np.ndarray, grid: RoadGrid, **look: object) -> None:
+def draw_on_road_grid(axis: Axes, image: np.ndarray, grid: RoadGrid, **look: Any) -> None:
     """Show a picture of a road grid; the distances of its rows may grow, so the marks ahead are not even."""
     rows = len(grid.x_m)
     axis.imshow(image, extent=(grid.y_m[0], grid.y_m[-1], rows - 0.5, -0.5), aspect="auto", **look)
@@ -181,7 +181,7 @@ def plot_series(
     return figure, axes
 
 
-def new_figure(rows: int, columns: int, size_in: tuple[float, float], **options: object) -> tuple[Figure, np.ndarray]:
+def new_figure(rows: int, columns: int, size_in: tuple[float, float], **options: Any) -> tuple[Figure, np.ndarray]:
     """A figure in the course's style, and its axes as a flat array."""
     # Imported here: programs without figures start half a second sooner.
     import matplotlib.pyplot as plt
@@ -193,7 +193,8 @@ def new_figure(rows: int, columns: int, size_in: tuple[float, float], **options:
 
 def rgb(colour: Colour) -> tuple[float, float, float]:
     """An RGB colour 0..255 in matplotlib's range 0..1."""
-    return tuple(value / 255 for value in colour)
+    red, green, blue = colour
+    return red / 255, green / 255, blue / 255
 
 
 def save_figure(figure: Figure, path: str | Path) -> Path:

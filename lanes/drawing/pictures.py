@@ -8,6 +8,7 @@ the picture is not RGB (height, width, 3), uint8.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import cv2
 import numpy as np
@@ -49,7 +50,7 @@ def draw_line(image: np.ndarray, points_px: np.ndarray, *, colour: Colour, width
     return drawn
 
 
-def write_text(image: np.ndarray, lines: str | Sequence[str], **options: object) -> np.ndarray:
+def write_text(image: np.ndarray, lines: str | Sequence[str], **options: Any) -> np.ndarray:
     """A copy of the RGB picture with lines of text; options and exceptions as for `lanes.drawing.canvas.put_text`."""
     drawn = _copy_rgb(image)
     put_text(drawn, lines, **options)

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from lanes.camera.camera import Camera
 from lanes.camera.pose_change import find_pose_change
@@ -18,7 +19,7 @@ from lanes.drives.report.page import write_report
 from lanes.drives.settings import DriveResult, DriveSettings, StillsResult, describe_settings
 from lanes.drives.sources import require_distinct_outputs
 from lanes.io.files import exclusive_writer
-from lanes.io.frames import PictureError
+from lanes.io.frames import PictureError, as_rgb
 from lanes.io.images import list_pictures, read_image, write_image
 from lanes.io.telemetry import read_telemetry, write_telemetry
 from lanes.io.threads import opencv_threads
@@ -85,7 +86,7 @@ def annotate_prepared(drive: PreparedDrive, settings: DriveSettings) -> DriveRes
     return conclude_drive(source, target, drive.camera, drive.pose, settings, elapsed_s, missing=missing, sound=sound)
 
 
-def track_video(drive: PreparedDrive, target: Path, settings: DriveSettings, **options: object) -> VideoSummary:
+def track_video(drive: PreparedDrive, target: Path, settings: DriveSettings, **options: Any) -> VideoSummary:
     """Write the annotated video `target` and its telemetry, with a new tracker; `options` are for `annotate_video`."""
     process = track_lane(LaneTracker(drive.camera, fps=drive.info.fps), drive.camera, style=settings.style)
     return annotate_video(
@@ -128,7 +129,7 @@ def annotate_stills(pictures: Sequence[Path], settings: DriveSettings) -> Stills
             image = read_image(path)
             found = TrackedLane.from_still(find_lane(image, view))
             rows.append({"frame": number, "picture": path.name, **found.as_row()})
-            written.append(write_image(settings.output / path.name, draw(image, found)))
+            written.append(write_image(settings.output / path.name, as_rgb(draw(image, found))))
         write_telemetry(telemetry, rows)
     return StillsResult(tuple(written), telemetry, sum(row["state"] != LOST for row in rows), pose, tuple(failures))
 

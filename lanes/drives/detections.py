@@ -18,6 +18,7 @@ import numpy as np
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError
 from lanes.io.files import write_atomically
+from lanes.io.frames import as_rgb
 from lanes.io.images import PICTURE_SUFFIXES, read_image
 from lanes.io.video.reader import inspect_video, read_timed_frames
 from lanes.tracking.birdseye import BirdsEyeView
@@ -71,7 +72,7 @@ def detect_files(
         if file in videos:
             tracker = LaneDetector(camera, rows, sequence=True, fps=videos[file].fps)
             pictures: Iterator[dict] = (
-                {"raw_file": f"{file}#{frame.number}", "frame": frame.number} | tracker.detect(frame.image)
+                {"raw_file": f"{file}#{frame.number}", "frame": frame.number} | tracker.detect(as_rgb(frame.image))
                 for frame in read_timed_frames(file)
             )
         else:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -92,5 +92,5 @@ def _colour_states(axis: Axes, times_s: np.ndarray, states: np.ndarray) -> None:
     for state, first, end in runs(states):
         spans.setdefault(state, []).append((times_s[first], times_s[end - 1] - times_s[first] + step_s))
     for state, bars in spans.items():
-        look = {"transform": axis.get_xaxis_transform(), "color": rgb(STATE_COLOURS[state]), "lw": 0}
+        look: dict[str, Any] = {"transform": axis.get_xaxis_transform(), "color": rgb(STATE_COLOURS[state]), "lw": 0}
         axis.broken_barh(bars, (0, 0.05), label=state, **look)

@@ -16,6 +16,7 @@ from lanes.drives.annotation import conclude_drive
 from lanes.drives.overlay_styles import track_lane
 from lanes.drives.settings import DriveResult, DriveSettings
 from lanes.io.files import exclusive_writer
+from lanes.io.frames import as_rgb
 from lanes.io.telemetry import TelemetryWriter
 from lanes.io.video.live_camera import LiveCamera
 from lanes.io.video.reader import STAMP_TOLERANCE_S, TimedFrame
@@ -65,7 +66,7 @@ def _with_pose(camera: Camera, frames: Iterator[TimedFrame], name: str) -> tuple
     pictures, next_s = [], 0.0
     for frame in frames:
         if frame.time_s >= next_s:
-            pictures.append(frame.image)
+            pictures.append(as_rgb(frame.image))
             next_s = frame.time_s + POSE_INTERVAL_S
         if len(pictures) == POSE_PICTURES:
             break
@@ -74,7 +75,8 @@ def _with_pose(camera: Camera, frames: Iterator[TimedFrame], name: str) -> tuple
 
 def _with_elapsed_time(frames: Iterator[TimedFrame]) -> Iterator[tuple[TimedFrame, float | None]]:
     """The frames, timed from the first one, and the seconds since the previous frame (None for the first)."""
-    first_s = previous_s = None
+    first_s: float | None = None
+    previous_s: float | None = None
     for frame in frames:
         first_s = frame.time_s if first_s is None else first_s
         elapsed_s = None if previous_s is None else frame.time_s - previous_s

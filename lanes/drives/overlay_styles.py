@@ -56,7 +56,7 @@ def mosaic_overlay(camera: Camera) -> DrawOverlay:
             "marking response": cv2.cvtColor(strength, cv2.COLOR_GRAY2RGB),
             "fitted lines": _draw_fit(birdseye // 2, tracked, view),
         }
-        return _arrange_mosaic(draw_tracked(image, tracked, camera), panels, _describe_numbers(tracked))
+        return _arrange_mosaic(as_rgb(draw_tracked(image, tracked, camera)), panels, _describe_numbers(tracked))
 
     return draw
 

@@ -166,7 +166,7 @@ def describe_frames(frames: int, missing: int) -> str:
 def describe_settings(result: DriveResult, settings: DriveSettings) -> dict[str, str]:
     """The settings and versions that a drive was annotated with, as texts by name, for the report."""
     camera, pose = result.camera, result.pose
-    if settings.camera is None:
+    if settings.camera is None and settings.field is not None:
         lens = f"field of view {settings.field.hfov_deg:.3g}°, {settings.field.source}, not calibrated"
     elif camera.report is None:
         lens = "from the camera file"
@@ -177,7 +177,7 @@ def describe_settings(result: DriveResult, settings: DriveSettings) -> dict[str,
         "piece": f"from {settings.start_s:g} s to {'the end' if settings.end_s is None else f'{settings.end_s:g} s'}",
         "picture": f"{camera.width}x{camera.height} pixels",
         "lens": f"{lens}; focal length {camera.matrix[0, 0]:.0f} px",
-        "pose": pose.describe() if pose else f"from the camera file: {camera.pose.describe()}",
+        "pose": pose.describe() if pose else f"from the camera file: {camera.require_pose().describe()}",
         "style": settings.style,
         "versions": ", ".join(f"{name} {version}" for name, version in versions().items()),
     }

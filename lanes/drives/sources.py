@@ -43,7 +43,7 @@ def find_sources(names: Iterable[str]) -> Sources:
             continue
         for path in _files(name):
             (stills if path.suffix.lower() in PICTURE_SUFFIXES else videos).append(path)
-    return Sources(*(tuple(dict.fromkeys(found)) for found in (videos, stills, cameras)))
+    return Sources(tuple(dict.fromkeys(videos)), tuple(dict.fromkeys(stills)), tuple(dict.fromkeys(cameras)))
 
 
 def require_distinct_outputs(inputs: Iterable[Path], outputs: Iterable[Path]) -> None:

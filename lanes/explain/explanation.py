@@ -191,6 +191,6 @@ def stripes_on_lines(explanation: Explanation) -> np.ndarray:
 
     Stripes on the far lines of adjacent lanes are 0, although they take part in the fit.
     """
-    if explanation.lane is None:
+    if explanation.lane is None or explanation.fit is None:
         return np.zeros(len(explanation.evidence.stripes) if explanation.evidence else 0)
     return SIDES @ explanation.fit.members[explanation.candidates[0].index]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import textwrap
 from collections import defaultdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from lanes.camera.camera import Camera, undistort
 from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR
 from lanes.drawing.figures import MARKED_M, draw_on_road_grid, new_figure, rgb
 from lanes.explain.explanation import Explanation, stripes_on_lines
+from lanes.io.frames import as_rgb
 from lanes.tracking.model import CENTRE, SIDES, WIDTH, lateral_std_m, line_y, lines_on_view
 from lanes.tracking.overlay import draw_tracked
 from lanes.tracking.voting import HYPOTHESES, VOTING
@@ -44,7 +45,7 @@ def show_explanation(explanation: Explanation) -> tuple[Figure, np.ndarray]:
     result = f"Result: {tracked.state}" + (f", confidence {tracked.confidence:.0%}" if tracked.lane else "")
     panels = {
         "picture": (f"Frame: {said['picture']}", _plot_frame),
-        "pose": (f"Camera pose: {explanation.camera.pose.describe()}", _plot_pose),
+        "pose": (f"Camera pose: {explanation.camera.require_pose().describe()}", _plot_pose),
         "birdseye": (f"Bird's-eye view: {said['birdseye']}", _plot_birdseye),
         "markings": (f"Marking response: {said['markings']}", _plot_markings),
         "stripes": (f"Stripes: {said['stripes']}", _plot_stripes),
@@ -164,7 +165,7 @@ def _plot_fit(axis: Axes, explanation: Explanation) -> None:
 
 
 def _plot_result(axis: Axes, explanation: Explanation) -> None:
-    axis.imshow(draw_tracked(explanation.image, explanation.tracked, explanation.camera))
+    axis.imshow(as_rgb(draw_tracked(explanation.image, explanation.tracked, explanation.camera)))
     axis.set_axis_off()
 
 
@@ -175,7 +176,7 @@ def _plot_text(axis: Axes, explanation: Explanation) -> None:
     results += [f"rejected: {c.reason}" for c in explanation.candidates if not c.chosen]
     failed = explanation.failed
     verdict = [f"Step “{failed.name}”: {failed.failure}", f"What to do: {failed.advice}"] if failed else []
-    look = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "top", "fontsize": 9}
+    look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "top", "fontsize": 9}
     below = 0
     for lines, colour in ((verdict, FAILED_COLOUR), (results, "0.1")):
         for line in lines:
@@ -199,7 +200,7 @@ def _axes_of_road(axis: Axes, explanation: Explanation) -> None:
 
 def _directions_to_pixels(camera: Camera, directions: np.ndarray) -> np.ndarray:
     """Undistorted pixels (N, 2) of points at infinity in directions (N, 3) of the road frame."""
-    x, y, z = (directions @ camera.pose.rotation.T).T
+    x, y, z = (directions @ camera.require_pose().rotation.T).T
     return np.column_stack([x / z, y / z, np.ones_like(z)]) @ camera.matrix[:2].T
 
 

@@ -40,7 +40,7 @@ class Step:
 def describe_input(image: np.ndarray, camera: Camera, pose_failure: str) -> list[Step]:
     """The picture and the camera pose; `pose_failure` says why the pose is only assumed, and is empty otherwise."""
     picture = Step("picture", f"{image.shape[1]}x{image.shape[0]} px, mean brightness {image.mean():.0f} of 255")
-    pose = camera.pose.describe()
+    pose = camera.require_pose().describe()
     if pose_failure:
         return [picture, Step("pose", f"assumed, {pose}", pose_failure, RE_ESTIMATE_POSE)]
     return [picture, Step("pose", pose)]

@@ -7,6 +7,7 @@ import math
 import signal
 import sys
 from collections.abc import Callable
+from io import TextIOWrapper
 from types import ModuleType
 
 
@@ -45,7 +46,7 @@ def progress_line(name: str) -> Callable[[int, int], None]:
     return report
 
 
-def error_status(error: OSError | ValueError) -> int:
+def error_status(error: Exception) -> int:
     """Exit status for an error: 2 for a missing or bad input, 1 if the work could not be done with good inputs."""
     cannot_write = isinstance(error, OSError) and not isinstance(error, FileNotFoundError)
     return getattr(error, "exit_status", 1 if cannot_write else 2)
@@ -82,5 +83,6 @@ def run_program(main: Callable[[], int]) -> None:
     # SIGTERM raises an exception, as Ctrl-C does, so that half-written files are removed.
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     # A terminal that cannot show a file name or a sign such as ± must not stop the command.
-    sys.stdout.reconfigure(errors="backslashreplace")
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
     sys.exit(main())

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lanes.io.frames import as_rgb
 from lanes.io.images import PICTURE_SUFFIXES, read_image
 from lanes.io.video.container import VideoError
 from lanes.io.video.reader import TimedFrame, inspect_video, read_timed_frames
@@ -73,4 +74,4 @@ def _frames_at(video: Path, times_s: list[float]) -> Iterator[np.ndarray]:
         if frame is None:
             return
         now_s = frame.time_s
-        yield frame.image
+        yield as_rgb(frame.image)

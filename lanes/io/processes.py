@@ -12,13 +12,14 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from itertools import islice
 from threading import Thread
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import cv2
 
 from lanes.io.threads import opencv_threads
 
-Job, Result = TypeVar("Job"), TypeVar("Result")
+Job = TypeVar("Job")
+Result = TypeVar("Result")
 
 # A process that renders holds half a gigabyte of textures, and one video encoder keeps up with no more than 8 of them.
 MAX_DEFAULT_WORKERS = 8
@@ -132,26 +133,33 @@ def _sigint_blocked() -> Generator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+class _Worker:
+    """Kept between jobs, so that caches keyed by the function's arguments (a camera, a road) stay valid."""
+
+    function: Callable
+
+
 def _start_worker(function: Callable) -> None:
     """In each worker: one OpenCV thread, because the processes share the CPUs; Ctrl-C is ignored between jobs."""
     cv2.setNumThreads(1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     Thread(target=_exit_with_parent, daemon=True).start()
-    # Kept between jobs, so that caches keyed by the function's arguments (a camera, a road) stay valid.
-    _run_job.function = function
+    _Worker.function = function
 
 
 def _exit_with_parent() -> None:
     """An idle worker would wait for jobs forever if its parent was killed."""
-    multiprocessing.parent_process().join()
-    os._exit(1)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
-def _run_job(job: Job) -> Result:
+def _run_job(job: Any) -> Any:
     """In each worker: Ctrl-C raises KeyboardInterrupt during a job, so that it can remove unfinished files."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        return _run_job.function(job)
+        return _Worker.function(job)
     finally:
         signal.signal(signal.SIGINT, signal.SIG_IGN)

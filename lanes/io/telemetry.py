@@ -31,8 +31,7 @@ class TelemetryWriter:
         with translate_write_errors(self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
             # File names of pictures may contain bytes that are not UTF-8.
-            text = {"encoding": "utf-8", "errors": "replace", "newline": ""}
-            self._rows = TemporaryFile("w+", **text, dir=self.path.parent)
+            self._rows = TemporaryFile("w+", encoding="utf-8", errors="replace", newline="", dir=self.path.parent)
         self._csv = csv.writer(self._rows, lineterminator="\n")
         return self
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError
-from lanes.io.frames import Frame, planes_of
+from lanes.io.frames import Frame, YuvFrame, planes_of
 
 # Enough for pictures of 4000 columns.
 REDUCTIONS = (1, 2, 4, 8, 16)
@@ -69,7 +69,7 @@ class BirdsEyeView:
     @property
     def height_m(self) -> float:
         """Height of the camera above the road."""
-        return self.camera.pose.height_m
+        return self.camera.require_pose().height_m
 
     @property
     def focal_px(self) -> float:
@@ -135,7 +135,7 @@ class BirdsEyeView:
             If no cell is in the picture.
         """
         planes = [self._resample(*plane) for plane in planes_of(image, self.camera.size)]
-        if len(planes) == 1:
+        if not isinstance(image, YuvFrame):
             return planes[0]
         # only the cells of the view are converted to RGB, not the whole picture
         return cv2.transform(cv2.merge(planes), image.colour_space.to_rgb)
@@ -153,8 +153,7 @@ class BirdsEyeView:
                 scale = reduction / target
                 reduced = cv2.resize(reduced, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
                 reduction = target
-            border = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": black}
-            cv2.remap(reduced, position, fraction, cv2.INTER_LINEAR, dst=cells[rows], **border)
+            cv2.remap(reduced, position, fraction, cv2.INTER_LINEAR, cells[rows], cv2.BORDER_CONSTANT, black)
         return cells
 
     @cached_property
@@ -174,7 +173,9 @@ class BirdsEyeView:
                 pixels = np.nan_to_num(self._nearest_pixels[part] - [0, self.first_row_px], nan=OUTSIDE_PX)
                 # pixel centres lie at integers: the first reduced pixel is centred on (reduction - 1) / 2
                 position = (pixels - (reduction - 1) / 2) / reduction
-                tables.append((reduction, part, *cv2.convertMaps(position.astype(np.float32), None, cv2.CV_16SC2)))
+                # OpenCV's stubs do not say that the second map is optional
+                maps = cv2.convertMaps(position.astype(np.float32), None, cv2.CV_16SC2)  # type: ignore[call-overload]
+                tables.append((reduction, part, *maps))
         return tables
 
     @cached_property

@@ -75,7 +75,7 @@ def watch_departure(lane: Lane, motion: CarMotion) -> DepartureWarning:
 def _crossing(left_m: float, right_m: float, drift_mps: float, turning_mps2: float) -> tuple[str | None, float]:
     """The line that is crossed first, None if none is, and the time until then."""
     times = {"left": _time_to(left_m, drift_mps, turning_mps2), "right": _time_to(right_m, -drift_mps, -turning_mps2)}
-    side = min(times, key=times.get)
+    side = min(times, key=times.__getitem__)
     return side if np.isfinite(times[side]) else None, times[side]
 
 

@@ -64,13 +64,14 @@ def choose_lane(fit: LaneFit, evidence: FrameEvidence) -> Lane | None:
         return None
     rivals = np.abs(fit.lane - fit.lane[best])[:, [CENTRE, WIDTH]].max(axis=1) > RIVAL_M
     observations = observe_lines(fit, evidence, (LineObservation(), LineObservation()), index=best)
+    left, right = observations
     model = fit.lane[best] + inner_stripe_shift([line.profile for line in observations])
     return Lane(
         model=model,
         centres=model - inner_stripe_shift([line.double_profile for line in observations]),
         covariance=np.linalg.inv(fit.information[best]),
         # rows are counted again in the next frame, because its view may be narrower
-        observations=tuple(replace(line, rows=None) for line in observations),
+        observations=(replace(left, rows=None), replace(right, rows=None)),
         score=float(score[best]),
         margin=float(score[best] - score[rivals].max(initial=0.0)),
     )

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -148,7 +149,8 @@ class LaneFit:
     def joined(self, other: LaneFit) -> LaneFit:
         """The lanes of two fits to the same stripes."""
         names = ("lane", "information", "weight", "side", "nearby_weight")
-        return replace(self, **{name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in names})
+        joined: dict[str, Any] = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in names}
+        return replace(self, **joined)
 
 
 def near_stripes(stripes: Stripes) -> Stripes:
@@ -221,7 +223,7 @@ def fit_lanes(
     `variance_inflation`.
     """
     lanes, std, marking = np.array(lanes, float), position_std(stripes, view.focal_px), marking_weight(stripes)
-    information, model_error = None, model_error_m(stripes)
+    model_error = model_error_m(stripes)
     for far_m, scale in schedule:
         residuals = stripe_residuals(lanes, stripes, view.height_m)
         variance = variance_inflation * ((std * scale) ** 2 + model_error**2)

@@ -8,7 +8,7 @@ import numpy as np
 from lanes.camera.camera import Camera
 from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, blend_polygon, draw_polyline, put_text
 from lanes.io.describe import describe_bend, describe_offset
-from lanes.io.frames import Frame
+from lanes.io.frames import Frame, as_rgb
 from lanes.tracking.lane import Lane
 from lanes.tracking.tracker import TrackedLane
 
@@ -38,10 +38,10 @@ def draw_tracked(image: Frame, tracked: TrackedLane, camera: Camera, *, onto: Fr
     """
     camera.require_size(image)
     words, lane = describe_tracked(tracked), tracked.lane
-    outlines = lane_outlines(lane, camera) if lane else ()
+    outlines = lane_outlines(lane, camera) if lane else None
     # copied last, because a whole picture evicts everything else from the processor's cache
     drawn = image.copy() if onto is None else onto
-    if lane:
+    if lane and outlines:
         left, right = outlines
         if len(left) and len(right):
             blend_polygon(drawn, np.vstack([left, right[::-1]]), LANE_COLOUR, ALPHA, edge=cv2.LINE_8)
@@ -59,7 +59,7 @@ def draw_lines(image: Frame, lane: Lane, outlines: tuple[np.ndarray, np.ndarray]
 
 def draw_found(image: np.ndarray, lane: Lane | None, camera: Camera) -> np.ndarray:
     """Draw a lane that was detected in a single picture, as `draw_tracked`."""
-    return draw_tracked(image, TrackedLane.from_still(lane), camera)
+    return as_rgb(draw_tracked(image, TrackedLane.from_still(lane), camera))
 
 
 def describe_tracked(tracked: TrackedLane) -> list[str]:

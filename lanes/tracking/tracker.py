@@ -100,7 +100,7 @@ class TrackedLane:
     @cached_property
     def warning(self) -> DepartureWarning | None:
         """Time to line crossing; None if lost, and in a single picture."""
-        return None if self.motion is None else watch_departure(self.lane, self.motion)
+        return None if self.lane is None or self.motion is None else watch_departure(self.lane, self.motion)
 
     def summary(self) -> dict[str, str]:
         """State, confidence, lane, speed and warning in words, by name."""
@@ -110,8 +110,8 @@ class TrackedLane:
         words |= {"confidence": f"{self.confidence:.0%}"} | self.lane.summary()
         if self.motion is not None:
             words["speed"] = f"{3.6 * self.motion.speed_mps:.0f} km/h"
-        if self.warning and self.warning.due:
-            words["warning"] = self.warning.describe()
+        if self.warning and (warning := self.warning.describe()):
+            words["warning"] = warning
         return words
 
     def __repr__(self) -> str:
@@ -122,13 +122,16 @@ class TrackedLane:
 
     def as_row(self) -> dict[str, str | float | None]:
         """Telemetry of the frame, by column name; None where the lane is lost."""
-        row, lane = {"state": self.state, "confidence": self.confidence}, self.lane
+        lane = self.lane
+        row: dict[str, str | float | None] = {"state": self.state, "confidence": self.confidence}
         names = ("offset_m", "offset_std_m", "heading_rad", "curvature_per_m", "curvature_std_per_m")
-        row |= {name: lane and getattr(lane, name) for name in names}
-        row |= {"lane_width_m": lane and lane.width_m, "pitch_rad": lane and lane.pitch_rad}
+        row |= {name: None if lane is None else getattr(lane, name) for name in names}
+        row["lane_width_m"] = None if lane is None else lane.width_m
+        row["pitch_rad"] = None if lane is None else lane.pitch_rad
         for side in ("left", "right"):
-            line = lane and getattr(lane, side)
-            row |= {f"{side}_{name}": line and getattr(line, name) for name in ("c0_m", "c1", "c2_per_m", "c3_per_m2")}
+            line = None if lane is None else getattr(lane, side)
+            for name in ("c0_m", "c1", "c2_per_m", "c3_per_m2"):
+                row[f"{side}_{name}"] = None if line is None else getattr(line, name)
         return row
 
 
@@ -169,7 +172,7 @@ class LaneTracker:
         """Settings and current result in words, by name."""
         camera = self.view.camera
         speed = "estimated" if self.speed_mps is None else f"{3.6 * self.speed_mps:.0f} km/h, given"
-        settings = {"camera": f"{camera.width}x{camera.height} px, {camera.pose.height_m:.2f} m above the road"}
+        settings = {"camera": f"{camera.width}x{camera.height} px, {self.view.height_m:.2f} m above the road"}
         return settings | {"pictures a second": f"{self.fps:g}", "speed": speed} | self._result().summary()
 
     def __repr__(self) -> str:
@@ -205,7 +208,7 @@ class LaneTracker:
         self._since_search += 1
         due = self._objections > 0 or self._since_search >= TRACKER.search_period_s * self.fps
         search = due or self._state != TRACKING
-        view: BirdsEyeView = self.view if search else self._narrowest_view()
+        view = self.view if search or self._track is None else self._narrowest_view(self._track.lane)
         view_image = view.warp(image)
         evidence = extract_evidence(view_image, view)
         if self._track is not None:
@@ -221,13 +224,13 @@ class LaneTracker:
             self._follow(track, elapsed_s)
         if search:
             found = search_lane(evidence)
-            if self._replaced_by(found):
+            if self._replaced_by(found) and found is not None:
                 self._start(found)
         return self._result()
 
-    def _narrowest_view(self) -> BirdsEyeView:
-        """The narrowest view that contains both lines."""
-        reach_m = max(np.abs(line.y(_VIEW_LINES_AT_M)).max() for line in self._track.lane.lines)
+    def _narrowest_view(self, lane: Lane) -> BirdsEyeView:
+        """The narrowest view that contains both lines of a lane."""
+        reach_m = max(np.abs(line.y(_VIEW_LINES_AT_M)).max() for line in lane.lines)
         wide_enough = (view for view in self._views if reach_m < view.half_width_m - TRACKER.view_margin_m)
         return next(wide_enough, self._views[-1])
 

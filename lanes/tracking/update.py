@@ -109,7 +109,8 @@ def update_track(
     observations = observe_lines(fit, evidence, previous, profiles_of=profiles_of)
     if total_support(observations) < UPDATE.min_total_support:
         distance_m = float(estimate.mean[SPEED]) * elapsed_s
-        observations = [line.coast(distance_m, vote=k in profiles_of) for k, line in enumerate(previous)]
+        left, right = previous
+        observations = (left.coast(distance_m, vote=0 in profiles_of), right.coast(distance_m, vote=1 in profiles_of))
     left, right = (
         replace(line, votes=line.votes.add_gaps(evidence.stripes.x_m[members]))
         for line, members in zip(observations, fit.members[0], strict=True)

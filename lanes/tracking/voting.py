@@ -173,9 +173,10 @@ def suppress_non_maxima(lanes: np.ndarray, most: int, *, same_pitch_rad: float =
 
     Lanes whose pitch differs by more than `same_pitch_rad` are no duplicates either.
     """
-    chosen, free = [], np.ones(len(lanes), bool)
+    chosen: list[int] = []
+    free = np.ones(len(lanes), bool)
     while len(chosen) < most and free.any():
-        chosen.append(free.argmax())
+        chosen.append(int(free.argmax()))
         difference = np.abs(lanes - lanes[chosen[-1]])
         tolerance_per_m = (
             VOTING.duplicate_curvature_share * np.abs(lanes[:, CURVATURE]) + VOTING.duplicate_curvature_per_m

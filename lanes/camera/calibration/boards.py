@@ -79,7 +79,7 @@ def calibrate(boards: dict[str, Board], size: tuple[int, int]) -> Camera:
         else:
             converted[name] = board
     if converted:
-        used = {**{name: same_size[name] for name in camera.report.board_rms_px}, **converted}
+        used = {**{name: same_size[name] for name in camera.require_report().board_rms_px}, **converted}
         camera = _calibrate_without_outliers({name: used[name] for name in boards if name in used}, size, rejected)
     return camera
 
@@ -152,7 +152,8 @@ def calibrate_detections(detections: BoardDetections, source: str) -> Camera:
         camera = calibrate(detections.boards, max(sizes, key=lambda size: (sizes[size], size)))
     except CameraError as error:
         raise CameraError(f"{source}: {error}{unused}") from error
-    return replace(camera, report=replace(camera.report, rejected=detections.unused | camera.report.rejected))
+    report = camera.require_report()
+    return replace(camera, report=replace(report, rejected=detections.unused | report.rejected))
 
 
 def _calibrate_without_outliers(boards: dict[str, Board], size: tuple[int, int], rejected: dict[str, str]) -> Camera:
@@ -160,12 +161,13 @@ def _calibrate_without_outliers(boards: dict[str, Board], size: tuple[int, int],
     boards = dict(boards)
     while True:
         camera = _calibrate_once(boards, size)
-        errors = camera.report.board_rms_px
+        report = camera.require_report()
+        errors = report.board_rms_px
         median = float(np.median(list(errors.values())))
-        worst = max(errors, key=errors.get)
+        worst = max(errors, key=errors.__getitem__)
         # With three boards it cannot be decided which one is wrong.
         if len(boards) == MIN_VIEWS or errors[worst] <= max(OUTLIER_RATIO * median, MIN_OUTLIER_ERROR_PX):
-            return replace(camera, report=replace(camera.report, rejected=rejected))
+            return replace(camera, report=replace(report, rejected=rejected))
         rejected[worst] = (
             f"error {errors[worst]:.2f} px, more than {OUTLIER_RATIO} times the median board's {median:.2f}"
         )
@@ -183,7 +185,8 @@ def _calibrate_once(boards: dict[str, Board], size: tuple[int, int]) -> Camera:
     image_points = [board.corners_px for board in boards.values()]
     try:
         with opencv_threads(1):
-            rms, matrix, distortion, *_, std, _, errors = cv2.calibrateCameraExtended(
+            # OpenCV's stubs do not say that None stands for no initial intrinsics
+            rms, matrix, distortion, *_, std, _, errors = cv2.calibrateCameraExtended(  # type: ignore[call-overload]
                 object_points, image_points, size, None, None
             )
     except cv2.error as error:
@@ -223,7 +226,8 @@ def _convert_size(board: Board, camera: Camera) -> tuple[Board | None, str]:
         return None, f"{sizes}: another aspect ratio, so another camera or a cropped picture"
     boards = [Board(c.astype(np.float32), board.columns, board.rows, camera.size) for c in candidates]
     errors = [_reprojection_error_px(b, camera) for b in boards]
-    limit = max(OUTLIER_RATIO * float(np.median(list(camera.report.board_rms_px.values()))), MIN_OUTLIER_ERROR_PX)
+    median = float(np.median(list(camera.require_report().board_rms_px.values())))
+    limit = max(OUTLIER_RATIO * median, MIN_OUTLIER_ERROR_PX)
     if min(errors) > limit:
         return None, f"{sizes}, and it does not fit the same lens (error {min(errors):.2f} px, limit {limit:.2f})"
     return boards[int(np.argmin(errors))], ""

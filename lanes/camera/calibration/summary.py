@@ -60,7 +60,8 @@ def describe_coverage(boards: Mapping[str, Board]) -> str:
 
 def describe_boards(detections: BoardDetections, camera: Camera) -> dict[str, str]:
     """Use of each picture, by name: "used", "cut by the edge, 7x6 corners of it used", or why it was not used."""
-    used, rejected = camera.report.board_rms_px, camera.report.rejected
+    report = camera.require_report()
+    used, rejected = report.board_rms_px, report.rejected
     return {
         name: _describe_use(detections.boards[name], detections.pattern, camera) if name in used else rejected[name]
         for name in detections.paths
@@ -69,12 +70,13 @@ def describe_boards(detections: BoardDetections, camera: Camera) -> dict[str, st
 
 def used_boards(detections: BoardDetections, camera: Camera) -> dict[str, Board]:
     """The boards used for the calibration, by the name of the picture."""
-    return {name: detections.boards[name] for name in detections.paths if name in camera.report.board_rms_px}
+    used = camera.require_report().board_rms_px
+    return {name: detections.boards[name] for name in detections.paths if name in used}
 
 
 def format_boards(detections: BoardDetections, camera: Camera) -> str:
     """Text table with name, reprojection error in pixels and use of each picture."""
-    uses, errors = describe_boards(detections, camera), camera.report.board_rms_px
+    uses, errors = describe_boards(detections, camera), camera.require_report().board_rms_px
     width = max(map(len, uses))
     lines = [f"{'picture':<{width}}  error px  board"]
     for name, use in uses.items():
@@ -109,7 +111,7 @@ def draw_contact_sheet(detections: BoardDetections, camera: Camera) -> np.ndarra
     was used, and red if the picture was not used. The last tile shows the positions of all corners used, and their
     number by region. `camera` is the result of `calibrate_detections`.
     """
-    uses, errors = describe_boards(detections, camera), camera.report.board_rms_px
+    uses, errors = describe_boards(detections, camera), camera.require_report().board_rms_px
     tiles = []
     for name, path in detections.paths.items():
         label = [name, f"{errors[name]:.2f} px, {uses[name]}"] if name in errors else [name, uses[name]]
@@ -150,7 +152,7 @@ def _draw_tile(image: np.ndarray, label: list[str], colour: Colour) -> np.ndarra
     left = (TILE_PX[0] - small.shape[1]) // 2
     tile[LABEL_PX : LABEL_PX + small.shape[0], left : left + small.shape[1]] = small
     tile[:LABEL_PX] = write_text(tile[:LABEL_PX], label, size_px=TEXT_SIZE_PX, panel_alpha=0)
-    return cv2.copyMakeBorder(tile, *[GAP_PX] * 4, cv2.BORDER_CONSTANT, value=colour)
+    return cv2.copyMakeBorder(tile, GAP_PX, GAP_PX, GAP_PX, GAP_PX, cv2.BORDER_CONSTANT, value=colour)
 
 
 def _draw_coverage(detections: BoardDetections, camera: Camera) -> np.ndarray:

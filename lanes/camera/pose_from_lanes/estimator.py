@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -99,7 +100,7 @@ def estimate_pose(
 
 
 def pose_from_pictures(
-    camera: Camera, pictures: Iterable[np.ndarray], name: str, **options: object
+    camera: Camera, pictures: Iterable[np.ndarray], name: str, **options: Any
 ) -> tuple[Camera, PoseEstimate]:
     """The camera with the pose estimated from pictures, and the estimate; `options` are those of `estimate_pose`.
 

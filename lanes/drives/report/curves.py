@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from html import escape
+from typing import TypeVar
 
 import numpy as np
 
@@ -16,6 +17,8 @@ WIDTH, HEIGHT = 1000, 100
 MAX_COLUMNS = 1000
 # Share of the values within the limits of an axis, so that single outliers do not flatten the curve.
 AXIS_SHARE = 0.98
+
+Heights = TypeVar("Heights", float, np.ndarray)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +57,7 @@ def draw_curve(curve: Curve, time_s: np.ndarray) -> str:
     """The curve as an HTML <figure> with caption, tick labels, band and line, over frame times of shape (frames,)."""
     low, high = curve.limits()
 
-    def to_y(values: np.ndarray) -> np.ndarray:
+    def to_y(values: Heights) -> Heights:
         return 100 * (high - values) / (high - low)
 
     ticks = "".join(f'<span style="top:{to_y(v):.1f}%">{v:g}</span>' for v in curve.ticks())

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import av
 
@@ -47,13 +48,13 @@ def open_video(path: str | Path) -> av.container.InputContainer:
     return container
 
 
-def decode_frames(container: av.container.InputContainer, stream: av.stream.Stream) -> Iterator[av.frame.Frame]:
-    """The undamaged frames of a stream in order."""
+def decode_frames(container: av.container.InputContainer, stream: av.stream.Stream) -> Iterator[Any]:
+    """The undamaged frames of a stream in order: of video or sound."""
     for packet in container.demux(stream):
         yield from decoded(packet)
 
 
-def decoded(packet: av.Packet) -> Iterator[av.frame.Frame]:
+def decoded(packet: av.Packet) -> Iterator[Any]:
     """The frames that a packet completes; none from a damaged packet, and none that FFmpeg concealed errors in."""
     try:
         yield from (frame for frame in packet.decode() if not frame.is_corrupt)
@@ -81,7 +82,9 @@ def frame_rate(stream: av.VideoStream, path: str | Path) -> Fraction:
 
 def start_time(stream: av.VideoStream) -> Fraction:
     """Presentation time of the first frame on the container's clock, seconds; not 0 in transport streams."""
-    return (stream.start_time or 0) * stream.time_base
+    if stream.start_time is None or stream.time_base is None:
+        return Fraction(0)
+    return stream.start_time * stream.time_base
 
 
 def _require_pictures(path: Path, container: av.container.InputContainer) -> None:

@@ -45,10 +45,10 @@ def join_videos(
                 track = SoundTrack(sound_from, container, start_s=starts_s[0])
                 opened.callback(track.close)
             frames, end_s = 0, 0.0
-            for packet in _packets(pieces, starts_s, like.codec_context.extradata, like.time_base):
+            for packet, packet_end_s in _packets(pieces, starts_s, like):
                 packet.stream = stream
                 frames += 1
-                end_s = max(end_s, float((packet.pts + packet.duration) * packet.time_base))
+                end_s = max(end_s, packet_end_s)
                 container.mux(packet)
                 if track:
                     track.write_until(end_s)
@@ -58,8 +58,11 @@ def join_videos(
     return frames
 
 
-def _packets(pieces: Sequence[Path], starts_s: Sequence[float], header: bytes, tick: Fraction) -> Iterator[av.Packet]:
-    """The packets of all pieces in decoding order, with time stamps of the output."""
+def _packets(
+    pieces: Sequence[Path], starts_s: Sequence[float], like: av.VideoStream
+) -> Iterator[tuple[av.Packet, float]]:
+    """The packets of all pieces in decoding order, with time stamps of the output, and the time when each ends."""
+    header, tick = like.codec_context.extradata, like.time_base or Fraction(1)
     last_dts = None
     for path, start_s in zip(pieces, starts_s, strict=True):
         inspect_video(path)  # refuses a piece that was cut off
@@ -77,4 +80,4 @@ def _packets(pieces: Sequence[Path], starts_s: Sequence[float], header: bytes, t
                 # Decoding times precede presentation times: where the rate changes at a joint, two could be equal.
                 packet.dts = packet.dts + shift if last_dts is None else max(packet.dts + shift, last_dts + 1)
                 last_dts = packet.dts
-                yield packet
+                yield packet, float((packet.pts + packet.duration) * tick)

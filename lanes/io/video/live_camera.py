@@ -26,16 +26,17 @@ class LiveCamera:
         level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
         try:
             self._capture = cv2.VideoCapture(index)
-            done, self._first = self._capture.read() if self._capture.isOpened() else (False, None)
+            done, first = self._capture.read() if self._capture.isOpened() else (False, None)
         finally:
             cv2.utils.logging.setLogLevel(level)
-        if not done:
+        if not done or first is None:
             self._capture.release()
             raise VideoError(
                 f"camera {index}: cannot be opened or gives no frame; check that it is connected and that no "
                 "other program uses it, or name a video file."
             )
-        self.size = self._first.shape[1], self._first.shape[0]
+        self._first = first
+        self.size = first.shape[1], first.shape[0]
         self.fps = float(self._capture.get(cv2.CAP_PROP_FPS)) or DEFAULT_FPS
 
     def __enter__(self) -> LiveCamera:

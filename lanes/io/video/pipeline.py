@@ -160,7 +160,9 @@ def annotate_video(
         write_behind(writer.encode) if overlapped else nullcontext(writer.encode) as encode,
         _progress_bar(info, start_s, end_s, shown=progress) as bar,
     ):
-        process, last_s, numbers = _with_time(process), None, []
+        process = _with_time(process)
+        last_s: float | None = None
+        numbers: list[int] = []
         for frame in frames:
             elapsed_s = None if last_s is None else frame.time_s - last_s
             picture, row = _processed(process, frame.image, elapsed_s, f"frame {frame.number} of {source}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
@@ -13,7 +13,7 @@ import av
 import numpy as np
 from av.video.reformatter import ColorRange, VideoReformatter
 
-from lanes.io.frames import LUMA_COEFFICIENTS, Frame, YuvColourSpace, YuvFrame
+from lanes.io.frames import LUMA_COEFFICIENTS, Frame, YuvColourSpace, YuvFrame, as_rgb
 from lanes.io.video.container import (
     VideoError,
     decode_frames,
@@ -94,7 +94,7 @@ def inspect_video(path: str | Path) -> VideoInfo:
         return VideoInfo(width, height, float(rate), len(stamps), duration_s, bool(container.streams.audio), missing)
 
 
-def read_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | None = None) -> Iterator[np.ndarray]:
+def read_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | None = None) -> Generator[np.ndarray]:
     """Yield the frames with start_s <= time < end_s, seconds since the first frame, in order; None reads to the end.
 
     They are RGB (height, width, 3), uint8, rotated as the file's display matrix says. The caller may write to them.
@@ -107,7 +107,7 @@ def read_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | None =
         If it is not a video, its frame size changes, or it ends before `start_s`.
     """
     for frame in read_timed_frames(path, start_s=start_s, end_s=end_s):
-        yield frame.image
+        yield as_rgb(frame.image)
 
 
 def to_upright_rgb(frame: av.VideoFrame, converter: VideoReformatter) -> np.ndarray:
@@ -140,7 +140,7 @@ def read_timed_frames(
     end_s: float | None = None,
     threads: int = 0,
     convert: Callable[[av.VideoFrame, VideoReformatter], Frame] = to_upright_rgb,
-) -> Iterator[TimedFrame]:
+) -> Generator[TimedFrame]:
     """Yield the frames of a video in order with their numbers and times; see `read_frames`.
 
     Damaged frames are skipped. If the frame rate is constant, their numbers are skipped too.
@@ -175,9 +175,10 @@ def _frames_between(elapsed_s: Fraction | float, rate: Fraction, stream: av.Vide
 
 def _count_gaps(stamps: list[int | None], rate: Fraction, stream: av.VideoStream) -> int:
     """Number of frames missing between time stamps; 0 if some packets have no time stamp."""
-    if None in stamps:
+    tick, known = stream.time_base, [pts for pts in stamps if pts is not None]
+    if tick is None or len(known) < len(stamps):
         return 0
-    times = sorted(pts * stream.time_base for pts in stamps)
+    times = sorted(pts * tick for pts in known)
     return sum(_frames_between(later - earlier, rate, stream) - 1 for earlier, later in pairwise(times))
 
 
@@ -200,18 +201,21 @@ def _timed(
     frames: Iterator[av.VideoFrame], stream: av.VideoStream, rate: Fraction, path: str | Path
 ) -> Iterator[tuple[av.VideoFrame, Fraction]]:
     """Frames with their times in seconds since the first, monotonic; raises VideoError if the size changes."""
-    first = last_s = None
+    first: av.VideoFrame | None = None
+    last_s: Fraction | None = None
     shift_s = Fraction(0)
     for frame in frames:
         first = first or frame
         if (frame.width, frame.height) != (first.width, first.height):
             raise VideoError(
                 f"{path}: changes from {first.width}x{first.height} to {frame.width}x{frame.height} pixels at "
-                f"{float(last_s):.2f} s; cut it there, or convert it to one size."
+                f"{float(last_s or 0):.2f} s; cut it there, or convert it to one size."
             )
         # Only raw streams have no time stamps, and they have no gaps.
         after_s = Fraction(0) if last_s is None else last_s + 1 / rate
-        time_s = after_s if frame.pts is None else frame.pts * frame.time_base - start_time(stream) + shift_s
+        time_s = after_s
+        if frame.pts is not None and frame.time_base is not None:
+            time_s = frame.pts * frame.time_base - start_time(stream) + shift_s
         if last_s is not None and time_s < last_s - CLOCK_RESET_S:
             shift_s += after_s - time_s
             time_s = after_s
@@ -222,7 +226,7 @@ def _timed(
 def _decoded_from(path: str | Path, container: av.container.InputContainer, start_s: float) -> Iterator[av.VideoFrame]:
     """Decoded frames from a key frame before `start_s`; one second early, because some containers seek coarsely."""
     stream = container.streams.video[0]
-    if start_s > 1:
+    if start_s > 1 and stream.time_base:
         container.seek(int((start_s - 1 + start_time(stream)) / stream.time_base), stream=stream)
     return translate_errors(decode_frames(container, stream), path)
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from fractions import Fraction
 from pathlib import Path
+from types import TracebackType
 
 import av
 import numpy as np
@@ -76,7 +77,6 @@ class VideoWriter:
         if self.path.suffix.lower() != ".mp4":
             raise VideoError(f"{path}: cannot write this kind of video; end the name in .mp4.")
         self.frames = 0
-        self.written: VideoInfo | None = None
         self._rate = Fraction(fps).limit_denominator(1001)
         # Time base below 0.1 ms with a whole number of ticks per frame: exact for a constant rate.
         per_frame = math.ceil(10_000 / self._rate.numerator)
@@ -95,9 +95,11 @@ class VideoWriter:
         self._partial = self._resources.enter_context(partial_file(self.path))
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         if kind is not None:
-            self._resources.__exit__(kind, *error)
+            self._resources.__exit__(kind, error, trace)
             return
         with self._resources:
             self._finish()
@@ -135,25 +137,20 @@ class VideoWriter:
     def encode(self, frame: av.VideoFrame) -> None:
         """Second half of `write`: encode the converted frames in order; may run in another thread."""
         with self._ffmpeg_errors():
-            if self._container is None:
-                self._open_container((frame.width, frame.height))
-            self._container.mux(self._stream.encode(frame))
+            container = self._container or self._open_container((frame.width, frame.height))
+            container.mux(self._stream.encode(frame))
             if self._sound is not None:
                 self._sound.write_until(frame.time)
 
-    def _open_container(self, size: tuple[int, int]) -> None:
+    def _open_container(self, size: tuple[int, int]) -> av.container.OutputContainer:
         coding = {"crf": self._crf, "threads": self._threads}
-        self._container, self._stream = open_mp4(
-            self._partial, size, self._rate, self._tick, self._colour_space, **coding
-        )
-        self._resources.callback(self._close_container)
+        container, self._stream = open_mp4(self._partial, size, self._rate, self._tick, self._colour_space, **coding)
+        self._container = container
+        self._resources.callback(_close_quietly, container)
         if self._sound_from is not None:
-            self._sound = SoundTrack(self._sound_from, self._container, start_s=self._zero_s)
+            self._sound = SoundTrack(self._sound_from, container, start_s=self._zero_s)
             self._resources.callback(self._sound.close)
-
-    def _close_container(self) -> None:
-        with suppress(av.FFmpegError):
-            self._container.close()
+        return container
 
     def _stamp(self, frame: av.VideoFrame, time_s: float) -> None:
         nearest = round(time_s * self._rate)
@@ -182,6 +179,11 @@ class VideoWriter:
             raise OSError(
                 f"{self.path}: cannot be written ({error.strerror}); choose another folder or free some space."
             ) from error
+
+
+def _close_quietly(container: av.container.OutputContainer) -> None:
+    with suppress(av.FFmpegError):
+        container.close()
 
 
 def inspect_output(partial: Path, frames: int, path: Path) -> VideoInfo:
@@ -227,13 +229,17 @@ class SoundTrack:
         # A track in a codec that FFmpeg does not know has no codec context; it is left out.
         self._input = next((track for track in self._source.streams.audio if track.codec_context), None)
         self._copied = self._input is not None and self._input.codec_context.name in _COPIED_CODECS
-        if self._copied:
-            self._output = target.add_stream_from_template(self._input)
-        elif self._input is not None:
-            known = self._input.rate in av.Codec("aac", "w").audio_rates
-            self._output = target.add_stream("aac", rate=self._input.rate if known else _SOUND_RATE_HZ)
-        self._pieces = iter(()) if self._input is None else self._from_start()
+        self._pieces: Iterator[tuple[float, av.Packet | av.AudioFrame]] = iter(())
+        if self._input is not None:
+            self._output = self._open_output(self._input)
+            self._pieces = self._from_start(self._input)
         self._next = next(self._pieces, None)
+
+    def _open_output(self, sound: av.AudioStream) -> av.AudioStream:
+        if self._copied:
+            return self._target.add_stream_from_template(sound)
+        known = sound.rate in (av.Codec("aac", "w").audio_rates or ())
+        return self._target.add_stream("aac", rate=sound.rate if known else _SOUND_RATE_HZ)
 
     def write_until(self, time_s: float) -> None:
         """Write the sound before `time_s`, seconds since the first written frame."""
@@ -249,22 +255,22 @@ class SoundTrack:
 
     def _write(self, piece: av.Packet | av.AudioFrame | None) -> None:
         """Write a packet or frame, or flush the encoder. One that FFmpeg refuses is left out; the video goes on."""
-        if self._copied:
+        if isinstance(piece, av.Packet):
             piece.stream = self._output
         # FFmpeg refuses, for instance, damaged packets, repeated time stamps and a changed number of channels.
         with suppress(ValueError):
-            self._target.mux(piece if self._copied else self._output.encode(piece))
+            self._target.mux(piece if isinstance(piece, av.Packet) else self._output.encode(piece))
 
     def close(self) -> None:
         """Close the source."""
         self._source.close()
 
-    def _from_start(self) -> Iterator[tuple[float, av.Packet | av.AudioFrame]]:
+    def _from_start(self, sound: av.AudioStream) -> Iterator[tuple[float, av.Packet | av.AudioFrame]]:
         """Packets to copy or frames to encode from `start_s` on, with their times since then."""
         zero_s = self._start_s + float(start_time(self._source.streams.video[0]))
         if self._start_s > 0:
             self._source.seek(int(zero_s * av.time_base))
-        pieces = self._source.demux(self._input) if self._copied else decode_frames(self._source, self._input)
+        pieces = self._source.demux(sound) if self._copied else decode_frames(self._source, sound)
         last_s = -math.inf
         for piece in translate_errors(pieces, self._path):
             if piece.pts is None:
@@ -294,7 +300,8 @@ def _frame_of(picture: YuvFrame) -> av.VideoFrame:
         frame = av.VideoFrame(width, height, "yuv420p")
         for target, plane in zip(frame.planes, picture.planes, strict=True):
             # FFmpeg pads its rows for vector instructions.
-            np.frombuffer(target, np.uint8).reshape(target.height, -1)[:, : target.width] = plane
+            rows = np.frombuffer(target, np.uint8)  # type: ignore[call-overload]  # PyAV's stubs miss the buffer
+            rows.reshape(target.height, -1)[:, : target.width] = plane
     _tag(frame, picture.colour_space)
     return frame
 

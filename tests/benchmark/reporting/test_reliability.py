@@ -18,7 +18,7 @@ def test_bins_hold_mean_confidence_and_accuracy():
     bins = some_lanes([0.05, 0.41, 0.49, 0.93, 0.97, 1.0], [False, True, False, True, True, False]).reliability()
     assert bins.confidence == pytest.approx([0.05, 0.45, 0.93, 0.985])
     assert bins.accuracy == pytest.approx([0, 0.5, 1, 0.5])
-    assert bins.count.tolist() == [1, 2, 1, 2]
+    assert bins.counts.tolist() == [1, 2, 1, 2]
     assert ((bins.low <= bins.accuracy) & (bins.accuracy <= bins.high)).all()
 
 
