@@ -3,7 +3,8 @@
 Parallel lines on a flat road meet in a vanishing point on the horizon (`vanishing_point`). Its row gives the pitch. Its
 column gives the yaw, because the heading of a car in its lane averages to zero over a drive. The lane width in metres,
 divided by the lane width in camera heights, gives the height. Lanes of equal width that look narrower on one side give
-the roll (`lane_width`).
+the roll (`lane_width`). For one picture with too few lane lines the angles come from all its edges (`edges`), and the
+height is the usual one.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ import numpy as np
 
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraPose
+from lanes.camera.pose_from_lanes.edges import find_edge_direction
 from lanes.camera.pose_from_lanes.lane_width import (
+    PRIOR_HEIGHT_LOG_STD,
     PRIOR_HEIGHT_M,
     PRIOR_ROLL_STD_RAD,
     HeightAndRoll,
@@ -44,6 +47,10 @@ MIN_STRIPE_ROWS, MIN_LINES_SHARE, MIN_LANE_SHARE = 60, 0.25, 0.3
 MAX_DIRECTION_SCATTER_DEG, MAX_DIRECTION_DEG = 10.0, 12.0
 # With fewer pictures the heading of the car does not average to zero.
 MIN_PICTURES_FOR_YAW = 5
+EDGES_NOTE = (
+    "one picture without two lane lines that show the pose: pitch and yaw are from the vanishing point of all its "
+    "edges; height and roll are assumed"
+)
 # In a smaller picture a line is thinner than a pixel a few metres ahead.
 MIN_SIDE_PX = 48
 # Pictures are resized to this width; more pixels do not show more stripes.
@@ -80,13 +87,29 @@ def estimate_pose(
     Raises
     ------
     PoseError
-        If too few pictures show two parallel lines, the pictures disagree, no lane of plausible width is visible, or
-        the given lane width or height is not plausible.
+        If too few pictures show two parallel lines, the pictures disagree, or no lane of plausible width is visible,
+        and if the edges of a single picture do not converge ahead either. If the given lane width or height is not
+        plausible.
     PictureError
         If a picture is not of the camera's size.
     """
     _require_plausible(lane_width_m, height_m)
     images, camera = _resize(images, camera)
+    try:
+        return _pose_from_lines(images, camera, lane_width_m, height_m, progress)
+    except PoseError as error:
+        if len(images) > 1:
+            raise
+        return _pose_from_edges(images[0], camera, height_m, error)
+
+
+def _pose_from_lines(
+    images: list[np.ndarray],
+    camera: Camera,
+    lane_width_m: float,
+    height_m: float | None,
+    progress: Callable[[int, int], None] | None,
+) -> PoseEstimate:
     segments = _find_all_segments(images, camera, progress)
     horizon = _vote_horizon(segments)
     geometry = HeightAndRoll(PRIOR_HEIGHT_M, 0.0, 0.0, PRIOR_ROLL_STD_RAD)
@@ -97,6 +120,24 @@ def estimate_pose(
         geometry = estimate_height_and_roll(lines, lane_width_m, height_m or PRIOR_HEIGHT_M, geometry.roll_rad)
     _require_lanes(lines, lane_width_m / geometry.height_m)
     return _combine(lines, geometry, len(images), lane_width_m, height_m)
+
+
+def _pose_from_edges(image: np.ndarray, camera: Camera, height_m: float | None, no_lines: PoseError) -> PoseEstimate:
+    """The pose of one picture without parallel lane lines: angles from all its edges, height and roll assumed."""
+    direction = find_edge_direction(image, camera)
+    if direction is None:
+        raise PoseError(f"{no_lines} No other edges converge ahead, so no road is recognised.") from no_lines
+    return PoseEstimate(
+        pose=CameraPose(height_m or PRIOR_HEIGHT_M, direction.pitch_rad, direction.yaw_rad, 0.0),
+        height_std_m=0.0 if height_m else PRIOR_HEIGHT_LOG_STD * PRIOR_HEIGHT_M,
+        pitch_std_rad=direction.pitch_std_rad,
+        yaw_std_rad=direction.yaw_std_rad,
+        roll_std_rad=PRIOR_ROLL_STD_RAD,
+        frames_used=1,
+        frames_total=1,
+        lane_width_m=None,
+        notes=(EDGES_NOTE,),
+    )
 
 
 def pose_from_pictures(

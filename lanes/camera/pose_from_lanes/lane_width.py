@@ -63,8 +63,8 @@ def estimate_height_and_roll(
     height_stds = np.log(HEIGHT_RATIOS) / PRIOR_HEIGHT_LOG_STD
     log_posterior -= 0.5 * (height_stds[:, None] ** 2 + ((roll_rad + ROLL_GRID_RAD) / PRIOR_ROLL_STD_RAD) ** 2)
     posterior = np.exp(log_posterior - log_posterior.max())
-    height = _mode_and_std(heights_m, posterior.sum(axis=1))
-    roll, roll_std = _mode_and_std(ROLL_GRID_RAD, posterior.sum(axis=0))
+    height = mode_and_std(heights_m, posterior.sum(axis=1))
+    roll, roll_std = mode_and_std(ROLL_GRID_RAD, posterior.sum(axis=0))
     if roll_std > MAX_STD_RATIO * PRIOR_ROLL_STD_RAD:
         return HeightAndRoll(*height, 0.0, PRIOR_ROLL_STD_RAD)
     return HeightAndRoll(*height, roll_rad + roll, roll_std)
@@ -88,7 +88,7 @@ def _line_pairs(lines: list[RoadLines]) -> tuple[np.ndarray, np.ndarray, np.ndar
     return tuple(np.hstack(pairs))
 
 
-def _mode_and_std(values: np.ndarray, density: np.ndarray) -> tuple[float, float]:
+def mode_and_std(values: np.ndarray, density: np.ndarray) -> tuple[float, float]:
     """Maximum of a density given on a grid, and the standard deviation about it."""
     mode = values[np.argmax(density)]
     return float(mode), float(np.sqrt(np.average((values - mode) ** 2, weights=density)))

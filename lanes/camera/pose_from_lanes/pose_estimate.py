@@ -33,8 +33,9 @@ class PoseEstimate:
         Standard deviations. That of the height includes the uncertainty of the assumed lane width.
     frames_used, frames_total : int
         Pictures with at least two parallel lines, and all pictures.
-    lane_width_m : float
-        Lane width that determines the height. If the height was given, the lane width that follows from it.
+    lane_width_m : float or None
+        Lane width that determines the height. If the height was given, the lane width that follows from it. None if
+        the height does not come from lane lines.
     notes : tuple of str
         Quantities that the pictures do not determine.
     """
@@ -46,15 +47,21 @@ class PoseEstimate:
     roll_std_rad: float
     frames_used: int
     frames_total: int
-    lane_width_m: float
+    lane_width_m: float | None
     notes: tuple[str, ...] = ()
+
+    @property
+    def _height_source(self) -> str:
+        if self.lane_width_m is None:
+            return "assumed" if self.height_std_m else "given"
+        return f"lane {self.lane_width_m:.2f} m wide"
 
     def describe(self) -> str:
         """Several lines of text: each number with its standard deviation and sign in words, pictures used, notes."""
         pose = self.pose
         return "\n".join(
             [
-                f"height {pose.height_m:6.2f} m   +- {self.height_std_m:.2f}  (lane {self.lane_width_m:.2f} m wide)",
+                f"height {pose.height_m:6.2f} m   +- {self.height_std_m:.2f}  ({self._height_source})",
                 _describe_angle("pitch", pose.pitch_rad, self.pitch_std_rad, "looks down", "looks up"),
                 _describe_angle("yaw", pose.yaw_rad, self.yaw_std_rad, "looks left", "looks right"),
                 _describe_angle("roll", pose.roll_rad, self.roll_std_rad, "right side down", "left side down"),
@@ -67,12 +74,17 @@ class PoseEstimate:
         """Each number with its standard deviation, by name."""
         pose = self.pose
         return {
-            "height": f"{pose.height_m:.2f} ± {self.height_std_m:.2f} m (lane {self.lane_width_m:.2f} m wide)",
+            "height": f"{pose.height_m:.2f} ± {self.height_std_m:.2f} m ({self._height_source})",
             "pitch": f"{np.degrees(pose.pitch_rad):.2f} ± {np.degrees(self.pitch_std_rad):.2f} deg",
             "yaw": f"{np.degrees(pose.yaw_rad):.2f} ± {np.degrees(self.yaw_std_rad):.2f} deg",
             "roll": f"{np.degrees(pose.roll_rad):.2f} ± {np.degrees(self.roll_std_rad):.2f} deg",
             "pictures": f"{self.frames_used} of {self.frames_total} used",
         }
+
+    def summary_line(self) -> str:
+        """One line with the numbers, and with what they were estimated from."""
+        numbers = ", ".join(f"{name} {text}" for name, text in self.summary().items() if name != "pictures")
+        return f"pose from {'all edges' if self.lane_width_m is None else 'lane lines'}: {numbers}"
 
     def __repr__(self) -> str:
         return f"PoseEstimate({', '.join(f'{name} {text}' for name, text in self.summary().items())})"
@@ -85,7 +97,8 @@ class PoseEstimate:
 def describe_accuracy(estimate: PoseEstimate, camera: Camera) -> str:
     """One sentence with the expected accuracy of offset, lane width, distances and curvature."""
     height_share = estimate.height_std_m / estimate.pose.height_m
-    width = f" and {height_share:.0%} (lanes may be wider or narrower)" if height_share else ""
+    why = "the height is assumed" if estimate.lane_width_m is None else "lanes may be wider or narrower"
+    width = f" and {height_share:.0%} ({why})" if height_share else ""
     if camera.distortion.any():
         return (
             f"expect offset and lane width to be good to {CALIBRATED_OFFSET_ERROR_CM} cm{width}, "
