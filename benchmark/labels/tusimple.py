@@ -11,13 +11,13 @@ as correct if the prediction has none either.
 
 from __future__ import annotations
 
-from numpy.typing import ArrayLike
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lanes.io.files import read_text
 from lanes.io.images import MAX_PIXELS, read_image
