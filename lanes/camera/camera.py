@@ -142,8 +142,8 @@ class Camera:
         return replace(self, width=width, height=height, matrix=np.linalg.inv(shift) @ scale @ shift @ self.matrix)
 
     def require_size(self, image: Frame, name: object = "picture") -> None:
-        """Raise PictureError unless the picture has the size of the calibration; the message starts with `name`."""
-        require_size(image, self.size, name)
+        """Raise PictureError unless the picture has the size of the camera's; the message starts with `name`."""
+        require_size(image, self.size, name, calibrated=bool(self.distortion.any()))
 
     def undistort_points(self, pixels: np.ndarray) -> np.ndarray:
         """Pixels (N, 2) of the undistorted picture for raw pixels (N, 2)."""

@@ -3,7 +3,8 @@
 The output folder gets an annotated video with sound, the telemetry (CSV, one row per frame) and a
 report (HTML, works offline) for each video, all named after it. Stills are processed independently.
 A number as SOURCE is a camera of this computer, which is annotated until Ctrl-C. If the camera has no
-pose, the pose is estimated from each drive and printed with its standard deviations.
+pose, the pose is estimated from each drive and printed with its standard deviations. All stills share
+one camera, unless --each gives every still a camera of its own.
 
 With --workers or --scheduler, Dask annotates several videos in parallel. The next run skips finished
 videos. A summary of all videos is written (docs/many_drives.md).
@@ -30,6 +31,7 @@ EXAMPLES = """\
   {program} --hfov 60 drive.mp4
   {program} --camera camera.yaml drives/ more/*.mp4 -o results
   {program} --boards my_boards --style mosaic --start 60 --end 90 drive.mp4
+  {program} --each photos/
   {program} --camera camera.yaml 0
   {program} --camera camera.yaml "drives/**/*.mp4" -o results --workers 8"""
 
@@ -43,6 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='video, still, folder, pattern such as "drives/*.mp4", or number of a camera',
     )
     add_lens(parser)
+    parser.add_argument(
+        "--each", action="store_true", help="the stills are of different cameras: estimate the pose of each on its own"
+    )
     add_output(parser, "annotated", "output folder")
     add_piece(parser)
     parser.add_argument(
@@ -133,10 +138,13 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
 
     require_piece(options)
     camera = given_camera(options)
+    # With --each the EXIF entries of each still are read with the still.
+    files = [*([] if options.each else sources.stills), *sources.videos]
     return DriveSettings(
         output=options.output,
         camera=camera,
-        field=find_field(options, [*sources.stills, *sources.videos]) if camera is None else None,
+        field=find_field(options, files) if camera is None else None,
+        each=options.each,
         style=options.style,
         start_s=options.start,
         end_s=options.end,

@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import CameraError
 from lanes.camera.pose_change import find_pose_change
 from lanes.camera.pose_from_lanes.estimator import pose_from_drive
-from lanes.camera.pose_from_lanes.pose_estimate import PoseEstimate
+from lanes.camera.pose_from_lanes.pose_estimate import PoseError, PoseEstimate
 from lanes.drives.overlay_styles import STYLES, track_lane
 from lanes.drives.report.moments import seconds_lost, share_tracked
 from lanes.drives.report.page import write_report
-from lanes.drives.settings import DriveResult, DriveSettings, StillsResult, describe_settings
+from lanes.drives.settings import SEVERAL_CAMERAS, DriveResult, DriveSettings, StillsResult, describe_settings
 from lanes.drives.sources import require_distinct_outputs
 from lanes.io.files import exclusive_writer
 from lanes.io.frames import PictureError, as_rgb
@@ -107,8 +108,8 @@ def track_video(drive: PreparedDrive, target: Path, settings: DriveSettings, **o
 def annotate_stills(pictures: Sequence[Path], settings: DriveSettings) -> StillsResult:
     """Find the lane in each still independently; write annotated pictures of the same names and `pictures.csv`.
 
-    A still that cannot be read, or whose size differs from that of most stills, is skipped; see
-    `StillsResult.failures`.
+    With `settings.each` every still has a camera pose of its own. Otherwise all are of one camera. A still that cannot
+    be used is skipped; see `StillsResult.failures`.
 
     Raises
     ------
@@ -120,18 +121,55 @@ def annotate_stills(pictures: Sequence[Path], settings: DriveSettings) -> Stills
         As `annotate_drive`.
     """
     require_distinct_outputs(pictures, [settings.output / path.name for path in pictures])
-    size, usable, failures = _select_usable(pictures)
-    camera, pose = pose_from_drive(settings.camera_for(size, usable[0]), usable)
-    view, draw = BirdsEyeView(camera), STYLES[settings.style](camera)
-    rows, written, telemetry = [], [], settings.output / "pictures.csv"
+    groups, failures = _pose_of_each(pictures, settings) if settings.each else _pose_of_all(pictures, settings)
+    rows, written, lines, telemetry = [], [], [], settings.output / "pictures.csv"
     with exclusive_writer(telemetry):
-        for number, path in enumerate(usable):
-            image = read_image(path)
-            found = TrackedLane.from_still(find_lane(image, view))
-            rows.append({"frame": number, "picture": path.name, **found.as_row()})
-            written.append(write_image(settings.output / path.name, as_rgb(draw(image, found))))
+        for paths, camera, pose in groups:
+            view, draw = BirdsEyeView(camera), STYLES[settings.style](camera)
+            for path in paths:
+                image = read_image(path)
+                found = TrackedLane.from_still(find_lane(image, view))
+                rows.append({"frame": len(rows), "picture": path.name, **found.as_row()})
+                written.append(write_image(settings.output / path.name, as_rgb(draw(image, found))))
+                if settings.each and pose:
+                    lines.append(f"{path}: {found.state} (confidence {found.confidence:.2f}); {pose.summary_line()}")
         write_telemetry(telemetry, rows)
-    return StillsResult(tuple(written), telemetry, sum(row["state"] != LOST for row in rows), pose, tuple(failures))
+    count = sum(row["state"] != LOST for row in rows)
+    one_pose = None if settings.each else groups[0][2]
+    return StillsResult(tuple(written), telemetry, count, one_pose, tuple(failures), tuple(lines))
+
+
+# Stills of one camera, the camera with its pose, and the pose estimate (None if the camera had a pose).
+StillsOfCamera = tuple[Sequence[Path], Camera, PoseEstimate | None]
+
+
+def _pose_of_all(
+    pictures: Sequence[Path], settings: DriveSettings
+) -> tuple[list[StillsOfCamera], Sequence[ValueError]]:
+    """The stills as those of one camera, and the errors of those that cannot be used."""
+    size, usable, failures = _select_usable(pictures)
+    try:
+        return [(usable, *pose_from_drive(settings.camera_for(size, usable[0]), usable))], failures
+    except PoseError as error:
+        raise PoseError(f"{error}{SEVERAL_CAMERAS if len(usable) > 1 else ''}") from error
+
+
+def _pose_of_each(
+    pictures: Sequence[Path], settings: DriveSettings
+) -> tuple[list[StillsOfCamera], Sequence[ValueError]]:
+    """The stills as those of one camera each, and the errors of those that cannot be used."""
+    groups: list[StillsOfCamera] = []
+    failures: list[ValueError] = []
+    for path in pictures:
+        try:
+            height, width = read_image(path).shape[:2]
+            camera = settings.for_still(path).camera_for((width, height), path)
+            groups.append(([path], *pose_from_drive(camera, [path])))
+        except (PictureError, PoseError, CameraError) as error:
+            failures.append(error)
+    if not groups:
+        raise type(failures[0])("\n".join(map(str, failures)))
+    return groups, failures
 
 
 def annotate_folder(folder: str | Path, output: str | Path, camera: Camera) -> StillsResult:
@@ -167,7 +205,9 @@ def _select_usable(pictures: Sequence[Path]) -> tuple[tuple[int, int], list[Path
     (most, _), *_ = Counter(sizes.values()).most_common(1)
     usable = [path for path, size in sizes.items() if size == most]
     failures += [
-        PictureError(f"{path}: is {width}x{height}, most others are {most[0]}x{most[1]}; annotate it on its own.")
+        PictureError(
+            f"{path}: is {width}x{height}, most others are {most[0]}x{most[1]}; annotate it alone, or all with --each."
+        )
         for path, (width, height) in sizes.items()
         if (width, height) != most
     ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from platform import python_version
 
@@ -12,10 +12,11 @@ import numpy as np
 
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError
-from lanes.camera.field_of_view import FieldOfView
+from lanes.camera.field_of_view import FieldOfView, find_field_of_view
 from lanes.camera.pose_change import PoseChange
 from lanes.camera.pose_from_lanes.pose_estimate import PoseEstimate, describe_accuracy
-from lanes.io.frames import PictureError
+
+SEVERAL_CAMERAS = " If the pictures are of several cameras, annotate them with --each."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +32,8 @@ class DriveSettings:
         drives of another size with the same aspect ratio.
     field : FieldOfView, optional
         Field of view of an uncalibrated lens, instead of `camera`.
+    each : bool
+        Every still is of a camera of its own.
     style : str
         One of `lanes.drives.overlay_styles.STYLES`.
     start_s, end_s : float
@@ -46,6 +49,7 @@ class DriveSettings:
     output: Path
     camera: Camera | None = None
     field: FieldOfView | None = None
+    each: bool = False
     style: str = "lane"
     start_s: float = 0.0
     end_s: float | None = None
@@ -69,6 +73,12 @@ class DriveSettings:
         if self.field is None:
             raise CameraError(f"{name}: no lens is known; give a camera or a horizontal field of view.")
         return Camera.from_fov(size, self.field.hfov_deg)
+
+    def for_still(self, still: Path) -> DriveSettings:
+        """The settings with the field of view from the EXIF entries of a still instead of an assumed one."""
+        if self.field is None or not self.field.assumed:
+            return self
+        return replace(self, field=find_field_of_view([still]))
 
 
 @dataclass(frozen=True)
@@ -137,20 +147,25 @@ class StillsResult:
     found : int
         Number of stills in which a lane was found.
     pose : PoseEstimate or None
-        None if the camera already had a pose.
-    failures : tuple of PictureError
+        None if the camera already had a pose, or every still has a camera of its own.
+    failures : tuple of PictureError, PoseError or CameraError
         One error for each still that could not be used.
+    each : tuple of str
+        If every still has a camera of its own: result and camera pose of each.
     """
 
     pictures: tuple[Path, ...]
     telemetry: Path
     found: int
     pose: PoseEstimate | None
-    failures: tuple[PictureError, ...] = ()
+    failures: tuple[ValueError, ...] = ()
+    each: tuple[str, ...] = ()
 
     def describe(self) -> str:
         """A sentence about the stills, after the camera pose if it was estimated."""
-        pose = f"{self.pose.describe()}\n" if self.pose else ""
+        pose = f"{self.pose.describe()}\n" if self.pose else "".join(f"{line}\n" for line in self.each)
+        if self.pose and self.pose.frames_used < self.pose.frames_total / 2:
+            pose += f"hint: few pictures show this camera pose.{SEVERAL_CAMERAS}\n"
         return (
             f"{pose}stills: {len(self.pictures)} pictures, lane found in {self.found}; wrote them and "
             f"{self.telemetry.name} to {self.telemetry.parent}"

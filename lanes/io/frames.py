@@ -153,17 +153,23 @@ def require_rgb(image: np.ndarray, name: object = "picture") -> None:
         raise PictureError(f"{name}: holds no pixels (shape {image.shape}); check how it was cropped.")
 
 
-def require_size(image: Frame, size: tuple[int, int], name: object = "picture") -> None:
-    """Raise PictureError unless `image` is an RGB picture or a YUV frame of the size (width, height) of the camera."""
+def require_size(image: Frame, size: tuple[int, int], name: object = "picture", *, calibrated: bool = True) -> None:
+    """Raise PictureError unless `image` is an RGB picture or a YUV frame of the size (width, height) of the camera.
+
+    `calibrated` is False if the size is only that of the other pictures.
+    """
     if not isinstance(image, YuvFrame):
         require_rgb(image, name)
     width, height = image.shape[1], image.shape[0]
     if (width, height) != size:
-        raise PictureError(
-            f"{name}: is {width}x{height} pixels, but the camera was calibrated for {size[0]}x{size[1]}; "
+        origin = "was calibrated for" if calibrated else "is that of pictures of"
+        remedy = (
             "use a picture of that size, or ask for rescaling (rescale=True in undistort, or "
             "camera.scaled) when it was only resized."
+            if calibrated
+            else "use pictures of one size, or annotate the pictures of several cameras with --each."
         )
+        raise PictureError(f"{name}: is {width}x{height} pixels, but the camera {origin} {size[0]}x{size[1]}; {remedy}")
 
 
 def planes_of(image: Frame, size: tuple[int, int]) -> list[tuple[np.ndarray, int, float]]:

@@ -15,12 +15,14 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.camera.camera_pose import CameraError
+from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import CameraError, CameraPose
 from lanes.camera.field_of_view import FieldOfView
+from lanes.camera.pose_from_lanes.pose_estimate import PoseError, PoseEstimate
 from lanes.drives.annotation import annotate_drive, annotate_folder, annotate_stills
 from lanes.drives.live import annotate_live
 from lanes.drives.overlay_styles import STYLES, track_lane
-from lanes.drives.settings import DriveSettings
+from lanes.drives.settings import DriveSettings, StillsResult
 from lanes.drives.sources import find_sources, require_distinct_outputs
 from lanes.io.frames import PictureError
 from lanes.io.images import read_image, write_image
@@ -31,7 +33,11 @@ from lanes.io.video.writer import VideoWriter
 from lanes.tracking.tracker import LOST, LaneTracker, TrackedLane
 from tests.io.video.sample_videos import make_video_with_unknown_sound
 from tests.support.clips import write_drive
+from tests.support.command_line import main
 from tests.support.painted_drive import BENDS, CAMERA, SMALL, tracked_bends
+from tests.support.painted_roads import paint_motorway
+
+GREY = np.full((360, 640, 3), 128, np.uint8)
 
 
 def test_names_are_sorted_by_kind(tmp_path, monkeypatch):
@@ -155,6 +161,32 @@ def test_stills_of_all_formats_keep_their_format(tmp_path):
     result = annotate_folder(tmp_path, tmp_path / "out", SMALL)
     assert [path.name for path in result.pictures] == ["still.bmp", "still.tif", "still.webp"]
     assert result.found == 3 and (read_image(result.pictures[0]) != BENDS.frame(0)).any()
+
+
+def test_stills_of_different_cameras_have_a_pose_each(tmp_path, capsys):
+    camera = Camera.from_fov((960, 540), 60, CameraPose(1.3, np.radians(3.0)))
+    for name, image in (("a.png", BENDS.frame(0)), ("b.png", paint_motorway(camera)), ("c.png", GREY)):
+        write_image(tmp_path / "in" / name, image)
+    assert main(["annotate", "--each", str(tmp_path / "in"), "-o", str(tmp_path / "out")]) == 1
+    printed = capsys.readouterr()
+    assert re.search(r"a.png: found .*; pose from lane lines: height .*\n.*b.png: found .*pitch 3.0\d ±", printed.out)
+    assert "2 pictures, lane found in 2" in printed.out
+    assert re.search(r"error: .*c.png: .*so no road is recognised", printed.err)
+    assert read_telemetry(tmp_path / "out" / "pictures.csv")["picture"].tolist() == ["a.png", "b.png"]
+    assert main(["annotate", "--each", str(tmp_path / "in" / "c.png"), "-o", str(tmp_path / "none")]) == 1
+    assert not (tmp_path / "none").exists()
+
+
+def test_pictures_that_disagree_name_the_option_for_several_cameras(tmp_path):
+    pictures = [write_image(tmp_path / f"{name}.png", GREY) for name in "ab"]
+    lens = SMALL.with_pose(None)
+    with pytest.raises(PoseError, match="several cameras, annotate them with --each"):
+        annotate_stills(pictures, DriveSettings(output=tmp_path / "out", camera=lens))
+    few = PoseEstimate(CameraPose(1.3), 0.1, 0.01, 0.01, 0.01, 5, 20, 3.66)
+    assert "--each" in StillsResult((), tmp_path / "t.csv", 0, few).describe()
+    assert "--each" not in StillsResult((), tmp_path / "t.csv", 0, replace(few, frames_used=15)).describe()
+    with pytest.raises(PictureError, match="is 640x360 pixels, but the camera is that of pictures of 480x270"):
+        Camera.from_fov((480, 270), 60).require_size(GREY)
 
 
 def test_lost_sound_is_stated(tmp_path):
