@@ -28,8 +28,8 @@ export JUPYTER_PLATFORM_DIRS := 1
 help:
 	@echo "make run       execute project.ipynb, regenerate output_images/ and the annotated video"
 	@echo "make book      course, guides and API reference as a web site: book/_build/html/index.html"
-	@echo "make check     lint, import contracts and the quick unit tests (under a minute)"
-	@echo "make test      lint, import contracts, all tests, and project.ipynb executed again and compared by nbval"
+	@echo "make check     lint, types, import contracts and the quick unit tests (under a minute)"
+	@echo "make test      lint, types, import contracts, all tests, and project.ipynb executed again and compared by nbval"
 	@echo "make fuzz      the tests with random examples: ten times as many, and other ones in each run"
 	@echo "make coverage  lines that no test runs"
 	@echo "make mutants   small changes of the code that no test notices (docs/testing.md)"
@@ -59,6 +59,8 @@ book: $(BOOK)
 lint: $(INSTALLED)
 	@echo "== Lint"
 	@$(ENV)/ruff check . && $(ENV)/ruff format --check .
+	@echo "== Types (pyproject.toml; a minute the first time, then seconds)"
+	@$(ENV)/mypy
 	@echo "== Import contracts (pyproject.toml)"
 	@$(ENV)/lint-imports --no-logo --no-cache
 
@@ -130,5 +132,5 @@ $(BOOK): requirements-book.txt $(INSTALLED)
 	@cp requirements-book.txt $@
 
 clean:
-	rm -rf book/_build .venv .pytest_cache .ruff_cache .hypothesis
+	rm -rf book/_build .venv .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -prune -exec rm -rf {} +

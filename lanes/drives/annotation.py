@@ -122,7 +122,8 @@ def annotate_stills(pictures: Sequence[Path], settings: DriveSettings) -> Stills
     """
     require_distinct_outputs(pictures, [settings.output / path.name for path in pictures])
     groups, failures = _pose_of_each(pictures, settings) if settings.each else _pose_of_all(pictures, settings)
-    rows, written, lines, telemetry = [], [], [], settings.output / "pictures.csv"
+    rows: list[dict[str, str | float | None]] = []
+    written, lines, telemetry = [], [], settings.output / "pictures.csv"
     with exclusive_writer(telemetry):
         for paths, camera, pose in groups:
             view, draw = BirdsEyeView(camera), STYLES[settings.style](camera)

@@ -118,6 +118,7 @@ def install(package: Path, environment: Path) -> Path:
 @pytest.mark.slow
 def test_the_installed_command_annotates_a_video_from_an_empty_folder(sdist, tmp_path):
     lanes = install(sdist, tmp_path / "environment") / "lanes"  # pip builds a wheel from the sdist
+    assert list((tmp_path / "environment").rglob("lanes/py.typed"))  # type checkers read the types of the package
     drive = write_clip(tmp_path / "drive.mp4", map(BENDS.frame, np.arange(FRAMES) / FPS))
     empty = tmp_path / "empty"
     empty.mkdir()
