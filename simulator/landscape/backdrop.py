@@ -102,7 +102,9 @@ def _paint_plain(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Gene
     noise = fractal_noise((len(z), PANORAMA_COLUMNS), rng, cell_px=(14, 220), octaves=6, gain=0.6)
     share = smoothstep(-0.6, 1.4, noise)
     distance_km = np.minimum(1.4e-3 / -z, 6.0)
-    transmittance, airlight = np.moveaxis(aerial_perspective(distance_km[:, None] * 1000, style.haze_per_km), -1, 1)
+    transmittance, airlight = np.moveaxis(
+        np.array(aerial_perspective(distance_km[:, None] * 1000, style.haze_per_km)), -1, 1
+    )
     for plane, grass, scrub, factor, offset in zip(
         panorama, _grass(style), CHAPARRAL * 1.6, transmittance, airlight, strict=True
     ):
@@ -131,9 +133,9 @@ def _paint_slope(
 
     The edge is anti-aliased over one pixel. The colour planes are overwritten.
     """
-    transmittance, airlight = aerial_perspective(np.asarray(distance_km) * 1000, style.haze_per_km)
+    air = aerial_perspective(np.asarray(distance_km) * 1000, style.haze_per_km)
     alpha = np.clip((skyline[None, :] - row_z()[rows, None]) * PIXELS_PER_RAD + 0.5, 0, 1)
-    for plane, colour, factor, offset in zip(panorama[:, rows], colours, transmittance, airlight, strict=True):
+    for plane, colour, factor, offset in zip(panorama[:, rows], colours, *map(np.asarray, air), strict=True):
         colour *= factor
         colour += offset
         _blend(plane, colour, alpha)
@@ -281,10 +283,10 @@ def _stamp(
     top, bottom = max(0, foot - rows), min(PANORAMA_ROWS, foot)
     sprite = sprite[top - (foot - rows) : bottom - (foot - rows)]
     left = column - columns // 2
-    where = slice(left, left + columns)
+    where: slice | np.ndarray = slice(left, left + columns)
     if left < 0 or left + columns > PANORAMA_COLUMNS:
         where = np.arange(left, left + columns) % PANORAMA_COLUMNS
     *colours, alpha = sprite.transpose(2, 0, 1)
     clear = 1 - alpha
-    for plane, colour, tone, factor, offset in zip(panorama, colours, tint, *atmosphere, strict=True):
+    for plane, colour, tone, factor, offset in zip(panorama, colours, tint, *map(np.asarray, atmosphere), strict=True):
         plane[top:bottom, where] = plane[top:bottom, where] * clear + colour * tone * factor + offset * alpha

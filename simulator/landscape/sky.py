@@ -129,9 +129,9 @@ def paint_clouds(panorama: np.ndarray, style: BackdropStyle, rng: np.random.Gene
     thick = smoothstep(edge + 0.1, edge + 1.7, cv2.GaussianBlur(density, (0, 0), 3))
     brightness = np.clip(0.84 - 0.46 * thick + 0.22 * lit, 0.26, 1.05)
     cover *= np.exp(-0.012 / z)
-    size = (PANORAMA_COLUMNS, rows * coarse)
-    clear = 1 - cv2.resize(cover, size, interpolation=cv2.INTER_LINEAR)
+    size_px = (PANORAMA_COLUMNS, rows * coarse)
+    clear = 1 - cv2.resize(cover, size_px, interpolation=cv2.INTER_LINEAR)
     for plane, bright, dark in zip(panorama[:, : rows * coarse], (1.0, 1.0, 1.01), (0.03, 0.05, 0.09), strict=True):
         colour = brightness * np.float32(bright) + (1 - brightness) * np.float32(dark)
         plane *= clear
-        plane += cv2.resize(colour * cover, size, interpolation=cv2.INTER_LINEAR)
+        plane += cv2.resize(colour * cover, size_px, interpolation=cv2.INTER_LINEAR)

@@ -51,9 +51,9 @@ def add_sheen(light: np.ndarray, ground: Ground, sun: np.ndarray, sun_direction:
         cv2.resize(a, None, fx=1 / FLARE_DOWNSAMPLING, fy=1 / FLARE_DOWNSAMPLING, interpolation=cv2.INTER_AREA)
         for a in (ground.x, ground.y)
     )
-    to_eye = np.stack([-x, -y, np.full_like(x, height_m)], axis=-1)
+    to_eye: np.ndarray = np.stack([-x, -y, np.full_like(x, height_m)], axis=-1)
     to_eye /= np.linalg.norm(to_eye, axis=-1, keepdims=True)
-    half = to_eye + sun_direction.astype(np.float32)
+    half: np.ndarray = to_eye + sun_direction.astype(np.float32)
     half /= np.linalg.norm(half, axis=-1, keepdims=True)
     tilt2 = 1 / np.maximum(half[..., 2], np.float32(0.05)) ** 2 - 1
     mirrored = 0.04 + 0.96 * (1 - (half * to_eye).sum(axis=-1)) ** 5
@@ -75,7 +75,8 @@ def add_glare(light: np.ndarray, rays: np.ndarray, sun_ray: np.ndarray, glare: G
     if sunshine <= 0:
         return
     height, width = light.shape[:2]
-    added = cv2.resize(_veil(rays[::VEIL_DOWNSAMPLING, ::VEIL_DOWNSAMPLING], sun_ray, glare.veil), (width, height))
+    veil = _veil(rays[::VEIL_DOWNSAMPLING, ::VEIL_DOWNSAMPLING], sun_ray, glare.veil)
+    added: np.ndarray = cv2.resize(veil, (width, height))
     if glare.veil:
         added *= _dirt(height, width)
     if glare.flare and sun_ray[2] > 0.3:

@@ -51,7 +51,7 @@ def develop(light: np.ndarray, lens: Lens, *, road_light: float, seed: int) -> n
     gain = np.float32(2.0**lens.exposure * (REFERENCE_LUMINANCE / max(road_light, 0.002)) ** lens.adaptation)
     light = cv2.GaussianBlur(light, (0, 0), lens.blur_px) if lens.blur_px else light
     vignette, noise = gain * _vignette(height, width, lens.vignette), _noise(height, width, seed)
-    image = np.empty((height, width, 3), np.uint8)
+    image: np.ndarray = np.empty((height, width, 3), np.uint8)
     # Blocks of rows stay in the processor's cache.
     for top in range(0, height, BLOCK_ROWS):
         rows = slice(top, top + BLOCK_ROWS)
@@ -91,7 +91,7 @@ def _noise_tile(height: int, width: int, *, mirrored: bool) -> np.ndarray:
     if mirrored:
         # A flipped copy, because numpy is slow with reversed columns.
         return cv2.flip(_noise_tile(height, width, mirrored=False), 1)
-    noise = np.random.default_rng(0).standard_normal((height + 64, width + 64, 3)).astype(np.float32)
+    noise: np.ndarray = np.random.default_rng(0).standard_normal((height + 64, width + 64, 3)).astype(np.float32)
     noise = cv2.GaussianBlur(noise, (0, 0), 0.6)
     return noise / noise.std()
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 # Share of the sun in the light on level ground; the rest comes from the sky.
 SUN_SHARE = 0.84
@@ -54,14 +55,14 @@ class Faces:
         return faces
 
     @classmethod
-    def from_corners(cls, corners: np.ndarray, albedo: tuple, gloss: float, layer: int) -> Faces:
+    def from_corners(cls, corners: ArrayLike, albedo: tuple, gloss: float, layer: int) -> Faces:
         """Faces of one material from their corners (..., 4, 3)."""
         corners = np.reshape(corners, (-1, 4, 3))
         count = len(corners)
         return cls(
             corners,
             face_normals(corners),
-            np.tile(np.float64(albedo), (count, 1)),
+            np.tile(np.array(albedo, float), (count, 1)),
             np.full(count, gloss),
             np.full(count, layer),
         )

@@ -141,7 +141,7 @@ def _under_bridge(shade: BridgeShade, ground: Ground, s: np.ndarray) -> np.ndarr
     return 1 - strip_coverage(t, np.abs(ground.s_u) + soft, ground.s_v, shade.start_m, shade.end_m)
 
 
-def blocked_sky(shade: BridgeShade, t: np.ndarray) -> np.ndarray:
+def blocked_sky(shade: BridgeShade, t: np.ndarray | np.floating) -> np.ndarray:
     """Share of skylight that an infinite strip overhead blocks, at positions `t` along the road.
 
     It is half the difference of the sines of the directions to its edges (view factor of a strip and a parallel plate).

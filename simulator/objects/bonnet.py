@@ -63,7 +63,7 @@ def _bonnet_layer(size: tuple[int, int], seed: int) -> tuple[np.ndarray, int]:
     colour = _paint(size, inward, rng)
     # The edge is out of focus: a ramp of about three rows.
     cover = smoothstep(-1.6, 1.6, inward)[..., None]
-    layer = np.concatenate([colour * cover, cover], axis=2).astype(np.float32)
+    layer: np.ndarray = np.concatenate([colour * cover, cover], axis=2).astype(np.float32)
     layer = cv2.GaussianBlur(layer, (0, 0), 0.6 * scale, borderType=cv2.BORDER_REPLICATE)
     layer.setflags(write=False)
     return layer, top

@@ -5,11 +5,12 @@ A body is a stack of superelliptic rings from the sill to the roof. Windows, lam
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from simulator.light.shading import Faces, face_normals
 
@@ -155,7 +156,7 @@ def _smooth_normals(cells: np.ndarray) -> np.ndarray:
     return (mixed / np.linalg.norm(mixed, axis=2, keepdims=True)).reshape(-1, 3)
 
 
-def _patch(corners: np.ndarray, surface, *, columns: int = 4, rows: int = 3) -> np.ndarray:
+def _patch(corners: ArrayLike, surface, *, columns: int = 4, rows: int = 3) -> np.ndarray:
     """Faces of a piece of a surface; `corners` (4, 2) in surface coordinates, anticlockwise as seen from outside."""
     a, b, c, d = np.asarray(corners, float)
     p, q = np.linspace(0, 1, columns + 1)[None, :, None], np.linspace(0, 1, rows + 1)[:, None, None]
@@ -276,7 +277,9 @@ def _flank_parts(shell: Shell) -> list[Faces]:
     return parts
 
 
-def box(x: tuple, y: tuple, z: tuple, albedo: tuple, gloss: float, *, layer: int = BODY, cells: int = 1) -> Faces:
+def box(
+    x: tuple, y: Sequence[float], z: tuple, albedo: tuple, gloss: float, *, layer: int = BODY, cells: int = 1
+) -> Faces:
     """Faces of a box between two values of each coordinate; each side has cells x cells faces."""
     ranges = np.array([x, y, z], float)
     corners = ranges.mean(axis=1) + BOX_CORNERS * np.diff(ranges, axis=1)[:, 0] / 2

@@ -26,7 +26,7 @@ from simulator.painting.brush import Atmosphere
 MAX_OBJECT_M = 600.0
 # Each segment of a wall is painted behind homogeneous air, so fog needs shorter segments than clear air.
 CLEAR_GROWTH, FOG_GROWTH = 1.3, 1.12
-PAINTERS = {
+PAINTERS: dict[type, Callable[..., None]] = {
     Wall: paint_wall,
     BridgeSlice: paint_bridge_slice,
     Car: paint_vehicle,
@@ -91,7 +91,7 @@ def _sort_by_distance(
     camera: Camera, objects: list[SceneObject], growth: float
 ) -> list[tuple[float, SceneObject | ProjectedTree]]:
     """Objects up to MAX_OBJECT_M with their distances, nearest first; walls are cut into segments."""
-    parts = []
+    parts: list[tuple[float, SceneObject | ProjectedTree]] = []
     for item in [item for item in objects if not isinstance(item, Tree)] + project_trees(camera, objects):
         segments = item.segments(growth=growth) if isinstance(item, Wall) else [item]
         parts += [(_distance(segment), segment) for segment in segments]
@@ -110,7 +110,9 @@ def _lights(objects: list[SceneObject], light_at: Callable[[np.ndarray], np.ndar
     ]
     counts = [len(p) for p in places]
     # One call for all positions, because there are hundreds of objects.
-    return np.split(light_at(np.concatenate(places)), np.cumsum(counts)[:-1]) if any(counts) else [None] * len(objects)
+    if not any(counts):
+        return [None] * len(objects)
+    return [*np.split(light_at(np.concatenate(places)), np.cumsum(counts)[:-1])]
 
 
 def _distance(item: SceneObject) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -74,7 +75,7 @@ def objects_in_view(
     points = surface_points(road, pose, s, np.array([p.lateral_at(time_s) for p in others]))
     headings = road.heading(s) - pose.absolute_heading(road) + np.array([p.path_heading_rad(time_s) for p in others])
     ahead = [
-        _moved(p.item, *place, heading)
+        _moved(p.item, place, heading)
         for p, place, heading in zip(others, points, headings, strict=True)
         if _in_reach(p.item, place)
     ]
@@ -90,8 +91,9 @@ def _in_reach(item: SceneObject, place_m: np.ndarray) -> bool:
     return 1.0 < x < MAX_OBJECT_M and abs(y) < WIDEST_VIEW * x + 5.0
 
 
-def _moved(item: SceneObject, x_m: float, y_m: float, ground_height_m: float, heading_rad: float) -> SceneObject:
-    place = {"x_m": float(x_m), "y_m": float(y_m), "ground_height_m": float(ground_height_m)}
+def _moved(item: SceneObject, place_m: np.ndarray, heading_rad: float) -> SceneObject:
+    x_m, y_m, ground_height_m = place_m
+    place: dict[str, Any] = {"x_m": float(x_m), "y_m": float(y_m), "ground_height_m": float(ground_height_m)}
     if isinstance(item, Car):
         place["heading_rad"] = item.heading_rad + float(heading_rad)
     return replace(item, **place)

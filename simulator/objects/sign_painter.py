@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lanes.camera.camera import Camera
 from simulator.light.shading import irradiance
@@ -30,7 +31,8 @@ def paint_sign(picture: np.ndarray, camera: Camera, sign: Sign, sun: np.ndarray,
     field, ink = (np.array(c) for c in SIGN_COLOURS[sign.kind])
     light = irradiance(np.array([[-1.0, 0, 0]]), sun)[0] / 0.8
     half, low, tall = sign.width_m / 2, sign.bottom_m, sign.height_m
-    faces, colours = [], []
+    faces: list[np.ndarray] = []
+    colours: list[ArrayLike] = []
     feet = (-0.6 * half, 0.6 * half) if half > 0.7 else (0.0,)
     for foot in feet:
         faces.append(vertical_rectangle(sign.x_m + 0.05, sign.y_m + foot, 0.04, 0.04, 0, low + 0.9 * tall))

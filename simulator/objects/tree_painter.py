@@ -41,7 +41,7 @@ def project_trees(camera: Camera, objects: list[SceneObject]) -> list[ProjectedT
     ends = np.stack([foot, np.column_stack([foot[:, :2], foot[:, 2] + height])], axis=1)
     around = foot[:, None] + [0.9 * up, 1.9 * up]
     planes = frustum_planes(camera)
-    near_foot, whole = (inside_planes(points, planes).all(axis=1) for points in (around, ends))
+    near_foot, whole = (np.all(inside_planes(points, planes), axis=1) for points in (around, ends))
     pixels = camera.road_to_pixels(np.where(whole[:, None, None], ends, around).reshape(-1, 3)).reshape(-1, 2, 2)
     # Foot or top can be outside the view of a lens that sees the crown: extrapolate from points at mid height.
     rise = pixels[:, 1] - pixels[:, 0]
@@ -79,6 +79,6 @@ def paint_tree(picture: np.ndarray, camera: Camera, tree: ProjectedTree, sun: np
 def _narrow_sprites(species: str, seed: int) -> tuple[np.ndarray, ...]:
     """Sprites of a plant without their empty columns on both sides."""
     sprites = plant_sprites(species, seed)
-    filled = [(sprite[..., 3] > 0).any(axis=0) for sprite in sprites]
+    filled = [np.any(sprite[..., 3] > 0, axis=0) for sprite in sprites]
     bare = [np.argmax(columns | columns[::-1]) for columns in filled]
     return tuple(sprite[:, n : sprite.shape[1] - n] for sprite, n in zip(sprites, bare, strict=True))

@@ -18,7 +18,7 @@ def paint_vehicle(picture: np.ndarray, camera: Camera, car: Car, sun: np.ndarray
     place = np.array([car.x_m, car.y_m, car.ground_height_m])
     if outside_picture(outline_points(car.body) @ turn.T + place, camera):
         return
-    eye = (np.array([0, 0, camera.pose.height_m]) - place) @ turn
+    eye = (np.array([0, 0, camera.require_pose().height_m]) - place) @ turn
     distance = float(np.hypot(car.x_m, car.y_m))
     faces = vehicle_faces(car.body, car.paint, detail=1 if distance > 40 else 2)
     toward = np.flatnonzero(faces.flat_normal @ eye > faces.plane_distance)

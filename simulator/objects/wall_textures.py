@@ -177,7 +177,8 @@ def _wood(rng: np.random.Generator, columns: int) -> np.ndarray:
                 max(4, round(size_m * sprite.shape[1] / sprite.shape[0] * TEXTURE_PX_PER_M)),
                 max(4, round(size_m / tall_m * rows)),
             )
-            sprite = cv2.resize(sprite, size, interpolation=cv2.INTER_AREA) * np.float32([*rng.uniform(0.7, 1.2, 3), 1])
+            tint = np.array([*rng.uniform(0.7, 1.2, 3), 1], np.float32)
+            sprite = cv2.resize(sprite, size, interpolation=cv2.INTER_AREA) * tint
             where = (np.arange(size[0]) + rng.integers(columns)) % columns
             below = picture[rows - size[1] :, where]
             picture[rows - size[1] :, where] = below * (1 - sprite[..., 3:]) + sprite

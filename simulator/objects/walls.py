@@ -141,9 +141,9 @@ def _resample(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1))])
     # Complex numbers need one interpolation instead of two.
     places = path[:, 0] + 1j * path[:, 1]
-    along, s = [0.0], 0.0
+    stations, s = [0.0], 0.0
     while s < length[-1]:
         s += max(0.15, 0.02 * float(abs(np.interp(s, length, places))))
-        along.append(min(s, length[-1]))
-    along = np.array(along)
+        stations.append(min(s, length[-1]))
+    along = np.array(stations)
     return np.column_stack([np.interp(along, length, column) for column in path.T]), along

@@ -46,8 +46,9 @@ def frustum_planes(camera: Camera, wider: float = 1.15) -> np.ndarray:
     reach = np.abs(camera.rays(border)[:, :2]).max(axis=0) * wider
     reach *= min(1.0, 0.98 * camera.largest_ray / np.hypot(*reach))
     sides = np.array([[1, 0, reach[0]], [-1, 0, reach[0]], [0, 1, reach[1]], [0, -1, reach[1]]])
-    normals = sides @ camera.pose.rotation
-    planes = np.column_stack([normals, -normals[:, 2] * camera.pose.height_m])
+    pose = camera.require_pose()
+    normals = sides @ pose.rotation
+    planes = np.column_stack([normals, -normals[:, 2] * pose.height_m])
     return np.vstack([[1.0, 0, 0, -NEAR_PLANE_M], planes])
 
 
@@ -179,8 +180,8 @@ def _concatenated(
         points = polygons_px.reshape(-1, 2)
         return slice(None), points, range(0, len(points) + 1, polygons_px.shape[1])
     seen = [i for i, polygon in enumerate(polygons_px) if polygon is not None]
-    points = [polygons_px[i] for i in seen]
-    return seen, np.concatenate([np.empty((0, 2)), *points]), [0, *np.cumsum([len(p) for p in points]).tolist()]
+    polygons = [polygon for polygon in polygons_px if polygon is not None]
+    return seen, np.concatenate([np.empty((0, 2)), *polygons]), [0, *np.cumsum([len(p) for p in polygons]).tolist()]
 
 
 def split_channels(image: np.ndarray) -> np.ndarray:
@@ -219,12 +220,12 @@ def composite_over(picture: np.ndarray, image: np.ndarray) -> np.ndarray:
     for plane, light in zip(behind, lights, strict=True):
         plane *= clear
         plane += light
-    return cv2.merge(behind)
+    return cv2.merge(list(behind))
 
 
 def composite_behind(
     picture: np.ndarray,
-    planes: Sequence[np.ndarray],
+    planes: np.ndarray | Sequence[np.ndarray],
     left: int,
     top: int,
     *,

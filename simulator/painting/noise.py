@@ -31,7 +31,9 @@ def fractal_noise(
         # Exact scale, so that the last column continues into the first one.
         to_grid = np.array([[across / columns, 0, 2], [0, 1 / cell_rows, 1]])
         flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
-        layer = cv2.warpAffine(grid, to_grid, (columns, rows), flags=flags, borderMode=cv2.BORDER_REFLECT_101)
+        layer: np.ndarray = cv2.warpAffine(
+            grid, to_grid, (columns, rows), flags=flags, borderMode=cv2.BORDER_REFLECT_101
+        )
         layer *= gain**octave
         total += layer
     # In place, because these fields are large.
@@ -57,7 +59,7 @@ def fractal_profile(
     return ((total - total.mean()) / max(total.std(), 1e-9)).astype(np.float32)
 
 
-def smoothstep(low: float, high: float, x: np.ndarray) -> np.ndarray:
+def smoothstep(low: np.ndarray | np.floating | float, high: np.floating | float, x: np.ndarray) -> np.ndarray:
     """Smooth step: 0 below `low`, 1 above `high`, a cubic between."""
     t = np.clip((x - low) / (high - low), 0, 1)
     return t * t * (3 - 2 * t)

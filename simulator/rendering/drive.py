@@ -112,7 +112,7 @@ class Drive:
 
     def truth(self, time_s: float = 0.0) -> Truth:
         """Ground truth of the frame at a time; no rendering."""
-        pitch = self.camera.pose.pitch_rad + self.motion.pitch(time_s)
+        pitch = self.camera.require_pose().pitch_rad + self.motion.pitch(time_s)
         pose = self.pose(time_s)
         return lane_truth(self.road, pose, self.line_laterals_m, time_s=time_s, pitch_rad=pitch)
 
@@ -130,4 +130,4 @@ class Drive:
 
     def camera_at_pitch(self, pitch_rad: float) -> Camera:
         """Camera with a pitch angle, > 0 looks down."""
-        return self.camera.with_pose(replace(self.camera.pose, pitch_rad=pitch_rad))
+        return self.camera.with_pose(replace(self.camera.require_pose(), pitch_rad=pitch_rad))

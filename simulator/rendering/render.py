@@ -109,7 +109,7 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
             add_lamp_reflections(light, camera, lamps, mirror, ~hidden)
         add_lamps(light, camera, lamps)
     if drive.glare is not None:
-        sun_ray = camera.pose.rotation @ view.sun_direction
+        sun_ray = camera.require_pose().rotation @ view.sun_direction
         add_glare(light, pixel_rays(drive.camera), sun_ray, drive.glare, sunshine=_sunshine(drive, truth.pose))
     return Frame(_photograph(light, drive, time_s, road_light=road_light), truth, hidden)
 
@@ -128,7 +128,7 @@ class _FrameGeometry:
 
 def _add_shine(ground_light: np.ndarray, drive: Drive, sun: np.ndarray, view: _FrameGeometry) -> np.ndarray | None:
     """Add reflections and fog to the ground, in place; returns the reflectance (rows, width) of a wet road, or None."""
-    height_m, mirror = view.camera.pose.height_m, None
+    height_m, mirror = view.camera.require_pose().height_m, None
     if drive.glare is not None:
         strength = drive.glare.sheen
         add_sheen(ground_light, view.ground, sun, view.sun_direction, strength=strength, height_m=height_m)
@@ -200,7 +200,8 @@ def _ground_light(
     else:
         light *= light_on_ground(sun, sky_on_ground(drive.shades, ground, station_m=station_m))
         if drive.sun.overcast:
-            cv2.multiply(light, (*OVERCAST_LIGHT.tolist(), 0.0), dst=light)
+            # OpenCV's stubs miss scalars
+            cv2.multiply(light, (*OVERCAST_LIGHT.tolist(), 0.0), dst=light)  # type: ignore[call-overload]
     return light
 
 
@@ -242,8 +243,10 @@ def _sun_on_ground(drive: Drive, objects: list[SceneObject], view: _FrameGeometr
     if drive.sun.overcast or drive.night is not None:
         return np.zeros_like(ground.s)
     sun = sunlight_on_ground(drive.shades, ground, station_m=station_m, seed=drive.seed)
-    trees = [t for t in objects if isinstance(t, Tree) and t.x_m < MAX_SHADOW_M and abs(t.y_m) < MAX_SHADOW_LATERAL_M]
-    solid = [t for t in objects if not isinstance(t, Tree)]
+    trees: list[SceneObject] = [
+        t for t in objects if isinstance(t, Tree) and t.x_m < MAX_SHADOW_M and abs(t.y_m) < MAX_SHADOW_LATERAL_M
+    ]
+    solid: list[SceneObject] = [t for t in objects if not isinstance(t, Tree)]
     for group, edge_noise_m in ((trees, LEAF_NOISE_M), (solid, 0.0)):
         polygons = shadow_polygons(group, view.sun_direction)
         cast_shadows(sun, polygons, view.camera, ground, view.ahead, station_m=station_m, edge_noise_m=edge_noise_m)
@@ -272,7 +275,7 @@ def _directions(rays: np.ndarray, camera: Camera, heading_rad: float) -> tuple[n
     cosine, sine = np.cos(heading_rad), np.sin(heading_rad)
     to_world = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
     # Axis by axis, because numpy is slow where the innermost axis has three elements.
-    x, y, z = split_channels(cv2.transform(rays, (camera.pose.rotation @ to_world).T))
+    x, y, z = split_channels(cv2.transform(rays, (camera.require_pose().rotation @ to_world).T))
     length = np.sqrt(x * x + y * y + z * z)
     return x / length, y / length, z / length
 
@@ -293,7 +296,7 @@ def _crest(ahead: RoadAhead, ground: Ground, camera: Camera) -> tuple[float, np.
     """Distance of the first crest that hides road, and mask (height, width) of the ground on its near side."""
     if ahead.profile.level:
         return None
-    distance_m = ahead.crest_distance_m(camera.pose.height_m)
+    distance_m = ahead.crest_distance_m(camera.require_pose().height_m)
     near_side = np.zeros((camera.height, camera.width), bool)
     near_side[ground.top :] = ground.visible & (ground.distance < distance_m)
     return (distance_m, near_side) if np.isfinite(distance_m) else None

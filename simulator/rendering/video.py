@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import closing
 from functools import partial
-from itertools import islice
 from pathlib import Path
 
 from lanes.camera.camera_file import save_camera
@@ -96,7 +95,8 @@ def _encode(
     frames = map_ordered(partial(_render, drive), [*assets, *range(count)], workers=workers)
     with closing(writer), closing(frames):
         writer.send(None)
-        for number, (image, truth) in enumerate(islice(frames, len(assets), None)):
+        for number, frame in enumerate(frame for frame in frames if frame is not None):
+            image, truth = frame
             writer.send(image)
             rows.append(truth_row(truth, frame=number))
             if progress:

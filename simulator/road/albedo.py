@@ -91,7 +91,8 @@ def _wear_profiles(surface: Surface, d: np.ndarray) -> tuple[np.ndarray, np.ndar
         oil += np.exp(-(((at - centre) / 0.38) ** 2))
     index = ((d + np.float32(40)) / np.float32(step)).astype(np.intp)
     # mode="clip" repeats the ends and saves numpy the bounds check.
-    return tuple(profile.astype(np.float32).take(index, mode="clip") for profile in (track, oil))
+    track, oil = (profile.astype(np.float32).take(index, mode="clip") for profile in (track, oil))
+    return track, oil
 
 
 def _pavement(surface: Surface, ground: Ground, s: np.ndarray, layers: NoiseLayers) -> np.ndarray:
@@ -149,7 +150,7 @@ def _paint_patch(
     rows = slice(seen[0], seen[-1] + 1)
     # The columns too, because a parking stall fills 2 % of the rows around it.
     footprint_s, footprint_d = ground.footprint_s[rows] / 2, ground.half_footprint_d[rows] + np.float32(EDGE_NOISE_M)
-    near = cv2.inRange(s[rows], np.float32(low) - footprint_s, np.float32(high) + footprint_s)
+    near: np.ndarray = cv2.inRange(s[rows], np.float32(low) - footprint_s, np.float32(high) + footprint_s)
     near &= cv2.inRange(ground.d[rows], np.float32(patch.low_m) - footprint_d, np.float32(patch.high_m) + footprint_d)
     seen = np.flatnonzero(near.any(axis=0))
     if not len(seen):
@@ -157,7 +158,7 @@ def _paint_patch(
     cut = rows, slice(seen[0], seen[-1] + 1)
     part, s, part_layers = ground.crop(*cut), s[cut], layers.crop(*cut)
     wobble = np.float32(0.03) * part_layers.blotch
-    ends = np.float32([patch.start_m, patch.end_m])[:, None, None]
+    ends = np.array([patch.start_m, patch.end_m], np.float32)[:, None, None]
     beyond_start, beyond_end = edge_coverage(s - ends + wobble, part.s_u, part.s_v)
     share = (beyond_start - beyond_end) * strip_coverage(part.d + wobble, part.d_u, part.d_v, patch.low_m, patch.high_m)
     _blend(albedo[cut], _material(MATERIALS[patch.material], part, s, part_layers), share)

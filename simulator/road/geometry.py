@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -35,8 +36,8 @@ class RoadGeometry:
         If there are fewer than two stations, they do not increase, or there is not one curvature for each.
     """
 
-    stations_m: np.ndarray
-    curvatures_per_m: np.ndarray
+    stations_m: Any  # array_like; arrays after the checks
+    curvatures_per_m: Any
     profile: HeightProfile = FLAT
 
     def __post_init__(self) -> None:

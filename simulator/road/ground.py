@@ -48,8 +48,9 @@ class Ground:
             right, left = self.footprint_edges_d
         else:
             right, left = lateral_m - self.half_footprint_d, lateral_m + self.half_footprint_d
-        near = cv2.compare(left, float(low_m), cv2.CMP_GE)
-        near &= cv2.compare(right, float(high_m), cv2.CMP_LE)
+        # OpenCV's stubs miss scalars
+        near = cv2.compare(left, float(low_m), cv2.CMP_GE)  # type: ignore[call-overload]
+        near &= cv2.compare(right, float(high_m), cv2.CMP_LE)  # type: ignore[call-overload]
         # Masks as bytes, for SIMD; true is 255 in OpenCV and 1 in numpy.
         near &= self.visible.view(np.uint8)
         return np.flatnonzero(near.view(bool))
@@ -96,7 +97,7 @@ def _rays(camera: Camera) -> np.ndarray:
 
 def cast_on_ground(rays: np.ndarray, camera: Camera, road: RoadAhead) -> Ground:
     """Ground that the rays (height, width, 3) of `pixel_rays` meet; `camera` has the pitch of this moment."""
-    pose = camera.pose
+    pose = camera.require_pose()
     to_road = pose.rotation.astype(np.float32)
     if road.profile.level:
         least_drop = np.float32(pose.height_m / MAX_GROUND_M)
@@ -167,7 +168,7 @@ def edge_coverage(t: np.ndarray, step_u: np.ndarray, step_v: np.ndarray) -> np.n
 
 def strip_coverage(d: np.ndarray, step_u: np.ndarray, step_v: np.ndarray, low: float, high: float) -> np.ndarray:
     """Share of each pixel between the edges d = `low` and d = `high`."""
-    edges = np.float32([low, high]).reshape(2, *[1] * d.ndim)
+    edges = np.array([low, high], np.float32).reshape(2, *[1] * d.ndim)
     beyond_low, beyond_high = edge_coverage(d - edges, step_u, step_v)
     return beyond_low - beyond_high
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -79,7 +80,7 @@ def paint_coverage(marking: Marking, ground: Ground, *, station_m: float) -> tup
     if marking.slope:
         d_u, d_v = (step - np.float32(marking.slope) * along.ravel()[pixels] for step, along in
                     ((d_u, ground.s_u), (d_v, ground.s_v)))  # fmt: skip
-    coverage = sum(strip_coverage(d, d_u, d_v, *edges) for edges in marking.stripes)
+    coverage: Any = sum(strip_coverage(d, d_u, d_v, *edges) for edges in marking.stripes)
     s, footprint = ground.s.ravel()[pixels], ground.footprint_s.ravel()[pixels]
     if marking.dashed:
         period = sum(marking.dash_m)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -19,8 +20,8 @@ class HeightProfile:
         If the stations do not increase or there is not one slope for each.
     """
 
-    stations_m: np.ndarray
-    slopes: np.ndarray
+    stations_m: Any  # array_like; arrays after the checks
+    slopes: Any
 
     def __post_init__(self) -> None:
         stations, slopes = np.array(self.stations_m, float), np.array(self.slopes, float)

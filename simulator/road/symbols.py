@@ -87,7 +87,7 @@ def _stencil(kind: str, length_m: float, width_m: float) -> list[np.ndarray]:
     rows, columns = round(length_m * ALONG_PX_PER_M) * fine, round(width_m * ACROSS_PX_PER_M) * fine
     picture = _outline(kind, rows, columns) if kind in OUTLINES else _word(kind, rows, columns)
     picture = cv2.resize(picture, (columns // fine, rows // fine), interpolation=cv2.INTER_AREA)
-    levels = [picture.astype(np.float32) / 255]
+    levels: list[np.ndarray] = [picture.astype(np.float32) / 255]
     while levels[-1].shape[0] > 8:
         size = (levels[-1].shape[1], levels[-1].shape[0] // 2)
         levels.append(cv2.resize(levels[-1], size, interpolation=cv2.INTER_AREA))

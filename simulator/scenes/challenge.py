@@ -53,7 +53,7 @@ def challenge_video() -> Drive:
             car(-12.0, -1, "silver", speed_mps=29.0),
             car(90.0, 0, "grey", speed_mps=26.5),
             # No objects where the bridge is.
-            *(t for t in motorway_drive().objects[4:] if isinstance(t, PlacedWall) or not 104 < t.s_m < 136),
+            *(t for t in motorway_drive().objects[4:] if isinstance(t, PlacedWall | Overpass) or not 104 < t.s_m < 136),
         ),
         symbols=(Symbol(72.0, 0.0, "diamond", 3.7, 1.0, wear=0.4), Symbol(190.0, 0.0, "diamond", 3.7, 1.0, wear=0.4)),
         shades=(bridge.shade(),),

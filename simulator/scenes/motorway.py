@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from simulator.light.lens import Lens
+from simulator.objects.overpass import Overpass
 from simulator.objects.placement import PlacedObject, PlacedWall
 from simulator.objects.scene_objects import Sign
 from simulator.rendering.drive import Drive, Motion
@@ -94,7 +96,7 @@ def joint_fields(*seams: Seam, patches: tuple[Patch, ...] = ()) -> dict:
     }
 
 
-def _without_barrier() -> tuple[PlacedObject | PlacedWall, ...]:
+def _without_barrier() -> tuple[PlacedObject | PlacedWall | Overpass, ...]:
     """Objects of `motorway_drive` except its barrier."""
     return tuple(
         item for item in motorway_drive().objects if not (isinstance(item, PlacedWall) and item.kind == "jersey")
@@ -150,7 +152,7 @@ def _missing_paint() -> Drive:
 
 def _dashes_only() -> Drive:
     """Middle lane between broken white lines; the car is left of the centre."""
-    side = {"lanes_left": 1, "lanes_right": 2}
+    side: dict[str, Any] = {"lanes_left": 1, "lanes_right": 2}
     markings = freeway_markings(**side, phase_m=2.0, wear=0.4, opposite_m=17.0)
     return motorway_drive(
         markings=tuple(replace(m, width_m=0.10) if m.dashed else m for m in markings),
@@ -163,7 +165,7 @@ def _dashes_only() -> Drive:
 
 def _botts_dots() -> Drive:
     """Botts' dots instead of paint on both sides: four round dots and a reflector every 12 m."""
-    side = {"lanes_left": 1, "lanes_right": 2}
+    side: dict[str, Any] = {"lanes_left": 1, "lanes_right": 2}
     markings = freeway_markings(**side, phase_m=2.0, wear=0.3, opposite_m=17.0)
     return motorway_drive(
         markings=tuple(replace(m, botts=True, width_m=0.10, wear=0.1) if m.dashed else m for m in markings),

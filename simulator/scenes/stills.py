@@ -6,6 +6,8 @@ roads are curved, and light, pavement and traffic differ.
 
 from __future__ import annotations
 
+from typing import Any
+
 from simulator.light.sunlight import TreeShade
 from simulator.objects.placement import PlacedObject, PlacedWall
 from simulator.objects.scene_objects import Post, Sign, Tree
@@ -71,7 +73,7 @@ def _straight_lines1() -> Drive:
 def _straight_lines2() -> Drive:
     """Straight, rightmost lane: broken white left, solid white right; traffic in the lanes to the left."""
     bank = PlacedWall(-6.2, "bank", height_scale=0.45, seed=7)
-    side = {"lanes_left": 3, "lanes_right": 0}
+    side: dict[str, Any] = {"lanes_left": 3, "lanes_right": 0}
     return Drive(
         camera=DASHCAM,
         road=STRAIGHT,

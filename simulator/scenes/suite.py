@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import simulator
 from lanes.camera import camera
@@ -55,7 +56,7 @@ def render_scene(
     # The camera file is written last, so it exists only with the other two.
     if not path.with_suffix(".yaml").is_file():
         scene = SUITE[name]
-        encoder = {"crf": CACHE_CRF, "preset": CACHE_PRESET}
+        encoder: dict[str, Any] = {"crf": CACHE_CRF, "preset": CACHE_PRESET}
         write_video(path, drive=scene.drive(), seconds=scene.seconds, **encoder, progress=progress, workers=workers)
     return path
 

@@ -55,6 +55,7 @@ class Fog:
 
     def _veil(self, light: np.ndarray, transmittance: np.ndarray) -> None:
         # cv2, because numpy is slow where the innermost axis has three elements.
-        cv2.subtract(light, (*self.colour, 0.0), dst=light)
+        # OpenCV's stubs miss scalars.
+        cv2.subtract(light, (*self.colour, 0.0), dst=light)  # type: ignore[call-overload]
         cv2.multiply(light, cv2.merge([transmittance] * 3), dst=light)
-        cv2.add(light, (*self.colour, 0.0), dst=light)
+        cv2.add(light, (*self.colour, 0.0), dst=light)  # type: ignore[call-overload]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -75,7 +76,8 @@ class Night:
 
     def markings(self, markings: tuple[Marking, ...]) -> tuple[Marking, ...]:
         """The markings with colours multiplied by the retroreflection."""
-        return tuple(replace(m, colour=tuple(self.retroreflection * c for c in m.colour)) for m in markings)
+        gain = self.retroreflection
+        return tuple(replace(m, colour=(gain * m.colour[0], gain * m.colour[1], gain * m.colour[2])) for m in markings)
 
     def darken_sky(self, light: np.ndarray, up: np.ndarray) -> None:
         """Turn a backdrop by day into one at night near a town, in place; `up` is z (rows, width) of the directions."""
@@ -141,7 +143,7 @@ def lamp_pixels(camera: Camera, lamps: list[Lamp], *, mirrored: bool = False) ->
 def add_lamps(light: np.ndarray, camera: Camera, lamps: list[Lamp]) -> None:
     """Add lamps and their glow to the light, in place."""
     height, width = light.shape[:2]
-    glow = np.zeros((height // GLOW_DOWNSAMPLING, width // GLOW_DOWNSAMPLING, 3), np.float32)
+    glow: np.ndarray = np.zeros((height // GLOW_DOWNSAMPLING, width // GLOW_DOWNSAMPLING, 3), np.float32)
     for lamp, (u, v) in zip(lamps, lamp_pixels(camera, lamps), strict=True):
         if not (0 <= u < width - 1 and 0 <= v < height - 1):
             continue
@@ -152,8 +154,9 @@ def add_lamps(light: np.ndarray, camera: Camera, lamps: list[Lamp]) -> None:
             lamp.light * np.pi * max(radius, 0.5) ** 2 / GLOW_DOWNSAMPLING**2
         )
     scale = height / 720 / GLOW_DOWNSAMPLING
-    spread = sum(np.float32(share) * cv2.GaussianBlur(glow, (0, 0), size * scale) for size, share in HALOS)
-    light += cv2.resize(spread, (width, height), interpolation=cv2.INTER_LINEAR)
+    spread: Any = sum(np.float32(share) * cv2.GaussianBlur(glow, (0, 0), size * scale) for size, share in HALOS)
+    glow = cv2.resize(spread, (width, height), interpolation=cv2.INTER_LINEAR)
+    light += glow
 
 
 def _add_disc(light: np.ndarray, u: float, v: float, radius: float, colour: np.ndarray) -> None:

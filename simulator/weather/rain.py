@@ -51,7 +51,8 @@ def add_windscreen_drops(light: np.ndarray, rain: Rain, time_s: float, *, seed: 
     seen = cv2.remap(blurred, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
     seen, cover = (cv2.resize(a, (width, height), interpolation=cv2.INTER_LINEAR) for a in (seen, cover))
     seen -= light
-    seen *= cv2.merge([cover] * 3)
+    share: np.ndarray = cv2.merge([cover] * 3)
+    seen *= share
     seen += light
     return seen
 
@@ -102,8 +103,8 @@ def _lay_blade(cover: np.ndarray, map_u: np.ndarray, map_v: np.ndarray, rain: Ra
     pivot = np.array([PIVOT[0] * width, PIVOT[1] * height])
     tip = pivot + 1.25 * height * np.array([np.sin(angle), -np.cos(angle)])
     blade = np.zeros_like(cover)
-    ends = [np.rint(p).astype(int).tolist() for p in (pivot, tip)]
-    cv2.line(blade, *ends, 0.95, max(1, round(0.02 * height)), cv2.LINE_AA)
+    start, end = (np.rint(p).astype(int).tolist() for p in (pivot, tip))
+    cv2.line(blade, start, end, (0.95,), max(1, round(0.02 * height)), cv2.LINE_AA)
     blade = cv2.GaussianBlur(blade, (0, 0), 0.006 * height)
     over = blade > cover
     map_u[over], map_v[over] = width / 2, height - 2
@@ -119,6 +120,6 @@ def _streaks(height: int, width: int) -> np.ndarray:
         u, v = rng.uniform(0, layer.shape[1]), rng.uniform(0, layer.shape[0])
         # Drops move away from the focus of expansion.
         toward = np.array([(u / layer.shape[1] - 0.5) * 0.5, 1.0]) * height * rng.uniform(0.02, 0.07)
-        ends = [np.rint(np.array(p) * 16).astype(int).tolist() for p in ((u, v), (u + toward[0], v + toward[1]))]
-        cv2.line(layer, *ends, float(rng.uniform(0.2, 1.0)), 1, cv2.LINE_AA, 4)
+        start, end = (np.rint(np.array(p) * 16).astype(int).tolist() for p in ((u, v), (u + toward[0], v + toward[1])))
+        cv2.line(layer, start, end, (float(rng.uniform(0.2, 1.0)),), 1, cv2.LINE_AA, 4)
     return cv2.merge([cv2.GaussianBlur(layer, (0, 0), 0.8)] * 3)
