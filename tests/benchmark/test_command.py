@@ -132,7 +132,7 @@ class TestRunner:
     def test_changed_sources_change_the_cache_key(self, folder, tmp_path, monkeypatch):
         prepared = prepare_drive(custom(folder / "bend.mp4"), estimated_pose=False)
         first = runner._cache_key(prepared, "tracker")
-        monkeypatch.setitem(runner.SOURCES, "tracker", (Path(__file__),))
+        monkeypatch.setattr(runner, "source_files", lambda system: (Path(__file__),))
         assert runner._cache_key(prepared, "tracker") != first
 
     def test_the_pose_is_estimated_on_request(self, folder):
