@@ -22,11 +22,22 @@ SOLUTION = re.compile(r"<summary>Solution</summary>.*?```python\n(.*?)```", re.S
 CHECK_LINE = re.compile(r'^(?:_ = )?helpers\.check_exercise\("([\d.]+)".*', re.M | re.S)
 
 
+# nbval may execute the notebook at the same time, so this one writes its pictures and videos to a folder of its own.
+OWN_OUTPUT = """
+from dataclasses import replace as replace_field
+
+DATA = replace_field(DATA, output=helpers.PROJECT_ROOT / ".pytest_cache" / "notebook_cells")
+DATA.output.mkdir(parents=True, exist_ok=True)
+"""
+
+
 class Session:
     """A kernel in which the whole notebook has run."""
 
     def __init__(self) -> None:
         self.notebook = nbformat.read(NOTEBOOK, as_version=4)
+        setup = next(cell for cell in code_cells(self.notebook) if "DATA = helpers.open_dataset()" in cell.source)
+        setup.source += OWN_OUTPUT
         self.client = NotebookClient(self.notebook, timeout=120, resources={"metadata": {"path": str(ROOT)}})
 
     def run(self, source: str) -> list[dict]:

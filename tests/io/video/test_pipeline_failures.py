@@ -61,7 +61,7 @@ class TestFailure:
 
     def test_a_refused_frame_is_named(self, video, target):
         camera = Camera.from_fov((640, 360), 60)
-        with pytest.raises(PictureError, match=r"^frame 5 of .*drive\.mp4: is 160x96 .* calibrated for 640x360"):
+        with pytest.raises(PictureError, match=r"^frame 5 of .*drive\.mp4: is 160x96 .* that of pictures of 640x360"):
             annotate_video(video, target, lambda frame: undistort(frame, camera), progress=False, start_s=0.2)
         self.assert_untouched(target)
 
