@@ -10,6 +10,7 @@ PYTHON ?= $(shell for p in python3.14 python3.13 python3.12 python3.11 python3 p
 	>/dev/null 2>&1 && echo $$p && break; done)
 ENV := .venv/bin
 EXECUTE := $(ENV)/jupyter nbconvert --log-level WARN --to notebook --execute --ExecutePreprocessor.record_timing=False \
+	--ExecutePreprocessor.coalesce_streams=True \
 	--KernelManager.transport=ipc
 INSTALLED := .venv/installed.txt
 WITH_DASK := .venv/installed-cluster.txt
