@@ -10,8 +10,9 @@ PYTHON ?= $(shell for p in python3.14 python3.13 python3.12 python3.11 python3 p
 	>/dev/null 2>&1 && echo $$p && break; done)
 ENV := .venv/bin
 EXECUTE := $(ENV)/jupyter nbconvert --log-level WARN --to notebook --execute --ExecutePreprocessor.record_timing=False \
-	--ExecutePreprocessor.coalesce_streams=True \
 	--KernelManager.transport=ipc
+# The prints of a cell become one output; the kernel splits them differently in each run.
+COALESCE := $(ENV)/jupyter nbconvert --log-level WARN --to notebook --inplace --CoalesceStreamsPreprocessor.enabled=True
 INSTALLED := .venv/installed.txt
 WITH_DASK := .venv/installed-cluster.txt
 MEASURING := .venv/installed-measuring.txt
@@ -44,10 +45,12 @@ run: $(INSTALLED)
 ifdef LANES_DATA
 	@echo "== Running the course on $(LANES_DATA) (some minutes): notebook project_real.ipynb, results in output_real/"
 	@$(EXECUTE) --output project_real.ipynb project.ipynb
+	@$(COALESCE) project_real.ipynb
 	@echo "== Done: read project_real.ipynb, see output_real/"
 else
 	@echo "== Running the course (about a minute): project.ipynb is executed in place"
 	@$(EXECUTE) --inplace project.ipynb
+	@$(COALESCE) project.ipynb
 	@echo "== Done: read project.ipynb, see output_images/"
 endif
 
