@@ -10,7 +10,7 @@ pose ("hls_sobel_pose" and so on; see `lanes.classic.recipe.recipe_from_pose`).
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -131,15 +131,26 @@ def own_columns(lines: Lines | None, camera: Camera, rows: np.ndarray) -> np.nda
     return project_lines(np.array([np.polyval(line, PROJECTED_AT_M) for line in lines]), camera, rows)
 
 
-def project_lines(lateral_m: np.ndarray, camera: Camera, rows: np.ndarray) -> np.ndarray:
-    """Columns (2, R) in the raw picture of lines with lateral positions (2, N) at PROJECTED_AT_M; -2 outside of it."""
+def project_lines(
+    lateral_m: Iterable[np.ndarray | None],
+    camera: Camera,
+    rows: np.ndarray,
+    *,
+    top_rows: tuple[float, float] = (-np.inf, -np.inf),
+) -> np.ndarray:
+    """Columns (2, R) in the raw picture of lines with lateral positions (2, N) at PROJECTED_AT_M; -2 outside of it.
+
+    A line that is None has no columns. `top_rows` are the rows at which the two lines end.
+    """
     columns = np.full((2, len(rows)), -2.0)
-    for k, y_m in enumerate(lateral_m):
+    for k, (y_m, top_row) in enumerate(zip(lateral_m, top_rows, strict=True)):
+        if y_m is None:
+            continue
         u, v = camera.road_to_pixels(np.column_stack([PROJECTED_AT_M, y_m])).T
-        seen = np.isfinite(u) & np.isfinite(v)
-        if seen.any():
-            order = np.argsort(v[seen])
-            columns[k] = np.interp(rows, v[seen][order], u[seen][order], left=-2, right=-2)
+        shown = np.isfinite(v) & (v >= top_row)
+        if shown.sum() > 1:
+            order = np.argsort(v[shown])
+            columns[k] = np.interp(rows, v[shown][order], u[shown][order], left=-2, right=-2)
     return np.where((columns >= 0) & (columns <= camera.width - 1), columns, -2.0)
 
 
@@ -148,15 +159,12 @@ def recipe_columns(result: LaneResult, camera: Camera, rows: np.ndarray) -> np.n
 
     The lines in metres are projected into the picture, because the view ends above the bonnet and the lines do not.
     """
-    columns = np.full((2, len(rows)), -2.0)
-    lines = ((result.left_road, result.left_px), (result.right_road, result.right_px))
-    for k, (line, points) in enumerate(lines):
-        if line is None or points is None:
-            continue
-        u, v = camera.road_to_pixels(np.column_stack([PROJECTED_AT_M, line.lateral_m(PROJECTED_AT_M)])).T
-        top = np.nanmin(camera.distort_points(points)[:, 1])
-        shown = np.isfinite(v) & (v >= top - 1)
-        if shown.sum() > 1:
-            order = np.argsort(v[shown])
-            columns[k] = np.interp(rows, v[shown][order], u[shown][order], left=-2, right=-2)
-    return np.where((columns >= 0) & (columns <= camera.width - 1), columns, -2.0)
+    lateral_m = [
+        None if line is None else np.asarray(line.lateral_m(PROJECTED_AT_M))
+        for line in (result.left_road, result.right_road)
+    ]
+    left_row, right_row = (
+        np.inf if points is None else np.nanmin(camera.distort_points(points)[:, 1]) - 1
+        for points in (result.left_px, result.right_px)
+    )
+    return project_lines(lateral_m, camera, rows, top_rows=(left_row, right_row))

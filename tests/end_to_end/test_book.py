@@ -10,7 +10,7 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 
-from tests.support.browser import CHROMIUM, DRIVER, Browser
+from tests.support.browser import CHROMIUM, DRIVER, Browser, open_browser
 from tests.support.project import ROOT
 
 SITE = ROOT / "book" / "_build" / "html"
@@ -86,11 +86,8 @@ def test_no_script_or_style_comes_from_the_network():
 
 @pytest.fixture(scope="module")
 def browser():
-    with pytest.MonkeyPatch.context() as patch:
-        # the driver runs on this machine, whatever proxy the shell names
-        patch.setenv("no_proxy", "*")
-        with Browser() as browser:
-            yield browser
+    with open_browser() as browser:
+        yield browser
 
 
 def errors(browser: Browser) -> list[str]:

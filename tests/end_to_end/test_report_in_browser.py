@@ -9,7 +9,7 @@ from selenium.webdriver import Keys
 from lanes.drives.report.page import write_report
 from lanes.io.video.writer import VideoWriter
 from tests.drives.report.test_page import story
-from tests.support.browser import CHROMIUM, DRIVER, Browser
+from tests.support.browser import CHROMIUM, DRIVER, open_browser
 
 pytestmark = pytest.mark.skipif(
     not (CHROMIUM and DRIVER), reason="needs chromium and chromedriver (Debian: chromium, chromium-driver)"
@@ -43,11 +43,8 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def browser():
-    with pytest.MonkeyPatch.context() as patch:
-        # the driver runs on this machine, whatever proxy the shell names
-        patch.setenv("no_proxy", "*")
-        with Browser() as browser:
-            yield browser
+    with open_browser() as browser:
+        yield browser
 
 
 @pytest.fixture

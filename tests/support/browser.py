@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
 from selenium import webdriver
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
@@ -62,3 +65,12 @@ class Browser(webdriver.Chrome):
     def console(self) -> list[str]:
         """Messages of the console since the last call: errors, refused scripts and requests."""
         return [entry["message"] for entry in self.get_log("browser")]
+
+
+@contextmanager
+def open_browser() -> Iterator[Browser]:
+    """A browser whose driver is reached without the proxy that the shell may name: it runs on this machine."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("no_proxy", "*")
+        with Browser() as browser:
+            yield browser

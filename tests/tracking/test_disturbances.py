@@ -93,7 +93,7 @@ def all_at_once(drive: Drive, hit: np.ndarray) -> Iterator[Step]:
 
 
 # The largest shares at which it works, measured in steps of a tenth with eight seeds: 0.9 (and more), 0.6, 0.6, 0.8
-# and 0.8. Doubled frames hide how far the car has gone, as do dropped ones of which nobody tells.
+# and 0.8. Doubled frames hide the distance driven. So do dropped frames without a time stamp.
 @pytest.mark.parametrize(
     ("disturbed", "share", "right"),
     [
