@@ -51,7 +51,7 @@ def lane_features(lane: Lane) -> np.ndarray:
     return np.array(
         [
             1.0,
-            np.log(lateral_std_m(lane.covariance, far_m).max()),
+            np.log(lateral_std_m(lane.assumed_covariance, far_m).max()),
             (lane.width_m - CONFIDENCE.usual_width_m) ** 2,
             min(abs(lane.offset_m), CONFIDENCE.max_offset_m),
             *np.log((reach + CORRECT_AT_M[0]) / far_m),

@@ -9,6 +9,7 @@ import numpy as np
 
 from lanes.io.frames import Frame
 from lanes.tracking.birdseye import BirdsEyeView
+from lanes.tracking.error_covariance import fit_errors
 from lanes.tracking.fitting import FIT, LaneFit, fit_starts, near_stripes
 from lanes.tracking.lane import Lane, LineObservation, Observations
 from lanes.tracking.marking_type import MarkingProfile, marking_profile
@@ -69,7 +70,8 @@ def choose_lane(fit: LaneFit, evidence: FrameEvidence) -> Lane | None:
     return Lane(
         model=model,
         centres=model - inner_stripe_shift([line.double_profile for line in observations]),
-        covariance=np.linalg.inv(fit.information[best]),
+        covariance=fit_errors(fit, best),
+        assumed_covariance=np.linalg.inv(fit.information[best]),
         # rows are counted again in the next frame, because its view may be narrower
         observations=(replace(left, rows=None), replace(right, rows=None)),
         score=float(score[best]),

@@ -82,14 +82,18 @@ FIT = FitParameters()
 class LaneFit:
     """K lanes fitted to the stripes of one frame."""
 
-    # (K, 15) parameters as in `lanes.tracking.model`, and (K, 15, 15) their inverse covariance, prior included.
+    # (K, 15) parameters as in `lanes.tracking.model`; (K, 15, 15) their inverse covariance, prior included, and that of
+    # the prior alone.
     lane: np.ndarray
     information: np.ndarray
+    prior: np.ndarray
     # (K, stripes) weight of each stripe, 0 to 1, and the line that it is nearest to, as in `StripeResiduals`.
     weight: np.ndarray
     side: np.ndarray
     # (K,) sum of the marking weights of the stripes near the lines, explained by the fit or not.
     nearby_weight: np.ndarray
+    # (K,) weighted sum of the squared residuals over the assumed variances.
+    squares: np.ndarray
     stripes: Stripes
     view: BirdsEyeView
 
@@ -148,7 +152,7 @@ class LaneFit:
 
     def joined(self, other: LaneFit) -> LaneFit:
         """The lanes of two fits to the same stripes."""
-        names = ("lane", "information", "weight", "side", "nearby_weight")
+        names = ("lane", "information", "prior", "weight", "side", "nearby_weight", "squares")
         joined: dict[str, Any] = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in names}
         return replace(self, **joined)
 
@@ -198,8 +202,19 @@ def fit_near(stripes: Stripes, mean: np.ndarray, covariance: np.ndarray, view: B
         step = step - np.linalg.solve(information, weighted @ residuals.residual_m[0] + prior_information @ step)
         residuals = replace(predicted, residual_m=predicted.residual_m + step @ jacobian)
     nearby = (predicted.near(FIT.nearby_m, FIT.nearby_rad) & (stripes.x_m < FIT.nearby_far_m)) @ marking
+    squares = weight @ (residuals.residual_m[0] ** 2 / (std**2 + model_error**2))
     # the weights are those before the last step, which is small
-    return LaneFit((mean + step)[None], information[None], weight[None], predicted.side, nearby, stripes, view)
+    return LaneFit(
+        (mean + step)[None],
+        information[None],
+        prior_information[None],
+        weight[None],
+        predicted.side,
+        nearby,
+        np.array([squares]),
+        stripes,
+        view,
+    )
 
 
 def fit_lanes(
@@ -239,7 +254,10 @@ def fit_lanes(
         lanes = np.clip(lanes, -LIMIT, LIMIT)
     residuals = stripe_residuals(lanes, stripes, view.height_m)
     nearby = (residuals.near(FIT.nearby_m, FIT.nearby_rad) & (stripes.x_m < FIT.nearby_far_m)) @ marking
-    return LaneFit(lanes, information, residuals.weights(std) * marking, residuals.side, nearby, stripes, view)
+    weight = residuals.weights(std) * marking
+    squares = (weight * residuals.residual_m**2 / (std**2 + model_error**2)).sum(axis=1)
+    prior = np.broadcast_to(prior, information.shape)
+    return LaneFit(lanes, information, prior, weight, residuals.side, nearby, squares, stripes, view)
 
 
 def model_error_m(stripes: Stripes) -> np.ndarray:

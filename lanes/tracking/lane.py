@@ -107,7 +107,9 @@ class Lane:
     centres : ndarray (15,)
         The same for the centres of double lines, which the tracker follows.
     covariance : ndarray (15, 15)
-        Of the parameters.
+        Of the errors of the parameters, given the camera pose; see `lanes.tracking.error_covariance`.
+    assumed_covariance : ndarray (15, 15)
+        The larger one of the noise that the fit assumes. A track starts with it.
     observations : (LineObservation, LineObservation)
         Of the left and the right line.
     score : float
@@ -119,6 +121,7 @@ class Lane:
     model: np.ndarray
     centres: np.ndarray
     covariance: np.ndarray
+    assumed_covariance: np.ndarray
     observations: Observations
     score: float
     margin: float

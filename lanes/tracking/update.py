@@ -14,6 +14,7 @@ import numpy as np
 
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import inner_stripe_shift, observe_lines
+from lanes.tracking.error_covariance import ERRORS, VarianceFactor, split_gain
 from lanes.tracking.fitting import FIT, LaneFit, fit_lanes, fit_near
 from lanes.tracking.lane import Lane, LineObservation, Observations
 from lanes.tracking.markings import FrameEvidence, Stripes
@@ -69,6 +70,7 @@ class Track:
     lane: Lane
     # Score minus that of the next best lane, in the latest search.
     margin: float
+    variance_factor: VarianceFactor = VarianceFactor()
 
     @property
     def certain(self) -> bool:
@@ -83,7 +85,9 @@ class Track:
 
 def start_track(lane: Lane, speed_mps: float | None) -> Track:
     """The track of a detected lane, for a car of given or usual speed."""
-    return Track(initial_state(lane.centres, lane.covariance * FIT.variance_inflation, speed_mps), lane, lane.margin)
+    estimate = initial_state(lane.centres, lane.assumed_covariance * FIT.variance_inflation, speed_mps)
+    estimate.errors[LANE, LANE] = lane.covariance
+    return Track(estimate, lane, lane.margin)
 
 
 def update_track(
@@ -104,7 +108,14 @@ def update_track(
     if speed_mps is not None:
         predicted.mean[SPEED] = speed_mps
     fit = update_lane(evidence.stripes, predicted, evidence.view, outwards=outwards)
-    estimate = update_state(predicted, fit.lane[0], np.linalg.inv(fit.information[0]))
+    factor = track.variance_factor.add(fit, elapsed_s=elapsed_s)
+    estimate = update_state(
+        predicted,
+        fit.lane[0],
+        np.linalg.inv(fit.information[0]),
+        prior_information=fit.prior[0],
+        noise_factor=factor.value * ERRORS.correlation / FIT.variance_inflation,
+    )
     previous = track.lane.observations
     observations = observe_lines(fit, evidence, previous, profiles_of=profiles_of)
     if total_support(observations) < UPDATE.min_total_support:
@@ -120,8 +131,8 @@ def update_track(
     model = estimate.lane + inner_stripe_shift([line.double_profile for line in observations])
     support = np.array([[line.support for line in observations]])
     score = float(score_lanes(estimate.lane[None], support)[0])
-    lane = Lane(model, estimate.lane, estimate.lane_covariance, observations, score, track.margin)
-    return Track(estimate, lane, track.margin)
+    lane = Lane(model, estimate.lane, estimate.lane_errors, estimate.lane_covariance, observations, score, track.margin)
+    return Track(estimate, lane, track.margin, factor)
 
 
 def total_support(observations: Observations) -> float:
@@ -178,10 +189,19 @@ def update_lane(stripes: Stripes, estimate: KalmanState, view: BirdsEyeView, *, 
     return best
 
 
-def update_state(estimate: KalmanState, lane: np.ndarray, covariance: np.ndarray) -> KalmanState:
+def update_state(
+    estimate: KalmanState,
+    lane: np.ndarray,
+    covariance: np.ndarray,
+    *,
+    prior_information: np.ndarray | None = None,
+    noise_factor: float = 1.0,
+) -> KalmanState:
     """The predicted state conditioned on the updated lane (15,) with covariance (15, 15).
 
-    The car follows by regression on the lane, with gain G = P_cl P_ll^-1.
+    The car follows by regression on the lane, with gain G = P_cl P_ll^-1. `prior_information` is the inverse covariance
+    of the prediction in the update, if it is not that of the estimate. `noise_factor` is the variance of the
+    measurements, relative to the one that the update assumes.
     """
     root = np.linalg.cholesky(estimate.covariance)
     gain = np.linalg.solve(root[LANE, LANE].T, root[CAR, LANE].T).T
@@ -191,7 +211,13 @@ def update_state(estimate: KalmanState, lane: np.ndarray, covariance: np.ndarray
     regression = np.vstack([np.eye(PARAMETERS), gain])
     updated = regression @ ((covariance + covariance.T) / 2) @ regression.T
     updated[CAR, CAR] += root[CAR, CAR] @ root[CAR, CAR].T
-    return KalmanState(mean, updated)
+    if prior_information is None:
+        prior_information = np.linalg.inv(estimate.lane_covariance)
+    kept_lane, measured = split_gain(covariance, prior_information)
+    kept = np.eye(STATES)
+    kept[:, LANE] -= regression @ (np.eye(PARAMETERS) - kept_lane)
+    errors = kept @ estimate.errors @ kept.T + regression @ (noise_factor * measured) @ regression.T
+    return KalmanState(mean, updated, errors)
 
 
 def initial_state(lane: np.ndarray, covariance: np.ndarray, speed_mps: float | None) -> KalmanState:
@@ -207,7 +233,7 @@ def initial_state(lane: np.ndarray, covariance: np.ndarray, speed_mps: float | N
     car = [PATH, SPEED, REST_PITCH, CAMERA_YAW]
     stds = [path_std, speed_std, CAR_PARAMETERS.rest_pitch_std_rad, CAR_PARAMETERS.camera_yaw_std_rad]
     full[car, car] = np.square(stds)
-    return KalmanState(np.concatenate([lane, [lane[CURVATURE], speed, 0.0, 0.0]]), full)
+    return KalmanState(np.concatenate([lane, [lane[CURVATURE], speed, 0.0, 0.0]]), full, full.copy())
 
 
 def max_speed_mps(curvature_per_m: float, lateral_mps2: float) -> float:

@@ -34,8 +34,9 @@ class Motion:
     > 0 left; `wander_m` and `wander_period_s` are amplitude and period of a lateral sine, from which the heading
     follows; `heading_rad` is added to it. `pitch_rad` and `pitch_period_s` are amplitude and period of the pitch
     motion. A lane change is a lateral shift of `shift_m` (> 0 left). `rear_axle_m` is the distance of the rear axle
-    behind the camera: the heading of a car is the direction of the road at its rear axle, so in a sharp bend it lags
-    behind the road at the camera.
+    behind the camera: the heading of a slow car is the direction of the road at its rear axle, so in a sharp bend it
+    lags behind the road at the camera. The slip of the rear tyres turns the car inwards: the lag shrinks with the
+    square of the speed, and is gone at `tangent_mps`.
     """
 
     start_m: float = 0.0
@@ -51,6 +52,7 @@ class Motion:
     shift_start_s: float = 0.0
     shift_seconds: float = 4.0
     rear_axle_m: float = 0.0
+    tangent_mps: float = 20.0
 
     def pose(self, time_s: float) -> VehiclePose:
         """Pose at a time, without the lag of the rear axle (see `Drive.pose`)."""
@@ -63,6 +65,11 @@ class Motion:
         if speed:
             heading += float(np.arctan(aside / speed))
         return VehiclePose(station, float(lateral), heading)
+
+    def lag_m(self, time_s: float) -> float:
+        """Distance from the camera back to the point of the car that moves along the car's longitudinal axis."""
+        _, speed = self._progress(time_s)
+        return self.rear_axle_m * (1 - (speed / self.tangent_mps) ** 2)
 
     def _progress(self, time_s: float) -> tuple[float, float]:
         """Arc length and speed at a time."""
@@ -121,7 +128,7 @@ class Drive:
         pose = self.motion.pose(time_s)
         if not self.motion.rear_axle_m:
             return pose
-        lag = self.road.heading(pose.s_m) - self.road.heading(pose.s_m - self.motion.rear_axle_m)
+        lag = self.road.heading(pose.s_m) - self.road.heading(pose.s_m - self.motion.lag_m(time_s))
         return replace(pose, heading_rad=pose.heading_rad - float(lag))
 
     def camera_at(self, time_s: float) -> Camera:

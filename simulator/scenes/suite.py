@@ -18,6 +18,7 @@ from simulator.scenes.mountain import SCENES as MOUNTAIN
 from simulator.scenes.no_lane import SCENES as NO_LANE
 from simulator.scenes.scene import SuiteScene
 from simulator.scenes.traffic import SCENES as TRAFFIC
+from simulator.scenes.variants import vary_drive
 
 _THEMES = (MOTORWAY, FAMOUS, MOUNTAIN, WEATHER, TRAFFIC, NO_LANE)
 # Cached videos are 2.5 times as large as committed ones. Encoding takes a tenth of the time, and the quality is 0.5
@@ -26,8 +27,10 @@ CACHE_CRF, CACHE_PRESET = 20, "ultrafast"
 SUITE: dict[str, SuiteScene] = {scene.name: scene for scenes in _THEMES for scene in scenes}
 
 
-def scene_path(name: str, folder: str | Path | None = None) -> Path:
-    """Path of a scene's video, rendered or not. It contains a hash of the renderer, so that no video is outdated.
+def scene_path(name: str, folder: str | Path | None = None, *, seed: int = 0) -> Path:
+    """Path of the video of a scene, or of its variant number `seed`, rendered or not.
+
+    It contains a hash of the renderer, so that no video is outdated.
 
     Raises
     ------
@@ -36,28 +39,35 @@ def scene_path(name: str, folder: str | Path | None = None) -> Path:
     """
     if name not in SUITE:
         raise ValueError(f"no scene {name!r} in the suite; choose one of {', '.join(SUITE)}.")
-    return Path(folder or cache_folder()) / f"{name}-{_renderer_hash()}.mp4"
+    variant = f"{name}-{seed}" if seed else name
+    return Path(folder or cache_folder()) / f"{variant}-{_renderer_hash()}.mp4"
 
 
 def render_scene(
-    name: str, folder: str | Path | None = None, *, progress: Progress | None = None, workers: int | None = None
+    name: str,
+    folder: str | Path | None = None,
+    *,
+    seed: int = 0,
+    progress: Progress | None = None,
+    workers: int | None = None,
 ) -> Path:
     """Path of a scene's video, which is rendered if it does not exist yet.
 
-    Its ground truth (.csv, a row for each frame) and camera (.yaml) have the same stem. `name`, `folder` and the
-    ValueError are those of `scene_path`. `progress` and `workers` are those of `write_video`.
+    Its ground truth (.csv, a row for each frame) and camera (.yaml) have the same stem. `name`, `folder`, `seed` and
+    the ValueError are those of `scene_path`. `progress` and `workers` are those of `write_video`.
 
     Raises
     ------
     OSError
         If the folder cannot be written to.
     """
-    path = scene_path(name, folder)
+    path = scene_path(name, folder, seed=seed)
     # The camera file is written last, so it exists only with the other two.
     if not path.with_suffix(".yaml").is_file():
         scene = SUITE[name]
         encoder: dict[str, Any] = {"crf": CACHE_CRF, "preset": CACHE_PRESET}
-        write_video(path, drive=scene.drive(), seconds=scene.seconds, **encoder, progress=progress, workers=workers)
+        drive = vary_drive(scene.drive(), seed)
+        write_video(path, drive=drive, seconds=scene.seconds, **encoder, progress=progress, workers=workers)
     return path
 
 

@@ -14,7 +14,7 @@ from tests.support.shapes import a_lane
 def lane_at(centre_m: float, heading_rad: float = 0.0, curvature_per_m: float = 0.0):
     model = a_lane(centre=centre_m, width=3.6, heading=heading_rad, curvature=curvature_per_m)
     seen = LineObservation(0.5, 30.0), LineObservation(0.5, 30.0)
-    return Lane(model, model, np.eye(len(model)) * 1e-6, seen, score=1.0, margin=1.0)
+    return Lane(model, model, np.eye(len(model)) * 1e-6, np.eye(len(model)) * 1e-6, seen, score=1.0, margin=1.0)
 
 
 def test_keeping_to_the_lane():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -20,7 +22,7 @@ from lanes.tracking.model import (
     line_y,
     road_height,
 )
-from lanes.tracking.state import CAMERA_YAW, PATH, SPEED, KalmanState, predict
+from lanes.tracking.state import CAMERA_YAW, PATH, SPEED, predict
 from lanes.tracking.update import initial_state, update_lane
 from tests.support.painted_drive import CAMERA
 from tests.support.shapes import a_lane, stripes_at
@@ -164,7 +166,7 @@ def test_jacobian_of_the_prediction():
     estimate = initial_state(lane, np.diag(STD**2), 14.0)
     jacobian = np.empty(estimate.covariance.shape)
     for k, row in enumerate(np.eye(len(estimate.mean)) * 1e-6):
-        above, below = (predict(KalmanState(estimate.mean + s, estimate.covariance), 0.2).mean for s in (row, -row))
+        above, below = (predict(replace(estimate, mean=estimate.mean + s), 0.2).mean for s in (row, -row))
         jacobian[:, k] = (above - below) / 2e-6
     noise = predict(estimate, 0.2).covariance - jacobian @ estimate.covariance @ jacobian.T
     std = np.sqrt(np.diag(predict(estimate, 0.2).covariance))
