@@ -23,6 +23,7 @@ from lanes.tracking.model import (
     line_coefficients,
     line_points,
     line_y,
+    line_y_gradients,
     road_height,
 )
 
@@ -142,6 +143,11 @@ class Lane:
         return float(self.model[HEADING])
 
     @property
+    def heading_std_rad(self) -> float:
+        """Standard deviation of `heading_rad`."""
+        return self._std(HEADING)
+
+    @property
     def curvature_per_m(self) -> float:
         """Curvature at the car, of the concentric arc through it; positive for a left bend."""
         return float(self.model[CURVATURE] / (1 - self.model[CURVATURE] * self.model[CENTRE]))
@@ -220,6 +226,11 @@ class Lane:
     def line_y(self, x_m: np.ndarray, side: float) -> np.ndarray:
         """Lateral position (N,) of the left (+1) or right (-1) line at distances (N,); NaN where it has turned back."""
         return line_y(np.asarray(x_m, float), self.model, side)
+
+    def lateral_std_m(self, x_m: np.ndarray) -> np.ndarray:
+        """Standard deviation (2, N) of `lateral_m` at distances (N,), metres; NaN where a line has turned back."""
+        gradients = np.array([line_y_gradients(np.asarray(x_m, float), self.model, side) for side in SIDES])
+        return np.sqrt(((gradients @ self.covariance) * gradients).sum(axis=-1))
 
     def outlines(self, camera: Camera, *, along_m: np.ndarray = OUTLINE_M) -> tuple[np.ndarray, np.ndarray]:
         """Raw pixels (N, 2) of the left and of the right line at arc lengths `along_m`, ascending.

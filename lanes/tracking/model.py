@@ -35,6 +35,8 @@ SIDES = np.array([LEFT_SIDE, RIGHT_SIDE])
 # The far lines of the adjacent lanes have the sides `FAR_LINE * LEFT_SIDE` and `FAR_LINE * RIGHT_SIDE`.
 FAR_LINE = 3.0
 
+# Step of numerical derivatives, in standard deviations of the prior.
+DIFFERENCE_STEP = 1e-3
 # Sine of the largest angle at which a line passes the car: 64 degrees, 1.5 times the largest heading.
 MAX_SINE = 0.9
 
@@ -133,8 +135,11 @@ def line_points(lanes: np.ndarray, side, along_m: np.ndarray) -> np.ndarray:
     return points
 
 
-def line_y(x_m: np.ndarray, lane: np.ndarray, side: float) -> np.ndarray:
-    """Lateral position (N,) of a line of the lane (15,) at distances x (N,); NaN where it has turned back before."""
+def line_crossings(x_m: np.ndarray, lane: np.ndarray, side: float) -> tuple[np.ndarray, np.ndarray]:
+    """Arc lengths (N,) at which a line of the lane (15,) passes distances x (N,), and its points (N, 2) there.
+
+    NaN where the line has turned back before.
+    """
     centre, width, heading, curvature = lane[:RATE]
     along = np.array(x_m, float)
     # Newton's method for the arc length at which the line passes x; straight roads need one step
@@ -148,7 +153,28 @@ def line_y(x_m: np.ndarray, lane: np.ndarray, side: float) -> np.ndarray:
         if np.abs(step).max(initial=0.0) < 1e-6:
             break  # the next step would be below rounding errors
     points = line_points(lane, side, along)
-    return np.where((np.abs(points[..., 0] - x_m) < 1e-3) & (dx > 0.1), points[..., 1], np.nan)
+    passes = (np.abs(points[..., 0] - x_m) < 1e-3) & (dx > 0.1)
+    return np.where(passes, along, np.nan), np.where(passes[..., None], points, np.nan)
+
+
+def line_y(x_m: np.ndarray, lane: np.ndarray, side: float) -> np.ndarray:
+    """Lateral position (N,) of a line of the lane (15,) at distances x (N,); NaN where it has turned back before."""
+    return line_crossings(x_m, lane, side)[1][..., 1]
+
+
+def line_y_gradients(x_m: np.ndarray, lane: np.ndarray, side: float) -> np.ndarray:
+    """Derivatives (N, 15) of `line_y` by the parameters; NaN where it is NaN.
+
+    At a fixed arc length a parameter moves the line's point by (dX, dY). At a fixed x it moves y by
+    dY - dX (dY/ds) / (dX/ds). The derivatives are central differences.
+    """
+    along, _ = line_crossings(x_m, lane, side)
+    steps = DIFFERENCE_STEP * PRIOR_STD
+    moved = line_points(lane + np.vstack([np.diag(steps), -np.diag(steps)]), side, along)
+    by_parameter = (moved[:PARAMETERS] - moved[PARAMETERS:]) / (2 * steps[:, None, None])
+    ahead, behind = (line_points(lane, side, along + step) for step in (1e-3, -1e-3))
+    dx, dy = (ahead - behind).T
+    return (by_parameter[..., 1] - by_parameter[..., 0] * dy / dx).T
 
 
 def lateral_gradients(x_m: float | np.ndarray) -> np.ndarray:
@@ -169,7 +195,7 @@ _cached_gradients = lru_cache(maxsize=16)(lateral_gradients)
 def lateral_std_m(covariance: np.ndarray, x_m: float | np.ndarray) -> np.ndarray:
     """Standard deviation (2, ...) of the lateral positions of the left and right line at distances x (...), metres.
 
-    `covariance` (15, 15) is that of a nearly straight lane.
+    `covariance` (15, 15) is that of a nearly straight lane; `Lane.lateral_std_m` holds in bends, too.
     """
     gradients = _cached_gradients(x_m) if isinstance(x_m, float) else lateral_gradients(x_m)
     return np.sqrt(((gradients @ covariance) * gradients).sum(axis=-1))

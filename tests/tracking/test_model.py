@@ -3,6 +3,7 @@ import pytest
 
 from lanes.camera.camera_pose import CameraPose
 from lanes.tracking.model import (
+    PRIOR_STD,
     LEFT_SIDE,
     RIGHT_SIDE,
     SIDES,
@@ -12,6 +13,7 @@ from lanes.tracking.model import (
     line_coefficients,
     line_points,
     line_y,
+    line_y_gradients,
     lines_on_view,
     road_height,
 )
@@ -77,6 +79,24 @@ def test_a_line_that_turns_back_has_no_place_beyond():
     reach = radius - 15 * np.sin(0.1)
     y = line_y(np.array([reach - 1.0, reach + 0.5]), HAIRPIN, LEFT_SIDE)
     assert np.isfinite(y[0]) and np.isnan(y[1])
+
+
+ENTRY = a_lane(centre=0.5, width=3.3, heading=0.15, curvature=1 / 90, rate=2e-3, rate_steps=-1e-3)
+
+
+@pytest.mark.parametrize("lane", [a_lane(), CLOTHOID, HAIRPIN, ENTRY], ids=["straight", "clothoid", "hairpin", "entry"])
+@pytest.mark.parametrize("side", [LEFT_SIDE, RIGHT_SIDE])
+def test_gradients_are_differences_of_the_lateral_position(lane, side):
+    x = np.array([0.0, 5.0, 10.0, 15.0, 20.0])
+    expected = np.zeros((len(x), 15))
+    for k, step in enumerate(3e-4 * PRIOR_STD):
+        change = np.zeros(15)
+        change[k] = step
+        expected[:, k] = (line_y(x, lane + change, side) - line_y(x, lane - change, side)) / (2 * step)
+    gradients = line_y_gradients(x, lane, side)
+    assert (np.isnan(gradients).all(axis=1) == np.isnan(line_y(x, lane, side))).all()
+    scale = np.abs(expected * PRIOR_STD).max(axis=1, keepdims=True)
+    np.testing.assert_allclose(gradients * PRIOR_STD / scale, expected * PRIOR_STD / scale, atol=1e-4)
 
 
 @pytest.mark.parametrize("side", [LEFT_SIDE, RIGHT_SIDE])
