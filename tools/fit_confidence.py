@@ -7,9 +7,11 @@ The drives are painted roads and scenes of the suite: the given VIDEOs (with .cs
 them. Missing scenes are rendered. It takes some minutes.
 
 On painted roads, paint, light, motion and pose errors are random. Hard cases are worn paint, lines missing for
-seconds, tar seams, bright cracks and kerbs along the lane, shadows, and black pictures. The suite adds what paint on a
-plane cannot show: crests, hairpins, weather, traffic, and roads without a lane. Calibration is measured by
-cross-validation: on drives that were not part of the fit.
+seconds, tar seams, bright cracks and kerbs along the lane, shadows, and black pictures. Some drives have a camera pose
+that is wrong by 2 to 4 degrees, or by a quarter of the height. The suite adds what paint on a plane cannot show:
+crests, hairpins, weather, traffic, and roads without a lane. Of each scene there are two variants, and stills are also
+detected in pictures that are half and 1.5 times as bright. Calibration is measured by cross-validation: on scenes that
+were not part of the fit.
 """
 
 from __future__ import annotations
@@ -24,8 +26,8 @@ import numpy as np
 from benchmark.errors import LaneTruth, frame_errors
 from benchmark.estimates import DriveEstimates
 from benchmark.evaluation import read_truth
-from benchmark.scored_drive import BenchmarkDrive
-from benchmark.suite_drives import choose_drives, ensure_video
+from benchmark.scored_drive import BenchmarkDrive, drive_from_video
+from benchmark.suite_drives import choose_drives
 from benchmark.systems import tracker_estimate
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import load_camera
@@ -36,6 +38,7 @@ from lanes.tracking.tracker import LaneTracker, TrackedLane
 from simulator.rendering.drive import Motion
 from simulator.road.geometry import RoadGeometry
 from simulator.road.truth import truth_row
+from simulator.scenes.suite import render_scene
 from tests.support.painted_drive import CAMERA, TAR, WORN_WHITE, WORN_YELLOW, PaintedDrive, Stripe
 from tests.support.painted_roads import DASH_M
 
@@ -46,7 +49,13 @@ RIDGE = 1.0
 # Frames of one drive are correlated: together they count as this number of independent ones.
 EFFECTIVE_FRAMES = 25.0
 # Number of parts of the cross-validation; a drive is in one part only.
-FOLDS = 5
+FOLDS = 12
+# Variants of each scene of the suite.
+SEEDS = (0, 1)
+# Factors of brightness of the stills, and the weight of those that are not 1.
+BRIGHTNESSES, OTHER_BRIGHTNESS_WEIGHT = (1.0, 0.5, 1.5), 0.5
+# Painted drives with a wrong camera pose, their first seed, and their weight: few users have one.
+WRONG_POSES, WRONG_POSE_SEED, WRONG_POSE_WEIGHT = 36, 200, 0.1
 
 
 def draw_road(rng: np.random.Generator) -> tuple[RoadGeometry, float]:
@@ -115,45 +124,76 @@ def draw_drive(seed: int, camera: Camera = CAMERA) -> tuple[PaintedDrive, Camera
     return drive, camera.with_pose(wrong_pose)
 
 
+def wrong_pose(camera: Camera, seed: int) -> Camera:
+    """The camera with a pitch or yaw that is wrong by 2 to 4 degrees, or a height wrong by a quarter."""
+    rng, pose = np.random.default_rng(seed), camera.require_pose()
+    angle = np.radians(rng.uniform(2, 4)) * rng.choice([-1, 1])
+    poses = (
+        replace(pose, pitch_rad=pose.pitch_rad + angle),
+        replace(pose, yaw_rad=pose.yaw_rad + angle),
+        replace(pose, height_m=pose.height_m * (1 + 0.25 * np.sign(angle))),
+    )
+    return camera.with_pose(poses[rng.integers(len(poses))])
+
+
 def samples_of_painted_drive(
-    seed: int, camera: Camera = CAMERA, *, seconds: float = SECONDS, fps: float = FPS
+    seed: int, camera: Camera = CAMERA, *, seconds: float = SECONDS, fps: float = FPS, weight: float = 1.0
 ) -> tuple[list, list]:
-    """Samples of a painted drive with this seed, see `label_lanes`."""
+    """Samples of a painted drive with this seed, see `label_lanes`; the pose is wrong if the weight is not 1."""
     drive, camera = draw_drive(seed, camera)
     times = np.arange(int(seconds * fps)) / fps
     rows = [truth_row(drive.truth(time_s), frame=0) for time_s in times]
     truth = LaneTruth.from_columns({name: np.array([row[name] for row in rows], float) for name in rows[0]})
-    return label_lanes(map(drive.frame, times), camera, truth, fps=fps, number=seed)
+    camera = camera if weight == 1 else wrong_pose(camera, seed)
+    return label_lanes(map(drive.frame, times), camera, truth, fps=fps, number=seed, weight=weight)
 
 
 def samples_of_video(drive: BenchmarkDrive, number: int) -> tuple[list, list]:
     """Samples of a drive of the suite, see `label_lanes`."""
     camera, fps = load_camera(drive.video.with_suffix(".yaml")), inspect_video(drive.video).fps
-    return label_lanes(read_frames(drive.video), camera, read_truth(drive), fps=fps, number=number)
+    return label_lanes(
+        read_frames(drive.video), camera, read_truth(drive), fps=fps, number=number, brightnesses=BRIGHTNESSES
+    )
 
 
 def label_lanes(
-    frames: Iterable[np.ndarray], camera: Camera, truth: LaneTruth, *, fps: float, number: int
+    frames: Iterable[np.ndarray],
+    camera: Camera,
+    truth: LaneTruth,
+    *,
+    fps: float,
+    number: int,
+    weight: float = 1.0,
+    brightnesses: tuple[float, ...] = (1.0,),
 ) -> tuple[list, list]:
-    """Samples (*features, correct, `number`) of the lanes in the frames: tracked ones, and those detected in stills."""
+    """Samples (*features, correct, weight, `number`) of the lanes in the frames: tracked ones, and those in stills."""
     tracker = LaneTracker(camera, fps=fps)
-    tracked, stills = [], []
+    tracked: list[TrackedLane] = []
+    stills: dict[float, list[TrackedLane]] = {brightness: [] for brightness in brightnesses}
     for frame, image in enumerate(frames):
         tracked.append(tracker.update(image))
         if frame % STILL_EVERY == 0:
-            stills.append(TrackedLane.from_still(find_lane(image, tracker.view)))
-    tables = []
-    for lanes, every in ((tracked, 1), (stills, STILL_EVERY)):
-        estimates = DriveEstimates.from_frames([tracker_estimate(lane) for lane in lanes], [0.0] * len(lanes))
-        correct = (
-            frame_errors(estimates, truth.select(slice(0, len(lanes) * every, every))).full_rms_m <= CORRECT_WITHIN_M
-        )
-        rows = zip(lanes, correct & truth.exists[: len(tracked) : every], strict=True)
-        tables.append([[*lane_features(row.lane), label, number] for row, label in rows if row.lane is not None])
-    return tables[0], tables[1]
+            for brightness, lanes in stills.items():
+                picture = cv2.convertScaleAbs(image, alpha=brightness)
+                lanes.append(TrackedLane.from_still(find_lane(picture, tracker.view)))
+    other = weight * OTHER_BRIGHTNESS_WEIGHT
+    tables = [(tracked, 1, weight)]
+    tables += [(lanes, STILL_EVERY, weight if light == 1 else other) for light, lanes in stills.items()]
+    samples = [_label(lanes, truth.select(slice(0, len(tracked), every)), w, number) for lanes, every, w in tables]
+    return samples[0], sum(samples[1:], [])
 
 
-def fit_logistic(features: np.ndarray, correct: np.ndarray, drive: np.ndarray) -> np.ndarray:
+def _label(lanes: list[TrackedLane], truth: LaneTruth, weight: float, number: int) -> list[list[float]]:
+    """Samples of the lanes in the frames of a truth."""
+    estimates = DriveEstimates.from_frames([tracker_estimate(lane) for lane in lanes], [0.0] * len(lanes))
+    correct = (frame_errors(estimates, truth).full_rms_m <= CORRECT_WITHIN_M) & truth.exists
+    rows = zip(lanes, correct, strict=True)
+    return [[*lane_features(row.lane), label, weight, number] for row, label in rows if row.lane is not None]
+
+
+def fit_logistic(
+    features: np.ndarray, correct: np.ndarray, drive: np.ndarray, weight: np.ndarray | float = 1.0
+) -> np.ndarray:
     """Weights of a logistic regression by Newton's method, with an L2 penalty.
 
     Parameters
@@ -162,10 +202,10 @@ def fit_logistic(features: np.ndarray, correct: np.ndarray, drive: np.ndarray) -
     correct : ndarray (lanes,)
         0 or 1.
     drive : ndarray (lanes,)
-        Number of the lane's drive. All drives have the same weight.
+        Number of the lane's drive. All drives have the same sum of weights, before `weight` (lanes,) is applied.
     """
     _, of, count = np.unique(drive, return_inverse=True, return_counts=True)
-    sample_weight, weights = EFFECTIVE_FRAMES / count[of], np.zeros(features.shape[1])
+    sample_weight, weights = weight * EFFECTIVE_FRAMES / count[of], np.zeros(features.shape[1])
     for _ in range(50):
         probability = logistic(features @ weights)
         spread = sample_weight * probability * (1 - probability)
@@ -180,19 +220,22 @@ def logistic(log_odds: np.ndarray) -> np.ndarray:
     return 1 / (1 + np.exp(-log_odds))
 
 
-def cross_validated(features: np.ndarray, correct: np.ndarray, drive: np.ndarray) -> np.ndarray:
+def cross_validated(
+    features: np.ndarray, correct: np.ndarray, drive: np.ndarray, weight: np.ndarray | float = 1.0
+) -> np.ndarray:
     """Probabilities (lanes,) from weights that were fitted without the lane's own drive."""
+    weight = np.broadcast_to(weight, correct.shape)
     numbers = np.random.default_rng(0).permutation(np.unique(drive))
     probability = np.zeros(len(correct))
     for fold in np.array_split(numbers, FOLDS):
         held_out = np.isin(drive, fold)
-        weights = fit_logistic(features[~held_out], correct[~held_out], drive[~held_out])
+        weights = fit_logistic(features[~held_out], correct[~held_out], drive[~held_out], weight[~held_out])
         probability[held_out] = logistic(features[held_out] @ weights)
     return probability
 
 
-def print_calibration(name: str, confidence: np.ndarray, correct: np.ndarray) -> None:
-    """Print the accuracy of the lanes in bins of confidence."""
+def print_calibration(name: str, confidence: np.ndarray, correct: np.ndarray, drive: np.ndarray) -> None:
+    """Print the accuracy of the lanes in bins of confidence, with 95 % intervals by drive."""
     log_loss = -np.mean(np.log(np.where(correct, confidence, 1 - confidence) + 1e-9))
     print(f"{name}: {len(correct)} lanes, {correct.mean():.1%} correct, log loss {log_loss:.3f}")
     for low, high in ((0, 0.1), (0.1, 0.3), (0.3, 0.5), (0.5, 0.7), (0.7, 0.9), (0.9, 0.97), (0.97, 1.01), (0.9, 1.01)):
@@ -200,7 +243,17 @@ def print_calibration(name: str, confidence: np.ndarray, correct: np.ndarray) ->
         if some.any():
             mean, accuracy = confidence[some].mean(), correct[some].mean()
             bounds = f"{low:.2f} to {min(high, 1):.2f}"
-            print(f"  confidence {bounds}: {some.sum():5d} lanes, mean {mean:.1%}, {accuracy:.1%} correct")
+            interval = " to ".join(f"{limit:.1%}" for limit in bootstrap_interval(correct[some], drive[some]))
+            print(f"  confidence {bounds}: {some.sum():5d} lanes, mean {mean:.1%}, {accuracy:.1%} correct ({interval})")
+    print(f"  {(confidence[correct] >= 0.9).mean():.1%} of the correct lanes have a confidence of 0.9 or more")
+
+
+def bootstrap_interval(correct: np.ndarray, drive: np.ndarray, *, draws: int = 1000) -> np.ndarray:
+    """(2,) limits of the 95 % interval of the share of correct lanes: whole drives are drawn."""
+    _, of = np.unique(drive, return_inverse=True)
+    right, count = np.bincount(of, correct), np.bincount(of)
+    drawn = np.random.default_rng(0).integers(len(count), size=(draws, len(count)))
+    return np.percentile(right[drawn].sum(axis=1) / count[drawn].sum(axis=1), [2.5, 97.5])
 
 
 def main() -> None:
@@ -210,19 +263,33 @@ def main() -> None:
     parser.add_argument("--check", action="store_true", help="only check the present weights, on other roads")
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    seeds = range(1000, 1000 + DRIVES // 2) if options.check else range(DRIVES)
-    suite = [] if options.check else choose_drives(options.videos)
-    data = [samples_of_painted_drive(seed) for seed in seeds]
-    data += [samples_of_video(ensure_video(drive), -1 - number) for number, drive in enumerate(suite)]
+    data = [samples_of_painted_drive(seed) for seed in range(1000, 1000 + DRIVES // 2)] if options.check else None
+    data = data or collect_samples(options.videos)
     for part, name in enumerate(("track_weights", "still_weights")):
         rows = np.array([row for one in data for row in one[part]], float)
-        features, correct, drive = rows[:, :-2], rows[:, -2] > 0, rows[:, -1]
-        print_calibration(f"present {name}", logistic(features @ getattr(CONFIDENCE, name)), correct)
+        features, correct, weight, drive = rows[:, :-3], rows[:, -3] > 0, rows[:, -2], rows[:, -1]
+        if name == "track_weights":
+            features[:, FEATURES.index("shorter reach")] = 0.0  # see `lanes.tracking.confidence.FEATURES`
+        usual = weight == 1
+        print_calibration(
+            f"present {name}", logistic(features[usual] @ getattr(CONFIDENCE, name)), correct[usual], drive[usual]
+        )
         if not options.check:
-            held_out = cross_validated(features, correct, drive)
-            print_calibration(f"new {name}, cross-validated", held_out, correct)
-            weights = fit_logistic(features, correct, drive)
+            held_out = cross_validated(features, correct, drive, weight)
+            print_calibration(f"new {name}, cross-validated", held_out[usual], correct[usual], drive[usual])
+            weights = fit_logistic(features, correct, drive, weight)
             print(name, dict(zip(FEATURES, np.round(weights, 2).tolist(), strict=True)))
+
+
+def collect_samples(videos: list[str]) -> list[tuple[list, list]]:
+    """Samples of the painted drives and of the suite, or of the given videos. Variants of a scene share a number."""
+    data = [samples_of_painted_drive(seed) for seed in range(DRIVES)]
+    wrong = range(WRONG_POSE_SEED, WRONG_POSE_SEED + WRONG_POSES)
+    data += [samples_of_painted_drive(seed, weight=WRONG_POSE_WEIGHT) for seed in wrong]
+    for number, drive in enumerate(choose_drives(videos)):
+        files = [drive] if videos else [drive_from_video(render_scene(drive.name, seed=seed)) for seed in SEEDS]
+        data += [samples_of_video(replace(file, difficulty=drive.difficulty), -1 - number) for file in files]
+    return data
 
 
 if __name__ == "__main__":

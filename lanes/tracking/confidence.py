@@ -16,14 +16,21 @@ from lanes.tracking.model import lateral_std_m
 
 CORRECT_WITHIN_M, CORRECT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
 # Features of a lane:
-# - log std: logarithm of the standard deviation (metres) of the less certain line 30 m ahead; it includes the supports.
+# - log std: logarithm of the standard deviation (metres) of the less certain line 30 m ahead, for the noise that the
+#   fit assumes; that of the errors (`Lane.covariance`) separates right and wrong lanes less well.
 # - odd width: squared deviation from the usual width (metres): a crack or kerb taken for a line is seldom a lane's
 #   width away from the other line.
 # - offset: distance of the car from the lane centre (metres).
-# - shorter reach, longer reach: logarithms of the distances up to which the lines are seen.
+# - shorter reach: logarithm of the distance up to which both lines are seen; of stills only. A tracked lane is known
+#   from before.
 # - bend: curvature times 30 m; in bends the standard deviation grows faster than the errors.
-# An unusual pitch would improve the fit on rendered roads, but real roads are less even, and it makes them worse.
-FEATURES = ("constant", "log std", "odd width", "offset", "shorter reach", "longer reach", "bend")
+# - support: sum of the square roots of the lines' supports.
+# - odd pitch, odd heading: pitch, and heading beyond that of a car in a bend, where they are larger than usual, in
+#   steps of 0.05 rad. They are large if the camera pose is wrong.
+FEATURES = (
+    *("constant", "log std", "odd width", "offset", "shorter reach", "bend"),
+    *("support", "odd pitch", "odd heading"),
+)
 
 
 @dataclass(frozen=True)
@@ -31,33 +38,50 @@ class ConfidenceModel:
     """Logistic regression on `FEATURES`, fitted by `tools/fit_confidence.py`."""
 
     # For a lane detected in a single picture, and for a tracked one.
-    still_weights: tuple[float, ...] = (-0.57, -1.53, -6.45, -2.71, 0.53, 1.06, 3.06)
-    track_weights: tuple[float, ...] = (1.49, -0.78, -6.14, -3.06, 0.15, 1.41, 0.85)
+    still_weights: tuple[float, ...] = (-0.67, -1.08, -7.41, -1.31, 0.44, 1.49, 1.12, 0.35, -1.88)
+    track_weights: tuple[float, ...] = (0.92, -0.77, -5.80, -1.29, 0.0, 0.42, 0.40, -3.69, -2.64)
     # Usual width of lanes.
     usual_width_m: float = 3.5
     # Larger offsets occur in lane changes and carry no further information.
     max_offset_m: float = 0.8
     # A longer reach carries little information about the lines up to 30 m ahead.
     max_reach_m: float = 40.0
+    # A support of two solid lines; more carries no information.
+    max_support: float = 1.5
+    # Usual pitch and heading, and the excess from which on they carry no further information. In a bend the heading of
+    # the camera lags by the distance from the rear axle, at most.
+    usual_pitch_rad: float = 0.01
+    usual_heading_rad: float = 0.02
+    heading_lag_m: float = 2.0
+    max_excess_rad: float = 0.05
 
 
 CONFIDENCE = ConfidenceModel()
 
 
 def lane_features(lane: Lane) -> np.ndarray:
-    """The features (7,) of a lane, in the order of `FEATURES`."""
-    far_m = CORRECT_AT_M[-1]
-    reach = np.minimum(sorted((lane.left.reach_m, lane.right.reach_m)), CONFIDENCE.max_reach_m)
+    """The features (9,) of a lane, in the order of `FEATURES`."""
+    c, far_m = CONFIDENCE, CORRECT_AT_M[-1]
+    reach_m = min(lane.left.reach_m, lane.right.reach_m, c.max_reach_m)
+    heading_rad = abs(lane.heading_rad) - c.heading_lag_m * abs(lane.curvature_per_m)
     return np.array(
         [
             1.0,
             np.log(lateral_std_m(lane.assumed_covariance, far_m).max()),
-            (lane.width_m - CONFIDENCE.usual_width_m) ** 2,
-            min(abs(lane.offset_m), CONFIDENCE.max_offset_m),
-            *np.log((reach + CORRECT_AT_M[0]) / far_m),
+            (lane.width_m - c.usual_width_m) ** 2,
+            min(abs(lane.offset_m), c.max_offset_m),
+            np.log((reach_m + CORRECT_AT_M[0]) / far_m),
             abs(lane.curvature_per_m) * far_m,
+            min(lane.left.support**0.5 + lane.right.support**0.5, c.max_support),
+            _excess(abs(lane.pitch_rad) - c.usual_pitch_rad),
+            _excess(heading_rad - c.usual_heading_rad),
         ]
     )
+
+
+def _excess(angle_rad: float) -> float:
+    """An angle over the usual one, in steps of `CONFIDENCE.max_excess_rad`, 0 to 1."""
+    return min(max(angle_rad / CONFIDENCE.max_excess_rad, 0.0), 1.0)
 
 
 def rate_lane(lane: Lane, *, tracked: bool = False) -> float:

@@ -18,8 +18,10 @@ import numpy as np
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.markings import MARKINGS, MarkingResponse
 
-# A painted stripe is 0.10 to 0.15 m wide; two of them with their gap are 0.25 m wide or more.
-STRIPE_M, DOUBLE_FROM_M = 0.12, 0.23
+# A painted stripe is 0.10 to 0.15 m wide; two of them with their gap are 0.25 m wide or more. So are white edge lines
+# of some motorways, but two stripes have a gap: the largest brightness in their middle, relative to that of the
+# stripes. Yellow lines of that width are double: no country paints single ones.
+STRIPE_M, DOUBLE_FROM_M, GAP_BELOW = 0.12, 0.23, 0.83
 
 
 @dataclass(frozen=True)
@@ -54,11 +56,14 @@ class MarkingProfile:
     yellow: bool
     # Height over the adjacent road, in units of that road's noise.
     contrast: float
+    # Smallest height in the middle third of the band near the car, relative to the lower of both halves; 1 for one
+    # stripe.
+    gap: float = 1.0
 
     @property
     def double(self) -> bool:
         """Two stripes side by side."""
-        return self.width_m > DOUBLE_FROM_M
+        return self.width_m > DOUBLE_FROM_M and (self.yellow or self.gap < GAP_BELOW)
 
     def stripe_m(self, side: float) -> float:
         """Position of the stripe next to the lane, left of the fitted line; `side` is +1 for the left line, else -1."""
@@ -81,17 +86,38 @@ def _profile(channel: np.ndarray, view: BirdsEyeView, line_y_m: np.ndarray, *, y
     if len(values) < PROFILE.min_rows:
         return None
     road = PROFILE.road_samples
-    section = np.median(values, axis=0)
-    section = section - max(section[:road].mean(), section[-road:].mean())
-    inner = section[road:-road]
+    inner = _cross_section(values)
     top = inner.max()
     if top <= 0:
         return None
     step = np.abs(np.diff(values, axis=1))
     noise = (step[:, : road - 1].mean() + step[:, 1 - road :].mean()) / 2
-    band = OFFSETS_M[road:-road][inner >= top / 2]
-    width, centre = float(band[0] - band[-1] + PROFILE.step_m), float(band[0] + band[-1]) / 2
-    return MarkingProfile(width, centre, yellow, contrast=float(top / (noise + MARKINGS.noise_floor)))
+    painted = np.flatnonzero(inner >= top / 2)
+    first, last = OFFSETS_M[road:-road][painted[[0, -1]]]
+    near = _cross_section(values[-max(len(values) // 3, PROFILE.min_rows) :])[painted[0] : painted[-1] + 1]
+    return MarkingProfile(
+        width_m=float(first - last + PROFILE.step_m),
+        centre_m=float(first + last) / 2,
+        yellow=yellow,
+        contrast=float(top / (noise + MARKINGS.noise_floor)),
+        gap=_gap(near),
+    )
+
+
+def _cross_section(values: np.ndarray) -> np.ndarray:
+    """Median over rows (rows, offsets), minus the brighter of the roads at both ends, without these ends."""
+    road = PROFILE.road_samples
+    section = np.median(values, axis=0)
+    return section[road:-road] - max(section[:road].mean(), section[-road:].mean())
+
+
+def _gap(band: np.ndarray) -> float:
+    """Smallest value in the middle third of a cross-section, relative to the lower of the peaks of its halves."""
+    third, half = len(band) // 3, len(band) // 2
+    if not third:
+        return 1.0
+    peak = min(band[:half].max(), band[-half:].max())
+    return float(band[third:-third].min() / peak) if peak > 0 else 1.0
 
 
 def _straighten(channel: np.ndarray, view: BirdsEyeView, line_y_m: np.ndarray) -> np.ndarray:

@@ -68,6 +68,18 @@ def test_of_a_double_line_the_stripe_next_to_the_lane_counts(side, y):
     assert paint.stripe_m(side) == pytest.approx(-side * 0.11, abs=0.025)
 
 
+def test_a_wide_white_line_is_not_double():
+    """The edge line of a motorway is 0.3 m wide, as wide as two stripes with their gap; its centre counts."""
+    wide = paint_at(Road(CAMERA).line(lambda x: 0 * x - 1.7, colour=WHITE, width_m=0.3), -1.7)
+    assert wide.width_m == pytest.approx(0.3, abs=0.04)
+    assert not wide.double and wide.stripe_m(-1) == pytest.approx(0.0, abs=0.015)
+    road = Road(CAMERA)
+    for shift in (-0.11, 0.11):
+        road.line(lambda x, s=shift: 0 * x - 1.7 + s, colour=WHITE, width_m=0.1)
+    two = paint_at(road, -1.7)
+    assert two.double and two.gap < 0.6 < wide.gap
+
+
 def test_bare_road_has_no_paint_to_speak_of():
     paint = paint_at(Road(CAMERA), 1.0)
     assert paint is None or paint.contrast < 3
