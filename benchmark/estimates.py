@@ -14,6 +14,8 @@ from lanes.tracking.confidence import CORRECT_AT_M
 
 # Distances ahead at which lines are compared with the truth, metres. The confidence is defined at the same distances.
 AHEAD_M = CORRECT_AT_M
+# Shapes of the estimates that are not single numbers.
+SHAPES = {"lines_y_m": (2, len(AHEAD_M)), "covariance": (4, 4), "lines_std_m": (2, len(AHEAD_M))}
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +23,8 @@ class LaneEstimate:
     """The ego lane as a system sees it in one frame; all None if no lane is available. Signs as in docs/conventions.md.
 
     `lines_y_m` (2, D) are lateral positions of the left and right line at AHEAD_M; NaN beyond the point where a line
-    turns back. `confidence` is None also if the system states none.
+    turns back. `confidence` is None also if the system states none, as are the uncertainties: `covariance` (4, 4) of
+    the errors of offset, heading, curvature and width, and standard deviations `lines_std_m` (2, D) of `lines_y_m`.
     """
 
     lines_y_m: np.ndarray | None = None
@@ -29,13 +32,17 @@ class LaneEstimate:
     heading_rad: float | None = None
     curvature_per_m: float | None = None
     confidence: float | None = None
+    width_m: float | None = None
+    covariance: np.ndarray | None = None
+    lines_std_m: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class DriveEstimates:
-    """The estimates of N consecutive frames as arrays, NaN for None: `lines_y_m` (N, 2, D), all others (N,).
+    """The estimates of N consecutive frames as arrays, NaN for None.
 
-    `time_ms` is the time that the system took for the frame.
+    `lines_y_m` and `lines_std_m` are (N, 2, D), `covariance` is (N, 4, 4), all others are (N,). `time_ms` is the time
+    that the system took for the frame.
     """
 
     lines_y_m: np.ndarray
@@ -43,18 +50,19 @@ class DriveEstimates:
     heading_rad: np.ndarray
     curvature_per_m: np.ndarray
     confidence: np.ndarray
+    width_m: np.ndarray
+    covariance: np.ndarray
+    lines_std_m: np.ndarray
     time_ms: np.ndarray
 
     @classmethod
     def from_frames(cls, estimates: Sequence[LaneEstimate], time_ms: Sequence[float]) -> DriveEstimates:
         """From the estimates of consecutive frames and their times."""
-        no_lines = np.full((2, len(AHEAD_M)), np.nan)
-        lines = [no_lines if estimate.lines_y_m is None else estimate.lines_y_m for estimate in estimates]
-        numbers = {
-            name: np.array([getattr(estimate, name) for estimate in estimates], float)
-            for name in ("offset_m", "heading_rad", "curvature_per_m", "confidence")
+        arrays = {
+            field.name: _stack([getattr(estimate, field.name) for estimate in estimates], SHAPES.get(field.name, ()))
+            for field in fields(LaneEstimate)
         }
-        return cls(np.array(lines, float).reshape(-1, 2, len(AHEAD_M)), **numbers, time_ms=np.array(time_ms, float))
+        return cls(**arrays, time_ms=np.array(time_ms, float))
 
     @property
     def available(self) -> np.ndarray:
@@ -62,11 +70,18 @@ class DriveEstimates:
         return np.isfinite(self.offset_m)
 
 
+def _stack(values: Sequence[float | np.ndarray | None], shape: tuple[int, ...]) -> np.ndarray:
+    """(N, *shape) array of values, NaN for None."""
+    nothing = np.full(shape, np.nan)
+    return np.array([nothing if value is None else value for value in values], float).reshape(-1, *shape)
+
+
 def write_estimates(path: Path, estimates: DriveEstimates, **metadata: object) -> None:
-    """Write estimates and metadata as JSON; numbers are rounded to 1e-7, NaN becomes null."""
+    """Write estimates and metadata as JSON; NaN becomes null, and all but the covariance is rounded to 1e-7."""
     numbers = {}
     for name, array in asdict(estimates).items():
-        rounded = np.round(array, 7).astype(object)
+        # variances of the curvature are as small as 1e-11
+        rounded = (array if name == "covariance" else np.round(array, 7)).astype(object)
         rounded[np.isnan(array)] = None
         numbers[name] = rounded.tolist()
     write_atomically(path, json.dumps(metadata | numbers).encode())
@@ -84,8 +99,10 @@ def read_estimates(path: Path) -> tuple[DriveEstimates, dict]:
     """
     try:
         content = json.loads(read_text(path, "estimates"))
-        arrays = {field.name: np.array(content.pop(field.name), float) for field in fields(DriveEstimates)}
-        arrays["lines_y_m"] = arrays["lines_y_m"].reshape(-1, 2, len(AHEAD_M))
+        arrays = {
+            field.name: np.array(content.pop(field.name), float).reshape(-1, *SHAPES.get(field.name, ()))
+            for field in fields(DriveEstimates)
+        }
     except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
         raise ValueError(f"{path}: holds no estimates ({error}); remove it, so that it is made again.") from error
     return DriveEstimates(**arrays), content

@@ -1,9 +1,10 @@
-"""All lane finders behind one interface: the three classic recipes, each in two variants, and the tracker.
+"""All lane finders behind one interface: the three recipes, each in two variants, the tracker, and its detector.
 
 The source points of a recipe's homography are the published ones, or those of a rectangle on the road from the camera
 pose ("hls_sobel_pose" and so on; see `lanes.classic.recipe.recipe_from_pose`).
 
-`start_system` runs a system on the frames of a drive, with its memory: `LaneFinder.follow` or `LaneTracker.update`.
+`start_system` runs a system on the frames of a drive, with its memory: `LaneFinder.follow` or `LaneTracker.update`. The
+detector has none: it is what the tracker does in a single picture.
 `column_detector` runs it on single pictures.
 """
 
@@ -25,11 +26,15 @@ from lanes.classic.recipe import POSE_SUFFIX, RECIPES, get_recipe, recipe_from_p
 from lanes.classic.result import LaneResult
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
+from lanes.tracking.lane import Lane
+from lanes.tracking.model import CENTRE, CURVATURE, HEADING, WIDTH
 from lanes.tracking.tracker import LaneTracker, TrackedLane
 
-TRACKER = "tracker"
+TRACKER, DETECTOR = "tracker", "detector"
 RECIPE_SYSTEMS = (*RECIPES, *(name + POSE_SUFFIX for name in RECIPES))
-SYSTEMS = (*RECIPE_SYSTEMS, TRACKER)
+SYSTEMS = (*RECIPE_SYSTEMS, TRACKER, DETECTOR)
+# In single pictures the tracker is the detector.
+STILL_SYSTEMS = (*RECIPE_SYSTEMS, TRACKER)
 # Source files and folders that the estimates of a system depend on.
 _CAMERA, _CLASSIC, _TRACKING = (Path(inspect.getfile(module)) for module in (camera, classic, tracking))
 # Distances at which a recipe's line is projected into the picture: even steps in 1 / x are even steps in picture rows.
@@ -40,7 +45,7 @@ def source_files(system: str) -> tuple[Path, ...]:
     """Source files and folders that the estimates of a system depend on."""
     if is_own_finder(system):
         return _CAMERA, finder_file(system)
-    return (_CAMERA, _TRACKING.parent) if system == TRACKER else (_CAMERA, _CLASSIC.parent)
+    return (_CAMERA, _TRACKING.parent) if system in (TRACKER, DETECTOR) else (_CAMERA, _CLASSIC.parent)
 
 
 def start_system(system: str | OwnFinder, camera: Camera, fps: float) -> Callable[[np.ndarray], LaneEstimate]:
@@ -61,6 +66,9 @@ def start_system(system: str | OwnFinder, camera: Camera, fps: float) -> Callabl
     if system == TRACKER:
         tracker = LaneTracker(camera, fps=fps)
         return lambda image: tracker_estimate(tracker.update(image))
+    if system == DETECTOR:
+        view = BirdsEyeView(camera)
+        return lambda image: tracker_estimate(TrackedLane.from_still(find_lane(image, view)))
     finder = _start_recipe(system, camera)
     return lambda image: recipe_estimate(finder.follow(image))
 
@@ -80,7 +88,7 @@ def column_detector(system: str, camera: Camera) -> Callable[[np.ndarray, np.nda
     if is_own_finder(system):
         find = load_finder(system)
         return lambda image, rows: own_columns(find(image, camera), camera, rows)
-    if system == TRACKER:
+    if system in (TRACKER, DETECTOR):
         view = BirdsEyeView(camera)
 
         def detect(image: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -108,11 +116,27 @@ def require_system(name: str) -> None:
 
 
 def tracker_estimate(tracked: TrackedLane) -> LaneEstimate:
-    """The tracker's estimate for a frame."""
-    if tracked.lane is None:
+    """The estimate of the tracker or the detector for a frame."""
+    lane = tracked.lane
+    if lane is None:
         return LaneEstimate()
-    lane, lines = tracked.lane, tracked.lane.lateral_m(AHEAD_M)
-    return LaneEstimate(lines, lane.offset_m, lane.heading_rad, lane.curvature_per_m, tracked.confidence)
+    return LaneEstimate(
+        lane.lateral_m(AHEAD_M),
+        lane.offset_m,
+        lane.heading_rad,
+        lane.curvature_per_m,
+        tracked.confidence,
+        lane.width_m,
+        lane_covariance(lane),
+        lane.lateral_std_m(AHEAD_M),
+    )
+
+
+def lane_covariance(lane: Lane) -> np.ndarray:
+    """Covariance (4, 4) of the errors of offset, heading, curvature and width."""
+    stated = [CENTRE, HEADING, CURVATURE, WIDTH]
+    signs = np.array([-1.0, 1.0, 1.0, 1.0])  # the offset is that of the car from the centre
+    return lane.covariance[np.ix_(stated, stated)] * np.outer(signs, signs)
 
 
 def recipe_estimate(result: LaneResult) -> LaneEstimate:

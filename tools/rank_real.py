@@ -21,7 +21,7 @@ from benchmark.labels.stills import score_pictures
 from benchmark.labels.tusimple import LaneColumns, LineScore, read_labels
 from benchmark.machine import describe_machine
 from benchmark.suite_drives import ensure_video, list_drives
-from benchmark.systems import SYSTEMS
+from benchmark.systems import STILL_SYSTEMS
 from lanes.camera.calibration.boards import calibrate_folder
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import load_camera
@@ -70,8 +70,10 @@ class Side:
     @classmethod
     def from_scores(cls, scores: dict[str, list[LineScore]], rng: np.random.Generator) -> Side:
         """From the left and right score of each picture in turn; pictures without a scored line are left out."""
-        points = np.array([[np.nan if s.accuracy is None else s.accuracy for s in scores[name]] for name in SYSTEMS])
-        lines = points.reshape(len(SYSTEMS), -1, 2)
+        points = np.array(
+            [[np.nan if s.accuracy is None else s.accuracy for s in scores[name]] for name in STILL_SYSTEMS]
+        )
+        lines = points.reshape(len(STILL_SYSTEMS), -1, 2)
         shares = np.nanmean(lines[:, np.isfinite(lines[0]).any(axis=1)], axis=2).T
         chosen = rng.integers(0, len(shares), (RESAMPLINGS, len(shares)))
         return cls(len(shares), shares.mean(axis=0), shares[chosen].mean(axis=1))
@@ -99,7 +101,7 @@ def score_real(real: Path, lens: Camera, labels: list[LaneColumns], prefixes: tu
         p for name in ("test_images", "stills") for p in list_pictures(real / name) if p.name.startswith(prefixes)
     ]
     camera, _ = pose_from_drive(lens, pictures)
-    return score_pictures(labels, (read_image(real / label.name) for label in labels), camera, SYSTEMS)
+    return score_pictures(labels, (read_image(real / label.name) for label in labels), camera, STILL_SYSTEMS)
 
 
 def score_rendered(scene: str, rows: tuple[float, float]) -> dict:
@@ -108,7 +110,7 @@ def score_rendered(scene: str, rows: tuple[float, float]) -> dict:
     count = round(SUITE[scene].seconds * VIDEO_FPS)
     labels = [true_label(scene, number, rows) for number in range(0, count, EVERY)]
     pictures = (image for number, image in enumerate(read_frames(video)) if number % EVERY == 0)
-    return score_pictures(labels, pictures, load_camera(video.with_suffix(".yaml")), SYSTEMS)
+    return score_pictures(labels, pictures, load_camera(video.with_suffix(".yaml")), STILL_SYSTEMS)
 
 
 def true_label(scene: str, number: int, rows: tuple[float, float]) -> LaneColumns:
@@ -129,15 +131,15 @@ def labelled_rows(labels: list[LaneColumns]) -> tuple[float, float]:
 def print_section(name: str, real: Side, rendered: Side) -> None:
     """Print a table, best system on the real drive first, and how both sides order the pairs of systems."""
     verdicts = {"same": [], "opposite": [], "undecided": []}
-    for i, k in combinations(range(len(SYSTEMS)), 2):
+    for i, k in combinations(range(len(STILL_SYSTEMS)), 2):
         there, here = real.order(i, k), rendered.order(i, k)
         verdict = "undecided" if not there * here else "same" if there == here else "opposite"
-        verdicts[verdict].append(f"{SYSTEMS[i]}/{SYSTEMS[k]}")
+        verdicts[verdict].append(f"{STILL_SYSTEMS[i]}/{STILL_SYSTEMS[k]}")
     counts = ", ".join(f"{len(pairs)} {verdict}" for verdict, pairs in verdicts.items())
     print(f"\n**{name} ({real.pictures} real pictures, {rendered.pictures} rendered); order of pairs: {counts}**\n")
     print("| | real | rendered |\n|---|---|---|")
     for system in np.argsort(-real.mean, kind="stable"):
-        print(f"| {SYSTEMS[system]} | {real.cell(system)} | {rendered.cell(system)} |")
+        print(f"| {STILL_SYSTEMS[system]} | {real.cell(system)} | {rendered.cell(system)} |")
     notes = [f"{verdict}: {', '.join(verdicts[verdict])}" for verdict in ("opposite", "undecided") if verdicts[verdict]]
     if notes:
         print(f"\n{'; '.join(notes)}.")

@@ -34,6 +34,13 @@ def positive_int(text: str) -> int:
     return int(text)
 
 
+def whole_number(text: str) -> int:
+    """An argparse type: a whole number from 0."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text} does not do; give a whole number, 0 or more")
+    return int(text)
+
+
 def progress_line(name: str) -> Callable[[int, int], None]:
     """A callback (done, total) that updates one line on stderr; in a log file only the last state is printed."""
 

@@ -9,6 +9,9 @@ from benchmark.errors import LaneTruth, frame_errors
 from benchmark.estimates import AHEAD_M, DriveEstimates
 from benchmark.systems import SYSTEMS, column_detector, recipe_estimate, start_system
 from lanes.classic.result import LaneResult, RoadLine
+from lanes.tracking.birdseye import BirdsEyeView
+from lanes.tracking.detector import find_lane
+from lanes.tracking.model import CENTRE, HEADING
 from simulator.rendering.drive import Motion
 from simulator.road.truth import truth_row
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
@@ -29,7 +32,9 @@ def test_estimates_are_in_metres_on_the_road(system):
     )
     errors = frame_errors(estimates, truth)
     assert errors.lateral_m[0, AHEAD_M == 10] < 0.3
-    assert np.isnan(estimates.confidence[0]) == (system != "tracker")
+    states = system in ("tracker", "detector")
+    for name in ("confidence", "width_m", "covariance", "lines_std_m"):
+        assert np.isfinite(getattr(estimates, name)[0]).all() == states, name
     assert estimate(np.zeros((360, 640, 3), np.uint8)) is not None
 
 
@@ -44,6 +49,24 @@ def test_stills_give_columns_of_the_raw_picture(system):
     # no line below and above the picture, and none in a black picture
     assert (column_detector(system, SMALL)(DRIVE.frame(0.0), np.array([20, 359 + 200])) == -2).all()
     assert (column_detector(system, SMALL)(np.zeros((360, 640, 3), np.uint8), ROWS) == -2).all()
+
+
+def test_stated_uncertainties_are_those_of_the_lane():
+    lane = find_lane(DRIVE.frame(0.0), BirdsEyeView(SMALL))
+    estimate = start_system("detector", SMALL, 25.0)(DRIVE.frame(0.0))
+    stds = lane.offset_std_m, lane.heading_std_rad, lane.curvature_std_per_m, lane.width_std_m
+    assert np.sqrt(np.diag(estimate.covariance)) == pytest.approx(stds)
+    assert estimate.width_m == lane.width_m
+    np.testing.assert_array_equal(estimate.lines_std_m, lane.lateral_std_m(AHEAD_M))
+    # a lane that is farther to the left has the car farther to the right
+    assert estimate.covariance[0, 1] == -lane.covariance[CENTRE, HEADING] != 0
+
+
+def test_the_detector_has_no_memory():
+    estimate = start_system("detector", SMALL, 25.0)
+    first = estimate(DRIVE.frame(0.0))
+    assert estimate(np.zeros((360, 640, 3), np.uint8)).offset_m is None
+    assert estimate(DRIVE.frame(0.0)).offset_m == first.offset_m
 
 
 def test_estimates_of_a_recipe_have_the_signs_of_the_conventions():

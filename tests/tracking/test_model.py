@@ -3,8 +3,8 @@ import pytest
 
 from lanes.camera.camera_pose import CameraPose
 from lanes.tracking.model import (
-    PRIOR_STD,
     LEFT_SIDE,
+    PRIOR_STD,
     RIGHT_SIDE,
     SIDES,
     STRAIGHT_FROM_M,
