@@ -1,11 +1,12 @@
-"""Score the three recipes and the tracker on drives with known truth.
+"""Score the three recipes, the tracker and its detector on drives with known truth.
 
 A recipe warps with its published points, or with points from the camera pose (NAME_pose).
 The drives are the scenes of the suite, which are rendered once and cached, or your own videos.
-Writes benchmark.csv, benchmark.png and reliability.png. Finished scores are cached, so an
+Writes benchmark.csv, consistency.csv, benchmark.png and reliability.png. Finished scores are cached, so an
 interrupted run continues where it stopped.
 --speed measures time and memory instead (some minutes).
 --labels scores the systems, or a file of predictions, on hand-labelled stills instead.
+--seed scores other variants of the scenes: the systems were tuned on number 0.
 """
 
 from __future__ import annotations
@@ -13,9 +14,13 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from lanes.cli.arguments import add_lens, find_lens
-from lanes.io.console import positive_int, progress_line, run_command, run_program
+from lanes.io.console import positive_int, progress_line, run_command, run_program, whole_number
+
+if TYPE_CHECKING:
+    from benchmark.labels.tusimple import LaneColumns
 
 EXAMPLES = """\
   {program} --list
@@ -23,8 +28,10 @@ EXAMPLES = """\
   {program} --system tracker --estimated-pose motorway
   {program} --system tracker,best_channel my_drive.mp4
   {program} --system my_finder.py:my_finder,tracker --workers 2 -o results
+  {program} --system tracker,detector --seed 7 -o held_out
   {program} --speed
   {program} --labels stills/labels.jsonl --camera camera.yaml
+  {program} --labels world/labels.jsonl --hfov 60 --each-folder
   {program} --labels stills/labels.jsonl --predictions lanes.jsonl"""
 
 
@@ -43,7 +50,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="extend",
         metavar="NAME,...",
         help="hls_sobel, equalized_hsv, best_channel, each also with points from the camera pose (hls_sobel_pose, "
-        "equalized_hsv_pose, best_channel_pose), tracker (default: all of these), or file.py:function for your own",
+        "equalized_hsv_pose, best_channel_pose), tracker, detector (each frame alone; default: all of these), or "
+        "file.py:function for your own",
+    )
+    parser.add_argument(
+        "--seed",
+        type=whole_number,
+        default=0,
+        metavar="N",
+        help="score variant number N of each scene: another ride and other light on other asphalt (default: "
+        "%(default)s, the scenes themselves)",
     )
     parser.add_argument(
         "--estimated-pose",
@@ -72,6 +88,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="JSONL",
         help="score these predictions of `python -m lanes detect` instead of the systems",
     )
+    labelled.add_argument(
+        "--each-folder",
+        action="store_true",
+        help="each top folder below the labels is another camera: its pose is estimated from its own labelled stills",
+    )
     add_lens(labelled)
 
 
@@ -92,7 +113,7 @@ def run(options: argparse.Namespace) -> int:
     if options.predictions:
         raise ValueError(f"{options.predictions}: predictions need labels; name their file with --labels.")
     results = run_benchmark(
-        choose_drives(options.scenes),
+        choose_drives(options.scenes, seed=options.seed),
         options.system or SYSTEMS,
         workers=options.workers,
         estimated_pose=options.estimated_pose,
@@ -113,31 +134,48 @@ def measure_speeds() -> int:
 
 def score_labelled(options: argparse.Namespace) -> int:
     """Score a file of predictions, or every system, on the stills of `options.labels`."""
-    from benchmark.labels.stills import describe_labelled, score_pictures
+    from benchmark.labels.stills import describe_labelled
     from benchmark.labels.tusimple import EGO_LANE_NOTE, pair_predictions, read_labels, read_predictions, score_lines
-    from benchmark.systems import SYSTEMS
-    from lanes.camera.pose_from_lanes.estimator import pose_from_drive
-    from lanes.io.images import read_image
 
-    labels, folder = read_labels(options.labels), options.labels.parent
+    labels = read_labels(options.labels)
     if options.predictions:
         pairs = pair_predictions(labels, read_predictions(options.predictions))
-        scores = {options.predictions.name: [score for pair in pairs for score in score_lines(*pair)]}
+        print(describe_labelled({options.predictions.name: [score for pair in pairs for score in score_lines(*pair)]}))
     else:
-        options.files = [folder / label.name for label in labels]
-        camera, estimate = pose_from_drive(find_lens(options), options.files, progress=progress_line("pose"))
-        if estimate:
-            print(estimate.describe())
-        pictures = map(read_image, options.files)
-        scores = score_pictures(labels, pictures, camera, options.system or SYSTEMS, progress=progress_line("stills"))
-    print(describe_labelled(scores))
+        _score_systems_on_stills(labels, options)
     print(f"{len(labels)} stills; {EGO_LANE_NOTE}")
     return 0
 
 
+def _score_systems_on_stills(labels: list[LaneColumns], options: argparse.Namespace) -> None:
+    """Print the scores of every system, and the consistency of the detector, on labelled stills."""
+    from benchmark.labels.consistency import describe_checks, summarize_checks
+    from benchmark.labels.stills import describe_labelled, join_scores, score_folder, split_folders
+    from benchmark.systems import STILL_SYSTEMS
+    from lanes.camera.pose_from_lanes.pose_estimate import PoseError
+
+    systems, scored = options.system or STILL_SYSTEMS, []
+    for name, some in (split_folders(labels) if options.each_folder else {"": labels}).items():
+        options.files = [options.labels.parent / label.name for label in some]
+        try:
+            folder = score_folder(some, options.files, find_lens(options), systems, progress_line)
+        except PoseError as error:
+            if not options.each_folder:
+                raise
+            print(f"{name}: left out, {len(some)} stills ({error})")
+            continue
+        scored.append(folder)
+        print(f"{name}: {len(some)} stills; {summarize_checks(folder.checks)}" if name else folder.describe_pose())
+    print(describe_labelled(join_scores(scored)))
+    if checks := [check for folder in scored for check in folder.checks]:
+        print(f"\n{describe_checks(checks)}\n")
+
+
 def _report(results: list, folder: Path) -> None:
+    from benchmark.reporting.consistency_table import consistency_rows, describe_consistency
     from benchmark.reporting.failures import describe_failures
     from benchmark.reporting.figures import save_reliability_figure, save_scores_figure
+    from benchmark.reporting.reliability import describe_confidence
     from benchmark.reporting.tables import describe_run, describe_scores
     from benchmark.scores import score_rows, total_rows
     from benchmark.systems import TRACKER
@@ -146,10 +184,15 @@ def _report(results: list, folder: Path) -> None:
     rows = [*score_rows(results), *total_rows(results)]
     print(describe_scores(rows))
     print(describe_run(rows))
+    for report in (describe_consistency(results), describe_confidence(results)):
+        if report:
+            print(f"\n{report}")
     failures = describe_failures([result for result in results if result.system == TRACKER])
-    print(f"Failures of the tracker:\n{failures or 'none'}")
+    print(f"\nFailures of the tracker:\n{failures or 'none'}")
+    stated = consistency_rows(results)
     written = [
         write_telemetry(folder / "benchmark.csv", rows),
+        write_telemetry(folder / "consistency.csv", stated) if stated else None,
         save_scores_figure(folder / "benchmark.png", rows),
         save_reliability_figure(folder / "reliability.png", results),
     ]

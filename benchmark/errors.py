@@ -195,16 +195,16 @@ def _errors_against(estimates: DriveEstimates, truth: LaneTruth, camera: Camera 
     error = np.where(compared, np.where(np.isnan(error), np.inf, error), np.nan)
     errors = {
         "lateral_m": np.fmax(error[:, 0], error[:, 1]),
-        "near_rms_m": _worse_rms(error[..., NEAR]),
-        "full_rms_m": _worse_rms(error),
-        "in_picture_rms_m": _worse_rms(np.where(truth.in_picture(camera), error, np.nan)[..., NEAR]),
+        "near_rms_m": worse_rms(error[..., NEAR]),
+        "full_rms_m": worse_rms(error),
+        "in_picture_rms_m": worse_rms(np.where(truth.in_picture(camera), error, np.nan)[..., NEAR]),
     }
     for name in ("offset_m", "heading_rad", "curvature_per_m"):
         errors[name] = np.where(truth.exists, np.abs(getattr(estimates, name) - getattr(truth, name)), np.nan)
     return errors
 
 
-def _worse_rms(error: np.ndarray) -> np.ndarray:
+def worse_rms(error: np.ndarray) -> np.ndarray:
     """(N,) from errors (N, 2, K): the larger root mean square of the two lines, NaN left out; NaN if all are NaN."""
     known = ~np.isnan(error)
     count = known.sum(axis=2)

@@ -12,12 +12,13 @@ from functools import partial
 from pathlib import Path
 
 from benchmark import estimates, systems
+from benchmark.consistency import normalize_errors
 from benchmark.errors import frame_errors
 from benchmark.estimates import read_estimates, write_estimates
 from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_system
 from benchmark.machine import describe_machine
+from benchmark.result import Result
 from benchmark.scored_drive import BenchmarkDrive
-from benchmark.scores import Result
 from benchmark.suite_drives import ensure_video
 from benchmark.systems import require_system, source_files
 from lanes.camera.camera_file import camera_to_dict
@@ -67,7 +68,7 @@ def run_benchmark(
 def cached_estimates(prepared: PreparedDrive, system: str, folder: Path, workers: int) -> Path:
     """The file with the estimates of a system for a drive; the system runs if there is no such file yet."""
     label = system.replace("/", "-").replace(":", "-")  # an own finder is named file.py:function
-    path = folder / f"{prepared.drive.name}-{label}-{_cache_key(prepared, system)}.json"
+    path = folder / f"{prepared.drive.label}-{label}-{_cache_key(prepared, system)}.json"
     if not path.is_file():
         fps = inspect_video(prepared.drive.require_video()).fps
         metadata = {"workers": workers, "fps": fps, "machine": describe_machine()}
@@ -87,11 +88,13 @@ def _estimate(task: tuple[PreparedDrive, str], *, folder: Path, workers: int) ->
 def _result(prepared: PreparedDrive, system: str, path: Path) -> Result:
     estimates, metadata = read_estimates(path)
     drive = prepared.drive
+    truth = read_truth(drive)
     try:
-        errors = frame_errors(estimates, read_truth(drive), prepared.camera)
+        errors = frame_errors(estimates, truth, prepared.camera)
     except ValueError as error:
         raise ValueError(f"{drive.video}: {error}") from error
-    return Result(drive.name, drive.difficulty, system, errors, prepared.pose, **metadata)
+    normalized = normalize_errors(estimates, truth)
+    return Result(drive.label, drive.difficulty, system, errors, prepared.pose, normalized=normalized, **metadata)
 
 
 def _cache_key(prepared: PreparedDrive, system: str) -> str:

@@ -20,12 +20,21 @@ CUSTOM = "custom"
 
 @dataclass(frozen=True)
 class BenchmarkDrive:
-    """A video with its truth (.csv) and camera (.yaml) next to it; `video` is None until it is rendered."""
+    """A video with its truth (.csv) and camera (.yaml) next to it; `video` is None until it is rendered.
+
+    `seed` is the number of a scene's variant; 0 is the scene itself.
+    """
 
     name: str
     difficulty: str
     description: str
     video: Path | None
+    seed: int = 0
+
+    @property
+    def label(self) -> str:
+        """The name in tables; it includes the number of a variant."""
+        return f"{self.name}-{self.seed}" if self.seed else self.name
 
     def require_video(self) -> Path:
         """The video; raises FileNotFoundError if the scene is not rendered yet."""

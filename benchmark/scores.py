@@ -1,42 +1,26 @@
-"""The scores of a system on a scene: one row of the benchmark's table, computed from the errors of its frames."""
+"""The rows of the benchmark's table: scores of a system on a scene, computed from the errors of its frames."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from benchmark.errors import FrameErrors, recovery_lengths
 from benchmark.estimates import AHEAD_M
+from benchmark.result import Result
+from benchmark.significance import accuracy_interval, among_best
 
 # Distances ahead, each with its own columns in the table.
 TABLE_AHEAD_M = (5.0, 15.0, 30.0)
 Row = dict[str, Any]
 
 
-@dataclass(frozen=True, eq=False)
-class Result:
-    """The errors of one system on one scene, and the conditions of the measurement.
-
-    `pose` is the source of the camera pose: "true", "estimated" or "not found". `workers` and `machine` (see
-    `describe_machine`) are the number of processes and the machine of the time measurement.
-    """
-
-    scene: str
-    difficulty: str
-    system: str
-    errors: FrameErrors
-    pose: str = "true"
-    workers: int = 1
-    fps: float = 25.0
-    machine: str = ""
-
-
 def score_rows(results: Iterable[Result]) -> list[Row]:
-    """A row for each scene and system: names and conditions, then the numbers of `score`."""
-    return [_row(result.scene, [result]) for result in results]
+    """A row for each scene and system: names and conditions, then the numbers of `score` and of `_compare`."""
+    return _compared_rows([(result.scene, [result]) for result in results])
 
 
 def total_rows(results: Sequence[Result]) -> list[Row]:
@@ -44,7 +28,41 @@ def total_rows(results: Sequence[Result]) -> list[Row]:
     groups: dict[tuple[str, str], list[Result]] = {}
     for result in results:
         groups.setdefault((result.difficulty, result.system), []).append(result)
-    return [_row(f"all {group[0].difficulty}", group) for group in groups.values()]
+    return _compared_rows([(total_name(difficulty), group) for (difficulty, _), group in groups.items()])
+
+
+def total_name(difficulty: str) -> str:
+    """The name in the column "scene" of a row over all scenes of a difficulty."""
+    return f"all {difficulty}"
+
+
+def _compared_rows(groups: Sequence[tuple[str, Sequence[Result]]]) -> list[Row]:
+    """Rows of named results; rows of the same name are compared with each other."""
+    compared: dict[tuple[str, int], list[Sequence[Result]]] = {}
+    seen: Counter[tuple[str, str]] = Counter()
+    for name, group in groups:
+        key = name, group[0].system
+        # two videos may have the same name
+        compared.setdefault((name, seen[key]), []).append(group)
+        seen[key] += 1
+    return [
+        row | comparison
+        for (name, _), same in compared.items()
+        for row, comparison in zip([_row(name, group) for group in same], _compare(same), strict=True)
+    ]
+
+
+def _compare(systems: Sequence[Sequence[Result]]) -> list[dict[str, float]]:
+    """Comparison of systems on the same scenes: 95 % interval of the accuracy, and the mark of the best ones.
+
+    The mark is 1 or 0 (see `benchmark.significance`); NaN without another system.
+    """
+    marks = [float(mark) for mark in among_best(systems)] if len(systems) > 1 else [float("nan")]
+    intervals = [accuracy_interval(group) for group in systems]
+    return [
+        {"accuracy_low": low, "accuracy_high": high, "among_best": mark}
+        for (low, high), mark in zip(intervals, marks, strict=True)
+    ]
 
 
 def _row(name: str, group: Sequence[Result]) -> Row:

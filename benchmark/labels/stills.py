@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 
+from benchmark.labels.consistency import StillCheck, check_stills
 from benchmark.labels.tusimple import LaneColumns, LineScore, score_lines, summarize_lines
 from benchmark.reporting.tables import format_table
-from benchmark.systems import column_detector
+from benchmark.systems import DETECTOR, TRACKER, column_detector
 from lanes.camera.camera import Camera
+from lanes.camera.pose_from_lanes.estimator import pose_from_drive
+from lanes.camera.pose_from_lanes.pose_estimate import PoseEstimate
+from lanes.io.images import read_image
 
 COLUMNS = ("lines", "accuracy", "matched", "FP", "FN", "median error")
 
@@ -41,6 +47,58 @@ def score_pictures(
             scores[system] += score_lines(label, detected)
         if progress:
             progress(done, len(labels))
+    return scores
+
+
+@dataclass(frozen=True, eq=False)
+class LabelledFolder:
+    """Scores of each system on the labelled stills of one camera, the checks of the detected lanes, and the pose.
+
+    `checks` is empty if neither tracker nor detector is scored; `estimate` is None if the camera had a pose.
+    """
+
+    scores: dict[str, list[LineScore]]
+    checks: list[StillCheck]
+    estimate: PoseEstimate | None
+
+    def describe_pose(self) -> str:
+        """The estimated pose in words."""
+        return self.estimate.describe() if self.estimate else "camera pose: that of the camera file"
+
+
+def split_folders(labels: Sequence[LaneColumns]) -> dict[str, list[LaneColumns]]:
+    """The labels of the pictures in each top folder below the file of the labels."""
+    folders: dict[str, list[LaneColumns]] = {}
+    for label in labels:
+        folders.setdefault(PurePosixPath(label.name.replace("\\", "/")).parts[0], []).append(label)
+    return folders
+
+
+def score_folder(
+    labels: Sequence[LaneColumns],
+    files: Sequence[Path],
+    lens: Camera,
+    systems: Sequence[str],
+    progress: Callable[[str], Callable[[int, int], None]],
+) -> LabelledFolder:
+    """Scores and checks on the labelled pictures of one camera, whose pose is estimated from them if it has none.
+
+    `progress`, called with the name of a part of the work, returns its callback (done, total). Errors are those of
+    `pose_from_drive` and `score_pictures`.
+    """
+    camera, estimate = pose_from_drive(lens, files, progress=progress("pose"))
+    scores = score_pictures(labels, map(read_image, files), camera, systems, progress=progress("stills"))
+    detects = not {TRACKER, DETECTOR}.isdisjoint(systems)
+    checks = check_stills(labels, map(read_image, files), camera) if detects else []
+    return LabelledFolder(scores, checks, estimate)
+
+
+def join_scores(folders: Iterable[LabelledFolder]) -> dict[str, list[LineScore]]:
+    """The scores of each system on the stills of all cameras."""
+    scores: dict[str, list[LineScore]] = {}
+    for folder in folders:
+        for system, lines in folder.scores.items():
+            scores.setdefault(system, []).extend(lines)
     return scores
 
 

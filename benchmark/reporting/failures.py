@@ -8,7 +8,7 @@ from itertools import groupby
 import numpy as np
 
 from benchmark.errors import FrameErrors
-from benchmark.scores import Result
+from benchmark.result import Result
 
 CORRECT, LOST, WRONG = "correct", "lost", "wrong"
 CONFIDENT_AND_WRONG, FALSE_LANE = "confident and wrong", "a lane where none exists"

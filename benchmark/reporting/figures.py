@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmark.reporting.reliability import AvailableLanes, PrecisionCurve, Reliability
-from benchmark.scores import Result, Row
+from benchmark.result import Result
+from benchmark.scores import Row
 from benchmark.systems import TRACKER
 from lanes.classic.recipe import POSE_SUFFIX
 from lanes.drawing.figures import TRUTH_LOOK, new_figure, save_figure
@@ -44,8 +45,8 @@ def save_scores_figure(path: str | Path, rows: Sequence[Row]) -> Path:
 
 def save_reliability_figure(path: str | Path, results: Sequence[Result]) -> Path | None:
     """Draw the tracker's reliability diagram and every system's precision curve; None if the tracker has no lane."""
-    groups = {system: [r.errors for r in results if r.system == system] for system in {r.system: 0 for r in results}}
-    lanes = {system: AvailableLanes.from_errors(errors) for system, errors in groups.items()}
+    groups = {system: [r for r in results if r.system == system] for system in {r.system: 0 for r in results}}
+    lanes = {system: AvailableLanes.from_results(group) for system, group in groups.items()}
     if TRACKER not in lanes or not len(lanes[TRACKER].confidence):
         return None
     precisions = {system: some.precision_curve() for system, some in lanes.items() if len(some.confidence)}

@@ -12,13 +12,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmark.errors import FrameErrors
+from benchmark.bootstrap import frame_clusters, share_interval
+from benchmark.errors import CONFIDENT
+from benchmark.reporting.tables import describe_interval, format_table
+from benchmark.result import Result
 from lanes.tracking.confidence import CORRECT_WITHIN_M
 
 # Steps of 0.1; the last one is halved, because most lanes are in it.
 BIN_EDGES = np.array([*np.arange(0, 0.95, 0.1), 0.95, 1.0])
-# 95 % of a normal distribution lie within 1.96 standard deviations.
-Z_95 = 1.96
+# A lane is confident from the first confidence on (`CONFIDENT`), and likely from the second one on.
+LIKELY = 0.5
+
+
+CONFIDENCE_LEGEND = """\
+Lanes with a confidence of 0.9 or more: number, share of correct ones (here within 0.2 m over 5 to 30 m) with its 95 %
+interval, and which share of all correct lanes they are. Lanes with 0.5 to 0.9: number, mean confidence, share of
+correct ones."""
 
 
 class Reliability(NamedTuple):
@@ -49,32 +58,40 @@ class PrecisionCurve(NamedTuple):
 class AvailableLanes:
     """The M lanes that a system reported in some frames: confidence (1 if none is stated), correct, true lane exists.
 
-    `lane_frames` is the number of frames with a true lane, including those in which the system reported none.
+    `clusters` (M,) are those of `benchmark.bootstrap`: intervals take into account that the frames of a drive are
+    correlated. `lane_frames` is the number of frames with a true lane, including those in which the system reported
+    none.
     """
 
     confidence: np.ndarray
     correct: np.ndarray
     exists: np.ndarray
+    clusters: np.ndarray
     lane_frames: int
 
     @classmethod
-    def from_errors(cls, drives: Iterable[FrameErrors]) -> AvailableLanes:
-        """From the errors of drives."""
-        drives = list(drives)
-        available = np.concatenate([drive.available for drive in drives])
-        exists = np.concatenate([drive.exists for drive in drives])
-        correct = exists & (np.concatenate([drive.full_rms_m for drive in drives]) <= CORRECT_WITHIN_M)
-        confidence = np.nan_to_num(np.concatenate([drive.confidence for drive in drives]), nan=1.0)
-        return cls(confidence[available], correct[available], exists[available], int(exists.sum()))
+    def from_results(cls, results: Iterable[Result]) -> AvailableLanes:
+        """From the results of one system on some drives."""
+        results = list(results)
+        available, exists, full_rms_m, confidence = (
+            np.concatenate([getattr(result.errors, name) for result in results])
+            for name in ("available", "exists", "full_rms_m", "confidence")
+        )
+        correct = exists & (full_rms_m <= CORRECT_WITHIN_M)
+        clusters = frame_clusters([len(r.errors.available) for r in results], [r.fps for r in results])
+        confidence = np.nan_to_num(confidence[available], nan=1.0)
+        return cls(confidence, correct[available], exists[available], clusters[available], int(exists.sum()))
 
     def reliability(self) -> Reliability:
         """The reliability diagram: accuracy against confidence."""
         bins = len(BIN_EDGES) - 1
         index = np.clip(np.searchsorted(BIN_EDGES, self.confidence, side="right") - 1, 0, bins - 1)
-        count = np.bincount(index, minlength=bins)
-        confidence, correct = (np.bincount(index, w, bins)[count > 0] for w in (self.confidence, self.correct))
-        count = count[count > 0]
-        return Reliability(confidence / count, correct / count, *wilson_interval(correct, count), count)
+        members = [index == k for k in range(bins) if (index == k).any()]
+        rates = [_rate(self.correct[some], self.clusters[some]) for some in members]
+        return Reliability(
+            np.array([self.confidence[some].mean() for some in members]),
+            *(np.array([getattr(rate, name) for rate in rates]) for name in ("share", "low", "high", "lanes")),
+        )
 
     def precision_curve(self) -> PrecisionCurve:
         """Precision of the lanes above each confidence that occurs, from the highest to the lowest."""
@@ -83,15 +100,70 @@ class AvailableLanes:
         correct, covered = np.cumsum(self.correct[order])[last], np.cumsum(self.exists[order])[last]
         return PrecisionCurve(covered / max(self.lane_frames, 1), correct / (last + 1))
 
+    def summary(self) -> ConfidenceSummary:
+        """How often the lanes with a high confidence are correct, and how many of the correct ones have it."""
+        confident = self.confidence >= CONFIDENT
+        likely = ~confident & (self.confidence >= LIKELY)
+        return ConfidenceSummary(
+            _rate(self.correct[confident], self.clusters[confident]),
+            _rate(self.correct[likely], self.clusters[likely]),
+            _rate(confident[self.correct], self.clusters[self.correct]),
+            float(self.confidence[likely].mean()) if likely.any() else float("nan"),
+        )
 
-def wilson_interval(successes: np.ndarray, count: np.ndarray, *, z: float = Z_95) -> tuple[np.ndarray, np.ndarray]:
-    """Wilson score interval of a proportion: lower and upper limit at `z` standard deviations.
 
-    E. B. Wilson, "Probable inference, the law of succession, and statistical inference", JASA 22, 1927. It assumes
-    independent trials. Frames of a drive are correlated, so the true interval is wider.
+class Rate(NamedTuple):
+    """A share of a number of lanes, with its 95 % interval; NaN without a lane."""
+
+    share: float
+    low: float
+    high: float
+    lanes: int
+
+    def describe(self) -> str:
+        """The share and its interval, in percent."""
+        return f"{self.share:.1%} {describe_interval(self.low, self.high)}" if self.lanes else "-"
+
+
+def _rate(flags: np.ndarray, clusters: np.ndarray) -> Rate:
+    return Rate(float(flags.mean()) if len(flags) else float("nan"), *share_interval(flags, clusters), len(flags))
+
+
+class ConfidenceSummary(NamedTuple):
+    """Shares of correct lanes among the confident (0.9 or more) and the likely (0.5 to 0.9) ones.
+
+    `share_of_correct` is the share of the correct lanes that are confident, `likely_confidence` the mean confidence of
+    the likely ones.
     """
-    share = successes / count
-    middle = (share + z**2 / (2 * count)) / (1 + z**2 / count)
-    half = z / (1 + z**2 / count) * np.sqrt(share * (1 - share) / count + z**2 / (4 * count**2))
-    # clipped, because rounding could exclude the share itself at 0 and 1
-    return np.clip(middle - half, 0.0, share), np.clip(middle + half, share, 1.0)
+
+    confident: Rate
+    likely: Rate
+    share_of_correct: Rate
+    likely_confidence: float
+
+    def cells(self) -> list[str]:
+        """The cells of a table's row, in the order of `SUMMARY_COLUMNS`."""
+        stated = f"{self.likely_confidence:.1%}" if self.likely.lanes else "-"
+        return [
+            f"{self.confident.lanes}",
+            self.confident.describe(),
+            self.share_of_correct.describe(),
+            f"{self.likely.lanes}",
+            stated,
+            self.likely.describe(),
+        ]
+
+
+SUMMARY_COLUMNS = ("0.9 or more", "correct", "of correct", "0.5 to 0.9", "mean stated", "correct")
+
+
+def describe_confidence(results: Iterable[Result]) -> str:
+    """A table: a line for each system that states a confidence, and difficulty; empty without such a system."""
+    groups: dict[str, list[Result]] = {}
+    for result in results:
+        if np.isfinite(result.errors.confidence).any():
+            groups.setdefault(f"{result.difficulty}, {result.system}", []).append(result)
+    if not groups:
+        return ""
+    rows = {name: AvailableLanes.from_results(group).summary().cells() for name, group in groups.items()}
+    return f"{format_table(SUMMARY_COLUMNS, rows)}\n{CONFIDENCE_LEGEND}"

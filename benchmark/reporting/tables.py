@@ -9,12 +9,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 
-from benchmark.scores import Row
+from benchmark.scores import Row, total_name
 from lanes.io.files import read_text
 
 NAME_WIDTH = 20
 LEGEND = """\
 avail.: frames with an available lane. accuracy: frames with both lines within 0.2 m (rms over 5 to 20 m ahead).
+  *: the best system, and all whose difference to it is not significant (95 % bootstrap over scenes, in one scene over
+  seconds).
 wrong: frames that are confident and wrong: a lane with a confidence of 0.9 or more that is not correct.
   The recipes state no confidence; each of their lanes counts as confident.
 5 m to curvature: median/95th percentile of the error of the worse line, over the frames with an available lane.
@@ -58,8 +60,9 @@ def describe_run(rows: Iterable[Row]) -> str:
 def results_table(path: str | Path) -> str:
     """A benchmark.csv as the Markdown table of the README, with every scene and system.
 
-    A cell shows the accuracy, and the 95th percentile of the lateral error over 5 to 20 m. In scenes without a lane it
-    shows the share of frames that are confident and wrong. The best system of a row is bold.
+    A cell shows the accuracy, in rows over all scenes of a difficulty with its 95 % interval, and the 95th percentile
+    of the lateral error over 5 to 20 m. In scenes without a lane it shows the share of frames that are confident and
+    wrong. Bold are the best system of a row, and all whose difference to it is not significant.
 
     Raises
     ------
@@ -77,8 +80,8 @@ def markdown_table(rows: Sequence[Row]) -> str:
     lines = ["| scene | difficulty | " + " | ".join(systems) + " |", "|---" * (2 + len(systems)) + "|"]
     for (scene, difficulty), group in groupby(rows, key=lambda row: (row["scene"], row["difficulty"])):
         by_system = {row["system"]: row for row in group}
-        best = max(map(_share_of_success, by_system.values()))
-        cells = [_markdown_cell(by_system[name], best) if name in by_system else "" for name in systems]
+        best = _best_systems(by_system)
+        cells = [_markdown_cell(by_system[name], name in best) if name in by_system else "" for name in systems]
         lines.append(f"| {scene} | {difficulty} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
@@ -108,12 +111,29 @@ def _share_of_success(row: Row) -> float:
     return 1 - float(row["confident_and_wrong_share"]) if math.isnan(accuracy) else accuracy
 
 
-def _markdown_cell(row: Row, best: float) -> str:
+def _best_systems(by_system: Mapping[str, Row]) -> set[str]:
+    """The systems that are marked as best; those with the highest share where rows of several runs are shown."""
+    marks = {name: float(row.get("among_best", math.nan)) for name, row in by_system.items()}
+    if not any(map(math.isnan, marks.values())):
+        return {name for name, mark in marks.items() if mark}
+    shares = {name: _share_of_success(row) for name, row in by_system.items()}
+    return {name for name, share in shares.items() if share == max(shares.values())}
+
+
+def _markdown_cell(row: Row, best: bool) -> str:
     if math.isnan(float(row["accuracy"])):
         text = f"{row['confident_and_wrong_share']:.1%} false"
     else:
-        text = f"{row['accuracy']:.1%}, {_describe_distance(float(row['lateral_5_20m_p95_m']))}"
-    return f"**{text}**" if _share_of_success(row) == best else text
+        interval = ""
+        if row["scene"] == total_name(row["difficulty"]) and "accuracy_low" in row:
+            interval = f" {describe_interval(float(row['accuracy_low']), float(row['accuracy_high']))}"
+        text = f"{row['accuracy']:.1%}{interval}, {_describe_distance(float(row['lateral_5_20m_p95_m']))}"
+    return f"**{text}**" if best else text
+
+
+def describe_interval(low: float, high: float) -> str:
+    """An interval of a share in whole percent, rounded outwards: "(93-99)"."""
+    return f"({math.floor(round(100 * low, 6))}-{math.ceil(round(100 * high, 6))})"
 
 
 def _describe_distance(error_m: float) -> str:
@@ -137,10 +157,16 @@ def _share(key: str) -> Callable[[Row], str]:
     return lambda row: "-" if math.isnan(float(row[key])) else f"{100 * float(row[key]):.1f}"
 
 
+def _marked_accuracy(row: Row) -> str:
+    """Accuracy with a star for the best systems; in scenes without a lane there is neither."""
+    accuracy = _share("accuracy")(row)
+    return f"{accuracy}*" if accuracy != "-" and row.get("among_best") == 1 else f"{accuracy} "
+
+
 # Heading, unit, width, cell.
 COLUMNS: tuple[tuple[str, str, int, Callable[[Row], str]], ...] = (
     ("avail.", "%", 7, _share("available_share")),
-    ("accuracy", "%", 9, _share("accuracy")),
+    ("accuracy", "%", 9, _marked_accuracy),
     ("wrong", "%", 7, _share("confident_and_wrong_share")),
     ("5 m", "cm", 8, _pair("lateral_5m", "m", 100)),
     ("15 m", "cm", 8, _pair("lateral_15m", "m", 100)),

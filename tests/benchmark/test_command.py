@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import csv
 import subprocess
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from benchmark import runner
+from benchmark import runner, suite_drives
 from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_system, score_video
 from benchmark.machine import describe_machine
 from benchmark.reporting.tables import read_scores
@@ -57,7 +58,7 @@ class TestCommand:
         scenes = [row for row in rows if row["scene"] == "bend"]
         assert [row["system"] for row in scenes] == list(SYSTEMS)
         assert len(rows) == 2 * len(scenes)  # with the totals
-        tracker = scenes[-1]
+        tracker = scenes[list(SYSTEMS).index("tracker")]
         assert (tracker["frames"], tracker["available_share"], tracker["accuracy"]) == (FRAMES, 1, 1)
         assert 0 < tracker["lateral_5_20m_p95_m"] < 0.1
         assert all(row["time_median_ms"] > 0 and row["workers"] == 2 for row in scenes)
@@ -82,6 +83,16 @@ class TestCommand:
                 assert here[name] == pytest.approx(table[system][name], nan_ok=True, abs=1e-6)
         assert score_video(folder / "bend.mp4", "tracker", end_s=0.1)["frames"] == 3
 
+    def test_the_consistency_of_tracker_and_detector_is_reported(self, done, folder):
+        with (folder / "out" / "consistency.csv").open(newline="") as file:
+            rows = list(csv.DictReader(file))
+        assert [(row["scene"], row["system"]) for row in rows] == [
+            (scene, system) for scene in ("bend", "all custom") for system in ("tracker", "detector")
+        ]
+        assert all(float(row["frames"]) == FRAMES and float(row["offset_z_rms"]) > 0 for row in rows)
+        for words in ("custom tracker  custom detector", "NEES is e^T P^-1 e", "custom, detector"):
+            assert words in done.stdout
+
     def test_figures_are_pictures(self, done, folder):
         for name in ("benchmark.png", "reliability.png"):
             assert read_image(folder / "out" / name).std() > 5
@@ -93,6 +104,7 @@ class TestCommand:
             (["no-such-video.mp4"], "no-such-video.mp4: there is no such video file"),
             (["--system", "tracker,yolo", "motorway"], "there is no system 'yolo'"),
             (["--system", "tracker", "--system", "hough", "motorway"], "there is no system 'hough'"),
+            (["--seed", "-1"], "-1 does not do; give a whole number, 0 or more"),
         ],
     )
     def test_wrong_usage_is_reported(self, folder, arguments, words):
@@ -105,6 +117,20 @@ class TestCommand:
         listed = run(folder, "--list")
         assert listed.returncode == 0
         assert [line.split()[0] for line in listed.stdout.splitlines()] == list(list_drives())
+
+
+class TestVariants:
+    def test_a_seed_chooses_the_variant_and_the_committed_video_is_variant_0(self, tmp_path, monkeypatch):
+        (drive,) = choose_drives(["motorway"])
+        assert (drive.video.name, drive.label) == ("project_video.mp4", "motorway")
+        (variant,) = choose_drives(["motorway"], seed=3)
+        assert (variant.video, variant.label, variant.difficulty) == (None, "motorway-3", drive.difficulty)
+        asked = {}
+        monkeypatch.setattr(
+            suite_drives, "render_scene", lambda name, **options: asked.update(options, name=name) or tmp_path / "a.mp4"
+        )
+        assert suite_drives.ensure_video(variant, workers=1).video == tmp_path / "a.mp4"
+        assert (asked["name"], asked["seed"]) == ("motorway", 3)
 
 
 class TestRunner:

@@ -10,7 +10,8 @@ import pytest
 from benchmark.errors import LaneTruth, frame_errors, recovery_lengths
 from benchmark.estimates import AHEAD_M, DriveEstimates, LaneEstimate, read_estimates, write_estimates
 from benchmark.reporting.failures import describe_failures, failure_spans
-from benchmark.scores import Result, percentile, score, score_rows, total_rows
+from benchmark.result import Result
+from benchmark.scores import percentile, score, score_rows, total_rows
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraPose
 from simulator.road.geometry import RoadGeometry, VehiclePose, line_lateral, line_polynomial
@@ -314,8 +315,20 @@ def test_totals_are_over_frames_and_a_loss_ends_with_its_scene():
 def test_estimates_are_the_same_when_read_from_their_file(tmp_path):
     estimates = shifted(perfect(truth(), confidence=None), 0.123)
     estimates.lines_y_m[1, 0, 3] = np.nan
+    estimates.covariance[2] = np.diag([1e-4, 1e-7, 1.2345e-11, 1e-4])
     write_estimates(tmp_path / "a.json", estimates, workers=3)
     back, metadata = read_estimates(tmp_path / "a.json")
     assert metadata == {"workers": 3}
-    for name in ("lines_y_m", "offset_m", "heading_rad", "curvature_per_m", "confidence", "time_ms"):
+    for name in (
+        "lines_y_m",
+        "offset_m",
+        "heading_rad",
+        "curvature_per_m",
+        "confidence",
+        "width_m",
+        "time_ms",
+        "lines_std_m",
+    ):
         np.testing.assert_allclose(getattr(back, name), getattr(estimates, name), atol=1e-7)
+    # variances are kept however small
+    np.testing.assert_array_equal(back.covariance, estimates.covariance)

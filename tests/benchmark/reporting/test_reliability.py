@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from benchmark.errors import FrameErrors
-from benchmark.reporting.reliability import AvailableLanes, wilson_interval
+from benchmark.reporting.reliability import AvailableLanes, describe_confidence
+from benchmark.result import Result
 
 
-def some_lanes(confidence: list[float], correct: list[bool], *, exists: list[bool] | None = None, lane_frames: int = 0):
+def some_lanes(
+    confidence: list[float],
+    correct: list[bool],
+    *,
+    exists: list[bool] | None = None,
+    clusters: list[int] | None = None,
+    lane_frames: int = 0,
+):
     exists = [True] * len(correct) if exists is None else exists
-    return AvailableLanes(np.array(confidence), np.array(correct), np.array(exists), lane_frames or sum(exists))
+    clusters = range(len(correct)) if clusters is None else clusters
+    arrays = map(np.array, (confidence, correct, exists, clusters))
+    return AvailableLanes(*arrays, lane_frames or sum(exists))
 
 
 def test_bins_hold_mean_confidence_and_accuracy():
@@ -30,17 +42,22 @@ def test_a_calibrated_confidence_lies_on_the_diagonal():
     assert np.mean((bins.low < bins.confidence) & (bins.confidence < bins.high)) >= 0.8
 
 
-def test_wilson_interval_is_that_of_the_textbook():
-    # Newcombe, Statistics in Medicine 17 (1998), table I: 81 of 263, 15 of 148, 0 of 20, 1 of 29
-    low, high = wilson_interval(np.array([81, 15, 0, 1]), np.array([263, 148, 20, 29]))
-    assert low == pytest.approx([0.2553, 0.0624, 0.0, 0.0061], abs=5e-5)
-    assert high == pytest.approx([0.3662, 0.1605, 0.1611, 0.1718], abs=5e-5)
+def test_intervals_are_wider_if_the_lanes_of_a_drive_are_all_correct_or_all_wrong():
+    confidence, correct = [0.93] * 200, [True] * 100 + [False] * 20 + [True] * 80
+    alone, drives = (some_lanes(confidence, correct, clusters=c).reliability() for c in (None, np.arange(200) // 20))
+    assert alone.accuracy == drives.accuracy == pytest.approx(0.9)
+    assert drives.high[0] - drives.low[0] > 3 * (alone.high[0] - alone.low[0])
 
 
-def test_shares_of_0_and_1_are_inside_their_intervals():
-    count = np.arange(1, 300)
-    assert (wilson_interval(count, count)[1] == 1).all()
-    assert (wilson_interval(0 * count, count)[0] == 0).all()
+def test_summary_of_the_confidence_counted_by_hand():
+    lanes = some_lanes([0.95, 0.9, 0.97, 0.8, 0.6, 0.3], [True, True, False, True, False, True])
+    summary = lanes.summary()
+    assert (summary.confident.share, summary.confident.lanes) == (pytest.approx(2 / 3), 3)
+    assert (summary.likely.share, summary.likely.lanes) == (0.5, 2)
+    assert summary.likely_confidence == pytest.approx(0.7)
+    assert (summary.share_of_correct.share, summary.share_of_correct.lanes) == (0.5, 4)
+    nothing = some_lanes([0.95], [True]).summary().cells()
+    assert nothing == ["1", "100.0% (20-100)", "100.0% (20-100)", "0", "-", "-"]
 
 
 def test_precision_falls_as_more_lanes_are_used():
@@ -71,7 +88,11 @@ def test_only_available_lanes_count_and_correct_is_up_to_30_m():
         confidence=np.array([0.7, np.nan, np.nan, 0.2]),
         time_ms=nothing,
     )
-    lanes = AvailableLanes.from_errors([errors, errors])
+    lanes = AvailableLanes.from_results([Result(name, "hard", "tracker", errors) for name in ("one", "two")])
     assert lanes.confidence.tolist() == [0.7, 1, 0.2] * 2
     assert lanes.correct.tolist() == [True, False, False] * 2
+    assert lanes.clusters.tolist() == [0] * 3 + [1] * 3
     assert lanes.lane_frames == 6
+    unstated = replace(errors, confidence=np.full(4, np.nan))
+    table = describe_confidence([Result("one", "hard", "a", errors), Result("one", "hard", "b", unstated)])
+    assert "hard, a" in table and "hard, b" not in table

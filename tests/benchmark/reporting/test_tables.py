@@ -7,7 +7,7 @@ import csv
 import numpy as np
 import pytest
 
-from benchmark.reporting.tables import describe_scores, format_table, results_table
+from benchmark.reporting.tables import describe_interval, describe_scores, format_table, markdown_table, results_table
 
 
 def row(scene: str, system: str, **numbers: float) -> dict:
@@ -50,6 +50,35 @@ class TestTables:
             "| bridge | hard | **90.0%, 0.12 m** | 80.0%, 0.12 m |",
             "| hairpin | hard | 0.0%, lost | **40.0%, a line ends** |",
             "| desert | hard | 100.0% false | **0.0% false** |",
+        ]
+
+    def test_groups_show_the_interval_and_all_that_are_not_significantly_worse_are_bold(self):
+        numbers = {"accuracy_low": 0.4321, "accuracy_high": 0.9}
+        rows = [
+            row("bridge", "a", accuracy=0.9, among_best=1.0, **numbers),
+            row("bridge", "b", accuracy=0.8, among_best=1.0, **numbers),
+            row("bridge", "c", accuracy=0.7, among_best=0.0, **numbers),
+            row("all hard", "a", accuracy=0.5, among_best=0.0, **numbers),
+            row("all hard", "b", accuracy=0.6, among_best=1.0, **numbers),
+            row("all hard", "c", accuracy=0.59, among_best=1.0, **numbers),
+        ]
+        assert markdown_table(rows).splitlines()[2:] == [
+            "| bridge | hard | **90.0%, 0.12 m** | **80.0%, 0.12 m** | 70.0%, 0.12 m |",
+            "| all hard | hard | 50.0% (43-90), 0.12 m | **60.0% (43-90), 0.12 m** | **59.0% (43-90), 0.12 m** |",
+        ]
+        accuracies = [line.split()[2] for line in describe_scores(rows).splitlines() if line.startswith("  ")][2:]
+        assert accuracies == ["90.0*", "80.0*", "70.0", "50.0", "60.0*", "59.0*"]
+
+    def test_without_marks_of_all_systems_the_highest_accuracy_is_bold(self):
+        """The row of a finder that was scored alone, next to rows of the benchmark."""
+        rows = [row("bridge", "a", accuracy=0.8, among_best=1.0), row("bridge", "own", accuracy=0.9, among_best=np.nan)]
+        assert markdown_table(rows).splitlines()[-1] == "| bridge | hard | 80.0%, 0.12 m | **90.0%, 0.12 m** |"
+
+    def test_intervals_are_rounded_outwards(self):
+        assert [describe_interval(*i) for i in ((0.931, 0.989), (0.93, 1.0), (0.0, 0.0004))] == [
+            "(93-99)",
+            "(93-100)",
+            "(0-1)",
         ]
 
     def test_other_files_are_refused(self, tmp_path):

@@ -1,0 +1,135 @@
+"""Are the stated uncertainty and confidence true on labelled stills?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmark.consistency import z_summary
+from benchmark.errors import CONFIDENT
+from benchmark.labels.tusimple import MATCH_ACCURACY, LaneColumns, score_lines
+from benchmark.reporting.consistency_table import describe_z
+from benchmark.reporting.reliability import LIKELY
+from benchmark.reporting.tables import format_table
+from lanes.camera.camera import Camera
+from lanes.tracking.birdseye import BirdsEyeView
+from lanes.tracking.detector import find_lane
+from lanes.tracking.lane import Lane
+from lanes.tracking.tracker import TrackedLane
+
+# Distances at which lines are compared. Rows count whose distance on the road differs by less than this share.
+COMPARED_AT_M = np.array([8.0, 15.0, 25.0])
+DISTANCE_SHARE = 0.08
+# Standard deviation of a labelled column: 95 % of the differences between two labellers are below 3.2 px.
+LABEL_STD_PX = 1.6
+# With a larger error another line was found.
+OTHER_LINE_M = 1.0
+LEGEND = """\
+z: lateral error against the label, both projected to the flat road at the same picture row, divided by its standard
+deviation: that of the lane and 1.6 px of the label. Cells: root mean square (1 is wanted), percent within 1 and 2
+(68/95). Right: every labelled line of the lane is matched."""
+
+
+@dataclass(frozen=True, eq=False)
+class StillCheck:
+    """What a lane, detected in a labelled still, states about itself, and what is true.
+
+    `z` (2, 3) are errors in standard deviations of both lines at COMPARED_AT_M, NaN where nothing is compared.
+    `other_lines` is the number of errors above OTHER_LINE_M, which are left out of `z`. `right` says whether all
+    labelled lines are matched; None if none is long enough to be scored.
+    """
+
+    z: np.ndarray
+    other_lines: int
+    confidence: float
+    right: bool | None
+
+
+def check_stills(
+    labels: Sequence[LaneColumns],
+    pictures: Iterable[np.ndarray],
+    camera: Camera,
+) -> list[StillCheck]:
+    """Checks of the lanes that are detected in labelled pictures, each processed independently."""
+    view, checks = BirdsEyeView(camera), []
+    for label, image in zip(labels, pictures, strict=True):
+        lane = find_lane(image, view)
+        if lane is not None:
+            checks.append(check_lane(lane, label, camera))
+    return checks
+
+
+def check_lane(lane: Lane, label: LaneColumns, camera: Camera) -> StillCheck:
+    """The check of a lane that is detected in a single picture."""
+    columns = lane.pixels(camera, label.rows)
+    error_m = np.array(
+        [_lateral_errors(*pair, label.rows, camera) for pair in zip(columns, label.columns, strict=True)]
+    )
+    other = np.abs(error_m) > OTHER_LINE_M
+    label_std_m = LABEL_STD_PX * COMPARED_AT_M / camera.matrix[0, 0]
+    std_m = np.hypot(lane.lateral_std_m(COMPARED_AT_M), label_std_m)
+    scores = score_lines(label, LaneColumns(label.name, label.rows, columns))
+    accuracies = [score.accuracy for score in scores if score.accuracy is not None]
+    return StillCheck(
+        np.where(other, np.nan, error_m / std_m),
+        int(other.sum()),
+        TrackedLane.from_still(lane).confidence,
+        min(accuracies) >= MATCH_ACCURACY if accuracies else None,
+    )
+
+
+def _lateral_errors(detected: np.ndarray, labelled: np.ndarray, rows: np.ndarray, camera: Camera) -> np.ndarray:
+    """(3,) mean lateral error of a line at COMPARED_AT_M; NaN where no row has both."""
+    both = (detected >= 0) & (labelled >= 0)
+    road, true = (camera.pixels_to_road(np.column_stack([c[both], rows[both]])) for c in (detected, labelled))
+    errors = road[:, 1] - true[:, 1]
+    near = np.abs(road[:, 0] - COMPARED_AT_M[:, None]) < DISTANCE_SHARE * COMPARED_AT_M[:, None]
+    return np.array([errors[some].mean() if some.any() else np.nan for some in near])
+
+
+def describe_checks(checks: Sequence[StillCheck]) -> str:
+    """Tables of z at each distance, and of the right lanes by confidence."""
+    rows = {}
+    for k, distance_m in enumerate(COMPARED_AT_M):
+        z = all_z(checks)[:, :, k].ravel()
+        z = z[np.isfinite(z)]
+        rows[f"lateral, {distance_m:.0f} m"] = [f"{len(z)}", describe_z(z_summary(z))]
+    confidence = {name: [cell] for name, cell in _confidence_cells(checks).items()}
+    return (
+        f"{format_table(('compared', 'z'), rows)}\n"
+        f"left out, error above {OTHER_LINE_M:g} m: {sum(check.other_lines for check in checks)}\n"
+        f"{format_table(('right',), confidence)}\n{LEGEND}"
+    )
+
+
+def summarize_checks(checks: Sequence[StillCheck]) -> str:
+    """The same in one line."""
+    z = all_z(checks)
+    cells = [describe_z(z_summary(z[:, :, k][np.isfinite(z[:, :, k])])) for k in range(len(COMPARED_AT_M))]
+    shares = _confidence_cells(checks)
+    confident, *_, share = shares.values()
+    at = "/".join(f"{x:.0f}" for x in COMPARED_AT_M)
+    return f"z at {at} m: {', '.join(cells)}; 0.9 or more: {confident} right, {share} of the right lanes"
+
+
+def all_z(checks: Sequence[StillCheck]) -> np.ndarray:
+    """(N, 2, 3) z of N stills."""
+    return np.array([check.z for check in checks]).reshape(-1, 2, len(COMPARED_AT_M))
+
+
+def _confidence_cells(checks: Sequence[StillCheck]) -> dict[str, str]:
+    """How many lanes of each range of confidence are right, and how many of the right ones have 0.9 or more."""
+    scored = [check for check in checks if check.right is not None]
+    ranges = {
+        f"{CONFIDENT:g} or more": (CONFIDENT, np.inf),
+        f"{LIKELY:g} to {CONFIDENT:g}": (LIKELY, CONFIDENT),
+        f"below {LIKELY:g}": (-np.inf, LIKELY),
+    }
+    cells = {}
+    for name, (low, high) in ranges.items():
+        rights = [check.right for check in scored if low <= check.confidence < high]
+        cells[f"confidence {name}"] = f"{sum(map(bool, rights))} of {len(rights)}"
+    right = [check.confidence >= CONFIDENT for check in scored if check.right]
+    return cells | {f"right lanes with {CONFIDENT:g} or more": f"{sum(right)} of {len(right)}"}

@@ -1,0 +1,67 @@
+"""Tables of the consistency of the stated uncertainties: rows for a CSV file, and a table for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from benchmark.consistency import QUANTITIES, NormalizedErrors, consistency
+from benchmark.reporting.tables import format_table
+from benchmark.result import Result
+from benchmark.scores import Row, total_name
+
+LEGEND = """\
+z is an error divided by its stated standard deviation: a cell shows the root mean square of z (1 is wanted) and the
+shares within 1 and 2 standard deviations (68/95 % are wanted). NEES is e^T P^-1 e / 4 of offset, heading, curvature and
+width with their stated covariance P: its mean is 1 if P is true, larger if the errors are larger than stated."""
+
+
+def consistency_rows(results: Iterable[Result]) -> list[Row]:
+    """A row for each scene and system that states a covariance, then one for each difficulty and system."""
+    stated = [result for result in results if result.normalized is not None]
+    scenes = [_row(result.scene, [result]) for result in stated]
+    return scenes + [_row(total_name(group[0].difficulty), group) for group in _groups(stated)]
+
+
+def describe_consistency(results: Iterable[Result]) -> str:
+    """A column for each difficulty and system, a line for each quantity, and the legend; empty without a covariance."""
+    groups = _groups([result for result in results if result.normalized is not None])
+    if not groups:
+        return ""
+    columns = [f"{group[0].difficulty} {group[0].system}" for group in groups]
+    rows = [consistency(_normalized(group)) for group in groups]
+    lines = {
+        "frames": [f"{row['frames']:.0f}" for row in rows],
+        "left out: lane change": [f"{row['lane_change_frames']:.0f}" for row in rows],
+        "left out: other lane": [f"{row['other_lane_frames']:.0f}" for row in rows],
+        "NEES mean/median": [f"{row['nees_mean']:.2f}/{row['nees_median']:.2f}" for row in rows],
+    }
+    for quantity in QUANTITIES:
+        name = quantity.replace("lateral_", "lateral, ").replace("m", " m") if "lateral" in quantity else quantity
+        lines[name] = [describe_z({key: row[f"{quantity}_{key}"] for key in Z_KEYS}) for row in rows]
+    return f"{format_table(columns, lines)}\n{LEGEND}"
+
+
+Z_KEYS = ("z_rms", "within_1", "within_2")
+
+
+def describe_z(summary: dict[str, float]) -> str:
+    """A `z_summary` as "1.02 68/95": root mean square, percent within 1 and 2; a dash without any z."""
+    rms, within_1, within_2 = (summary[key] for key in Z_KEYS)
+    return "-" if rms != rms else f"{rms:.2f} {100 * within_1:.0f}/{100 * within_2:.0f}"
+
+
+def _groups(stated: Sequence[Result]) -> list[list[Result]]:
+    """Results of the same difficulty and system."""
+    groups: dict[tuple[str, str], list[Result]] = {}
+    for result in stated:
+        groups.setdefault((result.difficulty, result.system), []).append(result)
+    return list(groups.values())
+
+
+def _row(name: str, group: Sequence[Result]) -> Row:
+    names = {"scene": name, "difficulty": group[0].difficulty, "system": group[0].system}
+    return names | consistency(_normalized(group))
+
+
+def _normalized(group: Sequence[Result]) -> list[NormalizedErrors]:
+    return [result.normalized for result in group if result.normalized is not None]

@@ -1,0 +1,116 @@
+"""Consistency of stated uncertainties: drawn errors with a known covariance."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmark.consistency import QUANTITIES, consistency, normalize_errors
+from benchmark.errors import LaneTruth
+from benchmark.estimates import AHEAD_M, DriveEstimates
+from benchmark.reporting.consistency_table import consistency_rows, describe_consistency
+from benchmark.result import Result
+from tests.benchmark.test_significance import result
+
+N, WIDTH = 4000, 3.6
+STD = np.array([0.03, 0.004, 3e-4, 0.04])
+CORRELATION = np.eye(4)
+CORRELATION[1, 2] = CORRELATION[2, 1] = -0.9
+COVARIANCE = CORRELATION * np.outer(STD, STD)
+
+
+def truth(offset_m: float = 0.2) -> LaneTruth:
+    at_car = np.array([WIDTH / 2, -WIDTH / 2]) - offset_m
+    every = np.ones(N)
+    lines = np.broadcast_to(at_car[:, None] + 0.001 * AHEAD_M**2, (N, 2, len(AHEAD_M))).copy()
+    return LaneTruth(lines, np.outer(every, at_car), offset_m * every, 0.0 * every, 0.002 * every, WIDTH * every)
+
+
+def estimates(lane: LaneTruth, *, stated: float = 1.0) -> DriveEstimates:
+    """Errors drawn from COVARIANCE; the system states `stated` times their standard deviations."""
+    rng = np.random.default_rng(4)
+    offset, heading, curvature, width = rng.multivariate_normal(np.zeros(4), COVARIANCE, N).T
+    line_std = np.broadcast_to(0.02 + 0.001 * AHEAD_M, (N, 2, len(AHEAD_M)))
+    return DriveEstimates(
+        lane.lines_y_m + rng.normal(0, line_std),
+        lane.offset_m + offset,
+        lane.heading_rad + heading,
+        lane.curvature_per_m + curvature,
+        np.ones(N),
+        lane.width_m + width,
+        np.broadcast_to(stated**2 * COVARIANCE, (N, 4, 4)).copy(),
+        stated * line_std,
+        np.ones(N),
+    )
+
+
+@pytest.mark.parametrize("stated", [1.0, 0.5])
+def test_z_is_the_ratio_of_true_and_stated_std(stated):
+    row = consistency([normalize_errors(estimates(truth(), stated=stated), truth())])
+    assert row["frames"] == N
+    within = {1.0: (0.683, 0.954), 0.5: (0.383, 0.683)}[stated]
+    for quantity in QUANTITIES:
+        assert row[f"{quantity}_z_rms"] == pytest.approx(1 / stated, rel=0.03), quantity
+        assert (row[f"{quantity}_within_1"], row[f"{quantity}_within_2"]) == pytest.approx(within, abs=0.025)
+    assert row["nees_mean"] == pytest.approx(1 / stated**2, rel=0.04)
+    # the median of a chi-squared variable with 4 degrees of freedom is 3.357
+    assert row["nees_median"] == pytest.approx(3.357 / 4 / stated**2, rel=0.05)
+
+
+def test_nees_notices_a_wrong_correlation():
+    some = estimates(truth())
+    independent = replace(some, covariance=np.broadcast_to(np.diag(STD**2), (N, 4, 4)))
+    opposite = replace(some, covariance=np.broadcast_to(np.abs(COVARIANCE), (N, 4, 4)))
+    assert consistency([normalize_errors(independent, truth())])["heading_z_rms"] == pytest.approx(1, rel=0.03)
+    assert consistency([normalize_errors(opposite, truth())])["nees_mean"] > 4
+
+
+def test_lane_changes_and_other_lanes_are_left_out_and_counted():
+    lane, some = truth(), estimates(truth())
+    lane.at_car_y_m[:100, 0] = 0.3
+    some.lines_y_m[50:250] += 3.5
+    some.offset_m[50:250] -= 3.5
+    row = consistency([normalize_errors(some, lane)])
+    assert (row["frames"], row["lane_change_frames"], row["other_lane_frames"]) == (N - 250, 100, 150)
+    assert row["offset_z_rms"] == pytest.approx(1, rel=0.03)
+
+
+def test_a_line_that_ends_and_a_lost_lane_do_not_count():
+    lane, some = truth(), estimates(truth())
+    some.lines_y_m[:, 0, -1] = some.lines_std_m[:, 0, -1] = np.nan
+    lane.lines_y_m[:, 1, -1] = np.nan
+    some.covariance[:10] = np.nan
+    errors = normalize_errors(some, lane)
+    assert len(errors.of("lateral_30m")) == 0
+    assert len(errors.of("lateral_20m")) == 2 * len(errors.of("width")) == 2 * (N - 10)
+    assert np.isnan(consistency([errors])["lateral_30m_z_rms"])
+
+
+def test_a_system_without_a_covariance_has_no_consistency():
+    assert normalize_errors(replace(estimates(truth()), covariance=np.full((N, 4, 4), np.nan)), truth()) is None
+    no_lane = replace(truth(), lines_y_m=np.full((N, 2, len(AHEAD_M)), np.nan))
+    assert consistency([normalize_errors(estimates(truth()), no_lane)])["frames"] == 0
+
+
+def named(scene: str, system: str, stated: float) -> Result:
+    normalized = normalize_errors(estimates(truth(), stated=stated), truth())
+    return replace(result(np.ones(3, bool), scene=scene, system=system), normalized=normalized)
+
+
+def test_rows_and_table():
+    results = [
+        named("a", "tracker", 1.0),
+        replace(named("a", "recipe", 1.0), normalized=None),
+        named("b", "tracker", 0.5),
+    ]
+    rows = consistency_rows(results)
+    assert [(row["scene"], row["system"]) for row in rows] == [(s, "tracker") for s in ("a", "b", "all hard")]
+    # the mean square of both: 1 and 4
+    assert rows[-1]["offset_z_rms"] == pytest.approx(np.sqrt(2.5), rel=0.03)
+    table = describe_consistency(results[:1])
+    lines = {line[:16].strip(): line[16:].split() for line in table.splitlines()[:14]}
+    assert table.splitlines()[0].strip() == "hard tracker"
+    assert lines["offset"][-1] in {f"{a}/{b}" for a in (67, 68, 69) for b in (94, 95, 96)}
+    assert describe_consistency(results[1:2]) == ""
