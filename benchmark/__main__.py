@@ -6,7 +6,7 @@ Writes benchmark.csv, consistency.csv, benchmark.png and reliability.png. Finish
 interrupted run continues where it stopped.
 --speed measures time and memory instead (some minutes).
 --labels scores the systems, or a file of predictions, on hand-labelled stills instead.
---seed scores other variants of the scenes: the systems were tuned on number 0.
+--seed scores another variant of each scene: the systems were tuned on number 0.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=whole_number,
         default=0,
         metavar="N",
-        help="score variant number N of each scene: another ride and other light on other asphalt (default: "
-        "%(default)s, the scenes themselves)",
+        help="score variant number N of each scene: other radii, speeds, camera pose and noise (default: %(default)s, "
+        "the scenes themselves)",
     )
     parser.add_argument(
         "--estimated-pose",
