@@ -17,6 +17,7 @@ from lanes.camera.camera import Camera
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
 from lanes.tracking.lane import Lane
+from lanes.tracking.model import DIFFERENCE_STEP, PRIOR_STD, lines_on_view
 from lanes.tracking.tracker import TrackedLane
 
 # Distances at which lines are compared. Rows count whose distance on the road differs by less than this share.
@@ -28,20 +29,23 @@ LABEL_STD_PX = 1.6
 OTHER_LINE_M = 1.0
 LEGEND = """\
 z: lateral error against the label, both projected to the flat road at the same picture row, divided by its standard
-deviation: that of the lane and 1.6 px of the label. Cells: root mean square (1 is wanted), percent within 1 and 2
-(68/95). Right: every labelled line of the lane is matched."""
+deviation: that of the lane at this row and 1.6 px of the label. Cells: root mean square (1 is wanted), percent within 1
+and 2 (68/95). On the road: divided by the standard deviation of the position on the road. It includes errors of the
+pitch, which the labels do not show, so smaller values are expected. Right: every labelled line is matched."""
 
 
 @dataclass(frozen=True, eq=False)
 class StillCheck:
     """What a lane, detected in a labelled still, states about itself, and what is true.
 
-    `z` (2, 3) are errors in standard deviations of both lines at COMPARED_AT_M, NaN where nothing is compared.
-    `other_lines` is the number of errors above OTHER_LINE_M, which are left out of `z`. `right` says whether all
-    labelled lines are matched; None if none is long enough to be scored.
+    `z` and `road_z` (2, 3) are errors of both lines at COMPARED_AT_M, NaN where nothing is compared: in standard
+    deviations of the position at a picture row (`row_std_m`), and in those of the position on the road
+    (`Lane.lateral_std_m`). `other_lines` is the number of errors above OTHER_LINE_M, which are left out. `right` says
+    whether all labelled lines are matched; None if none is long enough to be scored.
     """
 
     z: np.ndarray
+    road_z: np.ndarray
     other_lines: int
     confidence: float
     right: bool | None
@@ -68,16 +72,31 @@ def check_lane(lane: Lane, label: LaneColumns, camera: Camera) -> StillCheck:
         [_lateral_errors(*pair, label.rows, camera) for pair in zip(columns, label.columns, strict=True)]
     )
     other = np.abs(error_m) > OTHER_LINE_M
+    error_m[other] = np.nan
     label_std_m = LABEL_STD_PX * COMPARED_AT_M / camera.matrix[0, 0]
-    std_m = np.hypot(lane.lateral_std_m(COMPARED_AT_M), label_std_m)
+    row_std = row_std_m(lane, COMPARED_AT_M, camera.require_pose().height_m)
     scores = score_lines(label, LaneColumns(label.name, label.rows, columns))
     accuracies = [score.accuracy for score in scores if score.accuracy is not None]
     return StillCheck(
-        np.where(other, np.nan, error_m / std_m),
+        error_m / np.hypot(row_std, label_std_m),
+        error_m / np.hypot(lane.lateral_std_m(COMPARED_AT_M), label_std_m),
         int(other.sum()),
         TrackedLane.from_still(lane).confidence,
         min(accuracies) >= MATCH_ACCURACY if accuracies else None,
     )
+
+
+def row_std_m(lane: Lane, x_m: np.ndarray, height_m: float) -> np.ndarray:
+    """Standard deviation (2, N) of the lines' lateral positions at the picture rows of distances x (N,) on a flat road.
+
+    Pitch and width of a lane are correlated: both decide where the lines are in the picture. Errors of the pitch, which
+    displace the lines on the road, hardly displace them in the picture that they are fitted to.
+    """
+    steps = DIFFERENCE_STEP * PRIOR_STD
+    moved = lines_on_view(lane.model + np.vstack([np.diag(steps), -np.diag(steps)]), x_m, height_m)
+    differences = moved[: len(steps)] - moved[len(steps) :]
+    gradients = np.moveaxis(differences, 0, -1) / (2 * steps)
+    return np.sqrt(((gradients @ lane.covariance) * gradients).sum(axis=-1))
 
 
 def _lateral_errors(detected: np.ndarray, labelled: np.ndarray, rows: np.ndarray, camera: Camera) -> np.ndarray:
@@ -93,12 +112,12 @@ def describe_checks(checks: Sequence[StillCheck]) -> str:
     """Tables of z at each distance, and of the right lanes by confidence."""
     rows = {}
     for k, distance_m in enumerate(COMPARED_AT_M):
-        z = all_z(checks)[:, :, k].ravel()
-        z = z[np.isfinite(z)]
-        rows[f"lateral, {distance_m:.0f} m"] = [f"{len(z)}", describe_z(z_summary(z))]
+        compared = np.isfinite(all_z(checks)[:, :, k]).sum()
+        cells = [_z_cells(all_z(checks, name))[k] for name in ("z", "road_z")]
+        rows[f"lateral, {distance_m:.0f} m"] = [f"{compared}", *cells]
     confidence = {name: [cell] for name, cell in _confidence_cells(checks).items()}
     return (
-        f"{format_table(('compared', 'z'), rows)}\n"
+        f"{format_table(('compared', 'z', 'z on the road'), rows)}\n"
         f"left out, error above {OTHER_LINE_M:g} m: {sum(check.other_lines for check in checks)}\n"
         f"{format_table(('right',), confidence)}\n{LEGEND}"
     )
@@ -106,17 +125,21 @@ def describe_checks(checks: Sequence[StillCheck]) -> str:
 
 def summarize_checks(checks: Sequence[StillCheck]) -> str:
     """The same in one line."""
-    z = all_z(checks)
-    cells = [describe_z(z_summary(z[:, :, k][np.isfinite(z[:, :, k])])) for k in range(len(COMPARED_AT_M))]
+    cells = _z_cells(all_z(checks))
     shares = _confidence_cells(checks)
     confident, *_, share = shares.values()
     at = "/".join(f"{x:.0f}" for x in COMPARED_AT_M)
     return f"z at {at} m: {', '.join(cells)}; 0.9 or more: {confident} right, {share} of the right lanes"
 
 
-def all_z(checks: Sequence[StillCheck]) -> np.ndarray:
-    """(N, 2, 3) z of N stills."""
-    return np.array([check.z for check in checks]).reshape(-1, 2, len(COMPARED_AT_M))
+def all_z(checks: Sequence[StillCheck], name: str = "z") -> np.ndarray:
+    """(N, 2, 3) `z` or `road_z` of N stills."""
+    return np.array([getattr(check, name) for check in checks]).reshape(-1, 2, len(COMPARED_AT_M))
+
+
+def _z_cells(z: np.ndarray) -> list[str]:
+    """Summaries of (N, 2, 3) z in words, for each distance."""
+    return [describe_z(z_summary(some[np.isfinite(some)])) for some in np.moveaxis(z, 2, 0)]
 
 
 def _confidence_cells(checks: Sequence[StillCheck]) -> dict[str, str]:
