@@ -52,12 +52,16 @@ def run_system(
     """Estimates of a system for each `every`-th frame of a drive before `end_s`; no lane without a pose."""
     video = prepared.drive.require_video()
     info = inspect_video(video)
-    estimate = start_system(system, prepared.camera, info.fps) if prepared.camera else lambda image: LaneEstimate()
+    if prepared.camera:
+        find, to_estimate = start_system(system, prepared.camera, info.fps)
+    else:
+        find, to_estimate = (lambda image: None), (lambda nothing: LaneEstimate())
     estimates, time_ms = [], []
     for image in islice(read_frames(video, end_s=end_s), 0, None, every):
         start = time.perf_counter()
-        estimates.append(estimate(image))
+        found = find(image)
         time_ms.append(1000 * (time.perf_counter() - start) if prepared.camera else np.nan)
+        estimates.append(to_estimate(found))
     return DriveEstimates.from_frames(estimates, time_ms)
 
 

@@ -48,10 +48,11 @@ def source_files(system: str) -> tuple[Path, ...]:
     return (_CAMERA, _TRACKING.parent) if system in (TRACKER, DETECTOR) else (_CAMERA, _CLASSIC.parent)
 
 
-def start_system(system: str | OwnFinder, camera: Camera, fps: float) -> Callable[[np.ndarray], LaneEstimate]:
-    """Start a system on a drive: a function of the next frame, (height, width, 3) uint8 RGB with lens distortion.
+def start_system(system: str | OwnFinder, camera: Camera, fps: float) -> tuple[Callable, Callable[..., LaneEstimate]]:
+    """Start a system on a drive: a function of the next frame, and one that makes the estimate of what it returns.
 
-    `system` is a name of `SYSTEMS`, "file.py:function", or a finder itself (see `benchmark.own_finder`).
+    A frame is (height, width, 3) uint8 RGB with lens distortion. Only the first function counts in the time of a
+    system. `system` is a name of `SYSTEMS`, "file.py:function", or a finder itself (see `benchmark.own_finder`).
 
     Raises
     ------
@@ -59,18 +60,16 @@ def start_system(system: str | OwnFinder, camera: Camera, fps: float) -> Callabl
         If the system is unknown.
     """
     if callable(system):
-        return lambda image: estimate_from_lines(system(image, camera))
+        return lambda image: system(image, camera), estimate_from_lines
     require_system(system)
     if is_own_finder(system):
         return start_system(load_finder(system), camera, fps)
     if system == TRACKER:
-        tracker = LaneTracker(camera, fps=fps)
-        return lambda image: tracker_estimate(tracker.update(image))
+        return LaneTracker(camera, fps=fps).update, tracker_estimate
     if system == DETECTOR:
         view = BirdsEyeView(camera)
-        return lambda image: tracker_estimate(TrackedLane.from_still(find_lane(image, view)))
-    finder = _start_recipe(system, camera)
-    return lambda image: recipe_estimate(finder.follow(image))
+        return lambda image: TrackedLane.from_still(find_lane(image, view)), tracker_estimate
+    return _start_recipe(system, camera).follow, recipe_estimate
 
 
 def column_detector(system: str, camera: Camera) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:

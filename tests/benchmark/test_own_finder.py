@@ -9,9 +9,10 @@ from benchmark.estimates import AHEAD_M
 from benchmark.evaluation import score_video
 from benchmark.own_finder import estimate_from_lines, load_finder
 from benchmark.scored_drive import PROJECT_ROOT
-from benchmark.systems import column_detector, source_files, start_system
+from benchmark.systems import column_detector, source_files
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraPose
+from tests.benchmark.test_systems import estimator
 
 CAMERA = Camera.from_fov((1280, 720), 60, CameraPose(1.4, pitch_rad=0.0))
 VIDEO = PROJECT_ROOT / "test_videos" / "project_video.mp4"
@@ -37,7 +38,7 @@ def test_a_finder_in_a_file_is_a_system(tmp_path):
     file = tmp_path / "mine.py"
     file.write_text(STRAIGHT)
     system = f"{file}:find"
-    assert start_system(system, CAMERA, 25.0)(IMAGE).offset_m == pytest.approx(-0.1)
+    assert estimator(system, CAMERA)(IMAGE).offset_m == pytest.approx(-0.1)
     left, right = column_detector(system, CAMERA)(IMAGE, np.array([300, 600]))
     assert (left[0], right[0]) == (-2, -2)
     u, v = CAMERA.road_to_pixels([[10.0, 1.9]])[0]

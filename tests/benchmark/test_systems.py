@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from benchmark.errors import LaneTruth, frame_errors
-from benchmark.estimates import AHEAD_M, DriveEstimates
+from benchmark.estimates import AHEAD_M, DriveEstimates, LaneEstimate
 from benchmark.systems import SYSTEMS, column_detector, recipe_estimate, start_system
+from lanes.camera.camera import Camera
 from lanes.classic.result import LaneResult, RoadLine
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
@@ -23,9 +26,15 @@ DRIVE = PaintedDrive(
 ROWS = np.arange(240, 311, 10)
 
 
+def estimator(system: str, camera: Camera = SMALL) -> Callable[[np.ndarray], LaneEstimate]:
+    """A started system as a function from a frame to its estimate."""
+    find, to_estimate = start_system(system, camera, 25.0)
+    return lambda image: to_estimate(find(image))
+
+
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_estimates_are_in_metres_on_the_road(system):
-    estimate = start_system(system, SMALL, 25.0)
+    estimate = estimator(system)
     estimates = DriveEstimates.from_frames([estimate(DRIVE.frame(0.0))], [1.0])
     truth = LaneTruth.from_columns(
         {name: np.array([value]) for name, value in truth_row(DRIVE.truth(0.0), frame=0).items()}
@@ -53,7 +62,7 @@ def test_stills_give_columns_of_the_raw_picture(system):
 
 def test_stated_uncertainties_are_those_of_the_lane():
     lane = find_lane(DRIVE.frame(0.0), BirdsEyeView(SMALL))
-    estimate = start_system("detector", SMALL, 25.0)(DRIVE.frame(0.0))
+    estimate = estimator("detector")(DRIVE.frame(0.0))
     stds = lane.offset_std_m, lane.heading_std_rad, lane.curvature_std_per_m, lane.width_std_m
     assert np.sqrt(np.diag(estimate.covariance)) == pytest.approx(stds)
     assert estimate.width_m == lane.width_m
@@ -63,7 +72,7 @@ def test_stated_uncertainties_are_those_of_the_lane():
 
 
 def test_the_detector_has_no_memory():
-    estimate = start_system("detector", SMALL, 25.0)
+    estimate = estimator("detector")
     first = estimate(DRIVE.frame(0.0))
     assert estimate(np.zeros((360, 640, 3), np.uint8)).offset_m is None
     assert estimate(DRIVE.frame(0.0)).offset_m == first.offset_m

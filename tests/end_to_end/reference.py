@@ -52,7 +52,8 @@ def measure(
 ) -> FrameErrors:
     """The tracker's errors in a piece of a committed video, with each frame changed by `disturb`."""
     drive = list_drives()[scene]
-    estimate = start_system(TRACKER, load_camera(drive.video.with_suffix(".yaml")), inspect_video(drive.video).fps)
+    camera, fps = load_camera(drive.video.with_suffix(".yaml")), inspect_video(drive.video).fps
+    find, to_estimate = start_system(TRACKER, camera, fps)
     estimates = [estimate(disturb(image)) for image in read_frames(drive.video, start_s=begin_s, end_s=end_s)]
     first = round(begin_s * inspect_video(drive.video).fps)
     truth = read_truth(drive).select(slice(first, first + len(estimates)))
