@@ -60,15 +60,14 @@ class NormalizedErrors:
 def normalize_errors(estimates: DriveEstimates, truth: LaneTruth) -> NormalizedErrors | None:
     """Errors of the estimates, divided by what the system states, against the truth of the same N frames.
 
-    None if the system states no covariance in any frame.
+    None if the system states no covariance in any frame with a true lane.
     """
-    stated = np.isfinite(estimates.covariance).all(axis=(1, 2))
-    if not stated.any():
+    compared = np.isfinite(estimates.covariance).all(axis=(1, 2)) & truth.exists
+    if not compared.any():
         return None
     change = (np.abs(truth.at_car_y_m) < LANE_CHANGE_M).any(axis=1)
     lateral = np.where(np.isfinite(truth.line_cosine), estimates.lines_y_m - truth.lines_y_m, np.nan)
     other = worse_rms((lateral * truth.line_cosine)[..., NEAR]) > OTHER_LANE_M
-    compared = stated & truth.exists
     used = compared & ~change & ~other
     errors = np.column_stack([_of(estimates, name) - _of(truth, name) for name in NUMBERS])[used]
     covariance = estimates.covariance[used]

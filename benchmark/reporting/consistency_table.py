@@ -12,7 +12,8 @@ from benchmark.scores import Row, total_name
 LEGEND = """\
 z is an error divided by its stated standard deviation: a cell shows the root mean square of z (1 is wanted) and the
 shares within 1 and 2 standard deviations (68/95 % are wanted). NEES is e^T P^-1 e / 4 of offset, heading, curvature and
-width with their stated covariance P: its mean is 1 if P is true, larger if the errors are larger than stated."""
+width with their stated covariance P: its mean is 1 if P is true, larger if the errors are larger than stated.
+Frames of a lane change, and those in which another lane was found, are counted, but left out."""
 
 
 def consistency_rows(results: Iterable[Result]) -> list[Row]:
@@ -31,8 +32,8 @@ def describe_consistency(results: Iterable[Result]) -> str:
     rows = [consistency(_normalized(group)) for group in groups]
     lines = {
         "frames": [f"{row['frames']:.0f}" for row in rows],
-        "left out: lane change": [f"{row['lane_change_frames']:.0f}" for row in rows],
-        "left out: other lane": [f"{row['other_lane_frames']:.0f}" for row in rows],
+        "lane change": [f"{row['lane_change_frames']:.0f}" for row in rows],
+        "other lane": [f"{row['other_lane_frames']:.0f}" for row in rows],
         "NEES mean/median": [f"{row['nees_mean']:.2f}/{row['nees_median']:.2f}" for row in rows],
     }
     for quantity in QUANTITIES:

@@ -91,7 +91,7 @@ def test_a_line_that_ends_and_a_lost_lane_do_not_count():
 def test_a_system_without_a_covariance_has_no_consistency():
     assert normalize_errors(replace(estimates(truth()), covariance=np.full((N, 4, 4), np.nan)), truth()) is None
     no_lane = replace(truth(), lines_y_m=np.full((N, 2, len(AHEAD_M)), np.nan))
-    assert consistency([normalize_errors(estimates(truth()), no_lane)])["frames"] == 0
+    assert normalize_errors(estimates(truth()), no_lane) is None
 
 
 def named(scene: str, system: str, stated: float) -> Result:
@@ -114,3 +114,10 @@ def test_rows_and_table():
     assert table.splitlines()[0].strip() == "hard tracker"
     assert lines["offset"][-1] in {f"{a}/{b}" for a in (67, 68, 69) for b in (94, 95, 96)}
     assert describe_consistency(results[1:2]) == ""
+
+
+def test_the_table_of_the_suite_fits_the_terminal():
+    one = named("a", "tracker", 1.0)
+    groups = [(d, s) for d in ("clean", "medium", "hard") for s in ("tracker", "detector")]
+    table = describe_consistency([replace(one, difficulty=d, system=s) for d, s in groups])
+    assert max(map(len, table.splitlines())) <= 120
