@@ -10,7 +10,8 @@ On painted roads, paint, light, motion and pose errors are random. Hard cases ar
 seconds, tar seams, bright cracks and kerbs along the lane, shadows, and black pictures. Some drives have a camera pose
 that is wrong by 2 to 4 degrees, or by a quarter of the height. The suite adds what paint on a plane cannot show:
 crests, hairpins, weather, traffic, and roads without a lane. Of each scene there are two variants, and stills are also
-detected in pictures that are half and 1.5 times as bright. Calibration is measured by cross-validation: on scenes that
+detected in pictures that are half and 1.5 times as bright. Pictures without a road are added (rooms, maps, tiles), each
+shown to the tracker for a while. Calibration is measured by cross-validation: on scenes that
 were not part of the fit.
 """
 
@@ -24,7 +25,7 @@ import cv2
 import numpy as np
 
 from benchmark.errors import LaneTruth, frame_errors
-from benchmark.estimates import DriveEstimates
+from benchmark.estimates import AHEAD_M, DriveEstimates
 from benchmark.evaluation import read_truth
 from benchmark.scored_drive import BenchmarkDrive, drive_from_video
 from benchmark.suite_drives import choose_drives
@@ -39,6 +40,7 @@ from simulator.rendering.drive import Motion
 from simulator.road.geometry import RoadGeometry
 from simulator.road.truth import truth_row
 from simulator.scenes.suite import render_scene
+from tests.support.not_roads import KINDS, not_a_road
 from tests.support.painted_drive import CAMERA, TAR, WORN_WHITE, WORN_YELLOW, PaintedDrive, Stripe
 from tests.support.painted_roads import DASH_M
 
@@ -54,6 +56,8 @@ FOLDS = 12
 SEEDS = (0, 1)
 # Factors of brightness of the stills, and the weight of those that are not 1.
 BRIGHTNESSES, OTHER_BRIGHTNESS_WEIGHT = (1.0, 0.5, 1.5), 0.5
+# Pictures without a road, of each kind, and the frames for which each is shown.
+NO_ROADS, NO_ROAD_FRAMES = 8, 12
 # Painted drives with a wrong camera pose, their first seed, and their weight: few users have one.
 WRONG_POSES, WRONG_POSE_SEED, WRONG_POSE_WEIGHT = 36, 200, 0.1
 
@@ -146,6 +150,13 @@ def samples_of_painted_drive(
     truth = LaneTruth.from_columns({name: np.array([row[name] for row in rows], float) for name in rows[0]})
     camera = camera if weight == 1 else wrong_pose(camera, seed)
     return label_lanes(map(drive.frame, times), camera, truth, fps=fps, number=seed, weight=weight)
+
+
+def samples_of_no_road(kind: str, seed: int, number: int) -> tuple[list, list]:
+    """Samples of a picture without a road, see `label_lanes`."""
+    shapes = ((2, len(AHEAD_M)), (2,), (), (), (), ())
+    truth = LaneTruth(*(np.full((NO_ROAD_FRAMES, *shape), np.nan) for shape in shapes))
+    return label_lanes([not_a_road(kind, seed)] * NO_ROAD_FRAMES, CAMERA, truth, fps=FPS, number=number)
 
 
 def samples_of_video(drive: BenchmarkDrive, number: int) -> tuple[list, list]:
@@ -286,6 +297,8 @@ def collect_samples(videos: list[str]) -> list[tuple[list, list]]:
     data = [samples_of_painted_drive(seed) for seed in range(DRIVES)]
     wrong = range(WRONG_POSE_SEED, WRONG_POSE_SEED + WRONG_POSES)
     data += [samples_of_painted_drive(seed, weight=WRONG_POSE_WEIGHT) for seed in wrong]
+    for number, kind in enumerate(KINDS):
+        data += [samples_of_no_road(kind, seed, -1000 - number) for seed in range(NO_ROADS)]
     for number, drive in enumerate(choose_drives(videos)):
         files = [drive] if videos else [drive_from_video(render_scene(drive.name, seed=seed)) for seed in SEEDS]
         data += [samples_of_video(replace(file, difficulty=drive.difficulty), -1 - number) for file in files]

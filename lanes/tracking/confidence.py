@@ -25,11 +25,13 @@ CORRECT_WITHIN_M, CORRECT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
 #   from before.
 # - bend: curvature times 30 m; in bends the standard deviation grows faster than the errors.
 # - support: sum of the square roots of the lines' supports.
+# - clutter: logarithm of the share of all paint-like stripes in view that the lane and its neighbours explain, where it
+#   is smaller than usual: bricks and letters look like paint, too.
 # - odd pitch, odd heading: pitch, and heading beyond that of a car in a bend, where they are larger than usual, in
 #   steps of 0.05 rad. They are large if the camera pose is wrong.
 FEATURES = (
     *("constant", "log std", "odd width", "offset", "shorter reach", "bend"),
-    *("support", "odd pitch", "odd heading"),
+    *("support", "clutter", "odd pitch", "odd heading"),
 )
 
 
@@ -38,8 +40,8 @@ class ConfidenceModel:
     """Logistic regression on `FEATURES`, fitted by `tools/fit_confidence.py`."""
 
     # For a lane detected in a single picture, and for a tracked one.
-    still_weights: tuple[float, ...] = (-0.67, -1.08, -7.41, -1.31, 0.44, 1.49, 1.12, 0.35, -1.88)
-    track_weights: tuple[float, ...] = (0.92, -0.77, -5.80, -1.29, 0.0, 0.42, 0.40, -3.69, -2.64)
+    still_weights: tuple[float, ...] = (-0.18, -1.07, -6.45, -1.70, 0.52, 1.51, 0.74, 3.90, -0.02, -2.24)
+    track_weights: tuple[float, ...] = (0.92, -0.77, -5.80, -1.29, 0.0, 0.42, 0.40, 0.0, -3.69, -2.64)
     # Usual width of lanes.
     usual_width_m: float = 3.5
     # Larger offsets occur in lane changes and carry no further information.
@@ -48,6 +50,9 @@ class ConfidenceModel:
     max_reach_m: float = 40.0
     # A support of two solid lines; more carries no information.
     max_support: float = 1.5
+    # Shares of explained stripes: usual ones are larger than this; smaller ones than the minimum are all the same.
+    usual_share: float = 0.2
+    min_share: float = 0.02
     # Usual pitch and heading, and the excess from which on they carry no further information. In a bend the heading of
     # the camera lags by the distance from the rear axle, at most.
     usual_pitch_rad: float = 0.01
@@ -60,7 +65,7 @@ CONFIDENCE = ConfidenceModel()
 
 
 def lane_features(lane: Lane) -> np.ndarray:
-    """The features (9,) of a lane, in the order of `FEATURES`."""
+    """The features (10,) of a lane, in the order of `FEATURES`."""
     c, far_m = CONFIDENCE, CORRECT_AT_M[-1]
     reach_m = min(lane.left.reach_m, lane.right.reach_m, c.max_reach_m)
     heading_rad = abs(lane.heading_rad) - c.heading_lag_m * abs(lane.curvature_per_m)
@@ -73,6 +78,7 @@ def lane_features(lane: Lane) -> np.ndarray:
             np.log((reach_m + CORRECT_AT_M[0]) / far_m),
             abs(lane.curvature_per_m) * far_m,
             min(lane.left.support**0.5 + lane.right.support**0.5, c.max_support),
+            np.log(min(max(lane.explained_share, c.min_share) / c.usual_share, 1.0)),
             _excess(abs(lane.pitch_rad) - c.usual_pitch_rad),
             _excess(heading_rad - c.usual_heading_rad),
         ]

@@ -76,6 +76,7 @@ def choose_lane(fit: LaneFit, evidence: FrameEvidence) -> Lane | None:
         observations=(replace(left, rows=None), replace(right, rows=None)),
         score=float(score[best]),
         margin=float(score[best] - score[rivals].max(initial=0.0)),
+        explained_share=float(fit.explained_share[best]),
     )
 
 

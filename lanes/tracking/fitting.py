@@ -102,6 +102,12 @@ class LaneFit:
         """(K,) sum of the weights of the stripes."""
         return self.weight.sum(axis=1)
 
+    @property
+    def explained_share(self) -> np.ndarray:
+        """(K,) share of the marking weight up to `FIT.nearby_far_m` that the lines of the lanes explain."""
+        near = self.stripes.x_m < FIT.nearby_far_m
+        return self.weight @ near / max(float(marking_weight(self.stripes) @ near), 1.0)
+
     @cached_property
     def on_line(self) -> np.ndarray:
         """(K, 2, stripes) bool: the stripe is nearest to the left or to the right line of the lane."""

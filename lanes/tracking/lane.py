@@ -117,6 +117,8 @@ class Lane:
         Sum of the square roots of the lines' supports minus the penalty of the prior.
     margin : float
         Score minus that of the next best lane.
+    explained_share : float
+        Share of everything in view that looks like paint which the lines of this lane and of its neighbours explain.
     """
 
     model: np.ndarray
@@ -126,6 +128,7 @@ class Lane:
     observations: Observations
     score: float
     margin: float
+    explained_share: float = 1.0
 
     @property
     def offset_m(self) -> float:

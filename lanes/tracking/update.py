@@ -131,7 +131,16 @@ def update_track(
     model = estimate.lane + inner_stripe_shift([line.double_profile for line in observations])
     support = np.array([[line.support for line in observations]])
     score = float(score_lanes(estimate.lane[None], support)[0])
-    lane = Lane(model, estimate.lane, estimate.lane_errors, estimate.lane_covariance, observations, score, track.margin)
+    lane = Lane(
+        model=model,
+        centres=estimate.lane,
+        covariance=estimate.lane_errors,
+        assumed_covariance=estimate.lane_covariance,
+        observations=observations,
+        score=score,
+        margin=track.margin,
+        explained_share=float(fit.explained_share[0]),
+    )
     return Track(estimate, lane, track.margin, factor)
 
 

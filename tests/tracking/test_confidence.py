@@ -15,6 +15,7 @@ from lanes.tracking.lane import Lane, LineObservation
 from lanes.tracking.model import CURVATURE, HEADING, PITCH, lateral_std_m
 from lanes.tracking.tracker import LaneTracker
 from simulator.road.truth import truth_row
+from tests.support.not_roads import KINDS, not_a_road
 from tests.support.painted_drive import CAMERA, TAR, PaintedDrive, Stripe, s_bend
 from tests.support.shapes import a_lane
 from tools.fit_confidence import cross_validated, fit_logistic, label_lanes, logistic, samples_of_painted_drive
@@ -48,8 +49,8 @@ def test_unusual_lanes_have_low_confidence(tracked):
 def test_features_are_what_their_names_say():
     lane = lane_with(width_m=3.3, centre_m=-0.25)
     lane = replace(lane, observations=(LineObservation(0.6, 25.0), LineObservation(0.3, 10.0)))
-    constant, std, width, offset, shorter, bend, support, pitch, heading = lane_features(lane)
-    assert (constant, bend, pitch, heading) == (1.0, 0.0, 0.0, 0.0)
+    constant, std, width, offset, shorter, bend, support, clutter, pitch, heading = lane_features(lane)
+    assert (constant, bend, clutter, pitch, heading) == (1.0, 0.0, 0.0, 0.0, 0.0)
     assert support == pytest.approx(0.6**0.5 + 0.3**0.5)
     assert np.exp(std) == pytest.approx(lateral_std_m(lane.covariance, 30.0).max())
     assert (width, offset) == (pytest.approx(0.2**2), pytest.approx(0.25))
@@ -65,7 +66,7 @@ def test_a_lane_that_the_camera_pose_makes_odd_has_less_confidence():
     # in a hairpin the camera lags behind the road
     bend[[HEADING, CURVATURE]] = 0.05, 0.03
     pitch, heading, lag = (lane_features(replace(lane_with(), model=m)) for m in (tilted, turned, bend))
-    assert pitch[7] == pytest.approx(0.6) and heading[8] == pytest.approx(0.6) and lag[8] == 0.0
+    assert pitch[8] == pytest.approx(0.6) and heading[9] == pytest.approx(0.6) and lag[9] == 0.0
     assert rate_lane(replace(lane_with(), model=turned)) < rate_lane(lane_with()) - 0.01
     assert rate_lane(replace(lane_with(), model=tilted), tracked=True) < rate_lane(lane_with(), tracked=True) - 0.01
 
@@ -106,6 +107,22 @@ def test_nothing_is_confidently_found_on_a_road_without_lines():
         assert tracker.update(image).confidence < 0.9
         still = find_lane(image, view)
         assert still is None or rate_lane(still) < 0.9
+
+
+def test_a_lane_among_clutter_has_less_confidence():
+    lane, clutter = lane_with(), replace(lane_with(), explained_share=0.1)
+    assert lane_features(clutter)[7] == pytest.approx(np.log(0.5))
+    assert rate_lane(clutter) < rate_lane(lane) - 0.02
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_nothing_is_found_with_confidence_where_there_is_no_road(kind):
+    """Pictures that the confidence was not fitted on: no lane is stated with 0.5 or more."""
+    view, confidences = BirdsEyeView(CAMERA), []
+    for seed in range(100, 104):
+        lane = find_lane(not_a_road(kind, seed), view)
+        confidences.append(0.0 if lane is None else rate_lane(lane))
+    assert max(confidences) < 0.5, confidences
 
 
 class TestTheFit:
