@@ -12,7 +12,7 @@ for the covariance E_before of the prior's errors and R of the measurements' (A.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import exp
 
 import numpy as np
@@ -34,13 +34,16 @@ from lanes.tracking.model import (
 class ErrorParameters:
     """Noise of roads and pictures; fitted on seeds 0 and 1 of the rendered suite, checked on others."""
 
-    # The residuals of stripes along a line are correlated (paint, lens): variance of their mean, relative to that of
-    # independent ones.
-    correlation: float = 4.0
-    # Variance factor of a picture without stripes, its weight in stripes, and its smallest value.
-    usual_factor: float = 0.06
+    # In a picture without stripes: variance of the residuals relative to the assumed one, correlation of those in
+    # neighbouring rows, and the weight of both in stripes.
+    usual_variance: float = 0.06
+    usual_correlation: float = 0.4
     usual_weight: float = 10.0
-    min_factor: float = 0.01
+    # Smallest variance, and largest correlation: a row shows paint 0.1 to 1.5 m long.
+    min_variance: float = 0.01
+    max_correlation: float = 0.85
+    # What the correlation of neighbouring rows does not show: errors that a whole line shares.
+    shared_factor: float = 2.0
     # Time in which the residuals of a drive lose their weight.
     memory_s: float = 0.5
     # Standard deviations of straight and level roads, and of the pitch of cars; `PriorParameters` has larger ones.
@@ -62,30 +65,61 @@ _CURVATURE_CHAIN = [CURVATURE, RATE, *range(RATE_STEPS.start, RATE_STEPS.stop)]
 
 
 @dataclass(frozen=True)
-class VarianceFactor:
-    """Variance of the stripes' residuals, relative to the assumed one (adjustment computation: a posteriori factor)."""
+class ResidualStatistics:
+    """Sums over the residuals of stripes, in assumed standard deviations; older frames of a drive decay."""
 
-    # Sum of the weighted squared residuals over the assumed variances, and of the weights.
-    squares: float = ERRORS.usual_factor * ERRORS.usual_weight
+    # Sum of the weights, and of the weighted squares.
     weight: float = ERRORS.usual_weight
+    squares: float = ERRORS.usual_weight * ERRORS.usual_variance
+    # Sums over pairs of stripes of one line in neighbouring rows: of the products, and of the mean squares.
+    products: float = ERRORS.usual_weight * ERRORS.usual_variance * ERRORS.usual_correlation
+    pair_squares: float = ERRORS.usual_weight * ERRORS.usual_variance
+
+    def add(self, fit: LaneFit, *, index: int = 0, elapsed_s: float = 0.0) -> ResidualStatistics:
+        """The sums `elapsed_s` seconds later, with the residuals of lane `index` of a fit."""
+        kept, normalized = exp(-elapsed_s / ERRORS.memory_s), fit.normalized[index]
+        products, pair_squares = np.sum([_pair_sums(fit, index, line) for line in range(2)], axis=0).tolist()
+        return ResidualStatistics(
+            kept * self.weight + float(fit.explained[index]),
+            kept * self.squares + float(fit.weight[index] @ (normalized * normalized)),
+            kept * self.products + products,
+            kept * self.pair_squares + pair_squares,
+        )
 
     @property
-    def value(self) -> float:
-        """The estimate."""
-        return max(self.squares / self.weight, ERRORS.min_factor)
+    def variance(self) -> float:
+        """Variance of a residual, relative to the assumed one (a posteriori variance factor)."""
+        return max(self.squares / self.weight, ERRORS.min_variance)
 
-    def add(self, fit: LaneFit, *, index: int = 0, elapsed_s: float = 0.0) -> VarianceFactor:
-        """The factor after `elapsed_s` seconds, with the residuals of lane `index` of a fit."""
-        kept = exp(-elapsed_s / ERRORS.memory_s)
-        squares, weight = float(fit.squares[index]), float(fit.explained[index])
-        return replace(self, squares=kept * self.squares + squares, weight=kept * self.weight + weight)
+    @property
+    def correlation(self) -> float:
+        """Correlation of the residuals of neighbouring rows."""
+        return min(max(self.products / self.pair_squares, 0.0), ERRORS.max_correlation)
+
+    @property
+    def effective_variance(self) -> float:
+        """Variance that independent residuals would have if their mean had the variance of the mean of these.
+
+        (1 + r) / (1 - r) is that of a first-order autoregressive sequence with the correlation r.
+        """
+        r = self.correlation
+        return ERRORS.shared_factor * self.variance * (1 + r) / (1 - r)
+
+
+def _pair_sums(fit: LaneFit, index: int, line: int) -> tuple[float, float]:
+    """Sums over pairs of stripes of a line in neighbouring rows: of the products, and of the mean squares."""
+    on_line = np.flatnonzero(fit.members[index, line])
+    row, residual = fit.stripes.row[on_line], fit.normalized[index, on_line]
+    first = np.flatnonzero(row[1:] - row[:-1] == 1)
+    a, b = residual[first], residual[first + 1]
+    return float(a @ b), float(a @ a + b @ b) / 2
 
 
 def fit_errors(fit: LaneFit, index: int) -> np.ndarray:
     """(15, 15) covariance of the errors of lane `index`, fitted to one picture without a prediction."""
     kept, measured = split_gain(np.linalg.inv(fit.information[index]), fit.prior[index])
-    factor = VarianceFactor().add(fit, index=index).value * ERRORS.correlation
-    return (kept * road_std(fit.lane[index]) ** 2) @ kept.T + factor * measured
+    variance = ResidualStatistics().add(fit, index=index).effective_variance
+    return (kept * road_std(fit.lane[index]) ** 2) @ kept.T + variance * measured
 
 
 def split_gain(covariance: np.ndarray, prior_information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -92,8 +92,8 @@ class LaneFit:
     side: np.ndarray
     # (K,) sum of the marking weights of the stripes near the lines, explained by the fit or not.
     nearby_weight: np.ndarray
-    # (K,) weighted sum of the squared residuals over the assumed variances.
-    squares: np.ndarray
+    # (K, stripes) residuals in assumed standard deviations.
+    normalized: np.ndarray
     stripes: Stripes
     view: BirdsEyeView
 
@@ -158,7 +158,7 @@ class LaneFit:
 
     def joined(self, other: LaneFit) -> LaneFit:
         """The lanes of two fits to the same stripes."""
-        names = ("lane", "information", "prior", "weight", "side", "nearby_weight", "squares")
+        names = ("lane", "information", "prior", "weight", "side", "nearby_weight", "normalized")
         joined: dict[str, Any] = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in names}
         return replace(self, **joined)
 
@@ -208,7 +208,7 @@ def fit_near(stripes: Stripes, mean: np.ndarray, covariance: np.ndarray, view: B
         step = step - np.linalg.solve(information, weighted @ residuals.residual_m[0] + prior_information @ step)
         residuals = replace(predicted, residual_m=predicted.residual_m + step @ jacobian)
     nearby = (predicted.near(FIT.nearby_m, FIT.nearby_rad) & (stripes.x_m < FIT.nearby_far_m)) @ marking
-    squares = weight @ (residuals.residual_m[0] ** 2 / (std**2 + model_error**2))
+    normalized = residuals.residual_m / np.sqrt(std**2 + model_error**2)
     # the weights are those before the last step, which is small
     return LaneFit(
         (mean + step)[None],
@@ -217,7 +217,7 @@ def fit_near(stripes: Stripes, mean: np.ndarray, covariance: np.ndarray, view: B
         weight[None],
         predicted.side,
         nearby,
-        np.array([squares]),
+        normalized,
         stripes,
         view,
     )
@@ -261,9 +261,9 @@ def fit_lanes(
     residuals = stripe_residuals(lanes, stripes, view.height_m)
     nearby = (residuals.near(FIT.nearby_m, FIT.nearby_rad) & (stripes.x_m < FIT.nearby_far_m)) @ marking
     weight = residuals.weights(std) * marking
-    squares = (weight * residuals.residual_m**2 / (std**2 + model_error**2)).sum(axis=1)
-    prior = np.broadcast_to(prior, information.shape)
-    return LaneFit(lanes, information, prior, weight, residuals.side, nearby, squares, stripes, view)
+    normalized = residuals.residual_m / np.sqrt(std**2 + model_error**2)
+    prior = np.broadcast_to(np.asarray(prior), information.shape)
+    return LaneFit(lanes, information, prior, weight, residuals.side, nearby, normalized, stripes, view)
 
 
 def model_error_m(stripes: Stripes) -> np.ndarray:

@@ -14,7 +14,7 @@ import numpy as np
 
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import inner_stripe_shift, observe_lines
-from lanes.tracking.error_covariance import ERRORS, VarianceFactor, split_gain
+from lanes.tracking.error_covariance import ResidualStatistics, split_gain
 from lanes.tracking.fitting import FIT, LaneFit, fit_lanes, fit_near
 from lanes.tracking.lane import Lane, LineObservation, Observations
 from lanes.tracking.markings import FrameEvidence, Stripes
@@ -70,7 +70,7 @@ class Track:
     lane: Lane
     # Score minus that of the next best lane, in the latest search.
     margin: float
-    variance_factor: VarianceFactor = VarianceFactor()
+    residuals: ResidualStatistics = ResidualStatistics()
 
     @property
     def certain(self) -> bool:
@@ -108,13 +108,13 @@ def update_track(
     if speed_mps is not None:
         predicted.mean[SPEED] = speed_mps
     fit = update_lane(evidence.stripes, predicted, evidence.view, outwards=outwards)
-    factor = track.variance_factor.add(fit, elapsed_s=elapsed_s)
+    residuals = track.residuals.add(fit, elapsed_s=elapsed_s)
     estimate = update_state(
         predicted,
         fit.lane[0],
         np.linalg.inv(fit.information[0]),
         prior_information=fit.prior[0],
-        noise_factor=factor.value * ERRORS.correlation / FIT.variance_inflation,
+        noise_factor=residuals.effective_variance / FIT.variance_inflation,
     )
     previous = track.lane.observations
     observations = observe_lines(fit, evidence, previous, profiles_of=profiles_of)
@@ -141,7 +141,7 @@ def update_track(
         margin=track.margin,
         explained_share=float(fit.explained_share[0]),
     )
-    return Track(estimate, lane, track.margin, factor)
+    return Track(estimate, lane, track.margin, residuals)
 
 
 def total_support(observations: Observations) -> float:

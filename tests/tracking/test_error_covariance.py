@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lanes.tracking.error_covariance import ERRORS, VarianceFactor, road_std, split_gain
+from lanes.tracking.error_covariance import ERRORS, ResidualStatistics, road_std, split_gain
 from lanes.tracking.model import CENTRE, CURVATURE, HEADING, PARAMETERS, RATE, RATE_STEPS
 from lanes.tracking.state import LANE, SPEED, STATES, predict
 from lanes.tracking.update import initial_state, update_state
@@ -80,24 +80,54 @@ def test_errors_grow_while_nothing_is_measured_and_more_in_a_bend():
     assert predict(straight, 0.5, steady_speed=True).errors[SPEED, SPEED] == straight.errors[SPEED, SPEED]
 
 
-def fitted(squares: float, weight: float) -> SimpleNamespace:
-    return SimpleNamespace(squares=np.array([squares]), explained=np.array([weight]))
+def fitted(residuals: np.ndarray) -> SimpleNamespace:
+    """A fit with a line that has a stripe in each row, and one without any."""
+    count = len(residuals)
+    members = np.zeros((1, 2, count), bool)
+    members[0, 0] = True
+    return SimpleNamespace(
+        weight=np.ones((1, count)),
+        explained=np.array([float(count)]),
+        normalized=residuals[None],
+        members=members,
+        stripes=SimpleNamespace(row=np.arange(count)),
+    )
 
 
-def test_variance_factor_is_the_mean_square_of_the_residuals():
-    factor = VarianceFactor().add(fitted(40.0, 100.0))
-    assert factor.value == pytest.approx(0.4, abs=0.04)
-    assert VarianceFactor().value == pytest.approx(ERRORS.usual_factor)
-    assert VarianceFactor().add(fitted(0.0, 1000.0)).value == ERRORS.min_factor
+def autoregressive(correlation: float, count: int, seed: int = 5) -> np.ndarray:
+    """Residuals of variance 1 whose neighbours have this correlation."""
+    rng = np.random.default_rng(seed)
+    values = [rng.normal()]
+    for _ in range(count - 1):
+        values.append(correlation * values[-1] + rng.normal(0, (1 - correlation**2) ** 0.5))
+    return np.array(values)
 
 
-def test_variance_factor_forgets_old_frames():
-    factor = VarianceFactor()
-    for _ in range(50):
-        factor = factor.add(fitted(100.0, 100.0), elapsed_s=0.04)
-    for _ in range(50):
-        factor = factor.add(fitted(5.0, 100.0), elapsed_s=0.04)
-    assert factor.value == pytest.approx(0.05, abs=0.03)
+@pytest.mark.parametrize("correlation", [0.0, 0.3, 0.7])
+def test_statistics_of_correlated_residuals(correlation):
+    found = ResidualStatistics().add(fitted(0.5 * autoregressive(correlation, 20_000)))
+    assert found.variance == pytest.approx(0.25, rel=0.05)
+    assert found.correlation == pytest.approx(correlation, abs=0.03)
+
+
+def test_the_effective_variance_is_that_of_the_mean_of_correlated_residuals():
+    """The mean of 400 residuals with a correlation of 0.6 varies four times as much as that of independent ones."""
+    runs = np.array([autoregressive(0.6, 400, seed) for seed in range(400)])
+    found = ResidualStatistics().add(fitted(autoregressive(0.6, 20_000)))
+    assert found.effective_variance / ERRORS.shared_factor == pytest.approx(400 * runs.mean(axis=1).var(), rel=0.15)
+
+
+def test_without_stripes_and_without_residuals():
+    assert ResidualStatistics().variance == pytest.approx(ERRORS.usual_variance)
+    assert ResidualStatistics().correlation == pytest.approx(ERRORS.usual_correlation)
+    assert ResidualStatistics().add(fitted(np.zeros(1000))).variance == ERRORS.min_variance
+
+
+def test_old_frames_are_forgotten():
+    found = ResidualStatistics()
+    for scale in [1.0] * 50 + [0.2] * 50:
+        found = found.add(fitted(scale * autoregressive(0.0, 100)), elapsed_s=0.04)
+    assert found.variance == pytest.approx(0.04, abs=0.03)
 
 
 def test_roads_that_bend_anywhere_in_view_are_less_certain():
