@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
-from benchmark.consistency import QUANTITIES, NormalizedErrors, consistency
-from benchmark.reporting.tables import format_table
+from benchmark.consistency import NUMBERS, QUANTITIES, NormalizedErrors, consistency
+from benchmark.reporting.tables import format_table, read_scores
 from benchmark.result import Result
 from benchmark.scores import Row, total_name
 
@@ -40,6 +41,25 @@ def describe_consistency(results: Iterable[Result]) -> str:
         name = quantity.replace("lateral_", "lateral, ").replace("m", " m") if "lateral" in quantity else quantity
         lines[name] = [describe_z({key: row[f"{quantity}_{key}"] for key in Z_KEYS}) for row in rows]
     return f"{format_table(columns, lines)}\n{LEGEND}"
+
+
+def consistency_table(path: str | Path) -> str:
+    """The groups of a consistency.csv as a Markdown table: NEES / 4, and the rms of z with its share within 2.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If it is not a table of the benchmark.
+    """
+    lines = ["| scenes | system | frames | NEES / 4 | " + " | ".join(NUMBERS) + " |", "|---" * (4 + len(NUMBERS)) + "|"]
+    for row in read_scores(path, required="nees_mean"):
+        if row["scene"] == total_name(str(row["difficulty"])) and float(row["frames"]):
+            cells = [f"{row[f'{name}_z_rms']:.2f} ({row[f'{name}_within_2']:.0%})" for name in NUMBERS]
+            stated = f"{row['frames']:.0f} | {row['nees_mean']:.2f}"
+            lines.append(f"| {row['scene']} | {row['system']} | {stated} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
 
 
 Z_KEYS = ("z_rms", "within_1", "within_2")

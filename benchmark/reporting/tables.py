@@ -86,10 +86,10 @@ def markdown_table(rows: Sequence[Row]) -> str:
     return "\n".join(lines)
 
 
-def read_scores(path: str | Path) -> list[Row]:
-    """The rows of a benchmark.csv; empty fields are NaN."""
+def read_scores(path: str | Path, required: str = "accuracy") -> list[Row]:
+    """The rows of a benchmark.csv, or of another table of the benchmark with the column `required`; no text is NaN."""
     rows = list(csv.DictReader(io.StringIO(read_text(path, "table"))))
-    if not rows or not {"scene", "difficulty", "system", "accuracy"} <= rows[0].keys():
+    if not rows or not {"scene", "difficulty", "system", required} <= rows[0].keys():
         raise ValueError(f"{path}: is not a table of the benchmark; `python -m benchmark` writes one.")
     try:
         return [{name: _value(name, text) for name, text in row.items()} for row in rows]

@@ -10,7 +10,7 @@ import pytest
 from benchmark.consistency import QUANTITIES, consistency, normalize_errors
 from benchmark.errors import LaneTruth
 from benchmark.estimates import AHEAD_M, DriveEstimates
-from benchmark.reporting.consistency_table import consistency_rows, describe_consistency
+from benchmark.reporting.consistency_table import consistency_rows, consistency_table, describe_consistency
 from benchmark.result import Result
 from tests.benchmark.test_significance import result
 
@@ -19,6 +19,7 @@ STD = np.array([0.03, 0.004, 3e-4, 0.04])
 CORRELATION = np.eye(4)
 CORRELATION[1, 2] = CORRELATION[2, 1] = -0.9
 COVARIANCE = CORRELATION * np.outer(STD, STD)
+from lanes.io.telemetry import write_telemetry
 
 
 def truth(offset_m: float = 0.2) -> LaneTruth:
@@ -114,6 +115,17 @@ def test_rows_and_table():
     assert table.splitlines()[0].strip() == "hard tracker"
     assert lines["offset"][-1] in {f"{a}/{b}" for a in (67, 68, 69) for b in (94, 95, 96)}
     assert describe_consistency(results[1:2]) == ""
+
+
+def test_table_of_a_file(tmp_path):
+    rows = consistency_rows([named("a", "tracker", 1.0), named("b", "tracker", 0.5)])
+    header, rule, line = consistency_table(write_telemetry(tmp_path / "consistency.csv", rows)).splitlines()
+    assert header.count("|") == rule.count("|") == line.count("|")
+    cells = [cell.strip() for cell in line.split("|")[1:-1]]
+    assert cells[:3] == ["all hard", "tracker", str(2 * N)]
+    assert float(cells[4].split()[0]) == pytest.approx(np.sqrt(2.5), rel=0.03)
+    with pytest.raises(ValueError, match="not a table"):
+        consistency_table(write_telemetry(tmp_path / "other.csv", [{"scene": "a", "accuracy": 1.0}]))
 
 
 def test_the_table_of_the_suite_fits_the_terminal():
