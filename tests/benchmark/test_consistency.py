@@ -12,6 +12,7 @@ from benchmark.errors import LaneTruth
 from benchmark.estimates import AHEAD_M, DriveEstimates
 from benchmark.reporting.consistency_table import consistency_rows, consistency_table, describe_consistency
 from benchmark.result import Result
+from lanes.io.telemetry import write_telemetry
 from tests.benchmark.test_significance import result
 
 N, WIDTH = 4000, 3.6
@@ -19,7 +20,6 @@ STD = np.array([0.03, 0.004, 3e-4, 0.04])
 CORRELATION = np.eye(4)
 CORRELATION[1, 2] = CORRELATION[2, 1] = -0.9
 COVARIANCE = CORRELATION * np.outer(STD, STD)
-from lanes.io.telemetry import write_telemetry
 
 
 def truth(offset_m: float = 0.2) -> LaneTruth:
