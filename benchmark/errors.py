@@ -57,7 +57,7 @@ class LaneTruth:
 
     @property
     def line_cosine(self) -> np.ndarray:
-        """(N, 2, D) cosine of the line's direction; NaN from MAX_LINE_ANGLE_RAD on.
+        """(N, 2, D) cosine of the line's direction; NaN behind the first chord of MAX_LINE_ANGLE_RAD or more.
 
         It converts a difference in y to a distance perpendicular to the line. The flatter of the two adjacent chords
         is used, so that no error is underestimated.
@@ -65,7 +65,8 @@ class LaneTruth:
         positions = np.concatenate([self.at_car_y_m[..., None], self.lines_y_m], axis=2)
         chords = np.abs(np.diff(positions, axis=2) / np.diff(AHEAD_M, prepend=0.0))
         slope = np.fmin(chords, np.concatenate([chords[..., 1:], chords[..., -1:]], axis=2))
-        return np.where(slope < np.tan(MAX_LINE_ANGLE_RAD), 1 / np.hypot(1, slope), np.nan)
+        compared = np.logical_and.accumulate(chords < np.tan(MAX_LINE_ANGLE_RAD), axis=2)
+        return np.where(compared, 1 / np.hypot(1, slope), np.nan)
 
     def in_picture(self, camera: Camera | None) -> np.ndarray:
         """(N, 2, D) bool: the line at AHEAD_M is inside the picture, hidden or not; all True without a camera."""

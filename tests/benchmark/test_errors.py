@@ -51,6 +51,18 @@ def shifted(estimates: DriveEstimates, shift_m: np.ndarray | float) -> DriveEsti
     )
 
 
+def test_nothing_is_compared_beyond_the_point_where_a_line_runs_across():
+    """A line that turns by more than 60 degrees and back, as between two hairpins: its far end is not compared."""
+    lane = truth()
+    lane.lines_y_m[0, :, 2:] = lane.lines_y_m[0, :, 1:2] + [12.0, 12.5, 13.0]
+    wrong = perfect(lane)
+    wrong.lines_y_m[0, :, 2:] += 1.0
+    cosine = lane.line_cosine
+    assert np.isfinite(cosine[0, :, 0]).all() and np.isnan(cosine[0, :, 2:]).all()
+    assert np.isfinite(cosine[1:]).all()
+    assert frame_errors(wrong, lane).near_rms_m[0] < 0.01
+
+
 def test_the_truth_has_no_error():
     row = score([frame_errors(perfect(truth()), truth())])
     assert row["available_share"] == row["accuracy"] == 1
