@@ -36,7 +36,16 @@ from lanes.io.images import read_image
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.fitting import FIT, LaneFit, fit_near
 from lanes.tracking.markings import MARKINGS, Stripes, yellowness
-from lanes.tracking.model import PRIOR, beyond_knots, height_and_grade
+from lanes.tracking.model import (
+    BEND,
+    BENDS_AT_NODES,
+    NODES_M,
+    PARAMETERS,
+    PRIOR,
+    RATE_STEPS,
+    bend_gradients,
+    height_and_grade,
+)
 from lanes.tracking.state import CAR_PARAMETERS, PROCESS_NOISE, KalmanState
 from lanes.tracking.tracker import TRACKER
 from lanes.tracking.update import UPDATE, update_lane
@@ -68,9 +77,11 @@ def no_yellowness(view_image: np.ndarray) -> np.ndarray:
     return np.zeros(view_image.shape[:2], np.int16)
 
 
-def no_knots(along_m: np.ndarray) -> np.ndarray:
-    """In place of `beyond_knots`: no point is beyond a knot, so that rate steps have no effect and stay 0."""
-    return np.zeros_like(beyond_knots(along_m))
+def no_steps(along_m: np.ndarray) -> np.ndarray:
+    """In place of `bend_gradients`: rate steps have no effect and stay 0."""
+    gradients = bend_gradients(along_m)
+    gradients[:, np.isin(BEND, np.arange(PARAMETERS)[RATE_STEPS])] = 0
+    return gradients
 
 
 def flat_road(x_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -105,7 +116,11 @@ SWITCHES = (
     _parameters("inflated covariance", "second fit outwards, with inflated covariance", UPDATE, inflated_gain=np.inf),
     _parameters("model error", "standard deviation that grows with the distance", FIT, model_error_m=0.0),
     _parameters("variance inflation", "correlated errors of the stripes of a frame", FIT, variance_inflation=1.0),
-    Switch("rate steps", "three changes of the curvature rate", ((beyond_knots, no_knots),)),
+    Switch(
+        "rate steps",
+        "three changes of the curvature rate",
+        ((bend_gradients, no_steps), (BENDS_AT_NODES, no_steps(NODES_M))),
+    ),
     Switch("vertical profile", "four vertical curvatures: crests and dips", ((height_and_grade, flat_road),)),
     _parameters("shares of the prior", "prior deviations grow with the curvature", PRIOR, **_SMALL_PRIOR),
     _parameters("shares of the noise", "process noise grows with the curvature", PROCESS_NOISE, **_SMALL_NOISE),

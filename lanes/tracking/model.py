@@ -1,8 +1,9 @@
 """Lane model: 15 parameters for both lines of a lane, the geometry of the lines, and the prior of the parameters.
 
-The centre line is an arc that passes the car at `centre` with `heading` and `curvature`, which changes by `rate` per
-metre. The two lines run half a `width` to its left and right. Three rate steps change the rate at `KNOTS_M` along the
-road: the curvature is piecewise linear in arc length, so that a bend may begin and end within the view (hairpins).
+The path that passes the car parallel to the lane begins with `heading` and `curvature`, which changes by `rate` per
+metre. Three rate steps change the rate at `KNOTS_M` along the road: the curvature is piecewise linear in arc length, as
+on roads built of straights, arcs and clothoids, and a bend may begin and end within the view (hairpins). The centre of
+the lane is `centre` to the left of the path, and the two lines run half a `width` to either side of it.
 
 `pitch` is the camera's pitch in this frame minus that of its pose (bumps, brakes). Four parameters are the vertical
 curvature of the road at `VERTICAL_KNOTS_M`, linear in between and fading beyond: crests, dips, and undulations shorter
@@ -18,14 +19,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 CENTRE, WIDTH, HEADING, CURVATURE, RATE, PITCH = range(6)
 VERTICAL_CURVATURE, RATE_STEPS, ADJACENT = slice(6, 10), slice(10, 13), slice(13, 15)
 PARAMETERS = 15
+# Parameters that the direction of the path depends on.
+BEND = np.array([HEADING, CURVATURE, RATE, *range(PARAMETERS)[RATE_STEPS]])
 # Arc lengths at which the rate may change, metres: a transition curve takes ten metres or more.
 KNOTS_M = np.array([7.0, 14.0, 24.0])
+# Arc lengths at which the path is tabulated, metres: so close that it is an arc in between, and out to the end of an
+# outline. The knots are among them.
+NODES_M = np.concatenate([np.arange(0.0, 50.0, 1.0), np.arange(50.0, 80.0, 2.0), np.geomspace(80.0, 450.0, 16)])
+NODE_GAPS_M = np.diff(NODES_M)
 # Distances of the vertical curvatures, metres. Closer knots could not be distinguished from pitch motion.
 VERTICAL_KNOTS_M = np.array([0.0, 12.0, 24.0, 40.0])
 # The view ends here; beyond it the grade is constant.
@@ -50,7 +58,9 @@ def _slopes_of_knots() -> np.ndarray:
     return np.vstack([curvatures[:1], np.diff(slopes, axis=0, prepend=level, append=level)])
 
 
-_TO_SLOPES = _slopes_of_knots()
+# (4, 6) matrices from powers of the distance beyond the car and beyond each knot.
+_TO_HEIGHTS = _slopes_of_knots().T / [2, 6, 6, 6, 6, 6]
+_TO_GRADES = _slopes_of_knots().T / [1, 2, 2, 2, 2, 2]
 _VERTICAL_BREAKS_M = np.array([*VERTICAL_KNOTS_M, STRAIGHT_FROM_M])
 
 
@@ -59,11 +69,13 @@ def height_and_grade(x_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     They are the two integrals of a piecewise linear curvature.
     """
-    x = np.asarray(x_m, float)[..., None]
-    beyond = np.maximum(x - _VERTICAL_BREAKS_M, 0)
+    x = np.ravel(x_m)
+    beyond = np.maximum(x - _VERTICAL_BREAKS_M[:, None], 0)
     square = beyond * beyond
-    heights = np.concatenate([x * x / 2, square * beyond / 6], axis=-1) @ _TO_SLOPES
-    return heights, np.concatenate([x, square / 2], axis=-1) @ _TO_SLOPES
+    heights = _TO_HEIGHTS @ np.concatenate([[x * x], square * beyond])
+    grades = _TO_GRADES @ np.concatenate([[x], square])
+    shape = (*np.shape(x_m), len(VERTICAL_KNOTS_M))
+    return heights.T.reshape(shape), grades.T.reshape(shape)
 
 
 def road_height(lane: np.ndarray, x_m: np.ndarray) -> np.ndarray:
@@ -97,42 +109,75 @@ def is_ego_lane(lanes: np.ndarray) -> np.ndarray:
     return np.abs(lanes[:, CENTRE]) <= lanes[:, WIDTH] / 2
 
 
-def never_zero(curvature: np.ndarray) -> np.ndarray:
-    """Curvatures with 0 replaced by 1e-12, to avoid division by zero."""
-    return np.where(curvature == 0, 1e-12, curvature)
+def bend_gradients(along_m: np.ndarray) -> np.ndarray:
+    """(2, 6, N) derivatives of a lane's direction and curvature at arc lengths (N,) by the parameters `BEND`.
+
+    The direction is the integral of the curvature.
+    """
+    gradients = np.zeros((2, len(BEND), len(along_m)))
+    direction, curvature = gradients
+    curvature[1], curvature[2], curvature[3:] = 1, along_m, np.maximum(along_m - KNOTS_M[:, None], 0)
+    direction[0], direction[1], direction[2:] = 1, along_m, curvature[2:] ** 2 / 2
+    return gradients
 
 
-def beyond_knots(along_m: np.ndarray) -> np.ndarray:
-    """(..., 3, N) distance of arc lengths (..., N) beyond each of `KNOTS_M`, 0 before it."""
-    return np.maximum(along_m[..., None, :] - KNOTS_M[:, None], 0)
+# Tabulated, because every fit asks for them.
+BENDS_AT_NODES = bend_gradients(NODES_M)
 
 
-def arc_deviation(lanes: np.ndarray, along_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lateral deviation of lanes (..., 15) from their arc at arc lengths (..., N), and its slope: (..., N) each."""
-    rate, rate_steps = lanes[..., RATE, None], lanes[..., RATE_STEPS, None]
-    squared = along_m * along_m
-    offset, slope = rate * (squared * along_m) / 6, rate * squared / 2
-    beyond = beyond_knots(along_m)
-    slopes = rate_steps * np.square(beyond) / 2
-    return offset + (slopes * beyond).sum(axis=-2) / 3, slope + slopes.sum(axis=-2)
+class Path(NamedTuple):
+    """Paths of lanes (..., 15) at the first M of `NODES_M`, (..., M) each.
+
+    Points and unit tangents are complex numbers x + iy, metres. Directions are in radians, curvatures in 1/metre.
+    """
+
+    points: np.ndarray
+    tangents: np.ndarray
+    directions: np.ndarray
+    curvatures: np.ndarray
+
+
+def path_at_nodes(lanes: np.ndarray, count: int = len(NODES_M)) -> Path:
+    """The paths of lanes (..., 15), which pass the car parallel to their lane, at the first `count` nodes."""
+    direction, curvature, tangents = _bends(lanes, BENDS_AT_NODES[..., :count])
+    points = np.zeros_like(tangents)
+    turns = 1j * curvature * tangents
+    chords = _chords(NODE_GAPS_M[: count - 1], tangents[..., :-1], tangents[..., 1:], turns[..., :-1] - turns[..., 1:])
+    np.cumsum(chords, axis=-1, out=points[..., 1:])
+    return Path(points, tangents, direction, curvature)
+
+
+def _bends(lanes: np.ndarray, gradients: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Direction, curvature and tangent (..., N) of lanes (..., 15), from `bend_gradients` (2, 6, N)."""
+    bend = lanes[..., BEND]
+    direction, curvature = bend @ gradients[0], bend @ gradients[1]
+    tangent = np.empty(direction.shape, complex)
+    tangent.real, tangent.imag = np.cos(direction), np.sin(direction)
+    return direction, curvature, tangent
+
+
+def _chords(length_m, before, after, turn_difference) -> np.ndarray:
+    """Vectors from end to end of short pieces of a path: integrals of the tangent.
+
+    The tangents at both ends and the difference of their derivatives are given: trapezoidal rule with end correction.
+    """
+    return (before + after) * (length_m / 2) + turn_difference * (length_m**2 / 12)
 
 
 def line_points(lanes: np.ndarray, side, along_m: np.ndarray) -> np.ndarray:
-    """Points (..., N, 2) of lines of lanes (..., 15), metres, at arc lengths (N,) of the centre lines.
+    """Points (..., N, 2) of lines of lanes (..., 15), metres, at arc lengths (N,) of the path.
 
     `side` is `LEFT_SIDE`, `RIGHT_SIDE` or an array of them that broadcasts with the lanes.
     """
-    centre, width, heading, curvature = (lanes[..., k, None] for k in range(RATE))
-    curvature = never_zero(curvature)
-    turn = curvature * along_m
-    chord = 2 * np.sin(turn / 2) / curvature
-    offset, slope = arc_deviation(lanes, along_m)
-    # where the lane is at a slant to its arc, its lines are farther apart along the arc's normal
-    offset = offset + centre + np.asarray(side)[..., None] * width / 2 * np.sqrt(1 + slope * slope)
-    points = np.empty((*offset.shape, 2))
-    points[..., 0] = chord * np.cos(heading + turn / 2) - offset * np.sin(heading + turn)
-    points[..., 1] = chord * np.sin(heading + turn / 2) + offset * np.cos(heading + turn)
-    return points
+    node = np.maximum(np.searchsorted(NODES_M, along_m, side="right") - 1, 0)
+    path = path_at_nodes(lanes, int(node.max(initial=0)) + 1)
+    start, before, _, curvature_before = (values.take(node, axis=-1) for values in path)
+    _, curvature, tangent = _bends(lanes, bend_gradients(along_m))
+    turns = 1j * (curvature_before * before - curvature * tangent)
+    foot = start + _chords(along_m - NODES_M[node], before, tangent, turns)
+    offset = lanes[..., CENTRE] + np.asarray(side) * lanes[..., WIDTH] / 2
+    line = foot + 1j * offset[..., None] * tangent
+    return line[..., None].view(float)
 
 
 def line_crossings(x_m: np.ndarray, lane: np.ndarray, side: float) -> tuple[np.ndarray, np.ndarray]:
@@ -140,14 +185,12 @@ def line_crossings(x_m: np.ndarray, lane: np.ndarray, side: float) -> tuple[np.n
 
     NaN where the line has turned back before.
     """
-    centre, width, heading, curvature = lane[:RATE]
+    offset = lane[CENTRE] + side * lane[WIDTH] / 2
     along = np.array(x_m, float)
     # Newton's method for the arc length at which the line passes x; straight roads need one step
     for _ in range(8):
-        direction = heading + curvature * along
-        offset, slope = arc_deviation(lane, along)
-        offset = offset + centre + side * width / 2 * np.sqrt(1 + slope * slope)
-        dx = (1 - curvature * offset) * np.cos(direction) - slope * np.sin(direction)
+        _, curvature, tangent = _bends(lane, bend_gradients(along))
+        dx = (1 - curvature * offset) * tangent.real
         step = np.clip((x_m - line_points(lane, side, along)[..., 0]) / np.maximum(dx, 0.1), -5, 5)
         along = along + step
         if np.abs(step).max(initial=0.0) < 1e-6:
@@ -262,19 +305,19 @@ class PriorParameters:
 
 
 PRIOR = PriorParameters()
-PRIOR_MEAN = np.array([0.0, PRIOR.width_m, *[0.0] * 13])
+PRIOR_MEAN = np.array([0.0, PRIOR.width_m, *[0.0] * (PARAMETERS - 2)])
 PRIOR_STD = np.array(
     [
         *(PRIOR.centre_std_m, PRIOR.width_std_m, PRIOR.heading_std_rad, PRIOR.curvature_std_per_m),
         *(PRIOR.rate_std_per_m2, PRIOR.pitch_std_rad, *[PRIOR.vertical_std_per_m] * 4),
-        *(*[PRIOR.rate_step_std_per_m2] * 3, *[PRIOR.adjacent_std_m] * 2),
+        *(*[PRIOR.rate_step_std_per_m2] * len(KNOTS_M), *[PRIOR.adjacent_std_m] * 2),
     ]
 )
 LIMIT = np.array(
     [
         *(PRIOR.centre_limit_m, PRIOR.width_limit_m, PRIOR.heading_limit_rad, PRIOR.curvature_limit_per_m),
         *(PRIOR.rate_limit_per_m2, PRIOR.pitch_limit_rad, *[PRIOR.vertical_limit_per_m] * 4),
-        *(*[PRIOR.rate_step_limit_per_m2] * 3, *[PRIOR.adjacent_limit_m] * 2),
+        *(*[PRIOR.rate_step_limit_per_m2] * len(KNOTS_M), *[PRIOR.adjacent_limit_m] * 2),
     ]
 )
 

@@ -15,7 +15,7 @@ import numpy as np
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.markings import MARKINGS, Stripes, marking_weight
 from lanes.tracking.model import CENTRE, CURVATURE, HEADING, PARAMETERS, PITCH, PRIOR_MEAN, PRIOR_STD, WIDTH
-from lanes.tracking.residuals import MIN_SQUARED_SCALE, flatten, intersect_ground
+from lanes.tracking.residuals import MIN_SCALE, flatten, intersect_ground
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def _bins_and_agreement(x, y, angle, heading, curvature) -> tuple[np.ndarray, np
     twice = _sums_of_products((2 * cos, -2 * sin, -curvature), (y, x, x * x + y * y))
     angle_residual = _sums_of_products((sin, -cos, curvature), (front, across, x * front + y * across))
     angle_residual *= 1 / MARKINGS.angle_std_rad
-    squared_scale = np.maximum(1 - curvature.astype(np.float32)[:, None] * twice, MIN_SQUARED_SCALE)
+    squared_scale = np.maximum(1 - curvature.astype(np.float32)[:, None] * twice, MIN_SCALE**2)
     # in place where possible: half of the time is memory allocation
     a = np.divide(twice, 1 + np.sqrt(squared_scale), out=twice)
     a *= 1 / VOTING.bin_m

@@ -3,8 +3,13 @@ import pytest
 
 from lanes.camera.camera_pose import CameraPose
 from lanes.tracking.model import (
+    CURVATURE,
+    HEADING,
+    KNOTS_M,
     LEFT_SIDE,
     PRIOR_STD,
+    RATE,
+    RATE_STEPS,
     RIGHT_SIDE,
     SIDES,
     STRAIGHT_FROM_M,
@@ -17,7 +22,8 @@ from lanes.tracking.model import (
     lines_on_view,
     road_height,
 )
-from lanes.tracking.residuals import arc_coordinates, flatten, intersect_ground
+from lanes.tracking.residuals import arc_coordinates, flatten, intersect_ground, path_coordinates
+from simulator.road.geometry import RoadGeometry, offset_point
 from tests.support.painted_roads import dashcam
 from tests.support.shapes import a_lane
 
@@ -27,34 +33,57 @@ CLOTHOID = a_lane(centre=-0.2, width=3.6, heading=0.01, curvature=1 / 600, rate=
 
 def test_arc_coordinates_measure_the_distance_to_a_circle():
     rng = np.random.default_rng(0)
-    x, y = rng.uniform(0, 14, 50), rng.uniform(-5, 5, 50)
-    heading, curvature = 0.2, -1 / 20
-    centre = np.array([-np.sin(heading), np.cos(heading)]) / curvature
-    a, turn, scale, ahead, aside = arc_coordinates(x, y, heading, curvature)
+    points = rng.uniform(0, 14, 50) + 1j * rng.uniform(-5, 5, 50)
+    curvature = -1 / 20
+    centre = 1j / curvature
+    a, tangent = arc_coordinates(points, curvature)
     # right bend: points farther from the centre lie to the left
-    np.testing.assert_allclose(a, np.hypot(x - centre[0], y - centre[1]) - 20, atol=1e-12)
-    np.testing.assert_allclose(scale, 1 - curvature * a)
-    np.testing.assert_allclose(np.hypot(ahead, aside), np.hypot(x, y))
+    np.testing.assert_allclose(a, np.abs(points - centre) - 20, atol=1e-12)
     # a perpendicular of the arc leads to the point from where the arc has turned so far
-    normal = np.stack([-np.sin(heading + turn), np.cos(heading + turn)], axis=1)
-    np.testing.assert_allclose(centre + (20 + a)[:, None] * normal, np.stack([x, y], axis=1), atol=1e-9)
+    np.testing.assert_allclose(np.abs(tangent), 1)
+    np.testing.assert_allclose(centre + (20 + a) * 1j * tangent, points, atol=1e-9)
 
 
 def test_arc_coordinates_of_a_straight_road():
-    a, turn, _, ahead, _ = arc_coordinates(np.array([10.0]), np.array([2.0]), 0.1, 0.0)
-    assert a == pytest.approx(2 * np.cos(0.1) - 10 * np.sin(0.1))
-    assert (turn[0], ahead[0]) == pytest.approx((0.0, 10 * np.cos(0.1) + 2 * np.sin(0.1)))
+    a, tangent = arc_coordinates(np.array([10.0 + 2.0j]), np.zeros(1))
+    assert (a[0], tangent[0]) == pytest.approx((2.0, 1.0))
 
 
-@pytest.mark.parametrize("lane", [HAIRPIN, CLOTHOID], ids=["hairpin", "clothoid"])
+ENTRY = a_lane(centre=0.5, width=3.3, heading=0.15, curvature=1 / 90, rate=2e-3, rate_steps=-1e-3)
+BENDING = pytest.mark.parametrize("lane", [HAIRPIN, CLOTHOID, ENTRY], ids=["hairpin", "clothoid", "entry"])
+
+
+def true_road(lane):
+    """The simulator's road of a lane's curvatures, which begins at the car and along the x axis."""
+    stations = np.array([0.0, *KNOTS_M, 70.0])
+    rates = lane[RATE] + np.array([0.0, *lane[RATE_STEPS].cumsum()])
+    return RoadGeometry(stations, lane[CURVATURE] + np.array([0.0, *(rates * np.diff(stations)).cumsum()]))
+
+
+def true_points(lane, along, lateral):
+    """Points x + iy at arc lengths (N,) and distances (N,) to the left of the path of a lane."""
+    x, y = offset_point(true_road(lane), along, lateral).T
+    return (x + 1j * y) * np.exp(1j * lane[HEADING])
+
+
+@BENDING
 @pytest.mark.parametrize("side", [LEFT_SIDE, RIGHT_SIDE])
 def test_points_of_a_line_lie_at_half_a_width(lane, side):
-    along = np.linspace(0, 18, 40)
-    points = line_points(lane, side, along)
-    a, *_ = arc_coordinates(points[:, 0], points[:, 1], lane[2], lane[3])
-    # measured at right angles to the arc, which the lane leaves with this slope
-    aslant = np.hypot(1, lane[4] * along**2 / 2)
-    np.testing.assert_allclose(a - lane[4] * along**3 / 6, lane[0] + side * aslant * lane[1] / 2, atol=1e-9)
+    along = np.linspace(0, 60, 97)
+    x, y = line_points(lane, side, along).T
+    np.testing.assert_allclose(x + 1j * y, true_points(lane, along, lane[0] + side * lane[1] / 2), atol=1e-5)
+
+
+@BENDING
+def test_points_have_their_distance_from_the_path(lane):
+    rng = np.random.default_rng(1)
+    along, lateral = rng.uniform(0, 40, 200), rng.uniform(-6, 6, 200)
+    _, found = path_coordinates(lane[None], true_points(lane, along, lateral)[None])
+    np.testing.assert_allclose(found.a[0], lateral, atol=1e-3)
+    np.testing.assert_allclose(found.along_m[0], along, atol=0.01)
+    direction = lane[HEADING] + true_road(lane).heading(along)
+    np.testing.assert_allclose(found.direction[0], direction, atol=2e-3)
+    np.testing.assert_allclose(found.tangent[0], np.exp(1j * direction), atol=2e-3)
 
 
 def test_a_clothoid_bends_as_its_rate_says():
@@ -79,9 +108,6 @@ def test_a_line_that_turns_back_has_no_place_beyond():
     reach = radius - 15 * np.sin(0.1)
     y = line_y(np.array([reach - 1.0, reach + 0.5]), HAIRPIN, LEFT_SIDE)
     assert np.isfinite(y[0]) and np.isnan(y[1])
-
-
-ENTRY = a_lane(centre=0.5, width=3.3, heading=0.15, curvature=1 / 90, rate=2e-3, rate_steps=-1e-3)
 
 
 @pytest.mark.parametrize("lane", [a_lane(), CLOTHOID, HAIRPIN, ENTRY], ids=["straight", "clothoid", "hairpin", "entry"])

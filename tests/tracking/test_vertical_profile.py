@@ -44,9 +44,11 @@ def wave_m(x_m: np.ndarray, phase: float) -> np.ndarray:
     return HALF_HEIGHT_M * (np.sin(k * x_m + phase) - np.sin(phase) - k * x_m * np.cos(phase))
 
 
-def seen(lines_m: tuple[float, ...], rise_m=np.zeros_like, *, pitch: float = 0.0, noise_m: float = 0.01) -> Stripes:
+def seen(
+    lines_m: tuple[float, ...], rise_m=np.zeros_like, *, pitch: float = 0.0, noise_m: float = 0.01, seed: int = 4
+) -> Stripes:
     """Stripes of straight lines on a road of the given height, row by row, as far as nothing hides them."""
-    rng, x = np.random.default_rng(4), np.arange(4.0, 90.0, 0.02)
+    rng, x = np.random.default_rng(seed), np.arange(4.0, 90.0, 0.02)
     fall = (HEIGHT_M - rise_m(x)) / x - pitch
     flat_x = HEIGHT_M / np.maximum(fall, 1e-3)
     open_ = np.concatenate([[True], flat_x[1:] > np.maximum.accumulate(flat_x)[:-1]])
@@ -86,14 +88,20 @@ def test_a_fit_without_undulations_fails_on_undulating_roads():
 
 @pytest.mark.parametrize("phase", PHASES, ids=np.degrees(PHASES).round().astype(int).astype(str))
 def test_unpredicted_undulations_are_tracked(phase):
-    """The road was flat in the last picture. Kept near the prediction, the lane explains hardly any of the paint."""
-    stripes = seen(LINES, lambda x: wave_m(x, phase))
+    """The road was flat in the last picture. Kept near the prediction, the lane explains hardly any of the paint.
+
+    The noise of the stripes alone moves the lines by up to 0.1 m where the road falls away, so nine draws are made.
+    """
     estimate = initial_state(a_lane(centre=0.1), np.diag(STD**2), 15.0)
-    near, far = (update_lane(stripes, estimate, VIEW, outwards=outwards) for outwards in (False, True))
-    assert far.weight.sum() > 3 * near.weight.sum()
-    assert error_m(far.lane[0], LINES) < 0.05
-    off, near_off = (np.abs(road_height(f.lane[0], AT_M) - wave_m(AT_M, phase)).max() for f in (far, near))
-    assert off < 0.1 < near_off
+    errors = []
+    for seed in range(9):
+        stripes = seen(LINES, lambda x: wave_m(x, phase), seed=seed)
+        near, far = (update_lane(stripes, estimate, VIEW, outwards=outwards) for outwards in (False, True))
+        assert far.weight.sum() > 3 * near.weight.sum()
+        errors.append(error_m(far.lane[0], LINES))
+        off, near_off = (np.abs(road_height(f.lane[0], AT_M) - wave_m(AT_M, phase)).max() for f in (far, near))
+        assert off < 0.1 < near_off
+    assert np.median(errors) < 0.05
 
 
 @pytest.mark.parametrize("side", SIDES)
