@@ -24,8 +24,8 @@ from tests.support.examples import examples
 from tests.support.painted_drive import BENDS, SMALL
 
 X_M = np.array([5.0, 10.0, 15.0, 20.0, 30.0])
-# Rounding differences of sums in another order, after the fit of a still and after two seconds of tracking. In a hairpin
-# the direction of a stripe may change by 0.01 rad, where two directions are equally good.
+# Rounding differences of sums in another order, after the fit of a still and after two seconds of tracking. In a
+# hairpin the direction of a stripe may change by 0.01 rad, where two directions are equally good.
 SAME_M, SAME_PER_M = 1e-4, 1e-5
 
 
