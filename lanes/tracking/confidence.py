@@ -40,8 +40,8 @@ class ConfidenceModel:
     """Logistic regression on `FEATURES`, fitted by `tools/fit_confidence.py`."""
 
     # For a lane detected in a single picture, and for a tracked one.
-    still_weights: tuple[float, ...] = (-0.18, -1.07, -6.45, -1.70, 0.52, 1.51, 0.74, 3.90, -0.02, -2.24)
-    track_weights: tuple[float, ...] = (0.92, -0.77, -5.80, -1.29, 0.0, 0.42, 0.40, 0.0, -3.69, -2.64)
+    still_weights: tuple[float, ...] = (0.26, -1.21, -6.29, -1.52, 0.43, 1.91, -0.33, 3.52, -0.25, -4.04)
+    track_weights: tuple[float, ...] = (1.43, -0.87, -5.92, -2.87, 0.0, 0.64, -0.08, 1.02, -3.96, -4.93)
     # Usual width of lanes.
     usual_width_m: float = 3.5
     # Larger offsets occur in lane changes and carry no further information.
