@@ -106,7 +106,8 @@ class LaneFit:
     def explained_share(self) -> np.ndarray:
         """(K,) share of the marking weight up to `FIT.nearby_far_m` that the lines of the lanes explain."""
         near = self.stripes.x_m < FIT.nearby_far_m
-        return self.weight @ near / max(float(marking_weight(self.stripes) @ near), 1.0)
+        # one stripe more on either side: a picture without stripes has no clutter
+        return (1 + self.weight @ near) / (1 + float(marking_weight(self.stripes) @ near))
 
     @cached_property
     def on_line(self) -> np.ndarray:
