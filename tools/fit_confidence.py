@@ -24,6 +24,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
+from benchmark.bootstrap import mean_interval
 from benchmark.errors import LaneTruth, frame_errors
 from benchmark.estimates import AHEAD_M, DriveEstimates
 from benchmark.evaluation import read_truth
@@ -254,17 +255,9 @@ def print_calibration(name: str, confidence: np.ndarray, correct: np.ndarray, dr
         if some.any():
             mean, accuracy = confidence[some].mean(), correct[some].mean()
             bounds = f"{low:.2f} to {min(high, 1):.2f}"
-            interval = " to ".join(f"{limit:.1%}" for limit in bootstrap_interval(correct[some], drive[some]))
+            interval = " to ".join(f"{limit:.1%}" for limit in mean_interval(correct[some], drive[some]))
             print(f"  confidence {bounds}: {some.sum():5d} lanes, mean {mean:.1%}, {accuracy:.1%} correct ({interval})")
     print(f"  {(confidence[correct] >= 0.9).mean():.1%} of the correct lanes have a confidence of 0.9 or more")
-
-
-def bootstrap_interval(correct: np.ndarray, drive: np.ndarray, *, draws: int = 1000) -> np.ndarray:
-    """(2,) limits of the 95 % interval of the share of correct lanes: whole drives are drawn."""
-    _, of = np.unique(drive, return_inverse=True)
-    right, count = np.bincount(of, correct), np.bincount(of)
-    drawn = np.random.default_rng(0).integers(len(count), size=(draws, len(count)))
-    return np.percentile(right[drawn].sum(axis=1) / count[drawn].sum(axis=1), [2.5, 97.5])
 
 
 def main() -> None:

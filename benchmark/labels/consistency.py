@@ -17,7 +17,7 @@ from lanes.camera.camera import Camera
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
 from lanes.tracking.lane import Lane
-from lanes.tracking.model import DIFFERENCE_STEP, PRIOR_STD, lines_on_view
+from lanes.tracking.model import lines_on_view, parameter_gradients, propagated_std
 from lanes.tracking.tracker import TrackedLane
 
 # Distances at which lines are compared. Rows count whose distance on the road differs by less than this share.
@@ -92,11 +92,8 @@ def row_std_m(lane: Lane, x_m: np.ndarray, height_m: float) -> np.ndarray:
     Pitch and width of a lane are correlated: both decide where the lines are in the picture. Errors of the pitch, which
     displace the lines on the road, hardly displace them in the picture that they are fitted to.
     """
-    steps = DIFFERENCE_STEP * PRIOR_STD
-    moved = lines_on_view(lane.model + np.vstack([np.diag(steps), -np.diag(steps)]), x_m, height_m)
-    differences = moved[: len(steps)] - moved[len(steps) :]
-    gradients = np.moveaxis(differences, 0, -1) / (2 * steps)
-    return np.sqrt(((gradients @ lane.covariance) * gradients).sum(axis=-1))
+    gradients = parameter_gradients(lambda lanes: lines_on_view(lanes, x_m, height_m), lane.model)
+    return propagated_std(gradients, lane.covariance)
 
 
 def _lateral_errors(detected: np.ndarray, labelled: np.ndarray, rows: np.ndarray, camera: Camera) -> np.ndarray:

@@ -71,7 +71,7 @@ def choose_lane(fit: LaneFit, evidence: FrameEvidence) -> Lane | None:
         model=model,
         centres=model - inner_stripe_shift([line.double_profile for line in observations]),
         covariance=fit_errors(fit, best),
-        assumed_covariance=np.linalg.inv(fit.information[best]),
+        assumed_covariance=fit.covariance[best],
         # rows are counted again in the next frame, because its view may be narrower
         observations=(replace(left, rows=None), replace(right, rows=None)),
         score=float(score[best]),

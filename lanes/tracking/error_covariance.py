@@ -19,6 +19,7 @@ import numpy as np
 
 from lanes.tracking.fitting import LaneFit
 from lanes.tracking.model import (
+    BEND,
     CURVATURE,
     KNOTS_M,
     PITCH,
@@ -27,6 +28,7 @@ from lanes.tracking.model import (
     RATE,
     RATE_STEPS,
     VERTICAL_CURVATURE,
+    bend_gradients,
 )
 
 
@@ -57,11 +59,8 @@ class ErrorParameters:
 
 
 ERRORS = ErrorParameters()
-# Curvatures at the car and at the knots of the rate, for curvature, rate and rate steps.
-_CURVATURES_AT_KNOTS = np.hstack(
-    [np.ones((4, 1)), np.maximum(np.subtract.outer([0.0, *KNOTS_M], [0.0, *KNOTS_M]), 0.0)[:, :-1], np.zeros((4, 1))]
-)
-_CURVATURE_CHAIN = [CURVATURE, RATE, *range(RATE_STEPS.start, RATE_STEPS.stop)]
+# Derivatives of the curvatures at the car and at the knots of the rate.
+_CURVATURE_GRADIENTS = bend_gradients(np.array([0.0, *KNOTS_M]))[1]
 
 
 @dataclass(frozen=True)
@@ -117,7 +116,7 @@ def _pair_sums(fit: LaneFit, index: int, line: int) -> tuple[float, float]:
 
 def fit_errors(fit: LaneFit, index: int) -> np.ndarray:
     """(15, 15) covariance of the errors of lane `index`, fitted to one picture without a prediction."""
-    kept, measured = split_gain(np.linalg.inv(fit.information[index]), fit.prior[index])
+    kept, measured = split_gain(fit.covariance[index], fit.prior[index])
     variance = ResidualStatistics().add(fit, index=index).effective_variance
     return (kept * road_std(fit.lane[index]) ** 2) @ kept.T + variance * measured
 
@@ -131,7 +130,7 @@ def split_gain(covariance: np.ndarray, prior_information: np.ndarray) -> tuple[n
 
 def road_std(lane: np.ndarray) -> np.ndarray:
     """(15,) standard deviations of the parameters on roads as they are, near a lane (15,)."""
-    curvature = float(np.abs(_CURVATURES_AT_KNOTS @ lane[_CURVATURE_CHAIN]).max())
+    curvature = float(np.abs(lane[BEND] @ _CURVATURE_GRADIENTS).max())
     excess = max(curvature - PRIOR.motorway_curvature_per_m, 0.0)
     std = PRIOR_STD.copy()
     std[CURVATURE] += PRIOR.curvature_share * curvature

@@ -98,6 +98,11 @@ class LaneFit:
     view: BirdsEyeView
 
     @cached_property
+    def covariance(self) -> np.ndarray:
+        """(K, 15, 15) covariance of the parameters for the noise that the fit assumes."""
+        return np.linalg.inv(self.information)
+
+    @cached_property
     def explained(self) -> np.ndarray:
         """(K,) sum of the weights of the stripes."""
         return self.weight.sum(axis=1)

@@ -24,6 +24,7 @@ from lanes.tracking.model import (
     line_points,
     line_y,
     line_y_gradients,
+    propagated_std,
     road_height,
 )
 
@@ -233,7 +234,7 @@ class Lane:
     def lateral_std_m(self, x_m: np.ndarray) -> np.ndarray:
         """Standard deviation (2, N) of `lateral_m` at distances (N,), metres; NaN where a line has turned back."""
         gradients = np.array([line_y_gradients(np.asarray(x_m, float), self.model, side) for side in SIDES])
-        return np.sqrt(((gradients @ self.covariance) * gradients).sum(axis=-1))
+        return propagated_std(gradients, self.covariance)
 
     def outlines(self, camera: Camera, *, along_m: np.ndarray = OUTLINE_M) -> tuple[np.ndarray, np.ndarray]:
         """Raw pixels (N, 2) of the left and of the right line at arc lengths `along_m`, ascending.

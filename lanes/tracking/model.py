@@ -17,6 +17,7 @@ Parameters are arrays (..., 15), so that competing hypotheses share one pass.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -209,15 +210,28 @@ def line_y_gradients(x_m: np.ndarray, lane: np.ndarray, side: float) -> np.ndarr
     """Derivatives (N, 15) of `line_y` by the parameters; NaN where it is NaN.
 
     At a fixed arc length a parameter moves the line's point by (dX, dY). At a fixed x it moves y by
-    dY - dX (dY/ds) / (dX/ds). The derivatives are central differences.
+    dY - dX (dY/ds) / (dX/ds).
     """
     along, _ = line_crossings(x_m, lane, side)
-    steps = DIFFERENCE_STEP * PRIOR_STD
-    moved = line_points(lane + np.vstack([np.diag(steps), -np.diag(steps)]), side, along)
-    by_parameter = (moved[:PARAMETERS] - moved[PARAMETERS:]) / (2 * steps[:, None, None])
+    by_parameter = parameter_gradients(lambda lanes: line_points(lanes, side, along), lane)
     ahead, behind = (line_points(lane, side, along + step) for step in (1e-3, -1e-3))
     dx, dy = (ahead - behind).T
-    return (by_parameter[..., 1] - by_parameter[..., 0] * dy / dx).T
+    return by_parameter[:, 1] - by_parameter[:, 0] * (dy / dx)[:, None]
+
+
+def parameter_gradients(positions: Callable[[np.ndarray], np.ndarray], lane: np.ndarray) -> np.ndarray:
+    """Derivatives (..., 15) of `positions`, a function of lanes (K, 15) with results (K, ...), at a lane (15,).
+
+    They are central differences.
+    """
+    steps = DIFFERENCE_STEP * PRIOR_STD
+    moved = positions(lane + np.vstack([np.diag(steps), -np.diag(steps)]))
+    return np.moveaxis(moved[:PARAMETERS] - moved[PARAMETERS:], 0, -1) / (2 * steps)
+
+
+def propagated_std(gradients: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Standard deviations (...) of numbers with these gradients (..., 15) by the parameters, covariance (15, 15)."""
+    return np.sqrt(((gradients @ covariance) * gradients).sum(axis=-1))
 
 
 def lateral_gradients(x_m: float | np.ndarray) -> np.ndarray:
@@ -241,7 +255,7 @@ def lateral_std_m(covariance: np.ndarray, x_m: float | np.ndarray) -> np.ndarray
     `covariance` (15, 15) is that of a nearly straight lane; `Lane.lateral_std_m` holds in bends, too.
     """
     gradients = _cached_gradients(x_m) if isinstance(x_m, float) else lateral_gradients(x_m)
-    return np.sqrt(((gradients @ covariance) * gradients).sum(axis=-1))
+    return propagated_std(gradients, covariance)
 
 
 def line_coefficients(lane: np.ndarray, side: float) -> tuple[float, float, float, float]:

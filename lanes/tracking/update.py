@@ -112,7 +112,7 @@ def update_track(
     estimate = update_state(
         predicted,
         fit.lane[0],
-        np.linalg.inv(fit.information[0]),
+        fit.covariance[0],
         prior_information=fit.prior[0],
         noise_factor=residuals.effective_variance / FIT.variance_inflation,
     )
