@@ -1,19 +1,22 @@
 """Write the columns of the two ego lane lines at given rows of the raw pictures, one JSON line per
 picture: raw_file, h_samples, lanes (left, right; -2 for no point), run_time (ms), state, confidence,
 offset_m (> 0: car left of the lane centre), curvature_per_m (> 0: bends left). If no camera file with
-a camera pose is given, the pose is first estimated from the files.
+a camera pose is given, the pose is first estimated from the files, with --each from each still alone.
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
+from collections.abc import Sequence
 
-from lanes.cli.arguments import add_footage, add_lens, add_output, find_lens
+from lanes.cli.arguments import add_footage, add_lens, add_output, find_field, find_lens, given_camera
 from lanes.io.console import bounded_float, progress_line
 
 EXAMPLES = """\
   {program} --camera camera.yaml drive.mp4 -o lanes.jsonl
   {program} --hfov 60 --rows 240:721:10 stills/*.jpg
+  {program} --each photos/*.jpg
   {program} --boards my_boards --sequence --fps 20 clip/*.jpg"""
 
 
@@ -21,6 +24,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this command."""
     add_footage(parser, files="stills or videos of one camera")
     add_lens(parser)
+    parser.add_argument(
+        "--each", action="store_true", help="the stills are of different cameras: estimate the pose of each on its own"
+    )
     parser.add_argument(
         "--rows",
         type=rows,
@@ -36,14 +42,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Detect the lane in every picture, and write the detections."""
+    """Detect the lane in every picture, and write the detections; with --each returns 1 if a still was left out."""
+    from lanes.drives.detections import count_missing_frames, write_detections
+
+    found, failures = _detect_each(options) if options.each else (_detect_together(options), [])
+    lost = sum(detection["state"] == "lost" for detection in found)
+    missing = count_missing_frames(found)
+    damaged = f"; {missing} more are damaged or missing in the videos" if missing else ""
+    print(f"wrote {write_detections(options.output, found)}: {len(found)} pictures, no lane in {lost}{damaged}")
+    for failure in failures:
+        print(f"error: {failure}", file=sys.stderr)
+    return 1 if failures else 0
+
+
+def _detect_together(options: argparse.Namespace) -> list[dict]:
+    """The detections in stills and videos of one camera; prints its pose if that was estimated."""
     from lanes.camera.pose_from_lanes.estimator import pose_from_drive
-    from lanes.drives.detections import count_missing_frames, detect_files, write_detections
+    from lanes.drives.detections import detect_files
 
     camera, estimate = pose_from_drive(find_lens(options), options.files, progress=progress_line("pose"))
     if estimate:
         print(estimate.describe())
-    found = detect_files(
+    return detect_files(
         options.files,
         camera,
         options.rows,
@@ -51,11 +71,25 @@ def run(options: argparse.Namespace) -> int:
         fps=options.fps,
         progress=progress_line("detect"),
     )
-    lost = sum(detection["state"] == "lost" for detection in found)
-    missing = count_missing_frames(found)
-    damaged = f"; {missing} more are damaged or missing in the videos" if missing else ""
-    print(f"wrote {write_detections(options.output, found)}: {len(found)} pictures, no lane in {lost}{damaged}")
-    return 0
+
+
+def _detect_each(options: argparse.Namespace) -> tuple[list[dict], Sequence[ValueError]]:
+    """The detections in stills of a camera each, and the errors of the stills that cannot be used."""
+    from lanes.drives.annotation import pose_of_each
+    from lanes.drives.detections import detect_files
+    from lanes.drives.settings import DriveSettings
+
+    if options.sequence or options.size:
+        raise ValueError("--sequence and --size are for stills of one camera; omit them, or omit --each.")
+    camera = given_camera(options)
+    field = find_field(options, []) if camera is None else None
+    groups, failures = pose_of_each(options.files, DriveSettings(output=options.output, camera=camera, field=field))
+    found = []
+    for files, camera, estimate in groups:
+        found += detect_files(files, camera, options.rows)
+        if estimate:
+            print(f"{files[0]}: {estimate.summary_line()}")
+    return found, failures
 
 
 def rows(text: str) -> range:

@@ -121,7 +121,7 @@ def annotate_stills(pictures: Sequence[Path], settings: DriveSettings) -> Stills
         As `annotate_drive`.
     """
     require_distinct_outputs(pictures, [settings.output / path.name for path in pictures])
-    groups, failures = _pose_of_each(pictures, settings) if settings.each else _pose_of_all(pictures, settings)
+    groups, failures = pose_of_each(pictures, settings) if settings.each else _pose_of_all(pictures, settings)
     rows: list[dict[str, str | float | None]] = []
     written, lines, telemetry = [], [], settings.output / "pictures.csv"
     with exclusive_writer(telemetry):
@@ -155,10 +155,16 @@ def _pose_of_all(
         raise PoseError(f"{error}{SEVERAL_CAMERAS if len(usable) > 1 else ''}") from error
 
 
-def _pose_of_each(
+def pose_of_each(
     pictures: Sequence[Path], settings: DriveSettings
 ) -> tuple[list[StillsOfCamera], Sequence[ValueError]]:
-    """The stills as those of one camera each, and the errors of those that cannot be used."""
+    """The stills as those of one camera each, and the errors of those that cannot be used.
+
+    Raises
+    ------
+    PictureError, PoseError, CameraError
+        If none of the stills can be used.
+    """
     groups: list[StillsOfCamera] = []
     failures: list[ValueError] = []
     for path in pictures:

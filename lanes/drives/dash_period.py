@@ -62,7 +62,10 @@ def field_of_view_from_dashes(files: Sequence[Path], dash_period_m: float) -> Fi
         If there is no file, or no broken line with a clear period.
     """
     if not files:
-        raise CameraError("a live camera's broken lines are not measured; give --hfov, or an earlier drive's --camera.")
+        raise CameraError(
+            "a live camera's broken lines are not measured, nor those of several cameras; give --hfov, or an earlier "
+            "drive's --camera."
+        )
     images = list(pick_pictures(list(files), POSE_PICTURES))
     size = images[0].shape[1], images[0].shape[0]
     for hfov_deg in TRIED_HFOV_DEG:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -10,13 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lanes.camera.camera import Camera
 from lanes.camera.camera_file import save_camera
-from lanes.camera.camera_pose import CameraError
+from lanes.camera.camera_pose import CameraError, CameraPose
 from lanes.drives.detections import detect_files
 from lanes.io.images import write_image
 from simulator.rendering.drive import Motion
 from tests.support.clips import write_clip
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
+from tests.support.painted_roads import paint_motorway
 from tests.support.project import ROOT
 
 SMALL = CAMERA.scaled((640, 360))
@@ -100,6 +103,22 @@ def test_camera_is_rescaled_to_pictures_of_the_same_aspect_ratio(folder):
         detect_files([folder / "frame0.png"], CAMERA.scaled((1280, 720)).from_fov((640, 480), 60, CAMERA.pose), ROWS)
 
 
+def test_stills_of_different_cameras_have_a_pose_each(folder, tmp_path):
+    camera = Camera.from_fov((960, 540), 60, CameraPose(1.3, np.radians(3.0)))
+    other = write_image(tmp_path / "other.png", paint_motorway(camera))
+    files = [folder / "frame0.png", other, folder / "black.png"]
+    done = run("--each", *files, "--rows", "230:351:10", "-o", tmp_path / "lanes.jsonl")
+    assert done.returncode == 1, done.stderr
+    assert re.search(r"frame0.png: pose from lane lines: .*\n.*other.png: .*pitch 3.0\d ±", done.stdout)
+    assert re.search(r"error: .*black.png: .*so no road is recognised", done.stderr)
+    found = [json.loads(line) for line in (tmp_path / "lanes.jsonl").read_text().splitlines()]
+    assert [(row["raw_file"], row["state"]) for row in found] == [(str(file), "found") for file in files[:2]]
+    # The true field of view of the first camera is not the assumed one, which hardly matters in the picture.
+    columns, true = np.array(found[0]["lanes"]), true_columns(0)
+    inside = (true > 5) & (true < 635)
+    assert np.abs(columns - true)[inside].max() < 4
+
+
 @pytest.mark.parametrize(
     ("arguments", "status", "words"),
     [
@@ -109,6 +128,8 @@ def test_camera_is_rescaled_to_pictures_of_the_same_aspect_ratio(folder):
         (["frame0.png", "--camera", "camera.yaml", "--rows", "a:b"], 2, "a:b is not a row range"),
         (["black.png", "--camera", "lens.yaml"], 1, "parallel lane lines"),
         (["black.png", "--hfov", "5"], 2, "give a number, 10 to 150"),
+        (["black.png", "--each"], 1, "no road is recognised"),
+        (["frame0.png", "--each", "--sequence"], 2, "omit --each"),
     ],
 )
 def test_misuse_gives_a_message_and_writes_nothing(folder, tmp_path, arguments, status, words):
