@@ -148,7 +148,7 @@ def explain_frame(image: np.ndarray, camera: Camera, *, pose_failure: str = "") 
     fit = fit_starts(starts, evidence.stripes, view)
     lane = choose_lane(fit, evidence)
     candidates = _candidates(fit, found=lane is not None)
-    steps += [describe_votes(starts), check_fit(candidates[0].score, candidates[0].support)]
+    steps += [describe_votes(starts), check_fit(candidates[0].score, candidates[0].support, seen=lane is not None)]
     if lane is not None:
         # A lane was found, so an earlier failure was not decisive.
         steps = [replace(step, failure="", advice="") for step in steps] + [check_lane(lane)]

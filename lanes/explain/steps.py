@@ -93,15 +93,16 @@ def describe_votes(starts: np.ndarray) -> Step:
     return Step("votes", f"{len(starts)} lanes proposed, best: {width_m:.1f} m wide, {bend}")
 
 
-def check_fit(score: float, support: np.ndarray) -> Step:
-    """Check the support (2,) of the two lines of the best lane after the fit."""
+def check_fit(score: float, support: np.ndarray, *, seen: bool) -> Step:
+    """Check that the best lane is seen after the fit; `support` (2,) is that of its two lines."""
     summary = f"score {score:.2f}, paint on {support[0]:.0%} left, {support[1]:.0%} right"
-    if support.max() >= FIT.min_support:
+    if seen:
         return Step("fit", summary)
     return Step(
         "fit",
         summary,
-        f"neither line of the best lane has paint on {FIT.min_support:.0%} of its rows: the stripes do not line up.",
+        f"the lines of the best lane and its neighbours have paint on less than {FIT.min_support:.0%} of the rows: the "
+        "stripes do not line up.",
         "Check in the bird's-eye view whether the road has lines here, and whether they are parallel. If they are, the "
         "car is crossing a line or in a hairpin, and in a video the tracker bridges it. If they diverge or converge, "
         "the camera pose is wrong. " + RE_ESTIMATE_POSE,

@@ -10,7 +10,7 @@ import numpy as np
 from lanes.io.frames import Frame
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.error_covariance import fit_errors
-from lanes.tracking.fitting import FIT, LaneFit, fit_starts, near_stripes
+from lanes.tracking.fitting import LaneFit, fit_starts, near_stripes
 from lanes.tracking.lane import Lane, LineObservation, Observations
 from lanes.tracking.marking_type import MarkingProfile, marking_profile
 from lanes.tracking.markings import FrameEvidence, extract_evidence
@@ -34,7 +34,7 @@ def find_lane(image: Frame, view: BirdsEyeView) -> Lane | None:
     Returns
     -------
     Lane or None
-        None if neither line is seen.
+        None if the lane is not seen (`LaneFit.seen`).
 
     Raises
     ------
@@ -48,7 +48,7 @@ def find_lane(image: Frame, view: BirdsEyeView) -> Lane | None:
 
 
 def search_lane(evidence: FrameEvidence) -> Lane | None:
-    """The ego lane in the evidence of one frame; None if neither line is seen."""
+    """The ego lane in the evidence of one frame; None if it is not seen."""
     stripes, view = evidence.stripes, evidence.view
     if not len(near_stripes(stripes)):
         return None
@@ -58,10 +58,10 @@ def search_lane(evidence: FrameEvidence) -> Lane | None:
 
 
 def choose_lane(fit: LaneFit, evidence: FrameEvidence) -> Lane | None:
-    """The fitted lane with the best score; None if neither of its lines is seen."""
+    """The fitted lane with the best score; None if it is not seen."""
     score = fit.score
     best = int(score.argmax())
-    if fit.support[best].max() < FIT.min_support:
+    if not fit.seen[best]:
         return None
     rivals = np.abs(fit.lane - fit.lane[best])[:, [CENTRE, WIDTH]].max(axis=1) > RIVAL_M
     observations = observe_lines(fit, evidence, (LineObservation(), LineObservation()), index=best)

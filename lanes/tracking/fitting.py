@@ -71,7 +71,8 @@ class FitParameters:
     # Support of a line is counted up to this distance, over at least this many rows: three rows are no reliable share.
     support_far_m: float = 50.0
     min_support_rows: int = 30
-    # A line is seen if its support is at least this.
+    # A line is seen if its support is at least this. A lane is seen if its lines and the far lines of adjacent lanes
+    # together have this support.
     min_support: float = 0.03
 
 
@@ -156,6 +157,15 @@ class LaneFit:
     def support(self) -> np.ndarray:
         """(K, 2) support of each line: share of its visible rows with markings on it."""
         return self.marked_rows / self.visible_rows
+
+    @property
+    def seen(self) -> np.ndarray:
+        """(K,) bool: the lines of the lane and the far lines of adjacent lanes have enough support together.
+
+        Worn lines and raised dots can be too faint to be seen one by one. They lie parallel, a lane apart.
+        """
+        marked = self.weight @ (self.stripes.x_m < FIT.support_far_m)
+        return marked >= FIT.min_support * self.visible_rows.max(axis=1)
 
     @property
     def score(self) -> np.ndarray:

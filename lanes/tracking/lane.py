@@ -83,7 +83,7 @@ class LaneLine:
 
     @property
     def seen(self) -> bool:
-        """False if the line was only inferred from the other one and the usual width of lanes."""
+        """False if the line was only inferred from other lines and the usual width of lanes."""
         return self.support >= FIT.min_support
 
     def y(self, x_m: float | np.ndarray) -> float | np.ndarray:
@@ -94,7 +94,7 @@ class LaneLine:
         """Lateral position at the car, and the evidence for it."""
         beside = f"{abs(self.c0_m):.2f} ± {self.c0_std_m:.2f} m {'left' if self.c0_m > 0 else 'right'}"
         if not self.seen:
-            return f"{beside}, inferred from the other line"
+            return f"{beside}, inferred from other lines"
         return f"{beside}, paint on {min(self.support, 1):.0%} of its rows, up to {self.reach_m:.0f} m"
 
 

@@ -4,6 +4,7 @@ import pytest
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraPose
 from lanes.tracking.birdseye import BirdsEyeView
+from lanes.tracking.confidence import rate_lane
 from lanes.tracking.detector import choose_lane, find_lane
 from lanes.tracking.markings import extract_evidence
 from lanes.tracking.model import LEFT_SIDE, RIGHT_SIDE
@@ -124,6 +125,20 @@ def test_the_car_is_in_its_lane_whatever_the_neighbours_look_like(offset):
     assert lane.left.c0_m > 0 > lane.right.c0_m
     assert lane.offset_m == pytest.approx(offset, abs=0.3) and lane.width_m == pytest.approx(3.6, abs=0.1)
     np.testing.assert_allclose(lane.line_y(np.array([13.0, 25.0]), LEFT_SIDE), 1.8 - offset, atol=0.06)
+
+
+def test_faint_dots_count_together_with_the_line_of_the_next_lane():
+    road = Road(CAMERA).line(lambda x: 0 * x - 1.5 * 3.7 - 0.2)
+    for side in (1, -1):
+        faint = tuple(road.picture[-1, 0] + 50)
+        road.line(
+            lambda x, s=side: s * 1.85 - 0.2 + 0 * x, colour=faint, width_m=0.1, dash_m=(0.1, 3), phase_m=side / 2
+        )
+    lane = find_lane(road.image(), VIEW)
+    assert not lane.left.seen and not lane.right.seen
+    assert lane.offset_m == pytest.approx(0.2, abs=0.15) and lane.width_m == pytest.approx(3.7, abs=0.15)
+    assert abs(lane.offset_m - 0.2) < 2 * lane.offset_std_m
+    assert rate_lane(lane) < 0.9
 
 
 @pytest.mark.parametrize("noise", [0.0, 2.0, 15.0])
