@@ -16,7 +16,7 @@ from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_
 from lanes.drawing.figures import MARKED_M, draw_on_road_grid, new_figure, rgb
 from lanes.explain.explanation import Explanation, stripes_on_lines
 from lanes.io.frames import as_rgb
-from lanes.tracking.model import CENTRE, SIDES, WIDTH, lateral_std_m, line_y, lines_on_view
+from lanes.tracking.model import CENTRE, SIDES, WIDTH, lines_on_view
 from lanes.tracking.overlay import draw_tracked
 from lanes.tracking.voting import HYPOTHESES, VOTING
 
@@ -153,14 +153,15 @@ def _plot_fit(axis: Axes, explanation: Explanation) -> None:
                 axis.plot(line, explanation.view.x_m, color="0.5", lw=1, ls="--")
     if explanation.lane is None:
         return
-    x_m = np.linspace(0, 50, 60)
-    stds = lateral_std_m(explanation.lane.covariance, x_m)
-    for side, std, colour, name in zip(SIDES, stds, (LEFT_COLOUR, RIGHT_COLOUR), ("left", "right"), strict=True):
-        y_m = line_y(x_m, explanation.lane.model, side)
-        line = getattr(explanation.lane, name)
-        axis.fill_betweenx(x_m, y_m - 2 * std, y_m + 2 * std, color=rgb(colour), alpha=0.25, lw=0)
+    lane, x_m = explanation.lane, np.linspace(0, 50, 101)
+    lines = zip(lane.lines, lane.lateral_m(x_m), lane.lateral_std_m(x_m), ("left", "right"), strict=True)
+    for (line, y_m, std_m, name), colour in zip(lines, (LEFT_COLOUR, RIGHT_COLOUR), strict=True):
         label = f"{name}: {'paint on ' + format(min(line.support, 1), '.0%') if line.seen else 'inferred'}"
-        axis.plot(y_m, x_m, color=rgb(colour), label=f"{label}, ± {np.interp(20, x_m, std):.2f} m at 20 m")
+        std_m[~(np.abs(y_m) <= explanation.view.half_width_m)] = np.nan
+        far = np.flatnonzero((x_m <= 20) & np.isfinite(std_m))[-1]
+        label += f", ± {std_m[far]:.2f} m at {x_m[far]:.0f} m"
+        axis.fill_betweenx(x_m, y_m - 2 * std_m, y_m + 2 * std_m, color=rgb(colour), alpha=0.25, lw=0)
+        axis.plot(y_m, x_m, color=rgb(colour), label=label)
     axis.legend(loc="upper right", fontsize=7, title="bands: two standard deviations", title_fontsize=7)
 
 

@@ -48,6 +48,8 @@ FAR_LINE = 3.0
 DIFFERENCE_STEP = 1e-3
 # Sine of the largest angle at which a line passes the car: 64 degrees, 1.5 times the largest heading.
 MAX_SINE = 0.9
+# A line that advances by less than this per metre of the path runs across; it is not followed further.
+MIN_ADVANCE = 0.1
 
 
 def _slopes_of_knots() -> np.ndarray:
@@ -191,14 +193,21 @@ def line_crossings(x_m: np.ndarray, lane: np.ndarray, side: float) -> tuple[np.n
     # Newton's method for the arc length at which the line passes x; straight roads need one step
     for _ in range(8):
         _, curvature, tangent = _bends(lane, bend_gradients(along))
-        dx = (1 - curvature * offset) * tangent.real
-        step = np.clip((x_m - line_points(lane, side, along)[..., 0]) / np.maximum(dx, 0.1), -5, 5)
+        advance = (1 - curvature * offset) * tangent.real
+        step = np.clip((x_m - line_points(lane, side, along)[..., 0]) / np.maximum(advance, MIN_ADVANCE), -5, 5)
         along = along + step
         if np.abs(step).max(initial=0.0) < 1e-6:
             break  # the next step would be below rounding errors
     points = line_points(lane, side, along)
-    passes = (np.abs(points[..., 0] - x_m) < 1e-3) & (dx > 0.1)
+    passes = (np.abs(points[..., 0] - x_m) < 1e-3) & (advance > MIN_ADVANCE) & (along < _turns_back_at_m(lane, offset))
     return np.where(passes, along, np.nan), np.where(passes[..., None], points, np.nan)
+
+
+def _turns_back_at_m(lane: np.ndarray, offset_m: float) -> float:
+    """Arc length at which a line `offset_m` to the left of the path first runs across; infinity if it never does."""
+    _, curvature, tangent = _bends(lane, BENDS_AT_NODES)
+    across = (1 - curvature * offset_m) * tangent.real <= MIN_ADVANCE
+    return float(NODES_M[across.argmax()]) if across.any() else np.inf
 
 
 def line_y(x_m: np.ndarray, lane: np.ndarray, side: float) -> np.ndarray:

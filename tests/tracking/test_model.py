@@ -110,6 +110,17 @@ def test_a_line_that_turns_back_has_no_place_beyond():
     assert np.isfinite(y[0]) and np.isnan(y[1])
 
 
+def test_a_line_that_swings_back_has_no_place_beyond():
+    # the line runs across at 12 m; extrapolated, it turns and runs ahead to 28 m
+    swing = a_lane(centre=0.3, width=3.4, heading=0.01, curvature=0.07, rate_steps=(1e-3, -5e-3, -5e-3))
+    ahead = line_points(swing, LEFT_SIDE, np.arange(0.0, 100.0, 0.1))[:, 0]
+    across = ahead[np.argmax(np.diff(ahead) < 0)]
+    assert 10 < across < 14 and ahead.max() > 25
+    x = np.arange(0.0, 45.0)
+    y = line_y(x, swing, LEFT_SIDE)
+    assert np.isfinite(y[x < across - 1]).all() and np.isnan(y[x > across]).all()
+
+
 @pytest.mark.parametrize("lane", [a_lane(), CLOTHOID, HAIRPIN, ENTRY], ids=["straight", "clothoid", "hairpin", "entry"])
 @pytest.mark.parametrize("side", [LEFT_SIDE, RIGHT_SIDE])
 def test_gradients_are_differences_of_the_lateral_position(lane, side):
