@@ -10,7 +10,9 @@ import re
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cache
+from itertools import islice
 
+import av
 import numpy as np
 import pytest
 
@@ -19,6 +21,8 @@ from benchmark.reporting.tables import read_scores
 from benchmark.scores import Row
 from benchmark.suite_drives import COMMITTED
 from benchmark.systems import TRACKER
+from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import CameraPose
 from lanes.tracking.tracker import LaneTracker
 from simulator.scenes.suite import SUITE
 from tests.end_to_end.reference import measure
@@ -109,3 +113,14 @@ def test_the_published_table_counts_confidence_as_the_benchmark_does():
     assert CONFIDENT == 0.9
     words = (TABLE.parent / "README.md").read_text(encoding="utf-8")
     assert re.search(r"confidence of 0\.9 or more", words)
+
+
+@pytest.mark.skipif("lavfi" not in av.formats_available, reason="this build of PyAV has no test patterns")
+def test_a_moving_test_pattern_is_no_road():
+    """Its stripes may be tracked, but with little confidence: 2 of these 250 frames have 0.5 or more."""
+    tracker = LaneTracker(Camera.from_fov((1280, 720), 60, CameraPose(1.35)), fps=25)
+    with av.open("testsrc2=size=1280x720:rate=25", format="lavfi") as pattern:
+        frames = (frame.to_ndarray(format="rgb24") for frame in islice(pattern.decode(video=0), 250))
+        confidences = np.array([tracker.update(frame).confidence for frame in frames])
+    assert len(confidences) == 250
+    assert max(confidences) < CONFIDENT and np.mean(confidences >= 0.5) <= 0.01
