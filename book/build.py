@@ -29,7 +29,7 @@ BUILD = ROOT / "book" / "_build"
 SOURCE, STATIC, EXTRA, SITE = (BUILD / name for name in ("source", "static", "extra", "html"))
 # Pages of the sections, in the order of the navigation.
 GUIDES = ("own_camera", "when_it_fails", "many_drives", "own_finder")
-QUALITY = ("benchmark/README", "robustness", "ablation", "testing")
+QUALITY = ("benchmark/README", "cameras", "robustness", "ablation", "testing")
 REFERENCE = ("api/index", "docs/glossary", "docs/conventions", "docs/references")
 DEVELOPMENT = ("CONTRIBUTING", "CHANGELOG", "docs/release")
 # Link target in the project -> page of the book; an empty one leaves the text without a link.
