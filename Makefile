@@ -17,6 +17,8 @@ INSTALLED := .venv/installed.txt
 WITH_DASK := .venv/installed-cluster.txt
 MEASURING := .venv/installed-measuring.txt
 BOOK := .venv/installed-book.txt
+COMPILE := .venv/tools/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
+	--custom-compile-command "make lock"
 # The packages whose unit tests are quick; tests marked `slow` are left to `make test`.
 QUICK_TESTS := tests/camera tests/classic tests/drawing tests/explain tests/io tests/tracking
 COVERAGE_ENV := PYTHONPATH=$(CURDIR)/.venv/measuring COVERAGE_PROCESS_START=$(CURDIR)/pyproject.toml \
@@ -36,8 +38,8 @@ help:
 	@echo "make coverage  lines that no test runs"
 	@echo "make mutants   small changes of the code that no test notices (docs/testing.md)"
 	@echo "make soak      an hour of video through the command line; checks memory, frames and sound"
-	@echo "make lock      write requirements.lock for requirements.txt"
-	@echo "make audit     look up known vulnerabilities of the packages in requirements.lock"
+	@echo "make lock      write requirements.lock, and requirements-book.lock for the book"
+	@echo "make audit     look up known vulnerabilities of the packages in both lock files"
 	@echo "make clean     remove .venv and caches"
 	@echo "Real pictures: make run LANES_DATA=path/to/folder   (results: project_real.ipynb, output_real/)"
 
@@ -114,11 +116,12 @@ $(WITH_DASK): requirements-cluster.txt $(INSTALLED)
 	@$(ENV)/python -m pip install --quiet --disable-pip-version-check -r requirements-cluster.txt && cp requirements-cluster.txt $@ \
 		|| echo "== Dask could not be installed: the tests of lanes/cluster are skipped"
 
-# All packages that requirements.txt and requirements-cluster.txt depend on, with hashes, for Python 3.11-3.14.
+# All packages that the requirements files depend on, with hashes, for Python 3.11-3.14. The book's own packages have a
+# lock file of their own, with the same versions of the packages that are in both.
 lock: $(INSTALLED)
 	@$(PYTHON) -m venv .venv/tools && .venv/tools/bin/python -m pip install --quiet --disable-pip-version-check uv==0.13.9
-	@.venv/tools/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
-		--custom-compile-command "make lock" requirements.txt requirements-cluster.txt -o requirements.lock
+	@$(COMPILE) requirements.txt requirements-cluster.txt -o requirements.lock
+	@$(COMPILE) --constraints requirements.lock requirements-book.txt -o requirements-book.lock
 
 audit: $(INSTALLED)
 	@$(PYTHON) -m venv .venv/tools && .venv/tools/bin/python -m pip install --quiet --disable-pip-version-check pip-audit==2.10.1

@@ -1,4 +1,4 @@
-"""Check the packages in requirements.lock for known vulnerabilities with pip-audit: `make audit`.
+"""Check the packages in the lock files for known vulnerabilities with pip-audit: `make audit`.
 
 Exit status: 0 no known vulnerability, 1 known vulnerabilities, 2 no answer from PyPI's advisory service. pip-audit
 itself returns 0 in the last case.
@@ -12,12 +12,13 @@ import sys
 
 from benchmark.scored_drive import PROJECT_ROOT
 
-LOCK = PROJECT_ROOT / "requirements.lock"
+LOCKS = [PROJECT_ROOT / name for name in ("requirements.lock", "requirements-book.lock")]
 
 
 def main() -> int:
     """Run the pip-audit of this Python environment and print the result."""
-    command = [sys.executable, "-m", "pip_audit", "--requirement", str(LOCK), "--require-hashes", "--disable-pip"]
+    files = [f"--requirement={lock}" for lock in LOCKS]
+    command = [sys.executable, "-m", "pip_audit", *files, "--require-hashes", "--disable-pip"]
     done = subprocess.run([*command, "--format", "json", "--progress-spinner", "off"], capture_output=True, text=True)
     try:
         status, message = assess(json.loads(done.stdout)["dependencies"])
@@ -42,7 +43,7 @@ def assess(packages: list[dict]) -> tuple[int, str]:
             f"NOT AUDITED: the advisory service gave no answer for {len(unknown)} of {len(packages)} packages; try "
             "again on a machine that can reach PyPI."
         )
-    return 0, f"no known vulnerability in the {len(packages)} packages of {LOCK.name}"
+    return 0, f"no known vulnerability in the {len(packages)} packages of the lock files"
 
 
 if __name__ == "__main__":
