@@ -224,7 +224,7 @@ def fit_near(stripes: Stripes, mean: np.ndarray, covariance: np.ndarray, view: B
         step = step - np.linalg.solve(information, weighted @ residuals.residual_m[0] + prior_information @ step)
         residuals = replace(predicted, residual_m=predicted.residual_m + step @ jacobian)
     nearby = (predicted.near(FIT.nearby_m, FIT.nearby_rad) & (stripes.x_m < FIT.nearby_far_m)) @ marking
-    normalized = residuals.residual_m / np.sqrt(std**2 + model_error**2)
+    normalized = residuals.residual_m / np.sqrt(std**2 + model_error_m(stripes) ** 2)
     # the weights are those before the last step, which is small
     return LaneFit(
         (mean + step)[None],
@@ -259,13 +259,12 @@ def fit_lanes(
     prediction, by default those of `prior_std` at the lane of each step. The stripes' variances are multiplied by
     `variance_inflation`.
     """
-    lanes, std, marking = np.array(lanes, float), position_std(stripes, view.focal_px), marking_weight(stripes)
-    model_error = model_error_m(stripes)
+    lanes = np.array(lanes, float)
     for far_m, scale in schedule:
-        residuals = stripe_residuals(lanes, stripes, view.height_m)
-        variance = variance_inflation * ((std * scale) ** 2 + model_error**2)
-        precision = marking * (stripes.x_m < far_m) / variance
-        weighted = residuals.jacobian * (residuals.weights(std * scale, angle_scale=scale) * precision)[:, None]
+        used = stripes.select(stripes.x_m < far_m)
+        residuals, std = stripe_residuals(lanes, used, view.height_m), scale * position_std(used, view.focal_px)
+        precision = marking_weight(used) / (variance_inflation * (std**2 + model_error_m(used) ** 2))
+        weighted = residuals.jacobian * (residuals.weights(std, angle_scale=scale) * precision)[:, None]
         prior = prior_information
         if prior is None:
             prior_variance = np.square(prior_std(lanes, extra_vertical_per_m=extra_vertical_per_m))
@@ -274,10 +273,11 @@ def fit_lanes(
         gradient = weighted @ residuals.residual_m[..., None] + prior @ (lanes - prior_mean)[..., None]
         lanes = lanes - np.linalg.solve(information, gradient)[..., 0]
         lanes = np.clip(lanes, -LIMIT, LIMIT)
-    residuals = stripe_residuals(lanes, stripes, view.height_m)
+    residuals, std = stripe_residuals(lanes, stripes, view.height_m), position_std(stripes, view.focal_px)
+    marking = marking_weight(stripes)
     nearby = (residuals.near(FIT.nearby_m, FIT.nearby_rad) & (stripes.x_m < FIT.nearby_far_m)) @ marking
     weight = residuals.weights(std) * marking
-    normalized = residuals.residual_m / np.sqrt(std**2 + model_error**2)
+    normalized = residuals.residual_m / np.sqrt(std**2 + model_error_m(stripes) ** 2)
     prior = np.broadcast_to(np.asarray(prior), information.shape)
     return LaneFit(lanes, information, prior, weight, residuals.side, nearby, normalized, stripes, view)
 

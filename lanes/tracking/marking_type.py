@@ -75,16 +75,15 @@ def marking_profile(response: MarkingResponse, view: BirdsEyeView, line_y_m: np.
 
     `line_y_m` (rows,) is the lateral position of the line on the view's grid in each row; NaN for rows to leave out.
     """
-    channels = zip(response.channels, (False, True), strict=True)
-    profiles = [_profile(channel, view, line_y_m, yellow=yellow) for channel, yellow in channels]
+    channels = _straighten(response.channels, view, line_y_m)
+    if channels.shape[1] < PROFILE.min_rows:
+        return None
+    profiles = (_profile(values, yellow=yellow) for values, yellow in zip(channels, (False, True), strict=True))
     return max(filter(None, profiles), key=attrgetter("contrast"), default=None)
 
 
-def _profile(channel: np.ndarray, view: BirdsEyeView, line_y_m: np.ndarray, *, yellow: bool) -> MarkingProfile | None:
-    """Cross-section of the marking in one channel."""
-    values = _straighten(channel, view, line_y_m)
-    if len(values) < PROFILE.min_rows:
-        return None
+def _profile(values: np.ndarray, *, yellow: bool) -> MarkingProfile | None:
+    """Cross-section of the marking in one straightened channel (rows, offsets)."""
     road = PROFILE.road_samples
     inner = _cross_section(values)
     top = inner.max()
@@ -123,20 +122,21 @@ def _gap(band: np.ndarray) -> float:
     return float(band[third:-third].min() / peak) if peak > 0 else 1.0
 
 
-def _straighten(channel: np.ndarray, view: BirdsEyeView, line_y_m: np.ndarray) -> np.ndarray:
-    """(at most `PROFILE.max_rows`, offsets) float32 of a channel, resampled along a line at `OFFSETS_M`."""
+def _straighten(channels: np.ndarray, view: BirdsEyeView, line_y_m: np.ndarray) -> np.ndarray:
+    """(2, at most `PROFILE.max_rows`, offsets) float32: both channels, resampled along a line at `OFFSETS_M`."""
     most, least = view.y_m[0] - PROFILE.reach_m, view.y_m[-1] + PROFILE.reach_m
     rows = np.flatnonzero((line_y_m < most) & (line_y_m > least) & (view.x_m < PROFILE.far_m))
     if len(rows) < 2:
-        return np.empty((0, len(OFFSETS_M)), np.float32)
+        return np.empty((len(channels), 0, len(OFFSETS_M)), np.float32)
     # rows cut a slanted line at an angle: distances at right angles to it are longer along the row
     slant = np.hypot(1, np.gradient(line_y_m[rows], view.x_m[rows]))
     chosen = slice(None, None, len(rows) // PROFILE.max_rows + 1)
     rows, slant = rows[chosen], slant[chosen]
-    column = (view.y_m[0] - line_y_m[rows, None] - slant[:, None] * OFFSETS_M) / view.cell_m
-    row = np.broadcast_to(np.arange(len(rows), dtype=np.float32)[:, None], column.shape)
-    # only the rows used are converted, not the whole channel
-    return cv2.remap(channel[rows].astype(np.float32), column.astype(np.float32), row, cv2.INTER_LINEAR)
+    column = ((view.y_m[0] - line_y_m[rows, None] - slant[:, None] * OFFSETS_M) / view.cell_m).astype(np.float32)
+    row = np.broadcast_to(np.arange(len(rows), dtype=np.float32)[:, None], column.shape).copy()
+    # only the rows used are converted, not the whole channels
+    used = channels[:, rows].astype(np.float32)
+    return np.array([cv2.remap(channel, column, row, cv2.INTER_LINEAR) for channel in used])
 
 
 @dataclass(frozen=True)
