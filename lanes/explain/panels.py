@@ -87,7 +87,7 @@ def _plot_pose(axis: Axes, explanation: Explanation) -> None:
         axis.plot(*pixel, "x", color=rgb(LANE_COLOUR), ms=9, mew=2, label="direction of the lane")
     axis.set(xlim=(0, width), ylim=(height, 0))
     axis.set_axis_off()
-    axis.legend(loc="lower right", fontsize=7)
+    axis.legend(loc="lower right", fontsize=8)
 
 
 def _plot_birdseye(axis: Axes, explanation: Explanation) -> None:
@@ -117,7 +117,7 @@ def _plot_stripes(axis: Axes, explanation: Explanation) -> None:
         if len(mine):
             size = np.clip(mine.strength, 3, 30)
             axis.scatter(mine.y_m, mine.x_m, s=size, color=rgb(colour), lw=0, label=f"{len(mine)} {label}")
-            axis.legend(loc="upper right", fontsize=7)
+            axis.legend(loc="upper right", fontsize=8)
 
 
 def _plot_votes(axis: Axes, explanation: Explanation) -> None:
@@ -162,7 +162,7 @@ def _plot_fit(axis: Axes, explanation: Explanation) -> None:
         label += f", ± {std_m[far]:.2f} m at {x_m[far]:.0f} m"
         axis.fill_betweenx(x_m, y_m - 2 * std_m, y_m + 2 * std_m, color=rgb(colour), alpha=0.25, lw=0)
         axis.plot(y_m, x_m, color=rgb(colour), label=label)
-    axis.legend(loc="upper right", fontsize=7, title="bands: two standard deviations", title_fontsize=7)
+    axis.legend(loc="upper right", fontsize=8, title="bands: two standard deviations", title_fontsize=8)
 
 
 def _plot_result(axis: Axes, explanation: Explanation) -> None:

@@ -138,7 +138,13 @@ def _explain_low_confidence(lane: Lane) -> tuple[str, str]:
             "earlier frames. If it has one, and the lines are not parallel in the bird's-eye view, the camera pose is "
             "wrong. " + RE_ESTIMATE_POSE,
         )
-    if _is_width_the_cause(lane):
+    if _is_the_cause("odd heading", lane):
+        return (
+            f"the lane points {np.degrees(abs(lane.heading_rad)):.1f} deg away from the car's direction, more than in a "
+            "usual bend or lane change.",
+            RE_ESTIMATE_POSE + " In a sharp lane change no action is needed.",
+        )
+    if _is_the_cause("odd width", lane):
         return (
             f"the lane width of {lane.width_m:.1f} m is implausible (usual: {CONFIDENCE.usual_width_m} m): one of the "
             "lines may be a kerb, a crack or a line of another lane, or the road is unusual.",
@@ -152,8 +158,8 @@ def _explain_low_confidence(lane: Lane) -> tuple[str, str]:
     )
 
 
-def _is_width_the_cause(lane: Lane) -> bool:
-    """Whether the confidence would be high enough for a lane of the usual width."""
+def _is_the_cause(feature: str, lane: Lane) -> bool:
+    """Whether the confidence would be high enough without one of the features."""
     log_odds = lane_features(lane) * CONFIDENCE.still_weights
-    without_width = log_odds.sum() - log_odds[FEATURES.index("odd width")]
-    return bool(without_width >= np.log(MIN_CONFIDENCE / (1 - MIN_CONFIDENCE)))
+    without = log_odds.sum() - log_odds[FEATURES.index(feature)]
+    return bool(without >= np.log(MIN_CONFIDENCE / (1 - MIN_CONFIDENCE)))

@@ -112,6 +112,11 @@ FAILURES = {
         "lane",
         r"look [23]\.\d deg farther down",
     ),
+    "wrong yaw": (
+        lambda: (lane_road(dashcam(width=1280, yaw_rad=-0.07)).image(), dashcam(width=1280, yaw_rad=0.0)),
+        "lane",
+        r"points [34]\.\d deg away from the car's direction",
+    ),
     "narrow": (lambda: (lane_road(width_m=2.6).image(), CAMERA), "lane", r"width of 2\.6 m is implausible"),
 }
 
