@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable, Sequence
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -31,9 +30,8 @@ def finder_file(system: str) -> Path:
     return Path(system.rpartition(":")[0])
 
 
-@cache
 def load_finder(system: str) -> OwnFinder:
-    """The function of a system "file.py:function".
+    """The function of a system "file.py:function", from the file as it is now; each call executes the file.
 
     Raises
     ------

@@ -61,9 +61,9 @@ def start_system(system: str | OwnFinder, camera: Camera, fps: float) -> tuple[C
     """
     if callable(system):
         return lambda image: system(image, camera), estimate_from_lines
-    require_system(system)
     if is_own_finder(system):
         return start_system(load_finder(system), camera, fps)
+    require_system(system)
     if system == TRACKER:
         return LaneTracker(camera, fps=fps).update, tracker_estimate
     if system == DETECTOR:
@@ -83,10 +83,10 @@ def column_detector(system: str, camera: Camera) -> Callable[[np.ndarray, np.nda
     ValueError
         If the system is unknown.
     """
-    require_system(system)
     if is_own_finder(system):
         find = load_finder(system)
         return lambda image, rows: own_columns(find(image, camera), camera, rows)
+    require_system(system)
     if system in (TRACKER, DETECTOR):
         view = BirdsEyeView(camera)
 

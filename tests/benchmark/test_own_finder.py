@@ -18,6 +18,14 @@ CAMERA = Camera.from_fov((1280, 720), 60, CameraPose(1.4, pitch_rad=0.0))
 VIDEO = PROJECT_ROOT / "test_videos" / "project_video.mp4"
 IMAGE = np.zeros((720, 1280, 3), np.uint8)
 STRAIGHT = "def find(image, camera):\n    return (0.0, 1.9), (0.0, -1.7)\n"
+# Its lane is one metre farther to the left in each further frame.
+COUNTING = """
+frames = []
+
+def find(image, camera):
+    frames.append(image)
+    return (0.0, len(frames) + 1.8), (0.0, len(frames) - 1.8)
+"""
 
 
 def test_polynomials_become_an_estimate():
@@ -44,6 +52,15 @@ def test_a_finder_in_a_file_is_a_system(tmp_path):
     u, v = CAMERA.road_to_pixels([[10.0, 1.9]])[0]
     assert column_detector(system, CAMERA)(IMAGE, np.array([v]))[0] == pytest.approx(u, abs=0.5)
     assert file in source_files(system)
+
+
+def test_each_drive_starts_with_the_file_as_it_is_now_and_no_memory(tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text(COUNTING)
+    for _ in range(2):
+        assert estimator(f"{file}:find", CAMERA)(IMAGE).offset_m == pytest.approx(-1.0)
+    file.write_text(STRAIGHT)
+    assert estimator(f"{file}:find", CAMERA)(IMAGE).offset_m == pytest.approx(-0.1)
 
 
 @pytest.mark.parametrize(
