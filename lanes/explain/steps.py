@@ -140,8 +140,8 @@ def _explain_low_confidence(lane: Lane) -> tuple[str, str]:
         )
     if _is_the_cause("odd heading", lane):
         return (
-            f"the lane points {np.degrees(abs(lane.heading_rad)):.1f} deg away from the car's direction, more than in a "
-            "usual bend or lane change.",
+            f"the lane points {np.degrees(abs(lane.heading_rad)):.1f} deg away from the car's direction, more than in "
+            "a usual bend or lane change.",
             RE_ESTIMATE_POSE + " In a sharp lane change no action is needed.",
         )
     if _is_the_cause("odd width", lane):
