@@ -56,14 +56,18 @@ class LaneTruth:
         return np.isfinite(self.lines_y_m[:, :, 0]).all(axis=1)
 
     @property
+    def _positions_y_m(self) -> np.ndarray:
+        """(N, 2, 1 + D) lateral positions at the car and at AHEAD_M."""
+        return np.concatenate([self.at_car_y_m[..., None], self.lines_y_m], axis=2)
+
+    @property
     def line_cosine(self) -> np.ndarray:
         """(N, 2, D) cosine of the line's direction; NaN behind the first chord of MAX_LINE_ANGLE_RAD or more.
 
         It converts a difference in y to a distance perpendicular to the line. The flatter of the two adjacent chords
         is used, so that no error is underestimated.
         """
-        positions = np.concatenate([self.at_car_y_m[..., None], self.lines_y_m], axis=2)
-        chords = np.abs(np.diff(positions, axis=2) / np.diff(AHEAD_M, prepend=0.0))
+        chords = np.abs(np.diff(self._positions_y_m, axis=2) / np.diff(AHEAD_M, prepend=0.0))
         slope = np.fmin(chords, np.concatenate([chords[..., 1:], chords[..., -1:]], axis=2))
         compared = np.logical_and.accumulate(chords < np.tan(MAX_LINE_ANGLE_RAD), axis=2)
         return np.where(compared, 1 / np.hypot(1, slope), np.nan)
@@ -90,10 +94,12 @@ class LaneTruth:
         left_near, right_near = (np.abs(self.at_car_y_m) < LANE_CHANGE_M).T
         step = np.where(left_near, 1.0, np.where(right_near, -1.0, 0.0))
         # Masked by step: in a hairpin one line may end before the other, and its NaN must not spread to other frames.
-        shift = np.where(step[:, None, None] == 0, 0.0, self.lines_y_m[:, :1] - self.lines_y_m[:, 1:])
+        y_m = self._positions_y_m
+        y_m += step[:, None, None] * np.where(step[:, None, None] == 0, 0.0, y_m[:, :1] - y_m[:, 1:])
         return replace(
             self,
-            lines_y_m=self.lines_y_m + step[:, None, None] * shift,
+            lines_y_m=y_m[..., 1:],
+            at_car_y_m=y_m[..., 0],
             offset_m=self.offset_m - step * self.width_m,
             # adjacent curves have the same centre
             curvature_per_m=self.curvature_per_m / (1 - step * self.width_m * self.curvature_per_m),

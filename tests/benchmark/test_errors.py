@@ -191,6 +191,19 @@ class TestOnTheLine:
         assert not frame_errors(shifted(own, 0.5), lane).correct.any()
         assert not frame_errors(shifted(left, -0.5), lane).correct.any()
 
+    def test_the_error_is_not_smaller_where_the_line_ends_after_5_m(self):
+        lane, own, left = self.drive(1.5)
+        lane.lines_y_m[..., AHEAD_M > 5] = np.nan
+        for estimates in (shifted(own, 0.23), shifted(left, 0.23)):
+            errors = frame_errors(estimates, lane)
+            assert errors.near_rms_m == pytest.approx(0.23, rel=SLANT)
+            assert not errors.correct.any()
+
+    def test_a_line_without_position_at_the_car_does_not_hide_the_other_one(self):
+        lane, own, _ = self.drive(0.0)
+        lane.at_car_y_m[:, 0] = np.nan
+        np.testing.assert_array_equal(lane.adjacent().at_car_y_m, lane.at_car_y_m)
+
     def test_the_same_holds_at_the_right_line(self):
         lane, own, left = self.drive(1.5)
 
