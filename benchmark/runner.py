@@ -11,10 +11,10 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from benchmark import estimates, systems
+from benchmark import estimates, evaluation, own_finder, systems
 from benchmark.consistency import normalize_errors
 from benchmark.errors import frame_errors
-from benchmark.estimates import read_estimates, write_estimates
+from benchmark.estimates import AHEAD_M, read_estimates, write_estimates
 from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_system
 from benchmark.machine import describe_machine
 from benchmark.result import Result
@@ -22,8 +22,10 @@ from benchmark.scored_drive import BenchmarkDrive
 from benchmark.suite_drives import ensure_video
 from benchmark.systems import require_system, source_files
 from lanes.camera.camera_file import camera_to_dict
+from lanes.io import frames
 from lanes.io.disk_cache import cache_folder
 from lanes.io.processes import run_all
+from lanes.io.video import reader
 from lanes.io.video.reader import inspect_video
 
 Progress = Callable[[int, int], None]
@@ -100,9 +102,10 @@ def _result(prepared: PreparedDrive, system: str, path: Path) -> Result:
 def _cache_key(prepared: PreparedDrive, system: str) -> str:
     """Twelve digits that depend on everything that the estimates depend on."""
     digest = hashlib.sha256(prepared.drive.require_video().read_bytes())
-    digest.update(f"{describe_machine()} {prepared.camera and camera_to_dict(prepared.camera)}".encode())
-    modules = [Path(inspect.getfile(module)) for module in (estimates, systems)]
-    for source in (*modules, *source_files(system)):
+    camera = prepared.camera and camera_to_dict(prepared.camera)
+    digest.update(f"{describe_machine()} {AHEAD_M.tolist()} {camera}".encode())
+    modules = (estimates, evaluation, own_finder, systems, frames, reader)
+    for source in (*(Path(inspect.getfile(module)) for module in modules), *source_files(system)):
         for file in sorted(source.rglob("*.py")) if source.is_dir() else [source]:
             digest.update(file.read_bytes())
     return digest.hexdigest()[:12]

@@ -18,8 +18,7 @@ import numpy as np
 
 from benchmark.estimates import AHEAD_M, LaneEstimate
 from benchmark.own_finder import Lines, OwnFinder, estimate_from_lines, finder_file, is_own_finder, load_finder
-from lanes import classic, tracking
-from lanes.camera import camera
+from lanes import camera, classic, tracking
 from lanes.camera.camera import Camera
 from lanes.classic.finder import LaneFinder
 from lanes.classic.recipe import POSE_SUFFIX, RECIPES, get_recipe, recipe_from_pose
@@ -35,8 +34,8 @@ RECIPE_SYSTEMS = (*RECIPES, *(name + POSE_SUFFIX for name in RECIPES))
 SYSTEMS = (*RECIPE_SYSTEMS, TRACKER, DETECTOR)
 # In single pictures the tracker is the detector.
 STILL_SYSTEMS = (*RECIPE_SYSTEMS, TRACKER)
-# Source files and folders that the estimates of a system depend on.
-_CAMERA, _CLASSIC, _TRACKING = (Path(inspect.getfile(module)) for module in (camera, classic, tracking))
+# Folders of the packages that the estimates of a system depend on.
+_CAMERA, _CLASSIC, _TRACKING = (Path(inspect.getfile(package)).parent for package in (camera, classic, tracking))
 # Distances at which a recipe's line is projected into the picture: even steps in 1 / x are even steps in picture rows.
 PROJECTED_AT_M = 1 / np.linspace(1 / 1.5, 1 / 200.0, 400)
 
@@ -45,7 +44,7 @@ def source_files(system: str) -> tuple[Path, ...]:
     """Source files and folders that the estimates of a system depend on."""
     if is_own_finder(system):
         return _CAMERA, finder_file(system)
-    return (_CAMERA, _TRACKING.parent) if system in (TRACKER, DETECTOR) else (_CAMERA, _CLASSIC.parent)
+    return (_CAMERA, _TRACKING) if system in (TRACKER, DETECTOR) else (_CAMERA, _CLASSIC)
 
 
 def start_system(system: str | OwnFinder, camera: Camera, fps: float) -> tuple[Callable, Callable[..., LaneEstimate]]:

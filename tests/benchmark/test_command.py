@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmark import runner, suite_drives
+from benchmark import estimates, evaluation, own_finder, runner, suite_drives, systems
 from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_system, score_video
 from benchmark.machine import describe_machine
 from benchmark.reporting.tables import read_scores
@@ -17,7 +17,12 @@ from benchmark.runner import cached_estimates
 from benchmark.scored_drive import CUSTOM, BenchmarkDrive
 from benchmark.suite_drives import choose_drives, list_drives
 from benchmark.systems import SYSTEMS
+from lanes.camera import camera_pose
+from lanes.classic import finder
+from lanes.io import frames
 from lanes.io.images import read_image
+from lanes.io.video import reader
+from lanes.tracking import birdseye
 from simulator.rendering.drive import Motion
 from tests.support.clips import write_drive
 from tests.support.command_line import process
@@ -160,6 +165,29 @@ class TestRunner:
         first = runner._cache_key(prepared, "tracker")
         monkeypatch.setattr(runner, "source_files", lambda system: (Path(__file__),))
         assert runner._cache_key(prepared, "tracker") != first
+
+    @pytest.mark.parametrize(
+        ("system", "sources"),
+        [
+            ("tracker", (camera_pose, birdseye)),
+            ("hls_sobel", (camera_pose, finder)),
+            (f"{own_finder.__file__}:load_finder", (camera_pose,)),
+        ],
+        ids=["tracker", "recipe", "own finder"],
+    )
+    def test_the_cache_key_depends_on_all_sources(self, folder, monkeypatch, system, sources):
+        prepared = prepare_drive(custom(folder / "bend.mp4"), estimated_pose=False)
+        read_bytes, seen = Path.read_bytes, set()
+        monkeypatch.setattr(Path, "read_bytes", lambda path: seen.add(path) or read_bytes(path))
+        runner._cache_key(prepared, system)
+        common = (estimates, evaluation, own_finder, systems, frames, reader)
+        assert {Path(module.__file__) for module in (*common, *sources)} <= seen
+
+    def test_other_distances_change_the_cache_key(self, folder, monkeypatch):
+        prepared = prepare_drive(custom(folder / "bend.mp4"), estimated_pose=False)
+        first = runner._cache_key(prepared, "hls_sobel")
+        monkeypatch.setattr(runner, "AHEAD_M", runner.AHEAD_M + 1)
+        assert runner._cache_key(prepared, "hls_sobel") != first
 
     def test_the_pose_is_estimated_on_request(self, folder):
         prepared = prepare_drive(custom(folder / "bend.mp4"), estimated_pose=True)
