@@ -70,7 +70,7 @@ def split_folders(labels: Sequence[LaneColumns]) -> dict[str, list[LaneColumns]]
     """The labels of the pictures in each top folder below the file of the labels."""
     folders: dict[str, list[LaneColumns]] = {}
     for label in labels:
-        folders.setdefault(PurePosixPath(label.name.replace("\\", "/")).parts[0], []).append(label)
+        folders.setdefault(PurePosixPath(label.name).parts[0], []).append(label)
     return folders
 
 

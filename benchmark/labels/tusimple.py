@@ -36,7 +36,7 @@ EGO_LANE_NOTE = (
 
 @dataclass(frozen=True, eq=False)
 class LaneColumns:
-    """The ego lane in a picture, labelled or predicted; `name` is `raw_file` as in the file.
+    """The ego lane in a picture, labelled or predicted; `name` is `raw_file`, with / between its folders.
 
     `columns` (2, R) are those of the left and right line at `rows` (R,), pixels; -2 without a point.
     """
@@ -80,7 +80,7 @@ def read_labels(path: str | Path) -> list[LaneColumns]:
     """
     entries = _read_entries(path)
     for entry in entries:
-        name = PurePosixPath(entry["raw_file"].replace("\\", "/"))
+        name = PurePosixPath(entry["raw_file"])
         if name.is_absolute() or ".." in name.parts or "\0" in entry["raw_file"]:
             raise ValueError(
                 f"{path}: the picture {entry['raw_file']!r} lies outside of the folder of the labels; put it "
@@ -176,7 +176,8 @@ def _read_entries(path: str | Path) -> list[dict]:
                 f"{path}: line {number} is not a label ({reason:.200}); it needs raw_file, h_samples, and lanes "
                 "with a column for each of these rows."
             ) from error
-        entries.append(entry)
+        # a file written on Windows has backslashes
+        entries.append(entry | {"raw_file": entry["raw_file"].replace("\\", "/")})
     if not entries:
         raise ValueError(f"{path}: holds no lanes; give JSON lines with raw_file, h_samples and lanes.")
     return entries
@@ -235,7 +236,7 @@ def _foot(rows: np.ndarray, lane: np.ndarray, bottom: int) -> float:
 
 
 def _tail(name: str, depth: int) -> tuple[str, ...]:
-    return PurePosixPath(name.replace("\\", "/")).parts[-depth:]
+    return PurePosixPath(name).parts[-depth:]
 
 
 def _mean(values: Sequence[float]) -> float:

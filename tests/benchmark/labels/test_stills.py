@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmark.labels.stills import split_folders
-from benchmark.labels.tusimple import LaneColumns
+from benchmark.labels.tusimple import read_labels
 from lanes.io.images import write_image
 from simulator.rendering.drive import Motion
 from tests.support.command_line import main
@@ -56,10 +56,11 @@ def test_each_folder_has_its_own_pose(labels, capsys):
     assert confident[-1] == "8"
 
 
-def test_folders_are_the_first_part_of_the_path():
-    names = ["a/x/1.jpg", "b/2.jpg", "a\\3.jpg"]
-    folders = split_folders([LaneColumns(name, ROWS, np.zeros((2, len(ROWS)))) for name in names])
+def test_folders_are_the_first_part_of_the_path(tmp_path):
+    entries = [{"raw_file": name, "h_samples": [], "lanes": []} for name in ("a/x/1.jpg", "b/2.jpg", "a\\3.jpg")]
+    (tmp_path / "labels.jsonl").write_text("".join(json.dumps(entry) + "\n" for entry in entries))
+    folders = split_folders(read_labels(tmp_path / "labels.jsonl"))
     assert {name: [label.name for label in some] for name, some in folders.items()} == {
-        "a": ["a/x/1.jpg", "a\\3.jpg"],
+        "a": ["a/x/1.jpg", "a/3.jpg"],
         "b": ["b/2.jpg"],
     }

@@ -133,6 +133,20 @@ class TestFiles:
         assert (one, none, two) == (labels[0], None, labels[1])
         assert hit is found[0]
 
+    def test_paths_may_be_those_of_windows(self, tmp_path):
+        for k in (1, 2):
+            (tmp_path / "clips" / f"{k}").mkdir(parents=True)
+            write_image(tmp_path / "clips" / f"{k}" / "20.png", np.zeros((720, 1280, 3), np.uint8))
+        # the pictures are opened to choose two of three lines
+        lanes = [upright(column) for column in (200, 500, 800)]
+        path = self.write(tmp_path, *(self.entry(*lanes, name=f"clips\\{k}\\20.png") for k in (1, 2)))
+        labels = read_labels(path)
+        assert [label.columns[:, 0].tolist() for label in labels] == [[500, 800]] * 2
+        for pattern in ("/data/clips/{}/20.png", "D:\\clips\\{}\\20.png"):
+            entries = [self.entry(upright(k), name=pattern.format(k)) for k in (2, 1)]
+            found = read_predictions(self.write(tmp_path, *entries, name="found.jsonl"))
+            assert [prediction.columns[0, 0] for _, prediction in pair_predictions(labels, found)] == [1, 2]
+
     def test_labels_that_cannot_be_paired_are_refused(self):
         with pytest.raises(ValueError, match="two labels are for the same picture"):
             pair_predictions([lane(upright()), lane(upright())], [])
