@@ -51,9 +51,8 @@ def run_system(
 ) -> DriveEstimates:
     """Estimates of a system for each `every`-th frame of a drive before `end_s`; no lane without a pose."""
     video = prepared.drive.require_video()
-    info = inspect_video(video)
     if prepared.camera:
-        find, to_estimate = start_system(system, prepared.camera, info.fps)
+        find, to_estimate = start_system(system, prepared.camera, inspect_video(video).fps / every)
     else:
         find, to_estimate = (lambda image: None), (lambda nothing: LaneEstimate())
     estimates, time_ms = [], []
@@ -87,7 +86,8 @@ def score_video(
     truth = read_truth(prepared.drive).select(slice(0, len(estimates.offset_m) * every, every))
     errors = frame_errors(estimates, truth, prepared.camera)
     label = name or (system.__name__ if callable(system) else system)
-    return score_rows([Result(prepared.drive.name, prepared.drive.difficulty, label, errors)])[0]
+    fps = inspect_video(video).fps / every
+    return score_rows([Result(prepared.drive.name, prepared.drive.difficulty, label, errors, fps=fps)])[0]
 
 
 def read_truth(drive: BenchmarkDrive) -> LaneTruth:
