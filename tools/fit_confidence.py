@@ -109,7 +109,12 @@ def draw_drive(seed: int, camera: Camera = CAMERA) -> tuple[PaintedDrive, Camera
         road,
         (draw_line(rng, half_m), draw_line(rng, -half_m)),
         motion=Motion(
-            rng.uniform(0, 200), speed_mps, rng.normal(0, 0.25), rng.uniform(0, 0.3), 6.5, abs(rng.normal(0, 0.004))
+            start_m=rng.uniform(0, 200),
+            speed_mps=speed_mps,
+            offset_m=rng.normal(0, 0.25),
+            wander_m=rng.uniform(0, 0.3),
+            wander_period_s=6.5,
+            pitch_rad=abs(rng.normal(0, 0.004)),
         ),
         lane_m=(half_m, -half_m),
         ground=draw_clutter(rng, half_m),
@@ -120,13 +125,13 @@ def draw_drive(seed: int, camera: Camera = CAMERA) -> tuple[PaintedDrive, Camera
         seed=seed,
     )
     pose = camera.pose
-    wrong_pose = replace(
+    inexact_pose = replace(
         pose,
         height_m=pose.height_m * (1 + rng.normal(0, 0.01)),
         pitch_rad=pose.pitch_rad + rng.normal(0, 0.002),
         yaw_rad=pose.yaw_rad + rng.normal(0, 0.002),
     )
-    return drive, camera.with_pose(wrong_pose)
+    return drive, camera.with_pose(inexact_pose)
 
 
 def wrong_pose(camera: Camera, seed: int) -> Camera:
@@ -142,14 +147,14 @@ def wrong_pose(camera: Camera, seed: int) -> Camera:
 
 
 def samples_of_painted_drive(
-    seed: int, camera: Camera = CAMERA, *, seconds: float = SECONDS, fps: float = FPS, weight: float = 1.0
+    seed: int, camera: Camera = CAMERA, *, seconds: float = SECONDS, fps: float = FPS, pose_is_wrong: bool = False
 ) -> tuple[list, list]:
-    """Samples of a painted drive with this seed, see `label_lanes`; the pose is wrong if the weight is not 1."""
+    """Samples of a painted drive with this seed, see `label_lanes`; those with a wrong pose have a smaller weight."""
     drive, camera = draw_drive(seed, camera)
     times = np.arange(int(seconds * fps)) / fps
     rows = [truth_row(drive.truth(time_s), frame=0) for time_s in times]
     truth = LaneTruth.from_columns({name: np.array([row[name] for row in rows], float) for name in rows[0]})
-    camera = camera if weight == 1 else wrong_pose(camera, seed)
+    camera, weight = (wrong_pose(camera, seed), WRONG_POSE_WEIGHT) if pose_is_wrong else (camera, 1.0)
     return label_lanes(map(drive.frame, times), camera, truth, fps=fps, number=seed, weight=weight)
 
 
@@ -266,6 +271,8 @@ def main() -> None:
     parser.add_argument("videos", nargs="*", metavar="VIDEO", help="scene or video (default: the whole suite)")
     parser.add_argument("--check", action="store_true", help="only check the present weights, on other roads")
     options = parser.parse_args()
+    if options.check and options.videos:
+        parser.error("--check uses painted roads only; leave out the videos.")
     cv2.setNumThreads(1)
     data = [samples_of_painted_drive(seed) for seed in range(1000, 1000 + DRIVES // 2)] if options.check else None
     data = data or collect_samples(options.videos)
@@ -289,7 +296,7 @@ def collect_samples(videos: list[str]) -> list[tuple[list, list]]:
     """Samples of the painted drives and of the suite, or of the given videos. Variants of a scene share a number."""
     data = [samples_of_painted_drive(seed) for seed in range(DRIVES)]
     wrong = range(WRONG_POSE_SEED, WRONG_POSE_SEED + WRONG_POSES)
-    data += [samples_of_painted_drive(seed, weight=WRONG_POSE_WEIGHT) for seed in wrong]
+    data += [samples_of_painted_drive(seed, pose_is_wrong=True) for seed in wrong]
     for number, kind in enumerate(KINDS):
         data += [samples_of_no_road(kind, seed, -1000 - number) for seed in range(NO_ROADS)]
     for number, drive in enumerate(choose_drives(videos)):

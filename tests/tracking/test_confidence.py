@@ -18,6 +18,7 @@ from simulator.road.truth import truth_row
 from tests.support.not_roads import KINDS, not_a_road
 from tests.support.painted_drive import CAMERA, TAR, PaintedDrive, Stripe, s_bend
 from tests.support.shapes import a_lane
+from tools import fit_confidence
 from tools.fit_confidence import cross_validated, fit_logistic, label_lanes, logistic, samples_of_painted_drive
 
 
@@ -156,3 +157,11 @@ class TestTheFit:
         assert {row[-1] for row in followed + alone} == {7} and all(row[-3] for row in followed + alone)
         aside = replace(truth, lines_y_m=truth.lines_y_m + 0.3)
         assert not any(row[-3] for rows in label_lanes(frames, drive.camera, aside, fps=12.5, number=7) for row in rows)
+
+
+def test_videos_are_refused_where_only_painted_roads_are_checked(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["fit_confidence", "--check", "motorway"])
+    monkeypatch.setattr(fit_confidence, "samples_of_painted_drive", lambda seed: pytest.fail("checked"))
+    with pytest.raises(SystemExit):
+        fit_confidence.main()
+    assert "--check uses painted roads only; leave out the videos." in capsys.readouterr().err
