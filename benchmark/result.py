@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from benchmark.consistency import NormalizedErrors
@@ -26,3 +27,11 @@ class Result:
     fps: float = 25.0
     machine: str = ""
     normalized: NormalizedErrors | None = None
+
+
+def by_difficulty(results: Iterable[Result]) -> dict[tuple[str, str], list[Result]]:
+    """The results of each difficulty and system, in the order in which these first occur."""
+    groups: dict[tuple[str, str], list[Result]] = {}
+    for result in results:
+        groups.setdefault((result.difficulty, result.system), []).append(result)
+    return groups

@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmark.errors import FrameErrors, recovery_lengths
 from benchmark.estimates import AHEAD_M
-from benchmark.result import Result
+from benchmark.result import Result, by_difficulty
 from benchmark.significance import accuracy_interval, among_best
 
 # Distances ahead, each with its own columns in the table.
@@ -25,9 +25,7 @@ def score_rows(results: Iterable[Result]) -> list[Row]:
 
 def total_rows(results: Sequence[Result]) -> list[Row]:
     """A row for each difficulty and system, over the frames of all scenes of that difficulty."""
-    groups: dict[tuple[str, str], list[Result]] = {}
-    for result in results:
-        groups.setdefault((result.difficulty, result.system), []).append(result)
+    groups = by_difficulty(results)
     return _compared_rows([(total_name(difficulty), group) for (difficulty, _), group in groups.items()])
 
 

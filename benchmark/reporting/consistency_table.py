@@ -7,7 +7,7 @@ from pathlib import Path
 
 from benchmark.consistency import NUMBERS, QUANTITIES, NormalizedErrors, consistency
 from benchmark.reporting.tables import format_table, read_scores
-from benchmark.result import Result
+from benchmark.result import Result, by_difficulty
 from benchmark.scores import Row, total_name
 
 LEGEND = """\
@@ -21,16 +21,16 @@ def consistency_rows(results: Iterable[Result]) -> list[Row]:
     """A row for each scene and system that states a covariance, then one for each difficulty and system."""
     stated = [result for result in results if result.normalized is not None]
     scenes = [_row(result.scene, [result]) for result in stated]
-    return scenes + [_row(total_name(group[0].difficulty), group) for group in _groups(stated)]
+    return scenes + [_row(total_name(difficulty), group) for (difficulty, _), group in by_difficulty(stated).items()]
 
 
 def describe_consistency(results: Iterable[Result]) -> str:
     """A column for each difficulty and system, a line for each quantity, and the legend; empty without a covariance."""
-    groups = _groups([result for result in results if result.normalized is not None])
+    groups = by_difficulty(result for result in results if result.normalized is not None)
     if not groups:
         return ""
-    columns = [f"{group[0].difficulty} {group[0].system}" for group in groups]
-    rows = [consistency(_normalized(group)) for group in groups]
+    columns = [f"{difficulty} {system}" for difficulty, system in groups]
+    rows = [consistency(_normalized(group)) for group in groups.values()]
     lines = {
         "frames": [f"{row['frames']:.0f}" for row in rows],
         "lane change": [f"{row['lane_change_frames']:.0f}" for row in rows],
@@ -69,14 +69,6 @@ def describe_z(summary: dict[str, float]) -> str:
     """A `z_summary` as "1.02 68/95": root mean square, percent within 1 and 2; a dash without any z."""
     rms, within_1, within_2 = (summary[key] for key in Z_KEYS)
     return "-" if rms != rms else f"{rms:.2f} {100 * within_1:.0f}/{100 * within_2:.0f}"
-
-
-def _groups(stated: Sequence[Result]) -> list[list[Result]]:
-    """Results of the same difficulty and system."""
-    groups: dict[tuple[str, str], list[Result]] = {}
-    for result in stated:
-        groups.setdefault((result.difficulty, result.system), []).append(result)
-    return list(groups.values())
 
 
 def _row(name: str, group: Sequence[Result]) -> Row:

@@ -15,14 +15,13 @@ import numpy as np
 from benchmark.bootstrap import frame_clusters, share_interval
 from benchmark.errors import CONFIDENT
 from benchmark.reporting.tables import describe_interval, format_table
-from benchmark.result import Result
+from benchmark.result import Result, by_difficulty
 from lanes.tracking.confidence import CORRECT_WITHIN_M
 
 # Steps of 0.1; the last one is halved, because most lanes are in it.
 BIN_EDGES = np.array([*np.arange(0, 0.95, 0.1), 0.95, 1.0])
-# A lane is confident from the first confidence on (`CONFIDENT`), and likely from the second one on.
+# A lane is confident from `CONFIDENT` on, and likely from this confidence on.
 LIKELY = 0.5
-
 
 CONFIDENCE_LEGEND = """\
 Lanes with a confidence of 0.9 or more: number, share of correct ones (here within 0.2 m over 5 to 30 m) with its 95 %
@@ -159,11 +158,8 @@ SUMMARY_COLUMNS = ("0.9 or more", "correct", "of correct", "0.5 to 0.9", "mean s
 
 def describe_confidence(results: Iterable[Result]) -> str:
     """A table: a line for each system that states a confidence, and difficulty; empty without such a system."""
-    groups: dict[str, list[Result]] = {}
-    for result in results:
-        if np.isfinite(result.errors.confidence).any():
-            groups.setdefault(f"{result.difficulty}, {result.system}", []).append(result)
+    groups = by_difficulty(result for result in results if np.isfinite(result.errors.confidence).any())
     if not groups:
         return ""
-    rows = {name: AvailableLanes.from_results(group).summary().cells() for name, group in groups.items()}
+    rows = {", ".join(names): AvailableLanes.from_results(group).summary().cells() for names, group in groups.items()}
     return f"{format_table(SUMMARY_COLUMNS, rows)}\n{CONFIDENCE_LEGEND}"
