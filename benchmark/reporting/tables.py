@@ -19,7 +19,8 @@ avail.: frames with an available lane. accuracy: frames with both lines within 0
   seconds).
 wrong: frames that are confident and wrong: a lane with a confidence of 0.9 or more that is not correct.
   The recipes state no confidence; each of their lanes counts as confident.
-5 m to curvature: median/95th percentile of the error of the worse line, over the frames with an available lane.
+5 m to curvature: median/95th percentile of the error, over the frames with an available lane. 5 m to 5-20 m are lateral
+  errors of the worse line; offset, heading and curvature are those of the lane.
 recovery: frames until the lane is correct again (3 in a row) after it was lost or wrong: median/longest."""
 
 

@@ -63,7 +63,7 @@ class Explanation:
         In order of execution; only the last one may have failed.
     evidence : FrameEvidence or None
         Bird's-eye view, marking response and stripes; None if the camera sees no road.
-    votes : ndarray (H, BINS) or None
+    votes : ndarray (hypotheses, bins) or None
         Vote table of `lanes.tracking.voting`; None without near stripes.
     candidates : tuple of Candidate
         Best first.

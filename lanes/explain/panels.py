@@ -16,7 +16,7 @@ from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_
 from lanes.drawing.figures import MARKED_M, draw_on_road_grid, new_figure, rgb
 from lanes.explain.explanation import Explanation, stripes_on_lines
 from lanes.io.frames import as_rgb
-from lanes.tracking.model import CENTRE, SIDES, WIDTH, lines_on_view
+from lanes.tracking.model import CENTRE, CURVATURE, SIDES, WIDTH, lines_on_view
 from lanes.tracking.overlay import draw_tracked
 from lanes.tracking.voting import HYPOTHESES, VOTING
 
@@ -125,7 +125,7 @@ def _plot_votes(axis: Axes, explanation: Explanation) -> None:
     if explanation.votes is None:
         _show_message(axis, "not reached")
         return
-    curvature = HYPOTHESES[:, 1]
+    curvature = HYPOTHESES[:, 1]  # columns: heading, curvature, pitch
     bends = np.unique(curvature)
     # The search uses square roots of votes. They keep a dashed line visible next to a solid one.
     table = np.sqrt([explanation.votes[curvature == bend].max(axis=0) for bend in bends])
@@ -135,7 +135,7 @@ def _plot_votes(axis: Axes, explanation: Explanation) -> None:
     axis.set_yticks(shown, [_radius(bends[n]) for n in shown], fontsize=8)
     axis.set(xlabel="left (m)", ylabel="bend")
     for candidate in explanation.candidates:
-        row = np.interp(candidate.model[3], bends, np.arange(len(bends)))
+        row = np.interp(candidate.model[CURVATURE], bends, np.arange(len(bends)))
         lines_y_m = candidate.model[CENTRE] + SIDES * candidate.model[WIDTH] / 2
         colour = rgb(LANE_COLOUR if candidate.chosen else WINDOW_COLOUR)
         axis.plot(lines_y_m, [row, row], "o", color=colour, mfc="none", ms=9)

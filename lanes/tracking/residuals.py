@@ -105,7 +105,9 @@ def intersect_ground(x_m: np.ndarray, lanes: np.ndarray, height_m: float) -> Gro
     return Ground(x, np.maximum(fall, MIN_RELATIVE_FALL * height_m * inverse_x), heights)
 
 
-def flatten(x_m, y_m, angle, ground: Ground, height_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def flatten(
+    x_m: np.ndarray, y_m: np.ndarray, angle: np.ndarray, ground: Ground, height_m: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Stripes of the flat view on the ground: x, y in metres and angle in radians, (..., N) each."""
     scale = ground.x_m / x_m
     # derivative of the distance on the ground with respect to that on the flat view
