@@ -1,11 +1,14 @@
-"""The standard deviations that a lane states, against drawn lanes."""
+"""The standard deviations that a lane states, against drawn lanes, and lines that are not seen for a while."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from lanes.tracking.lane import Lane, LineObservation
+from lanes.tracking.marking_type import MarkingProfile
 from lanes.tracking.model import SIDES, lateral_std_m, line_y
 from tests.support.shapes import a_lane
 
@@ -39,3 +42,12 @@ def test_stds_are_the_roots_of_the_variances():
     lane = lane_of(a_lane())
     stated = [lane.offset_std_m, lane.width_std_m, lane.heading_std_rad, lane.curvature_std_per_m]
     assert stated == pytest.approx(STD[:4])
+
+
+def test_a_line_that_coasts_has_no_support_and_a_nearer_reach_and_keeps_its_profile_and_votes():
+    profile = MarkingProfile(width_m=0.12, centre_m=0.0, yellow=True, contrast=20.0)
+    line = LineObservation(0.6, 25.0, profile, rows=40)
+    line = replace(line, votes=line.votes.add_profile(profile))
+    assert line.coast(10.0, vote=False) == LineObservation(0.0, 15.0, profile, votes=line.votes)
+    assert line.coast(10.0, vote=True).votes == line.votes.add_profile(profile) != line.votes
+    assert line.coast(30.0, vote=False).reach_m == 0.0

@@ -1,4 +1,4 @@
-"""Gating and measurement update with synthetic stripes."""
+"""The measurement update, with synthetic stripes."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ def test_one_of_the_best_pairs_is_near_the_lane(road):
         max(np.abs(line_y(x, lane, side) - line_y(x, road, side)).max() for side in (LEFT_SIDE, RIGHT_SIDE))
         for lane in lanes
     ]
-    assert 0 < len(lanes) <= 8
+    assert 0 < len(lanes) <= VOTING.lanes
     assert min(errors) < 0.5
 
 
