@@ -112,7 +112,7 @@ def check_fit(score: float, support: np.ndarray, *, seen: bool) -> Step:
 def check_lane(lane: Lane) -> Step:
     """Check the confidence and the pitch motion of the lane found."""
     confidence = TrackedLane.from_still(lane).confidence
-    summary = f"confidence {confidence:.0%}, margin over the next lane {lane.margin:.2f}"
+    summary = f"confidence {confidence:.0%}, margin over the next lane {lane.margin or 0:.2f}"
     if abs(lane.pitch_rad) >= MAX_PITCH_RAD:
         turned = f"{np.degrees(abs(lane.pitch_rad)):.1f} deg farther {'down' if lane.pitch_rad > 0 else 'up'}"
         failure = f"the camera seems to look {turned} than its pose says."
@@ -140,8 +140,8 @@ def _explain_low_confidence(lane: Lane) -> tuple[str, str]:
         )
     if _is_the_cause("odd heading", lane):
         return (
-            f"the lane points {np.degrees(abs(lane.heading_rad)):.1f} deg away from the car's direction, more than in "
-            "a usual bend or lane change.",
+            f"the lane points {np.degrees(abs(lane.heading_rad)):.1f} deg away from the car's direction, more than "
+            "in a usual bend or lane change.",
             RE_ESTIMATE_POSE + " In a sharp lane change no action is needed.",
         )
     if _is_the_cause("odd width", lane):

@@ -27,8 +27,8 @@ CORRECT_WITHIN_M, CORRECT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
 # - support: sum of the square roots of the lines' supports.
 # - clutter: logarithm of the share of all paint-like stripes in view that the lane and its neighbours explain, where it
 #   is smaller than usual: bricks and letters look like paint, too.
-# - odd pitch, odd heading: pitch, and heading beyond that of a car in a bend, where they are larger than usual, in
-#   steps of 0.05 rad. They are large if the camera pose is wrong.
+# - odd pitch, odd heading: pitch, and heading beyond that of a car in a bend, where they are larger than usual,
+#   relative to 0.05 rad, at most 1. They are large if the camera pose is wrong.
 FEATURES = (
     *("constant", "log std", "odd width", "offset", "shorter reach", "bend"),
     *("support", "clutter", "odd pitch", "odd heading"),
@@ -86,7 +86,7 @@ def lane_features(lane: Lane) -> np.ndarray:
 
 
 def _excess(angle_rad: float) -> float:
-    """An angle over the usual one, in steps of `CONFIDENCE.max_excess_rad`, 0 to 1."""
+    """An angle beyond the usual one, relative to `CONFIDENCE.max_excess_rad`, 0 to 1."""
     return min(max(angle_rad / CONFIDENCE.max_excess_rad, 0.0), 1.0)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lanes.tracking.lane import Lane
+from lanes.tracking.model import CURVATURE
 from lanes.tracking.state import CarMotion
 
 
@@ -62,14 +63,14 @@ def watch_departure(lane: Lane, motion: CarMotion) -> DepartureWarning:
     """
     left, right = lane.left.c0_m - DEPARTURE.half_track_m, -lane.right.c0_m - DEPARTURE.half_track_m
     heading = lane.heading_rad - motion.course_rad
-    turning = lane.curvature_per_m - motion.path_per_m
+    turning = float(lane.model[CURVATURE]) - motion.path_per_m
     speed = motion.speed_mps
     drift = -speed * float(np.sin(heading))
     side, time_s = _crossing(left, right, drift, -turning * speed**2)
     least_drift = -speed * float(np.sin(_towards_zero(heading, motion.course_std_rad)))
     least_turning = _towards_zero(turning, motion.turning_std_per_m)
     _, latest_s = _crossing(left, right, least_drift, -least_turning * speed**2)
-    return DepartureWarning(left, right, drift, side, time_s, latest_s < DEPARTURE.warn_s)
+    return DepartureWarning(left, right, drift, side, time_s, max(time_s, latest_s) < DEPARTURE.warn_s)
 
 
 def _crossing(left_m: float, right_m: float, drift_mps: float, turning_mps2: float) -> tuple[str | None, float]:

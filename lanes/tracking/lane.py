@@ -116,10 +116,10 @@ class Lane:
         Of the left and the right line.
     score : float
         Sum of the square roots of the lines' supports minus the penalty of the prior.
-    margin : float
-        Score minus that of the next best lane.
     explained_share : float
         Share of everything in view that looks like paint which the lines of this lane and of its neighbours explain.
+    margin : float or None
+        Score minus that of the best lane elsewhere, which counts at least 0; None of a tracked lane.
     """
 
     model: np.ndarray
@@ -128,8 +128,8 @@ class Lane:
     assumed_covariance: np.ndarray
     observations: Observations
     score: float
-    margin: float
     explained_share: float = 1.0
+    margin: float | None = None
 
     @property
     def offset_m(self) -> float:
@@ -153,7 +153,7 @@ class Lane:
 
     @property
     def curvature_per_m(self) -> float:
-        """Curvature at the car, of the concentric arc through it; positive for a left bend."""
+        """Curvature of the lane centre beside the car; positive for a left bend."""
         return float(self.model[CURVATURE] / (1 - self.model[CURVATURE] * self.model[CENTRE]))
 
     @property

@@ -130,7 +130,7 @@ def _straighten(channels: np.ndarray, view: BirdsEyeView, line_y_m: np.ndarray) 
         return np.empty((len(channels), 0, len(OFFSETS_M)), np.float32)
     # rows cut a slanted line at an angle: distances at right angles to it are longer along the row
     slant = np.hypot(1, np.gradient(line_y_m[rows], view.x_m[rows]))
-    chosen = slice(None, None, len(rows) // PROFILE.max_rows + 1)
+    chosen = slice(None, None, -(-len(rows) // PROFILE.max_rows))
     rows, slant = rows[chosen], slant[chosen]
     column = ((view.y_m[0] - line_y_m[rows, None] - slant[:, None] * OFFSETS_M) / view.cell_m).astype(np.float32)
     row = np.broadcast_to(np.arange(len(rows), dtype=np.float32)[:, None], column.shape).copy()

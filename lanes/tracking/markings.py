@@ -69,19 +69,11 @@ class MarkingResponse:
     strength: np.ndarray
     # (2, rows, columns) int: lightness and yellowness of the view, in grey levels.
     channels: np.ndarray
-    # (2, rows, columns) int: the larger of the responses of the filters for one stripe and for two, to lightness and to
-    # yellowness. Their unit is a grey level over a whole number, so that they are exact.
-    bands: np.ndarray
-    # (2, rows, columns) float32: local noise of lightness and of yellowness, in the unit of the responses.
-    noise: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class Stripes:
-    """Stripe candidates, found row by row; all arrays have shape (stripes,).
-
-    A yellow stripe responds more in yellowness than in lightness.
-    """
+    """Stripe candidates, found row by row; all arrays have shape (stripes,)."""
 
     # Row of the view.
     row: np.ndarray
@@ -95,7 +87,6 @@ class Stripes:
     step: np.ndarray
     # Band filter response over local noise.
     strength: np.ndarray
-    yellow: np.ndarray
 
     def __len__(self) -> int:
         return len(self.row)
@@ -154,9 +145,8 @@ def marking_response(view_image: np.ndarray, view: BirdsEyeView) -> MarkingRespo
     steps = np.abs(channels[..., pad : 1 - pad] - channels[..., pad - 1 : -pad])
     noise = local_noise(steps[..., :-1] + steps[..., 1:], window, view)
     noise *= unit
-    bands = np.maximum(narrow, wide)
-    strength = np.maximum(np.maximum(*bands / noise), 0)
-    return MarkingResponse(cv2.copyTo(strength, view.seen.view(np.uint8)), channels[inside], bands, noise)
+    strength = np.maximum(np.maximum(*np.maximum(narrow, wide) / noise), 0)
+    return MarkingResponse(cv2.copyTo(strength, view.seen.view(np.uint8)), channels[inside])
 
 
 def _padded_channels(view_image: np.ndarray, pad: int, unit: int) -> np.ndarray:
@@ -223,10 +213,9 @@ def find_stripes(response: MarkingResponse, view: BirdsEyeView) -> Stripes:
     bend = left - 2 * middle + right
     shift = np.where(bend < 0, 0.5 * (left - right) / np.minimum(bend, -1e-9), 0.0)
     y = view.y_m[0] - (column + np.clip(shift, -0.5, 0.5)) * view.cell_m
-    lightness_strength, yellowness_strength = response.bands[:, row, column] / response.noise[:, row, column]
     step = view.x_m[row] * (view.growth / (1 + view.growth) / view.cell_m)
     angle = _stripe_angle(strength, row, column, step)
-    return Stripes(row, view.x_m[row], y, angle, step, middle, yellowness_strength > lightness_strength)
+    return Stripes(row, view.x_m[row], y, angle, step, middle)
 
 
 def _peaks(strength: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -17,7 +17,7 @@ Parameters are arrays (..., 15), so that competing hypotheses share one pass.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -46,7 +46,7 @@ FAR_LINE = 3.0
 
 # Step of numerical derivatives, in standard deviations of the prior.
 DIFFERENCE_STEP = 1e-3
-# Sine of the largest angle at which a line passes the car: 64 degrees, 1.5 times the largest heading.
+# Sine of the largest angle at which a line passes the car: 64 degrees, 1.6 times the largest heading.
 MAX_SINE = 0.9
 # A line that advances by less than this per metre of the path runs across; it is not followed further.
 MIN_ADVANCE = 0.1
@@ -167,7 +167,7 @@ def _chords(length_m, before, after, turn_difference) -> np.ndarray:
     return (before + after) * (length_m / 2) + turn_difference * (length_m**2 / 12)
 
 
-def line_points(lanes: np.ndarray, side, along_m: np.ndarray) -> np.ndarray:
+def line_points(lanes: np.ndarray, side: float | np.ndarray, along_m: np.ndarray) -> np.ndarray:
     """Points (..., N, 2) of lines of lanes (..., 15), metres, at arc lengths (N,) of the path.
 
     `side` is `LEFT_SIDE`, `RIGHT_SIDE` or an array of them that broadcasts with the lanes.
@@ -276,10 +276,11 @@ def line_coefficients(lane: np.ndarray, side: float) -> tuple[float, float, floa
     offset = centre + side * width / 2
     scale = 1 - curvature * offset
     # the concentric circle at x = 0
-    sin, curvature = min(max(np.sin(heading) / scale, -MAX_SINE), MAX_SINE), curvature / scale
+    sin, curvature, rate = min(max(np.sin(heading) / scale, -MAX_SINE), MAX_SINE), curvature / scale, rate / scale**3
     cos = np.sqrt(1 - sin * sin)
     c0 = offset * (1 + scale) / (np.cos(heading) + scale * cos)
-    return float(c0), float(sin / cos), float(curvature / cos**3), float(rate + 3 * curvature**2 * sin / cos**5)
+    c3 = rate / cos**4 + 3 * curvature**2 * sin / cos**5
+    return float(c0), float(sin / cos), float(curvature / cos**3), float(c3)
 
 
 @dataclass(frozen=True)
@@ -328,20 +329,49 @@ class PriorParameters:
 
 
 PRIOR = PriorParameters()
-PRIOR_MEAN = np.array([0.0, PRIOR.width_m, *[0.0] * (PARAMETERS - 2)])
-PRIOR_STD = np.array(
-    [
-        *(PRIOR.centre_std_m, PRIOR.width_std_m, PRIOR.heading_std_rad, PRIOR.curvature_std_per_m),
-        *(PRIOR.rate_std_per_m2, PRIOR.pitch_std_rad, *[PRIOR.vertical_std_per_m] * 4),
-        *(*[PRIOR.rate_step_std_per_m2] * len(KNOTS_M), *[PRIOR.adjacent_std_m] * 2),
-    ]
+
+
+def parameter_vector(
+    *,
+    centre: float = 0.0,
+    width: float = 0.0,
+    heading: float = 0.0,
+    curvature: float = 0.0,
+    rate: float = 0.0,
+    pitch: float = 0.0,
+    vertical: float | Sequence[float] = 0.0,
+    rate_steps: float | Sequence[float] = 0.0,
+    adjacent: float | Sequence[float] = 0.0,
+) -> np.ndarray:
+    """(15,) numbers, one for each lane parameter; the last three take one number for all of theirs, or one for each."""
+    vector = np.empty(PARAMETERS)
+    vector[: VERTICAL_CURVATURE.start] = centre, width, heading, curvature, rate, pitch
+    vector[VERTICAL_CURVATURE], vector[RATE_STEPS], vector[ADJACENT] = vertical, rate_steps, adjacent
+    return vector
+
+
+PRIOR_MEAN = parameter_vector(width=PRIOR.width_m)
+PRIOR_STD = parameter_vector(
+    centre=PRIOR.centre_std_m,
+    width=PRIOR.width_std_m,
+    heading=PRIOR.heading_std_rad,
+    curvature=PRIOR.curvature_std_per_m,
+    rate=PRIOR.rate_std_per_m2,
+    pitch=PRIOR.pitch_std_rad,
+    vertical=PRIOR.vertical_std_per_m,
+    rate_steps=PRIOR.rate_step_std_per_m2,
+    adjacent=PRIOR.adjacent_std_m,
 )
-LIMIT = np.array(
-    [
-        *(PRIOR.centre_limit_m, PRIOR.width_limit_m, PRIOR.heading_limit_rad, PRIOR.curvature_limit_per_m),
-        *(PRIOR.rate_limit_per_m2, PRIOR.pitch_limit_rad, *[PRIOR.vertical_limit_per_m] * 4),
-        *(*[PRIOR.rate_step_limit_per_m2] * len(KNOTS_M), *[PRIOR.adjacent_limit_m] * 2),
-    ]
+LIMIT = parameter_vector(
+    centre=PRIOR.centre_limit_m,
+    width=PRIOR.width_limit_m,
+    heading=PRIOR.heading_limit_rad,
+    curvature=PRIOR.curvature_limit_per_m,
+    rate=PRIOR.rate_limit_per_m2,
+    pitch=PRIOR.pitch_limit_rad,
+    vertical=PRIOR.vertical_limit_per_m,
+    rate_steps=PRIOR.rate_step_limit_per_m2,
+    adjacent=PRIOR.adjacent_limit_m,
 )
 
 

@@ -26,6 +26,7 @@ import numpy as np
 
 from lanes.tracking.model import (
     ADJACENT,
+    BEND,
     CENTRE,
     CURVATURE,
     HEADING,
@@ -40,6 +41,7 @@ from lanes.tracking.model import (
     VERTICAL_CURVATURE,
     VERTICAL_KNOTS_M,
     WIDTH,
+    bend_gradients,
 )
 
 PATH, SPEED, REST_PITCH, CAMERA_YAW = range(PARAMETERS, PARAMETERS + 4)
@@ -137,6 +139,9 @@ class ProcessNoise:
 
 PROCESS_NOISE = ProcessNoise()
 _VERTICAL_KNOT_SHARES = np.array(PROCESS_NOISE.vertical_knot_shares)
+# Derivatives of the curvatures at the car, at the knots of the rate and at the end: between them it is linear, so it is
+# largest at one of them.
+_CURVATURES_AHEAD = bend_gradients(np.array([0.0, *KNOTS_M, PROCESS_NOISE.bend_ahead_m]))[1]
 
 
 @dataclass(frozen=True)
@@ -216,14 +221,24 @@ class KalmanState:
         return KalmanState(jacobian @ self.mean, covariance, errors)
 
 
-def predict(state: KalmanState, elapsed_s: float, *, steady_speed: bool = False) -> KalmanState:
-    """The state `elapsed_s` seconds later, before the next measurement; `steady_speed`: the speed is given."""
+def predict(state: KalmanState, elapsed_s: float) -> KalmanState:
+    """The state `elapsed_s` seconds later, before the next measurement."""
     mean, jacobian = transition(state.mean, elapsed_s)
     covariance, errors = jacobian @ np.stack([state.covariance, state.errors]) @ jacobian.T
     distance_m = float(state.mean[SPEED]) * elapsed_s
-    assumed, actual = process_noise(state.lane, distance_m, elapsed_s, steady_speed=steady_speed)
+    assumed, actual = process_noise(state.lane, distance_m, elapsed_s)
     covariance.flat[:: STATES + 1] += assumed
     errors.flat[:: STATES + 1] += actual
+    return KalmanState(mean, covariance, errors)
+
+
+def with_given_speed(state: KalmanState, speed_mps: float) -> KalmanState:
+    """The state with a speed from elsewhere (clock, speedometer), whose error has nothing to do with the rest."""
+    mean, covariance, errors = state.mean.copy(), state.covariance.copy(), state.errors.copy()
+    mean[SPEED] = speed_mps
+    for matrix in (covariance, errors):
+        matrix[SPEED, :] = matrix[:, SPEED] = 0.0
+        matrix[SPEED, SPEED] = CAR_PARAMETERS.given_speed_std_mps**2
     return KalmanState(mean, covariance, errors)
 
 
@@ -292,20 +307,13 @@ def _vertical_transition(distance_m: float) -> np.ndarray:
     return matrix
 
 
-def process_noise(
-    lane: np.ndarray, distance_m: float, elapsed_s: float, *, steady_speed: bool
-) -> tuple[np.ndarray, np.ndarray]:
-    """Variances (19,) that one prediction adds to the state of a lane (15,): those that the filter assumes, the actual.
-
-    A `steady_speed`, which is given, gets none.
-    """
+def process_noise(lane: np.ndarray, distance_m: float, elapsed_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Variances (19,) that one prediction adds to the state of a lane (15,): the assumed and the actual ones."""
     n, curvature = PROCESS_NOISE, max_curvature(lane)
     assumed = _variances(curvature, max_vertical_curvature(lane), distance_m, elapsed_s)
     straight = _variances(min(curvature, PRIOR.motorway_curvature_per_m), 0.0, distance_m, elapsed_s)
     actual = n.actual_share * straight + n.actual_bend_share * (assumed - straight)
     actual[PITCH] = n.actual_pitch_share * assumed[PITCH]
-    if steady_speed:
-        assumed[SPEED] = actual[SPEED] = 0.0
     return assumed, actual
 
 
@@ -333,8 +341,7 @@ def _variances(curvature: float, vertical_curvature: float, distance_m: float, e
 
 def max_curvature(lane: np.ndarray) -> float:
     """Largest curvature of the road (15,) here or soon, 1/m: expected changes are proportional to it."""
-    ahead = PROCESS_NOISE.bend_ahead_m - np.concatenate([[0.0], KNOTS_M])
-    return float(max(abs(lane[CURVATURE]), abs(lane[CURVATURE] + np.maximum(ahead, 0) @ lane[RATE_CHAIN])))
+    return float(np.abs(lane[BEND] @ _CURVATURES_AHEAD).max())
 
 
 def max_vertical_curvature(lane: np.ndarray) -> float:

@@ -8,7 +8,7 @@ bend without delay.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -71,8 +71,9 @@ class TrackedLane:
     Attributes
     ----------
     state : str
-        "tracking": seen in this frame and before; "searching": seen, not yet confirmed; "coasting": not seen now,
-        predicted from before; "lost": unknown, `lane` is None; "found": detected in a single picture.
+        "tracking": seen in this frame and before; "searching": seen, not yet confirmed; "coasting": not seen now and
+        predicted from before, or seen again in fewer than `TRACKER.confirmations` frames; "lost": unknown, `lane` is
+        None; "found": detected in a single picture.
     lane : Lane or None
         In metres, with standard deviations.
     motion : CarMotion or None
@@ -156,16 +157,16 @@ class LaneTracker:
     def __init__(self, camera: Camera, *, fps: float = 25.0, speed_mps: float | None = None) -> None:
         if not fps > 0:
             raise ValueError(f"a video has more than 0 pictures a second; got fps={fps}.")
-        self.view = BirdsEyeView(camera)
         self.fps, self.speed_mps = fps, speed_mps
         self._views = tuple(BirdsEyeView(camera, half_width_m=half) for half in TRACKER.half_widths_m)
+        self.view = self._views[TRACKER.half_widths_m.index(BirdsEyeView.half_width_m)]
         self.reset()
 
     def reset(self) -> None:
         """Forget everything, as between two drives."""
         self._track: Track | None = None
         self._state = LOST
-        self._confirmed = self._objections = self._regained = self._since_search = 0
+        self._confirmed = self._objections = self._regained = self._since_search = self._frames = 0
         self._unseen_s = 0.0
 
     def summary(self) -> dict[str, str]:
@@ -206,6 +207,7 @@ class LaneTracker:
         if not 0 <= elapsed_s <= TRACKER.max_coast_s:
             self.reset()
         self._since_search += 1
+        self._frames += 1
         due = self._objections > 0 or self._since_search >= TRACKER.search_period_s * self.fps
         search = due or self._state != TRACKING
         view = self.view if search or self._track is None else self._narrowest_view(self._track.lane)
@@ -218,7 +220,7 @@ class LaneTracker:
                 evidence,
                 elapsed_s=elapsed_s,
                 speed_mps=self.speed_mps,
-                outwards=self._since_search % outwards_period == 0,
+                outwards=self._frames % outwards_period == 0,
                 profiles_of=self._profiles_due(),
             )
             self._follow(track, elapsed_s)
@@ -236,7 +238,7 @@ class LaneTracker:
 
     def _profiles_due(self) -> tuple[int, ...]:
         """Lines whose profile is measured in this frame: left (0), right (1) or none."""
-        phase = self._since_search % TRACKER.profile_period
+        phase = self._frames % TRACKER.profile_period
         return (0,) if phase == 0 else (1,) if phase == TRACKER.profile_period // 2 else ()
 
     def _follow(self, track: Track, elapsed_s: float) -> None:
@@ -264,7 +266,7 @@ class LaneTracker:
             return True
         known = self._track.lane
         if same_lane(found, known):
-            self._track, self._objections = replace(self._track, margin=found.margin), 0
+            self._objections = 0
             self._confirmed += 1
             if self._confirmed >= TRACKER.confirmations and self._state == SEARCHING:
                 self._state = TRACKING
@@ -274,7 +276,6 @@ class LaneTracker:
             return False
         # start with the other lane if the track is not confirmed, or after several objections
         self._objections += 1
-        self._track = replace(self._track, margin=known.score - found.score)
         return self._state == SEARCHING or self._objections >= TRACKER.objections
 
     def _start(self, lane: Lane) -> None:

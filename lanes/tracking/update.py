@@ -34,6 +34,7 @@ from lanes.tracking.state import (
     max_curvature,
     max_vertical_curvature,
     predict,
+    with_given_speed,
 )
 
 
@@ -68,8 +69,6 @@ class Track:
     estimate: KalmanState
     # The estimate in metres; double lines are bounded by their inner stripes.
     lane: Lane
-    # Score minus that of the next best lane, in the latest search.
-    margin: float
     residuals: ResidualStatistics = ResidualStatistics()
 
     @property
@@ -87,7 +86,7 @@ def start_track(lane: Lane, speed_mps: float | None) -> Track:
     """The track of a detected lane, for a car of given or usual speed."""
     estimate = initial_state(lane.centres, lane.assumed_covariance * FIT.variance_inflation, speed_mps)
     estimate.errors[LANE, LANE] = lane.covariance
-    return Track(estimate, lane, lane.margin)
+    return Track(estimate, lane)
 
 
 def update_track(
@@ -104,9 +103,9 @@ def update_track(
     `speed_mps` is the car's speed, if it is given. `outwards` is passed to `update_lane`, and `profiles_of` to
     `observe_lines`.
     """
-    predicted = predict(track.estimate, elapsed_s, steady_speed=speed_mps is not None)
+    predicted = predict(track.estimate, elapsed_s)
     if speed_mps is not None:
-        predicted.mean[SPEED] = speed_mps
+        predicted = with_given_speed(predicted, speed_mps)
     fit = update_lane(evidence.stripes, predicted, evidence.view, outwards=outwards)
     residuals = track.residuals.add(fit, elapsed_s=elapsed_s)
     estimate = update_state(
@@ -116,17 +115,8 @@ def update_track(
         prior_information=fit.prior[0],
         noise_factor=residuals.effective_variance / FIT.variance_inflation,
     )
-    previous = track.lane.observations
-    observations = observe_lines(fit, evidence, previous, profiles_of=profiles_of)
-    if total_support(observations) < UPDATE.min_total_support:
-        distance_m = float(estimate.mean[SPEED]) * elapsed_s
-        left, right = previous
-        observations = (left.coast(distance_m, vote=0 in profiles_of), right.coast(distance_m, vote=1 in profiles_of))
-    left, right = (
-        replace(line, votes=line.votes.add_gaps(evidence.stripes.x_m[members]))
-        for line, members in zip(observations, fit.members[0], strict=True)
-    )
-    estimate, observations = to_ego_lane(estimate, (left, right))
+    observations = _observe(track, fit, evidence, float(estimate.mean[SPEED]) * elapsed_s, profiles_of)
+    estimate, observations = to_ego_lane(estimate, observations)
     # single lines are not shifted: the filter estimates their centres better than one profile does
     model = estimate.lane + inner_stripe_shift([line.double_profile for line in observations])
     support = np.array([[line.support for line in observations]])
@@ -138,10 +128,24 @@ def update_track(
         assumed_covariance=estimate.lane_covariance,
         observations=observations,
         score=score,
-        margin=track.margin,
         explained_share=float(fit.explained_share[0]),
     )
-    return Track(estimate, lane, track.margin, residuals)
+    return Track(estimate, lane, residuals)
+
+
+def _observe(
+    track: Track, fit: LaneFit, evidence: FrameEvidence, distance_m: float, profiles_of: tuple[int, ...]
+) -> Observations:
+    """What both lines show in this frame; if the lane is not seen, what they showed `distance_m` before."""
+    seen = observe_lines(fit, evidence, track.lane.observations, profiles_of=profiles_of)
+    if total_support(seen) < UPDATE.min_total_support:
+        left, right = track.lane.observations
+        seen = (left.coast(distance_m, vote=0 in profiles_of), right.coast(distance_m, vote=1 in profiles_of))
+    left, right = (
+        replace(line, votes=line.votes.add_gaps(evidence.stripes.x_m[members]))
+        for line, members in zip(seen, fit.members[0], strict=True)
+    )
+    return left, right
 
 
 def total_support(observations: Observations) -> float:

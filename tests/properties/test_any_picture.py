@@ -111,7 +111,7 @@ def test_every_lane_within_the_limits_has_lines(data):
     model = LIMIT * share
     model[WIDTH] = abs(model[WIDTH])
     seen = LineObservation(0.3, 30.0)
-    lane = Lane(model, model, np.diag(np.square(LIMIT)), np.diag(np.square(LIMIT)), (seen, seen), score=1.0, margin=0.5)
+    lane = Lane(model, model, np.diag(np.square(LIMIT)), np.diag(np.square(LIMIT)), (seen, seen), score=1.0)
     assert_sound(TrackedLane.from_still(lane), (640, 360))
     for side in SIDES:
         assert_on_the_line(line_y(X_M, model, side), line_points(model, side, ALONG_M))

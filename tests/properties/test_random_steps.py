@@ -9,7 +9,7 @@ import pytest
 
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.model import LIMIT, PRIOR_MEAN, PRIOR_STD, SIDES, lateral_gradients, line_points
-from lanes.tracking.state import CAR_PARAMETERS, SPEED, KalmanState, predict
+from lanes.tracking.state import CAR_PARAMETERS, KalmanState, predict, with_given_speed
 from lanes.tracking.tracker import TRACKER
 from lanes.tracking.update import initial_state, update_lane, update_state
 from tests.support.examples import TIMES
@@ -45,9 +45,9 @@ class Drive:
             return self.begin()
         if kind < 0.005:
             estimate = estimate.adjacent(self.dice.choice(SIDES))
-        estimate = predict(estimate, self.dice.choice(CLOCK), steady_speed=kind < 0.5)
-        if kind < 0.1:
-            estimate.mean[SPEED] = self.dice.uniform(0, CAR_PARAMETERS.max_speed_mps)
+        estimate = predict(estimate, self.dice.choice(CLOCK))
+        if kind < 0.5:
+            estimate = with_given_speed(estimate, self.dice.uniform(0, CAR_PARAMETERS.max_speed_mps))
         return estimate
 
     def measure(self, estimate: KalmanState) -> KalmanState:

@@ -27,7 +27,7 @@ def lane_with(*, width_m: float = 3.6, std_m: float = 0.02, centre_m: float = 0.
     std = a_lane(centre=std_m, width=std_m, heading=std_m / 50, curvature=std_m / 500, **small)
     seen = LineObservation(0.6, reach_m), LineObservation(0.3, reach_m)
     model, covariance = a_lane(centre=centre_m, width=width_m), np.diag(np.square(std))
-    return Lane(model, model, covariance, covariance, seen, score=1.0, margin=1.0)
+    return Lane(model, model, covariance, covariance, seen, score=1.0)
 
 
 @pytest.mark.parametrize("tracked", [False, True])

@@ -14,7 +14,7 @@ from tests.support.shapes import a_lane
 def lane_at(centre_m: float, heading_rad: float = 0.0, curvature_per_m: float = 0.0):
     model = a_lane(centre=centre_m, width=3.6, heading=heading_rad, curvature=curvature_per_m)
     seen = LineObservation(0.5, 30.0), LineObservation(0.5, 30.0)
-    return Lane(model, model, np.eye(len(model)) * 1e-6, np.eye(len(model)) * 1e-6, seen, score=1.0, margin=1.0)
+    return Lane(model, model, np.eye(len(model)) * 1e-6, np.eye(len(model)) * 1e-6, seen, score=1.0)
 
 
 def test_keeping_to_the_lane():
@@ -54,6 +54,20 @@ def test_going_straight_in_a_bend_leaves_the_lane():
 def test_course_and_speed_count():
     assert watch_departure(lane_at(0.0, 0.02), CarMotion(20.0, course_rad=0.02)).side is None
     assert watch_departure(lane_at(0.0, 0.03), CarMotion(0.0)).side is None
+
+
+def test_no_warning_without_a_crossing():
+    """The turning would avoid the line; less turning than that would not."""
+    motion = CarMotion(20.0, turning_std_per_m=0.003, course_std_rad=0.001)
+    warning = watch_departure(lane_at(-0.4, -0.05, 0.0028), motion)
+    assert (warning.side, warning.time_to_crossing_s) == (None, float("inf"))
+    assert not warning.due and warning.describe() is None
+
+
+def test_a_car_that_turns_like_its_road_drifts_at_a_constant_rate():
+    """The lane centre, 0.6 m inside, is an arc of R 19.4 m. The car follows the arc of R 20 m through itself."""
+    warning = watch_departure(lane_at(-0.6, 0.0, -1 / 20), CarMotion(10.0, path_per_m=-1 / 20, course_rad=0.008))
+    assert warning.time_to_crossing_s == pytest.approx(warning.left_m / 0.08, rel=0.01)
 
 
 def test_uncertainty_suppresses_the_warning():

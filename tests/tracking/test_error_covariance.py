@@ -10,7 +10,7 @@ import pytest
 
 from lanes.tracking.error_covariance import ERRORS, ResidualStatistics, road_std, split_gain
 from lanes.tracking.model import CENTRE, CURVATURE, HEADING, PARAMETERS, RATE, RATE_STEPS
-from lanes.tracking.state import LANE, SPEED, STATES, predict
+from lanes.tracking.state import LANE, STATES, predict
 from lanes.tracking.update import initial_state, update_state
 from tests.support.shapes import a_lane
 
@@ -77,7 +77,6 @@ def test_errors_grow_while_nothing_is_measured_and_more_in_a_bend():
         assert (np.diag(later.errors)[[CENTRE, HEADING]] > np.diag(state.errors)[[CENTRE, HEADING]]).all()
     grown = [predict(state, 0.5).errors[RATE, RATE] for state in (straight, bend)]
     assert grown[1] > 100 * grown[0]
-    assert predict(straight, 0.5, steady_speed=True).errors[SPEED, SPEED] == straight.errors[SPEED, SPEED]
 
 
 def fitted(residuals: np.ndarray) -> SimpleNamespace:

@@ -18,7 +18,7 @@ SEEN = (LineObservation(), LineObservation())
 
 
 def lane_of(model: np.ndarray) -> Lane:
-    return Lane(model, model, np.diag(STD**2), np.diag(STD**2), SEEN, score=1.0, margin=1.0)
+    return Lane(model, model, np.diag(STD**2), np.diag(STD**2), SEEN, score=1.0)
 
 
 @pytest.mark.parametrize("curvature", [0.0, 1 / 300, -1 / 40], ids=["straight", "bend", "hairpin"])

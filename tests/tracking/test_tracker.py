@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from lanes.io.frames import PictureError
+from lanes.tracking import update
 from lanes.tracking.model import SIDES
+from lanes.tracking.state import CAR_PARAMETERS, SPEED
 from lanes.tracking.tracker import LaneTracker
 from simulator.rendering.drive import Motion
 from tests.support.painted_drive import CAMERA, WORN_YELLOW, PaintedDrive, Stripe, lane_lines, s_bend, straight_road
@@ -39,6 +41,29 @@ def lateral_error_m(tracked, truth) -> float:
 @lru_cache(maxsize=2)
 def s_bend_drive(speed_mps: float | None = None) -> list[tuple]:
     return follow(DRIVE, 8.0, tracker=LaneTracker(SMALL, fps=FPS, speed_mps=speed_mps))
+
+
+@pytest.mark.parametrize("fps", [4.0, 8.0, 12.5])
+def test_profiles_of_both_lines_are_measured_at_every_frame_rate(fps, monkeypatch):
+    measured, observe = set(), update.observe_lines
+
+    def observed(*args, profiles_of):
+        measured.update(profiles_of)
+        return observe(*args, profiles_of=profiles_of)
+
+    monkeypatch.setattr(update, "observe_lines", observed)
+    follow(DRIVE, 24 / fps, fps=fps)
+    assert measured == {0, 1}
+
+
+def test_a_speed_that_is_given_later_is_as_certain_as_one_given_at_first():
+    tracker = LaneTracker(SMALL, fps=FPS)
+    follow(DRIVE, 0.5, tracker=tracker)
+    tracker.speed_mps = 21.0
+    *_, (_, tracked, _) = follow(DRIVE, 0.3, tracker=tracker)
+    assert tracked.motion.speed_mps == pytest.approx(21.0)
+    estimate = tracker._track.estimate
+    assert estimate.covariance[SPEED, SPEED] == pytest.approx(CAR_PARAMETERS.given_speed_std_mps**2)
 
 
 def errors(frames: list[tuple], measure: Callable) -> np.ndarray:

@@ -146,7 +146,7 @@ def test_undulations_come_nearer_as_the_car_drives_on(steps):
         before = a_lane(vertical=tuple(-HALF_HEIGHT_M * k**2 * np.sin(k * VERTICAL_KNOTS_M + phase)))
         estimate = standing_on(before, 10.0)
         for _ in range(steps):
-            estimate = predict(estimate, distance / steps / 10.0, steady_speed=True)
+            estimate = predict(estimate, distance / steps / 10.0)
         grade = np.diff(road_height(before, distance + tiny)) / np.ptp(tiny)
         expected = road_height(before, x + distance) - road_height(before, np.array([distance])) - grade * x
         found_off.append(np.abs(road_height(estimate.lane, x) - expected))
@@ -159,7 +159,7 @@ def test_undulations_come_nearer_as_the_car_drives_on(steps):
 
 def test_driving_one_knot_gap_moves_every_vertical_curvature_by_one():
     gap = VERTICAL_KNOTS_M[1]
-    after = predict(standing_on(WAVED, 10.0), gap / 10.0, steady_speed=True).lane[VERTICAL_CURVATURE]
+    after = predict(standing_on(WAVED, 10.0), gap / 10.0).lane[VERTICAL_CURVATURE]
     first, second, third, last = WAVED[VERTICAL_CURVATURE]
     assert after[:2] == pytest.approx([second, third])
     assert after[2] == pytest.approx(third + (last - third) * gap / 16.0)

@@ -23,7 +23,7 @@ AT_M, H = np.array([8.0, 15.0, 25.0]), CAMERA.pose.height_m
 
 
 def lane_of(model: np.ndarray, covariance: np.ndarray = np.diag(STD**2)) -> Lane:  # noqa: B008
-    return Lane(model, model, covariance, covariance, SEEN, score=1.0, margin=1.0)
+    return Lane(model, model, covariance, covariance, SEEN, score=1.0)
 
 
 def label_of(model: np.ndarray, shift_px: np.ndarray | float = 0.0) -> LaneColumns:
