@@ -135,12 +135,23 @@ def measure_speeds() -> int:
 def score_labelled(options: argparse.Namespace) -> int:
     """Score a file of predictions, or every system, on the stills of `options.labels`."""
     from benchmark.labels.stills import describe_labelled
-    from benchmark.labels.tusimple import EGO_LANE_NOTE, pair_predictions, read_labels, read_predictions, score_lines
+    from benchmark.labels.tusimple import (
+        EGO_LANE_NOTE,
+        pair_predictions,
+        picture_width_px,
+        read_labels,
+        read_predictions,
+        score_lines,
+    )
 
     labels = read_labels(options.labels)
     if options.predictions:
         pairs = pair_predictions(labels, read_predictions(options.predictions))
-        print(describe_labelled({options.predictions.name: [score for pair in pairs for score in score_lines(*pair)]}))
+        widths = [picture_width_px(options.labels.parent / label.name) for label in labels]
+        scores = [
+            score for pair, width in zip(pairs, widths, strict=True) for score in score_lines(*pair, width_px=width)
+        ]
+        print(describe_labelled({options.predictions.name: scores}))
     else:
         _score_systems_on_stills(labels, options)
     print(f"{len(labels)} stills; {EGO_LANE_NOTE}")

@@ -75,7 +75,7 @@ def check_lane(lane: Lane, label: LaneColumns, camera: Camera) -> StillCheck:
     error_m[other] = np.nan
     label_std_m = LABEL_STD_PX * COMPARED_AT_M / camera.matrix[0, 0]
     row_std = row_std_m(lane, COMPARED_AT_M, camera.require_pose().height_m)
-    scores = score_lines(label, LaneColumns(label.name, label.rows, columns))
+    scores = score_lines(label, LaneColumns(label.name, label.rows, columns), width_px=camera.width)
     accuracies = [score.accuracy for score in scores if score.accuracy is not None]
     return StillCheck(
         error_m / np.hypot(row_std, label_std_m),

@@ -44,7 +44,7 @@ def score_pictures(
         camera.require_size(image, label.name)
         for system, detect in detectors.items():
             detected = LaneColumns(label.name, label.rows, np.round(detect(image, label.rows), 1))
-            scores[system] += score_lines(label, detected)
+            scores[system] += score_lines(label, detected, width_px=camera.width)
         if progress:
             progress(done, len(labels))
     return scores

@@ -2,7 +2,8 @@
 
 Each line of a file is a JSON object with `raw_file` (relative to the file), `h_samples` (rows) and `lanes` (columns at
 these rows, -2 without a point). The rules are those of TuSimple's lane detection challenge: a point is correct within
-20 px over the cosine of the line's angle, and a line is matched if 85 % of its points are correct.
+20 px over the cosine of the line's angle, and a line is matched if 85 % of its points are correct. TuSimple's pictures
+are 1280 px wide; in others the tolerance is scaled with the width.
 
 The ego-lane variant differs from the official score: only the two lines of the ego lane count, left is compared with
 left and right with right, and only rows with a labelled point count. The official score also counts rows without one,
@@ -27,6 +28,8 @@ NO_POINT = -2.0
 MAX_LABEL_FILE_BYTES = 200_000_000
 # TuSimple's tolerance of a point, and accuracy of a matched line.
 TOLERANCE_PX, MATCH_ACCURACY = 20.0, 0.85
+# Width of its pictures, pixels.
+TUSIMPLE_WIDTH_PX = 1280
 # A line with fewer labelled points has no reliable direction and is not scored.
 MIN_POINTS = 4
 EGO_LANE_NOTE = (
@@ -121,11 +124,19 @@ def pair_predictions(
     return pairs
 
 
-def score_lines(label: LaneColumns, prediction: LaneColumns | None) -> list[LineScore]:
-    """Scores of the left and the right line of a picture."""
+def score_lines(
+    label: LaneColumns, prediction: LaneColumns | None, *, width_px: int = TUSIMPLE_WIDTH_PX
+) -> list[LineScore]:
+    """Scores of the left and the right line of a picture `width_px` wide."""
     none = np.full(label.columns.shape, NO_POINT)
     predicted = none if prediction is None else prediction.at(label.rows)
-    return [_score_line(label.rows, *lines) for lines in zip(label.columns, predicted, strict=True)]
+    tolerance_px = TOLERANCE_PX * width_px / TUSIMPLE_WIDTH_PX
+    return [_score_line(label.rows, *lines, tolerance_px) for lines in zip(label.columns, predicted, strict=True)]
+
+
+def picture_width_px(picture: Path) -> int:
+    """Width of a labelled picture; TuSimple's if it is not there."""
+    return read_image(picture).shape[1] if picture.is_file() else TUSIMPLE_WIDTH_PX
 
 
 def summarize_lines(scores: Iterable[LineScore]) -> dict[str, float]:
@@ -149,7 +160,7 @@ def summarize_lines(scores: Iterable[LineScore]) -> dict[str, float]:
     }
 
 
-def _score_line(rows: np.ndarray, label: np.ndarray, predicted: np.ndarray) -> LineScore:
+def _score_line(rows: np.ndarray, label: np.ndarray, predicted: np.ndarray, tolerance_px: float) -> LineScore:
     labelled = label >= 0
     if labelled.sum() < MIN_POINTS:
         return LineScore(None, None, bool((predicted >= 0).any()))
@@ -157,7 +168,7 @@ def _score_line(rows: np.ndarray, label: np.ndarray, predicted: np.ndarray) -> L
     slope = np.polyfit(rows[labelled], label[labelled], 1)[0]
     error = np.where(predicted >= 0, np.abs(predicted - label), np.inf)[labelled]
     finite = error[np.isfinite(error)]
-    accuracy = float(np.mean(error < TOLERANCE_PX * np.hypot(1, slope)))
+    accuracy = float(np.mean(error < tolerance_px * np.hypot(1, slope)))
     return LineScore(accuracy, float(np.median(finite)) if len(finite) else None, bool((predicted >= 0).any()))
 
 

@@ -49,6 +49,10 @@ class TestPoints:
         assert left == LineScore(accuracy, pytest.approx(abs(off_px)), True)
         assert right == LineScore(None, None, False)
 
+    @pytest.mark.parametrize(("off_px", "accuracy"), [(9.99, 1), (10.01, 0)])
+    def test_the_tolerance_is_scaled_with_the_width_of_the_picture(self, off_px, accuracy):
+        assert score_lines(lane(upright()), lane(upright() + off_px), width_px=640)[0].accuracy == accuracy
+
     @pytest.mark.parametrize("slope", [0.75, -0.75, 2.4])
     def test_a_slanted_one_by_20_px_over_the_cosine_of_its_angle(self, slope):
         # 0.75 columns a row: 3-4-5, cosine 0.8, 25 px; 2.4: 5-12-13, cosine 5/13, 52 px
