@@ -22,6 +22,8 @@ ERROR = "lateral error 5-20 m ahead, median to 95 % (m)"
 AVAILABLE, WRONG = "frames with an available lane (%)", "confident and wrong frames (%)"
 # Height of a count label as a share of the panel.
 LABEL_HEIGHT = 0.06
+# Of the recipes and the tracker.
+MARKERS = "os^Dv"
 LIMITS = {ERROR: (0.003, 10.0), AVAILABLE: (0.0, 100.0), WRONG: (0.0, 100.0)}
 
 
@@ -57,12 +59,17 @@ def save_reliability_figure(path: str | Path, results: Sequence[Result]) -> Path
 
 
 def marker_looks(systems: Iterable[str]) -> dict[str, dict[str, str]]:
-    """Colour and marker of each system: both variants of a recipe have one colour, points from the pose are hollow."""
-    colours: dict[str, str] = {}
+    """Colour and marker of each system.
+
+    Both variants of a recipe have the same ones, but markers of points from the pose are hollow.
+    """
+    numbers: dict[str, int] = {}
     looks = {}
     for system in systems:
-        colour = colours.setdefault(system.removesuffix(POSE_SUFFIX), f"C{len(colours)}")
-        looks[system] = {"color": colour, "markerfacecolor": "white" if system.endswith(POSE_SUFFIX) else colour}
+        number = numbers.setdefault(system.removesuffix(POSE_SUFFIX), len(numbers))
+        colour, marker = f"C{number}", MARKERS[number % len(MARKERS)]
+        fill = "none" if system.endswith(POSE_SUFFIX) else colour
+        looks[system] = {"color": colour, "marker": marker, "markerfacecolor": fill, "linestyle": "none"}
     return looks
 
 
@@ -90,7 +97,7 @@ def plot_ranges(
             rows = np.arange(len(names)) + (at - (len(systems) - 1) / 2) / (len(systems) + 1)
             first, last = (np.clip(end, low, high) for end in ends)
             axis.hlines(rows, first, last, color=looks[system]["color"], linewidth=2.5, alpha=0.5)
-            axis.plot(last, rows, "o", **looks[system], markersize=4.5, label=system, clip_on=False)
+            axis.plot(last, rows, **looks[system], markersize=4.5, label=system, clip_on=False)
         axis.hlines(np.arange(1, len(names)) - 0.5, low, high, color="0.85", linewidth=0.8)
     axes[0].set_yticks(np.arange(len(names)), names)
     axes[0].set_ylim(len(names) - 0.5, -0.5)
@@ -123,7 +130,8 @@ def plot_reliability(
     axes[0].set_title(title, loc="left")
     looks = marker_looks(precisions)
     for name, (available, precision) in precisions.items():
-        axes[1].plot(available, precision, "-" if len(available) > 1 else "o", **looks[name], label=name)
+        look = looks[name] if len(available) == 1 else {"color": looks[name]["color"]}
+        axes[1].plot(available, precision, **look, label=name)
     axes[1].set(
         xlabel="share of frames with an available lane", ylabel="precision: share of available lanes that are correct"
     )

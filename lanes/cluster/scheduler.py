@@ -147,7 +147,12 @@ def connect(cluster: ClusterSettings) -> Iterator[Client]:
         ) as local,
         Client(local) as client,
     ):
-        yield client
+        try:
+            yield client
+        except KeyboardInterrupt:
+            # Callbacks of the scheduler that are cut off by its end log errors without meaning.
+            logging.getLogger("tornado.application").setLevel(logging.CRITICAL)
+            raise
 
 
 def _connect_to(scheduler: str) -> Client:

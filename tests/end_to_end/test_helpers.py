@@ -55,4 +55,4 @@ def test_the_notebook_imports_only_what_the_course_allows():
     named = [alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names]
     named += [node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
     modules = {name.partition(".")[0] for name in named}
-    assert modules <= {"helpers", "numpy", "cv2", "matplotlib", "moviepy", "IPython", "pathlib"}
+    assert modules <= {"helpers", "numpy", "cv2", "matplotlib", "moviepy", "IPython", "pathlib", "dataclasses"}

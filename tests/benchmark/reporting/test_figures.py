@@ -36,11 +36,12 @@ class TestRanges:
         assert [text.get_text() for text in figure.legends[0].get_texts()] == ["a", "b"]
 
 
-def test_both_variants_of_a_recipe_have_one_colour():
+def test_both_variants_of_a_recipe_have_one_colour_and_one_shape():
     looks = figures.marker_looks(["hls_sobel", "hls_sobel_pose", "tracker"])
-    colour = looks["hls_sobel"]["color"]
-    assert looks["hls_sobel_pose"] == {"color": colour, "markerfacecolor": "white"}
-    assert looks["hls_sobel"]["markerfacecolor"] == colour != looks["tracker"]["color"]
+    published, from_pose, tracker = looks.values()
+    assert from_pose == {**published, "markerfacecolor": "none"}
+    assert published["markerfacecolor"] == published["color"] != tracker["color"]
+    assert published["marker"] != tracker["marker"]
 
 
 class TestReliability:
@@ -56,4 +57,4 @@ class TestReliability:
             pytest.approx([0.9, 1.0]),
         ]
         engine, recipe = right.lines
-        assert (engine.get_linestyle(), recipe.get_linestyle(), recipe.get_marker()) == ("-", "None", "o")
+        assert (engine.get_linestyle(), recipe.get_linestyle(), recipe.get_marker()) == ("-", "None", "s")
