@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -58,7 +58,7 @@ def save_reliability_figure(path: str | Path, results: Sequence[Result]) -> Path
     return save_figure(figure, path)
 
 
-def marker_looks(systems: Iterable[str]) -> dict[str, dict[str, str]]:
+def marker_looks(systems: Iterable[str]) -> dict[str, dict[str, Any]]:
     """Colour and marker of each system.
 
     Both variants of a recipe have the same ones, but markers of points from the pose are hollow.
@@ -130,8 +130,8 @@ def plot_reliability(
     axes[0].set_title(title, loc="left")
     looks = marker_looks(precisions)
     for name, (available, precision) in precisions.items():
-        look = looks[name] if len(available) == 1 else {"color": looks[name]["color"]}
-        axes[1].plot(available, precision, **look, label=name)
+        style = looks[name] if len(available) == 1 else {"color": looks[name]["color"]}
+        axes[1].plot(available, precision, **style, label=name)
     axes[1].set(
         xlabel="share of frames with an available lane", ylabel="precision: share of available lanes that are correct"
     )
