@@ -17,7 +17,7 @@ import numpy as np
 
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import camera_to_dict
-from lanes.io.files import write_atomically
+from lanes.io.files import translate_write_errors, write_atomically
 from lanes.io.images import write_image
 from lanes.io.processes import available_workers, run_all
 from simulator.scenes.dashcam import DASHCAM
@@ -106,6 +106,9 @@ def write_boards(
         If the folder cannot be written to.
     """
     folder = Path(folder)
+    # a folder that cannot be made is reported before the pictures are rendered
+    with translate_write_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
     boards = run_all(
         _seeded_board, list(enumerate(BOARD_VIEWS, 1)), workers=workers or available_workers(), progress=progress
     )
