@@ -8,12 +8,13 @@ bend without delay.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from lanes.camera.camera import Camera
+from lanes.camera.static_pattern import StaticPattern
 from lanes.io.describe import html_table
 from lanes.io.frames import Frame
 from lanes.tracking.birdseye import BirdsEyeView
@@ -22,7 +23,8 @@ from lanes.tracking.departure import DepartureWarning, watch_departure
 from lanes.tracking.detector import search_lane
 from lanes.tracking.lane import Lane
 from lanes.tracking.marking_type import MarkingType
-from lanes.tracking.markings import extract_evidence
+from lanes.tracking.markings import FrameEvidence, extract_evidence
+from lanes.tracking.model import lateral_std_m
 from lanes.tracking.state import CarMotion
 from lanes.tracking.update import Track, start_track, update_track
 
@@ -51,13 +53,17 @@ class TrackerParameters:
     # Period of fits outwards on a smooth road: some metres of a drive.
     outwards_period_s: float = 0.25
     # Two lanes are the same if their lines lie within this at these distances.
-    same_lane_m: float = 0.3
+    same_lane_m: float = 0.15
     same_lane_at_m: tuple[float, ...] = (6.0, 12.0, 20.0)
     # Half widths of the views while tracking: the narrowest is used that contains both lines at these distances with
     # this margin.
     half_widths_m: tuple[float, ...] = (3.0, 4.0, 5.0, 9.0, 13.0)
     view_margin_m: float = 0.8
     view_lines_at_m: tuple[float, ...] = (5.0, 20.0, 35.0)
+    # Shortest time between samples of the static pattern, and the width of its columns: stripes within 1 to 2 columns
+    # are at the same place.
+    static_period_s: float = 0.5
+    static_column_m: float = 0.02
 
 
 TRACKER = TrackerParameters()
@@ -164,6 +170,13 @@ class LaneTracker:
 
     def reset(self) -> None:
         """Forget everything, as between two drives."""
+        widest = self._views[-1]
+        self._static = StaticPattern(widest.shape[0], self._static_columns(widest.y_m)[-1] + 1)
+        self._since_static_s = TRACKER.static_period_s
+        self._forget_lane()
+
+    def _forget_lane(self) -> None:
+        """Search from scratch; what never moves in the pictures of this camera is still known."""
         self._track: Track | None = None
         self._state = LOST
         self._confirmed = self._objections = self._regained = self._since_search = self._frames = 0
@@ -205,14 +218,16 @@ class LaneTracker:
         """
         elapsed_s = 1 / self.fps if elapsed_s is None else elapsed_s
         if not 0 <= elapsed_s <= TRACKER.max_coast_s:
-            self.reset()
+            self._forget_lane()
         self._since_search += 1
+        self._since_static_s += max(elapsed_s, 0.0)
         self._frames += 1
-        due = self._objections > 0 or self._since_search >= TRACKER.search_period_s * self.fps
+        doubtful = self._track is not None and self._track.lane.score < TRACKER.min_score
+        due = self._objections > 0 or doubtful or self._since_search >= TRACKER.search_period_s * self.fps
         search = due or self._state != TRACKING
         view = self.view if search or self._track is None else self._narrowest_view(self._track.lane)
         view_image = view.warp(image)
-        evidence = extract_evidence(view_image, view)
+        evidence = self._without_static(extract_evidence(view_image, view))
         if self._track is not None:
             outwards_period = max(round(TRACKER.outwards_period_s * self.fps), 1)
             track = update_track(
@@ -229,6 +244,21 @@ class LaneTracker:
             if self._replaced_by(found) and found is not None:
                 self._start(found)
         return self._result()
+
+    def _without_static(self, evidence: FrameEvidence) -> FrameEvidence:
+        """The evidence without stripes that never move. Every `TRACKER.static_period_s` it is a sample of them."""
+        stripes, y_m = evidence.stripes, evidence.view.y_m
+        places = stripes.row, self._static_columns(stripes.y_m)
+        static = self._static.is_static(*places)
+        if self._since_static_s >= TRACKER.static_period_s:
+            first, last = self._static_columns(y_m[[0, -1]])
+            self._static.add(*places, seen=slice(first, last + 1))
+            self._since_static_s = 0.0
+        return replace(evidence, stripes=stripes.select(~static)) if static.any() else evidence
+
+    def _static_columns(self, y_m: np.ndarray) -> np.ndarray:
+        """Columns of the static pattern at lateral positions."""
+        return np.round((self._views[-1].y_m[0] - y_m) / TRACKER.static_column_m).astype(int)
 
     def _narrowest_view(self, lane: Lane) -> BirdsEyeView:
         """The narrowest view that contains both lines of a lane."""
@@ -252,7 +282,7 @@ class LaneTracker:
             return
         self._unseen_s += elapsed_s
         if self._state == SEARCHING or self._unseen_s > TRACKER.max_coast_s or not track.certain:
-            self.reset()
+            self._forget_lane()
         else:
             self._state, self._regained = COASTING, 0
 
@@ -280,7 +310,7 @@ class LaneTracker:
 
     def _start(self, lane: Lane) -> None:
         """Start a track with a detected lane."""
-        self.reset()
+        self._forget_lane()
         self._track = start_track(lane, self.speed_mps)
         self._state, self._confirmed = SEARCHING, 1
 
@@ -294,5 +324,7 @@ class LaneTracker:
 def same_lane(found: Lane, known: Lane) -> bool:
     """Whether both lines of a detected lane are those of the known one."""
     y, known_y = found.lateral_m(_SAME_LANE_AT_M), known.lateral_m(_SAME_LANE_AT_M)
+    std_m = lateral_std_m(known.assumed_covariance, _SAME_LANE_AT_M)
+    tolerance_m = np.clip(3.0 * std_m, 0.15, 0.3)
     # lines of a hairpin may turn back before these distances: NaN counts as the same
-    return not (np.abs(y - known_y) > TRACKER.same_lane_m).any()
+    return not (np.abs(y - known_y) > tolerance_m).any()

@@ -28,7 +28,7 @@ from lanes.camera.pose_from_lanes.lane_width import (
     share_with_lane,
 )
 from lanes.camera.pose_from_lanes.pose_estimate import PoseError, PoseEstimate
-from lanes.camera.pose_from_lanes.segments import Segments, find_segments
+from lanes.camera.pose_from_lanes.segments import Segments, drop_static, find_segments
 from lanes.camera.pose_from_lanes.vanishing_point import X0_BINS, Y0_BINS, RoadLines, fit_parallel_lines, hough_votes
 from lanes.io.footage import pick_pictures
 from lanes.io.images import list_pictures
@@ -222,14 +222,14 @@ def _find_all_segments(
         segments.append(find_segments(image, camera, horizon_row))
         if progress:
             progress(done, len(images))
-    return segments
+    return drop_static([[of_picture] for of_picture in segments], camera)
 
 
 def _coarse_horizon(images: list[np.ndarray], camera: Camera) -> float:
     """The y0 with most votes in a few pictures; each start row finds a part of the stripes."""
     few = images[:: -(-len(images) // COARSE_PICTURES)]
     rows = camera.height * COARSE_HORIZONS
-    return _vote_horizon([find_segments(image, camera, row) for image in few for row in rows])
+    return _vote_horizon(drop_static([[find_segments(image, camera, row) for row in rows] for image in few], camera))
 
 
 def _vote_horizon(segments: list[Segments]) -> float:

@@ -6,12 +6,14 @@ direction of the stripe, because one row of a level camera shows one distance. A
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from lanes.camera.camera import Camera
+from lanes.camera.static_pattern import StaticPattern
 
 # Stripe width over camera height: stripes of 0.10-0.20 m, cameras at 1.1-1.6 m. The filter also responds to half and
 # to twice that width, so that one number serves cars and vans.
@@ -32,6 +34,8 @@ MAX_SLOPE = 8.0
 MIN_SEGMENT_ROWS, MAX_RESIDUAL_PX = 6, 4
 # Standard deviation of a stripe centre in pixels. Added because few rows can lie on a line by chance.
 CENTRE_STD_PX = 0.4
+# Grid of the static pattern, in pixels: segments are compared where they cross every eighth row.
+STATIC_ROW_PX, STATIC_COLUMN_PX = 8, 2
 # The first row that is used lies this far below the rough horizon.
 HORIZON_MARGIN_PX = 8
 
@@ -154,3 +158,25 @@ def _fit_segments(x: np.ndarray, y: np.ndarray, segment: np.ndarray, pixel: floa
     slope_std = np.hypot(std / np.sqrt(spread), 0.35 * slope / rows)
     found = Segments(mean_x, mean_y, slope, x_std, slope_std, rows)
     return found.select((rows >= MIN_SEGMENT_ROWS) & (std < MAX_RESIDUAL_PX * pixel) & (np.abs(slope) < MAX_SLOPE))
+
+
+def drop_static(pictures: Sequence[Sequence[Segments]], camera: Camera) -> list[Segments]:
+    """The segments of pictures of one drive, in order, without those at the same place of most pictures.
+
+    Guide lines that a camera draws, and stripes on a bonnet, would give their own vanishing point. Each picture may
+    have several sets of segments; the result has all of them.
+    """
+    pattern = StaticPattern(camera.height // STATIC_ROW_PX + 1, camera.width // STATIC_COLUMN_PX + 1)
+    for sets in pictures:
+        pattern.add(*np.hstack([_places(segments, camera) for segments in sets]))
+    every = [segments for sets in pictures for segments in sets]
+    return [segments.select(~pattern.is_static(*_places(segments, camera))) for segments in every]
+
+
+def _places(segments: Segments, camera: Camera) -> np.ndarray:
+    """Rows and columns (2, N), int, of the grid of the static pattern at which segments cross the nearest row."""
+    (fx, _, cx), (_, fy, cy) = camera.matrix[:2]
+    row = np.clip(np.round((fy * segments.y + cy) / STATIC_ROW_PX), 0, camera.height // STATIC_ROW_PX)
+    x = segments.x + segments.slope * ((row * STATIC_ROW_PX - cy) / fy - segments.y)
+    column = np.clip(np.round((fx * x + cx) / STATIC_COLUMN_PX), 0, camera.width // STATIC_COLUMN_PX)
+    return np.stack([row, column]).astype(int)

@@ -17,6 +17,7 @@ from lanes.io.frames import PictureError
 from lanes.io.images import read_image, write_image
 from tests.support.painted_roads import paint_motorway
 from tests.support.project import REAL_DATA, ROOT
+from tests.support.static_objects import draw_guide_lines, draw_striped_bonnet
 
 pytestmark = pytest.mark.slow
 
@@ -65,6 +66,16 @@ def test_the_horizon_may_be_far_from_the_middle(pitch_deg):
     pose = replace(TRUE_POSE, pitch_rad=np.radians(pitch_deg))
     estimate = estimate_pose(drive(CAMERA.with_pose(pose))[:4], CAMERA)
     assert_near(estimate, pose, pitch_deg=0.2, yaw_deg=0.7, roll_deg=0.4, height_m=0.05)
+
+
+@pytest.mark.parametrize("draw", [draw_guide_lines, draw_striped_bonnet])
+def test_what_never_moves_does_not_bias_the_pose(draw):
+    states = np.random.default_rng(0).normal(0, (0.3, 0.007), (16, 2))
+    road = [
+        paint_motorway(CAMERA, offset_m=o, heading_rad=h, phase_m=2.9 * i, seed=i) for i, (o, h) in enumerate(states)
+    ]
+    estimate = estimate_pose(map(draw, road), CAMERA)
+    assert_near(estimate, TRUE_POSE, pitch_deg=0.2, yaw_deg=0.5, roll_deg=0.4, height_m=0.05)
 
 
 def test_a_lens_with_distortion_and_a_larger_picture():

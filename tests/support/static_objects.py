@@ -1,0 +1,44 @@
+"""What some cameras draw into their pictures, and what stands in front of the road: it never moves."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+WHITE, YELLOW = (245, 245, 245), (255, 220, 0)
+
+
+def draw_guide_lines(image: np.ndarray) -> np.ndarray:
+    """Two lines that converge ahead, as parking and driving aids draw them; not towards the road's vanishing point."""
+    height, width = image.shape[:2]
+    top, drawn = np.array([0.5 * width, 0.6 * height]), image.copy()
+    for side in (-1, 1):
+        bottom = np.array([(0.5 + 0.33 * side) * width, height])
+        start = top + 0.25 * (bottom - top)
+        ends = [tuple(int(v) for v in point) for point in (start, bottom)]
+        cv2.line(drawn, *ends, YELLOW, max(width // 200, 2), cv2.LINE_AA)
+    return drawn
+
+
+def draw_striped_bonnet(image: np.ndarray) -> np.ndarray:
+    """A red bonnet with two white stripes in the lowest 14 % of the picture."""
+    height, width = image.shape[:2]
+    y, x = np.mgrid[0:height, 0:width]
+    beside = (x - 0.5 * width) / (0.5 * width)
+    bonnet = y > height * (0.86 + 0.1 * beside**2)
+    growth = 1 + 0.6 * (y - 0.86 * height) / (0.14 * height)
+    stripes = np.abs(np.abs(beside) - 0.36 * growth) < 0.036
+    drawn = image.copy()
+    drawn[bonnet] = (150, 20, 20)
+    drawn[bonnet & stripes] = WHITE
+    return drawn
+
+
+def draw_caption(image: np.ndarray, second: int) -> np.ndarray:
+    """Date, speed and position at the lower border; the seconds change."""
+    height, width = image.shape[:2]
+    drawn, scale = image.copy(), width / 1280
+    text = f"2024-07-19 14:07:{second % 60:02d}  087 KM/H  N48.1371 E11.5754"
+    place, font = (int(30 * scale), height - int(22 * scale)), cv2.FONT_HERSHEY_SIMPLEX
+    cv2.putText(drawn, text, place, font, 1.1 * scale, WHITE, int(3 * scale) + 1, cv2.LINE_AA)
+    return drawn
