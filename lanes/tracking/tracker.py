@@ -1,6 +1,9 @@
 """The lane over time: an extended Kalman filter in metres with a state machine.
 
-    picture -> extract_evidence -> predict -> update -> describe       (once a second: search as without memory)
+    picture -> extract_evidence -> predict -> update -> describe
+
+Once a second, and while the lane is doubtful, the frame is also searched as without memory. Stripes that never move
+(`lanes.camera.static_pattern`) are left out.
 
 The estimate of a frame uses that frame and all earlier ones. It is not smoothed, so that it follows the beginning of a
 bend without delay.
@@ -38,7 +41,7 @@ class TrackerParameters:
     """State machine of the tracker; tuned on the rendered suite where no source is given."""
 
     # Smallest score (sum of the square roots of both lines' supports) of a detection that starts a track, and the
-    # number of consecutive detections that confirm it.
+    # number of consecutive detections that confirm it. While a track has less, every frame is searched.
     min_score: float = 0.45
     confirmations: int = 3
     # Longest time in which the lane is not seen.
@@ -52,8 +55,10 @@ class TrackerParameters:
     profile_period: int = 10
     # Period of fits outwards on a smooth road: some metres of a drive.
     outwards_period_s: float = 0.25
-    # Two lanes are the same if their lines lie within this at these distances.
-    same_lane_m: float = 0.15
+    # Two lanes are the same if their lines lie within this number of the known one's standard deviations of each other,
+    # but never farther apart than the larger of these limits, and always if nearer than the smaller one.
+    same_lane_stds: float = 3.0
+    same_lane_m: tuple[float, float] = (0.15, 0.3)
     same_lane_at_m: tuple[float, ...] = (6.0, 12.0, 20.0)
     # Half widths of the views while tracking: the narrowest is used that contains both lines at these distances with
     # this margin.
@@ -325,6 +330,6 @@ def same_lane(found: Lane, known: Lane) -> bool:
     """Whether both lines of a detected lane are those of the known one."""
     y, known_y = found.lateral_m(_SAME_LANE_AT_M), known.lateral_m(_SAME_LANE_AT_M)
     std_m = lateral_std_m(known.assumed_covariance, _SAME_LANE_AT_M)
-    tolerance_m = np.clip(3.0 * std_m, 0.15, 0.3)
+    tolerance_m = np.clip(TRACKER.same_lane_stds * std_m, *TRACKER.same_lane_m)
     # lines of a hairpin may turn back before these distances: NaN counts as the same
     return not (np.abs(y - known_y) > tolerance_m).any()

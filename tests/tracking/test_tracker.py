@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 
 from lanes.io.frames import PictureError
+from lanes.tracking import tracker as tracker_module
 from lanes.tracking import update
-from lanes.tracking.model import SIDES
+from lanes.tracking.detector import search_lane
+from lanes.tracking.model import CENTRE, PARAMETERS, SIDES
 from lanes.tracking.state import CAR_PARAMETERS, SPEED
-from lanes.tracking.tracker import LaneTracker
+from lanes.tracking.tracker import LaneTracker, same_lane
 from simulator.rendering.drive import Motion
 from tests.support.painted_drive import CAMERA, WORN_YELLOW, PaintedDrive, Stripe, lane_lines, s_bend, straight_road
 
@@ -122,7 +124,8 @@ def test_standard_deviations_are_honest():
 def test_one_line_is_enough_for_three_seconds(gone):
     frames = follow(replace(DRIVE, lines=lane_lines(**gone)), 4.4)
     assert all(tracked.lane is not None for _, tracked, _ in frames)
-    assert max(lateral_error_m(tracked, truth) for _, tracked, truth in frames) < 0.2
+    off_m = [lateral_error_m(tracked, truth) for _, tracked, truth in frames]
+    assert np.mean(off_m) < 0.05 and max(off_m) < 0.25
 
 
 @pytest.mark.slow
@@ -189,6 +192,39 @@ def test_a_wrong_track_is_given_up():
     frames = follow(replace(DRIVE, road=straight_road(), lines=lines, ground=cracks), 5.0)
     assert lateral_error_m(frames[2][1], frames[2][2]) > 0.5
     assert lateral_error_m(frames[-1][1], frames[-1][2]) < 0.1
+
+
+@pytest.mark.parametrize(("score", "searches"), [(0.9, 1), (0.4, 12)])
+def test_a_doubtful_track_is_searched_in_every_frame(monkeypatch, score, searches):
+    tracker, calls = LaneTracker(SMALL, fps=FPS), []
+    follow(DRIVE, 1.0, tracker=tracker)
+
+    def scored(*args, **options):
+        track = update.update_track(*args, **options)
+        return replace(track, lane=replace(track.lane, score=score))
+
+    def searched(evidence):
+        calls.append(evidence)
+        return search_lane(evidence)
+
+    monkeypatch.setattr(tracker_module, "update_track", scored)
+    monkeypatch.setattr(tracker_module, "search_lane", searched)
+    follow(DRIVE, 1.04, tracker=tracker)
+    assert len(calls) == pytest.approx(searches, abs=1)
+
+
+def test_lanes_are_the_same_within_three_standard_deviations_and_15_to_30_cm():
+    _, tracked, _ = s_bend_drive()[-1]
+    for std_m, tolerance_m in ((0.01, 0.15), (0.08, 0.24), (0.5, 0.3)):
+        covariance = np.zeros((PARAMETERS, PARAMETERS))
+        covariance[CENTRE, CENTRE] = std_m**2
+        known = replace(tracked.lane, assumed_covariance=covariance)
+        for moved_m in (-tolerance_m, tolerance_m):
+            nearer, farther = (
+                replace(known, model=known.model + share * moved_m * np.eye(PARAMETERS)[CENTRE])
+                for share in (0.95, 1.1)
+            )
+            assert same_lane(nearer, known) and not same_lane(farther, known)
 
 
 def test_marking_types():
