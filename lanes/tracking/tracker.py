@@ -177,7 +177,7 @@ class LaneTracker:
         """Forget everything, as between two drives."""
         widest = self._views[-1]
         self._static = StaticPattern(widest.shape[0], self._static_columns(widest.y_m)[-1] + 1)
-        self._since_static_s = TRACKER.static_period_s
+        self._since_static_s, self._lane_moves = TRACKER.static_period_s, False
         self._forget_lane()
 
     def _forget_lane(self) -> None:
@@ -232,7 +232,7 @@ class LaneTracker:
         search = due or self._state != TRACKING
         view = self.view if search or self._track is None else self._narrowest_view(self._track.lane)
         view_image = view.warp(image)
-        evidence = self._without_static(extract_evidence(view_image, view))
+        evidence = self._without_static(extract_evidence(view_image, view), search=search)
         if self._track is not None:
             outwards_period = max(round(TRACKER.outwards_period_s * self.fps), 1)
             track = update_track(
@@ -250,16 +250,28 @@ class LaneTracker:
                 self._start(found)
         return self._result()
 
-    def _without_static(self, evidence: FrameEvidence) -> FrameEvidence:
-        """The evidence without stripes that never move. Every `TRACKER.static_period_s` it is a sample of them."""
+    def _without_static(self, evidence: FrameEvidence, *, search: bool) -> FrameEvidence:
+        """The evidence without stripes that never move. Every `TRACKER.static_period_s` it is a sample of them.
+
+        Nothing is left out unless a search finds a lane that moves: on a straight road without any sway, as in some
+        simulators, solid lines do not move either.
+        """
         stripes, y_m = evidence.stripes, evidence.view.y_m
         places = stripes.row, self._static_columns(stripes.y_m)
         static = self._static.is_static(*places)
-        if self._since_static_s >= TRACKER.static_period_s:
+        sample = self._since_static_s >= TRACKER.static_period_s
+        if sample:
             first, last = self._static_columns(y_m[[0, -1]])
             self._static.add(*places, seen=slice(first, last + 1))
             self._since_static_s = 0.0
-        return replace(evidence, stripes=stripes.select(~static)) if static.any() else evidence
+        if not static.any():
+            return evidence
+        moving = replace(evidence, stripes=stripes.select(~static))
+        if search or (sample and not self._lane_moves):
+            lane = search_lane(moving)
+            found = lane is not None and lane.score >= TRACKER.min_score
+            self._lane_moves = found or (self._lane_moves and self._state == TRACKING)
+        return moving if self._lane_moves else evidence
 
     def _static_columns(self, y_m: np.ndarray) -> np.ndarray:
         """Columns of the static pattern at lateral positions."""

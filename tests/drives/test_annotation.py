@@ -237,8 +237,10 @@ def test_time_stamps_of_a_variable_frame_rate_are_used(tmp_path):
 def test_pose_is_estimated_from_the_annotated_part_only(tmp_path):
     """The camera pitches down by two degrees half-way; each part gets the pose that it had."""
     pose = SMALL.pose
-    pitched = replace(BENDS, camera=SMALL.with_pose(replace(pose, pitch_rad=pose.pitch_rad + np.radians(2))))
-    frames = [drive.frame(number / 5) for drive in (BENDS, pitched) for number in range(12)]
+    # a car that does not sway would have solid lines that never move
+    swaying = replace(BENDS, motion=replace(BENDS.motion, wander_m=0.25, pitch_rad=0.003))
+    pitched = replace(swaying, camera=SMALL.with_pose(replace(pose, pitch_rad=pose.pitch_rad + np.radians(2))))
+    frames = [drive.frame(number / 5) for drive in (swaying, pitched) for number in range(12)]
     with VideoWriter(tmp_path / "drive.mp4", fps=5) as writer:
         for number, frame in enumerate(frames):
             writer.write(frame, number / 5)

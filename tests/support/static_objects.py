@@ -8,12 +8,15 @@ import numpy as np
 WHITE, YELLOW = (245, 245, 245), (255, 220, 0)
 
 
-def draw_guide_lines(image: np.ndarray) -> np.ndarray:
-    """Two lines that converge ahead, as parking and driving aids draw them; not towards the road's vanishing point."""
+def draw_guide_lines(image: np.ndarray, *, spread: float = 0.33) -> np.ndarray:
+    """Two lines that converge ahead, as parking and driving aids draw them; not towards the road's vanishing point.
+
+    `spread` is their distance from the middle at the lower border, relative to the width.
+    """
     height, width = image.shape[:2]
     top, drawn = np.array([0.5 * width, 0.6 * height]), image.copy()
     for side in (-1, 1):
-        bottom = np.array([(0.5 + 0.33 * side) * width, height])
+        bottom = np.array([(0.5 + spread * side) * width, height])
         start = top + 0.25 * (bottom - top)
         ends = [tuple(int(v) for v in point) for point in (start, bottom)]
         cv2.line(drawn, *ends, YELLOW, max(width // 200, 2), cv2.LINE_AA)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -19,11 +20,14 @@ from lanes.camera.camera import Camera
 from lanes.camera.camera_file import load_camera
 from lanes.io.video.reader import read_frames
 from lanes.tracking.tracker import TRACKING, LaneTracker, TrackedLane
+from simulator.rendering.drive import Motion
+from tests.support.painted_drive import CAMERA, PaintedDrive, Stripe, straight_road
 from tests.support.static_objects import draw_caption, draw_guide_lines, draw_striped_bonnet
 
 pytestmark = pytest.mark.slow
 
 FPS = 25.0
+SMALL = CAMERA.scaled((640, 360))
 # Time to collect samples, to lose the false lane and to confirm the true one.
 LEARNT_S = 6.0
 
@@ -45,7 +49,9 @@ def follow(motorway, draw: Callable[[np.ndarray], np.ndarray]) -> tuple[list[Tra
     return said, frame_errors(estimates, read_truth(list_drives()["motorway"]).select(np.arange(len(said))))
 
 
-@pytest.mark.parametrize("draw", [draw_guide_lines, draw_striped_bonnet])
+@pytest.mark.parametrize(
+    "draw", [partial(draw_guide_lines, spread=0.2), partial(draw_guide_lines, spread=0.5), draw_striped_bonnet]
+)
 def test_the_lane_is_right_once_it_is_known_what_never_moves(motorway, draw):
     said, errors = follow(motorway, draw)
     learnt = round(LEARNT_S * FPS)
@@ -57,13 +63,22 @@ def test_the_lane_is_right_once_it_is_known_what_never_moves(motorway, draw):
 def test_without_the_static_pattern_the_guide_lines_are_the_lane(motorway, monkeypatch):
     """The drawn lines mislead: otherwise the test before would show nothing."""
     monkeypatch.setattr(static_pattern, "STATIC", replace(static_pattern.STATIC, min_samples=np.inf))
-    _, errors = follow(motorway, draw_guide_lines)
+    _, errors = follow(motorway, partial(draw_guide_lines, spread=0.2))
     assert errors.correct[round(LEARNT_S * FPS) :].mean() < 0.7
 
 
 def test_a_caption_does_not_matter(motorway):
     _, errors = follow(motorway, lambda frame: draw_caption(frame, second=7))
     assert errors.correct.all()
+
+
+def test_solid_lines_of_a_road_on_which_nothing_sways_are_kept():
+    """As in some simulators: straight ahead in the middle of the lane, without pitch motion."""
+    drive = PaintedDrive(straight_road(), (Stripe(1.8), Stripe(-1.8)), motion=Motion(speed_mps=25.0), camera=SMALL)
+    tracker = LaneTracker(SMALL, fps=FPS)
+    said = [tracker.update(drive.frame(number / FPS)) for number in range(round(2 * LEARNT_S * FPS))]
+    assert all(tracked.state == TRACKING for tracked in said[3:])
+    assert said[-1].lane.left.seen and said[-1].lane.right.seen
 
 
 def test_the_lane_is_kept_while_the_car_stands(motorway):
