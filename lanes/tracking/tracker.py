@@ -270,7 +270,7 @@ class LaneTracker:
         if search or (sample and not self._lane_moves):
             lane = search_lane(moving)
             found = lane is not None and lane.score >= TRACKER.min_score
-            self._lane_moves = found or (self._lane_moves and self._state == TRACKING)
+            self._lane_moves = found or (self._lane_moves and self._state != LOST)
         return moving if self._lane_moves else evidence
 
     def _static_columns(self, y_m: np.ndarray) -> np.ndarray:
