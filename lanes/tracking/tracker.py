@@ -232,7 +232,7 @@ class LaneTracker:
         search = due or self._state != TRACKING
         view = self.view if search or self._track is None else self._narrowest_view(self._track.lane)
         view_image = view.warp(image)
-        evidence = self._without_static(extract_evidence(view_image, view), search=search)
+        evidence, found = self._without_static(extract_evidence(view_image, view), search=search)
         if self._track is not None:
             outwards_period = max(round(TRACKER.outwards_period_s * self.fps), 1)
             track = update_track(
@@ -244,17 +244,16 @@ class LaneTracker:
                 profiles_of=self._profiles_due(),
             )
             self._follow(track, elapsed_s)
-        if search:
-            found = search_lane(evidence)
-            if self._replaced_by(found) and found is not None:
-                self._start(found)
+        if search and self._replaced_by(found) and found is not None:
+            self._start(found)
         return self._result()
 
-    def _without_static(self, evidence: FrameEvidence, *, search: bool) -> FrameEvidence:
-        """The evidence without stripes that never move. Every `TRACKER.static_period_s` it is a sample of them.
+    def _without_static(self, evidence: FrameEvidence, *, search: bool) -> tuple[FrameEvidence, Lane | None]:
+        """The evidence without stripes that never move, and the lane that a `search` finds in it.
 
-        Nothing is left out unless a search finds a lane that moves: on a straight road without any sway, as in some
-        simulators, solid lines do not move either.
+        Every `TRACKER.static_period_s` the evidence is a sample of what never moves. Nothing is left out unless a
+        search finds a lane that moves: on a straight road without any sway, as in some simulators, solid lines do not
+        move either.
         """
         stripes, y_m = evidence.stripes, evidence.view.y_m
         places = stripes.row, self._static_columns(stripes.y_m)
@@ -264,14 +263,15 @@ class LaneTracker:
             first, last = self._static_columns(y_m[[0, -1]])
             self._static.add(*places, seen=slice(first, last + 1))
             self._since_static_s = 0.0
-        if not static.any():
-            return evidence
-        moving = replace(evidence, stripes=stripes.select(~static))
-        if search or (sample and not self._lane_moves):
-            lane = search_lane(moving)
-            found = lane is not None and lane.score >= TRACKER.min_score
-            self._lane_moves = found or (self._lane_moves and self._state != LOST)
-        return moving if self._lane_moves else evidence
+        if static.any():
+            moving, lane = replace(evidence, stripes=stripes.select(~static)), None
+            if search or (sample and not self._lane_moves):
+                lane = search_lane(moving)
+                found = lane is not None and lane.score >= TRACKER.min_score
+                self._lane_moves = found or (self._lane_moves and self._state != LOST)
+            if self._lane_moves:
+                return moving, lane
+        return evidence, search_lane(evidence) if search else None
 
     def _static_columns(self, y_m: np.ndarray) -> np.ndarray:
         """Columns of the static pattern at lateral positions."""
