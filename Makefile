@@ -65,7 +65,7 @@ book: $(BOOK)
 lint: $(INSTALLED)
 	@echo "== Lint"
 	@$(ENV)/ruff check . && $(ENV)/ruff format --check .
-	@echo "== Types (pyproject.toml; a minute the first time, then seconds)"
+	@echo "== Types (pyproject.toml; half a minute the first time, then seconds)"
 	@$(ENV)/mypy
 	@echo "== Import contracts (pyproject.toml)"
 	@$(ENV)/lint-imports --no-logo --no-cache

@@ -19,8 +19,8 @@ from tests.course import wrong_answers
 from tests.support.project import ROOT
 
 NOTEBOOK = ROOT / "project.ipynb"
-# Cells that take longer are not run again, to save a minute: they annotate videos and score whole drives.
-LONG_CELL_S = 2.5
+# Cells that take longer are not run again, to save time: they annotate videos, score drives and explain pictures.
+LONG_CELL_S = 1.0
 SOLUTION = re.compile(r"<summary>Solution</summary>.*?```python\n(.*?)```", re.S)
 CHECK_LINE = re.compile(r'^(?:_ = )?helpers\.check_exercise\("([\d.]+)".*', re.M | re.S)
 

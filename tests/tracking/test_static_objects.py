@@ -85,7 +85,7 @@ def test_the_lane_is_kept_while_the_car_stands(motorway):
     camera, frames = motorway
     tracker, rng = LaneTracker(camera, fps=FPS), np.random.default_rng(0)
     moving = [tracker.update(frame) for frame in frames[:50]]
-    for _ in range(round(20 * FPS)):
+    for _ in range(round(10 * FPS)):
         noise = rng.normal(0, 2, frames[49].shape).astype(np.int16)
         standing = tracker.update(cv2.add(frames[49], noise, dtype=cv2.CV_8U))
     assert standing.state == TRACKING
