@@ -13,6 +13,9 @@ crests, hairpins, weather, traffic, and roads without a lane. Of each scene ther
 detected in pictures that are half and 1.5 times as bright. Pictures without a road are added (rooms, maps, tiles), each
 shown to the tracker for a while. Calibration is measured by cross-validation: on scenes that
 were not part of the fit.
+
+The weights for lanes whose camera pose is estimated from the same picture are fitted on pictures of flat scenes that
+are taken with random cameras, and on pictures without a road. Correct means there: right in the picture.
 """
 
 from __future__ import annotations
@@ -33,7 +36,11 @@ from benchmark.suite_drives import choose_drives
 from benchmark.systems import tracker_estimate
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import load_camera
+from lanes.camera.field_of_view import DEFAULT_HFOV_DEG
+from lanes.camera.pose_from_lanes.estimator import pose_from_pictures
+from lanes.camera.pose_from_lanes.pose_estimate import PoseError
 from lanes.io.video.reader import inspect_video, read_frames
+from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.confidence import CONFIDENCE, CORRECT_WITHIN_M, FEATURES, lane_features
 from lanes.tracking.detector import find_lane
 from lanes.tracking.tracker import LaneTracker, TrackedLane
@@ -44,6 +51,7 @@ from simulator.scenes.suite import render_scene
 from tests.support.not_roads import KINDS, not_a_road
 from tests.support.painted_drive import CAMERA, TAR, WORN_WHITE, WORN_YELLOW, PaintedDrive, Stripe
 from tests.support.painted_roads import DASH_M
+from tests.support.photos import Photo, flat_scenes, right_in_picture, take_photo
 
 DRIVES, SECONDS, FPS = 60, 3.0, 12.5
 # Every fourth frame is also detected without the tracker.
@@ -61,6 +69,8 @@ BRIGHTNESSES, OTHER_BRIGHTNESS_WEIGHT = (1.0, 0.5, 1.5), 0.5
 NO_ROADS, NO_ROAD_FRAMES = 8, 12
 # Painted drives with a wrong camera pose, their first seed, and their weight: few users have one.
 WRONG_POSES, WRONG_POSE_SEED, WRONG_POSE_WEIGHT = 36, 200, 0.1
+# Photos of each flat scene, and pictures of each kind without a road, whose camera pose is their own; for each seed.
+PHOTOS, OWN_POSE_NO_ROADS, PHOTO_SEEDS, PHOTO_CHECK_SEEDS = 12, 8, (0, 1), (2,)
 
 
 def draw_road(rng: np.random.Generator) -> tuple[RoadGeometry, float]:
@@ -173,6 +183,34 @@ def samples_of_video(drive: BenchmarkDrive, number: int) -> tuple[list, list]:
     )
 
 
+def samples_of_photos(seed: int) -> list[list[float]]:
+    """Samples (*features, correct, weight, number) of lanes whose camera pose is estimated from the same picture."""
+    rows = []
+    for number, scene in enumerate(flat_scenes()):
+        rng = np.random.default_rng([seed, number])
+        for _ in range(PHOTOS):
+            photo = take_photo(scene, rng)
+            rows += _label_photo(photo.frame.image, photo, number)
+    for number, kind in enumerate(KINDS):
+        for picture in range(OWN_POSE_NO_ROADS):
+            rows += _label_photo(not_a_road(kind, 1000 * seed + picture), None, -1 - number)
+    return rows
+
+
+def _label_photo(image: np.ndarray, photo: Photo | None, number: int) -> list[list[float]]:
+    """The sample of a picture of an unknown camera; none if no pose or no lane is found. `photo`: None without road."""
+    lens = Camera.from_fov((image.shape[1], image.shape[0]), DEFAULT_HFOV_DEG)
+    try:
+        camera, _ = pose_from_pictures(lens, [image], "photo")
+    except PoseError:
+        return []
+    lane = find_lane(image, BirdsEyeView(camera))
+    if lane is None:
+        return []
+    correct = photo is not None and right_in_picture(lane, camera, photo.label)
+    return [[*lane_features(lane), correct, 1.0, number]]
+
+
 def label_lanes(
     frames: Iterable[np.ndarray],
     camera: Camera,
@@ -274,22 +312,30 @@ def main() -> None:
     if options.check and options.videos:
         parser.error("--check uses painted roads only; leave out the videos.")
     cv2.setNumThreads(1)
-    data = [samples_of_painted_drive(seed) for seed in range(1000, 1000 + DRIVES // 2)] if options.check else None
-    data = data or collect_samples(options.videos)
-    for part, name in enumerate(("track_weights", "still_weights")):
-        rows = np.array([row for one in data for row in one[part]], float)
-        features, correct, weight, drive = rows[:, :-3], rows[:, -3] > 0, rows[:, -2], rows[:, -1]
-        if name == "track_weights":
-            features[:, FEATURES.index("shorter reach")] = 0.0  # see `lanes.tracking.confidence.FEATURES`
-        usual = weight == 1
-        print_calibration(
-            f"present {name}", logistic(features[usual] @ getattr(CONFIDENCE, name)), correct[usual], drive[usual]
-        )
-        if not options.check:
-            held_out = cross_validated(features, correct, drive, weight)
-            print_calibration(f"new {name}, cross-validated", held_out[usual], correct[usual], drive[usual])
-            weights = fit_logistic(features, correct, drive, weight)
-            print(name, dict(zip(FEATURES, np.round(weights, 2).tolist(), strict=True)))
+    if options.check:
+        data = [samples_of_painted_drive(seed) for seed in range(1000, 1000 + DRIVES // 2)]
+    else:
+        data = collect_samples(options.videos)
+    samples = {name: [row for one in data for row in one[part]] for part, name in enumerate(("track", "still"))}
+    seeds = PHOTO_CHECK_SEEDS if options.check else PHOTO_SEEDS
+    samples["own_pose"] = [row for seed in seeds for row in samples_of_photos(seed)]
+    for name, rows in samples.items():
+        fit_weights(f"{name}_weights", np.array(rows, float), only_check=options.check)
+
+
+def fit_weights(name: str, rows: np.ndarray, *, only_check: bool) -> None:
+    """Print the calibration of the present weights of this name on samples; unless `only_check`, fit new ones."""
+    features, correct, weight, drive = rows[:, :-3], rows[:, -3] > 0, rows[:, -2], rows[:, -1]
+    if name == "track_weights":
+        features[:, FEATURES.index("shorter reach")] = 0.0  # see `lanes.tracking.confidence.FEATURES`
+    usual = weight == 1
+    present = logistic(features @ getattr(CONFIDENCE, name))
+    print_calibration(f"present {name}", present[usual], correct[usual], drive[usual])
+    if not only_check:
+        held_out = cross_validated(features, correct, drive, weight)
+        print_calibration(f"new {name}, cross-validated", held_out[usual], correct[usual], drive[usual])
+        weights = fit_logistic(features, correct, drive, weight)
+        print(name, dict(zip(FEATURES, np.round(weights, 2).tolist(), strict=True)))
 
 
 def collect_samples(videos: list[str]) -> list[tuple[list, list]]:

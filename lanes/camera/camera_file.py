@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -55,7 +56,7 @@ def camera_to_dict(camera: Camera) -> dict:
         "distortion_coefficients": {"rows": 1, "cols": 5, "data": [float(x) for x in np.ravel(camera.distortion)]},
     }
     if camera.pose:
-        content["pose"] = {name: float(getattr(camera.pose, name)) for name in CameraPose.__dataclass_fields__}
+        content["pose"] = {name: float(value) for name, value in asdict(camera.pose).items() if value is not None}
     if camera.report:
         report = camera.report
         content["calibration"] = {

@@ -25,7 +25,7 @@ from lanes.explain.steps import (
     describe_votes,
 )
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.confidence import CONFIDENCE, FEATURES, lane_features
+from lanes.tracking.confidence import FEATURES, feature_weights, lane_features
 from lanes.tracking.detector import RIVAL_M, choose_lane
 from lanes.tracking.fitting import LaneFit, fit_starts, near_stripes
 from lanes.tracking.lane import Lane
@@ -108,7 +108,7 @@ class Explanation:
         """Lines of text with the features of the confidence, their weights and their contributions to the log odds."""
         if self.lane is None:
             return []
-        parts = list(zip(FEATURES, lane_features(self.lane), CONFIDENCE.still_weights, strict=True))
+        parts = list(zip(FEATURES, lane_features(self.lane), feature_weights(self.lane), strict=True))
         lines = [f"  {name}: {value:.2f} x {weight:.2f} = {value * weight:+.2f}" for name, value, weight in parts]
         return ["confidence, as log odds:", *lines, f"  total {sum(v * w for _, v, w in parts):+.2f}"]
 

@@ -9,7 +9,7 @@ import numpy as np
 from lanes.camera.camera import Camera
 from lanes.io.describe import describe_bend
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.confidence import CONFIDENCE, FEATURES, lane_features
+from lanes.tracking.confidence import CONFIDENCE, FEATURES, feature_weights, lane_features
 from lanes.tracking.fitting import FIT, near_stripes
 from lanes.tracking.lane import Lane
 from lanes.tracking.markings import MARKINGS, FrameEvidence, lightness
@@ -160,6 +160,6 @@ def _explain_low_confidence(lane: Lane) -> tuple[str, str]:
 
 def _is_the_cause(feature: str, lane: Lane) -> bool:
     """Whether the confidence would be high enough without one of the features."""
-    log_odds = lane_features(lane) * CONFIDENCE.still_weights
+    log_odds = lane_features(lane) * feature_weights(lane)
     without = log_odds.sum() - log_odds[FEATURES.index(feature)]
     return bool(without >= np.log(MIN_CONFIDENCE / (1 - MIN_CONFIDENCE)))

@@ -1,8 +1,9 @@
 """Confidence: the probability that a lane is correct.
 
 A lane is correct if both lines lie within 0.2 m of the true ones, as the root mean square over 5, 10, 15, 20 and 30 m
-ahead. The probability is a logistic regression on a few features of the lane. `tools/fit_confidence.py` fits it on
-painted roads and on the rendered suite, whose truth is known.
+ahead. Where the camera pose was estimated from the same picture, metres are uncertain; there a lane is correct if both
+lines are right in the picture. The probability is a logistic regression on a few features of the lane.
+`tools/fit_confidence.py` fits it on painted roads and on the rendered suite, whose truth is known.
 """
 
 from __future__ import annotations
@@ -29,9 +30,11 @@ CORRECT_WITHIN_M, CORRECT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
 #   is smaller than usual: bricks and letters look like paint, too.
 # - odd pitch, odd heading: pitch, and heading beyond that of a car in a bend, where they are larger than usual,
 #   relative to 0.05 rad, at most 1. They are large if the camera pose is wrong.
+# - unsure height: logarithm of the relative standard deviation of the camera height, if the pose was estimated from a
+#   single picture; else 0. It is large if the lines allow several heights: then the lane may have the wrong lines.
 FEATURES = (
     *("constant", "log std", "odd width", "offset", "shorter reach", "bend"),
-    *("support", "clutter", "odd pitch", "odd heading"),
+    *("support", "clutter", "odd pitch", "odd heading", "unsure height"),
 )
 
 
@@ -39,9 +42,11 @@ FEATURES = (
 class ConfidenceModel:
     """Logistic regression on `FEATURES`, fitted by `tools/fit_confidence.py`."""
 
-    # For a lane detected in a single picture, and for a tracked one.
-    still_weights: tuple[float, ...] = (0.26, -1.21, -6.29, -1.52, 0.43, 1.91, -0.33, 3.52, -0.25, -4.04)
-    track_weights: tuple[float, ...] = (1.43, -0.87, -5.92, -2.87, 0.0, 0.64, -0.08, 1.02, -3.96, -4.93)
+    # For a lane detected in a single picture, for one whose camera pose comes from a single picture, too, and for a
+    # tracked one.
+    still_weights: tuple[float, ...] = (0.26, -1.21, -6.29, -1.52, 0.43, 1.91, -0.33, 3.52, -0.25, -4.04, 0.0)
+    own_pose_weights: tuple[float, ...] = (-3.23, -0.21, -0.82, -3.49, 1.49, 0.98, 2.65, 3.15, 0.34, -0.23, -1.52)
+    track_weights: tuple[float, ...] = (1.43, -0.87, -5.92, -2.87, 0.0, 0.64, -0.08, 1.02, -3.96, -4.93, 0.0)
     # Usual width of lanes.
     usual_width_m: float = 3.5
     # Larger offsets occur in lane changes and carry no further information.
@@ -59,13 +64,15 @@ class ConfidenceModel:
     usual_heading_rad: float = 0.02
     heading_lag_m: float = 2.0
     max_excess_rad: float = 0.05
+    # A smaller relative standard deviation of the camera height carries no further information.
+    min_height_std_share: float = 0.03
 
 
 CONFIDENCE = ConfidenceModel()
 
 
 def lane_features(lane: Lane) -> np.ndarray:
-    """The features (10,) of a lane, in the order of `FEATURES`."""
+    """The features (11,) of a lane, in the order of `FEATURES`."""
     c, far_m = CONFIDENCE, CORRECT_AT_M[-1]
     reach_m = min(lane.left.reach_m, lane.right.reach_m, c.max_reach_m)
     heading_rad = abs(lane.heading_rad) - c.heading_lag_m * abs(lane.curvature_per_m)
@@ -81,6 +88,7 @@ def lane_features(lane: Lane) -> np.ndarray:
             np.log(min(max(lane.explained_share, c.min_share) / c.usual_share, 1.0)),
             _excess(abs(lane.pitch_rad) - c.usual_pitch_rad),
             _excess(heading_rad - c.usual_heading_rad),
+            0.0 if lane.height_std_share is None else np.log(max(lane.height_std_share, c.min_height_std_share)),
         ]
     )
 
@@ -90,7 +98,13 @@ def _excess(angle_rad: float) -> float:
     return min(max(angle_rad / CONFIDENCE.max_excess_rad, 0.0), 1.0)
 
 
+def feature_weights(lane: Lane, *, tracked: bool = False) -> tuple[float, ...]:
+    """Weights (11,) of the features of a lane, which is `tracked`, or detected in a single picture."""
+    if tracked:
+        return CONFIDENCE.track_weights
+    return CONFIDENCE.still_weights if lane.height_std_share is None else CONFIDENCE.own_pose_weights
+
+
 def rate_lane(lane: Lane, *, tracked: bool = False) -> float:
     """Probability, 0 to 1, that a lane is correct; `tracked`, or detected in a single picture."""
-    weights = CONFIDENCE.track_weights if tracked else CONFIDENCE.still_weights
-    return float(1 / (1 + np.exp(-np.dot(weights, lane_features(lane)))))
+    return float(1 / (1 + np.exp(-np.dot(feature_weights(lane, tracked=tracked), lane_features(lane)))))

@@ -33,6 +33,12 @@ def test_camera_file_round_trip(tmp_path, content):
     assert loaded.report == camera.report
 
 
+def test_a_pose_from_one_picture_says_so_in_the_file(tmp_path, content):
+    assert "height_std_share" not in content["pose"]
+    camera = DASHCAM.with_pose(replace(DASHCAM.require_pose(), height_std_share=0.2))
+    assert load_camera(save_camera(camera, tmp_path / "camera.yaml")).pose == camera.pose
+
+
 def test_camera_file_without_pose_and_report(tmp_path):
     loaded = load_camera(save_camera(Camera.from_fov((640, 480), 60), tmp_path / "camera.yaml"))
     assert loaded.pose is None and loaded.report is None
@@ -92,6 +98,7 @@ def test_missing_entry_is_named(tmp_path, content, entry):
         ("pose", {"height": 1.3}),
         ("pose", {"height_m": 1.3, "pitch_rad": 3.0}),
         ("pose", {"height_m": 1300}),
+        ("pose", {"height_m": 1.3, "height_std_share": -0.1}),
         ("calibration", {"rms_px": 0.3, "board_rms_px": {"a.jpg": "good"}, "date": 1}),
         ("calibration", 3),
     ],

@@ -43,6 +43,7 @@ def test_unusual_lanes_have_low_confidence(tracked):
         len(FEATURES)
         == len(CONFIDENCE.still_weights)
         == len(CONFIDENCE.track_weights)
+        == len(CONFIDENCE.own_pose_weights)
         == len(lane_features(lane_with()))
     )
 
@@ -50,8 +51,8 @@ def test_unusual_lanes_have_low_confidence(tracked):
 def test_features_are_what_their_names_say():
     lane = lane_with(width_m=3.3, centre_m=-0.25)
     lane = replace(lane, observations=(LineObservation(0.6, 25.0), LineObservation(0.3, 10.0)))
-    constant, std, width, offset, shorter, bend, support, clutter, pitch, heading = lane_features(lane)
-    assert (constant, bend, clutter, pitch, heading) == (1.0, 0.0, 0.0, 0.0, 0.0)
+    constant, std, width, offset, shorter, bend, support, clutter, pitch, heading, height = lane_features(lane)
+    assert (constant, bend, clutter, pitch, heading, height) == (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     assert support == pytest.approx(0.6**0.5 + 0.3**0.5)
     assert np.exp(std) == pytest.approx(lateral_std_m(lane.covariance, 30.0).max())
     assert (width, offset) == (pytest.approx(0.2**2), pytest.approx(0.25))
@@ -70,6 +71,13 @@ def test_a_lane_that_the_camera_pose_makes_odd_has_less_confidence():
     assert pitch[8] == pytest.approx(0.6) and heading[9] == pytest.approx(0.6) and lag[9] == 0.0
     assert rate_lane(replace(lane_with(), model=turned)) < rate_lane(lane_with()) - 0.01
     assert rate_lane(replace(lane_with(), model=tilted), tracked=True) < rate_lane(lane_with(), tracked=True) - 0.01
+
+
+def test_a_lane_whose_camera_height_is_unsure_has_less_confidence():
+    known, unsure = replace(lane_with(), height_std_share=0.1), replace(lane_with(), height_std_share=0.4)
+    assert lane_features(unsure)[-1] == pytest.approx(np.log(0.4))
+    assert rate_lane(known) > 0.9 and rate_lane(unsure) < rate_lane(known) - 0.05
+    assert rate_lane(unsure, tracked=True) == rate_lane(lane_with(), tracked=True)
 
 
 def test_standard_deviation_grows_with_the_distance():

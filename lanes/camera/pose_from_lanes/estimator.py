@@ -10,6 +10,7 @@ height is the usual one.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -96,11 +97,15 @@ def estimate_pose(
     _require_plausible(lane_width_m, height_m)
     images, camera = _resize(images, camera)
     try:
-        return _pose_from_lines(images, camera, lane_width_m, height_m, progress)
+        estimate = _pose_from_lines(images, camera, lane_width_m, height_m, progress)
     except PoseError as error:
         if len(images) > 1:
             raise
-        return _pose_from_edges(images[0], camera, height_m, error)
+        estimate = _pose_from_edges(images[0], camera, height_m, error)
+    if len(images) > 1:
+        return estimate
+    share = estimate.height_std_m / estimate.pose.height_m
+    return replace(estimate, pose=replace(estimate.pose, height_std_share=share))
 
 
 def _pose_from_lines(

@@ -25,6 +25,8 @@ MAX_STD_RATIO = 0.85
 # Relative standard deviation of the lane widths of one road. It is common to all pictures of a drive, which therefore
 # count as at most this number of independent ones.
 LANE_WIDTH_SCATTER, MAX_INDEPENDENT_PICTURES = 0.04, 8
+# Standard deviation of the car's distance from the middle of its lane.
+OFFSET_STD_M = 0.4
 # A line that is seen in this many picture rows has full weight.
 FULL_WEIGHT_ROWS = 40
 # Likelihood of a pair of lines that do not bound one lane, relative to the peak for those that do.
@@ -58,7 +60,10 @@ def estimate_height_and_roll(
     heights_m = prior_height_m * HEIGHT_RATIOS
     level_width = width[:, None] * (1 - 2 * ROLL_GRID_RAD * centre[:, None])
     residual = (level_width[:, None, :] * (heights_m / lane_width_m)[:, None] - 1) / LANE_WIDTH_SCATTER
-    log_posterior = np.einsum("p,phr->hr", weight, np.log(OUTLIER_LIKELIHOOD + np.exp(-0.5 * residual**2)))
+    ego = np.abs(centre) < width / 2
+    offset = ego[:, None] * centre[:, None] * heights_m / OFFSET_STD_M
+    likelihood = np.exp(-0.5 * (residual**2 + offset[:, :, None] ** 2))
+    log_posterior = np.einsum("p,phr->hr", weight, np.log(OUTLIER_LIKELIHOOD + likelihood))
     log_posterior *= min(1.0, MAX_INDEPENDENT_PICTURES / len(lines))
     height_stds = np.log(HEIGHT_RATIOS) / PRIOR_HEIGHT_LOG_STD
     log_posterior -= 0.5 * (height_stds[:, None] ** 2 + ((roll_rad + ROLL_GRID_RAD) / PRIOR_ROLL_STD_RAD) ** 2)

@@ -55,6 +55,7 @@ def test_straight_drive_gives_all_four_numbers(straight):
     assert_near(estimate, TRUE_POSE, pitch_deg=0.1, yaw_deg=0.3, roll_deg=0.2, height_m=0.03)
     assert estimate.frames_used == estimate.frames_total == 6
     assert estimate.notes == ()
+    assert estimate.pose.height_std_share is None
 
 
 def test_bends_to_one_side_do_not_bias_the_angles():
@@ -95,6 +96,7 @@ def test_one_still_is_enough_and_says_what_it_cannot_tell():
     estimate = estimate_pose([still], CAMERA)
     assert_near(estimate, TRUE_POSE, pitch_deg=0.4, yaw_deg=0.8, roll_deg=1.0, height_m=0.1)
     assert any("heading" in note for note in estimate.notes)
+    assert estimate.pose.height_std_share == pytest.approx(estimate.height_std_m / estimate.pose.height_m)
     assert estimate.yaw_std_rad > np.radians(0.5)
 
 

@@ -1,0 +1,66 @@
+"""Pictures of the suite taken with random cameras, and which lanes are right in them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from benchmark.labels.tusimple import MATCH_ACCURACY, NO_POINT, LaneColumns, score_lines
+from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import CameraPose
+from lanes.tracking.lane import Lane
+from simulator.rendering.render import Frame, render_frame
+from simulator.road.profile import FLAT
+from simulator.scenes.suite import SUITE
+
+SIZES = ((640, 360), (960, 540), (640, 480), (854, 480))
+
+
+def flat_scenes() -> list[str]:
+    """Scenes on a flat road, with or without a lane: the label of a `Photo` is right for no other."""
+    return [name for name, scene in SUITE.items() if scene.drive().road.profile == FLAT]
+
+
+@dataclass(frozen=True, eq=False)
+class Photo:
+    """A rendered picture, the camera that took it, and the lane lines in it; `label` is for a width of 1280 px."""
+
+    frame: Frame
+    camera: Camera
+    label: LaneColumns
+
+
+def take_photo(scene: str, rng: np.random.Generator) -> Photo:
+    """A picture of a random moment of a scene, taken with a random camera."""
+    pose = CameraPose(rng.uniform(1.1, 2.1), *np.radians(rng.normal(0, [3.0, 2.0, 0.7])))
+    camera = Camera.from_fov(SIZES[rng.integers(len(SIZES))], rng.uniform(50, 80), pose)
+    drive = replace(SUITE[scene].drive(), camera=camera, bonnet=False)
+    frame = render_frame(drive, rng.uniform(0, SUITE[scene].seconds))
+    return Photo(frame, camera, true_lines(scene, frame, enlarged(drive.camera_at_pitch(frame.truth.pitch_rad))))
+
+
+def enlarged(camera: Camera) -> Camera:
+    """The camera for pictures 1280 px wide: the tolerance of the labels is for this width."""
+    return camera.scaled((1280, round(camera.height * 1280 / camera.width)))
+
+
+def true_lines(scene: str, frame: Frame, camera: Camera) -> LaneColumns:
+    """Columns of both lines in each fifth picture row from a little below the horizon on; NO_POINT without a lane."""
+    horizon = camera.road_to_pixels(np.array([[1e5, 0.0]]))[0, 1]
+    rows = np.arange(np.ceil(horizon + 0.06 * camera.height), camera.height, 5)
+    columns, x = np.full((2, len(rows)), NO_POINT), np.geomspace(3, 80, 400)
+    for side in (0, 1):
+        u, v = camera.road_to_pixels(np.column_stack([x, frame.truth.line_y(side, x)])).T
+        seen = np.isfinite(u)
+        if not seen.any():
+            continue
+        columns[side] = np.interp(rows, v[seen][::-1], u[seen][::-1], left=NO_POINT, right=NO_POINT)
+    return LaneColumns(scene, rows, np.where((columns >= 0) & (columns < camera.width), columns, NO_POINT))
+
+
+def right_in_picture(lane: Lane, camera: Camera, label: LaneColumns) -> bool:
+    """Whether both lines of a lane are right in a picture, as for hand-made labels; `camera` is the estimated one."""
+    found = LaneColumns("found", label.rows, lane.pixels(enlarged(camera), label.rows))
+    scores = [score.accuracy for score in score_lines(label, found) if score.accuracy is not None]
+    return bool(scores) and min(scores) >= MATCH_ACCURACY
