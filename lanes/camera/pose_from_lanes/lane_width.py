@@ -53,16 +53,15 @@ def estimate_height_and_roll(
     standard deviation of the prior if the pictures do not determine it.
 
     A remaining roll r moves a line from k to k + r (1 + k^2). A lane between k1 and k2 then looks 1 + r (k1 + k2) times
-    as wide. A pair of lines may bound a lane or not, so the likelihood is a mixture with a constant. It is evaluated on
-    a grid of heights and rolls, because it can have several maxima.
+    as wide. A pair of lines may bound a lane or not, so the likelihood is a mixture with a constant. It is smaller for
+    a pair around the car that the car is not in the middle of. It is evaluated on a grid of heights and rolls, because
+    it can have several maxima.
     """
     width, centre, _, weight = _line_pairs(lines)
     heights_m = prior_height_m * HEIGHT_RATIOS
     level_width = width[:, None] * (1 - 2 * ROLL_GRID_RAD * centre[:, None])
     residual = (level_width[:, None, :] * (heights_m / lane_width_m)[:, None] - 1) / LANE_WIDTH_SCATTER
-    ego = np.abs(centre) < width / 2
-    offset = ego[:, None] * centre[:, None] * heights_m / OFFSET_STD_M
-    likelihood = np.exp(-0.5 * (residual**2 + offset[:, :, None] ** 2))
+    likelihood = _ego_likelihood(width, centre, lane_width_m)[:, None, None] * np.exp(-0.5 * residual**2)
     log_posterior = np.einsum("p,phr->hr", weight, np.log(OUTLIER_LIKELIHOOD + likelihood))
     log_posterior *= min(1.0, MAX_INDEPENDENT_PICTURES / len(lines))
     height_stds = np.log(HEIGHT_RATIOS) / PRIOR_HEIGHT_LOG_STD
@@ -73,6 +72,16 @@ def estimate_height_and_roll(
     if roll_std > MAX_STD_RATIO * PRIOR_ROLL_STD_RAD:
         return HeightAndRoll(*height, 0.0, PRIOR_ROLL_STD_RAD)
     return HeightAndRoll(*height, roll_rad + roll, roll_std)
+
+
+def _ego_likelihood(width: np.ndarray, centre: np.ndarray, lane_width_m: float) -> np.ndarray:
+    """Likelihood (pairs,), at most 1, of the car's distance from the middle of pairs of lines on both sides of it.
+
+    Two lanes whose common line is worn off look like one wide lane, but the car is far from its middle.
+    """
+    offset_m = centre / width * lane_width_m
+    around = np.abs(offset_m) < lane_width_m / 2
+    return np.where(around, np.exp(-0.5 * (offset_m / OFFSET_STD_M) ** 2), 1.0)
 
 
 def share_with_lane(lines: list[RoadLines], lane_width: float) -> float:
