@@ -45,7 +45,7 @@ class ConfidenceModel:
     # For a lane detected in a single picture, for one whose camera pose comes from a single picture, too, and for a
     # tracked one.
     still_weights: tuple[float, ...] = (0.26, -1.21, -6.29, -1.52, 0.43, 1.91, -0.33, 3.52, -0.25, -4.04, 0.0)
-    own_pose_weights: tuple[float, ...] = (-3.23, -0.21, -0.82, -3.49, 1.49, 0.98, 2.65, 3.15, 0.34, -0.23, -1.52)
+    own_pose_weights: tuple[float, ...] = (-2.49, -0.4, -0.82, -3.26, 1.39, 1.92, 1.86, 4.76, 0.18, 0.01, -1.43)
     track_weights: tuple[float, ...] = (1.43, -0.87, -5.92, -2.87, 0.0, 0.64, -0.08, 1.02, -3.96, -4.93, 0.0)
     # Usual width of lanes.
     usual_width_m: float = 3.5
@@ -55,8 +55,10 @@ class ConfidenceModel:
     max_reach_m: float = 40.0
     # A support of two solid lines; more carries no information.
     max_support: float = 1.5
-    # Shares of explained stripes: usual ones are larger than this; smaller ones than the minimum are all the same.
+    # Shares of explained stripes: usual ones are larger than this; smaller ones than the minimum are all the same. If
+    # the pose comes from the same picture, other lines may have given it, so that less clutter is usual.
     usual_share: float = 0.2
+    own_pose_usual_share: float = 0.4
     min_share: float = 0.02
     # Usual pitch and heading, and the excess from which on they carry no further information. In a bend the heading of
     # the camera lags by the distance from the rear axle, at most.
@@ -76,6 +78,7 @@ def lane_features(lane: Lane) -> np.ndarray:
     c, far_m = CONFIDENCE, CORRECT_AT_M[-1]
     reach_m = min(lane.left.reach_m, lane.right.reach_m, c.max_reach_m)
     heading_rad = abs(lane.heading_rad) - c.heading_lag_m * abs(lane.curvature_per_m)
+    usual_share = c.usual_share if lane.height_std_share is None else c.own_pose_usual_share
     return np.array(
         [
             1.0,
@@ -85,7 +88,7 @@ def lane_features(lane: Lane) -> np.ndarray:
             np.log((reach_m + CORRECT_AT_M[0]) / far_m),
             abs(lane.curvature_per_m) * far_m,
             min(lane.left.support**0.5 + lane.right.support**0.5, c.max_support),
-            np.log(min(max(lane.explained_share, c.min_share) / c.usual_share, 1.0)),
+            np.log(min(max(lane.explained_share, c.min_share) / usual_share, 1.0)),
             _excess(abs(lane.pitch_rad) - c.usual_pitch_rad),
             _excess(heading_rad - c.usual_heading_rad),
             0.0 if lane.height_std_share is None else np.log(max(lane.height_std_share, c.min_height_std_share)),
