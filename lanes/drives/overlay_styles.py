@@ -10,6 +10,7 @@ import numpy as np
 from lanes.camera.camera import Camera
 from lanes.drawing.canvas import LEFT_COLOUR, PANEL_COLOUR, RIGHT_COLOUR, put_text
 from lanes.drawing.pictures import draw_line, write_text
+from lanes.io.describe import describe_std
 from lanes.io.frames import Frame, as_rgb
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.markings import MARKINGS, extract_evidence
@@ -124,7 +125,8 @@ def _describe_numbers(tracked: TrackedLane) -> list[str]:
         for name, line in (("left", lane.left), ("right", lane.right))
     ]
     return [
-        f"lane {lane.width_m:.2f} ± {lane.width_std_m:.2f} m wide, heading {np.degrees(lane.heading_rad):+.2f}°",
+        f"lane {lane.width_m:.2f} ± {describe_std(lane.width_std_m)} m wide, "
+        f"heading {np.degrees(lane.heading_rad):+.2f}°",
         f"curvature {1000 * lane.curvature_per_m:+.2f} ± {1000 * lane.curvature_std_per_m:.2f} per km",
         f"pitch motion {np.degrees(lane.pitch_rad):+.2f}°, vertical curvature {1000 * lane.vertical_per_m:+.2f} per km",
         *lines,

@@ -26,15 +26,20 @@ def describe_bend(curvature_per_m: float | None) -> str:
 def describe_offset(offset_m: float | None, std_m: float | None = None) -> str:
     """Text for an offset: "0.12 m left of centre", "in the centre" or "offset unknown".
 
-    With a standard deviation: "0.12 ± 0.02 m left of centre".
+    With a standard deviation: "0.12 ± 0.02 m left of centre"; see `describe_std`.
     """
     if offset_m is None:
         return "offset unknown"
     if std_m is not None:
-        return f"{abs(offset_m):.2f} ± {std_m:.2f} m {'left' if offset_m > 0 else 'right'} of centre"
+        return f"{abs(offset_m):.2f} ± {describe_std(std_m)} m {'left' if offset_m > 0 else 'right'} of centre"
     if abs(offset_m) < 0.005:
         return "in the centre"
     return f"{abs(offset_m):.2f} m {'left' if offset_m > 0 else 'right'} of centre"
+
+
+def describe_std(std_m: float) -> str:
+    """Text for a standard deviation of centimetres: "0.02". At least "0.01", because "± 0.00" would claim certainty."""
+    return f"{max(std_m, 0.01):.2f}"
 
 
 def describe_heading(heading_rad: float | None) -> str:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from lanes.camera.camera import Camera
-from lanes.io.describe import describe_bend, describe_heading, describe_offset, html_table
+from lanes.io.describe import describe_bend, describe_heading, describe_offset, describe_std, html_table
 from lanes.tracking.fitting import FIT
 from lanes.tracking.marking_type import MarkingProfile, MarkingVotes
 from lanes.tracking.model import (
@@ -92,7 +92,7 @@ class LaneLine:
 
     def summary(self) -> str:
         """Lateral position at the car, and the evidence for it."""
-        beside = f"{abs(self.c0_m):.2f} ± {self.c0_std_m:.2f} m {'left' if self.c0_m > 0 else 'right'}"
+        beside = f"{abs(self.c0_m):.2f} ± {describe_std(self.c0_std_m)} m {'left' if self.c0_m > 0 else 'right'}"
         if not self.seen:
             return f"{beside}, inferred from other lines"
         return f"{beside}, paint on {min(self.support, 1):.0%} of its rows, up to {self.reach_m:.0f} m"
@@ -214,7 +214,7 @@ class Lane:
             "bend": f"{describe_bend(self.curvature_per_m)} "
             f"({1e3 * self.curvature_per_m:.2f} ± {1e3 * self.curvature_std_per_m:.2f} per km)",
             "heading": describe_heading(self.heading_rad),
-            "width": f"{self.width_m:.2f} ± {self.width_std_m:.2f} m",
+            "width": f"{self.width_m:.2f} ± {describe_std(self.width_std_m)} m",
             "left line": self.left.summary(),
             "right line": self.right.summary(),
         }

@@ -30,3 +30,8 @@ def test_describe_bend(curvature, text):
 )
 def test_describe_offset(offset, text):
     assert describe.describe_offset(offset) == text
+
+
+def test_no_standard_deviation_is_stated_as_zero():
+    assert describe.describe_offset(0.124, 0.023) == "0.12 ± 0.02 m left of centre"
+    assert describe.describe_offset(-0.3, 0.004) == "0.30 ± 0.01 m right of centre"
