@@ -36,11 +36,7 @@ from benchmark.suite_drives import choose_drives
 from benchmark.systems import tracker_estimate
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import load_camera
-from lanes.camera.field_of_view import DEFAULT_HFOV_DEG
-from lanes.camera.pose_from_lanes.estimator import pose_from_pictures
-from lanes.camera.pose_from_lanes.pose_estimate import PoseError
 from lanes.io.video.reader import inspect_video, read_frames
-from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.confidence import CONFIDENCE, CORRECT_WITHIN_M, FEATURES, lane_features
 from lanes.tracking.detector import find_lane
 from lanes.tracking.tracker import LaneTracker, TrackedLane
@@ -51,7 +47,7 @@ from simulator.scenes.suite import render_scene
 from tests.support.not_roads import KINDS, not_a_road
 from tests.support.painted_drive import CAMERA, TAR, WORN_WHITE, WORN_YELLOW, PaintedDrive, Stripe
 from tests.support.painted_roads import DASH_M
-from tests.support.photos import Photo, flat_scenes, right_in_picture, take_photo
+from tests.support.photos import Photo, find_with_own_pose, flat_scenes, right_in_picture, take_photo
 
 DRIVES, SECONDS, FPS = 60, 3.0, 12.5
 # Every fourth frame is also detected without the tracker.
@@ -199,13 +195,8 @@ def samples_of_photos(seed: int) -> list[list[float]]:
 
 def _label_photo(image: np.ndarray, photo: Photo | None, number: int) -> list[list[float]]:
     """The sample of a picture of an unknown camera; none if no pose or no lane is found. `photo`: None without road."""
-    lens = Camera.from_fov((image.shape[1], image.shape[0]), DEFAULT_HFOV_DEG)
-    try:
-        camera, _ = pose_from_pictures(lens, [image], "photo")
-    except PoseError:
-        return []
-    lane = find_lane(image, BirdsEyeView(camera))
-    if lane is None:
+    camera, lane = find_with_own_pose(image)
+    if camera is None or lane is None:
         return []
     correct = photo is not None and right_in_picture(lane, camera, photo.label)
     return [[*lane_features(lane), correct, 1.0, number]]

@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmark.consistency import z_summary
 from benchmark.errors import CONFIDENT
-from benchmark.labels.tusimple import MATCH_ACCURACY, LaneColumns, score_lines
+from benchmark.labels.tusimple import LaneColumns, picture_is_right
 from benchmark.reporting.consistency_table import describe_z
 from benchmark.reporting.reliability import LIKELY
 from benchmark.reporting.tables import format_table
@@ -75,14 +75,12 @@ def check_lane(lane: Lane, label: LaneColumns, camera: Camera) -> StillCheck:
     error_m[other] = np.nan
     label_std_m = LABEL_STD_PX * COMPARED_AT_M / camera.matrix[0, 0]
     row_std = row_std_m(lane, COMPARED_AT_M, camera.require_pose().height_m)
-    scores = score_lines(label, LaneColumns(label.name, label.rows, columns), width_px=camera.width)
-    accuracies = [score.accuracy for score in scores if score.accuracy is not None]
     return StillCheck(
         error_m / np.hypot(row_std, label_std_m),
         error_m / np.hypot(lane.lateral_std_m(COMPARED_AT_M), label_std_m),
         int(other.sum()),
         TrackedLane.from_still(lane).confidence,
-        min(accuracies) >= MATCH_ACCURACY if accuracies else None,
+        picture_is_right(label, LaneColumns(label.name, label.rows, columns), width_px=camera.width),
     )
 
 

@@ -134,6 +134,13 @@ def score_lines(
     return [_score_line(label.rows, *lines, tolerance_px) for lines in zip(label.columns, predicted, strict=True)]
 
 
+def picture_is_right(label: LaneColumns, prediction: LaneColumns, *, width_px: int = TUSIMPLE_WIDTH_PX) -> bool | None:
+    """Whether every scored line of a picture `width_px` wide is matched; None if no line is scored."""
+    scores = score_lines(label, prediction, width_px=width_px)
+    accuracies = [score.accuracy for score in scores if score.accuracy is not None]
+    return min(accuracies) >= MATCH_ACCURACY if accuracies else None
+
+
 def picture_width_px(picture: Path) -> int:
     """Width of a labelled picture; TuSimple's if it is not there."""
     return read_image(picture).shape[1] if picture.is_file() else TUSIMPLE_WIDTH_PX

@@ -10,13 +10,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.camera.camera import Camera
 from lanes.camera.field_of_view import DEFAULT_HFOV_DEG
-from lanes.camera.pose_from_lanes.estimator import estimate_pose
-from lanes.camera.pose_from_lanes.pose_estimate import PoseError
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.detector import find_lane
-from tests.support.photos import Photo, right_in_picture, take_photo
+from tests.support.photos import Photo, find_with_own_pose, right_in_picture, take_photo
 
 pytestmark = pytest.mark.slow
 
@@ -31,17 +26,11 @@ def photos() -> list[Photo]:
 
 def judge(photo: Photo, hfov_deg: float) -> tuple[bool, bool]:
     """Is the pitch right to one degree, and are both lines right in the picture?"""
-    lens = Camera.from_fov(photo.camera.size, hfov_deg)
-    try:
-        pose = estimate_pose([photo.frame.image], lens).pose
-    except PoseError:
+    camera, lane = find_with_own_pose(photo.frame.image, hfov_deg)
+    if camera is None:
         return False, False
-    near = abs(pose.pitch_rad - photo.frame.truth.pitch_rad) < np.radians(1)
-    camera = lens.with_pose(pose)
-    lane = find_lane(photo.frame.image, BirdsEyeView(camera))
-    if lane is None:
-        return near, False
-    return near, right_in_picture(lane, camera, photo.label)
+    near = abs(camera.require_pose().pitch_rad - photo.frame.truth.pitch_rad) < np.radians(1)
+    return near, lane is not None and right_in_picture(lane, camera, photo.label)
 
 
 @pytest.mark.parametrize("known", [True, False])

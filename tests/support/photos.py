@@ -6,9 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmark.labels.tusimple import MATCH_ACCURACY, NO_POINT, LaneColumns, score_lines
+from benchmark.labels.tusimple import NO_POINT, LaneColumns, picture_is_right
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraPose
+from lanes.camera.field_of_view import DEFAULT_HFOV_DEG
+from lanes.camera.pose_from_lanes.estimator import estimate_pose
+from lanes.camera.pose_from_lanes.pose_estimate import PoseError
+from lanes.tracking.birdseye import BirdsEyeView
+from lanes.tracking.detector import find_lane
 from lanes.tracking.lane import Lane
 from simulator.rendering.render import Frame, render_frame
 from simulator.road.profile import FLAT
@@ -61,6 +66,14 @@ def true_lines(scene: str, frame: Frame, camera: Camera) -> LaneColumns:
 
 def right_in_picture(lane: Lane, camera: Camera, label: LaneColumns) -> bool:
     """Whether both lines of a lane are right in a picture, as for hand-made labels; `camera` is the estimated one."""
-    found = LaneColumns("found", label.rows, lane.pixels(enlarged(camera), label.rows))
-    scores = [score.accuracy for score in score_lines(label, found) if score.accuracy is not None]
-    return bool(scores) and min(scores) >= MATCH_ACCURACY
+    return bool(picture_is_right(label, LaneColumns("found", label.rows, lane.pixels(enlarged(camera), label.rows))))
+
+
+def find_with_own_pose(image: np.ndarray, hfov_deg: float = DEFAULT_HFOV_DEG) -> tuple[Camera | None, Lane | None]:
+    """The camera with the pose that is estimated from this picture, and the lane; None where there is none."""
+    lens = Camera.from_fov((image.shape[1], image.shape[0]), hfov_deg)
+    try:
+        camera = lens.with_pose(estimate_pose([image], lens).pose)
+    except PoseError:
+        return None, None
+    return camera, find_lane(image, BirdsEyeView(camera))

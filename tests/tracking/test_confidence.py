@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from benchmark.errors import LaneTruth
-from lanes.camera.pose_from_lanes.estimator import estimate_pose
-from lanes.camera.pose_from_lanes.pose_estimate import PoseError
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.confidence import CONFIDENCE, FEATURES, lane_features, rate_lane
 from lanes.tracking.detector import find_lane
@@ -19,6 +17,7 @@ from lanes.tracking.tracker import LaneTracker
 from simulator.road.truth import truth_row
 from tests.support.not_roads import KINDS, not_a_road
 from tests.support.painted_drive import CAMERA, TAR, PaintedDrive, Stripe, s_bend
+from tests.support.photos import find_with_own_pose
 from tests.support.shapes import a_lane
 from tools import fit_confidence
 from tools.fit_confidence import cross_validated, fit_logistic, label_lanes, logistic, samples_of_painted_drive
@@ -145,13 +144,9 @@ def test_there_is_seldom_a_lane_where_there_is_no_road_if_the_pose_comes_from_th
     confidences = []
     for kind in ("tiles", "room", "map"):
         for seed in range(100, 104):
-            image = not_a_road(kind, seed)
-            try:
-                pose = estimate_pose([image], CAMERA).pose
-            except PoseError:
-                continue
-            lane = find_lane(image, BirdsEyeView(CAMERA.with_pose(pose)))
-            confidences.append(0.0 if lane is None else rate_lane(lane))
+            camera, lane = find_with_own_pose(not_a_road(kind, seed))
+            if camera is not None:
+                confidences.append(0.0 if lane is None else rate_lane(lane))
     assert len(confidences) >= 5
     assert sum(confidence >= 0.5 for confidence in confidences) <= 2
 

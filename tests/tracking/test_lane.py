@@ -24,9 +24,9 @@ def lane_of(model: np.ndarray) -> Lane:
 @pytest.mark.parametrize("curvature", [0.0, 1 / 300, -1 / 40], ids=["straight", "bend", "hairpin"])
 def test_lateral_std_is_that_of_drawn_lanes(curvature):
     model = a_lane(centre=0.4, width=3.4, heading=-0.05, curvature=curvature, rate=curvature / 300)
-    drawn = np.random.default_rng(2).normal(model, STD, (1000, len(model)))
+    drawn = np.random.default_rng(2).normal(model, STD, (2000, len(model)))
     expected = [np.std([line_y(X_M, lane, side) for lane in drawn], axis=0) for side in SIDES]
-    np.testing.assert_allclose(lane_of(model).lateral_std_m(X_M), expected, rtol=0.1)
+    np.testing.assert_allclose(lane_of(model).lateral_std_m(X_M), expected, rtol=0.05)
 
 
 def test_on_a_straight_road_it_is_the_approximation_and_in_a_hairpin_several_times_as_large():

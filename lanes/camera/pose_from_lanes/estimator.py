@@ -96,14 +96,12 @@ def estimate_pose(
     """
     _require_plausible(lane_width_m, height_m)
     images, camera = _resize(images, camera)
+    if len(images) > 1:
+        return _pose_from_lines(images, camera, lane_width_m, height_m, progress)
     try:
         estimate = _pose_from_lines(images, camera, lane_width_m, height_m, progress)
     except PoseError as error:
-        if len(images) > 1:
-            raise
         estimate = _pose_from_edges(images[0], camera, height_m, error)
-    if len(images) > 1:
-        return estimate
     share = estimate.height_std_m / estimate.pose.height_m
     return replace(estimate, pose=replace(estimate.pose, height_std_share=share))
 
