@@ -77,7 +77,7 @@ check: lint
 test: lint $(WITH_DASK)
 	@echo "== All tests, and the notebook against its committed outputs (some minutes)"
 	@env -u LANES_DATA $(ENV)/python -m pytest project.ipynb tests -n 2 --dist loadfile --nbval --nbval-current-env \
-		--nbval-cell-timeout 120 -p tests.end_to_end.compare_figures
+		--nbval-cell-timeout 120 -p tests.end_to_end.nbval_plugin
 
 fuzz: $(INSTALLED)
 	@echo "== Random pictures, files, drives and filter steps: ten times as many as in make test (some minutes)"

@@ -1,4 +1,4 @@
-"""Pytest plugin that makes nbval compare figures: `-p tests.end_to_end.compare_figures`.
+"""Comparison of figures in the outputs of two executions of the notebook.
 
 nbval 0.11 skips pictures, so a wrong figure would pass. Comparing bytes would be too strict: they change with every
 matplotlib release and by a grey level between CPUs. So the decoded pixels are compared, with a tolerance.
@@ -15,25 +15,6 @@ import numpy as np
 MEAN_LEVELS = 0.5
 STRONG_LEVELS = 16
 STRONG_SHARE = 0.002
-
-
-def pytest_collectstart(collector) -> None:
-    """Wrap the comparison of every notebook cell once the notebook is collected."""
-    from nbval.plugin import IPyNbCell
-
-    if getattr(IPyNbCell, "compares_figures", False):
-        return
-    compare_text = IPyNbCell.compare_outputs
-
-    def compare_outputs(self, test, ref, skip_compare=None):
-        same = compare_text(self, test, ref, skip_compare)
-        fault = figure_fault(pictures(ref), pictures(test))
-        if fault:
-            self.comparison_traceback.append(f"figure: {fault}")
-        return same and not fault
-
-    IPyNbCell.compare_outputs = compare_outputs
-    IPyNbCell.compares_figures = True
 
 
 def pictures(outputs: list) -> list[np.ndarray]:

@@ -8,7 +8,9 @@ import re
 import numpy as np
 import pytest
 
+from course.exercises.check import CHECKS
 from tests.end_to_end.compare_figures import figure_fault
+from tests.end_to_end.notebook_reader import exercises, wrong
 from tests.support.project import ROOT
 
 NOTEBOOK = ROOT / "project.ipynb"
@@ -92,6 +94,14 @@ def test_every_chapter_has_a_check_that_prints_a_number(notebook):
 
 def printed(cell: dict) -> str:
     return "".join("".join(o.get("text", "")) for o in cell["outputs"]).replace("\n", " | ")
+
+
+def test_every_exercise_has_a_check_a_solution_and_wrong_answers():
+    numbers = [number for number, _, _ in exercises()]
+    assert sorted(numbers) == sorted(CHECKS)
+    assert {int(number.split(".")[0]) for number in numbers} == set(range(1, 16))
+    assert all(solution for _, _, solution in exercises())
+    assert {number for number, _, _ in wrong()} == set(numbers)
 
 
 def test_is_light_and_names_no_machine(notebook):

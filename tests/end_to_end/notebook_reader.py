@@ -1,0 +1,118 @@
+"""The course in the hands of a reader: cells run again in any order, exercises solved and answered wrongly.
+
+These checks follow the notebook's cells in nbval's kernel (see `tests.end_to_end.nbval_plugin`), so that the notebook
+is executed once.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import pkgutil
+import random
+import re
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import nbformat
+import pytest
+from nbval.plugin import IPyNbCell, IPyNbFile
+
+from tests.course import wrong_answers
+from tests.support.project import ROOT
+
+NOTEBOOK = ROOT / "project.ipynb"
+# Cells that take longer are not run again, to save time: they annotate videos, score drives and explain pictures.
+LONG_CELL_S = 1.0
+SOLUTION = re.compile(r"<summary>Solution</summary>.*?```python\n(.*?)```", re.S)
+CHECK_LINE = re.compile(r'^(?:_ = )?helpers\.check_exercise\("([\d.]+)".*', re.M | re.S)
+# Nobody sees the figures of these checks, so they are drawn, but not turned into JPEG.
+WITHOUT_JPEG = """
+get_ipython().run_line_magic("matplotlib", "agg")
+plt.rcParams["figure.max_open_warning"] = 0
+"""
+
+# Runs code in the kernel and returns what it prints.
+Run = Callable[[str], str]
+
+
+class ReaderItem(pytest.Item):
+    """One check: a function that takes a `Run`."""
+
+    def __init__(self, *, check: Callable[[Run], None], **given) -> None:
+        super().__init__(**given)
+        self.check = check
+
+    def runtest(self) -> None:
+        self.check(self.run)
+
+    def run(self, source: str) -> str:
+        """What this code prints. Raises nbval's error if the code does."""
+        code = nbformat.v4.new_code_cell(source)
+        cell = IPyNbCell.from_parent(self.parent, name=self.name, cell_num=-1, cell=code, options=defaultdict(bool))
+        cell.runtest()
+        return printed(cell.test_outputs)
+
+
+def printed(outputs: list[dict]) -> str:
+    """Everything that a cell prints, and its value as text, without figures."""
+    shown = (out for out in outputs if out["output_type"] != "display_data")
+    return "".join(out.get("text") or out["data"]["text/plain"] for out in shown)
+
+
+def reader_items(notebook: IPyNbFile, cells: list[IPyNbCell]) -> Iterator[ReaderItem]:
+    """The checks that follow the cells of the notebook."""
+
+    def item(name: str, check: Callable, *arguments: object) -> ReaderItem:
+        return ReaderItem.from_parent(notebook, name=name, check=partial(check, *arguments))
+
+    yield item("every cell can run again in any order", run_again_in_any_order, cells)
+    check_lines = {}
+    for number, check_line, solution in exercises():
+        check_lines[number] = check_line
+        yield item(f"solution of {number}", expect_correct, number, f"{solution}\n{check_line}")
+    for index, (number, code, hint) in enumerate(wrong()):
+        yield item(f"wrong answer {index} to {number}", expect_hint, number, f"{code}\n{check_lines[number]}", hint)
+
+
+def run_again_in_any_order(cells: list[IPyNbCell], run: Run) -> None:
+    """Each short cell prints the same when all of them run again, shuffled."""
+    short = [cell for cell in cells if cell.duration_s < LONG_CELL_S]
+    assert len(short) >= 60
+    run(WITHOUT_JPEG)
+    shuffled = random.Random(1).sample(short, len(short))
+    changed = [cell.cell_num for cell in shuffled if run(cell.cell.source) != printed(cell.test_outputs)]
+    assert not changed, f"cells {changed} print something else when they run again"
+
+
+def expect_correct(number: str, code: str, run: Run) -> None:
+    text = run(code)
+    assert text.startswith(f"{number}: correct"), text
+
+
+def expect_hint(number: str, code: str, hint: str, run: Run) -> None:
+    text = run(code)
+    assert text.startswith(f"{number}: ") and hint in text and "correct" not in text, text
+
+
+def exercises() -> list[tuple[str, str, str]]:
+    """(number, check line of the starter cell, solution) of each exercise in the notebook."""
+    cells = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
+    sources = ["".join(cell["source"]) for cell in cells]
+    found = []
+    for index, source in enumerate(sources):
+        check = CHECK_LINE.search(source) if cells[index]["cell_type"] == "code" else None
+        if check:
+            solution = SOLUTION.search(sources[index + 1])
+            found.append((check.group(1), check.group(0), solution.group(1) if solution else ""))
+    return found
+
+
+def wrong() -> list[tuple[str, str, str]]:
+    """(number, code, part of the hint) of each wrong answer."""
+    cases = []
+    for module in pkgutil.iter_modules(wrong_answers.__path__):
+        answers = importlib.import_module(f"tests.course.wrong_answers.{module.name}").WRONG_ANSWERS
+        cases += [(number, code, hint) for number, listed in answers.items() for code, hint in listed]
+    return cases
