@@ -172,15 +172,26 @@ def line_points(lanes: np.ndarray, side: float | np.ndarray, along_m: np.ndarray
 
     `side` is `LEFT_SIDE`, `RIGHT_SIDE` or an array of them that broadcasts with the lanes.
     """
+    count = int(np.searchsorted(NODES_M, np.max(along_m, initial=0.0), side="right"))
+    offset = lanes[..., CENTRE] + np.asarray(side) * lanes[..., WIDTH] / 2
+    line, _ = _line_along(path_at_nodes(lanes, max(count, 1)), lanes, offset, along_m)
+    return line[..., None].view(float)
+
+
+def _line_along(
+    path: Path, lanes: np.ndarray, offset_m: np.ndarray, along_m: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points x + iy (..., N) of lines `offset_m` (...) to the left of the paths, and how fast x grows along the path.
+
+    Lanes, offsets and paths broadcast; the arc lengths (N,) are within the tabulated part of the paths.
+    """
     node = np.maximum(np.searchsorted(NODES_M, along_m, side="right") - 1, 0)
-    path = path_at_nodes(lanes, int(node.max(initial=0)) + 1)
     start, before, _, curvature_before = (values.take(node, axis=-1) for values in path)
     _, curvature, tangent = _bends(lanes, bend_gradients(along_m))
     turns = 1j * (curvature_before * before - curvature * tangent)
     foot = start + _chords(along_m - NODES_M[node], before, tangent, turns)
-    offset = lanes[..., CENTRE] + np.asarray(side) * lanes[..., WIDTH] / 2
-    line = foot + 1j * offset[..., None] * tangent
-    return line[..., None].view(float)
+    offset = np.asarray(offset_m)[..., None]
+    return foot + 1j * offset * tangent, (1 - curvature * offset) * tangent.real
 
 
 def line_crossings(x_m: np.ndarray, lane: np.ndarray, side: float) -> tuple[np.ndarray, np.ndarray]:
@@ -188,26 +199,20 @@ def line_crossings(x_m: np.ndarray, lane: np.ndarray, side: float) -> tuple[np.n
 
     NaN where the line has turned back before.
     """
-    offset = lane[CENTRE] + side * lane[WIDTH] / 2
+    offset, path = lane[CENTRE] + side * lane[WIDTH] / 2, path_at_nodes(lane)
     along = np.array(x_m, float)
     # Newton's method for the arc length at which the line passes x; straight roads need one step
     for _ in range(8):
-        _, curvature, tangent = _bends(lane, bend_gradients(along))
-        advance = (1 - curvature * offset) * tangent.real
-        step = np.clip((x_m - line_points(lane, side, along)[..., 0]) / np.maximum(advance, MIN_ADVANCE), -5, 5)
+        line, advance = _line_along(path, lane, offset, along)
+        step = np.clip((x_m - line.real) / np.maximum(advance, MIN_ADVANCE), -5, 5)
         along = along + step
         if np.abs(step).max(initial=0.0) < 1e-6:
             break  # the next step would be below rounding errors
-    points = line_points(lane, side, along)
-    passes = (np.abs(points[..., 0] - x_m) < 1e-3) & (advance > MIN_ADVANCE) & (along < _turns_back_at_m(lane, offset))
-    return np.where(passes, along, np.nan), np.where(passes[..., None], points, np.nan)
-
-
-def _turns_back_at_m(lane: np.ndarray, offset_m: float) -> float:
-    """Arc length at which a line `offset_m` to the left of the path first runs across; infinity if it never does."""
-    _, curvature, tangent = _bends(lane, BENDS_AT_NODES)
-    across = (1 - curvature * offset_m) * tangent.real <= MIN_ADVANCE
-    return float(NODES_M[across.argmax()]) if across.any() else np.inf
+    line, _ = _line_along(path, lane, offset, along)
+    across = (1 - path.curvatures * offset) * path.tangents.real <= MIN_ADVANCE
+    turns_back_at_m = NODES_M[across.argmax()] if across.any() else np.inf
+    passes = (np.abs(line.real - x_m) < 1e-3) & (advance > MIN_ADVANCE) & (along < turns_back_at_m)
+    return np.where(passes, along, np.nan), np.where(passes[:, None], line[:, None].view(float), np.nan)
 
 
 def line_y(x_m: np.ndarray, lane: np.ndarray, side: float) -> np.ndarray:
@@ -219,13 +224,12 @@ def line_y_gradients(x_m: np.ndarray, lane: np.ndarray, side: float) -> np.ndarr
     """Derivatives (N, 15) of `line_y` by the parameters; NaN where it is NaN.
 
     At a fixed arc length a parameter moves the line's point by (dX, dY). At a fixed x it moves y by
-    dY - dX (dY/ds) / (dX/ds).
+    dY - dX (dY/ds) / (dX/ds); the quotient is the tangent of the path's direction, which the line shares.
     """
     along, _ = line_crossings(x_m, lane, side)
     by_parameter = parameter_gradients(lambda lanes: line_points(lanes, side, along), lane)
-    ahead, behind = (line_points(lane, side, along + step) for step in (1e-3, -1e-3))
-    dx, dy = (ahead - behind).T
-    return by_parameter[:, 1] - by_parameter[:, 0] * (dy / dx)[:, None]
+    direction, _, _ = _bends(lane, bend_gradients(along))
+    return by_parameter[:, 1] - by_parameter[:, 0] * np.tan(direction)[:, None]
 
 
 def parameter_gradients(positions: Callable[[np.ndarray], np.ndarray], lane: np.ndarray) -> np.ndarray:

@@ -86,7 +86,7 @@ def _road_points(size: tuple, matrix: tuple, distortion: tuple, pose: CameraPose
     top = max(0, int(camera.road_to_pixels(np.array([[FARTHEST_M, 0.0]]))[0, 1]) - 20)
     v, u = np.mgrid[top : camera.height, : camera.width].astype(float)
     rows = (np.column_stack([u.ravel(), (v + dv).ravel()]) for dv in SUBPIXELS)
-    return top, [camera.pixels_to_road(pixels).reshape(*u.shape, 2) for pixels in rows]
+    return top, [camera.pixels_to_road(pixels).reshape(*u.shape, 2).astype(np.float32) for pixels in rows]
 
 
 class Road:
@@ -113,11 +113,11 @@ class Road:
         for points in found:
             x, y = np.moveaxis(arc.coordinates(points) if arc else points, -1, 0).copy()
             self._samples.append((x, y, np.gradient(y, axis=1)))
-        self.picture = np.ones((camera.height, camera.width, 3)) * asphalt
+        self.picture = np.full((camera.height, camera.width, 3), asphalt, np.float32)
 
     def cover(self, inside: Inside, candidates: np.ndarray | slice = np.s_[:]) -> np.ndarray:
         """Share (height, width, 1) of each pixel that lies where `inside(x, y)` is true."""
-        share = np.zeros((self.camera.height, self.camera.width, 1))
+        share = np.zeros((self.camera.height, self.camera.width, 1), np.float32)
         road = share[self._top :, :, 0]
         with np.errstate(invalid="ignore"):
             for sample in self._samples:
@@ -159,14 +159,18 @@ class Road:
 
     def _blend(self, share: np.ndarray, colour: np.ndarray | tuple) -> Road:
         """Paint a colour, or a picture (height, width, 3), over this share (height, width, 1) of each pixel."""
-        self.picture += share * (np.asarray(colour, float) - self.picture)
+        painted = share[..., 0] > 0
+        below, share = self.picture[painted], share[painted]
+        above = colour[painted] if isinstance(colour, np.ndarray) else np.array(colour, np.float32)
+        self.picture[painted] = below + share * (above - below)
         return self
 
     def image(self) -> np.ndarray:
         """The picture (height, width, 3) uint8 with sensor noise."""
         rng = np.random.default_rng(self.seed)
-        noisy = self.picture + rng.normal(0, self.noise, self.picture.shape)
-        return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
+        noisy = rng.normal(0, self.noise, self.picture.shape)
+        noisy += self.picture
+        return cv2.convertScaleAbs(np.maximum(noisy, 0, out=noisy))
 
 
 LANE_WIDTH_M = 3.7
@@ -248,7 +252,7 @@ def paint_motorway(
 def _enlarge(coarse: np.ndarray, camera: Camera) -> np.ndarray:
     """Smooth picture (height, width, 3) of the camera's size."""
     smooth = cv2.resize(coarse.astype(np.float32), camera.size, interpolation=cv2.INTER_LINEAR)
-    return np.broadcast_to(np.atleast_3d(smooth), (camera.height, camera.width, 3)).astype(float)
+    return np.broadcast_to(np.atleast_3d(smooth), (camera.height, camera.width, 3)).copy()
 
 
 def _paint_car(road: Road) -> None:
