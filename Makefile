@@ -76,7 +76,7 @@ check: lint
 
 test: lint $(WITH_DASK)
 	@echo "== All tests, and the notebook against its committed outputs (some minutes)"
-	@env -u LANES_DATA $(ENV)/python -m pytest project.ipynb tests -n 2 --dist loadfile --nbval --nbval-current-env \
+	@env -u LANES_DATA OMP_NUM_THREADS=1 $(ENV)/python -m pytest project.ipynb tests -n 2 --dist loadfile --nbval --nbval-current-env \
 		--nbval-cell-timeout 120 -p tests.end_to_end.nbval_plugin
 
 fuzz: $(INSTALLED)
