@@ -62,7 +62,7 @@ def assert_sound(tracked: TrackedLane, size: tuple[int, int]) -> None:
     assert "nan" not in repr(tracked)
 
 
-@examples(70)
+@examples(50)
 @given(pictures())
 def test_the_detector_accepts_any_still(image):
     size = size_of(image)

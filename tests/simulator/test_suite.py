@@ -95,7 +95,7 @@ def test_a_frame_costs_no_more_than_fifty_undistortions():
         ratios = [
             seconds_of(lambda t=time_s: render_frame(drive, t))
             / seconds_of(lambda: [undistort(image, drive.camera) for _ in range(5)])
-            for time_s in (0.5, 1.0, 1.5, 2.0)
+            for time_s in (0.5, 1.5)
         ]
     finally:
         cv2.setNumThreads(threads)

@@ -28,8 +28,8 @@ pytestmark = pytest.mark.slow
 
 FPS = 25.0
 SMALL = CAMERA.scaled((640, 360))
-# Time to collect samples, to lose the false lane and to confirm the true one.
-LEARNT_S = 6.0
+# Time to collect samples, to lose the false lane and to confirm the true one; and the time that is followed.
+LEARNT_S, SECONDS = 6.0, 9.0
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def motorway() -> tuple[Camera, list[np.ndarray]]:
     video = list_drives()["motorway"].video
     camera = load_camera(video.with_suffix(".yaml"))
     camera = camera.scaled((camera.width // 2, camera.height // 2))
-    return camera, [cv2.resize(frame, camera.size, interpolation=cv2.INTER_AREA) for frame in read_frames(video)]
+    return camera, [cv2.resize(frame, camera.size, interpolation=cv2.INTER_AREA) for frame in read_frames(video, end_s=SECONDS)]
 
 
 def follow(motorway, draw: Callable[[np.ndarray], np.ndarray]) -> tuple[list[TrackedLane], FrameErrors]:
