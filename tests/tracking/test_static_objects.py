@@ -38,7 +38,9 @@ def motorway() -> tuple[Camera, list[np.ndarray]]:
     video = list_drives()["motorway"].video
     camera = load_camera(video.with_suffix(".yaml"))
     camera = camera.scaled((camera.width // 2, camera.height // 2))
-    return camera, [cv2.resize(frame, camera.size, interpolation=cv2.INTER_AREA) for frame in read_frames(video, end_s=SECONDS)]
+    return camera, [
+        cv2.resize(frame, camera.size, interpolation=cv2.INTER_AREA) for frame in read_frames(video, end_s=SECONDS)
+    ]
 
 
 def follow(motorway, draw: Callable[[np.ndarray], np.ndarray]) -> tuple[list[TrackedLane], FrameErrors]:
