@@ -15,6 +15,7 @@ from lanes.camera.camera import Camera, undistort
 from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR
 from lanes.drawing.figures import MARKED_M, draw_on_road_grid, new_figure, rgb
 from lanes.explain.explanation import Explanation, stripes_on_lines
+from lanes.io.describe import describe_std
 from lanes.io.frames import as_rgb
 from lanes.tracking.model import CENTRE, CURVATURE, SIDES, WIDTH, lines_on_view
 from lanes.tracking.overlay import draw_tracked
@@ -158,8 +159,9 @@ def _plot_fit(axis: Axes, explanation: Explanation) -> None:
     for (line, y_m, std_m, name), colour in zip(lines, (LEFT_COLOUR, RIGHT_COLOUR), strict=True):
         label = f"{name}: {'paint on ' + format(min(line.support, 1), '.0%') if line.seen else 'inferred'}"
         std_m[~(np.abs(y_m) <= explanation.view.half_width_m)] = np.nan
-        far = np.flatnonzero((x_m <= 20) & np.isfinite(std_m))[-1]
-        label += f", ± {std_m[far]:.2f} m at {x_m[far]:.0f} m"
+        shown = np.flatnonzero((x_m <= 20) & np.isfinite(std_m))
+        if len(shown):
+            label += f", ± {describe_std(std_m[shown[-1]])} m at {x_m[shown[-1]]:.0f} m"
         axis.fill_betweenx(x_m, y_m - 2 * std_m, y_m + 2 * std_m, color=rgb(colour), alpha=0.25, lw=0)
         axis.plot(y_m, x_m, color=rgb(colour), label=label)
     axis.legend(loc="upper right", fontsize=8, title="bands: two standard deviations", title_fontsize=8)

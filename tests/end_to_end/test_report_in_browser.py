@@ -92,6 +92,7 @@ def test_the_measures_next_to_the_video(page):
     page.execute_script("seek(2.0)")
     page.wait("!video.seeking")
     assert text_of(page, "offset") == "0.27 ± 0.02 m left"
+    assert page.execute_script("return offsetWords(-0.0123, 0.001)") == "0.01 ± 0.01 m right"
     assert text_of(page, "bend") == "left, R 1000 m"
     assert page.execute_script("return [0.002, -0.01, -0.0001, 0.1].map(bendWords)") == [
         "left, R 500 m",

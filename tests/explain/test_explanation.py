@@ -15,7 +15,7 @@ from lanes.explain.explanation import Explanation, explain_frame, stripes_on_lin
 from lanes.io.frames import PictureError
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
-from lanes.tracking.model import lateral_std_m
+from lanes.tracking.model import CENTRE, lateral_std_m
 from tests.support.painted_roads import YELLOW, Road, dashcam
 
 CAMERA = dashcam(width=1280)
@@ -178,3 +178,11 @@ class TestFigure:
         assert red == [STEPS.index(explanation.failed.name)]
         said = " ".join(text.get_text().strip() for text in axes[8].texts)
         assert explanation.failed.failure in said and explanation.failed.advice in said
+
+    def test_a_lane_beside_the_view_is_drawn_too(self, good):
+        model = good.lane.model.copy()
+        model[CENTRE] = 40.0
+        aside = replace(good, lane=replace(good.lane, model=model))
+        _, axes = panels.show_explanation(aside)
+        labels = [text.get_text() for text in axes[6].get_legend().get_texts()]
+        assert len(labels) == 2 and not any("±" in label for label in labels)

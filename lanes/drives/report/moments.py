@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from lanes.io.describe import describe_std
 from lanes.tracking.tracker import COASTING, LOST, TRACKING
 
 # Largest number of moments of a kind, and the least time between two: closer ones show the same situation.
@@ -54,9 +55,9 @@ def worst_moments(telemetry: Telemetry) -> dict[str, list[Moment]]:
     return {
         "Lane not seen": _longest(telemetry, state, (LOST, COASTING), "{} for {:.1f} s"),
         "Lane departures": _longest(telemetry, departure, ("left", "right"), "towards the {} line, {:.1f} s"),
-        "Lowest confidence": _lowest(telemetry, confidence, "confidence {:.2f}"),
-        "Least certain offset": _lowest(telemetry, offset_m, "± {:.2f} m"),
-        "Least certain bend": _lowest(telemetry, bend_per_km, "± {:.2f} per km"),
+        "Lowest confidence": _lowest(telemetry, confidence, "confidence {:.2f}".format),
+        "Least certain offset": _lowest(telemetry, offset_m, lambda std_m: f"± {describe_std(std_m)} m"),
+        "Least certain bend": _lowest(telemetry, bend_per_km, "± {:.2f} per km".format),
     }
 
 
@@ -75,8 +76,8 @@ def _longest(telemetry: Telemetry, labels: np.ndarray, wanted: tuple[str, ...], 
     return [Moment(float(time_s[first]), text.format(label, length_s)) for label, first, length_s in spans]
 
 
-def _lowest(telemetry: Telemetry, values: np.ndarray, text: str) -> list[Moment]:
-    """The lowest local minima of values (N,), at least `MIN_SPACING_S` apart; `text` is a format of their size."""
+def _lowest(telemetry: Telemetry, values: np.ndarray, describe: Callable[[float], str]) -> list[Moment]:
+    """The lowest local minima of values (N,), at least `MIN_SPACING_S` apart; `describe` words their size."""
     time_s = telemetry["time_s"] - telemetry["time_s"][0]
     values = np.where(np.isfinite(values), values, np.inf)
     radius = max(1, round(MIN_SPACING_S / 2 / np.median(np.diff(time_s)))) if len(time_s) > 1 else 1
@@ -86,4 +87,4 @@ def _lowest(telemetry: Telemetry, values: np.ndarray, text: str) -> list[Moment]
     for frame in minima[np.argsort(values[minima], kind="stable")]:
         if len(chosen) < MAX_MOMENTS and all(abs(time_s[frame] - time_s[c]) >= MIN_SPACING_S for c in chosen):
             chosen.append(frame)
-    return [Moment(float(time_s[frame]), text.format(abs(values[frame]))) for frame in chosen]
+    return [Moment(float(time_s[frame]), describe(abs(values[frame]))) for frame in chosen]

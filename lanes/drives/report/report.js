@@ -39,9 +39,10 @@ function clock(time) {
   return Math.floor(tenths / 600) + ":" + String(((tenths % 600) / 10).toFixed(1)).padStart(4, "0");
 }
 
+/** The standard deviation in the words of lanes.io.describe.describe_std. */
 function offsetWords(offset, std) {
   if (offset === null) return "unknown";
-  return Math.abs(offset).toFixed(2) + " ± " + std.toFixed(2) + " m " + (offset > 0 ? "left" : "right");
+  return Math.abs(offset).toFixed(2) + " ± " + Math.max(std, 0.01).toFixed(2) + " m " + (offset > 0 ? "left" : "right");
 }
 
 /** The same words as lanes.io.describe.describe_bend. */

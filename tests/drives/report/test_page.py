@@ -68,6 +68,8 @@ def test_decreasing_uncertainty_gives_one_moment():
     telemetry = story()
     telemetry["offset_std_m"] = np.linspace(0.5, 0.1, 200)
     assert as_pairs(worst_moments(telemetry)["Least certain offset"]) == [(0.0, "± 0.50 m")]
+    telemetry["offset_std_m"] /= 1000
+    assert as_pairs(worst_moments(telemetry)["Least certain offset"]) == [(0.0, "± 0.01 m")]
 
 
 def test_moments_of_a_single_lost_frame():
