@@ -19,6 +19,8 @@ MEASURING := .venv/installed-measuring.txt
 BOOK := .venv/installed-book.txt
 COMPILE := .venv/tools/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
 	--custom-compile-command "make lock"
+# All tests. The notebook's own are its cells, compared by nbval, and its exercises.
+ALL_TESTS := project.ipynb tests --nbval --nbval-current-env --nbval-cell-timeout 120 -p tests.end_to_end.nbval_plugin
 # The packages whose unit tests are quick; tests marked `slow` are left to `make test`.
 QUICK_TESTS := tests/camera tests/classic tests/drawing tests/explain tests/io tests/tracking
 COVERAGE_ENV := PYTHONPATH=$(CURDIR)/.venv/measuring COVERAGE_PROCESS_START=$(CURDIR)/pyproject.toml \
@@ -76,19 +78,18 @@ check: lint
 
 test: lint $(WITH_DASK)
 	@echo "== All tests, and the notebook against its committed outputs (some minutes)"
-	@env -u LANES_DATA OMP_NUM_THREADS=1 $(ENV)/python -m pytest project.ipynb tests -n 2 --dist loadfile --nbval --nbval-current-env \
-		--nbval-cell-timeout 120 -p tests.end_to_end.nbval_plugin
+	@env -u LANES_DATA OMP_NUM_THREADS=1 $(ENV)/python -m pytest $(ALL_TESTS) -n 2 --dist loadfile
 
 fuzz: $(INSTALLED)
 	@echo "== Random pictures, files, drives and filter steps: ten times as many as in make test (some minutes)"
 	@LANES_FUZZ=10 $(ENV)/python -m pytest $(shell grep -rl 'from tests.support.examples import' tests)
 
-# One process, without the notebook (a test of its own) and the speed tests: counting lines is slow.
+# One process, without the speed tests: counting lines is slow.
 # Python imports `sitecustomize` at every start, so that commands run as processes are counted too.
 coverage: $(MEASURING) $(WITH_DASK)
 	@rm -f .coverage .coverage.*
 	@echo "import coverage; coverage.process_startup()" > .venv/measuring/sitecustomize.py
-	@env -u LANES_DATA $(COVERAGE_ENV) OMP_NUM_THREADS=1 $(ENV)/python -m coverage run -m pytest tests --ignore=tests/end_to_end/test_engine_speed.py
+	@env -u LANES_DATA $(COVERAGE_ENV) OMP_NUM_THREADS=1 $(ENV)/python -m coverage run -m pytest $(ALL_TESTS) --ignore=tests/end_to_end/test_engine_speed.py
 	@$(COVERAGE_ENV) $(ENV)/python -m coverage combine --quiet
 	@$(COVERAGE_ENV) $(ENV)/python -m coverage report --fail-under=95
 
