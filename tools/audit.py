@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 
 from benchmark.scored_drive import PROJECT_ROOT
 
@@ -17,6 +18,7 @@ LOCKS = [PROJECT_ROOT / name for name in ("requirements.lock", "requirements-boo
 
 def main() -> int:
     """Run the pip-audit of this Python environment and print the result."""
+    ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter).parse_args()
     files = [f"--requirement={lock}" for lock in LOCKS]
     command = [sys.executable, "-m", "pip_audit", *files, "--require-hashes", "--disable-pip"]
     done = subprocess.run([*command, "--format", "json", "--progress-spinner", "off"], capture_output=True, text=True)

@@ -8,6 +8,7 @@ Writes docs/pictures/tracked.webp, an animated WebP of a few seconds and at most
 from __future__ import annotations
 
 import io
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from itertools import islice
 from pathlib import Path
 
@@ -49,6 +50,7 @@ def animate(video: Path, *, step: int = STEP, quality: int = QUALITY) -> bytes:
 
 def main() -> None:
     """Write the animation and print its size."""
+    ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter).parse_args()
     animation = animate(VIDEO)
     write_atomically(ANIMATION, animation)
     print(f"{ANIMATION.relative_to(PROJECT_ROOT)}: {len(animation) / 1e6:.2f} MB")

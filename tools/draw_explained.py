@@ -8,6 +8,7 @@ text of the page still fits the pictures.
 
 from __future__ import annotations
 
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from dataclasses import replace
 
 import numpy as np
@@ -43,6 +44,7 @@ def read_frame(scene: str, time_s: float) -> tuple[np.ndarray, Camera]:
 
 def main() -> None:
     """Draw the pictures and print their explanations."""
+    ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter).parse_args()
     pictures = {name: read_still(*still) for name, still in STILLS.items()}
     pictures |= {name: read_frame(*frame) for name, frame in SCENES.items()}
     for name, (image, camera) in pictures.items():

@@ -83,7 +83,8 @@ def test_names_of_helpers_exist(page):
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_modules_named_exist(page):
-    paths = re.findall(r"`((?:lanes|simulator|benchmark)/[\w/]*(?:\.py)?/?)`", page.read_text(encoding="utf-8"))
+    packages = "lanes|simulator|benchmark|course|tests|tools"
+    paths = re.findall(rf"`((?:{packages})/[\w/]*(?:\.py)?/?)`", page.read_text(encoding="utf-8"))
     assert not [path for path in paths if not (ROOT / path).exists()]
 
 
