@@ -37,7 +37,8 @@ distributed = pytest.importorskip(
 
 # x264 makes the same bytes each time only of widths that are multiples of 256 (tests/io/video/conftest.py).
 SMALL = CAMERA.scaled((768, 432))
-DRIVES, FRAMES, LONG = 5, 20, 50
+# Even, so that two workers finish together.
+DRIVES, FRAMES, LONG = 6, 20, 50
 
 
 @pytest.fixture(scope="module")

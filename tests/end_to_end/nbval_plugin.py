@@ -22,13 +22,20 @@ def pytest_collectstart(collector: pytest.Collector) -> None:
 
     if getattr(IPyNbCell, "compares_figures", False):
         return
-    collect_cells, run_cell, compare_text = IPyNbFile.collect, IPyNbCell.runtest, IPyNbCell.compare_outputs
+    collect_cells, kill_kernel = IPyNbFile.collect, IPyNbFile.teardown
+    run_cell, compare_text = IPyNbCell.runtest, IPyNbCell.compare_outputs
 
     def collect(self) -> Iterator[pytest.Item]:
         cells = list(collect_cells(self))
         yield from cells
         if self.path == NOTEBOOK:
             yield from reader_items(self, cells)
+
+    def teardown(self) -> None:
+        # ends the kernel in peace first, so that it saves the lines that it ran (make coverage)
+        if self.kernel is not None and self.kernel.is_alive():
+            self.kernel.km.shutdown_kernel()
+        kill_kernel(self)
 
     def runtest(self) -> None:
         started_s = time.perf_counter()
@@ -42,5 +49,6 @@ def pytest_collectstart(collector: pytest.Collector) -> None:
             self.comparison_traceback.append(f"figure: {fault}")
         return same and not fault
 
-    IPyNbFile.collect, IPyNbCell.runtest, IPyNbCell.compare_outputs = collect, runtest, compare_outputs
+    IPyNbFile.collect, IPyNbFile.teardown = collect, teardown
+    IPyNbCell.runtest, IPyNbCell.compare_outputs = runtest, compare_outputs
     IPyNbCell.compares_figures = True
