@@ -32,7 +32,7 @@ def pytest_collectstart(collector: pytest.Collector) -> None:
             yield from reader_items(self, cells)
 
     def teardown(self) -> None:
-        # ends the kernel in peace first, so that it saves the lines that it ran (make coverage)
+        # nbval kills the kernel. A kernel that is shut down before saves which lines it ran (make coverage).
         if self.kernel is not None and self.kernel.is_alive():
             self.kernel.km.shutdown_kernel()
         kill_kernel(self)

@@ -70,11 +70,11 @@ def test_a_tracked_frame_costs_less_than_undistorting_it():
     assert states.count(TRACKING) > 0.9 * len(states)
 
 
-def test_a_still_costs_less_than_two_and_a_half_undistortions():
-    """1.8 on a quiet machine, up to 2.14 during the other tests."""
+def test_a_still_costs_about_two_undistortions():
+    """1.8 to 2.0, also during another test; 2.14 once, while BLAS used several threads."""
     view = BirdsEyeView(CAMERA)
 
     def work(image: np.ndarray) -> None:
         draw_tracked(image, TrackedLane.from_still(find_lane(image, view)), CAMERA, onto=image)
 
-    assert undistorts(lambda: work, PICTURES[: FRAMES // 2]) < 2.5
+    assert undistorts(lambda: work, PICTURES[: FRAMES // 2]) < 2.2
