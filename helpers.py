@@ -26,7 +26,7 @@ from lanes.camera.camera import undistort
 # 4 From above
 from lanes.classic.warp import FourPointWarp, metres_per_pixel, birdseye_to_road, road_axes
 from lanes.classic.recipe import recipe_from_pose
-from lanes.camera.pose_from_lanes.estimator import estimate_pose, estimate_camera_pose
+from lanes.pose_from_lanes.estimator import estimate_pose, estimate_camera_pose
 from lanes.io.footage import pick_pictures
 from course.measures import lane_widths_px
 from course.sketch import sketch_conventions

@@ -163,7 +163,7 @@ def _score_systems_on_stills(labels: list[LaneColumns], options: argparse.Namesp
     from benchmark.labels.consistency import describe_checks, summarize_checks
     from benchmark.labels.stills import describe_labelled, join_scores, score_folder, split_folders
     from benchmark.systems import STILL_SYSTEMS
-    from lanes.camera.pose_from_lanes.pose_estimate import PoseError
+    from lanes.pose_from_lanes.pose_estimate import PoseError
 
     systems, scored = options.system or STILL_SYSTEMS, []
     for name, some in (split_folders(labels) if options.each_folder else {"": labels}).items():

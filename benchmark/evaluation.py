@@ -18,10 +18,10 @@ from benchmark.scores import Row, score_rows
 from benchmark.systems import require_system, start_system
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import load_camera
-from lanes.camera.pose_from_lanes.estimator import pose_from_drive
-from lanes.camera.pose_from_lanes.pose_estimate import PoseError
 from lanes.io.telemetry import read_telemetry
 from lanes.io.video.reader import inspect_video, read_frames
+from lanes.pose_from_lanes.estimator import pose_from_drive
+from lanes.pose_from_lanes.pose_estimate import PoseError
 
 
 @dataclass(frozen=True)

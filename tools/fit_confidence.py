@@ -67,6 +67,8 @@ NO_ROADS, NO_ROAD_FRAMES = 8, 12
 WRONG_POSES, WRONG_POSE_SEED, WRONG_POSE_WEIGHT = 36, 200, 0.1
 # Photos of each flat scene, and pictures of each kind without a road, whose camera pose is their own; for each seed.
 PHOTOS, OWN_POSE_NO_ROADS, PHOTO_SEEDS, PHOTO_CHECK_SEEDS = 12, 8, (0, 1), (2,)
+# Weight of the latter: few of them have a pose, and users do try them.
+OWN_POSE_NO_ROAD_WEIGHT = 2.0
 
 
 def draw_road(rng: np.random.Generator) -> tuple[RoadGeometry, float]:
@@ -199,7 +201,7 @@ def _label_photo(image: np.ndarray, photo: Photo | None, number: int) -> list[li
     if camera is None or lane is None:
         return []
     correct = photo is not None and right_in_picture(lane, camera, photo.label)
-    return [[*lane_features(lane), correct, 1.0, number]]
+    return [[*lane_features(lane), correct, OWN_POSE_NO_ROAD_WEIGHT if photo is None else 1.0, number]]
 
 
 def label_lanes(
@@ -223,18 +225,23 @@ def label_lanes(
                 picture = cv2.convertScaleAbs(image, alpha=brightness)
                 lanes.append(TrackedLane.from_still(find_lane(picture, tracker.view)))
     other = weight * OTHER_BRIGHTNESS_WEIGHT
-    tables = [(tracked, 1, weight)]
-    tables += [(lanes, STILL_EVERY, weight if light == 1 else other) for light, lanes in stills.items()]
-    samples = [_label(lanes, truth.select(slice(0, len(tracked), every)), w, number) for lanes, every, w in tables]
-    return samples[0], sum(samples[1:], [])
+    some = truth.select(slice(0, len(tracked), STILL_EVERY))
+    samples = [_label(lanes, some, weight if light == 1 else other, number) for light, lanes in stills.items()]
+    return _label(tracked, truth, weight, number, tracked=True), sum(samples, [])
 
 
-def _label(lanes: list[TrackedLane], truth: LaneTruth, weight: float, number: int) -> list[list[float]]:
-    """Samples of the lanes in the frames of a truth."""
+def _label(
+    lanes: list[TrackedLane], truth: LaneTruth, weight: float, number: int, *, tracked: bool = False
+) -> list[list[float]]:
+    """Samples of the lanes in the frames of a truth; they are `tracked`, or detected in single pictures."""
     estimates = DriveEstimates.from_frames([tracker_estimate(lane) for lane in lanes], [0.0] * len(lanes))
     correct = (frame_errors(estimates, truth).full_rms_m <= CORRECT_WITHIN_M) & truth.exists
     rows = zip(lanes, correct, strict=True)
-    return [[*lane_features(row.lane), label, weight, number] for row, label in rows if row.lane is not None]
+    return [
+        [*lane_features(row.lane, tracked=tracked), label, weight, number]
+        for row, label in rows
+        if row.lane is not None
+    ]
 
 
 def fit_logistic(
@@ -317,9 +324,7 @@ def main() -> None:
 def fit_weights(name: str, rows: np.ndarray, *, only_check: bool) -> None:
     """Print the calibration of the present weights of this name on samples; unless `only_check`, fit new ones."""
     features, correct, weight, drive = rows[:, :-3], rows[:, -3] > 0, rows[:, -2], rows[:, -1]
-    if name == "track_weights":
-        features[:, FEATURES.index("shorter reach")] = 0.0  # see `lanes.tracking.confidence.FEATURES`
-    usual = weight == 1
+    usual = weight >= 1
     present = logistic(features @ getattr(CONFIDENCE, name))
     print_calibration(f"present {name}", present[usual], correct[usual], drive[usual])
     if not only_check:

@@ -25,9 +25,9 @@ from benchmark.systems import STILL_SYSTEMS
 from lanes.camera.calibration.boards import calibrate_folder
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import load_camera
-from lanes.camera.pose_from_lanes.estimator import pose_from_drive
 from lanes.io.images import list_pictures, read_image
 from lanes.io.video.reader import read_frames
+from lanes.pose_from_lanes.estimator import pose_from_drive
 from simulator.rendering.render import render_frame
 from simulator.rendering.video import VIDEO_FPS
 from simulator.road.truth import H_SAMPLES, line_pixels, visible_pixels

@@ -13,9 +13,9 @@ from benchmark.labels.tusimple import LaneColumns, LineScore, score_lines, summa
 from benchmark.reporting.tables import format_table
 from benchmark.systems import DETECTOR, TRACKER, column_detector
 from lanes.camera.camera import Camera
-from lanes.camera.pose_from_lanes.estimator import pose_from_drive
-from lanes.camera.pose_from_lanes.pose_estimate import PoseEstimate
 from lanes.io.images import read_image
+from lanes.pose_from_lanes.estimator import pose_from_drive
+from lanes.pose_from_lanes.pose_estimate import PoseEstimate
 
 COLUMNS = ("lines", "accuracy", "matched", "FP", "FN", "median error")
 

@@ -1,1 +1,1 @@
-"""The camera: lens model, pose, camera file, chessboard calibration, pose from lane lines, field of view."""
+"""The camera: lens model, pose, camera file, chessboard calibration, field of view."""

@@ -23,28 +23,28 @@ class CameraPose:
     ----------
     height_m, pitch_rad, yaw_rad, roll_rad : float
         The angles have the signs of the module docstring.
-    height_std_share : float or None
-        Standard deviation of the height, relative to it, if the pose was estimated from a single picture. Confidences
-        depend on it. None of all other poses.
+    same_lane_share : float or None
+        If the pose was estimated from a single picture: the share of the poses tried that show the same lane there, 0
+        to 1. Confidences depend on it. None of all other poses.
 
     Raises
     ------
     CameraError
-        If the height is not positive, a number is not finite, or `height_std_share` is negative.
+        If the height is not positive, a number is not finite, or `same_lane_share` is not a share.
     """
 
     height_m: float
     pitch_rad: float = 0.0
     yaw_rad: float = 0.0
     roll_rad: float = 0.0
-    height_std_share: float | None = None
+    same_lane_share: float | None = None
 
     def __post_init__(self) -> None:
         angles = self.pitch_rad, self.yaw_rad, self.roll_rad
         if not (np.isfinite([self.height_m, *angles]).all() and self.height_m > 0):
             raise CameraError(f"{self} is not a camera pose: the height must be positive and every angle finite.")
-        if self.height_std_share is not None and not 0 <= self.height_std_share < np.inf:
-            raise CameraError(f"{self} is not a camera pose: height_std_share must be finite and not negative.")
+        if self.same_lane_share is not None and not 0 <= self.same_lane_share <= 1:
+            raise CameraError(f"{self} is not a camera pose: same_lane_share must be from 0 to 1.")
 
     def describe(self) -> str:
         """Text such as "1.32 m high, pitch -1.80, yaw -1.36, roll 0.40 deg"."""

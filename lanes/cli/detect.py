@@ -57,8 +57,8 @@ def run(options: argparse.Namespace) -> int:
 
 def _detect_together(options: argparse.Namespace) -> list[dict]:
     """The detections in stills and videos of one camera; prints its pose if that was estimated."""
-    from lanes.camera.pose_from_lanes.estimator import pose_from_drive
     from lanes.drives.detections import detect_files
+    from lanes.pose_from_lanes.estimator import pose_from_drive
 
     camera, estimate = pose_from_drive(find_lens(options), options.files, progress=progress_line("pose"))
     if estimate:

@@ -34,12 +34,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Explain the picture, print the text, and write the figure."""
     from lanes.camera.camera_pose import CameraPose
-    from lanes.camera.pose_from_lanes.estimator import pose_from_drive
-    from lanes.camera.pose_from_lanes.lane_width import PRIOR_HEIGHT_M
-    from lanes.camera.pose_from_lanes.pose_estimate import PoseError
     from lanes.drawing.figures import figure_kind, save_figure
     from lanes.explain.explanation import explain_frame
     from lanes.explain.panels import show_explanation
+    from lanes.pose_from_lanes.estimator import pose_from_drive
+    from lanes.pose_from_lanes.lane_width import PRIOR_HEIGHT_M
+    from lanes.pose_from_lanes.pose_estimate import PoseError
 
     figure_kind(options.output)
     file = options.files[0]

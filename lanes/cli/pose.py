@@ -47,9 +47,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Estimate the camera pose, print it, and write it with the lens."""
     from lanes.camera.camera_file import save_camera
-    from lanes.camera.pose_from_lanes.estimator import LANE_WIDTH_M, pose_from_pictures
-    from lanes.camera.pose_from_lanes.pose_estimate import describe_accuracy
     from lanes.io.footage import pick_pictures
+    from lanes.pose_from_lanes.estimator import LANE_WIDTH_M, pose_from_pictures
+    from lanes.pose_from_lanes.pose_estimate import describe_accuracy
 
     require_piece(options)
     camera = find_lens(options)

@@ -12,8 +12,6 @@ from typing import Any
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError
 from lanes.camera.pose_change import find_pose_change
-from lanes.camera.pose_from_lanes.estimator import pose_from_drive
-from lanes.camera.pose_from_lanes.pose_estimate import PoseError, PoseEstimate
 from lanes.drives.overlay_styles import STYLES, track_lane
 from lanes.drives.report.moments import seconds_lost, share_tracked
 from lanes.drives.report.page import write_report
@@ -27,6 +25,8 @@ from lanes.io.threads import opencv_threads
 from lanes.io.video.container import VideoError, open_video
 from lanes.io.video.pipeline import VideoSummary, annotate_video
 from lanes.io.video.reader import VideoInfo, inspect_video
+from lanes.pose_from_lanes.estimator import pose_from_drive
+from lanes.pose_from_lanes.pose_estimate import PoseError, PoseEstimate
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
 from lanes.tracking.tracker import LOST, LaneTracker, TrackedLane

@@ -16,9 +16,9 @@ import numpy as np
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError
 from lanes.camera.field_of_view import FieldOfView
-from lanes.camera.pose_from_lanes.estimator import POSE_PICTURES, pose_from_pictures
-from lanes.camera.pose_from_lanes.pose_estimate import PoseError
 from lanes.io.footage import pick_pictures
+from lanes.pose_from_lanes.estimator import POSE_PICTURES, pose_from_pictures
+from lanes.pose_from_lanes.pose_estimate import PoseError
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import search_lane
 from lanes.tracking.markings import extract_evidence

@@ -10,8 +10,6 @@ from contextlib import contextmanager
 from itertools import takewhile
 
 from lanes.camera.camera import Camera
-from lanes.camera.pose_from_lanes.estimator import pose_from_pictures
-from lanes.camera.pose_from_lanes.pose_estimate import PoseEstimate
 from lanes.drives.annotation import conclude_drive
 from lanes.drives.overlay_styles import track_lane
 from lanes.drives.settings import DriveResult, DriveSettings
@@ -21,6 +19,8 @@ from lanes.io.telemetry import TelemetryWriter
 from lanes.io.video.live_camera import LiveCamera
 from lanes.io.video.reader import STAMP_TOLERANCE_S, TimedFrame
 from lanes.io.video.writer import VideoWriter
+from lanes.pose_from_lanes.estimator import pose_from_pictures
+from lanes.pose_from_lanes.pose_estimate import PoseEstimate
 from lanes.tracking.tracker import LaneTracker
 
 # Pictures for the estimate of an unknown camera pose, and the time between two of them. Over these ten seconds of

@@ -14,7 +14,7 @@ from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError
 from lanes.camera.field_of_view import FieldOfView, find_field_of_view
 from lanes.camera.pose_change import PoseChange
-from lanes.camera.pose_from_lanes.pose_estimate import PoseEstimate, describe_accuracy
+from lanes.pose_from_lanes.pose_estimate import PoseEstimate, describe_accuracy
 
 SEVERAL_CAMERAS = " If the pictures are of several cameras, annotate them with --each."
 

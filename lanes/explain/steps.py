@@ -138,6 +138,12 @@ def _explain_low_confidence(lane: Lane) -> tuple[str, str]:
             "earlier frames. If it has one, and the lines are not parallel in the bird's-eye view, the camera pose is "
             "wrong. " + RE_ESTIMATE_POSE,
         )
+    if _is_the_cause("other lanes", lane):
+        return (
+            f"only {lane.same_lane_share:.0%} of the camera poses that fit this picture show this lane, because one "
+            "picture shows the pose only roughly.",
+            "Give a camera file with a pose, or several pictures or a video of the drive: `python -m lanes pose`.",
+        )
     if _is_the_cause("odd heading", lane):
         return (
             f"the lane points {np.degrees(abs(lane.heading_rad)):.1f} deg away from the car's direction, more than "

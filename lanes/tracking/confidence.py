@@ -18,7 +18,8 @@ from lanes.tracking.model import lateral_std_m
 CORRECT_WITHIN_M, CORRECT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
 # Features of a lane:
 # - log std: logarithm of the standard deviation (metres) of the less certain line 30 m ahead, for the noise that the
-#   fit assumes; that of the errors (`Lane.covariance`) separates right and wrong lanes less well.
+#   fit assumes; that of the errors (`Lane.covariance`) separates right and wrong lanes less well. Of stills, small ones
+#   are all the same: the lines of a floor of tiles are as certain as those of a road.
 # - odd width: squared deviation from the usual width (metres): a crack or kerb taken for a line is seldom a lane's
 #   width away from the other line.
 # - offset: distance of the car from the lane centre (metres).
@@ -30,11 +31,11 @@ CORRECT_WITHIN_M, CORRECT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
 #   is smaller than usual: bricks and letters look like paint, too.
 # - odd pitch, odd heading: pitch, and heading beyond that of a car in a bend, where they are larger than usual,
 #   relative to 0.05 rad, at most 1. They are large if the camera pose is wrong.
-# - unsure height: logarithm of the relative standard deviation of the camera height, if the pose was estimated from a
-#   single picture; else 0. It is large if the lines allow several heights: then the lane may have the wrong lines.
+# - other lanes: share of the camera poses tried that do not show this lane, if the pose is estimated from a single
+#   picture; else 0. It is large if the picture allows several lanes.
 FEATURES = (
     *("constant", "log std", "odd width", "offset", "shorter reach", "bend"),
-    *("support", "clutter", "odd pitch", "odd heading", "unsure height"),
+    *("support", "clutter", "odd pitch", "odd heading", "other lanes"),
 )
 
 
@@ -44,11 +45,13 @@ class ConfidenceModel:
 
     # For a lane detected in a single picture, for one whose camera pose comes from a single picture, too, and for a
     # tracked one.
-    still_weights: tuple[float, ...] = (0.26, -1.21, -6.29, -1.52, 0.43, 1.91, -0.33, 3.52, -0.25, -4.04, 0.0)
-    own_pose_weights: tuple[float, ...] = (-2.49, -0.4, -0.82, -3.26, 1.39, 1.92, 1.86, 4.76, 0.18, 0.01, -1.43)
+    still_weights: tuple[float, ...] = (-0.52, -1.51, -6.26, -1.51, 0.39, 2.35, -0.09, 3.46, -0.17, -3.94, 0.0)
+    own_pose_weights: tuple[float, ...] = (-0.32, -1.16, -1.46, -2.58, 0.69, 3.11, 1.34, 4.13, 0.06, -0.32, -3.43)
     track_weights: tuple[float, ...] = (1.43, -0.87, -5.92, -2.87, 0.0, 0.64, -0.08, 1.02, -3.96, -4.93, 0.0)
     # Usual width of lanes.
     usual_width_m: float = 3.5
+    # A smaller standard deviation in a still carries no further information.
+    min_still_std_m: float = 0.05
     # Larger offsets occur in lane changes and carry no further information.
     max_offset_m: float = 0.8
     # A longer reach carries little information about the lines up to 30 m ahead.
@@ -66,32 +69,31 @@ class ConfidenceModel:
     usual_heading_rad: float = 0.02
     heading_lag_m: float = 2.0
     max_excess_rad: float = 0.05
-    # A smaller relative standard deviation of the camera height carries no further information.
-    min_height_std_share: float = 0.03
 
 
 CONFIDENCE = ConfidenceModel()
 
 
-def lane_features(lane: Lane) -> np.ndarray:
-    """The features (11,) of a lane, in the order of `FEATURES`."""
+def lane_features(lane: Lane, *, tracked: bool = False) -> np.ndarray:
+    """The features (11,) of a lane, which is `tracked`, or detected in a single picture; in the order of `FEATURES`."""
     c, far_m = CONFIDENCE, CORRECT_AT_M[-1]
+    std_m = float(lateral_std_m(lane.assumed_covariance, far_m).max())
     reach_m = min(lane.left.reach_m, lane.right.reach_m, c.max_reach_m)
     heading_rad = abs(lane.heading_rad) - c.heading_lag_m * abs(lane.curvature_per_m)
-    usual_share = c.usual_share if lane.height_std_share is None else c.own_pose_usual_share
+    usual_share = c.usual_share if lane.same_lane_share is None else c.own_pose_usual_share
     return np.array(
         [
             1.0,
-            np.log(lateral_std_m(lane.assumed_covariance, far_m).max()),
+            np.log(std_m if tracked else max(std_m, c.min_still_std_m)),
             (lane.width_m - c.usual_width_m) ** 2,
             min(abs(lane.offset_m), c.max_offset_m),
-            np.log((reach_m + CORRECT_AT_M[0]) / far_m),
+            0.0 if tracked else np.log((reach_m + CORRECT_AT_M[0]) / far_m),
             abs(lane.curvature_per_m) * far_m,
             min(lane.left.support**0.5 + lane.right.support**0.5, c.max_support),
             np.log(min(max(lane.explained_share, c.min_share) / usual_share, 1.0)),
             _excess(abs(lane.pitch_rad) - c.usual_pitch_rad),
             _excess(heading_rad - c.usual_heading_rad),
-            0.0 if lane.height_std_share is None else np.log(max(lane.height_std_share, c.min_height_std_share)),
+            0.0 if lane.same_lane_share is None else 1.0 - lane.same_lane_share,
         ]
     )
 
@@ -105,9 +107,14 @@ def feature_weights(lane: Lane, *, tracked: bool = False) -> tuple[float, ...]:
     """Weights (11,) of the features of a lane, which is `tracked`, or detected in a single picture."""
     if tracked:
         return CONFIDENCE.track_weights
-    return CONFIDENCE.still_weights if lane.height_std_share is None else CONFIDENCE.own_pose_weights
+    return CONFIDENCE.still_weights if lane.same_lane_share is None else CONFIDENCE.own_pose_weights
+
+
+def log_odds(lane: Lane, *, tracked: bool = False) -> float:
+    """Logarithm of the odds that a lane is correct; `tracked`, or detected in a single picture."""
+    return float(np.dot(feature_weights(lane, tracked=tracked), lane_features(lane, tracked=tracked)))
 
 
 def rate_lane(lane: Lane, *, tracked: bool = False) -> float:
     """Probability, 0 to 1, that a lane is correct; `tracked`, or detected in a single picture."""
-    return float(1 / (1 + np.exp(-np.dot(feature_weights(lane, tracked=tracked), lane_features(lane)))))
+    return float(1 / (1 + np.exp(-log_odds(lane, tracked=tracked))))

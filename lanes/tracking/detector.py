@@ -77,7 +77,7 @@ def choose_lane(fit: LaneFit, evidence: FrameEvidence) -> Lane | None:
         score=float(score[best]),
         margin=float(score[best] - score[rivals].max(initial=0.0)),
         explained_share=float(fit.explained_share[best]),
-        height_std_share=evidence.view.camera.require_pose().height_std_share,
+        same_lane_share=evidence.view.camera.require_pose().same_lane_share,
     )
 
 

@@ -120,8 +120,8 @@ class Lane:
         Share of everything in view that looks like paint which the lines of this lane and of its neighbours explain.
     margin : float or None
         Score minus that of the best lane elsewhere, which counts at least 0; None of a tracked lane.
-    height_std_share : float or None
-        That of the camera pose; None of a tracked lane.
+    same_lane_share : float or None
+        `CameraPose.same_lane_share`; None of a tracked lane.
     """
 
     model: np.ndarray
@@ -132,7 +132,7 @@ class Lane:
     score: float
     explained_share: float = 1.0
     margin: float | None = None
-    height_std_share: float | None = None
+    same_lane_share: float | None = None
 
     @property
     def offset_m(self) -> float:

@@ -34,8 +34,8 @@ def test_camera_file_round_trip(tmp_path, content):
 
 
 def test_a_pose_from_one_picture_says_so_in_the_file(tmp_path, content):
-    assert "height_std_share" not in content["pose"]
-    camera = DASHCAM.with_pose(replace(DASHCAM.require_pose(), height_std_share=0.2))
+    assert "same_lane_share" not in content["pose"]
+    camera = DASHCAM.with_pose(replace(DASHCAM.require_pose(), same_lane_share=0.2))
     assert load_camera(save_camera(camera, tmp_path / "camera.yaml")).pose == camera.pose
 
 
@@ -98,7 +98,7 @@ def test_missing_entry_is_named(tmp_path, content, entry):
         ("pose", {"height": 1.3}),
         ("pose", {"height_m": 1.3, "pitch_rad": 3.0}),
         ("pose", {"height_m": 1300}),
-        ("pose", {"height_m": 1.3, "height_std_share": -0.1}),
+        ("pose", {"height_m": 1.3, "same_lane_share": 1.1}),
         ("calibration", {"rms_px": 0.3, "board_rms_px": {"a.jpg": "good"}, "date": 1}),
         ("calibration", 3),
     ],

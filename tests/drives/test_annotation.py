@@ -18,7 +18,6 @@ import pytest
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError, CameraPose
 from lanes.camera.field_of_view import FieldOfView
-from lanes.camera.pose_from_lanes.pose_estimate import PoseError, PoseEstimate
 from lanes.drives.annotation import annotate_drive, annotate_folder, annotate_stills
 from lanes.drives.live import annotate_live
 from lanes.drives.overlay_styles import STYLES, track_lane
@@ -30,6 +29,7 @@ from lanes.io.telemetry import read_telemetry
 from lanes.io.video.container import VideoError
 from lanes.io.video.reader import inspect_video
 from lanes.io.video.writer import VideoWriter
+from lanes.pose_from_lanes.pose_estimate import PoseError, PoseEstimate
 from lanes.tracking.tracker import LOST, LaneTracker, TrackedLane
 from tests.io.video.sample_videos import make_video_with_unknown_sound
 from tests.support.clips import write_drive

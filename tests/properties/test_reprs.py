@@ -10,7 +10,7 @@ import pytest
 
 from lanes.camera.camera import CalibrationReport, Camera
 from lanes.camera.camera_pose import CameraPose
-from lanes.camera.pose_from_lanes.pose_estimate import PoseEstimate
+from lanes.pose_from_lanes.pose_estimate import PoseEstimate
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
 from lanes.tracking.tracker import LaneTracker, TrackedLane

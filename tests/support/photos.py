@@ -10,8 +10,8 @@ from benchmark.labels.tusimple import NO_POINT, LaneColumns, picture_is_right
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraPose
 from lanes.camera.field_of_view import DEFAULT_HFOV_DEG
-from lanes.camera.pose_from_lanes.estimator import estimate_pose
-from lanes.camera.pose_from_lanes.pose_estimate import PoseError
+from lanes.pose_from_lanes.estimator import estimate_pose
+from lanes.pose_from_lanes.pose_estimate import PoseError
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
 from lanes.tracking.lane import Lane

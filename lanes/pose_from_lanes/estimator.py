@@ -4,13 +4,14 @@ Parallel lines on a flat road meet in a vanishing point on the horizon (`vanishi
 column gives the yaw, because the heading of a car in its lane averages to zero over a drive. The lane width in metres,
 divided by the lane width in camera heights, gives the height. Lanes of equal width that look narrower on one side give
 the roll (`lane_width`). For one picture with too few lane lines the angles come from all its edges (`edges`), and the
-height is the usual one.
+height is the usual one. Of the poses near the estimate from one picture that with the most probable lane is taken
+(`pose_search`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,10 @@ import numpy as np
 
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraPose
-from lanes.camera.pose_from_lanes.edges import find_edge_direction
-from lanes.camera.pose_from_lanes.lane_width import (
+from lanes.io.footage import pick_pictures
+from lanes.io.images import list_pictures
+from lanes.pose_from_lanes.edges import find_edge_direction
+from lanes.pose_from_lanes.lane_width import (
     PRIOR_HEIGHT_LOG_STD,
     PRIOR_HEIGHT_M,
     PRIOR_ROLL_STD_RAD,
@@ -28,11 +31,10 @@ from lanes.camera.pose_from_lanes.lane_width import (
     estimate_height_and_roll,
     share_with_lane,
 )
-from lanes.camera.pose_from_lanes.pose_estimate import PoseError, PoseEstimate
-from lanes.camera.pose_from_lanes.segments import Segments, drop_static, find_segments
-from lanes.camera.pose_from_lanes.vanishing_point import X0_BINS, Y0_BINS, RoadLines, fit_parallel_lines, hough_votes
-from lanes.io.footage import pick_pictures
-from lanes.io.images import list_pictures
+from lanes.pose_from_lanes.pose_estimate import PoseError, PoseEstimate
+from lanes.pose_from_lanes.pose_search import HEIGHT_RANGE_M, search_pose
+from lanes.pose_from_lanes.segments import Segments, drop_static, find_segments
+from lanes.pose_from_lanes.vanishing_point import X0_BINS, Y0_BINS, RoadLines, fit_parallel_lines, hough_votes
 
 # 12 ft, the lane of US Interstates (AASHTO, A Policy on Design Standards: Interstate System). Motorway lanes elsewhere
 # are 3.50 to 3.75 m wide, hence the standard deviation.
@@ -41,7 +43,7 @@ LANE_WIDTH_M, LANE_WIDTH_STD_M = 3.66, 0.10
 PRIOR_DIRECTION_STD_RAD = np.radians(10.0)
 # Standard deviation, in one picture, of the pitch motion of the car and of its heading in the lane.
 PITCH_MOTION_STD_RAD, HEADING_STD_RAD = np.radians(0.3), np.radians(1.0)
-# Acceptance limits, chosen on painted roads of known pose (tests/camera/pose_from_lanes). At least: stripe rows in a
+# Acceptance limits, chosen on painted roads of known pose (tests/pose_from_lanes). At least: stripe rows in a
 # picture, share of pictures with parallel lines, share of those with two lines a lane apart.
 MIN_STRIPE_ROWS, MIN_LINES_SHARE, MIN_LANE_SHARE = 60, 0.25, 0.3
 # At most: scatter of the road direction between pictures, and its median angle to the optical axis.
@@ -95,15 +97,16 @@ def estimate_pose(
         If a picture is not of the camera's size.
     """
     _require_plausible(lane_width_m, height_m)
-    images, camera = _resize(images, camera)
-    if len(images) > 1:
-        return _pose_from_lines(images, camera, lane_width_m, height_m, progress)
+    images = iter(images)
+    first = list(islice(images, 1))
+    resized, resized_camera = _resize(chain(first, images), camera)
+    if len(resized) > 1:
+        return _pose_from_lines(resized, resized_camera, lane_width_m, height_m, progress)
     try:
-        estimate = _pose_from_lines(images, camera, lane_width_m, height_m, progress)
+        estimate = _pose_from_lines(resized, resized_camera, lane_width_m, height_m, progress)
     except PoseError as error:
-        estimate = _pose_from_edges(images[0], camera, height_m, error)
-    share = estimate.height_std_m / estimate.pose.height_m
-    return replace(estimate, pose=replace(estimate.pose, height_std_share=share))
+        estimate = _pose_from_edges(resized[0], resized_camera, height_m, error)
+    return search_pose(first[0], camera, estimate)
 
 
 def _pose_from_lines(
@@ -193,7 +196,7 @@ def estimate_camera_pose(camera: Camera, folder: str | Path) -> Camera:
 def _require_plausible(lane_width_m: float, height_m: float | None) -> None:
     if not 2.0 <= lane_width_m <= 6.0:
         raise PoseError(f"a lane {lane_width_m} m wide is not plausible; give 2 to 6 metres.")
-    if height_m is not None and not 0.5 <= height_m <= 4.5:
+    if height_m is not None and not HEIGHT_RANGE_M[0] <= height_m <= HEIGHT_RANGE_M[1]:
         raise PoseError(f"a camera {height_m} m above the road is not plausible; give 0.5 to 4.5 metres.")
 
 

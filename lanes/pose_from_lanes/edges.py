@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from lanes.camera.camera import Camera
-from lanes.camera.pose_from_lanes.lane_width import mode_and_std
+from lanes.pose_from_lanes.lane_width import mode_and_std
 
 # Prior of pitch and yaw: cameras are aimed ahead by hand. The yaw contains the heading of the car.
 PRIOR_PITCH_STD_RAD, PRIOR_YAW_STD_RAD = np.radians(6.0), np.radians(10.0)

@@ -11,10 +11,10 @@ import pytest
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import camera_from_dict
 from lanes.camera.camera_pose import CameraPose
-from lanes.camera.pose_from_lanes.estimator import estimate_camera_pose, estimate_pose
-from lanes.camera.pose_from_lanes.pose_estimate import PoseError
 from lanes.io.frames import PictureError
 from lanes.io.images import read_image, write_image
+from lanes.pose_from_lanes.estimator import estimate_camera_pose, estimate_pose
+from lanes.pose_from_lanes.pose_estimate import PoseError
 from tests.support.painted_roads import paint_motorway
 from tests.support.project import REAL_DATA, ROOT
 from tests.support.static_objects import draw_guide_lines, draw_striped_bonnet
@@ -55,7 +55,7 @@ def test_straight_drive_gives_all_four_numbers(straight):
     assert_near(estimate, TRUE_POSE, pitch_deg=0.1, yaw_deg=0.3, roll_deg=0.2, height_m=0.03)
     assert estimate.frames_used == estimate.frames_total == 6
     assert estimate.notes == ()
-    assert estimate.pose.height_std_share is None
+    assert estimate.pose.same_lane_share is None
 
 
 def test_bends_to_one_side_do_not_bias_the_angles():
@@ -96,7 +96,7 @@ def test_one_still_is_enough_and_says_what_it_cannot_tell():
     estimate = estimate_pose([still], CAMERA)
     assert_near(estimate, TRUE_POSE, pitch_deg=0.4, yaw_deg=0.8, roll_deg=1.0, height_m=0.1)
     assert any("heading" in note for note in estimate.notes)
-    assert estimate.pose.height_std_share == pytest.approx(estimate.height_std_m / estimate.pose.height_m)
+    assert estimate.pose.same_lane_share == 1.0
     assert estimate.yaw_std_rad > np.radians(0.5)
 
 

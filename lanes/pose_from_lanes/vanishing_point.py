@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lanes.camera.pose_from_lanes.segments import Segments
+from lanes.pose_from_lanes.segments import Segments
 
 # Bins of the Hough accumulator. y0: camera pitches from -14 to 19 degrees. x0: directions within 27 degrees. c: curve
 # radii down to 33 m at a camera height of 1.3 m (c = height / 2R), with finer steps for nearly straight roads.

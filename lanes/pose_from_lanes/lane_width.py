@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lanes.camera.pose_from_lanes.vanishing_point import RoadLines
+from lanes.pose_from_lanes.vanishing_point import RoadLines
 
 # Prior of the camera height, log-normal: 1.1 to 1.6 m in passenger cars, up to 2.5 m in vans and lorries.
 PRIOR_HEIGHT_M, PRIOR_HEIGHT_LOG_STD = 1.35, 0.25
