@@ -28,6 +28,8 @@ COVERAGE_ENV := PYTHONPATH=$(CURDIR)/.venv/measuring COVERAGE_PROCESS_START=$(CU
 
 # Figures belong in the notebook, even if the caller's shell sets another matplotlib backend.
 unexport MPLBACKEND
+# Without bytecode files each of the many processes would compile every module again.
+unexport PYTHONDONTWRITEBYTECODE
 # Without it Jupyter prints a notice about its folders.
 export JUPYTER_PLATFORM_DIRS := 1
 
