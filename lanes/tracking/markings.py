@@ -4,11 +4,16 @@ A stripe is brighter (or yellower) than the road on *both* its sides, and about 
 where two stripes run side by side. The band filter measures centre minus the larger neighbour. An edge (shadow, kerb,
 joint of two asphalts) has one neighbour as bright as its bright side and scores zero; a dark tar seam scores below
 zero. The response is divided by the local noise, so that one threshold serves all exposures, in sun and in shade.
+
+The road beside a single stripe is the darker of two strips: one touches the stripe, the other lies a gap farther out.
+Blur brightens the first, the second stripe of a double line the other.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import reduce
 from math import lcm
 
 import cv2
@@ -24,7 +29,8 @@ class MarkingParameters:
     # Painted widths of one stripe and of a double line taken as one; most countries paint 0.10 to 0.15 m.
     single_m: float = 0.15
     double_m: float = 0.35
-    # Width of the strips of road that a stripe is compared with, and their distance from it.
+    # Width of the strips of road that a stripe is compared with, and their distance from it. A single stripe is also
+    # compared with the strips that touch it.
     side_m: float = 0.15
     gap_m: float = 0.05
     # The same for a double yellow line that crosses the rows at a slant in a hairpin, where pictures are also blurred.
@@ -134,11 +140,11 @@ def marking_response(view_image: np.ndarray, view: BirdsEyeView) -> MarkingRespo
     road = sums_around(channels, side) * (unit // side)
     road[..., :pad], road[..., -pad:] = road[..., pad, None], road[..., -pad - 1, None]
     narrow, wide, broad = (
-        filter_band(sums_around(cells, n) * (unit // n), beside, n // 2 + distance + side // 2 + 1)[inside]
-        for cells, beside, n, distance in (
-            (channels, road, single, gap),
-            (channels, road, double, gap),
-            (channels[1], road[1], slanted, slanted_gap),
+        filter_band(sums_around(cells, n) * (unit // n), beside, [n // 2 + gap + side // 2 + 1 for gap in gaps])[inside]
+        for cells, beside, n, gaps in (
+            (channels, road, single, (0, gap)),
+            (channels, road, double, (gap,)),
+            (channels[1], road[1], slanted, (slanted_gap,)),
         )
     )
     np.maximum(wide[1], broad, out=wide[1])
@@ -180,10 +186,15 @@ def _window_sums(row: np.ndarray, count: int) -> np.ndarray:
     return sums + row[count - 1 :] if count % 2 else sums
 
 
-def filter_band(centre: np.ndarray, side: np.ndarray, reach: int) -> np.ndarray:
-    """`centre` (..., columns) minus the larger of `side` at `reach` columns to its left and right; in place."""
-    response, beside = centre.ravel(), side.ravel()
-    response[reach:-reach] -= np.maximum(beside[: -2 * reach], beside[2 * reach :])
+def filter_band(centre: np.ndarray, side: np.ndarray, reaches: Sequence[int]) -> np.ndarray:
+    """`centre` (..., columns) minus the larger of its two sides; in place.
+
+    A side is the smallest of `side` (..., columns) at `reaches` columns to the left or right.
+    """
+    response, beside, margin = centre.ravel(), side.ravel(), max(reaches)
+    size = response.size - 2 * margin
+    left, right = (reduce(np.minimum, (beside[margin + k * r :][:size] for r in reaches)) for k in (-1, 1))
+    response[margin:-margin] -= np.maximum(left, right)
     return response.reshape(centre.shape)
 
 
