@@ -51,7 +51,7 @@ class MarkingParameters:
     # by many columns from row to row.
     coarse_columns: int = 4
     # Strength (times the local noise) at which a candidate has half the weight of a certain marking.
-    half_weight_strength: float = 6.0
+    half_weight_strength: float = 6.6
     # Standard deviation of a direction: at this difference a candidate has a quarter of its weight.
     angle_std_rad: float = 0.1
     # Lateral movement of a stripe from row to row, in columns, that doubles the standard deviation of its direction.
