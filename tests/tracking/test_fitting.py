@@ -101,7 +101,7 @@ def test_prior_is_wider_for_roads_that_bend():
     assert (prior_std(PRIOR_MEAN[None]) == PRIOR_STD).all()
 
 
-def one_stripe(*, x_m, aside_m=0.0, strength=6.0):
+def one_stripe(*, x_m, aside_m=0.0, strength=6.6):
     """A stripe on the left line of a straight lane that is 3.6 m wide, or so far to its left."""
     stripes = stripes_on(np.array(ROADS["straight, off centre"])).select([0])
     places = {"x_m": np.array([x_m]), "y_m": np.array([1.8 + aside_m]), "angle": np.zeros(1)}
@@ -109,7 +109,7 @@ def one_stripe(*, x_m, aside_m=0.0, strength=6.0):
 
 
 def test_marking_weight_position_std_and_model_error():
-    strengths = [marking_weight(one_stripe(x_m=10.0, strength=strength))[0] for strength in (0.0, 6.0, 18.0)]
+    strengths = [marking_weight(one_stripe(x_m=10.0, strength=strength))[0] for strength in (0.0, 6.6, 19.8)]
     np.testing.assert_allclose(strengths, [0, 0.5, 0.9])
     for x_m, stray in ((20.0, 0.01), (40.0, 0.08), (80.0, 0.64)):
         assert position_std(one_stripe(x_m=x_m), 1000.0) == pytest.approx(np.sqrt(0.04**2 + (x_m / 1000) ** 2))

@@ -45,6 +45,18 @@ def test_single_and_double_lines_have_candidates_at_their_centres():
     assert len(centre) > 20
 
 
+def test_both_stripes_of_a_double_line_are_seen():
+    """The gap is painted black, as on motorways of concrete, and as wide as a stripe: 0.12 m."""
+    road = Road(CAMERA).line(lambda x: 0 * x + 1.8, width_m=0.12, colour=(30, 30, 30))
+    for across in (-0.12, 0.12):
+        road.line(lambda x, a=across: 0 * x + 1.8 + a, width_m=0.12, colour=WHITE)
+    stripes = stripes_of(road)
+    for across in (-0.12, 0.12):
+        seen = near(stripes, lambda x, a=across: 0 * x + 1.8 + a, within_m=0.04, far_m=12)
+        assert np.median(seen.strength) > 4
+        assert len(np.unique(seen.row)) > 0.9 * (VIEW.x_m < 12).sum()
+
+
 @pytest.mark.parametrize("light", [1.0, 0.35])
 @pytest.mark.parametrize("noise", [1.0, 3.0])
 def test_paint_counts_in_shade_and_at_night_as_in_sun(light, noise):
