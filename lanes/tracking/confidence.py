@@ -45,9 +45,9 @@ class ConfidenceModel:
 
     # For a lane detected in a single picture, for one whose camera pose comes from a single picture, too, and for a
     # tracked one.
-    still_weights: tuple[float, ...] = (-0.52, -1.51, -6.26, -1.51, 0.39, 2.35, -0.09, 3.46, -0.17, -3.94, 0.0)
+    still_weights: tuple[float, ...] = (-0.35, -1.5, -6.03, -1.56, 0.46, 2.26, -0.2, 3.64, -0.2, -3.93, 0.0)
     own_pose_weights: tuple[float, ...] = (-0.32, -1.16, -1.46, -2.58, 0.69, 3.11, 1.34, 4.13, 0.06, -0.32, -3.43)
-    track_weights: tuple[float, ...] = (1.43, -0.87, -5.92, -2.87, 0.0, 0.64, -0.08, 1.02, -3.96, -4.93, 0.0)
+    track_weights: tuple[float, ...] = (1.22, -0.82, -5.85, -2.34, 0.0, 0.75, 0.08, 3.79, -3.62, -4.46, 0.0)
     # Usual width of lanes.
     usual_width_m: float = 3.5
     # A smaller standard deviation in a still carries no further information.
