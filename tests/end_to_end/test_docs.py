@@ -111,3 +111,26 @@ def test_the_animation_moves_and_is_small():
 
 def test_the_readme_is_short():
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 120
+
+
+def cells_of(line: str) -> list[str]:
+    return [cell.strip() for cell in line.strip("|").split("|")]
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", ROOT / "docs" / "benchmark" / "README.md"], ids=["short", "long"])
+def test_the_tables_of_scores_are_those_of_the_benchmark(page):
+    """The short table has some of the scenes and of the systems."""
+    header, _, *lines = map(cells_of, helpers.results_table(ROOT / "docs" / "benchmark" / "benchmark.csv").splitlines())
+    known = {tuple(line[:2]): dict(zip(header, line, strict=True)) for line in lines}
+    shown = [cells_of(line) for line in page.read_text(encoding="utf-8").splitlines() if line.startswith("|")]
+    start = next(n for n, cells in enumerate(shown) if cells[:2] == header[:2])
+    columns, rows = shown[start], [cells for cells in shown[start + 2 :] if tuple(cells[:2]) in known]
+    assert len(rows) >= 10 and len(columns) >= 6
+    for row in rows:
+        assert row == [known[tuple(row[:2])][column] for column in columns]
+
+
+def test_the_table_of_uncertainties_is_that_of_the_benchmark():
+    folder = ROOT / "docs" / "benchmark"
+    page = (folder / "README.md").read_text(encoding="utf-8").splitlines()
+    assert set(helpers.consistency_table(folder / "consistency.csv").splitlines()) <= set(page)
