@@ -41,11 +41,12 @@ def _explain_difference(found: tuple, expected: tuple[int, str], image: np.ndarr
         return f"{degrees} deg is right, but the second value is not the name of the failed step: take `.failed.name`."
     if found == _first_failure(image, camera, unit_rad=1.0):
         return "pitch_rad is in radians. Convert the degrees with np.radians."
+    reasons = []
     if degrees == expected[0] - 1:
-        return f"at {degrees} deg no step fails yet. Return the first number at which one fails."
+        reasons.append(f"at {degrees} deg no step fails yet. Return the first number at which one fails.")
     if found == _first_failure(image, camera, unit_rad=-np.radians(1)):
-        return "you turned the camera up. A positive pitch looks down."
-    return (
+        reasons.append("you turned the camera up. A positive pitch looks down.")
+    return " Or ".join(reasons) or (
         f"you say {degrees} deg, but a step fails at {expected[0]} deg. Try 0, 1, 2, ... degrees in "
         "turn; add them to the pitch of `camera`, not to that of the last try."
     )
