@@ -39,8 +39,10 @@ def pytest_collectstart(collector: pytest.Collector) -> None:
 
     def runtest(self) -> None:
         started_s = time.perf_counter()
-        run_cell(self)
-        self.duration_s = time.perf_counter() - started_s
+        try:
+            run_cell(self)
+        finally:
+            self.duration_s = time.perf_counter() - started_s
 
     def compare_outputs(self, test, ref, skip_compare=None) -> bool:
         same = compare_text(self, test, ref, skip_compare)
