@@ -140,7 +140,7 @@ def marking_response(view_image: np.ndarray, view: BirdsEyeView) -> MarkingRespo
     road = sums_around(channels, side) * (unit // side)
     road[..., :pad], road[..., -pad:] = road[..., pad, None], road[..., -pad - 1, None]
     narrow, wide, broad = (
-        filter_band(sums_around(cells, n) * (unit // n), beside, [n // 2 + gap + side // 2 + 1 for gap in gaps])[inside]
+        filter_band(sums_around(cells, n) * (unit // n), beside, [n // 2 + d + side // 2 + 1 for d in gaps])[inside]
         for cells, beside, n, gaps in (
             (channels, road, single, (0, gap)),
             (channels, road, double, (gap,)),

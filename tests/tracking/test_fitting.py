@@ -166,7 +166,7 @@ def test_one_line_suffices_and_the_other_is_uncertain(side):
     road = a_lane(centre=0.1, heading=0.01, curvature=1 / 500)
     lane, fit = search(stripes_on(road, (side,), outliers=60))
     x = np.array([6.0, 15.0, 30.0])
-    # Pitch is not to be told from one line, so compare what the view shows.
+    # One line does not determine the pitch, so the lines on the view are compared.
     shown, true = lines_on_view(np.array([lane, road]), x, HEIGHT_M)[:, 0 if side == LEFT_SIDE else 1]
     np.testing.assert_allclose(shown, true, atol=0.02)
     best = fit.weight.sum(axis=1).argmax()
