@@ -156,6 +156,13 @@ def _explain_low_confidence(lane: Lane) -> tuple[str, str]:
             "lines may be a kerb, a crack or a line of another lane, or the road is unusual.",
             "Check in the panel with the fit which line lies on paint. If all lanes are like this: " + RE_ESTIMATE_POSE,
         )
+    if _is_the_cause("between", lane):
+        return (
+            f"other lines run between those of the lane: of the stripes along it only {lane.clear_share:.0%} are on "
+            "its lines.",
+            "Check in the panel with the stripes what lies between the lines: a floor of tiles, or a road with other "
+            "markings. If a line of the lane itself lies there: " + RE_ESTIMATE_POSE,
+        )
     std_m = lateral_std_m(lane.covariance, 20.0).max()
     return (
         f"the worse line has a standard deviation of {std_m:.1f} m at 20 m ahead: the paint found "

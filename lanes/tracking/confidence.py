@@ -29,13 +29,15 @@ CORRECT_WITHIN_M, CORRECT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
 # - support: sum of the square roots of the lines' supports.
 # - clutter: logarithm of the share of all paint-like stripes in view that the lane and its neighbours explain, where it
 #   is smaller than usual: bricks and letters look like paint, too.
+# - between: logarithm of the share of the stripes along the lane, on its lines and between them, that are on its lines;
+#   of stills only. Tiles and bricks have lines between those of the lane.
 # - odd pitch, odd heading: pitch, and heading beyond that of a car in a bend, where they are larger than usual,
 #   relative to 0.05 rad, at most 1. They are large if the camera pose is wrong.
 # - other lanes: share of the camera poses tried that do not show this lane, if the pose is estimated from a single
 #   picture; else 0. It is large if the picture allows several lanes.
 FEATURES = (
     *("constant", "log std", "odd width", "offset", "shorter reach", "bend"),
-    *("support", "clutter", "odd pitch", "odd heading", "other lanes"),
+    *("support", "clutter", "between", "odd pitch", "odd heading", "other lanes"),
 )
 
 
@@ -45,9 +47,9 @@ class ConfidenceModel:
 
     # For a lane detected in a single picture, for one whose camera pose comes from a single picture, too, and for a
     # tracked one.
-    still_weights: tuple[float, ...] = (-0.35, -1.5, -6.03, -1.56, 0.46, 2.26, -0.2, 3.64, -0.2, -3.93, 0.0)
-    own_pose_weights: tuple[float, ...] = (-0.32, -1.16, -1.46, -2.58, 0.69, 3.11, 1.34, 4.13, 0.06, -0.32, -3.43)
-    track_weights: tuple[float, ...] = (1.22, -0.82, -5.85, -2.34, 0.0, 0.75, 0.08, 3.79, -3.62, -4.46, 0.0)
+    still_weights: tuple[float, ...] = (-0.34, -1.5, -5.79, -1.41, 0.45, 2.29, -0.25, 2.99, 2.99, -0.22, -3.92, 0.0)
+    own_pose_weights: tuple[float, ...] = (-0.05, -1.13, -0.54, -3.14, 1.0, 2.47, 1.41, 2.73, 4.12, 0.55, 0.49, -3.64)
+    track_weights: tuple[float, ...] = (1.22, -0.82, -5.85, -2.34, 0.0, 0.75, 0.08, 3.79, 0.0, -3.62, -4.46, 0.0)
     # Usual width of lanes.
     usual_width_m: float = 3.5
     # A smaller standard deviation in a still carries no further information.
@@ -75,7 +77,7 @@ CONFIDENCE = ConfidenceModel()
 
 
 def lane_features(lane: Lane, *, tracked: bool = False) -> np.ndarray:
-    """The features (11,) of a lane, which is `tracked`, or detected in a single picture; in the order of `FEATURES`."""
+    """The features (12,) of a lane, which is `tracked`, or detected in a single picture; in the order of `FEATURES`."""
     c, far_m = CONFIDENCE, CORRECT_AT_M[-1]
     std_m = float(lateral_std_m(lane.assumed_covariance, far_m).max())
     reach_m = min(lane.left.reach_m, lane.right.reach_m, c.max_reach_m)
@@ -91,6 +93,7 @@ def lane_features(lane: Lane, *, tracked: bool = False) -> np.ndarray:
             abs(lane.curvature_per_m) * far_m,
             min(lane.left.support**0.5 + lane.right.support**0.5, c.max_support),
             np.log(min(max(lane.explained_share, c.min_share) / usual_share, 1.0)),
+            0.0 if tracked else np.log(lane.clear_share),
             _excess(abs(lane.pitch_rad) - c.usual_pitch_rad),
             _excess(heading_rad - c.usual_heading_rad),
             0.0 if lane.same_lane_share is None else 1.0 - lane.same_lane_share,
@@ -104,7 +107,7 @@ def _excess(angle_rad: float) -> float:
 
 
 def feature_weights(lane: Lane, *, tracked: bool = False) -> tuple[float, ...]:
-    """Weights (11,) of the features of a lane, which is `tracked`, or detected in a single picture."""
+    """Weights (12,) of the features of a lane, which is `tracked`, or detected in a single picture."""
     if tracked:
         return CONFIDENCE.track_weights
     return CONFIDENCE.still_weights if lane.same_lane_share is None else CONFIDENCE.own_pose_weights

@@ -13,12 +13,16 @@ from lanes.tracking.error_covariance import fit_errors
 from lanes.tracking.fitting import LaneFit, fit_starts, near_stripes
 from lanes.tracking.lane import Lane, LineObservation, Observations
 from lanes.tracking.marking_type import MarkingProfile, marking_profile
-from lanes.tracking.markings import FrameEvidence, extract_evidence
+from lanes.tracking.markings import FrameEvidence, extract_evidence, marking_weight, position_std
 from lanes.tracking.model import CENTRE, PARAMETERS, SIDES, WIDTH
+from lanes.tracking.residuals import stripe_residuals
 from lanes.tracking.voting import vote_lanes
 
 # Lanes whose centre or width differs by more than this are different lanes; tuned on the labelled Udacity stills.
 RIVAL_M = 0.5
+# Stripes between the lines of a lane: those farther from the lines than this, up to the distance ahead in which lanes
+# are rated. This number of stripes on the lines is added, so that a few dots of a worn line are no clutter.
+BETWEEN_M, BETWEEN_FAR_M, BETWEEN_STRIPES = 0.5, 30.0, 5.0
 
 
 def find_lane(image: Frame, view: BirdsEyeView) -> Lane | None:
@@ -77,8 +81,21 @@ def choose_lane(fit: LaneFit, evidence: FrameEvidence) -> Lane | None:
         score=float(score[best]),
         margin=float(score[best] - score[rivals].max(initial=0.0)),
         explained_share=float(fit.explained_share[best]),
+        clear_share=clear_share(fit, best),
         same_lane_share=evidence.view.camera.require_pose().same_lane_share,
     )
+
+
+def clear_share(fit: LaneFit, index: int) -> float:
+    """Of the stripes along the fitted lane `index`, on its lines and between them, the share on its lines, 0 to 1."""
+    stripes = fit.stripes.select(fit.stripes.x_m < BETWEEN_FAR_M)
+    residuals = stripe_residuals(fit.lane[index][None], stripes, fit.view.height_m)
+    side, weight = residuals.side[0], marking_weight(stripes)
+    between = np.isin(side, SIDES) & (-side * residuals.residual_m[0] > BETWEEN_M)
+    between_weight = float(weight @ (between * residuals.weights(np.inf)[0]))
+    position = residuals.weights(position_std(stripes, fit.view.focal_px))[0]
+    on_lines = BETWEEN_STRIPES + float(weight @ (np.isin(side, SIDES) * position))
+    return on_lines / (on_lines + between_weight)
 
 
 def observe_lines(

@@ -118,6 +118,9 @@ class Lane:
         Sum of the square roots of the lines' supports minus the penalty of the prior.
     explained_share : float
         Share of everything in view that looks like paint which the lines of this lane and of its neighbours explain.
+    clear_share : float
+        Of the stripes along the lane, on its lines and between them, the share on its lines; 1 of a tracked lane. Tiles
+        and bricks have lines between those of the lane.
     margin : float or None
         Score minus that of the best lane elsewhere, which counts at least 0; None of a tracked lane.
     same_lane_share : float or None
@@ -131,6 +134,7 @@ class Lane:
     observations: Observations
     score: float
     explained_share: float = 1.0
+    clear_share: float = 1.0
     margin: float | None = None
     same_lane_share: float | None = None
 

@@ -141,6 +141,17 @@ def test_faint_dots_count_together_with_the_line_of_the_next_lane():
     assert rate_lane(lane) < 0.9
 
 
+@pytest.mark.parametrize("between_m", [(), (0.0,), (-0.9, 0.0, 0.9)])
+def test_lines_between_those_of_the_lane_count(between_m):
+    """Tiles have lines along the whole lane. A double line is one line of the lane."""
+    road = Road(CAMERA)
+    for lateral_m in (1.95, 1.7, -1.75, *between_m):
+        road.line(lambda x, y=lateral_m: y + 0 * x)
+    lane = find_lane(road.image(), VIEW)
+    assert lane.width_m == pytest.approx(3.5, abs=0.1)
+    assert lane.clear_share == pytest.approx(2 / (2 + len(between_m)), abs=0.08)
+
+
 @pytest.mark.parametrize("noise", [0.0, 2.0, 15.0])
 def test_bare_road_has_no_lane(noise):
     assert find_lane(Road(CAMERA, noise=noise).image(), VIEW) is None
