@@ -25,19 +25,19 @@ CORRECT_WITHIN_M, CORRECT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
 # - offset: distance of the car from the lane centre (metres).
 # - shorter reach: logarithm of the distance up to which both lines are seen; of stills only. A tracked lane is known
 #   from before.
-# - bend: curvature times 30 m; in bends the standard deviation grows faster than the errors.
-# - support: sum of the square roots of the lines' supports.
+# - bend: curvature times 30 m; in bends the standard deviation grows faster than the errors. Of stills only.
 # - clutter: logarithm of the share of all paint-like stripes in view that the lane and its neighbours explain, where it
 #   is smaller than usual: bricks and letters look like paint, too.
 # - between: logarithm of the share of the stripes along the lane, on its lines and between them, that are on its lines;
 #   of stills only. Tiles and bricks have lines between those of the lane.
 # - odd pitch, odd heading: pitch, and heading beyond that of a car in a bend, where they are larger than usual,
 #   relative to 0.05 rad, at most 1. They are large if the camera pose is wrong.
+# - odd yaw: the same of the direction of the car, seen from the camera; of tracked lanes only: it takes a drive.
 # - other lanes: share of the camera poses tried that do not show this lane, if the pose is estimated from a single
 #   picture; else 0. It is large if the picture allows several lanes.
 FEATURES = (
     *("constant", "log std", "odd width", "offset", "shorter reach", "bend"),
-    *("support", "clutter", "between", "odd pitch", "odd heading", "other lanes"),
+    *("clutter", "between", "odd pitch", "odd heading", "odd yaw", "other lanes"),
 )
 
 
@@ -47,9 +47,9 @@ class ConfidenceModel:
 
     # For a lane detected in a single picture, for one whose camera pose comes from a single picture, too, and for a
     # tracked one.
-    still_weights: tuple[float, ...] = (-0.34, -1.5, -5.79, -1.41, 0.45, 2.29, -0.25, 2.99, 2.99, -0.22, -3.92, 0.0)
-    own_pose_weights: tuple[float, ...] = (-0.05, -1.13, -0.54, -3.14, 1.0, 2.47, 1.41, 2.73, 4.12, 0.55, 0.49, -3.64)
-    track_weights: tuple[float, ...] = (1.22, -0.82, -5.85, -2.34, 0.0, 0.75, 0.08, 3.79, 0.0, -3.62, -4.46, 0.0)
+    still_weights: tuple[float, ...] = (-0.58, -1.49, -5.84, -1.41, 0.39, 2.25, 2.92, 2.97, -0.22, -3.9, 0.0, 0.0)
+    own_pose_weights: tuple[float, ...] = (0.93, -1.32, -0.74, -2.97, 1.01, 3.13, 3.38, 3.65, 0.31, 0.7, 0.0, -3.99)
+    track_weights: tuple[float, ...] = (1.92, -0.74, -5.91, -2.94, 0.0, 0.0, 4.11, 0.0, -2.31, -3.26, -3.88, 0.0)
     # Usual width of lanes.
     usual_width_m: float = 3.5
     # A smaller standard deviation in a still carries no further information.
@@ -58,17 +58,16 @@ class ConfidenceModel:
     max_offset_m: float = 0.8
     # A longer reach carries little information about the lines up to 30 m ahead.
     max_reach_m: float = 40.0
-    # A support of two solid lines; more carries no information.
-    max_support: float = 1.5
     # Shares of explained stripes: usual ones are larger than this; smaller ones than the minimum are all the same. If
     # the pose comes from the same picture, other lines may have given it, so that less clutter is usual.
     usual_share: float = 0.2
     own_pose_usual_share: float = 0.4
     min_share: float = 0.02
-    # Usual pitch and heading, and the excess from which on they carry no further information. In a bend the heading of
-    # the camera lags by the distance from the rear axle, at most.
+    # Usual pitch, heading and yaw, and the excess from which on they carry no further information. In a bend the
+    # heading of the camera lags by the distance from the rear axle, at most.
     usual_pitch_rad: float = 0.01
     usual_heading_rad: float = 0.02
+    usual_yaw_rad: float = 0.01
     heading_lag_m: float = 2.0
     max_excess_rad: float = 0.05
 
@@ -90,12 +89,12 @@ def lane_features(lane: Lane, *, tracked: bool = False) -> np.ndarray:
             (lane.width_m - c.usual_width_m) ** 2,
             min(abs(lane.offset_m), c.max_offset_m),
             0.0 if tracked else np.log((reach_m + CORRECT_AT_M[0]) / far_m),
-            abs(lane.curvature_per_m) * far_m,
-            min(lane.left.support**0.5 + lane.right.support**0.5, c.max_support),
+            0.0 if tracked else abs(lane.curvature_per_m) * far_m,
             np.log(min(max(lane.explained_share, c.min_share) / usual_share, 1.0)),
             0.0 if tracked else np.log(lane.clear_share),
             _excess(abs(lane.pitch_rad) - c.usual_pitch_rad),
             _excess(heading_rad - c.usual_heading_rad),
+            0.0 if lane.camera_yaw_rad is None else _excess(abs(lane.camera_yaw_rad) - c.usual_yaw_rad),
             0.0 if lane.same_lane_share is None else 1.0 - lane.same_lane_share,
         ]
     )

@@ -92,7 +92,7 @@ def clear_share(fit: LaneFit, index: int) -> float:
     residuals = stripe_residuals(fit.lane[index][None], stripes, fit.view.height_m)
     side, weight = residuals.side[0], marking_weight(stripes)
     between = np.isin(side, SIDES) & (-side * residuals.residual_m[0] > BETWEEN_M)
-    between_weight = float(weight @ (between * residuals.weights(np.inf)[0]))
+    between_weight = float(weight @ (between * residuals.weights(np.array(np.inf))[0]))
     position = residuals.weights(position_std(stripes, fit.view.focal_px))[0]
     on_lines = BETWEEN_STRIPES + float(weight @ (np.isin(side, SIDES) * position))
     return on_lines / (on_lines + between_weight)

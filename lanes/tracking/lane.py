@@ -125,6 +125,9 @@ class Lane:
         Score minus that of the best lane elsewhere, which counts at least 0; None of a tracked lane.
     same_lane_share : float or None
         `CameraPose.same_lane_share`; None of a tracked lane.
+    camera_yaw_rad : float or None
+        Direction of the car's axis, seen from the camera as its pose says, positive left; None of a still. It is large
+        if the yaw of the pose is wrong.
     """
 
     model: np.ndarray
@@ -137,6 +140,7 @@ class Lane:
     clear_share: float = 1.0
     margin: float | None = None
     same_lane_share: float | None = None
+    camera_yaw_rad: float | None = None
 
     @property
     def offset_m(self) -> float:

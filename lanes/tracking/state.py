@@ -75,9 +75,12 @@ class CarParameters:
     max_lateral_mps2: float = 6.0
     # Time constant with which the springs return the pitch to rest.
     pitch_relaxation_s: float = 0.3
-    # Standard deviation of the pose's pitch and yaw: a quarter of a degree.
+    # Standard deviation of the pose's pitch: a quarter of a degree. That of its yaw, as the filter assumes it (a
+    # degree, as of a pose from one picture), and that of usual errors (a quarter). With a smaller assumed one the
+    # filter explains a wrong yaw by a car that hardly moves.
     rest_pitch_std_rad: float = 0.004
-    camera_yaw_std_rad: float = 0.004
+    camera_yaw_std_rad: float = 0.02
+    usual_yaw_error_rad: float = 0.004
 
 
 CAR_PARAMETERS = CarParameters()
@@ -95,7 +98,7 @@ class ProcessNoise:
     heading_rad_per_s: float = 0.003
     pitch_rad_per_s: float = 0.01
     rest_pitch_rad_per_s: float = 1e-3
-    camera_yaw_rad_per_s: float = 1e-4
+    camera_yaw_rad_per_s: float = 2e-3
     # Steering, on a straight road and in a bend; pedals.
     path_per_m_per_s: float = 1e-3
     path_share_per_s: float = 0.3

@@ -21,7 +21,7 @@ from lanes.camera.static_pattern import StaticPattern
 from lanes.io.describe import html_table
 from lanes.io.frames import Frame
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.confidence import rate_lane
+from lanes.tracking.confidence import log_odds, rate_lane
 from lanes.tracking.departure import DepartureWarning, watch_departure
 from lanes.tracking.detector import search_lane
 from lanes.tracking.lane import Lane
@@ -41,15 +41,18 @@ class TrackerParameters:
     """State machine of the tracker; tuned on the rendered suite where no source is given."""
 
     # Smallest score (sum of the square roots of both lines' supports) of a detection that starts a track, and the
-    # number of consecutive detections that confirm it. While a track has less, every frame is searched.
+    # number of consecutive detections that confirm it. While a track has less, or a smaller confidence than this, every
+    # frame is searched.
     min_score: float = 0.45
     confirmations: int = 3
+    min_confidence: float = 0.3
     # Longest time in which the lane is not seen.
     max_coast_s: float = 1.0
     # Period of searches while tracking. A track is given up after this number of consecutive searches that found
-    # another lane whose score is larger by this margin.
+    # another lane whose score is larger by this margin, or the logarithm of whose odds to be correct is.
     search_period_s: float = 1.0
     rival_margin: float = 0.1
+    rival_log_odds: float = 3.0
     objections: int = 3
     # Period, in frames, in which the profile of each line is measured, left and right in turn: they seldom change.
     profile_period: int = 10
@@ -227,8 +230,7 @@ class LaneTracker:
         self._since_search += 1
         self._since_static_s += max(elapsed_s, 0.0)
         self._frames += 1
-        doubtful = self._track is not None and self._track.lane.score < TRACKER.min_score
-        due = self._objections > 0 or doubtful or self._since_search >= TRACKER.search_period_s * self.fps
+        due = self._objections > 0 or self._is_doubtful() or self._since_search >= TRACKER.search_period_s * self.fps
         search = due or self._state != TRACKING
         view = self.view if search or self._track is None else self._narrowest_view(self._track.lane)
         view_image = view.warp(image)
@@ -247,6 +249,13 @@ class LaneTracker:
         if search and self._replaced_by(found) and found is not None:
             self._start(found)
         return self._result()
+
+    def _is_doubtful(self) -> bool:
+        """Whether there is a track with little support or confidence."""
+        if self._track is None:
+            return False
+        lane = self._track.lane
+        return lane.score < TRACKER.min_score or rate_lane(lane, tracked=True) < TRACKER.min_confidence
 
     def _without_static(self, evidence: FrameEvidence, *, search: bool) -> tuple[FrameEvidence, Lane | None]:
         """The evidence without stripes that never move, and the lane that a `search` finds in it.
@@ -318,7 +327,7 @@ class LaneTracker:
             if self._confirmed >= TRACKER.confirmations and self._state == SEARCHING:
                 self._state = TRACKING
             return False
-        if self._state == TRACKING and found.score <= known.score + TRACKER.rival_margin:
+        if self._state == TRACKING and not _is_rival(found, known):
             self._objections = 0
             return False
         # start with the other lane if the track is not confirmed, or after several objections
@@ -336,6 +345,12 @@ class LaneTracker:
             return TrackedLane(LOST)
         left, right = (line.votes.marking_type for line in self._track.lane.observations)
         return TrackedLane(self._state, self._track.lane, self._track.estimate.motion, (left, right))
+
+
+def _is_rival(found: Lane, known: Lane) -> bool:
+    """Whether a detected lane is better supported than the tracked one, or much more probable."""
+    surer = log_odds(found) > log_odds(known, tracked=True) + TRACKER.rival_log_odds
+    return surer or found.score > known.score + TRACKER.rival_margin
 
 
 def same_lane(found: Lane, known: Lane) -> bool:

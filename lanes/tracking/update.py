@@ -129,6 +129,7 @@ def update_track(
         observations=observations,
         score=score,
         explained_share=float(fit.explained_share[0]),
+        camera_yaw_rad=float(estimate.mean[CAMERA_YAW]),
     )
     return Track(estimate, lane, residuals)
 
@@ -246,7 +247,9 @@ def initial_state(lane: np.ndarray, covariance: np.ndarray, speed_mps: float | N
     car = [PATH, SPEED, REST_PITCH, CAMERA_YAW]
     stds = [path_std, speed_std, CAR_PARAMETERS.rest_pitch_std_rad, CAR_PARAMETERS.camera_yaw_std_rad]
     full[car, car] = np.square(stds)
-    return KalmanState(np.concatenate([lane, [lane[CURVATURE], speed, 0.0, 0.0]]), full, full.copy())
+    errors = full.copy()
+    errors[CAMERA_YAW, CAMERA_YAW] = CAR_PARAMETERS.usual_yaw_error_rad**2
+    return KalmanState(np.concatenate([lane, [lane[CURVATURE], speed, 0.0, 0.0]]), full, errors)
 
 
 def max_speed_mps(curvature_per_m: float, lateral_mps2: float) -> float:

@@ -36,6 +36,13 @@ def lane_road(camera: Camera = CAMERA, width_m: float = 3.6) -> Road:
     return road.line(lambda x: -width_m / 2 - OFFSET_M + BEND * x**2 / 2, dash_m=(3.0, 9.0))
 
 
+def parallel_lines(*lateral_m: float) -> Road:
+    road = Road(CAMERA)
+    for y_m in lateral_m:
+        road.line(lambda x, y_m=y_m: y_m + 0 * x)
+    return road
+
+
 @pytest.fixture(scope="module")
 def good() -> Explanation:
     return explain_frame(lane_road().image(), CAMERA)
@@ -114,7 +121,7 @@ FAILURES = {
     ),
     "doubtful pose": (
         lambda: (
-            lane_road(width_m=4.6).image(),
+            parallel_lines(1.1, -2.5).image(),
             CAMERA.with_pose(replace(CAMERA.require_pose(), same_lane_share=0.1)),
         ),
         "lane",
@@ -125,6 +132,7 @@ FAILURES = {
         "lane",
         r"points [45]\.\d deg away from the car's direction",
     ),
+    "tiles": (lambda: (parallel_lines(*np.arange(-3.9, 4, 0.6)).image(), CAMERA), "lane", "other lines run between"),
     "narrow": (lambda: (lane_road(width_m=2.6).image(), CAMERA), "lane", r"width of 2\.6 m is implausible"),
 }
 

@@ -52,9 +52,8 @@ def test_unusual_lanes_have_low_confidence(tracked):
 def test_features_are_what_their_names_say():
     lane = lane_with(width_m=3.3, centre_m=-0.25, std_m=0.06)
     lane = replace(lane, observations=(LineObservation(0.6, 25.0), LineObservation(0.3, 10.0)))
-    constant, std, width, offset, shorter, bend, support, clutter, between, *angles, other = lane_features(lane)
-    assert (constant, bend, clutter, between, *angles, other) == (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    assert support == pytest.approx(0.6**0.5 + 0.3**0.5)
+    constant, std, width, offset, shorter, bend, clutter, between, *angles, other = lane_features(lane)
+    assert (constant, bend, clutter, between, *angles, other) == (1.0, *(0.0,) * 7)
     assert np.exp(std) == pytest.approx(lateral_std_m(lane.covariance, 30.0).max())
     assert (width, offset) == (pytest.approx(0.2**2), pytest.approx(0.25))
     assert np.exp(shorter) == pytest.approx(0.5)
@@ -69,9 +68,15 @@ def test_a_lane_that_the_camera_pose_makes_odd_has_less_confidence():
     # in a hairpin the camera lags behind the road
     bend[[HEADING, CURVATURE]] = 0.05, 0.03
     pitch, heading, lag = (lane_features(replace(lane_with(), model=m)) for m in (tilted, turned, bend))
-    assert pitch[9] == pytest.approx(0.6) and heading[10] == pytest.approx(0.6) and lag[10] == 0.0
+    assert pitch[8] == pytest.approx(0.6) and heading[9] == pytest.approx(0.6) and lag[9] == 0.0
     assert rate_lane(replace(lane_with(), model=turned)) < rate_lane(lane_with()) - 0.01
     assert rate_lane(replace(lane_with(), model=tilted), tracked=True) < rate_lane(lane_with(), tracked=True) - 0.01
+
+
+def test_a_tracked_lane_with_a_wrong_yaw_has_less_confidence():
+    sure, odd = (replace(lane_with(), camera_yaw_rad=yaw_rad) for yaw_rad in (0.01, -0.04))
+    assert (lane_features(sure)[10], lane_features(odd)[10]) == (0.0, pytest.approx(0.6))
+    assert rate_lane(odd, tracked=True) < rate_lane(sure, tracked=True) - 0.05
 
 
 def test_a_lane_that_few_camera_poses_show_has_less_confidence():
@@ -98,15 +103,22 @@ def test_standard_deviation_grows_with_the_distance():
 @pytest.mark.slow
 def test_confident_lanes_are_right_on_drives_not_seen_before():
     """Of those with more than 0.9 at least 95 %; the full check is `python -m tools.fit_confidence --check`."""
-    small = CAMERA.scaled((640, 360))
-    rows = [
-        row for seed in range(3000, 3011) for row in samples_of_painted_drive(seed, small, seconds=1.6, fps=12.5)[0]
-    ]
-    features, right = np.array(rows)[:, :-3], np.array(rows)[:, -3]
-    confident = 1 / (1 + np.exp(-features @ CONFIDENCE.track_weights)) > 0.9
-    assert confident.sum() > 40
-    assert right[confident].mean() >= 0.95
-    assert right[~confident].mean() < right[confident].mean()
+    samples = [_tracked_samples(range(3000, 3011)), _tracked_samples(range(3100, 3106), pose_is_wrong=True)]
+    (confidence, right), (of_wrong_pose, right_with_wrong_pose) = samples
+    assert (confidence > 0.9).sum() > 40
+    assert right[confidence > 0.9].mean() >= 0.95
+    # two to four degrees of pitch or yaw, or a quarter of the height
+    assert right_with_wrong_pose.mean() < 0.1 and (of_wrong_pose > 0.9).mean() < 0.2
+
+
+def _tracked_samples(seeds: range, *, pose_is_wrong: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Confidence, and whether it is correct, of every tracked lane in the drives of these seeds."""
+    drives = (
+        samples_of_painted_drive(seed, CAMERA.scaled((640, 360)), seconds=1.6, fps=12.5, pose_is_wrong=pose_is_wrong)
+        for seed in seeds
+    )
+    rows = np.array([row for tracked, _ in drives for row in tracked])
+    return logistic(rows[:, :-3] @ CONFIDENCE.track_weights), rows[:, -3] > 0
 
 
 def test_nothing_is_confidently_found_on_a_road_without_lines():
@@ -128,16 +140,16 @@ def test_nothing_is_confidently_found_on_a_road_without_lines():
 
 def test_a_lane_among_clutter_has_less_confidence():
     lane, clutter = lane_with(), replace(lane_with(), explained_share=0.1)
-    assert lane_features(clutter)[7] == pytest.approx(np.log(0.5))
+    assert lane_features(clutter)[6] == pytest.approx(np.log(0.5))
     assert rate_lane(clutter) < rate_lane(lane) - 0.02
     own_pose, own_clutter = (replace(lane, same_lane_share=0.15, explained_share=share) for share in (1.0, 0.2))
-    assert lane_features(own_clutter)[7] == pytest.approx(np.log(0.5))
+    assert lane_features(own_clutter)[6] == pytest.approx(np.log(0.5))
     assert rate_lane(own_clutter) < rate_lane(own_pose) - 0.1
 
 
 def test_a_lane_with_lines_between_its_own_has_less_confidence():
     lane, tiles = lane_with(), replace(lane_with(), clear_share=0.5)
-    assert lane_features(tiles)[8] == pytest.approx(np.log(0.5))
+    assert lane_features(tiles)[7] == pytest.approx(np.log(0.5))
     assert rate_lane(tiles) < rate_lane(lane) - 0.05
     own_pose, own_tiles = (replace(found, same_lane_share=0.6) for found in (lane, tiles))
     assert rate_lane(own_tiles) < rate_lane(own_pose) - 0.05

@@ -194,14 +194,17 @@ def test_a_wrong_track_is_given_up():
     assert lateral_error_m(frames[-1][1], frames[-1][2]) < 0.1
 
 
-@pytest.mark.parametrize(("score", "searches"), [(0.9, 1), (0.4, 12)])
-def test_a_doubtful_track_is_searched_in_every_frame(monkeypatch, score, searches):
+@pytest.mark.parametrize(
+    ("doubt", "searches"), [({"score": 0.9}, 1), ({"score": 0.4}, 12), ({"explained_share": 0.01}, 12)]
+)
+def test_a_doubtful_track_is_searched_in_every_frame(monkeypatch, doubt, searches):
+    """One with little support, or with a small confidence, here because of clutter."""
     tracker, calls = LaneTracker(SMALL, fps=FPS), []
     follow(DRIVE, 1.0, tracker=tracker)
 
     def scored(*args, **options):
         track = update.update_track(*args, **options)
-        return replace(track, lane=replace(track.lane, score=score))
+        return replace(track, lane=replace(track.lane, **doubt))
 
     def searched(evidence):
         calls.append(evidence)
@@ -211,6 +214,29 @@ def test_a_doubtful_track_is_searched_in_every_frame(monkeypatch, score, searche
     monkeypatch.setattr(tracker_module, "search_lane", searched)
     follow(DRIVE, 1.04, tracker=tracker)
     assert len(calls) == pytest.approx(searches, abs=1)
+
+
+def test_a_much_more_probable_lane_replaces_a_track_with_as_much_paint():
+    """Two lines 4.9 m apart, as at the end of a ramp. Then the usual lane is found, but its score is smaller."""
+    ramp = tuple(Stripe(side * 2.45) for side in SIDES)
+    tracker = LaneTracker(SMALL, fps=FPS)
+    follow(replace(DRIVE, road=straight_road(), lines=ramp), 1.0, tracker=tracker)
+    wide, usual = tracker.update(DRIVE.frame(0.0)).lane, s_bend_drive()[-1][1].lane
+    found = replace(usual, score=wide.score - 0.1, camera_yaw_rad=None)
+    assert wide.width_m > 4.7 and tracker_module._is_rival(found, wide)
+    doubtful = replace(found, explained_share=0.001)
+    assert not tracker_module._is_rival(doubtful, usual) and not tracker_module._is_rival(found, usual)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("wrong_deg", [-2.5, 0.0, 2.5])
+def test_a_wrong_yaw_of_the_pose_is_estimated(wrong_deg):
+    """The car keeps its distance from the lines, although it seems to drive towards one of them."""
+    pose = SMALL.require_pose()
+    wrong = SMALL.with_pose(replace(pose, yaw_rad=pose.yaw_rad + np.radians(wrong_deg)))
+    tracked = follow(DRIVE, 4.0, tracker=LaneTracker(wrong, fps=FPS))[-1][1]
+    assert np.degrees(tracked.lane.camera_yaw_rad) == pytest.approx(wrong_deg, abs=0.4)
+    assert (tracked.confidence > 0.9) == (wrong_deg == 0.0)
 
 
 def test_lanes_are_the_same_within_three_standard_deviations_and_15_to_30_cm():
