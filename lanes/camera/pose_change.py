@@ -1,7 +1,10 @@
-"""Detect from the telemetry of a drive that the camera moved.
+"""Detect from the telemetry of a drive that the camera moved, or that the yaw of its pose is wrong.
 
 In every frame the tracker measures the pitch relative to the camera pose and the direction of the road. Bumps, grades
 and steering change them for a moment. A change at one moment that lasts until the end comes from the camera.
+
+It also estimates the direction of the car's axis, seen from the camera. Where the yaw of the pose is right, it is
+straight ahead.
 """
 
 from __future__ import annotations
@@ -20,6 +23,9 @@ MIN_CHANGE_RAD = np.radians(0.8)
 # Smallest change in standard deviations. High, because the best of all splits is taken and because the values of
 # successive seconds are correlated.
 MIN_CHANGE_STDS = 6.0
+# A wrong yaw is larger than this in nearly all frames, those between these percentiles: in bends the estimate is less
+# accurate. Larger than the error of a pose from a drive, and large enough to move a line by 0.5 m at 30 m.
+MIN_WRONG_YAW_RAD, WRONG_YAW_PERCENTILES = np.radians(1.0), (10, 90)
 
 
 @dataclass(frozen=True)
@@ -46,6 +52,30 @@ class PoseChange:
             f"the camera seems to have moved after {self.time_s:.0f} s: since then it looks {' and '.join(turns)}; "
             "annotate the two parts separately (--start, --end), each with its own pose."
         )
+
+
+def find_wrong_yaw(rows: Mapping[str, np.ndarray]) -> float | None:
+    """By how many radians the camera looks farther left than its pose says; None if that is not significant.
+
+    `rows` is the telemetry of one drive: columns (N,) time_s, state and camera_yaw_rad. The first `MIN_PART_S` of the
+    drive do not count, and as much must follow.
+    """
+    time_s = np.asarray(rows["time_s"], float)
+    counts = (np.asarray(rows["state"]) == TRACKED_STATE) & (time_s >= MIN_PART_S)
+    if not counts.any() or time_s[counts].max() < 2 * MIN_PART_S:
+        return None
+    yaw_rad = -np.asarray(rows["camera_yaw_rad"], float)[counts]
+    low, high = np.percentile(yaw_rad, WRONG_YAW_PERCENTILES)
+    return float(np.median(yaw_rad)) if low > MIN_WRONG_YAW_RAD or high < -MIN_WRONG_YAW_RAD else None
+
+
+def describe_wrong_yaw(yaw_rad: float) -> str:
+    """One sentence with the result of `find_wrong_yaw` and what to do."""
+    side = "left" if yaw_rad > 0 else "right"
+    return (
+        f"the camera seems to look {np.degrees(abs(yaw_rad)):.1f} deg farther to the {side} than its pose says; "
+        "estimate the pose from this drive (`python -m lanes pose`), and annotate it again."
+    )
 
 
 def find_pose_change(rows: Mapping[str, np.ndarray]) -> PoseChange | None:

@@ -11,7 +11,7 @@ from typing import Any
 
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError
-from lanes.camera.pose_change import find_pose_change
+from lanes.camera.pose_change import find_pose_change, find_wrong_yaw
 from lanes.drives.overlay_styles import STYLES, track_lane
 from lanes.drives.report.moments import seconds_lost, share_tracked
 from lanes.drives.report.page import write_report
@@ -253,6 +253,7 @@ def conclude_drive(
         lost_s=seconds_lost(columns),
         frames_per_s=frames / elapsed_s,
         pose_change=find_pose_change(columns),
+        wrong_yaw_rad=find_wrong_yaw(columns),
         missing=missing,
         lost_sound=lost_sound,
     )

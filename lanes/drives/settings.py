@@ -13,7 +13,7 @@ import numpy as np
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraError
 from lanes.camera.field_of_view import FieldOfView, find_field_of_view
-from lanes.camera.pose_change import PoseChange
+from lanes.camera.pose_change import PoseChange, describe_wrong_yaw
 from lanes.pose_from_lanes.pose_estimate import PoseEstimate, describe_accuracy
 
 SEVERAL_CAMERAS = " If the pictures are of several cameras, annotate them with --each."
@@ -101,6 +101,8 @@ class DriveResult:
         Frames annotated per second, including reading and writing, without the camera pose estimate.
     pose_change : PoseChange or None
         The moment at which the camera seems to have moved, if there is one.
+    wrong_yaw_rad : float or None
+        By how much the camera seems to look farther left than its pose says, if that is significant.
     missing : int
         Frames that are damaged in the video, or announced by it but absent.
     lost_sound : bool
@@ -118,6 +120,7 @@ class DriveResult:
     lost_s: float
     frames_per_s: float
     pose_change: PoseChange | None = None
+    wrong_yaw_rad: float | None = None
     missing: int = 0
     lost_sound: bool = False
 
@@ -133,6 +136,8 @@ class DriveResult:
             lines.append(f"{self.source}: its sound track cannot be decoded; {self.video} has no sound")
         if self.pose_change:
             lines.append(f"{self.source}: {self.pose_change.describe()}")
+        elif self.wrong_yaw_rad is not None:
+            lines.append(f"{self.source}: {describe_wrong_yaw(self.wrong_yaw_rad)}")
         return "\n".join(lines)
 
 

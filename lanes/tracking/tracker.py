@@ -143,6 +143,7 @@ class TrackedLane:
         row |= {name: None if lane is None else getattr(lane, name) for name in names}
         row["lane_width_m"] = None if lane is None else lane.width_m
         row["pitch_rad"] = None if lane is None else lane.pitch_rad
+        row["camera_yaw_rad"] = None if lane is None else lane.camera_yaw_rad
         for side in ("left", "right"):
             line = None if lane is None else getattr(lane, side)
             for name in ("c0_m", "c1", "c2_per_m", "c3_per_m2"):

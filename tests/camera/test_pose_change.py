@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lanes.camera.pose_change import find_pose_change
+from lanes.camera.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
 from lanes.drives.settings import DriveResult
 from lanes.tracking.tracker import LaneTracker
 from simulator.rendering.drive import Motion
@@ -55,7 +55,28 @@ def test_an_ordinary_bumpy_drive_has_no_pose_change():
     rows = telemetry(seconds=12)
     assert np.degrees(np.nanstd(rows["pitch_rad"])) > 0.2
     assert (rows["state"] == "tracking").mean() > 0.8
-    assert find_pose_change(rows) is None
+    assert find_pose_change(rows) is None and find_wrong_yaw(rows) is None
+
+
+@pytest.mark.parametrize("wrong_deg", [-2.0, 2.0])
+def test_a_wrong_yaw_is_found_and_named(wrong_deg):
+    """The camera is turned from the first frame on, so nothing changes during the drive."""
+    found = find_wrong_yaw(telemetry(seconds=12, moved_s=0, yaw_rad=np.radians(wrong_deg)))
+    assert np.degrees(found) == pytest.approx(wrong_deg, abs=0.4)
+    side = "left" if wrong_deg > 0 else "right"
+    assert re.search(rf"[12]\.\d deg farther to the {side} than its pose says; estimate", describe_wrong_yaw(found))
+    path = Path("drive.mp4")
+    result = DriveResult("drive.mp4", path, path, None, CAMERA, None, 150, 1.0, 0.0, 30.0, wrong_yaw_rad=found)
+    assert "than its pose says" in result.describe() and "than" not in replace(result, wrong_yaw_rad=None).describe()
+
+
+def test_a_short_drive_and_an_unsteady_yaw_are_no_wrong_yaw():
+    time_s, yaw_rad = np.arange(0, 20, 0.1), np.full(200, 0.05)
+    rows = {"time_s": time_s, "state": np.full(200, "tracking"), "camera_yaw_rad": yaw_rad}
+    assert find_wrong_yaw(rows) == pytest.approx(-0.05)
+    assert find_wrong_yaw({name: column[:95] for name, column in rows.items()}) is None
+    assert find_wrong_yaw(rows | {"state": np.full(200, "lost")}) is None
+    assert find_wrong_yaw(rows | {"camera_yaw_rad": np.where(time_s < 15, 0.05, 0.0)}) is None
 
 
 def made(pitch_deg: np.ndarray, heading_deg: np.ndarray | float = 0.0) -> dict[str, np.ndarray]:
