@@ -26,6 +26,8 @@ CORRECT_WITHIN_M, CORRECT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
 # - shorter reach: logarithm of the distance up to which both lines are seen; of stills only. A tracked lane is known
 #   from before.
 # - bend: curvature times 30 m; in bends the standard deviation grows faster than the errors. Of stills only.
+# - support: sum of the square roots of the lines' supports, if the pose is estimated from the same picture: a pose that
+#   shows paint on both lines is better.
 # - clutter: logarithm of the share of all paint-like stripes in view that the lane and its neighbours explain, where it
 #   is smaller than usual: bricks and letters look like paint, too.
 # - between: logarithm of the share of the stripes along the lane, on its lines and between them, that are on its lines;
@@ -37,7 +39,7 @@ CORRECT_WITHIN_M, CORRECT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
 #   picture; else 0. It is large if the picture allows several lanes.
 FEATURES = (
     *("constant", "log std", "odd width", "offset", "shorter reach", "bend"),
-    *("clutter", "between", "odd pitch", "odd heading", "odd yaw", "other lanes"),
+    *("support", "clutter", "between", "odd pitch", "odd heading", "odd yaw", "other lanes"),
 )
 
 
@@ -47,9 +49,23 @@ class ConfidenceModel:
 
     # For a lane detected in a single picture, for one whose camera pose comes from a single picture, too, and for a
     # tracked one.
-    still_weights: tuple[float, ...] = (-0.58, -1.49, -5.84, -1.41, 0.39, 2.25, 2.92, 2.97, -0.22, -3.9, 0.0, 0.0)
-    own_pose_weights: tuple[float, ...] = (0.93, -1.32, -0.74, -2.97, 1.01, 3.13, 3.38, 3.65, 0.31, 0.7, 0.0, -3.99)
-    track_weights: tuple[float, ...] = (1.92, -0.74, -5.91, -2.94, 0.0, 0.0, 4.11, 0.0, -2.31, -3.26, -3.88, 0.0)
+    still_weights: tuple[float, ...] = (-0.58, -1.49, -5.84, -1.41, 0.39, 2.25, 0.0, 2.92, 2.97, -0.22, -3.9, 0.0, 0.0)
+    own_pose_weights: tuple[float, ...] = (
+        -0.05,
+        -1.13,
+        -0.54,
+        -3.14,
+        1.0,
+        2.47,
+        1.41,
+        2.73,
+        4.12,
+        0.55,
+        0.49,
+        0.0,
+        -3.64,
+    )
+    track_weights: tuple[float, ...] = (1.92, -0.74, -5.91, -2.94, 0.0, 0.0, 0.0, 4.11, 0.0, -2.31, -3.26, -3.88, 0.0)
     # Usual width of lanes.
     usual_width_m: float = 3.5
     # A smaller standard deviation in a still carries no further information.
@@ -58,6 +74,8 @@ class ConfidenceModel:
     max_offset_m: float = 0.8
     # A longer reach carries little information about the lines up to 30 m ahead.
     max_reach_m: float = 40.0
+    # A support of two solid lines; more carries no information.
+    max_support: float = 1.5
     # Shares of explained stripes: usual ones are larger than this; smaller ones than the minimum are all the same. If
     # the pose comes from the same picture, other lines may have given it, so that less clutter is usual.
     usual_share: float = 0.2
@@ -76,12 +94,14 @@ CONFIDENCE = ConfidenceModel()
 
 
 def lane_features(lane: Lane, *, tracked: bool = False) -> np.ndarray:
-    """The features (12,) of a lane, which is `tracked`, or detected in a single picture; in the order of `FEATURES`."""
+    """The features (13,) of a lane, which is `tracked`, or detected in a single picture; in the order of `FEATURES`."""
     c, far_m = CONFIDENCE, CORRECT_AT_M[-1]
     std_m = float(lateral_std_m(lane.assumed_covariance, far_m).max())
     reach_m = min(lane.left.reach_m, lane.right.reach_m, c.max_reach_m)
     heading_rad = abs(lane.heading_rad) - c.heading_lag_m * abs(lane.curvature_per_m)
-    usual_share = c.usual_share if lane.same_lane_share is None else c.own_pose_usual_share
+    own_pose = lane.same_lane_share is not None
+    support = min(lane.left.support**0.5 + lane.right.support**0.5, c.max_support)
+    usual_share = c.own_pose_usual_share if own_pose else c.usual_share
     return np.array(
         [
             1.0,
@@ -90,6 +110,7 @@ def lane_features(lane: Lane, *, tracked: bool = False) -> np.ndarray:
             min(abs(lane.offset_m), c.max_offset_m),
             0.0 if tracked else np.log((reach_m + CORRECT_AT_M[0]) / far_m),
             0.0 if tracked else abs(lane.curvature_per_m) * far_m,
+            support if own_pose else 0.0,
             np.log(min(max(lane.explained_share, c.min_share) / usual_share, 1.0)),
             0.0 if tracked else np.log(lane.clear_share),
             _excess(abs(lane.pitch_rad) - c.usual_pitch_rad),
@@ -106,7 +127,7 @@ def _excess(angle_rad: float) -> float:
 
 
 def feature_weights(lane: Lane, *, tracked: bool = False) -> tuple[float, ...]:
-    """Weights (12,) of the features of a lane, which is `tracked`, or detected in a single picture."""
+    """Weights (13,) of the features of a lane, which is `tracked`, or detected in a single picture."""
     if tracked:
         return CONFIDENCE.track_weights
     return CONFIDENCE.still_weights if lane.same_lane_share is None else CONFIDENCE.own_pose_weights

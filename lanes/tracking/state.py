@@ -93,7 +93,7 @@ class ProcessNoise:
     A `_share` multiplies a curvature of the road, 1/m. Tuned on the rendered suite where no source is given.
     """
 
-    # Crosswind and banked roads; bumps; slow changes of load and of the camera's mounting.
+    # Crosswind and banked roads; bumps; slow changes of load; a camera that shakes.
     centre_m_per_s: float = 0.015
     heading_rad_per_s: float = 0.003
     pitch_rad_per_s: float = 0.01

@@ -36,10 +36,10 @@ def lane_road(camera: Camera = CAMERA, width_m: float = 3.6) -> Road:
     return road.line(lambda x: -width_m / 2 - OFFSET_M + BEND * x**2 / 2, dash_m=(3.0, 9.0))
 
 
-def parallel_lines(*lateral_m: float) -> Road:
+def parallel_lines(*lateral_m: float, dash_m: tuple[float, float] | None = None) -> Road:
     road = Road(CAMERA)
     for y_m in lateral_m:
-        road.line(lambda x, y_m=y_m: y_m + 0 * x)
+        road.line(lambda x, y_m=y_m: y_m + 0 * x, dash_m=dash_m)
     return road
 
 
@@ -121,7 +121,7 @@ FAILURES = {
     ),
     "doubtful pose": (
         lambda: (
-            parallel_lines(1.1, -2.5).image(),
+            parallel_lines(1.1, -2.5, dash_m=(3.0, 9.0)).image(),
             CAMERA.with_pose(replace(CAMERA.require_pose(), same_lane_share=0.1)),
         ),
         "lane",

@@ -52,8 +52,10 @@ def test_unusual_lanes_have_low_confidence(tracked):
 def test_features_are_what_their_names_say():
     lane = lane_with(width_m=3.3, centre_m=-0.25, std_m=0.06)
     lane = replace(lane, observations=(LineObservation(0.6, 25.0), LineObservation(0.3, 10.0)))
-    constant, std, width, offset, shorter, bend, clutter, between, *angles, other = lane_features(lane)
-    assert (constant, bend, clutter, between, *angles, other) == (1.0, *(0.0,) * 7)
+    constant, std, width, offset, shorter, bend, *none = lane_features(lane)
+    assert (constant, bend, *none) == (1.0, *(0.0,) * 8)
+    own_pose = lane_features(replace(lane, same_lane_share=1.0))
+    assert own_pose[6] == pytest.approx(0.6**0.5 + 0.3**0.5)
     assert np.exp(std) == pytest.approx(lateral_std_m(lane.covariance, 30.0).max())
     assert (width, offset) == (pytest.approx(0.2**2), pytest.approx(0.25))
     assert np.exp(shorter) == pytest.approx(0.5)
@@ -68,14 +70,14 @@ def test_a_lane_that_the_camera_pose_makes_odd_has_less_confidence():
     # in a hairpin the camera lags behind the road
     bend[[HEADING, CURVATURE]] = 0.05, 0.03
     pitch, heading, lag = (lane_features(replace(lane_with(), model=m)) for m in (tilted, turned, bend))
-    assert pitch[8] == pytest.approx(0.6) and heading[9] == pytest.approx(0.6) and lag[9] == 0.0
+    assert pitch[9] == pytest.approx(0.6) and heading[10] == pytest.approx(0.6) and lag[10] == 0.0
     assert rate_lane(replace(lane_with(), model=turned)) < rate_lane(lane_with()) - 0.01
     assert rate_lane(replace(lane_with(), model=tilted), tracked=True) < rate_lane(lane_with(), tracked=True) - 0.01
 
 
 def test_a_tracked_lane_with_a_wrong_yaw_has_less_confidence():
     sure, odd = (replace(lane_with(), camera_yaw_rad=yaw_rad) for yaw_rad in (0.01, -0.04))
-    assert (lane_features(sure)[10], lane_features(odd)[10]) == (0.0, pytest.approx(0.6))
+    assert (lane_features(sure)[11], lane_features(odd)[11]) == (0.0, pytest.approx(0.6))
     assert rate_lane(odd, tracked=True) < rate_lane(sure, tracked=True) - 0.05
 
 
@@ -140,16 +142,16 @@ def test_nothing_is_confidently_found_on_a_road_without_lines():
 
 def test_a_lane_among_clutter_has_less_confidence():
     lane, clutter = lane_with(), replace(lane_with(), explained_share=0.1)
-    assert lane_features(clutter)[6] == pytest.approx(np.log(0.5))
+    assert lane_features(clutter)[7] == pytest.approx(np.log(0.5))
     assert rate_lane(clutter) < rate_lane(lane) - 0.02
     own_pose, own_clutter = (replace(lane, same_lane_share=0.15, explained_share=share) for share in (1.0, 0.2))
-    assert lane_features(own_clutter)[6] == pytest.approx(np.log(0.5))
+    assert lane_features(own_clutter)[7] == pytest.approx(np.log(0.5))
     assert rate_lane(own_clutter) < rate_lane(own_pose) - 0.1
 
 
 def test_a_lane_with_lines_between_its_own_has_less_confidence():
     lane, tiles = lane_with(), replace(lane_with(), clear_share=0.5)
-    assert lane_features(tiles)[7] == pytest.approx(np.log(0.5))
+    assert lane_features(tiles)[8] == pytest.approx(np.log(0.5))
     assert rate_lane(tiles) < rate_lane(lane) - 0.05
     own_pose, own_tiles = (replace(found, same_lane_share=0.6) for found in (lane, tiles))
     assert rate_lane(own_tiles) < rate_lane(own_pose) - 0.05
