@@ -65,7 +65,7 @@ class ConfidenceModel:
         0.0,
         -3.64,
     )
-    track_weights: tuple[float, ...] = (1.92, -0.74, -5.91, -2.94, 0.0, 0.0, 0.0, 4.11, 0.0, -2.31, -3.26, -3.88, 0.0)
+    track_weights: tuple[float, ...] = (1.78, -0.74, -5.66, -2.84, 0.0, 0.0, 0.0, 3.97, 0.0, -3.47, -3.2, -3.96, 0.0)
     # Usual width of lanes.
     usual_width_m: float = 3.5
     # A smaller standard deviation in a still carries no further information.

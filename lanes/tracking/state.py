@@ -75,12 +75,10 @@ class CarParameters:
     max_lateral_mps2: float = 6.0
     # Time constant with which the springs return the pitch to rest.
     pitch_relaxation_s: float = 0.3
-    # Standard deviation of the pose's pitch: a quarter of a degree. That of its yaw, as the filter assumes it (a
-    # degree, as of a pose from one picture), and that of usual errors (a quarter). With a smaller assumed one the
-    # filter explains a wrong yaw by a car that hardly moves.
+    # Standard deviation of the pose's pitch and yaw: a quarter of a degree; of a yaw that is wrong: three degrees.
     rest_pitch_std_rad: float = 0.004
-    camera_yaw_std_rad: float = 0.02
-    usual_yaw_error_rad: float = 0.004
+    camera_yaw_std_rad: float = 0.004
+    wrong_yaw_std_rad: float = 0.05
 
 
 CAR_PARAMETERS = CarParameters()
@@ -93,12 +91,12 @@ class ProcessNoise:
     A `_share` multiplies a curvature of the road, 1/m. Tuned on the rendered suite where no source is given.
     """
 
-    # Crosswind and banked roads; bumps; slow changes of load; a camera that shakes.
+    # Crosswind and banked roads; bumps; slow changes of load and of the camera's mounting.
     centre_m_per_s: float = 0.015
     heading_rad_per_s: float = 0.003
     pitch_rad_per_s: float = 0.01
     rest_pitch_rad_per_s: float = 1e-3
-    camera_yaw_rad_per_s: float = 2e-3
+    camera_yaw_rad_per_s: float = 1e-4
     # Steering, on a straight road and in a bend; pedals.
     path_per_m_per_s: float = 1e-3
     path_share_per_s: float = 0.3
@@ -244,6 +242,18 @@ def with_given_speed(state: KalmanState, speed_mps: float) -> KalmanState:
     for matrix in (covariance, errors):
         matrix[SPEED, :] = matrix[:, SPEED] = 0.0
         matrix[SPEED, SPEED] = CAR_PARAMETERS.given_speed_std_mps**2
+    return KalmanState(mean, covariance, errors)
+
+
+def with_unknown_yaw(state: KalmanState, speed_mps: float) -> KalmanState:
+    """The state with this usual speed and any yaw of the camera, whose errors have nothing to do with the rest."""
+    mean, covariance, errors = state.mean.copy(), state.covariance.copy(), state.errors.copy()
+    mean[SPEED] = speed_mps
+    stds = {SPEED: CAR_PARAMETERS.usual_speed_std_mps, CAMERA_YAW: CAR_PARAMETERS.wrong_yaw_std_rad}
+    for matrix in (covariance, errors):
+        for index, std in stds.items():
+            matrix[index, :] = matrix[:, index] = 0.0
+            matrix[index, index] = std**2
     return KalmanState(mean, covariance, errors)
 
 

@@ -45,7 +45,7 @@ class TrackerParameters:
     # frame is searched.
     min_score: float = 0.45
     confirmations: int = 3
-    min_confidence: float = 0.3
+    min_confidence: float = 0.2
     # Longest time in which the lane is not seen.
     max_coast_s: float = 1.0
     # Period of searches while tracking. A track is given up after this number of consecutive searches that found

@@ -18,7 +18,17 @@ from lanes.tracking.error_covariance import ResidualStatistics, split_gain
 from lanes.tracking.fitting import FIT, LaneFit, fit_lanes, fit_near
 from lanes.tracking.lane import Lane, LineObservation, Observations
 from lanes.tracking.markings import FrameEvidence, Stripes
-from lanes.tracking.model import CENTRE, CURVATURE, LEFT_SIDE, PARAMETERS, RIGHT_SIDE, WIDTH, lateral_std_m, score_lanes
+from lanes.tracking.model import (
+    CENTRE,
+    CURVATURE,
+    HEADING,
+    LEFT_SIDE,
+    PARAMETERS,
+    RIGHT_SIDE,
+    WIDTH,
+    lateral_std_m,
+    score_lanes,
+)
 from lanes.tracking.state import (
     CAMERA_YAW,
     CAR,
@@ -35,6 +45,7 @@ from lanes.tracking.state import (
     max_vertical_curvature,
     predict,
     with_given_speed,
+    with_unknown_yaw,
 )
 
 
@@ -54,6 +65,10 @@ class UpdateParameters:
     # Largest standard deviation of a line at this distance while the lane is not seen.
     max_std_m: float = 0.4
     max_std_at_m: float = 15.0
+    # A smaller speed than this, with a larger heading, on a smooth road: the filter explains a wrong yaw by a car that
+    # hardly moves.
+    standing_mps: float = 9.0
+    standing_heading_rad: float = 0.02
     # Distance of the car's centre beyond a line at which the adjacent lane becomes the ego lane; a hysteresis.
     lane_change_m: float = 0.1
 
@@ -115,6 +130,8 @@ def update_track(
         prior_information=fit.prior[0],
         noise_factor=residuals.effective_variance / FIT.variance_inflation,
     )
+    if speed_mps is None and _seems_to_stand(estimate):
+        estimate = with_unknown_yaw(estimate, CAR_PARAMETERS.usual_speed_mps)
     observations = _observe(track, fit, evidence, float(estimate.mean[SPEED]) * elapsed_s, profiles_of)
     estimate, observations = to_ego_lane(estimate, observations)
     # single lines are not shifted: the filter estimates their centres better than one profile does
@@ -132,6 +149,13 @@ def update_track(
         camera_yaw_rad=float(estimate.mean[CAMERA_YAW]),
     )
     return Track(estimate, lane, residuals)
+
+
+def _seems_to_stand(estimate: KalmanState) -> bool:
+    """Whether a car on a smooth road seems to point away from it and hardly to move: the yaw of the pose is wrong."""
+    points_away = abs(estimate.lane[HEADING]) > UPDATE.standing_heading_rad
+    smooth = max_curvature(estimate.lane) < UPDATE.min_curvature_per_m
+    return points_away and smooth and float(estimate.mean[SPEED]) < UPDATE.standing_mps
 
 
 def _observe(
@@ -247,9 +271,7 @@ def initial_state(lane: np.ndarray, covariance: np.ndarray, speed_mps: float | N
     car = [PATH, SPEED, REST_PITCH, CAMERA_YAW]
     stds = [path_std, speed_std, CAR_PARAMETERS.rest_pitch_std_rad, CAR_PARAMETERS.camera_yaw_std_rad]
     full[car, car] = np.square(stds)
-    errors = full.copy()
-    errors[CAMERA_YAW, CAMERA_YAW] = CAR_PARAMETERS.usual_yaw_error_rad**2
-    return KalmanState(np.concatenate([lane, [lane[CURVATURE], speed, 0.0, 0.0]]), full, errors)
+    return KalmanState(np.concatenate([lane, [lane[CURVATURE], speed, 0.0, 0.0]]), full, full.copy())
 
 
 def max_speed_mps(curvature_per_m: float, lateral_mps2: float) -> float:
