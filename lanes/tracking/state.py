@@ -132,12 +132,10 @@ class ProcessNoise:
     inflated_rate_step_per_m2: float = 3e-3
     inflated_pitch_rad: float = 0.015
     # Actual variances relative to the assumed ones above: on straight level roads, of the pitch, and of what bends and
-    # hills add. Those of the curvature and its rates are larger by a factor. Fitted on seeds 0 and 1 of the rendered
-    # suite.
-    actual_share: float = 0.02
+    # hills add. Fitted on seeds 0 and 1 of the rendered suite.
+    actual_share: float = 0.07
     actual_pitch_share: float = 1.0
     actual_bend_share: float = 3.0
-    actual_curvature_factor: float = 7.0
 
 
 PROCESS_NOISE = ProcessNoise()
@@ -328,8 +326,6 @@ def process_noise(lane: np.ndarray, distance_m: float, elapsed_s: float) -> tupl
     assumed = _variances(curvature, max_vertical_curvature(lane), distance_m, elapsed_s)
     straight = _variances(min(curvature, PRIOR.motorway_curvature_per_m), 0.0, distance_m, elapsed_s)
     actual = n.actual_share * straight + n.actual_bend_share * (assumed - straight)
-    actual[CURVATURE] *= n.actual_curvature_factor
-    actual[RATE_CHAIN] *= n.actual_curvature_factor
     actual[PITCH] = n.actual_pitch_share * assumed[PITCH]
     return assumed, actual
 
