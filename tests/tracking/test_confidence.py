@@ -165,11 +165,11 @@ def test_nothing_is_found_with_confidence_where_there_is_no_road():
             lane = find_lane(not_a_road(kind, seed), view)
             confidences.append(0.0 if lane is None else rate_lane(lane))
     assert max(confidences) < 0.9
-    assert sum(confidence >= 0.5 for confidence in confidences) <= 5
+    assert sum(confidence >= 0.5 for confidence in confidences) <= 3
 
 
 def test_there_is_seldom_a_lane_where_there_is_no_road_if_the_pose_comes_from_the_same_picture():
-    """Floors of tiles and rooms converge like a road, so that a pose is found; three floors look like a lane, too."""
+    """Floors of tiles and rooms converge like a road, so that a pose is found; one floor looks like a lane, too."""
     confidences = []
     for kind in ("tiles", "room", "map"):
         for seed in range(100, 104):
@@ -177,8 +177,8 @@ def test_there_is_seldom_a_lane_where_there_is_no_road_if_the_pose_comes_from_th
             if camera is not None:
                 confidences.append(0.0 if lane is None else rate_lane(lane))
     assert len(confidences) >= 5
-    assert sum(confidence >= 0.5 for confidence in confidences) <= 3
-    assert sum(confidence >= 0.9 for confidence in confidences) <= 1
+    assert sum(confidence >= 0.5 for confidence in confidences) <= 2
+    assert sum(confidence >= 0.9 for confidence in confidences) == 0
 
 
 class TestTheFit:
