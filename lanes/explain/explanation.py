@@ -105,11 +105,16 @@ class Explanation:
         return "\n".join(lines)
 
     def confidence_summary(self) -> list[str]:
-        """Lines of text with the features of the confidence, their weights and their contributions to the log odds."""
+        """Lines of text with the features of the confidence, their weights and their contributions to the log odds.
+
+        Features without weight are left out: they count only for tracked lanes, or for a pose from the same picture.
+        """
         if self.lane is None:
             return []
         parts = list(zip(FEATURES, lane_features(self.lane), feature_weights(self.lane), strict=True))
-        lines = [f"  {name}: {value:.2f} x {weight:.2f} = {value * weight:+.2f}" for name, value, weight in parts]
+        lines = [
+            f"  {name}: {value:.2f} x {weight:.2f} = {value * weight:+.2f}" for name, value, weight in parts if weight
+        ]
         return ["confidence, as log odds:", *lines, f"  total {sum(v * w for _, v, w in parts):+.2f}"]
 
     def __repr__(self) -> str:
