@@ -231,8 +231,8 @@ class LaneTracker:
         self._since_search += 1
         self._since_static_s += max(elapsed_s, 0.0)
         self._frames += 1
-        due = self._objections > 0 or self._is_doubtful() or self._since_search >= TRACKER.search_period_s * self.fps
-        search = due or self._state != TRACKING
+        due = self._objections > 0 or self._is_weak() or self._since_search >= TRACKER.search_period_s * self.fps
+        search = due or self._state != TRACKING or self._is_doubtful()
         view = self.view if search or self._track is None else self._narrowest_view(self._track.lane)
         view_image = view.warp(image)
         evidence, found = self._without_static(extract_evidence(view_image, view), search=search)
@@ -247,16 +247,17 @@ class LaneTracker:
                 profiles_of=self._profiles_due(),
             )
             self._follow(track, elapsed_s)
-        if search and self._replaced_by(found) and found is not None:
+        if search and self._replaced_by(found, by_paint=due) and found is not None:
             self._start(found)
         return self._result()
 
+    def _is_weak(self) -> bool:
+        """Whether there is a track with little support."""
+        return self._track is not None and self._track.lane.score < TRACKER.min_score
+
     def _is_doubtful(self) -> bool:
-        """Whether there is a track with little support or confidence."""
-        if self._track is None:
-            return False
-        lane = self._track.lane
-        return lane.score < TRACKER.min_score or rate_lane(lane, tracked=True) < TRACKER.min_confidence
+        """Whether there is a track with little confidence."""
+        return self._track is not None and rate_lane(self._track.lane, tracked=True) < TRACKER.min_confidence
 
     def _without_static(self, evidence: FrameEvidence, *, search: bool) -> tuple[FrameEvidence, Lane | None]:
         """The evidence without stripes that never move, and the lane that a `search` finds in it.
@@ -313,9 +314,13 @@ class LaneTracker:
         else:
             self._state, self._regained = COASTING, 0
 
-    def _replaced_by(self, found: Lane | None) -> bool:
-        """Compare a lane detected without memory with the track: does a new track start with it?"""
-        self._since_search = 0
+    def _replaced_by(self, found: Lane | None, *, by_paint: bool) -> bool:
+        """Compare a lane detected without memory with the track: does a new track start with it?
+
+        Unless `by_paint`, one with more paint does not count, only one that is much more probable.
+        """
+        if by_paint:
+            self._since_search = 0
         if found is None or found.score < TRACKER.min_score:
             self._objections = 0
             return False
@@ -328,7 +333,7 @@ class LaneTracker:
             if self._confirmed >= TRACKER.confirmations and self._state == SEARCHING:
                 self._state = TRACKING
             return False
-        if self._state == TRACKING and not _is_rival(found, known):
+        if self._state == TRACKING and not _is_rival(found, known, by_paint=by_paint):
             self._objections = 0
             return False
         # start with the other lane if the track is not confirmed, or after several objections
@@ -348,10 +353,10 @@ class LaneTracker:
         return TrackedLane(self._state, self._track.lane, self._track.estimate.motion, (left, right))
 
 
-def _is_rival(found: Lane, known: Lane) -> bool:
-    """Whether a detected lane is better supported than the tracked one, or much more probable."""
+def _is_rival(found: Lane, known: Lane, *, by_paint: bool) -> bool:
+    """Whether a detected lane is much more probable than the tracked one, or, `by_paint`, better supported."""
     surer = log_odds(found) > log_odds(known, tracked=True) + TRACKER.rival_log_odds
-    return surer or found.score > known.score + TRACKER.rival_margin
+    return surer or (by_paint and found.score > known.score + TRACKER.rival_margin)
 
 
 def same_lane(found: Lane, known: Lane) -> bool:

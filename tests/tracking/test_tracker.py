@@ -223,9 +223,9 @@ def test_a_much_more_probable_lane_replaces_a_track_with_as_much_paint():
     follow(replace(DRIVE, road=straight_road(), lines=ramp), 1.0, tracker=tracker)
     wide, usual = tracker.update(DRIVE.frame(0.0)).lane, s_bend_drive()[-1][1].lane
     found = replace(usual, score=wide.score - 0.1, camera_yaw_rad=None)
-    assert wide.width_m > 4.7 and tracker_module._is_rival(found, wide)
+    assert wide.width_m > 4.7 and tracker_module._is_rival(found, wide, by_paint=True)
     doubtful = replace(found, explained_share=0.001)
-    assert not tracker_module._is_rival(doubtful, usual) and not tracker_module._is_rival(found, usual)
+    assert not any(tracker_module._is_rival(lane, usual, by_paint=True) for lane in (doubtful, found))
 
 
 @pytest.mark.slow
