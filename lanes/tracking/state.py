@@ -235,19 +235,19 @@ def predict(state: KalmanState, elapsed_s: float) -> KalmanState:
 
 def with_given_speed(state: KalmanState, speed_mps: float) -> KalmanState:
     """The state with a speed from elsewhere (clock, speedometer), whose error has nothing to do with the rest."""
-    mean, covariance, errors = state.mean.copy(), state.covariance.copy(), state.errors.copy()
-    mean[SPEED] = speed_mps
-    for matrix in (covariance, errors):
-        matrix[SPEED, :] = matrix[:, SPEED] = 0.0
-        matrix[SPEED, SPEED] = CAR_PARAMETERS.given_speed_std_mps**2
-    return KalmanState(mean, covariance, errors)
+    return _with_independent(state, speed_mps, {SPEED: CAR_PARAMETERS.given_speed_std_mps})
 
 
-def with_unknown_yaw(state: KalmanState, speed_mps: float) -> KalmanState:
-    """The state with this usual speed and any yaw of the camera, whose errors have nothing to do with the rest."""
-    mean, covariance, errors = state.mean.copy(), state.covariance.copy(), state.errors.copy()
-    mean[SPEED] = speed_mps
+def with_unknown_yaw(state: KalmanState) -> KalmanState:
+    """The state with the usual speed and any yaw of the camera, whose errors have nothing to do with the rest."""
     stds = {SPEED: CAR_PARAMETERS.usual_speed_std_mps, CAMERA_YAW: CAR_PARAMETERS.wrong_yaw_std_rad}
+    return _with_independent(state, CAR_PARAMETERS.usual_speed_mps, stds)
+
+
+def _with_independent(state: KalmanState, speed_mps: float, stds: dict[int, float]) -> KalmanState:
+    """The state with this speed; the variables in `stds` get these standard deviations and no covariances."""
+    mean, covariance, errors = state.mean.copy(), state.covariance.copy(), state.errors.copy()
+    mean[SPEED] = speed_mps
     for matrix in (covariance, errors):
         for index, std in stds.items():
             matrix[index, :] = matrix[:, index] = 0.0

@@ -131,7 +131,7 @@ def update_track(
         noise_factor=residuals.effective_variance / FIT.variance_inflation,
     )
     if speed_mps is None and _seems_to_stand(estimate):
-        estimate = with_unknown_yaw(estimate, CAR_PARAMETERS.usual_speed_mps)
+        estimate = with_unknown_yaw(estimate)
     observations = _observe(track, fit, evidence, float(estimate.mean[SPEED]) * elapsed_s, profiles_of)
     estimate, observations = to_ego_lane(estimate, observations)
     # single lines are not shifted: the filter estimates their centres better than one profile does
