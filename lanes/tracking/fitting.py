@@ -17,10 +17,12 @@ import numpy as np
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.markings import Stripes, marking_weight, position_std
 from lanes.tracking.model import (
+    BEND,
     LIMIT,
     PARAMETERS,
     PRIOR_MEAN,
     SIDES,
+    bend_gradients,
     is_ego_lane,
     lines_on_view,
     prior_std,
@@ -63,6 +65,12 @@ class FitParameters:
     # such a fit must gain.
     undulation_std_per_m: float = 4e-3
     undulation_gain: float = 6.0
+    # Sharpest bend of most roads, a radius of 15 m, which few mountain roads have; its standard deviation; and the
+    # distances at which it is the limit. A fit follows the rate at which a bend begins, but not far ahead: the end of
+    # that transition is hidden, or too far away to be measured.
+    max_bend_per_m: float = 1 / 15
+    max_bend_std_per_m: float = 0.01
+    max_bend_at_m: tuple[float, ...] = (24.0, 40.0)
     # Start hypotheses that are fitted to the end. Those that differ in pitch by more than this are kept apart: near the
     # car a little more pitch looks like a little less width.
     hypotheses: int = 3
@@ -78,6 +86,9 @@ class FitParameters:
 
 
 FIT = FitParameters()
+# Derivatives of the curvatures at `FIT.max_bend_at_m` by the lane parameters.
+_BENDS_AHEAD = np.zeros((len(FIT.max_bend_at_m), PARAMETERS))
+_BENDS_AHEAD[:, BEND] = bend_gradients(np.array(FIT.max_bend_at_m))[1].T
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,6 +234,7 @@ def fit_near(stripes: Stripes, mean: np.ndarray, covariance: np.ndarray, view: B
         weighted = jacobian * (weight / (FIT.variance_inflation * ((std * scale) ** 2 + model_error**2)))
         information = weighted @ jacobian.T + prior_information
         step = step - np.linalg.solve(information, weighted @ residuals.residual_m[0] + prior_information @ step)
+        step = limit_bends((mean + step)[None], information[None])[0] - mean
         residuals = replace(predicted, residual_m=predicted.residual_m + step @ jacobian)
     nearby = (predicted.near(FIT.nearby_m, FIT.nearby_rad) & (stripes.x_m < FIT.nearby_far_m)) @ marking
     normalized = residuals.residual_m / np.sqrt(std**2 + model_error_m(stripes) ** 2)
@@ -273,7 +285,7 @@ def fit_lanes(
         information = weighted @ np.swapaxes(residuals.jacobian, -1, -2) + prior
         gradient = weighted @ residuals.residual_m[..., None] + prior @ (lanes - prior_mean)[..., None]
         lanes = lanes - np.linalg.solve(information, gradient)[..., 0]
-        lanes = np.clip(lanes, -LIMIT, LIMIT)
+        lanes = limit_bends(np.clip(lanes, -LIMIT, LIMIT), information)
     residuals, std = stripe_residuals(lanes, stripes, view.height_m), position_std(stripes, view.focal_px)
     marking = marking_weight(stripes)
     nearby = (residuals.near(FIT.nearby_m, FIT.nearby_rad) & (stripes.x_m < FIT.nearby_far_m)) @ marking
@@ -281,6 +293,22 @@ def fit_lanes(
     normalized = residuals.residual_m / np.sqrt(std**2 + model_error_m(stripes) ** 2)
     prior = np.broadcast_to(np.asarray(prior), information.shape)
     return LaneFit(lanes, information, prior, weight, residuals.side, nearby, normalized, stripes, view)
+
+
+def limit_bends(lanes: np.ndarray, information: np.ndarray) -> np.ndarray:
+    """Lanes (K, 15) with this information (K, 15, 15) that bend about as much as roads do, at most.
+
+    Where a lane bends more than `FIT.max_bend_per_m`, that limit is a measurement of the curvature: the update of a
+    Kalman filter moves the lane towards it, along the parameters that are least certain.
+    """
+    for gradient in _BENDS_AHEAD:
+        curvature = lanes @ gradient
+        excess = curvature - np.clip(curvature, -FIT.max_bend_per_m, FIT.max_bend_per_m)
+        if excess.any():
+            spread = np.linalg.solve(information, gradient[:, None])[..., 0]
+            gain = spread / (spread @ gradient + FIT.max_bend_std_per_m**2)[:, None]
+            lanes = lanes - gain * excess[:, None]
+    return lanes
 
 
 def model_error_m(stripes: Stripes) -> np.ndarray:
