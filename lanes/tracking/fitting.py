@@ -284,8 +284,8 @@ def fit_lanes(
             prior = np.eye(PARAMETERS) / prior_variance[..., None]
         information = weighted @ np.swapaxes(residuals.jacobian, -1, -2) + prior
         gradient = weighted @ residuals.residual_m[..., None] + prior @ (lanes - prior_mean)[..., None]
-        lanes = lanes - np.linalg.solve(information, gradient)[..., 0]
-        lanes = limit_bends(np.clip(lanes, -LIMIT, LIMIT), information)
+        lanes = limit_bends(lanes - np.linalg.solve(information, gradient)[..., 0], information)
+        lanes = np.clip(lanes, -LIMIT, LIMIT)
     residuals, std = stripe_residuals(lanes, stripes, view.height_m), position_std(stripes, view.focal_px)
     marking = marking_weight(stripes)
     nearby = (residuals.near(FIT.nearby_m, FIT.nearby_rad) & (stripes.x_m < FIT.nearby_far_m)) @ marking

@@ -6,10 +6,11 @@ import pytest
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraPose
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.fitting import fit_lanes, model_error_m
+from lanes.tracking.fitting import fit_lanes, limit_bends, model_error_m
 from lanes.tracking.markings import marking_weight, position_std
 from lanes.tracking.model import (
     ADJACENT,
+    BEND,
     CENTRE,
     CURVATURE,
     FAR_LINE,
@@ -23,6 +24,7 @@ from lanes.tracking.model import (
     RATE_STEPS,
     RIGHT_SIDE,
     WIDTH,
+    bend_gradients,
     line_points,
     line_y,
     lines_on_view,
@@ -140,7 +142,32 @@ def test_a_lane_never_leaves_its_limits(sign):
     nothing = one_stripe(x_m=30.0).select([])
     far = {"prior_mean": 2 * sign * LIMIT, "prior_information": np.eye(len(LIMIT))}
     fit = fit_lanes(PRIOR_MEAN[None].astype(int), nothing, VIEW, schedule=((70, 1),), **far)
-    np.testing.assert_array_equal(fit.lane[0], sign * LIMIT)
+    # the curvature ahead has a limit of its own, and the bend may be within the limits of its parameters
+    assert (np.abs(fit.lane[0]) <= LIMIT).all()
+    others = np.setdiff1d(np.arange(PARAMETERS), BEND[1:])
+    np.testing.assert_array_equal(fit.lane[0, others], sign * LIMIT[others])
+
+
+def curvature_at(lane, along_m):
+    return float(lane[BEND] @ bend_gradients(np.array([along_m]))[1][:, 0])
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_transition_does_not_continue_into_a_tighter_bend_than_roads_have(sign):
+    """Only the beginning of the transition is seen; its rate would lead to a radius of 5 m in 24 m."""
+    begins = sign * a_lane(curvature=0.02, rate=7.5e-3)
+    lanes = np.array([begins, sign * a_lane(curvature=0.06), sign * a_lane(curvature=0.01, rate=1e-3)])
+    certain = dict(centre=0.1, width=0.1, heading=0.02, curvature=5e-3, adjacent=0.1)
+    std = a_lane(**certain, rate=2e-3, pitch=0.01, vertical=1e-3, rate_steps=4e-3)
+    information = np.diag(1 / np.square(std))
+    limited = limit_bends(lanes, np.tile(information, (3, 1, 1)))
+    np.testing.assert_array_equal(limited[1:], lanes[1:])
+    assert curvature_at(begins, 24.0) * sign == pytest.approx(0.2)
+    assert 1 / 15 < curvature_at(limited[0], 24.0) * sign < 0.075
+    # the bend near the car, which is certain, hardly changes
+    assert abs(curvature_at(limited[0], 5.0) - curvature_at(begins, 5.0)) < 0.02
+    # a bend that is measured stays as it is
+    np.testing.assert_allclose(limit_bends(begins[None], 1e12 * np.eye(PARAMETERS)[None])[0], begins, atol=1e-6)
 
 
 @pytest.mark.parametrize("road", ROADS.values(), ids=ROADS.keys())
