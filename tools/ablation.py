@@ -114,6 +114,7 @@ SWITCHES = (
     _parameters("small steps", "small steps of fits outwards", FIT, outwards=FIT.extend),
     Switch("outward fits", "both fits outwards after a poor fit near the prediction", ((update_lane, update_near),)),
     _parameters("inflated covariance", "second fit outwards, with inflated covariance", UPDATE, inflated_gain=np.inf),
+    _parameters("bend limit", "roads bend with a radius of 15 m at most, far ahead", FIT, max_bend_per_m=np.inf),
     _parameters("model error", "standard deviation that grows with the distance", FIT, model_error_m=0.0),
     _parameters("variance inflation", "correlated errors of the stripes of a frame", FIT, variance_inflation=1.0),
     Switch(

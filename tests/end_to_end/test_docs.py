@@ -16,7 +16,7 @@ from tests.support.project import ROOT
 MODULES = {name: f"lanes.cli.{name}" for name in COMMANDS} | {
     name: f"{name}.__main__" for name in ("benchmark", "simulator")
 }
-MODULES["tools.ablation"] = "tools.ablation"
+MODULES |= {name: name for name in ("tools.ablation", "tools.perfect_evidence")}
 # Options of git, pip, helm, Dask, nbconvert, pytest and pre-commit.
 OF_OTHERS = {
     "--require-hashes",
