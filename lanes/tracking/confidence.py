@@ -20,11 +20,13 @@ CORRECT_WITHIN_M, CORRECT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
 # - log std: logarithm of the standard deviation (metres) of the less certain line 30 m ahead, for the noise that the
 #   fit assumes; that of the errors (`Lane.covariance`) separates right and wrong lanes less well. Of stills, small ones
 #   are all the same: the lines of a floor of tiles are as certain as those of a road.
+# - near std: the same 10 m ahead, where a lane with one line is uncertain and the two lines of a hairpin are not. Not
+#   of lanes whose pose is estimated from the same picture.
 # - odd width: squared deviation from the usual width (metres): a crack or kerb taken for a line is seldom a lane's
 #   width away from the other line.
-# - offset: distance of the car from the lane centre (metres).
-# - shorter reach: logarithm of the distance up to which both lines are seen; of stills only. A tracked lane is known
-#   from before.
+# - odd offset: distance of the car from the lane centre (metres), where it is larger than usual.
+# - shorter reach: logarithm of the distance up to which both lines are seen, if the pose is estimated from the same
+#   picture.
 # - bend: curvature times 30 m; in bends the standard deviation grows faster than the errors. Of stills only.
 # - support: sum of the square roots of the lines' supports, if the pose is estimated from the same picture: a pose that
 #   shows paint on both lines is better.
@@ -32,14 +34,14 @@ CORRECT_WITHIN_M, CORRECT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
 #   is smaller than usual: bricks and letters look like paint, too.
 # - between: logarithm of the share of the stripes along the lane, on its lines and between them, that are on its lines;
 #   of stills only. Tiles and bricks have lines between those of the lane.
-# - odd pitch, odd heading: pitch, and heading beyond that of a car in a bend, where they are larger than usual,
-#   relative to 0.05 rad, at most 1. They are large if the camera pose is wrong.
+# - odd heading: heading beyond that of a car in a bend, where it is larger than usual, relative to 0.05 rad, at most 1.
+#   It is large if the yaw of the camera pose is wrong.
 # - odd yaw: the same of the direction of the car, seen from the camera; of tracked lanes only: it takes a drive.
 # - other lanes: share of the camera poses tried that do not show this lane, if the pose is estimated from a single
 #   picture; else 0. It is large if the picture allows several lanes.
 FEATURES = (
-    *("constant", "log std", "odd width", "offset", "shorter reach", "bend"),
-    *("support", "clutter", "between", "odd pitch", "odd heading", "odd yaw", "other lanes"),
+    *("constant", "log std", "near std", "odd width", "odd offset", "shorter reach", "bend"),
+    *("support", "clutter", "between", "odd heading", "odd yaw", "other lanes"),
 )
 
 
@@ -49,28 +51,22 @@ class ConfidenceModel:
 
     # For a lane detected in a single picture, for one whose camera pose comes from a single picture, too, and for a
     # tracked one.
-    still_weights: tuple[float, ...] = (-0.58, -1.49, -5.84, -1.41, 0.39, 2.25, 0.0, 2.92, 2.97, -0.22, -3.9, 0.0, 0.0)
-    own_pose_weights: tuple[float, ...] = (
-        -0.05,
-        -1.13,
-        -0.54,
-        -3.14,
-        1.0,
-        2.47,
-        1.41,
-        2.73,
-        4.12,
-        0.55,
-        0.49,
-        0.0,
-        -3.64,
+    still_weights: tuple[float, ...] = (
+        *(-3.48, -0.79, -1.76, -6.21, -1.91, 0.0, 1.35, 0.0, 2.64, 2.88, -3.8, 0.0, 0.0),
     )
-    track_weights: tuple[float, ...] = (1.78, -0.74, -5.66, -2.84, 0.0, 0.0, 0.0, 3.97, 0.0, -3.47, -3.2, -3.96, 0.0)
+    own_pose_weights: tuple[float, ...] = (
+        *(-0.7, -1.12, 0.0, -0.97, -4.12, 0.99, 2.49, 1.34, 3.06, 3.71, 0.4, 0.0, -3.52),
+    )
+    track_weights: tuple[float, ...] = (-3.8, -0.54, -2.16, -6.66, -3.02, 0.0, 0.0, 0.0, 2.61, 0.0, -2.89, -4.05, 0.0)
     # Usual width of lanes.
     usual_width_m: float = 3.5
     # A smaller standard deviation in a still carries no further information.
     min_still_std_m: float = 0.05
-    # Larger offsets occur in lane changes and carry no further information.
+    # The distance of the near standard deviation; a smaller one carries no further information.
+    near_m: float = 10.0
+    min_near_std_m: float = 0.07
+    # Usual offset; larger ones than the maximum occur in lane changes and carry no further information.
+    usual_offset_m: float = 0.4
     max_offset_m: float = 0.8
     # A longer reach carries little information about the lines up to 30 m ahead.
     max_reach_m: float = 40.0
@@ -81,9 +77,8 @@ class ConfidenceModel:
     usual_share: float = 0.2
     own_pose_usual_share: float = 0.4
     min_share: float = 0.02
-    # Usual pitch, heading and yaw, and the excess from which on they carry no further information. In a bend the
-    # heading of the camera lags by the distance from the rear axle, at most.
-    usual_pitch_rad: float = 0.01
+    # Usual heading and yaw, and the excess from which on they carry no further information. In a bend the heading of
+    # the camera lags by the distance from the rear axle, at most.
     usual_heading_rad: float = 0.02
     usual_yaw_rad: float = 0.01
     heading_lag_m: float = 2.0
@@ -95,25 +90,25 @@ CONFIDENCE = ConfidenceModel()
 
 def lane_features(lane: Lane, *, tracked: bool = False) -> np.ndarray:
     """The features (13,) of a lane, which is `tracked`, or detected in a single picture; in the order of `FEATURES`."""
-    c, far_m = CONFIDENCE, CORRECT_AT_M[-1]
-    std_m = float(lateral_std_m(lane.assumed_covariance, far_m).max())
+    c, far_m = CONFIDENCE, float(CORRECT_AT_M[-1])
+    near_std_m, std_m = (float(lateral_std_m(lane.assumed_covariance, x_m).max()) for x_m in (c.near_m, far_m))
     reach_m = min(lane.left.reach_m, lane.right.reach_m, c.max_reach_m)
     heading_rad = abs(lane.heading_rad) - c.heading_lag_m * abs(lane.curvature_per_m)
-    own_pose = lane.same_lane_share is not None
+    own_pose = lane.same_lane_share is not None and not tracked
     support = min(lane.left.support**0.5 + lane.right.support**0.5, c.max_support)
     usual_share = c.own_pose_usual_share if own_pose else c.usual_share
     return np.array(
         [
             1.0,
             np.log(std_m if tracked else max(std_m, c.min_still_std_m)),
+            0.0 if own_pose else np.log(max(near_std_m, c.min_near_std_m)),
             (lane.width_m - c.usual_width_m) ** 2,
-            min(abs(lane.offset_m), c.max_offset_m),
-            0.0 if tracked else np.log((reach_m + CORRECT_AT_M[0]) / far_m),
+            min(max(abs(lane.offset_m), c.usual_offset_m), c.max_offset_m) - c.usual_offset_m,
+            np.log((reach_m + CORRECT_AT_M[0]) / far_m) if own_pose else 0.0,
             0.0 if tracked else abs(lane.curvature_per_m) * far_m,
             support if own_pose else 0.0,
             np.log(min(max(lane.explained_share, c.min_share) / usual_share, 1.0)),
             0.0 if tracked else np.log(lane.clear_share),
-            _excess(abs(lane.pitch_rad) - c.usual_pitch_rad),
             _excess(heading_rad - c.usual_heading_rad),
             0.0 if lane.camera_yaw_rad is None else _excess(abs(lane.camera_yaw_rad) - c.usual_yaw_rad),
             0.0 if lane.same_lane_share is None else 1.0 - lane.same_lane_share,

@@ -12,7 +12,7 @@ from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.confidence import CONFIDENCE, FEATURES, lane_features, rate_lane
 from lanes.tracking.detector import find_lane
 from lanes.tracking.lane import Lane, LineObservation
-from lanes.tracking.model import CURVATURE, HEADING, PITCH, lateral_std_m
+from lanes.tracking.model import CURVATURE, HEADING, lateral_std_m
 from lanes.tracking.tracker import LaneTracker
 from simulator.road.truth import truth_row
 from tests.support.not_roads import KINDS, not_a_road
@@ -37,9 +37,7 @@ def test_unusual_lanes_have_low_confidence(tracked):
     assert good > 0.95
     for width_m in (4.5, 2.5):
         assert rate_lane(lane_with(width_m=width_m), tracked=tracked) < 0.5
-    for doubt in ({"std_m": 0.3}, {"reach_m": 8.0}, {"centre_m": 0.7}):
-        if not (tracked and "reach_m" in doubt):
-            assert rate_lane(lane_with(**doubt), tracked=tracked) < good - 0.005, doubt
+    assert rate_lane(lane_with(std_m=0.3), tracked=tracked) < 0.5
     assert (
         len(FEATURES)
         == len(CONFIDENCE.still_weights)
@@ -49,50 +47,80 @@ def test_unusual_lanes_have_low_confidence(tracked):
     )
 
 
+def features_of(lane: Lane, *, tracked: bool = False) -> dict[str, float]:
+    return dict(zip(FEATURES, lane_features(lane, tracked=tracked).tolist(), strict=True))
+
+
 def test_features_are_what_their_names_say():
-    lane = lane_with(width_m=3.3, centre_m=-0.25, std_m=0.06)
+    lane = lane_with(width_m=3.3, centre_m=-0.25, std_m=0.1)
     lane = replace(lane, observations=(LineObservation(0.6, 25.0), LineObservation(0.3, 10.0)))
-    constant, std, width, offset, shorter, bend, *none = lane_features(lane)
-    assert (constant, bend, *none) == (1.0, *(0.0,) * 8)
-    own_pose = lane_features(replace(lane, same_lane_share=1.0))
-    assert own_pose[6] == pytest.approx(0.6**0.5 + 0.3**0.5)
-    assert np.exp(std) == pytest.approx(lateral_std_m(lane.covariance, 30.0).max())
-    assert (width, offset) == (pytest.approx(0.2**2), pytest.approx(0.25))
-    assert np.exp(shorter) == pytest.approx(0.5)
-    assert lane_features(lane_with(centre_m=1.9))[3] == lane_features(lane_with(centre_m=1.2))[3]
-    assert lane_features(lane_with(reach_m=70.0))[4] == lane_features(lane_with(reach_m=45.0))[4]
+    still = features_of(lane)
+    assert np.exp(still["log std"]) == pytest.approx(lateral_std_m(lane.covariance, 30.0).max())
+    assert np.exp(still["near std"]) == pytest.approx(lateral_std_m(lane.covariance, 10.0).max())
+    assert still["odd width"] == pytest.approx(0.2**2)
+    assert {name for name, value in still.items() if value} == {"constant", "log std", "near std", "odd width"}
+
+
+def test_features_of_a_lane_whose_pose_is_from_the_same_picture():
+    lane = replace(lane_with(centre_m=-0.25), same_lane_share=0.3)
+    lane = replace(lane, observations=(LineObservation(0.6, 25.0), LineObservation(0.3, 10.0)))
+    own = features_of(lane)
+    assert own["support"] == pytest.approx(0.6**0.5 + 0.3**0.5)
+    assert own["offset"] == pytest.approx(0.25)
+    assert np.exp(own["shorter reach"]) == pytest.approx(0.5)
+    assert own["other lanes"] == pytest.approx(0.7)
+    assert own["near std"] == 0.0
+    far_off, farther_off = (replace(lane_with(centre_m=m), same_lane_share=1.0) for m in (1.2, 1.9))
+    assert features_of(far_off)["offset"] == features_of(farther_off)["offset"]
+    long, longer = (replace(lane_with(reach_m=m), same_lane_share=1.0) for m in (45.0, 70.0))
+    assert features_of(long)["shorter reach"] == features_of(longer)["shorter reach"]
+    assert rate_lane(replace(lane_with(reach_m=8.0), same_lane_share=1.0)) < rate_lane(long)
+    assert rate_lane(far_off) < rate_lane(long) - 0.005
+
+
+def test_a_lane_with_one_line_has_less_confidence_than_one_that_is_uncertain_far_ahead():
+    """Without the other line the width is uncertain everywhere; in a bend both lines are certain near the car."""
+    one_line, bend = lane_with().covariance.copy(), lane_with().covariance.copy()
+    one_line[1, 1] = 0.5**2
+    bend[CURVATURE, CURVATURE] = (0.25 / 450) ** 2
+    one_line, bend = (replace(lane_with(), assumed_covariance=matrix) for matrix in (one_line, bend))
+    assert features_of(one_line)["log std"] == pytest.approx(features_of(bend)["log std"], abs=0.1)
+    for tracked in (False, True):
+        assert rate_lane(one_line, tracked=tracked) < rate_lane(bend, tracked=tracked) - 0.1
 
 
 def test_a_lane_that_the_camera_pose_makes_odd_has_less_confidence():
     model = lane_with().model
-    tilted, turned, bend = model.copy(), model.copy(), model.copy()
-    tilted[PITCH], turned[HEADING] = 0.04, 0.05
+    turned, bend = model.copy(), model.copy()
+    turned[HEADING] = 0.05
     # in a hairpin the camera lags behind the road
     bend[[HEADING, CURVATURE]] = 0.05, 0.03
-    pitch, heading, lag = (lane_features(replace(lane_with(), model=m)) for m in (tilted, turned, bend))
-    assert pitch[9] == pytest.approx(0.6) and heading[10] == pytest.approx(0.6) and lag[10] == 0.0
-    assert rate_lane(replace(lane_with(), model=turned)) < rate_lane(lane_with()) - 0.01
-    assert rate_lane(replace(lane_with(), model=tilted), tracked=True) < rate_lane(lane_with(), tracked=True) - 0.01
+    heading, lag = (features_of(replace(lane_with(), model=m))["odd heading"] for m in (turned, bend))
+    assert heading == pytest.approx(0.6) and lag == 0.0
+    for tracked in (False, True):
+        odd, usual = replace(lane_with(), model=turned), lane_with()
+        assert rate_lane(odd, tracked=tracked) < rate_lane(usual, tracked=tracked) - 0.01
 
 
 def test_a_tracked_lane_with_a_wrong_yaw_has_less_confidence():
     sure, odd = (replace(lane_with(), camera_yaw_rad=yaw_rad) for yaw_rad in (0.01, -0.04))
-    assert (lane_features(sure)[11], lane_features(odd)[11]) == (0.0, pytest.approx(0.6))
+    assert (features_of(sure)["odd yaw"], features_of(odd)["odd yaw"]) == (0.0, pytest.approx(0.6))
     assert rate_lane(odd, tracked=True) < rate_lane(sure, tracked=True) - 0.05
 
 
 def test_a_lane_that_few_camera_poses_show_has_less_confidence():
     sure, doubtful = replace(lane_with(), same_lane_share=1.0), replace(lane_with(), same_lane_share=0.3)
-    assert (lane_features(sure)[-1], lane_features(doubtful)[-1]) == (0.0, pytest.approx(0.7))
+    assert (features_of(sure)["other lanes"], features_of(doubtful)["other lanes"]) == (0.0, pytest.approx(0.7))
     assert rate_lane(sure) > 0.9 and rate_lane(doubtful) < rate_lane(sure) - 0.02
     assert rate_lane(doubtful, tracked=True) == rate_lane(lane_with(), tracked=True)
 
 
 def test_small_standard_deviations_count_only_in_a_track():
     small, smaller = lane_with(std_m=0.004), lane_with(std_m=0.002)
-    assert lane_features(small)[1] == lane_features(smaller)[1] == pytest.approx(np.log(CONFIDENCE.min_still_std_m))
-    assert lane_features(smaller, tracked=True)[1] < lane_features(small, tracked=True)[1] - 0.5
-    assert lane_features(small, tracked=True)[4] == 0.0
+    at_least = np.log(CONFIDENCE.min_still_std_m)
+    assert features_of(small)["log std"] == features_of(smaller)["log std"] == pytest.approx(at_least)
+    assert features_of(smaller, tracked=True)["log std"] < features_of(small, tracked=True)["log std"] - 0.5
+    assert np.exp(features_of(small, tracked=True)["near std"]) == pytest.approx(CONFIDENCE.min_near_std_m)
 
 
 def test_standard_deviation_grows_with_the_distance():
@@ -142,16 +170,16 @@ def test_nothing_is_confidently_found_on_a_road_without_lines():
 
 def test_a_lane_among_clutter_has_less_confidence():
     lane, clutter = lane_with(), replace(lane_with(), explained_share=0.1)
-    assert lane_features(clutter)[7] == pytest.approx(np.log(0.5))
+    assert features_of(clutter)["clutter"] == pytest.approx(np.log(0.5))
     assert rate_lane(clutter) < rate_lane(lane) - 0.02
     own_pose, own_clutter = (replace(lane, same_lane_share=0.15, explained_share=share) for share in (1.0, 0.2))
-    assert lane_features(own_clutter)[7] == pytest.approx(np.log(0.5))
+    assert features_of(own_clutter)["clutter"] == pytest.approx(np.log(0.5))
     assert rate_lane(own_clutter) < rate_lane(own_pose) - 0.1
 
 
 def test_a_lane_with_lines_between_its_own_has_less_confidence():
     lane, tiles = lane_with(), replace(lane_with(), clear_share=0.5)
-    assert lane_features(tiles)[8] == pytest.approx(np.log(0.5))
+    assert features_of(tiles)["between"] == pytest.approx(np.log(0.5))
     assert rate_lane(tiles) < rate_lane(lane) - 0.05
     own_pose, own_tiles = (replace(found, same_lane_share=0.6) for found in (lane, tiles))
     assert rate_lane(own_tiles) < rate_lane(own_pose) - 0.05
