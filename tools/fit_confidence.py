@@ -68,7 +68,7 @@ WRONG_POSES, WRONG_POSE_SEED, WRONG_POSE_WEIGHT = 36, 200, 0.1
 # Photos of each flat scene, and pictures of each kind without a road, whose camera pose is their own; for each seed.
 PHOTOS, OWN_POSE_NO_ROADS, PHOTO_SEEDS, PHOTO_CHECK_SEEDS = 12, 16, (0, 1), (2,)
 # Weight of the latter: few of them have a pose, and users do try them.
-OWN_POSE_NO_ROAD_WEIGHT = 2.0
+OWN_POSE_NO_ROAD_WEIGHT = 4.0
 
 
 def draw_road(rng: np.random.Generator) -> tuple[RoadGeometry, float]:

@@ -52,12 +52,12 @@ class ConfidenceModel:
     # For a lane detected in a single picture, for one whose camera pose comes from a single picture, too, and for a
     # tracked one.
     still_weights: tuple[float, ...] = (
-        *(-3.48, -0.79, -1.76, -6.21, -1.91, 0.0, 1.35, 0.0, 2.64, 2.88, -3.8, 0.0, 0.0),
+        *(-3.41, -0.81, -1.74, -6.09, -1.87, 0.0, 1.34, 0.0, 2.65, 2.87, -3.78, 0.0, 0.0),
     )
     own_pose_weights: tuple[float, ...] = (
-        *(-0.7, -1.12, 0.0, -0.97, -4.12, 0.99, 2.49, 1.34, 3.06, 3.71, 0.4, 0.0, -3.52),
+        *(-0.69, -1.19, 0.0, -1.17, -4.41, 1.04, 2.69, 1.23, 3.47, 4.66, 0.44, 0.0, -3.74),
     )
-    track_weights: tuple[float, ...] = (-3.8, -0.54, -2.16, -6.66, -3.02, 0.0, 0.0, 0.0, 2.61, 0.0, -2.89, -4.05, 0.0)
+    track_weights: tuple[float, ...] = (-3.65, -0.55, -2.11, -6.49, -2.9, 0.0, 0.0, 0.0, 2.63, 0.0, -2.83, -4.14, 0.0)
     # Usual width of lanes.
     usual_width_m: float = 3.5
     # A smaller standard deviation in a still carries no further information.
@@ -66,7 +66,7 @@ class ConfidenceModel:
     near_m: float = 10.0
     min_near_std_m: float = 0.07
     # Usual offset; larger ones than the maximum occur in lane changes and carry no further information.
-    usual_offset_m: float = 0.4
+    usual_offset_m: float = 0.3
     max_offset_m: float = 0.8
     # A longer reach carries little information about the lines up to 30 m ahead.
     max_reach_m: float = 40.0

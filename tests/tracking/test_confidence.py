@@ -62,16 +62,16 @@ def test_features_are_what_their_names_say():
 
 
 def test_features_of_a_lane_whose_pose_is_from_the_same_picture():
-    lane = replace(lane_with(centre_m=-0.25), same_lane_share=0.3)
+    lane = replace(lane_with(centre_m=-0.65), same_lane_share=0.3)
     lane = replace(lane, observations=(LineObservation(0.6, 25.0), LineObservation(0.3, 10.0)))
     own = features_of(lane)
     assert own["support"] == pytest.approx(0.6**0.5 + 0.3**0.5)
-    assert own["offset"] == pytest.approx(0.25)
+    assert own["odd offset"] == pytest.approx(0.65 - CONFIDENCE.usual_offset_m)
     assert np.exp(own["shorter reach"]) == pytest.approx(0.5)
     assert own["other lanes"] == pytest.approx(0.7)
     assert own["near std"] == 0.0
     far_off, farther_off = (replace(lane_with(centre_m=m), same_lane_share=1.0) for m in (1.2, 1.9))
-    assert features_of(far_off)["offset"] == features_of(farther_off)["offset"]
+    assert features_of(far_off)["odd offset"] == features_of(farther_off)["odd offset"]
     long, longer = (replace(lane_with(reach_m=m), same_lane_share=1.0) for m in (45.0, 70.0))
     assert features_of(long)["shorter reach"] == features_of(longer)["shorter reach"]
     assert rate_lane(replace(lane_with(reach_m=8.0), same_lane_share=1.0)) < rate_lane(long)
