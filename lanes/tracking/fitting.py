@@ -301,13 +301,14 @@ def limit_bends(lanes: np.ndarray, information: np.ndarray) -> np.ndarray:
     Where a lane bends more than `FIT.max_bend_per_m`, that limit is a measurement of the curvature: the update of a
     Kalman filter moves the lane towards it, along the parameters that are least certain.
     """
+    if np.abs(lanes @ _BENDS_AHEAD.T).max() <= FIT.max_bend_per_m:
+        return lanes
     for gradient in _BENDS_AHEAD:
         curvature = lanes @ gradient
         excess = curvature - np.clip(curvature, -FIT.max_bend_per_m, FIT.max_bend_per_m)
-        if excess.any():
-            spread = np.linalg.solve(information, gradient[:, None])[..., 0]
-            gain = spread / (spread @ gradient + FIT.max_bend_std_per_m**2)[:, None]
-            lanes = lanes - gain * excess[:, None]
+        spread = np.linalg.solve(information, gradient[:, None])[..., 0]
+        gain = spread / (spread @ gradient + FIT.max_bend_std_per_m**2)[:, None]
+        lanes = lanes - gain * excess[:, None]
     return lanes
 
 
