@@ -38,6 +38,7 @@ def test_unusual_lanes_have_low_confidence(tracked):
     for width_m in (4.5, 2.5):
         assert rate_lane(lane_with(width_m=width_m), tracked=tracked) < 0.5
     assert rate_lane(lane_with(std_m=0.3), tracked=tracked) < 0.5
+    assert rate_lane(lane_with(centre_m=0.7), tracked=tracked) < good - 0.005
     assert (
         len(FEATURES)
         == len(CONFIDENCE.still_weights)
