@@ -80,8 +80,7 @@ def true_stripes(drive: Drive, truth: Truth, view: BirdsEyeView) -> Stripes:
         slope = np.interp(view.x_m[row], line[:, 0], np.gradient(line[:, 1], line[:, 0]))
         parts.append((row, np.interp(view.x_m[row], line[:, 0], line[:, 1]), np.arctan(slope)))
     row, y_m, angle = (np.concatenate(part) for part in zip(*parts, strict=True))
-    step = view.x_m[row] * (view.growth / (1 + view.growth) / view.cell_m)
-    return Stripes(row, view.x_m[row], y_m, angle, step, np.full(len(row), STRENGTH))
+    return Stripes(row, view.x_m[row], y_m, angle, view.row_columns[row], np.full(len(row), STRENGTH))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

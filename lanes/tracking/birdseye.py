@@ -61,6 +61,11 @@ class BirdsEyeView:
         return (self.near_m * (1 + self.growth) ** np.arange(rows))[::-1]
 
     @cached_property
+    def row_columns(self) -> np.ndarray:
+        """(rows,) depth of each row in columns."""
+        return self.x_m * (self.growth / (1 + self.growth) / self.cell_m)
+
+    @cached_property
     def y_m(self) -> np.ndarray:
         """(columns,) lateral position of each column, positive (left) first."""
         half = round(self.half_width_m / self.cell_m)

@@ -224,7 +224,7 @@ def find_stripes(response: MarkingResponse, view: BirdsEyeView) -> Stripes:
     bend = left - 2 * middle + right
     shift = np.where(bend < 0, 0.5 * (left - right) / np.minimum(bend, -1e-9), 0.0)
     y = view.y_m[0] - (column + np.clip(shift, -0.5, 0.5)) * view.cell_m
-    step = view.x_m[row] * (view.growth / (1 + view.growth) / view.cell_m)
+    step = view.row_columns[row]
     angle = _stripe_angle(strength, row, column, step)
     return Stripes(row, view.x_m[row], y, angle, step, middle)
 
