@@ -199,7 +199,8 @@ def _report(results: list, folder: Path) -> None:
         if report:
             print(f"\n{report}")
     failures = describe_failures([result for result in results if result.system == TRACKER])
-    print(f"\nFailures of the tracker:\n{failures or 'none'}")
+    if any(result.system == TRACKER for result in results):
+        print(f"\nFailures of the tracker:\n{failures or 'none'}")
     stated = consistency_rows(results)
     written = [
         write_telemetry(folder / "benchmark.csv", rows),

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 Point = tuple[float, float]
 
 ROAD, ARROW, ANGLE, GUIDE = "0.25", "tab:red", "tab:blue", "0.6"
+# Slope of the sketched lane at the car: the tangent of its heading.
+SLOPE = 0.2
 
 
 def sketch_conventions() -> tuple[Figure, np.ndarray]:
@@ -33,15 +35,18 @@ def _sketch_from_above(axis: Axes) -> None:
     """A bend to the left; the car is left of the centre. Plotted with y to the left, so the columns are -y."""
     x = np.linspace(0, 7.5, 50)
     for c0, style in ((1.0, "-"), (-2.6, "-"), (-0.8, ":")):
-        axis.plot(-(c0 + 0.06 * x**2), x, style, color=ROAD if style == "-" else GUIDE)
+        axis.plot(-(c0 + SLOPE * x + 0.03 * x**2), x, style, color=ROAD if style == "-" else GUIDE)
     axis.fill([-0.45, 0.45, 0.45, -0.45], [-1.3, -1.3, 0.7, 0.7], color="0.85", ec=ROAD)
-    _arrow(axis, (0, 0), (0, 2.6), "x forward", (0.1, 2.3))
+    _arrow(axis, (0, 0), (0, 2.6), "x forward", (0.2, 2.7))
     _arrow(axis, (0, 0), (-2.3, 0), "y left", (-2.9, 0.15))
     axis.plot([0, 0], [2.6, 7], "--", color=GUIDE, lw=1)
     _arc(axis, (0, 0), 4.2, 90, 112, "yaw > 0:\ncamera looks left", (2.0, 3.9))
     axis.plot([0, -2.1], [0, 5.2], color=ANGLE, lw=1)
     _arrow(axis, (0.8, -0.3), (0, -0.3), "offset > 0: car left\nof the lane centre (dotted)", (2.8, -0.6), ANGLE)
-    axis.text(0.6, 6.7, "curvature > 0: road bends left\nheading > 0: road points left of x", color=ANGLE)
+    axis.plot([0.8, 0.8], [0, 2.4], "--", color=GUIDE, lw=1)
+    axis.plot([0.8, 0.8 - 2.4 * SLOPE], [0, 2.4], color=ANGLE, lw=1)
+    _arc(axis, (0.8, 0), 2.1, 90, 90 + np.degrees(np.arctan(SLOPE)), "heading > 0: road\npoints left of x", (2.9, 1.3))
+    axis.text(0.6, 6.9, "curvature > 0: road bends left", color=ANGLE)
     axis.set(xlim=(-3.8, 7.2), ylim=(-1.8, 7.8), title="From above")
 
 

@@ -20,8 +20,10 @@ if TYPE_CHECKING:
 
 ERROR = "lateral error 5-20 m ahead, median to 95 % (m)"
 AVAILABLE, WRONG = "frames with an available lane (%)", "confident and wrong frames (%)"
-# Height of a count label as a share of the panel.
-LABEL_HEIGHT = 0.06
+# Confidence from which the label of a point has no room to its right.
+EDGE = 0.95
+# Marker sizes of the points of published recipes, and of those from the pose, drawn around them.
+MARKER_SIZES = {False: 5, True: 9}
 # Of the recipes and the tracker.
 MARKERS = "os^Dv"
 LIMITS = {ERROR: (0.003, 10.0), AVAILABLE: (0.0, 100.0), WRONG: (0.0, 100.0)}
@@ -121,17 +123,17 @@ def plot_reliability(
     axes[0].errorbar(
         confidence, accuracy, [accuracy - low, high - accuracy], fmt="o", color="0.2", ecolor="0.5", capsize=3
     )
-    for x, bottom, top, lanes in zip(confidence, low, high, count, strict=True):
-        # below the error bar, or above it if there is no room
-        y, shift, anchor = (bottom, -4, "top") if bottom > LABEL_HEIGHT else (top, 4, "bottom")
-        look = {"ha": "center", "va": anchor, "fontsize": 8, "bbox": {"fc": "white", "ec": "none", "pad": 0.5}}
-        axes[0].annotate(f"{lanes}", (x, y), (0, shift), textcoords="offset points", **look)
+    for x, y, lanes in zip(confidence, accuracy, count, strict=True):
+        # to the right of the point, or to its left at the edge
+        shift, side = (-6, "right") if x > EDGE else (6, "left")
+        look = {"ha": side, "va": "center", "fontsize": 8, "bbox": {"fc": "white", "ec": "none", "pad": 0.5}}
+        axes[0].annotate(f"{lanes}", (x, y), (shift, 0), textcoords="offset points", **look)
     axes[0].set(xlabel="confidence", ylabel="accuracy: share of correct lanes", xlim=(0, 1.02), ylim=(0, 1.02))
     axes[0].set_title(title, loc="left")
     looks = marker_looks(precisions)
     for name, (available, precision) in precisions.items():
         style = looks[name] if len(available) == 1 else {"color": looks[name]["color"]}
-        axes[1].plot(available, precision, **style, label=name)
+        axes[1].plot(available, precision, **style, markersize=MARKER_SIZES[name.endswith(POSE_SUFFIX)], label=name)
     axes[1].set(
         xlabel="share of frames with an available lane", ylabel="precision: share of available lanes that are correct"
     )

@@ -34,6 +34,8 @@ def check_ransac_choice(choice: Sequence[int], *, pixels: np.ndarray, line: Sequ
             f"a sample of {samples} pixels is clean with the probability {clean:.1%}, at least one of {trials} samples "
             f"with {probability:.2%}. Required are {REQUIRED_PROBABILITY:.2%} in at most {MAX_TRIALS} trials."
         )
+    if 1 - (1 - clean) ** (trials - 1) >= REQUIRED_PROBABILITY:
+        return hint(f"{trials} trials are enough, but not the smallest number of trials that is.")
     fit = ransac_line(pixels, trials=trials, samples=samples)
     if fit is None:
         return hint(f"RANSAC finds no line with {trials} trials of {samples} pixels.")

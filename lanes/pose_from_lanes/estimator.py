@@ -60,8 +60,9 @@ MIN_SIDE_PX = 48
 WORKING_WIDTH_PX = 1280
 # Pictures taken from the files of a drive; more did not improve the estimate.
 POSE_PICTURES = 40
-# Coarse search of the horizon: number of pictures, and start rows as shares of the picture height.
-COARSE_PICTURES, COARSE_HORIZONS = 8, np.array([0.3, 0.45, 0.6, 0.75])
+# Coarse search of the horizon: at most this number of pictures, and start rows as shares of the picture height. With
+# all pictures of a small set the pose does not depend on their order.
+COARSE_PICTURES, COARSE_HORIZONS = 20, np.array([0.3, 0.45, 0.6, 0.75])
 
 
 def estimate_pose(

@@ -63,6 +63,13 @@ def test_bends_to_one_side_do_not_bias_the_angles():
     assert_near(estimate_pose(bends, CAMERA), TRUE_POSE, pitch_deg=0.15, yaw_deg=0.4, roll_deg=0.3, height_m=0.03)
 
 
+def test_the_pose_does_not_depend_on_the_order_of_stills(straight):
+    empty = [np.full((720, 1280, 3), 120, np.uint8)] * len(straight)
+    interleaved = [image for pair in zip(empty, straight, strict=True) for image in pair]
+    poses = [estimate_pose(images, CAMERA).pose for images in (interleaved, straight + empty, empty + straight)]
+    assert poses[0] == poses[1] == poses[2]
+
+
 @pytest.mark.parametrize("pitch_deg", [-9, 9])
 def test_the_horizon_may_be_far_from_the_middle(pitch_deg):
     pose = replace(TRUE_POSE, pitch_rad=np.radians(pitch_deg))

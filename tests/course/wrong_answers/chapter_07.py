@@ -6,6 +6,7 @@ WRONG_ANSWERS = {
         ("ransac_choice = 2, 18", "three coefficients"),
         ("ransac_choice = 3, 105", "not 0.4 to the power of 3"),
         ("ransac_choice = 3, 28", "99.89%. Required are 99.90%"),
+        ("ransac_choice = 3, 30", "not the smallest number"),
         ("ransac_choice = 3, 5", "at least one of 5 samples"),
         ("ransac_choice = 150, 40", "is clean with the probability 0.0%"),
     ],
