@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 MARK_HALF_WIDTH_M = 4.0
 # Upper limit of the colour scale of the marking response, in units of the noise.
 MAX_STRENGTH = 12.0
+# Upper end of the plot of the fit, metres ahead: the legend lies above the lines.
+FIT_TOP_M = 66.0
 TEXT_COLUMNS, LINE_POINTS = 72, 12
 HORIZON_COLOUR, FAILED_COLOUR = rgb((255, 60, 255)), "firebrick"
 
@@ -164,6 +166,7 @@ def _plot_fit(axis: Axes, explanation: Explanation) -> None:
             label += f", ± {describe_std(std_m[shown[-1]])} m at {x_m[shown[-1]]:.0f} m"
         axis.fill_betweenx(x_m, y_m - 2 * std_m, y_m + 2 * std_m, color=rgb(colour), alpha=0.25, lw=0)
         axis.plot(y_m, x_m, color=rgb(colour), label=label)
+    axis.set_ylim(top=FIT_TOP_M)
     axis.legend(loc="upper right", fontsize=8, title="bands: two standard deviations", title_fontsize=8)
 
 
