@@ -19,6 +19,7 @@ Colour = tuple[int, int, int]
 
 # RGB colours of pictures and plots.
 LANE_COLOUR: Colour = (0, 220, 90)
+UNLIKELY_COLOUR: Colour = (255, 170, 0)
 LEFT_COLOUR: Colour = (255, 70, 60)
 RIGHT_COLOUR: Colour = (60, 130, 255)
 WINDOW_COLOUR: Colour = (255, 210, 0)

@@ -6,7 +6,15 @@ import cv2
 import numpy as np
 
 from lanes.camera.camera import Camera
-from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, blend_polygon, draw_polyline, put_text
+from lanes.drawing.canvas import (
+    LANE_COLOUR,
+    LEFT_COLOUR,
+    RIGHT_COLOUR,
+    UNLIKELY_COLOUR,
+    blend_polygon,
+    draw_polyline,
+    put_text,
+)
 from lanes.io.describe import describe_bend, describe_offset
 from lanes.io.frames import Frame, as_rgb
 from lanes.tracking.lane import Lane
@@ -18,6 +26,8 @@ NEAREST_M = 6.0
 # 20 points deviate by less than 0.4 px from bends of 150 m radius over 60 m, half as much as 32 in even picture rows.
 SHARES = np.linspace(0, 1, 20)
 ALPHA = 0.3
+# A lane with less confidence is more likely wrong than right: its area is orange instead of green.
+LIKELY_CONFIDENCE = 0.5
 # Line width is the picture's width divided by this; a line that is not seen itself is drawn thin.
 SEEN_PX, INFERRED_PX = 128, 320
 
@@ -44,10 +54,16 @@ def draw_tracked(image: Frame, tracked: TrackedLane, camera: Camera, *, onto: Fr
     if lane and outlines:
         left, right = outlines
         if len(left) and len(right):
-            blend_polygon(drawn, np.vstack([left, right[::-1]]), LANE_COLOUR, ALPHA, edge=cv2.LINE_8)
+            colour = UNLIKELY_COLOUR if is_unlikely(tracked) else LANE_COLOUR
+            blend_polygon(drawn, np.vstack([left, right[::-1]]), colour, ALPHA, edge=cv2.LINE_8)
         draw_lines(drawn, lane, outlines, camera)
     put_text(drawn, words)
     return drawn
+
+
+def is_unlikely(tracked: TrackedLane) -> bool:
+    """Whether a lane is more likely wrong than right, by its confidence."""
+    return tracked.confidence < LIKELY_CONFIDENCE
 
 
 def draw_lines(image: Frame, lane: Lane, outlines: tuple[np.ndarray, np.ndarray], camera: Camera) -> None:
@@ -70,7 +86,7 @@ def describe_tracked(tracked: TrackedLane) -> list[str]:
     lines = [
         describe_bend(lane.curvature_per_m),
         describe_offset(lane.offset_m, lane.offset_std_m),
-        f"{tracked.state}, confidence {tracked.confidence:.2f}",
+        f"{tracked.state}, confidence {tracked.confidence:.2f}" + " (unlikely)" * is_unlikely(tracked),
     ]
     warning = tracked.warning.describe() if tracked.warning else None
     return lines + [warning] if warning else lines

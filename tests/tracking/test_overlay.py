@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -90,3 +92,17 @@ def test_a_single_picture_is_drawn_with_its_confidence_or_said_to_be_lost():
     assert (draw_found(image, lane, SMALL) != image).any(axis=2).mean() > 0.1
     lost = draw_found(image, None, SMALL)
     np.testing.assert_array_equal(lost[120:], image[120:])
+
+
+def test_the_area_of_an_unlikely_lane_is_orange():
+    image, result = tracked_bends()
+    likely = TrackedLane.from_still(find_lane(image, BirdsEyeView(SMALL)))
+    unlikely = TrackedLane.from_still(replace(likely.lane, clear_share=0.02))
+    assert unlikely.confidence < 0.5 < likely.confidence
+    u, v = np.round(SMALL.road_to_pixels(np.array([[10.0, -0.3]]))[0]).astype(int)
+    red, green, _ = draw_tracked(image, unlikely, SMALL)[v, u].astype(int)
+    assert red > green + 10
+    assert describe_tracked(unlikely)[2].endswith(" (unlikely)")
+    red, green, _ = draw_tracked(image, likely, SMALL)[v, u].astype(int)
+    assert green > red + 30
+    assert "(unlikely)" not in describe_tracked(likely)[2]
