@@ -11,10 +11,10 @@ from benchmark.consistency import z_summary
 from benchmark.errors import CONFIDENT
 from benchmark.labels.tusimple import LaneColumns, picture_is_right
 from benchmark.reporting.consistency_table import describe_z
-from benchmark.reporting.reliability import LIKELY
 from benchmark.reporting.tables import format_table
 from lanes.camera.camera import Camera
 from lanes.tracking.birdseye import BirdsEyeView
+from lanes.tracking.confidence import LIKELY_CONFIDENCE
 from lanes.tracking.detector import find_lane
 from lanes.tracking.lane import Lane
 from lanes.tracking.model import lines_on_view, parameter_gradients, propagated_std
@@ -142,8 +142,8 @@ def _confidence_cells(checks: Sequence[StillCheck]) -> dict[str, str]:
     scored = [check for check in checks if check.right is not None]
     ranges = {
         f"{CONFIDENT:g} or more": (CONFIDENT, np.inf),
-        f"{LIKELY:g} to {CONFIDENT:g}": (LIKELY, CONFIDENT),
-        f"below {LIKELY:g}": (-np.inf, LIKELY),
+        f"{LIKELY_CONFIDENCE:g} to {CONFIDENT:g}": (LIKELY_CONFIDENCE, CONFIDENT),
+        f"below {LIKELY_CONFIDENCE:g}": (-np.inf, LIKELY_CONFIDENCE),
     }
     cells = {}
     for name, (low, high) in ranges.items():

@@ -22,8 +22,8 @@ ERROR = "lateral error 5-20 m ahead, median to 95 % (m)"
 AVAILABLE, WRONG = "frames with an available lane (%)", "confident and wrong frames (%)"
 # Confidence from which the label of a point has no room to its right.
 EDGE = 0.95
-# Marker sizes of the points of published recipes, and of those from the pose, drawn around them.
-MARKER_SIZES = {False: 5, True: 9}
+# Marker sizes of a recipe with its published points, and of its variant with points from the pose, around the former.
+MARKER_SIZE, POSE_MARKER_SIZE = 5, 9
 # Of the recipes and the tracker.
 MARKERS = "os^Dv"
 LIMITS = {ERROR: (0.003, 10.0), AVAILABLE: (0.0, 100.0), WRONG: (0.0, 100.0)}
@@ -133,7 +133,8 @@ def plot_reliability(
     looks = marker_looks(precisions)
     for name, (available, precision) in precisions.items():
         style = looks[name] if len(available) == 1 else {"color": looks[name]["color"]}
-        axes[1].plot(available, precision, **style, markersize=MARKER_SIZES[name.endswith(POSE_SUFFIX)], label=name)
+        size = POSE_MARKER_SIZE if name.endswith(POSE_SUFFIX) else MARKER_SIZE
+        axes[1].plot(available, precision, **style, markersize=size, label=name)
     axes[1].set(
         xlabel="share of frames with an available lane", ylabel="precision: share of available lanes that are correct"
     )

@@ -16,12 +16,10 @@ from benchmark.bootstrap import frame_clusters, share_interval
 from benchmark.errors import CONFIDENT
 from benchmark.reporting.tables import describe_interval, format_table
 from benchmark.result import Result, by_difficulty
-from lanes.tracking.confidence import CORRECT_WITHIN_M
+from lanes.tracking.confidence import CORRECT_WITHIN_M, LIKELY_CONFIDENCE
 
 # Steps of 0.1; the last one is halved, because most lanes are in it.
 BIN_EDGES = np.array([*np.arange(0, 0.95, 0.1), 0.95, 1.0])
-# A lane is confident from `CONFIDENT` on, and likely from this confidence on.
-LIKELY = 0.5
 
 CONFIDENCE_LEGEND = """\
 Lanes with a confidence of 0.9 or more: number, share of correct ones (here within 0.2 m over 5 to 30 m) with its 95 %
@@ -102,7 +100,7 @@ class AvailableLanes:
     def summary(self) -> ConfidenceSummary:
         """How often the lanes with a high confidence are correct, and how many of the correct ones have it."""
         confident = self.confidence >= CONFIDENT
-        likely = ~confident & (self.confidence >= LIKELY)
+        likely = ~confident & (self.confidence >= LIKELY_CONFIDENCE)
         return ConfidenceSummary(
             _rate(self.correct[confident], self.clusters[confident]),
             _rate(self.correct[likely], self.clusters[likely]),

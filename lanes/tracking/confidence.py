@@ -16,6 +16,8 @@ from lanes.tracking.lane import Lane
 from lanes.tracking.model import lateral_std_m
 
 CORRECT_WITHIN_M, CORRECT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
+# A lane with less confidence is more likely wrong than right.
+LIKELY_CONFIDENCE = 0.5
 # Features of a lane:
 # - log std: logarithm of the standard deviation (metres) of the less certain line 30 m ahead, for the noise that the
 #   fit assumes; that of the errors (`Lane.covariance`) separates right and wrong lanes less well. Of stills, small ones

@@ -17,6 +17,7 @@ from lanes.drawing.canvas import (
 )
 from lanes.io.describe import describe_bend, describe_offset
 from lanes.io.frames import Frame, as_rgb
+from lanes.tracking.confidence import LIKELY_CONFIDENCE
 from lanes.tracking.lane import Lane
 from lanes.tracking.tracker import TrackedLane
 
@@ -26,8 +27,6 @@ NEAREST_M = 6.0
 # 20 points deviate by less than 0.4 px from bends of 150 m radius over 60 m, half as much as 32 in even picture rows.
 SHARES = np.linspace(0, 1, 20)
 ALPHA = 0.3
-# A lane with less confidence is more likely wrong than right: its area is orange instead of green.
-LIKELY_CONFIDENCE = 0.5
 # Line width is the picture's width divided by this; a line that is not seen itself is drawn thin.
 SEEN_PX, INFERRED_PX = 128, 320
 
@@ -62,7 +61,7 @@ def draw_tracked(image: Frame, tracked: TrackedLane, camera: Camera, *, onto: Fr
 
 
 def is_unlikely(tracked: TrackedLane) -> bool:
-    """Whether a lane is more likely wrong than right, by its confidence."""
+    """Whether a lane is more likely wrong than right; its area is then orange instead of green."""
     return tracked.confidence < LIKELY_CONFIDENCE
 
 
@@ -86,7 +85,7 @@ def describe_tracked(tracked: TrackedLane) -> list[str]:
     lines = [
         describe_bend(lane.curvature_per_m),
         describe_offset(lane.offset_m, lane.offset_std_m),
-        f"{tracked.state}, confidence {tracked.confidence:.2f}" + " (unlikely)" * is_unlikely(tracked),
+        f"{tracked.state}, confidence {tracked.confidence:.2f}" + (" (unlikely)" if is_unlikely(tracked) else ""),
     ]
     warning = tracked.warning.describe() if tracked.warning else None
     return lines + [warning] if warning else lines
