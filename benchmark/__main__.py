@@ -198,9 +198,8 @@ def _report(results: list, folder: Path) -> None:
     for report in (describe_consistency(results), describe_confidence(results)):
         if report:
             print(f"\n{report}")
-    failures = describe_failures([result for result in results if result.system == TRACKER])
-    if any(result.system == TRACKER for result in results):
-        print(f"\nFailures of the tracker:\n{failures or 'none'}")
+    if of_tracker := [result for result in results if result.system == TRACKER]:
+        print(f"\nFailures of the tracker:\n{describe_failures(of_tracker) or 'none'}")
     stated = consistency_rows(results)
     written = [
         write_telemetry(folder / "benchmark.csv", rows),

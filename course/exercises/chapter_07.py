@@ -28,14 +28,15 @@ def check_ransac_choice(choice: Sequence[int], *, pixels: np.ndarray, line: Sequ
             f"is 0.6 to the power of 3, not 0.4 to the power of 3, and at most {MAX_TRIALS} trials are allowed."
         )
     clean = (1 - OUTLIER_SHARE) ** samples
-    probability = 1 - (1 - clean) ** trials
+    # of at least one clean sample, with one trial less and with all of them
+    before, probability = (1 - (1 - clean) ** count for count in (trials - 1, trials))
     if probability < REQUIRED_PROBABILITY or trials > MAX_TRIALS:
         return hint(
             f"a sample of {samples} pixels is clean with the probability {clean:.1%}, at least one of {trials} samples "
             f"with {probability:.2%}. Required are {REQUIRED_PROBABILITY:.2%} in at most {MAX_TRIALS} trials."
         )
-    if 1 - (1 - clean) ** (trials - 1) >= REQUIRED_PROBABILITY:
-        return hint(f"{trials} trials are enough, but not the smallest number of trials that is.")
+    if before >= REQUIRED_PROBABILITY:
+        return hint(f"{trials} is not the smallest number of trials that is enough.")
     fit = ransac_line(pixels, trials=trials, samples=samples)
     if fit is None:
         return hint(f"RANSAC finds no line with {trials} trials of {samples} pixels.")

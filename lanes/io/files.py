@@ -56,7 +56,8 @@ def require_file(
     except (OSError, ValueError) as missing:  # ValueError: a NUL in the name
         raise FileNotFoundError(f"{path}: there is no such {kind} file; check the name and the folder.") from missing
     if not stat.S_ISREG(found.st_mode):
-        remedy = f"name the files in it, for instance {path / '*'}" if path.is_dir() else f"name a {kind} file"
+        in_folder = f"name the files in it, for instance {path / '*'}"
+        remedy = in_folder if stat.S_ISDIR(found.st_mode) else f"name a {kind} file"
         raise error(f"{path}: is {_describe_kind(found)}; {remedy}.")
     if not os.access(path, os.R_OK):
         raise error(f"{path}: may not be read (Permission denied); ask for the right to, or copy it.")
