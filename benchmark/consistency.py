@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmark.errors import LANE_CHANGE_M, NEAR, LaneTruth, worse_rms
+from benchmark.errors import LANE_CHANGE_M, NEAR, LaneTruth, line_errors, worse_rms
 from benchmark.estimates import AHEAD_M, DriveEstimates
 
 # The numbers of the stated covariance, and all whose z is reported.
@@ -66,8 +66,8 @@ def normalize_errors(estimates: DriveEstimates, truth: LaneTruth) -> NormalizedE
     if not compared.any():
         return None
     change = (np.abs(truth.at_car_y_m) < LANE_CHANGE_M).any(axis=1)
-    lateral = np.where(np.isfinite(truth.line_cosine), estimates.lines_y_m - truth.lines_y_m, np.nan)
-    other = worse_rms((lateral * truth.line_cosine)[..., NEAR]) > OTHER_LANE_M
+    lateral = np.where(truth.compared, estimates.lines_y_m - truth.lines_y_m, np.nan)
+    other = worse_rms(line_errors(estimates, truth)[..., NEAR]) > OTHER_LANE_M
     used = compared & ~change & ~other
     errors = np.column_stack([_of(estimates, name) - _of(truth, name) for name in NUMBERS])[used]
     covariance = estimates.covariance[used]

@@ -15,8 +15,8 @@ from lanes.tracking.confidence import CORRECT_WITHIN_M
 NEAR = AHEAD_M <= 20.0
 # Within this distance of a line the car is changing lanes: either adjacent lane counts as the ego lane.
 LANE_CHANGE_M = 0.4
-# A line is compared only as far as its direction differs from the car's by less than this. In a hairpin the lateral
-# position at a given x says little, and the line ends where it turns back.
+# A line is compared only as far as its direction differs from the car's by less than this. In a hairpin a true line
+# turns back, and x does not determine its point.
 MAX_LINE_ANGLE_RAD = np.radians(60)
 # A wrong lane with this confidence or more is confident and wrong.
 CONFIDENT = 0.9
@@ -61,24 +61,22 @@ class LaneTruth:
         return np.concatenate([self.at_car_y_m[..., None], self.lines_y_m], axis=2)
 
     @property
-    def line_cosine(self) -> np.ndarray:
-        """(N, 2, D) cosine of the line's direction; NaN behind the first chord of MAX_LINE_ANGLE_RAD or more.
-
-        It converts a difference in y to a distance perpendicular to the line. The flatter of the two adjacent chords
-        is used, so that no error is underestimated.
-        """
+    def compared(self) -> np.ndarray:
+        """(N, 2, D) bool: the line exists at AHEAD_M, and no chord up to there has MAX_LINE_ANGLE_RAD or more."""
         chords = np.abs(np.diff(self._positions_y_m, axis=2) / np.diff(AHEAD_M, prepend=0.0))
-        slope = np.fmin(chords, np.concatenate([chords[..., 1:], chords[..., -1:]], axis=2))
-        compared = np.logical_and.accumulate(chords < np.tan(MAX_LINE_ANGLE_RAD), axis=2)
-        return np.where(compared, 1 / np.hypot(1, slope), np.nan)
+        return np.logical_and.accumulate(chords < np.tan(MAX_LINE_ANGLE_RAD), axis=2)
+
+    @property
+    def points_m(self) -> np.ndarray:
+        """(N, 2, D, 2) points of the lines on the road at AHEAD_M."""
+        return np.stack(np.broadcast_arrays(AHEAD_M, self.lines_y_m), axis=-1)
 
     def in_picture(self, camera: Camera | None) -> np.ndarray:
         """(N, 2, D) bool: the line at AHEAD_M is inside the picture, hidden or not; all True without a camera."""
         if camera is None:
             return np.ones(self.lines_y_m.shape, bool)
-        positions = np.stack([np.broadcast_to(AHEAD_M, self.lines_y_m.shape), self.lines_y_m], axis=-1)
         # A flat road is assumed: bumps and hills hardly change the column of a road point.
-        column = camera.road_to_pixels(positions.reshape(-1, 2))[:, 0].reshape(self.lines_y_m.shape)
+        column = camera.road_to_pixels(self.points_m.reshape(-1, 2))[:, 0].reshape(self.lines_y_m.shape)
         return (column >= 0) & (column <= camera.width - 1)
 
     def select(self, frames: slice) -> LaneTruth:
@@ -111,12 +109,11 @@ class FrameErrors:
     """Errors of N frames; NaN if no lane is available, no lane exists, or the line ends before that distance.
 
     `exists`, `available` and `confident` are bool: a lane exists; the system reports a lane; it reports one with a
-    confidence of CONFIDENT or more, or it states no confidence. `lateral_m` (N, D) is the distance between estimated
-    and true line at AHEAD_M, perpendicular to the true one, of the worse line there. `near_rms_m` and `full_rms_m` are
-    root mean squares of the lateral errors of the worse line: over 5 to 20 m, and over 5 to 30 m, for which the
-    confidence is defined; infinite if the estimated line turns back before the true one. `in_picture_rms_m` is
-    `near_rms_m` over the points inside the picture: in a hairpin the inner line leaves it at the side. Offset, heading
-    and curvature are absolute errors.
+    confidence of CONFIDENT or more, or it states no confidence. `lateral_m` (N, D) are the `line_errors` of the worse
+    line at AHEAD_M. `near_rms_m` and `full_rms_m` are the root mean square of the `line_errors` of the worse line: over
+    5 to 20 m, and over 5 to 30 m, for which the confidence is defined. `in_picture_rms_m` is `near_rms_m` over the
+    points inside the picture: in a hairpin the inner line leaves it at the side. Offset, heading and curvature are
+    absolute errors.
     """
 
     exists: np.ndarray
@@ -196,10 +193,7 @@ def recovery_lengths(correct: np.ndarray) -> list[int]:
 
 def _errors_against(estimates: DriveEstimates, truth: LaneTruth, camera: Camera | None) -> dict[str, np.ndarray]:
     """The errors that depend on which lane counts as the ego lane."""
-    cosine = truth.line_cosine
-    error = np.abs(estimates.lines_y_m - truth.lines_y_m) * cosine
-    compared = estimates.available[:, None, None] & np.isfinite(cosine)
-    error = np.where(compared, np.where(np.isnan(error), np.inf, error), np.nan)
+    error = line_errors(estimates, truth)
     errors = {
         "lateral_m": np.fmax(error[:, 0], error[:, 1]),
         "near_rms_m": worse_rms(error[..., NEAR]),
@@ -209,6 +203,26 @@ def _errors_against(estimates: DriveEstimates, truth: LaneTruth, camera: Camera 
     for name in ("offset_m", "heading_rad", "curvature_per_m"):
         errors[name] = np.where(truth.exists, np.abs(getattr(estimates, name) - getattr(truth, name)), np.nan)
     return errors
+
+
+def line_errors(estimates: DriveEstimates, truth: LaneTruth) -> np.ndarray:
+    """(N, 2, D) distances, metres, of the true points at AHEAD_M from the nearest points of the estimated lines.
+
+    NaN where no lane is available, or the true line is not compared. Unlike a difference in y, the distance is that to
+    the line, however much the line is slanted, and it exists where the estimated line has turned back.
+    """
+    start, end = estimates.lines_m[:, :, :-1], estimates.lines_m[:, :, 1:]
+    chord = end - start
+    squared_length = np.maximum((chord**2).sum(axis=-1), 1e-12)
+
+    def distance_m(points: np.ndarray) -> np.ndarray:
+        """(N, 2) distances of a point (N, 2, 2) of each line."""
+        to_point = points[:, :, None] - start
+        along = np.clip((to_point * chord).sum(axis=-1) / squared_length, 0.0, 1.0)
+        return np.linalg.norm(to_point - along[..., None] * chord, axis=-1).min(axis=-1)
+
+    distances = np.stack([distance_m(points) for points in np.moveaxis(truth.points_m, 2, 0)], axis=-1)
+    return np.where(truth.compared & estimates.available[:, None, None], distances, np.nan)
 
 
 def worse_rms(error: np.ndarray) -> np.ndarray:

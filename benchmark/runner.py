@@ -70,7 +70,7 @@ def run_benchmark(
 def cached_estimates(prepared: PreparedDrive, system: str, folder: Path, workers: int) -> Path:
     """The file with the estimates of a system for a drive; the system runs if there is no such file yet."""
     label = system.replace("/", "-").replace(":", "-")  # an own finder is named file.py:function
-    path = folder / f"{prepared.drive.label}-{label}-{_cache_key(prepared, system)}.json"
+    path = folder / f"{prepared.drive.label}-{label}-{_cache_key(prepared, system)}.npz"
     if not path.is_file():
         fps = inspect_video(prepared.drive.require_video()).fps
         metadata = {"workers": workers, "fps": fps, "machine": describe_machine()}

@@ -80,8 +80,8 @@ def score(drives: Sequence[FrameErrors]) -> dict[str, float]:
     """Scores over all frames of some drives; NaN without any frame to score.
 
     `available_share` and `accuracy` refer to the frames with a true lane, `confident_and_wrong_share` to all frames.
-    `*_median` and `*_p95` are over the frames with an available lane; they are infinite if that percentile is a line
-    that turns back before the true one. `recovery_*` are lengths of losses, 0 without a loss.
+    `*_median` and `*_p95` are over the frames with an available lane. `recovery_*` are lengths of losses, 0 without a
+    loss.
     """
     exists = _joined([drive.exists for drive in drives])
     available = _joined([drive.available for drive in drives])
@@ -113,12 +113,9 @@ def score(drives: Sequence[FrameErrors]) -> dict[str, float]:
 
 
 def percentile(values: np.ndarray, percent: float) -> float:
-    """The smallest value that at least `percent` of the values do not exceed, NaN left out; NaN without any value.
-
-    It is always one of the values (nearest rank): interpolation would fail with infinite ones.
-    """
-    values = np.sort(values[~np.isnan(values)])
-    return float(values[max(int(np.ceil(len(values) * percent / 100)) - 1, 0)]) if len(values) else float("nan")
+    """The smallest value that at least `percent` of the values do not exceed, NaN left out; NaN without any value."""
+    known = values[~np.isnan(values)]
+    return float(np.percentile(known, percent, method="inverted_cdf")) if len(known) else float("nan")
 
 
 def _share(flags: np.ndarray) -> float:

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmark.estimates import AHEAD_M, LaneEstimate
+from benchmark.estimates import AHEAD_M, ALONG_M, LaneEstimate, points_ahead
 from benchmark.own_finder import Lines, OwnFinder, estimate_from_lines, finder_file, is_own_finder, load_finder
 from lanes import camera, classic, tracking
 from lanes.camera.camera import Camera
@@ -26,7 +26,7 @@ from lanes.classic.result import LaneResult
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.detector import find_lane
 from lanes.tracking.lane import Lane
-from lanes.tracking.model import CENTRE, CURVATURE, HEADING, WIDTH
+from lanes.tracking.model import CENTRE, CURVATURE, HEADING, SIDES, WIDTH, line_points
 from lanes.tracking.tracker import LaneTracker, TrackedLane
 
 TRACKER, DETECTOR = "tracker", "detector"
@@ -119,13 +119,14 @@ def tracker_estimate(tracked: TrackedLane) -> LaneEstimate:
     if lane is None:
         return LaneEstimate()
     return LaneEstimate(
-        lane.lateral_m(AHEAD_M),
+        line_points(lane.model, SIDES, ALONG_M),
         lane.offset_m,
         lane.heading_rad,
         lane.curvature_per_m,
         tracked.confidence,
         lane.width_m,
         lane_covariance(lane),
+        lane.lateral_m(AHEAD_M),
         lane.lateral_std_m(AHEAD_M),
     )
 
@@ -139,11 +140,11 @@ def lane_covariance(lane: Lane) -> np.ndarray:
 
 def recipe_estimate(result: LaneResult) -> LaneEstimate:
     """A recipe's estimate for a frame: a lane if both lines are measured or remembered; no confidence."""
-    left, right, lines = result.left_road, result.right_road, result.lateral_m(AHEAD_M)
+    left, right, lines = result.left_road, result.right_road, result.lateral_m(ALONG_M)
     if left is None or right is None or lines is None:
         return LaneEstimate()
     heading = np.arctan((left.c1 + right.c1) / 2)
-    return LaneEstimate(lines, result.offset_m, float(heading), result.curvature_per_m)
+    return LaneEstimate(points_ahead(lines), result.offset_m, float(heading), result.curvature_per_m)
 
 
 def own_columns(lines: Lines | None, camera: Camera, rows: np.ndarray) -> np.ndarray:

@@ -4,8 +4,7 @@
 
 The default scenes are the three committed videos; other scenes of the suite are rendered when they are missing. With
 labels, hand-labelled stills are scored, too. The result is a Markdown table. A mechanism is switched off by other
-parameters or another function, in every module of `lanes.tracking` that uses it. The 95 % error is infinite if that
-percentile is a line that turns back too early, as in hairpins.
+parameters or another function, in every module of `lanes.tracking` that uses it.
 """
 
 from __future__ import annotations

@@ -15,11 +15,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from benchmark.errors import FrameErrors, LaneTruth, frame_errors
-from benchmark.estimates import AHEAD_M, DriveEstimates, LaneEstimate
+from benchmark.estimates import ALONG_M, DriveEstimates, LaneEstimate
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.fitting import FIT, fit_lanes
 from lanes.tracking.markings import Stripes
-from lanes.tracking.model import CENTRE, CURVATURE, HEADING, SIDES, line_y, parameter_vector
+from lanes.tracking.model import CENTRE, CURVATURE, HEADING, SIDES, line_points, parameter_vector
 from simulator.rendering.drive import Drive
 from simulator.road.truth import H_SAMPLES, Truth, line_pixels, truth_row
 from simulator.scenes.suite import SUITE
@@ -61,8 +61,8 @@ def fit_truth(drive: Drive, truth: Truth, view: BirdsEyeView) -> LaneEstimate:
         for vertical in (0.0, FIT.undulation_std_per_m)
     ]
     lane = max(fits, key=lambda fit: float(fit.explained[0])).lane[0]
-    lines_y_m = np.array([line_y(AHEAD_M, lane, side) for side in SIDES])
-    return LaneEstimate(lines_y_m, float(-lane[CENTRE]), float(lane[HEADING]), float(lane[CURVATURE]))
+    lines_m = line_points(lane, SIDES, ALONG_M)
+    return LaneEstimate(lines_m, float(-lane[CENTRE]), float(lane[HEADING]), float(lane[CURVATURE]))
 
 
 def true_stripes(drive: Drive, truth: Truth, view: BirdsEyeView) -> Stripes:

@@ -37,8 +37,6 @@ def failure_spans(errors: FrameErrors, fps: float) -> list[str]:
 def _largest_error(near_rms_m: np.ndarray) -> str:
     """The largest error in words; empty if all are NaN."""
     worst_m = np.nanmax(near_rms_m, initial=-np.inf)
-    if worst_m == np.inf:
-        return " (a line turns back too soon)"
     return f" by {worst_m:.2f} m" if worst_m >= 0 else ""
 
 

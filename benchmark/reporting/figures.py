@@ -26,7 +26,7 @@ EDGE = 0.95
 MARKER_SIZE, POSE_MARKER_SIZE = 5, 9
 # Of the recipes and the tracker.
 MARKERS = "os^Dv"
-LIMITS = {ERROR: (0.003, 10.0), AVAILABLE: (0.0, 100.0), WRONG: (0.0, 100.0)}
+LIMITS = {ERROR: (0.003, 20.0), AVAILABLE: (0.0, 100.0), WRONG: (0.0, 100.0)}
 
 
 def save_scores_figure(path: str | Path, rows: Sequence[Row]) -> Path:

@@ -138,10 +138,8 @@ def describe_interval(low: float, high: float) -> str:
 
 
 def _describe_distance(error_m: float) -> str:
-    """An error in words: NaN means that no lane was available, infinite that a line ends before the true one."""
-    if math.isnan(error_m):
-        return "lost"
-    return "a line ends" if math.isinf(error_m) else f"{error_m:.2f} m"
+    """An error in words; NaN means that no lane was available."""
+    return "lost" if math.isnan(error_m) else f"{error_m:.2f} m"
 
 
 def _pair(key: str, unit: str, factor: float = 1.0) -> Callable[[Row], str]:

@@ -13,6 +13,7 @@ from benchmark.estimates import AHEAD_M, DriveEstimates
 from benchmark.reporting.consistency_table import consistency_rows, consistency_table, describe_consistency
 from benchmark.result import Result
 from lanes.io.telemetry import write_telemetry
+from tests.benchmark.test_errors import lines_through
 from tests.benchmark.test_significance import result
 
 N, WIDTH = 4000, 3.6
@@ -35,13 +36,14 @@ def estimates(lane: LaneTruth, *, stated: float = 1.0) -> DriveEstimates:
     offset, heading, curvature, width = rng.multivariate_normal(np.zeros(4), COVARIANCE, N).T
     line_std = np.broadcast_to(0.02 + 0.001 * AHEAD_M, (N, 2, len(AHEAD_M)))
     return DriveEstimates(
-        lane.lines_y_m + rng.normal(0, line_std),
+        np.array([lines_through(lane.lines_y_m[0])] * N),
         lane.offset_m + offset,
         lane.heading_rad + heading,
         lane.curvature_per_m + curvature,
         np.ones(N),
         lane.width_m + width,
         np.broadcast_to(stated**2 * COVARIANCE, (N, 4, 4)).copy(),
+        lane.lines_y_m + rng.normal(0, line_std),
         stated * line_std,
         np.ones(N),
     )
@@ -71,7 +73,7 @@ def test_nees_notices_a_wrong_correlation():
 def test_lane_changes_and_other_lanes_are_left_out_and_counted():
     lane, some = truth(), estimates(truth())
     lane.at_car_y_m[:100, 0] = 0.3
-    some.lines_y_m[50:250] += 3.5
+    some.lines_m[50:250, :, :, 1] += 3.5
     some.offset_m[50:250] -= 3.5
     row = consistency([normalize_errors(some, lane)])
     assert (row["frames"], row["lane_change_frames"], row["other_lane_frames"]) == (N - 250, 100, 150)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmark import evaluation
-from benchmark.estimates import AHEAD_M
+from benchmark.estimates import ALONG_M
 from benchmark.evaluation import score_video
 from benchmark.own_finder import estimate_from_lines, load_finder
 from benchmark.scored_drive import PROJECT_ROOT
@@ -31,11 +31,11 @@ def find(image, camera):
 
 def test_polynomials_become_an_estimate():
     estimate = estimate_from_lines([(0.001, 0.02, 1.6), (0.001, 0.02, -2.0)])
-    assert estimate.lines_y_m[:, AHEAD_M == 10].ravel() == pytest.approx([1.9, -1.7])
+    assert estimate.lines_m[:, ALONG_M == 10].ravel() == pytest.approx([10.0, 1.9, 10.0, -1.7])
     assert estimate.offset_m == pytest.approx(0.2)
     assert estimate.heading_rad == pytest.approx(0.02, rel=1e-3)
     assert estimate.curvature_per_m == pytest.approx(0.002, rel=1e-3)
-    assert estimate_from_lines(None).lines_y_m is None
+    assert estimate_from_lines(None).lines_m is None
 
 
 def test_one_line_is_refused():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmark.errors import LaneTruth, frame_errors
-from benchmark.estimates import AHEAD_M, DriveEstimates, LaneEstimate
+from benchmark.estimates import AHEAD_M, ALONG_M, DriveEstimates, LaneEstimate
 from benchmark.systems import SYSTEMS, column_detector, recipe_estimate, start_system
 from lanes.camera.camera import Camera
 from lanes.classic.result import LaneResult, RoadLine
@@ -44,6 +44,9 @@ def test_estimates_are_in_metres_on_the_road(system):
     states = system in ("tracker", "detector")
     for name in ("confidence", "width_m", "covariance", "lines_std_m"):
         assert np.isfinite(getattr(estimates, name)[0]).all() == states, name
+    if states:
+        lateral_m = [np.interp(AHEAD_M, *line.T) for line in estimates.lines_m[0]]
+        np.testing.assert_allclose(estimates.lines_y_m[0], lateral_m, atol=0.001)
     assert estimate(np.zeros((360, 640, 3), np.uint8)) is not None
 
 
@@ -84,13 +87,13 @@ def test_estimates_of_a_recipe_have_the_signs_of_the_conventions():
     assert estimate.offset_m == pytest.approx(0.2)
     assert estimate.heading_rad == pytest.approx(np.arctan(0.05))
     assert estimate.curvature_per_m == pytest.approx(0.002, rel=0.01)
-    assert estimate.lines_y_m[:, AHEAD_M == 10].ravel() == pytest.approx([2.2, -1.4])
+    assert estimate.lines_m[:, ALONG_M == 10].ravel() == pytest.approx([10.0, 2.2, 10.0, -1.4])
     assert estimate.confidence is None
 
 
 def test_one_line_is_no_lane():
     estimate = recipe_estimate(LaneResult(None, None, RoadLine(1.6, 0, 0), None, "lost", None))
-    assert (estimate.lines_y_m, estimate.offset_m, estimate.curvature_per_m) == (None, None, None)
+    assert (estimate.lines_m, estimate.offset_m, estimate.curvature_per_m) == (None, None, None)
 
 
 def test_unknown_systems_are_refused():

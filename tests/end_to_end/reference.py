@@ -65,9 +65,6 @@ def worse_than(reference: dict[str, dict[str, float]], errors: FrameErrors) -> l
     now = score([errors])
     worse_measures = []
     for name, known in reference.items():
-        # an infinite error cannot become worse: a line that turns back too early is infinitely far off
-        if np.isinf(known["value"]):
-            continue
         worse = (known["value"] - now[name]) if name in HIGH_IS_GOOD else (now[name] - known["value"])
         if not worse <= known["tolerance"]:
             worse_measures.append(

@@ -36,6 +36,8 @@ def test_the_tracker_is_confident_and_wrong_as_rarely_as_promised_on_new_frames(
 def test_every_committed_video_is_held_to_every_measure():
     assert list(REFERENCES) == [name for name in COMMITTED if name in list_drives() and list_drives()[name].video]
     assert all(tuple(reference) == MEASURES for reference in REFERENCES.values())
+    numbers = [number for reference in REFERENCES.values() for known in reference.values() for number in known.values()]
+    assert np.isfinite(numbers).all()
 
 
 class TestTheComparison:
