@@ -38,12 +38,14 @@ from lanes.tracking.markings import MARKINGS, Stripes, yellowness
 from lanes.tracking.model import (
     BEND,
     BENDS_AT_NODES,
+    CURVATURE,
     NODES_M,
     PARAMETERS,
     PRIOR,
     RATE_STEPS,
     bend_gradients,
     height_and_grade,
+    max_curvature,
 )
 from lanes.tracking.state import CAR_PARAMETERS, PROCESS_NOISE, KalmanState
 from lanes.tracking.tracker import TRACKER
@@ -89,6 +91,11 @@ def flat_road(x_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.zeros_like(heights), np.zeros_like(grades)
 
 
+def curvature_at_car(lane: np.ndarray) -> float:
+    """In place of `max_curvature`: that at the car."""
+    return abs(float(lane[CURVATURE]))
+
+
 def update_near(stripes: Stripes, estimate: KalmanState, view: BirdsEyeView, *, outwards: bool = True) -> LaneFit:
     """In place of `update_lane`: only the fit near the prediction."""
     return fit_near(stripes, estimate.lane, estimate.lane_covariance, view)
@@ -124,7 +131,7 @@ SWITCHES = (
     Switch("vertical profile", "four vertical curvatures: crests and dips", ((height_and_grade, flat_road),)),
     _parameters("shares of the prior", "prior deviations grow with the curvature", PRIOR, **_SMALL_PRIOR),
     _parameters("shares of the noise", "process noise grows with the curvature", PROCESS_NOISE, **_SMALL_NOISE),
-    _parameters("bend ahead", "a bend ahead counts as if the car were in it", PROCESS_NOISE, bend_ahead_m=0.0),
+    Switch("bend ahead", "a bend ahead counts as if the car were in it", ((max_curvature, curvature_at_car),)),
     _parameters("camera lever", "distance of the camera from the rear axle", CAR_PARAMETERS, lever_m=0.0),
     _parameters("periodic search", "a search each second while tracking", TRACKER, search_period_s=np.inf),
 )

@@ -19,16 +19,14 @@ import numpy as np
 
 from lanes.tracking.fitting import LaneFit
 from lanes.tracking.model import (
-    BEND,
     CURVATURE,
-    KNOTS_M,
     PITCH,
     PRIOR,
     PRIOR_STD,
     RATE,
     RATE_STEPS,
     VERTICAL_CURVATURE,
-    bend_gradients,
+    max_curvature,
 )
 
 
@@ -59,8 +57,6 @@ class ErrorParameters:
 
 
 ERRORS = ErrorParameters()
-# Derivatives of the curvatures at the car and at the knots of the rate.
-_CURVATURE_GRADIENTS = bend_gradients(np.array([0.0, *KNOTS_M]))[1]
 
 
 @dataclass(frozen=True)
@@ -130,7 +126,7 @@ def split_gain(covariance: np.ndarray, prior_information: np.ndarray) -> tuple[n
 
 def road_std(lane: np.ndarray) -> np.ndarray:
     """(15,) standard deviations of the parameters on roads as they are, near a lane (15,)."""
-    curvature = float(np.abs(lane[BEND] @ _CURVATURE_GRADIENTS).max())
+    curvature = max_curvature(lane)
     excess = max(curvature - PRIOR.motorway_curvature_per_m, 0.0)
     std = PRIOR_STD.copy()
     std[CURVATURE] += PRIOR.curvature_share * curvature

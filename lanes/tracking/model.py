@@ -126,6 +126,14 @@ def bend_gradients(along_m: np.ndarray) -> np.ndarray:
 
 # Tabulated, because every fit asks for them.
 BENDS_AT_NODES = bend_gradients(NODES_M)
+# Derivatives of the curvatures at the car, at the knots of the rate, and just behind the last one. Between these places
+# the curvature is linear.
+_CURVATURES_AHEAD = bend_gradients(np.array([0.0, *KNOTS_M, KNOTS_M[-1] + 1]))[1]
+
+
+def max_curvature(lane: np.ndarray) -> float:
+    """Largest curvature of the road (15,) between the car and 25 m ahead, 1/m."""
+    return float(np.abs(lane[BEND] @ _CURVATURES_AHEAD).max())
 
 
 class Path(NamedTuple):

@@ -26,7 +26,6 @@ import numpy as np
 
 from lanes.tracking.model import (
     ADJACENT,
-    BEND,
     CENTRE,
     CURVATURE,
     HEADING,
@@ -41,7 +40,7 @@ from lanes.tracking.model import (
     VERTICAL_CURVATURE,
     VERTICAL_KNOTS_M,
     WIDTH,
-    bend_gradients,
+    max_curvature,
 )
 
 PATH, SPEED, REST_PITCH, CAMERA_YAW = range(PARAMETERS, PARAMETERS + 4)
@@ -125,8 +124,6 @@ class ProcessNoise:
     # before, and the noise accounts for the interpolation between knots.
     vertical_decay_m: float = 20.0
     vertical_knot_shares: tuple[float, ...] = (0.3, 0.3, 0.5, 1.0)
-    # A bend within this distance counts as if the car were in it.
-    bend_ahead_m: float = 25.0
     # Extra noise for abrupt changes of vertical curvature, curvature rate and pitch, see `inflate`.
     inflated_vertical_per_m: float = 6e-3
     inflated_rate_step_per_m2: float = 3e-3
@@ -140,9 +137,6 @@ class ProcessNoise:
 
 PROCESS_NOISE = ProcessNoise()
 _VERTICAL_KNOT_SHARES = np.array(PROCESS_NOISE.vertical_knot_shares)
-# Derivatives of the curvatures at the car, at the knots of the rate and at the end: between them it is linear, so it is
-# largest at one of them.
-_CURVATURES_AHEAD = bend_gradients(np.array([0.0, *KNOTS_M, PROCESS_NOISE.bend_ahead_m]))[1]
 
 
 @dataclass(frozen=True)
@@ -350,11 +344,6 @@ def _variances(curvature: float, vertical_curvature: float, distance_m: float, e
     vertical_std = min(vertical, n.max_vertical_per_m) * _VERTICAL_KNOT_SHARES
     variance[VERTICAL_CURVATURE] = np.square(vertical_std) * (1 - exp(-2 * abs(distance_m) / n.vertical_decay_m))
     return variance
-
-
-def max_curvature(lane: np.ndarray) -> float:
-    """Largest curvature of the road (15,) here or soon, 1/m: expected changes are proportional to it."""
-    return float(np.abs(lane[BEND] @ _CURVATURES_AHEAD).max())
 
 
 def max_vertical_curvature(lane: np.ndarray) -> float:

@@ -27,6 +27,7 @@ from lanes.tracking.model import (
     RIGHT_SIDE,
     WIDTH,
     lateral_std_m,
+    max_curvature,
     score_lanes,
 )
 from lanes.tracking.state import (
@@ -41,7 +42,6 @@ from lanes.tracking.state import (
     STATES,
     KalmanState,
     inflate,
-    max_curvature,
     max_vertical_curvature,
     predict,
     with_given_speed,

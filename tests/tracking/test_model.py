@@ -20,6 +20,7 @@ from lanes.tracking.model import (
     line_y,
     line_y_gradients,
     lines_on_view,
+    max_curvature,
     road_height,
 )
 from lanes.tracking.residuals import arc_coordinates, flatten, intersect_ground, path_coordinates
@@ -260,3 +261,12 @@ def test_rays_of_many_lanes_are_those_of_each():
         alone = intersect_ground(flat_x, lane, 1.4)
         for name in ("x_m", "fall", "heights"):
             np.testing.assert_allclose(getattr(together, name)[k], getattr(alone, name), rtol=1e-12)
+
+
+def test_the_largest_curvature_is_at_the_car_or_ahead():
+    assert max_curvature(HAIRPIN) == pytest.approx(1 / 15)
+    bend_begins = a_lane(rate_steps=(2e-3, 0, 0))
+    assert max_curvature(bend_begins) == pytest.approx(2e-3 * (25 - KNOTS_M[0]))
+    # a bend that begins and ends in view is sharpest in between
+    bend = a_lane(rate_steps=(4e-3, -8e-3, 4e-3))
+    assert max_curvature(bend) == pytest.approx(4e-3 * (KNOTS_M[1] - KNOTS_M[0]))
