@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from benchmark.estimates import AHEAD_M, DriveEstimates
+from benchmark.estimates import AHEAD_M, DriveEstimates, road_points
 from lanes.camera.camera import Camera
 from lanes.tracking.confidence import CORRECT_WITHIN_M
 
@@ -69,7 +69,7 @@ class LaneTruth:
     @property
     def points_m(self) -> np.ndarray:
         """(N, 2, D, 2) points of the lines on the road at AHEAD_M."""
-        return np.stack(np.broadcast_arrays(AHEAD_M, self.lines_y_m), axis=-1)
+        return road_points(AHEAD_M, self.lines_y_m)
 
     def in_picture(self, camera: Camera | None) -> np.ndarray:
         """(N, 2, D) bool: the line at AHEAD_M is inside the picture, hidden or not; all True without a camera."""

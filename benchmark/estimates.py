@@ -83,9 +83,9 @@ class DriveEstimates:
         return np.isfinite(self.offset_m)
 
 
-def points_ahead(lateral_m: np.ndarray) -> np.ndarray:
-    """Points (2, P, 2) of two lines with the lateral positions (2, P) at the distances ALONG_M straight ahead."""
-    return np.stack(np.broadcast_arrays(ALONG_M, lateral_m), axis=-1)
+def road_points(x_m: np.ndarray, lateral_m: np.ndarray) -> np.ndarray:
+    """Points (..., P, 2) of lines with the lateral positions (..., P) at distances (P,) straight ahead."""
+    return np.stack(np.broadcast_arrays(x_m, lateral_m), axis=-1)
 
 
 def _stack(values: Sequence[float | np.ndarray | None], shape: tuple[int, ...]) -> np.ndarray:

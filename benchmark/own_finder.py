@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmark.estimates import ALONG_M, LaneEstimate, points_ahead
+from benchmark.estimates import ALONG_M, LaneEstimate, road_points
 from lanes.camera.camera import Camera
 
 Lines = Sequence[Sequence[float]]
@@ -70,7 +70,7 @@ def estimate_from_lines(lines: Lines | None) -> LaneEstimate:
     slope = np.mean([shape.deriv()(0.0) for shape in shapes])
     bend = np.mean([shape.deriv(2)(0.0) for shape in shapes])
     return LaneEstimate(
-        points_ahead(np.array([shape(ALONG_M) for shape in shapes])),
+        road_points(ALONG_M, np.array([shape(ALONG_M) for shape in shapes])),
         offset_m=float(-np.mean([shape(0.0) for shape in shapes])),
         heading_rad=float(np.arctan(slope)),
         curvature_per_m=float(bend / (1 + slope**2) ** 1.5),

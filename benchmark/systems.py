@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmark.estimates import AHEAD_M, ALONG_M, LaneEstimate, points_ahead
+from benchmark.estimates import AHEAD_M, ALONG_M, LaneEstimate, road_points
 from benchmark.own_finder import Lines, OwnFinder, estimate_from_lines, finder_file, is_own_finder, load_finder
 from lanes import camera, classic, tracking
 from lanes.camera.camera import Camera
@@ -144,7 +144,7 @@ def recipe_estimate(result: LaneResult) -> LaneEstimate:
     if left is None or right is None or lines is None:
         return LaneEstimate()
     heading = np.arctan((left.c1 + right.c1) / 2)
-    return LaneEstimate(points_ahead(lines), result.offset_m, float(heading), result.curvature_per_m)
+    return LaneEstimate(road_points(ALONG_M, lines), result.offset_m, float(heading), result.curvature_per_m)
 
 
 def own_columns(lines: Lines | None, camera: Camera, rows: np.ndarray) -> np.ndarray:

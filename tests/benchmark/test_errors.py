@@ -13,8 +13,8 @@ from benchmark.estimates import (
     ALONG_M,
     DriveEstimates,
     LaneEstimate,
-    points_ahead,
     read_estimates,
+    road_points,
     write_estimates,
 )
 from benchmark.reporting.failures import describe_failures, failure_spans
@@ -48,7 +48,7 @@ def truth(offset_m: float = 0.25, curvature_per_m: float = 0.002, heading_rad: f
 
 def lines_through(lateral_m: np.ndarray) -> np.ndarray:
     """Lines (2, P, 2) with the lateral positions (2, D) at AHEAD_M, straight in between and beyond."""
-    return points_ahead(np.array([np.interp(ALONG_M, AHEAD_M, line) for line in lateral_m]))
+    return road_points(ALONG_M, np.array([np.interp(ALONG_M, AHEAD_M, line) for line in lateral_m]))
 
 
 def shift_lines(
