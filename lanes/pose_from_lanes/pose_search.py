@@ -101,10 +101,13 @@ def _try_poses(image: np.ndarray, camera: Camera, estimate: PoseEstimate) -> Ite
 
 
 def _same_lane(columns: np.ndarray) -> np.ndarray:
-    """(N, N) bool: which of the lanes with these `columns` (N, 2, rows) are the same in the picture; symmetric."""
+    """(N, N) bool: which of the lanes with these `columns` (N, 2, rows) are the same in the picture; symmetric.
+
+    Every lane is the same as itself, also if it is seen in few rows.
+    """
     first, second = columns[:, None], columns[None]
     common = (first >= 0) & (second >= 0)
     near = common & (np.abs(first - second) < SEARCH.same_within)
     count = common.sum(axis=-1)
     enough = near.sum(axis=-1) >= SEARCH.same_rows * count
-    return (enough & (count >= SEARCH.min_common_rows)).all(axis=-1)
+    return (enough & (count >= SEARCH.min_common_rows)).all(axis=-1) | np.eye(len(columns), dtype=bool)

@@ -9,6 +9,7 @@ import pytest
 
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraPose
+from lanes.pose_from_lanes import pose_search
 from lanes.pose_from_lanes.pose_estimate import PoseEstimate
 from lanes.pose_from_lanes.pose_search import SEARCH, search_pose
 from lanes.tracking.birdseye import BirdsEyeView
@@ -82,3 +83,10 @@ def test_without_a_lane_the_estimate_is_kept_and_no_pose_agrees():
 def test_the_steps_are_symmetric_and_begin_with_the_estimate():
     assert SEARCH.steps[0] == (0.0, 0.0)
     assert {(-height, -pitch) for height, pitch in SEARCH.steps} == set(SEARCH.steps)
+
+
+def test_a_lane_that_is_hardly_in_the_picture_is_the_same_as_itself(monkeypatch):
+    """Fewer rows show both lines than are needed to compare two lanes: each pose stands for itself."""
+    monkeypatch.setattr(pose_search, "SEARCH", replace(SEARCH, min_common_rows=SEARCH.rows + 1))
+    found = search_pose(paint_motorway(CAMERA), CAMERA, estimate_with(1.7, 0.05)).pose
+    assert found.same_lane_share == pytest.approx(1 / len(SEARCH.steps))
