@@ -20,6 +20,7 @@ from course.exercises import (
     chapter_13,
     chapter_14,
     chapter_15,
+    chapter_16,
 )
 from course.exercises.verdict import NOT_TRIED, Checks, Verdict
 
@@ -40,6 +41,7 @@ CHECKS: Checks = {
     **chapter_13.CHECKS,
     **chapter_14.CHECKS,
     **chapter_15.CHECKS,
+    **chapter_16.CHECKS,
 }
 
 
