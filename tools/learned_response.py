@@ -7,9 +7,9 @@ docs/ablation.md has what this measured: the network is not part of `lanes`. A w
 too faint in each row of the view, but they line up over many rows. The network sees three rows of a finer view for each
 row, and its surroundings: 27 rows, and half a metre to either side. `tools.train_marking_network` trains it.
 
-Each cell is compared with its surroundings in three ways: lightness and yellowness relative to their scatter, which
-makes the response independent of exposure, and lightness relative to its mean, because a faint streak on a very smooth
-road is no paint.
+Each cell is compared with its surroundings in three ways. Lightness and yellowness relative to their standard deviation
+make the response independent of exposure. Lightness relative to its mean shows that a faint streak on a very smooth
+road is not paint.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from lanes.tracking.markings import (
     find_stripes,
     lightness,
     marking_response,
+    peak_position,
     yellowness,
 )
 
@@ -132,11 +133,9 @@ def place(stripes: Stripes, band_strength: np.ndarray, view: BirdsEyeView) -> St
     column = np.rint((view.y_m[0] - stripes.y_m) / view.cell_m).astype(int)
     nearby = np.clip(column[:, None] + PLACED_WITHIN, 1, view.shape[1] - 2)
     peak = nearby[np.arange(len(nearby)), band_strength[stripes.row[:, None], nearby].argmax(axis=1)]
-    left, middle, right = (band_strength[stripes.row, peak + k] for k in (-1, 0, 1))
-    bend = left - 2 * middle + right
-    shift = np.where(bend < 0, 0.5 * (left - right) / np.minimum(bend, -1e-9), 0.0)
-    y_m = view.y_m[0] - (peak + np.clip(shift, -0.5, 0.5)) * view.cell_m
-    return replace(stripes, y_m=np.where(middle > MARKINGS.half_weight_strength, y_m, stripes.y_m))
+    y_m = view.y_m[0] - peak_position(band_strength, stripes.row, peak) * view.cell_m
+    clear = band_strength[stripes.row, peak] > MARKINGS.half_weight_strength
+    return replace(stripes, y_m=np.where(clear, y_m, stripes.y_m))
 
 
 def main() -> None:

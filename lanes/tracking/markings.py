@@ -219,14 +219,18 @@ def find_stripes(response: MarkingResponse, view: BirdsEyeView) -> Stripes:
     """
     strength = response.strength
     row, column = _peaks(strength)
-    left, middle, right = (strength[row, column + k] for k in (-1, 0, 1))
-    # vertex of the parabola through the peak and its neighbours
-    bend = left - 2 * middle + right
-    shift = np.where(bend < 0, 0.5 * (left - right) / np.minimum(bend, -1e-9), 0.0)
-    y = view.y_m[0] - (column + np.clip(shift, -0.5, 0.5)) * view.cell_m
+    y = view.y_m[0] - peak_position(strength, row, column) * view.cell_m
     step = view.row_columns[row]
     angle = _stripe_angle(strength, row, column, step)
-    return Stripes(row, view.x_m[row], y, angle, step, middle)
+    return Stripes(row, view.x_m[row], y, angle, step, strength[row, column])
+
+
+def peak_position(strength: np.ndarray, row: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """Column with its fraction, (N,), of the vertex of the parabola through each peak and its two neighbours."""
+    left, middle, right = (strength[row, column + k] for k in (-1, 0, 1))
+    bend = left - 2 * middle + right
+    shift = np.where(bend < 0, 0.5 * (left - right) / np.minimum(bend, -1e-9), 0.0)
+    return column + np.clip(shift, -0.5, 0.5)
 
 
 def _peaks(strength: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
