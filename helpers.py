@@ -104,6 +104,10 @@ from benchmark.reporting.tables import results_table
 # 15 Own finder
 from course.own_finder import score_finder, finder_table
 
+# 16 Learn
+from lanes.tracking.learned_markings import finer_view, network_strength
+from lanes.tracking.markings import strength_weight
+
 # Sliders
 from lanes.explain.sliders import tune_threshold, tune_view
 from lanes.io.video.reader import read_frames

@@ -1,4 +1,4 @@
-"""Train the network of `tools.learned_response` on rendered pictures, and write its ONNX file.
+"""Train the network of `lanes.tracking.learned_markings` on rendered pictures, and write its ONNX file.
 
     pip install torch onnx
     python -m tools.train_marking_network [--samples FILE] [--pictures N] [--epochs N] [-o FILE]
@@ -12,6 +12,7 @@ The mirrored picture has the mirrored response: filters come in mirrored pairs, 
 from __future__ import annotations
 
 import argparse
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
@@ -20,18 +21,24 @@ import torch
 from torch import nn
 from torch.nn import functional as nnf
 
+from lanes.camera.camera import Camera
+from lanes.camera.camera_pose import CameraPose
 from lanes.io.console import positive_int, progress_line
 from lanes.io.processes import available_workers, run_all
 from lanes.tracking.birdseye import BirdsEyeView
-from tools.learned_response import NETWORK, NETWORK_FILE, network_inputs
+from lanes.tracking.learned_markings import NETWORK, NETWORK_FILE, finer_view, network_inputs
 from tools.marking_samples import UNKNOWN, take_sample
 
 # Layers: kernel and dilation (rows, columns). The first one reduces the finer view to the rows of the view.
 LAYERS = (((7, 5), (1, 1)), ((3, 5), (1, 1)), ((3, 5), (4, 1)), ((5, 5), (4, 2)))
-CHANNELS, EPOCHS, BATCH, CROP_COLUMNS = 16, 14, 16, 121
+INPUTS, CHANNELS, EPOCHS, BATCH, CROP_COLUMNS = 4, 16, 20, 16, 121
+# Cells farther ahead than this count less, in proportion to the distance: the fit begins near the car.
+WEIGHT_1_M = 15.0
 LEARNING_RATE = 4e-3
 # Every this many pictures are held out.
 HELD_OUT_EVERY = 12
+VIEW = BirdsEyeView(Camera.from_fov((640, 360), 60, CameraPose(1.4)))
+ROW_WEIGHT = np.minimum(WEIGHT_1_M / VIEW.x_m, 1).astype(np.float32)
 
 
 class MirroredConvolution(nn.Module):
@@ -60,7 +67,7 @@ class MirroredConvolution(nn.Module):
 
 
 class MarkingNetwork(nn.Module):
-    """Log odds of paint (N, 1, rows, columns) of inputs (N, 3, fine rows, columns)."""
+    """Log odds of paint (N, 1, rows, columns) of inputs (N, 4, fine rows, columns)."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -73,7 +80,7 @@ class MarkingNetwork(nn.Module):
             padding = (kernel[0] // 2 - NETWORK.fine_rows // 2, padding[1]) if first else padding
             options: dict[str, Any] = {"stride": stride, "padding": padding, "dilation": dilation}
             layers += [
-                MirroredConvolution(3 if first else CHANNELS, CHANNELS, kernel, first=first, **options),
+                MirroredConvolution(INPUTS if first else CHANNELS, CHANNELS, kernel, first=first, **options),
                 nn.ReLU(),
             ]
         self.layers = nn.Sequential(*layers)
@@ -90,7 +97,7 @@ class MarkingNetwork(nn.Module):
 
 
 def train(inputs: np.ndarray, labels: np.ndarray, *, epochs: int) -> MarkingNetwork:
-    """The network trained on inputs (N, 3, fine rows, columns) and labels (N, rows, columns); prints the losses."""
+    """The network trained on inputs (N, 4, fine rows, columns) and labels (N, rows, columns); prints the losses."""
     torch.manual_seed(0)
     rng, network = np.random.default_rng(0), MarkingNetwork()
     held_out = np.arange(len(labels)) % HELD_OUT_EVERY == 0
@@ -115,11 +122,12 @@ def train(inputs: np.ndarray, labels: np.ndarray, *, epochs: int) -> MarkingNetw
 
 
 def loss_of(network: MarkingNetwork, inputs: np.ndarray, labels: np.ndarray) -> torch.Tensor:
-    """Mean cross-entropy (nats) of the cells with a known label."""
+    """Mean cross-entropy (nats) of the cells with a known label, weighted by distance."""
     log_odds = network(torch.from_numpy(inputs.astype(np.float32)))[:, 0]
     label = torch.from_numpy(labels)
-    known = label != UNKNOWN
-    return nnf.binary_cross_entropy_with_logits(log_odds[known], label[known].float())
+    weight = torch.from_numpy(ROW_WEIGHT)[:, None] * (label != UNKNOWN)
+    losses = nnf.binary_cross_entropy_with_logits(log_odds, (label == 1).float(), reduction="none")
+    return (weight * losses).sum() / weight.sum()
 
 
 def held_out_loss(network: MarkingNetwork, inputs: np.ndarray, labels: np.ndarray, held_out: np.ndarray) -> float:
@@ -146,7 +154,7 @@ def export(network: MarkingNetwork, path: Path) -> None:
     plain = nn.Sequential(*layers, plain_convolution(network.last_filter(), network.bias))
     torch.onnx.export(
         plain.eval(),
-        (torch.zeros(1, 3, 366, 361),),
+        (torch.zeros(1, INPUTS, 366, 361),),
         str(path),
         input_names=["inputs"],
         output_names=["log_odds"],
@@ -156,22 +164,23 @@ def export(network: MarkingNetwork, path: Path) -> None:
 
 
 def load_samples(path: Path, pictures: int) -> tuple[np.ndarray, np.ndarray]:
-    """Inputs (N, 3, fine rows, columns) float16 and labels (N, rows, columns); taken and written unless they exist."""
+    """Inputs (N, 4, fine rows, columns) float16 and labels (N, rows, columns); taken and written unless they exist."""
     if not path.exists():
         samples = run_all(take_sample, range(pictures), workers=available_workers(), progress=progress_line("pictures"))
         found = [sample for sample in samples if sample is not None]
-        np.savez(path, fine_image=[s.fine_image for s in found], label=[s.label for s in found])
+        columns = zip(*(astuple(sample) for sample in found), strict=True)
+        np.savez(path, **dict(zip(("fine_image", "label", "focal_px"), columns, strict=True)))
     with np.load(path) as data:
-        cell_m = BirdsEyeView.cell_m
-        inputs = np.stack([network_inputs(image, cell_m).astype(np.float16) for image in data["fine_image"]])
-        return inputs, data["label"]
+        fine, pictures = finer_view(VIEW), zip(data["fine_image"], data["focal_px"].tolist(), strict=True)
+        inputs = [network_inputs(image, fine, focal_px).astype(np.float16) for image, focal_px in pictures]
+        return np.stack(inputs), data["label"]
 
 
 def main() -> None:
     """Take samples, train, write the network."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--samples", type=Path, default=Path("marking_samples.npz"), metavar="FILE")
-    parser.add_argument("--pictures", type=positive_int, default=1500, metavar="N")
+    parser.add_argument("--pictures", type=positive_int, default=3600, metavar="N")
     parser.add_argument("--epochs", type=positive_int, default=EPOCHS, metavar="N")
     parser.add_argument("-o", "--output", type=Path, default=NETWORK_FILE, metavar="FILE")
     options = parser.parse_args()

@@ -29,7 +29,8 @@ from lanes.tracking.confidence import FEATURES, feature_weights, lane_features
 from lanes.tracking.detector import RIVAL_M, choose_lane
 from lanes.tracking.fitting import LaneFit, fit_starts, near_stripes
 from lanes.tracking.lane import Lane
-from lanes.tracking.markings import FrameEvidence, extract_evidence
+from lanes.tracking.learned_markings import extract_still_evidence
+from lanes.tracking.markings import FrameEvidence
 from lanes.tracking.model import CENTRE, SIDES, WIDTH, is_ego_lane
 from lanes.tracking.tracker import TrackedLane
 from lanes.tracking.voting import vote_lanes
@@ -139,7 +140,7 @@ def explain_frame(image: np.ndarray, camera: Camera, *, pose_failure: str = "") 
     view = BirdsEyeView(camera)
     steps = describe_input(image, camera, pose_failure)
     try:
-        evidence = extract_evidence(view.warp(image), view)
+        evidence = extract_still_evidence(image, view)
     except CameraError as error:
         failed = Step("birdseye", "no road in the picture", str(error), RE_ESTIMATE_POSE)
         return Explanation(image, camera, view, _up_to_failure([*steps, failed]))

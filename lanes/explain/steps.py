@@ -12,7 +12,8 @@ from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.confidence import CONFIDENCE, FEATURES, feature_weights, lane_features
 from lanes.tracking.fitting import FIT, near_stripes
 from lanes.tracking.lane import Lane
-from lanes.tracking.markings import MARKINGS, FrameEvidence, lightness
+from lanes.tracking.learned_markings import uses_network
+from lanes.tracking.markings import MARKINGS, FrameEvidence, lightness, strength_weight
 from lanes.tracking.model import CURVATURE, PITCH, PRIOR_STD, WIDTH, lateral_std_m
 from lanes.tracking.tracker import TRACKER, TrackedLane
 
@@ -65,10 +66,13 @@ def check_birdseye(evidence: FrameEvidence, view: BirdsEyeView) -> Step:
 
 
 def check_markings(evidence: FrameEvidence, view: BirdsEyeView) -> Step:
-    """Check that the marking response exceeds the noise anywhere."""
+    """Check that the marking response is large enough anywhere."""
     strength, minimum = evidence.response.strength[view.seen], MARKINGS.min_strength
-    best = float(strength.max(initial=0))
-    summary = f"strongest {best:.0f} x noise, {(strength > minimum).mean():.1%} of the road above {minimum:g}"
+    best, share = strength.max(initial=0), (strength > minimum).mean()
+    summary = f"strongest {best:.0f} x noise, {share:.1%} of the road above {minimum:g}"
+    if uses_network(view):
+        best_p, minimum_p = strength_weight(np.array([best, minimum]))
+        summary = f"probability of paint up to {best_p:.0%}, {share:.1%} of the road above {minimum_p:.0%} (network)"
     if best > minimum:
         return Step("markings", summary)
     failure = "nothing is brighter or yellower than the road on both sides of it and as wide as a painted line."

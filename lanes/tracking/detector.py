@@ -12,8 +12,9 @@ from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.error_covariance import fit_errors
 from lanes.tracking.fitting import LaneFit, fit_starts, near_stripes
 from lanes.tracking.lane import Lane, LineObservation, Observations
+from lanes.tracking.learned_markings import extract_still_evidence
 from lanes.tracking.marking_type import MarkingProfile, marking_profile
-from lanes.tracking.markings import FrameEvidence, extract_evidence, marking_weight, position_std
+from lanes.tracking.markings import FrameEvidence, marking_weight, position_std
 from lanes.tracking.model import CENTRE, PARAMETERS, SIDES, WIDTH
 from lanes.tracking.residuals import stripe_residuals
 from lanes.tracking.voting import vote_lanes
@@ -47,8 +48,7 @@ def find_lane(image: Frame, view: BirdsEyeView) -> Lane | None:
     CameraError
         If the camera has no pose, or sees no road.
     """
-    view_image = view.warp(image)
-    return search_lane(extract_evidence(view_image, view))
+    return search_lane(extract_still_evidence(image, view))
 
 
 def search_lane(evidence: FrameEvidence) -> Lane | None:

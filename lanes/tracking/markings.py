@@ -269,7 +269,12 @@ def _stripe_angle(strength: np.ndarray, row: np.ndarray, column: np.ndarray, ste
 
 def marking_weight(stripes: Stripes) -> np.ndarray:
     """(stripes,) weight 0 to 1 of each candidate as a road marking, from its strength."""
-    return stripes.strength**2 / (stripes.strength**2 + MARKINGS.half_weight_strength**2)
+    return strength_weight(stripes.strength)
+
+
+def strength_weight(strength: np.ndarray) -> np.ndarray:
+    """Weights 0 to 1 as a road marking of cells or candidates of these strengths."""
+    return strength**2 / (strength**2 + MARKINGS.half_weight_strength**2)
 
 
 def position_std(stripes: Stripes, focal_px: float) -> np.ndarray:

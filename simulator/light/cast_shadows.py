@@ -16,6 +16,8 @@ MAX_SHADOW_M = 160.0
 LEAF_SEED = 61
 # Margin for the blur of shadow edges.
 PENUMBRA_PX = 6
+# Limit of coordinates, far outside any picture.
+MAX_PX = 1e6
 
 
 def cast_shadows(
@@ -41,7 +43,8 @@ def cast_shadows(
     outlines = camera.road_to_pixels(points) - [0, ground.top]
     starts = np.concatenate([[0], ends[:-1]])
     out_of_sight = np.logical_or.reduceat(np.isnan(outlines[:, 0]), starts)
-    corners = np.rint(np.nan_to_num(outlines) * 16).astype(np.int32)
+    # points close to the camera are projected so far away that 32 bits do not hold them
+    corners = np.rint(np.nan_to_num(outlines).clip(-MAX_PX, MAX_PX) * 16).astype(np.int32)
     mask = np.zeros(sun.shape, np.uint8)
     for first, last in zip(starts[~out_of_sight].tolist(), ends[~out_of_sight].tolist(), strict=True):
         cv2.fillPoly(mask, [corners[first:last]], 255, cv2.LINE_AA, 4)
