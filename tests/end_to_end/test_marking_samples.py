@@ -41,7 +41,7 @@ def test_samples_are_the_same_in_each_run():
 
 
 def test_samples_without_a_road_have_no_paint():
-    sample = take_sample(10)
+    sample = take_sample(20)
     assert set(np.unique(sample.label)) <= {0, UNKNOWN} and 0 in sample.label
 
 
