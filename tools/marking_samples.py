@@ -1,10 +1,11 @@
 """Samples for `tools.train_marking_network`: rendered pictures whose visible paint is known for each cell of the view.
 
 Each picture is a random moment of a variant of a scene of the suite, taken with a random camera. It is rendered twice,
-with and without its lane lines: where the two differ is visible paint. Botts' dots are labelled like the dashes that
-they stand for, so that the network learns to connect them. Joints beside the lines and pale streaks along the road are
-added, which are no paint. The picture is then reduced, exposed, blurred or sharpened, and compressed at random, and its
-bird's-eye view has a small pose error. Pictures without a road are added (`tests.support.not_roads`).
+with and without its lane lines: where the first is clearly lighter or yellower is visible paint. Botts' dots are
+labelled like the dashes that they stand for, so that the network learns to connect them. Joints beside the lines and
+pale streaks along the road are added, which are no paint. The picture is then reduced, exposed, blurred or sharpened,
+and compressed at random, and its bird's-eye view has a small pose error. Pictures without a road are added
+(`tests.support.not_roads`).
 """
 
 from __future__ import annotations

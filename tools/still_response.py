@@ -3,8 +3,9 @@
     python -m tools.still_response network benchmark --labels LABELS --hfov 60 --each-folder --system detector
     python -m tools.still_response band lanes detect --each PICTURE ... -o lanes.jsonl
 
-`lanes` uses the network only where the pose was estimated from the same picture. docs/ablation.md has what this
-command measured.
+`lanes` uses the network only where the pose was estimated from a single picture. docs/ablation.md has what this
+command measured. The choice holds in this process only, and the benchmark's cache does not know it: scenes and
+`--workers` are refused.
 """
 
 from __future__ import annotations
@@ -19,10 +20,12 @@ def main() -> None:
     """Run a module of the project with one response for all stills."""
     if len(sys.argv) < 3 or sys.argv[1] not in ("network", "band"):
         sys.exit(__doc__)
-    network = sys.argv[1] == "network"
+    network, (command, *options) = sys.argv[1] == "network", sys.argv[2:]
+    if "--workers" in options or (command == "benchmark" and "--labels" not in options):
+        sys.exit("still_response: only stills in this process: give --labels to benchmark, and leave out --workers.")
     learned_markings.uses_network = lambda view: network
-    sys.argv = sys.argv[2:]
-    runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
+    sys.argv = [command, *options]
+    runpy.run_module(command, run_name="__main__", alter_sys=True)
 
 
 if __name__ == "__main__":

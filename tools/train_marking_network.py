@@ -27,7 +27,7 @@ from lanes.io.console import positive_int, progress_line
 from lanes.io.processes import available_workers, run_all
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.learned_markings import NETWORK, NETWORK_FILE, finer_view, network_inputs
-from tools.marking_samples import UNKNOWN, take_sample
+from tools.marking_samples import UNKNOWN, VARIETIES, take_sample
 
 # Layers: kernel and dilation (rows, columns). The first one reduces the finer view to the rows of the view.
 LAYERS = (((7, 5), (1, 1)), ((3, 5), (1, 1)), ((3, 5), (4, 1)), ((5, 5), (4, 2)))
@@ -35,7 +35,7 @@ INPUTS, CHANNELS, EPOCHS, BATCH, CROP_COLUMNS = 4, 16, 20, 16, 121
 # Cells farther ahead than this count less, in proportion to the distance: the fit begins near the car.
 WEIGHT_1_M = 15.0
 LEARNING_RATE = 4e-3
-# Every this many pictures are held out.
+# Every this many pictures are held out, with all their varieties: they show the same road.
 HELD_OUT_EVERY = 12
 VIEW = BirdsEyeView(Camera.from_fov((640, 360), 60, CameraPose(1.4)))
 ROW_WEIGHT = np.minimum(WEIGHT_1_M / VIEW.x_m, 1).astype(np.float32)
@@ -100,7 +100,7 @@ def train(inputs: np.ndarray, labels: np.ndarray, *, epochs: int) -> MarkingNetw
     """The network trained on inputs (N, 4, fine rows, columns) and labels (N, rows, columns); prints the losses."""
     torch.manual_seed(0)
     rng, network = np.random.default_rng(0), MarkingNetwork()
-    held_out = np.arange(len(labels)) % HELD_OUT_EVERY == 0
+    held_out = np.arange(len(labels)) // len(VARIETIES) % HELD_OUT_EVERY == 0
     train_on = np.flatnonzero(~held_out)
     batches = len(train_on) // BATCH
     optimiser = torch.optim.Adam(network.parameters(), lr=LEARNING_RATE)
@@ -171,8 +171,9 @@ def load_samples(path: Path, pictures: int) -> tuple[np.ndarray, np.ndarray]:
         columns = zip(*(astuple(sample) for sample in found), strict=True)
         np.savez(path, **dict(zip(("fine_image", "label", "focal_px"), columns, strict=True)))
     with np.load(path) as data:
-        fine, pictures = finer_view(VIEW), zip(data["fine_image"], data["focal_px"].tolist(), strict=True)
-        inputs = [network_inputs(image, fine, focal_px).astype(np.float16) for image, focal_px in pictures]
+        fine, views = finer_view(VIEW), zip(data["fine_image"], data["focal_px"].tolist(), strict=True)
+        inputs = [network_inputs(image, fine, focal_px).astype(np.float16) for image, focal_px in views]
+        print(f"{len(inputs)} samples from {path}")
         return np.stack(inputs), data["label"]
 
 

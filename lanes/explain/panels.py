@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 # Half the width of the marks on the road, metres.
 MARK_HALF_WIDTH_M = 4.0
-# Upper limit of the colour scale of the marking response, in units of the noise.
+# Upper limit of the colour scale of the marking response.
 MAX_STRENGTH = 12.0
 # Upper end of the plot of the fit, metres ahead: the legend lies above the lines.
 FIT_TOP_M = 66.0

@@ -8,11 +8,11 @@ import numpy as np
 
 from lanes.camera.camera import Camera
 from lanes.io.describe import describe_bend
+from lanes.tracking import learned_markings
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.confidence import CONFIDENCE, FEATURES, feature_weights, lane_features
 from lanes.tracking.fitting import FIT, near_stripes
 from lanes.tracking.lane import Lane
-from lanes.tracking.learned_markings import uses_network
 from lanes.tracking.markings import MARKINGS, FrameEvidence, lightness, strength_weight
 from lanes.tracking.model import CURVATURE, PITCH, PRIOR_STD, WIDTH, lateral_std_m
 from lanes.tracking.tracker import TRACKER, TrackedLane
@@ -70,12 +70,13 @@ def check_markings(evidence: FrameEvidence, view: BirdsEyeView) -> Step:
     strength, minimum = evidence.response.strength[view.seen], MARKINGS.min_strength
     best, share = strength.max(initial=0), (strength > minimum).mean()
     summary = f"strongest {best:.0f} x noise, {share:.1%} of the road above {minimum:g}"
-    if uses_network(view):
+    failure = "nothing is brighter or yellower than the road on both sides of it and as wide as a painted line."
+    if learned_markings.uses_network(view):
         best_p, minimum_p = strength_weight(np.array([best, minimum]))
-        summary = f"probability of paint up to {best_p:.0%}, {share:.1%} of the road above {minimum_p:.0%} (network)"
+        summary = f"probability of paint up to {best_p:.0%}, {share:.1%} of the road above {minimum_p:.0%}"
+        failure = f"the network finds no paint with a probability above {minimum_p:.0%}."
     if best > minimum:
         return Step("markings", summary)
-    failure = "nothing is brighter or yellower than the road on both sides of it and as wide as a painted line."
     advice = "Check whether the road has lines, and whether the bird's-eye view shows them. If it does not: "
     return Step("markings", summary, failure, advice + RE_ESTIMATE_POSE)
 

@@ -4,13 +4,13 @@ A worn line and a row of Botts' dots are too faint in each row of the view for t
 many rows. The network sees three rows of a finer view for each row, and its surroundings: 27 rows, and half a metre to
 either side. It has learned from rendered pictures only (`tools/train_marking_network.py`).
 
-It is used where the camera pose was estimated from the same picture, because there the stripes also decide which of
-several poses is right. With a known pose the band filter of `lanes.tracking.markings` is as good, and much faster
-(docs/ablation.md).
+It is used where the camera pose was estimated from a single picture, because there the stripes also decide which of
+several poses is right. With a known pose it is better on some cameras and worse on others, and it takes sixty times as
+long as the band filter of `lanes.tracking.markings` (docs/ablation.md).
 
-Each cell is compared with its surroundings in three ways. Lightness and yellowness relative to their scatter make the
-response independent of exposure. Lightness relative to its mean shows that a faint streak on a very smooth road is not
-paint. A fourth input is the width of a pixel in cells: far away, lines are as wide as their blur.
+Each cell is compared with its wider surroundings in three ways. Lightness and yellowness relative to their scatter make
+the response nearly independent of exposure. Lightness relative to its mean shows that a faint streak on a very smooth
+road is not paint. A fourth input is the width of a pixel in cells: far away, lines are as wide as their blur.
 """
 
 from __future__ import annotations
@@ -79,7 +79,10 @@ def extract_still_evidence(image: Frame, view: BirdsEyeView) -> FrameEvidence:
 
 
 def uses_network(view: BirdsEyeView) -> bool:
-    """Whether stills in this view have the learned response: the pose of the camera was estimated from the still."""
+    """Whether stills in this view have the learned response: the camera pose was estimated from a single picture.
+
+    Also if the pose was then read from a camera file.
+    """
     return view.camera.require_pose().same_lane_share is not None
 
 

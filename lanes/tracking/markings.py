@@ -71,7 +71,8 @@ MEAN_3, MEAN_5 = np.full(3, 1 / 3, np.float32), np.full(5, 1 / 5, np.float32)
 class MarkingResponse:
     """How much each cell of a view looks like a painted stripe."""
 
-    # (rows, columns) float32: the largest filter response in units of the local noise, at least 0.
+    # (rows, columns) float32, at least 0: the largest filter response in units of the local noise; from the network of
+    # `learned_markings` the root of the odds of paint, on the same scale.
     strength: np.ndarray
     # (2, rows, columns) int: lightness and yellowness of the view, in grey levels.
     channels: np.ndarray
@@ -91,7 +92,7 @@ class Stripes:
     # Depth of the row in columns of the view. From row to row a stripe moves sideways by `step` times the tangent of
     # its direction.
     step: np.ndarray
-    # Band filter response over local noise.
+    # Marking response, as in `MarkingResponse`.
     strength: np.ndarray
 
     def __len__(self) -> int:
@@ -215,7 +216,7 @@ def local_noise(steps: np.ndarray, window: int, view: BirdsEyeView) -> np.ndarra
 def find_stripes(response: MarkingResponse, view: BirdsEyeView) -> Stripes:
     """Peaks of the marking response along each row, with sub-column precision.
 
-    They are the strongest `MARKINGS.stripes_per_row` of a row, and at least `MARKINGS.min_strength` times the noise.
+    They are the strongest `MARKINGS.stripes_per_row` of a row, and stronger than `MARKINGS.min_strength`.
     """
     strength = response.strength
     row, column = _peaks(strength)

@@ -12,7 +12,7 @@ from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraPose
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.learned_markings import NETWORK, extract_still_evidence, finer_view, network_inputs
-from lanes.tracking.markings import extract_evidence, marking_weight
+from lanes.tracking.markings import extract_evidence, marking_weight, strength_weight
 from tests.support.painted_roads import ASPHALT, YELLOW, Road, dashcam
 
 CAMERA = dashcam()
@@ -114,9 +114,10 @@ def test_the_mirrored_picture_has_the_mirrored_response():
     image = lane(Road(CAMERA), dash_m=(3, 12))
     seen = extract_still_evidence(image, VIEW).response.strength
     mirror = extract_still_evidence(np.ascontiguousarray(image[:, ::-1]), BirdsEyeView(other)).response.strength
-    weight, mirrored = (s**2 / (s**2 + 44) for s in (seen, mirror[:, ::-1]))
+    weight, mirrored = (strength_weight(s) for s in (seen, mirror[:, ::-1]))
+    assert weight.mean() > 0.005
     # the remap rounds to 1/32 pixel, which is not symmetric
-    assert np.abs(weight - mirrored).mean() < 0.002
+    assert np.abs(weight - mirrored).mean() < 0.1 * weight.mean()
 
 
 def test_the_inputs_of_a_uniform_picture_are_zero():
@@ -164,7 +165,7 @@ def test_nothing_is_found_outside_the_picture():
 
 
 def test_botts_dots_are_seen_as_dashes():
-    """Four dots 0.9 m apart: the rows between the dots have candidates, too, more than those of the band filter."""
+    """Dots 0.75 m apart: nearly all rows have a candidate, more than twice as many as with the band filter."""
     image = lane(Road(CAMERA, noise=3.0), width_m=0.1, dash_m=(0.16, 0.75))
     band = extract_evidence(VIEW.warp(image), VIEW).stripes
-    assert found_rows(stripes_of(image)) > 1.3 * found_rows(band)
+    assert found_rows(stripes_of(image)) > max(0.8, 2 * found_rows(band))
