@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -28,6 +29,12 @@ X_M = np.array([5.0, 15.0, 30.0])
 ALONG_M = np.linspace(0.0, 100.0, 5001)
 FPS = 20.0
 view_of = cache(lambda size: BirdsEyeView(camera_of(size)))
+# as if the pose had been estimated from the same picture: the stripes come from the network
+own_pose_view_of = cache(
+    lambda size: BirdsEyeView(
+        camera_of(size).with_pose(replace(camera_of(size).require_pose(), same_lane_share=1.0)),
+    )
+)
 tracker_of = cache(lambda size: LaneTracker(camera_of(size), fps=FPS))
 finder_of = cache(lambda name, size: LaneFinder(get_recipe(name, size), camera_of(size)))
 
@@ -63,10 +70,10 @@ def assert_sound(tracked: TrackedLane, size: tuple[int, int]) -> None:
 
 
 @examples(50)
-@given(pictures())
-def test_the_detector_accepts_any_still(image):
+@given(pictures(), st.sampled_from([view_of, own_pose_view_of]))
+def test_the_detector_accepts_any_still(image, some_view_of):
     size = size_of(image)
-    assert_sound(TrackedLane.from_still(find_lane(image, view_of(size))), size)
+    assert_sound(TrackedLane.from_still(find_lane(image, some_view_of(size))), size)
     json.dumps(LaneDetector(camera_of(size), np.arange(size[1])).detect(image), allow_nan=False)
 
 
