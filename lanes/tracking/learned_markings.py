@@ -142,7 +142,8 @@ def network_strength(fine_image: np.ndarray, view: BirdsEyeView) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def _read_network() -> cv2.dnn.Net:
-    return cv2.dnn.readNetFromONNX(str(NETWORK_FILE))
+    # OpenCV cannot open all names of folders on Windows
+    return cv2.dnn.readNetFromONNX(np.frombuffer(NETWORK_FILE.read_bytes(), np.uint8))
 
 
 def place(stripes: Stripes, band_strength: np.ndarray, view: BirdsEyeView) -> Stripes:
