@@ -105,7 +105,7 @@ from benchmark.reporting.tables import results_table
 from course.own_finder import score_finder, finder_table
 
 # 16 Learn
-from lanes.tracking.learned_markings import finer_view, network_strength
+from lanes.tracking.learned_markings import network_strength
 from lanes.tracking.markings import strength_weight
 
 # Sliders

@@ -73,8 +73,7 @@ def extract_still_evidence(image: Frame, view: BirdsEyeView) -> FrameEvidence:
     if not uses_network(view):
         return extract_evidence(view_image, view)
     band = marking_response(view_image, view)
-    strength = network_strength(finer_view(view).warp(image), view)
-    response = MarkingResponse(strength, band.channels)
+    response = MarkingResponse(network_strength(image, view), band.channels)
     return FrameEvidence(view, view_image, response, place(find_stripes(response, view), band.strength, view))
 
 
@@ -127,12 +126,13 @@ def _scatter(contrast: np.ndarray, fine: BirdsEyeView) -> np.ndarray:
     return np.sqrt(np.maximum(_window_mean(contrast * contrast, NETWORK.scatter_window_m, fine), 0))
 
 
-def network_strength(fine_image: np.ndarray, view: BirdsEyeView) -> np.ndarray:
-    """Strength (rows, columns) float32 of each cell, from a picture of its finer view; 0 outside the picture.
+def network_strength(image: Frame, view: BirdsEyeView) -> np.ndarray:
+    """Strength (rows, columns) float32 of each cell of the view of a raw picture; 0 outside the picture.
 
     The weight of a cell, `lanes.tracking.markings.strength_weight`, is the probability that the network states.
     """
-    inputs = network_inputs(fine_image, finer_view(view), view.focal_px)
+    fine = finer_view(view)
+    inputs = network_inputs(fine.warp(image), fine, view.focal_px)
     with _NETWORK_IN_USE:
         network = _read_network()
         network.setInput(inputs[None])
