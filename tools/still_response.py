@@ -1,11 +1,11 @@
-"""Run a command with the learned marking response for all stills (`network`), or with the band filter for all (`band`).
+"""Run a command with one marking response for stills: the learned one (`network`), or that of the band filter (`band`).
 
     python -m tools.still_response network benchmark --labels LABELS --hfov 60 --each-folder --system detector
     python -m tools.still_response band lanes detect --each PICTURE ... -o lanes.jsonl
 
-`lanes` uses the network only where the pose was estimated from a single picture. docs/ablation.md has what this
-command measured. The choice holds in this process only, and the benchmark's cache does not know it: scenes and
-`--workers` are refused.
+`lanes` uses the band filter, and the network where the lane is not sure or the camera pose comes from the same picture.
+docs/ablation.md has what this command measured. The choice holds in this process only, and the benchmark's cache does
+not know it: scenes and `--workers` are refused.
 """
 
 from __future__ import annotations
@@ -13,17 +13,38 @@ from __future__ import annotations
 import runpy
 import sys
 
-from lanes.tracking import learned_markings
+from lanes.io.frames import Frame
+from lanes.tracking import detector
+from lanes.tracking.birdseye import BirdsEyeView
+from lanes.tracking.detector import search_lane
+from lanes.tracking.lane import Lane
+from lanes.tracking.learned_markings import learned_evidence
+from lanes.tracking.markings import FrameEvidence, extract_evidence
+
+
+def search_by_band(image: Frame, view: BirdsEyeView) -> tuple[FrameEvidence, Lane | None]:
+    """As `lanes.tracking.detector.search_still`, with the band filter alone."""
+    band = extract_evidence(view.warp(image), view)
+    return band, search_lane(band)
+
+
+def search_by_network(image: Frame, view: BirdsEyeView) -> tuple[FrameEvidence, Lane | None]:
+    """As `lanes.tracking.detector.search_still`, with the network alone."""
+    learned = learned_evidence(image, extract_evidence(view.warp(image), view))
+    return learned, search_lane(learned)
+
+
+SEARCHES = {"band": search_by_band, "network": search_by_network}
 
 
 def main() -> None:
     """Run a module of the project with one response for all stills."""
-    if len(sys.argv) < 3 or sys.argv[1] not in ("network", "band"):
+    if len(sys.argv) < 3 or sys.argv[1] not in SEARCHES:
         sys.exit(__doc__)
-    network, (command, *options) = sys.argv[1] == "network", sys.argv[2:]
+    response, command, *options = sys.argv[1:]
     if "--workers" in options or (command == "benchmark" and "--labels" not in options):
         sys.exit("still_response: only stills in this process: give --labels to benchmark, and leave out --workers.")
-    learned_markings.uses_network = lambda view: network
+    detector.search_still = SEARCHES[response]
     sys.argv = [command, *options]
     runpy.run_module(command, run_name="__main__", alter_sys=True)
 

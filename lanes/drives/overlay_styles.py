@@ -13,11 +13,11 @@ from lanes.drawing.pictures import draw_line, write_text
 from lanes.io.describe import describe_std
 from lanes.io.frames import Frame, as_rgb
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.learned_markings import extract_still_evidence
-from lanes.tracking.markings import MARKINGS
+from lanes.tracking.detector import search_still
+from lanes.tracking.markings import MARKINGS, extract_evidence
 from lanes.tracking.model import lines_on_view
 from lanes.tracking.overlay import describe_tracked, draw_lines, draw_tracked, lane_outlines
-from lanes.tracking.tracker import LaneTracker, TrackedLane
+from lanes.tracking.tracker import FOUND, LaneTracker, TrackedLane
 
 # Takes a picture, which it may modify, and the lane in it; returns the annotated picture.
 DrawOverlay = Callable[[Frame, TrackedLane], Frame]
@@ -50,7 +50,8 @@ def mosaic_overlay(camera: Camera) -> DrawOverlay:
 
     def draw(image: Frame, tracked: TrackedLane) -> np.ndarray:
         image = as_rgb(image)
-        evidence = extract_still_evidence(image, view)
+        still = tracked.state == FOUND
+        evidence = search_still(image, view)[0] if still else extract_evidence(view.warp(image), view)
         birdseye = view.blacken(evidence.view_image)
         strength = cv2.convertScaleAbs(evidence.response.strength, alpha=255 / WHITE_STRENGTH)
         panels = {

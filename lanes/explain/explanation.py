@@ -26,10 +26,9 @@ from lanes.explain.steps import (
 )
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.confidence import FEATURES, feature_weights, lane_features
-from lanes.tracking.detector import RIVAL_M, choose_lane
+from lanes.tracking.detector import RIVAL_M, search_still
 from lanes.tracking.fitting import LaneFit, fit_starts, near_stripes
 from lanes.tracking.lane import Lane
-from lanes.tracking.learned_markings import extract_still_evidence
 from lanes.tracking.markings import FrameEvidence
 from lanes.tracking.model import CENTRE, SIDES, WIDTH, is_ego_lane
 from lanes.tracking.tracker import TrackedLane
@@ -140,7 +139,7 @@ def explain_frame(image: np.ndarray, camera: Camera, *, pose_failure: str = "") 
     view = BirdsEyeView(camera)
     steps = describe_input(image, camera, pose_failure)
     try:
-        evidence = extract_still_evidence(image, view)
+        evidence, lane = search_still(image, view)
     except CameraError as error:
         failed = Step("birdseye", "no road in the picture", str(error), RE_ESTIMATE_POSE)
         return Explanation(image, camera, view, _up_to_failure([*steps, failed]))
@@ -152,7 +151,6 @@ def explain_frame(image: np.ndarray, camera: Camera, *, pose_failure: str = "") 
         return Explanation(image, camera, view, _up_to_failure(steps), evidence)
     votes, starts = vote_lanes(evidence.stripes, view)
     fit = fit_starts(starts, evidence.stripes, view)
-    lane = choose_lane(fit, evidence)
     candidates = _candidates(fit, found=lane is not None)
     steps += [describe_votes(starts), check_fit(candidates[0].score, candidates[0].support, seen=lane is not None)]
     if lane is not None:

@@ -8,9 +8,8 @@ import numpy as np
 
 from lanes.camera.camera import Camera
 from lanes.io.describe import describe_bend
-from lanes.tracking import learned_markings
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.confidence import CONFIDENCE, FEATURES, feature_weights, lane_features
+from lanes.tracking.confidence import CONFIDENCE, FEATURES, LIKELY_CONFIDENCE, feature_weights, lane_features
 from lanes.tracking.fitting import FIT, near_stripes
 from lanes.tracking.lane import Lane
 from lanes.tracking.markings import MARKINGS, FrameEvidence, lightness, strength_weight
@@ -20,8 +19,6 @@ from lanes.tracking.tracker import TRACKER, TrackedLane
 # Median grey levels (of 255) below and above which hardly any paint is visible, and the least range of grey levels of
 # a road with visible paint.
 DARK, BRIGHT, FLAT = 20, 240, 8
-# A lane with a lower confidence is more likely wrong than right.
-MIN_CONFIDENCE = 0.5
 # Pitch motion beyond three prior standard deviations is not caused by a bump.
 MAX_PITCH_RAD = 3 * PRIOR_STD[PITCH]
 
@@ -71,7 +68,7 @@ def check_markings(evidence: FrameEvidence, view: BirdsEyeView) -> Step:
     best, share = strength.max(initial=0), (strength > minimum).mean()
     summary = f"strongest {best:.0f} x noise, {share:.1%} of the road above {minimum:g}"
     failure = "nothing is brighter or yellower than the road on both sides of it and as wide as a painted line."
-    if learned_markings.uses_network(view):
+    if evidence.response.learned:
         best_p, minimum_p = strength_weight(np.array([best, minimum]))
         summary = f"probability of paint up to {best_p:.0%}, {share:.1%} of the road above {minimum_p:.0%}"
         failure = f"the network finds no paint with a probability above {minimum_p:.0%}."
@@ -122,7 +119,7 @@ def check_lane(lane: Lane) -> Step:
         turned = f"{np.degrees(abs(lane.pitch_rad)):.1f} deg farther {'down' if lane.pitch_rad > 0 else 'up'}"
         failure = f"the camera seems to look {turned} than its pose says."
         return Step("lane", summary, failure, RE_ESTIMATE_POSE + " On a crest or a bump no action is needed.")
-    if confidence < MIN_CONFIDENCE:
+    if confidence < LIKELY_CONFIDENCE:
         return Step("lane", summary, *_explain_low_confidence(lane))
     return Step("lane", summary)
 
@@ -161,10 +158,10 @@ def _explain_low_confidence(lane: Lane) -> tuple[str, str]:
             "lines may be a kerb, a crack or a line of another lane, or the road is unusual.",
             "Check in the panel with the fit which line lies on paint. If all lanes are like this: " + RE_ESTIMATE_POSE,
         )
-    if _is_the_cause("between", lane):
+    if _is_the_cause("between", lane) or _is_the_cause("transverse", lane):
         return (
-            f"other lines run between those of the lane: of the stripes along it only {lane.clear_share:.0%} are on "
-            "its lines.",
+            f"other lines run between those of the lane or across it: of the stripes along it {lane.clear_share:.0%} "
+            f"are on its lines, and {lane.transverse_stripes} stripes cross it.",
             "Check in the panel with the stripes what lies between the lines: a floor of tiles, or a road with other "
             "markings. If a line of the lane itself lies there: " + RE_ESTIMATE_POSE,
         )
@@ -180,4 +177,4 @@ def _is_the_cause(feature: str, lane: Lane) -> bool:
     """Whether the confidence would be high enough without one of the features."""
     log_odds = lane_features(lane) * feature_weights(lane)
     without = log_odds.sum() - log_odds[FEATURES.index(feature)]
-    return bool(without >= np.log(MIN_CONFIDENCE / (1 - MIN_CONFIDENCE)))
+    return bool(without >= np.log(LIKELY_CONFIDENCE / (1 - LIKELY_CONFIDENCE)))

@@ -16,14 +16,16 @@ from lanes.tracking.lane import Lane
 from lanes.tracking.model import lateral_std_m
 
 CORRECT_WITHIN_M, CORRECT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
-# A lane with less confidence is more likely wrong than right.
+# A lane with less confidence is called unlikely.
 LIKELY_CONFIDENCE = 0.5
+# A lane with this confidence counts as sure.
+SURE_CONFIDENCE = 0.9
 # Features of a lane:
 # - log std: logarithm of the standard deviation (metres) of the less certain line 30 m ahead, for the noise that the
 #   fit assumes; that of the errors (`Lane.covariance`) separates right and wrong lanes less well. Of stills, small ones
 #   are all the same: the lines of a floor of tiles are as certain as those of a road.
-# - near std: the same 10 m ahead, where a lane with one line is uncertain and the two lines of a hairpin are not. Not
-#   of lanes whose pose is estimated from the same picture.
+# - near std: the same 10 m ahead, where the second line of a lane with one line is as uncertain as 30 m ahead, and the
+#   lines of a hairpin are much less so. Not of lanes whose pose is estimated from the same picture.
 # - odd width: squared deviation from the usual width (metres): a crack or kerb taken for a line is seldom a lane's
 #   width away from the other line.
 # - odd offset: distance of the car from the lane centre (metres), where it is larger than usual.
@@ -36,6 +38,8 @@ LIKELY_CONFIDENCE = 0.5
 #   is smaller than usual: bricks and letters look like paint, too.
 # - between: logarithm of the share of the stripes along the lane, on its lines and between them, that are on its lines;
 #   of stills only. Tiles and bricks have lines between those of the lane.
+# - transverse: number of light stripes across the lane, where there is more than one; of stills only. Tiles and bricks
+#   have joints there, a road has a stop line at most.
 # - odd heading: heading beyond that of a car in a bend, where it is larger than usual, relative to 0.05 rad, at most 1.
 #   It is large if the yaw of the camera pose is wrong.
 # - odd yaw: the same of the direction of the car, seen from the camera; of tracked lanes only: it takes a drive.
@@ -43,7 +47,7 @@ LIKELY_CONFIDENCE = 0.5
 #   picture; else 0. It is large if the picture allows several lanes.
 FEATURES = (
     *("constant", "log std", "near std", "odd width", "odd offset", "shorter reach", "bend"),
-    *("support", "clutter", "between", "odd heading", "odd yaw", "other lanes"),
+    *("support", "clutter", "between", "transverse", "odd heading", "odd yaw", "other lanes"),
 )
 
 
@@ -54,12 +58,27 @@ class ConfidenceModel:
     # For a lane detected in a single picture, for one whose camera pose comes from a single picture, too, and for a
     # tracked one.
     still_weights: tuple[float, ...] = (
-        *(-3.41, -0.81, -1.74, -6.09, -1.87, 0.0, 1.34, 0.0, 2.65, 2.87, -3.78, 0.0, 0.0),
+        *(-3.86, -0.85, -1.85, -5.13, -1.77, 0.0, 1.68, 0.0, 2.09, 2.31, -1.59, -3.94, 0.0, 0.0),
     )
     own_pose_weights: tuple[float, ...] = (
-        *(-1.26, -0.42, 0.0, -0.68, -3.28, 1.04, 0.45, 2.37, 0.89, 4.29, -1.08, 0.0, -3.5),
+        *(-1.72, -0.52, 0.0, -0.64, -3.82, 1.41, 0.74, 2.62, 0.34, 1.25, -2.39, -0.99, 0.0, -3.35),
     )
-    track_weights: tuple[float, ...] = (-3.65, -0.55, -2.11, -6.49, -2.9, 0.0, 0.0, 0.0, 2.63, 0.0, -2.83, -4.14, 0.0)
+    track_weights: tuple[float, ...] = (
+        -3.65,
+        -0.55,
+        -2.11,
+        -6.49,
+        -2.9,
+        0.0,
+        0.0,
+        0.0,
+        2.63,
+        0.0,
+        0.0,
+        -2.83,
+        -4.14,
+        0.0,
+    )
     # Usual width of lanes.
     usual_width_m: float = 3.5
     # A smaller standard deviation in a still carries no further information.
@@ -79,6 +98,9 @@ class ConfidenceModel:
     usual_share: float = 0.2
     own_pose_usual_share: float = 0.4
     min_share: float = 0.02
+    # Usual number of transverse stripes; more beyond it than the maximum carry no further information.
+    usual_transverse: int = 1
+    max_transverse: int = 2
     # Usual heading and yaw, and the excess from which on they carry no further information. In a bend the heading of
     # the camera lags by the distance from the rear axle, at most.
     usual_heading_rad: float = 0.02
@@ -91,7 +113,7 @@ CONFIDENCE = ConfidenceModel()
 
 
 def lane_features(lane: Lane, *, tracked: bool = False) -> np.ndarray:
-    """The features (13,) of a lane, which is `tracked`, or detected in a single picture; in the order of `FEATURES`."""
+    """The features (14,) of a lane, which is `tracked`, or detected in a single picture; in the order of `FEATURES`."""
     c, far_m = CONFIDENCE, float(CORRECT_AT_M[-1])
     near_std_m, std_m = (float(lateral_std_m(lane.assumed_covariance, x_m).max()) for x_m in (c.near_m, far_m))
     reach_m = min(lane.left.reach_m, lane.right.reach_m, c.max_reach_m)
@@ -111,6 +133,7 @@ def lane_features(lane: Lane, *, tracked: bool = False) -> np.ndarray:
             support if own_pose else 0.0,
             np.log(min(max(lane.explained_share, c.min_share) / usual_share, 1.0)),
             0.0 if tracked else np.log(lane.clear_share),
+            0.0 if tracked else min(max(lane.transverse_stripes - c.usual_transverse, 0), c.max_transverse),
             _excess(heading_rad - c.usual_heading_rad),
             0.0 if lane.camera_yaw_rad is None else _excess(abs(lane.camera_yaw_rad) - c.usual_yaw_rad),
             0.0 if lane.same_lane_share is None else 1.0 - lane.same_lane_share,
@@ -124,7 +147,7 @@ def _excess(angle_rad: float) -> float:
 
 
 def feature_weights(lane: Lane, *, tracked: bool = False) -> tuple[float, ...]:
-    """Weights (13,) of the features of a lane, which is `tracked`, or detected in a single picture."""
+    """Weights (14,) of the features of a lane, which is `tracked`, or detected in a single picture."""
     if tracked:
         return CONFIDENCE.track_weights
     return CONFIDENCE.still_weights if lane.same_lane_share is None else CONFIDENCE.own_pose_weights

@@ -9,18 +9,23 @@ import numpy as np
 
 from lanes.io.frames import Frame
 from lanes.tracking.birdseye import BirdsEyeView
+from lanes.tracking.confidence import SURE_CONFIDENCE, log_odds, rate_lane
 from lanes.tracking.error_covariance import fit_errors
 from lanes.tracking.fitting import LaneFit, fit_starts, near_stripes
 from lanes.tracking.lane import Lane, LineObservation, Observations
-from lanes.tracking.learned_markings import extract_still_evidence
+from lanes.tracking.learned_markings import learned_evidence
 from lanes.tracking.marking_type import MarkingProfile, marking_profile
-from lanes.tracking.markings import FrameEvidence, marking_weight, position_std
+from lanes.tracking.markings import FrameEvidence, extract_evidence, marking_weight, position_std
 from lanes.tracking.model import CENTRE, PARAMETERS, SIDES, WIDTH
 from lanes.tracking.residuals import stripe_residuals
+from lanes.tracking.transverse_stripes import count_transverse_stripes
 from lanes.tracking.voting import vote_lanes
 
 # Lanes whose centre or width differs by more than this are different lanes; tuned on the labelled Udacity stills.
 RIVAL_M = 0.5
+# A lane is clearly more probable than another one if the logarithm of its odds is larger by this; chosen on labelled
+# stills and the rendered suite. In hairpins the network is less exact than its lane is probable.
+CLEARLY_MORE_LOG_ODDS = 1.0
 # Stripes between the lines of a lane: those farther from the lines than this, up to the distance ahead in which lanes
 # are rated. This number of stripes on the lines is added, so that a few dots of a worn line are no clutter.
 BETWEEN_M, BETWEEN_FAR_M, BETWEEN_STRIPES = 0.5, 30.0, 5.0
@@ -48,7 +53,28 @@ def find_lane(image: Frame, view: BirdsEyeView) -> Lane | None:
     CameraError
         If the camera has no pose, or sees no road.
     """
-    return search_lane(extract_still_evidence(image, view))
+    return search_still(image, view)[1]
+
+
+def search_still(image: Frame, view: BirdsEyeView) -> tuple[FrameEvidence, Lane | None]:
+    """The lane in a raw picture, None if it is not seen, and the evidence that it was found in.
+
+    The band filter finds the stripes. If its lane is not sure, the network finds them, too, and its lane is taken if it
+    is clearly more probable. Where the camera pose was estimated from the same picture, the network alone is used: its
+    stripes decide better which of several poses is right (docs/ablation.md). Errors are those of `find_lane`.
+    """
+    band = extract_evidence(view.warp(image), view)
+    if view.camera.require_pose().same_lane_share is not None:
+        learned = learned_evidence(image, band)
+        return learned, search_lane(learned)
+    lane = search_lane(band)
+    if lane is not None and rate_lane(lane) >= SURE_CONFIDENCE:
+        return band, lane
+    learned = learned_evidence(image, band)
+    other = search_lane(learned)
+    if other is not None and (lane is None or log_odds(other) > log_odds(lane) + CLEARLY_MORE_LOG_ODDS):
+        return learned, other
+    return band, lane
 
 
 def search_lane(evidence: FrameEvidence) -> Lane | None:
@@ -82,6 +108,7 @@ def choose_lane(fit: LaneFit, evidence: FrameEvidence) -> Lane | None:
         margin=float(score[best] - score[rivals].max(initial=0.0)),
         explained_share=float(fit.explained_share[best]),
         clear_share=clear_share(fit, best),
+        transverse_stripes=count_transverse_stripes(evidence.view_image, evidence.view, fit.lines_y_m[best]),
         same_lane_share=evidence.view.camera.require_pose().same_lane_share,
     )
 

@@ -121,6 +121,9 @@ class Lane:
     clear_share : float
         Of the stripes along the lane, on its lines and between them, the share on its lines; 1 of a tracked lane. Tiles
         and bricks have lines between those of the lane.
+    transverse_stripes : int
+        Light stripes across the lane, up to 30 m ahead; 0 of a tracked lane. Tiles and bricks have several, a road has
+        a stop line at most.
     margin : float or None
         Score minus that of the best lane elsewhere, which counts at least 0; None of a tracked lane.
     same_lane_share : float or None
@@ -138,6 +141,7 @@ class Lane:
     score: float
     explained_share: float = 1.0
     clear_share: float = 1.0
+    transverse_stripes: int = 0
     margin: float | None = None
     same_lane_share: float | None = None
     camera_yaw_rad: float | None = None

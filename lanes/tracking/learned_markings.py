@@ -4,9 +4,9 @@ A worn line and a row of Botts' dots are too faint in each row of the view for t
 many rows. The network sees three rows of a finer view for each row, and its surroundings: 27 rows, and half a metre to
 either side. It has learned from rendered pictures only (`tools/train_marking_network.py`).
 
-It is used where the camera pose was estimated from a single picture, because there the stripes also decide which of
-several poses is right. With a known pose it is better on some cameras and worse on others, and it takes sixty times as
-long as the band filter of `lanes.tracking.markings` (docs/ablation.md).
+It is used for stills (`lanes.tracking.detector.search_still`): where the camera pose was estimated from a single
+picture, and where the lane of the band filter is not sure. It takes sixty times as long as the band filter of
+`lanes.tracking.markings`, too long for the tracker, which sees each line in many frames.
 
 Each cell is compared with its wider surroundings in three ways. Lightness and yellowness relative to their scatter make
 the response nearly independent of exposure. Lightness relative to its mean shows that a faint streak on a very smooth
@@ -30,10 +30,8 @@ from lanes.tracking.markings import (
     FrameEvidence,
     MarkingResponse,
     Stripes,
-    extract_evidence,
     find_stripes,
     lightness,
-    marking_response,
     peak_position,
     yellowness,
 )
@@ -67,22 +65,11 @@ PLACED_WITHIN = np.array([0, -1, 1, -2, 2])
 _NETWORK_IN_USE = Lock()
 
 
-def extract_still_evidence(image: Frame, view: BirdsEyeView) -> FrameEvidence:
-    """Marking response and stripe candidates of a single raw picture: learned ones if `uses_network`."""
-    view_image = view.warp(image)
-    if not uses_network(view):
-        return extract_evidence(view_image, view)
-    band = marking_response(view_image, view)
-    response = MarkingResponse(network_strength(image, view), band.channels)
-    return FrameEvidence(view, view_image, response, place(find_stripes(response, view), band.strength, view))
-
-
-def uses_network(view: BirdsEyeView) -> bool:
-    """Whether stills in this view have the learned response: the camera pose was estimated from a single picture.
-
-    Also if the pose was then read from a camera file.
-    """
-    return view.camera.require_pose().same_lane_share is not None
+def learned_evidence(image: Frame, band: FrameEvidence) -> FrameEvidence:
+    """Learned marking response and stripe candidates of a raw picture, from the evidence of the band filter in it."""
+    view = band.view
+    response = MarkingResponse(network_strength(image, view), band.response.channels, learned=True)
+    return replace(band, response=response, stripes=place(find_stripes(response, view), band.response.strength, view))
 
 
 @lru_cache(maxsize=2)

@@ -76,6 +76,8 @@ class MarkingResponse:
     strength: np.ndarray
     # (2, rows, columns) int: lightness and yellowness of the view, in grey levels.
     channels: np.ndarray
+    # Whether the strength is that of the network.
+    learned: bool = False
 
 
 @dataclass(frozen=True, eq=False)

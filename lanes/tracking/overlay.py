@@ -61,7 +61,7 @@ def draw_tracked(image: Frame, tracked: TrackedLane, camera: Camera, *, onto: Fr
 
 
 def is_unlikely(tracked: TrackedLane) -> bool:
-    """Whether a lane is more likely wrong than right; its area is then orange instead of green."""
+    """Whether the confidence of a lane is below `LIKELY_CONFIDENCE`; its area is then orange instead of green."""
     return tracked.confidence < LIKELY_CONFIDENCE
 
 

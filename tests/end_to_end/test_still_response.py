@@ -21,7 +21,7 @@ def run(*arguments: object) -> subprocess.CompletedProcess:
 
 @pytest.mark.slow
 def test_both_responses_find_the_lane_of_a_clear_road(tmp_path):
-    """They find it a little elsewhere; without the tool `detect` has the network here."""
+    """They find it a little elsewhere. The pose comes from the same picture, so `detect` alone uses the network."""
     columns = {}
     for response in ("network", "band"):
         output = tmp_path / f"{response}.jsonl"

@@ -175,7 +175,7 @@ def test_a_lane_among_clutter_has_less_confidence():
     assert rate_lane(clutter) < rate_lane(lane) - 0.02
     own_pose, own_clutter = (replace(lane, same_lane_share=0.15, explained_share=share) for share in (1.0, 0.2))
     assert features_of(own_clutter)["clutter"] == pytest.approx(np.log(0.5))
-    assert rate_lane(own_clutter) < rate_lane(own_pose) - 0.1
+    assert rate_lane(own_clutter) < rate_lane(own_pose) - 0.03
 
 
 def test_a_lane_with_lines_between_its_own_has_less_confidence():
@@ -187,18 +187,18 @@ def test_a_lane_with_lines_between_its_own_has_less_confidence():
 
 
 def test_nothing_is_found_with_confidence_where_there_is_no_road():
-    """44 pictures that the confidence was not fitted on. Tiles and circles may look like a lane, but not for sure."""
+    """44 pictures that the confidence was not fitted on."""
     view, confidences = BirdsEyeView(CAMERA), []
     for kind in KINDS:
         for seed in range(100, 104):
             lane = find_lane(not_a_road(kind, seed), view)
             confidences.append(0.0 if lane is None else rate_lane(lane))
-    assert max(confidences) < 0.9
-    assert sum(confidence >= 0.5 for confidence in confidences) <= 3
+    assert sum(confidence > 0 for confidence in confidences) > 10
+    assert max(confidences) < 0.5
 
 
-def test_there_is_seldom_a_lane_where_there_is_no_road_if_the_pose_comes_from_the_same_picture():
-    """Floors of tiles and rooms converge like a road, so that a pose is found; one floor looks like a lane, too."""
+def test_nothing_is_found_with_confidence_where_the_pose_comes_from_the_same_picture_without_a_road():
+    """Floors of tiles and rooms converge like a road, so that a pose is found."""
     confidences = []
     for kind in ("tiles", "room", "map"):
         for seed in range(100, 104):
@@ -206,8 +206,7 @@ def test_there_is_seldom_a_lane_where_there_is_no_road_if_the_pose_comes_from_th
             if camera is not None:
                 confidences.append(0.0 if lane is None else rate_lane(lane))
     assert len(confidences) >= 5
-    assert sum(confidence >= 0.5 for confidence in confidences) <= 2
-    assert sum(confidence >= 0.9 for confidence in confidences) == 0
+    assert max(confidences) < 0.5
 
 
 class TestTheFit:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
@@ -11,13 +9,12 @@ import pytest
 from lanes.camera.camera import Camera
 from lanes.camera.camera_pose import CameraPose
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.learned_markings import NETWORK, extract_still_evidence, finer_view, network_inputs
-from lanes.tracking.markings import extract_evidence, marking_weight, strength_weight
+from lanes.tracking.learned_markings import NETWORK, finer_view, learned_evidence, network_inputs
+from lanes.tracking.markings import FrameEvidence, extract_evidence, marking_weight, strength_weight
 from tests.support.painted_roads import ASPHALT, YELLOW, Road, dashcam
 
 CAMERA = dashcam()
-# As if the pose had been estimated from the same picture.
-VIEW = BirdsEyeView(CAMERA.with_pose(replace(CAMERA.pose, same_lane_share=1.0)))
+VIEW = BirdsEyeView(CAMERA)
 # Both lines of a lane.
 LEFT_M, RIGHT_M = 1.8, -1.7
 
@@ -29,8 +26,12 @@ def lane(road: Road, **look: object) -> np.ndarray:
     return road.image()
 
 
+def evidence_of(image: np.ndarray, view: BirdsEyeView = VIEW) -> FrameEvidence:
+    return learned_evidence(image, extract_evidence(view.warp(image), view))
+
+
 def stripes_of(image: np.ndarray, far_m: float = 30.0):
-    stripes = extract_still_evidence(image, VIEW).stripes
+    stripes = evidence_of(image).stripes
     return stripes.select(stripes.x_m < far_m)
 
 
@@ -109,11 +110,11 @@ def test_the_mirrored_picture_has_the_mirrored_response():
         *CAMERA.size,
         matrix,
         CAMERA.distortion * [1, 1, 1, -1, 1],
-        CameraPose(pose.height_m, pose.pitch_rad, -pose.yaw_rad, same_lane_share=1.0),
+        CameraPose(pose.height_m, pose.pitch_rad, -pose.yaw_rad),
     )
     image = lane(Road(CAMERA), dash_m=(3, 12))
-    seen = extract_still_evidence(image, VIEW).response.strength
-    mirror = extract_still_evidence(np.ascontiguousarray(image[:, ::-1]), BirdsEyeView(other)).response.strength
+    seen = evidence_of(image).response.strength
+    mirror = evidence_of(np.ascontiguousarray(image[:, ::-1]), BirdsEyeView(other)).response.strength
     weight, mirrored = (strength_weight(s) for s in (seen, mirror[:, ::-1]))
     assert weight.mean() > 0.005
     # the remap rounds to 1/32 pixel, which is not symmetric
@@ -151,15 +152,8 @@ def test_the_inputs_do_not_depend_on_wheel_tracks():
     assert banded.mean() > 0.8 * plain.mean()
 
 
-def test_the_band_filter_is_used_with_a_known_pose():
-    known, image = BirdsEyeView(CAMERA), lane(Road(CAMERA))
-    band = extract_evidence(known.warp(image), known)
-    np.testing.assert_array_equal(extract_still_evidence(image, known).response.strength, band.response.strength)
-    assert not np.array_equal(extract_still_evidence(image, VIEW).response.strength, band.response.strength)
-
-
 def test_nothing_is_found_outside_the_picture():
-    strength = extract_still_evidence(lane(Road(CAMERA)), VIEW).response.strength
+    strength = evidence_of(lane(Road(CAMERA))).response.strength
     assert strength.shape == VIEW.shape
     assert not strength[~VIEW.seen].any()
 
