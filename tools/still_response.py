@@ -16,7 +16,7 @@ import sys
 from lanes.io.frames import Frame
 from lanes.tracking import detector
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.detector import search_lane
+from lanes.tracking.detector import still_lane
 from lanes.tracking.lane import Lane
 from lanes.tracking.learned_markings import learned_evidence
 from lanes.tracking.markings import FrameEvidence, extract_evidence
@@ -25,13 +25,13 @@ from lanes.tracking.markings import FrameEvidence, extract_evidence
 def search_by_band(image: Frame, view: BirdsEyeView) -> tuple[FrameEvidence, Lane | None]:
     """As `lanes.tracking.detector.search_still`, with the band filter alone."""
     band = extract_evidence(view.warp(image), view)
-    return band, search_lane(band)
+    return band, still_lane(band)
 
 
 def search_by_network(image: Frame, view: BirdsEyeView) -> tuple[FrameEvidence, Lane | None]:
     """As `lanes.tracking.detector.search_still`, with the network alone."""
     learned = learned_evidence(image, extract_evidence(view.warp(image), view))
-    return learned, search_lane(learned)
+    return learned, still_lane(learned)
 
 
 SEARCHES = {"band": search_by_band, "network": search_by_network}

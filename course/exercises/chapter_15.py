@@ -22,7 +22,7 @@ LOSS = 0.05
 def check_better_finder(find: OwnFinder, *, starter: Sequence[Row], every: int = 10) -> Verdict:
     """15.1: a finder that beats the starter on the motorway and loses at most `LOSS` on the others.
 
-    `every` is that of `score_finder`.
+    `every` is that of `score_finder`, and the one that `starter` was scored with.
     """
     if all(_first_lines(find, PROJECT_ROOT / "test_videos" / file) is None for file in COMMITTED.values()):
         return NOT_TRIED

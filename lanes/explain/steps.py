@@ -19,6 +19,8 @@ from lanes.tracking.tracker import TRACKER, TrackedLane
 # Median grey levels (of 255) below and above which hardly any paint is visible, and the least range of grey levels of
 # a road with visible paint.
 DARK, BRIGHT, FLAT = 20, 240, 8
+# Lanes with nothing between their lines have a larger share of stripes on them.
+USUAL_CLEAR_SHARE = 0.9
 # Pitch motion beyond three prior standard deviations is not caused by a bump.
 MAX_PITCH_RAD = 3 * PRIOR_STD[PITCH]
 
@@ -140,30 +142,30 @@ def _explain_low_confidence(lane: Lane) -> tuple[str, str]:
             "earlier frames. If it has one, and the lines are not parallel in the bird's-eye view, the camera pose is "
             "wrong. " + RE_ESTIMATE_POSE,
         )
-    if _is_the_cause("other lanes", lane):
+    if _is_the_cause(lane, "other lanes"):
         return (
             f"only {lane.same_lane_share:.0%} of the camera poses that fit this picture show this lane, because one "
             "picture shows the pose only roughly.",
             "Give a camera file with a pose, or several pictures or a video of the drive: `python -m lanes pose`.",
         )
-    if _is_the_cause("odd heading", lane):
+    if _is_the_cause(lane, "odd heading"):
         return (
             f"the lane points {np.degrees(abs(lane.heading_rad)):.1f} deg away from the car's direction, more than "
             "in a usual bend or lane change.",
             RE_ESTIMATE_POSE + " In a sharp lane change no action is needed.",
         )
-    if _is_the_cause("odd width", lane):
+    if _is_the_cause(lane, "odd width"):
         return (
             f"the lane width of {lane.width_m:.1f} m is implausible (usual: {CONFIDENCE.usual_width_m} m): one of the "
             "lines may be a kerb, a crack or a line of another lane, or the road is unusual.",
             "Check in the panel with the fit which line lies on paint. If all lanes are like this: " + RE_ESTIMATE_POSE,
         )
-    if _is_the_cause("between", lane) or _is_the_cause("transverse", lane):
+    tiles = _describe_tiles(lane)
+    if tiles and _is_the_cause(lane, "between", "transverse"):
         return (
-            f"other lines run between those of the lane or across it: of the stripes along it {lane.clear_share:.0%} "
-            f"are on its lines, and {lane.transverse_stripes} stripes cross it.",
-            "Check in the panel with the stripes what lies between the lines: a floor of tiles, or a road with other "
-            "markings. If a line of the lane itself lies there: " + RE_ESTIMATE_POSE,
+            tiles + ".",
+            "Check in the panel with the stripes what lies between the lines: a floor of tiles, a crossing, or a road "
+            "with other markings. If a line of the lane itself lies there: " + RE_ESTIMATE_POSE,
         )
     std_m = lateral_std_m(lane.covariance, 20.0).max()
     return (
@@ -173,8 +175,19 @@ def _explain_low_confidence(lane: Lane) -> tuple[str, str]:
     )
 
 
-def _is_the_cause(feature: str, lane: Lane) -> bool:
-    """Whether the confidence would be high enough without one of the features."""
+def _describe_tiles(lane: Lane) -> str:
+    """Lines across the lane and between its own, as tiles have them; empty if there are none."""
+    parts = []
+    if lane.transverse_stripes:
+        parts.append(f"painted stripes cross the lane ({lane.transverse_stripes} of them)")
+    if lane.clear_share < USUAL_CLEAR_SHARE:
+        share = f"of the stripes along it only {lane.clear_share:.0%} are on its lines"
+        parts.append(f"other lines run between those of the lane: {share}")
+    return ", and ".join(parts)
+
+
+def _is_the_cause(lane: Lane, *features: str) -> bool:
+    """Whether the confidence would be high enough without these features."""
     log_odds = lane_features(lane) * feature_weights(lane)
-    without = log_odds.sum() - log_odds[FEATURES.index(feature)]
+    without = log_odds.sum() - sum(log_odds[FEATURES.index(feature)] for feature in features)
     return bool(without >= np.log(LIKELY_CONFIDENCE / (1 - LIKELY_CONFIDENCE)))

@@ -38,8 +38,8 @@ SURE_CONFIDENCE = 0.9
 #   is smaller than usual: bricks and letters look like paint, too.
 # - between: logarithm of the share of the stripes along the lane, on its lines and between them, that are on its lines;
 #   of stills only. Tiles and bricks have lines between those of the lane.
-# - transverse: number of light stripes across the lane, where there is more than one; of stills only. Tiles and bricks
-#   have joints there, a road has a stop line at most.
+# - transverse: number of painted stripes across the lane; of stills only. Tiles and bricks have joints there, few roads
+#   have a stop line.
 # - odd heading: heading beyond that of a car in a bend, where it is larger than usual, relative to 0.05 rad, at most 1.
 #   It is large if the yaw of the camera pose is wrong.
 # - odd yaw: the same of the direction of the car, seen from the camera; of tracked lanes only: it takes a drive.
@@ -58,10 +58,10 @@ class ConfidenceModel:
     # For a lane detected in a single picture, for one whose camera pose comes from a single picture, too, and for a
     # tracked one.
     still_weights: tuple[float, ...] = (
-        *(-3.86, -0.85, -1.85, -5.13, -1.77, 0.0, 1.68, 0.0, 2.09, 2.31, -1.59, -3.94, 0.0, 0.0),
+        *(-3.82, -0.84, -1.85, -5.24, -1.76, 0.0, 1.66, 0.0, 2.22, 2.33, -0.94, -3.92, 0.0, 0.0),
     )
     own_pose_weights: tuple[float, ...] = (
-        *(-1.72, -0.52, 0.0, -0.64, -3.82, 1.41, 0.74, 2.62, 0.34, 1.25, -2.39, -0.99, 0.0, -3.35),
+        *(-1.53, -0.47, 0.0, -0.48, -3.81, 1.29, 0.58, 2.51, 0.11, 2.25, -1.78, -0.68, 0.0, -3.54),
     )
     track_weights: tuple[float, ...] = (
         -3.65,
@@ -98,8 +98,7 @@ class ConfidenceModel:
     usual_share: float = 0.2
     own_pose_usual_share: float = 0.4
     min_share: float = 0.02
-    # Usual number of transverse stripes; more beyond it than the maximum carry no further information.
-    usual_transverse: int = 1
+    # More transverse stripes carry no further information.
     max_transverse: int = 2
     # Usual heading and yaw, and the excess from which on they carry no further information. In a bend the heading of
     # the camera lags by the distance from the rear axle, at most.
@@ -133,7 +132,7 @@ def lane_features(lane: Lane, *, tracked: bool = False) -> np.ndarray:
             support if own_pose else 0.0,
             np.log(min(max(lane.explained_share, c.min_share) / usual_share, 1.0)),
             0.0 if tracked else np.log(lane.clear_share),
-            0.0 if tracked else min(max(lane.transverse_stripes - c.usual_transverse, 0), c.max_transverse),
+            0.0 if tracked else min(lane.transverse_stripes, c.max_transverse),
             _excess(heading_rad - c.usual_heading_rad),
             0.0 if lane.camera_yaw_rad is None else _excess(abs(lane.camera_yaw_rad) - c.usual_yaw_rad),
             0.0 if lane.same_lane_share is None else 1.0 - lane.same_lane_share,

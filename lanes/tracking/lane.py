@@ -122,8 +122,8 @@ class Lane:
         Of the stripes along the lane, on its lines and between them, the share on its lines; 1 of a tracked lane. Tiles
         and bricks have lines between those of the lane.
     transverse_stripes : int
-        Light stripes across the lane, up to 30 m ahead; 0 of a tracked lane. Tiles and bricks have several, a road has
-        a stop line at most.
+        Painted stripes across the lane, up to 30 m ahead; 0 of a tracked lane. Tiles and bricks have several, few
+        roads have more than one.
     margin : float or None
         Score minus that of the best lane elsewhere, which counts at least 0; None of a tracked lane.
     same_lane_share : float or None

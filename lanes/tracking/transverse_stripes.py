@@ -1,7 +1,8 @@
-"""Stripes that cross a lane from line to line: the joints of tiles and bricks. A road has a stop line at most.
+"""Painted stripes that cross a lane from line to line: the joints of tiles and bricks. Few roads have more than one.
 
 The lane between its lines is divided into strips along the road. In each strip a stripe is lighter than the road before
-and behind it. Arrows and words do not reach into all strips; shadows and dark joints are not lighter than the road.
+and behind it. Arrows do not reach into all strips. A stripe is also nearly as light as the lines of the lane: the road
+between two shadows or two dark joints is not.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.markings import lightness
+from lanes.tracking.markings import MARKINGS, lightness
 
 
 @dataclass(frozen=True)
@@ -25,10 +26,12 @@ class TransverseParameters:
     margin_m: float = 0.4
     # Distances, in rows, between a stripe and the road that it is compared with.
     reaches: tuple[int, ...] = (2, 3, 4)
-    # Smallest contrast of a stripe, relative to the mean step from cell to cell in the lane, and what is added to that
-    # step: rounding to whole grey levels makes about this much.
+    # Smallest contrast of a stripe, relative to the mean step from cell to cell in the lane.
     min_contrast: float = 2.0
-    noise_floor: float = 1.0
+    # Lightness of the lines: this quantile of their cells, because broken lines have gaps. A stripe is lighter than the
+    # road by at least this share of the difference between lines and road.
+    line_quantile: float = 0.8
+    min_share: float = 0.35
 
 
 TRANSVERSE = TransverseParameters()
@@ -46,15 +49,18 @@ def count_transverse_stripes(view_image: np.ndarray, view: BirdsEyeView, lines_y
         Lateral positions of the left and the right line in the rows of the view; NaN where a line does not pass.
     """
     near = view.x_m < TRANSVERSE.far_m
-    light = lightness(view_image)[near].astype(float)
+    light, seen = lightness(view_image)[near].astype(float), view.seen[near]
     columns = _strip_columns(lines_y_m[:, near], view)
-    strips = _strip_means(light, view.seen[near], columns)
-    inside = (np.arange(light.shape[1] - 1) >= columns[:, :1]) & (np.arange(light.shape[1] - 1) < columns[:, -1:])
-    if not inside.any():
+    strips = _strip_means(light, seen, columns)
+    inside = seen & (np.arange(len(view.y_m)) >= columns[:, :1]) & (np.arange(len(view.y_m)) < columns[:, -1:])
+    steps = inside[:, 1:] & inside[:, :-1]
+    line_light = _line_lightness(light, seen, lines_y_m[:, near], view)
+    if not steps.any() or line_light is None:
         return 0
-    noise = float(np.abs(np.diff(light))[inside].mean()) + TRANSVERSE.noise_floor
+    road_light = float(np.median(light[inside]))
+    noise = float(np.abs(np.diff(light))[steps].mean()) + MARKINGS.noise_floor
     contrast = np.max([_contrast(strips, reach) for reach in TRANSVERSE.reaches], axis=0)
-    # the stripe's own row: a plateau counts once
+    contrast[~(strips.min(axis=0) - road_light >= TRANSVERSE.min_share * (line_light - road_light))] = 0
     peak = (contrast[1:-1] > contrast[:-2]) & (contrast[1:-1] >= contrast[2:])
     return int((peak & (contrast[1:-1] > TRANSVERSE.min_contrast * noise)).sum())
 
@@ -75,10 +81,18 @@ def _strip_means(light: np.ndarray, seen: np.ndarray, columns: np.ndarray) -> np
     return np.where((count == width) & (width > 0), total / np.maximum(width, 1), np.nan)
 
 
+def _line_lightness(light: np.ndarray, seen: np.ndarray, lines_y_m: np.ndarray, view: BirdsEyeView) -> float | None:
+    """Lightness of the paint of both lines (2, rows) in grey levels; None if no cell of them is in the picture."""
+    column = np.rint((view.y_m[0] - lines_y_m) / view.cell_m)
+    line, row = np.nonzero((column >= 0) & (column < len(view.y_m)))
+    column = column[line, row].astype(int)
+    cells = light[row, column][seen[row, column]]
+    return float(np.quantile(cells, TRANSVERSE.line_quantile)) if len(cells) else None
+
+
 def _contrast(strips: np.ndarray, reach: int) -> np.ndarray:
     """Contrast (rows,) of each row: the smallest of the strips (strips, rows); 0 where it is not known."""
     contrast = np.zeros(strips.shape[1])
-    if len(contrast) > 2 * reach:
-        middle, behind, before = strips[:, reach:-reach], strips[:, : -2 * reach], strips[:, 2 * reach :]
-        contrast[reach:-reach] = np.nan_to_num((middle - np.maximum(behind, before)).min(axis=0))
+    middle, behind, before = strips[:, reach:-reach], strips[:, : -2 * reach], strips[:, 2 * reach :]
+    contrast[reach:-reach] = np.nan_to_num((middle - np.maximum(behind, before)).min(axis=0))
     return contrast

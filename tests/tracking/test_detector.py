@@ -102,9 +102,7 @@ def test_one_line_missing(side):
     lines = bend(-0.2, 3.6, -0.01, -1 / 600)
     painted = lines[0 if side == LEFT_SIDE else 1]
     lane = find_lane(Road(CAMERA).line(painted).image(), VIEW)
-    # one line does not show the pitch, so its distance ahead is less certain than its direction
-    std_m = lane.lateral_std_m(X_M)[0 if side == LEFT_SIDE else 1]
-    assert (np.abs(lane.line_y(X_M, side) - painted(X_M)) < np.maximum(0.1, 2 * std_m)).all()
+    np.testing.assert_allclose(lane.line_y(X_M, side), painted(X_M), atol=0.1)
     seen, guessed = (lane.left, lane.right) if side == LEFT_SIDE else (lane.right, lane.left)
     assert seen.seen and not guessed.seen
     assert guessed.c0_std_m > 0.3 and guessed.reach_m == 0
@@ -144,6 +142,10 @@ def test_faint_dots_count_together_with_the_line_of_the_next_lane():
     assert lane.offset_m == pytest.approx(0.2, abs=0.15) and lane.width_m == pytest.approx(3.7, abs=0.15)
     assert abs(lane.offset_m - 0.2) < 2 * lane.offset_std_m
     assert rate_lane(lane) < 0.9
+    # the network sees them
+    lane = find_lane(road.image(), VIEW)
+    assert lane.left.seen and lane.right.seen and rate_lane(lane) > 0.9
+    assert lane.offset_m == pytest.approx(0.2, abs=0.1) and lane.width_m == pytest.approx(3.7, abs=0.1)
 
 
 @pytest.mark.parametrize("between_m", [(), (0.0,), (-0.9, 0.0, 0.9)])
@@ -154,7 +156,7 @@ def test_lines_between_those_of_the_lane_count(between_m):
         road.line(lambda x, y=lateral_m: y + 0 * x)
     lane = find_lane(road.image(), VIEW)
     assert lane.width_m == pytest.approx(3.5, abs=0.1)
-    assert lane.clear_share == pytest.approx(2 / (2 + len(between_m)), abs=0.12)
+    assert lane.clear_share == pytest.approx(2 / (2 + len(between_m)), abs=0.08)
 
 
 @pytest.mark.parametrize("noise", [0.0, 2.0, 15.0])
@@ -205,12 +207,12 @@ class TestSearchOfStills:
         """`band` and `network` are the log odds of the lanes found; None finds none."""
         done, known = [], find_lane(self.IMAGE, VIEW)
 
-        def search_lane(evidence):
+        def still_lane(evidence):
             done.append(evidence.response.learned)
             odds = network if evidence.response.learned else band
             return None if odds is None else replace(known, score=odds)
 
-        monkeypatch.setattr(detector, "search_lane", search_lane)
+        monkeypatch.setattr(detector, "still_lane", still_lane)
         monkeypatch.setattr(detector, "log_odds", lambda lane: lane.score)
         monkeypatch.setattr(detector, "rate_lane", lambda lane: 1 / (1 + np.exp(-lane.score)))
         evidence, lane = detector.search_still(self.IMAGE, VIEW)

@@ -10,7 +10,8 @@ import pytest
 from lanes.tracking.birdseye import BirdsEyeView
 from lanes.tracking.confidence import rate_lane
 from lanes.tracking.detector import find_lane
-from lanes.tracking.transverse_stripes import TRANSVERSE, count_transverse_stripes
+from lanes.tracking.tracker import LaneTracker
+from lanes.tracking.transverse_stripes import count_transverse_stripes
 from tests.support.painted_roads import Road, dashcam
 
 CAMERA = dashcam(width=1280)
@@ -71,16 +72,42 @@ def test_lines_that_leave_the_view_have_none_between_them():
         assert count_transverse_stripes(image, VIEW, lines_y_m) == 0
 
 
-def test_a_short_view_has_too_few_rows():
-    view = replace(VIEW, near_m=28.5, far_m=31.0)
-    assert 0 < (view.x_m < TRANSVERSE.far_m).sum() <= 2 * max(TRANSVERSE.reaches)
+@pytest.mark.parametrize("far_m", [29.0, 30.5, 33.0])
+def test_a_view_with_few_near_rows_has_none(far_m):
+    view = replace(VIEW, near_m=28.5, far_m=far_m)
     lines_y_m = np.array([[1.8], [-1.8]]) + np.zeros(len(view.x_m))
     assert count_transverse_stripes(view.warp(across(29.0).image()), view, lines_y_m) == 0
 
 
-def test_several_stripes_lower_the_confidence_and_a_stop_line_does_not():
+def stripes(*, depth_m: float, period_m: float, share: float) -> Road:
+    """A lane with shadows or dark joints across it."""
+    return lane_road().shade(lambda x, y: np.mod(x, period_m) < depth_m, share)
+
+
+@pytest.mark.parametrize(
+    "road",
+    [
+        stripes(depth_m=3.0, period_m=5.0, share=0.4),
+        stripes(depth_m=1.0, period_m=3.0, share=0.4),
+        stripes(depth_m=1.0, period_m=3.0, share=0.7),
+        stripes(depth_m=0.1, period_m=2.0, share=0.4),
+    ],
+    ids=["trees", "a fence", "a light fence", "joints of slabs"],
+)
+def test_the_road_between_shadows_and_joints_is_no_stripe(road):
+    lane = find_lane(road.image(), VIEW)
+    assert lane.transverse_stripes == 0
+    assert rate_lane(lane) > 0.9
+
+
+def test_a_tracked_lane_has_none():
+    tracker, image = LaneTracker(CAMERA), across(7.0, 12.0).image()
+    assert tracker.update(image).lane.transverse_stripes == 0
+
+
+def test_stripes_lower_the_confidence():
     lane = find_lane(across(9.0).image(), VIEW)
     for found in (lane, replace(lane, same_lane_share=0.9)):
-        none, tiles = replace(found, transverse_stripes=0), replace(found, transverse_stripes=4)
-        assert rate_lane(found) == rate_lane(none)
-        assert rate_lane(tiles) < rate_lane(found) - 0.1
+        none, one, two, tiles = (rate_lane(replace(found, transverse_stripes=n)) for n in (0, 1, 2, 6))
+        assert tiles == two < one < none
+        assert two < none - 0.1
