@@ -50,7 +50,7 @@ def mosaic_overlay(camera: Camera) -> DrawOverlay:
 
     def draw(image: Frame, tracked: TrackedLane) -> np.ndarray:
         image = as_rgb(image)
-        # a still without a lane is not told from a lost track, but with a pose of one picture it had the network
+        # LOST is also the state of a still without a lane; with a pose of one picture its response is the network's
         still = tracked.state == FOUND or view.camera.require_pose().same_lane_share is not None
         evidence = search_still(image, view)[0] if still else extract_evidence(view.warp(image), view)
         birdseye = view.blacken(evidence.view_image)
