@@ -28,7 +28,7 @@ from lanes.io.video.reader import VideoInfo, inspect_video
 from lanes.pose_from_lanes.estimator import pose_from_drive
 from lanes.pose_from_lanes.pose_estimate import PoseError, PoseEstimate
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.detector import find_lane
+from lanes.tracking.detector import search_still
 from lanes.tracking.tracker import LOST, LaneTracker, TrackedLane
 
 
@@ -129,9 +129,10 @@ def annotate_stills(pictures: Sequence[Path], settings: DriveSettings) -> Stills
             view, draw = BirdsEyeView(camera), STYLES[settings.style](camera)
             for path in paths:
                 image = read_image(path)
-                found = TrackedLane.from_still(find_lane(image, view))
+                evidence, lane = search_still(image, view)
+                found = TrackedLane.from_still(lane)
                 rows.append({"frame": len(rows), "picture": path.name, **found.as_row()})
-                written.append(write_image(settings.output / path.name, as_rgb(draw(image, found))))
+                written.append(write_image(settings.output / path.name, as_rgb(draw(image, found, evidence))))
                 if settings.each and pose:
                     lines.append(f"{path}: {found.state} (confidence {found.confidence:.2f}); {pose.summary_line()}")
         write_telemetry(telemetry, rows)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -13,14 +14,19 @@ from lanes.drawing.pictures import draw_line, write_text
 from lanes.io.describe import describe_std
 from lanes.io.frames import Frame, as_rgb
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.detector import search_still
-from lanes.tracking.markings import MARKINGS, extract_evidence
+from lanes.tracking.markings import MARKINGS, FrameEvidence, extract_evidence
 from lanes.tracking.model import lines_on_view
 from lanes.tracking.overlay import describe_tracked, draw_lines, draw_tracked, lane_outlines
-from lanes.tracking.tracker import FOUND, LaneTracker, TrackedLane
+from lanes.tracking.tracker import LaneTracker, TrackedLane
 
-# Takes a picture, which it may modify, and the lane in it; returns the annotated picture.
-DrawOverlay = Callable[[Frame, TrackedLane], Frame]
+
+class DrawOverlay(Protocol):
+    """A function that draws the lane in a picture, which it may modify, and returns the annotated picture."""
+
+    def __call__(self, image: Frame, tracked: TrackedLane, evidence: FrameEvidence | None = None) -> Frame:
+        """`evidence` is that of a still; without it the mosaic shows that of the band filter, as the tracker uses."""
+
+
 TelemetryRow = dict[str, str | float | None]
 
 # Marking response that is drawn white. Paint in good condition reaches it.
@@ -29,13 +35,13 @@ WHITE_STRENGTH = 4 * MARKINGS.min_strength
 
 def lane_overlay(camera: Camera) -> DrawOverlay:
     """A function that draws the filled lane and its measures."""
-    return lambda image, tracked: draw_tracked(image, tracked, camera, onto=image)
+    return lambda image, tracked, evidence=None: draw_tracked(image, tracked, camera, onto=image)
 
 
 def lines_overlay(camera: Camera) -> DrawOverlay:
     """A function that draws the two lane lines and the measures, and leaves the road between the lines unchanged."""
 
-    def draw(image: Frame, tracked: TrackedLane) -> Frame:
+    def draw(image: Frame, tracked: TrackedLane, evidence: FrameEvidence | None = None) -> Frame:
         if tracked.lane is not None:
             draw_lines(image, tracked.lane, lane_outlines(tracked.lane, camera), camera)
         put_text(image, describe_tracked(tracked))
@@ -48,11 +54,9 @@ def mosaic_overlay(camera: Camera) -> DrawOverlay:
     """A function that puts the annotated picture, the bird's-eye view, the marking response and the fit together."""
     view = BirdsEyeView(camera)
 
-    def draw(image: Frame, tracked: TrackedLane) -> np.ndarray:
+    def draw(image: Frame, tracked: TrackedLane, evidence: FrameEvidence | None = None) -> np.ndarray:
         image = as_rgb(image)
-        # LOST is also the state of a still without a lane; with a pose of one picture its response is the network's
-        still = tracked.state == FOUND or view.camera.require_pose().same_lane_share is not None
-        evidence = search_still(image, view)[0] if still else extract_evidence(view.warp(image), view)
+        evidence = evidence or extract_evidence(view.warp(image), view)
         birdseye = view.blacken(evidence.view_image)
         strength = cv2.convertScaleAbs(evidence.response.strength, alpha=255 / WHITE_STRENGTH)
         panels = {

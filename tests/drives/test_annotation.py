@@ -30,6 +30,8 @@ from lanes.io.video.container import VideoError
 from lanes.io.video.reader import inspect_video
 from lanes.io.video.writer import VideoWriter
 from lanes.pose_from_lanes.pose_estimate import PoseError, PoseEstimate
+from lanes.tracking.birdseye import BirdsEyeView
+from lanes.tracking.markings import extract_evidence
 from lanes.tracking.tracker import LOST, LaneTracker, TrackedLane
 from tests.io.video.sample_videos import make_video_with_unknown_sound
 from tests.support.clips import write_drive
@@ -127,6 +129,17 @@ def test_mosaic_shows_fit_and_marking_response():
     blue = np.flatnonzero((rows[:, :, 2] - rows[:, :, 0] > 80).any(axis=0))
     assert np.median(red) == pytest.approx(columns[0], abs=6) and np.median(blue) == pytest.approx(columns[1], abs=6)
     assert (np.ptp(response, axis=2) == 0).all() and response.max() > 200
+
+
+def test_mosaic_shows_the_evidence_of_a_still():
+    image, result = tracked_bends()
+    view = BirdsEyeView(SMALL)
+    evidence = extract_evidence(view.warp(image), view)
+    unpainted = replace(evidence, response=replace(evidence.response, strength=0 * evidence.response.strength))
+    height, width = image.shape[:2]
+    response = np.s_[height // 3 + 30 : 2 * height // 3 - 8, 2 * width // 3 + 4 :]
+    assert STYLES["mosaic"](SMALL)(image, result, evidence)[response].max() > 200
+    assert STYLES["mosaic"](SMALL)(image, result, unpainted)[response].max() == 0
 
 
 def test_track_lane_returns_picture_and_telemetry():
