@@ -49,8 +49,8 @@ The labelled stills of three real drives, and every tenth frame of the scenes th
 the same way. Each picture is processed independently. The score is the mean accuracy: the share of points within
 TuSimple's tolerance (20 px / cos of the line's angle), in the rows in which the labels of the real drive have points.
 It is the ego-lane variant, not the official score. Real labels are made by hand; rendered labels are the true lines
-where nothing hides them. Real pictures: calibrated lens, pose estimated from the same stills. Rendered pictures: true
-lens and pose.
+where nothing hides them. Real pictures: calibrated lens, pose of each drive estimated from all of its stills. Rendered
+pictures: true lens and pose.
 
 The number after +- is half the width of a 95 % interval (bootstrap over pictures; pictures of one drive are
 correlated, so the true interval is wider). Two systems are *undecided* on a side if the interval of their difference
@@ -140,9 +140,8 @@ def print_section(name: str, real: Side, rendered: Side) -> None:
     print("| | real | rendered |\n|---|---|---|")
     for system in np.argsort(-real.mean, kind="stable"):
         print(f"| {STILL_SYSTEMS[system]} | {real.cell(system)} | {rendered.cell(system)} |")
-    notes = [f"{verdict}: {', '.join(verdicts[verdict])}" for verdict in ("opposite", "undecided") if verdicts[verdict]]
-    if notes:
-        print(f"\n{'; '.join(notes)}.")
+    if verdicts["opposite"]:
+        print(f"\nopposite: {', '.join(verdicts['opposite'])}.")
 
 
 def main() -> None:

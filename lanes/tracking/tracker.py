@@ -190,13 +190,14 @@ class LaneTracker:
         self._state = LOST
         self._confirmed = self._objections = self._regained = self._since_search = self._frames = 0
         self._unseen_s = 0.0
+        self._result = TrackedLane(LOST)
 
     def summary(self) -> dict[str, str]:
         """Settings and current result in words, by name."""
         camera = self.view.camera
         speed = "estimated" if self.speed_mps is None else f"{3.6 * self.speed_mps:.0f} km/h, given"
         settings = {"camera": f"{camera.width}x{camera.height} px, {self.view.height_m:.2f} m above the road"}
-        return settings | {"pictures a second": f"{self.fps:g}", "speed": speed} | self._result().summary()
+        return settings | {"pictures a second": f"{self.fps:g}", "speed": speed} | self._result.summary()
 
     def __repr__(self) -> str:
         camera = self.view.camera
@@ -249,7 +250,8 @@ class LaneTracker:
             self._follow(track, elapsed_s)
         if search and self._replaced_by(found, by_paint=due) and found is not None:
             self._start(found)
-        return self._result()
+        self._result = self._describe()
+        return self._result
 
     def _is_weak(self) -> bool:
         """Whether there is a track with little support."""
@@ -257,7 +259,7 @@ class LaneTracker:
 
     def _is_doubtful(self) -> bool:
         """Whether there is a track with little confidence."""
-        return self._track is not None and rate_lane(self._track.lane, tracked=True) < TRACKER.min_confidence
+        return self._track is not None and self._result.confidence < TRACKER.min_confidence
 
     def _without_static(self, evidence: FrameEvidence, *, search: bool) -> tuple[FrameEvidence, Lane | None]:
         """The evidence without stripes that never move, and the lane that a `search` finds in it.
@@ -346,7 +348,7 @@ class LaneTracker:
         self._track = start_track(lane, self.speed_mps)
         self._state, self._confirmed = SEARCHING, 1
 
-    def _result(self) -> TrackedLane:
+    def _describe(self) -> TrackedLane:
         if self._track is None:
             return TrackedLane(LOST)
         left, right = (line.votes.marking_type for line in self._track.lane.observations)

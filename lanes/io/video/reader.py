@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import pairwise
 from pathlib import Path
 
 import av
@@ -169,17 +168,22 @@ def read_timed_frames(
 
 def _frames_between(elapsed_s: Fraction | float, rate: Fraction, stream: av.VideoStream) -> int:
     """Difference of the frame numbers of two frames `elapsed_s` apart; 1 if the rate is not constant."""
-    constant = stream.guessed_rate and abs(stream.guessed_rate / rate - 1) < SAME_RATE
-    return max(1, round(elapsed_s * rate)) if constant else 1
+    return max(1, round(elapsed_s * rate)) if _rate_is_constant(rate, stream) else 1
+
+
+def _rate_is_constant(rate: Fraction, stream: av.VideoStream) -> bool:
+    base_rate = stream.guessed_rate
+    return base_rate is not None and abs(base_rate / rate - 1) < SAME_RATE
 
 
 def _count_gaps(stamps: list[int | None], rate: Fraction, stream: av.VideoStream) -> int:
-    """Number of frames missing between time stamps; 0 if some packets have no time stamp."""
+    """Number of frames missing between time stamps; 0 if some packets have none, or if the rate is not constant."""
     tick, known = stream.time_base, [pts for pts in stamps if pts is not None]
-    if tick is None or len(known) < len(stamps):
+    if tick is None or len(known) < len(stamps) or not _rate_is_constant(rate, stream):
         return 0
-    times = sorted(pts * tick for pts in known)
-    return sum(_frames_between(later - earlier, rate, stream) - 1 for earlier, later in pairwise(times))
+    # in frames; floats, because thousands of fractions take longer than to read the file
+    steps = np.diff(np.sort(known)) * float(tick * rate)
+    return int(np.maximum(np.rint(steps) - 1, 0).sum())
 
 
 def _refuse_cut_off(
