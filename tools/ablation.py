@@ -133,7 +133,13 @@ SWITCHES = (
     _parameters("shares of the noise", "process noise grows with the curvature", PROCESS_NOISE, **_SMALL_NOISE),
     Switch("bend ahead", "a bend ahead counts as if the car were in it", ((max_curvature, curvature_at_car),)),
     _parameters("camera lever", "distance of the camera from the rear axle", CAR_PARAMETERS, lever_m=0.0),
-    _parameters("periodic search", "a search each second while tracking", TRACKER, search_period_s=np.inf),
+    _parameters(
+        "periodic search",
+        "searches while tracking",
+        TRACKER,
+        search_period_s=np.inf,
+        sure_search_period_s=np.inf,
+    ),
 )
 
 

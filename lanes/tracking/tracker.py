@@ -2,8 +2,8 @@
 
     picture -> extract_evidence -> predict -> update -> describe
 
-Once a second, and while the lane is doubtful, the frame is also searched as without memory. Stripes that never move
-(`lanes.camera.static_pattern`) are left out.
+Once a second (every five seconds if the track is sure), and while the lane is doubtful, the frame is also searched as
+without memory. Stripes that never move (`lanes.camera.static_pattern`) are left out.
 
 The estimate of a frame uses that frame and all earlier ones. It is not smoothed, so that it follows the beginning of a
 bend without delay.
@@ -21,7 +21,7 @@ from lanes.camera.static_pattern import StaticPattern
 from lanes.io.describe import html_table
 from lanes.io.frames import Frame
 from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.confidence import log_odds, rate_lane
+from lanes.tracking.confidence import SURE_CONFIDENCE, log_odds, rate_lane
 from lanes.tracking.departure import DepartureWarning, watch_departure
 from lanes.tracking.detector import search_lane
 from lanes.tracking.lane import Lane
@@ -48,9 +48,11 @@ class TrackerParameters:
     min_confidence: float = 0.2
     # Longest time in which the lane is not seen.
     max_coast_s: float = 1.0
-    # Period of searches while tracking. A track is given up after this number of consecutive searches that found
-    # another lane whose score is larger by this margin, or the logarithm of whose odds to be correct is.
+    # Period of searches while tracking: of a track that is not sure, and of one that is (`SURE_CONFIDENCE`). A track is
+    # given up after this number of consecutive searches that found another lane whose score is larger by this margin,
+    # or the logarithm of whose odds to be correct is.
     search_period_s: float = 1.0
+    sure_search_period_s: float = 5.0
     rival_margin: float = 0.1
     rival_log_odds: float = 3.0
     objections: int = 3
@@ -232,7 +234,7 @@ class LaneTracker:
         self._since_search += 1
         self._since_static_s += max(elapsed_s, 0.0)
         self._frames += 1
-        due = self._objections > 0 or self._is_weak() or self._since_search >= TRACKER.search_period_s * self.fps
+        due = self._objections > 0 or self._is_weak() or self._since_search >= self._search_period_s() * self.fps
         search = due or self._state != TRACKING or self._is_doubtful()
         view = self.view if search or self._track is None else self._narrowest_view(self._track.lane)
         view_image = view.warp(image)
@@ -252,6 +254,11 @@ class LaneTracker:
             self._start(found)
         self._result = self._describe()
         return self._result
+
+    def _search_period_s(self) -> float:
+        """Period of searches for the present track."""
+        sure = self._result.confidence >= SURE_CONFIDENCE
+        return TRACKER.sure_search_period_s if sure else TRACKER.search_period_s
 
     def _is_weak(self) -> bool:
         """Whether there is a track with little support."""

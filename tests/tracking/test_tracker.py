@@ -195,10 +195,16 @@ def test_a_wrong_track_is_given_up():
 
 
 @pytest.mark.parametrize(
-    ("doubt", "searches"), [({"score": 0.9}, 1), ({"score": 0.4}, 12), ({"explained_share": 0.01}, 12)]
+    ("doubt", "seconds", "searches"),
+    [
+        ({"score": 0.9}, 6.0, 1),
+        ({"explained_share": 0.05}, 6.0, 6),
+        ({"explained_share": 0.01}, 1.04, 12),
+        ({"score": 0.4}, 1.04, 12),
+    ],
 )
-def test_a_doubtful_track_is_searched_in_every_frame(monkeypatch, doubt, searches):
-    """One with little support, or with a small confidence, here because of clutter."""
+def test_a_doubtful_track_is_searched_more_often(monkeypatch, doubt, seconds, searches):
+    """One that is not sure, because of clutter, each second; in every frame with little confidence or support."""
     tracker, calls = LaneTracker(SMALL, fps=FPS), []
     follow(DRIVE, 1.0, tracker=tracker)
 
@@ -212,7 +218,7 @@ def test_a_doubtful_track_is_searched_in_every_frame(monkeypatch, doubt, searche
 
     monkeypatch.setattr(tracker_module, "update_track", scored)
     monkeypatch.setattr(tracker_module, "search_lane", searched)
-    follow(DRIVE, 1.04, tracker=tracker)
+    follow(DRIVE, seconds, tracker=tracker)
     assert len(calls) == pytest.approx(searches, abs=1)
 
 
