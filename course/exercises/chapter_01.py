@@ -21,7 +21,10 @@ def check_best_ruler(worst_px: float, *, rows: np.ndarray, columns: np.ndarray) 
         return hint(f"{worst_px:.1f} px is the largest distance on one side only. Take the absolute values first.")
     swapped = np.abs(np.polyval(np.polyfit(columns, rows, 1), columns) - rows).max()
     if abs(worst_px - swapped) < 0.05:
-        return hint("you fitted the row as a function of the column. Swap the first two arguments of np.polyfit.")
+        return hint(
+            "you fitted the row as a function of the column. Swap the first two arguments of "
+            "np.polyfit. Or did you round the distance? One decimal is needed."
+        )
     return hint(
         f"{worst_px:.1f} px is not it. Fit all rows of paint_rows, not only the near ones, and compare the line "
         "with paint_columns in each row."

@@ -16,8 +16,9 @@ DISTORTION = np.array([-0.25, 0.06, 0.004, -0.006, -0.008])
 LENS = Camera(1280, 720, MATRIX, DISTORTION)
 # The number of pixels that the check undistorts, and how far an answer may be off.
 PIXELS, TOLERANCE_PX = 12, 0.01
-# Wrong tangential terms as the coefficients k1, k2, p1, p2, k3 with which they would be right.
+# Wrong coefficients, as the coefficients k1, k2, p1, p2, k3 with which they would be right.
 MISTAKES = {
+    "the order of the five numbers is k1, k2, p1, p2, k3.": DISTORTION[[0, 1, 3, 4, 2]],
     "p1 and p2 are exchanged.": DISTORTION[[0, 1, 3, 2, 4]],
     "the tangential terms have the wrong sign: subtract them from x_d and y_d.": DISTORTION * [1, 1, -1, -1, 1],
     "the tangential terms, those with p1 and p2, are missing.": DISTORTION * [1, 1, 0, 0, 1],
@@ -52,12 +53,16 @@ def _explain_difference(found_px: np.ndarray, raw_px: np.ndarray, true_px: np.nd
         if _off_px(found_px, wrong.undistort_points(raw_px)) <= TOLERANCE_PX:
             return sentence
     if ((found_px - raw_px) * (true_px - raw_px)).sum() < 0:
-        return "the pixels move the wrong way, towards the centre. Divide by the radial factor."
+        return (
+            "the pixels move the wrong way, towards the centre. Divide by the radial factor, and keep x_d and y_d: "
+            "only x, y and r change."
+        )
     off_px, moved_px = _off_px(found_px, true_px), _off_px(raw_px, true_px)
     if off_px < moved_px / 2:
         return (
             f"the worst pixel is {off_px:.2f} px off, {moved_px:.0f} px before. Repeat until it no longer moves. If "
-            "that does not help: subtract the tangential terms first, then divide."
+            "that does not help: subtract the tangential terms first, then divide, and take matrix and distortion from "
+            "the arguments."
         )
     (u, v), (column, row), (true_u, true_v) = raw_px[0], found_px[0], true_px[0]
     return (

@@ -68,16 +68,24 @@ def check_relative_edges(make_mask: MakeMask, *, lightness: np.ndarray) -> Verdi
         return hint(
             f"at half the light only {half_light:.0%} of the edges are the same. Divide the gradient by the brightness."
         )
-    far = np.ones(lightness.shape, bool)
-    far[:GLINT_REACH_PX, :GLINT_REACH_PX] = False
-    with_glint = make_mask(_add_glint(lightness))
-    glint = 0.0 if with_glint is None else _overlap(mask[far], with_glint[far])
+    # in half the light the largest lightness is that of the glint
+    glint = min(_same_with_glint(make_mask, channel) for channel in (lightness, lightness // 2))
     if glint < LEAST_OVERLAP:
         return hint(
             f"{half_light:.0%} the same at half the light, but with a glint in one corner only {glint:.0%}. "
-            "The largest gradient of the picture is no scale; use the brightness."
+            "The largest value and the gradients of the whole picture are no scale; use the usual brightness."
         )
     return correct(f"{half_light:.0%} of the edges are the same at half the light, {glint:.0%} with a glint.")
+
+
+def _same_with_glint(make_mask: MakeMask, channel: np.ndarray) -> float:
+    """Overlap of the masks of a channel without and with a glint, far from the glint."""
+    mask, with_glint = make_mask(channel.copy()), make_mask(_add_glint(channel))
+    if mask is None or with_glint is None:
+        return 0.0
+    far = np.ones(channel.shape, bool)
+    far[:GLINT_REACH_PX, :GLINT_REACH_PX] = False
+    return _overlap(mask[far], with_glint[far])
 
 
 def _mask_problem(mask: object, shape: tuple[int, int]) -> str | None:

@@ -69,7 +69,10 @@ def check_corrected_measures(
     if not used(along**2 / across):
         return hint(f"{radii_m[0]:.0f} m: multiply the radius by the ratio of s_v squared over s_u, true to usual.")
     if abs(offset_m - PUBLISHED_M[2] * across) > 0.001:
-        return hint(f"the radii are right. The offset, {offset_m:.3f} m, is a length across the road: one scale, once.")
+        return hint(
+            f"the radii are right. The offset, {offset_m:.3f} m, is a length across the road: one "
+            "scale, once. Three decimals, with the sign of the published one."
+        )
     too_small = 1 - published_m[0] / radii_m[0]
     return correct(
         f"{radii_m[0]:.0f} m, {radii_m[1]:.0f} m and {offset_m:.3f} m; the radii were {too_small:.0%} too small."

@@ -29,7 +29,7 @@ def check_bar(bar_px: np.ndarray, *, left: Sequence[float], right: Sequence[floa
         "left and right are exchanged. y is positive to the left.": true_px[::-1],
         "the sign of y is wrong: it is positive to the left of the car.": camera.road_to_pixels(ends_m * [1, -1]),
     }
-    if off_px(true_px) > TOLERANCE_PX:
+    if not off_px(true_px) <= TOLERANCE_PX:
         for sentence, wrong_px in mistakes.items():
             if off_px(wrong_px) <= TOLERANCE_PX:
                 return hint(sentence)

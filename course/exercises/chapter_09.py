@@ -72,7 +72,10 @@ def check_pitch_error(pitch_error_deg: Callable[[float, float, float, float], fl
     for sentence, wrong in mistakes.items():
         if _agrees(found, wrong):
             return hint(f"{said}; {sentence}")
-    return hint(f"{said} degrees. The ray falls by h / X' in the view, and by h / X on the road. Compare the two.")
+    return hint(
+        f"{said} degrees. The ray falls by h / X' in the view, and by h / X on the road. Compare the two; take "
+        "height and width from the arguments."
+    )
 
 
 def _agrees(found: np.ndarray, expected: np.ndarray) -> bool:

@@ -24,6 +24,8 @@ def check_stripe_response(respond: Callable[[np.ndarray, int], np.ndarray]) -> V
     )
     if on_stripe.shape != stripe.shape:
         return hint(f"the result has shape {on_stripe.shape}; it needs one number for each cell, {stripe.shape}.")
+    if not all(np.isfinite(scores[MARGIN:-MARGIN]).all() for scores in (on_stripe, on_double, on_edge, on_seam)):
+        return hint("some scores are NaN or infinite.")
     course_score = _respond(stripe, 3)
     expected = course_score[PLACE]
     if on_stripe[PLACE] < 0:

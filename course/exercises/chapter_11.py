@@ -8,17 +8,17 @@ import numpy as np
 
 from course.exercises.verdict import NOT_TRIED, Verdict, correct, hint
 
+KnownWidthFit = Callable[[np.ndarray, np.ndarray, np.ndarray, float], np.ndarray]
 # The lane of the check: centre (m), heading (rad), curvature (1/m), width (m).
 CENTRE_M, HEADING_RAD, CURVATURE_PER_M, WIDTH_M = 0.25, -0.012, 0.002, 3.66
 TOLERANCES = np.array([0.03, 0.004, 2e-4])
+# Another lane, on the left of the car: both of its lines have a positive y.
+OTHER_CENTRE_M, OTHER_WIDTH_M = 2.5, 3.0
 
 
-def check_known_width(fit: Callable[[np.ndarray, np.ndarray, np.ndarray, float], np.ndarray]) -> Verdict:
+def check_known_width(fit: KnownWidthFit) -> Verdict:
     """11.1: the lane from one of its lines, with a known width."""
-    fits = []
-    for side in (1, -1):
-        x_m, y_m = _line(side)
-        fits.append(fit(x_m, y_m, np.full(len(x_m), side > 0), WIDTH_M))
+    fits = [_fit_line(fit, side, CENTRE_M, WIDTH_M) for side in (1, -1)]
     if fits[0] is None:
         return NOT_TRIED
     if any(np.shape(found) != (3,) for found in fits):
@@ -37,19 +37,27 @@ def check_known_width(fit: Callable[[np.ndarray, np.ndarray, np.ndarray, float],
         return hint("the centre lies on the wrong side of the left line: it is to the right of it, so y is smaller.")
     if abs(off[0, 0]) < TOLERANCES[0] < abs(off[1, 0]):
         return hint("with the left line it is right, but not with the right line, where `left` is False.")
-    if (np.abs(off) > TOLERANCES).any():
+    if not (np.abs(off) <= TOLERANCES).all():
         centre_m, heading_rad, curvature_per_m = lanes[0]
         return hint(
-            f"centre {centre_m:.2f} m, heading {heading_rad:.3f} rad, curvature {1e3 * curvature_per_m:.1f} 1/km."
+            f"centre {centre_m:.2f} m, heading {heading_rad:.3f} rad, curvature {1e3 * curvature_per_m:.1f} 1/km; true "
+            f"are {CENTRE_M} m (left is positive), {HEADING_RAD} rad and {1e3 * CURVATURE_PER_M:.1f} 1/km."
+        )
+    others = np.array([_fit_line(fit, side, OTHER_CENTRE_M, OTHER_WIDTH_M) for side in (1, -1)], float)
+    if not (np.abs(others[:, 0] - OTHER_CENTRE_M) <= TOLERANCES[0]).all():
+        return hint(
+            f"in a lane {OTHER_WIDTH_M} m wide beside the car it is wrong. Use width_m and left, not {WIDTH_M} m and "
+            "the sign of y."
         )
     return correct(f"with one line the centre is off by {100 * np.abs(off[:, 0]).max():.1f} cm at most.")
 
 
-def _line(side: int) -> tuple[np.ndarray, np.ndarray]:
-    """Candidates on the left (+1) or right (-1) line, with a noise of 2 cm."""
+def _fit_line(fit: KnownWidthFit, side: int, centre_m: float, width_m: float) -> np.ndarray:
+    """The answer for candidates on the left (+1) or right (-1) line of a lane, with a noise of 2 cm."""
     x_m = np.geomspace(5.0, 30.0, 80)
     noise_m = np.random.default_rng(11).normal(0, 0.02, len(x_m))
-    return x_m, CENTRE_M + side * WIDTH_M / 2 + HEADING_RAD * x_m + CURVATURE_PER_M * x_m**2 / 2 + noise_m
+    y_m = centre_m + side * width_m / 2 + HEADING_RAD * x_m + CURVATURE_PER_M * x_m**2 / 2 + noise_m
+    return fit(x_m, y_m, np.full(len(x_m), side > 0), width_m)
 
 
 CHECKS = {"11.1": check_known_width}

@@ -28,7 +28,7 @@ def check_gate(correct_state: Correct) -> Verdict:
         return hint(f"the shapes do not match ({error}). H is not square here: S = H P H^T + R, K = P H^T S^-1.")
     if found is None:
         return NOT_TRIED
-    if not isinstance(found, tuple) or [np.shape(part) for part in found] != [(3,), (3, 3)]:
+    if not isinstance(found, (tuple, list)) or [np.shape(part) for part in found] != [(3,), (3, 3)]:
         return hint("return two values: the state (3,) and its covariance P (3, 3).")
     state, covariance = found
     expected, expected_p = _correct(near)
@@ -58,7 +58,10 @@ def _check_distances(correct_state: Correct) -> Verdict:
                 "Compare d^2 = nu^T S^-1 nu, not its root."
             )
         if not accepted and squared < GATE:
-            return hint(f"a measurement with d^2 = {squared:.1f} is rejected. Use S = H P H^T + R, not R alone.")
+            return hint(
+                f"a measurement with d^2 = {squared:.1f} is rejected. Use the inverse of "
+                "S = H P H^T + R, not R alone, and not the diagonal of S."
+            )
     if not np.allclose(_call(correct_state, z)[1], P, atol=1e-12):
         return hint("a rejected measurement must leave P as it is, too.")
     return correct("the filter takes what fits and skips the neighbouring lane.")

@@ -25,10 +25,10 @@ def check_first_failure(
         found = first_failure(image.copy(), camera)
         if found is None:
             return NOT_TRIED
-        if not isinstance(found, tuple) or len(found) != 2 or np.ndim(found[0]):
+        if not isinstance(found, (tuple, list)) or len(found) != 2 or np.ndim(found[0]):
             return hint("return two values: the number of degrees and the name of the step.")
-        expected = _first_failure(image, camera)
-        if tuple(found) != expected:
+        found, expected = tuple(found), _first_failure(image, camera)
+        if found != expected:
             return hint(f"{name}: {_explain_difference(found, expected, image, camera)}")
         reached.append(f"{name} fails from {expected[0]} deg on, step {expected[1]!r}")
     return correct(f"{'; '.join(reached)}.")

@@ -33,9 +33,9 @@ def check_loss_gradient(gradient: Callable[..., tuple[np.ndarray, float]]) -> Ve
     if np.allclose(by_weights, EXAMPLES * expected, rtol=1e-3):
         return hint("this is the gradient of the sum. L is the mean over the examples.")
     error = float(np.abs(by_weights - expected).max())
-    if error > 1e-4:
+    if not error <= 1e-4:
         return hint(f"the derivatives by the weights are off by up to {error:.3f}. Does the factor p (1 - p) cancel?")
-    if abs(by_bias - expected_bias) > 1e-4:
+    if not abs(by_bias - expected_bias) <= 1e-4:
         return hint(f"the derivative by b is {by_bias:.3f} instead of {expected_bias:.3f}. Its input is always 1.")
     return correct(f"within {max(error, 1e-6):.0e} of the differences of L.")
 

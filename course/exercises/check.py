@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from course.exercises import (
     chapter_01,
     chapter_02,
@@ -22,7 +24,7 @@ from course.exercises import (
     chapter_15,
     chapter_16,
 )
-from course.exercises.verdict import NOT_TRIED, Checks, Verdict
+from course.exercises.verdict import NOT_TRIED, Checks, Verdict, hint
 
 # Each check takes the answer and named arguments of the exercise, and returns a Verdict.
 CHECKS: Checks = {
@@ -73,7 +75,17 @@ def check_exercise(number: str, answer: object, **given: object) -> None:
 def _judge(check: Callable[..., Verdict], answer: object, given: dict[str, object]) -> Verdict:
     if answer is None:
         return NOT_TRIED
+    if _has_nan(answer):
+        return hint("the answer has a NaN (not a number): look for a point outside the image, or for 0 / 0.")
     try:
         return check(answer, **given)
     except Exception as error:  # the answer is code of the reader, which may raise anything
-        return Verdict(False, f"your answer raised {type(error).__name__}: {error}")
+        return hint(f"your answer raised {type(error).__name__}: {error}")
+
+
+def _has_nan(answer: object) -> bool:
+    """Whether an answer is a NaN, or numbers with a NaN among them; not if it is a function or text."""
+    try:
+        return bool(np.isnan(np.asarray(answer, float)).any())
+    except (TypeError, ValueError):
+        return False

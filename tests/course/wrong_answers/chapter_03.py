@@ -21,6 +21,8 @@ WRONG_ANSWERS = {
         (_UNDISTORT.replace("range(20)", "range(0)"), "x_d and y_d stay the same"),
         (_UNDISTORT.replace(_DIVISION, "x, y = x_d / radial - shift_x, y_d / radial - shift_y"), "then divide"),
         (_UNDISTORT.replace("k1, k2, p1, p2, k3", "k1, k2, p2, p1, k3"), "p1 and p2 are exchanged"),
+        (_UNDISTORT.replace("k1, k2, p1, p2, k3", "k1, k2, k3, p1, p2"), "the order of the five numbers"),
+        (_UNDISTORT.replace(_DIVISION, _DIVISION.replace("_d", "")), "keep x_d and y_d"),
         (_UNDISTORT.replace("x_d - shift_x", "x_d + shift_x").replace("y_d - s", "y_d + s"), "have the wrong sign"),
         (_UNDISTORT.replace("x_d - shift_x", "x_d").replace("y_d - shift_y", "y_d"), "are missing"),
         (_UNDISTORT.replace("/ radial", "* radial"), "the wrong way"),

@@ -17,6 +17,7 @@ WRONG_ANSWERS = {
     "5.2": [
         (_EDGES + "np.where(edges >= 6, 255, 0).astype(np.uint8)", "Divide the gradient by the brightness"),
         (_EDGES + "np.where(edges >= 0.1 * edges.max(), 255, 0).astype(np.uint8)", "no scale"),
+        (_EDGES + "np.where(edges >= 0.1 * lightness.max(), 255, 0).astype(np.uint8)", "no scale"),
         (_EDGES + "np.where(edges >= 0, 255, 0).astype(np.uint8)", "covers 100%"),
         (_EDGES + "edges", "a mask has the shape"),
     ],

@@ -21,6 +21,7 @@ WRONG_ANSWERS = {
     "6.1": [
         (_PEAKS, "distance in columns"),
         (_PEAKS + " * 3.7 / 700", "another warp"),
+        ("width_m = np.nan", "NaN"),
         ("width_m = (right_start - left_start) * helpers.metres_per_pixel(pose_warp, camera)[0]", "how many metres"),
     ],
     "6.2": [

@@ -17,5 +17,6 @@ WRONG_ANSWERS = {
         ("f = 0.8154; corrected = 724 * f, 1614 * f, 0.170", "upside down"),
         ("corrected = 724 * 1.065, 1614 * 1.065, 0.170", "depends on both scales"),
         ("corrected = 888, 1979, 0.170", "one scale, once"),
+        ("corrected = 888, 1979, np.nan", "NaN"),
     ],
 }

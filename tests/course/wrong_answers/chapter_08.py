@@ -9,6 +9,7 @@ WRONG_ANSWERS = {
         (_ENDS + "bar_px = camera.road_to_pixels(ends_m)[:, ::-1]", "(row, column)"),
         (_ENDS + "bar_px = camera.road_to_pixels(ends_m)[::-1]", "exchanged"),
         (_ENDS + "bar_px = camera.road_to_pixels(ends_m * [1, -1])", "sign of y"),
+        (_ENDS + "bar_px = camera.road_to_pixels(ends_m[:, ::-1] * [1, 7])", "NaN"),
         (_ENDS + "bar_px = pose_warp.points_to_birdseye(camera.road_to_pixels(ends_m))", "px off"),
     ],
 }

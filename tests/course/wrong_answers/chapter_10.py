@@ -24,6 +24,7 @@ WRONG_ANSWERS = {
             _FILTER.replace("width // 2 + 3", "width // 2 + 2").format("(centre - np.maximum(left, right)) / noise"),
             "Check gap",
         ),
+        (_FILTER.format("(centre - np.maximum(left, right)) / (noise * np.nan)"), "NaN or infinite"),
         (_FILTER.format("np.max(centre - np.maximum(left, right)) / noise[:5]"), "one number for each cell"),
     ],
 }

@@ -13,6 +13,9 @@ WRONG_ANSWERS = {
         (_FIT.format("y_m - np.where(left, 1, -1) * width_m"), "half a width from either line"),
         (_FIT.format("y_m + np.where(left, 1, -1) * width_m / 2"), "wrong side of the left line"),
         (_FIT.format("y_m - width_m / 2"), "not with the right line"),
+        (_FIT.format("y_m - np.where(left, 1, -1) * 3.66 / 2"), "Use width_m and left"),
+        (_FIT.format("y_m - np.where(y_m > 0, 1, -1) * width_m / 2"), "Use width_m and left"),
+        (_FIT.replace("[0]\n", "[0] * np.nan\n").format(_CENTRE), "true are 0.25 m"),
         (_FIT.replace("x_m**2 / 2", "x_m**2").format(_CENTRE), "use x^2 / 2"),
         (
             _FIT.replace("np.ones_like(x_m), x_m, x_m**2 / 2", "left, ~left, x_m, x_m**2 / 2").format("y_m"),

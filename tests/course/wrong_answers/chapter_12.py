@@ -25,6 +25,7 @@ WRONG_ANSWERS = {
             "not its root",
         ),
         (_STEP.replace("solve(S, innovation)", "solve(R, innovation)"), "not R alone"),
+        (_STEP.replace("solve(S, innovation)", "solve(np.diag(np.diag(S)), innovation)"), "the diagonal of S"),
         (_STEP.replace("return state, P\n", "return None\n"), "None is returned"),
         (_STEP.replace("return state, P\n", "return state, 2 * P\n"), "must leave P as it is"),
     ],

@@ -13,6 +13,7 @@ WRONG_ANSWERS = {
         (_GRADIENT.format("cells.T @ wrong, wrong.sum()"), "mean over the examples"),
         (_GRADIENT.format("cells.T @ (wrong * p * (1 - p)) / len(cells), wrong.mean()"), "cancel"),
         (_GRADIENT.format("cells.T @ wrong / len(cells), 0.0"), "Its input is always 1"),
+        (_GRADIENT.format("cells.T @ wrong * np.nan, wrong.mean()"), "off by up to nan"),
         (_GRADIENT.format("cells * wrong[:, None], wrong"), "the shapes are"),
         (_GRADIENT.format("wrong.mean()"), "return two things"),
     ],

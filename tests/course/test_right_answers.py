@@ -1,0 +1,34 @@
+"""Right answers that differ from the folded solution."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from course.exercises import chapter_06
+from course.exercises.chapter_12 import _correct, _distance, check_gate
+from lanes.classic.recipe import get_recipe, recipe_from_pose
+from lanes.classic.warp import metres_per_pixel
+from tests.support.painted_drive import CAMERA
+
+
+@pytest.mark.parametrize("columns", [709, 737, 733.5, 730])
+def test_any_column_of_a_flat_peak_gives_the_lane_width(monkeypatch, columns):
+    """6.1: two peaks of 29 and 22 equally high columns; their inner ends, first, middle and last columns."""
+    histogram = np.zeros(1280)
+    histogram[297:326], histogram[1034:1056] = 360, 720
+    monkeypatch.setattr(chapter_06, "lane_histogram", lambda mask: histogram)
+    warp = recipe_from_pose(get_recipe("hls_sobel"), CAMERA).warp()
+    view = {"above": np.zeros((720, 1280, 3), np.uint8), "warp": warp, "camera": CAMERA, "truth": None}
+    across_m = metres_per_pixel(warp, CAMERA)[0]
+    assert chapter_06.check_lane_width(columns * across_m, **view).correct
+    assert not chapter_06.check_lane_width((columns + 12) * across_m, **view).correct
+
+
+def test_a_list_is_as_good_as_a_pair():
+    """12.1: the state and its covariance."""
+
+    def correct_gated(state, covariance, z, noise, matrix):
+        return [state, covariance] if _distance(z) > 11.34 else list(_correct(z))
+
+    assert check_gate(correct_gated).correct
