@@ -67,11 +67,14 @@ def estimate_height_and_roll(
     height_stds = np.log(HEIGHT_RATIOS) / PRIOR_HEIGHT_LOG_STD
     log_posterior -= 0.5 * (height_stds[:, None] ** 2 + ((roll_rad + ROLL_GRID_RAD) / PRIOR_ROLL_STD_RAD) ** 2)
     posterior = np.exp(log_posterior - log_posterior.max())
-    height = mode_and_std(heights_m, posterior.sum(axis=1))
+    any_roll = posterior.sum(axis=1)
     roll, roll_std = mode_and_std(ROLL_GRID_RAD, posterior.sum(axis=0))
     if roll_std > MAX_STD_RATIO * PRIOR_ROLL_STD_RAD:
-        return HeightAndRoll(*height, 0.0, PRIOR_ROLL_STD_RAD)
-    return HeightAndRoll(*height, roll_rad + roll, roll_std)
+        # the height of a nearly level camera: another one may belong to lines that are a lane only with a large roll
+        nearly_level = np.abs(roll_rad + ROLL_GRID_RAD) <= PRIOR_ROLL_STD_RAD / 2
+        height_m, _ = mode_and_std(heights_m, posterior[:, nearly_level].sum(axis=1))
+        return HeightAndRoll(height_m, _std_about(height_m, heights_m, any_roll), 0.0, PRIOR_ROLL_STD_RAD)
+    return HeightAndRoll(*mode_and_std(heights_m, any_roll), roll_rad + roll, roll_std)
 
 
 def _ego_likelihood(width: np.ndarray, centre: np.ndarray, lane_width_m: float) -> np.ndarray:
@@ -104,5 +107,10 @@ def _line_pairs(lines: list[RoadLines]) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 def mode_and_std(values: np.ndarray, density: np.ndarray) -> tuple[float, float]:
     """Maximum of a density given on a grid, and the standard deviation about it."""
-    mode = values[np.argmax(density)]
-    return float(mode), float(np.sqrt(np.average((values - mode) ** 2, weights=density)))
+    mode = float(values[np.argmax(density)])
+    return mode, _std_about(mode, values, density)
+
+
+def _std_about(value: float, values: np.ndarray, density: np.ndarray) -> float:
+    """Root mean square distance from `value` of a density given on a grid."""
+    return float(np.sqrt(np.average((values - value) ** 2, weights=density)))

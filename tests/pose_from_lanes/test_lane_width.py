@@ -12,10 +12,12 @@ LANE_M, HEIGHT_M = 3.66, 2.0
 FULL, FEW = 40, 8
 
 
-def height_from(lateral_m: list[float], rows: list[int]) -> HeightAndRoll:
-    """The height that follows from lines at these lateral positions, seen by a camera that is HEIGHT_M high."""
-    lines = RoadLines(0.0, 0.0, 0.0, 0.01, 0.01, np.array(lateral_m) / HEIGHT_M, np.array(rows))
-    return estimate_height_and_roll([lines], LANE_M, PRIOR_HEIGHT_M, 0.0)
+def height_from(
+    lateral_m: list[float], rows: list[int], *, height_m: float = HEIGHT_M, pictures: int = 1
+) -> HeightAndRoll:
+    """The height that follows from lines at these lateral positions in each picture of a camera that is so high."""
+    lines = RoadLines(0.0, 0.0, 0.0, 0.01, 0.01, np.array(lateral_m) / height_m, np.array(rows))
+    return estimate_height_and_roll([lines] * pictures, LANE_M, PRIOR_HEIGHT_M, 0.0)
 
 
 @pytest.mark.parametrize("offset_m", [-0.5, 0.0, 0.5])
@@ -30,6 +32,13 @@ def test_two_lanes_whose_common_line_is_worn_are_not_one_lane(side):
     lines = [(-side * LANE_M / 2, FULL), (side * LANE_M / 2, FEW), (side * 1.5 * LANE_M, FULL)]
     height = height_from(*map(list, zip(*sorted(lines), strict=True)))
     assert height.height_m == pytest.approx(HEIGHT_M, rel=0.03)
+
+
+def test_the_height_of_a_level_camera_is_not_that_of_a_rolled_one():
+    """A seam beside the lane is as far from its line as a lane of a camera that is 3.3 m high and rolled."""
+    right_m = -0.4 - LANE_M / 2
+    found = height_from([right_m - 1.2, right_m, right_m + LANE_M], [FULL, FULL, FULL // 2], height_m=1.2, pictures=8)
+    assert (found.height_m, found.roll_rad) == (pytest.approx(1.2, rel=0.03), 0.0)
 
 
 def test_a_lane_beside_the_car_counts_wherever_it_is():
