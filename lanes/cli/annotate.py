@@ -139,11 +139,11 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
     require_piece(options)
     camera = given_camera(options)
     # With --each the EXIF entries of each still are read with the still.
-    files = [*([] if options.each else sources.stills), *sources.videos]
+    files, each = ([*sources.videos], sources.stills) if options.each else ([*sources.stills, *sources.videos], None)
     return DriveSettings(
         output=options.output,
         camera=camera,
-        field=find_field(options, files) if camera is None else None,
+        field=find_field(options, files, each=each) if camera is None else None,
         each=options.each,
         style=options.style,
         start_s=options.start,

@@ -82,20 +82,29 @@ def given_camera(options: argparse.Namespace) -> Camera | None:
 
 
 def find_lens(options: argparse.Namespace) -> Camera:
-    """The camera according to the options of `add_lens`; it has a pose only if it comes from a file with one."""
-    from lanes.camera.camera import Camera
+    """The camera according to the options of `add_lens`, for pictures of the size of the first file.
+
+    It has a pose only if it comes from a camera file with one.
+    """
+    from lanes.drives.settings import DriveSettings
     from lanes.io.footage import pick_pictures
 
     camera = given_camera(options)
-    if camera is not None:
-        return camera
     first = next(pick_pictures(options.files, 1))
-    field = find_field(options, options.files)
-    return Camera.from_fov(getattr(options, "size", None) or (first.shape[1], first.shape[0]), field.hfov_deg)
+    field = find_field(options, options.files) if camera is None else None
+    settings = DriveSettings(output=options.output, camera=camera, field=field)
+    size = getattr(options, "size", None) if camera is None else None
+    return settings.camera_for(size or (first.shape[1], first.shape[0]), options.files[0])
 
 
-def find_field(options: argparse.Namespace, files: Sequence[Path]) -> FieldOfView:
-    """The field of view of an uncalibrated lens; prints it to stderr unless it was given by --hfov."""
+def find_field(
+    options: argparse.Namespace, files: Sequence[Path], *, each: Sequence[Path] | None = None
+) -> FieldOfView:
+    """The field of view of an uncalibrated lens; prints it to stderr unless it was given by --hfov.
+
+    `each` are stills of different cameras. If the EXIF entries of each name its field of view, and there are no other
+    files, nothing is printed.
+    """
     from lanes.camera.field_of_view import FieldOfView, find_field_of_view
     from lanes.drives.dash_period import field_of_view_from_dashes
 
@@ -104,7 +113,10 @@ def find_field(options: argparse.Namespace, files: Sequence[Path]) -> FieldOfVie
     if options.dash_period is None:
         found = find_field_of_view(files)
     else:
-        found = field_of_view_from_dashes(files, options.dash_period)
+        start_s, end_s = getattr(options, "start", 0.0), getattr(options, "end", None)
+        found = field_of_view_from_dashes(files, options.dash_period, start_s=start_s, end_s=end_s)
+    if each and not files and found.assumed and not any(find_field_of_view([still]).assumed for still in each):
+        return found
     print(f"{'warning: ' if found.assumed else ''}{found.describe()}", file=sys.stderr)
     return found
 

@@ -39,9 +39,12 @@ def run(options: argparse.Namespace) -> int:
     from lanes.camera.calibration.boards import calibrate_detections, find_boards
     from lanes.camera.calibration.summary import describe_coverage, draw_contact_sheet, format_boards, used_boards
     from lanes.camera.camera_file import save_camera
+    from lanes.io.files import require_not_an_input
     from lanes.io.images import list_pictures, write_image
 
     paths = [path for given in options.pictures for path in (list_pictures(given) if given.is_dir() else [given])]
+    for output in filter(None, (options.output, options.sheet)):
+        require_not_an_input(output, paths)
     detections = find_boards(paths, options.pattern, progress=progress_line("calibrate"))
     camera = calibrate_detections(detections, ", ".join(map(str, options.pictures[:3])))
     print(format_boards(detections, camera))
@@ -50,9 +53,9 @@ def run(options: argparse.Namespace) -> int:
     print(f"{used} of {len(paths)} pictures used, error {report.rms_px:.2f} px (RMS of all corners)")
     print(f"focal length {camera.matrix[0, 0]:.1f} px, horizontal field of view {camera.hfov_deg:.1f} deg")
     print(describe_coverage(used_boards(detections, camera)))
+    print(f"wrote {save_camera(camera, options.output)}")
     if options.sheet:
         print(f"wrote {write_image(options.sheet, draw_contact_sheet(detections, camera))}")
-    print(f"wrote {save_camera(camera, options.output)}")
     return 0
 
 

@@ -44,7 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Detect the lane in every picture, and write the detections; with --each returns 1 if a still was left out."""
     from lanes.drives.detections import count_missing_frames, write_detections
+    from lanes.io.files import require_not_an_input
 
+    require_not_an_input(options.output, options.files)
     found, failures = _detect_each(options) if options.each else (_detect_together(options), [])
     lost = sum(detection["state"] == "lost" for detection in found)
     missing = count_missing_frames(found)
@@ -82,13 +84,14 @@ def _detect_each(options: argparse.Namespace) -> tuple[list[dict], Sequence[Valu
     if options.sequence or options.size:
         raise ValueError("--sequence and --size are for stills of one camera; omit them, or omit --each.")
     camera = given_camera(options)
-    field = find_field(options, []) if camera is None else None
-    groups, failures = pose_of_each(options.files, DriveSettings(output=options.output, camera=camera, field=field))
+    field = find_field(options, [], each=options.files) if camera is None else None
+    settings = DriveSettings(output=options.output, camera=camera, field=field)
+    groups, failures = pose_of_each(options.files, settings)
     found = []
     for files, camera, estimate in groups:
         found += detect_files(files, camera, options.rows)
         if estimate:
-            print(f"{files[0]}: {estimate.summary_line()}")
+            print(f"{files[0]}: {estimate.summary_line()}{settings.lens_of_still(files[0])}")
     return found, failures
 
 

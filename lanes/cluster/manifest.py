@@ -169,14 +169,23 @@ def add_to_data_set(telemetry: Path, folder: Path) -> Path:
     The data set is CSV with Hive partitioning by drive. Dask, DuckDB, Spark and Arrow read its folders (drive=NAME,
     special characters percent-encoded) as one table with a column `drive`.
     """
-    part = folder / SUMMARY / DATA_SET / f"drive={quote(telemetry.stem, safe=' ')}" / "part.csv"
+    part = _data_set_part(folder, telemetry.stem)
     with atomic_write(part) as partial:
         shutil.copyfile(telemetry, partial)
     return part
 
 
+def _data_set_part(folder: Path, drive: str) -> Path:
+    return folder / SUMMARY / DATA_SET / f"drive={quote(drive, safe=' ')}" / "part.csv"
+
+
 def write_summary(folder: Path, finished: Sequence[Manifest], failed: Mapping[Path, Exception]) -> Path:
-    """Write the table of drives, failed ones first, then by tracked share from the worst on; returns its path."""
+    """Write the table of drives, failed ones first, then by tracked share from the worst on; returns its path.
+
+    The telemetry that an earlier run added for a drive that has failed now is removed from the data set.
+    """
+    for video in failed:
+        _data_set_part(folder, video.stem).unlink(missing_ok=True)
     rows = [{"drive": video.stem, "state": "failed", "reason": str(error)} for video, error in sorted(failed.items())]
     rows += [
         {

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,6 +24,7 @@ from lanes.cluster.manifest import (
 from lanes.cluster.tasks import DriveJob, Plan, begin_drive, finish_drive, run_piece
 from lanes.drives.settings import DriveSettings
 from lanes.io.files import exclusive_writer
+from lanes.io.processes import sigint_blocked
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -135,18 +136,20 @@ def connect(cluster: ClusterSettings) -> Iterator[Client]:
         with _connect_to(cluster.scheduler) as client:
             yield client
         return
-    with (
-        dask.config.set({"distributed.scheduler.allowed-failures": cluster.retries}),
-        LocalCluster(
-            n_workers=cluster.workers,
-            threads_per_worker=1,
-            processes=True,
-            dashboard_address="127.0.0.1:0",
-            # Dask warns about each worker that ends or restarts. A failed drive is reported by this program.
-            silence_logs=logging.ERROR,
-        ) as local,
-        Client(local) as client,
-    ):
+    with dask.config.set({"distributed.scheduler.allowed-failures": cluster.retries}), ExitStack() as resources:
+        # Ctrl-C in a terminal reaches all processes. The workers ignore it, and end with this one.
+        with sigint_blocked():
+            local = resources.enter_context(
+                LocalCluster(
+                    n_workers=cluster.workers,
+                    threads_per_worker=1,
+                    processes=True,
+                    dashboard_address="127.0.0.1:0",
+                    # Dask warns about each worker that ends or restarts. A failed drive is reported by this program.
+                    silence_logs=logging.ERROR,
+                )
+            )
+        client = resources.enter_context(Client(local))
         try:
             yield client
         except KeyboardInterrupt:

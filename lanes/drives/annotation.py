@@ -19,7 +19,7 @@ from lanes.drives.settings import SEVERAL_CAMERAS, DriveResult, DriveSettings, S
 from lanes.drives.sources import require_distinct_outputs
 from lanes.io.files import exclusive_writer
 from lanes.io.frames import PictureError, as_rgb
-from lanes.io.images import list_pictures, read_image, write_image
+from lanes.io.images import PICTURE_SUFFIXES, list_pictures, read_image, write_image
 from lanes.io.telemetry import read_telemetry, write_telemetry
 from lanes.io.threads import opencv_threads
 from lanes.io.video.container import VideoError, open_video
@@ -134,7 +134,8 @@ def annotate_stills(pictures: Sequence[Path], settings: DriveSettings) -> Stills
                 rows.append({"frame": len(rows), "picture": path.name, **found.as_row()})
                 written.append(write_image(settings.output / path.name, as_rgb(draw(image, found, evidence))))
                 if settings.each and pose:
-                    lines.append(f"{path}: {found.state} (confidence {found.confidence:.2f}); {pose.summary_line()}")
+                    result = f"{path}: {found.state} (confidence {found.confidence:.2f})"
+                    lines.append(f"{result}; {pose.summary_line()}{settings.lens_of_still(path)}")
         write_telemetry(telemetry, rows)
     count = sum(row["state"] != LOST for row in rows)
     one_pose = None if settings.each else groups[0][2]
@@ -170,6 +171,8 @@ def pose_of_each(
     failures: list[ValueError] = []
     for path in pictures:
         try:
+            if path.suffix.lower() not in PICTURE_SUFFIXES:
+                raise PictureError(f"{path}: is no still; --each is for stills of different cameras, omit it.")
             height, width = read_image(path).shape[:2]
             camera = settings.for_still(path).camera_for((width, height), path)
             groups.append(([path], *pose_from_drive(camera, [path])))
@@ -214,7 +217,8 @@ def _select_usable(pictures: Sequence[Path]) -> tuple[tuple[int, int], list[Path
     usable = [path for path, size in sizes.items() if size == most]
     failures += [
         PictureError(
-            f"{path}: is {width}x{height}, most others are {most[0]}x{most[1]}; annotate it alone, or all with --each."
+            f"{path}: is {width}x{height}, the others used are {most[0]}x{most[1]}; annotate it alone, or all with "
+            "--each."
         )
         for path, (width, height) in sizes.items()
         if (width, height) != most

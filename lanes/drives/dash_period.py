@@ -53,8 +53,12 @@ class DashPeriod:
     lines: int
 
 
-def field_of_view_from_dashes(files: Sequence[Path], dash_period_m: float) -> FieldOfView:
+def field_of_view_from_dashes(
+    files: Sequence[Path], dash_period_m: float, *, start_s: float = 0.0, end_s: float | None = None
+) -> FieldOfView:
     """Horizontal field of view of the camera of stills and videos, from broken lines of known period.
+
+    `start_s` and `end_s` are the part of each video to use, seconds since the first frame.
 
     Raises
     ------
@@ -66,7 +70,7 @@ def field_of_view_from_dashes(files: Sequence[Path], dash_period_m: float) -> Fi
             "a live camera's broken lines are not measured, nor those of several cameras; give --hfov, or an earlier "
             "drive's --camera."
         )
-    images = list(pick_pictures(list(files), POSE_PICTURES))
+    images = list(pick_pictures(list(files), POSE_PICTURES, start_s=start_s, end_s=end_s))
     size = images[0].shape[1], images[0].shape[0]
     for hfov_deg in TRIED_HFOV_DEG:
         camera = Camera.from_fov(size, hfov_deg)

@@ -63,7 +63,8 @@ def detect_files(
     CameraError
         If the camera has no pose or cannot be rescaled to a file.
     """
-    files = [Path(file) for file in files]
+    # a file that is named twice counts once
+    files = list(dict.fromkeys(map(Path, files)))
     videos = {file: inspect_video(file) for file in files if file.suffix.lower() not in PICTURE_SUFFIXES}
     total = len(files) - len(videos) + sum(info.frames for info in videos.values())
     detector = LaneDetector(camera, rows, sequence=sequence, fps=fps)
@@ -76,7 +77,8 @@ def detect_files(
                 for frame in read_timed_frames(file)
             )
         else:
-            pictures = iter([{"raw_file": str(file)} | detector.detect(read_image(file))])
+            # not evaluated here, but below, where errors get the file's name
+            pictures = ({"raw_file": str(still)} | detector.detect(read_image(still)) for still in [file])
         try:
             for detection in pictures:
                 found.append(detection)

@@ -80,6 +80,13 @@ class DriveSettings:
             return self
         return replace(self, field=find_field_of_view([still]))
 
+    def lens_of_still(self, still: Path) -> str:
+        """Text such as "; field of view 62.6 deg, as a.jpg says (EXIF)"; empty if the camera is given."""
+        field = self.for_still(still).field
+        if self.camera is not None or field is None:
+            return ""
+        return f"; field of view {field.hfov_deg:.1f} deg, {'assumed' if field.assumed else field.source}"
+
 
 @dataclass(frozen=True)
 class DriveResult:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from glob import glob
 from pathlib import Path
 
-from lanes.io.files import list_files
+from lanes.io.files import list_files, require_not_an_input
 from lanes.io.images import PICTURE_SUFFIXES, natural_key
 
 # Video suffixes looked for in a folder. A file that is named directly may have any suffix.
@@ -55,18 +55,22 @@ def require_distinct_outputs(inputs: Iterable[Path], outputs: Iterable[Path]) ->
         If an output would overwrite an input or another output.
     """
     inputs = list(inputs)
-    resolved_inputs = {path.resolve() for path in inputs}
     source_of: dict[Path, Path] = {}
     for source, output in zip(inputs, outputs, strict=True):
-        if output.resolve() in resolved_inputs:
-            raise ValueError(f"{output}: is one of the inputs and would be overwritten; name another output folder.")
+        require_not_an_input(output, inputs)
         other = source_of.setdefault(output.resolve(), source)
         if other != source:
-            raise ValueError(f"{output}: would be written from {other} and from {source}; annotate them one by one.")
+            raise ValueError(
+                f"{output}: would be written from {other} and from {source}; annotate them into different folders."
+            )
 
 
 def _files(name: str) -> list[Path]:
     path = Path(name)
+    try:
+        path.exists()
+    except PermissionError as error:
+        raise ValueError(f"{name}: may not be read ({error.strerror}); ask for the right to, or copy it.") from error
     if name and path.is_dir():
         found = list_files(path, PICTURE_SUFFIXES + VIDEO_SUFFIXES)
         if not found:

@@ -13,7 +13,7 @@ import re
 import secrets
 import stat
 import sys
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -56,7 +56,7 @@ def require_file(
     except (OSError, ValueError) as missing:  # ValueError: a NUL in the name
         raise FileNotFoundError(f"{path}: there is no such {kind} file; check the name and the folder.") from missing
     if not stat.S_ISREG(found.st_mode):
-        in_folder = f"name the files in it, for instance {path / '*'}"
+        in_folder = f"name a {kind} file in it, or {path / '*'} for all of them"
         remedy = in_folder if stat.S_ISDIR(found.st_mode) else f"name a {kind} file"
         raise error(f"{path}: is {_describe_kind(found)}; {remedy}.")
     if not os.access(path, os.R_OK):
@@ -69,6 +69,13 @@ def require_file(
             f"({max_bytes / 1e6:g} MB); name another file."
         )
     return path
+
+
+def require_not_an_input(output: Path, inputs: Iterable[Path]) -> None:
+    """Raise ValueError if an output would overwrite one of the inputs."""
+    # unlike `Path.resolve`, this accepts circular links
+    if os.path.realpath(output) in map(os.path.realpath, inputs):
+        raise ValueError(f"{output}: is one of the inputs and would be overwritten; name another file or folder.")
 
 
 def read_text(
@@ -88,6 +95,8 @@ def list_files(folder: str | Path, suffixes: Collection[str]) -> list[Path]:
     Raises FileNotFoundError if the folder does not exist, ValueError if it is not readable.
     """
     folder = Path(folder)
+    if folder.is_file():
+        raise ValueError(f"{folder}: is a file; name the folder that holds it.")
     if not folder.is_dir():
         raise FileNotFoundError(f"{folder}: there is no such folder; name the folder that holds the files.")
     try:

@@ -83,7 +83,7 @@ def run_all(
                 report(done, len(jobs))
         return results
     with _worker_pool(function, workers) as pool:
-        with _sigint_blocked():
+        with sigint_blocked():
             futures = [pool.submit(_run_job, job) for job in jobs]
         for done, future in enumerate(as_completed(futures), 1):
             future.result()
@@ -93,7 +93,7 @@ def run_all(
 
 def _map_on_workers(function: Callable, jobs: Iterator, workers: int) -> Generator:
     with _worker_pool(function, workers) as pool:
-        with _sigint_blocked():
+        with sigint_blocked():
             submitted = deque(pool.submit(_run_job, job) for job in islice(jobs, 2 * workers))
         while submitted:
             result = submitted.popleft().result()
@@ -124,7 +124,7 @@ def _worker_pool(function: Callable, workers: int) -> Generator[ProcessPoolExecu
 
 
 @contextmanager
-def _sigint_blocked() -> Generator[None]:
+def sigint_blocked() -> Generator[None]:
     """Delay Ctrl-C; processes started meanwhile inherit the blocked signal until `_start_worker` has run."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

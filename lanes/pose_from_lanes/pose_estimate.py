@@ -63,7 +63,7 @@ class PoseEstimate:
             [
                 f"height {pose.height_m:6.2f} m   +- {self.height_std_m:.2f}  ({self._height_source})",
                 _describe_angle("pitch", pose.pitch_rad, self.pitch_std_rad, "looks down", "looks up"),
-                _describe_angle("yaw", pose.yaw_rad, self.yaw_std_rad, "looks left", "looks right"),
+                _describe_angle("yaw", pose.yaw_rad, self.yaw_std_rad, "looks left", "looks right", "straight ahead"),
                 _describe_angle("roll", pose.roll_rad, self.roll_std_rad, "right side down", "left side down"),
                 f"from {self.frames_used} of {self.frames_total} pictures",
                 *(f"note: {note}" for note in self.notes),
@@ -110,7 +110,10 @@ def describe_accuracy(estimate: PoseEstimate, camera: Camera) -> str:
     )
 
 
-def _describe_angle(name: str, angle_rad: float, std_rad: float, positive: str, negative: str) -> str:
+def _describe_angle(
+    name: str, angle_rad: float, std_rad: float, positive: str, negative: str, none: str = "level"
+) -> str:
     degrees, std = np.degrees([angle_rad, std_rad])
-    direction = "level" if abs(degrees) < 0.005 else positive if degrees > 0 else negative
+    degrees = round(degrees, 2) + 0.0  # not -0.00
+    direction = none if degrees == 0 else positive if degrees > 0 else negative
     return f"{name:<6} {degrees:6.2f} deg +- {std:.2f}  ({direction})"

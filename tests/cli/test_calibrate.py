@@ -87,7 +87,7 @@ def test_folder_gives_camera_file_table_and_sheet(folder):
     assert "another aspect ratio, so another camera or a cropped picture" in table["square.png"]
     assert "broken.jpg: cannot be decoded as a picture, it is cut off or damaged" in table["broken.jpg"]
     assert "5 of 8 pictures used, error 0." in done.stdout
-    assert "corners in the " in done.stdout and done.stdout.endswith("wrote out/lens.yaml\n")
+    assert "corners in the " in done.stdout and done.stdout.endswith("wrote out/lens.yaml\nwrote out/sheet.png\n")
     # Eight pictures and the map of the corners, five per row.
     assert read_image(folder / "out" / "sheet.png").shape == (2 * (225 + 44 + 12), 5 * (400 + 12), 3)
 

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -39,6 +40,14 @@ def test_picture_gives_a_figure(folder):
     assert "failed at" not in done.stdout
     assert done.stdout.endswith("wrote new/explained.png\n")
     assert read_image(folder / "new" / "explained.png").shape[1] > 1200
+
+
+def test_camera_file_of_another_size(folder):
+    """As of `annotate`: the picture was only resized."""
+    write_image(folder / "half.png", cv2.resize(read_image(folder / "road.jpg"), (320, 180)))
+    done = run("half.png", "--camera", "camera.yaml", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert "offset     0.2" in done.stdout
 
 
 def test_picture_without_pose_and_without_lines_names_the_failed_step(folder):

@@ -166,6 +166,13 @@ def test_data_set_is_partitioned_by_drive(drive, tmp_path):
     np.testing.assert_array_equal(read_telemetry(part)["frame"], np.arange(6))
 
 
+def test_a_drive_that_fails_now_leaves_the_data_set(drive):
+    video, settings = drive
+    part = add_to_data_set(settings.output / "drive.csv", settings.output)
+    write_summary(settings.output, [], {video: ValueError("drive.mp4: is empty, copy it")})
+    assert not part.exists()
+
+
 def read_telemetry_text(path: Path) -> list[list[str]]:
     import csv
 

@@ -278,7 +278,13 @@ def start(*arguments: object, cwd: Path = ROOT, before: str = "") -> subprocess.
 def popen(command: list[str], cwd: Path) -> subprocess.Popen:
     environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
     return subprocess.Popen(
-        command, env=environment, cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        command,
+        env=environment,
+        cwd=cwd,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
     )
 
 
@@ -302,7 +308,8 @@ def test_killed_run_continues(drives, tmp_path, number):
     with start(*arguments) as process:
         wait_for(lambda: finished_in(output) and leftovers(output) or process.poll() is not None)
         workers = psutil.Process(process.pid).children(recursive=True)
-        process.send_signal(number)
+        # A terminal sends Ctrl-C to all processes.
+        os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)
         _, err = process.communicate(timeout=180)
     # Its workers notice, and end.
     wait_for(lambda: not any(worker.is_running() and worker.status() != "zombie" for worker in workers))
@@ -328,6 +335,9 @@ def test_remote_workers_of_which_only_one_has_the_drives(drives, tmp_path):
     bare.mkdir()
     address = f"tcp://127.0.0.1:{free_port()}"
     dask = [sys.executable, "-m", "dask"]
+    commands = (ROOT / "docs" / "many_drives.md").read_text(encoding="utf-8")
+    # without this the scheduler cannot read the tasks of its workers
+    assert "PYTHONPATH=$PWD .venv/bin/dask scheduler" in commands
     with ExitStack() as stack:
         options = ["--host", address, "--dashboard-address", "127.0.0.1:0", "--no-show"]
         processes = [popen([*dask, "scheduler", *options], tmp_path)]

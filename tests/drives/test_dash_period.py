@@ -9,6 +9,7 @@ import pytest
 
 from lanes.drives.dash_period import field_of_view_from_dashes, measure_dash_period
 from lanes.io.images import write_image
+from lanes.io.video.writer import VideoWriter
 from simulator.rendering.drive import Motion
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
 
@@ -43,6 +44,17 @@ def test_pictures_become_a_field_of_view(tmp_path):
     # the true lens has 58.2 degrees and distortion, which is not modelled here
     assert found.hfov_deg == pytest.approx(58.2, abs=3)
     assert "broken lines of 12.2 m" in found.source
+
+
+def test_only_the_given_part_of_a_video_is_used(tmp_path):
+    pictures = drive_pictures()
+    with VideoWriter(tmp_path / "drive.mp4", fps=1) as video:
+        for image in [*np.full((4, *pictures[0].shape), 128, np.uint8), *pictures]:
+            video.write(image)
+    found = field_of_view_from_dashes([tmp_path / "drive.mp4"], 12.2, start_s=4.0)
+    assert found.hfov_deg == pytest.approx(58.2, abs=4)
+    with pytest.raises(ValueError, match="no broken line"):
+        field_of_view_from_dashes([tmp_path / "drive.mp4"], 12.2, end_s=4.0)
 
 
 def test_no_broken_lines(tmp_path):

@@ -10,11 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import ExifTags, Image
 
 from lanes.camera.camera import Camera
 from lanes.camera.camera_file import save_camera
 from lanes.camera.camera_pose import CameraError, CameraPose
-from lanes.drives.detections import detect_files
+from lanes.drives.detections import count_missing_frames, detect_files
 from lanes.io.images import write_image
 from simulator.rendering.drive import Motion
 from tests.support.clips import write_clip
@@ -85,6 +86,8 @@ def test_videos_are_tracked_frame_by_frame(tmp_path):
     assert found[-1]["state"] == "tracking"
     assert found[-1]["offset_m"] == pytest.approx(DRIVE.truth(0.2).offset_m, abs=0.05)
     assert progress == [(done, 6) for done in range(1, 7)]
+    twice = detect_files([video, video], SMALL, np.array(ROWS))
+    assert len(twice) == 6 and count_missing_frames(twice) == 0
 
 
 def test_picture_without_a_lane(folder):
@@ -99,7 +102,7 @@ def test_camera_is_rescaled_to_pictures_of_the_same_aspect_ratio(folder):
     columns, true = np.array(row["lanes"]), true_columns(0)
     inside = (true > 5) & (true < 635)
     assert np.abs(columns - true)[inside].max() < 3
-    with pytest.raises(CameraError, match="cropped"):
+    with pytest.raises(CameraError, match=r"frame0\.png: .*cropped"):
         detect_files([folder / "frame0.png"], CAMERA.scaled((1280, 720)).from_fov((640, 480), 60, CAMERA.pose), ROWS)
 
 
@@ -110,6 +113,7 @@ def test_stills_of_different_cameras_have_a_pose_each(folder, tmp_path):
     done = run("--each", *files, "--rows", "230:351:10", "-o", tmp_path / "lanes.jsonl")
     assert done.returncode == 1, done.stderr
     assert re.search(r"frame0.png: pose from lane lines: .*\n.*other.png: .*pitch 3.0\d ±", done.stdout)
+    assert "field of view 60.0 deg, assumed" in done.stdout and "warning: field of view 60.0 deg" in done.stderr
     assert re.search(r"error: .*black.png: .*so no road is recognised", done.stderr)
     found = [json.loads(line) for line in (tmp_path / "lanes.jsonl").read_text().splitlines()]
     assert [(row["raw_file"], row["state"]) for row in found] == [(str(file), "found") for file in files[:2]]
@@ -117,6 +121,16 @@ def test_stills_of_different_cameras_have_a_pose_each(folder, tmp_path):
     columns, true = np.array(found[0]["lanes"]), true_columns(0)
     inside = (true > 5) & (true < 635)
     assert np.abs(columns - true)[inside].max() < 4
+
+
+def test_the_field_of_view_of_each_still_is_that_of_its_exif_entries(tmp_path):
+    camera = Camera.from_fov((960, 540), 62.6, CameraPose(1.3, np.radians(3.0)))
+    exif = Image.Exif()
+    exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.FocalLengthIn35mmFilm.value] = 31
+    Image.fromarray(paint_motorway(camera)).save(tmp_path / "still.jpg", exif=exif)
+    done = run("--each", tmp_path / "still.jpg", "--rows", "300:541:10", "-o", tmp_path / "lanes.jsonl")
+    assert done.returncode == 0 and "warning" not in done.stderr, done.stderr
+    assert "field of view 62.6 deg, as still.jpg says (EXIF)" in done.stdout
 
 
 @pytest.mark.parametrize(

@@ -231,6 +231,42 @@ MISUSE = {
     "unknown option": (2, "--colour", [*ANNOTATE, "{drive}/drive.mp4", "--colour", "red"]),
     "no such live camera": (2, "camera 83: cannot be opened", [*ANNOTATE, "83"]),
     "over its own input": (2, "one of the inputs", [*ANNOTATE, "{drive}/drive.mp4", "-o", "{drive}"]),
+    "pose over its own input": (
+        2,
+        "drive.mp4: is one of the inputs",
+        ["pose", "--hfov", "60", "{drive}/drive.mp4", "-o", "{drive}/drive.mp4"],
+    ),
+    "detect over its own input": (
+        2,
+        "sky.png: is one of the inputs",
+        ["detect", "{drive}/drive.mp4", "{drive}/sky/sky.png", "-o", "{drive}/sky/../sky/sky.png"],
+    ),
+    "explain over its own input": (
+        2,
+        "sky.png: is one of the inputs",
+        ["explain", "--hfov", "60", "{drive}/sky/sky.png", "-o", "{drive}/sky/sky.png"],
+    ),
+    "calibrate over its own input": (
+        2,
+        "sky.png: is one of the inputs",
+        ["calibrate", "{drive}/sky", "-o", "{drive}/sky/sky.png"],
+    ),
+    "sheet over its own input": (
+        2,
+        "sky.png: is one of the inputs",
+        ["calibrate", "{drive}/sky", "--sheet", "{drive}/sky/sky.png"],
+    ),
+    "folder as camera file": (
+        2,
+        "sky: is a folder; name a camera file",
+        ["annotate", "--camera", "{drive}/sky", "{drive}/drive.mp4"],
+    ),
+    "boards in a file": (
+        2,
+        "drive.mp4: is a file; name the folder",
+        ["annotate", "--boards", "{drive}/drive.mp4", "{drive}/drive.mp4"],
+    ),
+    "stills of videos": (2, "drive.mp4: is no still", ["detect", "--each", "{drive}/drive.mp4"]),
     "output not writable": (1, "cannot be written", [*ANNOTATE, "{drive}/drive.mp4", "-o", "{drive}/file/out"]),
     "pose: missing still": (2, "no such picture", ["pose", "--hfov", "60", "nowhere.jpg"]),
     "pose: no road": (1, "only 0 of 1 pictures", ["pose", "--hfov", "60", "{drive}/sky/sky.png"]),

@@ -29,8 +29,8 @@ MAX_EMBEDDED_BYTES = 16_000_000
 # Telemetry columns in the page, with their number of decimals.
 PAGE_COLUMNS = {
     "frame": 0,
-    "offset_m": 3,
-    "offset_std_m": 3,
+    "offset_m": 4,
+    "offset_std_m": 4,
     "curvature_per_m": 6,
     "curvature_std_per_m": 6,
     "confidence": 3,
