@@ -65,7 +65,7 @@ def _describe_frames(times: dict[str, FrameTime]) -> str:
         f"{table}\nCPU time to detect, measure and draw a frame on one core. undistorts, ms: the median frame. mean:\n"
         "over all frames, the sum of the stages. The fastest of three rounds counts for each frame. The unit is one\n"
         "cv2.undistort of the same frame on one OpenCV thread, measured just before. While tracking, frames are YUV\n"
-        "as in their video, otherwise RGB. A search once a second raises the mean."
+        "as in their video, otherwise RGB. Searches raise the mean."
     )
 
 
