@@ -11,6 +11,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from itertools import islice
+from multiprocessing import resource_tracker
 from threading import Thread
 from typing import Any, TypeVar
 
@@ -126,6 +127,8 @@ def _worker_pool(function: Callable, workers: int) -> Generator[ProcessPoolExecu
 @contextmanager
 def sigint_blocked() -> Generator[None]:
     """Delay Ctrl-C; processes started meanwhile inherit the blocked signal until `_start_worker` has run."""
+    # Python starts its resource tracker with the first process, and unblocks the signal after that.
+    resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
