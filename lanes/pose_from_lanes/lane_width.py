@@ -71,8 +71,9 @@ def estimate_height_and_roll(
     roll, roll_std = mode_and_std(ROLL_GRID_RAD, posterior.sum(axis=0))
     if roll_std > MAX_STD_RATIO * PRIOR_ROLL_STD_RAD:
         # the height of a nearly level camera: another one may belong to lines that are a lane only with a large roll
-        nearly_level = np.abs(roll_rad + ROLL_GRID_RAD) <= PRIOR_ROLL_STD_RAD / 2
-        height_m, _ = mode_and_std(heights_m, posterior[:, nearly_level].sum(axis=1))
+        tilt_rad = np.abs(roll_rad + ROLL_GRID_RAD)
+        nearly_level = tilt_rad <= max(PRIOR_ROLL_STD_RAD / 2, tilt_rad.min())
+        height_m = float(heights_m[np.argmax(posterior[:, nearly_level].sum(axis=1))])
         return HeightAndRoll(height_m, _std_about(height_m, heights_m, any_roll), 0.0, PRIOR_ROLL_STD_RAD)
     return HeightAndRoll(*mode_and_std(heights_m, any_roll), roll_rad + roll, roll_std)
 
