@@ -39,12 +39,11 @@ def run(options: argparse.Namespace) -> int:
     from lanes.camera.calibration.boards import calibrate_detections, find_boards
     from lanes.camera.calibration.summary import describe_coverage, draw_contact_sheet, format_boards, used_boards
     from lanes.camera.camera_file import save_camera
-    from lanes.io.files import require_not_an_input
+    from lanes.io.files import require_no_input_among
     from lanes.io.images import list_pictures, write_image
 
     paths = [path for given in options.pictures for path in (list_pictures(given) if given.is_dir() else [given])]
-    for output in filter(None, (options.output, options.sheet)):
-        require_not_an_input(output, paths)
+    require_no_input_among(filter(None, (options.output, options.sheet)), paths)
     detections = find_boards(paths, options.pattern, progress=progress_line("calibrate"))
     camera = calibrate_detections(detections, ", ".join(map(str, options.pictures[:3])))
     print(format_boards(detections, camera))

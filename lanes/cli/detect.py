@@ -44,9 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Detect the lane in every picture, and write the detections; with --each returns 1 if a still was left out."""
     from lanes.drives.detections import count_missing_frames, write_detections
-    from lanes.io.files import require_not_an_input
+    from lanes.io.files import require_no_input_among
 
-    require_not_an_input(options.output, options.files)
+    require_no_input_among([options.output], options.files)
     found, failures = _detect_each(options) if options.each else (_detect_together(options), [])
     lost = sum(detection["state"] == "lost" for detection in found)
     missing = count_missing_frames(found)

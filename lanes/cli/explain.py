@@ -37,13 +37,13 @@ def run(options: argparse.Namespace) -> int:
     from lanes.drawing.figures import figure_kind, save_figure
     from lanes.explain.explanation import explain_frame
     from lanes.explain.panels import show_explanation
-    from lanes.io.files import require_not_an_input
+    from lanes.io.files import require_no_input_among
     from lanes.pose_from_lanes.estimator import pose_from_drive
     from lanes.pose_from_lanes.lane_width import PRIOR_HEIGHT_M
     from lanes.pose_from_lanes.pose_estimate import PoseError
 
     figure_kind(options.output)
-    require_not_an_input(options.output, options.files)
+    require_no_input_among([options.output], options.files)
     file = options.files[0]
     image = _read_frame(file, options.at)
     camera = find_lens(options)

@@ -47,13 +47,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Estimate the camera pose, print it, and write it with the lens."""
     from lanes.camera.camera_file import save_camera
-    from lanes.io.files import require_not_an_input
+    from lanes.io.files import require_no_input_among
     from lanes.io.footage import pick_pictures
     from lanes.pose_from_lanes.estimator import LANE_WIDTH_M, pose_from_pictures
     from lanes.pose_from_lanes.pose_estimate import describe_accuracy
 
     require_piece(options)
-    require_not_an_input(options.output, options.files)
+    require_no_input_among([options.output], options.files)
     camera = find_lens(options)
     pictures = pick_pictures(
         options.files, options.pictures, require=camera.require_size, start_s=options.start, end_s=options.end

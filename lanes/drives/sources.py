@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from glob import glob
 from pathlib import Path
 
-from lanes.io.files import list_files, require_not_an_input
+from lanes.io.files import list_files, require_no_input_among
 from lanes.io.images import PICTURE_SUFFIXES, natural_key
 
 # Video suffixes looked for in a folder. A file that is named directly may have any suffix.
@@ -54,10 +54,10 @@ def require_distinct_outputs(inputs: Iterable[Path], outputs: Iterable[Path]) ->
     ValueError
         If an output would overwrite an input or another output.
     """
-    inputs = list(inputs)
+    inputs, outputs = list(inputs), list(outputs)
+    require_no_input_among(outputs, inputs)
     source_of: dict[Path, Path] = {}
     for source, output in zip(inputs, outputs, strict=True):
-        require_not_an_input(output, inputs)
         other = source_of.setdefault(output.resolve(), source)
         if other != source:
             raise ValueError(

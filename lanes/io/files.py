@@ -71,11 +71,13 @@ def require_file(
     return path
 
 
-def require_not_an_input(output: Path, inputs: Iterable[Path]) -> None:
-    """Raise ValueError if an output would overwrite one of the inputs."""
+def require_no_input_among(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
+    """Raise ValueError if one of the outputs would overwrite one of the inputs."""
     # unlike `Path.resolve`, this accepts circular links
-    if os.path.realpath(output) in map(os.path.realpath, inputs):
-        raise ValueError(f"{output}: is one of the inputs and would be overwritten; name another file or folder.")
+    real_inputs = {os.path.realpath(path) for path in inputs}
+    for output in outputs:
+        if os.path.realpath(output) in real_inputs:
+            raise ValueError(f"{output}: is one of the inputs and would be overwritten; name another file or folder.")
 
 
 def read_text(
