@@ -11,28 +11,28 @@ from course.measures import check
 from course.exercises.check import check_exercise
 
 # 1 Why
-from lanes.io.images import read_image, write_image, list_pictures
+from lanes.images import read_image, write_image, list_pictures
 
 # 2 Calibrate
-from lanes.camera.calibration.corners import find_board, draw_board
-from lanes.camera.calibration.boards import calibrate_folder
-from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import CameraPose
-from lanes.camera.camera_file import save_camera, load_camera
+from lanes.chessboard import find_board, draw_board
+from lanes.calibration import calibrate_folder
+from lanes.camera import Camera
+from lanes.camera import CameraPose
+from lanes.camera import save_camera, load_camera
 
 # 3 Undistort
-from lanes.camera.camera import undistort
+from lanes.camera import undistort
 
 # 4 From above
-from lanes.classic.warp import FourPointWarp, metres_per_pixel, birdseye_to_road, road_axes
-from lanes.classic.recipe import recipe_from_pose
-from lanes.pose_from_lanes.estimator import estimate_pose, estimate_camera_pose
-from lanes.io.footage import pick_pictures
+from classic.warp import FourPointWarp, metres_per_pixel, birdseye_to_road, road_axes
+from classic.recipe import recipe_from_pose
+from lanes.pose import estimate_pose, estimate_camera_pose
+from lanes.sources import pick_pictures
 from course.measures import lane_widths_px
 from course.sketch import sketch_conventions
 
 # 5 Thresholds
-from lanes.classic.threshold import (
+from classic.threshold import (
     split_channels,
     to_gray,
     range_mask,
@@ -43,24 +43,24 @@ from lanes.classic.threshold import (
     yellow_mask,
     equalized_white_mask,
 )
-from lanes.classic.recipe import RECIPES, get_recipe
-from lanes.classic.finder import LaneFinder
+from classic.recipe import RECIPES, get_recipe
+from classic.finder import LaneFinder
 from course.measures import binary_on_road, marking_precision, marking_recall
 
 # 6 Find
-from lanes.classic.search import lane_histogram, find_peaks, sliding_windows, search_band
+from classic.search import lane_histogram, find_peaks, sliding_windows, search_band
 
 # 7 Fit, measure
-from lanes.classic.fit import fit_line, ransac_line
-from lanes.io.describe import describe_bend, describe_offset
+from classic.fit import fit_line, ransac_line
+from lanes.describe import describe_bend, describe_offset
 from course.accuracy import TwoLines, accuracy_table
 from course.measures import worst_lateral_error_m, describe_error, drive_errors_m
 from benchmark.reporting.tables import format_table
 
 # 8 Draw, video
-from lanes.drawing.canvas import LEFT_COLOUR, RIGHT_COLOUR
-from lanes.drawing.pictures import draw_line
-from lanes.classic.overlay import (
+from lanes.canvas import LEFT_COLOUR, RIGHT_COLOUR
+from lanes.canvas import draw_line
+from classic.overlay import (
     draw_lane,
     draw_pixels,
     draw_windows,
@@ -71,30 +71,30 @@ from lanes.classic.overlay import (
     draw_search,
     follow_lane,
 )
-from lanes.io.video.pipeline import open_clip, annotate_video
-from lanes.io.telemetry import read_telemetry
+from lanes.video.process import open_clip, annotate_video
+from lanes.files import read_telemetry
 
 # 9 Metres
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.drawing.figures import show_birdseye
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.figures import show_birdseye
 
 # 10 Paint
-from lanes.tracking.markings import marking_response, find_stripes
+from lanes.detect.paint import marking_response, find_stripes
 
 # 11 One model
-from lanes.tracking.detector import find_lane
-from lanes.tracking.overlay import draw_found
-from lanes.drives.annotation import annotate_folder
+from lanes.detect.search import find_lane
+from lanes.draw import draw_found
+from lanes.annotate import annotate_folder
 
 # 12 Memory
-from lanes.tracking.confidence import CONFIDENCE, FEATURES, lane_features, rate_lane
-from lanes.tracking.tracker import LaneTracker
-from lanes.drives.overlay_styles import track_lane
-from lanes.tracking.odometry import integrate_path
+from lanes.detect.confidence import CONFIDENCE, FEATURES, lane_features, rate_lane
+from lanes.track.tracker import LaneTracker
+from lanes.draw import track_lane
+from course.odometry import integrate_path
 
 # 13 Explain
-from lanes.explain.explanation import explain_frame
-from lanes.explain.panels import show_explanation
+from lanes.explain import explain_frame
+from lanes.figures import show_explanation
 
 # 14 How wrong
 from benchmark.evaluation import score_video
@@ -105,13 +105,13 @@ from benchmark.reporting.tables import results_table
 from course.own_finder import score_finder, finder_table
 
 # 16 Learn
-from lanes.tracking.learned_markings import network_strength
-from lanes.tracking.markings import strength_weight
+from lanes.detect.network import network_strength
+from lanes.detect.paint import strength_weight
 
 # Sliders
-from lanes.explain.sliders import tune_threshold, tune_view
-from lanes.io.video.reader import read_frames
+from course.sliders import tune_threshold, tune_view
+from lanes.video.reader import read_frames
 
 # Figures
-from lanes.drawing.figures import show_pictures, plot_bars, plot_histogram, plot_series, save_figure
-from lanes.drives.figures import plot_telemetry, plot_path
+from lanes.figures import show_pictures, plot_bars, plot_histogram, plot_series, save_figure
+from course.telemetry_plots import plot_telemetry, plot_path

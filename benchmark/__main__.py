@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lanes.cli.arguments import add_lens, find_lens
-from lanes.io.console import positive_int, progress_line, run_command, run_program, whole_number
+from lanes.console import positive_int, progress_line, run_command, run_program, whole_number
 
 if TYPE_CHECKING:
     from benchmark.labels.tusimple import LaneColumns
@@ -163,7 +163,7 @@ def _score_systems_on_stills(labels: list[LaneColumns], options: argparse.Namesp
     from benchmark.labels.consistency import describe_checks, summarize_checks
     from benchmark.labels.stills import describe_labelled, join_scores, score_folder, split_folders
     from benchmark.systems import STILL_SYSTEMS
-    from lanes.pose_from_lanes.pose_estimate import PoseError
+    from lanes.errors import PoseError
 
     systems, scored = options.system or STILL_SYSTEMS, []
     for name, some in (split_folders(labels) if options.each_folder else {"": labels}).items():
@@ -190,7 +190,7 @@ def _report(results: list, folder: Path) -> None:
     from benchmark.reporting.tables import describe_run, describe_scores
     from benchmark.scores import score_rows, total_rows
     from benchmark.systems import TRACKER
-    from lanes.io.telemetry import write_telemetry
+    from lanes.files import write_telemetry
 
     rows = [*score_rows(results), *total_rows(results)]
     print(describe_scores(rows))

@@ -8,8 +8,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from benchmark.estimates import AHEAD_M, DriveEstimates, road_points
-from lanes.camera.camera import Camera
-from lanes.tracking.confidence import CORRECT_WITHIN_M
+from lanes.camera import Camera
+from lanes.detect.confidence import CORRECT_WITHIN_M
 
 # The near part of AHEAD_M, where a driver needs the lane most: from the bonnet to a second ahead in town.
 NEAR = AHEAD_M <= 20.0

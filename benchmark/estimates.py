@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from lanes.io.files import require_file, write_atomically
-from lanes.tracking.confidence import CORRECT_AT_M
+from lanes.detect.confidence import CORRECT_AT_M
+from lanes.files import require_file, write_atomically
 
 # Distances ahead at which lines are compared with the truth, metres. The confidence is defined at the same distances.
 AHEAD_M = CORRECT_AT_M

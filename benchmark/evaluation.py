@@ -16,12 +16,11 @@ from benchmark.result import Result
 from benchmark.scored_drive import NO_LANE, BenchmarkDrive, drive_from_video
 from benchmark.scores import Row, score_rows
 from benchmark.systems import require_system, start_system
-from lanes.camera.camera import Camera
-from lanes.camera.camera_file import load_camera
-from lanes.io.telemetry import read_telemetry
-from lanes.io.video.reader import inspect_video, read_frames
-from lanes.pose_from_lanes.estimator import pose_from_drive
-from lanes.pose_from_lanes.pose_estimate import PoseError
+from lanes.camera import Camera, load_camera
+from lanes.errors import PoseError
+from lanes.files import read_telemetry
+from lanes.pose import pose_from_drive
+from lanes.video.reader import inspect_video, read_frames
 
 
 @dataclass(frozen=True)

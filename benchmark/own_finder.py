@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmark.estimates import ALONG_M, LaneEstimate, road_points
-from lanes.camera.camera import Camera
+from lanes.camera import Camera
 
 Lines = Sequence[Sequence[float]]
 OwnFinder = Callable[[np.ndarray, Camera], Lines | None]

@@ -21,12 +21,12 @@ from benchmark.result import Result
 from benchmark.scored_drive import BenchmarkDrive
 from benchmark.suite_drives import ensure_video
 from benchmark.systems import require_system, source_files
-from lanes.camera.camera_file import camera_to_dict
-from lanes.io import frames
-from lanes.io.disk_cache import cache_folder
-from lanes.io.processes import run_all
-from lanes.io.video import reader
-from lanes.io.video.reader import inspect_video
+from lanes import images as frames
+from lanes.camera import camera_to_dict
+from lanes.video import reader
+from lanes.video.reader import inspect_video
+from simulator.disk_cache import cache_folder
+from simulator.processes import run_all
 
 Progress = Callable[[int, int], None]
 

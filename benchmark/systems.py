@@ -1,7 +1,7 @@
 """All lane finders behind one interface: the three recipes, each in two variants, the tracker, and its detector.
 
 The source points of a recipe's homography are the published ones, or those of a rectangle on the road from the camera
-pose ("hls_sobel_pose" and so on; see `lanes.classic.recipe.recipe_from_pose`).
+pose ("hls_sobel_pose" and so on; see `classic.recipe.recipe_from_pose`).
 
 `start_system` runs a system on the frames of a drive, with its memory: `LaneFinder.follow` or `LaneTracker.update`. The
 detector has none: it is what the tracker does in a single picture.
@@ -16,26 +16,28 @@ from pathlib import Path
 
 import numpy as np
 
+import classic
 from benchmark.estimates import AHEAD_M, ALONG_M, LaneEstimate, road_points
 from benchmark.own_finder import Lines, OwnFinder, estimate_from_lines, finder_file, is_own_finder, load_finder
-from lanes import camera, classic, tracking
-from lanes.camera.camera import Camera
-from lanes.classic.finder import LaneFinder
-from lanes.classic.recipe import POSE_SUFFIX, RECIPES, get_recipe, recipe_from_pose
-from lanes.classic.result import LaneResult
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.detector import find_lane
-from lanes.tracking.lane import Lane
-from lanes.tracking.model import CENTRE, CURVATURE, HEADING, SIDES, WIDTH, line_points
-from lanes.tracking.tracker import LaneTracker, TrackedLane
+from classic.finder import LaneFinder
+from classic.recipe import POSE_SUFFIX, RECIPES, get_recipe, recipe_from_pose
+from classic.result import LaneResult
+from lanes import camera, detect, track
+from lanes.camera import Camera
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.lane import Lane
+from lanes.detect.road import CENTRE, CURVATURE, HEADING, SIDES, WIDTH, line_points
+from lanes.detect.search import find_lane
+from lanes.track.tracker import LaneTracker, TrackedLane
 
 TRACKER, DETECTOR = "tracker", "detector"
 RECIPE_SYSTEMS = (*RECIPES, *(name + POSE_SUFFIX for name in RECIPES))
 SYSTEMS = (*RECIPE_SYSTEMS, TRACKER, DETECTOR)
 # In single pictures the tracker is the detector.
 STILL_SYSTEMS = (*RECIPE_SYSTEMS, TRACKER)
-# Folders of the packages that the estimates of a system depend on.
-_CAMERA, _CLASSIC, _TRACKING = (Path(inspect.getfile(package)).parent for package in (camera, classic, tracking))
+# Files and folders that the estimates of a system depend on.
+_CAMERA = Path(inspect.getfile(camera))
+_CLASSIC, _DETECT, _TRACK = (Path(inspect.getfile(package)).parent for package in (classic, detect, track))
 # Distances at which a recipe's line is projected into the picture: even steps in 1 / x are even steps in picture rows.
 PROJECTED_AT_M = 1 / np.linspace(1 / 1.5, 1 / 200.0, 400)
 
@@ -44,7 +46,7 @@ def source_files(system: str) -> tuple[Path, ...]:
     """Source files and folders that the estimates of a system depend on."""
     if is_own_finder(system):
         return _CAMERA, finder_file(system)
-    return (_CAMERA, _TRACKING) if system in (TRACKER, DETECTOR) else (_CAMERA, _CLASSIC)
+    return (_CAMERA, _DETECT, _TRACK) if system in (TRACKER, DETECTOR) else (_CAMERA, _CLASSIC)
 
 
 def start_system(system: str | OwnFinder, camera: Camera, fps: float) -> tuple[Callable, Callable[..., LaneEstimate]]:

@@ -16,7 +16,7 @@ from benchmark.reporting.tables import format_table
 from benchmark.systems import PROJECTED_AT_M, project_lines
 from course.dataset import Dataset
 from course.measures import HasLines, describe_error, worst_lateral_error_m
-from lanes.camera.camera import Camera
+from lanes.camera import Camera
 
 # Distances at which two methods are compared with each other, metres.
 COMPARED_AT_M = np.arange(5.0, 31.0, 5.0)

@@ -17,11 +17,9 @@ import numpy as np
 
 from benchmark.labels.tusimple import LaneColumns, read_labels
 from benchmark.scored_drive import PROJECT_ROOT
-from lanes.camera.camera import Camera
-from lanes.camera.camera_file import camera_from_dict
-from lanes.io.files import read_text
-from lanes.io.images import list_pictures
-from lanes.io.telemetry import read_telemetry
+from lanes.camera import Camera, camera_from_dict
+from lanes.files import read_telemetry, read_text
+from lanes.images import list_pictures
 
 Part = TypeVar("Part")
 

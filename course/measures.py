@@ -11,10 +11,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lanes.camera.camera import Camera
-from lanes.classic.result import LaneResult
-from lanes.classic.search import binary_pixels
-from lanes.classic.warp import FourPointWarp, birdseye_to_road
+from classic.result import LaneResult
+from classic.search import binary_pixels
+from classic.warp import FourPointWarp, birdseye_to_road
+from lanes.camera import Camera
 
 # The range that a driver needs: from the bonnet to about a second ahead on a motorway.
 NEAR_M, FAR_M = 5.0, 30.0

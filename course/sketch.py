@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lanes.drawing.figures import new_figure
+from lanes.figures import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

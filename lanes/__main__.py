@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path
 
 from lanes import __version__
-from lanes.io.console import run_command, run_program
+from lanes.console import run_command, run_program
 
 COMMANDS = {
     "calibrate": "calibrate the lens from pictures of a chessboard",

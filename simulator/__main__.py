@@ -7,7 +7,7 @@ import sys
 from functools import partial
 from pathlib import Path
 
-from lanes.io.console import bounded_float, progress_line, run_command, run_program
+from lanes.console import bounded_float, progress_line, run_command, run_program
 
 EXAMPLES = """\
   {program}
@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Render the selected files; returns the exit status."""
-    from lanes.io.files import translate_write_errors
+    from lanes.files import translate_write_errors
     from simulator.chessboards import write_boards
     from simulator.scenes.embedded import write_course_video, write_stills
     from simulator.scenes.suite import render_scene

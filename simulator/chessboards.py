@@ -15,11 +15,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from lanes.camera.camera import Camera
-from lanes.camera.camera_file import camera_to_dict
-from lanes.io.files import translate_write_errors, write_atomically
-from lanes.io.images import write_image
-from lanes.io.processes import available_workers, run_all
+from lanes.camera import Camera, camera_to_dict
+from lanes.files import translate_write_errors, write_atomically
+from lanes.images import write_image
+from simulator.processes import available_workers, run_all
 from simulator.scenes.dashcam import DASHCAM
 
 INNER_COLUMNS, INNER_ROWS = 9, 6

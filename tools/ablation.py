@@ -29,13 +29,11 @@ from benchmark.labels.tusimple import LaneColumns, read_labels, summarize_lines
 from benchmark.scores import score
 from benchmark.suite_drives import COMMITTED, choose_drives, ensure_video
 from benchmark.systems import TRACKER as SYSTEM
-from lanes.camera.camera import Camera
-from lanes.camera.camera_file import load_camera
-from lanes.io.images import read_image
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.fitting import FIT, LaneFit, fit_near
-from lanes.tracking.markings import MARKINGS, Stripes, yellowness
-from lanes.tracking.model import (
+from lanes.camera import Camera, load_camera
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.fit import FIT, LaneFit, fit_near
+from lanes.detect.paint import MARKINGS, Stripes, yellowness
+from lanes.detect.road import (
     BEND,
     BENDS_AT_NODES,
     CURVATURE,
@@ -47,10 +45,10 @@ from lanes.tracking.model import (
     height_and_grade,
     max_curvature,
 )
-from lanes.tracking.state import CAR_PARAMETERS, PROCESS_NOISE, KalmanState
-from lanes.tracking.tracker import TRACKER
-from lanes.tracking.update import UPDATE, update_lane
-from lanes.tracking.voting import best_pairs
+from lanes.detect.votes import best_pairs
+from lanes.images import read_image
+from lanes.track.filter import CAR_PARAMETERS, PROCESS_NOISE, UPDATE, KalmanState, update_lane
+from lanes.track.tracker import TRACKER
 
 # A parameter instance or function of `lanes.tracking`, and what takes its place.
 Replacement = tuple[object, object]

@@ -15,8 +15,8 @@ from pathlib import Path
 import cv2
 from PIL import Image
 
-from lanes.io.files import write_atomically
-from lanes.io.video.reader import inspect_video, read_frames
+from lanes.files import write_atomically
+from lanes.video.reader import inspect_video, read_frames
 
 PROJECT_ROOT = Path(__file__).parents[1]
 VIDEO = PROJECT_ROOT / "output_images" / "project_video_tracked.mp4"

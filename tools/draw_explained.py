@@ -14,13 +14,11 @@ from dataclasses import replace
 import numpy as np
 
 from benchmark.scored_drive import PROJECT_ROOT
-from lanes.camera.camera import Camera
-from lanes.camera.camera_file import load_camera
-from lanes.drawing.figures import save_figure
-from lanes.explain.explanation import explain_frame
-from lanes.explain.panels import show_explanation
-from lanes.io.images import read_image
-from lanes.io.video.reader import read_frames
+from lanes.camera import Camera, load_camera
+from lanes.explain import explain_frame
+from lanes.figures import save_figure, show_explanation
+from lanes.images import read_image
+from lanes.video.reader import read_frames
 from simulator.scenes.suite import render_scene
 
 # Picture -> still and error of its camera pitch, degrees.

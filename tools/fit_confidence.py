@@ -1,4 +1,4 @@
-"""Fit the weights of `lanes.tracking.confidence` by logistic regression on drives with known truth.
+"""Fit the weights of `lanes.detect.confidence` by logistic regression on drives with known truth.
 
     python -m tools.fit_confidence [VIDEO ...]   fits; prints the weights and their calibration
     python -m tools.fit_confidence --check       prints the calibration of the present weights on other roads
@@ -34,12 +34,11 @@ from benchmark.evaluation import read_truth
 from benchmark.scored_drive import BenchmarkDrive, drive_from_video
 from benchmark.suite_drives import choose_drives
 from benchmark.systems import tracker_estimate
-from lanes.camera.camera import Camera
-from lanes.camera.camera_file import load_camera
-from lanes.io.video.reader import inspect_video, read_frames
-from lanes.tracking.confidence import CONFIDENCE, CORRECT_WITHIN_M, FEATURES, lane_features
-from lanes.tracking.detector import find_lane
-from lanes.tracking.tracker import LaneTracker, TrackedLane
+from lanes.camera import Camera, load_camera
+from lanes.detect.confidence import CONFIDENCE, CORRECT_WITHIN_M, FEATURES, lane_features
+from lanes.detect.search import find_lane
+from lanes.track.tracker import LaneTracker, TrackedLane
+from lanes.video.reader import inspect_video, read_frames
 from simulator.rendering.drive import Motion
 from simulator.road.geometry import RoadGeometry
 from simulator.road.truth import truth_row

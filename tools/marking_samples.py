@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import CameraError, CameraPose
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.learned_markings import NETWORK, finer_view
-from lanes.tracking.markings import lightness, yellowness
+from lanes.camera import Camera, CameraPose
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.network import NETWORK, finer_view
+from lanes.detect.paint import lightness, yellowness
+from lanes.errors import CameraError
 from simulator.rendering.drive import Drive
 from simulator.rendering.render import render_frame
 from simulator.road.materials import MATERIALS

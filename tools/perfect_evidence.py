@@ -16,10 +16,10 @@ import numpy as np
 
 from benchmark.errors import FrameErrors, LaneTruth, frame_errors
 from benchmark.estimates import ALONG_M, DriveEstimates, LaneEstimate
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.fitting import FIT, fit_lanes
-from lanes.tracking.markings import Stripes
-from lanes.tracking.model import CENTRE, CURVATURE, HEADING, SIDES, line_points, parameter_vector
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.fit import FIT, fit_lanes
+from lanes.detect.paint import Stripes
+from lanes.detect.road import CENTRE, CURVATURE, HEADING, SIDES, line_points, parameter_vector
 from simulator.rendering.drive import Drive
 from simulator.road.truth import H_SAMPLES, Truth, line_pixels, truth_row
 from simulator.scenes.suite import SUITE

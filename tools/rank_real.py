@@ -22,12 +22,11 @@ from benchmark.labels.tusimple import LaneColumns, LineScore, read_labels
 from benchmark.machine import describe_machine
 from benchmark.suite_drives import ensure_video, list_drives
 from benchmark.systems import STILL_SYSTEMS
-from lanes.camera.calibration.boards import calibrate_folder
-from lanes.camera.camera import Camera
-from lanes.camera.camera_file import load_camera
-from lanes.io.images import list_pictures, read_image
-from lanes.io.video.reader import read_frames
-from lanes.pose_from_lanes.estimator import pose_from_drive
+from lanes.calibration import calibrate_folder
+from lanes.camera import Camera, load_camera
+from lanes.images import list_pictures, read_image
+from lanes.pose import pose_from_drive
+from lanes.video.reader import read_frames
 from simulator.rendering.render import render_frame
 from simulator.rendering.video import VIDEO_FPS
 from simulator.road.truth import H_SAMPLES, line_pixels, visible_pixels

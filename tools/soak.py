@@ -22,8 +22,8 @@ import numpy as np
 
 from benchmark.machine import describe_machine
 from benchmark.scored_drive import PROJECT_ROOT
-from lanes.io.telemetry import read_telemetry
-from lanes.io.video.reader import inspect_video
+from lanes.files import read_telemetry
+from lanes.video.reader import inspect_video
 
 SOUND_HZ, CLICK_S = 16000, 0.05
 SAMPLE_EVERY_S = 5.0

@@ -13,23 +13,23 @@ from __future__ import annotations
 import runpy
 import sys
 
-from lanes.io.frames import Frame
-from lanes.tracking import detector
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.detector import still_lane
-from lanes.tracking.lane import Lane
-from lanes.tracking.learned_markings import learned_evidence
-from lanes.tracking.markings import FrameEvidence, extract_evidence
+from lanes.detect import search as detector
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.lane import Lane
+from lanes.detect.network import learned_evidence
+from lanes.detect.paint import FrameEvidence, extract_evidence
+from lanes.detect.search import still_lane
+from lanes.images import Frame
 
 
 def search_by_band(image: Frame, view: BirdsEyeView) -> tuple[FrameEvidence, Lane | None]:
-    """As `lanes.tracking.detector.search_still`, with the band filter alone."""
+    """As `lanes.detect.search.search_still`, with the band filter alone."""
     band = extract_evidence(view.warp(image), view)
     return band, still_lane(band)
 
 
 def search_by_network(image: Frame, view: BirdsEyeView) -> tuple[FrameEvidence, Lane | None]:
-    """As `lanes.tracking.detector.search_still`, with the network alone."""
+    """As `lanes.detect.search.search_still`, with the network alone."""
     learned = learned_evidence(image, extract_evidence(view.warp(image), view))
     return learned, still_lane(learned)
 

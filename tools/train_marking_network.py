@@ -1,4 +1,4 @@
-"""Train the network of `lanes.tracking.learned_markings` on rendered pictures, and write its ONNX file.
+"""Train the network of `lanes.detect.network` on rendered pictures, and write its ONNX file.
 
     pip install torch onnx
     python -m tools.train_marking_network [--samples FILE] [--pictures N] [--epochs N] [-o FILE]
@@ -21,12 +21,11 @@ import torch
 from torch import nn
 from torch.nn import functional as nnf
 
-from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import CameraPose
-from lanes.io.console import positive_int, progress_line
-from lanes.io.processes import available_workers, run_all
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.learned_markings import NETWORK, NETWORK_FILE, finer_view, network_inputs
+from lanes.camera import Camera, CameraPose
+from lanes.console import positive_int, progress_line
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.network import NETWORK, NETWORK_FILE, finer_view, network_inputs
+from simulator.processes import available_workers, run_all
 from tools.marking_samples import UNKNOWN, VARIETIES, take_sample
 
 # Layers: kernel and dilation (rows, columns). The first one reduces the finer view to the rows of the view.

@@ -12,13 +12,13 @@ from benchmark.errors import CONFIDENT
 from benchmark.labels.tusimple import LaneColumns, picture_is_right
 from benchmark.reporting.consistency_table import describe_z
 from benchmark.reporting.tables import format_table
-from lanes.camera.camera import Camera
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.confidence import LIKELY_CONFIDENCE
-from lanes.tracking.detector import find_lane
-from lanes.tracking.lane import Lane
-from lanes.tracking.model import lines_on_view, parameter_gradients, propagated_std
-from lanes.tracking.tracker import TrackedLane
+from lanes.camera import Camera
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.confidence import LIKELY_CONFIDENCE
+from lanes.detect.lane import Lane
+from lanes.detect.road import lines_on_view, parameter_gradients, propagated_std
+from lanes.detect.search import find_lane
+from lanes.track.tracker import TrackedLane
 
 # Distances at which lines are compared. Rows count whose distance on the road differs by less than this share.
 COMPARED_AT_M = np.array([8.0, 15.0, 25.0])

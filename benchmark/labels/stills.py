@@ -12,10 +12,9 @@ from benchmark.labels.consistency import StillCheck, check_stills
 from benchmark.labels.tusimple import LaneColumns, LineScore, score_lines, summarize_lines
 from benchmark.reporting.tables import format_table
 from benchmark.systems import DETECTOR, TRACKER, column_detector
-from lanes.camera.camera import Camera
-from lanes.io.images import read_image
-from lanes.pose_from_lanes.estimator import pose_from_drive
-from lanes.pose_from_lanes.pose_estimate import PoseEstimate
+from lanes.camera import Camera
+from lanes.images import read_image
+from lanes.pose import PoseEstimate, pose_from_drive
 
 COLUMNS = ("lines", "accuracy", "matched", "FP", "FN", "median error")
 

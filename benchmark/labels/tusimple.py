@@ -20,8 +20,8 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lanes.io.files import read_text
-from lanes.io.images import MAX_PIXELS, read_image
+from lanes.files import read_text
+from lanes.images import MAX_PIXELS, read_image
 
 NO_POINT = -2.0
 # Enough for a hundred thousand pictures with six lanes at 56 rows.

@@ -12,8 +12,8 @@ from benchmark.reporting.reliability import AvailableLanes, PrecisionCurve, Reli
 from benchmark.result import Result
 from benchmark.scores import Row
 from benchmark.systems import TRACKER
-from lanes.classic.recipe import POSE_SUFFIX
-from lanes.drawing.figures import TRUTH_LOOK, new_figure, save_figure
+from classic.recipe import POSE_SUFFIX
+from lanes.figures import TRUTH_LOOK, new_figure, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

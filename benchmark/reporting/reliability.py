@@ -1,7 +1,7 @@
 """Calibration of the confidence: reliability diagram, and precision when only the most confident lanes are used.
 
 A lane is correct here if both lines are within 0.2 m over 5 to 30 m: the confidence is the probability of that
-(`lanes.tracking.confidence`).
+(`lanes.detect.confidence`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from benchmark.bootstrap import frame_clusters, share_interval
 from benchmark.errors import CONFIDENT
 from benchmark.reporting.tables import describe_interval, format_table
 from benchmark.result import Result, by_difficulty
-from lanes.tracking.confidence import CORRECT_WITHIN_M, LIKELY_CONFIDENCE
+from lanes.detect.confidence import CORRECT_WITHIN_M, LIKELY_CONFIDENCE
 
 # Steps of 0.1; the last one is halved, because most lanes are in it.
 BIN_EDGES = np.array([*np.arange(0, 0.95, 0.1), 0.95, 1.0])

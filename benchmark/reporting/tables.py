@@ -10,7 +10,7 @@ from itertools import groupby
 from pathlib import Path
 
 from benchmark.scores import Row, total_name
-from lanes.io.files import read_text
+from lanes.files import read_text
 
 NAME_WIDTH = 20
 LEGEND = """\

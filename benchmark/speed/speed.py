@@ -12,8 +12,8 @@ from benchmark.machine import describe_load, describe_machine
 from benchmark.reporting.tables import format_table
 from benchmark.speed.stages import FrameTime, time_frames
 from benchmark.speed.transcode import FileTime, peak_memory_mb, time_files
-from lanes.camera.camera_file import load_camera
-from lanes.io.video.reader import read_frames
+from lanes.camera import load_camera
+from lanes.video.reader import read_frames
 
 # Kept in memory, 2.8 MB each.
 FRAMES = 60

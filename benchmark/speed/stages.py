@@ -19,18 +19,19 @@ import cv2
 import numpy as np
 
 from benchmark.systems import TRACKER
-from lanes.camera.camera import Camera
-from lanes.classic import finder as recipes
-from lanes.classic import overlay
-from lanes.classic.finder import Channel, LaneFinder
-from lanes.classic.recipe import RECIPES, get_recipe
-from lanes.classic.warp import FourPointWarp
-from lanes.drives import overlay_styles as styles
-from lanes.drives.overlay_styles import track_lane
-from lanes.io.frames import Frame, YuvFrame
-from lanes.io.threads import opencv_threads
-from lanes.tracking import markings, tracker, update
-from lanes.tracking.birdseye import BirdsEyeView
+from classic import finder as recipes
+from classic import overlay
+from classic.finder import Channel, LaneFinder
+from classic.recipe import RECIPES, get_recipe
+from classic.warp import FourPointWarp
+from lanes import draw as styles
+from lanes.camera import Camera
+from lanes.detect import paint as markings
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.draw import track_lane
+from lanes.images import Frame, YuvFrame, opencv_threads
+from lanes.track import filter as update
+from lanes.track import tracker
 
 # Frames that are not measured: the tracker searches in each frame until its lane is confirmed.
 WARM_UP = 10

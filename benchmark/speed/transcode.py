@@ -20,15 +20,13 @@ from tempfile import TemporaryDirectory
 import av
 import numpy as np
 
-from lanes.camera.camera import Camera
-from lanes.camera.camera_file import load_camera
-from lanes.drives.overlay_styles import track_lane
-from lanes.io.threads import opencv_threads
-from lanes.io.video.container import frame_rate, open_video
-from lanes.io.video.pipeline import annotate_video
-from lanes.io.video.reader import inspect_video
-from lanes.io.video.writer import open_mp4
-from lanes.tracking.tracker import LaneTracker
+from lanes.camera import Camera, load_camera
+from lanes.draw import track_lane
+from lanes.images import opencv_threads
+from lanes.track.tracker import LaneTracker
+from lanes.video.process import annotate_video
+from lanes.video.reader import frame_rate, inspect_video, open_video
+from lanes.video.writer import open_mp4
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from course.exercises.verdict import NOT_TRIED, Verdict, correct, hint
-from lanes.camera.camera import Camera
+from lanes.camera import Camera
 
 # A lens that is not that of the course; its tangential terms move a pixel by up to 9 px.
 MATRIX = np.array([[900.0, 0, 655], [0, 880, 370], [0, 0, 1]])

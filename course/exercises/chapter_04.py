@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from classic.warp import FourPointWarp, birdseye_to_road, metres_per_pixel
 from course.exercises.verdict import NOT_TRIED, Checks, Verdict, correct, hint
 from course.measures import lane_widths_px
-from lanes.camera.camera import Camera
-from lanes.classic.warp import FourPointWarp, birdseye_to_road, metres_per_pixel
+from lanes.camera import Camera
 
 # Distances at which exercise 4.1 measures the lane, metres, and the largest error.
 MEASURED_AT_M = (7.0, 15.0, 30.0)

@@ -7,11 +7,11 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
+from classic.search import binary_pixels
+from classic.warp import FourPointWarp, birdseye_to_road
 from course.exercises.verdict import NOT_TRIED, Checks, Verdict, correct, hint
 from course.measures import marking_precision, marking_recall
-from lanes.camera.camera import Camera
-from lanes.classic.search import binary_pixels
-from lanes.classic.warp import FourPointWarp, birdseye_to_road
+from lanes.camera import Camera
 
 MakeMask = Callable[[np.ndarray], "np.ndarray | None"]
 

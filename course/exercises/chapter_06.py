@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+from classic.search import find_peaks, lane_histogram, sliding_windows
+from classic.threshold import HlsSobelThresholds
+from classic.warp import FourPointWarp, metres_per_pixel
 from course.exercises.verdict import NOT_TRIED, Checks, Verdict, correct, hint
-from lanes.camera.camera import Camera
-from lanes.classic.search import find_peaks, lane_histogram, sliding_windows
-from lanes.classic.threshold import HlsSobelThresholds
-from lanes.classic.warp import FourPointWarp, metres_per_pixel
+from lanes.camera import Camera
 
 # The made line of exercise 6.2: size of the view, rows of its dashes (two windows of paint, two of gap), width.
 VIEW_SHAPE = (720, 1280)

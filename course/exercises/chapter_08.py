@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from course.exercises.verdict import Verdict, correct, hint
-from lanes.camera.camera import Camera
+from lanes.camera import Camera
 
 # 8.1: distance of the bar, and how far its ends may be off.
 BAR_AT_M, TOLERANCE_PX = 7.0, 2.0

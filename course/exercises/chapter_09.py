@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from course.exercises.verdict import NOT_TRIED, Verdict, correct, hint
-from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import CameraPose
+from lanes.camera import Camera, CameraPose
 
 # Largest relative error of the answer. The small-angle formula is within 0.2 % of the camera's projection.
 TOLERANCE = 0.02

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from course.exercises.verdict import NOT_TRIED, Verdict, correct, hint
-from lanes.camera.camera import Camera
-from lanes.explain.explanation import explain_frame
+from lanes.camera import Camera
+from lanes.explain import explain_frame
 
 # A camera that looks 60 degrees too far down sees no road beyond the bonnet, so a step fails before.
 MAX_DEG = 60

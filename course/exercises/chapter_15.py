@@ -10,8 +10,8 @@ from benchmark.scored_drive import COMMITTED, PROJECT_ROOT
 from benchmark.scores import Row
 from course.exercises.verdict import NOT_TRIED, Verdict, correct, hint
 from course.own_finder import score_finder
-from lanes.camera.camera_file import load_camera
-from lanes.io.video.reader import read_frames
+from lanes.camera import load_camera
+from lanes.video.reader import read_frames
 
 # Points of accuracy on the motorway that a better finder gains at least.
 GAIN = 0.10

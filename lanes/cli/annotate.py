@@ -21,11 +21,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lanes.cli.arguments import add_lens, add_output, add_piece, find_field, given_camera, require_piece
-from lanes.io.console import bounded_float, error_status, positive_int
+from lanes.console import bounded_float, error_status, positive_int
 
 if TYPE_CHECKING:
-    from lanes.drives.settings import DriveResult, DriveSettings, StillsResult
-    from lanes.drives.sources import Sources
+    from lanes.annotate import DriveResult, DriveSettings, StillsResult
+    from lanes.sources import Sources
 
 EXAMPLES = """\
   {program} --hfov 60 drive.mp4
@@ -89,8 +89,8 @@ def _add_many_drives(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Annotate all sources. A failed source does not stop the others; errors are printed at the end."""
-    from lanes.drives.annotation import output_path
-    from lanes.drives.sources import find_sources, require_distinct_outputs
+    from lanes.annotate import output_path
+    from lanes.sources import find_sources, require_distinct_outputs
 
     sources = find_sources(options.sources)
     require_distinct_outputs(sources.videos, [output_path(video, options.output) for video in sources.videos])
@@ -121,7 +121,7 @@ def annotate_on_dask(
     videos: Sequence[Path], settings: DriveSettings, options: argparse.Namespace
 ) -> tuple[int, list[Exception]]:
     """Annotate videos with Dask; returns the number of finished videos, and the errors of the others."""
-    from lanes.cluster.scheduler import ClusterSettings, annotate_many
+    from lanes.many import ClusterSettings, annotate_many
 
     cluster = ClusterSettings(
         scheduler=options.scheduler, workers=options.workers, piece_s=options.piece, retries=options.retries
@@ -134,7 +134,7 @@ def annotate_on_dask(
 
 def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettings:
     """The settings according to the options; --boards is calibrated here."""
-    from lanes.drives.settings import DriveSettings
+    from lanes.annotate import DriveSettings
 
     require_piece(options)
     camera = given_camera(options)
@@ -155,8 +155,8 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
 
 def list_jobs(sources: Sources, settings: DriveSettings) -> Iterator[Callable[[], DriveResult | StillsResult]]:
     """One function per job: each video, all stills together, each live camera."""
-    from lanes.drives.annotation import annotate_drive, annotate_stills
-    from lanes.drives.live import annotate_live
+    from lanes.annotate import annotate_drive, annotate_stills
+    from lanes.live import annotate_live
 
     for video in sources.videos:
         yield partial(annotate_drive, video, settings)

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lanes.io.console import bounded_float, progress_line
+from lanes.console import bounded_float, progress_line
 
 if TYPE_CHECKING:
-    from lanes.camera.camera import Camera
-    from lanes.camera.field_of_view import FieldOfView
+    from lanes.camera import Camera
+    from lanes.field_of_view import FieldOfView
 
 
 def add_footage(parser: argparse.ArgumentParser, *, files: str) -> None:
@@ -70,8 +70,8 @@ def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None
 
 def given_camera(options: argparse.Namespace) -> Camera | None:
     """The camera of --camera or --boards; None without these options."""
-    from lanes.camera.calibration.boards import calibrate_folder
-    from lanes.camera.camera_file import load_camera
+    from lanes.calibration import calibrate_folder
+    from lanes.camera import load_camera
 
     if options.camera:
         return load_camera(options.camera)
@@ -86,8 +86,8 @@ def find_lens(options: argparse.Namespace) -> Camera:
 
     It has a pose only if it comes from a camera file with one.
     """
-    from lanes.drives.settings import DriveSettings
-    from lanes.io.footage import pick_pictures
+    from lanes.annotate import DriveSettings
+    from lanes.sources import pick_pictures
 
     camera = given_camera(options)
     first = next(pick_pictures(options.files, 1))
@@ -105,8 +105,8 @@ def find_field(
     `each` are stills of different cameras. If the EXIF entries of each name its field of view, and there are no other
     files, nothing is printed.
     """
-    from lanes.camera.field_of_view import FieldOfView, find_field_of_view
-    from lanes.drives.dash_period import field_of_view_from_dashes
+    from lanes.dash_period import field_of_view_from_dashes
+    from lanes.field_of_view import FieldOfView, find_field_of_view
 
     if options.hfov is not None:
         return FieldOfView(options.hfov, "as given")

@@ -9,7 +9,7 @@ import argparse
 from pathlib import Path
 
 from lanes.cli.arguments import add_output, size
-from lanes.io.console import progress_line
+from lanes.console import progress_line
 
 EXAMPLES = """\
   {program} my_boards -o lens.yaml
@@ -36,11 +36,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Calibrate, print the table, and write the camera file."""
-    from lanes.camera.calibration.boards import calibrate_detections, find_boards
-    from lanes.camera.calibration.summary import describe_coverage, draw_contact_sheet, format_boards, used_boards
-    from lanes.camera.camera_file import save_camera
-    from lanes.io.files import require_no_input_among
-    from lanes.io.images import list_pictures, write_image
+    from lanes.calibration import (
+        calibrate_detections,
+        describe_coverage,
+        draw_contact_sheet,
+        find_boards,
+        format_boards,
+        used_boards,
+    )
+    from lanes.camera import save_camera
+    from lanes.files import require_no_input_among
+    from lanes.images import list_pictures, write_image
 
     paths = [path for given in options.pictures for path in (list_pictures(given) if given.is_dir() else [given])]
     require_no_input_among(filter(None, (options.output, options.sheet)), paths)

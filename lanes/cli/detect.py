@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 
 from lanes.cli.arguments import add_footage, add_lens, add_output, find_field, find_lens, given_camera
-from lanes.io.console import bounded_float, progress_line
+from lanes.console import bounded_float, progress_line
 
 EXAMPLES = """\
   {program} --camera camera.yaml drive.mp4 -o lanes.jsonl
@@ -43,8 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Detect the lane in every picture, and write the detections; with --each returns 1 if a still was left out."""
-    from lanes.drives.detections import count_missing_frames, write_detections
-    from lanes.io.files import require_no_input_among
+    from lanes.detections import count_missing_frames, write_detections
+    from lanes.files import require_no_input_among
 
     require_no_input_among([options.output], options.files)
     found, failures = _detect_each(options) if options.each else (_detect_together(options), [])
@@ -59,8 +59,8 @@ def run(options: argparse.Namespace) -> int:
 
 def _detect_together(options: argparse.Namespace) -> list[dict]:
     """The detections in stills and videos of one camera; prints its pose if that was estimated."""
-    from lanes.drives.detections import detect_files
-    from lanes.pose_from_lanes.estimator import pose_from_drive
+    from lanes.detections import detect_files
+    from lanes.pose import pose_from_drive
 
     camera, estimate = pose_from_drive(find_lens(options), options.files, progress=progress_line("pose"))
     if estimate:
@@ -77,9 +77,8 @@ def _detect_together(options: argparse.Namespace) -> list[dict]:
 
 def _detect_each(options: argparse.Namespace) -> tuple[list[dict], Sequence[ValueError]]:
     """The detections in stills of a camera each, and the errors of the stills that cannot be used."""
-    from lanes.drives.annotation import pose_of_each
-    from lanes.drives.detections import detect_files
-    from lanes.drives.settings import DriveSettings
+    from lanes.annotate import DriveSettings, pose_of_each
+    from lanes.detections import detect_files
 
     if options.sequence or options.size:
         raise ValueError("--sequence and --size are for stills of one camera; omit them, or omit --each.")

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lanes.cli.arguments import add_lens, add_output, find_lens
-from lanes.io.console import bounded_float, progress_line
+from lanes.console import bounded_float, progress_line
 
 if TYPE_CHECKING:
     import numpy as np
@@ -33,14 +33,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Explain the picture, print the text, and write the figure."""
-    from lanes.camera.camera_pose import CameraPose
-    from lanes.drawing.figures import figure_kind, save_figure
-    from lanes.explain.explanation import explain_frame
-    from lanes.explain.panels import show_explanation
-    from lanes.io.files import require_no_input_among
-    from lanes.pose_from_lanes.estimator import pose_from_drive
-    from lanes.pose_from_lanes.lane_width import PRIOR_HEIGHT_M
-    from lanes.pose_from_lanes.pose_estimate import PoseError
+    from lanes.camera import CameraPose
+    from lanes.errors import PoseError
+    from lanes.explain import explain_frame
+    from lanes.figures import figure_kind, save_figure, show_explanation
+    from lanes.files import require_no_input_among
+    from lanes.pose import PRIOR_HEIGHT_M, pose_from_drive
 
     figure_kind(options.output)
     require_no_input_among([options.output], options.files)
@@ -63,9 +61,9 @@ def run(options: argparse.Namespace) -> int:
 
 def _read_frame(file: Path, at_s: float | None) -> np.ndarray:
     """The picture, or the frame of a video at time `at_s`."""
-    from lanes.io.frames import PictureError
-    from lanes.io.images import PICTURE_SUFFIXES, read_image
-    from lanes.io.video.reader import read_frames
+    from lanes.errors import PictureError
+    from lanes.images import PICTURE_SUFFIXES, read_image
+    from lanes.video.reader import read_frames
 
     if file.suffix.lower() not in PICTURE_SUFFIXES:
         return next(read_frames(file, start_s=at_s or 0.0))

@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 
 from lanes.cli.arguments import add_footage, add_lens, add_output, add_piece, find_lens, require_piece
-from lanes.io.console import bounded_float, positive_int, progress_line
+from lanes.console import bounded_float, positive_int, progress_line
 
 EXAMPLES = """\
   {program} --hfov 60 drive.mp4 -o camera.yaml
@@ -46,11 +46,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Estimate the camera pose, print it, and write it with the lens."""
-    from lanes.camera.camera_file import save_camera
-    from lanes.io.files import require_no_input_among
-    from lanes.io.footage import pick_pictures
-    from lanes.pose_from_lanes.estimator import LANE_WIDTH_M, pose_from_pictures
-    from lanes.pose_from_lanes.pose_estimate import describe_accuracy
+    from lanes.camera import save_camera
+    from lanes.files import require_no_input_among
+    from lanes.pose import LANE_WIDTH_M, describe_accuracy, pose_from_pictures
+    from lanes.sources import pick_pictures
 
     require_piece(options)
     require_no_input_among([options.output], options.files)

@@ -13,8 +13,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from lanes.io.disk_cache import cached_array, short_hash
-from lanes.io.threads import opencv_threads
+from lanes.images import opencv_threads
+from simulator.disk_cache import cached_array, short_hash
 from simulator.landscape import foliage, sky
 from simulator.landscape.foliage import SUN_IN_SPRITE, plant_sprites, sprite_level
 from simulator.landscape.sky import (

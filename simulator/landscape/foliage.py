@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from lanes.io.disk_cache import cached_array
+from simulator.disk_cache import cached_array
 from simulator.painting import noise
 from simulator.painting.noise import fractal_noise
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from lanes.camera.camera import Camera
+from lanes.camera import Camera
 from simulator.painting.texture import band_noise_tile, sample_noise
 from simulator.road.ground import Ground
 from simulator.road.road_ahead import RoadAhead

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lanes.camera.camera import Camera
+from lanes.camera import Camera
 from simulator.landscape.sky import aerial_perspective
 from simulator.objects.overpass import BridgeSlice, paint_bridge_slice
 from simulator.objects.scene_objects import Car, Post, SceneObject, Sign, Tree

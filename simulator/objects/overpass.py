@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lanes.camera.camera import Camera
+from lanes.camera import Camera
 from simulator.light.shading import irradiance
 from simulator.light.sunlight import BOUNCED_SHARE, BridgeShade, blocked_sky
 from simulator.painting.brush import Atmosphere, paint_polygons, project_faces

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lanes.camera.camera import Camera
+from lanes.camera import Camera
 from simulator.light.shading import irradiance
 from simulator.objects.scene_objects import Post, Sign, vertical_rectangle
 from simulator.painting.brush import Atmosphere, paint_polygons, project_faces

@@ -8,7 +8,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from lanes.camera.camera import Camera
+from lanes.camera import Camera
 from simulator.landscape.foliage import plant_sprites, sprite_level
 from simulator.objects.scene_objects import SceneObject, Tree
 from simulator.painting.brush import (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lanes.camera.camera import Camera
+from lanes.camera import Camera
 from simulator.light.shading import shade_faces
 from simulator.objects.cars import BODY, ON_BODY
 from simulator.objects.scene_objects import Car, yaw_rotation

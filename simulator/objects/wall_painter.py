@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from lanes.camera.camera import Camera
+from lanes.camera import Camera
 from simulator.light.shading import irradiance
 from simulator.objects.wall_textures import TEXTURE_PX_PER_M, wall_texture
 from simulator.objects.walls import WALLS, Wall

@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from lanes.io.disk_cache import cached_array
+from simulator.disk_cache import cached_array
 from simulator.landscape import foliage
 from simulator.landscape.foliage import plant_sprites
 from simulator.painting import noise

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from lanes.camera.camera import Camera
+from lanes.camera import Camera
 
 # Near clipping plane, metres ahead of the camera: the bonnet hides what is nearer, and projection degenerates at 0.
 NEAR_PLANE_M = 0.5

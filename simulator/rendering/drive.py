@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lanes.camera.camera import Camera
+from lanes.camera import Camera
 from simulator.landscape.sky import BackdropStyle
 from simulator.light.exposure import AutoExposure
 from simulator.light.glare import Glare

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 
-from lanes.camera.camera import Camera
+from lanes.camera import Camera
 from simulator.landscape.backdrop import paint_backdrop
 from simulator.light.cast_shadows import MAX_SHADOW_M, cast_shadows
 from simulator.light.exposure import RoadLight

@@ -7,10 +7,10 @@ from contextlib import closing
 from functools import partial
 from pathlib import Path
 
-from lanes.camera.camera_file import save_camera
-from lanes.io.files import atomic_write
-from lanes.io.processes import map_ordered
-from lanes.io.video.reader import inspect_video
+from lanes.camera import save_camera
+from lanes.files import atomic_write
+from lanes.video.reader import inspect_video
+from simulator.processes import map_ordered
 from simulator.rendering.drive import Drive
 from simulator.rendering.render import render_frame
 from simulator.rendering.shared_assets import asset_jobs

@@ -9,9 +9,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from lanes.camera import camera as lens_model
-from lanes.camera.camera import Camera
-from lanes.io.disk_cache import cached_array, short_hash
+from lanes import camera as lens_model
+from lanes.camera import Camera
+from simulator.disk_cache import cached_array, short_hash
 from simulator.road.relief import MAX_GROUND_M, cast_on_relief
 from simulator.road.road_ahead import RoadAhead
 

@@ -11,9 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from lanes.camera.camera import Camera
-from lanes.camera.camera_file import camera_to_dict
-from lanes.io.files import write_atomically
+from lanes.camera import Camera, camera_to_dict
+from lanes.files import write_atomically
 from simulator.road.geometry import (
     MAX_TURN_RAD,
     LinePolynomial,

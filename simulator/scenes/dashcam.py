@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import CameraPose
+from lanes.camera import Camera, CameraPose
 
 # A typical dashcam: 63 degrees wide, barrel distortion, principal point off the centre, and small yaw and roll. The
 # distortion polynomial is monotonic over the whole picture (Camera.largest_ray is beyond the corners), so that pixels

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lanes.io.images import write_image
-from lanes.io.processes import available_workers, run_all
+from lanes.images import write_image
+from simulator.processes import available_workers, run_all
 from simulator.rendering.render import render_frame
 from simulator.rendering.video import VIDEO_CRF, VIDEO_SECONDS, Progress, write_video
 from simulator.road.truth import truth_entry, write_truth_json

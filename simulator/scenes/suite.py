@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import simulator
-from lanes.camera import camera
-from lanes.io.disk_cache import cache_folder
+from lanes import camera
+from simulator.disk_cache import cache_folder
 from simulator.rendering.video import Progress, write_video
 from simulator.scenes.bad_weather import SCENES as WEATHER
 from simulator.scenes.challenge import SCENES as FAMOUS

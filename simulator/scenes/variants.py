@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lanes.camera.camera_pose import CameraPose
+from lanes.camera import CameraPose
 from simulator.light.lens import Lens
 from simulator.rendering.drive import Drive, Motion
 from simulator.road.geometry import RoadGeometry

@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from lanes.camera.camera import Camera
+from lanes.camera import Camera
 from simulator.objects.scene_objects import Car, Post, SceneObject, yaw_rotation
 from simulator.objects.vehicles import outline_points
 from simulator.road.ground import Ground

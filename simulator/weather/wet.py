@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from lanes.camera.camera import Camera
+from lanes.camera import Camera
 from simulator.painting.texture import band_noise_tile, fade, sample_noise
 from simulator.road.ground import Ground
 from simulator.weather.night import Lamp, lamp_pixels

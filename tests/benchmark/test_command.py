@@ -17,12 +17,12 @@ from benchmark.runner import cached_estimates
 from benchmark.scored_drive import CUSTOM, BenchmarkDrive
 from benchmark.suite_drives import choose_drives, list_drives
 from benchmark.systems import SYSTEMS
-from lanes.camera import camera_pose
-from lanes.classic import finder
-from lanes.io import frames
-from lanes.io.images import read_image
-from lanes.io.video import reader
-from lanes.tracking import birdseye
+from classic import finder
+from lanes import camera as camera_pose
+from lanes import images as frames
+from lanes.detect import birdseye
+from lanes.images import read_image
+from lanes.video import reader
 from simulator.rendering.drive import Motion
 from tests.support.clips import write_drive
 from tests.support.command_line import process

@@ -12,7 +12,7 @@ from benchmark.errors import LaneTruth
 from benchmark.estimates import AHEAD_M, DriveEstimates
 from benchmark.reporting.consistency_table import consistency_rows, consistency_table, describe_consistency
 from benchmark.result import Result
-from lanes.io.telemetry import write_telemetry
+from lanes.files import write_telemetry
 from tests.benchmark.test_errors import lines_through
 from tests.benchmark.test_significance import result
 

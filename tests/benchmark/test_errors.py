@@ -20,8 +20,7 @@ from benchmark.estimates import (
 from benchmark.reporting.failures import describe_failures, failure_spans
 from benchmark.result import Result
 from benchmark.scores import percentile, score, score_rows, total_rows
-from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import CameraPose
+from lanes.camera import Camera, CameraPose
 from simulator.road.geometry import RoadGeometry, VehiclePose, line_lateral, line_polynomial
 
 N, WIDTH = 5, 3.6

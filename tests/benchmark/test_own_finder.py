@@ -11,8 +11,7 @@ from benchmark.evaluation import score_video
 from benchmark.own_finder import estimate_from_lines, load_finder
 from benchmark.scored_drive import PROJECT_ROOT
 from benchmark.systems import column_detector, source_files
-from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import CameraPose
+from lanes.camera import Camera, CameraPose
 from tests.benchmark.test_systems import estimator
 
 CAMERA = Camera.from_fov((1280, 720), 60, CameraPose(1.4, pitch_rad=0.0))
@@ -81,7 +80,7 @@ def test_a_wrong_file_is_named(tmp_path, content, name, message):
 
 
 def test_the_score_of_the_truth_is_full_and_of_a_shifted_lane_is_none():
-    from lanes.io.telemetry import read_telemetry
+    from lanes.files import read_telemetry
 
     truth = read_telemetry(VIDEO.with_suffix(".csv"))
 

@@ -10,11 +10,11 @@ import pytest
 from benchmark.errors import LaneTruth, frame_errors
 from benchmark.estimates import AHEAD_M, ALONG_M, DriveEstimates, LaneEstimate
 from benchmark.systems import SYSTEMS, column_detector, recipe_estimate, start_system
-from lanes.camera.camera import Camera
-from lanes.classic.result import LaneResult, RoadLine
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.detector import find_lane
-from lanes.tracking.model import CENTRE, HEADING
+from classic.result import LaneResult, RoadLine
+from lanes.camera import Camera
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.road import CENTRE, HEADING
+from lanes.detect.search import find_lane
 from simulator.rendering.drive import Motion
 from simulator.road.truth import truth_row
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend

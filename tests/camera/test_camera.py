@@ -5,9 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lanes.camera.camera import Camera, undistort
-from lanes.camera.camera_pose import CameraError, CameraPose
-from lanes.io.frames import PictureError
+from lanes.camera import Camera, CameraPose, undistort
+from lanes.errors import CameraError, PictureError
 from simulator.scenes.dashcam import DASHCAM
 
 CENTRE = np.array([[667.4, 386.1]])

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 import yaml
 
-from lanes.camera.camera import CalibrationReport, Camera
-from lanes.camera.camera_file import camera_from_dict, camera_to_dict, load_camera, save_camera
-from lanes.camera.camera_pose import CameraError
+from lanes.camera import CalibrationReport, Camera, camera_from_dict, camera_to_dict, load_camera, save_camera
+from lanes.errors import CameraError
 from simulator.scenes.dashcam import DASHCAM
 
 

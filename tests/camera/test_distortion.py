@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from lanes.camera.camera import Camera, undistort
+from lanes.camera import Camera, undistort
 from tests.support.examples import examples
 from tests.support.painted_drive import CAMERA
 

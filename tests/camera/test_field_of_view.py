@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from lanes.camera.camera_file import load_camera
-from lanes.camera.field_of_view import find_field_of_view, read_hfov
-from lanes.io.images import write_image
+from lanes.camera import load_camera
+from lanes.field_of_view import find_field_of_view, read_hfov
+from lanes.images import write_image
 from tests.support.painted_drive import PaintedDrive, lane_lines, s_bend
 from tests.support.project import ROOT
 

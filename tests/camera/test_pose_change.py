@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lanes.camera.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
-from lanes.drives.settings import DriveResult
-from lanes.tracking.tracker import LaneTracker
+from lanes.annotate import DriveResult
+from lanes.track.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
+from lanes.track.tracker import LaneTracker
 from simulator.rendering.drive import Motion
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.camera.static_pattern import STATIC, StaticPattern
+from lanes.track.static_pattern import STATIC, StaticPattern
 
 ROWS, COLUMNS = 60, 400
 # Places that are the same in every sample: a line down the picture.

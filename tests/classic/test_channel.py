@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.classic.finder import Channel, nearest_line
-from lanes.classic.fit import LineFit
-from lanes.classic.memory import LineMemory
-from lanes.classic.recipe import get_recipe
+from classic.finder import Channel, nearest_line
+from classic.fit import LineFit
+from classic.memory import LineMemory
+from classic.recipe import get_recipe
 from tests.support.painted_roads import paint_view
 
 A, C = get_recipe("hls_sobel"), get_recipe("best_channel")

@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 
 from benchmark.scored_drive import PROJECT_ROOT
+from classic.finder import LaneFinder
+from classic.recipe import RECIPES, get_recipe
 from course.dataset import open_dataset
-from lanes.camera.calibration.boards import calibrate_folder
-from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import CameraError, CameraPose
-from lanes.classic.finder import LaneFinder
-from lanes.classic.recipe import RECIPES, get_recipe
-from lanes.io.describe import describe_bend, describe_offset
-from lanes.io.frames import PictureError
-from lanes.io.images import list_pictures, read_image
+from lanes.calibration import calibrate_folder
+from lanes.camera import Camera, CameraPose
+from lanes.describe import describe_bend, describe_offset
+from lanes.errors import CameraError, PictureError
+from lanes.images import list_pictures, read_image
 from tests.support.painted_roads import LANE_WIDTH_M, SUNLIT_WHITE, LaneRoad, paint_lane
 from tests.support.painted_roads import RECIPE_CAMERA as CAMERA
 from tests.support.project import REAL_DATA

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lanes.classic.fit import LineFit, fit_line, mean_distance_px, mean_fit, ransac_line
+from classic.fit import LineFit, fit_line, mean_distance_px, mean_fit, ransac_line
 
 ROWS = np.arange(0, 720)
 

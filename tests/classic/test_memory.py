@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from lanes.classic.fit import LineFit
-from lanes.classic.memory import LineMemory
-from lanes.classic.recipe import get_recipe
+from classic.fit import LineFit
+from classic.memory import LineMemory
+from classic.recipe import get_recipe
 
 A = get_recipe("hls_sobel").memories[0]
 B = get_recipe("equalized_hsv").memories[0]

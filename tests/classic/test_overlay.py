@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.classic.finder import LaneFinder
-from lanes.classic.overlay import annotate, describe_result, diagnose, draw_search, follow_lane
-from lanes.classic.recipe import get_recipe
+from classic.finder import LaneFinder
+from classic.overlay import annotate, describe_result, diagnose, draw_search, follow_lane
+from classic.recipe import get_recipe
 from tests.support.painted_roads import LANE_WIDTH_M, LaneRoad, paint_lane
 from tests.support.painted_roads import RECIPE_CAMERA as CAMERA
 

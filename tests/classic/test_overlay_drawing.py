@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.camera.camera import Camera
-from lanes.classic.overlay import draw_fit, draw_lane, draw_pixels, draw_windows
-from lanes.drawing.canvas import LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR
-from lanes.drawing.pictures import fill_lane
-from lanes.io.frames import PictureError
+from classic.overlay import draw_fit, draw_lane, draw_pixels, draw_windows
+from lanes.camera import Camera
+from lanes.canvas import LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR, fill_lane
+from lanes.errors import PictureError
 from tests.support.drawing import assert_draws_on_a_copy, gray_picture, read_only_noise
 
 LEFT = np.array([[60.0, 20.0], [20.0, 80.0]])

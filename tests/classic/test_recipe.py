@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import CameraError, CameraPose
-from lanes.classic.recipe import MAX_FAR_EDGE_M, RECIPES, get_recipe, recipe_from_pose
-from lanes.classic.warp import birdseye_to_road, metres_per_pixel, scale_to_road
+from classic.recipe import MAX_FAR_EDGE_M, RECIPES, get_recipe, recipe_from_pose
+from classic.warp import birdseye_to_road, metres_per_pixel, scale_to_road
+from lanes.camera import Camera, CameraPose
+from lanes.errors import CameraError
 from tests.support.painted_roads import RECIPE_CAMERA as CAMERA
 
 every_recipe = pytest.mark.parametrize("name", RECIPES)

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lanes.classic.fit import LineFit, fit_line
-from lanes.classic.recipe import get_recipe
-from lanes.classic.result import FoundLine, LaneResult, RoadLine, Steps, road_line
-from lanes.classic.search import Window
-from lanes.classic.warp import scale_to_road
+from classic.fit import LineFit, fit_line
+from classic.recipe import get_recipe
+from classic.result import FoundLine, LaneResult, RoadLine, Steps, road_line
+from classic.search import Window
+from classic.warp import scale_to_road
 
 SIZE = (1280, 720)
 SCALES = (3.7 / 700, 30 / 720)

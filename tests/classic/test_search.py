@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lanes.classic.fit import LineFit
-from lanes.classic.search import band_pixels, binary_pixels, find_peaks, lane_histogram, search_band, sliding_windows
+from classic.fit import LineFit
+from classic.search import band_pixels, binary_pixels, find_peaks, lane_histogram, search_band, sliding_windows
 from tests.support.painted_roads import paint_view
 
 SIZE = (1280, 720)

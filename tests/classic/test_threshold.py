@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from lanes.classic import threshold as th
+from classic import threshold as th
 from tests.support.painted_roads import WHITE, YELLOW
 
 GRAY = (105, 105, 105)

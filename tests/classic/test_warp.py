@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lanes.camera.camera_pose import CameraError, CameraPose
-from lanes.classic.warp import FourPointWarp, birdseye_to_road, metres_per_pixel, road_axes, scale_to_road
-from lanes.io.frames import PictureError
+from classic.warp import FourPointWarp, birdseye_to_road, metres_per_pixel, road_axes, scale_to_road
+from lanes.camera import CameraPose
+from lanes.errors import CameraError, PictureError
 from tests.support.painted_roads import RECIPE_CAMERA as CAMERA
 from tests.support.painted_roads import paint_view
 

@@ -10,18 +10,18 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.camera.calibration.boards import BoardDetections, calibrate_detections
-from lanes.camera.calibration.corners import Board
-from lanes.camera.calibration.summary import (
+from lanes.calibration import (
+    BoardDetections,
+    calibrate_detections,
     count_corners,
     describe_boards,
     describe_coverage,
     draw_contact_sheet,
     format_boards,
 )
-from lanes.camera.camera import Camera
-from lanes.camera.camera_file import load_camera
-from lanes.io.images import read_image, write_image
+from lanes.camera import Camera, load_camera
+from lanes.chessboard import Board
+from lanes.images import read_image, write_image
 from tests.support.project import ROOT
 
 SIZE = (640, 360)

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.camera.camera_file import save_camera
-from lanes.io.images import read_image, write_image
+from lanes.camera import save_camera
+from lanes.images import read_image, write_image
 from tests.support.painted_roads import YELLOW, Road, dashcam
 from tests.support.project import ROOT
 

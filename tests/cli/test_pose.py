@@ -8,12 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.camera.camera import Camera
-from lanes.camera.camera_file import load_camera, save_camera
-from lanes.camera.camera_pose import CameraPose
-from lanes.io.footage import pick_pictures
-from lanes.io.images import write_image
-from lanes.io.video.writer import VideoWriter
+from lanes.camera import Camera, CameraPose, load_camera, save_camera
+from lanes.images import write_image
+from lanes.sources import pick_pictures
+from lanes.video.writer import VideoWriter
 from tests.support.command_line import main
 from tests.support.painted_roads import paint_motorway
 

@@ -10,8 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lanes.camera.field_of_view import FieldOfView
-from lanes.cluster.manifest import (
+from lanes.annotate import DriveSettings, annotate_drive
+from lanes.field_of_view import FieldOfView
+from lanes.files import read_telemetry
+from lanes.many import (
     DriveKey,
     Manifest,
     add_to_data_set,
@@ -21,9 +23,6 @@ from lanes.cluster.manifest import (
     write_manifest,
     write_summary,
 )
-from lanes.drives.annotation import annotate_drive
-from lanes.drives.settings import DriveSettings
-from lanes.io.telemetry import read_telemetry
 from tests.support.clips import write_drive
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, straight_road
 

@@ -8,17 +8,16 @@ import numpy as np
 import pytest
 
 from benchmark.scored_drive import PROJECT_ROOT
-from lanes.camera.camera_file import load_camera
-from lanes.cluster.pieces import WARM_UP_S, annotate_piece, cut_drive, join_pieces
-from lanes.drives.annotation import PreparedDrive, annotate_drive, prepare_drive
-from lanes.drives.settings import DriveSettings
-from lanes.io.telemetry import read_telemetry
-from lanes.io.video.reader import VideoInfo, inspect_video, read_frames
-from lanes.tracking.tracker import LaneTracker
+from lanes.annotate import DriveSettings, PreparedDrive, annotate_drive, prepare_drive
+from lanes.camera import load_camera
+from lanes.files import read_telemetry
+from lanes.pieces import WARM_UP_S, annotate_piece, cut_drive, join_pieces
+from lanes.track.tracker import LaneTracker
+from lanes.video.reader import VideoInfo, inspect_video, read_frames
 from tests.support.clips import write_drive
 from tests.support.painted_drive import BENDS, SMALL
 
-# As stated in the docstring of lanes.cluster.pieces.
+# As stated in the docstring of lanes.pieces.
 TOLERANCES = {"offset_m": 0.01, "heading_rad": np.radians(0.1), "curvature_per_m": 1e-4}
 
 

@@ -17,15 +17,12 @@ import numpy as np
 import psutil
 import pytest
 
-from lanes.cluster import scheduler as cluster
-from lanes.cluster import tasks
-from lanes.cluster.manifest import Manifest
-from lanes.cluster.scheduler import ClusterError, ClusterSettings, annotate_all, annotate_many, connect
-from lanes.cluster.tasks import DriveJob
-from lanes.drives.annotation import annotate_drive
-from lanes.drives.settings import DriveSettings
-from lanes.io.telemetry import read_telemetry
-from lanes.io.video.reader import inspect_video
+from lanes import many as cluster
+from lanes import many as tasks
+from lanes.annotate import DriveSettings, annotate_drive
+from lanes.files import read_telemetry
+from lanes.many import ClusterError, ClusterSettings, DriveJob, Manifest, annotate_all, annotate_many, connect
+from lanes.video.reader import inspect_video
 from simulator.rendering.drive import Motion
 from tests.support.clips import write_drive
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend

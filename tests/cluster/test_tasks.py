@@ -11,12 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lanes.cluster import tasks
-from lanes.cluster.manifest import Manifest
-from lanes.cluster.tasks import DriveJob, Plan, begin_drive, finish_drive, run_piece
-from lanes.drives.settings import DriveSettings
-from lanes.io.telemetry import read_telemetry
-from lanes.io.video.container import VideoError
+from lanes import many as tasks
+from lanes.annotate import DriveSettings
+from lanes.errors import VideoError
+from lanes.files import read_telemetry
+from lanes.many import DriveJob, Manifest, Plan, begin_drive, finish_drive, run_piece
 from tests.support.clips import write_drive
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, straight_road
 

@@ -10,8 +10,7 @@ import pytest
 
 from course.accuracy import TwoLines, accuracy_table, label_accuracy
 from course.dataset import Dataset, open_dataset
-from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import CameraPose
+from lanes.camera import Camera, CameraPose
 from tests.support.project import ROOT
 
 CAMERA = Camera.from_fov((1280, 720), 60, CameraPose(1.4, pitch_rad=0.0))

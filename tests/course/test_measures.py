@@ -7,6 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from classic.finder import LaneFinder
+from classic.recipe import get_recipe
+from classic.result import RoadLine
+from classic.warp import FourPointWarp
 from course.measures import (
     binary_on_road,
     describe_error,
@@ -16,12 +20,7 @@ from course.measures import (
     marking_recall,
     worst_lateral_error_m,
 )
-from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import CameraPose
-from lanes.classic.finder import LaneFinder
-from lanes.classic.recipe import get_recipe
-from lanes.classic.result import RoadLine
-from lanes.classic.warp import FourPointWarp
+from lanes.camera import Camera, CameraPose
 
 X = np.arange(0.0, 45, 5)
 CAMERA = Camera.from_fov((640, 360), 60, CameraPose(1.4, pitch_rad=0.03))

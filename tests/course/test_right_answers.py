@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from classic.recipe import get_recipe, recipe_from_pose
+from classic.warp import metres_per_pixel
 from course.exercises import chapter_06
 from course.exercises.chapter_12 import _correct, _distance, check_gate
-from lanes.classic.recipe import get_recipe, recipe_from_pose
-from lanes.classic.warp import metres_per_pixel
 from tests.support.painted_drive import CAMERA
 
 

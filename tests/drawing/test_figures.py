@@ -14,8 +14,8 @@ import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 
-from lanes.drawing import figures as plots  # noqa: E402
-from lanes.io.images import read_image  # noqa: E402
+from lanes import figures as plots  # noqa: E402
+from lanes.images import read_image  # noqa: E402
 from tests.support.project import ROOT
 
 
@@ -150,7 +150,7 @@ def test_style_stays_within():
 
 def test_importing_does_not_import_pyplot():
     """So that commands that draw no figure start quickly."""
-    code = "import sys, lanes.drawing.figures, lanes.drawing.pictures; sys.exit('matplotlib' in sys.modules)"
+    code = "import sys, lanes.figures, lanes.canvas; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], cwd=ROOT).returncode == 0
 
 

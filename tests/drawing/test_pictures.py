@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.drawing import canvas
-from lanes.drawing import pictures as draw
+from lanes import canvas
+from lanes import canvas as draw
 from tests.support.drawing import assert_draws_on_a_copy, gray_picture
 
 LEFT = np.array([[60.0, 20.0], [20.0, 80.0]])

@@ -15,24 +15,21 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import CameraError, CameraPose
-from lanes.camera.field_of_view import FieldOfView
-from lanes.drives.annotation import annotate_drive, annotate_folder, annotate_stills
-from lanes.drives.live import annotate_live
-from lanes.drives.overlay_styles import STYLES, track_lane
-from lanes.drives.settings import DriveSettings, StillsResult
-from lanes.drives.sources import find_sources, require_distinct_outputs
-from lanes.io.frames import PictureError
-from lanes.io.images import read_image, write_image
-from lanes.io.telemetry import read_telemetry
-from lanes.io.video.container import VideoError
-from lanes.io.video.reader import inspect_video
-from lanes.io.video.writer import VideoWriter
-from lanes.pose_from_lanes.pose_estimate import PoseError, PoseEstimate
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.markings import extract_evidence
-from lanes.tracking.tracker import LOST, LaneTracker, TrackedLane
+from lanes.annotate import DriveSettings, StillsResult, annotate_drive, annotate_folder, annotate_stills
+from lanes.camera import Camera, CameraPose
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.paint import extract_evidence
+from lanes.draw import STYLES, track_lane
+from lanes.errors import CameraError, PictureError, PoseError, VideoError
+from lanes.field_of_view import FieldOfView
+from lanes.files import read_telemetry
+from lanes.images import read_image, write_image
+from lanes.live import annotate_live
+from lanes.pose import PoseEstimate
+from lanes.sources import find_sources, require_distinct_outputs
+from lanes.track.tracker import LOST, LaneTracker, TrackedLane
+from lanes.video.reader import inspect_video
+from lanes.video.writer import VideoWriter
 from tests.io.video.sample_videos import make_video_with_unknown_sound
 from tests.support.clips import write_drive
 from tests.support.command_line import main
@@ -307,8 +304,8 @@ def capture(monkeypatch):
     """A fake camera whose clock advances by 1/25 s per frame."""
     fake = type("Fake", (FakeCapture,), {})
     clock = iter(np.arange(100_000) / 25)
-    monkeypatch.setattr("lanes.io.video.live_camera.cv2.VideoCapture", fake)
-    monkeypatch.setattr("lanes.io.video.live_camera.time.monotonic", lambda: float(next(clock)))
+    monkeypatch.setattr("lanes.video.live_camera.cv2.VideoCapture", fake)
+    monkeypatch.setattr("lanes.video.live_camera.time.monotonic", lambda: float(next(clock)))
     return fake
 
 
@@ -341,7 +338,7 @@ def test_live_camera_with_end_time_and_estimated_pose(tmp_path, capture):
 def test_elapsed_time_counts_from_a_first_frame_at_time_zero(tmp_path, capture, monkeypatch):
     """A camera that stalls for 1.5 s after its first frame: the tracker starts again with the second one."""
     clock = Mock(monotonic=Mock(side_effect=[0.0, 0.0, 1.5, 1.54, 1.58]))
-    monkeypatch.setattr("lanes.io.video.live_camera.time", clock)
+    monkeypatch.setattr("lanes.video.live_camera.time", clock)
     capture.frames = 4
     result = annotate_live(0, DriveSettings(output=tmp_path, camera=SMALL, report=False))
     table = read_telemetry(result.telemetry)

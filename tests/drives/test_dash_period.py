@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.drives.dash_period import field_of_view_from_dashes, measure_dash_period
-from lanes.io.images import write_image
-from lanes.io.video.writer import VideoWriter
+from lanes.dash_period import field_of_view_from_dashes, measure_dash_period
+from lanes.images import write_image
+from lanes.video.writer import VideoWriter
 from simulator.rendering.drive import Motion
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
 

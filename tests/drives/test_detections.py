@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 from PIL import ExifTags, Image
 
-from lanes.camera.camera import Camera
-from lanes.camera.camera_file import save_camera
-from lanes.camera.camera_pose import CameraError, CameraPose
-from lanes.drives.detections import count_missing_frames, detect_files
-from lanes.io.images import write_image
+from lanes.camera import Camera, CameraPose, save_camera
+from lanes.detections import count_missing_frames, detect_files
+from lanes.errors import CameraError
+from lanes.images import write_image
 from simulator.rendering.drive import Motion
 from tests.support.clips import write_clip
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend

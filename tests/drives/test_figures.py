@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 
-from lanes.drives.figures import plot_path, plot_telemetry  # noqa: E402
+from course.telemetry_plots import plot_path, plot_telemetry  # noqa: E402
 
 
 @pytest.fixture(autouse=True)

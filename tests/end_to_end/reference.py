@@ -22,8 +22,8 @@ from benchmark.evaluation import read_truth
 from benchmark.scores import score
 from benchmark.suite_drives import COMMITTED, list_drives
 from benchmark.systems import TRACKER, start_system
-from lanes.camera.camera_file import load_camera
-from lanes.io.video.reader import inspect_video, read_frames
+from lanes.camera import load_camera
+from lanes.video.reader import inspect_video, read_frames
 
 REFERENCE = Path(__file__).with_name("reference.json")
 SECONDS = 3.6

@@ -7,7 +7,8 @@ import pytest
 
 from benchmark.evaluation import prepare_drive
 from benchmark.scored_drive import drive_from_video
-from lanes.tracking import fitting, update
+from lanes.detect import fit as fitting
+from lanes.track import filter as update
 from tests.support.project import ROOT
 from tools.ablation import ALL_ON, SWITCHES, importers, measure, switched_off, table_row
 

@@ -20,10 +20,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lanes.camera.camera_file import load_camera, save_camera
-from lanes.io.images import read_image, write_image
-from lanes.io.telemetry import read_telemetry
-from lanes.io.video.reader import inspect_video
+from lanes.camera import load_camera, save_camera
+from lanes.files import read_telemetry
+from lanes.images import read_image, write_image
+from lanes.video.reader import inspect_video
 from tests.support import bad_files as badfiles
 from tests.support.clips import write_drive
 from tests.support.command_line import main

@@ -68,10 +68,8 @@ def test_the_course_the_guides_and_the_reference_are_there():
     names = {page.relative_to(SITE).as_posix() for page in PAGES}
     assert names >= {f"chapter_{number:02d}.html" for number in range(1, 16)}
     assert names >= {f"docs/{guide.stem}.html" for guide in (ROOT / "docs").glob("*.md")}
-    assert names >= {"index.html", "api/helpers.html", "api/lanes.tracking.detector.html", "docs/benchmark/README.html"}
-    assert {"find_lane", "lanes.tracking.detector.find_lane"} & read_page(
-        SITE / "api/lanes.tracking.detector.html"
-    ).names
+    assert names >= {"index.html", "api/helpers.html", "api/lanes.detect.search.html", "docs/benchmark/README.html"}
+    assert {"find_lane", "lanes.detect.search.find_lane"} & read_page(SITE / "api/lanes.detect.search.html").names
 
 
 def test_the_course_links_to_terms_of_the_glossary():

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lanes.camera.camera_file import load_camera, save_camera
-from lanes.io.images import read_image, write_image
-from lanes.io.telemetry import read_telemetry
-from lanes.io.video.reader import inspect_video, read_frames
+from lanes.camera import load_camera, save_camera
+from lanes.files import read_telemetry
+from lanes.images import read_image, write_image
+from lanes.video.reader import inspect_video, read_frames
 from tests.support.clips import write_drive
 from tests.support.command_line import PROGRAMS, process
 from tests.support.painted_drive import BENDS, CAMERA, SMALL

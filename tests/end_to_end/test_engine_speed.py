@@ -12,12 +12,11 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.io.frames import Frame, YuvFrame
-from lanes.io.threads import opencv_threads
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.detector import find_lane
-from lanes.tracking.overlay import draw_tracked
-from lanes.tracking.tracker import TRACKING, LaneTracker, TrackedLane
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.search import find_lane
+from lanes.draw import draw_tracked
+from lanes.images import Frame, YuvFrame, opencv_threads
+from lanes.track.tracker import TRACKING, LaneTracker, TrackedLane
 from simulator.rendering.drive import Motion
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
 

@@ -21,9 +21,8 @@ from benchmark.reporting.tables import read_scores
 from benchmark.scores import Row
 from benchmark.suite_drives import COMMITTED
 from benchmark.systems import TRACKER
-from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import CameraPose
-from lanes.tracking.tracker import LaneTracker
+from lanes.camera import Camera, CameraPose
+from lanes.track.tracker import LaneTracker
 from simulator.scenes.suite import SUITE
 from tests.end_to_end.reference import measure
 from tests.support.painted_drive import SMALL, TAR, PaintedDrive, Stripe, s_bend

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.learned_markings import finer_view
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.network import finer_view
 from tests.support.painted_roads import Road, dashcam
 from tools.marking_samples import UNKNOWN, connect_dots, label_cells, take_sample
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.camera.field_of_view import DEFAULT_HFOV_DEG
+from lanes.field_of_view import DEFAULT_HFOV_DEG
 from tests.support.photos import Photo, find_with_own_pose, right_in_picture, take_photo
 
 pytestmark = pytest.mark.slow

@@ -21,7 +21,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from lanes import __version__
-from lanes.io.video.reader import inspect_video
+from lanes.video.reader import inspect_video
 from tests.support.clips import FPS, write_clip
 from tests.support.painted_drive import BENDS
 from tests.support.project import ROOT

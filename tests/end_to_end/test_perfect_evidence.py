@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.tracking.birdseye import BirdsEyeView
+from lanes.detect.birdseye import BirdsEyeView
 from simulator.scenes.suite import SUITE
 from tools.perfect_evidence import main, perfect_errors, true_stripes
 

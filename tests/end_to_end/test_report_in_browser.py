@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from selenium.webdriver import Keys
 
-from lanes.drives.report.page import write_report
-from lanes.io.video.writer import VideoWriter
+from lanes.report.page import write_report
+from lanes.video.writer import VideoWriter
 from tests.drives.report.test_page import story
 from tests.support.browser import CHROMIUM, DRIVER, open_browser
 

@@ -26,11 +26,11 @@ CALLS |= {"yaml.unsafe_load", "yaml.full_load", "yaml.load_all", "np.fromfile", 
 CALLS |= {"cv2.FileStorage", "shutil.unpack_archive", "tempfile.mktemp"}
 # The only modules that may open a video, a camera, or a file for writing.
 OPENERS = {
-    "av.open": {"lanes/io/video/container.py", "lanes/io/video/writer.py", "lanes/io/video/join.py"}
+    "av.open": {"lanes/video/reader.py", "lanes/video/writer.py", "lanes/video/join.py"}
     | {"benchmark/speed/transcode.py"},
-    "cv2.VideoCapture": {"lanes/io/video/live_camera.py"},
-    "yaml.load": {"lanes/camera/camera_file.py"},
-    "np.load": {"lanes/io/disk_cache.py"},
+    "cv2.VideoCapture": {"lanes/video/live_camera.py"},
+    "yaml.load": {"lanes/camera.py"},
+    "np.load": {"simulator/disk_cache.py"},
     "os.open": set(),
     "open": set(),
 }
@@ -85,7 +85,7 @@ def test_forbidden_code_is_noticed(line):
 
 def test_yaml_is_read_without_tags():
     """The only loader is a subclass of the safe one."""
-    tree = SOURCES["lanes/camera/camera_file.py"]
+    tree = SOURCES["lanes/camera.py"]
     loaders = {ast.unparse(node.args[1]) for called, node in calls(tree) if called == "yaml.load"}
     bases = {
         node.name: [ast.unparse(base) for base in node.bases]
@@ -99,7 +99,7 @@ def test_input_videos_are_opened_in_one_module():
     """All other modules open videos for writing."""
     for name, tree in SOURCES.items():
         for called, node in calls(tree):
-            if called == "av.open" and name != "lanes/io/video/container.py":
+            if called == "av.open" and name != "lanes/video/reader.py":
                 assert [ast.unparse(argument) for argument in node.args[1:]] == ["'w'"], name
 
 

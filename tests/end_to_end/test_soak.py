@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.io.telemetry import write_telemetry
-from lanes.io.video.reader import inspect_video, read_frames
+from lanes.files import write_telemetry
+from lanes.video.reader import inspect_video, read_frames
 from simulator.rendering.drive import Motion
 from tests.support.clips import write_drive
 from tests.support.painted_drive import SMALL, PaintedDrive, lane_lines, s_bend

@@ -16,11 +16,11 @@ from pathlib import Path
 
 import pytest
 
-from lanes.camera.camera_file import load_camera
-from lanes.io.images import read_image, write_image
-from lanes.io.telemetry import read_telemetry, write_telemetry
-from lanes.io.video.reader import inspect_video
-from lanes.io.video.writer import VideoWriter
+from lanes.camera import load_camera
+from lanes.files import read_telemetry, write_telemetry
+from lanes.images import read_image, write_image
+from lanes.video.reader import inspect_video
+from lanes.video.writer import VideoWriter
 from simulator.rendering import video
 from simulator.scenes.project_video import project_video
 from tests.support.clips import write_drive
@@ -34,13 +34,13 @@ WRITES = """
 import sys
 from pathlib import Path
 import numpy as np
-from lanes.camera.camera import Camera
-from lanes.camera.camera_file import save_camera
-from lanes.io.images import write_image
-from lanes.drives.detections import write_detections
-from lanes.io.files import write_atomically
-from lanes.io.telemetry import write_telemetry
-from lanes.io.video.writer import VideoWriter
+from lanes.camera import Camera
+from lanes.camera import save_camera
+from lanes.images import write_image
+from lanes.detections import write_detections
+from lanes.files import write_atomically
+from lanes.files import write_telemetry
+from lanes.video.writer import VideoWriter
 folder = Path(sys.argv[1])
 image = np.random.default_rng(0).integers(0, 255, (90, 160, 3), np.uint8)
 print("ready", flush=True)

@@ -9,13 +9,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from lanes.camera.camera import Camera
-from lanes.explain import panels
-from lanes.explain.explanation import Explanation, explain_frame, stripes_on_lines
-from lanes.io.frames import PictureError
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.detector import find_lane
-from lanes.tracking.model import CENTRE, lateral_std_m
+from lanes import figures as panels
+from lanes.camera import Camera
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.road import CENTRE, lateral_std_m
+from lanes.detect.search import find_lane
+from lanes.errors import PictureError
+from lanes.explain import Explanation, explain_frame, stripes_on_lines
 from tests.support.painted_roads import ASPHALT, YELLOW, Road, dashcam
 
 CAMERA = dashcam(width=1280)

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.classic.threshold import saturation_mask
-from lanes.explain.sliders import tune_threshold, tune_view
+from classic.threshold import saturation_mask
+from course.sliders import tune_threshold, tune_view
 from tests.support.painted_roads import YELLOW, Road, dashcam
 
 CAMERA = dashcam()

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from lanes.io.console import progress_line
+from lanes.console import progress_line
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 import pytest
 
-from lanes.io import describe
+from lanes import describe
 
 
 @pytest.mark.parametrize(

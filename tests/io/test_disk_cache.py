@@ -6,8 +6,8 @@ import time
 
 import numpy as np
 
-from lanes.io.disk_cache import cached_array
-from lanes.io.processes import map_ordered
+from simulator.disk_cache import cached_array
+from simulator.processes import map_ordered
 
 
 def test_array_is_computed_once_and_again_after_a_broken_file_or_changed_source(monkeypatch, tmp_path):

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from lanes.io.files import (
+from lanes.files import (
     atomic_write,
     exclusive_writer,
     partial_file,
@@ -182,7 +182,7 @@ def other(code: str, *arguments: object) -> subprocess.Popen:
     command = [
         sys.executable,
         "-c",
-        f"import sys, time\nfrom pathlib import Path\nfrom lanes.io.files import *\n{code}",
+        f"import sys, time\nfrom pathlib import Path\nfrom lanes.files import *\n{code}",
     ]
     return subprocess.Popen([*command, *map(str, arguments)], cwd=ROOT, stdout=subprocess.PIPE, text=True)
 

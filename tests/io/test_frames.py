@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from av.video.reformatter import ColorRange, Colorspace, VideoReformatter
 
-from lanes.drawing.canvas import LANE_COLOUR, LEFT_COLOUR, blend_polygon, draw_polyline, put_text
-from lanes.io.frames import PictureError, YuvColourSpace, YuvFrame, as_rgb, rgb_to_yuv
-from lanes.io.video.reader import to_upright_rgb, to_upright_yuv
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.overlay import draw_tracked
+from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, blend_polygon, draw_polyline, put_text
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.draw import draw_tracked
+from lanes.errors import PictureError
+from lanes.images import YuvColourSpace, YuvFrame, as_rgb, rgb_to_yuv
+from lanes.video.reader import to_upright_rgb, to_upright_yuv
 from tests.support.painted_drive import SMALL, tracked_bends
 
 COLOURS = [(255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 255), (0, 0, 0), (250, 200, 20), (20, 60, 220)]

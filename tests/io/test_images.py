@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.io import images
-from lanes.io.frames import PictureError
-from lanes.io.images import list_pictures, natural_key, read_image, write_image
+from lanes import images
+from lanes.errors import PictureError
+from lanes.images import list_pictures, natural_key, read_image, write_image
 
 RED, GREEN = (220, 30, 20), (20, 200, 40)
 

@@ -15,7 +15,7 @@ import cv2
 import psutil
 import pytest
 
-from lanes.io.processes import available_workers, map_ordered, run_all
+from simulator.processes import available_workers, map_ordered, run_all
 from tests.support.project import ROOT
 
 pytestmark = pytest.mark.slow
@@ -123,7 +123,7 @@ class TestBoth:
 
 def test_interrupt_ends_all_processes_without_output_of_theirs():
     process = start(
-        "from lanes.io.processes import map_ordered\n"
+        "from simulator.processes import map_ordered\n"
         "from tests.io.test_processes import slow_square\n"
         "results = map_ordered(slow_square, range(1000), workers=2)\n"
         "next(results); print('ready', flush=True); list(results)\n"
@@ -141,7 +141,7 @@ def writing(tmp_path):
     """A process with two workers that are both writing a file."""
     process = start(
         "from pathlib import Path\n"
-        "from lanes.io.processes import run_all\n"
+        "from simulator.processes import run_all\n"
         "from tests.io.test_processes import write_slowly\n"
         f"run_all(write_slowly, [Path({str(tmp_path)!r}, name) for name in 'ab'], workers=2)\n"
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.io.telemetry import read_telemetry, write_telemetry
+from lanes.files import read_telemetry, write_telemetry
 
 
 def test_round_trip(tmp_path):

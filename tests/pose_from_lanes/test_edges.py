@@ -6,12 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import CameraPose
-from lanes.pose_from_lanes.edges import find_edge_direction
-from lanes.pose_from_lanes.estimator import estimate_pose
-from lanes.pose_from_lanes.lane_width import PRIOR_HEIGHT_LOG_STD
-from lanes.pose_from_lanes.pose_estimate import PoseError, describe_accuracy
+from lanes.camera import Camera, CameraPose
+from lanes.errors import PoseError
+from lanes.pose import PRIOR_HEIGHT_LOG_STD, describe_accuracy, estimate_pose
+from lanes.vanishing_point import find_edge_direction
 from tests.support.painted_roads import paint_motorway
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.pose_from_lanes.lane_width import PRIOR_HEIGHT_M, HeightAndRoll, estimate_height_and_roll
-from lanes.pose_from_lanes.vanishing_point import RoadLines
+from lanes.pose import PRIOR_HEIGHT_M, HeightAndRoll, estimate_height_and_roll
+from lanes.vanishing_point import RoadLines
 
 LANE_M, HEIGHT_M = 3.66, 2.0
 FULL, FEW = 40, 8

@@ -8,13 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.camera.camera import Camera
-from lanes.camera.camera_file import camera_from_dict
-from lanes.camera.camera_pose import CameraPose
-from lanes.io.frames import PictureError
-from lanes.io.images import read_image, write_image
-from lanes.pose_from_lanes.estimator import estimate_camera_pose, estimate_pose
-from lanes.pose_from_lanes.pose_estimate import PoseError
+from lanes.camera import Camera, CameraPose, camera_from_dict
+from lanes.errors import PictureError, PoseError
+from lanes.images import read_image, write_image
+from lanes.pose import estimate_camera_pose, estimate_pose
 from tests.support.painted_roads import paint_motorway
 from tests.support.project import REAL_DATA, ROOT
 from tests.support.static_objects import draw_guide_lines, draw_striped_bonnet

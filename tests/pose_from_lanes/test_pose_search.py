@@ -7,15 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import CameraPose
-from lanes.pose_from_lanes import pose_search
-from lanes.pose_from_lanes.pose_estimate import PoseEstimate
-from lanes.pose_from_lanes.pose_search import SEARCH, search_pose
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.confidence import rate_lane
-from lanes.tracking.detector import find_lane
-from lanes.tracking.lane import Lane
+from lanes import stills as pose_search
+from lanes.camera import Camera, CameraPose
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.confidence import rate_lane
+from lanes.detect.lane import Lane
+from lanes.detect.search import find_lane
+from lanes.pose import PoseEstimate
+from lanes.stills import SEARCH, search_pose
 from tests.support.painted_roads import paint_motorway
 
 POSE = CameraPose(1.7, np.radians(3.0))

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.camera.camera import Camera
-from lanes.pose_from_lanes.segments import find_segments
+from lanes.camera import Camera
+from lanes.vanishing_point import find_segments
 
 CAMERA = Camera.from_fov((640, 360), 60)
 HORIZON = 120.0

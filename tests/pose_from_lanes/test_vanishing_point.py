@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.pose_from_lanes.segments import Segments
-from lanes.pose_from_lanes.vanishing_point import X0_BINS, Y0_BINS, fit_parallel_lines, hough_votes
+from lanes.vanishing_point import X0_BINS, Y0_BINS, Segments, fit_parallel_lines, hough_votes
 
 X0, Y0 = 0.031, -0.042
 

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from benchmark.labels.tusimple import read_labels, read_predictions
 from benchmark.reporting.tables import read_scores
-from lanes.camera.camera_file import camera_to_dict, load_camera
-from lanes.camera.camera_pose import CameraError
-from lanes.io.telemetry import read_telemetry
+from lanes.camera import camera_to_dict, load_camera
+from lanes.errors import CameraError
+from lanes.files import read_telemetry
 from tests.support.examples import examples
 from tests.support.painted_drive import CAMERA
 

@@ -11,16 +11,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lanes.camera.camera_pose import CameraError
-from lanes.classic.finder import LaneFinder
-from lanes.classic.recipe import RECIPES, get_recipe
-from lanes.drives.detections import LaneDetector
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.detector import find_lane
-from lanes.tracking.lane import Lane, LineObservation
-from lanes.tracking.model import LIMIT, SIDES, WIDTH, line_points, line_y
-from lanes.tracking.residuals import ROAD_M
-from lanes.tracking.tracker import LOST, LaneTracker, TrackedLane
+from classic.finder import LaneFinder
+from classic.recipe import RECIPES, get_recipe
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.lane import Lane, LineObservation
+from lanes.detect.residuals import ROAD_M
+from lanes.detect.road import LIMIT, SIDES, WIDTH, line_points, line_y
+from lanes.detect.search import find_lane
+from lanes.detections import LaneDetector
+from lanes.errors import CameraError
+from lanes.track.tracker import LOST, LaneTracker, TrackedLane
 from tests.support.any_pictures import SIZES, camera_of, pictures
 from tests.support.examples import examples
 

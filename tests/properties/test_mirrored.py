@@ -11,14 +11,13 @@ import pytest
 from hypothesis import given
 
 from benchmark.suite_drives import list_drives
-from lanes.camera.camera import Camera
-from lanes.camera.camera_file import load_camera
-from lanes.io.video.reader import read_frames
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.detector import find_lane
-from lanes.tracking.lane import Lane
-from lanes.tracking.markings import marking_response
-from lanes.tracking.tracker import LaneTracker
+from lanes.camera import Camera, load_camera
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.lane import Lane
+from lanes.detect.paint import marking_response
+from lanes.detect.search import find_lane
+from lanes.track.tracker import LaneTracker
+from lanes.video.reader import read_frames
 from tests.support.any_pictures import camera_of, pictures
 from tests.support.examples import examples
 from tests.support.painted_drive import BENDS, SMALL

@@ -7,11 +7,18 @@ from random import Random
 import numpy as np
 import pytest
 
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.model import LIMIT, PRIOR_MEAN, PRIOR_STD, SIDES, lateral_gradients, line_points
-from lanes.tracking.state import CAR_PARAMETERS, KalmanState, predict, with_given_speed
-from lanes.tracking.tracker import TRACKER
-from lanes.tracking.update import initial_state, update_lane, update_state
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.road import LIMIT, PRIOR_MEAN, PRIOR_STD, SIDES, lateral_gradients, line_points
+from lanes.track.filter import (
+    CAR_PARAMETERS,
+    KalmanState,
+    initial_state,
+    predict,
+    update_lane,
+    update_state,
+    with_given_speed,
+)
+from lanes.track.tracker import TRACKER
 from tests.support.examples import TIMES
 from tests.support.painted_drive import CAMERA
 from tests.support.shapes import stripes_at

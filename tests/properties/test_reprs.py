@@ -8,12 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.camera.camera import CalibrationReport, Camera
-from lanes.camera.camera_pose import CameraPose
-from lanes.pose_from_lanes.pose_estimate import PoseEstimate
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.detector import find_lane
-from lanes.tracking.tracker import LaneTracker, TrackedLane
+from lanes.camera import CalibrationReport, Camera, CameraPose
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.search import find_lane
+from lanes.pose import PoseEstimate
+from lanes.track.tracker import LaneTracker, TrackedLane
 from tests.support.painted_roads import YELLOW, Road, dashcam
 
 CAMERA = dashcam(width=1280)

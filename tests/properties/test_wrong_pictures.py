@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.camera.calibration.corners import Board, draw_board, find_board
-from lanes.camera.camera import undistort
-from lanes.classic import threshold
-from lanes.io.frames import PictureError, require_rgb
+from classic import threshold
+from lanes.camera import undistort
+from lanes.chessboard import Board, draw_board, find_board
+from lanes.errors import PictureError
+from lanes.images import require_rgb
 from simulator.scenes.dashcam import DASHCAM
 
 BOARD = Board(np.zeros((20, 2), np.float32), 5, 4, (40, 40))

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lanes.camera.camera_pose import CameraPose
+from lanes.camera import CameraPose
 from simulator.landscape.sky import BackdropStyle
 from simulator.light.lens import Lens
 from simulator.light.sunlight import Sun

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import CameraPose
+from lanes.camera import Camera, CameraPose
 from simulator.landscape.foliage import SPECIES, plant_sprites
 from simulator.objects.bonnet import bonnet_outline, paint_bonnet
 from simulator.objects.object_painter import paint_objects

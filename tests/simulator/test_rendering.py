@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from benchmark.scored_drive import PROJECT_ROOT
-from lanes.camera.camera import Camera
-from lanes.io.images import read_image
+from lanes.camera import Camera
+from lanes.images import read_image
 from simulator.landscape.sky import BackdropStyle
 from simulator.light.lens import REFERENCE_LUMINANCE, Lens, develop
 from simulator.light.sunlight import BridgeShade

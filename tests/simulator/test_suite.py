@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from benchmark.scored_drive import PROJECT_ROOT
-from lanes.camera.camera import undistort
-from lanes.io.disk_cache import cache_folder
+from lanes.camera import undistort
+from simulator.disk_cache import cache_folder
 from simulator.objects.bonnet import bonnet_outline
 from simulator.rendering.render import render_frame
 from simulator.scenes import suite

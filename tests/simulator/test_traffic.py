@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.camera.camera_pose import CameraPose
+from lanes.camera import CameraPose
 from simulator.landscape.sky import BackdropStyle
 from simulator.light.sunlight import Sun
 from simulator.objects.placement import PlacedObject

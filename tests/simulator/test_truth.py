@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.io.telemetry import read_telemetry
+from lanes.files import read_telemetry
 from simulator.rendering.drive import Motion
 from simulator.rendering.render import render_frame
 from simulator.rendering.video import VIDEO_FPS

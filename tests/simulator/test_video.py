@@ -10,7 +10,7 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 
-from lanes.camera.camera_file import load_camera
+from lanes.camera import load_camera
 from simulator.rendering.drive import Motion
 from simulator.rendering.render import render_frame
 from simulator.rendering.video import VIDEO_FPS, write_video

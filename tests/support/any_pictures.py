@@ -7,8 +7,8 @@ from functools import cache
 import numpy as np
 from hypothesis import strategies as st
 
-from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import CameraError
+from lanes.camera import Camera
+from lanes.errors import CameraError
 from tests.support.painted_drive import CAMERA
 
 # From the smallest picture that shows road between 5 and 70 m ahead, through odd sizes, to 1280 columns.

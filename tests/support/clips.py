@@ -8,7 +8,7 @@ from pathlib import Path
 import av
 import numpy as np
 
-from lanes.camera.camera_file import save_camera
+from lanes.camera import save_camera
 from simulator.road.truth import truth_row, write_truth_csv
 from tests.support.painted_drive import PaintedDrive
 

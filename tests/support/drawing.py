@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from lanes.io.frames import PictureError
+from lanes.errors import PictureError
 
 
 def read_only_noise() -> np.ndarray:

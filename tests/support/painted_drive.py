@@ -13,9 +13,8 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import CameraPose
-from lanes.tracking.tracker import LaneTracker, TrackedLane
+from lanes.camera import Camera, CameraPose
+from lanes.track.tracker import LaneTracker, TrackedLane
 from simulator.rendering.drive import Motion
 from simulator.road.geometry import RoadGeometry, VehiclePose, offset_point
 from simulator.road.truth import Truth, lane_truth

@@ -15,8 +15,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
-from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import CameraPose
+from lanes.camera import Camera, CameraPose
 
 WHITE, YELLOW, ASPHALT = (225, 225, 220), (215, 165, 40), (95, 95, 98)
 SUNLIT_WHITE, SUNLIT_YELLOW, SUNLIT_ASPHALT = (235, 235, 230), (230, 185, 50), (105, 105, 105)

@@ -7,14 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmark.labels.tusimple import NO_POINT, LaneColumns, picture_is_right
-from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import CameraPose
-from lanes.camera.field_of_view import DEFAULT_HFOV_DEG
-from lanes.pose_from_lanes.estimator import estimate_pose
-from lanes.pose_from_lanes.pose_estimate import PoseError
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.detector import find_lane
-from lanes.tracking.lane import Lane
+from lanes.camera import Camera, CameraPose
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.lane import Lane
+from lanes.detect.search import find_lane
+from lanes.errors import PoseError
+from lanes.field_of_view import DEFAULT_HFOV_DEG
+from lanes.pose import estimate_pose
 from simulator.rendering.render import Frame, render_frame
 from simulator.road.profile import FLAT
 from simulator.scenes.suite import SUITE

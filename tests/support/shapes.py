@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lanes.tracking.markings import Stripes
-from lanes.tracking.model import parameter_vector
+from lanes.detect.paint import Stripes
+from lanes.detect.road import parameter_vector
 
 # The usual view's rows grow by this share from one to the next, and its columns are as wide.
 GROWTH, CELL_M = 0.022, 0.05

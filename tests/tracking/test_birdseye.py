@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
 
-from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import CameraError, CameraPose
-from lanes.io.frames import PictureError
-from lanes.tracking.birdseye import BirdsEyeView
+from lanes.camera import Camera, CameraPose
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.errors import CameraError, PictureError
 from tests.support.painted_roads import Road, dashcam
 
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from benchmark.errors import LaneTruth
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.confidence import CONFIDENCE, FEATURES, lane_features, rate_lane
-from lanes.tracking.detector import find_lane
-from lanes.tracking.lane import Lane, LineObservation
-from lanes.tracking.model import CURVATURE, HEADING, lateral_std_m
-from lanes.tracking.tracker import LaneTracker
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.confidence import CONFIDENCE, FEATURES, lane_features, rate_lane
+from lanes.detect.lane import Lane, LineObservation
+from lanes.detect.road import CURVATURE, HEADING, lateral_std_m
+from lanes.detect.search import find_lane
+from lanes.track.tracker import LaneTracker
 from simulator.road.truth import truth_row
 from tests.support.not_roads import KINDS, not_a_road
 from tests.support.painted_drive import CAMERA, TAR, PaintedDrive, Stripe, s_bend

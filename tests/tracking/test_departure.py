@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.tracking.departure import watch_departure
-from lanes.tracking.lane import Lane, LineObservation
-from lanes.tracking.state import CarMotion
+from lanes.detect.lane import Lane, LineObservation
+from lanes.track.departure import watch_departure
+from lanes.track.filter import CarMotion
 from tests.support.shapes import a_lane
 
 

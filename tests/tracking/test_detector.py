@@ -3,15 +3,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import CameraPose
-from lanes.tracking import detector
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.confidence import rate_lane
-from lanes.tracking.detector import choose_lane, find_lane, search_lane
-from lanes.tracking.markings import extract_evidence
-from lanes.tracking.model import LEFT_SIDE, RIGHT_SIDE
-from lanes.tracking.update import initial_state, update_lane
+from lanes.camera import Camera, CameraPose
+from lanes.detect import search as detector
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.confidence import rate_lane
+from lanes.detect.paint import extract_evidence
+from lanes.detect.road import LEFT_SIDE, RIGHT_SIDE
+from lanes.detect.search import choose_lane, find_lane, search_lane
+from lanes.track.filter import initial_state, update_lane
 from tests.support.painted_roads import ASPHALT, WHITE, YELLOW, Road, dashcam
 from tests.support.shapes import a_lane
 

@@ -13,12 +13,11 @@ from benchmark.estimates import AHEAD_M, DriveEstimates
 from benchmark.evaluation import read_truth
 from benchmark.suite_drives import list_drives
 from benchmark.systems import tracker_estimate
-from lanes.camera.camera import Camera
-from lanes.camera.camera_file import load_camera
-from lanes.io.video.reader import read_frames
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.detector import find_lane
-from lanes.tracking.tracker import TRACKER, TRACKING, LaneTracker, TrackedLane
+from lanes.camera import Camera, load_camera
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.search import find_lane
+from lanes.track.tracker import TRACKER, TRACKING, LaneTracker, TrackedLane
+from lanes.video.reader import read_frames
 
 pytestmark = pytest.mark.slow
 

@@ -8,10 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lanes.tracking.error_covariance import ERRORS, ResidualStatistics, road_std, split_gain
-from lanes.tracking.model import CENTRE, CURVATURE, HEADING, PARAMETERS, RATE, RATE_STEPS
-from lanes.tracking.state import LANE, STATES, predict
-from lanes.tracking.update import initial_state, update_state
+from lanes.detect.error_covariance import ERRORS, ResidualStatistics, road_std, split_gain
+from lanes.detect.road import CENTRE, CURVATURE, HEADING, PARAMETERS, RATE, RATE_STEPS
+from lanes.track.filter import LANE, STATES, initial_state, predict, update_state
 from tests.support.shapes import a_lane
 
 STD = a_lane(

@@ -3,12 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import CameraPose
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.fitting import fit_lanes, limit_bends, model_error_m
-from lanes.tracking.markings import marking_weight, position_std
-from lanes.tracking.model import (
+from lanes.camera import Camera, CameraPose
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.fit import fit_lanes, limit_bends, model_error_m
+from lanes.detect.paint import marking_weight, position_std
+from lanes.detect.residuals import stripe_residuals
+from lanes.detect.road import (
     ADJACENT,
     BEND,
     CENTRE,
@@ -31,8 +31,7 @@ from lanes.tracking.model import (
     prior_std,
     squared_mahalanobis,
 )
-from lanes.tracking.residuals import stripe_residuals
-from lanes.tracking.voting import best_pairs, count_votes
+from lanes.detect.votes import best_pairs, count_votes
 from tests.support.shapes import a_lane, stripes_at
 
 HEIGHT_M, FOCAL_PX = 1.3, 1150.0

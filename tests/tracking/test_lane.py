@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.tracking.lane import Lane, LineObservation
-from lanes.tracking.marking_type import MarkingProfile
-from lanes.tracking.model import SIDES, lateral_std_m, line_y
+from lanes.detect.lane import Lane, LineObservation
+from lanes.detect.line_type import MarkingProfile
+from lanes.detect.road import SIDES, lateral_std_m, line_y
 from tests.support.shapes import a_lane
 
 X_M = np.array([5.0, 10.0, 15.0, 20.0, 30.0])

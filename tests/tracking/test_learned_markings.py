@@ -6,11 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import CameraPose
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.learned_markings import NETWORK, finer_view, learned_evidence, network_inputs
-from lanes.tracking.markings import FrameEvidence, extract_evidence, marking_weight, strength_weight
+from lanes.camera import Camera, CameraPose
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.network import NETWORK, finer_view, learned_evidence, network_inputs
+from lanes.detect.paint import FrameEvidence, extract_evidence, marking_weight, strength_weight
 from tests.support.painted_roads import ASPHALT, YELLOW, Road, dashcam
 
 CAMERA = dashcam()

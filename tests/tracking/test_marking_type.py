@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.marking_type import MarkingProfile, MarkingType, MarkingVotes, looks_dashed, marking_profile
-from lanes.tracking.markings import marking_response
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.line_type import MarkingProfile, MarkingType, MarkingVotes, looks_dashed, marking_profile
+from lanes.detect.paint import marking_response
 from tests.support.painted_roads import WHITE, YELLOW, Road, dashcam
 
 DASHES = np.concatenate([np.arange(6, 9, 0.2), np.arange(18.2, 21.2, 0.4)])

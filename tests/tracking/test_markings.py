@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.markings import MARKINGS, find_stripes, marking_response
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.paint import MARKINGS, find_stripes, marking_response
 from tests.support.painted_roads import WHITE, YELLOW, Road, dashcam
 
 CAMERA = dashcam()

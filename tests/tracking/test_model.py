@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from lanes.camera.camera_pose import CameraPose
-from lanes.tracking.model import (
+from lanes.camera import CameraPose
+from lanes.detect.residuals import arc_coordinates, flatten, intersect_ground, path_coordinates
+from lanes.detect.road import (
     CURVATURE,
     HEADING,
     KNOTS_M,
@@ -23,7 +24,6 @@ from lanes.tracking.model import (
     max_curvature,
     road_height,
 )
-from lanes.tracking.residuals import arc_coordinates, flatten, intersect_ground, path_coordinates
 from simulator.road.geometry import RoadGeometry, offset_point
 from tests.support.painted_roads import dashcam
 from tests.support.shapes import a_lane

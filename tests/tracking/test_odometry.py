@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.tracking.odometry import integrate_path
+from course.odometry import integrate_path
 
 TIME_S = np.arange(0, 20, 0.04)
 SPEED_MPS = 25.0

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.io.frames import PictureError
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.detector import find_lane
-from lanes.tracking.overlay import describe_tracked, draw_found, draw_tracked, lane_outlines
-from lanes.tracking.tracker import LOST, TrackedLane
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.search import find_lane
+from lanes.draw import describe_tracked, draw_found, draw_tracked, lane_outlines
+from lanes.errors import PictureError
+from lanes.track.tracker import LOST, TrackedLane
 from tests.support.painted_drive import BENDS, SMALL, tracked_bends
 
 

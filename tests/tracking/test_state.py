@@ -5,18 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.tracking.model import (
-    ADJACENT,
-    CENTRE,
-    CURVATURE,
-    HEADING,
-    PITCH,
-    RATE,
-    RATE_STEPS,
-    VERTICAL_CURVATURE,
-    WIDTH,
-)
-from lanes.tracking.state import (
+from lanes.detect.road import ADJACENT, CENTRE, CURVATURE, HEADING, PITCH, RATE, RATE_STEPS, VERTICAL_CURVATURE, WIDTH
+from lanes.track.filter import (
     CAMERA_YAW,
     LANE,
     PATH,
@@ -24,10 +14,12 @@ from lanes.tracking.state import (
     SPEED,
     KalmanState,
     inflate,
+    initial_state,
     lever_m,
+    max_speed_mps,
     predict,
+    update_state,
 )
-from lanes.tracking.update import initial_state, max_speed_mps, update_state
 from simulator.road.geometry import RoadGeometry, VehiclePose
 from simulator.road.truth import lane_truth
 from tests.support.shapes import a_lane

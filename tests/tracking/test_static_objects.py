@@ -15,11 +15,10 @@ from benchmark.estimates import DriveEstimates
 from benchmark.evaluation import read_truth
 from benchmark.suite_drives import list_drives
 from benchmark.systems import tracker_estimate
-from lanes.camera import static_pattern
-from lanes.camera.camera import Camera
-from lanes.camera.camera_file import load_camera
-from lanes.io.video.reader import read_frames
-from lanes.tracking.tracker import TRACKING, LaneTracker, TrackedLane
+from lanes.camera import Camera, load_camera
+from lanes.track import static_pattern
+from lanes.track.tracker import TRACKING, LaneTracker, TrackedLane
+from lanes.video.reader import read_frames
 from simulator.rendering.drive import Motion
 from tests.support.painted_drive import CAMERA, PaintedDrive, Stripe, straight_road
 from tests.support.static_objects import draw_caption, draw_guide_lines, draw_striped_bonnet

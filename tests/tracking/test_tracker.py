@@ -9,13 +9,13 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from lanes.io.frames import PictureError
-from lanes.tracking import tracker as tracker_module
-from lanes.tracking import update
-from lanes.tracking.detector import search_lane
-from lanes.tracking.model import CENTRE, PARAMETERS, SIDES
-from lanes.tracking.state import CAR_PARAMETERS, SPEED
-from lanes.tracking.tracker import LaneTracker, same_lane
+from lanes.detect.road import CENTRE, PARAMETERS, SIDES
+from lanes.detect.search import search_lane
+from lanes.errors import PictureError
+from lanes.track import filter as update
+from lanes.track import tracker as tracker_module
+from lanes.track.filter import CAR_PARAMETERS, SPEED
+from lanes.track.tracker import LaneTracker, same_lane
 from simulator.rendering.drive import Motion
 from tests.support.painted_drive import CAMERA, WORN_YELLOW, PaintedDrive, Stripe, lane_lines, s_bend, straight_road
 

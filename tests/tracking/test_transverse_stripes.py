@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.confidence import rate_lane
-from lanes.tracking.detector import find_lane
-from lanes.tracking.tracker import LaneTracker
-from lanes.tracking.transverse_stripes import count_transverse_stripes
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.confidence import rate_lane
+from lanes.detect.search import find_lane
+from lanes.detect.transverse_stripes import count_transverse_stripes
+from lanes.track.tracker import LaneTracker
 from tests.support.painted_roads import Road, dashcam
 
 CAMERA = dashcam(width=1280)

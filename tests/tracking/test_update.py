@@ -6,11 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.markings import Stripes
-from lanes.tracking.model import CENTRE, CURVATURE, SIDES, WIDTH, line_points, line_y
-from lanes.tracking.state import KalmanState
-from lanes.tracking.update import initial_state, update_lane
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.paint import Stripes
+from lanes.detect.road import CENTRE, CURVATURE, SIDES, WIDTH, line_points, line_y
+from lanes.track.filter import KalmanState, initial_state, update_lane
 from tests.support.painted_drive import CAMERA
 from tests.support.shapes import a_lane, stripes_at
 

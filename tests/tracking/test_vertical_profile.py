@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.tracking.birdseye import BirdsEyeView
-from lanes.tracking.fitting import FIT, fit_lanes
-from lanes.tracking.markings import Stripes
-from lanes.tracking.model import (
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.fit import FIT, fit_lanes
+from lanes.detect.paint import Stripes
+from lanes.detect.road import (
     ADJACENT,
     FAR_LINE,
     PITCH,
@@ -22,8 +22,7 @@ from lanes.tracking.model import (
     line_y,
     road_height,
 )
-from lanes.tracking.state import CAMERA_YAW, PATH, SPEED, predict
-from lanes.tracking.update import initial_state, update_lane
+from lanes.track.filter import CAMERA_YAW, PATH, SPEED, initial_state, predict, update_lane
 from tests.support.painted_drive import CAMERA
 from tests.support.shapes import a_lane, stripes_at
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from lanes.tracking.model import CENTRE, CURVATURE, HEADING, LEFT_SIDE, RIGHT_SIDE, line_y
-from lanes.tracking.voting import BIN_CENTRES_M, HYPOTHESES, VOTING, best_pairs, count_votes, suppress_non_maxima
+from lanes.detect.road import CENTRE, CURVATURE, HEADING, LEFT_SIDE, RIGHT_SIDE, line_y
+from lanes.detect.votes import BIN_CENTRES_M, HYPOTHESES, VOTING, best_pairs, count_votes, suppress_non_maxima
 from tests.support.shapes import a_lane
 from tests.tracking.test_fitting import HEIGHT_M, ROADS, stripes_on
 

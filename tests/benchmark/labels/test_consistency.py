@@ -8,8 +8,8 @@ import pytest
 from benchmark.consistency import z_summary
 from benchmark.labels.consistency import LABEL_STD_PX, StillCheck, all_z, check_lane, describe_checks, summarize_checks
 from benchmark.labels.tusimple import NO_POINT, LaneColumns
-from lanes.tracking.lane import Lane, LineObservation
-from lanes.tracking.model import lines_on_view
+from lanes.detect.lane import Lane, LineObservation
+from lanes.detect.road import lines_on_view
 from tests.support.painted_drive import CAMERA
 from tests.support.shapes import a_lane
 

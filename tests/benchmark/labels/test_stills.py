@@ -11,7 +11,7 @@ import pytest
 
 from benchmark.labels.stills import split_folders
 from benchmark.labels.tusimple import read_labels
-from lanes.io.images import write_image
+from lanes.images import write_image
 from simulator.rendering.drive import Motion
 from tests.support.command_line import main
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend

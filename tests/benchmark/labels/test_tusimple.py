@@ -18,8 +18,8 @@ from benchmark.labels.tusimple import (
     score_lines,
     summarize_lines,
 )
-from lanes.camera.camera_file import save_camera
-from lanes.io.images import write_image
+from lanes.camera import save_camera
+from lanes.images import write_image
 from simulator.rendering.drive import Motion
 from tests.support.command_line import process
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend

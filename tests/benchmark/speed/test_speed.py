@@ -23,9 +23,9 @@ from benchmark.speed.stages import (
     time_frames,
 )
 from benchmark.speed.transcode import FileTime, peak_memory_mb, repeat_video, time_files, transcode
-from lanes.classic.recipe import RECIPES
-from lanes.io.video.reader import inspect_video, read_frames, read_timed_frames
-from lanes.tracking import markings
+from classic.recipe import RECIPES
+from lanes.detect import paint as markings
+from lanes.video.reader import inspect_video, read_frames, read_timed_frames
 from simulator.rendering.drive import Motion
 from tests.support.clips import write_drive
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from benchmark.scored_drive import PROJECT_ROOT
-from lanes.camera.calibration.boards import calibrate, calibrate_folder
-from lanes.camera.calibration.corners import Board
-from lanes.camera.camera import Camera
-from lanes.camera.camera_pose import CameraError
-from lanes.io.images import read_image, write_image
+from lanes.calibration import calibrate, calibrate_folder
+from lanes.camera import Camera
+from lanes.chessboard import Board
+from lanes.errors import CameraError
+from lanes.images import read_image, write_image
 from simulator.chessboards import BOARD_VIEWS, true_corners
 from simulator.scenes.dashcam import DASHCAM
 

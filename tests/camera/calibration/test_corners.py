@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from benchmark.scored_drive import PROJECT_ROOT
-from lanes.camera.calibration.corners import Board, draw_board, find_board
-from lanes.io.images import read_image
+from lanes.chessboard import Board, draw_board, find_board
+from lanes.images import read_image
 from simulator.chessboards import CREAM_WALL, BoardView, render_board, true_corners
 
 BOARDS = PROJECT_ROOT / "camera_cal"

@@ -7,9 +7,9 @@ import re
 import numpy as np
 import pytest
 
-from lanes.drives.report.curves import Curve, draw_curve, draw_states
-from lanes.drives.report.moments import runs, seconds_lost, share_tracked, worst_moments
-from lanes.drives.report.page import write_report
+from lanes.report.curves import Curve, draw_curve, draw_states
+from lanes.report.moments import runs, seconds_lost, share_tracked, worst_moments
+from lanes.report.page import write_report
 
 
 def story(frames: int = 200, fps: float = 20.0) -> dict[str, np.ndarray]:

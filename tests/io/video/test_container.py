@@ -11,10 +11,10 @@ import av
 import numpy as np
 import pytest
 
-from lanes.io.images import MAX_PIXELS
-from lanes.io.video import container
-from lanes.io.video.container import VideoError, open_video
-from lanes.io.video.reader import inspect_video, read_frames, read_timed_frames
+from lanes.errors import VideoError
+from lanes.images import MAX_PIXELS
+from lanes.video import reader as container
+from lanes.video.reader import inspect_video, open_video, read_frames, read_timed_frames
 from tests.io.video.sample_videos import make_video, number_of, numbered
 
 

@@ -9,8 +9,8 @@ import av
 import numpy as np
 import pytest
 
-from lanes.io.video.pipeline import annotate_video
-from lanes.io.video.reader import inspect_video, read_frames
+from lanes.video.process import annotate_video
+from lanes.video.reader import inspect_video, read_frames
 from tests.io.video.sample_videos import SIZE, number_of, numbered, unchanged
 
 FRAMES = 6

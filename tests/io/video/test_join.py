@@ -9,12 +9,12 @@ import av
 import numpy as np
 import pytest
 
-from lanes.io.telemetry import read_telemetry
-from lanes.io.video.container import VideoError
-from lanes.io.video.join import join_videos
-from lanes.io.video.pipeline import annotate_video
-from lanes.io.video.reader import inspect_video, read_timed_frames
-from lanes.io.video.writer import VideoWriter
+from lanes.errors import VideoError
+from lanes.files import read_telemetry
+from lanes.video.join import join_videos
+from lanes.video.process import annotate_video
+from lanes.video.reader import inspect_video, read_timed_frames
+from lanes.video.writer import VideoWriter
 from tests.io.video.sample_videos import NTSC, make_video, number_of, numbered, tone_starts_s, unchanged
 
 

@@ -14,13 +14,13 @@ import pytest
 from av.video.reformatter import Colorspace
 
 from benchmark.speed.transcode import transcode
-from lanes.drawing import pictures as draw
-from lanes.io.frames import YuvFrame
-from lanes.io.telemetry import read_telemetry
-from lanes.io.video.container import VideoError
-from lanes.io.video.pipeline import annotate_video, open_clip
-from lanes.io.video.reader import inspect_video, read_frames, read_timed_frames
-from lanes.io.video.writer import VideoWriter
+from lanes import canvas as draw
+from lanes.errors import VideoError
+from lanes.files import read_telemetry
+from lanes.images import YuvFrame
+from lanes.video.process import annotate_video, open_clip
+from lanes.video.reader import inspect_video, read_frames, read_timed_frames
+from lanes.video.writer import VideoWriter
 from tests.io.video.sample_videos import (
     NTSC,
     SIZE,

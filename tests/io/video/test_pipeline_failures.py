@@ -14,14 +14,13 @@ import av
 import numpy as np
 import pytest
 
-from lanes.camera.camera import Camera, undistort
-from lanes.io.frames import PictureError
-from lanes.io.telemetry import read_telemetry
-from lanes.io.video import pipeline as annotate
-from lanes.io.video.container import VideoError
-from lanes.io.video.pipeline import annotate_video
-from lanes.io.video.reader import read_frames, read_timed_frames
-from lanes.io.video.writer import VideoWriter
+from lanes.camera import Camera, undistort
+from lanes.errors import PictureError, VideoError
+from lanes.files import read_telemetry
+from lanes.video import process as annotate
+from lanes.video.process import annotate_video
+from lanes.video.reader import read_frames, read_timed_frames
+from lanes.video.writer import VideoWriter
 from tests.io.video.sample_videos import (
     number_of,
     unchanged,
@@ -84,7 +83,7 @@ class TestFailure:
         """A real process gets a real signal in the middle of its work."""
         code = (
             "import sys, time\n"
-            "from lanes.io.video.pipeline import annotate_video\n"
+            "from lanes.video.process import annotate_video\n"
             "def slow(frame):\n"
             "    print('frame', flush=True)\n"
             "    time.sleep(0.05)\n"

@@ -8,8 +8,8 @@ import av
 import numpy as np
 import pytest
 
-from lanes.io.video.pipeline import annotate_video
-from lanes.io.video.reader import inspect_video, read_timed_frames
+from lanes.video.process import annotate_video
+from lanes.video.reader import inspect_video, read_timed_frames
 from tests.io.video.sample_videos import (
     SIZE,
     add_tone,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.io.video.container import VideoError
-from lanes.io.video.reader import read_frames
-from lanes.io.video.writer import VideoWriter
+from lanes.errors import VideoError
+from lanes.video.reader import read_frames
+from lanes.video.writer import VideoWriter
 from tests.io.video.sample_videos import (
     BLUE,
     RED,

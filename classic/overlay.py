@@ -1,0 +1,161 @@
+"""Draw the result of a classic recipe on the picture, with its measurements."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from classic.finder import LaneFinder
+from classic.result import LaneResult
+from lanes.camera import Camera
+from lanes.canvas import (
+    LANE_COLOUR,
+    LEFT_COLOUR,
+    RIGHT_COLOUR,
+    WINDOW_COLOUR,
+    Colour,
+    draw_line,
+    draw_mosaic,
+    draw_polyline,
+    fill_lane,
+    finite_points,
+    to_rgb,
+    write_text,
+)
+from lanes.describe import describe_bend, describe_offset
+from lanes.images import require_rgb
+
+# Straight lines of the undistorted picture are curved in the raw one: steps of this length follow them to 0.01 px.
+LENS_STEP_PX = 8.0
+
+
+def describe_result(result: LaneResult) -> list[str]:
+    """Text lines with bend and offset, or "lane lost"."""
+    if result.state == "lost":
+        return ["lane lost"]
+    memory = ["(from memory)"] if result.state == "kept" else []
+    return [describe_bend(result.curvature_per_m), describe_offset(result.offset_m), *memory]
+
+
+def annotate(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarray:
+    """A copy of the raw RGB picture with the lane and its numbers.
+
+    The lines are projected from the bird's-eye view to the raw picture, through the homography and the distortion of
+    the lens, so that they coincide with the markings. The pose of the camera is not used.
+    """
+    return write_text(_draw_result(image, result, camera), describe_result(result))
+
+
+def draw_search(result: LaneResult) -> np.ndarray:
+    """Warped binary with the search windows, the pixels of each line and the fitted lines; RGB."""
+    steps = result.steps
+    drawn = draw_pixels(steps.warped_binary, steps.left.pixels, colour=LEFT_COLOUR)
+    drawn = draw_pixels(drawn, steps.right.pixels, colour=RIGHT_COLOUR)
+    drawn = draw_windows(drawn, steps.windows_px)
+    left, right = (None if fit is None else fit.points(drawn.shape[0]) for fit in (result.left, result.right))
+    return draw_fit(drawn, left, right)
+
+
+def diagnose(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarray:
+    """The annotated picture below a strip of intermediate results: binary, bird's-eye view, search."""
+    thumbnails = {"binary": result.steps.warped_binary, "view": result.steps.birdseye, "search": draw_search(result)}
+    return draw_mosaic(_draw_result(image, result, camera), thumbnails, lines=describe_result(result))
+
+
+def follow_lane(
+    finder: LaneFinder, camera: Camera
+) -> Callable[[np.ndarray], tuple[np.ndarray, dict[str, str | float | None]]]:
+    """A function for `annotate_video` that returns the annotated frame and its telemetry; frames must be in order."""
+
+    def process(frame: np.ndarray) -> tuple[np.ndarray, dict[str, str | float | None]]:
+        result = finder.follow(frame)
+        return annotate(frame, result, camera), result.as_row()
+
+    return process
+
+
+def _draw_result(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarray:
+    """The picture with the lane; a copy of the picture if the lane is lost."""
+    if result.state == "lost":
+        return image.copy()
+    return draw_lane(image, result.left_px, result.right_px, camera)
+
+
+def draw_lane(
+    image: np.ndarray,
+    left_px: np.ndarray | None,
+    right_px: np.ndarray | None,
+    camera: Camera | None = None,
+    *,
+    line_width_px: float | None = None,
+) -> np.ndarray:
+    """Draw a lane on a raw or undistorted picture.
+
+    Parameters
+    ----------
+    image : ndarray of shape (height, width, 3), uint8
+        RGB. The raw picture if `camera` is given, otherwise the picture that the points refer to.
+    left_px, right_px : ndarray of shape (N, 2) and (M, 2), or None
+        The two lines, both from far to near or both from near to far. If one is None, the other is drawn and the area
+        is not filled.
+    camera : Camera, optional
+        If given, the points are pixels of the undistorted picture and are distorted with its lens model.
+    line_width_px : float, optional
+        Width of the lines, red left and blue right; 0 draws none. The default is 1/160 of the picture width.
+
+    Raises
+    ------
+    PictureError
+        If the picture is not RGB or not of the camera's size.
+    """
+    require_rgb(image)
+    if camera is not None:
+        camera.require_size(image)
+    left, right = (_distort_line(points, camera) for points in (left_px, right_px))
+    drawn = fill_lane(image, left, right, colour=LANE_COLOUR, alpha=0.3)
+    width_px = image.shape[1] / 160 if line_width_px is None else line_width_px
+    if width_px > 0:
+        draw_polyline(drawn, left, LEFT_COLOUR, width_px)
+        draw_polyline(drawn, right, RIGHT_COLOUR, width_px)
+    return drawn
+
+
+def draw_windows(view: np.ndarray, windows_px: np.ndarray) -> np.ndarray:
+    """Draw search windows (N, 4) (left, top, right, bottom edge, pixels) on a picture or mask. Returns RGB."""
+    drawn = to_rgb(view)
+    for left, top, right, bottom in np.asarray(windows_px, float).reshape(-1, 4):
+        outline = np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
+        draw_polyline(drawn, outline, WINDOW_COLOUR, drawn.shape[1] / 320, closed=True)
+    return drawn
+
+
+def draw_pixels(view: np.ndarray, pixels_px: np.ndarray, *, colour: Colour) -> np.ndarray:
+    """Colour the pixels (N, 2) (column, row) of a picture or mask; pixels outside are ignored. Returns RGB."""
+    drawn = to_rgb(view)
+    columns, rows = np.asarray(pixels_px).reshape(-1, 2).astype(int).T
+    inside = (columns >= 0) & (columns < drawn.shape[1]) & (rows >= 0) & (rows < drawn.shape[0])
+    drawn[rows[inside], columns[inside]] = colour
+    return drawn
+
+
+def draw_fit(view: np.ndarray, left_px: np.ndarray | None, right_px: np.ndarray | None) -> np.ndarray:
+    """Draw two fitted curves on a picture or mask. Returns RGB. A curve that is None is not drawn."""
+    drawn = to_rgb(view)
+    for points, colour in ((left_px, LEFT_COLOUR), (right_px, RIGHT_COLOUR)):
+        if points is not None:
+            drawn = draw_line(drawn, finite_points(points), colour=colour, width_px=drawn.shape[1] / 200)
+    return drawn
+
+
+def _distort_line(points_px: np.ndarray | None, camera: Camera | None) -> np.ndarray:
+    """Points of the raw picture for points of the undistorted one; empty for None."""
+    if points_px is None:
+        return np.empty((0, 2))
+    points = finite_points(points_px)
+    if camera is None or len(points) < 2:
+        return points
+    arc_length = np.concatenate([[0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
+    # The given points are kept, and evenly spaced ones are added, so that the polyline keeps its corners.
+    positions = np.union1d(arc_length, np.arange(0, arc_length[-1], LENS_STEP_PX))
+    return camera.distort_points(np.column_stack([np.interp(positions, arc_length, column) for column in points.T]))

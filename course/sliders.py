@@ -1,0 +1,102 @@
+"""Sliders for the notebook: a picture next to its processed version, which follows the sliders.
+
+They need ipywidgets, which comes with Jupyter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from lanes.camera import Camera
+from lanes.canvas import to_rgb
+from lanes.detect.birdseye import BirdsEyeView
+
+if TYPE_CHECKING:
+    from ipywidgets import VBox
+
+# Displayed width of the two pictures together.
+SHOWN_PX = 1120
+INSTALL_HINT = "The sliders need ipywidgets: run `pip install ipywidgets` and start the notebook again."
+
+
+def tune_threshold(
+    image: np.ndarray, make: Callable[..., np.ndarray], **sliders: tuple[float, float, float | tuple[float, float]]
+) -> VBox | None:
+    """Show a picture next to the result of a function, with sliders for the parameters of the function.
+
+    Parameters
+    ----------
+    image : ndarray of shape (height, width, 3), uint8
+        RGB.
+    make : callable
+        Called as make(image, name=value, ...); returns a mask or a picture. An example is `saturation_mask`.
+    **sliders : (minimum, maximum, start)
+        One entry per parameter. If `start` is a pair (low, high), the parameter is a pair too.
+
+    Returns
+    -------
+    VBox or None
+        Displayed by Jupyter as the last value of a cell. None without ipywidgets.
+
+    Examples
+    --------
+    >>> tune_threshold(image, saturation_mask, saturation=(0, 255, (120, 255)))  # doctest: +SKIP
+    """
+    try:
+        import ipywidgets
+    except ImportError:
+        print(INSTALL_HINT)
+        return None
+    controls = {name: _slider(ipywidgets, name, *limits) for name, limits in sliders.items()}
+    shown = ipywidgets.Image(format="png")
+
+    def refresh(_change: object = None) -> None:
+        made = make(image, **{name: control.value for name, control in controls.items()})
+        made = cv2.resize(made, image.shape[1::-1], interpolation=cv2.INTER_AREA)
+        both = cv2.cvtColor(np.hstack([to_rgb(image), to_rgb(made)]), cv2.COLOR_RGB2BGR)
+        scale = SHOWN_PX / both.shape[1]
+        small = cv2.resize(both, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        shown.value = cv2.imencode(".png", small)[1].tobytes()
+
+    for control in controls.values():
+        control.observe(refresh, names="value")
+    refresh()
+    return ipywidgets.VBox([*controls.values(), shown])
+
+
+def tune_view(image: np.ndarray, camera: Camera) -> VBox | None:
+    """Show a raw RGB picture next to its bird's-eye view, with sliders for the view's extent and the camera's pitch.
+
+    It is shown as by `tune_threshold`.
+
+    Raises
+    ------
+    CameraError
+        If the camera has no pose.
+    """
+    pose = camera.require_pose()
+
+    def warp_to_birdseye(image: np.ndarray, far_m: float, half_width_m: float, pitch_deg: float) -> np.ndarray:
+        tilted = camera.with_pose(replace(pose, pitch_rad=np.radians(pitch_deg)))
+        view = BirdsEyeView(tilted, far_m=far_m, half_width_m=half_width_m)
+        return view.blacken(view.warp(image))
+
+    pitch_deg = float(np.degrees(pose.pitch_rad))
+    limits = {"far_m": (20.0, 120.0, 70.0), "half_width_m": (3.0, 15.0, 9.0)}
+    return tune_threshold(image, warp_to_birdseye, **limits, pitch_deg=(pitch_deg - 4, pitch_deg + 4, pitch_deg))
+
+
+def _slider(ipywidgets, name: str, minimum: float, maximum: float, start: float | tuple[float, float]):
+    """A slider for a number, or for a range if `start` is a pair; integer limits give an integer slider."""
+    kind = "RangeSlider" if isinstance(start, tuple) else "Slider"
+    whole = np.hstack([minimum, maximum, start]).dtype.kind == "i"
+    # Without continuous updates: drawing a picture for every mouse movement is too slow.
+    options = {"value": start, "min": minimum, "max": maximum, "description": name, "continuous_update": False}
+    if not whole:
+        options["step"] = (maximum - minimum) / 100
+    return getattr(ipywidgets, ("Int" if whole else "Float") + kind)(**options)

@@ -1,0 +1,485 @@
+"""Camera pose (extrinsics): height above the road and three angles.
+
+Signs: pitch > 0 looks down, yaw > 0 looks left, roll > 0 has the right side down.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, replace
+from datetime import date
+from functools import cached_property, lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import yaml
+
+from lanes.describe import html_table
+from lanes.errors import CameraError
+from lanes.files import read_text, write_atomically
+from lanes.images import MAX_PIXELS, Frame, require_rgb, require_size
+
+
+@dataclass(frozen=True)
+class CameraPose:
+    """Position and orientation of the camera relative to the road.
+
+    Attributes
+    ----------
+    height_m, pitch_rad, yaw_rad, roll_rad : float
+        The angles have the signs of the module docstring.
+    same_lane_share : float or None
+        If the pose was estimated from a single picture: the share of the poses tried that show the same lane there, 0
+        to 1. Confidences depend on it. None of all other poses.
+
+    Raises
+    ------
+    CameraError
+        If the height is not positive, a number is not finite, or `same_lane_share` is not a share.
+    """
+
+    height_m: float
+    pitch_rad: float = 0.0
+    yaw_rad: float = 0.0
+    roll_rad: float = 0.0
+    same_lane_share: float | None = None
+
+    def __post_init__(self) -> None:
+        angles = self.pitch_rad, self.yaw_rad, self.roll_rad
+        if not (np.isfinite([self.height_m, *angles]).all() and self.height_m > 0):
+            raise CameraError(f"{self} is not a camera pose: the height must be positive and every angle finite.")
+        if self.same_lane_share is not None and not 0 <= self.same_lane_share <= 1:
+            raise CameraError(f"{self} is not a camera pose: same_lane_share must be from 0 to 1.")
+
+    def describe(self) -> str:
+        """Text such as "1.32 m high, pitch -1.80, yaw -1.36, roll 0.40 deg"."""
+        pitch, yaw, roll = np.degrees([self.pitch_rad, self.yaw_rad, self.roll_rad])
+        return f"{self.height_m:.2f} m high, pitch {pitch:.2f}, yaw {yaw:.2f}, roll {roll:.2f} deg"
+
+    @cached_property
+    def rotation(self) -> np.ndarray:
+        """Rotation matrix (3, 3) from the road frame to camera axes; read-only."""
+        cy, sy = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
+        cp, sp = np.cos(self.pitch_rad), np.sin(self.pitch_rad)
+        cr, sr = np.cos(self.roll_rad), np.sin(self.roll_rad)
+        yaw = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+        pitch = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+        roll = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+        body_to_camera = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
+        rotation = body_to_camera @ (yaw @ pitch @ roll).T
+        rotation.setflags(write=False)
+        return rotation
+
+
+# The camera: intrinsics, pose, and projection between pixels and the road.
+#
+# Conventions
+# -----------
+# - pixels are (column u, row v), integer coordinates at pixel centres, as in OpenCV;
+# - camera axes are OpenCV's: x right, y down, z forward;
+# - the road frame is ISO 8855: x forward, y left, z up, metres, origin on the road below the camera;
+# - pose angles: pitch > 0 looks down, yaw > 0 looks left, roll > 0 has the right side down.
+
+# Pictures whose aspect ratios differ by less than this show the same sensor area: 1281x721 and 1280x720 differ by
+# 0.0006, neighbouring common formats (16:10 and 16:9) by 0.18.
+MAX_ASPECT_DIFFERENCE = 0.005
+# Plausible horizontal fields of view of a dashcam, degrees.
+HFOV_RANGE_DEG = 10, 150
+
+
+@dataclass(frozen=True)
+class CalibrationReport:
+    """Result of a calibration.
+
+    Attributes
+    ----------
+    rms_px, board_rms_px
+        Root mean square reprojection error of all corners, and of each board used, by the name of its picture.
+    rejected : dict of str to str
+        Pictures that were not used, and why.
+    date : str
+        ISO 8601; today by default.
+    """
+
+    rms_px: float
+    board_rms_px: dict[str, float] = field(default_factory=dict)
+    rejected: dict[str, str] = field(default_factory=dict)
+    date: str = field(default_factory=lambda: date.today().isoformat())
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """Intrinsics and pose of one camera at one picture size.
+
+    Parameters
+    ----------
+    width, height : int
+        Picture size that the intrinsics refer to.
+    matrix : ndarray of shape (3, 3)
+        Camera matrix (focal lengths and principal point, pixels).
+    distortion : ndarray of shape (5,)
+        Brown-Conrady coefficients k1, k2, p1, p2, k3 in OpenCV's order ("plumb_bob" in ROS).
+    pose : CameraPose, optional
+        Extrinsics; needed for all projections to and from the road.
+    """
+
+    width: int
+    height: int
+    matrix: np.ndarray
+    distortion: np.ndarray
+    pose: CameraPose | None = None
+    report: CalibrationReport | None = None
+
+    @classmethod
+    def from_fov(cls, size: tuple[int, int], hfov_deg: float, pose: CameraPose | None = None) -> Camera:
+        """A camera without distortion from its horizontal field of view in degrees; `size` is (width, height).
+
+        Raises
+        ------
+        CameraError
+            If the field of view is not between 10 and 150 degrees.
+        """
+        if not HFOV_RANGE_DEG[0] <= hfov_deg <= HFOV_RANGE_DEG[1]:
+            raise CameraError(
+                f"a horizontal field of view of {hfov_deg} degrees is not plausible for a dashcam; give 10 to 150."
+            )
+        width, height = size
+        focal_px = width / 2 / np.tan(np.radians(hfov_deg) / 2)
+        matrix = np.array([[focal_px, 0, (width - 1) / 2], [0, focal_px, (height - 1) / 2], [0, 0, 1]])
+        return cls(width, height, matrix, np.zeros(5), pose)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) in pixels."""
+        return self.width, self.height
+
+    @property
+    def hfov_deg(self) -> float:
+        """Horizontal field of view in degrees, without distortion."""
+        return float(np.degrees(2 * np.arctan(self.width / 2 / self.matrix[0, 0])))
+
+    def summary(self) -> dict[str, str]:
+        """Picture size, lens, pose and calibration as text, by name."""
+        summary = {
+            "picture": f"{self.width}x{self.height} px",
+            "lens": f"focal length {self.matrix[0, 0]:.0f} px, field of view {self.hfov_deg:.1f} deg"
+            + ("" if np.any(self.distortion) else ", no distortion"),
+            "pose": self.pose.describe() if self.pose else "unknown",
+        }
+        if self.report:
+            summary["calibration"] = f"{len(self.report.board_rms_px)} boards, error {self.report.rms_px:.2f} px"
+        return summary
+
+    def __repr__(self) -> str:
+        summary = self.summary()
+        return f"Camera({summary['picture']}, {summary['lens']}, pose {summary['pose']})"
+
+    def _repr_html_(self) -> str:
+        return html_table("Camera", self.summary())
+
+    def with_pose(self, pose: CameraPose) -> Camera:
+        """The same camera with another pose."""
+        return replace(self, pose=pose)
+
+    def scaled(self, size: tuple[int, int]) -> Camera:
+        """The same camera for pictures resized to `size` (width, height).
+
+        Raises
+        ------
+        CameraError
+            If the aspect ratio differs: the picture was cropped, so the principal point is unknown.
+        """
+        width, height = size
+        if abs(width / height - self.width / self.height) > MAX_ASPECT_DIFFERENCE:
+            raise CameraError(
+                f"a {width}x{height} picture has another aspect ratio than the calibrated {self.width}x{self.height}: "
+                "it was cropped, so the calibration cannot be rescaled; calibrate at that size."
+            )
+        # As in `resize_points`.
+        scale = np.diag([width / self.width, height / self.height, 1.0])
+        shift = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
+        return replace(self, width=width, height=height, matrix=np.linalg.inv(shift) @ scale @ shift @ self.matrix)
+
+    def require_size(self, image: Frame, name: object = "picture") -> None:
+        """Raise PictureError unless the picture has the size of the camera's; the message starts with `name`."""
+        require_size(image, self.size, name, calibrated=bool(self.distortion.any()))
+
+    def undistort_points(self, pixels: np.ndarray) -> np.ndarray:
+        """Pixels (N, 2) of the undistorted picture for raw pixels (N, 2)."""
+        rays = self.rays(pixels)
+        return rays[:, :2] @ self.matrix[:2, :2].T + self.matrix[:2, 2]
+
+    def distort_points(self, pixels: np.ndarray) -> np.ndarray:
+        """Raw pixels (N, 2) for pixels (N, 2) of the undistorted picture."""
+        pixels = np.asarray(pixels, float).reshape(-1, 2)
+        xy = (pixels - self.matrix[:2, 2]) @ np.linalg.inv(self.matrix[:2, :2]).T
+        rays = np.column_stack([xy, np.ones(len(pixels))])
+        return self._project_camera_points(rays)
+
+    def rays(self, pixels: np.ndarray) -> np.ndarray:
+        """Viewing rays (N, 3) of raw pixels (N, 2), in camera axes, z = 1."""
+        pixels = np.asarray(pixels, float).reshape(-1, 1, 2)
+        if not len(pixels):
+            return np.empty((0, 3))
+        # Most pixels need ten steps of the fixed-point iteration, the corners of a 100 degree lens several hundred:
+        # there 50 steps leave an error of one pixel, and the default of 5 steps one of forty.
+        criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 1000, 1e-12)
+        xy = cv2.undistortPoints(pixels, self.matrix, self.distortion, criteria=criteria)
+        return np.column_stack([xy.reshape(-1, 2), np.ones(len(pixels))])
+
+    def road_to_pixels(self, points_m: np.ndarray) -> np.ndarray:
+        """Raw pixels (N, 2) of points (N, 2) on the road or (N, 3) in the road frame, metres.
+
+        NaN for points behind the camera or outside the range of the lens model (`largest_ray`).
+
+        Raises
+        ------
+        CameraError
+            If the camera has no pose.
+        """
+        pose = self.require_pose()
+        points = np.asarray(points_m, float)
+        if points.shape[-1] == 2:
+            points = np.column_stack([points, np.zeros(len(points))])
+        return self._project_camera_points((points - [0, 0, pose.height_m]) @ pose.rotation.T)
+
+    def pixels_to_road(self, pixels: np.ndarray) -> np.ndarray:
+        """Points (N, 2) on the flat road, metres, of raw pixels (N, 2); NaN at and above the horizon.
+
+        Raises
+        ------
+        CameraError
+            If the camera has no pose.
+        """
+        pose = self.require_pose()
+        directions = self.rays(pixels) @ pose.rotation
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = np.where(directions[:, 2] < -1e-9, -pose.height_m / directions[:, 2], np.nan)
+        return directions[:, :2] * distance[:, None]
+
+    @property
+    def largest_ray(self) -> float:
+        """Tangent of the largest angle to the optical axis up to which the distortion polynomial is monotonic.
+
+        Beyond it the polynomial decreases and would map points far outside the field of view into the picture.
+        """
+        k1, k2, _, _, k3 = self.distortion
+        return _largest_ray(float(k1), float(k2), float(k3))
+
+    def _project_camera_points(self, points: np.ndarray) -> np.ndarray:
+        z = points[:, 2]
+        visible = (z > 1e-6) & (np.hypot(points[:, 0], points[:, 1]) < self.largest_ray * z)
+        if visible.all():
+            # The most frequent case; indexing would add half the time of the projection.
+            return self._apply_lens_model(*points.T)
+        pixels = np.full((len(points), 2), np.nan)
+        pixels[visible] = self._apply_lens_model(*points[visible].T)
+        return pixels
+
+    def _apply_lens_model(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """Pixels (N, 2) of points in front of the camera, by the Brown-Conrady model.
+
+        The result is bit-identical to that of cv2.projectPoints, which also computes derivatives and takes ten times
+        as long.
+        """
+        k1, k2, p1, p2, k3 = (float(k) for k in np.ravel(self.distortion))
+        inverse = 1 / z
+        x, y = x * inverse, y * inverse
+        r2 = x * x + y * y
+        r4 = r2 * r2
+        radial = 1 + k1 * r2 + k2 * r4 + k3 * (r4 * r2)
+        two_xy = 2 * x * y
+        u = x * radial + p1 * two_xy + p2 * (r2 + 2 * x * x)
+        v = y * radial + p1 * (r2 + 2 * y * y) + p2 * two_xy
+        return np.column_stack([u * self.matrix[0, 0] + self.matrix[0, 2], v * self.matrix[1, 1] + self.matrix[1, 2]])
+
+    def require_pose(self) -> CameraPose:
+        """The camera pose; raises CameraError if the camera has none."""
+        if self.pose is None:
+            raise CameraError(
+                "this camera has no pose (height and angles), so pixels cannot be placed on the road; "
+                "give one or estimate it."
+            )
+        return self.pose
+
+    def require_report(self) -> CalibrationReport:
+        """The result of the calibration; raises CameraError if the camera has none."""
+        if self.report is None:
+            raise CameraError("this camera has no calibration report; use one that was calibrated on chessboards.")
+        return self.report
+
+
+def resize_points(pixels: np.ndarray, scale: float | tuple[float, float] | np.ndarray) -> np.ndarray:
+    """Pixels (..., 2) of a picture after it is resized by a factor, or by a factor (columns, rows).
+
+    Pixel centres are at integers, so the picture begins at -0.5: shift by half a pixel, scale, shift back.
+    """
+    return (pixels + 0.5) * scale - 0.5
+
+
+@lru_cache(maxsize=32)
+def _largest_ray(k1: float, k2: float, k3: float) -> float:
+    """See `Camera.largest_ray`. Cached, because pitch motion makes a new Camera with the same lens in every frame."""
+    # Derivative of r (1 + k1 r^2 + k2 r^4 + k3 r^6) as a polynomial in 1 / r^2, so the first coefficient is never 0.
+    roots = np.roots([1.0, 3 * k1, 5 * k2, 7 * k3])
+    inverse_square = max(roots[np.isreal(roots)].real, default=0.0)
+    return float(inverse_square**-0.5) if inverse_square > 0 else np.inf
+
+
+def undistort(image: np.ndarray, camera: Camera, *, rescale: bool = False) -> np.ndarray:
+    """The RGB picture (height, width, 3), uint8, without lens distortion, with the same camera matrix.
+
+    With `rescale` the picture may have been resized (same aspect ratio): the calibration is rescaled to it.
+
+    Raises
+    ------
+    PictureError
+        If the picture is not RGB, or has another size than the camera and `rescale` is False.
+    CameraError
+        If `rescale` is True and the aspect ratio differs.
+    """
+    require_rgb(image)
+    size = image.shape[1::-1]
+    if rescale and size != camera.size:
+        camera = camera.scaled(size)
+    camera.require_size(image)
+    map_u, map_v = _undistortion_maps(size, tuple(camera.matrix.ravel()), tuple(np.ravel(camera.distortion)))
+    return cv2.remap(image, map_u, map_v, cv2.INTER_LINEAR)
+
+
+@lru_cache(maxsize=8)
+def _undistortion_maps(size: tuple[int, int], matrix: tuple, distortion: tuple) -> tuple[np.ndarray, np.ndarray]:
+    """Maps for cv2.remap, cached for each lens: computing them takes as long as ten remaps."""
+    intrinsics = np.reshape(matrix, (3, 3))
+    return cv2.initUndistortRectifyMap(intrinsics, np.array(distortion), None, intrinsics, size, cv2.CV_16SC2)
+
+
+# Camera files: YAML in the layout of ROS camera_info plus `pose:` and `calibration:` blocks.
+
+# A file with a thousand boards has 50 kB.
+MAX_CAMERA_FILE_BYTES = 1_000_000
+# Smallest and largest focal length in picture widths: fields of view from 157 degrees to 1 degree.
+FOCAL_LENGTH_RANGE = 0.1, 60.0
+# Lenses of long focal length have coefficients of several hundred; beyond this limit the polynomial overflows.
+MAX_DISTORTION = 1e6
+# Higher than the camera of any lorry.
+MAX_HEIGHT_M = 20.0
+
+
+class _PlainLoader(yaml.SafeLoader):
+    """YAML without aliases, because a few lines with aliases can expand to any number of entries."""
+
+    def compose_node(self, parent: yaml.Node | None, index: object) -> yaml.Node:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError(f"line {self.peek_event().start_mark.line + 1} has an alias, which is not allowed")
+        return super().compose_node(parent, index)
+
+
+def save_camera(camera: Camera, path: str | Path) -> Path:
+    """Write camera.yaml, which `load_camera` reads; returns the path.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    path = Path(path)
+    write_atomically(path, yaml.safe_dump(camera_to_dict(camera), sort_keys=False, allow_unicode=True).encode())
+    return path
+
+
+def camera_to_dict(camera: Camera) -> dict:
+    """The content of camera.yaml, and of the `camera` part of a truth file; `camera_from_dict` reads it back."""
+    content: dict = {
+        "image_width": int(camera.width),
+        "image_height": int(camera.height),
+        "camera_name": "dashcam",
+        "camera_matrix": {"rows": 3, "cols": 3, "data": [float(x) for x in np.ravel(camera.matrix)]},
+        "distortion_model": "plumb_bob",
+        "distortion_coefficients": {"rows": 1, "cols": 5, "data": [float(x) for x in np.ravel(camera.distortion)]},
+    }
+    if camera.pose:
+        content["pose"] = {name: float(value) for name, value in asdict(camera.pose).items() if value is not None}
+    if camera.report:
+        report = camera.report
+        content["calibration"] = {
+            "rms_px": round(float(report.rms_px), 4),
+            "boards_used": len(report.board_rms_px),
+            "board_rms_px": {name: round(float(error), 4) for name, error in report.board_rms_px.items()},
+            "rejected": dict(report.rejected),
+            "date": report.date,
+        }
+    return content
+
+
+def load_camera(path: str | Path) -> Camera:
+    """Read camera.yaml.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the file does not exist.
+    CameraError
+        If it is not a camera file, lacks an entry, or has values that no camera can have.
+    """
+    text = read_text(path, "camera", error=CameraError, max_bytes=MAX_CAMERA_FILE_BYTES)
+    try:
+        return camera_from_dict(yaml.load(text, _PlainLoader))
+    except RecursionError as error:
+        raise CameraError(f"{path}: is not a usable camera file (it is nested too deep); make it again.") from error
+    except (yaml.YAMLError, AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
+        reason = f"entry {error} is missing" if isinstance(error, KeyError) else " ".join(str(error).split())
+        raise CameraError(f"{path}: is not a usable camera file ({reason}); make it again by calibrating.") from error
+
+
+def camera_from_dict(content: dict) -> Camera:
+    """The camera of a parsed camera.yaml or of the `camera` part of a truth file.
+
+    Raises
+    ------
+    KeyError
+        If an entry is missing.
+    ValueError, TypeError, AttributeError, OverflowError
+        If an entry is not valid.
+    """
+    if not isinstance(content, dict):
+        raise ValueError("it has no entries")
+    if content["distortion_model"] != "plumb_bob":
+        raise ValueError(f"distortion model {content['distortion_model']!r:.40} is not supported, only plumb_bob")
+    matrix = np.array(content["camera_matrix"]["data"], float).reshape(3, 3)
+    distortion = np.array(content["distortion_coefficients"]["data"], float).reshape(5)
+    size = int(content["image_width"]), int(content["image_height"])
+    _require_valid_intrinsics(matrix, distortion, size)
+    # The first version wrote this block as `mount`.
+    block = "pose" if "pose" in content else "mount"
+    pose = _parse_pose(content[block]) if block in content else None
+    report = _parse_report(content["calibration"]) if "calibration" in content else None
+    return Camera(*size, matrix, distortion, pose, report)
+
+
+def _require_valid_intrinsics(matrix: np.ndarray, distortion: np.ndarray, size: tuple[int, int]) -> None:
+    if not (np.isfinite(matrix).all() and np.isfinite(distortion).all()):
+        raise ValueError("its intrinsics are not finite")
+    if np.abs(distortion).max() > MAX_DISTORTION:
+        raise ValueError(f"a distortion coefficient is not between -{MAX_DISTORTION:g} and {MAX_DISTORTION:g}")
+    if not (min(size) > 0 and size[0] * size[1] <= MAX_PIXELS):
+        raise ValueError(f"{size[0]} x {size[1]} is not a valid picture size")
+    shortest, longest = (widths * size[0] for widths in FOCAL_LENGTH_RANGE)
+    if not all(shortest <= focal_px <= longest for focal_px in (matrix[0, 0], matrix[1, 1])):
+        raise ValueError(f"a focal length is not between {shortest:g} and {longest:g} pixels")
+    centre_inside = 0 < matrix[0, 2] < size[0] and 0 < matrix[1, 2] < size[1]
+    if not centre_inside or matrix[0, 1] or matrix[1, 0] or (matrix[2] != [0, 0, 1]).any():
+        raise ValueError("its camera matrix is not valid")
+
+
+def _parse_pose(content: dict) -> CameraPose:
+    pose = CameraPose(**{name: float(value) for name, value in content.items()})
+    if pose.height_m > MAX_HEIGHT_M or max(map(abs, (pose.pitch_rad, pose.yaw_rad, pose.roll_rad))) > np.pi / 2:
+        raise ValueError(f"a camera {pose.describe()} does not see the road")
+    return pose
+
+
+def _parse_report(content: dict) -> CalibrationReport:
+    errors = {str(name): float(error) for name, error in content["board_rms_px"].items()}
+    rejected = {str(name): str(reason) for name, reason in content.get("rejected", {}).items()}
+    return CalibrationReport(float(content["rms_px"]), errors, rejected, str(content["date"]))

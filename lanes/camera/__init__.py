@@ -1,1 +1,0 @@
-"""The camera: lens model, pose, camera file, chessboard calibration, field of view."""

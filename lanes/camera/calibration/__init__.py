@@ -1,1 +1,0 @@
-"""Lens calibration from pictures of a chessboard."""

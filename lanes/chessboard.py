@@ -1,0 +1,230 @@
+"""Detect the inner corners of a chessboard in a picture, also if only a part of the board is visible.
+
+The picture may cut off a part of the board. The largest visible grid is then used like a complete board: calibration
+needs points of a plane, and the origin in that plane is arbitrary.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from lanes.camera import resize_points
+from lanes.images import require_rgb
+
+# Smaller grids occur by chance in wall textures and keyboards.
+MIN_GRID = (5, 4)
+# Larger pictures are resized to this width for detection, because the detectors are slow and less reliable on them.
+DETECTION_WIDTH_PX = 1600
+# Start grids for the detection of a part of the board; which of them the detector finds depends on the picture.
+SEED_PATTERNS = ((3, 3), (4, 4), (5, 4), (5, 5), (6, 5))
+# Around each corner, the darker white square minus the brighter black square must be at least this share of the mean
+# contrast of the board. Glare lowers it.
+MIN_CONTRAST = 0.3
+# Largest change between successive corner distances, as a share of the smallest distance. Perspective and distortion
+# together reach 0.23 on 40 rendered and real boards.
+MAX_SPACING_CHANGE = 0.4
+
+
+@dataclass(frozen=True, eq=False)
+class Board:
+    """Inner corners of a chessboard detected in one picture.
+
+    Parameters
+    ----------
+    corners_px : ndarray of shape (columns * rows, 2), float32
+        Image points (u, v), row by row.
+    columns, rows : int
+        Size of the detected grid, which may be a part of the board.
+    size : tuple of int
+        (width, height) of the picture.
+    """
+
+    corners_px: np.ndarray
+    columns: int
+    rows: int
+    size: tuple[int, int]
+
+    @property
+    def object_points(self) -> np.ndarray:
+        """Corners in the coordinates of the board, ndarray (N, 3) float32, z = 0; the unit is one square."""
+        y, x = np.mgrid[: self.rows, : self.columns]
+        return np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]).astype(np.float32)
+
+
+def find_board(image: np.ndarray, pattern: tuple[int, int] = (9, 6)) -> Board | None:
+    """Inner corners of a chessboard, or of the largest visible part of it.
+
+    The sector-based detector (Duda and Frese, BMVC 2018) is the first choice, because it finds boards in bad light. The
+    classic detector is the second, and the detection of a part of the board the third. All corners are then refined to
+    sub-pixel accuracy (`cv2.cornerSubPix`). On the rendered boards this halves the largest error.
+
+    `image` is RGB (height, width, 3), uint8; `pattern` has the complete board's inner corners (columns, rows). None is
+    returned if there is no grid of at least 5 x 4 corners.
+
+    Raises
+    ------
+    PictureError
+        If `image` is not an RGB picture.
+    ValueError
+        If `pattern` is smaller than 3 x 3.
+    """
+    require_rgb(image)
+    if min(pattern) < 3:
+        raise ValueError(f"a board of {pattern[0]}x{pattern[1]} inner corners is too small; give 3x3 or more.")
+    gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    scale = max(1.0, gray.shape[1] / DETECTION_WIDTH_PX)
+    small = cv2.resize(gray, None, fx=1 / scale, fy=1 / scale, interpolation=cv2.INTER_AREA) if scale > 1 else gray
+    grid = _find_full_board(small, pattern)
+    if grid is None:
+        grid = _find_partial_board(small, pattern)
+    if grid is None:
+        return None
+    grid = _refine_corners(gray, resize_points(grid, scale))
+    rows, columns, _ = grid.shape
+    return Board(grid.reshape(-1, 2).astype(np.float32), columns, rows, (image.shape[1], image.shape[0]))
+
+
+def draw_board(image: np.ndarray, board: Board) -> np.ndarray:
+    """A copy of `image` (height, width, 3) uint8 RGB with the corners joined row by row, each row in another colour.
+
+    Raises
+    ------
+    PictureError
+        If `image` is not an RGB picture.
+    """
+    require_rgb(image)
+    return cv2.drawChessboardCorners(image.copy(), (board.columns, board.rows), board.corners_px, True)
+
+
+def _find_full_board(gray: np.ndarray, pattern: tuple[int, int]) -> np.ndarray | None:
+    """All corners of the board, (rows, columns, 2), or None."""
+    columns, rows = pattern
+    # CALIB_CB_NORMALIZE_IMAGE is not set: it moved the corners of a large real board by pixels. CALIB_CB_ACCURACY is
+    # not set: it takes four times as long, and the corners are refined later.
+    found, corners = cv2.findChessboardCornersSB(gray, pattern, flags=0)
+    if found:
+        return corners.reshape(rows, columns, 2)
+    flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
+    found, corners = cv2.findChessboardCorners(gray, pattern, flags=flags)
+    return corners.reshape(rows, columns, 2) if found else None
+
+
+def _find_partial_board(gray: np.ndarray, pattern: tuple[int, int]) -> np.ndarray | None:
+    """Largest grid (rows, columns, 2) grown from a small one, or None; few seeds limit the time without a board."""
+    best = None
+    for seed in SEED_PATTERNS:
+        found, corners, kind = cv2.findChessboardCornersSBWithMeta(gray, seed, flags=cv2.CALIB_CB_LARGER)
+        if not found:
+            continue
+        start = _valid_start_grid(gray, corners.reshape(*kind.shape, 2).astype(np.float32))
+        if start is None:
+            continue
+        grid = _grow_grid(gray, start, pattern)
+        if _fits_pattern(grid, pattern, MIN_GRID) and (best is None or grid.size > best.size):
+            best = grid
+    return best
+
+
+def _valid_start_grid(gray: np.ndarray, grid: np.ndarray) -> np.ndarray | None:
+    """The grid if it is a valid chessboard, otherwise a valid 3 x 3 grid rebuilt from its corners, or None.
+
+    Near the border of the picture, and on boards rotated by 30 degrees or more, the detector finds true corners but
+    assigns them to wrong rows and columns.
+    """
+    if _is_chessboard(gray, grid):
+        return grid
+    corners = grid.reshape(-1, 2)
+    steps = np.mgrid[-1:2, -1:2].transpose(1, 2, 0)[..., ::-1]
+    for middle in corners[np.argsort(np.linalg.norm(corners - corners.mean(axis=0), axis=1))]:
+        offsets = corners - middle
+        offsets = offsets[np.argsort(np.linalg.norm(offsets, axis=1))][1:]
+        first = offsets[0]
+        # Offsets at more than 30 degrees to the shortest one.
+        cross_product = np.abs(first[0] * offsets[:, 1] - first[1] * offsets[:, 0])
+        across = cross_product > 0.5 * np.linalg.norm(first) * np.linalg.norm(offsets, axis=1)
+        if not across.any():
+            continue
+        start = (middle + steps @ np.stack([first, offsets[across][0]])).astype(np.float32)
+        if _inside_image(gray, start) and _is_chessboard(gray, start := _refine_corners(gray, start)):
+            return start
+    return None
+
+
+def _grow_grid(gray: np.ndarray, grid: np.ndarray, pattern: tuple[int, int]) -> np.ndarray:
+    """Extend a grid (rows, columns, 2) on all four sides by the rows and columns that are visible."""
+    while True:
+        candidates = (_extend_by_row(gray, np.rot90(grid, quarter_turns)) for quarter_turns in range(4))
+        extended = [g for g in candidates if g is not None and _fits_pattern(g, pattern)]
+        if not extended:
+            return grid
+        grid = max(extended, key=np.size)
+
+
+def _extend_by_row(gray: np.ndarray, grid: np.ndarray) -> np.ndarray | None:
+    """The grid with one more row, predicted by the homography of its last three rows; None if it is not visible."""
+    last = grid[-3:]
+    y, x = np.mgrid[: len(last) + 1, : grid.shape[1]].astype(np.float32)
+    squares = np.stack([x, y], axis=-1)
+    homography, _ = cv2.findHomography(squares[:-1].reshape(-1, 2), last.reshape(-1, 2))
+    predicted = cv2.perspectiveTransform(squares[-1].reshape(-1, 1, 2), homography).reshape(-1, 2)
+    if not _inside_image(gray, predicted):
+        return None
+    extended = np.concatenate([grid, predicted[None]]).astype(np.float32)
+    extended[-1] = _refine_corners(gray, extended)[-1]
+    return extended if _is_chessboard(gray, extended) else None
+
+
+def _inside_image(gray: np.ndarray, points: np.ndarray) -> bool:
+    """Whether all points (..., 2) are inside the picture, with a margin for the refinement."""
+    margin_px, (height, width) = 3, gray.shape
+    return bool(((points >= margin_px) & (points <= [width - 1 - margin_px, height - 1 - margin_px])).all())
+
+
+def _is_chessboard(gray: np.ndarray, grid: np.ndarray) -> bool:
+    """Whether a grid (rows, columns, 2) has even spacing and alternating black and white squares at all corners."""
+    if min(grid.shape[:2]) < 3:
+        return False
+    step_u, step_v = np.gradient(grid, axis=1), np.gradient(grid, axis=0)
+    changes = [np.linalg.norm(np.diff(grid, 2, axis=axis), axis=2).max() for axis in (0, 1)]
+    smallest = min(np.linalg.norm(step, axis=2).min() for step in (step_u, step_v))
+    if max(changes) > MAX_SPACING_CHANGE * smallest:
+        return False
+    return _squares_alternate(gray, grid, step_u, step_v)
+
+
+def _squares_alternate(gray: np.ndarray, grid: np.ndarray, step_u: np.ndarray, step_v: np.ndarray) -> bool:
+    """Whether both white squares around each corner are brighter than both black ones."""
+    diagonals = (step_u + step_v, -step_u - step_v, step_u - step_v, step_v - step_u)
+    squares = np.stack([_sample(gray, grid + 0.25 * diagonal) for diagonal in diagonals])
+    odd = np.indices(grid.shape[:2]).sum(axis=0) % 2 == 1
+    one, other = np.where(odd, squares[2:], squares[:2]), np.where(odd, squares[:2], squares[2:])
+    bright, dark = (one, other) if one.mean() > other.mean() else (other, one)
+    return bool((bright.min(axis=0) - dark.max(axis=0) > MIN_CONTRAST * (bright.mean() - dark.mean())).all())
+
+
+def _sample(gray: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Gray levels at points (..., 2), float, linearly interpolated."""
+    points = points.astype(np.float32)
+    samples = cv2.remap(gray, points[..., 0], points[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return samples.astype(float)
+
+
+def _refine_corners(gray: np.ndarray, grid: np.ndarray) -> np.ndarray:
+    """Corners (rows, columns, 2) refined to sub-pixel accuracy (Foerstner and Guelch, 1987).
+
+    The window covers two thirds of the smallest square: a larger one includes other corners, a smaller one is noisier.
+    """
+    steps = [np.linalg.norm(np.diff(grid, axis=axis), axis=2).min() for axis in (0, 1)]
+    half = int(np.clip(min(steps) / 3, 2, 11))
+    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-4)
+    corners = np.ascontiguousarray(grid.reshape(-1, 1, 2), np.float32)
+    return cv2.cornerSubPix(gray, corners, (half, half), (-1, -1), criteria).reshape(grid.shape)
+
+
+def _fits_pattern(grid: np.ndarray, pattern: tuple[int, int], smallest: tuple[int, int] = (3, 3)) -> bool:
+    """Whether a grid can be a part of the board in either orientation, and is not smaller than `smallest`."""
+    (long, short), (whole_long, whole_short) = sorted(grid.shape[:2], reverse=True), sorted(pattern, reverse=True)
+    return long >= max(smallest) and short >= min(smallest) and long <= whole_long and short <= whole_short

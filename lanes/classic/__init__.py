@@ -1,1 +1,0 @@
-"""The classic pipeline: threshold, warp, sliding windows, polynomial fit, measures, memory."""

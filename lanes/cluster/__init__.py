@@ -1,1 +1,0 @@
-"""Many drives at the same time on Dask."""

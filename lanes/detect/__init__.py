@@ -1,0 +1,1 @@
+"""One picture: from the bird's-eye view to the lane."""

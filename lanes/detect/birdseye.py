@@ -1,0 +1,193 @@
+"""Bird's-eye view: the road from above, on a grid in metres, straight from the raw picture.
+
+The four-point warp of the course's first half has pixels of unknown size. Here each cell has a known position on the
+road. The centre of each cell is projected through pose and lens once, when the view is made; after that a frame costs
+one remap.
+
+The distances of the rows form a geometric series, which matches the spacing of picture rows. A cell near the car covers
+many pixels and a distant one less than one. Each row is therefore sampled from a picture that is reduced until the cell
+covers about one of its pixels, as with mip maps (L. Williams, "Pyramidal parametrics", SIGGRAPH 1983).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+
+from lanes.camera import Camera
+from lanes.errors import CameraError
+from lanes.images import Frame, YuvFrame, planes_of
+
+# Enough for pictures of 4000 columns.
+REDUCTIONS = (1, 2, 4, 8, 16)
+# Position of cells that no pixel shows: far outside any picture, so that the remap returns its border value.
+OUTSIDE_PX = -99.0
+# (reduction, rows of the view, map, map fraction): the rows sampled at a reduction, and the pixels to sample.
+LookupTable = tuple[int, slice, np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class BirdsEyeView:
+    """A grid on the flat road ahead; row 0 is the farthest, column 0 the leftmost.
+
+    Parameters
+    ----------
+    camera : Camera
+        With a camera pose.
+    near_m, far_m : float
+        Distance ahead of the nearest and the farthest row.
+    growth : float
+        Relative increase of the distance from one row to the next.
+    half_width_m : float
+        Extent of the grid to the left and to the right. The default is wide enough for a hairpin.
+    cell_m : float
+        Distance between columns.
+    """
+
+    camera: Camera
+    near_m: float = 5.0
+    far_m: float = 70.0
+    growth: float = 0.022
+    half_width_m: float = 9.0
+    cell_m: float = 0.05
+
+    @cached_property
+    def x_m(self) -> np.ndarray:
+        """(rows,) distance ahead of each row, farthest first."""
+        rows = int(np.log(self.far_m / self.near_m) / np.log1p(self.growth)) + 1
+        return (self.near_m * (1 + self.growth) ** np.arange(rows))[::-1]
+
+    @cached_property
+    def row_columns(self) -> np.ndarray:
+        """(rows,) depth of each row in columns."""
+        return self.x_m * (self.growth / (1 + self.growth) / self.cell_m)
+
+    @cached_property
+    def y_m(self) -> np.ndarray:
+        """(columns,) lateral position of each column, positive (left) first."""
+        half = round(self.half_width_m / self.cell_m)
+        return np.arange(half, -half - 1, -1) * self.cell_m
+
+    @property
+    def height_m(self) -> float:
+        """Height of the camera above the road."""
+        return self.camera.require_pose().height_m
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length along a picture row."""
+        return float(self.camera.matrix[0, 0])
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, columns)."""
+        return len(self.x_m), len(self.y_m)
+
+    @cached_property
+    def pixels(self) -> np.ndarray:
+        """(rows, columns, 2) raw pixel (u, v) of the centre of each cell; NaN where the lens model does not reach."""
+        x, y = np.meshgrid(self.x_m, self.y_m, indexing="ij")
+        return self.camera.road_to_pixels(np.column_stack([x.ravel(), y.ravel()])).reshape(*self.shape, 2)
+
+    @cached_property
+    def seen(self) -> np.ndarray:
+        """(rows, columns) bool: the cell lies inside the picture."""
+        u, v = np.moveaxis(self.pixels, 2, 0)
+        with np.errstate(invalid="ignore"):
+            return (u >= 0) & (u <= self.camera.width - 1) & (v >= 0) & (v <= self.camera.height - 1)
+
+    def seen_share(self, rows: int, columns: int) -> np.ndarray:
+        """(rows, columns) float32: share of a window around each cell that lies inside the picture."""
+        if (rows, columns) not in self._seen_share:
+            self._seen_share[rows, columns] = cv2.blur(self.seen.astype(np.float32), (columns, rows))
+        return self._seen_share[rows, columns]
+
+    @cached_property
+    def _seen_share(self) -> dict[tuple[int, int], np.ndarray]:
+        return {}
+
+    @cached_property
+    def first_row_px(self) -> int:
+        """First picture row that any cell is sampled from, rounded down to whole reduced pixels.
+
+        Raises
+        ------
+        CameraError
+            If no cell is in the picture.
+        """
+        if not self.seen.any():
+            raise CameraError(
+                f"the camera sees no road between {self.near_m:g} and {self.far_m:g} m ahead "
+                f"({self.camera.require_pose().describe()}); check the camera pose's angles, or estimate it from the "
+                "drive's own pictures."
+            )
+        first = int(np.nanmin(np.where(self.seen, self.pixels[..., 1], np.nan)))
+        return max(0, first - 2) // REDUCTIONS[-1] * REDUCTIONS[-1]
+
+    def warp(self, image: Frame) -> np.ndarray:
+        """The bird's-eye view of a raw picture: RGB (rows, columns, 3) uint8.
+
+        Cells outside the picture repeat the nearest cell of their row inside it, so that no filter sees the picture's
+        border as an edge on the road. Use `blacken` before display.
+
+        Raises
+        ------
+        PictureError
+            If the picture is not RGB or not of the camera's size.
+        CameraError
+            If no cell is in the picture.
+        """
+        planes = [self._resample(*plane) for plane in planes_of(image, self.camera.size)]
+        if not isinstance(image, YuvFrame):
+            return planes[0]
+        # only the cells of the view are converted to RGB, not the whole picture
+        return cv2.transform(cv2.merge(planes), image.colour_space.to_rgb)
+
+    def blacken(self, cells: np.ndarray) -> np.ndarray:
+        """A copy of a picture of the view, black where the cells lie outside the raw picture."""
+        return cv2.copyTo(cells, self.seen.view(np.uint8))
+
+    def _resample(self, plane: np.ndarray, reduction: int, black: float) -> np.ndarray:
+        """The values of the cells in a plane of the picture that is stored `reduction` times smaller."""
+        reduced = plane[self.first_row_px // reduction :]
+        cells = np.empty((*self.shape, *plane.shape[2:]), np.uint8)
+        for target, rows, position, fraction in self._lookup_tables[reduction]:
+            if target != reduction:
+                scale = reduction / target
+                reduced = cv2.resize(reduced, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+                reduction = target
+            cv2.remap(reduced, position, fraction, cv2.INTER_LINEAR, cells[rows], cv2.BORDER_CONSTANT, black)
+        return cells
+
+    @cached_property
+    def _lookup_tables(self) -> dict[int, list[LookupTable]]:
+        """Lookup tables by how many times smaller a plane is stored: 1, or 2 for the chroma of YUV 4:2:0."""
+        return {reduction: self._make_lookup_tables(reduction) for reduction in REDUCTIONS[:2]}
+
+    def _make_lookup_tables(self, stored_reduction: int) -> list[LookupTable]:
+        cell_px = self.cell_m * self.focal_px / self.x_m
+        level = np.floor(np.log2(np.maximum(cell_px, 1))).astype(int)
+        level = np.clip(level, REDUCTIONS.index(stored_reduction), len(REDUCTIONS) - 1)
+        tables = []
+        for index, reduction in enumerate(REDUCTIONS):
+            rows = np.flatnonzero(level == index)
+            if len(rows):
+                part = slice(rows[0], rows[-1] + 1)
+                pixels = np.nan_to_num(self._nearest_pixels[part] - [0, self.first_row_px], nan=OUTSIDE_PX)
+                # pixel centres lie at integers: the first reduced pixel is centred on (reduction - 1) / 2
+                position = (pixels - (reduction - 1) / 2) / reduction
+                # OpenCV's stubs do not say that the second map is optional
+                maps = cv2.convertMaps(position.astype(np.float32), None, cv2.CV_16SC2)  # type: ignore[call-overload]
+                tables.append((reduction, part, *maps))
+        return tables
+
+    @cached_property
+    def _nearest_pixels(self) -> np.ndarray:
+        """As `pixels`; for a cell outside the picture, those of the nearest cell of its row inside it."""
+        columns = self.shape[1]
+        first, last = self.seen.argmax(axis=1), columns - 1 - self.seen[:, ::-1].argmax(axis=1)
+        nearest = np.clip(np.arange(columns), first[:, None], last[:, None])
+        return np.take_along_axis(self.pixels, nearest[..., None], axis=1)

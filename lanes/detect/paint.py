@@ -1,0 +1,285 @@
+"""Marking response: how much each cell of the bird's-eye view looks like a painted stripe, and the stripe candidates.
+
+A stripe is brighter (or yellower) than the road on *both* its sides, and about 0.1 to 0.2 m wide, or 0.3 to 0.4 m
+where two stripes run side by side. The band filter measures centre minus the larger neighbour. An edge (shadow, kerb,
+joint of two asphalts) has one neighbour as bright as its bright side and scores zero; a dark tar seam scores below
+zero. The response is divided by the local noise, so that one threshold serves all exposures, in sun and in shade.
+
+The road beside a single stripe is the darker of two strips: one touches the stripe, the other lies a gap farther out.
+Blur brightens the first, the second stripe of a double line the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import reduce
+from math import lcm
+
+import cv2
+import numpy as np
+
+from lanes.detect.birdseye import BirdsEyeView
+
+
+@dataclass(frozen=True)
+class MarkingParameters:
+    """Band filter, noise and stripe candidates; tuned on the labelled Udacity stills where no source is given."""
+
+    # Painted widths of one stripe and of a double line taken as one; most countries paint 0.10 to 0.15 m.
+    single_m: float = 0.15
+    double_m: float = 0.35
+    # Width of the strips of road that a stripe is compared with, and their distance from it. A single stripe is also
+    # compared with the strips that touch it.
+    side_m: float = 0.15
+    gap_m: float = 0.05
+    # The same for a double yellow line that crosses the rows at a slant in a hairpin, where pictures are also blurred.
+    # Applied to yellowness only: strips of light are as wide, but not as yellow.
+    slanted_m: float = 0.45
+    slanted_gap_m: float = 0.15
+    # Window along a row, and rows, over which the noise is averaged.
+    noise_window_m: float = 2.5
+    noise_rows: int = 5
+    # Grey levels. Rounding to whole grey levels alone makes about this much noise; less is never assumed.
+    noise_floor: float = 1.0
+    # Lower bound for the share of a noise window that lies inside the picture; cells inside the picture have more.
+    min_seen_share: float = 0.2
+    # Smallest strength (times the local noise) of a stripe candidate, and the number of candidates kept in a row.
+    min_strength: float = 3.0
+    stripes_per_row: int = 14
+    # Columns averaged into one before a direction is measured, so that the window holds a stripe that moves sideways
+    # by many columns from row to row.
+    coarse_columns: int = 4
+    # Strength (times the local noise) at which a candidate has half the weight of a certain marking.
+    half_weight_strength: float = 6.6
+    # Standard deviation of a direction: at this difference a candidate has a quarter of its weight.
+    angle_std_rad: float = 0.1
+    # Lateral movement of a stripe from row to row, in columns, that doubles the standard deviation of its direction.
+    # At twice as many columns the direction carries almost no information.
+    blind_columns: float = 8.0
+    # Standard deviation of a candidate's lateral position: worn paint nearby, one pixel far away.
+    position_std_m: float = 0.04
+    position_std_px: float = 1.0
+
+
+MARKINGS = MarkingParameters()
+# For windows this small a separable filter is faster than cv2.blur.
+MEAN_3, MEAN_5 = np.full(3, 1 / 3, np.float32), np.full(5, 1 / 5, np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class MarkingResponse:
+    """How much each cell of a view looks like a painted stripe."""
+
+    # (rows, columns) float32, at least 0: the largest filter response in units of the local noise; from the network of
+    # `learned_markings` the root of the odds of paint, on the same scale.
+    strength: np.ndarray
+    # (2, rows, columns) int: lightness and yellowness of the view, in grey levels.
+    channels: np.ndarray
+    # Whether the strength is that of the network.
+    learned: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Stripes:
+    """Stripe candidates, found row by row; all arrays have shape (stripes,)."""
+
+    # Row of the view.
+    row: np.ndarray
+    # Position on the flat road, metres ahead and to the left, with sub-column precision.
+    x_m: np.ndarray
+    y_m: np.ndarray
+    # Direction of the stripe, radians, positive to the left of straight ahead.
+    angle: np.ndarray
+    # Depth of the row in columns of the view. From row to row a stripe moves sideways by `step` times the tangent of
+    # its direction.
+    step: np.ndarray
+    # Marking response, as in `MarkingResponse`.
+    strength: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    def select(self, which: np.ndarray) -> Stripes:
+        """The stripes that `which` (bool or index) picks."""
+        return Stripes(*(getattr(self, f.name)[which] for f in fields(self)))
+
+
+@dataclass(frozen=True, eq=False)
+class FrameEvidence:
+    """What one picture shows in a view; `view_image` (rows, columns, 3), uint8, is its bird's-eye view."""
+
+    view: BirdsEyeView
+    view_image: np.ndarray
+    response: MarkingResponse
+    stripes: Stripes
+
+
+def extract_evidence(view_image: np.ndarray, view: BirdsEyeView) -> FrameEvidence:
+    """Marking response and stripe candidates of a picture (rows, columns, 3), uint8, of the view, from `view.warp`."""
+    response = marking_response(view_image, view)
+    return FrameEvidence(view, view_image, response, find_stripes(response, view))
+
+
+def lightness(view_image: np.ndarray) -> np.ndarray:
+    """Luma of an RGB view, (rows, columns) uint8, weights of ITU-R BT.601."""
+    return cv2.cvtColor(view_image, cv2.COLOR_RGB2GRAY)
+
+
+def yellowness(view_image: np.ndarray) -> np.ndarray:
+    """min(R, G) - B as (rows, columns) int16: large for yellow paint, in sun and in shade."""
+    red, green, blue = cv2.split(view_image)
+    return cv2.subtract(cv2.min(red, green), blue, dtype=cv2.CV_16S)
+
+
+def marking_response(view_image: np.ndarray, view: BirdsEyeView) -> MarkingResponse:
+    """Response of the band filters to a picture (rows, columns, 3), uint8, of the view, from `view.warp`."""
+    m = MARKINGS
+    lengths_m = m.single_m, m.double_m, m.side_m, m.gap_m, m.noise_window_m, m.slanted_m, m.slanted_gap_m
+    single, double, side, gap, window, slanted, slanted_gap = (round(length / view.cell_m) | 1 for length in lengths_m)
+    pad, unit = slanted // 2 + slanted_gap + side + 1, lcm(single, double, side, slanted)
+    channels = _padded_channels(view_image, pad, unit)
+    inside = (..., slice(pad, -pad))
+    road = sums_around(channels, side) * (unit // side)
+    road[..., :pad], road[..., -pad:] = road[..., pad, None], road[..., -pad - 1, None]
+    narrow, wide, broad = (
+        filter_band(sums_around(cells, n) * (unit // n), beside, [n // 2 + d + side // 2 + 1 for d in gaps])[inside]
+        for cells, beside, n, gaps in (
+            (channels, road, single, (0, gap)),
+            (channels, road, double, (gap,)),
+            (channels[1], road[1], slanted, (slanted_gap,)),
+        )
+    )
+    np.maximum(wide[1], broad, out=wide[1])
+    steps = np.abs(channels[..., pad : 1 - pad] - channels[..., pad - 1 : -pad])
+    noise = local_noise(steps[..., :-1] + steps[..., 1:], window, view)
+    noise *= unit
+    strength = np.maximum(np.maximum(*np.maximum(narrow, wide) / noise), 0)
+    return MarkingResponse(cv2.copyTo(strength, view.seen.view(np.uint8)), channels[inside])
+
+
+def _padded_channels(view_image: np.ndarray, pad: int, unit: int) -> np.ndarray:
+    """(2, rows, columns + 2 pad) lightness and yellowness, in a type that holds sums over `unit` cells.
+
+    Filters use sums instead of means, scaled to a common unit: the integers are exact, and int16 is twice as fast as
+    float32. If the sums do not fit because the cells are small, numpy's next larger type is used.
+    """
+    padded = cv2.copyMakeBorder(view_image, 0, 0, pad, pad, cv2.BORDER_REPLICATE)
+    channels = np.empty((2, *padded.shape[:2]), np.min_scalar_type(-2 * 255 * unit))
+    channels[0], channels[1] = lightness(padded), yellowness(padded)
+    return channels
+
+
+def sums_around(cells: np.ndarray, count: int) -> np.ndarray:
+    """Sums over `count` (odd) columns around each of the cells (..., columns); not meaningful at the first and last.
+
+    Rows are laid end to end, because one long row is added faster than many short ones.
+    """
+    row, sums = cells.ravel(), np.zeros(cells.size, cells.dtype)
+    sums[count // 2 : cells.size - count // 2] = _window_sums(row, count)
+    return sums.reshape(cells.shape)
+
+
+def _window_sums(row: np.ndarray, count: int) -> np.ndarray:
+    """(N - count + 1,) sums over `count` neighbours of (N,), by doubling: about log2(count) additions per cell."""
+    if count == 1:
+        return row
+    half, size = _window_sums(row, count // 2), len(row) - count + 1
+    sums = half[:size] + half[count // 2 :][:size]
+    return sums + row[count - 1 :] if count % 2 else sums
+
+
+def filter_band(centre: np.ndarray, side: np.ndarray, reaches: Sequence[int]) -> np.ndarray:
+    """`centre` (..., columns) minus the larger of its two sides; in place.
+
+    A side is the smallest of `side` (..., columns) at `reaches` columns to the left or right.
+    """
+    response, beside, margin = centre.ravel(), side.ravel(), max(reaches)
+    size = response.size - 2 * margin
+    left, right = (reduce(np.minimum, (beside[margin + k * r :][:size] for r in reaches)) for k in (-1, 1))
+    response[margin:-margin] -= np.maximum(left, right)
+    return response.reshape(centre.shape)
+
+
+def local_noise(steps: np.ndarray, window: int, view: BirdsEyeView) -> np.ndarray:
+    """Mean step from column to column around each cell plus the noise floor, (2, rows, columns) float32.
+
+    `steps` holds the sum of each cell's two steps, to the left and to the right, so that the mirrored picture has the
+    mirrored noise. Steps outside the picture are 0 and are left out of the mean.
+    """
+    noise = np.empty(steps.shape, np.float32)
+    for channel, mean in zip(steps, noise, strict=True):
+        cv2.boxFilter(channel, cv2.CV_32F, (window, MARKINGS.noise_rows), dst=mean)
+    noise /= 2 * np.maximum(view.seen_share(MARKINGS.noise_rows, window), MARKINGS.min_seen_share)
+    noise += MARKINGS.noise_floor
+    return noise
+
+
+def find_stripes(response: MarkingResponse, view: BirdsEyeView) -> Stripes:
+    """Peaks of the marking response along each row, with sub-column precision.
+
+    They are the strongest `MARKINGS.stripes_per_row` of a row, and stronger than `MARKINGS.min_strength`.
+    """
+    strength = response.strength
+    row, column = _peaks(strength)
+    y = view.y_m[0] - peak_position(strength, row, column) * view.cell_m
+    step = view.row_columns[row]
+    angle = _stripe_angle(strength, row, column, step)
+    return Stripes(row, view.x_m[row], y, angle, step, strength[row, column])
+
+
+def peak_position(strength: np.ndarray, row: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """Column with its fraction, (N,), of the vertex of the parabola through each peak and its two neighbours."""
+    left, middle, right = (strength[row, column + k] for k in (-1, 0, 1))
+    bend = left - 2 * middle + right
+    shift = np.where(bend < 0, 0.5 * (left - right) / np.minimum(bend, -1e-9), 0.0)
+    return column + np.clip(shift, -0.5, 0.5)
+
+
+def _peaks(strength: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of the largest cells within two columns that are strong enough, in order of the rows."""
+    peak = cv2.compare(strength, cv2.dilate(strength, np.ones((1, 5), np.uint8)), cv2.CMP_GE)
+    # positions in one long row: numpy finds them six times as fast as rows and columns
+    found = np.flatnonzero(peak.view(bool) & (strength > MARKINGS.min_strength))
+    row, column = np.divmod(found, strength.shape[1])
+    inside = (column > 0) & (column < strength.shape[1] - 1)
+    row, column = row[inside], column[inside]
+    if np.bincount(row).max(initial=0) <= MARKINGS.stripes_per_row:
+        return row, column
+    order = np.lexsort((-strength[row, column], row))
+    row, column = row[order], column[order]
+    keep = np.arange(len(row)) - np.searchsorted(row, row) < MARKINGS.stripes_per_row
+    return row[keep], column[keep]
+
+
+def _stripe_angle(strength: np.ndarray, row: np.ndarray, column: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Direction of stripes on the road from the structure tensor of the response (Bigun and Granlund, 1987)."""
+    rows, columns = strength.shape
+    # an odd number of cells, so that a mirrored picture has mirrored directions
+    cells = columns // MARKINGS.coarse_columns | 1
+    coarse = cv2.resize(strength, (cells, rows), interpolation=cv2.INTER_AREA)
+    across = cv2.Scharr(coarse, cv2.CV_32F, 1, 0)
+    along = cv2.Scharr(coarse, cv2.CV_32F, 0, 1)
+    cell = (2 * column + 1) * cells // (2 * columns)
+    # only the tensor's off-diagonal element and the difference of its diagonal are needed
+    products = across * along, (across - along) * (across + along)
+    means = (cv2.sepFilter2D(product, -1, MEAN_3, MEAN_5, borderType=cv2.BORDER_REPLICATE) for product in products)
+    xy, difference = (mean[row, cell] for mean in means)
+    normal = 0.5 * np.arctan2(2 * xy, difference)
+    # from one row to the next nearer one the stripe moves this many cells to the right, and x falls by the row's depth
+    return np.arctan2(-np.tan(normal), step * cells / columns)
+
+
+def marking_weight(stripes: Stripes) -> np.ndarray:
+    """(stripes,) weight 0 to 1 of each candidate as a road marking, from its strength."""
+    return strength_weight(stripes.strength)
+
+
+def strength_weight(strength: np.ndarray) -> np.ndarray:
+    """Weights 0 to 1 as a road marking of cells or candidates of these strengths."""
+    return strength**2 / (strength**2 + MARKINGS.half_weight_strength**2)
+
+
+def position_std(stripes: Stripes, focal_px: float) -> np.ndarray:
+    """(stripes,) standard deviation of each candidate's lateral position on the road, metres."""
+    return np.hypot(MARKINGS.position_std_m, MARKINGS.position_std_px * stripes.x_m / focal_px)

@@ -1,0 +1,189 @@
+"""Start hypotheses for the fit: the histogram of the course's first half, generalised to roads that bend.
+
+For each hypothesis of heading, curvature and pitch the stripes are counted in bins of their distance from its arc: a
+line that follows the hypothesis adds up in one bin, whatever its shape on the road. Stripes whose own direction
+contradicts the hypothesis have no weight (votes with directions: Ballard's generalised Hough transform, 1981). Peaks to
+the left and to the right of the car are then paired to lanes, with a prior for lane width and position.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.paint import MARKINGS, Stripes, marking_weight
+from lanes.detect.residuals import MIN_SCALE, flatten, intersect_ground
+from lanes.detect.road import CENTRE, CURVATURE, HEADING, PARAMETERS, PITCH, PRIOR_MEAN, PRIOR_STD, WIDTH
+
+
+@dataclass(frozen=True)
+class VotingParameters:
+    """Hypotheses, bins and pairing; tuned on the labelled Udacity stills where no source is given."""
+
+    # Votes come from stripes nearer than this, where one arc is enough; the fit continues outwards.
+    far_m: float = 22.0
+    # Hypotheses to either side of 0, the first step between them, and the relative growth of the steps: dense where
+    # roads usually are, with radii down to 15 m.
+    headings: int = 6
+    heading_step_rad: float = 0.03
+    heading_growth: float = 0.18
+    curvatures: int = 11
+    curvature_step_per_m: float = 0.0015
+    curvature_growth: float = 0.24
+    # Pitch hypotheses are 0 and plus or minus this.
+    pitch_step_rad: float = 0.018
+    bin_m: float = 0.15
+    bins: int = 60
+    # Share of a bin's votes that both its neighbours get, for stripes between two bins.
+    neighbour_share: float = 0.6
+    # Distances from the car to either side between which lines are searched.
+    line_from_m: float = 0.3
+    line_to_m: float = 3.6
+    # Cost of one squared standard deviation from the prior, relative to the square root of a line's share of votes.
+    prior_weight: float = 0.05
+    # Hypotheses whose lines are paired, and lanes that are returned.
+    paired: int = 300
+    lanes: int = 5
+    # Two lanes are duplicates, because they lead to the same fit, if centre and width differ by less than this. Their
+    # curvatures must also differ by less than this share of them plus this value.
+    duplicate_m: float = 0.35
+    duplicate_curvature_share: float = 0.3
+    duplicate_curvature_per_m: float = 0.002
+
+
+VOTING = VotingParameters()
+
+
+def _spread(count: int, step: float, growth: float) -> np.ndarray:
+    """Zero and `count` values to either side, first a `step` apart, then at growing distances."""
+    k = np.arange(-count, count + 1)
+    return np.sign(k) * step * np.expm1(np.abs(k) * growth) / growth
+
+
+# (H, 3): heading, curvature and pitch.
+HYPOTHESES = np.stack(
+    np.meshgrid(
+        _spread(VOTING.headings, VOTING.heading_step_rad, VOTING.heading_growth),
+        _spread(VOTING.curvatures, VOTING.curvature_step_per_m, VOTING.curvature_growth),
+        np.arange(-1, 2) * VOTING.pitch_step_rad,
+        indexing="ij",
+    ),
+    axis=-1,
+).reshape(-1, 3)
+# (bins,) distance of the centre of each bin to the left of a hypothesis' arc.
+BIN_CENTRES_M = (np.arange(VOTING.bins) + 0.5 - VOTING.bins / 2) * VOTING.bin_m
+
+
+def vote_lanes(stripes: Stripes, view: BirdsEyeView) -> tuple[np.ndarray, np.ndarray]:
+    """The vote table (hypotheses, bins) of the stripes, and the lanes (K, 15) that it suggests, best first."""
+    votes = count_votes(stripes, view.height_m)
+    return votes, best_pairs(votes, int((view.x_m < VOTING.far_m).sum()))
+
+
+def count_votes(stripes: Stripes, height_m: float) -> np.ndarray:
+    """Histogram (H, bins) of the stripes, weighted, by their distance to the left of each hypothesis' arc.
+
+    The bins are centred on `BIN_CENTRES_M`. The height of the camera matters because the pitch is part of a hypothesis.
+    """
+    near = stripes.select(stripes.x_m < VOTING.far_m)
+    weight = marking_weight(near).astype(np.float32)
+    heading, curvature, pitch = HYPOTHESES.T
+    votes = np.zeros((len(heading), VOTING.bins))
+    for angle_rad in np.unique(pitch):
+        of = np.flatnonzero(pitch == angle_rad)
+        pitched = np.zeros(PARAMETERS)
+        pitched[PITCH] = angle_rad
+        ground = intersect_ground(near.x_m, pitched, height_m)
+        positions = flatten(near.x_m, near.y_m, near.angle, ground, height_m)
+        bins, agreement = _bins_and_agreement(*positions, heading[of], curvature[of])
+        bins += VOTING.bins * np.arange(len(of))[:, None]
+        counts = np.bincount(bins.ravel(), (agreement * weight).ravel(), len(of) * VOTING.bins)
+        votes[of] = counts.reshape(-1, VOTING.bins)
+    # the outermost bins also hold everything beyond them
+    votes[:, [0, -1]] = 0
+    return votes
+
+
+def _bins_and_agreement(x, y, angle, heading, curvature) -> tuple[np.ndarray, np.ndarray]:
+    """For each hypothesis and stripe: the stripe's bin, int, and the agreement of the directions, 0 to 1.
+
+    The geometry is that of `lanes.detect.residuals.arc_coordinates`, written as two products of matrices in float32:
+    bins are coarse, and this table takes most of the time of a search.
+    """
+    sin, cos = np.sin(heading), np.cos(heading)
+    across, front = np.sin(angle), np.cos(angle)
+    twice = _sums_of_products((2 * cos, -2 * sin, -curvature), (y, x, x * x + y * y))
+    angle_residual = _sums_of_products((sin, -cos, curvature), (front, across, x * front + y * across))
+    angle_residual *= 1 / MARKINGS.angle_std_rad
+    squared_scale = np.maximum(1 - curvature.astype(np.float32)[:, None] * twice, MIN_SCALE**2)
+    # in place where possible: half of the time is memory allocation
+    a = np.divide(twice, 1 + np.sqrt(squared_scale), out=twice)
+    a *= 1 / VOTING.bin_m
+    a += VOTING.bins / 2
+    agreement = np.multiply(angle_residual, angle_residual, out=angle_residual)
+    agreement += squared_scale
+    np.divide(squared_scale, agreement, out=agreement)
+    np.square(agreement, out=agreement)
+    return np.clip(a, 0, VOTING.bins - 1, out=a).astype(np.intp), agreement
+
+
+def _sums_of_products(of_hypotheses: tuple, of_stripes: tuple) -> np.ndarray:
+    """(hypotheses, stripes) sums over pairs of factors, float32."""
+    return np.stack(of_hypotheses, axis=1).astype(np.float32) @ np.stack(of_stripes).astype(np.float32)
+
+
+def best_pairs(votes: np.ndarray, rows: int, *, most: int = VOTING.lanes) -> np.ndarray:
+    """At most `most` lanes (K, 15), best first, without duplicates, from pairs of lines in the votes of `count_votes`.
+
+    The score of a lane is the sum of the square roots of its lines' shares of `rows`, the votes of a solid line. Two
+    fair lines therefore beat one good line alone.
+    """
+    hypothesis, support, middle = HYPOTHESES, _line_support(votes, rows), BIN_CENTRES_M
+    left = np.flatnonzero((middle > VOTING.line_from_m) & (middle < VOTING.line_to_m))
+    right = np.flatnonzero((middle < -VOTING.line_from_m) & (middle > -VOTING.line_to_m))
+    distance = ((hypothesis / PRIOR_STD[[HEADING, CURVATURE, PITCH]]) ** 2).sum(1)
+    bound = support[:, left].max(1) + support[:, right].max(1) - VOTING.prior_weight * distance
+    kept = np.argsort(-bound, kind="stable")[: VOTING.paired]
+    width, centre = middle[left, None] - middle[right], (middle[left, None] + middle[right]) / 2
+    pair_distance = ((width - PRIOR_MEAN[WIDTH]) / PRIOR_STD[WIDTH]) ** 2 + (
+        (centre - PRIOR_MEAN[CENTRE]) / PRIOR_STD[CENTRE]
+    ) ** 2
+    score = support[kept][:, left, None] + support[kept][:, None, right]
+    score -= (VOTING.prior_weight * pair_distance).astype(np.float32)
+    score = score.reshape(len(kept), -1)
+    pair = score.argmax(axis=1)
+    best = score[np.arange(len(kept)), pair] - VOTING.prior_weight * distance[kept]
+    lanes = np.zeros((len(kept), PARAMETERS))
+    lanes[:, CENTRE], lanes[:, WIDTH] = centre.ravel()[pair], width.ravel()[pair]
+    lanes[:, [HEADING, CURVATURE, PITCH]] = hypothesis[kept]
+    return suppress_non_maxima(lanes[np.argsort(-best, kind="stable")], most)
+
+
+def _line_support(votes: np.ndarray, rows: int) -> np.ndarray:
+    """(H, bins) square root of each bin's share of votes; float32, because there are 145,000 pairs of bins."""
+    shared = votes.copy()
+    shared[:, 1:-1] += VOTING.neighbour_share * (votes[:, :-2] + votes[:, 2:])
+    return np.sqrt(shared / rows).astype(np.float32)
+
+
+def suppress_non_maxima(lanes: np.ndarray, most: int, *, same_pitch_rad: float = np.inf) -> np.ndarray:
+    """The first `most` of the lanes (N, 15), best first, that are no duplicates of an earlier one.
+
+    Lanes whose pitch differs by more than `same_pitch_rad` are no duplicates either.
+    """
+    chosen: list[int] = []
+    free = np.ones(len(lanes), bool)
+    while len(chosen) < most and free.any():
+        chosen.append(int(free.argmax()))
+        difference = np.abs(lanes - lanes[chosen[-1]])
+        tolerance_per_m = (
+            VOTING.duplicate_curvature_share * np.abs(lanes[:, CURVATURE]) + VOTING.duplicate_curvature_per_m
+        )
+        free &= (
+            (np.maximum(difference[:, CENTRE], difference[:, WIDTH]) > VOTING.duplicate_m)
+            | (difference[:, PITCH] > same_pitch_rad)
+            | (difference[:, CURVATURE] > tolerance_per_m)
+        )
+    return lanes[chosen]

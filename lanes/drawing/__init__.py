@@ -1,1 +1,0 @@
-"""Drawing primitives on pictures, and matplotlib figures."""

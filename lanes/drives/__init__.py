@@ -1,1 +1,0 @@
-"""Whole drives: sources, camera pose, tracking, overlay, telemetry and report."""

@@ -1,0 +1,26 @@
+"""Errors of this package: each message names the file, the fault and the remedy."""
+
+from __future__ import annotations
+
+
+class LaneError(ValueError):
+    """The input cannot be used; the base class of all errors of this package."""
+
+
+class PictureError(LaneError):
+    """A picture cannot be used; the message names the file, the fault and a remedy."""
+
+
+class CameraError(LaneError):
+    """A camera, camera file or calibration cannot be used; the message says which, why and what to do."""
+
+
+class PoseError(LaneError):
+    """The camera pose cannot be estimated from the pictures; the message says why and what to do."""
+
+    # Exit status of a command: the input is valid, but the task failed.
+    exit_status = 1
+
+
+class VideoError(LaneError):
+    """A video cannot be used; the message names the file, the fault and a remedy."""

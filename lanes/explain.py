@@ -1,0 +1,368 @@
+"""Checks of the steps of lane detection in one picture: summary, failure and advice for each step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lanes.camera import Camera
+from lanes.describe import describe_bend
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.confidence import CONFIDENCE, FEATURES, LIKELY_CONFIDENCE, feature_weights, lane_features
+from lanes.detect.fit import FIT, LaneFit, fit_starts, near_stripes
+from lanes.detect.lane import Lane
+from lanes.detect.paint import MARKINGS, FrameEvidence, lightness, strength_weight
+from lanes.detect.road import CENTRE, CURVATURE, PITCH, PRIOR_STD, SIDES, WIDTH, is_ego_lane, lateral_std_m
+from lanes.detect.search import RIVAL_M, search_still
+from lanes.detect.votes import vote_lanes
+from lanes.errors import CameraError
+from lanes.track.tracker import TRACKER, TrackedLane
+
+# Median grey levels (of 255) below and above which hardly any paint is visible, and the least range of grey levels of
+# a road with visible paint.
+DARK, BRIGHT, FLAT = 20, 240, 8
+# Lanes with nothing between their lines have a larger share of stripes on them.
+USUAL_CLEAR_SHARE = 0.9
+# Pitch motion beyond three prior standard deviations is not caused by a bump.
+MAX_PITCH_RAD = 3 * PRIOR_STD[PITCH]
+
+RE_ESTIMATE_POSE = "Estimate the camera pose again from pictures of this drive (python -m lanes pose)."
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of the detection: name, numbers as text, and reason and advice if it failed."""
+
+    name: str
+    summary: str
+    failure: str = ""
+    advice: str = ""
+
+
+def describe_input(image: np.ndarray, camera: Camera, pose_failure: str) -> list[Step]:
+    """The picture and the camera pose; `pose_failure` says why the pose is only assumed, and is empty otherwise."""
+    picture = Step("picture", f"{image.shape[1]}x{image.shape[0]} px, mean brightness {image.mean():.0f} of 255")
+    pose = camera.require_pose().describe()
+    if pose_failure:
+        return [picture, Step("pose", f"assumed, {pose}", pose_failure, RE_ESTIMATE_POSE)]
+    return [picture, Step("pose", pose)]
+
+
+def check_birdseye(evidence: FrameEvidence, view: BirdsEyeView) -> Step:
+    """Check that the road in the bird's-eye view is neither too dark nor too bright, and has contrast."""
+    levels = lightness(evidence.view_image)[view.seen]
+    low, median, high = np.percentile(levels, [0.1, 50, 99.9])
+    summary = f"picture covers {view.seen.mean():.0%} of {view.near_m:g} to {view.far_m:g} m, brightness {median:.0f}"
+    failure = advice = ""
+    if median < DARK:
+        failure = f"the road is almost black (median {median:.0f} of 255)."
+        advice = "Set the exposure for the road, switch on the headlights, or skip this part of the drive."
+    elif median > BRIGHT:
+        failure = f"the road is glaring white (median {median:.0f} of 255)."
+        advice = "Set the exposure for the road, or clean the windscreen. There is no remedy for low sun."
+    elif high - low < FLAT:
+        failure = f"the road has no contrast (grey levels {low:.0f} to {high:.0f})."
+        advice = "Check for fog, dirt or blur, and whether the camera looks at the road."
+    return Step("birdseye", summary, failure, advice)
+
+
+def check_markings(evidence: FrameEvidence, view: BirdsEyeView) -> Step:
+    """Check that the marking response is large enough anywhere."""
+    strength, minimum = evidence.response.strength[view.seen], MARKINGS.min_strength
+    best, share = strength.max(initial=0), (strength > minimum).mean()
+    summary = f"strongest {best:.0f} x noise, {share:.1%} of the road above {minimum:g}"
+    failure = "nothing is brighter or yellower than the road on both sides of it and as wide as a painted line."
+    if evidence.response.learned:
+        best_p, minimum_p = strength_weight(np.array([best, minimum]))
+        summary = f"probability of paint up to {best_p:.0%}, {share:.1%} of the road above {minimum_p:.0%}"
+        failure = f"the network finds no paint with a probability above {minimum_p:.0%}."
+    if best > minimum:
+        return Step("markings", summary)
+    advice = "Check whether the road has lines, and whether the bird's-eye view shows them. If it does not: "
+    return Step("markings", summary, failure, advice + RE_ESTIMATE_POSE)
+
+
+def check_stripes(evidence: FrameEvidence) -> Step:
+    """Check that there are stripes at the near end of the road, where the search starts."""
+    count, near = len(evidence.stripes), len(near_stripes(evidence.stripes))
+    summary = f"{count} candidates, {near} of them within {FIT.start[-1][0]} m"
+    if near:
+        return Step("stripes", summary)
+    failure = f"no stripe is nearer than {FIT.start[-1][0]} m, where the search starts."
+    advice = "Check whether the bonnet or a car hides the road, or the lines end here. If not: "
+    return Step("stripes", summary, failure, advice + RE_ESTIMATE_POSE)
+
+
+def describe_votes(starts: np.ndarray) -> Step:
+    """Describe the best of the lanes (K, 15) with the most votes."""
+    width_m, bend = starts[0, WIDTH], describe_bend(float(starts[0, CURVATURE]))
+    return Step("votes", f"{len(starts)} lanes proposed, best: {width_m:.1f} m wide, {bend}")
+
+
+def check_fit(score: float, support: np.ndarray, *, seen: bool) -> Step:
+    """Check that the best lane is seen after the fit; `support` (2,) is that of its two lines."""
+    summary = f"score {score:.2f}, paint on {support[0]:.0%} left, {support[1]:.0%} right"
+    if seen:
+        return Step("fit", summary)
+    return Step(
+        "fit",
+        summary,
+        f"the lines of the best lane and its neighbours have paint on less than {FIT.min_support:.0%} of the rows: the "
+        "stripes do not line up.",
+        "Check in the bird's-eye view whether the road has lines here, and whether they are parallel. If they are, the "
+        "car is crossing a line or in a hairpin, and in a video the tracker bridges it. If they diverge or converge, "
+        "the camera pose is wrong. " + RE_ESTIMATE_POSE,
+    )
+
+
+def check_lane(lane: Lane) -> Step:
+    """Check the confidence and the pitch motion of the lane found."""
+    confidence = TrackedLane.from_still(lane).confidence
+    summary = f"confidence {confidence:.0%}, margin over the next lane {lane.margin or 0:.2f}"
+    if abs(lane.pitch_rad) >= MAX_PITCH_RAD:
+        turned = f"{np.degrees(abs(lane.pitch_rad)):.1f} deg farther {'down' if lane.pitch_rad > 0 else 'up'}"
+        failure = f"the camera seems to look {turned} than its pose says."
+        return Step("lane", summary, failure, RE_ESTIMATE_POSE + " On a crest or a bump no action is needed.")
+    if confidence < LIKELY_CONFIDENCE:
+        return Step("lane", summary, *_explain_low_confidence(lane))
+    return Step("lane", summary)
+
+
+def _explain_low_confidence(lane: Lane) -> tuple[str, str]:
+    """Failure and advice for the most likely cause of a low confidence."""
+    unseen = [name for name, line in (("left", lane.left), ("right", lane.right)) if not line.seen]
+    if lane.score < TRACKER.min_score:
+        return (
+            f"hardly any paint supports the lane (score {lane.score:.2f}; "
+            f"the tracker starts from {TRACKER.min_score} on).",
+            "Check in the panels with the marking response and the stripes whether the road has lines here.",
+        )
+    if unseen:
+        return (
+            f"the {unseen[0]} line is not seen; its position follows from the other line and the usual lane width.",
+            "If the road has no such line, no action is needed: in a video the tracker keeps the lane width from "
+            "earlier frames. If it has one, and the lines are not parallel in the bird's-eye view, the camera pose is "
+            "wrong. " + RE_ESTIMATE_POSE,
+        )
+    if _is_the_cause(lane, "other lanes"):
+        return (
+            f"only {lane.same_lane_share:.0%} of the camera poses that fit this picture show this lane, because one "
+            "picture shows the pose only roughly.",
+            "Give a camera file with a pose, or several pictures or a video of the drive: `python -m lanes pose`.",
+        )
+    if _is_the_cause(lane, "odd heading"):
+        return (
+            f"the lane points {np.degrees(abs(lane.heading_rad)):.1f} deg away from the car's direction, more than "
+            "in a usual bend or lane change.",
+            RE_ESTIMATE_POSE + " In a sharp lane change no action is needed.",
+        )
+    if _is_the_cause(lane, "odd width"):
+        return (
+            f"the lane width of {lane.width_m:.1f} m is implausible (usual: {CONFIDENCE.usual_width_m} m): one of the "
+            "lines may be a kerb, a crack or a line of another lane, or the road is unusual.",
+            "Check in the panel with the fit which line lies on paint. If all lanes are like this: " + RE_ESTIMATE_POSE,
+        )
+    tiles = _describe_tiles(lane)
+    if tiles and _is_the_cause(lane, "between", "transverse"):
+        return (
+            tiles + ".",
+            "Check in the panel with the stripes what lies between the lines: a floor of tiles, a crossing, or a road "
+            "with other markings. If a line of the lane itself lies there: " + RE_ESTIMATE_POSE,
+        )
+    std_m = lateral_std_m(lane.covariance, 20.0).max()
+    return (
+        f"the worse line has a standard deviation of {std_m:.1f} m at 20 m ahead: the paint found "
+        f"ends after {lane.left.reach_m:.0f} m (left) and {lane.right.reach_m:.0f} m (right).",
+        "Use the video instead of a still: the tracker combines many frames.",
+    )
+
+
+def _describe_tiles(lane: Lane) -> str:
+    """Lines across the lane and between its own, as tiles have them; empty if there are none."""
+    parts = []
+    if lane.transverse_stripes:
+        parts.append(f"painted stripes cross the lane ({lane.transverse_stripes} of them)")
+    if lane.clear_share < USUAL_CLEAR_SHARE:
+        share = f"of the stripes along it only {lane.clear_share:.0%} are on its lines"
+        parts.append(f"other lines run between those of the lane: {share}")
+    return ", and ".join(parts)
+
+
+def _is_the_cause(lane: Lane, *features: str) -> bool:
+    """Whether the confidence would be high enough without these features."""
+    log_odds = lane_features(lane) * feature_weights(lane)
+    without = log_odds.sum() - sum(log_odds[FEATURES.index(feature)] for feature in features)
+    return bool(without >= np.log(LIKELY_CONFIDENCE / (1 - LIKELY_CONFIDENCE)))
+
+
+# Explanation of a lane detection: every step from the raw picture to the lane in metres, with its numbers.
+#
+#     picture -> bird's-eye view -> marking response -> stripes -> votes -> fit -> lane
+#
+# If the detection fails, the explanation names the step, the reason and what to do.
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A lane that was fitted to the stripes.
+
+    `index` is its number in the fit, `model` (15,) as in `lanes.detect.road`; `support` (2,) is the share of rows
+    with paint, left and right; `reason` describes the lane, and says why it was rejected if it was.
+    """
+
+    index: int
+    model: np.ndarray
+    support: np.ndarray
+    score: float
+    chosen: bool
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """A picture and the result of every detection step; `lanes.figures.show_explanation` draws it.
+
+    Attributes
+    ----------
+    image : ndarray of shape (height, width, 3), uint8
+        RGB, raw.
+    steps : tuple of Step
+        In order of execution; only the last one may have failed.
+    evidence : FrameEvidence or None
+        Bird's-eye view, marking response and stripes; None if the camera sees no road.
+    votes : ndarray (hypotheses, bins) or None
+        Vote table of `lanes.detect.votes`; None without near stripes.
+    candidates : tuple of Candidate
+        Best first.
+    """
+
+    image: np.ndarray
+    camera: Camera
+    view: BirdsEyeView
+    steps: tuple[Step, ...]
+    evidence: FrameEvidence | None = None
+    votes: np.ndarray | None = None
+    fit: LaneFit | None = None
+    candidates: tuple[Candidate, ...] = ()
+    lane: Lane | None = None
+
+    @property
+    def tracked(self) -> TrackedLane:
+        """The lane with its confidence, as for a still."""
+        return TrackedLane.from_still(self.lane)
+
+    @property
+    def failed(self) -> Step | None:
+        """The step that failed, or that gives a low confidence; None if no step failed."""
+        return next((step for step in self.steps if step.failure), None)
+
+    @property
+    def undistorted_camera(self) -> Camera:
+        """The camera without its distortion, for drawing on the undistorted picture."""
+        return replace(self.camera, distortion=np.zeros(5))
+
+    def describe(self) -> str:
+        """Text of several lines: steps, result, rejected lanes, failure and advice."""
+        lines = [f"{step.name:<10} {step.summary}" for step in self.steps]
+        lines += [f"{name:<10} {words}" for name, words in self.tracked.summary().items()]
+        lines += self.confidence_summary()
+        lines += [f"rejected   {c.reason}" for c in self.candidates if not c.chosen]
+        if self.failed:
+            lines += [f"failed at  {self.failed.name}: {self.failed.failure}", f"what to do {self.failed.advice}"]
+        return "\n".join(lines)
+
+    def confidence_summary(self) -> list[str]:
+        """Lines of text with the features of the confidence, their weights and their contributions to the log odds.
+
+        Features without weight are left out: they count only for tracked lanes, or for a pose from the same picture.
+        """
+        if self.lane is None:
+            return []
+        parts = list(zip(FEATURES, lane_features(self.lane), feature_weights(self.lane), strict=True))
+        lines = [
+            f"  {name}: {value:.2f} x {weight:.2f} = {value * weight:+.2f}" for name, value, weight in parts if weight
+        ]
+        return ["confidence, as log odds:", *lines, f"  total {sum(v * w for _, v, w in parts):+.2f}"]
+
+    def __repr__(self) -> str:
+        return f"Explanation({self.tracked}, failed at {self.failed.name if self.failed else 'no step'})"
+
+
+def explain_frame(image: np.ndarray, camera: Camera, *, pose_failure: str = "") -> Explanation:
+    """Detect the lane in a raw RGB picture and keep the result of every step.
+
+    The lane equals that of `lanes.detect.search.find_lane`. `pose_failure` says why the pose of `camera` is only
+    assumed; it is empty if the pose is known.
+
+    Raises
+    ------
+    PictureError
+        If the picture is not RGB or not of the camera's size.
+    CameraError
+        If the camera has no pose.
+    """
+    camera.require_size(image)
+    camera.require_pose()
+    view = BirdsEyeView(camera)
+    steps = describe_input(image, camera, pose_failure)
+    try:
+        evidence, lane = search_still(image, view)
+    except CameraError as error:
+        failed = Step("birdseye", "no road in the picture", str(error), RE_ESTIMATE_POSE)
+        return Explanation(image, camera, view, _up_to_failure([*steps, failed]))
+    if pose_failure:
+        # Later steps are meaningless without the camera pose. The evidence is kept for the figure.
+        return Explanation(image, camera, view, tuple(steps), evidence)
+    steps += [check_birdseye(evidence, view), check_markings(evidence, view), check_stripes(evidence)]
+    if not len(near_stripes(evidence.stripes)):
+        return Explanation(image, camera, view, _up_to_failure(steps), evidence)
+    votes, starts = vote_lanes(evidence.stripes, view)
+    fit = fit_starts(starts, evidence.stripes, view)
+    candidates = _candidates(fit, found=lane is not None)
+    steps += [describe_votes(starts), check_fit(candidates[0].score, candidates[0].support, seen=lane is not None)]
+    if lane is not None:
+        # A lane was found, so an earlier failure was not decisive.
+        steps = [replace(step, failure="", advice="") for step in steps] + [check_lane(lane)]
+    return Explanation(image, camera, view, _up_to_failure(steps), evidence, votes, fit, candidates, lane)
+
+
+def _up_to_failure(steps: list[Step]) -> tuple[Step, ...]:
+    failed = next((n for n, step in enumerate(steps) if step.failure), len(steps))
+    return tuple(steps[: failed + 1])
+
+
+def _candidates(fit: LaneFit, *, found: bool) -> tuple[Candidate, ...]:
+    """The fitted lanes with the reasons for their selection or rejection, best first, near duplicates removed."""
+    support, score = fit.support, fit.score
+    order = np.argsort(-score, kind="stable").tolist()
+    best, candidates = order[0], []
+    for n in order:
+        lane = fit.lane[n]
+        if n != best and np.abs(lane - fit.lane[best])[[CENTRE, WIDTH]].max() <= RIVAL_M:
+            continue
+        paint = f"paint {support[n, 0]:.0%} left, {support[n, 1]:.0%} right"
+        verdict = f"{paint}, score {score[n]:.2f}"
+        if n != best:
+            why = _why_rejected(lane, support[n], support[best])
+            verdict = f"{why} ({paint}), score {score[n]:.2f} against {score[best]:.2f}"
+        side = "left" if lane[CENTRE] > 0 else "right"
+        reason = f"{lane[WIDTH]:.1f} m wide, centre {abs(lane[CENTRE]):.1f} m {side}: {verdict}"
+        candidates.append(Candidate(n, lane, support[n], float(score[n]), found and n == best, reason))
+    return tuple(candidates)
+
+
+def _why_rejected(lane: np.ndarray, support: np.ndarray, best_support: np.ndarray) -> str:
+    if not is_ego_lane(lane[None])[0]:
+        return "not the ego lane"
+    return "less paint" if np.sqrt(support).sum() < np.sqrt(best_support).sum() else "larger prior penalty"
+
+
+def stripes_on_lines(explanation: Explanation) -> np.ndarray:
+    """The line of the lane that each stripe (N,) lies on: +1 left, -1 right, 0 none.
+
+    Stripes on the far lines of adjacent lanes are 0, although they take part in the fit.
+    """
+    if explanation.lane is None or explanation.fit is None:
+        return np.zeros(len(explanation.evidence.stripes) if explanation.evidence else 0)
+    return SIDES @ explanation.fit.members[explanation.candidates[0].index]

@@ -1,0 +1,98 @@
+"""Horizontal field of view of an uncalibrated camera: from EXIF, from broken lines of known period, or assumed.
+
+The effect of an error was measured (docs/own_camera.md). Offset, lane width and camera height do not depend on the
+field of view, because the lane width determines them. Distances ahead are proportional to the focal length, and
+curvatures to its inverse square.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lanes.camera import HFOV_RANGE_DEG
+from lanes.files import require_file
+from lanes.images import PICTURE_SUFFIXES
+
+# Assumed if there is no information: phones that film have 55 to 70 degrees, dashcams 60 to 140.
+DEFAULT_HFOV_DEG = 60.0
+# Diagonal of 35 mm film, 36 x 24 mm, which the equivalent focal length refers to.
+FILM_DIAGONAL_MM = float(np.hypot(36, 24))
+# Values of the EXIF entry FocalPlaneResolutionUnit: inch and centimetre.
+RESOLUTION_UNIT_MM = {2: 25.4, 3: 10.0}
+
+
+@dataclass(frozen=True)
+class FieldOfView:
+    """A horizontal field of view, and its source as text; `assumed` if it is a default and not a measurement."""
+
+    hfov_deg: float
+    source: str
+    assumed: bool = False
+
+    def describe(self) -> str:
+        """One sentence with value and source; for an assumed value also the effect of an error and what to do."""
+        text = f"field of view {self.hfov_deg:.1f} deg, {self.source}"
+        if not self.assumed:
+            return text
+        return (
+            f"{text}. Offset and lane width do not depend on it, but distances and curvature do: if the true value is "
+            "50 (70) deg, the curvature is 1.5 times too strong (too weak). Give --hfov, --dash-period or --boards."
+        )
+
+
+def find_field_of_view(files: Iterable[Path]) -> FieldOfView:
+    """Horizontal field of view from the EXIF entries of the first still that has them, otherwise `DEFAULT_HFOV_DEG`."""
+    for file in files:
+        hfov_deg = read_hfov(file) if Path(file).suffix.lower() in PICTURE_SUFFIXES else None
+        if hfov_deg is not None:
+            return FieldOfView(hfov_deg, f"as {Path(file).name} says (EXIF)")
+    return FieldOfView(DEFAULT_HFOV_DEG, "assumed, because neither the command nor the files name one", assumed=True)
+
+
+def read_hfov(picture: str | Path) -> float | None:
+    """Horizontal field of view of a still in degrees from its EXIF entries, or None if they do not determine it.
+
+    First choice is the focal length in 35 mm film, which refers to the diagonal (CIPA DCG-001). Second choice is the
+    focal length in millimetres together with the resolution of the sensor.
+    """
+    # Imported here, because it is needed only for pictures without other information about the lens.
+    from PIL import ExifTags, Image
+
+    try:
+        require_file(picture, "picture")
+        with warnings.catch_warnings(action="ignore"), Image.open(picture) as image:
+            entries, (width, height) = image.getexif().get_ifd(ExifTags.IFD.Exif), image.size
+    except Exception:  # EXIF is optional information, and Pillow raises many types of error on invalid entries.
+        return None
+    named = {ExifTags.TAGS.get(key, ""): _to_float(value) for key, value in entries.items()}
+    focal_px = _focal_length_px(named, width, height)
+    if focal_px is None:
+        return None
+    hfov_deg = float(np.degrees(2 * np.arctan(width / 2 / focal_px)))
+    return hfov_deg if HFOV_RANGE_DEG[0] <= hfov_deg <= HFOV_RANGE_DEG[1] else None
+
+
+def _focal_length_px(entries: dict[str, float], width: int, height: int) -> float | None:
+    if entries.get("FocalLengthIn35mmFilm", 0) > 0:
+        return entries["FocalLengthIn35mmFilm"] / FILM_DIAGONAL_MM * float(np.hypot(width, height))
+    focal_mm, resolution = entries.get("FocalLength", 0), entries.get("FocalPlaneXResolution", 0)
+    unit_mm = RESOLUTION_UNIT_MM.get(round(entries.get("FocalPlaneResolutionUnit", 2)))
+    if not (focal_mm > 0 and resolution > 0 and unit_mm):
+        return None
+    # The resolution refers to the original picture, which may have been resized.
+    scale = width / (entries.get("ExifImageWidth", 0) or width)
+    return focal_mm * resolution / unit_mm * scale
+
+
+def _to_float(value: Any) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError, ZeroDivisionError):
+        return 0.0
+    return number if np.isfinite(number) else 0.0

@@ -1,0 +1,433 @@
+"""Matplotlib figures in one style; the only module that imports pyplot, on first use.
+
+The functions plot given values and return the figure and its axes (an array if there can be several); they neither
+compute nor show.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from lanes.camera import Camera, undistort
+from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR, Colour
+from lanes.describe import describe_std
+from lanes.detect.road import CENTRE, CURVATURE, SIDES, WIDTH, lines_on_view
+from lanes.detect.votes import HYPOTHESES, VOTING
+from lanes.draw import draw_tracked
+from lanes.explain import Explanation, stripes_on_lines
+from lanes.files import write_atomically
+from lanes.images import as_rgb
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# At 80 dots per inch a JPEG figure of two photographs takes about 70 kB, a tenth of the default PNG.
+STYLE: dict[Any, Any] = {
+    "figure.dpi": 80,
+    "figure.constrained_layout.use": True,
+    "font.size": 11,
+    "axes.titlesize": 12,
+    "axes.grid": False,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "lines.linewidth": 1.8,
+}
+TRUTH_LOOK = {"color": "0.15", "linestyle": "--", "linewidth": 1.3, "zorder": 3}
+# Distances ahead that are marked on pictures of a road grid, metres.
+MARKED_M = (5, 10, 20, 40)
+# Above the axes, where a legend hides no curve.
+LEGEND_ABOVE = {"loc": "lower right", "bbox_to_anchor": (1, 1), "frameon": False, "borderaxespad": 0}
+
+
+class RoadGrid(Protocol):
+    """Distance ahead of each row, farthest first, and lateral position of each column, left first; metres."""
+
+    @property
+    def x_m(self) -> np.ndarray: ...
+
+    @property
+    def y_m(self) -> np.ndarray: ...
+
+
+def show_pictures(
+    images: Sequence[np.ndarray], titles: Sequence[str], *, columns: int = 2, width_in: float = 12.0
+) -> tuple[Figure, np.ndarray]:
+    """Plot pictures side by side, in rows of `columns`.
+
+    Parameters
+    ----------
+    images : sequence of ndarray
+        RGB (height, width, 3), or masks and gray pictures (height, width). The gray scale is 0..1 for bool and for 0..1
+        masks, 0..255 for other uint8, and the range of values for other types.
+    titles : sequence of str
+        One for each picture.
+    width_in : float
+        Width of the figure in inches; its height follows from the pictures.
+
+    Raises
+    ------
+    ValueError
+        If the numbers of titles and pictures differ or are 0.
+    """
+    if not len(images) or len(images) != len(titles):
+        raise ValueError(f"one title for each picture is needed; got {len(images)} pictures and {len(titles)} titles.")
+    columns = min(columns, len(images))
+    rows = -(-len(images) // columns)
+    row_in = max(image.shape[0] / image.shape[1] for image in images) * width_in / columns + 0.35
+    figure, axes = new_figure(rows, columns, (width_in, rows * row_in))
+    for axis in axes[len(images) :]:
+        axis.remove()
+    for axis, image, title in zip(axes, images, titles, strict=False):
+        axis.imshow(image, cmap="gray", **_gray_limits(image))
+        axis.set_title(title)
+        axis.set_axis_off()
+    return figure, axes[: len(images)]
+
+
+def show_birdseye(
+    images: Sequence[np.ndarray],
+    titles: Sequence[str],
+    grid: RoadGrid,
+    *,
+    columns: int = 2,
+    width_in: float = 12.0,
+    **look: object,
+) -> tuple[Figure, np.ndarray]:
+    """Plot pictures of a road grid side by side, with axes in metres.
+
+    Parameters
+    ----------
+    images : sequence of ndarray
+        RGB (rows, columns, 3), or values (rows, columns), of the grid.
+    titles : sequence of str
+        One for each picture.
+    grid : RoadGrid
+        For example a `BirdsEyeView`.
+    **look
+        Options of matplotlib's `imshow`, for example cmap, vmin and vmax.
+    """
+    columns = min(columns, len(images))
+    rows = -(-len(images) // columns)
+    figure, axes = new_figure(rows, columns, (width_in, rows * (0.6 * width_in / columns + 0.6)))
+    for axis, image, title in zip(axes, images, titles, strict=True):
+        draw_on_road_grid(axis, image, grid, **look)
+        axis.set_title(title)
+    return figure, axes
+
+
+def draw_on_road_grid(axis: Axes, image: np.ndarray, grid: RoadGrid, **look: Any) -> None:
+    """Show a picture of a road grid; the distances of its rows may grow, so the marks ahead are not even."""
+    rows = len(grid.x_m)
+    axis.imshow(image, extent=(grid.y_m[0], grid.y_m[-1], rows - 0.5, -0.5), aspect="auto", **look)
+    marked_m = [x_m for x_m in MARKED_M if grid.x_m[-1] <= x_m <= grid.x_m[0]]
+    marks = np.interp(marked_m, grid.x_m[::-1], np.arange(rows)[::-1])
+    axis.set_yticks(marks, [f"{x_m} m" for x_m in marked_m])
+    axis.set(xlabel="left (m)", ylabel="ahead")
+
+
+def plot_histogram(
+    counts: np.ndarray, *, left_px: float | None = None, right_px: float | None = None
+) -> tuple[Figure, Axes]:
+    """Plot the column histogram (width,) of a binary view, with the two start columns of the search."""
+    figure, (axis,) = new_figure(1, 1, (10, 3))
+    axis.fill_between(np.arange(len(counts)), counts, color=rgb(WINDOW_COLOUR), alpha=0.6, linewidth=0)
+    for column, colour, name in ((left_px, LEFT_COLOUR, "left"), (right_px, RIGHT_COLOUR, "right")):
+        if column is not None:
+            axis.axvline(column, color=rgb(colour), label=f"{name} start, column {column:.0f}")
+            axis.legend(ncols=2, **LEGEND_ABOVE)
+    axis.set_title("Where the paint is", loc="left")
+    axis.set(xlabel="column (pixels)", ylabel="paint pixels in the column", xlim=(0, len(counts) - 1))
+    axis.set_ylim(bottom=0)
+    return figure, axis
+
+
+def plot_bars(values: Mapping[str, float], *, label: str, title: str = "") -> tuple[Figure, Axes]:
+    """Plot named values as bars; `label` is their name with the unit."""
+    figure, (axis,) = new_figure(1, 1, (10, 3))
+    axis.bar(list(values), list(values.values()), color=rgb(WINDOW_COLOUR))
+    axis.tick_params(axis="x", rotation=90)
+    axis.set(ylabel=label, title=title)
+    return figure, axis
+
+
+def plot_series(
+    times_s: np.ndarray, series: Mapping[str, Mapping[str, np.ndarray]], *, title: str = ""
+) -> tuple[Figure, np.ndarray]:
+    """Plot telemetry over time, one panel per quantity.
+
+    Parameters
+    ----------
+    series : mapping of str to (mapping of str to ndarray of shape (N,))
+        Axis label with unit ("offset (m)") to the curves of that panel, name to values. A curve named "truth" is a dark
+        dashed line above the others. NaN leaves a gap.
+
+    Raises
+    ------
+    ValueError
+        If `series` is empty.
+    """
+    if not series:
+        raise ValueError("no quantity to plot; give at least one axis label with its curves.")
+    figure, axes = new_figure(len(series), 1, (10, 0.6 + 2.2 * len(series)), sharex=True)
+    for axis, (label, curves) in zip(axes, series.items(), strict=True):
+        for name, values in curves.items():
+            axis.plot(times_s, values, label=name, **(TRUTH_LOOK if name == "truth" else {}))
+        axis.set_ylabel(label)
+        axis.grid(alpha=0.3)
+        if len(curves) > 1:
+            axis.legend(ncols=len(curves), **LEGEND_ABOVE)
+    axes[-1].set_xlabel("time (s)")
+    axes[0].set_title(title, loc="left")
+    return figure, axes
+
+
+def new_figure(rows: int, columns: int, size_in: tuple[float, float], **options: Any) -> tuple[Figure, np.ndarray]:
+    """A figure in the course's style, and its axes as a flat array."""
+    # Imported here: programs without figures start half a second sooner.
+    import matplotlib.pyplot as plt
+
+    with plt.rc_context(STYLE):
+        figure, axes = plt.subplots(rows, columns, figsize=size_in, squeeze=False, **options)
+    return figure, axes.ravel()
+
+
+def rgb(colour: Colour) -> tuple[float, float, float]:
+    """An RGB colour 0..255 in matplotlib's range 0..1."""
+    red, green, blue = colour
+    return red / 255, green / 255, blue / 255
+
+
+def save_figure(figure: Figure, path: str | Path) -> Path:
+    """Write a figure atomically as .jpg or .png; the folder is created where needed. Returns the path.
+
+    Raises
+    ------
+    ValueError, OSError
+        If the name has another suffix, or the folder cannot be written to.
+    """
+    path = Path(path)
+    kind = figure_kind(path)
+    # Without the name of the software, which contains matplotlib's version.
+    options = {"pil_kwargs": {"quality": 85}} if kind == "jpeg" else {"metadata": {"Software": None}}
+    data = BytesIO()
+    figure.savefig(data, format=kind, **options)
+    write_atomically(path, data.getvalue())
+    return path
+
+
+def figure_kind(path: Path) -> str:
+    """The format, "jpeg" or "png", by the suffix; raises ValueError for another suffix."""
+    kind = {".jpg": "jpeg", ".jpeg": "jpeg", ".png": "png"}.get(path.suffix.lower())
+    if kind is None:
+        raise ValueError(f"{path}: cannot write this kind of figure; end the name in .jpg or .png.")
+    return kind
+
+
+def _gray_limits(image: np.ndarray) -> dict[str, int]:
+    """Limits of the gray scale, for matplotlib; it ignores them for RGB and derives missing ones from the values."""
+    if image.dtype == bool or image.max() <= 1:
+        return {"vmin": 0, "vmax": 1}
+    return {"vmin": 0, "vmax": 255} if image.dtype == np.uint8 else {}
+
+
+# Figure of an explanation: one panel per step.
+#
+# Every panel can also be drawn for an explanation that failed at an earlier step.
+
+# Half the width of the marks on the road, metres.
+MARK_HALF_WIDTH_M = 4.0
+# Upper limit of the colour scale of the marking response.
+MAX_STRENGTH = 12.0
+# Upper end of the plot of the fit, metres ahead: the legend lies above the lines.
+FIT_TOP_M = 66.0
+TEXT_COLUMNS, LINE_POINTS = 72, 12
+HORIZON_COLOUR, FAILED_COLOUR = rgb((255, 60, 255)), "firebrick"
+
+
+def show_explanation(explanation: Explanation) -> tuple[Figure, np.ndarray]:
+    """Plot every step of an explanation with its numbers; the title of a failed step is red.
+
+    Returns
+    -------
+    figure, axes : Figure, ndarray of Axes of shape (9,)
+        Frame, camera pose, bird's-eye view, marking response, stripes, votes, fit, overlay and text.
+    """
+    said = defaultdict(lambda: "not reached", {step.name: step.summary for step in explanation.steps})
+    tracked, failed = explanation.tracked, explanation.failed
+    result = f"Result: {tracked.state}" + (f", confidence {tracked.confidence:.0%}" if tracked.lane else "")
+    panels = {
+        "picture": (f"Frame: {said['picture']}", _plot_frame),
+        "pose": (f"Camera pose: {explanation.camera.require_pose().describe()}", _plot_pose),
+        "birdseye": (f"Bird's-eye view: {said['birdseye']}", _plot_birdseye),
+        "markings": (f"Marking response: {said['markings']}", _plot_markings),
+        "stripes": (f"Stripes: {said['stripes']}", _plot_stripes),
+        "votes": (f"Votes: {said['votes']}", _plot_votes),
+        "fit": (f"Fit: {said['fit']}", _plot_fit),
+        "lane": (result, _plot_result),
+        "text": ("In words", _plot_text),
+    }
+    figure, axes = new_figure(3, 3, (18, 11.5), height_ratios=(1, 1, 1.2))
+    for number, (axis, (step, (title, plot))) in enumerate(zip(axes, panels.items(), strict=True), 1):
+        plot(axis, explanation)
+        axis.set_title(f"{number} {title}", fontsize=10)
+        if failed and failed.name == step:
+            axis.title.set_color(FAILED_COLOUR)
+    return figure, axes
+
+
+def _plot_frame(axis: Axes, explanation: Explanation) -> None:
+    axis.imshow(explanation.image)
+    axis.set_axis_off()
+
+
+def _plot_pose(axis: Axes, explanation: Explanation) -> None:
+    """Undistorted picture with the horizon, the point straight ahead and distances on the road."""
+    camera = explanation.undistorted_camera
+    height, width = explanation.image.shape[:2]
+    axis.imshow(undistort(explanation.image, explanation.camera))
+    ends = _directions_to_pixels(camera, np.array([[1.0, 0.6, 0], [1, 0, 0], [1, -0.6, 0]]))
+    axis.plot(*ends.T, color=HORIZON_COLOUR, lw=1.2, label="horizon of the camera pose")
+    axis.plot(*ends[1], "+", color=HORIZON_COLOUR, ms=14, mew=2, label="straight ahead of the car")
+    for x_m in MARKED_M:
+        mark = camera.road_to_pixels(np.array([[x_m, MARK_HALF_WIDTH_M], [x_m, -MARK_HALF_WIDTH_M]]))
+        axis.plot(*mark.T, color=rgb(WINDOW_COLOUR), lw=1)
+        if mark[0, 1] < height:
+            axis.annotate(f"{x_m} m ", mark[0], color=rgb(WINDOW_COLOUR), fontsize=8, ha="right", va="center")
+    if (lane := explanation.lane) is not None:
+        ahead = np.array([[np.cos(lane.heading_rad), np.sin(lane.heading_rad), lane.pitch_rad]])
+        pixel = _directions_to_pixels(camera, ahead)[0]
+        axis.plot(*pixel, "x", color=rgb(LANE_COLOUR), ms=9, mew=2, label="direction of the lane")
+    axis.set(xlim=(0, width), ylim=(height, 0))
+    axis.set_axis_off()
+    axis.legend(loc="lower right", fontsize=8)
+
+
+def _plot_birdseye(axis: Axes, explanation: Explanation) -> None:
+    if explanation.evidence is None:
+        _show_message(axis, "the camera pose shows no road in this picture")
+    else:
+        draw_on_road_grid(axis, explanation.view.blacken(explanation.evidence.view_image), explanation.view)
+
+
+def _plot_markings(axis: Axes, explanation: Explanation) -> None:
+    if explanation.evidence is None:
+        _show_message(axis, "not reached")
+    else:
+        strength = explanation.evidence.response.strength
+        draw_on_road_grid(axis, strength, explanation.view, cmap="magma", vmin=0, vmax=MAX_STRENGTH)
+
+
+def _plot_stripes(axis: Axes, explanation: Explanation) -> None:
+    """Stripe candidates on the road in metres, those of the lane in the colours of its lines."""
+    _axes_of_road(axis, explanation)
+    if explanation.evidence is None:
+        return
+    stripes, side = explanation.evidence.stripes, stripes_on_lines(explanation)
+    lines = ((0, (150, 150, 150), "on no line"), (1, LEFT_COLOUR, "left line"), (-1, RIGHT_COLOUR, "right line"))
+    for which, colour, label in lines:
+        mine = stripes.select(side == which)
+        if len(mine):
+            size = np.clip(mine.strength, 3, 30)
+            axis.scatter(mine.y_m, mine.x_m, s=size, color=rgb(colour), lw=0, label=f"{len(mine)} {label}")
+            axis.legend(loc="upper right", fontsize=8)
+
+
+def _plot_votes(axis: Axes, explanation: Explanation) -> None:
+    """Vote table: for each curvature and lateral position the votes of the best heading."""
+    if explanation.votes is None:
+        _show_message(axis, "not reached")
+        return
+    curvature = HYPOTHESES[:, 1]  # columns: heading, curvature, pitch
+    bends = np.unique(curvature)
+    # The search uses square roots of votes. They keep a dashed line visible next to a solid one.
+    table = np.sqrt([explanation.votes[curvature == bend].max(axis=0) for bend in bends])
+    half_m = VOTING.bins / 2 * VOTING.bin_m
+    axis.imshow(table[:, ::-1], extent=(half_m, -half_m, len(bends) - 0.5, -0.5), aspect="auto", cmap="magma")
+    shown = np.arange(1, len(bends), 3)
+    axis.set_yticks(shown, [_radius(bends[n]) for n in shown], fontsize=8)
+    axis.set(xlabel="left (m)", ylabel="bend")
+    for candidate in explanation.candidates:
+        row = np.interp(candidate.model[CURVATURE], bends, np.arange(len(bends)))
+        lines_y_m = candidate.model[CENTRE] + SIDES * candidate.model[WIDTH] / 2
+        colour = rgb(LANE_COLOUR if candidate.chosen else WINDOW_COLOUR)
+        axis.plot(lines_y_m, [row, row], "o", color=colour, mfc="none", ms=9)
+
+
+def _plot_fit(axis: Axes, explanation: Explanation) -> None:
+    """Fitted lanes on the road in metres: the chosen one with its uncertainty, the rejected ones dashed."""
+    _axes_of_road(axis, explanation)
+    if explanation.evidence is not None:
+        stripes = explanation.evidence.stripes
+        axis.scatter(stripes.y_m, stripes.x_m, s=3, color="0.75", lw=0)
+    for candidate in explanation.candidates:
+        if not candidate.chosen:
+            for line in lines_on_view(candidate.model[None], explanation.view.x_m, explanation.view.height_m)[0]:
+                axis.plot(line, explanation.view.x_m, color="0.5", lw=1, ls="--")
+    if explanation.lane is None:
+        return
+    lane, x_m = explanation.lane, np.linspace(0, 50, 101)
+    lines = zip(lane.lines, lane.lateral_m(x_m), lane.lateral_std_m(x_m), ("left", "right"), strict=True)
+    for (line, y_m, std_m, name), colour in zip(lines, (LEFT_COLOUR, RIGHT_COLOUR), strict=True):
+        label = f"{name}: {'paint on ' + format(min(line.support, 1), '.0%') if line.seen else 'inferred'}"
+        std_m[~(np.abs(y_m) <= explanation.view.half_width_m)] = np.nan
+        shown = np.flatnonzero((x_m <= 20) & np.isfinite(std_m))
+        if len(shown):
+            label += f", ± {describe_std(std_m[shown[-1]])} m at {x_m[shown[-1]]:.0f} m"
+        axis.fill_betweenx(x_m, y_m - 2 * std_m, y_m + 2 * std_m, color=rgb(colour), alpha=0.25, lw=0)
+        axis.plot(y_m, x_m, color=rgb(colour), label=label)
+    axis.set_ylim(top=FIT_TOP_M)
+    axis.legend(loc="upper right", fontsize=8, title="bands: two standard deviations", title_fontsize=8)
+
+
+def _plot_result(axis: Axes, explanation: Explanation) -> None:
+    axis.imshow(as_rgb(draw_tracked(explanation.image, explanation.tracked, explanation.camera)))
+    axis.set_axis_off()
+
+
+def _plot_text(axis: Axes, explanation: Explanation) -> None:
+    """Failure and advice, numbers of the lane, terms of the confidence, rejected lanes."""
+    results = [f"{name}: {words}" for name, words in explanation.tracked.summary().items()]
+    results += explanation.confidence_summary()
+    results += [f"rejected: {c.reason}" for c in explanation.candidates if not c.chosen]
+    failed = explanation.failed
+    verdict = [f"Step “{failed.name}”: {failed.failure}", f"What to do: {failed.advice}"] if failed else []
+    look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "top", "fontsize": 9}
+    below = 0
+    for lines, colour in ((verdict, FAILED_COLOUR), (results, "0.1")):
+        for line in lines:
+            for part in textwrap.wrap(line, TEXT_COLUMNS, subsequent_indent="    "):
+                axis.annotate(part, (0, 1), (0, -below), family="monospace", color=colour, **look)
+                below += LINE_POINTS
+        below += LINE_POINTS // 2
+    axis.set_axis_off()
+
+
+def _show_message(axis: Axes, words: str) -> None:
+    axis.text(0.5, 0.5, words, ha="center", va="center", transform=axis.transAxes)
+    axis.set_axis_off()
+
+
+def _axes_of_road(axis: Axes, explanation: Explanation) -> None:
+    half_m = explanation.view.half_width_m
+    axis.set(xlim=(half_m, -half_m), ylim=(0, 52), xlabel="left (m)", ylabel="ahead (m)")
+    axis.grid(alpha=0.3)
+
+
+def _directions_to_pixels(camera: Camera, directions: np.ndarray) -> np.ndarray:
+    """Undistorted pixels (N, 2) of points at infinity in directions (N, 3) of the road frame."""
+    x, y, z = (directions @ camera.require_pose().rotation.T).T
+    return np.column_stack([x / z, y / z, np.ones_like(z)]) @ camera.matrix[:2].T
+
+
+def _radius(curvature_per_m: float) -> str:
+    if abs(curvature_per_m) < 1e-6:
+        return "straight"
+    return f"{'left' if curvature_per_m > 0 else 'right'} {1 / abs(curvature_per_m):.0f} m"

@@ -1,0 +1,324 @@
+"""Files in and out: checks of input files, atomic writes and locks on outputs.
+
+An output is written to ``STEM.partial.DIGITS.SUFFIX`` in the same folder and renamed when it is complete. The writer
+holds a lock on this partial file; the operating system releases the lock when the process ends. The next run that
+writes the same output removes the partial files of killed processes and leaves those of running processes alone.
+"""
+
+from __future__ import annotations
+
+import csv
+import errno
+import io
+import os
+import re
+import secrets
+import stat
+import sys
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from tempfile import TemporaryFile
+
+import numpy as np
+from filelock import FileLock, Timeout
+
+PARTIAL = ".partial."
+_DIGITS = 12
+# A lock that another run released and removed a moment ago is created again within this time.
+_LOCK_TIMEOUT_S = 0.2
+# Errors of file systems without locks.
+_NO_LOCKS = {errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK}
+_KINDS = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
+
+
+def require_file(
+    path: str | Path, kind: str, *, error: type[ValueError] = ValueError, max_bytes: int | None = None
+) -> Path:
+    """The path, if it is a readable, ordinary file; a pipe would block the reader, a device would fill the memory.
+
+    `kind` is the expected content, for the error message: "picture", "video".
+
+    Raises
+    ------
+    FileNotFoundError
+        If the file does not exist.
+    error
+        If it is a folder, a pipe or a device, is not readable, is empty or larger than `max_bytes`.
+    """
+    path = Path(path)
+    try:
+        found = path.stat()
+    except PermissionError as refused:
+        raise error(f"{path}: may not be read ({refused.strerror}); ask for the right to, or copy it.") from refused
+    except (OSError, ValueError) as missing:  # ValueError: a NUL in the name
+        raise FileNotFoundError(f"{path}: there is no such {kind} file; check the name and the folder.") from missing
+    if not stat.S_ISREG(found.st_mode):
+        in_folder = f"name a {kind} file in it, or {path / '*'} for all of them"
+        remedy = in_folder if stat.S_ISDIR(found.st_mode) else f"name a {kind} file"
+        raise error(f"{path}: is {_describe_kind(found)}; {remedy}.")
+    if not os.access(path, os.R_OK):
+        raise error(f"{path}: may not be read (Permission denied); ask for the right to, or copy it.")
+    if not found.st_size:
+        raise error(f"{path}: the file is empty; copy it again from its source.")
+    if max_bytes is not None and found.st_size > max_bytes:
+        raise error(
+            f"{path}: is {found.st_size / 1e6:.0f} MB large, more than the maximum of a {kind} file "
+            f"({max_bytes / 1e6:g} MB); name another file."
+        )
+    return path
+
+
+def require_no_input_among(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
+    """Raise ValueError if one of the outputs would overwrite one of the inputs."""
+    # unlike `Path.resolve`, this accepts circular links
+    real_inputs = {os.path.realpath(path) for path in inputs}
+    for output in outputs:
+        if os.path.realpath(output) in real_inputs:
+            raise ValueError(f"{output}: is one of the inputs and would be overwritten; name another file or folder.")
+
+
+def read_text(
+    path: str | Path, kind: str, *, error: type[ValueError] = ValueError, max_bytes: int | None = None
+) -> str:
+    """The text of a UTF-8 file; parameters and exceptions as for `require_file`, and `error` if it is not UTF-8."""
+    data = require_file(path, kind, error=error, max_bytes=max_bytes).read_bytes()
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as wrong:
+        raise error(f"{path}: is not a text file (byte {wrong.start} is not UTF-8); name a {kind} file.") from wrong
+
+
+def list_files(folder: str | Path, suffixes: Collection[str]) -> list[Path]:
+    """The files of a folder with one of `suffixes` (lower case), without hidden and partial files.
+
+    Raises FileNotFoundError if the folder does not exist, ValueError if it is not readable.
+    """
+    folder = Path(folder)
+    if folder.is_file():
+        raise ValueError(f"{folder}: is a file; name the folder that holds it.")
+    if not folder.is_dir():
+        raise FileNotFoundError(f"{folder}: there is no such folder; name the folder that holds the files.")
+    try:
+        found = [path for path in folder.iterdir() if path.suffix.lower() in suffixes and path.is_file()]
+    except PermissionError as error:
+        raise ValueError(f"{folder}: may not be read ({error.strerror}); ask for the right to, or copy it.") from error
+    # macOS adds hidden files such as ._board1.png.
+    return [path for path in found if PARTIAL not in path.name and not path.name.startswith(".")]
+
+
+def write_atomically(path: str | Path, data: bytes) -> None:
+    """Write a file that is either complete or not there, see `atomic_write`."""
+    with atomic_write(Path(path)) as partial:
+        partial.write_bytes(data)
+
+
+@contextmanager
+def atomic_write(path: Path) -> Iterator[Path]:
+    """The name of a partial file to write to; it is renamed to `path` after the block, or removed if the block raises.
+
+    Of two processes that write the same output, the last one to finish replaces the other's file. A link is replaced at
+    its target and stays a link.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written, or `path` is a folder, a pipe or a device; the folder is created where needed.
+    """
+    with partial_file(path) as partial, translate_write_errors(path):
+        yield partial
+
+
+@contextmanager
+def partial_file(path: Path) -> Iterator[Path]:
+    """As `atomic_write`, but errors of the block are not reworded."""
+    with translate_write_errors(path):
+        target = Path(os.path.realpath(path))
+        # Root could rename a file over /dev/null.
+        if target.exists() and not target.is_file():
+            raise OSError(f"it is {_describe_kind(target.stat())}")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        remove_stale_partials(target)
+        partial = target.with_name(f"{target.stem}{PARTIAL}{secrets.token_hex(_DIGITS // 2)}{target.suffix}")
+        partial.touch(exist_ok=False)
+        # On Windows nobody but the lock itself could write to a locked file.
+        lock = _lock(partial) if sys.platform != "win32" else None
+    try:
+        yield partial
+        with translate_write_errors(path):
+            # Flushed to the disk, so that a full disk is noticed.
+            with partial.open("rb+") as file:
+                os.fsync(file.fileno())
+            os.replace(partial, target)
+    finally:
+        partial.unlink(missing_ok=True)
+        if lock:
+            lock.release()
+
+
+def remove_stale_partials(path: Path) -> None:
+    """Remove the partial files that killed processes left of `path`, and of outputs that differ only in the suffix."""
+    ours = re.compile(re.escape(path.stem + PARTIAL) + rf"[0-9a-f]{{{_DIGITS}}}(\.\w+)?")
+    with suppress(OSError), os.scandir(path.parent) as entries:
+        leftovers = [Path(entry.path) for entry in entries if ours.fullmatch(entry.name)]
+        for leftover in leftovers:
+            # A running process holds the lock: Timeout is an OSError.
+            with suppress(OSError), FileLock(leftover, timeout=0, fallback_to_soft=False):
+                leftover.unlink()
+
+
+@contextmanager
+def exclusive_writer(path: Path, *, wait: bool = False) -> Iterator[None]:
+    """Exclusive writer lock, during the block, on all outputs with the folder and stem of `path`.
+
+    Raises
+    ------
+    OSError
+        If the folder cannot be written to, or if another process holds the lock; with `wait` it waits instead.
+    """
+    lock_path = Path(os.path.realpath(path))
+    lock_path = lock_path.with_name(f"{lock_path.stem}{PARTIAL}lock")
+    with translate_write_errors(path):
+        lock_path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            lock = _lock(lock_path, timeout_s=-1 if wait else _LOCK_TIMEOUT_S)
+        except Timeout as error:
+            raise OSError("another run is writing it; wait until that is done") from error
+    try:
+        yield
+    finally:
+        # Removed while locked: a process that waits for this lock notices and creates the file again.
+        with suppress(OSError):
+            lock_path.unlink()
+        lock.release()
+
+
+@contextmanager
+def translate_write_errors(path: Path) -> Iterator[None]:
+    """Reword an OSError raised in the block: the message names `path` and says what to do."""
+    try:
+        yield
+    except OSError as error:
+        raise type(error)(
+            f"{path}: cannot be written ({error.strerror or error}); choose another folder or free some space."
+        ) from error
+
+
+def _describe_kind(found: os.stat_result) -> str:
+    return _KINDS.get(stat.S_IFMT(found.st_mode), "no file")
+
+
+def _lock(path: Path, *, timeout_s: float = -1) -> FileLock:
+    """A lock on a file, acquired; not acquired where the file system has no locks. Raises Timeout; -1 waits forever."""
+    lock = FileLock(path, timeout=timeout_s, thread_local=False, fallback_to_soft=False)
+    try:
+        lock.acquire()
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
+            raise
+    return lock
+
+
+# Telemetry: CSV with one row per frame and units in the column names; rendered videos have their truth like this.
+
+
+class TelemetryWriter:
+    """Writer of CSV rows, atomically, in a `with` block.
+
+    Rows are collected in a temporary file, because the columns are complete only at the end. If the block raises, an
+    earlier file of that name is unchanged.
+
+    The folder is created where needed; entering the block raises OSError if it cannot be written to.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self._columns: dict[str, None] = {}
+
+    def __enter__(self) -> TelemetryWriter:
+        with translate_write_errors(self.path):
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            # File names of pictures may contain bytes that are not UTF-8.
+            self._rows = TemporaryFile("w+", encoding="utf-8", errors="replace", newline="", dir=self.path.parent)
+        self._csv = csv.writer(self._rows, lineterminator="\n")
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            if kind is None:
+                self._finish()
+        finally:
+            # A full disk is reported above already.
+            with suppress(OSError):
+                self._rows.close()
+
+    def write(self, row: Mapping[str, object]) -> None:
+        """Append a row: column name to value.
+
+        The table has the columns of all rows, in order of first appearance. Missing values, None and NaN become empty
+        fields. Raises OSError if the row cannot be written.
+        """
+        self._columns |= dict.fromkeys(row)
+        with translate_write_errors(self.path):
+            self._csv.writerow(_field(row.get(name)) for name in self._columns)
+
+    def _finish(self) -> None:
+        with atomic_write(self.path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
+            self._rows.seek(0)
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(self._columns)
+            # Early rows lack the columns that appeared later.
+            writer.writerows(row + [""] * (len(self._columns) - len(row)) for row in csv.reader(self._rows))
+
+
+def write_telemetry(path: str | Path, rows: Iterable[Mapping[str, object]]) -> Path:
+    """Write rows as CSV, see `TelemetryWriter`; returns the path."""
+    with TelemetryWriter(path) as table:
+        for row in rows:
+            table.write(row)
+    return table.path
+
+
+def read_telemetry(path: str | Path) -> dict[str, np.ndarray]:
+    """Read a telemetry or truth CSV into one array (rows,) for each column.
+
+    Columns of numbers become float64 with NaN for empty fields, all others str.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        If the file does not exist, or is not a CSV table with a header, a column "frame" and rows of equal length.
+    """
+    text = read_text(path, "telemetry")
+    try:
+        header, *rows = csv.reader(io.StringIO(text))
+        if "frame" not in header:
+            raise ValueError("its header names no column 'frame'")
+        columns = list(zip(*rows, strict=True)) or [()] * len(header)
+        if len(columns) != len(header):
+            raise ValueError("header and rows differ in length")
+    except (ValueError, csv.Error) as error:
+        raise ValueError(f"{path}: is not a telemetry table ({error}); write it with write_telemetry.") from error
+    return {name: _column(fields) for name, fields in zip(header, columns, strict=True)}
+
+
+def _field(value: object) -> object:
+    if value is None:
+        return ""
+    if isinstance(value, (float, np.floating)):
+        # Nine digits resolve micrometres over kilometres and hide the last bits, which differ between processors.
+        return "" if np.isnan(value) else f"{value:.9g}"
+    return value
+
+
+def _column(fields: tuple[str, ...]) -> np.ndarray:
+    try:
+        return np.array([float(field) if field else np.nan for field in fields])
+    except ValueError:
+        return np.array(fields)

@@ -1,1 +1,0 @@
-"""Access to the operating system: files, pictures, videos, telemetry, terminal, threads."""

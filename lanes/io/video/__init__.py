@@ -1,1 +1,0 @@
-"""Read, write, process and join videos; only this package uses PyAV."""

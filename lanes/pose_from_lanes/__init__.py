@@ -1,1 +1,0 @@
-"""Camera pose from the lane lines in a drive's own pictures."""

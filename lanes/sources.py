@@ -1,0 +1,155 @@
+"""Sources named on the command line (files, folders, patterns, cameras), sorted into videos, stills and cameras."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from glob import glob
+from itertools import groupby
+from operator import itemgetter
+from pathlib import Path
+
+import numpy as np
+
+from lanes.errors import VideoError
+from lanes.files import list_files, require_no_input_among
+from lanes.images import PICTURE_SUFFIXES, as_rgb, natural_key, read_image
+from lanes.video.reader import TimedFrame, inspect_video, read_timed_frames
+
+# Video suffixes looked for in a folder. A file that is named directly may have any suffix.
+VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm", ".ts", ".mts", ".mpg", ".mpeg")
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Videos and stills without duplicates, in natural order within a folder, and the numbers of live cameras."""
+
+    videos: tuple[Path, ...]
+    stills: tuple[Path, ...]
+    cameras: tuple[int, ...]
+
+
+def find_sources(names: Iterable[str]) -> Sources:
+    """The videos, stills and live cameras that `names` stand for.
+
+    Names are files, folders (videos and pictures in the folder itself, not in its subfolders), patterns such as
+    ``drives/*.mp4``, or camera numbers. A number that is also the name of a file means the file.
+
+    Raises
+    ------
+    FileNotFoundError
+        If a file or folder does not exist, a pattern matches nothing, or a folder holds no video and no picture.
+    """
+    videos: list[Path] = []
+    stills: list[Path] = []
+    cameras: list[int] = []
+    for name in names:
+        if name.isdecimal() and not Path(name).exists():
+            cameras.append(int(name))
+            continue
+        for path in _files(name):
+            (stills if path.suffix.lower() in PICTURE_SUFFIXES else videos).append(path)
+    return Sources(tuple(dict.fromkeys(videos)), tuple(dict.fromkeys(stills)), tuple(dict.fromkeys(cameras)))
+
+
+def require_distinct_outputs(inputs: Iterable[Path], outputs: Iterable[Path]) -> None:
+    """Check that each input has an output file of its own, and that no output is one of the inputs.
+
+    Raises
+    ------
+    ValueError
+        If an output would overwrite an input or another output.
+    """
+    inputs, outputs = list(inputs), list(outputs)
+    require_no_input_among(outputs, inputs)
+    source_of: dict[Path, Path] = {}
+    for source, output in zip(inputs, outputs, strict=True):
+        other = source_of.setdefault(output.resolve(), source)
+        if other != source:
+            raise ValueError(
+                f"{output}: would be written from {other} and from {source}; annotate them into different folders."
+            )
+
+
+def _files(name: str) -> list[Path]:
+    path = Path(name)
+    try:
+        path.exists()
+    except PermissionError as error:
+        raise ValueError(f"{name}: may not be read ({error.strerror}); ask for the right to, or copy it.") from error
+    if name and path.is_dir():
+        found = list_files(path, PICTURE_SUFFIXES + VIDEO_SUFFIXES)
+        if not found:
+            raise FileNotFoundError(f"{path}: holds neither a video nor a picture; name another folder.")
+    elif name and path.exists():
+        return [path]
+    else:
+        found = [Path(match) for match in glob(name, recursive=True) if Path(match).is_file()]
+        if not found:
+            raise FileNotFoundError(f"{name}: there is no such file or folder; check the name.")
+    return sorted(found, key=lambda p: (str(p.parent), natural_key(p)))
+
+
+# Sample pictures of a drive, from stills and videos.
+
+# Reading this much of a video takes about as long as reopening it at another time.
+SEEK_S = 2.0
+
+
+def pick_pictures(
+    files: list[Path],
+    max_pictures: int,
+    *,
+    require: Callable[[np.ndarray, Path], None] | None = None,
+    start_s: float = 0.0,
+    end_s: float | None = None,
+) -> Iterator[np.ndarray]:
+    """Yield up to `max_pictures` RGB pictures (height, width, 3), uint8, evenly spaced over stills and videos.
+
+    `require(image, file)` raises if a picture cannot be used, as `Camera.require_size` does. `start_s` and `end_s` are
+    the part of each video to sample, seconds since the first frame.
+
+    Raises
+    ------
+    FileNotFoundError, PictureError, VideoError
+        If a file cannot be read, `require` refuses a picture, or a video ends before `start_s`.
+    """
+    candidates: list[tuple[Path, float | None]] = []
+    for file in files:
+        if file.suffix.lower() in PICTURE_SUFFIXES:
+            candidates.append((file, None))
+        else:
+            candidates += [(file, time_s) for time_s in _times_s(file, max_pictures, start_s, end_s)]
+    count = min(max_pictures, len(candidates))
+    chosen = np.unique(np.linspace(0, len(candidates) - 1, count).round().astype(int))
+    for file, group in groupby((candidates[index] for index in chosen), key=itemgetter(0)):
+        times_s = [time_s for _, time_s in group]
+        for image in [read_image(file)] if times_s[0] is None else _frames_at(file, times_s):
+            if require:
+                require(image, file)
+            yield image
+
+
+def _times_s(video: Path, max_times: int, start_s: float, end_s: float | None) -> np.ndarray:
+    """Up to `max_times` times, evenly spaced over a part of a video, at most one per frame."""
+    info = inspect_video(video)
+    length_s = min(info.duration_s, math.inf if end_s is None else end_s) - start_s
+    if length_s <= 0:
+        raise VideoError(f"{video}: lasts {info.duration_s:g} s; begin before that, not at {start_s:g} s.")
+    count = min(max_times, max(round(length_s * info.fps), 1))
+    return start_s + length_s * np.arange(count) / count
+
+
+def _frames_at(video: Path, times_s: list[float]) -> Iterator[np.ndarray]:
+    """The frames shown at increasing times; seeks if the next time is more than `SEEK_S` ahead."""
+    frames: Iterator[TimedFrame] = iter(())
+    now_s = -np.inf
+    for time_s in times_s:
+        if time_s > now_s + SEEK_S:
+            frames = read_timed_frames(video, start_s=time_s)
+        frame = next((f for f in frames if f.time_s >= time_s - 1e-3), None)
+        if frame is None:
+            return
+        now_s = frame.time_s
+        yield as_rgb(frame.image)

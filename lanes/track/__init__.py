@@ -1,0 +1,1 @@
+"""One drive: the lane from frame to frame."""

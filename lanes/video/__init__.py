@@ -1,0 +1,1 @@
+"""Video files: read, write, process frame by frame."""

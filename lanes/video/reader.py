@@ -1,0 +1,321 @@
+"""Opening and decoding of local video files; damaged packets are skipped."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator, Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+from av.video.reformatter import ColorRange, VideoReformatter
+
+from lanes.errors import VideoError
+from lanes.files import require_file
+from lanes.images import LUMA_COEFFICIENTS, MAX_PIXELS, Frame, YuvColourSpace, YuvFrame, as_rgb
+
+# Formats of recorders, phones and editors. Playlists and lists of files (hls, dash, concat, image2) are excluded: they
+# make FFmpeg open further files or network addresses that the author of the file chose.
+FORMATS = "mov,matroska,avi,mpegts,mpeg,mpegvideo,flv,asf,ogg,mxf,nut,h264,hevc,m4v,mjpeg,yuv4mpegpipe,gif"
+# Frame rates that a 32-bit clock and the tracker can handle.
+MIN_FPS, MAX_FPS = Fraction(1, 10), 1000
+
+
+def open_video(path: str | Path) -> av.container.InputContainer:
+    """Open a video file; FFmpeg cannot open any other file or address named in it.
+
+    Raises FileNotFoundError, or VideoError if it is not a video of one of `FORMATS` or claims more than `MAX_PIXELS`.
+    """
+    path = require_file(path, "video", error=VideoError)
+    # FFmpeg decodes the first frames while it opens a file: the limit applies to these.
+    options = {"protocol_whitelist": "file", "format_whitelist": FORMATS, "max_pixels": str(MAX_PIXELS)}
+    try:
+        # Without the prefix a name such as "concat:a.mp4" would select a protocol.
+        container = av.open(f"file:{path}", options=options)
+    except av.FFmpegError as error:
+        raise VideoError(
+            f"{path}: cannot be read as a video ({error.strerror}): it is not a video, a playlist, or cut off; copy it "
+            "again, or convert it to mp4."
+        ) from error
+    try:
+        _require_pictures(path, container)
+    except VideoError:
+        container.close()
+        raise
+    container.streams.video[0].codec_context.options = {"max_pixels": str(MAX_PIXELS)}
+    return container
+
+
+def decode_frames(container: av.container.InputContainer, stream: av.stream.Stream) -> Iterator[Any]:
+    """The undamaged frames of a stream in order: of video or sound."""
+    for packet in container.demux(stream):
+        yield from decoded(packet)
+
+
+def decoded(packet: av.Packet) -> Iterator[Any]:
+    """The frames that a packet completes; none from a damaged packet, and none that FFmpeg concealed errors in."""
+    try:
+        yield from (frame for frame in packet.decode() if not frame.is_corrupt)
+    except av.FFmpegError:
+        return
+
+
+def translate_errors(items: Iterator, path: str | Path) -> Iterator:
+    """The same items; FFmpeg's errors become a VideoError that names `path`."""
+    try:
+        yield from items
+    except av.FFmpegError as error:
+        raise VideoError(f"{path}: is damaged ({error.strerror}); copy or export it again.") from error
+
+
+def frame_rate(stream: av.VideoStream, path: str | Path) -> Fraction:
+    """Frames per second; raises VideoError if the file has no frame rate, or one that is not usable."""
+    rate = stream.average_rate or stream.guessed_rate
+    if not rate:
+        raise VideoError(f"{path}: does not say its frame rate; convert it to mp4 first.")
+    if not MIN_FPS <= rate <= MAX_FPS:
+        raise VideoError(f"{path}: says that it has {float(rate):g} frames per second; convert it to mp4 first.")
+    return rate
+
+
+def start_time(stream: av.VideoStream) -> Fraction:
+    """Presentation time of the first frame on the container's clock, seconds; not 0 in transport streams."""
+    if stream.start_time is None or stream.time_base is None:
+        return Fraction(0)
+    return stream.start_time * stream.time_base
+
+
+def _require_pictures(path: Path, container: av.container.InputContainer) -> None:
+    """Refuse a file without a video stream, without a decoder for it, or with too large pictures."""
+    if not container.streams.video:
+        kinds = " and ".join(sorted({stream.type for stream in container.streams})) or "none"
+        raise VideoError(f"{path}: holds no frame of a video (its streams: {kinds}); name a video file.")
+    codec = container.streams.video[0].codec_context
+    if codec is None:
+        raise VideoError(f"{path}: holds no frame that can be decoded; copy or export it again.")
+    if codec.width * codec.height > MAX_PIXELS:
+        raise VideoError(
+            f"{path}: claims {codec.width}x{codec.height} pixels, more than the maximum of "
+            f"{MAX_PIXELS / 1e6:.0f} million; convert it to a smaller size."
+        )
+
+
+# Frames from video files, through PyAV (FFmpeg inside this process).
+
+# Code point of an unspecified colour property: ITU-T H.273, tables 2 to 4.
+UNSPECIFIED = 2
+# Some containers round time stamps to a millisecond: a time stamp this close to a limit counts as equal.
+STAMP_TOLERANCE_S = 1e-3
+# A larger step back in time is a recorder's restarted clock, as in concatenated clips.
+CLOCK_RESET_S = 1
+# A file was cut off if its header announces more than this beyond its last packet; some round to half a second.
+CUT_OFF_S = 0.5
+# The rate is constant if average rate and base rate differ by a smaller share than this.
+SAME_RATE = 0.02
+
+
+@dataclass(frozen=True)
+class VideoInfo:
+    """Properties of a video file.
+
+    Width and height are those shown, after rotation. `missing` counts frames that the header announces or the time
+    stamps have gaps for, but that are not in the file.
+    """
+
+    width: int
+    height: int
+    fps: float
+    frames: int
+    duration_s: float
+    has_audio: bool
+    missing: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class TimedFrame:
+    """One frame: its number, its time since the video's first frame, and the picture."""
+
+    number: int
+    time_s: float
+    image: Frame
+
+
+def inspect_video(path: str | Path) -> VideoInfo:
+    """Properties of a video file, with the frames counted; reads the whole file but decodes one frame.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the file does not exist.
+    VideoError
+        If it is empty, not a video (mp4, mov, avi, mkv, webm, ts and others), without frames, or cut off.
+    """
+    with open_video(path) as container:
+        stream = container.streams.video[0]
+        stored, stamps, end_s, first = 0, [], 0.0, None
+        for packet in translate_errors(container.demux(), path):
+            if packet.pts is not None:
+                end_s = max(end_s, float((packet.pts + (packet.duration or 0)) * packet.time_base))
+            if packet.stream is stream:
+                stored += packet.size > 0
+                # A clip cut without re-encoding begins with frames that are only references for later ones.
+                if packet.size and not packet.is_discard:
+                    stamps.append(packet.pts)
+                first = first or next(decoded(packet), None)
+        if first is None:
+            raise VideoError(f"{path}: holds no frame that can be decoded; copy or export it again.")
+        rate = frame_rate(stream, path)
+        _refuse_cut_off(path, container, rate, stored, end_s)
+        missing = max(0, stream.frames - stored) or _count_gaps(stamps, rate, stream)
+        width, height = (first.height, first.width) if _quarter_turns(first) % 2 else (first.width, first.height)
+        duration_s = round(float((len(stamps) + missing) / rate), 6)
+        return VideoInfo(width, height, float(rate), len(stamps), duration_s, bool(container.streams.audio), missing)
+
+
+def read_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | None = None) -> Generator[np.ndarray]:
+    """Yield the frames with start_s <= time < end_s, seconds since the first frame, in order; None reads to the end.
+
+    They are RGB (height, width, 3), uint8, rotated as the file's display matrix says. The caller may write to them.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the file does not exist.
+    VideoError
+        If it is not a video, its frame size changes, or it ends before `start_s`.
+    """
+    for frame in read_timed_frames(path, start_s=start_s, end_s=end_s):
+        yield as_rgb(frame.image)
+
+
+def to_upright_rgb(frame: av.VideoFrame, converter: VideoReformatter) -> np.ndarray:
+    """RGB picture (height, width, 3), uint8, of a decoded frame, rotated as its display matrix says."""
+    image = converter.reformat(frame, format="rgb24", threads=1).to_ndarray()
+    turns = _quarter_turns(frame)
+    return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
+
+
+def to_upright_yuv(frame: av.VideoFrame, converter: VideoReformatter) -> YuvFrame:
+    """YUV picture of a decoded frame, rotated as by `to_upright_rgb`; 8-bit YUV 4:2:0 is not converted.
+
+    An unspecified colour space is taken for BT.601, as FFmpeg does.
+    """
+    matrix = 6 if frame.colorspace == UNSPECIFIED else frame.colorspace
+    if frame.format.is_rgb or matrix not in LUMA_COEFFICIENTS or frame.width % 2 or frame.height % 2:
+        return YuvFrame.from_rgb(to_upright_rgb(frame, converter))
+    full_range = frame.color_range == ColorRange.JPEG
+    primaries, transfer = (1 if n == UNSPECIFIED else int(n) for n in (frame.color_primaries, frame.color_trc))
+    colour_space = YuvColourSpace(matrix, full_range, primaries, transfer)
+    planes = converter.reformat(frame, format="yuv420p", threads=1).to_ndarray()
+    picture, turns = YuvFrame(planes, frame.width, frame.height, colour_space), _quarter_turns(frame)
+    return picture.rotated(turns) if turns else picture
+
+
+def read_timed_frames(
+    path: str | Path,
+    *,
+    start_s: float = 0.0,
+    end_s: float | None = None,
+    threads: int = 0,
+    convert: Callable[[av.VideoFrame, VideoReformatter], Frame] = to_upright_rgb,
+) -> Generator[TimedFrame]:
+    """Yield the frames of a video in order with their numbers and times; see `read_frames`.
+
+    Damaged frames are skipped. If the frame rate is constant, their numbers are skipped too.
+
+    `threads` are decoder threads, 0 for one per core. `convert` is `to_upright_rgb` or `to_upright_yuv`.
+    """
+    if not 0 <= start_s < (math.inf if end_s is None else end_s):
+        raise VideoError(f"{path}: cannot read from {start_s} s to {end_s} s; give 0 <= start_s < end_s.")
+    last: TimedFrame | None = None
+    with open_video(path) as container:
+        stream = container.streams.video[0]
+        stream.thread_type, stream.codec_context.thread_count = "AUTO", threads
+        rate = frame_rate(stream, path)
+        converter = VideoReformatter()  # shared: its setup takes half as long as one conversion
+        for frame, time_s in _timed(_decoded_from(path, container, start_s), stream, rate, path):
+            if time_s < start_s - STAMP_TOLERANCE_S:
+                continue
+            if end_s is not None and time_s > end_s - STAMP_TOLERANCE_S:
+                break
+            number = last.number + _frames_between(time_s - last.time_s, rate, stream) if last else round(time_s * rate)
+            last = TimedFrame(number, float(time_s), convert(frame, converter))
+            yield last
+    if last is None:
+        raise VideoError(f"{path}: has no frame at or after {start_s} s; start earlier.")
+
+
+def _frames_between(elapsed_s: Fraction | float, rate: Fraction, stream: av.VideoStream) -> int:
+    """Difference of the frame numbers of two frames `elapsed_s` apart; 1 if the rate is not constant."""
+    return max(1, round(elapsed_s * rate)) if _rate_is_constant(rate, stream) else 1
+
+
+def _rate_is_constant(rate: Fraction, stream: av.VideoStream) -> bool:
+    base_rate = stream.guessed_rate
+    return base_rate is not None and abs(base_rate / rate - 1) < SAME_RATE
+
+
+def _count_gaps(stamps: list[int | None], rate: Fraction, stream: av.VideoStream) -> int:
+    """Number of frames missing between time stamps; 0 if some packets have none, or if the rate is not constant."""
+    tick, known = stream.time_base, [pts for pts in stamps if pts is not None]
+    if tick is None or len(known) < len(stamps) or not _rate_is_constant(rate, stream):
+        return 0
+    # in frames; floats, because thousands of fractions take longer than to read the file
+    steps = np.diff(np.sort(known)) * float(tick * rate)
+    return int(np.maximum(np.rint(steps) - 1, 0).sum())
+
+
+def _refuse_cut_off(
+    path: str | Path, container: av.container.InputContainer, rate: Fraction, stored: int, end_s: float
+) -> None:
+    """Refuse a file that ends before its header announces; frames missing in the middle are counted elsewhere."""
+    stream = container.streams.video[0]
+    announced_s = ((container.duration or 0) + (container.start_time or 0)) / av.time_base
+    frame_s = float(1 / rate)
+    in_frames_s = float(start_time(stream)) + stream.frames * frame_s
+    if announced_s - end_s > CUT_OFF_S or (stored < stream.frames and in_frames_s - end_s > 1.5 * frame_s):
+        announced_s = max(announced_s, in_frames_s)
+        raise VideoError(
+            f"{path}: is cut off after {end_s:.2f} of the {announced_s:.2f} s that it announces; copy it again."
+        )
+
+
+def _timed(
+    frames: Iterator[av.VideoFrame], stream: av.VideoStream, rate: Fraction, path: str | Path
+) -> Iterator[tuple[av.VideoFrame, Fraction]]:
+    """Frames with their times in seconds since the first, monotonic; raises VideoError if the size changes."""
+    first: av.VideoFrame | None = None
+    last_s: Fraction | None = None
+    shift_s = Fraction(0)
+    for frame in frames:
+        first = first or frame
+        if (frame.width, frame.height) != (first.width, first.height):
+            raise VideoError(
+                f"{path}: changes from {first.width}x{first.height} to {frame.width}x{frame.height} pixels at "
+                f"{float(last_s or 0):.2f} s; cut it there, or convert it to one size."
+            )
+        # Only raw streams have no time stamps, and they have no gaps.
+        after_s = Fraction(0) if last_s is None else last_s + 1 / rate
+        time_s = after_s
+        if frame.pts is not None and frame.time_base is not None:
+            time_s = frame.pts * frame.time_base - start_time(stream) + shift_s
+        if last_s is not None and time_s < last_s - CLOCK_RESET_S:
+            shift_s += after_s - time_s
+            time_s = after_s
+        last_s = time_s if last_s is None else max(time_s, last_s)
+        yield frame, last_s
+
+
+def _decoded_from(path: str | Path, container: av.container.InputContainer, start_s: float) -> Iterator[av.VideoFrame]:
+    """Decoded frames from a key frame before `start_s`; one second early, because some containers seek coarsely."""
+    stream = container.streams.video[0]
+    if start_s > 1 and stream.time_base:
+        container.seek(int((start_s - 1 + start_time(stream)) / stream.time_base), stream=stream)
+    return translate_errors(decode_frames(container, stream), path)
+
+
+def _quarter_turns(frame: av.VideoFrame) -> int:
+    return round(frame.rotation / 90) % 4

@@ -1,0 +1,321 @@
+"""Video files that browsers play, written through PyAV (FFmpeg inside this process)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+
+import av
+import numpy as np
+from av.video.reformatter import ColorRange
+
+from lanes.errors import VideoError
+from lanes.files import partial_file
+from lanes.images import Frame, YuvColourSpace, YuvFrame, require_rgb
+from lanes.video.reader import (
+    CLOCK_RESET_S,
+    STAMP_TOLERANCE_S,
+    VideoInfo,
+    decode_frames,
+    inspect_video,
+    open_video,
+    start_time,
+    translate_errors,
+)
+
+# Audio codecs that mp4 allows and browsers play. Any other is re-encoded as AAC, also MP3, which mp4 does not allow at
+# every sampling rate.
+_COPIED_CODECS = {"aac", "opus", "flac"}
+# Sampling rate of re-encoded sound whose own rate AAC does not have, Hz.
+_SOUND_RATE_HZ = 48_000
+# x264's default for constant quality.
+CRF = 23
+# The bytes of x264 depend on its number of threads: a fixed number gives the same file on every machine. Four are as
+# fast as any other number on two cores.
+ENCODER_THREADS = 4
+
+
+class VideoWriter:
+    """Writer of an mp4 file that browsers play: H.264, yuv420p, index at the start.
+
+    RGB frames are converted to BT.601; a `YuvFrame` is encoded as it is.
+
+    Use it in a `with` block. The file is renamed to `path` at the end of the block, after its frames were counted. If
+    the block raises, the unfinished file is removed and an earlier file of that name is not changed.
+
+    `frames` counts the frames converted so far; after the block `written` has the properties of the finished file.
+
+    Parameters
+    ----------
+    path : str or Path
+        Ends in .mp4; the folder is created where needed.
+    fps : float
+        Rounded to the nearest fraction with a denominator up to 1001: television rates such as 30000 / 1001 are exact.
+    crf : int, in range 0..51
+        x264's constant rate factor; lower means better quality and larger files.
+    sound_from : str or Path, optional
+        A video whose sound is copied or re-encoded, from the time of the first written frame to that of the last. Sound
+        that cannot be decoded is left out.
+    threads : int
+        Encoder threads; another number gives other bytes.
+
+    Raises
+    ------
+    VideoError
+        If the name does not end in .mp4, no frame was written, or the frames differ in size.
+    PictureError
+        If a frame is neither an RGB picture nor a `YuvFrame`.
+    OSError
+        If the file cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        fps: float,
+        crf: int = CRF,
+        sound_from: str | Path | None = None,
+        threads: int = ENCODER_THREADS,
+    ) -> None:
+        self.path = Path(path)
+        if self.path.suffix.lower() != ".mp4":
+            raise VideoError(f"{path}: cannot write this kind of video; end the name in .mp4.")
+        self.frames = 0
+        self._rate = Fraction(fps).limit_denominator(1001)
+        # Time base below 0.1 ms with a whole number of ticks per frame: exact for a constant rate.
+        per_frame = math.ceil(10_000 / self._rate.numerator)
+        self._tick = Fraction(1, self._rate.numerator * per_frame)
+        self._ticks_per_frame = self._rate.denominator * per_frame
+        self._crf, self._threads, self._sound_from = crf, threads, sound_from
+        self._resources = ExitStack()
+        self._sound: SoundTrack | None = None
+        self._container: av.container.OutputContainer | None = None
+        self._size: tuple[int, int] | None = None
+        self._zero_s = 0.0
+        self._last_pts = -1
+
+    def __enter__(self) -> VideoWriter:
+        # Created at once, so that an unwritable folder is reported before minutes of work.
+        self._partial = self._resources.enter_context(partial_file(self.path))
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is not None:
+            self._resources.__exit__(kind, error, trace)
+            return
+        with self._resources:
+            self._finish()
+
+    def write(self, image: Frame, time_s: float | None = None) -> None:
+        """Append a frame.
+
+        All frames have one type and size. H.264 needs an even width and height: an odd one is padded by repeating the
+        last column or row, so that no pixel is lost or moved. `time_s` is the presentation time on the clock of
+        `sound_from`; the file begins at the first written frame. Without it frames follow at the frame rate.
+        """
+        self.encode(self.convert(image, time_s))
+
+    def convert(self, image: Frame, time_s: float | None = None) -> av.VideoFrame:
+        """First half of `write`: the frame in YUV with its time stamp.
+
+        It shares the data of a `YuvFrame`; an RGB array may be overwritten afterwards.
+        """
+        if not isinstance(image, YuvFrame):
+            require_rgb(image, f"frame {self.frames} of {self.path}")
+            image = YuvFrame.from_rgb(image)
+        time_s = self.frames / float(self._rate) if time_s is None else time_s
+        if self._size is None:
+            self._size, self._colour_space, self._zero_s = image.shape[1::-1], image.colour_space, time_s
+        if image.shape[1::-1] != self._size:
+            raise VideoError(
+                f"{self.path}: frame {self.frames} is {image.shape[1]}x{image.shape[0]} pixels, the first one was "
+                f"{self._size[0]}x{self._size[1]}; all frames of a video must have one size."
+            )
+        frame = _frame_of(image)
+        self._stamp(frame, time_s - self._zero_s)
+        self.frames += 1
+        return frame
+
+    def encode(self, frame: av.VideoFrame) -> None:
+        """Second half of `write`: encode the converted frames in order; may run in another thread."""
+        with self._ffmpeg_errors():
+            container = self._container or self._open_container((frame.width, frame.height))
+            container.mux(self._stream.encode(frame))
+            if self._sound is not None:
+                self._sound.write_until(frame.time)
+
+    def _open_container(self, size: tuple[int, int]) -> av.container.OutputContainer:
+        coding = {"crf": self._crf, "threads": self._threads}
+        container, self._stream = open_mp4(self._partial, size, self._rate, self._tick, self._colour_space, **coding)
+        self._container = container
+        self._resources.callback(_close_quietly, container)
+        if self._sound_from is not None:
+            self._sound = SoundTrack(self._sound_from, container, start_s=self._zero_s)
+            self._resources.callback(self._sound.close)
+        return container
+
+    def _stamp(self, frame: av.VideoFrame, time_s: float) -> None:
+        nearest = round(time_s * self._rate)
+        constant_rate = abs(time_s - float(nearest / self._rate)) < STAMP_TOLERANCE_S
+        pts = nearest * self._ticks_per_frame if constant_rate else round(time_s / float(self._tick))
+        # Some recorders write two frames with one time stamp, which mp4 does not allow.
+        self._last_pts = frame.pts = max(pts, self._last_pts + 1)
+        frame.time_base = self._tick
+        frame.duration = self._ticks_per_frame
+
+    def _finish(self) -> None:
+        if self._container is None:
+            raise VideoError(f"{self.path}: no frame was written; a video needs at least one.")
+        with self._ffmpeg_errors():
+            self._container.mux(self._stream.encode(None))
+            if self._sound is not None:
+                self._sound.finish((self._last_pts + self._ticks_per_frame) * float(self._tick))
+            self._container.close()
+        self.written = inspect_output(self._partial, self.frames, self.path)
+
+    @contextmanager
+    def _ffmpeg_errors(self) -> Iterator[None]:
+        try:
+            yield
+        except av.FFmpegError as error:
+            raise OSError(
+                f"{self.path}: cannot be written ({error.strerror}); choose another folder or free some space."
+            ) from error
+
+
+def _close_quietly(container: av.container.OutputContainer) -> None:
+    with suppress(av.FFmpegError):
+        container.close()
+
+
+def inspect_output(partial: Path, frames: int, path: Path) -> VideoInfo:
+    """Properties of the unfinished file of `path`; raises VideoError unless it has `frames` frames."""
+    written = inspect_video(partial)
+    if written.frames != frames:
+        raise VideoError(f"{path}: only {written.frames} of {frames} frames are in the output file; try again.")
+    return written
+
+
+def open_mp4(
+    path: Path,
+    size: tuple[int, int],
+    rate: Fraction,
+    tick: Fraction,
+    colour_space: YuvColourSpace = YuvColourSpace(),  # noqa: B008 - immutable
+    *,
+    crf: int = CRF,
+    threads: int = ENCODER_THREADS,
+) -> tuple[av.container.OutputContainer, av.VideoStream]:
+    """An mp4 container open for writing and its H.264 stream for pictures of `size` (width, height)."""
+    container = av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"})
+    # veryfast: 1.6 times as fast as x264's default, at about the same size (measured at 1280x720).
+    stream = container.add_stream("libx264", rate=rate, options={"preset": "veryfast", "crf": str(crf)})
+    codec = stream.codec_context
+    codec.width, codec.height = size
+    codec.pix_fmt = "yuv420p"
+    codec.time_base = tick
+    codec.thread_count = threads
+    # Players disagree on the colours of video without these tags.
+    _tag(codec, colour_space)
+    return container, stream
+
+
+class SoundTrack:
+    """The first sound track of `source` that can be decoded, written to `target` interleaved with the frames."""
+
+    def __init__(self, source: str | Path, target: av.container.OutputContainer, *, start_s: float) -> None:
+        self._path = source
+        self._source = open_video(source)
+        self._target = target
+        self._start_s = start_s
+        # A track in a codec that FFmpeg does not know has no codec context; it is left out.
+        self._input = next((track for track in self._source.streams.audio if track.codec_context), None)
+        self._copied = self._input is not None and self._input.codec_context.name in _COPIED_CODECS
+        self._pieces: Iterator[tuple[float, av.Packet | av.AudioFrame]] = iter(())
+        if self._input is not None:
+            self._output = self._open_output(self._input)
+            self._pieces = self._from_start(self._input)
+        self._next = next(self._pieces, None)
+
+    def _open_output(self, sound: av.AudioStream) -> av.AudioStream:
+        if self._copied:
+            return self._target.add_stream_from_template(sound)
+        known = sound.rate in (av.Codec("aac", "w").audio_rates or ())
+        return self._target.add_stream("aac", rate=sound.rate if known else _SOUND_RATE_HZ)
+
+    def write_until(self, time_s: float) -> None:
+        """Write the sound before `time_s`, seconds since the first written frame."""
+        while self._next is not None and self._next[0] < time_s:
+            self._write(self._next[1])
+            self._next = next(self._pieces, None)
+
+    def finish(self, time_s: float) -> None:
+        """Write the sound before `time_s` and flush the encoder."""
+        self.write_until(time_s)
+        if self._input is not None and not self._copied:
+            self._write(None)
+
+    def _write(self, piece: av.Packet | av.AudioFrame | None) -> None:
+        """Write a packet or frame, or flush the encoder. One that FFmpeg refuses is left out; the video goes on."""
+        if isinstance(piece, av.Packet):
+            piece.stream = self._output
+        # FFmpeg refuses, for instance, damaged packets, repeated time stamps and a changed number of channels.
+        with suppress(ValueError):
+            self._target.mux(piece if isinstance(piece, av.Packet) else self._output.encode(piece))
+
+    def close(self) -> None:
+        """Close the source."""
+        self._source.close()
+
+    def _from_start(self, sound: av.AudioStream) -> Iterator[tuple[float, av.Packet | av.AudioFrame]]:
+        """Packets to copy or frames to encode from `start_s` on, with their times since then."""
+        zero_s = self._start_s + float(start_time(self._source.streams.video[0]))
+        if self._start_s > 0:
+            self._source.seek(int(zero_s * av.time_base))
+        pieces = self._source.demux(sound) if self._copied else decode_frames(self._source, sound)
+        last_s = -math.inf
+        for piece in translate_errors(pieces, self._path):
+            if piece.pts is None:
+                continue
+            time_s = float(piece.pts * piece.time_base) - zero_s
+            if time_s < last_s - CLOCK_RESET_S:
+                zero_s -= last_s - time_s
+                time_s = last_s
+            last_s = time_s
+            if not self._copied:
+                # In avi a tick can be a whole frame of MP3, longer than one of AAC: two of these would have one time.
+                piece.time_base = Fraction(1, piece.sample_rate)
+            piece.pts = round(time_s / piece.time_base)
+            if self._copied:
+                piece.dts = piece.pts
+            if piece.pts >= 0:
+                yield time_s, piece
+
+
+def _frame_of(picture: YuvFrame) -> av.VideoFrame:
+    """The picture as a PyAV frame; no copy if its height is a multiple of four."""
+    width, height = picture.padded_size
+    if height % 4 == 0:
+        frame = av.VideoFrame.from_numpy_buffer(picture.data.reshape(-1, width), format="yuv420p")
+    else:
+        # For other heights PyAV miscounts the rows; copying the planes takes 1 ms.
+        frame = av.VideoFrame(width, height, "yuv420p")
+        for target, plane in zip(frame.planes, picture.planes, strict=True):
+            # FFmpeg pads its rows for vector instructions.
+            rows = np.frombuffer(target, np.uint8)  # type: ignore[call-overload]  # PyAV's stubs miss the buffer
+            rows.reshape(target.height, -1)[:, : target.width] = plane
+    _tag(frame, picture.colour_space)
+    return frame
+
+
+def _tag(target: av.VideoCodecContext | av.VideoFrame, colour_space: YuvColourSpace) -> None:
+    target.colorspace, target.color_primaries = colour_space.matrix, colour_space.primaries
+    target.color_trc = colour_space.transfer
+    target.color_range = ColorRange.JPEG if colour_space.full_range else ColorRange.MPEG

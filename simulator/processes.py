@@ -1,0 +1,168 @@
+"""Jobs on several processes: each is spawned, has one OpenCV thread, and exits with its parent."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from itertools import islice
+from multiprocessing import resource_tracker
+from threading import Thread
+from typing import Any, TypeVar
+
+import cv2
+
+from lanes.images import opencv_threads
+
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+
+# A process that renders holds half a gigabyte of textures, and one video encoder keeps up with no more than 8 of them.
+MAX_DEFAULT_WORKERS = 8
+
+
+def available_workers() -> int:
+    """Number of CPUs that this process may use, at most MAX_DEFAULT_WORKERS."""
+    allowed = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else range(os.cpu_count() or 1)
+    return min(len(allowed), MAX_DEFAULT_WORKERS)
+
+
+def map_ordered(
+    function: Callable[[Job], Result], jobs: Iterable[Job], *, workers: int | None = None
+) -> Generator[Result]:
+    """Yield the results of `function` in the order of the jobs.
+
+    At most two jobs a worker are submitted ahead of the results taken, so that pictures do not pile up in memory.
+
+    Close the generator to end the workers early.
+
+    Parameters
+    ----------
+    function : callable
+        A function of a module, or a functools.partial of one. It is sent to each worker once.
+    jobs : iterable
+        Picklable arguments.
+    workers : int, optional
+        Processes; 1 runs the jobs in this process. Default: `available_workers()`.
+
+    Raises
+    ------
+    ValueError
+        If `workers` is less than 1.
+    OSError
+        If a worker died. Exceptions of `function` are raised unchanged.
+    """
+    workers = available_workers() if workers is None else workers
+    _require_workers(workers)
+    return (function(job) for job in jobs) if workers == 1 else _map_on_workers(function, iter(jobs), workers)
+
+
+def run_all(
+    function: Callable[[Job], Result],
+    jobs: Sequence[Job],
+    *,
+    workers: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Result]:
+    """Return the results of `function` in the order of the jobs, each computed on one OpenCV thread.
+
+    Parameters and exceptions are those of `map_ordered`, but all jobs are submitted at once. `progress` is called with
+    (jobs finished, jobs in all).
+    """
+    _require_workers(workers)
+    report = progress or (lambda done, total: None)
+    if workers == 1:
+        results = []
+        with opencv_threads(1):
+            for done, job in enumerate(jobs, 1):
+                results.append(function(job))
+                report(done, len(jobs))
+        return results
+    with _worker_pool(function, workers) as pool:
+        with sigint_blocked():
+            futures = [pool.submit(_run_job, job) for job in jobs]
+        for done, future in enumerate(as_completed(futures), 1):
+            future.result()
+            report(done, len(futures))
+        return [future.result() for future in futures]
+
+
+def _map_on_workers(function: Callable, jobs: Iterator, workers: int) -> Generator:
+    with _worker_pool(function, workers) as pool:
+        with sigint_blocked():
+            submitted = deque(pool.submit(_run_job, job) for job in islice(jobs, 2 * workers))
+        while submitted:
+            result = submitted.popleft().result()
+            submitted.extend(pool.submit(_run_job, job) for job in islice(jobs, 1))
+            yield result
+
+
+def _require_workers(workers: int) -> None:
+    if workers < 1:
+        raise ValueError(f"workers is a number of processes, 1 or more, not {workers}.")
+
+
+@contextmanager
+def _worker_pool(function: Callable, workers: int) -> Generator[ProcessPoolExecutor]:
+    """Workers for `function`; all have exited at the end of the `with` block."""
+    # Not forked: a forked child inherits the locks of OpenCV's and FFmpeg's thread pools without their threads.
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker, initargs=(function,))
+    try:
+        yield pool
+    except BrokenProcessPool as error:
+        raise OSError(
+            "a worker process ended before its work was done: memory may be short, or a script calls this outside "
+            'of `if __name__ == "__main__":`; correct that, or use workers=1.'
+        ) from error
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def sigint_blocked() -> Generator[None]:
+    """Delay Ctrl-C; processes started meanwhile inherit the blocked signal until `_start_worker` has run."""
+    # Python starts its resource tracker with the first process, and unblocks the signal after that.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+class _Worker:
+    """Kept between jobs, so that caches keyed by the function's arguments (a camera, a road) stay valid."""
+
+    function: Callable
+
+
+def _start_worker(function: Callable) -> None:
+    """In each worker: one OpenCV thread, because the processes share the CPUs; Ctrl-C is ignored between jobs."""
+    cv2.setNumThreads(1)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    Thread(target=_exit_with_parent, daemon=True).start()
+    _Worker.function = function
+
+
+def _exit_with_parent() -> None:
+    """An idle worker would wait for jobs forever if its parent was killed."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _run_job(job: Any) -> Any:
+    """In each worker: Ctrl-C raises KeyboardInterrupt during a job, so that it can remove unfinished files."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        return _Worker.function(job)
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
