@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.paint import MARKINGS, lightness
+from lanes.detect.paint import PAINT, lightness
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def count_transverse_stripes(view_image: np.ndarray, view: BirdsEyeView, lines_y
     if not steps.any() or line_light is None:
         return 0
     road_light = float(np.median(light[inside]))
-    noise = float(np.abs(np.diff(light))[steps].mean()) + MARKINGS.noise_floor
+    noise = float(np.abs(np.diff(light))[steps].mean()) + PAINT.noise_floor
     contrast = np.max([_contrast(strips, reach) for reach in TRANSVERSE.reaches], axis=0)
     contrast[~(strips.min(axis=0) - road_light >= TRANSVERSE.min_share * (line_light - road_light))] = 0
     peak = (contrast[1:-1] > contrast[:-2]) & (contrast[1:-1] >= contrast[2:])
