@@ -173,7 +173,9 @@ def near_stripes(stripes: Stripes, settings: FitSettings = FIT) -> Stripes:
     return stripes.select(stripes.x_m < settings.start[-1][0])
 
 
-def fit_starts(starts: np.ndarray, stripes: Stripes, view: BirdsEyeView, settings: FitSettings = FIT) -> tuple[Fit, Fit]:
+def fit_starts(
+    starts: np.ndarray, stripes: Stripes, view: BirdsEyeView, settings: FitSettings = FIT
+) -> tuple[Fit, Fit]:
     """Fit start hypotheses (K, 15) to the near stripes, and the best of them to all: both fits.
 
     The best lane has the largest sum of the square roots of its lines' marked rows; lanes that the car is not in come

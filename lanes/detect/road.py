@@ -373,7 +373,10 @@ class RoadPrior:
         std[:, CURVATURE] += self.curvature_share * curvature
         std[:, RATE] += expected_rate
         std[:, RATE_STEPS] += (self.rate_step_share * (expected_rate + rate))[:, None]
-        vertical = self.vertical_bend_share * np.maximum(curvature - MOTORWAY_CURVATURE_PER_M, 0) + self.vertical_share * largest
+        vertical = (
+            self.vertical_bend_share * np.maximum(curvature - MOTORWAY_CURVATURE_PER_M, 0)
+            + self.vertical_share * largest
+        )
         std[:, VERTICAL_CURVATURE] += extra_vertical_per_m + vertical[:, None]
         return std
 

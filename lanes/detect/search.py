@@ -1,6 +1,6 @@
 """Search without memory: the ego lane in the evidence of one image, and what is seen of its lines.
 
-    stripes -> vote_lanes (start hypotheses) -> fit_starts -> Lane
+stripes -> vote_lanes (start hypotheses) -> fit_starts -> Lane
 """
 
 from __future__ import annotations

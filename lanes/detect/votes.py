@@ -174,7 +174,9 @@ def suppress_non_maxima(lanes: np.ndarray, settings: VoteSettings = VOTES) -> np
     """The first `settings.lanes` of the lanes (N, 15), best first, that are no duplicates of an earlier one."""
     chosen: list[int] = []
     free = np.ones(len(lanes), bool)
-    tolerance_per_m = settings.duplicate_curvature_share * np.abs(lanes[:, CURVATURE]) + settings.duplicate_curvature_per_m
+    tolerance_per_m = (
+        settings.duplicate_curvature_share * np.abs(lanes[:, CURVATURE]) + settings.duplicate_curvature_per_m
+    )
     while len(chosen) < settings.lanes and free.any():
         chosen.append(int(free.argmax()))
         difference = np.abs(lanes - lanes[chosen[-1]])

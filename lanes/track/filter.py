@@ -317,9 +317,7 @@ def measure(
     for assumed, gain in attempts:
         if not best.unexplained[0]:
             break
-        fit = fit_lanes(
-            mean[None], stripes, view, fit_settings, schedule=fit_settings.outwards, prior=(mean, assumed)
-        )
+        fit = fit_lanes(mean[None], stripes, view, fit_settings, schedule=fit_settings.outwards, prior=(mean, assumed))
         if fit.explained[0] > best.explained[0] + gain:
             best = fit
     return best
@@ -335,9 +333,7 @@ def inflate(state: State, settings: FilterSettings = FILTER) -> State:
     return State(state.mean, covariance)
 
 
-def update(
-    predicted: State, lane: np.ndarray, covariance: np.ndarray, settings: FilterSettings = FILTER
-) -> State:
+def update(predicted: State, lane: np.ndarray, covariance: np.ndarray, settings: FilterSettings = FILTER) -> State:
     """The predicted state conditioned on the measured lane (15,) with covariance (15, 15), prediction included.
 
     The car follows by regression on the lane, with gain G = P_cl P_ll^-1.

@@ -97,6 +97,11 @@ class LaneTracker:
         Speed of the car; estimated if not given. Assign `tracker.speed_mps` when it changes.
     settings : TrackerSettings
 
+    Attributes
+    ----------
+    evidence : FrameEvidence or None
+        What the last image showed.
+
     Raises
     ------
     LaneError
@@ -120,6 +125,7 @@ class LaneTracker:
         self.settings = settings or TrackerSettings()
         self._views = tuple(BirdsEyeView(camera, half_width_m=half) for half in self.settings.half_widths_m)
         self.view = self._views[min(1, len(self._views) - 1)]
+        self.evidence: FrameEvidence | None = None
         self.reset()
 
     def reset(self) -> None:
@@ -187,6 +193,7 @@ class LaneTracker:
         view = self.view if search or self._lane is None else self._narrowest_view(self._lane)
         evidence = extract_evidence(view.warp(image), view, self.settings.detector.paint)
         evidence, challenger = self._without_static(evidence, max(elapsed_s, 0.0), search=search)
+        self.evidence = evidence
         if self._estimate is not None and self._lane is not None:
             self._follow(self._estimate, self._lane, evidence, elapsed_s)
         if search:
@@ -222,7 +229,8 @@ class LaneTracker:
         lines = observe_lines(fit, evidence, last.evidence, profiles_of=profiles_of)
         if sum(line.support for line in lines) < self.settings.min_total_support:
             left, right = (
-                replace(old, support=0.0, seen=False, reach_m=max(old.reach_m - distance_m, 0.0)) for old in last.evidence
+                replace(old, support=0.0, seen=False, reach_m=max(old.reach_m - distance_m, 0.0))
+                for old in last.evidence
             )
             lines = left, right
         return [
@@ -230,9 +238,7 @@ class LaneTracker:
             for line, members in zip(lines, fit.members[0], strict=True)
         ]
 
-    def _to_ego_lane(
-        self, estimate: State, lines: Sequence[LineEvidence]
-    ) -> tuple[State, Sequence[LineEvidence]]:
+    def _to_ego_lane(self, estimate: State, lines: Sequence[LineEvidence]) -> tuple[State, Sequence[LineEvidence]]:
         """After the car's centre has crossed a line: the adjacent lane, whose lines swap names; else unchanged."""
         lane, prior = estimate.lane, self.settings.detector.fit.prior
         if abs(lane[CENTRE]) < lane[WIDTH] / 2 + self.settings.lane_change_m:
@@ -353,7 +359,7 @@ class LaneTracker:
         """Whether both lines of a detected lane are those of the known one."""
         s, at_m = self.settings, np.array(self.settings.same_lane_at_m)
         std_m = lateral_std_m(known.fit_covariance, at_m)
-        tolerance_m = np.clip(s.same_lane_stds * std_m, *s.same_lane_m)
+        tolerance_m = np.clip(s.same_lane_stds * std_m, s.same_lane_m[0], s.same_lane_m[1])
         # lines of a hairpin may turn back before these distances: NaN counts as the same
         return not (np.abs(found.lateral_m(at_m) - known.lateral_m(at_m)) > tolerance_m).any()
 
