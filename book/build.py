@@ -18,6 +18,7 @@ from collections.abc import Iterable
 from importlib import import_module
 from importlib.resources import files
 from pathlib import Path
+from posixpath import dirname, join, normpath
 from textwrap import indent
 
 from sphinx.cmd.build import main as run_sphinx
@@ -65,10 +66,11 @@ def rewrite_links(text: str, page: str, terms: dict[str, str]) -> str:
             return f"[{label}]({chapter_name(int(chapter[1]))}.ipynb)"
         if target.startswith(("#Appendix", "#Where-to-go")):
             return f"[{label}](appendix.ipynb)"
-        name = target.removeprefix("../").rstrip("/")
+        path, hash_sign, heading = target.partition("#")
+        name = normpath(join(dirname(page), path))
         if name not in PAGES:
             return link[0]
-        return f"[{label}]({up}{PAGES[name]})" if PAGES[name] else label
+        return f"[{label}]({up}{PAGES[name]}{hash_sign}{heading})" if PAGES[name] else label
 
     blocks = CODE_BLOCK.split(text)
     return "".join(block if block.startswith("```") else LINK.sub(rewrite, block) for block in blocks)
