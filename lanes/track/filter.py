@@ -107,16 +107,15 @@ class FilterSettings:
     rate_step_per_m2_per_m: float = 5e-5
     rate_step_share: float = 0.2
     max_rate_step_per_m2_per_m: float = 4e-3
-    # Vertical curvature that comes into view beyond the last knot: base value, growth with the curvature and with the
-    # largest vertical curvature of the lane; the maximum is a radius of 170 m, at which cars leave the ground.
+    # Vertical curvature that comes into view, and what lies between the knots: base value, growth with the curvature
+    # and with the largest vertical curvature of the lane; the maximum is a radius of 170 m, at which cars leave the
+    # ground.
     vertical_per_m: float = 3e-4
     vertical_bend_share: float = 0.03
     vertical_share: float = 1.0
     max_vertical_per_m: float = 6e-3
-    # Distance over which it is forgotten, and the share of the noise at each knot: at the nearer ones it is known from
-    # before, and the noise accounts for the interpolation between knots.
+    # Distance over which it is forgotten.
     vertical_decay_m: float = 20.0
-    vertical_knot_shares: tuple[float, ...] = (0.3, 0.3, 0.5, 1.0)
     # Inflated covariance: extra standard deviations for abrupt changes of vertical curvature, rate steps and pitch, and
     # the weight of stripes that such a fit must explain in addition, because it is less constrained.
     inflated_vertical_per_m: float = 6e-3
@@ -282,8 +281,8 @@ def process_noise(state: State, elapsed_s: float, settings: FilterSettings = FIL
     variance = per_s**2 * elapsed_s + per_m**2 * abs(distance_m)
     vertical = n.vertical_per_m + n.vertical_bend_share * excess
     vertical += n.vertical_share * max_vertical_curvature(state.lane)
-    vertical_std = min(vertical, n.max_vertical_per_m) * np.array(n.vertical_knot_shares)
-    variance[VERTICAL_CURVATURE] = np.square(vertical_std) * (1 - exp(-2 * abs(distance_m) / n.vertical_decay_m))
+    forgotten = 1 - exp(-2 * abs(distance_m) / n.vertical_decay_m)
+    variance[VERTICAL_CURVATURE] = min(vertical, n.max_vertical_per_m) ** 2 * forgotten
     return variance
 
 
