@@ -21,7 +21,7 @@ from lanes.detect.road import WIDTH, lines_on_view
 from lanes.detect.search import search_lane
 from lanes.errors import CameraError, PoseError
 from lanes.field_of_view import FieldOfView
-from lanes.pose import POSE_PICTURES, pose_from_pictures
+from lanes.pose import POSE_PICTURES, estimate_pose
 from lanes.sources import pick_pictures
 
 # Fields of view to try: if the period is outside 4 to 30 m with the first, it is inside with the second.
@@ -74,7 +74,7 @@ def field_of_view_from_dashes(
     for hfov_deg in TRIED_HFOV_DEG:
         camera = Camera.from_fov(size, hfov_deg)
         try:
-            camera, _ = pose_from_pictures(camera, images, str(files[0]))
+            camera = estimate_pose(images, camera).camera
         except PoseError:
             continue
         measured = measure_dash_period(images, camera)

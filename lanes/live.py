@@ -12,9 +12,10 @@ from itertools import takewhile
 from lanes.annotate import DriveResult, DriveSettings, conclude_drive
 from lanes.camera import Camera
 from lanes.draw import track_lane
+from lanes.errors import PoseError
 from lanes.files import TelemetryWriter, exclusive_writer
 from lanes.images import as_rgb
-from lanes.pose import PoseEstimate, pose_from_pictures
+from lanes.pose import PoseEstimate, estimate_pose
 from lanes.track.tracker import LaneTracker
 from lanes.video.live_camera import LiveCamera
 from lanes.video.reader import STAMP_TOLERANCE_S, TimedFrame
@@ -67,7 +68,11 @@ def _with_pose(camera: Camera, frames: Iterator[TimedFrame], name: str) -> tuple
             next_s = frame.time_s + POSE_INTERVAL_S
         if len(pictures) == POSE_PICTURES:
             break
-    return pose_from_pictures(camera, pictures, name)
+    try:
+        estimate = estimate_pose(pictures, camera)
+    except PoseError as error:
+        raise PoseError(f"{name}: {error}") from error
+    return estimate.camera, estimate
 
 
 def _with_elapsed_time(frames: Iterator[TimedFrame]) -> Iterator[tuple[TimedFrame, float | None]]:

@@ -25,7 +25,7 @@ from benchmark.systems import STILL_SYSTEMS
 from lanes.calibration import calibrate_folder
 from lanes.camera import Camera, load_camera
 from lanes.images import list_pictures, read_image
-from lanes.pose import pose_from_drive
+from lanes.pose import ensure_pose
 from lanes.video.reader import read_frames
 from simulator.rendering.render import render_frame
 from simulator.rendering.video import VIDEO_FPS
@@ -99,7 +99,7 @@ def score_real(real: Path, lens: Camera, labels: list[LaneColumns], prefixes: tu
     pictures = [
         p for name in ("test_images", "stills") for p in list_pictures(real / name) if p.name.startswith(prefixes)
     ]
-    camera, _ = pose_from_drive(lens, pictures)
+    camera, _ = ensure_pose(lens, pictures)
     return score_pictures(labels, (read_image(real / label.name) for label in labels), camera, STILL_SYSTEMS)
 
 

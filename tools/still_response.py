@@ -12,39 +12,30 @@ from __future__ import annotations
 
 import runpy
 import sys
+from dataclasses import replace
 
-from lanes.detect import search as detector
-from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.lane import Lane
-from lanes.detect.network import learned_evidence
-from lanes.detect.paint import FrameEvidence, extract_evidence
-from lanes.detect.search import still_lane
+from lanes import stills
+from lanes.camera import Camera
 from lanes.images import Frame
 
 
-def search_by_band(image: Frame, view: BirdsEyeView) -> tuple[FrameEvidence, Lane | None]:
-    """As `lanes.detect.search.search_still`, with the band filter alone."""
-    band = extract_evidence(view.warp(image), view)
-    return band, still_lane(band)
-
-
-def search_by_network(image: Frame, view: BirdsEyeView) -> tuple[FrameEvidence, Lane | None]:
-    """As `lanes.detect.search.search_still`, with the network alone."""
-    learned = learned_evidence(image, extract_evidence(view.warp(image), view))
-    return learned, still_lane(learned)
-
-
-SEARCHES = {"band": search_by_band, "network": search_by_network}
+def detect_by_network(image: Frame, camera: Camera) -> stills.StillDetection:
+    """As `lanes.stills.detect_still`, with the network alone."""
+    found = stills._search_with_network(image, camera)
+    return replace(found, lane=found.lane and replace(found.lane, same_lane_share=None))
 
 
 def main() -> None:
     """Run a module of the project with one response for all stills."""
-    if len(sys.argv) < 3 or sys.argv[1] not in SEARCHES:
+    if len(sys.argv) < 3 or sys.argv[1] not in ("band", "network"):
         sys.exit(__doc__)
     response, command, *options = sys.argv[1:]
     if "--workers" in options or (command == "benchmark" and "--labels" not in options):
         sys.exit("still_response: only stills in this process: give --labels to benchmark, and leave out --workers.")
-    detector.search_still = SEARCHES[response]
+    if response == "network":
+        stills.detect_still = detect_by_network
+    else:
+        stills.learned_evidence = lambda image, band: band
     sys.argv = [command, *options]
     runpy.run_module(command, run_name="__main__", alter_sys=True)
 

@@ -13,11 +13,10 @@ from benchmark.labels.tusimple import LaneColumns, picture_is_right
 from benchmark.reporting.consistency_table import describe_z
 from benchmark.reporting.tables import format_table
 from lanes.camera import Camera
-from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.lane import Lane
 from lanes.detect.road import lines_on_view, parameter_gradients, propagated_std
-from lanes.detect.search import find_lane
+from lanes.stills import find_lane
 from lanes.track.tracker import TrackedLane
 
 # Distances at which lines are compared. Rows count whose distance on the road differs by less than this share.
@@ -57,9 +56,9 @@ def check_stills(
     camera: Camera,
 ) -> list[StillCheck]:
     """Checks of the lanes that are detected in labelled pictures, each processed independently."""
-    view, checks = BirdsEyeView(camera), []
+    checks = []
     for label, image in zip(labels, pictures, strict=True):
-        lane = find_lane(image, view)
+        lane = find_lane(image, camera)
         if lane is not None:
             checks.append(check_lane(lane, label, camera))
     return checks

@@ -14,7 +14,7 @@ from benchmark.reporting.tables import format_table
 from benchmark.systems import DETECTOR, TRACKER, column_detector
 from lanes.camera import Camera
 from lanes.images import read_image
-from lanes.pose import PoseEstimate, pose_from_drive
+from lanes.pose import PoseEstimate, ensure_pose
 
 COLUMNS = ("lines", "accuracy", "matched", "FP", "FN", "median error")
 
@@ -83,9 +83,9 @@ def score_folder(
     """Scores and checks on the labelled pictures of one camera, whose pose is estimated from them if it has none.
 
     `progress`, called with the name of a part of the work, returns its callback (done, total). Errors are those of
-    `pose_from_drive` and `score_pictures`.
+    `ensure_pose` and `score_pictures`.
     """
-    camera, estimate = pose_from_drive(lens, files, progress=progress("pose"))
+    camera, estimate = ensure_pose(lens, files, progress=progress("pose"))
     scores = score_pictures(labels, map(read_image, files), camera, systems, progress=progress("stills"))
     detects = not {TRACKER, DETECTOR}.isdisjoint(systems)
     checks = check_stills(labels, map(read_image, files), camera) if detects else []
