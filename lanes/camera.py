@@ -17,7 +17,7 @@ import yaml
 from lanes.describe import html_table
 from lanes.errors import CameraError
 from lanes.files import read_text, write_atomically
-from lanes.images import MAX_PIXELS, Frame, require_rgb, require_size
+from lanes.images import MAX_PIXELS, require_rgb, require_size
 
 
 @dataclass(frozen=True)
@@ -194,9 +194,9 @@ class Camera:
         shift = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
         return replace(self, width=width, height=height, matrix=np.linalg.inv(shift) @ scale @ shift @ self.matrix)
 
-    def require_size(self, image: Frame, name: object = "picture") -> None:
-        """Raise PictureError unless the picture has the size of the camera's; the message starts with `name`."""
-        require_size(image, self.size, name, calibrated=bool(self.distortion.any()))
+    def require_size(self, image: np.ndarray, name: object = "picture") -> np.ndarray:
+        """As `lanes.images.require_size`: the image, contiguous, if it has the size of the camera's."""
+        return require_size(image, self.size, name, calibrated=bool(self.distortion.any()))
 
     def undistort_points(self, pixels: np.ndarray) -> np.ndarray:
         """Pixels (N, 2) of the undistorted picture for raw pixels (N, 2)."""
@@ -444,7 +444,8 @@ def camera_from_dict(content: dict) -> Camera:
     distortion = np.array(content["distortion_coefficients"]["data"], float).reshape(5)
     size = int(content["image_width"]), int(content["image_height"])
     _require_valid_intrinsics(matrix, distortion, size)
-    pose = _parse_pose(content["pose"]) if "pose" in content else None
+    block = "pose" if "pose" in content else "mount"  # its name in version 0.1
+    pose = _parse_pose(content[block]) if block in content else None
     report = _parse_report(content["calibration"]) if "calibration" in content else None
     return Camera(*size, matrix, distortion, pose, report)
 
@@ -465,7 +466,8 @@ def _require_valid_intrinsics(matrix: np.ndarray, distortion: np.ndarray, size: 
 
 
 def _parse_pose(content: dict) -> CameraPose:
-    pose = CameraPose(**{name: float(value) for name, value in content.items()})
+    # version 0.1 wrote same_lane_share as well
+    pose = CameraPose(**{name: float(value) for name, value in content.items() if name != "same_lane_share"})
     if pose.height_m > MAX_HEIGHT_M or max(map(abs, (pose.pitch_rad, pose.yaw_rad, pose.roll_rad))) > np.pi / 2:
         raise ValueError(f"a camera {pose.describe()} does not see the road")
     return pose

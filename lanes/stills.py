@@ -28,7 +28,6 @@ from lanes.detect.search import choose_lane
 from lanes.detect.transverse_stripes import count_transverse_stripes
 from lanes.detect.votes import vote_lanes
 from lanes.errors import CameraError
-from lanes.images import Frame
 
 # A lane of the network replaces one of the band filter if the logarithm of its odds is larger by this; chosen on
 # labelled stills and the rendered suite. In hairpins the network is less accurate than the confidence of its lane says.
@@ -73,13 +72,13 @@ class StillDetection:
         return self.evidence.view.camera
 
 
-def find_lane(image: Frame, camera: Camera) -> Lane | None:
+def find_lane(image: np.ndarray, camera: Camera) -> Lane | None:
     """The ego lane in a single image; None if it is not seen.
 
     Parameters
     ----------
-    image : ndarray of shape (height, width, 3), uint8, or YuvFrame
-        RGB, or as its video stores it; raw.
+    image : ndarray of shape (height, width, 3), uint8
+        RGB, raw.
     camera : Camera
         The camera that took it, with its pose.
 
@@ -93,7 +92,7 @@ def find_lane(image: Frame, camera: Camera) -> Lane | None:
     return detect_still(image, camera).lane
 
 
-def detect_still(image: Frame, camera: Camera) -> StillDetection:
+def detect_still(image: np.ndarray, camera: Camera) -> StillDetection:
     """What is found in a single image of a camera with a known pose; parameters and errors as for `find_lane`.
 
     The band filter finds the stripes. If its lane is not sure, the network finds them, too, and its lane is taken if it
@@ -110,7 +109,7 @@ def detect_still(image: Frame, camera: Camera) -> StillDetection:
     return learned if better else band
 
 
-def detect_with_own_pose(image: Frame, camera: Camera, height_log_std: float) -> StillDetection:
+def detect_with_own_pose(image: np.ndarray, camera: Camera, height_log_std: float) -> StillDetection:
     """What is found in a single image whose camera pose was estimated from the same image.
 
     Of the poses near the estimate, that with the most probable lane is taken. A pose has the probability of its
@@ -144,7 +143,7 @@ def detect_with_own_pose(image: Frame, camera: Camera, height_log_std: float) ->
     return replace(shown[best], lane=replace(lanes[best], same_lane_share=share))
 
 
-def _try_poses(image: Frame, camera: Camera, height_log_std: float) -> Iterator[tuple[StillDetection, float]]:
+def _try_poses(image: np.ndarray, camera: Camera, height_log_std: float) -> Iterator[tuple[StillDetection, float]]:
     """What each pose of `TRIED_STEPS` shows, and the logarithm of the pose's probability; none that sees no road."""
     estimate = camera.require_pose()
     for height_step, pitch_step_deg in TRIED_STEPS:
@@ -157,7 +156,7 @@ def _try_poses(image: Frame, camera: Camera, height_log_std: float) -> Iterator[
         yield detection, -0.5 * (height_step**2 + (pitch_step_deg / PITCH_STD_DEG) ** 2)
 
 
-def _search_with_network(image: Frame, camera: Camera) -> StillDetection:
+def _search_with_network(image: np.ndarray, camera: Camera) -> StillDetection:
     """What the network finds; its lane has all poses on its side until they are compared."""
     view = BirdsEyeView(camera)
     found = _search(learned_evidence(image, extract_evidence(view.warp(image), view)))

@@ -14,12 +14,13 @@ import runpy
 import sys
 from dataclasses import replace
 
+import numpy as np
+
 from lanes import stills
 from lanes.camera import Camera
-from lanes.images import Frame
 
 
-def detect_by_network(image: Frame, camera: Camera) -> stills.StillDetection:
+def detect_by_network(image: np.ndarray, camera: Camera) -> stills.StillDetection:
     """As `lanes.stills.detect_still`, with the network alone."""
     found = stills._search_with_network(image, camera)
     return replace(found, lane=found.lane and replace(found.lane, same_lane_share=None))

@@ -29,7 +29,7 @@ from lanes.camera import Camera
 from lanes.detect import paint as markings
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.draw import track_lane
-from lanes.images import Frame, YuvFrame, opencv_threads
+from lanes.images import opencv_threads
 from lanes.track import filter as update
 from lanes.track import tracker
 
@@ -73,14 +73,10 @@ class FrameTime:
 
 @dataclass(frozen=True)
 class System:
-    """A system to be measured: `start` starts a drive and returns the function that processes its frames.
-
-    `as_yuv`: the frames are YUV as in a video, which is how `annotate` reads them.
-    """
+    """A system to be measured: `start` starts a drive and returns the function that processes its frames."""
 
     start: Callable[[], Callable[[Any], object]]
     stages: Stages
-    as_yuv: bool = False
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -147,11 +143,11 @@ def time_frames(
 
 
 def _systems(camera: Camera) -> dict[str, System]:
-    def start_cold() -> Callable[[Frame], object]:
+    def start_cold() -> Callable[[np.ndarray], object]:
         cold = tracker.LaneTracker(camera)
         draw = track_lane(cold, camera)
 
-        def forget_and_draw(frame: Frame) -> object:
+        def forget_and_draw(frame: np.ndarray) -> object:
             cold.reset()
             return draw(frame)
 
@@ -161,7 +157,7 @@ def _systems(camera: Camera) -> dict[str, System]:
         return overlay.follow_lane(LaneFinder(get_recipe(name, camera.size), camera), camera)
 
     systems = {
-        TRACKING: System(lambda: track_lane(tracker.LaneTracker(camera), camera), TRACKER_STAGES, as_yuv=True),
+        TRACKING: System(lambda: track_lane(tracker.LaneTracker(camera), camera), TRACKER_STAGES),
         COLD: System(start_cold, TRACKER_STAGES),
     }
     return systems | {name: System(partial(start_recipe, name), CLASSIC_STAGES) for name in RECIPES}
@@ -173,7 +169,7 @@ def _time_round(system: System, frames: Sequence[np.ndarray], camera: Camera) ->
     for frame in frames:
         watch = Stopwatch()
         watch.timed(UNIT, cv2.undistort)(frame.copy(), camera.matrix, camera.distortion)
-        copy = YuvFrame.from_rgb(frame) if system.as_yuv else frame.copy()
+        copy = frame.copy()
         with watch.watching(system.stages):
             watch.timed(REST, process)(copy)
         seconds.append([watch.spent_s[part] for part in (UNIT, *system.parts)])

@@ -1,7 +1,7 @@
 """Time from file to file, annotation compared with a bare transcode, and peak memory for a long video.
 
 The bare transcode decodes and encodes with the settings of `annotate_video`; its frames stay in YUV. A third run
-converts them to RGB and back: the fixed cost of any function of RGB pictures.
+converts them to RGB and back: the fixed cost of any function of RGB images.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ def repeat_video(source: Path, target: Path, frames: int) -> Path:
 def _annotate(source: Path, target: Path, camera: Camera, fps: float, table: Path, end_s: float | None = None) -> None:
     process = track_lane(LaneTracker(camera, fps=fps), camera)
     with opencv_threads(1):  # as in `python -m lanes annotate`
-        annotate_video(source, target, process, yuv=True, end_s=end_s, progress=False, telemetry=table)
+        annotate_video(source, target, process, end_s=end_s, progress=False, telemetry=table)
 
 
 def _annotation_peak_mb(source: Path, target: Path, camera_file: Path, frames: int) -> float:

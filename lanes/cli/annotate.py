@@ -1,10 +1,9 @@
-"""Draw the lane with curvature, offset and confidence on videos, stills or a live camera.
+"""Draw the lane with curvature, offset and confidence on videos and stills.
 
 The output folder gets an annotated video with sound, the telemetry (CSV, one row per frame) and a
 report (HTML, works offline) for each video, all named after it. Stills are processed independently.
-A number as SOURCE is a camera of this computer, which is annotated until Ctrl-C. If the camera has no
-pose, the pose is estimated from each drive and printed with its standard deviations. All stills share
-one camera, unless --each gives every still a camera of its own.
+If the camera has no pose, the pose is estimated from each drive and printed with its standard
+deviations. All stills share one camera, unless --each gives every still a camera of its own.
 
 With --workers or --scheduler, Dask annotates several videos in parallel. The next run skips finished
 videos. A summary of all videos is written (docs/many_drives.md).
@@ -21,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lanes.cli.arguments import add_lens, add_output, add_piece, find_field, given_camera, require_piece
-from lanes.console import bounded_float, error_status, positive_int
+from lanes.console import error_status, positive_int
 
 if TYPE_CHECKING:
     from lanes.annotate import DriveResult, DriveSettings, StillsResult
@@ -32,7 +31,6 @@ EXAMPLES = """\
   {program} --camera camera.yaml drives/ more/*.mp4 -o results
   {program} --boards my_boards --style mosaic --start 60 --end 90 drive.mp4
   {program} --each photos/
-  {program} --camera camera.yaml 0
   {program} --camera camera.yaml "drives/**/*.mp4" -o results --workers 8"""
 
 
@@ -42,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "sources",
         nargs="+",
         metavar="SOURCE",
-        help='video, still, folder, pattern such as "drives/*.mp4", or number of a camera',
+        help='video, still, folder, or pattern such as "drives/*.mp4"',
     )
     add_lens(parser)
     parser.add_argument(
@@ -69,22 +67,6 @@ def _add_many_drives(parser: argparse.ArgumentParser) -> None:
         "--workers", type=positive_int, metavar="N", help="number of processes on this machine, with one thread each"
     )
     where.add_argument("--scheduler", metavar="ADDRESS", help="address of a Dask scheduler, like tcp://10.0.0.1:8786")
-    many.add_argument(
-        "--piece",
-        type=bounded_float(10),
-        default=300.0,
-        metavar="S",
-        help="cut drives longer than 1.5 S into pieces of about S seconds, annotate these in parallel, and join them "
-        "(default: %(default)g)",
-    )
-    many.add_argument(
-        "--retries",
-        type=int,
-        choices=range(11),
-        default=2,
-        metavar="N",
-        help="number of retries, up to 10, after a worker died or a disk failed (default: %(default)s)",
-    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -121,13 +103,14 @@ def annotate_on_dask(
     videos: Sequence[Path], settings: DriveSettings, options: argparse.Namespace
 ) -> tuple[int, list[Exception]]:
     """Annotate videos with Dask; returns the number of finished videos, and the errors of the others."""
-    from lanes.many import ClusterSettings, annotate_many
+    from lanes.many import annotate_many
 
-    cluster = ClusterSettings(
-        scheduler=options.scheduler, workers=options.workers, piece_s=options.piece, retries=options.retries
-    )
     finished, failures = annotate_many(
-        videos, settings, cluster, log=lambda text: None if options.quiet else print(text, flush=True)
+        videos,
+        settings,
+        workers=options.workers,
+        scheduler=options.scheduler,
+        log=lambda text: None if options.quiet else print(text, flush=True),
     )
     return len(finished), failures
 
@@ -154,15 +137,10 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
 
 
 def list_jobs(sources: Sources, settings: DriveSettings) -> Iterator[Callable[[], DriveResult | StillsResult]]:
-    """One function per job: each video, all stills together, each live camera."""
+    """One function per job: each video, all stills together."""
     from lanes.annotate import annotate_drive, annotate_stills
-    from lanes.live import annotate_live
 
     for video in sources.videos:
         yield partial(annotate_drive, video, settings)
     if sources.stills:
         yield partial(annotate_stills, sources.stills, settings)
-    for index in sources.cameras:
-        if settings.progress:
-            print(f"camera {index}: annotating until Ctrl-C", file=sys.stderr)
-        yield partial(annotate_live, index, settings)

@@ -15,10 +15,10 @@ road is not paint. A fourth input is the width of a pixel in cells: far away, li
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from threading import Lock
 
 import cv2
 import numpy as np
@@ -34,7 +34,6 @@ from lanes.detect.paint import (
     peak_position,
     yellowness,
 )
-from lanes.images import Frame
 
 NETWORK_FILE = Path(__file__).with_name("marking_network.onnx")
 
@@ -62,10 +61,10 @@ MAX_LOG_ODDS = 6.0
 # Columns in which the band filter's peak is the same stripe as the network's, nearest first.
 PLACED_WITHIN = np.array([0, -1, 1, -2, 2])
 # The network keeps its input, so threads use it one after the other.
-_NETWORK_IN_USE = Lock()
+_NETWORK_IN_USE = threading.Lock()
 
 
-def learned_evidence(image: Frame, band: FrameEvidence) -> FrameEvidence:
+def learned_evidence(image: np.ndarray, band: FrameEvidence) -> FrameEvidence:
     """Learned marking response and stripe candidates of a raw picture, from the evidence of the band filter in it."""
     view = band.view
     response = MarkingResponse(network_strength(image, view), band.response.channels, learned=True)
@@ -113,7 +112,7 @@ def _scatter(contrast: np.ndarray, fine: BirdsEyeView) -> np.ndarray:
     return np.sqrt(np.maximum(_window_mean(contrast * contrast, NETWORK.scatter_window_m, fine), 0))
 
 
-def network_strength(image: Frame, view: BirdsEyeView) -> np.ndarray:
+def network_strength(image: np.ndarray, view: BirdsEyeView) -> np.ndarray:
     """Strength (rows, columns) float32 of each cell of the view of a raw picture; 0 outside the picture.
 
     The weight of a cell, `lanes.detect.paint.strength_weight`, is the probability that the network states.

@@ -37,6 +37,17 @@ def test_camera_file_without_pose_and_report(tmp_path):
     assert loaded.pose is None and loaded.report is None
 
 
+def test_block_of_the_pose_is_called_pose_and_the_older_name_mount_is_read(tmp_path, content):
+    assert content["pose"]["height_m"] == DASHCAM.pose.height_m and "mount" not in content
+    older = content | {"mount": content["pose"]}
+    del older["pose"]
+    assert load_camera(write(tmp_path / "older.yaml", older)).pose == DASHCAM.pose
+    older["mount"]["same_lane_share"] = 0.4  # of a pose from one still
+    assert load_camera(write(tmp_path / "still.yaml", older)).pose == DASHCAM.pose
+    both = content | {"mount": {"height_m": 9.0}}
+    assert load_camera(write(tmp_path / "both.yaml", both)).pose == DASHCAM.pose
+
+
 def test_camera_file_has_the_layout_of_ros(content):
     assert content["camera_matrix"] == {"rows": 3, "cols": 3, "data": [1157.8, 0, 667.4, 0, 1153.2, 386.1, 0, 0, 1]}
     assert content["distortion_model"] == "plumb_bob"
@@ -76,7 +87,7 @@ def test_missing_entry_is_named(tmp_path, content, entry):
         ("pose", {"height": 1.3}),
         ("pose", {"height_m": 1.3, "pitch_rad": 3.0}),
         ("pose", {"height_m": 1300}),
-        ("pose", {"height_m": 1.3, "same_lane_share": 1.0}),
+        ("pose", {"height_m": 1.3, "tilt_rad": 0.1}),
         ("calibration", {"rms_px": 0.3, "board_rms_px": {"a.jpg": "good"}, "date": 1}),
         ("calibration", 3),
     ],
