@@ -26,8 +26,8 @@ from benchmark.estimates import DriveEstimates
 from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_system
 from benchmark.labels.stills import score_pictures
 from benchmark.labels.tusimple import LaneColumns, read_labels, summarize_lines
+from benchmark.scored_drive import COMMITTED, choose_drives, ensure_video
 from benchmark.scores import score
-from benchmark.suite_drives import COMMITTED, choose_drives, ensure_video
 from benchmark.systems import TRACKER as SYSTEM
 from lanes.camera import Camera, load_camera
 from lanes.detect.birdseye import BirdsEyeView

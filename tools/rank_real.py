@@ -20,7 +20,7 @@ import numpy as np
 from benchmark.labels.stills import score_pictures
 from benchmark.labels.tusimple import LaneColumns, LineScore, read_labels
 from benchmark.machine import describe_machine
-from benchmark.suite_drives import ensure_video, list_drives
+from benchmark.scored_drive import ensure_video, list_drives
 from benchmark.systems import STILL_SYSTEMS
 from lanes.calibration import calibrate_folder
 from lanes.camera import Camera, load_camera

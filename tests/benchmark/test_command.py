@@ -14,8 +14,7 @@ from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_s
 from benchmark.machine import describe_machine
 from benchmark.reporting.tables import read_scores
 from benchmark.runner import cached_estimates
-from benchmark.scored_drive import CUSTOM, BenchmarkDrive
-from benchmark.suite_drives import choose_drives, list_drives
+from benchmark.scored_drive import CUSTOM, BenchmarkDrive, choose_drives, list_drives
 from benchmark.systems import SYSTEMS
 from classic import finder
 from lanes import camera as camera_pose

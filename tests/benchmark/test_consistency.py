@@ -7,11 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmark.consistency import QUANTITIES, consistency, normalize_errors
+from benchmark.consistency import (
+    QUANTITIES,
+    consistency,
+    consistency_rows,
+    consistency_table,
+    describe_consistency,
+    normalize_errors,
+)
 from benchmark.errors import LaneTruth
 from benchmark.estimates import AHEAD_M, DriveEstimates
-from benchmark.reporting.consistency_table import consistency_rows, consistency_table, describe_consistency
-from benchmark.result import Result
+from benchmark.scores import Result
 from lanes.files import write_telemetry
 from tests.benchmark.test_errors import lines_through
 from tests.benchmark.test_significance import result

@@ -17,9 +17,8 @@ from benchmark.estimates import (
     road_points,
     write_estimates,
 )
-from benchmark.reporting.failures import describe_failures, failure_spans
-from benchmark.result import Result
-from benchmark.scores import percentile, score, score_rows, total_rows
+from benchmark.reporting.tables import describe_failures, failure_spans
+from benchmark.scores import Result, percentile, score, score_rows, total_rows
 from lanes.camera import Camera, CameraPose
 from simulator.road.geometry import RoadGeometry, VehiclePose, line_lateral, line_polynomial
 

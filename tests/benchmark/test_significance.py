@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmark.bootstrap import accuracy_interval, among_best
 from benchmark.errors import FrameErrors
-from benchmark.result import Result
-from benchmark.scores import score_rows, total_rows
-from benchmark.significance import accuracy_interval, among_best
+from benchmark.scores import Result, score_rows, total_rows
 
 FRAMES = 100
 

@@ -5,8 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from simulator.landscape.backdrop import paint_backdrop
-from simulator.landscape.sky import BackdropStyle, aerial_perspective
+from simulator.landscape.backdrop import BackdropStyle, aerial_perspective, paint_backdrop
 
 STYLE = BackdropStyle(tree_density=0.15)
 

@@ -9,9 +9,8 @@ import pytest
 
 from simulator.road.geometry import RoadGeometry, VehiclePose
 from simulator.road.ground import cast_on_ground, dash_coverage, edge_coverage, pixel_rays
-from simulator.road.painted_lines import WHITE, Marking, paint_coverage, paint_markings
+from simulator.road.markings import WHITE, Marking, Symbol, paint_coverage, paint_markings, symbol_coverage
 from simulator.road.road_ahead import RoadAhead
-from simulator.road.symbols import Symbol, symbol_coverage
 from simulator.scenes.dashcam import DASHCAM
 from tests.simulator.small_drive import POSE, SMALL
 

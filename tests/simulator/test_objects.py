@@ -7,8 +7,7 @@ from lanes.camera import Camera, CameraPose
 from simulator.landscape.foliage import SPECIES, plant_sprites
 from simulator.objects.bonnet import bonnet_outline, paint_bonnet
 from simulator.objects.object_painter import paint_objects
-from simulator.objects.placement import PlacedWall, objects_in_view
-from simulator.objects.scene_objects import Car, Post, Sign, Tree
+from simulator.objects.scene_objects import Car, PlacedWall, Post, Sign, Tree, objects_in_view
 from simulator.objects.shadows import shadow_polygons
 from simulator.objects.walls import Wall
 from simulator.painting.brush import (

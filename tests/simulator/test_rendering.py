@@ -11,11 +11,10 @@ import pytest
 from benchmark.scored_drive import PROJECT_ROOT
 from lanes.camera import Camera
 from lanes.images import read_image
-from simulator.landscape.sky import BackdropStyle
+from simulator.landscape.backdrop import BackdropStyle
 from simulator.light.lens import REFERENCE_LUMINANCE, Lens, develop
 from simulator.light.sunlight import BridgeShade
-from simulator.objects.placement import PlacedObject
-from simulator.objects.scene_objects import Car
+from simulator.objects.scene_objects import Car, PlacedObject
 from simulator.rendering.drive import Motion
 from simulator.rendering.render import render_frame
 from simulator.road.albedo import ground_albedo

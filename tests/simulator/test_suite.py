@@ -14,9 +14,9 @@ from benchmark.scored_drive import PROJECT_ROOT
 from lanes.camera import undistort
 from simulator.disk_cache import cache_folder
 from simulator.objects.bonnet import bonnet_outline
+from simulator.rendering.drive import SuiteScene
 from simulator.rendering.render import render_frame
 from simulator.scenes import suite
-from simulator.scenes.scene import SuiteScene
 from simulator.scenes.suite import SUITE, render_scene, scene_path
 
 

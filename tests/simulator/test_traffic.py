@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from lanes.camera import CameraPose
-from simulator.landscape.sky import BackdropStyle
+from simulator.landscape.backdrop import BackdropStyle
 from simulator.light.sunlight import Sun
-from simulator.objects.placement import PlacedObject
-from simulator.objects.scene_objects import Car
+from simulator.objects.scene_objects import Car, PlacedObject
 from simulator.objects.vehicles import footprint, outline_points, vehicle_faces
 from simulator.rendering.drive import Drive, Motion
 from simulator.rendering.render import render_frame

@@ -13,7 +13,7 @@ from simulator.rendering.drive import Motion
 from simulator.rendering.render import render_frame
 from simulator.rendering.video import VIDEO_FPS
 from simulator.road.geometry import RoadGeometry, VehiclePose
-from simulator.road.painted_lines import WHITE, Marking
+from simulator.road.markings import WHITE, Marking
 from simulator.road.truth import (
     H_SAMPLES,
     NOT_VISIBLE,
@@ -25,7 +25,7 @@ from simulator.road.truth import (
 )
 from simulator.scenes.dashcam import DASHCAM
 from simulator.scenes.freeway import LANE_WIDTH_M
-from simulator.scenes.project_video import project_video
+from simulator.scenes.motorway import project_video
 from tests.simulator.small_drive import POSE, SMALL, small_drive
 
 BENDS = RoadGeometry([0.0, 30.0, 40.0, 85.0], [0.0, 0.0, 1 / 20, 1 / 20])

@@ -7,12 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simulator.light.exposure import AutoExposure, RoadLight
 from simulator.light.glare import Glare
+from simulator.light.lens import AutoExposure, RoadLight
 from simulator.light.sunlight import BridgeShade, Sun, WoodShade, light_along
 from simulator.objects.overpass import Overpass
-from simulator.objects.placement import PlacedObject
-from simulator.objects.scene_objects import Car
+from simulator.objects.scene_objects import Car, PlacedObject
 from simulator.rendering.drive import Drive, Motion
 from simulator.rendering.render import render_frame
 from simulator.road.geometry import RoadGeometry, VehiclePose
@@ -23,8 +22,7 @@ from simulator.road.truth import truth_row
 from simulator.scenes.freeway import freeway_markings, freeway_surface
 from simulator.weather.fog import Fog
 from simulator.weather.night import Night, visible_lamps
-from simulator.weather.rain import Rain, windscreen_drops
-from simulator.weather.wet import Wet
+from simulator.weather.rain import Rain, Wet, windscreen_drops
 from tests.simulator.small_drive import PLAIN_LENS, SMALL, small_drive
 
 BRIDGE = Overpass(110.0, 126.0, -20.0, 12.0, skew=0.1)

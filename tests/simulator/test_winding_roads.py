@@ -8,17 +8,15 @@ import cv2
 import numpy as np
 import pytest
 
-from simulator.landscape.sky import BackdropStyle
+from simulator.landscape.backdrop import BackdropStyle
 from simulator.light.lens import Lens
 from simulator.light.sunlight import Sun
-from simulator.objects.placement import PlacedObject
-from simulator.objects.scene_objects import Car
+from simulator.objects.scene_objects import Car, PlacedObject
 from simulator.rendering.drive import Drive, Motion
 from simulator.rendering.render import render_frame
-from simulator.road.geometry import RoadGeometry, VehiclePose, line_lateral, offset_point, surface_points
+from simulator.road.geometry import HeightProfile, RoadGeometry, VehiclePose, line_lateral, offset_point, surface_points
 from simulator.road.ground import cast_on_ground, pixel_rays
-from simulator.road.painted_lines import WHITE, Marking
-from simulator.road.profile import HeightProfile
+from simulator.road.markings import WHITE, Marking
 from simulator.road.road_ahead import RoadAhead
 from simulator.road.surface import Surface, Zone
 from simulator.road.truth import (

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmark.consistency import z_summary
-from benchmark.labels.consistency import LABEL_STD_PX, StillCheck, all_z, check_lane, describe_checks, summarize_checks
+from benchmark.labels.stills import LABEL_STD_PX, StillCheck, all_z, check_lane, describe_checks, summarize_checks
 from benchmark.labels.tusimple import NO_POINT, LaneColumns
 from lanes.detect.lane import Lane, LineObservation
 from lanes.detect.road import lines_on_view

@@ -9,7 +9,7 @@ import pytest
 
 from benchmark.errors import FrameErrors
 from benchmark.reporting.reliability import AvailableLanes, describe_confidence
-from benchmark.result import Result
+from benchmark.scores import Result
 
 
 def some_lanes(

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from av.video.reformatter import Colorspace
 
-from benchmark.speed.transcode import transcode
+from benchmark.speed import transcode
 from lanes import canvas as draw
 from lanes.errors import VideoError
 from lanes.files import read_telemetry
