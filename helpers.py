@@ -71,7 +71,8 @@ from classic.overlay import (
     draw_search,
     follow_lane,
 )
-from lanes.video.process import open_clip, annotate_video
+from course.clips import open_clip
+from lanes.video.process import annotate_video
 from lanes.files import read_telemetry
 
 # 9 Metres

@@ -21,7 +21,7 @@ from lanes.draw import STYLES, track_lane
 from lanes.errors import CameraError, PictureError, PoseError, VideoError
 from lanes.field_of_view import FieldOfView, find_field_of_view
 from lanes.files import exclusive_writer, read_telemetry, write_telemetry
-from lanes.images import PICTURE_SUFFIXES, as_rgb, list_pictures, opencv_threads, read_image, write_image
+from lanes.images import PICTURE_SUFFIXES, list_pictures, opencv_threads, read_image, write_image
 from lanes.pose import PoseEstimate, describe_accuracy, pose_from_drive
 from lanes.report.moments import seconds_lost, share_tracked
 from lanes.report.page import write_report
@@ -296,7 +296,6 @@ def track_video(drive: PreparedDrive, target: Path, settings: DriveSettings, **o
         drive.video,
         target,
         process,
-        yuv=True,
         start_s=settings.start_s,
         end_s=settings.end_s,
         progress=settings.progress,
@@ -334,7 +333,7 @@ def annotate_stills(pictures: Sequence[Path], settings: DriveSettings) -> Stills
                 evidence, lane = search_still(image, view)
                 found = TrackedLane.from_still(lane)
                 rows.append({"frame": len(rows), "picture": path.name, **found.as_row()})
-                written.append(write_image(settings.output / path.name, as_rgb(draw(image, found, evidence))))
+                written.append(write_image(settings.output / path.name, draw(image, found, evidence)))
                 if settings.each and pose:
                     result = f"{path}: {found.state} (confidence {found.confidence:.2f})"
                     lines.append(f"{result}; {pose.summary_line()}{settings.lens_of_still(path)}")

@@ -17,7 +17,7 @@ import yaml
 from lanes.describe import html_table
 from lanes.errors import CameraError
 from lanes.files import read_text, write_atomically
-from lanes.images import MAX_PIXELS, Frame, require_rgb, require_size
+from lanes.images import MAX_PIXELS, require_rgb, require_size
 
 
 @dataclass(frozen=True)
@@ -200,9 +200,9 @@ class Camera:
         shift = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
         return replace(self, width=width, height=height, matrix=np.linalg.inv(shift) @ scale @ shift @ self.matrix)
 
-    def require_size(self, image: Frame, name: object = "picture") -> None:
-        """Raise PictureError unless the picture has the size of the camera's; the message starts with `name`."""
-        require_size(image, self.size, name, calibrated=bool(self.distortion.any()))
+    def require_size(self, image: np.ndarray, name: object = "picture") -> np.ndarray:
+        """As `lanes.images.require_size`: the image, contiguous, if it has the size of the camera's."""
+        return require_size(image, self.size, name, calibrated=bool(self.distortion.any()))
 
     def undistort_points(self, pixels: np.ndarray) -> np.ndarray:
         """Pixels (N, 2) of the undistorted picture for raw pixels (N, 2)."""

@@ -1,4 +1,4 @@
-"""Drawing in place on RGB pictures and on YUV frames: lines, areas, text.
+"""Drawing on RGB images: lines, areas, text; in place and on copies.
 
 Points are (column u, row v) in pixels, floats, shape (N, 2), pixel centres at integers, accurate to 1/16 px. The
 functions of `lanes.canvas` draw on a copy instead.
@@ -7,14 +7,13 @@ functions of `lanes.canvas` draw on a copy instead.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache, lru_cache
 from typing import Any
 
 import cv2
 import numpy as np
 
-from lanes.images import Frame, YuvColourSpace, YuvFrame, require_rgb, rgb_to_yuv
+from lanes.images import require_rgb
 
 Colour = tuple[int, int, int]
 
@@ -38,60 +37,18 @@ _SHIFT = 4
 _MAX_COORDINATE_PX = 1e6
 
 
-@dataclass(frozen=True, eq=False)
-class Plane:
-    """An array to draw on: an RGB picture, or one plane of a YUV frame.
-
-    `subsampling` is in picture pixels per element, in both directions; `channel` is 0 to 2 for Y, Cb, Cr. The colour
-    space is None for RGB.
-    """
-
-    pixels: np.ndarray
-    subsampling: int = 1
-    channel: int = 0
-    colour_space: YuvColourSpace | None = None
-
-    def box(self, left: int, top: int, right: int, bottom: int) -> np.ndarray:
-        """View of a rectangle given in picture pixels."""
-        step = self.subsampling
-        return self.pixels[top // step : -(-bottom // step), left // step : -(-right // step)]
-
-    def value(self, colour: Colour) -> tuple[float, ...]:
-        """An RGB colour as a value of this plane."""
-        return colour if self.colour_space is None else (rgb_to_yuv(colour, self.colour_space)[self.channel],)
-
-    def coordinates(self, fixed_px: np.ndarray) -> tuple[np.ndarray, int]:
-        """Fixed-point coordinates on this plane, from those of the picture, and their number of fractional bits.
-
-        The first element of a subsampled plane is centred half a pixel after the first pixel.
-        """
-        return (fixed_px, _SHIFT) if self.subsampling == 1 else (fixed_px - (1 << _SHIFT - 1), _SHIFT + 1)
-
-
-def drawing_planes(picture: Frame) -> tuple[Plane, ...]:
-    """The planes to draw on; the first is an RGB picture itself, or the luma plane."""
-    if isinstance(picture, YuvFrame):
-        return tuple(Plane(plane, 1 + (k > 0), k, picture.colour_space) for k, plane in enumerate(picture.planes))
-    return (Plane(picture),)
-
-
 def draw_polyline(
-    picture: Frame, points_px: np.ndarray, colour: Colour, width_px: float, *, closed: bool = False
+    picture: np.ndarray, points_px: np.ndarray, colour: Colour, width_px: float, *, closed: bool = False
 ) -> None:
     """Draw a polyline through points (N, 2); fewer than two points draw nothing."""
     if len(points_px) < 2:
         return
-    fixed_px = _to_fixed_point(points_px)
-    for plane in drawing_planes(picture):
-        coordinates, shift = plane.coordinates(fixed_px)
-        thickness = _line_thickness(width_px / plane.subsampling)
-        # Anti-aliasing takes four times as long, and is not visible in the coarse chroma planes.
-        edge = cv2.LINE_AA if plane.subsampling == 1 else cv2.LINE_8
-        cv2.polylines(plane.pixels, [coordinates], closed, plane.value(colour), thickness, edge, shift)
+    thickness = _line_thickness(width_px)
+    cv2.polylines(picture, [_to_fixed_point(points_px)], closed, colour, thickness, cv2.LINE_AA, _SHIFT)
 
 
 def blend_polygon(
-    picture: Frame, polygon_px: np.ndarray, colour: Colour, alpha: float, *, edge: int = cv2.LINE_AA
+    picture: np.ndarray, polygon_px: np.ndarray, colour: Colour, alpha: float, *, edge: int = cv2.LINE_AA
 ) -> None:
     """Blend a polygon (N, 2) of one colour into the picture with weight `alpha`; only its bounding box is processed.
 
@@ -99,20 +56,17 @@ def blend_polygon(
     """
     height, width = picture.shape[:2]
     (left, top), (right, bottom) = polygon_px.min(axis=0).tolist(), polygon_px.max(axis=0).tolist()
-    # Even, so that the box also begins at an element of a subsampled plane.
-    left, top = (int(min(max(low - 1, 0), size)) // 2 * 2 for low, size in ((left, width), (top, height)))
+    left, top = (int(min(max(low - 1, 0), size)) for low, size in ((left, width), (top, height)))
     right, bottom = (int(min(max(high + 2, 0), size)) for high, size in ((right, width), (bottom, height)))
-    fixed_px = _to_fixed_point(polygon_px - (left, top))
-    for plane in drawing_planes(picture):
-        part = plane.box(left, top, right, bottom)
-        if part.size:
-            filled, (coordinates, shift) = part.copy(), plane.coordinates(fixed_px)
-            cv2.fillPoly(filled, [coordinates], plane.value(colour), edge, shift)
-            cv2.addWeighted(filled, alpha, part, 1 - alpha, 0, dst=part)
+    part = picture[top:bottom, left:right]
+    if part.size:
+        filled = part.copy()
+        cv2.fillPoly(filled, [_to_fixed_point(polygon_px - (left, top))], colour, edge, _SHIFT)
+        cv2.addWeighted(filled, alpha, part, 1 - alpha, 0, dst=part)
 
 
 def put_text(
-    picture: Frame,
+    picture: np.ndarray,
     lines: str | Sequence[str],
     *,
     corner: str = "top left",
@@ -145,22 +99,16 @@ def put_text(
     size, box_width, box_height = fit_text(lines, size_px or round(height / 24), width, height)
     left = 0 if "left" in corner else width - box_width
     top = 0 if "top" in corner else height - box_height
-    box = left, top, left + box_width, top + box_height
-    full_size, *chroma = drawing_planes(picture)
-    darken_box(full_size, box, panel_alpha)
-    for plane in chroma:
-        # Letters are too fine for the chroma planes: the whole panel takes the letters' hue, which is none.
-        plane.box(*box)[:] = plane.value(TEXT_COLOUR)
+    darken(picture[top : top + box_height, left : left + box_width], panel_alpha)
     left, top = left + _margin(size), top + _margin(size) // 2
     for number, line in enumerate(lines):
-        draw_text_line(full_size, line, left, top + number * line_height(size), size)
+        draw_text_line(picture, line, left, top + number * line_height(size), size)
 
 
-def darken_box(plane: Plane, box: tuple[int, int, int, int], alpha: float) -> None:
-    """Blend the panel's colour into a rectangle (left, top, right, bottom) with weight `alpha`."""
-    part, panel = plane.box(*box), plane.value(PANEL_COLOUR)
+def darken(part: np.ndarray, alpha: float) -> None:
+    """Blend the panel's colour into a part of a picture with weight `alpha`."""
     # The mean of the three channels: blending the panel's slight blue takes twice as long, and is not visible.
-    cv2.convertScaleAbs(part, dst=part, alpha=1 - alpha, beta=alpha * sum(panel) / len(panel))
+    cv2.convertScaleAbs(part, dst=part, alpha=1 - alpha, beta=alpha * sum(PANEL_COLOUR) / 3)
 
 
 def finite_points(points_px: np.ndarray) -> np.ndarray:
@@ -185,12 +133,12 @@ def line_height(size: int) -> int:
     return size + max(2, size // 3)
 
 
-def draw_text_line(plane: Plane, line: str, left: int, top: int, size: int) -> None:
+def draw_text_line(picture: np.ndarray, line: str, left: int, top: int, size: int) -> None:
     """Write one line of white text with its upper left corner at (left, top)."""
     # OpenCV would wrap a long line at the left edge, over the line before: the wrap range is put out of reach.
     origin, wrap_range = (left, top + size), (0, 1 << 20)
-    style = plane.value(TEXT_COLOUR), _font(), size, FONT_WEIGHT
-    cv2.putText(plane.pixels, line, origin, *style, cv2.PUT_TEXT_ALIGN_LEFT, wrap_range)
+    style = TEXT_COLOUR, _font(), size, FONT_WEIGHT
+    cv2.putText(picture, line, origin, *style, cv2.PUT_TEXT_ALIGN_LEFT, wrap_range)
 
 
 def _to_fixed_point(points_px: np.ndarray) -> np.ndarray:
@@ -269,14 +217,14 @@ def draw_mosaic(image: np.ndarray, thumbnails: Mapping[str, np.ndarray], *, line
     height, width = image.shape[:2]
     strip_height, margin = height // 4, max(2, height // 90)
     title_size = max(6, height // 36)
-    darken_box(Plane(drawn), (0, 0, width, strip_height), 0.75)
+    darken(drawn[:strip_height], 0.75)
     left, top = margin, margin + line_height(title_size)
     room = (width * (0.7 if lines else 1.0) - margin) / len(thumbnails) - margin
     for title, thumbnail in thumbnails.items():
         small = _shrink(to_rgb(thumbnail), int(room), strip_height - margin - top)
         drawn[top : top + small.shape[0], left : left + small.shape[1]] = small
         size, *_ = fit_text([title], title_size, small.shape[1] + margin, strip_height)
-        draw_text_line(Plane(drawn), title, left, margin, size)
+        draw_text_line(drawn, title, left, margin, size)
         left += small.shape[1] + margin
     if lines:
         put_text(drawn[:strip_height, left:], lines, size_px=round(height / 24), panel_alpha=0)
@@ -294,8 +242,7 @@ def to_rgb(picture: np.ndarray) -> np.ndarray:
 
 
 def _copy_rgb(image: np.ndarray) -> np.ndarray:
-    require_rgb(image)
-    return image.copy()
+    return require_rgb(image).copy()
 
 
 def _shrink(picture: np.ndarray, width: int, height: int) -> np.ndarray:

@@ -20,7 +20,7 @@ from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.search import find_lane
 from lanes.errors import CameraError
 from lanes.files import write_atomically
-from lanes.images import PICTURE_SUFFIXES, as_rgb, read_image
+from lanes.images import PICTURE_SUFFIXES, read_image
 from lanes.track.tracker import LaneTracker, TrackedLane
 from lanes.video.reader import inspect_video, read_timed_frames
 
@@ -72,7 +72,7 @@ def detect_files(
         if file in videos:
             tracker = LaneDetector(camera, rows, sequence=True, fps=videos[file].fps)
             pictures: Iterator[dict] = (
-                {"raw_file": f"{file}#{frame.number}", "frame": frame.number} | tracker.detect(as_rgb(frame.image))
+                {"raw_file": f"{file}#{frame.number}", "frame": frame.number} | tracker.detect(frame.image)
                 for frame in read_timed_frames(file)
             )
         else:

@@ -27,7 +27,6 @@ from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.lane import Lane
 from lanes.detect.paint import MARKINGS, FrameEvidence, extract_evidence
 from lanes.detect.road import lines_on_view
-from lanes.images import Frame, as_rgb
 from lanes.track.tracker import LaneTracker, TrackedLane
 
 # Nearer than this the car's own bonnet hides the road from most cameras.
@@ -46,15 +45,17 @@ def lane_outlines(lane: Lane, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     return lane.outlines(camera, along_m=NEAREST_M * (reach_m / NEAREST_M) ** SHARES)
 
 
-def draw_tracked(image: Frame, tracked: TrackedLane, camera: Camera, *, onto: Frame | None = None) -> Frame:
-    """A copy of a raw picture, RGB or YUV, with the lane and its measures; words only if the lane is lost.
+def draw_tracked(
+    image: np.ndarray, tracked: TrackedLane, camera: Camera, *, onto: np.ndarray | None = None
+) -> np.ndarray:
+    """A copy of a raw picture with the lane and its measures; words only if the lane is lost.
 
     Parameters
     ----------
-    onto : Frame, optional
+    onto : ndarray, optional
         Drawn on instead of a copy: pass `image` itself if it is not needed any more, which saves a quarter of the time.
     """
-    camera.require_size(image)
+    image = camera.require_size(image)
     words, lane = describe_tracked(tracked), tracked.lane
     outlines = lane_outlines(lane, camera) if lane else None
     # copied last, because a whole picture evicts everything else from the processor's cache
@@ -74,7 +75,7 @@ def is_unlikely(tracked: TrackedLane) -> bool:
     return tracked.confidence < LIKELY_CONFIDENCE
 
 
-def draw_lines(image: Frame, lane: Lane, outlines: tuple[np.ndarray, np.ndarray], camera: Camera) -> None:
+def draw_lines(image: np.ndarray, lane: Lane, outlines: tuple[np.ndarray, np.ndarray], camera: Camera) -> None:
     """Draw the two lines of a lane along their outlines, in place; a line that is not seen itself is thin."""
     for points, line, colour in zip(outlines, lane.lines, (LEFT_COLOUR, RIGHT_COLOUR), strict=True):
         if len(points):
@@ -83,7 +84,7 @@ def draw_lines(image: Frame, lane: Lane, outlines: tuple[np.ndarray, np.ndarray]
 
 def draw_found(image: np.ndarray, lane: Lane | None, camera: Camera) -> np.ndarray:
     """Draw a lane that was detected in a single picture, as `draw_tracked`."""
-    return as_rgb(draw_tracked(image, TrackedLane.from_still(lane), camera))
+    return draw_tracked(image, TrackedLane.from_still(lane), camera)
 
 
 def describe_tracked(tracked: TrackedLane) -> list[str]:
@@ -106,7 +107,7 @@ def describe_tracked(tracked: TrackedLane) -> list[str]:
 class DrawOverlay(Protocol):
     """A function that draws the lane in a picture, which it may modify, and returns the annotated picture."""
 
-    def __call__(self, image: Frame, tracked: TrackedLane, evidence: FrameEvidence | None = None) -> Frame:
+    def __call__(self, image: np.ndarray, tracked: TrackedLane, evidence: FrameEvidence | None = None) -> np.ndarray:
         """`evidence` is that of a still; without it the mosaic shows that of the band filter, as the tracker uses."""
 
 
@@ -124,7 +125,7 @@ def lane_overlay(camera: Camera) -> DrawOverlay:
 def lines_overlay(camera: Camera) -> DrawOverlay:
     """A function that draws the two lane lines and the measures, and leaves the road between the lines unchanged."""
 
-    def draw(image: Frame, tracked: TrackedLane, evidence: FrameEvidence | None = None) -> Frame:
+    def draw(image: np.ndarray, tracked: TrackedLane, evidence: FrameEvidence | None = None) -> np.ndarray:
         if tracked.lane is not None:
             draw_lines(image, tracked.lane, lane_outlines(tracked.lane, camera), camera)
         put_text(image, describe_tracked(tracked))
@@ -137,8 +138,7 @@ def mosaic_overlay(camera: Camera) -> DrawOverlay:
     """A function that puts the annotated picture, the bird's-eye view, the marking response and the fit together."""
     view = BirdsEyeView(camera)
 
-    def draw(image: Frame, tracked: TrackedLane, evidence: FrameEvidence | None = None) -> np.ndarray:
-        image = as_rgb(image)
+    def draw(image: np.ndarray, tracked: TrackedLane, evidence: FrameEvidence | None = None) -> np.ndarray:
         evidence = evidence or extract_evidence(view.warp(image), view)
         birdseye = view.blacken(evidence.view_image)
         strength = cv2.convertScaleAbs(evidence.response.strength, alpha=255 / WHITE_STRENGTH)
@@ -147,7 +147,7 @@ def mosaic_overlay(camera: Camera) -> DrawOverlay:
             "marking response": cv2.cvtColor(strength, cv2.COLOR_GRAY2RGB),
             "fitted lines": _draw_fit(birdseye // 2, tracked, view),
         }
-        return _arrange_mosaic(as_rgb(draw_tracked(image, tracked, camera)), panels, _describe_numbers(tracked))
+        return _arrange_mosaic(draw_tracked(image, tracked, camera), panels, _describe_numbers(tracked))
 
     return draw
 
@@ -161,15 +161,15 @@ STYLES: dict[str, Callable[[Camera], DrawOverlay]] = {
 
 def track_lane(
     tracker: LaneTracker, camera: Camera, *, style: str = "lane"
-) -> Callable[..., tuple[Frame, TelemetryRow]]:
+) -> Callable[..., tuple[np.ndarray, TelemetryRow]]:
     """A function for `annotate_video` that tracks the lane, draws on each frame and returns it with its telemetry.
 
-    The function is called as process(frame, elapsed_s=None), with the frames in order, RGB or `YuvFrame`. `elapsed_s`
+    The function is called as process(frame, elapsed_s=None), with the RGB frames in order. `elapsed_s`
     is the time since the previous frame; None means 1 / fps. `style` is one of `STYLES`.
     """
     draw = STYLES[style](camera)
 
-    def process(frame: Frame, elapsed_s: float | None = None) -> tuple[Frame, TelemetryRow]:
+    def process(frame: np.ndarray, elapsed_s: float | None = None) -> tuple[np.ndarray, TelemetryRow]:
         tracked = tracker.update(frame, elapsed_s=elapsed_s)
         warning = tracked.warning
         departure = warning.side if warning and warning.due else None

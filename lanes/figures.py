@@ -23,7 +23,6 @@ from lanes.detect.votes import HYPOTHESES, VOTING
 from lanes.draw import draw_tracked
 from lanes.explain import Explanation, stripes_on_lines
 from lanes.files import write_atomically
-from lanes.images import as_rgb
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -388,7 +387,7 @@ def _plot_fit(axis: Axes, explanation: Explanation) -> None:
 
 
 def _plot_result(axis: Axes, explanation: Explanation) -> None:
-    axis.imshow(as_rgb(draw_tracked(explanation.image, explanation.tracked, explanation.camera)))
+    axis.imshow(draw_tracked(explanation.image, explanation.tracked, explanation.camera))
     axis.set_axis_off()
 
 

@@ -1,7 +1,6 @@
-"""Picture types: RGB arrays and YUV 4:2:0 frames as videos store them.
+"""Images in and out of files, checks of images, and OpenCV's number of threads.
 
-A frame that stays in YUV from the decoder to the encoder needs no colour conversion. Pixels that nobody draws on reach
-the encoder unchanged. Colour spaces are identified by the code points of Recommendation ITU-T H.273.
+An image is an RGB array (height, width, 3), uint8.
 """
 
 from __future__ import annotations
@@ -11,8 +10,6 @@ import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,133 +23,12 @@ from lanes.files import list_files, require_file, write_atomically
 if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
 
-# Luma coefficients of red and blue by matrix code point: H.273, table 4.
-LUMA_COEFFICIENTS = {
-    1: (0.2126, 0.0722),
-    4: (0.30, 0.11),
-    5: (0.299, 0.114),
-    6: (0.299, 0.114),
-    7: (0.212, 0.087),
-    9: (0.2627, 0.0593),
-}
 
+def require_rgb(image: np.ndarray, name: object = "picture") -> np.ndarray:
+    """The image, contiguous in memory, which OpenCV and FFmpeg need: a copy only of views such as ``bgr[..., ::-1]``.
 
-@dataclass(frozen=True)
-class YuvColourSpace:
-    """The meaning of YUV values; by default BT.601 in the limited range 16..235, with BT.709 primaries.
-
-    Attributes
-    ----------
-    matrix : int
-        Matrix code point, a key of `LUMA_COEFFICIENTS`.
-    full_range : bool
-        Luma takes 0 to 255 instead of 16 to 235.
-    primaries, transfer : int
-        Code points of H.273, tables 2 and 3; copied from the input video to the output.
+    Raises PictureError unless it is an array (height, width, 3), uint8, with at least one pixel.
     """
-
-    matrix: int = 6
-    full_range: bool = False
-    primaries: int = 1
-    transfer: int = 1
-
-    @cached_property
-    def from_rgb(self) -> np.ndarray:
-        """(3, 4) affine map of (red, green, blue) 0..255 to (Y, Cb, Cr): H.273, clause 8.3."""
-        red, blue = LUMA_COEFFICIENTS[self.matrix]
-        luma = np.array([red, 1 - red - blue, blue])
-        blue_difference, red_difference = np.eye(3)[2] - luma, np.eye(3)[0] - luma
-        linear = np.array([luma, blue_difference / (1 - blue) / 2, red_difference / (1 - red) / 2])
-        black, spans = (0, (255, 255, 255)) if self.full_range else (16, (219, 224, 224))
-        return np.column_stack([linear * (np.array(spans)[:, None] / 255), [black, 128, 128]])
-
-    @cached_property
-    def to_rgb(self) -> np.ndarray:
-        """(3, 4) affine map of (Y, Cb, Cr) to (red, green, blue)."""
-        inverse = np.linalg.inv(self.from_rgb[:, :3])
-        return np.column_stack([inverse, -inverse @ self.from_rgb[:, 3]])
-
-
-@lru_cache(maxsize=64)
-def rgb_to_yuv(colour: tuple[int, int, int], colour_space: YuvColourSpace) -> tuple[float, float, float]:
-    """(Y, Cb, Cr) of an RGB colour; cached, because thousands of frames use the same few colours."""
-    return tuple((colour_space.from_rgb @ [*colour, 1]).tolist())
-
-
-@dataclass(frozen=True, eq=False)
-class YuvFrame:
-    """A picture in YUV 4:2:0.
-
-    Attributes
-    ----------
-    data : ndarray, uint8
-        The planes Y, Cb and Cr, one after the other. An odd width or height is padded by repeating the last column or
-        row; `width` and `height` are those without the padding.
-    """
-
-    data: np.ndarray
-    width: int
-    height: int
-    colour_space: YuvColourSpace = YuvColourSpace()
-
-    @classmethod
-    def from_rgb(cls, image: np.ndarray) -> YuvFrame:
-        """An RGB picture (height, width, 3), uint8, in the default colour space.
-
-        Takes 0.5 ms at 1280x720, FFmpeg's conversion 1.7 ms. Raises PictureError if `image` is not such a picture.
-        """
-        require_rgb(image)
-        height, width = image.shape[:2]
-        if height % 2 or width % 2:
-            image = cv2.copyMakeBorder(image, 0, height % 2, 0, width % 2, cv2.BORDER_REPLICATE)
-        return cls(cv2.cvtColor(image, cv2.COLOR_RGB2YUV_I420), width, height)
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """(height, width, 3), as of the same picture in RGB."""
-        return self.height, self.width, 3
-
-    @property
-    def padded_size(self) -> tuple[int, int]:
-        """(width, height) of the luma plane, both even."""
-        return self.width + self.width % 2, self.height + self.height % 2
-
-    @cached_property
-    def planes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Y (padded height, padded width), Cb and Cr of half that width and height; views of `data`."""
-        width, height = self.padded_size
-        ends = np.cumsum([width * height, width * height // 4])
-        y, u, v = np.split(self.data.ravel(), ends)
-        return y.reshape(height, width), u.reshape(height // 2, -1), v.reshape(height // 2, -1)
-
-    def copy(self) -> YuvFrame:
-        """The same frame with its own data."""
-        return replace(self, data=self.data.copy())
-
-    def rotated(self, quarter_turns: int) -> YuvFrame:
-        """The picture rotated counterclockwise; width and height must be even."""
-        data = np.concatenate([np.rot90(plane, quarter_turns).ravel() for plane in self.planes])
-        width, height = (self.height, self.width) if quarter_turns % 2 else (self.width, self.height)
-        return replace(self, data=data, width=width, height=height)
-
-    def to_rgb(self) -> np.ndarray:
-        """Convert to RGB (height, width, 3), uint8."""
-        y, *chroma = self.planes
-        full_size = [cv2.resize(plane, self.padded_size, interpolation=cv2.INTER_LINEAR) for plane in chroma]
-        return cv2.transform(cv2.merge([y, *full_size]), self.colour_space.to_rgb)[: self.height, : self.width]
-
-
-# A picture to analyse or to draw on: RGB (height, width, 3), uint8, or YUV as its video stores it.
-Frame = np.ndarray | YuvFrame
-
-
-def as_rgb(picture: Frame) -> np.ndarray:
-    """The picture in RGB (height, width, 3), uint8; no copy if it is RGB already."""
-    return picture.to_rgb() if isinstance(picture, YuvFrame) else picture
-
-
-def require_rgb(image: np.ndarray, name: object = "picture") -> None:
-    """Raise PictureError unless `image` is an array (height, width, 3), uint8, with at least one pixel."""
     if not isinstance(image, np.ndarray) or image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
         got = f"shape {image.shape}, dtype {image.dtype}" if isinstance(image, np.ndarray) else type(image).__name__
         raise PictureError(
@@ -161,15 +37,17 @@ def require_rgb(image: np.ndarray, name: object = "picture") -> None:
         )
     if not image.size:
         raise PictureError(f"{name}: holds no pixels (shape {image.shape}); check how it was cropped.")
+    return np.ascontiguousarray(image)
 
 
-def require_size(image: Frame, size: tuple[int, int], name: object = "picture", *, calibrated: bool = True) -> None:
-    """Raise PictureError unless `image` is an RGB picture or a YUV frame of the size (width, height) of the camera.
+def require_size(
+    image: np.ndarray, size: tuple[int, int], name: object = "picture", *, calibrated: bool = True
+) -> np.ndarray:
+    """As `require_rgb`, and PictureError unless the image has the size (width, height) of the camera.
 
     `calibrated` is False if the size is only that of the other pictures.
     """
-    if not isinstance(image, YuvFrame):
-        require_rgb(image, name)
+    image = require_rgb(image, name)
     width, height = image.shape[1], image.shape[0]
     if (width, height) != size:
         origin = "was calibrated for" if calibrated else "is that of pictures of"
@@ -180,20 +58,7 @@ def require_size(image: Frame, size: tuple[int, int], name: object = "picture", 
             else "use pictures of one size, or annotate the pictures of several cameras with --each."
         )
         raise PictureError(f"{name}: is {width}x{height} pixels, but the camera {origin} {size[0]}x{size[1]}; {remedy}")
-
-
-def planes_of(image: Frame, size: tuple[int, int]) -> list[tuple[np.ndarray, int, float]]:
-    """Stored planes of a picture: (plane, factor by which it is smaller than the picture, its value of black).
-
-    RGB gives one plane (height, width, 3); YUV gives Y, and Cb and Cr of half the size. Raises PictureError as
-    `require_size`.
-    """
-    require_size(image, size)
-    if not isinstance(image, YuvFrame):
-        return [(image, 1, 0.0)]
-    luma, *chroma = image.planes
-    black, grey, _ = rgb_to_yuv((0, 0, 0), image.colour_space)
-    return [(luma, 1, black), *((plane, 2, grey) for plane in chroma)]
+    return image
 
 
 # Picture files in and out; outside this module a picture is an RGB array (height, width, 3), uint8.

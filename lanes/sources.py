@@ -1,4 +1,4 @@
-"""Sources named on the command line (files, folders, patterns, cameras), sorted into videos, stills and cameras."""
+"""Files named on the command line, sorted into videos and stills, and images sampled from them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from lanes.errors import VideoError
 from lanes.files import list_files, require_no_input_among
-from lanes.images import PICTURE_SUFFIXES, as_rgb, natural_key, read_image
+from lanes.images import PICTURE_SUFFIXES, natural_key, read_image
 from lanes.video.reader import TimedFrame, inspect_video, read_timed_frames
 
 # Video suffixes looked for in a folder. A file that is named directly may have any suffix.
@@ -23,18 +23,17 @@ VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm", ".ts", ".mts"
 
 @dataclass(frozen=True)
 class Sources:
-    """Videos and stills without duplicates, in natural order within a folder, and the numbers of live cameras."""
+    """Videos and stills without duplicates, in natural order within a folder."""
 
     videos: tuple[Path, ...]
     stills: tuple[Path, ...]
-    cameras: tuple[int, ...]
 
 
 def find_sources(names: Iterable[str]) -> Sources:
-    """The videos, stills and live cameras that `names` stand for.
+    """The videos and stills that `names` stand for.
 
-    Names are files, folders (videos and pictures in the folder itself, not in its subfolders), patterns such as
-    ``drives/*.mp4``, or camera numbers. A number that is also the name of a file means the file.
+    Names are files, folders (videos and pictures in the folder itself, not in its subfolders), or patterns such as
+    ``drives/*.mp4``.
 
     Raises
     ------
@@ -43,14 +42,10 @@ def find_sources(names: Iterable[str]) -> Sources:
     """
     videos: list[Path] = []
     stills: list[Path] = []
-    cameras: list[int] = []
     for name in names:
-        if name.isdecimal() and not Path(name).exists():
-            cameras.append(int(name))
-            continue
         for path in _files(name):
             (stills if path.suffix.lower() in PICTURE_SUFFIXES else videos).append(path)
-    return Sources(tuple(dict.fromkeys(videos)), tuple(dict.fromkeys(stills)), tuple(dict.fromkeys(cameras)))
+    return Sources(tuple(dict.fromkeys(videos)), tuple(dict.fromkeys(stills)))
 
 
 def require_distinct_outputs(inputs: Iterable[Path], outputs: Iterable[Path]) -> None:
@@ -101,7 +96,7 @@ def pick_pictures(
     files: list[Path],
     max_pictures: int,
     *,
-    require: Callable[[np.ndarray, Path], None] | None = None,
+    require: Callable[[np.ndarray, Path], object] | None = None,
     start_s: float = 0.0,
     end_s: float | None = None,
 ) -> Iterator[np.ndarray]:
@@ -152,4 +147,4 @@ def _frames_at(video: Path, times_s: list[float]) -> Iterator[np.ndarray]:
         if frame is None:
             return
         now_s = frame.time_s
-        yield as_rgb(frame.image)
+        yield frame.image

@@ -13,22 +13,23 @@ from __future__ import annotations
 import runpy
 import sys
 
+import numpy as np
+
 from lanes.detect import search as detector
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.lane import Lane
 from lanes.detect.network import learned_evidence
 from lanes.detect.paint import FrameEvidence, extract_evidence
 from lanes.detect.search import still_lane
-from lanes.images import Frame
 
 
-def search_by_band(image: Frame, view: BirdsEyeView) -> tuple[FrameEvidence, Lane | None]:
+def search_by_band(image: np.ndarray, view: BirdsEyeView) -> tuple[FrameEvidence, Lane | None]:
     """As `lanes.detect.search.search_still`, with the band filter alone."""
     band = extract_evidence(view.warp(image), view)
     return band, still_lane(band)
 
 
-def search_by_network(image: Frame, view: BirdsEyeView) -> tuple[FrameEvidence, Lane | None]:
+def search_by_network(image: np.ndarray, view: BirdsEyeView) -> tuple[FrameEvidence, Lane | None]:
     """As `lanes.detect.search.search_still`, with the network alone."""
     learned = learned_evidence(image, extract_evidence(view.warp(image), view))
     return learned, still_lane(learned)

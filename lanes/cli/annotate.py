@@ -1,10 +1,9 @@
-"""Draw the lane with curvature, offset and confidence on videos, stills or a live camera.
+"""Draw the lane with curvature, offset and confidence on videos and stills.
 
 The output folder gets an annotated video with sound, the telemetry (CSV, one row per frame) and a
 report (HTML, works offline) for each video, all named after it. Stills are processed independently.
-A number as SOURCE is a camera of this computer, which is annotated until Ctrl-C. If the camera has no
-pose, the pose is estimated from each drive and printed with its standard deviations. All stills share
-one camera, unless --each gives every still a camera of its own.
+If the camera has no pose, the pose is estimated from each drive and printed with its standard
+deviations. All stills share one camera, unless --each gives every still a camera of its own.
 
 With --workers or --scheduler, Dask annotates several videos in parallel. The next run skips finished
 videos. A summary of all videos is written (docs/many_drives.md).
@@ -32,7 +31,6 @@ EXAMPLES = """\
   {program} --camera camera.yaml drives/ more/*.mp4 -o results
   {program} --boards my_boards --style mosaic --start 60 --end 90 drive.mp4
   {program} --each photos/
-  {program} --camera camera.yaml 0
   {program} --camera camera.yaml "drives/**/*.mp4" -o results --workers 8"""
 
 
@@ -42,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "sources",
         nargs="+",
         metavar="SOURCE",
-        help='video, still, folder, pattern such as "drives/*.mp4", or number of a camera',
+        help='video, still, folder, or pattern such as "drives/*.mp4"',
     )
     add_lens(parser)
     parser.add_argument(
@@ -154,15 +152,10 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
 
 
 def list_jobs(sources: Sources, settings: DriveSettings) -> Iterator[Callable[[], DriveResult | StillsResult]]:
-    """One function per job: each video, all stills together, each live camera."""
+    """One function per job: each video, all stills together."""
     from lanes.annotate import annotate_drive, annotate_stills
-    from lanes.live import annotate_live
 
     for video in sources.videos:
         yield partial(annotate_drive, video, settings)
     if sources.stills:
         yield partial(annotate_stills, sources.stills, settings)
-    for index in sources.cameras:
-        if settings.progress:
-            print(f"camera {index}: annotating until Ctrl-C", file=sys.stderr)
-        yield partial(annotate_live, index, settings)

@@ -19,7 +19,7 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.errors import CameraError
-from lanes.images import Frame, YuvFrame, planes_of
+from lanes.images import require_size
 
 # Enough for pictures of 4000 columns.
 REDUCTIONS = (1, 2, 4, 8, 16)
@@ -127,7 +127,7 @@ class BirdsEyeView:
         first = int(np.nanmin(np.where(self.seen, self.pixels[..., 1], np.nan)))
         return max(0, first - 2) // REDUCTIONS[-1] * REDUCTIONS[-1]
 
-    def warp(self, image: Frame) -> np.ndarray:
+    def warp(self, image: np.ndarray) -> np.ndarray:
         """The bird's-eye view of a raw picture: RGB (rows, columns, 3) uint8.
 
         Cells outside the picture repeat the nearest cell of their row inside it, so that no filter sees the picture's
@@ -140,37 +140,25 @@ class BirdsEyeView:
         CameraError
             If no cell is in the picture.
         """
-        planes = [self._resample(*plane) for plane in planes_of(image, self.camera.size)]
-        if not isinstance(image, YuvFrame):
-            return planes[0]
-        # only the cells of the view are converted to RGB, not the whole picture
-        return cv2.transform(cv2.merge(planes), image.colour_space.to_rgb)
+        reduced, reduction = require_size(image, self.camera.size)[self.first_row_px :], 1
+        cells = np.empty((*self.shape, 3), np.uint8)
+        for target, rows, position, fraction in self._lookup_tables:
+            if target != reduction:
+                scale = reduction / target
+                reduced = cv2.resize(reduced, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+                reduction = target
+            cv2.remap(reduced, position, fraction, cv2.INTER_LINEAR, cells[rows], cv2.BORDER_CONSTANT)
+        return cells
 
     def blacken(self, cells: np.ndarray) -> np.ndarray:
         """A copy of a picture of the view, black where the cells lie outside the raw picture."""
         return cv2.copyTo(cells, self.seen.view(np.uint8))
 
-    def _resample(self, plane: np.ndarray, reduction: int, black: float) -> np.ndarray:
-        """The values of the cells in a plane of the picture that is stored `reduction` times smaller."""
-        reduced = plane[self.first_row_px // reduction :]
-        cells = np.empty((*self.shape, *plane.shape[2:]), np.uint8)
-        for target, rows, position, fraction in self._lookup_tables[reduction]:
-            if target != reduction:
-                scale = reduction / target
-                reduced = cv2.resize(reduced, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-                reduction = target
-            cv2.remap(reduced, position, fraction, cv2.INTER_LINEAR, cells[rows], cv2.BORDER_CONSTANT, black)
-        return cells
-
     @cached_property
-    def _lookup_tables(self) -> dict[int, list[LookupTable]]:
-        """Lookup tables by how many times smaller a plane is stored: 1, or 2 for the chroma of YUV 4:2:0."""
-        return {reduction: self._make_lookup_tables(reduction) for reduction in REDUCTIONS[:2]}
-
-    def _make_lookup_tables(self, stored_reduction: int) -> list[LookupTable]:
+    def _lookup_tables(self) -> list[LookupTable]:
         cell_px = self.cell_m * self.focal_px / self.x_m
         level = np.floor(np.log2(np.maximum(cell_px, 1))).astype(int)
-        level = np.clip(level, REDUCTIONS.index(stored_reduction), len(REDUCTIONS) - 1)
+        level = np.minimum(level, len(REDUCTIONS) - 1)
         tables = []
         for index, reduction in enumerate(REDUCTIONS):
             rows = np.flatnonzero(level == index)

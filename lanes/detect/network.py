@@ -34,7 +34,6 @@ from lanes.detect.paint import (
     peak_position,
     yellowness,
 )
-from lanes.images import Frame
 
 NETWORK_FILE = Path(__file__).with_name("marking_network.onnx")
 
@@ -65,7 +64,7 @@ PLACED_WITHIN = np.array([0, -1, 1, -2, 2])
 _NETWORK_IN_USE = Lock()
 
 
-def learned_evidence(image: Frame, band: FrameEvidence) -> FrameEvidence:
+def learned_evidence(image: np.ndarray, band: FrameEvidence) -> FrameEvidence:
     """Learned marking response and stripe candidates of a raw picture, from the evidence of the band filter in it."""
     view = band.view
     response = MarkingResponse(network_strength(image, view), band.response.channels, learned=True)
@@ -113,7 +112,7 @@ def _scatter(contrast: np.ndarray, fine: BirdsEyeView) -> np.ndarray:
     return np.sqrt(np.maximum(_window_mean(contrast * contrast, NETWORK.scatter_window_m, fine), 0))
 
 
-def network_strength(image: Frame, view: BirdsEyeView) -> np.ndarray:
+def network_strength(image: np.ndarray, view: BirdsEyeView) -> np.ndarray:
     """Strength (rows, columns) float32 of each cell of the view of a raw picture; 0 outside the picture.
 
     The weight of a cell, `lanes.detect.paint.strength_weight`, is the probability that the network states.

@@ -19,7 +19,6 @@ from lanes.detect.residuals import stripe_residuals
 from lanes.detect.road import CENTRE, PARAMETERS, SIDES, WIDTH, lines_on_view
 from lanes.detect.transverse_stripes import count_transverse_stripes
 from lanes.detect.votes import vote_lanes
-from lanes.images import Frame
 
 # Lanes whose centre or width differs by more than this are different lanes; tuned on the labelled Udacity stills.
 RIVAL_M = 0.5
@@ -31,12 +30,12 @@ CLEARLY_MORE_LOG_ODDS = 1.0
 BETWEEN_M, BETWEEN_FAR_M, BETWEEN_STRIPES = 0.5, 30.0, 5.0
 
 
-def find_lane(image: Frame, view: BirdsEyeView) -> Lane | None:
+def find_lane(image: np.ndarray, view: BirdsEyeView) -> Lane | None:
     """Find the ego lane in a single picture.
 
     Parameters
     ----------
-    image : ndarray of shape (height, width, 3), uint8, or YuvFrame
+    image : ndarray of shape (height, width, 3), uint8, RGB
         RGB, or as its video stores it; raw.
     view : BirdsEyeView
         Of the camera that took it.
@@ -56,7 +55,7 @@ def find_lane(image: Frame, view: BirdsEyeView) -> Lane | None:
     return search_still(image, view)[1]
 
 
-def search_still(image: Frame, view: BirdsEyeView) -> tuple[FrameEvidence, Lane | None]:
+def search_still(image: np.ndarray, view: BirdsEyeView) -> tuple[FrameEvidence, Lane | None]:
     """The ego lane in a single picture, and the evidence that it was found in.
 
     The band filter finds the stripes. If its lane is not sure, the network finds them, too, and its lane is taken if it

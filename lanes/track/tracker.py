@@ -25,7 +25,6 @@ from lanes.detect.line_type import MarkingType
 from lanes.detect.paint import FrameEvidence, extract_evidence
 from lanes.detect.road import lateral_std_m
 from lanes.detect.search import search_lane
-from lanes.images import Frame
 from lanes.track.departure import DepartureWarning, watch_departure
 from lanes.track.filter import CarMotion, Track, start_track, update_track
 from lanes.track.static_pattern import StaticPattern
@@ -207,12 +206,12 @@ class LaneTracker:
     def _repr_html_(self) -> str:
         return html_table("LaneTracker", self.summary())
 
-    def update(self, image: Frame, *, elapsed_s: float | None = None) -> TrackedLane:
+    def update(self, image: np.ndarray, *, elapsed_s: float | None = None) -> TrackedLane:
         """Process the next picture.
 
         Parameters
         ----------
-        image : ndarray of shape (height, width, 3), uint8, or YuvFrame
+        image : ndarray of shape (height, width, 3), uint8, RGB
             RGB, or as its video stores it; raw.
         elapsed_s : float, optional
             Time since the previous picture, if it is not 1 / fps (dropped frames). The tracker starts again if it is

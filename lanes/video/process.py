@@ -1,15 +1,7 @@
 """Videos from file to file: read frames, process them in order, write a video that browsers play.
 
-The course teaches moviepy (`open_clip`, then `image_transform` and `write_videofile`), because three lines show the
-idea. `annotate_video` does the same with PyAV, which is FFmpeg inside this process, because moviepy 2.2.1
-
-- calls the function once before the first frame, so that a tracker sees that frame twice;
-- computes the number of frames from a rounded duration: of 251 frames at 25 per second it writes 250;
-- rounds the frame rate to two decimals (24000/1001 becomes 1199/50) and loses the time stamps of a variable rate;
-- re-encodes the sound through a file in the working directory, where packets can be copied;
-- writes pictures of odd size in the profile High 4:4:4, which not every browser plays;
-- ignores FFmpeg's exit code, and leaves a playable half under the final name after an exception;
-- takes 32 ms of processor time to read and write a frame of 1280x720, PyAV 18.1 24 ms (both with x264's veryfast).
+Every frame is processed once, at its own time, also in videos of variable rate. The sound is copied where browsers play
+it. A video that is not finished never has the final name.
 """
 
 from __future__ import annotations
@@ -26,29 +18,22 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from tqdm import tqdm
 
 from lanes.errors import PictureError, VideoError
 from lanes.files import TelemetryWriter
-from lanes.images import Frame, YuvFrame
 from lanes.video.reader import (
     STAMP_TOLERANCE_S,
     VideoInfo,
     inspect_video,
     read_timed_frames,
-    to_upright_rgb,
-    to_upright_yuv,
 )
 from lanes.video.writer import ENCODER_THREADS, VideoWriter
 
-if TYPE_CHECKING:
-    from moviepy import VideoFileClip
-
 Row = Mapping[str, object]
-Process = Callable[..., "Frame | tuple[Frame, Row]"]
+Process = Callable[..., "np.ndarray | tuple[np.ndarray, Row]"]
 
 
 @dataclass(frozen=True)
@@ -69,32 +54,11 @@ class VideoSummary:
     missing: int
 
 
-def open_clip(path: str | Path, *, start_s: float = 0.0, end_s: float | None = None) -> VideoFileClip:
-    """A moviepy clip of a video that `inspect_video` has checked, without sound.
-
-    Close it after use, best by `with open_clip(...) as clip`. Its frames are read-only.
-
-    Raises
-    ------
-    FileNotFoundError, VideoError
-        As `inspect_video`; also if `start_s` to `end_s` does not lie within the video.
-    """
-    info = inspect_video(path)
-    if not 0 <= start_s < (info.duration_s if end_s is None else min(end_s, info.duration_s)):
-        raise VideoError(f"{path}: lasts {info.duration_s} s; there is no piece from {start_s} s to {end_s} s.")
-    # Imported here: it takes longer than all other imports together, and only one chapter of the course needs it.
-    from moviepy import VideoFileClip
-
-    clip = VideoFileClip(str(path), audio=False)
-    return clip.subclipped(start_s, None if end_s is None else min(end_s, clip.duration))
-
-
 def annotate_video(
     source: str | Path,
     target: str | Path,
     process: Process,
     *,
-    yuv: bool = False,
     start_s: float = 0.0,
     end_s: float | None = None,
     progress: bool = True,
@@ -116,9 +80,6 @@ def annotate_video(
         pair of that and a mapping with the frame's telemetry. It is called once per frame, in order, in the caller's
         thread. All returned pictures must have the same size. If it has a parameter `elapsed_s`, it gets the seconds
         since the previous frame, None for the first; they vary in videos of variable rate.
-    yuv : bool
-        `process` takes and returns a `YuvFrame` instead of an RGB array. This saves two colour conversions per frame
-        and leaves all pixels unchanged that the function does not draw on.
     start_s, end_s
         As for `read_frames`.
     progress : bool
@@ -148,10 +109,9 @@ def annotate_video(
         raise VideoError(f"{target}: is the source itself; write the annotated video under another name.")
     decoders, encoders = (0, ENCODER_THREADS) if overlapped else (1, 1)
     sound_from = source if sound and info.has_audio else None
-    writer = VideoWriter(target, fps=info.fps, sound_from=sound_from, threads=encoders)
-    convert = to_upright_yuv if yuv else to_upright_rgb
+    writer = VideoWriter(target, fps=info.fps, sound_from=sound_from, colours=info.colours, threads=encoders)
     first_s = max(0.0, start_s - warm_up_s)
-    read = read_timed_frames(source, start_s=first_s, end_s=end_s, threads=decoders, convert=convert)
+    read = read_timed_frames(source, start_s=first_s, end_s=end_s, threads=decoders)
     with (
         _sigterm_as_exception(),
         # This order renames the telemetry file only after the video.
@@ -214,7 +174,7 @@ def _with_time(process: Process) -> Process:
     return process if takes_time else lambda frame, elapsed_s: process(frame)
 
 
-def _processed(process: Process, frame: Frame, elapsed_s: float | None, name: str) -> tuple[Frame, Row]:
+def _processed(process: Process, frame: np.ndarray, elapsed_s: float | None, name: str) -> tuple[np.ndarray, Row]:
     """The picture that `process` returns for a frame, and its telemetry with the latency; errors name the frame."""
     began_s = time.perf_counter()
     try:
@@ -232,8 +192,6 @@ def _processed(process: Process, frame: Frame, elapsed_s: float | None, name: st
 
 
 def _require_picture(result: object, name: str) -> None:
-    if isinstance(result, YuvFrame):
-        return
     if not isinstance(result, np.ndarray) or result.ndim != 3 or result.shape[2] != 3 or result.dtype != np.uint8:
         got = f"{result.dtype} of shape {result.shape}" if isinstance(result, np.ndarray) else type(result).__name__
         raise VideoError(f"{name}: process returned {got}; it must return an RGB picture (height, width, 3), uint8.")

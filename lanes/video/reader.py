@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Iterator
-from dataclasses import dataclass
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from av.video.reformatter import ColorRange, VideoReformatter
 
 from lanes.errors import VideoError
 from lanes.files import require_file
-from lanes.images import LUMA_COEFFICIENTS, MAX_PIXELS, Frame, YuvColourSpace, YuvFrame, as_rgb
+from lanes.images import MAX_PIXELS
 
 # Formats of recorders, phones and editors. Playlists and lists of files (hls, dash, concat, image2) are excluded: they
 # make FFmpeg open further files or network addresses that the author of the file chose.
@@ -107,6 +107,8 @@ def _require_pictures(path: Path, container: av.container.InputContainer) -> Non
 
 # Code point of an unspecified colour property: ITU-T H.273, tables 2 to 4.
 UNSPECIFIED = 2
+# Matrices that FFmpeg converts from and to RGB: BT.709, FCC, BT.601 (twice), SMPTE 240M and BT.2020 (H.273, table 4).
+YUV_MATRICES = {1, 4, 5, 6, 7, 9}
 # Some containers round time stamps to a millisecond: a time stamp this close to a limit counts as equal.
 STAMP_TOLERANCE_S = 1e-3
 # A larger step back in time is a recorder's restarted clock, as in concatenated clips.
@@ -115,6 +117,28 @@ CLOCK_RESET_S = 1
 CUT_OFF_S = 0.5
 # The rate is constant if average rate and base rate differ by a smaller share than this.
 SAME_RATE = 0.02
+
+
+@dataclass(frozen=True)
+class ColourTags:
+    """Colour space of a video in code points of Recommendation ITU-T H.273, tables 2 to 4.
+
+    By default the matrix of BT.601, which FFmpeg assumes for untagged videos, in the limited range 16 to 235, with the
+    primaries and the transfer function of BT.709.
+    """
+
+    matrix: int = 6
+    full_range: bool = False
+    primaries: int = 1
+    transfer: int = 1
+
+    @classmethod
+    def of(cls, frame: av.VideoFrame) -> ColourTags:
+        """The tags of a decoded frame; what it leaves unspecified, and the matrix of RGB, are the defaults."""
+        matrix = frame.colorspace if frame.colorspace in YUV_MATRICES else cls.matrix
+        primaries, transfer = (1 if n == UNSPECIFIED else int(n) for n in (frame.color_primaries, frame.color_trc))
+        full_range = frame.color_range == ColorRange.JPEG and not frame.format.is_rgb
+        return cls(int(matrix), full_range, primaries, transfer)
 
 
 @dataclass(frozen=True)
@@ -132,6 +156,7 @@ class VideoInfo:
     duration_s: float
     has_audio: bool
     missing: int = 0
+    colours: ColourTags = field(default_factory=ColourTags)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +165,7 @@ class TimedFrame:
 
     number: int
     time_s: float
-    image: Frame
+    image: np.ndarray
 
 
 def inspect_video(path: str | Path) -> VideoInfo:
@@ -172,7 +197,9 @@ def inspect_video(path: str | Path) -> VideoInfo:
         missing = max(0, stream.frames - stored) or _count_gaps(stamps, rate, stream)
         width, height = (first.height, first.width) if _quarter_turns(first) % 2 else (first.width, first.height)
         duration_s = round(float((len(stamps) + missing) / rate), 6)
-        return VideoInfo(width, height, float(rate), len(stamps), duration_s, bool(container.streams.audio), missing)
+        sound = bool(container.streams.audio)
+        colours = ColourTags.of(first)
+        return VideoInfo(width, height, float(rate), len(stamps), duration_s, sound, missing, colours)
 
 
 def read_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | None = None) -> Generator[np.ndarray]:
@@ -188,7 +215,7 @@ def read_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | None =
         If it is not a video, its frame size changes, or it ends before `start_s`.
     """
     for frame in read_timed_frames(path, start_s=start_s, end_s=end_s):
-        yield as_rgb(frame.image)
+        yield frame.image
 
 
 def to_upright_rgb(frame: av.VideoFrame, converter: VideoReformatter) -> np.ndarray:
@@ -198,35 +225,18 @@ def to_upright_rgb(frame: av.VideoFrame, converter: VideoReformatter) -> np.ndar
     return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
 
 
-def to_upright_yuv(frame: av.VideoFrame, converter: VideoReformatter) -> YuvFrame:
-    """YUV picture of a decoded frame, rotated as by `to_upright_rgb`; 8-bit YUV 4:2:0 is not converted.
-
-    An unspecified colour space is taken for BT.601, as FFmpeg does.
-    """
-    matrix = 6 if frame.colorspace == UNSPECIFIED else frame.colorspace
-    if frame.format.is_rgb or matrix not in LUMA_COEFFICIENTS or frame.width % 2 or frame.height % 2:
-        return YuvFrame.from_rgb(to_upright_rgb(frame, converter))
-    full_range = frame.color_range == ColorRange.JPEG
-    primaries, transfer = (1 if n == UNSPECIFIED else int(n) for n in (frame.color_primaries, frame.color_trc))
-    colour_space = YuvColourSpace(matrix, full_range, primaries, transfer)
-    planes = converter.reformat(frame, format="yuv420p", threads=1).to_ndarray()
-    picture, turns = YuvFrame(planes, frame.width, frame.height, colour_space), _quarter_turns(frame)
-    return picture.rotated(turns) if turns else picture
-
-
 def read_timed_frames(
     path: str | Path,
     *,
     start_s: float = 0.0,
     end_s: float | None = None,
     threads: int = 0,
-    convert: Callable[[av.VideoFrame, VideoReformatter], Frame] = to_upright_rgb,
 ) -> Generator[TimedFrame]:
     """Yield the frames of a video in order with their numbers and times; see `read_frames`.
 
     Damaged frames are skipped. If the frame rate is constant, their numbers are skipped too.
 
-    `threads` are decoder threads, 0 for one per core. `convert` is `to_upright_rgb` or `to_upright_yuv`.
+    `threads` are decoder threads, 0 for one per core.
     """
     if not 0 <= start_s < (math.inf if end_s is None else end_s):
         raise VideoError(f"{path}: cannot read from {start_s} s to {end_s} s; give 0 <= start_s < end_s.")
@@ -242,7 +252,7 @@ def read_timed_frames(
             if end_s is not None and time_s > end_s - STAMP_TOLERANCE_S:
                 break
             number = last.number + _frames_between(time_s - last.time_s, rate, stream) if last else round(time_s * rate)
-            last = TimedFrame(number, float(time_s), convert(frame, converter))
+            last = TimedFrame(number, float(time_s), to_upright_rgb(frame, converter))
             yield last
     if last is None:
         raise VideoError(f"{path}: has no frame at or after {start_s} s; start earlier.")

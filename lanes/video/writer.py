@@ -10,15 +10,17 @@ from pathlib import Path
 from types import TracebackType
 
 import av
+import cv2
 import numpy as np
-from av.video.reformatter import ColorRange
+from av.video.reformatter import ColorRange, VideoReformatter
 
 from lanes.errors import VideoError
 from lanes.files import partial_file
-from lanes.images import Frame, YuvColourSpace, YuvFrame, require_rgb
+from lanes.images import require_rgb
 from lanes.video.reader import (
     CLOCK_RESET_S,
     STAMP_TOLERANCE_S,
+    ColourTags,
     VideoInfo,
     decode_frames,
     inspect_video,
@@ -42,8 +44,6 @@ ENCODER_THREADS = 4
 class VideoWriter:
     """Writer of an mp4 file that browsers play: H.264, yuv420p, index at the start.
 
-    RGB frames are converted to BT.601; a `YuvFrame` is encoded as it is.
-
     Use it in a `with` block. The file is renamed to `path` at the end of the block, after its frames were counted. If
     the block raises, the unfinished file is removed and an earlier file of that name is not changed.
 
@@ -60,6 +60,8 @@ class VideoWriter:
     sound_from : str or Path, optional
         A video whose sound is copied or re-encoded, from the time of the first written frame to that of the last. Sound
         that cannot be decoded is left out.
+    colours : ColourTags
+        Colour space that the RGB frames are encoded in, and tagged with.
     threads : int
         Encoder threads; another number gives other bytes.
 
@@ -68,7 +70,7 @@ class VideoWriter:
     VideoError
         If the name does not end in .mp4, no frame was written, or the frames differ in size.
     PictureError
-        If a frame is neither an RGB picture nor a `YuvFrame`.
+        If a frame is not an RGB image.
     OSError
         If the file cannot be written.
     """
@@ -80,6 +82,7 @@ class VideoWriter:
         fps: float,
         crf: int = CRF,
         sound_from: str | Path | None = None,
+        colours: ColourTags = ColourTags(),  # noqa: B008 - immutable
         threads: int = ENCODER_THREADS,
     ) -> None:
         self.path = Path(path)
@@ -92,6 +95,7 @@ class VideoWriter:
         self._tick = Fraction(1, self._rate.numerator * per_frame)
         self._ticks_per_frame = self._rate.denominator * per_frame
         self._crf, self._threads, self._sound_from = crf, threads, sound_from
+        self._colours, self._converter = colours, VideoReformatter()
         self._resources = ExitStack()
         self._sound: SoundTrack | None = None
         self._container: av.container.OutputContainer | None = None
@@ -113,32 +117,27 @@ class VideoWriter:
         with self._resources:
             self._finish()
 
-    def write(self, image: Frame, time_s: float | None = None) -> None:
+    def write(self, image: np.ndarray, time_s: float | None = None) -> None:
         """Append a frame.
 
-        All frames have one type and size. H.264 needs an even width and height: an odd one is padded by repeating the
+        All frames have one size. H.264 needs an even width and height: an odd one is padded by repeating the
         last column or row, so that no pixel is lost or moved. `time_s` is the presentation time on the clock of
         `sound_from`; the file begins at the first written frame. Without it frames follow at the frame rate.
         """
         self.encode(self.convert(image, time_s))
 
-    def convert(self, image: Frame, time_s: float | None = None) -> av.VideoFrame:
-        """First half of `write`: the frame in YUV with its time stamp.
-
-        It shares the data of a `YuvFrame`; an RGB array may be overwritten afterwards.
-        """
-        if not isinstance(image, YuvFrame):
-            require_rgb(image, f"frame {self.frames} of {self.path}")
-            image = YuvFrame.from_rgb(image)
+    def convert(self, image: np.ndarray, time_s: float | None = None) -> av.VideoFrame:
+        """First half of `write`: the frame in YUV with its time stamp. `image` may be overwritten afterwards."""
+        image = require_rgb(image, f"frame {self.frames} of {self.path}")
         time_s = self.frames / float(self._rate) if time_s is None else time_s
         if self._size is None:
-            self._size, self._colour_space, self._zero_s = image.shape[1::-1], image.colour_space, time_s
+            self._size, self._zero_s = image.shape[1::-1], time_s
         if image.shape[1::-1] != self._size:
             raise VideoError(
                 f"{self.path}: frame {self.frames} is {image.shape[1]}x{image.shape[0]} pixels, the first one was "
                 f"{self._size[0]}x{self._size[1]}; all frames of a video must have one size."
             )
-        frame = _frame_of(image)
+        frame = self._to_yuv(image)
         self._stamp(frame, time_s - self._zero_s)
         self.frames += 1
         return frame
@@ -153,13 +152,29 @@ class VideoWriter:
 
     def _open_container(self, size: tuple[int, int]) -> av.container.OutputContainer:
         coding = {"crf": self._crf, "threads": self._threads}
-        container, self._stream = open_mp4(self._partial, size, self._rate, self._tick, self._colour_space, **coding)
+        container, self._stream = open_mp4(self._partial, size, self._rate, self._tick, self._colours, **coding)
         self._container = container
         self._resources.callback(_close_quietly, container)
         if self._sound_from is not None:
             self._sound = SoundTrack(self._sound_from, container, start_s=self._zero_s)
             self._resources.callback(self._sound.close)
         return container
+
+    def _to_yuv(self, image: np.ndarray) -> av.VideoFrame:
+        """The image in YUV 4:2:0; an odd width or height is padded."""
+        height, width = image.shape[:2]
+        if height % 2 or width % 2:
+            image = cv2.copyMakeBorder(image, 0, height % 2, 0, width % 2, cv2.BORDER_REPLICATE)
+        frame = self._converter.reformat(
+            av.VideoFrame.from_numpy_buffer(image, format="rgb24"),
+            format="yuv420p",
+            src_color_range=ColorRange.JPEG,
+            dst_colorspace=self._colours.matrix,
+            dst_color_range=_range(self._colours),
+            threads=1,
+        )
+        _tag(frame, self._colours)
+        return frame
 
     def _stamp(self, frame: av.VideoFrame, time_s: float) -> None:
         nearest = round(time_s * self._rate)
@@ -208,7 +223,7 @@ def open_mp4(
     size: tuple[int, int],
     rate: Fraction,
     tick: Fraction,
-    colour_space: YuvColourSpace = YuvColourSpace(),  # noqa: B008 - immutable
+    colours: ColourTags = ColourTags(),  # noqa: B008 - immutable
     *,
     crf: int = CRF,
     threads: int = ENCODER_THREADS,
@@ -223,7 +238,7 @@ def open_mp4(
     codec.time_base = tick
     codec.thread_count = threads
     # Players disagree on the colours of video without these tags.
-    _tag(codec, colour_space)
+    _tag(codec, colours)
     return container, stream
 
 
@@ -299,23 +314,10 @@ class SoundTrack:
                 yield time_s, piece
 
 
-def _frame_of(picture: YuvFrame) -> av.VideoFrame:
-    """The picture as a PyAV frame; no copy if its height is a multiple of four."""
-    width, height = picture.padded_size
-    if height % 4 == 0:
-        frame = av.VideoFrame.from_numpy_buffer(picture.data.reshape(-1, width), format="yuv420p")
-    else:
-        # For other heights PyAV miscounts the rows; copying the planes takes 1 ms.
-        frame = av.VideoFrame(width, height, "yuv420p")
-        for target, plane in zip(frame.planes, picture.planes, strict=True):
-            # FFmpeg pads its rows for vector instructions.
-            rows = np.frombuffer(target, np.uint8)  # type: ignore[call-overload]  # PyAV's stubs miss the buffer
-            rows.reshape(target.height, -1)[:, : target.width] = plane
-    _tag(frame, picture.colour_space)
-    return frame
+def _tag(target: av.VideoCodecContext | av.VideoFrame, colours: ColourTags) -> None:
+    target.colorspace, target.color_primaries = colours.matrix, colours.primaries
+    target.color_trc, target.color_range = colours.transfer, _range(colours)
 
 
-def _tag(target: av.VideoCodecContext | av.VideoFrame, colour_space: YuvColourSpace) -> None:
-    target.colorspace, target.color_primaries = colour_space.matrix, colour_space.primaries
-    target.color_trc = colour_space.transfer
-    target.color_range = ColorRange.JPEG if colour_space.full_range else ColorRange.MPEG
+def _range(colours: ColourTags) -> ColorRange:
+    return ColorRange.JPEG if colours.full_range else ColorRange.MPEG

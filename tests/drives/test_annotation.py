@@ -1,17 +1,13 @@
-"""Whole drives: sources, settings, overlay styles, stills, videos and live cameras."""
+"""Whole drives: sources, settings, overlay styles, stills and videos."""
 
 from __future__ import annotations
 
-import os
 import pickle
 import re
-import signal
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
-from unittest.mock import Mock
 
-import cv2
 import numpy as np
 import pytest
 
@@ -20,15 +16,13 @@ from lanes.camera import Camera, CameraPose
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.paint import extract_evidence
 from lanes.draw import STYLES, track_lane
-from lanes.errors import CameraError, PictureError, PoseError, VideoError
+from lanes.errors import CameraError, PictureError, PoseError
 from lanes.field_of_view import FieldOfView
 from lanes.files import read_telemetry
 from lanes.images import read_image, write_image
-from lanes.live import annotate_live
 from lanes.pose import PoseEstimate
 from lanes.sources import find_sources, require_distinct_outputs
 from lanes.track.tracker import LOST, LaneTracker, TrackedLane
-from lanes.video.reader import inspect_video
 from lanes.video.writer import VideoWriter
 from tests.io.video.sample_videos import make_video_with_unknown_sound
 from tests.support.clips import write_drive
@@ -56,12 +50,9 @@ def test_names_are_sorted_by_kind(tmp_path, monkeypatch):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
     monkeypatch.chdir(tmp_path)
-    found = find_sources([".", "0", "more/*", "d2.MOV", "[1].avi", "12"])
+    found = find_sources([".", "more/*", "d2.MOV", "[1].avi"])
     assert [path.name for path in found.videos] == ["[1].avi", "d2.MOV", "d10.mp4", "x.mkv"]
     assert [path.name for path in found.stills] == ["b.jpg", "c.WebP", "d.tif", "e.HEIC"]
-    assert found.cameras == (0, 12)
-    (tmp_path / "7").touch()
-    assert find_sources(["7"]).cameras == ()
     for missing, words in (("nowhere.mp4", "no such file or folder"), ("*.webm", "no such file"), ("", "no such file")):
         with pytest.raises(FileNotFoundError, match=words):
             find_sources([missing])
@@ -270,90 +261,3 @@ def test_annotation_in_another_process(tmp_path):
     assert result.frames == 6 and result.pose is None and result.report.is_file()
     assert result.tracked_share == pytest.approx(4 / 6)
     assert read_telemetry(result.telemetry)["offset_m"][-1] == pytest.approx(BENDS.truth(0.2).offset_m, abs=0.05)
-
-
-class FakeCapture:
-    """Replaces cv2.VideoCapture: camera 0 shows the painted drive, other cameras do not exist."""
-
-    frames, interrupt_at, interrupt_by, plugged_in = 1000, None, signal.SIGINT, True
-
-    def __init__(self, index: int) -> None:
-        self._open, self._next = index == 0 and self.plugged_in, 0
-        self.released = False
-
-    def isOpened(self) -> bool:  # noqa: N802 (OpenCV's name)
-        return self._open
-
-    def get(self, _: int) -> float:
-        return 25.0
-
-    def read(self) -> tuple[bool, np.ndarray | None]:
-        if self._next == self.interrupt_at:
-            os.kill(os.getpid(), self.interrupt_by)
-        if self._next >= self.frames:
-            return False, None
-        self._next += 1
-        return True, cv2.cvtColor(BENDS.frame(self._next / 25), cv2.COLOR_RGB2BGR)
-
-    def release(self) -> None:
-        self._open = False
-
-
-@pytest.fixture
-def capture(monkeypatch):
-    """A fake camera whose clock advances by 1/25 s per frame."""
-    fake = type("Fake", (FakeCapture,), {})
-    clock = iter(np.arange(100_000) / 25)
-    monkeypatch.setattr("lanes.video.live_camera.cv2.VideoCapture", fake)
-    monkeypatch.setattr("lanes.video.live_camera.time.monotonic", lambda: float(next(clock)))
-    return fake
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_live_camera_until_a_signal(tmp_path, capture, number):
-    capture.interrupt_at, capture.interrupt_by = 12, number
-    result = annotate_live(0, DriveSettings(output=tmp_path, camera=SMALL))
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
-    table = read_telemetry(tmp_path / "camera0.csv")
-    # The frame that is read during the signal is not annotated.
-    assert len(table["frame"]) == result.frames == inspect_video(result.video).frames == 12
-    np.testing.assert_allclose(table["time_s"], np.arange(12) / 25)
-    assert table["offset_m"][-1] == pytest.approx(BENDS.truth(12 / 25).offset_m, abs=0.05)
-    assert {path.name for path in tmp_path.iterdir()} == {"camera0.mp4", "camera0.csv", "camera0.html"}
-
-
-def test_live_camera_with_end_time_and_estimated_pose(tmp_path, capture):
-    capture.frames = 400
-    settings = DriveSettings(output=tmp_path, camera=SMALL.with_pose(None), end_s=0.4, report=False)
-    result = annotate_live(0, settings)
-    assert result.frames == 10 and result.report is None
-    assert result.pose.frames_total == 20
-    # Annotation and its time stamps start after the ten seconds of the pose estimate.
-    table = read_telemetry(result.telemetry)
-    assert table["time_s"][0] == 0
-    assert table["curvature_per_m"][-1] == pytest.approx(BENDS.truth(9.9).curvature_per_m, abs=1e-3)
-
-
-def test_elapsed_time_counts_from_a_first_frame_at_time_zero(tmp_path, capture, monkeypatch):
-    """A camera that stalls for 1.5 s after its first frame: the tracker starts again with the second one."""
-    clock = Mock(monotonic=Mock(side_effect=[0.0, 0.0, 1.5, 1.54, 1.58]))
-    monkeypatch.setattr("lanes.video.live_camera.time", clock)
-    capture.frames = 4
-    result = annotate_live(0, DriveSettings(output=tmp_path, camera=SMALL, report=False))
-    table = read_telemetry(result.telemetry)
-    np.testing.assert_allclose(table["time_s"], [0, 1.5, 1.54, 1.58])
-    assert table["state"].tolist() == ["searching", "searching", "searching", "tracking"]
-
-
-def test_missing_camera_and_camera_without_frames(tmp_path, capture):
-    settings = DriveSettings(output=tmp_path, camera=SMALL.with_pose(None))
-    with pytest.raises(VideoError, match="camera 3: cannot be opened"):
-        annotate_live(3, settings)
-    capture.frames = 0
-    with pytest.raises(VideoError, match="camera 0: cannot be opened or gives no frame"):
-        annotate_live(0, settings)
-    capture.frames = 1
-    with pytest.raises(VideoError, match="no frame was written"):
-        annotate_live(0, settings)
-    assert list(tmp_path.iterdir()) == []

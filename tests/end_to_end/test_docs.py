@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import re
 from importlib import import_module
+from itertools import takewhile
+from pathlib import Path
 
 import pytest
 from PIL import Image
@@ -39,7 +41,8 @@ OF_OTHERS = {
 }
 # Modules of other projects that README and docs start.
 MODULES_OF_OTHERS = {"pip", "pytest", "venv", "build"}
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+BENCHMARK = ROOT / "docs" / "benchmark"
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 def options_of(command: str) -> set[str]:
@@ -48,14 +51,14 @@ def options_of(command: str) -> set[str]:
     return {option for action in parser._actions for option in action.option_strings}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_links_exist(page):
     targets = re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8"))
     targets = [target.split("#")[0] for target in targets if not re.match(r"https?:|#", target)]
     assert not [target for target in targets if not (page.parent / target).exists()]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_commands_and_their_options_exist(page):
     text = page.read_text(encoding="utf-8")
     for command, rest in re.findall(r"python -m (?:lanes )?([a-z]+(?:\.[a-z_]+)?)\b([^`\n]*)", text):
@@ -69,21 +72,21 @@ def test_commands_and_their_options_exist(page):
         assert options <= options_of(command), command
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_options_in_the_text_belong_to_a_command(page):
     known = set().union(*map(options_of, MODULES)) | OF_OTHERS
     assert set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", page.read_text(encoding="utf-8"))) <= known
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_names_of_helpers_exist(page):
     named = set(re.findall(r"helpers\.([a-z_]+)", page.read_text(encoding="utf-8"))) - {"py"}
     assert not [name for name in named if not hasattr(helpers, name)]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_modules_named_exist(page):
-    packages = "lanes|simulator|benchmark|course|tests|tools"
+    packages = "lanes|classic|simulator|benchmark|course|tests|tools"
     paths = re.findall(rf"`((?:{packages})/[\w/]*(?:\.py)?/?)`", page.read_text(encoding="utf-8"))
     assert not [path for path in paths if not (ROOT / path).exists()]
 
@@ -117,20 +120,26 @@ def cells_of(line: str) -> list[str]:
     return [cell.strip() for cell in line.strip("|").split("|")]
 
 
-@pytest.mark.parametrize("page", [ROOT / "README.md", ROOT / "docs" / "benchmark" / "README.md"], ids=["short", "long"])
+def table_of(page: Path, *headings: str) -> list[list[str]]:
+    """The first table of a page whose first columns have these headings: its header and its rows."""
+    lines = page.read_text(encoding="utf-8").splitlines()
+    start = next(n for n, line in enumerate(lines) if cells_of(line)[: len(headings)] == list(headings))
+    header, _, *rows = map(cells_of, takewhile(lambda line: line.startswith("|"), lines[start:]))
+    return [header, *rows]
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", BENCHMARK / "README.md"], ids=["short", "long"])
 def test_the_tables_of_scores_are_those_of_the_benchmark(page):
-    """The short table has some of the scenes and of the systems."""
-    header, _, *lines = map(cells_of, helpers.results_table(ROOT / "docs" / "benchmark" / "benchmark.csv").splitlines())
+    """They have some of the scenes and of the systems, and all sums."""
+    header, _, *lines = map(cells_of, helpers.results_table(BENCHMARK / "benchmark.csv").splitlines())
     known = {tuple(line[:2]): dict(zip(header, line, strict=True)) for line in lines}
-    shown = [cells_of(line) for line in page.read_text(encoding="utf-8").splitlines() if line.startswith("|")]
-    start = next(n for n, cells in enumerate(shown) if cells[:2] == header[:2])
-    columns, rows = shown[start], [cells for cells in shown[start + 2 :] if tuple(cells[:2]) in known]
+    columns, *rows = table_of(page, *header[:2])
+    assert {tuple(row[:2]) for row in rows} >= {key for key in known if key[0].startswith("all ")}
     assert len(rows) >= 10 and len(columns) >= 6
     for row in rows:
         assert row == [known[tuple(row[:2])][column] for column in columns]
 
 
 def test_the_table_of_uncertainties_is_that_of_the_benchmark():
-    folder = ROOT / "docs" / "benchmark"
-    page = (folder / "README.md").read_text(encoding="utf-8").splitlines()
-    assert set(helpers.consistency_table(folder / "consistency.csv").splitlines()) <= set(page)
+    page = (BENCHMARK / "README.md").read_text(encoding="utf-8").splitlines()
+    assert set(helpers.consistency_table(BENCHMARK / "consistency.csv").splitlines()) <= set(page)

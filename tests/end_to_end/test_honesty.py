@@ -32,6 +32,8 @@ TABLE = ROOT / "docs" / "benchmark" / "benchmark.csv"
 NO_LANE = "no lane"
 # Largest share of confident and wrong frames, among those without a lane and those with one.
 PROMISED = {NO_LANE: 0.0, "lane": 0.005}
+# Variants of the suite that thresholds, noise and confidence were chosen on (tools/fit_confidence.py).
+TUNED_VARIANTS = {0, 1}
 # The part of each committed video that follows the one of test_regression.py.
 BEGIN_S, END_S = 3.6, 8.0
 
@@ -73,7 +75,13 @@ def test_the_tracker_is_never_confident_where_there_is_no_lane(road):
     assert np.mean(wrong) <= PROMISED[NO_LANE]
 
 
-# --- the published table, made by `python -m benchmark -o docs/benchmark`
+# --- the published table, made by `python -m benchmark --seed 7 -o docs/benchmark`
+
+
+def scene_and_variant(name: str) -> tuple[str, int]:
+    """The scene and the number of its variant: ("dips", 7) for "dips-7"."""
+    scene, number = re.fullmatch(r"(.*?)(?:-(\d+))?", name).groups(default="0")
+    return scene, int(number)
 
 
 def rows_of_the_tracker() -> list[Row]:
@@ -98,13 +106,21 @@ def test_the_published_shares_are_within_the_bounds(bound: str, chosen: Callable
 
 def test_the_published_table_has_every_scene_and_frame():
     """Otherwise a bound could be met by leaving frames out."""
-    rows = {row["scene"]: row for row in rows_of_the_tracker()}
+    rows = {scene_and_variant(row["scene"])[0]: row for row in rows_of_the_tracker()}
     assert rows.keys() == SUITE.keys()
     for name, scene in SUITE.items():
         assert rows[name]["difficulty"] == scene.difficulty
         assert rows[name]["frames"] == pytest.approx(25 * scene.seconds, abs=1)
         # all frames of a scene have a lane, or none has, as in its truth (tests/simulator/test_suite.py)
         assert rows[name]["lane_frames"] == (0 if scene.difficulty == NO_LANE else rows[name]["frames"])
+
+
+@pytest.mark.xfail(strict=True, reason="TODO: the table is made anew from variant 7 when the engine is final")
+def test_the_published_table_is_of_scenes_that_nothing_was_tuned_on():
+    (variant,) = {scene_and_variant(row["scene"])[1] for row in rows_of_the_tracker()}
+    assert variant not in TUNED_VARIANTS
+    words = (TABLE.parent / "README.md").read_text(encoding="utf-8")
+    assert f"python -m benchmark --seed {variant} " in words
 
 
 def test_the_published_table_counts_confidence_as_the_benchmark_does():

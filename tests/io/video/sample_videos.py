@@ -90,11 +90,6 @@ def sound_packets(path: Path) -> list[tuple[float, bytes]]:
         return [(round(float(p.pts * p.time_base), 4), bytes(p)) for p in packets if p.size]
 
 
-def packets_of(path: Path) -> list[bytes]:
-    with av.open(str(path)) as container:
-        return [bytes(packet) for packet in container.demux(container.streams.video[0]) if packet.size]
-
-
 def boxes(path: Path) -> list[str]:
     """Names of the top-level boxes of an mp4 file, in order (ISO 14496-12, 4.2)."""
     data, at, names = path.read_bytes(), 0, []

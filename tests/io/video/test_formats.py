@@ -60,7 +60,7 @@ def test_formats_of_phones_and_dashcams(tmp_path, name):
             image = np.pad(numbered(number, made.size), bars)
             container.mux(stream.encode(av.VideoFrame.from_ndarray(image)))
         container.mux(stream.encode(None))
-    annotate_video(path, tmp_path / "out.mp4", unchanged, yuv=True, progress=False)
+    annotate_video(path, tmp_path / "out.mp4", unchanged, progress=False)
     for file in (path, tmp_path / "out.mp4"):
         info, frames = inspect_video(file), list(read_frames(file))
         assert (info.frames, info.missing, info.fps) == (FRAMES, 0, made.fps)

@@ -83,7 +83,7 @@ def test_variable_rate_with_sound(tmp_path):
             container.mux(stream.encode(frame))
         container.mux(stream.encode(None))
         add_tone(container, track, 2.2)
-    summary = annotate_video(path, tmp_path / "out.mp4", lambda f: f, yuv=True, progress=False)
+    summary = annotate_video(path, tmp_path / "out.mp4", lambda f: f, progress=False)
     found = list(read_timed_frames(tmp_path / "out.mp4"))
     assert summary.frames_out == 30 and [number_of(f.image) for f in found] == list(range(30))
     np.testing.assert_allclose([f.time_s for f in found], times_s, atol=1e-3)
