@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR
+from lanes.detect.lane import COASTING, FOUND, LOST, SEARCHING, TRACKING
 from lanes.figures import LEGEND_ABOVE, TRUTH_LOOK, new_figure, rgb
 from lanes.report.moments import runs
-from lanes.track.tracker import COASTING, FOUND, LOST, SEARCHING, TRACKING
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,16 +8,15 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.describe import describe_bend
-from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import CONFIDENCE, FEATURES, LIKELY_CONFIDENCE, feature_weights, lane_features
-from lanes.detect.fit import FIT, LaneFit, fit_starts, near_stripes
-from lanes.detect.lane import Lane
-from lanes.detect.paint import MARKINGS, FrameEvidence, lightness, strength_weight
-from lanes.detect.road import CENTRE, CURVATURE, PITCH, PRIOR_STD, SIDES, WIDTH, is_ego_lane, lateral_std_m
-from lanes.detect.search import RIVAL_M, search_still
-from lanes.detect.votes import vote_lanes
+from lanes.detect.fit import FIT, near_stripes
+from lanes.detect.lane import LOST, Lane
+from lanes.detect.paint import PAINT, FrameEvidence, lightness, strength_weight
+from lanes.detect.road import CENTRE, CURVATURE, PITCH, SIDES, WIDTH, is_ego_lane, lateral_std_m
+from lanes.detect.search import Search
 from lanes.errors import CameraError
-from lanes.track.tracker import TRACKER, TrackedLane
+from lanes.stills import StillDetection, detect_still
+from lanes.track.tracker import TrackerSettings
 
 # Median grey levels (of 255) below and above which hardly any paint is visible, and the least range of grey levels of
 # a road with visible paint.
@@ -25,7 +24,12 @@ DARK, BRIGHT, FLAT = 20, 240, 8
 # Lanes with nothing between their lines have a larger share of stripes on them.
 USUAL_CLEAR_SHARE = 0.9
 # Pitch motion beyond three prior standard deviations is not caused by a bump.
-MAX_PITCH_RAD = 3 * PRIOR_STD[PITCH]
+MAX_PITCH_RAD = 3 * FIT.prior.std[PITCH]
+
+# Lanes whose centre or width differs by more than this are different lanes.
+OTHER_LANE_M = 0.5
+# The tracker starts with a lane of this score, `lanes.track.tracker.TrackerSettings.min_score`.
+MIN_SCORE = TrackerSettings.min_score
 
 RE_ESTIMATE_POSE = "Estimate the camera pose again from pictures of this drive (python -m lanes pose)."
 
@@ -49,8 +53,9 @@ def describe_input(image: np.ndarray, camera: Camera, pose_failure: str) -> list
     return [picture, Step("pose", pose)]
 
 
-def check_birdseye(evidence: FrameEvidence, view: BirdsEyeView) -> Step:
+def check_birdseye(evidence: FrameEvidence) -> Step:
     """Check that the road in the bird's-eye view is neither too dark nor too bright, and has contrast."""
+    view = evidence.view
     levels = lightness(evidence.view_image)[view.seen]
     low, median, high = np.percentile(levels, [0.1, 50, 99.9])
     summary = f"picture covers {view.seen.mean():.0%} of {view.near_m:g} to {view.far_m:g} m, brightness {median:.0f}"
@@ -67,9 +72,9 @@ def check_birdseye(evidence: FrameEvidence, view: BirdsEyeView) -> Step:
     return Step("birdseye", summary, failure, advice)
 
 
-def check_markings(evidence: FrameEvidence, view: BirdsEyeView) -> Step:
+def check_markings(evidence: FrameEvidence) -> Step:
     """Check that the marking response is large enough anywhere."""
-    strength, minimum = evidence.response.strength[view.seen], MARKINGS.min_strength
+    strength, minimum = evidence.response.strength[evidence.view.seen], PAINT.min_strength
     best, share = strength.max(initial=0), (strength > minimum).mean()
     summary = f"strongest {best:.0f} x noise, {share:.1%} of the road above {minimum:g}"
     failure = "nothing is brighter or yellower than the road on both sides of it and as wide as a painted line."
@@ -100,9 +105,9 @@ def describe_votes(starts: np.ndarray) -> Step:
     return Step("votes", f"{len(starts)} lanes proposed, best: {width_m:.1f} m wide, {bend}")
 
 
-def check_fit(score: float, support: np.ndarray, *, seen: bool) -> Step:
+def check_fit(support: np.ndarray, *, seen: bool) -> Step:
     """Check that the best lane is seen after the fit; `support` (2,) is that of its two lines."""
-    summary = f"score {score:.2f}, paint on {support[0]:.0%} left, {support[1]:.0%} right"
+    summary = f"score {np.sqrt(support).sum():.2f}, paint on {support[0]:.0%} left, {support[1]:.0%} right"
     if seen:
         return Step("fit", summary)
     return Step(
@@ -118,13 +123,12 @@ def check_fit(score: float, support: np.ndarray, *, seen: bool) -> Step:
 
 def check_lane(lane: Lane) -> Step:
     """Check the confidence and the pitch motion of the lane found."""
-    confidence = TrackedLane.from_still(lane).confidence
-    summary = f"confidence {confidence:.0%}, margin over the next lane {lane.margin or 0:.2f}"
+    summary = f"confidence {lane.confidence:.0%}, score {lane.score:.2f}"
     if abs(lane.pitch_rad) >= MAX_PITCH_RAD:
         turned = f"{np.degrees(abs(lane.pitch_rad)):.1f} deg farther {'down' if lane.pitch_rad > 0 else 'up'}"
         failure = f"the camera seems to look {turned} than its pose says."
         return Step("lane", summary, failure, RE_ESTIMATE_POSE + " On a crest or a bump no action is needed.")
-    if confidence < LIKELY_CONFIDENCE:
+    if lane.confidence < LIKELY_CONFIDENCE:
         return Step("lane", summary, *_explain_low_confidence(lane))
     return Step("lane", summary)
 
@@ -132,10 +136,9 @@ def check_lane(lane: Lane) -> Step:
 def _explain_low_confidence(lane: Lane) -> tuple[str, str]:
     """Failure and advice for the most likely cause of a low confidence."""
     unseen = [name for name, line in (("left", lane.left), ("right", lane.right)) if not line.seen]
-    if lane.score < TRACKER.min_score:
+    if lane.score < MIN_SCORE:
         return (
-            f"hardly any paint supports the lane (score {lane.score:.2f}; "
-            f"the tracker starts from {TRACKER.min_score} on).",
+            f"hardly any paint supports the lane (score {lane.score:.2f}; the tracker starts from {MIN_SCORE} on).",
             "Check in the panels with the marking response and the stripes whether the road has lines here.",
         )
     if unseen:
@@ -207,14 +210,10 @@ def _is_the_cause(lane: Lane, *features: str) -> bool:
 class Candidate:
     """A lane that was fitted to the stripes.
 
-    `index` is its number in the fit, `model` (15,) as in `lanes.detect.road`; `support` (2,) is the share of rows
-    with paint, left and right; `reason` describes the lane, and says why it was rejected if it was.
+    `model` (15,) is as in `lanes.detect.road`; `reason` describes the lane, and says why it was rejected if it was.
     """
 
-    index: int
     model: np.ndarray
-    support: np.ndarray
-    score: float
     chosen: bool
     reason: str
 
@@ -229,28 +228,27 @@ class Explanation:
         RGB, raw.
     steps : tuple of Step
         In order of execution; only the last one may have failed.
-    evidence : FrameEvidence or None
-        Bird's-eye view, marking response and stripes; None if the camera sees no road.
-    votes : ndarray (hypotheses, bins) or None
-        Vote table of `lanes.detect.votes`; None without near stripes.
+    detection : StillDetection or None
+        What was found in the picture, and what it was found in; None if the camera sees no road.
     candidates : tuple of Candidate
         Best first.
     """
 
     image: np.ndarray
     camera: Camera
-    view: BirdsEyeView
     steps: tuple[Step, ...]
-    evidence: FrameEvidence | None = None
-    votes: np.ndarray | None = None
-    fit: LaneFit | None = None
+    detection: StillDetection | None = None
     candidates: tuple[Candidate, ...] = ()
-    lane: Lane | None = None
 
     @property
-    def tracked(self) -> TrackedLane:
-        """The lane with its confidence, as for a still."""
-        return TrackedLane.from_still(self.lane)
+    def evidence(self) -> FrameEvidence | None:
+        """Bird's-eye view, marking response and stripes; None if the camera sees no road."""
+        return self.detection.evidence if self.detection else None
+
+    @property
+    def lane(self) -> Lane | None:
+        """The lane found."""
+        return self.detection.lane if self.detection else None
 
     @property
     def failed(self) -> Step | None:
@@ -262,10 +260,14 @@ class Explanation:
         """The camera without its distortion, for drawing on the undistorted picture."""
         return replace(self.camera, distortion=np.zeros(5))
 
+    def summary(self) -> dict[str, str]:
+        """The lane in words, by name."""
+        return self.lane.summary() if self.lane else {"state": LOST}
+
     def describe(self) -> str:
         """Text of several lines: steps, result, rejected lanes, failure and advice."""
         lines = [f"{step.name:<10} {step.summary}" for step in self.steps]
-        lines += [f"{name:<10} {words}" for name, words in self.tracked.summary().items()]
+        lines += [f"{name:<10} {words}" for name, words in self.summary().items()]
         lines += self.confidence_summary()
         lines += [f"rejected   {c.reason}" for c in self.candidates if not c.chosen]
         if self.failed:
@@ -286,45 +288,54 @@ class Explanation:
         return ["confidence, as log odds:", *lines, f"  total {sum(v * w for _, v, w in parts):+.2f}"]
 
     def __repr__(self) -> str:
-        return f"Explanation({self.tracked}, failed at {self.failed.name if self.failed else 'no step'})"
+        return f"Explanation({self.lane}, failed at {self.failed.name if self.failed else 'no step'})"
 
 
-def explain_frame(image: np.ndarray, camera: Camera, *, pose_failure: str = "") -> Explanation:
-    """Detect the lane in a raw RGB picture and keep the result of every step.
+def explain(
+    image: np.ndarray, camera: Camera, *, detection: StillDetection | None = None, pose_failure: str = ""
+) -> Explanation:
+    """Every step of the lane detection in a raw RGB image, with its result in words.
 
-    The lane equals that of `lanes.detect.search.find_lane`. `pose_failure` says why the pose of `camera` is only
-    assumed; it is empty if the pose is known.
+    >>> print(lanes.explain(image, camera))  # doctest: +SKIP
+
+    Parameters
+    ----------
+    detection : StillDetection, optional
+        What was found in the image, if that is known; otherwise it is that of `lanes.stills.detect_still`.
+    pose_failure : str
+        Why the pose of `camera` is only assumed; empty if the pose is known.
 
     Raises
     ------
     PictureError
-        If the picture is not RGB or not of the camera's size.
+        If the image is not RGB or not of the camera's size.
     CameraError
         If the camera has no pose.
     """
     camera.require_size(image)
     camera.require_pose()
-    view = BirdsEyeView(camera)
     steps = describe_input(image, camera, pose_failure)
     try:
-        evidence, lane = search_still(image, view)
+        detection = detection or detect_still(image, camera)
     except CameraError as error:
         failed = Step("birdseye", "no road in the picture", str(error), RE_ESTIMATE_POSE)
-        return Explanation(image, camera, view, _up_to_failure([*steps, failed]))
+        return Explanation(image, camera, _up_to_failure([*steps, failed]))
+    evidence, lane = detection.evidence, detection.lane
     if pose_failure:
         # Later steps are meaningless without the camera pose. The evidence is kept for the figure.
-        return Explanation(image, camera, view, tuple(steps), evidence)
-    steps += [check_birdseye(evidence, view), check_markings(evidence, view), check_stripes(evidence)]
-    if not len(near_stripes(evidence.stripes)):
-        return Explanation(image, camera, view, _up_to_failure(steps), evidence)
-    votes, starts = vote_lanes(evidence.stripes, view)
-    fit = fit_starts(starts, evidence.stripes, view)
-    candidates = _candidates(fit, found=lane is not None)
-    steps += [describe_votes(starts), check_fit(candidates[0].score, candidates[0].support, seen=lane is not None)]
+        return Explanation(image, camera, tuple(steps), StillDetection(evidence))
+    steps += [check_birdseye(evidence), check_markings(evidence), check_stripes(evidence)]
+    if detection.search is None:
+        return Explanation(image, camera, _up_to_failure(steps), detection)
+    candidates = _candidates(detection.search, found=lane is not None)
+    steps += [
+        describe_votes(detection.search.starts.lanes),
+        check_fit(detection.search.fit.support[0], seen=lane is not None),
+    ]
     if lane is not None:
         # A lane was found, so an earlier failure was not decisive.
         steps = [replace(step, failure="", advice="") for step in steps] + [check_lane(lane)]
-    return Explanation(image, camera, view, _up_to_failure(steps), evidence, votes, fit, candidates, lane)
+    return Explanation(image, camera, _up_to_failure(steps), detection, candidates)
 
 
 def _up_to_failure(steps: list[Step]) -> tuple[Step, ...]:
@@ -332,30 +343,26 @@ def _up_to_failure(steps: list[Step]) -> tuple[Step, ...]:
     return tuple(steps[: failed + 1])
 
 
-def _candidates(fit: LaneFit, *, found: bool) -> tuple[Candidate, ...]:
-    """The fitted lanes with the reasons for their selection or rejection, best first, near duplicates removed."""
-    support, score = fit.support, fit.score
-    order = np.argsort(-score, kind="stable").tolist()
-    best, candidates = order[0], []
-    for n in order:
-        lane = fit.lane[n]
-        if n != best and np.abs(lane - fit.lane[best])[[CENTRE, WIDTH]].max() <= RIVAL_M:
-            continue
-        paint = f"paint {support[n, 0]:.0%} left, {support[n, 1]:.0%} right"
-        verdict = f"{paint}, score {score[n]:.2f}"
-        if n != best:
-            why = _why_rejected(lane, support[n], support[best])
-            verdict = f"{why} ({paint}), score {score[n]:.2f} against {score[best]:.2f}"
-        side = "left" if lane[CENTRE] > 0 else "right"
-        reason = f"{lane[WIDTH]:.1f} m wide, centre {abs(lane[CENTRE]):.1f} m {side}: {verdict}"
-        candidates.append(Candidate(n, lane, support[n], float(score[n]), found and n == best, reason))
+def _candidates(search: Search, *, found: bool) -> tuple[Candidate, ...]:
+    """The fitted lane, and the other start hypotheses after their fit to the near stripes, with what they lack."""
+    fit, near = search.fit, search.starts
+    chosen = fit.lanes[0]
+    candidates = [Candidate(chosen, found, f"{_describe_place(chosen)}: {_describe_paint(fit.support[0])}")]
+    share = near.marked_rows / max(int((fit.view.x_m < FIT.start[-1][0]).sum()), 1)
+    for lane, paint in zip(near.lanes, share, strict=True):
+        if np.abs(lane - chosen)[[CENTRE, WIDTH]].max() > OTHER_LANE_M:
+            why = "less paint near the car" if is_ego_lane(lane[None])[0] else "not the ego lane"
+            candidates.append(Candidate(lane, False, f"{_describe_place(lane)}: {why} ({_describe_paint(paint)})"))
     return tuple(candidates)
 
 
-def _why_rejected(lane: np.ndarray, support: np.ndarray, best_support: np.ndarray) -> str:
-    if not is_ego_lane(lane[None])[0]:
-        return "not the ego lane"
-    return "less paint" if np.sqrt(support).sum() < np.sqrt(best_support).sum() else "larger prior penalty"
+def _describe_place(lane: np.ndarray) -> str:
+    side = "left" if lane[CENTRE] > 0 else "right"
+    return f"{lane[WIDTH]:.1f} m wide, centre {abs(lane[CENTRE]):.1f} m {side}"
+
+
+def _describe_paint(support: np.ndarray) -> str:
+    return f"paint on {support[0]:.0%} left, {support[1]:.0%} right"
 
 
 def stripes_on_lines(explanation: Explanation) -> np.ndarray:
@@ -363,6 +370,7 @@ def stripes_on_lines(explanation: Explanation) -> np.ndarray:
 
     Stripes on the far lines of adjacent lanes are 0, although they take part in the fit.
     """
-    if explanation.lane is None or explanation.fit is None:
+    detection = explanation.detection
+    if detection is None or detection.lane is None or detection.search is None:
         return np.zeros(len(explanation.evidence.stripes) if explanation.evidence else 0)
-    return SIDES @ explanation.fit.members[explanation.candidates[0].index]
+    return SIDES @ detection.search.fit.members[0]
