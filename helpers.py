@@ -99,7 +99,7 @@ from lanes.figures import show_explanation
 
 # 14 How wrong
 from benchmark.evaluation import score_video
-from benchmark.reporting.consistency_table import consistency_table
+from benchmark.consistency import consistency_table
 from benchmark.reporting.tables import results_table
 
 # 15 Own finder

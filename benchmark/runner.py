@@ -17,9 +17,8 @@ from benchmark.errors import frame_errors
 from benchmark.estimates import AHEAD_M, read_estimates, write_estimates
 from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_system
 from benchmark.machine import describe_machine
-from benchmark.result import Result
-from benchmark.scored_drive import BenchmarkDrive
-from benchmark.suite_drives import ensure_video
+from benchmark.scored_drive import BenchmarkDrive, ensure_video
+from benchmark.scores import Result
 from benchmark.systems import require_system, source_files
 from lanes import images as frames
 from lanes.camera import camera_to_dict

@@ -31,8 +31,7 @@ from benchmark.bootstrap import mean_interval
 from benchmark.errors import LaneTruth, frame_errors
 from benchmark.estimates import AHEAD_M, DriveEstimates
 from benchmark.evaluation import read_truth
-from benchmark.scored_drive import BenchmarkDrive, drive_from_video
-from benchmark.suite_drives import choose_drives
+from benchmark.scored_drive import BenchmarkDrive, choose_drives, drive_from_video
 from benchmark.systems import tracker_estimate
 from lanes.camera import Camera, load_camera
 from lanes.detect.confidence import CONFIDENCE, CORRECT_WITHIN_M, FEATURES, lane_features

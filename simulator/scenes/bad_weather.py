@@ -6,33 +6,29 @@ from dataclasses import replace
 
 import numpy as np
 
-from simulator.light.exposure import AutoExposure
 from simulator.light.glare import Glare
-from simulator.light.lens import Lens
+from simulator.light.lens import AutoExposure, Lens
 from simulator.light.sunlight import TreeShade, WoodShade
 from simulator.objects.overpass import Overpass
-from simulator.objects.placement import PlacedObject, PlacedWall
-from simulator.objects.scene_objects import Car, Post
-from simulator.rendering.drive import Drive, Motion
+from simulator.objects.scene_objects import Car, PlacedObject, PlacedWall, Post
+from simulator.rendering.drive import Drive, Motion, SuiteScene
 from simulator.road.geometry import RoadGeometry
-from simulator.road.painted_lines import WHITE, YELLOW, Marking
+from simulator.road.markings import WHITE, YELLOW, Marking
 from simulator.road.surface import Seam, Surface, Zone
 from simulator.scenes.dashcam import DASHCAM
 from simulator.scenes.freeway import (
-    EGO_LINES_M,
     LANE_WIDTH_M,
     car,
     daylight,
+    freeway_drive,
     freeway_markings,
     freeway_surface,
     oncoming_cars,
     plant_trees,
 )
-from simulator.scenes.scene import SuiteScene
 from simulator.weather.fog import Fog
 from simulator.weather.night import Night
-from simulator.weather.rain import Rain
-from simulator.weather.wet import Wet
+from simulator.weather.rain import Rain, Wet
 
 OPPOSITE_EDGE_M = 17.0
 
@@ -51,10 +47,8 @@ def plain_motorway(seed: int, *zones: Zone, seams: tuple[Seam, ...] = (), wear: 
         *plant_trees(seed + 2, "oak plane", s_m=(10, 560), d_m=(-40, -21), height_m=(4, 10), every_m=15),
         *plant_trees(seed + 3, "plane oak", s_m=(30, 560), d_m=(34, 50), height_m=(6, 11), every_m=20),
     )
-    return Drive(
-        camera=DASHCAM,
+    return freeway_drive(
         road=RoadGeometry([0.0, 55.0, 120.0, 300.0, 360.0], [1 / 520, 1 / 520, -1 / 430, -1 / 430, 0.0]),
-        line_laterals_m=EGO_LINES_M,
         markings=freeway_markings(phase_m=3.0, wear=wear, opposite_m=OPPOSITE_EDGE_M),
         surface=freeway_surface(*(zones or (Zone(-100.0, "asphalt"),)), seams=seams, opposite_m=OPPOSITE_EDGE_M),
         motion=Motion(0.0, 27.0, offset_m=0.12, wander_m=0.2, wander_period_s=6.0, pitch_rad=float(np.radians(0.2))),

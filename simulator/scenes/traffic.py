@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from simulator.objects.placement import PlacedObject
-from simulator.objects.scene_objects import Car
-from simulator.rendering.drive import Drive
+from simulator.objects.scene_objects import Car, PlacedObject
+from simulator.rendering.drive import Drive, SuiteScene
 from simulator.scenes.bad_weather import country_road_drive, plain_motorway
 from simulator.scenes.freeway import LANE_WIDTH_M
-from simulator.scenes.scene import SuiteScene
 
 
 def _with(drive: Drive, *others: PlacedObject) -> Drive:

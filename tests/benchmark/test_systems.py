@@ -91,11 +91,6 @@ def test_estimates_of_a_recipe_have_the_signs_of_the_conventions():
     assert estimate.confidence is None
 
 
-def test_one_line_is_no_lane():
-    estimate = recipe_estimate(LaneResult(None, None, RoadLine(1.6, 0, 0), None, "lost", None))
-    assert (estimate.lines_m, estimate.offset_m, estimate.curvature_per_m) == (None, None, None)
-
-
 def test_unknown_systems_are_refused():
     for start in (lambda: start_system("yolo", SMALL, 25.0), lambda: column_detector("yolo", SMALL)):
         with pytest.raises(ValueError, match="there is no system 'yolo'; the systems are hls_sobel"):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from benchmark.suite_drives import list_drives
+from benchmark.scored_drive import list_drives
 from lanes.camera import Camera, load_camera
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.lane import Lane

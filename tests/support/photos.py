@@ -15,7 +15,7 @@ from lanes.errors import PoseError
 from lanes.field_of_view import DEFAULT_HFOV_DEG
 from lanes.pose import estimate_pose
 from simulator.rendering.render import Frame, render_frame
-from simulator.road.profile import FLAT
+from simulator.road.geometry import FLAT
 from simulator.scenes.suite import SUITE
 
 SIZES = ((640, 360), (960, 540), (640, 480), (854, 480))

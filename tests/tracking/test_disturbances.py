@@ -11,7 +11,7 @@ import pytest
 from benchmark.errors import FrameErrors, LaneTruth, frame_errors
 from benchmark.estimates import AHEAD_M, DriveEstimates
 from benchmark.evaluation import read_truth
-from benchmark.suite_drives import list_drives
+from benchmark.scored_drive import list_drives
 from benchmark.systems import tracker_estimate
 from lanes.camera import Camera, load_camera
 from lanes.detect.birdseye import BirdsEyeView
