@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmark.scored_drive import PROJECT_ROOT
 from lanes.camera import Camera, load_camera
-from lanes.explain import explain_frame
+from lanes.explain import explain
 from lanes.figures import save_figure, show_explanation
 from lanes.images import read_image
 from lanes.video.reader import read_frames
@@ -46,7 +46,7 @@ def main() -> None:
     pictures = {name: read_still(*still) for name, still in STILLS.items()}
     pictures |= {name: read_frame(*frame) for name, frame in SCENES.items()}
     for name, (image, camera) in pictures.items():
-        explanation = explain_frame(image, camera)
+        explanation = explain(image, camera)
         figure, _ = show_explanation(explanation)
         print(save_figure(figure, PROJECT_ROOT / "docs" / "pictures" / f"explained_{name}.jpg"))
         print(explanation.describe(), end="\n\n")
