@@ -50,9 +50,9 @@ class NormalizedErrors:
     @classmethod
     def joined(cls, drives: Sequence[NormalizedErrors]) -> NormalizedErrors:
         """The frames of all drives."""
-        arrays = [np.concatenate([getattr(drive, name) for drive in drives]) for name in ("z", "lines_z", "nees")]
-        counts = [sum(getattr(d, name) for d in drives) for name in ("lane_change_frames", "other_lane_frames")]
-        return cls(*arrays, *counts)
+        z, lines_z, nees = (np.concatenate([getattr(drive, k) for drive in drives]) for k in ("z", "lines_z", "nees"))
+        changes, others = (sum(getattr(d, f"{k}_frames") for d in drives) for k in ("lane_change", "other_lane"))
+        return cls(z, lines_z, nees, changes, others)
 
     def of(self, quantity: str) -> np.ndarray:
         """The finite z of one of `QUANTITIES`; those of both lines for a lateral position."""
