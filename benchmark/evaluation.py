@@ -18,7 +18,7 @@ from benchmark.systems import require_system, start_system
 from lanes.camera import Camera, load_camera
 from lanes.errors import PoseError
 from lanes.files import read_telemetry
-from lanes.pose import pose_from_drive
+from lanes.pose import estimate_pose
 from lanes.video.reader import inspect_video, read_frames
 
 
@@ -38,7 +38,7 @@ def prepare_drive(drive: BenchmarkDrive, *, estimated_pose: bool = False) -> Pre
     if not estimated_pose:
         return PreparedDrive(drive, camera, "true")
     try:
-        camera, _ = pose_from_drive(replace(camera, pose=None), [video])
+        camera = estimate_pose(video, camera).camera
     except PoseError:
         return PreparedDrive(drive, None, "not found")
     return PreparedDrive(drive, camera, "estimated")

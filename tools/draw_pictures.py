@@ -21,7 +21,7 @@ from PIL import Image
 
 from benchmark.scored_drive import PROJECT_ROOT
 from lanes.camera import Camera, load_camera
-from lanes.explain import explain_frame
+from lanes.explain import explain
 from lanes.figures import save_figure, show_explanation
 from lanes.files import write_atomically
 from lanes.images import read_image
@@ -73,7 +73,7 @@ def main() -> None:
     images = {name: read_still(*still) for name, still in STILLS.items()}
     images |= {name: read_frame(*frame) for name, frame in SCENES.items()}
     for name, (image, camera) in images.items():
-        explanation = explain_frame(image, camera)
+        explanation = explain(image, camera)
         figure, _ = show_explanation(explanation)
         print(save_figure(figure, PICTURES / f"explained_{name}.jpg"))
         print(explanation.describe(), end="\n\n")

@@ -14,13 +14,12 @@ from benchmark.labels.tusimple import LaneColumns, LineScore, picture_is_right, 
 from benchmark.reporting.tables import format_table
 from benchmark.systems import DETECTOR, TRACKER, column_detector
 from lanes.camera import Camera
-from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.lane import Lane
 from lanes.detect.road import lines_on_view, parameter_gradients, propagated_std
-from lanes.detect.search import find_lane
 from lanes.images import read_image
-from lanes.pose import PoseEstimate, pose_from_drive
+from lanes.pose import PoseEstimate, ensure_pose
+from lanes.stills import find_lane
 from lanes.track.tracker import TrackedLane
 
 COLUMNS = ("lines", "accuracy", "matched", "FP", "FN", "median error")
@@ -96,9 +95,9 @@ def score_folder(
     """Scores and checks on the labelled pictures of one camera, whose pose is estimated from them if it has none.
 
     `progress`, called with the name of a part of the work, returns its callback (done, total). Errors are those of
-    `pose_from_drive` and `score_pictures`.
+    `ensure_pose` and `score_pictures`.
     """
-    camera, estimate = pose_from_drive(lens, files, progress=progress("pose"))
+    camera, estimate = ensure_pose(lens, files, progress=progress("pose"))
     scores = score_pictures(labels, map(read_image, files), camera, systems, progress=progress("stills"))
     detects = not {TRACKER, DETECTOR}.isdisjoint(systems)
     checks = check_stills(labels, map(read_image, files), camera) if detects else []
@@ -145,9 +144,9 @@ def check_stills(
     camera: Camera,
 ) -> list[StillCheck]:
     """Checks of the lanes that are detected in labelled pictures, each processed independently."""
-    view, checks = BirdsEyeView(camera), []
+    checks = []
     for label, image in zip(labels, pictures, strict=True):
-        lane = find_lane(image, view)
+        lane = find_lane(image, camera)
         if lane is not None:
             checks.append(check_lane(lane, label, camera))
     return checks

@@ -12,9 +12,8 @@ from benchmark.estimates import AHEAD_M, ALONG_M, DriveEstimates, LaneEstimate
 from benchmark.systems import SYSTEMS, column_detector, recipe_estimate, start_system
 from classic.result import LaneResult, RoadLine
 from lanes.camera import Camera
-from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.road import CENTRE, HEADING
-from lanes.detect.search import find_lane
+from lanes.stills import find_lane
 from simulator.rendering.drive import Motion
 from simulator.road.truth import truth_row
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
@@ -64,7 +63,7 @@ def test_stills_give_columns_of_the_raw_picture(system):
 
 
 def test_stated_uncertainties_are_those_of_the_lane():
-    lane = find_lane(DRIVE.frame(0.0), BirdsEyeView(SMALL))
+    lane = find_lane(DRIVE.frame(0.0), SMALL)
     estimate = estimator("detector")(DRIVE.frame(0.0))
     stds = lane.offset_std_m, lane.heading_std_rad, lane.curvature_std_per_m, lane.width_std_m
     assert np.sqrt(np.diag(estimate.covariance)) == pytest.approx(stds)
