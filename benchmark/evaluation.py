@@ -68,14 +68,8 @@ def score_video(
     """Score a system of `SYSTEMS`, or a finder of one's own, on a video: a row of the benchmark's table.
 
     Each `every`-th frame up to the time `end_s` counts; a system with a memory needs every frame. The truth (.csv) and
-    the camera with pose (.yaml) are next to the video. `name` is the name of an own finder in the row.
-
-    Raises
-    ------
-    ValueError
-        If the system is unknown, or video and truth do not belong together.
-    OSError
-        If a file cannot be read.
+    the camera with pose (.yaml) are next to the video. `name` is the name of an own finder in the row. Raises
+    ValueError if the system is unknown, or video and truth do not belong together.
     """
     if not callable(system):
         require_system(system)

@@ -162,17 +162,7 @@ def cast_on_relief(
     Ground at distance x and height h is visible if the slope (h - height_m) / x exceeds that of all nearer ground in
     the same direction. The inverse of the running maximum of this slope gives the range of each ray; two steps of
     Newton's method refine it. `rays` (height, width, 3) are directions in the car's road frame, `height_m` is that of
-    the camera above the road below it.
-
-    Returns
-    -------
-    top : int
-        First row with visible ground.
-    visible : ndarray of shape (height - top, width), bool
-    x, y : ndarrays of that shape, float32
-        Metres ahead and to the left; MAX_GROUND_M ahead where no ground is visible.
-    s, d : ndarrays of that shape, float32
-        Road coordinates of these points, as from `RoadAhead.locate`.
+    the camera above the road below it. Returns the fields of `Ground` top, visible, x, y, s and d.
     """
     inverse = _inverse_distance_table(height_m, road)
     sky = _count_sky_rows(rays, inverse)
