@@ -13,7 +13,7 @@ from lanes.console import run_command, run_program
 COMMANDS = {
     "calibrate": "calibrate the lens from pictures of a chessboard",
     "pose": "estimate the camera pose (height, pitch, yaw, roll) from pictures of a drive",
-    "annotate": "draw the lane on videos, stills or a live camera; write telemetry and a report",
+    "annotate": "draw the lane on videos and stills; write telemetry and a report",
     "detect": "write the lines of the ego lane in stills and videos as TuSimple JSON lines",
     "explain": "plot every step of the lane detection in one picture, and which step failed",
 }

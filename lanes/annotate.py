@@ -23,7 +23,7 @@ from lanes.field_of_view import FieldOfView, find_field_of_view
 from lanes.files import exclusive_writer, read_telemetry, write_telemetry
 from lanes.images import PICTURE_SUFFIXES, list_pictures, opencv_threads, read_image, write_image
 from lanes.pose import PoseEstimate, describe_accuracy, pose_from_drive
-from lanes.report.moments import seconds_lost, share_tracked
+from lanes.report.moments import frame_lengths_s, seconds_lost, share_tracked
 from lanes.report.page import write_report
 from lanes.sources import require_distinct_outputs
 from lanes.track.pose_change import PoseChange, describe_wrong_yaw, find_pose_change, find_wrong_yaw
@@ -121,6 +121,8 @@ class DriveResult:
         Time with state "lost".
     frames_per_s : float
         Frames annotated per second, including reading and writing, without the camera pose estimate.
+    length_s : float
+        Duration of the annotated part.
     pose_change : PoseChange or None
         The moment at which the camera seems to have moved, if there is one.
     wrong_yaw_rad : float or None
@@ -141,6 +143,7 @@ class DriveResult:
     tracked_share: float
     lost_s: float
     frames_per_s: float
+    length_s: float = 0.0
     pose_change: PoseChange | None = None
     wrong_yaw_rad: float | None = None
     missing: int = 0
@@ -458,6 +461,7 @@ def conclude_drive(
         tracked_share=share_tracked(columns),
         lost_s=seconds_lost(columns),
         frames_per_s=frames / elapsed_s,
+        length_s=float(frame_lengths_s(columns["time_s"]).sum()),
         pose_change=find_pose_change(columns),
         wrong_yaw_rad=find_wrong_yaw(columns),
         missing=missing,

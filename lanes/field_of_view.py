@@ -1,4 +1,4 @@
-"""Horizontal field of view of an uncalibrated camera: from EXIF, from broken lines of known period, or assumed.
+"""Horizontal field of view of an uncalibrated camera: from EXIF, or assumed.
 
 The effect of an error was measured (docs/own_camera.md). Offset, lane width and camera height do not depend on the
 field of view, because the lane width determines them. Distances ahead are proportional to the focal length, and
@@ -42,7 +42,7 @@ class FieldOfView:
             return text
         return (
             f"{text}. Offset and lane width do not depend on it, but distances and curvature do: if the true value is "
-            "50 (70) deg, the curvature is 1.5 times too strong (too weak). Give --hfov, --dash-period or --boards."
+            "50 (70) deg, the curvature is 1.5 times too strong (too weak). Give --hfov or --boards."
         )
 
 

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lanes.cli.arguments import add_lens, add_output, add_piece, find_field, given_camera, require_piece
-from lanes.console import bounded_float, error_status, positive_int
+from lanes.console import error_status, positive_int
 
 if TYPE_CHECKING:
     from lanes.annotate import DriveResult, DriveSettings, StillsResult
@@ -67,22 +67,6 @@ def _add_many_drives(parser: argparse.ArgumentParser) -> None:
         "--workers", type=positive_int, metavar="N", help="number of processes on this machine, with one thread each"
     )
     where.add_argument("--scheduler", metavar="ADDRESS", help="address of a Dask scheduler, like tcp://10.0.0.1:8786")
-    many.add_argument(
-        "--piece",
-        type=bounded_float(10),
-        default=300.0,
-        metavar="S",
-        help="cut drives longer than 1.5 S into pieces of about S seconds, annotate these in parallel, and join them "
-        "(default: %(default)g)",
-    )
-    many.add_argument(
-        "--retries",
-        type=int,
-        choices=range(11),
-        default=2,
-        metavar="N",
-        help="number of retries, up to 10, after a worker died or a disk failed (default: %(default)s)",
-    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -119,13 +103,14 @@ def annotate_on_dask(
     videos: Sequence[Path], settings: DriveSettings, options: argparse.Namespace
 ) -> tuple[int, list[Exception]]:
     """Annotate videos with Dask; returns the number of finished videos, and the errors of the others."""
-    from lanes.many import ClusterSettings, annotate_many
+    from lanes.many import annotate_many
 
-    cluster = ClusterSettings(
-        scheduler=options.scheduler, workers=options.workers, piece_s=options.piece, retries=options.retries
-    )
     finished, failures = annotate_many(
-        videos, settings, cluster, log=lambda text: None if options.quiet else print(text, flush=True)
+        videos,
+        settings,
+        workers=options.workers,
+        scheduler=options.scheduler,
+        log=lambda text: None if options.quiet else print(text, flush=True),
     )
     return len(finished), failures
 

@@ -24,7 +24,7 @@ def add_footage(parser: argparse.ArgumentParser, *, files: str) -> None:
 
 
 def add_lens(parser: argparse._ActionsContainer) -> None:
-    """Add the options for the lens: one of --camera, --hfov, --boards, --dash-period, or none; see `find_lens`."""
+    """Add the options for the lens: one of --camera, --hfov, --boards, or none; see `find_lens`."""
     lens = parser.add_mutually_exclusive_group()
     lens.add_argument("--camera", type=Path, metavar="YAML", help="camera file written by `calibrate` or `pose`")
     lens.add_argument(
@@ -39,13 +39,6 @@ def add_lens(parser: argparse._ActionsContainer) -> None:
         type=Path,
         metavar="FOLDER",
         help="calibrate the lens from pictures of a chessboard with 9 x 6 inner corners",
-    )
-    lens.add_argument(
-        "--dash-period",
-        type=bounded_float(3, 30),
-        metavar="M",
-        help="estimate the field of view from broken lines with this length of one dash and one gap, metres "
-        "(motorways in the USA 12.19, in Germany and Austria 18)",
     )
 
 
@@ -105,16 +98,11 @@ def find_field(
     `each` are stills of different cameras. If the EXIF entries of each name its field of view, and there are no other
     files, nothing is printed.
     """
-    from lanes.dash_period import field_of_view_from_dashes
     from lanes.field_of_view import FieldOfView, find_field_of_view
 
     if options.hfov is not None:
         return FieldOfView(options.hfov, "as given")
-    if options.dash_period is None:
-        found = find_field_of_view(files)
-    else:
-        start_s, end_s = getattr(options, "start", 0.0), getattr(options, "end", None)
-        found = field_of_view_from_dashes(files, options.dash_period, start_s=start_s, end_s=end_s)
+    found = find_field_of_view(files)
     if each and not files and found.assumed and not any(find_field_of_view([still]).assumed for still in each):
         return found
     print(f"{'warning: ' if found.assumed else ''}{found.describe()}", file=sys.stderr)

@@ -229,7 +229,6 @@ MISUSE = {
     "starts after the end": (2, "lasts 1.2 s; begin before", [*ANNOTATE, "{drive}/drive.mp4", "--start", "50"]),
     "unknown style": (2, "invalid choice: 'neon'", [*ANNOTATE, "{drive}/drive.mp4", "--style", "neon"]),
     "unknown option": (2, "--colour", [*ANNOTATE, "{drive}/drive.mp4", "--colour", "red"]),
-    "no such live camera": (2, "camera 83: cannot be opened", [*ANNOTATE, "83"]),
     "over its own input": (2, "one of the inputs", [*ANNOTATE, "{drive}/drive.mp4", "-o", "{drive}"]),
     "pose over its own input": (
         2,

@@ -1,0 +1,401 @@
+"""Many drives on Dask: the results of a serial run, once each, also after workers died, errors or a stop."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import re
+import shutil
+import signal
+import socket
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, nullcontext, suppress
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+
+from lanes import many
+from lanes.annotate import DriveSettings, annotate_drive
+from lanes.field_of_view import FieldOfView
+from lanes.files import read_telemetry
+from lanes.many import annotate_many
+from lanes.video.reader import inspect_video
+from simulator.rendering.drive import Motion
+from tests.support.clips import write_clip, write_drive
+from tests.support.command_line import popen, process, start
+from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
+from tests.support.project import ROOT
+
+distributed = pytest.importorskip(
+    "distributed", reason="Dask is not installed: pip install -r requirements-cluster.txt"
+)
+
+# x264 makes the same bytes each time only of widths that are multiples of 256 (tests/io/video/conftest.py).
+SMALL = CAMERA.scaled((768, 432))
+DRIVES, FRAMES = 5, 20
+
+
+@pytest.fixture(scope="module")
+def drives(tmp_path_factory) -> Path:
+    """Different short drives and their camera."""
+    folder = tmp_path_factory.mktemp("drives")
+    for number in range(DRIVES):
+        road = PaintedDrive(s_bend(), lane_lines(), motion=Motion(50.0 * number, 25.0, offset_m=0.3), camera=SMALL)
+        write_drive(folder / f"drive{number}.mp4", road, FRAMES)
+    return folder
+
+
+def videos_in(folder: Path) -> list[Path]:
+    return sorted(folder.glob("*.mp4"))
+
+
+def settings_for(output: Path, **changes: object) -> DriveSettings:
+    return DriveSettings(output=output, camera=SMALL, progress=False, **changes)
+
+
+def leftovers(output: Path) -> list[str]:
+    return [path.name for path in output.rglob("*.partial.*")]
+
+
+def finished_in(output: Path) -> list[Path]:
+    """Videos whose manifest is written; a killed worker may leave a part of one."""
+    manifests = (path for path in output.glob("*.json") if ".partial." not in path.name)
+    return [path.with_suffix(".mp4") for path in manifests]
+
+
+def check_whole(output: Path, videos: list[Path]) -> None:
+    """Check that each drive is there once, with all its frames once and in order, and nothing else."""
+    assert [path.name for path in videos_in(output)] == [video.name for video in videos]
+    for video in videos:
+        table = read_telemetry(output / f"{video.stem}.csv")
+        np.testing.assert_array_equal(table["frame"], np.arange(FRAMES))
+        assert inspect_video(output / video.name).frames == FRAMES
+    finished = [row["drive"] for row in summary(output) if row["state"] == "finished"]
+    assert sorted(finished) == [video.stem for video in videos]
+    assert leftovers(output) == []
+
+
+def summary(output: Path) -> list[dict[str, str]]:
+    """The rows of the table of all drives."""
+    with (output / "summary" / "drives.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def wait_for(condition: Callable[[], object], seconds: float = 180) -> None:
+    end_s = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end_s, "waited too long"
+        time.sleep(0.01)
+
+
+# --- two processes on this machine
+
+
+@pytest.mark.slow
+def test_results_equal_those_of_a_serial_run_although_a_worker_is_killed(drives, tmp_path):
+    videos, killed = videos_in(drives), []
+
+    def busy_workers() -> Iterator[psutil.Process]:
+        for child in psutil.Process().children(recursive=True):
+            with suppress(psutil.Error):
+                if any(file.path.startswith(f"{tmp_path}/many/drive") for file in child.open_files()):
+                    yield child
+
+    def kill_one(message: str) -> None:
+        if "frames/s" in message and not killed:
+            wait_for(lambda: any(busy_workers()))
+            killed.append(next(busy_workers()))
+            killed[0].kill()
+
+    finished, failures = annotate_many(videos, settings_for(tmp_path / "many"), workers=2, log=kill_one)
+    assert killed and failures == [] and [drive.frames for drive in finished] == [FRAMES] * DRIVES
+    check_whole(tmp_path / "many", videos)
+    for video in videos[::2]:
+        annotate_drive(video, settings_for(tmp_path / "serial", overlapped=False))
+        assert (tmp_path / "many" / video.name).read_bytes() == (tmp_path / "serial" / video.name).read_bytes()
+        tables = [read_telemetry(tmp_path / name / f"{video.stem}.csv") for name in ("many", "serial")]
+        assert list(tables[0]) == list(tables[1])
+        for name in set(tables[0]) - {"latency_ms"}:
+            np.testing.assert_array_equal(tables[0][name], tables[1][name], err_msg=f"{video}: {name}")
+
+
+# --- one thread of this process
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[distributed.Client]:
+    """A worker thread of this process: quick to start, and open to monkeypatch."""
+    with distributed.Client(processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None) as client:
+        yield client
+
+
+@pytest.fixture
+def in_this_process(client, monkeypatch) -> None:
+    monkeypatch.setattr(many, "connect", lambda *_: nullcontext(client))
+
+
+def test_failed_drives_do_not_stop_the_others(drives, tmp_path, in_this_process, monkeypatch):
+    """The next run annotates only the unfinished drives; the last one does not even start Dask."""
+    videos = [*videos_in(drives)[:2], tmp_path / "empty.mp4", tmp_path / "text.mp4"]
+    videos[2].touch()
+    videos[3].write_text("no video")
+    output, messages = tmp_path / "out", []
+    finished, failures = annotate_many(videos, settings_for(output), log=messages.append)
+    assert len(finished) == 2 and [str(error) for error in failures] == [
+        f"{videos[2]}: the file is empty; copy it again from its source.",
+        f"{videos[3]}: cannot be read as a video (Invalid data found when processing input): it is not a video, "
+        "a playlist, or cut off; copy it again, or convert it to mp4.",
+    ]
+    assert "1 workers; dashboard: " in messages[0] and messages[-1].startswith("2 drives finished, 2 failed; 0 of 4 ")
+    rows = summary(output)
+    assert [(row["drive"], row["state"]) for row in rows[:2]] == [("empty", "failed"), ("text", "failed")]
+    assert rows[0]["reason"] == str(failures[0])
+    before = {path: path.stat().st_mtime_ns for path in output.iterdir() if path.is_file()}
+    for video in videos[2:]:
+        video.write_bytes(videos[0].read_bytes())
+    finished, failures = annotate_many(videos, settings_for(output), log=messages.append)
+    assert (len(finished), failures) == (4, []) and "2 of 4 drives were finished before" in messages[-1]
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+    check_whole(output, videos)
+    monkeypatch.setattr(many, "connect", lambda *_: pytest.fail("started"))
+    finished, failures = annotate_many(videos, settings_for(output), log=messages.append)
+    assert (len(finished), failures) == (4, [])
+
+
+def test_the_worst_drive_is_first_in_the_table(drives, tmp_path, in_this_process):
+    grey = write_clip(tmp_path / "a grey=road.mp4", [np.full((432, 768, 3), 128, np.uint8)] * 5)
+    annotate_many([videos_in(drives)[0], grey], settings_for(tmp_path / "out"))
+    worst, best = summary(tmp_path / "out")
+    assert (worst["drive"], best["drive"], worst["source"]) == ("a grey=road", "drive0", str(grey))
+    measures = ("tracked_share", "lost_s", "frames", "missing", "length_s")
+    assert [float(worst[name]) for name in measures] == pytest.approx([0, 0.2, 5, 0, 0.2])
+    assert [float(best[name]) for name in measures] == pytest.approx([0.9, 0, FRAMES, 0, FRAMES / 25], abs=0.11)
+
+
+@pytest.fixture(scope="module")
+def finished_drive(tmp_path_factory, client) -> Path:
+    """A folder with a video, and in `out` its outputs."""
+    folder = tmp_path_factory.mktemp("finished")
+    road = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3), camera=SMALL)
+    write_drive(folder / "drive.mp4", road, 6)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(many, "connect", lambda *_: nullcontext(client))
+        annotate_many([folder / "drive.mp4"], settings_for(folder / "out"))
+    return folder
+
+
+def annotated_again(folder: Path, **changes: object) -> bool:
+    """Whether a run with other settings annotates the drive in `folder`."""
+    written = folder / "out" / "drive.csv"
+    before = written.stat().st_mtime_ns
+    finished, failures = annotate_many([folder / "drive.mp4"], replace(settings_for(folder / "out"), **changes))
+    assert len(finished) == 1 and failures == []
+    return written.stat().st_mtime_ns != before
+
+
+def other_version(path: Path) -> None:
+    content = json.loads(path.read_text())
+    content["fingerprint"]["versions"]["OpenCV"] = "4.0"
+    path.write_text(json.dumps(content))
+
+
+CHANGES = {
+    "input grown": lambda folder: (folder / "drive.mp4").write_bytes((folder / "drive.mp4").read_bytes() + b"x"),
+    "input touched": lambda folder: os.utime(folder / "drive.mp4", ns=(0, 10**18)),
+    "output removed": lambda folder: (folder / "out" / "drive.html").unlink(),
+    "output cut": lambda folder: os.truncate(folder / "out" / "drive.mp4", 100),
+    "no manifest": lambda folder: (folder / "out" / "drive.json").unlink(),
+    "other version": lambda folder: other_version(folder / "out" / "drive.json"),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_changed_drive_is_annotated_again(change, finished_drive, tmp_path, in_this_process):
+    folder = shutil.copytree(finished_drive, tmp_path / "drive")
+    assert annotated_again(folder), "the path is part of the input"
+    assert not annotated_again(folder, progress=True)
+    CHANGES[change](folder)
+    assert annotated_again(folder)
+    assert not annotated_again(folder)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"style": "lines"},
+        {"start_s": 0.04},
+        {"end_s": 0.2},
+        {"report": False},
+        {"camera": SMALL.with_pose(replace(SMALL.pose, height_m=1.4))},
+        {"camera": None, "field": FieldOfView(60.0, "as given")},
+    ],
+    ids=lambda changes: "-".join(changes),
+)
+def test_other_settings_annotate_the_drive_again(changes, finished_drive, in_this_process):
+    assert annotated_again(finished_drive, **changes)
+    assert not annotated_again(finished_drive, **changes)
+    assert annotated_again(finished_drive)
+
+
+def test_invalid_manifests_count_as_none(finished_drive, in_this_process):
+    """Anyone with write access to the output folder may have written the manifest."""
+    path = finished_drive / "out" / "drive.json"
+    annotated_again(finished_drive)
+    good = json.loads(path.read_text())
+    entries = [{"outputs": []}, {"outputs": {"/etc/passwd": 1}}, {"frames": "many"}, {"fingerprint": 3}, {"more": 1}]
+    for text in ["", "7", '{"outputs": [1, 2', "[" * 99_999, *(json.dumps(good | entry) for entry in entries)]:
+        path.write_text(text)
+        assert annotated_again(finished_drive), text[:99]
+    path.unlink()
+    os.mkfifo(path)
+    finished, failures = annotate_many([finished_drive / "drive.mp4"], settings_for(finished_drive / "out"))
+    assert finished == [] and "drive.json: cannot be written (it is a pipe" in str(failures[0])
+    path.unlink()
+
+
+@pytest.mark.parametrize("faults", [many.RETRIES, many.RETRIES + 1])
+def test_disk_errors_are_retried_a_limited_number_of_times(faults, drives, tmp_path, in_this_process, monkeypatch):
+    attempts: list[Path] = []
+
+    def fail(video: Path, settings: DriveSettings):
+        attempts.append(video)
+        if len(attempts) <= faults:
+            raise OSError(28, "No space left on device")
+        return annotate_drive(video, settings)
+
+    monkeypatch.setattr(many, "annotate_drive", fail)
+    video = videos_in(drives)[0]
+    finished, failures = annotate_many([video], settings_for(tmp_path))
+    assert len(attempts) == many.RETRIES + 1 and len(finished) + len(failures) == 1
+    assert bool(failures) == (faults > many.RETRIES)
+    assert not failures or f"{video}: " in str(failures[0]) and "No space left" in str(failures[0])
+
+
+def test_bug_is_reported_and_does_not_stop_the_others(drives, tmp_path, in_this_process, monkeypatch):
+    videos = videos_in(drives)[:2]
+    monkeypatch.setattr(many, "annotate_drive", lambda v, s: annotate_drive(v, s) if v == videos[1] else 1 / 0)
+    finished, failures = annotate_many(videos, settings_for(tmp_path))
+    assert [str(error) for error in failures] == [f"{videos[0]}: ZeroDivisionError: division by zero"]
+    assert [drive.fingerprint["source"] for drive in finished] == [str(videos[1])]
+
+
+def test_a_worker_with_other_versions_or_another_disk_is_reported(drives, tmp_path, in_this_process, monkeypatch):
+    video, versions = videos_in(drives)[0], many.all_versions()
+    answers = iter([versions, versions | {"OpenCV": "4.0.0"}])
+    with monkeypatch.context() as patch:
+        patch.setattr(many, "all_versions", lambda: next(answers))
+        _, (failure,) = annotate_many([video], settings_for(tmp_path))
+    assert re.search(r"drive0\.mp4: the worker on \S+ has OpenCV 4\.0\.0, so that its results would diff", str(failure))
+    assert not (tmp_path / "drive0.mp4").exists()
+
+    run_job = many.run_job
+
+    def run_elsewhere(job: many.DriveJob) -> many.FinishedDrive:
+        finished = run_job(job)
+        (tmp_path / "drive0.mp4").unlink()
+        return finished
+
+    monkeypatch.setattr(many, "run_job", run_elsewhere)
+    _, (failure,) = annotate_many([video], settings_for(tmp_path))
+    assert re.search(r"drive0\.mp4: its worker wrote drive0\.mp4, but not into .*storage that all", str(failure))
+
+
+# --- the command
+
+
+def test_no_scheduler_and_no_dask_are_reported(drives, tmp_path):
+    camera, video, out = drives / "drive0.yaml", drives / "drive0.mp4", tmp_path / "out"
+    arguments = ["annotate", "--camera", camera, video, "-o", out]
+
+    def run(*options: object, before: str) -> tuple[int, str, str]:
+        code = f"import sys; {before}\nfrom lanes.__main__ import main\nsys.exit(main())"
+        with popen([sys.executable, "-c", code, *map(str, [*arguments, *options])]) as child:
+            printed = child.communicate(timeout=180)
+        return child.returncode, *printed
+
+    status, _, err = run(
+        "--scheduler", "tcp://127.0.0.1:9", before="from lanes import many; many.CONNECT_TIMEOUT_S = 1"
+    )
+    assert status == 1 and err.startswith("error: tcp://127.0.0.1:9: no Dask scheduler answers")
+    status, stdout, err = run("--workers", 2, before="sys.modules['distributed'] = None")
+    assert (status, stdout) == (1, "") and not out.exists()
+    assert re.fullmatch(
+        r"error: .* need Dask, which is not installed; run `pip install 'dask\[distributed\]' .*\n", err
+    )
+    status, _, err = run(before="sys.modules['distributed'] = sys.modules['dask'] = None")
+    assert (status, err) == (0, "") and not (out / "summary").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_killed_run_continues(number, drives, tmp_path):
+    output = tmp_path / "out"
+    arguments = ["annotate", "--camera", drives / "drive0.yaml", drives, "-o", output, "--workers", 2]
+    with start(*arguments, new_session=True) as child:
+        wait_for(lambda: finished_in(output) and leftovers(output) or child.poll() is not None)
+        workers = psutil.Process(child.pid).children(recursive=True)
+        # A terminal sends Ctrl-C to all processes.
+        os.killpg(child.pid, number) if number == signal.SIGINT else child.send_signal(number)
+        _, err = child.communicate(timeout=180)
+    # Its workers notice, and end.
+    wait_for(lambda: not any(worker.is_running() and worker.status() != "zombie" for worker in workers))
+    assert child.returncode == (130 if number == signal.SIGINT else -number)
+    if number == signal.SIGINT:
+        assert "interrupted" in err and "Traceback" not in err and leftovers(output) == []
+        return
+    finished = finished_in(output)
+    assert 0 < len(finished) < DRIVES
+    before = {path: path.stat().st_mtime_ns for path in finished}
+    with start(*arguments) as child:
+        out, err = child.communicate(timeout=300)
+    assert child.returncode == 0, err
+    assert f"{DRIVES} drives finished, 0 failed; {len(finished)} of {DRIVES} drives were finished before" in out
+    assert {path: path.stat().st_mtime_ns for path in finished} == before
+    check_whole(output, videos_in(drives))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/cwd").exists(), reason="needs a path that means another file to each process")
+def test_remote_workers_of_which_only_one_has_the_drives(drives, tmp_path):
+    bare, output = tmp_path / "bare", tmp_path / "out"
+    bare.mkdir()
+    address = f"tcp://127.0.0.1:{free_port()}"
+    dask = [sys.executable, "-m", "dask"]
+    # without this the scheduler cannot read the tasks of its workers
+    assert "PYTHONPATH=$PWD .venv/bin/dask scheduler" in (ROOT / "docs" / "many_drives.md").read_text(encoding="utf-8")
+    options = ["--host", address, "--dashboard-address", "127.0.0.1:0", "--no-show"]
+    commands = [([*dask, "scheduler", *options], tmp_path)]
+    for folder in (drives, bare):
+        options = ["--nthreads", "1", "--no-nanny", "--no-dashboard", "--name", folder.name]
+        commands.append(([*dask, "worker", address, *options, "--local-directory", str(tmp_path)], folder))
+    with ExitStack() as stack:
+        for command, folder in commands:
+            child = stack.enter_context(popen(command, cwd=folder))
+            stack.callback(child.kill)
+        with distributed.Client(address, timeout=180) as client:
+            client.wait_for_workers(2, timeout=180)
+        arguments = ["--camera", drives / "drive0.yaml", "/proc/self/cwd", "-o", output, "--scheduler", address]
+        with popen(process("annotate", *arguments), cwd=drives) as child:
+            out, err = child.communicate(timeout=300)
+    assert child.returncode == 1 and out.startswith("2 workers; dashboard: http://127.0.0.1:")
+    reasons = re.findall(
+        r"error: /proc/self/cwd/(drive\d)\.mp4: there is no such video file; .* \(worker on \S+ in (.*); all workers ",
+        err,
+    )
+    assert reasons and {folder for _, folder in reasons} == {str(bare)}
+    failed = {name for name, _ in reasons}
+    videos = [video for video in videos_in(drives) if video.stem not in failed]
+    assert videos and f"{len(videos)} drives finished, {len(failed)} failed; " in out
+    check_whole(output, videos)
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
