@@ -16,7 +16,7 @@ import cv2
 from PIL import Image
 
 from lanes.files import write_atomically
-from lanes.video.reader import inspect_video, read_frames
+from lanes.video.reader import inspect_video, read_video
 
 PROJECT_ROOT = Path(__file__).parents[1]
 VIDEO = PROJECT_ROOT / "output_images" / "project_video_tracked.mp4"
@@ -31,7 +31,7 @@ def animate(video: Path, *, step: int = STEP, quality: int = QUALITY) -> bytes:
     """An animated WebP of every `step`-th frame of a video, endless, at the speed of the video."""
     frames = [
         Image.fromarray(cv2.resize(frame, SIZE_PX, interpolation=cv2.INTER_AREA))
-        for frame in islice(read_frames(video), 0, None, step)
+        for frame in islice(read_video(video), 0, None, step)
     ]
     animation = io.BytesIO()
     duration_ms = round(1000 * step / inspect_video(video).fps)

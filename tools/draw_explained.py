@@ -18,7 +18,7 @@ from lanes.camera import Camera, load_camera
 from lanes.explain import explain_frame
 from lanes.figures import save_figure, show_explanation
 from lanes.images import read_image
-from lanes.video.reader import read_frames
+from lanes.video.reader import read_video
 from simulator.scenes.suite import render_scene
 
 # Picture -> still and error of its camera pitch, degrees.
@@ -37,7 +37,7 @@ def read_still(name: str, pitch_error_deg: float) -> tuple[np.ndarray, Camera]:
 def read_frame(scene: str, time_s: float) -> tuple[np.ndarray, Camera]:
     """A frame of a scene, and its camera."""
     video = render_scene(scene)
-    return next(read_frames(video, start_s=time_s)), load_camera(video.with_suffix(".yaml"))
+    return next(read_video(video, start_s=time_s)), load_camera(video.with_suffix(".yaml"))
 
 
 def main() -> None:

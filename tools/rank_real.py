@@ -26,7 +26,7 @@ from lanes.calibration import calibrate_folder
 from lanes.camera import Camera, load_camera
 from lanes.images import list_pictures, read_image
 from lanes.pose import pose_from_drive
-from lanes.video.reader import read_frames
+from lanes.video.reader import read_video
 from simulator.rendering.render import render_frame
 from simulator.rendering.video import VIDEO_FPS
 from simulator.road.truth import H_SAMPLES, line_pixels, visible_pixels
@@ -108,7 +108,7 @@ def score_rendered(scene: str, rows: tuple[float, float]) -> dict:
     video = ensure_video(list_drives()[scene]).video
     count = round(SUITE[scene].seconds * VIDEO_FPS)
     labels = [true_label(scene, number, rows) for number in range(0, count, EVERY)]
-    pictures = (image for number, image in enumerate(read_frames(video)) if number % EVERY == 0)
+    pictures = (image for number, image in enumerate(read_video(video)) if number % EVERY == 0)
     return score_pictures(labels, pictures, load_camera(video.with_suffix(".yaml")), STILL_SYSTEMS)
 
 

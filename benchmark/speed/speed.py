@@ -13,7 +13,7 @@ from benchmark.reporting.tables import format_table
 from benchmark.speed.stages import FrameTime, time_frames
 from benchmark.speed.transcode import FileTime, peak_memory_mb, time_files
 from lanes.camera import load_camera
-from lanes.video.reader import read_frames
+from lanes.video.reader import read_video
 
 # Kept in memory, 2.8 MB each.
 FRAMES = 60
@@ -44,7 +44,7 @@ def measure_speed(video: Path, *, progress: Callable[[str], Callable[[int, int],
     """
     camera, machine = load_camera(video.with_suffix(".yaml")), f"{describe_machine()}; {describe_load()}"
     report = progress or (lambda _: lambda *_: None)
-    with closing(read_frames(video)) as frames:
+    with closing(read_video(video)) as frames:
         first = list(islice(frames, FRAMES))
     times = time_frames(first, camera, progress=report("frames"))
     files = time_files(video, camera, progress=report("files"))

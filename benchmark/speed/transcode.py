@@ -1,6 +1,6 @@
 """Time from file to file, annotation compared with a bare transcode, and peak memory for a long video.
 
-The bare transcode decodes and encodes with the settings of `annotate_video`; its frames stay in YUV. A third run
+The bare transcode decodes and encodes with the settings of `process_video`; its frames stay in YUV. A third run
 converts them to RGB and back: the fixed cost of any function of RGB images.
 """
 
@@ -24,7 +24,7 @@ from lanes.camera import Camera, load_camera
 from lanes.draw import track_lane
 from lanes.images import opencv_threads
 from lanes.track.tracker import LaneTracker
-from lanes.video.process import annotate_video
+from lanes.video.process import process_video
 from lanes.video.reader import frame_rate, inspect_video, open_video
 from lanes.video.writer import open_mp4
 
@@ -40,13 +40,14 @@ class FileTime:
 
 
 def transcode(source: Path, target: Path) -> None:
-    """Decode and encode a video with the settings of `annotate_video`, without sound."""
+    """Decode and encode a video with the settings of `process_video`, without sound."""
     with open_video(source) as read:
         stream = read.streams.video[0]
         stream.thread_type = "AUTO"
         codec = stream.codec_context
-        size = codec.width, codec.height
-        written, output = open_mp4(target, size, frame_rate(stream, source), stream.time_base or Fraction(1))
+        size, colours = (codec.width, codec.height), inspect_video(source).colours
+        rate, tick = frame_rate(stream, source), stream.time_base or Fraction(1)
+        written, output = open_mp4(target, size, rate, tick, colours)
         with written:
             for frame in read.decode(stream):
                 frame.pict_type = 0  # the encoder chooses the key frames
@@ -66,7 +67,7 @@ def time_files(
         target, table = Path(folder, "out.mp4"), Path(folder, "out.csv")
         processings = {
             "bare transcode": lambda: transcode(source, target),
-            "through RGB": lambda: annotate_video(source, target, lambda frame: frame, progress=False),
+            "through RGB": lambda: process_video(source, target, lambda frame: frame, progress=False),
             "annotated": lambda: _annotate(source, target, camera, info.fps, table),
         }
         seconds = np.empty((rounds, len(processings), 2))
@@ -110,7 +111,7 @@ def repeat_video(source: Path, target: Path, frames: int) -> Path:
 def _annotate(source: Path, target: Path, camera: Camera, fps: float, table: Path, end_s: float | None = None) -> None:
     process = track_lane(LaneTracker(camera, fps=fps), camera)
     with opencv_threads(1):  # as in `python -m lanes annotate`
-        annotate_video(source, target, process, end_s=end_s, progress=False, telemetry=table)
+        process_video(source, target, process, end_s=end_s, progress=False, telemetry=table)
 
 
 def _annotation_peak_mb(source: Path, target: Path, camera_file: Path, frames: int) -> float:

@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -31,24 +31,6 @@ Row = Mapping[str, object]
 QUEUE_SIZE = 3
 
 
-@dataclass(frozen=True)
-class VideoSummary:
-    """Result of `process_video`.
-
-    `frames_in` were processed and `frames_out` counted in the output; size, rate and duration are those of the output.
-    `missing` frames of the source are damaged or not there; they are skipped, and the others keep their times.
-    """
-
-    frames_in: int
-    frames_out: int
-    fps: float
-    width: int
-    height: int
-    duration_s: float
-    has_audio: bool
-    missing: int
-
-
 def process_video(
     source: str | Path,
     target: str | Path,
@@ -60,8 +42,8 @@ def process_video(
     telemetry: str | Path | None = None,
     sound: bool = True,
     info: VideoInfo | None = None,
-) -> VideoSummary:
-    """Write the video of what a function makes of every frame, an mp4 that browsers play, with the sound of the source.
+) -> VideoInfo:
+    """Write what a function makes of every frame of a video as an mp4 that browsers play, with the source's sound.
 
     Parameters
     ----------
@@ -83,6 +65,12 @@ def process_video(
     info : VideoInfo, optional
         Result of `inspect_video(source)`, if known; otherwise the file is read twice.
 
+    Returns
+    -------
+    VideoInfo
+        Properties of `target`, with its frames counted; every processed frame is in it. `missing` counts the frames of
+        `source` that are damaged or not there: they are skipped, and the others keep their times.
+
     Raises
     ------
     FileNotFoundError, VideoError
@@ -94,7 +82,7 @@ def process_video(
     """
     info = info or inspect_video(source)
     if Path(target).exists() and os.path.samefile(source, target):
-        raise VideoError(f"{target}: is the source itself; write the annotated video under another name.")
+        raise VideoError(f"{target}: is the source itself; write the output under another name.")
     writer = VideoWriter(
         target, fps=info.fps, colours=info.colours, sound_from=source if sound and info.has_audio else None
     )
@@ -108,30 +96,20 @@ def process_video(
         _write_behind(writer.encode) as encode,
         _progress_bar(info, start_s, end_s, shown=progress) as bar,
     ):
-        first = last = None
+        numbers: list[int] = []
+        last_s: float | None = None
         for frame in frames:
-            elapsed_s = None if last is None else frame.time_s - last.time_s
-            options = {"elapsed_s": elapsed_s} if takes_time else {}
+            options = {"elapsed_s": None if last_s is None else frame.time_s - last_s} if takes_time else {}
             image, row = _apply(function, frame.image, options, f"frame {frame.number} of {source}")
             # Converted in this thread: `function` may return the same array every time.
             encode(writer.convert(image, frame.time_s))
             if table:
                 table.write({"frame": frame.number, "time_s": round(frame.time_s, 6), **row})
             bar.update()
-            first, last = first or frame, frame
-    written = writer.written
+            last_s, numbers = frame.time_s, [*numbers[:1], frame.number]
     whole = start_s == 0 and (end_s is None or end_s >= info.duration_s)
-    expected = info.frames + info.missing if whole else last.number - first.number + 1
-    return VideoSummary(
-        frames_in=writer.frames,
-        frames_out=written.frames,
-        fps=written.fps,
-        width=written.width,
-        height=written.height,
-        duration_s=written.duration_s,
-        has_audio=written.has_audio,
-        missing=max(0, expected - writer.frames),
-    )
+    expected = info.frames + info.missing if whole else numbers[-1] - numbers[0] + 1
+    return replace(writer.written, missing=max(0, expected - writer.frames))
 
 
 def _takes_time(function: Callable) -> bool:

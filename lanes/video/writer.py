@@ -10,7 +10,6 @@ from pathlib import Path
 from types import TracebackType
 
 import av
-import cv2
 import numpy as np
 from av.video.reformatter import ColorRange, VideoReformatter
 
@@ -135,7 +134,7 @@ class VideoWriter:
                 f"{self._size[0]}x{self._size[1]}; all frames of a video must have one size."
             )
         if height % 2 or width % 2:
-            image = cv2.copyMakeBorder(image, 0, height % 2, 0, width % 2, cv2.BORDER_REPLICATE)
+            image = np.pad(image, ((0, height % 2), (0, width % 2), (0, 0)), "edge")
         frame = self._converter.reformat(
             av.VideoFrame.from_numpy_buffer(image, format="rgb24"),
             format="yuv420p",

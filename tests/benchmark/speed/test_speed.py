@@ -25,7 +25,7 @@ from benchmark.speed.stages import (
 from benchmark.speed.transcode import FileTime, peak_memory_mb, repeat_video, time_files, transcode
 from classic.recipe import RECIPES
 from lanes.detect import paint as markings
-from lanes.video.reader import inspect_video, read_frames, read_timed_frames
+from lanes.video.reader import inspect_video, read_timed_frames, read_video
 from simulator.rendering.drive import Motion
 from tests.support.clips import write_drive
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
@@ -68,7 +68,7 @@ class TestStopwatch:
 
 @pytest.fixture(scope="module")
 def times(clip) -> dict[str, FrameTime]:
-    with closing(read_frames(clip)) as frames:
+    with closing(read_video(clip)) as frames:
         return time_frames(list(frames), SMALL, rounds=2)
 
 
@@ -98,7 +98,7 @@ class TestTranscode:
     def test_all_frames_are_kept(self, clip, tmp_path):
         transcode(clip, tmp_path / "out.mp4")
         assert inspect_video(tmp_path / "out.mp4") == inspect_video(clip)
-        for was, now in zip(read_frames(clip), read_frames(tmp_path / "out.mp4"), strict=True):
+        for was, now in zip(read_video(clip), read_video(tmp_path / "out.mp4"), strict=True):
             assert np.abs(was.astype(int) - now).mean() < 4
 
     def test_repeated_video(self, clip, tmp_path):

@@ -8,7 +8,7 @@ from contextlib import closing
 
 import pytest
 
-from lanes.video.process import read_ahead, write_behind
+from lanes.video.process import _read_ahead, _write_behind
 
 
 def counting(log: list[int], most: int = 10, error: Exception | None = None):
