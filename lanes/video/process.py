@@ -126,8 +126,8 @@ def _apply(function: Callable, image: np.ndarray, options: Mapping, name: str) -
     try:
         result = function(image, **options)
     except PictureError as error:
-        # The message begins with "picture", because `function` does not know the frame's number.
-        raise PictureError(f"{name}: {str(error).removeprefix('picture: ')}") from error
+        # The message begins with "image", because `function` does not know the frame's number.
+        raise PictureError(f"{name}: {str(error).removeprefix('image: ')}") from error
     except Exception as error:
         error.add_note(f"(while processing {name})")
         raise
