@@ -13,6 +13,7 @@ EXECUTE := $(ENV)/jupyter nbconvert --log-level WARN --to notebook --execute --E
 	--KernelManager.transport=ipc
 # The prints of a cell become one output; the kernel splits them differently in each run.
 COALESCE := $(ENV)/jupyter nbconvert --log-level WARN --to notebook --inplace --CoalesceStreamsPreprocessor.enabled=True
+INSTALL := $(ENV)/python -m pip install --quiet --disable-pip-version-check
 INSTALLED := .venv/installed.txt
 WITH_DASK := .venv/installed-cluster.txt
 MEASURING := .venv/installed-measuring.txt
@@ -37,13 +38,13 @@ help:
 	@echo "make run       execute project.ipynb, regenerate output_images/ and the annotated video"
 	@echo "make book      course, guides and API reference as a web site: book/_build/html/index.html"
 	@echo "make check     lint, types, import contracts and the quick unit tests (under a minute)"
-	@echo "make test      lint, types, import contracts, all tests, and project.ipynb executed again and compared by nbval"
+	@echo "make test      lint, types, import contracts, all tests, the book, and project.ipynb executed again and compared"
 	@echo "make fuzz      the tests with random examples: ten times as many, and other ones in each run"
 	@echo "make coverage  lines that no test runs"
 	@echo "make mutants   small changes of the code that no test notices (docs/testing.md)"
 	@echo "make soak      an hour of video through the command line; checks memory, frames and sound"
-	@echo "make lock      write requirements.lock, and requirements-book.lock for the book"
-	@echo "make audit     look up known vulnerabilities of the packages in both lock files"
+	@echo "make lock      write requirements.lock: all packages, with hashes"
+	@echo "make audit     look up known vulnerabilities of the packages in requirements.lock"
 	@echo "make clean     remove .venv and caches"
 	@echo "Real pictures: make run LANES_DATA=path/to/folder   (results: project_real.ipynb, output_real/)"
 
@@ -78,7 +79,7 @@ check: lint
 	@echo "== Quick unit tests"
 	@env -u LANES_DATA OMP_NUM_THREADS=1 $(ENV)/python -m pytest $(QUICK_TESTS) -m "not slow" -n 2 --dist loadfile
 
-test: lint $(WITH_DASK)
+test: lint $(WITH_DASK) $(BOOK)
 	@echo "== All tests, and the notebook against its committed outputs (some minutes)"
 	@env -u LANES_DATA OMP_NUM_THREADS=1 $(ENV)/python -m pytest $(ALL_TESTS) -n 2 --dist loadfile
 
@@ -110,36 +111,35 @@ $(INSTALLED): requirements.txt
 	@test -n "$(PYTHON)" || { echo "No Python 3.11 to 3.14 with venv found; install one, or run make PYTHON=/path/to/python"; exit 1; }
 	@echo "== Installing requirements.txt into .venv with $(PYTHON) (once)"
 	@test -x $(ENV)/python || $(PYTHON) -m venv .venv
-	@$(ENV)/python -m pip install --quiet --disable-pip-version-check -r requirements.txt
+	@$(INSTALL) -r requirements.txt
 	@cp requirements.txt $@
 
-# Only the tests of lanes/cluster/ need Dask; they are skipped where it cannot be installed.
-$(WITH_DASK): requirements-cluster.txt $(INSTALLED)
-	@echo "== Installing requirements-cluster.txt into .venv (once)"
-	@$(ENV)/python -m pip install --quiet --disable-pip-version-check -r requirements-cluster.txt && cp requirements-cluster.txt $@ \
-		|| echo "== Dask could not be installed: the tests of lanes/cluster are skipped"
+# The packages of an extra in pyproject.toml, without the project. A range is taken at its lower end, the version that is
+# tested. A list that has not changed keeps its date, so that nothing is installed again.
+.venv/extra-%.txt: pyproject.toml $(INSTALLED)
+	@$(ENV)/python -c "import tomllib; extras = tomllib.load(open('pyproject.toml', 'rb'))['project']['optional-dependencies']; \
+		print('\n'.join(extras['$*']).replace('>=', '=='))" > $@.new
+	@if cmp -s $@.new $@; then rm $@.new; else mv $@.new $@; fi
 
-# All packages that the requirements files depend on, with hashes, for Python 3.11-3.14. The book's own packages have a
-# lock file of their own, with the same versions of the packages that are in both.
-lock: $(INSTALLED)
+# Only the tests of many drives need Dask; they are skipped where it cannot be installed.
+$(WITH_DASK): .venv/extra-cluster.txt
+	@echo "== Installing the extra cluster into .venv (once)"
+	@$(INSTALL) -r $< && cp $< $@ || echo "== Dask could not be installed: the tests of many drives are skipped"
+
+# In folders of their own, apart from the packages that the project runs with.
+$(MEASURING) $(BOOK): .venv/installed-%.txt: .venv/extra-%.txt
+	@echo "== Installing the extra $* into .venv/$* (once)"
+	@$(INSTALL) --upgrade --target .venv/$* -r $<
+	@cp $< $@
+
+# All packages that requirements.txt, the book and Dask depend on, with hashes, for Python 3.11-3.14.
+lock: .venv/extra-book.txt .venv/extra-cluster.txt
 	@$(PYTHON) -m venv .venv/tools && .venv/tools/bin/python -m pip install --quiet --disable-pip-version-check uv==0.13.9
-	@$(COMPILE) requirements.txt requirements-cluster.txt -o requirements.lock
-	@$(COMPILE) --constraints requirements.lock requirements-book.txt -o requirements-book.lock
+	@$(COMPILE) requirements.txt $^ -o requirements.lock
 
 audit: $(INSTALLED)
 	@$(PYTHON) -m venv .venv/tools && .venv/tools/bin/python -m pip install --quiet --disable-pip-version-check pip-audit==2.10.1
 	@.venv/tools/bin/python -m tools.audit
-
-# In a folder of their own, apart from the packages that the project runs with.
-$(MEASURING): requirements-measuring.txt $(INSTALLED)
-	@echo "== Installing requirements-measuring.txt into .venv/measuring (once)"
-	@$(ENV)/python -m pip install --quiet --disable-pip-version-check --upgrade --target .venv/measuring -r requirements-measuring.txt
-	@cp requirements-measuring.txt $@
-
-$(BOOK): requirements-book.txt $(INSTALLED)
-	@echo "== Installing requirements-book.txt into .venv/book (once)"
-	@$(ENV)/python -m pip install --quiet --disable-pip-version-check --upgrade --target .venv/book -r requirements-book.txt
-	@cp requirements-book.txt $@
 
 clean:
 	rm -rf book/_build .venv .mypy_cache .pytest_cache .ruff_cache .hypothesis

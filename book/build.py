@@ -18,6 +18,7 @@ from collections.abc import Iterable
 from importlib import import_module
 from importlib.resources import files
 from pathlib import Path
+from posixpath import dirname, join, normpath
 from textwrap import indent
 
 from sphinx.cmd.build import main as run_sphinx
@@ -65,10 +66,11 @@ def rewrite_links(text: str, page: str, terms: dict[str, str]) -> str:
             return f"[{label}]({chapter_name(int(chapter[1]))}.ipynb)"
         if target.startswith(("#Appendix", "#Where-to-go")):
             return f"[{label}](appendix.ipynb)"
-        name = target.removeprefix("../").rstrip("/")
+        path, hash_sign, heading = target.partition("#")
+        name = normpath(join(dirname(page), path))
         if name not in PAGES:
             return link[0]
-        return f"[{label}]({up}{PAGES[name]})" if PAGES[name] else label
+        return f"[{label}]({up}{PAGES[name]}{hash_sign}{heading})" if PAGES[name] else label
 
     blocks = CODE_BLOCK.split(text)
     return "".join(block if block.startswith("```") else LINK.sub(rewrite, block) for block in blocks)
@@ -214,10 +216,11 @@ def write_module(name: str) -> None:
 
 
 def write_package(name: str, path: list[str]) -> None:
-    """The page of a package with its modules, and theirs."""
+    """The page of a package with the names that it exports and its modules, and the pages of those."""
     children = [child.name for child in pkgutil.iter_modules(path, f"{name}.")]
     table = [f"| [{child}]({child}.{suffix(child)}) | {first_line(child)} |" for child in children]
-    text = [f"# {name}", "", import_module(name).__doc__ or "", "", "| module | content |", "|---|---|", *table]
+    about = ["```{eval-rst}", f".. automodule:: {name}", "```"]
+    text = [f"# {name}", "", *about, "", "| module | content |", "|---|---|", *table]
     write(SOURCE / "api" / f"{name}.md", "\n".join(text) + "\n" + toctree(children))
     for child in children:
         module = import_module(child)
@@ -234,20 +237,13 @@ def suffix(module: str) -> str:
 
 def write_api() -> None:
     """A page for each package and module of lanes, and one for helpers.py."""
-    packages = [child.name for child in pkgutil.iter_modules(lanes.__path__, "lanes.") if child.ispkg]
-    table = [f"| [{name}]({name}.md) | {first_line(name)} |" for name in packages]
     text = [
         "# API reference",
         "",
-        "[helpers](helpers.md) has the names of the course. `lanes` is what `pip install .` installs:",
-        "",
-        "| package | content |",
-        "|---|---|",
-        *table,
+        "[helpers](helpers.md) has the names of the course. [lanes](lanes.md) is what `pip install .` installs.",
     ]
-    write(SOURCE / "api" / "index.md", "\n".join(text) + "\n" + toctree(["helpers", *packages]))
-    for name in packages:
-        write_package(name, list(import_module(name).__path__))
+    write(SOURCE / "api" / "index.md", "\n".join(text) + "\n" + toctree(["helpers", "lanes"]))
+    write_package("lanes", list(lanes.__path__))
     write_helpers()
 
 

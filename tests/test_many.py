@@ -32,9 +32,7 @@ from tests.support.command_line import popen, process, start
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
 from tests.support.project import ROOT
 
-distributed = pytest.importorskip(
-    "distributed", reason="Dask is not installed: pip install -r requirements-cluster.txt"
-)
+distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'dask[distributed]' bokeh")
 
 # x264 makes the same bytes each time only of widths that are multiples of 256 (tests/io/video/conftest.py).
 SMALL = CAMERA.scaled((768, 432))

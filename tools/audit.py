@@ -1,4 +1,4 @@
-"""Check the packages in the lock files for known vulnerabilities with pip-audit: `make audit`.
+"""Check the packages in requirements.lock for known vulnerabilities with pip-audit: `make audit`.
 
 Exit status: 0 no known vulnerability, 1 known vulnerabilities, 2 no answer from PyPI's advisory service. pip-audit
 itself returns 0 in the last case.
@@ -13,14 +13,13 @@ from argparse import ArgumentParser, RawDescriptionHelpFormatter
 
 from benchmark.scored_drive import PROJECT_ROOT
 
-LOCKS = [PROJECT_ROOT / name for name in ("requirements.lock", "requirements-book.lock")]
+LOCK = PROJECT_ROOT / "requirements.lock"
 
 
 def main() -> int:
     """Run the pip-audit of this Python environment and print the result."""
     ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter).parse_args()
-    files = [f"--requirement={lock}" for lock in LOCKS]
-    command = [sys.executable, "-m", "pip_audit", *files, "--require-hashes", "--disable-pip"]
+    command = [sys.executable, "-m", "pip_audit", f"--requirement={LOCK}", "--require-hashes", "--disable-pip"]
     done = subprocess.run([*command, "--format", "json", "--progress-spinner", "off"], capture_output=True, text=True)
     try:
         status, message = assess(json.loads(done.stdout)["dependencies"])
@@ -45,7 +44,7 @@ def assess(packages: list[dict]) -> tuple[int, str]:
             f"NOT AUDITED: the advisory service gave no answer for {len(unknown)} of {len(packages)} packages; try "
             "again on a machine that can reach PyPI."
         )
-    return 0, f"no known vulnerability in the {len(packages)} packages of the lock files"
+    return 0, f"no known vulnerability in the {len(packages)} packages of requirements.lock"
 
 
 if __name__ == "__main__":

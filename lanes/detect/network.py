@@ -15,10 +15,10 @@ road is not paint. A fourth input is the width of a pixel in cells: far away, li
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from threading import Lock
 
 import cv2
 import numpy as np
@@ -61,7 +61,7 @@ MAX_LOG_ODDS = 6.0
 # Columns in which the band filter's peak is the same stripe as the network's, nearest first.
 PLACED_WITHIN = np.array([0, -1, 1, -2, 2])
 # The network keeps its input, so threads use it one after the other.
-_NETWORK_IN_USE = Lock()
+_NETWORK_IN_USE = threading.Lock()
 
 
 def learned_evidence(image: np.ndarray, band: FrameEvidence) -> FrameEvidence:

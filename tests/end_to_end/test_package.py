@@ -1,10 +1,11 @@
-"""The package: its metadata against requirements.txt and the imports, and an installation without the clone."""
+"""The package: its metadata against its pins and imports, and an installation without the clone."""
 
 from __future__ import annotations
 
 import ast
 import importlib.util
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -19,6 +20,7 @@ import numpy as np
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+from packaging.version import Version
 
 from lanes import __version__
 from lanes.video.reader import inspect_video
@@ -37,25 +39,39 @@ def by_name(lines: list[str]) -> dict[str, Requirement]:
     return {canonicalize_name(required.name): required for required in map(Requirement, lines)}
 
 
-def pins(name: str) -> dict[str, Requirement]:
-    """The packages that a requirements file pins."""
-    lines = (line.partition("#")[0].strip() for line in (ROOT / name).read_text(encoding="utf-8").splitlines())
-    return by_name([line for line in lines if line])
+def pins(name: str) -> dict[str, Version]:
+    """The versions that a requirements file pins; its hashes and comments are left out."""
+    lines = (ROOT / name).read_text(encoding="utf-8").splitlines()
+    found = (re.match(r"([\w.-]+)(?:\[\w+\])?==([\w.+!]+)", line) for line in lines)
+    return {canonicalize_name(pin[1]): Version(pin[2]) for pin in found if pin}
 
 
-@pytest.mark.parametrize(
-    "file, declared",
-    [
-        ("requirements.txt", PROJECT["dependencies"] + EXTRAS["course"] + EXTRAS["dev"]),
-        ("requirements-cluster.txt", EXTRAS["cluster"]),
-    ],
-)
-def test_the_requirements_pin_what_the_metadata_declare(file, declared):
-    pinned, declared = pins(file), by_name(declared)
-    assert pinned.keys() == declared.keys()
-    for name, required in pinned.items():
-        [pin] = required.specifier
-        assert pin.operator == "==" and pin.version in declared[name].specifier, name
+def lowest(required: Requirement) -> Version:
+    """The lower end of a range, which may be a pin."""
+    [version] = [limit.version for limit in required.specifier if limit.operator in (">=", "==")]
+    return Version(version)
+
+
+def test_the_pins_are_in_the_declared_ranges_and_of_their_first_minor_release():
+    pinned = pins("requirements.txt")
+    for name, required in by_name(PROJECT["dependencies"]).items():
+        assert pinned[name] in required.specifier, name
+        assert pinned[name].release[:2] == lowest(required).release[:2], name
+
+
+def test_the_lock_has_the_pins_and_the_lower_ends_of_the_extras():
+    locked = pins("requirements.lock")
+    wanted = pins("requirements.txt")
+    for extra in ("cluster", "book"):
+        wanted |= {name: lowest(required) for name, required in by_name(EXTRAS[extra]).items()}
+    assert wanted == {name: locked.get(name) for name in wanted}, "run `make lock`"
+
+
+def test_the_packages_for_measuring_are_beside_those_of_the_tests():
+    """Both are imported by one Python: a package in both has the same version."""
+    pinned = pins("requirements.txt")
+    measuring = {name: lowest(required) for name, required in by_name(EXTRAS["measuring"]).items()}
+    assert {name: pinned[name] for name in measuring.keys() & pinned.keys()} == {"pytest": measuring["pytest"]}
 
 
 def imported_packages() -> set[str]:

@@ -34,11 +34,7 @@ OPENERS = {
     "os.open": set(),
     "open": set(),
 }
-# Lock file: the files whose packages it pins.
-LOCKS = {
-    "requirements.lock": ("requirements.txt", "requirements-cluster.txt"),
-    "requirements-book.lock": ("requirements-book.txt",),
-}
+LOCK = ROOT / "requirements.lock"
 
 
 def calls(tree: ast.AST) -> Iterator[tuple[str, ast.Call]]:
@@ -106,17 +102,11 @@ def test_input_videos_are_opened_in_one_module():
 # --- installed packages
 
 
-def required(lock: str) -> set[Requirement]:
-    """The packages that a lock is made for."""
-    lines = [line for name in LOCKS[lock] for line in (ROOT / name).read_text().splitlines()]
-    return {Requirement(line.partition("#")[0]) for line in lines if line.partition("#")[0].strip()}
-
-
-def locked(lock: str) -> dict[str, tuple[str, list[str]]]:
-    """Version and hashes of each package in a lock."""
-    text = (ROOT / lock).read_text().replace("\\\n", " ")
+@pytest.fixture(scope="module")
+def locked() -> dict[str, tuple[str, list[str]]]:
+    """Version and hashes of each package in the lock file."""
     found = {}
-    for line in text.splitlines():
+    for line in LOCK.read_text().replace("\\\n", " ").splitlines():
         if line.strip() and not line.lstrip().startswith("#"):
             pin, *hashes = line.split("--hash=sha256:")
             name, version = re.fullmatch(r"([\w.-]+)(?:\[[\w,]+\])?==([\w.+!]+)( ; .*)?\s*", pin).group(1, 2)
@@ -124,46 +114,33 @@ def locked(lock: str) -> dict[str, tuple[str, list[str]]]:
     return found
 
 
-@pytest.mark.parametrize(("lock", "fewest"), [("requirements.lock", 100), ("requirements-book.lock", 50)])
-def test_the_lock_pins_what_is_required_with_hashes(lock, fewest):
-    pins = locked(lock)
-    assert len(pins) > fewest
-    for name, (_, hashes) in pins.items():
+def test_the_lock_pins_every_package_with_hashes(locked):
+    assert len(locked) > 120
+    for name, (_, hashes) in locked.items():
         assert hashes and all(re.fullmatch(r"[0-9a-f]{64}", digits) for digits in hashes), name
-    for requirement in required(lock):
-        assert str(requirement.specifier) == f"=={pins[canonicalize_name(requirement.name)][0]}", "run `make lock`"
 
 
-@pytest.mark.parametrize("lock", LOCKS)
-def test_the_lock_names_no_host(lock):
-    assert not re.search(r"https?://|--(extra-)?index|--find-links|file:|@ ", (ROOT / lock).read_text())
+def test_the_lock_names_no_host():
+    assert not re.search(r"https?://|--(extra-)?index|--find-links|file:|@ ", LOCK.read_text())
 
 
-def test_the_locks_agree():
-    """Both are installed into one environment."""
-    pins, book = map(locked, LOCKS)
-    assert {name: book[name][0] for name in book.keys() & pins} == {name: pins[name][0] for name in book.keys() & pins}
-
-
-@pytest.mark.parametrize("lock", LOCKS)
-def test_the_lock_is_complete(lock):
+def test_the_lock_is_complete(locked):
     """Each requirement of an installed package of the lock is in the lock too."""
-    pins = locked(lock)
-    for name in pins:
+    for name in locked:
         try:
             requires = metadata.requires(name) or []
         except metadata.PackageNotFoundError:
             continue
         for requirement in map(Requirement, requires):
             if not requirement.marker or requirement.marker.evaluate({"extra": ""}):
-                assert canonicalize_name(requirement.name) in pins, f"{name} requires {requirement}; run `make lock`"
+                assert canonicalize_name(requirement.name) in locked, f"{name} requires {requirement}; run `make lock`"
 
 
 def test_an_audit_without_answers_is_no_success():
     fine = {"name": "a", "version": "1", "vulns": []}
     weak = {"name": "b", "version": "2", "vulns": [{"id": "CVE-1"}, {"id": "CVE-2"}]}
     skipped = {"name": "c", "skip_reason": "not found"}
-    assert assess([fine, fine]) == (0, "no known vulnerability in the 2 packages of the lock files")
+    assert assess([fine, fine]) == (0, "no known vulnerability in the 2 packages of requirements.lock")
     assert assess([fine, weak, skipped])[0] == 1 and "b 2: CVE-1, CVE-2" in assess([weak])[1]
     assert assess([fine, skipped])[0] == assess([])[0] == 2
     assert "1 of 2 packages" in assess([fine, skipped])[1]
