@@ -27,7 +27,7 @@ from lanes.camera import undistort
 from classic.warp import FourPointWarp, metres_per_pixel, birdseye_to_road, road_axes
 from classic.recipe import recipe_from_pose
 from lanes.pose import estimate_pose, estimate_camera_pose
-from lanes.sources import pick_pictures
+from lanes.sources import sample_images
 from course.measures import lane_widths_px
 from course.sketch import sketch_conventions
 

@@ -15,7 +15,7 @@ from lanes.camera import Camera, CameraPose
 from lanes.describe import html_table
 from lanes.errors import PoseError
 from lanes.images import list_pictures
-from lanes.sources import pick_pictures
+from lanes.sources import sample_images
 from lanes.stills import HEIGHT_RANGE_M, search_pose
 from lanes.vanishing_point import (
     X0_BINS,
@@ -385,7 +385,7 @@ def pose_from_drive(
     """
     if camera.pose is not None:
         return camera, None
-    pictures = pick_pictures(list(files), POSE_PICTURES, require=camera.require_size, start_s=start_s, end_s=end_s)
+    pictures = sample_images(list(files), POSE_PICTURES, require=camera.require_size, start_s=start_s, end_s=end_s)
     return pose_from_pictures(camera, pictures, str(files[0]), progress=progress)
 
 
@@ -399,7 +399,7 @@ def estimate_camera_pose(camera: Camera, folder: str | Path) -> Camera:
     PictureError, PoseError
         If a picture cannot be read, or as in `estimate_pose`.
     """
-    pictures = pick_pictures(list_pictures(folder), POSE_PICTURES, require=camera.require_size)
+    pictures = sample_images(list_pictures(folder), POSE_PICTURES, require=camera.require_size)
     return camera.with_pose(estimate_pose(pictures, camera).pose)
 
 
