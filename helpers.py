@@ -26,7 +26,7 @@ from lanes.camera import undistort
 # 4 From above
 from classic.warp import FourPointWarp, metres_per_pixel, birdseye_to_road, road_axes
 from classic.recipe import recipe_from_pose
-from lanes.pose import estimate_pose, estimate_camera_pose
+from lanes.pose import estimate_pose
 from lanes.sources import sample_images
 from course.measures import lane_widths_px
 from course.sketch import sketch_conventions
@@ -83,7 +83,7 @@ from lanes.figures import show_birdseye
 from lanes.detect.paint import marking_response, find_stripes
 
 # 11 One model
-from lanes.detect.search import find_lane
+from lanes.stills import find_lane
 from lanes.draw import draw_found
 from lanes.annotate import annotate_folder
 
@@ -94,12 +94,12 @@ from lanes.draw import track_lane
 from course.odometry import integrate_path
 
 # 13 Explain
-from lanes.explain import explain_frame
+from lanes.explain import explain
 from lanes.figures import show_explanation
 
 # 14 How wrong
 from benchmark.evaluation import score_video
-from benchmark.reporting.consistency_table import consistency_table
+from benchmark.consistency import consistency_table
 from benchmark.reporting.tables import results_table
 
 # 15 Own finder

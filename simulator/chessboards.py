@@ -97,12 +97,7 @@ def write_boards(
     """Files written: calibration1.jpg .. calibration20.jpg and truth.json, in a folder that is created where needed.
 
     `progress` is called as progress(pictures done, number of pictures). `workers` is the number of processes (default:
-    one for each available CPU) and does not change the files.
-
-    Raises
-    ------
-    OSError
-        If the folder cannot be written to.
+    one for each available CPU) and does not change the files. Raises OSError if the folder cannot be written to.
     """
     folder = Path(folder)
     # a folder that cannot be made is reported before the pictures are rendered

@@ -31,12 +31,11 @@ from benchmark.bootstrap import mean_interval
 from benchmark.errors import LaneTruth, frame_errors
 from benchmark.estimates import AHEAD_M, DriveEstimates
 from benchmark.evaluation import read_truth
-from benchmark.scored_drive import BenchmarkDrive, drive_from_video
-from benchmark.suite_drives import choose_drives
+from benchmark.scored_drive import BenchmarkDrive, choose_drives, drive_from_video
 from benchmark.systems import tracker_estimate
 from lanes.camera import Camera, load_camera
 from lanes.detect.confidence import CONFIDENCE, CORRECT_WITHIN_M, FEATURES, lane_features
-from lanes.detect.search import find_lane
+from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker, TrackedLane
 from lanes.video.reader import inspect_video, read_video
 from simulator.rendering.drive import Motion
@@ -222,7 +221,7 @@ def label_lanes(
         if frame % STILL_EVERY == 0:
             for brightness, lanes in stills.items():
                 picture = cv2.convertScaleAbs(image, alpha=brightness)
-                lanes.append(TrackedLane.from_still(find_lane(picture, tracker.view)))
+                lanes.append(TrackedLane.from_still(find_lane(picture, camera)))
     other = weight * OTHER_BRIGHTNESS_WEIGHT
     some = truth.select(slice(0, len(tracked), STILL_EVERY))
     samples = [_label(lanes, some, weight if light == 1 else other, number) for light, lanes in stills.items()]

@@ -48,24 +48,21 @@ def run(options: argparse.Namespace) -> int:
     """Estimate the camera pose, print it, and write it with the lens."""
     from lanes.camera import save_camera
     from lanes.files import require_no_input_among
-    from lanes.pose import LANE_WIDTH_M, describe_accuracy, pose_from_pictures
-    from lanes.sources import sample_images
+    from lanes.pose import LANE_WIDTH_M, describe_accuracy, estimate_pose
 
     require_piece(options)
     require_no_input_among([options.output], options.files)
-    camera = find_lens(options)
-    pictures = sample_images(
-        options.files, options.pictures, require=camera.require_size, start_s=options.start, end_s=options.end
-    )
-    camera, estimate = pose_from_pictures(
-        camera,
-        pictures,
-        str(options.files[0]),
-        progress=progress_line("pose"),
+    estimate = estimate_pose(
+        options.files,
+        find_lens(options),
         lane_width_m=options.lane_width or LANE_WIDTH_M,
         height_m=options.height,
+        max_pictures=options.pictures,
+        start_s=options.start,
+        end_s=options.end,
+        progress=progress_line("pose"),
     )
     print(estimate.describe())
-    print(describe_accuracy(estimate, camera))
-    print(f"wrote {save_camera(camera, options.output)}")
+    print(describe_accuracy(estimate))
+    print(f"wrote {save_camera(estimate.camera, options.output)}")
     return 0

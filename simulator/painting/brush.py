@@ -118,20 +118,11 @@ def paint_polygons(
     softness_px: float = 0.35,
     blend_px: float = 0.0,
 ) -> None:
-    """Paint anti-aliased convex polygons behind the canvas content; each polygon covers those before it in the list.
+    """Paint anti-aliased convex polygons behind the content of a canvas (4, H, W), in place; later ones are in front.
 
-    Parameters
-    ----------
-    picture : ndarray of shape (4, H, W), float32
-        Canvas from `new_canvas`, changed in place.
-    polygons_px : ndarray of shape (F, N, 2), or list of (N, 2) arrays or None
-        Raw pixels; None is skipped.
-    colours, opacity : ndarray of shape (F, 3), and of shape (F,), optional
-        Linear RGB and opacity of each polygon; 1 (the default) is opaque.
-    softness_px : float
-        Standard deviation of the blur of the whole group, so that no edge is sharper than the lens allows.
-    blend_px : float
-        Standard deviation of the blur of the colours within the outline of the group. It hides the facets.
+    `polygons_px` (F, N, 2), or a list of (N, 2) in which None is skipped, are raw pixels; `colours` (F, 3) linear RGB,
+    `opacity` (F,) is 1 by default. `softness_px` is the standard deviation of the blur of the whole group, so that no
+    edge is sharper than the lens allows, `blend_px` that of the colours within its outline, which hides the facets.
     """
     height, width = picture.shape[1:]
     seen, points, bounds = _concatenated(polygons_px)

@@ -10,10 +10,8 @@ import numpy as np
 
 from lanes.camera import Camera
 from simulator.landscape.backdrop import paint_backdrop
-from simulator.light.cast_shadows import MAX_SHADOW_M, cast_shadows
-from simulator.light.exposure import RoadLight
 from simulator.light.glare import add_glare, add_sheen
-from simulator.light.lens import LUMINANCE, develop
+from simulator.light.lens import LUMINANCE, RoadLight, develop
 from simulator.light.sunlight import (
     OVERCAST_LIGHT,
     SKY_SHARE,
@@ -26,9 +24,8 @@ from simulator.light.sunlight import (
 )
 from simulator.objects.bonnet import first_hidden_row, paint_bonnet
 from simulator.objects.object_painter import paint_objects
-from simulator.objects.placement import objects_in_view
-from simulator.objects.scene_objects import SceneObject, Tree
-from simulator.objects.shadows import shadow_polygons
+from simulator.objects.scene_objects import SceneObject, Tree, objects_in_view
+from simulator.objects.shadows import MAX_SHADOW_M, cast_shadows, shadow_polygons
 from simulator.painting.brush import (
     MIN_TRANSMITTANCE,
     Atmosphere,
@@ -40,15 +37,12 @@ from simulator.painting.brush import (
 from simulator.rendering.drive import Drive
 from simulator.road.albedo import ground_albedo
 from simulator.road.geometry import VehiclePose
-from simulator.road.ground import Ground, cast_on_ground, pixel_rays
-from simulator.road.painted_lines import paint_markings
-from simulator.road.relief import MAX_GROUND_M
+from simulator.road.ground import MAX_GROUND_M, Ground, cast_on_ground, pixel_rays
+from simulator.road.markings import paint_markings, paint_symbols
 from simulator.road.road_ahead import RoadAhead
-from simulator.road.symbols import paint_symbols
 from simulator.road.truth import Truth
 from simulator.weather.night import add_lamps, visible_lamps
-from simulator.weather.rain import add_falling_drops, add_windscreen_drops
-from simulator.weather.wet import add_lamp_reflections
+from simulator.weather.rain import add_falling_drops, add_lamp_reflections, add_windscreen_drops
 
 # Airlight in front of distant ground, and its length constant in metres.
 AIR_LIGHT = np.array([0.42, 0.48, 0.56], np.float32)

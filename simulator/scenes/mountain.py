@@ -7,16 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from simulator.light.sunlight import TreeShade
-from simulator.objects.placement import PlacedObject, PlacedWall
-from simulator.objects.scene_objects import Car, Post
-from simulator.rendering.drive import Drive, Motion
-from simulator.road.geometry import RoadGeometry
-from simulator.road.painted_lines import WHITE, YELLOW, Marking
-from simulator.road.profile import HeightProfile
+from simulator.objects.scene_objects import Car, PlacedObject, PlacedWall, Post
+from simulator.rendering.drive import Drive, Motion, SuiteScene
+from simulator.road.geometry import HeightProfile, RoadGeometry
+from simulator.road.markings import WHITE, YELLOW, Marking
 from simulator.road.surface import Seam, Surface, Zone
 from simulator.scenes.dashcam import DASHCAM
 from simulator.scenes.freeway import daylight, plant_trees
-from simulator.scenes.scene import SuiteScene
 
 # Lane width of a mountain road, ten and a half feet.
 MOUNTAIN_LANE_WIDTH_M = 3.2

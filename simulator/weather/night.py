@@ -12,7 +12,7 @@ from lanes.camera import Camera
 from simulator.objects.scene_objects import Car, Post, SceneObject, yaw_rotation
 from simulator.objects.vehicles import outline_points
 from simulator.road.ground import Ground
-from simulator.road.painted_lines import Marking
+from simulator.road.markings import Marking
 
 HALOGEN = np.array([1.0, 0.86, 0.62], np.float32)
 SODIUM = np.array([1.0, 0.62, 0.25], np.float32)

@@ -19,8 +19,8 @@ import numpy as np
 from benchmark.errors import FrameErrors, frame_errors
 from benchmark.estimates import DriveEstimates
 from benchmark.evaluation import read_truth
+from benchmark.scored_drive import COMMITTED, list_drives
 from benchmark.scores import score
-from benchmark.suite_drives import COMMITTED, list_drives
 from benchmark.systems import TRACKER, start_system
 from lanes.camera import load_camera
 from lanes.video.reader import inspect_video, read_video

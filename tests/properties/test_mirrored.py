@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from benchmark.suite_drives import list_drives
+from benchmark.scored_drive import list_drives
 from lanes.camera import Camera, load_camera
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.lane import Lane
 from lanes.detect.paint import marking_response
-from lanes.detect.search import find_lane
+from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker
 from lanes.video.reader import read_video
 from tests.support.any_pictures import camera_of, pictures
@@ -71,8 +71,8 @@ def rendered_stills() -> Iterator[tuple[str, Camera, np.ndarray]]:
 
 def test_rendered_stills():
     for _, camera, image in rendered_stills():
-        lane = find_lane(image, BirdsEyeView(camera))
-        assert_mirrored(lane, find_lane(flip(image), BirdsEyeView(mirrored(camera))))
+        lane = find_lane(image, camera)
+        assert_mirrored(lane, find_lane(flip(image), mirrored(camera)))
 
 
 def test_a_painted_drive_is_tracked_alike():

@@ -13,7 +13,7 @@ import pytest
 from benchmark.errors import FrameErrors, frame_errors
 from benchmark.estimates import DriveEstimates
 from benchmark.evaluation import read_truth
-from benchmark.suite_drives import list_drives
+from benchmark.scored_drive import list_drives
 from benchmark.systems import tracker_estimate
 from lanes.camera import Camera, load_camera
 from lanes.track import static_pattern
