@@ -25,7 +25,7 @@ from lanes.explain import explain
 from lanes.figures import save_figure, show_explanation
 from lanes.files import write_atomically
 from lanes.images import read_image
-from lanes.video.reader import inspect_video, read_frames
+from lanes.video.reader import inspect_video, read_video
 from simulator.scenes.suite import render_scene
 
 VIDEO = PROJECT_ROOT / "output_images" / "project_video_tracked.mp4"
@@ -43,7 +43,7 @@ def animate(video: Path) -> bytes:
     """An animated WebP of every STEP-th frame of a video, endless, at the speed of the video."""
     frames = [
         Image.fromarray(cv2.resize(frame, SIZE_PX, interpolation=cv2.INTER_AREA))
-        for frame in islice(read_frames(video), 0, None, STEP)
+        for frame in islice(read_video(video), 0, None, STEP)
     ]
     duration_ms, animation = round(1000 * STEP / inspect_video(video).fps), io.BytesIO()
     looks = {"duration": duration_ms, "loop": 0, "quality": QUALITY, "method": 6}
@@ -61,7 +61,7 @@ def read_still(name: str, pitch_error_deg: float) -> tuple[np.ndarray, Camera]:
 def read_frame(scene: str, time_s: float) -> tuple[np.ndarray, Camera]:
     """A frame of a scene, and its camera."""
     video = render_scene(scene)
-    return next(read_frames(video, start_s=time_s)), load_camera(video.with_suffix(".yaml"))
+    return next(read_video(video, start_s=time_s)), load_camera(video.with_suffix(".yaml"))
 
 
 def main() -> None:
