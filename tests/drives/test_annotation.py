@@ -24,11 +24,11 @@ from lanes.pose import PoseEstimate
 from lanes.sources import find_sources, require_distinct_outputs
 from lanes.track.tracker import LOST, LaneTracker, TrackedLane
 from lanes.video.writer import VideoWriter
-from tests.io.video.sample_videos import make_video_with_unknown_sound
 from tests.support.clips import write_drive
 from tests.support.command_line import main
 from tests.support.painted_drive import BENDS, CAMERA, SMALL, tracked_bends
 from tests.support.painted_roads import paint_motorway
+from tests.video.sample_videos import make_video_with_unknown_sound
 
 GREY = np.full((360, 640, 3), 128, np.uint8)
 

@@ -45,6 +45,22 @@ def make_video(
     return path
 
 
+def encode(
+    path: Path, images: list[np.ndarray], codec: str, pixels: str, *, rate=25, options: dict[str, str] | None = None
+) -> Path:
+    """RGB images as a video of any codec and pixel format, without sound."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=Fraction(rate), options=options or {})
+        stream.height, stream.width = images[0].shape[:2]
+        stream.pix_fmt = pixels
+        if pixels == "yuvj420p":
+            stream.codec_context.color_range = 2
+        for image in images:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image).reformat(format=pixels)))
+        container.mux(stream.encode(None))
+    return path
+
+
 def set_rotation(source: Path, target: Path, degrees: int) -> None:
     """Write the matrix of a clockwise turn into the track header of an mp4 (ISO 14496-12, 8.3.2)."""
     data = bytearray(source.read_bytes())

@@ -124,7 +124,7 @@ class TestBoth:
 def test_interrupt_ends_all_processes_without_output_of_theirs():
     process = start(
         "from simulator.processes import map_ordered\n"
-        "from tests.io.test_processes import slow_square\n"
+        "from tests.simulator.test_processes import slow_square\n"
         "results = map_ordered(slow_square, range(1000), workers=2)\n"
         "next(results); print('ready', flush=True); list(results)\n"
     )
@@ -142,7 +142,7 @@ def writing(tmp_path):
     process = start(
         "from pathlib import Path\n"
         "from simulator.processes import run_all\n"
-        "from tests.io.test_processes import write_slowly\n"
+        "from tests.simulator.test_processes import write_slowly\n"
         f"run_all(write_slowly, [Path({str(tmp_path)!r}, name) for name in 'ab'], workers=2)\n"
     )
     wait_for(lambda: len(list(tmp_path.iterdir())) == 2)
