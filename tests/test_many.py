@@ -331,6 +331,7 @@ def test_no_scheduler_and_no_dask_are_reported(drives, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("sigint")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_killed_run_continues(number, drives, tmp_path):
     output = tmp_path / "out"

@@ -165,6 +165,7 @@ def test_an_earlier_result_is_replaced_whole_or_kept(drive, tmp_path):
     assert inspect_video(tmp_path / "drive.mp4").frames == FRAMES
 
 
+@pytest.mark.usefixtures("sigint")
 def test_interrupted(drive, tmp_path):
     long = tmp_path / "long.mp4"
     write_drive(long, BENDS, 2)

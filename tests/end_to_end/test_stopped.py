@@ -104,6 +104,7 @@ def require_whole(folder: Path) -> None:
         whole[name](folder / name)
 
 
+@pytest.mark.usefixtures("sigint")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 def test_stopped_at_any_moment_files_are_old_or_new_and_whole(number, tmp_path):
     """Several processes write the same files in turn; each is stopped soon after it starts to write."""

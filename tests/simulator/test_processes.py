@@ -18,7 +18,10 @@ import pytest
 from simulator.processes import available_workers, map_ordered, run_all
 from tests.support.project import ROOT
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("sigint")]
+EACH = pytest.mark.parametrize(
+    "run", [lambda *jobs, **options: list(map_ordered(*jobs, **options)), run_all], ids=["map_ordered", "run_all"]
+)
 
 
 def slow_square(number: int) -> tuple[int, int]:
@@ -51,109 +54,71 @@ def wait_for(condition, *, seconds: float = 20.0) -> None:
         time.sleep(0.02)
 
 
-def start(code: str) -> subprocess.Popen:
-    """Run code in its own process group."""
-    return subprocess.Popen(
-        [sys.executable, "-c", code],
-        cwd=ROOT,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
+@EACH
+@pytest.mark.parametrize("workers", [1, 2])
+def test_results_come_in_the_order_of_the_jobs(run, workers):
+    squares, processes = zip(*run(slow_square, range(9), workers=workers), strict=True)
+    assert squares == tuple(n**2 for n in range(9))
+    assert (os.getpid() in processes, len(set(processes))) == (workers == 1, workers)
 
 
-class TestMapOrdered:
-    @pytest.mark.parametrize("workers", [1, 2])
-    def test_results_come_in_the_order_of_the_jobs(self, workers):
-        squares, processes = zip(*map_ordered(slow_square, range(9), workers=workers), strict=True)
-        assert squares == tuple(n**2 for n in range(9))
-        assert (os.getpid() in processes, len(set(processes))) == ((True, 1) if workers == 1 else (False, 2))
-
-    def test_an_error_in_a_worker_is_raised_and_ends_the_others(self):
-        results = map_ordered(reciprocal, [2, 4, 0, 8], workers=2)
-        assert [next(results), next(results)] == [0.5, 0.25]
-        with pytest.raises(ZeroDivisionError):
-            next(results)
-        assert multiprocessing.active_children() == []
-
-    def test_few_jobs_are_taken_ahead_of_the_results(self):
-        """Pictures that wait for the encoder would fill the memory."""
-        taken = []
-        results = map_ordered(abs, (taken.append(n) or n for n in range(100)), workers=2)
-        assert [next(results) for _ in range(3)] == [0, 1, 2]
-        assert len(taken) <= 3 + 2 * 2
-        results.close()
-        assert multiprocessing.active_children() == []
+@EACH
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_error_in_a_job_is_raised_and_ends_the_workers(run, workers):
+    with pytest.raises(ZeroDivisionError):
+        run(reciprocal, [2, 0, 8], workers=workers)
+    assert multiprocessing.active_children() == []
 
 
-class TestRunAll:
-    @pytest.mark.parametrize("workers", [1, 2])
-    def test_results_come_in_the_order_of_the_jobs_and_progress_as_they_finish(self, workers):
-        reports = []
-        results = run_all(slow_square, range(9), workers=workers, progress=lambda *done: reports.append(done))
-        assert [square for square, _ in results] == [n**2 for n in range(9)]
-        assert len({process for _, process in results}) == workers
-        assert reports == [(done, 9) for done in range(1, 10)]
-
-    @pytest.mark.parametrize("workers", [1, 2])
-    def test_opencv_has_one_thread_in_a_job_only(self, workers):
-        before = cv2.getNumThreads()
-        assert run_all(opencv_threads, [0, 1], workers=workers) == [1, 1]
-        assert cv2.getNumThreads() == before
-
-    @pytest.mark.parametrize("workers", [1, 2])
-    def test_an_error_in_a_job_is_raised_and_ends_the_workers(self, workers):
-        with pytest.raises(ZeroDivisionError):
-            run_all(reciprocal, [2, 0, 8], workers=workers)
-        assert multiprocessing.active_children() == []
+@EACH
+def test_a_worker_that_dies_is_an_error_that_says_what_to_do(run):
+    with pytest.raises(OSError, match="worker process ended .* workers=1"):
+        run(partial(os._exit), [3], workers=2)
+    assert available_workers() >= 1
+    with pytest.raises(ValueError, match="not 0"):
+        run(abs, [1], workers=0)
 
 
-@pytest.mark.parametrize("run", [lambda *a, **k: list(map_ordered(*a, **k)), run_all], ids=["map_ordered", "run_all"])
-class TestBoth:
-    def test_a_worker_that_dies_is_an_error_that_says_what_to_do(self, run):
-        with pytest.raises(OSError, match="worker process ended .* workers=1"):
-            run(partial(os._exit), [3], workers=2)
-
-    def test_refuses_no_workers(self, run):
-        assert available_workers() >= 1
-        with pytest.raises(ValueError, match="not 0"):
-            run(abs, [1], workers=0)
+def test_few_jobs_are_taken_ahead_of_the_results():
+    """Images that wait for the encoder would fill the memory."""
+    taken = []
+    results = map_ordered(abs, (taken.append(n) or n for n in range(100)), workers=2)
+    assert [next(results) for _ in range(3)] == [0, 1, 2]
+    assert len(taken) <= 3 + 2 * 2
+    results.close()
+    assert multiprocessing.active_children() == []
 
 
-def test_interrupt_ends_all_processes_without_output_of_theirs():
-    process = start(
-        "from simulator.processes import map_ordered\n"
-        "from tests.simulator.test_processes import slow_square\n"
-        "results = map_ordered(slow_square, range(1000), workers=2)\n"
-        "next(results); print('ready', flush=True); list(results)\n"
-    )
-    assert process.stdout.readline() == "ready\n"
-    # As the terminal does it: to the whole group.
-    os.killpg(process.pid, signal.SIGINT)
-    # Returns when the last process that can still write has ended.
-    _, said = process.communicate(timeout=20)
-    assert said.count("Traceback") == 1 and said.rstrip().endswith("KeyboardInterrupt")
+@pytest.mark.parametrize("workers", [1, 2])
+def test_progress_and_one_opencv_thread_in_each_job(workers):
+    before, reports = cv2.getNumThreads(), []
+    threads = run_all(opencv_threads, range(4), workers=workers, progress=lambda *done: reports.append(done))
+    assert threads == [1] * 4 and cv2.getNumThreads() == before
+    assert reports == [(done, 4) for done in range(1, 5)]
 
 
 @pytest.fixture
 def writing(tmp_path):
-    """A process with two workers that are both writing a file."""
-    process = start(
+    """A process in a group of its own, with two workers that are both writing a file."""
+    code = (
         "from pathlib import Path\n"
         "from simulator.processes import run_all\n"
         "from tests.simulator.test_processes import write_slowly\n"
         f"run_all(write_slowly, [Path({str(tmp_path)!r}, name) for name in 'ab'], workers=2)\n"
     )
-    wait_for(lambda: len(list(tmp_path.iterdir())) == 2)
-    yield process
-    process.kill()
-    process.communicate()
+    options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "start_new_session": True}
+    with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, **options) as process:
+        wait_for(lambda: len(list(tmp_path.iterdir())) == 2)
+        yield process
+        process.kill()
 
 
-def test_an_interrupted_job_removes_its_unfinished_file(writing, tmp_path):
+def test_an_interrupt_ends_all_processes_without_output_or_files_of_theirs(writing, tmp_path):
+    # As the terminal does it: to the whole group.
     os.killpg(writing.pid, signal.SIGINT)
-    writing.communicate(timeout=20)
+    # Returns when the last process that can still write has ended.
+    _, said = writing.communicate(timeout=20)
+    assert said.count("Traceback") == 1 and said.rstrip().endswith("KeyboardInterrupt")
     assert list(tmp_path.iterdir()) == []
 
 

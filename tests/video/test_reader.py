@@ -68,7 +68,7 @@ def test_formats_of_phones_and_dashcams(tmp_path, name):
         pytest.skip(f"this build of PyAV has no encoder {made.codec}")
     bars = ((made.bars_px, made.bars_px), (0, 0), (0, 0))
     images = [np.pad(numbered(number, made.size), bars) for number in range(FRAMES)]
-    encode(path, images, made.codec, made.pixels, rate=made.fps, options=made.options)
+    encode(path, images, made.codec, made.pixels, fps=made.fps, options=made.options)
     process_video(path, tmp_path / "out.mp4", unchanged, progress=False)
     for file in (path, tmp_path / "out.mp4"):
         info, frames = inspect_video(file), list(read_video(file))
