@@ -34,7 +34,7 @@ def frustum_planes(camera: Camera, wider: float = 1.15) -> np.ndarray:
     """View frustum in the road frame: the half spaces in which a point can be projected.
 
     Rows (nx, ny, nz, d) of the result (5, 4); a point p is inside where n.p + d >= 0. The first row is the near plane,
-    the others are the sides of a pyramid around the picture, `wider` times its width, limited to the valid range of the
+    the others are the sides of a pyramid around the image, `wider` times its width, limited to the valid range of the
     distortion polynomial.
     """
     width, height = camera.size
@@ -58,7 +58,7 @@ def inside_planes(points_m: np.ndarray, planes: np.ndarray) -> np.ndarray:
 
 
 def outside_picture(points_m: np.ndarray, camera: Camera) -> np.ndarray:
-    """Mask (...,) of the point sets (..., N, 3) whose convex hull is outside the picture, blur included."""
+    """Mask (...,) of the point sets (..., N, 3) whose convex hull is outside the image, blur included."""
     planes = frustum_planes(camera, 1.05)
     return (points_m @ planes[:, :3].T + planes[:, 3] < 0).all(axis=-2).any(axis=-1)
 

@@ -39,7 +39,7 @@ MAX_CACHED = 3
 class Ground:
     """Ground seen by the pixels below the horizon: arrays of shape (rows, width), float32, metres.
 
-    The first row is picture row `top`. Pixels without ground hold points at MAX_GROUND_M, and `visible` is False there.
+    The first row is image row `top`. Pixels without ground hold points at MAX_GROUND_M, and `visible` is False there.
     The footprint of a pixel in s and d is the parallelogram spanned by one step right (`_u`) and one step down (`_v`).
     """
 
@@ -185,7 +185,7 @@ def cast_on_relief(
 
 
 def _count_sky_rows(rays: np.ndarray, inverse: np.ndarray) -> int:
-    """Number of rows at the top of the picture whose rays are all too steep to meet ground."""
+    """Number of rows at the top of the image whose rays are all too steep to meet ground."""
     steepest = SLOPES[np.flatnonzero(inverse.any(axis=1)).max(initial=0)]
     few = rays[:, ::32]
     rising = few[..., 2] > np.float32(steepest + SKY_MARGIN) * np.maximum(few[..., 0], np.float32(0.05))

@@ -76,7 +76,7 @@ def render_scene(
 
 @lru_cache(maxsize=1)
 def _renderer_hash() -> str:
-    """Hash (eight digits) of the sources of all modules that affect the pictures."""
+    """Hash (eight digits) of the sources of all modules that affect the images."""
     folder = Path(simulator.__file__).parent
     digest = hashlib.sha256()
     for source in (Path(camera.__file__), *sorted(folder.rglob("*.py"))):
