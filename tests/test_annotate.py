@@ -18,10 +18,10 @@ from lanes.files import read_telemetry
 from lanes.images import read_image, write_image
 from lanes.video.reader import inspect_video
 from lanes.video.writer import VideoWriter
-from tests.io.video.sample_videos import make_video_with_unknown_sound
 from tests.support.clips import write_drive
 from tests.support.painted_drive import BENDS, CAMERA, SMALL
 from tests.support.painted_roads import paint_motorway
+from tests.video.sample_videos import make_video_with_unknown_sound
 
 GREY = np.full((360, 640, 3), 128, np.uint8)
 BLACK = np.zeros_like(GREY)

@@ -34,7 +34,7 @@ from tests.support.project import ROOT
 
 distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'dask[distributed]' bokeh")
 
-# x264 makes the same bytes each time only of widths that are multiples of 256 (tests/io/video/conftest.py).
+# x264 makes the same bytes each time only of widths that are multiples of 256 (tests/video/conftest.py).
 SMALL = CAMERA.scaled((768, 432))
 DRIVES, FRAMES = 5, 20
 

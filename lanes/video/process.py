@@ -83,10 +83,12 @@ def process_video(
     info = info or inspect_video(source)
     if Path(target).exists() and os.path.samefile(source, target):
         raise VideoError(f"{target}: is the source itself; write the output under another name.")
-    writer = VideoWriter(
-        target, fps=info.fps, colours=info.colours, sound_from=source if sound and info.has_audio else None
-    )
-    takes_time = _takes_time(function)
+    sound_from = source if sound and info.has_audio else None
+    writer = VideoWriter(target, fps=info.fps, colours=info.colours, sound_from=sound_from)
+    try:
+        takes_time = "elapsed_s" in inspect.signature(function).parameters
+    except ValueError:
+        takes_time = False  # functions written in C have no signature
     with (
         _sigterm_as_exception(),
         # This order renames the telemetry file only after the video.
@@ -116,14 +118,6 @@ def count_missing(info: VideoInfo, numbers: Sequence[int], *, start_s: float, en
     whole = start_s == 0 and (end_s is None or end_s >= info.duration_s)
     expected = info.frames + info.missing if whole else numbers[-1] - numbers[0] + 1
     return max(0, expected - len(numbers))
-
-
-def _takes_time(function: Callable) -> bool:
-    """Whether a function has a parameter `elapsed_s`."""
-    try:
-        return "elapsed_s" in inspect.signature(function).parameters
-    except ValueError:
-        return False  # functions written in C have no signature
 
 
 def _apply(function: Callable, image: np.ndarray, options: Mapping, name: str) -> tuple[np.ndarray, Row]:

@@ -140,7 +140,7 @@ class VideoWriter:
             format="yuv420p",
             src_color_range=ColorRange.JPEG,
             dst_colorspace=self._colours.matrix,
-            dst_color_range=_range(self._colours),
+            dst_color_range=self._colours.range,
             threads=1,
         )
         _tag(frame, self._colours)
@@ -162,8 +162,8 @@ class VideoWriter:
         self._container = container
         self._resources.callback(_close_quietly, container)
         if self._sound_from is not None:
-            self._sound = SoundTrack(self._sound_from, container, start_s=self._zero_s)
-            self._resources.callback(self._sound.close)
+            source = self._resources.enter_context(open_video(self._sound_from))
+            self._sound = SoundTrack(source, container, start_s=self._zero_s)
         return container
 
     def _stamp(self, frame: av.VideoFrame, time_s: float) -> None:
@@ -202,11 +202,10 @@ class VideoWriter:
 class SoundTrack:
     """The first sound track of `source` that can be decoded, written to `target` interleaved with the frames."""
 
-    def __init__(self, source: str | Path, target: av.container.OutputContainer, *, start_s: float) -> None:
-        self._path = source
-        self._source = open_video(source)
-        self._target = target
-        self._start_s = start_s
+    def __init__(
+        self, source: av.container.InputContainer, target: av.container.OutputContainer, *, start_s: float
+    ) -> None:
+        self._source, self._target, self._start_s = source, target, start_s
         # A track in a codec that FFmpeg does not know has no codec context; it is left out.
         self._input = next((track for track in self._source.streams.audio if track.codec_context), None)
         self._copied = self._input is not None and self._input.codec_context.name in _COPIED_CODECS
@@ -227,10 +226,6 @@ class SoundTrack:
         self.write_until(time_s)
         if self._input is not None and not self._copied:
             self._write(None)
-
-    def close(self) -> None:
-        """Close the source."""
-        self._source.close()
 
     def _open_output(self, sound: av.AudioStream) -> av.AudioStream:
         if self._copied:
@@ -253,7 +248,7 @@ class SoundTrack:
             self._source.seek(int(zero_s * av.time_base))
         pieces = self._source.demux(sound) if self._copied else decode_frames(self._source, sound)
         last_s = -math.inf
-        for piece in translate_errors(pieces, self._path):
+        for piece in translate_errors(pieces, self._source.name.removeprefix("file:")):
             if piece.pts is None:
                 continue
             time_s = float(piece.pts * piece.time_base) - zero_s
@@ -290,11 +285,7 @@ def open_mp4(
 
 def _tag(target: av.VideoCodecContext | av.VideoFrame, colours: ColourTags) -> None:
     target.colorspace, target.color_primaries = colours.matrix, colours.primaries
-    target.color_trc, target.color_range = colours.transfer, _range(colours)
-
-
-def _range(colours: ColourTags) -> ColorRange:
-    return ColorRange.JPEG if colours.full_range else ColorRange.MPEG
+    target.color_trc, target.color_range = colours.transfer, colours.range
 
 
 def _close_quietly(container: av.container.OutputContainer) -> None:

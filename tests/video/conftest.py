@@ -6,9 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.io.video.sample_videos import (
-    make_video,
-)
+from tests.video.sample_videos import make_video
 
 
 @pytest.fixture(scope="module")

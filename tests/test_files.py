@@ -1,4 +1,4 @@
-"""Input files are checked, outputs are written atomically, and writers lock each other out."""
+"""Input files are checked, outputs are written atomically, writers lock each other out, and telemetry survives."""
 
 from __future__ import annotations
 
@@ -10,16 +10,19 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from lanes.files import (
     atomic_write,
     exclusive_writer,
     partial_file,
+    read_telemetry,
     read_text,
     remove_stale_partials,
     require_file,
     write_atomically,
+    write_telemetry,
 )
 from tests.support.project import ROOT
 
@@ -125,13 +128,10 @@ def test_a_full_disk_is_reported_and_keeps_the_old_file(tmp_path, monkeypatch, c
     assert names(tmp_path) == {"a.txt"} and (tmp_path / "a.txt").read_bytes() == b"old"
 
 
-def test_permissions_are_those_of_any_new_file(tmp_path):
+def test_permissions_are_those_of_any_new_file_and_a_link_stays_a_link(tmp_path):
     write_atomically(tmp_path / "a", b"")
     (tmp_path / "b").touch()
     assert stat.S_IMODE((tmp_path / "a").stat().st_mode) == stat.S_IMODE((tmp_path / "b").stat().st_mode)
-
-
-def test_a_link_stays_a_link(tmp_path):
     (tmp_path / "there").mkdir()
     write_atomically(tmp_path / "there" / "real.txt", b"old")
     (tmp_path / "link.txt").symlink_to(tmp_path / "there" / "real.txt")
@@ -153,13 +153,7 @@ def test_only_files_are_replaced(tmp_path, kind, words):
 
 
 def test_only_stale_partial_files_are_removed(tmp_path):
-    kept = {
-        "b.partial.0123456789ab.txt",
-        "a.partial.txt",
-        "a.partial.0123.txt",
-        "a.partial.0123456789abc.txt",
-        "xa.txt",
-    }
+    kept = {f"b.partial.{STALE}.txt", "a.partial.txt", "a.partial.0123.txt", f"a.partial.{STALE}c.txt", "xa.txt"}
     for name in kept | {f"a.partial.{STALE}.txt", f"a.partial.{STALE}.csv", f"a.partial.{STALE}"}:
         (tmp_path / name).touch()
     write_atomically(tmp_path / "a.txt", b"new")
@@ -179,12 +173,9 @@ def test_two_writers_of_one_file_do_not_mix(tmp_path):
 
 
 def other(code: str, *arguments: object) -> subprocess.Popen:
-    command = [
-        sys.executable,
-        "-c",
-        f"import sys, time\nfrom pathlib import Path\nfrom lanes.files import *\n{code}",
-    ]
-    return subprocess.Popen([*command, *map(str, arguments)], cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    code = f"import sys, time\nfrom pathlib import Path\nfrom lanes.files import *\n{code}"
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
 
 
 def test_partial_files_of_killed_processes_only_are_removed(tmp_path):
@@ -240,3 +231,52 @@ def test_a_lock_removed_by_another_run_is_created_again(tmp_path, monkeypatch):
     monkeypatch.setattr("fcntl.flock", late)
     with exclusive_writer(tmp_path / "a.txt"):
         assert lock.is_file() and len(calls) == 2
+
+
+# --- telemetry
+
+
+def test_telemetry_survives_writing_and_reading(tmp_path):
+    rows = [
+        {"frame": 0, "time_s": 0.0, "state": "found", "offset_m": np.float64(-0.123456789)},
+        {"frame": 1, "time_s": 0.04, "state": "lost", "offset_m": None},
+        {"frame": 2, "time_s": 0.08, "state": "found", "offset_m": np.nan, "curvature_per_m": np.float32(0.5)},
+    ]
+    table = read_telemetry(write_telemetry(tmp_path / "new" / "drive.csv", rows))
+    assert list(table) == ["frame", "time_s", "state", "offset_m", "curvature_per_m"]
+    np.testing.assert_array_equal(table["frame"], [0, 1, 2])
+    assert table["state"].tolist() == ["found", "lost", "found"]
+    np.testing.assert_array_equal(table["offset_m"], [-0.123456789, np.nan, np.nan])
+    np.testing.assert_array_equal(table["curvature_per_m"], [np.nan, np.nan, 0.5])
+
+
+def test_telemetry_has_nine_digits_and_can_have_no_rows(tmp_path):
+    path = write_telemetry(tmp_path / "drive.csv", [{"frame": 7, "offset_m": 1 / 3, "note": "a, b"}])
+    assert path.read_bytes() == b'frame,offset_m,note\n7,0.333333333,"a, b"\n'
+    path.write_text("frame,offset_m\n")
+    assert {name: len(column) for name, column in read_telemetry(path).items()} == {"frame": 0, "offset_m": 0}
+    path.unlink()
+    with pytest.raises(FileNotFoundError, match=r"drive\.csv: there is no such telemetry"):
+        read_telemetry(path)
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"hello\nworld\n", b"Dear all,\n\nhello\n", b"frame,offset_m\n1,2\n3\n", b"frame\n\xff\xfe\n"]
+)
+def test_files_that_are_not_a_table(tmp_path, content):
+    (tmp_path / "drive.csv").write_bytes(content)
+    with pytest.raises(ValueError, match=r"drive\.csv: (is not a (telemetry table|text file)|the file is empty)"):
+        read_telemetry(tmp_path / "drive.csv")
+
+
+def test_failure_keeps_the_earlier_file(tmp_path):
+    path = write_telemetry(tmp_path / "drive.csv", [{"frame": 1}])
+
+    def rows():
+        yield {"frame": 2}
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_telemetry(path, rows())
+    assert path.read_text() == "frame\n1\n"
+    assert len(list(tmp_path.iterdir())) == 1

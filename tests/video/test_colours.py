@@ -11,7 +11,7 @@ import pytest
 from lanes.video.process import process_video
 from lanes.video.reader import ColourTags, inspect_video, read_video
 from lanes.video.writer import VideoWriter
-from tests.io.video.sample_videos import unchanged
+from tests.video.sample_videos import unchanged
 
 COLOURS = [(255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 255), (0, 0, 0), (250, 200, 20), (20, 60, 220), (130,) * 3]
 # Luma coefficients of red and blue by matrix code point: ITU-T H.273, table 4.

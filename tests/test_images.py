@@ -1,4 +1,6 @@
-"""Picture files: the array layout, and unusable files."""
+"""Images: files in and out, unusable files, and arrays as people have them."""
+
+from __future__ import annotations
 
 import struct
 import time
@@ -9,9 +11,20 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes import images
+from classic import threshold
+from lanes import canvas, images
+from lanes.camera import undistort
+from lanes.chessboard import Board, draw_board, find_board
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.draw import draw_tracked
 from lanes.errors import PictureError
-from lanes.images import list_pictures, natural_key, read_image, write_image
+from lanes.explain import explain
+from lanes.images import list_pictures, read_image, require_rgb, write_image
+from lanes.stills import find_lane
+from lanes.track.tracker import LaneTracker
+from lanes.video.reader import read_video
+from lanes.video.writer import VideoWriter
+from tests.support.painted_drive import SMALL, tracked_bends
 
 RED, GREEN = (220, 30, 20), (20, 200, 40)
 
@@ -54,11 +67,6 @@ def test_alpha_is_dropped(tmp_path, picture):
     assert np.array_equal(read_image(tmp_path / "alpha.png"), picture)
 
 
-def test_missing_file_is_named(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"nowhere\.jpg.*no such picture"):
-        read_image(tmp_path / "nowhere.jpg")
-
-
 @pytest.mark.parametrize("suffix", [".jpg", ".png", ".webp", ".bmp", ".tif"])
 @pytest.mark.parametrize("share", [0.3, 0.9, 0.99])
 def test_truncated_file_is_refused(tmp_path, picture, suffix, share):
@@ -95,36 +103,34 @@ def test_data_after_the_end_of_a_jpeg_are_ignored(tmp_path, picture):
     assert read_image(path).shape == picture.shape
 
 
-def test_empty_file_is_refused(tmp_path):
-    (tmp_path / "empty.jpg").touch()
-    with pytest.raises(PictureError, match=r"empty\.jpg.*is empty"):
-        read_image(tmp_path / "empty.jpg")
+HEIC = b"\0\0\0\x18ftypheic\0\0\0\0mif1heic" + bytes(99)
 
 
-def test_text_named_jpg_is_refused(tmp_path):
-    (tmp_path / "text.jpg").write_text("not a picture")
-    with pytest.raises(PictureError, match=r"text\.jpg.*not a JPEG, PNG, WebP, BMP or TIFF"):
-        read_image(tmp_path / "text.jpg")
-
-
-@pytest.mark.parametrize("name", ["photo.heic", "renamed.jpg"])
-def test_heic_is_refused_with_the_way_to_convert_it(tmp_path, name):
-    (tmp_path / name).write_bytes(b"\0\0\0\x18ftypheic\0\0\0\0mif1heic" + bytes(99))
-    with pytest.raises(PictureError, match=rf"{name}: is a HEIC picture.*convert it to JPEG"):
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("empty.jpg", b"", "is empty"),
+        ("text.jpg", b"not a picture", "not a JPEG, PNG, WebP, BMP or TIFF"),
+        ("hollow.jpg", b"\xff\xd8\xff\xda\xff\xd9", "cannot be decoded"),
+        ("photo.heic", HEIC, "is a HEIC picture.*convert it to JPEG"),
+        ("renamed.jpg", HEIC, "is a HEIC picture.*convert it to JPEG"),
+    ],
+)
+def test_files_that_are_no_picture_are_refused(tmp_path, name, content, words):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(PictureError, match=f"{name}.*{words}"):
         read_image(tmp_path / name)
+    with pytest.raises(FileNotFoundError, match=r"nowhere\.jpg.*no such picture"):
+        read_image(tmp_path / "nowhere.jpg")
 
 
 def huge_png(width: int, height: int) -> bytes:
     """A PNG of a few bytes with any size in its header."""
-    chunks = [
-        (b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)),
-        (b"IDAT", zlib.compress(b"")),
-        (b"IEND", b""),
-    ]
-    parts = [
-        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks
-    ]
-    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    file = b"\x89PNG\r\n\x1a\n"
+    for kind, data in ((b"IHDR", header), (b"IDAT", zlib.compress(b"")), (b"IEND", b"")):
+        file += struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    return file
 
 
 def huge_jpeg(picture: np.ndarray, width: int, height: int) -> bytes:
@@ -158,29 +164,6 @@ def test_a_thumbnail_is_not_taken_for_the_picture(tmp_path, picture):
     assert read_image(path).shape == picture.shape
 
 
-def test_markers_without_content_are_refused(tmp_path):
-    (tmp_path / "hollow.jpg").write_bytes(b"\xff\xd8\xff\xda\xff\xd9")
-    with pytest.raises(PictureError, match=r"hollow\.jpg.*cannot be decoded"):
-        read_image(tmp_path / "hollow.jpg")
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        np.zeros((4, 4), np.uint8),
-        np.zeros((4, 4, 4), np.uint8),
-        np.zeros((4, 4, 3), np.float32),
-        [[0, 0, 0]],
-        None,
-    ],
-    ids=["gray", "rgba", "float", "list", "none"],
-)
-def test_only_rgb_is_written(tmp_path, wrong):
-    with pytest.raises(PictureError, match="expected an RGB image"):
-        write_image(tmp_path / "a.png", wrong)
-    assert not any(tmp_path.iterdir())
-
-
 @pytest.mark.parametrize("name", ["a.gif", "a.heic", "a"])
 def test_other_formats_are_refused(tmp_path, picture, name):
     with pytest.raises(PictureError, match=r"end the name in \.jpg or \.png"):
@@ -199,11 +182,8 @@ def test_pictures_are_listed_in_natural_order_without_partial_files(tmp_path, pi
     (tmp_path / "board3.partial.0123456789ab.png").touch()
     (tmp_path / "folder.jpg").mkdir()
     assert [p.name for p in list_pictures(tmp_path)] == ["board1.jpeg", "board2.PNG", "board10.png"]
-
-
-def test_names_with_other_digits_can_be_sorted():
-    names = [Path("m²"), Path("m10"), Path("m9"), Path("7")]
-    assert [p.name for p in sorted(names, key=natural_key)] == ["7", "m9", "m10", "m²"]
+    (tmp_path / "board².png").touch()  # a digit that is no number
+    assert [p.name for p in list_pictures(tmp_path)][-1] == "board².png"
 
 
 def test_empty_and_missing_folders_are_named(tmp_path):
@@ -211,3 +191,81 @@ def test_empty_and_missing_folders_are_named(tmp_path):
         list_pictures(tmp_path)
     with pytest.raises(FileNotFoundError, match="nowhere: there is no such folder"):
         list_pictures(tmp_path / "nowhere")
+
+
+def written(image: np.ndarray, folder: Path) -> np.ndarray:
+    return read_image(write_image(folder / "a.png", image))
+
+
+def encoded(image: np.ndarray, folder: Path) -> np.ndarray:
+    with VideoWriter(folder / "a.mp4", fps=25) as writer:
+        writer.write(image)
+    return next(read_video(folder / "a.mp4"))
+
+
+def tracked(image: np.ndarray, _: Path) -> np.ndarray:
+    tracker = LaneTracker(SMALL)
+    for _ in range(4):
+        found = tracker.update(image)
+    return draw_tracked(image, found, SMALL)
+
+
+LINE_PX = np.array([[60.0, 20.0], [20.0, 80.0]])
+# Functions that take an image of the camera's size and a folder.
+TAKE_IMAGES = {
+    "require_rgb": lambda image, _: require_rgb(image),
+    "write_image": written,
+    "VideoWriter": encoded,
+    "draw_line": lambda image, _: canvas.draw_line(image, LINE_PX, colour=canvas.LEFT_COLOUR),
+    "fill_lane": lambda image, _: canvas.fill_lane(image, LINE_PX, LINE_PX + 50),
+    "write_text": lambda image, _: canvas.write_text(image, "R 640 m"),
+    "draw_mosaic": lambda image, _: canvas.draw_mosaic(image, {"warp": image}),
+    "undistort": lambda image, _: undistort(image, SMALL),
+    "find_board": lambda image, _: np.array(find_board(image) is None),
+    "draw_board": lambda image, _: draw_board(image, Board(np.zeros((20, 2), np.float32), 5, 4, SMALL.size)),
+    "bird's-eye view": lambda image, _: BirdsEyeView(SMALL).warp(image),
+    "find_lane": lambda image, _: find_lane(image, SMALL).model,
+    "LaneTracker and draw_tracked": tracked,
+    "explain": lambda image, _: explain(image, SMALL).image,
+    "to_gray": lambda image, _: threshold.to_gray(image),
+    "channels": lambda image, _: np.array(threshold.split_channels(image, "HLS")),
+    "recipe A": lambda image, _: threshold.HlsSobelThresholds().masks(image)["combined"],
+    "recipe B": lambda image, _: threshold.EqualizedHsvThresholds().masks(image)["combined"],
+    "recipe C": lambda image, _: threshold.BestChannelThresholds().masks(image)["combined"],
+}
+AS_PEOPLE_HAVE_THEM = {
+    "read-only": np.copy,
+    "BGR reversed": lambda image: np.ascontiguousarray(image[..., ::-1])[..., ::-1],
+    "RGBA without alpha": lambda image: np.dstack([image, image[..., :1]])[..., :3],
+    "flipped": lambda image: np.ascontiguousarray(image[::-1, ::-1])[::-1, ::-1],
+    "transposed": lambda image: np.ascontiguousarray(image.transpose(1, 0, 2)).transpose(1, 0, 2),
+}
+
+
+@pytest.mark.parametrize("view", AS_PEOPLE_HAVE_THEM.values(), ids=AS_PEOPLE_HAVE_THEM)
+@pytest.mark.parametrize("function", TAKE_IMAGES.values(), ids=TAKE_IMAGES)
+def test_views_and_read_only_arrays_give_the_same(function, view, tmp_path):
+    image = tracked_bends()[0]
+    viewed = view(image)
+    viewed.flags.writeable = False
+    np.testing.assert_array_equal(function(viewed, tmp_path), function(image, tmp_path))
+    np.testing.assert_array_equal(viewed, image)
+
+
+@pytest.mark.parametrize("function", TAKE_IMAGES.values(), ids=TAKE_IMAGES)
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        (np.zeros((360, 640), np.uint8), r"expected an RGB image .* got shape \(360, 640\), dtype uint8"),
+        (np.zeros((360, 640, 4), np.uint8), r"expected an RGB image .* got shape \(360, 640, 4\)"),
+        (np.zeros((360, 640, 3)), "expected an RGB image .* dtype float64"),
+        (np.zeros((0, 640, 3), np.uint8), r"holds no pixels \(shape \(0, 640, 3\)\)"),
+        ([[0, 0, 0]], "expected an RGB image .* got list"),
+        (None, "expected an RGB image .* got NoneType"),
+    ],
+    ids=["gray", "rgba", "float", "empty", "list", "none"],
+)
+def test_other_arrays_are_refused(function, wrong, sentence, tmp_path):
+    with pytest.raises(PictureError, match=sentence):
+        function(wrong, tmp_path)
+    assert not any(tmp_path.iterdir())

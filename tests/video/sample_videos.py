@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterable
 from fractions import Fraction
 from pathlib import Path
 
@@ -29,20 +30,39 @@ def number_of(image: np.ndarray) -> int:
     return sum(int(row[bit * 16 + 8] > 128) << bit for bit in range(10))
 
 
-def make_video(
-    path: Path, frames: int = 25, *, fps=25, size=SIZE, sound: str | None = None, seconds=None, **audio
+def encode(
+    path: Path,
+    images: Iterable[np.ndarray],
+    codec: str = "libx264",
+    pixels: str = "yuv420p",
+    *,
+    fps=25,
+    options: dict[str, str] | None = None,
+    sound: str | None = None,
+    **audio,
 ) -> Path:
-    """A video written with PyAV instead of the tested code, in any container; `audio` may have a rate and a layout."""
+    """RGB images as a video, written with PyAV instead of the tested code; `audio` may have a rate and a layout."""
+    images = list(images)
     with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=Fraction(fps), options={"preset": "ultrafast", "g": "12"})
-        stream.width, stream.height, stream.pix_fmt = *size, "yuv420p" if size[0] % 2 == 0 else "yuv444p"
+        stream = container.add_stream(codec, rate=Fraction(fps), options=options or {})
+        stream.height, stream.width = images[0].shape[:2]
+        stream.pix_fmt = pixels
+        if pixels == "yuvj420p":
+            stream.codec_context.color_range = 2
         track = container.add_stream(sound, **{"rate": 48000, "layout": "mono"} | audio) if sound else None
-        for number in range(frames):
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(numbered(number, size))))
+        for image in images:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image).reformat(format=pixels)))
         container.mux(stream.encode(None))
         if track:
-            add_tone(container, track, seconds or frames / float(fps))
+            add_tone(container, track, len(images) / float(fps))
     return path
+
+
+def make_video(path: Path, frames: int = 25, *, size=SIZE, **settings) -> Path:
+    """A video of numbered frames in any container; `settings` are those of `encode`."""
+    pixels = "yuv420p" if size[0] % 2 == 0 else "yuv444p"
+    options = {"preset": "ultrafast", "g": "12"}
+    return encode(path, (numbered(n, size) for n in range(frames)), pixels=pixels, options=options, **settings)
 
 
 def set_rotation(source: Path, target: Path, degrees: int) -> None:
