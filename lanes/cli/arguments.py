@@ -63,14 +63,14 @@ def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None
 
 def given_camera(options: argparse.Namespace) -> Camera | None:
     """The camera of --camera or --boards; None without these options."""
-    from lanes.calibration import calibrate_folder
+    from lanes.calibration import calibrate
     from lanes.camera import load_camera
 
     if options.camera:
         return load_camera(options.camera)
     if options.boards:
         quiet = getattr(options, "quiet", False)
-        return calibrate_folder(options.boards, progress=None if quiet else progress_line("boards"))
+        return calibrate(options.boards, progress=None if quiet else progress_line("boards"))
     return None
 
 

@@ -38,26 +38,20 @@ def run(options: argparse.Namespace) -> int:
     """Calibrate, print the table, and write the camera file."""
     from lanes.calibration import (
         calibrate_detections,
-        describe_coverage,
+        describe_calibration,
         draw_contact_sheet,
         find_boards,
-        format_boards,
-        used_boards,
+        list_board_pictures,
     )
     from lanes.camera import save_camera
     from lanes.files import require_no_input_among
-    from lanes.images import list_pictures, write_image
+    from lanes.images import write_image
 
-    paths = [path for given in options.pictures for path in (list_pictures(given) if given.is_dir() else [given])]
+    paths = list_board_pictures(options.pictures)
     require_no_input_among(filter(None, (options.output, options.sheet)), paths)
     detections = find_boards(paths, options.pattern, progress=progress_line("calibrate"))
     camera = calibrate_detections(detections, ", ".join(map(str, options.pictures[:3])))
-    print(format_boards(detections, camera))
-    report = camera.require_report()
-    used = len(report.board_rms_px)
-    print(f"{used} of {len(paths)} pictures used, error {report.rms_px:.2f} px (RMS of all corners)")
-    print(f"focal length {camera.matrix[0, 0]:.1f} px, horizontal field of view {camera.hfov_deg:.1f} deg")
-    print(describe_coverage(used_boards(detections, camera)))
+    print(describe_calibration(detections, camera))
     print(f"wrote {save_camera(camera, options.output)}")
     if options.sheet:
         print(f"wrote {write_image(options.sheet, draw_contact_sheet(detections, camera))}")

@@ -79,9 +79,6 @@ def test_a_camera_gives_lens_pose_and_calibration():
 
 
 @pytest.mark.parametrize("hfov_deg", [30.0, 57.5, 120.0])
-def test_the_field_of_view_is_the_one_asked_for(hfov_deg):
-    assert Camera.from_fov((1920, 1080), hfov_deg).hfov_deg == pytest.approx(hfov_deg)
-
 
 def test_a_pose_comes_with_standard_deviations_and_notes():
     pose = CameraPose(1.32, np.radians(-1.8), np.radians(-1.36), 0.0)
