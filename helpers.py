@@ -27,7 +27,7 @@ from lanes.camera import undistort
 from classic.warp import FourPointWarp, metres_per_pixel, birdseye_to_road, road_axes
 from classic.recipe import recipe_from_pose
 from lanes.pose import estimate_pose
-from lanes.sources import pick_pictures
+from lanes.sources import sample_images
 from course.measures import lane_widths_px
 from course.sketch import sketch_conventions
 
@@ -72,7 +72,7 @@ from classic.overlay import (
     follow_lane,
 )
 from course.clips import open_clip
-from lanes.video.process import annotate_video
+from lanes.video.process import process_video
 from lanes.files import read_telemetry
 
 # 9 Metres
@@ -111,7 +111,7 @@ from lanes.detect.paint import strength_weight
 
 # Sliders
 from course.sliders import tune_threshold, tune_view
-from lanes.video.reader import read_frames
+from lanes.video.reader import read_video
 
 # Figures
 from lanes.figures import show_pictures, plot_bars, plot_histogram, plot_series, save_figure

@@ -52,12 +52,8 @@ def start_system(system: str | OwnFinder, camera: Camera, fps: float) -> tuple[C
     """Start a system on a drive: a function of the next frame, and one that makes the estimate of what it returns.
 
     A frame is (height, width, 3) uint8 RGB with lens distortion. Only the first function counts in the time of a
-    system. `system` is a name of `SYSTEMS`, "file.py:function", or a finder itself (see `benchmark.own_finder`).
-
-    Raises
-    ------
-    ValueError
-        If the system is unknown.
+    system. `system` is a name of `SYSTEMS`, "file.py:function", or a finder itself (see `benchmark.own_finder`). Raises
+    ValueError if it is unknown.
     """
     if callable(system):
         return lambda image: system(image, camera), estimate_from_lines
@@ -75,12 +71,7 @@ def column_detector(system: str, camera: Camera) -> Callable[[np.ndarray, np.nda
     """A system that detects the lines of single pictures, without memory.
 
     It is a function of a picture and rows (R,), and returns the columns (2, R) of the left and right line in the raw
-    picture, -2 where a line does not pass, as in TuSimple's files.
-
-    Raises
-    ------
-    ValueError
-        If the system is unknown.
+    picture, -2 where a line does not pass, as in TuSimple's files. Raises ValueError if the system is unknown.
     """
     if is_own_finder(system):
         find = load_finder(system)

@@ -28,7 +28,7 @@ from lanes.sources import require_distinct_outputs
 from lanes.stills import StillDetection, detect_still
 from lanes.track.pose_change import PoseChange, describe_wrong_yaw, find_pose_change, find_wrong_yaw
 from lanes.track.tracker import LOST, LaneTracker, TrackedLane
-from lanes.video.process import VideoSummary, annotate_video
+from lanes.video.process import process_video
 from lanes.video.reader import VideoInfo, inspect_video, open_video
 
 SEVERAL_CAMERAS = " If the pictures are of several cameras, annotate them with --each."
@@ -57,8 +57,6 @@ class DriveSettings:
         Write an HTML report next to each video.
     progress : bool
         Show a progress bar if stderr is a terminal.
-    overlapped : bool
-        Read, process and write in parallel; see `annotate_video`.
     """
 
     output: Path
@@ -70,7 +68,6 @@ class DriveSettings:
     end_s: float | None = None
     report: bool = True
     progress: bool = True
-    overlapped: bool = True
 
     def camera_for(self, size: tuple[int, int], name: object = "picture") -> Camera:
         """The camera for pictures of `size` (width, height); error messages begin with the `name` of the drive.
@@ -292,10 +289,10 @@ def annotate_prepared(drive: PreparedDrive, settings: DriveSettings) -> DriveRes
     return conclude_drive(source, target, drive.camera, drive.pose, settings, elapsed_s, missing=missing, sound=sound)
 
 
-def track_video(drive: PreparedDrive, target: Path, settings: DriveSettings, **options: Any) -> VideoSummary:
-    """Write the annotated video `target` and its telemetry, with a new tracker; `options` are for `annotate_video`."""
+def track_video(drive: PreparedDrive, target: Path, settings: DriveSettings, **options: Any) -> VideoInfo:
+    """Write the annotated video `target` and its telemetry, with a new tracker; `options` are for `process_video`."""
     process = track_lane(LaneTracker(drive.camera, fps=drive.info.fps), drive.camera, style=settings.style)
-    return annotate_video(
+    return process_video(
         drive.video,
         target,
         process,
@@ -303,7 +300,6 @@ def track_video(drive: PreparedDrive, target: Path, settings: DriveSettings, **o
         end_s=settings.end_s,
         progress=settings.progress,
         telemetry=target.with_suffix(".csv"),
-        overlapped=settings.overlapped,
         info=drive.info,
         **options,
     )

@@ -184,7 +184,7 @@ class Camera:
         shift = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
         return replace(self, width=width, height=height, matrix=np.linalg.inv(shift) @ scale @ shift @ self.matrix)
 
-    def require_size(self, image: np.ndarray, name: object = "picture") -> np.ndarray:
+    def require_size(self, image: np.ndarray, name: object = "image") -> np.ndarray:
         """As `lanes.images.require_size`: the image, contiguous, if it has the size of the camera's."""
         return require_size(image, self.size, name, calibrated=bool(self.distortion.any()))
 

@@ -14,7 +14,7 @@ import numpy as np
 from lanes.camera import Camera, CameraPose
 from lanes.describe import html_table
 from lanes.errors import PoseError
-from lanes.sources import find_sources, pick_pictures
+from lanes.sources import find_sources, sample_images
 from lanes.stills import HEIGHT_RANGE_M, StillDetection, detect_with_own_pose
 from lanes.vanishing_point import (
     X0_BINS,
@@ -330,7 +330,7 @@ def estimate_pose(
     _require_plausible(lane_width_m, height_m)
     files, images = _list_images(source)
     if files:
-        images = pick_pictures(files, max_pictures, require=camera.require_size, start_s=start_s, end_s=end_s)
+        images = sample_images(files, max_pictures, require=camera.require_size, start_s=start_s, end_s=end_s)
     first = list(islice(images, 1))
     resized, resized_camera = _resize(chain(first, images), camera)
     try:

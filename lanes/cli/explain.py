@@ -64,10 +64,10 @@ def _read_frame(file: Path, at_s: float | None) -> np.ndarray:
     """The picture, or the frame of a video at time `at_s`."""
     from lanes.errors import PictureError
     from lanes.images import PICTURE_SUFFIXES, read_image
-    from lanes.video.reader import read_frames
+    from lanes.video.reader import read_video
 
     if file.suffix.lower() not in PICTURE_SUFFIXES:
-        return next(read_frames(file, start_s=at_s or 0.0))
+        return next(read_video(file, start_s=at_s or 0.0))
     if at_s is not None:
         raise PictureError(f"{file}: is a single picture, which has no frame at {at_s:g} s; omit --at.")
     return read_image(file)

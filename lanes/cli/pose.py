@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 
 from lanes.cli.arguments import add_footage, add_lens, add_output, add_piece, find_lens, require_piece
-from lanes.console import bounded_float, positive_int, progress_line
+from lanes.console import bounded_float, bounded_int, progress_line
 
 EXAMPLES = """\
   {program} --hfov 60 drive.mp4 -o camera.yaml
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_piece(parser)
     parser.add_argument(
         "--pictures",
-        type=positive_int,
+        type=bounded_int(1),
         default=40,
         metavar="N",
         help="largest number of pictures to use (default: %(default)s)",

@@ -53,8 +53,8 @@ def test_binaries_keep_two_values():
     [
         (np.zeros((360, 640, 3), np.uint8), "is 640x360 pixels, but this warp is for 1280x720"),
         (np.zeros((720, 1281), np.uint8), "is 1281x720 pixels, but this warp is for 1280x720"),
-        (np.zeros((720, 1280, 4), np.uint8), "expected an RGB picture"),
-        (np.zeros((720, 1280), bool), "expected an RGB picture"),
+        (np.zeros((720, 1280, 4), np.uint8), "expected an RGB image"),
+        (np.zeros((720, 1280), bool), "expected an RGB image"),
         (None, "got NoneType"),
     ],
     ids=["small", "binary", "rgba", "bool", "none"],
