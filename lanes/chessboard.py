@@ -181,7 +181,7 @@ def _is_chessboard(gray: np.ndarray, grid: np.ndarray) -> bool:
     diagonals = (step_u + step_v, -step_u - step_v, step_u - step_v, step_v - step_u)
     around = (grid + 0.25 * np.stack(diagonals)).astype(np.float32)
     squares = np.stack(
-        [cv2.remap(gray, *cv2.split(p), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for p in around]
+        [cv2.remap(gray, p[..., 0], p[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for p in around]
     )
     odd = np.indices(grid.shape[:2]).sum(axis=0) % 2 == 1
     one, other = np.where(odd, squares[2:], squares[:2]), np.where(odd, squares[:2], squares[2:])
