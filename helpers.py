@@ -15,7 +15,7 @@ from lanes.images import read_image, write_image, list_pictures
 
 # 2 Calibrate
 from lanes.chessboard import find_board, draw_board
-from lanes.calibration import calibrate_folder
+from lanes.calibration import calibrate
 from lanes.camera import Camera
 from lanes.camera import CameraPose
 from lanes.camera import save_camera, load_camera

@@ -55,24 +55,25 @@ class Calibrate:
     @staticmethod
     def run(options: argparse.Namespace) -> int:
         """Calibrate, print the table, and write the camera file."""
-        from lanes import calibration
+        from lanes.calibration import (
+            calibrate_detections,
+            describe_calibration,
+            draw_contact_sheet,
+            find_boards,
+            list_board_pictures,
+        )
         from lanes.camera import save_camera
         from lanes.files import require_no_input_among
-        from lanes.images import list_pictures, write_image
+        from lanes.images import write_image
 
-        paths = [path for given in options.pictures for path in (list_pictures(given) if given.is_dir() else [given])]
+        paths = list_board_pictures(options.pictures)
         require_no_input_among(filter(None, (options.output, options.sheet)), paths)
-        detections = calibration.find_boards(paths, options.pattern, progress=progress_line("calibrate"))
-        camera = calibration.calibrate_detections(detections, ", ".join(map(str, options.pictures[:3])))
-        print(calibration.format_boards(detections, camera))
-        report = camera.require_report()
-        used = len(report.board_rms_px)
-        print(f"{used} of {len(paths)} pictures used, error {report.rms_px:.2f} px (RMS of all corners)")
-        print(f"focal length {camera.matrix[0, 0]:.1f} px, horizontal field of view {camera.hfov_deg:.1f} deg")
-        print(calibration.describe_coverage(calibration.used_boards(detections, camera)))
+        detections = find_boards(paths, options.pattern, progress=progress_line("calibrate"))
+        camera = calibrate_detections(detections, ", ".join(map(str, options.pictures[:3])))
+        print(describe_calibration(detections, camera))
         print(f"wrote {save_camera(camera, options.output)}")
         if options.sheet:
-            print(f"wrote {write_image(options.sheet, calibration.draw_contact_sheet(detections, camera))}")
+            print(f"wrote {write_image(options.sheet, draw_contact_sheet(detections, camera))}")
         return 0
 
 
@@ -452,7 +453,7 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
     theirs.
     """
     from lanes.annotate import DriveSettings
-    from lanes.calibration import calibrate_folder
+    from lanes.calibration import calibrate
     from lanes.camera import load_camera
     from lanes.field_of_view import FieldOfView, find_field_of_view
 
@@ -461,7 +462,7 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
     if options.camera:
         camera = load_camera(options.camera)
     elif options.boards:
-        camera = calibrate_folder(options.boards, progress=None if quiet else progress_line("boards"))
+        camera = calibrate(options.boards, progress=None if quiet else progress_line("boards"))
     elif options.hfov is not None:
         field = FieldOfView(options.hfov, "as given")
     else:

@@ -199,7 +199,7 @@ MISUSE = {
     "bad camera file": (2, "not a usable camera file", "annotate --camera {drive}/bad.yaml {drive}/drive.mp4"),
     "wrong shape": (2, "another aspect ratio", "annotate --camera {drive}/other.yaml {drive}/drive.mp4"),
     "no chessboard": (2, "no chessboard", "annotate --boards {drive}/sky {drive}/drive.mp4"),
-    "boards in a file": (2, "is a file; name the folder", "annotate --boards {drive}/drive.mp4 {drive}/drive.mp4"),
+    "boards in a file": (2, "this is not a JPEG", "annotate --boards {drive}/drive.mp4 {drive}/drive.mp4"),
     "folder as camera file": (2, "name a camera file", "annotate --camera {drive}/sky {drive}/drive.mp4"),
     "no road": (1, "sky.png: only 0 of 1", "annotate --hfov 60 {drive}/sky"),
     "not a number": (2, "wide does not do", "annotate --hfov wide {drive}/drive.mp4"),
