@@ -15,7 +15,7 @@ from lanes.images import read_image, write_image, list_pictures
 
 # 2 Calibrate
 from lanes.chessboard import find_board, draw_board
-from lanes.calibration import calibrate_folder
+from lanes.calibration import calibrate
 from lanes.camera import Camera
 from lanes.camera import CameraPose
 from lanes.camera import save_camera, load_camera
@@ -85,7 +85,6 @@ from lanes.detect.paint import marking_response, find_stripes
 # 11 One model
 from lanes.stills import find_lane
 from lanes.draw import draw_found
-from lanes.annotate import annotate_folder
 
 # 12 Memory
 from lanes.detect.confidence import CONFIDENCE, FEATURES, lane_features, rate_lane

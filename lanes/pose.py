@@ -332,8 +332,8 @@ def estimate_pose(
     if files:
         images = sample_images(files, max_pictures, require=camera.require_size, start_s=start_s, end_s=end_s)
     first = list(islice(images, 1))
-    resized, resized_camera = _resize(chain(first, images), camera)
     try:
+        resized, resized_camera = _resize(chain(first, images), camera)
         estimate = _pose_from_images(resized, resized_camera, lane_width_m, height_m, progress)
     except PoseError as error:
         if not files:

@@ -312,7 +312,7 @@ def test_no_scheduler_and_no_dask_are_reported(drives, tmp_path):
     arguments = ["annotate", "--camera", camera, video, "-o", out]
 
     def run(*options: object, before: str) -> tuple[int, str, str]:
-        code = f"import sys; {before}\nfrom lanes.__main__ import main\nsys.exit(main())"
+        code = f"import sys; {before}\nfrom lanes.cli import main\nsys.exit(main())"
         with popen([sys.executable, "-c", code, *map(str, [*arguments, *options])]) as child:
             printed = child.communicate(timeout=180)
         return child.returncode, *printed
@@ -331,7 +331,6 @@ def test_no_scheduler_and_no_dask_are_reported(drives, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("sigint")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_killed_run_continues(number, drives, tmp_path):
     output = tmp_path / "out"

@@ -11,7 +11,7 @@ from benchmark.scored_drive import PROJECT_ROOT
 from classic.finder import LaneFinder
 from classic.recipe import RECIPES, get_recipe
 from course.dataset import open_dataset
-from lanes.calibration import calibrate_folder
+from lanes.calibration import calibrate
 from lanes.camera import Camera, CameraPose
 from lanes.describe import describe_bend, describe_offset
 from lanes.errors import CameraError, PictureError
@@ -393,7 +393,7 @@ with_real_stills = pytest.mark.skipif(
 
 @pytest.fixture(scope="module")
 def real_camera():
-    return calibrate_folder(REAL_DATA / "camera_cal")
+    return calibrate(REAL_DATA / "camera_cal")
 
 
 @with_real_stills

@@ -1,7 +1,6 @@
 """Corner detection: complete and partial boards against their true corners, and pictures without a board."""
 
 import json
-from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -9,6 +8,7 @@ import pytest
 
 from benchmark.scored_drive import PROJECT_ROOT
 from lanes.chessboard import Board, draw_board, find_board
+from lanes.errors import CameraError
 from lanes.images import read_image
 from simulator.chessboards import CREAM_WALL, BoardView, render_board, true_corners
 
@@ -77,6 +77,25 @@ def test_large_pictures_are_searched_small_and_measured_whole():
     assert np.sqrt((error**2).mean()) < 3 * 0.15
 
 
+@pytest.mark.parametrize("number", [6, 12, 17])
+def test_a_board_in_the_dark_is_found(number):
+    """The sector-based detector finds none of them."""
+    name = f"calibration{number}.jpg"
+    image = read_image(BOARDS / name)
+    dark = image * 0.15 + np.random.default_rng(0).normal(0, 3, image.shape)
+    board = find_board(np.clip(dark, 0, 255).astype(np.uint8))
+    assert {board.columns, board.rows} == {9, 6}
+    assert np.sqrt((errors_px(board, np.array(TRUTH[name]["corners_px"])) ** 2).mean()) < 0.3
+
+
+def test_the_result_does_not_depend_on_what_was_searched_before():
+    """The sector-based detector draws random numbers, which decide between parts of a board."""
+    image = read_image(BOARDS / "calibration4.jpg")
+    first = find_board(image)
+    cv2.setRNGSeed(7)
+    np.testing.assert_array_equal(find_board(image).corners_px, first.corners_px)
+
+
 @pytest.mark.slow
 def test_a_board_with_glare_across_it_is_found():
     view = BoardView(CREAM_WALL, 640, 360, 700, 20, 10, 5, (700, 300, 150, 3.0), (0.1, 0.2))
@@ -111,7 +130,7 @@ def test_other_patterns_are_found_and_larger_ones_only_in_part():
 
 
 def test_too_small_a_pattern_is_refused():
-    with pytest.raises(ValueError, match="2x6 inner corners is too small"):
+    with pytest.raises(CameraError, match="2x6 inner corners is too small"):
         find_board(np.zeros((50, 50, 3), np.uint8), (2, 6))
 
 
@@ -128,5 +147,5 @@ def test_drawing_marks_the_corners_on_a_copy():
 
 
 def test_object_points_are_in_the_order_of_the_corners():
-    board = replace(Board(np.zeros((12, 2), np.float32), 4, 3, (10, 10)))
+    board = Board(np.zeros((12, 2), np.float32), 4, 3, (10, 10))
     assert board.object_points.tolist()[:5] == [[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0], [0, 1, 0]]
