@@ -353,7 +353,7 @@ def annotate_stills(stills: Sequence[Path], settings: DriveSettings) -> Annotati
             lane = TrackedLane.from_still(detection.lane)
             drawn = STYLES[settings.style](detection.camera)(still.image, lane, detection.evidence)
             outputs.append(write_image(settings.output / still.path.name, drawn))
-            table.write({"frame": len(outputs) - 1, "picture": still.path.name, **lane.as_row()})
+            table.write({"frame": len(outputs) - 1, "picture": still.path.name, **_telemetry_row(lane)})
             if settings.each and still.pose:
                 found = f"{lane.state} (confidence {lane.confidence:.2f})"
                 lines.append(f"{still.path}: {found}; {still.pose.summary_line()}{settings.describe_lens(still.path)}")
