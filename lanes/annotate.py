@@ -21,7 +21,7 @@ from lanes.errors import CameraError, LaneError, PictureError, PoseError, VideoE
 from lanes.field_of_view import FieldOfView, find_field_of_view
 from lanes.files import exclusive_writer, read_telemetry, write_telemetry
 from lanes.images import PICTURE_SUFFIXES, list_pictures, opencv_threads, read_image, write_image
-from lanes.pose import PoseEstimate, describe_accuracy, ensure_pose
+from lanes.pose import PoseEstimate, ensure_pose
 from lanes.report.moments import frame_lengths_s, seconds_lost, share_tracked
 from lanes.report.page import write_report
 from lanes.sources import require_distinct_outputs
@@ -148,7 +148,7 @@ class DriveResult:
 
     def describe(self) -> str:
         """A sentence about the drive, after the camera pose if it was estimated."""
-        lines = [self.pose.describe(), describe_accuracy(self.pose)] if self.pose else []
+        lines = [self.pose.describe(), self.pose.describe_accuracy()] if self.pose else []
         lines.append(
             f"{self.source}: {describe_frames(self.frames, self.missing)}, lane tracked in {self.tracked_share:.0%} of "
             f"them, lost for {self.lost_s:.1f} s; {self.frames_per_s:.0f} frames/s; wrote {self.video} with telemetry"

@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
     """Estimate the camera pose, print it, and write it with the lens."""
     from lanes.camera import save_camera
     from lanes.files import require_no_input_among
-    from lanes.pose import LANE_WIDTH_M, describe_accuracy, estimate_pose
+    from lanes.pose import LANE_WIDTH_M, estimate_pose
 
     require_piece(options)
     require_no_input_among([options.output], options.files)
@@ -63,6 +63,6 @@ def run(options: argparse.Namespace) -> int:
         progress=progress_line("pose"),
     )
     print(estimate.describe())
-    print(describe_accuracy(estimate))
+    print(estimate.describe_accuracy())
     print(f"wrote {save_camera(estimate.camera, options.output)}")
     return 0

@@ -44,7 +44,7 @@ def test_stills_with_a_calibrated_lens(drive, tmp_path, capsys):
     assert np.degrees(found.pose.yaw_rad) == pytest.approx(1.5, abs=0.4)
     assert found.pose.height_m == pytest.approx(1.3, abs=0.05)
     printed = capsys.readouterr().out
-    assert "from 2 of 2 pictures" in printed and "looks left" in printed and "camera.yaml" in printed
+    assert "pictures 2 of 2 used" in printed and "looks left" in printed and "camera.yaml" in printed
     assert re.search(r"offset and lane width to be good to 3 cm and [34]% .*curvature twice as much", printed)
 
 
@@ -54,7 +54,7 @@ def test_video_with_a_field_of_view_alone(drive, tmp_path, capsys):
     assert found.size == (960, 540)
     assert np.degrees(found.pose.pitch_rad) == pytest.approx(3.0, abs=0.2)
     assert found.pose.height_m == 1.4
-    assert "from 3 of 3 pictures" in capsys.readouterr().out
+    assert "pictures 3 of 3 used" in capsys.readouterr().out
 
 
 def test_part_of_a_video_and_a_measured_height(drive, tmp_path, capsys):
@@ -63,7 +63,7 @@ def test_part_of_a_video_and_a_measured_height(drive, tmp_path, capsys):
     piece = ["--start", 1, "--end", 2.5, "--height", 1.3]
     assert run("--camera", lens, *piece, drive / "drive.mp4", "-o", tmp_path / "camera.yaml") == 0
     printed = capsys.readouterr().out
-    assert "from 3 of 3 pictures" in printed
+    assert "pictures 3 of 3 used" in printed
     assert "offset and lane width to be good to 1 cm, distances and curvature likewise" in printed
     pictures = list(sample_images([drive / "drive.mp4"], 40, start_s=1.0, end_s=2.5))
     for got, expected in zip(pictures, list(sample_images([drive / "drive.mp4"], 40))[2:5], strict=True):

@@ -185,7 +185,7 @@ def test_pose(drive, tmp_path):
     output = tmp_path / "camera.yaml"
     status, out, err = run("pose", "--camera", drive / "lens.yaml", *(drive / "stills").iterdir(), "-o", output)
     assert status == 0, err
-    assert "from 3 of 3 pictures" in out and "camera.yaml" in out
+    assert "pictures 3 of 3 used" in out and "camera.yaml" in out
     found = load_camera(output).pose
     assert found.height_m == pytest.approx(SMALL.pose.height_m, abs=0.1)
     assert found.pitch_rad == pytest.approx(SMALL.pose.pitch_rad, abs=np.radians(0.3))
