@@ -35,7 +35,7 @@ from lanes.files import (
     write_atomically,
     write_telemetry,
 )
-from lanes.images import opencv_threads
+from lanes.report.moments import frame_lengths_s, seconds_lost, share_tracked
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -69,7 +69,7 @@ class DriveJob:
 
 @dataclass(frozen=True)
 class FinishedDrive:
-    """Content of a manifest: fingerprint, sizes of the outputs in bytes by name, and results as in `DriveResult`."""
+    """Content of a manifest: fingerprint, sizes of the outputs in bytes by name, and results."""
 
     fingerprint: Mapping[str, Any]
     outputs: Mapping[str, int]
@@ -221,16 +221,24 @@ def run_job(job: DriveJob) -> FinishedDrive | Exception:
         )
     remove_stale_partials(job.manifest)
     try:
-        with opencv_threads(1):
-            result = annotate_drive(job.video, job.settings)
+        result = annotate_drive(job.video, job.settings)
     except FileNotFoundError as error:
         return FileNotFoundError(
             f"{error} (worker on {worker} in {os.getcwd()}; all workers must see the drives by the same path)"
         )
     except ValueError as error:
         return error
-    measures = {name: getattr(result, name) for name in MEASURES}
-    drive = FinishedDrive(job.fingerprint, output_sizes(job), **measures, description=result.describe())
+    telemetry = result.telemetry
+    drive = FinishedDrive(
+        fingerprint=job.fingerprint,
+        outputs=output_sizes(job),
+        tracked_share=share_tracked(telemetry),
+        lost_s=seconds_lost(telemetry),
+        frames=len(telemetry["frame"]),
+        missing=result.missing,
+        length_s=float(frame_lengths_s(telemetry["time_s"]).sum()),
+        description=result.description,
+    )
     write_atomically(job.manifest, json.dumps(asdict(drive), indent=1).encode(errors="replace"))
     return drive
 

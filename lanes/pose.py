@@ -57,6 +57,9 @@ MAX_DIRECTION_SCATTER_DEG, MAX_DIRECTION_DEG = 10.0, 12.0
 # more stripes.
 WORKING_WIDTH_PX = 1280
 
+# Images taken from the files of a drive; more did not improve the estimate.
+POSE_PICTURES = 40
+
 Progress = Callable[[int, int], None]
 
 
@@ -157,7 +160,7 @@ def estimate_pose(
     *,
     lane_width_m: float = LANE_WIDTH_M,
     height_m: float | None = None,
-    max_pictures: int = 40,
+    max_pictures: int = POSE_PICTURES,
     start_s: float = 0.0,
     end_s: float | None = None,
     progress: Progress | None = None,
@@ -179,7 +182,7 @@ def estimate_pose(
     height_m : float, optional
         Measured height of the camera above the road. If given, the lane width is not used.
     max_pictures : int
-        Number of images taken from files, evenly spaced; more than 40 did not improve the estimate.
+        Number of images taken from files, evenly spaced.
     start_s, end_s : float
         Part of each video, seconds since its first frame.
     progress : callable, optional
@@ -203,18 +206,12 @@ def estimate_pose(
     if files:
         images = sample_images(files, max_pictures, require=camera.require_size, start_s=start_s, end_s=end_s)
     first = list(islice(images, 1))
-    resized, resized_camera = _resize(chain(first, images), camera)
     try:
-        try:
-            estimate = _pose_from_lines(resized, resized_camera, lane_width_m, height_m, progress)
-        except PoseError as error:
-            if len(resized) > 1:
-                raise
-            estimate = _pose_from_edges(resized[0], resized_camera, height_m, error)
+        estimate = _pose_from_images(chain(first, images), camera, lane_width_m, height_m, progress)
     except PoseError as error:
         raise PoseError(f"{files[0]}: {error}" if files else str(error)) from error
     camera = camera.with_pose(estimate.pose)
-    if len(resized) > 1:
+    if estimate.frames_total > 1:
         return replace(estimate, camera=camera)
     height_log_std = estimate.height_std_m / estimate.pose.height_m
     still = detect_with_own_pose(first[0], camera, height_log_std)
@@ -240,6 +237,23 @@ def _list_images(source: Any) -> tuple[list[Path], Iterator[np.ndarray]]:
         return [], chain(first, items)
     sources = find_sources(map(str, chain(first, items)))
     return [*sources.stills, *sources.videos], iter(())
+
+
+def _pose_from_images(
+    images: Iterable[np.ndarray],
+    camera: Camera,
+    lane_width_m: float,
+    height_m: float | None,
+    progress: Progress | None,
+) -> PoseEstimate:
+    """The pose from lane lines; that of a single image without them from all its edges."""
+    resized, camera = _resize(images, camera)
+    try:
+        return _pose_from_lines(resized, camera, lane_width_m, height_m, progress)
+    except PoseError as error:
+        if len(resized) > 1:
+            raise
+        return _pose_from_edges(resized[0], camera, height_m, error)
 
 
 def _resize(images: Iterable[np.ndarray], camera: Camera) -> tuple[list[np.ndarray], Camera]:

@@ -8,7 +8,7 @@ from course.clips import open_clip
 from lanes.canvas import write_text
 from lanes.errors import VideoError
 from lanes.video.reader import inspect_video
-from tests.io.video.sample_videos import SIZE, make_video
+from tests.video.sample_videos import SIZE, make_video
 
 
 @pytest.fixture(scope="module")
