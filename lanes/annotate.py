@@ -23,7 +23,7 @@ from lanes.errors import CameraError, LaneError, PictureError, PoseError, VideoE
 from lanes.field_of_view import FieldOfView, find_field_of_view
 from lanes.files import TelemetryWriter, exclusive_writer
 from lanes.images import opencv_threads, read_image, write_image
-from lanes.pose import POSE_PICTURES, PoseEstimate, describe_accuracy, ensure_pose
+from lanes.pose import POSE_PICTURES, PoseEstimate, ensure_pose
 from lanes.report.moments import Telemetry, seconds_lost, share_tracked
 from lanes.report.page import write_report
 from lanes.sources import Sources, find_sources, require_distinct_outputs, sample_images
@@ -266,7 +266,7 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
             used = _describe_settings(video, camera, pose, settings) | {"frames": f"{count} frames{more}"}
             page = target.with_suffix(".html")
             outputs += (write_report(page, title=video.name, video=target, telemetry=telemetry, settings=used),)
-    lines = [pose.describe(), describe_accuracy(pose)] if pose else []
+    lines = [pose.describe(), pose.describe_accuracy()] if pose else []
     lines.append(
         f"{video}: {count} frames{more}, lane tracked in {share_tracked(telemetry):.0%} of them, lost for "
         f"{seconds_lost(telemetry):.1f} s; {count / elapsed_s:.0f} frames/s; wrote {target} with telemetry"

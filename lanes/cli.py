@@ -122,7 +122,7 @@ class Pose:
         """Estimate the camera pose, print it, and write it with the lens."""
         from lanes.camera import save_camera
         from lanes.files import require_no_input_among
-        from lanes.pose import LANE_WIDTH_M, describe_accuracy, estimate_pose
+        from lanes.pose import LANE_WIDTH_M, estimate_pose
 
         require_part(options)
         require_no_input_among([options.output], options.files)
@@ -137,7 +137,7 @@ class Pose:
             progress=progress_line("pose"),
         )
         print(estimate.describe())
-        print(describe_accuracy(estimate))
+        print(estimate.describe_accuracy())
         print(f"wrote {save_camera(estimate.camera, options.output)}")
         return 0
 
