@@ -81,7 +81,7 @@ def test_annotate_a_part_of_an_uncalibrated_video(drive, tmp_path, run):
     assert names(tmp_path) == {"drive.mp4", "drive.csv"}
     np.testing.assert_array_equal(read_telemetry(tmp_path / "drive.csv")["frame"], np.arange(10, 18))
     # The estimated camera pose is printed with its standard deviations.
-    assert float(re.search(r"height +([\d.]+) m +\+- [\d.]+", out)[1]) == pytest.approx(SMALL.pose.height_m, abs=0.15)
+    assert float(re.search(r"height +([\d.]+) ± [\d.]+ m", out)[1]) == pytest.approx(SMALL.pose.height_m, abs=0.15)
 
 
 def test_annotate_goes_on_after_a_failure(drive, tmp_path, run):
