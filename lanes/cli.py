@@ -122,7 +122,7 @@ class Pose:
         """Estimate the camera pose, print it, and write it with the lens."""
         from lanes.camera import save_camera
         from lanes.files import require_no_input_among
-        from lanes.pose import LANE_WIDTH_M, describe_accuracy, estimate_pose
+        from lanes.pose import LANE_WIDTH_M, estimate_pose
 
         require_part(options)
         require_no_input_among([options.output], options.files)
@@ -137,7 +137,7 @@ class Pose:
             progress=progress_line("pose"),
         )
         print(estimate.describe())
-        print(describe_accuracy(estimate))
+        print(estimate.describe_accuracy())
         print(f"wrote {save_camera(estimate.camera, options.output)}")
         return 0
 
@@ -434,10 +434,7 @@ def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None
 
 
 def find_lens(options: argparse.Namespace) -> Camera:
-    """The camera according to the options of `add_lens`, for images of the size of the first file.
-
-    It has a pose only if it comes from a camera file with one.
-    """
+    """The camera according to the options of `add_lens`, for images of the size of the first file."""
     from lanes.sources import find_sources, sample_images
 
     sources = find_sources(map(str, options.files))
@@ -449,8 +446,7 @@ def find_lens(options: argparse.Namespace) -> Camera:
 def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettings:
     """The settings according to the options; --boards is calibrated here.
 
-    Prints the field of view of an uncalibrated lens to stderr, unless --hfov gives it, or with --each all stills name
-    theirs.
+    Prints the field of view of an uncalibrated lens, unless --hfov gives it, or with --each all stills name theirs.
     """
     from lanes.annotate import DriveSettings
     from lanes.calibration import calibrate

@@ -81,7 +81,7 @@ def test_annotate_a_part_of_an_uncalibrated_video(drive, tmp_path, run):
     assert names(tmp_path) == {"drive.mp4", "drive.csv"}
     np.testing.assert_array_equal(read_telemetry(tmp_path / "drive.csv")["frame"], np.arange(10, 18))
     # The estimated camera pose is printed with its standard deviations.
-    assert float(re.search(r"height +([\d.]+) m +\+- [\d.]+", out)[1]) == pytest.approx(SMALL.pose.height_m, abs=0.15)
+    assert float(re.search(r"height +([\d.]+) ± [\d.]+ m", out)[1]) == pytest.approx(SMALL.pose.height_m, abs=0.15)
 
 
 def test_annotate_goes_on_after_a_failure(drive, tmp_path, run):
@@ -132,7 +132,7 @@ def test_pose_from_stills_with_a_calibrated_lens(motorway, tmp_path, run):
     assert np.degrees(found.pose.pitch_rad) == pytest.approx(3.0, abs=0.2)
     assert np.degrees(found.pose.yaw_rad) == pytest.approx(1.5, abs=0.4)
     assert found.pose.height_m == pytest.approx(1.3, abs=0.05)
-    assert "from 2 of 2 pictures" in out and "looks left" in out and "camera.yaml" in out
+    assert "pictures 2 of 2 used" in out and "looks left" in out and "camera.yaml" in out
     assert re.search(r"offset and lane width to be good to 3 cm and [34]% .*curvature twice as much", out)
 
 
@@ -140,7 +140,7 @@ def test_pose_from_a_video_with_a_field_of_view_and_a_measured_height(motorway, 
     options = ["--hfov", 66, "--pictures", 3, "--height", 1.4]
     status, out, _ = run("pose", *options, motorway / "drive.mp4", "-o", tmp_path / "camera.yaml")
     found = load_camera(tmp_path / "camera.yaml")
-    assert status == 0 and "from 3 of 3 pictures" in out
+    assert status == 0 and "pictures 3 of 3 used" in out
     assert (found.size, found.pose.height_m) == ((960, 540), 1.4)
     assert np.degrees(found.pose.pitch_rad) == pytest.approx(3.0, abs=0.2)
 
@@ -148,7 +148,7 @@ def test_pose_from_a_video_with_a_field_of_view_and_a_measured_height(motorway, 
 def test_pose_from_a_part_of_a_video(motorway, tmp_path, run):
     options = ["--camera", motorway / "bent.yaml", "--start", 1, "--end", 2.5, "--height", 1.3]
     status, out, _ = run("pose", *options, motorway / "drive.mp4", "-o", tmp_path / "camera.yaml")
-    assert status == 0 and "from 3 of 3 pictures" in out
+    assert status == 0 and "pictures 3 of 3 used" in out
     assert "offset and lane width to be good to 1 cm, distances and curvature likewise" in out
 
 

@@ -7,8 +7,6 @@ import re
 import numpy as np
 import pytest
 
-from lanes.camera import CameraPose
-from lanes.pose import PoseEstimate
 from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker, TrackedLane
 from tests.support.painted_roads import YELLOW, Road, dashcam
@@ -65,13 +63,3 @@ def test_a_tracker_gives_its_state_and_speed(picture):
     assert rows["offset"] == tracked.summary()["offset"] in repr(tracked)
     assert tracked.confidence > 0.5
     assert f"confidence {tracked.confidence:.2f}" in repr(tracked)
-
-
-def test_a_pose_comes_with_standard_deviations_and_notes():
-    pose = CameraPose(1.32, np.radians(-1.8), np.radians(-1.36), 0.0)
-    estimate = PoseEstimate(CAMERA.with_pose(pose), 0.04, 0.001, 0.002, 0.0175, 12, 40, 3.66, ("roll <unknown>",))
-    assert repr(estimate).startswith("PoseEstimate(height 1.32 ± 0.04 m (lane 3.66 m wide), pitch -1.80 ± 0.06 deg, ")
-    rows = rows_of(estimate._repr_html_())
-    assert rows["roll"] == "0.00 ± 1.00 deg"
-    assert rows["pictures"] == "12 of 40 used"
-    assert rows["note 1"] == "roll &lt;unknown&gt;"
