@@ -84,29 +84,19 @@ class DriveSettings:
 
 @dataclass(frozen=True, eq=False)
 class Annotation:
-    """Result of annotating one video, or stills.
+    """Result of annotating one video, or stills."""
 
-    Attributes
-    ----------
-    outputs : tuple of Path
-        The files written: annotated video, telemetry and report, or annotated pictures and telemetry.
-    telemetry : mapping of str to ndarray (rows,)
-        The columns of the telemetry, a row per frame or still, as `read_telemetry` returns them.
-    description : str
-        What was found and written, after the camera pose if that was estimated.
-    pose : PoseEstimate or None
-        None if the camera already had a pose, or every still has a camera of its own.
-    missing : int
-        Frames that are damaged in the video, or announced by it but absent.
-    failures : tuple of LaneError
-        One error for each still that could not be used.
-    """
-
+    # The files written: annotated video, telemetry and report, or annotated pictures and telemetry.
     outputs: tuple[Path, ...]
+    # The columns (rows,) of the telemetry by name, a row per frame or still, as `read_telemetry` returns them.
     telemetry: Telemetry
+    # What was found and written, in words.
     description: str
+    # None if the camera already had a pose, or every still has a camera of its own.
     pose: PoseEstimate | None = None
+    # Frames that are damaged in the video, or announced by it but absent.
     missing: int = 0
+    # One error for each still that could not be used.
     failures: tuple[LaneError, ...] = ()
 
 
@@ -284,7 +274,10 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
     )
     if info.has_audio and not has_sound:
         lines.append(f"{video}: its sound track cannot be decoded; {target} has no sound")
-    lines += [f"{video}: {warning}" for warning in _pose_warnings(telemetry)]
+    if change := find_pose_change(telemetry):
+        lines.append(f"{video}: {change.describe()}")
+    elif (yaw_rad := find_wrong_yaw(telemetry)) is not None:
+        lines.append(f"{video}: {describe_wrong_yaw(yaw_rad)}")
     return Annotation(outputs, telemetry, "\n".join(lines), pose, missing)
 
 
@@ -302,17 +295,9 @@ def _write_video(
     ):
         for frame, lane in frames:
             encode(writer.convert(draw(frame.image, lane), frame.time_s))
-            times = {"time_s": round(frame.time_s, 6), "latency_ms": round(frame.latency_ms, 3)}
-            table.write({"frame": frame.number, **times, **_telemetry_row(lane)})
+            row = {"frame": frame.number, "time_s": round(frame.time_s, 6), **_telemetry_row(lane)}
+            table.write(row | {"latency_ms": round(frame.latency_ms, 3)})
     return writer.written.has_audio
-
-
-def _pose_warnings(telemetry: Telemetry) -> list[str]:
-    """What to do about the camera pose if the telemetry shows that it changed, or that its yaw is wrong."""
-    if change := find_pose_change(telemetry):
-        return [change.describe()]
-    yaw_rad = find_wrong_yaw(telemetry)
-    return [] if yaw_rad is None else [describe_wrong_yaw(yaw_rad)]
 
 
 def _describe_settings(
@@ -368,7 +353,7 @@ def annotate_stills(stills: Sequence[Path], settings: DriveSettings) -> Annotati
             lane = TrackedLane.from_still(detection.lane)
             drawn = STYLES[settings.style](detection.camera)(still.image, lane, detection.evidence)
             outputs.append(write_image(settings.output / still.path.name, drawn))
-            table.write({"frame": len(outputs) - 1, "picture": still.path.name, **lane.as_row()})
+            table.write({"frame": len(outputs) - 1, "picture": still.path.name, **_telemetry_row(lane)})
             if settings.each and still.pose:
                 found = f"{lane.state} (confidence {lane.confidence:.2f})"
                 lines.append(f"{still.path}: {found}; {still.pose.summary_line()}{settings.describe_lens(still.path)}")
@@ -417,22 +402,17 @@ def _detect_all(stills: Sequence[Path], settings: DriveSettings) -> Iterator[Det
     sizes: dict[Path, tuple[int, int]] = {}
     for path in stills:
         try:
-            height, width = read_image(path).shape[:2]
-            sizes[path] = width, height
+            sizes[path] = read_image(path).shape[1::-1]
         except PictureError as error:
             yield error
     if not sizes:
         return
-    (most, _), *_ = Counter(sizes.values()).most_common(1)
-    for path, (width, height) in sizes.items():
-        if (width, height) != most:
-            yield PictureError(
-                f"{path}: is {width}x{height}, the others used are {most[0]}x{most[1]}; annotate it alone, or all with "
-                "--each."
-            )
-    usable = [path for path, size in sizes.items() if size == most]
+    width, height = Counter(sizes.values()).most_common(1)[0][0]
+    used = f"the others used are {width}x{height}; annotate it alone, or all with --each."
+    usable = [path for path, size in sizes.items() if size == (width, height)]
+    yield from (PictureError(f"{p}: is {w}x{h}, {used}") for p, (w, h) in sizes.items() if p not in usable)
     try:
-        camera, pose = ensure_pose(settings.camera_for(most, usable[0]), usable)
+        camera, pose = ensure_pose(settings.camera_for((width, height), usable[0]), usable)
     except PoseError as error:
         raise PoseError(f"{error}{SEVERAL_CAMERAS if len(usable) > 1 else ''}") from error
     for path in usable:

@@ -434,10 +434,7 @@ def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None
 
 
 def find_lens(options: argparse.Namespace) -> Camera:
-    """The camera according to the options of `add_lens`, for images of the size of the first file.
-
-    It has a pose only if it comes from a camera file with one.
-    """
+    """The camera according to the options of `add_lens`, for images of the size of the first file."""
     from lanes.sources import find_sources, sample_images
 
     sources = find_sources(map(str, options.files))
@@ -449,8 +446,7 @@ def find_lens(options: argparse.Namespace) -> Camera:
 def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettings:
     """The settings according to the options; --boards is calibrated here.
 
-    Prints the field of view of an uncalibrated lens to stderr, unless --hfov gives it, or with --each all stills name
-    theirs.
+    Prints the field of view of an uncalibrated lens, unless --hfov gives it, or with --each all stills name theirs.
     """
     from lanes.annotate import DriveSettings
     from lanes.calibration import calibrate

@@ -30,8 +30,8 @@ def detect_in_video(
 ) -> Iterator[dict]:
     """Track the lane through a video; yields a detection per frame.
 
-    `rows` are the image rows at which the columns of the lines are returned. `say` is called with the pose in words if
-    it is estimated. Errors are those of `annotate`.
+    `rows` are the image rows at which the columns of the lines are returned. `say` is called with a pose that is
+    estimated, in words. Errors are those of `annotate`.
     """
     info, camera, pose = prepare_drive(video, settings)
     if pose:

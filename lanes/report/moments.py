@@ -46,11 +46,7 @@ def line_types(telemetry: Telemetry, side: str) -> np.ndarray:
 
 
 def worst_moments(telemetry: Telemetry) -> dict[str, list[Moment]]:
-    """The worst moments of a drive by kind, each list sorted from the worst on; empty for a kind that does not occur.
-
-    Columns used: time_s, state, confidence, offset_std_m, curvature_std_per_m, and departure ("left", "right" or empty)
-    if there is one.
-    """
+    """The worst moments of a drive by kind, from the worst on; the list of a kind that does not occur is empty."""
     state, departure = telemetry["state"], _texts(telemetry, "departure")
     confidence = np.where(state == LOST, np.nan, telemetry["confidence"])
     # Negative, so that the largest standard deviations are the lowest values.

@@ -55,12 +55,8 @@ def write_report(
 ) -> Path:
     """Write the report of an annotated mp4 video into its folder; returns the `path`.
 
-    `telemetry` is that of the video, as returned by `read_telemetry`. `settings` are shown as a table.
-
-    Raises
-    ------
-    OSError
-        If the video cannot be read or the report cannot be written.
+    `telemetry` is that of the video, as returned by `read_telemetry`. `settings` are shown as a table. Raises OSError
+    if the video cannot be read or the report cannot be written.
     """
     video, script = Path(video), _asset("report.js")
     embedded = video.stat().st_size <= max_embedded_bytes
