@@ -77,7 +77,7 @@ from lanes.files import read_telemetry
 
 # 9 Metres
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.figures import show_birdseye
+from course.plots import show_birdseye
 
 # 10 Paint
 from lanes.detect.paint import marking_response, find_stripes
@@ -113,5 +113,6 @@ from course.sliders import tune_threshold, tune_view
 from lanes.video.reader import read_video
 
 # Figures
-from lanes.figures import show_pictures, plot_bars, plot_histogram, plot_series, save_figure
+from course.plots import show_pictures, plot_bars, plot_histogram, plot_series
+from lanes.figures import save_figure
 from course.telemetry_plots import plot_telemetry, plot_path

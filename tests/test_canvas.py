@@ -43,8 +43,9 @@ class TestFillLane:
         """OpenCV's smooth edges reach out 0.7 px on each side; the area must not be more off than that."""
         left, right = np.array([[40.5, 20], [40.5, 60]]), np.array([[80.25, 20], [80.25, 60]])
         drawn = draw.fill_lane(gray, left, right, colour=(255, 255, 255), alpha=1.0)
-        covered = (drawn[40, :, 0].astype(float) - 100).sum() / 155
-        assert covered == pytest.approx(80.25 - 40.5, abs=1.5)
+        covered = (drawn[40, :, 0].astype(float) - 100) / 155
+        assert covered.sum() == pytest.approx(80.25 - 40.5, abs=1.5)
+        assert covered @ np.arange(160) / covered.sum() == pytest.approx((80.25 + 40.5) / 2, abs=0.2)
         assert len(np.unique(drawn[40])) > 2
 
     def test_rows_with_nan_are_dropped(self, gray):

@@ -22,7 +22,7 @@ from lanes.explain import explain
 from lanes.images import list_pictures, read_image, require_rgb, write_image
 from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker
-from lanes.video.reader import read_video
+from lanes.video.reader import ColourTags, read_video
 from lanes.video.writer import VideoWriter
 from tests.support.painted_drive import SMALL, tracked_bends
 
@@ -48,6 +48,10 @@ def test_round_trip_keeps_red_red(tmp_path, picture, suffix):
     assert read.shape == (40, 64, 3) and read.dtype == np.uint8
     np.testing.assert_allclose(read[20, 10], RED, atol=6)
     np.testing.assert_allclose(read[20, 54], GREEN, atol=6)
+    noise, sizes = np.random.default_rng(2).integers(0, 256, (40, 64, 3)).astype(np.uint8), []
+    for quality in (40, 92):
+        sizes.append(write_image(tmp_path / f"a{suffix}", noise, jpeg_quality=quality).stat().st_size)
+    assert sizes[0] < 0.8 * sizes[1]
 
 
 def test_other_readers_see_red_as_red(tmp_path, picture):
@@ -197,8 +201,8 @@ def written(image: np.ndarray, folder: Path) -> np.ndarray:
     return read_image(write_image(folder / "a.png", image))
 
 
-def encoded(image: np.ndarray, folder: Path) -> np.ndarray:
-    with VideoWriter(folder / "a.mp4", fps=25) as writer:
+def encoded(image: np.ndarray, folder: Path, matrix: int = 6) -> np.ndarray:
+    with VideoWriter(folder / "a.mp4", fps=25, colours=ColourTags(matrix)) as writer:
         writer.write(image)
     return next(read_video(folder / "a.mp4"))
 
@@ -216,6 +220,7 @@ TAKE_IMAGES = {
     "require_rgb": lambda image, _: require_rgb(image),
     "write_image": written,
     "VideoWriter": encoded,
+    "VideoWriter, BT.709": lambda image, folder: encoded(image, folder, 1),
     "draw_line": lambda image, _: canvas.draw_line(image, LINE_PX, colour=canvas.LEFT_COLOUR),
     "fill_lane": lambda image, _: canvas.fill_lane(image, LINE_PX, LINE_PX + 50),
     "write_text": lambda image, _: canvas.write_text(image, "R 640 m"),

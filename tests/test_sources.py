@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lanes.errors import PictureError, VideoError
 from lanes.images import write_image
 from lanes.sources import find_sources, require_distinct_outputs, sample_images
 from lanes.video.writer import VideoWriter
@@ -75,3 +76,17 @@ def test_images_are_spread_over_stills_and_video(drive):
 def test_images_of_a_part_of_a_video(drive):
     part = {"start_s": 1.0, "end_s": 2.5}
     assert brightness(sample_images([drive / "drive.mp4"], 40, **part)) == pytest.approx([70, 95, 120], abs=2)
+
+
+def test_images_that_are_not_wanted_are_refused_with_their_file(drive):
+    def refuse(image: np.ndarray, file: Path) -> None:
+        if image.mean() > 60:
+            raise PictureError(f"{file.name}: is too bright")
+
+    files = [drive / "drive.mp4", drive / "still0.png"]
+    with pytest.raises(PictureError, match=r"drive\.mp4: is too bright"):
+        list(sample_images(files, 40, require=refuse))
+    with pytest.raises(PictureError, match=r"still0\.png: is too bright"):
+        list(sample_images(files[1:], 40, require=refuse))
+    with pytest.raises(VideoError, match=r"drive\.mp4: lasts 3 s; begin before that, not at 3\.5 s"):
+        list(sample_images(files, 40, start_s=3.5))

@@ -43,7 +43,9 @@ def encode(
 ) -> Path:
     """RGB images as a video, written with PyAV instead of the tested code; `audio` may have a rate and a layout."""
     images = list(images)
-    with av.open(str(path), "w") as container:
+    # The clock of a transport stream of a recorder does not begin at 0.
+    clock = {"output_ts_offset": "5"} if path.suffix == ".ts" else {}
+    with av.open(str(path), "w", options=clock) as container:
         stream = container.add_stream(codec, rate=Fraction(fps), options=options or {})
         stream.height, stream.width = images[0].shape[:2]
         stream.pix_fmt = pixels

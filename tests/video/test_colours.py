@@ -16,7 +16,6 @@ from tests.video.sample_videos import unchanged
 COLOURS = [(255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 255), (0, 0, 0), (250, 200, 20), (20, 60, 220), (130,) * 3]
 # Luma coefficients of red and blue by matrix code point: ITU-T H.273, table 4.
 LUMA = {1: (0.2126, 0.0722), 4: (0.30, 0.11), 6: (0.299, 0.114), 7: (0.212, 0.087), 9: (0.2627, 0.0593)}
-BT601 = (6, 1, 6, 6)
 
 
 def patches(width: int = 128, height: int = 64) -> np.ndarray:
@@ -66,29 +65,18 @@ def assert_shows(path: Path, image: np.ndarray, tolerance: float) -> None:
     np.testing.assert_allclose(seen[4:-4:8, 8::16].astype(int), image[4:-4:8, 8::16], atol=tolerance)
 
 
-@pytest.mark.parametrize("span", [1, 2], ids=["limited", "full"])
-@pytest.mark.parametrize("matrix", LUMA)
-def test_matrix_and_range_are_kept(tmp_path, matrix, span):
-    tags = (matrix, span, 1, 1)
-    source = encode(tmp_path / "source.mkv", patches(), tags)
-    assert_shows(source, patches(), 4)
-    process_video(source, tmp_path / "out.mp4", unchanged, progress=False)
-    assert tags_of(tmp_path / "out.mp4") == tags
-    assert_shows(tmp_path / "out.mp4", patches(), 12)
+SPACES = {f"matrix {matrix}, range {span}": ((matrix, span, 1, 1), "yuv420p") for matrix in LUMA for span in (1, 2)}
+SPACES |= {
+    "BT.601": ((6, 1, 6, 6), "yuv420p"),
+    "HDR, PQ": ((9, 1, 9, 14), "yuv420p10le"),
+    "HDR, HLG": ((9, 1, 9, 18), "yuv420p10le"),
+    "sRGB": ((1, 1, 1, 13), "yuv422p"),
+    "4:4:4": ((1, 2, 1, 1), "yuv444p"),
+}
 
 
-@pytest.mark.parametrize(
-    ("tags", "form"),
-    [
-        (BT601, "yuv420p"),
-        ((9, 1, 9, 14), "yuv420p10le"),
-        ((9, 1, 9, 18), "yuv420p10le"),
-        ((1, 1, 1, 13), "yuv422p"),
-        ((1, 2, 1, 1), "yuv444p"),
-    ],
-    ids=["BT.601", "HDR, PQ", "HDR, HLG", "sRGB", "4:4:4"],
-)
-def test_primaries_and_transfer_function_are_kept(tmp_path, tags, form):
+@pytest.mark.parametrize(("tags", "form"), SPACES.values(), ids=SPACES)
+def test_matrix_range_primaries_and_transfer_function_are_kept(tmp_path, tags, form):
     source = encode(tmp_path / "source.mkv", patches(), tags, form)
     assert_shows(source, patches(), 4)
     process_video(source, tmp_path / "out.mp4", unchanged, progress=False)

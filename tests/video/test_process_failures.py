@@ -157,12 +157,12 @@ def test_no_thread_is_left(video, tmp_path, fails):
     assert threading.active_count() == before
 
 
-def test_other_suffix(video, tmp_path):
+def test_unusable_names(video, tmp_path):
     with pytest.raises(VideoError, match=r"out\.avi: .*\.mp4"):
         process_video(video, tmp_path / "out.avi", unchanged, progress=False)
-
-
-def test_onto_itself(video):
+    with pytest.raises(FileNotFoundError, match="nowhere.mp4"):
+        process_video(tmp_path / "nowhere.mp4", tmp_path / "new" / "out.mp4", unchanged, progress=False)
+    assert list(tmp_path.iterdir()) == []
     before = video.read_bytes()
     with pytest.raises(VideoError, match="is the source itself"):
         process_video(video, video, unchanged, progress=False)
@@ -177,9 +177,3 @@ def test_unwritable_outputs_are_reported_before_processing(video, tmp_path, name
     with pytest.raises(OSError, match=r"rows\.csv: cannot be written"):
         process_video(video, tmp_path / "a.mp4", pytest.fail, progress=False, telemetry=tmp_path / "file" / "rows.csv")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
-
-
-def test_missing_source_makes_no_folder(tmp_path):
-    with pytest.raises(FileNotFoundError, match="nowhere.mp4"):
-        process_video(tmp_path / "nowhere.mp4", tmp_path / "new" / "out.mp4", unchanged, progress=False)
-    assert not (tmp_path / "new").exists()
