@@ -1,4 +1,4 @@
-"""Sliders for the notebook: a picture next to its processed version, which follows the sliders.
+"""Sliders for the notebook: an image next to its processed version, which follows the sliders.
 
 They need ipywidgets, which comes with Jupyter.
 """
@@ -6,15 +6,12 @@ They need ipywidgets, which comes with Jupyter.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
-from lanes.camera import Camera
 from lanes.canvas import to_rgb
-from lanes.detect.birdseye import BirdsEyeView
 
 if TYPE_CHECKING:
     from ipywidgets import VBox
@@ -67,28 +64,6 @@ def tune_threshold(
         control.observe(refresh, names="value")
     refresh()
     return ipywidgets.VBox([*controls.values(), shown])
-
-
-def tune_view(image: np.ndarray, camera: Camera) -> VBox | None:
-    """Show a raw RGB picture next to its bird's-eye view, with sliders for the view's extent and the camera's pitch.
-
-    It is shown as by `tune_threshold`.
-
-    Raises
-    ------
-    CameraError
-        If the camera has no pose.
-    """
-    pose = camera.require_pose()
-
-    def warp_to_birdseye(image: np.ndarray, far_m: float, half_width_m: float, pitch_deg: float) -> np.ndarray:
-        tilted = camera.with_pose(replace(pose, pitch_rad=np.radians(pitch_deg)))
-        view = BirdsEyeView(tilted, far_m=far_m, half_width_m=half_width_m)
-        return view.blacken(view.warp(image))
-
-    pitch_deg = float(np.degrees(pose.pitch_rad))
-    limits = {"far_m": (20.0, 120.0, 70.0), "half_width_m": (3.0, 15.0, 9.0)}
-    return tune_threshold(image, warp_to_birdseye, **limits, pitch_deg=(pitch_deg - 4, pitch_deg + 4, pitch_deg))
 
 
 def _slider(ipywidgets, name: str, minimum: float, maximum: float, start: float | tuple[float, float]):

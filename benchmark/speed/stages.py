@@ -49,7 +49,7 @@ TRACKER_STAGES: Stages = {
 }
 CLASSIC_STAGES: Stages = {
     "undistort": [(recipes, "undistort")],
-    "bird's-eye view": [(FourPointWarp, "warp")],
+    "bird's-eye view": [(FourPointWarp, "image_to_birdseye")],
     "thresholds": [(type(recipe.thresholds), "masks") for recipe in RECIPES.values()],
     "find lines": [(Channel, "line_from_windows"), (recipes, "nearest_line")],
     "measure": [(recipes, "road_line")],
