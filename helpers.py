@@ -24,7 +24,7 @@ from lanes.camera import undistort
 from classic.warp import FourPointWarp, metres_per_pixel, birdseye_to_road, road_axes
 from classic.recipe import recipe_from_pose
 from lanes.pose import estimate_pose
-from lanes.sources import pick_pictures
+from lanes.sources import sample_images
 from course.measures import lane_widths_px
 from course.sketch import sketch_conventions
 
@@ -56,7 +56,7 @@ from classic.overlay import (
     diagnose,
     follow_lane,
 )
-from lanes.video.process import annotate_video
+from lanes.video.process import process_video
 from lanes.files import read_telemetry
 
 # 9 Metres
@@ -67,7 +67,7 @@ from lanes.figures import show_birdseye
 from lanes.detect.paint import marking_response, find_stripes
 
 # 11 One model
-from lanes.detect.search import find_lane
+from lanes.stills import find_lane
 from lanes.draw import draw_found
 
 # 12 Memory
@@ -77,12 +77,12 @@ from lanes.draw import track_lane
 from course.odometry import integrate_path
 
 # 13 Explain
-from lanes.explain import explain_frame
+from lanes.explain import explain
 from lanes.figures import show_explanation
 
 # 14 How wrong
 from benchmark.evaluation import score_video
-from benchmark.reporting.consistency_table import consistency_table
+from benchmark.consistency import consistency_table
 from benchmark.reporting.tables import results_table
 
 # 15 Own finder
@@ -94,7 +94,7 @@ from lanes.detect.paint import strength_weight
 
 # Sliders
 from course.sliders import tune_threshold
-from lanes.video.reader import read_frames
+from lanes.video.reader import read_video
 
 # Figures
 from lanes.figures import show_pictures, plot_bars, plot_histogram, plot_series

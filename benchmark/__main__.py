@@ -4,7 +4,7 @@ A recipe warps with its published points, or with points from the camera pose (N
 The drives are the scenes of the suite, which are rendered once and cached, or your own videos.
 Writes benchmark.csv, consistency.csv, benchmark.png and reliability.png. Finished scores are cached, so an
 interrupted run continues where it stopped.
---speed measures time and memory instead (some minutes).
+--speed measures times instead (some minutes).
 --labels scores the systems, or a file of predictions, on hand-labelled stills instead.
 --seed scores another variant of each scene: the systems were tuned on number 0.
 """
@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lanes.cli.arguments import add_lens, find_lens
-from lanes.console import positive_int, progress_line, run_command, run_program, whole_number
+from lanes.console import bounded_int, progress_line, run_command, run_program
 
 if TYPE_CHECKING:
     from benchmark.labels.tusimple import LaneColumns
@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--seed",
-        type=whole_number,
+        type=bounded_int(0),
         default=0,
         metavar="N",
         help="score variant number N of each scene: other radii, speeds, camera pose and noise (default: %(default)s, "
@@ -66,9 +66,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="estimate the camera pose from each video, as for real drives, instead of using the true pose",
     )
-    parser.add_argument("--speed", action="store_true", help="measure time and memory on the committed project video")
+    parser.add_argument("--speed", action="store_true", help="measure times on the committed project video")
     parser.add_argument(
-        "--workers", type=positive_int, default=1, metavar="N", help="number of processes (default: %(default)s)"
+        "--workers", type=bounded_int(1), default=1, metavar="N", help="number of processes (default: %(default)s)"
     )
     parser.add_argument(
         "-o",
@@ -99,113 +99,92 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Score, print the table and write the files."""
     from benchmark.runner import run_benchmark
-    from benchmark.suite_drives import choose_drives, list_drives
+    from benchmark.scored_drive import PROJECT_ROOT, choose_drives, list_drives
+    from benchmark.speed import measure_speed
     from benchmark.systems import SYSTEMS
 
+    if options.predictions and not options.labels:
+        raise ValueError(f"{options.predictions}: predictions need labels; name their file with --labels.")
     if options.list:
         for drive in list_drives().values():
             print(f"{drive.name:24}{drive.difficulty:9}{drive.description}")
-        return 0
-    if options.speed:
-        return measure_speeds()
-    if options.labels:
-        return score_labelled(options)
-    if options.predictions:
-        raise ValueError(f"{options.predictions}: predictions need labels; name their file with --labels.")
-    results = run_benchmark(
-        choose_drives(options.scenes, seed=options.seed),
-        options.system or SYSTEMS,
-        workers=options.workers,
-        estimated_pose=options.estimated_pose,
-        progress=progress_line,
-    )
-    _report(results, options.output)
+    elif options.speed:
+        print(measure_speed(PROJECT_ROOT / "test_videos" / "project_video.mp4", progress=progress_line).describe())
+    elif options.labels:
+        _score_labelled(options)
+    else:
+        results = run_benchmark(
+            choose_drives(options.scenes, seed=options.seed),
+            options.system or SYSTEMS,
+            workers=options.workers,
+            estimated_pose=options.estimated_pose,
+            progress=progress_line,
+        )
+        _report(results, options.output)
     return 0
 
 
-def measure_speeds() -> int:
-    """Measure time and memory on the committed video."""
-    from benchmark.scored_drive import PROJECT_ROOT
-    from benchmark.speed.speed import measure_speed
-
-    print(measure_speed(PROJECT_ROOT / "test_videos" / "project_video.mp4", progress=progress_line).describe())
-    return 0
-
-
-def score_labelled(options: argparse.Namespace) -> int:
+def _score_labelled(options: argparse.Namespace) -> None:
     """Score a file of predictions, or every system, on the stills of `options.labels`."""
-    from benchmark.labels.stills import describe_labelled
-    from benchmark.labels.tusimple import (
-        EGO_LANE_NOTE,
-        pair_predictions,
-        picture_width_px,
-        read_labels,
-        read_predictions,
-        score_lines,
-    )
+    from benchmark.labels import stills, tusimple
 
-    labels = read_labels(options.labels)
+    labels = tusimple.read_labels(options.labels)
     if options.predictions:
-        pairs = pair_predictions(labels, read_predictions(options.predictions))
-        widths = [picture_width_px(options.labels.parent / label.name) for label in labels]
-        scores = [
-            score for pair, width in zip(pairs, widths, strict=True) for score in score_lines(*pair, width_px=width)
-        ]
-        print(describe_labelled({options.predictions.name: scores}))
+        scores = []
+        for label, found in tusimple.pair_predictions(labels, tusimple.read_predictions(options.predictions)):
+            width_px = tusimple.picture_width_px(options.labels.parent / label.name)
+            scores += tusimple.score_lines(label, found, width_px=width_px)
+        print(stills.describe_labelled({options.predictions.name: scores}))
     else:
         _score_systems_on_stills(labels, options)
-    print(f"{len(labels)} stills; {EGO_LANE_NOTE}")
-    return 0
+    print(f"{len(labels)} stills; {tusimple.EGO_LANE_NOTE}")
 
 
 def _score_systems_on_stills(labels: list[LaneColumns], options: argparse.Namespace) -> None:
     """Print the scores of every system, and the consistency of the detector, on labelled stills."""
-    from benchmark.labels.consistency import describe_checks, summarize_checks
-    from benchmark.labels.stills import describe_labelled, join_scores, score_folder, split_folders
+    from benchmark.labels import stills
     from benchmark.systems import STILL_SYSTEMS
     from lanes.errors import PoseError
 
     systems, scored = options.system or STILL_SYSTEMS, []
-    for name, some in (split_folders(labels) if options.each_folder else {"": labels}).items():
+    for name, some in (stills.split_folders(labels) if options.each_folder else {"": labels}).items():
         options.files = [options.labels.parent / label.name for label in some]
         try:
-            folder = score_folder(some, options.files, find_lens(options), systems, progress_line)
+            folder = stills.score_folder(some, options.files, find_lens(options), systems, progress_line)
         except PoseError as error:
             if not options.each_folder:
                 raise
             print(f"{name}: left out, {len(some)} stills ({error})")
             continue
         scored.append(folder)
-        print(f"{name}: {len(some)} stills; {summarize_checks(folder.checks)}" if name else folder.describe_pose())
-    print(describe_labelled(join_scores(scored)))
-    if checks := [check for folder in scored for check in folder.checks]:
-        print(f"\n{describe_checks(checks)}\n")
+        checks = stills.summarize_checks(folder.checks)
+        print(f"{name}: {len(some)} stills; {checks}" if name else folder.describe_pose())
+    print(stills.describe_labelled(stills.join_scores(scored)))
+    if every := [check for folder in scored for check in folder.checks]:
+        print(f"\n{stills.describe_checks(every)}\n")
 
 
 def _report(results: list, folder: Path) -> None:
-    from benchmark.reporting.consistency_table import consistency_rows, describe_consistency
-    from benchmark.reporting.failures import describe_failures
-    from benchmark.reporting.figures import save_reliability_figure, save_scores_figure
-    from benchmark.reporting.reliability import describe_confidence
-    from benchmark.reporting.tables import describe_run, describe_scores
+    from benchmark import consistency
+    from benchmark.reporting import figures, reliability, tables
     from benchmark.scores import score_rows, total_rows
     from benchmark.systems import TRACKER
     from lanes.files import write_telemetry
 
     rows = [*score_rows(results), *total_rows(results)]
-    print(describe_scores(rows))
-    print(describe_run(rows))
-    for report in (describe_consistency(results), describe_confidence(results)):
+    print(tables.describe_scores(rows))
+    print(tables.describe_run(rows))
+    for report in (consistency.describe_consistency(results), reliability.describe_confidence(results)):
         if report:
             print(f"\n{report}")
     if of_tracker := [result for result in results if result.system == TRACKER]:
-        print(f"\nFailures of the tracker:\n{describe_failures(of_tracker) or 'none'}")
-    stated = consistency_rows(results)
+        print(f"\nFailures of the tracker:\n{tables.describe_failures(of_tracker) or 'none'}")
+    stated = consistency.consistency_rows(results)
     written = [
         write_telemetry(folder / "benchmark.csv", rows),
         write_telemetry(folder / "consistency.csv", stated) if stated else None,
-        save_scores_figure(folder / "benchmark.png", rows),
-        save_reliability_figure(folder / "reliability.png", results),
+        figures.save_scores_figure(folder / "benchmark.png", rows),
+        figures.save_reliability_figure(folder / "reliability.png", results),
     ]
     print(f"wrote {', '.join(str(path) for path in written if path)}")
 

@@ -1,4 +1,4 @@
-"""Are the stated uncertainties true? Errors in units of their standard deviations, and NEES.
+"""Are the stated uncertainties true? Errors in units of their standard deviations, NEES, and tables of both.
 
 z = error / stated standard deviation has a root mean square of 1, and 68 and 95 % of its values lie within 1 and 2, if
 the errors are normal and their covariance is as stated. NEES, the normalized estimation error squared e^T P^-1 e of the
@@ -10,17 +10,25 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from benchmark.errors import LANE_CHANGE_M, NEAR, LaneTruth, line_errors, worse_rms
 from benchmark.estimates import AHEAD_M, DriveEstimates
+from benchmark.reporting.tables import format_table, read_scores
+from benchmark.scores import Result, Row, by_difficulty, total_name
 
 # The numbers of the stated covariance, and all whose z is reported.
 NUMBERS = ("offset", "heading", "curvature", "width")
 QUANTITIES = (*NUMBERS, *(f"lateral_{x:.0f}m" for x in AHEAD_M))
 # With a larger error of a line, over 5 to 20 m, another lane was found. Its uncertainty is that of another lane, too.
 OTHER_LANE_M = 1.0
+LEGEND = """\
+z is an error divided by its stated standard deviation: a cell shows the root mean square of z (1 is wanted) and the
+shares within 1 and 2 standard deviations (68/95 % are wanted). NEES is e^T P^-1 e / 4 of offset, heading, curvature and
+width with their stated covariance P: its mean is 1 if P is true, larger if the errors are larger than stated.
+Frames of a lane change, and those in which another lane was found, are counted, but left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,13 +50,9 @@ class NormalizedErrors:
     @classmethod
     def joined(cls, drives: Sequence[NormalizedErrors]) -> NormalizedErrors:
         """The frames of all drives."""
-        return cls(
-            np.concatenate([drive.z for drive in drives]),
-            np.concatenate([drive.lines_z for drive in drives]),
-            np.concatenate([drive.nees for drive in drives]),
-            sum(drive.lane_change_frames for drive in drives),
-            sum(drive.other_lane_frames for drive in drives),
-        )
+        z, lines_z, nees = (np.concatenate([getattr(drive, k) for drive in drives]) for k in ("z", "lines_z", "nees"))
+        changes, others = (sum(getattr(d, f"{k}_frames") for d in drives) for k in ("lane_change", "other_lane"))
+        return cls(z, lines_z, nees, changes, others)
 
     def of(self, quantity: str) -> np.ndarray:
         """The finite z of one of `QUANTITIES`; those of both lines for a lateral position."""
@@ -107,3 +111,58 @@ def consistency(drives: Iterable[NormalizedErrors]) -> dict[str, float]:
     for quantity in QUANTITIES:
         row |= {f"{quantity}_{name}": value for name, value in z_summary(some.of(quantity)).items()}
     return row
+
+
+def consistency_rows(results: Iterable[Result]) -> list[Row]:
+    """A row for each scene and system that states a covariance, then one for each difficulty and system."""
+    stated = [result for result in results if result.normalized is not None]
+    scenes = [_row(result.scene, [result]) for result in stated]
+    return scenes + [_row(total_name(difficulty), group) for (difficulty, _), group in by_difficulty(stated).items()]
+
+
+def describe_consistency(results: Iterable[Result]) -> str:
+    """A column for each difficulty and system, a line for each quantity, and the legend; empty without a covariance."""
+    groups = by_difficulty(result for result in results if result.normalized is not None)
+    if not groups:
+        return ""
+    columns = [f"{difficulty} {system}" for difficulty, system in groups]
+    rows = [consistency(_normalized(group)) for group in groups.values()]
+    lines = {
+        "frames": [f"{row['frames']:.0f}" for row in rows],
+        "lane change": [f"{row['lane_change_frames']:.0f}" for row in rows],
+        "other lane": [f"{row['other_lane_frames']:.0f}" for row in rows],
+        "NEES mean/median": [f"{row['nees_mean']:.2f}/{row['nees_median']:.2f}" for row in rows],
+    }
+    for quantity in QUANTITIES:
+        name = quantity.replace("lateral_", "lateral, ").replace("m", " m") if "lateral" in quantity else quantity
+        lines[name] = [describe_z({key: row[f"{quantity}_{key}"] for key in Z_KEYS}) for row in rows]
+    return f"{format_table(columns, lines)}\n{LEGEND}"
+
+
+def consistency_table(path: str | Path) -> str:
+    """The groups of a consistency.csv as a Markdown table: NEES / 4, and the rms of z with its share within 2."""
+    lines = ["| scenes | system | frames | NEES / 4 | " + " | ".join(NUMBERS) + " |", "|---" * (4 + len(NUMBERS)) + "|"]
+    for row in read_scores(path, required="nees_mean"):
+        if row["scene"] == total_name(str(row["difficulty"])) and float(row["frames"]):
+            cells = [f"{row[f'{name}_z_rms']:.2f} ({row[f'{name}_within_2']:.0%})" for name in NUMBERS]
+            stated = f"{row['frames']:.0f} | {row['nees_mean']:.2f}"
+            lines.append(f"| {row['scene']} | {row['system']} | {stated} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+Z_KEYS = ("z_rms", "within_1", "within_2")
+
+
+def describe_z(summary: dict[str, float]) -> str:
+    """A `z_summary` as "1.02 68/95": root mean square, percent within 1 and 2; a dash without any z."""
+    rms, within_1, within_2 = (summary[key] for key in Z_KEYS)
+    return "-" if rms != rms else f"{rms:.2f} {100 * within_1:.0f}/{100 * within_2:.0f}"
+
+
+def _row(name: str, group: Sequence[Result]) -> Row:
+    names = {"scene": name, "difficulty": group[0].difficulty, "system": group[0].system}
+    return names | consistency(_normalized(group))
+
+
+def _normalized(group: Sequence[Result]) -> list[NormalizedErrors]:
+    return [result.normalized for result in group if result.normalized is not None]

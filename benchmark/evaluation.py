@@ -12,15 +12,14 @@ import numpy as np
 from benchmark.errors import LaneTruth, frame_errors
 from benchmark.estimates import DriveEstimates, LaneEstimate
 from benchmark.own_finder import OwnFinder
-from benchmark.result import Result
 from benchmark.scored_drive import NO_LANE, BenchmarkDrive, drive_from_video
-from benchmark.scores import Row, score_rows
+from benchmark.scores import Result, Row, score_rows
 from benchmark.systems import require_system, start_system
 from lanes.camera import Camera, load_camera
 from lanes.errors import PoseError
 from lanes.files import read_telemetry
-from lanes.pose import pose_from_drive
-from lanes.video.reader import inspect_video, read_frames
+from lanes.pose import estimate_pose
+from lanes.video.reader import inspect_video, read_video
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ def prepare_drive(drive: BenchmarkDrive, *, estimated_pose: bool = False) -> Pre
     if not estimated_pose:
         return PreparedDrive(drive, camera, "true")
     try:
-        camera, _ = pose_from_drive(replace(camera, pose=None), [video])
+        camera = estimate_pose(video, camera).camera
     except PoseError:
         return PreparedDrive(drive, None, "not found")
     return PreparedDrive(drive, camera, "estimated")
@@ -55,7 +54,7 @@ def run_system(
     else:
         find, to_estimate = (lambda image: None), (lambda nothing: LaneEstimate())
     estimates, time_ms = [], []
-    for image in islice(read_frames(video, end_s=end_s), 0, None, every):
+    for image in islice(read_video(video, end_s=end_s), 0, None, every):
         start = time.perf_counter()
         found = find(image)
         time_ms.append(1000 * (time.perf_counter() - start) if prepared.camera else np.nan)
@@ -69,14 +68,8 @@ def score_video(
     """Score a system of `SYSTEMS`, or a finder of one's own, on a video: a row of the benchmark's table.
 
     Each `every`-th frame up to the time `end_s` counts; a system with a memory needs every frame. The truth (.csv) and
-    the camera with pose (.yaml) are next to the video. `name` is the name of an own finder in the row.
-
-    Raises
-    ------
-    ValueError
-        If the system is unknown, or video and truth do not belong together.
-    OSError
-        If a file cannot be read.
+    the camera with pose (.yaml) are next to the video. `name` is the name of an own finder in the row. Raises
+    ValueError if the system is unknown, or video and truth do not belong together.
     """
     if not callable(system):
         require_system(system)

@@ -17,9 +17,8 @@ from benchmark.errors import frame_errors
 from benchmark.estimates import AHEAD_M, read_estimates, write_estimates
 from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_system
 from benchmark.machine import describe_machine
-from benchmark.result import Result
-from benchmark.scored_drive import BenchmarkDrive
-from benchmark.suite_drives import ensure_video
+from benchmark.scored_drive import BenchmarkDrive, ensure_video
+from benchmark.scores import Result
 from benchmark.systems import require_system, source_files
 from lanes import images as frames
 from lanes.camera import camera_to_dict
@@ -46,14 +45,7 @@ def run_benchmark(
     estimated from the video instead of the true one; the lens is always the true one. Finished estimates are cached in
     `folder` (default: a folder in the project's cache); an entry is used again while video, camera, machine and the
     sources of the system are unchanged. `progress`, called with the name of a part of the work, returns its callback
-    (done, total).
-
-    Raises
-    ------
-    ValueError
-        If a system is unknown, or a video and its truth do not belong together.
-    OSError
-        If a file cannot be read or written, or a worker process died.
+    (done, total). Raises ValueError if a system is unknown, or a video and its truth do not belong together.
     """
     for system in systems:
         require_system(system)

@@ -4,18 +4,49 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from benchmark.bootstrap import accuracy_interval, among_best
 from benchmark.errors import FrameErrors, recovery_lengths
 from benchmark.estimates import AHEAD_M
-from benchmark.result import Result, by_difficulty
-from benchmark.significance import accuracy_interval, among_best
+
+if TYPE_CHECKING:
+    from benchmark.consistency import NormalizedErrors
 
 # Distances ahead, each with its own columns in the table.
 TABLE_AHEAD_M = (5.0, 15.0, 30.0)
 Row = dict[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """The errors of one system on one scene, and the conditions of the measurement.
+
+    `pose` is the source of the camera pose: "true", "estimated" or "not found". `workers` and `machine` (see
+    `describe_machine`) are the number of processes and the machine of the time measurement. `normalized` are the errors
+    in stated standard deviations, None for a system that states none.
+    """
+
+    scene: str
+    difficulty: str
+    system: str
+    errors: FrameErrors
+    pose: str = "true"
+    workers: int = 1
+    fps: float = 25.0
+    machine: str = ""
+    normalized: NormalizedErrors | None = None
+
+
+def by_difficulty(results: Iterable[Result]) -> dict[tuple[str, str], list[Result]]:
+    """The results of each difficulty and system, in the order in which these first occur."""
+    groups: dict[tuple[str, str], list[Result]] = {}
+    for result in results:
+        groups.setdefault((result.difficulty, result.system), []).append(result)
+    return groups
 
 
 def score_rows(results: Iterable[Result]) -> list[Row]:
@@ -53,7 +84,7 @@ def _compared_rows(groups: Sequence[tuple[str, Sequence[Result]]]) -> list[Row]:
 def _compare(systems: Sequence[Sequence[Result]]) -> list[dict[str, float]]:
     """Comparison of systems on the same scenes: 95 % interval of the accuracy, and the mark of the best ones.
 
-    The mark is 1 or 0 (see `benchmark.significance`); NaN without another system.
+    The mark is 1 or 0 (see `among_best`); NaN without another system.
     """
     marks = [float(mark) for mark in among_best(systems)] if len(systems) > 1 else [float("nan")]
     intervals = [accuracy_interval(group) for group in systems]

@@ -21,12 +21,11 @@ from benchmark.estimates import AHEAD_M, ALONG_M, LaneEstimate, road_points
 from benchmark.own_finder import Lines, OwnFinder, estimate_from_lines, finder_file, is_own_finder, load_finder
 from classic.finder import LaneFinder, LaneResult
 from classic.recipe import POSE_SUFFIX, RECIPES, get_recipe, recipe_from_pose
-from lanes import camera, detect, track
+from lanes import camera, detect, stills, track
 from lanes.camera import Camera
-from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.lane import Lane
 from lanes.detect.road import CENTRE, CURVATURE, HEADING, SIDES, WIDTH, line_points
-from lanes.detect.search import find_lane
+from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker, TrackedLane
 
 TRACKER, DETECTOR = "tracker", "detector"
@@ -35,7 +34,7 @@ SYSTEMS = (*RECIPE_SYSTEMS, TRACKER, DETECTOR)
 # In single pictures the tracker is the detector.
 STILL_SYSTEMS = (*RECIPE_SYSTEMS, TRACKER)
 # Files and folders that the estimates of a system depend on.
-_CAMERA = Path(inspect.getfile(camera))
+_CAMERA, _STILLS = Path(inspect.getfile(camera)), Path(inspect.getfile(stills))
 _CLASSIC, _DETECT, _TRACK = (Path(inspect.getfile(package)).parent for package in (classic, detect, track))
 # Distances at which a recipe's line is projected into the picture: even steps in 1 / x are even steps in picture rows.
 PROJECTED_AT_M = 1 / np.linspace(1 / 1.5, 1 / 200.0, 400)
@@ -45,19 +44,15 @@ def source_files(system: str) -> tuple[Path, ...]:
     """Source files and folders that the estimates of a system depend on."""
     if is_own_finder(system):
         return _CAMERA, finder_file(system)
-    return (_CAMERA, _DETECT, _TRACK) if system in (TRACKER, DETECTOR) else (_CAMERA, _CLASSIC)
+    return (_CAMERA, _DETECT, _STILLS, _TRACK) if system in (TRACKER, DETECTOR) else (_CAMERA, _CLASSIC)
 
 
 def start_system(system: str | OwnFinder, camera: Camera, fps: float) -> tuple[Callable, Callable[..., LaneEstimate]]:
     """Start a system on a drive: a function of the next frame, and one that makes the estimate of what it returns.
 
     A frame is (height, width, 3) uint8 RGB with lens distortion. Only the first function counts in the time of a
-    system. `system` is a name of `SYSTEMS`, "file.py:function", or a finder itself (see `benchmark.own_finder`).
-
-    Raises
-    ------
-    ValueError
-        If the system is unknown.
+    system. `system` is a name of `SYSTEMS`, "file.py:function", or a finder itself (see `benchmark.own_finder`). Raises
+    ValueError if it is unknown.
     """
     if callable(system):
         return lambda image: system(image, camera), estimate_from_lines
@@ -67,8 +62,7 @@ def start_system(system: str | OwnFinder, camera: Camera, fps: float) -> tuple[C
     if system == TRACKER:
         return LaneTracker(camera, fps=fps).update, tracker_estimate
     if system == DETECTOR:
-        view = BirdsEyeView(camera)
-        return lambda image: TrackedLane.from_still(find_lane(image, view)), tracker_estimate
+        return lambda image: TrackedLane.from_still(find_lane(image, camera)), tracker_estimate
     return _start_recipe(system, camera).follow, recipe_estimate
 
 
@@ -76,22 +70,16 @@ def column_detector(system: str, camera: Camera) -> Callable[[np.ndarray, np.nda
     """A system that detects the lines of single pictures, without memory.
 
     It is a function of a picture and rows (R,), and returns the columns (2, R) of the left and right line in the raw
-    picture, -2 where a line does not pass, as in TuSimple's files.
-
-    Raises
-    ------
-    ValueError
-        If the system is unknown.
+    picture, -2 where a line does not pass, as in TuSimple's files. Raises ValueError if the system is unknown.
     """
     if is_own_finder(system):
         find = load_finder(system)
         return lambda image, rows: own_columns(find(image, camera), camera, rows)
     require_system(system)
     if system in (TRACKER, DETECTOR):
-        view = BirdsEyeView(camera)
 
         def detect(image: np.ndarray, rows: np.ndarray) -> np.ndarray:
-            lane = find_lane(image, view)
+            lane = find_lane(image, camera)
             return np.full((2, len(rows)), -2.0) if lane is None else lane.pixels(camera, rows)
 
         return detect

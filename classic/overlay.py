@@ -66,7 +66,7 @@ def diagnose(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarra
 def follow_lane(
     finder: LaneFinder, camera: Camera
 ) -> Callable[[np.ndarray], tuple[np.ndarray, dict[str, str | float | None]]]:
-    """A function for `annotate_video` that returns the annotated frame and its telemetry; frames must be in order."""
+    """A function for `process_video` that returns the annotated frame and its telemetry; frames must be in order."""
 
     def process(frame: np.ndarray) -> tuple[np.ndarray, dict[str, str | float | None]]:
         result = finder.follow(frame)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from platform import python_version
 from typing import Any
@@ -15,20 +16,19 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.search import search_still
 from lanes.draw import STYLES, track_lane
-from lanes.errors import CameraError, PictureError, PoseError, VideoError
+from lanes.errors import CameraError, LaneError, PictureError, PoseError, VideoError
 from lanes.field_of_view import FieldOfView, find_field_of_view
 from lanes.files import exclusive_writer, read_telemetry, write_telemetry
 from lanes.images import PICTURE_SUFFIXES, list_pictures, opencv_threads, read_image, write_image
-from lanes.pose import PoseEstimate, describe_accuracy, pose_from_drive
+from lanes.pose import PoseEstimate, describe_accuracy, ensure_pose
 from lanes.report.moments import frame_lengths_s, seconds_lost, share_tracked
 from lanes.report.page import write_report
 from lanes.sources import require_distinct_outputs
+from lanes.stills import StillDetection, detect_still
 from lanes.track.pose_change import PoseChange, describe_wrong_yaw, find_pose_change, find_wrong_yaw
 from lanes.track.tracker import LOST, LaneTracker, TrackedLane
-from lanes.video.process import VideoSummary, annotate_video
+from lanes.video.process import process_video
 from lanes.video.reader import VideoInfo, inspect_video, open_video
 
 SEVERAL_CAMERAS = " If the pictures are of several cameras, annotate them with --each."
@@ -57,8 +57,6 @@ class DriveSettings:
         Write an HTML report next to each video.
     progress : bool
         Show a progress bar if stderr is a terminal.
-    overlapped : bool
-        Read, process and write in parallel; see `annotate_video`.
     """
 
     output: Path
@@ -70,7 +68,6 @@ class DriveSettings:
     end_s: float | None = None
     report: bool = True
     progress: bool = True
-    overlapped: bool = True
 
     def camera_for(self, size: tuple[int, int], name: object = "picture") -> Camera:
         """The camera for pictures of `size` (width, height); error messages begin with the `name` of the drive.
@@ -151,7 +148,7 @@ class DriveResult:
 
     def describe(self) -> str:
         """A sentence about the drive, after the camera pose if it was estimated."""
-        lines = [self.pose.describe(), describe_accuracy(self.pose, self.camera)] if self.pose else []
+        lines = [self.pose.describe(), describe_accuracy(self.pose)] if self.pose else []
         lines.append(
             f"{self.source}: {describe_frames(self.frames, self.missing)}, lane tracked in {self.tracked_share:.0%} of "
             f"them, lost for {self.lost_s:.1f} s; {self.frames_per_s:.0f} frames/s; wrote {self.video} with telemetry"
@@ -275,7 +272,7 @@ def prepare_drive(video: str | Path, settings: DriveSettings) -> PreparedDrive:
     if settings.start_s >= info.duration_s:
         raise VideoError(f"{video}: lasts {info.duration_s:g} s; begin before that, not at {settings.start_s:g} s.")
     camera = settings.camera_for((info.width, info.height), video)
-    camera, pose = pose_from_drive(camera, [video], start_s=settings.start_s, end_s=settings.end_s)
+    camera, pose = ensure_pose(camera, [video], start_s=settings.start_s, end_s=settings.end_s)
     return PreparedDrive(video, info, camera, pose)
 
 
@@ -292,10 +289,10 @@ def annotate_prepared(drive: PreparedDrive, settings: DriveSettings) -> DriveRes
     return conclude_drive(source, target, drive.camera, drive.pose, settings, elapsed_s, missing=missing, sound=sound)
 
 
-def track_video(drive: PreparedDrive, target: Path, settings: DriveSettings, **options: Any) -> VideoSummary:
-    """Write the annotated video `target` and its telemetry, with a new tracker; `options` are for `annotate_video`."""
+def track_video(drive: PreparedDrive, target: Path, settings: DriveSettings, **options: Any) -> VideoInfo:
+    """Write the annotated video `target` and its telemetry, with a new tracker; `options` are for `process_video`."""
     process = track_lane(LaneTracker(drive.camera, fps=drive.info.fps), drive.camera, style=settings.style)
-    return annotate_video(
+    return process_video(
         drive.video,
         target,
         process,
@@ -303,7 +300,6 @@ def track_video(drive: PreparedDrive, target: Path, settings: DriveSettings, **o
         end_s=settings.end_s,
         progress=settings.progress,
         telemetry=target.with_suffix(".csv"),
-        overlapped=settings.overlapped,
         info=drive.info,
         **options,
     )
@@ -325,66 +321,91 @@ def annotate_stills(pictures: Sequence[Path], settings: DriveSettings) -> Stills
         As `annotate_drive`.
     """
     require_distinct_outputs(pictures, [settings.output / path.name for path in pictures])
-    groups, failures = pose_of_each(pictures, settings) if settings.each else _pose_of_all(pictures, settings)
     rows: list[dict[str, str | float | None]] = []
     written, lines, telemetry = [], [], settings.output / "pictures.csv"
+    failures: list[LaneError] = []
+    stills = detect_stills(pictures, settings, failures)
+    first = next(stills)  # raises if no still can be used, before anything is written
     with exclusive_writer(telemetry):
-        for paths, camera, pose in groups:
-            view, draw = BirdsEyeView(camera), STYLES[settings.style](camera)
-            for path in paths:
-                image = read_image(path)
-                evidence, lane = search_still(image, view)
-                found = TrackedLane.from_still(lane)
-                rows.append({"frame": len(rows), "picture": path.name, **found.as_row()})
-                written.append(write_image(settings.output / path.name, draw(image, found, evidence)))
-                if settings.each and pose:
-                    result = f"{path}: {found.state} (confidence {found.confidence:.2f})"
-                    lines.append(f"{result}; {pose.summary_line()}{settings.lens_of_still(path)}")
+        for still in chain([first], stills):
+            path, image, detection = still.path, still.image, still.detection
+            found = TrackedLane.from_still(detection.lane)
+            drawn = STYLES[settings.style](detection.camera)(image, found, detection.evidence)
+            rows.append({"frame": len(rows), "picture": path.name, **found.as_row()})
+            written.append(write_image(settings.output / path.name, drawn))
+            if settings.each and still.pose:
+                result = f"{path}: {found.state} (confidence {found.confidence:.2f})"
+                lines.append(f"{result}; {still.pose.summary_line()}{settings.lens_of_still(path)}")
         write_telemetry(telemetry, rows)
     count = sum(row["state"] != LOST for row in rows)
-    one_pose = None if settings.each else groups[0][2]
+    one_pose = None if settings.each else first.pose
     return StillsResult(tuple(written), telemetry, count, one_pose, tuple(failures), tuple(lines))
 
 
-# Stills of one camera, the camera with its pose, and the pose estimate (None if the camera had a pose).
-StillsOfCamera = tuple[Sequence[Path], Camera, PoseEstimate | None]
+@dataclass(frozen=True, eq=False)
+class DetectedStill:
+    """A still, what was found in it, in which time, and its pose estimate (None if the camera had a pose)."""
+
+    path: Path
+    image: np.ndarray
+    detection: StillDetection
+    pose: PoseEstimate | None
+    run_time_s: float
 
 
-def _pose_of_all(
-    pictures: Sequence[Path], settings: DriveSettings
-) -> tuple[list[StillsOfCamera], Sequence[ValueError]]:
-    """The stills as those of one camera, and the errors of those that cannot be used."""
-    size, usable, failures = _select_usable(pictures)
-    try:
-        return [(usable, *pose_from_drive(settings.camera_for(size, usable[0]), usable))], failures
-    except PoseError as error:
-        raise PoseError(f"{error}{SEVERAL_CAMERAS if len(usable) > 1 else ''}") from error
-
-
-def pose_of_each(
-    pictures: Sequence[Path], settings: DriveSettings
-) -> tuple[list[StillsOfCamera], Sequence[ValueError]]:
-    """The stills as those of one camera each, and the errors of those that cannot be used.
+def detect_stills(
+    pictures: Sequence[Path], settings: DriveSettings, failures: list[LaneError]
+) -> Iterator[DetectedStill]:
+    """What is found in each still, one after the other; errors of stills that cannot be used go to `failures`.
 
     Raises
     ------
     PictureError, PoseError, CameraError
         If none of the stills can be used.
     """
-    groups: list[StillsOfCamera] = []
-    failures: list[ValueError] = []
-    for path in pictures:
-        try:
-            if path.suffix.lower() not in PICTURE_SUFFIXES:
-                raise PictureError(f"{path}: is no still; --each is for stills of different cameras, omit it.")
-            height, width = read_image(path).shape[:2]
-            camera = settings.for_still(path).camera_for((width, height), path)
-            groups.append(([path], *pose_from_drive(camera, [path])))
-        except (PictureError, PoseError, CameraError) as error:
-            failures.append(error)
-    if not groups:
+    together = _detect_together(pictures, settings)
+    none_used = True
+    for still in (_detect_one(path, settings) for path in pictures) if settings.each else together:
+        if isinstance(still, LaneError):
+            failures.append(still)
+        else:
+            none_used = False
+            yield still
+    if none_used:
         raise type(failures[0])("\n".join(map(str, failures)))
-    return groups, failures
+
+
+def _detect_together(pictures: Sequence[Path], settings: DriveSettings) -> Iterator[DetectedStill | LaneError]:
+    """What is found in each still of one camera, after the errors of the stills that cannot be used."""
+    size, usable, failures = _select_usable(pictures)
+    yield from failures
+    try:
+        camera, pose = ensure_pose(settings.camera_for(size, usable[0]), usable)
+    except PoseError as error:
+        raise PoseError(f"{error}{SEVERAL_CAMERAS if len(usable) > 1 else ''}") from error
+    for path in usable:
+        start_s = time.perf_counter()
+        image = read_image(path)
+        detection = pose.still if pose and pose.still else detect_still(image, camera)
+        yield DetectedStill(path, image, detection, pose, time.perf_counter() - start_s)
+
+
+def _detect_one(path: Path, settings: DriveSettings) -> DetectedStill | LaneError:
+    """What is found in a still of a camera of its own; an error if it cannot be used."""
+    try:
+        if path.suffix.lower() not in PICTURE_SUFFIXES:
+            raise PictureError(f"{path}: is no still; --each is for stills of different cameras, omit it.")
+        image = read_image(path)
+        camera = settings.for_still(path).camera_for((image.shape[1], image.shape[0]), path)
+        start_s = time.perf_counter()
+        try:
+            camera, pose = ensure_pose(camera, image)
+            detection = pose.still if pose and pose.still else detect_still(image, camera)
+        except (PoseError, CameraError) as error:
+            raise type(error)(f"{path}: {error}") from error
+        return DetectedStill(path, image, detection, pose, time.perf_counter() - start_s)
+    except LaneError as error:
+        return error
 
 
 def annotate_folder(folder: str | Path, output: str | Path, camera: Camera) -> StillsResult:

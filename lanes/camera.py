@@ -28,28 +28,22 @@ class CameraPose:
     ----------
     height_m, pitch_rad, yaw_rad, roll_rad : float
         The angles have the signs of the module docstring.
-    same_lane_share : float or None
-        If the pose was estimated from a single picture: the share of the poses tried that show the same lane there, 0
-        to 1. Confidences depend on it. None of all other poses.
 
     Raises
     ------
     CameraError
-        If the height is not positive, a number is not finite, or `same_lane_share` is not a share.
+        If the height is not positive, or a number is not finite.
     """
 
     height_m: float
     pitch_rad: float = 0.0
     yaw_rad: float = 0.0
     roll_rad: float = 0.0
-    same_lane_share: float | None = None
 
     def __post_init__(self) -> None:
         angles = self.pitch_rad, self.yaw_rad, self.roll_rad
         if not (np.isfinite([self.height_m, *angles]).all() and self.height_m > 0):
             raise CameraError(f"{self} is not a camera pose: the height must be positive and every angle finite.")
-        if self.same_lane_share is not None and not 0 <= self.same_lane_share <= 1:
-            raise CameraError(f"{self} is not a camera pose: same_lane_share must be from 0 to 1.")
 
     def describe(self) -> str:
         """Text such as "1.32 m high, pitch -1.80, yaw -1.36, roll 0.40 deg"."""
@@ -200,7 +194,7 @@ class Camera:
         shift = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
         return replace(self, width=width, height=height, matrix=np.linalg.inv(shift) @ scale @ shift @ self.matrix)
 
-    def require_size(self, image: np.ndarray, name: object = "picture") -> np.ndarray:
+    def require_size(self, image: np.ndarray, name: object = "image") -> np.ndarray:
         """As `lanes.images.require_size`: the image, contiguous, if it has the size of the camera's."""
         return require_size(image, self.size, name, calibrated=bool(self.distortion.any()))
 
@@ -399,7 +393,7 @@ def camera_to_dict(camera: Camera) -> dict:
         "distortion_coefficients": {"rows": 1, "cols": 5, "data": [float(x) for x in np.ravel(camera.distortion)]},
     }
     if camera.pose:
-        content["pose"] = {name: float(value) for name, value in asdict(camera.pose).items() if value is not None}
+        content["pose"] = {name: float(value) for name, value in asdict(camera.pose).items()}
     if camera.report:
         report = camera.report
         content["calibration"] = {
@@ -450,8 +444,7 @@ def camera_from_dict(content: dict) -> Camera:
     distortion = np.array(content["distortion_coefficients"]["data"], float).reshape(5)
     size = int(content["image_width"]), int(content["image_height"])
     _require_valid_intrinsics(matrix, distortion, size)
-    # The first version wrote this block as `mount`.
-    block = "pose" if "pose" in content else "mount"
+    block = "pose" if "pose" in content else "mount"  # its name in version 0.1
     pose = _parse_pose(content[block]) if block in content else None
     report = _parse_report(content["calibration"]) if "calibration" in content else None
     return Camera(*size, matrix, distortion, pose, report)
@@ -473,7 +466,8 @@ def _require_valid_intrinsics(matrix: np.ndarray, distortion: np.ndarray, size: 
 
 
 def _parse_pose(content: dict) -> CameraPose:
-    pose = CameraPose(**{name: float(value) for name, value in content.items()})
+    # version 0.1 wrote same_lane_share as well
+    pose = CameraPose(**{name: float(value) for name, value in content.items() if name != "same_lane_share"})
     if pose.height_m > MAX_HEIGHT_M or max(map(abs, (pose.pitch_rad, pose.yaw_rad, pose.roll_rad))) > np.pi / 2:
         raise ValueError(f"a camera {pose.describe()} does not see the road")
     return pose

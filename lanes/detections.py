@@ -16,11 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.search import find_lane
 from lanes.errors import CameraError
 from lanes.files import write_atomically
 from lanes.images import PICTURE_SUFFIXES, read_image
+from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker, TrackedLane
 from lanes.video.reader import inspect_video, read_timed_frames
 
@@ -137,23 +136,26 @@ class LaneDetector:
         camera, find = self._finders[size]
         start_s = time.perf_counter()
         found = find(image)
-        run_time_ms = 1000 * (time.perf_counter() - start_s)
-        lane = found.lane
-        lanes = np.full((2, len(self._rows)), NO_POINT) if lane is None else lane.pixels(camera, self._rows)
-        return {
-            "h_samples": self._rows.tolist(),
-            "lanes": np.round(lanes, 1).tolist(),
-            "run_time": round(run_time_ms, 2),
-            "state": found.state,
-            "confidence": round(found.confidence, 4),
-            "offset_m": lane and round(lane.offset_m, 4),
-            "curvature_per_m": lane and round(lane.curvature_per_m, 7),
-        }
+        return as_detection(found, camera, self._rows, time.perf_counter() - start_s)
 
     def _make_finder(self, size: tuple[int, int]) -> tuple[Camera, Callable[[np.ndarray], TrackedLane]]:
         """The camera for pictures of `size` (width, height), and a function that finds the lane in one of them."""
         camera = self._camera if size == self._camera.size else self._camera.scaled(size)
         if self._sequence:
             return camera, LaneTracker(camera, fps=self._fps).update
-        view = BirdsEyeView(camera)
-        return camera, lambda image: TrackedLane.from_still(find_lane(image, view))
+        return camera, lambda image: TrackedLane.from_still(find_lane(image, camera))
+
+
+def as_detection(found: TrackedLane, camera: Camera, rows: np.ndarray | range, run_time_s: float) -> dict:
+    """The detection in one image, without the file's name."""
+    rows, lane = np.asarray(rows), found.lane
+    lanes = np.full((2, len(rows)), NO_POINT) if lane is None else lane.pixels(camera, rows)
+    return {
+        "h_samples": rows.tolist(),
+        "lanes": np.round(lanes, 1).tolist(),
+        "run_time": round(1000 * run_time_s, 2),
+        "state": found.state,
+        "confidence": round(found.confidence, 4),
+        "offset_m": lane and round(lane.offset_m, 4),
+        "curvature_per_m": lane and round(lane.curvature_per_m, 7),
+    }

@@ -162,7 +162,7 @@ STYLES: dict[str, Callable[[Camera], DrawOverlay]] = {
 def track_lane(
     tracker: LaneTracker, camera: Camera, *, style: str = "lane"
 ) -> Callable[..., tuple[np.ndarray, TelemetryRow]]:
-    """A function for `annotate_video` that tracks the lane, draws on each frame and returns it with its telemetry.
+    """A function for `process_video` that tracks the lane, draws on each frame and returns it with its telemetry.
 
     The function is called as process(frame, elapsed_s=None), with the RGB frames in order. `elapsed_s`
     is the time since the previous frame; None means 1 / fps. `style` is one of `STYLES`.

@@ -8,15 +8,14 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.describe import describe_bend
-from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import CONFIDENCE, FEATURES, LIKELY_CONFIDENCE, feature_weights, lane_features
-from lanes.detect.fit import FIT, LaneFit, fit_starts, near_stripes
+from lanes.detect.fit import FIT, LaneFit, near_stripes
 from lanes.detect.lane import Lane
 from lanes.detect.paint import MARKINGS, FrameEvidence, lightness, strength_weight
 from lanes.detect.road import CENTRE, CURVATURE, PITCH, PRIOR_STD, SIDES, WIDTH, is_ego_lane, lateral_std_m
-from lanes.detect.search import RIVAL_M, search_still
-from lanes.detect.votes import vote_lanes
+from lanes.detect.search import RIVAL_M
 from lanes.errors import CameraError
+from lanes.stills import StillDetection, detect_still
 from lanes.track.tracker import TRACKER, TrackedLane
 
 # Median grey levels (of 255) below and above which hardly any paint is visible, and the least range of grey levels of
@@ -49,8 +48,9 @@ def describe_input(image: np.ndarray, camera: Camera, pose_failure: str) -> list
     return [picture, Step("pose", pose)]
 
 
-def check_birdseye(evidence: FrameEvidence, view: BirdsEyeView) -> Step:
+def check_birdseye(evidence: FrameEvidence) -> Step:
     """Check that the road in the bird's-eye view is neither too dark nor too bright, and has contrast."""
+    view = evidence.view
     levels = lightness(evidence.view_image)[view.seen]
     low, median, high = np.percentile(levels, [0.1, 50, 99.9])
     summary = f"picture covers {view.seen.mean():.0%} of {view.near_m:g} to {view.far_m:g} m, brightness {median:.0f}"
@@ -67,9 +67,9 @@ def check_birdseye(evidence: FrameEvidence, view: BirdsEyeView) -> Step:
     return Step("birdseye", summary, failure, advice)
 
 
-def check_markings(evidence: FrameEvidence, view: BirdsEyeView) -> Step:
+def check_markings(evidence: FrameEvidence) -> Step:
     """Check that the marking response is large enough anywhere."""
-    strength, minimum = evidence.response.strength[view.seen], MARKINGS.min_strength
+    strength, minimum = evidence.response.strength[evidence.view.seen], MARKINGS.min_strength
     best, share = strength.max(initial=0), (strength > minimum).mean()
     summary = f"strongest {best:.0f} x noise, {share:.1%} of the road above {minimum:g}"
     failure = "nothing is brighter or yellower than the road on both sides of it and as wide as a painted line."
@@ -229,23 +229,27 @@ class Explanation:
         RGB, raw.
     steps : tuple of Step
         In order of execution; only the last one may have failed.
-    evidence : FrameEvidence or None
-        Bird's-eye view, marking response and stripes; None if the camera sees no road.
-    votes : ndarray (hypotheses, bins) or None
-        Vote table of `lanes.detect.votes`; None without near stripes.
+    detection : StillDetection or None
+        What was found in the picture, and what it was found in; None if the camera sees no road.
     candidates : tuple of Candidate
         Best first.
     """
 
     image: np.ndarray
     camera: Camera
-    view: BirdsEyeView
     steps: tuple[Step, ...]
-    evidence: FrameEvidence | None = None
-    votes: np.ndarray | None = None
-    fit: LaneFit | None = None
+    detection: StillDetection | None = None
     candidates: tuple[Candidate, ...] = ()
-    lane: Lane | None = None
+
+    @property
+    def evidence(self) -> FrameEvidence | None:
+        """Bird's-eye view, marking response and stripes; None if the camera sees no road."""
+        return self.detection.evidence if self.detection else None
+
+    @property
+    def lane(self) -> Lane | None:
+        """The lane found."""
+        return self.detection.lane if self.detection else None
 
     @property
     def tracked(self) -> TrackedLane:
@@ -289,42 +293,51 @@ class Explanation:
         return f"Explanation({self.tracked}, failed at {self.failed.name if self.failed else 'no step'})"
 
 
-def explain_frame(image: np.ndarray, camera: Camera, *, pose_failure: str = "") -> Explanation:
-    """Detect the lane in a raw RGB picture and keep the result of every step.
+def explain(
+    image: np.ndarray, camera: Camera, *, detection: StillDetection | None = None, pose_failure: str = ""
+) -> Explanation:
+    """Every step of the lane detection in a raw RGB image, with its result in words.
 
-    The lane equals that of `lanes.detect.search.find_lane`. `pose_failure` says why the pose of `camera` is only
-    assumed; it is empty if the pose is known.
+    >>> print(lanes.explain(image, camera))  # doctest: +SKIP
+
+    Parameters
+    ----------
+    detection : StillDetection, optional
+        What was found in the image, if that is known; otherwise it is that of `lanes.stills.detect_still`.
+    pose_failure : str
+        Why the pose of `camera` is only assumed; empty if the pose is known.
 
     Raises
     ------
     PictureError
-        If the picture is not RGB or not of the camera's size.
+        If the image is not RGB or not of the camera's size.
     CameraError
         If the camera has no pose.
     """
     camera.require_size(image)
     camera.require_pose()
-    view = BirdsEyeView(camera)
     steps = describe_input(image, camera, pose_failure)
     try:
-        evidence, lane = search_still(image, view)
+        detection = detection or detect_still(image, camera)
     except CameraError as error:
         failed = Step("birdseye", "no road in the picture", str(error), RE_ESTIMATE_POSE)
-        return Explanation(image, camera, view, _up_to_failure([*steps, failed]))
+        return Explanation(image, camera, _up_to_failure([*steps, failed]))
+    evidence, lane = detection.evidence, detection.lane
     if pose_failure:
         # Later steps are meaningless without the camera pose. The evidence is kept for the figure.
-        return Explanation(image, camera, view, tuple(steps), evidence)
-    steps += [check_birdseye(evidence, view), check_markings(evidence, view), check_stripes(evidence)]
-    if not len(near_stripes(evidence.stripes)):
-        return Explanation(image, camera, view, _up_to_failure(steps), evidence)
-    votes, starts = vote_lanes(evidence.stripes, view)
-    fit = fit_starts(starts, evidence.stripes, view)
-    candidates = _candidates(fit, found=lane is not None)
-    steps += [describe_votes(starts), check_fit(candidates[0].score, candidates[0].support, seen=lane is not None)]
+        return Explanation(image, camera, tuple(steps), StillDetection(evidence))
+    steps += [check_birdseye(evidence), check_markings(evidence), check_stripes(evidence)]
+    if detection.fit is None or detection.starts is None:
+        return Explanation(image, camera, _up_to_failure(steps), detection)
+    candidates = _candidates(detection.fit, found=lane is not None)
+    steps += [
+        describe_votes(detection.starts),
+        check_fit(candidates[0].score, candidates[0].support, seen=lane is not None),
+    ]
     if lane is not None:
         # A lane was found, so an earlier failure was not decisive.
         steps = [replace(step, failure="", advice="") for step in steps] + [check_lane(lane)]
-    return Explanation(image, camera, view, _up_to_failure(steps), evidence, votes, fit, candidates, lane)
+    return Explanation(image, camera, _up_to_failure(steps), detection, candidates)
 
 
 def _up_to_failure(steps: list[Step]) -> tuple[Step, ...]:
@@ -363,6 +376,7 @@ def stripes_on_lines(explanation: Explanation) -> np.ndarray:
 
     Stripes on the far lines of adjacent lanes are 0, although they take part in the fit.
     """
-    if explanation.lane is None or explanation.fit is None:
+    detection = explanation.detection
+    if detection is None or detection.lane is None or detection.fit is None:
         return np.zeros(len(explanation.evidence.stripes) if explanation.evidence else 0)
-    return SIDES @ explanation.fit.members[explanation.candidates[0].index]
+    return SIDES @ detection.fit.members[explanation.candidates[0].index]

@@ -245,6 +245,8 @@ def _gray_limits(image: np.ndarray) -> dict[str, int]:
 MARK_HALF_WIDTH_M = 4.0
 # Upper limit of the colour scale of the marking response.
 MAX_STRENGTH = 12.0
+# Width of the plots of the road to either side, metres: that of the bird's-eye view.
+ROAD_HALF_WIDTH_M = 9.0
 # Upper end of the plot of the fit, metres ahead: the legend lies above the lines.
 FIT_TOP_M = 66.0
 TEXT_COLUMNS, LINE_POINTS = 72, 12
@@ -313,7 +315,8 @@ def _plot_birdseye(axis: Axes, explanation: Explanation) -> None:
     if explanation.evidence is None:
         _show_message(axis, "the camera pose shows no road in this picture")
     else:
-        draw_on_road_grid(axis, explanation.view.blacken(explanation.evidence.view_image), explanation.view)
+        view = explanation.evidence.view
+        draw_on_road_grid(axis, view.blacken(explanation.evidence.view_image), view)
 
 
 def _plot_markings(axis: Axes, explanation: Explanation) -> None:
@@ -321,12 +324,12 @@ def _plot_markings(axis: Axes, explanation: Explanation) -> None:
         _show_message(axis, "not reached")
     else:
         strength = explanation.evidence.response.strength
-        draw_on_road_grid(axis, strength, explanation.view, cmap="magma", vmin=0, vmax=MAX_STRENGTH)
+        draw_on_road_grid(axis, strength, explanation.evidence.view, cmap="magma", vmin=0, vmax=MAX_STRENGTH)
 
 
 def _plot_stripes(axis: Axes, explanation: Explanation) -> None:
     """Stripe candidates on the road in metres, those of the lane in the colours of its lines."""
-    _axes_of_road(axis, explanation)
+    _axes_of_road(axis)
     if explanation.evidence is None:
         return
     stripes, side = explanation.evidence.stripes, stripes_on_lines(explanation)
@@ -341,13 +344,14 @@ def _plot_stripes(axis: Axes, explanation: Explanation) -> None:
 
 def _plot_votes(axis: Axes, explanation: Explanation) -> None:
     """Vote table: for each curvature and lateral position the votes of the best heading."""
-    if explanation.votes is None:
+    votes = explanation.detection.votes if explanation.detection else None
+    if votes is None:
         _show_message(axis, "not reached")
         return
     curvature = HYPOTHESES[:, 1]  # columns: heading, curvature, pitch
     bends = np.unique(curvature)
     # The search uses square roots of votes. They keep a dashed line visible next to a solid one.
-    table = np.sqrt([explanation.votes[curvature == bend].max(axis=0) for bend in bends])
+    table = np.sqrt([votes[curvature == bend].max(axis=0) for bend in bends])
     half_m = VOTING.bins / 2 * VOTING.bin_m
     axis.imshow(table[:, ::-1], extent=(half_m, -half_m, len(bends) - 0.5, -0.5), aspect="auto", cmap="magma")
     shown = np.arange(1, len(bends), 3)
@@ -362,21 +366,22 @@ def _plot_votes(axis: Axes, explanation: Explanation) -> None:
 
 def _plot_fit(axis: Axes, explanation: Explanation) -> None:
     """Fitted lanes on the road in metres: the chosen one with its uncertainty, the rejected ones dashed."""
-    _axes_of_road(axis, explanation)
-    if explanation.evidence is not None:
-        stripes = explanation.evidence.stripes
-        axis.scatter(stripes.y_m, stripes.x_m, s=3, color="0.75", lw=0)
+    _axes_of_road(axis)
+    if explanation.evidence is None:
+        return
+    view, stripes = explanation.evidence.view, explanation.evidence.stripes
+    axis.scatter(stripes.y_m, stripes.x_m, s=3, color="0.75", lw=0)
     for candidate in explanation.candidates:
         if not candidate.chosen:
-            for line in lines_on_view(candidate.model[None], explanation.view.x_m, explanation.view.height_m)[0]:
-                axis.plot(line, explanation.view.x_m, color="0.5", lw=1, ls="--")
+            for line in lines_on_view(candidate.model[None], view.x_m, view.height_m)[0]:
+                axis.plot(line, view.x_m, color="0.5", lw=1, ls="--")
     if explanation.lane is None:
         return
     lane, x_m = explanation.lane, np.linspace(0, 50, 101)
     lines = zip(lane.lines, lane.lateral_m(x_m), lane.lateral_std_m(x_m), ("left", "right"), strict=True)
     for (line, y_m, std_m, name), colour in zip(lines, (LEFT_COLOUR, RIGHT_COLOUR), strict=True):
         label = f"{name}: {'paint on ' + format(min(line.support, 1), '.0%') if line.seen else 'inferred'}"
-        std_m[~(np.abs(y_m) <= explanation.view.half_width_m)] = np.nan
+        std_m[~(np.abs(y_m) <= ROAD_HALF_WIDTH_M)] = np.nan
         shown = np.flatnonzero((x_m <= 20) & np.isfinite(std_m))
         if len(shown):
             label += f", ± {describe_std(std_m[shown[-1]])} m at {x_m[shown[-1]]:.0f} m"
@@ -414,9 +419,8 @@ def _show_message(axis: Axes, words: str) -> None:
     axis.set_axis_off()
 
 
-def _axes_of_road(axis: Axes, explanation: Explanation) -> None:
-    half_m = explanation.view.half_width_m
-    axis.set(xlim=(half_m, -half_m), ylim=(0, 52), xlabel="left (m)", ylabel="ahead (m)")
+def _axes_of_road(axis: Axes) -> None:
+    axis.set(xlim=(ROAD_HALF_WIDTH_M, -ROAD_HALF_WIDTH_M), ylim=(0, 52), xlabel="left (m)", ylabel="ahead (m)")
     axis.grid(alpha=0.3)
 
 

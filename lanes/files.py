@@ -1,4 +1,4 @@
-"""Files in and out: checks of input files, atomic writes and locks on outputs.
+"""Files in and out: checks of input files, atomic writes, locks on outputs, and telemetry (CSV).
 
 An output is written to ``STEM.partial.DIGITS.SUFFIX`` in the same folder and renamed when it is complete. The writer
 holds a lock on this partial file; the operating system releases the lock when the process ends. The next run that
@@ -225,7 +225,7 @@ def _lock(path: Path, *, timeout_s: float = -1) -> FileLock:
     return lock
 
 
-# Telemetry: CSV with one row per frame and units in the column names; rendered videos have their truth like this.
+# Telemetry: CSV with one row per frame and units in the column names; rendered videos have their truth in this form.
 
 
 class TelemetryWriter:

@@ -114,7 +114,7 @@ def annotate_many(
     OSError
         If Dask is not installed, no scheduler answers (ClusterError), or the table cannot be written.
     """
-    settings = replace(settings, output=settings.output.absolute(), progress=False, overlapped=False)
+    settings = replace(settings, output=settings.output.absolute(), progress=False)
     finished: list[FinishedDrive] = []
     unfinished: list[DriveJob] = []
     failed: dict[Path, Exception] = {}

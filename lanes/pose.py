@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any
@@ -14,9 +14,8 @@ import numpy as np
 from lanes.camera import Camera, CameraPose
 from lanes.describe import html_table
 from lanes.errors import PoseError
-from lanes.images import list_pictures
-from lanes.sources import pick_pictures
-from lanes.stills import HEIGHT_RANGE_M, search_pose
+from lanes.sources import find_sources, sample_images
+from lanes.stills import HEIGHT_RANGE_M, StillDetection, detect_with_own_pose
 from lanes.vanishing_point import (
     X0_BINS,
     Y0_BINS,
@@ -36,13 +35,14 @@ from lanes.vanishing_point import (
 CALIBRATED_OFFSET_ERROR_CM, UNCALIBRATED_OFFSET_ERROR_CM = 1, 3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PoseEstimate:
     """Estimated camera pose with standard deviations.
 
     Attributes
     ----------
-    pose : CameraPose
+    camera : Camera
+        The camera with the estimated pose.
     height_std_m, pitch_std_rad, yaw_std_rad, roll_std_rad : float
         Standard deviations. That of the height includes the uncertainty of the assumed lane width.
     frames_used, frames_total : int
@@ -52,9 +52,11 @@ class PoseEstimate:
         the height does not come from lane lines.
     notes : tuple of str
         Quantities that the pictures do not determine.
+    still : StillDetection or None
+        If the pose was estimated from a single picture: what was found in it. The pose is that of its lane.
     """
 
-    pose: CameraPose
+    camera: Camera
     height_std_m: float
     pitch_std_rad: float
     yaw_std_rad: float
@@ -63,6 +65,12 @@ class PoseEstimate:
     frames_total: int
     lane_width_m: float | None
     notes: tuple[str, ...] = ()
+    still: StillDetection | None = None
+
+    @property
+    def pose(self) -> CameraPose:
+        """The estimated pose."""
+        return self.camera.require_pose()
 
     @property
     def _height_source(self) -> str:
@@ -108,12 +116,12 @@ class PoseEstimate:
         return html_table("Camera pose", self.summary() | notes)
 
 
-def describe_accuracy(estimate: PoseEstimate, camera: Camera) -> str:
+def describe_accuracy(estimate: PoseEstimate) -> str:
     """One sentence with the expected accuracy of offset, lane width, distances and curvature."""
     height_share = estimate.height_std_m / estimate.pose.height_m
     why = "the height is assumed" if estimate.lane_width_m is None else "lanes may be wider or narrower"
     width = f" and {height_share:.0%} ({why})" if height_share else ""
-    if camera.distortion.any():
+    if estimate.camera.distortion.any():
         return (
             f"expect offset and lane width to be good to {CALIBRATED_OFFSET_ERROR_CM} cm{width}, "
             "distances and curvature likewise"
@@ -275,25 +283,36 @@ COARSE_PICTURES, COARSE_HORIZONS = 20, np.array([0.3, 0.45, 0.6, 0.75])
 
 
 def estimate_pose(
-    images: Iterable[np.ndarray],
+    source: str | Path | np.ndarray | Iterable[str | Path | np.ndarray],
     camera: Camera,
     *,
     lane_width_m: float = LANE_WIDTH_M,
     height_m: float | None = None,
+    max_pictures: int = POSE_PICTURES,
+    start_s: float = 0.0,
+    end_s: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> PoseEstimate:
-    """Estimate height, pitch, yaw and roll of a camera from pictures of one drive.
+    """Height, pitch, yaw and roll of a camera, estimated from pictures of one drive.
 
-    Only the intrinsics of `camera` are used; an existing pose is ignored.
+    >>> camera = lanes.estimate_pose("drive.mp4", camera).camera  # doctest: +SKIP
+
+    Only the intrinsics of `camera` are used; an existing pose is ignored. In a single picture the lane is looked for
+    with several poses; the estimate is that of the most probable lane, and `PoseEstimate.still` holds the lane.
 
     Parameters
     ----------
-    images : iterable of ndarray of shape (height, width, 3), uint8
-        RGB, raw, of the camera's size. All are kept in memory; 20 to 60, spread over the drive, are enough.
+    source : path, array, or iterable of paths or of arrays
+        A video, a picture, a folder of them, or a pattern such as ``drive/*.jpg``; or images (height, width, 3), uint8,
+        RGB, raw, of the camera's size. All images are kept in memory; 20 to 60, spread over the drive, are enough.
     lane_width_m : float
         Distance between the centres of the ego lane's lines; it determines the height.
     height_m : float, optional
         Measured height of the camera above the road. If given, the lane width is not used.
+    max_pictures : int
+        Pictures taken from files, evenly spaced.
+    start_s, end_s : float
+        Part of each video, seconds since its first frame.
     progress : callable, optional
         Called with (pictures done, pictures in all).
 
@@ -303,20 +322,64 @@ def estimate_pose(
         If too few pictures show two parallel lines, the pictures disagree, or no lane of plausible width is visible,
         and if the edges of a single picture do not converge ahead either. If the given lane width or height is not
         plausible.
-    PictureError
-        If a picture is not of the camera's size.
+    FileNotFoundError, PictureError, VideoError
+        If a file cannot be read, or a picture is not of the camera's size.
+    CameraError
+        If the pose estimated from a single picture sees no road.
     """
     _require_plausible(lane_width_m, height_m)
-    images = iter(images)
+    files, images = _list_images(source)
+    if files:
+        images = sample_images(files, max_pictures, require=camera.require_size, start_s=start_s, end_s=end_s)
     first = list(islice(images, 1))
     resized, resized_camera = _resize(chain(first, images), camera)
-    if len(resized) > 1:
-        return _pose_from_lines(resized, resized_camera, lane_width_m, height_m, progress)
     try:
-        estimate = _pose_from_lines(resized, resized_camera, lane_width_m, height_m, progress)
+        estimate = _pose_from_images(resized, resized_camera, lane_width_m, height_m, progress)
     except PoseError as error:
-        estimate = _pose_from_edges(resized[0], resized_camera, height_m, error)
-    return search_pose(first[0], camera, estimate)
+        if not files:
+            raise
+        raise PoseError(f"{files[0]}: {error}") from error
+    camera = camera.with_pose(estimate.pose)
+    if len(resized) > 1:
+        return replace(estimate, camera=camera)
+    still = detect_with_own_pose(first[0], camera, estimate.height_std_m / estimate.pose.height_m)
+    height_std_m = estimate.height_std_m * still.camera.require_pose().height_m / estimate.pose.height_m
+    return replace(estimate, camera=still.camera, height_std_m=height_std_m, still=still)
+
+
+def ensure_pose(camera: Camera, source: Any, **options: Any) -> tuple[Camera, PoseEstimate | None]:
+    """The camera with a pose: its own, or that of `estimate_pose`; the estimate is None if the camera had a pose."""
+    if camera.pose is not None:
+        return camera, None
+    estimate = estimate_pose(source, camera, **options)
+    return estimate.camera, estimate
+
+
+def _list_images(source: Any) -> tuple[list[Path], Iterator[np.ndarray]]:
+    """The files of a source of `estimate_pose`, or its images."""
+    if isinstance(source, str | Path | np.ndarray):
+        source = [source]
+    items = iter(source)
+    first = list(islice(items, 1))
+    if not first or isinstance(first[0], np.ndarray):
+        return [], chain(first, items)
+    sources = find_sources(map(str, chain(first, items)))
+    return [*sources.stills, *sources.videos], iter(())
+
+
+def _pose_from_images(
+    images: list[np.ndarray],
+    camera: Camera,
+    lane_width_m: float,
+    height_m: float | None,
+    progress: Callable[[int, int], None] | None,
+) -> PoseEstimate:
+    try:
+        return _pose_from_lines(images, camera, lane_width_m, height_m, progress)
+    except PoseError as error:
+        if len(images) > 1:
+            raise
+        return _pose_from_edges(images[0], camera, height_m, error)
 
 
 def _pose_from_lines(
@@ -335,7 +398,7 @@ def _pose_from_lines(
         _require_lines(lines, len(images))
         geometry = estimate_height_and_roll(lines, lane_width_m, height_m or PRIOR_HEIGHT_M, geometry.roll_rad)
     _require_lanes(lines, lane_width_m / geometry.height_m)
-    return _combine(lines, geometry, len(images), lane_width_m, height_m)
+    return _combine(camera, lines, geometry, len(images), lane_width_m, height_m)
 
 
 def _pose_from_edges(image: np.ndarray, camera: Camera, height_m: float | None, no_lines: PoseError) -> PoseEstimate:
@@ -344,7 +407,7 @@ def _pose_from_edges(image: np.ndarray, camera: Camera, height_m: float | None, 
     if direction is None:
         raise PoseError(f"{no_lines} No other edges converge ahead, so no road is recognised.") from no_lines
     return PoseEstimate(
-        pose=CameraPose(height_m or PRIOR_HEIGHT_M, direction.pitch_rad, direction.yaw_rad, 0.0),
+        camera=camera.with_pose(CameraPose(height_m or PRIOR_HEIGHT_M, direction.pitch_rad, direction.yaw_rad, 0.0)),
         height_std_m=0.0 if height_m else PRIOR_HEIGHT_LOG_STD * PRIOR_HEIGHT_M,
         pitch_std_rad=direction.pitch_std_rad,
         yaw_std_rad=direction.yaw_std_rad,
@@ -354,53 +417,6 @@ def _pose_from_edges(image: np.ndarray, camera: Camera, height_m: float | None, 
         lane_width_m=None,
         notes=(EDGES_NOTE,),
     )
-
-
-def pose_from_pictures(
-    camera: Camera, pictures: Iterable[np.ndarray], name: str, **options: Any
-) -> tuple[Camera, PoseEstimate]:
-    """The camera with the pose estimated from pictures, and the estimate; `options` are those of `estimate_pose`.
-
-    The name of the drive precedes the message of a PoseError.
-    """
-    try:
-        estimate = estimate_pose(pictures, camera, **options)
-    except PoseError as error:
-        raise PoseError(f"{name}: {error}") from error
-    return camera.with_pose(estimate.pose), estimate
-
-
-def pose_from_drive(
-    camera: Camera,
-    files: Sequence[Path],
-    *,
-    start_s: float = 0.0,
-    end_s: float | None = None,
-    progress: Callable[[int, int], None] | None = None,
-) -> tuple[Camera, PoseEstimate | None]:
-    """The camera with a pose: its own if it has one, otherwise the pose estimated from the files.
-
-    `files` are stills and videos of one drive; of the videos the part from `start_s` to `end_s` is used. The second
-    result is None if the camera already had a pose. `progress` and errors are those of `estimate_pose`.
-    """
-    if camera.pose is not None:
-        return camera, None
-    pictures = pick_pictures(list(files), POSE_PICTURES, require=camera.require_size, start_s=start_s, end_s=end_s)
-    return pose_from_pictures(camera, pictures, str(files[0]), progress=progress)
-
-
-def estimate_camera_pose(camera: Camera, folder: str | Path) -> Camera:
-    """The camera with the pose estimated from a folder of pictures of one drive.
-
-    Raises
-    ------
-    FileNotFoundError
-        If the folder does not exist or holds no picture.
-    PictureError, PoseError
-        If a picture cannot be read, or as in `estimate_pose`.
-    """
-    pictures = pick_pictures(list_pictures(folder), POSE_PICTURES, require=camera.require_size)
-    return camera.with_pose(estimate_pose(pictures, camera).pose)
 
 
 def _require_plausible(lane_width_m: float, height_m: float | None) -> None:
@@ -487,7 +503,12 @@ def _require_lanes(lines: list[RoadLines], lane_width: float) -> None:
 
 
 def _combine(
-    lines: list[RoadLines], geometry: HeightAndRoll, total: int, lane_width_m: float, height_m: float | None
+    camera: Camera,
+    lines: list[RoadLines],
+    geometry: HeightAndRoll,
+    total: int,
+    lane_width_m: float,
+    height_m: float | None,
 ) -> PoseEstimate:
     """Combine the vanishing points of all pictures with height and roll."""
     pitches = -np.arctan([line.y0 for line in lines])
@@ -500,7 +521,7 @@ def _combine(
         lane_width_m *= height_m / geometry.height_m
         height_std_m = 0.0
     return PoseEstimate(
-        pose=CameraPose(height_m or geometry.height_m, pitch_rad, yaw_rad, geometry.roll_rad),
+        camera=camera.with_pose(CameraPose(height_m or geometry.height_m, pitch_rad, yaw_rad, geometry.roll_rad)),
         height_std_m=height_std_m,
         pitch_std_rad=pitch_std_rad,
         yaw_std_rad=yaw_std_rad,

@@ -1,116 +1,202 @@
-"""Camera pose of a single picture: of the poses near the estimate, that with the most probable lane.
+"""Detection in a single image, with a known camera pose or with one that has to come from the same image.
 
-A single picture determines the height of the camera roughly, or not at all. With a wrong height two lines that are not
-a lane apart are taken for the ego lane, or its own lines are too far apart. Several poses are therefore tried. If they
-show the same lane, the pose does not matter; if they show different ones, the lane is doubtful.
+With a known pose the band filter finds the stripes. If its lane is not sure, the network is the second opinion.
+
+A single image determines the height of the camera roughly, or not at all. With a wrong height two lines that are not a
+lane apart are taken for the ego lane. Several poses are therefore tried, with the stripes of the network, which decide
+better between poses (docs/ablation.md). If the poses show the same lane, the pose does not matter; if they show
+different ones, the lane is doubtful.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from functools import lru_cache
 
 import numpy as np
 
-from lanes.camera import Camera, CameraPose
+from lanes.camera import Camera
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.confidence import log_odds
-from lanes.detect.search import find_lane
+from lanes.detect.confidence import SURE_CONFIDENCE, log_odds, rate_lane
+from lanes.detect.fit import LaneFit, fit_starts, near_stripes
+from lanes.detect.lane import Lane
+from lanes.detect.network import learned_evidence
+from lanes.detect.paint import FrameEvidence, extract_evidence
+from lanes.detect.road import lines_on_view
+from lanes.detect.search import choose_lane
+from lanes.detect.transverse_stripes import count_transverse_stripes
+from lanes.detect.votes import vote_lanes
 from lanes.errors import CameraError
 
-if TYPE_CHECKING:
-    from lanes.pose import PoseEstimate
-
-# Heights of cameras in cars, vans and lorries.
+# A lane of the network replaces one of the band filter if the logarithm of its odds is larger by this; chosen on
+# labelled stills and the rendered suite. In hairpins the network is less accurate than the confidence of its lane says.
+CLEARLY_MORE_LOG_ODDS = 1.0
+# Heights of cameras in cars, vans and lorries, metres.
 HEIGHT_RANGE_M = 0.5, 4.5
-
-
-@dataclass(frozen=True)
-class PoseSearch:
-    """Poses that are tried, and when two of them show the same lane; tuned on rendered photos (docs/ablation.md)."""
-
-    # Steps of the logarithm of the height, in standard deviations of the estimate, and of the pitch, degrees.
-    steps: tuple[tuple[float, float], ...] = (
-        *((0.0, 0.0), (-1.2, 0.0), (1.2, 0.0)),
-        *((-0.6, -0.3), (-0.6, 0.3), (0.6, -0.3), (0.6, 0.3)),
-    )
-    # Standard deviation of the pitch of the road relative to the estimate, degrees.
-    pitch_std_deg: float = 0.5
-    # Two lanes are the same if both lines are within this share of the picture's width in this share of the rows.
-    same_within: float = 0.02
-    same_rows: float = 0.8
-    # Picture rows that are compared: from that of the road this far ahead down to this share of the height.
-    rows: int = 25
-    far_m: float = 60.0
-    lowest: float = 0.98
-    min_common_rows: int = 4
-
-
-SEARCH = PoseSearch()
+# Poses that are tried: steps of the logarithm of the height, in standard deviations of the estimate, and of the pitch,
+# degrees. Tuned on rendered photos (docs/ablation.md), as are the two numbers below.
+TRIED_STEPS = (
+    *((0.0, 0.0), (-1.2, 0.0), (1.2, 0.0)),
+    *((-0.6, -0.3), (-0.6, 0.3), (0.6, -0.3), (0.6, 0.3)),
+)
+# Standard deviation of the pitch of the road relative to the estimate, degrees.
+PITCH_STD_DEG = 0.5
+# Two lanes are the same if both lines are within this share of the image's width, in four of five rows.
+SAME_LINE_SHARE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class TriedPose:
-    """A camera pose, the logarithm of its probability with the lane that it shows, and that lane in the picture."""
+class StillDetection:
+    """What was found in a single image, and what it was found in.
 
-    pose: CameraPose
-    log_posterior: float
-    # Columns (2, rows) of the left and the right line, in shares of the picture's width; negative where not seen.
-    columns: np.ndarray
+    Attributes
+    ----------
+    evidence : FrameEvidence
+        View, marking response and stripes, of the band filter or of the network.
+    votes, starts, fit : ndarray, ndarray, LaneFit
+        Of the search, as `vote_lanes` and `fit_starts` return them; None if there are no stripes near the car.
+    lane : Lane or None
+        None if no lane is seen.
+    """
+
+    evidence: FrameEvidence
+    votes: np.ndarray | None = None
+    starts: np.ndarray | None = None
+    fit: LaneFit | None = None
+    lane: Lane | None = None
+
+    @property
+    def camera(self) -> Camera:
+        """The camera with the pose that the lane was found with."""
+        return self.evidence.view.camera
 
 
-def search_pose(image: np.ndarray, camera: Camera, estimate: PoseEstimate) -> PoseEstimate:
-    """The estimate with the pose, among those near it, that shows the most probable lane, and `same_lane_share`.
-
-    A pose has the probability of its distance from the estimate, times the odds of the lane that it shows. The lane
-    with the largest sum over all poses that show it is taken, and of these poses the most probable one.
+def find_lane(image: np.ndarray, camera: Camera) -> Lane | None:
+    """The ego lane in a single image; None if it is not seen.
 
     Parameters
     ----------
     image : ndarray of shape (height, width, 3), uint8
-        RGB, raw, of the camera's size.
-    estimate : PoseEstimate
-        From this picture. It is returned with a `same_lane_share` of 0 if no pose shows a lane.
+        RGB, raw.
+    camera : Camera
+        The camera that took it, with its pose.
+
+    Raises
+    ------
+    PictureError
+        If the image is not RGB or not of the camera's size.
+    CameraError
+        If the camera has no pose, or sees no road.
     """
-    tried = list(_try_poses(image, camera, estimate))
-    if not tried:
-        return replace(estimate, pose=replace(estimate.pose, same_lane_share=0.0))
-    same = _same_lane(np.array([t.columns for t in tried]))
-    log_posterior = np.array([t.log_posterior for t in tried])
+    return detect_still(image, camera).lane
+
+
+def detect_still(image: np.ndarray, camera: Camera) -> StillDetection:
+    """What is found in a single image of a camera with a known pose; parameters and errors as for `find_lane`.
+
+    The band filter finds the stripes. If its lane is not sure, the network finds them, too, and its lane is taken if it
+    is clearly more probable, or if the band filter finds none.
+    """
+    view = _view_of(camera)
+    band = _search(extract_evidence(view.warp(image), view))
+    if band.lane is not None and rate_lane(band.lane) >= SURE_CONFIDENCE:
+        return band
+    learned = _search(learned_evidence(image, band.evidence))
+    if learned.lane is None:
+        return band
+    better = band.lane is None or log_odds(learned.lane) > log_odds(band.lane) + CLEARLY_MORE_LOG_ODDS
+    return learned if better else band
+
+
+def detect_with_own_pose(image: np.ndarray, camera: Camera, height_log_std: float) -> StillDetection:
+    """What is found in a single image whose camera pose was estimated from the same image.
+
+    Of the poses near the estimate, that with the most probable lane is taken. A pose has the probability of its
+    distance from the estimate, times the odds of the lane that it shows. The lane with the largest sum over all poses
+    that show it is taken, and of these poses the most probable one. The share of the poses tried that show this lane is
+    `Lane.same_lane_share`.
+
+    Parameters
+    ----------
+    camera : Camera
+        With the estimated pose. It is kept if no pose shows a lane.
+    height_log_std : float
+        Standard deviation of the logarithm of the estimated height.
+
+    Raises
+    ------
+    PictureError, CameraError
+        As for `find_lane`.
+    """
+    tried = list(_try_poses(image, camera, height_log_std))
+    shown = [detection for detection, _ in tried if detection.lane is not None]
+    if not shown:
+        return tried[0][0] if tried else _search_with_network(image, camera)
+    lanes = [detection.lane for detection in shown if detection.lane is not None]
+    log_posterior = np.array([log_prior + log_odds(d.lane) for d, log_prior in tried if d.lane is not None])
+    rows = _compared_rows(camera)
+    same = _same_lane(np.array([lane.pixels(d.camera, rows) for d, lane in zip(shown, lanes, strict=True)]), camera)
     of_lane = np.flatnonzero(same[(same @ np.exp(log_posterior - log_posterior.max())).argmax()])
     best = of_lane[log_posterior[of_lane].argmax()]
-    pose = replace(tried[best].pose, same_lane_share=float(same[best].sum() / len(SEARCH.steps)))
-    return replace(estimate, pose=pose, height_std_m=estimate.height_std_m * pose.height_m / estimate.pose.height_m)
+    share = float(same[best].sum() / len(TRIED_STEPS))
+    return replace(shown[best], lane=replace(lanes[best], same_lane_share=share))
 
 
-def _try_poses(image: np.ndarray, camera: Camera, estimate: PoseEstimate) -> Iterator[TriedPose]:
-    """The poses of `SEARCH.steps` that show a lane."""
-    height_log_std = estimate.height_std_m / estimate.pose.height_m
-    top = camera.with_pose(estimate.pose).road_to_pixels(np.array([[SEARCH.far_m, 0.0]]))[0, 1]
-    rows = np.linspace(top, SEARCH.lowest * camera.height, SEARCH.rows)
-    for height_step, pitch_step_deg in SEARCH.steps:
-        height_m = np.clip(estimate.pose.height_m * np.exp(height_step * height_log_std), *HEIGHT_RANGE_M)
-        pitch_rad = estimate.pose.pitch_rad + np.radians(pitch_step_deg)
-        pose = replace(estimate.pose, height_m=float(height_m), pitch_rad=float(pitch_rad), same_lane_share=1.0)
-        tried = camera.with_pose(pose)
+def _try_poses(image: np.ndarray, camera: Camera, height_log_std: float) -> Iterator[tuple[StillDetection, float]]:
+    """What each pose of `TRIED_STEPS` shows, and the logarithm of the pose's probability; none that sees no road."""
+    estimate = camera.require_pose()
+    for height_step, pitch_step_deg in TRIED_STEPS:
+        height_m = float(np.clip(estimate.height_m * np.exp(height_step * height_log_std), *HEIGHT_RANGE_M))
+        pose = replace(estimate, height_m=height_m, pitch_rad=estimate.pitch_rad + np.radians(pitch_step_deg))
         try:
-            lane = find_lane(image, BirdsEyeView(tried))
-        except CameraError:  # this pose sees no road
+            detection = _search_with_network(image, camera.with_pose(pose))
+        except CameraError:
             continue
-        if lane is not None:
-            log_prior = -0.5 * (height_step**2 + (pitch_step_deg / SEARCH.pitch_std_deg) ** 2)
-            yield TriedPose(pose, log_prior + log_odds(lane), lane.pixels(tried, rows) / camera.width)
+        yield detection, -0.5 * (height_step**2 + (pitch_step_deg / PITCH_STD_DEG) ** 2)
 
 
-def _same_lane(columns: np.ndarray) -> np.ndarray:
-    """(N, N) bool: which of the lanes with these `columns` (N, 2, rows) are the same in the picture; symmetric.
+def _search_with_network(image: np.ndarray, camera: Camera) -> StillDetection:
+    """What the network finds; its lane has all poses on its side until they are compared."""
+    view = BirdsEyeView(camera)
+    found = _search(learned_evidence(image, extract_evidence(view.warp(image), view)))
+    return replace(found, lane=found.lane and replace(found.lane, same_lane_share=1.0))
 
-    Every lane is the same as itself, also if it is seen in few rows.
+
+def _search(evidence: FrameEvidence) -> StillDetection:
+    """The search for the ego lane in the evidence of a single image."""
+    view = evidence.view
+    if not len(near_stripes(evidence.stripes)):
+        return StillDetection(evidence)
+    votes, starts = vote_lanes(evidence.stripes, view)
+    fit = fit_starts(starts, evidence.stripes, view)
+    lane = choose_lane(fit, evidence)
+    if lane is not None:
+        lines_y_m = lines_on_view(lane.model[None], view.x_m, view.height_m)[0]
+        lane = replace(lane, transverse_stripes=count_transverse_stripes(evidence.view_image, view, lines_y_m))
+    return StillDetection(evidence, votes, starts, fit, lane)
+
+
+def _compared_rows(camera: Camera) -> np.ndarray:
+    """Image rows in which lanes are compared: from that of the road 60 m ahead down to the lower border."""
+    top = camera.road_to_pixels(np.array([[60.0, 0.0]]))[0, 1]
+    return np.linspace(top, 0.98 * camera.height, 25)
+
+
+def _same_lane(columns: np.ndarray, camera: Camera) -> np.ndarray:
+    """(N, N) bool: which of the lanes with these columns (N, 2, rows) are the same in the image; symmetric.
+
+    Every lane is the same as itself, also if it is seen in too few rows to be compared.
     """
     first, second = columns[:, None], columns[None]
     common = (first >= 0) & (second >= 0)
-    near = common & (np.abs(first - second) < SEARCH.same_within)
+    near = common & (np.abs(first - second) < SAME_LINE_SHARE * camera.width)
     count = common.sum(axis=-1)
-    enough = near.sum(axis=-1) >= SEARCH.same_rows * count
-    return (enough & (count >= SEARCH.min_common_rows)).all(axis=-1) | np.eye(len(columns), dtype=bool)
+    enough = (near.sum(axis=-1) >= 0.8 * count) & (count >= 4)
+    return enough.all(axis=-1) | np.eye(len(columns), dtype=bool)
+
+
+@lru_cache(maxsize=4)
+def _view_of(camera: Camera) -> BirdsEyeView:
+    """The bird's-eye view, cached: making it takes as long as a detection in it."""
+    return BirdsEyeView(camera)

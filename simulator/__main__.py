@@ -50,8 +50,7 @@ def run(options: argparse.Namespace) -> int:
     """Render the selected files; returns the exit status."""
     from lanes.files import translate_write_errors
     from simulator.chessboards import write_boards
-    from simulator.scenes.embedded import write_course_video, write_stills
-    from simulator.scenes.suite import render_scene
+    from simulator.scenes.suite import render_scene, write_course_video, write_stills
 
     if options.scene:
         print(f"{options.scene}: {render_scene(options.scene, progress=progress_line(options.scene))}")

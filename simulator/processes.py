@@ -7,7 +7,7 @@ import os
 import signal
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from itertools import islice
@@ -33,13 +33,9 @@ def available_workers() -> int:
 
 
 def map_ordered(
-    function: Callable[[Job], Result], jobs: Iterable[Job], *, workers: int | None = None
+    function: Callable[[Job], Result], jobs: Iterable[Job], *, workers: int | None = None, ahead: int | None = None
 ) -> Generator[Result]:
-    """Yield the results of `function` in the order of the jobs.
-
-    At most two jobs a worker are submitted ahead of the results taken, so that pictures do not pile up in memory.
-
-    Close the generator to end the workers early.
+    """Yield the results of `function` in the order of the jobs; close the generator to end the workers early.
 
     Parameters
     ----------
@@ -49,6 +45,9 @@ def map_ordered(
         Picklable arguments.
     workers : int, optional
         Processes; 1 runs the jobs in this process. Default: `available_workers()`.
+    ahead : int, optional
+        Number of jobs submitted ahead of the results taken. Default: two a worker, so that images do not pile up in
+        memory.
 
     Raises
     ------
@@ -58,8 +57,11 @@ def map_ordered(
         If a worker died. Exceptions of `function` are raised unchanged.
     """
     workers = available_workers() if workers is None else workers
-    _require_workers(workers)
-    return (function(job) for job in jobs) if workers == 1 else _map_on_workers(function, iter(jobs), workers)
+    if workers < 1:
+        raise ValueError(f"workers is a number of processes, 1 or more, not {workers}.")
+    if workers == 1:
+        return (function(job) for job in jobs)
+    return _map_on_workers(function, iter(jobs), workers, ahead or 2 * workers)
 
 
 def run_all(
@@ -72,39 +74,25 @@ def run_all(
     """Return the results of `function` in the order of the jobs, each computed on one OpenCV thread.
 
     Parameters and exceptions are those of `map_ordered`, but all jobs are submitted at once. `progress` is called with
-    (jobs finished, jobs in all).
+    (results, jobs).
     """
-    _require_workers(workers)
-    report = progress or (lambda done, total: None)
-    if workers == 1:
-        results = []
-        with opencv_threads(1):
-            for done, job in enumerate(jobs, 1):
-                results.append(function(job))
-                report(done, len(jobs))
-        return results
-    with _worker_pool(function, workers) as pool:
-        with sigint_blocked():
-            futures = [pool.submit(_run_job, job) for job in jobs]
-        for done, future in enumerate(as_completed(futures), 1):
-            future.result()
-            report(done, len(futures))
-        return [future.result() for future in futures]
+    results = []
+    with opencv_threads(1):
+        for result in map_ordered(function, jobs, workers=workers, ahead=len(jobs)):
+            results.append(result)
+            if progress:
+                progress(len(results), len(jobs))
+    return results
 
 
-def _map_on_workers(function: Callable, jobs: Iterator, workers: int) -> Generator:
+def _map_on_workers(function: Callable, jobs: Iterator, workers: int, ahead: int) -> Generator:
     with _worker_pool(function, workers) as pool:
         with sigint_blocked():
-            submitted = deque(pool.submit(_run_job, job) for job in islice(jobs, 2 * workers))
+            submitted = deque(pool.submit(_run_job, job) for job in islice(jobs, ahead))
         while submitted:
             result = submitted.popleft().result()
             submitted.extend(pool.submit(_run_job, job) for job in islice(jobs, 1))
             yield result
-
-
-def _require_workers(workers: int) -> None:
-    if workers < 1:
-        raise ValueError(f"workers is a number of processes, 1 or more, not {workers}.")
 
 
 @contextmanager

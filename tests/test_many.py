@@ -115,7 +115,7 @@ def test_results_equal_those_of_a_serial_run_although_a_worker_is_killed(drives,
     assert killed and failures == [] and [drive.frames for drive in finished] == [FRAMES] * DRIVES
     check_whole(tmp_path / "many", videos)
     for video in videos[::2]:
-        annotate_drive(video, settings_for(tmp_path / "serial", overlapped=False))
+        annotate_drive(video, settings_for(tmp_path / "serial"))
         assert (tmp_path / "many" / video.name).read_bytes() == (tmp_path / "serial" / video.name).read_bytes()
         tables = [read_telemetry(tmp_path / name / f"{video.stem}.csv") for name in ("many", "serial")]
         assert list(tables[0]) == list(tables[1])

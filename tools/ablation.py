@@ -4,7 +4,7 @@
 
 The default scenes are the three committed videos; other scenes of the suite are rendered when they are missing. With
 labels, hand-labelled stills are scored, too. The result is a Markdown table. A mechanism is switched off by other
-parameters or another function, in every module of `lanes.tracking` that uses it.
+parameters or another function, in every module of `lanes.detect` and `lanes.track` that uses it.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from benchmark.estimates import DriveEstimates
 from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_system
 from benchmark.labels.stills import score_pictures
 from benchmark.labels.tusimple import LaneColumns, read_labels, summarize_lines
+from benchmark.scored_drive import COMMITTED, choose_drives, ensure_video
 from benchmark.scores import score
-from benchmark.suite_drives import COMMITTED, choose_drives, ensure_video
 from benchmark.systems import TRACKER as SYSTEM
 from lanes.camera import Camera, load_camera
 from lanes.detect.birdseye import BirdsEyeView
@@ -50,7 +50,7 @@ from lanes.images import read_image
 from lanes.track.filter import CAR_PARAMETERS, PROCESS_NOISE, UPDATE, KalmanState, update_lane
 from lanes.track.tracker import TRACKER
 
-# A parameter instance or function of `lanes.tracking`, and what takes its place.
+# A parameter instance or function of `lanes.detect` and `lanes.track`, and what takes its place.
 Replacement = tuple[object, object]
 
 
@@ -142,8 +142,8 @@ SWITCHES = (
 
 
 def importers(value: object) -> list[tuple[ModuleType, str]]:
-    """Modules of `lanes.tracking` that hold an object, and its name there."""
-    modules = [module for name, module in sys.modules.items() if name.startswith("lanes.tracking")]
+    """Modules of `lanes.detect` and `lanes.track` that hold an object, and its name there."""
+    modules = [module for name, module in sys.modules.items() if name.startswith(("lanes.detect", "lanes.track"))]
     return [(module, name) for module in modules for name, own in vars(module).items() if own is value]
 
 

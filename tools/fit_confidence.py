@@ -31,14 +31,13 @@ from benchmark.bootstrap import mean_interval
 from benchmark.errors import LaneTruth, frame_errors
 from benchmark.estimates import AHEAD_M, DriveEstimates
 from benchmark.evaluation import read_truth
-from benchmark.scored_drive import BenchmarkDrive, drive_from_video
-from benchmark.suite_drives import choose_drives
+from benchmark.scored_drive import BenchmarkDrive, choose_drives, drive_from_video
 from benchmark.systems import tracker_estimate
 from lanes.camera import Camera, load_camera
 from lanes.detect.confidence import CONFIDENCE, CORRECT_WITHIN_M, FEATURES, lane_features
-from lanes.detect.search import find_lane
+from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker, TrackedLane
-from lanes.video.reader import inspect_video, read_frames
+from lanes.video.reader import inspect_video, read_video
 from simulator.rendering.drive import Motion
 from simulator.road.geometry import RoadGeometry
 from simulator.road.truth import truth_row
@@ -176,7 +175,7 @@ def samples_of_video(drive: BenchmarkDrive, number: int) -> tuple[list, list]:
     """Samples of a drive of the suite, see `label_lanes`."""
     camera, fps = load_camera(drive.video.with_suffix(".yaml")), inspect_video(drive.video).fps
     return label_lanes(
-        read_frames(drive.video), camera, read_truth(drive), fps=fps, number=number, brightnesses=BRIGHTNESSES
+        read_video(drive.video), camera, read_truth(drive), fps=fps, number=number, brightnesses=BRIGHTNESSES
     )
 
 
@@ -222,7 +221,7 @@ def label_lanes(
         if frame % STILL_EVERY == 0:
             for brightness, lanes in stills.items():
                 picture = cv2.convertScaleAbs(image, alpha=brightness)
-                lanes.append(TrackedLane.from_still(find_lane(picture, tracker.view)))
+                lanes.append(TrackedLane.from_still(find_lane(picture, camera)))
     other = weight * OTHER_BRIGHTNESS_WEIGHT
     some = truth.select(slice(0, len(tracked), STILL_EVERY))
     samples = [_label(lanes, some, weight if light == 1 else other, number) for light, lanes in stills.items()]

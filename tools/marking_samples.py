@@ -22,9 +22,8 @@ from lanes.detect.paint import lightness, yellowness
 from lanes.errors import CameraError
 from simulator.rendering.drive import Drive
 from simulator.rendering.render import render_frame
-from simulator.road.materials import MATERIALS
-from simulator.road.painted_lines import Marking
-from simulator.road.surface import Seam, Surface
+from simulator.road.markings import Marking
+from simulator.road.surface import MATERIALS, Seam, Surface
 from simulator.scenes.suite import SUITE
 from simulator.scenes.variants import vary_drive
 from tests.support.not_roads import KINDS, not_a_road

@@ -8,22 +8,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmark.reporting.reliability import AvailableLanes, PrecisionCurve, Reliability
-from benchmark.result import Result
-from benchmark.scores import Row
+from benchmark.reporting.reliability import AvailableLanes, Reliability
+from benchmark.scores import Result, Row
 from benchmark.systems import TRACKER
 from classic.recipe import POSE_SUFFIX
 from lanes.figures import TRUTH_LOOK, new_figure, save_figure
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 ERROR = "lateral error 5-20 m ahead, median to 95 % (m)"
 AVAILABLE, WRONG = "frames with an available lane (%)", "confident and wrong frames (%)"
 # Confidence from which the label of a point has no room to its right.
 EDGE = 0.95
-# Marker sizes of a recipe with its published points, and of its variant with points from the pose, around the former.
-MARKER_SIZE, POSE_MARKER_SIZE = 5, 9
 # Of the recipes and the tracker.
 MARKERS = "os^Dv"
 LIMITS = {ERROR: (0.003, 20.0), AVAILABLE: (0.0, 100.0), WRONG: (0.0, 100.0)}
@@ -48,15 +46,13 @@ def save_scores_figure(path: str | Path, rows: Sequence[Row]) -> Path:
 
 
 def save_reliability_figure(path: str | Path, results: Sequence[Result]) -> Path | None:
-    """Draw the tracker's reliability diagram and every system's precision curve; None if the tracker has no lane."""
-    groups = {system: [r for r in results if r.system == system] for system in {r.system: 0 for r in results}}
-    lanes = {system: AvailableLanes.from_results(group) for system, group in groups.items()}
-    if TRACKER not in lanes or not len(lanes[TRACKER].confidence):
+    """Draw the tracker's reliability diagram; None if the tracker has no lane."""
+    of_tracker = [result for result in results if result.system == TRACKER]
+    if not any(result.errors.available.any() for result in of_tracker):
         return None
-    precisions = {system: some.precision_curve() for system, some in lanes.items() if len(some.confidence)}
     scenes = len({result.scene for result in results})
-    title = f"Is the confidence calibrated? ({scenes} scene{'s' * (scenes > 1)})"
-    figure, _ = plot_reliability(lanes[TRACKER].reliability(), precisions, title=title)
+    title = f"Is the tracker's confidence calibrated? ({scenes} scene{'s' * (scenes > 1)})"
+    figure, _ = plot_reliability(AvailableLanes.from_results(of_tracker).reliability(), title=title)
     return save_figure(figure, path)
 
 
@@ -109,37 +105,20 @@ def plot_ranges(
     return figure, axes
 
 
-def plot_reliability(
-    bins: Reliability, precisions: Mapping[str, PrecisionCurve], *, title: str = ""
-) -> tuple[Figure, np.ndarray]:
-    """Plot a reliability diagram, and precision against the share of frames with an available lane, on two axes.
-
-    `bins` are confidence, accuracy, lower and upper limit of the accuracy, and number of lanes, each (B,). `precisions`
-    are the available share and the precision (K,) of each system; a single pair is drawn as a point.
-    """
+def plot_reliability(bins: Reliability, *, title: str = "") -> tuple[Figure, Axes]:
+    """Plot a reliability diagram: accuracy against confidence, with the number of lanes at each point."""
     confidence, accuracy, low, high, count = bins
-    figure, axes = new_figure(1, 2, (12, 5))
-    axes[0].plot([0, 1], [0, 1], **TRUTH_LOOK)
-    axes[0].errorbar(
+    figure, (axes,) = new_figure(1, 1, (6, 5))
+    axes.plot([0, 1], [0, 1], **TRUTH_LOOK)
+    axes.errorbar(
         confidence, accuracy, [accuracy - low, high - accuracy], fmt="o", color="0.2", ecolor="0.5", capsize=3
     )
     for x, y, lanes in zip(confidence, accuracy, count, strict=True):
         # to the right of the point, or to its left at the edge
         shift, side = (-6, "right") if x > EDGE else (6, "left")
         look = {"ha": side, "va": "center", "fontsize": 8, "bbox": {"fc": "white", "ec": "none", "pad": 0.5}}
-        axes[0].annotate(f"{lanes}", (x, y), (shift, 0), textcoords="offset points", **look)
-    axes[0].set(xlabel="confidence", ylabel="accuracy: share of correct lanes", xlim=(0, 1.02), ylim=(0, 1.02))
-    axes[0].set_title(title, loc="left")
-    looks = marker_looks(precisions)
-    for name, (available, precision) in precisions.items():
-        style = looks[name] if len(available) == 1 else {"color": looks[name]["color"]}
-        size = POSE_MARKER_SIZE if name.endswith(POSE_SUFFIX) else MARKER_SIZE
-        axes[1].plot(available, precision, **style, markersize=size, label=name)
-    axes[1].set(
-        xlabel="share of frames with an available lane", ylabel="precision: share of available lanes that are correct"
-    )
-    axes[1].set(xlim=(0, 1.02), ylim=(0, 1.02))
-    axes[1].legend(loc="lower left", frameon=False)
-    for axis in axes:
-        axis.grid(alpha=0.3)
+        axes.annotate(f"{lanes}", (x, y), (shift, 0), textcoords="offset points", **look)
+    axes.set(xlabel="confidence", ylabel="accuracy: share of correct lanes", xlim=(0, 1.02), ylim=(0, 1.02))
+    axes.set_title(title, loc="left")
+    axes.grid(alpha=0.3)
     return figure, axes

@@ -1,4 +1,4 @@
-"""Calibration of the confidence: reliability diagram, and precision when only the most confident lanes are used.
+"""Calibration of the confidence: how often are lanes with a high confidence right?
 
 A lane is correct here if both lines are within 0.2 m over 5 to 30 m: the confidence is the probability of that
 (`lanes.detect.confidence`).
@@ -15,12 +15,13 @@ import numpy as np
 from benchmark.bootstrap import frame_clusters, share_interval
 from benchmark.errors import CONFIDENT
 from benchmark.reporting.tables import describe_interval, format_table
-from benchmark.result import Result, by_difficulty
+from benchmark.scores import Result, by_difficulty
 from lanes.detect.confidence import CORRECT_WITHIN_M, LIKELY_CONFIDENCE
 
 # Steps of 0.1; the last one is halved, because most lanes are in it.
 BIN_EDGES = np.array([*np.arange(0, 0.95, 0.1), 0.95, 1.0])
 
+SUMMARY_COLUMNS = ("0.9 or more", "correct", "of correct", "0.5 to 0.9", "mean stated", "correct")
 CONFIDENCE_LEGEND = """\
 Lanes with a confidence of 0.9 or more: number, share of correct ones (here within 0.2 m over 5 to 30 m) with its 95 %
 interval, and which share of all correct lanes they are. Lanes with 0.5 to 0.9: number, mean confidence, share of
@@ -40,31 +41,17 @@ class Reliability(NamedTuple):
     counts: np.ndarray
 
 
-class PrecisionCurve(NamedTuple):
-    """Precision of the lanes above a confidence, against the share of frames in which such a lane is available.
-
-    `available` (K,) is the share of the frames with a true lane in which a lane is used, `precision` (K,) the share of
-    the used lanes that is correct.
-    """
-
-    available: np.ndarray
-    precision: np.ndarray
-
-
 @dataclass(frozen=True, eq=False)
 class AvailableLanes:
-    """The M lanes that a system reported in some frames: confidence (1 if none is stated), correct, true lane exists.
+    """The M lanes that a system reported in some frames: confidence (1 if none is stated), and whether it is correct.
 
     `clusters` (M,) are those of `benchmark.bootstrap`: intervals take into account that the frames of a drive are
-    correlated. `lane_frames` is the number of frames with a true lane, including those in which the system reported
-    none.
+    correlated.
     """
 
     confidence: np.ndarray
     correct: np.ndarray
-    exists: np.ndarray
     clusters: np.ndarray
-    lane_frames: int
 
     @classmethod
     def from_results(cls, results: Iterable[Result]) -> AvailableLanes:
@@ -77,7 +64,7 @@ class AvailableLanes:
         correct = exists & (full_rms_m <= CORRECT_WITHIN_M)
         clusters = frame_clusters([len(r.errors.available) for r in results], [r.fps for r in results])
         confidence = np.nan_to_num(confidence[available], nan=1.0)
-        return cls(confidence, correct[available], exists[available], clusters[available], int(exists.sum()))
+        return cls(confidence, correct[available], clusters[available])
 
     def reliability(self) -> Reliability:
         """The reliability diagram: accuracy against confidence."""
@@ -90,23 +77,15 @@ class AvailableLanes:
             *(np.array([getattr(rate, name) for rate in rates]) for name in ("share", "low", "high", "lanes")),
         )
 
-    def precision_curve(self) -> PrecisionCurve:
-        """Precision of the lanes above each confidence that occurs, from the highest to the lowest."""
-        order = np.argsort(-self.confidence, kind="stable")
-        last = np.flatnonzero(np.diff(self.confidence[order], append=-1.0))
-        correct, covered = np.cumsum(self.correct[order])[last], np.cumsum(self.exists[order])[last]
-        return PrecisionCurve(covered / max(self.lane_frames, 1), correct / (last + 1))
-
-    def summary(self) -> ConfidenceSummary:
-        """How often the lanes with a high confidence are correct, and how many of the correct ones have it."""
+    def summary_cells(self) -> list[str]:
+        """How often confident and likely lanes are correct, as the cells of a row below `SUMMARY_COLUMNS`."""
         confident = self.confidence >= CONFIDENT
         likely = ~confident & (self.confidence >= LIKELY_CONFIDENCE)
-        return ConfidenceSummary(
-            _rate(self.correct[confident], self.clusters[confident]),
-            _rate(self.correct[likely], self.clusters[likely]),
-            _rate(confident[self.correct], self.clusters[self.correct]),
-            float(self.confidence[likely].mean()) if likely.any() else float("nan"),
-        )
+        of_confident, of_likely = (_rate(self.correct[some], self.clusters[some]) for some in (confident, likely))
+        of_correct = _rate(confident[self.correct], self.clusters[self.correct])
+        stated = f"{self.confidence[likely].mean():.1%}" if likely.any() else "-"
+        cells = f"{of_confident.lanes}", of_confident.describe(), of_correct.describe()
+        return [*cells, f"{of_likely.lanes}", stated, of_likely.describe()]
 
 
 class Rate(NamedTuple):
@@ -126,38 +105,10 @@ def _rate(flags: np.ndarray, clusters: np.ndarray) -> Rate:
     return Rate(float(flags.mean()) if len(flags) else float("nan"), *share_interval(flags, clusters), len(flags))
 
 
-class ConfidenceSummary(NamedTuple):
-    """Shares of correct lanes among the confident (0.9 or more) and the likely (0.5 to 0.9) ones.
-
-    `share_of_correct` is the share of the correct lanes that are confident, `likely_confidence` the mean confidence of
-    the likely ones.
-    """
-
-    confident: Rate
-    likely: Rate
-    share_of_correct: Rate
-    likely_confidence: float
-
-    def cells(self) -> list[str]:
-        """The cells of a table's row, in the order of `SUMMARY_COLUMNS`."""
-        stated = f"{self.likely_confidence:.1%}" if self.likely.lanes else "-"
-        return [
-            f"{self.confident.lanes}",
-            self.confident.describe(),
-            self.share_of_correct.describe(),
-            f"{self.likely.lanes}",
-            stated,
-            self.likely.describe(),
-        ]
-
-
-SUMMARY_COLUMNS = ("0.9 or more", "correct", "of correct", "0.5 to 0.9", "mean stated", "correct")
-
-
 def describe_confidence(results: Iterable[Result]) -> str:
     """A table: a line for each system that states a confidence, and difficulty; empty without such a system."""
     groups = by_difficulty(result for result in results if np.isfinite(result.errors.confidence).any())
     if not groups:
         return ""
-    rows = {", ".join(names): AvailableLanes.from_results(group).summary().cells() for names, group in groups.items()}
+    rows = {", ".join(names): AvailableLanes.from_results(group).summary_cells() for names, group in groups.items()}
     return f"{format_table(SUMMARY_COLUMNS, rows)}\n{CONFIDENCE_LEGEND}"

@@ -1,4 +1,4 @@
-"""Tables of the scores: for the terminal, and in Markdown."""
+"""Tables of the scores, for the terminal and in Markdown, and the failures of a system in words."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 
-from benchmark.scores import Row, total_name
+import numpy as np
+
+from benchmark.errors import FrameErrors
+from benchmark.scores import Result, Row, total_name
 from lanes.files import read_text
 
 NAME_WIDTH = 20
@@ -22,6 +25,8 @@ wrong: frames that are confident and wrong: a lane with a confidence of 0.9 or m
 5 m to curvature: median/95th percentile of the error, over the frames with an available lane. 5 m to 5-20 m are lateral
   errors of the worse line; offset, heading and curvature are those of the lane.
 recovery: frames until the lane is correct again (3 in a row) after it was lost or wrong: median/longest."""
+CORRECT, LOST, WRONG = "correct", "lost", "wrong"
+CONFIDENT_AND_WRONG, FALSE_LANE = "confident and wrong", "a lane where none exists"
 
 
 def format_table(columns: Sequence[str], rows: Mapping[str, Sequence[str]]) -> str:
@@ -64,13 +69,6 @@ def results_table(path: str | Path) -> str:
     A cell shows the accuracy, in rows over all scenes of a difficulty with its 95 % interval, and the 95th percentile
     of the lateral error over 5 to 20 m. In scenes without a lane it shows the share of frames that are confident and
     wrong. Bold are the best system of a row, and all whose difference to it is not significant.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If it is not a CSV of the benchmark.
     """
     return markdown_table(read_scores(path))
 
@@ -177,3 +175,36 @@ COLUMNS: tuple[tuple[str, str, int, Callable[[Row], str]], ...] = (
     ("recovery", "frames", 9, lambda row: f"{row['recovery_median_frames']:.0f}/{row['recovery_longest_frames']:.0f}"),
     ("time", "ms", 6, lambda row: f"{row['time_median_ms']:.1f}"),
 )
+
+
+def describe_failures(results: Iterable[Result]) -> str:
+    """A line for each drive with failures: kind, largest error and time span of each."""
+    lines = []
+    for result in results:
+        if spans := failure_spans(result.errors, result.fps):
+            lines.append(f"{result.scene}, {result.system}: " + "; ".join(spans))
+    return "\n".join(lines)
+
+
+def failure_spans(errors: FrameErrors, fps: float) -> list[str]:
+    """Spans of consecutive frames with the same kind of failure, as "lost 1.20-1.84 s" or "wrong by 0.50 m ..."."""
+    spans, at = [], 0
+    for kind, group in groupby(frame_kinds(errors)):
+        end = at + len(list(group))
+        if kind != CORRECT:
+            spans.append(f"{kind}{_largest_error(errors.near_rms_m[at:end])} {at / fps:.2f}-{end / fps:.2f} s")
+        at = end
+    return spans
+
+
+def _largest_error(near_rms_m: np.ndarray) -> str:
+    """The largest error in words; empty if all are NaN."""
+    worst_m = np.nanmax(near_rms_m, initial=-np.inf)
+    return f" by {worst_m:.2f} m" if worst_m >= 0 else ""
+
+
+def frame_kinds(errors: FrameErrors) -> list[str]:
+    """The kind of each frame; where no lane exists, a lane reported without confidence is no failure."""
+    correct = errors.correct | (~errors.exists & ~errors.confident)
+    cases = [correct, ~errors.exists, ~errors.available, errors.confident]
+    return np.select(cases, [CORRECT, FALSE_LANE, LOST, CONFIDENT_AND_WRONG], WRONG).tolist()

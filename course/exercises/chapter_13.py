@@ -10,7 +10,7 @@ import numpy as np
 
 from course.exercises.verdict import NOT_TRIED, Verdict, correct, hint
 from lanes.camera import Camera
-from lanes.explain import explain_frame
+from lanes.explain import explain
 
 # A camera that looks 60 degrees too far down sees no road beyond the bonnet, so a step fails before.
 MAX_DEG = 60
@@ -57,7 +57,7 @@ def _first_failure(image: np.ndarray, camera: Camera, *, unit_rad: float = np.ra
     pose = camera.require_pose()
     for count in range(MAX_DEG):
         turned = camera.with_pose(replace(pose, pitch_rad=pose.pitch_rad + count * unit_rad))
-        if failed := explain_frame(image, turned).failed:
+        if failed := explain(image, turned).failed:
             return count, failed.name
     return MAX_DEG, ""
 

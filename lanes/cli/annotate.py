@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lanes.cli.arguments import add_lens, add_output, add_piece, find_field, given_camera, require_piece
-from lanes.console import error_status, positive_int
+from lanes.console import bounded_int, error_status
 
 if TYPE_CHECKING:
     from lanes.annotate import DriveResult, DriveSettings, StillsResult
@@ -64,7 +64,7 @@ def _add_many_drives(parser: argparse.ArgumentParser) -> None:
     many = parser.add_argument_group("many drives", "require Dask: pip install 'dask[distributed]' bokeh")
     where = many.add_mutually_exclusive_group()
     where.add_argument(
-        "--workers", type=positive_int, metavar="N", help="number of processes on this machine, with one thread each"
+        "--workers", type=bounded_int(1), metavar="N", help="number of processes on this machine, with one thread each"
     )
     where.add_argument("--scheduler", metavar="ADDRESS", help="address of a Dask scheduler, like tcp://10.0.0.1:8786")
 

@@ -80,10 +80,10 @@ def find_lens(options: argparse.Namespace) -> Camera:
     It has a pose only if it comes from a camera file with one.
     """
     from lanes.annotate import DriveSettings
-    from lanes.sources import pick_pictures
+    from lanes.sources import sample_images
 
     camera = given_camera(options)
-    first = next(pick_pictures(options.files, 1))
+    first = next(sample_images(options.files, 1))
     field = find_field(options, options.files) if camera is None else None
     settings = DriveSettings(output=options.output, camera=camera, field=field)
     size = getattr(options, "size", None) if camera is None else None

@@ -60,9 +60,9 @@ def run(options: argparse.Namespace) -> int:
 def _detect_together(options: argparse.Namespace) -> list[dict]:
     """The detections in stills and videos of one camera; prints its pose if that was estimated."""
     from lanes.detections import detect_files
-    from lanes.pose import pose_from_drive
+    from lanes.pose import ensure_pose
 
-    camera, estimate = pose_from_drive(find_lens(options), options.files, progress=progress_line("pose"))
+    camera, estimate = ensure_pose(find_lens(options), options.files, progress=progress_line("pose"))
     if estimate:
         print(estimate.describe())
     return detect_files(
@@ -77,20 +77,23 @@ def _detect_together(options: argparse.Namespace) -> list[dict]:
 
 def _detect_each(options: argparse.Namespace) -> tuple[list[dict], Sequence[ValueError]]:
     """The detections in stills of a camera each, and the errors of the stills that cannot be used."""
-    from lanes.annotate import DriveSettings, pose_of_each
-    from lanes.detections import detect_files
+    from lanes.annotate import DriveSettings, detect_stills
+    from lanes.detections import as_detection
+    from lanes.errors import LaneError
+    from lanes.track.tracker import TrackedLane
 
     if options.sequence or options.size:
         raise ValueError("--sequence and --size are for stills of one camera; omit them, or omit --each.")
     camera = given_camera(options)
     field = find_field(options, [], each=options.files) if camera is None else None
-    settings = DriveSettings(output=options.output, camera=camera, field=field)
-    groups, failures = pose_of_each(options.files, settings)
-    found = []
-    for files, camera, estimate in groups:
-        found += detect_files(files, camera, options.rows)
-        if estimate:
-            print(f"{files[0]}: {estimate.summary_line()}{settings.lens_of_still(files[0])}")
+    settings = DriveSettings(output=options.output, camera=camera, field=field, each=True)
+    found: list[dict] = []
+    failures: list[LaneError] = []
+    for still in detect_stills(options.files, settings, failures):
+        tracked, camera = TrackedLane.from_still(still.detection.lane), still.detection.camera
+        found.append({"raw_file": str(still.path)} | as_detection(tracked, camera, options.rows, still.run_time_s))
+        if still.pose:
+            print(f"{still.path}: {still.pose.summary_line()}{settings.lens_of_still(still.path)}")
     return found, failures
 
 

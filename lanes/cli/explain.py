@@ -35,24 +35,25 @@ def run(options: argparse.Namespace) -> int:
     """Explain the picture, print the text, and write the figure."""
     from lanes.camera import CameraPose
     from lanes.errors import PoseError
-    from lanes.explain import explain_frame
+    from lanes.explain import explain
     from lanes.figures import figure_kind, save_figure, show_explanation
     from lanes.files import require_no_input_among
-    from lanes.pose import PRIOR_HEIGHT_M, pose_from_drive
+    from lanes.pose import PRIOR_HEIGHT_M, ensure_pose
 
     figure_kind(options.output)
     require_no_input_among([options.output], options.files)
     file = options.files[0]
     image = _read_frame(file, options.at)
     camera = find_lens(options)
-    pose_failure = ""
+    estimate, pose_failure = None, ""
     try:
-        camera, estimate = pose_from_drive(camera, options.files, progress=progress_line("pose"))
+        camera, estimate = ensure_pose(camera, options.files, progress=progress_line("pose"))
         if estimate:
             print(estimate.describe())
     except PoseError as error:
         camera, pose_failure = camera.with_pose(CameraPose(PRIOR_HEIGHT_M)), str(error)
-    explanation = explain_frame(image, camera, pose_failure=pose_failure)
+    detection = estimate.still if estimate and options.at is None else None
+    explanation = explain(image, camera, detection=detection, pose_failure=pose_failure)
     print(explanation.describe())
     figure, _ = show_explanation(explanation)
     print(f"wrote {save_figure(figure, options.output)}")
@@ -63,10 +64,10 @@ def _read_frame(file: Path, at_s: float | None) -> np.ndarray:
     """The picture, or the frame of a video at time `at_s`."""
     from lanes.errors import PictureError
     from lanes.images import PICTURE_SUFFIXES, read_image
-    from lanes.video.reader import read_frames
+    from lanes.video.reader import read_video
 
     if file.suffix.lower() not in PICTURE_SUFFIXES:
-        return next(read_frames(file, start_s=at_s or 0.0))
+        return next(read_video(file, start_s=at_s or 0.0))
     if at_s is not None:
         raise PictureError(f"{file}: is a single picture, which has no frame at {at_s:g} s; omit --at.")
     return read_image(file)

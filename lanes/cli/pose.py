@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 
 from lanes.cli.arguments import add_footage, add_lens, add_output, add_piece, find_lens, require_piece
-from lanes.console import bounded_float, positive_int, progress_line
+from lanes.console import bounded_float, bounded_int, progress_line
 
 EXAMPLES = """\
   {program} --hfov 60 drive.mp4 -o camera.yaml
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_piece(parser)
     parser.add_argument(
         "--pictures",
-        type=positive_int,
+        type=bounded_int(1),
         default=40,
         metavar="N",
         help="largest number of pictures to use (default: %(default)s)",
@@ -48,24 +48,21 @@ def run(options: argparse.Namespace) -> int:
     """Estimate the camera pose, print it, and write it with the lens."""
     from lanes.camera import save_camera
     from lanes.files import require_no_input_among
-    from lanes.pose import LANE_WIDTH_M, describe_accuracy, pose_from_pictures
-    from lanes.sources import pick_pictures
+    from lanes.pose import LANE_WIDTH_M, describe_accuracy, estimate_pose
 
     require_piece(options)
     require_no_input_among([options.output], options.files)
-    camera = find_lens(options)
-    pictures = pick_pictures(
-        options.files, options.pictures, require=camera.require_size, start_s=options.start, end_s=options.end
-    )
-    camera, estimate = pose_from_pictures(
-        camera,
-        pictures,
-        str(options.files[0]),
-        progress=progress_line("pose"),
+    estimate = estimate_pose(
+        options.files,
+        find_lens(options),
         lane_width_m=options.lane_width or LANE_WIDTH_M,
         height_m=options.height,
+        max_pictures=options.pictures,
+        start_s=options.start,
+        end_s=options.end,
+        progress=progress_line("pose"),
     )
     print(estimate.describe())
-    print(describe_accuracy(estimate, camera))
-    print(f"wrote {save_camera(camera, options.output)}")
+    print(describe_accuracy(estimate))
+    print(f"wrote {save_camera(estimate.camera, options.output)}")
     return 0

@@ -127,7 +127,7 @@ class Lane:
     margin : float or None
         Score minus that of the best lane elsewhere, which counts at least 0; None of a tracked lane.
     same_lane_share : float or None
-        `CameraPose.same_lane_share`; None of a tracked lane.
+        If the camera pose was estimated from the same image: the share of the poses tried that show this lane, 0 to 1.
     camera_yaw_rad : float or None
         Direction of the car's axis, seen from the camera as its pose says, positive left; None of a still. It is large
         if the yaw of the pose is wrong.

@@ -4,8 +4,8 @@ A worn line and a row of Botts' dots are too faint in each row of the view for t
 many rows. The network sees three rows of a finer view for each row, and its surroundings: 27 rows, and half a metre to
 either side. It has learned from rendered pictures only (`tools/train_marking_network.py`).
 
-It is used for stills (`lanes.detect.search.search_still`): where the camera pose was estimated from a single
-picture, and where the lane of the band filter is not sure. It takes sixty times as long as the band filter of
+It is used for stills (`lanes.stills`): where the camera pose was estimated from a single picture, and where the lane
+of the band filter is not sure. It takes sixty times as long as the band filter of
 `lanes.detect.paint`, too long for the tracker, which sees each line in many frames.
 
 Each cell is compared with its wider surroundings in three ways. Lightness and yellowness relative to their scatter make

@@ -1,4 +1,4 @@
-"""Detection without memory: what a frame shows of the lines of a fitted lane, and the ego lane of a single picture."""
+"""Detection without memory: the ego lane in the evidence of one image, and what the image shows of its lines."""
 
 from __future__ import annotations
 
@@ -7,97 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.confidence import SURE_CONFIDENCE, log_odds, rate_lane
 from lanes.detect.error_covariance import fit_errors
 from lanes.detect.fit import LaneFit, fit_starts, near_stripes
 from lanes.detect.lane import Lane, LineObservation, Observations
 from lanes.detect.line_type import MarkingProfile, marking_profile
-from lanes.detect.network import learned_evidence
-from lanes.detect.paint import FrameEvidence, extract_evidence, marking_weight, position_std
+from lanes.detect.paint import FrameEvidence, marking_weight, position_std
 from lanes.detect.residuals import stripe_residuals
-from lanes.detect.road import CENTRE, PARAMETERS, SIDES, WIDTH, lines_on_view
-from lanes.detect.transverse_stripes import count_transverse_stripes
+from lanes.detect.road import CENTRE, PARAMETERS, SIDES, WIDTH
 from lanes.detect.votes import vote_lanes
 
 # Lanes whose centre or width differs by more than this are different lanes; tuned on the labelled Udacity stills.
 RIVAL_M = 0.5
-# A lane is clearly more probable than another one if the logarithm of its odds is larger by this; chosen on labelled
-# stills and the rendered suite. In hairpins the network is less accurate than the confidence of its lane says.
-CLEARLY_MORE_LOG_ODDS = 1.0
 # Stripes between the lines of a lane: those farther from the lines than this, up to the distance ahead in which lanes
 # are rated. This number of stripes on the lines is added, so that a few dots of a worn line are no clutter.
 BETWEEN_M, BETWEEN_FAR_M, BETWEEN_STRIPES = 0.5, 30.0, 5.0
-
-
-def find_lane(image: np.ndarray, view: BirdsEyeView) -> Lane | None:
-    """Find the ego lane in a single picture.
-
-    Parameters
-    ----------
-    image : ndarray of shape (height, width, 3), uint8, RGB
-        RGB, or as its video stores it; raw.
-    view : BirdsEyeView
-        Of the camera that took it.
-
-    Returns
-    -------
-    Lane or None
-        None if the lane is not seen (`LaneFit.seen`).
-
-    Raises
-    ------
-    PictureError
-        If the picture is not RGB or not of the camera's size.
-    CameraError
-        If the camera has no pose, or sees no road.
-    """
-    return search_still(image, view)[1]
-
-
-def search_still(image: np.ndarray, view: BirdsEyeView) -> tuple[FrameEvidence, Lane | None]:
-    """The ego lane in a single picture, and the evidence that it was found in.
-
-    The band filter finds the stripes. If its lane is not sure, the network finds them, too, and its lane is taken if it
-    is clearly more probable, or if the band filter finds none. Where the camera pose was estimated from the same
-    picture, the network alone is used: its stripes decide better which of several poses is right (docs/ablation.md).
-
-    Parameters
-    ----------
-    image, view
-        As for `find_lane`.
-
-    Returns
-    -------
-    (FrameEvidence, Lane or None)
-        None if the lane is not seen.
-
-    Raises
-    ------
-    PictureError, CameraError
-        As `find_lane`.
-    """
-    band = extract_evidence(view.warp(image), view)
-    if view.camera.require_pose().same_lane_share is not None:
-        learned = learned_evidence(image, band)
-        return learned, still_lane(learned)
-    lane = still_lane(band)
-    if lane is not None and rate_lane(lane) >= SURE_CONFIDENCE:
-        return band, lane
-    learned = learned_evidence(image, band)
-    other = still_lane(learned)
-    if other is not None and (lane is None or log_odds(other) > log_odds(lane) + CLEARLY_MORE_LOG_ODDS):
-        return learned, other
-    return band, lane
-
-
-def still_lane(evidence: FrameEvidence) -> Lane | None:
-    """The ego lane in the evidence of a single picture, with its transverse stripes; None if it is not seen."""
-    lane, view = search_lane(evidence), evidence.view
-    if lane is None:
-        return None
-    lines_y_m = lines_on_view(lane.model[None], view.x_m, view.height_m)[0]
-    return replace(lane, transverse_stripes=count_transverse_stripes(evidence.view_image, view, lines_y_m))
 
 
 def search_lane(evidence: FrameEvidence) -> Lane | None:
@@ -131,7 +54,6 @@ def choose_lane(fit: LaneFit, evidence: FrameEvidence) -> Lane | None:
         margin=float(score[best] - score[rivals].max(initial=0.0)),
         explained_share=float(fit.explained_share[best]),
         clear_share=clear_share(fit, best),
-        same_lane_share=evidence.view.camera.require_pose().same_lane_share,
     )
 
 

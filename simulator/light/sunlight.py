@@ -8,7 +8,7 @@ from statistics import NormalDist
 import cv2
 import numpy as np
 
-from simulator.painting.texture import band_noise_tile, fade, sample_noise
+from simulator.painting.noise import band_noise_tile, fade, sample_noise
 from simulator.road.ground import Ground, strip_coverage
 
 # Share of the sky in the light on open ground, from measurements of shaded asphalt.

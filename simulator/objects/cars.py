@@ -73,17 +73,9 @@ BOX_CORNERS = np.array([[x, y, z] for z in (-1, 1) for x, y in ((-1, -1), (1, -1
 
 
 class Shell:
-    """Surface of a car body: its rings, and points on rear, front and flanks.
-
-    Raises
-    ------
-    ValueError
-        If there is no such body.
-    """
+    """Surface of a car body of BODIES: its rings, and points on rear, front and flanks."""
 
     def __init__(self, body: str):
-        if body not in BODIES:
-            raise ValueError(f"unknown car body {body!r}; choose one of {', '.join(sorted(BODIES))}.")
         self.rings = BODIES[body]
 
     def ring(self, z: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -166,17 +158,7 @@ def _patch(corners: ArrayLike, surface, *, columns: int = 4, rows: int = 3) -> n
 
 @lru_cache(maxsize=32)
 def car_faces(body: str, paint: str, *, detail: int = 2) -> Faces:
-    """Faces of a car in its own frame (x forward, y left, z up, origin on the ground below its centre).
-
-    `body` is a name in `BODIES`, `paint` one in `PAINTS`; `detail` is 1 for a far car, 2 or more for a near one.
-
-    Raises
-    ------
-    ValueError
-        If there is no such body or paint.
-    """
-    if paint not in PAINTS:
-        raise ValueError(f"unknown car paint {paint!r}; choose one of {', '.join(sorted(PAINTS))}.")
+    """Faces of a car of BODIES and PAINTS, as from `vehicles.vehicle_faces`."""
     faces = _unpainted_faces(body, detail)
     return replace(faces, albedo=np.where(np.isnan(faces.albedo), PAINTS[paint], faces.albedo))
 

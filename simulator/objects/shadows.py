@@ -1,4 +1,4 @@
-"""Shadow polygons of objects on the ground."""
+"""Shadows of objects on the ground: their polygons, drawn into the share of sunlight."""
 
 from __future__ import annotations
 
@@ -7,26 +7,32 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
+from lanes.camera import Camera
 from simulator.landscape.foliage import SPECIES
 from simulator.objects.overpass import BridgeSlice
 from simulator.objects.scene_objects import Car, SceneObject, Sign, Tree, vertical_rectangle, yaw_rotation
 from simulator.objects.vehicles import outline_points
 from simulator.objects.walls import Wall
+from simulator.painting.noise import band_noise_tile, sample_noise
+from simulator.road.ground import Ground
+from simulator.road.road_ahead import RoadAhead
+
+# Range of shadows ahead; the bonnet hides nearer ones.
+MIN_SHADOW_M = 1.5
+MAX_SHADOW_M = 160.0
+LEAF_SEED = 61
+# Margin for the blur of shadow edges.
+PENUMBRA_PX = 6
+# Limit of coordinates, far outside any image.
+MAX_PX = 1e6
 
 
 def shadow_polygons(objects: list[SceneObject], sun_direction: np.ndarray) -> list[np.ndarray]:
     """Polygons (N, 2) of the shadows on the ground, metres in the road frame, float32; their union is the shadow.
 
     A tree has a polygon for each lump of leaves. `sun_direction` (3,) points towards the sun, in the road frame.
-
-    Raises
-    ------
-    ValueError
-        If the sun is not above the horizon.
     """
     sun = np.asarray(sun_direction, float)
-    if sun[2] <= 0:
-        raise ValueError("the sun is at or below the horizon, so nothing casts a shadow; give a direction with z > 0.")
     offset_per_m = -sun[:2] / sun[2]
     return [polygon.astype(np.float32, copy=False) for item in objects for polygon in _shadows(item, offset_per_m)]
 
@@ -87,3 +93,106 @@ def _lumps(species: str, seed: int, height_m: float) -> tuple[np.ndarray, np.nda
 
 def _hull(points: np.ndarray) -> np.ndarray:
     return cv2.convexHull(points.astype(np.float32)).reshape(-1, 2)
+
+
+def cast_shadows(
+    sun: np.ndarray,
+    polygons_m: list[np.ndarray],
+    camera: Camera,
+    ground: Ground,
+    road: RoadAhead,
+    *,
+    station_m: float,
+    edge_noise_m: float = 0.0,
+) -> None:
+    """Remove the sunlight `sun` (rows, width) inside shadow polygons (N, 2), metres in the car's road frame, in place.
+
+    `ground` is that of the same rows; the vertical profile of the road carries the shadows. `station_m` is the arc
+    length of the car, `edge_noise_m` the displacement of the outlines by leaves; 0 keeps them sharp.
+    """
+    near = _near(polygons_m)
+    if not near:
+        return
+    points, ends = _densify(near)
+    points = points if road.profile.level else road.lift_to_surface(points)
+    outlines = camera.road_to_pixels(points) - [0, ground.top]
+    starts = np.concatenate([[0], ends[:-1]])
+    out_of_sight = np.logical_or.reduceat(np.isnan(outlines[:, 0]), starts)
+    # points close to the camera are projected so far away that 32 bits do not hold them
+    corners = np.rint(np.nan_to_num(outlines).clip(-MAX_PX, MAX_PX) * 16).astype(np.int32)
+    mask = np.zeros(sun.shape, np.uint8)
+    for first, last in zip(starts[~out_of_sight].tolist(), ends[~out_of_sight].tolist(), strict=True):
+        cv2.fillPoly(mask, [corners[first:last]], 255, cv2.LINE_AA, 4)
+    if edge_noise_m:
+        cut = _rows_near_shadows(mask, ground, edge_noise_m)
+        part = ground.crop(cut)
+        perturbed = _perturb_edges(mask, part, part.s + np.float32(station_m), edge_noise_m, first_row=cut.start)
+        mask = np.zeros_like(mask)
+        mask[cut] = perturbed
+    shaded = np.flatnonzero(mask.any(axis=1))
+    if not len(shaded):
+        return
+    # A penumbra of about a pixel; it is a few centimetres wide at car height.
+    rows = slice(max(shaded[0] - PENUMBRA_PX, 0), shaded[-1] + PENUMBRA_PX + 1)
+    sun[rows] *= 1 - cv2.GaussianBlur(mask[rows], (0, 0), 0.8).astype(np.float32) * np.float32(0.97 / 255)
+
+
+def _near(polygons: list[np.ndarray]) -> list[np.ndarray]:
+    """Polygons that overlap the range MIN_SHADOW_M to MAX_SHADOW_M ahead."""
+    if not polygons:
+        return []
+    ahead = np.concatenate([p[:, 0] for p in polygons])
+    starts = np.cumsum([0, *(len(p) for p in polygons[:-1])])
+    near = np.maximum.reduceat(ahead, starts) > MIN_SHADOW_M
+    near &= np.minimum.reduceat(ahead, starts) < MAX_SHADOW_M
+    return [polygon for polygon, chosen in zip(polygons, near.tolist(), strict=True) if chosen]
+
+
+def _rows_near_shadows(mask: np.ndarray, ground: Ground, max_shift_m: float) -> slice:
+    """Rows that `_perturb_edges` may change. They are few, because most shadows are far away."""
+    shaded = np.flatnonzero(mask.any(axis=1))
+    if not len(shaded):
+        return slice(0, 0)
+    rows = np.arange(len(mask))
+    most = max_shift_m * np.abs(band_noise_tile(LEAF_SEED, octaves=3)).max()
+    reach_px = most / np.maximum(ground.footprint_s.min(axis=1), 1e-2) + 2
+    near = np.flatnonzero((rows + reach_px >= shaded[0]) & (rows - reach_px <= shaded[-1]))
+    return slice(int(near[0]), int(near[-1]) + 1)
+
+
+def _perturb_edges(
+    mask: np.ndarray, ground: Ground, s: np.ndarray, max_shift_m: float, *, first_row: int
+) -> np.ndarray:
+    """The mask with edges displaced by noise of about `max_shift_m` on the ground, as by twigs and leaves.
+
+    `ground` and `s` hold the rows from `first_row` on for which the result is computed.
+    """
+    rows, columns = s.shape
+    if not rows:
+        return np.zeros_like(mask[:0])
+    tile = band_noise_tile(LEAF_SEED, octaves=3)
+    shift_d = sample_noise(tile, s, ground.d, wave_s_m=0.20, wave_d_m=0.15)
+    shift_s = sample_noise(tile, s, ground.d + 7, wave_s_m=0.20, wave_d_m=0.15)
+    u = np.arange(columns, dtype=np.float32) + np.float32(max_shift_m) * shift_d / np.maximum(np.abs(ground.d_u), 1e-3)
+    v = np.arange(first_row, first_row + rows, dtype=np.float32)[:, None] + np.float32(
+        max_shift_m
+    ) * shift_s / np.maximum(ground.footprint_s, 1e-2)
+    return cv2.remap(mask, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+
+
+def _densify(polygons: list[np.ndarray], *, edge_m: float = 1.5) -> tuple[np.ndarray, np.ndarray]:
+    """Points (N, 2) of all polygons, one after the other, and the index after the last point of each.
+
+    Long edges are subdivided, because the lens distorts straight lines. Points are clipped to MIN_SHADOW_M ahead.
+    """
+    points = np.concatenate(polygons).astype(float)
+    last = np.cumsum([len(p) for p in polygons]) - 1
+    following = np.arange(1, len(points) + 1)
+    following[last] = np.concatenate([[0], last[:-1] + 1])
+    edges = points[following] - points
+    parts = np.clip(np.hypot(*edges.T) / edge_m, 1, 12).astype(int)
+    until = np.cumsum(parts)
+    share = (np.arange(until[-1]) - np.repeat(until - parts, parts)) / np.repeat(parts, parts)
+    dense = np.repeat(points, parts, axis=0) + share[:, None] * np.repeat(edges, parts, axis=0)
+    dense[:, 0] = np.maximum(dense[:, 0], MIN_SHADOW_M)
+    return dense, until[last]

@@ -1,4 +1,4 @@
-"""Lorries and motorcycles as shaded faces, and access to the faces of all vehicles."""
+"""Vehicles: lorries and motorcycles as shaded faces, access to the faces of all vehicles, and their painter."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from simulator.light.shading import Faces
+from lanes.camera import Camera
+from simulator.light.shading import Faces, shade_faces
 from simulator.objects.cars import (
     BEHIND_BODY,
     BODIES,
@@ -24,6 +25,8 @@ from simulator.objects.cars import (
     car_faces,
     grid_cells,
 )
+from simulator.objects.scene_objects import Car, yaw_rotation
+from simulator.painting.brush import Atmosphere, outside_picture, paint_polygons, project_faces
 
 JACKET, JEANS, HELMET, STEEL = (0.020, 0.021, 0.026), (0.035, 0.045, 0.075), (0.45, 0.06, 0.03), (0.22, 0.22, 0.23)
 # Rear end, front end and half width on the ground, metres.
@@ -34,20 +37,12 @@ CAR_FOOTPRINT = (-2.35, 2.3, 0.88)
 def vehicle_faces(body: str, paint: str, *, detail: int = 2) -> Faces:
     """Faces of a vehicle in its own frame (x forward, y left, z up, origin on the ground below its centre).
 
-    `body` is "sedan", "suv", "truck" or "motorcycle", `paint` a name in `cars.PAINTS`; `detail` as for `car_faces`.
-
-    Raises
-    ------
-    ValueError
-        If there is no such body or paint.
+    `body` is "sedan", "suv", "truck" or "motorcycle", `paint` a name in `cars.PAINTS`; `detail` is 1 for a far car, 2
+    or more for a near one.
     """
     if body in BODIES:
         return car_faces(body, paint, detail=detail)
-    if body not in FOOTPRINTS:
-        raise ValueError(f"unknown vehicle {body!r}; choose one of {', '.join(sorted([*BODIES, *FOOTPRINTS]))}.")
-    if paint not in PAINTS:
-        raise ValueError(f"unknown car paint {paint!r}; choose one of {', '.join(sorted(PAINTS))}.")
-    return _truck(paint) if body == "truck" else _motorcycle(paint)
+    return {"truck": _truck, "motorcycle": _motorcycle}[body](paint)
 
 
 @lru_cache(maxsize=8)
@@ -139,3 +134,33 @@ def _ellipsoid(middle: tuple, radii: tuple, albedo: tuple, gloss: float) -> Face
     normal = cells.mean(axis=1) / np.array(radii)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     return replace(faces, normal=normal)
+
+
+def paint_vehicle(picture: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, air: Atmosphere) -> None:
+    """Paint the visible faces of a vehicle and its contact shadow behind the content of a canvas, in place."""
+    turn = yaw_rotation(car.heading_rad)
+    place = np.array([car.x_m, car.y_m, car.ground_height_m])
+    if outside_picture(outline_points(car.body) @ turn.T + place, camera):
+        return
+    eye = (np.array([0, 0, camera.require_pose().height_m]) - place) @ turn
+    distance = float(np.hypot(car.x_m, car.y_m))
+    faces = vehicle_faces(car.body, car.paint, detail=1 if distance > 40 else 2)
+    toward = np.flatnonzero(faces.flat_normal @ eye > faces.plane_distance)
+    # Parts on the body keep their order (licence plate on bumper); body and wheels are sorted from far to near.
+    layer = faces.layer[toward]
+    away = faces.middle[toward] - eye
+    apart = np.where(layer < ON_BODY, -np.einsum("ij,ij->i", away, away), 0)
+    faces = faces.select(toward[np.lexsort((apart, layer))])
+    colours = shade_faces(faces, eye, sun @ turn)
+    ground = footprint(car.body)
+    corners = np.concatenate([faces.corners, [ground * 1.03, ground * 0.97]]).reshape(-1, 3) @ turn.T + place
+    pixels = project_faces(camera, corners.reshape(-1, 4, 3))
+    cuts = np.searchsorted(faces.layer, [BODY, ON_BODY])
+    # Facets are about 0.1 m wide: their shading is blurred, the outline stays sharp.
+    blend = facet_width_m(car.body) * camera.matrix[0, 0] / max(distance, 2)
+    parts = (slice(0, cuts[0]), slice(*cuts), slice(cuts[1], len(colours)))
+    for part, blend_px in zip(parts[::-1], (0.0, blend, 0.0), strict=True):
+        paint_polygons(picture, pixels[part], colours[part], atmosphere=air, blend_px=blend_px)
+    blur = float(np.clip(40 / max(distance, 1), 0.5, 4))
+    dark = np.full((2, 3), 0.004)
+    paint_polygons(picture, pixels[-2:], dark, opacity=np.array([0.55, 0.85]), atmosphere=air, softness_px=blur)

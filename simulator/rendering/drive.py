@@ -1,28 +1,29 @@
-"""Description of a drive: road, objects, light, camera and motion of the car."""
+"""Description of a drive: road, objects, light, camera and motion of the car; and of a named drive of the suite."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from lanes.camera import Camera
-from simulator.landscape.sky import BackdropStyle
-from simulator.light.exposure import AutoExposure
+from simulator.landscape.backdrop import BackdropStyle
 from simulator.light.glare import Glare
-from simulator.light.lens import Lens
+from simulator.light.lens import AutoExposure, Lens
 from simulator.light.sunlight import Shade, Sun
 from simulator.objects.overpass import Overpass
-from simulator.objects.placement import PlacedObject, PlacedWall
+from simulator.objects.scene_objects import PlacedObject, PlacedWall
 from simulator.road.geometry import RoadGeometry, VehiclePose
-from simulator.road.painted_lines import Marking
+from simulator.road.markings import Marking, Symbol
 from simulator.road.surface import Surface
-from simulator.road.symbols import Symbol
 from simulator.road.truth import Truth, lane_truth
 from simulator.weather.fog import Fog
 from simulator.weather.night import Night
-from simulator.weather.rain import Rain
-from simulator.weather.wet import Wet
+from simulator.weather.rain import Rain, Wet
+
+Difficulty = Literal["clean", "medium", "hard", "no lane"]
 
 
 @dataclass(frozen=True)
@@ -89,11 +90,11 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """Everything that a rendered picture or video depends on; the types of the fields describe most of them.
+    """Everything that a rendered image or video depends on; the types of the fields describe most of them.
 
     `line_laterals_m` are the lateral positions of the line centres from left to right: the two lines of the ego lane,
     or all lines if the car changes lanes; empty without a lane. `bonnet` says whether the car's bonnet is in the
-    picture. Without `exposure`, the exposure adapts slightly to each picture at once; with it, it follows with a delay.
+    image. Without `exposure`, the exposure adapts slightly to each image at once; with it, it follows with a delay.
     """
 
     camera: Camera
@@ -138,3 +139,14 @@ class Drive:
     def camera_at_pitch(self, pitch_rad: float) -> Camera:
         """Camera with a pitch angle, > 0 looks down."""
         return self.camera.with_pose(replace(self.camera.require_pose(), pitch_rad=pitch_rad))
+
+
+@dataclass(frozen=True)
+class SuiteScene:
+    """A named drive of a few seconds: `drive` makes it, `description` is one sentence; the name is in file names."""
+
+    name: str
+    difficulty: Difficulty
+    seconds: float
+    description: str
+    drive: Callable[[], Drive]

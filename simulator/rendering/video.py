@@ -5,15 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import closing
 from functools import partial
+from itertools import product
 from pathlib import Path
 
 from lanes.camera import save_camera
 from lanes.files import atomic_write
 from lanes.video.reader import inspect_video
+from simulator.landscape.backdrop import panorama
+from simulator.landscape.foliage import plant_picture
+from simulator.objects.scene_objects import PlacedObject, PlacedWall, Tree
+from simulator.objects.wall_textures import SLOW, wall_texture
+from simulator.objects.walls import WALLS
 from simulator.processes import map_ordered
 from simulator.rendering.drive import Drive
 from simulator.rendering.render import render_frame
-from simulator.rendering.shared_assets import asset_jobs
+from simulator.road.ground import pixel_rays
 from simulator.road.truth import Truth, truth_row, write_truth_csv
 
 Progress = Callable[[int, int], None]
@@ -28,6 +34,9 @@ ENCODER = ["-threads", "1", "-movflags", "+faststart", "-bitexact"]
 
 VIDEO_SECONDS = 10.0
 VIDEO_FPS = 25
+# Plants (species and seed) in backdrops and at the edge of a wood.
+BACKDROP_PLANTS = set(product(("oak", "plane", "eucalyptus", "bush", "scrub"), range(2)))
+WOOD_PLANTS = set(product(("redwood", "oak", "plane", "bush", "scrub"), range(6)))
 
 
 def write_video(
@@ -40,28 +49,11 @@ def write_video(
     progress: Progress | None = None,
     workers: int | None = None,
 ) -> list[Path]:
-    """Write a drive as H.264 video (.mp4), with a CSV of its ground truth (a row for each frame) and its camera.
+    """Files written: a drive as H.264 video (.mp4), its ground truth (.csv, a row for each frame) and camera (.yaml).
 
-    Parameters
-    ----------
-    crf : int
-        Constant rate factor of x264: lower values give better quality and larger files.
-    preset : str
-        Speed preset of x264, "ultrafast" to "placebo". Slower ones give smaller files.
-    progress : callable, optional
-        Called as progress(frames done, number of frames).
-    workers : int, optional
-        Number of processes; it does not change the files. Default: one for each available CPU.
-
-    Returns
-    -------
-    list of Path
-        Video, CSV and camera, all with the same stem.
-
-    Raises
-    ------
-    OSError
-        If the folder cannot be written to or the encoder fails.
+    `crf` and `preset` are quality and speed of x264. `progress` is called as progress(frames done, number of frames).
+    `workers` is the number of processes (default: one for each available CPU) and does not change the files. Raises
+    OSError if the folder cannot be written to or the encoder fails.
     """
     path = Path(path)
     count = round(seconds * VIDEO_FPS)
@@ -111,3 +103,21 @@ def _render(drive: Drive, job: int | Callable[[], object]) -> tuple[bytes, Truth
         return None
     frame = render_frame(drive, job / VIDEO_FPS)
     return frame.image.tobytes(), frame.truth
+
+
+def asset_jobs(drive: Drive) -> list[Callable[[], object]]:
+    """Functions without arguments that fill the disk cache for a drive. They can run in any process.
+
+    Plants come first, because panoramas and woods need them.
+    """
+    placed = [item.item for item in drive.objects if isinstance(item, PlacedObject)]
+    walls = {(item.kind, item.seed) for item in drive.objects if isinstance(item, PlacedWall)}
+    strips = {(name, seed + n) for kind, seed in walls for n, name in enumerate(WALLS[kind].textures)}
+    plants = {(tree.species, tree.seed) for tree in placed if isinstance(tree, Tree)} | BACKDROP_PLANTS
+    plants |= WOOD_PLANTS if "wood" in dict(strips) else set()
+    return [
+        partial(pixel_rays, drive.camera),
+        *(partial(plant_picture, *plant) for plant in sorted(plants)),
+        partial(panorama, drive.backdrop, drive.seed),
+        *(partial(wall_texture, *strip) for strip in sorted(strips) if strip[0] in SLOW),
+    ]

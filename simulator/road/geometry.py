@@ -1,4 +1,4 @@
-"""Road geometry: a reference line of clothoids, and the pose of a vehicle relative to it.
+"""Geometry of the road: a reference line of clothoids, its height, and the pose of a vehicle relative to it.
 
 Road coordinates are (s, d): arc length along the reference line, and lateral distance from it, d > 0 to the left.
 """
@@ -11,14 +11,66 @@ from typing import Any
 
 import numpy as np
 
-from simulator.road.profile import FLAT, HeightProfile
-
 # Beyond either end the road continues with its last curvature for this length, so that a camera at the end sees a road.
 EXTENSION_M = 1500.0
 # Gauss-Legendre of order 5 over 1 m is exact to rounding for every radius above 10 m.
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(5)
 # Largest angle between a line and the car's heading at which the line is still described as y(x).
 MAX_TURN_RAD = np.radians(80)
+
+
+def _set_knots(owner: object, *names: str) -> None:
+    """Make arrays of increasing stations and their values, fields of a frozen object."""
+    stations, values = (np.array(getattr(owner, name), float) for name in names)
+    if stations.ndim != 1 or not len(stations) or stations.shape != values.shape or (np.diff(stations) <= 0).any():
+        raise ValueError(f"a road needs increasing stations and one of the {names[1]} for each.")
+    for name, array in zip(names, (stations, values), strict=True):
+        object.__setattr__(owner, name, array)
+
+
+@dataclass(frozen=True, eq=False)
+class HeightProfile:
+    """Height of the road over arc length: constant grades joined by parabolic vertical curves, as roads are designed.
+
+    The slope (> 0 uphill) is linear between the increasing stations and constant outside.
+    Raises ValueError as RoadGeometry does.
+    """
+
+    stations_m: Any  # array_like; arrays after the checks
+    slopes: Any
+
+    def __post_init__(self) -> None:
+        _set_knots(self, "stations_m", "slopes")
+
+    @property
+    def level(self) -> bool:
+        """Whether the road is one plane."""
+        return bool((self.slopes == self.slopes[0]).all())
+
+    def slope(self, s_m: np.ndarray | float) -> np.ndarray:
+        """Slope at arc lengths `s_m`, > 0 uphill."""
+        return np.interp(s_m, self.stations_m, self.slopes)
+
+    def height(self, s_m: np.ndarray | float) -> np.ndarray:
+        """Height in metres above the first station; exact."""
+        s = np.asarray(s_m, float)
+        steps = np.diff(self.stations_m) * (self.slopes[1:] + self.slopes[:-1]) / 2
+        at_knots = np.concatenate([[0.0], np.cumsum(steps)])
+        knot = np.clip(np.searchsorted(self.stations_m, s, side="right") - 1, 0, len(self.stations_m) - 1)
+        # The slope is linear from the knot to s, so its mean is the mean of its two ends.
+        return at_knots[knot] + (self.slopes[knot] + self.slope(s)) / 2 * (s - self.stations_m[knot])
+
+    def height_above_plane(self, s_m: np.ndarray | float, from_m: float) -> np.ndarray:
+        """Height in metres above the plane that touches the road at `from_m`, which is the ground plane of a car there.
+
+        The world is sheared into that plane, not rotated, so distances stay horizontal. The two differ by 0.3 % at a
+        grade of 8 %.
+        """
+        ahead = np.asarray(s_m, float) - from_m
+        return self.height(s_m) - self.height(from_m) - self.slope(from_m) * ahead
+
+
+FLAT = HeightProfile([0.0], [0.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +85,7 @@ class RoadGeometry:
     Raises
     ------
     ValueError
-        If there are fewer than two stations, they do not increase, or there is not one curvature for each.
+        If the stations do not increase, or there is not one curvature for each.
     """
 
     stations_m: Any  # array_like; arrays after the checks
@@ -41,17 +93,7 @@ class RoadGeometry:
     profile: HeightProfile = FLAT
 
     def __post_init__(self) -> None:
-        stations = np.array(self.stations_m, float)
-        curvatures = np.array(self.curvatures_per_m, float)
-        if (
-            stations.ndim != 1
-            or len(stations) < 2
-            or stations.shape != curvatures.shape
-            or (np.diff(stations) <= 0).any()
-        ):
-            raise ValueError("a road needs two or more increasing stations and one curvature for each.")
-        object.__setattr__(self, "stations_m", stations)
-        object.__setattr__(self, "curvatures_per_m", curvatures)
+        _set_knots(self, "stations_m", "curvatures_per_m")
 
     def curvature(self, s_m: np.ndarray | float) -> np.ndarray:
         """Curvature in 1/m at arc lengths `s_m`, > 0 bends left."""

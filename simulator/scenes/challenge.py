@@ -6,21 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from simulator.light.exposure import AutoExposure
 from simulator.light.glare import Glare
-from simulator.light.lens import Lens
+from simulator.light.lens import AutoExposure, Lens
 from simulator.light.sunlight import TreeShade, WoodShade
 from simulator.objects.overpass import Overpass
-from simulator.objects.placement import PlacedObject, PlacedWall
-from simulator.objects.scene_objects import Car
-from simulator.rendering.drive import Drive, Motion
+from simulator.objects.scene_objects import Car, PlacedObject, PlacedWall
+from simulator.rendering.drive import Drive, Motion, SuiteScene
 from simulator.road.geometry import RoadGeometry
+from simulator.road.markings import Symbol
 from simulator.road.surface import Patch, Seam
-from simulator.road.symbols import Symbol
 from simulator.scenes.freeway import car, daylight
 from simulator.scenes.motorway import JOINT_BARRIER_M, joint_fields, motorway_drive
 from simulator.scenes.mountain import MOUNTAIN_LANE_WIDTH_M, mountain_drive, winding_road
-from simulator.scenes.scene import SuiteScene
 from simulator.weather.fog import Fog
 
 # Higher than for the project video, so that each file is below 3.5 MB: concrete and leaves need many bits.

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from simulator.landscape.sky import BackdropStyle
+from simulator.landscape.backdrop import BackdropStyle
 from simulator.light.sunlight import Sun
-from simulator.objects.placement import PlacedObject, PlacedWall
-from simulator.objects.scene_objects import Car, Tree
+from simulator.objects.scene_objects import Car, PlacedObject, PlacedWall, Tree
 from simulator.objects.walls import WALLS
+from simulator.rendering.drive import Drive
 from simulator.road.geometry import RoadGeometry
-from simulator.road.painted_lines import WHITE, YELLOW, Marking
+from simulator.road.markings import WHITE, YELLOW, Marking
 from simulator.road.surface import Patch, Seam, Surface, Zone
+from simulator.scenes.dashcam import DASHCAM
 
 # Twelve feet, the lane of a US freeway.
 LANE_WIDTH_M = 3.66
@@ -20,6 +23,12 @@ EGO_LINES_M = (LANE_WIDTH_M / 2, -LANE_WIDTH_M / 2)
 # Opposite carriageway: a narrow shoulder, three lanes and a wide shoulder.
 OPPOSITE_SHOULDER_M = 1.6
 OPPOSITE_WIDTH_M = OPPOSITE_SHOULDER_M + 3 * LANE_WIDTH_M + 2.8
+
+
+def freeway_drive(**fields: Any) -> Drive:
+    """Drive on a freeway, seen by the course's camera, in the lane between EGO_LINES_M; `fields` are those of Drive."""
+    usual: dict[str, Any] = {"camera": DASHCAM, "line_laterals_m": EGO_LINES_M}
+    return Drive(**usual | fields)
 
 
 def freeway_markings(

@@ -1,4 +1,4 @@
-"""Motorway scenes of the suite: seams, barriers, worn and missing paint, Botts' dots, lane changes, road works."""
+"""Motorway scenes: the project video, seams, barriers, worn and missing paint, dots, lane changes, road works."""
 
 from __future__ import annotations
 
@@ -8,27 +8,23 @@ from typing import Any
 import numpy as np
 
 from simulator.light.lens import Lens
+from simulator.light.sunlight import TreeShade
 from simulator.objects.overpass import Overpass
-from simulator.objects.placement import PlacedObject, PlacedWall
-from simulator.objects.scene_objects import Sign
-from simulator.rendering.drive import Drive, Motion
+from simulator.objects.scene_objects import PlacedObject, PlacedWall, Sign
+from simulator.rendering.drive import Drive, Motion, SuiteScene
 from simulator.road.geometry import RoadGeometry
-from simulator.road.painted_lines import WHITE, YELLOW, Marking
+from simulator.road.markings import WHITE, YELLOW, Marking, Symbol
 from simulator.road.surface import Patch, Seam, Zone
-from simulator.road.symbols import Symbol
-from simulator.scenes.dashcam import DASHCAM
 from simulator.scenes.freeway import (
-    EGO_LINES_M,
     LANE_WIDTH_M,
     car,
     daylight,
+    freeway_drive,
     freeway_markings,
     freeway_surface,
     oncoming_cars,
     plant_trees,
 )
-from simulator.scenes.project_video import project_video
-from simulator.scenes.scene import SuiteScene
 
 # Removed markings: ground-off lines are rough and pale, painted-over lines are black and smooth.
 GROUND_OFF, BLACKENED = (0.30, 0.285, 0.27), (0.020, 0.020, 0.022)
@@ -41,6 +37,51 @@ FADED_YELLOW = (0.50, 0.30, 0.055)
 WORKS_YELLOW = (1.0, 0.45, 0.03)
 
 
+def project_video() -> Drive:
+    """Ten seconds at 27 m/s: straight, an S-bend left (R 520 m) and right (R 400 m), tree shadows, light concrete."""
+    bank = PlacedWall(-18.0, "bank", seed=16)
+    return freeway_drive(
+        road=RoadGeometry(
+            [0.0, 75.0, 125.0, 175.0, 255.0, 330.0, 420.0, 600.0],
+            [0.0, 0.0, 1 / 520, 1 / 520, -1 / 400, -1 / 400, 0.0, 0.0],
+        ),
+        markings=freeway_markings(phase_m=4.0, wear=0.25, opposite_m=17.0),
+        surface=freeway_surface(
+            Zone(-100.0, "fresh asphalt"),
+            Zone(190.0, "concrete", 0.3),
+            Zone(245.0, "asphalt", 0.2),
+            opposite_m=17.0,
+            patches=(Patch(70.0, 78.0, -1.6, 0.1, "asphalt"),),
+            seams=(Seam(0.5, 0.03, 0.08, 95.0, 130.0),),
+        ),
+        shades=(
+            TreeShade(142.0, 158.0, -5.0, 8.0, 0.95),
+            TreeShade(163.0, 172.0, -1.0, 8.0, 0.9),
+            TreeShade(238.0, 254.0, -4.0, 9.0, 0.95),
+        ),
+        objects=(
+            PlacedWall(4.4, "jersey", seed=15),
+            bank,
+            car(14.0, -1, "white", speed_mps=25.3),
+            car(46.0, -2, "black", "suv", speed_mps=27.5),
+            car(95.0, -1, "silver", speed_mps=29.0),
+            car(130.0, 0, "grey", speed_mps=28.5),
+            PlacedObject(120.0, -16.7, Sign(0, 0, "green", 3.2, 1.6, 2.6)),
+            PlacedObject(205.0, -16.5, Sign(0, 0, "speed", 0.9, 1.2, 2.1)),
+            *oncoming_cars(7, s_m=(60, 640), opposite_m=17.0, speed_mps=26.0),
+            *plant_trees(21, "oak bush", s_m=(10, 620), d_m=(-40, -31), height_m=(4, 9), every_m=14, bank=bank),
+            *plant_trees(22, "scrub bush", s_m=(10, 620), d_m=(-30, -21), height_m=(0.8, 2.0), every_m=13, bank=bank),
+            *plant_trees(23, "eucalyptus oak", s_m=(140, 176), d_m=(11, 13), height_m=(11, 14), every_m=9),
+            *plant_trees(24, "eucalyptus plane", s_m=(238, 262), d_m=(11, 13), height_m=(11, 14), every_m=9),
+            *plant_trees(25, "plane oak", s_m=(60, 620), d_m=(34, 50), height_m=(6, 11), every_m=22),
+        ),
+        motion=Motion(0.0, 27.0, offset_m=0.05, wander_m=0.22, wander_period_s=6.5, pitch_rad=float(np.radians(0.22))),
+        lens=Lens(noise=0.005),
+        seed=99,
+        **daylight(75, 50, tree_density=0.7),
+    )
+
+
 def motorway_drive(**changes) -> Drive:
     """Motorway that bends left (R 560 m) and right (R 480 m); `changes` are fields of Drive.
 
@@ -48,12 +89,10 @@ def motorway_drive(**changes) -> Drive:
     opposite carriageway are to the left; there are some traffic and a grassy bank.
     """
     bank = PlacedWall(-18.0, "bank", seed=26)
-    drive = Drive(
-        camera=DASHCAM,
+    drive = freeway_drive(
         road=RoadGeometry(
             [0.0, 30.0, 60.0, 90.0, 130.0, 200.0, 300.0], [0.0, 1 / 560, 1 / 560, 0.0, -1 / 480, -1 / 480, 0.0]
         ),
-        line_laterals_m=EGO_LINES_M,
         markings=freeway_markings(phase_m=4.0, wear=0.3, opposite_m=17.0),
         surface=freeway_surface(Zone(-100.0, "asphalt"), opposite_m=17.0),
         objects=(

@@ -7,16 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from simulator.light.sunlight import TreeShade
-from simulator.objects.placement import PlacedObject, PlacedWall
-from simulator.objects.scene_objects import Car, Post
-from simulator.rendering.drive import Drive, Motion
-from simulator.road.geometry import RoadGeometry
-from simulator.road.painted_lines import WHITE, YELLOW, Marking
-from simulator.road.profile import HeightProfile
+from simulator.objects.scene_objects import Car, PlacedObject, PlacedWall, Post
+from simulator.rendering.drive import Drive, Motion, SuiteScene
+from simulator.road.geometry import HeightProfile, RoadGeometry
+from simulator.road.markings import WHITE, YELLOW, Marking
 from simulator.road.surface import Seam, Surface, Zone
 from simulator.scenes.dashcam import DASHCAM
 from simulator.scenes.freeway import daylight, plant_trees
-from simulator.scenes.scene import SuiteScene
 
 # Lane width of a mountain road, ten and a half feet.
 MOUNTAIN_LANE_WIDTH_M = 3.2
@@ -150,7 +147,7 @@ def _dips() -> Drive:
     profile = HeightProfile(stations, 0.055 * np.sin(2 * np.pi * stations / 52.0))
     road = replace(winding_road((90.0, 60.0), (-110.0, 50.0)), profile=profile)
     drive = mountain_drive(road, Motion(4.0, 15.0, offset_m=-0.2, wander_m=0.1, wander_period_s=4.0), seed=156)
-    # A higher ridge would fill the picture here.
+    # A higher ridge would fill the image here.
     return replace(drive, backdrop=replace(drive.backdrop, ridge_height_rad=0.12))
 
 

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from simulator.objects.placement import PlacedObject, PlacedWall
-from simulator.objects.scene_objects import Car, Post
-from simulator.rendering.drive import Drive, Motion
+from simulator.objects.scene_objects import Car, PlacedObject, PlacedWall, Post
+from simulator.rendering.drive import Drive, Motion, SuiteScene
 from simulator.road.geometry import RoadGeometry
 from simulator.road.surface import Patch, Seam, Surface, Zone
 from simulator.scenes.freeway import plant_trees
 from simulator.scenes.motorway import motorway_drive
-from simulator.scenes.scene import SuiteScene
 
 BAY_M, STALL_M, LINE_M = 5.0, 2.6, 0.10
 

@@ -9,18 +9,16 @@ from __future__ import annotations
 from typing import Any
 
 from simulator.light.sunlight import TreeShade
-from simulator.objects.placement import PlacedObject, PlacedWall
-from simulator.objects.scene_objects import Post, Sign, Tree
+from simulator.objects.scene_objects import PlacedObject, PlacedWall, Post, Sign, Tree
 from simulator.rendering.drive import Drive, Motion
+from simulator.road.albedo import DUST
 from simulator.road.geometry import RoadGeometry
 from simulator.road.surface import Patch, Seam, Zone
-from simulator.road.verge import DUST
-from simulator.scenes.dashcam import DASHCAM
 from simulator.scenes.freeway import (
-    EGO_LINES_M,
     bend_road,
     car,
     daylight,
+    freeway_drive,
     freeway_markings,
     freeway_surface,
     oncoming_cars,
@@ -39,10 +37,8 @@ def still_scenes() -> dict[str, Drive]:
 def _straight_lines1() -> Drive:
     """Straight; solid yellow left, broken white right; fresh asphalt, dry hills; the car is left of the centre."""
     bank = PlacedWall(-17.5, "bank", height_scale=0.9, seed=3)
-    return Drive(
-        camera=DASHCAM,
+    return freeway_drive(
         road=STRAIGHT,
-        line_laterals_m=EGO_LINES_M,
         markings=freeway_markings(phase_m=102.2, opposite_m=14.0),
         surface=freeway_surface(
             Zone(0.0, "fresh asphalt"),
@@ -74,10 +70,8 @@ def _straight_lines2() -> Drive:
     """Straight, rightmost lane: broken white left, solid white right; traffic in the lanes to the left."""
     bank = PlacedWall(-6.2, "bank", height_scale=0.45, seed=7)
     side: dict[str, Any] = {"lanes_left": 3, "lanes_right": 0}
-    return Drive(
-        camera=DASHCAM,
+    return freeway_drive(
         road=STRAIGHT,
-        line_laterals_m=EGO_LINES_M,
         markings=freeway_markings(**side, phase_m=105.1, opposite_m=17.0),
         surface=freeway_surface(Zone(0.0, "fresh asphalt"), **side, right_shoulder_m=3.4, opposite_m=17.0),
         objects=(
@@ -102,10 +96,8 @@ def _straight_lines2() -> Drive:
 
 def _test1() -> Drive:
     """Light concrete with a patch and a crack, gentle bend to the right, two cars on the right."""
-    return Drive(
-        camera=DASHCAM,
+    return freeway_drive(
         road=bend_road(-1 / 900),
-        line_laterals_m=EGO_LINES_M,
         markings=freeway_markings(phase_m=107.0, wear=0.35, opposite_m=5.4),
         surface=freeway_surface(
             Zone(0.0, "concrete"),
@@ -134,10 +126,8 @@ def _test1() -> Drive:
 def _test2() -> Drive:
     """Bends left, R 480 m, behind a median barrier; nearly empty road."""
     bank = PlacedWall(-18.0, "bank", seed=8)
-    return Drive(
-        camera=DASHCAM,
+    return freeway_drive(
         road=bend_road(1 / 480),
-        line_laterals_m=EGO_LINES_M,
         markings=freeway_markings(phase_m=108.3, opposite_m=5.4),
         surface=freeway_surface(
             Zone(0.0, "fresh asphalt"),
@@ -163,10 +153,8 @@ def _test2() -> Drive:
 def _test3() -> Drive:
     """Bends right, R 620 m, older asphalt with a tar seam, wooded ridge, one car ahead on the right."""
     bank = PlacedWall(-17.0, "bank", height_scale=1.25, seed=9)
-    return Drive(
-        camera=DASHCAM,
+    return freeway_drive(
         road=bend_road(-1 / 620),
-        line_laterals_m=EGO_LINES_M,
         markings=freeway_markings(phase_m=104.6),
         surface=freeway_surface(
             Zone(0.0, "asphalt"), left_shoulder_m=3.0, seams=(Seam(0.9, 0.03, 0.08, 103.0, 160.0, 0.5),)
@@ -188,10 +176,8 @@ def _test3() -> Drive:
 
 def _test4() -> Drive:
     """Fresh asphalt ends and concrete begins 11 m ahead; tree shadow on the near part; bends right; two cars."""
-    return Drive(
-        camera=DASHCAM,
+    return freeway_drive(
         road=bend_road(-1 / 780),
-        line_laterals_m=EGO_LINES_M,
         markings=freeway_markings(phase_m=111.2, wear=0.25, opposite_m=5.4),
         surface=freeway_surface(
             Zone(0.0, "fresh asphalt"), Zone(111.5, "concrete", 0.35), Zone(150.0, "asphalt"), opposite_m=5.4
@@ -217,10 +203,8 @@ def _test4() -> Drive:
 def _test5() -> Drive:
     """Concrete ends in the deep shade of trees 14 m ahead; bends right, R 560 m; two cars."""
     trunks = ((116.0, 10.0, 15.0, "eucalyptus"), (124.0, 12.5, 14.0, "plane"), (133.0, 11.0, 15.0, "eucalyptus"))
-    return Drive(
-        camera=DASHCAM,
+    return freeway_drive(
         road=bend_road(-1 / 560),
-        line_laterals_m=EGO_LINES_M,
         markings=freeway_markings(phase_m=103.0, wear=0.3, opposite_m=17.0),
         surface=freeway_surface(Zone(0.0, "concrete"), Zone(118.0, "asphalt", -0.3), opposite_m=17.0),
         shades=(TreeShade(114.0, 131.0, -6.0, 9.0, 0.97), TreeShade(133.0, 150.0, -3.0, 9.0, 0.95)),
@@ -243,10 +227,8 @@ def _test5() -> Drive:
 def _test6() -> Drive:
     """Bends left, R 380 m; old asphalt with a patch, tar and a fresh section; a car on the right."""
     bank = PlacedWall(-18.5, "bank", height_scale=0.8, seed=14)
-    return Drive(
-        camera=DASHCAM,
+    return freeway_drive(
         road=bend_road(1 / 380),
-        line_laterals_m=EGO_LINES_M,
         markings=freeway_markings(phase_m=106.4, wear=0.45, opposite_m=5.6),
         surface=freeway_surface(
             Zone(0.0, "old asphalt"),

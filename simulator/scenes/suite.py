@@ -1,4 +1,4 @@
-"""The benchmark suite: all scenes by name, and their videos, rendered on demand into a cache outside the project."""
+"""All scenes by name: videos of the suite, rendered on demand into a cache, and the files that are committed."""
 
 from __future__ import annotations
 
@@ -9,33 +9,41 @@ from typing import Any
 
 import simulator
 from lanes import camera
+from lanes.images import write_image
 from simulator.disk_cache import cache_folder
-from simulator.rendering.video import Progress, write_video
-from simulator.scenes.bad_weather import SCENES as WEATHER
+from simulator.processes import available_workers, run_all
+from simulator.rendering.drive import SuiteScene
+from simulator.rendering.render import render_frame
+from simulator.rendering.video import VIDEO_CRF, VIDEO_SECONDS, Progress, write_video
+from simulator.road.truth import truth_entry, write_truth_json
+from simulator.scenes.challenge import CHALLENGE_CRF, HARDER_CRF, challenge_video, harder_challenge_video
 from simulator.scenes.challenge import SCENES as FAMOUS
+from simulator.scenes.dashcam import DASHCAM
 from simulator.scenes.motorway import SCENES as MOTORWAY
+from simulator.scenes.motorway import project_video
 from simulator.scenes.mountain import SCENES as MOUNTAIN
 from simulator.scenes.no_lane import SCENES as NO_LANE
-from simulator.scenes.scene import SuiteScene
-from simulator.scenes.traffic import SCENES as TRAFFIC
+from simulator.scenes.stills import still_scenes
 from simulator.scenes.variants import vary_drive
+from simulator.scenes.weather_and_traffic import SCENES as WEATHER_AND_TRAFFIC
 
-_THEMES = (MOTORWAY, FAMOUS, MOUNTAIN, WEATHER, TRAFFIC, NO_LANE)
+_THEMES = (MOTORWAY, FAMOUS, MOUNTAIN, WEATHER_AND_TRAFFIC, NO_LANE)
 # Cached videos are 2.5 times as large as committed ones. Encoding takes a tenth of the time, and the quality is 0.5
 # to 0.9 dB better (measured on two scenes).
 CACHE_CRF, CACHE_PRESET = 20, "ultrafast"
 SUITE: dict[str, SuiteScene] = {scene.name: scene for scenes in _THEMES for scene in scenes}
+# Committed videos by name: drive, length in seconds, and constant rate factor of x264.
+VIDEOS = {
+    "project_video": (project_video, VIDEO_SECONDS, VIDEO_CRF),
+    "challenge_video": (challenge_video, 9.0, CHALLENGE_CRF),
+    "harder_challenge_video": (harder_challenge_video, 10.0, HARDER_CRF),
+}
 
 
 def scene_path(name: str, folder: str | Path | None = None, *, seed: int = 0) -> Path:
-    """Path of the video of a scene, or of its variant number `seed`, rendered or not.
+    """Path of the video of a scene, or of its variant number `seed`, rendered or not; ValueError without such a scene.
 
     It contains a hash of the renderer, so that no video is outdated.
-
-    Raises
-    ------
-    ValueError
-        If there is no such scene.
     """
     if name not in SUITE:
         raise ValueError(f"no scene {name!r} in the suite; choose one of {', '.join(SUITE)}.")
@@ -54,12 +62,7 @@ def render_scene(
     """Path of a scene's video, which is rendered if it does not exist yet.
 
     Its ground truth (.csv, a row for each frame) and camera (.yaml) have the same stem. `name`, `folder`, `seed` and
-    the ValueError are those of `scene_path`. `progress` and `workers` are those of `write_video`.
-
-    Raises
-    ------
-    OSError
-        If the folder cannot be written to.
+    the ValueError are those of `scene_path`; `progress`, `workers` and the OSError are those of `write_video`.
     """
     path = scene_path(name, folder, seed=seed)
     # The camera file is written last, so it exists only with the other two.
@@ -73,9 +76,36 @@ def render_scene(
 
 @lru_cache(maxsize=1)
 def _renderer_hash() -> str:
-    """Hash (eight digits) of the sources of all modules that affect the pictures."""
+    """Hash (eight digits) of the sources of all modules that affect the images."""
     folder = Path(simulator.__file__).parent
     digest = hashlib.sha256()
     for source in (Path(camera.__file__), *sorted(folder.rglob("*.py"))):
         digest.update(source.name.encode() + source.read_bytes())
     return digest.hexdigest()[:8]
+
+
+def write_stills(folder: str | Path, *, progress: Progress | None = None, workers: int | None = None) -> list[Path]:
+    """Files written: the eight stills and their truth.json, in a folder that is created where needed.
+
+    `progress` and `workers` are those of `write_video`. Raises OSError if the folder cannot be written to.
+    """
+    folder = Path(folder)
+    scenes = still_scenes()
+    frames = run_all(render_frame, list(scenes.values()), workers=workers or available_workers(), progress=progress)
+    written, entries = [], []
+    for (name, drive), frame in zip(scenes.items(), frames, strict=True):
+        path = write_image(folder / f"{name}.jpg", frame.image)
+        raw_file, camera = f"{folder.name}/{path.name}", drive.camera_at(0.0)
+        entries.append(truth_entry(frame.truth, raw_file=raw_file, camera=camera, hidden=frame.hidden))
+        written.append(path)
+    write_truth_json(folder / "truth.json", DASHCAM, entries)
+    return [*written, folder / "truth.json"]
+
+
+def write_course_video(
+    folder: str | Path, name: str, *, seconds: float = VIDEO_SECONDS, progress: Progress | None = None
+) -> list[Path]:
+    """Write a video of VIDEOS with its truth and camera into a folder, `seconds` at most; see `write_video`."""
+    drive, length_s, crf = VIDEOS[name]
+    path = Path(folder) / f"{name}.mp4"
+    return write_video(path, drive=drive(), seconds=min(seconds, length_s), crf=crf, progress=progress)

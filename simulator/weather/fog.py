@@ -20,20 +20,11 @@ class Fog:
 
     5 % of an object's contrast is left at `visibility_m` (below 1000 m fog, up to 5000 m haze): Koschmieder's law of
     the contrast of distant objects. `colour` is the airlight of infinite fog, linear RGB; sunlit white paint is 1.
-
-    Raises
-    ------
-    ValueError
-        If the visibility is not positive.
     """
 
     visibility_m: float
     colour: tuple[float, float, float] = (0.50, 0.52, 0.55)
     height_m: float = 80.0
-
-    def __post_init__(self) -> None:
-        if self.visibility_m <= 0:
-            raise ValueError(f"visibility_m must be positive, not {self.visibility_m}.")
 
     def transmittance(self, distance_m: np.ndarray | float) -> np.ndarray:
         """Transmittance at distances of any shape: the share of contrast that is left."""

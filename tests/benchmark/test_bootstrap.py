@@ -1,11 +1,17 @@
-"""Intervals of shares: against the textbook, and against drawn drives."""
+"""Intervals of shares, and which systems are among the best: against the textbook, and on drawn drives."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from benchmark.bootstrap import frame_clusters, mean_interval, ratio_interval, share_interval, wilson_interval
+from benchmark.bootstrap import accuracy_interval, among_best, frame_clusters, share_interval, wilson_interval
+from benchmark.errors import FrameErrors
+from benchmark.scores import Result, score_rows, total_rows
+
+FRAMES = 100
 
 
 def drawn_drives(rng: np.random.Generator, *, drives: int = 30, frames: int = 50) -> tuple[np.ndarray, np.ndarray]:
@@ -24,22 +30,9 @@ def test_95_percent_of_the_intervals_contain_the_true_share():
     assert np.mean([low <= 0.8 <= high for low, high in by_frame]) < 0.6
 
 
-def test_independent_frames_get_the_interval_of_wilson():
-    flags = np.random.default_rng(1).uniform(size=2000) < 0.7
-    wilson = wilson_interval(flags.sum(), np.array(2000))
-    assert share_interval(flags, np.arange(2000)) == pytest.approx(wilson, abs=0.002)
-
-
 def test_drives_without_a_failure_have_an_interval():
     low, high = share_interval(np.ones(100, bool), np.arange(100) // 20)
     assert (low, high) == (pytest.approx(0.963, abs=1e-3), 1)
-
-
-def test_intervals_are_the_same_in_every_run_and_nan_without_values():
-    flags, clusters = drawn_drives(np.random.default_rng(0))
-    assert share_interval(flags, clusters) == share_interval(flags, clusters)
-    for interval in (share_interval, mean_interval, ratio_interval):
-        assert np.isnan(interval(np.zeros(0, bool), np.zeros(0, int))).all()
 
 
 def test_clusters_are_drives_and_seconds_of_a_single_drive():
@@ -54,7 +47,82 @@ def test_wilson_interval_is_that_of_the_textbook():
     assert high == pytest.approx([0.3662, 0.1605, 0.1611, 0.1718], abs=5e-5)
 
 
-def test_shares_of_0_and_1_are_inside_their_intervals():
-    count = np.arange(1, 300)
-    assert (wilson_interval(count, count)[1] == 1).all()
-    assert (wilson_interval(0 * count, count)[0] == 0).all()
+def result(correct: np.ndarray, *, scene: str = "a", system: str = "s", exists: bool = True) -> Result:
+    """A drive with these correct frames; all other lanes are confident and wrong."""
+    nothing = np.zeros(len(correct))
+    errors = FrameErrors(
+        exists=np.full(len(correct), exists),
+        available=np.ones(len(correct), bool),
+        confident=~correct if not exists else np.ones(len(correct), bool),
+        lateral_m=np.zeros((len(correct), 5)),
+        near_rms_m=np.where(correct, 0.1, 1.0),
+        full_rms_m=nothing,
+        in_picture_rms_m=nothing,
+        offset_m=nothing,
+        heading_rad=nothing,
+        curvature_per_m=nothing,
+        confidence=nothing,
+        time_ms=nothing,
+    )
+    return Result(scene, "hard", system, errors)
+
+
+def drives(shares: list[float], **names: str) -> list[Result]:
+    """A drive for each share of correct frames, the first ones of the drive."""
+    return [
+        result(np.arange(FRAMES) < share * FRAMES, scene=f"scene {number}", **names)
+        for number, share in enumerate(shares)
+    ]
+
+
+BEST = [1.0, 0.9, 0.95, 1.0, 0.9, 0.95, 1.0, 0.9]
+
+
+def test_worse_in_every_drive_is_significant():
+    worse = [share - 0.05 for share in BEST]
+    assert among_best([drives(worse), drives(BEST)]) == [False, True]
+
+
+def test_worse_in_one_of_eight_drives_is_not():
+    one_failure = [0.2, *BEST[1:]]
+    assert among_best([drives(BEST), drives(one_failure)]) == [True, True]
+    # although its frames, if they were independent, would decide it
+    failed, frames = 80, 800
+    assert failed / frames > 5 * np.sqrt(0.1 * 0.9 / frames)
+
+
+def test_the_same_drives_are_compared():
+    """Drives differ more than systems: unpaired intervals overlap, the difference is decided."""
+    shares = np.linspace(0.1, 0.9, 9)
+    first, second = drives(list(shares)), drives(list(shares - 0.05))
+    assert accuracy_interval(first)[0] < accuracy_interval(second)[1]
+    assert among_best([first, second]) == [True, False]
+
+
+def test_a_single_drive_is_divided_into_seconds():
+    # 0.2 s of failures in one of ten seconds are not significant, 0.2 s in each are
+    once, always = np.ones(250, bool), np.ones(250, bool)
+    once[:5], always[np.arange(250) % 25 < 5] = False, False
+    systems = [[result(np.ones(250, bool))], [result(once)], [result(always)]]
+    assert among_best(systems) == [True, True, False]
+    low, high = accuracy_interval(systems[1])
+    assert low < 245 / 250 < high
+
+
+def test_without_a_lane_the_fewest_confident_and_wrong_frames_are_best():
+    quiet, false = (result(np.full(100, quiet), exists=False) for quiet in (True, False))
+    assert among_best([[false], [quiet]]) == [False, True]
+    assert np.isnan(accuracy_interval([false])).all()
+
+
+def test_rows_have_the_interval_and_the_mark():
+    results = [
+        one for pair in zip(drives(BEST, system="good"), drives([0.0] * 8, system="bad"), strict=True) for one in pair
+    ]
+    good, bad = total_rows(results)
+    assert (good["among_best"], bad["among_best"]) == (1, 0)
+    assert good["accuracy"] == pytest.approx(0.95)
+    assert good["accuracy_low"] < 0.95 < good["accuracy_high"]
+    assert [row["among_best"] for row in score_rows(results)] == [1, 0] * 8
+    alone = score_rows([replace(results[0], scene="alone")])
+    assert np.isnan(alone[0]["among_best"])

@@ -7,27 +7,30 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmark.consistency import QUANTITIES, consistency, normalize_errors
+from benchmark.consistency import (
+    QUANTITIES,
+    consistency,
+    consistency_rows,
+    consistency_table,
+    normalize_errors,
+)
 from benchmark.errors import LaneTruth
 from benchmark.estimates import AHEAD_M, DriveEstimates
-from benchmark.reporting.consistency_table import consistency_rows, consistency_table, describe_consistency
-from benchmark.result import Result
+from benchmark.scores import Result
 from lanes.files import write_telemetry
+from tests.benchmark.test_bootstrap import result
 from tests.benchmark.test_errors import lines_through
-from tests.benchmark.test_significance import result
+from tests.benchmark.test_errors import truth as truth_of_frames
 
-N, WIDTH = 4000, 3.6
+N = 4000
 STD = np.array([0.03, 0.004, 3e-4, 0.04])
 CORRELATION = np.eye(4)
 CORRELATION[1, 2] = CORRELATION[2, 1] = -0.9
 COVARIANCE = CORRELATION * np.outer(STD, STD)
 
 
-def truth(offset_m: float = 0.2) -> LaneTruth:
-    at_car = np.array([WIDTH / 2, -WIDTH / 2]) - offset_m
-    every = np.ones(N)
-    lines = np.broadcast_to(at_car[:, None] + 0.001 * AHEAD_M**2, (N, 2, len(AHEAD_M))).copy()
-    return LaneTruth(lines, np.outer(every, at_car), offset_m * every, 0.0 * every, 0.002 * every, WIDTH * every)
+def truth() -> LaneTruth:
+    return truth_of_frames(0.2, heading_rad=0.0, frames=N)
 
 
 def estimates(lane: LaneTruth, *, stated: float = 1.0) -> DriveEstimates:
@@ -102,23 +105,6 @@ def named(scene: str, system: str, stated: float) -> Result:
     return replace(result(np.ones(3, bool), scene=scene, system=system), normalized=normalized)
 
 
-def test_rows_and_table():
-    results = [
-        named("a", "tracker", 1.0),
-        replace(named("a", "recipe", 1.0), normalized=None),
-        named("b", "tracker", 0.5),
-    ]
-    rows = consistency_rows(results)
-    assert [(row["scene"], row["system"]) for row in rows] == [(s, "tracker") for s in ("a", "b", "all hard")]
-    # the mean square of both: 1 and 4
-    assert rows[-1]["offset_z_rms"] == pytest.approx(np.sqrt(2.5), rel=0.03)
-    table = describe_consistency(results[:1])
-    lines = {line[:16].strip(): line[16:].split() for line in table.splitlines()[:14]}
-    assert table.splitlines()[0].strip() == "hard tracker"
-    assert lines["offset"][-1] in {f"{a}/{b}" for a in (67, 68, 69) for b in (94, 95, 96)}
-    assert describe_consistency(results[1:2]) == ""
-
-
 def test_table_of_a_file(tmp_path):
     rows = consistency_rows([named("a", "tracker", 1.0), named("b", "tracker", 0.5)])
     header, rule, line = consistency_table(write_telemetry(tmp_path / "consistency.csv", rows)).splitlines()
@@ -128,10 +114,3 @@ def test_table_of_a_file(tmp_path):
     assert float(cells[4].split()[0]) == pytest.approx(np.sqrt(2.5), rel=0.03)
     with pytest.raises(ValueError, match="not a table"):
         consistency_table(write_telemetry(tmp_path / "other.csv", [{"scene": "a", "accuracy": 1.0}]))
-
-
-def test_the_table_of_the_suite_fits_the_terminal():
-    one = named("a", "tracker", 1.0)
-    groups = [(d, s) for d in ("clean", "medium", "hard") for s in ("tracker", "detector")]
-    table = describe_consistency([replace(one, difficulty=d, system=s) for d, s in groups])
-    assert max(map(len, table.splitlines())) <= 120

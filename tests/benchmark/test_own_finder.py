@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmark import evaluation
 from benchmark.estimates import ALONG_M
 from benchmark.evaluation import score_video
 from benchmark.own_finder import estimate_from_lines, load_finder
@@ -99,9 +98,3 @@ def test_the_score_of_the_truth_is_full_and_of_a_shifted_lane_is_none():
     row = score_video(VIDEO, finder(0.0), end_s=2, every=5, name="truth")
     assert (row["system"], row["frames"], row["accuracy"]) == ("truth", 10, 1.0)
     assert score_video(VIDEO, finder(0.4), end_s=2, every=5, name="shifted")["accuracy"] == 0
-
-
-def test_a_result_of_every_fifth_frame_has_a_fifth_of_the_rate(monkeypatch):
-    monkeypatch.setattr(evaluation, "score_rows", lambda results: results)
-    result = score_video(VIDEO, lambda image, camera: None, end_s=1, every=5)
-    assert (len(result.errors.exists), result.fps) == (5, pytest.approx(5.0))

@@ -10,13 +10,13 @@ import pytest
 from benchmark.errors import LaneTruth, frame_errors
 from benchmark.estimates import AHEAD_M, ALONG_M, DriveEstimates, LaneEstimate
 from benchmark.systems import SYSTEMS, column_detector, recipe_estimate, start_system
-from classic.result import LaneResult, RoadLine
+from classic.fit import RoadLine
 from lanes.camera import Camera
-from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.road import CENTRE, HEADING
-from lanes.detect.search import find_lane
+from lanes.stills import find_lane
 from simulator.rendering.drive import Motion
 from simulator.road.truth import truth_row
+from tests.support.classic_lane import lane_result
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
 
 SMALL = CAMERA.scaled((640, 360))
@@ -64,7 +64,7 @@ def test_stills_give_columns_of_the_raw_picture(system):
 
 
 def test_stated_uncertainties_are_those_of_the_lane():
-    lane = find_lane(DRIVE.frame(0.0), BirdsEyeView(SMALL))
+    lane = find_lane(DRIVE.frame(0.0), SMALL)
     estimate = estimator("detector")(DRIVE.frame(0.0))
     stds = lane.offset_std_m, lane.heading_std_rad, lane.curvature_std_per_m, lane.width_std_m
     assert np.sqrt(np.diag(estimate.covariance)) == pytest.approx(stds)
@@ -82,18 +82,13 @@ def test_the_detector_has_no_memory():
 
 
 def test_estimates_of_a_recipe_have_the_signs_of_the_conventions():
-    lane = LaneResult(None, None, RoadLine(1.6, 0.05, 0.002), RoadLine(-2.0, 0.05, 0.002), "kept", None)
+    lane = lane_result(RoadLine(1.6, 0.05, 0.002), RoadLine(-2.0, 0.05, 0.002), "kept")
     estimate = recipe_estimate(lane)
     assert estimate.offset_m == pytest.approx(0.2)
     assert estimate.heading_rad == pytest.approx(np.arctan(0.05))
     assert estimate.curvature_per_m == pytest.approx(0.002, rel=0.01)
     assert estimate.lines_m[:, ALONG_M == 10].ravel() == pytest.approx([10.0, 2.2, 10.0, -1.4])
     assert estimate.confidence is None
-
-
-def test_one_line_is_no_lane():
-    estimate = recipe_estimate(LaneResult(None, None, RoadLine(1.6, 0, 0), None, "lost", None))
-    assert (estimate.lines_m, estimate.offset_m, estimate.curvature_per_m) == (None, None, None)
 
 
 def test_unknown_systems_are_refused():

@@ -32,12 +32,6 @@ def test_camera_file_round_trip(tmp_path, content):
     assert loaded.report == camera.report
 
 
-def test_a_pose_from_one_picture_says_so_in_the_file(tmp_path, content):
-    assert "same_lane_share" not in content["pose"]
-    camera = DASHCAM.with_pose(replace(DASHCAM.require_pose(), same_lane_share=0.2))
-    assert load_camera(save_camera(camera, tmp_path / "camera.yaml")).pose == camera.pose
-
-
 def test_camera_file_without_pose_and_report(tmp_path):
     loaded = load_camera(save_camera(Camera.from_fov((640, 480), 60), tmp_path / "camera.yaml"))
     assert loaded.pose is None and loaded.report is None
@@ -48,14 +42,10 @@ def test_block_of_the_pose_is_called_pose_and_the_older_name_mount_is_read(tmp_p
     older = content | {"mount": content["pose"]}
     del older["pose"]
     assert load_camera(write(tmp_path / "older.yaml", older)).pose == DASHCAM.pose
+    older["mount"]["same_lane_share"] = 0.4  # of a pose from one still
+    assert load_camera(write(tmp_path / "still.yaml", older)).pose == DASHCAM.pose
     both = content | {"mount": {"height_m": 9.0}}
     assert load_camera(write(tmp_path / "both.yaml", both)).pose == DASHCAM.pose
-
-
-def test_an_invalid_pose_under_the_older_name_is_refused(tmp_path, content):
-    content["mount"] = content.pop("pose") | {"height_m": 1300}
-    with pytest.raises(CameraError, match=r"camera\.yaml: is not a usable camera file \(a camera 1300\.00 m high"):
-        load_camera(write(tmp_path / "camera.yaml", content))
 
 
 def test_camera_file_has_the_layout_of_ros(content):
@@ -97,7 +87,7 @@ def test_missing_entry_is_named(tmp_path, content, entry):
         ("pose", {"height": 1.3}),
         ("pose", {"height_m": 1.3, "pitch_rad": 3.0}),
         ("pose", {"height_m": 1300}),
-        ("pose", {"height_m": 1.3, "same_lane_share": 1.1}),
+        ("pose", {"height_m": 1.3, "tilt_rad": 0.1}),
         ("calibration", {"rms_px": 0.3, "board_rms_px": {"a.jpg": "good"}, "date": 1}),
         ("calibration", 3),
     ],

@@ -10,7 +10,7 @@ import pytest
 
 from lanes.camera import Camera, CameraPose, load_camera, save_camera
 from lanes.images import write_image
-from lanes.sources import pick_pictures
+from lanes.sources import sample_images
 from lanes.video.writer import VideoWriter
 from tests.support.command_line import main
 from tests.support.painted_roads import paint_motorway
@@ -65,8 +65,8 @@ def test_part_of_a_video_and_a_measured_height(drive, tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "from 3 of 3 pictures" in printed
     assert "offset and lane width to be good to 1 cm, distances and curvature likewise" in printed
-    pictures = list(pick_pictures([drive / "drive.mp4"], 40, start_s=1.0, end_s=2.5))
-    for got, expected in zip(pictures, list(pick_pictures([drive / "drive.mp4"], 40))[2:5], strict=True):
+    pictures = list(sample_images([drive / "drive.mp4"], 40, start_s=1.0, end_s=2.5))
+    for got, expected in zip(pictures, list(sample_images([drive / "drive.mp4"], 40))[2:5], strict=True):
         np.testing.assert_array_equal(got, expected)
     assert run("--camera", lens, "--start", 3, drive / "drive.mp4") == 2
     assert "drive.mp4: lasts 3 s; begin before that" in capsys.readouterr().err
@@ -76,10 +76,10 @@ def test_part_of_a_video_and_a_measured_height(drive, tmp_path, capsys):
 
 def test_pictures_are_spread_over_stills_and_video(drive):
     files = [drive / "still0.jpg", drive / "drive.mp4", drive / "still1.jpg"]
-    pictures = list(pick_pictures(files, 40))
+    pictures = list(sample_images(files, 40))
     assert len(pictures) == 8
     # Four samples of the video are 0.75 s apart. At 0.75 s and 1.5 s it shows its third and fourth frame.
-    few = list(pick_pictures(files, 4))
+    few = list(sample_images(files, 4))
     assert len(few) == 4
     for got, expected in zip(few, (0, 3, 4, 7), strict=True):
         np.testing.assert_array_equal(got, pictures[expected])

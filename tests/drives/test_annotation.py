@@ -183,7 +183,7 @@ def test_pictures_that_disagree_name_the_option_for_several_cameras(tmp_path):
     lens = SMALL.with_pose(None)
     with pytest.raises(PoseError, match="several cameras, annotate them with --each"):
         annotate_stills(pictures, DriveSettings(output=tmp_path / "out", camera=lens))
-    few = PoseEstimate(CameraPose(1.3), 0.1, 0.01, 0.01, 0.01, 5, 20, 3.66)
+    few = PoseEstimate(Camera.from_fov((640, 360), 60, CameraPose(1.3)), 0.1, 0.01, 0.01, 0.01, 5, 20, 3.66)
     assert "--each" in StillsResult((), tmp_path / "t.csv", 0, few).describe()
     assert "--each" not in StillsResult((), tmp_path / "t.csv", 0, replace(few, frames_used=15)).describe()
     with pytest.raises(PictureError, match="is 640x360 pixels, but the camera is that of pictures of 480x270"):

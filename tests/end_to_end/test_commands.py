@@ -16,7 +16,7 @@ import pytest
 from lanes.camera import load_camera, save_camera
 from lanes.files import read_telemetry
 from lanes.images import read_image, write_image
-from lanes.video.reader import inspect_video, read_frames
+from lanes.video.reader import inspect_video, read_video
 from tests.support.clips import write_drive
 from tests.support.command_line import PROGRAMS, process
 from tests.support.painted_drive import BENDS, CAMERA, SMALL
@@ -196,7 +196,7 @@ def test_simulator(tmp_path):
     assert status == 0, err
     assert "project_video.mp4" in out and "3 files" in out
     videos = tmp_path / "test_videos", ROOT / "test_videos"
-    again, committed = (next(read_frames(folder / "project_video.mp4")).astype(int) for folder in videos)
+    again, committed = (next(read_video(folder / "project_video.mp4")).astype(int) for folder in videos)
     # A single frame is compressed slightly differently from the first of ten seconds.
     assert np.abs(again - committed).mean() < 2
     rows = [(folder / "project_video.csv").read_text().splitlines()[:2] for folder in videos]

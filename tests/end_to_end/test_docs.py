@@ -18,7 +18,7 @@ from tests.support.project import ROOT
 MODULES = {name: f"lanes.cli.{name}" for name in COMMANDS} | {
     name: f"{name}.__main__" for name in ("benchmark", "simulator")
 }
-MODULES |= {name: name for name in ("tools.ablation", "tools.perfect_evidence")}
+MODULES |= {"tools.ablation": "tools.ablation"}
 # Options of git, pip, helm, Dask, nbconvert, pytest and pre-commit.
 OF_OTHERS = {
     "--require-hashes",

@@ -12,10 +12,9 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.search import find_lane
 from lanes.draw import draw_tracked
 from lanes.images import opencv_threads
+from lanes.stills import find_lane
 from lanes.track.tracker import TRACKING, LaneTracker, TrackedLane
 from simulator.rendering.drive import Motion
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
@@ -71,9 +70,8 @@ def test_a_tracked_frame_costs_less_than_undistorting_it():
 
 def test_a_still_costs_about_two_undistortions():
     """1.8 to 2.0, also during another test; 2.14 once, while BLAS used several threads."""
-    view = BirdsEyeView(CAMERA)
 
     def work(image: np.ndarray) -> None:
-        draw_tracked(image, TrackedLane.from_still(find_lane(image, view)), CAMERA, onto=image)
+        draw_tracked(image, TrackedLane.from_still(find_lane(image, CAMERA)), CAMERA, onto=image)
 
     assert undistorts(lambda: work, PICTURES[: FRAMES // 2]) < 2.2

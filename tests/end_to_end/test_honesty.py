@@ -18,8 +18,8 @@ import pytest
 
 from benchmark.errors import CONFIDENT, FrameErrors
 from benchmark.reporting.tables import read_scores
+from benchmark.scored_drive import COMMITTED
 from benchmark.scores import Row
-from benchmark.suite_drives import COMMITTED
 from benchmark.systems import TRACKER
 from lanes.camera import Camera, CameraPose
 from lanes.track.tracker import LaneTracker

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmark.errors import FrameErrors
-from benchmark.suite_drives import COMMITTED, list_drives
+from benchmark.scored_drive import COMMITTED, list_drives
 from tests.end_to_end.reference import MEASURES, REFERENCE, measure, worse_than
 from tests.end_to_end.test_honesty import PROMISED
 

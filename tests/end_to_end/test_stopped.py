@@ -22,7 +22,7 @@ from lanes.images import read_image, write_image
 from lanes.video.reader import inspect_video
 from lanes.video.writer import VideoWriter
 from simulator.rendering import video
-from simulator.scenes.project_video import project_video
+from simulator.scenes.motorway import project_video
 from tests.support.clips import write_drive
 from tests.support.painted_drive import BENDS
 from tests.support.project import ROOT

@@ -11,11 +11,10 @@ import pytest
 
 from lanes import figures as panels
 from lanes.camera import Camera
-from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.road import CENTRE, lateral_std_m
-from lanes.detect.search import find_lane
 from lanes.errors import PictureError
-from lanes.explain import Explanation, explain_frame, stripes_on_lines
+from lanes.explain import Explanation, explain, stripes_on_lines
+from lanes.stills import detect_still, detect_with_own_pose, find_lane
 from tests.support.painted_roads import ASPHALT, YELLOW, Road, dashcam
 
 CAMERA = dashcam(width=1280)
@@ -45,7 +44,7 @@ def parallel_lines(*lateral_m: float, dash_m: tuple[float, float] | None = None)
 
 @pytest.fixture(scope="module")
 def good() -> Explanation:
-    return explain_frame(lane_road().image(), CAMERA)
+    return explain(lane_road().image(), CAMERA)
 
 
 def grey(level: float, noise: float = 2.0) -> np.ndarray:
@@ -55,7 +54,7 @@ def grey(level: float, noise: float = 2.0) -> np.ndarray:
 
 class TestGoodPicture:
     def test_lane_equals_that_of_find_lane(self, good):
-        lane = find_lane(good.image, BirdsEyeView(CAMERA))
+        lane = find_lane(good.image, CAMERA)
         assert good.lane.offset_m == lane.offset_m == pytest.approx(OFFSET_M, abs=0.03)
         assert [step.name for step in good.steps] == STEPS
         assert good.failed is None
@@ -125,14 +124,6 @@ FAILURES = {
         "lane",
         r"look [23]\.\d deg farther down",
     ),
-    "doubtful pose": (
-        lambda: (
-            parallel_lines(1.1, -2.5, dash_m=(3.0, 9.0)).image(),
-            CAMERA.with_pose(replace(CAMERA.require_pose(), same_lane_share=0.1)),
-        ),
-        "lane",
-        "only 10% of the camera poses",
-    ),
     "wrong yaw": (
         lambda: (lane_road(dashcam(width=1280, yaw_rad=-0.08)).image(), dashcam(width=1280, yaw_rad=0.0)),
         "lane",
@@ -151,7 +142,7 @@ FAILURES = {
 def test_failure_has_step_reason_and_advice(name):
     make, step, reason = FAILURES[name]
     image, camera = make()
-    explanation = explain_frame(image, camera)
+    explanation = explain(image, camera)
     assert explanation.failed.name == step
     assert re.search(reason, explanation.failed.failure)
     assert explanation.failed.advice.endswith(".")
@@ -160,8 +151,23 @@ def test_failure_has_step_reason_and_advice(name):
     assert f"failed at  {step}: " in explanation.describe()
 
 
+def test_a_lane_that_few_poses_show_is_doubtful():
+    image = parallel_lines(1.1, -2.5, dash_m=(3.0, 9.0)).image()
+    found = detect_with_own_pose(image, CAMERA, 0.0)
+    doubtful = replace(found, lane=replace(found.lane, same_lane_share=0.1))
+    explanation = explain(image, CAMERA, detection=doubtful)
+    assert explanation.failed.name == "lane" and "only 10% of the camera poses" in explanation.failed.failure
+
+
+def test_a_detection_that_is_given_is_not_made_again(monkeypatch):
+    image = lane_road().image()
+    found = detect_still(image, CAMERA)
+    monkeypatch.delattr("lanes.explain.detect_still")
+    assert explain(image, CAMERA, detection=found).lane is found.lane
+
+
 def test_assumed_pose_is_the_failed_step():
-    explanation = explain_frame(lane_road().image(), CAMERA, pose_failure="no parallel lines were seen.")
+    explanation = explain(lane_road().image(), CAMERA, pose_failure="no parallel lines were seen.")
     assert explanation.failed.name == "pose"
     assert explanation.failed.failure == "no parallel lines were seen."
     assert explanation.evidence is not None and explanation.lane is None
@@ -170,9 +176,9 @@ def test_assumed_pose_is_the_failed_step():
 
 def test_wrong_pictures_are_rejected():
     with pytest.raises(PictureError, match="is 640x360 pixels"):
-        explain_frame(np.zeros((360, 640, 3), np.uint8), CAMERA)
+        explain(np.zeros((360, 640, 3), np.uint8), CAMERA)
     with pytest.raises(ValueError, match="no pose"):
-        explain_frame(grey(100), replace(CAMERA, pose=None))
+        explain(grey(100), replace(CAMERA, pose=None))
 
 
 @pytest.mark.slow
@@ -197,7 +203,7 @@ class TestFigure:
     @pytest.mark.parametrize("name", ["black", "sky", "spots", "far paint"])
     def test_failures_are_shown_in_red(self, name):
         image, camera = FAILURES[name][0]()
-        explanation = explain_frame(image, camera)
+        explanation = explain(image, camera)
         figure, axes = panels.show_explanation(explanation)
         figure.canvas.draw()
         red = [n for n, axis in enumerate(axes) if axis.title.get_color() == "firebrick"]
@@ -208,7 +214,8 @@ class TestFigure:
     def test_a_lane_beside_the_view_is_drawn_too(self, good):
         model = good.lane.model.copy()
         model[CENTRE] = 40.0
-        aside = replace(good, lane=replace(good.lane, model=model))
+        lane = replace(good.lane, model=model)
+        aside = replace(good, detection=replace(good.detection, lane=lane))
         _, axes = panels.show_explanation(aside)
         labels = [text.get_text() for text in axes[6].get_legend().get_texts()]
         assert len(labels) == 2 and not any("±" in label for label in labels)
@@ -218,9 +225,9 @@ def test_a_faint_lane_is_explained_with_the_response_that_found_it():
     """The band filter finds none here, so evidence, votes, fit and lane are those of the network."""
     camera, faint = dashcam(width=640), {"colour": tuple(np.add(ASPHALT, 8))}
     road = Road(camera, noise=5.0).line(lambda x: 1.8 + 0 * x, **faint).line(lambda x: -1.8 + 0 * x, **faint)
-    explanation = explain_frame(road.image(), camera)
+    explanation = explain(road.image(), camera)
     assert explanation.evidence.response.learned
     assert "probability of paint" in explanation.steps[3].summary
-    np.testing.assert_array_equal(explanation.lane.model, find_lane(road.image(), BirdsEyeView(camera)).model)
+    np.testing.assert_array_equal(explanation.lane.model, find_lane(road.image(), camera).model)
     assert explanation.candidates[0].chosen
     assert np.abs(explanation.candidates[0].model - explanation.lane.centres).max() < 0.05

@@ -176,7 +176,7 @@ def test_markers_without_content_are_refused(tmp_path):
     ids=["gray", "rgba", "float", "list", "none"],
 )
 def test_only_rgb_is_written(tmp_path, wrong):
-    with pytest.raises(PictureError, match="expected an RGB picture"):
+    with pytest.raises(PictureError, match="expected an RGB image"):
         write_image(tmp_path / "a.png", wrong)
     assert not any(tmp_path.iterdir())
 

@@ -44,7 +44,7 @@ def test_pose_of_one_picture_says_that_it_is_from_edges_and_that_the_height_is_a
     assert abs(estimate.pose.height_m - 1.5) < 2 * estimate.height_std_m
     assert estimate.height_std_m / estimate.pose.height_m == pytest.approx(PRIOR_HEIGHT_LOG_STD)
     assert "(assumed)" in estimate.describe() and "vanishing point of all its edges" in estimate.notes[0]
-    assert "25% (the height is assumed)" in describe_accuracy(estimate, camera)
+    assert "25% (the height is assumed)" in describe_accuracy(estimate)
     assert estimate_pose([paint_street(camera)], camera, height_m=1.6).pose.height_m == 1.6
 
 

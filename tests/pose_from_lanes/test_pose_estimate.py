@@ -11,7 +11,7 @@ import pytest
 from lanes.camera import Camera, CameraPose, camera_from_dict
 from lanes.errors import PictureError, PoseError
 from lanes.images import read_image, write_image
-from lanes.pose import estimate_camera_pose, estimate_pose
+from lanes.pose import estimate_pose
 from tests.support.painted_roads import paint_motorway
 from tests.support.project import REAL_DATA, ROOT
 from tests.support.static_objects import draw_guide_lines, draw_striped_bonnet
@@ -52,7 +52,7 @@ def test_straight_drive_gives_all_four_numbers(straight):
     assert_near(estimate, TRUE_POSE, pitch_deg=0.1, yaw_deg=0.3, roll_deg=0.2, height_m=0.03)
     assert estimate.frames_used == estimate.frames_total == 6
     assert estimate.notes == ()
-    assert estimate.pose.same_lane_share is None
+    assert estimate.still is None and estimate.camera.pose is estimate.pose
 
 
 def test_bends_to_one_side_do_not_bias_the_angles():
@@ -100,7 +100,7 @@ def test_one_still_is_enough_and_says_what_it_cannot_tell():
     estimate = estimate_pose([still], CAMERA)
     assert_near(estimate, TRUE_POSE, pitch_deg=0.4, yaw_deg=0.8, roll_deg=1.0, height_m=0.1)
     assert any("heading" in note for note in estimate.notes)
-    assert estimate.pose.same_lane_share == 1.0
+    assert estimate.still.lane.same_lane_share == 1.0 and estimate.still.camera is estimate.camera
     assert estimate.yaw_std_rad > np.radians(0.5)
 
 
@@ -141,7 +141,7 @@ def test_two_runs_agree_and_progress_counts(straight):
     images, seen = straight[:2], []
     first = estimate_pose(images, CAMERA, progress=lambda done, total: seen.append((done, total)))
     assert seen == [(1, 2), (2, 2)]
-    assert estimate_pose(iter(images), CAMERA) == first
+    assert estimate_pose(iter(images), CAMERA).describe() == first.describe()
 
 
 def test_description_words_the_signs(straight):
@@ -200,7 +200,7 @@ def test_a_picture_of_another_size_is_named_by_its_file(tmp_path):
     write_image(tmp_path / "first.png", unmarked())
     write_image(tmp_path / "second.png", np.zeros((721, 1281, 3), np.uint8))
     with pytest.raises(PictureError, match=r"second\.png: is 1281x721"):
-        estimate_camera_pose(CAMERA, tmp_path)
+        estimate_pose(tmp_path, CAMERA)
 
 
 STILLS = ROOT / "test_images"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -17,9 +16,9 @@ from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.lane import Lane, LineObservation
 from lanes.detect.residuals import ROAD_M
 from lanes.detect.road import LIMIT, SIDES, WIDTH, line_points, line_y
-from lanes.detect.search import find_lane
 from lanes.detections import LaneDetector
 from lanes.errors import CameraError
+from lanes.stills import detect_still, detect_with_own_pose, find_lane
 from lanes.track.tracker import LOST, LaneTracker, TrackedLane
 from tests.support.any_pictures import SIZES, camera_of, pictures
 from tests.support.examples import examples
@@ -29,12 +28,6 @@ X_M = np.array([5.0, 15.0, 30.0])
 ALONG_M = np.linspace(0.0, 100.0, 5001)
 FPS = 20.0
 view_of = cache(lambda size: BirdsEyeView(camera_of(size)))
-# as if the pose had been estimated from the same picture: the stripes come from the network
-own_pose_view_of = cache(
-    lambda size: BirdsEyeView(
-        camera_of(size).with_pose(replace(camera_of(size).require_pose(), same_lane_share=1.0)),
-    )
-)
 tracker_of = cache(lambda size: LaneTracker(camera_of(size), fps=FPS))
 finder_of = cache(lambda name, size: LaneFinder(get_recipe(name, size), camera_of(size)))
 
@@ -70,10 +63,11 @@ def assert_sound(tracked: TrackedLane, size: tuple[int, int]) -> None:
 
 
 @examples(50)
-@given(pictures(), st.sampled_from([view_of, own_pose_view_of]))
-def test_the_detector_accepts_any_still(image, some_view_of):
+@given(pictures())
+def test_the_detector_accepts_any_still(image):
     size = size_of(image)
-    assert_sound(TrackedLane.from_still(find_lane(image, some_view_of(size))), size)
+    for found in (detect_still(image, camera_of(size)), detect_with_own_pose(image, camera_of(size), 0.2)):
+        assert_sound(TrackedLane.from_still(found.lane), size)
     json.dumps(LaneDetector(camera_of(size), np.arange(size[1])).detect(image), allow_nan=False)
 
 
@@ -107,7 +101,7 @@ def test_the_smallest_size_is_the_documented_one():
     assert all(view_of(size).seen.any() for size in SIZES)
     for size in [(1, 1), (2, 1), (1, 720), (3, 1)]:
         with pytest.raises(CameraError, match="sees no road between 5 and 70 m ahead"):
-            find_lane(np.zeros((size[1], size[0], 3), np.uint8), BirdsEyeView(camera_of(size)))
+            find_lane(np.zeros((size[1], size[0], 3), np.uint8), camera_of(size))
 
 
 @examples(100)

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from benchmark.suite_drives import list_drives
+from benchmark.scored_drive import list_drives
 from lanes.camera import Camera, load_camera
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.lane import Lane
 from lanes.detect.paint import marking_response
-from lanes.detect.search import find_lane
+from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker
-from lanes.video.reader import read_frames
+from lanes.video.reader import read_video
 from tests.support.any_pictures import camera_of, pictures
 from tests.support.examples import examples
 from tests.support.painted_drive import BENDS, SMALL
@@ -66,13 +66,13 @@ def rendered_stills() -> Iterator[tuple[str, Camera, np.ndarray]]:
         if drive.video:
             camera = load_camera(drive.video.with_suffix(".yaml"))
             for n, second in enumerate((0.0, 1.5, 3.0)):
-                yield f"{name} {n}", camera, next(read_frames(drive.video, start_s=second))
+                yield f"{name} {n}", camera, next(read_video(drive.video, start_s=second))
 
 
 def test_rendered_stills():
     for _, camera, image in rendered_stills():
-        lane = find_lane(image, BirdsEyeView(camera))
-        assert_mirrored(lane, find_lane(flip(image), BirdsEyeView(mirrored(camera))))
+        lane = find_lane(image, camera)
+        assert_mirrored(lane, find_lane(flip(image), mirrored(camera)))
 
 
 def test_a_painted_drive_is_tracked_alike():

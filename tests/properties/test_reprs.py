@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from lanes.camera import CalibrationReport, Camera, CameraPose
-from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.search import find_lane
 from lanes.pose import PoseEstimate
+from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker, TrackedLane
 from tests.support.painted_roads import YELLOW, Road, dashcam
 
@@ -33,7 +32,7 @@ def rows_of(html: str) -> dict[str, str]:
 
 
 def test_a_lane_gives_the_offset_and_the_bend(picture):
-    lane = find_lane(picture, BirdsEyeView(CAMERA))
+    lane = find_lane(picture, CAMERA)
     assert re.fullmatch(
         r"Lane\(0\.3[3-7] ± 0\.\d\d m right of centre, bends left, R (39|40|41)0 m, 3\.\d\d ± 0\.\d\d m wide\)",
         repr(lane),
@@ -46,7 +45,7 @@ def test_a_lane_gives_the_offset_and_the_bend(picture):
 
 def test_an_invisible_line_is_marked_as_inferred():
     only_left = Road(CAMERA).line(lambda x: 1.8 + 0 * x).image()
-    lane = find_lane(only_left, BirdsEyeView(CAMERA))
+    lane = find_lane(only_left, CAMERA)
     assert lane.summary()["right line"].endswith("inferred from other lines")
 
 
@@ -86,7 +85,7 @@ def test_the_field_of_view_is_the_one_asked_for(hfov_deg):
 
 def test_a_pose_comes_with_standard_deviations_and_notes():
     pose = CameraPose(1.32, np.radians(-1.8), np.radians(-1.36), 0.0)
-    estimate = PoseEstimate(pose, 0.04, 0.001, 0.002, 0.0175, 12, 40, 3.66, ("roll <unknown>",))
+    estimate = PoseEstimate(CAMERA.with_pose(pose), 0.04, 0.001, 0.002, 0.0175, 12, 40, 3.66, ("roll <unknown>",))
     assert repr(estimate).startswith("PoseEstimate(height 1.32 ± 0.04 m (lane 3.66 m wide), pitch -1.80 ± 0.06 deg, ")
     rows = rows_of(estimate._repr_html_())
     assert rows["roll"] == "0.00 ± 1.00 deg"

@@ -34,11 +34,11 @@ COLOUR_FUNCTIONS = {
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [
-        (np.zeros((40, 40), np.uint8), r"expected an RGB picture .* got shape \(40, 40\), dtype uint8"),
-        (np.zeros((40, 40, 4), np.uint8), r"expected an RGB picture .* got shape \(40, 40, 4\)"),
-        (np.zeros((40, 40, 3)), "expected an RGB picture .* dtype float64"),
+        (np.zeros((40, 40), np.uint8), r"expected an RGB image .* got shape \(40, 40\), dtype uint8"),
+        (np.zeros((40, 40, 4), np.uint8), r"expected an RGB image .* got shape \(40, 40, 4\)"),
+        (np.zeros((40, 40, 3)), "expected an RGB image .* dtype float64"),
         (np.zeros((0, 40, 3), np.uint8), r"holds no pixels \(shape \(0, 40, 3\)\)"),
-        (None, "expected an RGB picture .* got NoneType"),
+        (None, "expected an RGB image .* got NoneType"),
     ],
     ids=["gray", "rgba", "float", "empty", "none"],
 )

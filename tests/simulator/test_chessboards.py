@@ -1,4 +1,4 @@
-"""Rendered chessboards: their ground truth is checked against the pictures by independent means."""
+"""Rendered chessboards: their ground truth is checked against the images by independent means."""
 
 import json
 
@@ -33,10 +33,6 @@ def test_twenty_boards_with_three_cut_and_two_larger(truth):
         assert read_image(BOARDS / name).shape == (board["height"], board["width"], 3)
 
 
-def test_pictures_are_light_enough_for_git():
-    assert sum(path.stat().st_size for path in BOARDS.iterdir()) < 3_000_000
-
-
 def test_truth_holds_the_camera(truth):
     camera = camera_from_dict(truth["camera"])
     np.testing.assert_array_equal(camera.matrix, DASHCAM.matrix)
@@ -64,25 +60,6 @@ def test_true_corners_are_at_the_corners_of_the_picture(truth, number):
     assert np.abs(moved.mean(axis=0)).max() < 0.05
 
 
-@pytest.mark.parametrize("number", [3, 7, 13])
-def test_undistorted_corners_are_a_flat_grid_in_perspective(number):
-    corners = DASHCAM.undistort_points(true_corners(BOARD_VIEWS[number - 1]))
-    y, x = np.mgrid[:6, :9]
-    plane = np.column_stack([x.ravel(), y.ravel()]).astype(float)
-    perspective, _ = cv2.findHomography(plane, corners)
-    seen = cv2.perspectiveTransform(plane.reshape(-1, 1, 2), perspective).reshape(-1, 2)
-    np.testing.assert_allclose(seen, corners, atol=1e-3)
-
-
-def test_views_differ_enough_to_determine_the_lens():
-    """Boards are turned to all four sides, in all four quarters of the picture, near and far."""
-    turns, tilts = np.array([v.turn_deg for v in BOARD_VIEWS]), np.array([v.tilt_deg for v in BOARD_VIEWS])
-    assert min(turns.max(), -turns.min(), tilts.max(), -tilts.min()) > 25
-    quarters = {(v.u > 640, v.v > 360) for v in BOARD_VIEWS}
-    assert len(quarters) == 4
-    assert max(v.span_px for v in BOARD_VIEWS) > 3 * min(v.span_px for v in BOARD_VIEWS)
-
-
 def test_committed_picture_is_reproduced():
     again = render_board(BOARD_VIEWS[10], seed=11)
     committed = read_image(BOARDS / "calibration11.jpg")
@@ -96,17 +73,6 @@ def test_picture_depends_on_the_seed_only():
     assert (first != other).mean() > 0.3
 
 
-def test_edges_of_squares_have_the_blur_of_a_lens():
-    """The transition from black to white takes 2 to 4 pixels."""
-    image = render_board(BOARD_VIEWS[0], seed=1)[..., 1].astype(float)
-    a, b = true_corners(BOARD_VIEWS[0])[[20, 21]]
-    middle = ((a + b) / 2).round().astype(int)
-    edge = image[middle[1] - 8 : middle[1] + 9, middle[0] - 5 : middle[0] + 6].mean(axis=1)
-    low, high = np.sort(edge[[0, -1]])
-    between = ((edge > low + 0.1 * (high - low)) & (edge < low + 0.9 * (high - low))).sum()
-    assert high - low > 120 and 1 <= between <= 4
-
-
 def test_writing_reports_progress_and_writes_the_truth(tmp_path, monkeypatch):
     monkeypatch.setattr(scene, "BOARD_VIEWS", BOARD_VIEWS[5:7])
     seen = []
@@ -115,9 +81,3 @@ def test_writing_reports_progress_and_writes_the_truth(tmp_path, monkeypatch):
     assert seen == [(1, 2), (2, 2)]
     boards = json.loads(written[-1].read_text())["boards"]
     np.testing.assert_allclose(boards["calibration2.jpg"]["corners_px"], true_corners(BOARD_VIEWS[6]), atol=1e-3)
-
-
-def test_message_names_an_unwritable_folder(tmp_path):
-    (tmp_path / "file").touch()
-    with pytest.raises(OSError, match="cannot be written"):
-        write_boards(tmp_path / "file", workers=1)

@@ -8,28 +8,11 @@ import numpy as np
 import pytest
 
 from simulator.road.geometry import RoadGeometry, VehiclePose
-from simulator.road.ground import cast_on_ground, dash_coverage, edge_coverage, pixel_rays
-from simulator.road.painted_lines import WHITE, Marking, paint_coverage, paint_markings
+from simulator.road.ground import cast_on_ground, pixel_rays
+from simulator.road.markings import WHITE, Marking, Symbol, paint_coverage, paint_markings, symbol_coverage
 from simulator.road.road_ahead import RoadAhead
-from simulator.road.symbols import Symbol, symbol_coverage
 from simulator.scenes.dashcam import DASHCAM
 from tests.simulator.small_drive import POSE, SMALL
-
-
-@pytest.mark.parametrize(("a", "b"), [(1.0, 0.3), (0.2, 0.9), (0.5, 0.5), (0.7, 0.0)])
-def test_edge_coverage_is_the_area_of_a_pixel_behind_an_edge(a, b):
-    side = (np.arange(400) + 0.5) / 400 - 0.5
-    u, v = np.meshgrid(side, side)
-    for t in (-0.6, -0.31, 0.0, 0.17, 0.45):
-        brute = (t + a * u + b * v > 0).mean()
-        assert edge_coverage(np.float32(t), np.float32(a), np.float32(-b)) == pytest.approx(brute, abs=4e-3)
-
-
-def test_dash_coverage_is_the_share_of_paint_in_the_footprint():
-    s, reach = np.linspace(-5, 40, 97, dtype=np.float32), np.float32(2.7)
-    fine = s[:, None] + np.linspace(-reach / 2, reach / 2, 4001)
-    brute = (fine % 12.2 < 3.05).mean(axis=1)
-    np.testing.assert_allclose(dash_coverage(s, np.full_like(s, reach), 3.05, 12.2), brute, atol=2e-3)
 
 
 @pytest.mark.parametrize(("dashed", "worst", "mean"), [(False, 0.02, 5e-4), (True, 0.3, 2e-3)])
@@ -56,7 +39,7 @@ def test_paint_coverage_equals_brute_force_supersampling(dashed, worst, mean):
 
 
 def stripes_at(markings: tuple[Marking, ...], x_m: float) -> list[tuple[float, float]]:
-    """Centre and width in metres of the stripes in the picture row `x_m` ahead, from left to right."""
+    """Centre and width in metres of the stripes in the image row `x_m` ahead, from left to right."""
     camera = replace(DASHCAM, pose=POSE)
     ground = cast_on_ground(
         pixel_rays(camera), camera, RoadAhead(RoadGeometry([0.0, 300.0], [0.0, 0.0]), VehiclePose(50.0))

@@ -4,30 +4,25 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
-import pytest
 
 from benchmark.scored_drive import PROJECT_ROOT
 from lanes.camera import Camera
 from lanes.images import read_image
-from simulator.landscape.sky import BackdropStyle
-from simulator.light.lens import REFERENCE_LUMINANCE, Lens, develop
+from simulator.light.lens import Lens
 from simulator.light.sunlight import BridgeShade
-from simulator.objects.placement import PlacedObject
-from simulator.objects.scene_objects import Car
+from simulator.objects.scene_objects import Car, PlacedObject
 from simulator.rendering.drive import Motion
 from simulator.rendering.render import render_frame
 from simulator.road.albedo import ground_albedo
 from simulator.road.geometry import line_polynomial
 from simulator.road.ground import cast_on_ground, pixel_rays
 from simulator.road.road_ahead import RoadAhead
-from simulator.road.surface import Zone
 from simulator.road.truth import truth_entry
 from simulator.scenes.dashcam import DASHCAM
-from simulator.scenes.freeway import LANE_WIDTH_M, freeway_surface
+from simulator.scenes.freeway import LANE_WIDTH_M
 from simulator.scenes.stills import still_scenes
-from tests.simulator.small_drive import PLAIN_LENS, POSE, SMALL, small_drive
+from tests.simulator.small_drive import POSE, SMALL, small_drive
 
 
 def test_picture_depends_on_the_seed_only():
@@ -38,16 +33,6 @@ def test_picture_depends_on_the_seed_only():
     ground = cast_on_ground(pixel_rays(SMALL), SMALL, road)
     one, other = (ground_albedo(drive.surface, ground, station_m=60.0, seed=seed) for seed in (5, 6))
     assert not np.array_equal(one, other)
-
-
-def test_needed_ground_is_the_same_when_hidden_ground_is_not_painted():
-    drive = small_drive()
-    ground = cast_on_ground(pixel_rays(SMALL), SMALL, RoadAhead(drive.road, drive.motion.pose(0.2)))
-    needed = np.random.default_rng(1).random(ground.s.shape) < 0.5
-    whole = ground_albedo(drive.surface, ground, station_m=60.0, seed=5)
-    part = ground_albedo(drive.surface, ground, station_m=60.0, seed=5, needed=needed)
-    np.testing.assert_array_equal(part[needed], whole[needed])
-    assert (part[~needed] != whole[~needed]).any(axis=-1).mean() > 0.2
 
 
 def test_mirrored_scene_gives_mirrored_lines():
@@ -118,35 +103,3 @@ def test_bridge_shades_only_the_road_below_it():
     assert ratio[under[1], under[0]].max() < 0.6
     assert ratio[before[1], before[0]].min() > 0.9
     assert ratio[beyond[1], beyond[0]].min() > 0.9
-
-
-def test_light_concrete_is_brighter_than_asphalt_but_darker_than_paint():
-    levels = []
-    for material in ("fresh asphalt", "asphalt", "old asphalt", "concrete"):
-        surface = freeway_surface(Zone(0.0, material))
-        image = render_frame(small_drive(0.0, surface=surface, lens=Lens(noise=0.0))).image
-        levels.append(np.median(image[270:320, 250:420]))
-    assert levels == sorted(levels)
-    assert 60 < levels[0] < 85
-    assert 155 < levels[3] < 190
-
-
-def test_refuses_a_sun_below_the_horizon():
-    with pytest.raises(ValueError, match="-0.1"):
-        BackdropStyle(sun_elevation_rad=-0.1)
-
-
-def test_chroma_blur_spreads_colour_and_keeps_luma():
-    light = np.full((60, 80, 3), 0.2, np.float32)
-    light[:, 38:42] = (0.5, 0.3, 0.05)
-    crisp, coarse = (
-        develop(light, replace(PLAIN_LENS, chroma_blur_px=blur), road_light=REFERENCE_LUMINANCE, seed=0)
-        for blur in (0.0, 4.0)
-    )
-    luma, yellow = (
-        [cv2.cvtColor(i, cv2.COLOR_RGB2YCrCb)[30, :, k].astype(int) for i in (crisp, coarse)] for k in (0, 2)
-    )
-    assert np.abs(luma[0] - luma[1]).max() <= 1
-    assert yellow[0][36] == 128 > yellow[1][34] + 5  # spread over grey
-    assert yellow[1][40] > yellow[0][40] + 15  # and paler in the stripe
-    assert abs(yellow[1][5] - 128) <= 1

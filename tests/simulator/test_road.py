@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -25,18 +23,6 @@ def test_heading_and_position_are_the_integrals_of_curvature():
     y = np.concatenate([[0], np.cumsum(np.sin(middle) * step)])
     np.testing.assert_allclose(S_BEND.heading(s), heading, atol=1e-9)
     np.testing.assert_allclose(S_BEND.position(s), np.column_stack([x, y]), atol=1e-6)
-
-
-def test_arc_closes_its_circle():
-    circle = RoadGeometry([0.0, 1.0], [1 / 200, 1 / 200])
-    np.testing.assert_allclose(circle.position(2 * np.pi * 200), [0, 0], atol=1e-9)
-    np.testing.assert_allclose(circle.position(np.pi * 200), [0, 400], atol=1e-9)
-
-
-def test_road_before_its_start_is_continuous():
-    road = RoadGeometry([100.0, 200.0], [1 / 400, 1 / 400])
-    assert road.heading(99.0) == pytest.approx(-1 / 400)
-    np.testing.assert_allclose(road.position(100.0), [0, 0], atol=1e-12)
 
 
 @settings(max_examples=40, deadline=None)
@@ -67,17 +53,3 @@ def test_polynomial_touches_the_line_to_third_order(lateral_m):
     np.testing.assert_allclose(line_lateral(S_BEND, pose, lateral_m, x), cubic, atol=1e-5)
     # Without the cubic term the error is larger, so c3 matters.
     assert np.abs(line_lateral(S_BEND, pose, lateral_m, x) - cubic + line.c3_per_m2 * x**3 / 6).max() > 1e-4
-
-
-def test_mirrored_road_swaps_left_and_right():
-    mirrored = replace(S_BEND, curvatures_per_m=-S_BEND.curvatures_per_m)
-    left = line_polynomial(S_BEND, VehiclePose(150.0, 0.4, 0.03), 1.83)
-    right = line_polynomial(mirrored, VehiclePose(150.0, -0.4, -0.03), -1.83)
-    assert (left.c0_m, left.c1, left.c2_per_m, left.c3_per_m2) == pytest.approx(
-        (-right.c0_m, -right.c1, -right.c2_per_m, -right.c3_per_m2)
-    )
-
-
-def test_refuses_stations_that_do_not_increase():
-    with pytest.raises(ValueError, match="increasing"):
-        RoadGeometry([0.0, 10.0, 10.0], [0.0, 0.0, 0.1])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from dataclasses import replace
 
 import cv2
@@ -11,20 +9,11 @@ import numpy as np
 import pytest
 
 from benchmark.scored_drive import PROJECT_ROOT
-from lanes.camera import undistort
 from simulator.disk_cache import cache_folder
 from simulator.objects.bonnet import bonnet_outline
 from simulator.rendering.render import render_frame
 from simulator.scenes import suite
-from simulator.scenes.scene import SuiteScene
 from simulator.scenes.suite import SUITE, render_scene, scene_path
-
-
-def test_scenes_are_listed_by_name():
-    assert all(
-        scene.name == name and scene.seconds > 1 and scene.description.endswith(".") for name, scene in SUITE.items()
-    )
-    assert SUITE["motorway"].difficulty == "clean"
 
 
 def test_a_scene_is_rendered_once_and_again_when_the_renderer_changes(tmp_path, monkeypatch):
@@ -56,10 +45,6 @@ def test_the_cache_is_outside_the_project_and_can_be_named(tmp_path, monkeypatch
 def test_refuses_unknown_scenes_by_name():
     with pytest.raises(ValueError, match="no scene 'motorwya'.*motorway"):
         render_scene("motorwya")
-    with pytest.raises(ValueError, match="Wet Night"):
-        SuiteScene("Wet Night", "hard", 3.0, "Rain.", lambda: None)
-    with pytest.raises(ValueError, match="'tough'"):
-        SuiteScene("night", "tough", 3.0, "Rain.", lambda: None)
 
 
 @pytest.mark.parametrize("scene", SUITE.values(), ids=SUITE)
@@ -84,29 +69,6 @@ def test_lane_lines_are_at_the_centres_of_stripes(scene):
     for line in (left, right) if drive.line_laterals_m else ():
         assert min(abs(line - middle) for middle in middles) < 0.02
         assert not any(right + 0.02 < middle < left - 0.02 and abs(middle - line) < 0.3 for middle in middles)
-
-
-def test_a_frame_costs_no_more_than_fifty_undistortions():
-    """Measured 32 on a quiet machine and 34 on a busy one; the limit allows half as much again."""
-    drive, threads = SUITE["lorry"].drive(), cv2.getNumThreads()
-    image = render_frame(drive, 0.0).image
-    cv2.setNumThreads(1)
-    try:
-        ratios = [
-            seconds_of(lambda t=time_s: render_frame(drive, t))
-            / seconds_of(lambda: [undistort(image, drive.camera) for _ in range(5)])
-            for time_s in (0.5, 1.5)
-        ]
-    finally:
-        cv2.setNumThreads(threads)
-    assert 5 * min(ratios) < 50
-
-
-def seconds_of(call: Callable[[], object]) -> float:
-    """CPU time of this thread, which depends little on other load."""
-    start = time.thread_time()
-    call()
-    return time.thread_time() - start
 
 
 @pytest.mark.parametrize("name", ["fog", "wet-night"])

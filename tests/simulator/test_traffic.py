@@ -8,40 +8,23 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.camera import CameraPose
-from simulator.landscape.sky import BackdropStyle
-from simulator.light.sunlight import Sun
-from simulator.objects.placement import PlacedObject
-from simulator.objects.scene_objects import Car
-from simulator.objects.vehicles import footprint, outline_points, vehicle_faces
+from simulator.objects.scene_objects import Car, PlacedObject
+from simulator.objects.vehicles import footprint, outline_points
 from simulator.rendering.drive import Drive, Motion
 from simulator.rendering.render import render_frame
-from simulator.road.geometry import RoadGeometry
 from simulator.road.surface import Zone
 from simulator.road.truth import H_SAMPLES, NOT_VISIBLE, line_pixels, truth_row, visible_pixels
-from simulator.scenes.bad_weather import SCENES as WEATHER
 from simulator.scenes.dashcam import DASHCAM
-from simulator.scenes.freeway import LANE_WIDTH_M, freeway_markings, freeway_surface
-from simulator.scenes.traffic import SCENES as TRAFFIC
+from simulator.scenes.freeway import LANE_WIDTH_M, freeway_surface
+from tests.simulator.small_drive import POSE, small_drive
 
 PATH = ((0.0, -LANE_WIDTH_M), (2.0, 0.2), (3.0, 0.2), (5.0, -LANE_WIDTH_M))
 
 
 def bend_drive(*objects: PlacedObject) -> Drive:
-    """Off-centre car in a bend to the right, full-size pictures, no trees."""
-    return Drive(
-        camera=replace(DASHCAM, pose=CameraPose(1.3, np.radians(-1.5), np.radians(-1.0), np.radians(0.5))),
-        road=RoadGeometry([0.0, 400.0], [-1 / 300, -1 / 300]),
-        line_laterals_m=(LANE_WIDTH_M / 2, -LANE_WIDTH_M / 2),
-        markings=freeway_markings(),
-        surface=freeway_surface(Zone(0.0, "asphalt")),
-        sun=Sun(1.2, 0.9),
-        motion=Motion(100.0, 25.0, offset_m=0.3),
-        objects=objects,
-        backdrop=BackdropStyle(tree_density=0.0),
-        bonnet=False,
-        seed=5,
-    )
+    """Off-centre car in a bend to the right, full-size images."""
+    camera, surface = replace(DASHCAM, pose=POSE), freeway_surface(Zone(0.0, "asphalt"))
+    return small_drive(-1 / 300, camera=camera, surface=surface, motion=Motion(100.0, 25.0, 0.3), objects=objects)
 
 
 def outline_mask(drive: Drive, s_m: float, lateral_m: float, body: str) -> np.ndarray:
@@ -97,28 +80,3 @@ def test_lateral_path_passes_its_knots_and_sets_the_heading():
     # The slope of a smooth step at its middle is 1.5 times its mean.
     assert car.path_heading_rad(1.0) == pytest.approx(np.arctan(1.5 * (0.2 + LANE_WIDTH_M) / 2.0 / 25.0), rel=1e-3)
     assert car.path_heading_rad(2.5) == 0 and car.path_heading_rad(4.0) < 0
-
-
-@pytest.mark.parametrize("body", ["truck", "motorcycle"])
-def test_faces_look_outwards(body):
-    """From any side, front faces are nearer than back faces."""
-    faces = vehicle_faces(body, "blue")
-    for direction in np.array([[-1.0, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, 1]]):
-        depth, facing = faces.middle @ direction, faces.flat_normal @ direction
-        assert depth[facing > 0.7].mean() > depth[facing < -0.7].mean() + 0.05
-
-
-def test_refuses_an_unknown_vehicle():
-    with pytest.raises(ValueError, match="tram"):
-        vehicle_faces("tram", "red")
-
-
-@pytest.mark.parametrize("scene", [*WEATHER, *TRAFFIC], ids=lambda scene: scene.name)
-def test_scenes_have_a_bend_and_an_off_centre_car(scene):
-    """They last three to five seconds and have finite truth throughout."""
-    drive = scene.drive()
-    truths = [drive.truth(t) for t in np.arange(0.0, scene.seconds, 0.25)]
-    assert 3 <= scene.seconds <= 5
-    assert max(abs(t.curvature_per_m) for t in truths) > 1 / 700
-    assert max(abs(t.offset_m) for t in truths) > 0.08
-    assert np.isfinite([t.line_y(side, np.array([5.0, 20.0])) for t in truths for side in (0, 1)]).all()

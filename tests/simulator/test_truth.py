@@ -11,9 +11,8 @@ import pytest
 from lanes.files import read_telemetry
 from simulator.rendering.drive import Motion
 from simulator.rendering.render import render_frame
-from simulator.rendering.video import VIDEO_FPS
 from simulator.road.geometry import RoadGeometry, VehiclePose
-from simulator.road.painted_lines import WHITE, Marking
+from simulator.road.markings import WHITE, Marking
 from simulator.road.truth import (
     H_SAMPLES,
     NOT_VISIBLE,
@@ -25,7 +24,6 @@ from simulator.road.truth import (
 )
 from simulator.scenes.dashcam import DASHCAM
 from simulator.scenes.freeway import LANE_WIDTH_M
-from simulator.scenes.project_video import project_video
 from tests.simulator.small_drive import POSE, SMALL, small_drive
 
 BENDS = RoadGeometry([0.0, 30.0, 40.0, 85.0], [0.0, 0.0, 1 / 20, 1 / 20])
@@ -71,16 +69,6 @@ def test_heading_follows_from_wander():
     before, now, after = (motion.pose(t) for t in (1.99, 2.0, 2.01))
     slope = (after.lateral_m - before.lateral_m) / (after.s_m - before.s_m)
     assert now.heading_rad == pytest.approx(np.arctan(slope), abs=1e-6)
-
-
-def test_project_video_bends_both_ways():
-    drive = project_video()
-    truths = [drive.truth(i / VIDEO_FPS) for i in range(250)]
-    radii = 1 / np.array([t.curvature_per_m for t in truths if t.curvature_per_m])
-    assert truths[0].curvature_per_m == 0
-    assert 350 < radii[radii > 0].min() < 600
-    assert -450 < radii[radii < 0].max() < -350
-    assert np.ptp([t.offset_m for t in truths]) > 0.2
 
 
 def test_lane_change_switches_the_lane_when_the_middle_of_the_car_crosses_the_line():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simulator.scenes.suite import SUITE, scene_path
+from simulator.scenes.suite import SUITE
 from simulator.scenes.variants import VARIANT, vary_drive
 
 HAIRPIN = SUITE["hairpin-right"]
@@ -57,8 +57,3 @@ def test_the_car_stays_on_its_lane_as_in_the_scene(name):
             truth = varied.truth(time_s)
             assert truth.left.c0_m > truth.right.c0_m, (seed, time_s)
             assert abs(truth.offset_m) < truth.lane_width_m / 2 + 0.5, (seed, time_s)
-
-
-def test_variants_have_files_of_their_own(tmp_path):
-    paths = {scene_path("motorway", tmp_path, seed=seed) for seed in range(3)}
-    assert len(paths) == 3 and all(path.parent == tmp_path for path in paths)

@@ -5,26 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
-from simulator.light.exposure import AutoExposure, RoadLight
 from simulator.light.glare import Glare
-from simulator.light.sunlight import BridgeShade, Sun, WoodShade, light_along
+from simulator.light.lens import AutoExposure, RoadLight
+from simulator.light.sunlight import Sun, WoodShade
 from simulator.objects.overpass import Overpass
-from simulator.objects.placement import PlacedObject
-from simulator.objects.scene_objects import Car
+from simulator.objects.scene_objects import Car, PlacedObject
 from simulator.rendering.drive import Drive, Motion
 from simulator.rendering.render import render_frame
-from simulator.road.geometry import RoadGeometry, VehiclePose
-from simulator.road.ground import cast_on_ground, pixel_rays
-from simulator.road.road_ahead import RoadAhead
 from simulator.road.surface import Zone
 from simulator.road.truth import truth_row
 from simulator.scenes.freeway import freeway_markings, freeway_surface
 from simulator.weather.fog import Fog
 from simulator.weather.night import Night, visible_lamps
-from simulator.weather.rain import Rain, windscreen_drops
-from simulator.weather.wet import Wet
+from simulator.weather.rain import Rain, Wet, windscreen_drops
 from tests.simulator.small_drive import PLAIN_LENS, SMALL, small_drive
 
 BRIDGE = Overpass(110.0, 126.0, -20.0, 12.0, skew=0.1)
@@ -62,17 +56,6 @@ def test_exposure_covers_63_percent_of_a_step_within_the_time_constant():
     np.testing.assert_allclose(shares, [0.0, 1 - np.exp(-1), 1 - np.exp(-2)], atol=0.04)
 
 
-def test_exposure_follows_the_light_below_a_bridge_with_delay():
-    drive = under_bridge()
-    times = np.arange(0.0, 8.0, 0.1)
-    light = RoadLight(drive.surface, drive.shades, drive.seed).metered(60 + 20 * times)
-    state = np.array([adapted(drive, t) for t in times])
-    assert state[0] == pytest.approx(light[0], rel=0.01)
-    assert state[-1] == pytest.approx(light[0], rel=0.01)
-    assert state.min() < 0.4 * state[0]
-    assert 0.2 < times[state.argmin()] - times[light.argmin()] < 1.0
-
-
 def test_frames_do_not_depend_on_their_order():
     drive = under_bridge(objects=(BRIDGE,))
     forth = [render_frame(drive, t).image for t in (1.9, 2.6)]
@@ -80,14 +63,6 @@ def test_frames_do_not_depend_on_their_order():
     np.testing.assert_array_equal(forth[0], back[1])
     np.testing.assert_array_equal(forth[1], back[0])
     assert (forth[0] != forth[1]).mean() > 0.5
-
-
-def test_skylight_below_a_bridge_is_reduced_by_its_deck():
-    """Below the centre of a bridge as long as high, the deck blocks sin(26.6 deg) = 0.447 of the skylight."""
-    shade = BridgeShade(100.0, 105.0, clearance_m=5.0)
-    open_road, middle = light_along((shade,), np.array([0.0, 102.5]), np.zeros(2), seed=0)
-    np.testing.assert_allclose(open_road, 1.0, atol=2e-3)
-    np.testing.assert_allclose(middle, np.array([0.11, 0.15, 0.22]) * (1 - np.sqrt(0.2)), rtol=1e-3)
 
 
 def test_automatic_exposure_brightens_below_the_bridge_and_overexposes_beyond():
@@ -138,22 +113,6 @@ def test_contrast_in_fog_obeys_koschmieders_law(monkeypatch):
     np.testing.assert_allclose(contrast[Fog(20.0)] / contrast[None], 0.05 ** (np.array([10, 20, 40]) / 20), rtol=0.05)
 
 
-def test_fog_hides_the_horizon(monkeypatch):
-    fog = Fog(60.0)
-    lights = []
-    monkeypatch.setattr("simulator.rendering.render.develop", lambda light, *a, **k: lights.append(light) or light)
-    render_frame(asphalt_drive(fog=fog))
-    horizon = round(float(SMALL.road_to_pixels(np.array([[5000.0, 0.0]]))[0, 1]))
-    np.testing.assert_allclose(
-        lights[0][horizon - 8 : horizon, ::20], np.broadcast_to(fog.colour, (8, 32, 3)), atol=0.02
-    )
-
-
-def test_refuses_a_visibility_that_is_not_positive():
-    with pytest.raises(ValueError, match="-5"):
-        Fog(-5)
-
-
 def test_only_an_unshaded_sun_ahead_reduces_the_contrast(monkeypatch):
     def contrast(azimuth: float, **changes) -> float:
         drive = asphalt_drive(0.0, motion=Motion(100.0), sun=Sun(azimuth, 0.2), glare=Glare(), **changes)
@@ -164,17 +123,6 @@ def test_only_an_unshaded_sun_ahead_reduces_the_contrast(monkeypatch):
     shaded = contrast(0.0, shades=(WoodShade(-50.0, 400.0, 0.01),))
     assert contrast(0.0) < 0.5 * contrast(np.pi)
     assert shaded > 1.5 * contrast(0.0)
-
-
-def test_sheen_of_the_road_is_below_the_sun():
-    """The sheen is in the direction of the sun, not on the other side of the picture."""
-    drive = asphalt_drive(0.0, motion=Motion(100.0), sun=Sun(0.25, 0.2))
-    bare, shiny = (render_frame(d).image.astype(int) for d in (drive, replace(drive, glare=Glare(veil=0.0, flare=0.0))))
-    more = (shiny - bare).mean(axis=2)
-    at = SMALL.road_to_pixels(np.array([[25.0, 25 * np.tan(0.25)], [25.0, -25 * np.tan(0.25)]])).round().astype(int)
-    assert more[at[0, 1], at[0, 0]] > 10
-    assert more[at[1, 1], at[1, 0]] < 0.5 * more[at[0, 1], at[0, 0]]
-    assert np.abs(more[:100]).max() == 0
 
 
 def test_share_of_sun_flecks_in_a_wood():
@@ -199,15 +147,6 @@ def test_paint_is_retroreflective_and_asphalt_is_not(monkeypatch):
             for r in (4.0, 1.0)
         )
         np.testing.assert_allclose(lit / plain, expected, rtol=0.05)
-
-
-def test_headlights_fall_with_distance_and_to_the_sides():
-    night = Night(ambient=0.0)
-    ahead = night.beam(np.array([5.0, 20.0, 40.0, 80.0]), np.zeros(4))
-    assert (np.diff(ahead) < 0).all()
-    # Far away, the light on level ground falls with the third power of the distance.
-    assert ahead[3] / ahead[2] == pytest.approx(1 / 8, rel=0.3)
-    assert night.beam(np.array([20.0]), np.array([14.0]))[0] < 0.1 * ahead[1]
 
 
 def test_lamps_are_visible_from_their_front_and_mirrored_in_a_wet_road(monkeypatch):
@@ -238,17 +177,6 @@ def test_lamps_behind_a_nearer_vehicle_are_hidden():
         seen = visible_lamps([Car(60.0, y_m, np.pi, "black"), lorry], SMALL)
         assert len(seen) == lamps
         assert sum(lamp.distance_m < 16.0 for lamp in seen) == 2
-
-
-def test_wet_road_reflects_most_at_grazing_angles():
-    ground = cast_on_ground(
-        pixel_rays(SMALL), SMALL, RoadAhead(RoadGeometry([0.0, 300.0], [0.0, 0.0]), VehiclePose(50.0))
-    )
-    share = Wet(film=0.3).mirror_share(ground, 1.3, station_m=50.0, seed=1)
-    near, far = (share[np.abs(ground.distance - x) < 0.1 * x].mean() for x in (5.0, 40.0))
-    # Schlick at 14.6 and at 1.9 degrees above the road.
-    assert near == pytest.approx(0.3 * (0.02 + 0.98 * (1 - np.sin(np.radians(14.6))) ** 5), rel=0.1)
-    assert far == pytest.approx(0.3 * (0.02 + 0.98 * (1 - np.sin(np.radians(1.9))) ** 5), rel=0.1)
 
 
 def test_drops_collect_until_the_wiper_removes_them():

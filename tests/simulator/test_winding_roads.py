@@ -8,38 +8,25 @@ import cv2
 import numpy as np
 import pytest
 
-from simulator.landscape.sky import BackdropStyle
-from simulator.light.lens import Lens
-from simulator.light.sunlight import Sun
-from simulator.objects.placement import PlacedObject
-from simulator.objects.scene_objects import Car
+from simulator.objects.scene_objects import Car, PlacedObject
 from simulator.rendering.drive import Drive, Motion
 from simulator.rendering.render import render_frame
-from simulator.road.geometry import RoadGeometry, VehiclePose, line_lateral, offset_point, surface_points
+from simulator.road.geometry import HeightProfile, RoadGeometry, VehiclePose, line_lateral, offset_point, surface_points
 from simulator.road.ground import cast_on_ground, pixel_rays
-from simulator.road.painted_lines import WHITE, Marking
-from simulator.road.profile import HeightProfile
+from simulator.road.markings import WHITE, Marking
 from simulator.road.road_ahead import RoadAhead
 from simulator.road.surface import Surface, Zone
 from simulator.road.truth import (
     VIDEO_X_M,
 )
 from simulator.scenes.dashcam import DASHCAM
+from tests.simulator.small_drive import small_drive
 
 SMALL = DASHCAM.scaled((640, 360))
 STATIONS = [0.0, 30.0, 40.0, 85.0, 95.0, 120.0, 130.0, 165.0, 200.0]
 HAIRPINS = RoadGeometry(STATIONS, [0.0, 0.0, 1 / 20, 1 / 20, 0.0, 0.0, -1 / 16, -1 / 16, 0.0])
 # Uphill 9 %, over a crest of R 230 m, down, and through a dip.
 HILLY = HeightProfile([0.0, 60.0, 90.0, 110.0, 140.0], [0.09, 0.09, -0.04, -0.04, 0.06])
-
-
-def test_height_is_the_integral_of_the_slope():
-    s = np.linspace(-20, 160, 180_001)
-    summed = np.concatenate([[0], np.cumsum(HILLY.slope((s[1:] + s[:-1]) / 2) * np.diff(s))])
-    np.testing.assert_allclose(HILLY.height(s), summed - np.interp(0, s, summed), atol=1e-9)
-    # The slope changes by 0.065 on the 15 m ahead, so the parabola is below the tangent plane.
-    assert HILLY.height_above_plane(75.0, 60.0) == pytest.approx(-0.5 * 0.13 / 30 * 15**2)
-    assert HeightProfile([5.0], [0.07]).height_above_plane(80.0, 20.0) == pytest.approx(0)
 
 
 @pytest.mark.parametrize(
@@ -76,11 +63,6 @@ def test_rays_end_at_their_first_intersection_with_the_ground(profile, s_m):
     assert (before[..., 2].ravel() + SMALL.pose.height_m - surface).min() > -0.01
 
 
-def test_constant_slope_is_a_plane_for_the_car():
-    ramp = RoadGeometry([0.0, 300.0], [1 / 200, 1 / 200], HeightProfile([0.0, 300.0], [0.08, 0.08]))
-    assert np.abs(surface_points(ramp, VehiclePose(20.0), np.linspace(0, 90, 10), 1.5)[:, 2]).max() < 1e-12
-
-
 @pytest.mark.parametrize(
     ("pose", "lateral_m"), [(VehiclePose(20.0, 0.4, -0.02), 1.6), (VehiclePose(112.0, 0.0, 0.02), -1.6)]
 )
@@ -96,22 +78,14 @@ def test_lateral_position_in_a_hairpin_is_that_of_the_first_crossing_or_nan(pose
 
 
 def painted_drive(road: RoadGeometry, start_m: float, **changes) -> Drive:
-    """White lines without wear, small pictures without noise; `changes` are fields of Drive."""
-    surface = Surface((Zone(-100.0, "fresh asphalt"),), right_edge_m=-2.4, left_edge_m=5.4)
-    drive = Drive(
-        camera=SMALL,
-        road=road,
-        line_laterals_m=(1.6, -1.6),
-        markings=tuple(Marking(lateral, 0.15, WHITE, wear=0.0) for lateral in (1.6, -1.6)),
-        surface=surface,
-        sun=Sun(1.0, 0.9),
-        motion=Motion(start_m, 0.0, 0.2, rear_axle_m=1.6),
-        lens=Lens(noise=0.0, sharpening=0.0, blur_px=0.0, vignette=0.0, adaptation=0.0),
-        backdrop=BackdropStyle(tree_density=0.0),
-        bonnet=False,
-        seed=7,
-    )
-    return replace(drive, **changes)
+    """White lines of a narrow lane; `changes` are fields of Drive."""
+    narrow = {
+        "line_laterals_m": (1.6, -1.6),
+        "markings": tuple(Marking(lateral, 0.15, WHITE, wear=0.0) for lateral in (1.6, -1.6)),
+        "surface": Surface((Zone(-100.0, "fresh asphalt"),), right_edge_m=-2.4, left_edge_m=5.4),
+        "motion": Motion(start_m, 0.0, 0.2, rear_axle_m=1.6),
+    }
+    return small_drive(camera=SMALL, road=road, **narrow | changes)
 
 
 @pytest.mark.parametrize(
@@ -135,7 +109,7 @@ def test_truth_lies_on_the_paint_in_hairpins_and_on_crests(road, start_m):
             road, frame.truth.pose, start_m + np.arange(2.5, 26.0, 0.2), frame.truth.laterals_m[side]
         )
         pixels = drive.camera_at(0.0).road_to_pixels(points)
-        # Only points in the picture that no crest hides.
+        # Only points in the image that no crest hides.
         rising = np.minimum.accumulate(np.nan_to_num(pixels[:, 1], nan=1e9)) > pixels[:, 1] - 0.5
         inside = rising & (pixels > [2, 215]).all(axis=1) & (pixels < [637, 357]).all(axis=1)
         columns, rows = np.rint(pixels[inside]).astype(int).T

@@ -8,14 +8,12 @@ import numpy as np
 
 from benchmark.labels.tusimple import NO_POINT, LaneColumns, picture_is_right
 from lanes.camera import Camera, CameraPose
-from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.lane import Lane
-from lanes.detect.search import find_lane
 from lanes.errors import PoseError
 from lanes.field_of_view import DEFAULT_HFOV_DEG
 from lanes.pose import estimate_pose
 from simulator.rendering.render import Frame, render_frame
-from simulator.road.profile import FLAT
+from simulator.road.geometry import FLAT
 from simulator.scenes.suite import SUITE
 
 SIZES = ((640, 360), (960, 540), (640, 480), (854, 480))
@@ -72,7 +70,7 @@ def find_with_own_pose(image: np.ndarray, hfov_deg: float = DEFAULT_HFOV_DEG) ->
     """The camera with the pose that is estimated from this picture, and the lane; None where there is none."""
     lens = Camera.from_fov((image.shape[1], image.shape[0]), hfov_deg)
     try:
-        camera = lens.with_pose(estimate_pose([image], lens).pose)
+        estimate = estimate_pose(image, lens)
     except PoseError:
         return None, None
-    return camera, find_lane(image, BirdsEyeView(camera))
+    return estimate.camera, estimate.still.lane

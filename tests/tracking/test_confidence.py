@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from benchmark.errors import LaneTruth
-from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import CONFIDENCE, FEATURES, lane_features, rate_lane
 from lanes.detect.lane import Lane, LineObservation
 from lanes.detect.road import CURVATURE, HEADING, lateral_std_m
-from lanes.detect.search import find_lane
+from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker
 from simulator.road.truth import truth_row
 from tests.support.not_roads import KINDS, not_a_road
@@ -161,11 +160,11 @@ def test_nothing_is_confidently_found_on_a_road_without_lines():
         Stripe(3.4, 0.25, (140, 140, 138)),
     )
     drive = PaintedDrive(s_bend(150.0, 40.0), (), ground=things, camera=CAMERA.scaled((640, 360)))
-    tracker, view = LaneTracker(drive.camera, fps=12.5), BirdsEyeView(drive.camera)
+    tracker = LaneTracker(drive.camera, fps=12.5)
     for time_s in np.arange(25) / 12.5:
         image = drive.frame(time_s)
         assert tracker.update(image).confidence < 0.9
-        still = find_lane(image, view)
+        still = find_lane(image, drive.camera)
         assert still is None or rate_lane(still) < 0.9
 
 
@@ -188,10 +187,10 @@ def test_a_lane_with_lines_between_its_own_has_less_confidence():
 
 def test_nothing_is_found_with_confidence_where_there_is_no_road():
     """44 pictures that the confidence was not fitted on."""
-    view, confidences = BirdsEyeView(CAMERA), []
+    confidences = []
     for kind in KINDS:
         for seed in range(100, 104):
-            lane = find_lane(not_a_road(kind, seed), view)
+            lane = find_lane(not_a_road(kind, seed), CAMERA)
             confidences.append(0.0 if lane is None else rate_lane(lane))
     assert sum(confidence > 0 for confidence in confidences) > 10
     assert max(confidences) < 0.5

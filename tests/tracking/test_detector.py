@@ -1,17 +1,15 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from lanes.camera import Camera, CameraPose
-from lanes.detect import search as detector
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import rate_lane
 from lanes.detect.paint import extract_evidence
 from lanes.detect.road import LEFT_SIDE, RIGHT_SIDE
-from lanes.detect.search import choose_lane, find_lane, search_lane
+from lanes.detect.search import choose_lane, search_lane
+from lanes.stills import find_lane
 from lanes.track.filter import initial_state, update_lane
-from tests.support.painted_roads import ASPHALT, WHITE, YELLOW, Road, dashcam
+from tests.support.painted_roads import WHITE, YELLOW, Road, dashcam
 from tests.support.shapes import a_lane
 
 CAMERA = dashcam()
@@ -33,7 +31,7 @@ def shaded_bend():
 
 def test_shaded_bend_off_centre():
     road, left, right = shaded_bend()
-    lane = find_lane(road.image(), VIEW)
+    lane = find_lane(road.image(), CAMERA)
     np.testing.assert_allclose(lane.line_y(X_M, LEFT_SIDE), left(X_M), atol=0.02)
     np.testing.assert_allclose(lane.line_y(X_M, RIGHT_SIDE), right(X_M), atol=0.04)
     assert lane.offset_m == pytest.approx(0.35, abs=0.02)
@@ -47,7 +45,7 @@ def test_shaded_bend_off_centre():
 
 def test_coefficients_describe_the_lines_near_the_car():
     road, left, right = shaded_bend()
-    lane = find_lane(road.image(), VIEW)
+    lane = find_lane(road.image(), CAMERA)
     x = np.array([0.0, 4.0, 8.0])
     for line, truth in ((lane.left, left), (lane.right, right)):
         y = line.c0_m + line.c1 * x + line.c2_per_m * x**2 / 2 + line.c3_per_m2 * x**3 / 6
@@ -56,7 +54,7 @@ def test_coefficients_describe_the_lines_near_the_car():
 
 def test_pixels_lie_on_the_paint():
     road, left, right = shaded_bend()
-    lane = find_lane(road.image(), VIEW)
+    lane = find_lane(road.image(), CAMERA)
     rows = np.arange(200, 340, 10)
     columns = lane.pixels(CAMERA, rows)
     for k, truth in enumerate((left, right)):
@@ -74,8 +72,8 @@ def test_mirrored_picture_gives_the_mirrored_lane():
     matrix[0, 2] = CAMERA.width - 1 - matrix[0, 2]
     m = CAMERA.pose
     other = Camera(*CAMERA.size, matrix, CAMERA.distortion * [1, 1, 1, -1, 1], CameraPose(1.3, m.pitch_rad, -m.yaw_rad))
-    lane = find_lane(image, VIEW)
-    mirrored = find_lane(np.ascontiguousarray(image[:, ::-1]), BirdsEyeView(other))
+    lane = find_lane(image, CAMERA)
+    mirrored = find_lane(np.ascontiguousarray(image[:, ::-1]), other)
     assert mirrored.offset_m == pytest.approx(-lane.offset_m, abs=0.01)
     assert mirrored.curvature_per_m == pytest.approx(-lane.curvature_per_m, abs=3e-5)
     np.testing.assert_allclose(mirrored.line_y(X_M, LEFT_SIDE), -lane.line_y(X_M, RIGHT_SIDE), atol=0.02)
@@ -90,7 +88,7 @@ def test_hairpin(radius):
         road.paint(
             lambda x, y, a=a: np.abs(np.sign(radius) * (abs(radius) - np.hypot(x, y - radius)) - a) < 0.06, colour
         )
-    lane = find_lane(road.image(), BirdsEyeView(camera))
+    lane = find_lane(road.image(), camera)
     assert 1 / lane.curvature_per_m == pytest.approx(radius, rel=0.08)
     assert lane.width_m == pytest.approx(3.4, abs=0.12)
     assert lane.offset_m == pytest.approx(-0.05, abs=0.08)
@@ -100,7 +98,7 @@ def test_hairpin(radius):
 def test_one_line_missing(side):
     lines = bend(-0.2, 3.6, -0.01, -1 / 600)
     painted = lines[0 if side == LEFT_SIDE else 1]
-    lane = find_lane(Road(CAMERA).line(painted).image(), VIEW)
+    lane = find_lane(Road(CAMERA).line(painted).image(), CAMERA)
     np.testing.assert_allclose(lane.line_y(X_M, side), painted(X_M), atol=0.1)
     seen, guessed = (lane.left, lane.right) if side == LEFT_SIDE else (lane.right, lane.left)
     assert seen.seen and not guessed.seen
@@ -112,7 +110,7 @@ def test_pitch_of_the_camera_is_estimated():
     pose = CAMERA.pose
     nodding = CAMERA.with_pose(CameraPose(pose.height_m, pose.pitch_rad + 0.012, pose.yaw_rad))
     left, right = bend(0.1, 3.6, 0.0, 0.0)
-    lane = find_lane(Road(nodding).line(left).line(right).image(), VIEW)
+    lane = find_lane(Road(nodding).line(left).line(right).image(), CAMERA)
     assert lane.pitch_rad == pytest.approx(0.012, abs=0.002)
     np.testing.assert_allclose(lane.line_y(X_M, RIGHT_SIDE), right(X_M), atol=0.04)
 
@@ -123,7 +121,7 @@ def test_the_car_is_in_its_lane_whatever_the_neighbours_look_like(offset):
     road = Road(CAMERA)
     for number, dash in ((1.5, None), (0.5, (3, 12)), (-0.5, (3, 12)), (-1.5, None)):
         road.line(lambda x, n=number: 0 * x + 3.6 * n - offset, dash_m=dash)
-    lane = find_lane(road.image(), VIEW)
+    lane = find_lane(road.image(), CAMERA)
     assert lane.left.c0_m > 0 > lane.right.c0_m
     assert lane.offset_m == pytest.approx(offset, abs=0.3) and lane.width_m == pytest.approx(3.6, abs=0.1)
     np.testing.assert_allclose(lane.line_y(np.array([13.0, 25.0]), LEFT_SIDE), 1.8 - offset, atol=0.06)
@@ -142,7 +140,7 @@ def test_faint_dots_count_together_with_the_line_of_the_next_lane():
     assert abs(lane.offset_m - 0.2) < 2 * lane.offset_std_m
     assert rate_lane(lane) < 0.9
     # the network sees them
-    lane = find_lane(road.image(), VIEW)
+    lane = find_lane(road.image(), CAMERA)
     assert lane.left.seen and lane.right.seen and rate_lane(lane) > 0.9
     assert lane.offset_m == pytest.approx(0.2, abs=0.1) and lane.width_m == pytest.approx(3.7, abs=0.1)
 
@@ -153,25 +151,25 @@ def test_lines_between_those_of_the_lane_count(between_m):
     road = Road(CAMERA)
     for lateral_m in (1.95, 1.7, -1.75, *between_m):
         road.line(lambda x, y=lateral_m: y + 0 * x)
-    lane = find_lane(road.image(), VIEW)
+    lane = find_lane(road.image(), CAMERA)
     assert lane.width_m == pytest.approx(3.5, abs=0.1)
     assert lane.clear_share == pytest.approx(2 / (2 + len(between_m)), abs=0.08)
 
 
 @pytest.mark.parametrize("noise", [0.0, 2.0, 15.0])
 def test_bare_road_has_no_lane(noise):
-    assert find_lane(Road(CAMERA, noise=noise).image(), VIEW) is None
+    assert find_lane(Road(CAMERA, noise=noise).image(), CAMERA) is None
 
 
 def test_edges_alone_are_no_lane():
     road = Road(CAMERA).shade(lambda x, y: y > 1.8, 0.4).paint(lambda x, y: y < -1.7, (150, 150, 150))
-    assert find_lane(road.image(), VIEW) is None
+    assert find_lane(road.image(), CAMERA) is None
 
 
 def test_update_agrees_with_search():
     road, left, _ = shaded_bend()
     evidence = extract_evidence(VIEW.warp(road.image()), VIEW)
-    cold = find_lane(road.image(), VIEW)
+    cold = find_lane(road.image(), CAMERA)
     expected = cold.model + a_lane(centre=0.05, width=0.03, heading=0.003, curvature=2e-4, pitch=0.002)
     small = dict(rate=1e-4, pitch=0.005, vertical=1e-4, rate_steps=1e-4, adjacent=1e-4)
     std = a_lane(centre=0.1, width=0.1, heading=0.01, curvature=1e-3, **small)
@@ -183,56 +181,4 @@ def test_update_agrees_with_search():
 
 def test_the_same_picture_gives_the_same_lane():
     image = shaded_bend()[0].image()
-    np.testing.assert_array_equal(find_lane(image, VIEW).model, find_lane(image, BirdsEyeView(CAMERA)).model)
-
-
-class TestSearchOfStills:
-    """The band filter finds the lane; where it is not sure, the network searches, too."""
-
-    IMAGE = Road(CAMERA).line(lambda x: 1.8 + 0 * x).line(lambda x: -1.8 + 0 * x).image()
-
-    @pytest.mark.parametrize(
-        ("band", "network", "searches", "learned"),
-        [
-            (3.0, 5.0, [False], False),
-            (1.0, 2.5, [False, True], True),
-            (1.0, 1.5, [False, True], False),
-            (1.0, None, [False, True], False),
-            (None, -1.0, [False, True], True),
-            (None, None, [False, True], False),
-        ],
-    )
-    def test_the_more_probable_lane_is_taken(self, monkeypatch, band, network, searches, learned):
-        """`band` and `network` are the log odds of the lanes found; None finds none."""
-        done, known = [], find_lane(self.IMAGE, VIEW)
-
-        def still_lane(evidence):
-            done.append(evidence.response.learned)
-            odds = network if evidence.response.learned else band
-            return None if odds is None else replace(known, score=odds)
-
-        monkeypatch.setattr(detector, "still_lane", still_lane)
-        monkeypatch.setattr(detector, "log_odds", lambda lane: lane.score)
-        monkeypatch.setattr(detector, "rate_lane", lambda lane: 1 / (1 + np.exp(-lane.score)))
-        evidence, lane = detector.search_still(self.IMAGE, VIEW)
-        assert done == searches and evidence.response.learned == learned
-        assert (None if lane is None else lane.score) == (network if learned else band)
-
-    def test_the_network_alone_is_used_where_the_pose_comes_from_the_picture(self):
-        pose = replace(CAMERA.pose, same_lane_share=1.0)
-        evidence, lane = detector.search_still(self.IMAGE, BirdsEyeView(CAMERA.with_pose(pose)))
-        assert evidence.response.learned
-        assert lane.width_m == pytest.approx(3.6, abs=0.1)
-
-    def test_find_lane_is_the_same_search(self):
-        evidence, lane = detector.search_still(self.IMAGE, VIEW)
-        assert not evidence.response.learned
-        np.testing.assert_array_equal(find_lane(self.IMAGE, VIEW).model, lane.model)
-
-    def test_a_faint_lane_is_found_by_the_network(self):
-        faint = {"colour": tuple(np.add(ASPHALT, 8))}
-        road = Road(CAMERA, noise=5.0).line(lambda x: 1.8 + 0 * x, **faint).line(lambda x: -1.8 + 0 * x, **faint)
-        evidence, lane = detector.search_still(road.image(), VIEW)
-        assert evidence.response.learned
-        assert rate_lane(lane) > 0.5
-        assert lane.width_m == pytest.approx(3.6, abs=0.15) and lane.offset_m == pytest.approx(0, abs=0.1)
+    np.testing.assert_array_equal(find_lane(image, CAMERA).model, find_lane(image, CAMERA).model)

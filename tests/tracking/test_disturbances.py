@@ -11,13 +11,12 @@ import pytest
 from benchmark.errors import FrameErrors, LaneTruth, frame_errors
 from benchmark.estimates import AHEAD_M, DriveEstimates
 from benchmark.evaluation import read_truth
-from benchmark.suite_drives import list_drives
+from benchmark.scored_drive import list_drives
 from benchmark.systems import tracker_estimate
 from lanes.camera import Camera, load_camera
-from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.search import find_lane
+from lanes.stills import find_lane
 from lanes.track.tracker import TRACKER, TRACKING, LaneTracker, TrackedLane
-from lanes.video.reader import read_frames
+from lanes.video.reader import read_video
 
 pytestmark = pytest.mark.slow
 
@@ -33,7 +32,7 @@ class Drive:
         drive = list_drives()["motorway"]
         camera = load_camera(drive.video.with_suffix(".yaml"))
         self.camera: Camera = camera.scaled((camera.width // 2, camera.height // 2))
-        frames = read_frames(drive.video, end_s=SECONDS)
+        frames = read_video(drive.video, end_s=SECONDS)
         self.frames = [cv2.resize(frame, self.camera.size, interpolation=cv2.INTER_AREA) for frame in frames]
         self.truth: LaneTruth = read_truth(drive)
 
@@ -140,10 +139,10 @@ def test_flicker_and_noise_move_a_followed_lane_by_centimetres(drive):
 @pytest.mark.parametrize("frame", [0, 70, 140])
 def test_exposure_and_noise_move_the_lane_of_a_still_by_centimetres(drive, frame):
     """Both lines, 5 to 30 m ahead. (Brighter by more, pale concrete burns out, and what is white on it is gone.)"""
-    view, image = BirdsEyeView(drive.camera), drive.frames[frame]
-    lines = find_lane(image, view).lateral_m(AHEAD_M)
+    image = drive.frames[frame]
+    lines = find_lane(image, drive.camera).lateral_m(AHEAD_M)
     for noise in (0, 5):
         exposure = Exposure(drive.camera, noise, seed=frame)
         for gain in (0.3, 0.5, 0.8, 1.15, 1.3):
-            found = find_lane(exposure.expose(image, gain), view)
+            found = find_lane(exposure.expose(image, gain), drive.camera)
             assert np.abs(found.lateral_m(AHEAD_M) - lines).max() < 0.04, (gain, noise)

@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.search import find_lane
 from lanes.draw import describe_tracked, draw_found, draw_tracked, lane_outlines
 from lanes.errors import PictureError
+from lanes.stills import find_lane
 from lanes.track.tracker import LOST, TrackedLane
 from tests.support.painted_drive import BENDS, SMALL, tracked_bends
 
@@ -88,7 +87,7 @@ def test_another_size_is_refused():
 
 def test_a_single_picture_is_drawn_with_its_confidence_or_said_to_be_lost():
     image, _ = tracked_bends()
-    lane = find_lane(image, BirdsEyeView(SMALL))
+    lane = find_lane(image, SMALL)
     assert (draw_found(image, lane, SMALL) != image).any(axis=2).mean() > 0.1
     lost = draw_found(image, None, SMALL)
     np.testing.assert_array_equal(lost[120:], image[120:])
@@ -96,7 +95,7 @@ def test_a_single_picture_is_drawn_with_its_confidence_or_said_to_be_lost():
 
 def test_the_area_of_an_unlikely_lane_is_orange():
     image, result = tracked_bends()
-    likely = TrackedLane.from_still(find_lane(image, BirdsEyeView(SMALL)))
+    likely = TrackedLane.from_still(find_lane(image, SMALL))
     unlikely = TrackedLane.from_still(replace(likely.lane, clear_share=0.02))
     assert unlikely.confidence < 0.5 < likely.confidence
     u, v = np.round(SMALL.road_to_pixels(np.array([[10.0, -0.3]]))[0]).astype(int)

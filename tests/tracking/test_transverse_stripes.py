@@ -9,8 +9,8 @@ import pytest
 
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import rate_lane
-from lanes.detect.search import find_lane
 from lanes.detect.transverse_stripes import count_transverse_stripes
+from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker
 from tests.support.painted_roads import Road, dashcam
 
@@ -35,7 +35,7 @@ def across(*at_m: float, depth_m: float = 0.4, colour=WHITE, from_m: float = -9.
 
 @pytest.mark.parametrize("at_m", [(), (9.0,), (7.0, 12.0), (6.5, 9.0, 13.0, 19.0, 26.0)])
 def test_all_stripes_up_to_30_m_are_counted(at_m):
-    lane = find_lane(across(*at_m, 40.0).image(), VIEW)
+    lane = find_lane(across(*at_m, 40.0).image(), CAMERA)
     assert lane.transverse_stripes == len(at_m)
 
 
@@ -44,7 +44,7 @@ def test_they_are_counted_in_a_bend_and_in_noise():
     for lateral_m in (1.8, -1.8):
         road.line(lambda x, y=lateral_m: y + x**2 / 400)
     road.paint(lambda x, y: (np.abs(x - 9) < 0.2) | (np.abs(x - 15) < 0.3), WHITE)
-    assert find_lane(road.image(), VIEW).transverse_stripes == 2
+    assert find_lane(road.image(), CAMERA).transverse_stripes == 2
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_they_are_counted_in_a_bend_and_in_noise():
     ids=["dark joints", "arrows", "half a stop line", "pale asphalt ahead", "shadow behind"],
 )
 def test_other_things_in_the_lane_are_none(road):
-    lane = find_lane(road.image(), VIEW)
+    lane = find_lane(road.image(), CAMERA)
     assert lane is not None and lane.transverse_stripes == 0
 
 
@@ -95,7 +95,7 @@ def stripes(*, depth_m: float, period_m: float, share: float) -> Road:
     ids=["trees", "a fence", "a light fence", "joints of slabs"],
 )
 def test_the_road_between_shadows_and_joints_is_no_stripe(road):
-    lane = find_lane(road.image(), VIEW)
+    lane = find_lane(road.image(), CAMERA)
     assert lane.transverse_stripes == 0
     assert rate_lane(lane) > 0.9
 
@@ -106,7 +106,7 @@ def test_a_tracked_lane_has_none():
 
 
 def test_stripes_lower_the_confidence():
-    lane = find_lane(across(9.0).image(), VIEW)
+    lane = find_lane(across(9.0).image(), CAMERA)
     for found in (lane, replace(lane, same_lane_share=0.9)):
         none, one, two, tiles = (rate_lane(replace(found, transverse_stripes=n)) for n in (0, 1, 2, 6))
         assert tiles == two < one < none

@@ -4,7 +4,7 @@ _FAILURE = """
 def first_failure(image, camera):
     for degrees in range(60):
         pose = replace(camera.pose, pitch_rad=camera.pose.pitch_rad + np.radians(degrees))
-        failed = helpers.explain_frame(image, camera.with_pose(pose)).failed
+        failed = helpers.explain(image, camera.with_pose(pose)).failed
         if failed:
             return degrees, failed.name
 """

@@ -8,8 +8,8 @@ import av
 import numpy as np
 import pytest
 
-from lanes.video.process import annotate_video
-from lanes.video.reader import ColourTags, inspect_video, read_frames
+from lanes.video.process import process_video
+from lanes.video.reader import ColourTags, inspect_video, read_video
 from lanes.video.writer import VideoWriter
 from tests.io.video.sample_videos import unchanged
 
@@ -61,7 +61,7 @@ def tags_of(path: Path) -> tuple[int, int, int, int]:
 
 
 def assert_shows(path: Path, image: np.ndarray, tolerance: float) -> None:
-    seen = list(read_frames(path))[3]
+    seen = list(read_video(path))[3]
     assert seen.shape == image.shape
     np.testing.assert_allclose(seen[4:-4:8, 8::16].astype(int), image[4:-4:8, 8::16], atol=tolerance)
 
@@ -72,7 +72,7 @@ def test_matrix_and_range_are_kept(tmp_path, matrix, span):
     tags = (matrix, span, 1, 1)
     source = encode(tmp_path / "source.mkv", patches(), tags)
     assert_shows(source, patches(), 4)
-    annotate_video(source, tmp_path / "out.mp4", unchanged, progress=False)
+    process_video(source, tmp_path / "out.mp4", unchanged, progress=False)
     assert tags_of(tmp_path / "out.mp4") == tags
     assert_shows(tmp_path / "out.mp4", patches(), 12)
 
@@ -91,7 +91,7 @@ def test_matrix_and_range_are_kept(tmp_path, matrix, span):
 def test_primaries_and_transfer_function_are_kept(tmp_path, tags, form):
     source = encode(tmp_path / "source.mkv", patches(), tags, form)
     assert_shows(source, patches(), 4)
-    annotate_video(source, tmp_path / "out.mp4", unchanged, progress=False)
+    process_video(source, tmp_path / "out.mp4", unchanged, progress=False)
     assert tags_of(tmp_path / "out.mp4") == tags
     assert_shows(tmp_path / "out.mp4", patches(), 12)
 
@@ -100,7 +100,7 @@ def test_untagged_colours_are_taken_for_bt601(tmp_path):
     source = encode(tmp_path / "source.mkv", patches(), (2, 1, 2, 2))
     assert_shows(source, patches(), 4)
     assert inspect_video(source).colours == ColourTags()
-    annotate_video(source, tmp_path / "out.mp4", unchanged, progress=False)
+    process_video(source, tmp_path / "out.mp4", unchanged, progress=False)
     assert tags_of(tmp_path / "out.mp4") == (6, 1, 1, 1)
     assert_shows(tmp_path / "out.mp4", patches(), 12)
 

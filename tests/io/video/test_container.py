@@ -14,7 +14,7 @@ import pytest
 from lanes.errors import VideoError
 from lanes.images import MAX_PIXELS
 from lanes.video import reader as container
-from lanes.video.reader import inspect_video, open_video, read_frames, read_timed_frames
+from lanes.video.reader import inspect_video, open_video, read_timed_frames, read_video
 from tests.io.video.sample_videos import make_video, number_of, numbered
 
 
@@ -51,7 +51,7 @@ def test_names_with_a_protocol_are_files(video, tmp_path, monkeypatch, name):
         open_video(name)
     (tmp_path / name).write_bytes(video.read_bytes())
     assert inspect_video(name).frames == 25
-    assert number_of(next(read_frames(name, start_s=0.4))) == 10
+    assert number_of(next(read_video(name, start_s=0.4))) == 10
 
 
 def stored_pictures(path: Path, codec: str, pix_fmt: str, marker: bytes, claim) -> Path:
@@ -177,7 +177,7 @@ def test_ten_bits_gray_and_alpha_become_rgb(tmp_path, codec, pix_fmt, suffix):
         for number in range(5):
             file.mux(stream.encode(av.VideoFrame.from_ndarray(numbered(number)).reformat(format=pix_fmt)))
         file.mux(stream.encode(None))
-    frames = list(read_frames(path))
+    frames = list(read_video(path))
     assert [number_of(frame) for frame in frames] == list(range(5))
     assert frames[0].shape == (96, 160, 3) and frames[0].dtype == np.uint8
     if "gray" in pix_fmt:

@@ -9,8 +9,8 @@ import av
 import numpy as np
 import pytest
 
-from lanes.video.process import annotate_video
-from lanes.video.reader import inspect_video, read_frames
+from lanes.video.process import process_video
+from lanes.video.reader import inspect_video, read_video
 from tests.io.video.sample_videos import SIZE, number_of, numbered, unchanged
 
 FRAMES = 6
@@ -60,9 +60,9 @@ def test_formats_of_phones_and_dashcams(tmp_path, name):
             image = np.pad(numbered(number, made.size), bars)
             container.mux(stream.encode(av.VideoFrame.from_ndarray(image)))
         container.mux(stream.encode(None))
-    annotate_video(path, tmp_path / "out.mp4", unchanged, progress=False)
+    process_video(path, tmp_path / "out.mp4", unchanged, progress=False)
     for file in (path, tmp_path / "out.mp4"):
-        info, frames = inspect_video(file), list(read_frames(file))
+        info, frames = inspect_video(file), list(read_video(file))
         assert (info.frames, info.missing, info.fps) == (FRAMES, 0, made.fps)
         assert frames[0].shape == (made.size[1] + 2 * made.bars_px, made.size[0], 3)
         assert [number_of(frame[: len(frame) - made.bars_px]) for frame in frames] == list(range(FRAMES))

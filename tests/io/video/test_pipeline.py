@@ -1,4 +1,4 @@
-"""annotate_video: each frame once, in order and at its time; the same bytes for the same input."""
+"""process_video: each frame once, in order and at its time; the same bytes for the same input."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from lanes.files import read_telemetry
-from lanes.video.process import annotate_video
-from lanes.video.reader import inspect_video, read_frames, read_timed_frames
+from lanes.video.process import process_video
+from lanes.video.reader import inspect_video, read_timed_frames, read_video
 from lanes.video.writer import VideoWriter
 from tests.io.video.sample_videos import (
     NTSC,
@@ -50,23 +50,23 @@ class TestAnnotate:
             seen.append(number_of(frame))
             return frame
 
-        summary = annotate_video(video, tmp_path / "out.mp4", process, progress=False)
+        summary = process_video(video, tmp_path / "out.mp4", process, progress=False)
         assert seen == list(range(50))
-        assert (summary.frames_in, summary.frames_out) == (50, 50)
-        assert [number_of(frame) for frame in read_frames(tmp_path / "out.mp4")] == seen
+        assert (summary.frames, summary.missing) == (50, 0)
+        assert [number_of(frame) for frame in read_video(tmp_path / "out.mp4")] == seen
 
     @pytest.mark.parametrize("fps", [25, NTSC, Fraction(24000, 1001), Fraction(60000, 1001), 12])
     def test_rate_is_exact(self, tmp_path, fps):
         path = make_video(tmp_path / "drive.mp4", 20, fps=fps)
-        summary = annotate_video(path, tmp_path / "out.mp4", unchanged, progress=False)
+        summary = process_video(path, tmp_path / "out.mp4", unchanged, progress=False)
         with av.open(str(tmp_path / "out.mp4")) as container:
             assert container.streams.video[0].average_rate == fps
         assert summary.fps == float(fps)
-        assert summary.frames_out == 20
+        assert summary.frames == 20
 
     def test_browsers_can_play_it(self, video, tmp_path):
         target = tmp_path / "out.mp4"
-        annotate_video(video, target, unchanged, progress=False)
+        process_video(video, target, unchanged, progress=False)
         with av.open(str(target)) as container:
             codec = container.streams.video[0].codec_context
             assert (codec.name, codec.pix_fmt, codec.profile) == ("h264", "yuv420p", "High")
@@ -77,16 +77,16 @@ class TestAnnotate:
     def test_odd_size_is_padded(self, tmp_path):
         path = make_video(tmp_path / "odd.mkv", 5, size=(161, 97))
         frames = []
-        summary = annotate_video(path, tmp_path / "out.mp4", lambda f: frames.append(f) or f, progress=False)
+        summary = process_video(path, tmp_path / "out.mp4", lambda f: frames.append(f) or f, progress=False)
         assert frames[0].shape == (97, 161, 3)
         assert (summary.width, summary.height) == (162, 98)
-        written = next(read_frames(tmp_path / "out.mp4"))
+        written = next(read_video(tmp_path / "out.mp4"))
         np.testing.assert_allclose(written[:97, :161].astype(int), frames[0], atol=30)
         np.testing.assert_allclose(written[20, 161], YELLOW, atol=10)
 
     def test_single_frame(self, tmp_path):
-        summary = annotate_video(make_video(tmp_path / "one.mp4", 1), tmp_path / "out.mp4", unchanged, progress=False)
-        assert (summary.frames_in, summary.frames_out, summary.duration_s) == (1, 1, 0.04)
+        summary = process_video(make_video(tmp_path / "one.mp4", 1), tmp_path / "out.mp4", unchanged, progress=False)
+        assert (summary.frames, summary.duration_s) == (1, 0.04)
 
     def test_variable_rate_keeps_its_times(self, tmp_path):
         times_s = [0, 0.04, 0.08, 0.3, 0.34, 0.75, 0.9, 1.0]
@@ -94,7 +94,7 @@ class TestAnnotate:
             for number, time_s in enumerate(times_s):
                 writer.write(numbered(number), time_s)
         target = tmp_path / "out.mp4"
-        annotate_video(tmp_path / "variable.mp4", target, unchanged, progress=False)
+        process_video(tmp_path / "variable.mp4", target, unchanged, progress=False)
         np.testing.assert_allclose([f.time_s for f in read_timed_frames(target)], times_s, atol=1e-3)
 
     def test_process_can_take_the_elapsed_time(self, tmp_path):
@@ -107,15 +107,15 @@ class TestAnnotate:
             told.append(elapsed_s)
             return frame
 
-        annotate_video(tmp_path / "variable.mp4", tmp_path / "out.mp4", process, start_s=0.04, progress=False)
+        process_video(tmp_path / "variable.mp4", tmp_path / "out.mp4", process, start_s=0.04, progress=False)
         assert told[0] is None and told[1:] == pytest.approx([0.26, 0.45], abs=1e-3)
         # A function written in C has no signature; it gets the frame only.
-        annotate_video(tmp_path / "variable.mp4", tmp_path / "out.mp4", cv2.bitwise_not, progress=False)
-        assert next(read_frames(tmp_path / "out.mp4"))[:8].mean() == pytest.approx(255 - numbered(0)[:8].mean(), abs=8)
+        process_video(tmp_path / "variable.mp4", tmp_path / "out.mp4", cv2.bitwise_not, progress=False)
+        assert next(read_video(tmp_path / "out.mp4"))[:8].mean() == pytest.approx(255 - numbered(0)[:8].mean(), abs=8)
 
     def test_telemetry(self, video, tmp_path):
         values = iter(range(100))
-        annotate_video(
+        process_video(
             video,
             tmp_path / "out.mp4",
             lambda frame: (frame, {"offset_m": next(values) / 10}),
@@ -138,7 +138,7 @@ class TestAnnotate:
                 rows.append({"frame": frame.number, "time_s": frame.time_s} | row)
                 writer.write(picture, frame.time_s)
         options = {"start_s": 0.4, "sound": False, "progress": False, "telemetry": tmp_path / "rows.csv"}
-        annotate_video(repeatable, tmp_path / "overlapped.mp4", StatefulProcess(), **options)
+        process_video(repeatable, tmp_path / "overlapped.mp4", StatefulProcess(), **options)
         assert (tmp_path / "plain.mp4").read_bytes() == (tmp_path / "overlapped.mp4").read_bytes()
         table = read_telemetry(tmp_path / "rows.csv")
         del table["latency_ms"]
@@ -147,14 +147,14 @@ class TestAnnotate:
 
     def test_same_input_gives_the_same_bytes(self, repeatable, tmp_path):
         for name in ("a.mp4", "b.mp4"):
-            annotate_video(repeatable, tmp_path / name, unchanged, progress=False, sound=False)
+            process_video(repeatable, tmp_path / name, unchanged, progress=False, sound=False)
         assert (tmp_path / "a.mp4").read_bytes() == (tmp_path / "b.mp4").read_bytes()
 
     def test_same_input_gives_the_same_packets_of_picture_and_sound(self, repeatable, tmp_path):
         """The interleaving of packets with equal times may vary."""
         packets = []
         for name in ("a.mp4", "b.mp4"):
-            annotate_video(repeatable, tmp_path / name, unchanged, progress=False)
+            process_video(repeatable, tmp_path / name, unchanged, progress=False)
             with av.open(str(tmp_path / name)) as container:
                 found = [(p.stream.index, p.pts, bytes(p)) for p in container.demux() if p.pts is not None]
             packets.append(sorted(found))
@@ -162,7 +162,7 @@ class TestAnnotate:
         assert packets[0] == packets[1]
 
     def test_quiet(self, video, tmp_path, capfd):
-        annotate_video(video, tmp_path / "out.mp4", unchanged)
+        process_video(video, tmp_path / "out.mp4", unchanged)
         assert capfd.readouterr() == ("", "")
 
 
@@ -170,8 +170,8 @@ class TestAnnotate:
 def test_rotated_camera(tmp_path, degrees):
     path, turned = make_video(tmp_path / "upright.mp4", 2), tmp_path / "turned.mp4"
     set_rotation(path, turned, degrees)
-    summary = annotate_video(turned, tmp_path / "out.mp4", unchanged, progress=False)
-    expected, written = (next(read_frames(p)).astype(int) for p in (turned, tmp_path / "out.mp4"))
+    summary = process_video(turned, tmp_path / "out.mp4", unchanged, progress=False)
+    expected, written = (next(read_video(p)).astype(int) for p in (turned, tmp_path / "out.mp4"))
     assert (summary.height, summary.width) == expected.shape[:2]
     assert np.abs(expected - written).mean() < 6
 
@@ -185,7 +185,7 @@ class TestProgress:
         kind = type("OutStream", (io.StringIO,), {"isatty": lambda _: stream == "terminal"})
         kind.__module__ = "ipykernel.iostream" if stream == "notebook" else "io"
         monkeypatch.setattr(sys, "stderr", kind())
-        annotate_video(video, tmp_path / "out.mp4", unchanged, progress=progress, start_s=1.0)
+        process_video(video, tmp_path / "out.mp4", unchanged, progress=progress, start_s=1.0)
         last = sys.stderr.getvalue().rpartition("\r")[2]
         assert bool(re.search(r"25/25 \[\d\d:\d\d<00:00, +[\d.]+frame/s", last)) == shown
         assert bool(last) == shown
@@ -198,6 +198,6 @@ REAL = REAL_DATA / "test_videos"
 def test_real_clip_that_was_cut_without_encoding(tmp_path):
     """It stores 91 frames; the first three are only references for the others."""
     source = REAL / "project_video_0513.mp4"
-    summary = annotate_video(source, tmp_path / "out.mp4", lambda f: f[::4, ::4], end_s=1.0, progress=False)
-    assert (inspect_video(source).frames, summary.frames_out, summary.fps) == (88, 25, 25.0)
+    summary = process_video(source, tmp_path / "out.mp4", lambda f: f[::4, ::4], end_s=1.0, progress=False)
+    assert (inspect_video(source).frames, summary.frames, summary.fps) == (88, 25, 25.0)
     assert (summary.width, summary.height) == (320, 180)

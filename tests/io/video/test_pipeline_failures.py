@@ -1,4 +1,4 @@
-"""annotate_video that fails or is stopped: an earlier output is unchanged and nothing else remains."""
+"""process_video that fails or is stopped: an earlier output is unchanged and nothing else remains."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from lanes.camera import Camera, undistort
 from lanes.errors import PictureError, VideoError
 from lanes.files import read_telemetry
 from lanes.video import process as annotate
-from lanes.video.process import annotate_video
-from lanes.video.reader import read_frames, read_timed_frames
+from lanes.video.process import process_video
+from lanes.video.reader import read_timed_frames, read_video
 from lanes.video.writer import VideoWriter
 from tests.io.video.sample_videos import (
     number_of,
@@ -53,7 +53,7 @@ class TestFailure:
             return frame
 
         with pytest.raises(type(error)) as caught:
-            annotate_video(video, target, process, progress=False)
+            process_video(video, target, process, progress=False)
         self.assert_untouched(target)
         if isinstance(error, ZeroDivisionError):
             assert f"frame 19 of {video}" in caught.value.__notes__[0]
@@ -61,19 +61,19 @@ class TestFailure:
     def test_a_refused_frame_is_named(self, video, target):
         camera = Camera.from_fov((640, 360), 60)
         with pytest.raises(PictureError, match=r"^frame 5 of .*drive\.mp4: is 160x96 .* that of pictures of 640x360"):
-            annotate_video(video, target, lambda frame: undistort(frame, camera), progress=False, start_s=0.2)
+            process_video(video, target, lambda frame: undistort(frame, camera), progress=False, start_s=0.2)
         self.assert_untouched(target)
 
     @pytest.mark.parametrize("result", [None, np.zeros((96, 160), np.uint8), np.zeros((96, 160, 3))])
     def test_process_that_does_not_return_a_picture(self, video, target, result):
-        with pytest.raises(VideoError, match="frame 0 of .*process returned"):
-            annotate_video(video, target, lambda frame: result, progress=False)
+        with pytest.raises(VideoError, match="frame 0 of .*the function returned"):
+            process_video(video, target, lambda frame: result, progress=False)
         self.assert_untouched(target)
 
     def test_process_that_changes_its_size(self, video, target):
         sizes = iter(range(100, 10, -1))
         with pytest.raises(VideoError, match="frame 1 is .*99 pixels, the first one was 160x100"):
-            annotate_video(video, target, lambda f: np.zeros((next(sizes), 160, 3), np.uint8), progress=False)
+            process_video(video, target, lambda f: np.zeros((next(sizes), 160, 3), np.uint8), progress=False)
         self.assert_untouched(target)
 
     @pytest.mark.parametrize(
@@ -83,12 +83,12 @@ class TestFailure:
         """A real process gets a real signal in the middle of its work."""
         code = (
             "import sys, time\n"
-            "from lanes.video.process import annotate_video\n"
+            "from lanes.video.process import process_video\n"
             "def slow(frame):\n"
             "    print('frame', flush=True)\n"
             "    time.sleep(0.05)\n"
             "    return frame\n"
-            "annotate_video(sys.argv[1], sys.argv[2], slow)\n"
+            "process_video(sys.argv[1], sys.argv[2], slow)\n"
         )
         root = ROOT
         command = [sys.executable, "-c", code, str(video), str(target)]
@@ -103,7 +103,7 @@ class TestFailure:
 
     def test_no_handler_is_left(self, video, tmp_path):
         before = signal.getsignal(signal.SIGTERM)
-        annotate_video(video, tmp_path / "out.mp4", unchanged, progress=False, end_s=0.2)
+        process_video(video, tmp_path / "out.mp4", unchanged, progress=False, end_s=0.2)
         assert signal.getsignal(signal.SIGTERM) == before
 
     def test_damaged_middle(self, video, target, tmp_path):
@@ -114,13 +114,13 @@ class TestFailure:
         broken = tmp_path / "broken.mp4"
         broken.write_bytes(data)
         rows = tmp_path / "rows.csv"
-        summary = annotate_video(broken, target, unchanged, progress=False, telemetry=rows)
-        assert 1 <= summary.missing == 50 - summary.frames_out <= 25
+        summary = process_video(broken, target, unchanged, progress=False, telemetry=rows)
+        assert 1 <= summary.missing == 50 - summary.frames <= 25
         # The other frames keep their numbers and times. Frames predicted from a damaged one may show an older picture,
         # until the next key frame (every twelfth here).
         table = read_telemetry(rows)
         np.testing.assert_allclose(table["time_s"], table["frame"] / 25, atol=1e-3)
-        shown = np.array([number_of(frame) for frame in read_frames(target)])
+        shown = np.array([number_of(frame) for frame in read_video(target)])
         lost = sorted({*range(50)} - {*table["frame"]})
         sound = (table["frame"] < lost[0]) | (table["frame"] > lost[-1] + 12)
         assert sound.sum() >= 10 and (shown <= table["frame"]).all()
@@ -131,7 +131,7 @@ class TestFailure:
         monkeypatch.setattr(annotate, "read_timed_frames", lambda *_, **__: broken_frames(video, 20))
         seen = []
         with pytest.raises(VideoError, match="frame 20 is damaged"):
-            annotate_video(video, target, lambda frame: seen.append(number_of(frame)) or frame, progress=False)
+            process_video(video, target, lambda frame: seen.append(number_of(frame)) or frame, progress=False)
         assert seen == list(range(20))
         self.assert_untouched(target)
 
@@ -140,31 +140,31 @@ class TestFailure:
         monkeypatch.setattr(VideoWriter, "encode", broken_encode)
         seen = []
         with pytest.raises(OSError, match=r"drive\.mp4: cannot be written \(No space left"):
-            annotate_video(video, target, lambda frame: seen.append(0) or frame, progress=False)
+            process_video(video, target, lambda frame: seen.append(0) or frame, progress=False)
         assert 10 <= len(seen) <= 15
         self.assert_untouched(target)
 
     def test_error_while_writing_the_last_frames(self, video, target, monkeypatch):
         monkeypatch.setattr(VideoWriter, "encode", broken_encode)
         with pytest.raises(OSError, match="No space left"):
-            annotate_video(video, target, unchanged, progress=False, end_s=0.4)
+            process_video(video, target, unchanged, progress=False, end_s=0.4)
         self.assert_untouched(target)
 
     @pytest.mark.parametrize("fails", [True, False])
     def test_no_thread_is_left(self, video, tmp_path, fails):
         before = threading.active_count()
         with pytest.raises(ZeroDivisionError) if fails else nullcontext():
-            annotate_video(video, tmp_path / "out.mp4", (lambda frame: 1 / 0) if fails else unchanged, progress=False)
+            process_video(video, tmp_path / "out.mp4", (lambda frame: 1 / 0) if fails else unchanged, progress=False)
         assert threading.active_count() == before
 
     def test_other_suffix(self, video, tmp_path):
         with pytest.raises(VideoError, match=r"out\.avi: .*\.mp4"):
-            annotate_video(video, tmp_path / "out.avi", unchanged, progress=False)
+            process_video(video, tmp_path / "out.avi", unchanged, progress=False)
 
     def test_onto_itself(self, video):
         before = video.read_bytes()
         with pytest.raises(VideoError, match="is the source itself"):
-            annotate_video(video, video, unchanged, progress=False)
+            process_video(video, video, unchanged, progress=False)
         assert video.read_bytes() == before
 
     @pytest.mark.parametrize("name", ["file/out.mp4", "long" * 62 + "out.mp4"])
@@ -172,7 +172,7 @@ class TestFailure:
         (tmp_path / "file").write_text("not a folder")
         calls = []
         with pytest.raises(OSError, match=r"out\.mp4: cannot be written"):
-            annotate_video(video, tmp_path / name, calls.append, progress=False)
+            process_video(video, tmp_path / name, calls.append, progress=False)
         assert not calls
         assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
@@ -180,13 +180,13 @@ class TestFailure:
         (tmp_path / "file").write_text("not a folder")
         calls = []
         with pytest.raises(OSError, match=r"rows\.csv: cannot be written"):
-            annotate_video(video, target, calls.append, progress=False, telemetry=tmp_path / "file" / "rows.csv")
+            process_video(video, target, calls.append, progress=False, telemetry=tmp_path / "file" / "rows.csv")
         assert not calls
         self.assert_untouched(target)
 
     def test_missing_source_makes_no_folder(self, tmp_path):
         with pytest.raises(FileNotFoundError, match="nowhere.mp4"):
-            annotate_video(tmp_path / "nowhere.mp4", tmp_path / "new" / "out.mp4", unchanged, progress=False)
+            process_video(tmp_path / "nowhere.mp4", tmp_path / "new" / "out.mp4", unchanged, progress=False)
         assert not (tmp_path / "new").exists()
 
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from lanes.errors import VideoError
-from lanes.video.process import annotate_video
-from lanes.video.reader import inspect_video, read_frames, read_timed_frames
+from lanes.video.process import process_video
+from lanes.video.reader import inspect_video, read_timed_frames, read_video
 from tests.io.video.sample_videos import (
     NTSC,
     SIZE,
@@ -35,7 +35,7 @@ class TestInspect:
         info = inspect_video(path)
         assert info.frames == 31
         assert info.fps == pytest.approx(30000 / 1001, abs=1e-3)
-        assert [number_of(frame) for frame in read_frames(path)] == list(range(31))
+        assert [number_of(frame) for frame in read_video(path)] == list(range(31))
 
     def test_frames_that_are_not_shown_do_not_count(self, video, tmp_path):
         """A clip cut between key frames without re-encoding stores frames that are only references for others."""
@@ -49,7 +49,7 @@ class TestInspect:
                     packet.dts -= round(Fraction(5, 25) / packet.time_base)
                     target.mux(packet)
         assert inspect_video(path).frames == 45
-        assert [number_of(frame) for frame in read_frames(path)] == list(range(5, 50))
+        assert [number_of(frame) for frame in read_video(path)] == list(range(5, 50))
 
     def test_missing_file(self, tmp_path):
         with pytest.raises(FileNotFoundError, match="nowhere.mp4: there is no such video"):
@@ -89,7 +89,7 @@ class TestInspect:
             inspect_video(path)
 
     def test_cut_off_with_the_index_at_the_start(self, video, tmp_path):
-        annotate_video(video, tmp_path / "whole.mp4", unchanged, progress=False)
+        process_video(video, tmp_path / "whole.mp4", unchanged, progress=False)
         path = tmp_path / "cut.mp4"
         path.write_bytes((tmp_path / "whole.mp4").read_bytes()[:-3000])
         with pytest.raises(VideoError, match=r"cut\.mp4: .*(cut off after|damaged)"):
@@ -98,7 +98,7 @@ class TestInspect:
 
 class TestRead:
     def test_frames_are_rgb_and_writable(self, video):
-        frame = next(read_frames(video))
+        frame = next(read_video(video))
         frame[0, 0] = 1
         np.testing.assert_allclose(frame[20, 80], YELLOW, atol=4)
 
@@ -112,11 +112,11 @@ class TestRead:
 
     def test_part_after_the_end(self, video):
         with pytest.raises(VideoError, match="no frame at or after 2.5 s"):
-            next(read_frames(video, start_s=2.5))
+            next(read_video(video, start_s=2.5))
 
     def test_part_that_ends_before_it_starts(self, video):
         with pytest.raises(VideoError, match="start_s < end_s"):
-            next(read_frames(video, start_s=1.5, end_s=1.0))
+            next(read_video(video, start_s=1.5, end_s=1.0))
 
     @pytest.mark.parametrize(("degrees", "corner"), [(90, (0, -1)), (180, (-1, -1)), (270, (-1, 0))])
     def test_rotated_camera(self, tmp_path, degrees, corner):
@@ -124,7 +124,7 @@ class TestRead:
         path = make_video(tmp_path / "upright.mp4", 2)
         turned = tmp_path / "turned.mp4"
         set_rotation(path, turned, degrees)
-        marked = next(read_frames(turned))
+        marked = next(read_video(turned))
         assert marked.shape[:2] == ((160, 96) if degrees % 180 else (96, 160))
         info = inspect_video(turned)
         assert (info.height, info.width) == marked.shape[:2]

@@ -8,7 +8,7 @@ import av
 import numpy as np
 import pytest
 
-from lanes.video.process import annotate_video
+from lanes.video.process import process_video
 from lanes.video.reader import inspect_video, read_timed_frames
 from tests.io.video.sample_videos import (
     SIZE,
@@ -27,8 +27,8 @@ def test_part_with_synchronous_sound(tmp_path):
     path = make_video(tmp_path / "drive.mp4", 100, sound="aac")
     assert tone_starts_s(path) == pytest.approx(2.0, abs=0.05)
     target = tmp_path / "out.mp4"
-    summary = annotate_video(path, target, unchanged, start_s=1.2, end_s=3.2, progress=False)
-    assert (summary.frames_out, summary.duration_s) == (50, 2.0)
+    summary = process_video(path, target, unchanged, start_s=1.2, end_s=3.2, progress=False)
+    assert (summary.frames, summary.duration_s) == (50, 2.0)
     assert tone_starts_s(target) == pytest.approx(0.8, abs=0.05)
     with av.open(str(target)) as container:
         sound = container.streams.audio[0]
@@ -51,7 +51,7 @@ def test_part_with_synchronous_sound(tmp_path):
 )
 def test_sound_of_other_containers(tmp_path, suffix, codec, audio):
     path = make_video(tmp_path / f"drive.{suffix}", 40, sound=codec, **audio)
-    summary = annotate_video(path, tmp_path / "out.mp4", unchanged, progress=False)
+    summary = process_video(path, tmp_path / "out.mp4", unchanged, progress=False)
     assert summary.has_audio
     # avi begins with the sound, some frames before the picture
     with av.open(str(path)) as container:
@@ -61,7 +61,7 @@ def test_sound_of_other_containers(tmp_path, suffix, codec, audio):
 
 def test_sound_that_browsers_play_is_copied(video, tmp_path):
     """Packets keep their bytes and times; re-encoding would change the bytes."""
-    annotate_video(video, tmp_path / "out.mp4", unchanged, progress=False)
+    process_video(video, tmp_path / "out.mp4", unchanged, progress=False)
     before, after = sound_packets(video), sound_packets(tmp_path / "out.mp4")
     # the encoder's packets before the first frame are left out
     assert set(after) <= set(before)
@@ -83,9 +83,9 @@ def test_variable_rate_with_sound(tmp_path):
             container.mux(stream.encode(frame))
         container.mux(stream.encode(None))
         add_tone(container, track, 2.2)
-    summary = annotate_video(path, tmp_path / "out.mp4", lambda f: f, progress=False)
+    summary = process_video(path, tmp_path / "out.mp4", lambda f: f, progress=False)
     found = list(read_timed_frames(tmp_path / "out.mp4"))
-    assert summary.frames_out == 30 and [number_of(f.image) for f in found] == list(range(30))
+    assert summary.frames == 30 and [number_of(f.image) for f in found] == list(range(30))
     np.testing.assert_allclose([f.time_s for f in found], times_s, atol=1e-3)
     assert tone_starts_s(tmp_path / "out.mp4") == pytest.approx(tone_starts_s(path), abs=1e-3)
 
@@ -98,16 +98,16 @@ def test_appended_recording(tmp_path, codec, layout, end_s):
     path = make_video(tmp_path / "drive.ts", 40, sound=codec)
     other = make_video(tmp_path / "other.ts", 30, sound=codec, layout=layout)
     path.write_bytes(path.read_bytes() + other.read_bytes())
-    summary = annotate_video(path, tmp_path / "out.mp4", unchanged, progress=False)
-    assert (summary.frames_out, summary.has_audio) == (70, True)
+    summary = process_video(path, tmp_path / "out.mp4", unchanged, progress=False)
+    assert (summary.frames, summary.has_audio) == (70, True)
     assert sound_packets(tmp_path / "out.mp4")[-1][0] == pytest.approx(end_s, abs=0.1)
 
 
 def test_unknown_sound_is_left_out(tmp_path):
     path = make_video_with_unknown_sound(tmp_path / "drive.avi", 10)
-    summary = annotate_video(path, tmp_path / "out.mp4", unchanged, progress=False)
-    assert inspect_video(path).has_audio and (summary.frames_out, summary.has_audio) == (10, False)
+    summary = process_video(path, tmp_path / "out.mp4", unchanged, progress=False)
+    assert inspect_video(path).has_audio and (summary.frames, summary.has_audio) == (10, False)
 
 
 def test_without_sound(video, tmp_path):
-    assert not annotate_video(video, tmp_path / "out.mp4", unchanged, sound=False, progress=False).has_audio
+    assert not process_video(video, tmp_path / "out.mp4", unchanged, sound=False, progress=False).has_audio

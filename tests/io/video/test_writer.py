@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lanes.errors import VideoError
-from lanes.video.reader import read_frames
+from lanes.video.reader import read_video
 from lanes.video.writer import VideoWriter
 from tests.io.video.sample_videos import (
     BLUE,
@@ -23,7 +23,7 @@ def test_colours_arrive(tmp_path, height):
     with VideoWriter(tmp_path / "colours.mp4", fps=25, crf=10) as writer:
         for _ in range(5):
             writer.write(image)
-    frame = list(read_frames(tmp_path / "colours.mp4"))[3]
+    frame = list(read_video(tmp_path / "colours.mp4"))[3]
     for place, colour in (((15, 30), RED), ((15, 90), BLUE), ((15, 140), YELLOW)):
         np.testing.assert_allclose(frame[place], colour, atol=6)
 

@@ -1,13 +1,17 @@
-"""The benchmark's tables: for the terminal, in Markdown, and read from a file."""
+"""The benchmark's tables and figures: for the terminal, in Markdown, and read from a file."""
 
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from benchmark.reporting.reliability import AvailableLanes, describe_confidence
 from benchmark.reporting.tables import describe_interval, describe_scores, format_table, markdown_table, results_table
+from benchmark.scores import Result
+from tests.benchmark.test_bootstrap import result
 
 
 def row(scene: str, system: str, **numbers: float) -> dict:
@@ -95,3 +99,40 @@ def test_text_columns_are_aligned_to_the_right():
         "one       1     2",
         "three  lost     4",
     ]
+
+
+def some_lanes(confidence: list[float], correct: list[bool]) -> AvailableLanes:
+    """Lanes of which each is of another drive."""
+    return AvailableLanes(*map(np.array, (confidence, correct, range(len(correct)))))
+
+
+def test_bins_hold_mean_confidence_and_accuracy():
+    bins = some_lanes([0.05, 0.41, 0.49, 0.93, 0.97, 1.0], [False, True, False, True, True, False]).reliability()
+    assert bins.confidence == pytest.approx([0.05, 0.45, 0.93, 0.985])
+    assert bins.accuracy == pytest.approx([0, 0.5, 1, 0.5])
+    assert bins.counts.tolist() == [1, 2, 1, 2]
+    assert ((bins.low <= bins.accuracy) & (bins.accuracy <= bins.high)).all()
+
+
+def test_summary_of_the_confidence_counted_by_hand():
+    cells = some_lanes([0.95, 0.9, 0.97, 0.8, 0.6, 0.3], [True, True, False, True, False, True]).summary_cells()
+    assert [cell.split()[0] for cell in cells] == ["3", "66.7%", "50.0%", "2", "70.0%", "50.0%"]
+    nothing = some_lanes([0.95], [True]).summary_cells()
+    assert nothing == ["1", "100.0% (20-100)", "100.0% (20-100)", "0", "-", "-"]
+
+
+def test_only_available_lanes_count_and_correct_is_up_to_30_m():
+    errors = replace(
+        result(np.ones(4, bool)).errors,
+        exists=np.array([True, True, True, False]),
+        available=np.array([True, True, False, True]),
+        full_rms_m=np.array([0.1, 0.3, np.nan, np.nan]),
+        confidence=np.array([0.7, np.nan, np.nan, 0.2]),
+    )
+    lanes = AvailableLanes.from_results([Result(name, "hard", "tracker", errors) for name in ("one", "two")])
+    assert lanes.confidence.tolist() == [0.7, 1, 0.2] * 2
+    assert lanes.correct.tolist() == [True, False, False] * 2
+    assert lanes.clusters.tolist() == [0] * 3 + [1] * 3
+    unstated = replace(errors, confidence=np.full(4, np.nan))
+    table = describe_confidence([Result("one", "hard", "a", errors), Result("one", "hard", "b", unstated)])
+    assert "hard, a" in table and "hard, b" not in table

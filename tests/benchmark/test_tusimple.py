@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +17,7 @@ from benchmark.labels.tusimple import (
     score_lines,
     summarize_lines,
 )
-from lanes.camera import save_camera
 from lanes.images import write_image
-from simulator.rendering.drive import Motion
-from tests.support.command_line import process
-from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
-from tests.support.project import ROOT
 
 ROWS = np.arange(400.0, 600, 10)
 
@@ -185,54 +179,3 @@ class TestFiles:
         path.write_text(f'{{"raw_file": "{name}", "h_samples": [1], "lanes": []}}\n')
         with pytest.raises(ValueError, match=r"labels\.jsonl: the picture .* lies outside"):
             read_labels(path)
-
-
-class TestCommand:
-    @pytest.fixture(scope="class")
-    @classmethod
-    def folder(cls, tmp_path_factory) -> Path:
-        """Four stills of a painted drive with labels from its truth."""
-        folder = tmp_path_factory.mktemp("stills")
-        camera = CAMERA.scaled((640, 360))
-        motion = Motion(60.0, 25.0, offset_m=0.3, wander_m=0.2)
-        drive = PaintedDrive(s_bend(), lane_lines(), motion=motion, camera=camera)
-        rows, x, entries = np.arange(230, 311, 10), np.geomspace(2, 100, 400), []
-        for k in range(4):
-            write_image(folder / f"{k}.png", drive.frame(k / 5))
-            lanes = []
-            for side in (0, 1):
-                u, v = camera.road_to_pixels(np.column_stack([x, drive.truth(k / 5).line_y(side, x)])).T
-                lanes.append(np.interp(rows, v[::-1], u[::-1]).tolist())
-            entries.append({"raw_file": f"{k}.png", "h_samples": rows.tolist(), "lanes": lanes})
-        (folder / "labels.jsonl").write_text("".join(json.dumps(entry) + "\n" for entry in entries))
-        entries[0]["lanes"] = entries[0]["lanes"][::-1]
-        (folder / "predictions.jsonl").write_text("".join(json.dumps(entry) + "\n" for entry in entries))
-        save_camera(camera, folder / "camera.yaml")
-        save_camera(camera.with_pose(None), folder / "lens.yaml")
-        return folder
-
-    def run(self, folder: Path, *arguments: str) -> subprocess.CompletedProcess:
-        command = process("benchmark", "--labels", folder / "labels.jsonl")
-        command += [str(folder / a) if a.endswith(("l", ".yaml")) and "." in a else a for a in arguments]
-        return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
-
-    def test_predictions_are_scored(self, folder):
-        done = self.run(folder, "--predictions", "predictions.jsonl")
-        assert done.returncode == 0, done.stderr
-        row = next(line for line in done.stdout.splitlines() if line.startswith("predictions.jsonl"))
-        assert row.split()[1:-2] == ["8", "0.750", "0.750", "0.250", "0.250"]
-        assert "not the official score" in done.stdout
-
-    def test_systems_are_scored_with_an_estimated_pose_where_the_camera_has_none(self, folder):
-        done = self.run(folder, "--camera", "lens.yaml")
-        assert done.returncode == 0, done.stderr
-        assert "height" in done.stdout
-        rows = {line.split()[0]: line.split() for line in done.stdout.splitlines() if line}
-        assert rows["tracker"][1:3] == ["8", "1.000"]
-        assert rows["best_channel"][1] == "8"
-
-    def test_wrong_usage_is_reported(self, folder):
-        for arguments, words in ((("--predictions", "no.jsonl"), "no.jsonl"), (("--camera", "no.yaml"), "no.yaml")):
-            done = self.run(folder, *arguments)
-            assert (done.returncode, "Traceback" in done.stderr) == (2, False)
-            assert words in done.stderr

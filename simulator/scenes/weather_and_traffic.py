@@ -1,4 +1,4 @@
-"""Light and weather scenes of the suite: bright and deep shade, glare, fog, night and rain."""
+"""Scenes of the suite on a plain motorway and a country road: weather, light and traffic that hide the lines."""
 
 from __future__ import annotations
 
@@ -6,33 +6,29 @@ from dataclasses import replace
 
 import numpy as np
 
-from simulator.light.exposure import AutoExposure
 from simulator.light.glare import Glare
-from simulator.light.lens import Lens
+from simulator.light.lens import AutoExposure, Lens
 from simulator.light.sunlight import TreeShade, WoodShade
 from simulator.objects.overpass import Overpass
-from simulator.objects.placement import PlacedObject, PlacedWall
-from simulator.objects.scene_objects import Car, Post
-from simulator.rendering.drive import Drive, Motion
+from simulator.objects.scene_objects import Car, PlacedObject, PlacedWall, Post
+from simulator.rendering.drive import Drive, Motion, SuiteScene
 from simulator.road.geometry import RoadGeometry
-from simulator.road.painted_lines import WHITE, YELLOW, Marking
+from simulator.road.markings import WHITE, YELLOW, Marking
 from simulator.road.surface import Seam, Surface, Zone
 from simulator.scenes.dashcam import DASHCAM
 from simulator.scenes.freeway import (
-    EGO_LINES_M,
     LANE_WIDTH_M,
     car,
     daylight,
+    freeway_drive,
     freeway_markings,
     freeway_surface,
     oncoming_cars,
     plant_trees,
 )
-from simulator.scenes.scene import SuiteScene
 from simulator.weather.fog import Fog
 from simulator.weather.night import Night
-from simulator.weather.rain import Rain
-from simulator.weather.wet import Wet
+from simulator.weather.rain import Rain, Wet
 
 OPPOSITE_EDGE_M = 17.0
 
@@ -51,10 +47,8 @@ def plain_motorway(seed: int, *zones: Zone, seams: tuple[Seam, ...] = (), wear: 
         *plant_trees(seed + 2, "oak plane", s_m=(10, 560), d_m=(-40, -21), height_m=(4, 10), every_m=15),
         *plant_trees(seed + 3, "plane oak", s_m=(30, 560), d_m=(34, 50), height_m=(6, 11), every_m=20),
     )
-    return Drive(
-        camera=DASHCAM,
+    return freeway_drive(
         road=RoadGeometry([0.0, 55.0, 120.0, 300.0, 360.0], [1 / 520, 1 / 520, -1 / 430, -1 / 430, 0.0]),
-        line_laterals_m=EGO_LINES_M,
         markings=freeway_markings(phase_m=3.0, wear=wear, opposite_m=OPPOSITE_EDGE_M),
         surface=freeway_surface(*(zones or (Zone(-100.0, "asphalt"),)), seams=seams, opposite_m=OPPOSITE_EDGE_M),
         motion=Motion(0.0, 27.0, offset_m=0.12, wander_m=0.2, wander_period_s=6.0, pitch_rad=float(np.radians(0.2))),
@@ -173,6 +167,42 @@ def _overcast() -> dict:
     return style | {"sun": replace(style["sun"], overcast=True), "lens": Lens(exposure=0.5)}
 
 
+def _with(drive: Drive, *others: PlacedObject) -> Drive:
+    """The drive with other vehicles instead of those on the car's carriageway."""
+    kept = tuple(
+        p for p in drive.objects if not (isinstance(p, PlacedObject) and isinstance(p.item, Car) and p.speed_mps > 0)
+    )
+    return replace(drive, objects=(*kept, *others))
+
+
+def _motorcycle() -> Drive:
+    """A motorcycle that crosses the lane from the right line to beyond the left one, and back."""
+    path = ((0.0, -2.0), (0.8, -1.7), (2.0, 1.6), (2.8, 1.7), (4.0, -0.4))
+    rider = PlacedObject(13.0, 0.0, Car(0, 0, 0.0, "red", "motorcycle"), 15.6, path)
+    return _with(country_road_drive(411), rider)
+
+
+def _cut_in() -> Drive:
+    """A car that cuts in from the right lane, 11 m ahead, and leaves again."""
+    path = ((0.0, -LANE_WIDTH_M), (0.5, -LANE_WIDTH_M), (2.0, -0.2), (2.7, -0.2), (4.2, -LANE_WIDTH_M))
+    others = (
+        PlacedObject(16.0, 0.0, Car(0, 0, 0.0, "white", "suv"), 27.6, path),
+        PlacedObject(70.0, -LANE_WIDTH_M, Car(0, 0, 0.0, "black"), 28.0),
+        PlacedObject(95.0, 0.0, Car(0, 0, 0.0, "silver"), 29.0),
+    )
+    return _with(plain_motorway(421), *others)
+
+
+def _lorry() -> Drive:
+    """A lorry that drives on the broken line for two seconds, half in the ego lane."""
+    path = ((0.0, -LANE_WIDTH_M), (0.8, -LANE_WIDTH_M), (1.8, -2.6), (3.3, -2.6), (4.5, -LANE_WIDTH_M))
+    others = (
+        PlacedObject(17.0, 0.0, Car(0, 0, 0.0, "blue", "truck"), 26.4, path),
+        PlacedObject(80.0, 0.0, Car(0, 0, 0.0, "red"), 29.0),
+    )
+    return _with(plain_motorway(431), *others)
+
+
 SCENES = (
     SuiteScene(
         "pale-concrete", "medium", 4.0, "Worn paint on light concrete at 120 km/h, cracks along it.", _pale_concrete
@@ -193,4 +223,9 @@ SCENES = (
     SuiteScene("haze", "medium", 4.0, "Far lines fade in bright haze.", _haze),
     SuiteScene("wet-night", "hard", 5.0, "Headlights on a wet road with reflections of lamps.", _wet_night),
     SuiteScene("rain", "hard", 5.0, "Drops on the windscreen between wipes, a road that reflects the clouds.", _rain),
+    SuiteScene("motorcycle", "medium", 4.0, "A motorcycle weaves across the lane and both of its lines.", _motorcycle),
+    SuiteScene(
+        "cut-in", "medium", 4.5, "A car crosses the line into the ego lane just ahead, and leaves it again.", _cut_in
+    ),
+    SuiteScene("lorry", "hard", 4.5, "A lorry hides the broken line for two seconds, driving on it.", _lorry),
 )

@@ -1,1 +1,0 @@
-"""Time per frame, time from file to file, and memory."""

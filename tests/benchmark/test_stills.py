@@ -1,0 +1,184 @@
+"""Labelled stills: scores of several cameras; stated uncertainty and confidence, with drawn lanes and labels."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmark.consistency import z_summary
+from benchmark.labels.stills import (
+    LABEL_STD_PX,
+    StillCheck,
+    all_z,
+    check_lane,
+    describe_checks,
+    split_folders,
+    summarize_checks,
+)
+from benchmark.labels.tusimple import NO_POINT, LaneColumns, read_labels
+from lanes.camera import save_camera
+from lanes.detect.lane import Lane, LineObservation
+from lanes.detect.road import lines_on_view
+from lanes.images import write_image
+from simulator.rendering.drive import Motion
+from tests.support.command_line import main
+from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
+from tests.support.shapes import a_lane
+
+SMALL = CAMERA.scaled((640, 360))
+POSES = {"low": SMALL.pose, "high": replace(SMALL.pose, height_m=1.6, pitch_rad=SMALL.pose.pitch_rad + 0.05)}
+HFOV_DEG = np.degrees(2 * np.arctan(SMALL.width / 2 / SMALL.matrix[0, 0]))
+ROWS, X_M = np.arange(370.0, 700.0, 5.0), np.geomspace(2, 100, 400)
+TRUE = a_lane(centre=0.2, width=3.5, heading=0.02, curvature=1 / 400)
+STD = a_lane(centre=0.05, width=0.04, heading=0.008, curvature=5e-4, rate=1e-9, pitch=1e-9, rate_steps=1e-12)
+SEEN = (LineObservation(0.9, 40.0), LineObservation(0.9, 40.0))
+AT_M, H = np.array([8.0, 15.0, 25.0]), CAMERA.pose.height_m
+
+
+def write_lines(path: Path, entries: list[dict]) -> None:
+    path.write_text("".join(json.dumps(entry) + "\n" for entry in entries))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """Labelled stills of two cameras with different poses, black ones of a third one, and predictions for the first."""
+    folder, rows, entries = tmp_path_factory.mktemp("cameras"), np.arange(230, 311, 5), []
+    for name, pose in POSES.items():
+        motion = Motion(60.0, 25.0, offset_m=0.3, wander_m=0.2)
+        drive = PaintedDrive(s_bend(), lane_lines(), motion=motion, camera=SMALL.with_pose(pose))
+        for k in range(4):
+            entries.append({"raw_file": f"{name}/{k}.png", "h_samples": rows.tolist(), "lanes": []})
+            write_image(folder / entries[-1]["raw_file"], drive.frame(k / 5))
+            for side in (0, 1):
+                u, v = drive.camera.road_to_pixels(np.column_stack([X_M, drive.truth(k / 5).line_y(side, X_M)])).T
+                columns = np.interp(rows, v[::-1], u[::-1])
+                entries[-1]["lanes"].append(np.where((columns >= 0) & (columns < 640), columns, -2).tolist())
+    write_lines(folder / "low.jsonl", entries[:4])
+    swapped = entries[0] | {"lanes": entries[0]["lanes"][::-1]}
+    write_lines(folder / "predictions.jsonl", [swapped, *entries[1:4]])
+    write_image(folder / "black" / "0.png", np.zeros((360, 640, 3), np.uint8))
+    write_lines(folder / "all.jsonl", [*entries, entries[0] | {"raw_file": "black/0.png"}])
+    save_camera(SMALL.with_pose(None), folder / "lens.yaml")
+    return folder
+
+
+def test_each_folder_has_its_own_pose(folder, capsys):
+    options = ["--labels", str(folder / "all.jsonl"), "--hfov", f"{HFOV_DEG:.3f}", "--system", "tracker"]
+    assert main(["benchmark", *options, "--each-folder"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("low: 4 stills; z at 8/15/25 m: ")
+    assert lines[1].startswith("high: 4 stills; z at 8/15/25 m: ")
+    assert lines[2].startswith("black: left out, 1 stills (")
+    (scores,) = (line.split() for line in lines if line.startswith("tracker "))
+    assert scores[1:3] == ["16", "1.000"]
+    (confident,) = (line.split() for line in lines if line.startswith("right lanes with 0.9"))
+    assert confident[-1] == "8"
+
+
+def test_systems_are_scored_with_an_estimated_pose_where_the_camera_has_none(folder, capsys):
+    assert main(["benchmark", "--labels", str(folder / "low.jsonl"), "--camera", str(folder / "lens.yaml")]) == 0
+    said = capsys.readouterr().out
+    assert "height" in said
+    rows = {line.split()[0]: line.split() for line in said.splitlines() if line}
+    assert rows["tracker"][1:3] == ["8", "1.000"]
+    assert rows["best_channel"][1] == "8"
+
+
+def test_predictions_are_scored(folder, capsys):
+    files = [str(folder / name) for name in ("low.jsonl", "predictions.jsonl")]
+    assert main(["benchmark", "--labels", files[0], "--predictions", files[1]]) == 0
+    said = capsys.readouterr().out
+    (row,) = (line for line in said.splitlines() if line.startswith("predictions.jsonl"))
+    assert row.split()[1:-2] == ["8", "0.750", "0.750", "0.250", "0.250"]
+    assert "not the official score" in said
+
+
+@pytest.mark.parametrize("option", ["--predictions", "--camera"])
+def test_missing_files_are_named(folder, option, capsys):
+    assert main(["benchmark", "--labels", str(folder / "low.jsonl"), option, str(folder / "no.file")]) == 2
+    assert "no.file" in capsys.readouterr().err
+
+
+def test_folders_are_the_first_part_of_the_path(tmp_path):
+    write_lines(
+        tmp_path / "labels.jsonl",
+        [{"raw_file": name, "h_samples": [], "lanes": []} for name in ("a/x/1.jpg", "b/2.jpg", "a\\3.jpg")],
+    )
+    folders = split_folders(read_labels(tmp_path / "labels.jsonl"))
+    names = {name: [label.name for label in some] for name, some in folders.items()}
+    assert names == {"a": ["a/x/1.jpg", "a/3.jpg"], "b": ["b/2.jpg"]}
+
+
+def lane_of(model: np.ndarray, covariance: np.ndarray = np.diag(STD**2)) -> Lane:  # noqa: B008
+    return Lane(model, model, covariance, covariance, SEEN, score=1.0)
+
+
+def label_of(model: np.ndarray, shift_px: np.ndarray | float = 0.0) -> LaneColumns:
+    """The pixels of a lane, each line shifted by the error of the label."""
+    columns = lane_of(model).pixels(CAMERA, ROWS)
+    return LaneColumns("a", ROWS, np.where(columns >= 0, columns + np.reshape(shift_px, (-1, 1)), NO_POINT))
+
+
+def drawn_checks(covariance: np.ndarray, *, stated: float = 1.0) -> list[StillCheck]:
+    """Checks of lanes with drawn errors, against labels with drawn errors."""
+    rng = np.random.default_rng(8)
+    models = rng.multivariate_normal(TRUE, covariance, 300)
+    labels = [label_of(TRUE, shift_px) for shift_px in rng.normal(0, LABEL_STD_PX, (300, 2))]
+    lanes = [lane_of(model, stated**2 * covariance) for model in models]
+    return [check_lane(lane, label, CAMERA) for lane, label in zip(lanes, labels, strict=True)]
+
+
+def z_rms(z: np.ndarray) -> np.ndarray:
+    """(3,) root mean squares of (N, 2, 3)."""
+    assert np.isfinite(z).mean() > 0.95
+    return np.sqrt(np.nanmean(z**2, axis=(0, 1)))
+
+
+@pytest.mark.parametrize("stated", [1.0, 0.5])
+def test_z_is_the_ratio_of_true_and_stated_std(stated):
+    checks = drawn_checks(np.diag(STD**2), stated=stated)
+    rms = z_rms(all_z(checks))
+    # with half the stated standard deviation; that of the label remains
+    assert rms == pytest.approx(1, abs=0.1) if stated == 1 else ((rms > 1.4) & (rms < 2.1)).all()
+    z = all_z(checks).ravel()
+    assert stated < 1 or z_summary(z[np.isfinite(z)])["within_1"] == pytest.approx(0.68, abs=0.04)
+
+
+def test_errors_of_the_pitch_are_not_in_the_picture_where_the_width_makes_up_for_them():
+    """A pitch widens the lane in the picture. Errors of both cancel there, 15 m ahead."""
+    pitch = a_lane(width=0.0, pitch=1e-3)
+    left, right = (lines_on_view((TRUE + pitch)[None], AT_M, H)[0] - lines_on_view(TRUE[None], AT_M, H)[0])[:, 1]
+    direction = 6 * (pitch + a_lane(width=right - left))
+    checks = drawn_checks(np.diag(STD**2) + np.outer(direction, direction))
+    assert z_rms(all_z(checks)) == pytest.approx(1, abs=0.1)
+
+
+def test_another_line_and_missing_labels_are_left_out():
+    far = check_lane(lane_of(TRUE), label_of(TRUE + a_lane(centre=1.5, width=0.0)), CAMERA)
+    assert np.isnan(far.z).all() and far.other_lines == 6 and far.right is False
+    label = label_of(TRUE)
+    label.columns[0] = NO_POINT
+    one = check_lane(lane_of(TRUE), label, CAMERA)
+    assert np.isnan(one.z[0]).all() and np.abs(one.z[1]).max() < 0.01 and one.right
+    label.columns[1] = NO_POINT
+    assert check_lane(lane_of(TRUE), label, CAMERA).right is None
+
+
+def test_right_lanes_are_counted_by_confidence():
+    nothing = np.full((2, 3), np.nan)
+    stated = [(0.95, True), (0.9, True), (0.99, False), (0.7, True), (0.5, False), (0.2, True), (0.95, None)]
+    checks = [StillCheck(nothing, 1, *pair) for pair in stated]
+    lines = describe_checks(checks).splitlines()
+    cells = {" ".join(line.split()[:-3]): line.split()[-3:] for line in lines if " of " in line}
+    assert {name: f"{a}/{b}" for name, (a, _, b) in list(cells.items())[:4]} == {
+        "confidence 0.9 or more": "2/3",
+        "confidence 0.5 to 0.9": "1/2",
+        "confidence below 0.5": "1/1",
+        "right lanes with 0.9 or more": "2/4",
+    }
+    assert "left out, error above 1 m: 7" in lines
+    assert summarize_checks(checks).endswith("0.9 or more: 2 of 3 right, 2 of 4 of the right lanes")

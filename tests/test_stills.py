@@ -1,0 +1,130 @@
+"""Detection in single images: band filter and network, and the pose that an image of an unknown camera gets."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lanes import stills
+from lanes.camera import Camera, CameraPose
+from lanes.detect.confidence import rate_lane
+from lanes.errors import CameraError
+from lanes.stills import StillDetection, detect_still, detect_with_own_pose, find_lane
+from tests.support.painted_roads import ASPHALT, Road, dashcam, paint_motorway
+
+DASHCAM = dashcam()
+CLEAR = Road(DASHCAM).line(lambda x: 1.8 + 0 * x).line(lambda x: -1.8 + 0 * x).image()
+
+
+class TestKnownPose:
+    """The band filter finds the lane; where it is not sure, the network searches, too."""
+
+    @pytest.mark.parametrize(
+        ("band", "network", "searches", "learned"),
+        [
+            (3.0, 5.0, [False], False),
+            (1.0, 2.5, [False, True], True),
+            (1.0, 1.5, [False, True], False),
+            (1.0, None, [False, True], False),
+            (None, -1.0, [False, True], True),
+            (None, None, [False, True], False),
+        ],
+    )
+    def test_the_more_probable_lane_is_taken(self, monkeypatch, band, network, searches, learned):
+        """`band` and `network` are the log odds of the lanes found; None finds none."""
+        done, known = [], find_lane(CLEAR, DASHCAM)
+
+        def choose_lane(fit, evidence):
+            done.append(evidence.response.learned)
+            odds = network if evidence.response.learned else band
+            return None if odds is None else replace(known, score=odds)
+
+        monkeypatch.setattr(stills, "choose_lane", choose_lane)
+        monkeypatch.setattr(stills, "log_odds", lambda lane: lane.score)
+        monkeypatch.setattr(stills, "rate_lane", lambda lane: 1 / (1 + np.exp(-lane.score)))
+        found = detect_still(CLEAR, DASHCAM)
+        assert done == searches and found.evidence.response.learned == learned
+        assert (found.lane and found.lane.score) == (network if learned else band)
+
+    def test_find_lane_gives_the_lane_of_the_detection(self):
+        found = detect_still(CLEAR, DASHCAM)
+        assert not found.evidence.response.learned and found.camera is DASHCAM
+        np.testing.assert_array_equal(find_lane(CLEAR, DASHCAM).model, found.lane.model)
+        assert found.lane.same_lane_share is None
+
+    def test_a_faint_lane_is_found_by_the_network(self):
+        faint = {"colour": tuple(np.add(ASPHALT, 8))}
+        road = Road(DASHCAM, noise=5.0).line(lambda x: 1.8 + 0 * x, **faint).line(lambda x: -1.8 + 0 * x, **faint)
+        found = detect_still(road.image(), DASHCAM)
+        assert found.evidence.response.learned
+        assert rate_lane(found.lane) > 0.5
+        assert found.lane.width_m == pytest.approx(3.6, abs=0.15) and found.lane.offset_m == pytest.approx(0, abs=0.1)
+
+    def test_a_camera_without_pose_and_one_that_sees_no_road_are_refused(self):
+        with pytest.raises(CameraError, match="no pose"):
+            find_lane(CLEAR, replace(DASHCAM, pose=None))
+        with pytest.raises(CameraError, match="sees no road"):
+            find_lane(CLEAR, dashcam(pitch_rad=-0.9))
+
+
+POSE = CameraPose(1.7, np.radians(3.0))
+CAMERA = Camera.from_fov((640, 360), 60, POSE)
+
+
+def own_pose(image: np.ndarray, height_m: float = 1.7, height_log_std: float = 0.05) -> StillDetection:
+    """What is found with the poses around an estimate of the height, and the true pitch."""
+    return detect_with_own_pose(image, CAMERA.with_pose(replace(POSE, height_m=height_m)), height_log_std)
+
+
+def is_right(found: StillDetection) -> bool:
+    """Whether the lane lies on the painted one, within 1 % of the image's width."""
+    far_m = np.linspace(8.0, 30.0, 10)
+    true = [CAMERA.road_to_pixels(np.column_stack([far_m, np.full(10, y_m)])) for y_m in (1.83, -1.83)]
+    columns = found.lane.pixels(found.camera, true[0][:, 1])
+    return bool(np.abs(columns - [pixels[:, 0] for pixels in true]).max() < 0.01 * CAMERA.width)
+
+
+class TestOwnPose:
+    """Of the poses near the estimate, that with the most probable lane; the stripes are those of the network."""
+
+    def test_the_right_lane_is_found_though_the_height_is_wrong(self):
+        """With half the height two lanes look as wide as one."""
+        image = paint_motorway(CAMERA)
+        assert not is_right(detect_still(image, CAMERA.with_pose(replace(POSE, height_m=0.93))))
+        found = own_pose(image, 0.93, 0.5)
+        assert is_right(found) and found.evidence.response.learned
+        assert abs(np.log(found.camera.pose.height_m / 1.7)) < abs(np.log(0.93 / 1.7)) - 0.2
+
+    def test_the_poses_agree_on_a_lane_that_is_clear_and_not_on_one_among_many_lines(self):
+        clear = own_pose(paint_motorway(CAMERA, lines=(0, 1), solid=(0, 1))).lane
+        assert clear.same_lane_share == 1.0
+        # as on a car park, 1.2 m apart
+        many = paint_motorway(Camera.from_fov((640, 360), 60, replace(POSE, height_m=1.7 * 3)), lines=range(-6, 8))
+        doubtful = own_pose(many, height_log_std=0.25).lane
+        assert doubtful.same_lane_share < 0.6
+        assert rate_lane(clear) > rate_lane(replace(clear, same_lane_share=doubtful.same_lane_share))
+
+    def test_a_height_without_uncertainty_is_kept(self):
+        assert own_pose(paint_motorway(CAMERA), 1.6, 0.0).camera.pose.height_m == 1.6
+
+    def test_without_a_lane_the_estimate_is_kept(self):
+        found = own_pose(np.full((360, 640, 3), 90, np.uint8), 1.35, 0.25)
+        assert found.lane is None and found.camera.pose == replace(POSE, height_m=1.35)
+        assert found.evidence.view_image.any()
+
+    def test_each_pose_is_searched_once(self, monkeypatch):
+        """Bird's-eye view, its finer grid for the network, and search: once for each of the seven poses."""
+        searched, search = [], stills.fit_starts
+        monkeypatch.setattr(stills, "fit_starts", lambda *fit: searched.append(fit) or search(*fit))
+        own_pose(paint_motorway(CAMERA))
+        assert len(searched) == 7
+
+    def test_a_pose_that_sees_no_road_is_refused(self):
+        with pytest.raises(CameraError, match="sees no road"):
+            detect_with_own_pose(CLEAR, dashcam(pitch_rad=-0.9), 0.05)
+
+    def test_the_poses_are_symmetric_and_begin_with_the_estimate(self):
+        assert stills.TRIED_STEPS[0] == (0.0, 0.0)
+        assert {(-height, -pitch) for height, pitch in stills.TRIED_STEPS} == set(stills.TRIED_STEPS)
