@@ -14,7 +14,7 @@ from course.exercises.check import check_exercise
 from lanes.images import read_image, write_image, list_pictures
 
 # 2 Calibrate
-from lanes.calibration import calibrate_folder
+from lanes.calibration import calibrate
 from lanes.camera import load_camera
 
 # 3 Undistort
@@ -61,7 +61,7 @@ from lanes.files import read_telemetry
 
 # 9 Metres
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.figures import show_birdseye
+from course.plots import show_birdseye
 
 # 10 Paint
 from lanes.detect.paint import marking_response, find_stripes
@@ -97,5 +97,5 @@ from course.sliders import tune_threshold
 from lanes.video.reader import read_video
 
 # Figures
-from lanes.figures import show_pictures, plot_bars, plot_histogram, plot_series
+from course.plots import show_pictures, plot_bars, plot_histogram, plot_series
 from course.telemetry_plots import plot_telemetry, plot_path

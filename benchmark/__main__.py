@@ -16,7 +16,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lanes.cli.arguments import add_lens, find_lens
+from lanes.cli import add_lens, find_lens
 from lanes.console import bounded_int, progress_line, run_command, run_program
 
 if TYPE_CHECKING:

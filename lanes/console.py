@@ -8,7 +8,7 @@ import signal
 import sys
 from collections.abc import Callable
 from io import TextIOWrapper
-from types import ModuleType
+from typing import Any
 
 
 def bounded_float(minimum: float, maximum: float = math.inf) -> Callable[[str], float]:
@@ -56,8 +56,8 @@ def error_status(error: Exception) -> int:
     return getattr(error, "exit_status", 1 if cannot_write else 2)
 
 
-def run_command(command: ModuleType, program: str, arguments: list[str]) -> int:
-    """Run a command, a module with a docstring, EXAMPLES, `add_arguments(parser)` and `run(options)`.
+def run_command(command: Any, program: str, arguments: list[str]) -> int:
+    """Run a command, a module or class with a docstring, EXAMPLES, `add_arguments(parser)` and `run(options)`.
 
     In EXAMPLES, `{program}` stands for `program`, which is how the user starts this command. Returns the exit status:
     0 done; 1 failed with good inputs, such as an unwritable output or images without a road; 2 wrong usage, or a

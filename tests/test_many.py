@@ -34,7 +34,7 @@ from tests.support.project import ROOT
 
 distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'dask[distributed]' bokeh")
 
-# x264 makes the same bytes each time only of widths that are multiples of 256 (tests/io/video/conftest.py).
+# x264 makes the same bytes each time only of widths that are multiples of 256 (tests/video/conftest.py).
 SMALL = CAMERA.scaled((768, 432))
 DRIVES, FRAMES = 5, 20
 
@@ -312,7 +312,7 @@ def test_no_scheduler_and_no_dask_are_reported(drives, tmp_path):
     arguments = ["annotate", "--camera", camera, video, "-o", out]
 
     def run(*options: object, before: str) -> tuple[int, str, str]:
-        code = f"import sys; {before}\nfrom lanes.__main__ import main\nsys.exit(main())"
+        code = f"import sys; {before}\nfrom lanes.cli import main\nsys.exit(main())"
         with popen([sys.executable, "-c", code, *map(str, [*arguments, *options])]) as child:
             printed = child.communicate(timeout=180)
         return child.returncode, *printed

@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import replace
@@ -83,18 +83,20 @@ def process_video(
     info = info or inspect_video(source)
     if Path(target).exists() and os.path.samefile(source, target):
         raise VideoError(f"{target}: is the source itself; write the output under another name.")
-    writer = VideoWriter(
-        target, fps=info.fps, colours=info.colours, sound_from=source if sound and info.has_audio else None
-    )
-    takes_time = _takes_time(function)
+    sound_from = source if sound and info.has_audio else None
+    writer = VideoWriter(target, fps=info.fps, colours=info.colours, sound_from=sound_from)
+    try:
+        takes_time = "elapsed_s" in inspect.signature(function).parameters
+    except ValueError:
+        takes_time = False  # functions written in C have no signature
     with (
         _sigterm_as_exception(),
         # This order renames the telemetry file only after the video.
         nullcontext() if telemetry is None else TelemetryWriter(telemetry) as table,
         writer,
-        closing(_read_ahead(read_timed_frames(source, start_s=start_s, end_s=end_s))) as frames,
-        _write_behind(writer.encode) as encode,
-        _progress_bar(info, start_s, end_s, shown=progress) as bar,
+        closing(read_ahead(read_timed_frames(source, start_s=start_s, end_s=end_s))) as frames,
+        write_behind(writer.encode) as encode,
+        progress_bar(info, start_s=start_s, end_s=end_s, shown=progress) as bar,
     ):
         numbers: list[int] = []
         last_s: float | None = None
@@ -106,18 +108,16 @@ def process_video(
             if table:
                 table.write({"frame": frame.number, "time_s": round(frame.time_s, 6), **row})
             bar.update()
-            last_s, numbers = frame.time_s, [*numbers[:1], frame.number]
+            numbers.append(frame.number)
+            last_s = frame.time_s
+    return replace(writer.written, missing=count_missing(info, numbers, start_s=start_s, end_s=end_s))
+
+
+def count_missing(info: VideoInfo, numbers: Sequence[int], *, start_s: float, end_s: float | None) -> int:
+    """Number of damaged or missing frames in a part of a video, of which those with `numbers` were read."""
     whole = start_s == 0 and (end_s is None or end_s >= info.duration_s)
     expected = info.frames + info.missing if whole else numbers[-1] - numbers[0] + 1
-    return replace(writer.written, missing=max(0, expected - writer.frames))
-
-
-def _takes_time(function: Callable) -> bool:
-    """Whether a function has a parameter `elapsed_s`."""
-    try:
-        return "elapsed_s" in inspect.signature(function).parameters
-    except ValueError:
-        return False  # functions written in C have no signature
+    return max(0, expected - len(numbers))
 
 
 def _apply(function: Callable, image: np.ndarray, options: Mapping, name: str) -> tuple[np.ndarray, Row]:
@@ -139,7 +139,7 @@ def _apply(function: Callable, image: np.ndarray, options: Mapping, name: str) -
     return made, {**row, "latency_ms": latency_ms}
 
 
-def _read_ahead(items: Generator) -> Generator:
+def read_ahead(items: Generator) -> Generator:
     """The same items; another thread fetches up to `QUEUE_SIZE` in advance. Closing it also closes `items`."""
     end = object()
     with closing(items), ThreadPoolExecutor(1) as thread:
@@ -150,7 +150,7 @@ def _read_ahead(items: Generator) -> Generator:
 
 
 @contextmanager
-def _write_behind(write: Callable) -> Iterator[Callable]:
+def write_behind(write: Callable) -> Iterator[Callable]:
     """A function that queues an item for `write` in another thread; it blocks while `QUEUE_SIZE` items are waiting.
 
     An exception of `write` is raised by a later call or at the end of the block. All items are written at its end.
@@ -168,7 +168,7 @@ def _write_behind(write: Callable) -> Iterator[Callable]:
             written.result()
 
 
-def _progress_bar(info: VideoInfo, start_s: float, end_s: float | None, *, shown: bool) -> tqdm:
+def progress_bar(info: VideoInfo, *, start_s: float, end_s: float | None, shown: bool) -> tqdm:
     """A progress bar in frames; hidden if stderr is neither a terminal nor a notebook."""
     expected = round((min(end_s or info.duration_s, info.duration_s) - start_s) * info.fps)
     # A notebook's stderr also handles the carriage return. Text needs no ipywidgets.

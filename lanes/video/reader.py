@@ -52,6 +52,11 @@ class ColourTags:
     primaries: int = 1
     transfer: int = 1
 
+    @property
+    def range(self) -> ColorRange:
+        """PyAV's name of the range."""
+        return ColorRange.JPEG if self.full_range else ColorRange.MPEG
+
     @classmethod
     def of(cls, frame: av.VideoFrame) -> ColourTags:
         """The tags of a decoded frame; what it leaves unspecified, and the matrix of RGB, are the defaults."""
@@ -156,14 +161,17 @@ def read_timed_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | 
         rate = frame_rate(stream, path)
         constant_rate = _rate_is_constant(rate, stream)
         converter = VideoReformatter()  # shared: its setup takes half as long as one conversion
-        for frame, time_s in _timed(_decoded_from(path, container, start_s), stream, rate, path):
+        if start_s > 1 and stream.time_base:
+            # to a key frame; one second early, because some containers seek coarsely
+            container.seek(int((start_s - 1 + start_time(stream)) / stream.time_base), stream=stream)
+        decoded = translate_errors(decode_frames(container, stream), path)
+        for frame, time_s in _timed(decoded, stream, rate, path):
             if time_s < start_s - STAMP_TOLERANCE_S:
                 continue
             if end_s is not None and time_s > end_s - STAMP_TOLERANCE_S:
                 break
-            if last is None:
-                number = round(time_s * rate)
-            else:
+            number = round(time_s * rate)
+            if last is not None:
                 number = last.number + (max(1, round((time_s - last.time_s) * rate)) if constant_rate else 1)
             last = TimedFrame(number, float(time_s), _upright_rgb(frame, converter))
             yield last
@@ -248,14 +256,6 @@ def _decoded(packet: av.Packet) -> Iterator[Any]:
         yield from (frame for frame in packet.decode() if not frame.is_corrupt)
     except av.FFmpegError:
         return
-
-
-def _decoded_from(path: str | Path, container: av.container.InputContainer, start_s: float) -> Iterator[av.VideoFrame]:
-    """Decoded frames from a key frame before `start_s`; one second early, because some containers seek coarsely."""
-    stream = container.streams.video[0]
-    if start_s > 1 and stream.time_base:
-        container.seek(int((start_s - 1 + start_time(stream)) / stream.time_base), stream=stream)
-    return translate_errors(decode_frames(container, stream), path)
 
 
 def _timed(

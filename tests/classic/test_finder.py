@@ -12,7 +12,7 @@ from classic.finder import LaneFinder
 from classic.fit import RoadLine
 from classic.recipe import RECIPES, get_recipe
 from course.dataset import open_dataset
-from lanes.calibration import calibrate_folder
+from lanes.calibration import calibrate
 from lanes.camera import Camera, CameraPose
 from lanes.describe import describe_bend, describe_offset
 from lanes.errors import CameraError, PictureError
@@ -421,7 +421,7 @@ with_real_stills = pytest.mark.skipif(
 
 @with_real_stills
 def test_recipe_a_gives_its_published_numbers():
-    recipe_a = finder("hls_sobel", calibrate_folder(REAL_DATA / "camera_cal"), metres_per_px=PUBLISHED_SCALES)
+    recipe_a = finder("hls_sobel", calibrate(REAL_DATA / "camera_cal"), metres_per_px=PUBLISHED_SCALES)
     result = recipe_a.find(read_image(REAL_DATA / "test_images" / "test5.jpg"))
     assert result.state == "found"
     # The road bends right and the car is right of the centre; the published numbers have no signs.

@@ -12,13 +12,12 @@ import pytest
 from PIL import Image
 
 import helpers
-from lanes.__main__ import COMMANDS
+from lanes.cli import COMMANDS
 from tests.support.project import ROOT
 
-MODULES = {name: f"lanes.cli.{name}" for name in COMMANDS} | {
-    name: f"{name}.__main__" for name in ("benchmark", "simulator")
-}
-MODULES |= {"tools.ablation": "tools.ablation"}
+# Commands that are modules, imported when they are needed; those of `lanes` are classes.
+MODULES = {"benchmark": "benchmark.__main__", "simulator": "simulator.__main__", "tools.ablation": "tools.ablation"}
+KNOWN = {*COMMANDS, *MODULES}
 # Options of git, pip, helm, Dask, nbconvert, pytest and pre-commit.
 OF_OTHERS = {
     "--require-hashes",
@@ -47,7 +46,7 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").r
 
 def options_of(command: str) -> set[str]:
     parser = argparse.ArgumentParser()
-    import_module(MODULES[command]).add_arguments(parser)
+    (COMMANDS.get(command) or import_module(MODULES[command])).add_arguments(parser)
     return {option for action in parser._actions for option in action.option_strings}
 
 
@@ -64,17 +63,17 @@ def test_commands_and_their_options_exist(page):
     for command, rest in re.findall(r"python -m (?:lanes )?([a-z]+(?:\.[a-z_]+)?)\b([^`\n]*)", text):
         if command in {"lanes"} | MODULES_OF_OTHERS:
             continue
-        if command.startswith("tools.") and command not in MODULES:
+        if command.startswith("tools.") and command not in KNOWN:
             assert (ROOT / f"{command.replace('.', '/')}.py").exists(), command
             continue
-        assert command in MODULES, command
+        assert command in KNOWN, command
         options = set(re.findall(r"(?<!\S)--?[a-z][a-z-]*", rest.split("#")[0]))
         assert options <= options_of(command), command
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_options_in_the_text_belong_to_a_command(page):
-    known = set().union(*map(options_of, MODULES)) | OF_OTHERS
+    known = set().union(*map(options_of, KNOWN)) | OF_OTHERS
     assert set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", page.read_text(encoding="utf-8"))) <= known
 
 

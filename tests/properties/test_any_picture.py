@@ -16,7 +16,7 @@ from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.lane import Lane, LineObservation
 from lanes.detect.residuals import ROAD_M
 from lanes.detect.road import LIMIT, SIDES, WIDTH, line_points, line_y
-from lanes.detections import LaneDetector
+from lanes.detections import as_detection
 from lanes.errors import CameraError
 from lanes.stills import detect_still, detect_with_own_pose, find_lane
 from lanes.track.tracker import LOST, LaneTracker, TrackedLane
@@ -67,8 +67,9 @@ def assert_sound(tracked: TrackedLane, size: tuple[int, int]) -> None:
 def test_the_detector_accepts_any_still(image):
     size = size_of(image)
     for found in (detect_still(image, camera_of(size)), detect_with_own_pose(image, camera_of(size), 0.2)):
-        assert_sound(TrackedLane.from_still(found.lane), size)
-    json.dumps(LaneDetector(camera_of(size), np.arange(size[1])).detect(image), allow_nan=False)
+        lane = TrackedLane.from_still(found.lane)
+        assert_sound(lane, size)
+        json.dumps(as_detection(lane, found.camera, np.arange(size[1]), 0.0), allow_nan=False)
 
 
 @examples(25)
