@@ -97,5 +97,4 @@ from course.sliders import tune_threshold
 from lanes.video.reader import read_video
 
 # Figures
-from course.plots import show_pictures, plot_bars, plot_histogram, plot_series
-from course.telemetry_plots import plot_telemetry, plot_path
+from course.plots import show_pictures, plot_bars, plot_histogram, plot_series, plot_telemetry, plot_path

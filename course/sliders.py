@@ -16,7 +16,7 @@ from lanes.canvas import to_rgb
 if TYPE_CHECKING:
     from ipywidgets import VBox
 
-# Displayed width of the two pictures together.
+# Displayed width of the two images together.
 SHOWN_PX = 1120
 INSTALL_HINT = "The sliders need ipywidgets: run `pip install ipywidgets` and start the notebook again."
 
@@ -24,14 +24,14 @@ INSTALL_HINT = "The sliders need ipywidgets: run `pip install ipywidgets` and st
 def tune_threshold(
     image: np.ndarray, make: Callable[..., np.ndarray], **sliders: tuple[float, float, float | tuple[float, float]]
 ) -> VBox | None:
-    """Show a picture next to the result of a function, with sliders for the parameters of the function.
+    """Show an image next to the result of a function, with sliders for the parameters of the function.
 
     Parameters
     ----------
     image : ndarray of shape (height, width, 3), uint8
         RGB.
     make : callable
-        Called as make(image, name=value, ...); returns a mask or a picture. An example is `saturation_mask`.
+        Called as make(image, name=value, ...); returns a mask or an image. An example is `saturation_mask`.
     **sliders : (minimum, maximum, start)
         One entry per parameter. If `start` is a pair (low, high), the parameter is a pair too.
 
@@ -70,7 +70,7 @@ def _slider(ipywidgets, name: str, minimum: float, maximum: float, start: float 
     """A slider for a number, or for a range if `start` is a pair; integer limits give an integer slider."""
     kind = "RangeSlider" if isinstance(start, tuple) else "Slider"
     whole = np.hstack([minimum, maximum, start]).dtype.kind == "i"
-    # Without continuous updates: drawing a picture for every mouse movement is too slow.
+    # Without continuous updates: drawing an image for every mouse movement is too slow.
     options = {"value": start, "min": minimum, "max": maximum, "description": name, "continuous_update": False}
     if not whole:
         options["step"] = (maximum - minimum) / 100
