@@ -19,9 +19,8 @@ import numpy as np
 import classic
 from benchmark.estimates import AHEAD_M, ALONG_M, LaneEstimate, road_points
 from benchmark.own_finder import Lines, OwnFinder, estimate_from_lines, finder_file, is_own_finder, load_finder
-from classic.finder import LaneFinder
+from classic.finder import LaneFinder, LaneResult
 from classic.recipe import POSE_SUFFIX, RECIPES, get_recipe, recipe_from_pose
-from classic.result import LaneResult
 from lanes import camera, detect, stills, track
 from lanes.camera import Camera
 from lanes.detect.lane import Lane
@@ -177,7 +176,6 @@ def recipe_columns(result: LaneResult, camera: Camera, rows: np.ndarray) -> np.n
         for line in (result.left_road, result.right_road)
     ]
     left_row, right_row = (
-        np.inf if points is None else np.nanmin(camera.distort_points(points)[:, 1]) - 1
-        for points in (result.left_px, result.right_px)
+        np.inf if points is None else np.nanmin(camera.distort_points(points)[:, 1]) - 1 for points in result.lines_px
     )
     return project_lines(lateral_m, camera, rows, top_rows=(left_row, right_row))

@@ -1,8 +1,9 @@
+"""What each recipe remembers of a line: means, gates, blends, and when a line is deleted."""
+
 import numpy as np
 import pytest
 
 from classic.fit import LineFit
-from classic.memory import LineMemory
 from classic.recipe import get_recipe
 
 A = get_recipe("hls_sobel").memories[0]
@@ -78,18 +79,10 @@ def test_a_line_missed_too_often_is_deleted(memory, max_missed):
     assert kept.state == "kept"
     lost = kept.update(None)
     assert lost.state == "lost"
-    assert lost.average is None
+    assert (lost.average, lost.search_prior) == (None, None)
     assert lost.update(line(900)).average == line(900)
-
-
-def test_a_frame_with_the_line_resets_the_count():
-    memory = after(C_LEFT.update(line(100)), [None] * 8 + [line(100)] + [None] * 8)
-    assert memory.state == "kept"
-
-
-def test_a_memory_without_a_fit_is_lost():
-    memory = LineMemory(length=5).update(None)
-    assert (memory.state, memory.average, memory.search_prior) == ("lost", None, None)
+    seen_between = after(kept.update(line(100)), [None] * max_missed)
+    assert seen_between.state == "kept"
 
 
 def test_limits_scale_with_the_picture():

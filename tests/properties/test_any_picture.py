@@ -29,7 +29,6 @@ ALONG_M = np.linspace(0.0, 100.0, 5001)
 FPS = 20.0
 view_of = cache(lambda size: BirdsEyeView(camera_of(size)))
 tracker_of = cache(lambda size: LaneTracker(camera_of(size), fps=FPS))
-finder_of = cache(lambda name, size: LaneFinder(get_recipe(name, size), camera_of(size)))
 
 
 def size_of(image: np.ndarray) -> tuple[int, int]:
@@ -89,8 +88,8 @@ def test_the_tracker_accepts_any_drive_and_any_clock(images, clock):
 @examples(16)
 @given(pictures())
 def test_the_recipes_accept_any_still_and_any_drive(name, image):
-    finder = finder_of(name, size_of(image))
-    finder.reset()
+    size = size_of(image)
+    finder = LaneFinder(get_recipe(name, size), camera_of(size))
     results = [finder.find(image), finder.follow(image), finder.follow(image)]
     for result in results:
         lines = result.lateral_m(X_M)

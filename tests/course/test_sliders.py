@@ -1,4 +1,4 @@
-"""Sliders of the notebook: the picture follows them; without ipywidgets a message says how to install it."""
+"""Sliders of the notebook: the image follows them; without ipywidgets a message says how to install it."""
 
 from __future__ import annotations
 
@@ -9,15 +9,13 @@ import numpy as np
 import pytest
 
 from classic.threshold import saturation_mask
-from course.sliders import tune_threshold, tune_view
+from course.sliders import tune_threshold
 from tests.support.painted_roads import YELLOW, Road, dashcam
-
-CAMERA = dashcam()
 
 
 @pytest.fixture(scope="module")
 def picture() -> np.ndarray:
-    return Road(CAMERA).line(lambda x: 1.7 + 0 * x, colour=YELLOW).image()
+    return Road(dashcam()).line(lambda x: 1.7 + 0 * x, colour=YELLOW).image()
 
 
 def right_half(box) -> np.ndarray:
@@ -37,23 +35,6 @@ def test_the_mask_follows_the_slider(picture):
     assert (right_half(box) > 128).mean() > 0.5
     saturation.value = (100, 255)
     np.testing.assert_array_equal(right_half(box), some)
-
-
-def test_the_view_follows_the_slider(picture):
-    pytest.importorskip("ipywidgets", reason="the sliders are optional")
-    box = tune_view(picture, CAMERA)
-    far, _, pitch, _ = box.children
-    assert (far.value, pitch.value) == (70, pytest.approx(np.degrees(CAMERA.pose.pitch_rad)))
-
-    def tilt() -> float:
-        """Difference of the yellow line's column between the nearest and the farthest row."""
-        yellow = right_half(box)[..., 0] - right_half(box)[..., 2] > 60
-        columns = [np.flatnonzero(row).mean() for row in yellow if row.any()]
-        return abs(columns[0] - columns[-1])
-
-    straight = tilt()
-    pitch.value += 1.0
-    assert tilt() > straight + 5
 
 
 def test_without_ipywidgets_a_message_says_how_to_install_it(picture, monkeypatch, capsys):
