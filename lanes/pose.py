@@ -312,8 +312,8 @@ def _pose_from_lines(
     pitches = -np.arctan([line.y0 for line in lines])
     # The vanishing point is the image of the direction ahead: x0 = tan(yaw) / cos(pitch), y0 = -tan(pitch).
     yaws = np.arctan([line.x0 for line in lines] * np.cos(pitches))
-    pitch_rad, pitch_std_rad = _weighted_median(pitches, [line.y0_std for line in lines], PITCH_MOTION_STD_RAD)
-    yaw_rad, yaw_std_rad = _weighted_median(yaws, [line.x0_std for line in lines], HEADING_STD_RAD)
+    pitch_rad, pitch_std_rad = _median(pitches, PITCH_MOTION_STD_RAD)
+    yaw_rad, yaw_std_rad = _median(yaws, HEADING_STD_RAD)
     height_std_m = float(np.hypot(geometry.height_std_m, geometry.height_m * LANE_WIDTH_STD_M / lane_width_m))
     notes = []
     if geometry.roll_std_rad >= PRIOR_ROLL_STD_RAD:
@@ -383,7 +383,7 @@ def _require_lines(lines: list[RoadLines], total: int) -> None:
 
 def _require_lanes(lines: list[RoadLines], lane_width: float) -> None:
     """Raise PoseError unless enough images show two lines that are `lane_width` camera heights apart."""
-    width, _, number, _ = _line_pairs(lines)
+    width, _, number = _line_pairs(lines)
     share = len(np.unique(number[np.abs(width / lane_width - 1) < 3 * LANE_WIDTH_SCATTER])) / len(lines)
     if share < MIN_LANE_SHARE:
         raise PoseError(
@@ -392,15 +392,12 @@ def _require_lanes(lines: list[RoadLines], lane_width: float) -> None:
         )
 
 
-def _weighted_median(values: np.ndarray, stds: list[float], motion_std: float) -> tuple[float, float]:
-    """Weighted median over the images, and its standard deviation; `motion_std` is the prior scatter of an image."""
-    weight = 1 / (np.square(stds) + motion_std**2)
-    order = np.argsort(values)
-    quantile = (np.cumsum(weight[order]) - 0.5 * weight[order]) / weight.sum()
+def _median(values: np.ndarray, motion_std: float) -> tuple[float, float]:
+    """Median over the images, and its standard deviation; `motion_std` is the prior scatter of an image."""
     # The scatter of few values is uncertain, so the prior counts like two more values.
     variance = (len(values) * _robust_std(values) ** 2 + 2 * motion_std**2) / (len(values) + 2)
     # The median of n normal values has the variance pi / 2n.
-    return float(np.interp(0.5, quantile, values[order])), float(np.sqrt(np.pi / 2 * variance / len(values)))
+    return float(np.median(values)), float(np.sqrt(np.pi / 2 * variance / len(values)))
 
 
 def _robust_std(values: np.ndarray) -> float:
@@ -448,7 +445,7 @@ def estimate_height_and_roll(
     as wide. A pair of lines may bound a lane or not, so the likelihood is a mixture with a constant. It is evaluated on
     a grid of heights and rolls, because it can have several maxima.
     """
-    width, centre, _, weight = _line_pairs(lines)
+    width, centre, _ = _line_pairs(lines)
     # Two lanes whose common line is worn off look like one wide lane, but the car is far from its middle.
     offset_m = centre / width * lane_width_m
     around = np.abs(offset_m) < lane_width_m / 2
@@ -457,7 +454,7 @@ def estimate_height_and_roll(
     level_width = width[:, None] * (1 - 2 * ROLL_GRID_RAD * centre[:, None])
     residual = (level_width[:, None, :] * (heights_m / lane_width_m)[:, None] - 1) / LANE_WIDTH_SCATTER
     likelihood = ego_likelihood[:, None, None] * np.exp(-0.5 * residual**2)
-    log_posterior = np.einsum("p,phr->hr", weight, np.log(OUTLIER_LIKELIHOOD + likelihood))
+    log_posterior = np.log(OUTLIER_LIKELIHOOD + likelihood).sum(axis=0)
     log_posterior *= min(1.0, MAX_INDEPENDENT_IMAGES / len(lines))
     height_stds = np.log(HEIGHT_RATIOS) / PRIOR_HEIGHT_LOG_STD
     log_posterior -= 0.5 * (height_stds[:, None] ** 2 + ((roll_rad + ROLL_GRID_RAD) / PRIOR_ROLL_STD_RAD) ** 2)
@@ -474,13 +471,11 @@ def estimate_height_and_roll(
     return HeightAndRoll(*mode_and_std(heights_m, any_roll), roll_rad + roll, roll_std)
 
 
-def _line_pairs(lines: list[RoadLines]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """All pairs of lines of one image: distance and centre in k, index of the image, weight 0..1."""
+def _line_pairs(lines: list[RoadLines]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """All pairs of lines of one image: distance and centre in k, index of the image."""
     pairs = []
     for number, image in enumerate(lines):
-        left, right = np.triu_indices(len(image.lateral), 1)
-        # full weight from 40 rows on
-        k, weight = image.lateral, np.minimum(image.rows / 40, 1)
-        pair_weight = np.sqrt(weight[left] * weight[right])
-        pairs.append(np.stack([k[right] - k[left], (k[right] + k[left]) / 2, np.full(len(left), number), pair_weight]))
-    return tuple(np.hstack(pairs))
+        left, right = (image.lateral[indices] for indices in np.triu_indices(len(image.lateral), 1))
+        pairs.append(np.stack([right - left, (right + left) / 2, np.full(len(left), number)]))
+    width, centre, numbers = np.hstack(pairs)
+    return width, centre, numbers

@@ -128,9 +128,7 @@ def _stripe_centres(
     v, u = np.nonzero(mask)
     # one centre for each row of each connected component
     keys, centre = np.unique(blobs[v, u].astype(np.int64) * len(response) + v, return_inverse=True)
-    # limited, so that one glaring pixel does not dominate the centroid
-    weight = np.minimum(response[v, u], 20.0)
-    columns = np.bincount(centre, weight * u) / np.bincount(centre, weight)
+    columns = np.bincount(centre, response[v, u] * u) / np.bincount(centre, response[v, u])
     # a stripe that is cut off where the filter ends would have a shifted centre
     border = _side_distance_px(half_widths)[v]
     complete = np.bincount(centre, (u <= border) | (u >= response.shape[1] - 1 - border)) == 0
@@ -161,16 +159,16 @@ def _fit_segments(x: np.ndarray, y: np.ndarray, segment: np.ndarray, pixel: floa
     return found.select((rows >= 6) & (std < 4 * pixel) & (np.abs(slope) < 8.0))
 
 
-def drop_static(pictures: Sequence[Sequence[Segments]], camera: Camera) -> list[Segments]:
+def drop_static(images: Sequence[Sequence[Segments]], camera: Camera) -> list[Segments]:
     """The segments of images of one drive, in order, without those at the same place of most images.
 
     Guide lines that a camera draws, and stripes on a bonnet, would give their own vanishing point. Each image may have
     several sets of segments; the result has all of them.
     """
     pattern = StaticPattern(camera.height // STATIC_ROW_PX + 1, camera.width // STATIC_COLUMN_PX + 1)
-    for sets in pictures:
+    for sets in images:
         pattern.add(*np.hstack([_places(segments, camera) for segments in sets]))
-    every = [segments for sets in pictures for segments in sets]
+    every = [segments for sets in images for segments in sets]
     return [segments.select(~pattern.is_static(*_places(segments, camera))) for segments in every]
 
 
@@ -233,12 +231,12 @@ def hough_votes(segments: Segments, y0_bins: np.ndarray = Y0_BINS) -> np.ndarray
     x0_bin = np.round((x0 - X0_BINS[0]) / step).astype(int)
     valid = below & (np.abs(k) < MAX_LATERAL) & (x0_bin >= 0) & (x0_bin < len(X0_BINS))
     std = np.hypot(_model_std(segments, t), t * segments.slope_std)
-    # An uncertain segment would spread over many bins; it votes for one, with a proportionally smaller weight. The rows
-    # of a long segment are not independent.
-    weight = np.broadcast_to(np.minimum(segments.rows, 12) * step / np.maximum(std, step), x0_bin.shape)
+    # An uncertain segment would spread over many bins; it votes for one, with a proportionally smaller weight.
+    weight = np.broadcast_to(segments.rows * step / np.maximum(std, step), x0_bin.shape)
     shape = (len(y0_bins), len(HALF_CURVATURE_BINS), len(X0_BINS))
     flat_bin = x0_bin + len(X0_BINS) * np.arange(shape[0] * shape[1]).reshape(shape[0], -1, 1)
     votes = np.bincount(flat_bin[valid], weight[valid], np.prod(shape)).reshape(shape)
+    # a part of each vote goes to the bins of x0 beside it, because segments scatter by about a bin
     neighbours = np.zeros(shape)
     neighbours[..., 1:] += votes[..., :-1]
     neighbours[..., :-1] += votes[..., 1:]
