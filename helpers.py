@@ -14,11 +14,8 @@ from course.exercises.check import check_exercise
 from lanes.images import read_image, write_image, list_pictures
 
 # 2 Calibrate
-from lanes.chessboard import find_board, draw_board
-from lanes.calibration import calibrate_folder
-from lanes.camera import Camera
-from lanes.camera import CameraPose
-from lanes.camera import save_camera, load_camera
+from lanes.calibration import calibrate
+from lanes.camera import load_camera
 
 # 3 Undistort
 from lanes.camera import undistort
@@ -27,22 +24,12 @@ from lanes.camera import undistort
 from classic.warp import FourPointWarp, metres_per_pixel, birdseye_to_road, road_axes
 from classic.recipe import recipe_from_pose
 from lanes.pose import estimate_pose
-from lanes.sources import pick_pictures
+from lanes.sources import sample_images
 from course.measures import lane_widths_px
 from course.sketch import sketch_conventions
 
 # 5 Thresholds
-from classic.threshold import (
-    split_channels,
-    to_gray,
-    range_mask,
-    gradient_x_mask,
-    magnitude_mask,
-    direction_mask,
-    saturation_mask,
-    yellow_mask,
-    equalized_white_mask,
-)
+from classic.threshold import saturation_mask
 from classic.recipe import RECIPES, get_recipe
 from classic.finder import LaneFinder
 from course.measures import binary_on_road, marking_precision, marking_recall
@@ -54,12 +41,11 @@ from classic.search import lane_histogram, find_peaks, sliding_windows, search_b
 from classic.fit import fit_line, ransac_line
 from lanes.describe import describe_bend, describe_offset
 from course.accuracy import TwoLines, accuracy_table
-from course.measures import worst_lateral_error_m, describe_error, drive_errors_m
+from course.measures import worst_lateral_error_m, drive_errors_m
 from benchmark.reporting.tables import format_table
 
 # 8 Draw, video
 from lanes.canvas import LEFT_COLOUR, RIGHT_COLOUR
-from lanes.canvas import draw_line
 from classic.overlay import (
     draw_lane,
     draw_pixels,
@@ -68,16 +54,14 @@ from classic.overlay import (
     annotate,
     describe_result,
     diagnose,
-    draw_search,
     follow_lane,
 )
-from course.clips import open_clip
-from lanes.video.process import annotate_video
+from lanes.video.process import process_video
 from lanes.files import read_telemetry
 
 # 9 Metres
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.figures import show_birdseye
+from course.plots import show_birdseye
 
 # 10 Paint
 from lanes.detect.paint import marking_response, find_stripes
@@ -85,7 +69,6 @@ from lanes.detect.paint import marking_response, find_stripes
 # 11 One model
 from lanes.stills import find_lane
 from lanes.draw import draw_lane as draw_found
-from lanes.annotate import annotate_folder
 
 # 12 Memory
 from lanes.detect.confidence import CONFIDENCE, FEATURES, lane_features, rate_lane
@@ -110,9 +93,8 @@ from lanes.detect.network import network_strength
 from lanes.detect.paint import strength_weight
 
 # Sliders
-from course.sliders import tune_threshold, tune_view
-from lanes.video.reader import read_frames
+from course.sliders import tune_threshold
+from lanes.video.reader import read_video
 
 # Figures
-from lanes.figures import show_pictures, plot_bars, plot_histogram, plot_series, save_figure
-from course.telemetry_plots import plot_telemetry, plot_path
+from course.plots import show_pictures, plot_bars, plot_histogram, plot_series, plot_telemetry, plot_path

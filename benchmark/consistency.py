@@ -50,13 +50,9 @@ class NormalizedErrors:
     @classmethod
     def joined(cls, drives: Sequence[NormalizedErrors]) -> NormalizedErrors:
         """The frames of all drives."""
-        return cls(
-            np.concatenate([drive.z for drive in drives]),
-            np.concatenate([drive.lines_z for drive in drives]),
-            np.concatenate([drive.nees for drive in drives]),
-            sum(drive.lane_change_frames for drive in drives),
-            sum(drive.other_lane_frames for drive in drives),
-        )
+        z, lines_z, nees = (np.concatenate([getattr(drive, k) for drive in drives]) for k in ("z", "lines_z", "nees"))
+        changes, others = (sum(getattr(d, f"{k}_frames") for d in drives) for k in ("lane_change", "other_lane"))
+        return cls(z, lines_z, nees, changes, others)
 
     def of(self, quantity: str) -> np.ndarray:
         """The finite z of one of `QUANTITIES`; those of both lines for a lateral position."""
@@ -144,15 +140,7 @@ def describe_consistency(results: Iterable[Result]) -> str:
 
 
 def consistency_table(path: str | Path) -> str:
-    """The groups of a consistency.csv as a Markdown table: NEES / 4, and the rms of z with its share within 2.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If it is not a table of the benchmark.
-    """
+    """The groups of a consistency.csv as a Markdown table: NEES / 4, and the rms of z with its share within 2."""
     lines = ["| scenes | system | frames | NEES / 4 | " + " | ".join(NUMBERS) + " |", "|---" * (4 + len(NUMBERS)) + "|"]
     for row in read_scores(path, required="nees_mean"):
         if row["scene"] == total_name(str(row["difficulty"])) and float(row["frames"]):

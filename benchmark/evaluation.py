@@ -19,7 +19,7 @@ from lanes.camera import Camera, load_camera
 from lanes.errors import PoseError
 from lanes.files import read_telemetry
 from lanes.pose import estimate_pose
-from lanes.video.reader import inspect_video, read_frames
+from lanes.video.reader import inspect_video, read_video
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def run_system(
     else:
         find, to_estimate = (lambda image: None), (lambda nothing: LaneEstimate())
     estimates, time_ms = [], []
-    for image in islice(read_frames(video, end_s=end_s), 0, None, every):
+    for image in islice(read_video(video, end_s=end_s), 0, None, every):
         start = time.perf_counter()
         found = find(image)
         time_ms.append(1000 * (time.perf_counter() - start) if prepared.camera else np.nan)
@@ -68,14 +68,8 @@ def score_video(
     """Score a system of `SYSTEMS`, or a finder of one's own, on a video: a row of the benchmark's table.
 
     Each `every`-th frame up to the time `end_s` counts; a system with a memory needs every frame. The truth (.csv) and
-    the camera with pose (.yaml) are next to the video. `name` is the name of an own finder in the row.
-
-    Raises
-    ------
-    ValueError
-        If the system is unknown, or video and truth do not belong together.
-    OSError
-        If a file cannot be read.
+    the camera with pose (.yaml) are next to the video. `name` is the name of an own finder in the row. Raises
+    ValueError if the system is unknown, or video and truth do not belong together.
     """
     if not callable(system):
         require_system(system)

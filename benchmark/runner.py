@@ -45,14 +45,7 @@ def run_benchmark(
     estimated from the video instead of the true one; the lens is always the true one. Finished estimates are cached in
     `folder` (default: a folder in the project's cache); an entry is used again while video, camera, machine and the
     sources of the system are unchanged. `progress`, called with the name of a part of the work, returns its callback
-    (done, total).
-
-    Raises
-    ------
-    ValueError
-        If a system is unknown, or a video and its truth do not belong together.
-    OSError
-        If a file cannot be read or written, or a worker process died.
+    (done, total). Raises ValueError if a system is unknown, or a video and its truth do not belong together.
     """
     for system in systems:
         require_system(system)

@@ -77,14 +77,7 @@ def choose_drives(names: list[str], *, seed: int = 0) -> list[BenchmarkDrive]:
     """Drives by scene name or video path; all scenes if the list is empty.
 
     A video with the name of a scene gets the difficulty of that scene. `seed` is the number of the variant of each
-    scene (`simulator.scenes.suite.render_scene`).
-
-    Raises
-    ------
-    FileNotFoundError
-        If a video, its truth (.csv) or its camera (.yaml) is missing.
-    ValueError
-        If a name is neither a scene nor a video.
+    scene. Raises ValueError if a name is neither a scene nor a video, and FileNotFoundError as `drive_from_video`.
     """
     known = list_drives(seed=seed)
     return [known[name] if name in known else _video_drive(name, known) for name in names or known]

@@ -29,8 +29,8 @@ from lanes.camera import Camera, load_camera
 from lanes.draw import track_lane
 from lanes.images import opencv_threads
 from lanes.track.tracker import LaneTracker
-from lanes.video.process import annotate_video
-from lanes.video.reader import frame_rate, inspect_video, open_video, read_frames
+from lanes.video.process import process_video
+from lanes.video.reader import frame_rate, inspect_video, open_video, read_video
 from lanes.video.writer import open_mp4
 
 # Frames whose processing is timed, kept in memory (2.8 MB each), and the first ones, which do not count: the tracker
@@ -100,7 +100,7 @@ def measure_speed(video: Path, *, progress: Callable[[str], Progress] | None = N
     """
     camera, machine = load_camera(video.with_suffix(".yaml")), f"{describe_machine()}; {describe_load()}"
     report = progress or (lambda _: lambda *_: None)
-    with closing(read_frames(video)) as frames:
+    with closing(read_video(video)) as frames:
         first = list(islice(frames, FRAMES))
     times = time_frames(first, camera, progress=report("frames"))
     return Speed(times, time_files(video, camera, progress=report("files")), machine)
@@ -177,8 +177,8 @@ def time_files(
         target = Path(folder, "out.mp4")
         processings = {
             TRANSCODED: lambda: transcode(source, target),
-            "through RGB": lambda: annotate_video(source, target, lambda frame: frame, progress=False),
-            "annotated": lambda: annotate_video(
+            "through RGB": lambda: process_video(source, target, lambda frame: frame, progress=False),
+            "annotated": lambda: process_video(
                 source,
                 target,
                 track_lane(LaneTracker(camera, fps=info.fps), camera),
@@ -201,13 +201,14 @@ def time_files(
 
 
 def transcode(source: Path, target: Path) -> None:
-    """Decode and encode a video with the settings of `annotate_video`, without sound."""
+    """Decode and encode a video with the settings of `process_video`, without sound."""
     with open_video(source) as read:
         stream = read.streams.video[0]
         stream.thread_type = "AUTO"
         codec = stream.codec_context
-        size = codec.width, codec.height
-        written, output = open_mp4(target, size, frame_rate(stream, source), stream.time_base or Fraction(1))
+        size, colours = (codec.width, codec.height), inspect_video(source).colours
+        rate, tick = frame_rate(stream, source), stream.time_base or Fraction(1)
+        written, output = open_mp4(target, size, rate, tick, colours)
         with written:
             for frame in read.decode(stream):
                 frame.pict_type = 0  # the encoder chooses the key frames

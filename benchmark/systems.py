@@ -19,9 +19,8 @@ import numpy as np
 import classic
 from benchmark.estimates import AHEAD_M, ALONG_M, LaneEstimate, road_points
 from benchmark.own_finder import Lines, OwnFinder, estimate_from_lines, finder_file, is_own_finder, load_finder
-from classic.finder import LaneFinder
+from classic.finder import LaneFinder, LaneResult
 from classic.recipe import POSE_SUFFIX, RECIPES, get_recipe, recipe_from_pose
-from classic.result import LaneResult
 from lanes import camera, detect, stills, track
 from lanes.camera import Camera
 from lanes.detect.lane import Lane
@@ -52,12 +51,8 @@ def start_system(system: str | OwnFinder, camera: Camera, fps: float) -> tuple[C
     """Start a system on a drive: a function of the next frame, and one that makes the estimate of what it returns.
 
     A frame is (height, width, 3) uint8 RGB with lens distortion. Only the first function counts in the time of a
-    system. `system` is a name of `SYSTEMS`, "file.py:function", or a finder itself (see `benchmark.own_finder`).
-
-    Raises
-    ------
-    ValueError
-        If the system is unknown.
+    system. `system` is a name of `SYSTEMS`, "file.py:function", or a finder itself (see `benchmark.own_finder`). Raises
+    ValueError if it is unknown.
     """
     if callable(system):
         return lambda image: system(image, camera), estimate_from_lines
@@ -75,12 +70,7 @@ def column_detector(system: str, camera: Camera) -> Callable[[np.ndarray, np.nda
     """A system that detects the lines of single pictures, without memory.
 
     It is a function of a picture and rows (R,), and returns the columns (2, R) of the left and right line in the raw
-    picture, -2 where a line does not pass, as in TuSimple's files.
-
-    Raises
-    ------
-    ValueError
-        If the system is unknown.
+    picture, -2 where a line does not pass, as in TuSimple's files. Raises ValueError if the system is unknown.
     """
     if is_own_finder(system):
         find = load_finder(system)
@@ -185,7 +175,6 @@ def recipe_columns(result: LaneResult, camera: Camera, rows: np.ndarray) -> np.n
         for line in (result.left_road, result.right_road)
     ]
     left_row, right_row = (
-        np.inf if points is None else np.nanmin(camera.distort_points(points)[:, 1]) - 1
-        for points in (result.left_px, result.right_px)
+        np.inf if points is None else np.nanmin(camera.distort_points(points)[:, 1]) - 1 for points in result.lines_px
     )
     return project_lines(lateral_m, camera, rows, top_rows=(left_row, right_row))

@@ -75,7 +75,7 @@ class LineMemory:
         return replace(self, fits=fits, missed=0, state="found" if accepted is fit else "kept")
 
     def scaled(self, sx: float, sy: float) -> LineMemory:
-        """The same parameters, without fits, for pictures scaled by `sx` in columns and `sy` in rows.
+        """The same parameters, without fits, for images scaled by `sx` in columns and `sy` in rows.
 
         A, B and C have the units px/px^2, px/px and px.
         """

@@ -1,4 +1,4 @@
-"""Draw the result of a classic recipe on the picture, with its measurements."""
+"""Draw the result of a classic recipe on the image, with its measurements."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from classic.finder import LaneFinder
-from classic.result import LaneResult
+from classic.finder import LaneFinder, LaneResult
 from lanes.camera import Camera
 from lanes.canvas import (
     LANE_COLOUR,
@@ -26,7 +25,7 @@ from lanes.canvas import (
 from lanes.describe import describe_bend, describe_offset
 from lanes.images import require_rgb
 
-# Straight lines of the undistorted picture are curved in the raw one: steps of this length follow them to 0.01 px.
+# Straight lines of the undistorted image are curved in the raw one: steps of this length follow them to 0.01 px.
 LENS_STEP_PX = 8.0
 
 
@@ -39,9 +38,9 @@ def describe_result(result: LaneResult) -> list[str]:
 
 
 def annotate(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarray:
-    """A copy of the raw RGB picture with the lane and its numbers.
+    """A copy of the raw RGB image with the lane and its numbers.
 
-    The lines are projected from the bird's-eye view to the raw picture, through the homography and the distortion of
+    The lines are projected from the bird's-eye view to the raw image, through the homography and the distortion of
     the lens, so that they coincide with the markings. The pose of the camera is not used.
     """
     return write_text(_draw_result(image, result, camera), describe_result(result))
@@ -49,24 +48,25 @@ def annotate(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarra
 
 def draw_search(result: LaneResult) -> np.ndarray:
     """Warped binary with the search windows, the pixels of each line and the fitted lines; RGB."""
-    steps = result.steps
-    drawn = draw_pixels(steps.warped_binary, steps.left.pixels, colour=LEFT_COLOUR)
-    drawn = draw_pixels(drawn, steps.right.pixels, colour=RIGHT_COLOUR)
-    drawn = draw_windows(drawn, steps.windows_px)
-    left, right = (None if fit is None else fit.points(drawn.shape[0]) for fit in (result.left, result.right))
-    return draw_fit(drawn, left, right)
+    left, right = result.left_found, result.right_found
+    drawn = draw_pixels(result.warped_binary, left.pixels, colour=LEFT_COLOUR)
+    drawn = draw_pixels(drawn, right.pixels, colour=RIGHT_COLOUR)
+    drawn = draw_windows(drawn, np.array(left.windows + right.windows))
+    left_px, right_px = (None if fit is None else fit.points(drawn.shape[0]) for fit in (result.left, result.right))
+    return draw_fit(drawn, left_px, right_px)
 
 
 def diagnose(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarray:
-    """The annotated picture below a strip of intermediate results: binary, bird's-eye view, search."""
-    thumbnails = {"binary": result.steps.warped_binary, "view": result.steps.birdseye, "search": draw_search(result)}
+    """The annotated image below a strip of intermediate results: binary, bird's-eye view, search."""
+    view = result.warp.image_to_birdseye(result.undistorted)
+    thumbnails = {"binary": result.warped_binary, "view": view, "search": draw_search(result)}
     return draw_mosaic(_draw_result(image, result, camera), thumbnails, lines=describe_result(result))
 
 
 def follow_lane(
     finder: LaneFinder, camera: Camera
 ) -> Callable[[np.ndarray], tuple[np.ndarray, dict[str, str | float | None]]]:
-    """A function for `annotate_video` that returns the annotated frame and its telemetry; frames must be in order."""
+    """A function for `process_video` that returns the annotated frame and its telemetry; frames must be in order."""
 
     def process(frame: np.ndarray) -> tuple[np.ndarray, dict[str, str | float | None]]:
         result = finder.follow(frame)
@@ -76,10 +76,11 @@ def follow_lane(
 
 
 def _draw_result(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarray:
-    """The picture with the lane; a copy of the picture if the lane is lost."""
+    """The image with the lane; a copy of the image if the lane is lost."""
     if result.state == "lost":
         return image.copy()
-    return draw_lane(image, result.left_px, result.right_px, camera)
+    left_px, right_px = result.lines_px
+    return draw_lane(image, left_px, right_px, camera)
 
 
 def draw_lane(
@@ -90,24 +91,24 @@ def draw_lane(
     *,
     line_width_px: float | None = None,
 ) -> np.ndarray:
-    """Draw a lane on a raw or undistorted picture.
+    """Draw a lane on a raw or undistorted image.
 
     Parameters
     ----------
     image : ndarray of shape (height, width, 3), uint8
-        RGB. The raw picture if `camera` is given, otherwise the picture that the points refer to.
+        RGB. The raw image if `camera` is given, otherwise the image that the points refer to.
     left_px, right_px : ndarray of shape (N, 2) and (M, 2), or None
         The two lines, both from far to near or both from near to far. If one is None, the other is drawn and the area
         is not filled.
     camera : Camera, optional
-        If given, the points are pixels of the undistorted picture and are distorted with its lens model.
+        If given, the points are pixels of the undistorted image and are distorted with its lens model.
     line_width_px : float, optional
-        Width of the lines, red left and blue right; 0 draws none. The default is 1/160 of the picture width.
+        Width of the lines, red left and blue right; 0 draws none. The default is 1/160 of the image width.
 
     Raises
     ------
     PictureError
-        If the picture is not RGB or not of the camera's size.
+        If the image is not RGB or not of the camera's size.
     """
     require_rgb(image)
     if camera is not None:
@@ -122,7 +123,7 @@ def draw_lane(
 
 
 def draw_windows(view: np.ndarray, windows_px: np.ndarray) -> np.ndarray:
-    """Draw search windows (N, 4) (left, top, right, bottom edge, pixels) on a picture or mask. Returns RGB."""
+    """Draw search windows (N, 4) (left, top, right, bottom edge, pixels) on an image or mask. Returns RGB."""
     drawn = to_rgb(view)
     for left, top, right, bottom in np.asarray(windows_px, float).reshape(-1, 4):
         outline = np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
@@ -131,7 +132,7 @@ def draw_windows(view: np.ndarray, windows_px: np.ndarray) -> np.ndarray:
 
 
 def draw_pixels(view: np.ndarray, pixels_px: np.ndarray, *, colour: Colour) -> np.ndarray:
-    """Colour the pixels (N, 2) (column, row) of a picture or mask; pixels outside are ignored. Returns RGB."""
+    """Colour the pixels (N, 2) (column, row) of an image or mask; pixels outside are ignored. Returns RGB."""
     drawn = to_rgb(view)
     columns, rows = np.asarray(pixels_px).reshape(-1, 2).astype(int).T
     inside = (columns >= 0) & (columns < drawn.shape[1]) & (rows >= 0) & (rows < drawn.shape[0])
@@ -140,7 +141,7 @@ def draw_pixels(view: np.ndarray, pixels_px: np.ndarray, *, colour: Colour) -> n
 
 
 def draw_fit(view: np.ndarray, left_px: np.ndarray | None, right_px: np.ndarray | None) -> np.ndarray:
-    """Draw two fitted curves on a picture or mask. Returns RGB. A curve that is None is not drawn."""
+    """Draw two fitted curves on an image or mask. Returns RGB. A curve that is None is not drawn."""
     drawn = to_rgb(view)
     for points, colour in ((left_px, LEFT_COLOUR), (right_px, RIGHT_COLOUR)):
         if points is not None:
@@ -149,7 +150,7 @@ def draw_fit(view: np.ndarray, left_px: np.ndarray | None, right_px: np.ndarray 
 
 
 def _distort_line(points_px: np.ndarray | None, camera: Camera | None) -> np.ndarray:
-    """Points of the raw picture for points of the undistorted one; empty for None."""
+    """Points of the raw image for points of the undistorted one; empty for None."""
     if points_px is None:
         return np.empty((0, 2))
     points = finite_points(points_px)

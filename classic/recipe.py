@@ -1,6 +1,6 @@
-"""The parameters of the three classic lane finders, their scaling to another picture size, and to a camera pose.
+"""The parameters of the three classic lane finders, their scaling to another image size, and to a camera pose.
 
-- "hls_sobel" (A): warp the colour picture; saturation or gradients; mean of the last five accepted fits;
+- "hls_sobel" (A): warp the colour image; saturation or gradients; mean of the last five accepted fits;
 - "equalized_hsv" (B): brightest and yellow pixels or strong gradients; mean of the last ten;
 - "best_channel" (C): six binaries, the best one for each line; RANSAC; mean of the last thirty, with blended outliers.
 
@@ -25,23 +25,23 @@ Points = tuple[tuple[float, float], ...]
 
 # Suffix of the name of a recipe with points from the camera pose.
 POSE_SUFFIX = "_pose"
-# Limit of the far edge from the pose, metres. The published top row is 41 m away in the embedded pictures. In a camera
+# Limit of the far edge from the pose, metres. The published top row is 41 m away in the embedded images. In a camera
 # that looks farther up it is much farther away, or above the horizon.
 MAX_FAR_EDGE_M = 60.0
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """Parameters of one classic lane finder, in pixels of pictures of `size`.
+    """Parameters of one classic lane finder, in pixels of images of `size`.
 
     Parameters
     ----------
     size : tuple of int
-        (width, height) of the pictures.
+        (width, height) of the images.
     source_px, destination_px : tuple of four (u, v)
         Corresponding points of the homography, see `warp.FourPointWarp`.
     warp_first : bool
-        If True, the colour picture is warped and then thresholded; otherwise the binaries are warped.
+        If True, the colour image is warped and then thresholded; otherwise the binaries are warped.
     thresholds, video_thresholds : Thresholds
         For stills and for consecutive frames.
     histogram_rows_px : tuple of int
@@ -84,12 +84,12 @@ class Recipe:
     min_inlier_ratio: float = 0.4
     min_span_px: float = 160  # two windows
 
-    def warp(self) -> FourPointWarp:
-        """The homography from the undistorted picture to the bird's-eye view."""
+    def four_point_warp(self) -> FourPointWarp:
+        """The homography from the undistorted image to the bird's-eye view."""
         return FourPointWarp(np.array(self.source_px), np.array(self.destination_px), self.size)
 
     def require_size(self, camera: Camera) -> None:
-        """Raise CameraError unless the recipe is for pictures of the camera's size."""
+        """Raise CameraError unless the recipe is for images of the camera's size."""
         if self.size != camera.size:
             raise CameraError(
                 f"recipe {self.name} is for {self.size[0]}x{self.size[1]} pictures, but the camera was "
@@ -97,9 +97,9 @@ class Recipe:
             )
 
     def scaled(self, size: tuple[int, int]) -> Recipe:
-        """The same recipe for pictures resized to `size` (width, height).
+        """The same recipe for images resized to `size` (width, height).
 
-        Lengths, pixel counts and kernels are scaled. Gradients are not, because a smaller picture has sharper edges.
+        Lengths, pixel counts and kernels are scaled. Gradients are not, because a smaller image has sharper edges.
 
         Raises
         ------
@@ -180,7 +180,7 @@ RECIPES = {
 
 
 def get_recipe(name: str, size: tuple[int, int] = (1280, 720)) -> Recipe:
-    """A classic recipe by name, for pictures of `size` (width, height).
+    """A classic recipe by name, for images of `size` (width, height).
 
     Raises
     ------
@@ -197,9 +197,9 @@ def recipe_from_pose(recipe: Recipe, camera: Camera) -> Recipe:
 
     The published points were chosen for another camera pose. With these points the bird's-eye view is a map of the road
     with two constant scales. The edges of the rectangle are parallel to the car's axis and equally far to the left and
-    right of the camera. Its near and far edge are where the centre column of the picture crosses the published bottom
+    right of the camera. Its near and far edge are where the centre column of the image crosses the published bottom
     and top row, the far edge at most `MAX_FAR_EDGE_M` ahead. Its width is the published one at the near edge. Points
-    may lie outside the picture.
+    may lie outside the image.
 
     Raises
     ------
@@ -208,7 +208,7 @@ def recipe_from_pose(recipe: Recipe, camera: Camera) -> Recipe:
     """
     pose = camera.require_pose()
     recipe.require_size(camera)
-    pinhole = replace(camera, distortion=np.zeros(5))  # the points are those of the undistorted picture
+    pinhole = replace(camera, distortion=np.zeros(5))  # the points are those of the undistorted image
     source = np.array(recipe.source_px)
     u, v = source.T
     left, near = u < u.mean(), v > v.mean()

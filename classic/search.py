@@ -49,7 +49,7 @@ def lane_histogram(binary: np.ndarray, rows_px: tuple[int, int] | None = None) -
 def find_peaks(histogram: np.ndarray) -> tuple[int | None, int | None]:
     """Columns of the highest peak left and right of the centre; None if a half is empty.
 
-    Of equally high columns the one closest to the centre is used, so that a mirrored picture has mirrored peaks.
+    Of equally high columns the one closest to the centre is used, so that a mirrored image has mirrored peaks.
     """
     middle = len(histogram) // 2
     left, right = histogram[:middle][::-1], histogram[middle:]

@@ -4,9 +4,9 @@ A binary is an ndarray of shape (height, width), uint8, 0 or 255, so that binari
 warped or shown as they are. All ranges include both ends.
 
 Gradients are in gray levels of a step edge: a Sobel filter is divided by its response to a unit step. A step of
-`full_step` levels is scaled to 255. The originals divided by the largest gradient of the picture instead, so that one
+`full_step` levels is scaled to 255. The originals divided by the largest gradient of the image instead, so that one
 glint of light changed every threshold. The default values of `full_step` are the medians of that largest gradient over
-66 motorway pictures, so that the published ranges keep their meaning: lightness of the bird's-eye view 78 levels, its
+66 motorway images, so that the published ranges keep their meaning: lightness of the bird's-eye view 78 levels, its
 saturation 232, gray 180 with a kernel of 3 and 195 with 9. The two of recipe A are rounded to 75 and 255, which gives
 results closer to the published ones.
 """
@@ -28,17 +28,17 @@ _SPACES = ("HLS", "HSV", "LAB", "LUV")
 
 
 def split_channels(image: np.ndarray, space: str) -> tuple[np.ndarray, ...]:
-    """The three channels (height, width), uint8, of an RGB picture in a colour space: RGB, HLS, HSV, LAB or LUV.
+    """The three channels (height, width), uint8, of an RGB image in a colour space: RGB, HLS, HSV, LAB or LUV.
 
     Raises
     ------
     ValueError
         If `space` is not one of these.
     PictureError
-        If `image` is not an RGB picture, as in all functions of this module that take one. OpenCV would silently ignore
+        If `image` is not an RGB image, as in all functions of this module that take one. OpenCV would silently ignore
         a fourth channel.
     """
-    require_rgb(image)
+    image = require_rgb(image)
     if space == "RGB":
         return tuple(cv2.split(image))
     if space not in _SPACES:
@@ -47,9 +47,8 @@ def split_channels(image: np.ndarray, space: str) -> tuple[np.ndarray, ...]:
 
 
 def to_gray(image: np.ndarray) -> np.ndarray:
-    """Gray picture (height, width), uint8, of an RGB picture, with the weights of ITU-R BT.601."""
-    require_rgb(image)
-    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    """Gray image (height, width), uint8, of an RGB image, with the weights of ITU-R BT.601."""
+    return cv2.cvtColor(require_rgb(image), cv2.COLOR_RGB2GRAY)
 
 
 def range_mask(channel: np.ndarray, levels: Range) -> np.ndarray:
@@ -67,12 +66,11 @@ def yellow_mask(
     image: np.ndarray, low: tuple[int, int, int] = (0, 70, 70), high: tuple[int, int, int] = (50, 255, 255)
 ) -> np.ndarray:
     """Binary of the pixels between two HSV colours (low, high); the default is red to yellow."""
-    require_rgb(image)
-    return cv2.inRange(cv2.cvtColor(image, cv2.COLOR_RGB2HSV), low, high)
+    return cv2.inRange(cv2.cvtColor(require_rgb(image), cv2.COLOR_RGB2HSV), low, high)
 
 
 def equalized_white_mask(image: np.ndarray, levels: Range = (251, 255)) -> np.ndarray:
-    """Binary of the brightest few per cent of a picture: gray levels after histogram equalization."""
+    """Binary of the brightest few per cent of an image: gray levels after histogram equalization."""
     return range_mask(cv2.equalizeHist(to_gray(image)), levels)
 
 
@@ -88,15 +86,6 @@ def gradient_x_mask(channel: np.ndarray, levels: Range, *, full_step: float, ker
 def magnitude_mask(channel: np.ndarray, levels: Range, *, full_step: float, kernel: int = 3) -> np.ndarray:
     """Binary of the pixels with a gradient magnitude in a range; see `gradient_x_mask`."""
     return _level_mask(cv2.magnitude(*_gradient(channel, kernel)), levels, full_step)
-
-
-def direction_mask(channel: np.ndarray, angles_rad: Range, *, kernel: int = 3) -> np.ndarray:
-    """Binary of the pixels with a gradient direction in a range of angles to the horizontal, 0..pi/2.
-
-    A vertical edge has direction 0, and so have pixels without a gradient. Angles are accurate to 0.3 degrees
-    (cv2.phase); widen the range by that if its ends matter.
-    """
-    return _angle_mask(*_gradient(channel, kernel), angles_rad)
 
 
 def region_mask(size: tuple[int, int], polygon: tuple[Range, ...]) -> np.ndarray:
@@ -122,10 +111,6 @@ def _gradient(channel: np.ndarray, kernel: int) -> tuple[np.ndarray, np.ndarray]
     return _sobel(channel, 1, 0, kernel), _sobel(channel, 0, 1, kernel)
 
 
-def _angle_mask(gradient_x: np.ndarray, gradient_y: np.ndarray, angles_rad: Range) -> np.ndarray:
-    return cv2.inRange(cv2.phase(np.abs(gradient_x), np.abs(gradient_y)), angles_rad[0], angles_rad[1])
-
-
 def _level_mask(steps: np.ndarray, levels: Range, full_step: float) -> np.ndarray:
     # 255 is the end of the scale and includes all larger gradients.
     high = np.inf if levels[1] >= 255 else levels[1] * full_step / 255
@@ -142,13 +127,13 @@ class Thresholds:
         raise NotImplementedError
 
     def scaled(self, factor: float) -> Thresholds:
-        """The same thresholds for pictures `factor` times as large; kernels have at least 3 pixels."""
+        """The same thresholds for images `factor` times as large; kernels have at least 3 pixels."""
         return self
 
 
 @dataclass(frozen=True)
 class HlsSobelThresholds(Thresholds):
-    """Recipe A, on the warped colour picture: saturation, or a gradient of lightness or of saturation.
+    """Recipe A, on the warped colour image: saturation, or a gradient of lightness or of saturation.
 
     The published range of gradient directions is left out, because 0..pi/2 includes all directions.
     """
@@ -161,7 +146,7 @@ class HlsSobelThresholds(Thresholds):
     saturation_full_step: float = 255
 
     def masks(self, image: np.ndarray) -> dict[str, np.ndarray]:
-        """Binaries of an RGB picture (height, width, 3): saturation, gradient x, magnitude, combined."""
+        """Binaries of an RGB image (height, width, 3): saturation, gradient x, magnitude, combined."""
         _, light, colour = split_channels(image, "HLS")
         masks = {
             "saturation": range_mask(colour, self.saturation) & range_mask(light, self.lightness),
@@ -174,7 +159,7 @@ class HlsSobelThresholds(Thresholds):
 
 @dataclass(frozen=True)
 class EqualizedHsvThresholds(Thresholds):
-    """Recipe B, on the undistorted picture: yellow, or the brightest few per cent, or a strong gradient."""
+    """Recipe B, on the undistorted image: yellow, or the brightest few per cent, or a strong gradient."""
 
     white: Range = (251, 255)
     yellow_low: tuple[int, int, int] = (0, 70, 70)
@@ -185,7 +170,7 @@ class EqualizedHsvThresholds(Thresholds):
     close_px: int = 5
 
     def masks(self, image: np.ndarray) -> dict[str, np.ndarray]:
-        """Binaries of an RGB picture (height, width, 3): white, yellow, magnitude, combined (with gaps closed)."""
+        """Binaries of an RGB image (height, width, 3): white, yellow, magnitude, combined (with gaps closed)."""
         gray = to_gray(image)
         masks = {
             "white": equalized_white_mask(image, self.white),
@@ -196,7 +181,7 @@ class EqualizedHsvThresholds(Thresholds):
         return masks
 
     def scaled(self, factor: float) -> EqualizedHsvThresholds:
-        """The same thresholds for pictures `factor` times as large."""
+        """The same thresholds for images `factor` times as large."""
         kernel, close_px = (2 * round((size * factor - 1) / 2) + 1 for size in (self.magnitude_kernel, self.close_px))
         # OpenCV has Sobel filters of 3 to 31 pixels.
         return replace(self, magnitude_kernel=min(max(kernel, 3), 31), close_px=max(close_px, 1))
@@ -204,7 +189,7 @@ class EqualizedHsvThresholds(Thresholds):
 
 @dataclass(frozen=True)
 class BestChannelThresholds(Thresholds):
-    """Recipe C, on the undistorted picture: six separate binaries, so that the best one is used for each line."""
+    """Recipe C, on the undistorted image: six separate binaries, so that the best one is used for each line."""
 
     red: Range = (210, 255)
     hue: Range = (20, 80)
@@ -220,8 +205,8 @@ class BestChannelThresholds(Thresholds):
     candidates: ClassVar[tuple[str, ...]] = ("red", "gradients", "hue", "saturation", "luv lightness", "lab b")
 
     def masks(self, image: np.ndarray) -> dict[str, np.ndarray]:
-        """Binaries of an RGB picture (height, width, 3): the six candidates and combined (saturation, red or b)."""
-        require_rgb(image)
+        """Binaries of an RGB image (height, width, 3): the six candidates and combined (saturation, red or b)."""
+        image = require_rgb(image)
         region = region_mask(image.shape[1::-1], self.region)
         # The rows above the region are 0 and need no computation.
         top = int(region.any(axis=1).argmax())
@@ -232,7 +217,8 @@ class BestChannelThresholds(Thresholds):
         hue, _, saturation = split_channels(image, "HLS")
         # One gradient for the four binaries that use it.
         gradient_x, gradient_y = _gradient(to_gray(image), 3)
-        direction = _angle_mask(gradient_x, gradient_y, self.direction_rad) & region
+        angles = cv2.phase(np.abs(gradient_x), np.abs(gradient_y))
+        direction = cv2.inRange(angles, self.direction_rad[0], self.direction_rad[1]) & region
         step = self.full_step
         both_gradients = _level_mask(np.abs(gradient_x), self.gradient, step) & region
         both_gradients &= _level_mask(np.abs(gradient_y), self.gradient, step)

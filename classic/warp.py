@@ -1,6 +1,6 @@
 """Bird's-eye view of the classic recipes: a homography from four points, and its scale in metres.
 
-The picture is the undistorted one, and the bird's-eye view the warped one, both in pixels (u, v). Road points are
+The image is the undistorted one, and the bird's-eye view the warped one, both in pixels (u, v). Road points are
 (x forward, y left) in metres, as in lanes.camera.
 """
 
@@ -18,7 +18,7 @@ from lanes.images import require_rgb
 
 @dataclass(frozen=True, eq=False)
 class FourPointWarp:
-    """Homography that maps four points of the picture to four points of the bird's-eye view.
+    """Homography that maps four points of the image to four points of the bird's-eye view.
 
     If the four points form a rectangle on a flat road, the bird's-eye view is a map of the road with two constant
     scales. The trapezia of the classic recipes were chosen by eye and fulfil this only approximately.
@@ -26,11 +26,11 @@ class FourPointWarp:
     Parameters
     ----------
     source_px : array_like of shape (4, 2)
-        Points (u, v) in the undistorted picture, in order around the quadrangle.
+        Points (u, v) in the undistorted image, in order around the quadrangle.
     destination_px : array_like of shape (4, 2)
         Corresponding points in the bird's-eye view, in the same order.
     size : tuple of int
-        (width, height) in pixels, of the picture and of the bird's-eye view.
+        (width, height) in pixels, of the image and of the bird's-eye view.
 
     Raises
     ------
@@ -56,16 +56,16 @@ class FourPointWarp:
         object.__setattr__(self, "matrix", cv2.getPerspectiveTransform(self.source_px, self.destination_px))
         object.__setattr__(self, "inverse", np.linalg.inv(self.matrix))
 
-    def warp(self, image: np.ndarray) -> np.ndarray:
-        """Bird's-eye view of an undistorted picture, both of `size`; binaries (2-D) keep their two values.
+    def image_to_birdseye(self, image: np.ndarray) -> np.ndarray:
+        """Bird's-eye view of an undistorted image, both of `size`; binaries (2-D) keep their two values.
 
         Raises
         ------
         PictureError
-            If `image` is not an RGB picture or a binary of that size.
+            If `image` is not an RGB image or a binary of that size.
         """
         if not (isinstance(image, np.ndarray) and image.ndim == 2 and image.dtype == np.uint8):
-            require_rgb(image)
+            image = require_rgb(image)
         (width, height), got = self.size, image.shape[1::-1]
         if got != (width, height):
             raise PictureError(
@@ -76,11 +76,11 @@ class FourPointWarp:
         return cv2.warpPerspective(image, self.matrix, self.size, flags=interpolation)
 
     def points_to_birdseye(self, points_px: np.ndarray) -> np.ndarray:
-        """Points (N, 2) of the bird's-eye view for points (N, 2) of the undistorted picture."""
+        """Points (N, 2) of the bird's-eye view for points (N, 2) of the undistorted image."""
         return _transform(points_px, self.matrix)
 
-    def points_to_picture(self, points_px: np.ndarray) -> np.ndarray:
-        """Points (N, 2) of the undistorted picture for points (N, 2) of the bird's-eye view."""
+    def points_to_image(self, points_px: np.ndarray) -> np.ndarray:
+        """Points (N, 2) of the undistorted image for points (N, 2) of the bird's-eye view."""
         return _transform(points_px, self.inverse)
 
 
@@ -88,7 +88,7 @@ def birdseye_to_road(points_px: np.ndarray, warp: FourPointWarp, camera: Camera)
     """Points (N, 2) on the flat road of points (N, 2) in the bird's-eye view; exact for every quadrangle.
 
     Road points are (x forward, y left) in metres, NaN at and above the horizon. The distortion of the camera is not
-    applied, because `warp` starts from the undistorted picture.
+    applied, because `warp` starts from the undistorted image.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def birdseye_to_road(points_px: np.ndarray, warp: FourPointWarp, camera: Camera)
         If the camera has no pose.
     """
     pinhole = replace(camera, distortion=np.zeros(5))
-    return pinhole.pixels_to_road(warp.points_to_picture(points_px))
+    return pinhole.pixels_to_road(warp.points_to_image(points_px))
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from classic.result import LaneResult
+from classic.finder import LaneResult
 from classic.search import binary_pixels
 from classic.warp import FourPointWarp, birdseye_to_road
 from lanes.camera import Camera
@@ -80,7 +80,7 @@ def lane_widths_px(warp: FourPointWarp, camera: Camera, lines_m: ArrayLike, x_m:
 
 def binary_on_road(result: LaneResult, camera: Camera) -> np.ndarray:
     """Road points (N, 2), metres, of the set pixels of a classic result's binary."""
-    return birdseye_to_road(binary_pixels(result.steps.warped_binary), result.warp, camera)
+    return birdseye_to_road(binary_pixels(result.warped_binary), result.warp, camera)
 
 
 def marking_precision(

@@ -1,4 +1,4 @@
-"""Sliders for the notebook: a picture next to its processed version, which follows the sliders.
+"""Sliders for the notebook: an image next to its processed version, which follows the sliders.
 
 They need ipywidgets, which comes with Jupyter.
 """
@@ -6,20 +6,17 @@ They need ipywidgets, which comes with Jupyter.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
-from lanes.camera import Camera
 from lanes.canvas import to_rgb
-from lanes.detect.birdseye import BirdsEyeView
 
 if TYPE_CHECKING:
     from ipywidgets import VBox
 
-# Displayed width of the two pictures together.
+# Displayed width of the two images together.
 SHOWN_PX = 1120
 INSTALL_HINT = "The sliders need ipywidgets: run `pip install ipywidgets` and start the notebook again."
 
@@ -27,14 +24,14 @@ INSTALL_HINT = "The sliders need ipywidgets: run `pip install ipywidgets` and st
 def tune_threshold(
     image: np.ndarray, make: Callable[..., np.ndarray], **sliders: tuple[float, float, float | tuple[float, float]]
 ) -> VBox | None:
-    """Show a picture next to the result of a function, with sliders for the parameters of the function.
+    """Show an image next to the result of a function, with sliders for the parameters of the function.
 
     Parameters
     ----------
     image : ndarray of shape (height, width, 3), uint8
         RGB.
     make : callable
-        Called as make(image, name=value, ...); returns a mask or a picture. An example is `saturation_mask`.
+        Called as make(image, name=value, ...); returns a mask or an image. An example is `saturation_mask`.
     **sliders : (minimum, maximum, start)
         One entry per parameter. If `start` is a pair (low, high), the parameter is a pair too.
 
@@ -69,33 +66,11 @@ def tune_threshold(
     return ipywidgets.VBox([*controls.values(), shown])
 
 
-def tune_view(image: np.ndarray, camera: Camera) -> VBox | None:
-    """Show a raw RGB picture next to its bird's-eye view, with sliders for the view's extent and the camera's pitch.
-
-    It is shown as by `tune_threshold`.
-
-    Raises
-    ------
-    CameraError
-        If the camera has no pose.
-    """
-    pose = camera.require_pose()
-
-    def warp_to_birdseye(image: np.ndarray, far_m: float, half_width_m: float, pitch_deg: float) -> np.ndarray:
-        tilted = camera.with_pose(replace(pose, pitch_rad=np.radians(pitch_deg)))
-        view = BirdsEyeView(tilted, far_m=far_m, half_width_m=half_width_m)
-        return view.blacken(view.warp(image))
-
-    pitch_deg = float(np.degrees(pose.pitch_rad))
-    limits = {"far_m": (20.0, 120.0, 70.0), "half_width_m": (3.0, 15.0, 9.0)}
-    return tune_threshold(image, warp_to_birdseye, **limits, pitch_deg=(pitch_deg - 4, pitch_deg + 4, pitch_deg))
-
-
 def _slider(ipywidgets, name: str, minimum: float, maximum: float, start: float | tuple[float, float]):
     """A slider for a number, or for a range if `start` is a pair; integer limits give an integer slider."""
     kind = "RangeSlider" if isinstance(start, tuple) else "Slider"
     whole = np.hstack([minimum, maximum, start]).dtype.kind == "i"
-    # Without continuous updates: drawing a picture for every mouse movement is too slow.
+    # Without continuous updates: drawing an image for every mouse movement is too slow.
     options = {"value": start, "min": minimum, "max": maximum, "description": name, "continuous_update": False}
     if not whole:
         options["step"] = (maximum - minimum) / 100

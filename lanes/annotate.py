@@ -1,11 +1,13 @@
-"""Settings for annotating drives, and the results: plain dataclasses that can be sent to another process."""
+"""Whole drives and stills: camera pose, lane, annotated video or pictures, telemetry and report."""
 
 from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from platform import python_version
@@ -16,50 +18,32 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.detect.lane import LOST, telemetry_row
-from lanes.draw import draw_lane, track_lane
+from lanes.detect.lane import LOST, Lane, telemetry_row
+from lanes.detect.paint import FrameEvidence
+from lanes.draw import draw_lane
 from lanes.errors import CameraError, LaneError, PictureError, PoseError, VideoError
 from lanes.field_of_view import FieldOfView, find_field_of_view
-from lanes.files import exclusive_writer, read_telemetry, write_telemetry
-from lanes.images import PICTURE_SUFFIXES, list_pictures, opencv_threads, read_image, write_image
-from lanes.pose import PoseEstimate, describe_accuracy, ensure_pose
-from lanes.report.moments import frame_lengths_s, seconds_lost, share_tracked
+from lanes.files import TelemetryWriter, exclusive_writer
+from lanes.images import opencv_threads, read_image, write_image
+from lanes.pose import POSE_PICTURES, PoseEstimate, ensure_pose
+from lanes.report.moments import Telemetry, seconds_lost, share_tracked
 from lanes.report.page import write_report
-from lanes.sources import require_distinct_outputs
+from lanes.sources import Sources, find_sources, require_distinct_outputs, sample_images
 from lanes.stills import StillDetection, detect_still
-from lanes.track.pose_change import PoseChange, describe_wrong_yaw, find_pose_change, find_wrong_yaw
+from lanes.track.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
 from lanes.track.tracker import LaneTracker
-from lanes.video.process import VideoSummary, annotate_video
-from lanes.video.reader import VideoInfo, inspect_video, open_video
+from lanes.video.process import count_missing, progress_bar, read_ahead, write_behind
+from lanes.video.reader import TimedFrame, VideoInfo, inspect_video, read_timed_frames
+from lanes.video.writer import VideoWriter
 
 SEVERAL_CAMERAS = " If the pictures are of several cameras, annotate them with --each."
 
 
 @dataclass(frozen=True, kw_only=True)
 class DriveSettings:
-    """How to annotate drives.
+    """How drives and stills are annotated, see `annotate`; can be sent to another process.
 
-    Parameters
-    ----------
-    output : Path
-        Folder for the results. They are named after the drives.
-    camera : Camera, optional
-        A camera without a pose gets one that is estimated from the pictures of the drive. The camera is rescaled to
-        drives of another size with the same aspect ratio.
-    field : FieldOfView, optional
-        Field of view of an uncalibrated lens, instead of `camera`.
-    each : bool
-        Every still is of a camera of its own.
-    style : str
-        One of `lanes.draw.STYLES`.
-    start_s, end_s : float
-        Part of each video to annotate, in seconds since its first frame; `end_s` None: up to the end.
-    report : bool
-        Write an HTML report next to each video.
-    progress : bool
-        Show a progress bar if stderr is a terminal.
-    overlapped : bool
-        Read, process and write in parallel; see `annotate_video`.
+    `field` is the field of view of an uncalibrated lens, used if there is no `camera`.
     """
 
     output: Path
@@ -71,163 +55,277 @@ class DriveSettings:
     end_s: float | None = None
     report: bool = True
     progress: bool = True
-    overlapped: bool = True
 
-    def camera_for(self, size: tuple[int, int], name: object = "picture") -> Camera:
-        """The camera for pictures of `size` (width, height); error messages begin with the `name` of the drive.
+    @property
+    def part(self) -> dict[str, Any]:
+        """Start and end of the part of a video, as arguments by name."""
+        return {"start_s": self.start_s, "end_s": self.end_s}
 
-        Raises
-        ------
-        CameraError
-            If neither a camera nor a field of view is set, or the camera has another aspect ratio.
-        """
+    def camera_for(self, size: tuple[int, int], file: Path) -> Camera:
+        """The camera of a file with images of `size` (width, height); CameraError if it has another aspect ratio."""
+        if self.camera is None:
+            return Camera.from_fov(size, self.field_of(file).hfov_deg)
+        try:
+            return self.camera if self.camera.size == size else self.camera.scaled(size)
+        except CameraError as error:
+            raise CameraError(f"{file}: {error}") from error
+
+    def field_of(self, file: Path) -> FieldOfView:
+        """The field of view of an uncalibrated lens; with `each` that of the file's own EXIF entries, unless given."""
+        if self.field is None or (self.each and self.field.assumed):
+            return find_field_of_view([file])
+        return self.field
+
+    def describe_lens(self, file: Path) -> str:
+        """Words such as "; field of view 62.6 deg, as a.jpg says (EXIF)"; empty if the camera is given."""
         if self.camera is not None:
-            try:
-                return self.camera if self.camera.size == size else self.camera.scaled(size)
-            except CameraError as error:
-                raise CameraError(f"{name}: {error}") from error
-        if self.field is None:
-            raise CameraError(f"{name}: no lens is known; give a camera or a horizontal field of view.")
-        return Camera.from_fov(size, self.field.hfov_deg)
-
-    def for_still(self, still: Path) -> DriveSettings:
-        """The settings with the field of view from the EXIF entries of a still instead of an assumed one."""
-        if self.field is None or not self.field.assumed:
-            return self
-        return replace(self, field=find_field_of_view([still]))
-
-    def lens_of_still(self, still: Path) -> str:
-        """Text such as "; field of view 62.6 deg, as a.jpg says (EXIF)"; empty if the camera is given."""
-        field = self.for_still(still).field
-        if self.camera is not None or field is None:
             return ""
+        field = self.field_of(file)
         return f"; field of view {field.hfov_deg:.1f} deg, {'assumed' if field.assumed else field.source}"
 
 
-@dataclass(frozen=True)
-class DriveResult:
-    """Result of annotating one drive.
+@dataclass(frozen=True, eq=False)
+class Annotation:
+    """Result of annotating one video, or stills."""
 
-    Attributes
-    ----------
-    source : str
-        Path of the video, or name of the live camera.
-    report : Path or None
-        None if it was switched off.
-    pose : PoseEstimate or None
-        None if the camera already had a pose.
-    tracked_share : float
-        Share of the frames with state "tracking".
-    lost_s : float
-        Time with state "lost".
-    frames_per_s : float
-        Frames annotated per second, including reading and writing, without the camera pose estimate.
-    length_s : float
-        Duration of the annotated part.
-    pose_change : PoseChange or None
-        The moment at which the camera seems to have moved, if there is one.
-    wrong_yaw_rad : float or None
-        By how much the camera seems to look farther left than its pose says, if that is significant.
-    missing : int
-        Frames that are damaged in the video, or announced by it but absent.
-    lost_sound : bool
-        The video has a sound track that cannot be decoded, and the annotated video has none.
-    """
-
-    source: str
-    video: Path
-    telemetry: Path
-    report: Path | None
-    camera: Camera
-    pose: PoseEstimate | None
-    frames: int
-    tracked_share: float
-    lost_s: float
-    frames_per_s: float
-    length_s: float = 0.0
-    pose_change: PoseChange | None = None
-    wrong_yaw_rad: float | None = None
+    # The files written: annotated video, telemetry and report, or annotated pictures and telemetry.
+    outputs: tuple[Path, ...]
+    # The columns (rows,) of the telemetry by name, a row per frame or still, as `read_telemetry` returns them.
+    telemetry: Telemetry
+    # What was found and written, in words.
+    description: str
+    # None if the camera already had a pose, or every still has a camera of its own.
+    pose: PoseEstimate | None = None
+    # Frames that are damaged in the video, or announced by it but absent.
     missing: int = 0
-    lost_sound: bool = False
-
-    def describe(self) -> str:
-        """A sentence about the drive, after the camera pose if it was estimated."""
-        lines = [self.pose.describe(), describe_accuracy(self.pose)] if self.pose else []
-        lines.append(
-            f"{self.source}: {describe_frames(self.frames, self.missing)}, lane tracked in {self.tracked_share:.0%} of "
-            f"them, lost for {self.lost_s:.1f} s; {self.frames_per_s:.0f} frames/s; wrote {self.video} with telemetry"
-            f"{' and report' if self.report else ''} next to it"
-        )
-        if self.lost_sound:
-            lines.append(f"{self.source}: its sound track cannot be decoded; {self.video} has no sound")
-        if self.pose_change:
-            lines.append(f"{self.source}: {self.pose_change.describe()}")
-        elif self.wrong_yaw_rad is not None:
-            lines.append(f"{self.source}: {describe_wrong_yaw(self.wrong_yaw_rad)}")
-        return "\n".join(lines)
+    # One error for each still that could not be used.
+    failures: tuple[LaneError, ...] = ()
 
 
-@dataclass(frozen=True)
-class StillsResult:
-    """Result of annotating stills.
+def annotate(
+    sources: str | Path | Iterable[str | Path], output: str | Path, camera: Camera | None = None, **options: Any
+) -> list[Annotation]:
+    """Draw the lane on videos and stills, and write its telemetry; returns a result for each video and for the stills.
 
-    Attributes
+    >>> (result,) = lanes.annotate("drive.mp4", "out/", camera)  # doctest: +SKIP
+    >>> result.telemetry["offset_m"]  # doctest: +SKIP
+
+    Parameters
     ----------
-    pictures : tuple of Path
-        Pictures written, in the order of the stills.
-    found : int
-        Number of stills in which a lane was found.
-    pose : PoseEstimate or None
-        None if the camera already had a pose, or every still has a camera of its own.
-    failures : tuple of PictureError, PoseError or CameraError
-        One error for each still that could not be used.
-    each : tuple of str
-        If every still has a camera of its own: result and camera pose of each.
+    sources : path, or iterable of paths
+        Videos, stills, folders of them, and patterns such as ``drives/*.mp4``.
+    output : path
+        Folder for the results. They are named after the sources.
+    camera : Camera, optional
+        If it has no pose, the pose is estimated from each drive. It is rescaled to images of another size with the same
+        aspect ratio. Without a camera the field of view is that of the stills' EXIF entries, or 60 degrees.
+    each : bool
+        Every still is of a camera of its own. By default they share one camera.
+    style : str
+        One of `lanes.draw.STYLES`; "lane" by default.
+    start_s, end_s : float
+        Part of each video to annotate, in seconds since its first frame. By default the whole video.
+    report : bool
+        Write an HTML report next to each video, as is the default.
+    progress : bool
+        Show a progress bar, as is the default, if stderr is a terminal or a notebook.
+
+    Raises
+    ------
+    FileNotFoundError, LaneError, OSError
+        If a source cannot be used, or an output cannot be written; raised after the other sources were annotated.
+    ValueError
+        If an output would overwrite a source or another output.
     """
-
-    pictures: tuple[Path, ...]
-    telemetry: Path
-    found: int
-    pose: PoseEstimate | None
-    failures: tuple[ValueError, ...] = ()
-    each: tuple[str, ...] = ()
-
-    def describe(self) -> str:
-        """A sentence about the stills, after the camera pose if it was estimated."""
-        pose = f"{self.pose.describe()}\n" if self.pose else "".join(f"{line}\n" for line in self.each)
-        if self.pose and self.pose.frames_used < self.pose.frames_total / 2:
-            pose += f"hint: few pictures show this camera pose.{SEVERAL_CAMERAS}\n"
-        return (
-            f"{pose}stills: {len(self.pictures)} pictures, lane found in {self.found}; wrote them and "
-            f"{self.telemetry.name} to {self.telemetry.parent}"
-        )
+    names = [sources] if isinstance(sources, str | Path) else sources
+    found = find_sources(map(str, names))
+    field = None if camera else find_field_of_view([*found.stills, *found.videos])
+    settings = DriveSettings(output=Path(output), camera=camera, field=field, **options)
+    outcomes = list(annotate_sources(found, settings))
+    results = [outcome for outcome in outcomes if isinstance(outcome, Annotation)]
+    failures = [outcome for outcome in outcomes if not isinstance(outcome, Annotation)]
+    failures += [failure for result in results for failure in result.failures]
+    if failures:
+        raise type(failures[0])("\n".join(map(str, failures)))
+    return results
 
 
-def describe_frames(frames: int, missing: int) -> str:
-    """Text such as "250 frames" or "247 frames (3 more are damaged or missing in the video)"."""
-    more = f" ({missing} more {'is' if missing == 1 else 'are'} damaged or missing in the video)" if missing else ""
-    return f"{frames} frames{more}"
+def annotate_sources(sources: Sources, settings: DriveSettings) -> Iterator[Annotation | OSError | ValueError]:
+    """Annotate each video, then all stills; yields the result of each, or the error if it cannot be annotated.
+
+    Raises ValueError if an output would overwrite a video or another output.
+    """
+    require_distinct_outputs(sources.videos, [output_path(video, settings.output) for video in sources.videos])
+    jobs = [partial(annotate_drive, video, settings) for video in sources.videos]
+    jobs += [partial(annotate_stills, sources.stills, settings)] if sources.stills else []
+    for job in jobs:
+        try:
+            outcome: Annotation | OSError | ValueError = job()
+        except (OSError, ValueError) as error:
+            outcome = error
+        yield outcome
 
 
-def describe_settings(result: DriveResult, settings: DriveSettings) -> dict[str, str]:
+# Drives.
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedFrame(TimedFrame):
+    """A frame of a drive, the time that the tracker took for it, and what the tracker saw in it."""
+
+    latency_ms: float
+    evidence: FrameEvidence | None
+
+
+def track(
+    path: str | Path,
+    camera: Camera,
+    *,
+    speed_mps: float | None = None,
+    start_s: float = 0.0,
+    end_s: float | None = None,
+    progress: bool = False,
+    info: VideoInfo | None = None,
+) -> Generator[tuple[TrackedFrame, Lane | None]]:
+    """Track the lane through a video; yields each frame with its lane, None where it is lost.
+
+    >>> for frame, lane in lanes.track("drive.mp4", camera):  # doctest: +SKIP
+    ...     print(frame.time_s, lane)
+
+    Parameters
+    ----------
+    path : path
+        The video.
+    camera : Camera
+        With its pose, and of the size of the video.
+    speed_mps : float, optional
+        Speed of the car; estimated if not given.
+    start_s, end_s : float
+        Part of the video, in seconds since its first frame; None reads to the end.
+    progress : bool
+        Show a progress bar if stderr is a terminal or a notebook.
+    info : VideoInfo, optional
+        Result of `inspect_video(path)`, if known; otherwise the file is read twice.
+
+    Raises
+    ------
+    FileNotFoundError, LaneError
+        If the video cannot be read, or the camera has no pose or another size.
+    """
+    info = info or inspect_video(path)
+    size = info.width, info.height
+    if camera.size != size:
+        raise CameraError(f"{path}: is {size[0]}x{size[1]} pixels, unlike the camera; give camera.scaled({size}).")
+    tracker = LaneTracker(camera, fps=info.fps, speed_mps=speed_mps)
+    with (
+        closing(read_ahead(read_timed_frames(path, start_s=start_s, end_s=end_s))) as frames,
+        progress_bar(info, start_s=start_s, end_s=end_s, shown=progress) as bar,
+    ):
+        for frame, lane in track_frames(frames, tracker):
+            yield frame, lane
+            bar.update()
+
+
+def track_frames(frames: Iterable[TimedFrame], tracker: LaneTracker) -> Iterator[tuple[TrackedFrame, Lane | None]]:
+    """Each frame with its lane. The tracker gets the time between frames: rates vary, and frames may be missing."""
+    last_s: float | None = None
+    for frame in frames:
+        began_s = time.perf_counter()
+        lane = tracker.update(frame.image, elapsed_s=None if last_s is None else frame.time_s - last_s)
+        latency_ms, last_s = 1e3 * (time.perf_counter() - began_s), frame.time_s
+        yield TrackedFrame(frame.number, frame.time_s, frame.image, latency_ms, tracker.evidence), lane
+
+
+def prepare_drive(video: Path, settings: DriveSettings) -> tuple[VideoInfo, Camera, PoseEstimate | None]:
+    """Properties of a video, its camera with the pose, and the pose estimate (None if the camera had a pose)."""
+    info = inspect_video(video)
+    if settings.start_s >= info.duration_s:
+        raise VideoError(f"{video}: lasts {info.duration_s:g} s; begin before that, not at {settings.start_s:g} s.")
+    camera = settings.camera_for((info.width, info.height), video)
+    images = sample_images([video], POSE_PICTURES, require=camera.require_size, infos={video: info}, **settings.part)
+    try:
+        return info, *ensure_pose(camera, images)
+    except PoseError as error:
+        raise PoseError(f"{video}: {error}") from error
+
+
+def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
+    """Annotate a video, and write its telemetry and report next to it; errors are those of `annotate`.
+
+    Both arguments can be sent to another process. The only side effect is the files written.
+    """
+    video, target = Path(video), output_path(Path(video), settings.output)
+    info, camera, pose = prepare_drive(video, settings)
+    with exclusive_writer(target):
+        began_s = time.perf_counter()
+        # This order renames the telemetry file only after the video, and the report after both.
+        with TelemetryWriter(target.with_suffix(".csv")) as table:
+            has_sound = _write_video(video, target, info, camera, settings, table)
+        telemetry, elapsed_s = table.columns(), time.perf_counter() - began_s
+        count, missing = len(telemetry["frame"]), count_missing(info, telemetry["frame"].tolist(), **settings.part)
+        more = f" ({missing} more {'is' if missing == 1 else 'are'} damaged or missing in the video)" if missing else ""
+        outputs: tuple[Path, ...] = (target, table.path)
+        if settings.report:
+            used = _describe_settings(video, camera, pose, settings) | {"frames": f"{count} frames{more}"}
+            page = target.with_suffix(".html")
+            outputs += (write_report(page, title=video.name, video=target, telemetry=telemetry, settings=used),)
+    lines = [pose.describe(), pose.describe_accuracy()] if pose else []
+    lines.append(
+        f"{video}: {count} frames{more}, lane tracked in {share_tracked(telemetry):.0%} of them, lost for "
+        f"{seconds_lost(telemetry):.1f} s; {count / elapsed_s:.0f} frames/s; wrote {target} with telemetry"
+        f"{' and report' if settings.report else ''} next to it"
+    )
+    if info.has_audio and not has_sound:
+        lines.append(f"{video}: its sound track cannot be decoded; {target} has no sound")
+    if change := find_pose_change(telemetry):
+        lines.append(f"{video}: {change.describe()}")
+    elif (yaw_rad := find_wrong_yaw(telemetry)) is not None:
+        lines.append(f"{video}: {describe_wrong_yaw(yaw_rad)}")
+    return Annotation(outputs, telemetry, "\n".join(lines), pose, missing)
+
+
+def _write_video(
+    video: Path, target: Path, info: VideoInfo, camera: Camera, settings: DriveSettings, table: TelemetryWriter
+) -> bool:
+    """Write the annotated video, and its rows to the table; returns whether it has a sound track."""
+    sound_from = video if info.has_audio else None
+    with (
+        # Decoder, tracker and encoder already run in a thread each.
+        opencv_threads(1),
+        VideoWriter(target, fps=info.fps, colours=info.colours, sound_from=sound_from) as writer,
+        closing(track(video, camera, info=info, progress=settings.progress, **settings.part)) as frames,
+        write_behind(writer.encode) as encode,
+    ):
+        for frame, lane in frames:
+            drawn = draw_lane(
+                frame.image, lane, camera, style=settings.style, evidence=frame.evidence, onto=frame.image
+            )
+            encode(writer.convert(drawn, frame.time_s))
+            row = {"frame": frame.number, "time_s": round(frame.time_s, 6), **telemetry_row(lane)}
+            table.write(row | {"latency_ms": round(frame.latency_ms, 3)})
+    return writer.written.has_audio
+
+
+def _describe_settings(
+    video: Path, camera: Camera, pose: PoseEstimate | None, settings: DriveSettings
+) -> dict[str, str]:
     """The settings and versions that a drive was annotated with, as texts by name, for the report."""
-    camera, pose = result.camera, result.pose
-    if settings.camera is None and settings.field is not None:
-        lens = f"field of view {settings.field.hfov_deg:.3g}°, {settings.field.source}, not calibrated"
+    if settings.camera is None:
+        field = settings.field_of(video)
+        lens = f"field of view {field.hfov_deg:.3g}°, {field.source}, not calibrated"
     elif camera.report is None:
         lens = "from the camera file"
     else:
         lens = f"calibrated on {len(camera.report.board_rms_px)} boards, error {camera.report.rms_px:.2f} px"
-    texts = {
-        "video": result.source,
-        "piece": f"from {settings.start_s:g} s to {'the end' if settings.end_s is None else f'{settings.end_s:g} s'}",
+    return {
+        "video": str(video),
+        "part": f"from {settings.start_s:g} s to {'the end' if settings.end_s is None else f'{settings.end_s:g} s'}",
         "picture": f"{camera.width}x{camera.height} pixels",
         "lens": f"{lens}; focal length {camera.matrix[0, 0]:.0f} px",
         "pose": pose.describe() if pose else f"from the camera file: {camera.require_pose().describe()}",
         "style": settings.style,
         "versions": ", ".join(f"{name} {version}" for name, version in versions().items()),
     }
-    return texts | ({"frames": describe_frames(result.frames, result.missing)} if result.missing else {})
 
 
 def versions() -> dict[str, str]:
@@ -235,116 +333,45 @@ def versions() -> dict[str, str]:
     return {"Python": python_version(), "OpenCV": cv2.__version__, "numpy": np.__version__, "PyAV": av.__version__}
 
 
-# Annotation of a whole drive: camera pose, lane tracking, annotated video, telemetry and report.
+def output_path(video: Path, folder: Path) -> Path:
+    """Path of the annotated video in `folder`."""
+    return folder / f"{video.stem}.mp4"
 
 
-@dataclass(frozen=True, eq=False)
-class PreparedDrive:
-    """A video, its properties, the camera with its pose, and the pose estimate (None if the camera had a pose)."""
-
-    video: Path
-    info: VideoInfo
-    camera: Camera
-    pose: PoseEstimate | None
+# Stills.
 
 
-def annotate_drive(video: str | Path, settings: DriveSettings) -> DriveResult:
-    """Annotate a video and write its telemetry and report next to it.
-
-    Both arguments can be sent to another process. The only side effect is the files written.
-
-    Raises
-    ------
-    FileNotFoundError, VideoError
-        If the video cannot be used, or has no frame between `settings.start_s` and `settings.end_s`.
-    CameraError
-        If the camera does not fit the video.
-    PoseError
-        If the camera has no pose and it cannot be estimated from the drive.
-    OSError
-        If an output cannot be written, for instance because another run is writing it.
-    """
-    drive = prepare_drive(video, settings)
-    with exclusive_writer(output_path(drive.video, settings.output)):
-        return annotate_prepared(drive, settings)
-
-
-def prepare_drive(video: str | Path, settings: DriveSettings) -> PreparedDrive:
-    """Inspect a video, and estimate the camera pose if the camera has none. Exceptions as for `annotate_drive`."""
-    video = Path(video)
-    info = inspect_video(video)
-    if settings.start_s >= info.duration_s:
-        raise VideoError(f"{video}: lasts {info.duration_s:g} s; begin before that, not at {settings.start_s:g} s.")
-    camera = settings.camera_for((info.width, info.height), video)
-    camera, pose = ensure_pose(camera, [video], start_s=settings.start_s, end_s=settings.end_s)
-    return PreparedDrive(video, info, camera, pose)
-
-
-def annotate_prepared(drive: PreparedDrive, settings: DriveSettings) -> DriveResult:
-    """Annotate a drive after `prepare_drive`; writes its files. Exceptions as for `annotate_drive`."""
-    target = output_path(drive.video, settings.output)
-    began_s = time.perf_counter()
-    # Reader, tracker and writer already use one thread each.
-    with opencv_threads(1):
-        missing = track_video(drive, target, settings).missing
-    elapsed_s = time.perf_counter() - began_s
-    source = str(drive.video)
-    sound = drive.info.has_audio
-    return conclude_drive(source, target, drive.camera, drive.pose, settings, elapsed_s, missing=missing, sound=sound)
-
-
-def track_video(drive: PreparedDrive, target: Path, settings: DriveSettings, **options: Any) -> VideoSummary:
-    """Write the annotated video `target` and its telemetry, with a new tracker; `options` are for `annotate_video`."""
-    process = track_lane(LaneTracker(drive.camera, fps=drive.info.fps), drive.camera, style=settings.style)
-    return annotate_video(
-        drive.video,
-        target,
-        process,
-        start_s=settings.start_s,
-        end_s=settings.end_s,
-        progress=settings.progress,
-        telemetry=target.with_suffix(".csv"),
-        overlapped=settings.overlapped,
-        info=drive.info,
-        **options,
-    )
-
-
-def annotate_stills(pictures: Sequence[Path], settings: DriveSettings) -> StillsResult:
+def annotate_stills(stills: Sequence[Path], settings: DriveSettings) -> Annotation:
     """Find the lane in each still independently; write annotated pictures of the same names and `pictures.csv`.
 
     With `settings.each` every still has a camera pose of its own. Otherwise all are of one camera. A still that cannot
-    be used is skipped; see `StillsResult.failures`.
-
-    Raises
-    ------
-    PictureError
-        If none of the stills can be used.
-    ValueError
-        If a still would be overwritten.
-    CameraError, PoseError, OSError
-        As `annotate_drive`.
+    be used is skipped; see `Annotation.failures`. Errors are those of `annotate`.
     """
-    require_distinct_outputs(pictures, [settings.output / path.name for path in pictures])
-    rows: list[dict[str, str | float | None]] = []
-    written, lines, telemetry = [], [], settings.output / "pictures.csv"
+    require_distinct_outputs(stills, [settings.output / path.name for path in stills])
+    outputs, lines = [], []
     failures: list[LaneError] = []
-    stills = detect_stills(pictures, settings, failures)
-    first = next(stills)  # raises if no still can be used, before anything is written
-    with exclusive_writer(telemetry):
-        for still in chain([first], stills):
-            path, image, detection = still.path, still.image, still.detection
+    detected = detect_stills(stills, settings, failures)
+    first = next(detected)  # raises if no still can be used, before anything is written
+    path = settings.output / "pictures.csv"
+    with exclusive_writer(path), TelemetryWriter(path) as table:
+        for still in chain([first], detected):
+            detection = still.detection
             lane, camera = detection.lane, detection.camera
-            drawn = draw_lane(image, lane, camera, style=settings.style, evidence=detection.evidence)
-            rows.append({"frame": len(rows), "picture": path.name, **telemetry_row(lane)})
-            written.append(write_image(settings.output / path.name, drawn))
+            drawn = draw_lane(still.image, lane, camera, style=settings.style, evidence=detection.evidence)
+            outputs.append(write_image(settings.output / still.path.name, drawn))
+            table.write({"frame": len(outputs) - 1, "picture": still.path.name, **telemetry_row(lane)})
             if settings.each and still.pose:
-                result = f"{path}: {lane.state} (confidence {lane.confidence:.2f})" if lane else f"{path}: {LOST}"
-                lines.append(f"{result}; {still.pose.summary_line()}{settings.lens_of_still(path)}")
-        write_telemetry(telemetry, rows)
-    count = sum(row["state"] != LOST for row in rows)
-    one_pose = None if settings.each else first.pose
-    return StillsResult(tuple(written), telemetry, count, one_pose, tuple(failures), tuple(lines))
+                found = f"{lane.state} (confidence {lane.confidence:.2f})" if lane else LOST
+                lines.append(f"{still.path}: {found}; {still.pose.summary_line()}{settings.describe_lens(still.path)}")
+    pose = None if settings.each else first.pose
+    if pose:
+        lines.append(pose.describe())
+        if pose.frames_used < pose.frames_total / 2:
+            lines.append(f"hint: few pictures show this camera pose.{SEVERAL_CAMERAS}")
+    telemetry = table.columns()
+    found = np.sum(telemetry["state"] != LOST)
+    lines.append(f"stills: {len(outputs)} pictures, lane found in {found}; wrote them and {path.name} to {path.parent}")
+    return Annotation((*outputs, path), telemetry, "\n".join(lines), pose, failures=tuple(failures))
 
 
 @dataclass(frozen=True, eq=False)
@@ -355,150 +382,60 @@ class DetectedStill:
     image: np.ndarray
     detection: StillDetection
     pose: PoseEstimate | None
-    run_time_s: float
+    run_time_ms: float
 
 
 def detect_stills(
-    pictures: Sequence[Path], settings: DriveSettings, failures: list[LaneError]
+    stills: Sequence[Path], settings: DriveSettings, failures: list[LaneError]
 ) -> Iterator[DetectedStill]:
     """What is found in each still, one after the other; errors of stills that cannot be used go to `failures`.
 
-    Raises
-    ------
-    PictureError, PoseError, CameraError
-        If none of the stills can be used.
+    If none of the stills can be used, the errors are raised as one.
     """
-    together = _detect_together(pictures, settings)
     none_used = True
-    for still in (_detect_one(path, settings) for path in pictures) if settings.each else together:
-        if isinstance(still, LaneError):
-            failures.append(still)
+    for outcome in map(partial(_detect_one, settings), stills) if settings.each else _detect_all(stills, settings):
+        if isinstance(outcome, LaneError):
+            failures.append(outcome)
         else:
             none_used = False
-            yield still
+            yield outcome
     if none_used:
         raise type(failures[0])("\n".join(map(str, failures)))
 
 
-def _detect_together(pictures: Sequence[Path], settings: DriveSettings) -> Iterator[DetectedStill | LaneError]:
+def _detect_all(stills: Sequence[Path], settings: DriveSettings) -> Iterator[DetectedStill | LaneError]:
     """What is found in each still of one camera, after the errors of the stills that cannot be used."""
-    size, usable, failures = _select_usable(pictures)
-    yield from failures
+    sizes: dict[Path, tuple[int, int]] = {}
+    for path in stills:
+        try:
+            sizes[path] = read_image(path).shape[1::-1]
+        except PictureError as error:
+            yield error
+    if not sizes:
+        return
+    width, height = Counter(sizes.values()).most_common(1)[0][0]
+    used = f"the others used are {width}x{height}; annotate it alone, or all with --each."
+    usable = [path for path, size in sizes.items() if size == (width, height)]
+    yield from (PictureError(f"{p}: is {w}x{h}, {used}") for p, (w, h) in sizes.items() if p not in usable)
     try:
-        camera, pose = ensure_pose(settings.camera_for(size, usable[0]), usable)
+        camera, pose = ensure_pose(settings.camera_for((width, height), usable[0]), usable)
     except PoseError as error:
         raise PoseError(f"{error}{SEVERAL_CAMERAS if len(usable) > 1 else ''}") from error
     for path in usable:
-        start_s = time.perf_counter()
-        image = read_image(path)
-        detection = pose.still if pose and pose.still else detect_still(image, camera)
-        yield DetectedStill(path, image, detection, pose, time.perf_counter() - start_s)
+        yield _detect(path, read_image(path), camera, pose)
 
 
-def _detect_one(path: Path, settings: DriveSettings) -> DetectedStill | LaneError:
+def _detect_one(settings: DriveSettings, path: Path) -> DetectedStill | LaneError:
     """What is found in a still of a camera of its own; an error if it cannot be used."""
     try:
-        if path.suffix.lower() not in PICTURE_SUFFIXES:
-            raise PictureError(f"{path}: is no still; --each is for stills of different cameras, omit it.")
         image = read_image(path)
-        camera = settings.for_still(path).camera_for((image.shape[1], image.shape[0]), path)
-        start_s = time.perf_counter()
-        try:
-            camera, pose = ensure_pose(camera, image)
-            detection = pose.still if pose and pose.still else detect_still(image, camera)
-        except (PoseError, CameraError) as error:
-            raise type(error)(f"{path}: {error}") from error
-        return DetectedStill(path, image, detection, pose, time.perf_counter() - start_s)
+        return _detect(path, image, *ensure_pose(settings.camera_for((image.shape[1], image.shape[0]), path), path))
     except LaneError as error:
         return error
 
 
-def annotate_folder(folder: str | Path, output: str | Path, camera: Camera) -> StillsResult:
-    """Annotate all pictures of a folder with `annotate_stills` into another folder.
-
-    If the camera has no pose, the pose is estimated from the pictures.
-
-    Raises
-    ------
-    FileNotFoundError
-        If the folder does not exist or holds no picture.
-    PictureError
-        If some pictures could not be used. It names them, and is raised after the others were annotated.
-    CameraError, PoseError, OSError, ValueError
-        As `annotate_stills`.
-    """
-    result = annotate_stills(list_pictures(folder), DriveSettings(output=Path(output), camera=camera))
-    if result.failures:
-        raise PictureError("\n".join(map(str, result.failures)))
-    return result
-
-
-def _select_usable(pictures: Sequence[Path]) -> tuple[tuple[int, int], list[Path], list[PictureError]]:
-    """The most frequent size (width, height), the pictures of that size, and one error for each other picture."""
-    sizes, failures = {}, []
-    for path in pictures:
-        try:
-            sizes[path] = read_image(path).shape[1::-1]
-        except PictureError as error:
-            failures.append(error)
-    if not sizes:
-        raise PictureError("\n".join(map(str, failures)))
-    (most, _), *_ = Counter(sizes.values()).most_common(1)
-    usable = [path for path, size in sizes.items() if size == most]
-    failures += [
-        PictureError(
-            f"{path}: is {width}x{height}, the others used are {most[0]}x{most[1]}; annotate it alone, or all with "
-            "--each."
-        )
-        for path, (width, height) in sizes.items()
-        if (width, height) != most
-    ]
-    return most, usable, failures
-
-
-def conclude_drive(
-    source: str,
-    video: Path,
-    camera: Camera,
-    pose: PoseEstimate | None,
-    settings: DriveSettings,
-    elapsed_s: float,
-    *,
-    missing: int = 0,
-    sound: bool = False,
-) -> DriveResult:
-    """Summarise the telemetry file next to the annotated `video`, and write the report if `settings.report` is set.
-
-    `source` is the path of the source video or the name of the live camera, `elapsed_s` the time that the annotation
-    took, `missing` the number of frames missing in the source, and `sound` whether it has a sound track.
-    """
-    columns = read_telemetry(video.with_suffix(".csv"))
-    frames = len(columns["frame"])
-    with open_video(video) as written:
-        lost_sound = sound and not written.streams.audio
-    result = DriveResult(
-        source=source,
-        video=video,
-        telemetry=video.with_suffix(".csv"),
-        report=video.with_suffix(".html") if settings.report else None,
-        camera=camera,
-        pose=pose,
-        frames=frames,
-        tracked_share=share_tracked(columns),
-        lost_s=seconds_lost(columns),
-        frames_per_s=frames / elapsed_s,
-        length_s=float(frame_lengths_s(columns["time_s"]).sum()),
-        pose_change=find_pose_change(columns),
-        wrong_yaw_rad=find_wrong_yaw(columns),
-        missing=missing,
-        lost_sound=lost_sound,
-    )
-    if result.report:
-        used = describe_settings(result, settings)
-        write_report(result.report, title=Path(source).name, video=video, telemetry=columns, settings=used)
-    return result
-
-
-def output_path(video: Path, folder: Path) -> Path:
-    """Path of the annotated video in `folder`."""
-    return folder / f"{video.stem}.mp4"
+def _detect(path: Path, image: np.ndarray, camera: Camera, pose: PoseEstimate | None) -> DetectedStill:
+    """What is found in a still; the estimate of the pose from a single still has found that already."""
+    began_s = time.perf_counter()
+    detection = pose.still if pose and pose.still else detect_still(image, camera)
+    return DetectedStill(path, image, detection, pose, 1e3 * (time.perf_counter() - began_s))

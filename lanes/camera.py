@@ -1,6 +1,11 @@
-"""Camera pose (extrinsics): height above the road and three angles.
+"""The camera: intrinsics, pose, projection between pixels and the road, undistortion, and camera files.
 
-Signs: pitch > 0 looks down, yaw > 0 looks left, roll > 0 has the right side down.
+Conventions
+-----------
+- pixels are (column u, row v), integer coordinates at pixel centres, as in OpenCV;
+- camera axes are OpenCV's: x right, y down, z forward;
+- the road frame is ISO 8855: x forward, y left, z up, metres, origin on the road below the camera;
+- pose angles: pitch > 0 looks down, yaw > 0 looks left, roll > 0 has the right side down.
 """
 
 from __future__ import annotations
@@ -19,15 +24,19 @@ from lanes.errors import CameraError
 from lanes.files import read_text, write_atomically
 from lanes.images import MAX_PIXELS, require_rgb, require_size
 
+# Images whose aspect ratios differ by less than this show the same sensor area: 1281x721 and 1280x720 differ by
+# 0.0006, neighbouring common formats (16:10 and 16:9) by 0.18.
+MAX_ASPECT_DIFFERENCE = 0.005
+# Plausible horizontal fields of view of a dashcam, degrees.
+HFOV_RANGE_DEG = 10, 150
+
 
 @dataclass(frozen=True)
 class CameraPose:
-    """Position and orientation of the camera relative to the road.
+    """Height of the camera above the road and its three angles (extrinsics).
 
-    Attributes
-    ----------
-    height_m, pitch_rad, yaw_rad, roll_rad : float
-        The angles have the signs of the module docstring.
+    >>> lanes.CameraPose(height_m=1.3, pitch_rad=0.03).describe()
+    '1.30 m high, pitch 1.72, yaw 0.00, roll 0.00 deg'
 
     Raises
     ------
@@ -65,34 +74,12 @@ class CameraPose:
         return rotation
 
 
-# The camera: intrinsics, pose, and projection between pixels and the road.
-#
-# Conventions
-# -----------
-# - pixels are (column u, row v), integer coordinates at pixel centres, as in OpenCV;
-# - camera axes are OpenCV's: x right, y down, z forward;
-# - the road frame is ISO 8855: x forward, y left, z up, metres, origin on the road below the camera;
-# - pose angles: pitch > 0 looks down, yaw > 0 looks left, roll > 0 has the right side down.
-
-# Pictures whose aspect ratios differ by less than this show the same sensor area: 1281x721 and 1280x720 differ by
-# 0.0006, neighbouring common formats (16:10 and 16:9) by 0.18.
-MAX_ASPECT_DIFFERENCE = 0.005
-# Plausible horizontal fields of view of a dashcam, degrees.
-HFOV_RANGE_DEG = 10, 150
-
-
 @dataclass(frozen=True)
 class CalibrationReport:
-    """Result of a calibration.
+    """Result of a calibration: root mean square reprojection errors of all corners and of each board used.
 
-    Attributes
-    ----------
-    rms_px, board_rms_px
-        Root mean square reprojection error of all corners, and of each board used, by the name of its picture.
-    rejected : dict of str to str
-        Pictures that were not used, and why.
-    date : str
-        ISO 8601; today by default.
+    `board_rms_px` has the boards by the name of their picture, `rejected` the pictures that were not used, and why;
+    `date` is ISO 8601, today by default.
     """
 
     rms_px: float
@@ -103,18 +90,21 @@ class CalibrationReport:
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """Intrinsics and pose of one camera at one picture size.
+    """Intrinsics and pose of one camera at one image size.
+
+    >>> camera = lanes.Camera.from_fov((1280, 720), hfov_deg=60)
+    >>> camera = camera.with_pose(lanes.CameraPose(height_m=1.3, pitch_rad=0.03))
 
     Parameters
     ----------
     width, height : int
-        Picture size that the intrinsics refer to.
+        Image size that the intrinsics refer to.
     matrix : ndarray of shape (3, 3)
         Camera matrix (focal lengths and principal point, pixels).
     distortion : ndarray of shape (5,)
         Brown-Conrady coefficients k1, k2, p1, p2, k3 in OpenCV's order ("plumb_bob" in ROS).
     pose : CameraPose, optional
-        Extrinsics; needed for all projections to and from the road.
+        Extrinsics; without them projections to and from the road raise a CameraError.
     """
 
     width: int
@@ -153,7 +143,7 @@ class Camera:
         return float(np.degrees(2 * np.arctan(self.width / 2 / self.matrix[0, 0])))
 
     def summary(self) -> dict[str, str]:
-        """Picture size, lens, pose and calibration as text, by name."""
+        """Image size, lens, pose and calibration as text, by name."""
         summary = {
             "picture": f"{self.width}x{self.height} px",
             "lens": f"focal length {self.matrix[0, 0]:.0f} px, field of view {self.hfov_deg:.1f} deg"
@@ -176,12 +166,12 @@ class Camera:
         return replace(self, pose=pose)
 
     def scaled(self, size: tuple[int, int]) -> Camera:
-        """The same camera for pictures resized to `size` (width, height).
+        """The same camera for images resized to `size` (width, height).
 
         Raises
         ------
         CameraError
-            If the aspect ratio differs: the picture was cropped, so the principal point is unknown.
+            If the aspect ratio differs: the image was cropped, so the principal point is unknown.
         """
         width, height = size
         if abs(width / height - self.width / self.height) > MAX_ASPECT_DIFFERENCE:
@@ -194,21 +184,20 @@ class Camera:
         shift = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
         return replace(self, width=width, height=height, matrix=np.linalg.inv(shift) @ scale @ shift @ self.matrix)
 
-    def require_size(self, image: np.ndarray, name: object = "picture") -> np.ndarray:
+    def require_size(self, image: np.ndarray, name: object = "image") -> np.ndarray:
         """As `lanes.images.require_size`: the image, contiguous, if it has the size of the camera's."""
         return require_size(image, self.size, name, calibrated=bool(self.distortion.any()))
 
     def undistort_points(self, pixels: np.ndarray) -> np.ndarray:
-        """Pixels (N, 2) of the undistorted picture for raw pixels (N, 2)."""
+        """Pixels (N, 2) of the undistorted image for raw pixels (N, 2)."""
         rays = self.rays(pixels)
         return rays[:, :2] @ self.matrix[:2, :2].T + self.matrix[:2, 2]
 
     def distort_points(self, pixels: np.ndarray) -> np.ndarray:
-        """Raw pixels (N, 2) for pixels (N, 2) of the undistorted picture."""
+        """Raw pixels (N, 2) for pixels (N, 2) of the undistorted image."""
         pixels = np.asarray(pixels, float).reshape(-1, 2)
         xy = (pixels - self.matrix[:2, 2]) @ np.linalg.inv(self.matrix[:2, :2]).T
-        rays = np.column_stack([xy, np.ones(len(pixels))])
-        return self._project_camera_points(rays)
+        return self._project(np.column_stack([xy, np.ones(len(pixels))]))
 
     def rays(self, pixels: np.ndarray) -> np.ndarray:
         """Viewing rays (N, 3) of raw pixels (N, 2), in camera axes, z = 1."""
@@ -225,26 +214,15 @@ class Camera:
         """Raw pixels (N, 2) of points (N, 2) on the road or (N, 3) in the road frame, metres.
 
         NaN for points behind the camera or outside the range of the lens model (`largest_ray`).
-
-        Raises
-        ------
-        CameraError
-            If the camera has no pose.
         """
         pose = self.require_pose()
         points = np.asarray(points_m, float)
         if points.shape[-1] == 2:
             points = np.column_stack([points, np.zeros(len(points))])
-        return self._project_camera_points((points - [0, 0, pose.height_m]) @ pose.rotation.T)
+        return self._project((points - [0, 0, pose.height_m]) @ pose.rotation.T)
 
     def pixels_to_road(self, pixels: np.ndarray) -> np.ndarray:
-        """Points (N, 2) on the flat road, metres, of raw pixels (N, 2); NaN at and above the horizon.
-
-        Raises
-        ------
-        CameraError
-            If the camera has no pose.
-        """
+        """Points (N, 2) on the flat road, metres, of raw pixels (N, 2); NaN at and above the horizon."""
         pose = self.require_pose()
         directions = self.rays(pixels) @ pose.rotation
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -255,29 +233,20 @@ class Camera:
     def largest_ray(self) -> float:
         """Tangent of the largest angle to the optical axis up to which the distortion polynomial is monotonic.
 
-        Beyond it the polynomial decreases and would map points far outside the field of view into the picture.
+        Beyond it the polynomial decreases and would map points far outside the field of view into the image.
         """
         k1, k2, _, _, k3 = self.distortion
         return _largest_ray(float(k1), float(k2), float(k3))
 
-    def _project_camera_points(self, points: np.ndarray) -> np.ndarray:
-        z = points[:, 2]
-        visible = (z > 1e-6) & (np.hypot(points[:, 0], points[:, 1]) < self.largest_ray * z)
-        if visible.all():
-            # The most frequent case; indexing would add half the time of the projection.
-            return self._apply_lens_model(*points.T)
-        pixels = np.full((len(points), 2), np.nan)
-        pixels[visible] = self._apply_lens_model(*points[visible].T)
-        return pixels
+    def _project(self, points: np.ndarray) -> np.ndarray:
+        """Raw pixels (N, 2) of points (N, 3) in camera axes by the Brown-Conrady model; NaN where it does not hold.
 
-    def _apply_lens_model(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """Pixels (N, 2) of points in front of the camera, by the Brown-Conrady model.
-
-        The result is bit-identical to that of cv2.projectPoints, which also computes derivatives and takes ten times
-        as long.
+        They are those of cv2.projectPoints, which also computes derivatives and takes ten times as long.
         """
         k1, k2, p1, p2, k3 = (float(k) for k in np.ravel(self.distortion))
-        inverse = 1 / z
+        x, y, z = points.T
+        visible = (z > 1e-6) & (np.hypot(x, y) < self.largest_ray * z)
+        inverse = 1 / np.where(visible, z, 1.0)
         x, y = x * inverse, y * inverse
         r2 = x * x + y * y
         r4 = r2 * r2
@@ -285,7 +254,10 @@ class Camera:
         two_xy = 2 * x * y
         u = x * radial + p1 * two_xy + p2 * (r2 + 2 * x * x)
         v = y * radial + p1 * (r2 + 2 * y * y) + p2 * two_xy
-        return np.column_stack([u * self.matrix[0, 0] + self.matrix[0, 2], v * self.matrix[1, 1] + self.matrix[1, 2]])
+        (fx, _, cx), (_, fy, cy) = self.matrix[:2]
+        pixels = np.column_stack([u * fx + cx, v * fy + cy])
+        pixels[~visible] = np.nan
+        return pixels
 
     def require_pose(self) -> CameraPose:
         """The camera pose; raises CameraError if the camera has none."""
@@ -304,9 +276,9 @@ class Camera:
 
 
 def resize_points(pixels: np.ndarray, scale: float | tuple[float, float] | np.ndarray) -> np.ndarray:
-    """Pixels (..., 2) of a picture after it is resized by a factor, or by a factor (columns, rows).
+    """Pixels (..., 2) of an image after it is resized by a factor, or by a factor (columns, rows).
 
-    Pixel centres are at integers, so the picture begins at -0.5: shift by half a pixel, scale, shift back.
+    Pixel centres are at integers, so the image begins at -0.5: shift by half a pixel, scale, shift back.
     """
     return (pixels + 0.5) * scale - 0.5
 
@@ -321,14 +293,14 @@ def _largest_ray(k1: float, k2: float, k3: float) -> float:
 
 
 def undistort(image: np.ndarray, camera: Camera, *, rescale: bool = False) -> np.ndarray:
-    """The RGB picture (height, width, 3), uint8, without lens distortion, with the same camera matrix.
+    """The RGB image (height, width, 3), uint8, without lens distortion, with the same camera matrix.
 
-    With `rescale` the picture may have been resized (same aspect ratio): the calibration is rescaled to it.
+    With `rescale` the image may have been resized (same aspect ratio): the calibration is rescaled to it.
 
     Raises
     ------
     PictureError
-        If the picture is not RGB, or has another size than the camera and `rescale` is False.
+        If the image is not RGB, or has another size than the camera and `rescale` is False.
     CameraError
         If `rescale` is True and the aspect ratio differs.
     """
@@ -350,15 +322,6 @@ def _undistortion_maps(size: tuple[int, int], matrix: tuple, distortion: tuple) 
 
 # Camera files: YAML in the layout of ROS camera_info plus `pose:` and `calibration:` blocks.
 
-# A file with a thousand boards has 50 kB.
-MAX_CAMERA_FILE_BYTES = 1_000_000
-# Smallest and largest focal length in picture widths: fields of view from 157 degrees to 1 degree.
-FOCAL_LENGTH_RANGE = 0.1, 60.0
-# Lenses of long focal length have coefficients of several hundred; beyond this limit the polynomial overflows.
-MAX_DISTORTION = 1e6
-# Higher than the camera of any lorry.
-MAX_HEIGHT_M = 20.0
-
 
 class _PlainLoader(yaml.SafeLoader):
     """YAML without aliases, because a few lines with aliases can expand to any number of entries."""
@@ -370,7 +333,9 @@ class _PlainLoader(yaml.SafeLoader):
 
 
 def save_camera(camera: Camera, path: str | Path) -> Path:
-    """Write camera.yaml, which `load_camera` reads; returns the path.
+    """Write a camera file, which `load_camera` reads; returns its path.
+
+    >>> lanes.save_camera(camera, "camera.yaml")  # doctest: +SKIP
 
     Raises
     ------
@@ -383,7 +348,7 @@ def save_camera(camera: Camera, path: str | Path) -> Path:
 
 
 def camera_to_dict(camera: Camera) -> dict:
-    """The content of camera.yaml, and of the `camera` part of a truth file; `camera_from_dict` reads it back."""
+    """The content of a camera file, and of the `camera` part of a truth file; `camera_from_dict` reads it back."""
     content: dict = {
         "image_width": int(camera.width),
         "image_height": int(camera.height),
@@ -407,7 +372,9 @@ def camera_to_dict(camera: Camera) -> dict:
 
 
 def load_camera(path: str | Path) -> Camera:
-    """Read camera.yaml.
+    """Read a camera file.
+
+    >>> camera = lanes.load_camera("camera.yaml")  # doctest: +SKIP
 
     Raises
     ------
@@ -416,18 +383,17 @@ def load_camera(path: str | Path) -> Camera:
     CameraError
         If it is not a camera file, lacks an entry, or has values that no camera can have.
     """
-    text = read_text(path, "camera", error=CameraError, max_bytes=MAX_CAMERA_FILE_BYTES)
+    # a file with a thousand boards has 50 kB
+    text = read_text(path, "camera", error=CameraError, max_bytes=1_000_000)
     try:
         return camera_from_dict(yaml.load(text, _PlainLoader))
-    except RecursionError as error:
-        raise CameraError(f"{path}: is not a usable camera file (it is nested too deep); make it again.") from error
-    except (yaml.YAMLError, AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
+    except (yaml.YAMLError, AttributeError, KeyError, OverflowError, RecursionError, TypeError, ValueError) as error:
         reason = f"entry {error} is missing" if isinstance(error, KeyError) else " ".join(str(error).split())
         raise CameraError(f"{path}: is not a usable camera file ({reason}); make it again by calibrating.") from error
 
 
 def camera_from_dict(content: dict) -> Camera:
-    """The camera of a parsed camera.yaml or of the `camera` part of a truth file.
+    """The camera of a parsed camera file or of the `camera` part of a truth file.
 
     Raises
     ------
@@ -453,11 +419,13 @@ def camera_from_dict(content: dict) -> Camera:
 def _require_valid_intrinsics(matrix: np.ndarray, distortion: np.ndarray, size: tuple[int, int]) -> None:
     if not (np.isfinite(matrix).all() and np.isfinite(distortion).all()):
         raise ValueError("its intrinsics are not finite")
-    if np.abs(distortion).max() > MAX_DISTORTION:
-        raise ValueError(f"a distortion coefficient is not between -{MAX_DISTORTION:g} and {MAX_DISTORTION:g}")
+    # Lenses of long focal length have coefficients of several hundred; larger ones overflow the polynomial.
+    if np.abs(distortion).max() > 1e6:
+        raise ValueError("a distortion coefficient is not between -1e+06 and 1e+06")
     if not (min(size) > 0 and size[0] * size[1] <= MAX_PIXELS):
         raise ValueError(f"{size[0]} x {size[1]} is not a valid picture size")
-    shortest, longest = (widths * size[0] for widths in FOCAL_LENGTH_RANGE)
+    # fields of view from 157 degrees to 1 degree
+    shortest, longest = 0.1 * size[0], 60 * size[0]
     if not all(shortest <= focal_px <= longest for focal_px in (matrix[0, 0], matrix[1, 1])):
         raise ValueError(f"a focal length is not between {shortest:g} and {longest:g} pixels")
     centre_inside = 0 < matrix[0, 2] < size[0] and 0 < matrix[1, 2] < size[1]
@@ -468,7 +436,8 @@ def _require_valid_intrinsics(matrix: np.ndarray, distortion: np.ndarray, size: 
 def _parse_pose(content: dict) -> CameraPose:
     # version 0.1 wrote same_lane_share as well
     pose = CameraPose(**{name: float(value) for name, value in content.items() if name != "same_lane_share"})
-    if pose.height_m > MAX_HEIGHT_M or max(map(abs, (pose.pitch_rad, pose.yaw_rad, pose.roll_rad))) > np.pi / 2:
+    # lorries carry their cameras at 2.5 m
+    if pose.height_m > 20 or max(map(abs, (pose.pitch_rad, pose.yaw_rad, pose.roll_rad))) > np.pi / 2:
         raise ValueError(f"a camera {pose.describe()} does not see the road")
     return pose
 

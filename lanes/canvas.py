@@ -1,7 +1,8 @@
-"""Drawing on RGB images: lines, areas, text; in place and on copies.
+"""Lines, areas and text on RGB images.
 
-Points are (column u, row v) in pixels, floats, shape (N, 2), pixel centres at integers, accurate to 1/16 px. The
-functions of `lanes.canvas` draw on a copy instead.
+Points are (column u, row v) in pixels, floats, shape (N, 2), pixel centres at integers, accurate to 1/16 px.
+`draw_polyline`, `blend_polygon` and `put_text` draw in place, the other functions on a copy; those raise PictureError
+if the image is not RGB (height, width, 3), uint8, and leave out points with NaN.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from lanes.images import require_rgb
 
 Colour = tuple[int, int, int]
 
-# RGB colours of pictures and plots.
+# RGB colours of images and plots.
 LANE_COLOUR: Colour = (0, 220, 90)
 UNLIKELY_COLOUR: Colour = (255, 170, 0)
 LEFT_COLOUR: Colour = (255, 70, 60)
@@ -27,38 +28,37 @@ TEXT_COLOUR: Colour = (255, 255, 255)
 PANEL_COLOUR: Colour = (16, 18, 22)
 
 CORNERS = ("top left", "top right", "bottom left", "bottom right")
-
 # On OpenCV's scale, where 400 is regular and 600 semi-bold.
 FONT_WEIGHT = 500
-
 # Fractional bits of OpenCV's drawing coordinates: 1/16 px is finer than anti-aliasing shows.
 _SHIFT = 4
-# Limit of coordinates: fits in 32-bit integers, far outside any picture.
+# Limit of coordinates: fits in 32-bit integers, far outside any image.
 _MAX_COORDINATE_PX = 1e6
 
 
 def draw_polyline(
-    picture: np.ndarray, points_px: np.ndarray, colour: Colour, width_px: float, *, closed: bool = False
+    image: np.ndarray, points_px: np.ndarray, colour: Colour, width_px: float, *, closed: bool = False
 ) -> None:
     """Draw a polyline through points (N, 2); fewer than two points draw nothing."""
     if len(points_px) < 2:
         return
-    thickness = _line_thickness(width_px)
-    cv2.polylines(picture, [_to_fixed_point(points_px)], closed, colour, thickness, cv2.LINE_AA, _SHIFT)
+    # Measured on OpenCV 5.0 with anti-aliasing: 1 gives 1.3 px, an even n gives n + 1.4 px, an odd n the same as n + 1.
+    thickness = max(1, 2 * round((width_px - 1.4) / 2))
+    cv2.polylines(image, [_to_fixed_point(points_px)], closed, colour, thickness, cv2.LINE_AA, _SHIFT)
 
 
 def blend_polygon(
-    picture: np.ndarray, polygon_px: np.ndarray, colour: Colour, alpha: float, *, edge: int = cv2.LINE_AA
+    image: np.ndarray, polygon_px: np.ndarray, colour: Colour, alpha: float, *, edge: int = cv2.LINE_AA
 ) -> None:
-    """Blend a polygon (N, 2) of one colour into the picture with weight `alpha`; only its bounding box is processed.
+    """Blend a polygon (N, 2) of one colour into the image with weight `alpha`; only its bounding box is processed.
 
     If lines will cover the polygon's edges, `edge=cv2.LINE_8` fills it in a quarter of the time.
     """
-    height, width = picture.shape[:2]
+    height, width = image.shape[:2]
     (left, top), (right, bottom) = polygon_px.min(axis=0).tolist(), polygon_px.max(axis=0).tolist()
-    left, top = (int(min(max(low - 1, 0), size)) for low, size in ((left, width), (top, height)))
-    right, bottom = (int(min(max(high + 2, 0), size)) for high, size in ((right, width), (bottom, height)))
-    part = picture[top:bottom, left:right]
+    left, right = np.clip([left - 1, right + 2], 0, width).astype(int).tolist()
+    top, bottom = np.clip([top - 1, bottom + 2], 0, height).astype(int).tolist()
+    part = image[top:bottom, left:right]
     if part.size:
         filled = part.copy()
         cv2.fillPoly(filled, [_to_fixed_point(polygon_px - (left, top))], colour, edge, _SHIFT)
@@ -66,7 +66,7 @@ def blend_polygon(
 
 
 def put_text(
-    picture: np.ndarray,
+    image: np.ndarray,
     lines: str | Sequence[str],
     *,
     corner: str = "top left",
@@ -79,36 +79,91 @@ def put_text(
 
     Parameters
     ----------
-    corner : {"top left", "top right", "bottom left", "bottom right"}
+    corner : str
+        One of `CORNERS`; any other raises ValueError.
     size_px : int, optional
-        Font size, by default 1/24 of the picture's height. Reduced if the text would not fit.
+        Font size, by default 1/24 of the image's height. Reduced if the text would not fit.
     panel_alpha : float
         Opacity of the panel, 0 to 1.
-
-    Raises
-    ------
-    ValueError
-        If `corner` is not one of the four.
     """
     if corner not in CORNERS:
         raise ValueError(f"corner must be one of {', '.join(CORNERS)}; got {corner!r}.")
     lines = [lines] if isinstance(lines, str) else list(lines)
     if not lines:
         return
-    height, width = picture.shape[:2]
-    size, box_width, box_height = fit_text(lines, size_px or round(height / 24), width, height)
+    height, width = image.shape[:2]
+    size, box_width, box_height = _fit_text(lines, size_px or round(height / 24), width, height)
     left = 0 if "left" in corner else width - box_width
     top = 0 if "top" in corner else height - box_height
-    darken(picture[top : top + box_height, left : left + box_width], panel_alpha)
+    _darken(image[top : top + box_height, left : left + box_width], panel_alpha)
     left, top = left + _margin(size), top + _margin(size) // 2
     for number, line in enumerate(lines):
-        draw_text_line(picture, line, left, top + number * line_height(size), size)
+        _put_line(image, line, left, top + number * _line_height(size), size)
 
 
-def darken(part: np.ndarray, alpha: float) -> None:
-    """Blend the panel's colour into a part of a picture with weight `alpha`."""
-    # The mean of the three channels: blending the panel's slight blue takes twice as long, and is not visible.
-    cv2.convertScaleAbs(part, dst=part, alpha=1 - alpha, beta=alpha * sum(PANEL_COLOUR) / 3)
+def fill_lane(
+    image: np.ndarray, left_px: np.ndarray, right_px: np.ndarray, *, colour: Colour = LANE_COLOUR, alpha: float = 0.3
+) -> np.ndarray:
+    """A copy of the image with the area between two lines tinted with opacity `alpha`, 0 to 1.
+
+    The lines (N, 2) and (M, 2) both run from far to near or both from near to far; with fewer than two points in one of
+    them nothing is drawn.
+    """
+    drawn, left, right = require_rgb(image).copy(), finite_points(left_px), finite_points(right_px)
+    if len(left) >= 2 and len(right) >= 2:
+        blend_polygon(drawn, np.vstack([left, right[::-1]]), colour, alpha)
+    return drawn
+
+
+def draw_line(image: np.ndarray, points_px: np.ndarray, *, colour: Colour, width_px: float = 4.0) -> np.ndarray:
+    """A copy of the image with a polyline through points (N, 2); fewer than two points draw nothing."""
+    drawn = require_rgb(image).copy()
+    draw_polyline(drawn, finite_points(points_px), colour, width_px)
+    return drawn
+
+
+def write_text(image: np.ndarray, lines: str | Sequence[str], **options: Any) -> np.ndarray:
+    """A copy of the image with lines of text; options and exceptions as for `put_text`."""
+    drawn = require_rgb(image).copy()
+    put_text(drawn, lines, **options)
+    return drawn
+
+
+def draw_mosaic(image: np.ndarray, thumbnails: Mapping[str, np.ndarray], *, lines: Sequence[str] = ()) -> np.ndarray:
+    """A copy of the image with thumbnails, and text to their right, on a dark strip along the upper quarter.
+
+    `thumbnails` are RGB images or masks (see `to_rgb`) of any size by title, at least one, in order from the left.
+    `lines` of text take the right 30 % of the strip.
+    """
+    drawn = require_rgb(image).copy()
+    height, width = image.shape[:2]
+    strip_height, margin = height // 4, max(2, height // 90)
+    title_size = max(6, height // 36)
+    _darken(drawn[:strip_height], 0.75)
+    left, top = margin, margin + _line_height(title_size)
+    room = int((width * (0.7 if lines else 1.0) - margin) / len(thumbnails) - margin), strip_height - margin - top
+    for title, thumbnail in thumbnails.items():
+        large = to_rgb(thumbnail)
+        scale = min(room[0] / large.shape[1], room[1] / large.shape[0])
+        size_px = max(1, int(large.shape[1] * scale)), max(1, int(large.shape[0] * scale))
+        small = cv2.resize(large, size_px, interpolation=cv2.INTER_AREA)
+        drawn[top : top + small.shape[0], left : left + small.shape[1]] = small
+        size, *_ = _fit_text([title], title_size, small.shape[1] + margin, strip_height)
+        _put_line(drawn, title, left, margin, size)
+        left += small.shape[1] + margin
+    if lines:
+        put_text(drawn[:strip_height, left:], lines, size_px=round(height / 24), panel_alpha=0)
+    return drawn
+
+
+def to_rgb(image: np.ndarray) -> np.ndarray:
+    """A new RGB image from RGB, gray (height, width) uint8, or a mask of bool or of 0 and 1."""
+    image = np.asarray(image)
+    if image.ndim == 2:
+        if image.dtype == bool or (image.size and image.max() <= 1):
+            image = (image > 0).astype(np.uint8) * 255
+        image = np.repeat(image[:, :, None], 3, axis=2)
+    return require_rgb(image).copy()
 
 
 def finite_points(points_px: np.ndarray) -> np.ndarray:
@@ -117,41 +172,41 @@ def finite_points(points_px: np.ndarray) -> np.ndarray:
     return points[np.isfinite(points).all(axis=1)]
 
 
-def fit_text(lines: Sequence[str], size: int, width: int, height: int) -> tuple[int, int, int]:
-    """Largest font size up to `size` at which `lines` and their margins fit; and their width and height, pixels."""
-    for smaller in range(max(size, 1), 0, -1):
-        longest = max(_text_width(line, smaller) for line in lines)
-        box_width = longest + 2 * _margin(smaller)
-        box_height = len(lines) * line_height(smaller) + _margin(smaller)
-        if box_width <= width and box_height <= height:
-            break
-    return smaller, min(box_width, width), min(box_height, height)
-
-
-def line_height(size: int) -> int:
-    """Distance between lines of text, pixels."""
-    return size + max(2, size // 3)
-
-
-def draw_text_line(picture: np.ndarray, line: str, left: int, top: int, size: int) -> None:
-    """Write one line of white text with its upper left corner at (left, top)."""
-    # OpenCV would wrap a long line at the left edge, over the line before: the wrap range is put out of reach.
-    origin, wrap_range = (left, top + size), (0, 1 << 20)
-    style = TEXT_COLOUR, _font(), size, FONT_WEIGHT
-    cv2.putText(picture, line, origin, *style, cv2.PUT_TEXT_ALIGN_LEFT, wrap_range)
-
-
 def _to_fixed_point(points_px: np.ndarray) -> np.ndarray:
     """Integers (N, 2) of 1/16 px for OpenCV's drawing functions."""
     return np.round(points_px.clip(-_MAX_COORDINATE_PX, _MAX_COORDINATE_PX) * (1 << _SHIFT)).astype(np.int32)
 
 
-def _line_thickness(width_px: float) -> int:
-    """OpenCV's thickness for a line of `width_px`, to about a pixel.
+def _darken(part: np.ndarray, alpha: float) -> None:
+    """Blend the panel's colour into a part of an image with weight `alpha`."""
+    # The mean of the three channels: blending the panel's slight blue takes twice as long, and is not visible.
+    cv2.convertScaleAbs(part, dst=part, alpha=1 - alpha, beta=alpha * sum(PANEL_COLOUR) / 3)
 
-    Measured on 5.0 with anti-aliasing: 1 gives 1.3 px, an even n gives n + 1.4 px, an odd n the same as n + 1.
-    """
-    return max(1, 2 * round((width_px - 1.4) / 2))
+
+def _fit_text(lines: Sequence[str], size: int, width: int, height: int) -> tuple[int, int, int]:
+    """Largest font size up to `size` at which `lines` and their margins fit; and their width and height, pixels."""
+    for smaller in range(max(size, 1), 0, -1):
+        box_width = max(_text_width(line, smaller) for line in lines) + 2 * _margin(smaller)
+        box_height = len(lines) * _line_height(smaller) + _margin(smaller)
+        if box_width <= width and box_height <= height:
+            break
+    return smaller, min(box_width, width), min(box_height, height)
+
+
+def _put_line(image: np.ndarray, line: str, left: int, top: int, size: int) -> None:
+    """Write one line of white text with its upper left corner at (left, top)."""
+    # OpenCV would wrap a long line at the left edge, over the line before: the wrap range is put out of reach.
+    align, wrap_range = cv2.PUT_TEXT_ALIGN_LEFT, (0, 1 << 20)
+    cv2.putText(image, line, (left, top + size), TEXT_COLOUR, _font(), size, FONT_WEIGHT, align, wrap_range)
+
+
+def _line_height(size: int) -> int:
+    return size + max(2, size // 3)
+
+
+def _margin(size: int) -> int:
+    """Horizontal margin of text, pixels; the vertical one is half, because few letters fill the line's height."""
+    return max(2, round(size * 0.6))
 
 
 @cache
@@ -160,93 +215,7 @@ def _font() -> cv2.FontFace:
     return cv2.FontFace("sans")
 
 
-def _margin(size: int) -> int:
-    """Horizontal margin of text, pixels; the vertical one is half, because few letters fill the line's height."""
-    return max(2, round(size * 0.6))
-
-
 @lru_cache(maxsize=64)
 def _text_width(line: str, size: int) -> int:
     """Width in pixels; cached, because it takes as long as drawing, and most lines stay the same for several frames."""
     return cv2.getTextSize((0, 0), line, (0, 0), _font(), size, FONT_WEIGHT)[2]
-
-
-# Drawing on copies of RGB pictures: areas, lines, text, thumbnails.
-#
-# The input is never changed and may be read-only; `lanes.canvas` draws in place. Points are (column u, row v) in
-# pixels, floats, shape (N, 2), pixel centres at integers; rows with NaN are dropped. All functions raise PictureError
-# if
-# the picture is not RGB (height, width, 3), uint8.
-
-
-def fill_lane(
-    image: np.ndarray, left_px: np.ndarray, right_px: np.ndarray, *, colour: Colour = LANE_COLOUR, alpha: float = 0.3
-) -> np.ndarray:
-    """A copy of the picture with the area between two lines tinted with opacity `alpha`, 0 to 1.
-
-    The lines (N, 2) and (M, 2) both run from far to near or both from near to far; with fewer than two points in one of
-    them nothing is drawn.
-    """
-    drawn, left, right = _copy_rgb(image), finite_points(left_px), finite_points(right_px)
-    if len(left) >= 2 and len(right) >= 2:
-        blend_polygon(drawn, np.vstack([left, right[::-1]]), colour, alpha)
-    return drawn
-
-
-def draw_line(image: np.ndarray, points_px: np.ndarray, *, colour: Colour, width_px: float = 4.0) -> np.ndarray:
-    """A copy of the RGB picture with a polyline through points (N, 2); fewer than two points draw nothing."""
-    drawn = _copy_rgb(image)
-    draw_polyline(drawn, finite_points(points_px), colour, width_px)
-    return drawn
-
-
-def write_text(image: np.ndarray, lines: str | Sequence[str], **options: Any) -> np.ndarray:
-    """A copy of the RGB picture with lines of text; options and exceptions as for `lanes.canvas.put_text`."""
-    drawn = _copy_rgb(image)
-    put_text(drawn, lines, **options)
-    return drawn
-
-
-def draw_mosaic(image: np.ndarray, thumbnails: Mapping[str, np.ndarray], *, lines: Sequence[str] = ()) -> np.ndarray:
-    """A copy of the picture with thumbnails, and text to their right, on a dark strip along the upper quarter.
-
-    `thumbnails` are RGB pictures or masks (see `to_rgb`) of any size by title, at least one, in order from the left.
-    `lines` of text take the right 30 % of the strip.
-    """
-    drawn = _copy_rgb(image)
-    height, width = image.shape[:2]
-    strip_height, margin = height // 4, max(2, height // 90)
-    title_size = max(6, height // 36)
-    darken(drawn[:strip_height], 0.75)
-    left, top = margin, margin + line_height(title_size)
-    room = (width * (0.7 if lines else 1.0) - margin) / len(thumbnails) - margin
-    for title, thumbnail in thumbnails.items():
-        small = _shrink(to_rgb(thumbnail), int(room), strip_height - margin - top)
-        drawn[top : top + small.shape[0], left : left + small.shape[1]] = small
-        size, *_ = fit_text([title], title_size, small.shape[1] + margin, strip_height)
-        draw_text_line(drawn, title, left, margin, size)
-        left += small.shape[1] + margin
-    if lines:
-        put_text(drawn[:strip_height, left:], lines, size_px=round(height / 24), panel_alpha=0)
-    return drawn
-
-
-def to_rgb(picture: np.ndarray) -> np.ndarray:
-    """A new RGB picture from RGB, gray (height, width) uint8, or a mask of bool or of 0 and 1."""
-    picture = np.asarray(picture)
-    if picture.ndim == 2:
-        if picture.dtype == bool or (picture.size and picture.max() <= 1):
-            picture = (picture > 0).astype(np.uint8) * 255
-        picture = np.repeat(picture[:, :, None], 3, axis=2)
-    return _copy_rgb(picture)
-
-
-def _copy_rgb(image: np.ndarray) -> np.ndarray:
-    return require_rgb(image).copy()
-
-
-def _shrink(picture: np.ndarray, width: int, height: int) -> np.ndarray:
-    """The picture resized to fit into `width` x `height`, with its aspect ratio."""
-    scale = min(width / picture.shape[1], height / picture.shape[0])
-    size = max(1, int(picture.shape[1] * scale)), max(1, int(picture.shape[0] * scale))
-    return cv2.resize(picture, size, interpolation=cv2.INTER_AREA)

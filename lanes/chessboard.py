@@ -1,7 +1,7 @@
-"""Detect the inner corners of a chessboard in a picture, also if only a part of the board is visible.
+"""Detect the inner corners of a chessboard in an image, also if only a part of the board is visible.
 
-The picture may cut off a part of the board. The largest visible grid is then used like a complete board: calibration
-needs points of a plane, and the origin in that plane is arbitrary.
+The largest visible grid is used like a complete board: calibration needs points of a plane, and the origin in that
+plane is arbitrary.
 """
 
 from __future__ import annotations
@@ -12,14 +12,15 @@ import cv2
 import numpy as np
 
 from lanes.camera import resize_points
+from lanes.errors import CameraError
 from lanes.images import require_rgb
 
 # Smaller grids occur by chance in wall textures and keyboards.
 MIN_GRID = (5, 4)
-# Larger pictures are resized to this width for detection, because the detectors are slow and less reliable on them.
+# Larger images are resized to this width for detection, because the detectors are slow and less reliable on them.
 DETECTION_WIDTH_PX = 1600
-# Start grids for the detection of a part of the board; which of them the detector finds depends on the picture.
-SEED_PATTERNS = ((3, 3), (4, 4), (5, 4), (5, 5), (6, 5))
+# Start grids for the detection of a part of the board; which of them the detector finds depends on the image.
+SEED_PATTERNS = ((3, 3), (5, 5))
 # Around each corner, the darker white square minus the brighter black square must be at least this share of the mean
 # contrast of the board. Glare lowers it.
 MIN_CONTRAST = 0.3
@@ -30,16 +31,9 @@ MAX_SPACING_CHANGE = 0.4
 
 @dataclass(frozen=True, eq=False)
 class Board:
-    """Inner corners of a chessboard detected in one picture.
+    """Inner corners of a chessboard, or of a part of it, detected in an image of `size` (width, height).
 
-    Parameters
-    ----------
-    corners_px : ndarray of shape (columns * rows, 2), float32
-        Image points (u, v), row by row.
-    columns, rows : int
-        Size of the detected grid, which may be a part of the board.
-    size : tuple of int
-        (width, height) of the picture.
+    `corners_px` (columns * rows, 2), float32, are pixels (u, v), row by row.
     """
 
     corners_px: np.ndarray
@@ -55,28 +49,29 @@ class Board:
 
 
 def find_board(image: np.ndarray, pattern: tuple[int, int] = (9, 6)) -> Board | None:
-    """Inner corners of a chessboard, or of the largest visible part of it.
+    """Inner corners of a chessboard, or of its largest visible part; None without a grid of at least 5 x 4 corners.
 
-    The sector-based detector (Duda and Frese, BMVC 2018) is the first choice, because it finds boards in bad light. The
-    classic detector is the second, and the detection of a part of the board the third. All corners are then refined to
-    sub-pixel accuracy (`cv2.cornerSubPix`). On the rendered boards this halves the largest error.
+    The sector-based detector (Duda and Frese, BMVC 2018) is the first choice, the classic one, which finds boards in
+    the dark and in glare, the second, and a part of the board the third. All corners are then refined to sub-pixel
+    accuracy (`cv2.cornerSubPix`), which halves the largest error on the rendered boards.
 
-    `image` is RGB (height, width, 3), uint8; `pattern` has the complete board's inner corners (columns, rows). None is
-    returned if there is no grid of at least 5 x 4 corners.
+    `image` is RGB (height, width, 3), uint8; `pattern` has the complete board's inner corners (columns, rows).
 
     Raises
     ------
     PictureError
-        If `image` is not an RGB picture.
-    ValueError
+        If the image is not RGB.
+    CameraError
         If `pattern` is smaller than 3 x 3.
     """
-    require_rgb(image)
+    image = require_rgb(image)
     if min(pattern) < 3:
-        raise ValueError(f"a board of {pattern[0]}x{pattern[1]} inner corners is too small; give 3x3 or more.")
+        raise CameraError(f"a board of {pattern[0]}x{pattern[1]} inner corners is too small; give 3x3 or more.")
     gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     scale = max(1.0, gray.shape[1] / DETECTION_WIDTH_PX)
     small = cv2.resize(gray, None, fx=1 / scale, fy=1 / scale, interpolation=cv2.INTER_AREA) if scale > 1 else gray
+    # the sector-based detector draws random numbers
+    cv2.setRNGSeed(0)
     grid = _find_full_board(small, pattern)
     if grid is None:
         grid = _find_partial_board(small, pattern)
@@ -88,15 +83,8 @@ def find_board(image: np.ndarray, pattern: tuple[int, int] = (9, 6)) -> Board | 
 
 
 def draw_board(image: np.ndarray, board: Board) -> np.ndarray:
-    """A copy of `image` (height, width, 3) uint8 RGB with the corners joined row by row, each row in another colour.
-
-    Raises
-    ------
-    PictureError
-        If `image` is not an RGB picture.
-    """
-    require_rgb(image)
-    return cv2.drawChessboardCorners(image.copy(), (board.columns, board.rows), board.corners_px, True)
+    """A copy of an RGB image (height, width, 3), uint8, with the corners joined row by row, each row in its colour."""
+    return cv2.drawChessboardCorners(require_rgb(image).copy(), (board.columns, board.rows), board.corners_px, True)
 
 
 def _find_full_board(gray: np.ndarray, pattern: tuple[int, int]) -> np.ndarray | None:
@@ -113,13 +101,11 @@ def _find_full_board(gray: np.ndarray, pattern: tuple[int, int]) -> np.ndarray |
 
 
 def _find_partial_board(gray: np.ndarray, pattern: tuple[int, int]) -> np.ndarray | None:
-    """Largest grid (rows, columns, 2) grown from a small one, or None; few seeds limit the time without a board."""
+    """Largest grid (rows, columns, 2) grown from a small one, or None."""
     best = None
     for seed in SEED_PATTERNS:
         found, corners, kind = cv2.findChessboardCornersSBWithMeta(gray, seed, flags=cv2.CALIB_CB_LARGER)
-        if not found:
-            continue
-        start = _valid_start_grid(gray, corners.reshape(*kind.shape, 2).astype(np.float32))
+        start = _valid_start_grid(gray, corners.reshape(*kind.shape, 2).astype(np.float32)) if found else None
         if start is None:
             continue
         grid = _grow_grid(gray, start, pattern)
@@ -131,7 +117,7 @@ def _find_partial_board(gray: np.ndarray, pattern: tuple[int, int]) -> np.ndarra
 def _valid_start_grid(gray: np.ndarray, grid: np.ndarray) -> np.ndarray | None:
     """The grid if it is a valid chessboard, otherwise a valid 3 x 3 grid rebuilt from its corners, or None.
 
-    Near the border of the picture, and on boards rotated by 30 degrees or more, the detector finds true corners but
+    Near the border of the image, and on boards rotated by 30 degrees or more, the detector finds true corners but
     assigns them to wrong rows and columns.
     """
     if _is_chessboard(gray, grid):
@@ -142,7 +128,7 @@ def _valid_start_grid(gray: np.ndarray, grid: np.ndarray) -> np.ndarray | None:
         offsets = corners - middle
         offsets = offsets[np.argsort(np.linalg.norm(offsets, axis=1))][1:]
         first = offsets[0]
-        # Offsets at more than 30 degrees to the shortest one.
+        # the shortest offset, and the next one at more than 30 degrees to it
         cross_product = np.abs(first[0] * offsets[:, 1] - first[1] * offsets[:, 0])
         across = cross_product > 0.5 * np.linalg.norm(first) * np.linalg.norm(offsets, axis=1)
         if not across.any():
@@ -154,7 +140,7 @@ def _valid_start_grid(gray: np.ndarray, grid: np.ndarray) -> np.ndarray | None:
 
 
 def _grow_grid(gray: np.ndarray, grid: np.ndarray, pattern: tuple[int, int]) -> np.ndarray:
-    """Extend a grid (rows, columns, 2) on all four sides by the rows and columns that are visible."""
+    """The grid (rows, columns, 2) extended on all four sides by the rows and columns that are visible."""
     while True:
         candidates = (_extend_by_row(gray, np.rot90(grid, quarter_turns)) for quarter_turns in range(4))
         extended = [g for g in candidates if g is not None and _fits_pattern(g, pattern)]
@@ -178,9 +164,9 @@ def _extend_by_row(gray: np.ndarray, grid: np.ndarray) -> np.ndarray | None:
 
 
 def _inside_image(gray: np.ndarray, points: np.ndarray) -> bool:
-    """Whether all points (..., 2) are inside the picture, with a margin for the refinement."""
-    margin_px, (height, width) = 3, gray.shape
-    return bool(((points >= margin_px) & (points <= [width - 1 - margin_px, height - 1 - margin_px])).all())
+    """Whether all points (..., 2) are inside the image, with a margin of three pixels for the refinement."""
+    height, width = gray.shape
+    return bool(((points >= 3) & (points <= [width - 4, height - 4])).all())
 
 
 def _is_chessboard(gray: np.ndarray, grid: np.ndarray) -> bool:
@@ -192,24 +178,17 @@ def _is_chessboard(gray: np.ndarray, grid: np.ndarray) -> bool:
     smallest = min(np.linalg.norm(step, axis=2).min() for step in (step_u, step_v))
     if max(changes) > MAX_SPACING_CHANGE * smallest:
         return False
-    return _squares_alternate(gray, grid, step_u, step_v)
-
-
-def _squares_alternate(gray: np.ndarray, grid: np.ndarray, step_u: np.ndarray, step_v: np.ndarray) -> bool:
-    """Whether both white squares around each corner are brighter than both black ones."""
     diagonals = (step_u + step_v, -step_u - step_v, step_u - step_v, step_v - step_u)
-    squares = np.stack([_sample(gray, grid + 0.25 * diagonal) for diagonal in diagonals])
+    around = (grid + 0.25 * np.stack(diagonals)).astype(np.float32)
+    squares = np.stack(
+        [cv2.remap(gray, p[..., 0], p[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for p in around]
+    )
     odd = np.indices(grid.shape[:2]).sum(axis=0) % 2 == 1
     one, other = np.where(odd, squares[2:], squares[:2]), np.where(odd, squares[:2], squares[2:])
     bright, dark = (one, other) if one.mean() > other.mean() else (other, one)
-    return bool((bright.min(axis=0) - dark.max(axis=0) > MIN_CONTRAST * (bright.mean() - dark.mean())).all())
-
-
-def _sample(gray: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Gray levels at points (..., 2), float, linearly interpolated."""
-    points = points.astype(np.float32)
-    samples = cv2.remap(gray, points[..., 0], points[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return samples.astype(float)
+    # both white squares around each corner are brighter than both black ones
+    contrast = bright.min(axis=0).astype(float) - dark.max(axis=0)
+    return bool((contrast > MIN_CONTRAST * (bright.mean() - dark.mean())).all())
 
 
 def _refine_corners(gray: np.ndarray, grid: np.ndarray) -> np.ndarray:
@@ -227,4 +206,4 @@ def _refine_corners(gray: np.ndarray, grid: np.ndarray) -> np.ndarray:
 def _fits_pattern(grid: np.ndarray, pattern: tuple[int, int], smallest: tuple[int, int] = (3, 3)) -> bool:
     """Whether a grid can be a part of the board in either orientation, and is not smaller than `smallest`."""
     (long, short), (whole_long, whole_short) = sorted(grid.shape[:2], reverse=True), sorted(pattern, reverse=True)
-    return long >= max(smallest) and short >= min(smallest) and long <= whole_long and short <= whole_short
+    return max(smallest) <= long <= whole_long and min(smallest) <= short <= whole_short

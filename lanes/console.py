@@ -8,7 +8,7 @@ import signal
 import sys
 from collections.abc import Callable
 from io import TextIOWrapper
-from types import ModuleType
+from typing import Any
 
 
 def bounded_float(minimum: float, maximum: float = math.inf) -> Callable[[str], float]:
@@ -27,18 +27,15 @@ def bounded_float(minimum: float, maximum: float = math.inf) -> Callable[[str], 
     return parse
 
 
-def positive_int(text: str) -> int:
-    """An argparse type: a whole number from 1."""
-    if not (text.isdecimal() and int(text)):
-        raise argparse.ArgumentTypeError(f"{text} does not do; give a whole number, 1 or more")
-    return int(text)
+def bounded_int(minimum: int) -> Callable[[str], int]:
+    """An argparse type: a whole number from `minimum`, which is 0 or more."""
 
+    def parse(text: str) -> int:
+        if not (text.isdecimal() and int(text) >= minimum):
+            raise argparse.ArgumentTypeError(f"{text} does not do; give a whole number, {minimum} or more")
+        return int(text)
 
-def whole_number(text: str) -> int:
-    """An argparse type: a whole number from 0."""
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text} does not do; give a whole number, 0 or more")
-    return int(text)
+    return parse
 
 
 def progress_line(name: str) -> Callable[[int, int], None]:
@@ -59,12 +56,12 @@ def error_status(error: Exception) -> int:
     return getattr(error, "exit_status", 1 if cannot_write else 2)
 
 
-def run_command(command: ModuleType, program: str, arguments: list[str]) -> int:
-    """Run a command, a module with a docstring, EXAMPLES, `add_arguments(parser)` and `run(options)`.
+def run_command(command: Any, program: str, arguments: list[str]) -> int:
+    """Run a command, a module or class with a docstring, EXAMPLES, `add_arguments(parser)` and `run(options)`.
 
-    In EXAMPLES, `{program}` stands for `program`, which is how the user starts this command.
-    Returns the exit status. 0: done. 1: failed with good inputs, for instance an unwritable output or pictures without
-    a road. 2: wrong usage, or a missing or bad input. 130: interrupted.
+    In EXAMPLES, `{program}` stands for `program`, which is how the user starts this command. Returns the exit status:
+    0 done; 1 failed with good inputs, such as an unwritable output or images without a road; 2 wrong usage, or a
+    missing or bad input; 130 interrupted.
     """
     parser = argparse.ArgumentParser(
         prog=program,

@@ -20,7 +20,9 @@ def describe_bend(curvature_per_m: float | None) -> str:
         return "bend unknown"
     if abs(curvature_per_m) < 1 / STRAIGHT_RADIUS_M:
         return f"straight (R > {STRAIGHT_RADIUS_M / 1000:.0f} km)"
-    return f"bends {'left' if curvature_per_m > 0 else 'right'}, R {_two_digits(1 / abs(curvature_per_m))} m"
+    radius_m, side = 1 / abs(curvature_per_m), "left" if curvature_per_m > 0 else "right"
+    # It is accurate to a few per cent.
+    return f"bends {side}, R {round(radius_m, -1 if radius_m >= 100 else 0):.0f} m"
 
 
 def describe_offset(offset_m: float | None, std_m: float | None = None) -> str:
@@ -30,11 +32,10 @@ def describe_offset(offset_m: float | None, std_m: float | None = None) -> str:
     """
     if offset_m is None:
         return "offset unknown"
+    side = "left" if offset_m > 0 else "right"
     if std_m is not None:
-        return f"{abs(offset_m):.2f} ± {describe_std(std_m)} m {'left' if offset_m > 0 else 'right'} of centre"
-    if abs(offset_m) < 0.005:
-        return "in the centre"
-    return f"{abs(offset_m):.2f} m {'left' if offset_m > 0 else 'right'} of centre"
+        return f"{abs(offset_m):.2f} ± {describe_std(std_m)} m {side} of centre"
+    return f"{abs(offset_m):.2f} m {side} of centre" if abs(offset_m) >= 0.005 else "in the centre"
 
 
 def describe_std(std_m: float) -> str:
@@ -46,18 +47,13 @@ def describe_heading(heading_rad: float | None) -> str:
     """Text for the road's direction relative to the car: "0.6 deg to the left", "straight ahead", "heading unknown"."""
     if heading_rad is None:
         return "heading unknown"
-    degrees_ = abs(degrees(heading_rad))
-    return (
-        f"{degrees_:.1f} deg to the {'left' if heading_rad > 0 else 'right'}" if degrees_ >= 0.05 else "straight ahead"
-    )
+    heading_deg = abs(degrees(heading_rad))
+    if heading_deg < 0.05:
+        return "straight ahead"
+    return f"{heading_deg:.1f} deg to the {'left' if heading_rad > 0 else 'right'}"
 
 
 def html_table(title: str, rows: Mapping[str, str]) -> str:
     """An HTML table for notebooks: a caption, then a name and a text per row."""
     cells = "".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in rows.items())
     return f"<table><caption>{escape(title)}</caption>{cells}</table>"
-
-
-def _two_digits(radius: float) -> str:
-    """A radius, above 100 m rounded to tens of metres: it is accurate to a few per cent."""
-    return f"{round(radius, -1):.0f}" if radius >= 100 else f"{radius:.0f}"

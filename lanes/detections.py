@@ -1,162 +1,100 @@
-"""Detections of the two ego lane lines in pixels of the raw pictures, as TuSimple JSON lines.
+"""Detections of the two ego lane lines in pixels of the raw images, as TuSimple JSON lines.
 
-One JSON object per picture, with the keys of TuSimple: `raw_file`, `h_samples` (rows), `lanes` (columns of the left,
-then of the right line; -2 for no point) and `run_time` (milliseconds). Additional keys: `state`, `confidence`,
-`offset_m`, `curvature_per_m`, and `frame` for videos.
+One JSON object per image, with the keys of TuSimple: `raw_file`, `h_samples` (rows), `lanes` (columns of the left, then
+of the right line; -2 for no point) and `run_time` (milliseconds). Additional keys: `state`, `confidence`, `offset_m`,
+`curvature_per_m`, and `frame` for videos.
 """
 
 from __future__ import annotations
 
 import json
-import time
-from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from lanes.annotate import DriveSettings, detect_stills, prepare_drive, track, track_frames
 from lanes.camera import Camera
 from lanes.detect.lane import LOST, Lane
-from lanes.errors import CameraError
+from lanes.errors import LaneError
 from lanes.files import write_atomically
-from lanes.images import PICTURE_SUFFIXES, read_image
-from lanes.stills import find_lane
+from lanes.images import read_image
+from lanes.pose import ensure_pose
 from lanes.track.tracker import LaneTracker
-from lanes.video.reader import inspect_video, read_timed_frames
+from lanes.video.reader import TimedFrame
 
 NO_POINT = -2.0
 
 
-def detect_files(
-    files: Iterable[Path],
-    camera: Camera,
-    rows: np.ndarray,
+def detect_in_video(
+    video: Path, settings: DriveSettings, rows: Sequence[int], *, say: Callable[[str], None]
+) -> Iterator[dict]:
+    """Track the lane through a video; yields a detection per frame.
+
+    `rows` are the image rows at which the columns of the lines are returned. `say` is called with a pose that is
+    estimated, in words. Errors are those of `annotate`.
+    """
+    info, camera, pose = prepare_drive(video, settings)
+    if pose:
+        say(pose.describe())
+    for frame, lane in track(video, camera, info=info, progress=settings.progress):
+        names = {"raw_file": f"{video}#{frame.number}", "frame": frame.number}
+        yield names | as_detection(lane, camera, rows, frame.latency_ms)
+
+
+def detect_in_sequence(
+    stills: Sequence[Path], settings: DriveSettings, rows: Sequence[int], *, fps: float, say: Callable[[str], None]
+) -> Iterator[dict]:
+    """Track the lane through stills that are consecutive frames, `fps` per second; otherwise as `detect_in_video`."""
+    height, width = read_image(stills[0]).shape[:2]
+    camera, pose = ensure_pose(settings.camera_for((width, height), stills[0]), stills)
+    if pose:
+        say(pose.describe())
+    images = (camera.require_size(read_image(path), path) for path in stills)
+    frames = (TimedFrame(number, number / fps, image) for number, image in enumerate(images))
+    for frame, lane in track_frames(frames, LaneTracker(camera, fps=fps)):
+        yield {"raw_file": str(stills[frame.number])} | as_detection(lane, camera, rows, frame.latency_ms)
+
+
+def detect_in_stills(
+    stills: Sequence[Path],
+    settings: DriveSettings,
+    rows: Sequence[int],
+    failures: list[LaneError],
     *,
-    sequence: bool = False,
-    fps: float = 25.0,
-    progress: Callable[[int, int], None] | None = None,
-) -> list[dict]:
-    """Find the ego lane in stills and videos.
+    say: Callable[[str], None],
+) -> Iterator[dict]:
+    """Find the lane in each still independently; yields a detection for each.
 
-    Parameters
-    ----------
-    camera : Camera
-        With its pose. Rescaled to files of another size with the same aspect ratio.
-    rows : ndarray of shape (R,)
-        Picture rows at which the columns of the lines are written.
-    sequence : bool
-        True: the stills are consecutive frames, `fps` per second. False: each still is processed independently. The
-        frames of a video are always consecutive.
-    progress : callable, optional
-        Called as progress(pictures done, pictures in total).
-
-    Returns
-    -------
-    list of dict
-        One detection per picture, in order.
-
-    Raises
-    ------
-    FileNotFoundError, PictureError, VideoError
-        If a file cannot be read.
-    CameraError
-        If the camera has no pose or cannot be rescaled to a file.
+    `failures` get an error for each still that cannot be used; for the other parameters see `detect_in_video`.
     """
-    # a file that is named twice counts once
-    files = list(dict.fromkeys(map(Path, files)))
-    videos = {file: inspect_video(file) for file in files if file.suffix.lower() not in PICTURE_SUFFIXES}
-    total = len(files) - len(videos) + sum(info.frames for info in videos.values())
-    detector = LaneDetector(camera, rows, sequence=sequence, fps=fps)
-    found: list[dict] = []
-    for file in files:
-        if file in videos:
-            tracker = LaneDetector(camera, rows, sequence=True, fps=videos[file].fps)
-            pictures: Iterator[dict] = (
-                {"raw_file": f"{file}#{frame.number}", "frame": frame.number} | tracker.detect(frame.image)
-                for frame in read_timed_frames(file)
-            )
-        else:
-            # not evaluated here, but below, where errors get the file's name
-            pictures = ({"raw_file": str(still)} | detector.detect(read_image(still)) for still in [file])
-        try:
-            for detection in pictures:
-                found.append(detection)
-                if progress:
-                    progress(len(found), total)
-        except CameraError as error:
-            raise CameraError(f"{file}: {error}") from error
-    return found
+    said = None
+    for still in detect_stills(stills, settings, failures):
+        if settings.each and still.pose:
+            say(f"{still.path}: {still.pose.summary_line()}{settings.describe_lens(still.path)}")
+        elif still.pose and still.pose is not said:
+            said = still.pose
+            say(said.describe())
+        lane = still.detection.lane
+        yield {"raw_file": str(still.path)} | as_detection(lane, still.detection.camera, rows, still.run_time_ms)
 
 
-def write_detections(path: str | Path, detections: Iterable[dict]) -> Path:
-    """Write JSON lines atomically; returns the path.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
-    """
-    write_atomically(path, "".join(json.dumps(detection) + "\n" for detection in detections).encode())
-    return Path(path)
-
-
-def count_missing_frames(detections: Iterable[dict]) -> int:
-    """Number of video frames without a detection, because they are damaged, before the last frame of each video."""
-    frames = defaultdict(list)
-    for detection in detections:
-        if "frame" in detection:
-            frames[detection["raw_file"].rpartition("#")[0]].append(detection["frame"])
-    return sum(numbers[-1] + 1 - len(numbers) for numbers in frames.values())
-
-
-class LaneDetector:
-    """Detects the lane in pictures of one camera, tracked from picture to picture (`sequence`) or independently.
-
-    Parameters as in `detect_files`.
-    """
-
-    def __init__(self, camera: Camera, rows: np.ndarray, *, sequence: bool = False, fps: float = 25.0) -> None:
-        self._camera, self._rows, self._sequence, self._fps = camera, np.asarray(rows), sequence, fps
-        # Scaled camera and lane finder for each picture size so far.
-        self._finders: dict[tuple[int, int], tuple[Camera, Callable[[np.ndarray], Lane | None]]] = {}
-
-    def detect(self, image: np.ndarray) -> dict:
-        """The detection in a picture of shape (height, width, 3), uint8, RGB, without the file's name.
-
-        Raises
-        ------
-        PictureError
-            If the picture is not RGB.
-        CameraError
-            If the camera has no pose or another aspect ratio.
-        """
-        size = image.shape[1], image.shape[0]
-        # Made before the clock starts: the bird's-eye view is not part of the run time of a frame.
-        if size not in self._finders:
-            self._finders[size] = self._make_finder(size)
-        camera, find = self._finders[size]
-        start_s = time.perf_counter()
-        found = find(image)
-        return as_detection(found, camera, self._rows, time.perf_counter() - start_s)
-
-    def _make_finder(self, size: tuple[int, int]) -> tuple[Camera, Callable[[np.ndarray], Lane | None]]:
-        """The camera for pictures of `size` (width, height), and a function that finds the lane in one of them."""
-        camera = self._camera if size == self._camera.size else self._camera.scaled(size)
-        if self._sequence:
-            return camera, LaneTracker(camera, fps=self._fps).update
-        return camera, lambda image: find_lane(image, camera)
-
-
-def as_detection(lane: Lane | None, camera: Camera, rows: np.ndarray | range, run_time_s: float) -> dict:
+def as_detection(lane: Lane | None, camera: Camera, rows: Sequence[int] | np.ndarray, run_time_ms: float) -> dict:
     """The detection in one image, without the file's name."""
     rows = np.asarray(rows)
     lanes = np.full((2, len(rows)), NO_POINT) if lane is None else lane.columns(camera, rows)
     return {
         "h_samples": rows.tolist(),
         "lanes": np.round(lanes, 1).tolist(),
-        "run_time": round(1000 * run_time_s, 2),
+        "run_time": round(run_time_ms, 2),
         "state": lane.state if lane else LOST,
         "confidence": round(lane.confidence, 4) if lane else 0.0,
         "offset_m": lane and round(lane.offset_m, 4),
         "curvature_per_m": lane and round(lane.curvature_per_m, 7),
     }
+
+
+def write_detections(path: str | Path, detections: Iterable[dict]) -> Path:
+    """Write JSON lines atomically; returns the path. Raises OSError if the file cannot be written."""
+    write_atomically(path, "".join(json.dumps(detection) + "\n" for detection in detections).encode())
+    return Path(path)

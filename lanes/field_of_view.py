@@ -55,44 +55,31 @@ def find_field_of_view(files: Iterable[Path]) -> FieldOfView:
     return FieldOfView(DEFAULT_HFOV_DEG, "assumed, because neither the command nor the files name one", assumed=True)
 
 
-def read_hfov(picture: str | Path) -> float | None:
+def read_hfov(still: str | Path) -> float | None:
     """Horizontal field of view of a still in degrees from its EXIF entries, or None if they do not determine it.
 
     First choice is the focal length in 35 mm film, which refers to the diagonal (CIPA DCG-001). Second choice is the
     focal length in millimetres together with the resolution of the sensor.
     """
-    # Imported here, because it is needed only for pictures without other information about the lens.
+    # Imported here, because it is needed only for stills without other information about the lens.
     from PIL import ExifTags, Image
 
     try:
-        require_file(picture, "picture")
-        with warnings.catch_warnings(action="ignore"), Image.open(picture) as image:
+        require_file(still, "picture")
+        with warnings.catch_warnings(action="ignore"), Image.open(still) as image:
             entries, (width, height) = image.getexif().get_ifd(ExifTags.IFD.Exif), image.size
-    except Exception:  # EXIF is optional information, and Pillow raises many types of error on invalid entries.
+        named = {ExifTags.TAGS.get(key, ""): value for key, value in entries.items()}
+        hfov_deg = float(np.degrees(2 * np.arctan(width / 2 / _focal_length_px(named, width, height))))
+    except Exception:  # EXIF is optional information; invalid and missing entries raise many types of error
         return None
-    named = {ExifTags.TAGS.get(key, ""): _to_float(value) for key, value in entries.items()}
-    focal_px = _focal_length_px(named, width, height)
-    if focal_px is None:
-        return None
-    hfov_deg = float(np.degrees(2 * np.arctan(width / 2 / focal_px)))
     return hfov_deg if HFOV_RANGE_DEG[0] <= hfov_deg <= HFOV_RANGE_DEG[1] else None
 
 
-def _focal_length_px(entries: dict[str, float], width: int, height: int) -> float | None:
-    if entries.get("FocalLengthIn35mmFilm", 0) > 0:
-        return entries["FocalLengthIn35mmFilm"] / FILM_DIAGONAL_MM * float(np.hypot(width, height))
-    focal_mm, resolution = entries.get("FocalLength", 0), entries.get("FocalPlaneXResolution", 0)
-    unit_mm = RESOLUTION_UNIT_MM.get(round(entries.get("FocalPlaneResolutionUnit", 2)))
-    if not (focal_mm > 0 and resolution > 0 and unit_mm):
-        return None
-    # The resolution refers to the original picture, which may have been resized.
-    scale = width / (entries.get("ExifImageWidth", 0) or width)
-    return focal_mm * resolution / unit_mm * scale
-
-
-def _to_float(value: Any) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError, ZeroDivisionError):
-        return 0.0
-    return number if np.isfinite(number) else 0.0
+def _focal_length_px(entries: dict[str, Any], width: int, height: int) -> float:
+    """Focal length from EXIF entries by name; raises an error if it cannot be computed."""
+    if (focal_35mm := float(entries.get("FocalLengthIn35mmFilm", 0))) > 0:
+        return focal_35mm / FILM_DIAGONAL_MM * float(np.hypot(width, height))
+    unit_mm = RESOLUTION_UNIT_MM[int(entries.get("FocalPlaneResolutionUnit", 2))]
+    # The resolution refers to the original image, which may have been resized.
+    resized = width / (float(entries.get("ExifImageWidth", 0)) or width)
+    return float(entries["FocalLength"]) * float(entries["FocalPlaneXResolution"]) / unit_mm * resized

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import textwrap
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -56,72 +55,6 @@ class RoadGrid(Protocol):
     def y_m(self) -> np.ndarray: ...
 
 
-def show_pictures(
-    images: Sequence[np.ndarray], titles: Sequence[str], *, columns: int = 2, width_in: float = 12.0
-) -> tuple[Figure, np.ndarray]:
-    """Plot pictures side by side, in rows of `columns`.
-
-    Parameters
-    ----------
-    images : sequence of ndarray
-        RGB (height, width, 3), or masks and gray pictures (height, width). The gray scale is 0..1 for bool and for 0..1
-        masks, 0..255 for other uint8, and the range of values for other types.
-    titles : sequence of str
-        One for each picture.
-    width_in : float
-        Width of the figure in inches; its height follows from the pictures.
-
-    Raises
-    ------
-    ValueError
-        If the numbers of titles and pictures differ or are 0.
-    """
-    if not len(images) or len(images) != len(titles):
-        raise ValueError(f"one title for each picture is needed; got {len(images)} pictures and {len(titles)} titles.")
-    columns = min(columns, len(images))
-    rows = -(-len(images) // columns)
-    row_in = max(image.shape[0] / image.shape[1] for image in images) * width_in / columns + 0.35
-    figure, axes = new_figure(rows, columns, (width_in, rows * row_in))
-    for axis in axes[len(images) :]:
-        axis.remove()
-    for axis, image, title in zip(axes, images, titles, strict=False):
-        axis.imshow(image, cmap="gray", **_gray_limits(image))
-        axis.set_title(title)
-        axis.set_axis_off()
-    return figure, axes[: len(images)]
-
-
-def show_birdseye(
-    images: Sequence[np.ndarray],
-    titles: Sequence[str],
-    grid: RoadGrid,
-    *,
-    columns: int = 2,
-    width_in: float = 12.0,
-    **look: object,
-) -> tuple[Figure, np.ndarray]:
-    """Plot pictures of a road grid side by side, with axes in metres.
-
-    Parameters
-    ----------
-    images : sequence of ndarray
-        RGB (rows, columns, 3), or values (rows, columns), of the grid.
-    titles : sequence of str
-        One for each picture.
-    grid : RoadGrid
-        For example a `BirdsEyeView`.
-    **look
-        Options of matplotlib's `imshow`, for example cmap, vmin and vmax.
-    """
-    columns = min(columns, len(images))
-    rows = -(-len(images) // columns)
-    figure, axes = new_figure(rows, columns, (width_in, rows * (0.6 * width_in / columns + 0.6)))
-    for axis, image, title in zip(axes, images, titles, strict=True):
-        draw_on_road_grid(axis, image, grid, **look)
-        axis.set_title(title)
-    return figure, axes
-
-
 def draw_on_road_grid(axis: Axes, image: np.ndarray, grid: RoadGrid, **look: Any) -> None:
     """Show a picture of a road grid; the distances of its rows may grow, so the marks ahead are not even."""
     rows = len(grid.x_m)
@@ -130,62 +63,6 @@ def draw_on_road_grid(axis: Axes, image: np.ndarray, grid: RoadGrid, **look: Any
     marks = np.interp(marked_m, grid.x_m[::-1], np.arange(rows)[::-1])
     axis.set_yticks(marks, [f"{x_m} m" for x_m in marked_m])
     axis.set(xlabel="left (m)", ylabel="ahead")
-
-
-def plot_histogram(
-    counts: np.ndarray, *, left_px: float | None = None, right_px: float | None = None
-) -> tuple[Figure, Axes]:
-    """Plot the column histogram (width,) of a binary view, with the two start columns of the search."""
-    figure, (axis,) = new_figure(1, 1, (10, 3))
-    axis.fill_between(np.arange(len(counts)), counts, color=rgb(WINDOW_COLOUR), alpha=0.6, linewidth=0)
-    for column, colour, name in ((left_px, LEFT_COLOUR, "left"), (right_px, RIGHT_COLOUR, "right")):
-        if column is not None:
-            axis.axvline(column, color=rgb(colour), label=f"{name} start, column {column:.0f}")
-            axis.legend(ncols=2, **LEGEND_ABOVE)
-    axis.set_title("Where the paint is", loc="left")
-    axis.set(xlabel="column (pixels)", ylabel="paint pixels in the column", xlim=(0, len(counts) - 1))
-    axis.set_ylim(bottom=0)
-    return figure, axis
-
-
-def plot_bars(values: Mapping[str, float], *, label: str, title: str = "") -> tuple[Figure, Axes]:
-    """Plot named values as bars; `label` is their name with the unit."""
-    figure, (axis,) = new_figure(1, 1, (10, 3))
-    axis.bar(list(values), list(values.values()), color=rgb(WINDOW_COLOUR))
-    axis.tick_params(axis="x", rotation=90)
-    axis.set(ylabel=label, title=title)
-    return figure, axis
-
-
-def plot_series(
-    times_s: np.ndarray, series: Mapping[str, Mapping[str, np.ndarray]], *, title: str = ""
-) -> tuple[Figure, np.ndarray]:
-    """Plot telemetry over time, one panel per quantity.
-
-    Parameters
-    ----------
-    series : mapping of str to (mapping of str to ndarray of shape (N,))
-        Axis label with unit ("offset (m)") to the curves of that panel, name to values. A curve named "truth" is a dark
-        dashed line above the others. NaN leaves a gap.
-
-    Raises
-    ------
-    ValueError
-        If `series` is empty.
-    """
-    if not series:
-        raise ValueError("no quantity to plot; give at least one axis label with its curves.")
-    figure, axes = new_figure(len(series), 1, (10, 0.6 + 2.2 * len(series)), sharex=True)
-    for axis, (label, curves) in zip(axes, series.items(), strict=True):
-        for name, values in curves.items():
-            axis.plot(times_s, values, label=name, **(TRUTH_LOOK if name == "truth" else {}))
-        axis.set_ylabel(label)
-        axis.grid(alpha=0.3)
-        if len(curves) > 1:
-            axis.legend(ncols=len(curves), **LEGEND_ABOVE)
-    axes[-1].set_xlabel("time (s)")
-    axes[0].set_title(title, loc="left")
-    return figure, axes
 
 
 def new_figure(rows: int, columns: int, size_in: tuple[float, float], **options: Any) -> tuple[Figure, np.ndarray]:
@@ -228,13 +105,6 @@ def figure_kind(path: Path) -> str:
     if kind is None:
         raise ValueError(f"{path}: cannot write this kind of figure; end the name in .jpg or .png.")
     return kind
-
-
-def _gray_limits(image: np.ndarray) -> dict[str, int]:
-    """Limits of the gray scale, for matplotlib; it ignores them for RGB and derives missing ones from the values."""
-    if image.dtype == bool or image.max() <= 1:
-        return {"vmin": 0, "vmax": 1}
-    return {"vmin": 0, "vmax": 255} if image.dtype == np.uint8 else {}
 
 
 # Figure of an explanation: one panel per step.

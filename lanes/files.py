@@ -1,4 +1,4 @@
-"""Files in and out: checks of input files, atomic writes and locks on outputs.
+"""Files in and out: checks of input files, atomic writes, locks on outputs, and telemetry (CSV).
 
 An output is written to ``STEM.partial.DIGITS.SUFFIX`` in the same folder and renamed when it is complete. The writer
 holds a lock on this partial file; the operating system releases the lock when the process ends. The next run that
@@ -18,7 +18,6 @@ import sys
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from tempfile import TemporaryFile
 
 import numpy as np
 from filelock import FileLock, Timeout
@@ -225,56 +224,59 @@ def _lock(path: Path, *, timeout_s: float = -1) -> FileLock:
     return lock
 
 
-# Telemetry: CSV with one row per frame and units in the column names; rendered videos have their truth like this.
+# Telemetry: CSV with one row per frame and units in the column names; rendered videos have their truth in this form.
 
 
 class TelemetryWriter:
-    """Writer of CSV rows, atomically, in a `with` block.
+    """Writer of a CSV table, atomically, in a `with` block.
 
-    Rows are collected in a temporary file, because the columns are complete only at the end. If the block raises, an
-    earlier file of that name is unchanged.
-
-    The folder is created where needed; entering the block raises OSError if it cannot be written to.
+    The rows are kept in memory and written at the end of the block. If the block raises, an earlier file of that name
+    is unchanged. The folder is created where needed.
     """
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        self._columns: dict[str, None] = {}
+        self._columns: dict[str, list] = {}
+        self._rows = 0
 
     def __enter__(self) -> TelemetryWriter:
         with translate_write_errors(self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            # File names of pictures may contain bytes that are not UTF-8.
-            self._rows = TemporaryFile("w+", encoding="utf-8", errors="replace", newline="", dir=self.path.parent)
-        self._csv = csv.writer(self._rows, lineterminator="\n")
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        try:
-            if kind is None:
-                self._finish()
-        finally:
-            # A full disk is reported above already.
-            with suppress(OSError):
-                self._rows.close()
+        if kind is not None:
+            return
+        with (
+            atomic_write(self.path) as partial,
+            # File names of stills may contain bytes that are not UTF-8.
+            partial.open("w", encoding="utf-8", errors="replace", newline="") as file,
+        ):
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(self._columns)
+            writer.writerows(map(_field, row) for row in zip(*self._columns.values(), strict=True))
 
     def write(self, row: Mapping[str, object]) -> None:
         """Append a row: column name to value.
 
         The table has the columns of all rows, in order of first appearance. Missing values, None and NaN become empty
-        fields. Raises OSError if the row cannot be written.
+        fields, truth values 1 and 0.
         """
-        self._columns |= dict.fromkeys(row)
-        with translate_write_errors(self.path):
-            self._csv.writerow(_field(row.get(name)) for name in self._columns)
+        for name in row:
+            self._columns.setdefault(name, [None] * self._rows)
+        for name, values in self._columns.items():
+            values.append(row.get(name))
+        self._rows += 1
 
-    def _finish(self) -> None:
-        with atomic_write(self.path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
-            self._rows.seek(0)
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(self._columns)
-            # Early rows lack the columns that appeared later.
-            writer.writerows(row + [""] * (len(self._columns) - len(row)) for row in csv.reader(self._rows))
+    def columns(self) -> dict[str, np.ndarray]:
+        """One array (rows,) for each column, as `read_telemetry` returns them."""
+        texts = {name for name, values in self._columns.items() if any(isinstance(value, str) for value in values)}
+        return {
+            name: np.array(
+                [value or "" for value in values] if name in texts else values, str if name in texts else float
+            )
+            for name, values in self._columns.items()
+        }
 
 
 def write_telemetry(path: str | Path, rows: Iterable[Mapping[str, object]]) -> Path:
@@ -314,7 +316,7 @@ def _field(value: object) -> object:
     if isinstance(value, (float, np.floating)):
         # Nine digits resolve micrometres over kilometres and hide the last bits, which differ between processors.
         return "" if np.isnan(value) else f"{value:.9g}"
-    return value
+    return int(value) if isinstance(value, bool) else value
 
 
 def _column(fields: tuple[str, ...]) -> np.ndarray:

@@ -1,6 +1,7 @@
-"""Images in and out of files, checks of images, and OpenCV's number of threads.
+"""Images: read and written, checked, and OpenCV's number of threads.
 
-An image is an RGB array (height, width, 3), uint8.
+An image is an RGB array (height, width, 3), uint8. Every function that takes one passes it through `require_rgb`, and
+so accepts views such as ``bgr[..., ::-1]`` and ``rgba[..., :3]`` and read-only arrays.
 """
 
 from __future__ import annotations
@@ -23,48 +24,8 @@ from lanes.files import list_files, require_file, write_atomically
 if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
 
-
-def require_rgb(image: np.ndarray, name: object = "picture") -> np.ndarray:
-    """The image, contiguous in memory, which OpenCV and FFmpeg need: a copy only of views such as ``bgr[..., ::-1]``.
-
-    Raises PictureError unless it is an array (height, width, 3), uint8, with at least one pixel.
-    """
-    if not isinstance(image, np.ndarray) or image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
-        got = f"shape {image.shape}, dtype {image.dtype}" if isinstance(image, np.ndarray) else type(image).__name__
-        raise PictureError(
-            f"{name}: expected an RGB picture of shape (height, width, 3) and dtype uint8, got {got}; "
-            "read it with read_image."
-        )
-    if not image.size:
-        raise PictureError(f"{name}: holds no pixels (shape {image.shape}); check how it was cropped.")
-    return np.ascontiguousarray(image)
-
-
-def require_size(
-    image: np.ndarray, size: tuple[int, int], name: object = "picture", *, calibrated: bool = True
-) -> np.ndarray:
-    """As `require_rgb`, and PictureError unless the image has the size (width, height) of the camera.
-
-    `calibrated` is False if the size is only that of the other pictures.
-    """
-    image = require_rgb(image, name)
-    width, height = image.shape[1], image.shape[0]
-    if (width, height) != size:
-        origin = "was calibrated for" if calibrated else "is that of pictures of"
-        remedy = (
-            "use a picture of that size, or ask for rescaling (rescale=True in undistort, or "
-            "camera.scaled) when it was only resized."
-            if calibrated
-            else "use pictures of one size, or annotate the pictures of several cameras with --each."
-        )
-        raise PictureError(f"{name}: is {width}x{height} pixels, but the camera {origin} {size[0]}x{size[1]}; {remedy}")
-    return image
-
-
-# Picture files in and out; outside this module a picture is an RGB array (height, width, 3), uint8.
-
 _READABLE = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff")
-# Files that are taken for pictures, not for videos. `read_image` refuses HEIC and says how to convert it.
+# Files that are taken for stills, not for videos. `read_image` refuses HEIC and says how to convert it.
 PICTURE_SUFFIXES = (*_READABLE, ".heic", ".heif")
 _QUALITY_OPTIONS = {
     ".jpg": cv2.IMWRITE_JPEG_QUALITY,
@@ -79,10 +40,50 @@ MAX_PIXELS = 128_000_000
 MAX_PICTURE_BYTES = 3 * MAX_PIXELS
 
 
-def read_image(path: str | Path) -> np.ndarray:
-    """The RGB picture (height, width, 3), uint8, of a JPEG, PNG, WebP, BMP or TIFF file.
+def require_rgb(image: np.ndarray, name: object = "image") -> np.ndarray:
+    """The image, contiguous in memory as OpenCV and FFmpeg need it: a copy only of a view with other strides.
 
-    Gray pictures are repeated over three channels; an alpha channel is dropped.
+    Raises
+    ------
+    PictureError
+        If it is not an array (height, width, 3), uint8, with at least one pixel; the message begins with `name`.
+    """
+    if not isinstance(image, np.ndarray) or image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
+        got = f"shape {image.shape}, dtype {image.dtype}" if isinstance(image, np.ndarray) else type(image).__name__
+        raise PictureError(
+            f"{name}: expected an RGB image of shape (height, width, 3) and dtype uint8, got {got}; "
+            "read it with read_image."
+        )
+    if not image.size:
+        raise PictureError(f"{name}: holds no pixels (shape {image.shape}); check how it was cropped.")
+    return np.ascontiguousarray(image)
+
+
+def require_size(
+    image: np.ndarray, size: tuple[int, int], name: object = "image", *, calibrated: bool = True
+) -> np.ndarray:
+    """As `require_rgb`; also raises PictureError unless the image has the `size` (width, height) of the camera.
+
+    `calibrated` is False if the size is only that of the other images.
+    """
+    image = require_rgb(image, name)
+    height, width = image.shape[:2]
+    if (width, height) != size:
+        origin = "was calibrated for" if calibrated else "is that of pictures of"
+        remedy = (
+            "use a picture of that size, or ask for rescaling (rescale=True in undistort, or "
+            "camera.scaled) when it was only resized."
+            if calibrated
+            else "use pictures of one size, or annotate the pictures of several cameras with --each."
+        )
+        raise PictureError(f"{name}: is {width}x{height} pixels, but the camera {origin} {size[0]}x{size[1]}; {remedy}")
+    return image
+
+
+def read_image(path: str | Path) -> np.ndarray:
+    """The RGB image (height, width, 3), uint8, of a JPEG, PNG, WebP, BMP or TIFF file.
+
+    Gray images are repeated over three channels; an alpha channel is dropped.
 
     Raises
     ------
@@ -104,7 +105,7 @@ def read_image(path: str | Path) -> np.ndarray:
 
 
 def write_image(path: str | Path, image: np.ndarray, *, jpeg_quality: int = 92) -> Path:
-    """Write an RGB picture (height, width, 3), uint8, atomically in the format of its suffix; returns the path.
+    """Write an RGB image (height, width, 3), uint8, atomically in the format of its suffix; returns the path.
 
     The folder is created where needed. `jpeg_quality`, 1 to 100, is also that of WebP; 92 keeps edges clean at about a
     fifth of the size of PNG.
@@ -112,7 +113,7 @@ def write_image(path: str | Path, image: np.ndarray, *, jpeg_quality: int = 92) 
     Raises
     ------
     PictureError
-        If `image` is not an RGB picture or the suffix is none of a format that `read_image` reads.
+        If `image` is not an RGB image or the suffix is none of a format that `read_image` reads.
     OSError
         If the folder cannot be written to.
     """
@@ -122,11 +123,11 @@ def write_image(path: str | Path, image: np.ndarray, *, jpeg_quality: int = 92) 
         raise PictureError(
             f"{path}: cannot write {path.suffix or 'a name without suffix'}; end the name in .jpg or .png."
         )
-    require_rgb(image, path)
+    image = require_rgb(image, path)
     options = [_QUALITY_OPTIONS[suffix], jpeg_quality] if suffix in _QUALITY_OPTIONS else []
     done, data = cv2.imencode(path.suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)
     if not done:
-        raise PictureError(f"{path}: the picture of shape {image.shape} could not be encoded as {path.suffix}.")
+        raise PictureError(f"{path}: the image of shape {image.shape} could not be encoded as {path.suffix}.")
     write_atomically(path, data.tobytes())
     return path
 
@@ -204,9 +205,6 @@ def _opener(data: bytes) -> type[ImageFile] | None:
         b"MM\0*": TiffImageFile,
     }
     return next((opener for magic, opener in openers.items() if data.startswith(magic)), None)
-
-
-# The number of OpenCV threads, set for the duration of a block.
 
 
 @contextmanager

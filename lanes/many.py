@@ -1,10 +1,8 @@
 """Many drives in parallel on Dask: on the cores of this machine, or on the workers of a Dask scheduler.
 
-One drive is one task. Dask schedules the tasks and replaces dead workers. It repeats the task of a dead worker, and a
-task that failed with an error that may pass, such as a full disk.
-
-A finished drive has a manifest, a JSON file next to its outputs that is written last. It holds the fingerprint of the
-drive (input, settings and versions) and the sizes of the outputs. As long as neither changes, the drive is skipped.
+One drive is one task. Dask replaces dead workers and repeats their tasks, and those that failed with an error that may
+pass. A finished drive has a manifest, a JSON file next to its outputs that is written last. It holds the fingerprint of
+the drive (input, settings and versions) and the sizes of the outputs. While neither changes, the drive is skipped.
 """
 
 from __future__ import annotations
@@ -35,7 +33,7 @@ from lanes.files import (
     write_atomically,
     write_telemetry,
 )
-from lanes.images import opencv_threads
+from lanes.report.moments import frame_lengths_s, seconds_lost, share_tracked
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -69,16 +67,16 @@ class DriveJob:
 
 @dataclass(frozen=True)
 class FinishedDrive:
-    """Content of a manifest: fingerprint, sizes of the outputs in bytes by name, and results as in `DriveResult`."""
+    """Content of a manifest: fingerprint, sizes of the outputs in bytes by name, and results."""
 
     fingerprint: Mapping[str, Any]
     outputs: Mapping[str, int]
+    description: str
     tracked_share: float
     lost_s: float
     frames: int
     missing: int
     length_s: float
-    description: str
 
 
 def annotate_many(
@@ -91,30 +89,25 @@ def annotate_many(
 ) -> tuple[list[FinishedDrive], list[Exception]]:
     """Annotate the videos that are not finished yet, and write a table of all, failed ones and the worst ones first.
 
+    Returns the finished drives, also those of earlier runs, and an error for each other drive.
+
     Parameters
     ----------
     videos : sequence of Path
         At least one, with distinct file names: the outputs are named after them.
     workers : int, optional
-        Number of processes on this machine, with one thread each (default: one per core).
+        Number of processes on this machine (default: one per core).
     scheduler : str, optional
         Address of a Dask scheduler, whose workers are used instead of processes on this machine.
     log : callable
         Called with a message for each event.
-
-    Returns
-    -------
-    finished : list of FinishedDrive
-        Also those of earlier runs.
-    failures : list of OSError or ValueError
-        One error for each other drive.
 
     Raises
     ------
     OSError
         If Dask is not installed, no scheduler answers (ClusterError), or the table cannot be written.
     """
-    settings = replace(settings, output=settings.output.absolute(), progress=False, overlapped=False)
+    settings = replace(settings, output=settings.output.absolute(), progress=False)
     finished: list[FinishedDrive] = []
     unfinished: list[DriveJob] = []
     failed: dict[Path, Exception] = {}
@@ -124,11 +117,11 @@ def annotate_many(
         except (FileNotFoundError, VideoError) as error:
             failed[video] = error
             continue
-        drive = read_finished(job)
-        finished += [drive] if drive else []
-        unfinished += [] if drive else [job]
+        if drive := read_finished(job):
+            finished.append(drive)
+        else:
+            unfinished.append(job)
     counts = f"{len(finished)} of {len(videos)} drives were finished before"
-    # Dask is started only if there is something to do.
     if unfinished:
         try:
             with connect(workers, scheduler) as client, exclusive_writer(settings.output / SUMMARY):
@@ -160,10 +153,7 @@ def _summary_rows(finished: Sequence[FinishedDrive], failed: Mapping[Path, Excep
 
 
 def fingerprint(video: Path, settings: DriveSettings) -> dict[str, Any]:
-    """Everything that the outputs of a drive depend on: input (path, size, time of change), settings and versions.
-
-    Raises FileNotFoundError or VideoError if the video is not a file.
-    """
+    """Everything that the outputs of a drive depend on: input (path, size, time of change), settings and versions."""
     status = require_file(video, "video", error=VideoError).stat()
     used = {name: value for name, value in vars(settings).items() if name not in ("output", "progress")}
     used["camera"] = settings.camera and camera_to_dict(settings.camera)
@@ -189,14 +179,13 @@ def read_finished(job: DriveJob) -> FinishedDrive | None:
         drive = FinishedDrive(**json.loads(read_text(job.manifest, "manifest", max_bytes=1_000_000)))
     except (OSError, ValueError, TypeError, RecursionError):
         return None
-    if not all(isinstance(getattr(drive, name), int | float) for name in MEASURES):
-        return None
-    return drive if drive.fingerprint == job.fingerprint and drive.outputs == output_sizes(job) else None
+    valid = all(isinstance(getattr(drive, name), int | float) for name in MEASURES)
+    return drive if valid and (drive.fingerprint, drive.outputs) == (job.fingerprint, output_sizes(job)) else None
 
 
 def output_sizes(job: DriveJob) -> dict[str, int]:
     """Sizes in bytes, by name, of the outputs of a drive that exist."""
-    suffixes = (".mp4", ".csv", *([".html"] if job.settings.report else []))
+    suffixes = [".mp4", ".csv"] + ([".html"] if job.settings.report else [])
     paths = [job.manifest.with_suffix(suffix) for suffix in suffixes]
     return {path.name: path.stat().st_size for path in paths if path.is_file()}
 
@@ -205,10 +194,9 @@ def output_sizes(job: DriveJob) -> dict[str, int]:
 
 
 def run_job(job: DriveJob) -> FinishedDrive | Exception:
-    """Annotate a drive and write its manifest; returns the manifest.
+    """Annotate a drive and write its manifest; returns the manifest, or an error that would occur again.
 
-    Returns an error that would occur again, such as an unusable file. Raises any other error, so that Dask repeats the
-    task.
+    Raises any other error, such as that of a full disk, so that Dask repeats the task.
     """
     # An earlier worker may have finished the drive and died before it returned.
     if finished := read_finished(job):
@@ -221,16 +209,16 @@ def run_job(job: DriveJob) -> FinishedDrive | Exception:
         )
     remove_stale_partials(job.manifest)
     try:
-        with opencv_threads(1):
-            result = annotate_drive(job.video, job.settings)
+        result = annotate_drive(job.video, job.settings)
     except FileNotFoundError as error:
         return FileNotFoundError(
             f"{error} (worker on {worker} in {os.getcwd()}; all workers must see the drives by the same path)"
         )
     except ValueError as error:
         return error
-    measures = {name: getattr(result, name) for name in MEASURES}
-    drive = FinishedDrive(job.fingerprint, output_sizes(job), **measures, description=result.describe())
+    time_s, length_s = result.telemetry["time_s"], float(frame_lengths_s(result.telemetry["time_s"]).sum())
+    measures = share_tracked(result.telemetry), seconds_lost(result.telemetry), len(time_s), result.missing, length_s
+    drive = FinishedDrive(job.fingerprint, output_sizes(job), result.description, *measures)
     write_atomically(job.manifest, json.dumps(asdict(drive), indent=1).encode(errors="replace"))
     return drive
 
@@ -270,10 +258,7 @@ def _outcome(job: DriveJob, future: Future) -> FinishedDrive | Exception:
 
 @contextmanager
 def connect(workers: int | None = None, scheduler: str | None = None) -> Iterator[Client]:
-    """A Dask client of a scheduler, or of a new cluster of processes on this machine.
-
-    Raises ClusterError if Dask is not installed, or no scheduler answers.
-    """
+    """A Dask client of a scheduler, or of new processes on this machine; raises ClusterError if there is none."""
     try:
         import dask
         from distributed import Client, LocalCluster

@@ -1,4 +1,11 @@
-"""Result of the pose estimation: camera pose, standard deviations, and the expected accuracy in words."""
+"""Estimate the camera pose from images of a drive: height, pitch, yaw and roll from the lane lines.
+
+Parallel lines on a flat road meet in a vanishing point on the horizon (`lanes.vanishing_point`). Its row gives the
+pitch. Its column gives the yaw, because the heading of a car in its lane averages to zero over a drive. The lane width
+in metres, divided by the lane width in camera heights, gives the height. Lanes of equal width that look narrower on one
+side give the roll. For one image with too few lane lines the angles come from all its edges, and the height is the
+usual one. Of the poses near the estimate from one image that with the most probable lane is taken (`lanes.stills`).
+"""
 
 from __future__ import annotations
 
@@ -14,7 +21,7 @@ import numpy as np
 from lanes.camera import Camera, CameraPose
 from lanes.describe import html_table
 from lanes.errors import PoseError
-from lanes.sources import find_sources, pick_pictures
+from lanes.sources import find_sources, sample_images
 from lanes.stills import HEIGHT_RANGE_M, StillDetection, detect_with_own_pose
 from lanes.vanishing_point import (
     X0_BINS,
@@ -30,9 +37,30 @@ from lanes.vanishing_point import (
     std_about,
 )
 
-# 95th percentile of the offset error on the rendered drive, in centimetres: with its calibrated lens, and without
-# distortion at focal lengths from 0.7 to 1.5 times the true one (docs/own_camera.md).
-CALIBRATED_OFFSET_ERROR_CM, UNCALIBRATED_OFFSET_ERROR_CM = 1, 3
+# 12 ft, the lane of US Interstates (AASHTO, A Policy on Design Standards: Interstate System). Motorway lanes elsewhere
+# are 3.50 to 3.75 m wide, hence the standard deviation.
+LANE_WIDTH_M, LANE_WIDTH_STD_M = 3.66, 0.10
+# Prior of the camera height, log-normal: 1.1 to 1.6 m in passenger cars, up to 2.5 m in vans and lorries.
+PRIOR_HEIGHT_M, PRIOR_HEIGHT_LOG_STD = 1.35, 0.25
+# Prior of the roll: cameras are installed level by eye, within about a degree.
+PRIOR_ROLL_STD_RAD = np.radians(1.0)
+# Prior of the road direction in the image: cameras are aimed ahead by eye, and cars drive along their lane.
+PRIOR_DIRECTION_STD_RAD = np.radians(10.0)
+# Standard deviation, in one image, of the pitch motion of the car and of its heading in the lane.
+PITCH_MOTION_STD_RAD, HEADING_STD_RAD = np.radians(0.3), np.radians(1.0)
+# Acceptance limits, chosen on painted roads of known pose (tests/test_pose.py). At least: stripe rows in an image,
+# share of images with parallel lines, share of those with two lines a lane apart.
+MIN_STRIPE_ROWS, MIN_LINES_SHARE, MIN_LANE_SHARE = 60, 0.25, 0.3
+# At most: scatter of the road direction between images, and its median angle to the optical axis.
+MAX_DIRECTION_SCATTER_DEG, MAX_DIRECTION_DEG = 10.0, 12.0
+# Images are resized to this width: the pixel limits of `lanes.vanishing_point` are for it, and more pixels do not show
+# more stripes.
+WORKING_WIDTH_PX = 1280
+
+# Images taken from the files of a drive; more did not improve the estimate.
+POSE_PICTURES = 40
+
+Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,14 +74,14 @@ class PoseEstimate:
     height_std_m, pitch_std_rad, yaw_std_rad, roll_std_rad : float
         Standard deviations. That of the height includes the uncertainty of the assumed lane width.
     frames_used, frames_total : int
-        Pictures with at least two parallel lines, and all pictures.
+        Images with at least two parallel lines, and all images.
     lane_width_m : float or None
         Lane width that determines the height. If the height was given, the lane width that follows from it. None if
         the height does not come from lane lines.
     notes : tuple of str
-        Quantities that the pictures do not determine.
+        Quantities that the images do not determine.
     still : StillDetection or None
-        If the pose was estimated from a single picture: what was found in it. The pose is that of its lane.
+        If the pose was estimated from a single image: what was found in it. The pose is that of its lane.
     """
 
     camera: Camera
@@ -72,41 +100,45 @@ class PoseEstimate:
         """The estimated pose."""
         return self.camera.require_pose()
 
-    @property
-    def _height_source(self) -> str:
-        if self.lane_width_m is None:
-            return "assumed" if self.height_std_m else "given"
-        return f"lane {self.lane_width_m:.2f} m wide"
-
-    def describe(self) -> str:
-        """Several lines of text: each number with its standard deviation and sign in words, pictures used, notes."""
-        pose = self.pose
-        return "\n".join(
-            [
-                f"height {pose.height_m:6.2f} m   +- {self.height_std_m:.2f}  ({self._height_source})",
-                _describe_angle("pitch", pose.pitch_rad, self.pitch_std_rad, "looks down", "looks up"),
-                _describe_angle("yaw", pose.yaw_rad, self.yaw_std_rad, "looks left", "looks right", "straight ahead"),
-                _describe_angle("roll", pose.roll_rad, self.roll_std_rad, "right side down", "left side down"),
-                f"from {self.frames_used} of {self.frames_total} pictures",
-                *(f"note: {note}" for note in self.notes),
-            ]
-        )
-
     def summary(self) -> dict[str, str]:
-        """Each number with its standard deviation, by name."""
-        pose = self.pose
+        """Each number with its standard deviation and its sign in words, by name."""
+        pose, source = self.pose, "assumed" if self.height_std_m else "given"
+        if self.lane_width_m is not None:
+            source = f"lane {self.lane_width_m:.2f} m wide"
         return {
-            "height": f"{pose.height_m:.2f} ± {self.height_std_m:.2f} m ({self._height_source})",
-            "pitch": f"{np.degrees(pose.pitch_rad):.2f} ± {np.degrees(self.pitch_std_rad):.2f} deg",
-            "yaw": f"{np.degrees(pose.yaw_rad):.2f} ± {np.degrees(self.yaw_std_rad):.2f} deg",
-            "roll": f"{np.degrees(pose.roll_rad):.2f} ± {np.degrees(self.roll_std_rad):.2f} deg",
+            "height": f"{pose.height_m:.2f} ± {self.height_std_m:.2f} m ({source})",
+            "pitch": _describe_angle(pose.pitch_rad, self.pitch_std_rad, "looks down", "looks up"),
+            "yaw": _describe_angle(pose.yaw_rad, self.yaw_std_rad, "looks left", "looks right"),
+            "roll": _describe_angle(pose.roll_rad, self.roll_std_rad, "right side down", "left side down"),
             "pictures": f"{self.frames_used} of {self.frames_total} used",
         }
+
+    def describe(self) -> str:
+        """Several lines of text: the summary and the notes."""
+        return "\n".join(
+            [f"{name:<8} {text}" for name, text in self.summary().items()] + [f"note: {n}" for n in self.notes]
+        )
 
     def summary_line(self) -> str:
         """One line with the numbers, and with what they were estimated from."""
         numbers = ", ".join(f"{name} {text}" for name, text in self.summary().items() if name != "pictures")
         return f"pose from {'all edges' if self.lane_width_m is None else 'lane lines'}: {numbers}"
+
+    def describe_accuracy(self) -> str:
+        """One sentence with the expected accuracy of offset, lane width, distances and curvature.
+
+        The centimetres are the 95th percentile of the offset error on the rendered drive: with its calibrated lens, and
+        without distortion at focal lengths from 0.7 to 1.5 times the true one (docs/own_camera.md).
+        """
+        height_share = self.height_std_m / self.pose.height_m
+        why = "the height is assumed" if self.lane_width_m is None else "lanes may be wider or narrower"
+        width = f" and {height_share:.0%} ({why})" if height_share else ""
+        if self.camera.distortion.any():
+            return f"expect offset and lane width to be good to 1 cm{width}, distances and curvature likewise"
+        return (
+            f"expect offset and lane width to be good to 3 cm{width}; distances ahead to be off as much as the focal "
+            "length, which was not calibrated, and curvature twice as much"
+        )
 
     def __repr__(self) -> str:
         return f"PoseEstimate({', '.join(f'{name} {text}' for name, text in self.summary().items())})"
@@ -116,170 +148,10 @@ class PoseEstimate:
         return html_table("Camera pose", self.summary() | notes)
 
 
-def describe_accuracy(estimate: PoseEstimate) -> str:
-    """One sentence with the expected accuracy of offset, lane width, distances and curvature."""
-    height_share = estimate.height_std_m / estimate.pose.height_m
-    why = "the height is assumed" if estimate.lane_width_m is None else "lanes may be wider or narrower"
-    width = f" and {height_share:.0%} ({why})" if height_share else ""
-    if estimate.camera.distortion.any():
-        return (
-            f"expect offset and lane width to be good to {CALIBRATED_OFFSET_ERROR_CM} cm{width}, "
-            "distances and curvature likewise"
-        )
-    return (
-        f"expect offset and lane width to be good to {UNCALIBRATED_OFFSET_ERROR_CM} cm{width}; "
-        "distances ahead to be off as much as the focal length, which was not calibrated, and curvature twice as much"
-    )
-
-
-def _describe_angle(
-    name: str, angle_rad: float, std_rad: float, positive: str, negative: str, none: str = "level"
-) -> str:
-    degrees, std = np.degrees([angle_rad, std_rad])
-    degrees = round(degrees, 2) + 0.0  # not -0.00
-    direction = none if degrees == 0 else positive if degrees > 0 else negative
-    return f"{name:<6} {degrees:6.2f} deg +- {std:.2f}  ({direction})"
-
-
-# Camera height and roll from the apparent width of the lanes.
-#
-# The lateral position k of a line is in camera heights (see `vanishing_point`). Two lines that bound a lane therefore
-# differ by lane width / camera height in k. Lanes of one road have about the same width. Where the lanes on one side
-# look
-# wider than those on the other, the camera is rolled.
-
-# Prior of the camera height, log-normal: 1.1 to 1.6 m in passenger cars, up to 2.5 m in vans and lorries.
-PRIOR_HEIGHT_M, PRIOR_HEIGHT_LOG_STD = 1.35, 0.25
-# Grid of heights, as multiples of the prior height.
-HEIGHT_RATIOS = np.geomspace(0.4, 2.5, 240)
-# Prior of the roll: cameras are installed level by eye, within about a degree.
-PRIOR_ROLL_STD_RAD = np.radians(1.0)
-ROLL_GRID_RAD = np.radians(np.linspace(-4, 4, 81))
-# The roll counts as not observed if its posterior standard deviation is above this share of the prior one.
-MAX_STD_RATIO = 0.85
-# Relative standard deviation of the lane widths of one road. It is common to all pictures of a drive, which therefore
-# count as at most this number of independent ones.
-LANE_WIDTH_SCATTER, MAX_INDEPENDENT_PICTURES = 0.04, 8
-# Standard deviation of the car's distance from the middle of its lane.
-OFFSET_STD_M = 0.4
-# A line that is seen in this many picture rows has full weight.
-FULL_WEIGHT_ROWS = 40
-# Likelihood of a pair of lines that do not bound one lane, relative to the peak for those that do.
-OUTLIER_LIKELIHOOD = 0.05
-
-
-@dataclass(frozen=True)
-class HeightAndRoll:
-    """Camera height and roll with their standard deviations."""
-
-    height_m: float
-    height_std_m: float
-    roll_rad: float
-    roll_std_rad: float
-
-
-def estimate_height_and_roll(
-    lines: list[RoadLines], lane_width_m: float, prior_height_m: float, roll_rad: float
-) -> HeightAndRoll:
-    """Camera height and roll from the apparent width of the lanes.
-
-    `lines` are those of each picture, corrected for the current estimate `roll_rad`. The approximate height
-    `prior_height_m` distinguishes one lane from two lanes whose common line is worn off. The roll is 0 with the
-    standard deviation of the prior if the pictures do not determine it.
-
-    A remaining roll r moves a line from k to k + r (1 + k^2). A lane between k1 and k2 then looks 1 + r (k1 + k2) times
-    as wide. A pair of lines may bound a lane or not, so the likelihood is a mixture with a constant. It is smaller for
-    a pair around the car that the car is not in the middle of. It is evaluated on a grid of heights and rolls, because
-    it can have several maxima.
-    """
-    width, centre, _, weight = _line_pairs(lines)
-    heights_m = prior_height_m * HEIGHT_RATIOS
-    level_width = width[:, None] * (1 - 2 * ROLL_GRID_RAD * centre[:, None])
-    residual = (level_width[:, None, :] * (heights_m / lane_width_m)[:, None] - 1) / LANE_WIDTH_SCATTER
-    likelihood = _ego_likelihood(width, centre, lane_width_m)[:, None, None] * np.exp(-0.5 * residual**2)
-    log_posterior = np.einsum("p,phr->hr", weight, np.log(OUTLIER_LIKELIHOOD + likelihood))
-    log_posterior *= min(1.0, MAX_INDEPENDENT_PICTURES / len(lines))
-    height_stds = np.log(HEIGHT_RATIOS) / PRIOR_HEIGHT_LOG_STD
-    log_posterior -= 0.5 * (height_stds[:, None] ** 2 + ((roll_rad + ROLL_GRID_RAD) / PRIOR_ROLL_STD_RAD) ** 2)
-    posterior = np.exp(log_posterior - log_posterior.max())
-    any_roll = posterior.sum(axis=1)
-    roll, roll_std = mode_and_std(ROLL_GRID_RAD, posterior.sum(axis=0))
-    if roll_std > MAX_STD_RATIO * PRIOR_ROLL_STD_RAD:
-        # the height of a nearly level camera: another one may belong to lines that are a lane only with a large roll
-        tilt_rad = np.abs(roll_rad + ROLL_GRID_RAD)
-        nearly_level = tilt_rad <= max(PRIOR_ROLL_STD_RAD / 2, tilt_rad.min())
-        height_m = float(heights_m[np.argmax(posterior[:, nearly_level].sum(axis=1))])
-        return HeightAndRoll(height_m, std_about(height_m, heights_m, any_roll), 0.0, PRIOR_ROLL_STD_RAD)
-    return HeightAndRoll(*mode_and_std(heights_m, any_roll), roll_rad + roll, roll_std)
-
-
-def _ego_likelihood(width: np.ndarray, centre: np.ndarray, lane_width_m: float) -> np.ndarray:
-    """Likelihood (pairs,), at most 1, of the car's distance from the middle of pairs of lines on both sides of it.
-
-    Two lanes whose common line is worn off look like one wide lane, but the car is far from its middle.
-    """
-    offset_m = centre / width * lane_width_m
-    around = np.abs(offset_m) < lane_width_m / 2
-    return np.where(around, np.exp(-0.5 * (offset_m / OFFSET_STD_M) ** 2), 1.0)
-
-
-def share_with_lane(lines: list[RoadLines], lane_width: float) -> float:
-    """Share of the pictures with two lines that are `lane_width` camera heights apart, 0..1."""
-    width, _, picture, _ = _line_pairs(lines)
-    is_lane = np.abs(width / lane_width - 1) < 3 * LANE_WIDTH_SCATTER
-    return len(np.unique(picture[is_lane])) / len(lines)
-
-
-def _line_pairs(lines: list[RoadLines]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """All pairs of lines of one picture: distance and centre in k, index of the picture, weight 0..1."""
-    pairs = []
-    for number, picture in enumerate(lines):
-        left, right = np.triu_indices(len(picture.lateral), 1)
-        k, weight = picture.lateral, np.minimum(picture.rows / FULL_WEIGHT_ROWS, 1)
-        pair_weight = np.sqrt(weight[left] * weight[right])
-        pairs.append(np.stack([k[right] - k[left], (k[right] + k[left]) / 2, np.full(len(left), number), pair_weight]))
-    return tuple(np.hstack(pairs))
-
-
-# Estimate the camera pose from pictures or files of a drive: height, pitch, yaw and roll from the lane lines.
-#
-# Parallel lines on a flat road meet in a vanishing point on the horizon (`vanishing_point`). Its row gives the pitch.
-# Its
-# column gives the yaw, because the heading of a car in its lane averages to zero over a drive. The lane width in
-# metres,
-# divided by the lane width in camera heights, gives the height. Lanes of equal width that look narrower on one side
-# give
-# the roll (`lane_width`). For one picture with too few lane lines the angles come from all its edges (`edges`), and the
-# height is the usual one. Of the poses near the estimate from one picture that with the most probable lane is taken
-# (`pose_search`).
-
-# 12 ft, the lane of US Interstates (AASHTO, A Policy on Design Standards: Interstate System). Motorway lanes elsewhere
-# are 3.50 to 3.75 m wide, hence the standard deviation.
-LANE_WIDTH_M, LANE_WIDTH_STD_M = 3.66, 0.10
-# Prior of the road direction in the picture: cameras are aimed ahead by eye, and cars drive along their lane.
-PRIOR_DIRECTION_STD_RAD = np.radians(10.0)
-# Standard deviation, in one picture, of the pitch motion of the car and of its heading in the lane.
-PITCH_MOTION_STD_RAD, HEADING_STD_RAD = np.radians(0.3), np.radians(1.0)
-# Acceptance limits, chosen on painted roads of known pose (tests/pose_from_lanes). At least: stripe rows in a
-# picture, share of pictures with parallel lines, share of those with two lines a lane apart.
-MIN_STRIPE_ROWS, MIN_LINES_SHARE, MIN_LANE_SHARE = 60, 0.25, 0.3
-# At most: scatter of the road direction between pictures, and its median angle to the optical axis.
-MAX_DIRECTION_SCATTER_DEG, MAX_DIRECTION_DEG = 10.0, 12.0
-# With fewer pictures the heading of the car does not average to zero.
-MIN_PICTURES_FOR_YAW = 5
-EDGES_NOTE = (
-    "one picture without two lane lines that show the pose: pitch and yaw are from the vanishing point of all its "
-    "edges; height and roll are assumed"
-)
-# In a smaller picture a line is thinner than a pixel a few metres ahead.
-MIN_SIDE_PX = 48
-# Pictures are resized to this width; more pixels do not show more stripes.
-WORKING_WIDTH_PX = 1280
-# Pictures taken from the files of a drive; more did not improve the estimate.
-POSE_PICTURES = 40
-# Coarse search of the horizon: at most this number of pictures, and start rows as shares of the picture height. With
-# all pictures of a small set the pose does not depend on their order.
-COARSE_PICTURES, COARSE_HORIZONS = 20, np.array([0.3, 0.45, 0.6, 0.75])
+def _describe_angle(angle_rad: float, std_rad: float, positive: str, negative: str) -> str:
+    degrees = round(float(np.degrees(angle_rad)), 2) + 0.0  # not -0.00
+    direction = f" ({positive if degrees > 0 else negative})" if degrees else ""
+    return f"{degrees:.2f} ± {np.degrees(std_rad):.2f} deg{direction}"
 
 
 def estimate_pose(
@@ -291,14 +163,14 @@ def estimate_pose(
     max_pictures: int = POSE_PICTURES,
     start_s: float = 0.0,
     end_s: float | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> PoseEstimate:
-    """Height, pitch, yaw and roll of a camera, estimated from pictures of one drive.
+    """Height, pitch, yaw and roll of a camera, estimated from images of one drive.
 
     >>> camera = lanes.estimate_pose("drive.mp4", camera).camera  # doctest: +SKIP
 
-    Only the intrinsics of `camera` are used; an existing pose is ignored. In a single picture the lane is looked for
-    with several poses; the estimate is that of the most probable lane, and `PoseEstimate.still` holds the lane.
+    Only the intrinsics of `camera` are used; an existing pose is ignored. In a single image the lane is looked for with
+    several poses; the estimate is that of the most probable lane, and `PoseEstimate.still` holds the lane.
 
     Parameters
     ----------
@@ -310,40 +182,40 @@ def estimate_pose(
     height_m : float, optional
         Measured height of the camera above the road. If given, the lane width is not used.
     max_pictures : int
-        Pictures taken from files, evenly spaced.
+        Number of images taken from files, evenly spaced.
     start_s, end_s : float
         Part of each video, seconds since its first frame.
     progress : callable, optional
-        Called with (pictures done, pictures in all).
+        Called with (images done, images in all).
 
     Raises
     ------
     PoseError
-        If too few pictures show two parallel lines, the pictures disagree, or no lane of plausible width is visible,
-        and if the edges of a single picture do not converge ahead either. If the given lane width or height is not
-        plausible.
+        If too few images show two parallel lines, the images disagree, or no lane of plausible width is visible, and if
+        the edges of a single image do not converge ahead either. If the given lane width or height is not plausible.
     FileNotFoundError, PictureError, VideoError
-        If a file cannot be read, or a picture is not of the camera's size.
+        If a file cannot be read, or an image is not of the camera's size.
     CameraError
-        If the pose estimated from a single picture sees no road.
+        If the pose estimated from a single image sees no road.
     """
-    _require_plausible(lane_width_m, height_m)
+    if not 2.0 <= lane_width_m <= 6.0:
+        raise PoseError(f"a lane {lane_width_m} m wide is not plausible; give 2 to 6 metres.")
+    if height_m is not None and not HEIGHT_RANGE_M[0] <= height_m <= HEIGHT_RANGE_M[1]:
+        raise PoseError(f"a camera {height_m} m above the road is not plausible; give 0.5 to 4.5 metres.")
     files, images = _list_images(source)
     if files:
-        images = pick_pictures(files, max_pictures, require=camera.require_size, start_s=start_s, end_s=end_s)
+        images = sample_images(files, max_pictures, require=camera.require_size, start_s=start_s, end_s=end_s)
     first = list(islice(images, 1))
-    resized, resized_camera = _resize(chain(first, images), camera)
     try:
-        estimate = _pose_from_images(resized, resized_camera, lane_width_m, height_m, progress)
+        estimate = _pose_from_images(chain(first, images), camera, lane_width_m, height_m, progress)
     except PoseError as error:
-        if not files:
-            raise
-        raise PoseError(f"{files[0]}: {error}") from error
+        raise PoseError(f"{files[0]}: {error}" if files else str(error)) from error
     camera = camera.with_pose(estimate.pose)
-    if len(resized) > 1:
+    if estimate.frames_total > 1:
         return replace(estimate, camera=camera)
-    still = detect_with_own_pose(first[0], camera, estimate.height_std_m / estimate.pose.height_m)
-    height_std_m = estimate.height_std_m * still.camera.require_pose().height_m / estimate.pose.height_m
+    height_log_std = estimate.height_std_m / estimate.pose.height_m
+    still = detect_with_own_pose(first[0], camera, height_log_std)
+    height_std_m = height_log_std * still.camera.require_pose().height_m
     return replace(estimate, camera=still.camera, height_std_m=height_std_m, still=still)
 
 
@@ -368,67 +240,26 @@ def _list_images(source: Any) -> tuple[list[Path], Iterator[np.ndarray]]:
 
 
 def _pose_from_images(
-    images: list[np.ndarray],
+    images: Iterable[np.ndarray],
     camera: Camera,
     lane_width_m: float,
     height_m: float | None,
-    progress: Callable[[int, int], None] | None,
+    progress: Progress | None,
 ) -> PoseEstimate:
+    """The pose from lane lines; that of a single image without them from all its edges."""
+    resized, camera = _resize(images, camera)
     try:
-        return _pose_from_lines(images, camera, lane_width_m, height_m, progress)
+        return _pose_from_lines(resized, camera, lane_width_m, height_m, progress)
     except PoseError as error:
-        if len(images) > 1:
+        if len(resized) > 1:
             raise
-        return _pose_from_edges(images[0], camera, height_m, error)
-
-
-def _pose_from_lines(
-    images: list[np.ndarray],
-    camera: Camera,
-    lane_width_m: float,
-    height_m: float | None,
-    progress: Callable[[int, int], None] | None,
-) -> PoseEstimate:
-    segments = _find_all_segments(images, camera, progress)
-    horizon = _vote_horizon(segments)
-    geometry = HeightAndRoll(PRIOR_HEIGHT_M, 0.0, 0.0, PRIOR_ROLL_STD_RAD)
-    for _ in range(2):
-        # Roll tilts the horizon. The second pass fits the lines again with the roll of the first pass removed.
-        lines = _fit_pictures([s.without_roll(geometry.roll_rad) for s in segments], horizon)
-        _require_lines(lines, len(images))
-        geometry = estimate_height_and_roll(lines, lane_width_m, height_m or PRIOR_HEIGHT_M, geometry.roll_rad)
-    _require_lanes(lines, lane_width_m / geometry.height_m)
-    return _combine(camera, lines, geometry, len(images), lane_width_m, height_m)
-
-
-def _pose_from_edges(image: np.ndarray, camera: Camera, height_m: float | None, no_lines: PoseError) -> PoseEstimate:
-    """The pose of one picture without parallel lane lines: angles from all its edges, height and roll assumed."""
-    direction = find_edge_direction(image, camera)
-    if direction is None:
-        raise PoseError(f"{no_lines} No other edges converge ahead, so no road is recognised.") from no_lines
-    return PoseEstimate(
-        camera=camera.with_pose(CameraPose(height_m or PRIOR_HEIGHT_M, direction.pitch_rad, direction.yaw_rad, 0.0)),
-        height_std_m=0.0 if height_m else PRIOR_HEIGHT_LOG_STD * PRIOR_HEIGHT_M,
-        pitch_std_rad=direction.pitch_std_rad,
-        yaw_std_rad=direction.yaw_std_rad,
-        roll_std_rad=PRIOR_ROLL_STD_RAD,
-        frames_used=1,
-        frames_total=1,
-        lane_width_m=None,
-        notes=(EDGES_NOTE,),
-    )
-
-
-def _require_plausible(lane_width_m: float, height_m: float | None) -> None:
-    if not 2.0 <= lane_width_m <= 6.0:
-        raise PoseError(f"a lane {lane_width_m} m wide is not plausible; give 2 to 6 metres.")
-    if height_m is not None and not HEIGHT_RANGE_M[0] <= height_m <= HEIGHT_RANGE_M[1]:
-        raise PoseError(f"a camera {height_m} m above the road is not plausible; give 0.5 to 4.5 metres.")
+        return _pose_from_edges(resized[0], camera, height_m, error)
 
 
 def _resize(images: Iterable[np.ndarray], camera: Camera) -> tuple[list[np.ndarray], Camera]:
-    """Pictures and camera at `WORKING_WIDTH_PX`; the pixel limits in `segments` are for this width."""
-    if min(camera.size) < MIN_SIDE_PX:
+    """Images and camera at `WORKING_WIDTH_PX`."""
+    # in a smaller image a line is thinner than a pixel a few metres ahead
+    if min(camera.size) < 48:
         raise PoseError(
             f"pictures of {camera.width}x{camera.height} pixels are too small to show lines; give larger pictures."
         )
@@ -436,17 +267,74 @@ def _resize(images: Iterable[np.ndarray], camera: Camera) -> tuple[list[np.ndarr
     size, interpolation = resized_camera.size, cv2.INTER_AREA if camera.width > WORKING_WIDTH_PX else cv2.INTER_LINEAR
     resized = []
     for number, image in enumerate(images, 1):
-        camera.require_size(image, f"picture {number}")
+        image = camera.require_size(image, f"picture {number}")
         resized.append(image if camera.size == size else cv2.resize(image, size, interpolation=interpolation))
     if not resized:
         raise PoseError("no picture was given; name stills or a video of the drive.")
     return resized, resized_camera
 
 
-def _find_all_segments(
-    images: list[np.ndarray], camera: Camera, progress: Callable[[int, int], None] | None
-) -> list[Segments]:
-    """Stripe segments of each picture, below the horizon of a coarse search."""
+def _pose_from_edges(image: np.ndarray, camera: Camera, height_m: float | None, no_lines: PoseError) -> PoseEstimate:
+    """The pose of one image without parallel lane lines: angles from all its edges, height and roll assumed."""
+    direction = find_edge_direction(image, camera)
+    if direction is None:
+        raise PoseError(f"{no_lines} No other edges converge ahead, so no road is recognised.") from no_lines
+    (pitch_rad, pitch_std_rad), (yaw_rad, yaw_std_rad) = direction
+    return PoseEstimate(
+        camera=camera.with_pose(CameraPose(height_m or PRIOR_HEIGHT_M, pitch_rad, yaw_rad)),
+        height_std_m=0.0 if height_m else PRIOR_HEIGHT_LOG_STD * PRIOR_HEIGHT_M,
+        pitch_std_rad=pitch_std_rad,
+        yaw_std_rad=yaw_std_rad,
+        roll_std_rad=PRIOR_ROLL_STD_RAD,
+        frames_used=1,
+        frames_total=1,
+        lane_width_m=None,
+        notes=(
+            "one picture without two lane lines that show the pose: pitch and yaw are from the vanishing point of all "
+            "its edges; height and roll are assumed",
+        ),
+    )
+
+
+def _pose_from_lines(
+    images: list[np.ndarray], camera: Camera, lane_width_m: float, height_m: float | None, progress: Progress | None
+) -> PoseEstimate:
+    """The pose of images with parallel lane lines: the vanishing points of all of them, height and roll combined."""
+    segments = _find_all_segments(images, camera, progress)
+    horizon = _vote_horizon(segments)
+    geometry = HeightAndRoll(PRIOR_HEIGHT_M, 0.0, 0.0, PRIOR_ROLL_STD_RAD)
+    for _ in range(2):
+        # Roll tilts the horizon. The second pass fits the lines again with the roll of the first pass removed.
+        lines = _fit_images([s.without_roll(geometry.roll_rad) for s in segments], horizon)
+        _require_lines(lines, len(images))
+        geometry = estimate_height_and_roll(lines, lane_width_m, height_m or PRIOR_HEIGHT_M, geometry.roll_rad)
+    _require_lanes(lines, lane_width_m / geometry.height_m)
+    pitches = -np.arctan([line.y0 for line in lines])
+    # The vanishing point is the image of the direction ahead: x0 = tan(yaw) / cos(pitch), y0 = -tan(pitch).
+    yaws = np.arctan([line.x0 for line in lines] * np.cos(pitches))
+    pitch_rad, pitch_std_rad = _median(pitches, PITCH_MOTION_STD_RAD)
+    yaw_rad, yaw_std_rad = _median(yaws, HEADING_STD_RAD)
+    height_std_m = float(np.hypot(geometry.height_std_m, geometry.height_m * LANE_WIDTH_STD_M / lane_width_m))
+    notes = []
+    if geometry.roll_std_rad >= PRIOR_ROLL_STD_RAD:
+        notes.append("no lane next to the ego lane is visible well enough to determine the roll; it is set to 0")
+    if len(lines) < 5:
+        notes.append("the yaw contains the car's heading in its lane, which averages to zero only over many pictures")
+    return PoseEstimate(
+        camera=camera.with_pose(CameraPose(height_m or geometry.height_m, pitch_rad, yaw_rad, geometry.roll_rad)),
+        height_std_m=0.0 if height_m else height_std_m,
+        pitch_std_rad=pitch_std_rad,
+        yaw_std_rad=yaw_std_rad,
+        roll_std_rad=geometry.roll_std_rad,
+        frames_used=len(lines),
+        frames_total=len(images),
+        lane_width_m=lane_width_m * (height_m / geometry.height_m if height_m else 1),
+        notes=tuple(notes),
+    )
+
+
+def _find_all_segments(images: list[np.ndarray], camera: Camera, progress: Progress | None) -> list[Segments]:
+    """Stripe segments of each image, below the horizon of a coarse search."""
     coarse_y0 = _coarse_horizon(images, camera)
     horizon_row = float(camera.matrix[1, 2] + camera.matrix[1, 1] * coarse_y0)
     segments = []
@@ -454,25 +342,25 @@ def _find_all_segments(
         segments.append(find_segments(image, camera, horizon_row))
         if progress:
             progress(done, len(images))
-    return drop_static([[of_picture] for of_picture in segments], camera)
+    return drop_static([[of_image] for of_image in segments], camera)
 
 
 def _coarse_horizon(images: list[np.ndarray], camera: Camera) -> float:
-    """The y0 with most votes in a few pictures; each start row finds a part of the stripes."""
-    few = images[:: -(-len(images) // COARSE_PICTURES)]
-    rows = camera.height * COARSE_HORIZONS
+    """The y0 with most votes in up to 20 images; each of four start rows finds a part of the stripes."""
+    few = images[:: -(-len(images) // 20)]
+    rows = [share * camera.height for share in (0.3, 0.45, 0.6, 0.75)]
     return _vote_horizon(drop_static([[find_segments(image, camera, row) for row in rows] for image in few], camera))
 
 
 def _vote_horizon(segments: list[Segments]) -> float:
-    """The y0 with most votes of all pictures; direction and curvature are free in each picture."""
+    """The y0 with most votes of all images; direction and curvature are free in each image."""
     prior = np.exp(-0.5 * (X0_BINS / PRIOR_DIRECTION_STD_RAD) ** 2)
     votes = sum((hough_votes(s) * prior).max(axis=(1, 2)) for s in segments)
     return float(Y0_BINS[np.argmax(votes)])
 
 
-def _fit_pictures(segments: list[Segments], horizon: float) -> list[RoadLines]:
-    """Parallel lines of the pictures that show at least two and determine their horizon."""
+def _fit_images(segments: list[Segments], horizon: float) -> list[RoadLines]:
+    """Parallel lines of the images that show at least two and determine their horizon."""
     found = [fit_parallel_lines(s, horizon, 3 * PITCH_MOTION_STD_RAD) for s in segments]
     return [f for f in found if f is not None and f.y0_std < PITCH_MOTION_STD_RAD and f.rows.sum() >= MIN_STRIPE_ROWS]
 
@@ -494,7 +382,9 @@ def _require_lines(lines: list[RoadLines], total: int) -> None:
 
 
 def _require_lanes(lines: list[RoadLines], lane_width: float) -> None:
-    share = share_with_lane(lines, lane_width)
+    """Raise PoseError unless enough images show two lines that are `lane_width` camera heights apart."""
+    width, _, number = _line_pairs(lines)
+    share = len(np.unique(number[np.abs(width / lane_width - 1) < 3 * LANE_WIDTH_SCATTER])) / len(lines)
     if share < MIN_LANE_SHARE:
         raise PoseError(
             f"only {share:.0%} of the {len(lines)} pictures with parallel lines show two that are a lane apart; "
@@ -502,57 +392,90 @@ def _require_lanes(lines: list[RoadLines], lane_width: float) -> None:
         )
 
 
-def _combine(
-    camera: Camera,
-    lines: list[RoadLines],
-    geometry: HeightAndRoll,
-    total: int,
-    lane_width_m: float,
-    height_m: float | None,
-) -> PoseEstimate:
-    """Combine the vanishing points of all pictures with height and roll."""
-    pitches = -np.arctan([line.y0 for line in lines])
-    # The vanishing point is the image of the direction ahead: x0 = tan(yaw) / cos(pitch), y0 = -tan(pitch).
-    yaws = np.arctan([line.x0 for line in lines] * np.cos(pitches))
-    pitch_rad, pitch_std_rad = _weighted_median(pitches, [line.y0_std for line in lines], PITCH_MOTION_STD_RAD)
-    yaw_rad, yaw_std_rad = _weighted_median(yaws, [line.x0_std for line in lines], HEADING_STD_RAD)
-    height_std_m = float(np.hypot(geometry.height_std_m, geometry.height_m * LANE_WIDTH_STD_M / lane_width_m))
-    if height_m is not None:
-        lane_width_m *= height_m / geometry.height_m
-        height_std_m = 0.0
-    return PoseEstimate(
-        camera=camera.with_pose(CameraPose(height_m or geometry.height_m, pitch_rad, yaw_rad, geometry.roll_rad)),
-        height_std_m=height_std_m,
-        pitch_std_rad=pitch_std_rad,
-        yaw_std_rad=yaw_std_rad,
-        roll_std_rad=geometry.roll_std_rad,
-        frames_used=len(lines),
-        frames_total=total,
-        lane_width_m=lane_width_m,
-        notes=_notes(lines, geometry),
-    )
-
-
-def _notes(lines: list[RoadLines], geometry: HeightAndRoll) -> tuple[str, ...]:
-    notes = []
-    if geometry.roll_std_rad >= PRIOR_ROLL_STD_RAD:
-        notes.append("no lane next to the ego lane is visible well enough to determine the roll; it is set to 0")
-    if len(lines) < MIN_PICTURES_FOR_YAW:
-        notes.append("the yaw contains the car's heading in its lane, which averages to zero only over many pictures")
-    return tuple(notes)
-
-
-def _weighted_median(values: np.ndarray, stds: list[float], motion_std: float) -> tuple[float, float]:
-    """Weighted median over the pictures, and its standard deviation; `motion_std` is the prior scatter of a picture."""
-    weight = 1 / (np.square(stds) + motion_std**2)
-    order = np.argsort(values)
-    quantile = (np.cumsum(weight[order]) - 0.5 * weight[order]) / weight.sum()
+def _median(values: np.ndarray, motion_std: float) -> tuple[float, float]:
+    """Median over the images, and its standard deviation; `motion_std` is the prior scatter of an image."""
     # The scatter of few values is uncertain, so the prior counts like two more values.
     variance = (len(values) * _robust_std(values) ** 2 + 2 * motion_std**2) / (len(values) + 2)
     # The median of n normal values has the variance pi / 2n.
-    return float(np.interp(0.5, quantile, values[order])), float(np.sqrt(np.pi / 2 * variance / len(values)))
+    return float(np.median(values)), float(np.sqrt(np.pi / 2 * variance / len(values)))
 
 
 def _robust_std(values: np.ndarray) -> float:
     """Standard deviation from the median absolute deviation, which is robust against outliers."""
     return float(1.4826 * np.median(np.abs(values - np.median(values))))
+
+
+# Camera height and roll from the apparent width of the lanes.
+#
+# The lateral position k of a line is in camera heights. Two lines that bound a lane therefore differ by lane width /
+# camera height in k. Lanes of one road have about the same width. Where the lanes on one side look wider than those on
+# the other, the camera is rolled.
+
+# Grids of the heights, as multiples of the prior height, and of the rolls.
+HEIGHT_RATIOS, ROLL_GRID_RAD = np.geomspace(0.4, 2.5, 240), np.radians(np.linspace(-4, 4, 81))
+# Relative standard deviation of the lane widths of one road. It is common to all images of a drive, which therefore
+# count as at most eight independent ones.
+LANE_WIDTH_SCATTER, MAX_INDEPENDENT_IMAGES = 0.04, 8
+# Standard deviation of the car's distance from the middle of its lane.
+OFFSET_STD_M = 0.4
+# Likelihood of a pair of lines that do not bound one lane, relative to the peak for those that do.
+OUTLIER_LIKELIHOOD = 0.05
+
+
+@dataclass(frozen=True)
+class HeightAndRoll:
+    """Camera height and roll with their standard deviations."""
+
+    height_m: float
+    height_std_m: float
+    roll_rad: float
+    roll_std_rad: float
+
+
+def estimate_height_and_roll(
+    lines: list[RoadLines], lane_width_m: float, prior_height_m: float, roll_rad: float
+) -> HeightAndRoll:
+    """Camera height and roll from the apparent width of the lanes.
+
+    `lines` are those of each image, corrected for the current estimate `roll_rad`. The approximate height
+    `prior_height_m` distinguishes one lane from two lanes whose common line is worn off. The roll is 0 with the
+    standard deviation of the prior if the images do not determine it.
+
+    A remaining roll r moves a line from k to k + r (1 + k^2). A lane between k1 and k2 then looks 1 + r (k1 + k2) times
+    as wide. A pair of lines may bound a lane or not, so the likelihood is a mixture with a constant. It is evaluated on
+    a grid of heights and rolls, because it can have several maxima.
+    """
+    width, centre, _ = _line_pairs(lines)
+    # Two lanes whose common line is worn off look like one wide lane, but the car is far from its middle.
+    offset_m = centre / width * lane_width_m
+    around = np.abs(offset_m) < lane_width_m / 2
+    ego_likelihood = np.where(around, np.exp(-0.5 * (offset_m / OFFSET_STD_M) ** 2), 1.0)
+    heights_m = prior_height_m * HEIGHT_RATIOS
+    level_width = width[:, None] * (1 - 2 * ROLL_GRID_RAD * centre[:, None])
+    residual = (level_width[:, None, :] * (heights_m / lane_width_m)[:, None] - 1) / LANE_WIDTH_SCATTER
+    likelihood = ego_likelihood[:, None, None] * np.exp(-0.5 * residual**2)
+    log_posterior = np.log(OUTLIER_LIKELIHOOD + likelihood).sum(axis=0)
+    log_posterior *= min(1.0, MAX_INDEPENDENT_IMAGES / len(lines))
+    height_stds = np.log(HEIGHT_RATIOS) / PRIOR_HEIGHT_LOG_STD
+    log_posterior -= 0.5 * (height_stds[:, None] ** 2 + ((roll_rad + ROLL_GRID_RAD) / PRIOR_ROLL_STD_RAD) ** 2)
+    posterior = np.exp(log_posterior - log_posterior.max())
+    any_roll = posterior.sum(axis=1)
+    roll, roll_std = mode_and_std(ROLL_GRID_RAD, posterior.sum(axis=0))
+    # The roll is not observed if its posterior is hardly narrower than its prior.
+    if roll_std > 0.85 * PRIOR_ROLL_STD_RAD:
+        # the height of a nearly level camera: another one may belong to lines that are a lane only with a large roll
+        tilt_rad = np.abs(roll_rad + ROLL_GRID_RAD)
+        nearly_level = tilt_rad <= max(PRIOR_ROLL_STD_RAD / 2, tilt_rad.min())
+        height_m = float(heights_m[np.argmax(posterior[:, nearly_level].sum(axis=1))])
+        return HeightAndRoll(height_m, std_about(height_m, heights_m, any_roll), 0.0, PRIOR_ROLL_STD_RAD)
+    return HeightAndRoll(*mode_and_std(heights_m, any_roll), roll_rad + roll, roll_std)
+
+
+def _line_pairs(lines: list[RoadLines]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """All pairs of lines of one image: distance and centre in k, index of the image."""
+    pairs = []
+    for number, image in enumerate(lines):
+        left, right = (image.lateral[indices] for indices in np.triu_indices(len(image.lateral), 1))
+        pairs.append(np.stack([right - left, (right + left) / 2, np.full(len(left), number)]))
+    width, centre, numbers = np.hstack(pairs)
+    return width, centre, numbers

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from glob import glob
 from itertools import groupby
@@ -15,10 +15,12 @@ import numpy as np
 from lanes.errors import VideoError
 from lanes.files import list_files, require_no_input_among
 from lanes.images import PICTURE_SUFFIXES, natural_key, read_image
-from lanes.video.reader import TimedFrame, inspect_video, read_timed_frames
+from lanes.video.reader import STAMP_TOLERANCE_S, TimedFrame, VideoInfo, inspect_video, read_timed_frames
 
 # Video suffixes looked for in a folder. A file that is named directly may have any suffix.
 VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm", ".ts", ".mts", ".mpg", ".mpeg")
+# Reading this much of a video takes about as long as reopening it at another time.
+SEEK_S = 2.0
 
 
 @dataclass(frozen=True)
@@ -32,30 +34,21 @@ class Sources:
 def find_sources(names: Iterable[str]) -> Sources:
     """The videos and stills that `names` stand for.
 
-    Names are files, folders (videos and pictures in the folder itself, not in its subfolders), or patterns such as
+    Names are files, folders (the videos and stills in the folder itself, not in its subfolders), or patterns such as
     ``drives/*.mp4``.
 
     Raises
     ------
     FileNotFoundError
-        If a file or folder does not exist, a pattern matches nothing, or a folder holds no video and no picture.
+        If a file or folder does not exist, a pattern matches nothing, or a folder holds no video and no still.
     """
-    videos: list[Path] = []
-    stills: list[Path] = []
-    for name in names:
-        for path in _files(name):
-            (stills if path.suffix.lower() in PICTURE_SUFFIXES else videos).append(path)
-    return Sources(tuple(dict.fromkeys(videos)), tuple(dict.fromkeys(stills)))
+    files = dict.fromkeys(path for name in names for path in _files(name))
+    stills = tuple(path for path in files if path.suffix.lower() in PICTURE_SUFFIXES)
+    return Sources(tuple(path for path in files if path.suffix.lower() not in PICTURE_SUFFIXES), stills)
 
 
 def require_distinct_outputs(inputs: Iterable[Path], outputs: Iterable[Path]) -> None:
-    """Check that each input has an output file of its own, and that no output is one of the inputs.
-
-    Raises
-    ------
-    ValueError
-        If an output would overwrite an input or another output.
-    """
+    """Raise ValueError if an output would overwrite one of the inputs, or the output of another input."""
     inputs, outputs = list(inputs), list(outputs)
     require_no_input_among(outputs, inputs)
     source_of: dict[Path, Path] = {}
@@ -86,37 +79,33 @@ def _files(name: str) -> list[Path]:
     return sorted(found, key=lambda p: (str(p.parent), natural_key(p)))
 
 
-# Sample pictures of a drive, from stills and videos.
-
-# Reading this much of a video takes about as long as reopening it at another time.
-SEEK_S = 2.0
-
-
-def pick_pictures(
-    files: list[Path],
-    max_pictures: int,
+def sample_images(
+    files: Iterable[Path],
+    max_images: int,
     *,
     require: Callable[[np.ndarray, Path], object] | None = None,
     start_s: float = 0.0,
     end_s: float | None = None,
+    infos: Mapping[Path, VideoInfo] | None = None,
 ) -> Iterator[np.ndarray]:
-    """Yield up to `max_pictures` RGB pictures (height, width, 3), uint8, evenly spaced over stills and videos.
+    """Yield up to `max_images` RGB images (height, width, 3), uint8, evenly spaced over stills and videos.
 
-    `require(image, file)` raises if a picture cannot be used, as `Camera.require_size` does. `start_s` and `end_s` are
-    the part of each video to sample, seconds since the first frame.
+    `require(image, file)` raises if an image cannot be used, as `Camera.require_size` does. `start_s` and `end_s` are
+    the part of each video to sample, seconds since the first frame. Videos in `infos` are not inspected again.
 
     Raises
     ------
     FileNotFoundError, PictureError, VideoError
-        If a file cannot be read, `require` refuses a picture, or a video ends before `start_s`.
+        If a file cannot be read, `require` refuses an image, or a video ends before `start_s`.
     """
     candidates: list[tuple[Path, float | None]] = []
     for file in files:
         if file.suffix.lower() in PICTURE_SUFFIXES:
             candidates.append((file, None))
         else:
-            candidates += [(file, time_s) for time_s in _times_s(file, max_pictures, start_s, end_s)]
-    count = min(max_pictures, len(candidates))
+            info = (infos or {}).get(file) or inspect_video(file)
+            candidates += [(file, time_s) for time_s in _times_s(file, info, max_images, start_s, end_s)]
+    count = min(max_images, len(candidates))
     chosen = np.unique(np.linspace(0, len(candidates) - 1, count).round().astype(int))
     for file, group in groupby((candidates[index] for index in chosen), key=itemgetter(0)):
         times_s = [time_s for _, time_s in group]
@@ -126,9 +115,8 @@ def pick_pictures(
             yield image
 
 
-def _times_s(video: Path, max_times: int, start_s: float, end_s: float | None) -> np.ndarray:
+def _times_s(video: Path, info: VideoInfo, max_times: int, start_s: float, end_s: float | None) -> np.ndarray:
     """Up to `max_times` times, evenly spaced over a part of a video, at most one per frame."""
-    info = inspect_video(video)
     length_s = min(info.duration_s, math.inf if end_s is None else end_s) - start_s
     if length_s <= 0:
         raise VideoError(f"{video}: lasts {info.duration_s:g} s; begin before that, not at {start_s:g} s.")
@@ -143,7 +131,7 @@ def _frames_at(video: Path, times_s: list[float]) -> Iterator[np.ndarray]:
     for time_s in times_s:
         if time_s > now_s + SEEK_S:
             frames = read_timed_frames(video, start_s=time_s)
-        frame = next((f for f in frames if f.time_s >= time_s - 1e-3), None)
+        frame = next((f for f in frames if f.time_s >= time_s - STAMP_TOLERANCE_S), None)
         if frame is None:
             return
         now_s = frame.time_s

@@ -1,7 +1,23 @@
-"""Short straight segments of painted stripes in a raw picture, before the camera pose is known.
+"""Vanishing point of a road in raw images, before the camera pose is known.
 
-The width of a stripe along a picture row grows linearly with the distance of that row from the horizon, whatever the
-direction of the stripe, because one row of a level camera shows one distance. A rough horizon row is therefore enough.
+First short straight segments of painted stripes are found. The width of a stripe along an image row grows linearly with
+the distance of that row from the horizon, whatever the direction of the stripe, because one row of a level camera shows
+one distance. A rough horizon row is therefore enough.
+
+Then parallel lines, straight or curved, are fitted to the segments. Measure y downward from the horizon, in ray
+coordinates, and all lengths in camera heights. On a flat road the image row y then shows the distance X = 1 / y. A lane
+line with lateral position q (positive right), heading a and curvature b runs along Q = q + a X + b X^2 / 2. It appears
+at x = Q / X, that is
+
+    x = x0 + k (y - y0) + c / (y - y0)
+
+with k = q, x0 = a (plus the yaw of the camera) and c = b / 2. Parallel lines share x0, y0 and c; only k differs between
+lines. A curve therefore does not bias the horizon y0: its curvature goes into c. Among parallel arcs the inner one has
+the larger curvature b / (1 - b q). The fit approximates this by c (1 + 2 c k); without it, a curve of 60 m radius
+causes an error of 0.2 degrees.
+
+A street with too few lane lines has other edges: kerbs, parked cars, barriers and rows of houses run along the road,
+too, and converge in the same point.
 """
 
 from __future__ import annotations
@@ -20,29 +36,17 @@ from lanes.track.static_pattern import StaticPattern
 STRIPE_TO_HEIGHT = 0.09
 # A pixel whose response is this many times the noise of its row belongs to a stripe candidate.
 MIN_SIGNAL_TO_NOISE = 4.0
-# Weights in the centroid of a stripe are limited to this signal-to-noise ratio, so that one glaring pixel does not
-# dominate it.
-MAX_CENTROID_WEIGHT = 20.0
-# Rows with less than this share of the mean response of their segment are dropped: the blurred ends of a dash add rows
-# that run straight up and down and would make flat dashes look steeper.
-MIN_ROW_RESPONSE = 0.75
 # Stripes are cut into segments at distances with this ratio, so that a curve is nearly straight within a segment.
 DISTANCE_RATIO = 1.25
-# Largest |slope| in columns per row: a line 10 m to the side of a camera at 1.25 m. Flatter ones are not lane lines.
-MAX_SLOPE = 8.0
-# A segment needs this many rows and at most this residual, in pixels.
-MIN_SEGMENT_ROWS, MAX_RESIDUAL_PX = 6, 4
 # Standard deviation of a stripe centre in pixels. Added because few rows can lie on a line by chance.
 CENTRE_STD_PX = 0.4
 # Grid of the static pattern, in pixels: segments are compared where they cross every eighth row.
 STATIC_ROW_PX, STATIC_COLUMN_PX = 8, 2
-# The first row that is used lies this far below the rough horizon.
-HORIZON_MARGIN_PX = 8
 
 
 @dataclass(frozen=True)
 class Segments:
-    """Stripe segments of one picture in ray coordinates (x right, y down, at z = 1); all arrays have shape (N,).
+    """Stripe segments of one image in ray coordinates (x right, y down, at z = 1); all arrays have shape (N,).
 
     The standard deviations are from the scatter of the rows about the segment.
     """
@@ -52,10 +56,7 @@ class Segments:
     slope: np.ndarray  # dx/dy
     x_std: np.ndarray  # of x at y
     slope_std: np.ndarray
-    rows: np.ndarray  # number of picture rows that support the segment
-
-    def __len__(self) -> int:
-        return len(self.x)
+    rows: np.ndarray  # number of image rows that support the segment
 
     def select(self, chosen: np.ndarray) -> Segments:
         """The segments of a boolean mask or index array."""
@@ -73,37 +74,44 @@ class Segments:
 
 
 def find_segments(image: np.ndarray, camera: Camera, horizon_row: float) -> Segments:
-    """Segments of painted stripes below a rough horizon in a raw RGB picture (height, width, 3), uint8; can be empty.
+    """Segments of painted stripes below a rough horizon in a raw RGB image (height, width, 3), uint8; can be empty.
 
     Only the intrinsics of `camera` are used. `horizon_row` is the approximate row of the horizon at the centre of the
-    picture. An error changes the expected stripe width far away, so that far segments are missed; near ones are still
+    image. An error changes the expected stripe width far away, so that far segments are missed; near ones are still
     found.
     """
-    top = int(np.clip(horizon_row + HORIZON_MARGIN_PX, 0, image.shape[0] - HORIZON_MARGIN_PX))
+    # eight rows below the horizon, where a stripe is a pixel wide
+    top = int(np.clip(horizon_row + 8, 0, image.shape[0] - 8))
     below_horizon_px = np.maximum(np.arange(top, image.shape[0]) - horizon_row, 1)
-    response = _stripe_response(image[top:], below_horizon_px)
-    rows, columns, segment = _stripe_centres(response, below_horizon_px)
+    half_widths = np.maximum(np.round(STRIPE_TO_HEIGHT / 2 * below_horizon_px), 1).astype(int)
+    response = _stripe_response(image[top:], half_widths)
+    rows, columns, segment = _stripe_centres(response, below_horizon_px, half_widths)
     if not len(rows):
         return Segments(*np.empty((6, 0)))
     rays = camera.rays(np.column_stack([columns, rows + top]))
     return _fit_segments(rays[:, 0], rays[:, 1], segment, 1 / camera.matrix[0, 0])
 
 
-def _stripe_response(image: np.ndarray, below_horizon_px: np.ndarray) -> np.ndarray:
-    """Signal-to-noise ratio of a stripe brighter or yellower than both sides; (rows, columns) float32."""
-    half_widths = _half_widths_px(below_horizon_px)
+def _stripe_response(image: np.ndarray, half_widths: np.ndarray) -> np.ndarray:
+    """Signal-to-noise ratio (rows, columns) float32 of a stripe brighter or yellower than both sides.
+
+    The band filter is the mean over 2 half + 1 columns minus the greater of the means on both sides, so that an edge
+    has no response.
+    """
     lab = cv2.cvtColor(image, cv2.COLOR_RGB2Lab)
     best = np.zeros(image.shape[:2], np.float32)
     for channel in (lab[..., 0], lab[..., 2]):
-        response = _band_filter(channel, half_widths)
-        # Digital pictures have at least one gray level of noise. The median is not affected by the few stripes.
+        response = np.zeros_like(best)
+        for half in np.unique(half_widths):
+            mean = cv2.boxFilter(channel[half_widths == half], cv2.CV_32F, (2 * int(half) + 1, 1))
+            side = _side_distance_px(half)
+            if 2 * side < channel.shape[1]:
+                sides = np.maximum(mean[:, : -2 * side], mean[:, 2 * side :])
+                response[half_widths == half, side:-side] = mean[:, side:-side] - sides
+        # Digital images have at least one grey level of noise. The median is not affected by the few stripes.
         noise = 1.0 + 1.48 * np.median(np.abs(response[:, ::4]), axis=1, keepdims=True)
         best = np.maximum(best, response / noise)
     return best
-
-
-def _half_widths_px(below_horizon_px: np.ndarray) -> np.ndarray:
-    return np.maximum(np.round(STRIPE_TO_HEIGHT / 2 * below_horizon_px), 1).astype(int)
 
 
 def _side_distance_px(half_width_px: np.ndarray) -> np.ndarray:
@@ -111,36 +119,26 @@ def _side_distance_px(half_width_px: np.ndarray) -> np.ndarray:
     return 3 * half_width_px + 1
 
 
-def _band_filter(channel: np.ndarray, half_widths: np.ndarray) -> np.ndarray:
-    """Mean over 2 half + 1 columns minus the greater of the means on both sides, so that an edge has no response."""
-    response = np.zeros(channel.shape, np.float32)
-    for half in np.unique(half_widths):
-        mean = cv2.boxFilter(channel[half_widths == half], cv2.CV_32F, (2 * int(half) + 1, 1))
-        side = _side_distance_px(half)
-        if 2 * side < channel.shape[1]:
-            sides = np.maximum(mean[:, : -2 * side], mean[:, 2 * side :])
-            response[half_widths == half, side:-side] = mean[:, side:-side] - sides
-    return response
-
-
-def _stripe_centres(response: np.ndarray, below_horizon_px: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _stripe_centres(
+    response: np.ndarray, below_horizon_px: np.ndarray, half_widths: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Stripe centres in each row: rows (N,), sub-pixel columns (N,), and the index of their segment (N,)."""
     mask = response > MIN_SIGNAL_TO_NOISE
     _, blobs = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8, ltype=cv2.CV_32S)
     v, u = np.nonzero(mask)
-    # One centre for each row of each connected component.
+    # one centre for each row of each connected component
     keys, centre = np.unique(blobs[v, u].astype(np.int64) * len(response) + v, return_inverse=True)
-    weight = np.minimum(response[v, u], MAX_CENTROID_WEIGHT)
-    columns = np.bincount(centre, weight * u) / np.bincount(centre, weight)
-    # A stripe that is cut off where the filter ends would have a shifted centre.
-    border = _side_distance_px(_half_widths_px(below_horizon_px))[v]
+    columns = np.bincount(centre, response[v, u] * u) / np.bincount(centre, response[v, u])
+    # a stripe that is cut off where the filter ends would have a shifted centre
+    border = _side_distance_px(half_widths)[v]
     complete = np.bincount(centre, (u <= border) | (u >= response.shape[1] - 1 - border)) == 0
     rows, blob = keys % len(response), keys // len(response)
     distance_band = np.floor(np.log(below_horizon_px[rows]) / np.log(DISTANCE_RATIO)).astype(int)
     segment = np.unique(blob * 64 + distance_band, return_inverse=True)[1]
+    # the blurred ends of a dash run straight up and down and would make flat dashes look steeper
     row_response = np.bincount(centre, response[v, u]) / np.bincount(centre)
     mean_response = np.bincount(segment, row_response) / np.bincount(segment)
-    valid = complete & (row_response > MIN_ROW_RESPONSE * mean_response[segment])
+    valid = complete & (row_response > 0.75 * mean_response[segment])
     return rows[valid], columns[valid], np.unique(segment[valid], return_inverse=True)[1]
 
 
@@ -157,19 +155,20 @@ def _fit_segments(x: np.ndarray, y: np.ndarray, segment: np.ndarray, pixel: floa
     x_std = np.hypot(std / np.sqrt(rows), 0.25 * slope * pixel)
     slope_std = np.hypot(std / np.sqrt(spread), 0.35 * slope / rows)
     found = Segments(mean_x, mean_y, slope, x_std, slope_std, rows)
-    return found.select((rows >= MIN_SEGMENT_ROWS) & (std < MAX_RESIDUAL_PX * pixel) & (np.abs(slope) < MAX_SLOPE))
+    # Steepest lines, in columns per row: 10 m to the side of a camera at 1.25 m.
+    return found.select((rows >= 6) & (std < 4 * pixel) & (np.abs(slope) < 8.0))
 
 
-def drop_static(pictures: Sequence[Sequence[Segments]], camera: Camera) -> list[Segments]:
-    """The segments of pictures of one drive, in order, without those at the same place of most pictures.
+def drop_static(images: Sequence[Sequence[Segments]], camera: Camera) -> list[Segments]:
+    """The segments of images of one drive, in order, without those at the same place of most images.
 
-    Guide lines that a camera draws, and stripes on a bonnet, would give their own vanishing point. Each picture may
-    have several sets of segments; the result has all of them.
+    Guide lines that a camera draws, and stripes on a bonnet, would give their own vanishing point. Each image may have
+    several sets of segments; the result has all of them.
     """
     pattern = StaticPattern(camera.height // STATIC_ROW_PX + 1, camera.width // STATIC_COLUMN_PX + 1)
-    for sets in pictures:
+    for sets in images:
         pattern.add(*np.hstack([_places(segments, camera) for segments in sets]))
-    every = [segments for sets in pictures for segments in sets]
+    every = [segments for sets in images for segments in sets]
     return [segments.select(~pattern.is_static(*_places(segments, camera))) for segments in every]
 
 
@@ -182,23 +181,8 @@ def _places(segments: Segments, camera: Camera) -> np.ndarray:
     return np.stack([row, column]).astype(int)
 
 
-# Vanishing point of the lane lines of one picture, from straight and from curved lines.
-#
-# Measure y downward from the horizon, in ray coordinates, and all lengths in camera heights. On a flat road the picture
-# row y then shows the distance X = 1 / y. A lane line with lateral position q (positive right), heading a and
-# curvature b
-# runs along Q = q + a X + b X^2 / 2. It appears at x = Q / X, that is
-#
-#     x = x0 + k (y - y0) + c / (y - y0)
-#
-# with k = q, x0 = a (plus the yaw of the camera) and c = b / 2. Parallel lines share x0, y0 and c; only k differs
-# between
-# lines. A curve therefore does not bias the horizon y0: its curvature goes into c. Among parallel arcs the inner one
-# has
-# the larger curvature b / (1 - b q). The fit approximates this by c (1 + 2 c k); without it, a curve of 60 m radius
-# causes an error of 0.2 degrees.
-#
-# The derivative of the equation eliminates k. Each segment (x, y, slope) then votes for
+# Parallel lines of one image. The derivative of the equation of the module docstring eliminates k. Each segment
+# (x, y, slope) then votes for
 #
 #     x0 = x - slope (y - y0) - 2 c / (y - y0)
 
@@ -218,17 +202,11 @@ SAME_LINE_DISTANCE = 0.18
 NEAR_STD, FAR_STD = 5e-4, 5e-6
 # Prior standard deviation of c; a radius of about 60 m is one standard deviation.
 HALF_CURVATURE_STD = 0.01
-# Segments with a larger residual, in standard deviations, are outliers.
-GATE_STDS = 3.0
-# A long segment votes with no more rows than this, because its rows are not independent.
-MAX_VOTING_ROWS = 12
-# Share of a vote that also goes to both neighbouring bins of x0.
-NEIGHBOUR_VOTE = 0.7
 
 
 @dataclass(frozen=True)
 class RoadLines:
-    """Parallel lines of one picture, in the symbols of the module docstring; standard deviations include the prior."""
+    """Parallel lines of one image, in the symbols of the module docstring; standard deviations include the prior."""
 
     x0: float
     y0: float
@@ -236,11 +214,11 @@ class RoadLines:
     x0_std: float
     y0_std: float
     lateral: np.ndarray  # k of each line (M,), from left to right
-    rows: np.ndarray  # number of picture rows that support each line (M,)
+    rows: np.ndarray  # number of image rows that support each line (M,)
 
 
 def hough_votes(segments: Segments, y0_bins: np.ndarray = Y0_BINS) -> np.ndarray:
-    """Hough accumulator of one picture over y0, c and x0: the number of stripe rows that agree with each bin.
+    """Hough accumulator of one image over y0, c and x0: the number of stripe rows that agree with each bin.
 
     Its shape is (len(y0_bins), len(HALF_CURVATURE_BINS), len(X0_BINS)).
     """
@@ -254,18 +232,19 @@ def hough_votes(segments: Segments, y0_bins: np.ndarray = Y0_BINS) -> np.ndarray
     valid = below & (np.abs(k) < MAX_LATERAL) & (x0_bin >= 0) & (x0_bin < len(X0_BINS))
     std = np.hypot(_model_std(segments, t), t * segments.slope_std)
     # An uncertain segment would spread over many bins; it votes for one, with a proportionally smaller weight.
-    weight = np.broadcast_to(np.minimum(segments.rows, MAX_VOTING_ROWS) * step / np.maximum(std, step), x0_bin.shape)
+    weight = np.broadcast_to(segments.rows * step / np.maximum(std, step), x0_bin.shape)
     shape = (len(y0_bins), len(HALF_CURVATURE_BINS), len(X0_BINS))
     flat_bin = x0_bin + len(X0_BINS) * np.arange(shape[0] * shape[1]).reshape(shape[0], -1, 1)
     votes = np.bincount(flat_bin[valid], weight[valid], np.prod(shape)).reshape(shape)
+    # a part of each vote goes to the bins of x0 beside it, because segments scatter by about a bin
     neighbours = np.zeros(shape)
     neighbours[..., 1:] += votes[..., :-1]
     neighbours[..., :-1] += votes[..., 1:]
-    return votes + NEIGHBOUR_VOTE * neighbours
+    return votes + 0.7 * neighbours
 
 
 def fit_parallel_lines(segments: Segments, y0: float, y0_std: float) -> RoadLines | None:
-    """Fit one set of parallel lines to the segments of one picture; None if fewer than two lines agree.
+    """One set of parallel lines fitted to the segments of one image; None if fewer than two lines agree.
 
     The start comes from Hough votes; then outlier rejection and robust least squares alternate. `y0` and `y0_std` are
     the prior mean and standard deviation of the horizon.
@@ -277,7 +256,7 @@ def fit_parallel_lines(segments: Segments, y0: float, y0_std: float) -> RoadLine
         return None
     best = np.unravel_index(votes.argmax(), votes.shape)
     start = np.array([X0_BINS[best[2]], y0_bins[best[0]], HALF_CURVATURE_BINS[best[1]]])
-    # The start is only as accurate as the bins; later iterations do not need this tolerance.
+    # the start is only as accurate as the bins
     x0_tolerance = X0_BINS[1] - X0_BINS[0]
     for _ in range(5):
         inliers, line = _assign_to_lines(s, start, x0_tolerance)
@@ -305,7 +284,7 @@ def _assign_to_lines(s: Segments, start: np.ndarray, x0_tolerance: float) -> tup
     k = (s.x - x0 - line_c / t) / t
     residual = s.slope + line_c / t**2 - k
     std = np.hypot(_model_std(s, t) / t, s.slope_std) + x0_tolerance / t
-    inliers = np.flatnonzero(below & (np.abs(residual) < GATE_STDS * std) & (np.abs(k) < MAX_LATERAL))
+    inliers = np.flatnonzero(below & (np.abs(residual) < 3 * std) & (np.abs(k) < MAX_LATERAL))
     inliers = inliers[np.argsort(k[inliers])]
     return inliers, np.cumsum(np.diff(k[inliers], prepend=-np.inf) > SAME_LINE_DISTANCE) - 1
 
@@ -318,13 +297,13 @@ def _solve(
     x_std = _model_std(s, s.y - start[1])
     std = np.concatenate([x_std, np.hypot(s.slope_std, x_std)])
     parameters = np.concatenate([start, np.zeros(one_hot.shape[1])])
-    # Prior of the horizon and of c; the small value keeps the normal matrix invertible.
+    # prior of the horizon and of c; the small value keeps the normal matrix invertible
     prior, information = np.zeros_like(parameters), np.full_like(parameters, 1e-6)
     prior[1], information[1:3] = horizon[0], (horizon[1] ** -2, HALF_CURVATURE_STD**-2)
     for _ in range(4):
         residual, jacobian = _residuals(s, parameters, line, one_hot)
         residual, jacobian = residual / std, jacobian / std[:, None]
-        # Cauchy weights: a segment at two standard deviations has half the weight.
+        # Cauchy weights: a segment at two standard deviations has half the weight
         weight = 1 / (1 + (residual / 2) ** 2)
         normal = jacobian.T @ (jacobian * weight[:, None]) + np.diag(information)
         gradient = jacobian.T @ (residual * weight) + information * (prior - parameters)
@@ -338,7 +317,7 @@ def _residuals(
     """Residuals (2N,) of the positions and slopes of N segments, and the Jacobian (2N, parameters) of the model."""
     x0, y0, c, k = parameters[0], parameters[1], parameters[2], parameters[3:][line]
     t = np.maximum(s.y - y0, MIN_BELOW_HORIZON / 2)
-    # Curvature of each line, and its derivatives with respect to c and k.
+    # curvature of each line, and its derivatives with respect to c and k
     line_c, by_c, by_k = c * (1 + 2 * c * k), 1 + 4 * c * k, 2 * c**2
     residual = np.concatenate([s.x - x0 - k * t - line_c / t, s.slope - k + line_c / t**2])
     of_x = np.column_stack([np.ones_like(t), line_c / t**2 - k, by_c / t, one_hot * (t + by_k / t)[:, None]])
@@ -348,68 +327,54 @@ def _residuals(
     return residual, np.vstack([of_x, of_slope])
 
 
-# Vanishing point of all straight edges of one picture, for pictures with too few lane lines.
-#
-# Kerbs, parked cars, barriers and rows of houses run along the road, too. Their edges converge with those of the
-# markings
-# in the vanishing point of the road. Each edge votes for the camera angles at which it points at that point.
+# All edges of one image. Each votes for the camera angles at which it points at the vanishing point.
 
 # Prior of pitch and yaw: cameras are aimed ahead by hand. The yaw contains the heading of the car.
 PRIOR_PITCH_STD_RAD, PRIOR_YAW_STD_RAD = np.radians(6.0), np.radians(10.0)
-# Angles that are tried.
+# Angles that are tried. The prior alone has a standard deviation of 4.8 degrees on this grid of pitches.
 PITCH_GRID_RAD, YAW_GRID_RAD = np.radians(np.arange(-10, 10.01, 0.25)), np.radians(np.arange(-15, 15.01, 0.5))
-# Shorter edges have no reliable direction. Flatter or steeper ones belong to cross beams and poles.
-MIN_EDGE_PX, EDGE_SLOPE_RANGE_RAD = 20, np.radians([8.0, 75.0])
 # Standard deviations of an edge's direction, because roads are not quite straight, and of the position of its ends, in
 # ray coordinates: 1.5 px at a focal length of 1000 px.
 DIRECTION_STD_RAD, END_STD = np.radians(1.0), 0.0015
-# Weight of an edge: its length, in this unit and up to a largest weight, in ray coordinates.
-WEIGHT_LENGTH, MAX_WEIGHT = 0.05, 4.0
-# Votes that make a direction e times as probable: chosen so that errors and standard deviations agree on real drives.
-VOTES_PER_E = 2.0
+# An edge has a vote for each of these lengths, in ray coordinates, up to four.
+VOTE_LENGTH = 0.05
 # A road is recognised if the votes for its direction, times the prior, are at least this share of all votes, and this
-# many times the square root of all votes. Roads have 0.15 to 0.7 and 1.3 to 7, other pictures both in few cases.
+# many times the square root of all votes. Roads have 0.15 to 0.7 and 1.3 to 7, other images both in few cases.
 MIN_SHARE, MIN_ROOT = 0.15, 1.3
-# The prior alone has a standard deviation of 4.8 degrees on the grid.
-MAX_PITCH_STD_RAD = np.radians(4.5)
 
 
-@dataclass(frozen=True)
-class EdgeDirection:
-    """Camera pitch and yaw from the edges of one picture, with standard deviations."""
+def find_edge_direction(image: np.ndarray, camera: Camera) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """Pitch and yaw of a camera, each with its standard deviation, radians, from all edges of one RGB image.
 
-    pitch_rad: float
-    pitch_std_rad: float
-    yaw_rad: float
-    yaw_std_rad: float
-
-
-def find_edge_direction(image: np.ndarray, camera: Camera) -> EdgeDirection | None:
-    """Pitch and yaw of a camera from one RGB picture (height, width, 3), uint8; None if its edges do not converge."""
+    `image` is (height, width, 3), uint8. None if its edges do not converge.
+    """
     middle, along = _find_edges(image, camera)
-    weight = np.minimum(np.hypot(*along.T) / WEIGHT_LENGTH, MAX_WEIGHT)
+    weight = np.minimum(np.hypot(*along.T) / VOTE_LENGTH, 4.0)
     votes = _vote(middle, along, weight)
     pitch_penalty = 0.5 * (PITCH_GRID_RAD / PRIOR_PITCH_STD_RAD)[:, None] ** 2
     log_prior = -pitch_penalty - 0.5 * (YAW_GRID_RAD / PRIOR_YAW_STD_RAD) ** 2
-    log_posterior = votes / VOTES_PER_E + log_prior
+    # two votes for each factor e: chosen so that errors and standard deviations agree on real drives
+    log_posterior = votes / 2.0 + log_prior
     best = np.unravel_index(log_posterior.argmax(), votes.shape)
     posterior = np.exp(log_posterior - log_posterior[best])
-    pitch_rad, pitch_std_rad = mode_and_std(PITCH_GRID_RAD, posterior.sum(axis=1))
-    yaw_rad, yaw_std_rad = mode_and_std(YAW_GRID_RAD, posterior.sum(axis=0))
+    pitch = mode_and_std(PITCH_GRID_RAD, posterior.sum(axis=1))
+    yaw = mode_and_std(YAW_GRID_RAD, posterior.sum(axis=0))
     agreeing, total = votes[best] * np.exp(log_prior[best]), weight.sum()
-    if agreeing < max(MIN_SHARE * total, MIN_ROOT * np.sqrt(total)) or pitch_std_rad > MAX_PITCH_STD_RAD:
+    if agreeing < max(MIN_SHARE * total, MIN_ROOT * np.sqrt(total)) or pitch[1] > np.radians(4.5):
         return None
-    return EdgeDirection(pitch_rad, pitch_std_rad, yaw_rad, yaw_std_rad)
+    return pitch, yaw
 
 
 def _find_edges(image: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Middles (N, 2) and vectors from end to end (N, 2) of the slanting edges, in ray coordinates."""
+    """Middles (N, 2) and vectors from end to end (N, 2) of the slanting edges, in ray coordinates.
+
+    Edges shorter than 20 px have no reliable direction. Flatter or steeper ones belong to cross beams and poles.
+    """
     found = cv2.createLineSegmentDetector().detect(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))[0]
     ends = np.empty((0, 2, 2)) if found is None else found.reshape(-1, 2, 2).astype(float)
     across, down = np.abs(ends[:, 1] - ends[:, 0]).T
-    slope = np.arctan2(down, across)
-    least, most = EDGE_SLOPE_RANGE_RAD
-    ends = ends[(np.hypot(across, down) > MIN_EDGE_PX) & (slope > least) & (slope < most)]
+    slope_deg = np.degrees(np.arctan2(down, across))
+    ends = ends[(np.hypot(across, down) > 20) & (slope_deg > 8) & (slope_deg < 75)]
     ends = camera.rays(ends.reshape(-1, 2))[:, :2].reshape(-1, 2, 2)
     return ends.mean(axis=1), ends[:, 1] - ends[:, 0]
 
@@ -420,7 +385,7 @@ def _vote(middle: np.ndarray, along: np.ndarray, weight: np.ndarray) -> np.ndarr
     to_x = np.tan(YAW_GRID_RAD)[:, None] / np.cos(PITCH_GRID_RAD)[:, None, None] - middle[:, 0]
     to_y = -np.tan(PITCH_GRID_RAD)[:, None, None] - middle[:, 1]
     distance = np.hypot(to_x, to_y)
-    angle = np.abs(to_x * along[:, 1] - to_y * along[:, 0]) / length / np.maximum(distance, WEIGHT_LENGTH)
+    angle = np.abs(to_x * along[:, 1] - to_y * along[:, 0]) / length / np.maximum(distance, VOTE_LENGTH)
     std = np.hypot(DIRECTION_STD_RAD, END_STD / length)
     # An edge that contains the point does not lead there.
     return (weight * np.exp(-0.5 * (angle / std) ** 2) * (distance > length / 2)).sum(axis=-1)

@@ -51,7 +51,7 @@ class BoardView:
 
     `u` and `v` are the pixel of the board's centre, `span_px` is the width of its ten squares without rotation.
     `turn_deg` > 0 brings the right side nearer, `tilt_deg` > 0 the top, `roll_deg` > 0 rotates it clockwise in the
-    picture. `lamp` is (u, v, radius in pixels, strength) of the glow on the wall. `falloff` is the share of light lost
+    image. `lamp` is (u, v, radius in pixels, strength) of the glow on the wall. `falloff` is the share of light lost
     from left to right and from top to bottom. `extra_px` adds columns and rows: the same camera with a larger crop.
     """
 
@@ -96,11 +96,11 @@ def write_boards(
 ) -> list[Path]:
     """Files written: calibration1.jpg .. calibration20.jpg and truth.json, in a folder that is created where needed.
 
-    `progress` is called as progress(pictures done, number of pictures). `workers` is the number of processes (default:
+    `progress` is called as progress(images done, number of images). `workers` is the number of processes (default:
     one for each available CPU) and does not change the files. Raises OSError if the folder cannot be written to.
     """
     folder = Path(folder)
-    # a folder that cannot be made is reported before the pictures are rendered
+    # a folder that cannot be made is reported before the images are rendered
     with translate_write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     boards = run_all(
@@ -133,7 +133,7 @@ def render_board(view: BoardView, *, seed: int = 0, camera: Camera = DASHCAM) ->
 
 
 def true_corners(view: BoardView, camera: Camera = DASHCAM) -> np.ndarray:
-    """Pixels (54, 2) of the inner corners, row by row from the top left; some may lie outside the picture."""
+    """Pixels (54, 2) of the inner corners, row by row from the top left; some may lie outside the image."""
     turn, shift = _board_pose(view, camera)
     column, row = np.meshgrid(
         np.arange(INNER_COLUMNS) - (INNER_COLUMNS - 1) / 2, np.arange(INNER_ROWS) - (INNER_ROWS - 1) / 2
@@ -302,7 +302,7 @@ def _smooth_noise(rng: np.random.Generator, sigma: float, side: int = WALL_TEXEL
 
 
 def _expose(scene: np.ndarray, noise_levels: float, rng: np.random.Generator) -> np.ndarray:
-    """Camera picture, uint8 RGB: lens blur, veiling glare, tone curve, sharpening and noise."""
+    """Camera image, uint8 RGB: lens blur, veiling glare, tone curve, sharpening and noise."""
     scene = cv2.GaussianBlur(scene.astype(np.float32), (0, 0), 0.75)
     small = cv2.resize(scene, None, fx=1 / 16, fy=1 / 16, interpolation=cv2.INTER_AREA)
     veil = cv2.resize(cv2.GaussianBlur(small, (0, 0), 8), scene.shape[1::-1], interpolation=cv2.INTER_LINEAR)

@@ -33,14 +33,8 @@ def cached_array(
     The file is mapped into memory: only the parts in use are read, and processes share them. If several processes need
     a missing array, one makes it and the others wait. An unusable cache folder costs time only.
 
-    Parameters
-    ----------
-    name : str
-        Start of the file's name, with the folder in front.
-    sources : iterable of Path
-        Python files on which the array depends.
-    max_files : int, optional
-        Number of arrays to keep in that folder; the oldest are removed.
+    `name` is the start of the file's name, with its folder in front; `sources` are the Python files on which the array
+    depends. Of the arrays in that folder the oldest are removed, so that `max_files` are left.
     """
     digest = short_hash(cv2.__version__, np.__version__, *(source.read_bytes() for source in sources))
     try:

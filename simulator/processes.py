@@ -46,7 +46,7 @@ def map_ordered(
     workers : int, optional
         Processes; 1 runs the jobs in this process. Default: `available_workers()`.
     ahead : int, optional
-        Number of jobs submitted ahead of the results taken. Default: two a worker, so that pictures do not pile up in
+        Number of jobs submitted ahead of the results taken. Default: two a worker, so that images do not pile up in
         memory.
 
     Raises

@@ -34,7 +34,7 @@ from tests.support.project import ROOT
 
 distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'dask[distributed]' bokeh")
 
-# x264 makes the same bytes each time only of widths that are multiples of 256 (tests/io/video/conftest.py).
+# x264 makes the same bytes each time only of widths that are multiples of 256 (tests/video/conftest.py).
 SMALL = CAMERA.scaled((768, 432))
 DRIVES, FRAMES = 5, 20
 
@@ -115,7 +115,7 @@ def test_results_equal_those_of_a_serial_run_although_a_worker_is_killed(drives,
     assert killed and failures == [] and [drive.frames for drive in finished] == [FRAMES] * DRIVES
     check_whole(tmp_path / "many", videos)
     for video in videos[::2]:
-        annotate_drive(video, settings_for(tmp_path / "serial", overlapped=False))
+        annotate_drive(video, settings_for(tmp_path / "serial"))
         assert (tmp_path / "many" / video.name).read_bytes() == (tmp_path / "serial" / video.name).read_bytes()
         tables = [read_telemetry(tmp_path / name / f"{video.stem}.csv") for name in ("many", "serial")]
         assert list(tables[0]) == list(tables[1])
@@ -312,7 +312,7 @@ def test_no_scheduler_and_no_dask_are_reported(drives, tmp_path):
     arguments = ["annotate", "--camera", camera, video, "-o", out]
 
     def run(*options: object, before: str) -> tuple[int, str, str]:
-        code = f"import sys; {before}\nfrom lanes.__main__ import main\nsys.exit(main())"
+        code = f"import sys; {before}\nfrom lanes.cli import main\nsys.exit(main())"
         with popen([sys.executable, "-c", code, *map(str, [*arguments, *options])]) as child:
             printed = child.communicate(timeout=180)
         return child.returncode, *printed

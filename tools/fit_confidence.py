@@ -37,7 +37,7 @@ from lanes.camera import Camera, load_camera
 from lanes.detect.confidence import CONFIDENCE, CORRECT_WITHIN_M, FEATURES, lane_features
 from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker, TrackedLane
-from lanes.video.reader import inspect_video, read_frames
+from lanes.video.reader import inspect_video, read_video
 from simulator.rendering.drive import Motion
 from simulator.road.geometry import RoadGeometry
 from simulator.road.truth import truth_row
@@ -175,7 +175,7 @@ def samples_of_video(drive: BenchmarkDrive, number: int) -> tuple[list, list]:
     """Samples of a drive of the suite, see `label_lanes`."""
     camera, fps = load_camera(drive.video.with_suffix(".yaml")), inspect_video(drive.video).fps
     return label_lanes(
-        read_frames(drive.video), camera, read_truth(drive), fps=fps, number=number, brightnesses=BRIGHTNESSES
+        read_video(drive.video), camera, read_truth(drive), fps=fps, number=number, brightnesses=BRIGHTNESSES
     )
 
 

@@ -1,4 +1,4 @@
-"""Soak test of `python -m lanes annotate`: hours of driving, constant memory, every frame, no drift.
+"""Soak test of `python -m lanes annotate`: hours of driving, memory, every frame, no drift.
 
     python -m tools.soak --hours 1
 

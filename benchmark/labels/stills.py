@@ -46,12 +46,7 @@ def score_pictures(
     """Scores of systems on labelled pictures (height, width, 3) uint8, each processed independently.
 
     The scores of a system are those of the left and right line of each picture in turn. `progress` is called as
-    progress(pictures done, pictures in total).
-
-    Raises
-    ------
-    PictureError
-        If a picture is not of the camera's size.
+    progress(pictures done, pictures in total). Raises PictureError if a picture is not of the camera's size.
     """
     detectors = {system: column_detector(system, camera) for system in systems}
     scores: dict[str, list[LineScore]] = {system: [] for system in systems}

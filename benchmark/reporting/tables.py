@@ -69,13 +69,6 @@ def results_table(path: str | Path) -> str:
     A cell shows the accuracy, in rows over all scenes of a difficulty with its 95 % interval, and the 95th percentile
     of the lateral error over 5 to 20 m. In scenes without a lane it shows the share of frames that are confident and
     wrong. Bold are the best system of a row, and all whose difference to it is not significant.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If it is not a CSV of the benchmark.
     """
     return markdown_table(read_scores(path))
 

@@ -11,7 +11,7 @@ from benchmark.scores import Row
 from course.exercises.verdict import NOT_TRIED, Verdict, correct, hint
 from course.own_finder import score_finder
 from lanes.camera import load_camera
-from lanes.video.reader import read_frames
+from lanes.video.reader import read_video
 
 # Points of accuracy on the motorway that a better finder gains at least.
 GAIN = 0.10
@@ -41,7 +41,7 @@ def check_better_finder(find: OwnFinder, *, starter: Sequence[Row], every: int =
 
 def _first_lines(find: OwnFinder, video: Path) -> Lines | None:
     """What a finder returns for the first frame of a video."""
-    return find(next(read_frames(video)), load_camera(video.with_suffix(".yaml")))
+    return find(next(read_video(video)), load_camera(video.with_suffix(".yaml")))
 
 
 CHECKS = {"15.1": check_better_finder}

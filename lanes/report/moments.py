@@ -1,9 +1,11 @@
-"""Summary of a drive's telemetry: tracked share, time lost, and the worst moments."""
+"""What a drive's telemetry says as a whole: tracked share, time lost, types of the lines, and the worst moments.
+
+Telemetry is a mapping of column names to arrays (frames,), as `read_telemetry` returns it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -16,14 +18,8 @@ from lanes.detect.lane import COASTING, LOST, TRACKING
 MAX_MOMENTS, MIN_SPACING_S = 3, 2.0
 
 Telemetry = Mapping[str, np.ndarray]
-
-
-@dataclass(frozen=True)
-class Moment:
-    """A moment of the drive: seconds since its first frame, and a text."""
-
-    time_s: float
-    text: str
+# A moment of the drive: seconds since its first frame, and a text.
+Moment = tuple[float, str]
 
 
 def share_tracked(telemetry: Telemetry) -> float:
@@ -42,13 +38,16 @@ def frame_lengths_s(time_s: np.ndarray) -> np.ndarray:
     return np.append(steps, np.median(steps) if len(steps) else 0.0)
 
 
-def worst_moments(telemetry: Telemetry) -> dict[str, list[Moment]]:
-    """The worst moments of a drive by kind, each list sorted from the worst on; empty for a kind that does not occur.
+def line_types(telemetry: Telemetry, side: str) -> np.ndarray:
+    """Type (N,) of the "left" or "right" line in each frame, as text: "yellow double solid", or "unknown"."""
+    columns = [_texts(telemetry, f"{side}_{name}") for name in ("colour", "double", "kind")]
+    columns[1] = np.where(np.isin(columns[1], ("1", "1.0")), "double", "")
+    return np.array([" ".join(filter(None, words)) or "unknown" for words in zip(*columns, strict=True)], str)
 
-    Columns used: time_s, state, confidence, offset_std_m, curvature_std_per_m, and departure ("left", "right" or empty)
-    if there is one.
-    """
-    state, departure = telemetry["state"], np.asarray(telemetry.get("departure", []), str)
+
+def worst_moments(telemetry: Telemetry) -> dict[str, list[Moment]]:
+    """The worst moments of a drive by kind, from the worst on; the list of a kind that does not occur is empty."""
+    state, departure = telemetry["state"], _texts(telemetry, "departure")
     confidence = np.where(state == LOST, np.nan, telemetry["confidence"])
     # Negative, so that the largest standard deviations are the lowest values.
     offset_m, bend_per_km = -telemetry["offset_std_m"], -1000 * telemetry["curvature_std_per_m"]
@@ -68,12 +67,18 @@ def runs(labels: np.ndarray) -> Iterator[tuple[str, int, int]]:
         yield str(labels[first]), int(first), int(end)
 
 
+def _texts(telemetry: Telemetry, name: str) -> np.ndarray:
+    """A column (N,) as text; empty where it has no value, or if there is no such column."""
+    column = telemetry.get(name, np.full(len(telemetry["time_s"]), np.nan))
+    return np.where(column.astype(str) == "nan", "", column.astype(str))
+
+
 def _longest(telemetry: Telemetry, labels: np.ndarray, wanted: tuple[str, ...], text: str) -> list[Moment]:
     """The longest runs of the wanted labels; `text` is a format of label and seconds."""
     time_s, lengths_s = telemetry["time_s"] - telemetry["time_s"][0], frame_lengths_s(telemetry["time_s"])
     spans = [(label, first, float(lengths_s[first:end].sum())) for label, first, end in runs(labels) if label in wanted]
     spans = sorted(spans, key=lambda span: -span[2])[:MAX_MOMENTS]
-    return [Moment(float(time_s[first]), text.format(label, length_s)) for label, first, length_s in spans]
+    return [(float(time_s[first]), text.format(label, length_s)) for label, first, length_s in spans]
 
 
 def _lowest(telemetry: Telemetry, values: np.ndarray, describe: Callable[[float], str]) -> list[Moment]:
@@ -87,4 +92,4 @@ def _lowest(telemetry: Telemetry, values: np.ndarray, describe: Callable[[float]
     for frame in minima[np.argsort(values[minima], kind="stable")]:
         if len(chosen) < MAX_MOMENTS and all(abs(time_s[frame] - time_s[c]) >= MIN_SPACING_S for c in chosen):
             chosen.append(frame)
-    return [Moment(float(time_s[frame]), describe(abs(values[frame]))) for frame in chosen]
+    return [(float(time_s[frame]), describe(abs(values[frame]))) for frame in chosen]

@@ -39,18 +39,23 @@ function clock(time) {
   return Math.floor(tenths / 600) + ":" + String(((tenths % 600) / 10).toFixed(1)).padStart(4, "0");
 }
 
-/** The standard deviation in the words of lanes.io.describe.describe_std. */
+/** The standard deviation in the words of lanes.describe.describe_std. */
 function offsetWords(offset, std) {
   if (offset === null) return "unknown";
   return Math.abs(offset).toFixed(2) + " ± " + Math.max(std, 0.01).toFixed(2) + " m " + (offset > 0 ? "left" : "right");
 }
 
-/** The same words as lanes.io.describe.describe_bend. */
+/** The same words as lanes.describe.describe_bend. */
 function bendWords(curvature) {
   if (curvature === null) return "unknown";
   if (Math.abs(curvature) < 1 / 3000) return "straight (R > 3 km)";
   const radius = 1 / Math.abs(curvature);
   return (curvature > 0 ? "left" : "right") + ", R " + (radius >= 100 ? Math.round(radius / 10) * 10 : Math.round(radius)) + " m";
+}
+
+/** The type of a line in frame i; `types` has an entry [first frame, words] for each change. */
+function typeAt(types, i) {
+  return types.findLast(([first]) => first <= i)[1];
 }
 
 function show() {
@@ -64,6 +69,7 @@ function show() {
   write("bend", bendWords(frames.curvature_per_m[i]));
   write("confidence", frames.confidence[i].toFixed(2));
   write("width", frames.lane_width_m[i] === null ? "unknown" : frames.lane_width_m[i].toFixed(2) + " m");
+  write("lines", typeAt(frames.left_types, i) + " | " + typeAt(frames.right_types, i));
   track.setAttribute("aria-valuenow", time.toFixed(2));
   track.setAttribute("aria-valuetext", clock(time) + ", " + frames.state[i] + ", " + offsetWords(frames.offset_m[i], frames.offset_std_m[i]));
 }

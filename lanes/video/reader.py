@@ -1,10 +1,13 @@
-"""Opening and decoding of local video files; damaged packets are skipped."""
+"""Frames and properties of video files, through PyAV (FFmpeg inside this process).
+
+`read_timed_frames` is the one way that frames are read; damaged ones are skipped, and the others keep their times.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Generator, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -22,93 +25,6 @@ from lanes.images import MAX_PIXELS
 FORMATS = "mov,matroska,avi,mpegts,mpeg,mpegvideo,flv,asf,ogg,mxf,nut,h264,hevc,m4v,mjpeg,yuv4mpegpipe,gif"
 # Frame rates that a 32-bit clock and the tracker can handle.
 MIN_FPS, MAX_FPS = Fraction(1, 10), 1000
-
-
-def open_video(path: str | Path) -> av.container.InputContainer:
-    """Open a video file; FFmpeg cannot open any other file or address named in it.
-
-    Raises FileNotFoundError, or VideoError if it is not a video of one of `FORMATS` or claims more than `MAX_PIXELS`.
-    """
-    path = require_file(path, "video", error=VideoError)
-    # FFmpeg decodes the first frames while it opens a file: the limit applies to these.
-    options = {"protocol_whitelist": "file", "format_whitelist": FORMATS, "max_pixels": str(MAX_PIXELS)}
-    try:
-        # Without the prefix a name such as "concat:a.mp4" would select a protocol.
-        container = av.open(f"file:{path}", options=options)
-    except av.FFmpegError as error:
-        raise VideoError(
-            f"{path}: cannot be read as a video ({error.strerror}): it is not a video, a playlist, or cut off; copy it "
-            "again, or convert it to mp4."
-        ) from error
-    try:
-        _require_pictures(path, container)
-    except VideoError:
-        container.close()
-        raise
-    container.streams.video[0].codec_context.options = {"max_pixels": str(MAX_PIXELS)}
-    return container
-
-
-def decode_frames(container: av.container.InputContainer, stream: av.stream.Stream) -> Iterator[Any]:
-    """The undamaged frames of a stream in order: of video or sound."""
-    for packet in container.demux(stream):
-        yield from decoded(packet)
-
-
-def decoded(packet: av.Packet) -> Iterator[Any]:
-    """The frames that a packet completes; none from a damaged packet, and none that FFmpeg concealed errors in."""
-    try:
-        yield from (frame for frame in packet.decode() if not frame.is_corrupt)
-    except av.FFmpegError:
-        return
-
-
-def translate_errors(items: Iterator, path: str | Path) -> Iterator:
-    """The same items; FFmpeg's errors become a VideoError that names `path`."""
-    try:
-        yield from items
-    except av.FFmpegError as error:
-        raise VideoError(f"{path}: is damaged ({error.strerror}); copy or export it again.") from error
-
-
-def frame_rate(stream: av.VideoStream, path: str | Path) -> Fraction:
-    """Frames per second; raises VideoError if the file has no frame rate, or one that is not usable."""
-    rate = stream.average_rate or stream.guessed_rate
-    if not rate:
-        raise VideoError(f"{path}: does not say its frame rate; convert it to mp4 first.")
-    if not MIN_FPS <= rate <= MAX_FPS:
-        raise VideoError(f"{path}: says that it has {float(rate):g} frames per second; convert it to mp4 first.")
-    return rate
-
-
-def start_time(stream: av.VideoStream) -> Fraction:
-    """Presentation time of the first frame on the container's clock, seconds; not 0 in transport streams."""
-    if stream.start_time is None or stream.time_base is None:
-        return Fraction(0)
-    return stream.start_time * stream.time_base
-
-
-def _require_pictures(path: Path, container: av.container.InputContainer) -> None:
-    """Refuse a file without a video stream, without a decoder for it, or with too large pictures."""
-    if not container.streams.video:
-        kinds = " and ".join(sorted({stream.type for stream in container.streams})) or "none"
-        raise VideoError(f"{path}: holds no frame of a video (its streams: {kinds}); name a video file.")
-    codec = container.streams.video[0].codec_context
-    if codec is None:
-        raise VideoError(f"{path}: holds no frame that can be decoded; copy or export it again.")
-    if codec.width * codec.height > MAX_PIXELS:
-        raise VideoError(
-            f"{path}: claims {codec.width}x{codec.height} pixels, more than the maximum of "
-            f"{MAX_PIXELS / 1e6:.0f} million; convert it to a smaller size."
-        )
-
-
-# Frames from video files, through PyAV (FFmpeg inside this process).
-
-# Code point of an unspecified colour property: ITU-T H.273, tables 2 to 4.
-UNSPECIFIED = 2
-# Matrices that FFmpeg converts from and to RGB: BT.709, FCC, BT.601 (twice), SMPTE 240M and BT.2020 (H.273, table 4).
-YUV_MATRICES = {1, 4, 5, 6, 7, 9}
 # Some containers round time stamps to a millisecond: a time stamp this close to a limit counts as equal.
 STAMP_TOLERANCE_S = 1e-3
 # A larger step back in time is a recorder's restarted clock, as in concatenated clips.
@@ -117,6 +33,10 @@ CLOCK_RESET_S = 1
 CUT_OFF_S = 0.5
 # The rate is constant if average rate and base rate differ by a smaller share than this.
 SAME_RATE = 0.02
+# Code point of an unspecified colour property: ITU-T H.273, tables 2 to 4.
+UNSPECIFIED = 2
+# Matrices that FFmpeg converts from and to RGB: BT.709, FCC, BT.601 (twice), SMPTE 240M and BT.2020 (H.273, table 4).
+YUV_MATRICES = {1, 4, 5, 6, 7, 9}
 
 
 @dataclass(frozen=True)
@@ -131,6 +51,11 @@ class ColourTags:
     full_range: bool = False
     primaries: int = 1
     transfer: int = 1
+
+    @property
+    def range(self) -> ColorRange:
+        """PyAV's name of the range."""
+        return ColorRange.JPEG if self.full_range else ColorRange.MPEG
 
     @classmethod
     def of(cls, frame: av.VideoFrame) -> ColourTags:
@@ -156,12 +81,12 @@ class VideoInfo:
     duration_s: float
     has_audio: bool
     missing: int = 0
-    colours: ColourTags = field(default_factory=ColourTags)
+    colours: ColourTags = ColourTags()
 
 
 @dataclass(frozen=True, eq=False)
 class TimedFrame:
-    """One frame: its number, its time since the video's first frame, and the picture."""
+    """One frame: its number, its time since the video's first frame, and the RGB image (height, width, 3), uint8."""
 
     number: int
     time_s: float
@@ -189,23 +114,36 @@ def inspect_video(path: str | Path) -> VideoInfo:
                 # A clip cut without re-encoding begins with frames that are only references for later ones.
                 if packet.size and not packet.is_discard:
                     stamps.append(packet.pts)
-                first = first or next(decoded(packet), None)
+                first = first or next(_decoded(packet), None)
         if first is None:
             raise VideoError(f"{path}: holds no frame that can be decoded; copy or export it again.")
         rate = frame_rate(stream, path)
         _refuse_cut_off(path, container, rate, stored, end_s)
         missing = max(0, stream.frames - stored) or _count_gaps(stamps, rate, stream)
         width, height = (first.height, first.width) if _quarter_turns(first) % 2 else (first.width, first.height)
-        duration_s = round(float((len(stamps) + missing) / rate), 6)
-        sound = bool(container.streams.audio)
-        colours = ColourTags.of(first)
-        return VideoInfo(width, height, float(rate), len(stamps), duration_s, sound, missing, colours)
+        return VideoInfo(
+            width=width,
+            height=height,
+            fps=float(rate),
+            frames=len(stamps),
+            duration_s=round(float((len(stamps) + missing) / rate), 6),
+            has_audio=bool(container.streams.audio),
+            missing=missing,
+            colours=ColourTags.of(first),
+        )
 
 
-def read_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | None = None) -> Generator[np.ndarray]:
+def read_video(path: str | Path, *, start_s: float = 0.0, end_s: float | None = None) -> Generator[np.ndarray]:
+    """Yield the RGB images (height, width, 3), uint8, of `read_timed_frames`; parameters and exceptions as there."""
+    for frame in read_timed_frames(path, start_s=start_s, end_s=end_s):
+        yield frame.image
+
+
+def read_timed_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | None = None) -> Generator[TimedFrame]:
     """Yield the frames with start_s <= time < end_s, seconds since the first frame, in order; None reads to the end.
 
-    They are RGB (height, width, 3), uint8, rotated as the file's display matrix says. The caller may write to them.
+    The images are rotated as the file's display matrix says, and the caller may write to them. Damaged frames are
+    skipped; if the frame rate is constant, their numbers are skipped too.
 
     Raises
     ------
@@ -214,53 +152,147 @@ def read_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | None =
     VideoError
         If it is not a video, its frame size changes, or it ends before `start_s`.
     """
-    for frame in read_timed_frames(path, start_s=start_s, end_s=end_s):
-        yield frame.image
-
-
-def to_upright_rgb(frame: av.VideoFrame, converter: VideoReformatter) -> np.ndarray:
-    """RGB picture (height, width, 3), uint8, of a decoded frame, rotated as its display matrix says."""
-    image = converter.reformat(frame, format="rgb24", threads=1).to_ndarray()
-    turns = _quarter_turns(frame)
-    return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
-
-
-def read_timed_frames(
-    path: str | Path,
-    *,
-    start_s: float = 0.0,
-    end_s: float | None = None,
-    threads: int = 0,
-) -> Generator[TimedFrame]:
-    """Yield the frames of a video in order with their numbers and times; see `read_frames`.
-
-    Damaged frames are skipped. If the frame rate is constant, their numbers are skipped too.
-
-    `threads` are decoder threads, 0 for one per core.
-    """
     if not 0 <= start_s < (math.inf if end_s is None else end_s):
         raise VideoError(f"{path}: cannot read from {start_s} s to {end_s} s; give 0 <= start_s < end_s.")
     last: TimedFrame | None = None
     with open_video(path) as container:
         stream = container.streams.video[0]
-        stream.thread_type, stream.codec_context.thread_count = "AUTO", threads
+        stream.thread_type = "AUTO"
         rate = frame_rate(stream, path)
+        constant_rate = _rate_is_constant(rate, stream)
         converter = VideoReformatter()  # shared: its setup takes half as long as one conversion
-        for frame, time_s in _timed(_decoded_from(path, container, start_s), stream, rate, path):
+        if start_s > 1 and stream.time_base:
+            # to a key frame; one second early, because some containers seek coarsely
+            container.seek(int((start_s - 1 + start_time(stream)) / stream.time_base), stream=stream)
+        decoded = translate_errors(decode_frames(container, stream), path)
+        for frame, time_s in _timed(decoded, stream, rate, path):
             if time_s < start_s - STAMP_TOLERANCE_S:
                 continue
             if end_s is not None and time_s > end_s - STAMP_TOLERANCE_S:
                 break
-            number = last.number + _frames_between(time_s - last.time_s, rate, stream) if last else round(time_s * rate)
-            last = TimedFrame(number, float(time_s), to_upright_rgb(frame, converter))
+            number = round(time_s * rate)
+            if last is not None:
+                number = last.number + (max(1, round((time_s - last.time_s) * rate)) if constant_rate else 1)
+            last = TimedFrame(number, float(time_s), _upright_rgb(frame, converter))
             yield last
     if last is None:
         raise VideoError(f"{path}: has no frame at or after {start_s} s; start earlier.")
 
 
-def _frames_between(elapsed_s: Fraction | float, rate: Fraction, stream: av.VideoStream) -> int:
-    """Difference of the frame numbers of two frames `elapsed_s` apart; 1 if the rate is not constant."""
-    return max(1, round(elapsed_s * rate)) if _rate_is_constant(rate, stream) else 1
+def open_video(path: str | Path) -> av.container.InputContainer:
+    """Open a video file; FFmpeg cannot open any other file or address named in it.
+
+    Raises FileNotFoundError, or VideoError if it is not a video of one of `FORMATS` or claims more than `MAX_PIXELS`.
+    """
+    path = require_file(path, "video", error=VideoError)
+    # FFmpeg decodes the first frames while it opens a file: the limit applies to these.
+    options = {"protocol_whitelist": "file", "format_whitelist": FORMATS, "max_pixels": str(MAX_PIXELS)}
+    try:
+        # Without the prefix a name such as "concat:a.mp4" would select a protocol.
+        container = av.open(f"file:{path}", options=options)
+    except av.FFmpegError as error:
+        raise VideoError(
+            f"{path}: cannot be read as a video ({error.strerror}): it is not a video, a playlist, or cut off; copy it "
+            "again, or convert it to mp4."
+        ) from error
+    try:
+        _require_images(path, container)
+    except VideoError:
+        container.close()
+        raise
+    container.streams.video[0].codec_context.options = {"max_pixels": str(MAX_PIXELS)}
+    return container
+
+
+def decode_frames(container: av.container.InputContainer, stream: av.stream.Stream) -> Iterator[Any]:
+    """The undamaged frames of a stream in order: of video or sound."""
+    for packet in container.demux(stream):
+        yield from _decoded(packet)
+
+
+def translate_errors(items: Iterator, path: str | Path) -> Iterator:
+    """The same items; FFmpeg's errors become a VideoError that names `path`."""
+    try:
+        yield from items
+    except av.FFmpegError as error:
+        raise VideoError(f"{path}: is damaged ({error.strerror}); copy or export it again.") from error
+
+
+def frame_rate(stream: av.VideoStream, path: str | Path) -> Fraction:
+    """Frames per second; raises VideoError if the file has no frame rate, or one that is not usable."""
+    rate = stream.average_rate or stream.guessed_rate
+    if not rate:
+        raise VideoError(f"{path}: does not say its frame rate; convert it to mp4 first.")
+    if not MIN_FPS <= rate <= MAX_FPS:
+        raise VideoError(f"{path}: says that it has {float(rate):g} frames per second; convert it to mp4 first.")
+    return rate
+
+
+def start_time(stream: av.VideoStream) -> Fraction:
+    """Presentation time of the first frame on the container's clock, seconds; not 0 in transport streams."""
+    if stream.start_time is None or stream.time_base is None:
+        return Fraction(0)
+    return stream.start_time * stream.time_base
+
+
+def _require_images(path: Path, container: av.container.InputContainer) -> None:
+    """Refuse a file without a video stream, without a decoder for it, or with too large frames."""
+    if not container.streams.video:
+        kinds = " and ".join(sorted({stream.type for stream in container.streams})) or "none"
+        raise VideoError(f"{path}: holds no frame of a video (its streams: {kinds}); name a video file.")
+    codec = container.streams.video[0].codec_context
+    if codec is None:
+        raise VideoError(f"{path}: holds no frame that can be decoded; copy or export it again.")
+    if codec.width * codec.height > MAX_PIXELS:
+        raise VideoError(
+            f"{path}: claims {codec.width}x{codec.height} pixels, more than the maximum of "
+            f"{MAX_PIXELS / 1e6:.0f} million; convert it to a smaller size."
+        )
+
+
+def _decoded(packet: av.Packet) -> Iterator[Any]:
+    """The frames that a packet completes; none from a damaged packet, and none that FFmpeg concealed errors in."""
+    try:
+        yield from (frame for frame in packet.decode() if not frame.is_corrupt)
+    except av.FFmpegError:
+        return
+
+
+def _timed(
+    frames: Iterator[av.VideoFrame], stream: av.VideoStream, rate: Fraction, path: str | Path
+) -> Iterator[tuple[av.VideoFrame, Fraction]]:
+    """Frames with their times in seconds since the first, monotonic; raises VideoError if the size changes."""
+    first: av.VideoFrame | None = None
+    last_s: Fraction | None = None
+    shift_s = Fraction(0)
+    for frame in frames:
+        first = first or frame
+        if (frame.width, frame.height) != (first.width, first.height):
+            raise VideoError(
+                f"{path}: changes from {first.width}x{first.height} to {frame.width}x{frame.height} pixels at "
+                f"{float(last_s or 0):.2f} s; cut it there, or convert it to one size."
+            )
+        # Only raw streams have no time stamps, and they have no gaps.
+        after_s = Fraction(0) if last_s is None else last_s + 1 / rate
+        time_s = after_s
+        if frame.pts is not None and frame.time_base is not None:
+            time_s = frame.pts * frame.time_base - start_time(stream) + shift_s
+        if last_s is not None and time_s < last_s - CLOCK_RESET_S:
+            shift_s += after_s - time_s
+            time_s = after_s
+        last_s = time_s if last_s is None else max(time_s, last_s)
+        yield frame, last_s
+
+
+def _upright_rgb(frame: av.VideoFrame, converter: VideoReformatter) -> np.ndarray:
+    """RGB image of a decoded frame, rotated as its display matrix says."""
+    image = converter.reformat(frame, format="rgb24", threads=1).to_ndarray()
+    turns = _quarter_turns(frame)
+    return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
+
+
+def _quarter_turns(frame: av.VideoFrame) -> int:
+    return round(frame.rotation / 90) % 4
 
 
 def _rate_is_constant(rate: Fraction, stream: av.VideoStream) -> bool:
@@ -291,41 +323,3 @@ def _refuse_cut_off(
         raise VideoError(
             f"{path}: is cut off after {end_s:.2f} of the {announced_s:.2f} s that it announces; copy it again."
         )
-
-
-def _timed(
-    frames: Iterator[av.VideoFrame], stream: av.VideoStream, rate: Fraction, path: str | Path
-) -> Iterator[tuple[av.VideoFrame, Fraction]]:
-    """Frames with their times in seconds since the first, monotonic; raises VideoError if the size changes."""
-    first: av.VideoFrame | None = None
-    last_s: Fraction | None = None
-    shift_s = Fraction(0)
-    for frame in frames:
-        first = first or frame
-        if (frame.width, frame.height) != (first.width, first.height):
-            raise VideoError(
-                f"{path}: changes from {first.width}x{first.height} to {frame.width}x{frame.height} pixels at "
-                f"{float(last_s or 0):.2f} s; cut it there, or convert it to one size."
-            )
-        # Only raw streams have no time stamps, and they have no gaps.
-        after_s = Fraction(0) if last_s is None else last_s + 1 / rate
-        time_s = after_s
-        if frame.pts is not None and frame.time_base is not None:
-            time_s = frame.pts * frame.time_base - start_time(stream) + shift_s
-        if last_s is not None and time_s < last_s - CLOCK_RESET_S:
-            shift_s += after_s - time_s
-            time_s = after_s
-        last_s = time_s if last_s is None else max(time_s, last_s)
-        yield frame, last_s
-
-
-def _decoded_from(path: str | Path, container: av.container.InputContainer, start_s: float) -> Iterator[av.VideoFrame]:
-    """Decoded frames from a key frame before `start_s`; one second early, because some containers seek coarsely."""
-    stream = container.streams.video[0]
-    if start_s > 1 and stream.time_base:
-        container.seek(int((start_s - 1 + start_time(stream)) / stream.time_base), stream=stream)
-    return translate_errors(decode_frames(container, stream), path)
-
-
-def _quarter_turns(frame: av.VideoFrame) -> int:
-    return round(frame.rotation / 90) % 4

@@ -1,6 +1,6 @@
 """Backdrop: sky, clouds, hills and woods, painted once as a panorama.
 
-The backdrop is at infinity: it moves in the picture when the car turns, not when it drives. Directions are unit vectors
+The backdrop is at infinity: it moves in the image when the car turns, not when it drives. Directions are unit vectors
 in the world frame (x along the start of the road, y left, z up). The panorama is an equal-area cylindrical projection:
 columns are azimuths, rows are z components of the direction. A lookup therefore costs one arc tangent and one remap.
 """
@@ -23,7 +23,7 @@ from simulator.painting import noise
 from simulator.painting.brush import Atmosphere, split_channels
 from simulator.painting.noise import fractal_noise, fractal_profile, smoothstep
 
-# 1304 px/rad, a little finer than the 1160 px/rad of a 63 degree wide picture of 1280 columns.
+# 1304 px/rad, a little finer than the 1160 px/rad of a 63 degree wide image of 1280 columns.
 PANORAMA_COLUMNS = 8192
 PIXELS_PER_RAD = PANORAMA_COLUMNS / (2 * np.pi)
 Z_TOP, Z_BOTTOM = 0.64, -0.06

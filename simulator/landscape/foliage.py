@@ -1,4 +1,4 @@
-"""Sprites of trees and bushes: seeded pictures of single plants with a transparent background.
+"""Sprites of trees and bushes: seeded images of single plants with a transparent background.
 
 A crown consists of lumps, a lump of leaf clusters, a cluster of leaves. Each leaf is a small polygon: bright where its
 cluster and its lump face the sun, nearly black inside the crown and below. Branches connect the trunk with the lumps.
@@ -79,7 +79,7 @@ def sprite_level(sprites: tuple[np.ndarray, ...], rows: float) -> np.ndarray:
 
 
 def plant_picture(species: str, seed: int) -> np.ndarray:
-    """Full-size picture of a plant, from the disk cache."""
+    """Full-size image of a plant, from the disk cache."""
     sources = [Path(__file__), Path(noise.__file__)]
     return cached_array(f"plants/{species}-{seed}", sources, lambda: _paint_plant(species, seed))
 
@@ -181,7 +181,7 @@ def _draw_leaves(canvas: np.ndarray, kind: Species, lumps: np.ndarray, rng: np.r
     order = np.argsort(position[:, 1], kind="stable")
     position, light = position[order], light[order]
     count = len(position)
-    # Each leaf is a diamond of random orientation and size. At picture scale it stands for a spray of leaves.
+    # Each leaf is a diamond of random orientation and size. At image scale it stands for a spray of leaves.
     angle = rng.uniform(0, np.pi, count)
     size = kind.leaf_size * canvas.shape[0] * rng.uniform(0.5, 1.5, count)
     along = np.column_stack([np.cos(angle), np.sin(angle)]) * size[:, None]

@@ -1,1 +1,1 @@
-"""Sunlight, shading, glare, exposure and the camera's development of light to pictures."""
+"""Sunlight, shading, glare, exposure and the camera's development of light to images."""

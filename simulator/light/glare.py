@@ -14,7 +14,7 @@ from simulator.road.ground import Ground
 SUN_COLOUR = np.array([1.0, 0.93, 0.80], np.float32)
 # The veil is computed on every 8th pixel, the flare on every 4th.
 VEIL_DOWNSAMPLING, FLARE_DOWNSAMPLING = 8, 4
-# Lens ghosts: position on the line from the sun (-1) through the centre (0), radius as a share of the picture's height,
+# Lens ghosts: position on the line from the sun (-1) through the centre (0), radius as a share of the image's height,
 # strength, colour.
 GHOSTS = (
     (0.25, 0.035, 0.030, (0.7, 1.0, 0.8)),
@@ -31,7 +31,7 @@ class Glare:
 
     `veil` is light scattered by dirt on the windscreen and in the lens, strongest around the sun. `sheen` is the
     specular reflection of the road below the sun, `flare` are lens ghosts and rays. `dashboard` is the reflection of
-    the sunny dashboard in the windscreen, over the lower half of the picture.
+    the sunny dashboard in the windscreen, over the lower half of the image.
     """
 
     veil: float = 1.0

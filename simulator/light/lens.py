@@ -1,4 +1,4 @@
-"""The camera, from linear light to 8-bit pictures: lens, sensor, tone curve, and automatic exposure with delay.
+"""The camera, from linear light to 8-bit images: lens, sensor, tone curve, and automatic exposure with delay.
 
 The exposure of a camera depends on earlier frames. There is no state between frames here: the light along the road
 already driven is integrated again for each frame. Frames can therefore be rendered in any order and in parallel.
@@ -56,7 +56,7 @@ class Lens:
 
 
 def develop(light: np.ndarray, lens: Lens, *, road_light: float, seed: int) -> np.ndarray:
-    """Picture (height, width, 3) uint8 that the camera stores of linear light, RGB float32, 1.0 = sunlit white paint.
+    """Image (height, width, 3) uint8 that the camera stores of linear light, RGB float32, 1.0 = sunlit white paint.
 
     `road_light` is the mean luminance of the visible road, which the exposure adapts to. `seed` is that of the noise,
     different for each frame.
@@ -101,7 +101,7 @@ def _vignette(height: int, width: int, strength: float) -> np.ndarray:
 
 @lru_cache(maxsize=2)
 def _noise_tile(height: int, width: int, *, mirrored: bool) -> np.ndarray:
-    """Normal noise with the correlation of demosaicing, 64 pixels larger than the picture to allow shifts."""
+    """Normal noise with the correlation of demosaicing, 64 pixels larger than the image to allow shifts."""
     if mirrored:
         # A flipped copy, because numpy is slow with reversed columns.
         return cv2.flip(_noise_tile(height, width, mirrored=False), 1)

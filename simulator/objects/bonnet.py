@@ -1,4 +1,4 @@
-"""Bonnet of the car: dusty, dark reddish-brown, out of focus, fixed at the bottom edge of the picture."""
+"""Bonnet of the car: dusty, dark reddish-brown, out of focus, fixed at the bottom edge of the image."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from simulator.painting.brush import Atmosphere, composite_behind, split_channels
 from simulator.painting.noise import fractal_noise, smoothstep
 
-# Upper edge as shares of picture width and height: left wing, dip, hump in the middle, right wing.
+# Upper edge as shares of image width and height: left wing, dip, hump in the middle, right wing.
 _OUTLINE = np.array(
     [
         [-0.02, 0.933], [0.05, 0.936], [0.11, 0.943], [0.16, 0.9515], [0.21, 0.953], [0.27, 0.9495], [0.34, 0.9395],
@@ -24,7 +24,7 @@ SKY_IN_PAINT = np.array([0.125, 0.090, 0.140])
 
 
 def bonnet_outline(size: tuple[int, int]) -> np.ndarray:
-    """Row of the bonnet's upper edge in each column (width,) of a picture of `size` (width, height)."""
+    """Row of the bonnet's upper edge in each column (width,) of an image of `size` (width, height)."""
     width, height = size
     knots_u, knots_v = _OUTLINE[:, 0] * width, _OUTLINE[:, 1] * height
     u = np.arange(width, dtype=float)
@@ -35,7 +35,7 @@ def bonnet_outline(size: tuple[int, int]) -> np.ndarray:
 
 
 def first_hidden_row(size: tuple[int, int], seed: int = 0) -> int:
-    """First row from which the bonnet hides everything in a picture of `size` (width, height); the height if none."""
+    """First row from which the bonnet hides everything in an image of `size` (width, height); the height if none."""
     layer, top = _bonnet_layer(size, seed)
     open_rows = np.flatnonzero(layer[..., 3].min(axis=1) < 1 - 1e-6)
     return top + int(open_rows[-1]) + 1
@@ -52,7 +52,7 @@ def paint_bonnet(picture: np.ndarray, *, seed: int = 0, light: float = 1.0) -> N
 
 @lru_cache(maxsize=4)
 def _bonnet_layer(size: tuple[int, int], seed: int) -> tuple[np.ndarray, int]:
-    """Premultiplied RGBA picture of the bonnet (rows, W, 4), and its first row."""
+    """Premultiplied RGBA image of the bonnet (rows, W, 4), and its first row."""
     width, height = size
     scale = height / 720
     edge = bonnet_outline(size)

@@ -195,22 +195,12 @@ def paint_objects(
     atmosphere_at: Callable[[float], Atmosphere] | None = None,
     crest: tuple[float, np.ndarray] | None = None,
 ) -> None:
-    """Paint objects behind the content of a canvas, from near to far, so that covered pixels can be skipped.
+    """Paint objects behind the content of a canvas (4, H, W), from near to far, so that covered pixels can be skipped.
 
-    Parameters
-    ----------
-    picture : ndarray of shape (4, H, W), float32
-        Canvas from `brush.new_canvas`, changed.
-    camera : Camera
-        With its pose; the lens distorts objects and road alike.
-    haze : float
-        Extinction of the air, 1/km.
-    light_at : callable, optional
-        Function from positions (N, 2) in the road frame to the light (N, 3) there, as a share of daylight (default 1).
-    atmosphere_at : callable, optional
-        Function from a distance in metres to the Atmosphere. Default: `aerial_perspective` with `haze`.
-    crest : (float, ndarray of shape (H, W), bool), optional
-        Distance of a crest, and mask of the ground on its near side, which hides the objects beyond.
+    `light_at` is a function from positions (N, 2) in the road frame to the light (N, 3) there, as a share of daylight
+    (default: 1), `atmosphere_at` one from a distance in metres to the Atmosphere (default: `aerial_perspective` with
+    `haze`, 1/km). `crest` are the distance of a crest, and the mask (H, W) of the ground on its near side, which hides
+    the objects beyond.
     """
     crest_distance_m, near_side = crest or (np.inf, None)
     sun = np.asarray(sun_direction, float) / np.linalg.norm(sun_direction)

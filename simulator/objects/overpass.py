@@ -49,7 +49,7 @@ class Overpass:
         count = max(2, round((self.end_m - self.start_m) / BEAM_EVERY_M))
         edges = np.linspace(self.start_m, self.end_m, count + 1)
         slices = [self._underside(low, high) for low, high in zip(edges[:-1], edges[1:], strict=True)]
-        # Several beams in one slice, far ones first, because each paint call covers the upper half of the picture.
+        # Several beams in one slice, far ones first, because each paint call covers the upper half of the image.
         groups = [slices[i : i + BEAMS_PER_SLICE][::-1] for i in range(0, count, BEAMS_PER_SLICE)]
         faces, tones = self._front()
         front = BridgeSlice(_in_car(faces, road, pose), tones, front=True)

@@ -23,7 +23,7 @@ MAX_SHADOW_M = 160.0
 LEAF_SEED = 61
 # Margin for the blur of shadow edges.
 PENUMBRA_PX = 6
-# Limit of coordinates, far outside any picture.
+# Limit of coordinates, far outside any image.
 MAX_PX = 1e6
 
 

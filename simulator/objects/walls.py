@@ -306,7 +306,7 @@ def _columns_by_level(foot_m: np.ndarray, levels: int) -> list[tuple[int, slice]
 
 def _texture_between(edges: _StripColumns, v: np.ndarray, picture: np.ndarray, level: int) -> list[np.ndarray]:
     """Lit texture between the edges in rows `v` (rows, 1): planes of RGB times coverage, and coverage."""
-    # Single precision and in place, because a wood fills much of the picture. Arc lengths are wrapped first, because
+    # Single precision and in place, because a wood fills much of the image. Arc lengths are wrapped first, because
     # they can be kilometres.
     scale = TEXTURE_PX_PER_M / 2**level
     place = np.mod(edges.s_low * scale, picture.shape[1])

@@ -34,7 +34,7 @@ def frustum_planes(camera: Camera, wider: float = 1.15) -> np.ndarray:
     """View frustum in the road frame: the half spaces in which a point can be projected.
 
     Rows (nx, ny, nz, d) of the result (5, 4); a point p is inside where n.p + d >= 0. The first row is the near plane,
-    the others are the sides of a pyramid around the picture, `wider` times its width, limited to the valid range of the
+    the others are the sides of a pyramid around the image, `wider` times its width, limited to the valid range of the
     distortion polynomial.
     """
     width, height = camera.size
@@ -58,7 +58,7 @@ def inside_planes(points_m: np.ndarray, planes: np.ndarray) -> np.ndarray:
 
 
 def outside_picture(points_m: np.ndarray, camera: Camera) -> np.ndarray:
-    """Mask (...,) of the point sets (..., N, 3) whose convex hull is outside the picture, blur included."""
+    """Mask (...,) of the point sets (..., N, 3) whose convex hull is outside the image, blur included."""
     planes = frustum_planes(camera, 1.05)
     return (points_m @ planes[:, :3].T + planes[:, 3] < 0).all(axis=-2).any(axis=-1)
 
@@ -118,20 +118,11 @@ def paint_polygons(
     softness_px: float = 0.35,
     blend_px: float = 0.0,
 ) -> None:
-    """Paint anti-aliased convex polygons behind the canvas content; each polygon covers those before it in the list.
+    """Paint anti-aliased convex polygons behind the content of a canvas (4, H, W), in place; later ones are in front.
 
-    Parameters
-    ----------
-    picture : ndarray of shape (4, H, W), float32
-        Canvas from `new_canvas`, changed in place.
-    polygons_px : ndarray of shape (F, N, 2), or list of (N, 2) arrays or None
-        Raw pixels; None is skipped.
-    colours, opacity : ndarray of shape (F, 3), and of shape (F,), optional
-        Linear RGB and opacity of each polygon; 1 (the default) is opaque.
-    softness_px : float
-        Standard deviation of the blur of the whole group, so that no edge is sharper than the lens allows.
-    blend_px : float
-        Standard deviation of the blur of the colours within the outline of the group. It hides the facets.
+    `polygons_px` (F, N, 2), or a list of (N, 2) in which None is skipped, are raw pixels; `colours` (F, 3) linear RGB,
+    `opacity` (F,) is 1 by default. `softness_px` is the standard deviation of the blur of the whole group, so that no
+    edge is sharper than the lens allows, `blend_px` that of the colours within its outline, which hides the facets.
     """
     height, width = picture.shape[1:]
     seen, points, bounds = _concatenated(polygons_px)

@@ -90,11 +90,11 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """Everything that a rendered picture or video depends on; the types of the fields describe most of them.
+    """Everything that a rendered image or video depends on; the types of the fields describe most of them.
 
     `line_laterals_m` are the lateral positions of the line centres from left to right: the two lines of the ego lane,
     or all lines if the car changes lanes; empty without a lane. `bonnet` says whether the car's bonnet is in the
-    picture. Without `exposure`, the exposure adapts slightly to each picture at once; with it, it follows with a delay.
+    image. Without `exposure`, the exposure adapts slightly to each image at once; with it, it follows with a delay.
     """
 
     camera: Camera

@@ -62,7 +62,7 @@ LEAF_NOISE_M = 0.13
 
 @dataclass(frozen=True)
 class Frame:
-    """Rendered picture (height, width, 3) uint8 RGB, its ground truth, and the mask of what objects hide.
+    """Rendered image (height, width, 3) uint8 RGB, its ground truth, and the mask of what objects hide.
 
     `hidden` (height, width) is True where an object is in front of ground or backdrop.
     """
@@ -73,7 +73,7 @@ class Frame:
 
 
 def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
-    """Picture of the drive's camera at `time_s`, with its ground truth."""
+    """Image of the drive's camera at `time_s`, with its ground truth."""
     truth = drive.truth(time_s)
     camera = drive.camera_at_pitch(truth.pitch_rad)
     heading = truth.pose.absolute_heading(drive.road)
@@ -157,7 +157,7 @@ def _paint_foreground(drive: Drive, objects: list[SceneObject], view: _FrameGeom
 
 
 def _photograph(light: np.ndarray, drive: Drive, time_s: float, *, road_light: float) -> np.ndarray:
-    """Picture that the camera stores of the light in front of the windscreen."""
+    """Image that the camera stores of the light in front of the windscreen."""
     seed = drive.seed * 7919 + round(time_s * 1000)
     if drive.rain is not None:
         add_falling_drops(light, drive.rain, seed=seed)
@@ -173,7 +173,7 @@ def _photograph(light: np.ndarray, drive: Drive, time_s: float, *, road_light: f
 def _rows_before_bonnet(drive: Drive) -> int:
     """Number of rows in which ground light is computed; the bonnet hides a twelfth of the ground."""
     height = drive.camera.height
-    # Wet roads and glare are computed on coarse grids of the whole picture.
+    # Wet roads and glare are computed on coarse grids of the whole image.
     if not drive.bonnet or drive.wet is not None or drive.night is not None or drive.glare is not None:
         return height
     return max(first_hidden_row(drive.camera.size), height - BOTTOM_ROWS)
@@ -248,7 +248,7 @@ def _sun_on_ground(drive: Drive, objects: list[SceneObject], view: _FrameGeometr
 
 
 def _backdrop(drive: Drive, view: _FrameGeometry, clear: np.ndarray) -> np.ndarray:
-    """Picture (height, width, 3) of the backdrop, where no object covers it, down to the first row of ground only."""
+    """Image (height, width, 3) of the backdrop, where no object covers it, down to the first row of ground only."""
     rays, ground = pixel_rays(drive.camera), view.ground
     covered = ground.visible.all(axis=1) & (ground.distance.max(axis=1) < MAX_GROUND_M / 3)
     bottom = ground.top + int(np.argmax(covered)) + 1

@@ -52,12 +52,8 @@ def write_video(
     """Files written: a drive as H.264 video (.mp4), its ground truth (.csv, a row for each frame) and camera (.yaml).
 
     `crf` and `preset` are quality and speed of x264. `progress` is called as progress(frames done, number of frames).
-    `workers` is the number of processes (default: one for each available CPU) and does not change the files.
-
-    Raises
-    ------
-    OSError
-        If the folder cannot be written to or the encoder fails.
+    `workers` is the number of processes (default: one for each available CPU) and does not change the files. Raises
+    OSError if the folder cannot be written to or the encoder fails.
     """
     path = Path(path)
     count = round(seconds * VIDEO_FPS)

@@ -39,7 +39,7 @@ MAX_CACHED = 3
 class Ground:
     """Ground seen by the pixels below the horizon: arrays of shape (rows, width), float32, metres.
 
-    The first row is picture row `top`. Pixels without ground hold points at MAX_GROUND_M, and `visible` is False there.
+    The first row is image row `top`. Pixels without ground hold points at MAX_GROUND_M, and `visible` is False there.
     The footprint of a pixel in s and d is the parallelogram spanned by one step right (`_u`) and one step down (`_v`).
     """
 
@@ -162,17 +162,7 @@ def cast_on_relief(
     Ground at distance x and height h is visible if the slope (h - height_m) / x exceeds that of all nearer ground in
     the same direction. The inverse of the running maximum of this slope gives the range of each ray; two steps of
     Newton's method refine it. `rays` (height, width, 3) are directions in the car's road frame, `height_m` is that of
-    the camera above the road below it.
-
-    Returns
-    -------
-    top : int
-        First row with visible ground.
-    visible : ndarray of shape (height - top, width), bool
-    x, y : ndarrays of that shape, float32
-        Metres ahead and to the left; MAX_GROUND_M ahead where no ground is visible.
-    s, d : ndarrays of that shape, float32
-        Road coordinates of these points, as from `RoadAhead.locate`.
+    the camera above the road below it. Returns the fields of `Ground` top, visible, x, y, s and d.
     """
     inverse = _inverse_distance_table(height_m, road)
     sky = _count_sky_rows(rays, inverse)
@@ -195,7 +185,7 @@ def cast_on_relief(
 
 
 def _count_sky_rows(rays: np.ndarray, inverse: np.ndarray) -> int:
-    """Number of rows at the top of the picture whose rays are all too steep to meet ground."""
+    """Number of rows at the top of the image whose rays are all too steep to meet ground."""
     steepest = SLOPES[np.flatnonzero(inverse.any(axis=1)).max(initial=0)]
     few = rays[:, ::32]
     rising = few[..., 2] > np.float32(steepest + SKY_MARGIN) * np.maximum(few[..., 0], np.float32(0.05))

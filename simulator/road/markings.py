@@ -78,13 +78,8 @@ class Marking:
 def paint_coverage(marking: Marking, ground: Ground, *, station_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Share of each pixel that is covered by fresh paint of a marking; `station_m` is the arc length of the car.
 
-    The lateral edges are integrated exactly over the pixel, the ends of dashes over its length along the road.
-
-    Returns
-    -------
-    pixels : ndarray of shape (K,), int64
-        Indices into the raveled ground arrays of the pixels with paint.
-    coverage : ndarray of shape (K,), float32, in range 0..1
+    The lateral edges are integrated exactly over the pixel, the ends of dashes over its length along the road. Returns
+    the pixels with paint (K,), as indices into the raveled ground arrays, and the share (K,) of each.
     """
     low, high = min(e[0] for e in marking.stripes), max(e[1] for e in marking.stripes)
     start, end = np.float32(marking.start_m - station_m), np.float32(marking.end_m - station_m)

@@ -94,7 +94,7 @@ class RoadAhead:
         """Coordinates (s from the table's start, d) of points (N,), by the osculating circles at nodes (N,)."""
         # All nodes are in the table; mode="clip" saves numpy the bounds check.
         px, py, cosine, sine, curvature = (column.take(node, mode="clip") for column in self._table)
-        # In place where possible, because allocating arrays of a picture's size takes half of the time.
+        # In place where possible, because allocating arrays of an image's size takes half of the time.
         dx, dy = np.subtract(x_m, px, out=px), np.subtract(y_m, py, out=py)
         along, across = cosine * dx, cosine * dy
         along += np.multiply(sine, dy, out=dy)

@@ -23,7 +23,7 @@ from simulator.road.geometry import (
     surface_points,
 )
 
-# Picture rows of the line columns in the truth files, as in TuSimple's benchmark; -2 where there is no line.
+# Image rows of the line columns in the truth files, as in TuSimple's benchmark; -2 where there is no line.
 H_SAMPLES = np.arange(420, 701, 10)
 NOT_VISIBLE = -2.0
 NO_LINE = LinePolynomial(np.nan, np.nan, np.nan, np.nan)
@@ -117,12 +117,12 @@ def _ego_lines(lines_m: Sequence[float], lateral_m: float) -> tuple[float, float
 
 
 def line_pixels(truth: Truth, side: int, camera: Camera) -> np.ndarray:
-    """Columns (len(H_SAMPLES),) of the centre of the left (0) or right (1) line in the raw picture.
+    """Columns (len(H_SAMPLES),) of the centre of the left (0) or right (1) line in the raw image.
 
-    They are -2 above the line's end and outside the picture. The line ends where it has turned by 80 degrees, because
+    They are -2 above the line's end and outside the image. The line ends where it has turned by 80 degrees, because
     it is nearly parallel to the rows from there on. `camera` has the pose of this moment.
     """
-    # Equal steps in 1/x are equal steps in picture rows.
+    # Equal steps in 1/x are equal steps in image rows.
     ahead = 1 / np.linspace(1 / 2.0, 1 / 600.0, 6000)
     s = truth.pose.s_m + ahead
     turned = np.abs(truth.road.heading(s) - truth.pose.absolute_heading(truth.road)) > MAX_TURN_RAD
@@ -132,7 +132,7 @@ def line_pixels(truth: Truth, side: int, camera: Camera) -> np.ndarray:
     pixels = pixels[~np.isnan(pixels).any(axis=1)]
     if not len(pixels):
         return np.full(len(H_SAMPLES), NOT_VISIBLE)
-    # Only points above all nearer ones are kept: parts hidden by a crest are lower in the picture than the crest.
+    # Only points above all nearer ones are kept: parts hidden by a crest are lower in the image than the crest.
     rising = np.maximum.accumulate(-pixels[:, 1]) <= -pixels[:, 1]
     u = np.interp(-H_SAMPLES, -pixels[rising, 1], pixels[rising, 0], left=np.nan, right=np.nan)
     outside = np.isnan(u) | (u < 0) | (u > camera.width - 1)

@@ -1,4 +1,4 @@
-"""Camera of all committed pictures: the ground truth for calibration."""
+"""Camera of all committed images: the ground truth for calibration."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from lanes.camera import Camera, CameraPose
 
 # A typical dashcam: 63 degrees wide, barrel distortion, principal point off the centre, and small yaw and roll. The
-# distortion polynomial is monotonic over the whole picture (Camera.largest_ray is beyond the corners), so that pixels
+# distortion polynomial is monotonic over the whole image (Camera.largest_ray is beyond the corners), so that pixels
 # and rays correspond one to one. Pitch and yaw put the vanishing point near column 640, row 422, for which the warps of
 # the classic recipes were made.
 DASHCAM = Camera(

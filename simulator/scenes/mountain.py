@@ -147,7 +147,7 @@ def _dips() -> Drive:
     profile = HeightProfile(stations, 0.055 * np.sin(2 * np.pi * stations / 52.0))
     road = replace(winding_road((90.0, 60.0), (-110.0, 50.0)), profile=profile)
     drive = mountain_drive(road, Motion(4.0, 15.0, offset_m=-0.2, wander_m=0.1, wander_period_s=4.0), seed=156)
-    # A higher ridge would fill the picture here.
+    # A higher ridge would fill the image here.
     return replace(drive, backdrop=replace(drive.backdrop, ridge_height_rad=0.12))
 
 

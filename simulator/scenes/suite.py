@@ -16,7 +16,6 @@ from simulator.rendering.drive import SuiteScene
 from simulator.rendering.render import render_frame
 from simulator.rendering.video import VIDEO_CRF, VIDEO_SECONDS, Progress, write_video
 from simulator.road.truth import truth_entry, write_truth_json
-from simulator.scenes.bad_weather import SCENES as WEATHER
 from simulator.scenes.challenge import CHALLENGE_CRF, HARDER_CRF, challenge_video, harder_challenge_video
 from simulator.scenes.challenge import SCENES as FAMOUS
 from simulator.scenes.dashcam import DASHCAM
@@ -25,10 +24,10 @@ from simulator.scenes.motorway import project_video
 from simulator.scenes.mountain import SCENES as MOUNTAIN
 from simulator.scenes.no_lane import SCENES as NO_LANE
 from simulator.scenes.stills import still_scenes
-from simulator.scenes.traffic import SCENES as TRAFFIC
 from simulator.scenes.variants import vary_drive
+from simulator.scenes.weather_and_traffic import SCENES as WEATHER_AND_TRAFFIC
 
-_THEMES = (MOTORWAY, FAMOUS, MOUNTAIN, WEATHER, TRAFFIC, NO_LANE)
+_THEMES = (MOTORWAY, FAMOUS, MOUNTAIN, WEATHER_AND_TRAFFIC, NO_LANE)
 # Cached videos are 2.5 times as large as committed ones. Encoding takes a tenth of the time, and the quality is 0.5
 # to 0.9 dB better (measured on two scenes).
 CACHE_CRF, CACHE_PRESET = 20, "ultrafast"
@@ -42,14 +41,9 @@ VIDEOS = {
 
 
 def scene_path(name: str, folder: str | Path | None = None, *, seed: int = 0) -> Path:
-    """Path of the video of a scene, or of its variant number `seed`, rendered or not.
+    """Path of the video of a scene, or of its variant number `seed`, rendered or not; ValueError without such a scene.
 
     It contains a hash of the renderer, so that no video is outdated.
-
-    Raises
-    ------
-    ValueError
-        If there is no such scene.
     """
     if name not in SUITE:
         raise ValueError(f"no scene {name!r} in the suite; choose one of {', '.join(SUITE)}.")
@@ -68,12 +62,7 @@ def render_scene(
     """Path of a scene's video, which is rendered if it does not exist yet.
 
     Its ground truth (.csv, a row for each frame) and camera (.yaml) have the same stem. `name`, `folder`, `seed` and
-    the ValueError are those of `scene_path`. `progress` and `workers` are those of `write_video`.
-
-    Raises
-    ------
-    OSError
-        If the folder cannot be written to.
+    the ValueError are those of `scene_path`; `progress`, `workers` and the OSError are those of `write_video`.
     """
     path = scene_path(name, folder, seed=seed)
     # The camera file is written last, so it exists only with the other two.
@@ -87,7 +76,7 @@ def render_scene(
 
 @lru_cache(maxsize=1)
 def _renderer_hash() -> str:
-    """Hash (eight digits) of the sources of all modules that affect the pictures."""
+    """Hash (eight digits) of the sources of all modules that affect the images."""
     folder = Path(simulator.__file__).parent
     digest = hashlib.sha256()
     for source in (Path(camera.__file__), *sorted(folder.rglob("*.py"))):

@@ -27,7 +27,7 @@ LAMPS = {
     "truck": (((-6.1, 1.0, 0.95), TAIL_LIGHT), ((6.0, 0.9, 0.9), HEADLIGHT)),
     "motorcycle": (((-1.0, 0.0, 0.78), TAIL_LIGHT), ((0.75, 0.0, 0.95), HEADLIGHT)),
 }
-# Glow of a lamp: standard deviations in pixels of a picture of 720 rows, and shares of the light.
+# Glow of a lamp: standard deviations in pixels of an image of 720 rows, and shares of the light.
 HALOS = ((3.0, 0.35), (14.0, 0.05), (60.0, 0.006))
 GLOW_DOWNSAMPLING = 4
 # Vehicles nearer than this do not hide lamps ahead; half a lorry is 6 m long.

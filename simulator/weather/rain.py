@@ -15,7 +15,7 @@ from simulator.weather.night import Lamp, lamp_pixels
 
 # The view through drops is computed on every 2nd pixel.
 DROP_DOWNSAMPLING = 2
-# Pivot of the wiper as shares of the picture's width and height, and its range of angles.
+# Pivot of the wiper as shares of the image's width and height, and its range of angles.
 PIVOT, SWEEP_RAD = (0.30, 1.25), (-1.15, 1.05)
 # Minification of a drop, which is a strong lens: it shows nearly the whole scene upside down.
 DROP_MINIFICATION = 9.0
@@ -30,7 +30,7 @@ STREAK_LONG, STREAK_WIDE_M = 0.45, 0.16
 class Rain:
     """Strength of the rain: new drops on the visible part of the windscreen between two wipes, and falling drops.
 
-    A wipe begins every `wipe_every_s`; the blade takes `wipe_s` to cross the picture. `streaks` is the light of the
+    A wipe begins every `wipe_every_s`; the blade takes `wipe_s` to cross the image. `streaks` is the light of the
     falling drops; sunlit white paint is 1.
     """
 
@@ -104,7 +104,7 @@ def _lay_drop(cover, map_u, map_v, at_u: float, at_v: float, radius: float) -> N
 
 
 def _lay_blade(cover: np.ndarray, map_u: np.ndarray, map_v: np.ndarray, rain: Rain, time_s: float) -> None:
-    """Add the moving wiper blade, in place: a blurred bar with the colour of the bottom of the picture."""
+    """Add the moving wiper blade, in place: a blurred bar with the colour of the bottom of the image."""
     height, width = cover.shape
     share = (time_s % rain.wipe_every_s) / rain.wipe_s
     if share >= 1:
@@ -123,7 +123,7 @@ def _lay_blade(cover: np.ndarray, map_u: np.ndarray, map_v: np.ndarray, rain: Ra
 
 @lru_cache(maxsize=2)
 def _streaks(height: int, width: int) -> np.ndarray:
-    """Short, nearly vertical, blurred streaks in grey RGB; 64 pixels larger than the picture to allow shifts."""
+    """Short, nearly vertical, blurred streaks in grey RGB; 64 pixels larger than the image to allow shifts."""
     rng = np.random.default_rng(92)
     layer = np.zeros((height + 64, width + 64), np.float32)
     for _ in range(260):
@@ -159,7 +159,7 @@ def add_lamp_reflections(
 ) -> None:
     """Add the reflections of lamps in the road to the light (height, width, 3), in place.
 
-    `share` (rows, width) is the reflectance of `Wet.mirror_share` for the lowest rows of the picture, `open_to`
+    `share` (rows, width) is the reflectance of `Wet.mirror_share` for the lowest rows of the image, `open_to`
     (height, width) the mask of the visible road.
     """
     height, width = light.shape[:2]

@@ -12,7 +12,6 @@ from benchmark.consistency import (
     consistency,
     consistency_rows,
     consistency_table,
-    describe_consistency,
     normalize_errors,
 )
 from benchmark.errors import LaneTruth
@@ -104,23 +103,6 @@ def test_a_system_without_a_covariance_has_no_consistency():
 def named(scene: str, system: str, stated: float) -> Result:
     normalized = normalize_errors(estimates(truth(), stated=stated), truth())
     return replace(result(np.ones(3, bool), scene=scene, system=system), normalized=normalized)
-
-
-def test_rows_and_table():
-    results = [
-        named("a", "tracker", 1.0),
-        replace(named("a", "recipe", 1.0), normalized=None),
-        named("b", "tracker", 0.5),
-    ]
-    rows = consistency_rows(results)
-    assert [(row["scene"], row["system"]) for row in rows] == [(s, "tracker") for s in ("a", "b", "all hard")]
-    # the mean square of both: 1 and 4
-    assert rows[-1]["offset_z_rms"] == pytest.approx(np.sqrt(2.5), rel=0.03)
-    table = describe_consistency(results[:1])
-    lines = {line[:16].strip(): line[16:].split() for line in table.splitlines()[:14]}
-    assert table.splitlines()[0].strip() == "hard tracker"
-    assert lines["offset"][-1] in {f"{a}/{b}" for a in (67, 68, 69) for b in (94, 95, 96)}
-    assert describe_consistency(results[1:2]) == ""
 
 
 def test_table_of_a_file(tmp_path):

@@ -71,18 +71,6 @@ def shifted(estimates: DriveEstimates, shift_m: np.ndarray | float) -> DriveEsti
     return replace(estimates, lines_m=lines_m, offset_m=estimates.offset_m - shift_m)
 
 
-def test_nothing_is_compared_beyond_the_point_where_a_line_runs_across():
-    """A line that turns by more than 60 degrees and back, as between two hairpins: its far end is not compared."""
-    lane = truth()
-    lane.lines_y_m[0, :, 2:] = lane.lines_y_m[0, :, 1:2] + [12.0, 12.5, 13.0]
-    wrong = perfect(lane)
-    for at_m in (20.0, 30.0):
-        shift_lines(wrong, 0, slice(None), at_m=at_m, lateral_m=1.0)
-    assert lane.compared[0, :, :2].all() and not lane.compared[0, :, 2:].any()
-    assert lane.compared[1:].all()
-    assert frame_errors(wrong, lane).near_rms_m[0] < 0.01
-
-
 def test_the_truth_has_no_error():
     row = score([frame_errors(perfect(truth()), truth())])
     assert row["available_share"] == row["accuracy"] == 1

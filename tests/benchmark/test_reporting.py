@@ -5,11 +5,9 @@ from __future__ import annotations
 import csv
 from dataclasses import replace
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from benchmark.reporting import figures
 from benchmark.reporting.reliability import AvailableLanes, describe_confidence
 from benchmark.reporting.tables import describe_interval, describe_scores, format_table, markdown_table, results_table
 from benchmark.scores import Result
@@ -101,24 +99,6 @@ def test_text_columns_are_aligned_to_the_right():
         "one       1     2",
         "three  lost     4",
     ]
-
-
-class TestRanges:
-    def test_marks_are_at_the_second_end_and_at_the_edge_where_it_lies_beyond(self):
-        ends = {"a": (np.array([0.1, 0.2]), np.array([0.5, np.inf])), "b": (np.array([0.1, np.nan]),) * 2}
-        figure, (axis, share) = figures.plot_ranges(
-            ["hill", "dale"], {"error (m)": ends, "share": ends}, limits={"error (m)": (0.01, 10), "share": (0, 1)}
-        )
-        assert (axis.get_xscale(), share.get_xscale()) == ("log", "linear")
-        assert [text.get_text() for text in axis.get_yticklabels()] == ["hill", "dale"]
-        assert axis.yaxis_inverted()
-        first, second = axis.lines
-        assert first.get_xdata().tolist() == [0.5, 10]
-        assert np.isnan(second.get_xdata()[1])
-        # side by side, not on top of each other
-        assert (first.get_ydata() < second.get_ydata()).all()
-        assert [text.get_text() for text in figure.legends[0].get_texts()] == ["a", "b"]
-        plt.close(figure)
 
 
 def some_lanes(confidence: list[float], correct: list[bool]) -> AvailableLanes:

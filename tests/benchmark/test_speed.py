@@ -11,7 +11,7 @@ import pytest
 from benchmark.speed import COLD, TRACKING, TRANSCODED, WARM_UP, FileTime, FrameTime, Speed, time_files, time_frames
 from benchmark.speed import transcode as transcode_video
 from classic.recipe import RECIPES
-from lanes.video.reader import inspect_video, read_frames
+from lanes.video.reader import inspect_video, read_video
 from simulator.rendering.drive import Motion
 from tests.support.clips import write_drive
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
@@ -26,7 +26,7 @@ def clip(tmp_path_factory) -> Path:
 
 
 def test_every_system_is_timed_and_a_search_costs_more_than_tracking(clip):
-    with closing(read_frames(clip)) as frames:
+    with closing(read_video(clip)) as frames:
         times = time_frames(list(frames), SMALL, rounds=2)
     assert list(times) == [TRACKING, COLD, *RECIPES]
     assert all(found.ms > 0 and found.mean > 0 for found in times.values())
@@ -36,7 +36,7 @@ def test_every_system_is_timed_and_a_search_costs_more_than_tracking(clip):
 def test_a_transcode_keeps_all_frames(clip, tmp_path):
     transcode_video(clip, tmp_path / "out.mp4")
     assert inspect_video(tmp_path / "out.mp4") == inspect_video(clip)
-    for was, now in zip(read_frames(clip), read_frames(tmp_path / "out.mp4"), strict=True):
+    for was, now in zip(read_video(clip), read_video(tmp_path / "out.mp4"), strict=True):
         assert np.abs(was.astype(int) - now).mean() < 4
 
 

@@ -10,12 +10,13 @@ import pytest
 from benchmark.errors import LaneTruth, frame_errors
 from benchmark.estimates import AHEAD_M, ALONG_M, DriveEstimates, LaneEstimate
 from benchmark.systems import SYSTEMS, column_detector, recipe_estimate, start_system
-from classic.result import LaneResult, RoadLine
+from classic.fit import RoadLine
 from lanes.camera import Camera
 from lanes.detect.road import CENTRE, HEADING
 from lanes.stills import find_lane
 from simulator.rendering.drive import Motion
 from simulator.road.truth import truth_row
+from tests.support.classic_lane import lane_result
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
 
 SMALL = CAMERA.scaled((640, 360))
@@ -81,7 +82,7 @@ def test_the_detector_has_no_memory():
 
 
 def test_estimates_of_a_recipe_have_the_signs_of_the_conventions():
-    lane = LaneResult(None, None, RoadLine(1.6, 0.05, 0.002), RoadLine(-2.0, 0.05, 0.002), "kept", None)
+    lane = lane_result(RoadLine(1.6, 0.05, 0.002), RoadLine(-2.0, 0.05, 0.002), "kept")
     estimate = recipe_estimate(lane)
     assert estimate.offset_m == pytest.approx(0.2)
     assert estimate.heading_rad == pytest.approx(np.arctan(0.05))

@@ -1,7 +1,7 @@
 """The three recipes on painted roads with ground truth, defects of their originals, and real stills."""
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import cv2
 import numpy as np
@@ -9,14 +9,15 @@ import pytest
 
 from benchmark.scored_drive import PROJECT_ROOT
 from classic.finder import LaneFinder
+from classic.fit import RoadLine
 from classic.recipe import RECIPES, get_recipe
 from course.dataset import open_dataset
-from lanes.calibration import calibrate_folder
+from lanes.calibration import calibrate
 from lanes.camera import Camera, CameraPose
-from lanes.describe import describe_bend, describe_offset
 from lanes.errors import CameraError, PictureError
-from lanes.images import list_pictures, read_image
-from tests.support.painted_roads import LANE_WIDTH_M, SUNLIT_WHITE, LaneRoad, paint_lane
+from lanes.images import read_image
+from tests.support.classic_lane import lane_result
+from tests.support.painted_roads import LANE_WIDTH_M, SUNLIT_WHITE, LaneRoad, paint_lane, paint_view
 from tests.support.painted_roads import RECIPE_CAMERA as CAMERA
 from tests.support.project import REAL_DATA
 
@@ -54,7 +55,7 @@ HALF_LANE = LaneRoad(1 / 500, 0.2, right=None)
 @pytest.mark.parametrize("road", [LEFT_BEND, RIGHT_BEND, DASHED, STRAIGHT, SHADOW, TWO_WHITE], ids=str)
 def test_recipe_a_measures_the_truth(road):
     result = finder("hls_sobel").find(picture(road))
-    assert result.found
+    assert result.state == "found"
     assert result.curvature_per_m == pytest.approx(road.curvature_per_m, rel=0.05, abs=1e-4)
     assert result.offset_m == pytest.approx(road.offset_m, abs=0.015)
     assert result.lane_width_m == pytest.approx(LANE_WIDTH_M, abs=0.03)
@@ -65,7 +66,7 @@ def test_recipe_a_measures_the_truth(road):
 def test_recipes_b_and_c_measure_the_truth_less_well(name, road):
     """Binaries have steps of one pixel, which the warp enlarges to about 0.1 m far away."""
     result = finder(name).find(picture(road))
-    assert result.found
+    assert result.state == "found"
     assert result.curvature_per_m == pytest.approx(road.curvature_per_m, rel=0.1, abs=1e-4)
     assert result.offset_m == pytest.approx(road.offset_m, abs=0.03)
 
@@ -74,7 +75,6 @@ def test_recipes_b_and_c_measure_the_truth_less_well(name, road):
 def test_one_missing_line_leaves_the_other_and_no_lane(name):
     result = finder(name).find(picture(HALF_LANE))
     assert result.state == "lost"
-    assert not result.found
     assert result.right is None
     assert result.right_road is None
     assert result.offset_m is None
@@ -104,72 +104,48 @@ def test_a_mirrored_road_has_a_mirrored_lane():
 def test_yellow_is_yellow_in_video(name, mask):
     """Frames are in RGB order; in BGR order, as in the originals, they have no yellow."""
     frame = picture(STRAIGHT)
-    right_order = finder(name).follow(frame).steps.masks[mask][460:]
-    swapped = finder(name).follow(np.ascontiguousarray(frame[..., ::-1])).steps.masks[mask][460:]
+    right_order = finder(name).follow(frame).masks[mask][460:]
+    swapped = finder(name).follow(np.ascontiguousarray(frame[..., ::-1])).masks[mask][460:]
     assert (right_order > 0).sum() > 1000
     assert (swapped > 0).sum() < 0.02 * (right_order > 0).sum()
 
 
-@pytest.mark.parametrize(("name", "length"), [("hls_sobel", 5), ("equalized_hsv", 10), ("best_channel", 30)])
-def test_shown_lines_are_the_mean_of_the_last_fits(name, length):
+@every_recipe
+def test_lines_and_measures_are_means_of_the_last_frames(name):
     follow = finder(name)
-    frames = [picture(LaneRoad(1 / 600, offset)) for offset in (0.0, 0.04, 0.08)]
-    results = [follow.follow(frame) for frame in frames]
-    assert all(r.found for r in results)
-    single = [r.steps.left.fit.coefficients for r in results]
+    results = [follow.follow(picture(LaneRoad(1 / 600, offset))) for offset in (0.0, 0.04, 0.08)]
+    assert {r.state for r in results} == {"found"}
+    single = [r.left_found.fit.coefficients for r in results]
     np.testing.assert_allclose(results[-1].left.coefficients, np.mean(single, axis=0), rtol=1e-9)
-    assert results[-1].left.coefficients != single[-1]
-
-
-@every_recipe
-def test_windows_slide_in_video_too(name):
-    windows = finder(name).follow(picture(LEFT_BEND)).steps.left.windows
-    centres = [(w.left + w.right) / 2 for w in windows]
-    assert len(centres) == 9
-    assert centres[0] - centres[-1] > 100
-
-
-@every_recipe
-def test_measures_are_not_frozen_at_the_first_frame(name):
-    follow = finder(name)
-    offsets = [follow.follow(picture(LaneRoad(1 / 600, offset))).offset_m for offset in (0.0, 0.04, 0.08)]
+    offsets = [r.offset_m for r in results]
     assert offsets == sorted(offsets)
     assert offsets[-1] - offsets[0] == pytest.approx(0.04, abs=0.02)  # the mean of 0, 4 and 8 cm
 
 
-def hostile_pictures():
-    noise = np.random.default_rng(0).integers(0, 256, (720, 1280, 3), np.uint8)
-    return {"black": np.zeros_like(noise), "white": np.full_like(noise, 255), "noise": noise}
-
-
+NOISE = np.random.default_rng(0).integers(0, 256, (720, 1280, 3), np.uint8)
+HOSTILE = {"black": np.zeros_like(NOISE), "white": np.full_like(NOISE, 255), "noise": NOISE}
 # Pictures without a lane in which a recipe still finds two lines: noise exceeds every threshold of A and B, and a
 # white picture is all "brightest few per cent" to B.
 FALSE_LANES = {("hls_sobel", "noise"), ("equalized_hsv", "noise"), ("equalized_hsv", "white")}
 
 
 @every_recipe
-@pytest.mark.parametrize("kind", hostile_pictures())
-def test_a_picture_without_a_lane_is_lost_or_far_too_narrow(name, kind):
+@pytest.mark.parametrize("kind", HOSTILE)
+def test_an_image_without_a_lane_is_lost_or_far_too_narrow(name, kind):
     """The first frame of a video, as in a garage. The recipes have no gate for the lane width."""
-    image = hostile_pictures()[kind]
     follow = finder(name)
-    for result in (follow.follow(image), follow.find(image)):
+    for result in (follow.follow(HOSTILE[kind]), follow.find(HOSTILE[kind])):
         if (name, kind) not in FALSE_LANES:
             assert summary(result) == ("lost", None, None, None, None)
-            continue
-        # Both lines start at the two columns next to the centre of the picture.
-        assert result.state == "found"
-        assert 0 <= result.lane_width_m < 0.3
-        assert abs(result.offset_m) < 0.1
-        assert abs(result.curvature_per_m) < 1e-3
+        else:  # both lines start at the two columns next to the centre of the view
+            assert (result.state, 0 <= result.lane_width_m < 0.3) == ("found", True)
 
 
 @every_recipe
-@pytest.mark.parametrize("kind", hostile_pictures())
-def test_a_picture_without_a_lane_does_not_move_a_known_lane_far(name, kind):
+@pytest.mark.parametrize("kind", HOSTILE)
+def test_an_image_without_a_lane_does_not_move_a_known_lane_far(name, kind):
     follow = finder(name)
-    good = follow.follow(picture(LEFT_BEND))
-    result = follow.follow(hostile_pictures()[kind])
+    good, result = (follow.follow(image) for image in (picture(LEFT_BEND), HOSTILE[kind]))
     assert result.state == ("found" if (name, kind) in FALSE_LANES else "kept")
     assert result.offset_m == pytest.approx(good.offset_m, abs=0.05)
     assert result.curvature_per_m == pytest.approx(good.curvature_per_m, abs=5e-4)
@@ -178,12 +154,9 @@ def test_a_picture_without_a_lane_does_not_move_a_known_lane_far(name, kind):
 @every_recipe
 def test_a_frame_without_a_line_is_kept_and_says_so(name):
     follow = finder(name)
-    good = follow.follow(picture(LEFT_BEND))
-    kept = follow.follow(np.zeros((720, 1280, 3), np.uint8))
+    good, kept = (follow.follow(image) for image in (picture(LEFT_BEND), HOSTILE["black"]))
     assert (good.state, kept.state) == ("found", "kept")
-    assert not kept.found
-    assert kept.left == good.left
-    assert kept.offset_m == good.offset_m
+    assert (kept.left, kept.offset_m) == (good.left, good.offset_m)
 
 
 def test_a_lane_long_unseen_is_lost_and_found_again():
@@ -192,7 +165,7 @@ def test_a_lane_long_unseen_is_lost_and_found_again():
     for _ in range(11):
         lost = follow.follow(np.zeros((720, 1280, 3), np.uint8))
     assert summary(lost) == ("lost", None, None, None, None)
-    assert follow.follow(picture(RIGHT_BEND)).found
+    assert follow.follow(picture(RIGHT_BEND)).state == "found"
 
 
 def test_a_channel_full_of_noise_does_not_confirm_the_line_so_far():
@@ -200,9 +173,9 @@ def test_a_channel_full_of_noise_does_not_confirm_the_line_so_far():
     follow = finder("best_channel")
     for offset in (0.0, 0.04, 0.08):
         result = follow.follow(picture(LaneRoad(1 / 600, offset)))
-    hue = result.steps.masks["hue"]
+    hue = result.masks["hue"]
     assert (hue[500:] > 0).mean() > 0.05  # the hue of neutral asphalt is noise over the full range
-    assert "hue" not in (result.steps.left.channel, result.steps.right.channel)
+    assert "hue" not in (result.left_found.channel, result.right_found.channel)
 
 
 @every_recipe
@@ -218,21 +191,12 @@ def test_stills_do_not_influence_each_other(name):
 
 
 @every_recipe
-def test_reset_forgets_the_drive(name):
-    follow = finder(name)
-    first = summary(follow.follow(picture(LEFT_BEND)))
-    follow.follow(picture(STRAIGHT))
-    follow.reset()
-    assert summary(follow.follow(picture(LEFT_BEND))) == first
-
-
-@every_recipe
 def test_lines_lie_on_the_raw_paint_once_the_lens_is_put_back(name):
     """The lines are in undistorted pixels; drawn on the raw picture without distortion, they miss the markings."""
     result = finder(name).find(picture(STRAIGHT))
     rows = np.array([400.0, 719.0])
     for fit, side in ((result.left, 1), (result.right, -1)):
-        ideal = result.warp.points_to_picture(np.column_stack([fit.columns(rows), rows]))
+        ideal = result.warp.points_to_image(np.column_stack([fit.columns(rows), rows]))
         raw = CAMERA.distort_points(ideal)
         x = CAMERA.pixels_to_road(raw)[:, 0]
         paint = CAMERA.road_to_pixels(np.column_stack([x, STRAIGHT.lateral_m(side * LANE_WIDTH_M / 2, x)]))
@@ -269,7 +233,7 @@ def test_a_glint_changes_nothing_elsewhere(name):
     image[v - 5 : v + 6, u : u + 6] = 255
     image[v - 5 : v + 6, u - 6 : u] = 0
     after = finder(name).find(image)
-    for mask, other in ((m, after.steps.masks[key]) for key, m in before.steps.masks.items()):
+    for mask, other in ((m, after.masks[key]) for key, m in before.masks.items()):
         if get_recipe(name).warp_first:
             inverse, size = before.warp.inverse, before.warp.size
             mask, other = (cv2.warpPerspective(m, inverse, size, flags=cv2.INTER_NEAREST) for m in (mask, other))
@@ -280,25 +244,11 @@ def test_a_glint_changes_nothing_elsewhere(name):
 
 
 @every_recipe
-def test_bends_have_a_sign_and_straight_roads_are_called_straight(name):
-    left, right, straight = (finder(name).find(picture(road)) for road in (LEFT_BEND, LaneRoad(-1 / 600), STRAIGHT))
-    assert left.curvature_per_m > 0 > right.curvature_per_m
-    assert left.left_road.curvature_per_m() > 0 > right.right_road.curvature_per_m()
-    # At the car, not at the far end of the bird's-eye view, where the curvature of a parabola is smaller.
-    assert left.left_road.curvature_per_m() > left.left_road.curvature_per_m(30.0) / 0.995
-    assert describe_bend(left.curvature_per_m).startswith("bends left, R ")
-    assert describe_bend(right.curvature_per_m).startswith("bends right, R ")
-    assert describe_bend(straight.curvature_per_m) == "straight (R > 3 km)"
-    assert describe_offset(straight.offset_m).endswith("right of centre")
-
-
-@every_recipe
 def test_half_size_pictures_measure_the_same_road(name):
     size = (640, 360)
     small = cv2.resize(picture(LEFT_BEND), size, interpolation=cv2.INTER_AREA)
     result = LaneFinder(get_recipe(name, size), CAMERA.scaled(size)).find(small)
-    assert result.found
-    assert result.steps.birdseye.shape == (360, 640, 3)
+    assert result.state == "found"
     assert result.curvature_per_m == pytest.approx(1 / 400, rel=0.12 if name != "equalized_hsv" else 0.25)
     assert result.offset_m == pytest.approx(0.3, abs=0.02 if name != "equalized_hsv" else 0.05)
 
@@ -321,18 +271,70 @@ def test_a_picture_of_another_size_is_refused(name):
         LaneFinder(get_recipe(name, (640, 360)), CAMERA)
 
 
+# --- measurements ------------------------------------------------------------------------------------------------
+
+
+def test_measures_need_both_lines_except_the_curvature():
+    left, right = RoadLine(1.7, 0.0, 0.002), RoadLine(-2.0, 0.0, 0.004)
+    both, one, none = lane_result(left, right), lane_result(left, None, "lost"), lane_result(None, None, "lost")
+    assert (both.curvature_per_m, both.offset_m, both.lane_width_m) == pytest.approx((0.003, 0.15, 3.7))
+    assert (one.curvature_per_m, one.offset_m, one.lane_width_m) == (0.002, None, None)
+    assert (none.curvature_per_m, none.offset_m, none.lateral_m(np.zeros(1))) == (None, None, None)
+    row = one.as_row()
+    assert (row["state"], row["left_c0_m"], row["left_c2_per_m"]) == ("lost", 1.7, 0.002)
+    assert row["offset_m"] is row["right_c0_m"] is None
+
+
+def test_width_is_measured_across_the_lane():
+    heading = 0.1
+    left, right = (RoadLine(side * 1.85 / np.cos(heading), np.tan(heading), 0.0) for side in (1, -1))
+    assert lane_result(left, right).lane_width_m == pytest.approx(3.7)
+
+
+def test_lines_in_the_image_run_from_far_to_near():
+    result = finder("hls_sobel").find(picture(HALF_LANE))
+    left_px, right_px = result.lines_px
+    assert right_px is None
+    np.testing.assert_allclose(result.warp.points_to_birdseye(left_px), result.left.points(720), atol=1e-6)
+    assert left_px[0, 1] < left_px[-1, 1]
+
+
+def flat_camera():
+    """A camera without distortion; the view of recipe A then shows exactly what `image_of_view` was given."""
+    return Camera(1280, 720, CAMERA.matrix, np.zeros(5), CAMERA.pose)
+
+
+def image_of_view(binary):
+    """An image whose bird's-eye view in recipe A has white where the binary is set, on gray."""
+    view = np.dstack([np.where(binary > 0, 235, 105).astype(np.uint8)] * 3)
+    inverse = get_recipe("hls_sobel").four_point_warp().inverse
+    return cv2.warpPerspective(view, inverse, (1280, 720), borderValue=(105, 105, 105))
+
+
+def upright(*columns, **options):
+    return paint_view((1280, 720), [partial(np.full_like, fill_value=column) for column in columns], **options)
+
+
+def test_a_stub_of_a_line_is_no_line():
+    """One window of paint does not determine a curvature."""
+    stub = upright(400.0, rows=(620, 720)) | upright(900.0)
+    result = finder("hls_sobel", flat_camera()).find(image_of_view(stub))
+    assert result.left is None and result.right is not None
+    assert result.state == "lost"
+
+
+def test_a_line_that_jumped_is_searched_with_windows_after_a_miss():
+    follow = finder("hls_sobel", flat_camera())
+    follow.follow(image_of_view(upright(300.0, 900.0)))
+    jumped = image_of_view(upright(500.0, 900.0))
+    missed = follow.follow(jumped)
+    assert missed.left_found.fit is None  # 200 px away, outside the band around the line so far
+    seen = follow.follow(jumped)
+    assert seen.left_found.fit.columns(360) == pytest.approx(500, abs=15)
+    assert (missed.state, seen.state) == ("kept", "kept")  # the gate refuses a jump of more than 100 px
+
+
 # --- everything else ---------------------------------------------------------------------------------------------
-
-
-@every_recipe
-@pytest.mark.parametrize("size", [(1, 1), (2, 1), (7, 5), (31, 64), (101, 57)], ids=str)
-def test_tiny_and_odd_pictures_are_results(name, size):
-    matrix = np.array([[size[0], 0, size[0] / 2], [0, size[0], size[1] / 2], [0, 0, 1.0]])
-    follow = finder(name, Camera(*size, matrix, np.zeros(5), CAMERA.pose))
-    noise = np.random.default_rng(0).integers(0, 256, (size[1], size[0], 3), np.uint8)
-    for image in (noise, np.zeros_like(noise), np.full_like(noise, 255)):
-        for result in (follow.find(image), follow.follow(image), follow.follow(image)):
-            assert result.state in ("found", "kept", "lost")
 
 
 def test_unknown_recipes_and_sizes_are_named():
@@ -346,25 +348,18 @@ def test_a_camera_without_pose_needs_scales():
     camera = replace(CAMERA, pose=None)
     with pytest.raises(CameraError, match="has no pose .* or give metres_per_px"):
         finder("hls_sobel", camera)
-    assert finder("hls_sobel", camera, metres_per_px=PUBLISHED_SCALES).find(picture(LEFT_BEND)).found
+    assert finder("hls_sobel", camera, metres_per_px=PUBLISHED_SCALES).find(picture(LEFT_BEND)).state == "found"
 
 
 def test_recipe_c_chooses_a_channel_for_each_line():
     """A white line has no colour and a yellow one is not bright, so their best channels differ."""
     follow = finder("best_channel")
     follow.follow(picture(LEFT_BEND))
-    steps = follow.follow(picture(LEFT_BEND)).steps
-    assert {steps.left.channel, steps.right.channel} <= set(get_recipe("best_channel").video_thresholds.candidates)
-    assert steps.right.channel in ("red", "luv lightness", "gradients")
-    assert len(steps.left.pixels) and len(steps.right.pixels)
-
-
-def test_the_picture_is_left_as_it_was_and_results_repeat():
-    image = picture(DASHED)
-    before = image.copy()
-    for name in RECIPES:
-        assert summary(finder(name).find(image)) == summary(finder(name).find(image))
-    assert (image == before).all()
+    result = follow.follow(picture(LEFT_BEND))
+    channels = {result.left_found.channel, result.right_found.channel}
+    assert channels <= set(get_recipe("best_channel").video_thresholds.candidates)
+    assert result.right_found.channel in ("red", "luv lightness", "gradients")
+    assert len(result.left_found.pixels) and len(result.right_found.pixels)
 
 
 EMBEDDED = open_dataset(PROJECT_ROOT)
@@ -378,7 +373,7 @@ def test_embedded_stills_are_results_and_mostly_true(name, right):
     for still in EMBEDDED.stills:
         result, truth = shared.find(read_image(still)), EMBEDDED.true_lane(still)
         assert result.state in ("found", "lost")
-        if result.found:
+        if result.state == "found":
             errors_m.append(abs(result.offset_m - truth["offset_m"]))
     assert (np.array(errors_m) < 0.05).sum() >= right
 
@@ -391,29 +386,12 @@ with_real_stills = pytest.mark.skipif(
 )
 
 
-@pytest.fixture(scope="module")
-def real_camera():
-    return calibrate_folder(REAL_DATA / "camera_cal")
-
-
 @with_real_stills
-def test_recipe_a_gives_its_published_numbers(real_camera):
-    result = finder("hls_sobel", real_camera, metres_per_px=PUBLISHED_SCALES).find(
-        read_image(REAL_DATA / "test_images" / "test5.jpg")
-    )
-    assert result.found
+def test_recipe_a_gives_its_published_numbers():
+    recipe_a = finder("hls_sobel", calibrate(REAL_DATA / "camera_cal"), metres_per_px=PUBLISHED_SCALES)
+    result = recipe_a.find(read_image(REAL_DATA / "test_images" / "test5.jpg"))
+    assert result.state == "found"
     # The road bends right and the car is right of the centre; the published numbers have no signs.
     assert 1 / result.left_road.curvature_per_m() == pytest.approx(-724, rel=0.1)
     assert 1 / result.right_road.curvature_per_m() == pytest.approx(-1614, rel=0.1)
     assert result.offset_m == pytest.approx(-0.170, rel=0.1)
-
-
-@with_real_stills
-@pytest.mark.parametrize(("name", "lanes"), [("hls_sobel", 8), ("equalized_hsv", 7), ("best_channel", 5)])
-def test_every_real_still_is_a_result(real_camera, name, lanes):
-    """On light concrete B misses the right dashes, and the thresholds of C are flooded, which C detects."""
-    stills = list_pictures(REAL_DATA / "test_images")
-    shared = finder(name, real_camera, metres_per_px=PUBLISHED_SCALES)
-    states = [shared.find(read_image(still)).state for still in stills]
-    assert len(states) >= 8
-    assert states.count("found") >= lanes

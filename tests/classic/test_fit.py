@@ -1,11 +1,19 @@
+"""Parabolas of one line: exact, robust, refused if the pixels do not determine them; and the line on the road."""
+
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from classic.fit import LineFit, fit_line, mean_distance_px, mean_fit, ransac_line
+from classic.fit import LineFit, RoadLine, fit_line, mean_distance_px, mean_fit, ransac_line, road_line
+from classic.warp import scale_to_road
 
 ROWS = np.arange(0, 720)
+SCALES = (3.7 / 700, 30 / 720)
+TO_ROAD = partial(scale_to_road, metres_per_px=SCALES, birdseye_size=(1280, 720))
+both_fitters = pytest.mark.parametrize("fitter", [fit_line, ransac_line])
 
 
 def line_pixels(a, b, c, rows=ROWS):
@@ -13,11 +21,10 @@ def line_pixels(a, b, c, rows=ROWS):
 
 
 @given(st.floats(-1e-3, 1e-3), st.floats(-1, 1), st.floats(0, 1280))
-def test_exact_pixels_give_their_parabola_back(a, b, c):
+def test_exact_pixels_give_their_parabola(a, b, c):
     fit = fit_line(line_pixels(a, b, c))
     np.testing.assert_allclose(fit.columns(ROWS), a * ROWS**2 + b * ROWS + c, atol=1e-6)
-    assert fit.pixels == 720
-    assert fit.rows_px == (0, 719)
+    assert (fit.pixels, fit.rows_px) == (720, (0, 719))
 
 
 def test_fit_agrees_with_numpy_polyfit():
@@ -26,7 +33,7 @@ def test_fit_agrees_with_numpy_polyfit():
     np.testing.assert_allclose(fit_line(pixels).coefficients, np.polyfit(pixels[:, 1], pixels[:, 0], 2), rtol=1e-8)
 
 
-@pytest.mark.parametrize("fitter", [fit_line, ransac_line])
+@both_fitters
 @pytest.mark.parametrize(
     "pixels",
     [np.empty((0, 2)), [[5, 5]], [[5, 1], [6, 2]], [[1, 7], [2, 7], [3, 7], [4, 7]], [[1, 0], [2, 9], [3, 9], [4, 0]]],
@@ -36,11 +43,14 @@ def test_too_little_for_a_parabola_is_none(fitter, pixels):
     assert fitter(np.array(pixels)) is None
 
 
-@pytest.mark.parametrize("fitter", [fit_line, ransac_line])
-def test_a_short_stub_is_no_line_when_a_span_is_asked_for(fitter):
+@both_fitters
+def test_a_stub_shorter_than_the_required_span_is_no_line(fitter):
     stub = line_pixels(0, 0, 300, np.arange(600, 700))
     assert fitter(stub) is not None
     assert fitter(stub, min_span_px=160) is None
+    # clutter that RANSAC leaves out does not make it longer
+    clutter = np.column_stack([np.linspace(1000, 1280, 40), np.arange(40)])
+    assert ransac_line(np.vstack([stub, clutter]), samples=5, residual_px=1, min_span_px=160) is None
 
 
 def test_ransac_ignores_a_third_of_outliers_that_bend_least_squares():
@@ -61,25 +71,15 @@ def test_ransac_with_minimal_samples_is_robust_and_with_150_is_not():
     for seed in range(5):
         rng = np.random.default_rng(seed)
         line = line_pixels(3e-4, -0.2, 300) + rng.normal(0, 1, (720, 2)) * [1, 0]
-        outliers = np.column_stack([rng.uniform(800, 1280, 80), rng.integers(0, 720, 80)])
-        pixels = np.vstack([line, outliers])
+        pixels = np.vstack([line, np.column_stack([rng.uniform(800, 1280, 80), rng.integers(0, 720, 80)])])
         for samples in worst:
             fit = ransac_line(pixels, samples=samples)
             worst[samples] = max(worst[samples], np.abs(fit.columns(ROWS) - truth).max())
-        assert ransac_line(pixels) == ransac_line(pixels, samples=3)
     assert worst[3] < 0.5
     assert worst[150] > 10
 
 
-def test_ransac_refuses_a_short_stub_among_pixels_that_span_enough():
-    rng = np.random.default_rng(6)
-    clutter = np.column_stack([rng.uniform(1000, 1280, 40), rng.integers(0, 50, 40)])
-    pixels = np.vstack([np.repeat(line_pixels(0, 0, 300, np.arange(600, 700)), 5, axis=0), clutter])
-    assert ransac_line(pixels, samples=5, residual_px=1) is not None
-    assert ransac_line(pixels, samples=5, residual_px=1, min_span_px=160) is None
-
-
-def test_ransac_asks_pixels_from_everywhere():
+def test_ransac_counts_inliers_among_pixels_from_everywhere():
     """Of 6000 pixels every third has a vote; the first ones are a speck beside the line."""
     line = np.repeat(line_pixels(0.0, 0.3, 300.0), 8, axis=0)
     speck = np.column_stack([np.tile([700, 702], 120), np.repeat(np.arange(40), 6)])
@@ -88,37 +88,75 @@ def test_ransac_asks_pixels_from_everywhere():
     np.testing.assert_allclose(fit.columns(ROWS), 300 + 0.3 * ROWS, atol=1e-6)
 
 
-def test_ransac_takes_whole_numbers_and_lists():
-    """As `binary_pixels` gives them, and as they may be typed."""
+def test_integers_and_lists_are_pixels_too():
     pixels = line_pixels(0, 1, 300, np.arange(0, 100))
-    assert pixels.dtype.kind == "i"
     assert ransac_line(pixels) == ransac_line(pixels.tolist()) == ransac_line(pixels.astype(float))
     assert fit_line(pixels.astype(np.uint16)) == fit_line(pixels)
 
 
-def test_ransac_gives_the_same_line_for_the_same_seed():
+def test_the_same_seed_gives_the_same_line():
     pixels = line_pixels(1e-4, 0, 300) + np.random.default_rng(5).normal(0, 12, (720, 2)) * [1, 0]
     assert ransac_line(pixels, seed=1) == ransac_line(pixels, seed=1)
     assert ransac_line(pixels, seed=1) != ransac_line(pixels, seed=2)
 
 
-def test_mean_is_a_mean():
+def test_mean_and_distance_of_fits():
     fits = [LineFit((1.0, 2.0, 3.0), 10, (0, 50)), LineFit((3.0, 4.0, 9.0), 20, (10, 90))]
     assert mean_fit(fits) == LineFit((2.0, 3.0, 6.0), 30, (0, 90))
     assert mean_fit([]) is None
-
-
-def test_distance_is_the_mean_gap():
     upright, shifted = LineFit((0, 0, 100.0), 1, (0, 1)), LineFit((0, 0, 107.0), 1, (0, 1))
-    crossing = LineFit((0, 2.0, 100.0 - 2 * 50), 1, (0, 1))
+    crossing = LineFit((0, 2.0, 0.0), 1, (0, 1))
     assert mean_distance_px(upright, shifted, 101) == pytest.approx(7)
     assert mean_distance_px(upright, crossing, 101) == pytest.approx(2 * np.abs(np.arange(101) - 50).mean())
 
 
 def test_points_run_from_the_top_row_to_the_bottom_row():
-    points = LineFit((0.0, 2.0, 100.0), 1, (0, 20)).points(21)
-    assert points.tolist() == [[100, 0], [116, 8], [132, 16], [140, 20]]
-    assert len(LineFit((0.0, 2.0, 100.0), 1, (0, 0)).points(1)) == 1
+    assert LineFit((0.0, 2.0, 100.0), 1, (0, 20)).points(21).tolist() == [[100, 0], [116, 8], [132, 16], [140, 20]]
     # the last row is drawn once, also where a step ends there
-    assert LineFit((0.0, 0.0, 5.0), 1, (0, 0)).points(18)[:, 1].tolist() == [0, 8, 16, 17]
-    assert LineFit((0.0, 0.0, 5.0), 1, (0, 0)).points(17)[:, 1].tolist() == [0, 8, 16]
+    upright = LineFit((0.0, 0.0, 5.0), 1, (0, 0))
+    assert [upright.points(height)[:, 1].tolist() for height in (1, 17, 18)] == [[0], [0, 8, 16], [0, 8, 16, 17]]
+
+
+# On the road
+
+
+def circle_in_view(radius_m, y0_m=0.0):
+    """Pixels of a circle that touches the car's direction `y0_m` left of the car; radius > 0 bends left."""
+    x = (719 - ROWS) * SCALES[1]
+    y = y0_m + radius_m - np.sign(radius_m) * np.sqrt(radius_m**2 - x**2)
+    return np.column_stack([639.5 - y / SCALES[0], ROWS])
+
+
+@given(st.floats(200, 2500), st.sampled_from([-1, 1]), st.floats(-2, 2))
+def test_a_circle_of_radius_r_measures_r(radius, side, y0):
+    line = road_line(fit_line(circle_in_view(side * radius, y0)), TO_ROAD, 720)
+    # A parabola through 30 m of a circle of 200 m is off by 1 %.
+    assert 1 / line.curvature_per_m() == pytest.approx(side * radius, rel=0.012)
+    assert line.c0_m == pytest.approx(y0, abs=0.01)
+
+
+def test_curvature_is_the_published_formula_at_the_bottom_row():
+    """(1 + (2Ay + B)^2)^1.5 / |2A| of the fit in metres, as the course writes it."""
+    fit = LineFit((2e-4, -0.35, 500.0), 1, (0, 719))
+    a, b = 2e-4 * SCALES[0] / SCALES[1] ** 2, -0.35 * SCALES[0] / SCALES[1]
+    published = (1 + (2 * a * 719 * SCALES[1] + b) ** 2) ** 1.5 / abs(2 * a)
+    assert abs(1 / road_line(fit, TO_ROAD, 720).curvature_per_m()) == pytest.approx(published, rel=1e-9)
+
+
+def test_position_and_curvature_farther_ahead_follow_the_line():
+    np.testing.assert_allclose(RoadLine(1.5, 0.02, -0.004).lateral_m(np.array([0.0, 10.0, 30.0])), [1.5, 1.5, 0.3])
+    line = RoadLine(0.0, 0.0, 0.01)
+    assert line.curvature_per_m(0) == pytest.approx(0.01)
+    assert line.curvature_per_m(50) == pytest.approx(0.01 / 1.25**1.5)
+
+
+def test_points_above_the_horizon_are_left_out():
+    def half_sky(points):
+        road = TO_ROAD(points)
+        road[points[:, 1] < 360] = np.nan
+        return road
+
+    fit = fit_line(circle_in_view(400))
+    assert road_line(fit, half_sky, 720).c2_per_m == pytest.approx(1 / 400, rel=0.02)
+    assert road_line(fit, lambda points: np.full((len(points), 2), np.nan), 720) is None
+    assert road_line(fit, TO_ROAD, 1) is None

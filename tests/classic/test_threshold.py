@@ -1,3 +1,5 @@
+"""Binaries by colour and gradient: ranges, colour order, scales of gradients, and sizes."""
+
 import numpy as np
 import pytest
 
@@ -22,24 +24,12 @@ def test_range_includes_both_ends():
     assert th.range_mask(channel, (10, 20)).tolist() == [[0, 255, 255, 0]]
 
 
-def test_channels_come_in_the_order_of_the_letters():
-    hue, lightness, saturation = th.split_channels(picture((255, 255, 0)), "HLS")
-    assert (hue[0, 0], lightness[0, 0], saturation[0, 0]) == (30, 128, 255)
-    assert th.split_channels(picture((1, 2, 3)), "RGB")[2][0, 0] == 3
-
-
 @pytest.mark.parametrize(
     ("space", "red"), [("RGB", (255, 0, 0)), ("HLS", (0, 128, 255)), ("HSV", (0, 255, 255)), ("LAB", (136, 208, 195))]
 )
 def test_red_is_red_in_every_space(space, red):
     """The values of OpenCV's documentation for pure red; blue would have hue 120 and b below 128."""
     assert tuple(int(channel[0, 0]) for channel in th.split_channels(picture((255, 0, 0)), space)) == red
-
-
-def test_luv_lightness_is_that_of_lab():
-    image = np.random.default_rng(2).integers(0, 256, (9, 9, 3), np.uint8)
-    luv, lab = (th.split_channels(image, space)[0].astype(int) for space in ("LUV", "LAB"))
-    assert np.abs(luv - lab).max() <= 1
 
 
 def test_unknown_colour_space_is_named():
@@ -84,20 +74,6 @@ def test_upper_end_drops_steep_edges_unless_it_is_the_top():
     edge = step(0, 255)
     assert not th.gradient_x_mask(edge, (100, 200), full_step=100).any()
     assert th.gradient_x_mask(edge, (100, 255), full_step=100).any()
-
-
-@pytest.mark.parametrize(("low", "high", "seen"), [(0.7, 0.9, True), (0.9, 1.2, False), (0.0, 0.7, False)])
-def test_direction_of_a_diagonal_edge_is_45_degrees(low, high, seen):
-    rows, columns = np.mgrid[:40, :40]
-    ramp = (3 * (rows + columns)).astype(np.uint8)
-    inside = th.direction_mask(ramp, (low, high))[5:-5, 5:-5]
-    assert inside.all() == inside.any() == seen
-
-
-def test_flat_pixels_have_direction_zero():
-    flat = picture(GRAY)[..., 0]
-    assert th.direction_mask(flat, (0, 0.1)).all()
-    assert not th.direction_mask(flat, (0.1, 1.5)).any()
 
 
 def test_region_is_given_in_fractions():

@@ -1,3 +1,5 @@
+"""The bird's-eye view from four points: exact for points and images, and its scale in metres."""
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,7 +9,6 @@ from classic.warp import FourPointWarp, birdseye_to_road, metres_per_pixel, road
 from lanes.camera import CameraPose
 from lanes.errors import CameraError, PictureError
 from tests.support.painted_roads import RECIPE_CAMERA as CAMERA
-from tests.support.painted_roads import paint_view
 
 SIZE = (1280, 720)
 TRAPEZIUM = [(580, 460), (740, 460), (1100, 670), (270, 670)]
@@ -24,28 +25,24 @@ def road_rectangle_warp(near_m=6.0, far_m=30.0, half_width_m=4.0):
 
 def test_source_points_come_to_lie_on_destination_points():
     np.testing.assert_allclose(WARP.points_to_birdseye(TRAPEZIUM), RECTANGLE, atol=1e-3)
-    np.testing.assert_allclose(WARP.points_to_picture(RECTANGLE), TRAPEZIUM, atol=1e-3)
+    np.testing.assert_allclose(WARP.points_to_image(RECTANGLE), TRAPEZIUM, atol=1e-3)
+    assert WARP.points_to_birdseye(np.empty((0, 2))).shape == (0, 2)
 
 
 @given(st.lists(st.tuples(st.floats(0, 1279), st.floats(0, 719)), min_size=1, max_size=8))
 def test_points_return_from_the_view_where_they_were(points):
-    there = WARP.points_to_picture(np.array(points))
+    there = WARP.points_to_image(np.array(points))
     np.testing.assert_allclose(WARP.points_to_birdseye(there), points, atol=1e-5)
 
 
-def test_pictures_move_as_points_do():
-    picture = np.zeros((720, 1280, 3), np.uint8)
-    u, v = 500, 560
-    picture[v, u] = 255
-    rows, columns = np.nonzero(WARP.warp(picture)[..., 0] > 200)
-    np.testing.assert_allclose([columns.mean(), rows.mean()], WARP.points_to_birdseye([(u, v)])[0], atol=0.6)
-
-
-def test_binaries_keep_two_values():
+def test_images_and_binaries_move_as_points_do():
     binary = np.zeros((720, 1280), np.uint8)
-    binary[500:640, 560:720] = 255
-    view = WARP.warp(binary)
-    assert set(np.unique(view)) == {0, 255}
+    u, v = 500, 560
+    binary[v - 1 : v + 2, u - 1 : u + 2] = 255
+    for view in (WARP.image_to_birdseye(binary), WARP.image_to_birdseye(np.dstack([binary] * 3))[..., 0]):
+        rows, columns = np.nonzero(view > 200)
+        np.testing.assert_allclose([columns.mean(), rows.mean()], WARP.points_to_birdseye([(u, v)])[0], atol=0.6)
+    assert set(np.unique(WARP.image_to_birdseye(binary))) == {0, 255}
 
 
 @pytest.mark.parametrize(
@@ -53,19 +50,15 @@ def test_binaries_keep_two_values():
     [
         (np.zeros((360, 640, 3), np.uint8), "is 640x360 pixels, but this warp is for 1280x720"),
         (np.zeros((720, 1281), np.uint8), "is 1281x720 pixels, but this warp is for 1280x720"),
-        (np.zeros((720, 1280, 4), np.uint8), "expected an RGB picture"),
-        (np.zeros((720, 1280), bool), "expected an RGB picture"),
+        (np.zeros((720, 1280, 4), np.uint8), "expected an RGB image"),
+        (np.zeros((720, 1280), bool), "expected an RGB image"),
         (None, "got NoneType"),
     ],
     ids=["small", "binary", "rgba", "bool", "none"],
 )
 def test_only_pictures_and_binaries_of_the_warps_size_are_taken(wrong, sentence):
     with pytest.raises(PictureError, match=sentence):
-        WARP.warp(wrong)
-
-
-def test_no_points_are_no_points():
-    assert WARP.points_to_birdseye(np.empty((0, 2))).shape == (0, 2)
+        WARP.image_to_birdseye(wrong)
 
 
 @pytest.mark.parametrize(
@@ -92,34 +85,14 @@ def test_scales_of_a_true_map_are_its_scales():
 
 def test_scales_follow_the_camera_height():
     """From twice the height every pixel spans twice the road; the originals' 3.7/700 could not know."""
-    low = metres_per_pixel(WARP, CAMERA)
     pose = CAMERA.pose
     high = metres_per_pixel(WARP, CAMERA.with_pose(CameraPose(2 * pose.height_m, pose.pitch_rad, pose.yaw_rad)))
-    np.testing.assert_allclose(high, 2 * np.array(low), rtol=1e-9)
+    np.testing.assert_allclose(high, 2 * np.array(metres_per_pixel(WARP, CAMERA)), rtol=1e-9)
 
 
 def test_a_view_up_to_the_horizon_has_no_scale():
-    with pytest.raises(CameraError) as refusal:
+    with pytest.raises(CameraError, match="quadrangle of the warp reaches the horizon .*; choose lower points"):
         metres_per_pixel(WARP, CAMERA.with_pose(CameraPose(1.2, pitch_rad=-0.1)))
-    assert str(refusal.value) == (
-        "the quadrangle of the warp reaches the horizon of this camera pose, so its rows have no length on the "
-        "road; choose lower points or correct the pitch of the camera pose."
-    )
-
-
-def test_scales_are_taken_on_the_middle_column():
-    """No true map, seen by a camera that leans and looks aside: the scales differ from column to column."""
-    camera = CAMERA.with_pose(CameraPose(1.3, 0.02, yaw_rad=0.1, roll_rad=0.06))
-    road = birdseye_to_road(np.array([[639.0, 719.0], [640.0, 719.0], [639.5, 719.0], [639.5, 0.0]]), WARP, camera)
-    across, along = metres_per_pixel(WARP, camera)
-    assert across == pytest.approx(np.hypot(*(road[1] - road[0])), rel=1e-6)
-    assert along == pytest.approx(np.hypot(*(road[3] - road[2])) / 719, rel=1e-9)
-
-
-def test_fixed_scales_count_from_the_bottom_and_the_middle():
-    points = np.array([[639.5, 719], [539.5, 719], [639.5, 0]])
-    road = scale_to_road(points, (0.01, 0.05), SIZE)
-    np.testing.assert_allclose(road, [[0, 0], [0, 1.0], [719 * 0.05, 0]], atol=1e-12)
 
 
 def test_fixed_scales_agree_with_the_road_on_a_true_map():
@@ -127,13 +100,8 @@ def test_fixed_scales_agree_with_the_road_on_a_true_map():
     points = np.array([[300.0, 100.0], [900.0, 650.0]])
     exact = birdseye_to_road(points, warp, CAMERA)
     scaled = scale_to_road(points, metres_per_pixel(warp, CAMERA), SIZE)
-    # The map's bottom row lies 6 m ahead; the columns' middle is the road's x axis.
+    # The bottom row is 6 m ahead, and the centre of the columns is the x axis of the road.
     np.testing.assert_allclose(scaled + [6.0, 0], exact, atol=2e-3)
-
-
-def test_paint_view_paints_where_it_says():
-    binary = paint_view((100, 40), [lambda y: 30 + 0 * y], thickness_px=3)
-    assert np.flatnonzero(binary[20]).tolist() == [29, 30, 31]
 
 
 def test_axes_of_a_true_rectangle_are_linear():

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from classic.finder import LaneFinder
+from classic.fit import RoadLine
 from classic.recipe import get_recipe
-from classic.result import RoadLine
 from classic.warp import FourPointWarp
 from course.measures import (
     binary_on_road,
@@ -94,7 +94,7 @@ class TestMarkingPrecision:
         assert marking_precision(np.array(elsewhere), truth()) is None
 
     def test_a_flooded_binary_has_the_share_of_the_lines_in_the_lane(self):
-        flooded = SimpleNamespace(steps=SimpleNamespace(warped_binary=np.full((360, 640), 255, np.uint8)), warp=WARP)
+        flooded = SimpleNamespace(warped_binary=np.full((360, 640), 255, np.uint8), warp=WARP)
         # two stripes of 0.4 m in 3.6 m of lane and a metre on each side
         assert marking_precision(binary_on_road(flooded, CAMERA), truth()) == pytest.approx(0.8 / 5.6, abs=0.05)
 

@@ -18,7 +18,7 @@ def test_any_column_of_a_flat_peak_gives_the_lane_width(monkeypatch, columns):
     histogram = np.zeros(1280)
     histogram[297:326], histogram[1034:1056] = 360, 720
     monkeypatch.setattr(chapter_06, "lane_histogram", lambda mask: histogram)
-    warp = recipe_from_pose(get_recipe("hls_sobel"), CAMERA).warp()
+    warp = recipe_from_pose(get_recipe("hls_sobel"), CAMERA).four_point_warp()
     view = {"above": np.zeros((720, 1280, 3), np.uint8), "warp": warp, "camera": CAMERA, "truth": None}
     across_m = metres_per_pixel(warp, CAMERA)[0]
     assert chapter_06.check_lane_width(columns * across_m, **view).correct

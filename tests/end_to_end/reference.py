@@ -23,7 +23,7 @@ from benchmark.scored_drive import COMMITTED, list_drives
 from benchmark.scores import score
 from benchmark.systems import TRACKER, start_system
 from lanes.camera import load_camera
-from lanes.video.reader import inspect_video, read_frames
+from lanes.video.reader import inspect_video, read_video
 
 REFERENCE = Path(__file__).with_name("reference.json")
 SECONDS = 3.6
@@ -54,7 +54,7 @@ def measure(
     drive = list_drives()[scene]
     camera, fps = load_camera(drive.video.with_suffix(".yaml")), inspect_video(drive.video).fps
     find, to_estimate = start_system(TRACKER, camera, fps)
-    estimates = [to_estimate(find(disturb(image))) for image in read_frames(drive.video, start_s=begin_s, end_s=end_s)]
+    estimates = [to_estimate(find(disturb(image))) for image in read_video(drive.video, start_s=begin_s, end_s=end_s)]
     first = round(begin_s * inspect_video(drive.video).fps)
     truth = read_truth(drive).select(slice(first, first + len(estimates)))
     return frame_errors(DriveEstimates.from_frames(estimates, [0.0] * len(estimates)), truth)

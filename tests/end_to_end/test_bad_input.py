@@ -48,7 +48,7 @@ INPUTS = {
     "annotate still, no lens": ("jpg", ["annotate", "BAD", "-o", "{out}"]),
     "annotate camera": ("camera", ["annotate", "--camera", "BAD", "{in}/drive.mp4", "-o", "{out}"]),
     "pose video": ("video", ["pose", "--hfov", "60", "BAD", "-o", "{out}/drive.yaml"]),
-    "pose still": ("jpg", ["pose", "--hfov", "60", "--size", "640x360", "BAD", "-o", "{out}/drive.yaml"]),
+    "pose still": ("jpg", ["pose", "--hfov", "60", "BAD", "-o", "{out}/drive.yaml"]),
     "pose still, no lens": ("png", ["pose", "BAD", "-o", "{out}/drive.yaml"]),
     "pose camera": ("camera", ["pose", "--camera", "BAD", "{in}/drive.mp4", "-o", "{out}/drive.yaml"]),
     "detect video": ("video", ["detect", *CAMERA, "--rows", "200:300:20", "BAD", "-o", "{out}/lanes.jsonl"]),

@@ -73,23 +73,16 @@ def test_the_reader_writes_the_steps_in_opencv_and_numpy(code_cells):
     assert len(calls) >= 40, sorted(calls)
 
 
-def test_every_chapter_has_a_question_with_a_folded_answer(notebook):
-    text = "\n".join(source(cell) for cell in notebook["cells"] if cell["cell_type"] == "markdown")
-    for chapter in re.split(r"\n(?=## \d+\. )", text)[1:]:
-        assert "**Question" in chapter, chapter.splitlines()[0]
-        assert "<summary>Answer</summary>" in chapter, chapter.splitlines()[0]
-
-
-def test_every_chapter_has_a_check_that_prints_a_number(notebook):
-    chapters = re.split(r"\n(?=## \d+\. )", "\n".join(
-        ("\n" + source(cell)) if cell["cell_type"] == "markdown" else "CODE:" + source(cell) + "\nOUT:" + printed(cell)
+def test_every_chapter_has_a_question_with_a_folded_answer_and_a_check_that_prints_a_number(notebook):
+    text = "\n".join(
+        f"\n{source(cell)}" if cell["cell_type"] == "markdown" else f"CODE:{source(cell)}\nOUT:{printed(cell)}"
         for cell in notebook["cells"]
-    ))  # fmt: skip
-    for chapter in chapters[1:]:
+    )
+    for chapter in re.split(r"\n(?=## \d+\. )", text)[1:]:
         title = chapter.splitlines()[0]
+        assert "**Question" in chapter and "<summary>Answer</summary>" in chapter, title
         assert "**Check" in chapter, title
-        after_check = chapter.split("**Check")[-1]
-        assert re.search(r"OUT:[^\n]*\d", after_check), title
+        assert re.search(r"OUT:[^\n]*\d", chapter.split("**Check")[-1]), title
 
 
 def printed(cell: dict) -> str:

@@ -28,7 +28,8 @@ from tests.support.clips import FPS, write_clip
 from tests.support.painted_drive import BENDS
 from tests.support.project import ROOT
 
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PROJECT = SETTINGS["project"]
 EXTRAS = PROJECT["optional-dependencies"]
 SOURCES = ("lanes", "pyproject.toml", "README.md", "LICENSE")
 FOLDERS = ("purelib", "scripts")
@@ -72,6 +73,12 @@ def test_the_packages_for_measuring_are_beside_those_of_the_tests():
     pinned = pins("requirements.txt")
     measuring = {name: lowest(required) for name, required in by_name(EXTRAS["measuring"]).items()}
     assert {name: pinned[name] for name in measuring.keys() & pinned.keys()} == {"pytest": measuring["pytest"]}
+
+
+def test_the_files_that_mutmut_changes_and_runs_exist():
+    settings = SETTINGS["tool"]["mutmut"]
+    named = settings["only_mutate"] + settings["pytest_add_cli_args_test_selection"]
+    assert [name for name in named if not (ROOT / name).is_file()] == []
 
 
 def imported_packages() -> set[str]:

@@ -8,7 +8,7 @@ from selenium.webdriver import Keys
 
 from lanes.report.page import write_report
 from lanes.video.writer import VideoWriter
-from tests.drives.report.test_page import story
+from tests.report.test_page import story
 from tests.support.browser import CHROMIUM, DRIVER, open_browser
 
 pytestmark = pytest.mark.skipif(
@@ -89,9 +89,11 @@ def test_the_measures_next_to_the_video(page):
     page.execute_script("seek(5.0)")
     page.wait("!video.seeking")
     assert (text_of(page, "offset"), text_of(page, "bend"), text_of(page, "width")) == ("unknown",) * 3
+    assert text_of(page, "lines") == "unknown | dashed"
     page.execute_script("seek(2.0)")
     page.wait("!video.seeking")
     assert text_of(page, "offset") == "0.27 ± 0.02 m left"
+    assert text_of(page, "lines") == "yellow double solid | dashed"
     assert page.execute_script("return offsetWords(-0.0123, 0.001)") == "0.01 ± 0.01 m right"
     assert text_of(page, "bend") == "left, R 1000 m"
     assert page.execute_script("return [0.002, -0.01, -0.0001, 0.1].map(bendWords)") == [

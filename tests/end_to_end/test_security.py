@@ -26,7 +26,7 @@ CALLS |= {"yaml.unsafe_load", "yaml.full_load", "yaml.load_all", "np.fromfile", 
 CALLS |= {"cv2.FileStorage", "shutil.unpack_archive", "tempfile.mktemp"}
 # The only modules that may open a video, a camera, or a file for writing.
 OPENERS = {
-    "av.open": {"lanes/video/reader.py", "lanes/video/writer.py", "lanes/video/join.py"},
+    "av.open": {"lanes/video/reader.py", "lanes/video/writer.py"},
     "yaml.load": {"lanes/camera.py"},
     "np.load": {"simulator/disk_cache.py"},
     "cv2.VideoCapture": set(),

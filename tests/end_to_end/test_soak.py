@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lanes.files import write_telemetry
-from lanes.video.reader import inspect_video, read_frames
+from lanes.video.reader import inspect_video, read_video
 from simulator.rendering.drive import Motion
 from tests.support.clips import write_drive
 from tests.support.painted_drive import SMALL, PaintedDrive, lane_lines, s_bend
@@ -23,7 +23,7 @@ def test_a_repeated_drive_has_every_frame_and_its_sound(tmp_path):
     np.testing.assert_allclose(packet_times(long, "video"), np.arange(FRAMES * TURNS) / 25, atol=1e-3)
     heard_s = packet_times(long, "audio")
     assert heard_s[-1] == pytest.approx(FRAMES * TURNS / 25, abs=0.1)
-    frames = np.array([frame[::8, ::8] for frame in read_frames(long)]).reshape(TURNS, FRAMES, -1)
+    frames = np.array([frame[::8, ::8] for frame in read_video(long)]).reshape(TURNS, FRAMES, -1)
     assert (frames == frames[0]).all()
 
 

@@ -6,7 +6,6 @@ import errno
 import json
 import os
 import random
-import resource
 import signal
 import subprocess
 import sys
@@ -24,8 +23,8 @@ from lanes.video.writer import VideoWriter
 from simulator.rendering import video
 from simulator.scenes.motorway import project_video
 from tests.support.clips import write_drive
+from tests.support.command_line import popen, run, start
 from tests.support.painted_drive import BENDS
-from tests.support.project import ROOT
 
 FRAMES = 40
 
@@ -58,31 +57,9 @@ FOREVER = 10**9
 NAMES = {f"a.{suffix}" for suffix in ("png", "jsonl", "csv", "yaml", "html", "mp4")}
 
 
-def start(*command: object, limit_bytes: int | None = None) -> subprocess.Popen:
-    """A process that may write no file larger than `limit_bytes`."""
-
-    def limit() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, limit_bytes))
-
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
-    if limit_bytes:  # coverage writes a file too
-        environment.pop("COVERAGE_PROCESS_START", None)
-    return subprocess.Popen(
-        [sys.executable, *map(str, command)],
-        cwd=ROOT,
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        preexec_fn=limit if limit_bytes else None,
-    )
-
-
-def lanes(*arguments: object, **options: int) -> tuple[int, str]:
-    """Exit status and stderr of a command."""
-    with start("-m", "lanes", *arguments, **options) as process:
-        _, err = process.communicate(timeout=120)
-    return process.returncode, err
+def start_writing(folder: Path, turns: int) -> subprocess.Popen:
+    """A process that writes each kind of file this many times."""
+    return popen([sys.executable, "-c", WRITES, str(folder), str(turns)])
 
 
 def names(folder: Path) -> set[str]:
@@ -108,7 +85,7 @@ def require_whole(folder: Path) -> None:
 def test_stopped_at_any_moment_files_are_old_or_new_and_whole(number, tmp_path):
     """Several processes write the same files in turn; each is stopped soon after it starts to write."""
     moments = random.Random(int(number))
-    waiting = [start("-c", WRITES, tmp_path, FOREVER) for _ in range(2)]
+    waiting = [start_writing(tmp_path, FOREVER) for _ in range(2)]
     for process in waiting:
         assert process.stdout.readline() == "ready\n"
         time.sleep(moments.uniform(0.05, 0.5))
@@ -116,7 +93,7 @@ def test_stopped_at_any_moment_files_are_old_or_new_and_whole(number, tmp_path):
         process.communicate(timeout=30)
         require_whole(tmp_path)
     # The next run removes the partial files.
-    with start("-c", WRITES, tmp_path, 1) as process:
+    with start_writing(tmp_path, 1) as process:
         _, err = process.communicate(timeout=60)
     assert process.returncode == 0, err
     assert names(tmp_path) == NAMES
@@ -124,7 +101,7 @@ def test_stopped_at_any_moment_files_are_old_or_new_and_whole(number, tmp_path):
 
 
 def test_simultaneous_writers_do_not_mix(tmp_path):
-    running = [start("-c", WRITES, tmp_path, 8) for _ in range(3)]
+    running = [start_writing(tmp_path, 8) for _ in range(3)]
     for process in running:
         process.stdout.readline()
     while any(process.poll() is None for process in running):
@@ -153,13 +130,13 @@ def test_the_run_after_a_killed_one_finishes(drive, tmp_path):
     """The first run is killed as soon as it writes, the second a little later; the third finishes."""
     out = tmp_path / "out"
     for delay_s in (0.0, 0.25):
-        with start("-m", "lanes", *annotate(drive, out)) as process:
+        with start(*annotate(drive, out)) as process:
             while process.poll() is None and not (out.is_dir() and any(".partial." in name for name in names(out))):
                 time.sleep(0.01)
             time.sleep(delay_s)
             process.kill()
         assert not out.is_dir() or not names(out) & {"drive.mp4", "drive.html"} or process.returncode == 0
-    status, err = lanes(*annotate(drive, out))
+    status, _, err = run(*annotate(drive, out))
     assert status == 0, err
     assert names(out) == {"drive.mp4", "drive.csv", "drive.html"}
     assert inspect_video(out / "drive.mp4").frames == len(read_telemetry(out / "drive.csv")["frame"]) == FRAMES
@@ -167,11 +144,11 @@ def test_the_run_after_a_killed_one_finishes(drive, tmp_path):
 
 def test_of_two_runs_on_one_output_the_first_wins(drive, tmp_path):
     out = tmp_path / "out"
-    with start("-m", "lanes", *annotate(drive, out)) as first:
+    with start(*annotate(drive, out)) as first:
         while first.poll() is None and not (out.is_dir() and names(out)):
             time.sleep(0.005)
         first.send_signal(signal.SIGSTOP)
-        status, err = lanes(*annotate(drive, out), "--end", "0.2")
+        status, _, err = run(*annotate(drive, out), "--end", "0.2")
         first.send_signal(signal.SIGCONT)
         assert first.wait(timeout=60) == 0
     assert status == 1 and "drive.mp4: cannot be written (another run is writing it" in err
@@ -196,7 +173,7 @@ def test_file_size_limit(what, drive, tmp_path):
     limit_bytes, arguments = FULL[what]
     for name in OLD:
         (tmp_path / name).write_text(f"old {name}")
-    status, err = lanes(*arguments(drive, tmp_path), limit_bytes=limit_bytes)
+    status, _, err = run(*arguments(drive, tmp_path), limit_bytes=limit_bytes)
     assert status == 1, err
     assert "cannot be written" in err and "Traceback" not in err
     files = {path.name: path for path in tmp_path.rglob("*") if path.is_file()}
@@ -214,7 +191,7 @@ def test_a_disk_that_is_full(tmp_path, drive):
         pytest.skip("a disk cannot be mounted here")
     try:
         write_telemetry(disk / "other.csv", [{"frame": 0}])
-        status, err = lanes(*annotate(drive, disk))
+        status, _, err = run(*annotate(drive, disk))
         assert status == 1 and os.strerror(errno.ENOSPC) in err and "Traceback" not in err, err
         # Each file is whole or missing: the video gets its name before the table is written.
         assert names(disk) <= {"drive.mp4", "drive.csv", "other.csv"}

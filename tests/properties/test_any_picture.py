@@ -16,7 +16,7 @@ from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.lane import Lane, LineObservation
 from lanes.detect.residuals import ROAD_M
 from lanes.detect.road import LIMIT, SIDES, WIDTH, line_points, line_y
-from lanes.detections import LaneDetector
+from lanes.detections import as_detection
 from lanes.errors import CameraError
 from lanes.stills import detect_still, detect_with_own_pose, find_lane
 from lanes.track.tracker import LOST, LaneTracker, TrackedLane
@@ -29,7 +29,6 @@ ALONG_M = np.linspace(0.0, 100.0, 5001)
 FPS = 20.0
 view_of = cache(lambda size: BirdsEyeView(camera_of(size)))
 tracker_of = cache(lambda size: LaneTracker(camera_of(size), fps=FPS))
-finder_of = cache(lambda name, size: LaneFinder(get_recipe(name, size), camera_of(size)))
 
 
 def size_of(image: np.ndarray) -> tuple[int, int]:
@@ -67,8 +66,9 @@ def assert_sound(tracked: TrackedLane, size: tuple[int, int]) -> None:
 def test_the_detector_accepts_any_still(image):
     size = size_of(image)
     for found in (detect_still(image, camera_of(size)), detect_with_own_pose(image, camera_of(size), 0.2)):
-        assert_sound(TrackedLane.from_still(found.lane), size)
-    json.dumps(LaneDetector(camera_of(size), np.arange(size[1])).detect(image), allow_nan=False)
+        lane = TrackedLane.from_still(found.lane)
+        assert_sound(lane, size)
+        json.dumps(as_detection(lane, found.camera, np.arange(size[1]), 0.0), allow_nan=False)
 
 
 @examples(25)
@@ -88,8 +88,8 @@ def test_the_tracker_accepts_any_drive_and_any_clock(images, clock):
 @examples(16)
 @given(pictures())
 def test_the_recipes_accept_any_still_and_any_drive(name, image):
-    finder = finder_of(name, size_of(image))
-    finder.reset()
+    size = size_of(image)
+    finder = LaneFinder(get_recipe(name, size), camera_of(size))
     results = [finder.find(image), finder.follow(image), finder.follow(image)]
     for result in results:
         lines = result.lateral_m(X_M)

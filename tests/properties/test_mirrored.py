@@ -17,7 +17,7 @@ from lanes.detect.lane import Lane
 from lanes.detect.paint import marking_response
 from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker
-from lanes.video.reader import read_frames
+from lanes.video.reader import read_video
 from tests.support.any_pictures import camera_of, pictures
 from tests.support.examples import examples
 from tests.support.painted_drive import BENDS, SMALL
@@ -66,7 +66,7 @@ def rendered_stills() -> Iterator[tuple[str, Camera, np.ndarray]]:
         if drive.video:
             camera = load_camera(drive.video.with_suffix(".yaml"))
             for n, second in enumerate((0.0, 1.5, 3.0)):
-                yield f"{name} {n}", camera, next(read_frames(drive.video, start_s=second))
+                yield f"{name} {n}", camera, next(read_video(drive.video, start_s=second))
 
 
 def test_rendered_stills():

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from lanes.camera import CalibrationReport, Camera, CameraPose
-from lanes.pose import PoseEstimate
 from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker, TrackedLane
 from tests.support.painted_roads import YELLOW, Road, dashcam
@@ -66,28 +63,3 @@ def test_a_tracker_gives_its_state_and_speed(picture):
     assert rows["offset"] == tracked.summary()["offset"] in repr(tracked)
     assert tracked.confidence > 0.5
     assert f"confidence {tracked.confidence:.2f}" in repr(tracked)
-
-
-def test_a_camera_gives_lens_pose_and_calibration():
-    camera = replace(CAMERA, report=CalibrationReport(0.254, {"a": 0.2, "b": 0.3}))
-    assert repr(camera) == (
-        "Camera(1280x720 px, focal length 1150 px, field of view 58.2 deg, "
-        "pose 1.30 m high, pitch -0.57, yaw -0.69, roll 0.00 deg)"
-    )
-    assert rows_of(camera._repr_html_())["calibration"] == "2 boards, error 0.25 px"
-    assert "no distortion, pose unknown" in repr(Camera.from_fov((640, 360), 90))
-
-
-@pytest.mark.parametrize("hfov_deg", [30.0, 57.5, 120.0])
-def test_the_field_of_view_is_the_one_asked_for(hfov_deg):
-    assert Camera.from_fov((1920, 1080), hfov_deg).hfov_deg == pytest.approx(hfov_deg)
-
-
-def test_a_pose_comes_with_standard_deviations_and_notes():
-    pose = CameraPose(1.32, np.radians(-1.8), np.radians(-1.36), 0.0)
-    estimate = PoseEstimate(CAMERA.with_pose(pose), 0.04, 0.001, 0.002, 0.0175, 12, 40, 3.66, ("roll <unknown>",))
-    assert repr(estimate).startswith("PoseEstimate(height 1.32 ± 0.04 m (lane 3.66 m wide), pitch -1.80 ± 0.06 deg, ")
-    rows = rows_of(estimate._repr_html_())
-    assert rows["roll"] == "0.00 ± 1.00 deg"
-    assert rows["pictures"] == "12 of 40 used"
-    assert rows["note 1"] == "roll &lt;unknown&gt;"

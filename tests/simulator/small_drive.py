@@ -1,4 +1,4 @@
-"""A short drive with small pictures, shared by the tests of the renderer."""
+"""A short drive with small images, shared by the tests of the renderer."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PLAIN_LENS = Lens(noise=0.0, sharpening=0.0, blur_px=0.0, vignette=0.0, adaptati
 
 
 def small_drive(curvature: float = 1 / 250, **changes) -> Drive:
-    """Off-centre car in a bend, small pictures without noise; `changes` are fields of Drive."""
+    """Off-centre car in a bend, small images without noise; `changes` are fields of Drive."""
     road = RoadGeometry([0.0, 40.0, 300.0, 340.0], [0.0, curvature, curvature, 0.0])
     base = Drive(
         camera=SMALL,

@@ -8,7 +8,7 @@ STYLE = BackdropStyle(tree_density=0.15)
 
 
 def look(azimuth_rad: float, *, rows: int = 90, columns: int = 160, half_rad: float = 0.5) -> np.ndarray:
-    """Directions of a picture without distortion, centred at `azimuth_rad`, at elevations from -3 to +22 degrees."""
+    """Directions of an image without distortion, centred at `azimuth_rad`, at elevations from -3 to +22 degrees."""
     across = azimuth_rad + np.linspace(half_rad, -half_rad, columns)[None, :]
     up = np.radians(np.linspace(22, -3, rows))[:, None]
     return np.stack([np.cos(up) * np.cos(across), np.cos(up) * np.sin(across), np.sin(up) + 0 * across]).astype(

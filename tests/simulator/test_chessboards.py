@@ -1,4 +1,4 @@
-"""Rendered chessboards: their ground truth is checked against the pictures by independent means."""
+"""Rendered chessboards: their ground truth is checked against the images by independent means."""
 
 import json
 

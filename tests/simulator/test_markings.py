@@ -39,7 +39,7 @@ def test_paint_coverage_equals_brute_force_supersampling(dashed, worst, mean):
 
 
 def stripes_at(markings: tuple[Marking, ...], x_m: float) -> list[tuple[float, float]]:
-    """Centre and width in metres of the stripes in the picture row `x_m` ahead, from left to right."""
+    """Centre and width in metres of the stripes in the image row `x_m` ahead, from left to right."""
     camera = replace(DASHCAM, pose=POSE)
     ground = cast_on_ground(
         pixel_rays(camera), camera, RoadAhead(RoadGeometry([0.0, 300.0], [0.0, 0.0]), VehiclePose(50.0))

@@ -113,7 +113,7 @@ def test_objects_are_painted_only_where_nearer_ones_leave_them_visible():
 
 
 def test_mirrored_world_gives_the_mirrored_picture():
-    """With a symmetric lens, mirrored cars and walls give the mirrored picture."""
+    """With a symmetric lens, mirrored cars and walls give the mirrored image."""
     matrix = np.array([[580.0, 0, 319.5], [0, 580.0, 190.0], [0, 0, 1]])
     lens = Camera(640, 360, matrix, np.array([-0.24, -0.02, 0, 0, 0]), CameraPose(1.3, np.radians(-1.5)))
     left = [Car(15.0, 2.5, 0.1, "silver"), straight_wall(3.9, "jersey", 1, start=1.0)]

@@ -39,7 +39,7 @@ def test_video_and_its_truth_do_not_depend_on_the_number_of_processes(tmp_path):
         size = next(frames)["size"]
         pictures = [np.frombuffer(frame, np.uint8).reshape(*size[::-1], 3).astype(float) for frame in frames]
     assert len(pictures) == 7
-    # Each picture belongs to its own time, not to that of a neighbour.
+    # Each image belongs to its own time, not to that of a neighbour.
     rendered = [render_frame(drive, number / VIDEO_FPS).image for number in range(7)]
     nearest = [np.argmin([np.abs(picture - other).mean() for other in rendered]) for picture in pictures]
     assert nearest == list(range(7))

@@ -109,7 +109,7 @@ def test_truth_lies_on_the_paint_in_hairpins_and_on_crests(road, start_m):
             road, frame.truth.pose, start_m + np.arange(2.5, 26.0, 0.2), frame.truth.laterals_m[side]
         )
         pixels = drive.camera_at(0.0).road_to_pixels(points)
-        # Only points in the picture that no crest hides.
+        # Only points in the image that no crest hides.
         rising = np.minimum.accumulate(np.nan_to_num(pixels[:, 1], nan=1e9)) > pixels[:, 1] - 0.5
         inside = rising & (pixels > [2, 215]).all(axis=1) & (pixels < [637, 357]).all(axis=1)
         columns, rows = np.rint(pixels[inside]).astype(int).T

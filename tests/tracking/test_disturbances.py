@@ -16,7 +16,7 @@ from benchmark.systems import tracker_estimate
 from lanes.camera import Camera, load_camera
 from lanes.stills import find_lane
 from lanes.track.tracker import TRACKER, TRACKING, LaneTracker, TrackedLane
-from lanes.video.reader import read_frames
+from lanes.video.reader import read_video
 
 pytestmark = pytest.mark.slow
 
@@ -32,7 +32,7 @@ class Drive:
         drive = list_drives()["motorway"]
         camera = load_camera(drive.video.with_suffix(".yaml"))
         self.camera: Camera = camera.scaled((camera.width // 2, camera.height // 2))
-        frames = read_frames(drive.video, end_s=SECONDS)
+        frames = read_video(drive.video, end_s=SECONDS)
         self.frames = [cv2.resize(frame, self.camera.size, interpolation=cv2.INTER_AREA) for frame in frames]
         self.truth: LaneTruth = read_truth(drive)
 

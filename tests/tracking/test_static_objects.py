@@ -18,7 +18,7 @@ from benchmark.systems import tracker_estimate
 from lanes.camera import Camera, load_camera
 from lanes.track import static_pattern
 from lanes.track.tracker import TRACKING, LaneTracker, TrackedLane
-from lanes.video.reader import read_frames
+from lanes.video.reader import read_video
 from simulator.rendering.drive import Motion
 from tests.support.painted_drive import CAMERA, PaintedDrive, Stripe, straight_road
 from tests.support.static_objects import draw_caption, draw_guide_lines, draw_striped_bonnet
@@ -38,7 +38,7 @@ def motorway() -> tuple[Camera, list[np.ndarray]]:
     camera = load_camera(video.with_suffix(".yaml"))
     camera = camera.scaled((camera.width // 2, camera.height // 2))
     return camera, [
-        cv2.resize(frame, camera.size, interpolation=cv2.INTER_AREA) for frame in read_frames(video, end_s=SECONDS)
+        cv2.resize(frame, camera.size, interpolation=cv2.INTER_AREA) for frame in read_video(video, end_s=SECONDS)
     ]
 
 

@@ -1,0 +1,500 @@
+"""The commands of `python -m lanes`, where installed also `lanes`: calibrate, pose, annotate, detect, explain.
+
+Each command is a class whose docstring is its help. The library is imported when a command runs, so that help and wrong
+usage are answered at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lanes import __version__
+from lanes.console import bounded_float, bounded_int, error_status, progress_line, run_command, run_program
+
+if TYPE_CHECKING:
+    from lanes.annotate import DriveSettings
+    from lanes.camera import Camera
+    from lanes.errors import LaneError
+    from lanes.sources import Sources
+
+
+class Calibrate:
+    """Calibrate the lens from 10 to 20 pictures of a chessboard, and write a camera file. Tilt the board in
+    another direction for each picture, and cover all parts of the picture. A table lists for each picture
+    whether it was used, and its error. The sheet shows the corners found.
+    """
+
+    SUMMARY = "calibrate the lens from pictures of a chessboard"
+    EXAMPLES = """\
+  {program} my_boards -o lens.yaml
+  {program} --pattern 8x5 --sheet sheet.png boards/*.jpg"""
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        """The options of this command."""
+        parser.add_argument(
+            "pictures", nargs="+", type=Path, metavar="PICTURE", help="picture of a chessboard, or folder of pictures"
+        )
+        parser.add_argument(
+            "--pattern",
+            type=pattern,
+            default=(9, 6),
+            metavar="CxR",
+            help="inner corners of the board, columns x rows: one less than its squares (default: 9x6)",
+        )
+        parser.add_argument(
+            "--sheet", type=Path, metavar="FILE", help="also write a picture of all boards with their corners"
+        )
+        add_output(parser, "camera.yaml", "camera file to write")
+
+    @staticmethod
+    def run(options: argparse.Namespace) -> int:
+        """Calibrate, print the table, and write the camera file."""
+        from lanes.calibration import (
+            calibrate_detections,
+            describe_calibration,
+            draw_contact_sheet,
+            find_boards,
+            list_board_pictures,
+        )
+        from lanes.camera import save_camera
+        from lanes.files import require_no_input_among
+        from lanes.images import write_image
+
+        paths = list_board_pictures(options.pictures)
+        require_no_input_among(filter(None, (options.output, options.sheet)), paths)
+        detections = find_boards(paths, options.pattern, progress=progress_line("calibrate"))
+        camera = calibrate_detections(detections, ", ".join(map(str, options.pictures[:3])))
+        print(describe_calibration(detections, camera))
+        print(f"wrote {save_camera(camera, options.output)}")
+        if options.sheet:
+            print(f"wrote {write_image(options.sheet, draw_contact_sheet(detections, camera))}")
+        return 0
+
+
+class Pose:
+    """Estimate the camera pose (height, pitch, yaw and roll) from stills or videos of one drive, and write
+    it with the lens into a camera file. Use 20 or more pictures of a marked road by day. One picture is
+    enough, but gives larger standard deviations.
+    """
+
+    SUMMARY = "estimate the camera pose (height, pitch, yaw, roll) from pictures of a drive"
+    EXAMPLES = """\
+  {program} --hfov 60 drive.mp4 -o camera.yaml
+  {program} --camera lens.yaml --lane-width 3.5 drive/*.jpg -o camera.yaml
+  {program} --hfov 60 --start 60 --end 90 drive.mp4
+  {program} --boards my_boards --height 1.35 drive.mp4"""
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        """The options of this command."""
+        add_files(parser, "stills or videos of one drive")
+        add_lens(parser)
+        parser.add_argument(
+            "--lane-width",
+            type=bounded_float(2, 6),
+            metavar="M",
+            help="true width of the lanes, metres (default: 3.66, US Interstates)",
+        )
+        parser.add_argument(
+            "--height",
+            type=bounded_float(0.5, 4.5),
+            metavar="M",
+            help="measured height of the camera above the road, metres",
+        )
+        add_part(parser)
+        parser.add_argument(
+            "--pictures",
+            type=bounded_int(1),
+            default=40,
+            metavar="N",
+            help="largest number of pictures to use (default: %(default)s)",
+        )
+        add_output(parser, "camera.yaml", "camera file to write")
+
+    @staticmethod
+    def run(options: argparse.Namespace) -> int:
+        """Estimate the camera pose, print it, and write it with the lens."""
+        from lanes.camera import save_camera
+        from lanes.files import require_no_input_among
+        from lanes.pose import LANE_WIDTH_M, estimate_pose
+
+        require_part(options)
+        require_no_input_among([options.output], options.files)
+        estimate = estimate_pose(
+            options.files,
+            find_lens(options),
+            lane_width_m=options.lane_width or LANE_WIDTH_M,
+            height_m=options.height,
+            max_pictures=options.pictures,
+            start_s=options.start,
+            end_s=options.end,
+            progress=progress_line("pose"),
+        )
+        print(estimate.describe())
+        print(estimate.describe_accuracy())
+        print(f"wrote {save_camera(estimate.camera, options.output)}")
+        return 0
+
+
+class Annotate:
+    """Draw the lane with curvature, offset and confidence on videos and stills.
+
+    The output folder gets an annotated video with sound, the telemetry (CSV, one row per frame) and a
+    report (HTML, works offline) for each video, all named after it. Stills are processed independently.
+    If the camera has no pose, the pose is estimated from each drive and printed with its standard
+    deviations. All stills share one camera, unless --each gives every still a camera of its own.
+
+    With --workers or --scheduler, Dask annotates several videos in parallel. The next run skips finished
+    videos. A table of all videos is written (docs/many_drives.md).
+    """
+
+    SUMMARY = "draw the lane on videos and stills; write telemetry and a report"
+    EXAMPLES = """\
+  {program} --hfov 60 drive.mp4
+  {program} --camera camera.yaml drives/ more/*.mp4 -o results
+  {program} --boards my_boards --style mosaic --start 60 --end 90 drive.mp4
+  {program} --each photos/
+  {program} --camera camera.yaml "drives/**/*.mp4" -o results --workers 8"""
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        """The options of this command."""
+        parser.add_argument(
+            "files", nargs="+", metavar="SOURCE", help='video, still, folder, or pattern such as "drives/*.mp4"'
+        )
+        add_lens(parser)
+        add_each(parser)
+        add_output(parser, "annotated", "output folder")
+        add_part(parser)
+        parser.add_argument(
+            "--style",
+            choices=("lane", "lines", "mosaic"),
+            default="lane",
+            help="lane: filled lane; lines: the two lines only; mosaic: with intermediate results "
+            "(default: %(default)s)",
+        )
+        parser.add_argument("--no-report", dest="report", action="store_false", help="write no HTML report")
+        parser.add_argument("--quiet", action="store_true", help="print errors only")
+        many = parser.add_argument_group("many drives", "require Dask: pip install 'dask[distributed]' bokeh")
+        where = many.add_mutually_exclusive_group()
+        where.add_argument("--workers", type=bounded_int(1), metavar="N", help="number of processes on this machine")
+        where.add_argument(
+            "--scheduler", metavar="ADDRESS", help="address of a Dask scheduler, like tcp://10.0.0.1:8786"
+        )
+
+    @staticmethod
+    def run(options: argparse.Namespace) -> int:
+        """Annotate all sources. A failed source does not stop the others; errors are printed at the end."""
+        from lanes.annotate import Annotation, annotate_sources
+        from lanes.sources import find_sources
+
+        require_part(options)
+        sources = find_sources(options.files)
+        settings = read_settings(options, sources)
+        failures: list[Exception] = []
+        done = 0
+
+        def say(text: str) -> None:
+            if not options.quiet:
+                print(text, flush=True)
+
+        if (options.workers or options.scheduler) and sources.videos:
+            from lanes.many import annotate_many
+
+            where = {"workers": options.workers, "scheduler": options.scheduler}
+            finished, failures = annotate_many(sources.videos, settings, **where, log=say)
+            done, sources = len(finished), replace(sources, videos=())
+        for outcome in annotate_sources(sources, settings):
+            if isinstance(outcome, Annotation):
+                done += 1
+                failures += outcome.failures  # of single stills
+                say(outcome.description)
+            else:
+                failures.append(outcome)
+        return report_failures(failures, done)
+
+
+class Detect:
+    """Write the columns of the two ego lane lines at given rows of the raw pictures, one JSON line per
+    picture: raw_file, h_samples, lanes (left, right; -2 for no point), run_time (ms), state, confidence,
+    offset_m (> 0: car left of the lane centre), curvature_per_m (> 0: bends left). If no camera file with
+    a camera pose is given, the pose is first estimated from each video and from the stills, with --each
+    from each still alone.
+    """
+
+    SUMMARY = "write the lines of the ego lane in stills and videos as TuSimple JSON lines"
+    EXAMPLES = """\
+  {program} --camera camera.yaml drive.mp4 -o lanes.jsonl
+  {program} --hfov 60 --rows 240:721:10 stills/*.jpg
+  {program} --each photos/*.jpg
+  {program} --boards my_boards --sequence --fps 20 clip/*.jpg"""
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        """The options of this command."""
+        add_files(parser, "stills or videos of one camera")
+        add_lens(parser)
+        add_each(parser)
+        parser.add_argument(
+            "--rows",
+            type=row_range,
+            default="420:701:10",
+            metavar="FROM:TO:STEP",
+            help="picture rows, TO excluded (default: %(default)s)",
+        )
+        parser.add_argument("--sequence", action="store_true", help="the stills are consecutive frames in this order")
+        parser.add_argument(
+            "--fps", type=bounded_float(1), default=25.0, help="frames per second of --sequence (default: %(default)s)"
+        )
+        add_output(parser, "lanes.jsonl", "file to write")
+
+    @staticmethod
+    def run(options: argparse.Namespace) -> int:
+        """Detect the lane in every picture, and write the detections; returns 1 if a still was left out."""
+        from lanes.detections import detect_in_sequence, detect_in_stills, detect_in_video, write_detections
+        from lanes.files import require_no_input_among
+        from lanes.sources import find_sources
+
+        sources = find_sources(map(str, options.files))
+        if options.each and (options.sequence or sources.videos):
+            fault = (
+                "--sequence is for stills of one camera" if options.sequence else f"{sources.videos[0]}: is no still"
+            )
+            raise ValueError(f"{fault}; omit it, or omit --each.")
+        require_no_input_among([options.output], sources.videos + sources.stills)
+        settings = read_settings(options, sources)
+        failures: list[LaneError] = []
+        found, missing = [], 0
+        for video in sources.videos:
+            frames = list(detect_in_video(video, settings, options.rows, say=print))
+            found += frames
+            missing += frames[-1]["frame"] + 1 - len(frames)
+        if options.sequence and sources.stills:
+            found += detect_in_sequence(sources.stills, settings, options.rows, fps=options.fps, say=print)
+        elif sources.stills:
+            found += detect_in_stills(sources.stills, settings, options.rows, failures, say=print)
+        lost = sum(detection["state"] == "lost" for detection in found)
+        damaged = f"; {missing} more are damaged or missing in the videos" if missing else ""
+        print(f"wrote {write_detections(options.output, found)}: {len(found)} pictures, no lane in {lost}{damaged}")
+        return report_failures(failures, len(found))
+
+
+class Explain:
+    """Plot every step of the lane detection in one picture, with its numbers: horizon, bird's-eye view,
+    marking response, stripes, votes, fit and result. If a step failed, the figure and the printed text say
+    why, and what to do. If no camera file with a camera pose is given, the pose is first estimated from the
+    picture or video.
+    """
+
+    SUMMARY = "plot every step of the lane detection in one picture, and which step failed"
+    EXAMPLES = """\
+  {program} --camera camera.yaml drive.mp4 --at 12.5 -o explained.png
+  {program} --hfov 60 still.jpg"""
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        """The options of this command."""
+        parser.add_argument("files", nargs=1, type=Path, metavar="FILE", help="picture or video")
+        parser.add_argument(
+            "--at", type=bounded_float(0), metavar="SECONDS", help="time of the frame in a video (default: first frame)"
+        )
+        add_lens(parser)
+        add_output(parser, "explained.png", "figure to write")
+
+    @staticmethod
+    def run(options: argparse.Namespace) -> int:
+        """Explain the picture, print the text, and write the figure."""
+        from lanes.camera import CameraPose
+        from lanes.errors import PictureError, PoseError
+        from lanes.explain import explain
+        from lanes.figures import figure_kind, save_figure, show_explanation
+        from lanes.files import require_no_input_among
+        from lanes.images import PICTURE_SUFFIXES, read_image
+        from lanes.pose import PRIOR_HEIGHT_M, ensure_pose
+        from lanes.video.reader import read_video
+
+        figure_kind(options.output)
+        require_no_input_among([options.output], options.files)
+        (file,) = options.files
+        if file.suffix.lower() not in PICTURE_SUFFIXES:
+            image = next(read_video(file, start_s=options.at or 0.0))
+        elif options.at is None:
+            image = read_image(file)
+        else:
+            raise PictureError(f"{file}: is a single picture, which has no frame at {options.at:g} s; omit --at.")
+        camera, estimate, pose_failure = find_lens(options), None, ""
+        try:
+            camera, estimate = ensure_pose(camera, options.files, progress=progress_line("pose"))
+            if estimate:
+                print(estimate.describe())
+        except PoseError as error:
+            camera, pose_failure = camera.with_pose(CameraPose(PRIOR_HEIGHT_M)), str(error)
+        detection = estimate.still if estimate and options.at is None else None
+        explanation = explain(image, camera, detection=detection, pose_failure=pose_failure)
+        print(explanation.describe())
+        figure, _ = show_explanation(explanation)
+        print(f"wrote {save_figure(figure, options.output)}")
+        return 0
+
+
+COMMANDS = {command.__name__.lower(): command for command in (Calibrate, Pose, Annotate, Detect, Explain)}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run a command; returns its exit status, see `run_command`."""
+    arguments = sys.argv[1:] if arguments is None else arguments
+    program = "lanes" if Path(sys.argv[0]).stem == "lanes" else "python -m lanes"
+    name = _command_parser(program).parse_args(arguments[:1]).command
+    return run_command(COMMANDS[name], f"{program} {name}", arguments[1:])
+
+
+def installed_command() -> None:
+    """The command `lanes` of an installation."""
+    run_program(main)
+
+
+def _command_parser(program: str) -> argparse.ArgumentParser:
+    width = max(map(len, COMMANDS))
+    parser = argparse.ArgumentParser(
+        prog=program,
+        usage=f"{program} [-h] COMMAND ...",
+        description="Find the ego lane in pictures and videos, measure it in metres, and draw it.",
+        epilog="commands:\n"
+        + "\n".join(f"  {name:<{width}}  {command.SUMMARY}" for name, command in COMMANDS.items())
+        + "\n\nIn a clone of the project, python -m simulator renders roads with ground truth and\n"
+        "python -m benchmark scores lane finders.\n\n"
+        "examples:\n"
+        f"  {program} annotate --hfov 60 drive.mp4\n  {program} annotate --help",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "command", choices=COMMANDS, metavar="COMMAND", help="one of the commands below; COMMAND --help describes it"
+    )
+    parser.add_argument("--version", action="version", version=f"lanes {__version__}")
+    return parser
+
+
+# Options that several commands share.
+
+
+def add_files(parser: argparse.ArgumentParser, what: str) -> None:
+    """Add the FILE arguments, with `what` as their help text."""
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help=what)
+
+
+def add_lens(parser: argparse._ActionsContainer) -> None:
+    """Add the options for the lens: one of --camera, --hfov, --boards, or none; see `find_lens`."""
+    lens = parser.add_mutually_exclusive_group()
+    lens.add_argument("--camera", type=Path, metavar="YAML", help="camera file written by `calibrate` or `pose`")
+    lens.add_argument(
+        "--hfov",
+        type=bounded_float(10, 150),
+        metavar="DEG",
+        help="horizontal field of view of an uncalibrated lens, degrees (default: from the EXIF entries of the stills, "
+        "else 60)",
+    )
+    lens.add_argument(
+        "--boards",
+        type=Path,
+        metavar="FOLDER",
+        help="calibrate the lens from pictures of a chessboard with 9 x 6 inner corners",
+    )
+
+
+def add_each(parser: argparse.ArgumentParser) -> None:
+    """Add --each."""
+    parser.add_argument(
+        "--each", action="store_true", help="the stills are of different cameras: estimate the pose of each on its own"
+    )
+
+
+def add_part(parser: argparse.ArgumentParser) -> None:
+    """Add the options for a part of the videos; `require_part` checks them."""
+    parser.add_argument(
+        "--start", type=bounded_float(0), default=0.0, metavar="S", help="start at this second of each video"
+    )
+    parser.add_argument("--end", type=bounded_float(0), metavar="S", help="stop at this second of each video")
+
+
+def require_part(options: argparse.Namespace) -> None:
+    """Raise ValueError if --end is not after --start."""
+    if options.end is not None and options.end <= options.start:
+        raise ValueError(f"--end {options.end:g} is not after --start {options.start:g}; give a later end.")
+
+
+def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None:
+    """Add --output, with `what` as its help text."""
+    parser.add_argument("-o", "--output", type=Path, default=Path(default), help=f"{what} (default: %(default)s)")
+
+
+def find_lens(options: argparse.Namespace) -> Camera:
+    """The camera according to the options of `add_lens`, for images of the size of the first file."""
+    from lanes.sources import find_sources, sample_images
+
+    sources = find_sources(map(str, options.files))
+    settings, files = read_settings(options, sources), [*sources.stills, *sources.videos]
+    height, width = next(sample_images(files, 1)).shape[:2]
+    return settings.camera_for((width, height), files[0])
+
+
+def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettings:
+    """The settings according to the options; --boards is calibrated here.
+
+    Prints the field of view of an uncalibrated lens, unless --hfov gives it, or with --each all stills name theirs.
+    """
+    from lanes.annotate import DriveSettings
+    from lanes.calibration import calibrate
+    from lanes.camera import load_camera
+    from lanes.field_of_view import FieldOfView, find_field_of_view
+
+    camera = field = None
+    quiet, each = getattr(options, "quiet", False), getattr(options, "each", False)
+    if options.camera:
+        camera = load_camera(options.camera)
+    elif options.boards:
+        camera = calibrate(options.boards, progress=None if quiet else progress_line("boards"))
+    elif options.hfov is not None:
+        field = FieldOfView(options.hfov, "as given")
+    else:
+        field = find_field_of_view([] if each else [*sources.stills, *sources.videos])
+        if not each or sources.videos or any(find_field_of_view([still]).assumed for still in sources.stills):
+            print(f"{'warning: ' if field.assumed else ''}{field.describe()}", file=sys.stderr)
+    names = {"start": "start_s", "end": "end_s", "style": "style", "report": "report"}
+    more = {field: getattr(options, name) for name, field in names.items() if name in options}
+    return DriveSettings(output=options.output, camera=camera, field=field, each=each, progress=not quiet, **more)
+
+
+def report_failures(failures: Sequence[Exception], done: int) -> int:
+    """Print errors; returns the exit status: 1 if something was done nevertheless, else that of the errors."""
+    for failure in failures:
+        print(f"error: {failure}", file=sys.stderr)
+    if failures and not done:
+        return max(map(error_status, failures))
+    return 1 if failures else 0
+
+
+def pattern(text: str) -> tuple[int, int]:
+    """An argparse type: inner corners of a chessboard, columns and rows, written like 9x6."""
+    columns, _, rows = text.lower().partition("x")
+    if not (columns.isdecimal() and rows.isdecimal() and min(int(columns), int(rows)) >= 3):
+        raise argparse.ArgumentTypeError(
+            f"{text} is not a chessboard pattern; write its inner corners like 9x6, at least 3x3"
+        )
+    return int(columns), int(rows)
+
+
+def row_range(text: str) -> range:
+    """An argparse type: image rows, written like 420:701:10."""
+    try:
+        wanted = range(*(int(part) for part in text.split(":")))
+    except (TypeError, ValueError) as error:
+        raise argparse.ArgumentTypeError(f"{text} is not a row range; write it like 420:701:10") from error
+    if ":" not in text or not wanted or min(wanted) < 0:
+        raise argparse.ArgumentTypeError(f"{text} contains no rows of a picture; write it like 420:701:10")
+    return wanted

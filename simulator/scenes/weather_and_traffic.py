@@ -1,0 +1,231 @@
+"""Scenes of the suite on a plain motorway and a country road: weather, light and traffic that hide the lines."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from simulator.light.glare import Glare
+from simulator.light.lens import AutoExposure, Lens
+from simulator.light.sunlight import TreeShade, WoodShade
+from simulator.objects.overpass import Overpass
+from simulator.objects.scene_objects import Car, PlacedObject, PlacedWall, Post
+from simulator.rendering.drive import Drive, Motion, SuiteScene
+from simulator.road.geometry import RoadGeometry
+from simulator.road.markings import WHITE, YELLOW, Marking
+from simulator.road.surface import Seam, Surface, Zone
+from simulator.scenes.dashcam import DASHCAM
+from simulator.scenes.freeway import (
+    LANE_WIDTH_M,
+    car,
+    daylight,
+    freeway_drive,
+    freeway_markings,
+    freeway_surface,
+    oncoming_cars,
+    plant_trees,
+)
+from simulator.weather.fog import Fog
+from simulator.weather.night import Night
+from simulator.weather.rain import Rain, Wet
+
+OPPOSITE_EDGE_M = 17.0
+
+
+def plain_motorway(seed: int, *zones: Zone, seams: tuple[Seam, ...] = (), wear: float = 0.25, **changes) -> Drive:
+    """Motorway that bends left, then right; the car is in the leftmost lane; `changes` are fields of Drive."""
+    traffic = (
+        car(38.0, -1, "silver", speed_mps=27.0),
+        car(64.0, -2, "white", "suv", speed_mps=26.0),
+        car(105.0, -1, "black", "suv", speed_mps=28.0),
+        car(120.0, 0, "grey", speed_mps=28.5),
+    )
+    country = (
+        PlacedWall(4.4, "jersey", seed=seed),
+        *oncoming_cars(seed + 1, s_m=(60, 620), opposite_m=OPPOSITE_EDGE_M, speed_mps=26.0),
+        *plant_trees(seed + 2, "oak plane", s_m=(10, 560), d_m=(-40, -21), height_m=(4, 10), every_m=15),
+        *plant_trees(seed + 3, "plane oak", s_m=(30, 560), d_m=(34, 50), height_m=(6, 11), every_m=20),
+    )
+    return freeway_drive(
+        road=RoadGeometry([0.0, 55.0, 120.0, 300.0, 360.0], [1 / 520, 1 / 520, -1 / 430, -1 / 430, 0.0]),
+        markings=freeway_markings(phase_m=3.0, wear=wear, opposite_m=OPPOSITE_EDGE_M),
+        surface=freeway_surface(*(zones or (Zone(-100.0, "asphalt"),)), seams=seams, opposite_m=OPPOSITE_EDGE_M),
+        motion=Motion(0.0, 27.0, offset_m=0.12, wander_m=0.2, wander_period_s=6.0, pitch_rad=float(np.radians(0.2))),
+        seed=seed,
+        **({"objects": traffic + country} | daylight(75, 50, tree_density=0.4) | changes),
+    )
+
+
+def country_road_drive(seed: int, **changes) -> Drive:
+    """Two-lane road through a wood, R 170 m left, then 140 m right; `changes` are fields of Drive."""
+    middle, edge = 1.75, -1.75
+    trees = tuple(
+        item
+        for number, d_m in enumerate(((-16.0, -5.5), (8.5, 19.0)))
+        for item in plant_trees(
+            seed + number, "oak redwood eucalyptus", s_m=(4, 240), d_m=d_m, height_m=(9, 17), every_m=5
+        )
+    )
+    return Drive(
+        camera=DASHCAM,
+        road=RoadGeometry([0.0, 35.0, 75.0, 130.0, 160.0], [1 / 170, 1 / 170, -1 / 140, -1 / 140, 0.0]),
+        # The inner stripe of the double line bounds the lane, as in manual labels.
+        line_laterals_m=(middle - 0.10, edge),
+        markings=(
+            Marking(middle, 0.10, YELLOW, double_gap_m=0.10, wear=0.2),
+            Marking(edge, 0.10, WHITE, wear=0.2),
+            Marking(middle + 3.5, 0.10, WHITE, wear=0.2),
+        ),
+        surface=Surface((Zone(-100.0, "fresh asphalt"),), -2.3, 5.8, (0.0, 3.5), gravel_m=0.8),
+        motion=Motion(0.0, 15.0, offset_m=-0.1, wander_m=0.15, wander_period_s=5.0, pitch_rad=float(np.radians(0.25))),
+        seed=seed,
+        **({"objects": (PlacedWall(-2.9, "rail", 20.0, 90.0), *trees)} | daylight(60, 48, tree_density=0.9) | changes),
+    )
+
+
+def _pale_concrete() -> Drive:
+    seams = (Seam(0.4, 0.02, 0.10, 20.0, 90.0), Seam(-0.9, 0.03, 0.08, 60.0, 150.0))
+    drive = plain_motorway(301, Zone(-100.0, "concrete"), seams=seams, wear=0.55, lens=Lens(exposure=0.3))
+    return replace(drive, motion=replace(drive.motion, speed_mps=33.0))
+
+
+def _dapple() -> Drive:
+    rng = np.random.default_rng(311)
+    starts = np.arange(0.0, 230.0, 11.0)
+    shades = tuple(
+        TreeShade(s, s + rng.uniform(7, 15), -rng.uniform(1, 7), rng.uniform(3, 9), rng.uniform(0.85, 0.97))
+        for s in (starts + rng.uniform(-2, 2, len(starts))).tolist()
+    )
+    return plain_motorway(
+        311, Zone(-100.0, "old asphalt"), shades=shades, exposure=AutoExposure(0.7, 0.6), lens=Lens(exposure=0.6)
+    )
+
+
+def _underpass() -> Drive:
+    bridge = Overpass(48.0, 78.0, -18.5, 11.5, skew=0.15, seed=2)
+    drive = plain_motorway(321, shades=(bridge.shade(),), exposure=AutoExposure(0.7, 0.85), lens=Lens(exposure=0.6))
+    return replace(drive, objects=(*drive.objects, bridge))
+
+
+def _low_sun() -> Drive:
+    sun = daylight(4, 12, tree_density=0.4, haze_per_km=0.12)
+    shades = (TreeShade(50.0, 64.0, -4.0, 8.0, 0.9),)
+    return plain_motorway(331, glare=Glare(veil=1.1, sheen=1.8), shades=shades, lens=Lens(noise=0.005), **sun)
+
+
+def _dirty_glass() -> Drive:
+    glare = Glare(veil=1.2, flare=0.6, dashboard=1.6)
+    return country_road_drive(341, glare=glare, exposure=AutoExposure(0.8, 0.6), **daylight(-28, 22, tree_density=0.9))
+
+
+def _white_out() -> Drive:
+    zones = (Zone(-100.0, "fresh asphalt"), Zone(44.0, "concrete", 0.2))
+    return plain_motorway(
+        351, *zones, shades=(WoodShade(-60.0, 41.0, 0.05),), exposure=AutoExposure(1.5, 0.6), lens=Lens(exposure=1.2)
+    )
+
+
+def _deep_shade() -> Drive:
+    return country_road_drive(361, shades=(WoodShade(-60.0, 400.0, 0.035),), exposure=AutoExposure(0.8, 0.55))
+
+
+def _fog() -> Drive:
+    return plain_motorway(371, fog=Fog(85.0), **_overcast())
+
+
+def _haze() -> Drive:
+    return plain_motorway(381, fog=Fog(420.0, (0.62, 0.62, 0.60)), **daylight(20, 35, tree_density=0.4))
+
+
+def _wet_night() -> Drive:
+    others = (
+        car(30.0, -1, "silver", speed_mps=21.0),
+        car(62.0, 0, "black", "suv", speed_mps=23.0),
+        car(90.0, -2, "grey", speed_mps=20.0),
+        *(
+            PlacedObject(s, 3.55, Car(0, 0, np.pi, paint), -19.0)
+            for s, paint in ((70.0, "white"), (128.0, "blue"), (190.0, "red"))
+        ),
+        *(PlacedObject(12.0 + 42.0 * i, -15.2, Post(0, 0, 9.0, 0.18, arm_m=2.4)) for i in range(9)),
+    )
+    lines = freeway_markings(phase_m=3.0, wear=0.3)
+    drive = plain_motorway(391, night=Night(), wet=Wet(film=0.4), objects=others, lens=Lens(noise=0.028, exposure=0.9))
+    # A two-way road: oncoming cars are left of the lane's left line.
+    edge = Marking(LANE_WIDTH_M * 1.5, 0.12, WHITE)
+    surface = replace(drive.surface, left_edge_m=LANE_WIDTH_M * 1.5 + 1.5, opposite_m=None)
+    motion = replace(drive.motion, speed_mps=22.0)
+    return replace(drive, markings=(*lines, edge), surface=surface, motion=motion)
+
+
+def _rain() -> Drive:
+    return plain_motorway(401, rain=Rain(), wet=Wet(), fog=Fog(700.0, (0.40, 0.42, 0.45)), **_overcast())
+
+
+def _overcast() -> dict:
+    style = daylight(75, 50, tree_density=0.4, cloud_cover=1.0)
+    return style | {"sun": replace(style["sun"], overcast=True), "lens": Lens(exposure=0.5)}
+
+
+def _with(drive: Drive, *others: PlacedObject) -> Drive:
+    """The drive with other vehicles instead of those on the car's carriageway."""
+    kept = tuple(
+        p for p in drive.objects if not (isinstance(p, PlacedObject) and isinstance(p.item, Car) and p.speed_mps > 0)
+    )
+    return replace(drive, objects=(*kept, *others))
+
+
+def _motorcycle() -> Drive:
+    """A motorcycle that crosses the lane from the right line to beyond the left one, and back."""
+    path = ((0.0, -2.0), (0.8, -1.7), (2.0, 1.6), (2.8, 1.7), (4.0, -0.4))
+    rider = PlacedObject(13.0, 0.0, Car(0, 0, 0.0, "red", "motorcycle"), 15.6, path)
+    return _with(country_road_drive(411), rider)
+
+
+def _cut_in() -> Drive:
+    """A car that cuts in from the right lane, 11 m ahead, and leaves again."""
+    path = ((0.0, -LANE_WIDTH_M), (0.5, -LANE_WIDTH_M), (2.0, -0.2), (2.7, -0.2), (4.2, -LANE_WIDTH_M))
+    others = (
+        PlacedObject(16.0, 0.0, Car(0, 0, 0.0, "white", "suv"), 27.6, path),
+        PlacedObject(70.0, -LANE_WIDTH_M, Car(0, 0, 0.0, "black"), 28.0),
+        PlacedObject(95.0, 0.0, Car(0, 0, 0.0, "silver"), 29.0),
+    )
+    return _with(plain_motorway(421), *others)
+
+
+def _lorry() -> Drive:
+    """A lorry that drives on the broken line for two seconds, half in the ego lane."""
+    path = ((0.0, -LANE_WIDTH_M), (0.8, -LANE_WIDTH_M), (1.8, -2.6), (3.3, -2.6), (4.5, -LANE_WIDTH_M))
+    others = (
+        PlacedObject(17.0, 0.0, Car(0, 0, 0.0, "blue", "truck"), 26.4, path),
+        PlacedObject(80.0, 0.0, Car(0, 0, 0.0, "red"), 29.0),
+    )
+    return _with(plain_motorway(431), *others)
+
+
+SCENES = (
+    SuiteScene(
+        "pale-concrete", "medium", 4.0, "Worn paint on light concrete at 120 km/h, cracks along it.", _pale_concrete
+    ),
+    SuiteScene("dapple", "medium", 5.0, "Dappled shadows of tree crowns all along the road.", _dapple),
+    SuiteScene(
+        "underpass", "hard", 4.0, "Bright, dark, bright: below a wide bridge, with delayed exposure.", _underpass
+    ),
+    SuiteScene("low-sun", "hard", 4.0, "A low sun ahead: veiling glare, lens flare, a shining road.", _low_sun),
+    SuiteScene(
+        "dirty-glass", "hard", 4.0, "Sun on a dirty windscreen that reflects the dashboard, in a wood.", _dirty_glass
+    ),
+    SuiteScene("white-out", "hard", 4.0, "From a dark wood onto sunny concrete: overexposed for a second.", _white_out),
+    SuiteScene(
+        "deep-shade", "medium", 4.0, "A winding road in the deep blue shade of a wood, with sun flecks.", _deep_shade
+    ),
+    SuiteScene("fog", "hard", 4.0, "Dense fog: 5 % of the contrast is left at 85 m.", _fog),
+    SuiteScene("haze", "medium", 4.0, "Far lines fade in bright haze.", _haze),
+    SuiteScene("wet-night", "hard", 5.0, "Headlights on a wet road with reflections of lamps.", _wet_night),
+    SuiteScene("rain", "hard", 5.0, "Drops on the windscreen between wipes, a road that reflects the clouds.", _rain),
+    SuiteScene("motorcycle", "medium", 4.0, "A motorcycle weaves across the lane and both of its lines.", _motorcycle),
+    SuiteScene(
+        "cut-in", "medium", 4.5, "A car crosses the line into the ego lane just ahead, and leaves it again.", _cut_in
+    ),
+    SuiteScene("lorry", "hard", 4.5, "A lorry hides the broken line for two seconds, driving on it.", _lorry),
+)

@@ -1,0 +1,224 @@
+"""The report of a drive, from synthetic telemetry."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lanes.report.moments import line_types, runs, seconds_lost, share_tracked, worst_moments
+from lanes.report.page import draw_curve, draw_states, write_report
+
+
+def story(frames: int = 200, fps: float = 20.0) -> dict[str, np.ndarray]:
+    """Ten seconds from 100 s on: searching, tracking, coasting from 4 to 4.5 s, lost until 6 s, tracking again."""
+    time_s = 100 + np.arange(frames) / fps
+    state = np.full(frames, "tracking", dtype="<U10")
+    state[:3], state[80:90], state[90:120] = "searching", "coasting", "lost"
+    lost = state == "lost"
+    confidence = np.where(lost, 0.0, 0.9)
+    confidence[50], confidence[55], confidence[150] = 0.5, 0.55, 0.6
+    offset = np.where(lost, np.nan, 0.3 * np.sin(np.arange(frames) / 20))
+    offset_std = np.where(lost, np.nan, 0.02)
+    offset_std[160] = 0.2
+    departure = np.full(frames, "", dtype="<U5")
+    departure[20:30], departure[130:150] = "left", "right"
+    return {
+        "frame": np.arange(frames) + 2000.0,
+        "time_s": time_s,
+        "state": state,
+        "confidence": confidence,
+        "offset_m": offset,
+        "offset_std_m": offset_std,
+        "curvature_per_m": np.where(lost, np.nan, 1e-3),
+        "curvature_std_per_m": np.where(lost, np.nan, 1e-4),
+        "lane_width_m": np.where(lost, np.nan, 3.6),
+        "left_kind": np.where(lost, "", "solid"),
+        "left_colour": np.where(lost, "", "yellow"),
+        "left_double": np.where(lost, np.nan, 1.0),
+        "right_kind": np.where(np.arange(frames) < 40, "", "dashed"),
+        "right_colour": np.full(frames, np.nan),
+        "right_double": np.full(frames, np.nan),
+        "departure": departure,
+    }
+
+
+def rounded(moments: list[tuple[float, str]]) -> list[tuple[float, str]]:
+    return [(round(time_s, 3), text) for time_s, text in moments]
+
+
+def test_worst_moments():
+    kinds = worst_moments(story())
+    assert rounded(kinds["Lane not seen"]) == [(4.5, "lost for 1.5 s"), (4.0, "coasting for 0.5 s")]
+    departures = [(6.5, "towards the right line, 1.0 s"), (1.0, "towards the left line, 0.5 s")]
+    assert rounded(kinds["Lane departures"]) == departures
+    # 2.75 s is too close to 2.5 s. Lost frames are left out.
+    assert rounded(kinds["Lowest confidence"])[:2] == [(2.5, "confidence 0.50"), (7.5, "confidence 0.60")]
+    assert rounded(kinds["Least certain offset"])[0] == (8.0, "± 0.20 m")
+
+
+def test_shares_count_time_not_frames():
+    telemetry = story()
+    assert share_tracked(telemetry) == pytest.approx(157 / 200)
+    assert seconds_lost(telemetry) == pytest.approx(1.5)
+    # Frames dropped while lost: the gap counts.
+    kept = np.r_[0:95, 118:200]
+    assert seconds_lost({name: column[kept] for name, column in telemetry.items()}) == pytest.approx(1.5)
+
+
+def test_decreasing_uncertainty_gives_one_moment():
+    telemetry = story()
+    telemetry["offset_std_m"] = np.linspace(0.5, 0.1, 200)
+    assert rounded(worst_moments(telemetry)["Least certain offset"]) == [(0.0, "± 0.50 m")]
+    telemetry["offset_std_m"] /= 1000
+    assert rounded(worst_moments(telemetry)["Least certain offset"]) == [(0.0, "± 0.01 m")]
+
+
+def test_moments_of_a_single_lost_frame():
+    one = {name: column[100:101] for name, column in story().items()}
+    kinds = worst_moments(one)
+    assert rounded(kinds["Lane not seen"]) == [(0.0, "lost for 0.0 s")]
+    assert kinds["Lowest confidence"] == kinds["Least certain bend"] == []
+    assert share_tracked(one) == 0
+
+
+def test_types_of_the_lines():
+    telemetry = story()
+    assert list(runs(line_types(telemetry, "left"))) == [
+        ("yellow double solid", 0, 90),
+        ("unknown", 90, 120),
+        ("yellow double solid", 120, 200),
+    ]
+    assert list(runs(line_types(telemetry, "right"))) == [("unknown", 0, 40), ("dashed", 40, 200)]
+    # Telemetry of other programs has no such columns.
+    assert set(line_types({"time_s": telemetry["time_s"]}, "left")) == {"unknown"}
+    assert list(runs(np.array([], str))) == []
+
+
+# --- drawings
+
+
+def points(path: str) -> list[np.ndarray]:
+    """The parts of an SVG path of M and L."""
+    return [
+        np.array([p.split() for p in part.rstrip("Z").split("L")], float) for part in path.split("M") if part.strip()
+    ]
+
+
+def path_of(svg: str, kind: str) -> str:
+    return re.search(rf'<path class="{kind}" d="([^"]*)"', svg)[1]
+
+
+def ticks_of(svg: str) -> list[float]:
+    return [float(text) for text in re.findall(r"<span[^>]*>([^<]*)</span>", svg)]
+
+
+def test_curve_has_scale_gaps_and_band():
+    time_s = np.arange(10) * 0.5
+    values = np.array([0, 1, 2, np.nan, np.nan, 4, 3, 2, 1, 0.0])
+    svg = draw_curve("Value", "m", values, np.full(10, 0.5), (0, 4), time_s)
+    assert ticks_of(svg) == [0, 1, 2, 3, 4]
+    parts = points(path_of(svg, "line"))
+    assert [len(part) for part in parts] == [3, 5]
+    # Ten frames of half a second: each a hundred units wide. The axis runs from 4 at the top to 0 at 100.
+    np.testing.assert_allclose(parts[0], [[0, 100], [100, 75], [200, 50]])
+    np.testing.assert_allclose(parts[1][0], [500, 0])
+    band = points(path_of(svg, "band"))
+    assert [len(part) for part in band] == [6, 10]
+    np.testing.assert_allclose(band[0][[0, -1]], [[0, 87.5], [0, 112.5]])
+
+
+def test_long_curve_keeps_its_peaks():
+    values = np.zeros(90_000)
+    values[12_345], values[70_001] = 3.0, -2.0
+    svg = draw_curve("Value", "m", values, None, (-3, 3), np.arange(90_000) / 25)
+    (line,) = points(path_of(svg, "line"))
+    assert len(line) <= 2000 and len(svg) < 60_000
+    peak, dip = line[line[:, 1].argmin()], line[line[:, 1].argmax()]
+    np.testing.assert_allclose(peak, [1000 * 12_345 / 90_000, 0], atol=0.1)
+    assert dip[0] == pytest.approx(1000 * 70_001 / 90_000, abs=0.1)
+
+
+@pytest.mark.parametrize("values", [[np.nan, np.nan], [0.0, 0.0], [1e-7, -1e-7], [-250.0, 380.0], [0.5, np.nan]])
+def test_axes_contain_the_values_and_have_round_ticks(values):
+    svg = draw_curve("Value", "m", np.array(values), None, (-0.5, 0.5), np.array([0.0, 0.1]))
+    ticks = ticks_of(svg)
+    assert min(ticks) <= min(-0.5, np.nanmin([*values, 0])) and max(ticks) >= max(0.5, np.nanmax([*values, 0]))
+    assert 2 <= len(ticks) <= 12 and 0 in ticks
+    assert all(len(f"{tick:g}") < 6 for tick in ticks) and "nan" not in svg
+
+
+def test_outlier_does_not_flatten_the_curve():
+    values = np.sin(np.arange(500) / 20)
+    values[77] = 1e4
+    assert max(ticks_of(draw_curve("Value", "m", values, None, (0, 1), np.arange(500) / 25))) < 5
+
+
+def test_states_fill_the_strip():
+    svg = draw_states(np.array(["searching", "tracking", "tracking", "lost"]), np.array([0.0, 1.0, 2.0, 3.0]))
+    bars = re.findall(r'<path class="(\w+)" d="M([\d.]+) 0H([\d.]+)V', svg)
+    assert bars == [("searching", "0.00", "250.00"), ("tracking", "250.00", "750.00"), ("lost", "750.00", "1000.00")]
+    assert re.findall(r"</i>(\w+ \d+%)", svg) == ["tracking 50%", "searching 25%", "lost 25%"]
+
+
+# --- the page
+
+
+def report(folder: Path, telemetry: dict[str, np.ndarray], **options: object) -> str:
+    """The text of a report, of a drive called d."""
+    (folder / "d.mp4").touch()
+    options = {"title": "d", "video": folder / "d.mp4", "settings": {}} | options
+    return write_report(folder / "d.html", telemetry=telemetry, **options).read_text()
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "std"),
+    [("offset", 1.0, "offset_std_m"), ("curvature", 1000.0, "curvature_std_per_m")],
+)
+def test_the_bands_are_one_standard_deviation_wide(name, unit, std, tmp_path):
+    telemetry = story()
+    figure = re.search(rf'<figure class="curve" id="curve-{name}">.*?</figure>', report(tmp_path, telemetry))[0]
+    ticks = ticks_of(figure)
+    to_value = (max(ticks) - min(ticks)) / 100
+    line, band = points(path_of(figure, "line"))[1], points(path_of(figure, "band"))[1]
+    high, low = np.split(band, 2)
+    np.testing.assert_allclose((low[::-1, 1] - high[:, 1]) * to_value / 2, unit * telemetry[std][120:], rtol=0.1)
+    np.testing.assert_allclose((low[::-1, 1] + high[:, 1]) / 2, line[:, 1], atol=0.02)
+
+
+def test_line_types_are_in_the_page(tmp_path):
+    page = report(tmp_path, story())
+    assert "the left line is yellow double solid, the right line dashed." in page
+    frames = json.loads(re.search(r'<script type="application/json" id="frames">(.*?)</script>', page)[1])
+    assert frames["left_types"] == [[0, "yellow double solid"], [90, "unknown"], [120, "yellow double solid"]]
+
+
+def test_names_and_settings_are_escaped(tmp_path):
+    video = tmp_path / "<img src=x onerror=alert(1)>.mp4"
+    video.write_bytes(b"no video, but that is not the report's business")
+    nasty = "</script><script>alert(1)</script>{{data}}"
+    page = report(tmp_path, story(), title=nasty, video=video, settings={nasty: nasty}, max_embedded_bytes=0)
+    assert "<img" not in page and "alert(1)</script>" not in page
+    assert page.count("<script") == 3
+    assert page.count("&lt;/script&gt;&lt;script&gt;alert(1)&lt;/script&gt;{{data}}") == 4
+    assert 'data-link="%3Cimg%20src%3Dx%20onerror%3Dalert%281%29%3E.mp4"' in page
+    assert not re.search(r"https?://", page)
+
+
+def test_large_videos_are_linked_and_small_ones_embedded(tmp_path):
+    (tmp_path / "d.mp4").write_bytes(bytes(range(256)) * 40)
+    sizes = [len(report(tmp_path, story(), max_embedded_bytes=limit)) for limit in (10_240, 10_239)]
+    assert sizes[0] - sizes[1] == pytest.approx(10_240 * 4 / 3, abs=3)
+
+
+def test_report_of_a_drive_without_a_lane(tmp_path):
+    telemetry = story()
+    telemetry["state"][:] = "lost"
+    for name, column in telemetry.items():
+        if name not in ("frame", "time_s", "state", "confidence"):
+            telemetry[name] = np.full(len(column), np.nan)
+    page = report(tmp_path, telemetry)
+    assert "lost for 10.0 s in total." in page and "nan" not in page.lower()

@@ -1,0 +1,277 @@
+"""Whole drives and stills: time stamps, poses, telemetry, reports, and what happens to unusable files."""
+
+from __future__ import annotations
+
+import re
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lanes.annotate import Annotation, DriveSettings, annotate, annotate_drive, track
+from lanes.camera import Camera, CameraPose
+from lanes.errors import CameraError, PictureError, PoseError, VideoError
+from lanes.files import read_telemetry
+from lanes.images import read_image, write_image
+from lanes.video.reader import inspect_video
+from lanes.video.writer import VideoWriter
+from tests.support.clips import write_drive
+from tests.support.painted_drive import BENDS, CAMERA, SMALL
+from tests.support.painted_roads import paint_motorway
+from tests.video.sample_videos import make_video_with_unknown_sound
+
+GREY = np.full((360, 640, 3), 128, np.uint8)
+BLACK = np.zeros_like(GREY)
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()} if folder.exists() else set()
+
+
+def quietly(sources: object, output: Path, camera: Camera | None = SMALL, **options: object) -> list[Annotation]:
+    return annotate(sources, output, camera, progress=False, **options)
+
+
+# --- videos
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory) -> Path:
+    """A video of twelve frames with its truth, and stills of the first two frames."""
+    folder = tmp_path_factory.mktemp("drive")
+    write_drive(folder / "drive.mp4", BENDS, 12)
+    for number in range(2):
+        write_image(folder / "stills" / f"b{number}.png", BENDS.frame(number / 25))
+    return folder
+
+
+def stalling_drive(path: Path) -> Path:
+    """Twelve frames of the lane at 25 per second, and two black ones: after 1/25 s, and 1.5 s later."""
+    with VideoWriter(path, fps=25) as writer:
+        for number in range(12):
+            writer.write(BENDS.frame(number / 25), number / 25)
+        writer.write(BLACK, 12 / 25)
+        writer.write(BLACK, 12 / 25 + 1.5)
+    return path
+
+
+def test_video_gives_telemetry_in_si_units_and_a_report(drive, tmp_path):
+    (result,) = quietly(drive / "drive.mp4", tmp_path)
+    assert [path.name for path in result.outputs] == ["drive.mp4", "drive.csv", "drive.html"]
+    assert names(tmp_path) == {"drive.mp4", "drive.csv", "drive.html"}
+    assert inspect_video(tmp_path / "drive.mp4").frames == 12
+    found, truth = read_telemetry(tmp_path / "drive.csv"), read_telemetry(drive / "drive.csv")
+    np.testing.assert_array_equal(found["frame"], truth["frame"])
+    np.testing.assert_allclose(found["time_s"], truth["time_s"], atol=1e-6)
+    late = np.s_[5:]
+    assert found["state"][late].tolist() == ["tracking"] * 7 and np.isnan(found["departure"]).all()
+    tolerances = {"offset_m": 0.05, "heading_rad": 0.01, "curvature_per_m": 5e-4, "lane_width_m": 0.05}
+    for name, tolerance in tolerances.items():
+        assert np.abs(found[name] - truth[name])[late].max() < tolerance, name
+    lines = [BENDS.truth(t).line_y(side, np.zeros(1))[0] for t in found["time_s"][late] for side in (0, 1)]
+    measured = np.column_stack([found["left_c0_m"], found["right_c0_m"]])[late].ravel()
+    np.testing.assert_allclose(measured, lines, atol=0.06)
+    assert (found["latency_ms"] > 0).all()
+
+
+def test_pitch_of_a_bump_is_in_radians(tmp_path):
+    """The camera looks 1.5 degrees farther down for the second half of the drive."""
+    bump_rad = np.radians(1.5)
+    pose = SMALL.pose
+    bumpy = replace(BENDS, camera=SMALL.with_pose(replace(pose, pitch_rad=pose.pitch_rad + bump_rad)))
+    with VideoWriter(tmp_path / "drive.mp4", fps=25) as writer:
+        for number in range(24):
+            writer.write((BENDS if number < 12 else bumpy).frame(number / 25), number / 25)
+    (result,) = quietly(tmp_path / "drive.mp4", tmp_path / "out", report=False)
+    pitch_rad = result.telemetry["pitch_rad"]
+    assert np.median(pitch_rad[8:12]) == pytest.approx(0, abs=np.radians(0.2))
+    assert np.median(pitch_rad[-6:]) == pytest.approx(bump_rad, abs=np.radians(0.3))
+
+
+def test_the_result_has_what_the_files_have(drive, tmp_path):
+    result, stills = quietly([drive / "drive.mp4", drive / "stills"], tmp_path)
+    for name, table in (("drive.csv", result.telemetry), ("pictures.csv", stills.telemetry)):
+        read = read_telemetry(tmp_path / name)
+        assert list(read) == list(table)
+        for column in read:
+            assert read[column].dtype.kind == table[column].dtype.kind, column
+            if table[column].dtype.kind == "f":
+                np.testing.assert_allclose(table[column], read[column], rtol=1e-8, err_msg=column)
+            else:
+                np.testing.assert_array_equal(table[column], read[column], err_msg=column)
+    page = (tmp_path / "drive.html").read_text()
+    assert "drive.mp4: lane report" in page and "m high, pitch" in page
+
+
+def test_types_of_the_lines_are_in_the_telemetry(tmp_path):
+    """Solid yellow on the left, white dashes on the right; None while too little of a line was seen."""
+    (result,) = quietly(write_drive(tmp_path / "d.mp4", BENDS, 50), tmp_path / "out", report=False)
+    last = {name: result.telemetry[f"{name}"][-1] for name in result.telemetry if name.endswith(("kind", "colour"))}
+    assert last == {
+        "left_kind": "solid",
+        "left_colour": "yellow",
+        "right_kind": "dashed",
+        "right_colour": "white",
+    }
+    assert (result.telemetry["left_double"][-1], result.telemetry["right_double"][-1]) == (0, 0)
+
+
+def test_time_stamps_of_a_variable_frame_rate_are_used(tmp_path):
+    """The tracker coasts for one second: one frame later it coasts, 1.5 s later the lane is lost."""
+    (result,) = quietly(stalling_drive(tmp_path / "drive.mp4"), tmp_path / "out", report=False)
+    assert result.telemetry["state"][-3:].tolist() == ["tracking", "coasting", "lost"]
+    assert "lost for" in result.description
+
+
+def test_track_yields_frames_with_numbers_times_and_lanes(drive, tmp_path):
+    frames = list(track(drive / "drive.mp4", SMALL, start_s=0.2, end_s=0.4))
+    assert [frame.number for frame, _ in frames] == list(range(5, 10))
+    np.testing.assert_allclose([frame.time_s for frame, _ in frames], np.arange(5, 10) / 25)
+    assert all(frame.image.shape == (360, 640, 3) and frame.latency_ms > 0 for frame, _ in frames)
+    with pytest.raises(CameraError, match=r"drive\.mp4: is 640x360 pixels, unlike the camera; give camera\.scaled"):
+        next(track(drive / "drive.mp4", CAMERA))
+
+
+def test_camera_is_rescaled_or_refused(drive, tmp_path):
+    (result,) = quietly(drive / "drive.mp4", tmp_path / "out", CAMERA, report=False)
+    assert result.telemetry["offset_m"][-1] == pytest.approx(BENDS.truth(11 / 25).offset_m, abs=0.05)
+    with pytest.raises(CameraError, match=r"drive\.mp4: .*cropped"):
+        quietly(drive / "drive.mp4", tmp_path / "no", Camera.from_fov((640, 480), 60, CAMERA.pose))
+    assert names(tmp_path / "no") == set()
+
+
+def test_pose_is_estimated_from_the_annotated_part_only(tmp_path):
+    """The camera pitches down by two degrees half-way; each part gets the pose that it had."""
+    pose = SMALL.pose
+    # a car that does not sway would have solid lines that never move
+    swaying = replace(BENDS, motion=replace(BENDS.motion, wander_m=0.25, pitch_rad=0.003))
+    pitched = replace(swaying, camera=SMALL.with_pose(replace(pose, pitch_rad=pose.pitch_rad + np.radians(2))))
+    frames = [drive.frame(number / 5) for drive in (swaying, pitched) for number in range(12)]
+    with VideoWriter(tmp_path / "drive.mp4", fps=5) as writer:
+        for number, frame in enumerate(frames):
+            writer.write(frame, number / 5)
+    for part, drive in (({"end_s": 2.4}, BENDS), ({"start_s": 2.4}, pitched)):
+        (result,) = quietly(tmp_path / "drive.mp4", tmp_path / "out", SMALL.with_pose(None), report=False, **part)
+        assert (len(result.telemetry["frame"]), result.pose.frames_total) == (12, 12)
+        assert result.pose.pose.pitch_rad == pytest.approx(drive.camera.pose.pitch_rad, abs=np.radians(0.3))
+        assert result.description.startswith("height")
+
+
+def test_a_moved_camera_is_reported(tmp_path):
+    """After six of twelve seconds the camera looks two degrees farther down."""
+    pose = SMALL.pose
+    moved = replace(BENDS, camera=SMALL.with_pose(replace(pose, pitch_rad=pose.pitch_rad + np.radians(2))))
+    with VideoWriter(tmp_path / "drive.mp4", fps=5) as writer:
+        for number in range(60):
+            writer.write((BENDS if number < 30 else moved).frame(number / 5), number / 5)
+    (result,) = quietly(tmp_path / "drive.mp4", tmp_path / "out", report=False)
+    assert re.search(r"seems to have moved after [567] s: .* (1\.9|2\.\d) deg farther down", result.description)
+
+
+def test_lost_sound_is_stated(tmp_path):
+    video = make_video_with_unknown_sound(tmp_path / "drive.avi", 3, size=SMALL.size)
+    (result,) = quietly(video, tmp_path / "out", report=False)
+    assert len(result.telemetry["frame"]) == 3 and "sound track cannot be decoded" in result.description
+
+
+def test_a_video_is_inspected_once(drive, tmp_path, monkeypatch):
+    """Also if the pose is estimated from it: counting the frames reads the whole file."""
+    inspected: list[Path] = []
+    monkeypatch.setattr("lanes.annotate.inspect_video", lambda path: inspected.append(path) or inspect_video(path))
+    monkeypatch.setattr("lanes.sources.inspect_video", lambda path: pytest.fail("again"))
+    monkeypatch.setattr("lanes.files.read_telemetry", lambda path: pytest.fail("read back"))
+    quietly(drive / "drive.mp4", tmp_path, SMALL.with_pose(None), report=False)
+    assert inspected == [drive / "drive.mp4"]
+
+
+def test_annotation_in_another_process(drive, tmp_path):
+    settings = DriveSettings(output=tmp_path / "out", camera=SMALL, progress=False)
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        result = pool.submit(annotate_drive, drive / "drive.mp4", settings).result(timeout=60)
+    assert result.telemetry["offset_m"][-1] == pytest.approx(BENDS.truth(11 / 25).offset_m, abs=0.05)
+
+
+def test_failures_are_raised_after_the_others_were_annotated(drive, tmp_path):
+    (tmp_path / "a.mp4").write_text("no video")
+    (tmp_path / "b").mkdir()
+    with pytest.raises(VideoError, match=r"a\.mp4: cannot be read as a video"):
+        quietly([tmp_path / "a.mp4", drive / "drive.mp4"], tmp_path / "out", report=False)
+    assert names(tmp_path / "out") == {"drive.mp4", "drive.csv"}
+    with pytest.raises(VideoError, match="lasts 0.48 s; begin before that, not at 7 s"):
+        quietly(drive / "drive.mp4", tmp_path / "late", start_s=7.0)
+    with pytest.raises(ValueError, match=r"drive\.mp4: would be written from .* and from .*"):
+        quietly([drive / "drive.mp4", write_drive(tmp_path / "b" / "drive.mp4", BENDS, 1)], tmp_path / "late")
+    with pytest.raises(ValueError, match="one of the inputs"):
+        quietly(drive / "drive.mp4", drive)
+    assert names(tmp_path / "late") == set()
+
+
+# --- stills
+
+
+def test_stills_with_estimated_pose(tmp_path):
+    for i in range(3):
+        write_image(tmp_path / f"{i}.png", BENDS.frame(i))
+    (result,) = quietly(tmp_path, tmp_path / "out", SMALL.with_pose(None))
+    assert result.pose.frames_total == 3
+    assert result.description.startswith("height") and "lane found in 3" in result.description
+    assert result.telemetry["picture"].tolist() == ["0.png", "1.png", "2.png"]
+    assert result.telemetry["offset_m"][0] == pytest.approx(BENDS.truth(0).offset_m, abs=0.1)
+    assert (read_image(tmp_path / "out" / "0.png") != read_image(tmp_path / "0.png")).any()
+    with pytest.raises(ValueError, match="one of the inputs"):
+        quietly(tmp_path, tmp_path)
+
+
+def test_stills_of_all_formats_keep_their_format(tmp_path):
+    for suffix in ("bmp", "tif", "webp"):
+        write_image(tmp_path / f"still.{suffix}", BENDS.frame(0))
+    (result,) = quietly(tmp_path, tmp_path / "out")
+    assert [path.name for path in result.outputs] == ["still.bmp", "still.tif", "still.webp", "pictures.csv"]
+    assert "lane found in 3" in result.description and (read_image(result.outputs[0]) != BENDS.frame(0)).any()
+
+
+def test_stills_of_different_cameras_have_a_pose_each(tmp_path):
+    camera = Camera.from_fov((960, 540), 60, CameraPose(1.3, np.radians(3.0)))
+    for name, image in (("a.png", BENDS.frame(0)), ("b.png", paint_motorway(camera))):
+        write_image(tmp_path / "in" / name, image)
+    (result,) = quietly(tmp_path / "in", tmp_path / "out", None, each=True)
+    first, second, _ = result.description.splitlines()
+    assert re.search(r"a\.png: found .*; pose from lane lines: height .*; field of view 60.0 deg, assumed$", first)
+    assert re.search(r"b\.png: found .*pitch 3\.0\d ±", second)
+    write_image(tmp_path / "in" / "c.png", GREY)
+    with pytest.raises(PoseError, match=r"c\.png: .*so no road is recognised"):
+        quietly(tmp_path / "in", tmp_path / "out", None, each=True)
+    assert read_telemetry(tmp_path / "out" / "pictures.csv")["picture"].tolist() == ["a.png", "b.png"]
+    with pytest.raises(PoseError):
+        quietly(tmp_path / "in" / "c.png", tmp_path / "none", None, each=True)
+    assert names(tmp_path / "none") == set()
+
+
+def test_pictures_that_disagree_name_the_option_for_several_cameras(tmp_path):
+    for name, image in (("a", GREY), ("b", GREY)):
+        write_image(tmp_path / f"{name}.png", image)
+    with pytest.raises(PoseError, match="several cameras, annotate them with --each"):
+        quietly(tmp_path, tmp_path / "out", SMALL.with_pose(None))
+
+
+def test_unusable_stills_do_not_stop_the_others(tmp_path):
+    folder, other = tmp_path / "in", np.zeros((480, 640, 3), np.uint8)
+    for name, image in (("b2.jpg", BENDS.frame(0)), ("b10.jpg", BENDS.frame(1)), ("a.jpg", other), ("c.jpg", other)):
+        write_image(folder / name, image)
+    (folder / "c.jpg").write_bytes((folder / "c.jpg").read_bytes()[:300])
+    (folder / "d.png").touch()
+    with pytest.raises(PictureError) as error:
+        quietly(folder, tmp_path / "out", SMALL.with_pose(None))
+    assert re.fullmatch(
+        r".*c.jpg: .*cut off.*\n.*d.png: .*empty.*\n.*a.jpg: is 640x480, the others used are 640x360;.*",
+        str(error.value),
+    )
+    assert names(tmp_path / "out") == {"b2.jpg", "b10.jpg", "pictures.csv"}
+    drawn = read_image(tmp_path / "out" / "b2.jpg")
+    assert (np.abs(drawn.astype(int) - BENDS.frame(0))[220:330].max(axis=2) > 30).mean() > 0.1
+    with pytest.raises(PictureError, match=r"c.jpg: .*\n.*d.png"):
+        quietly([folder / "c.jpg", folder / "d.png"], tmp_path / "none")
+    assert names(tmp_path / "none") == set()

@@ -1,0 +1,283 @@
+"""Calibration: against the known lens, with every kind of unfit board among the good ones; the report in words."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from benchmark.scored_drive import PROJECT_ROOT
+from lanes.calibration import (
+    BoardDetections,
+    calibrate,
+    calibrate_boards,
+    calibrate_detections,
+    describe_calibration,
+    draw_contact_sheet,
+)
+from lanes.camera import Camera
+from lanes.chessboard import Board
+from lanes.errors import CameraError
+from lanes.images import read_image, write_image
+from simulator.chessboards import BOARD_VIEWS, true_corners
+from simulator.scenes.dashcam import DASHCAM
+
+SIZE = (1280, 720)
+
+
+def true_board(number: int, noise_px: float = 0.05) -> Board:
+    """The corners of rendered board `number` where they truly are, give or take a finder's noise."""
+    noise = np.random.default_rng(number).normal(0, noise_px, (54, 2))
+    return Board((true_corners(BOARD_VIEWS[number - 1]) + noise).astype(np.float32), 9, 6, SIZE)
+
+
+@pytest.fixture
+def boards() -> dict[str, Board]:
+    return {f"board{number}.jpg": true_board(number) for number in (2, 3, 6, 8, 9, 10, 12, 13, 17, 19)}
+
+
+def assert_is_the_dashcam(camera: Camera) -> None:
+    focal, true_focal = np.diag(camera.matrix)[:2], np.diag(DASHCAM.matrix)[:2]
+    np.testing.assert_allclose(focal, true_focal, rtol=0.002)
+    np.testing.assert_allclose(camera.matrix[:2, 2], DASHCAM.matrix[:2, 2], atol=2)
+
+
+@pytest.mark.slow
+def test_rendered_boards_give_the_lens_they_were_taken_with():
+    """All are used, also those that the picture cuts off, and those of a larger picture."""
+    camera = calibrate(PROJECT_ROOT / "camera_cal")
+    assert_is_the_dashcam(camera)
+    assert camera.size == SIZE
+    u, v = np.meshgrid(np.linspace(0, 1279, 15), np.linspace(0, 719, 9))
+    pixels = np.column_stack([u.ravel(), v.ravel()])
+    angle = np.linalg.norm(camera.rays(pixels) - DASHCAM.rays(pixels), axis=1)
+    assert np.degrees(angle).max() < 0.05
+    assert camera.report.rejected == {} and camera.report.rms_px < 0.1
+    assert list(camera.report.board_rms_px) == [f"calibration{n}.jpg" for n in range(1, 21)]
+
+
+@pytest.mark.slow
+def test_real_boards_are_used_and_fit():
+    folder = Path(os.environ.get("LANES_DATA") or PROJECT_ROOT.parent / "shared" / "real") / "camera_cal"
+    if not (folder / "calibration1.jpg").is_file() or (folder / "truth.json").is_file():
+        pytest.skip(f"no real boards in {folder}; name their folder with LANES_DATA")
+    camera = calibrate(folder)
+    assert len(camera.report.board_rms_px) >= 19
+    assert camera.report.rms_px <= 0.90
+    assert 1100 < camera.matrix[0, 0] < 1220
+
+
+class TestOutliers:
+    def test_errors_are_those_of_the_corners(self, boards):
+        """Noise of 0.05 px in each coordinate leaves an error of 0.05 * sqrt(2) px."""
+        report = calibrate_boards(boards).report
+        assert list(report.board_rms_px) == list(boards) and report.rejected == {}
+        assert report.rms_px == pytest.approx(0.05 * np.sqrt(2), rel=0.1)
+        assert np.sqrt(np.mean(np.square(list(report.board_rms_px.values())))) == pytest.approx(report.rms_px)
+
+    def test_a_bent_board_is_dropped_by_name_and_the_rest_is_as_without_it(self, boards):
+        without = {name: board for name, board in boards.items() if name != "board9.jpg"}
+        bent = boards["board9.jpg"].corners_px.copy()
+        bent[:, 1] += 4 * np.sin(bent[:, 0] / 40)
+        boards["board9.jpg"] = replace(boards["board9.jpg"], corners_px=bent)
+        camera = calibrate_boards(boards)
+        assert list(camera.report.rejected) == ["board9.jpg"]
+        assert "2.5 times the median" in camera.report.rejected["board9.jpg"]
+        np.testing.assert_array_equal(camera.matrix, calibrate_boards(without).matrix)
+
+    def test_several_bad_boards_are_dropped(self, boards):
+        for name, amount in (("board3.jpg", 6), ("board12.jpg", 3)):
+            corners = boards[name].corners_px.copy()
+            corners[10:20] += amount
+            boards[name] = replace(boards[name], corners_px=corners)
+        camera = calibrate_boards(boards)
+        assert set(camera.report.rejected) == {"board3.jpg", "board12.jpg"}
+        assert_is_the_dashcam(camera)
+
+    def test_bad_boards_do_not_excuse_each_other(self):
+        """Three of seven are bad: the mean error of all boards is nearly half as large as theirs, the median is not."""
+        bad = {3, 9, 12}
+        boards = {f"{n}": true_board(n, noise_px=2.0 if n in bad else 0.05) for n in (2, 3, 6, 8, 9, 12, 17)}
+        camera = calibrate_boards(boards)
+        assert set(map(int, camera.report.rejected)) == bad
+        assert_is_the_dashcam(camera)
+
+    def test_a_board_with_twice_the_median_error_is_kept(self):
+        boards = {f"{n}": true_board(n, noise_px=0.5 if n == 6 else 0.25) for n in (2, 3, 6, 8, 9, 12, 17)}
+        report = calibrate_boards(boards).report
+        assert report.rejected == {} and report.board_rms_px["6"] > 0.6
+
+    def test_tiny_errors_are_no_reason_to_drop_a_board(self, boards):
+        boards["board6.jpg"] = true_board(6, noise_px=0.19)
+        report = calibrate_boards(boards).report
+        assert report.rejected == {} and report.board_rms_px["board6.jpg"] > 2.5 * 0.05 * np.sqrt(2)
+
+    def test_a_part_of_a_board_counts_wherever_it_lies_on_it(self, boards):
+        grid = boards["board17.jpg"].corners_px.reshape(6, 9, 2)[1:, 3:]
+        boards["board17.jpg"] = Board(grid.reshape(-1, 2), 6, 5, SIZE)
+        camera = calibrate_boards(boards)
+        assert camera.report.board_rms_px["board17.jpg"] < 0.12
+        assert_is_the_dashcam(camera)
+
+    def test_two_runs_give_the_same_numbers_and_restore_the_threads(self, boards):
+        threads = cv2.getNumThreads()
+        cv2.setNumThreads(2)
+        try:
+            first, second = calibrate_boards(boards), calibrate_boards(boards)
+            assert cv2.getNumThreads() == 2
+        finally:
+            cv2.setNumThreads(threads)
+        assert first.matrix.tobytes() == second.matrix.tobytes()
+        assert first.distortion.tobytes() == second.distortion.tobytes()
+
+
+class TestOtherSizes:
+    """Board 8 comes from a picture of another size."""
+
+    def test_a_picture_cut_one_pixel_later_is_the_same_camera(self, boards):
+        expected = calibrate_boards(boards).matrix
+        boards["board8.jpg"] = replace(boards["board8.jpg"], size=(1281, 721))
+        camera = calibrate_boards(boards)
+        assert "board8.jpg" in camera.report.board_rms_px and camera.report.rejected == {}
+        np.testing.assert_allclose(camera.matrix, expected)
+
+    def test_a_resized_picture_of_the_same_camera_is_rescaled(self, boards):
+        """Pixel centres are at integers: without the shift by half a pixel its error would be 0.35 px."""
+        expected = calibrate_boards(boards).matrix
+        half = (boards["board8.jpg"].corners_px + 0.5) / 2 - 0.5
+        boards["board8.jpg"] = replace(boards["board8.jpg"], corners_px=half.astype(np.float32), size=(640, 360))
+        camera = calibrate_boards(boards)
+        assert camera.report.board_rms_px["board8.jpg"] < 0.12
+        np.testing.assert_allclose(camera.matrix, expected, atol=0.01)
+
+    def test_another_shape_is_refused_with_both_sizes(self, boards):
+        boards["board8.jpg"] = replace(boards["board8.jpg"], size=(640, 480))
+        report = calibrate_boards(boards).report
+        assert "640x480 pixels, the others 1280x720" in report.rejected["board8.jpg"]
+        assert "board8.jpg" not in report.board_rms_px
+
+    def test_the_same_shape_from_another_lens_is_refused(self, boards):
+        """The corners are those of the full picture, so at half the size they would need twice the focal length."""
+        cut_out = boards["board8.jpg"].corners_px - np.float32([600, 180])
+        boards["board8.jpg"] = replace(boards["board8.jpg"], corners_px=cut_out, size=(640, 360))
+        assert "does not fit the same lens" in calibrate_boards(boards).report.rejected["board8.jpg"]
+
+
+class TestTooLittle:
+    def test_two_boards_are_too_few(self, boards):
+        with pytest.raises(CameraError, match=r"2 different view\(s\).*needs at least 3"):
+            calibrate_boards(dict(list(boards.items())[:2]))
+
+    def test_one_view_three_times_is_one_view(self):
+        same = {f"{n}.jpg": true_board(6, noise_px=0.05 + 0.01 * n) for n in range(4)}
+        with pytest.raises(CameraError, match=r"1 different view\(s\)"):
+            calibrate_boards(same)
+
+    def test_views_without_tilt_do_not_determine_the_focal_length(self):
+        grid = true_board(6).object_points[:, :2]
+        flat = {f"{n}.jpg": Board(grid * 30 + np.float32([100 + 300 * n, 200]), 9, 6, SIZE) for n in range(4)}
+        with pytest.raises(CameraError, match="tilted"):
+            calibrate_boards(flat)
+
+    def test_a_folder_names_what_it_could_not_use(self, tmp_path):
+        write_image(tmp_path / "wall.png", np.full((120, 160, 3), 90, np.uint8))
+        (tmp_path / "text.jpg").write_text("no picture")
+        with pytest.raises(CameraError, match="^no chessboard of 9x6 inner corners .* any of the 2 pictures") as error:
+            calibrate(tmp_path)
+        assert "wall.png: no chessboard of 9x6" in str(error.value) and "not a JPEG" in str(error.value)
+        assert str(tmp_path) in str(error.value)
+
+    def test_a_folder_with_too_few_boards_is_named(self, tmp_path):
+        board = PROJECT_ROOT / "camera_cal" / "calibration2.jpg"
+        (tmp_path / board.name).write_bytes(board.read_bytes())
+        with pytest.raises(CameraError, match=r"1 different view\(s\)") as error:
+            calibrate(str(tmp_path))
+        assert str(error.value).startswith(str(tmp_path))
+
+    def test_a_folder_with_unfit_files_among_good_ones(self, tmp_path):
+        for number in (2, 9, 12, 13):
+            source = PROJECT_ROOT / "camera_cal" / f"calibration{number}.jpg"
+            (tmp_path / source.name).write_bytes(source.read_bytes())
+        (tmp_path / "calibration3.jpg").write_bytes((tmp_path / "calibration2.jpg").read_bytes()[:5000])
+        write_image(tmp_path / "small.png", cv2.resize(read_image(tmp_path / "calibration12.jpg"), (640, 480)))
+        seen = []
+        report = calibrate(tmp_path, progress=lambda done, total: seen.append((done, total))).report
+        assert list(report.board_rms_px) == [f"calibration{n}.jpg" for n in (2, 9, 12, 13)]
+        assert "cut off" in report.rejected["calibration3.jpg"]
+        assert "640x480" in report.rejected["small.png"]
+        assert seen == [(n, 6) for n in range(1, 7)]
+
+    def test_empty_and_missing_folders_are_named(self, tmp_path):
+        with pytest.raises(FileNotFoundError, match="holds no picture"):
+            calibrate(tmp_path)
+        with pytest.raises(FileNotFoundError, match="nowhere: there is no such"):
+            calibrate([tmp_path / "nowhere"])
+
+
+class TestReport:
+    """Board 17 is seen in part, 8 in a larger picture, 9 is bent; one picture shows a wall."""
+
+    @pytest.fixture
+    def detections(self, boards, tmp_path) -> BoardDetections:
+        part = boards["board17.jpg"].corners_px.reshape(6, 9, 2)[1:, 3:]
+        boards["board17.jpg"] = Board(part.reshape(-1, 2), 6, 5, SIZE)
+        twice = boards["board8.jpg"].corners_px * 2 + 0.5
+        boards["board8.jpg"] = replace(boards["board8.jpg"], corners_px=twice, size=(2560, 1440))
+        bent = boards["board9.jpg"].corners_px.copy()
+        bent[::7] += 6
+        boards["board9.jpg"] = replace(boards["board9.jpg"], corners_px=bent)
+        paths = {name: tmp_path / name for name in [*boards, "wall.jpg"]}
+        for name, path in paths.items():
+            width, height = boards[name].size if name in boards else SIZE
+            write_image(path, np.full((height, width, 3), 128, np.uint8))
+        return BoardDetections(paths, (9, 6), boards, {"wall.jpg": "no chessboard"})
+
+    def test_the_use_of_each_picture_is_described(self, detections):
+        camera = calibrate_detections(detections, "here")
+        text = describe_calibration(detections, camera)
+        uses = {line.split()[0]: line for line in text.splitlines()}
+        assert uses["board2.jpg"].endswith(f"{camera.report.board_rms_px['board2.jpg']:.2f}  used")
+        assert uses["board17.jpg"].endswith("  used, 6x5 corners of the board")
+        assert uses["board8.jpg"].endswith("  used, picture of 2560x1440")
+        assert re.search(r"  -  error \d\.\d\d px, more than 2.5 times", uses["board9.jpg"])
+        assert uses["wall.jpg"].endswith("  -  no chessboard")
+        assert "9 of 11 pictures used, error 0.0" in text and "focal length 115" in text
+
+    @pytest.mark.parametrize(
+        ("kept", "words"),
+        [
+            (lambda u, v: u < 2, "corners were detected in all regions of the picture"),
+            (
+                lambda u, v: (u < 0.7) & ((u > 0.3) | (v > 0.3)),
+                "regions of the picture: upper left, upper right, right, lo",
+            ),
+        ],
+    )
+    def test_parts_of_the_picture_without_corners_are_named(self, detections, kept, words):
+        camera = calibrate_detections(detections, "here")
+        u, v = np.meshgrid(np.linspace(0.01, 0.99, 40), np.linspace(0.01, 0.99, 30))
+        chosen = kept(u, v)
+        corners = (np.column_stack([u[chosen], v[chosen]]) * SIZE).astype(np.float32)
+        everywhere = {name: replace(board, corners_px=corners, size=SIZE) for name, board in detections.boards.items()}
+        assert words in describe_calibration(replace(detections, boards=everywhere), camera)
+
+    def test_the_sheet_marks_used_and_unused_boards(self, detections):
+        sheet = draw_contact_sheet(detections, calibrate_detections(detections, "here"))
+        tile = (225 + 44 + 12, 400 + 12)
+        assert sheet.shape == (3 * tile[0], 5 * tile[1], 3)
+        frames = sheet[3 :: tile[0], 3 :: tile[1]].reshape(-1, 3).tolist()
+        names = list(detections.paths)
+        green, red = [0, 220, 90], [255, 70, 60]
+        assert frames[names.index("board2.jpg")] == green
+        assert frames[names.index("board9.jpg")] == frames[names.index("wall.jpg")] == red
+        assert frames[names.index("board17.jpg")] not in (green, red)
+        first = sheet[6 + 44 : 6 + 44 + 225, 6:406].astype(int)
+        drawn = np.argwhere(np.ptp(first, axis=2) > 60)[:, ::-1]
+        corners = detections.boards["board2.jpg"].corners_px * 400 / 1280
+        np.testing.assert_allclose(drawn.min(axis=0), corners.min(axis=0), atol=6)
+        np.testing.assert_allclose(drawn.max(axis=0), corners.max(axis=0), atol=6)

@@ -1,0 +1,358 @@
+"""The camera: signs of the pose, projection between pixels and road, lens distortion, sizes, and camera files."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from lanes.camera import (
+    CalibrationReport,
+    Camera,
+    CameraPose,
+    camera_from_dict,
+    camera_to_dict,
+    load_camera,
+    save_camera,
+    undistort,
+)
+from lanes.errors import CameraError, PictureError
+from simulator.scenes.dashcam import DASHCAM
+from tests.support.examples import examples
+from tests.support.painted_drive import CAMERA
+
+CENTRE = np.array([[667.4, 386.1]])
+FOCAL_PX = 640 / np.tan(np.radians(30))
+poses = st.builds(
+    CameraPose,
+    height_m=st.floats(0.8, 3),
+    pitch_rad=st.floats(-0.1, 0.3),
+    yaw_rad=st.floats(-0.3, 0.3),
+    roll_rad=st.floats(-0.2, 0.2),
+)
+
+
+def see(pose: CameraPose, point_m: tuple[float, float, float]) -> np.ndarray:
+    """Where a camera without distortion, centre (639.5, 359.5), sees a point of the road frame."""
+    return Camera.from_fov((1280, 720), 60, pose).road_to_pixels(np.array([point_m]))[0]
+
+
+class TestSigns:
+    def test_level_camera_sees_the_point_ahead_at_its_height_in_the_middle(self):
+        np.testing.assert_allclose(see(CameraPose(1.5), (20, 0, 1.5)), (639.5, 359.5), atol=1e-9)
+
+    def test_left_is_left_and_the_road_is_below_the_horizon(self):
+        u, v = see(CameraPose(1.5), (20, 2, 0))
+        assert u < 639.5 and v > 359.5
+
+    def test_positive_pitch_looks_down_so_the_horizon_rises(self):
+        _, v = see(CameraPose(1.5, pitch_rad=0.05), (20, 0, 1.5))
+        np.testing.assert_allclose(v, 359.5 - FOCAL_PX * np.tan(0.05), atol=1e-9)
+
+    def test_positive_yaw_looks_left_so_what_is_ahead_moves_right(self):
+        u, _ = see(CameraPose(1.5, yaw_rad=0.05), (20, 0, 1.5))
+        np.testing.assert_allclose(u, 639.5 + FOCAL_PX * np.tan(0.05), atol=1e-9)
+
+    def test_positive_roll_has_the_right_side_down_so_the_horizon_falls_to_the_left(self):
+        left, right = (see(CameraPose(1.5, roll_rad=0.05), (20, y, 1.5)) for y in (5, -5))
+        assert left[0] < right[0]
+        np.testing.assert_allclose((left[1] - right[1]) / (right[0] - left[0]), np.tan(0.05), atol=1e-9)
+
+    @given(poses)
+    def test_rotation_is_orthonormal(self, pose):
+        np.testing.assert_allclose(pose.rotation @ pose.rotation.T, np.eye(3), atol=1e-12)
+        assert np.linalg.det(pose.rotation) > 0
+
+    @pytest.mark.parametrize("bad", [{"height_m": 0.0}, {"height_m": -1.0}, {"height_m": 1.3, "pitch_rad": np.nan}])
+    def test_impossible_pose_is_refused(self, bad):
+        with pytest.raises(CameraError, match="height must be positive"):
+            CameraPose(**bad)
+
+
+class TestProjection:
+    @given(poses, st.floats(4, 60), st.floats(-6, 6))
+    def test_road_to_pixels_and_back(self, pose, x_m, y_m):
+        camera = DASHCAM.with_pose(pose)
+        pixel = camera.road_to_pixels(np.array([[x_m, y_m]]))
+        assume(((pixel >= 0) & (pixel <= [1279, 719])).all())
+        np.testing.assert_allclose(camera.pixels_to_road(pixel)[0], (x_m, y_m), rtol=1e-4, atol=1e-4)
+
+    def test_pixels_are_those_of_opencv_to_the_last_bit(self):
+        points = np.random.default_rng(0).uniform([4, -3, -0.5], [60, 3, 2], (200, 3))
+        pose = DASHCAM.require_pose()
+        seen = (points - [0, 0, pose.height_m]) @ pose.rotation.T
+        expected, _ = cv2.projectPoints(seen, np.zeros(3), np.zeros(3), DASHCAM.matrix, DASHCAM.distortion)
+        np.testing.assert_array_equal(DASHCAM.road_to_pixels(points), expected.reshape(-1, 2))
+
+    def test_sky_and_points_behind_the_camera_give_nan(self):
+        assert np.isnan(DASHCAM.pixels_to_road(np.array([[640.0, 20.0]]))).all()
+        pixels = DASHCAM.road_to_pixels(np.array([[-5.0, 0.0], [20.0, 0.0], [0.0, 0.0]]))
+        assert np.isnan(pixels[[0, 2]]).all() and np.isfinite(pixels[1]).all()
+
+    def test_a_camera_without_pose_is_refused(self):
+        for project in (Camera.pixels_to_road, Camera.road_to_pixels):
+            with pytest.raises(CameraError, match="no pose"):
+                project(Camera.from_fov((640, 480), 60), np.zeros((1, 2)))
+
+
+@st.composite
+def lenses(draw: st.DrawFn) -> Camera:
+    """Lens whose distortion is monotonic up to the corners of the image."""
+    width = draw(st.integers(100, 4000))
+    height = round(width * draw(st.floats(0.4, 1.0)))
+    focal_px = width / 2 / np.tan(np.radians(draw(st.floats(30, 100))) / 2)
+    k1, k2, k3 = draw(st.floats(-0.35, 0.2)), draw(st.floats(-0.1, 0.15)), draw(st.floats(-0.02, 0.02))
+    p1, p2 = draw(st.floats(-0.002, 0.002)), draw(st.floats(-0.002, 0.002))
+    middle = [size / 2 + draw(st.floats(-0.02, 0.02)) * width for size in (width, height)]
+    matrix = np.array([[focal_px, 0, middle[0]], [0, focal_px * draw(st.floats(0.98, 1.02)), middle[1]], [0, 0, 1]])
+    camera = Camera(width, height, matrix, np.array([k1, k2, p1, p2, k3]))
+    # the undistorted corners must be inside the monotonic range of the distortion
+    r = np.linspace(0, 0.9 * min(camera.largest_ray, 5.0), 500)
+    assume((r * (1 + k1 * r**2 + k2 * r**4 + k3 * r**6)).max() > 1.1 * np.hypot(width, height) / 2 / focal_px)
+    return camera
+
+
+class TestDistortion:
+    @examples(60)
+    @given(lenses(), st.integers(0, 2**32 - 1))
+    def test_undistorting_and_distorting_points_is_the_identity(self, camera, seed):
+        pixels = np.random.default_rng(seed).uniform(0, 1, (40, 2)) * camera.size
+        pixels = np.vstack([pixels, [[0, 0], [camera.width - 1, 0], [0, camera.height - 1]]])
+        np.testing.assert_allclose(camera.distort_points(camera.undistort_points(pixels)), pixels, atol=1e-6)
+
+    def test_corners_of_a_very_wide_lens_need_many_iterations(self):
+        """The corners of a lens of 100 degrees have an error of a pixel after 50 iterations."""
+        focal_px = 1736 / 2 / np.tan(np.radians(50))
+        matrix = np.array([[focal_px, 0, 868], [0, focal_px, 482], [0, 0, 1]])
+        camera = Camera(1736, 964, matrix, np.array([-0.25, 0.05, 0.001, 0.001, 0.0]))
+        corners = np.array([[0.0, 0.0], [1735, 0], [0, 963], [1735, 963]])
+        np.testing.assert_allclose(camera.distort_points(camera.undistort_points(corners)), corners, atol=1e-6)
+
+    def test_corners_move_outward_for_a_barrel_lens(self):
+        corner = np.array([[0.0, 0.0]])
+        assert np.linalg.norm(DASHCAM.undistort_points(corner) - CENTRE) > np.linalg.norm(corner - CENTRE) + 20
+        np.testing.assert_allclose(DASHCAM.undistort_points(CENTRE), CENTRE, atol=1e-9)
+
+    def test_rays_follow_brown_and_conrady(self):
+        """The polynomial written out by hand for one ray."""
+        k1, k2, p1, p2, k3 = DASHCAM.distortion
+        x, y = 0.4, -0.2
+        r2 = x * x + y * y
+        radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
+        seen = (
+            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+        )
+        pixel = DASHCAM.matrix[:2, :2] @ seen + DASHCAM.matrix[:2, 2]
+        np.testing.assert_allclose(DASHCAM.rays(pixel[None])[0], (x, y, 1), atol=1e-8)
+
+    @pytest.mark.parametrize("least", [0.0, 5e-324, 1e-310, -1e-310, 1e-30])
+    def test_rays_beyond_the_monotonic_range_give_nan(self, least):
+        """The polynomial has its maximum where 1 + 3 k1 r^2 = 0; tiny further coefficients must not divide by zero."""
+        folding = Camera(1280, 720, DASHCAM.matrix, np.array([-0.3, least, 0, 0, least]), CameraPose(1.3))
+        assert folding.largest_ray == pytest.approx(np.sqrt(1 / 0.9))
+        assert np.isnan(folding.road_to_pixels(np.array([[2.0, 8.0]]))).all()
+        assert replace(folding, distortion=np.array([0.3, least, 0, 0, least])).largest_ray > 1e6
+
+    def test_undistort_makes_a_bent_line_straight(self):
+        """A straight line of the world at v = 80 of the ideal image, painted where the lens shows it."""
+        ideal = np.column_stack([np.arange(-100, 1400, 0.25), np.full(6000, 80.0)])
+        seen = np.round(DASHCAM.distort_points(ideal)).astype(int)
+        inside = ((seen >= [0, 2]) & (seen < [1280, 718])).all(axis=1)
+        image = np.zeros((720, 1280, 3), np.uint8)
+        for dv in (-2, -1, 0, 1, 2):
+            image[seen[inside, 1] + dv, seen[inside, 0]] = 255
+
+        def centre(picture: np.ndarray) -> np.ndarray:
+            weight = picture[:, 100:1180, 0].astype(float)
+            return (weight * np.arange(720)[:, None]).sum(axis=0) / weight.sum(axis=0)
+
+        assert np.ptp(centre(image)) > 20
+        straight = undistort(image, DASHCAM)
+        assert straight.shape == image.shape and straight.dtype == np.uint8
+        np.testing.assert_allclose(centre(straight), 80, atol=0.6)
+
+    @pytest.mark.parametrize("size", [(640, 360), (1280, 720)])
+    def test_undistorting_and_distorting_an_image_changes_it_by_interpolation_only(self, size):
+        """Two interpolations of a smooth image change it by two levels at most; pixels outside are ignored."""
+        camera, coarse = CAMERA.scaled(size), np.random.default_rng(0).integers(0, 256, (9, 16, 3), dtype=np.uint8)
+        picture = cv2.resize(coarse, size, interpolation=cv2.INTER_CUBIC)
+        v, u = np.mgrid[: size[1], : size[0]]
+        place = camera.undistort_points(np.column_stack([u.ravel(), v.ravel()])).reshape(*u.shape, 2).astype(np.float32)
+        back = cv2.remap(undistort(picture, camera), place[..., 0], place[..., 1], cv2.INTER_LINEAR)
+        inside = ((place >= 1) & (place <= np.array(size) - 2)).all(axis=2)
+        error = np.abs(back.astype(int) - picture)[inside]
+        assert inside.mean() > 0.85
+        assert error.max() <= 2 and error.mean() < 0.4
+
+
+class TestSizes:
+    @pytest.mark.parametrize("size", [(640, 360), (2560, 1440)])
+    def test_scaled_camera_has_the_same_ray_at_the_same_share_of_the_image(self, size):
+        """An image begins at -0.5: pixel centres are at integers."""
+        pixels = np.array([[-0.5, -0.5], [100.0, 50.0], [1279.5, 719.5]])
+        shares = (pixels + 0.5) / DASHCAM.size
+        scaled = DASHCAM.scaled(size)
+        np.testing.assert_allclose(scaled.rays(shares * size - 0.5), DASHCAM.rays(pixels), atol=1e-9)
+        assert scaled.size == size and scaled.pose == DASHCAM.pose
+
+    def test_scaled_camera_sees_the_road_where_the_resized_image_shows_it(self):
+        """A white square of one metre in a large image, and its centre in the image resized by OpenCV."""
+        corners = DASHCAM.road_to_pixels(np.array([[9.5, 0.5], [9.5, -0.5], [10.5, -0.5], [10.5, 0.5]]))
+        image = np.zeros((720, 1280), np.float32)
+        cv2.fillPoly(image, [np.round(corners * 16).astype(np.int32)], 1.0, cv2.LINE_AA, 4)
+        v, u = np.mgrid[:180, :320]
+        small = cv2.resize(image, (320, 180), interpolation=cv2.INTER_AREA)
+        centre = np.array([(u * small).sum(), (v * small).sum()]) / small.sum()
+        full_v, full_u = np.mgrid[:720, :1280]
+        full = np.array([(full_u * image).sum(), (full_v * image).sum()]) / image.sum()
+        np.testing.assert_allclose(
+            DASHCAM.scaled((320, 180)).pixels_to_road(centre[None]), DASHCAM.pixels_to_road(full[None]), atol=0.002
+        )
+
+    def test_another_aspect_ratio_cannot_be_rescaled(self):
+        with pytest.raises(CameraError, match="640x480 picture has another aspect ratio than the calibrated 1280x720"):
+            DASHCAM.scaled((640, 480))
+
+    @pytest.mark.parametrize("fov", [0, 5, 180])
+    def test_impossible_field_of_view_is_refused(self, fov):
+        with pytest.raises(CameraError, match=f"{fov} degrees"):
+            Camera.from_fov((640, 480), fov)
+
+    @pytest.mark.parametrize("hfov_deg", [30.0, 57.5, 120.0])
+    def test_the_field_of_view_is_the_one_asked_for(self, hfov_deg):
+        camera = Camera.from_fov((1920, 1080), hfov_deg)
+        assert camera.hfov_deg == pytest.approx(hfov_deg) and camera.largest_ray == np.inf
+        left, right = np.degrees(np.arctan(camera.rays(np.array([[-0.5, 0], [1919.5, 0]]))[:, 0]))
+        assert right - left == pytest.approx(hfov_deg)
+
+    def test_undistort_refuses_another_size_unless_asked_to_rescale(self):
+        small = np.full((360, 640, 3), 90, np.uint8)
+        with pytest.raises(PictureError, match="640x360 pixels, .* for 1280x720; .*rescale=True in undistort"):
+            undistort(small, DASHCAM)
+        assert undistort(small, DASHCAM, rescale=True).shape == (360, 640, 3)
+        with pytest.raises(CameraError, match="another aspect ratio"):
+            undistort(np.zeros((480, 640, 3), np.uint8), DASHCAM, rescale=True)
+
+
+@pytest.fixture
+def content() -> dict:
+    report = CalibrationReport(0.5, {"a.jpg": 0.4, "b.jpg": 0.6}, {"c.jpg": "no chessboard"}, "2020-01-02")
+    return camera_to_dict(replace(DASHCAM, report=report))
+
+
+def write(path, content):
+    path.write_text(content if isinstance(content, str) else yaml.safe_dump(content))
+    return path
+
+
+class TestCameraFile:
+    @given(lenses(), poses)
+    @examples(20)
+    def test_what_is_written_is_read_back_to_the_last_bit(self, tmp_path_factory, lens, pose):
+        path = tmp_path_factory.mktemp("camera") / "new" / "camera.yaml"
+        loaded = load_camera(save_camera(lens.with_pose(pose), path))
+        assert loaded.size == lens.size and loaded.pose == pose and loaded.report is None
+        np.testing.assert_array_equal(loaded.matrix, lens.matrix)
+        np.testing.assert_array_equal(loaded.distortion, lens.distortion)
+
+    def test_the_layout_is_that_of_ros_and_the_pose_is_geometry_only(self, content):
+        assert content["camera_matrix"] == {"rows": 3, "cols": 3, "data": [1157.8, 0, 667.4, 0, 1153.2, 386.1, 0, 0, 1]}
+        assert content["distortion_model"] == "plumb_bob"
+        assert content["calibration"]["boards_used"] == 2
+        assert set(content["pose"]) == {"height_m", "pitch_rad", "yaw_rad", "roll_rad"}
+        assert camera_from_dict(content).report.rejected == {"c.jpg": "no chessboard"}
+        del content["pose"]
+        assert camera_from_dict(content).pose is None
+
+    def test_files_of_version_0_1_are_read(self, tmp_path, content):
+        older = content | {"mount": content.pop("pose") | {"same_lane_share": 0.4}}
+        assert load_camera(write(tmp_path / "older.yaml", older)).pose == DASHCAM.pose
+
+    @pytest.mark.parametrize(
+        "entry", ["image_width", "image_height", "camera_matrix", "distortion_model", "distortion_coefficients"]
+    )
+    def test_missing_entry_is_named(self, tmp_path, content, entry):
+        del content[entry]
+        with pytest.raises(CameraError, match=rf"camera\.yaml.*'{entry}' is missing"):
+            load_camera(write(tmp_path / "camera.yaml", content))
+
+    @pytest.mark.parametrize(
+        ("entry", "value"),
+        [
+            ("image_width", 0),
+            ("image_width", float("nan")),
+            ("image_height", float("inf")),
+            ("image_height", "tall"),
+            ("distortion_model", "fisheye"),
+            ("camera_matrix", {"data": [float("nan")] * 9}),
+            ("camera_matrix", {"data": [-1000.0, 0, 640, 0, 1000.0, 360, 0, 0, 1]}),
+            ("camera_matrix", {"data": [1.0, 2.0]}),
+            ("camera_matrix", {"data": [1e9, 0, 640, 0, 1e9, 360, 0, 0, 1]}),
+            ("camera_matrix", {"data": [1000.0, 3, 640, 0, 1000, 360, 0, 0, 1]}),
+            ("camera_matrix", {"data": [1000.0, 0, 640, 0, 1000, 360, 0, 0, 0]}),
+            ("camera_matrix", {"data": [1000.0, 0, -9, 0, 1000, 360, 0, 0, 1]}),
+            ("distortion_coefficients", {"data": [6e307, 0.02, 0.0005, -0.0003, 0.0]}),
+            ("image_height", 10**9),
+            ("distortion_coefficients", {"data": [0.1] * 4}),
+            ("distortion_coefficients", None),
+            ("pose", None),
+            ("pose", {"height_m": float("nan")}),
+            ("pose", {"height": 1.3}),
+            ("pose", {"height_m": 1.3, "pitch_rad": 3.0}),
+            ("pose", {"height_m": 1300}),
+            ("pose", {"height_m": 1.3, "tilt_rad": 0.1}),
+            ("calibration", {"rms_px": 0.3, "board_rms_px": {"a.jpg": "good"}, "date": 1}),
+            ("calibration", 3),
+        ],
+    )
+    def test_bad_entry_is_refused(self, tmp_path, content, entry, value):
+        content[entry] = value
+        with pytest.raises(CameraError, match=r"camera\.yaml: is not a usable camera file"):
+            load_camera(write(tmp_path / "camera.yaml", content))
+
+    @pytest.mark.parametrize(
+        "text",
+        ["#", "just words", "- a\n- list", "a: [1, 2", "!!python/object/apply:os.getcwd []", "\0", "[" * 9999],
+        ids=["empty", "words", "list", "broken", "python tag", "binary", "deep"],
+    )
+    def test_a_file_of_another_kind_is_refused(self, tmp_path, text):
+        with pytest.raises(CameraError, match=r"camera\.yaml: is not a usable camera file"):
+            load_camera(write(tmp_path / "camera.yaml", text))
+
+    def test_missing_and_unwritable_camera_files_are_named(self, tmp_path):
+        with pytest.raises(FileNotFoundError, match=r"camera\.yaml: there is no such camera file"):
+            load_camera(tmp_path / "camera.yaml")
+        (tmp_path / "file").touch()
+        with pytest.raises(OSError, match="cannot be written"):
+            save_camera(DASHCAM, tmp_path / "file" / "camera.yaml")
+
+    def test_aliases_are_refused_before_they_are_expanded(self, tmp_path):
+        """Nine lines that expand to 10^9 numbers."""
+        lines = ["a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"]
+        lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]" for n in range(1, 9)]
+        text = "\n".join(lines) + "\ncamera_matrix: {data: *a8}\n"
+        with pytest.raises(CameraError, match=r"camera\.yaml: .* \(line 2 has an alias"):
+            load_camera(write(tmp_path / "camera.yaml", text))
+
+    def test_names_that_are_not_valid_text_are_written(self, tmp_path):
+        report = CalibrationReport(0.5, {"\udcff.jpg": 0.4})
+        written = save_camera(replace(DASHCAM, report=report), tmp_path / "camera.yaml")
+        assert load_camera(written).report.board_rms_px == report.board_rms_px
+
+
+def test_repr_gives_lens_pose_and_calibration():
+    camera = replace(
+        Camera.from_fov((640, 360), 90, CameraPose(1.3, 0.01)), report=CalibrationReport(0.254, {"a": 0.2})
+    )
+    assert repr(camera) == (
+        "Camera(640x360 px, focal length 320 px, field of view 90.0 deg, no distortion, "
+        "pose 1.30 m high, pitch 0.57, yaw 0.00, roll 0.00 deg)"
+    )
+    assert "<th>calibration</th><td>1 boards, error 0.25 px</td>" in camera._repr_html_()
+    assert "pose unknown" in repr(replace(camera, pose=None))

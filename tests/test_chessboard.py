@@ -1,0 +1,151 @@
+"""Corner detection: complete and partial boards against their true corners, and pictures without a board."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from benchmark.scored_drive import PROJECT_ROOT
+from lanes.chessboard import Board, draw_board, find_board
+from lanes.errors import CameraError
+from lanes.images import read_image
+from simulator.chessboards import CREAM_WALL, BoardView, render_board, true_corners
+
+BOARDS = PROJECT_ROOT / "camera_cal"
+TRUTH = json.loads((BOARDS / "truth.json").read_text())["boards"]
+
+
+def errors_px(board: Board, true_px: np.ndarray) -> np.ndarray:
+    """Distance of each corner found from the true corner nearest to it."""
+    return np.linalg.norm(board.corners_px[:, None] - true_px, axis=2).min(axis=1)
+
+
+def is_a_grid_of(board: Board, true_px: np.ndarray) -> bool:
+    """Whether the corners found are, in order, a block of the true 6 x 9 grid, turned or not."""
+    nearest = np.linalg.norm(board.corners_px[:, None] - true_px, axis=2).argmin(axis=1).reshape(board.rows, -1)
+    row, column = nearest // 9, nearest % 9
+    steps = {tuple(np.unique(np.diff(index, axis=axis))) for index in (row, column) for axis in (0, 1)}
+    return steps in ({(0,), (1,)}, {(0,), (-1,)}, {(0,), (1,), (-1,)}) and len(np.unique(nearest)) == nearest.size
+
+
+@pytest.mark.parametrize("number", [2, 6, 7, 13, 14, 17, 19])
+def test_whole_boards_are_found_to_a_seventh_of_a_pixel(number):
+    name = f"calibration{number}.jpg"
+    board = find_board(read_image(BOARDS / name))
+    assert {board.columns, board.rows} == {9, 6}
+    assert board.size == (TRUTH[name]["width"], TRUTH[name]["height"])
+    error = errors_px(board, np.array(TRUTH[name]["corners_px"]))
+    assert np.sqrt((error**2).mean()) < 0.15 and error.max() < 0.3
+    assert is_a_grid_of(board, np.array(TRUTH[name]["corners_px"]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "size"), [(1, (9, 5)), (4, (8, 6)), (5, (9, 5))])
+def test_boards_cut_by_the_edge_give_all_their_whole_rows(number, size):
+    name = f"calibration{number}.jpg"
+    board = find_board(read_image(BOARDS / name))
+    assert sorted((board.columns, board.rows)) == sorted(size)
+    assert errors_px(board, np.array(TRUTH[name]["corners_px"])).max() < 0.5
+    assert is_a_grid_of(board, np.array(TRUTH[name]["corners_px"]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("number", "keep", "at_least"),
+    [(13, np.s_[:, 430:], 40), (13, np.s_[:, :740], 36), (9, np.s_[:, :800], 30), (17, np.s_[300:], 27)],
+    ids=["turned, cut left", "turned, cut right", "steep, cut right", "cut top"],
+)
+def test_turned_and_cut_boards_have_correct_rows_and_columns(number, keep, at_least):
+    """The detector assigns corners to wrong rows here; the result must be a true block of the board."""
+    name = f"calibration{number}.jpg"
+    image = np.ascontiguousarray(read_image(BOARDS / name)[keep])
+    rows, columns = (keep if isinstance(keep, tuple) else (keep, np.s_[:]))[:2]
+    true = np.array(TRUTH[name]["corners_px"]) - [columns.start or 0, rows.start or 0]
+    board = find_board(image)
+    assert errors_px(board, true).max() < 0.6
+    assert is_a_grid_of(board, true)
+    assert len(board.corners_px) >= at_least
+
+
+def test_large_pictures_are_searched_small_and_measured_whole():
+    name = "calibration12.jpg"
+    image = cv2.resize(read_image(BOARDS / name), (3840, 2160), interpolation=cv2.INTER_CUBIC)
+    board = find_board(image)
+    assert board.size == (3840, 2160)
+    error = errors_px(board, (np.array(TRUTH[name]["corners_px"]) + 0.5) * 3 - 0.5)
+    assert np.sqrt((error**2).mean()) < 3 * 0.15
+
+
+@pytest.mark.parametrize("number", [6, 12, 17])
+def test_a_board_in_the_dark_is_found(number):
+    """The sector-based detector finds none of them."""
+    name = f"calibration{number}.jpg"
+    image = read_image(BOARDS / name)
+    dark = image * 0.15 + np.random.default_rng(0).normal(0, 3, image.shape)
+    board = find_board(np.clip(dark, 0, 255).astype(np.uint8))
+    assert {board.columns, board.rows} == {9, 6}
+    assert np.sqrt((errors_px(board, np.array(TRUTH[name]["corners_px"])) ** 2).mean()) < 0.3
+
+
+def test_the_result_does_not_depend_on_what_was_searched_before():
+    """The sector-based detector draws random numbers, which decide between parts of a board."""
+    image = read_image(BOARDS / "calibration4.jpg")
+    first = find_board(image)
+    cv2.setRNGSeed(7)
+    np.testing.assert_array_equal(find_board(image).corners_px, first.corners_px)
+
+
+@pytest.mark.slow
+def test_a_board_with_glare_across_it_is_found():
+    view = BoardView(CREAM_WALL, 640, 360, 700, 20, 10, 5, (700, 300, 150, 3.0), (0.1, 0.2))
+    board = find_board(render_board(view, seed=5))
+    assert errors_px(board, true_corners(view)).max() < 0.5
+
+
+@pytest.mark.parametrize("name", ["flat", "noise", "stripes", "few squares"])
+def test_pictures_without_a_board_give_none(name):
+    y, x = np.mgrid[:240, :320]
+    gray = {
+        "flat": np.full((240, 320), 128),
+        "noise": np.random.default_rng(1).integers(0, 256, (240, 320)),
+        "stripes": (x // 20 % 2) * 255,
+        # 3 x 3 inner corners: too few to be sure
+        "few squares": np.where((abs(x - 160) < 80) & (abs(y - 120) < 80), (x // 40 + y // 40) % 2 * 200, 230),
+    }[name]
+    assert find_board(np.repeat(gray[..., None], 3, axis=2).astype(np.uint8)) is None
+
+
+def test_other_patterns_are_found_and_larger_ones_only_in_part():
+    y, x = np.mgrid[:400, :480]
+    inside = (x >= 40) & (x < 440) & (y >= 40) & (y < 360)
+    gray = np.where(inside, ((x - 40) // 50 + (y - 40) // 53) % 2 * 200 + 20, 235)
+    image = np.repeat(gray[..., None], 3, axis=2).astype(np.uint8)
+    board = find_board(image, (7, 5))
+    assert (board.columns, board.rows) == (7, 5)
+    grid = board.corners_px.reshape(5, 7, 2)
+    np.testing.assert_allclose(np.sort(grid[0, :, 0]), 89.5 + 50 * np.arange(7), atol=0.1)
+    part = find_board(image, (9, 6))
+    assert sorted((part.columns, part.rows)) == [5, 7]
+
+
+def test_too_small_a_pattern_is_refused():
+    with pytest.raises(CameraError, match="2x6 inner corners is too small"):
+        find_board(np.zeros((50, 50, 3), np.uint8), (2, 6))
+
+
+def test_drawing_marks_the_corners_on_a_copy():
+    grid = np.stack(np.meshgrid(np.arange(40, 140, 20), np.arange(30, 110, 20)), axis=-1).reshape(-1, 2)
+    board = Board(grid.astype(np.float32), 5, 4, (200, 150))
+    image = np.full((150, 200, 3), 128, np.uint8)
+    image.setflags(write=False)
+    drawn = draw_board(image, board)
+    assert (image == 128).all()
+    changed = np.argwhere((drawn != 128).any(axis=2))[:, ::-1]
+    assert np.linalg.norm(grid[:, None] - changed, axis=2).min(axis=1).max() < 6
+    assert changed.min() > 20 and (changed < [135, 105]).all()
+
+
+def test_object_points_are_in_the_order_of_the_corners():
+    board = Board(np.zeros((12, 2), np.float32), 4, 3, (10, 10))
+    assert board.object_points.tolist()[:5] == [[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0], [0, 1, 0]]

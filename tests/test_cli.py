@@ -1,0 +1,269 @@
+"""The commands: what they print and write, and one sentence for each kind of misuse.
+
+They run in this process; tests/end_to_end/test_commands.py starts them as processes.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from lanes.camera import Camera, CameraPose, load_camera, save_camera
+from lanes.files import read_telemetry
+from lanes.images import read_image, write_image
+from lanes.video.reader import inspect_video
+from lanes.video.writer import VideoWriter
+from tests.support.clips import write_drive
+from tests.support.command_line import main
+from tests.support.painted_drive import BENDS, CAMERA, SMALL
+from tests.support.painted_roads import YELLOW, Road, dashcam, paint_motorway
+
+FRAMES = 20
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory) -> Path:
+    """A folder with a drive, three of its frames as stills, camera files, and invalid files."""
+    folder = tmp_path_factory.mktemp("a drive")
+    write_drive(folder / "drive.mp4", BENDS, FRAMES)
+    for number in range(3):
+        write_image(folder / "stills" / f"still{number}.png", BENDS.frame(number / 2))
+    save_camera(SMALL.with_pose(None), folder / "lens.yaml")
+    save_camera(CAMERA.from_fov((640, 480), 60, CAMERA.pose), folder / "other.yaml")
+    (folder / "bad.yaml").write_text("image_width: many\n")
+    (folder / "text.mp4").write_text("no video at all")
+    (folder / "empty").mkdir()
+    (folder / "file").write_text("in the way")
+    sky = write_image(folder / "sky" / "sky.png", np.full((360, 640, 3), 200, np.uint8))
+    (folder / "cut.png").write_bytes(sky.read_bytes()[:-20])
+    return folder
+
+
+@pytest.fixture
+def run(capsys):
+    """A function that runs a command; returns its exit status, stdout and stderr."""
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        try:
+            status = main([str(argument) for argument in arguments])
+        except SystemExit as stop:  # wrong usage
+            status = stop.code
+        return status, *capsys.readouterr()
+
+    return run
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()} if folder.exists() else set()
+
+
+# --- annotate
+
+
+def test_annotate_a_video(drive, tmp_path, run):
+    status, out, err = run("annotate", "--camera", drive / "drive.yaml", drive / "drive.mp4", "-o", tmp_path / "out")
+    assert (status, err) == (0, "")
+    assert re.search(r"drive\.mp4: 20 frames, lane tracked in 9\d% of them, lost for 0\.0 s; \d+ frames/s; wrote", out)
+    assert names(tmp_path / "out") == {"drive.mp4", "drive.csv", "drive.html"}
+    assert inspect_video(tmp_path / "out" / "drive.mp4").frames == FRAMES
+
+
+def test_annotate_a_part_of_an_uncalibrated_video(drive, tmp_path, run):
+    hfov_deg = 2 * np.degrees(np.arctan(SMALL.width / 2 / SMALL.matrix[0, 0]))
+    options = ["--hfov", hfov_deg, "--start", 0.4, "--end", 0.72, "--style", "mosaic", "--no-report"]
+    status, out, err = run("annotate", *options, drive / "drive.mp4", "-o", tmp_path)
+    assert (status, err) == (0, "")
+    assert names(tmp_path) == {"drive.mp4", "drive.csv"}
+    np.testing.assert_array_equal(read_telemetry(tmp_path / "drive.csv")["frame"], np.arange(10, 18))
+    # The estimated camera pose is printed with its standard deviations.
+    assert float(re.search(r"height +([\d.]+) ± [\d.]+ m", out)[1]) == pytest.approx(SMALL.pose.height_m, abs=0.15)
+
+
+def test_annotate_goes_on_after_a_failure(drive, tmp_path, run):
+    for name in ("drive.mp4", "text.mp4"):
+        (tmp_path / name).write_text("earlier")
+    sources = [drive / "text.mp4", f"{drive}/d*.mp4", drive / "stills", drive / "cut.png"]
+    options = ["--camera", drive / "drive.yaml", "--style", "lines", "--quiet", "--end", 0.2]
+    status, out, err = run("annotate", *options, *sources, "-o", tmp_path)
+    assert (status, out) == (1, "")
+    assert re.fullmatch(r"error: .*text\.mp4: cannot be read as a video.*\nerror: .*cut\.png: .* is cut off.*\n", err)
+    stills = {f"still{n}.png" for n in range(3)}
+    assert names(tmp_path) == {"drive.mp4", "drive.csv", "drive.html", "pictures.csv", "text.mp4"} | stills
+    assert (read_image(tmp_path / "still0.png") != read_image(drive / "stills" / "still0.png")).any()
+    # Of a failed source an earlier result is kept.
+    assert (tmp_path / "text.mp4").read_text() == "earlier" and inspect_video(tmp_path / "drive.mp4").frames == 5
+
+
+def test_an_assumed_field_of_view_is_a_warning(drive, tmp_path, run):
+    status, out, err = run("annotate", drive / "stills", "-o", tmp_path)
+    assert status == 0 and "lane found in 3" in out
+    assert re.fullmatch(r"warning: field of view 60\.0 deg, assumed, .* Give --hfov or --boards\.\n", err)
+
+
+# --- pose
+
+
+@pytest.fixture(scope="module")
+def motorway(tmp_path_factory) -> Path:
+    """Two stills and a video of six frames, 2 a second, of a camera that looks down, left, and is rolled."""
+    folder = tmp_path_factory.mktemp("motorway")
+    camera = Camera.from_fov((960, 540), 66, CameraPose(1.3, np.radians(3.0), np.radians(1.5), np.radians(-0.6)))
+    save_camera(replace(camera, pose=None), folder / "lens.yaml")
+    save_camera(replace(camera, pose=None, distortion=np.array([-0.01, 0, 0, 0, 0])), folder / "bent.yaml")
+    for i in range(2):
+        write_image(folder / f"still{i}.jpg", paint_motorway(camera, offset_m=0.3 * i, phase_m=5 * i, seed=i))
+    with VideoWriter(folder / "drive.mp4", fps=2) as video:
+        for i in range(6):
+            video.write(paint_motorway(camera, offset_m=0.1 * i, phase_m=3 * i, seed=i), i / 2)
+    return folder
+
+
+def test_pose_from_stills_with_a_calibrated_lens(motorway, tmp_path, run):
+    stills = [motorway / "still0.jpg", motorway / "still1.jpg"]
+    status, out, _ = run("pose", "--camera", motorway / "lens.yaml", *stills, "-o", tmp_path / "camera.yaml")
+    found, lens = load_camera(tmp_path / "camera.yaml"), load_camera(motorway / "lens.yaml")
+    assert status == 0
+    np.testing.assert_array_equal(found.matrix, lens.matrix)
+    assert np.degrees(found.pose.pitch_rad) == pytest.approx(3.0, abs=0.2)
+    assert np.degrees(found.pose.yaw_rad) == pytest.approx(1.5, abs=0.4)
+    assert found.pose.height_m == pytest.approx(1.3, abs=0.05)
+    assert "pictures 2 of 2 used" in out and "looks left" in out and "camera.yaml" in out
+    assert re.search(r"offset and lane width to be good to 3 cm and [34]% .*curvature twice as much", out)
+
+
+def test_pose_from_a_video_with_a_field_of_view_and_a_measured_height(motorway, tmp_path, run):
+    options = ["--hfov", 66, "--pictures", 3, "--height", 1.4]
+    status, out, _ = run("pose", *options, motorway / "drive.mp4", "-o", tmp_path / "camera.yaml")
+    found = load_camera(tmp_path / "camera.yaml")
+    assert status == 0 and "pictures 3 of 3 used" in out
+    assert (found.size, found.pose.height_m) == ((960, 540), 1.4)
+    assert np.degrees(found.pose.pitch_rad) == pytest.approx(3.0, abs=0.2)
+
+
+def test_pose_from_a_part_of_a_video(motorway, tmp_path, run):
+    options = ["--camera", motorway / "bent.yaml", "--start", 1, "--end", 2.5, "--height", 1.3]
+    status, out, _ = run("pose", *options, motorway / "drive.mp4", "-o", tmp_path / "camera.yaml")
+    assert status == 0 and "pictures 3 of 3 used" in out
+    assert "offset and lane width to be good to 1 cm, distances and curvature likewise" in out
+
+
+# --- explain
+
+
+@pytest.fixture(scope="module")
+def road(tmp_path_factory) -> Path:
+    """A still of a road, the same at half the size, its camera file, and a grey still."""
+    folder, camera = tmp_path_factory.mktemp("explain"), dashcam(width=640)
+    save_camera(camera, folder / "camera.yaml")
+    road = Road(camera).line(lambda x: 2.0 + 0 * x, colour=YELLOW).line(lambda x: -1.6 + 0 * x)
+    write_image(folder / "road.jpg", road.image())
+    write_image(folder / "half.png", cv2.resize(read_image(folder / "road.jpg"), (320, 180)))
+    write_image(folder / "grey.png", np.full((camera.height, camera.width, 3), 90, np.uint8))
+    return folder
+
+
+@pytest.mark.parametrize("name", ["road.jpg", "half.png"])
+def test_explain_a_picture(name, road, tmp_path, run):
+    figure = tmp_path / "new" / "explained.png"
+    status, out, err = run("explain", road / name, "--camera", road / "camera.yaml", "-o", figure)
+    assert (status, err) == (0, "")
+    assert "offset     0.2" in out and "failed at" not in out and out.endswith(f"wrote {figure}\n")
+    assert read_image(figure).shape[1] > 1200
+
+
+def test_explain_names_the_failed_step(road, tmp_path, run):
+    status, out, _ = run("explain", road / "grey.png", "--hfov", 60, "-o", tmp_path / "why.png")
+    assert status == 0 and (tmp_path / "why.png").is_file()
+    assert "grey.png: only 0 of 1 pictures show two or more parallel lane lines" in out.partition("failed at  pose:")[2]
+    assert "what to do Estimate the camera pose again" in out
+
+
+# --- misuse: a sentence that names the fault, no traceback, nothing written
+
+ANNOTATE = "annotate --camera {drive}/drive.yaml"
+DETECT = "detect --camera {drive}/drive.yaml"
+# Exit status, words of the message, and the command; -o is added where it has none.
+MISUSE = {
+    "missing video": (2, "nowhere.mp4: there is no such file", f"{ANNOTATE} nowhere.mp4"),
+    "not a video": (2, "text.mp4: cannot be read as a video", f"{ANNOTATE} {{drive}}/text.mp4"),
+    "empty folder": (2, "empty: holds neither a video nor a picture", f"{ANNOTATE} {{drive}}/empty"),
+    "pattern without match": (2, "*.webm: there is no such file", f"{ANNOTATE} {{drive}}/*.webm"),
+    "no source": (2, "SOURCE", ANNOTATE),
+    "two lenses": (2, "not allowed with", f"{ANNOTATE} --hfov 60 {{drive}}/drive.mp4"),
+    "no such camera file": (2, "no.yaml: there is no such", "annotate --camera no.yaml {drive}/drive.mp4"),
+    "bad camera file": (2, "not a usable camera file", "annotate --camera {drive}/bad.yaml {drive}/drive.mp4"),
+    "wrong shape": (2, "another aspect ratio", "annotate --camera {drive}/other.yaml {drive}/drive.mp4"),
+    "no chessboard": (2, "no chessboard", "annotate --boards {drive}/sky {drive}/drive.mp4"),
+    "boards in a file": (2, "this is not a JPEG", "annotate --boards {drive}/drive.mp4 {drive}/drive.mp4"),
+    "folder as camera file": (2, "name a camera file", "annotate --camera {drive}/sky {drive}/drive.mp4"),
+    "no road": (1, "sky.png: only 0 of 1", "annotate --hfov 60 {drive}/sky"),
+    "not a number": (2, "wide does not do", "annotate --hfov wide {drive}/drive.mp4"),
+    "not finite": (2, "nan does not do", f"{ANNOTATE} {{drive}}/drive.mp4 --start nan"),
+    "negative start": (2, "0 or more", f"{ANNOTATE} {{drive}}/drive.mp4 --start=-1"),
+    "ends before it starts": (2, "not after --start", f"{ANNOTATE} {{drive}}/drive.mp4 --start 2 --end 1"),
+    "starts after the end": (2, "lasts 0.8 s; begin before", f"{ANNOTATE} {{drive}}/drive.mp4 --start 50"),
+    "unknown style": (2, "invalid choice: 'neon'", f"{ANNOTATE} {{drive}}/drive.mp4 --style neon"),
+    "unknown option": (2, "--colour", f"{ANNOTATE} {{drive}}/drive.mp4 --colour red"),
+    "no workers": (2, "1 or more", f"{ANNOTATE} {{drive}}/drive.mp4 --workers 0"),
+    "over its own input": (2, "one of the inputs", f"{ANNOTATE} {{drive}}/drive.mp4 -o {{drive}}"),
+    "not writable": (1, "cannot be written", f"{ANNOTATE} {{drive}}/drive.mp4 -o {{drive}}/file/out"),
+    "pose: missing still": (2, "no such file", "pose --hfov 60 nowhere.jpg"),
+    "pose: no road": (1, "only 0 of 1 pictures", "pose --hfov 60 {drive}/sky/sky.png"),
+    "pose: odd lane": (2, "2 to 6", "pose --hfov 60 --lane-width 20 {drive}/drive.mp4"),
+    "pose: odd height": (2, "0.5 to 4.5", "pose --hfov 60 --height 0 {drive}/drive.mp4"),
+    "pose: no pictures": (2, "1 or more", "pose --hfov 60 --pictures 0 {drive}/drive.mp4"),
+    "pose: late start": (2, "lasts 0.8 s; begin before", "pose --hfov 60 --start 3 {drive}/drive.mp4"),
+    "pose: early end": (2, "not after --start", "pose --hfov 60 --start 3 --end 2 {drive}/drive.mp4"),
+    "pose: over its input": (2, "one of the inputs", "pose --hfov 60 {drive}/drive.mp4 -o {drive}/drive.mp4"),
+    "detect: missing still": (2, "missing.png", f"{DETECT} missing.png"),
+    "detect: no camera file": (2, "no.yaml: there is no such", "detect --camera no.yaml {drive}/stills"),
+    "detect: one row": (2, "700 contains no rows", f"{DETECT} {{drive}}/stills --rows 700"),
+    "detect: odd rows": (2, "a:b is not a row range", f"{DETECT} {{drive}}/stills --rows a:b"),
+    "detect: no lines": (1, "parallel lane lines", "detect --camera {drive}/lens.yaml {drive}/sky"),
+    "detect: odd lens": (2, "give a number, 10 to 150", "detect --hfov 5 {drive}/sky"),
+    "detect: no road": (1, "no road is recognised", "detect --each {drive}/sky"),
+    "detect: each of a sequence": (2, "omit --each", "detect --each --sequence {drive}/stills"),
+    "detect: each of a video": (2, "drive.mp4: is no still", "detect --each {drive}/drive.mp4"),
+    "detect: wrong shape": (2, "another aspect ratio", "detect --camera {drive}/other.yaml {drive}/stills"),
+    "detect: over its input": (2, "one of the inputs", "detect {drive}/sky/sky.png -o {drive}/sky/../sky/sky.png"),
+    "explain: no camera file": (2, "none.yaml: there is no such", "explain {drive}/sky/sky.png --camera none.yaml"),
+    "explain: missing": (2, "none.jpg: there is no such", "explain none.jpg --hfov 60"),
+    "explain: time in a still": (2, "has no frame at 2 s", "explain {drive}/sky/sky.png --hfov 60 --at 2"),
+    "explain: odd time": (2, "soon does not do", "explain {drive}/drive.mp4 --hfov 60 --at soon"),
+    "explain: no video": (2, "cannot be read as a video", "explain {drive}/bad.yaml --hfov 60 --at 2"),
+    "explain: two files": (2, "unrecognized arguments", "explain {drive}/sky/sky.png {drive}/cut.png --hfov 60"),
+    "explain: odd figure": (2, "cannot write this kind", "explain {drive}/sky/sky.png --hfov 60 -o out.gif"),
+    "explain: not writable": (1, "cannot be written", "explain {drive}/sky/sky.png --hfov 60 -o {drive}/file/out.png"),
+    "explain: over its input": (2, "one of the inputs", "explain {drive}/sky/sky.png -o {drive}/sky/sky.png"),
+    "calibrate: missing": (2, "none: there is no such picture file", "calibrate none"),
+    "calibrate: no pictures": (2, "arguments are required: PICTURE", "calibrate"),
+    "calibrate: no board": (2, "no chessboard of 7x5 inner corners", "calibrate {drive}/sky --pattern 7x5"),
+    "calibrate: odd pattern": (2, "9by6 is not a chessboard pattern", "calibrate {drive}/sky --pattern 9by6"),
+    "calibrate: small pattern": (2, "2x6 is not a chessboard pattern", "calibrate {drive}/sky --pattern 2x6"),
+    "calibrate: over its input": (2, "one of the inputs", "calibrate {drive}/sky -o {drive}/sky/sky.png"),
+    "sheet over its input": (2, "one of the inputs", "calibrate {drive}/sky --sheet {drive}/sky/sky.png"),
+    "simulator: unknown": (2, "invalid choice", "simulator snow"),
+    "simulator: too long": (2, "0.04 to 10", "simulator video --seconds 60"),
+    "simulator: not writable": (1, "cannot be written", "simulator stills --out {drive}/file"),
+}
+
+
+@pytest.mark.parametrize("name", MISUSE)
+def test_misuse(name, drive, tmp_path, run, monkeypatch):
+    expected, words, command = MISUSE[name]
+    arguments = [argument.format(drive=drive) for argument in command.split()]
+    if arguments[0] != "simulator" and "-o" not in arguments:
+        arguments += ["-o", tmp_path / "out.png"]
+    monkeypatch.chdir(tmp_path)
+    before = {path: path.read_bytes() for path in drive.rglob("*") if path.is_file()}
+    status, out, err = run(*arguments)
+    # A pose that was estimated is printed before the fault appears.
+    assert status == expected and (out == "" or "explain" in command), (out, err)
+    assert words in err and "Traceback" not in err and "Warning" not in err
+    assert names(tmp_path) == set()
+    assert {path: path.read_bytes() for path in drive.rglob("*") if path.is_file()} == before

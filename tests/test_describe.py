@@ -1,0 +1,58 @@
+"""Measurements as text, and the progress line on a terminal and in a log file."""
+
+from __future__ import annotations
+
+import io
+import sys
+
+import pytest
+
+from lanes.console import progress_line
+from lanes.describe import describe_bend, describe_offset
+
+
+@pytest.mark.parametrize(
+    ("curvature_per_m", "text"),
+    [
+        (-1 / 644, "bends right, R 640 m"),
+        (1 / 2990, "bends left, R 2990 m"),
+        (1 / 54_000, "straight (R > 3 km)"),
+        (-1 / 3001, "straight (R > 3 km)"),
+        (0.0, "straight (R > 3 km)"),
+        (1 / 37.4, "bends left, R 37 m"),
+        (None, "bend unknown"),
+    ],
+)
+def test_bend(curvature_per_m, text):
+    assert describe_bend(curvature_per_m) == text
+
+
+@pytest.mark.parametrize(
+    ("offset_m", "std_m", "text"),
+    [
+        (0.124, None, "0.12 m left of centre"),
+        (-0.3, None, "0.30 m right of centre"),
+        (-0.004, None, "in the centre"),
+        (None, None, "offset unknown"),
+        (0.124, 0.023, "0.12 ± 0.02 m left of centre"),
+        # no standard deviation is stated as zero
+        (-0.3, 0.004, "0.30 ± 0.01 m right of centre"),
+    ],
+)
+def test_offset(offset_m, std_m, text):
+    assert describe_offset(offset_m, std_m) == text
+
+
+@pytest.mark.parametrize(
+    "terminal, printed",
+    [(True, "\rpose: 1 of 3\rpose: 2 of 3\rpose: 3 of 3\n"), (False, "pose: 3 of 3\n")],
+    ids=["terminal", "log file"],
+)
+def test_a_log_file_gets_the_last_state_only(monkeypatch, terminal, printed):
+    stream = io.StringIO()
+    stream.isatty = lambda: terminal
+    monkeypatch.setattr(sys, "stderr", stream)
+    report = progress_line("pose")
+    for done in (1, 2, 3):
+        report(done, 3)
+    assert stream.getvalue() == printed

@@ -1,0 +1,152 @@
+"""The command `python -m lanes detect`: TuSimple JSON lines of stills, sequences and videos."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import ExifTags, Image
+
+from lanes.camera import Camera, CameraPose, save_camera
+from lanes.images import write_image
+from lanes.video.writer import VideoWriter
+from simulator.rendering.drive import Motion
+from tests.support.clips import write_clip
+from tests.support.command_line import main
+from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
+from tests.support.painted_roads import paint_motorway
+
+SMALL = CAMERA.scaled((640, 360))
+DRIVE = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3, wander_m=0.2), camera=SMALL)
+ROWS = range(230, 351, 10)
+BLACK = np.zeros((360, 640, 3), np.uint8)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("drive")
+    for number in range(4):
+        write_image(folder / f"frame{number}.png", DRIVE.frame(number / 25))
+    write_image(folder / "black.png", BLACK)
+    save_camera(SMALL, folder / "camera.yaml")
+    save_camera(CAMERA, folder / "large.yaml")
+    return folder
+
+
+@pytest.fixture
+def detect(folder, tmp_path, capsys):
+    """A function that runs the command; returns its status, the detections, and what it printed."""
+
+    def run(*arguments: object, rows: range = ROWS) -> tuple[int, list[dict], str, str]:
+        output = tmp_path / "lanes.jsonl"
+        options = ["--rows", f"{rows.start}:{rows.stop}:{rows.step}", "-o", str(output)]
+        status = main(["detect", *map(str, arguments), *options])
+        found = [json.loads(line) for line in output.read_text().splitlines()] if output.exists() else []
+        return status, found, *capsys.readouterr()
+
+    return run
+
+
+def require_true_columns(detection: dict, frame: int, tolerance_px: float = 3) -> None:
+    truth = DRIVE.truth(frame / 25)
+    x = np.geomspace(2, 100, 400)
+    for side, columns in enumerate(detection["lanes"]):
+        u, v = SMALL.road_to_pixels(np.column_stack([x, truth.line_y(side, x)])).T
+        true = np.interp(ROWS, v[::-1], u[::-1])
+        inside = (true > 5) & (true < 635)
+        assert np.abs(np.array(columns) - true)[inside].max() < tolerance_px
+
+
+@pytest.mark.parametrize("sequence", [False, True])
+def test_stills_are_independent_or_a_sequence(folder, detect, sequence):
+    frames = [folder / f"frame{n}.png" for n in range(4)]
+    options = ["--sequence"] if sequence else []
+    status, found, out, _ = detect("--camera", folder / "camera.yaml", *frames, *options)
+    assert status == 0 and "4 pictures, no lane in 0" in out
+    assert [row["raw_file"] for row in found] == [str(frame) for frame in frames]
+    for number, row in enumerate(found):
+        assert row["h_samples"] == list(ROWS) and row["run_time"] > 0
+        require_true_columns(row, number)
+        truth = DRIVE.truth(number / 25)
+        assert row["offset_m"] == pytest.approx(truth.offset_m, abs=0.05)
+        assert row["curvature_per_m"] == pytest.approx(truth.curvature_per_m, abs=5e-4)
+    states = [row["state"] for row in found]
+    assert states == (["searching", "searching", "tracking", "tracking"] if sequence else ["found"] * 4)
+
+
+def test_videos_are_tracked_frame_by_frame(folder, detect, tmp_path):
+    video = write_clip(tmp_path / "drive.mp4", [DRIVE.frame(frame / 25) for frame in range(6)])
+    # A file that is named twice counts once.
+    status, found, out, _ = detect("--camera", folder / "camera.yaml", video, video, folder / "frame0.png")
+    assert status == 0 and "7 pictures" in out and "missing" not in out
+    assert [row["raw_file"] for row in found] == [f"{video}#{n}" for n in range(6)] + [str(folder / "frame0.png")]
+    assert [row.get("frame") for row in found] == [0, 1, 2, 3, 4, 5, None]
+    assert (found[5]["state"], found[6]["state"]) == ("tracking", "found")
+    assert found[5]["offset_m"] == pytest.approx(DRIVE.truth(0.2).offset_m, abs=0.05)
+
+
+@pytest.mark.parametrize("source", ["video", "sequence"])
+def test_the_time_between_frames_counts(source, folder, detect, tmp_path):
+    """After eight frames of the lane it is black. The tracker coasts for one second, however many frames that are.
+
+    The video has no constant rate, the sequence has the rate of --fps.
+    """
+    images = [DRIVE.frame(number / 25) for number in range(8)] + [BLACK] * 3
+    if source == "video":
+        times_s = [*np.arange(8) / 25, 0.32, 0.76, 1.6]
+        with VideoWriter(tmp_path / "drive.mp4", fps=25) as writer:
+            for image, time_s in zip(images, times_s, strict=True):
+                writer.write(image, time_s)
+        _, found, *_ = detect("--camera", folder / "camera.yaml", tmp_path / "drive.mp4")
+        assert [row["state"] for row in found[-4:]] == ["tracking", "coasting", "coasting", "lost"]
+        return
+    stills = [write_image(tmp_path / f"{number}.png", image) for number, image in enumerate(images)]
+    for fps, last in ((25, "coasting"), (2, "lost")):
+        _, found, *_ = detect("--camera", folder / "camera.yaml", "--sequence", "--fps", fps, *stills)
+        assert [row["state"] for row in found[-4::3]] == ["tracking", last], fps
+
+
+def test_picture_without_a_lane(folder, detect):
+    status, (row,), *_ = detect("--camera", folder / "camera.yaml", folder / "black.png")
+    assert (status, row["state"], row["confidence"], row["offset_m"]) == (0, "lost", 0.0, None)
+    assert row["lanes"] == [[-2.0] * len(ROWS)] * 2
+
+
+def test_camera_is_rescaled_to_pictures_of_the_same_aspect_ratio(folder, detect):
+    _, (row,), *_ = detect("--camera", folder / "large.yaml", folder / "frame0.png")
+    require_true_columns(row, 0)
+
+
+def test_unusable_stills_are_left_out(folder, detect, tmp_path):
+    cut = tmp_path / "cut.png"
+    cut.write_bytes((folder / "frame0.png").read_bytes()[:2000])
+    status, found, _, err = detect("--camera", folder / "camera.yaml", folder / "frame1.png", cut)
+    assert status == 1 and [row["raw_file"] for row in found] == [str(folder / "frame1.png")]
+    assert re.search(r"error: .*cut\.png: cannot be decoded", err)
+
+
+def test_stills_of_different_cameras_have_a_pose_each(folder, detect, tmp_path):
+    camera = Camera.from_fov((960, 540), 60, CameraPose(1.3, np.radians(3.0)))
+    other = write_image(tmp_path / "other.png", paint_motorway(camera))
+    files = [folder / "frame0.png", other, folder / "black.png"]
+    status, found, out, err = detect("--each", *files)
+    assert status == 1, err
+    assert re.search(r"frame0.png: pose from lane lines: .*\n.*other.png: .*pitch 3.0\d ±", out)
+    assert "field of view 60.0 deg, assumed" in out and "warning: field of view 60.0 deg" in err
+    assert re.search(r"error: .*black.png: .*so no road is recognised", err)
+    assert [(row["raw_file"], row["state"]) for row in found] == [(str(file), "found") for file in files[:2]]
+    # The true field of view of the first camera is not the assumed one, which hardly matters in the picture.
+    require_true_columns(found[0], 0, tolerance_px=4)
+
+
+def test_the_field_of_view_of_each_still_is_that_of_its_exif_entries(detect, tmp_path):
+    camera = Camera.from_fov((960, 540), 62.6, CameraPose(1.3, np.radians(3.0)))
+    exif = Image.Exif()
+    exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.FocalLengthIn35mmFilm.value] = 31
+    Image.fromarray(paint_motorway(camera)).save(tmp_path / "still.jpg", exif=exif)
+    status, _, out, err = detect("--each", tmp_path / "still.jpg", rows=range(300, 541, 10))
+    assert status == 0 and "warning" not in err
+    assert "field of view 62.6 deg, as still.jpg says (EXIF)" in out

@@ -1,0 +1,282 @@
+"""Input files are checked, outputs are written atomically, writers lock each other out, and telemetry survives."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import socket
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lanes.files import (
+    atomic_write,
+    exclusive_writer,
+    partial_file,
+    read_telemetry,
+    read_text,
+    remove_stale_partials,
+    require_file,
+    write_atomically,
+    write_telemetry,
+)
+from tests.support.project import ROOT
+
+STALE = "0123456789ab"
+
+
+class CustomError(ValueError):
+    pass
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+# --- in
+
+
+def test_unusual_file_names_are_read(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("-rf.txt", "two words.txt", "дорога.txt", "con:cat.txt", "a*[b]?.txt", os.fsdecode(b"\xff.txt")):
+        Path(name).write_text("ü")
+        assert read_text(name, "text") == "ü"
+
+
+def test_anything_but_a_file_is_refused_by_name(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "nothing").touch()
+    (tmp_path / "loop").symlink_to("loop")
+    listening = socket.socket(socket.AF_UNIX)
+    listening.bind(str(tmp_path / "socket"))
+    cases = {
+        tmp_path / "pipe": "is a pipe; name a test file",
+        tmp_path / "folder": "is a folder",
+        tmp_path / "socket": "is a socket",
+        Path("/dev/zero"): "is a device",
+        tmp_path / "nothing": "is empty",
+    }
+    for path, words in cases.items():
+        with pytest.raises(CustomError, match=f"^{path}: .*{words}"):
+            require_file(path, "test", error=CustomError)
+    for name in ("gone", "loop", "gone/too", "long" * 99, "nul\0"):
+        with pytest.raises(FileNotFoundError, match="no such test file"):
+            require_file(tmp_path / name, "test", error=CustomError)
+    listening.close()
+
+
+def test_large_and_binary_files_are_refused(tmp_path):
+    path = tmp_path / "a"
+    path.write_bytes(b"1234\xff")
+    with pytest.raises(CustomError, match="byte 4 is not UTF-8"):
+        read_text(path, "test", error=CustomError)
+    with pytest.raises(CustomError, match="MB large"):
+        read_text(path, "test", error=CustomError, max_bytes=4)
+
+
+def test_unreadable_files_are_refused(tmp_path, monkeypatch):
+    """Root may read every file, so the system's answers are simulated."""
+    path = tmp_path / "folder" / "secret"
+    write_atomically(path, b"x")
+    path.chmod(0)
+    if os.geteuid() == 0:
+        monkeypatch.setattr(os, "access", lambda *_: False)
+    with pytest.raises(CustomError, match="secret: may not be read"):
+        require_file(path, "test", error=CustomError)
+
+    def refused(self: Path) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "stat", refused)
+    with pytest.raises(CustomError, match="secret: may not be read"):
+        require_file(path, "test", error=CustomError)
+
+
+# --- out
+
+
+def test_an_interrupted_write_keeps_the_old_file(tmp_path, monkeypatch):
+    target = tmp_path / "a.txt"
+    write_atomically(target, b"old")
+
+    def interrupted(self: Path, data: bytes) -> None:
+        with self.open("wb") as file:
+            file.write(data[:2])
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "write_bytes", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_atomically(target, b"new and longer")
+    assert names(tmp_path) == {"a.txt"}
+    assert target.read_bytes() == b"old"
+
+
+@pytest.mark.parametrize("call", ["replace", "fsync"])
+def test_a_full_disk_is_reported_and_keeps_the_old_file(tmp_path, monkeypatch, call):
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    write_atomically(tmp_path / "a.txt", b"old")
+    monkeypatch.setattr(os, call, full)
+    with pytest.raises(OSError, match=r"a\.txt.*No space left"):
+        write_atomically(tmp_path / "a.txt", b"new")
+    assert names(tmp_path) == {"a.txt"} and (tmp_path / "a.txt").read_bytes() == b"old"
+
+
+def test_permissions_are_those_of_any_new_file_and_a_link_stays_a_link(tmp_path):
+    write_atomically(tmp_path / "a", b"")
+    (tmp_path / "b").touch()
+    assert stat.S_IMODE((tmp_path / "a").stat().st_mode) == stat.S_IMODE((tmp_path / "b").stat().st_mode)
+    (tmp_path / "there").mkdir()
+    write_atomically(tmp_path / "there" / "real.txt", b"old")
+    (tmp_path / "link.txt").symlink_to(tmp_path / "there" / "real.txt")
+    write_atomically(tmp_path / "link.txt", b"new")
+    assert (tmp_path / "link.txt").is_symlink()
+    assert (tmp_path / "there" / "real.txt").read_bytes() == b"new"
+
+
+@pytest.mark.parametrize(("kind", "words"), [("pipe", "is a pipe"), ("folder", "is a folder")])
+def test_only_files_are_replaced(tmp_path, kind, words):
+    """Root could rename a file over /dev/null."""
+    path = tmp_path / kind
+    os.mkfifo(path) if kind == "pipe" else path.mkdir()
+    with pytest.raises(OSError, match=f"{kind}: cannot be written \\(it {words}"):
+        write_atomically(path, b"new")
+    assert names(tmp_path) == {kind} and not path.is_file()
+    with pytest.raises(OSError, match="it is a device"):
+        write_atomically("/dev/null", b"new")
+
+
+def test_only_stale_partial_files_are_removed(tmp_path):
+    kept = {f"b.partial.{STALE}.txt", "a.partial.txt", "a.partial.0123.txt", f"a.partial.{STALE}c.txt", "xa.txt"}
+    for name in kept | {f"a.partial.{STALE}.txt", f"a.partial.{STALE}.csv", f"a.partial.{STALE}"}:
+        (tmp_path / name).touch()
+    write_atomically(tmp_path / "a.txt", b"new")
+    assert names(tmp_path) == kept | {"a.txt"}
+
+
+def test_two_writers_of_one_file_do_not_mix(tmp_path):
+    """Neither changes the other's partial file; the last one to finish replaces the first one's output."""
+    with partial_file(tmp_path / "a.txt") as first:
+        with partial_file(tmp_path / "a.txt") as second:
+            assert first != second and names(tmp_path) == {first.name, second.name}
+            first.write_text("first")
+            second.write_text("second")
+        assert (tmp_path / "a.txt").read_text() == "second"
+        remove_stale_partials(tmp_path / "a.txt")
+    assert names(tmp_path) == {"a.txt"} and (tmp_path / "a.txt").read_text() == "first"
+
+
+def other(code: str, *arguments: object) -> subprocess.Popen:
+    code = f"import sys, time\nfrom pathlib import Path\nfrom lanes.files import *\n{code}"
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+
+
+def test_partial_files_of_killed_processes_only_are_removed(tmp_path):
+    code = "with atomic_write(Path(sys.argv[1])) as p: p.write_text('half'); print(p.name, flush=True); time.sleep(60)"
+    with other(code, tmp_path / "a.txt") as process:
+        half = process.stdout.readline().strip()
+        write_atomically(tmp_path / "a.txt", b"mine")
+        assert names(tmp_path) == {"a.txt", half}
+        process.kill()
+    write_atomically(tmp_path / "a.csv", b"mine")
+    assert names(tmp_path) == {"a.txt", "a.csv"} and (tmp_path / "a.txt").read_text() == "mine"
+
+
+def test_a_second_writer_is_refused(tmp_path):
+    code = "with exclusive_writer(Path(sys.argv[1])): print('in', flush=True); time.sleep(60)"
+    with other(code, tmp_path / "drive.mp4") as process:
+        assert process.stdout.readline() == "in\n"
+        with (
+            pytest.raises(OSError, match=r"drive\.csv: .*another run is writing it"),
+            exclusive_writer(tmp_path / "drive.csv"),
+        ):
+            pytest.fail("two at once")
+        with exclusive_writer(tmp_path / "other.csv"):
+            pass
+        process.kill()
+    with exclusive_writer(tmp_path / "drive.mp4"), atomic_write(tmp_path / "drive.mp4") as partial:
+        partial.write_text("new")
+    assert names(tmp_path) == {"drive.mp4"}
+
+
+def test_without_locks_no_writer_is_refused_and_nothing_is_removed(tmp_path, monkeypatch):
+    def cannot(*_: object) -> None:
+        raise OSError(95, "Operation not supported")
+
+    monkeypatch.setattr("fcntl.flock", cannot)
+    (tmp_path / f"a.partial.{STALE}.txt").touch()
+    with exclusive_writer(tmp_path / "a.txt"):
+        write_atomically(tmp_path / "a.txt", b"new")
+    assert names(tmp_path) == {"a.txt", f"a.partial.{STALE}.txt"}
+
+
+def test_a_lock_removed_by_another_run_is_created_again(tmp_path, monkeypatch):
+    """The other run ends between the opening of its lock file and the locking."""
+    lock, real = tmp_path / "a.partial.lock", fcntl.flock
+    calls = []
+
+    def late(handle: int, how: int) -> None:
+        real(handle, how)
+        calls.append(handle)
+        if len(calls) == 1:
+            lock.unlink()
+
+    monkeypatch.setattr("fcntl.flock", late)
+    with exclusive_writer(tmp_path / "a.txt"):
+        assert lock.is_file() and len(calls) == 2
+
+
+# --- telemetry
+
+
+def test_telemetry_survives_writing_and_reading(tmp_path):
+    rows = [
+        {"frame": 0, "time_s": 0.0, "state": "found", "offset_m": np.float64(-0.123456789)},
+        {"frame": 1, "time_s": 0.04, "state": "lost", "offset_m": None},
+        {"frame": 2, "time_s": 0.08, "state": "found", "offset_m": np.nan, "curvature_per_m": np.float32(0.5)},
+    ]
+    table = read_telemetry(write_telemetry(tmp_path / "new" / "drive.csv", rows))
+    assert list(table) == ["frame", "time_s", "state", "offset_m", "curvature_per_m"]
+    np.testing.assert_array_equal(table["frame"], [0, 1, 2])
+    assert table["state"].tolist() == ["found", "lost", "found"]
+    np.testing.assert_array_equal(table["offset_m"], [-0.123456789, np.nan, np.nan])
+    np.testing.assert_array_equal(table["curvature_per_m"], [np.nan, np.nan, 0.5])
+
+
+def test_telemetry_has_nine_digits_and_can_have_no_rows(tmp_path):
+    path = write_telemetry(tmp_path / "drive.csv", [{"frame": 7, "offset_m": 1 / 3, "note": "a, b"}])
+    assert path.read_bytes() == b'frame,offset_m,note\n7,0.333333333,"a, b"\n'
+    path.write_text("frame,offset_m\n")
+    assert {name: len(column) for name, column in read_telemetry(path).items()} == {"frame": 0, "offset_m": 0}
+    path.unlink()
+    with pytest.raises(FileNotFoundError, match=r"drive\.csv: there is no such telemetry"):
+        read_telemetry(path)
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"hello\nworld\n", b"Dear all,\n\nhello\n", b"frame,offset_m\n1,2\n3\n", b"frame\n\xff\xfe\n"]
+)
+def test_files_that_are_not_a_table(tmp_path, content):
+    (tmp_path / "drive.csv").write_bytes(content)
+    with pytest.raises(ValueError, match=r"drive\.csv: (is not a (telemetry table|text file)|the file is empty)"):
+        read_telemetry(tmp_path / "drive.csv")
+
+
+def test_failure_keeps_the_earlier_file(tmp_path):
+    path = write_telemetry(tmp_path / "drive.csv", [{"frame": 1}])
+
+    def rows():
+        yield {"frame": 2}
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_telemetry(path, rows())
+    assert path.read_text() == "frame\n1\n"
+    assert len(list(tmp_path.iterdir())) == 1

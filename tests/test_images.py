@@ -1,0 +1,276 @@
+"""Images: files in and out, unusable files, and arrays as people have them."""
+
+from __future__ import annotations
+
+import struct
+import time
+import zlib
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from classic import threshold
+from lanes import canvas, images
+from lanes.camera import undistort
+from lanes.chessboard import Board, draw_board, find_board
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.draw import draw_tracked
+from lanes.errors import PictureError
+from lanes.explain import explain
+from lanes.images import list_pictures, read_image, require_rgb, write_image
+from lanes.stills import find_lane
+from lanes.track.tracker import LaneTracker
+from lanes.video.reader import ColourTags, read_video
+from lanes.video.writer import VideoWriter
+from tests.support.painted_drive import SMALL, tracked_bends
+
+RED, GREEN = (220, 30, 20), (20, 200, 40)
+
+
+@pytest.fixture
+def picture() -> np.ndarray:
+    """Red on the left, green on the right, so that swapped channels, sides or axes are noticed."""
+    image = np.zeros((40, 64, 3), np.uint8)
+    image[:, :32], image[:, 32:] = RED, GREEN
+    return image
+
+
+@pytest.mark.parametrize("suffix", [".png", ".bmp", ".tif", ".TIFF"])
+def test_round_trip_keeps_every_value(tmp_path, picture, suffix):
+    assert np.array_equal(read_image(write_image(tmp_path / f"a{suffix}", picture)), picture)
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".jpeg", ".webp"])
+def test_round_trip_keeps_red_red(tmp_path, picture, suffix):
+    read = read_image(write_image(tmp_path / f"a{suffix}", picture))
+    assert read.shape == (40, 64, 3) and read.dtype == np.uint8
+    np.testing.assert_allclose(read[20, 10], RED, atol=6)
+    np.testing.assert_allclose(read[20, 54], GREEN, atol=6)
+    noise, sizes = np.random.default_rng(2).integers(0, 256, (40, 64, 3)).astype(np.uint8), []
+    for quality in (40, 92):
+        sizes.append(write_image(tmp_path / f"a{suffix}", noise, jpeg_quality=quality).stat().st_size)
+    assert sizes[0] < 0.8 * sizes[1]
+
+
+def test_other_readers_see_red_as_red(tmp_path, picture):
+    bgr = cv2.imread(str(write_image(tmp_path / "a.png", picture)))
+    assert tuple(bgr[0, 0]) == RED[::-1]
+
+
+def test_gray_file_becomes_three_equal_channels(tmp_path):
+    gray = np.arange(200, dtype=np.uint8).reshape(10, 20)
+    cv2.imwrite(str(tmp_path / "gray.png"), gray)
+    assert np.array_equal(read_image(tmp_path / "gray.png"), np.repeat(gray[..., None], 3, axis=2))
+
+
+def test_alpha_is_dropped(tmp_path, picture):
+    rgba = np.dstack([picture[..., ::-1], np.full(picture.shape[:2], 7, np.uint8)])
+    cv2.imwrite(str(tmp_path / "alpha.png"), rgba)
+    assert np.array_equal(read_image(tmp_path / "alpha.png"), picture)
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".webp", ".bmp", ".tif"])
+@pytest.mark.parametrize("share", [0.3, 0.9, 0.99])
+def test_truncated_file_is_refused(tmp_path, picture, suffix, share):
+    noisy = np.random.default_rng(3).integers(0, 256, (60, 80, 3), dtype=np.uint8)
+    whole = write_image(tmp_path / f"whole{suffix}", noisy).read_bytes()
+    cut = tmp_path / f"cut{suffix}"
+    cut.write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(PictureError, match=f"cut{suffix}.*cut off"):
+        read_image(cut)
+
+
+def test_png_without_its_end_chunk_is_refused(tmp_path, picture):
+    path = write_image(tmp_path / "cut.png", picture)
+    path.write_bytes(path.read_bytes()[:-20])
+    with pytest.raises(PictureError, match=r"cut\.png.*cut off"):
+        read_image(path)
+
+
+def test_truncated_jpeg_with_whole_thumbnail_is_refused(tmp_path, picture):
+    """The end marker of a thumbnail in the header must not be taken for the picture's."""
+    whole = write_image(tmp_path / "a.jpg", picture).read_bytes()
+    thumbnail = b"\xff\xe1" + (2 + len(whole)).to_bytes(2, "big") + whole
+    with_thumbnail = tmp_path / "with.jpg"
+    with_thumbnail.write_bytes(whole[:2] + thumbnail + whole[2:])
+    assert read_image(with_thumbnail).shape == picture.shape
+    with_thumbnail.write_bytes(with_thumbnail.read_bytes()[:-4])
+    with pytest.raises(PictureError, match="cut off"):
+        read_image(with_thumbnail)
+
+
+def test_data_after_the_end_of_a_jpeg_are_ignored(tmp_path, picture):
+    path = write_image(tmp_path / "a.jpg", picture)
+    path.write_bytes(path.read_bytes() + b"maker's own data\0\0")
+    assert read_image(path).shape == picture.shape
+
+
+HEIC = b"\0\0\0\x18ftypheic\0\0\0\0mif1heic" + bytes(99)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("empty.jpg", b"", "is empty"),
+        ("text.jpg", b"not a picture", "not a JPEG, PNG, WebP, BMP or TIFF"),
+        ("hollow.jpg", b"\xff\xd8\xff\xda\xff\xd9", "cannot be decoded"),
+        ("photo.heic", HEIC, "is a HEIC picture.*convert it to JPEG"),
+        ("renamed.jpg", HEIC, "is a HEIC picture.*convert it to JPEG"),
+    ],
+)
+def test_files_that_are_no_picture_are_refused(tmp_path, name, content, words):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(PictureError, match=f"{name}.*{words}"):
+        read_image(tmp_path / name)
+    with pytest.raises(FileNotFoundError, match=r"nowhere\.jpg.*no such picture"):
+        read_image(tmp_path / "nowhere.jpg")
+
+
+def huge_png(width: int, height: int) -> bytes:
+    """A PNG of a few bytes with any size in its header."""
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    file = b"\x89PNG\r\n\x1a\n"
+    for kind, data in ((b"IHDR", header), (b"IDAT", zlib.compress(b"")), (b"IEND", b"")):
+        file += struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    return file
+
+
+def huge_jpeg(picture: np.ndarray, width: int, height: int) -> bytes:
+    """A JPEG with a wrong size in its frame header."""
+    data = bytearray(cv2.imencode(".jpg", picture)[1].tobytes())
+    struct.pack_into(">HH", data, data.index(b"\xff\xc0") + 5, height, width)
+    return bytes(data)
+
+
+@pytest.mark.parametrize("kind", ["png", "jpg"])
+@pytest.mark.parametrize("size", [(65535, 65535), (20000, 20000), (1, 65535 * 4)])
+def test_claims_of_a_header_are_refused_at_once(tmp_path, picture, kind, size, monkeypatch):
+    if max(size) > 65535 and kind == "jpg":
+        pytest.skip("a JPEG cannot claim more")
+    monkeypatch.setattr(images, "MAX_PIXELS", 200_000)
+    path = tmp_path / f"bomb.{kind}"
+    path.write_bytes(huge_png(*size) if kind == "png" else huge_jpeg(picture, *size))
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("would be decoded"))
+    began_s = time.perf_counter()
+    with pytest.raises(PictureError, match=rf"bomb\.{kind}: claims {size[0]}x{size[1]} pixels"):
+        read_image(path)
+    assert time.perf_counter() - began_s < 0.1
+
+
+def test_a_thumbnail_is_not_taken_for_the_picture(tmp_path, picture):
+    """A thumbnail with its own frame header lies before the picture's frame header."""
+    data = huge_jpeg(picture, 64, 40)
+    thumbnail = huge_jpeg(picture, 60000, 60000)
+    path = tmp_path / "a.jpg"
+    path.write_bytes(data[:2] + b"\xff\xe1" + struct.pack(">H", len(thumbnail) + 2) + thumbnail + data[2:])
+    assert read_image(path).shape == picture.shape
+
+
+@pytest.mark.parametrize("name", ["a.gif", "a.heic", "a"])
+def test_other_formats_are_refused(tmp_path, picture, name):
+    with pytest.raises(PictureError, match=r"end the name in \.jpg or \.png"):
+        write_image(tmp_path / name, picture)
+
+
+def test_unwritable_folder_is_named(tmp_path, picture):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(OSError, match=r"file.a\.png.*cannot be written.*choose another folder"):
+        write_image(tmp_path / "file" / "a.png", picture)
+
+
+def test_pictures_are_listed_in_natural_order_without_partial_files(tmp_path, picture):
+    for name in ("board10.png", "board2.PNG", "board1.jpeg", "notes.txt", "._board1.png"):
+        (tmp_path / name).touch()
+    (tmp_path / "board3.partial.0123456789ab.png").touch()
+    (tmp_path / "folder.jpg").mkdir()
+    assert [p.name for p in list_pictures(tmp_path)] == ["board1.jpeg", "board2.PNG", "board10.png"]
+    (tmp_path / "board².png").touch()  # a digit that is no number
+    assert [p.name for p in list_pictures(tmp_path)][-1] == "board².png"
+
+
+def test_empty_and_missing_folders_are_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match="holds no picture"):
+        list_pictures(tmp_path)
+    with pytest.raises(FileNotFoundError, match="nowhere: there is no such folder"):
+        list_pictures(tmp_path / "nowhere")
+
+
+def written(image: np.ndarray, folder: Path) -> np.ndarray:
+    return read_image(write_image(folder / "a.png", image))
+
+
+def encoded(image: np.ndarray, folder: Path, matrix: int = 6) -> np.ndarray:
+    with VideoWriter(folder / "a.mp4", fps=25, colours=ColourTags(matrix)) as writer:
+        writer.write(image)
+    return next(read_video(folder / "a.mp4"))
+
+
+def tracked(image: np.ndarray, _: Path) -> np.ndarray:
+    tracker = LaneTracker(SMALL)
+    for _ in range(4):
+        found = tracker.update(image)
+    return draw_tracked(image, found, SMALL)
+
+
+LINE_PX = np.array([[60.0, 20.0], [20.0, 80.0]])
+# Functions that take an image of the camera's size and a folder.
+TAKE_IMAGES = {
+    "require_rgb": lambda image, _: require_rgb(image),
+    "write_image": written,
+    "VideoWriter": encoded,
+    "VideoWriter, BT.709": lambda image, folder: encoded(image, folder, 1),
+    "draw_line": lambda image, _: canvas.draw_line(image, LINE_PX, colour=canvas.LEFT_COLOUR),
+    "fill_lane": lambda image, _: canvas.fill_lane(image, LINE_PX, LINE_PX + 50),
+    "write_text": lambda image, _: canvas.write_text(image, "R 640 m"),
+    "draw_mosaic": lambda image, _: canvas.draw_mosaic(image, {"warp": image}),
+    "undistort": lambda image, _: undistort(image, SMALL),
+    "find_board": lambda image, _: np.array(find_board(image) is None),
+    "draw_board": lambda image, _: draw_board(image, Board(np.zeros((20, 2), np.float32), 5, 4, SMALL.size)),
+    "bird's-eye view": lambda image, _: BirdsEyeView(SMALL).warp(image),
+    "find_lane": lambda image, _: find_lane(image, SMALL).model,
+    "LaneTracker and draw_tracked": tracked,
+    "explain": lambda image, _: explain(image, SMALL).image,
+    "to_gray": lambda image, _: threshold.to_gray(image),
+    "channels": lambda image, _: np.array(threshold.split_channels(image, "HLS")),
+    "recipe A": lambda image, _: threshold.HlsSobelThresholds().masks(image)["combined"],
+    "recipe B": lambda image, _: threshold.EqualizedHsvThresholds().masks(image)["combined"],
+    "recipe C": lambda image, _: threshold.BestChannelThresholds().masks(image)["combined"],
+}
+AS_PEOPLE_HAVE_THEM = {
+    "read-only": np.copy,
+    "BGR reversed": lambda image: np.ascontiguousarray(image[..., ::-1])[..., ::-1],
+    "RGBA without alpha": lambda image: np.dstack([image, image[..., :1]])[..., :3],
+    "flipped": lambda image: np.ascontiguousarray(image[::-1, ::-1])[::-1, ::-1],
+    "transposed": lambda image: np.ascontiguousarray(image.transpose(1, 0, 2)).transpose(1, 0, 2),
+}
+
+
+@pytest.mark.parametrize("view", AS_PEOPLE_HAVE_THEM.values(), ids=AS_PEOPLE_HAVE_THEM)
+@pytest.mark.parametrize("function", TAKE_IMAGES.values(), ids=TAKE_IMAGES)
+def test_views_and_read_only_arrays_give_the_same(function, view, tmp_path):
+    image = tracked_bends()[0]
+    viewed = view(image)
+    viewed.flags.writeable = False
+    np.testing.assert_array_equal(function(viewed, tmp_path), function(image, tmp_path))
+    np.testing.assert_array_equal(viewed, image)
+
+
+@pytest.mark.parametrize("function", TAKE_IMAGES.values(), ids=TAKE_IMAGES)
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        (np.zeros((360, 640), np.uint8), r"expected an RGB image .* got shape \(360, 640\), dtype uint8"),
+        (np.zeros((360, 640, 4), np.uint8), r"expected an RGB image .* got shape \(360, 640, 4\)"),
+        (np.zeros((360, 640, 3)), "expected an RGB image .* dtype float64"),
+        (np.zeros((0, 640, 3), np.uint8), r"holds no pixels \(shape \(0, 640, 3\)\)"),
+        ([[0, 0, 0]], "expected an RGB image .* got list"),
+        (None, "expected an RGB image .* got NoneType"),
+    ],
+    ids=["gray", "rgba", "float", "empty", "list", "none"],
+)
+def test_other_arrays_are_refused(function, wrong, sentence, tmp_path):
+    with pytest.raises(PictureError, match=sentence):
+        function(wrong, tmp_path)
+    assert not any(tmp_path.iterdir())

@@ -1,0 +1,326 @@
+"""The camera pose from the road, against images whose pose is known exactly."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lanes.camera import Camera, CameraPose, camera_from_dict
+from lanes.errors import PictureError, PoseError
+from lanes.images import read_image, write_image
+from lanes.pose import HeightAndRoll, PoseEstimate, ensure_pose, estimate_height_and_roll, estimate_pose
+from lanes.vanishing_point import RoadLines
+from lanes.video.writer import VideoWriter
+from tests.support.painted_roads import paint_motorway
+from tests.support.project import REAL_DATA, ROOT
+from tests.support.static_objects import draw_guide_lines, draw_striped_bonnet
+from tests.support.streets import NOT_STREETS, paint_street
+
+TRUE_POSE = CameraPose(1.35, np.radians(2.5), np.radians(-1.8), np.radians(0.9))
+CAMERA = Camera.from_fov((1280, 720), 62, TRUE_POSE)
+# Off the lane's middle and heading both ways; the headings average to zero as they do over a drive.
+OFFSETS_M = (-0.4, 0.1, 0.35, -0.2, 0.5, 0.0)
+HEADINGS_RAD = np.radians((0.4, -0.7, 0.2, 0.6, -0.1, -0.4))
+
+
+def drive(camera: Camera, curvatures_per_m=(0.0,) * 6, **options) -> list[np.ndarray]:
+    """One image for each curvature, six at most."""
+    states = zip(OFFSETS_M, HEADINGS_RAD, curvatures_per_m, strict=False)
+    return [
+        paint_motorway(camera, offset_m=o, heading_rad=h, curvature_per_m=c, phase_m=2.9 * i, seed=i, **options)
+        for i, (o, h, c) in enumerate(states)
+    ]
+
+
+@pytest.fixture(scope="module")
+def straight() -> list[np.ndarray]:
+    return drive(CAMERA)
+
+
+def assert_near(estimate, pose, *, pitch_deg, yaw_deg, roll_deg, height_m):
+    found = estimate.pose
+    assert np.degrees(found.pitch_rad) == pytest.approx(np.degrees(pose.pitch_rad), abs=pitch_deg)
+    assert np.degrees(found.yaw_rad) == pytest.approx(np.degrees(pose.yaw_rad), abs=yaw_deg)
+    assert np.degrees(found.roll_rad) == pytest.approx(np.degrees(pose.roll_rad), abs=roll_deg)
+    assert found.height_m == pytest.approx(pose.height_m, abs=height_m)
+
+
+@pytest.mark.slow
+class TestDrive:
+    def test_straight_drive_gives_all_four_numbers(self, straight):
+        estimate = estimate_pose(straight, CAMERA)
+        assert_near(estimate, TRUE_POSE, pitch_deg=0.1, yaw_deg=0.3, roll_deg=0.2, height_m=0.03)
+        assert estimate.frames_used == estimate.frames_total == 6
+        assert estimate.notes == () and estimate.still is None
+        assert estimate.camera.size == CAMERA.size and estimate.camera.matrix is CAMERA.matrix
+
+    def test_bends_to_one_side_do_not_bias_the_angles(self):
+        bends = drive(CAMERA, (1 / 250, 1 / 300, 1 / 400, 1 / 500, 1 / 350, 1 / 800))
+        estimate = estimate_pose(bends, CAMERA)
+        assert_near(estimate, TRUE_POSE, pitch_deg=0.15, yaw_deg=0.4, roll_deg=0.3, height_m=0.03)
+
+    def test_the_pose_does_not_depend_on_the_order_of_images(self, straight):
+        empty = [np.full((720, 1280, 3), 120, np.uint8)] * len(straight)
+        interleaved = [image for pair in zip(empty, straight, strict=True) for image in pair]
+        poses = [estimate_pose(images, CAMERA).pose for images in (interleaved, straight + empty, empty + straight)]
+        assert poses[0] == poses[1] == poses[2]
+
+    @pytest.mark.parametrize("pitch_deg", [-9, 9])
+    def test_the_horizon_may_be_far_from_the_middle(self, pitch_deg):
+        pose = replace(TRUE_POSE, pitch_rad=np.radians(pitch_deg))
+        estimate = estimate_pose(drive(CAMERA.with_pose(pose), (0.0,) * 4), CAMERA)
+        assert_near(estimate, pose, pitch_deg=0.2, yaw_deg=0.7, roll_deg=0.4, height_m=0.05)
+
+    @pytest.mark.parametrize("draw", [draw_guide_lines, draw_striped_bonnet])
+    def test_what_never_moves_does_not_bias_the_pose(self, draw):
+        states = np.random.default_rng(0).normal(0, (0.3, 0.007), (16, 2))
+        swaying = (
+            draw(paint_motorway(CAMERA, offset_m=o, heading_rad=h, phase_m=2.9 * i, seed=i))
+            for i, (o, h) in enumerate(states)
+        )
+        estimate = estimate_pose(swaying, CAMERA)
+        assert_near(estimate, TRUE_POSE, pitch_deg=0.2, yaw_deg=0.5, roll_deg=0.4, height_m=0.05)
+
+    def test_a_lens_with_distortion_and_a_larger_image(self):
+        lens = Camera.from_fov((1920, 1080), 75, CameraPose(1.2, np.radians(-1.5), np.radians(1.2), np.radians(-0.5)))
+        lens = replace(lens, distortion=np.array([-0.25, 0.06, 0.0, 0.0, 0.0]))
+        estimate = estimate_pose(drive(lens, (0.0,) * 2), lens)
+        assert_near(estimate, lens.pose, pitch_deg=0.15, yaw_deg=0.7, roll_deg=0.3, height_m=0.03)
+
+    def test_dashes_are_enough(self):
+        estimate = estimate_pose(drive(CAMERA, solid=()), CAMERA)
+        assert_near(estimate, TRUE_POSE, pitch_deg=0.2, yaw_deg=0.4, roll_deg=0.4, height_m=0.04)
+
+    def test_roll_is_taken_to_be_level_where_only_the_ego_lane_is_marked(self):
+        estimate = estimate_pose(drive(CAMERA, (0.0,) * 3, lines=(0, 1), solid=(0, 1)), CAMERA)
+        assert estimate.pose.roll_rad == 0
+        assert "roll" in estimate.notes[0]
+        assert np.degrees(estimate.pose.pitch_rad) == pytest.approx(2.5, abs=0.2)
+
+    def test_lane_width_and_height_scale_each_other(self, straight):
+        wide = estimate_pose(straight[:2], CAMERA, lane_width_m=3.66 * 1.1)
+        assert wide.pose.height_m == pytest.approx(1.35 * 1.1, abs=0.06)
+        given = estimate_pose(straight[:2], CAMERA, height_m=1.5)
+        assert given.pose.height_m == 1.5
+        assert given.height_std_m == 0
+        assert given.lane_width_m == pytest.approx(3.66 * 1.5 / 1.35, abs=0.12)
+
+    def test_errors_stay_within_three_standard_deviations(self):
+        rng = np.random.default_rng(8)
+        for seed in range(3):
+            pose = CameraPose(rng.uniform(1.1, 1.7), *np.radians(rng.uniform([-5, -3, -1.5], [5, 3, 1.5])))
+            camera = Camera.from_fov((1280, 720), rng.uniform(50, 80), pose)
+            images = [paint_motorway(camera, offset_m=rng.normal(0, 0.3), seed=seed + i) for i in range(2)]
+            e = estimate_pose(images, camera)
+            for name in ("height_m", "pitch_rad", "yaw_rad", "roll_rad"):
+                std = getattr(e, name.replace("_", "_std_"))
+                assert abs(getattr(e.pose, name) - getattr(pose, name)) < 3 * std, (seed, name)
+
+    def test_the_embedded_stills_give_their_true_pose(self):
+        truth = json.loads((ROOT / "test_images" / "truth.json").read_text())
+        camera = camera_from_dict(truth["camera"])
+        images = [read_image(ROOT / frame["raw_file"]) for frame in truth["frames"]]
+        estimate = estimate_pose(images, camera)
+        assert_near(estimate, camera.pose, pitch_deg=0.1, yaw_deg=0.4, roll_deg=0.4, height_m=0.05)
+
+    @pytest.mark.skipif(
+        not (REAL_DATA / "labels.jsonl").is_file(),
+        reason=f"no labelled real stills in {REAL_DATA.name}; name their folder LANES_DATA",
+    )
+    def test_real_stills_meet_where_their_labels_meet(self):
+        """With a guessed lens, the labelled lines of the straight stills meet within 0.3 degrees of straight ahead."""
+        labels = map(json.loads, (REAL_DATA / "labels.jsonl").read_text().splitlines())
+        stills = [label for label in labels if "test_images" in label["raw_file"]]
+        camera = Camera.from_fov((1280, 720), 60)
+        camera = estimate_pose([REAL_DATA / still["raw_file"] for still in stills], camera).camera
+        far_ahead = camera.road_to_pixels(np.array([[1e6, 0.0]]))[0]
+        meetings = [meeting_point(still) for still in stills if "straight" in still["raw_file"]]
+        assert len(meetings) == 2
+        np.testing.assert_allclose(far_ahead, np.mean(meetings, axis=0), atol=camera.matrix[0, 0] * np.radians(0.3))
+
+
+def meeting_point(label: dict) -> tuple[float, float]:
+    """Where straight lines through the two labelled lines cross, in pixels (u, v)."""
+    rows = np.array(label["h_samples"])
+    (a, b), (c, d) = (np.polyfit(rows[np.array(u) > 0], np.array(u)[np.array(u) > 0], 1) for u in label["lanes"])
+    row = (d - b) / (a - c)
+    return a * row + b, row
+
+
+@pytest.mark.slow
+class TestOneImage:
+    def test_the_pose_is_that_of_the_lane_which_is_kept_with_it(self):
+        image = paint_motorway(CAMERA, offset_m=0.3, curvature_per_m=1 / 600)
+        estimate = estimate_pose(image, CAMERA)
+        assert_near(estimate, TRUE_POSE, pitch_deg=0.4, yaw_deg=0.8, roll_deg=1.0, height_m=0.1)
+        assert any("heading" in note for note in estimate.notes)
+        assert estimate.yaw_std_rad > np.radians(0.5)
+        assert estimate.still.camera is estimate.camera
+        assert estimate.still.lane.same_lane_share == 1.0
+        assert estimate.still.lane.offset_m == pytest.approx(0.3, abs=0.1)
+
+    def test_a_pose_from_edges_says_so_and_that_the_height_is_assumed(self):
+        camera = Camera.from_fov((1920, 1280), 62, CameraPose(1.5, np.radians(3.0)))
+        estimate = estimate_pose([paint_street(camera, lines=(0,))], camera)
+        assert np.degrees(estimate.pose.pitch_rad) == pytest.approx(3.0, abs=1.0)
+        assert estimate.pose.roll_rad == 0.0
+        assert abs(estimate.pose.height_m - 1.5) < 2 * estimate.height_std_m
+        assert "(assumed)" in estimate.describe() and "vanishing point of all its edges" in estimate.notes[0]
+        assert "25% (the height is assumed)" in estimate.describe_accuracy()
+        assert estimate_pose(paint_street(camera), camera, height_m=1.6).pose.height_m == 1.6
+
+    @pytest.mark.parametrize("image", NOT_STREETS.values(), ids=NOT_STREETS)
+    def test_an_image_without_a_road_is_refused(self, image):
+        with pytest.raises(PoseError, match="so no road is recognised"):
+            estimate_pose(image, Camera.from_fov((1280, 720), 60))
+
+    def test_several_images_are_not_estimated_from_edges(self):
+        camera = Camera.from_fov((1280, 720), 62, CameraPose(1.5))
+        with pytest.raises(PoseError, match="only 0 of 2 pictures"):
+            estimate_pose([paint_street(camera)] * 2, camera)
+
+
+@pytest.mark.slow
+class TestSources:
+    def test_files_folders_patterns_and_images_give_the_same_pose(self, straight, tmp_path):
+        images = straight[:3]
+        for number, image in enumerate(images):
+            write_image(tmp_path / f"{number}.png", image)
+        expected = estimate_pose(images, CAMERA).pose
+        bgr = [np.ascontiguousarray(image[..., ::-1])[..., ::-1] for image in images]
+        files = [tmp_path / f"{number}.png" for number in range(3)]
+        for source in (tmp_path, str(tmp_path / "*.png"), files, map(str, files), iter(images), bgr):
+            assert estimate_pose(source, CAMERA).pose == expected
+        assert estimate_pose(files, CAMERA, max_pictures=2).frames_total == 2
+
+    def test_a_part_of_a_video_counts(self, straight, tmp_path):
+        with VideoWriter(tmp_path / "drive.mp4", fps=2) as video:
+            for number, image in enumerate(straight):
+                video.write(image, number / 2)
+        assert estimate_pose(tmp_path / "drive.mp4", CAMERA).frames_total == 6
+        assert estimate_pose(tmp_path / "drive.mp4", CAMERA, start_s=1.0, end_s=2.5).frames_total == 3
+
+    def test_two_runs_agree_and_progress_counts(self, straight):
+        seen = []
+        first = estimate_pose(straight[:2], CAMERA, progress=lambda done, total: seen.append((done, total)))
+        assert seen == [(1, 2), (2, 2)]
+        assert estimate_pose(straight[:2], CAMERA).describe() == first.describe()
+
+    def test_a_known_pose_is_kept(self, straight):
+        assert ensure_pose(CAMERA, straight[:2]) == (CAMERA, None)
+        camera, estimate = ensure_pose(replace(CAMERA, pose=None), straight[:2])
+        assert camera is estimate.camera
+
+    def test_errors_name_the_file(self, straight, tmp_path):
+        write_image(tmp_path / "first.png", straight[0])
+        write_image(tmp_path / "second.png", np.zeros((721, 1281, 3), np.uint8))
+        with pytest.raises(PictureError, match=r"second\.png: is 1281x721"):
+            estimate_pose(tmp_path, CAMERA)
+        for name in ("first.png", "second.png"):
+            write_image(tmp_path / name, np.zeros((720, 1280, 3), np.uint8))
+        with pytest.raises(PoseError, match=r"first\.png: only 0 of 2 pictures"):
+            estimate_pose(tmp_path, CAMERA)
+
+
+class TestRefused:
+    @pytest.mark.slow
+    @pytest.mark.parametrize(
+        "image",
+        [paint_motorway(CAMERA, lines=()), NOT_STREETS["noise"], NOT_STREETS["black"]],
+        ids=["unmarked", "noise", "black"],
+    )
+    def test_images_without_lanes(self, image):
+        with pytest.raises(PoseError, match="only 0 of 3 pictures show two or more parallel lane lines"):
+            estimate_pose([image] * 3, CAMERA)
+
+    @pytest.mark.slow
+    def test_one_line_alone(self):
+        with pytest.raises(PoseError, match="parallel lane lines|a lane apart"):
+            estimate_pose([paint_motorway(CAMERA, lines=(0,))] * 2, CAMERA)
+
+    @pytest.mark.slow
+    def test_lines_that_bound_no_lane(self):
+        images = drive(CAMERA, (0.0,) * 3, lines=(0, 2), solid=(0, 2))
+        with pytest.raises(PoseError, match="a lane apart"):
+            estimate_pose(images, CAMERA, lane_width_m=2.2, height_m=1.35)
+
+    def test_bad_input_is_named(self):
+        empty = np.zeros((720, 1280, 3), np.uint8)
+        with pytest.raises(PoseError, match="no picture was given"):
+            estimate_pose([], CAMERA)
+        with pytest.raises(PictureError, match="picture 2: is 640x360"):
+            estimate_pose([empty, empty[:360, :640]], CAMERA)
+        with pytest.raises(PoseError, match="lane 12 m wide"):
+            estimate_pose(empty, CAMERA, lane_width_m=12)
+        with pytest.raises(PoseError, match="camera 0.1 m above"):
+            estimate_pose(empty, CAMERA, height_m=0.1)
+        with pytest.raises(PoseError, match="32x18 pixels are too small"):
+            estimate_pose(empty[:18, :32], CAMERA.scaled((32, 18)))
+        with pytest.raises(FileNotFoundError, match="there is no such file"):
+            estimate_pose("nothing.mp4", CAMERA)
+
+    def test_a_failed_estimate_is_work_undone_not_bad_input(self):
+        """Commands exit with this status; the ValueError of a bad argument gives 2."""
+        assert PoseError("").exit_status == 1 and issubclass(PoseError, ValueError)
+
+
+def test_description_words_the_signs_and_gives_standard_deviations():
+    camera = CAMERA.with_pose(CameraPose(1.32, np.radians(1.8), np.radians(-1.36), 0.0))
+    estimate = PoseEstimate(camera, 0.04, 0.001, 0.002, 0.0175, 12, 40, 3.66, ("roll <unknown>",))
+    assert estimate.describe().splitlines() == [
+        "height   1.32 ± 0.04 m (lane 3.66 m wide)",
+        "pitch    1.80 ± 0.06 deg (looks down)",
+        "yaw      -1.36 ± 0.11 deg (looks right)",
+        "roll     0.00 ± 1.00 deg",
+        "pictures 12 of 40 used",
+        "note: roll <unknown>",
+    ]
+    assert repr(estimate).startswith("PoseEstimate(height 1.32 ± 0.04 m (lane 3.66 m wide), pitch 1.80 ± 0.06 deg ")
+    assert "<th>note 1</th><td>roll &lt;unknown&gt;</td>" in estimate._repr_html_()
+
+
+class TestHeight:
+    """Height from the distances of parallel lines: which two of them bound a lane."""
+
+    LANE_M, HEIGHT_M, FULL, FEW = 3.66, 2.0, 40, 8
+
+    def height_from(
+        self, lateral_m: list[float], rows: list[int], *, height_m: float = HEIGHT_M, images: int = 1
+    ) -> HeightAndRoll:
+        """The height that follows from lines at these lateral positions in each image of a camera that is so high."""
+        lines = RoadLines(0.0, 0.0, 0.0, 0.01, 0.01, np.array(lateral_m) / height_m, np.array(rows))
+        return estimate_height_and_roll([lines] * images, self.LANE_M, 1.35, 0.0)
+
+    @pytest.mark.parametrize("offset_m", [-0.5, 0.0, 0.5])
+    def test_it_is_that_of_a_lane_around_the_car(self, offset_m):
+        found = self.height_from([offset_m - self.LANE_M / 2, offset_m + self.LANE_M / 2], [self.FULL] * 2)
+        assert found.height_m == pytest.approx(self.HEIGHT_M, rel=0.03)
+
+    @pytest.mark.parametrize("side", [-1, 1])
+    def test_two_lanes_whose_common_line_is_worn_are_not_one_lane(self, side):
+        """Taken for one lane of 3.66 m, they would be seen from a height of 1 m by a car far from its middle."""
+        lane_m = self.LANE_M
+        lines = [(-side * lane_m / 2, self.FULL), (side * lane_m / 2, self.FEW), (side * 1.5 * lane_m, self.FULL)]
+        found = self.height_from(*map(list, zip(*sorted(lines), strict=True)))
+        assert found.height_m == pytest.approx(self.HEIGHT_M, rel=0.03)
+
+    def test_it_is_not_that_of_a_rolled_camera(self):
+        """A seam beside the lane is as far from its line as a lane of a camera that is 3.3 m high and rolled."""
+        right_m = -0.4 - self.LANE_M / 2
+        lateral_m = [right_m - 1.2, right_m, right_m + self.LANE_M]
+        found = self.height_from(lateral_m, [self.FULL, self.FULL, self.FULL // 2], height_m=1.2, images=8)
+        assert (found.height_m, found.roll_rad) == (pytest.approx(1.2, rel=0.03), 0.0)
+
+    def test_a_lane_beside_the_car_counts_wherever_it_is(self):
+        """The car changes lanes: the lane to its right is a lane all the same."""
+        lateral_m = [-1.5 * self.LANE_M, -self.LANE_M / 2, self.LANE_M / 2]
+        found = self.height_from(lateral_m, [self.FULL, self.FULL, self.FEW])
+        assert found.height_m == pytest.approx(self.HEIGHT_M, rel=0.03)
+
+    def test_two_lines_alone_leave_more_doubt_than_four(self):
+        two = self.height_from([-self.LANE_M / 2, self.LANE_M / 2], [self.FULL] * 2)
+        four = self.height_from((self.LANE_M * np.array([-1.5, -0.5, 0.5, 1.5])).tolist(), [self.FULL] * 4)
+        assert two.height_std_m > 2 * four.height_std_m

@@ -1,0 +1,92 @@
+"""Files that names stand for, outputs that would overwrite files, and images sampled from stills and videos."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lanes.errors import PictureError, VideoError
+from lanes.images import write_image
+from lanes.sources import find_sources, require_distinct_outputs, sample_images
+from lanes.video.writer import VideoWriter
+
+
+def test_names_are_sorted_by_kind(tmp_path, monkeypatch):
+    for name in (
+        "d10.mp4",
+        "d2.MOV",
+        "b.jpg",
+        "c.WebP",
+        "d.tif",
+        "e.HEIC",
+        "notes.txt",
+        ".hidden.mp4",
+        "d.partial.7.mp4",
+        "more/x.mkv",
+        "[1].avi",
+    ):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    monkeypatch.chdir(tmp_path)
+    found = find_sources([".", "more/*", "d2.MOV", "[1].avi"])
+    assert [path.name for path in found.videos] == ["[1].avi", "d2.MOV", "d10.mp4", "x.mkv"]
+    assert [path.name for path in found.stills] == ["b.jpg", "c.WebP", "d.tif", "e.HEIC"]
+    for missing, words in (("nowhere.mp4", "no such file or folder"), ("*.webm", "no such file"), ("", "no such file")):
+        with pytest.raises(FileNotFoundError, match=words):
+            find_sources([missing])
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(FileNotFoundError, match="empty: holds neither"):
+        find_sources(["empty"])
+
+
+def test_outputs_that_overwrite_an_input_or_another_output_are_rejected(tmp_path):
+    a, b = tmp_path / "a.mp4", tmp_path / "b" / "a.mp4"
+    require_distinct_outputs([a, b], [tmp_path / "out" / "a.mp4", tmp_path / "out" / "b.mp4"])
+    with pytest.raises(ValueError, match="one of the inputs"):
+        require_distinct_outputs([a, b], [tmp_path / "out" / "a.mp4", tmp_path / "b" / ".." / "a.mp4"])
+    with pytest.raises(ValueError, match="from .*a.mp4 and from .*a.mp4"):
+        require_distinct_outputs([a, b], [tmp_path / "out" / "a.mp4"] * 2)
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory) -> Path:
+    """Two stills and a video of six frames, 2 a second; each image has a brightness of its own."""
+    folder = tmp_path_factory.mktemp("drive")
+    for number in range(2):
+        write_image(folder / f"still{number}.png", np.full((36, 64, 3), 200 + 20 * number, np.uint8))
+    with VideoWriter(folder / "drive.mp4", fps=2) as video:
+        for number in range(6):
+            video.write(np.full((36, 64, 3), 20 + 25 * number, np.uint8), number / 2)
+    return folder
+
+
+def brightness(images) -> list[int]:
+    return [round(float(image.mean())) for image in images]
+
+
+def test_images_are_spread_over_stills_and_video(drive):
+    files = [drive / "still0.png", drive / "drive.mp4", drive / "still1.png"]
+    assert brightness(sample_images(files, 40)) == pytest.approx([200, 20, 45, 70, 95, 120, 145, 220], abs=2)
+    # Four samples of the video are 0.75 s apart. At 0.75 s and 1.5 s it shows its third and fourth frame.
+    assert brightness(sample_images(files, 4)) == pytest.approx([200, 70, 95, 220], abs=2)
+
+
+def test_images_of_a_part_of_a_video(drive):
+    part = {"start_s": 1.0, "end_s": 2.5}
+    assert brightness(sample_images([drive / "drive.mp4"], 40, **part)) == pytest.approx([70, 95, 120], abs=2)
+
+
+def test_images_that_are_not_wanted_are_refused_with_their_file(drive):
+    def refuse(image: np.ndarray, file: Path) -> None:
+        if image.mean() > 60:
+            raise PictureError(f"{file.name}: is too bright")
+
+    files = [drive / "drive.mp4", drive / "still0.png"]
+    with pytest.raises(PictureError, match=r"drive\.mp4: is too bright"):
+        list(sample_images(files, 40, require=refuse))
+    with pytest.raises(PictureError, match=r"still0\.png: is too bright"):
+        list(sample_images(files[1:], 40, require=refuse))
+    with pytest.raises(VideoError, match=r"drive\.mp4: lasts 3 s; begin before that, not at 3\.5 s"):
+        list(sample_images(files, 40, start_s=3.5))

@@ -1,0 +1,126 @@
+"""Videos made for the tests, and functions that read their frames, packets and boxes."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+
+SIZE = (160, 96)
+YELLOW, RED, BLUE = (255, 200, 0), (200, 30, 30), (20, 60, 220)
+NTSC = Fraction(30000, 1001)
+
+
+def numbered(number: int, size: tuple[int, int] = SIZE) -> np.ndarray:
+    """A picture with its number as ten bars, white for 1 and black for 0, on a coloured background."""
+    width, height = size
+    image = np.empty((height, width, 3), np.uint8)
+    image[:] = YELLOW
+    for bit in range(10):
+        image[height // 2 :, bit * 16 : bit * 16 + 16] = 235 if number >> bit & 1 else 20
+    return image
+
+
+def number_of(image: np.ndarray) -> int:
+    row = image[-10:-2].mean(axis=(0, 2))
+    return sum(int(row[bit * 16 + 8] > 128) << bit for bit in range(10))
+
+
+def encode(
+    path: Path,
+    images: Iterable[np.ndarray],
+    codec: str = "libx264",
+    pixels: str = "yuv420p",
+    *,
+    fps=25,
+    options: dict[str, str] | None = None,
+    sound: str | None = None,
+    **audio,
+) -> Path:
+    """RGB images as a video, written with PyAV instead of the tested code; `audio` may have a rate and a layout."""
+    images = list(images)
+    # The clock of a transport stream of a recorder does not begin at 0.
+    clock = {"output_ts_offset": "5"} if path.suffix == ".ts" else {}
+    with av.open(str(path), "w", options=clock) as container:
+        stream = container.add_stream(codec, rate=Fraction(fps), options=options or {})
+        stream.height, stream.width = images[0].shape[:2]
+        stream.pix_fmt = pixels
+        if pixels == "yuvj420p":
+            stream.codec_context.color_range = 2
+        track = container.add_stream(sound, **{"rate": 48000, "layout": "mono"} | audio) if sound else None
+        for image in images:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image).reformat(format=pixels)))
+        container.mux(stream.encode(None))
+        if track:
+            add_tone(container, track, len(images) / float(fps))
+    return path
+
+
+def make_video(path: Path, frames: int = 25, *, size=SIZE, **settings) -> Path:
+    """A video of numbered frames in any container; `settings` are those of `encode`."""
+    pixels = "yuv420p" if size[0] % 2 == 0 else "yuv444p"
+    options = {"preset": "ultrafast", "g": "12"}
+    return encode(path, (numbered(n, size) for n in range(frames)), pixels=pixels, options=options, **settings)
+
+
+def set_rotation(source: Path, target: Path, degrees: int) -> None:
+    """Write the matrix of a clockwise turn into the track header of an mp4 (ISO 14496-12, 8.3.2)."""
+    data = bytearray(source.read_bytes())
+    at = data.index(b"tkhd") + 4 + 4 + 20 + 16
+    cos, sin = {90: (0, 1), 180: (-1, 0), 270: (0, -1)}[degrees]
+    data[at : at + 36] = struct.pack(">9i", cos << 16, sin << 16, 0, -sin << 16, cos << 16, 0, 0, 0, 1 << 30)
+    target.write_bytes(data)
+
+
+def add_tone(container, track, seconds: float) -> None:
+    """A tone that is silent in its first half, so that a shift is noticed."""
+    times = np.arange(int(48000 * seconds)) / 48000
+    wave = 0.5 * np.sin(2 * np.pi * 440 * times) * (times > seconds / 2)
+    frame = av.AudioFrame.from_ndarray((wave * 32767).astype(np.int16)[None], format="s16", layout="mono")
+    frame.sample_rate, frame.pts = 48000, 0
+    container.mux(track.encode(frame))
+    container.mux(track.encode(None))
+
+
+def make_video_with_unknown_sound(path: Path, frames: int, **options) -> Path:
+    """An avi whose sound track has the number of no codec, in the first entry of its header (WAVEFORMAT.wFormatTag)."""
+    data = bytearray(make_video(path, frames, sound="pcm_s16le", **options).read_bytes())
+    at = data.index(b"strf", data.index(b"auds")) + 8
+    data[at : at + 2] = b"\x34\x12"
+    path.write_bytes(data)
+    return path
+
+
+def tone_starts_s(path: Path) -> float:
+    with av.open(str(path)) as container:
+        stream = container.streams.audio[0]
+        for frame in container.decode(stream):
+            loud = np.flatnonzero(np.abs(frame.to_ndarray().astype(float)[0]) > 0.1)
+            if len(loud):
+                return frame.time + loud[0] / frame.sample_rate
+    return np.nan
+
+
+def sound_packets(path: Path) -> list[tuple[float, bytes]]:
+    """Each audio packet with its time, rounded to 0.1 ms."""
+    with av.open(str(path)) as container:
+        packets = container.demux(container.streams.audio[0])
+        return [(round(float(p.pts * p.time_base), 4), bytes(p)) for p in packets if p.size]
+
+
+def boxes(path: Path) -> list[str]:
+    """Names of the top-level boxes of an mp4 file, in order (ISO 14496-12, 4.2)."""
+    data, at, names = path.read_bytes(), 0, []
+    while at < len(data):
+        length, name = struct.unpack(">I4s", data[at : at + 8])
+        names.append(name.decode())
+        at += length
+    return names
+
+
+def unchanged(frame: np.ndarray) -> np.ndarray:
+    return frame

@@ -1,0 +1,104 @@
+"""Colours: the tags of a source decide its RGB values, and the written file has the same tags and colours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from lanes.video.process import process_video
+from lanes.video.reader import ColourTags, inspect_video, read_video
+from lanes.video.writer import VideoWriter
+from tests.video.sample_videos import unchanged
+
+COLOURS = [(255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 255), (0, 0, 0), (250, 200, 20), (20, 60, 220), (130,) * 3]
+# Luma coefficients of red and blue by matrix code point: ITU-T H.273, table 4.
+LUMA = {1: (0.2126, 0.0722), 4: (0.30, 0.11), 6: (0.299, 0.114), 7: (0.212, 0.087), 9: (0.2627, 0.0593)}
+
+
+def patches(width: int = 128, height: int = 64) -> np.ndarray:
+    """Columns of plain colours; the upper right is darker, so that no rotated picture equals another."""
+    image = np.repeat(np.repeat(np.array(COLOURS, np.uint8), 16, axis=0)[None, :width], height, axis=0)
+    image[: height // 2, width // 2 :] //= 2
+    return image
+
+
+def encode(path: Path, image: np.ndarray, tags: tuple[int, int, int, int], form: str = "yuv420p") -> Path:
+    """Five frames without loss, from YUV values that are computed here by H.273, clause 8.3; `tags` as stored.
+
+    The tags are matrix, range (1 limited, 2 full), primaries and transfer function.
+    """
+    red, blue = LUMA.get(tags[0], LUMA[6])
+    luma = image @ np.array([red, 1 - red - blue, blue]) / 255
+    chroma = (image[..., 2] / 255 - luma) / (1 - blue) / 2, (image[..., 0] / 255 - luma) / (1 - red) / 2
+    black, y_span, c_span = (0, 255, 255) if tags[1] == 2 else (16, 219, 224)
+    planes = [black + y_span * luma, *(128 + c_span * plane for plane in chroma)]
+    depth = 10 if "10le" in form else 8
+    step_x, step_y = (1 if "444" in form else 2), (2 if "420" in form else 1)
+    planes = [planes[0], planes[1][::step_y, ::step_x], planes[2][::step_y, ::step_x]]
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=25, options={"qp": "0"})
+        stream.width, stream.height, stream.pix_fmt = image.shape[1], image.shape[0], form
+        codec = stream.codec_context
+        codec.colorspace, codec.color_range, codec.color_primaries, codec.color_trc = tags
+        for _ in range(5):
+            frame = av.VideoFrame(image.shape[1], image.shape[0], form)
+            for target, values in zip(frame.planes, planes, strict=True):
+                stored = np.frombuffer(target, np.uint8 if depth == 8 else np.uint16).reshape(target.height, -1)
+                stored[:, : target.width] = np.rint(values * 2 ** (depth - 8)).clip(0, 2**depth - 1)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return path
+
+
+def tags_of(path: Path) -> tuple[int, int, int, int]:
+    with av.open(str(path)) as container:
+        codec = container.streams.video[0].codec_context
+        return codec.colorspace, codec.color_range, codec.color_primaries, codec.color_trc
+
+
+def assert_shows(path: Path, image: np.ndarray, tolerance: float) -> None:
+    seen = list(read_video(path))[3]
+    assert seen.shape == image.shape
+    np.testing.assert_allclose(seen[4:-4:8, 8::16].astype(int), image[4:-4:8, 8::16], atol=tolerance)
+
+
+SPACES = {f"matrix {matrix}, range {span}": ((matrix, span, 1, 1), "yuv420p") for matrix in LUMA for span in (1, 2)}
+SPACES |= {
+    "BT.601": ((6, 1, 6, 6), "yuv420p"),
+    "HDR, PQ": ((9, 1, 9, 14), "yuv420p10le"),
+    "HDR, HLG": ((9, 1, 9, 18), "yuv420p10le"),
+    "sRGB": ((1, 1, 1, 13), "yuv422p"),
+    "4:4:4": ((1, 2, 1, 1), "yuv444p"),
+}
+
+
+@pytest.mark.parametrize(("tags", "form"), SPACES.values(), ids=SPACES)
+def test_matrix_range_primaries_and_transfer_function_are_kept(tmp_path, tags, form):
+    source = encode(tmp_path / "source.mkv", patches(), tags, form)
+    assert_shows(source, patches(), 4)
+    process_video(source, tmp_path / "out.mp4", unchanged, progress=False)
+    assert tags_of(tmp_path / "out.mp4") == tags
+    assert_shows(tmp_path / "out.mp4", patches(), 12)
+
+
+def test_untagged_colours_are_taken_for_bt601(tmp_path):
+    source = encode(tmp_path / "source.mkv", patches(), (2, 1, 2, 2))
+    assert_shows(source, patches(), 4)
+    assert inspect_video(source).colours == ColourTags()
+    process_video(source, tmp_path / "out.mp4", unchanged, progress=False)
+    assert tags_of(tmp_path / "out.mp4") == (6, 1, 1, 1)
+    assert_shows(tmp_path / "out.mp4", patches(), 12)
+
+
+@pytest.mark.parametrize(("width", "height"), [(128, 64), (127, 63), (127, 64), (128, 62)])
+def test_a_writer_without_tags_uses_bt601(tmp_path, width, height):
+    """An odd width or height is padded by repeating the last pixels."""
+    with VideoWriter(tmp_path / "out.mp4", fps=25, crf=4) as writer:
+        for _ in range(5):
+            writer.write(patches(width, height))
+    assert tags_of(tmp_path / "out.mp4") == (6, 1, 1, 1)
+    padded = np.pad(patches(width, height), ((0, height % 2), (0, width % 2), (0, 0)), "edge")
+    assert_shows(tmp_path / "out.mp4", padded, 6)

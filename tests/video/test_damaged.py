@@ -1,0 +1,156 @@
+"""Dangerous and damaged video files: playlists, huge sizes, cut off files, clock resets, changing sizes."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lanes.errors import VideoError
+from lanes.images import MAX_PIXELS
+from lanes.video import reader
+from lanes.video.process import process_video
+from lanes.video.reader import inspect_video, open_video, read_timed_frames, read_video
+from tests.video.sample_videos import encode, make_video, number_of, numbered, unchanged
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "ffconcat version 1.0\nfile drive.mp4\n",
+        "#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\ndrive.mp4\n#EXT-X-ENDLIST\n",
+        "#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nfile:///etc/hostname\n#EXT-X-ENDLIST\n",
+        '<MPD xmlns="urn:mpeg:dash:schema:mpd:2011"><Period><BaseURL>drive.mp4</BaseURL></Period></MPD>',
+        "v=0\nc=IN IP4 127.0.0.1\nm=video 5004 RTP/AVP 96\na=rtpmap:96 H264/90000\n",
+    ],
+    ids=["ffconcat", "m3u8", "m3u8 elsewhere", "dash", "sdp"],
+)
+@pytest.mark.parametrize("suffix", ["mp4", "m3u8", "ts"])
+def test_playlists_are_refused(video, tmp_path, text, suffix):
+    (tmp_path / "drive.mp4").write_bytes(video.read_bytes())
+    path = tmp_path / f"list.{suffix}"
+    path.write_text(text)
+    with pytest.raises(VideoError, match=rf"list\.{suffix}: cannot be read as a video .*playlist"):
+        open_video(path)
+
+
+@pytest.mark.parametrize("name", ["concat:drive.mp4|drive.mp4", "http:x.mp4", "-i.mp4", "дорога 1%d.mp4", "file:a.mp4"])
+def test_names_with_a_protocol_are_files(video, tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "drive.mp4").write_bytes(video.read_bytes())
+    with pytest.raises(FileNotFoundError):
+        open_video(name)
+    (tmp_path / name).write_bytes(video.read_bytes())
+    assert inspect_video(name).frames == 50
+    assert number_of(next(read_video(name, start_s=0.4))) == 10
+
+
+def with_huge_frames(path: Path, codec: str, pixels: str, marker: bytes, claim: Callable) -> Path:
+    """Ten frames of an intra-only codec; `claim` rewrites the header of all but the first four."""
+    encode(path, [numbered(number) for number in range(10)], codec, pixels)
+    data, at = bytearray(path.read_bytes()), 0
+    for number in range(10):
+        at = data.index(marker, at + 1)
+        if number >= 4:
+            claim(data, at)
+    path.write_bytes(data)
+    return path
+
+
+def claim_jpeg(data: bytearray, at: int) -> None:
+    struct.pack_into(">HH", data, at + 5, 65500, 65500)
+
+
+def claim_png(data: bytearray, at: int) -> None:
+    struct.pack_into(">II", data, at + 4, 40000, 40000)
+    struct.pack_into(">I", data, at + 17, zlib.crc32(bytes(data[at : at + 17])))
+
+
+@pytest.mark.parametrize(
+    ("name", "codec", "pixels", "marker", "claim"),
+    [("bomb.avi", "mjpeg", "yuvj420p", b"\xff\xc0", claim_jpeg), ("bomb.mov", "png", "rgb24", b"IHDR", claim_png)],
+)
+def test_a_huge_size_inside_a_video_is_damage(tmp_path, name, codec, pixels, marker, claim):
+    path = with_huge_frames(tmp_path / name, codec, pixels, marker, claim)
+    assert [frame.number for frame in read_timed_frames(path)] == [0, 1, 2, 3]
+    assert inspect_video(path).frames == 10
+
+
+def test_a_huge_size_in_the_header_is_refused(video, tmp_path, monkeypatch):
+    monkeypatch.setattr(reader, "MAX_PIXELS", 160 * 96 - 1)
+    with pytest.raises(VideoError, match=r"drive\.mp4: claims 160x96 pixels|cannot be decoded"):
+        inspect_video(video)
+    assert MAX_PIXELS > 7680 * 4320
+
+
+@pytest.mark.parametrize("suffix", ["mp4", "mkv", "ts", "flv"])
+def test_damaged_frames_are_counted_by_time_stamps(tmp_path, suffix):
+    """The remaining frames keep their numbers and times, whether packets are damaged or missing."""
+    path = make_video(tmp_path / f"drive.{suffix}", 100, size=(320, 192))
+    data = bytearray(path.read_bytes())
+    noise = np.random.default_rng(1)
+    # Matroska finds no way back in after the second time.
+    for share in (0.4,) if suffix == "mkv" else (0.3, 0.45, 0.55, 0.7):
+        at = int(share * len(data))
+        data[at : at + 1500] = noise.integers(0, 256, 1500, np.uint8).tobytes()
+    path.write_bytes(data)
+    info = inspect_video(path)
+    frames = list(read_timed_frames(path))
+    assert 30 <= len(frames) <= 96
+    assert info.frames + info.missing == 100 if suffix != "flv" else info.frames <= 100
+    assert [frame.number for frame in frames] == sorted({frame.number for frame in frames})
+    if suffix != "flv":
+        np.testing.assert_allclose([f.time_s for f in frames], [f.number / 25 for f in frames], atol=1e-3)
+        assert info.duration_s == pytest.approx(4, abs=0.05)
+    assert number_of(frames[5].image) == 5
+
+
+@pytest.mark.parametrize("suffix", ["mkv", "flv", "avi", "mp4"])
+def test_cut_off_files_are_refused(tmp_path, suffix):
+    """Only containers that store their length; a transport stream does not."""
+    path = make_video(tmp_path / f"drive.{suffix}", 250)
+    data = path.read_bytes()
+    # The last tenth of the AVI file is its index, which is missed by nobody.
+    for share in (0.1, 0.5) if suffix == "avi" else (0.1, 0.5, 0.9):
+        path.write_bytes(data[: int(share * len(data))])
+        with pytest.raises(VideoError, match=rf"drive\.{suffix}: .*(cut off|no frame)"):
+            inspect_video(path)
+
+
+def test_cut_off_with_the_index_at_the_start(video, tmp_path):
+    process_video(video, tmp_path / "whole.mp4", unchanged, progress=False)
+    path = tmp_path / "cut.mp4"
+    path.write_bytes((tmp_path / "whole.mp4").read_bytes()[:-3000])
+    with pytest.raises(VideoError, match=r"cut\.mp4: .*(cut off after|damaged)"):
+        inspect_video(path)
+
+
+def test_a_change_of_size_is_reported_with_its_time(tmp_path):
+    parts = [make_video(tmp_path / f"{n}.ts", 25, size=size) for n, size in enumerate([(160, 96), (320, 192)])]
+    path = tmp_path / "both.ts"
+    path.write_bytes(b"".join(part.read_bytes() for part in parts))
+    frames = []
+    with pytest.raises(VideoError, match=r"both\.ts: changes from 160x96 to 320x192 pixels at 0\.96 s; cut it there"):
+        frames.extend(frame.number for frame in read_timed_frames(path))
+
+
+def test_times_continue_after_a_clock_reset(tmp_path):
+    part = make_video(tmp_path / "part.ts", 50).read_bytes()
+    path = tmp_path / "both.ts"
+    path.write_bytes(part + part)
+    times_s = [frame.time_s for frame in read_timed_frames(path)]
+    assert len(times_s) == 100
+    assert (np.diff(times_s) > 0).all() and times_s[-1] == pytest.approx(3.96, abs=0.1)
+
+
+@pytest.mark.parametrize("fps", [Fraction(1, 50), 5000])
+def test_impossible_frame_rates_are_refused(tmp_path, fps):
+    path = tmp_path / "odd.mp4"
+    make_video(path, 3, fps=fps)
+    with pytest.raises(VideoError, match=r"odd\.mp4: says that it has .* frames per second"):
+        inspect_video(path)

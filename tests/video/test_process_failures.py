@@ -1,0 +1,179 @@
+"""process_video that fails or is stopped: an earlier output is unchanged and nothing else remains."""
+
+from __future__ import annotations
+
+import itertools
+import signal
+import subprocess
+import sys
+import threading
+from contextlib import nullcontext
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from lanes.camera import Camera, undistort
+from lanes.errors import PictureError, VideoError
+from lanes.files import read_telemetry
+from lanes.video import process
+from lanes.video.process import process_video
+from lanes.video.reader import read_timed_frames, read_video
+from lanes.video.writer import VideoWriter
+from tests.support.project import ROOT
+from tests.video.sample_videos import number_of, unchanged
+
+
+@pytest.fixture
+def earlier(tmp_path):
+    """The name of an output that is there already, and must stay as it is."""
+    path = tmp_path / "out" / "drive.mp4"
+    path.parent.mkdir()
+    path.write_bytes(b"earlier")
+    yield path
+    assert [p.name for p in path.parent.iterdir()] == ["drive.mp4"]
+    assert path.read_bytes() == b"earlier"
+
+
+@pytest.mark.parametrize("error", [ZeroDivisionError("radius"), KeyboardInterrupt()])
+def test_exception_in_the_function(video, earlier, error):
+    calls = []
+
+    def function(image):
+        calls.append(image)
+        if len(calls) == 20:
+            raise error
+        return image
+
+    with pytest.raises(type(error)) as caught:
+        process_video(video, earlier, function, progress=False)
+    if isinstance(error, ZeroDivisionError):
+        assert f"frame 19 of {video}" in caught.value.__notes__[0]
+
+
+@pytest.mark.parametrize(
+    ("number", "status"), [(signal.SIGTERM, 128 + signal.SIGTERM), (signal.SIGINT, -signal.SIGINT)]
+)
+def test_stopped_from_outside(video, earlier, number, status, sigint):
+    """A real process gets a real signal in the middle of its work."""
+    code = (
+        "import sys, time\n"
+        "from lanes.video.process import process_video\n"
+        "def slow(image):\n"
+        "    print('frame', flush=True)\n"
+        "    time.sleep(0.05)\n"
+        "    return image\n"
+        "process_video(sys.argv[1], sys.argv[2], slow)\n"
+    )
+    command = [sys.executable, "-c", code, str(video), str(earlier)]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+        for _ in range(5):
+            assert run.stdout.readline() == "frame\n"
+        assert len(list(earlier.parent.iterdir())) == 2
+        run.send_signal(number)
+        assert run.wait(timeout=20) == status
+        assert ("Traceback" in run.stderr.read()) == (number == signal.SIGINT)
+
+
+def test_no_handler_is_left(video, tmp_path):
+    before = signal.getsignal(signal.SIGTERM)
+    process_video(video, tmp_path / "out.mp4", unchanged, progress=False, end_s=0.2)
+    assert signal.getsignal(signal.SIGTERM) == before
+
+
+def test_a_refused_frame_is_named(video, tmp_path):
+    camera = Camera.from_fov((640, 360), 60)
+    with pytest.raises(PictureError, match=r"^frame 5 of .*drive\.mp4: is 160x96 .* that of pictures of 640x360"):
+        process_video(video, tmp_path / "a.mp4", lambda i: undistort(i, camera), progress=False, start_s=0.2)
+
+
+@pytest.mark.parametrize("result", [None, np.zeros((96, 160), np.uint8), np.zeros((96, 160, 3))])
+def test_function_that_does_not_return_an_image(video, tmp_path, result):
+    with pytest.raises(VideoError, match="frame 0 of .*the function returned"):
+        process_video(video, tmp_path / "a.mp4", lambda image: result, progress=False)
+
+
+def test_function_that_changes_its_size(video, tmp_path):
+    sizes = iter(range(100, 10, -1))
+    with pytest.raises(VideoError, match="frame 1 is .*99 pixels, the first one was 160x100"):
+        process_video(video, tmp_path / "a.mp4", lambda i: np.zeros((next(sizes), 160, 3), np.uint8), progress=False)
+
+
+def test_damaged_middle(video, tmp_path):
+    data = bytearray(video.read_bytes())
+    start = data.index(b"mdat")
+    middle = start + (len(data) - start) // 4
+    data[middle : middle + 600] = b"\xff" * 600
+    broken, target, rows = tmp_path / "broken.mp4", tmp_path / "a.mp4", tmp_path / "rows.csv"
+    broken.write_bytes(data)
+    info = process_video(broken, target, unchanged, progress=False, telemetry=rows)
+    assert 1 <= info.missing == 50 - info.frames <= 25
+    # The other frames keep their numbers and times. Frames predicted from a damaged one may show an older image, until
+    # the next key frame (every twelfth here).
+    table = read_telemetry(rows)
+    np.testing.assert_allclose(table["time_s"], table["frame"] / 25, atol=1e-3)
+    shown = np.array([number_of(image) for image in read_video(target)])
+    lost = sorted({*range(50)} - {*table["frame"]})
+    sound = (table["frame"] < lost[0]) | (table["frame"] > lost[-1] + 12)
+    assert sound.sum() >= 10 and (shown <= table["frame"]).all()
+    np.testing.assert_array_equal(shown[sound], table["frame"][sound])
+
+
+def test_error_while_reading(video, tmp_path, monkeypatch):
+    """The frames before the error are processed, those after it are not, and the error is passed on unchanged."""
+
+    def broken_frames(path: Path, **_: object):
+        yield from itertools.islice(read_timed_frames(path), 20)
+        raise VideoError(f"{path}: frame 20 is damaged")
+
+    monkeypatch.setattr(process, "read_timed_frames", broken_frames)
+    seen = []
+    with pytest.raises(VideoError, match="frame 20 is damaged"):
+        process_video(video, tmp_path / "a.mp4", lambda image: seen.append(number_of(image)) or image, progress=False)
+    assert seen == list(range(20))
+
+
+@pytest.mark.parametrize("end_s", [None, 0.4], ids=["in the middle", "last frames"])
+def test_error_while_writing(video, earlier, monkeypatch, end_s):
+    """A disk that is full from the tenth frame on; the run stops after a few more frames."""
+
+    def broken_encode(writer: VideoWriter, frame: av.VideoFrame) -> None:
+        if frame.time >= 9 / 25:
+            raise OSError(f"{writer.path}: cannot be written (No space left on device)")
+
+    monkeypatch.setattr(VideoWriter, "encode", broken_encode)
+    seen = []
+    with pytest.raises(OSError, match=r"drive\.mp4: cannot be written \(No space left"):
+        process_video(video, earlier, lambda image: seen.append(0) or image, progress=False, end_s=end_s)
+    assert 10 <= len(seen) <= 15
+
+
+@pytest.mark.parametrize("fails", [True, False])
+def test_no_thread_is_left(video, tmp_path, fails):
+    before = threading.active_count()
+    with pytest.raises(ZeroDivisionError) if fails else nullcontext():
+        process_video(video, tmp_path / "out.mp4", (lambda image: 1 / 0) if fails else unchanged, progress=False)
+    assert threading.active_count() == before
+
+
+def test_unusable_names(video, tmp_path):
+    with pytest.raises(VideoError, match=r"out\.avi: .*\.mp4"):
+        process_video(video, tmp_path / "out.avi", unchanged, progress=False)
+    with pytest.raises(FileNotFoundError, match="nowhere.mp4"):
+        process_video(tmp_path / "nowhere.mp4", tmp_path / "new" / "out.mp4", unchanged, progress=False)
+    assert list(tmp_path.iterdir()) == []
+    before = video.read_bytes()
+    with pytest.raises(VideoError, match="is the source itself"):
+        process_video(video, video, unchanged, progress=False)
+    assert video.read_bytes() == before
+
+
+@pytest.mark.parametrize("name", ["file/out.mp4", "long" * 62 + "out.mp4"])
+def test_unwritable_outputs_are_reported_before_processing(video, tmp_path, name):
+    (tmp_path / "file").write_text("not a folder")
+    with pytest.raises(OSError, match=r"out\.mp4: cannot be written"):
+        process_video(video, tmp_path / name, pytest.fail, progress=False)
+    with pytest.raises(OSError, match=r"rows\.csv: cannot be written"):
+        process_video(video, tmp_path / "a.mp4", pytest.fail, progress=False, telemetry=tmp_path / "file" / "rows.csv")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]

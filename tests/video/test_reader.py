@@ -1,0 +1,175 @@
+"""Reading: all frames, once and in order, of every container and format; unusable files are refused."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from fractions import Fraction
+
+import av
+import numpy as np
+import pytest
+
+from lanes.errors import VideoError
+from lanes.video.process import process_video
+from lanes.video.reader import inspect_video, read_timed_frames, read_video
+from tests.video.sample_videos import (
+    NTSC,
+    SIZE,
+    YELLOW,
+    add_tone,
+    encode,
+    make_video,
+    number_of,
+    numbered,
+    set_rotation,
+    unchanged,
+)
+
+FRAMES = 6
+
+
+@dataclass(frozen=True)
+class Format:
+    """How to encode a video; `bars_px` is the height of the black bars above and below the image."""
+
+    suffix: str
+    codec: str
+    pixels: str = "yuv420p"
+    options: dict[str, str] = field(default_factory=dict)
+    fps: int = 30
+    size: tuple[int, int] = SIZE
+    bars_px: int = 0
+
+
+FORMATS = {
+    "HEVC 10 bit": Format("mp4", "libx265", "yuv420p10le", {"preset": "ultrafast", "x265-params": "log-level=none"}),
+    "VP9": Format("webm", "libvpx-vp9", options={"deadline": "realtime", "cpu-used": "8"}),
+    "AV1": Format("mp4", "libsvtav1", options={"preset": "12"}),
+    "MJPEG": Format("avi", "mjpeg", "yuvj420p"),
+    "MPEG-4 part 2": Format("avi", "mpeg4"),
+    "interlaced": Format("mp4", "libx264", options={"x264-params": "tff=1"}),
+    "4:2:2": Format("mov", "libx264", "yuv422p"),
+    "4:4:4": Format("mp4", "libx264", "yuv444p"),
+    "10 bit": Format("mkv", "libx264", "yuv420p10le"),
+    "gray": Format("mp4", "libx264", "gray"),
+    "gray 16 bit": Format("mkv", "ffv1", "gray16le"),
+    "alpha": Format("mov", "png", "rgba"),
+    "240 fps": Format("mp4", "libx264", fps=240),
+    "portrait": Format("mp4", "libx264", size=(160, 284)),
+    "letterbox": Format("mp4", "libx264", bars_px=16),
+}
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_formats_of_phones_and_dashcams(tmp_path, name):
+    """Every frame once and in order, at the rate and in the size of the source."""
+    made, path = FORMATS[name], tmp_path / f"drive.{FORMATS[name].suffix}"
+    if made.codec not in av.codecs_available:
+        pytest.skip(f"this build of PyAV has no encoder {made.codec}")
+    bars = ((made.bars_px, made.bars_px), (0, 0), (0, 0))
+    images = [np.pad(numbered(number, made.size), bars) for number in range(FRAMES)]
+    encode(path, images, made.codec, made.pixels, fps=made.fps, options=made.options)
+    process_video(path, tmp_path / "out.mp4", unchanged, progress=False)
+    for file in (path, tmp_path / "out.mp4"):
+        info, frames = inspect_video(file), list(read_video(file))
+        assert (info.frames, info.missing, info.fps) == (FRAMES, 0, made.fps)
+        assert (frames[0].shape, frames[0].dtype) == (images[0].shape, np.uint8)
+        assert [number_of(frame[: len(frame) - made.bars_px]) for frame in frames] == list(range(FRAMES))
+        assert made.bars_px == 0 or frames[3][: made.bars_px - 2].max() < 30
+        assert "gray" not in name or np.ptp(frames[0].astype(int), axis=2).max() <= 2
+
+
+@pytest.mark.parametrize("suffix", ["mp4", "mkv", "avi", "ts", "mov"])
+def test_frames_of_every_container_are_counted(tmp_path, suffix):
+    path = make_video(tmp_path / f"drive.{suffix}", 31, fps=NTSC, sound="aac" if suffix == "mp4" else None)
+    info = inspect_video(path)
+    assert (info.width, info.height, info.frames, info.has_audio) == (160, 96, 31, suffix == "mp4")
+    assert info.fps == pytest.approx(30000 / 1001, abs=1e-3) and info.duration_s == pytest.approx(1.034, abs=1e-3)
+    frames = list(read_timed_frames(path))
+    # avi stores decoding times only, which are one frame early where frames refer to later ones
+    first = 1 if suffix == "avi" else 0
+    assert [number_of(frame.image) for frame in frames] == list(range(31))
+    assert [frame.number for frame in frames] == list(range(first, 31 + first))
+    np.testing.assert_allclose(
+        [frame.time_s for frame in frames], np.arange(first, 31 + first) / float(NTSC), atol=1e-3
+    )
+    late = next(read_timed_frames(path, start_s=0.9))
+    assert late.number == number_of(late.image) + first == 27
+
+
+def test_frames_that_are_not_shown_do_not_count(video, tmp_path):
+    """A clip cut between key frames without re-encoding stores frames that are only references for others."""
+    path = tmp_path / "clip.mp4"
+    with av.open(str(video)) as source, av.open(str(path), "w") as target:
+        output = target.add_stream_from_template(source.streams.video[0])
+        for packet in source.demux(source.streams.video[0]):
+            if packet.size:
+                packet.stream = output
+                packet.pts -= round(Fraction(5, 25) / packet.time_base)
+                packet.dts -= round(Fraction(5, 25) / packet.time_base)
+                target.mux(packet)
+    assert inspect_video(path).frames == 45
+    assert [number_of(frame) for frame in read_video(path)] == list(range(5, 50))
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [(b"", "the file is empty"), (b"this is no video at all\n" * 50, "cannot be read as a video")],
+)
+def test_files_that_are_not_a_video(tmp_path, content, sentence):
+    path = tmp_path / "drive.mp4"
+    with pytest.raises(FileNotFoundError, match="drive.mp4: there is no such video"):
+        inspect_video(path)
+    path.write_bytes(content)
+    with pytest.raises(VideoError, match=f"drive.mp4: .*{sentence}"):
+        inspect_video(path)
+
+
+def test_sound_without_images(tmp_path):
+    path = tmp_path / "song.mp4"
+    with av.open(str(path), "w") as container:
+        add_tone(container, container.add_stream("aac", rate=48000, layout="mono"), 0.2)
+    with pytest.raises(VideoError, match="holds no frame of a video .its streams: audio"):
+        inspect_video(path)
+
+
+@pytest.mark.parametrize("suffix", ["mp4", "avi"])
+def test_video_without_frames(tmp_path, suffix):
+    path = tmp_path / f"hollow.{suffix}"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = *SIZE, "yuv420p"
+        container.start_encoding()
+    with pytest.raises(VideoError, match=r"hollow\..*holds no frame"):
+        inspect_video(path)
+
+
+def test_frames_are_rgb_and_writable(video):
+    frame = next(read_video(video))
+    frame[0, 0] = 1
+    np.testing.assert_allclose(frame[20, 80], YELLOW, atol=4)
+
+
+@pytest.mark.parametrize(("start_s", "end_s", "first", "last"), [(0, None, 0, 49), (0.4, 1, 10, 24), (1.6, 9, 40, 49)])
+def test_part(video, start_s, end_s, first, last):
+    frames = list(read_timed_frames(video, start_s=start_s, end_s=end_s))
+    assert [number_of(f.image) for f in frames] == [f.number for f in frames] == list(range(first, last + 1))
+    assert frames[0].time_s == pytest.approx(first / 25)
+
+
+def test_part_that_does_not_exist(video):
+    with pytest.raises(VideoError, match="no frame at or after 2.5 s"):
+        next(read_video(video, start_s=2.5))
+    with pytest.raises(VideoError, match="start_s < end_s"):
+        next(read_video(video, start_s=1.5, end_s=1.0))
+
+
+@pytest.mark.parametrize("degrees", [90, 180, 270])
+def test_rotated_camera(tmp_path, degrees):
+    """The stored top half is yellow, the bottom half dark: the top lands where the display matrix puts it."""
+    path, turned = make_video(tmp_path / "upright.mp4", 2), tmp_path / "turned.mp4"
+    set_rotation(path, turned, degrees)
+    marked, info = next(read_video(turned)), inspect_video(turned)
+    assert (info.height, info.width) == marked.shape[:2] == ((160, 96) if degrees % 180 else (96, 160))
+    top = {90: marked[:, -20:], 180: marked[-20:], 270: marked[:, :20]}[degrees]
+    np.testing.assert_allclose(top.mean(axis=(0, 1)), YELLOW, atol=6)

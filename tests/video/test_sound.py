@@ -1,0 +1,104 @@
+"""Sound: copied where browsers play it, in time with the frames, and never at the cost of the video."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import av
+import numpy as np
+import pytest
+
+from lanes.video.process import process_video
+from lanes.video.reader import inspect_video, read_timed_frames
+from tests.video.sample_videos import (
+    SIZE,
+    add_tone,
+    make_video,
+    make_video_with_unknown_sound,
+    number_of,
+    numbered,
+    sound_packets,
+    tone_starts_s,
+    unchanged,
+)
+
+
+def test_part_with_synchronous_sound(tmp_path):
+    path = make_video(tmp_path / "drive.mp4", 100, sound="aac")
+    assert tone_starts_s(path) == pytest.approx(2.0, abs=0.05)
+    target = tmp_path / "out.mp4"
+    info = process_video(path, target, unchanged, start_s=1.2, end_s=3.2, progress=False)
+    assert (info.frames, info.duration_s) == (50, 2.0)
+    assert tone_starts_s(target) == pytest.approx(0.8, abs=0.05)
+    with av.open(str(target)) as container:
+        sound = container.streams.audio[0]
+        assert float(sound.duration * sound.time_base) == pytest.approx(2.0, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "codec", "audio"),
+    [
+        ("ts", "aac", {}),
+        # A tick of this avi is a whole frame of MP3, longer than one of AAC.
+        ("avi", "libmp3lame", {"layout": "stereo", "rate": 44100}),
+        # AAC has no such sampling rate.
+        ("mov", "pcm_s16le", {"rate": 192_000}),
+    ],
+)
+def test_sound_of_other_containers(tmp_path, suffix, codec, audio):
+    path = make_video(tmp_path / f"drive.{suffix}", 40, sound=codec, **audio)
+    info = process_video(path, tmp_path / "out.mp4", unchanged, progress=False)
+    assert info.has_audio
+    # avi begins with the sound, some frames before the picture
+    with av.open(str(path)) as container:
+        first_s = next(container.decode(video=0)).time
+    assert tone_starts_s(tmp_path / "out.mp4") == pytest.approx(tone_starts_s(path) - first_s, abs=0.03)
+
+
+def test_sound_that_browsers_play_is_copied(video, tmp_path):
+    """Packets keep their bytes and times; re-encoding would change the bytes."""
+    process_video(video, tmp_path / "out.mp4", unchanged, progress=False)
+    before, after = sound_packets(video), sound_packets(tmp_path / "out.mp4")
+    # the encoder's packets before the first frame are left out
+    assert set(after) <= set(before)
+    assert len(after) >= len(before) - 2 > 80
+
+
+def test_variable_rate_with_sound(tmp_path):
+    """Frames are missing for a second: picture and sound stay synchronous."""
+    times_s = [*np.arange(10) / 25, *(1.4 + np.arange(20) / 25)]
+    path = tmp_path / "variable.mkv"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=25, options={"preset": "ultrafast"})
+        stream.width, stream.height, stream.pix_fmt = *SIZE, "yuv420p"
+        stream.codec_context.time_base = Fraction(1, 1000)
+        track = container.add_stream("aac", rate=48000, layout="mono")
+        for number, time_s in enumerate(times_s):
+            frame = av.VideoFrame.from_ndarray(numbered(number))
+            frame.pts, frame.time_base = round(1000 * time_s), Fraction(1, 1000)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+        add_tone(container, track, 2.2)
+    info = process_video(path, tmp_path / "out.mp4", lambda f: f, progress=False)
+    found = list(read_timed_frames(tmp_path / "out.mp4"))
+    assert info.frames == 30 and [number_of(f.image) for f in found] == list(range(30))
+    np.testing.assert_allclose([f.time_s for f in found], times_s, atol=1e-3)
+    assert tone_starts_s(tmp_path / "out.mp4") == pytest.approx(tone_starts_s(path), abs=1e-3)
+
+
+@pytest.mark.parametrize(("codec", "layout", "end_s"), [("aac", "mono", 2.8), ("mp2", "stereo", 1.6)])
+def test_appended_recording(tmp_path, codec, layout, end_s):
+    """The time stamps begin again. Sound with another number of channels is left out, its frames are not."""
+    path = make_video(tmp_path / "drive.ts", 40, sound=codec)
+    other = make_video(tmp_path / "other.ts", 30, sound=codec, layout=layout)
+    path.write_bytes(path.read_bytes() + other.read_bytes())
+    info = process_video(path, tmp_path / "out.mp4", unchanged, progress=False)
+    assert (info.frames, info.has_audio) == (70, True)
+    assert sound_packets(tmp_path / "out.mp4")[-1][0] == pytest.approx(end_s, abs=0.1)
+
+
+def test_sound_is_left_out_if_unknown_or_unwanted(video, tmp_path):
+    assert not process_video(video, tmp_path / "out.mp4", unchanged, sound=False, progress=False).has_audio
+    path = make_video_with_unknown_sound(tmp_path / "drive.avi", 10)
+    info = process_video(path, tmp_path / "out.mp4", unchanged, progress=False)
+    assert inspect_video(path).has_audio and (info.frames, info.has_audio) == (10, False)
