@@ -15,18 +15,19 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
+from classic.result import LaneResult
 
 import classic
 from benchmark.estimates import AHEAD_M, ALONG_M, LaneEstimate, road_points
 from benchmark.own_finder import Lines, OwnFinder, estimate_from_lines, finder_file, is_own_finder, load_finder
-from classic.finder import LaneFinder, LaneResult
+from classic.finder import LaneFinder
 from classic.recipe import POSE_SUFFIX, RECIPES, get_recipe, recipe_from_pose
 from lanes import camera, detect, stills, track
 from lanes.camera import Camera
 from lanes.detect.lane import Lane
 from lanes.detect.road import CENTRE, CURVATURE, HEADING, SIDES, WIDTH, line_points
 from lanes.stills import find_lane
-from lanes.track.tracker import LaneTracker
+from lanes.track.tracker import LaneTracker, TrackerSettings
 
 TRACKER, DETECTOR = "tracker", "detector"
 RECIPE_SYSTEMS = (*RECIPES, *(name + POSE_SUFFIX for name in RECIPES))
@@ -47,12 +48,14 @@ def source_files(system: str) -> tuple[Path, ...]:
     return (_CAMERA, _DETECT, _STILLS, _TRACK) if system in (TRACKER, DETECTOR) else (_CAMERA, _CLASSIC)
 
 
-def start_system(system: str | OwnFinder, camera: Camera, fps: float) -> tuple[Callable, Callable[..., LaneEstimate]]:
+def start_system(
+    system: str | OwnFinder, camera: Camera, fps: float, *, settings: TrackerSettings | None = None
+) -> tuple[Callable, Callable[..., LaneEstimate]]:
     """Start a system on a drive: a function of the next frame, and one that makes the estimate of what it returns.
 
     A frame is (height, width, 3) uint8 RGB with lens distortion. Only the first function counts in the time of a
-    system. `system` is a name of `SYSTEMS`, "file.py:function", or a finder itself (see `benchmark.own_finder`). Raises
-    ValueError if it is unknown.
+    system. `system` is a name of `SYSTEMS`, "file.py:function", or a finder itself (see `benchmark.own_finder`);
+    `settings` are those of the tracker. Raises ValueError if the system is unknown.
     """
     if callable(system):
         return lambda image: system(image, camera), estimate_from_lines
@@ -60,7 +63,7 @@ def start_system(system: str | OwnFinder, camera: Camera, fps: float) -> tuple[C
         return start_system(load_finder(system), camera, fps)
     require_system(system)
     if system == TRACKER:
-        return LaneTracker(camera, fps=fps).update, lane_estimate
+        return LaneTracker(camera, fps=fps, settings=settings).update, lane_estimate
     if system == DETECTOR:
         return lambda image: find_lane(image, camera), lane_estimate
     return _start_recipe(system, camera).follow, recipe_estimate
@@ -175,6 +178,7 @@ def recipe_columns(result: LaneResult, camera: Camera, rows: np.ndarray) -> np.n
         for line in (result.left_road, result.right_road)
     ]
     left_row, right_row = (
-        np.inf if points is None else np.nanmin(camera.distort_points(points)[:, 1]) - 1 for points in result.lines_px
+        np.inf if points is None else np.nanmin(camera.distort_points(points)[:, 1]) - 1
+        for points in (result.left_px, result.right_px)
     )
     return project_lines(lateral_m, camera, rows, top_rows=(left_row, right_row))
