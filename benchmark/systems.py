@@ -15,12 +15,11 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
-from classic.result import LaneResult
 
 import classic
 from benchmark.estimates import AHEAD_M, ALONG_M, LaneEstimate, road_points
 from benchmark.own_finder import Lines, OwnFinder, estimate_from_lines, finder_file, is_own_finder, load_finder
-from classic.finder import LaneFinder
+from classic.finder import LaneFinder, LaneResult
 from classic.recipe import POSE_SUFFIX, RECIPES, get_recipe, recipe_from_pose
 from lanes import camera, detect, stills, track
 from lanes.camera import Camera
