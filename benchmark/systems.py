@@ -177,7 +177,6 @@ def recipe_columns(result: LaneResult, camera: Camera, rows: np.ndarray) -> np.n
         for line in (result.left_road, result.right_road)
     ]
     left_row, right_row = (
-        np.inf if points is None else np.nanmin(camera.distort_points(points)[:, 1]) - 1
-        for points in (result.left_px, result.right_px)
+        np.inf if points is None else np.nanmin(camera.distort_points(points)[:, 1]) - 1 for points in result.lines_px
     )
     return project_lines(lateral_m, camera, rows, top_rows=(left_row, right_row))
