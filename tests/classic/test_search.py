@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from classic.fit import LineFit
 from classic.search import find_peaks, lane_histogram, search_band, sliding_windows
@@ -99,14 +97,3 @@ def test_band_takes_the_pixels_beside_the_known_line_only():
     narrow = search_band(binary, known, None, margin_px=3.1).left_pixels
     everything = np.argwhere(binary)[:, ::-1]
     assert narrow.tolist() == everything[np.abs(everything[:, 0] - slanted(everything[:, 1])) <= 3.1].tolist()
-
-
-@settings(max_examples=10)
-@given(st.integers(100, 500), st.integers(700, 1150), st.floats(-0.15, 0.15), st.integers(0, 2**31))
-def test_a_mirrored_binary_has_mirrored_lines(left, right, slope, seed):
-    binary = paint_view(SIZE, [lambda y: left + slope * y, lambda y: right - slope * y])
-    speckle = np.random.default_rng(seed).integers(0, [1280, 720], (500, 2))
-    binary[speckle[:, 1], speckle[:, 0]] = 255
-    seen, mirrored = sliding_windows(binary), sliding_windows(np.ascontiguousarray(binary[:, ::-1]))
-    for pixels, other in ((seen.left_pixels, mirrored.right_pixels), (seen.right_pixels, mirrored.left_pixels)):
-        assert {(1279 - u, v) for u, v in pixels.tolist()} == set(map(tuple, other.tolist()))

@@ -95,18 +95,12 @@ def test_a_view_up_to_the_horizon_has_no_scale():
         metres_per_pixel(WARP, CAMERA.with_pose(CameraPose(1.2, pitch_rad=-0.1)))
 
 
-def test_fixed_scales_count_from_the_bottom_and_the_middle():
-    points = np.array([[639.5, 719], [539.5, 719], [639.5, 0]])
-    road = scale_to_road(points, (0.01, 0.05), SIZE)
-    np.testing.assert_allclose(road, [[0, 0], [0, 1.0], [719 * 0.05, 0]], atol=1e-12)
-
-
 def test_fixed_scales_agree_with_the_road_on_a_true_map():
     warp = road_rectangle_warp()
     points = np.array([[300.0, 100.0], [900.0, 650.0]])
     exact = birdseye_to_road(points, warp, CAMERA)
     scaled = scale_to_road(points, metres_per_pixel(warp, CAMERA), SIZE)
-    # The map's bottom row lies 6 m ahead; the columns' middle is the road's x axis.
+    # The bottom row is 6 m ahead, and the centre of the columns is the x axis of the road.
     np.testing.assert_allclose(scaled + [6.0, 0], exact, atol=2e-3)
 
 
