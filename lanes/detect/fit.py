@@ -35,6 +35,8 @@ class FitSettings:
         *((far_m, 3.0) for far_m in (9.0, 11.0, 13.0, 16.0, 19.0, 23.0)),
         *((28.0, 2.0), (35.0, 2.0), (45.0, 2.0), (70.0, 1.0), (70.0, 1.0)),
     )
+    # Start hypotheses that are fitted to all stripes.
+    finalists: int = 3
     # Steps near a prediction.
     near: Schedule = ((70.0, 1.5), (70.0, 1.0))
     # Variance inflation of the tracker's fits: the errors of stripes in one frame are correlated (same paint and lens).
@@ -86,6 +88,12 @@ class Fit:
     stripes: Stripes
     view: BirdsEyeView
     settings: FitSettings
+
+    def only(self, index: int) -> Fit:
+        """The fit of one of the lanes, K = 1."""
+        lanes, information = self.lanes[[index]], self.information[[index]]
+        residuals = stripe_residuals(lanes, self.stripes, self.view.height_m)
+        return Fit(lanes, information, residuals, self.stripes, self.view, self.settings)
 
     @cached_property
     def covariance(self) -> np.ndarray:
@@ -176,21 +184,24 @@ def near_stripes(stripes: Stripes, settings: FitSettings = FIT) -> Stripes:
 def fit_starts(
     starts: np.ndarray, stripes: Stripes, view: BirdsEyeView, settings: FitSettings = FIT
 ) -> tuple[Fit, Fit]:
-    """Fit start hypotheses (K, 15) to the near stripes, and the best of them to all: both fits.
+    """Fit start hypotheses (K, 15) to the near stripes, and the best of them to all: both fits, the second of one lane.
 
-    The best lane has the largest sum of the square roots of its lines' marked rows; lanes that the car is not in come
+    The best lane has the largest sum of the square roots of its lines' supports; lanes that the car is not in come
     last. If it leaves many stripes nearby unexplained, it is also fitted as a road that undulates; that fit is taken if
     it explains more.
     """
-    near = fit_lanes(starts, near_stripes(stripes, settings), view, settings, schedule=settings.start)
-    score = np.sqrt((near.weight[:, None] * near.on_line).sum(-1)).sum(-1)
-    lane = near.lanes[[np.lexsort((-score, ~is_ego_lane(near.lanes)))[0]]]
-    fit = fit_lanes(lane, stripes, view, settings)
+    s = settings
+    near = fit_lanes(starts, near_stripes(stripes, s), view, s, schedule=s.start)
+    marked = np.sqrt((near.weight[:, None] * near.on_line).sum(-1)).sum(-1)
+    order = np.lexsort((-marked, ~is_ego_lane(near.lanes)))[: s.finalists]
+    fits = fit_lanes(near.lanes[order], stripes, view, s)
+    best = int(np.lexsort((-np.sqrt(fits.support).sum(1), ~is_ego_lane(fits.lanes)))[0])
+    fit = fits.only(best)
     if not fit.unexplained[0]:
         return near, fit
-    hills = settings.undulation_std_per_m
-    undulating = fit_lanes(fit.lanes, stripes, view, settings, schedule=settings.outwards, extra_vertical_per_m=hills)
-    return near, undulating if undulating.explained[0] > fit.explained[0] + settings.undulation_gain else fit
+    hills = s.undulation_std_per_m
+    undulating = fit_lanes(fit.lanes, stripes, view, s, schedule=s.outwards, extra_vertical_per_m=hills)
+    return near, undulating if undulating.explained[0] > fit.explained[0] + s.undulation_gain else fit
 
 
 def fit_lanes(

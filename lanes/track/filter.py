@@ -77,6 +77,11 @@ class FilterSettings:
     # Standard deviation of the pose's pitch and yaw: a quarter of a degree.
     rest_pitch_std_rad: float = 0.004
     camera_yaw_std_rad: float = 0.004
+    # A smaller speed than this, with a larger heading, on a smooth road: the filter explains a wrong yaw of the pose by
+    # a car that hardly moves. The yaw is then unknown, with this standard deviation, and the speed the usual one.
+    standing_mps: float = 9.0
+    standing_heading_rad: float = 0.02
+    wrong_yaw_std_rad: float = 0.05
     # Time constant with which the springs return the pitch to rest.
     pitch_relaxation_s: float = 0.3
     # Decay length of the rate, because transition curves end, and of a predicted rate step: its size and position are
@@ -288,10 +293,26 @@ def process_noise(state: State, elapsed_s: float, settings: FilterSettings = FIL
 
 def with_given_speed(state: State, speed_mps: float, settings: FilterSettings = FILTER) -> State:
     """The state with a speed from elsewhere (clock, speedometer), whose error has nothing to do with the rest."""
+    return _with_independent(state, speed_mps, {SPEED: settings.given_speed_std_mps})
+
+
+def without_wrong_yaw(state: State, settings: FilterSettings = FILTER) -> State:
+    """The state; with the usual speed and any yaw if a car on a smooth road seems to point away from it and to stand."""
+    points_away = abs(float(state.lane[HEADING])) > settings.standing_heading_rad
+    smooth = max_curvature(state.lane) < settings.smooth_curvature_per_m
+    if not (points_away and smooth and float(state.mean[SPEED]) < settings.standing_mps):
+        return state
+    stds = {SPEED: settings.usual_speed_std_mps, CAMERA_YAW: settings.wrong_yaw_std_rad}
+    return _with_independent(state, settings.usual_speed_mps, stds)
+
+
+def _with_independent(state: State, speed_mps: float, stds: dict[int, float]) -> State:
+    """The state with this speed; the variables in `stds` get these standard deviations and no covariances."""
     mean, covariance = state.mean.copy(), state.covariance.copy()
     mean[SPEED] = speed_mps
-    covariance[SPEED, :] = covariance[:, SPEED] = 0.0
-    covariance[SPEED, SPEED] = settings.given_speed_std_mps**2
+    for index, std in stds.items():
+        covariance[index, :] = covariance[:, index] = 0.0
+        covariance[index, index] = std**2
     return State(mean, covariance)
 
 

@@ -36,6 +36,7 @@ from lanes.track.filter import (
     to_adjacent_lane,
     update,
     with_given_speed,
+    without_wrong_yaw,
 )
 from lanes.track.static_pattern import StaticPattern
 
@@ -215,6 +216,8 @@ class LaneTracker:
             predicted = with_given_speed(predicted, self.speed_mps, s.filter)
         fit = measure(evidence.stripes, predicted, evidence.view, s.filter, s.detector.fit)
         estimate = update(predicted, fit.lanes[0], fit.covariance[0], s.filter)
+        if self.speed_mps is None:
+            estimate = without_wrong_yaw(estimate, s.filter)
         lines = self._observe(fit, evidence, last, float(estimate.mean[SPEED]) * elapsed_s)
         seen = sum(line.support for line in lines) >= s.min_total_support
         self._estimate, lines = self._to_ego_lane(estimate, lines)
