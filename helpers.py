@@ -68,7 +68,7 @@ from lanes.detect.paint import marking_response, find_stripes
 
 # 11 One model
 from lanes.stills import find_lane
-from lanes.draw import draw_found
+from lanes.draw import draw_lane as draw_found
 
 # 12 Memory
 from lanes.detect.confidence import CONFIDENCE, FEATURES, lane_features, rate_lane

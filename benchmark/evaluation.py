@@ -19,6 +19,7 @@ from lanes.camera import Camera, load_camera
 from lanes.errors import PoseError
 from lanes.files import read_telemetry
 from lanes.pose import estimate_pose
+from lanes.track.tracker import TrackerSettings
 from lanes.video.reader import inspect_video, read_video
 
 
@@ -45,12 +46,20 @@ def prepare_drive(drive: BenchmarkDrive, *, estimated_pose: bool = False) -> Pre
 
 
 def run_system(
-    prepared: PreparedDrive, system: str | OwnFinder, *, end_s: float | None = None, every: int = 1
+    prepared: PreparedDrive,
+    system: str | OwnFinder,
+    *,
+    end_s: float | None = None,
+    every: int = 1,
+    settings: TrackerSettings | None = None,
 ) -> DriveEstimates:
-    """Estimates of a system for each `every`-th frame of a drive before `end_s`; no lane without a pose."""
+    """Estimates of a system for each `every`-th frame of a drive before `end_s`; no lane without a pose.
+
+    `settings` are those of the tracker.
+    """
     video = prepared.drive.require_video()
     if prepared.camera:
-        find, to_estimate = start_system(system, prepared.camera, inspect_video(video).fps / every)
+        find, to_estimate = start_system(system, prepared.camera, inspect_video(video).fps / every, settings=settings)
     else:
         find, to_estimate = (lambda image: None), (lambda nothing: LaneEstimate())
     estimates, time_ms = [], []

@@ -26,7 +26,7 @@ from lanes.camera import Camera
 from lanes.detect.lane import Lane
 from lanes.detect.road import CENTRE, CURVATURE, HEADING, SIDES, WIDTH, line_points
 from lanes.stills import find_lane
-from lanes.track.tracker import LaneTracker, TrackedLane
+from lanes.track.tracker import LaneTracker, TrackerSettings
 
 TRACKER, DETECTOR = "tracker", "detector"
 RECIPE_SYSTEMS = (*RECIPES, *(name + POSE_SUFFIX for name in RECIPES))
@@ -47,12 +47,14 @@ def source_files(system: str) -> tuple[Path, ...]:
     return (_CAMERA, _DETECT, _STILLS, _TRACK) if system in (TRACKER, DETECTOR) else (_CAMERA, _CLASSIC)
 
 
-def start_system(system: str | OwnFinder, camera: Camera, fps: float) -> tuple[Callable, Callable[..., LaneEstimate]]:
+def start_system(
+    system: str | OwnFinder, camera: Camera, fps: float, *, settings: TrackerSettings | None = None
+) -> tuple[Callable, Callable[..., LaneEstimate]]:
     """Start a system on a drive: a function of the next frame, and one that makes the estimate of what it returns.
 
     A frame is (height, width, 3) uint8 RGB with lens distortion. Only the first function counts in the time of a
-    system. `system` is a name of `SYSTEMS`, "file.py:function", or a finder itself (see `benchmark.own_finder`). Raises
-    ValueError if it is unknown.
+    system. `system` is a name of `SYSTEMS`, "file.py:function", or a finder itself (see `benchmark.own_finder`);
+    `settings` are those of the tracker. Raises ValueError if the system is unknown.
     """
     if callable(system):
         return lambda image: system(image, camera), estimate_from_lines
@@ -60,9 +62,9 @@ def start_system(system: str | OwnFinder, camera: Camera, fps: float) -> tuple[C
         return start_system(load_finder(system), camera, fps)
     require_system(system)
     if system == TRACKER:
-        return LaneTracker(camera, fps=fps).update, tracker_estimate
+        return LaneTracker(camera, fps=fps, settings=settings).update, lane_estimate
     if system == DETECTOR:
-        return lambda image: TrackedLane.from_still(find_lane(image, camera)), tracker_estimate
+        return lambda image: find_lane(image, camera), lane_estimate
     return _start_recipe(system, camera).follow, recipe_estimate
 
 
@@ -80,7 +82,7 @@ def column_detector(system: str, camera: Camera) -> Callable[[np.ndarray, np.nda
 
         def detect(image: np.ndarray, rows: np.ndarray) -> np.ndarray:
             lane = find_lane(image, camera)
-            return np.full((2, len(rows)), -2.0) if lane is None else lane.pixels(camera, rows)
+            return np.full((2, len(rows)), -2.0) if lane is None else lane.columns(camera, rows)
 
         return detect
     finder = _start_recipe(system, camera)
@@ -102,9 +104,8 @@ def require_system(name: str) -> None:
         )
 
 
-def tracker_estimate(tracked: TrackedLane) -> LaneEstimate:
+def lane_estimate(lane: Lane | None) -> LaneEstimate:
     """The estimate of the tracker or the detector for a frame."""
-    lane = tracked.lane
     if lane is None:
         return LaneEstimate()
     return LaneEstimate(
@@ -112,7 +113,7 @@ def tracker_estimate(tracked: TrackedLane) -> LaneEstimate:
         lane.offset_m,
         lane.heading_rad,
         lane.curvature_per_m,
-        tracked.confidence,
+        lane.confidence,
         lane.width_m,
         lane_covariance(lane),
         lane.lateral_m(AHEAD_M),

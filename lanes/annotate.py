@@ -18,7 +18,9 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.draw import STYLES
+from lanes.detect.lane import LOST, Lane, telemetry_row
+from lanes.detect.paint import FrameEvidence
+from lanes.draw import draw_lane
 from lanes.errors import CameraError, LaneError, PictureError, PoseError, VideoError
 from lanes.field_of_view import FieldOfView, find_field_of_view
 from lanes.files import TelemetryWriter, exclusive_writer
@@ -29,7 +31,7 @@ from lanes.report.page import write_report
 from lanes.sources import Sources, find_sources, require_distinct_outputs, sample_images
 from lanes.stills import StillDetection, detect_still
 from lanes.track.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
-from lanes.track.tracker import LOST, LaneTracker, TrackedLane
+from lanes.track.tracker import LaneTracker
 from lanes.video.process import count_missing, progress_bar, read_ahead, write_behind
 from lanes.video.reader import TimedFrame, VideoInfo, inspect_video, read_timed_frames
 from lanes.video.writer import VideoWriter
@@ -169,9 +171,10 @@ def annotate_sources(sources: Sources, settings: DriveSettings) -> Iterator[Anno
 
 @dataclass(frozen=True, eq=False)
 class TrackedFrame(TimedFrame):
-    """A frame of a drive, and the time that the tracker took for it."""
+    """A frame of a drive, the time that the tracker took for it, and what the tracker saw in it."""
 
     latency_ms: float
+    evidence: FrameEvidence | None
 
 
 def track(
@@ -183,8 +186,8 @@ def track(
     end_s: float | None = None,
     progress: bool = False,
     info: VideoInfo | None = None,
-) -> Generator[tuple[TrackedFrame, TrackedLane]]:
-    """Track the lane through a video; yields each frame with its lane.
+) -> Generator[tuple[TrackedFrame, Lane | None]]:
+    """Track the lane through a video; yields each frame with its lane, None where it is lost.
 
     >>> for frame, lane in lanes.track("drive.mp4", camera):  # doctest: +SKIP
     ...     print(frame.time_s, lane)
@@ -223,14 +226,14 @@ def track(
             bar.update()
 
 
-def track_frames(frames: Iterable[TimedFrame], tracker: LaneTracker) -> Iterator[tuple[TrackedFrame, TrackedLane]]:
+def track_frames(frames: Iterable[TimedFrame], tracker: LaneTracker) -> Iterator[tuple[TrackedFrame, Lane | None]]:
     """Each frame with its lane. The tracker gets the time between frames: rates vary, and frames may be missing."""
     last_s: float | None = None
     for frame in frames:
         began_s = time.perf_counter()
         lane = tracker.update(frame.image, elapsed_s=None if last_s is None else frame.time_s - last_s)
         latency_ms, last_s = 1e3 * (time.perf_counter() - began_s), frame.time_s
-        yield TrackedFrame(frame.number, frame.time_s, frame.image, latency_ms), lane
+        yield TrackedFrame(frame.number, frame.time_s, frame.image, latency_ms, tracker.evidence), lane
 
 
 def prepare_drive(video: Path, settings: DriveSettings) -> tuple[VideoInfo, Camera, PoseEstimate | None]:
@@ -285,7 +288,7 @@ def _write_video(
     video: Path, target: Path, info: VideoInfo, camera: Camera, settings: DriveSettings, table: TelemetryWriter
 ) -> bool:
     """Write the annotated video, and its rows to the table; returns whether it has a sound track."""
-    draw, sound_from = STYLES[settings.style](camera), video if info.has_audio else None
+    sound_from = video if info.has_audio else None
     with (
         # Decoder, tracker and encoder already run in a thread each.
         opencv_threads(1),
@@ -294,8 +297,11 @@ def _write_video(
         write_behind(writer.encode) as encode,
     ):
         for frame, lane in frames:
-            encode(writer.convert(draw(frame.image, lane), frame.time_s))
-            row = {"frame": frame.number, "time_s": round(frame.time_s, 6), **_telemetry_row(lane)}
+            drawn = draw_lane(
+                frame.image, lane, camera, style=settings.style, evidence=frame.evidence, onto=frame.image
+            )
+            encode(writer.convert(drawn, frame.time_s))
+            row = {"frame": frame.number, "time_s": round(frame.time_s, 6), **telemetry_row(lane)}
             table.write(row | {"latency_ms": round(frame.latency_ms, 3)})
     return writer.written.has_audio
 
@@ -350,12 +356,12 @@ def annotate_stills(stills: Sequence[Path], settings: DriveSettings) -> Annotati
     with exclusive_writer(path), TelemetryWriter(path) as table:
         for still in chain([first], detected):
             detection = still.detection
-            lane = TrackedLane.from_still(detection.lane)
-            drawn = STYLES[settings.style](detection.camera)(still.image, lane, detection.evidence)
+            lane, camera = detection.lane, detection.camera
+            drawn = draw_lane(still.image, lane, camera, style=settings.style, evidence=detection.evidence)
             outputs.append(write_image(settings.output / still.path.name, drawn))
-            table.write({"frame": len(outputs) - 1, "picture": still.path.name, **_telemetry_row(lane)})
+            table.write({"frame": len(outputs) - 1, "picture": still.path.name, **telemetry_row(lane)})
             if settings.each and still.pose:
-                found = f"{lane.state} (confidence {lane.confidence:.2f})"
+                found = f"{lane.state} (confidence {lane.confidence:.2f})" if lane else LOST
                 lines.append(f"{still.path}: {found}; {still.pose.summary_line()}{settings.describe_lens(still.path)}")
     pose = None if settings.each else first.pose
     if pose:
@@ -433,10 +439,3 @@ def _detect(path: Path, image: np.ndarray, camera: Camera, pose: PoseEstimate | 
     began_s = time.perf_counter()
     detection = pose.still if pose and pose.still else detect_still(image, camera)
     return DetectedStill(path, image, detection, pose, 1e3 * (time.perf_counter() - began_s))
-
-
-def _telemetry_row(tracked: TrackedLane) -> dict[str, str | float | None]:
-    warning, row = tracked.warning, tracked.as_row()
-    for side, marking in zip(("left", "right"), tracked.marking_types, strict=True):
-        row |= {f"{side}_kind": marking.pattern, f"{side}_colour": marking.colour, f"{side}_double": marking.double}
-    return {**row, "departure": warning.side if warning and warning.due else None}

@@ -15,11 +15,12 @@ import numpy as np
 
 from lanes.annotate import DriveSettings, detect_stills, prepare_drive, track, track_frames
 from lanes.camera import Camera
+from lanes.detect.lane import LOST, Lane
 from lanes.errors import LaneError
 from lanes.files import write_atomically
 from lanes.images import read_image
 from lanes.pose import ensure_pose
-from lanes.track.tracker import LaneTracker, TrackedLane
+from lanes.track.tracker import LaneTracker
 from lanes.video.reader import TimedFrame
 
 NO_POINT = -2.0
@@ -74,20 +75,20 @@ def detect_in_stills(
         elif still.pose and still.pose is not said:
             said = still.pose
             say(said.describe())
-        lane, camera = TrackedLane.from_still(still.detection.lane), still.detection.camera
-        yield {"raw_file": str(still.path)} | as_detection(lane, camera, rows, still.run_time_ms)
+        lane = still.detection.lane
+        yield {"raw_file": str(still.path)} | as_detection(lane, still.detection.camera, rows, still.run_time_ms)
 
 
-def as_detection(found: TrackedLane, camera: Camera, rows: Sequence[int] | np.ndarray, run_time_ms: float) -> dict:
+def as_detection(lane: Lane | None, camera: Camera, rows: Sequence[int] | np.ndarray, run_time_ms: float) -> dict:
     """The detection in one image, without the file's name."""
-    lane, rows = found.lane, np.asarray(rows)
-    lanes = np.full((2, len(rows)), NO_POINT) if lane is None else lane.pixels(camera, rows)
+    rows = np.asarray(rows)
+    lanes = np.full((2, len(rows)), NO_POINT) if lane is None else lane.columns(camera, rows)
     return {
         "h_samples": rows.tolist(),
         "lanes": np.round(lanes, 1).tolist(),
         "run_time": round(run_time_ms, 2),
-        "state": found.state,
-        "confidence": round(found.confidence, 4),
+        "state": lane.state if lane else LOST,
+        "confidence": round(lane.confidence, 4) if lane else 0.0,
         "offset_m": lane and round(lane.offset_m, 4),
         "curvature_per_m": lane and round(lane.curvature_per_m, 7),
     }

@@ -9,14 +9,14 @@ import numpy as np
 from lanes.camera import Camera
 from lanes.describe import describe_bend
 from lanes.detect.confidence import CONFIDENCE, FEATURES, LIKELY_CONFIDENCE, feature_weights, lane_features
-from lanes.detect.fit import FIT, LaneFit, near_stripes
-from lanes.detect.lane import Lane
-from lanes.detect.paint import MARKINGS, FrameEvidence, lightness, strength_weight
-from lanes.detect.road import CENTRE, CURVATURE, PITCH, PRIOR_STD, SIDES, WIDTH, is_ego_lane, lateral_std_m
-from lanes.detect.search import RIVAL_M
+from lanes.detect.fit import FIT, near_stripes
+from lanes.detect.lane import LOST, Lane
+from lanes.detect.paint import PAINT, FrameEvidence, lightness, strength_weight
+from lanes.detect.road import CENTRE, CURVATURE, PITCH, SIDES, WIDTH, is_ego_lane, lateral_std_m
+from lanes.detect.search import Search
 from lanes.errors import CameraError
 from lanes.stills import StillDetection, detect_still
-from lanes.track.tracker import TRACKER, TrackedLane
+from lanes.track.tracker import TrackerSettings
 
 # Median grey levels (of 255) below and above which hardly any paint is visible, and the least range of grey levels of
 # a road with visible paint.
@@ -24,7 +24,12 @@ DARK, BRIGHT, FLAT = 20, 240, 8
 # Lanes with nothing between their lines have a larger share of stripes on them.
 USUAL_CLEAR_SHARE = 0.9
 # Pitch motion beyond three prior standard deviations is not caused by a bump.
-MAX_PITCH_RAD = 3 * PRIOR_STD[PITCH]
+MAX_PITCH_RAD = 3 * FIT.prior.std[PITCH]
+
+# Lanes whose centre or width differs by more than this are different lanes.
+OTHER_LANE_M = 0.5
+# The tracker starts with a lane of this score, `lanes.track.tracker.TrackerSettings.min_score`.
+MIN_SCORE = TrackerSettings.min_score
 
 RE_ESTIMATE_POSE = "Estimate the camera pose again from pictures of this drive (python -m lanes pose)."
 
@@ -69,7 +74,7 @@ def check_birdseye(evidence: FrameEvidence) -> Step:
 
 def check_markings(evidence: FrameEvidence) -> Step:
     """Check that the marking response is large enough anywhere."""
-    strength, minimum = evidence.response.strength[evidence.view.seen], MARKINGS.min_strength
+    strength, minimum = evidence.response.strength[evidence.view.seen], PAINT.min_strength
     best, share = strength.max(initial=0), (strength > minimum).mean()
     summary = f"strongest {best:.0f} x noise, {share:.1%} of the road above {minimum:g}"
     failure = "nothing is brighter or yellower than the road on both sides of it and as wide as a painted line."
@@ -100,9 +105,9 @@ def describe_votes(starts: np.ndarray) -> Step:
     return Step("votes", f"{len(starts)} lanes proposed, best: {width_m:.1f} m wide, {bend}")
 
 
-def check_fit(score: float, support: np.ndarray, *, seen: bool) -> Step:
+def check_fit(support: np.ndarray, *, seen: bool) -> Step:
     """Check that the best lane is seen after the fit; `support` (2,) is that of its two lines."""
-    summary = f"score {score:.2f}, paint on {support[0]:.0%} left, {support[1]:.0%} right"
+    summary = f"score {np.sqrt(support).sum():.2f}, paint on {support[0]:.0%} left, {support[1]:.0%} right"
     if seen:
         return Step("fit", summary)
     return Step(
@@ -118,13 +123,12 @@ def check_fit(score: float, support: np.ndarray, *, seen: bool) -> Step:
 
 def check_lane(lane: Lane) -> Step:
     """Check the confidence and the pitch motion of the lane found."""
-    confidence = TrackedLane.from_still(lane).confidence
-    summary = f"confidence {confidence:.0%}, margin over the next lane {lane.margin or 0:.2f}"
+    summary = f"confidence {lane.confidence:.0%}, score {lane.score:.2f}"
     if abs(lane.pitch_rad) >= MAX_PITCH_RAD:
         turned = f"{np.degrees(abs(lane.pitch_rad)):.1f} deg farther {'down' if lane.pitch_rad > 0 else 'up'}"
         failure = f"the camera seems to look {turned} than its pose says."
         return Step("lane", summary, failure, RE_ESTIMATE_POSE + " On a crest or a bump no action is needed.")
-    if confidence < LIKELY_CONFIDENCE:
+    if lane.confidence < LIKELY_CONFIDENCE:
         return Step("lane", summary, *_explain_low_confidence(lane))
     return Step("lane", summary)
 
@@ -132,10 +136,9 @@ def check_lane(lane: Lane) -> Step:
 def _explain_low_confidence(lane: Lane) -> tuple[str, str]:
     """Failure and advice for the most likely cause of a low confidence."""
     unseen = [name for name, line in (("left", lane.left), ("right", lane.right)) if not line.seen]
-    if lane.score < TRACKER.min_score:
+    if lane.score < MIN_SCORE:
         return (
-            f"hardly any paint supports the lane (score {lane.score:.2f}; "
-            f"the tracker starts from {TRACKER.min_score} on).",
+            f"hardly any paint supports the lane (score {lane.score:.2f}; the tracker starts from {MIN_SCORE} on).",
             "Check in the panels with the marking response and the stripes whether the road has lines here.",
         )
     if unseen:
@@ -207,14 +210,10 @@ def _is_the_cause(lane: Lane, *features: str) -> bool:
 class Candidate:
     """A lane that was fitted to the stripes.
 
-    `index` is its number in the fit, `model` (15,) as in `lanes.detect.road`; `support` (2,) is the share of rows
-    with paint, left and right; `reason` describes the lane, and says why it was rejected if it was.
+    `model` (15,) is as in `lanes.detect.road`; `reason` describes the lane, and says why it was rejected if it was.
     """
 
-    index: int
     model: np.ndarray
-    support: np.ndarray
-    score: float
     chosen: bool
     reason: str
 
@@ -252,11 +251,6 @@ class Explanation:
         return self.detection.lane if self.detection else None
 
     @property
-    def tracked(self) -> TrackedLane:
-        """The lane with its confidence, as for a still."""
-        return TrackedLane.from_still(self.lane)
-
-    @property
     def failed(self) -> Step | None:
         """The step that failed, or that gives a low confidence; None if no step failed."""
         return next((step for step in self.steps if step.failure), None)
@@ -266,10 +260,14 @@ class Explanation:
         """The camera without its distortion, for drawing on the undistorted picture."""
         return replace(self.camera, distortion=np.zeros(5))
 
+    def summary(self) -> dict[str, str]:
+        """The lane in words, by name."""
+        return self.lane.summary() if self.lane else {"state": LOST}
+
     def describe(self) -> str:
         """Text of several lines: steps, result, rejected lanes, failure and advice."""
         lines = [f"{step.name:<10} {step.summary}" for step in self.steps]
-        lines += [f"{name:<10} {words}" for name, words in self.tracked.summary().items()]
+        lines += [f"{name:<10} {words}" for name, words in self.summary().items()]
         lines += self.confidence_summary()
         lines += [f"rejected   {c.reason}" for c in self.candidates if not c.chosen]
         if self.failed:
@@ -290,7 +288,7 @@ class Explanation:
         return ["confidence, as log odds:", *lines, f"  total {sum(v * w for _, v, w in parts):+.2f}"]
 
     def __repr__(self) -> str:
-        return f"Explanation({self.tracked}, failed at {self.failed.name if self.failed else 'no step'})"
+        return f"Explanation({self.lane}, failed at {self.failed.name if self.failed else 'no step'})"
 
 
 def explain(
@@ -327,12 +325,12 @@ def explain(
         # Later steps are meaningless without the camera pose. The evidence is kept for the figure.
         return Explanation(image, camera, tuple(steps), StillDetection(evidence))
     steps += [check_birdseye(evidence), check_markings(evidence), check_stripes(evidence)]
-    if detection.fit is None or detection.starts is None:
+    if detection.search is None:
         return Explanation(image, camera, _up_to_failure(steps), detection)
-    candidates = _candidates(detection.fit, found=lane is not None)
+    candidates = _candidates(detection.search, found=lane is not None)
     steps += [
-        describe_votes(detection.starts),
-        check_fit(candidates[0].score, candidates[0].support, seen=lane is not None),
+        describe_votes(detection.search.starts.lanes),
+        check_fit(detection.search.fit.support[0], seen=lane is not None),
     ]
     if lane is not None:
         # A lane was found, so an earlier failure was not decisive.
@@ -345,30 +343,26 @@ def _up_to_failure(steps: list[Step]) -> tuple[Step, ...]:
     return tuple(steps[: failed + 1])
 
 
-def _candidates(fit: LaneFit, *, found: bool) -> tuple[Candidate, ...]:
-    """The fitted lanes with the reasons for their selection or rejection, best first, near duplicates removed."""
-    support, score = fit.support, fit.score
-    order = np.argsort(-score, kind="stable").tolist()
-    best, candidates = order[0], []
-    for n in order:
-        lane = fit.lane[n]
-        if n != best and np.abs(lane - fit.lane[best])[[CENTRE, WIDTH]].max() <= RIVAL_M:
-            continue
-        paint = f"paint {support[n, 0]:.0%} left, {support[n, 1]:.0%} right"
-        verdict = f"{paint}, score {score[n]:.2f}"
-        if n != best:
-            why = _why_rejected(lane, support[n], support[best])
-            verdict = f"{why} ({paint}), score {score[n]:.2f} against {score[best]:.2f}"
-        side = "left" if lane[CENTRE] > 0 else "right"
-        reason = f"{lane[WIDTH]:.1f} m wide, centre {abs(lane[CENTRE]):.1f} m {side}: {verdict}"
-        candidates.append(Candidate(n, lane, support[n], float(score[n]), found and n == best, reason))
+def _candidates(search: Search, *, found: bool) -> tuple[Candidate, ...]:
+    """The fitted lane, and the other start hypotheses after their fit to the near stripes, with what they lack."""
+    fit, near = search.fit, search.starts
+    chosen = fit.lanes[0]
+    candidates = [Candidate(chosen, found, f"{_describe_place(chosen)}: {_describe_paint(fit.support[0])}")]
+    share = near.marked_rows / max(int((fit.view.x_m < FIT.start[-1][0]).sum()), 1)
+    for lane, paint in zip(near.lanes, share, strict=True):
+        if np.abs(lane - chosen)[[CENTRE, WIDTH]].max() > OTHER_LANE_M:
+            why = "less paint near the car" if is_ego_lane(lane[None])[0] else "not the ego lane"
+            candidates.append(Candidate(lane, False, f"{_describe_place(lane)}: {why} ({_describe_paint(paint)})"))
     return tuple(candidates)
 
 
-def _why_rejected(lane: np.ndarray, support: np.ndarray, best_support: np.ndarray) -> str:
-    if not is_ego_lane(lane[None])[0]:
-        return "not the ego lane"
-    return "less paint" if np.sqrt(support).sum() < np.sqrt(best_support).sum() else "larger prior penalty"
+def _describe_place(lane: np.ndarray) -> str:
+    side = "left" if lane[CENTRE] > 0 else "right"
+    return f"{lane[WIDTH]:.1f} m wide, centre {abs(lane[CENTRE]):.1f} m {side}"
+
+
+def _describe_paint(support: np.ndarray) -> str:
+    return f"paint on {support[0]:.0%} left, {support[1]:.0%} right"
 
 
 def stripes_on_lines(explanation: Explanation) -> np.ndarray:
@@ -377,6 +371,6 @@ def stripes_on_lines(explanation: Explanation) -> np.ndarray:
     Stripes on the far lines of adjacent lanes are 0, although they take part in the fit.
     """
     detection = explanation.detection
-    if detection is None or detection.lane is None or detection.fit is None:
+    if detection is None or detection.lane is None or detection.search is None:
         return np.zeros(len(explanation.evidence.stripes) if explanation.evidence else 0)
-    return SIDES @ detection.fit.members[explanation.candidates[0].index]
+    return SIDES @ detection.search.fit.members[0]

@@ -18,8 +18,8 @@ from lanes.camera import Camera, undistort
 from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR, Colour
 from lanes.describe import describe_std
 from lanes.detect.road import CENTRE, CURVATURE, SIDES, WIDTH, lines_on_view
-from lanes.detect.votes import HYPOTHESES, VOTING
-from lanes.draw import draw_tracked
+from lanes.detect.votes import VOTES
+from lanes.draw import draw_lane
 from lanes.explain import Explanation, stripes_on_lines
 from lanes.files import write_atomically
 
@@ -132,8 +132,8 @@ def show_explanation(explanation: Explanation) -> tuple[Figure, np.ndarray]:
         Frame, camera pose, bird's-eye view, marking response, stripes, votes, fit, overlay and text.
     """
     said = defaultdict(lambda: "not reached", {step.name: step.summary for step in explanation.steps})
-    tracked, failed = explanation.tracked, explanation.failed
-    result = f"Result: {tracked.state}" + (f", confidence {tracked.confidence:.0%}" if tracked.lane else "")
+    lane, failed = explanation.lane, explanation.failed
+    result = f"Result: found, confidence {lane.confidence:.0%}" if lane else "Result: no lane"
     panels = {
         "picture": (f"Frame: {said['picture']}", _plot_frame),
         "pose": (f"Camera pose: {explanation.camera.require_pose().describe()}", _plot_pose),
@@ -207,22 +207,22 @@ def _plot_stripes(axis: Axes, explanation: Explanation) -> None:
     for which, colour, label in lines:
         mine = stripes.select(side == which)
         if len(mine):
-            size = np.clip(mine.strength, 3, 30)
+            size = 3 + 27 * mine.weight
             axis.scatter(mine.y_m, mine.x_m, s=size, color=rgb(colour), lw=0, label=f"{len(mine)} {label}")
             axis.legend(loc="upper right", fontsize=8)
 
 
 def _plot_votes(axis: Axes, explanation: Explanation) -> None:
     """Vote table: for each curvature and lateral position the votes of the best heading."""
-    votes = explanation.detection.votes if explanation.detection else None
-    if votes is None:
+    search = explanation.detection.search if explanation.detection else None
+    if search is None:
         _show_message(axis, "not reached")
         return
-    curvature = HYPOTHESES[:, 1]  # columns: heading, curvature, pitch
+    curvature = VOTES.hypotheses[:, 1]  # columns: heading, curvature, pitch
     bends = np.unique(curvature)
     # The search uses square roots of votes. They keep a dashed line visible next to a solid one.
-    table = np.sqrt([votes[curvature == bend].max(axis=0) for bend in bends])
-    half_m = VOTING.bins / 2 * VOTING.bin_m
+    table = np.sqrt([search.votes[curvature == bend].max(axis=0) for bend in bends])
+    half_m = VOTES.bins / 2 * VOTES.bin_m
     axis.imshow(table[:, ::-1], extent=(half_m, -half_m, len(bends) - 0.5, -0.5), aspect="auto", cmap="magma")
     shown = np.arange(1, len(bends), 3)
     axis.set_yticks(shown, [_radius(bends[n]) for n in shown], fontsize=8)
@@ -262,13 +262,13 @@ def _plot_fit(axis: Axes, explanation: Explanation) -> None:
 
 
 def _plot_result(axis: Axes, explanation: Explanation) -> None:
-    axis.imshow(draw_tracked(explanation.image, explanation.tracked, explanation.camera))
+    axis.imshow(draw_lane(explanation.image, explanation.lane, explanation.camera))
     axis.set_axis_off()
 
 
 def _plot_text(axis: Axes, explanation: Explanation) -> None:
     """Failure and advice, numbers of the lane, terms of the confidence, rejected lanes."""
-    results = [f"{name}: {words}" for name, words in explanation.tracked.summary().items()]
+    results = [f"{name}: {words}" for name, words in explanation.summary().items()]
     results += explanation.confidence_summary()
     results += [f"rejected: {c.reason}" for c in explanation.candidates if not c.chosen]
     failed = explanation.failed

@@ -18,15 +18,13 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.confidence import SURE_CONFIDENCE, log_odds, rate_lane
-from lanes.detect.fit import LaneFit, fit_starts, near_stripes
+from lanes.detect.confidence import SURE_CONFIDENCE, log_odds
 from lanes.detect.lane import Lane
 from lanes.detect.network import learned_evidence
 from lanes.detect.paint import FrameEvidence, extract_evidence
 from lanes.detect.road import lines_on_view
-from lanes.detect.search import choose_lane
+from lanes.detect.search import DETECTOR, DetectorSettings, Search, search_lane
 from lanes.detect.transverse_stripes import count_transverse_stripes
-from lanes.detect.votes import vote_lanes
 from lanes.errors import CameraError
 
 # A lane of the network replaces one of the band filter if the logarithm of its odds is larger by this; chosen on
@@ -54,16 +52,14 @@ class StillDetection:
     ----------
     evidence : FrameEvidence
         View, marking response and stripes, of the band filter or of the network.
-    votes, starts, fit : ndarray, ndarray, LaneFit
-        Of the search, as `vote_lanes` and `fit_starts` return them; None if there are no stripes near the car.
+    search : Search or None
+        Votes and fits; None without stripes near the car.
     lane : Lane or None
         None if no lane is seen.
     """
 
     evidence: FrameEvidence
-    votes: np.ndarray | None = None
-    starts: np.ndarray | None = None
-    fit: LaneFit | None = None
+    search: Search | None = None
     lane: Lane | None = None
 
     @property
@@ -72,7 +68,7 @@ class StillDetection:
         return self.evidence.view.camera
 
 
-def find_lane(image: np.ndarray, camera: Camera) -> Lane | None:
+def find_lane(image: np.ndarray, camera: Camera, settings: DetectorSettings = DETECTOR) -> Lane | None:
     """The ego lane in a single image; None if it is not seen.
 
     Parameters
@@ -89,20 +85,20 @@ def find_lane(image: np.ndarray, camera: Camera) -> Lane | None:
     CameraError
         If the camera has no pose, or sees no road.
     """
-    return detect_still(image, camera).lane
+    return detect_still(image, camera, settings).lane
 
 
-def detect_still(image: np.ndarray, camera: Camera) -> StillDetection:
+def detect_still(image: np.ndarray, camera: Camera, settings: DetectorSettings = DETECTOR) -> StillDetection:
     """What is found in a single image of a camera with a known pose; parameters and errors as for `find_lane`.
 
     The band filter finds the stripes. If its lane is not sure, the network finds them, too, and its lane is taken if it
     is clearly more probable, or if the band filter finds none.
     """
     view = _view_of(camera)
-    band = _search(extract_evidence(view.warp(image), view))
-    if band.lane is not None and rate_lane(band.lane) >= SURE_CONFIDENCE:
+    band = _search(extract_evidence(view.warp(image), view, settings.paint), settings)
+    if band.lane is not None and band.lane.confidence >= SURE_CONFIDENCE:
         return band
-    learned = _search(learned_evidence(image, band.evidence))
+    learned = _search(learned_evidence(image, band.evidence), settings)
     if learned.lane is None:
         return band
     better = band.lane is None or log_odds(learned.lane) > log_odds(band.lane) + CLEARLY_MORE_LOG_ODDS
@@ -136,7 +132,7 @@ def detect_with_own_pose(image: np.ndarray, camera: Camera, height_log_std: floa
     lanes = [detection.lane for detection in shown if detection.lane is not None]
     log_posterior = np.array([log_prior + log_odds(d.lane) for d, log_prior in tried if d.lane is not None])
     rows = _compared_rows(camera)
-    same = _same_lane(np.array([lane.pixels(d.camera, rows) for d, lane in zip(shown, lanes, strict=True)]), camera)
+    same = _same_lane(np.array([lane.columns(d.camera, rows) for d, lane in zip(shown, lanes, strict=True)]), camera)
     of_lane = np.flatnonzero(same[(same @ np.exp(log_posterior - log_posterior.max())).argmax()])
     best = of_lane[log_posterior[of_lane].argmax()]
     share = float(same[best].sum() / len(TRIED_STEPS))
@@ -163,18 +159,14 @@ def _search_with_network(image: np.ndarray, camera: Camera) -> StillDetection:
     return replace(found, lane=found.lane and replace(found.lane, same_lane_share=1.0))
 
 
-def _search(evidence: FrameEvidence) -> StillDetection:
+def _search(evidence: FrameEvidence, settings: DetectorSettings = DETECTOR) -> StillDetection:
     """The search for the ego lane in the evidence of a single image."""
-    view = evidence.view
-    if not len(near_stripes(evidence.stripes)):
-        return StillDetection(evidence)
-    votes, starts = vote_lanes(evidence.stripes, view)
-    fit = fit_starts(starts, evidence.stripes, view)
-    lane = choose_lane(fit, evidence)
-    if lane is not None:
-        lines_y_m = lines_on_view(lane.model[None], view.x_m, view.height_m)[0]
-        lane = replace(lane, transverse_stripes=count_transverse_stripes(evidence.view_image, view, lines_y_m))
-    return StillDetection(evidence, votes, starts, fit, lane)
+    view, search = evidence.view, search_lane(evidence, settings)
+    if search is None or search.lane is None:
+        return StillDetection(evidence, search)
+    lines_y_m = lines_on_view(search.lane.model[None], view.x_m, view.height_m)[0]
+    transverse = count_transverse_stripes(evidence.view_image, view, lines_y_m)
+    return StillDetection(evidence, search, replace(search.lane, transverse_stripes=transverse))
 
 
 def _compared_rows(camera: Camera) -> np.ndarray:

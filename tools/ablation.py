@@ -1,205 +1,142 @@
-"""Ablation of the lane engine: accuracy and time with each mechanism switched off, one at a time.
+"""What each mechanism of the tracker is worth: the benchmark's scores with it switched off, a row of a table for each.
 
-    python -m tools.ablation [--scenes NAME,...] [--only NAME] [--labels labels.jsonl --camera camera.yaml]
+    python -m tools.ablation [--scenes NAME,...] [--seed 7] [--only NAME] [--workers N]
 
-The default scenes are the three committed videos; other scenes of the suite are rendered when they are missing. With
-labels, hand-labelled stills are scored, too. The result is a Markdown table. A mechanism is switched off by other
-parameters or another function, in every module of `lanes.detect` and `lanes.track` that uses it.
+A mechanism is switched off by other settings; everything else stays the same. The drives are variants of the scenes
+that nothing was tuned on (`--seed 7`); missing ones are rendered. A row shows the accuracy minus that of the tracker as
+it is, in points, with its 95 % interval (bootstrap over drives), the 95th percentile of the lateral error, NEES / 4 and
+the relative time.
 """
 
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
-from pathlib import Path
-from types import ModuleType
+from typing import Any
 
-import cv2
 import numpy as np
 
+from benchmark.bootstrap import frame_clusters, mean_interval
+from benchmark.consistency import NormalizedErrors, consistency, normalize_errors
 from benchmark.errors import FrameErrors, frame_errors
-from benchmark.estimates import DriveEstimates
 from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_system
-from benchmark.labels.stills import score_pictures
-from benchmark.labels.tusimple import LaneColumns, read_labels, summarize_lines
-from benchmark.scored_drive import COMMITTED, choose_drives, ensure_video
+from benchmark.scored_drive import BenchmarkDrive, choose_drives, ensure_video
 from benchmark.scores import score
-from benchmark.systems import TRACKER as SYSTEM
-from lanes.camera import Camera, load_camera
-from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.fit import FIT, LaneFit, fit_near
-from lanes.detect.paint import MARKINGS, Stripes, yellowness
-from lanes.detect.road import (
-    BEND,
-    BENDS_AT_NODES,
-    CURVATURE,
-    NODES_M,
-    PARAMETERS,
-    PRIOR,
-    RATE_STEPS,
-    bend_gradients,
-    height_and_grade,
-    max_curvature,
-)
-from lanes.detect.votes import best_pairs
-from lanes.images import read_image
-from lanes.track.filter import CAR_PARAMETERS, PROCESS_NOISE, UPDATE, KalmanState, update_lane
-from lanes.track.tracker import TRACKER
-
-# A parameter instance or function of `lanes.detect` and `lanes.track`, and what takes its place.
-Replacement = tuple[object, object]
+from benchmark.systems import TRACKER
+from lanes.console import positive_int, progress_line, whole_number
+from lanes.detect.fit import FIT
+from lanes.track.tracker import TrackerSettings
+from simulator.processes import run_all
+from simulator.rendering.video import VIDEO_FPS
 
 
 @dataclass(frozen=True)
-class Switch:
-    """A mechanism: its name, what it does, and the replacements that switch it off."""
+class Mechanism:
+    """A mechanism: its name, what it does, and the settings that switch it off, by their path in TrackerSettings."""
 
     name: str
     description: str
-    replacements: tuple[Replacement, ...]
+    off: dict[str, Any] = field(default_factory=dict)
+
+    def settings(self) -> TrackerSettings:
+        """The tracker's settings without the mechanism."""
+        settings = TrackerSettings()
+        for path, value in self.off.items():
+            settings = with_value(settings, path.split("."), value)
+        return settings
+
+
+def with_value(settings: Any, path: Sequence[str], value: object) -> Any:
+    """Nested settings with another value of the field at the end of a path."""
+    name, *rest = path
+    return replace(settings, **{name: with_value(getattr(settings, name), rest, value) if rest else value})
+
+
+NONE, NEVER = 1e-9, float("inf")
+# Mean, standard deviation and limit of a parameter of the road that stays 0.
+STAYS_0 = (0.0, NONE, NONE)
+PRIOR = "detector.fit.prior"
+ALL_ON = Mechanism("all on", "the tracker as it is")
+MECHANISMS = (
+    Mechanism("double lines", "second width of the band filter", {"detector.paint.double_m": 0.15}),
+    Mechanism("coarse columns", "columns averaged four at a time", {"detector.paint.coarse_columns": 1}),
+    Mechanism("directions", "weights fall with the angle residual", {"detector.paint.angle_std_rad": 1e6}),
+    Mechanism("five starts", "five start hypotheses, not one", {"detector.votes.lanes": 1}),
+    Mechanism("undulation fit", "a search also fits a road that undulates", {"detector.fit.undulation_gain": NEVER}),
+    Mechanism("small steps", "small steps of fits outwards", {"detector.fit.outwards": FIT.extend}),
+    Mechanism("bend limit", "a radius of 15 m at least, far ahead", {"detector.fit.max_bend_per_m": NEVER}),
+    Mechanism("variance inflation", "stripes of a frame are correlated", {"detector.fit.variance_inflation": 1.0}),
+    Mechanism("outward fits", "fits outwards after a poor fit", {"detector.fit.max_unexplained": NEVER}),
+    Mechanism("inflated covariance", "a second, freer fit outwards", {"filter.inflated_gain": NEVER}),
+    Mechanism(
+        "rate steps",
+        "three changes of the curvature rate",
+        {f"{PRIOR}.rate_step_per_m2": STAYS_0, f"{PRIOR}.rate_step_share": 0.0}
+        | {"filter.rate_step_per_m2_per_m": NONE, "filter.rate_step_share": 0.0}
+        | {"filter.inflated_rate_step_per_m2": 0.0},
+    ),
+    Mechanism(
+        "vertical profile",
+        "four vertical curvatures: crests and dips",
+        {f"{PRIOR}.vertical_per_m": STAYS_0, f"{PRIOR}.vertical_bend_share": 0.0, f"{PRIOR}.vertical_share": 0.0}
+        | {"filter.vertical_per_m": NONE, "filter.vertical_bend_share": 0.0, "filter.vertical_share": 0.0}
+        | {"filter.inflated_vertical_per_m": 0.0, "detector.fit.undulation_gain": NEVER},
+    ),
+    Mechanism(
+        "shares of the prior",
+        "deviations of the prior grow with the curvature",
+        {f"{PRIOR}.transition_m": NEVER}
+        | {f"{PRIOR}.{name}": 0.0 for name in ("curvature_share", "rate_step_share")}
+        | {f"{PRIOR}.{name}": 0.0 for name in ("vertical_bend_share", "vertical_share")},
+    ),
+    Mechanism(
+        "shares of the noise",
+        "process noise grows with the curvature",
+        {f"filter.{name}": 0.0 for name in ("path_share_per_s", "rate_square_share", "rate_step_share")}
+        | {f"filter.{name}": 0.0 for name in ("vertical_bend_share", "vertical_share")},
+    ),
+    Mechanism("periodic search", "searches while tracking", {"search_period_s": NEVER}),
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """Errors of the frames of each drive, and the accuracy on labelled stills (NaN without any)."""
+    """What the tracker got wrong in the frames of a drive; `normalized` is None in scenes without a lane."""
 
-    drives: list[FrameErrors]
-    stills_accuracy: float = float("nan")
-
-
-def no_yellowness(view_image: np.ndarray) -> np.ndarray:
-    """In place of `yellowness`: 0 everywhere."""
-    return np.zeros(view_image.shape[:2], np.int16)
+    errors: FrameErrors
+    normalized: NormalizedErrors | None
 
 
-def no_steps(along_m: np.ndarray) -> np.ndarray:
-    """In place of `bend_gradients`: rate steps have no effect and stay 0."""
-    gradients = bend_gradients(along_m)
-    gradients[:, np.isin(BEND, np.arange(PARAMETERS)[RATE_STEPS])] = 0
-    return gradients
-
-
-def flat_road(x_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """In place of `height_and_grade`: vertical curvature has no effect and stays 0."""
-    heights, grades = height_and_grade(x_m)
-    return np.zeros_like(heights), np.zeros_like(grades)
-
-
-def curvature_at_car(lane: np.ndarray) -> float:
-    """In place of `max_curvature`: that at the car."""
-    return abs(float(lane[CURVATURE]))
-
-
-def update_near(stripes: Stripes, estimate: KalmanState, view: BirdsEyeView, *, outwards: bool = True) -> LaneFit:
-    """In place of `update_lane`: only the fit near the prediction."""
-    return fit_near(stripes, estimate.lane, estimate.lane_covariance, view)
-
-
-def _parameters(name: str, description: str, instance: object, **changes: object) -> Switch:
-    return Switch(name, description, ((instance, replace(instance, **changes)),))
-
-
-_NO_SHARES = {"rate_step_share": 0.0, "vertical_bend_share": 0.0, "vertical_share": 0.0}
-_SMALL_PRIOR = {"curvature_share": 0.0, "transition_m": np.inf} | _NO_SHARES
-_SMALL_NOISE = {"path_share_per_s": 0.0, "rate_square_share": 0.0} | _NO_SHARES
-ALL_ON = Switch("all on", "the engine as it is", ())
-SWITCHES = (
-    Switch("yellowness", "second channel for yellow markings", ((yellowness, no_yellowness),)),
-    _parameters("double lines", "second width of the band filter", MARKINGS, double_m=MARKINGS.single_m),
-    _parameters("coarse columns", "directions from columns averaged four at a time", MARKINGS, coarse_columns=1),
-    _parameters("directions", "weights fall with the angle residual", MARKINGS, angle_std_rad=1e6),
-    Switch("five starts", "five start hypotheses, not one", ((best_pairs, partial(best_pairs, most=1)),)),
-    _parameters("three fits", "three start hypotheses are fitted to the end, not one", FIT, hypotheses=1),
-    _parameters("undulation fit", "a search also fits a road that undulates", FIT, undulation_gain=np.inf),
-    _parameters("small steps", "small steps of fits outwards", FIT, outwards=FIT.extend),
-    Switch("outward fits", "both fits outwards after a poor fit near the prediction", ((update_lane, update_near),)),
-    _parameters("inflated covariance", "second fit outwards, with inflated covariance", UPDATE, inflated_gain=np.inf),
-    _parameters("bend limit", "roads bend with a radius of 15 m at most, far ahead", FIT, max_bend_per_m=np.inf),
-    _parameters("model error", "standard deviation that grows with the distance", FIT, model_error_m=0.0),
-    _parameters("variance inflation", "correlated errors of the stripes of a frame", FIT, variance_inflation=1.0),
-    Switch(
-        "rate steps",
-        "three changes of the curvature rate",
-        ((bend_gradients, no_steps), (BENDS_AT_NODES, no_steps(NODES_M))),
-    ),
-    Switch("vertical profile", "four vertical curvatures: crests and dips", ((height_and_grade, flat_road),)),
-    _parameters("shares of the prior", "prior deviations grow with the curvature", PRIOR, **_SMALL_PRIOR),
-    _parameters("shares of the noise", "process noise grows with the curvature", PROCESS_NOISE, **_SMALL_NOISE),
-    Switch("bend ahead", "a bend ahead counts as if the car were in it", ((max_curvature, curvature_at_car),)),
-    _parameters("camera lever", "distance of the camera from the rear axle", CAR_PARAMETERS, lever_m=0.0),
-    _parameters(
-        "periodic search",
-        "searches while tracking",
-        TRACKER,
-        search_period_s=np.inf,
-        sure_search_period_s=np.inf,
-    ),
-)
-
-
-def importers(value: object) -> list[tuple[ModuleType, str]]:
-    """Modules of `lanes.detect` and `lanes.track` that hold an object, and its name there."""
-    modules = [module for name, module in sys.modules.items() if name.startswith(("lanes.detect", "lanes.track"))]
-    return [(module, name) for module in modules for name, own in vars(module).items() if own is value]
-
-
-@contextmanager
-def switched_off(switch: Switch) -> Iterator[None]:
-    """The engine without a mechanism, in the `with` block."""
-    patches = [(*place, old, new) for old, new in switch.replacements for place in importers(old)]
-    try:
-        for module, name, _, new in patches:
-            setattr(module, name, new)
-        yield
-    finally:
-        for module, name, old, _ in patches:
-            setattr(module, name, old)
-
-
-def measure(
-    switch: Switch,
-    drives: Sequence[PreparedDrive],
-    *,
-    labels: Sequence[LaneColumns] = (),
-    pictures: Sequence[np.ndarray] = (),
-    camera: Camera | None = None,
-    end_s: float | None = None,
-) -> Measurement:
-    """Errors without a mechanism.
-
-    Parameters
-    ----------
-    switch : Switch
-    drives : sequence of PreparedDrive
-        With their videos.
-    labels, pictures : sequence of LaneColumns, sequence of ndarray
-        Stills that `camera` took.
-    end_s : float, optional
-        Only the frames of each drive before this time.
-    """
-    with switched_off(switch):
-        estimates = [run_system(drive, SYSTEM, end_s=end_s) for drive in drives]
-        lines = score_pictures(labels, pictures, camera, [SYSTEM])[SYSTEM] if labels else []
-    errors = [_errors(drive, own) for drive, own in zip(drives, estimates, strict=True)]
-    return Measurement(errors, summarize_lines(lines)["accuracy"])
-
-
-def _errors(drive: PreparedDrive, estimates: DriveEstimates) -> FrameErrors:
+def measure(task: tuple[Mechanism, PreparedDrive], *, end_s: float | None = None) -> Measurement:
+    """The errors of the tracker without a mechanism on a drive, before the time `end_s`."""
+    mechanism, drive = task
+    estimates = run_system(drive, TRACKER, end_s=end_s, settings=mechanism.settings())
     truth = read_truth(drive.drive).select(slice(len(estimates.offset_m)))
-    return frame_errors(estimates, truth, drive.camera)
+    return Measurement(frame_errors(estimates, truth, drive.camera), normalize_errors(estimates, truth))
 
 
-def table_row(switch: Switch, result: Measurement, all_on: Measurement) -> str:
-    """A row of the Markdown table."""
-    row = score(result.drives)
-    stills = "" if np.isnan(result.stills_accuracy) else f"{result.stills_accuracy:.1%}"
-    time_ms, all_on_ms = (sum(float(np.sum(errors.time_ms)) for errors in own.drives) for own in (result, all_on))
-    numbers = f"{row['accuracy']:.1%} | {row['lateral_5_20m_p95_m']:.3f} m | {stills} | {time_ms / all_on_ms:.2f}"
-    return f"| {switch.name} | {switch.description} | {numbers} |"
+def table_row(mechanism: Mechanism, off: Sequence[Measurement], on: Sequence[Measurement]) -> str:
+    """A row of the Markdown table, from measurements of the same drives without and with a mechanism."""
+    correct_off, correct_on, exists = (
+        np.concatenate([getattr(one.errors, name) for one in some])
+        for some, name in ((off, "correct"), (on, "correct"), (on, "exists"))
+    )
+    gained = 100.0 * (correct_off.astype(int) - correct_on)[exists]
+    clusters = frame_clusters([len(one.errors.exists) for one in on], [VIDEO_FPS] * len(on))[exists]
+    low, high = mean_interval(gained, clusters)
+    change = f"{gained.mean():+.1f} ({low:+.1f} to {high:+.1f})" if mechanism.off else ""
+    row = score([one.errors for one in off])
+    nees = consistency(one.normalized for one in off if one.normalized)["nees_mean"]
+    time_off, time_on = (sum(np.sum(one.errors.time_ms) for one in some) for some in (off, on))
+    numbers = f"{row['accuracy']:.1%} | {change} | {row['lateral_5_20m_p95_m']:.3f} m | {nees:.2f}"
+    return f"| {mechanism.name} | {mechanism.description} | {numbers} | {time_off / time_on:.2f} |"
+
+
+def prepare(drive: BenchmarkDrive) -> PreparedDrive:
+    """The drive with its video and camera."""
+    return prepare_drive(ensure_video(drive, workers=1))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -207,13 +144,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scenes",
         type=lambda text: text.split(","),
-        default=list(COMMITTED),
+        default=[],
         metavar="NAME,...",
-        help="scenes of the suite, or videos with truth and camera (default: the committed videos)",
+        help="scenes of the suite, or videos with truth and camera (default: all scenes)",
     )
-    parser.add_argument("--only", choices=[s.name for s in SWITCHES], metavar="NAME", help="a single mechanism")
-    parser.add_argument("--labels", type=Path, metavar="JSONL", help="labelled stills in TuSimple's format")
-    parser.add_argument("--camera", type=Path, metavar="YAML", help="camera of the labelled stills, with pose")
+    parser.add_argument("--seed", type=whole_number, default=7, metavar="N", help="variant (default: %(default)s)")
+    parser.add_argument("--only", choices=[m.name for m in MECHANISMS], metavar="NAME", help="a single mechanism")
+    parser.add_argument("--workers", type=positive_int, default=1, metavar="N", help="processes (default: %(default)s)")
 
 
 def main() -> None:
@@ -221,23 +158,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_arguments(parser)
     options = parser.parse_args()
-    if bool(options.labels) != bool(options.camera):
-        parser.error("--labels and --camera belong together")
-    cv2.setNumThreads(1)
-    drives = [prepare_drive(ensure_video(drive)) for drive in choose_drives(options.scenes)]
-    run = partial(measure, drives=drives)
-    if options.labels:
-        labels, camera = read_labels(options.labels), load_camera(options.camera)
-        pictures = [read_image(options.labels.parent / label.name) for label in labels]
-        run = partial(run, labels=labels, pictures=pictures, camera=camera)
-    print(
-        "| switched off | what it does | accuracy | 95 % error, 5 to 20 m | stills | time |\n|---|---|---|---|---|---|"
-    )
-    all_on = run(ALL_ON)
-    print(table_row(ALL_ON, all_on, all_on), flush=True)
-    for switch in SWITCHES:
-        if options.only in (None, switch.name):
-            print(table_row(switch, run(switch), all_on), flush=True)
+    run = partial(run_all, workers=options.workers)
+    drives = run(prepare, choose_drives(options.scenes, seed=options.seed), progress=progress_line("scenes"))
+    print("| switched off | what it does | accuracy | off minus on, points | 95 % error | NEES / 4 | time |")
+    print("|---|---|---|---|---|---|---|")
+    all_on: list[Measurement] = []
+    for mechanism in (ALL_ON, *MECHANISMS):
+        if mechanism is ALL_ON or options.only in (None, mechanism.name):
+            off = run(measure, [(mechanism, drive) for drive in drives])
+            all_on = all_on or off
+            print(table_row(mechanism, off, all_on), flush=True)
 
 
 if __name__ == "__main__":

@@ -1,21 +1,14 @@
 """Fit the weights of `lanes.detect.confidence` by logistic regression on drives with known truth.
 
-    python -m tools.fit_confidence [VIDEO ...]   fits; prints the weights and their calibration
-    python -m tools.fit_confidence --check       prints the calibration of the present weights on other roads
+    python -m tools.fit_confidence           fits; prints the weights and their calibration
+    python -m tools.fit_confidence --check   prints the calibration of the present weights on other roads
 
-The drives are painted roads and scenes of the suite: the given VIDEOs (with .csv and .yaml next to them), or all of
-them. Missing scenes are rendered. It takes some minutes.
-
-On painted roads, paint, light, motion and pose errors are random. Hard cases are worn paint, lines missing for
-seconds, tar seams, bright cracks and kerbs along the lane, shadows, and black pictures. Some drives have a camera pose
-that is wrong by 2 to 4 degrees, or by a quarter of the height. The suite adds what paint on a plane cannot show:
-crests, hairpins, weather, traffic, and roads without a lane. Of each scene there are two variants, and stills are also
-detected in pictures that are half and 1.5 times as bright. Pictures without a road are added (rooms, maps, tiles), each
-shown to the tracker for a while. Calibration is measured by cross-validation: on scenes that
-were not part of the fit.
-
-The weights for lanes whose camera pose is estimated from the same picture are fitted on pictures of flat scenes that
-are taken with random cameras, and on pictures without a road. Correct means there: right in the picture.
+The drives are painted roads, on which paint, light, motion and pose errors are random, and the scenes of the suite,
+which add what paint on a plane cannot show: crests, hairpins, weather, traffic, and roads without a lane. Missing ones
+are rendered, which takes some minutes. Images without a road are added (rooms, maps, tiles).
+Calibration is measured by cross-validation: on scenes that were not part of the fit. The weights for lanes whose camera
+pose is estimated from the same image are fitted on images of flat scenes that are taken with random cameras, and on
+images without a road. Correct means there: right in the image.
 """
 
 from __future__ import annotations
@@ -31,17 +24,18 @@ from benchmark.bootstrap import mean_interval
 from benchmark.errors import LaneTruth, frame_errors
 from benchmark.estimates import AHEAD_M, DriveEstimates
 from benchmark.evaluation import read_truth
-from benchmark.scored_drive import BenchmarkDrive, choose_drives, drive_from_video
-from benchmark.systems import tracker_estimate
+from benchmark.scored_drive import BenchmarkDrive, drive_from_video
+from benchmark.systems import lane_estimate
 from lanes.camera import Camera, load_camera
 from lanes.detect.confidence import CONFIDENCE, CORRECT_WITHIN_M, FEATURES, lane_features
+from lanes.detect.lane import Lane
 from lanes.stills import find_lane
-from lanes.track.tracker import LaneTracker, TrackedLane
+from lanes.track.tracker import LaneTracker
 from lanes.video.reader import inspect_video, read_video
 from simulator.rendering.drive import Motion
 from simulator.road.geometry import RoadGeometry
 from simulator.road.truth import truth_row
-from simulator.scenes.suite import render_scene
+from simulator.scenes.suite import SUITE, render_scene
 from tests.support.not_roads import KINDS, not_a_road
 from tests.support.painted_drive import CAMERA, TAR, WORN_WHITE, WORN_YELLOW, PaintedDrive, Stripe
 from tests.support.painted_roads import DASH_M
@@ -214,46 +208,33 @@ def label_lanes(
 ) -> tuple[list, list]:
     """Samples (*features, correct, weight, `number`) of the lanes in the frames: tracked ones, and those in stills."""
     tracker = LaneTracker(camera, fps=fps)
-    tracked: list[TrackedLane] = []
-    stills: dict[float, list[TrackedLane]] = {brightness: [] for brightness in brightnesses}
+    tracked: list[Lane | None] = []
+    stills: dict[float, list[Lane | None]] = {brightness: [] for brightness in brightnesses}
     for frame, image in enumerate(frames):
         tracked.append(tracker.update(image))
         if frame % STILL_EVERY == 0:
             for brightness, lanes in stills.items():
-                picture = cv2.convertScaleAbs(image, alpha=brightness)
-                lanes.append(TrackedLane.from_still(find_lane(picture, camera)))
+                lanes.append(find_lane(cv2.convertScaleAbs(image, alpha=brightness), camera))
     other = weight * OTHER_BRIGHTNESS_WEIGHT
     some = truth.select(slice(0, len(tracked), STILL_EVERY))
     samples = [_label(lanes, some, weight if light == 1 else other, number) for light, lanes in stills.items()]
-    return _label(tracked, truth, weight, number, tracked=True), sum(samples, [])
+    return _label(tracked, truth, weight, number), sum(samples, [])
 
 
-def _label(
-    lanes: list[TrackedLane], truth: LaneTruth, weight: float, number: int, *, tracked: bool = False
-) -> list[list[float]]:
-    """Samples of the lanes in the frames of a truth; they are `tracked`, or detected in single pictures."""
-    estimates = DriveEstimates.from_frames([tracker_estimate(lane) for lane in lanes], [0.0] * len(lanes))
+def _label(lanes: list[Lane | None], truth: LaneTruth, weight: float, number: int) -> list[list[float]]:
+    """Samples of the lanes in the frames of a truth."""
+    estimates = DriveEstimates.from_frames([lane_estimate(lane) for lane in lanes], [0.0] * len(lanes))
     correct = (frame_errors(estimates, truth).full_rms_m <= CORRECT_WITHIN_M) & truth.exists
     rows = zip(lanes, correct, strict=True)
-    return [
-        [*lane_features(row.lane, tracked=tracked), label, weight, number]
-        for row, label in rows
-        if row.lane is not None
-    ]
+    return [[*lane_features(lane), right, weight, number] for lane, right in rows if lane is not None]
 
 
 def fit_logistic(
     features: np.ndarray, correct: np.ndarray, drive: np.ndarray, weight: np.ndarray | float = 1.0
 ) -> np.ndarray:
-    """Weights of a logistic regression by Newton's method, with an L2 penalty.
+    """Weights of a logistic regression of `correct` (lanes,) on features (lanes, F): Newton's method, L2 penalty.
 
-    Parameters
-    ----------
-    features : ndarray (lanes, features)
-    correct : ndarray (lanes,)
-        0 or 1.
-    drive : ndarray (lanes,)
-        Number of the lane's drive. All drives have the same sum of weights, before `weight` (lanes,) is applied.
+    All drives, whose numbers are `drive` (lanes,), have the same sum of weights, before `weight` (lanes,) is applied.
     """
     _, of, count = np.unique(drive, return_inverse=True, return_counts=True)
     sample_weight, weights = weight * EFFECTIVE_FRAMES / count[of], np.zeros(features.shape[1])
@@ -302,16 +283,13 @@ def print_calibration(name: str, confidence: np.ndarray, correct: np.ndarray, dr
 def main() -> None:
     """Collect samples, fit, print the calibration."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("videos", nargs="*", metavar="VIDEO", help="scene or video (default: the whole suite)")
     parser.add_argument("--check", action="store_true", help="only check the present weights, on other roads")
     options = parser.parse_args()
-    if options.check and options.videos:
-        parser.error("--check uses painted roads only; leave out the videos.")
     cv2.setNumThreads(1)
     if options.check:
         data = [samples_of_painted_drive(seed) for seed in range(1000, 1000 + DRIVES // 2)]
     else:
-        data = collect_samples(options.videos)
+        data = collect_samples()
     samples = {name: [row for one in data for row in one[part]] for part, name in enumerate(("track", "still"))}
     seeds = PHOTO_CHECK_SEEDS if options.check else PHOTO_SEEDS
     samples["own_pose"] = [row for seed in seeds for row in samples_of_photos(seed)]
@@ -332,16 +310,17 @@ def fit_weights(name: str, rows: np.ndarray, *, only_check: bool) -> None:
         print(name, dict(zip(FEATURES, np.round(weights, 2).tolist(), strict=True)))
 
 
-def collect_samples(videos: list[str]) -> list[tuple[list, list]]:
-    """Samples of the painted drives and of the suite, or of the given videos. Variants of a scene share a number."""
+def collect_samples() -> list[tuple[list, list]]:
+    """Samples of the painted drives and of the suite. Variants of a scene share a number."""
     data = [samples_of_painted_drive(seed) for seed in range(DRIVES)]
     wrong = range(WRONG_POSE_SEED, WRONG_POSE_SEED + WRONG_POSES)
     data += [samples_of_painted_drive(seed, pose_is_wrong=True) for seed in wrong]
     for number, kind in enumerate(KINDS):
         data += [samples_of_no_road(kind, seed, -1000 - number) for seed in range(NO_ROADS)]
-    for number, drive in enumerate(choose_drives(videos)):
-        files = [drive] if videos else [drive_from_video(render_scene(drive.name, seed=seed)) for seed in SEEDS]
-        data += [samples_of_video(replace(file, difficulty=drive.difficulty), -1 - number) for file in files]
+    for number, (name, scene) in enumerate(SUITE.items()):
+        for seed in SEEDS:
+            drive = drive_from_video(render_scene(name, seed=seed), difficulty=scene.difficulty)
+            data.append(samples_of_video(drive, -1 - number))
     return data
 
 

@@ -20,7 +20,6 @@ from lanes.detect.road import lines_on_view, parameter_gradients, propagated_std
 from lanes.images import read_image
 from lanes.pose import PoseEstimate, ensure_pose
 from lanes.stills import find_lane
-from lanes.track.tracker import TrackedLane
 
 COLUMNS = ("lines", "accuracy", "matched", "FP", "FN", "median error")
 # Distances at which lines are compared. Rows count whose distance on the road differs by less than this share.
@@ -154,7 +153,7 @@ def check_stills(
 
 def check_lane(lane: Lane, label: LaneColumns, camera: Camera) -> StillCheck:
     """The check of a lane that is detected in a single picture."""
-    columns = lane.pixels(camera, label.rows)
+    columns = lane.columns(camera, label.rows)
     error_m = np.array(
         [_lateral_errors(*pair, label.rows, camera) for pair in zip(columns, label.columns, strict=True)]
     )
@@ -165,7 +164,7 @@ def check_lane(lane: Lane, label: LaneColumns, camera: Camera) -> StillCheck:
     return StillCheck(
         error_m / np.hypot(row_std, label_std_m),
         int(other.sum()),
-        TrackedLane.from_still(lane).confidence,
+        lane.confidence,
         picture_is_right(label, LaneColumns(label.name, label.rows, columns), width_px=camera.width),
     )
 

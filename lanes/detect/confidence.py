@@ -9,11 +9,14 @@ lines are right in the picture. The probability is a logistic regression on a fe
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lanes.detect.lane import Lane
 from lanes.detect.road import lateral_std_m
+
+if TYPE_CHECKING:
+    from lanes.detect.lane import Lane
 
 CORRECT_WITHIN_M, CORRECT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
 # A lane with less confidence is called unlikely.
@@ -111,13 +114,13 @@ class ConfidenceModel:
 CONFIDENCE = ConfidenceModel()
 
 
-def lane_features(lane: Lane, *, tracked: bool = False) -> np.ndarray:
-    """The features (14,) of a lane, which is `tracked`, or detected in a single picture; in the order of `FEATURES`."""
-    c, far_m = CONFIDENCE, float(CORRECT_AT_M[-1])
-    near_std_m, std_m = (float(lateral_std_m(lane.assumed_covariance, x_m).max()) for x_m in (c.near_m, far_m))
+def lane_features(lane: Lane) -> np.ndarray:
+    """The features (14,) of a lane, in the order of `FEATURES`."""
+    c, far_m, tracked = CONFIDENCE, float(CORRECT_AT_M[-1]), lane.tracked
+    near_std_m, std_m = (float(lateral_std_m(lane.fit_covariance, x_m).max()) for x_m in (c.near_m, far_m))
     reach_m = min(lane.left.reach_m, lane.right.reach_m, c.max_reach_m)
     heading_rad = abs(lane.heading_rad) - c.heading_lag_m * abs(lane.curvature_per_m)
-    own_pose = lane.same_lane_share is not None and not tracked
+    own_pose = lane.same_lane_share is not None
     support = min(lane.left.support**0.5 + lane.right.support**0.5, c.max_support)
     usual_share = c.own_pose_usual_share if own_pose else c.usual_share
     return np.array(
@@ -130,7 +133,7 @@ def lane_features(lane: Lane, *, tracked: bool = False) -> np.ndarray:
             np.log((reach_m + CORRECT_AT_M[0]) / far_m) if own_pose else 0.0,
             0.0 if tracked else abs(lane.curvature_per_m) * far_m,
             support if own_pose else 0.0,
-            np.log(min(max(lane.explained_share, c.min_share) / usual_share, 1.0)),
+            np.log(min(max(lane.inlier_share, c.min_share) / usual_share, 1.0)),
             0.0 if tracked else np.log(lane.clear_share),
             0.0 if tracked else min(lane.transverse_stripes, c.max_transverse),
             _excess(heading_rad - c.usual_heading_rad),
@@ -145,18 +148,23 @@ def _excess(angle_rad: float) -> float:
     return min(max(angle_rad / CONFIDENCE.max_excess_rad, 0.0), 1.0)
 
 
-def feature_weights(lane: Lane, *, tracked: bool = False) -> tuple[float, ...]:
-    """Weights (14,) of the features of a lane, which is `tracked`, or detected in a single picture."""
-    if tracked:
+def feature_weights(lane: Lane) -> tuple[float, ...]:
+    """Weights (14,) of the features of a lane."""
+    if lane.tracked:
         return CONFIDENCE.track_weights
     return CONFIDENCE.still_weights if lane.same_lane_share is None else CONFIDENCE.own_pose_weights
 
 
-def log_odds(lane: Lane, *, tracked: bool = False) -> float:
-    """Logarithm of the odds that a lane is correct; `tracked`, or detected in a single picture."""
-    return float(np.dot(feature_weights(lane, tracked=tracked), lane_features(lane, tracked=tracked)))
+def log_odds(lane: Lane) -> float:
+    """Logarithm of the odds that a lane is correct."""
+    return float(np.dot(feature_weights(lane), lane_features(lane)))
 
 
-def rate_lane(lane: Lane, *, tracked: bool = False) -> float:
-    """Probability, 0 to 1, that a lane is correct; `tracked`, or detected in a single picture."""
-    return float(1 / (1 + np.exp(-log_odds(lane, tracked=tracked))))
+def rate_lane(lane: Lane) -> float:
+    """Probability, 0 to 1, that a lane is correct."""
+    return float(1 / (1 + np.exp(-log_odds(lane))))
+
+
+def error_variance_factor(lane: np.ndarray, *, tracked: bool) -> float:
+    """Variance of the errors of a lane (15,), relative to the variance that its fit or the filter assumes."""
+    return 1.0

@@ -1,16 +1,17 @@
-"""Result types: the observation of a line in a frame, one line, and the lane with its geometry, all in metres."""
+"""Results: the lane in one image or frame, and its two lines, in SI units."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lanes.camera import Camera
 from lanes.describe import describe_bend, describe_heading, describe_offset, describe_std, html_table
-from lanes.detect.fit import FIT
-from lanes.detect.line_type import MarkingProfile, MarkingVotes
+from lanes.detect.confidence import error_variance_factor, rate_lane
+from lanes.detect.line_type import MarkingProfile, TypeVotes
 from lanes.detect.road import (
     CENTRE,
     CURVATURE,
@@ -28,95 +29,158 @@ from lanes.detect.road import (
     road_height,
 )
 
-# Default arc lengths of an outline: from below the picture to the horizon.
+if TYPE_CHECKING:
+    from lanes.track.departure import Departure
+    from lanes.track.filter import CarMotion
+
+# States of a lane: detected in a single image; tracked, but not yet confirmed; tracked; predicted while not seen.
+FOUND, SEARCHING, TRACKING, COASTING = "found", "searching", "tracking", "coasting"
+# In the telemetry: no lane is known.
+LOST = "lost"
+# Default arc lengths of an outline: from below the image to the horizon.
 OUTLINE_M = np.geomspace(3.0, 400.0, 120)
 
 
 @dataclass(frozen=True)
-class LineObservation:
-    """Evidence for one line in a frame."""
+class LineEvidence:
+    """What is seen of one line; the tracker carries the profile and the votes on from frame to frame."""
 
     # Share of the line's visible rows, up to 50 m, that have markings on them: 0.3 is a good dashed line.
     support: float = 0.0
-    # Distance of its farthest stripe.
+    # Whether the support is large enough; otherwise the line is inferred from other lines and the usual lane width.
+    seen: bool = False
+    # Distance of the farthest stripe on it.
     reach_m: float = 0.0
-    # Latest cross-section of the marking.
-    profile: MarkingProfile | None = None
-    # Number of visible rows of the line; None if not counted yet.
+    # Number of visible rows; None if not counted yet.
     rows: int | None = None
-    # On the type of the marking.
-    votes: MarkingVotes = MarkingVotes()
+    # Latest cross-section of the marking, and the votes on its type.
+    profile: MarkingProfile | None = None
+    votes: TypeVotes = TypeVotes()
 
     @property
     def double_profile(self) -> MarkingProfile | None:
         """The profile of a double line; None if the line is single, by its profile or by the votes."""
-        return self.profile if self.profile and self.profile.double and self.votes.marking_type.double else None
-
-    def coast(self, distance_m: float, *, vote: bool) -> LineObservation:
-        """The observation after driving on without detection: no support, and the reach comes nearer.
-
-        `vote`: the latest profile votes again.
-        """
-        votes = self.votes.add_profile(self.profile) if vote else self.votes
-        return LineObservation(0.0, max(self.reach_m - distance_m, 0.0), self.profile, votes=votes)
-
-
-Observations = tuple[LineObservation, LineObservation]
+        return self.profile if self.profile and self.profile.double and self.votes.double else None
 
 
 @dataclass(frozen=True, eq=False)
-class LaneLine:
-    """One line of the lane: y(x) = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6 near the car, metres, x forward, y left.
+class Line:
+    """One line of a lane: where it runs, how certain that is, and what is seen of it.
 
-    Support, reach and profile are those of its `LineObservation`.
+    Attributes
+    ----------
+    side : float
+        +1 for the left line, -1 for the right one.
+    model, covariance : ndarray (15,), (15, 15)
+        Those of the lane.
+    evidence : LineEvidence
     """
 
-    c0_m: float
-    c1: float
-    c2_per_m: float
-    c3_per_m2: float
-    # Standard deviation of `c0_m`.
-    c0_std_m: float
-    support: float
-    reach_m: float
-    profile: MarkingProfile | None = None
+    side: float
+    model: np.ndarray
+    covariance: np.ndarray
+    evidence: LineEvidence
+
+    @property
+    def support(self) -> float:
+        """Share of the visible rows, up to 50 m, that have markings on them: 0.3 is a good dashed line."""
+        return self.evidence.support
 
     @property
     def seen(self) -> bool:
-        """False if the line was only inferred from other lines and the usual width of lanes."""
-        return self.support >= FIT.min_support
+        """False if the line is only inferred from other lines and the usual lane width."""
+        return self.evidence.seen
 
-    def y(self, x_m: float | np.ndarray) -> float | np.ndarray:
-        """Lateral position at distances x near the car, metres."""
-        return self.c0_m + x_m * (self.c1 + x_m * (self.c2_per_m / 2 + x_m * self.c3_per_m2 / 6))
+    @property
+    def reach_m(self) -> float:
+        """Distance of the farthest marking on the line, metres."""
+        return self.evidence.reach_m
 
-    def summary(self) -> str:
-        """Lateral position at the car, and the evidence for it."""
-        beside = f"{abs(self.c0_m):.2f} ± {describe_std(self.c0_std_m)} m {'left' if self.c0_m > 0 else 'right'}"
+    @property
+    def kind(self) -> str | None:
+        """ "solid" or "dashed"; None if not seen well enough."""
+        return self.evidence.votes.kind
+
+    @property
+    def double(self) -> bool | None:
+        """Whether the line has two stripes side by side; None if not seen well enough."""
+        return self.evidence.votes.double
+
+    @property
+    def colour(self) -> str | None:
+        """ "white" or "yellow"; None if not seen well enough."""
+        return self.evidence.votes.colour
+
+    @cached_property
+    def coefficients(self) -> tuple[float, float, float, float]:
+        """(c0, c1, c2, c3) of the Taylor series y = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6 at the car, metres."""
+        return line_coefficients(self.model, self.side)
+
+    @property
+    def offset_m(self) -> float:
+        """Lateral position beside the car, positive left."""
+        return self.coefficients[0]
+
+    @cached_property
+    def offset_std_m(self) -> float:
+        """Standard deviation of `offset_m`."""
+        return float(lateral_std_m(self.covariance, 0.0)[0 if self.side > 0 else 1])
+
+    def y(self, x_m: float | np.ndarray) -> np.ndarray:
+        """Lateral positions (...) at distances x (...) ahead, metres; NaN where the line has turned back."""
+        x = np.asarray(x_m, float)
+        return line_y(x.ravel(), self.model, self.side).reshape(x.shape)
+
+    def std_m(self, x_m: float | np.ndarray) -> np.ndarray:
+        """Standard deviations (...) of `y` at distances x (...) ahead, metres; NaN where the line has turned back."""
+        x = np.asarray(x_m, float)
+        return propagated_std(line_y_gradients(x.ravel(), self.model, self.side), self.covariance).reshape(x.shape)
+
+    def pixels(self, camera: Camera, *, along_m: np.ndarray = OUTLINE_M) -> np.ndarray:
+        """Raw pixels (N, 2) of the line at arc lengths `along_m`, ascending.
+
+        They end where the line turns back, dips behind a crest or leaves the lens; at least two points or none.
+        """
+        points = line_points(self.model, self.side, along_m)
+        points = np.column_stack([points, road_height(self.model, points[:, 0])])
+        pose = camera.require_pose()
+        pitched = camera.with_pose(replace(pose, pitch_rad=pose.pitch_rad + float(self.model[PITCH])))
+        return _visible_part(pitched.road_to_pixels(points))
+
+    def describe(self) -> str:
+        """Words: lateral position beside the car, type, and the evidence."""
+        side = "left" if self.offset_m > 0 else "right"
+        beside = f"{abs(self.offset_m):.2f} ± {describe_std(self.offset_std_m)} m {side}"
         if not self.seen:
             return f"{beside}, inferred from other lines"
-        return f"{beside}, paint on {min(self.support, 1):.0%} of its rows, up to {self.reach_m:.0f} m"
+        paint = f"paint on {min(self.support, 1):.0%} of its rows, up to {self.reach_m:.0f} m"
+        return ", ".join(filter(None, [beside, self.describe_type(), paint]))
+
+    def describe_type(self) -> str:
+        """Words such as "yellow double solid"; empty if not seen well enough."""
+        return " ".join(filter(None, [self.colour, "double" if self.double else None, self.kind]))
 
 
 @dataclass(frozen=True, eq=False)
 class Lane:
-    """The ego lane, in SI units.
+    """The ego lane in one image or frame, in SI units.
 
     Attributes
     ----------
+    state : str
+        "found": detected in a single image; "searching": tracked, not yet confirmed; "tracking"; "coasting": not seen
+        now and predicted from before, or seen again in only a few frames.
     model : ndarray (15,)
         Parameters as in `lanes.detect.road`, for the stripes next to the lane.
     centres : ndarray (15,)
         The same for the centres of double lines, which the tracker follows.
-    covariance : ndarray (15, 15)
-        Of the errors of the parameters, given the camera pose; see `lanes.detect.error_covariance`.
-    assumed_covariance : ndarray (15, 15)
-        The larger one of the noise that the fit assumes. A track starts with it.
-    observations : (LineObservation, LineObservation)
+    fit_covariance : ndarray (15, 15)
+        Covariance of the parameters for the noise that the fit or the filter assumes; see `covariance`.
+    evidence : (LineEvidence, LineEvidence)
         Of the left and the right line.
     score : float
-        Sum of the square roots of the lines' supports minus the penalty of the prior.
-    explained_share : float
+        Sum of the square roots of the lines' supports.
+    inlier_share : float
         Share of everything in view that looks like paint which the lines of this lane and of its neighbours explain.
     clear_share : float
         Of the stripes along the lane, on its lines and between them, the share on its lines; 1 of a tracked lane. Tiles
@@ -124,27 +188,46 @@ class Lane:
     transverse_stripes : int
         Painted stripes across the lane, up to 30 m ahead; 0 of a tracked lane. Tiles and bricks have several, few
         roads have more than one.
-    margin : float or None
-        Score minus that of the best lane elsewhere, which counts at least 0; None of a tracked lane.
     same_lane_share : float or None
-        If the camera pose was estimated from the same image: the share of the poses tried that show this lane, 0 to 1.
+        Share of the camera poses tried that show this lane, if the pose was estimated from the same image.
     camera_yaw_rad : float or None
-        Direction of the car's axis, seen from the camera as its pose says, positive left; None of a still. It is large
-        if the yaw of the pose is wrong.
+        Direction of the car's axis, seen from the camera as its pose says, positive left; None of a single image. It is
+        large if the yaw of the pose is wrong.
+    motion : CarMotion or None
+        Speed, path and course of the car; the speed is given, or estimated from the motion of the lane. None of a
+        single image.
+    departure : Departure or None
+        Time to line crossing; None of a single image.
     """
 
     model: np.ndarray
     centres: np.ndarray
-    covariance: np.ndarray
-    assumed_covariance: np.ndarray
-    observations: Observations
+    fit_covariance: np.ndarray
+    evidence: tuple[LineEvidence, LineEvidence]
     score: float
-    explained_share: float = 1.0
+    state: str = FOUND
+    inlier_share: float = 1.0
     clear_share: float = 1.0
     transverse_stripes: int = 0
-    margin: float | None = None
     same_lane_share: float | None = None
     camera_yaw_rad: float | None = None
+    motion: CarMotion | None = None
+    departure: Departure | None = field(default=None, repr=False)
+
+    @property
+    def tracked(self) -> bool:
+        """Whether the lane comes from a tracker, not from a single image."""
+        return self.state != FOUND
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """(15, 15) covariance of the errors of the parameters, given the camera pose."""
+        return error_variance_factor(self.model, tracked=self.tracked) * self.fit_covariance
+
+    @cached_property
+    def confidence(self) -> float:
+        """Probability, 0 to 1, that both lines are within 0.2 m of the true ones, 5 to 30 m ahead."""
+        return rate_lane(self)
 
     @property
     def offset_m(self) -> float:
@@ -200,83 +283,87 @@ class Lane:
         return float(np.sqrt(self.covariance[parameter, parameter]))
 
     @cached_property
-    def lines(self) -> tuple[LaneLine, LaneLine]:
+    def lines(self) -> tuple[Line, Line]:
         """The left and the right line."""
-        stds_m = lateral_std_m(self.covariance, 0.0).tolist()
-        left, right = (
-            LaneLine(*line_coefficients(self.model, side), std_m, line.support, line.reach_m, line.profile)
-            for side, std_m, line in zip(SIDES, stds_m, self.observations, strict=True)
-        )
+        left, right = (Line(side, self.model, self.covariance, e) for side, e in zip(SIDES, self.evidence, strict=True))
         return left, right
 
     @property
-    def left(self) -> LaneLine:
+    def left(self) -> Line:
         """The left line."""
         return self.lines[0]
 
     @property
-    def right(self) -> LaneLine:
+    def right(self) -> Line:
         """The right line."""
         return self.lines[1]
 
-    def summary(self) -> dict[str, str]:
-        """Offset, bend, heading, width and both lines in words, by name."""
-        return {
-            "offset": describe_offset(self.offset_m, self.offset_std_m),
-            "bend": f"{describe_bend(self.curvature_per_m)} "
-            f"({1e3 * self.curvature_per_m:.2f} ± {1e3 * self.curvature_std_per_m:.2f} per km)",
-            "heading": describe_heading(self.heading_rad),
-            "width": f"{self.width_m:.2f} ± {describe_std(self.width_std_m)} m",
-            "left line": self.left.summary(),
-            "right line": self.right.summary(),
-        }
-
-    def __repr__(self) -> str:
-        words = self.summary()
-        return f"Lane({words['offset']}, {describe_bend(self.curvature_per_m)}, {words['width']} wide)"
-
-    def _repr_html_(self) -> str:
-        return html_table("Lane", self.summary())
-
     def lateral_m(self, x_m: np.ndarray) -> np.ndarray:
-        """Lateral positions (2, N) of the left and right line at distances (N,), metres; as `line_y`."""
-        return np.array([self.line_y(x_m, side) for side in SIDES])
-
-    def line_y(self, x_m: np.ndarray, side: float) -> np.ndarray:
-        """Lateral position (N,) of the left (+1) or right (-1) line at distances (N,); NaN where it has turned back."""
-        return line_y(np.asarray(x_m, float), self.model, side)
+        """Lateral positions (2, N) of the left and right line at distances (N,), metres; as `Line.y`."""
+        return np.array([line.y(x_m) for line in self.lines])
 
     def lateral_std_m(self, x_m: np.ndarray) -> np.ndarray:
-        """Standard deviation (2, N) of `lateral_m` at distances (N,), metres; NaN where a line has turned back."""
-        gradients = np.array([line_y_gradients(np.asarray(x_m, float), self.model, side) for side in SIDES])
-        return propagated_std(gradients, self.covariance)
+        """Standard deviations (2, N) of `lateral_m`, metres."""
+        return np.array([line.std_m(x_m) for line in self.lines])
 
-    def outlines(self, camera: Camera, *, along_m: np.ndarray = OUTLINE_M) -> tuple[np.ndarray, np.ndarray]:
-        """Raw pixels (N, 2) of the left and of the right line at arc lengths `along_m`, ascending.
-
-        Each ends where the line turns back, dips behind a crest or leaves the lens. It has at least two points or none.
-        """
-        points = np.empty((len(SIDES), len(along_m), 3))
-        points[..., :2] = line_points(self.model, SIDES, along_m)
-        points[..., 2] = road_height(self.model, points[..., 0])
-        pose = camera.require_pose()
-        pose = replace(pose, pitch_rad=pose.pitch_rad + self.pitch_rad)
-        pixels = camera.with_pose(pose).road_to_pixels(points.reshape(-1, 3))
-        left, right = pixels.reshape(*points.shape[:2], 2)
-        return _visible_part(left), _visible_part(right)
-
-    def pixels(self, camera: Camera, rows: np.ndarray) -> np.ndarray:
-        """Columns (2, rows) of the left and the right line at picture rows; -2 where they do not pass."""
-        rows = np.asarray(rows, float)
+    def columns(self, camera: Camera, rows: np.ndarray) -> np.ndarray:
+        """Columns (2, rows) of the left and the right line at rows of the raw image; -2 where they do not pass."""
         columns = np.full((2, len(rows)), -2.0)
-        for k, outline in enumerate(self.outlines(camera)):
+        for k, line in enumerate(self.lines):
+            outline = line.pixels(camera)
             if len(outline):
                 columns[k] = np.interp(rows, outline[::-1, 1], outline[::-1, 0], left=-2, right=-2)
         return np.where((columns >= 0) & (columns <= camera.width - 1), columns, -2.0)
 
+    def summary(self) -> dict[str, str]:
+        """State, confidence, offset, bend, heading, width, lines, speed and warning in words, by name."""
+        per_km = f"{1e3 * self.curvature_per_m:.2f} ± {1e3 * self.curvature_std_per_m:.2f} per km"
+        words = {
+            "state": self.state,
+            "confidence": f"{self.confidence:.0%}",
+            "offset": describe_offset(self.offset_m, self.offset_std_m),
+            "bend": f"{describe_bend(self.curvature_per_m)} ({per_km})",
+            "heading": describe_heading(self.heading_rad),
+            "width": f"{self.width_m:.2f} ± {describe_std(self.width_std_m)} m",
+            "left line": self.left.describe(),
+            "right line": self.right.describe(),
+        }
+        if self.motion is not None:
+            words["speed"] = f"{3.6 * self.motion.speed_mps:.0f} km/h"
+        if self.departure and (warning := self.departure.describe()):
+            words["warning"] = warning
+        return words
+
+    def __repr__(self) -> str:
+        words = self.summary()
+        numbers = f"{words['offset']}, {describe_bend(self.curvature_per_m)}, {words['width']} wide"
+        return f"Lane({self.state}, confidence {self.confidence:.2f}, {numbers})"
+
+    def _repr_html_(self) -> str:
+        return html_table("Lane", self.summary())
+
+
+def telemetry_row(lane: Lane | None) -> dict[str, str | float | None]:
+    """Telemetry of a frame, by column name; None where the lane is lost."""
+    row: dict[str, str | float | None] = {
+        "state": LOST if lane is None else lane.state,
+        "confidence": 0.0 if lane is None else lane.confidence,
+    }
+    numbers = ("offset_m", "offset_std_m", "heading_rad", "curvature_per_m", "curvature_std_per_m")
+    for name in (*numbers, "width_m", "pitch_rad", "camera_yaw_rad"):
+        row["lane_width_m" if name == "width_m" else name] = None if lane is None else getattr(lane, name)
+    for k, side in enumerate(("left", "right")):
+        line = None if lane is None else lane.lines[k]
+        for order, name in enumerate(("c0_m", "c1", "c2_per_m", "c3_per_m2")):
+            row[f"{side}_{name}"] = None if line is None else line.coefficients[order]
+        for name in ("kind", "colour", "double"):
+            row[f"{side}_{name}"] = None if line is None else getattr(line, name)
+    row["departure"] = lane.departure.side if lane and lane.departure and lane.departure.due else None
+    return row
+
 
 def _visible_part(pixels: np.ndarray) -> np.ndarray:
-    """The points (N, 2) of a line, nearest first, while they rise in the picture; NaN at the beginning is left out."""
+    """The points (N, 2) of a line, nearest first, while they rise in the image; NaN at the beginning is left out."""
     pixels = pixels[int(np.isfinite(pixels[:, 0]).argmax()) :]
     # comparisons with NaN are False: a point outside the lens ends the line
     rises = pixels[1:, 1] < pixels[:-1, 1]

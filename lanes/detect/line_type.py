@@ -11,37 +11,33 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from operator import attrgetter
+from typing import TypeVar
 
 import cv2
 import numpy as np
 
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.paint import MARKINGS, MarkingResponse
+from lanes.detect.paint import PAINT, MarkingResponse
+
+T = TypeVar("T")
 
 # A painted stripe is 0.10 to 0.15 m wide; two of them with their gap are 0.25 m wide or more. So are white edge lines
 # of some motorways, but two stripes have a gap: the largest brightness in their middle, relative to that of the
 # stripes. Yellow lines of that width are double: no country paints single ones.
 STRIPE_M, DOUBLE_FROM_M, GAP_BELOW = 0.12, 0.23, 0.83
-
-
-@dataclass(frozen=True)
-class ProfileParameters:
-    """Sampling of cross-sections; tuned on the labelled Udacity stills."""
-
-    # Distance between samples, and the largest distance from the line.
-    step_m: float = 0.025
-    reach_m: float = 0.6
-    # Samples of the road next to the marking, at either end.
-    road_samples: int = 12
-    # Rows are taken up to this distance: beyond it the stripes of a double line merge in the picture.
-    far_m: float = 22.0
-    min_rows: int = 4
-    max_rows: int = 32
-
-
-PROFILE = ProfileParameters()
+# Cross-sections: distance between samples, and the largest distance from the line. Samples of the road next to the
+# marking, at either end.
+STEP_M, REACH_M = 0.025, 0.6
+ROAD_SAMPLES = 12
+# Rows up to this distance, beyond which the stripes of a double line merge in the image; fewest and most rows.
+PROFILE_FAR_M, MIN_ROWS, MAX_ROWS = 22.0, 4, 32
 # Sampled distances to the left of the line, at right angles.
-OFFSETS_M = np.arange(PROFILE.reach_m, -PROFILE.reach_m - PROFILE.step_m / 2, -PROFILE.step_m)
+OFFSETS_M = np.arange(REACH_M, -REACH_M - STEP_M / 2, -STEP_M)
+# Gaps between dashes are 3 m (UK, slow roads) to 12 m (Germany); holes from wear and shadows are mostly shorter. They
+# are looked for up to this distance, in at least this many rows with paint.
+MIN_DASH_GAP_M, DASH_FAR_M, MIN_DASH_ROWS = 2.7, 32.0, 6
+# Share of its weight that a vote keeps with each further vote: it is halved after 14 votes.
+VOTE_DECAY = 0.95
 
 
 @dataclass(frozen=True)
@@ -76,7 +72,7 @@ def marking_profile(response: MarkingResponse, view: BirdsEyeView, line_y_m: np.
     `line_y_m` (rows,) is the lateral position of the line on the view's grid in each row; NaN for rows to leave out.
     """
     channels = _straighten(response.channels, view, line_y_m)
-    if channels.shape[1] < PROFILE.min_rows:
+    if channels.shape[1] < MIN_ROWS:
         return None
     profiles = (_profile(values, yellow=yellow) for values, yellow in zip(channels, (False, True), strict=True))
     return max(filter(None, profiles), key=attrgetter("contrast"), default=None)
@@ -84,7 +80,7 @@ def marking_profile(response: MarkingResponse, view: BirdsEyeView, line_y_m: np.
 
 def _profile(values: np.ndarray, *, yellow: bool) -> MarkingProfile | None:
     """Cross-section of the marking in one straightened channel (rows, offsets)."""
-    road = PROFILE.road_samples
+    road = ROAD_SAMPLES
     inner = _cross_section(values)
     top = inner.max()
     if top <= 0:
@@ -93,22 +89,22 @@ def _profile(values: np.ndarray, *, yellow: bool) -> MarkingProfile | None:
     noise = (step[:, : road - 1].mean() + step[:, 1 - road :].mean()) / 2
     painted = np.flatnonzero(inner >= top / 2)
     first, last = OFFSETS_M[road:-road][painted[[0, -1]]]
-    width_m, gap = float(first - last + PROFILE.step_m), 1.0
+    width_m, gap = float(first - last + STEP_M), 1.0
     if width_m > DOUBLE_FROM_M and not yellow:
-        near = _cross_section(values[-max(len(values) // 3, PROFILE.min_rows) :])
+        near = _cross_section(values[-max(len(values) // 3, MIN_ROWS) :])
         gap = _gap(near[painted[0] : painted[-1] + 1])
     return MarkingProfile(
         width_m=width_m,
         centre_m=float(first + last) / 2,
         yellow=yellow,
-        contrast=float(top / (noise + MARKINGS.noise_floor)),
+        contrast=float(top / (noise + PAINT.noise_floor)),
         gap=gap,
     )
 
 
 def _cross_section(values: np.ndarray) -> np.ndarray:
     """Median over rows (rows, offsets), minus the brighter of the roads at both ends, without these ends."""
-    road = PROFILE.road_samples
+    road = ROAD_SAMPLES
     section = np.median(values, axis=0)
     return section[road:-road] - max(section[:road].mean(), section[-road:].mean())
 
@@ -123,14 +119,14 @@ def _gap(band: np.ndarray) -> float:
 
 
 def _straighten(channels: np.ndarray, view: BirdsEyeView, line_y_m: np.ndarray) -> np.ndarray:
-    """(2, at most `PROFILE.max_rows`, offsets) float32: both channels, resampled along a line at `OFFSETS_M`."""
-    most, least = view.y_m[0] - PROFILE.reach_m, view.y_m[-1] + PROFILE.reach_m
-    rows = np.flatnonzero((line_y_m < most) & (line_y_m > least) & (view.x_m < PROFILE.far_m))
+    """(2, at most `MAX_ROWS`, offsets) float32: both channels, resampled along a line at `OFFSETS_M`."""
+    most, least = view.y_m[0] - REACH_M, view.y_m[-1] + REACH_M
+    rows = np.flatnonzero((line_y_m < most) & (line_y_m > least) & (view.x_m < PROFILE_FAR_M))
     if len(rows) < 2:
         return np.empty((len(channels), 0, len(OFFSETS_M)), np.float32)
     # rows cut a slanted line at an angle: distances at right angles to it are longer along the row
     slant = np.hypot(1, np.gradient(line_y_m[rows], view.x_m[rows]))
-    chosen = slice(None, None, -(-len(rows) // PROFILE.max_rows))
+    chosen = slice(None, None, -(-len(rows) // MAX_ROWS))
     rows, slant = rows[chosen], slant[chosen]
     column = ((view.y_m[0] - line_y_m[rows, None] - slant[:, None] * OFFSETS_M) / view.cell_m).astype(np.float32)
     row = np.broadcast_to(np.arange(len(rows), dtype=np.float32)[:, None], column.shape).copy()
@@ -140,79 +136,55 @@ def _straighten(channels: np.ndarray, view: BirdsEyeView, line_y_m: np.ndarray) 
 
 
 @dataclass(frozen=True)
-class MarkingTypeParameters:
-    """Votes on the type of a marking; tuned on the rendered suite where no source is given."""
-
-    # Gaps between dashes are 3 m (UK, slow roads) to 12 m (Germany); holes from wear and shadows are mostly shorter.
-    min_dash_gap_m: float = 2.7
-    # Beyond this distance a gap has too few rows of the view.
-    far_m: float = 32.0
-    min_rows: int = 6
-    # Share of its weight that a vote keeps with each further vote: it is halved after 14 votes.
-    decay: float = 0.95
-    # Smallest sum of votes that decides.
-    min_votes: float = 0.5
-
-
-MARKING_TYPE = MarkingTypeParameters()
-
-
-@dataclass(frozen=True)
-class MarkingType:
-    """Type of a marking: "yellow" or "white", "dashed" or "solid", double or not; None where not seen well enough."""
-
-    colour: str | None = None
-    pattern: str | None = None
-    double: bool | None = None
-
-    def describe(self) -> str:
-        """Words: "yellow double solid"."""
-        return " ".join(filter(None, [self.colour, "double" if self.double else None, self.pattern])) or "unknown"
-
-
-@dataclass(frozen=True)
-class MarkingVotes:
+class TypeVotes:
     """Sums of the votes so far, each positive for yellow, dashed, double and negative for white, solid, single."""
 
     yellow: float = 0.0
     dashed: float = 0.0
-    double: float = 0.0
+    double_stripes: float = 0.0
 
-    def add_profile(self, profile: MarkingProfile | None) -> MarkingVotes:
+    @property
+    def colour(self) -> str | None:
+        """ "white" or "yellow"; None if not seen well enough."""
+        return _majority(self.yellow, "yellow", "white")
+
+    @property
+    def kind(self) -> str | None:
+        """ "solid" or "dashed"; None if not seen well enough."""
+        return _majority(self.dashed, "dashed", "solid")
+
+    @property
+    def double(self) -> bool | None:
+        """Two stripes side by side; None if not seen well enough."""
+        return _majority(self.double_stripes, True, False)
+
+    def add_profile(self, profile: MarkingProfile | None) -> TypeVotes:
         """Add a vote on colour and double from a cross-section, if there is one."""
         if profile is None:
             return self
-        yellow, double = _add(self.yellow, profile.yellow), _add(self.double, profile.double)
-        return replace(self, yellow=yellow, double=double)
+        yellow, double = _add(self.yellow, profile.yellow), _add(self.double_stripes, profile.double)
+        return replace(self, yellow=yellow, double_stripes=double)
 
-    def add_gaps(self, marked_m: np.ndarray) -> MarkingVotes:
-        """Add a vote on the pattern from a frame with stripes at these distances ahead (N,), sorted or not."""
+    def add_gaps(self, marked_m: np.ndarray) -> TypeVotes:
+        """Add a vote on the kind from a frame with stripes at these distances ahead (N,), sorted or not."""
         dashed = looks_dashed(marked_m)
         return self if dashed is None else replace(self, dashed=_add(self.dashed, dashed))
 
-    @property
-    def marking_type(self) -> MarkingType:
-        """The majority of the votes."""
-        return MarkingType(
-            _decide(self.yellow, "yellow", "white"),
-            _decide(self.dashed, "dashed", "solid"),
-            _decide(self.double, True, False),
-        )
-
 
 def _add(votes: float, yes: bool) -> float:
-    return MARKING_TYPE.decay * votes + (1 if yes else -1)
+    return VOTE_DECAY * votes + (1 if yes else -1)
+
+
+def _majority(votes: float, positive: T, negative: T) -> T | None:
+    """The winner of the votes; None if there is less than half a vote for it."""
+    return None if abs(votes) < 0.5 else positive if votes > 0 else negative
 
 
 def looks_dashed(marked_m: np.ndarray) -> bool | None:
     """Whether stripes at these distances (N,) have gaps like a dashed line's; None if there are too few."""
-    marked_m = np.sort(marked_m[marked_m < MARKING_TYPE.far_m])
+    marked_m = np.sort(marked_m[marked_m < DASH_FAR_M])
     gaps = marked_m[1:] - marked_m[:-1]
     # stripes at the same distance count once
-    if np.count_nonzero(gaps) < MARKING_TYPE.min_rows - 1:
+    if np.count_nonzero(gaps) < MIN_DASH_ROWS - 1:
         return None
-    return bool(gaps.max() > MARKING_TYPE.min_dash_gap_m)
-
-
-def _decide(votes: float, positive: object, negative: object):
-    return None if abs(votes) < MARKING_TYPE.min_votes else positive if votes > 0 else negative
+    return bool(gaps.max() > MIN_DASH_GAP_M)

@@ -18,7 +18,7 @@ import numpy as np
 
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.paint import (
-    MARKINGS,
+    PAINT,
     FrameEvidence,
     MarkingResponse,
     Stripes,
@@ -108,7 +108,7 @@ def network_strength(image: np.ndarray, view: BirdsEyeView) -> np.ndarray:
         network.setInput(inputs[None])
         # larger log odds are no more certain: rendered images are not real ones
         log_odds = np.minimum(network.forward()[0, 0], 6.0)
-    return cv2.copyTo(MARKINGS.half_weight_strength * np.exp(log_odds / 2), view.seen.view(np.uint8))
+    return cv2.copyTo(PAINT.half_weight_strength * np.exp(log_odds / 2), view.seen.view(np.uint8))
 
 
 @lru_cache(maxsize=1)
@@ -124,5 +124,5 @@ def place(stripes: Stripes, band_strength: np.ndarray, view: BirdsEyeView) -> St
     nearby = np.clip(column[:, None] + [0, -1, 1, -2, 2], 1, view.shape[1] - 2)
     peak = nearby[np.arange(len(nearby)), band_strength[stripes.row[:, None], nearby].argmax(axis=1)]
     y_m = view.y_m[0] - peak_position(band_strength, stripes.row, peak) * view.cell_m
-    clear = band_strength[stripes.row, peak] > MARKINGS.half_weight_strength
+    clear = band_strength[stripes.row, peak] > PAINT.half_weight_strength
     return replace(stripes, y_m=np.where(clear, y_m, stripes.y_m))

@@ -23,7 +23,7 @@ from lanes.detect.birdseye import BirdsEyeView
 
 
 @dataclass(frozen=True)
-class MarkingParameters:
+class PaintSettings:
     """Band filter, noise and stripe candidates; tuned on the labelled Udacity stills where no source is given."""
 
     # Painted widths of one stripe and of a double line taken as one; most countries paint 0.10 to 0.15 m.
@@ -33,10 +33,6 @@ class MarkingParameters:
     # compared with the strips that touch it.
     side_m: float = 0.15
     gap_m: float = 0.05
-    # The same for a double yellow line that crosses the rows at a slant in a hairpin, where pictures are also blurred.
-    # Applied to yellowness only: strips of light are as wide, but not as yellow.
-    slanted_m: float = 0.45
-    slanted_gap_m: float = 0.15
     # Window along a row, and rows, over which the noise is averaged.
     noise_window_m: float = 2.5
     noise_rows: int = 5
@@ -52,17 +48,14 @@ class MarkingParameters:
     coarse_columns: int = 4
     # Strength (times the local noise) at which a candidate has half the weight of a certain marking.
     half_weight_strength: float = 6.6
-    # Standard deviation of a direction: at this difference a candidate has a quarter of its weight.
+    # Standard deviation of a candidate's direction: at this difference it has a quarter of its weight.
     angle_std_rad: float = 0.1
-    # Lateral movement of a stripe from row to row, in columns, that doubles the standard deviation of its direction.
-    # At twice as many columns the direction carries almost no information.
-    blind_columns: float = 8.0
     # Standard deviation of a candidate's lateral position: worn paint nearby, one pixel far away.
     position_std_m: float = 0.04
     position_std_px: float = 1.0
 
 
-MARKINGS = MarkingParameters()
+PAINT = PaintSettings()
 # For windows this small a separable filter is faster than cv2.blur.
 MEAN_3, MEAN_5 = np.full(3, 1 / 3, np.float32), np.full(5, 1 / 5, np.float32)
 
@@ -72,7 +65,7 @@ class MarkingResponse:
     """How much each cell of a view looks like a painted stripe."""
 
     # (rows, columns) float32, at least 0: the largest filter response in units of the local noise; from the network of
-    # `learned_markings` the root of the odds of paint, on the same scale.
+    # `lanes.detect.network` the root of the odds of paint, on the same scale.
     strength: np.ndarray
     # (2, rows, columns) int: lightness and yellowness of the view, in grey levels.
     channels: np.ndarray
@@ -94,8 +87,11 @@ class Stripes:
     # Depth of the row in columns of the view. From row to row a stripe moves sideways by `step` times the tangent of
     # its direction.
     step: np.ndarray
-    # Marking response, as in `MarkingResponse`.
-    strength: np.ndarray
+    # Weight 0 to 1 as a road marking, from the strength of the response.
+    weight: np.ndarray
+    # Standard deviations of lateral position, metres, and direction.
+    std_m: np.ndarray
+    angle_std_rad: np.ndarray
 
     def __len__(self) -> int:
         return len(self.row)
@@ -107,7 +103,7 @@ class Stripes:
 
 @dataclass(frozen=True, eq=False)
 class FrameEvidence:
-    """What one picture shows in a view; `view_image` (rows, columns, 3), uint8, is its bird's-eye view."""
+    """What one image shows in a view; `view_image` (rows, columns, 3), uint8, is its bird's-eye view."""
 
     view: BirdsEyeView
     view_image: np.ndarray
@@ -115,10 +111,10 @@ class FrameEvidence:
     stripes: Stripes
 
 
-def extract_evidence(view_image: np.ndarray, view: BirdsEyeView) -> FrameEvidence:
-    """Marking response and stripe candidates of a picture (rows, columns, 3), uint8, of the view, from `view.warp`."""
-    response = marking_response(view_image, view)
-    return FrameEvidence(view, view_image, response, find_stripes(response, view))
+def extract_evidence(view_image: np.ndarray, view: BirdsEyeView, settings: PaintSettings = PAINT) -> FrameEvidence:
+    """Marking response and stripe candidates of an image (rows, columns, 3), uint8, of the view, from `view.warp`."""
+    response = marking_response(view_image, view, settings)
+    return FrameEvidence(view, view_image, response, find_stripes(response, view, settings))
 
 
 def lightness(view_image: np.ndarray) -> np.ndarray:
@@ -132,27 +128,21 @@ def yellowness(view_image: np.ndarray) -> np.ndarray:
     return cv2.subtract(cv2.min(red, green), blue, dtype=cv2.CV_16S)
 
 
-def marking_response(view_image: np.ndarray, view: BirdsEyeView) -> MarkingResponse:
-    """Response of the band filters to a picture (rows, columns, 3), uint8, of the view, from `view.warp`."""
-    m = MARKINGS
-    lengths_m = m.single_m, m.double_m, m.side_m, m.gap_m, m.noise_window_m, m.slanted_m, m.slanted_gap_m
-    single, double, side, gap, window, slanted, slanted_gap = (round(length / view.cell_m) | 1 for length in lengths_m)
-    pad, unit = slanted // 2 + slanted_gap + side + 1, lcm(single, double, side, slanted)
+def marking_response(view_image: np.ndarray, view: BirdsEyeView, settings: PaintSettings = PAINT) -> MarkingResponse:
+    """Response of the band filters to an image (rows, columns, 3), uint8, of the view, from `view.warp`."""
+    lengths_m = settings.single_m, settings.double_m, settings.side_m, settings.gap_m, settings.noise_window_m
+    single, double, side, gap, window = (round(length / view.cell_m) | 1 for length in lengths_m)
+    pad, unit = double // 2 + gap + side + 1, lcm(single, double, side)
     channels = _padded_channels(view_image, pad, unit)
     inside = (..., slice(pad, -pad))
     road = sums_around(channels, side) * (unit // side)
     road[..., :pad], road[..., -pad:] = road[..., pad, None], road[..., -pad - 1, None]
-    narrow, wide, broad = (
-        filter_band(sums_around(cells, n) * (unit // n), beside, [n // 2 + d + side // 2 + 1 for d in gaps])[inside]
-        for cells, beside, n, gaps in (
-            (channels, road, single, (0, gap)),
-            (channels, road, double, (gap,)),
-            (channels[1], road[1], slanted, (slanted_gap,)),
-        )
+    narrow, wide = (
+        filter_band(sums_around(channels, n) * (unit // n), road, [n // 2 + d + side // 2 + 1 for d in gaps])[inside]
+        for n, gaps in ((single, (0, gap)), (double, (gap,)))
     )
-    np.maximum(wide[1], broad, out=wide[1])
     steps = np.abs(channels[..., pad : 1 - pad] - channels[..., pad - 1 : -pad])
-    noise = local_noise(steps[..., :-1] + steps[..., 1:], window, view)
+    noise = local_noise(steps[..., :-1] + steps[..., 1:], window, view, settings)
     noise *= unit
     strength = np.maximum(np.maximum(*np.maximum(narrow, wide) / noise), 0)
     return MarkingResponse(cv2.copyTo(strength, view.seen.view(np.uint8)), channels[inside])
@@ -201,7 +191,7 @@ def filter_band(centre: np.ndarray, side: np.ndarray, reaches: Sequence[int]) ->
     return response.reshape(centre.shape)
 
 
-def local_noise(steps: np.ndarray, window: int, view: BirdsEyeView) -> np.ndarray:
+def local_noise(steps: np.ndarray, window: int, view: BirdsEyeView, settings: PaintSettings = PAINT) -> np.ndarray:
     """Mean step from column to column around each cell plus the noise floor, (2, rows, columns) float32.
 
     `steps` holds the sum of each cell's two steps, to the left and to the right, so that the mirrored picture has the
@@ -209,23 +199,26 @@ def local_noise(steps: np.ndarray, window: int, view: BirdsEyeView) -> np.ndarra
     """
     noise = np.empty(steps.shape, np.float32)
     for channel, mean in zip(steps, noise, strict=True):
-        cv2.boxFilter(channel, cv2.CV_32F, (window, MARKINGS.noise_rows), dst=mean)
-    noise /= 2 * np.maximum(view.seen_share(MARKINGS.noise_rows, window), MARKINGS.min_seen_share)
-    noise += MARKINGS.noise_floor
+        cv2.boxFilter(channel, cv2.CV_32F, (window, settings.noise_rows), dst=mean)
+    noise /= 2 * np.maximum(view.seen_share(settings.noise_rows, window), settings.min_seen_share)
+    noise += settings.noise_floor
     return noise
 
 
-def find_stripes(response: MarkingResponse, view: BirdsEyeView) -> Stripes:
+def find_stripes(response: MarkingResponse, view: BirdsEyeView, settings: PaintSettings = PAINT) -> Stripes:
     """Peaks of the marking response along each row, with sub-column precision.
 
-    They are the strongest `MARKINGS.stripes_per_row` of a row, and stronger than `MARKINGS.min_strength`.
+    They are the strongest `settings.stripes_per_row` of a row, and stronger than `settings.min_strength`.
     """
     strength = response.strength
-    row, column = _peaks(strength)
-    y = view.y_m[0] - peak_position(strength, row, column) * view.cell_m
-    step = view.row_columns[row]
-    angle = _stripe_angle(strength, row, column, step)
-    return Stripes(row, view.x_m[row], y, angle, step, strength[row, column])
+    row, column = _peaks(strength, settings)
+    y_m = view.y_m[0] - peak_position(strength, row, column) * view.cell_m
+    x_m, step = view.x_m[row], view.row_columns[row]
+    angle = _stripe_angle(strength, row, column, step, settings.coarse_columns)
+    weight = strength_weight(strength[row, column], settings)
+    # worn paint nearby, one pixel far away
+    std_m = np.hypot(settings.position_std_m, settings.position_std_px * x_m / view.focal_px)
+    return Stripes(row, x_m, y_m, angle, step, weight, std_m, np.full(len(row), settings.angle_std_rad))
 
 
 def peak_position(strength: np.ndarray, row: np.ndarray, column: np.ndarray) -> np.ndarray:
@@ -236,27 +229,29 @@ def peak_position(strength: np.ndarray, row: np.ndarray, column: np.ndarray) -> 
     return column + np.clip(shift, -0.5, 0.5)
 
 
-def _peaks(strength: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _peaks(strength: np.ndarray, settings: PaintSettings) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of the largest cells within two columns that are strong enough, in order of the rows."""
     peak = cv2.compare(strength, cv2.dilate(strength, np.ones((1, 5), np.uint8)), cv2.CMP_GE)
     # positions in one long row: numpy finds them six times as fast as rows and columns
-    found = np.flatnonzero(peak.view(bool) & (strength > MARKINGS.min_strength))
+    found = np.flatnonzero(peak.view(bool) & (strength > settings.min_strength))
     row, column = np.divmod(found, strength.shape[1])
     inside = (column > 0) & (column < strength.shape[1] - 1)
     row, column = row[inside], column[inside]
-    if np.bincount(row).max(initial=0) <= MARKINGS.stripes_per_row:
+    if np.bincount(row).max(initial=0) <= settings.stripes_per_row:
         return row, column
     order = np.lexsort((-strength[row, column], row))
     row, column = row[order], column[order]
-    keep = np.arange(len(row)) - np.searchsorted(row, row) < MARKINGS.stripes_per_row
+    keep = np.arange(len(row)) - np.searchsorted(row, row) < settings.stripes_per_row
     return row[keep], column[keep]
 
 
-def _stripe_angle(strength: np.ndarray, row: np.ndarray, column: np.ndarray, step: np.ndarray) -> np.ndarray:
+def _stripe_angle(
+    strength: np.ndarray, row: np.ndarray, column: np.ndarray, step: np.ndarray, coarse_columns: int
+) -> np.ndarray:
     """Direction of stripes on the road from the structure tensor of the response (Bigun and Granlund, 1987)."""
     rows, columns = strength.shape
     # an odd number of cells, so that a mirrored picture has mirrored directions
-    cells = columns // MARKINGS.coarse_columns | 1
+    cells = columns // coarse_columns | 1
     coarse = cv2.resize(strength, (cells, rows), interpolation=cv2.INTER_AREA)
     across = cv2.Scharr(coarse, cv2.CV_32F, 1, 0)
     along = cv2.Scharr(coarse, cv2.CV_32F, 0, 1)
@@ -270,16 +265,6 @@ def _stripe_angle(strength: np.ndarray, row: np.ndarray, column: np.ndarray, ste
     return np.arctan2(-np.tan(normal), step * cells / columns)
 
 
-def marking_weight(stripes: Stripes) -> np.ndarray:
-    """(stripes,) weight 0 to 1 of each candidate as a road marking, from its strength."""
-    return strength_weight(stripes.strength)
-
-
-def strength_weight(strength: np.ndarray) -> np.ndarray:
+def strength_weight(strength: np.ndarray, settings: PaintSettings = PAINT) -> np.ndarray:
     """Weights 0 to 1 as a road marking of cells or candidates of these strengths."""
-    return strength**2 / (strength**2 + MARKINGS.half_weight_strength**2)
-
-
-def position_std(stripes: Stripes, focal_px: float) -> np.ndarray:
-    """(stripes,) standard deviation of each candidate's lateral position on the road, metres."""
-    return np.hypot(MARKINGS.position_std_m, MARKINGS.position_std_px * stripes.x_m / focal_px)
+    return strength**2 / (strength**2 + settings.half_weight_strength**2)

@@ -14,13 +14,13 @@ is pitched and curved vertically.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from lanes.detect.paint import MARKINGS, Stripes
+from lanes.detect.paint import Stripes
 from lanes.detect.road import (
     ADJACENT,
     BEND,
@@ -53,6 +53,9 @@ MIN_SCALE = 0.1
 MAX_DETOUR = 1.6
 # Added to curvatures, to avoid division by zero.
 NO_CURVATURE = 1e-12
+# Lateral movement of a stripe from row to row, in columns, that doubles the standard deviation of its direction. At
+# twice as many columns the direction carries almost no information.
+BLIND_COLUMNS = 8.0
 # Search for the node nearest to a point. The first guess of its arc length is a distance: that of the point from a
 # place `BEHIND_M` behind the car, minus `BEHIND_M`. The search ends when all points are within `MAX_AHEAD_M` of their
 # nodes, where the path is an arc to within millimetres. Roads that bend little need one step.
@@ -144,6 +147,12 @@ class StripeResiduals:
     ground: Ground
     points: np.ndarray
     coordinates: PathCoordinates
+
+    def moved(self, steps: np.ndarray) -> StripeResiduals:
+        """The residuals after small steps (K, 15) of the lanes, linearised; Jacobian and directions stay."""
+        moved = replace(self, residual_m=self.residual_m + (steps[:, None] @ self.jacobian)[:, 0])
+        moved.__dict__["jacobian"] = self.jacobian
+        return moved
 
     @cached_property
     def jacobian(self) -> np.ndarray:
@@ -239,5 +248,5 @@ def _angle_std(tangent: np.ndarray, stripes: Stripes) -> np.ndarray:
     """(K, stripes) standard deviation of the stripes' directions, larger where a line moves fast across the columns."""
     # columns per row, with a lower bound for the cosine of a line that runs across
     columns = stripes.step * np.abs(tangent.imag) / np.maximum(tangent.real, 0.05)
-    steepness = np.square(columns / MARKINGS.blind_columns)
-    return MARKINGS.angle_std_rad * (1 + steepness * steepness * steepness)
+    steepness = np.square(columns / BLIND_COLUMNS)
+    return stripes.angle_std_rad * (1 + steepness * steepness * steepness)

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -44,8 +44,8 @@ SIDES = np.array([LEFT_SIDE, RIGHT_SIDE])
 # The far lines of the adjacent lanes have the sides `FAR_LINE * LEFT_SIDE` and `FAR_LINE * RIGHT_SIDE`.
 FAR_LINE = 3.0
 
-# Step of numerical derivatives, in standard deviations of the prior.
-DIFFERENCE_STEP = 1e-3
+# Largest curvature of motorways; roads that bend more have transition curves, undulate and change abruptly.
+MOTORWAY_CURVATURE_PER_M = 0.002
 # Sine of the largest angle at which a line passes the car: 64 degrees, 1.6 times the largest heading.
 MAX_SINE = 0.9
 # A line that advances by less than this per metre of the path runs across; it is not followed further.
@@ -134,6 +134,11 @@ _CURVATURES_AHEAD = bend_gradients(np.array([0.0, *KNOTS_M, KNOTS_M[-1] + 1]))[1
 def max_curvature(lane: np.ndarray) -> float:
     """Largest curvature of the road (15,) between the car and 25 m ahead, 1/m."""
     return float(np.abs(lane[BEND] @ _CURVATURES_AHEAD).max())
+
+
+def max_vertical_curvature(lane: np.ndarray) -> float:
+    """Largest vertical curvature of the road (15,) in view, 1/m."""
+    return float(np.abs(lane[VERTICAL_CURVATURE]).max())
 
 
 class Path(NamedTuple):
@@ -245,9 +250,9 @@ def parameter_gradients(positions: Callable[[np.ndarray], np.ndarray], lane: np.
 
     They are central differences.
     """
-    steps = DIFFERENCE_STEP * PRIOR_STD
-    moved = positions(lane + np.vstack([np.diag(steps), -np.diag(steps)]))
-    return np.moveaxis(moved[:PARAMETERS] - moved[PARAMETERS:], 0, -1) / (2 * steps)
+    steps = np.diag(DIFFERENCE_STEPS)
+    moved = positions(lane + np.vstack([steps, -steps]))
+    return np.moveaxis(moved[:PARAMETERS] - moved[PARAMETERS:], 0, -1) / (2 * DIFFERENCE_STEPS)
 
 
 def propagated_std(gradients: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -295,52 +300,85 @@ def line_coefficients(lane: np.ndarray, side: float) -> tuple[float, float, floa
     return float(c0), float(sin / cos), float(curvature / cos**3), float(c3)
 
 
-@dataclass(frozen=True)
-class PriorParameters:
-    """Mean, standard deviation and limit of each lane parameter, and how they grow on roads that bend.
+# A row of the prior's table: mean, standard deviation, and limit of the absolute value.
+MeanStdLimit = tuple[float, float, float]
 
-    Tuned on the labelled Udacity stills where no source is given. Means that are not listed are 0.
+
+@dataclass(frozen=True)
+class RoadPrior:
+    """Prior of the lane parameters, and how its standard deviations grow on roads that bend.
+
+    Tuned on the labelled Udacity stills where no source is given.
     """
 
     # Cars drive near the centre of their lane and along it; limits for a car that leaves it.
-    centre_std_m: float = 0.8
-    centre_limit_m: float = 3.0
-    heading_std_rad: float = 0.15
-    heading_limit_rad: float = 0.7
+    centre_m: MeanStdLimit = (0.0, 0.8, 3.0)
+    heading_rad: MeanStdLimit = (0.0, 0.15, 0.7)
     # Lanes are 2.5 to 4.5 m wide; adjacent lanes have about the same width.
-    width_m: float = 3.5
-    width_std_m: float = 0.5
-    width_limit_m: float = 6.0
-    adjacent_std_m: float = 0.15
-    adjacent_limit_m: float = 0.5
+    width_m: MeanStdLimit = (3.5, 0.5, 6.0)
+    adjacent_m: MeanStdLimit = (0.0, 0.15, 0.5)
     # Hairpins have radii down to 12 m.
-    curvature_std_per_m: float = 0.05
-    curvature_limit_per_m: float = 0.12
-    rate_std_per_m2: float = 1e-4
-    rate_limit_per_m2: float = 0.01
-    rate_step_std_per_m2: float = 1e-4
-    rate_step_limit_per_m2: float = 0.01
+    curvature_per_m: MeanStdLimit = (0.0, 0.05, 0.12)
+    rate_per_m2: MeanStdLimit = (0.0, 1e-4, 0.01)
+    rate_step_per_m2: MeanStdLimit = (0.0, 1e-4, 0.01)
     # Cars pitch by about a degree.
-    pitch_std_rad: float = 0.015
-    pitch_limit_rad: float = 0.06
-    vertical_std_per_m: float = 2e-4
-    vertical_limit_per_m: float = 0.015
+    pitch_rad: MeanStdLimit = (0.0, 0.015, 0.06)
+    vertical_per_m: MeanStdLimit = (0.0, 2e-4, 0.015)
     # Growth of the curvature's standard deviation with the curvature, so that a sharp bend is not straightened.
     curvature_share: float = 1.0
     # Shortest transition curve: the rate's standard deviation grows with curvature / transition_m.
     transition_m: float = 15.0
     # Growth of the rate steps' standard deviation with the rate that they begin or end.
     rate_step_share: float = 1.5
-    # Largest curvature of motorways. Roads that bend more also undulate: growth of the vertical curvature's standard
-    # deviation with the excess, and with the largest vertical curvature of the lane.
-    motorway_curvature_per_m: float = 0.002
+    # Roads that bend more than motorways also undulate: growth of the vertical curvature's standard deviation with the
+    # excess, and with the largest vertical curvature of the lane.
     vertical_bend_share: float = 0.03
     vertical_share: float = 1.0
-    # Cost of one squared standard deviation in the score of a lane, relative to the square root of a line's support.
-    score_weight: float = 0.01
 
+    @cached_property
+    def _table(self) -> np.ndarray:
+        """(3, 15) means, standard deviations and limits."""
+        columns = zip(
+            *(self.centre_m, self.width_m, self.heading_rad, self.curvature_per_m, self.rate_per_m2, self.pitch_rad),
+            *(self.vertical_per_m, self.rate_step_per_m2, self.adjacent_m),
+            strict=True,
+        )
+        names = "centre", "width", "heading", "curvature", "rate", "pitch", "vertical", "rate_steps", "adjacent"
+        return np.array([parameter_vector(**dict(zip(names, column, strict=True))) for column in columns])
 
-PRIOR = PriorParameters()
+    @property
+    def mean(self) -> np.ndarray:
+        """(15,) means."""
+        return self._table[0]
+
+    @property
+    def std(self) -> np.ndarray:
+        """(15,) standard deviations for a straight and level road."""
+        return self._table[1]
+
+    @property
+    def limit(self) -> np.ndarray:
+        """(15,) largest absolute values."""
+        return self._table[2]
+
+    def std_at(self, lanes: np.ndarray, *, extra_vertical_per_m: float = 0.0) -> np.ndarray:
+        """Standard deviations (K, 15); larger for lanes (K, 15) that bend.
+
+        `extra_vertical_per_m` is added to those of the vertical curvatures.
+        """
+        curvature, rate = np.abs(lanes[:, CURVATURE]), np.abs(lanes[:, RATE])
+        expected_rate = curvature / self.transition_m
+        largest = np.abs(lanes[:, VERTICAL_CURVATURE]).max(axis=1)
+        std = np.tile(self.std, (len(lanes), 1))
+        std[:, CURVATURE] += self.curvature_share * curvature
+        std[:, RATE] += expected_rate
+        std[:, RATE_STEPS] += (self.rate_step_share * (expected_rate + rate))[:, None]
+        vertical = (
+            self.vertical_bend_share * np.maximum(curvature - MOTORWAY_CURVATURE_PER_M, 0)
+            + self.vertical_share * largest
+        )
+        std[:, VERTICAL_CURVATURE] += extra_vertical_per_m + vertical[:, None]
+        return std
 
 
 def parameter_vector(
@@ -362,55 +400,15 @@ def parameter_vector(
     return vector
 
 
-PRIOR_MEAN = parameter_vector(width=PRIOR.width_m)
-PRIOR_STD = parameter_vector(
-    centre=PRIOR.centre_std_m,
-    width=PRIOR.width_std_m,
-    heading=PRIOR.heading_std_rad,
-    curvature=PRIOR.curvature_std_per_m,
-    rate=PRIOR.rate_std_per_m2,
-    pitch=PRIOR.pitch_std_rad,
-    vertical=PRIOR.vertical_std_per_m,
-    rate_steps=PRIOR.rate_step_std_per_m2,
-    adjacent=PRIOR.adjacent_std_m,
+# Steps of numerical derivatives: about a thousandth of what the parameters vary by on a straight road.
+DIFFERENCE_STEPS = parameter_vector(
+    centre=1e-3,
+    width=5e-4,
+    heading=1e-4,
+    curvature=5e-5,
+    rate=1e-7,
+    pitch=1e-5,
+    vertical=2e-7,
+    rate_steps=1e-7,
+    adjacent=1e-4,
 )
-LIMIT = parameter_vector(
-    centre=PRIOR.centre_limit_m,
-    width=PRIOR.width_limit_m,
-    heading=PRIOR.heading_limit_rad,
-    curvature=PRIOR.curvature_limit_per_m,
-    rate=PRIOR.rate_limit_per_m2,
-    pitch=PRIOR.pitch_limit_rad,
-    vertical=PRIOR.vertical_limit_per_m,
-    rate_steps=PRIOR.rate_step_limit_per_m2,
-    adjacent=PRIOR.adjacent_limit_m,
-)
-
-
-def prior_std(lanes: np.ndarray, *, extra_vertical_per_m: float = 0.0) -> np.ndarray:
-    """Standard deviations (K, 15) of the prior; larger for lanes (K, 15) that bend.
-
-    `extra_vertical_per_m` is added to those of the vertical curvatures.
-    """
-    curvature, rate = np.abs(lanes[:, CURVATURE]), np.abs(lanes[:, RATE])
-    expected_rate = curvature / PRIOR.transition_m
-    std = np.tile(PRIOR_STD, (len(lanes), 1))
-    std[:, CURVATURE] += PRIOR.curvature_share * curvature
-    std[:, RATE] += expected_rate
-    std[:, RATE_STEPS] += (PRIOR.rate_step_share * (expected_rate + rate))[:, None]
-    std[:, VERTICAL_CURVATURE] += extra_vertical_per_m
-    excess = np.maximum(curvature - PRIOR.motorway_curvature_per_m, 0)
-    std[:, VERTICAL_CURVATURE] += PRIOR.vertical_bend_share * excess[:, None]
-    largest = np.abs(lanes[:, VERTICAL_CURVATURE]).max(axis=1, keepdims=True)
-    std[:, VERTICAL_CURVATURE] += PRIOR.vertical_share * largest
-    return std
-
-
-def squared_mahalanobis(lanes: np.ndarray) -> np.ndarray:
-    """(K,) squared Mahalanobis distance of lanes (K, 15) from the prior mean."""
-    return np.square((lanes - PRIOR_MEAN) / prior_std(lanes)).sum(axis=1)
-
-
-def score_lanes(lanes: np.ndarray, support: np.ndarray) -> np.ndarray:
-    """(K,) score of lanes (K, 15): square roots of their lines' supports (K, 2) minus prior penalty."""
-    return np.sqrt(support).sum(axis=1) - PRIOR.score_weight * squared_mahalanobis(lanes)

@@ -1,104 +1,128 @@
-"""Detection without memory: the ego lane in the evidence of one image, and what the image shows of its lines."""
+"""Search without memory: the ego lane in the evidence of one image, and what is seen of its lines.
+
+stripes -> vote_lanes (start hypotheses) -> fit_starts -> Lane
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lanes.detect.error_covariance import fit_errors
-from lanes.detect.fit import LaneFit, fit_starts, near_stripes
-from lanes.detect.lane import Lane, LineObservation, Observations
+from lanes.detect.fit import Fit, FitSettings, fit_starts, near_stripes
+from lanes.detect.lane import Lane, LineEvidence
 from lanes.detect.line_type import MarkingProfile, marking_profile
-from lanes.detect.paint import FrameEvidence, marking_weight, position_std
+from lanes.detect.paint import FrameEvidence, PaintSettings
 from lanes.detect.residuals import stripe_residuals
-from lanes.detect.road import CENTRE, PARAMETERS, SIDES, WIDTH
-from lanes.detect.votes import vote_lanes
+from lanes.detect.road import CENTRE, PARAMETERS, SIDES, WIDTH, is_ego_lane
+from lanes.detect.votes import VoteSettings, vote_lanes
 
-# Lanes whose centre or width differs by more than this are different lanes; tuned on the labelled Udacity stills.
-RIVAL_M = 0.5
 # Stripes between the lines of a lane: those farther from the lines than this, up to the distance ahead in which lanes
 # are rated. This number of stripes on the lines is added, so that a few dots of a worn line are no clutter.
 BETWEEN_M, BETWEEN_FAR_M, BETWEEN_STRIPES = 0.5, 30.0, 5.0
 
 
-def search_lane(evidence: FrameEvidence) -> Lane | None:
-    """The ego lane in the evidence of one frame; None if it is not seen."""
+@dataclass(frozen=True)
+class DetectorSettings:
+    """Settings of the steps of a detection."""
+
+    paint: PaintSettings = field(default_factory=PaintSettings)
+    votes: VoteSettings = field(default_factory=VoteSettings)
+    fit: FitSettings = field(default_factory=FitSettings)
+
+
+DETECTOR = DetectorSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """The steps of a search: vote table, fit of all start hypotheses to the near stripes, and the final fit.
+
+    `lane` is None if the fitted lane is not seen.
+    """
+
+    votes: np.ndarray
+    starts: Fit
+    fit: Fit
+    lane: Lane | None
+
+
+def search_lane(evidence: FrameEvidence, settings: DetectorSettings = DETECTOR) -> Search | None:
+    """Search the ego lane in the evidence of one image; None without stripes near the car."""
     stripes, view = evidence.stripes, evidence.view
-    if not len(near_stripes(stripes)):
+    if not len(near_stripes(stripes, settings.fit)):
         return None
-    _, starts = vote_lanes(stripes, view)
-    fit = fit_starts(starts, stripes, view)
-    return choose_lane(fit, evidence)
+    votes, starts = vote_lanes(stripes, view, settings.fit.prior, settings.votes)
+    near, fit = fit_starts(starts, stripes, view, settings.fit)
+    return Search(votes, near, fit, found_lane(fit, evidence) if fit.seen[0] else None)
 
 
-def choose_lane(fit: LaneFit, evidence: FrameEvidence) -> Lane | None:
-    """The fitted lane with the best score; None if it is not seen."""
-    score = fit.score
-    best = int(score.argmax())
-    if not fit.seen[best]:
-        return None
-    rivals = np.abs(fit.lane - fit.lane[best])[:, [CENTRE, WIDTH]].max(axis=1) > RIVAL_M
-    observations = observe_lines(fit, evidence, (LineObservation(), LineObservation()), index=best)
-    left, right = observations
-    model = fit.lane[best] + inner_stripe_shift([line.profile for line in observations])
+def found_lane(fit: Fit, evidence: FrameEvidence) -> Lane:
+    """The fitted lane with what is seen of its lines."""
+    left, right = observe_lines(fit, evidence, (LineEvidence(), LineEvidence()))
+    model = fit.lanes[0] + inner_stripe_shift([left.profile, right.profile])
     return Lane(
         model=model,
-        centres=model - inner_stripe_shift([line.double_profile for line in observations]),
-        covariance=fit_errors(fit, best),
-        assumed_covariance=fit.covariance[best],
+        centres=model - inner_stripe_shift([left.double_profile, right.double_profile]),
+        fit_covariance=fit.covariance[0],
         # rows are counted again in the next frame, because its view may be narrower
-        observations=(replace(left, rows=None), replace(right, rows=None)),
-        score=float(score[best]),
-        margin=float(score[best] - score[rivals].max(initial=0.0)),
-        explained_share=float(fit.explained_share[best]),
-        clear_share=clear_share(fit, best),
+        evidence=(replace(left, rows=None), replace(right, rows=None)),
+        # a lane that the car is not in starts no track
+        score=lane_score((left, right)) - (not is_ego_lane(fit.lanes)[0]),
+        inlier_share=float(fit.inlier_share[0]),
+        clear_share=clear_share(fit),
     )
 
 
-def clear_share(fit: LaneFit, index: int) -> float:
-    """Of the stripes along the fitted lane `index`, on its lines and between them, the share on its lines, 0 to 1."""
+def lane_score(lines: Sequence[LineEvidence]) -> float:
+    """Sum of the square roots of both lines' supports."""
+    return float(sum(np.sqrt(line.support) for line in lines))
+
+
+def clear_share(fit: Fit) -> float:
+    """Of the stripes along the fitted lane, on its lines and between them, the share on its lines, 0 to 1."""
     stripes = fit.stripes.select(fit.stripes.x_m < BETWEEN_FAR_M)
-    residuals = stripe_residuals(fit.lane[index][None], stripes, fit.view.height_m)
-    side, weight = residuals.side[0], marking_weight(stripes)
+    residuals = stripe_residuals(fit.lanes, stripes, fit.view.height_m)
+    side, weight = residuals.side[0], stripes.weight
     between = np.isin(side, SIDES) & (-side * residuals.residual_m[0] > BETWEEN_M)
     between_weight = float(weight @ (between * residuals.weights(np.array(np.inf))[0]))
-    position = residuals.weights(position_std(stripes, fit.view.focal_px))[0]
-    on_lines = BETWEEN_STRIPES + float(weight @ (np.isin(side, SIDES) * position))
+    on_lines = BETWEEN_STRIPES + float(weight @ (np.isin(side, SIDES) * residuals.weights(stripes.std_m)[0]))
     return on_lines / (on_lines + between_weight)
 
 
 def observe_lines(
-    fit: LaneFit,
+    fit: Fit,
     evidence: FrameEvidence,
-    previous: Observations,
+    previous: Sequence[LineEvidence],
     *,
-    index: int = 0,
     profiles_of: Sequence[int] = (0, 1),
-) -> Observations:
-    """Observations of the left and the right line of the fitted lane `index` in one frame.
+) -> tuple[LineEvidence, LineEvidence]:
+    """What one image shows of the left and the right line of a fitted lane.
 
     The profiles of the lines `profiles_of` are measured, and vote. If there are any, the visible rows of both lines are
     counted, too: they change slowly. Profiles and rows that are not measured are those of the `previous` frame.
     """
-    rows = [line.rows for line in previous]
-    if len(profiles_of) or None in rows:
-        rows = fit.visible_rows[index].tolist()
-    support = (fit.marked_rows[index] / rows).tolist()
-    profiles, votes = [line.profile for line in previous], [line.votes for line in previous]
-    for k in profiles_of:
-        profiles[k] = _measure_profile(fit, evidence, index, k) or profiles[k]
-        votes[k] = votes[k].add_profile(profiles[k])
-    left, right = map(LineObservation, support, fit.reach_m[index].tolist(), profiles, rows, votes)
-    return left, right
+    count_rows = len(profiles_of) or any(line.rows is None for line in previous)
+    rows = fit.visible_rows[0].tolist() if count_rows else [line.rows for line in previous]
+    lines = []
+    for k, line in enumerate(previous):
+        profile, votes = line.profile, line.votes
+        if k in profiles_of:
+            profile = _measure_profile(fit, evidence, k) or profile
+            votes = votes.add_profile(profile)
+        votes = votes.add_gaps(fit.stripes.x_m[fit.members[0, k]])
+        support = float(fit.marked_rows[0, k] / rows[k])
+        seen = support >= fit.settings.min_support
+        lines.append(LineEvidence(support, seen, float(fit.reach_m[0, k]), rows[k], profile, votes))
+    return lines[0], lines[1]
 
 
-def _measure_profile(fit: LaneFit, evidence: FrameEvidence, index: int, k: int) -> MarkingProfile | None:
+def _measure_profile(fit: Fit, evidence: FrameEvidence, k: int) -> MarkingProfile | None:
     """Cross-section of the left (k = 0) or right (1) line, over the rows with stripes; None if there are too few."""
-    rows = fit.stripes.row[fit.members[index, k]]
+    rows = fit.stripes.row[fit.members[0, k]]
     line_y_m = np.full(len(fit.view.x_m), np.nan)
-    line_y_m[rows] = fit.lines_y_m[index, k, rows]
+    line_y_m[rows] = fit.lines_y_m[0, k, rows]
     return marking_profile(evidence.response, fit.view, line_y_m)
 
 

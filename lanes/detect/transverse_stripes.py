@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.paint import MARKINGS, lightness
+from lanes.detect.paint import PAINT, lightness
 
 # Distance ahead up to which stripes are counted.
 FAR_M = 30.0
@@ -42,7 +42,7 @@ def count_transverse_stripes(view_image: np.ndarray, view: BirdsEyeView, lines_y
     if not steps.any() or line_light is None:
         return 0
     road_light = float(np.median(light[inside]))
-    noise = float(np.abs(np.diff(light))[steps].mean()) + MARKINGS.noise_floor
+    noise = float(np.abs(np.diff(light))[steps].mean()) + PAINT.noise_floor
     strips = _strip_means(light, seen, borders)
     # compared with the road two, three and four rows away, because stripes are as deep as one to three rows
     contrast = np.max([_contrast(strips, rows) for rows in (2, 3, 4)], axis=0)

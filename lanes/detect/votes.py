@@ -9,17 +9,18 @@ the left and to the right of the car are then paired to lanes, with a prior for 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.paint import MARKINGS, Stripes, marking_weight
+from lanes.detect.paint import Stripes
 from lanes.detect.residuals import MIN_SCALE, flatten, intersect_ground
-from lanes.detect.road import CENTRE, CURVATURE, HEADING, PARAMETERS, PITCH, PRIOR_MEAN, PRIOR_STD, WIDTH
+from lanes.detect.road import CENTRE, CURVATURE, HEADING, PARAMETERS, PITCH, WIDTH, RoadPrior, parameter_vector
 
 
 @dataclass(frozen=True)
-class VotingParameters:
+class VoteSettings:
     """Hypotheses, bins and pairing; tuned on the labelled Udacity stills where no source is given."""
 
     # Votes come from stripes nearer than this, where one arc is enough; the fit continues outwards.
@@ -52,8 +53,20 @@ class VotingParameters:
     duplicate_curvature_share: float = 0.3
     duplicate_curvature_per_m: float = 0.002
 
+    @cached_property
+    def hypotheses(self) -> np.ndarray:
+        """(H, 3): heading, curvature and pitch."""
+        values = (
+            _spread(self.headings, self.heading_step_rad, self.heading_growth),
+            _spread(self.curvatures, self.curvature_step_per_m, self.curvature_growth),
+            np.arange(-1, 2) * self.pitch_step_rad,
+        )
+        return np.stack(np.meshgrid(*values, indexing="ij"), axis=-1).reshape(-1, 3)
 
-VOTING = VotingParameters()
+    @cached_property
+    def bin_centres_m(self) -> np.ndarray:
+        """(bins,) distance of the centre of each bin to the left of a hypothesis' arc."""
+        return (np.arange(self.bins) + 0.5 - self.bins / 2) * self.bin_m
 
 
 def _spread(count: int, step: float, growth: float) -> np.ndarray:
@@ -62,52 +75,46 @@ def _spread(count: int, step: float, growth: float) -> np.ndarray:
     return np.sign(k) * step * np.expm1(np.abs(k) * growth) / growth
 
 
-# (H, 3): heading, curvature and pitch.
-HYPOTHESES = np.stack(
-    np.meshgrid(
-        _spread(VOTING.headings, VOTING.heading_step_rad, VOTING.heading_growth),
-        _spread(VOTING.curvatures, VOTING.curvature_step_per_m, VOTING.curvature_growth),
-        np.arange(-1, 2) * VOTING.pitch_step_rad,
-        indexing="ij",
-    ),
-    axis=-1,
-).reshape(-1, 3)
-# (bins,) distance of the centre of each bin to the left of a hypothesis' arc.
-BIN_CENTRES_M = (np.arange(VOTING.bins) + 0.5 - VOTING.bins / 2) * VOTING.bin_m
+VOTES = VoteSettings()
 
 
-def vote_lanes(stripes: Stripes, view: BirdsEyeView) -> tuple[np.ndarray, np.ndarray]:
+def vote_lanes(
+    stripes: Stripes, view: BirdsEyeView, prior: RoadPrior, settings: VoteSettings = VOTES
+) -> tuple[np.ndarray, np.ndarray]:
     """The vote table (hypotheses, bins) of the stripes, and the lanes (K, 15) that it suggests, best first."""
-    votes = count_votes(stripes, view.height_m)
-    return votes, best_pairs(votes, int((view.x_m < VOTING.far_m).sum()))
+    votes = count_votes(stripes, view.height_m, settings)
+    return votes, best_pairs(votes, int((view.x_m < settings.far_m).sum()), prior, settings)
 
 
-def count_votes(stripes: Stripes, height_m: float) -> np.ndarray:
+def count_votes(stripes: Stripes, height_m: float, settings: VoteSettings = VOTES) -> np.ndarray:
     """Histogram (H, bins) of the stripes, weighted, by their distance to the left of each hypothesis' arc.
 
-    The bins are centred on `BIN_CENTRES_M`. The height of the camera matters because the pitch is part of a hypothesis.
+    The bins are centred on `settings.bin_centres_m`. The height of the camera matters because the pitch is part of a
+    hypothesis.
     """
-    near = stripes.select(stripes.x_m < VOTING.far_m)
-    weight = marking_weight(near).astype(np.float32)
-    heading, curvature, pitch = HYPOTHESES.T
-    votes = np.zeros((len(heading), VOTING.bins))
+    near = stripes.select(stripes.x_m < settings.far_m)
+    weight = near.weight.astype(np.float32)
+    heading, curvature, pitch = settings.hypotheses.T
+    votes = np.zeros((len(heading), settings.bins))
     for angle_rad in np.unique(pitch):
         of = np.flatnonzero(pitch == angle_rad)
-        pitched = np.zeros(PARAMETERS)
-        pitched[PITCH] = angle_rad
+        pitched = parameter_vector(pitch=angle_rad)
         ground = intersect_ground(near.x_m, pitched, height_m)
-        positions = flatten(near.x_m, near.y_m, near.angle, ground, height_m)
-        bins, agreement = _bins_and_agreement(*positions, heading[of], curvature[of])
-        bins += VOTING.bins * np.arange(len(of))[:, None]
-        counts = np.bincount(bins.ravel(), (agreement * weight).ravel(), len(of) * VOTING.bins)
-        votes[of] = counts.reshape(-1, VOTING.bins)
+        x, y, angle = flatten(near.x_m, near.y_m, near.angle, ground, height_m)
+        a, agreement = _distances_and_agreement(x, y, angle, near.angle_std_rad, heading[of], curvature[of])
+        a *= 1 / settings.bin_m
+        a += settings.bins / 2
+        bins = np.clip(a, 0, settings.bins - 1, out=a).astype(np.intp)
+        bins += settings.bins * np.arange(len(of))[:, None]
+        counts = np.bincount(bins.ravel(), (agreement * weight).ravel(), len(of) * settings.bins)
+        votes[of] = counts.reshape(-1, settings.bins)
     # the outermost bins also hold everything beyond them
     votes[:, [0, -1]] = 0
     return votes
 
 
-def _bins_and_agreement(x, y, angle, heading, curvature) -> tuple[np.ndarray, np.ndarray]:
-    """For each hypothesis and stripe: the stripe's bin, int, and the agreement of the directions, 0 to 1.
+def _distances_and_agreement(x, y, angle, angle_std, heading, curvature) -> tuple[np.ndarray, np.ndarray]:
+    """For each hypothesis and stripe: the stripe's distance from the arc, and the agreement of the directions, 0 to 1.
 
     The geometry is that of `lanes.detect.residuals.arc_coordinates`, written as two products of matrices in float32:
     bins are coarse, and this table takes most of the time of a search.
@@ -115,18 +122,15 @@ def _bins_and_agreement(x, y, angle, heading, curvature) -> tuple[np.ndarray, np
     sin, cos = np.sin(heading), np.cos(heading)
     across, front = np.sin(angle), np.cos(angle)
     twice = _sums_of_products((2 * cos, -2 * sin, -curvature), (y, x, x * x + y * y))
-    angle_residual = _sums_of_products((sin, -cos, curvature), (front, across, x * front + y * across))
-    angle_residual *= 1 / MARKINGS.angle_std_rad
+    of_stripes = front / angle_std, across / angle_std, (x * front + y * across) / angle_std
+    angle_residual = _sums_of_products((sin, -cos, curvature), of_stripes)
     squared_scale = np.maximum(1 - curvature.astype(np.float32)[:, None] * twice, MIN_SCALE**2)
     # in place where possible: half of the time is memory allocation
     a = np.divide(twice, 1 + np.sqrt(squared_scale), out=twice)
-    a *= 1 / VOTING.bin_m
-    a += VOTING.bins / 2
     agreement = np.multiply(angle_residual, angle_residual, out=angle_residual)
     agreement += squared_scale
     np.divide(squared_scale, agreement, out=agreement)
-    np.square(agreement, out=agreement)
-    return np.clip(a, 0, VOTING.bins - 1, out=a).astype(np.intp), agreement
+    return a, np.square(agreement, out=agreement)
 
 
 def _sums_of_products(of_hypotheses: tuple, of_stripes: tuple) -> np.ndarray:
@@ -134,56 +138,48 @@ def _sums_of_products(of_hypotheses: tuple, of_stripes: tuple) -> np.ndarray:
     return np.stack(of_hypotheses, axis=1).astype(np.float32) @ np.stack(of_stripes).astype(np.float32)
 
 
-def best_pairs(votes: np.ndarray, rows: int, *, most: int = VOTING.lanes) -> np.ndarray:
-    """At most `most` lanes (K, 15), best first, without duplicates, from pairs of lines in the votes of `count_votes`.
+def best_pairs(votes: np.ndarray, rows: int, prior: RoadPrior, settings: VoteSettings = VOTES) -> np.ndarray:
+    """At most `settings.lanes` lanes (K, 15), best first, without duplicates, from pairs of lines in the votes.
 
     The score of a lane is the sum of the square roots of its lines' shares of `rows`, the votes of a solid line. Two
     fair lines therefore beat one good line alone.
     """
-    hypothesis, support, middle = HYPOTHESES, _line_support(votes, rows), BIN_CENTRES_M
-    left = np.flatnonzero((middle > VOTING.line_from_m) & (middle < VOTING.line_to_m))
-    right = np.flatnonzero((middle < -VOTING.line_from_m) & (middle > -VOTING.line_to_m))
-    distance = ((hypothesis / PRIOR_STD[[HEADING, CURVATURE, PITCH]]) ** 2).sum(1)
-    bound = support[:, left].max(1) + support[:, right].max(1) - VOTING.prior_weight * distance
-    kept = np.argsort(-bound, kind="stable")[: VOTING.paired]
+    hypothesis, support, middle = settings.hypotheses, _line_support(votes, rows, settings), settings.bin_centres_m
+    beside = (np.abs(middle) > settings.line_from_m) & (np.abs(middle) < settings.line_to_m)
+    left, right = np.flatnonzero(beside & (middle > 0)), np.flatnonzero(beside & (middle < 0))
+    distance = ((hypothesis / prior.std[[HEADING, CURVATURE, PITCH]]) ** 2).sum(1)
+    bound = support[:, left].max(1) + support[:, right].max(1) - settings.prior_weight * distance
+    kept = np.argsort(-bound, kind="stable")[: settings.paired]
     width, centre = middle[left, None] - middle[right], (middle[left, None] + middle[right]) / 2
-    pair_distance = ((width - PRIOR_MEAN[WIDTH]) / PRIOR_STD[WIDTH]) ** 2 + (
-        (centre - PRIOR_MEAN[CENTRE]) / PRIOR_STD[CENTRE]
-    ) ** 2
+    pair_distance = ((width - prior.mean[WIDTH]) / prior.std[WIDTH]) ** 2 + (centre / prior.std[CENTRE]) ** 2
     score = support[kept][:, left, None] + support[kept][:, None, right]
-    score -= (VOTING.prior_weight * pair_distance).astype(np.float32)
+    score -= (settings.prior_weight * pair_distance).astype(np.float32)
     score = score.reshape(len(kept), -1)
     pair = score.argmax(axis=1)
-    best = score[np.arange(len(kept)), pair] - VOTING.prior_weight * distance[kept]
+    best = score[np.arange(len(kept)), pair] - settings.prior_weight * distance[kept]
     lanes = np.zeros((len(kept), PARAMETERS))
     lanes[:, CENTRE], lanes[:, WIDTH] = centre.ravel()[pair], width.ravel()[pair]
     lanes[:, [HEADING, CURVATURE, PITCH]] = hypothesis[kept]
-    return suppress_non_maxima(lanes[np.argsort(-best, kind="stable")], most)
+    return suppress_non_maxima(lanes[np.argsort(-best, kind="stable")], settings)
 
 
-def _line_support(votes: np.ndarray, rows: int) -> np.ndarray:
+def _line_support(votes: np.ndarray, rows: int, settings: VoteSettings) -> np.ndarray:
     """(H, bins) square root of each bin's share of votes; float32, because there are 145,000 pairs of bins."""
     shared = votes.copy()
-    shared[:, 1:-1] += VOTING.neighbour_share * (votes[:, :-2] + votes[:, 2:])
+    shared[:, 1:-1] += settings.neighbour_share * (votes[:, :-2] + votes[:, 2:])
     return np.sqrt(shared / rows).astype(np.float32)
 
 
-def suppress_non_maxima(lanes: np.ndarray, most: int, *, same_pitch_rad: float = np.inf) -> np.ndarray:
-    """The first `most` of the lanes (N, 15), best first, that are no duplicates of an earlier one.
-
-    Lanes whose pitch differs by more than `same_pitch_rad` are no duplicates either.
-    """
+def suppress_non_maxima(lanes: np.ndarray, settings: VoteSettings = VOTES) -> np.ndarray:
+    """The first `settings.lanes` of the lanes (N, 15), best first, that are no duplicates of an earlier one."""
     chosen: list[int] = []
     free = np.ones(len(lanes), bool)
-    while len(chosen) < most and free.any():
+    tolerance_per_m = (
+        settings.duplicate_curvature_share * np.abs(lanes[:, CURVATURE]) + settings.duplicate_curvature_per_m
+    )
+    while len(chosen) < settings.lanes and free.any():
         chosen.append(int(free.argmax()))
         difference = np.abs(lanes - lanes[chosen[-1]])
-        tolerance_per_m = (
-            VOTING.duplicate_curvature_share * np.abs(lanes[:, CURVATURE]) + VOTING.duplicate_curvature_per_m
-        )
-        free &= (
-            (np.maximum(difference[:, CENTRE], difference[:, WIDTH]) > VOTING.duplicate_m)
-            | (difference[:, PITCH] > same_pitch_rad)
-            | (difference[:, CURVATURE] > tolerance_per_m)
-        )
+        moved = np.maximum(difference[:, CENTRE], difference[:, WIDTH]) > settings.duplicate_m
+        free &= moved | (difference[:, CURVATURE] > tolerance_per_m)
     return lanes[chosen]

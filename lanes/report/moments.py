@@ -12,7 +12,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from lanes.describe import describe_std
-from lanes.track.tracker import COASTING, LOST, TRACKING
+from lanes.detect.lane import COASTING, LOST, TRACKING
 
 # Largest number of moments of a kind, and the least time between two: closer ones show the same situation.
 MAX_MOMENTS, MIN_SPACING_S = 3, 2.0

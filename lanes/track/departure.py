@@ -30,7 +30,7 @@ DEPARTURE = DepartureParameters()
 
 
 @dataclass(frozen=True)
-class DepartureWarning:
+class Departure:
     """Distance and time of the car to the lines."""
 
     # Distance from the tyres to the centre of the left and of the right line, beside the car; < 0 beyond it.
@@ -54,14 +54,14 @@ class DepartureWarning:
         return f"lane departure: {crossing} the {self.side} line"
 
 
-def watch_departure(lane: Lane, motion: CarMotion) -> DepartureWarning:
+def watch_departure(lane: Lane, motion: CarMotion) -> Departure:
     """Time to line crossing of a car in a lane.
 
     A warning is due only if the car would also cross the line with its course and its turning one standard deviation
     nearer to those of the lane. The lines move sideways by v sin(h) t + (k - path) (v t)^2 / 2; the crossing is the
     first positive root.
     """
-    left, right = lane.left.c0_m - DEPARTURE.half_track_m, -lane.right.c0_m - DEPARTURE.half_track_m
+    left, right = lane.left.offset_m - DEPARTURE.half_track_m, -lane.right.offset_m - DEPARTURE.half_track_m
     heading = lane.heading_rad - motion.course_rad
     turning = float(lane.model[CURVATURE]) - motion.path_per_m
     speed = motion.speed_mps
@@ -70,7 +70,7 @@ def watch_departure(lane: Lane, motion: CarMotion) -> DepartureWarning:
     least_drift = -speed * float(np.sin(_towards_zero(heading, motion.course_std_rad)))
     least_turning = _towards_zero(turning, motion.turning_std_per_m)
     _, latest_s = _crossing(left, right, least_drift, -least_turning * speed**2)
-    return DepartureWarning(left, right, drift, side, time_s, max(time_s, latest_s) < DEPARTURE.warn_s)
+    return Departure(left, right, drift, side, time_s, max(time_s, latest_s) < DEPARTURE.warn_s)
 
 
 def _crossing(left_m: float, right_m: float, drift_mps: float, turning_mps2: float) -> tuple[str | None, float]:

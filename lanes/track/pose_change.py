@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-# Value of the telemetry's column `state` in frames with a tracked lane.
-TRACKED_STATE = "tracking"
+from lanes.detect.lane import TRACKING
+
 # Frames are averaged by the second. Both parts must last at least this long, because bumps and bends pass sooner.
 MIN_PART_S = 5
 # A smaller change does not need a new pose: on a rendered drive 0.8 degrees of pitch move the offset by 1 cm.
@@ -61,7 +61,7 @@ def find_wrong_yaw(rows: Mapping[str, np.ndarray]) -> float | None:
     drive do not count, and as much must follow.
     """
     time_s = np.asarray(rows["time_s"], float)
-    counts = (np.asarray(rows["state"]) == TRACKED_STATE) & (time_s >= MIN_PART_S)
+    counts = (np.asarray(rows["state"]) == TRACKING) & (time_s >= MIN_PART_S)
     if not counts.any() or time_s[counts].max() < 2 * MIN_PART_S:
         return None
     yaw_rad = -np.asarray(rows["camera_yaw_rad"], float)[counts]
@@ -93,7 +93,7 @@ def find_pose_change(rows: Mapping[str, np.ndarray]) -> PoseChange | None:
 
 def _values_per_second(rows: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Seconds with tracked frames, their median pitch, and their median heading without the effect of weaving."""
-    tracked = np.asarray(rows["state"]) == TRACKED_STATE
+    tracked = np.asarray(rows["state"]) == TRACKING
     second = np.floor(np.asarray(rows["time_s"], float)).astype(int)
     seconds = np.unique(second[tracked])
     frames = [np.flatnonzero(tracked & (second == s)) for s in seconds]

@@ -21,7 +21,7 @@ from benchmark.labels.stills import (
 )
 from benchmark.labels.tusimple import NO_POINT, LaneColumns, read_labels
 from lanes.camera import save_camera
-from lanes.detect.lane import Lane, LineObservation
+from lanes.detect.lane import Lane, LineEvidence
 from lanes.detect.road import lines_on_view
 from lanes.images import write_image
 from simulator.rendering.drive import Motion
@@ -35,7 +35,7 @@ HFOV_DEG = np.degrees(2 * np.arctan(SMALL.width / 2 / SMALL.matrix[0, 0]))
 ROWS, X_M = np.arange(370.0, 700.0, 5.0), np.geomspace(2, 100, 400)
 TRUE = a_lane(centre=0.2, width=3.5, heading=0.02, curvature=1 / 400)
 STD = a_lane(centre=0.05, width=0.04, heading=0.008, curvature=5e-4, rate=1e-9, pitch=1e-9, rate_steps=1e-12)
-SEEN = (LineObservation(0.9, 40.0), LineObservation(0.9, 40.0))
+SEEN = (LineEvidence(0.9, True, 40.0), LineEvidence(0.9, True, 40.0))
 AT_M, H = np.array([8.0, 15.0, 25.0]), CAMERA.pose.height_m
 
 
@@ -114,12 +114,12 @@ def test_folders_are_the_first_part_of_the_path(tmp_path):
 
 
 def lane_of(model: np.ndarray, covariance: np.ndarray = np.diag(STD**2)) -> Lane:  # noqa: B008
-    return Lane(model, model, covariance, covariance, SEEN, score=1.0)
+    return Lane(model, model, covariance, SEEN, score=1.0)
 
 
 def label_of(model: np.ndarray, shift_px: np.ndarray | float = 0.0) -> LaneColumns:
     """The pixels of a lane, each line shifted by the error of the label."""
-    columns = lane_of(model).pixels(CAMERA, ROWS)
+    columns = lane_of(model).columns(CAMERA, ROWS)
     return LaneColumns("a", ROWS, np.where(columns >= 0, columns + np.reshape(shift_px, (-1, 1)), NO_POINT))
 
 

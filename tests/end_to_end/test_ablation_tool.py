@@ -1,61 +1,53 @@
-"""`tools.ablation` switches a mechanism off in all modules that use it, and on again."""
+"""`tools.ablation` switches a mechanism off by settings and compares the same frames."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from benchmark.evaluation import prepare_drive
 from benchmark.scored_drive import drive_from_video
-from lanes.detect import fit as fitting
-from lanes.track import filter as update
+from lanes.track.tracker import TrackerSettings
 from tests.support.project import ROOT
-from tools.ablation import ALL_ON, SWITCHES, importers, measure, switched_off, table_row
+from tools.ablation import ALL_ON, MECHANISMS, measure, table_row, with_value
 
-BY_NAME = {switch.name: switch for switch in SWITCHES}
 # Ten frames.
 SECONDS = 0.4
 
 
 @pytest.fixture(scope="module")
-def drives():
-    return [prepare_drive(drive_from_video(ROOT / "test_videos" / "harder_challenge_video.mp4"))]
+def measurements():
+    """Without any change, and without rate steps, in a hairpin."""
+    drive = prepare_drive(drive_from_video(ROOT / "test_videos" / "harder_challenge_video.mp4"))
+    (rate_steps,) = (mechanism for mechanism in MECHANISMS if mechanism.name == "rate steps")
+    return [measure((mechanism, drive), end_s=SECONDS) for mechanism in (ALL_ON, ALL_ON, rate_steps)]
 
 
-@pytest.fixture(scope="module")
-def all_on(drives):
-    return measure(ALL_ON, drives, end_s=SECONDS)
+def test_a_strong_mechanism_changes_the_result_and_nothing_else_does(measurements):
+    on, again, off = (one.errors.lateral_m for one in measurements)
+    np.testing.assert_array_equal(on, again)
+    assert not np.array_equal(on, off, equal_nan=True)
 
 
-def lateral_errors(measurement):
-    return measurement.drives[0].lateral_m
+def test_a_row_shows_what_is_lost(measurements):
+    on = measurements[0]
+    wrong = replace(on.errors, near_rms_m=np.where(np.arange(10) < 4, 1.0, 0.0))
+    right = replace(on.errors, near_rms_m=np.zeros(10))
+    row = table_row(MECHANISMS[0], [replace(on, errors=wrong)], [replace(on, errors=right)])
+    cells = [cell.strip() for cell in row.split("|")[1:-1]]
+    assert cells[0] == MECHANISMS[0].name and cells[2] == "60.0%"
+    assert cells[3].startswith("-40.0 (")
 
 
-@pytest.mark.parametrize("name", ["rate steps", "bend ahead"])
-def test_a_strong_mechanism_changes_the_result(name, drives, all_on):
-    without = measure(BY_NAME[name], drives, end_s=SECONDS)
-    assert not np.array_equal(lateral_errors(without), lateral_errors(all_on), equal_nan=True)
-    assert table_row(BY_NAME[name], without, all_on).startswith(f"| {name} |")
-
-
-def test_all_on_changes_nothing(drives, all_on):
-    again = measure(ALL_ON, drives, end_s=SECONDS)
-    np.testing.assert_array_equal(lateral_errors(again), lateral_errors(all_on))
-
-
-@pytest.mark.parametrize("switch", SWITCHES, ids=lambda switch: switch.name)
-def test_each_switch_replaces_objects_of_the_engine_and_restores_them(switch):
-    for old, new in switch.replacements:
-        places = importers(old)
-        assert places
-        with switched_off(switch):
-            assert not importers(old)
-            assert set(places) <= set(importers(new))
-        assert importers(old) == places
-
-
-def test_every_importer_of_a_parameter_instance_is_patched():
-    original = fitting.FIT
-    with switched_off(BY_NAME["variance inflation"]):
-        assert fitting.FIT.variance_inflation == update.FIT.variance_inflation == 1.0
-    assert fitting.FIT is update.FIT is original
+@pytest.mark.parametrize("mechanism", MECHANISMS, ids=lambda mechanism: mechanism.name)
+def test_each_mechanism_changes_exactly_its_settings(mechanism):
+    settings, default = mechanism.settings(), TrackerSettings()
+    assert settings != default
+    for path in mechanism.off:
+        value = default
+        for name in path.split("."):
+            value = getattr(value, name)
+        settings = with_value(settings, path.split("."), value)
+    assert settings == default

@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera, CameraPose
-from lanes.track.tracker import LaneTracker, TrackedLane
+from lanes.detect.lane import Lane
+from lanes.track.tracker import LaneTracker
 from simulator.rendering.drive import Motion
 from simulator.road.geometry import RoadGeometry, VehiclePose, offset_point
 from simulator.road.truth import Truth, lane_truth
@@ -176,7 +177,7 @@ BENDS = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=
 
 
 @lru_cache(maxsize=1)
-def tracked_bends() -> tuple[np.ndarray, TrackedLane]:
+def tracked_bends() -> tuple[np.ndarray, Lane | None]:
     """The fourth frame of `BENDS`, read-only, and the tracker's result for it."""
     tracker = LaneTracker(SMALL)
     for frame in range(4):

@@ -63,7 +63,7 @@ def true_lines(scene: str, frame: Frame, camera: Camera) -> LaneColumns:
 
 def right_in_picture(lane: Lane, camera: Camera, label: LaneColumns) -> bool:
     """Whether both lines of a lane are right in a picture, as for hand-made labels; `camera` is the estimated one."""
-    return bool(picture_is_right(label, LaneColumns("found", label.rows, lane.pixels(enlarged(camera), label.rows))))
+    return bool(picture_is_right(label, LaneColumns("found", label.rows, lane.columns(enlarged(camera), label.rows))))
 
 
 def find_with_own_pose(image: np.ndarray, hfov_deg: float = DEFAULT_HFOV_DEG) -> tuple[Camera | None, Lane | None]:

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
 from lanes.detect.error_covariance import ERRORS, ResidualStatistics, road_std, split_gain
+
 from lanes.detect.road import CENTRE, CURVATURE, HEADING, PARAMETERS, RATE, RATE_STEPS
 from lanes.track.filter import LANE, STATES, initial_state, predict, update_state
 from tests.support.shapes import a_lane
