@@ -308,4 +308,5 @@ def _describe_place(lane: np.ndarray) -> str:
 
 
 def _describe_paint(support: np.ndarray) -> str:
-    return f"paint on {support[0]:.0%} left, {support[1]:.0%} right"
+    left, right = np.minimum(support, 1)
+    return f"paint on {left:.0%} left, {right:.0%} right"
