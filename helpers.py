@@ -14,8 +14,7 @@ from course.exercises.check import check_exercise
 from lanes.images import read_image, write_image, list_pictures
 
 # 2 Calibrate
-from lanes.calibration import calibrate
-from lanes.camera import load_camera
+from lanes import calibrate, load_camera
 
 # 3 Undistort
 from lanes.camera import undistort
@@ -23,7 +22,7 @@ from lanes.camera import undistort
 # 4 From above
 from classic.warp import FourPointWarp, metres_per_pixel, birdseye_to_road, road_axes
 from classic.recipe import recipe_from_pose
-from lanes.pose import estimate_pose
+from lanes import estimate_pose
 from lanes.sources import sample_images
 from course.measures import lane_widths_px
 from course.sketch import sketch_conventions
@@ -47,16 +46,16 @@ from benchmark.reporting.tables import format_table
 # 8 Draw, video
 from lanes.canvas import LEFT_COLOUR, RIGHT_COLOUR
 from classic.overlay import (
-    draw_lane,
+    draw_lane_between,
     draw_pixels,
     draw_windows,
     draw_fit,
-    annotate,
+    annotate_image,
     describe_result,
     diagnose,
     follow_lane,
 )
-from lanes.video.process import process_video
+from lanes import process_video, read_video
 from lanes.files import read_telemetry
 
 # 9 Metres
@@ -67,17 +66,16 @@ from course.plots import show_birdseye
 from lanes.detect.paint import marking_response, find_stripes
 
 # 11 One model
-from lanes.stills import find_lane
-from lanes.draw import draw_lane as draw_found
+from lanes import find_lane, draw_lane
 
 # 12 Memory
 from lanes.detect.confidence import CONFIDENCE, FEATURES, lane_features, rate_lane
-from lanes.track.tracker import LaneTracker
+from lanes import LaneTracker
 from lanes.draw import track_lane
 from course.odometry import integrate_path
 
 # 13 Explain
-from lanes.explain import explain
+from lanes import explain
 from lanes.figures import show_explanation
 
 # 14 How wrong
@@ -94,7 +92,6 @@ from lanes.detect.paint import strength_weight
 
 # Sliders
 from course.sliders import tune_threshold
-from lanes.video.reader import read_video
 
 # Figures
 from course.plots import show_pictures, plot_bars, plot_histogram, plot_series, plot_telemetry, plot_path

@@ -192,19 +192,24 @@ def helper_groups() -> dict[str, list[tuple[str, str]]]:
     return groups
 
 
+def table_of_names(names: Iterable[tuple[str, str]]) -> list[str]:
+    """Lines of a table of (module, name), each name with a link to its documentation."""
+    lines = ["| name | content |", "|---|---|"]
+    for module, name in names:
+        found = getattr(import_module(module), name)
+        home = getattr(found, "__module__", module) if callable(found) else module
+        lines.append(f"| {{py:obj}}`{name} <{home}.{name}>` | {first_line(f'{module}:{name}')} |")
+    return [*lines, ""]
+
+
 def write_helpers() -> None:
     """The names of helpers.py by chapter, with links to their modules."""
     lines = ["# helpers: the names of the course", "", "`import helpers` gives these names, by chapter.", ""]
     others = set()
     for title, names in helper_groups().items():
         number, _, rest = title.partition(" ")
-        lines += [f"## {f'Chapter {number}: {rest}' if number.isdigit() else title}", ""]
-        lines += ["| name | content |", "|---|---|"]
-        for module, name in names:
-            lines.append(f"| {{py:obj}}`{name} <{module}.{name}>` | {first_line(f'{module}:{name}')} |")
-            if not module.startswith("lanes."):
-                others.add(module)
-        lines.append("")
+        lines += [f"## {f'Chapter {number}: {rest}' if number.isdigit() else title}", "", *table_of_names(names)]
+        others |= {module for module, _ in names if module.partition(".")[0] != "lanes"}
     for module in others:
         write_module(module)
     write(SOURCE / "api" / "helpers.md", "\n".join(lines) + toctree(sorted(others)))
@@ -218,9 +223,11 @@ def write_module(name: str) -> None:
 def write_package(name: str, path: list[str]) -> None:
     """The page of a package with the names that it exports and its modules, and the pages of those."""
     children = [child.name for child in pkgutil.iter_modules(path, f"{name}.")]
+    text = [f"# {name}", "", "```{eval-rst}", f".. automodule:: {name}", "    :no-members:", "```", ""]
+    if exported := getattr(import_module(name), "__all__", ()):
+        text += table_of_names((name, exported_name) for exported_name in exported)
     table = [f"| [{child}]({child}.{suffix(child)}) | {first_line(child)} |" for child in children]
-    about = ["```{eval-rst}", f".. automodule:: {name}", "```"]
-    text = [f"# {name}", "", *about, "", "| module | content |", "|---|---|", *table]
+    text += ["| module | content |", "|---|---|", *table]
     write(SOURCE / "api" / f"{name}.md", "\n".join(text) + "\n" + toctree(children))
     for child in children:
         module = import_module(child)

@@ -37,7 +37,7 @@ def describe_result(result: LaneResult) -> list[str]:
     return [describe_bend(result.curvature_per_m), describe_offset(result.offset_m), *memory]
 
 
-def annotate(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarray:
+def annotate_image(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarray:
     """A copy of the raw RGB image with the lane and its numbers.
 
     The lines are projected from the bird's-eye view to the raw image, through the homography and the distortion of
@@ -70,7 +70,7 @@ def follow_lane(
 
     def process(frame: np.ndarray) -> tuple[np.ndarray, dict[str, str | float | None]]:
         result = finder.follow(frame)
-        return annotate(frame, result, camera), result.as_row()
+        return annotate_image(frame, result, camera), result.as_row()
 
     return process
 
@@ -80,10 +80,10 @@ def _draw_result(image: np.ndarray, result: LaneResult, camera: Camera) -> np.nd
     if result.state == "lost":
         return image.copy()
     left_px, right_px = result.lines_px
-    return draw_lane(image, left_px, right_px, camera)
+    return draw_lane_between(image, left_px, right_px, camera)
 
 
-def draw_lane(
+def draw_lane_between(
     image: np.ndarray,
     left_px: np.ndarray | None,
     right_px: np.ndarray | None,

@@ -1,4 +1,9 @@
-"""Checks of the steps of lane detection in one picture: summary, failure and advice for each step."""
+"""Explanation of a lane detection: every step from the raw image to the lane in metres, with its numbers.
+
+    picture -> pose -> bird's-eye view -> markings -> stripes -> votes -> fit -> lane
+
+It reads what the detection kept. If the detection failed, it names the step, the reason and what to do.
+"""
 
 from __future__ import annotations
 
@@ -12,24 +17,10 @@ from lanes.detect.confidence import CONFIDENCE, FEATURES, LIKELY_CONFIDENCE, fea
 from lanes.detect.fit import FIT, near_stripes
 from lanes.detect.lane import LOST, Lane
 from lanes.detect.paint import PAINT, FrameEvidence, lightness, strength_weight
-from lanes.detect.road import CENTRE, CURVATURE, PITCH, SIDES, WIDTH, is_ego_lane, lateral_std_m
+from lanes.detect.road import CENTRE, CURVATURE, PITCH, WIDTH, is_ego_lane, lateral_std_m
 from lanes.detect.search import Search
 from lanes.errors import CameraError
 from lanes.stills import StillDetection, detect_still
-from lanes.track.tracker import TrackerSettings
-
-# Median grey levels (of 255) below and above which hardly any paint is visible, and the least range of grey levels of
-# a road with visible paint.
-DARK, BRIGHT, FLAT = 20, 240, 8
-# Lanes with nothing between their lines have a larger share of stripes on them.
-USUAL_CLEAR_SHARE = 0.9
-# Pitch motion beyond three prior standard deviations is not caused by a bump.
-MAX_PITCH_RAD = 3 * FIT.prior.std[PITCH]
-
-# Lanes whose centre or width differs by more than this are different lanes.
-OTHER_LANE_M = 0.5
-# The tracker starts with a lane of this score, `lanes.track.tracker.TrackerSettings.min_score`.
-MIN_SCORE = TrackerSettings.min_score
 
 RE_ESTIMATE_POSE = "Estimate the camera pose again from pictures of this drive (python -m lanes pose)."
 
@@ -44,35 +35,155 @@ class Step:
     advice: str = ""
 
 
-def describe_input(image: np.ndarray, camera: Camera, pose_failure: str) -> list[Step]:
-    """The picture and the camera pose; `pose_failure` says why the pose is only assumed, and is empty otherwise."""
-    picture = Step("picture", f"{image.shape[1]}x{image.shape[0]} px, mean brightness {image.mean():.0f} of 255")
-    pose = camera.require_pose().describe()
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A lane that was fitted to the stripes; `reason` describes it, and says why it was rejected if it was.
+
+    `model` (15,) is as in `lanes.detect.road`.
+    """
+
+    model: np.ndarray
+    chosen: bool
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """An image and the result of every detection step; `lanes.figures.show_explanation` draws it.
+
+    Attributes
+    ----------
+    image : ndarray of shape (height, width, 3), uint8
+        RGB, raw.
+    steps : tuple of Step
+        In order of execution; only the last one may have failed.
+    detection : StillDetection or None
+        What was found in the image, and what it was found in; None if the camera sees no road.
+    candidates : tuple of Candidate
+        Best first.
+    """
+
+    image: np.ndarray
+    camera: Camera
+    steps: tuple[Step, ...]
+    detection: StillDetection | None = None
+    candidates: tuple[Candidate, ...] = ()
+
+    @property
+    def lane(self) -> Lane | None:
+        """The lane found."""
+        return self.detection.lane if self.detection else None
+
+    @property
+    def failed(self) -> Step | None:
+        """The step that failed, or that gives a low confidence; None if no step failed."""
+        return self.steps[-1] if self.steps[-1].failure else None
+
+    def summary(self) -> dict[str, str]:
+        """The lane in words, by name."""
+        return self.lane.summary() if self.lane else {"state": LOST}
+
+    def describe(self) -> str:
+        """Text of several lines: steps, result, terms of the confidence, rejected lanes, failure and advice."""
+        lines = [f"{step.name:<10} {step.summary}" for step in self.steps]
+        lines += [f"{name:<10} {words}" for name, words in self.summary().items()]
+        lines += self.confidence_summary()
+        lines += [f"rejected   {c.reason}" for c in self.candidates if not c.chosen]
+        if self.failed:
+            lines += [f"failed at  {self.failed.name}: {self.failed.failure}", f"what to do {self.failed.advice}"]
+        return "\n".join(lines)
+
+    def confidence_summary(self) -> list[str]:
+        """Lines of text with the features of the confidence, their weights and their contributions to the log odds.
+
+        Features without weight are left out: they count only for tracked lanes, or for a pose from the same image.
+        """
+        if self.lane is None:
+            return []
+        parts = list(zip(FEATURES, lane_features(self.lane), feature_weights(self.lane), strict=True))
+        lines = [
+            f"  {name}: {value:.2f} x {weight:.2f} = {value * weight:+.2f}" for name, value, weight in parts if weight
+        ]
+        return ["confidence, as log odds:", *lines, f"  total {sum(v * w for _, v, w in parts):+.2f}"]
+
+    def __repr__(self) -> str:
+        return f"Explanation({self.lane}, failed at {self.failed.name if self.failed else 'no step'})"
+
+
+def explain(
+    image: np.ndarray, camera: Camera, *, detection: StillDetection | None = None, pose_failure: str = ""
+) -> Explanation:
+    """Every step of the lane detection in a raw RGB image, with its result in words.
+
+    >>> print(lanes.explain(image, camera).describe())  # doctest: +SKIP
+
+    Parameters
+    ----------
+    detection : StillDetection, optional
+        What was found in the image, if that is known; otherwise it is that of `lanes.stills.detect_still`.
+    pose_failure : str
+        Why the pose of `camera` is only assumed; empty if the pose is known. Later steps are then left out.
+
+    Raises
+    ------
+    PictureError
+        If the image is not RGB or not of the camera's size.
+    CameraError
+        If the camera has no pose.
+    """
+    image, pose = camera.require_size(image), camera.require_pose().describe()
+    steps = [
+        Step("picture", f"{camera.width}x{camera.height} px, mean brightness {image.mean():.0f} of 255"),
+        Step("pose", f"assumed, {pose}", pose_failure, RE_ESTIMATE_POSE) if pose_failure else Step("pose", pose),
+    ]
+    try:
+        detection = detection or detect_still(image, camera)
+    except CameraError as error:
+        failed = Step("birdseye", "no road in the picture", str(error), RE_ESTIMATE_POSE)
+        return Explanation(image, camera, _up_to_failure([*steps, failed]))
     if pose_failure:
-        return [picture, Step("pose", f"assumed, {pose}", pose_failure, RE_ESTIMATE_POSE)]
-    return [picture, Step("pose", pose)]
+        return Explanation(image, camera, tuple(steps), StillDetection(detection.evidence))
+    evidence, search, lane = detection.evidence, detection.search, detection.lane
+    steps += [_check_birdseye(evidence), _check_markings(evidence), _check_stripes(evidence)]
+    if search is None:
+        return Explanation(image, camera, _up_to_failure(steps), detection)
+    best = search.starts.lanes[0]
+    votes = (
+        f"{len(search.starts.lanes)} lanes proposed, best: {best[WIDTH]:.1f} m wide, {describe_bend(best[CURVATURE])}"
+    )
+    steps += [Step("votes", votes), _check_fit(search.fit.support[0], seen=lane is not None)]
+    if lane is not None:
+        # A lane was found, so an earlier failure was not decisive.
+        steps = [replace(step, failure="", advice="") for step in steps] + [_check_lane(lane)]
+    candidates = _list_candidates(search, found=lane is not None)
+    return Explanation(image, camera, _up_to_failure(steps), detection, candidates)
 
 
-def check_birdseye(evidence: FrameEvidence) -> Step:
-    """Check that the road in the bird's-eye view is neither too dark nor too bright, and has contrast."""
+def _up_to_failure(steps: list[Step]) -> tuple[Step, ...]:
+    failed = next((n for n, step in enumerate(steps) if step.failure), len(steps))
+    return tuple(steps[: failed + 1])
+
+
+def _check_birdseye(evidence: FrameEvidence) -> Step:
+    """Check that the road in the bird's-eye view is neither too dark nor too bright to show paint, and has contrast."""
     view = evidence.view
     levels = lightness(evidence.view_image)[view.seen]
     low, median, high = np.percentile(levels, [0.1, 50, 99.9])
     summary = f"picture covers {view.seen.mean():.0%} of {view.near_m:g} to {view.far_m:g} m, brightness {median:.0f}"
     failure = advice = ""
-    if median < DARK:
+    if median < 20:
         failure = f"the road is almost black (median {median:.0f} of 255)."
         advice = "Set the exposure for the road, switch on the headlights, or skip this part of the drive."
-    elif median > BRIGHT:
+    elif median > 240:
         failure = f"the road is glaring white (median {median:.0f} of 255)."
         advice = "Set the exposure for the road, or clean the windscreen. There is no remedy for low sun."
-    elif high - low < FLAT:
+    elif high - low < 8:
         failure = f"the road has no contrast (grey levels {low:.0f} to {high:.0f})."
         advice = "Check for fog, dirt or blur, and whether the camera looks at the road."
     return Step("birdseye", summary, failure, advice)
 
 
-def check_markings(evidence: FrameEvidence) -> Step:
+def _check_markings(evidence: FrameEvidence) -> Step:
     """Check that the marking response is large enough anywhere."""
     strength, minimum = evidence.response.strength[evidence.view.seen], PAINT.min_strength
     best, share = strength.max(initial=0), (strength > minimum).mean()
@@ -88,26 +199,20 @@ def check_markings(evidence: FrameEvidence) -> Step:
     return Step("markings", summary, failure, advice + RE_ESTIMATE_POSE)
 
 
-def check_stripes(evidence: FrameEvidence) -> Step:
+def _check_stripes(evidence: FrameEvidence) -> Step:
     """Check that there are stripes at the near end of the road, where the search starts."""
-    count, near = len(evidence.stripes), len(near_stripes(evidence.stripes))
-    summary = f"{count} candidates, {near} of them within {FIT.start[-1][0]} m"
+    count, near, near_m = len(evidence.stripes), len(near_stripes(evidence.stripes)), FIT.start[-1][0]
+    summary = f"{count} candidates, {near} of them within {near_m} m"
     if near:
         return Step("stripes", summary)
-    failure = f"no stripe is nearer than {FIT.start[-1][0]} m, where the search starts."
+    failure = f"no stripe is nearer than {near_m} m, where the search starts."
     advice = "Check whether the bonnet or a car hides the road, or the lines end here. If not: "
     return Step("stripes", summary, failure, advice + RE_ESTIMATE_POSE)
 
 
-def describe_votes(starts: np.ndarray) -> Step:
-    """Describe the best of the lanes (K, 15) with the most votes."""
-    width_m, bend = starts[0, WIDTH], describe_bend(float(starts[0, CURVATURE]))
-    return Step("votes", f"{len(starts)} lanes proposed, best: {width_m:.1f} m wide, {bend}")
-
-
-def check_fit(support: np.ndarray, *, seen: bool) -> Step:
+def _check_fit(support: np.ndarray, *, seen: bool) -> Step:
     """Check that the best lane is seen after the fit; `support` (2,) is that of its two lines."""
-    summary = f"score {np.sqrt(support).sum():.2f}, paint on {support[0]:.0%} left, {support[1]:.0%} right"
+    summary = f"score {np.sqrt(support).sum():.2f}, {_describe_paint(support)}"
     if seen:
         return Step("fit", summary)
     return Step(
@@ -121,10 +226,10 @@ def check_fit(support: np.ndarray, *, seen: bool) -> Step:
     )
 
 
-def check_lane(lane: Lane) -> Step:
-    """Check the confidence and the pitch motion of the lane found."""
+def _check_lane(lane: Lane) -> Step:
+    """Check the confidence and the pitch motion of the lane found: a bump does not exceed three standard deviations."""
     summary = f"confidence {lane.confidence:.0%}, score {lane.score:.2f}"
-    if abs(lane.pitch_rad) >= MAX_PITCH_RAD:
+    if abs(lane.pitch_rad) >= 3 * FIT.prior.std[PITCH]:
         turned = f"{np.degrees(abs(lane.pitch_rad)):.1f} deg farther {'down' if lane.pitch_rad > 0 else 'up'}"
         failure = f"the camera seems to look {turned} than its pose says."
         return Step("lane", summary, failure, RE_ESTIMATE_POSE + " On a crest or a bump no action is needed.")
@@ -136,11 +241,6 @@ def check_lane(lane: Lane) -> Step:
 def _explain_low_confidence(lane: Lane) -> tuple[str, str]:
     """Failure and advice for the most likely cause of a low confidence."""
     unseen = [name for name, line in (("left", lane.left), ("right", lane.right)) if not line.seen]
-    if lane.score < MIN_SCORE:
-        return (
-            f"hardly any paint supports the lane (score {lane.score:.2f}; the tracker starts from {MIN_SCORE} on).",
-            "Check in the panels with the marking response and the stripes whether the road has lines here.",
-        )
     if unseen:
         return (
             f"the {unseen[0]} line is not seen; its position follows from the other line and the usual lane width.",
@@ -166,10 +266,10 @@ def _explain_low_confidence(lane: Lane) -> tuple[str, str]:
             "lines may be a kerb, a crack or a line of another lane, or the road is unusual.",
             "Check in the panel with the fit which line lies on paint. If all lanes are like this: " + RE_ESTIMATE_POSE,
         )
-    tiles = _describe_tiles(lane)
-    if tiles and _is_the_cause(lane, "between", "transverse"):
+    if _is_the_cause(lane, "between", "transverse"):
         return (
-            tiles + ".",
+            f"painted stripes cross the lane ({lane.transverse_stripes} of them), or other lines run between its own: "
+            f"of the stripes along it {lane.clear_share:.0%} are on its lines.",
             "Check in the panel with the stripes what lies between the lines: a floor of tiles, a crossing, or a road "
             "with other markings. If a line of the lane itself lies there: " + RE_ESTIMATE_POSE,
         )
@@ -181,17 +281,6 @@ def _explain_low_confidence(lane: Lane) -> tuple[str, str]:
     )
 
 
-def _describe_tiles(lane: Lane) -> str:
-    """Lines across the lane and between its own, as tiles have them; empty if there are none."""
-    parts = []
-    if lane.transverse_stripes:
-        parts.append(f"painted stripes cross the lane ({lane.transverse_stripes} of them)")
-    if lane.clear_share < USUAL_CLEAR_SHARE:
-        share = f"of the stripes along it only {lane.clear_share:.0%} are on its lines"
-        parts.append(f"other lines run between those of the lane: {share}")
-    return ", and ".join(parts)
-
-
 def _is_the_cause(lane: Lane, *features: str) -> bool:
     """Whether the confidence would be high enough without these features."""
     log_odds = lane_features(lane) * feature_weights(lane)
@@ -199,158 +288,15 @@ def _is_the_cause(lane: Lane, *features: str) -> bool:
     return bool(without >= np.log(LIKELY_CONFIDENCE / (1 - LIKELY_CONFIDENCE)))
 
 
-# Explanation of a lane detection: every step from the raw picture to the lane in metres, with its numbers.
-#
-#     picture -> bird's-eye view -> marking response -> stripes -> votes -> fit -> lane
-#
-# If the detection fails, the explanation names the step, the reason and what to do.
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A lane that was fitted to the stripes.
-
-    `model` (15,) is as in `lanes.detect.road`; `reason` describes the lane, and says why it was rejected if it was.
-    """
-
-    model: np.ndarray
-    chosen: bool
-    reason: str
-
-
-@dataclass(frozen=True, eq=False)
-class Explanation:
-    """A picture and the result of every detection step; `lanes.figures.show_explanation` draws it.
-
-    Attributes
-    ----------
-    image : ndarray of shape (height, width, 3), uint8
-        RGB, raw.
-    steps : tuple of Step
-        In order of execution; only the last one may have failed.
-    detection : StillDetection or None
-        What was found in the picture, and what it was found in; None if the camera sees no road.
-    candidates : tuple of Candidate
-        Best first.
-    """
-
-    image: np.ndarray
-    camera: Camera
-    steps: tuple[Step, ...]
-    detection: StillDetection | None = None
-    candidates: tuple[Candidate, ...] = ()
-
-    @property
-    def evidence(self) -> FrameEvidence | None:
-        """Bird's-eye view, marking response and stripes; None if the camera sees no road."""
-        return self.detection.evidence if self.detection else None
-
-    @property
-    def lane(self) -> Lane | None:
-        """The lane found."""
-        return self.detection.lane if self.detection else None
-
-    @property
-    def failed(self) -> Step | None:
-        """The step that failed, or that gives a low confidence; None if no step failed."""
-        return next((step for step in self.steps if step.failure), None)
-
-    @property
-    def undistorted_camera(self) -> Camera:
-        """The camera without its distortion, for drawing on the undistorted picture."""
-        return replace(self.camera, distortion=np.zeros(5))
-
-    def summary(self) -> dict[str, str]:
-        """The lane in words, by name."""
-        return self.lane.summary() if self.lane else {"state": LOST}
-
-    def describe(self) -> str:
-        """Text of several lines: steps, result, rejected lanes, failure and advice."""
-        lines = [f"{step.name:<10} {step.summary}" for step in self.steps]
-        lines += [f"{name:<10} {words}" for name, words in self.summary().items()]
-        lines += self.confidence_summary()
-        lines += [f"rejected   {c.reason}" for c in self.candidates if not c.chosen]
-        if self.failed:
-            lines += [f"failed at  {self.failed.name}: {self.failed.failure}", f"what to do {self.failed.advice}"]
-        return "\n".join(lines)
-
-    def confidence_summary(self) -> list[str]:
-        """Lines of text with the features of the confidence, their weights and their contributions to the log odds.
-
-        Features without weight are left out: they count only for tracked lanes, or for a pose from the same picture.
-        """
-        if self.lane is None:
-            return []
-        parts = list(zip(FEATURES, lane_features(self.lane), feature_weights(self.lane), strict=True))
-        lines = [
-            f"  {name}: {value:.2f} x {weight:.2f} = {value * weight:+.2f}" for name, value, weight in parts if weight
-        ]
-        return ["confidence, as log odds:", *lines, f"  total {sum(v * w for _, v, w in parts):+.2f}"]
-
-    def __repr__(self) -> str:
-        return f"Explanation({self.lane}, failed at {self.failed.name if self.failed else 'no step'})"
-
-
-def explain(
-    image: np.ndarray, camera: Camera, *, detection: StillDetection | None = None, pose_failure: str = ""
-) -> Explanation:
-    """Every step of the lane detection in a raw RGB image, with its result in words.
-
-    >>> print(lanes.explain(image, camera))  # doctest: +SKIP
-
-    Parameters
-    ----------
-    detection : StillDetection, optional
-        What was found in the image, if that is known; otherwise it is that of `lanes.stills.detect_still`.
-    pose_failure : str
-        Why the pose of `camera` is only assumed; empty if the pose is known.
-
-    Raises
-    ------
-    PictureError
-        If the image is not RGB or not of the camera's size.
-    CameraError
-        If the camera has no pose.
-    """
-    camera.require_size(image)
-    camera.require_pose()
-    steps = describe_input(image, camera, pose_failure)
-    try:
-        detection = detection or detect_still(image, camera)
-    except CameraError as error:
-        failed = Step("birdseye", "no road in the picture", str(error), RE_ESTIMATE_POSE)
-        return Explanation(image, camera, _up_to_failure([*steps, failed]))
-    evidence, lane = detection.evidence, detection.lane
-    if pose_failure:
-        # Later steps are meaningless without the camera pose. The evidence is kept for the figure.
-        return Explanation(image, camera, tuple(steps), StillDetection(evidence))
-    steps += [check_birdseye(evidence), check_markings(evidence), check_stripes(evidence)]
-    if detection.search is None:
-        return Explanation(image, camera, _up_to_failure(steps), detection)
-    candidates = _candidates(detection.search, found=lane is not None)
-    steps += [
-        describe_votes(detection.search.starts.lanes),
-        check_fit(detection.search.fit.support[0], seen=lane is not None),
-    ]
-    if lane is not None:
-        # A lane was found, so an earlier failure was not decisive.
-        steps = [replace(step, failure="", advice="") for step in steps] + [check_lane(lane)]
-    return Explanation(image, camera, _up_to_failure(steps), detection, candidates)
-
-
-def _up_to_failure(steps: list[Step]) -> tuple[Step, ...]:
-    failed = next((n for n, step in enumerate(steps) if step.failure), len(steps))
-    return tuple(steps[: failed + 1])
-
-
-def _candidates(search: Search, *, found: bool) -> tuple[Candidate, ...]:
+def _list_candidates(search: Search, *, found: bool) -> tuple[Candidate, ...]:
     """The fitted lane, and the other start hypotheses after their fit to the near stripes, with what they lack."""
     fit, near = search.fit, search.starts
     chosen = fit.lanes[0]
     candidates = [Candidate(chosen, found, f"{_describe_place(chosen)}: {_describe_paint(fit.support[0])}")]
     share = near.marked_rows / max(int((fit.view.x_m < FIT.start[-1][0]).sum()), 1)
     for lane, paint in zip(near.lanes, share, strict=True):
-        if np.abs(lane - chosen)[[CENTRE, WIDTH]].max() > OTHER_LANE_M:
+        # others are the same lane
+        if np.abs(lane - chosen)[[CENTRE, WIDTH]].max() > 0.5:
             why = "less paint near the car" if is_ego_lane(lane[None])[0] else "not the ego lane"
             candidates.append(Candidate(lane, False, f"{_describe_place(lane)}: {why} ({_describe_paint(paint)})"))
     return tuple(candidates)
@@ -362,15 +308,5 @@ def _describe_place(lane: np.ndarray) -> str:
 
 
 def _describe_paint(support: np.ndarray) -> str:
-    return f"paint on {support[0]:.0%} left, {support[1]:.0%} right"
-
-
-def stripes_on_lines(explanation: Explanation) -> np.ndarray:
-    """The line of the lane that each stripe (N,) lies on: +1 left, -1 right, 0 none.
-
-    Stripes on the far lines of adjacent lanes are 0, although they take part in the fit.
-    """
-    detection = explanation.detection
-    if detection is None or detection.lane is None or detection.search is None:
-        return np.zeros(len(explanation.evidence.stripes) if explanation.evidence else 0)
-    return SIDES @ detection.search.fit.members[0]
+    left, right = np.minimum(support, 1)
+    return f"paint on {left:.0%} left, {right:.0%} right"

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import textwrap
 from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -18,10 +20,12 @@ from lanes.camera import Camera, undistort
 from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR, Colour
 from lanes.describe import describe_std
 from lanes.detect.road import CENTRE, CURVATURE, SIDES, WIDTH, lines_on_view
+from lanes.detect.search import Search
 from lanes.detect.votes import VOTES
 from lanes.draw import draw_lane
-from lanes.explain import Explanation, stripes_on_lines
+from lanes.explain import Explanation
 from lanes.files import write_atomically
+from lanes.stills import StillDetection
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -108,18 +112,9 @@ def figure_kind(path: Path) -> str:
 
 
 # Figure of an explanation: one panel per step.
-#
-# Every panel can also be drawn for an explanation that failed at an earlier step.
 
-# Half the width of the marks on the road, metres.
-MARK_HALF_WIDTH_M = 4.0
-# Upper limit of the colour scale of the marking response.
-MAX_STRENGTH = 12.0
 # Width of the plots of the road to either side, metres: that of the bird's-eye view.
 ROAD_HALF_WIDTH_M = 9.0
-# Upper end of the plot of the fit, metres ahead: the legend lies above the lines.
-FIT_TOP_M = 66.0
-TEXT_COLUMNS, LINE_POINTS = 72, 12
 HORIZON_COLOUR, FAILED_COLOUR = rgb((255, 60, 255)), "firebrick"
 
 
@@ -129,46 +124,52 @@ def show_explanation(explanation: Explanation) -> tuple[Figure, np.ndarray]:
     Returns
     -------
     figure, axes : Figure, ndarray of Axes of shape (9,)
-        Frame, camera pose, bird's-eye view, marking response, stripes, votes, fit, overlay and text.
+        Image, camera pose, bird's-eye view, marking response, stripes, votes, fit, overlay and text.
     """
     said = defaultdict(lambda: "not reached", {step.name: step.summary for step in explanation.steps})
-    lane, failed = explanation.lane, explanation.failed
+    detection, lane, failed = explanation.detection, explanation.lane, explanation.failed
+    search = detection.search if detection else None
     result = f"Result: found, confidence {lane.confidence:.0%}" if lane else "Result: no lane"
-    panels = {
-        "picture": (f"Frame: {said['picture']}", _plot_frame),
-        "pose": (f"Camera pose: {explanation.camera.require_pose().describe()}", _plot_pose),
-        "birdseye": (f"Bird's-eye view: {said['birdseye']}", _plot_birdseye),
-        "markings": (f"Marking response: {said['markings']}", _plot_markings),
-        "stripes": (f"Stripes: {said['stripes']}", _plot_stripes),
-        "votes": (f"Votes: {said['votes']}", _plot_votes),
-        "fit": (f"Fit: {said['fit']}", _plot_fit),
-        "lane": (result, _plot_result),
-        "text": ("In words", _plot_text),
+    # title, function that plots the panel, and what it needs
+    panels: dict[str, tuple[str, Callable[[Axes, Explanation, Any], None], object]] = {
+        "picture": (f"Image: {said['picture']}", _plot_image, explanation),
+        "pose": (f"Camera pose: {explanation.camera.require_pose().describe()}", _plot_pose, explanation),
+        "birdseye": (f"Bird's-eye view: {said['birdseye']}", _plot_birdseye, detection),
+        "markings": (f"Marking response: {said['markings']}", _plot_markings, detection),
+        "stripes": (f"Stripes: {said['stripes']}", _plot_stripes, detection),
+        "votes": (f"Votes: {said['votes']}", _plot_votes, search),
+        "fit": (f"Fit: {said['fit']}", _plot_fit, search),
+        "lane": (result, _plot_result, explanation),
+        "text": ("In words", _plot_text, explanation),
     }
     figure, axes = new_figure(3, 3, (18, 11.5), height_ratios=(1, 1, 1.2))
-    for number, (axis, (step, (title, plot))) in enumerate(zip(axes, panels.items(), strict=True), 1):
-        plot(axis, explanation)
+    for number, (axis, (step, (title, plot, needed))) in enumerate(zip(axes, panels.items(), strict=True), 1):
+        if needed is None:
+            axis.text(0.5, 0.5, "not reached", ha="center", va="center", transform=axis.transAxes)
+            axis.set_axis_off()
+        else:
+            plot(axis, explanation, needed)
         axis.set_title(f"{number} {title}", fontsize=10)
         if failed and failed.name == step:
             axis.title.set_color(FAILED_COLOUR)
     return figure, axes
 
 
-def _plot_frame(axis: Axes, explanation: Explanation) -> None:
+def _plot_image(axis: Axes, explanation: Explanation, _: object) -> None:
     axis.imshow(explanation.image)
     axis.set_axis_off()
 
 
-def _plot_pose(axis: Axes, explanation: Explanation) -> None:
-    """Undistorted picture with the horizon, the point straight ahead and distances on the road."""
-    camera = explanation.undistorted_camera
+def _plot_pose(axis: Axes, explanation: Explanation, _: object) -> None:
+    """Undistorted image with the horizon, the point straight ahead and distances on the road, 4 m to either side."""
+    camera = replace(explanation.camera, distortion=np.zeros(5))
     height, width = explanation.image.shape[:2]
     axis.imshow(undistort(explanation.image, explanation.camera))
     ends = _directions_to_pixels(camera, np.array([[1.0, 0.6, 0], [1, 0, 0], [1, -0.6, 0]]))
     axis.plot(*ends.T, color=HORIZON_COLOUR, lw=1.2, label="horizon of the camera pose")
     axis.plot(*ends[1], "+", color=HORIZON_COLOUR, ms=14, mew=2, label="straight ahead of the car")
     for x_m in MARKED_M:
-        mark = camera.road_to_pixels(np.array([[x_m, MARK_HALF_WIDTH_M], [x_m, -MARK_HALF_WIDTH_M]]))
+        mark = camera.road_to_pixels(np.array([[x_m, 4.0], [x_m, -4.0]]))
         axis.plot(*mark.T, color=rgb(WINDOW_COLOUR), lw=1)
         if mark[0, 1] < height:
             axis.annotate(f"{x_m} m ", mark[0], color=rgb(WINDOW_COLOUR), fontsize=8, ha="right", va="center")
@@ -181,28 +182,22 @@ def _plot_pose(axis: Axes, explanation: Explanation) -> None:
     axis.legend(loc="lower right", fontsize=8)
 
 
-def _plot_birdseye(axis: Axes, explanation: Explanation) -> None:
-    if explanation.evidence is None:
-        _show_message(axis, "the camera pose shows no road in this picture")
-    else:
-        view = explanation.evidence.view
-        draw_on_road_grid(axis, view.blacken(explanation.evidence.view_image), view)
+def _plot_birdseye(axis: Axes, _: Explanation, detection: StillDetection) -> None:
+    view = detection.evidence.view
+    draw_on_road_grid(axis, view.blacken(detection.evidence.view_image), view)
 
 
-def _plot_markings(axis: Axes, explanation: Explanation) -> None:
-    if explanation.evidence is None:
-        _show_message(axis, "not reached")
-    else:
-        strength = explanation.evidence.response.strength
-        draw_on_road_grid(axis, strength, explanation.evidence.view, cmap="magma", vmin=0, vmax=MAX_STRENGTH)
+def _plot_markings(axis: Axes, _: Explanation, detection: StillDetection) -> None:
+    strength = detection.evidence.response.strength
+    draw_on_road_grid(axis, strength, detection.evidence.view, cmap="magma", vmin=0, vmax=12)
 
 
-def _plot_stripes(axis: Axes, explanation: Explanation) -> None:
+def _plot_stripes(axis: Axes, _: Explanation, detection: StillDetection) -> None:
     """Stripe candidates on the road in metres, those of the lane in the colours of its lines."""
-    _axes_of_road(axis)
-    if explanation.evidence is None:
-        return
-    stripes, side = explanation.evidence.stripes, stripes_on_lines(explanation)
+    _set_road_axes(axis)
+    stripes, side = detection.evidence.stripes, np.zeros(len(detection.evidence.stripes))
+    if detection.lane is not None and detection.search is not None:
+        side = SIDES @ detection.search.fit.members[0]
     lines = ((0, (150, 150, 150), "on no line"), (1, LEFT_COLOUR, "left line"), (-1, RIGHT_COLOUR, "right line"))
     for which, colour, label in lines:
         mine = stripes.select(side == which)
@@ -212,12 +207,8 @@ def _plot_stripes(axis: Axes, explanation: Explanation) -> None:
             axis.legend(loc="upper right", fontsize=8)
 
 
-def _plot_votes(axis: Axes, explanation: Explanation) -> None:
+def _plot_votes(axis: Axes, explanation: Explanation, search: Search) -> None:
     """Vote table: for each curvature and lateral position the votes of the best heading."""
-    search = explanation.detection.search if explanation.detection else None
-    if search is None:
-        _show_message(axis, "not reached")
-        return
     curvature = VOTES.hypotheses[:, 1]  # columns: heading, curvature, pitch
     bends = np.unique(curvature)
     # The search uses square roots of votes. They keep a dashed line visible next to a solid one.
@@ -234,12 +225,10 @@ def _plot_votes(axis: Axes, explanation: Explanation) -> None:
         axis.plot(lines_y_m, [row, row], "o", color=colour, mfc="none", ms=9)
 
 
-def _plot_fit(axis: Axes, explanation: Explanation) -> None:
+def _plot_fit(axis: Axes, explanation: Explanation, search: Search) -> None:
     """Fitted lanes on the road in metres: the chosen one with its uncertainty, the rejected ones dashed."""
-    _axes_of_road(axis)
-    if explanation.evidence is None:
-        return
-    view, stripes = explanation.evidence.view, explanation.evidence.stripes
+    _set_road_axes(axis)
+    view, stripes = search.fit.view, search.fit.stripes
     axis.scatter(stripes.y_m, stripes.x_m, s=3, color="0.75", lw=0)
     for candidate in explanation.candidates:
         if not candidate.chosen:
@@ -247,26 +236,27 @@ def _plot_fit(axis: Axes, explanation: Explanation) -> None:
                 axis.plot(line, view.x_m, color="0.5", lw=1, ls="--")
     if explanation.lane is None:
         return
-    lane, x_m = explanation.lane, np.linspace(0, 50, 101)
-    lines = zip(lane.lines, lane.lateral_m(x_m), lane.lateral_std_m(x_m), ("left", "right"), strict=True)
-    for (line, y_m, std_m, name), colour in zip(lines, (LEFT_COLOUR, RIGHT_COLOUR), strict=True):
-        label = f"{name}: {'paint on ' + format(min(line.support, 1), '.0%') if line.seen else 'inferred'}"
+    x_m = np.linspace(0, 50, 101)
+    for line, name, colour in zip(explanation.lane.lines, ("left", "right"), (LEFT_COLOUR, RIGHT_COLOUR), strict=True):
+        y_m, std_m = line.y(x_m), line.std_m(x_m)
+        label = f"{name}: {f'paint on {min(line.support, 1):.0%}' if line.seen else 'inferred'}"
         std_m[~(np.abs(y_m) <= ROAD_HALF_WIDTH_M)] = np.nan
         shown = np.flatnonzero((x_m <= 20) & np.isfinite(std_m))
         if len(shown):
             label += f", ± {describe_std(std_m[shown[-1]])} m at {x_m[shown[-1]]:.0f} m"
         axis.fill_betweenx(x_m, y_m - 2 * std_m, y_m + 2 * std_m, color=rgb(colour), alpha=0.25, lw=0)
         axis.plot(y_m, x_m, color=rgb(colour), label=label)
-    axis.set_ylim(top=FIT_TOP_M)
+    # room for the legend above the lines
+    axis.set_ylim(top=66)
     axis.legend(loc="upper right", fontsize=8, title="bands: two standard deviations", title_fontsize=8)
 
 
-def _plot_result(axis: Axes, explanation: Explanation) -> None:
+def _plot_result(axis: Axes, explanation: Explanation, _: object) -> None:
     axis.imshow(draw_lane(explanation.image, explanation.lane, explanation.camera))
     axis.set_axis_off()
 
 
-def _plot_text(axis: Axes, explanation: Explanation) -> None:
+def _plot_text(axis: Axes, explanation: Explanation, _: object) -> None:
     """Failure and advice, numbers of the lane, terms of the confidence, rejected lanes."""
     results = [f"{name}: {words}" for name, words in explanation.summary().items()]
     results += explanation.confidence_summary()
@@ -277,19 +267,14 @@ def _plot_text(axis: Axes, explanation: Explanation) -> None:
     below = 0
     for lines, colour in ((verdict, FAILED_COLOUR), (results, "0.1")):
         for line in lines:
-            for part in textwrap.wrap(line, TEXT_COLUMNS, subsequent_indent="    "):
+            for part in textwrap.wrap(line, 72, subsequent_indent="    "):
                 axis.annotate(part, (0, 1), (0, -below), family="monospace", color=colour, **look)
-                below += LINE_POINTS
-        below += LINE_POINTS // 2
+                below += 12
+        below += 6
     axis.set_axis_off()
 
 
-def _show_message(axis: Axes, words: str) -> None:
-    axis.text(0.5, 0.5, words, ha="center", va="center", transform=axis.transAxes)
-    axis.set_axis_off()
-
-
-def _axes_of_road(axis: Axes) -> None:
+def _set_road_axes(axis: Axes) -> None:
     axis.set(xlim=(ROAD_HALF_WIDTH_M, -ROAD_HALF_WIDTH_M), ylim=(0, 52), xlabel="left (m)", ylabel="ahead (m)")
     axis.grid(alpha=0.3)
 

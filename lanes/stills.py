@@ -71,12 +71,15 @@ class StillDetection:
 def find_lane(image: np.ndarray, camera: Camera, settings: DetectorSettings = DETECTOR) -> Lane | None:
     """The ego lane in a single image; None if it is not seen.
 
+    >>> lane = lanes.find_lane(image, camera)  # doctest: +SKIP
+
     Parameters
     ----------
     image : ndarray of shape (height, width, 3), uint8
         RGB, raw.
     camera : Camera
         The camera that took it, with its pose.
+    settings : DetectorSettings
 
     Raises
     ------
@@ -131,7 +134,9 @@ def detect_with_own_pose(image: np.ndarray, camera: Camera, height_log_std: floa
         return tried[0][0] if tried else _search_with_network(image, camera)
     lanes = [detection.lane for detection in shown if detection.lane is not None]
     log_posterior = np.array([log_prior + log_odds(d.lane) for d, log_prior in tried if d.lane is not None])
-    rows = _compared_rows(camera)
+    # from the road 60 m ahead down to the lower border of the image
+    top = camera.road_to_pixels(np.array([[60.0, 0.0]]))[0, 1]
+    rows = np.linspace(top, 0.98 * camera.height, 25)
     same = _same_lane(np.array([lane.columns(d.camera, rows) for d, lane in zip(shown, lanes, strict=True)]), camera)
     of_lane = np.flatnonzero(same[(same @ np.exp(log_posterior - log_posterior.max())).argmax()])
     best = of_lane[log_posterior[of_lane].argmax()]
@@ -169,12 +174,6 @@ def _search(evidence: FrameEvidence, settings: DetectorSettings = DETECTOR) -> S
     return StillDetection(evidence, search, replace(search.lane, transverse_stripes=transverse))
 
 
-def _compared_rows(camera: Camera) -> np.ndarray:
-    """Image rows in which lanes are compared: from that of the road 60 m ahead down to the lower border."""
-    top = camera.road_to_pixels(np.array([[60.0, 0.0]]))[0, 1]
-    return np.linspace(top, 0.98 * camera.height, 25)
-
-
 def _same_lane(columns: np.ndarray, camera: Camera) -> np.ndarray:
     """(N, N) bool: which of the lanes with these columns (N, 2, rows) are the same in the image; symmetric.
 
@@ -190,5 +189,5 @@ def _same_lane(columns: np.ndarray, camera: Camera) -> np.ndarray:
 
 @lru_cache(maxsize=4)
 def _view_of(camera: Camera) -> BirdsEyeView:
-    """The bird's-eye view, cached: making it takes as long as a detection in it."""
+    """The bird's-eye view, cached: making it takes half as long as a detection in it."""
     return BirdsEyeView(camera)

@@ -15,7 +15,7 @@ from lanes.pose import PoseEstimate, ensure_pose, estimate_height_and_roll, esti
 from lanes.vanishing_point import RoadLines
 from lanes.video.writer import VideoWriter
 from tests.support.painted_roads import paint_motorway
-from tests.support.project import REAL_DATA, ROOT
+from tests.support.project import ROOT
 from tests.support.static_objects import draw_guide_lines, draw_striped_bonnet
 from tests.support.streets import NOT_STREETS, paint_street
 
@@ -125,29 +125,6 @@ class TestDrive:
         images = [read_image(ROOT / frame["raw_file"]) for frame in truth["frames"]]
         estimate = estimate_pose(images, camera)
         assert_near(estimate, camera.pose, pitch_deg=0.1, yaw_deg=0.4, roll_deg=0.4, height_m=0.05)
-
-    @pytest.mark.skipif(
-        not (REAL_DATA / "labels.jsonl").is_file(),
-        reason=f"no labelled real stills in {REAL_DATA.name}; name their folder LANES_DATA",
-    )
-    def test_real_stills_meet_where_their_labels_meet(self):
-        """With a guessed lens, the labelled lines of the straight stills meet within 0.3 degrees of straight ahead."""
-        labels = map(json.loads, (REAL_DATA / "labels.jsonl").read_text().splitlines())
-        stills = [label for label in labels if "test_images" in label["raw_file"]]
-        camera = Camera.from_fov((1280, 720), 60)
-        camera = estimate_pose([REAL_DATA / still["raw_file"] for still in stills], camera).camera
-        far_ahead = camera.road_to_pixels(np.array([[1e6, 0.0]]))[0]
-        meetings = [meeting_point(still) for still in stills if "straight" in still["raw_file"]]
-        assert len(meetings) == 2
-        np.testing.assert_allclose(far_ahead, np.mean(meetings, axis=0), atol=camera.matrix[0, 0] * np.radians(0.3))
-
-
-def meeting_point(label: dict) -> tuple[float, float]:
-    """Where straight lines through the two labelled lines cross, in pixels (u, v)."""
-    rows = np.array(label["h_samples"])
-    (a, b), (c, d) = (np.polyfit(rows[np.array(u) > 0], np.array(u)[np.array(u) > 0], 1) for u in label["lanes"])
-    row = (d - b) / (a - c)
-    return a * row + b, row
 
 
 @pytest.mark.slow

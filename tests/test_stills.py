@@ -9,7 +9,7 @@ import pytest
 
 from lanes import stills
 from lanes.camera import Camera, CameraPose
-from lanes.detect.confidence import rate_lane
+from lanes.detect.lane import Lane
 from lanes.errors import CameraError
 from lanes.stills import StillDetection, detect_still, detect_with_own_pose, find_lane
 from tests.support.painted_roads import ASPHALT, Road, dashcam, paint_motorway
@@ -34,16 +34,18 @@ class TestKnownPose:
     )
     def test_the_more_probable_lane_is_taken(self, monkeypatch, band, network, searches, learned):
         """`band` and `network` are the log odds of the lanes found; None finds none."""
-        done, known = [], find_lane(CLEAR, DASHCAM)
+        done, clear = [], detect_still(CLEAR, DASHCAM)
+        known, search = clear.lane, clear.search
 
-        def choose_lane(fit, evidence):
+        def search_lane(evidence, settings):
             done.append(evidence.response.learned)
             odds = network if evidence.response.learned else band
-            return None if odds is None else replace(known, score=odds)
+            lane = None if odds is None else replace(known, score=odds)
+            return replace(search, lane=lane)
 
-        monkeypatch.setattr(stills, "choose_lane", choose_lane)
+        monkeypatch.setattr(stills, "search_lane", search_lane)
         monkeypatch.setattr(stills, "log_odds", lambda lane: lane.score)
-        monkeypatch.setattr(stills, "rate_lane", lambda lane: 1 / (1 + np.exp(-lane.score)))
+        monkeypatch.setattr(Lane, "confidence", property(lambda lane: 1 / (1 + np.exp(-lane.score))))
         found = detect_still(CLEAR, DASHCAM)
         assert done == searches and found.evidence.response.learned == learned
         assert (found.lane and found.lane.score) == (network if learned else band)
@@ -59,7 +61,7 @@ class TestKnownPose:
         road = Road(DASHCAM, noise=5.0).line(lambda x: 1.8 + 0 * x, **faint).line(lambda x: -1.8 + 0 * x, **faint)
         found = detect_still(road.image(), DASHCAM)
         assert found.evidence.response.learned
-        assert rate_lane(found.lane) > 0.5
+        assert found.lane.confidence > 0.5
         assert found.lane.width_m == pytest.approx(3.6, abs=0.15) and found.lane.offset_m == pytest.approx(0, abs=0.1)
 
     def test_a_camera_without_pose_and_one_that_sees_no_road_are_refused(self):
@@ -82,7 +84,7 @@ def is_right(found: StillDetection) -> bool:
     """Whether the lane lies on the painted one, within 1 % of the image's width."""
     far_m = np.linspace(8.0, 30.0, 10)
     true = [CAMERA.road_to_pixels(np.column_stack([far_m, np.full(10, y_m)])) for y_m in (1.83, -1.83)]
-    columns = found.lane.pixels(found.camera, true[0][:, 1])
+    columns = found.lane.columns(found.camera, true[0][:, 1])
     return bool(np.abs(columns - [pixels[:, 0] for pixels in true]).max() < 0.01 * CAMERA.width)
 
 
@@ -104,7 +106,7 @@ class TestOwnPose:
         many = paint_motorway(Camera.from_fov((640, 360), 60, replace(POSE, height_m=1.7 * 3)), lines=range(-6, 8))
         doubtful = own_pose(many, height_log_std=0.25).lane
         assert doubtful.same_lane_share < 0.6
-        assert rate_lane(clear) > rate_lane(replace(clear, same_lane_share=doubtful.same_lane_share))
+        assert clear.confidence > replace(clear, same_lane_share=doubtful.same_lane_share).confidence
 
     def test_a_height_without_uncertainty_is_kept(self):
         assert own_pose(paint_motorway(CAMERA), 1.6, 0.0).camera.pose.height_m == 1.6
@@ -116,8 +118,8 @@ class TestOwnPose:
 
     def test_each_pose_is_searched_once(self, monkeypatch):
         """Bird's-eye view, its finer grid for the network, and search: once for each of the seven poses."""
-        searched, search = [], stills.fit_starts
-        monkeypatch.setattr(stills, "fit_starts", lambda *fit: searched.append(fit) or search(*fit))
+        searched, search = [], stills.search_lane
+        monkeypatch.setattr(stills, "search_lane", lambda *of: searched.append(of) or search(*of))
         own_pose(paint_motorway(CAMERA))
         assert len(searched) == 7
 

@@ -7,11 +7,11 @@ import pytest
 
 from classic.finder import LaneFinder
 from classic.overlay import (
-    annotate,
+    annotate_image,
     describe_result,
     diagnose,
     draw_fit,
-    draw_lane,
+    draw_lane_between,
     draw_pixels,
     draw_search,
     draw_windows,
@@ -50,7 +50,7 @@ def gray() -> np.ndarray:
 
 
 def test_the_filled_lane_ends_at_the_paint_of_the_raw_image(image, result):
-    green = (annotate(image, result, CAMERA).astype(int) - image)[..., 1] > 10
+    green = (annotate_image(image, result, CAMERA).astype(int) - image)[..., 1] > 10
     for x in (6.0, 10.0, 15.0):
         shifts_m = (LANE_WIDTH_M / 2, -LANE_WIDTH_M / 2)
         lines_m = [np.array([[x, *ROAD.lateral_m(shift_m, np.array([x]))]]) for shift_m in shifts_m]
@@ -73,7 +73,7 @@ def test_a_lost_lane_is_said_and_nothing_is_drawn():
     black = np.zeros((720, 1280, 3), np.uint8)
     lost = LaneFinder(get_recipe("hls_sobel"), CAMERA).find(black)
     assert describe_result(lost) == ["lane lost"]
-    annotated = annotate(black, lost, CAMERA)
+    annotated = annotate_image(black, lost, CAMERA)
     assert annotated[:200].any() and not annotated[200:].any()
     assert diagnose(black, lost, CAMERA).shape == black.shape
     row = lost.as_row()
@@ -97,7 +97,7 @@ def test_the_search_shows_windows_pixels_and_lines(result):
 
 
 ALL = {
-    "draw_lane": lambda p: draw_lane(p, LEFT, RIGHT),
+    "draw_lane_between": lambda p: draw_lane_between(p, LEFT, RIGHT),
     "draw_windows": lambda p: draw_windows(p, [[10, 10, 30, 30]]),
     "draw_pixels": lambda p: draw_pixels(p, [[3, 4]], colour=LEFT_COLOUR),
     "draw_fit": lambda p: draw_fit(p, LEFT, RIGHT),
@@ -114,7 +114,7 @@ def test_the_lines_go_through_the_lens():
     straight = np.array([[5.0, 8.0], [30.0, 92.0]])
     many = np.column_stack([np.linspace(5, 30, 200), np.linspace(8, 92, 200)])
     paint = LENS.distort_points(many)
-    drawn = draw_lane(np.zeros((96, 160, 3), np.uint8), straight, None, LENS, line_width_px=3)
+    drawn = draw_lane_between(np.zeros((96, 160, 3), np.uint8), straight, None, LENS, line_width_px=3)
     rows, columns = np.nonzero(drawn[..., 0] > 120)
     inside = paint[(paint[:, 1] > rows.min()) & (paint[:, 1] < rows.max())]
     for u, v in inside[::20]:
@@ -124,22 +124,22 @@ def test_the_lines_go_through_the_lens():
 
 
 def test_left_is_red_and_right_is_blue_and_the_area_between_is_filled(gray):
-    drawn = draw_lane(gray, LEFT, RIGHT, line_width_px=4)
+    drawn = draw_lane_between(gray, LEFT, RIGHT, line_width_px=4)
     np.testing.assert_array_equal(drawn[50, 40], LEFT_COLOUR)
     np.testing.assert_array_equal(drawn[50, 120], RIGHT_COLOUR)
-    np.testing.assert_array_equal(draw_lane(gray, LEFT, RIGHT, line_width_px=0), fill_lane(gray, LEFT, RIGHT))
+    np.testing.assert_array_equal(draw_lane_between(gray, LEFT, RIGHT, line_width_px=0), fill_lane(gray, LEFT, RIGHT))
 
 
 def test_one_line_or_none(gray):
-    drawn = draw_lane(gray, None, RIGHT, line_width_px=4)
+    drawn = draw_lane_between(gray, None, RIGHT, line_width_px=4)
     np.testing.assert_array_equal(drawn[50, 120], RIGHT_COLOUR)
     np.testing.assert_array_equal(drawn[:, :90], gray[:, :90])
-    np.testing.assert_array_equal(draw_lane(gray, None, None), gray)
+    np.testing.assert_array_equal(draw_lane_between(gray, None, None), gray)
 
 
 def test_an_image_of_another_size_is_refused(gray):
     with pytest.raises(PictureError, match="150x96 pixels, but the camera was calibrated for 160x96"):
-        draw_lane(np.ascontiguousarray(gray[:, :150]), LEFT, RIGHT, LENS)
+        draw_lane_between(np.ascontiguousarray(gray[:, :150]), LEFT, RIGHT, LENS)
 
 
 def test_windows_pixels_and_fits_are_where_they_are_told(gray):

@@ -78,7 +78,6 @@ def test_names_of_helpers_exist(page):
     assert not [name for name in named if not hasattr(helpers, name)]
 
 
-@pytest.mark.xfail(strict=True, reason="TODO: remove this mark when lanes/__init__.py has its names")
 def test_names_of_lanes_exist():
     """In the Python of the pages, and where the text calls or names them; not the paths of modules."""
     text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)

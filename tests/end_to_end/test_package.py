@@ -22,7 +22,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from packaging.version import Version
 
-from lanes import __version__
+import lanes
 from lanes.video.reader import inspect_video
 from tests.support.clips import FPS, write_clip
 from tests.support.painted_drive import BENDS
@@ -138,21 +138,49 @@ def install(package: Path, environment: Path) -> Path:
     return commands
 
 
+@pytest.fixture(scope="module")
+def installed(sdist, tmp_path_factory) -> Path:
+    """The folder of the commands of an environment with the package; pip builds a wheel from the sdist."""
+    return install(sdist, tmp_path_factory.mktemp("environment") / "environment")
+
+
+def run_in(folder: Path, *command: object) -> str:
+    """What a command prints in a folder from which Python cannot import the clone."""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    done = subprocess.run(
+        list(map(str, command)), cwd=folder, env=environment, check=True, capture_output=True, text=True
+    )
+    return done.stdout
+
+
 @pytest.mark.slow
-def test_the_installed_command_annotates_a_video_from_an_empty_folder(sdist, tmp_path):
-    lanes = install(sdist, tmp_path / "environment") / "lanes"  # pip builds a wheel from the sdist
-    assert list((tmp_path / "environment").rglob("lanes/py.typed"))  # type checkers read the types of the package
+def test_the_installed_command_annotates_a_video_from_an_empty_folder(installed, tmp_path):
+    lanes_command = installed / "lanes"
+    assert list(installed.parent.rglob("lanes/py.typed"))  # type checkers read the types of the package
     drive = write_clip(tmp_path / "drive.mp4", map(BENDS.frame, np.arange(FRAMES) / FPS))
     empty = tmp_path / "empty"
     empty.mkdir()
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-
-    def run(*arguments: object) -> str:
-        command = [str(lanes), *map(str, arguments)]
-        return subprocess.run(command, cwd=empty, env=environment, check=True, capture_output=True, text=True).stdout
-
-    assert run("--version") == f"lanes {__version__}\n"
-    assert run("annotate", "--help").startswith("usage: lanes annotate ")
-    run("annotate", "--hfov", "60", drive)
+    assert run_in(empty, lanes_command, "--version") == f"lanes {lanes.__version__}\n"
+    assert run_in(empty, lanes_command, "annotate", "--help").startswith("usage: lanes annotate ")
+    run_in(empty, lanes_command, "annotate", "--hfov", "60", drive)
     assert sorted(path.name for path in empty.rglob("*.*")) == ["drive.csv", "drive.html", "drive.mp4"]
     assert inspect_video(empty / "annotated" / "drive.mp4").frames == FRAMES
+
+
+@pytest.mark.slow
+def test_the_public_names_and_their_example_work_in_the_installed_package(installed, tmp_path):
+    script = "import doctest, lanes; print(lanes.__file__, *sorted(lanes.__all__), doctest.testmod(lanes))"
+    file, *names, failed, attempted = run_in(tmp_path, installed / "python", "-c", script).split()
+    assert Path(file).is_relative_to(installed.parent)
+    assert names == sorted(lanes.__all__) and len(names) <= 20
+    assert failed == "TestResults(failed=0," and int(re.search(r"\d+", attempted)[0]) >= 5
+
+
+@pytest.mark.slow
+def test_the_lines_of_python_in_the_readme_work_in_the_installed_package(installed, tmp_path):
+    [code] = re.findall(r"```python\n(import lanes\n.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.S)
+    write_clip(tmp_path / "drive.mp4", map(BENDS.frame, np.arange(FRAMES) / FPS))
+    code = code.replace("(1280, 720)", repr(BENDS.camera.size))
+    rows = [line.split() for line in run_in(tmp_path, installed / "python", "-c", code).splitlines()]
+    assert len(rows) >= FRAMES - 2  # the first frames may have no lane yet
+    assert all(0 <= float(confidence) <= 1 for _, _, confidence in rows)

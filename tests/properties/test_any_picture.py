@@ -13,13 +13,14 @@ from hypothesis import strategies as st
 from classic.finder import LaneFinder
 from classic.recipe import RECIPES, get_recipe
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.lane import Lane, LineObservation
+from lanes.detect.fit import FIT
+from lanes.detect.lane import FOUND, Lane, LineEvidence, telemetry_row
 from lanes.detect.residuals import ROAD_M
-from lanes.detect.road import LIMIT, SIDES, WIDTH, line_points, line_y
+from lanes.detect.road import SIDES, WIDTH, line_points, line_y
 from lanes.detections import as_detection
 from lanes.errors import CameraError
 from lanes.stills import detect_still, detect_with_own_pose, find_lane
-from lanes.track.tracker import LOST, LaneTracker, TrackedLane
+from lanes.track.tracker import LaneTracker
 from tests.support.any_pictures import SIZES, camera_of, pictures
 from tests.support.examples import examples
 
@@ -42,23 +43,23 @@ def assert_positive_definite(covariance: np.ndarray) -> None:
     assert np.linalg.eigvalsh(covariance / np.outer(std, std)).min() > 0
 
 
-def assert_sound(tracked: TrackedLane, size: tuple[int, int]) -> None:
-    """Finite numbers, a positive definite covariance, and lines inside the picture."""
-    assert (tracked.lane is None) == (tracked.state == LOST)
-    if tracked.lane is None:
-        assert tracked.confidence == 0
+def assert_sound(lane: Lane | None, size: tuple[int, int]) -> None:
+    """Finite numbers, a positive definite covariance, and lines inside the image."""
+    row = telemetry_row(lane)
+    json.dumps(row, allow_nan=False)
+    if lane is None:
+        assert row["state"] == "lost" and row["confidence"] == 0
         return
-    lane, camera = tracked.lane, camera_of(size)
-    assert 0 <= tracked.confidence <= 1
-    assert np.isfinite([value for value in vars(lane).values() if isinstance(value, float)]).all()
+    camera = camera_of(size)
+    assert 0 <= lane.confidence <= 1
+    assert np.isfinite([value for value in row.values() if isinstance(value, float)]).all()
     for line in (lane.left, lane.right):
-        assert np.isfinite([value for value in vars(line).values() if isinstance(value, float)]).all()
         assert 0 <= line.support <= 1.5 and 0 <= line.reach_m <= ROAD_M.max()
+        assert np.isfinite([*line.coefficients, line.offset_std_m]).all()
     assert_positive_definite(lane.covariance)
-    columns = lane.pixels(camera, np.arange(camera.height))
+    columns = lane.columns(camera, np.arange(camera.height))
     assert ((columns == -2) | ((columns >= 0) & (columns <= camera.width - 1))).all()
-    json.dumps(tracked.as_row(), allow_nan=False)
-    assert "nan" not in repr(tracked)
+    assert "nan" not in repr(lane)
 
 
 @examples(50)
@@ -66,9 +67,8 @@ def assert_sound(tracked: TrackedLane, size: tuple[int, int]) -> None:
 def test_the_detector_accepts_any_still(image):
     size = size_of(image)
     for found in (detect_still(image, camera_of(size)), detect_with_own_pose(image, camera_of(size), 0.2)):
-        lane = TrackedLane.from_still(found.lane)
-        assert_sound(lane, size)
-        json.dumps(as_detection(lane, found.camera, np.arange(size[1]), 0.0), allow_nan=False)
+        assert_sound(found.lane, size)
+        json.dumps(as_detection(found.lane, found.camera, np.arange(size[1]), 0.0), allow_nan=False)
 
 
 @examples(25)
@@ -108,12 +108,11 @@ def test_the_smallest_size_is_the_documented_one():
 @given(st.data())
 def test_every_lane_within_the_limits_has_lines(data):
     """Also a lane whose lines turn back before they are next to the car."""
-    share = data.draw(st.lists(st.floats(-1, 1), min_size=len(LIMIT), max_size=len(LIMIT)))
-    model = LIMIT * share
+    share = data.draw(st.lists(st.floats(-1, 1), min_size=len(FIT.prior.limit), max_size=len(FIT.prior.limit)))
+    model, covariance = FIT.prior.limit * share, np.diag(np.square(FIT.prior.limit))
     model[WIDTH] = abs(model[WIDTH])
-    seen = LineObservation(0.3, 30.0)
-    lane = Lane(model, model, np.diag(np.square(LIMIT)), np.diag(np.square(LIMIT)), (seen, seen), score=1.0)
-    assert_sound(TrackedLane.from_still(lane), (640, 360))
+    seen = LineEvidence(0.3, True, 30.0)
+    assert_sound(Lane(model, model, covariance, (seen, seen), score=1.0, state=FOUND), (640, 360))
     for side in SIDES:
         assert_on_the_line(line_y(X_M, model, side), line_points(model, side, ALONG_M))
 

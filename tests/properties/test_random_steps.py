@@ -8,28 +8,30 @@ import numpy as np
 import pytest
 
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.road import LIMIT, PRIOR_MEAN, PRIOR_STD, SIDES, lateral_gradients, line_points
+from lanes.detect.fit import FIT
+from lanes.detect.paint import Stripes
+from lanes.detect.road import PARAMETERS, SIDES, lateral_gradients, line_points
 from lanes.track.filter import (
-    CAR_PARAMETERS,
-    KalmanState,
+    FILTER,
+    State,
     initial_state,
+    measure,
     predict,
-    update_lane,
-    update_state,
+    to_adjacent_lane,
+    update,
     with_given_speed,
 )
-from lanes.track.tracker import TRACKER
+from lanes.track.tracker import TrackerSettings
 from tests.support.examples import TIMES
 from tests.support.painted_drive import CAMERA
-from tests.support.shapes import stripes_at
 
-VIEW = BirdsEyeView(CAMERA)
+VIEW, PRIOR = BirdsEyeView(CAMERA), FIT.prior
 # Derivatives of the lateral positions of both lines, 4 to 68 m ahead, with respect to the lane parameters.
-ROWS = lateral_gradients(np.arange(4.0, 70, 4)).reshape(-1, len(LIMIT))
+ROWS = lateral_gradients(np.arange(4.0, 70, 4)).reshape(-1, PARAMETERS)
 # Seconds between frames: a repeated frame, usual frame rates, dropped frames, the longest gap without a restart.
-CLOCK = (0.0, 1 / 60, 0.04, 0.04, 0.1, 0.5, TRACKER.max_coast_s)
+CLOCK = (0.0, 1 / 60, 0.04, 0.04, 0.1, 0.5, TrackerSettings.max_coast_s)
 # Speeds; standard deviations of the measured positions; factors on the prior standard deviation of a new lane.
-SPEEDS_MPS = (None, 0.0, 8.0, 25.0, CAR_PARAMETERS.max_speed_mps)
+SPEEDS_MPS = (None, 0.0, 8.0, 25.0, FILTER.max_speed_mps)
 POSITION_STD_M, PRIOR_FACTORS = (0.01, 0.1, 1.0), (0.1, 1.0, 3.0)
 
 
@@ -39,54 +41,54 @@ class Drive:
     def __init__(self, seed: int) -> None:
         self.dice, self.rng = Random(seed), np.random.default_rng(seed)
 
-    def begin(self) -> KalmanState:
+    def begin(self) -> State:
         """State estimate after a first frame, of any road at any speed."""
-        spread = PRIOR_STD * self.rng.uniform(0.01, 1, len(PRIOR_STD))
-        lane = PRIOR_MEAN + PRIOR_STD * self.dice.choice(PRIOR_FACTORS) * self.rng.normal(size=len(PRIOR_STD))
-        return initial_state(np.clip(lane, -LIMIT, LIMIT), np.diag(spread**2), self.dice.choice(SPEEDS_MPS))
+        spread = PRIOR.std * self.rng.uniform(0.01, 1, PARAMETERS)
+        lane = PRIOR.mean + PRIOR.std * self.dice.choice(PRIOR_FACTORS) * self.rng.normal(size=PARAMETERS)
+        return initial_state(np.clip(lane, -PRIOR.limit, PRIOR.limit), np.diag(spread**2), self.dice.choice(SPEEDS_MPS))
 
-    def move(self, estimate: KalmanState) -> KalmanState:
+    def move(self, estimate: State) -> State:
         """State estimate at the next frame, perhaps at another speed or in the next lane."""
         kind = self.dice.random()
         if kind < 0.002:
             return self.begin()
         if kind < 0.005:
-            estimate = estimate.adjacent(self.dice.choice(SIDES))
+            estimate = to_adjacent_lane(estimate, self.dice.choice(SIDES), PRIOR)
         estimate = predict(estimate, self.dice.choice(CLOCK))
         if kind < 0.5:
-            estimate = with_given_speed(estimate, self.dice.uniform(0, CAR_PARAMETERS.max_speed_mps))
+            estimate = with_given_speed(estimate, self.dice.uniform(0, FILTER.max_speed_mps))
         return estimate
 
-    def measure(self, estimate: KalmanState) -> KalmanState:
+    def measure(self, estimate: State) -> State:
         """Update with 0 to 29 measured positions of any precision."""
         rows = ROWS[self.rng.integers(0, len(ROWS), self.dice.randrange(30))] / self.dice.choice(POSITION_STD_M)
         covariance = np.linalg.inv(np.linalg.inv(estimate.lane_covariance) + rows.T @ rows)
-        return update_state(
-            estimate, estimate.lane + covariance @ (rows.T @ self.rng.normal(size=len(rows))), covariance
-        )
+        return update(estimate, estimate.lane + covariance @ (rows.T @ self.rng.normal(size=len(rows))), covariance)
 
-    def track(self, estimate: KalmanState) -> KalmanState:
+    def track(self, estimate: State) -> State:
         """Update by the tracker's own function, with stripes along the lane and elsewhere."""
         rng, count = self.rng, self.dice.randrange(40)
         x = rng.choice(VIEW.x_m, count)
         along = line_points(estimate.lane, self.dice.choice(SIDES), x) + rng.normal(0, 0.1, (count, 2))
         anywhere = np.column_stack([x, rng.uniform(-9, 9, count)])
         x, y = np.where(rng.random((count, 1)) < 0.5, along, anywhere).T
-        strength, angle = rng.exponential(20, count), rng.uniform(-0.3, 0.3, count)
-        stripes = stripes_at(np.zeros(count, int), np.clip(x, 5, 70), y, angle, strength)
-        fit = update_lane(stripes, estimate, VIEW)
-        return update_state(estimate, fit.lane[0], np.linalg.inv(fit.information[0]))
+        x, angle, std_m = np.clip(x, 5, 70), rng.uniform(-0.3, 0.3, count), rng.uniform(0.02, 0.3, count)
+        stripes = Stripes(
+            np.zeros(count, int), x, y, angle, x * 0.43, rng.uniform(0, 1, count), std_m, np.full(count, 0.1)
+        )
+        fit = measure(stripes, estimate, VIEW, FILTER, FIT)
+        return update(estimate, fit.lanes[0], fit.covariance[0])
 
 
-@pytest.mark.parametrize(("update", "steps"), [(Drive.measure, 5_000), (Drive.track, 1_000)])
-def test_the_covariance_stays_positive_definite(update, steps):
+@pytest.mark.parametrize(("step", "steps"), [(Drive.measure, 5_000), (Drive.track, 1_000)])
+def test_the_covariance_stays_positive_definite(step, steps):
     drive = Drive(seed=1)
     estimate = drive.begin()
     for _ in range(steps * TIMES // 1000):
         seen = []
         for _ in range(1000):
             moved = drive.move(estimate)
-            estimate = update(drive, moved)
+            estimate = step(drive, moved)
             seen += moved.covariance, estimate.covariance
             assert np.isfinite(estimate.mean).all()
         covariances = np.array(seen)

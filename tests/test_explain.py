@@ -1,0 +1,214 @@
+"""Explanations: the lane equals that of `find_lane`; each failure has a step, a reason and advice; the figure."""
+
+from __future__ import annotations
+
+import re
+import sys
+from dataclasses import replace
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from lanes.camera import Camera
+from lanes.detect.road import CENTRE
+from lanes.errors import CameraError, PictureError
+from lanes.explain import Explanation, explain
+from lanes.figures import show_explanation
+from lanes.stills import detect_still, detect_with_own_pose, find_lane
+from tests.support.painted_roads import ASPHALT, YELLOW, Road, dashcam
+
+CAMERA = dashcam(width=1280)
+BEND, OFFSET_M = 1 / 350, -0.4
+STEPS = ["picture", "pose", "birdseye", "markings", "stripes", "votes", "fit", "lane"]
+
+
+@pytest.fixture(autouse=True)
+def closed_figures():
+    yield
+    plt.close("all")
+
+
+def lane_road(camera: Camera = CAMERA, width_m: float = 3.6) -> Road:
+    """A yellow solid and a white broken line; the car is 0.4 m right of the centre, the road bends left."""
+    road = Road(camera)
+    road.line(lambda x: width_m / 2 - OFFSET_M + BEND * x**2 / 2, colour=YELLOW)
+    return road.line(lambda x: -width_m / 2 - OFFSET_M + BEND * x**2 / 2, dash_m=(3.0, 9.0))
+
+
+def parallel_lines(*lateral_m: float, camera: Camera = CAMERA, noise: float = 3.0, **look: object) -> Road:
+    road = Road(camera, noise=noise)
+    for y_m in lateral_m:
+        road.line(lambda x, y_m=y_m: y_m + 0 * x, **look)
+    return road
+
+
+@pytest.fixture(scope="module")
+def good() -> Explanation:
+    return explain(lane_road().image(), CAMERA)
+
+
+def grey(level: float, noise: float = 2.0) -> np.ndarray:
+    values = np.random.default_rng(0).normal(level, noise, (CAMERA.height, CAMERA.width, 3))
+    return values.clip(0, 255).astype(np.uint8)
+
+
+class TestGoodImage:
+    def test_lane_equals_that_of_find_lane_and_all_steps_are_listed(self, good):
+        lane = find_lane(good.image, CAMERA)
+        assert good.lane.offset_m == lane.offset_m == pytest.approx(OFFSET_M, abs=0.03)
+        assert [step.name for step in good.steps] == STEPS
+        assert good.failed is None
+        assert [c.chosen for c in good.candidates] == [True] + [False] * (len(good.candidates) - 1)
+
+    def test_terms_add_up_to_the_confidence(self, good):
+        odds = float(good.confidence_summary()[-1].split()[-1])
+        assert 1 / (1 + np.exp(-odds)) == pytest.approx(good.lane.confidence, abs=0.003)
+
+    def test_text_has_the_numbers(self, good):
+        text = good.describe()
+        for part in ("offset     0.4", "bend       bends left, R 3", "confidence, as log odds:"):
+            assert part in text
+        assert re.search(r"votes +\d+ lanes proposed, best: 3\.\d m wide", text)
+        assert "failed" not in text
+        assert repr(good).endswith("failed at no step)")
+
+    def test_a_detection_that_is_given_is_not_made_again(self, good, monkeypatch):
+        monkeypatch.delattr(sys.modules["lanes.explain"], "detect_still")
+        assert explain(good.image, CAMERA, detection=good.detection).describe() == good.describe()
+
+
+def spots_image() -> np.ndarray:
+    """A road with scattered white spots instead of lines."""
+    spots = np.random.default_rng(5).uniform([6, -8], [20, 8], (6, 2))
+    road = Road(CAMERA)
+    return road.paint(lambda x, y: np.any([np.hypot(x - a, y - b) < 0.12 for a, b in spots], 0), (225,) * 3).image()
+
+
+def tiles_image() -> np.ndarray:
+    """A floor of tiles with light joints, 0.6 m by 2.5 m."""
+    floor = parallel_lines(*np.arange(-3.9, 4, 0.6))
+    return floor.paint(lambda x, y: np.mod(x, 2.5) < 0.2, (225,) * 3).image()
+
+
+# image and camera, the step that fails, words of the reason
+FAILURES = {
+    "black": (lambda: (grey(3, 1.0), CAMERA), "birdseye", "almost black"),
+    "glare": (lambda: (grey(252, 1.0), CAMERA), "birdseye", "glaring white"),
+    "fog": (lambda: (grey(128, 0.6), CAMERA), "birdseye", "no contrast"),
+    "no lines": (lambda: (grey(100, 6.0), CAMERA), "markings", "nothing is brighter or yellower"),
+    "spots": (lambda: (spots_image(), CAMERA), "fit", "do not line up"),
+    "sky": (lambda: (grey(100), dashcam(width=1280, pitch_rad=-0.9)), "birdseye", "sees no road"),
+    "far paint": (
+        lambda: (Road(CAMERA, noise=4.0).line(lambda x: np.where(x > 35, 1.8, 99)).image(), CAMERA),
+        "stripes",
+        r"nearer than \d\d m",
+    ),
+    "one line": (lambda: (parallel_lines(1.8).image(), CAMERA), "lane", "right line is not seen"),
+    "pitch motion": (
+        lambda: (lane_road(dashcam(width=1280, pitch_rad=0.045)).image(), CAMERA),
+        "lane",
+        r"look [23]\.\d deg farther down",
+    ),
+    "wrong yaw": (
+        lambda: (lane_road(dashcam(width=1280, yaw_rad=-0.08)).image(), dashcam(width=1280, yaw_rad=0.0)),
+        "lane",
+        r"points [45]\.\d deg away from the car's direction",
+    ),
+    "tiles": (
+        lambda: (tiles_image(), CAMERA),
+        "lane",
+        r"stripes cross the lane \([2-9] of them\), or other lines run between",
+    ),
+    "narrow": (lambda: (lane_road(width_m=2.6).image(), CAMERA), "lane", r"width of 2\.6 m is implausible"),
+}
+
+
+class TestFailures:
+    @pytest.mark.parametrize("name", FAILURES)
+    def test_each_has_step_reason_and_advice(self, name):
+        make, step, reason = FAILURES[name]
+        explanation = explain(*make())
+        assert explanation.failed.name == step
+        assert re.search(reason, explanation.failed.failure)
+        assert explanation.failed.advice.endswith(".")
+        # the failed step is the last one
+        assert [s.name for s in explanation.steps] == STEPS[: STEPS.index(step) + 1]
+        assert f"failed at  {step}: " in explanation.describe()
+
+    def test_a_lane_that_few_poses_show_is_doubtful(self):
+        image = parallel_lines(1.1, -2.5, dash_m=(3.0, 9.0)).image()
+        found = detect_with_own_pose(image, CAMERA, 0.0)
+        doubtful = replace(found, lane=replace(found.lane, same_lane_share=0.1))
+        explanation = explain(image, CAMERA, detection=doubtful)
+        assert explanation.failed.name == "lane" and "only 10% of the camera poses" in explanation.failed.failure
+
+    def test_an_assumed_pose_is_the_failed_step(self):
+        explanation = explain(lane_road().image(), CAMERA, pose_failure="no parallel lines were seen.")
+        assert explanation.failed.name == "pose"
+        assert explanation.failed.failure == "no parallel lines were seen."
+        assert explanation.detection is not None and explanation.lane is None
+        show_explanation(explanation)
+
+    def test_a_faint_lane_is_explained_with_the_response_that_found_it(self):
+        """The band filter finds none here, so evidence, votes, fit and lane are those of the network."""
+        camera = dashcam(width=640)
+        faint = parallel_lines(1.8, -1.8, camera=camera, noise=5.0, colour=tuple(np.add(ASPHALT, 8))).image()
+        explanation = explain(faint, camera)
+        assert explanation.detection.evidence.response.learned
+        assert "probability of paint" in explanation.steps[3].summary
+        np.testing.assert_array_equal(explanation.lane.model, find_lane(faint, camera).model)
+        assert explanation.candidates[0].chosen
+        assert np.abs(explanation.candidates[0].model - explanation.lane.centres).max() < 0.05
+
+    def test_wrong_images_are_refused(self):
+        with pytest.raises(PictureError, match="is 640x360 pixels"):
+            explain(np.zeros((360, 640, 3), np.uint8), CAMERA)
+        with pytest.raises(CameraError, match="no pose"):
+            explain(grey(100), replace(CAMERA, pose=None))
+
+
+@pytest.mark.slow
+class TestFigure:
+    def test_nine_panels_have_the_numbers_of_the_steps(self, good):
+        figure, axes = show_explanation(good)
+        figure.canvas.draw()
+        titles = [axis.get_title() for axis in axes]
+        assert [title.split()[0] for title in titles] == list("123456789")
+        for step in good.steps[:1] + good.steps[2:7]:
+            assert any(step.summary in title for title in titles)
+        assert any("0.4" in text.get_text() and text.get_text().startswith("offset") for text in axes[8].texts)
+
+    def test_stripes_of_the_lines_lie_where_paint_is(self, good):
+        _, axes = show_explanation(good)
+        shown = {points.get_label().split(maxsplit=1)[1]: points.get_offsets() for points in axes[4].collections}
+        assert list(shown) == ["on no line", "left line", "right line"]
+        for side, name in ((1, "left line"), (-1, "right line")):
+            y_m, x_m = shown[name].T
+            true = side * 1.8 - OFFSET_M + BEND * x_m**2 / 2
+            assert len(x_m) > 20
+            assert np.abs(y_m - true)[x_m < 30].max() < 0.25
+
+    def test_the_horizon_is_drawn_where_the_pose_says(self, good):
+        _, axes = show_explanation(good)
+        far = replace(CAMERA, distortion=np.zeros(5)).road_to_pixels(np.array([[1e7, 0.0]]))[0]
+        ahead = next(line for line in axes[1].lines if line.get_label() == "straight ahead of the car")
+        np.testing.assert_allclose(ahead.get_xydata()[0], far, atol=0.01)
+
+    @pytest.mark.parametrize("name", ["black", "sky", "spots", "far paint"])
+    def test_failures_are_shown_in_red(self, name):
+        explanation = explain(*FAILURES[name][0]())
+        figure, axes = show_explanation(explanation)
+        figure.canvas.draw()
+        red = [n for n, axis in enumerate(axes) if axis.title.get_color() == "firebrick"]
+        assert red == [STEPS.index(explanation.failed.name)]
+        said = " ".join(text.get_text().strip() for text in axes[8].texts)
+        assert explanation.failed.failure in said and explanation.failed.advice in said
+
+    def test_a_lane_beside_the_view_is_drawn_too(self, good):
+        model = good.lane.model.copy()
+        model[CENTRE] = 40.0
+        aside = detect_still(good.image, CAMERA)
+        _, axes = show_explanation(replace(good, detection=replace(aside, lane=replace(aside.lane, model=model))))
+        labels = [text.get_text() for text in axes[6].get_legend().get_texts()]
+        assert len(labels) == 2 and not any("±" in label for label in labels)
