@@ -1,3 +1,54 @@
-"""Camera-based lane finding: the camera, the classic pipeline, the lane tracker and whole drives."""
+"""Finds the ego lane in images and videos of a road, in metres and with its uncertainty.
+
+A road is drawn here; `lanes.images.read_image` reads a real one.
+
+>>> import cv2, lanes, numpy as np
+>>> camera = lanes.Camera.from_fov((640, 360), hfov_deg=60).with_pose(lanes.CameraPose(height_m=1.3, pitch_rad=0.05))
+>>> image = np.full((360, 640, 3), 90, np.uint8)
+>>> for y in (1.9, -1.6):  # two white lines, 3.5 m apart
+...     corners = camera.road_to_pixels(np.array([[4, y + 0.07], [60, y + 0.07], [60, y - 0.07], [4, y - 0.07]]))
+...     _ = cv2.fillPoly(image, [corners.round().astype(np.int32)], (230, 230, 230))
+>>> lane = lanes.find_lane(image, camera)
+>>> print(f"{lane.width_m:.1f} m wide, {lane.offset_m:.2f} m left of the centre, {lane.left.colour} {lane.left.kind}")
+3.5 m wide, -0.15 m left of the centre, white solid
+>>> drawn = lanes.draw_lane(image, lane, camera)
+
+For videos see `track` and `annotate`, for other cameras `calibrate` and `estimate_pose`.
+"""
+
+# isort: skip_file
+# Three functions have the names of the modules that they come from. They are bound here, after these modules were
+# loaded, so that `lanes.track` is the function; `from lanes.track.tracker import ...` works as well.
+from lanes.errors import LaneError
+from lanes.camera import Camera, CameraPose, load_camera, save_camera
+from lanes.calibration import calibrate
+from lanes.pose import estimate_pose
+from lanes.detect.lane import Lane, Line
+from lanes.stills import find_lane
+from lanes.track.tracker import LaneTracker
+from lanes.draw import draw_lane
+from lanes.explain import explain
+from lanes.annotate import annotate, track
+from lanes.video.process import process_video
+from lanes.video.reader import read_video
 
 __version__ = "0.1.0"
+__all__ = [
+    "Camera",
+    "CameraPose",
+    "Lane",
+    "LaneError",
+    "LaneTracker",
+    "Line",
+    "annotate",
+    "calibrate",
+    "draw_lane",
+    "estimate_pose",
+    "explain",
+    "find_lane",
+    "load_camera",
+    "process_video",
+    "read_video",
+    "save_camera",
+    "track",
+]

@@ -302,33 +302,35 @@ def _pose_from_lines(
     """The pose of images with parallel lane lines: the vanishing points of all of them, height and roll combined."""
     segments = _find_all_segments(images, camera, progress)
     horizon = _vote_horizon(segments)
-    geometry = HeightAndRoll(PRIOR_HEIGHT_M, 0.0, 0.0, PRIOR_ROLL_STD_RAD)
+    roll_rad = 0.0
     for _ in range(2):
         # Roll tilts the horizon. The second pass fits the lines again with the roll of the first pass removed.
-        lines = _fit_images([s.without_roll(geometry.roll_rad) for s in segments], horizon)
+        lines = _fit_images([s.without_roll(roll_rad) for s in segments], horizon)
         _require_lines(lines, len(images))
-        geometry = estimate_height_and_roll(lines, lane_width_m, height_m or PRIOR_HEIGHT_M, geometry.roll_rad)
-    _require_lanes(lines, lane_width_m / geometry.height_m)
+        (lanes_height_m, height_std_m), (roll_rad, roll_std_rad) = estimate_height_and_roll(
+            lines, lane_width_m, height_m or PRIOR_HEIGHT_M, roll_rad
+        )
+    _require_lanes(lines, lane_width_m / lanes_height_m)
     pitches = -np.arctan([line.y0 for line in lines])
     # The vanishing point is the image of the direction ahead: x0 = tan(yaw) / cos(pitch), y0 = -tan(pitch).
     yaws = np.arctan([line.x0 for line in lines] * np.cos(pitches))
     pitch_rad, pitch_std_rad = _median(pitches, PITCH_MOTION_STD_RAD)
     yaw_rad, yaw_std_rad = _median(yaws, HEADING_STD_RAD)
-    height_std_m = float(np.hypot(geometry.height_std_m, geometry.height_m * LANE_WIDTH_STD_M / lane_width_m))
+    height_std_m = float(np.hypot(height_std_m, lanes_height_m * LANE_WIDTH_STD_M / lane_width_m))
     notes = []
-    if geometry.roll_std_rad >= PRIOR_ROLL_STD_RAD:
+    if roll_std_rad >= PRIOR_ROLL_STD_RAD:
         notes.append("no lane next to the ego lane is visible well enough to determine the roll; it is set to 0")
     if len(lines) < 5:
         notes.append("the yaw contains the car's heading in its lane, which averages to zero only over many pictures")
     return PoseEstimate(
-        camera=camera.with_pose(CameraPose(height_m or geometry.height_m, pitch_rad, yaw_rad, geometry.roll_rad)),
+        camera=camera.with_pose(CameraPose(height_m or lanes_height_m, pitch_rad, yaw_rad, roll_rad)),
         height_std_m=0.0 if height_m else height_std_m,
         pitch_std_rad=pitch_std_rad,
         yaw_std_rad=yaw_std_rad,
-        roll_std_rad=geometry.roll_std_rad,
+        roll_std_rad=roll_std_rad,
         frames_used=len(lines),
         frames_total=len(images),
-        lane_width_m=lane_width_m * (height_m / geometry.height_m if height_m else 1),
+        lane_width_m=lane_width_m * (height_m / lanes_height_m if height_m else 1),
         notes=tuple(notes),
     )
 
@@ -422,20 +424,10 @@ OFFSET_STD_M = 0.4
 OUTLIER_LIKELIHOOD = 0.05
 
 
-@dataclass(frozen=True)
-class HeightAndRoll:
-    """Camera height and roll with their standard deviations."""
-
-    height_m: float
-    height_std_m: float
-    roll_rad: float
-    roll_std_rad: float
-
-
 def estimate_height_and_roll(
     lines: list[RoadLines], lane_width_m: float, prior_height_m: float, roll_rad: float
-) -> HeightAndRoll:
-    """Camera height and roll from the apparent width of the lanes.
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Camera height and roll from the apparent width of the lanes, each with its standard deviation.
 
     `lines` are those of each image, corrected for the current estimate `roll_rad`. The approximate height
     `prior_height_m` distinguishes one lane from two lanes whose common line is worn off. The roll is 0 with the
@@ -467,8 +459,8 @@ def estimate_height_and_roll(
         tilt_rad = np.abs(roll_rad + ROLL_GRID_RAD)
         nearly_level = tilt_rad <= max(PRIOR_ROLL_STD_RAD / 2, tilt_rad.min())
         height_m = float(heights_m[np.argmax(posterior[:, nearly_level].sum(axis=1))])
-        return HeightAndRoll(height_m, std_about(height_m, heights_m, any_roll), 0.0, PRIOR_ROLL_STD_RAD)
-    return HeightAndRoll(*mode_and_std(heights_m, any_roll), roll_rad + roll, roll_std)
+        return (height_m, std_about(height_m, heights_m, any_roll)), (0.0, PRIOR_ROLL_STD_RAD)
+    return mode_and_std(heights_m, any_roll), (roll_rad + roll, roll_std)
 
 
 def _line_pairs(lines: list[RoadLines]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -206,12 +206,11 @@ HALF_CURVATURE_STD = 0.01
 
 @dataclass(frozen=True)
 class RoadLines:
-    """Parallel lines of one image, in the symbols of the module docstring; standard deviations include the prior."""
+    """Parallel lines of one image, in the symbols of the module docstring; `y0_std` includes the prior."""
 
     x0: float
     y0: float
     half_curvature: float  # c
-    x0_std: float
     y0_std: float
     lateral: np.ndarray  # k of each line (M,), from left to right
     rows: np.ndarray  # number of image rows that support each line (M,)
@@ -265,8 +264,8 @@ def fit_parallel_lines(segments: Segments, y0: float, y0_std: float) -> RoadLine
         solution, covariance = _solve(s.select(inliers), line, start, (y0, y0_std))
         start, x0_tolerance = solution[:3], 0.0
     x0, y0, half_curvature = solution[:3]
-    x0_std, y0_std = np.sqrt(np.diag(covariance)[:2])
-    return RoadLines(x0, y0, half_curvature, x0_std, y0_std, solution[3:], np.bincount(line, s.rows[inliers]))
+    rows = np.bincount(line, s.rows[inliers])
+    return RoadLines(x0, y0, half_curvature, np.sqrt(covariance[1, 1]), solution[3:], rows)
 
 
 def _model_std(s: Segments, t: np.ndarray) -> np.ndarray:

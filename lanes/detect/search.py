@@ -111,6 +111,7 @@ def observe_lines(
         if k in profiles_of:
             profile = _measure_profile(fit, evidence, k) or profile
             votes = votes.add_profile(profile)
+        votes = votes.add_gaps(fit.stripes.x_m[fit.members[0, k]])
         support = float(fit.marked_rows[0, k] / rows[k])
         seen = support >= fit.settings.min_support
         lines.append(LineEvidence(support, seen, float(fit.reach_m[0, k]), rows[k], profile, votes))

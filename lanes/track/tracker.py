@@ -227,15 +227,11 @@ class LaneTracker:
         phase, half = self._frames % self.settings.profile_period, self.settings.profile_period // 2
         profiles_of = (0,) if phase == 0 else (1,) if phase == half else ()
         lines = observe_lines(fit, evidence, last.evidence, profiles_of=profiles_of)
-        if sum(line.support for line in lines) < self.settings.min_total_support:
-            left, right = (
-                replace(old, support=0.0, seen=False, reach_m=max(old.reach_m - distance_m, 0.0))
-                for old in last.evidence
-            )
-            lines = left, right
+        if sum(line.support for line in lines) >= self.settings.min_total_support:
+            return lines
         return [
-            replace(line, votes=line.votes.add_gaps(evidence.stripes.x_m[members]))
-            for line, members in zip(lines, fit.members[0], strict=True)
+            replace(line, support=0.0, seen=False, reach_m=max(line.reach_m - distance_m, 0.0))
+            for line in last.evidence
         ]
 
     def _to_ego_lane(self, estimate: State, lines: Sequence[LineEvidence]) -> tuple[State, Sequence[LineEvidence]]:

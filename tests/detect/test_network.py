@@ -120,13 +120,6 @@ def test_the_mirrored_picture_has_the_mirrored_response():
     assert np.abs(weight - mirrored).mean() < 0.1 * weight.mean()
 
 
-def test_the_inputs_of_a_uniform_picture_are_zero():
-    fine = finer_view(VIEW)
-    inputs = network_inputs(np.full((*fine.shape, 3), 90, np.uint8), fine, VIEW.focal_px)
-    assert inputs.shape == (4, *fine.shape) and inputs.dtype == np.float32
-    assert not inputs[:3].any()
-
-
 def test_the_last_input_is_the_width_of_a_pixel():
     """log2(1 + n) where a pixel is n cells wide; half as wide in a picture that is twice as large."""
     fine = finer_view(VIEW)
@@ -134,8 +127,9 @@ def test_the_last_input_is_the_width_of_a_pixel():
     row = 3 * 20 + 1
     for scale in (1, 2):
         cells = fine.x_m[row] / (scale * VIEW.focal_px) / VIEW.cell_m
-        width = network_inputs(image, fine, scale * VIEW.focal_px)[3, row]
-        np.testing.assert_allclose(width, np.log2(1 + cells), rtol=1e-5)
+        inputs = network_inputs(image, fine, scale * VIEW.focal_px)
+        assert inputs.shape == (4, *fine.shape) and inputs.dtype == np.float32 and not inputs[:3].any()
+        np.testing.assert_allclose(inputs[3, row], np.log2(1 + cells), rtol=1e-5)
 
 
 def test_the_inputs_do_not_depend_on_wheel_tracks():
