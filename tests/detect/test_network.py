@@ -9,7 +9,7 @@ import pytest
 from lanes.camera import Camera, CameraPose
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.network import NETWORK, finer_view, learned_evidence, network_inputs
-from lanes.detect.paint import FrameEvidence, extract_evidence, marking_weight, strength_weight
+from lanes.detect.paint import FrameEvidence, Stripes, extract_evidence, strength_weight
 from tests.support.painted_roads import ASPHALT, YELLOW, Road, dashcam
 
 CAMERA = dashcam()
@@ -29,12 +29,12 @@ def evidence_of(image: np.ndarray, view: BirdsEyeView = VIEW) -> FrameEvidence:
     return learned_evidence(image, extract_evidence(view.warp(image), view))
 
 
-def stripes_of(image: np.ndarray, far_m: float = 30.0):
+def stripes_of(image: np.ndarray, far_m: float = 30.0) -> Stripes:
     stripes = evidence_of(image).stripes
     return stripes.select(stripes.x_m < far_m)
 
 
-def on_lines(stripes, within_m: float = 0.1) -> np.ndarray:
+def on_lines(stripes: Stripes, within_m: float = 0.1) -> np.ndarray:
     return np.minimum(np.abs(stripes.y_m - LEFT_M), np.abs(stripes.y_m - RIGHT_M)) < within_m
 
 
@@ -42,7 +42,7 @@ def found_rows(stripes) -> float:
     """Share of the rows up to 20 m that have a candidate on the left line, weighted."""
     near = stripes.select((np.abs(stripes.y_m - LEFT_M) < 0.1) & (stripes.x_m < 20))
     weight = np.zeros(len(VIEW.x_m))
-    np.maximum.at(weight, near.row, marking_weight(near))
+    np.maximum.at(weight, near.row, near.weight)
     return weight[VIEW.x_m < 20].mean()
 
 
@@ -57,7 +57,7 @@ def test_the_finer_view_has_three_rows_at_each_row():
 def test_candidates_lie_on_the_lines(look):
     stripes = stripes_of(lane(Road(CAMERA), **look))
     assert found_rows(stripes) > (0.2 if "dash_m" in look else 0.9)
-    weight = marking_weight(stripes)
+    weight = stripes.weight
     assert weight @ on_lines(stripes) > 0.95 * weight.sum()
 
 
@@ -90,14 +90,14 @@ def test_the_exposure_hardly_matters(gain):
 
 def test_a_dark_seam_is_no_paint():
     seam = Road(CAMERA).line(lambda x: 0.3 + 0 * x, colour=(45, 45, 45), width_m=0.1)
-    assert marking_weight(stripes_of(seam.image())).sum() < 0.5
+    assert stripes_of(seam.image()).weight.sum() < 0.5
 
 
 def test_the_edge_of_a_shadow_is_no_paint():
     """It has less than a twentieth of the weight of a line at the same place."""
     line = Road(CAMERA).line(lambda x: LEFT_M + 0 * x)
     shadow = Road(CAMERA).shade(lambda x, y: (y > LEFT_M) & (y < 6), 0.35)
-    edge_weight, line_weight = (marking_weight(stripes_of(road.image())).sum() for road in (shadow, line))
+    edge_weight, line_weight = (stripes_of(road.image()).weight.sum() for road in (shadow, line))
     assert edge_weight < 0.05 * line_weight
 
 

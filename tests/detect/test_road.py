@@ -8,13 +8,13 @@ from lanes.detect.road import (
     HEADING,
     KNOTS_M,
     LEFT_SIDE,
-    PRIOR_STD,
     RATE,
     RATE_STEPS,
     RIGHT_SIDE,
     SIDES,
     STRAIGHT_FROM_M,
     VERTICAL_KNOTS_M,
+    RoadPrior,
     height_and_grade,
     line_coefficients,
     line_points,
@@ -28,6 +28,7 @@ from simulator.road.geometry import RoadGeometry, offset_point
 from tests.support.painted_roads import dashcam
 from tests.support.shapes import a_lane
 
+PRIOR = RoadPrior()
 HAIRPIN = a_lane(centre=0.3, width=3.4, heading=-0.1, curvature=-1 / 15)
 CLOTHOID = a_lane(centre=-0.2, width=3.6, heading=0.01, curvature=1 / 600, rate=4e-5)
 
@@ -127,14 +128,14 @@ def test_a_line_that_swings_back_has_no_place_beyond():
 def test_gradients_are_differences_of_the_lateral_position(lane, side):
     x = np.array([0.0, 5.0, 10.0, 15.0, 20.0])
     expected = np.zeros((len(x), 15))
-    for k, step in enumerate(3e-4 * PRIOR_STD):
+    for k, step in enumerate(3e-4 * PRIOR.std):
         change = np.zeros(15)
         change[k] = step
         expected[:, k] = (line_y(x, lane + change, side) - line_y(x, lane - change, side)) / (2 * step)
     gradients = line_y_gradients(x, lane, side)
     assert (np.isnan(gradients).all(axis=1) == np.isnan(line_y(x, lane, side))).all()
-    scale = np.abs(expected * PRIOR_STD).max(axis=1, keepdims=True)
-    np.testing.assert_allclose(gradients * PRIOR_STD / scale, expected * PRIOR_STD / scale, atol=1e-4)
+    scale = np.abs(expected * PRIOR.std).max(axis=1, keepdims=True)
+    np.testing.assert_allclose(gradients * PRIOR.std / scale, expected * PRIOR.std / scale, atol=1e-4)
 
 
 @pytest.mark.parametrize("side", [LEFT_SIDE, RIGHT_SIDE])

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.confidence import rate_lane
 from lanes.detect.transverse_stripes import count_transverse_stripes
 from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker
@@ -97,17 +96,17 @@ def stripes(*, depth_m: float, period_m: float, share: float) -> Road:
 def test_the_road_between_shadows_and_joints_is_no_stripe(road):
     lane = find_lane(road.image(), CAMERA)
     assert lane.transverse_stripes == 0
-    assert rate_lane(lane) > 0.9
+    assert lane.confidence > 0.9
 
 
 def test_a_tracked_lane_has_none():
     tracker, image = LaneTracker(CAMERA), across(7.0, 12.0).image()
-    assert tracker.update(image).lane.transverse_stripes == 0
+    assert tracker.update(image).transverse_stripes == 0
 
 
 def test_stripes_lower_the_confidence():
     lane = find_lane(across(9.0).image(), CAMERA)
     for found in (lane, replace(lane, same_lane_share=0.9)):
-        none, one, two, tiles = (rate_lane(replace(found, transverse_stripes=n)) for n in (0, 1, 2, 6))
+        none, one, two, tiles = (replace(found, transverse_stripes=n).confidence for n in (0, 1, 2, 6))
         assert tiles == two < one < none
         assert two < none - 0.1
