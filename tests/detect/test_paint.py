@@ -117,8 +117,8 @@ def test_a_double_line_that_crosses_the_view_is_seen(slope):
     for across in (-0.16, 0.16):
         road.line(lambda x, a=across: slope * (x - 9.0) + a, colour=YELLOW)
     stripes = near(stripes_of(road), lambda x: slope * (x - 9.0), far_m=14)
-    strong = stripes.select(stripes.weight > STRONG)
-    assert len(np.unique(strong.row)) > 0.9 * len(np.unique(stripes.row)) > 20
+    clear = stripes.select(stripes.weight > STRONG / 2)
+    assert len(np.unique(clear.row)) > 0.9 * len(np.unique(stripes.row)) > 20
 
 
 @pytest.mark.parametrize("inside_m", [0.15, 0.4])
@@ -141,22 +141,15 @@ def test_direction_of_a_line_that_runs_across(degrees):
 
 
 def test_the_settings_count():
-    """A line 0.3 m wide is no single stripe; only one stripe a row, or only far stronger ones, leaves some out."""
-    road = Road(CAMERA).line(lambda x: 0 * x - 1.7).line(lambda x: 0 * x + 1.7, width_m=0.3)
-    image = VIEW.warp(road.image())
-    usual, narrow, few, deaf = (
-        extract_evidence(image, VIEW, settings).stripes
-        for settings in (
-            PAINT,
-            PaintSettings(double_m=0.15),
-            PaintSettings(stripes_per_row=1),
-            PaintSettings(min_strength=90),
-        )
+    image = VIEW.warp(Road(CAMERA).line(lambda x: 0 * x - 1.7).line(lambda x: 0 * x + 1.7).image())
+    changes = dict(half_weight_strength=13.2), dict(stripes_per_row=1), dict(min_strength=90.0), dict(position_std_m=0.1)
+    usual, doubtful, few, deaf, shaky = (
+        extract_evidence(image, VIEW, PaintSettings(**change)).stripes for change in ({}, *changes)
     )
     assert len(deaf) == 0
     assert np.bincount(few.row).max() == 1 < np.bincount(usual.row).max()
-    wide, missed = (near(stripes, lambda x: 0 * x + 1.7, within_m=0.05, far_m=15) for stripes in (usual, narrow))
-    assert wide.weight.sum() > 2 * missed.weight.sum()
+    np.testing.assert_allclose(1 / doubtful.weight - 1, 4 * (1 / usual.weight - 1), rtol=1e-3)
+    np.testing.assert_allclose(shaky.std_m**2 - usual.std_m**2, 0.1**2 - PAINT.position_std_m**2)
 
 
 def test_a_distant_stripe_is_less_certain():
