@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from benchmark.errors import LaneTruth
-from lanes.detect.confidence import CONFIDENCE, FEATURES, lane_features, rate_lane
-from lanes.detect.lane import Lane, LineObservation
+from lanes.detect.confidence import CONFIDENCE, FEATURES, feature_weights, lane_features
+from lanes.detect.lane import FOUND, TRACKING, Lane, LineEvidence
 from lanes.detect.road import CURVATURE, HEADING, lateral_std_m
 from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker
@@ -18,52 +18,59 @@ from tests.support.not_roads import KINDS, not_a_road
 from tests.support.painted_drive import CAMERA, TAR, PaintedDrive, Stripe, s_bend
 from tests.support.photos import find_with_own_pose
 from tests.support.shapes import a_lane
-from tools import fit_confidence
 from tools.fit_confidence import cross_validated, fit_logistic, label_lanes, logistic, samples_of_painted_drive
 
 
-def lane_with(*, width_m: float = 3.6, std_m: float = 0.02, centre_m: float = 0.1, reach_m: float = 40.0):
+def lane_with(
+    *, width_m: float = 3.6, std_m: float = 0.02, centre_m: float = 0.1, reach_m: tuple[float, float] = (40.0, 40.0)
+) -> Lane:
     small = dict(rate=1e-7, pitch=1e-3, vertical=1e-5, rate_steps=1e-9, adjacent=1e-9)
     std = a_lane(centre=std_m, width=std_m, heading=std_m / 50, curvature=std_m / 500, **small)
-    seen = LineObservation(0.6, reach_m), LineObservation(0.3, reach_m)
-    model, covariance = a_lane(centre=centre_m, width=width_m), np.diag(np.square(std))
-    return Lane(model, model, covariance, covariance, seen, score=1.0)
+    seen = LineEvidence(0.6, True, reach_m[0]), LineEvidence(0.3, True, reach_m[1])
+    model = a_lane(centre=centre_m, width=width_m)
+    return Lane(model, model, np.diag(np.square(std)), seen, score=1.0)
+
+
+def rated(lane: Lane, *, tracked: bool = False) -> float:
+    return replace(lane, state=TRACKING if tracked else FOUND).confidence
 
 
 @pytest.mark.parametrize("tracked", [False, True])
 def test_unusual_lanes_have_low_confidence(tracked):
-    good = rate_lane(lane_with(), tracked=tracked)
+    good = rated(lane_with(), tracked=tracked)
     assert good > 0.95
     for width_m in (4.5, 2.5):
-        assert rate_lane(lane_with(width_m=width_m), tracked=tracked) < 0.5
-    assert rate_lane(lane_with(std_m=0.3), tracked=tracked) < 0.5
-    assert rate_lane(lane_with(centre_m=0.7), tracked=tracked) < good - 0.005
-    assert (
-        len(FEATURES)
-        == len(CONFIDENCE.still_weights)
-        == len(CONFIDENCE.track_weights)
-        == len(CONFIDENCE.own_pose_weights)
-        == len(lane_features(lane_with()))
+        assert rated(lane_with(width_m=width_m), tracked=tracked) < 0.5
+    assert rated(lane_with(std_m=0.3), tracked=tracked) < 0.5
+    assert rated(lane_with(centre_m=0.7), tracked=tracked) < good - 0.005
+
+
+def test_each_kind_of_lane_has_a_weight_for_each_feature():
+    still, own_pose, tracked = (
+        lane_with(),
+        replace(lane_with(), same_lane_share=1.0),
+        replace(lane_with(), state=TRACKING),
     )
+    assert {len(feature_weights(lane)) for lane in (still, own_pose, tracked)} == {len(FEATURES)}
+    assert len({feature_weights(lane) for lane in (still, own_pose, tracked)}) == 3
 
 
 def features_of(lane: Lane, *, tracked: bool = False) -> dict[str, float]:
-    return dict(zip(FEATURES, lane_features(lane, tracked=tracked).tolist(), strict=True))
+    lane = replace(lane, state=TRACKING if tracked else FOUND)
+    return dict(zip(FEATURES, lane_features(lane).tolist(), strict=True))
 
 
 def test_features_are_what_their_names_say():
-    lane = lane_with(width_m=3.3, centre_m=-0.25, std_m=0.1)
-    lane = replace(lane, observations=(LineObservation(0.6, 25.0), LineObservation(0.3, 10.0)))
+    lane = lane_with(width_m=3.3, centre_m=-0.25, std_m=0.1, reach_m=(25.0, 10.0))
     still = features_of(lane)
-    assert np.exp(still["log std"]) == pytest.approx(lateral_std_m(lane.covariance, 30.0).max())
-    assert np.exp(still["near std"]) == pytest.approx(lateral_std_m(lane.covariance, 10.0).max())
+    assert np.exp(still["log std"]) == pytest.approx(lateral_std_m(lane.fit_covariance, 30.0).max())
+    assert np.exp(still["near std"]) == pytest.approx(lateral_std_m(lane.fit_covariance, 10.0).max())
     assert still["odd width"] == pytest.approx(0.2**2)
     assert {name for name, value in still.items() if value} == {"constant", "log std", "near std", "odd width"}
 
 
 def test_features_of_a_lane_whose_pose_is_from_the_same_picture():
-    lane = replace(lane_with(centre_m=-0.65), same_lane_share=0.3)
-    lane = replace(lane, observations=(LineObservation(0.6, 25.0), LineObservation(0.3, 10.0)))
+    lane = replace(lane_with(centre_m=-0.65, reach_m=(25.0, 10.0)), same_lane_share=0.3)
     own = features_of(lane)
     assert own["support"] == pytest.approx(0.6**0.5 + 0.3**0.5)
     assert own["odd offset"] == pytest.approx(0.65 - CONFIDENCE.usual_offset_m)
@@ -72,21 +79,21 @@ def test_features_of_a_lane_whose_pose_is_from_the_same_picture():
     assert own["near std"] == 0.0
     far_off, farther_off = (replace(lane_with(centre_m=m), same_lane_share=1.0) for m in (1.2, 1.9))
     assert features_of(far_off)["odd offset"] == features_of(farther_off)["odd offset"]
-    long, longer = (replace(lane_with(reach_m=m), same_lane_share=1.0) for m in (45.0, 70.0))
+    long, longer = (replace(lane_with(reach_m=(m, m)), same_lane_share=1.0) for m in (45.0, 70.0))
     assert features_of(long)["shorter reach"] == features_of(longer)["shorter reach"]
-    assert rate_lane(replace(lane_with(reach_m=8.0), same_lane_share=1.0)) < rate_lane(long)
-    assert rate_lane(far_off) < rate_lane(long) - 0.005
+    assert rated(replace(lane_with(reach_m=(8.0, 8.0)), same_lane_share=1.0)) < rated(long)
+    assert rated(far_off) < rated(long) - 0.005
 
 
 def test_a_lane_with_one_line_has_less_confidence_than_one_that_is_uncertain_far_ahead():
     """Without the other line the width is uncertain everywhere; in a bend both lines are certain near the car."""
-    one_line, bend = lane_with().covariance.copy(), lane_with().covariance.copy()
+    one_line, bend = lane_with().fit_covariance.copy(), lane_with().fit_covariance.copy()
     one_line[1, 1] = 0.5**2
     bend[CURVATURE, CURVATURE] = (0.25 / 450) ** 2
-    one_line, bend = (replace(lane_with(), assumed_covariance=matrix) for matrix in (one_line, bend))
+    one_line, bend = (replace(lane_with(), fit_covariance=matrix) for matrix in (one_line, bend))
     assert features_of(one_line)["log std"] == pytest.approx(features_of(bend)["log std"], abs=0.1)
     for tracked in (False, True):
-        assert rate_lane(one_line, tracked=tracked) < rate_lane(bend, tracked=tracked) - 0.1
+        assert rated(one_line, tracked=tracked) < rated(bend, tracked=tracked) - 0.1
 
 
 def test_a_lane_that_the_camera_pose_makes_odd_has_less_confidence():
@@ -99,20 +106,19 @@ def test_a_lane_that_the_camera_pose_makes_odd_has_less_confidence():
     assert heading == pytest.approx(0.6) and lag == 0.0
     for tracked in (False, True):
         odd, usual = replace(lane_with(), model=turned), lane_with()
-        assert rate_lane(odd, tracked=tracked) < rate_lane(usual, tracked=tracked) - 0.01
+        assert rated(odd, tracked=tracked) < rated(usual, tracked=tracked) - 0.01
 
 
 def test_a_tracked_lane_with_a_wrong_yaw_has_less_confidence():
     sure, odd = (replace(lane_with(), camera_yaw_rad=yaw_rad) for yaw_rad in (0.01, -0.04))
     assert (features_of(sure)["odd yaw"], features_of(odd)["odd yaw"]) == (0.0, pytest.approx(0.6))
-    assert rate_lane(odd, tracked=True) < rate_lane(sure, tracked=True) - 0.05
+    assert rated(odd, tracked=True) < rated(sure, tracked=True) - 0.05
 
 
 def test_a_lane_that_few_camera_poses_show_has_less_confidence():
     sure, doubtful = replace(lane_with(), same_lane_share=1.0), replace(lane_with(), same_lane_share=0.3)
     assert (features_of(sure)["other lanes"], features_of(doubtful)["other lanes"]) == (0.0, pytest.approx(0.7))
-    assert rate_lane(sure) > 0.9 and rate_lane(doubtful) < rate_lane(sure) - 0.02
-    assert rate_lane(doubtful, tracked=True) == rate_lane(lane_with(), tracked=True)
+    assert rated(sure) > 0.9 and rated(doubtful) < rated(sure) - 0.02
 
 
 def test_small_standard_deviations_count_only_in_a_track():
@@ -121,13 +127,6 @@ def test_small_standard_deviations_count_only_in_a_track():
     assert features_of(small)["log std"] == features_of(smaller)["log std"] == pytest.approx(at_least)
     assert features_of(smaller, tracked=True)["log std"] < features_of(small, tracked=True)["log std"] - 0.5
     assert np.exp(features_of(small, tracked=True)["near std"]) == pytest.approx(CONFIDENCE.min_near_std_m)
-
-
-def test_standard_deviation_grows_with_the_distance():
-    lane = lane_with()
-    assert lateral_std_m(lane.covariance, 0.0).max() == pytest.approx(np.hypot(0.02, 0.01))
-    parts = [0.02, 0.02 / 2, 30 * 0.02 / 50, 30**2 / 2 * 0.02 / 500]
-    assert lateral_std_m(lane.covariance, 30.0).max() == pytest.approx(np.sqrt(np.sum(np.square(parts))), rel=1e-3)
 
 
 @pytest.mark.slow
@@ -163,26 +162,26 @@ def test_nothing_is_confidently_found_on_a_road_without_lines():
     tracker = LaneTracker(drive.camera, fps=12.5)
     for time_s in np.arange(25) / 12.5:
         image = drive.frame(time_s)
-        assert tracker.update(image).confidence < 0.9
+        assert getattr(tracker.update(image), "confidence", 0.0) < 0.9
         still = find_lane(image, drive.camera)
-        assert still is None or rate_lane(still) < 0.9
+        assert still is None or still.confidence < 0.9
 
 
 def test_a_lane_among_clutter_has_less_confidence():
-    lane, clutter = lane_with(), replace(lane_with(), explained_share=0.1)
+    lane, clutter = lane_with(), replace(lane_with(), inlier_share=0.1)
     assert features_of(clutter)["clutter"] == pytest.approx(np.log(0.5))
-    assert rate_lane(clutter) < rate_lane(lane) - 0.02
-    own_pose, own_clutter = (replace(lane, same_lane_share=0.15, explained_share=share) for share in (1.0, 0.2))
+    assert rated(clutter) < rated(lane) - 0.02
+    own_pose, own_clutter = (replace(lane, same_lane_share=0.15, inlier_share=share) for share in (1.0, 0.2))
     assert features_of(own_clutter)["clutter"] == pytest.approx(np.log(0.5))
-    assert rate_lane(own_clutter) < rate_lane(own_pose)
+    assert rated(own_clutter) < rated(own_pose)
 
 
 def test_a_lane_with_lines_between_its_own_has_less_confidence():
     lane, tiles = lane_with(), replace(lane_with(), clear_share=0.5)
     assert features_of(tiles)["between"] == pytest.approx(np.log(0.5))
-    assert rate_lane(tiles) < rate_lane(lane) - 0.05
+    assert rated(tiles) < rated(lane) - 0.05
     own_pose, own_tiles = (replace(found, same_lane_share=0.6) for found in (lane, tiles))
-    assert rate_lane(own_tiles) < rate_lane(own_pose) - 0.05
+    assert rated(own_tiles) < rated(own_pose) - 0.05
 
 
 def test_nothing_is_found_with_confidence_where_there_is_no_road():
@@ -191,7 +190,7 @@ def test_nothing_is_found_with_confidence_where_there_is_no_road():
     for kind in KINDS:
         for seed in range(100, 104):
             lane = find_lane(not_a_road(kind, seed), CAMERA)
-            confidences.append(0.0 if lane is None else rate_lane(lane))
+            confidences.append(0.0 if lane is None else lane.confidence)
     assert sum(confidence > 0 for confidence in confidences) > 10
     assert max(confidences) < 0.5
 
@@ -203,7 +202,7 @@ def test_nothing_is_found_with_confidence_where_the_pose_comes_from_the_same_pic
         for seed in range(100, 104):
             camera, lane = find_with_own_pose(not_a_road(kind, seed))
             if camera is not None:
-                confidences.append(0.0 if lane is None else rate_lane(lane))
+                confidences.append(0.0 if lane is None else lane.confidence)
     assert len(confidences) >= 5
     assert max(confidences) < 0.5
 
@@ -238,11 +237,3 @@ class TestTheFit:
         assert {row[-1] for row in followed + alone} == {7} and all(row[-3] for row in followed + alone)
         aside = replace(truth, lines_y_m=truth.lines_y_m + 0.3)
         assert not any(row[-3] for rows in label_lanes(frames, drive.camera, aside, fps=12.5, number=7) for row in rows)
-
-
-def test_videos_are_refused_where_only_painted_roads_are_checked(monkeypatch, capsys):
-    monkeypatch.setattr("sys.argv", ["fit_confidence", "--check", "motorway"])
-    monkeypatch.setattr(fit_confidence, "samples_of_painted_drive", lambda seed: pytest.fail("checked"))
-    with pytest.raises(SystemExit):
-        fit_confidence.main()
-    assert "--check uses painted roads only; leave out the videos." in capsys.readouterr().err

@@ -142,7 +142,12 @@ def test_direction_of_a_line_that_runs_across(degrees):
 
 def test_the_settings_count():
     image = VIEW.warp(Road(CAMERA).line(lambda x: 0 * x - 1.7).line(lambda x: 0 * x + 1.7).image())
-    changes = dict(half_weight_strength=13.2), dict(stripes_per_row=1), dict(min_strength=90.0), dict(position_std_m=0.1)
+    changes = (
+        dict(half_weight_strength=13.2),
+        dict(stripes_per_row=1),
+        dict(min_strength=90.0),
+        dict(position_std_m=0.1),
+    )
     usual, doubtful, few, deaf, shaky = (
         extract_evidence(image, VIEW, PaintSettings(**change)).stripes for change in ({}, *changes)
     )

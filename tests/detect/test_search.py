@@ -85,7 +85,9 @@ def test_one_line_missing(k):
     painted = bend(-0.2, 3.6, -0.01, -1 / 600)[k]
     lane = find_lane(Road(CAMERA).line(painted).image(), CAMERA)
     seen, guessed = lane.lines[k], lane.lines[1 - k]
-    np.testing.assert_allclose(seen.y(X_M), painted(X_M), atol=0.1)
+    # one line does not show the pitch, which moves it by centimetres nearby and by decimetres far away
+    error_m = np.abs(seen.y(X_M) - painted(X_M))
+    assert (error_m[:3] < 0.1).all() and (error_m < np.minimum(seen.std_m(X_M), 0.3)).all()
     assert seen.seen and not guessed.seen
     assert guessed.offset_std_m > 0.3 and guessed.reach_m == 0
     assert guessed.describe().endswith("inferred from other lines")
@@ -113,19 +115,15 @@ def test_the_car_is_in_its_lane_whatever_the_neighbours_look_like(offset):
     np.testing.assert_allclose(lane.left.y(np.array([13.0, 25.0])), 1.8 - offset, atol=0.06)
 
 
-def test_faint_dots_count_together_with_the_line_of_the_next_lane():
+def test_faint_dots_are_seen_by_the_network():
     road = Road(CAMERA).line(lambda x: 0 * x - 1.5 * 3.7 - 0.2)
     for side in (1, -1):
         faint = tuple(road.picture[-1, 0] + 50)
         road.line(
             lambda x, s=side: s * 1.85 - 0.2 + 0 * x, colour=faint, width_m=0.1, dash_m=(0.1, 3), phase_m=side / 2
         )
-    lane = search_lane(extract_evidence(VIEW.warp(road.image()), VIEW)).lane
-    assert not lane.left.seen and not lane.right.seen
-    assert lane.offset_m == pytest.approx(0.2, abs=0.15) and lane.width_m == pytest.approx(3.7, abs=0.15)
-    assert abs(lane.offset_m - 0.2) < 2 * lane.offset_std_m
-    assert lane.confidence < 0.9
-    # the network sees them
+    band = search_lane(extract_evidence(VIEW.warp(road.image()), VIEW)).lane
+    assert not band.left.seen and band.confidence < 0.5
     lane = find_lane(road.image(), CAMERA)
     assert lane.left.seen and lane.right.seen and lane.confidence > 0.9
     assert lane.offset_m == pytest.approx(0.2, abs=0.1) and lane.width_m == pytest.approx(3.7, abs=0.1)
@@ -176,13 +174,14 @@ def test_a_measurement_near_a_prediction_agrees_with_the_search():
     ids=["paint", "votes", "fit", "prior"],
 )
 def test_the_settings_of_each_step_count(settings):
-    evidence, changed = (
-        extract_evidence(VIEW.warp(shaded_bend()[0].image()), VIEW, paint) for paint in (PaintSettings(), settings.paint)
-    )
-    usual, other = search_lane(evidence), search_lane(changed, settings)
-    assert (usual.lane is None) != (other.lane is None) or not np.array_equal(usual.lane.model, other.lane.model)
-    still = find_lane(shaded_bend()[0].image(), CAMERA, settings)
-    assert still is None or not np.array_equal(still.model, find_lane(shaded_bend()[0].image(), CAMERA).model)
+    image = shaded_bend()[0].image()
+    found = [
+        (search_lane(extract_evidence(VIEW.warp(image), VIEW, used.paint), used).lane, find_lane(image, CAMERA, used))
+        for used in (DetectorSettings(), settings)
+    ]
+    for usual, other in zip(*found, strict=True):
+        assert usual is not None
+        assert other is None or not np.array_equal(other.model, usual.model)
 
 
 def test_the_same_picture_gives_the_same_lane():
