@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lanes.detect.lane import telemetry_row
 from lanes.track.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
 from lanes.track.tracker import LaneTracker
 from simulator.rendering.drive import Motion
@@ -29,7 +30,7 @@ def telemetry(*, seconds: float = 16, moved_s: float = 8, **turn: float) -> dict
     tracker, rows = LaneTracker(before.camera, fps=FPS), []
     for time_s in np.arange(0, seconds, 1 / FPS):
         frame = (before if time_s < moved_s else after).frame(time_s)
-        rows.append({"time_s": time_s} | tracker.update(frame).as_row())
+        rows.append({"time_s": time_s} | telemetry_row(tracker.update(frame)))
     return {name: np.array([row[name] for row in rows], str if name == "state" else float) for name in rows[0]}
 
 
