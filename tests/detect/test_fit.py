@@ -1,3 +1,8 @@
+"""Votes, residuals and the robust fit, with synthetic stripes on roads that bend and undulate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -5,46 +10,34 @@ import pytest
 
 from lanes.camera import Camera, CameraPose
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.fit import fit_lanes, limit_bends, model_error_m
-from lanes.detect.paint import marking_weight, position_std
+from lanes.detect.fit import FIT, FitSettings, fit_lanes, fit_starts, limit_bends
+from lanes.detect.paint import Stripes
 from lanes.detect.residuals import stripe_residuals
 from lanes.detect.road import (
     ADJACENT,
     BEND,
     CENTRE,
-    CURVATURE,
     FAR_LINE,
-    HEADING,
     LEFT_SIDE,
-    LIMIT,
     PARAMETERS,
-    PRIOR_MEAN,
-    PRIOR_STD,
-    RATE,
-    RATE_STEPS,
+    PITCH,
     RIGHT_SIDE,
+    SIDES,
     WIDTH,
+    RoadPrior,
     bend_gradients,
-    line_points,
     line_y,
     lines_on_view,
-    prior_std,
-    squared_mahalanobis,
+    road_height,
 )
-from lanes.detect.votes import best_pairs, count_votes
-from tests.support.shapes import a_lane, stripes_at
+from lanes.detect.votes import VOTES, count_votes, vote_lanes
+from tests.support.shapes import FOCAL_PX, a_lane, stripes_at
 
-HEIGHT_M, FOCAL_PX = 1.3, 1150.0
-
-
-def view_with(focal_px: float) -> BirdsEyeView:
-    """The view of a camera at `HEIGHT_M` with this focal length."""
-    matrix = np.array([[focal_px, 0, 640], [0, focal_px, 360], [0, 0, 1.0]])
-    return BirdsEyeView(Camera(1280, 720, matrix, np.zeros(5), CameraPose(HEIGHT_M, 0.0, 0.0)))
-
-
-VIEW = view_with(FOCAL_PX)
+HEIGHT_M = 1.3
+MATRIX = np.array([[FOCAL_PX, 0, 640], [0, FOCAL_PX, 360], [0, 0, 1.0]])
+VIEW = BirdsEyeView(Camera(1280, 720, MATRIX, np.zeros(5), CameraPose(HEIGHT_M, 0.0, 0.0)))
 ROWS_M = 5 * 1.022 ** np.arange(121)
+PRIOR = RoadPrior()
 
 
 def stripes_on(lane, sides=(LEFT_SIDE, RIGHT_SIDE), *, noise_m=0.01, outliers=0, dash_m=None, seed=0):
@@ -67,9 +60,9 @@ def stripes_on(lane, sides=(LEFT_SIDE, RIGHT_SIDE), *, noise_m=0.01, outliers=0,
 
 
 def search(stripes):
-    starts = best_pairs(count_votes(stripes, HEIGHT_M), 67)
-    near = fit_lanes(starts, stripes, VIEW)
-    return near.lane[near.weight.sum(axis=1).argmax()], near
+    """The lane (15,) that a search fits, and its covariance."""
+    _, fit = fit_starts(vote_lanes(stripes, VIEW, PRIOR)[1], stripes, VIEW)
+    return fit.lanes[0], fit.covariance[0]
 
 
 ROADS = {
@@ -81,70 +74,62 @@ ROADS = {
 }
 
 
-def test_squared_mahalanobis_distance_from_the_prior():
-    odd = PRIOR_MEAN.copy()
-    odd[[CENTRE, HEADING]] += [2, -3] * PRIOR_STD[[CENTRE, HEADING]]
-    np.testing.assert_allclose(squared_mahalanobis(np.array([PRIOR_MEAN, odd])), [0, 4 + 9])
-    # a road that bends may bend, and may change its bend: curvature itself counts for less than it would
-    bent = PRIOR_MEAN.copy()
-    bent[CURVATURE] = 2 * PRIOR_STD[CURVATURE]
-    assert 0 < squared_mahalanobis(bent[None])[0] < 4
-    assert (prior_std(bent[None]) >= PRIOR_STD).all()
+def test_a_line_piles_up_in_the_bin_of_its_distance():
+    # a straight line 1.9 m to the left, seen by the hypothesis of a straight road
+    stripes = stripes_on(a_lane(width=3.8), (LEFT_SIDE,), noise_m=0.0)
+    votes = count_votes(stripes, HEIGHT_M)
+    straight = votes[np.flatnonzero((VOTES.hypotheses == 0).all(axis=1))[0]]
+    assert VOTES.bin_centres_m[straight.argmax()] == pytest.approx(1.9, abs=VOTES.bin_m / 2)
+    assert straight.max() > 0.95 * straight.sum() > 0.5 * (stripes.x_m < VOTES.far_m).sum()
 
 
-def test_prior_is_wider_for_roads_that_bend():
-    bent = PRIOR_MEAN.copy()
-    bent[[CURVATURE, RATE]] = -0.03, -1e-3
-    std = prior_std(bent[None])[0]
-    assert std[CURVATURE] == pytest.approx(PRIOR_STD[CURVATURE] + 0.03)
-    assert std[RATE] == pytest.approx(PRIOR_STD[RATE] + 0.03 / 15)
-    np.testing.assert_allclose(std[RATE_STEPS], PRIOR_STD[RATE_STEPS] + 1.5 * (0.03 / 15 + 1e-3))
-    assert (prior_std(PRIOR_MEAN[None]) == PRIOR_STD).all()
+def test_stripes_of_other_directions_have_no_votes():
+    stripes = stripes_on(a_lane(width=3.8), (LEFT_SIDE,), noise_m=0.0)
+    turned = type(stripes)(**{**vars(stripes), "angle": stripes.angle + 0.5})
+    straight = np.flatnonzero((VOTES.hypotheses == 0).all(axis=1))[0]
+    assert count_votes(turned, HEIGHT_M)[straight].sum() < 0.01 * count_votes(stripes, HEIGHT_M)[straight].sum()
 
 
-def one_stripe(*, x_m, aside_m=0.0, strength=6.6):
-    """A stripe on the left line of a straight lane that is 3.6 m wide, or so far to its left."""
-    stripes = stripes_on(np.array(ROADS["straight, off centre"])).select([0])
-    places = {"x_m": np.array([x_m]), "y_m": np.array([1.8 + aside_m]), "angle": np.zeros(1)}
-    return replace(stripes, strength=np.array([strength]), **places)
-
-
-def test_marking_weight_position_std_and_model_error():
-    strengths = [marking_weight(one_stripe(x_m=10.0, strength=strength))[0] for strength in (0.0, 6.6, 19.8)]
-    np.testing.assert_allclose(strengths, [0, 0.5, 0.9])
-    for x_m, stray in ((20.0, 0.01), (40.0, 0.08), (80.0, 0.64)):
-        assert position_std(one_stripe(x_m=x_m), 1000.0) == pytest.approx(np.sqrt(0.04**2 + (x_m / 1000) ** 2))
-        assert model_error_m(one_stripe(x_m=x_m)) == pytest.approx(stray)
+@pytest.mark.parametrize("road", ROADS.values(), ids=ROADS.keys())
+def test_one_of_the_best_pairs_is_near_the_lane(road):
+    lanes = vote_lanes(stripes_on(road, outliers=200), VIEW, PRIOR)[1]
+    x = np.array([6.0, 9.0, 12.0])
+    errors = [
+        max(np.abs(line_y(x, lane, side) - line_y(x, road, side)).max() for side in (LEFT_SIDE, RIGHT_SIDE))
+        for lane in lanes
+    ]
+    assert 0 < len(lanes) <= VOTES.lanes
+    assert min(errors) < 0.5
 
 
 @pytest.mark.parametrize("aside_m", [0.0, 0.1, -0.1])
 def test_weight_of_a_stripe_by_position_distance_and_strength(aside_m):
     """Held fast by a prior that is much surer, the lane stays; what a stripe adds to the information is seen alone."""
-    lane = np.zeros(len(PRIOR_MEAN))
-    lane[WIDTH] = 3.6
-    held = {"prior_mean": lane, "prior_information": 1e12 * np.eye(len(lane))}
-    stripe = one_stripe(x_m=30.0, aside_m=aside_m)
-    fit = fit_lanes(lane[None], stripe, view_with(1000.0), schedule=((70, 2.0),), **held)
-    # half as strong as paint; twice as far astray is let pass as is usual
-    variance, stray = 0.04**2 + 0.03**2, 0.08 * (30 / 40) ** 3
+    lane = a_lane(width=3.6)
+    held = lane, 1e-12 * np.eye(PARAMETERS)
+    # half as strong as paint, 30 m ahead
+    stripe = stripes_at(np.zeros(1, int), np.array([30.0]), np.array([1.8 + aside_m]), np.zeros(1), 6.6)
+    fit = fit_lanes(lane[None], stripe, VIEW, schedule=((70, 2.0),), prior=held)
+    variance = 0.04**2 + (30 / FOCAL_PX) ** 2
     agreement = 1 / (1 + aside_m**2 / (4 * variance)) ** 2
-    added = fit.information[0] - held["prior_information"]
-    assert added[CENTRE, CENTRE] == pytest.approx(0.5 * agreement / (4 * variance + stray**2), rel=1e-3)
+    added = fit.information[0] - 1e12 * np.eye(PARAMETERS)
+    inflation = FIT.variance_inflation
+    assert added[CENTRE, CENTRE] == pytest.approx(0.5 * agreement / (4 * variance) / inflation, rel=1e-2)
     assert fit.weight[0, 0] == pytest.approx(0.5 / (1 + aside_m**2 / variance) ** 2, rel=1e-2)
-    assert fit.side[0, 0] == LEFT_SIDE
-    near = fit_lanes(lane[None], stripe, view_with(1000.0), schedule=((30.0, 2.0),), **held)
-    np.testing.assert_array_equal(near.information[0], held["prior_information"])
+    assert fit.on_line[0, :, 0].tolist() == [True, False]
+    near = fit_lanes(lane[None], stripe, VIEW, schedule=((30.0, 2.0),), prior=held)
+    np.testing.assert_allclose(near.information[0], 1e12 * np.eye(PARAMETERS), rtol=1e-12)
 
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_lane_never_leaves_its_limits(sign):
-    nothing = one_stripe(x_m=30.0).select([])
-    far = {"prior_mean": 2 * sign * LIMIT, "prior_information": np.eye(len(LIMIT))}
-    fit = fit_lanes(PRIOR_MEAN[None].astype(int), nothing, VIEW, schedule=((70, 1),), **far)
+    nothing = stripes_on(a_lane(), ())
+    far = 2 * sign * PRIOR.limit, np.eye(PARAMETERS)
+    fit = fit_lanes(PRIOR.mean[None].astype(int), nothing, VIEW, schedule=((70, 1),), prior=far)
     # the curvature ahead has a limit of its own, and the bend may be within the limits of its parameters
-    assert (np.abs(fit.lane[0]) <= LIMIT).all()
+    assert (np.abs(fit.lanes[0]) <= PRIOR.limit).all()
     others = np.setdiff1d(np.arange(PARAMETERS), BEND[1:])
-    np.testing.assert_array_equal(fit.lane[0, others], sign * LIMIT[others])
+    np.testing.assert_array_equal(fit.lanes[0, others], sign * PRIOR.limit[others])
 
 
 def curvature_at(lane, along_m):
@@ -190,30 +175,13 @@ def test_dashes_suffice():
 @pytest.mark.parametrize("side", [LEFT_SIDE, RIGHT_SIDE])
 def test_one_line_suffices_and_the_other_is_uncertain(side):
     road = a_lane(centre=0.1, heading=0.01, curvature=1 / 500)
-    lane, fit = search(stripes_on(road, (side,), outliers=60))
+    lane, covariance = search(stripes_on(road, (side,), outliers=60))
     x = np.array([6.0, 15.0, 30.0])
     # One line does not determine the pitch, so the lines on the view are compared.
     shown, true = lines_on_view(np.array([lane, road]), x, HEIGHT_M)[:, 0 if side == LEFT_SIDE else 1]
     np.testing.assert_allclose(shown, true, atol=0.02)
-    best = fit.weight.sum(axis=1).argmax()
-    covariance = np.linalg.inv(fit.information[best])
     near, far = (a_lane(centre=1.0, width=s / 2) for s in (side, -side))
-    assert np.sqrt(near @ covariance @ near) < 0.15 < 0.3 < np.sqrt(far @ covariance @ far)
-
-
-def test_mirrored_stripes_give_the_mirrored_lane():
-    stripes = stripes_on(ROADS["right bend, nodding"], outliers=200)
-    mirrored = replace(stripes, y_m=-stripes.y_m, angle=-stripes.angle)
-    lane, _ = search(stripes)
-    other, _ = search(mirrored)
-    signs = a_lane(
-        centre=-1, width=1, heading=-1, curvature=-1, rate=-1, pitch=1, vertical=1, rate_steps=-1, adjacent=1
-    )
-    expected = lane * signs
-    expected[ADJACENT] = expected[ADJACENT][::-1]
-    off = np.abs(other - expected)
-    most = dict(width=1e-3, heading=1e-4, curvature=1e-5, rate=1e-6, pitch=1e-4, vertical=1e-5, rate_steps=1e-6)
-    assert (off < a_lane(centre=1e-3, adjacent=1e-3, **most)).all()
+    assert np.sqrt(near @ covariance @ near) < 0.15 < 0.2 < np.sqrt(far @ covariance @ far)
 
 
 PARTS = dict(heading=0.05, curvature=1 / 90, pitch=0.004, vertical=(2e-4, -8e-4, 6e-4, 3e-4), adjacent=(0.2, -0.1))
@@ -268,34 +236,120 @@ def test_uncertain_directions_have_less_weight():
 
 
 def test_a_prediction_holds_where_there_is_no_evidence():
-    expected = a_lane(centre=0.2, width=3.4, heading=0.01, curvature=1 / 300)
-    nothing = stripes_on(expected, ())
-    fit = fit_lanes(
-        expected[None],
-        nothing,
-        VIEW,
-        prior_mean=expected,
-        prior_information=np.eye(PARAMETERS) * 1e4,
-    )
-    np.testing.assert_allclose(fit.lane[0], expected)
-    np.testing.assert_allclose(fit.information[0], np.eye(PARAMETERS) * 1e4)
+    expected, covariance = a_lane(centre=0.2, width=3.4, heading=0.01, curvature=1 / 300), 1e-4 * np.eye(PARAMETERS)
+    fit = fit_lanes(expected[None], stripes_on(expected, ()), VIEW, prior=(expected, covariance))
+    np.testing.assert_allclose(fit.lanes[0], expected)
+    np.testing.assert_allclose(fit.covariance[0], covariance, atol=1e-12)
 
 
-def test_uncertainty_covers_the_error():
+@pytest.mark.parametrize("prior", [None, (ROADS["left bend"], np.diag(PRIOR.std**2))], ids=["road", "prediction"])
+def test_uncertainty_covers_the_error(prior):
+    """Never surer than right, and not ten times too careful; a prediction may be up to twice as careful."""
     road = ROADS["left bend"]
     errors, claims = [], []
     for seed in range(30):
-        fit = fit_lanes(road[None], stripes_on(road, noise_m=0.04, seed=seed), VIEW)
-        errors.append(fit.lane[0] - road)
-        claims.append(np.sqrt(np.diag(np.linalg.inv(fit.information[0]))))
+        fit = fit_lanes(road[None], stripes_on(road, noise_m=0.04, seed=seed), VIEW, prior=prior)
+        errors.append(fit.lanes[0] - road)
+        claims.append(np.sqrt(np.diag(fit.covariance[0])))
     spread = np.sqrt(np.mean(np.square(errors), axis=0)) / np.mean(claims, axis=0)
-    # offset, width, heading, curvature: never surer than right, and not ten times too careful
     assert (spread[:4] < 1.2).all() and (spread[:4] > 0.1).all()
 
 
-def test_line_points_run_through_the_stripes():
-    road = ROADS["hairpin"]
-    points = line_points(road, RIGHT_SIDE, np.linspace(0, 35, 50))
-    x, y = points.T
-    # a hairpin of 18 m turns back: its line is not a function of x
-    assert x.max() < 18 and y.min() < -15 and np.diff(x)[-1] < 0
+@pytest.mark.parametrize(
+    ("settings", "changed"),
+    [
+        (FitSettings(prior=RoadPrior(width_m=(2.8, 0.02, 6.0))), "lanes"),
+        (FitSettings(extend=((12.0, 1.0),)), "lanes"),
+        (FitSettings(support_far_m=15.0), "visible_rows"),
+        (FitSettings(min_weight=0.99), "members"),
+        (FitSettings(min_support=2.0), "seen"),
+    ],
+    ids=["prior", "schedule", "support", "members", "seen"],
+)
+def test_the_settings_count(settings, changed):
+    road = ROADS["left bend"]
+    usual, other = (fit_lanes(road[None], stripes_on(road, noise_m=0.03), VIEW, used) for used in (FIT, settings))
+    assert not np.array_equal(getattr(usual, changed), getattr(other, changed))
+
+
+# Waves 52 m long and 1 m high, from trough to crest.
+LENGTH_M, HALF_HEIGHT_M = 52.0, 0.5
+AT_M = np.array([6.0, 9.0, 13.0, 16.0, 20.0])
+PHASES = np.radians([0, 45, 90, 135, 180, 225, 270, 315])
+LINES = (1.85, -1.65)
+
+
+def wave_m(x_m: np.ndarray, phase: float) -> np.ndarray:
+    """Height of the waves above the plane on which a car stands at `phase` of them."""
+    k = 2 * np.pi / LENGTH_M
+    return HALF_HEIGHT_M * (np.sin(k * x_m + phase) - np.sin(phase) - k * x_m * np.cos(phase))
+
+
+def seen(
+    lines_m: tuple[float, ...],
+    rise_m: Callable[[np.ndarray], np.ndarray] = np.zeros_like,
+    *,
+    pitch: float = 0.0,
+    noise_m: float = 0.01,
+    seed: int = 4,
+) -> Stripes:
+    """Stripes of straight lines on a road of the given height, row by row, as far as nothing hides them."""
+    rng, x = np.random.default_rng(seed), np.arange(4.0, 90.0, 0.02)
+    fall = (HEIGHT_M - rise_m(x)) / x - pitch
+    flat_x = HEIGHT_M / np.maximum(fall, 1e-3)
+    open_ = np.concatenate([[True], flat_x[1:] > np.maximum.accumulate(flat_x)[:-1]])
+    rows = np.flatnonzero((VIEW.x_m > flat_x[open_][0]) & (VIEW.x_m < min(flat_x[open_][-1], 60.0)))
+    parts = []
+    for y in lines_m:
+        side = y / x * flat_x
+        slope = np.gradient(side[open_], flat_x[open_])
+        place, angle = (np.interp(VIEW.x_m[rows], flat_x[open_], v) for v in (side[open_], np.arctan(slope)))
+        noise, turn = rng.normal(0, noise_m, len(rows)), rng.normal(0, 0.02, len(rows))
+        parts.append((rows, VIEW.x_m[rows], place + noise, angle + turn))
+    row, *places = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return stripes_at(row, *places)
+
+
+def error_m(lane: np.ndarray, lines_m: tuple[float, float]) -> float:
+    """How far the lines are from where they are, at most, up to 20 m ahead."""
+    return max(np.abs(line_y(AT_M, lane, side) - y).max() for side, y in zip(SIDES, lines_m, strict=True))
+
+
+@pytest.mark.parametrize("phase", PHASES, ids=np.degrees(PHASES).round().astype(int).astype(str))
+def test_lane_of_an_undulating_road_from_one_picture(phase):
+    stripes, start = seen(LINES, lambda x: wave_m(x, phase)), a_lane(centre=0.1)[None]
+    fit = fit_lanes(start, stripes, VIEW, schedule=FIT.outwards, extra_vertical_per_m=FIT.undulation_std_per_m)
+    assert error_m(fit.lanes[0], LINES) < 0.05
+    assert np.abs(road_height(fit.lanes[0], AT_M) - wave_m(AT_M, phase)).max() < 0.2
+
+
+def test_a_fit_without_undulations_fails_on_undulating_roads():
+    """Of the eight phases the fit that expects no waves loses the lane at most."""
+    errors = []
+    for phase in PHASES:
+        stripes = seen(LINES, lambda x, phase=phase: wave_m(x, phase))
+        errors.append(error_m(fit_lanes(a_lane(centre=0.1)[None], stripes, VIEW).lanes[0], LINES))
+    assert np.median(errors) > 0.3
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_the_far_line_of_the_adjacent_lane_determines_the_pitch(side):
+    """One line of the lane is out of sight; the next lane's far one runs parallel, as a nodding camera cannot show."""
+    pitch, start = 0.009, a_lane()[None]
+    own, far = side * 1.8, side * 1.8 * FAR_LINE + side * 0.1
+    fits = [fit_lanes(start, seen(y, pitch=pitch), VIEW) for y in ((own, far), (own,))]
+    both, alone = (np.sqrt(f.covariance[0][PITCH, PITCH]) for f in fits)
+    assert both < 0.002 and alone > 5 * both
+    assert fits[0].lanes[0][PITCH] == pytest.approx(pitch, abs=0.0005)
+    assert set(np.unique(fits[0].residuals.side[0])) == {side, FAR_LINE * side}
+    x = np.array([8.0, 15.0, 25.0])
+    np.testing.assert_allclose(line_y(x, fits[0].lanes[0], side), own, atol=0.02)
+
+
+def test_a_wider_adjacent_lane_is_not_mistaken_for_pitch():
+    """Three lines show the nod; the fourth then shows that the lane to the right is wider than this by 0.3 m."""
+    fit = fit_lanes(a_lane()[None], seen((5.25, 1.75, -1.75, -5.55), pitch=0.006), VIEW)
+    lane = fit.lanes[0]
+    assert lane[PITCH] == pytest.approx(0.006, abs=5e-4)
+    assert lane[ADJACENT] == pytest.approx([0.0, 0.3], abs=0.05)
+    assert lane[WIDTH] == pytest.approx(3.5, abs=0.03)

@@ -31,7 +31,9 @@ def telemetry(*, seconds: float = 16, moved_s: float = 8, **turn: float) -> dict
     for time_s in np.arange(0, seconds, 1 / FPS):
         frame = (before if time_s < moved_s else after).frame(time_s)
         rows.append({"time_s": time_s} | telemetry_row(tracker.update(frame)))
-    return {name: np.array([row[name] for row in rows], str if name == "state" else float) for name in rows[0]}
+    numbers = "time_s", "pitch_rad", "heading_rad", "offset_m", "camera_yaw_rad"
+    columns = {name: np.array([row[name] for row in rows], float) for name in numbers}
+    return columns | {"state": np.array([row["state"] for row in rows])}
 
 
 @pytest.mark.parametrize(
