@@ -123,6 +123,7 @@ class LaneTracker:
             raise LaneError(f"a video has more than 0 frames a second; got fps={fps}.")
         self.speed_mps = None if speed_mps is None else _number(speed_mps, "speed_mps")
         self.settings = settings or TrackerSettings()
+        camera.require_pose()
         self._views = tuple(BirdsEyeView(camera, half_width_m=half) for half in self.settings.half_widths_m)
         self.view = self._views[min(1, len(self._views) - 1)]
         self.evidence: FrameEvidence | None = None
