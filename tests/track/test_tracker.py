@@ -93,7 +93,7 @@ def test_curvature_is_unbiased():
 def test_nothing_lags_in_s_bends(measure, speed_mps, most_frames):
     """What is measured resembles the truth of the same frame, not that of an earlier one."""
     frames = s_bend_drive(speed_mps)
-    found = np.array([measure(tracked.lane) for _, tracked, _ in frames])[8:-3]
+    found = np.array([measure(lane) for _, lane, _ in frames])[8:-3]
     true = np.array([measure(truth) for *_, truth in frames])
     late = [np.var(found - true[8 - lag : len(true) - 3 - lag]) for lag in (-1, 0, 1)]
     # the variance is a parabola of the lag, whose lowest point is the lag
@@ -103,7 +103,7 @@ def test_nothing_lags_in_s_bends(measure, speed_mps, most_frames):
 
 @pytest.mark.slow
 def test_standard_deviations_are_honest():
-    """Neither too small nor useless: errors relative to the stated standard deviations, on two drives."""
+    """Errors relative to the stated standard deviations, on two drives: these are not too small, and not useless."""
     other = follow(replace(DRIVE, lines=lane_lines(left={"dash_m": (3.05, 12.2)}), seed=3), 6.0)
     frames = s_bend_drive()[5:] + other[5:]
     z_offset = [(lane.offset_m - truth.offset_m) / lane.offset_std_m for _, lane, truth in frames]
@@ -114,9 +114,8 @@ def test_standard_deviations_are_honest():
         (lane.lateral_m(AT_M) - [truth.line_y(k, AT_M) for k in (0, 1)]) / lane.lateral_std_m(AT_M)
         for _, lane, truth in frames
     ]
-    print([float(np.sqrt(np.mean(np.square(z)))) for z in (z_offset, z_curvature, z_lines)])
     for z in (z_offset, z_curvature, z_lines):
-        assert 0.2 < np.sqrt(np.mean(np.square(z))) < 1.5
+        assert 0.1 < np.sqrt(np.mean(np.square(z))) < 1.2
     assert max(lane.offset_std_m for _, lane, _ in frames) < 0.10
 
 
@@ -241,17 +240,6 @@ def test_a_wrong_track_is_given_up():
     frames = follow(replace(DRIVE, road=straight_road(), lines=lines, ground=cracks), 5.0)
     assert lateral_error_m(*frames[2][1:]) > 0.5
     assert lateral_error_m(*frames[-1][1:]) < 0.1
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("wrong_deg", [-2.5, 0.0, 2.5])
-def test_a_wrong_yaw_of_the_pose_is_estimated(wrong_deg):
-    """The car keeps its distance from the lines, although it seems to drive towards one of them."""
-    pose = SMALL.require_pose()
-    wrong = SMALL.with_pose(replace(pose, yaw_rad=pose.yaw_rad + np.radians(wrong_deg)))
-    lane = follow(DRIVE, 4.0, tracker=LaneTracker(wrong, fps=FPS))[-1][1]
-    assert np.degrees(lane.camera_yaw_rad) == pytest.approx(wrong_deg, abs=0.4)
-    assert (lane.confidence > 0.9) == (wrong_deg == 0.0)
 
 
 def test_kind_and_colour_of_both_lines():
