@@ -9,7 +9,7 @@ import numpy as np
 from lanes.detect.paint import PAINT, Stripes, strength_weight
 from lanes.detect.road import parameter_vector
 
-# The usual view's rows grow by this share from one to the next, and its columns are as wide; focal length of the camera.
+# Growth from row to row and width of the columns of the usual view; focal length of the camera.
 GROWTH, CELL_M, FOCAL_PX = 0.022, 0.05, 1150.0
 
 
