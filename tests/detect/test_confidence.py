@@ -7,18 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmark.errors import LaneTruth
 from lanes.detect.confidence import CONFIDENCE, FEATURES, feature_weights, lane_features
 from lanes.detect.lane import FOUND, TRACKING, Lane, LineEvidence
-from lanes.detect.road import CURVATURE, HEADING, lateral_std_m
+from lanes.detect.road import CURVATURE, HEADING
 from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker
-from simulator.road.truth import truth_row
 from tests.support.not_roads import KINDS, not_a_road
 from tests.support.painted_drive import CAMERA, TAR, PaintedDrive, Stripe, s_bend
 from tests.support.photos import find_with_own_pose
 from tests.support.shapes import a_lane
-from tools.fit_confidence import cross_validated, fit_logistic, label_lanes, logistic, samples_of_painted_drive
+from tools.fit_confidence import logistic, samples_of_painted_drive
 
 
 def lane_with(
@@ -60,31 +58,6 @@ def features_of(lane: Lane, *, tracked: bool = False) -> dict[str, float]:
     return dict(zip(FEATURES, lane_features(lane).tolist(), strict=True))
 
 
-def test_features_are_what_their_names_say():
-    lane = lane_with(width_m=3.3, centre_m=-0.25, std_m=0.1, reach_m=(25.0, 10.0))
-    still = features_of(lane)
-    assert np.exp(still["log std"]) == pytest.approx(lateral_std_m(lane.fit_covariance, 30.0).max())
-    assert np.exp(still["near std"]) == pytest.approx(lateral_std_m(lane.fit_covariance, 10.0).max())
-    assert still["odd width"] == pytest.approx(0.2**2)
-    assert {name for name, value in still.items() if value} == {"constant", "log std", "near std", "odd width"}
-
-
-def test_features_of_a_lane_whose_pose_is_from_the_same_picture():
-    lane = replace(lane_with(centre_m=-0.65, reach_m=(25.0, 10.0)), same_lane_share=0.3)
-    own = features_of(lane)
-    assert own["support"] == pytest.approx(0.6**0.5 + 0.3**0.5)
-    assert own["odd offset"] == pytest.approx(0.65 - CONFIDENCE.usual_offset_m)
-    assert np.exp(own["shorter reach"]) == pytest.approx(0.5)
-    assert own["other lanes"] == pytest.approx(0.7)
-    assert own["near std"] == 0.0
-    far_off, farther_off = (replace(lane_with(centre_m=m), same_lane_share=1.0) for m in (1.2, 1.9))
-    assert features_of(far_off)["odd offset"] == features_of(farther_off)["odd offset"]
-    long, longer = (replace(lane_with(reach_m=(m, m)), same_lane_share=1.0) for m in (45.0, 70.0))
-    assert features_of(long)["shorter reach"] == features_of(longer)["shorter reach"]
-    assert rated(replace(lane_with(reach_m=(8.0, 8.0)), same_lane_share=1.0)) < rated(long)
-    assert rated(far_off) < rated(long) - 0.005
-
-
 def test_a_lane_with_one_line_has_less_confidence_than_one_that_is_uncertain_far_ahead():
     """Without the other line the width is uncertain everywhere; in a bend both lines are certain near the car."""
     one_line, bend = lane_with().fit_covariance.copy(), lane_with().fit_covariance.copy()
@@ -119,14 +92,6 @@ def test_a_lane_that_few_camera_poses_show_has_less_confidence():
     sure, doubtful = replace(lane_with(), same_lane_share=1.0), replace(lane_with(), same_lane_share=0.3)
     assert (features_of(sure)["other lanes"], features_of(doubtful)["other lanes"]) == (0.0, pytest.approx(0.7))
     assert rated(sure) > 0.9 and rated(doubtful) < rated(sure) - 0.02
-
-
-def test_small_standard_deviations_count_only_in_a_track():
-    small, smaller = lane_with(std_m=0.004), lane_with(std_m=0.002)
-    at_least = np.log(CONFIDENCE.min_still_std_m)
-    assert features_of(small)["log std"] == features_of(smaller)["log std"] == pytest.approx(at_least)
-    assert features_of(smaller, tracked=True)["log std"] < features_of(small, tracked=True)["log std"] - 0.5
-    assert np.exp(features_of(small, tracked=True)["near std"]) == pytest.approx(CONFIDENCE.min_near_std_m)
 
 
 @pytest.mark.slow
@@ -205,35 +170,3 @@ def test_nothing_is_found_with_confidence_where_the_pose_comes_from_the_same_pic
                 confidences.append(0.0 if lane is None else lane.confidence)
     assert len(confidences) >= 5
     assert max(confidences) < 0.5
-
-
-class TestTheFit:
-    def test_weights_are_found_again(self):
-        rng = np.random.default_rng(3)
-        features = np.column_stack([np.ones(4000), rng.normal(0, 2, 4000)])
-        right = rng.random(4000) < logistic(features @ [1.0, -2.0])
-        np.testing.assert_allclose(fit_logistic(features, right, np.arange(4000)), [1.0, -2.0], atol=0.15)
-
-    def test_long_drives_count_no_more_than_short_ones(self):
-        features = np.ones((1010, 1))
-        right, drive = np.repeat([True, False], [1000, 10]), np.repeat([0, 1], [1000, 10])
-        assert fit_logistic(features, right, drive)[0] == pytest.approx(0.0, abs=1e-6)
-
-    def test_a_drive_says_nothing_of_itself(self):
-        """Each drive has a feature of its own that tells all: only to those who have seen the drive."""
-        drive = np.repeat(np.arange(10), 20)
-        right = drive % 2 == 0
-        features = np.column_stack([np.ones(200), drive[:, None] == np.arange(10)])
-        assert np.abs(cross_validated(features, right, drive) - 0.5).max() < 0.2
-        assert np.abs(logistic(features @ fit_logistic(features, right, drive)) - right).max() < 0.2
-
-    def test_lanes_are_judged_by_their_own_truth(self):
-        drive = PaintedDrive(s_bend(), (Stripe(1.8), Stripe(-1.8)), camera=CAMERA.scaled((640, 360)))
-        rows = [truth_row(drive.truth(i / 12.5), frame=i) for i in range(9)]
-        truth = LaneTruth.from_columns({name: np.array([row[name] for row in rows], float) for name in rows[0]})
-        frames = [drive.frame(i / 12.5) for i in range(9)]
-        followed, alone = label_lanes(frames, drive.camera, truth, fps=12.5, number=7)
-        assert [len(followed), len(alone)] == [9, 3]
-        assert {row[-1] for row in followed + alone} == {7} and all(row[-3] for row in followed + alone)
-        aside = replace(truth, lines_y_m=truth.lines_y_m + 0.3)
-        assert not any(row[-3] for rows in label_lanes(frames, drive.camera, aside, fps=12.5, number=7) for row in rows)

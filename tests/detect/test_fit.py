@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from lanes.detect.residuals import stripe_residuals
 from lanes.detect.road import (
     ADJACENT,
     BEND,
-    CENTRE,
     FAR_LINE,
     LEFT_SIDE,
     PARAMETERS,
@@ -83,13 +81,6 @@ def test_a_line_piles_up_in_the_bin_of_its_distance():
     assert straight.max() > 0.95 * straight.sum() > 0.5 * (stripes.x_m < VOTES.far_m).sum()
 
 
-def test_stripes_of_other_directions_have_no_votes():
-    stripes = stripes_on(a_lane(width=3.8), (LEFT_SIDE,), noise_m=0.0)
-    turned = type(stripes)(**{**vars(stripes), "angle": stripes.angle + 0.5})
-    straight = np.flatnonzero((VOTES.hypotheses == 0).all(axis=1))[0]
-    assert count_votes(turned, HEIGHT_M)[straight].sum() < 0.01 * count_votes(stripes, HEIGHT_M)[straight].sum()
-
-
 @pytest.mark.parametrize("road", ROADS.values(), ids=ROADS.keys())
 def test_one_of_the_best_pairs_is_near_the_lane(road):
     lanes = vote_lanes(stripes_on(road, outliers=200), VIEW, PRIOR)[1]
@@ -100,25 +91,6 @@ def test_one_of_the_best_pairs_is_near_the_lane(road):
     ]
     assert 0 < len(lanes) <= VOTES.lanes
     assert min(errors) < 0.5
-
-
-@pytest.mark.parametrize("aside_m", [0.0, 0.1, -0.1])
-def test_weight_of_a_stripe_by_position_distance_and_strength(aside_m):
-    """Held fast by a prior that is much surer, the lane stays; what a stripe adds to the information is seen alone."""
-    lane = a_lane(width=3.6)
-    held = lane, 1e-12 * np.eye(PARAMETERS)
-    # half as strong as paint, 30 m ahead
-    stripe = stripes_at(np.zeros(1, int), np.array([30.0]), np.array([1.8 + aside_m]), np.zeros(1), 6.6)
-    fit = fit_lanes(lane[None], stripe, VIEW, schedule=((70, 2.0),), prior=held)
-    variance = 0.04**2 + (30 / FOCAL_PX) ** 2
-    agreement = 1 / (1 + aside_m**2 / (4 * variance)) ** 2
-    added = fit.information[0] - 1e12 * np.eye(PARAMETERS)
-    inflation = FIT.variance_inflation
-    assert added[CENTRE, CENTRE] == pytest.approx(0.5 * agreement / (4 * variance) / inflation, rel=1e-2)
-    assert fit.weight[0, 0] == pytest.approx(0.5 / (1 + aside_m**2 / variance) ** 2, rel=1e-2)
-    assert fit.on_line[0, :, 0].tolist() == [True, False]
-    near = fit_lanes(lane[None], stripe, VIEW, schedule=((30.0, 2.0),), prior=held)
-    np.testing.assert_allclose(near.information[0], 1e12 * np.eye(PARAMETERS), rtol=1e-12)
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -163,13 +135,6 @@ def test_lane_is_found_among_clutter(road):
     x = np.array([6.0, 10.0, 14.0])
     for side in (LEFT_SIDE, RIGHT_SIDE):
         np.testing.assert_allclose(line_y(x, lane, side), line_y(x, road, side), atol=0.06)
-
-
-def test_dashes_suffice():
-    road = ROADS["left bend"]
-    lane, _ = search(stripes_on(road, outliers=150, dash_m=(3.0, 12.0)))
-    x = np.array([6.0, 15.0, 30.0])
-    np.testing.assert_allclose(line_y(x, lane, RIGHT_SIDE), line_y(x, road, RIGHT_SIDE), atol=0.05)
 
 
 @pytest.mark.parametrize("side", [LEFT_SIDE, RIGHT_SIDE])
@@ -219,20 +184,6 @@ def test_derivatives_agree_with_differences(lane, most):
         assert np.median(error) < most[k] + 1e-6, k
         # no stripe moves that is said not to, but for the few that change sides
         assert np.mean((np.abs(measured) > 1e-6) > (derivative[k] != 0)) < 0.01, k
-
-
-def test_uncertain_directions_have_less_weight():
-    """A stripe that moves aside by many columns a row may seem to run elsewhere, and one that does not may not."""
-    lane, ease = a_lane(heading=0.6, centre=-3.0), 3.0
-    stripes = stripes_on(lane, noise_m=0.0)
-    stripes = replace(stripes, angle=stripes.angle - 0.25)
-    fine, coarse = (
-        stripe_residuals(lane[None], replace(stripes, step=stripes.step * k), HEIGHT_M) for k in (0.1, 10.0)
-    )
-    std = np.full(len(stripes), 0.05)
-    assert (coarse.weights(std) >= fine.weights(std)).all()
-    assert np.median(coarse.weights(std)) > 0.9 > 0.1 > np.median(fine.weights(std))
-    assert (fine.weights(std, angle_scale=ease) > 3 * fine.weights(std)).mean() > 0.9
 
 
 def test_a_prediction_holds_where_there_is_no_evidence():

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import pytest
 
-from lanes.camera import Camera, CameraPose
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.network import NETWORK, finer_view, learned_evidence, network_inputs
-from lanes.detect.paint import FrameEvidence, Stripes, extract_evidence, strength_weight
+from lanes.detect.network import learned_evidence
+from lanes.detect.paint import FrameEvidence, Stripes, extract_evidence
 from tests.support.painted_roads import ASPHALT, YELLOW, Road, dashcam
 
 CAMERA = dashcam()
@@ -44,13 +42,6 @@ def found_rows(stripes) -> float:
     weight = np.zeros(len(VIEW.x_m))
     np.maximum.at(weight, near.row, near.weight)
     return weight[VIEW.x_m < 20].mean()
-
-
-def test_the_finer_view_has_three_rows_at_each_row():
-    fine = finer_view(VIEW)
-    assert fine.shape == (NETWORK.fine_rows * VIEW.shape[0], VIEW.shape[1])
-    np.testing.assert_allclose(fine.x_m[1 :: NETWORK.fine_rows], VIEW.x_m, rtol=1e-9)
-    np.testing.assert_array_equal(fine.y_m, VIEW.y_m)
 
 
 @pytest.mark.parametrize("look", [{}, {"colour": YELLOW}, {"width_m": 0.2}, {"dash_m": (3, 12)}])
@@ -99,50 +90,6 @@ def test_the_edge_of_a_shadow_is_no_paint():
     shadow = Road(CAMERA).shade(lambda x, y: (y > LEFT_M) & (y < 6), 0.35)
     edge_weight, line_weight = (stripes_of(road.image()).weight.sum() for road in (shadow, line))
     assert edge_weight < 0.05 * line_weight
-
-
-def test_the_mirrored_picture_has_the_mirrored_response():
-    matrix = CAMERA.matrix.copy()
-    matrix[0, 2] = CAMERA.width - 1 - matrix[0, 2]
-    pose = CAMERA.pose
-    other = Camera(
-        *CAMERA.size,
-        matrix,
-        CAMERA.distortion * [1, 1, 1, -1, 1],
-        CameraPose(pose.height_m, pose.pitch_rad, -pose.yaw_rad),
-    )
-    image = lane(Road(CAMERA), dash_m=(3, 12))
-    seen = evidence_of(image).response.strength
-    mirror = evidence_of(np.ascontiguousarray(image[:, ::-1]), BirdsEyeView(other)).response.strength
-    weight, mirrored = (strength_weight(s) for s in (seen, mirror[:, ::-1]))
-    assert weight.mean() > 0.005
-    # the remap rounds to 1/32 pixel, which is not symmetric
-    assert np.abs(weight - mirrored).mean() < 0.1 * weight.mean()
-
-
-def test_the_last_input_is_the_width_of_a_pixel():
-    """log2(1 + n) where a pixel is n cells wide; half as wide in a picture that is twice as large."""
-    fine = finer_view(VIEW)
-    image = np.zeros((*fine.shape, 3), np.uint8)
-    row = 3 * 20 + 1
-    for scale in (1, 2):
-        cells = fine.x_m[row] / (scale * VIEW.focal_px) / VIEW.cell_m
-        inputs = network_inputs(image, fine, scale * VIEW.focal_px)
-        assert inputs.shape == (4, *fine.shape) and inputs.dtype == np.float32 and not inputs[:3].any()
-        np.testing.assert_allclose(inputs[3, row], np.log2(1 + cells), rtol=1e-5)
-
-
-def test_the_inputs_do_not_depend_on_wheel_tracks():
-    """Bands two metres wide change mean and lightness slowly, and neither contrast nor scatter of a thin line."""
-    rng, fine = np.random.default_rng(0), finer_view(VIEW)
-    road = 100 + rng.normal(0, 3, fine.shape)
-    road[:, 180:183] += 30
-    tracks = road + 20 * np.sin(2 * np.pi * fine.y_m / 4)
-    plain, banded = (
-        network_inputs(cv2.merge([np.clip(r, 0, 255).astype(np.uint8)] * 3), fine, VIEW.focal_px)[0, 60:-60, 181]
-        for r in (road, tracks)
-    )
-    assert banded.mean() > 0.8 * plain.mean()
 
 
 def test_nothing_is_found_outside_the_picture():

@@ -40,17 +40,6 @@ def test_direction_is_measured():
     np.testing.assert_allclose(strong.angle, np.arctan(-0.05 + strong.x_m / 60), atol=0.08)
 
 
-def test_single_and_double_lines_have_candidates_at_their_centres():
-    road = Road(CAMERA).line(lambda x: 0 * x - 1.8, colour=WHITE)
-    for y in (1.7, 1.92):
-        road.line(lambda x, y=y: 0 * x + y, colour=YELLOW)
-    stripes = stripes_of(road)
-    white, yellow = (near(stripes, lambda x, y=y: 0 * x + y, far_m=12) for y in (-1.8, 1.81))
-    assert len(white) > 20
-    centre = yellow.select(np.abs(yellow.y_m - 1.81) < 0.04)
-    assert len(centre) > 20
-
-
 def test_both_stripes_of_a_double_line_are_seen():
     """The gap is painted black, as on motorways of concrete, and as wide as a stripe: 0.12 m."""
     road = Road(CAMERA).line(lambda x: 0 * x + 1.8, width_m=0.12, colour=(30, 30, 30))

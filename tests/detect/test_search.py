@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -15,9 +13,7 @@ from lanes.detect.road import RoadPrior
 from lanes.detect.search import DetectorSettings, search_lane
 from lanes.detect.votes import VoteSettings
 from lanes.stills import find_lane
-from lanes.track.filter import FilterSettings, State, initial_state, measure
 from tests.support.painted_roads import WHITE, YELLOW, Road, dashcam
-from tests.support.shapes import a_lane
 
 CAMERA = dashcam()
 VIEW = BirdsEyeView(CAMERA)
@@ -148,19 +144,6 @@ def test_bare_road_has_no_lane(noise):
 def test_edges_alone_are_no_lane():
     road = Road(CAMERA).shade(lambda x, y: y > 1.8, 0.4).paint(lambda x, y: y < -1.7, (150, 150, 150))
     assert find_lane(road.image(), CAMERA) is None
-
-
-def test_a_measurement_near_a_prediction_agrees_with_the_search():
-    road, *_ = shaded_bend()
-    evidence = extract_evidence(VIEW.warp(road.image()), VIEW)
-    cold = find_lane(road.image(), CAMERA)
-    expected = cold.model + a_lane(centre=0.05, width=0.03, heading=0.003, curvature=2e-4, pitch=0.002)
-    small = dict(rate=1e-4, pitch=0.005, vertical=1e-4, rate_steps=1e-4, adjacent=1e-4)
-    std = a_lane(centre=0.1, width=0.1, heading=0.01, curvature=1e-3, **small)
-    predicted: State = initial_state(expected, np.diag(std**2), None)
-    fit = measure(evidence.stripes, predicted, VIEW, FilterSettings(), FitSettings())
-    lane = replace(cold, model=fit.lanes[0])
-    np.testing.assert_allclose(lane.lateral_m(X_M), cold.lateral_m(X_M), atol=0.03)
 
 
 @pytest.mark.parametrize(

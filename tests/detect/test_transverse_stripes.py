@@ -10,7 +10,6 @@ import pytest
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.transverse_stripes import count_transverse_stripes
 from lanes.stills import find_lane
-from lanes.track.tracker import LaneTracker
 from tests.support.painted_roads import Road, dashcam
 
 CAMERA = dashcam(width=1280)
@@ -97,11 +96,6 @@ def test_the_road_between_shadows_and_joints_is_no_stripe(road):
     lane = find_lane(road.image(), CAMERA)
     assert lane.transverse_stripes == 0
     assert lane.confidence > 0.9
-
-
-def test_a_tracked_lane_has_none():
-    tracker, image = LaneTracker(CAMERA), across(7.0, 12.0).image()
-    assert tracker.update(image).transverse_stripes == 0
 
 
 def test_stripes_lower_the_confidence():

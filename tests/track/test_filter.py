@@ -17,7 +17,6 @@ from lanes.detect.road import (
     HEADING,
     PITCH,
     RATE,
-    RATE_STEPS,
     SIDES,
     VERTICAL_CURVATURE,
     VERTICAL_KNOTS_M,
@@ -98,22 +97,6 @@ def test_uncertainty_grows_and_a_standing_car_keeps_the_road():
     np.testing.assert_allclose(later.covariance, later.covariance.T, atol=1e-15)
 
 
-def test_update_moves_the_car_with_the_lane():
-    """If the lane has moved farther sideways than predicted, the estimated speed grows."""
-    estimate = state_with(path=2e-3, speed=20.0)
-    estimate.covariance[SPEED, SPEED] = 64.0
-    estimate = predict(estimate, 0.5)
-    lane = estimate.lane.copy()
-    lane[CENTRE] += 0.05
-    updated = update(estimate, lane, estimate.lane_covariance / 4)
-    assert updated.mean[SPEED] > 20.5
-    assert updated.covariance[SPEED, SPEED] < estimate.covariance[SPEED, SPEED]
-    np.testing.assert_array_equal(updated.mean[LANE], lane)
-    # learning nothing changes nothing
-    same = update(estimate, estimate.lane, estimate.lane_covariance)
-    np.testing.assert_allclose(same.covariance, estimate.covariance, atol=1e-12)
-
-
 def test_update_equals_the_textbook_kalman_update():
     """Against the textbook's formula, with a measurement of the centre alone."""
     estimate = predict(state_with(), 0.2)
@@ -128,20 +111,6 @@ def test_update_equals_the_textbook_kalman_update():
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_the_adjacent_lane_shares_a_line(side):
-    estimate = state_with()
-    neighbour = to_adjacent_lane(estimate, side, RoadPrior())
-    shared = np.zeros(len(estimate.mean))
-    shared[[CENTRE, WIDTH]] = 1, side / 2
-    other = shared.copy()
-    other[WIDTH] = -side / 2
-    assert other @ neighbour.mean == pytest.approx(shared @ estimate.mean)
-    assert other @ neighbour.covariance @ other == pytest.approx(shared @ estimate.covariance @ shared)
-    far = shared @ neighbour.covariance @ shared
-    assert far > shared @ estimate.covariance @ shared
-
-
-@pytest.mark.parametrize("side", [1.0, -1.0])
 def test_the_adjacent_lane_has_its_own_width_and_the_way_back_restores_the_state(side):
     estimate = state_with()
     estimate.mean[ADJACENT] = 0.3, -0.2
@@ -153,20 +122,6 @@ def test_the_adjacent_lane_has_its_own_width_and_the_way_back_restores_the_state
     np.testing.assert_allclose(back.mean[[CENTRE, WIDTH]], estimate.mean[[CENTRE, WIDTH]])
     for number in (CENTRE, WIDTH):
         assert back.covariance[number, number] == pytest.approx(estimate.covariance[number, number])
-
-
-def test_a_rate_step_comes_nearer_and_becomes_the_rate():
-    """A straight that bends from the first knot on: when the car is there, so is the bend."""
-    estimate = state_with(path=0.0, aim=0.0)
-    road = a_lane(width=3.6, rate_steps=(2e-3, 0, 0))
-    estimate.mean[LANE] = road
-    for _ in range(70):
-        estimate.mean[SPEED] = 10.0
-        estimate = predict(estimate, 0.01)
-    # it fades as it comes; what is left of it has become the rate, or lies before the car
-    rate, kink = estimate.mean[RATE], estimate.mean[RATE_STEPS][0]
-    assert 0 < kink < rate < 2e-3
-    assert 0 < estimate.mean[CURVATURE] < 2e-3 * 7
 
 
 @pytest.mark.parametrize(("radius_m", "fastest"), [(24.0, 12.0), (1e9, 70.0)])
@@ -235,16 +190,6 @@ def test_undulations_come_nearer_as_the_car_drives_on(steps):
     # between knots that move with the car the road's corners get rounder, but by less than it moves
     assert (np.mean(found_off, axis=0) < 0.6 * np.mean(stale_off, axis=0)).all()
     assert np.max(found_off) < 0.16
-
-
-def test_driving_one_knot_gap_moves_every_vertical_curvature_by_one():
-    gap = VERTICAL_KNOTS_M[1]
-    after = predict(standing_on(WAVED, 10.0), gap / 10.0).lane[VERTICAL_CURVATURE]
-    first, second, third, last = WAVED[VERTICAL_CURVATURE]
-    assert after[:2] == pytest.approx([second, third])
-    assert after[2] == pytest.approx(third + (last - third) * gap / 16.0)
-    # behind the last knot nothing is known but that waves end
-    assert 0 < after[3] / last < 1
 
 
 def test_the_jacobian_of_the_transition():
