@@ -9,7 +9,7 @@ import pytest
 
 from lanes.detect.confidence import CONFIDENCE, FEATURES, feature_weights, lane_features
 from lanes.detect.lane import FOUND, TRACKING, Lane, LineEvidence
-from lanes.detect.road import CURVATURE, HEADING
+from lanes.detect.road import CURVATURE
 from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker
 from tests.support.not_roads import KINDS, not_a_road
@@ -69,29 +69,35 @@ def test_a_lane_with_one_line_has_less_confidence_than_one_that_is_uncertain_far
         assert rated(one_line, tracked=tracked) < rated(bend, tracked=tracked) - 0.1
 
 
-def test_a_lane_that_the_camera_pose_makes_odd_has_less_confidence():
-    model = lane_with().model
-    turned, bend = model.copy(), model.copy()
-    turned[HEADING] = 0.05
-    # in a hairpin the camera lags behind the road
-    bend[[HEADING, CURVATURE]] = 0.05, 0.03
-    heading, lag = (features_of(replace(lane_with(), model=m))["odd heading"] for m in (turned, bend))
-    assert heading == pytest.approx(0.6) and lag == 0.0
-    for tracked in (False, True):
-        odd, usual = replace(lane_with(), model=turned), lane_with()
-        assert rated(odd, tracked=tracked) < rated(usual, tracked=tracked) - 0.01
+TURNED = a_lane(centre=0.1, width=3.6, heading=0.05)
 
 
-def test_a_tracked_lane_with_a_wrong_yaw_has_less_confidence():
-    sure, odd = (replace(lane_with(), camera_yaw_rad=yaw_rad) for yaw_rad in (0.01, -0.04))
-    assert (features_of(sure)["odd yaw"], features_of(odd)["odd yaw"]) == (0.0, pytest.approx(0.6))
-    assert rated(odd, tracked=True) < rated(sure, tracked=True) - 0.05
+@pytest.mark.parametrize(
+    ("of", "change", "feature", "value", "less"),
+    [
+        ({}, {"model": TURNED}, "odd heading", 0.6, 0.01),
+        ({"state": TRACKING}, {"model": TURNED}, "odd heading", 0.6, 0.01),
+        ({"state": TRACKING, "camera_yaw_rad": 0.01}, {"camera_yaw_rad": -0.04}, "odd yaw", 0.6, 0.05),
+        ({"same_lane_share": 1.0}, {"same_lane_share": 0.3}, "other lanes", 0.7, 0.02),
+        ({}, {"inlier_share": 0.1}, "clutter", np.log(0.5), 0.02),
+        ({"state": TRACKING}, {"inlier_share": 0.1}, "clutter", np.log(0.5), 0.02),
+        ({"same_lane_share": 0.15}, {"inlier_share": 0.2}, "clutter", np.log(0.5), 0.0),
+        ({}, {"clear_share": 0.5}, "between", np.log(0.5), 0.05),
+        ({"same_lane_share": 0.6}, {"clear_share": 0.5}, "between", np.log(0.5), 0.05),
+    ],
+)
+def test_what_makes_a_lane_doubtful(of, change, feature, value, less):
+    """A pose or yaw that makes it odd, few poses that show it, clutter, lines between its own."""
+    usual = replace(lane_with(), **of)
+    odd = replace(usual, **change)
+    before, after = (dict(zip(FEATURES, lane_features(lane).tolist(), strict=True))[feature] for lane in (usual, odd))
+    assert (before, after) == (0.0, pytest.approx(value))
+    assert odd.confidence < usual.confidence - less
 
 
-def test_a_lane_that_few_camera_poses_show_has_less_confidence():
-    sure, doubtful = replace(lane_with(), same_lane_share=1.0), replace(lane_with(), same_lane_share=0.3)
-    assert (features_of(sure)["other lanes"], features_of(doubtful)["other lanes"]) == (0.0, pytest.approx(0.7))
-    assert rated(sure) > 0.9 and rated(doubtful) < rated(sure) - 0.02
+def test_in_a_hairpin_the_camera_lags_behind_the_road():
+    lagging = replace(lane_with(), model=a_lane(centre=0.1, width=3.6, heading=0.05, curvature=0.03))
+    assert features_of(lagging)["odd heading"] == 0.0
 
 
 @pytest.mark.slow
@@ -130,23 +136,6 @@ def test_nothing_is_confidently_found_on_a_road_without_lines():
         assert getattr(tracker.update(image), "confidence", 0.0) < 0.9
         still = find_lane(image, drive.camera)
         assert still is None or still.confidence < 0.9
-
-
-def test_a_lane_among_clutter_has_less_confidence():
-    lane, clutter = lane_with(), replace(lane_with(), inlier_share=0.1)
-    assert features_of(clutter)["clutter"] == pytest.approx(np.log(0.5))
-    assert rated(clutter) < rated(lane) - 0.02
-    own_pose, own_clutter = (replace(lane, same_lane_share=0.15, inlier_share=share) for share in (1.0, 0.2))
-    assert features_of(own_clutter)["clutter"] == pytest.approx(np.log(0.5))
-    assert rated(own_clutter) < rated(own_pose)
-
-
-def test_a_lane_with_lines_between_its_own_has_less_confidence():
-    lane, tiles = lane_with(), replace(lane_with(), clear_share=0.5)
-    assert features_of(tiles)["between"] == pytest.approx(np.log(0.5))
-    assert rated(tiles) < rated(lane) - 0.05
-    own_pose, own_tiles = (replace(found, same_lane_share=0.6) for found in (lane, tiles))
-    assert rated(own_tiles) < rated(own_pose) - 0.05
 
 
 def test_nothing_is_found_with_confidence_where_there_is_no_road():
