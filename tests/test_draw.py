@@ -1,4 +1,4 @@
-"""Overlay styles, and the function that tracks and draws frame by frame."""
+"""The lane drawn on a raw image: in the right place, no farther than the evidence, in three styles, words if lost."""
 
 from __future__ import annotations
 
@@ -8,25 +8,130 @@ import numpy as np
 import pytest
 
 from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.paint import extract_evidence
-from lanes.draw import STYLES, track_lane
-from lanes.track.tracker import LOST, LaneTracker, TrackedLane
+from lanes.draw import MOSAIC_HALF_WIDTH_M, STYLES, describe_lane, draw_lane, lane_outlines, track_lane
+from lanes.errors import PictureError
+from lanes.stills import find_lane
+from lanes.track.tracker import LaneTracker
 from tests.support.painted_drive import BENDS, SMALL, tracked_bends
+
+
+def test_outlines_lie_on_the_paint():
+    _, lane = tracked_bends()
+    truth = BENDS.truth(3 / 25)
+    for k, outline in enumerate(lane_outlines(lane, SMALL)):
+        x = np.linspace(6, 30, 200)
+        paint = SMALL.road_to_pixels(np.column_stack([x, truth.line_y(k, x)]))
+        inside = outline[(outline[:, 1] < paint[0, 1]) & (outline[:, 1] > paint[-1, 1])]
+        assert len(inside) > 5
+        column = np.interp(inside[:, 1], paint[::-1, 1], paint[::-1, 0])
+        np.testing.assert_allclose(inside[:, 0], column, atol=2.0)
+
+
+def test_outlines_end_with_the_evidence():
+    _, lane = tracked_bends()
+    reach_m = max(lane.left.reach_m, lane.right.reach_m)
+    assert 25 < reach_m <= 70
+    top = min(outline[:, 1].min() for outline in lane_outlines(lane, SMALL))
+    horizon_row = SMALL.road_to_pixels(np.array([[1e5, 0.0]]))[0, 1]
+    assert top > horizon_row + 4
+
+
+def test_drawing_tints_the_lane_and_leaves_the_rest():
+    image, lane = tracked_bends()
+    kept = image.copy()
+    drawn = draw_lane(image, lane, SMALL)
+    np.testing.assert_array_equal(image, kept)
+    u, v = np.round(SMALL.road_to_pixels(np.array([[10.0, -0.3]]))[0]).astype(int)
+    assert drawn[v, u, 1] > drawn[v, u, 0] + 30
+    u, v = np.round(SMALL.road_to_pixels(np.array([[10.0, -3.5]]))[0]).astype(int)
+    np.testing.assert_array_equal(drawn[v, u], image[v, u])
+
+
+def test_read_only_pictures_are_welcome():
+    image, lane = tracked_bends()
+    assert not image.flags.writeable
+    assert draw_lane(image, lane, SMALL).flags.writeable
+
+
+def test_drawing_on_the_picture_itself_gives_the_same():
+    image, lane = tracked_bends()
+    own = image.copy()
+    assert draw_lane(own, lane, SMALL, onto=own) is own
+    np.testing.assert_array_equal(own, draw_lane(image, lane, SMALL))
+
+
+def test_lost_draws_words_only():
+    image, _ = tracked_bends()
+    drawn = draw_lane(image, None, SMALL)
+    assert describe_lane(None) == ["lane lost"]
+    changed = np.argwhere((drawn != image).any(axis=2))
+    assert len(changed) > 50
+    assert changed[:, 0].max() < 60
+    assert changed[:, 1].max() < 300
+
+
+def test_words():
+    _, lane = tracked_bends()
+    bend, offset, types, state = describe_lane(lane)
+    assert bend.startswith("bends left, R ")
+    assert offset.startswith("0.3") and offset.endswith("m left of centre") and "±" in offset
+    assert types == "yellow solid | white dashed"
+    assert state.startswith("tracking, confidence ")
+
+
+def test_another_size_is_refused():
+    _, lane = tracked_bends()
+    with pytest.raises(PictureError, match="1280x720"):
+        draw_lane(np.zeros((720, 1280, 3), np.uint8), lane, SMALL)
+
+
+def test_a_single_picture_is_drawn_with_its_confidence_or_said_to_be_lost():
+    image, _ = tracked_bends()
+    lane = find_lane(image, SMALL)
+    assert (draw_lane(image, lane, SMALL) != image).any(axis=2).mean() > 0.1
+    lost = draw_lane(image, None, SMALL)
+    np.testing.assert_array_equal(lost[120:], image[120:])
+
+
+def test_the_area_of_an_unlikely_lane_is_orange():
+    image, lane = tracked_bends()
+    unlikely = replace(lane, inlier_share=0.001, model=lane.model + [0, 0.9, *np.zeros(13)])
+    assert unlikely.confidence < LIKELY_CONFIDENCE < lane.confidence
+    u, v = np.round(SMALL.road_to_pixels(np.array([[10.0, -0.3]]))[0]).astype(int)
+    red, green, _ = draw_lane(image, unlikely, SMALL)[v, u].astype(int)
+    assert red > green + 10
+    assert describe_lane(unlikely)[3].endswith(" (unlikely)")
+    red, green, _ = draw_lane(image, lane, SMALL)[v, u].astype(int)
+    assert green > red + 30
+    assert "(unlikely)" not in describe_lane(lane)[3]
+
+
+def test_a_warning_that_is_due_is_in_words():
+    _, lane = tracked_bends()
+    due = replace(lane.departure, due=True, side="left", time_to_crossing_s=0.0)
+    assert describe_lane(replace(lane, departure=due))[-1] == "lane departure: crossing the left line"
+
+
+def test_an_unknown_style_is_refused():
+    image, lane = tracked_bends()
+    with pytest.raises(ValueError, match=r"no style 'lanes'; the styles are lane, lines, mosaic\.$"):
+        draw_lane(image, lane, SMALL, style="lanes")
 
 
 @pytest.mark.parametrize("style", STYLES)
 def test_styles_keep_the_picture_size_and_show_the_lost_state(style):
-    image, result = tracked_bends()
-    paint = STYLES[style](SMALL)
-    drawn, lost = paint(image.copy(), result), paint(image.copy(), TrackedLane(LOST))
+    image, found = tracked_bends()
+    drawn, lost = (draw_lane(image, lane, SMALL, style=style) for lane in (found, None))
     assert (lost != image).any()
     assert drawn.shape == lost.shape == image.shape and drawn.dtype == np.uint8
     assert (drawn != lost).any(axis=2).mean() > 0.005
 
 
 def test_lines_style_draws_on_the_paint_only():
-    image, result = tracked_bends()
-    drawn = STYLES["lines"](SMALL)(image.copy(), result)
+    image, lane = tracked_bends()
+    drawn = draw_lane(image, lane, SMALL, style="lines")
     x = np.array([9.0, 14.0])
     truth = BENDS.truth(3 / 25)
     for side, channel in ((0, 0), (1, 2)):
@@ -37,13 +142,14 @@ def test_lines_style_draws_on_the_paint_only():
 
 
 def test_mosaic_shows_fit_and_marking_response():
-    image, result = tracked_bends()
-    mosaic = STYLES["mosaic"](SMALL)(image, result)
+    image, lane = tracked_bends()
+    mosaic = draw_lane(image, lane, SMALL, style="mosaic")
     height, width = image.shape[:2]
     panels = [mosaic[i * height // 3 : (i + 1) * height // 3, 2 * width // 3 + 4 :].astype(int) for i in range(3)]
     response, fit = panels[1][30:-8], panels[2]
-    # The panel is 18 m wide: the lines of a lane of 3.7 m, seen 0.3 m from its middle, near the car.
-    rows, columns = fit[-20:], (9 + np.array([0.3 - 1.85, 0.3 + 1.85])) / 18 * fit.shape[1]
+    # the lines of a lane of 3.6 m, seen 0.3 m left of its middle, near the car
+    half_m = MOSAIC_HALF_WIDTH_M
+    rows, columns = fit[-20:], (half_m + np.array([0.3 - 1.8, 0.3 + 1.8])) / (2 * half_m) * fit.shape[1]
     red = np.flatnonzero((rows[:, :, 0] - rows[:, :, 1] > 80).any(axis=0))
     blue = np.flatnonzero((rows[:, :, 2] - rows[:, :, 0] > 80).any(axis=0))
     assert np.median(red) == pytest.approx(columns[0], abs=6) and np.median(blue) == pytest.approx(columns[1], abs=6)
@@ -51,14 +157,14 @@ def test_mosaic_shows_fit_and_marking_response():
 
 
 def test_mosaic_shows_the_evidence_of_a_still():
-    image, result = tracked_bends()
+    image, lane = tracked_bends()
     view = BirdsEyeView(SMALL)
     evidence = extract_evidence(view.warp(image), view)
     unpainted = replace(evidence, response=replace(evidence.response, strength=0 * evidence.response.strength))
     height, width = image.shape[:2]
     response = np.s_[height // 3 + 30 : 2 * height // 3 - 8, 2 * width // 3 + 4 :]
-    assert STYLES["mosaic"](SMALL)(image, result, evidence)[response].max() > 200
-    assert STYLES["mosaic"](SMALL)(image, result, unpainted)[response].max() == 0
+    assert draw_lane(image, lane, SMALL, style="mosaic", evidence=evidence)[response].max() > 200
+    assert draw_lane(image, lane, SMALL, style="mosaic", evidence=unpainted)[response].max() == 0
 
 
 def test_track_lane_returns_picture_and_telemetry():

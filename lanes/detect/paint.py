@@ -144,7 +144,8 @@ def marking_response(view_image: np.ndarray, view: BirdsEyeView, settings: Paint
     steps = np.abs(channels[..., pad : 1 - pad] - channels[..., pad - 1 : -pad])
     noise = local_noise(steps[..., :-1] + steps[..., 1:], window, view, settings)
     noise *= unit
-    strength = np.maximum(np.maximum(*np.maximum(narrow, wide) / noise), 0)
+    # large sums are int32, whose quotients numpy makes float64
+    strength = np.maximum(np.maximum(*np.maximum(narrow, wide) / noise), 0, dtype=np.float32)
     return MarkingResponse(cv2.copyTo(strength, view.seen.view(np.uint8)), channels[inside])
 
 

@@ -124,6 +124,7 @@ class LaneTracker:
             raise LaneError(f"a video has more than 0 frames a second; got fps={fps}.")
         self.speed_mps = None if speed_mps is None else _number(speed_mps, "speed_mps")
         self.settings = settings or TrackerSettings()
+        camera.require_pose()
         self._views = tuple(BirdsEyeView(camera, half_width_m=half) for half in self.settings.half_widths_m)
         self.view = self._views[min(1, len(self._views) - 1)]
         self.evidence: FrameEvidence | None = None
@@ -143,6 +144,7 @@ class LaneTracker:
         self._state = LOST
         self._confirmed = self._lost_comparisons = self._regained = self._frames = 0
         self._unseen_s = self._since_search_s = 0.0
+        self._began_without_static = False
 
     def summary(self) -> dict[str, str]:
         """Settings and current result in words, by name."""
@@ -267,6 +269,8 @@ class LaneTracker:
     def _compare(self, challenger: Lane | None) -> None:
         """Compare a lane found without memory with the track, and start with it if it is better."""
         s, known = self.settings, self._lane
+        # a track from before static stripes were left out may have begun on them
+        margin = -s.challenger_margin if self._lane_moves and not self._began_without_static else s.challenger_margin
         if challenger is None or challenger.score < s.min_score:
             self._lost_comparisons = 0
         elif known is None:
@@ -277,7 +281,7 @@ class LaneTracker:
             if self._confirmed >= s.confirmations and self._state == SEARCHING:
                 self._state = TRACKING
                 self._lane = replace(known, state=TRACKING)
-        elif self._state == TRACKING and challenger.score <= known.score + s.challenger_margin:
+        elif self._state == TRACKING and challenger.score <= known.score + margin:
             self._lost_comparisons = 0
         else:
             self._lost_comparisons += 1
@@ -290,6 +294,7 @@ class LaneTracker:
         inflated = found.fit_covariance * self.settings.detector.fit.variance_inflation
         self._estimate = initial_state(found.centres, inflated, self.speed_mps, self.settings.filter)
         self._state, self._confirmed = SEARCHING, 1
+        self._began_without_static = self._lane_moves
         self._lane = self._describe(self._estimate, found.evidence, inlier_share=found.inlier_share)
 
     def _describe(self, estimate: State, lines: Sequence[LineEvidence], *, inlier_share: float) -> Lane:

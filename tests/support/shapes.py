@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lanes.detect.paint import Stripes
+from lanes.detect.paint import PAINT, Stripes, strength_weight
 from lanes.detect.road import parameter_vector
 
-# The usual view's rows grow by this share from one to the next, and its columns are as wide.
-GROWTH, CELL_M = 0.022, 0.05
+# Growth from row to row and width of the columns of the usual view; focal length of the camera.
+GROWTH, CELL_M, FOCAL_PX = 0.022, 0.05, 1150.0
 
 
 def a_lane(**parameters: float | Sequence[float]) -> np.ndarray:
@@ -30,4 +30,6 @@ def stripes_at(
 ) -> Stripes:
     """Stripes (N,) of the given places, directions and strength in a view of such rows and columns."""
     step = x_m * growth / (1 + growth) / cell_m
-    return Stripes(row, x_m, y_m, angle, step, np.broadcast_to(strength, len(x_m)) + 0.0)
+    weight = strength_weight(np.broadcast_to(strength, len(x_m)) + 0.0)
+    std_m = np.hypot(PAINT.position_std_m, PAINT.position_std_px * x_m / FOCAL_PX)
+    return Stripes(row, x_m, y_m, angle, step, weight, std_m, np.full(len(x_m), PAINT.angle_std_rad))

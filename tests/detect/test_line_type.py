@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.line_type import MarkingProfile, MarkingType, MarkingVotes, looks_dashed, marking_profile
+from lanes.detect.line_type import MarkingProfile, TypeVotes, looks_dashed, marking_profile
 from lanes.detect.paint import marking_response
 from tests.support.painted_roads import WHITE, YELLOW, Road, dashcam
 
@@ -26,18 +26,27 @@ def test_short_holes_are_no_gaps():
     assert looks_dashed(places[(places < 12) | (places > 14)]) is False
 
 
-def test_the_majority_decides():
-    votes = MarkingVotes()
-    assert votes.marking_type == MarkingType(None, None, None)
-    assert votes.marking_type.describe() == "unknown"
+def test_the_majority_decides_and_old_votes_fade():
+    wide, thin, solid = (
+        MarkingProfile(0.35, 0.0, True, 5.0),
+        MarkingProfile(0.12, 0.0, False, 5.0),
+        np.arange(5, 30, 0.3),
+    )
+    votes = TypeVotes()
+    assert (votes.colour, votes.kind, votes.double) == (None, None, None)
     for _ in range(5):
-        votes = votes.add_profile(MarkingProfile(0.35, 0.0, True, 5.0)).add_gaps(DASHES)
-    votes = votes.add_profile(MarkingProfile(0.12, 0.0, False, 5.0)).add_gaps(np.arange(5, 30, 0.3))
-    assert votes.marking_type == MarkingType("yellow", "dashed", True)
-    assert votes.marking_type.describe() == "yellow double dashed"
+        votes = votes.add_profile(wide).add_gaps(DASHES)
+    votes = votes.add_profile(thin).add_gaps(solid)
+    assert (votes.colour, votes.kind, votes.double) == ("yellow", "dashed", True)
     for _ in range(12):
-        votes = votes.add_profile(MarkingProfile(0.12, 0.0, False, 5.0)).add_gaps(np.arange(5, 30, 0.3))
-    assert votes.marking_type == MarkingType("white", "solid", False)
+        votes = votes.add_profile(thin).add_gaps(solid)
+    assert (votes.colour, votes.kind, votes.double) == ("white", "solid", False)
+    assert votes.add_profile(None).add_gaps(solid[:2]) == votes
+    for _ in range(200):
+        votes = votes.add_profile(thin)
+    for _ in range(15):
+        votes = votes.add_profile(wide)
+    assert votes.colour == "yellow"
 
 
 CAMERA = dashcam(1280)
@@ -80,11 +89,6 @@ def test_a_wide_white_line_is_not_double():
     assert two.double and two.gap < 0.6 < wide.gap
 
 
-def test_bare_road_has_no_paint_to_speak_of():
-    paint = paint_at(Road(CAMERA), 1.0)
-    assert paint is None or paint.contrast < 3
-
-
 def paint_across(width_m, degrees):
     slope, cos = np.tan(np.radians(degrees)), np.cos(np.radians(degrees))
     road = Road(CAMERA).paint(lambda x, y: np.abs(y - slope * (x - 9.0)) * cos < width_m / 2, YELLOW)
@@ -98,11 +102,3 @@ def test_a_line_that_runs_across_is_no_wider(width_m, degrees):
     assert paint.width_m == pytest.approx(width_m, abs=0.04)
     assert paint.centre_m == pytest.approx(0.0, abs=0.03)
     assert paint.yellow and paint.double == (width_m > 0.2)
-
-
-@pytest.mark.parametrize("degrees", [-40, 40])
-def test_a_stripe_that_runs_across_is_not_taken_for_two(degrees):
-    """Rows far apart blur what is as thin as this to 0.2 m; measured along the row it would be 0.27 m."""
-    paint = paint_across(0.12, degrees)
-    assert not paint.double
-    assert paint.stripe_m(1.0) == pytest.approx(0.0, abs=0.03)

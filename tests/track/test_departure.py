@@ -5,20 +5,25 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.detect.lane import Lane, LineObservation
+from lanes.detect.lane import Lane, LineEvidence
 from lanes.track.departure import watch_departure
 from lanes.track.filter import CarMotion
 from tests.support.shapes import a_lane
 
 
-def lane_at(centre_m: float, heading_rad: float = 0.0, curvature_per_m: float = 0.0):
+def lane_at(centre_m: float, heading_rad: float = 0.0, curvature_per_m: float = 0.0) -> Lane:
     model = a_lane(centre=centre_m, width=3.6, heading=heading_rad, curvature=curvature_per_m)
-    seen = LineObservation(0.5, 30.0), LineObservation(0.5, 30.0)
-    return Lane(model, model, np.eye(len(model)) * 1e-6, np.eye(len(model)) * 1e-6, seen, score=1.0)
+    seen = LineEvidence(0.5, True, 30.0)
+    return Lane(model, model, np.eye(len(model)) * 1e-6, (seen, seen), score=1.0)
+
+
+def car(speed_mps: float, **motion: float) -> CarMotion:
+    certain = dict(path_per_m=0.0, course_rad=0.0, turning_std_per_m=0.0, course_std_rad=0.0)
+    return CarMotion(speed_mps, **{**certain, **motion})
 
 
 def test_keeping_to_the_lane():
-    warning = watch_departure(lane_at(0.0), CarMotion(20.0))
+    warning = watch_departure(lane_at(0.0), car(20.0))
     assert (warning.side, warning.due, warning.describe()) == (None, False, None)
     assert warning.time_to_crossing_s == float("inf")
     assert (warning.left_m, warning.right_m) == pytest.approx((0.9, 0.9))
@@ -27,17 +32,17 @@ def test_keeping_to_the_lane():
 @pytest.mark.parametrize(("heading_rad", "side"), [(-0.03, "left"), (0.03, "right")])
 def test_drifting_on_a_straight_road(heading_rad, side):
     """20 m/s at 0.03 rad is 0.6 m/s sideways; 0.9 m to go."""
-    warning = watch_departure(lane_at(0.0, heading_rad), CarMotion(20.0))
+    warning = watch_departure(lane_at(0.0, heading_rad), car(20.0))
     assert warning.side == side
     assert warning.time_to_crossing_s == pytest.approx(1.5, rel=0.01)
     assert not warning.due
-    closer = watch_departure(lane_at(-0.5 if side == "left" else 0.5, heading_rad), CarMotion(20.0))
+    closer = watch_departure(lane_at(-0.5 if side == "left" else 0.5, heading_rad), car(20.0))
     assert closer.due
     assert closer.describe() == f"lane departure: 0.7 s to the {side} line"
 
 
 def test_on_the_line():
-    warning = watch_departure(lane_at(-1.0), CarMotion(20.0))
+    warning = watch_departure(lane_at(-1.0), car(20.0))
     assert (warning.side, warning.time_to_crossing_s, warning.due) == ("left", 0.0, True)
     assert "crossing the left line" in warning.describe()
 
@@ -45,20 +50,20 @@ def test_on_the_line():
 def test_going_straight_in_a_bend_leaves_the_lane():
     """Going straight on in a left bend of R 400 m leads out on the right, at v^2 / R = 1 m/s^2."""
     bend = lane_at(0.0, heading_rad=0.01, curvature_per_m=1 / 400)
-    warning = watch_departure(bend, CarMotion(20.0))
+    warning = watch_departure(bend, car(20.0))
     assert warning.side == "right"
     assert 0.2 * warning.time_to_crossing_s + warning.time_to_crossing_s**2 / 2 == pytest.approx(0.9, rel=0.02)
-    assert watch_departure(bend, CarMotion(20.0, path_per_m=1 / 400)).time_to_crossing_s == pytest.approx(4.5, rel=0.02)
+    assert watch_departure(bend, car(20.0, path_per_m=1 / 400)).time_to_crossing_s == pytest.approx(4.5, rel=0.02)
 
 
 def test_course_and_speed_count():
-    assert watch_departure(lane_at(0.0, 0.02), CarMotion(20.0, course_rad=0.02)).side is None
-    assert watch_departure(lane_at(0.0, 0.03), CarMotion(0.0)).side is None
+    assert watch_departure(lane_at(0.0, 0.02), car(20.0, course_rad=0.02)).side is None
+    assert watch_departure(lane_at(0.0, 0.03), car(0.0)).side is None
 
 
 def test_no_warning_without_a_crossing():
     """The turning would avoid the line; less turning than that would not."""
-    motion = CarMotion(20.0, turning_std_per_m=0.003, course_std_rad=0.001)
+    motion = car(20.0, turning_std_per_m=0.003, course_std_rad=0.001)
     warning = watch_departure(lane_at(-0.4, -0.05, 0.0028), motion)
     assert (warning.side, warning.time_to_crossing_s) == (None, float("inf"))
     assert not warning.due and warning.describe() is None
@@ -66,17 +71,14 @@ def test_no_warning_without_a_crossing():
 
 def test_a_car_that_turns_like_its_road_drifts_at_a_constant_rate():
     """The lane centre, 0.6 m inside, is an arc of R 19.4 m. The car follows the arc of R 20 m through itself."""
-    warning = watch_departure(lane_at(-0.6, 0.0, -1 / 20), CarMotion(10.0, path_per_m=-1 / 20, course_rad=0.008))
+    warning = watch_departure(lane_at(-0.6, 0.0, -1 / 20), car(10.0, path_per_m=-1 / 20, course_rad=0.008))
     assert warning.time_to_crossing_s == pytest.approx(warning.left_m / 0.08, rel=0.01)
 
 
 def test_uncertainty_suppresses_the_warning():
     lane = lane_at(0.0, -0.05)
-    assert watch_departure(lane, CarMotion(20.0)).due
-    unsure = watch_departure(lane, CarMotion(20.0, course_std_rad=0.03))
-    assert not unsure.due and unsure.time_to_crossing_s == watch_departure(lane, CarMotion(20.0)).time_to_crossing_s
+    assert watch_departure(lane, car(20.0)).due
+    unsure = watch_departure(lane, car(20.0, course_std_rad=0.03))
+    assert not unsure.due and unsure.time_to_crossing_s == watch_departure(lane, car(20.0)).time_to_crossing_s
     bend = lane_at(0.0, 0.01, 1 / 80)
-    assert (
-        watch_departure(bend, CarMotion(15.0)).due
-        and not watch_departure(bend, CarMotion(15.0, turning_std_per_m=0.01)).due
-    )
+    assert watch_departure(bend, car(15.0)).due and not watch_departure(bend, car(15.0, turning_std_per_m=0.01)).due

@@ -12,10 +12,11 @@ from benchmark.errors import FrameErrors, LaneTruth, frame_errors
 from benchmark.estimates import AHEAD_M, DriveEstimates
 from benchmark.evaluation import read_truth
 from benchmark.scored_drive import list_drives
-from benchmark.systems import tracker_estimate
+from benchmark.systems import lane_estimate
 from lanes.camera import Camera, load_camera
+from lanes.detect.lane import TRACKING, Lane
 from lanes.stills import find_lane
-from lanes.track.tracker import TRACKER, TRACKING, LaneTracker, TrackedLane
+from lanes.track.tracker import LaneTracker, TrackerSettings
 from lanes.video.reader import read_video
 
 pytestmark = pytest.mark.slow
@@ -36,20 +37,20 @@ class Drive:
         self.frames = [cv2.resize(frame, self.camera.size, interpolation=cv2.INTER_AREA) for frame in frames]
         self.truth: LaneTruth = read_truth(drive)
 
-    def follow(self, steps: Iterator[Step]) -> tuple[list[TrackedLane], FrameErrors]:
+    def follow(self, steps: Iterator[Step]) -> tuple[list[Lane | None], FrameErrors]:
         """What the tracker says of each step, and how wrong that is of what is shown."""
         tracker, said, shown = LaneTracker(self.camera, fps=FPS), [], []
         for image, elapsed_s, frame in steps:
             said.append(tracker.update(image, elapsed_s=elapsed_s))
             shown.append(frame)
-        estimates = DriveEstimates.from_frames([tracker_estimate(tracked) for tracked in said], [0.0] * len(said))
+        estimates = DriveEstimates.from_frames([lane_estimate(lane) for lane in said], [0.0] * len(said))
         return said, frame_errors(estimates, self.truth.select(np.array(shown)))
 
     def hit(self, share: float, seed: int) -> np.ndarray:
         """(frames,) bool: which frames are disturbed; neither the first nor the last few."""
         hit = np.random.default_rng(seed).random(len(self.frames)) < share
         hit[0] = False
-        hit[-TRACKER.confirmations - 1 :] = False
+        hit[-TrackerSettings().confirmations - 1 :] = False
         return hit
 
 
@@ -129,9 +130,7 @@ def test_flicker_and_noise_move_a_followed_lane_by_centimetres(drive):
     exposure, gain = Exposure(drive.camera, 10, seed=1), np.random.default_rng(1).uniform(0.3, 1.7, len(drive.frames))
     plain, _ = drive.follow((image, None, frame) for frame, image in enumerate(drive.frames))
     said, errors = drive.follow((exposure.expose(f, gain[n]), None, n) for n, f in enumerate(drive.frames))
-    moved = [
-        np.abs(a.lane.lateral_m(AHEAD_M) - b.lane.lateral_m(AHEAD_M)).max() for a, b in zip(plain, said, strict=True)
-    ]
+    moved = [np.abs(a.lateral_m(AHEAD_M) - b.lateral_m(AHEAD_M)).max() for a, b in zip(plain, said, strict=True)]
     assert np.percentile(moved, 95) < 0.015 and max(moved) < 0.05
     assert errors.correct.all() and said[-1].state == TRACKING
 

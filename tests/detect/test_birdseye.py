@@ -1,3 +1,7 @@
+"""The bird's-eye view: marks on the road appear in their cells."""
+
+from __future__ import annotations
+
 import numpy as np
 import pytest
 
@@ -84,27 +88,6 @@ def test_cells_outside_the_picture_are_unseen_and_go_on_as_the_picture_ends():
     assert (black[~view.seen] == 0).all() and (black[view.seen] == warped[view.seen]).all()
 
 
-def test_share_of_a_window_that_is_seen():
-    view = BirdsEyeView(dashcam())
-    share = view.seen_share(5, 51)
-    row = int(np.flatnonzero(~view.seen[:, 0])[-1]) - 10
-    window = view.seen[row - 2 : row + 3, 60 - 25 : 60 + 26]
-    assert share[row, 60] == pytest.approx(window.mean(), abs=1e-5)
-    assert share[view.seen].min() > 0.2
-
-
 def test_a_picture_of_another_size_is_refused():
     with pytest.raises(PictureError, match="320x180"):
         BirdsEyeView(dashcam()).warp(np.zeros((180, 320, 3), np.uint8))
-
-
-def test_mirrored_camera_mirrors_the_view():
-    camera = dashcam(roll_rad=0.0, yaw_rad=0.0)
-    matrix = camera.matrix.copy()
-    matrix[0, 2] = camera.width - 1 - matrix[0, 2]
-    distortion = camera.distortion * [1, 1, 1, -1, 1]
-    flipped = type(camera)(camera.width, camera.height, matrix, distortion, CameraPose(1.3, -0.01))
-    image = Road(camera).line(lambda x: 1.5 + 0.002 * x * x).image()
-    one = BirdsEyeView(camera).warp(image).astype(int)
-    other = BirdsEyeView(flipped).warp(np.ascontiguousarray(image[:, ::-1]))[:, ::-1].astype(int)
-    assert np.abs(one - other).mean() < 0.5

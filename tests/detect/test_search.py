@@ -1,16 +1,19 @@
+"""The search in a single image: lanes on painted roads, one line missing, neighbours, no lane."""
+
+from __future__ import annotations
+
 import numpy as np
 import pytest
 
-from lanes.camera import Camera, CameraPose
+from lanes.camera import CameraPose
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.confidence import rate_lane
-from lanes.detect.paint import extract_evidence
-from lanes.detect.road import LEFT_SIDE, RIGHT_SIDE
-from lanes.detect.search import choose_lane, search_lane
+from lanes.detect.fit import FitSettings
+from lanes.detect.paint import PaintSettings, extract_evidence
+from lanes.detect.road import RoadPrior
+from lanes.detect.search import DetectorSettings, search_lane
+from lanes.detect.votes import VoteSettings
 from lanes.stills import find_lane
-from lanes.track.filter import initial_state, update_lane
 from tests.support.painted_roads import WHITE, YELLOW, Road, dashcam
-from tests.support.shapes import a_lane
 
 CAMERA = dashcam()
 VIEW = BirdsEyeView(CAMERA)
@@ -32,51 +35,30 @@ def shaded_bend():
 def test_shaded_bend_off_centre():
     road, left, right = shaded_bend()
     lane = find_lane(road.image(), CAMERA)
-    np.testing.assert_allclose(lane.line_y(X_M, LEFT_SIDE), left(X_M), atol=0.02)
-    np.testing.assert_allclose(lane.line_y(X_M, RIGHT_SIDE), right(X_M), atol=0.04)
+    np.testing.assert_allclose(lane.left.y(X_M), left(X_M), atol=0.02)
+    np.testing.assert_allclose(lane.right.y(X_M), right(X_M), atol=0.04)
     assert lane.offset_m == pytest.approx(0.35, abs=0.02)
     assert lane.width_m == pytest.approx(3.5, abs=0.03)
     assert lane.heading_rad == pytest.approx(0.015, abs=0.003)
     assert lane.curvature_per_m == pytest.approx(1 / 420, rel=0.06)
-    assert lane.left.profile.yellow and not lane.right.profile.yellow
+    assert (lane.left.colour, lane.right.colour) == ("yellow", "white")
+    assert (lane.left.kind, lane.right.kind) == ("solid", "dashed")
     assert lane.left.seen and lane.right.seen
     assert abs(lane.offset_m - 0.35) < 3 * lane.offset_std_m < 0.5
-
-
-def test_coefficients_describe_the_lines_near_the_car():
-    road, left, right = shaded_bend()
-    lane = find_lane(road.image(), CAMERA)
-    x = np.array([0.0, 4.0, 8.0])
-    for line, truth in ((lane.left, left), (lane.right, right)):
-        y = line.c0_m + line.c1 * x + line.c2_per_m * x**2 / 2 + line.c3_per_m2 * x**3 / 6
-        np.testing.assert_allclose(y, truth(x), atol=0.04)
 
 
 def test_pixels_lie_on_the_paint():
     road, left, right = shaded_bend()
     lane = find_lane(road.image(), CAMERA)
     rows = np.arange(200, 340, 10)
-    columns = lane.pixels(CAMERA, rows)
+    columns = lane.columns(CAMERA, rows)
     for k, truth in enumerate((left, right)):
         known = CAMERA.road_to_pixels(np.column_stack([np.geomspace(4, 90, 400), truth(np.geomspace(4, 90, 400))]))
         expected = np.interp(rows, known[::-1, 1], known[::-1, 0])
         seen = columns[k] >= 0
         assert seen.sum() >= 12
         np.testing.assert_allclose(columns[k][seen], expected[seen], atol=2.0)
-    assert (lane.pixels(CAMERA, [10, 100]) == -2).all()
-
-
-def test_mirrored_picture_gives_the_mirrored_lane():
-    image = shaded_bend()[0].image()
-    matrix = CAMERA.matrix.copy()
-    matrix[0, 2] = CAMERA.width - 1 - matrix[0, 2]
-    m = CAMERA.pose
-    other = Camera(*CAMERA.size, matrix, CAMERA.distortion * [1, 1, 1, -1, 1], CameraPose(1.3, m.pitch_rad, -m.yaw_rad))
-    lane = find_lane(image, CAMERA)
-    mirrored = find_lane(np.ascontiguousarray(image[:, ::-1]), other)
-    assert mirrored.offset_m == pytest.approx(-lane.offset_m, abs=0.01)
-    assert mirrored.curvature_per_m == pytest.approx(-lane.curvature_per_m, abs=3e-5)
-    np.testing.assert_allclose(mirrored.line_y(X_M, LEFT_SIDE), -lane.line_y(X_M, RIGHT_SIDE), atol=0.02)
+    assert (lane.columns(CAMERA, np.array([10, 100])) == -2).all()
 
 
 @pytest.mark.parametrize("radius", [-18.0, 22.0, -40.0])
@@ -94,15 +76,17 @@ def test_hairpin(radius):
     assert lane.offset_m == pytest.approx(-0.05, abs=0.08)
 
 
-@pytest.mark.parametrize("side", [LEFT_SIDE, RIGHT_SIDE])
-def test_one_line_missing(side):
-    lines = bend(-0.2, 3.6, -0.01, -1 / 600)
-    painted = lines[0 if side == LEFT_SIDE else 1]
+@pytest.mark.parametrize("k", [0, 1])
+def test_one_line_missing(k):
+    painted = bend(-0.2, 3.6, -0.01, -1 / 600)[k]
     lane = find_lane(Road(CAMERA).line(painted).image(), CAMERA)
-    np.testing.assert_allclose(lane.line_y(X_M, side), painted(X_M), atol=0.1)
-    seen, guessed = (lane.left, lane.right) if side == LEFT_SIDE else (lane.right, lane.left)
+    seen, guessed = lane.lines[k], lane.lines[1 - k]
+    # one line does not show the pitch, which moves it by centimetres nearby and by decimetres far away
+    error_m = np.abs(seen.y(X_M) - painted(X_M))
+    assert (error_m[:3] < 0.1).all() and (error_m < np.minimum(seen.std_m(X_M), 0.3)).all()
     assert seen.seen and not guessed.seen
-    assert guessed.c0_std_m > 0.3 and guessed.reach_m == 0
+    assert guessed.offset_std_m > 0.3 and guessed.reach_m == 0
+    assert guessed.describe().endswith("inferred from other lines")
     assert 2.9 < lane.width_m < 4.1
 
 
@@ -112,7 +96,7 @@ def test_pitch_of_the_camera_is_estimated():
     left, right = bend(0.1, 3.6, 0.0, 0.0)
     lane = find_lane(Road(nodding).line(left).line(right).image(), CAMERA)
     assert lane.pitch_rad == pytest.approx(0.012, abs=0.002)
-    np.testing.assert_allclose(lane.line_y(X_M, RIGHT_SIDE), right(X_M), atol=0.04)
+    np.testing.assert_allclose(lane.right.y(X_M), right(X_M), atol=0.04)
 
 
 @pytest.mark.parametrize("offset", [0.5, -0.5, -1.0, 1.0])
@@ -122,26 +106,22 @@ def test_the_car_is_in_its_lane_whatever_the_neighbours_look_like(offset):
     for number, dash in ((1.5, None), (0.5, (3, 12)), (-0.5, (3, 12)), (-1.5, None)):
         road.line(lambda x, n=number: 0 * x + 3.6 * n - offset, dash_m=dash)
     lane = find_lane(road.image(), CAMERA)
-    assert lane.left.c0_m > 0 > lane.right.c0_m
+    assert lane.left.offset_m > 0 > lane.right.offset_m
     assert lane.offset_m == pytest.approx(offset, abs=0.3) and lane.width_m == pytest.approx(3.6, abs=0.1)
-    np.testing.assert_allclose(lane.line_y(np.array([13.0, 25.0]), LEFT_SIDE), 1.8 - offset, atol=0.06)
+    np.testing.assert_allclose(lane.left.y(np.array([13.0, 25.0])), 1.8 - offset, atol=0.06)
 
 
-def test_faint_dots_count_together_with_the_line_of_the_next_lane():
+def test_faint_dots_are_seen_by_the_network():
     road = Road(CAMERA).line(lambda x: 0 * x - 1.5 * 3.7 - 0.2)
     for side in (1, -1):
         faint = tuple(road.picture[-1, 0] + 50)
         road.line(
             lambda x, s=side: s * 1.85 - 0.2 + 0 * x, colour=faint, width_m=0.1, dash_m=(0.1, 3), phase_m=side / 2
         )
-    lane = search_lane(extract_evidence(VIEW.warp(road.image()), VIEW))
-    assert not lane.left.seen and not lane.right.seen
-    assert lane.offset_m == pytest.approx(0.2, abs=0.15) and lane.width_m == pytest.approx(3.7, abs=0.15)
-    assert abs(lane.offset_m - 0.2) < 2 * lane.offset_std_m
-    assert rate_lane(lane) < 0.9
-    # the network sees them
+    band = search_lane(extract_evidence(VIEW.warp(road.image()), VIEW)).lane
+    assert not band.left.seen and band.confidence < 0.5
     lane = find_lane(road.image(), CAMERA)
-    assert lane.left.seen and lane.right.seen and rate_lane(lane) > 0.9
+    assert lane.left.seen and lane.right.seen and lane.confidence > 0.9
     assert lane.offset_m == pytest.approx(0.2, abs=0.1) and lane.width_m == pytest.approx(3.7, abs=0.1)
 
 
@@ -166,17 +146,25 @@ def test_edges_alone_are_no_lane():
     assert find_lane(road.image(), CAMERA) is None
 
 
-def test_update_agrees_with_search():
-    road, left, _ = shaded_bend()
-    evidence = extract_evidence(VIEW.warp(road.image()), VIEW)
-    cold = find_lane(road.image(), CAMERA)
-    expected = cold.model + a_lane(centre=0.05, width=0.03, heading=0.003, curvature=2e-4, pitch=0.002)
-    small = dict(rate=1e-4, pitch=0.005, vertical=1e-4, rate_steps=1e-4, adjacent=1e-4)
-    std = a_lane(centre=0.1, width=0.1, heading=0.01, curvature=1e-3, **small)
-    estimate = initial_state(expected, np.diag(std**2), None)
-    lane = choose_lane(update_lane(evidence.stripes, estimate, VIEW), evidence)
-    np.testing.assert_allclose(lane.line_y(X_M, LEFT_SIDE), cold.line_y(X_M, LEFT_SIDE), atol=0.02)
-    np.testing.assert_allclose(lane.line_y(X_M, RIGHT_SIDE), cold.line_y(X_M, RIGHT_SIDE), atol=0.03)
+@pytest.mark.parametrize(
+    "settings",
+    [
+        DetectorSettings(paint=PaintSettings(single_m=0.3)),
+        DetectorSettings(votes=VoteSettings(far_m=7.0)),
+        DetectorSettings(fit=FitSettings(min_support=0.9)),
+        DetectorSettings(fit=FitSettings(prior=RoadPrior(width_m=(2.9, 0.01, 6.0)))),
+    ],
+    ids=["paint", "votes", "fit", "prior"],
+)
+def test_the_settings_of_each_step_count(settings):
+    image = shaded_bend()[0].image()
+    found = [
+        (search_lane(extract_evidence(VIEW.warp(image), VIEW, used.paint), used).lane, find_lane(image, CAMERA, used))
+        for used in (DetectorSettings(), settings)
+    ]
+    for usual, other in zip(*found, strict=True):
+        assert usual is not None
+        assert other is None or not np.array_equal(other.model, usual.model)
 
 
 def test_the_same_picture_gives_the_same_lane():

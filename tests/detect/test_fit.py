@@ -1,0 +1,286 @@
+"""Votes, residuals and the robust fit, with synthetic stripes on roads that bend and undulate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from lanes.camera import Camera, CameraPose
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.fit import FIT, FitSettings, fit_lanes, fit_starts, limit_bends
+from lanes.detect.paint import Stripes
+from lanes.detect.residuals import stripe_residuals
+from lanes.detect.road import (
+    ADJACENT,
+    BEND,
+    FAR_LINE,
+    LEFT_SIDE,
+    PARAMETERS,
+    PITCH,
+    RIGHT_SIDE,
+    SIDES,
+    WIDTH,
+    RoadPrior,
+    bend_gradients,
+    line_y,
+    lines_on_view,
+    road_height,
+)
+from lanes.detect.votes import VOTES, count_votes, vote_lanes
+from tests.support.shapes import FOCAL_PX, a_lane, stripes_at
+
+HEIGHT_M = 1.3
+MATRIX = np.array([[FOCAL_PX, 0, 640], [0, FOCAL_PX, 360], [0, 0, 1.0]])
+VIEW = BirdsEyeView(Camera(1280, 720, MATRIX, np.zeros(5), CameraPose(HEIGHT_M, 0.0, 0.0)))
+ROWS_M = 5 * 1.022 ** np.arange(121)
+PRIOR = RoadPrior()
+
+
+def stripes_on(lane, sides=(LEFT_SIDE, RIGHT_SIDE), *, noise_m=0.01, outliers=0, dash_m=None, seed=0):
+    """Stripes as the evidence finds them on a lane, row by row, with others strewn between."""
+    rng = np.random.default_rng(seed)
+    parts = []
+    for side in sides:
+        y, ahead = line_y(ROWS_M, lane, side), line_y(ROWS_M + 0.01, lane, side)
+        keep = np.isfinite(y + ahead) & (np.abs(y) < 12)
+        if dash_m and side == RIGHT_SIDE:
+            keep &= ROWS_M % dash_m[1] < dash_m[0]
+        x, angle = ROWS_M[keep], np.arctan((ahead - y)[keep] / 0.01)
+        parts.append((x, y[keep] + rng.normal(0, noise_m, len(x)), angle + rng.normal(0, 0.03, len(x)), 15.0))
+    x = rng.choice(ROWS_M, outliers)
+    parts.append((x, rng.uniform(-10, 10, outliers), rng.uniform(-1, 1, outliers), 6.0))
+    x, y, angle = (np.concatenate([p[k] for p in parts]) for k in range(3))
+    strength = np.concatenate([np.full(len(p[0]), p[3]) for p in parts])
+    row = np.searchsorted(ROWS_M, x)
+    return stripes_at(row, x, y, angle, strength)
+
+
+def search(stripes):
+    """The lane (15,) that a search fits, and its covariance."""
+    _, fit = fit_starts(vote_lanes(stripes, VIEW, PRIOR)[1], stripes, VIEW)
+    return fit.lanes[0], fit.covariance[0]
+
+
+ROADS = {
+    "straight, off centre": a_lane(centre=0.4, width=3.6, heading=0.01),
+    "left bend": a_lane(centre=-0.3, heading=-0.02, curvature=1 / 350),
+    "right bend, nodding": a_lane(centre=0.2, width=3.3, heading=0.03, curvature=-1 / 200, pitch=0.008),
+    "clothoid": a_lane(centre=0.1, width=3.7, curvature=1 / 900, rate=5e-5),
+    "hairpin": a_lane(centre=0.2, width=3.2, heading=0.05, curvature=-1 / 18),
+}
+
+
+def test_a_line_piles_up_in_the_bin_of_its_distance():
+    # a straight line 1.9 m to the left, seen by the hypothesis of a straight road
+    stripes = stripes_on(a_lane(width=3.8), (LEFT_SIDE,), noise_m=0.0)
+    votes = count_votes(stripes, HEIGHT_M)
+    straight = votes[np.flatnonzero((VOTES.hypotheses == 0).all(axis=1))[0]]
+    assert VOTES.bin_centres_m[straight.argmax()] == pytest.approx(1.9, abs=VOTES.bin_m / 2)
+    assert straight.max() > 0.95 * straight.sum() > 0.5 * (stripes.x_m < VOTES.far_m).sum()
+
+
+@pytest.mark.parametrize("road", ROADS.values(), ids=ROADS.keys())
+def test_one_of_the_best_pairs_is_near_the_lane(road):
+    lanes = vote_lanes(stripes_on(road, outliers=200), VIEW, PRIOR)[1]
+    x = np.array([6.0, 9.0, 12.0])
+    errors = [
+        max(np.abs(line_y(x, lane, side) - line_y(x, road, side)).max() for side in (LEFT_SIDE, RIGHT_SIDE))
+        for lane in lanes
+    ]
+    assert 0 < len(lanes) <= VOTES.lanes
+    assert min(errors) < 0.5
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_lane_never_leaves_its_limits(sign):
+    nothing = stripes_on(a_lane(), ())
+    far = 2 * sign * PRIOR.limit, np.eye(PARAMETERS)
+    fit = fit_lanes(PRIOR.mean[None].astype(int), nothing, VIEW, schedule=((70, 1),), prior=far)
+    # the curvature ahead has a limit of its own, and the bend may be within the limits of its parameters
+    assert (np.abs(fit.lanes[0]) <= PRIOR.limit).all()
+    others = np.setdiff1d(np.arange(PARAMETERS), BEND[1:])
+    np.testing.assert_array_equal(fit.lanes[0, others], sign * PRIOR.limit[others])
+
+
+def curvature_at(lane, along_m):
+    return float(lane[BEND] @ bend_gradients(np.array([along_m]))[1][:, 0])
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_transition_does_not_continue_into_a_tighter_bend_than_roads_have(sign):
+    """Only the beginning of the transition is seen; its rate would lead to a radius of 5 m in 24 m."""
+    begins = sign * a_lane(curvature=0.02, rate=7.5e-3)
+    lanes = np.array([begins, sign * a_lane(curvature=0.06), sign * a_lane(curvature=0.01, rate=1e-3)])
+    certain = dict(centre=0.1, width=0.1, heading=0.02, curvature=5e-3, adjacent=0.1)
+    std = a_lane(**certain, rate=2e-3, pitch=0.01, vertical=1e-3, rate_steps=4e-3)
+    information = np.diag(1 / np.square(std))
+    limited = limit_bends(lanes, np.tile(information, (3, 1, 1)))
+    np.testing.assert_array_equal(limited[1:], lanes[1:])
+    assert curvature_at(begins, 24.0) * sign == pytest.approx(0.2)
+    assert 1 / 15 < curvature_at(limited[0], 24.0) * sign < 0.075
+    # the bend near the car, which is certain, hardly changes
+    assert abs(curvature_at(limited[0], 5.0) - curvature_at(begins, 5.0)) < 0.02
+    # a bend that is measured stays as it is
+    np.testing.assert_allclose(limit_bends(begins[None], 1e12 * np.eye(PARAMETERS)[None])[0], begins, atol=1e-6)
+
+
+@pytest.mark.parametrize("road", ROADS.values(), ids=ROADS.keys())
+def test_lane_is_found_among_clutter(road):
+    lane, _ = search(stripes_on(road, outliers=300))
+    # the first row is 5 m ahead, and from there to the car a hairpin may have changed its bend
+    assert lane[0] == pytest.approx(road[0], abs=0.06 if abs(road[3]) > 0.01 else 0.03)
+    assert lane[1] == pytest.approx(road[1], abs=0.05)
+    x = np.array([6.0, 10.0, 14.0])
+    for side in (LEFT_SIDE, RIGHT_SIDE):
+        np.testing.assert_allclose(line_y(x, lane, side), line_y(x, road, side), atol=0.06)
+
+
+@pytest.mark.parametrize("side", [LEFT_SIDE, RIGHT_SIDE])
+def test_one_line_suffices_and_the_other_is_uncertain(side):
+    road = a_lane(centre=0.1, heading=0.01, curvature=1 / 500)
+    lane, covariance = search(stripes_on(road, (side,), outliers=60))
+    x = np.array([6.0, 15.0, 30.0])
+    # One line does not determine the pitch, so the lines on the view are compared.
+    shown, true = lines_on_view(np.array([lane, road]), x, HEIGHT_M)[:, 0 if side == LEFT_SIDE else 1]
+    np.testing.assert_allclose(shown, true, atol=0.02)
+    near, far = (a_lane(centre=1.0, width=s / 2) for s in (side, -side))
+    assert np.sqrt(near @ covariance @ near) < 0.15 < 0.2 < np.sqrt(far @ covariance @ far)
+
+
+@pytest.mark.parametrize("curvature", [0.0, 1 / 90])
+def test_derivatives_agree_with_differences(curvature):
+    """For every parameter, beside all four lines, and far from them."""
+    hills = dict(pitch=0.004, vertical=(2e-4, -8e-4, 6e-4, 3e-4), adjacent=(0.2, -0.1))
+    lane = a_lane(centre=0.2, width=3.4, heading=0.05, curvature=curvature, **hills)
+    stripes = stripes_on(lane, (LEFT_SIDE, RIGHT_SIDE, FAR_LINE * LEFT_SIDE, FAR_LINE * RIGHT_SIDE), outliers=50)
+    jacobian = stripe_residuals(lane[None], stripes, HEIGHT_M).jacobian[0]
+    tiny = dict(pitch=1e-6, vertical=1e-8, rate_steps=1e-9, adjacent=1e-5)
+    steps = a_lane(centre=1e-5, width=1e-5, heading=1e-6, curvature=1e-7, rate=1e-9, **tiny)
+    for derivative, shift in zip(jacobian, np.diag(steps), strict=True):
+        above, below = (stripe_residuals((lane + s)[None], stripes, HEIGHT_M).residual_m[0] for s in (shift, -shift))
+        difference = (above - below) / (2 * shift.max())
+        large = np.abs(difference) > 0.02 * np.quantile(np.abs(difference), 0.95)
+        assert large.sum() > 5
+        assert np.median(np.abs(derivative - difference)[large] / np.abs(difference[large])) < 0.01
+
+
+def test_a_prediction_holds_where_there_is_no_evidence():
+    expected, covariance = a_lane(centre=0.2, width=3.4, heading=0.01, curvature=1 / 300), 1e-4 * np.eye(PARAMETERS)
+    fit = fit_lanes(expected[None], stripes_on(expected, ()), VIEW, prior=(expected, covariance))
+    np.testing.assert_allclose(fit.lanes[0], expected)
+    np.testing.assert_allclose(fit.covariance[0], covariance, atol=1e-12)
+
+
+@pytest.mark.parametrize("prior", [None, (ROADS["left bend"], np.diag(PRIOR.std**2))], ids=["road", "prediction"])
+def test_uncertainty_covers_the_error(prior):
+    """Never surer than right, and not ten times too careful; a prediction may be up to twice as careful."""
+    road = ROADS["left bend"]
+    errors, claims = [], []
+    for seed in range(30):
+        fit = fit_lanes(road[None], stripes_on(road, noise_m=0.04, seed=seed), VIEW, prior=prior)
+        errors.append(fit.lanes[0] - road)
+        claims.append(np.sqrt(np.diag(fit.covariance[0])))
+    spread = np.sqrt(np.mean(np.square(errors), axis=0)) / np.mean(claims, axis=0)
+    assert (spread[:4] < 1.2).all() and (spread[:4] > 0.1).all()
+
+
+@pytest.mark.parametrize(
+    ("settings", "changed"),
+    [
+        (FitSettings(prior=RoadPrior(width_m=(2.8, 0.02, 6.0))), "lanes"),
+        (FitSettings(extend=((12.0, 1.0),)), "lanes"),
+        (FitSettings(support_far_m=15.0), "visible_rows"),
+        (FitSettings(min_weight=0.99), "members"),
+        (FitSettings(min_support=2.0), "seen"),
+    ],
+    ids=["prior", "schedule", "support", "members", "seen"],
+)
+def test_the_settings_count(settings, changed):
+    road = ROADS["left bend"]
+    usual, other = (fit_lanes(road[None], stripes_on(road, noise_m=0.03), VIEW, used) for used in (FIT, settings))
+    assert not np.array_equal(getattr(usual, changed), getattr(other, changed))
+
+
+# Waves 52 m long and 1 m high, from trough to crest.
+LENGTH_M, HALF_HEIGHT_M = 52.0, 0.5
+AT_M = np.array([6.0, 9.0, 13.0, 16.0, 20.0])
+PHASES = np.radians([0, 45, 90, 135, 180, 225, 270, 315])
+LINES = (1.85, -1.65)
+
+
+def wave_m(x_m: np.ndarray, phase: float) -> np.ndarray:
+    """Height of the waves above the plane on which a car stands at `phase` of them."""
+    k = 2 * np.pi / LENGTH_M
+    return HALF_HEIGHT_M * (np.sin(k * x_m + phase) - np.sin(phase) - k * x_m * np.cos(phase))
+
+
+def seen(
+    lines_m: tuple[float, ...],
+    rise_m: Callable[[np.ndarray], np.ndarray] = np.zeros_like,
+    *,
+    pitch: float = 0.0,
+    noise_m: float = 0.01,
+    seed: int = 4,
+) -> Stripes:
+    """Stripes of straight lines on a road of the given height, row by row, as far as nothing hides them."""
+    rng, x = np.random.default_rng(seed), np.arange(4.0, 90.0, 0.02)
+    fall = (HEIGHT_M - rise_m(x)) / x - pitch
+    flat_x = HEIGHT_M / np.maximum(fall, 1e-3)
+    open_ = np.concatenate([[True], flat_x[1:] > np.maximum.accumulate(flat_x)[:-1]])
+    rows = np.flatnonzero((VIEW.x_m > flat_x[open_][0]) & (VIEW.x_m < min(flat_x[open_][-1], 60.0)))
+    parts = []
+    for y in lines_m:
+        side = y / x * flat_x
+        slope = np.gradient(side[open_], flat_x[open_])
+        place, angle = (np.interp(VIEW.x_m[rows], flat_x[open_], v) for v in (side[open_], np.arctan(slope)))
+        noise, turn = rng.normal(0, noise_m, len(rows)), rng.normal(0, 0.02, len(rows))
+        parts.append((rows, VIEW.x_m[rows], place + noise, angle + turn))
+    row, *places = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return stripes_at(row, *places)
+
+
+def error_m(lane: np.ndarray, lines_m: tuple[float, float]) -> float:
+    """How far the lines are from where they are, at most, up to 20 m ahead."""
+    return max(np.abs(line_y(AT_M, lane, side) - y).max() for side, y in zip(SIDES, lines_m, strict=True))
+
+
+@pytest.mark.parametrize("phase", PHASES, ids=np.degrees(PHASES).round().astype(int).astype(str))
+def test_lane_of_an_undulating_road_from_one_picture(phase):
+    stripes, start = seen(LINES, lambda x: wave_m(x, phase)), a_lane(centre=0.1)[None]
+    fit = fit_lanes(start, stripes, VIEW, schedule=FIT.outwards, extra_vertical_per_m=FIT.undulation_std_per_m)
+    assert error_m(fit.lanes[0], LINES) < 0.05
+    assert np.abs(road_height(fit.lanes[0], AT_M) - wave_m(AT_M, phase)).max() < 0.2
+
+
+def test_a_fit_without_undulations_fails_on_undulating_roads():
+    """Of the eight phases the fit that expects no waves loses the lane at most."""
+    errors = []
+    for phase in PHASES:
+        stripes = seen(LINES, lambda x, phase=phase: wave_m(x, phase))
+        errors.append(error_m(fit_lanes(a_lane(centre=0.1)[None], stripes, VIEW).lanes[0], LINES))
+    assert np.median(errors) > 0.3
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_the_far_line_of_the_adjacent_lane_determines_the_pitch(side):
+    """One line of the lane is out of sight; the next lane's far one runs parallel, as a nodding camera cannot show."""
+    pitch, start = 0.009, a_lane()[None]
+    own, far = side * 1.8, side * 1.8 * FAR_LINE + side * 0.1
+    fits = [fit_lanes(start, seen(y, pitch=pitch), VIEW) for y in ((own, far), (own,))]
+    both, alone = (np.sqrt(f.covariance[0][PITCH, PITCH]) for f in fits)
+    assert both < 0.002 and alone > 5 * both
+    assert fits[0].lanes[0][PITCH] == pytest.approx(pitch, abs=0.0005)
+    assert set(np.unique(fits[0].residuals.side[0])) == {side, FAR_LINE * side}
+    x = np.array([8.0, 15.0, 25.0])
+    np.testing.assert_allclose(line_y(x, fits[0].lanes[0], side), own, atol=0.02)
+
+
+def test_a_wider_adjacent_lane_is_not_mistaken_for_pitch():
+    """Three lines show the nod; the fourth then shows that the lane to the right is wider than this by 0.3 m."""
+    fit = fit_lanes(a_lane()[None], seen((5.25, 1.75, -1.75, -5.55), pitch=0.006), VIEW)
+    lane = fit.lanes[0]
+    assert lane[PITCH] == pytest.approx(0.006, abs=5e-4)
+    assert lane[ADJACENT] == pytest.approx([0.0, 0.3], abs=0.05)
+    assert lane[WIDTH] == pytest.approx(3.5, abs=0.03)

@@ -1,0 +1,83 @@
+"""Results in one image: the lines and their standard deviations, against drawn lanes, and the telemetry."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lanes.detect.lane import Lane, LineEvidence, telemetry_row
+from lanes.detect.line_type import TypeVotes
+from lanes.detect.road import SIDES, line_y
+from tests.support.shapes import a_lane
+
+X_M = np.array([5.0, 10.0, 15.0, 20.0, 30.0])
+STD = a_lane(centre=0.02, width=0.03, heading=2e-3, curvature=2e-4, rate=1e-5, pitch=5e-3, rate_steps=1e-5)
+SEEN = (
+    LineEvidence(0.6, True, 25.0, votes=TypeVotes(yellow=3.0, dashed=-3.0, double_stripes=2.0)),
+    LineEvidence(0.3, True, 30.0, votes=TypeVotes(yellow=-3.0, dashed=3.0)),
+)
+BENT = a_lane(centre=0.4, width=3.4, heading=-0.05, curvature=1 / 80, rate=-2e-4)
+
+
+def lane_of(model: np.ndarray) -> Lane:
+    return Lane(model, model, np.diag(STD**2), SEEN, score=1.0)
+
+
+@pytest.mark.parametrize("curvature", [0.0, 1 / 300, -1 / 40], ids=["straight", "bend", "hairpin"])
+def test_lateral_std_is_that_of_drawn_lanes(curvature):
+    model = a_lane(centre=0.4, width=3.4, heading=-0.05, curvature=curvature, rate=curvature / 300)
+    drawn = np.random.default_rng(2).normal(model, STD, (2000, len(model)))
+    expected = [np.std([line_y(X_M, lane, side) for lane in drawn], axis=0) for side in SIDES]
+    np.testing.assert_allclose(lane_of(model).lateral_std_m(X_M), expected, rtol=0.05)
+
+
+def test_a_line_that_has_turned_back_has_no_position_and_no_std():
+    left = lane_of(a_lane(curvature=1 / 24)).left
+    np.testing.assert_array_equal(np.isnan(left.y(X_M)), [False, False, False, False, True])
+    np.testing.assert_array_equal(np.isnan(left.std_m(X_M)), np.isnan(left.y(X_M)))
+
+
+def test_stds_are_the_roots_of_the_variances():
+    lane = lane_of(a_lane())
+    stated = [lane.offset_std_m, lane.width_std_m, lane.heading_std_rad, lane.curvature_std_per_m]
+    assert stated == pytest.approx(STD[:4])
+
+
+@pytest.mark.parametrize("k", [0, 1])
+def test_coefficients_are_a_taylor_series_of_the_line_at_the_car(k):
+    """y = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6: each has a visible part of the lateral position 12 m ahead."""
+    line, x = lane_of(BENT).lines[k], np.array([0.0, 2.0, 4.0])
+    c0, c1, c2, c3 = line.coefficients
+    parts = np.array([c0 + 0 * x, c1 * x, c2 * x**2 / 2, c3 * x**3 / 6])
+    np.testing.assert_allclose(parts.sum(axis=0), line.y(x), atol=1e-3)
+    assert (np.abs(parts[1:, -1]) > 0.002).all()
+    row = telemetry_row(lane_of(BENT))
+    side = ("left", "right")[k]
+    assert [row[f"{side}_{name}"] for name in ("c0_m", "c1", "c2_per_m", "c3_per_m2")] == [c0, c1, c2, c3]
+
+
+def test_positions_have_the_shape_of_the_distances():
+    left = lane_of(BENT).left
+    assert left.y(12.0).shape == left.std_m(12.0).shape == ()
+    assert left.y(np.ones((2, 3))).shape == left.std_m(np.ones((2, 3))).shape == (2, 3)
+    assert float(left.y(12.0)) == pytest.approx(float(line_y(np.array([12.0]), BENT, SIDES[0])[0]))
+
+
+def test_the_telemetry_of_a_lane_and_of_none():
+    row, lost = telemetry_row(lane_of(BENT)), telemetry_row(None)
+    assert list(row) == list(lost)
+    assert (row["offset_m"], row["lane_width_m"], row["curvature_per_m"]) == pytest.approx((-0.4, 3.4, 1 / 79.6))
+    assert row["offset_std_m"] == pytest.approx(0.02)
+    assert (row["left_kind"], row["left_colour"], row["left_double"]) == ("solid", "yellow", True)
+    assert (row["right_kind"], row["right_colour"], row["right_double"]) == ("dashed", "white", None)
+    assert (lost.pop("state"), lost.pop("confidence")) == ("lost", 0.0)
+    assert set(lost.values()) == {None}
+
+
+def test_types_in_words():
+    left, right = lane_of(BENT).lines
+    assert (left.describe_type(), right.describe_type()) == ("yellow double solid", "white dashed")
+    assert replace(left, evidence=LineEvidence()).describe_type() == ""
+    assert ", yellow double solid, paint on 60% of its rows, up to 25 m" in left.describe()

@@ -1,0 +1,128 @@
+"""Geometry of the lane model: lines of roads that bend, pitch and undulate."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lanes.camera import CameraPose
+from lanes.detect.residuals import flatten, intersect_ground, path_coordinates
+from lanes.detect.road import (
+    CURVATURE,
+    HEADING,
+    KNOTS_M,
+    LEFT_SIDE,
+    RATE,
+    RATE_STEPS,
+    RIGHT_SIDE,
+    SIDES,
+    STRAIGHT_FROM_M,
+    VERTICAL_KNOTS_M,
+    height_and_grade,
+    line_coefficients,
+    line_points,
+    line_y,
+    lines_on_view,
+    road_height,
+)
+from simulator.road.geometry import RoadGeometry, offset_point
+from tests.support.painted_roads import dashcam
+from tests.support.shapes import a_lane
+
+HAIRPIN = a_lane(centre=0.3, width=3.4, heading=-0.1, curvature=-1 / 15)
+CLOTHOID = a_lane(centre=-0.2, width=3.6, heading=0.01, curvature=1 / 600, rate=4e-5)
+ENTRY = a_lane(centre=0.5, width=3.3, heading=0.15, curvature=1 / 90, rate=2e-3, rate_steps=-1e-3)
+BENDING = pytest.mark.parametrize("lane", [HAIRPIN, CLOTHOID, ENTRY], ids=["hairpin", "clothoid", "entry"])
+
+
+def true_road(lane: np.ndarray) -> RoadGeometry:
+    """The simulator's road of a lane's curvatures, which begins at the car and along the x axis."""
+    stations = np.array([0.0, *KNOTS_M, 70.0])
+    rates = lane[RATE] + np.array([0.0, *lane[RATE_STEPS].cumsum()])
+    return RoadGeometry(stations, lane[CURVATURE] + np.array([0.0, *(rates * np.diff(stations)).cumsum()]))
+
+
+def true_points(lane: np.ndarray, along: np.ndarray, lateral: np.ndarray) -> np.ndarray:
+    """Points x + iy at arc lengths (N,) and distances (N,) to the left of the path of a lane."""
+    x, y = offset_point(true_road(lane), along, lateral).T
+    return (x + 1j * y) * np.exp(1j * lane[HEADING])
+
+
+@BENDING
+@pytest.mark.parametrize("side", [LEFT_SIDE, RIGHT_SIDE])
+def test_points_of_a_line_lie_at_half_a_width(lane, side):
+    along = np.linspace(0, 60, 97)
+    x, y = line_points(lane, side, along).T
+    np.testing.assert_allclose(x + 1j * y, true_points(lane, along, lane[0] + side * lane[1] / 2), atol=1e-5)
+
+
+@BENDING
+def test_points_have_their_distance_from_the_path(lane):
+    rng = np.random.default_rng(1)
+    along, lateral = rng.uniform(0, 40, 200), rng.uniform(-6, 6, 200)
+    _, found = path_coordinates(lane[None], true_points(lane, along, lateral)[None])
+    np.testing.assert_allclose(found.a[0], lateral, atol=1e-3)
+    np.testing.assert_allclose(found.along_m[0], along, atol=0.01)
+    direction = lane[HEADING] + true_road(lane).heading(along)
+    np.testing.assert_allclose(found.direction[0], direction, atol=2e-3)
+    np.testing.assert_allclose(found.tangent[0], np.exp(1j * direction), atol=2e-3)
+
+
+def test_a_line_that_swings_back_has_no_place_beyond():
+    # the line runs across at 12 m; extrapolated, it turns and runs ahead to 28 m
+    swing = a_lane(centre=0.3, width=3.4, heading=0.01, curvature=0.07, rate_steps=(1e-3, -5e-3, -5e-3))
+    ahead = line_points(swing, LEFT_SIDE, np.arange(0.0, 100.0, 0.1))[:, 0]
+    across = ahead[np.argmax(np.diff(ahead) < 0)]
+    assert 10 < across < 14 and ahead.max() > 25
+    x = np.arange(0.0, 45.0)
+    y = line_y(x, swing, LEFT_SIDE)
+    assert np.isfinite(y[x < across - 1]).all() and np.isnan(y[x > across]).all()
+
+
+@pytest.mark.parametrize(("pitch", "vertical"), [(0.012, 0.0), (-0.01, 0.0), (0.0, 6e-4), (0.006, -4e-4)])
+def test_pitch_and_hills_are_undone(pitch, vertical):
+    # a straight line, seen by a camera that has nodded, on a road that bends upwards
+    camera = dashcam(1280, yaw_rad=0.0)
+    m = camera.pose
+    nodded = camera.with_pose(CameraPose(m.height_m, m.pitch_rad + pitch, m.yaw_rad, m.roll_rad))
+    x = np.array([6.0, 12.0, 25.0, 40.0])
+    points = np.column_stack([x, 1.7 + 0.02 * x, vertical * x * x / 2])
+    flat = camera.pixels_to_road(nodded.road_to_pixels(points))
+    lane = a_lane(centre=1.7, width=0.0, heading=np.arctan(0.02), pitch=pitch, vertical=vertical)
+    ground = intersect_ground(flat[:, 0], lane, m.height_m)
+    found_x, found_y, _ = flatten(flat[:, 0], flat[:, 1], np.zeros(4), ground, m.height_m)
+    np.testing.assert_allclose(found_x, x, rtol=0.01)
+    np.testing.assert_allclose(found_y, points[:, 1], rtol=0.01)
+    shown = lines_on_view(lane[None], flat[:, 0], m.height_m)[0, 0]
+    np.testing.assert_allclose(shown, flat[:, 1], rtol=0.01)
+
+
+def test_a_line_that_turns_back_before_the_car_has_finite_coefficients():
+    """40 degrees to the left and R 8.3 m to the right: its right line never comes beside the car."""
+    beside = a_lane(width=3.6, heading=0.3, curvature=-0.03)
+    away = a_lane(centre=-3.0, width=5.8, heading=0.7, curvature=-0.12)
+    for side in SIDES:
+        assert np.isfinite(line_coefficients(away, side)).all()
+        y = line_y(np.array([0.0, 0.01]), beside, side)
+        c0, c1, *_ = line_coefficients(beside, side)
+        assert (c0, c1) == pytest.approx((y[0], (y[1] - y[0]) / 0.01), abs=1e-3)
+    assert line_coefficients(away, -1.0)[1] > 2
+
+
+WAVES = {
+    "crest": (-4e-3, -2e-3, 1e-3, 0.0),
+    "dip": (3e-3, 2e-3, -1e-3, -1e-4),
+    "a crest that hides a dip": (0.0, -0.014, 0.006, 2e-3),
+}
+
+
+def test_heights_and_grades_are_integrals_of_the_curvature():
+    x, numbers = np.arange(0.0, 90.0, 0.002), np.array([3e-3, -7e-3, 5e-3, -2e-3])
+    # from where the view ends the road goes on as steep as it is
+    curvature = np.interp(x, [*VERTICAL_KNOTS_M, STRAIGHT_FROM_M], [*numbers, 0.0])
+    grade = np.concatenate([[0], np.cumsum((curvature[1:] + curvature[:-1]) / 2 * 0.002)])
+    rise = np.concatenate([[0], np.cumsum((grade[1:] + grade[:-1]) / 2 * 0.002)])
+    found_rises, found_grades = height_and_grade(x)
+    np.testing.assert_allclose(found_rises @ numbers, rise, atol=1e-6)
+    np.testing.assert_allclose(found_grades @ numbers, grade, atol=1e-8)
+    np.testing.assert_allclose(road_height(a_lane(vertical=tuple(numbers)), x), rise, atol=1e-6)

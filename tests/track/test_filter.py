@@ -1,0 +1,312 @@
+"""Prediction and update of the filter, against roads driven exactly and with synthetic stripes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.fit import Fit, FitSettings
+from lanes.detect.paint import Stripes
+from lanes.detect.road import (
+    ADJACENT,
+    CENTRE,
+    CURVATURE,
+    HEADING,
+    PITCH,
+    RATE,
+    SIDES,
+    VERTICAL_CURVATURE,
+    VERTICAL_KNOTS_M,
+    WIDTH,
+    RoadPrior,
+    line_points,
+    line_y,
+    road_height,
+)
+from lanes.track.filter import (
+    CAMERA_YAW,
+    LANE,
+    PATH,
+    REST_PITCH,
+    SPEED,
+    FilterSettings,
+    State,
+    initial_state,
+    max_speed_mps,
+    measure,
+    predict,
+    to_adjacent_lane,
+    transition,
+    update,
+    with_given_speed,
+)
+from simulator.road.geometry import RoadGeometry, VehiclePose
+from simulator.road.truth import lane_truth
+from tests.support.painted_drive import CAMERA
+from tests.support.shapes import a_lane, stripes_at
+
+SMALL = dict(rate=1e-5, pitch=0.005, vertical=1e-4, rate_steps=1e-5, adjacent=0.1)
+COVARIANCE = np.diag(np.square(a_lane(centre=0.1, width=0.1, heading=0.01, curvature=1e-3, **SMALL)))
+LANE_BEFORE = a_lane(centre=0.3, width=3.6, heading=0.02, curvature=2e-3, rate=1e-5, pitch=0.004)
+
+
+def state_with(**car: float) -> State:
+    estimate = initial_state(LANE_BEFORE, COVARIANCE, 20.0)
+    places = {"path": PATH, "speed": SPEED, "rest": REST_PITCH, "aim": CAMERA_YAW}
+    for name, value in car.items():
+        estimate.mean[places[name]] = value
+    return estimate
+
+
+def test_straight_driving_along_a_bend():
+    """A car that drives straight on: the lane turns and moves below it as geometry says."""
+    road = RoadGeometry([0.0, 1000.0], [1 / 400, 1 / 400])
+    before = lane_truth(road, VehiclePose(100.0, 0.2, -0.01), (1.8, -1.8), time_s=0, pitch_rad=0)
+    lane = a_lane(centre=-0.2, width=3.6, heading=before.heading_rad, curvature=1 / 400)
+    estimate = initial_state(lane, COVARIANCE, 20.0)
+    estimate.mean[PATH] = 0.0
+    after = predict(estimate, 0.1).mean
+    # two metres on: its heading relative to the road changes by 2 / 400, its lateral place by the integral of it
+    assert after[HEADING] == pytest.approx(before.heading_rad + 2 / 400, abs=1e-6)
+    assert after[CENTRE] == pytest.approx(-0.2 + 2 * before.heading_rad + 2**2 / 400 / 2, abs=1e-6)
+
+
+def test_clothoid_and_springs():
+    after = predict(state_with(path=2e-3, rest=0.0), 0.04).mean
+    assert after[CURVATURE] == pytest.approx(2e-3 + 1e-5 * 0.8)
+    assert 0 < after[PITCH] < 0.004
+    assert after[WIDTH] == 3.6
+    assert after[RATE] == pytest.approx(1e-5, rel=0.01)
+
+
+def test_camera_yaw_does_not_move_the_lane():
+    after = predict(state_with(path=2e-3, aim=0.02), 0.1).mean
+    assert after[CENTRE] == pytest.approx(0.3, abs=1e-9)
+
+
+def test_uncertainty_grows_and_a_standing_car_keeps_the_road():
+    estimate = state_with()
+    later = predict(estimate, 0.04)
+    assert np.all(np.diag(later.covariance)[:3] > np.diag(estimate.covariance)[:3])
+    standing = predict(state_with(speed=0.0), 0.04)
+    for parameter in (WIDTH, CURVATURE, RATE):
+        assert standing.covariance[parameter, parameter] == pytest.approx(estimate.covariance[parameter, parameter])
+    np.testing.assert_allclose(later.covariance, later.covariance.T, atol=1e-15)
+
+
+def test_update_equals_the_textbook_kalman_update():
+    """Against the textbook's formula, with a measurement of the centre alone."""
+    estimate = predict(state_with(), 0.2)
+    h = np.zeros(len(estimate.mean))
+    h[CENTRE] = 1
+    s = h @ estimate.covariance @ h + 0.05**2
+    gain = estimate.covariance @ h / s
+    mean, covariance = estimate.mean + gain * 0.1, estimate.covariance - np.outer(gain, gain) * s
+    updated = update(estimate, mean[LANE], covariance[LANE, LANE])
+    np.testing.assert_allclose(updated.mean, mean, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(updated.covariance, covariance, rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_adjacent_lane_has_its_own_width_and_the_way_back_restores_the_state(side):
+    estimate = state_with()
+    estimate.mean[ADJACENT] = 0.3, -0.2
+    there = to_adjacent_lane(estimate, side, RoadPrior())
+    wider = 0.3 if side > 0 else -0.2
+    assert there.mean[WIDTH] == pytest.approx(3.6 + wider)
+    assert there.mean[CENTRE] == pytest.approx(0.3 + side * (3.6 + wider / 2))
+    back = to_adjacent_lane(there, -side, RoadPrior())
+    np.testing.assert_allclose(back.mean[[CENTRE, WIDTH]], estimate.mean[[CENTRE, WIDTH]])
+    for number in (CENTRE, WIDTH):
+        assert back.covariance[number, number] == pytest.approx(estimate.covariance[number, number])
+
+
+@pytest.mark.parametrize(("radius_m", "fastest"), [(24.0, 12.0), (1e9, 70.0)])
+def test_max_speed_falls_with_curvature(radius_m, fastest):
+    assert max_speed_mps(-1 / radius_m, 6.0, 70.0) == pytest.approx(fastest)
+    lane = a_lane(width=3.4, curvature=1 / radius_m)
+    assert initial_state(lane, COVARIANCE, None).mean[SPEED] <= fastest
+    assert initial_state(lane, COVARIANCE, 20.0).mean[SPEED] == 20.0
+
+
+@pytest.mark.parametrize("curvature", [0.0, 1 / 40])
+def test_the_noise_is_the_same_for_any_frame_rate(curvature):
+    """Half a second without a measurement, in one step or in 30: noise is added per second and per metre."""
+    lane = a_lane(centre=0.2, width=3.6, heading=curvature / 10, curvature=curvature)
+    start = initial_state(lane, np.diag(np.square(a_lane(centre=1e-3, width=1e-3, heading=1e-5))), 15.0)
+    once, often = predict(start, 0.5), start
+    for _ in range(30):
+        often = predict(often, 0.5 / 30)
+    numbers = [WIDTH, PATH, SPEED, REST_PITCH, CAMERA_YAW, *range(len(start.mean))[ADJACENT]]
+    np.testing.assert_allclose(np.diag(often.covariance)[numbers], np.diag(once.covariance)[numbers], rtol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("settings", "number"),
+    [
+        (FilterSettings(centre_m_per_s=1.0), CENTRE),
+        (FilterSettings(heading_rad_per_s=0.1), HEADING),
+        (FilterSettings(width_m_per_m=0.1), WIDTH),
+        (FilterSettings(path_per_m_per_s=0.1), PATH),
+        (FilterSettings(speed_mps_per_s=10.0), SPEED),
+    ],
+)
+def test_the_settings_count(settings, number):
+    usual, noisy = (predict(state_with(), 0.1, used) for used in (FilterSettings(), settings))
+    assert noisy.covariance[number, number] > 1.5 * usual.covariance[number, number]
+    assert predict(state_with(), 0.1, FilterSettings(pitch_relaxation_s=0.01)).mean[PITCH] < 0.1 * usual.mean[PITCH]
+    given = with_given_speed(state_with(), 21.0, FilterSettings(given_speed_std_mps=0.1))
+    assert (given.mean[SPEED], given.covariance[SPEED, SPEED]) == (21.0, pytest.approx(0.01))
+    assert not np.delete(given.covariance[SPEED], SPEED).any()
+
+
+WAVED = a_lane(width=3.6, vertical=(2e-3, -5e-3, 4e-3, -1e-3))
+
+
+def standing_on(lane: np.ndarray, speed: float) -> State:
+    state = initial_state(lane, COVARIANCE, speed)
+    state.mean[[PATH, CAMERA_YAW]] = 0.0
+    return state
+
+
+@pytest.mark.parametrize("steps", [1, 8], ids=["at once", "in eight steps"])
+def test_undulations_come_nearer_as_the_car_drives_on(steps):
+    """The plane that the car stands on tilts with the road: h'(x) = h(x + d) - h(d) - h'(d) x."""
+    distance, tiny, k = 2.0, np.array([-1e-4, 1e-4]), 2 * np.pi / 52.0
+    x, found_off, stale_off = np.array([10.0, 15.0, 20.0]), [], []
+    for phase in np.radians(np.arange(0, 360, 45)):
+        before = a_lane(vertical=tuple(-0.5 * k**2 * np.sin(k * VERTICAL_KNOTS_M + phase)))
+        estimate = standing_on(before, 10.0)
+        for _ in range(steps):
+            estimate = predict(estimate, distance / steps / 10.0)
+        grade = np.diff(road_height(before, distance + tiny)) / np.ptp(tiny)
+        expected = road_height(before, x + distance) - road_height(before, np.array([distance])) - grade * x
+        found_off.append(np.abs(road_height(estimate.lane, x) - expected))
+        stale_off.append(np.abs(road_height(before, x) - expected))
+    assert np.mean(stale_off, axis=0)[2] > 0.15
+    # between knots that move with the car the road's corners get rounder, but by less than it moves
+    assert (np.mean(found_off, axis=0) < 0.6 * np.mean(stale_off, axis=0)).all()
+    assert np.max(found_off) < 0.16
+
+
+def test_the_jacobian_of_the_transition():
+    lane = a_lane(centre=0.2, heading=0.02, curvature=2e-3, rate=1e-4, pitch=0.004, rate_steps=2e-4, adjacent=0.1)
+    lane[VERTICAL_CURVATURE] = WAVED[VERTICAL_CURVATURE]
+    mean = initial_state(lane, COVARIANCE, 14.0).mean
+    mean[[PATH, REST_PITCH, CAMERA_YAW]] = 1e-3, 2e-3, -3e-3
+    steps = np.eye(len(mean)) * 1e-6
+    differences = [transition(mean + s, 0.2)[0] - transition(mean - s, 0.2)[0] for s in steps]
+    found, expected = transition(mean, 0.2)[1], np.transpose(differences) / 2e-6
+    std = np.sqrt(np.diag(initial_state(lane, COVARIANCE, 14.0).covariance))
+    # how the decay of rate steps and vertical curvatures depends on the speed is left out: it is small beside the noise
+    kept = np.ones(len(mean), bool)
+    kept[SPEED] = False
+    np.testing.assert_allclose(
+        (found * std / std[:, None])[:, kept], (expected * std / std[:, None])[:, kept], atol=1e-5
+    )
+    np.testing.assert_allclose(found[:4, SPEED], expected[:4, SPEED], atol=1e-6)
+
+
+VIEW = BirdsEyeView(CAMERA)
+CALM = dict(pitch=0.003, vertical=5e-5, adjacent=0.05)
+STD = a_lane(centre=0.1, width=0.05, heading=0.01, curvature=5e-4, rate=1e-5, rate_steps=1e-5, **CALM)
+# Where the road bends, kinks of a hairpin's size are expected.
+KINKED_STD = a_lane(centre=0.1, width=0.05, heading=0.02, curvature=5e-3, rate=5e-4, rate_steps=2e-3, **CALM)
+BEND = a_lane(centre=0.2, width=3.6, heading=0.01, curvature=1 / 500)
+
+
+def stripes_on(lane: np.ndarray, *, aside_m: float = 0.0, far_m: float = 40.0) -> Stripes:
+    """Strong stripes along both lines of a lane, in each row of a flat view."""
+    along = VIEW.x_m[VIEW.x_m < far_m]
+    points, angles = [], []
+    for side in SIDES:
+        line = line_points(lane, side, along)
+        points.append(line + [0, aside_m])
+        angles.append(np.arctan2(*np.gradient(line, axis=0).T[::-1]) if len(line) else [])
+    x, y = np.vstack(points).T
+    angle = np.concatenate(angles)
+    # rows count from the far end, so that the gradient runs backwards along the line
+    angle = np.arctan(np.tan(angle))
+    row = np.tile(np.flatnonzero(VIEW.x_m < far_m), 2)
+    return stripes_in_view(row, x, y, angle)
+
+
+def stripes_in_view(*places: np.ndarray) -> Stripes:
+    return stripes_at(*places, growth=VIEW.growth, cell_m=VIEW.cell_m)
+
+
+def measured(stripes: Stripes, predicted: State) -> Fit:
+    return measure(stripes, predicted, VIEW, FilterSettings(), FitSettings())
+
+
+def test_large_innovations_have_little_weight():
+    estimate = initial_state(BEND, np.diag(STD**2), 20.0)
+    assert measured(stripes_on(BEND, aside_m=0.02), estimate).weight.mean() > 0.5
+    assert measured(stripes_on(BEND, aside_m=0.6, far_m=12.0), estimate).weight.mean() < 1e-3
+
+
+def test_update_finds_the_lane_and_reduces_the_covariance():
+    estimate = initial_state(BEND, np.diag(STD**2), 20.0)
+    true = BEND + 0.7 * STD * a_lane(centre=1, width=-1, heading=1, curvature=1)
+    fit = measured(stripes_on(true), estimate)
+    x = np.array([5.0, 15, 30])
+    for side in SIDES:
+        np.testing.assert_allclose(line_points(fit.lanes[0], side, x), line_points(true, side, x), atol=0.06)
+    covariance = fit.covariance[0]
+    assert np.all(np.diag(covariance) <= STD**2 * (1 + 1e-9))
+    assert covariance[CENTRE, CENTRE] < 0.25 * STD[0] ** 2
+
+
+def test_one_line_moves_the_other_with_it():
+    """The width is known better than the place, so that the line that is not seen keeps its distance."""
+    estimate = initial_state(BEND, np.diag(STD**2), 20.0)
+    true = BEND + a_lane(centre=0.15, width=0.0)
+    stripes = stripes_on(true)
+    right = stripes.select(np.arange(len(stripes)) >= len(stripes) // 2)
+    lane = measured(right, estimate).lanes[0]
+    assert 0.08 < lane[CENTRE] - BEND[CENTRE] < 0.16
+    assert abs(lane[WIDTH] - BEND[WIDTH]) < 0.03
+
+
+def test_a_transition_far_ahead_does_not_bend_the_road_beside_the_car():
+    """Straight for 25 m, then a clothoid: the curvature here stays that of the straight."""
+    estimate = initial_state(a_lane(width=3.6), np.diag(STD**2), 20.0)
+    stripes = stripes_on(estimate.lane, far_m=60.0)
+    ahead = np.maximum(stripes.x_m - 25, 0)
+    bent = replace(stripes, y_m=stripes.y_m + 5e-5 * ahead**3 / 6, angle=np.arctan(5e-5 * ahead**2 / 2))
+    lane = measured(bent, estimate).lanes[0]
+    assert abs(lane[CURVATURE]) < 1 / 5000
+    assert abs(lane[CENTRE]) < 0.02
+
+
+def test_no_stripes_leave_the_prediction():
+    estimate = initial_state(BEND, np.diag(STD**2), 20.0)
+    fit = measured(stripes_on(BEND, far_m=0.0), estimate)
+    np.testing.assert_allclose(fit.lanes[0], BEND, atol=1e-12)
+    np.testing.assert_allclose(fit.covariance[0], np.diag(STD**2), rtol=1e-6, atol=1e-15)
+
+
+def test_a_bend_that_begins_ahead_is_tracked():
+    """Predicted is a gentle bend; from 11 m on the road tightens to R 25 m, by up to 1.5 m at 22 m."""
+    estimate = initial_state(a_lane(width=3.4, curvature=4e-3), np.diag(KINKED_STD**2), 8.0)
+    along = np.arange(0.0, 40.0, 0.02)
+    turned = np.cumsum(np.interp(along, [0.0, 11.0, 20.0], [4e-3, 4e-3, 1 / 25])) * 0.02
+    middle = np.cumsum(np.stack([np.cos(turned), np.sin(turned)]), axis=1) * 0.02
+    x, lines = VIEW.x_m[VIEW.x_m < 22], []
+    for side in SIDES:
+        points = middle + side * 1.7 * np.stack([-np.sin(turned), np.cos(turned)])
+        lines.append(np.interp(x, *points))
+    angles = [np.arctan(np.gradient(y, x)) for y in lines]
+    row = np.tile(np.flatnonzero(VIEW.x_m < 22), 2)
+    stripes = stripes_in_view(row, np.tile(x, 2), np.hstack(lines), np.hstack(angles))
+    at = np.array([8.0, 14.0, 20.0])
+    true = np.array([np.interp(at, x[::-1], y[::-1]) for y in lines])
+    off, foretold_off = (
+        np.abs([line_y(at, lane, side) for side in SIDES] - true).max(axis=0)
+        for lane in (measured(stripes, estimate).lanes[0], estimate.lane)
+    )
+    assert foretold_off[2] > 0.4
+    assert off[0] < 0.03 and off[1] < 0.05 and off[2] < 0.6 * foretold_off[2]

@@ -1,0 +1,338 @@
+"""The tracker, on painted drives whose truth is known in every frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from fractions import Fraction
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from lanes.detect.lane import Lane
+from lanes.detect.road import SIDES
+from lanes.detect.search import DetectorSettings
+from lanes.errors import CameraError, LaneError, PictureError
+from lanes.track.filter import FilterSettings
+from lanes.track.tracker import LaneTracker, TrackerSettings
+from simulator.rendering.drive import Motion
+from simulator.road.truth import Truth
+from tests.support.painted_drive import (
+    CAMERA,
+    WORN_WHITE,
+    WORN_YELLOW,
+    PaintedDrive,
+    Stripe,
+    lane_lines,
+    s_bend,
+    straight_road,
+)
+
+SMALL = CAMERA.scaled((640, 360))
+FPS = 12.5
+AT_M = np.array([5.0, 10.0, 15.0, 20.0, 30.0])
+MOTION = Motion(speed_mps=25.0, offset_m=0.2, wander_m=0.25, pitch_rad=0.003)
+# A tight motorway: R 500 m to the left, then to the right.
+DRIVE = PaintedDrive(s_bend(radius_m=500.0), lane_lines(), motion=MOTION, camera=SMALL)
+
+
+def follow(drive: PaintedDrive, seconds: float, *, fps: float = FPS, tracker: LaneTracker | None = None) -> list[tuple]:
+    """(time, lane, truth) of every frame."""
+    tracker = tracker or LaneTracker(drive.camera, fps=fps)
+    times = np.arange(int(seconds * fps)) / fps
+    return [(t, tracker.update(drive.frame(t)), drive.truth(t)) for t in times]
+
+
+def state_of(lane: Lane | None) -> str:
+    return lane.state if lane else "lost"
+
+
+def lateral_error_m(lane: Lane, truth: Truth) -> float:
+    """Root mean square over 5 to 30 m of the worse line's error."""
+    lines = lane.lateral_m(AT_M) - [truth.line_y(k, AT_M) for k in (0, 1)]
+    return float(np.sqrt(np.mean(np.square(lines), axis=1)).max())
+
+
+@lru_cache(maxsize=4)
+def s_bend_drive(speed_mps: float | None = None, fps: float = FPS) -> list[tuple]:
+    return follow(DRIVE, 8.0, fps=fps, tracker=LaneTracker(SMALL, fps=fps, speed_mps=speed_mps))
+
+
+def errors(frames: list[tuple], measure: Callable) -> np.ndarray:
+    return np.array([measure(lane) - measure(truth) for _, lane, truth in frames])
+
+
+@pytest.mark.slow
+def test_tracks_from_the_third_frame_on():
+    states = [state_of(lane) for _, lane, _ in s_bend_drive()]
+    assert states[:2] == ["searching", "searching"]
+    assert set(states[3:]) == {"tracking"}
+
+
+@pytest.mark.slow
+def test_offset_and_lateral_error_in_bends():
+    offset = errors(s_bend_drive(), lambda r: r.offset_m)
+    assert abs(offset.mean()) < 0.02
+    lateral = [lateral_error_m(tracked, truth) for _, tracked, truth in s_bend_drive()]
+    assert np.median(lateral) < 0.03
+    assert np.percentile(lateral, 95) < 0.10
+
+
+def test_curvature_is_unbiased():
+    true = np.array([truth.curvature_per_m for *_, truth in s_bend_drive()])
+    error = errors(s_bend_drive(), lambda r: r.curvature_per_m)
+    bent = np.abs(true) > 1 / 1500
+    assert bent.sum() > 30
+    assert abs((error[bent] * np.sign(true[bent])).mean() / np.abs(true[bent]).mean()) < 0.03
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("measure", [lambda r: r.curvature_per_m, lambda r: r.offset_m], ids=["curvature", "offset"])
+@pytest.mark.parametrize(("speed_mps", "most_frames"), [(None, 0.5), (25.0, 0.3)])
+def test_nothing_lags_in_s_bends(measure, speed_mps, most_frames):
+    """What is measured resembles the truth of the same frame, not that of an earlier one."""
+    frames = s_bend_drive(speed_mps)
+    found = np.array([measure(lane) for _, lane, _ in frames])[8:-3]
+    true = np.array([measure(truth) for *_, truth in frames])
+    late = [np.var(found - true[8 - lag : len(true) - 3 - lag]) for lag in (-1, 0, 1)]
+    # the variance is a parabola of the lag, whose lowest point is the lag
+    lag = (late[0] - late[2]) / (late[0] - 2 * late[1] + late[2]) / 2
+    assert abs(lag) < most_frames
+
+
+@pytest.mark.slow
+def test_standard_deviations_are_honest():
+    """Errors relative to the stated standard deviations, on two drives: these are not too small, and not useless."""
+    other = follow(replace(DRIVE, lines=lane_lines(left={"dash_m": (3.05, 12.2)}), seed=3), 6.0)
+    frames = s_bend_drive()[5:] + other[5:]
+    z_offset = [(lane.offset_m - truth.offset_m) / lane.offset_std_m for _, lane, truth in frames]
+    z_curvature = [
+        (lane.curvature_per_m - truth.curvature_per_m) / lane.curvature_std_per_m for _, lane, truth in frames
+    ]
+    z_lines = [
+        (lane.lateral_m(AT_M) - [truth.line_y(k, AT_M) for k in (0, 1)]) / lane.lateral_std_m(AT_M)
+        for _, lane, truth in frames
+    ]
+    for z in (z_offset, z_curvature, z_lines):
+        assert 0.1 < np.sqrt(np.mean(np.square(z))) < 1.2
+    assert max(lane.offset_std_m for _, lane, _ in frames) < 0.10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gone", [{"left": {"gone_s": (1.0, 4.0)}}, {"right": {"gone_s": (1.0, 4.0)}}])
+def test_one_line_is_enough_for_three_seconds(gone):
+    frames = follow(replace(DRIVE, lines=lane_lines(**gone)), 4.4)
+    assert all(lane is not None for _, lane, _ in frames)
+    error_m = [lateral_error_m(lane, truth) for _, lane, truth in frames]
+    assert np.mean(error_m) < 0.05 and max(error_m) < 0.25
+
+
+@pytest.mark.slow
+def test_without_lines_the_lane_is_lost_and_never_confidently_wrong():
+    gone = {"gone_s": (1.0, 4.0)}
+    frames = follow(replace(DRIVE, lines=lane_lines(left=gone, right=gone)), 5.0)
+    states = {time: state_of(lane) for time, lane, _ in frames}
+    assert states[1.04] == "coasting"
+    assert all(state == "lost" for time, state in states.items() if 3.0 <= time < 4.0)
+    assert states[max(states)] == "tracking"
+    for _, lane, truth in frames:
+        assert lane is None or lane.confidence < 0.9 or lateral_error_m(lane, truth) < 0.2
+
+
+def test_tracking_continues_after_black_pictures():
+    frames = follow(replace(DRIVE, black_s=(1.0, 1.3)), 2.0)
+    coasting = [lane for time, lane, _ in frames if 1.0 <= time < 1.3]
+    assert {lane.state for lane in coasting} == {"coasting"}
+    assert not any(line.seen or line.support for lane in coasting for line in lane.lines)
+    assert frames[-1][1].state == "tracking"
+    before = [lane for time, lane, _ in frames if time < 1.0][-1]
+    for name in ("offset_std_m", "heading_std_rad"):
+        assert np.all(np.diff([getattr(lane, name) for lane in [before, *coasting]]) > 0)
+    # what is known of the lines is kept, and comes nearer by 25 m/s
+    for line, last in zip(coasting[-1].lines, before.lines, strict=True):
+        assert (line.kind, line.colour) == (last.kind, last.colour)
+        assert line.reach_m == pytest.approx(max(last.reach_m - 25.0 * len(coasting) / FPS, 0.0), abs=3.0)
+
+
+@pytest.mark.parametrize("fps", [8.0, 25.0])
+def test_coasting_lasts_as_long_at_any_frame_rate(fps):
+    """Seconds count, not frames: up to `max_coast_s`, if the lane is certain enough until then."""
+    sure = TrackerSettings(max_std_m=9.0, max_coast_s=0.7)
+    tracker, black = LaneTracker(SMALL, fps=fps, settings=sure), np.zeros((360, 640, 3), np.uint8)
+    follow(DRIVE, 1.0, fps=fps, tracker=tracker)
+    coasted = 0
+    while (lane := tracker.update(black)) is not None:
+        assert lane.state == "coasting"
+        coasted += 1
+    assert coasted == pytest.approx(0.7 * fps, abs=1)
+
+
+def test_tracking_continues_after_dropped_and_repeated_pictures():
+    tracker = LaneTracker(SMALL, fps=FPS)
+    follow(DRIVE, 1.0, tracker=tracker)
+    lane = tracker.update(DRIVE.frame(1.5), elapsed_s=0.5)
+    assert lane.state == "tracking"
+    assert lateral_error_m(lane, DRIVE.truth(1.5)) < 0.1
+    for _ in range(3):
+        lane = tracker.update(DRIVE.frame(1.5))
+    assert lateral_error_m(lane, DRIVE.truth(1.5)) < 0.1
+
+
+@pytest.mark.slow
+def test_the_frame_rate_hardly_matters():
+    """At 12.5 and at 25 frames a second: the same lane, and nearly the same standard deviations."""
+    slow, fast = s_bend_drive(None, FPS)[8:], s_bend_drive(None, 2 * FPS)[16::2]
+    assert [time for time, *_ in slow] == pytest.approx([time for time, *_ in fast])
+    offsets, others = ([lane.offset_m for _, lane, _ in frames] for frames in (slow, fast))
+    assert np.abs(np.subtract(offsets, others)).max() < 0.03
+    for name in ("offset_std_m", "heading_std_rad", "curvature_std_per_m"):
+        stds, others = (np.array([getattr(lane, name) for _, lane, _ in frames]) for frames in (slow, fast))
+        # twice as many measurements: smaller by the root of two, at most
+        assert 0.95 < np.median(stds / others) < 1.5
+
+
+@pytest.mark.parametrize("to_left", [True, False], ids=["left", "right"])
+def test_lane_change_swaps_the_lines_and_what_is_known_of_them(to_left):
+    """A solid yellow line, a dashed white one, a solid white one: the one that is crossed is known, the next is new."""
+    side = 1 if to_left else -1
+    crossed = {"dash_m": (3.05, 12.2), "colour": WORN_YELLOW}
+    lines = Stripe(side * 1.8, **crossed), Stripe(-side * 1.8, colour=WORN_WHITE), Stripe(side * 5.4)
+    drive = replace(
+        DRIVE,
+        road=straight_road(),
+        lines=lines,
+        motion=Motion(speed_mps=25.0),
+        drift_mps=side * 0.9,
+        drift_s=(1.0, 5.0),
+    )
+    frames = follow(drive, 5.6)
+    assert {lane.state for _, lane, _ in frames[3:]} == {"tracking"}
+    assert lateral_error_m(*frames[10][1:]) < 0.1
+    beyond = (5.4, 1.8) if to_left else (-1.8, -5.4)
+    assert lateral_error_m(frames[-1][1], drive.truth(frames[-1][0], beyond)) < 0.1
+    offsets = np.array([lane.offset_m for _, lane, _ in frames])
+    (change,) = np.flatnonzero(np.abs(np.diff(offsets)) > 1)
+    before, after = frames[change][1], frames[change + 1][1]
+    old, shared, new = (before.left, after.right, after.left) if to_left else (before.right, after.left, after.right)
+    assert (shared.kind, shared.colour, shared.double) == (old.kind, old.colour, old.double)
+    assert (shared.kind, shared.colour) == ("dashed", "yellow")
+    assert shared.seen and not new.seen and new.colour is None and new.kind is None
+    last = frames[-1][1].left if to_left else frames[-1][1].right
+    assert last.seen and (last.kind, last.colour) == ("solid", "white")
+
+
+def test_departure_is_predicted():
+    drive = replace(DRIVE, road=straight_road(), drift_mps=0.7, drift_s=(1.0, 4.0), motion=Motion(speed_mps=25.0))
+    frames = follow(drive, 3.2, tracker=LaneTracker(SMALL, fps=FPS, speed_mps=25.0))
+    warned = [time for time, lane, _ in frames if lane.departure.due]
+    # the tyres, 0.9 m from the middle, touch the line's middle when the car is 0.9 m to the left
+    crossing = next(time for time, _, truth in frames if truth.offset_m > 0.9)
+    assert 0.3 < crossing - warned[0] < 1.6
+    assert {lane.departure.side for time, lane, _ in frames if time in warned} == {"left"}
+    assert all(not lane.departure.due for time, lane, _ in frames if time < 1.0)
+
+
+def test_a_wrong_track_is_given_up():
+    """Two stripes a lane apart, 1.2 m beside the lane, hold the tracker only until the true lines come."""
+    cracks = tuple(Stripe(side * 1.5 - 1.0, colour=(150, 150, 150), along_m=(-50, 60)) for side in SIDES)
+    lines = tuple(Stripe(side * 1.8, along_m=(40, 2000)) for side in SIDES)
+    frames = follow(replace(DRIVE, road=straight_road(), lines=lines, ground=cracks), 5.0)
+    assert lateral_error_m(*frames[2][1:]) > 0.5
+    assert lateral_error_m(*frames[-1][1:]) < 0.1
+
+
+def test_kind_and_colour_of_both_lines():
+    left, right = s_bend_drive()[-1][1].lines
+    assert (left.colour, left.kind, left.double) == ("yellow", "solid", False)
+    assert (right.colour, right.kind, right.double) == ("white", "dashed", False)
+
+
+def test_the_inner_stripe_of_a_double_line_bounds_the_lane_from_the_first_picture_on():
+    lines = (*(Stripe(y, 0.10, WORN_YELLOW) for y in (1.7, 1.9)), Stripe(-1.8))
+    drive = replace(DRIVE, road=straight_road(), lines=lines, lane_m=(1.7, -1.8), camera=CAMERA)
+    frames = follow(drive, 1.2)
+    assert max(lateral_error_m(lane, truth) for _, lane, truth in frames) < 0.04
+    first = frames[0][1]
+    assert first.left.double and not first.right.double and first.left.colour == "yellow"
+
+
+def test_speed_is_found_or_taken():
+    assert s_bend_drive()[-1][1].motion.speed_mps == pytest.approx(25.0, abs=5.0)
+    assert s_bend_drive(25.0)[-1][1].motion.speed_mps == pytest.approx(25.0, abs=0.5)
+    tracker = LaneTracker(SMALL, fps=FPS)
+    follow(DRIVE, 0.5, tracker=tracker)
+    tracker.speed_mps = 21.0
+    assert follow(DRIVE, 0.3, tracker=tracker)[-1][1].motion.speed_mps == pytest.approx(21.0)
+
+
+def test_reset_forgets():
+    tracker = LaneTracker(SMALL, fps=FPS)
+    first = tracker.update(DRIVE.frame(0.0))
+    tracker.update(DRIVE.frame(0.08))
+    tracker.reset()
+    again = tracker.update(DRIVE.frame(0.0))
+    np.testing.assert_array_equal(again.model, first.model)
+    assert again.state == "searching"
+
+
+@pytest.mark.parametrize("elapsed_s", [1.5, 1e9, -0.04, np.nan, np.inf])
+def test_a_jump_of_the_clock_resets_the_tracker(elapsed_s):
+    """After a gap too long to bridge, and when the clock was set back, the picture is looked at like a first one."""
+    tracker = LaneTracker(SMALL, fps=FPS)
+    follow(DRIVE, 0.4, tracker=tracker)
+    again, first = tracker.update(DRIVE.frame(0.0), elapsed_s=elapsed_s), LaneTracker(SMALL).update(DRIVE.frame(0.0))
+    np.testing.assert_array_equal(again.model, first.model)
+    assert again.state == "searching"
+
+
+@pytest.mark.parametrize("number", [Fraction, np.float32, np.int64, int])
+def test_numbers_of_any_kind_are_taken(number):
+    """Frame rates of containers are fractions, clocks are NumPy numbers."""
+    trackers = LaneTracker(SMALL, fps=number(5), speed_mps=number(25)), LaneTracker(SMALL, fps=5.0, speed_mps=25.0)
+    lanes = [
+        [tracker.update(DRIVE.frame(time_s), elapsed_s=elapsed_s) for time_s, elapsed_s in steps]
+        for tracker, steps in zip(
+            trackers,
+            ([(0.0, None), (0.2, None), (0.7, Fraction(1, 2))], [(0.0, 0.2), (0.2, np.float64(0.2)), (0.7, 0.5)]),
+            strict=True,
+        )
+    ]
+    np.testing.assert_allclose(lanes[0][-1].model, lanes[1][-1].model, rtol=1e-9)
+
+
+@pytest.mark.parametrize("wrong", [0, -25, np.nan, np.inf, "25", None, True, [25]])
+def test_a_wrong_frame_rate_raises(wrong):
+    with pytest.raises(LaneError, match=r"(more than 0 frames a second|fps must be a number); got .*\.$"):
+        LaneTracker(SMALL, fps=wrong)
+
+
+def test_other_wrong_arguments_raise():
+    with pytest.raises(LaneError, match=r"speed_mps must be a number; got 'fast'\.$"):
+        LaneTracker(SMALL, speed_mps="fast")
+    with pytest.raises(LaneError, match=r"elapsed_s must be a number; got '0.04'\.$"):
+        LaneTracker(SMALL).update(DRIVE.frame(0.0), elapsed_s="0.04")
+    with pytest.raises(PictureError, match="calibrated for 640x360"):
+        LaneTracker(SMALL).update(np.zeros((720, 1280, 3), np.uint8))
+    with pytest.raises(CameraError, match="no pose"):
+        LaneTracker(replace(SMALL, pose=None))
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        TrackerSettings(min_score=5.0),
+        TrackerSettings(confirmations=8),
+        TrackerSettings(half_widths_m=(4.0, 6.0)),
+        TrackerSettings(filter=FilterSettings(usual_speed_mps=12.0)),
+        TrackerSettings(filter=FilterSettings(centre_m_per_s=1.0)),
+        TrackerSettings(detector=DetectorSettings(paint=replace(DetectorSettings().paint, single_m=0.25))),
+        TrackerSettings(detector=DetectorSettings(fit=replace(DetectorSettings().fit, variance_inflation=40.0))),
+    ],
+    ids=["score", "confirmations", "views", "speed", "noise", "paint", "fit"],
+)
+def test_the_settings_count(settings):
+    usual, other = (
+        follow(DRIVE, 0.5, tracker=LaneTracker(SMALL, fps=FPS, settings=used))[-1][1] for used in (None, settings)
+    )
+    assert other is None or other.state != usual.state or not np.array_equal(other.model, usual.model)
