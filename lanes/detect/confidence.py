@@ -165,9 +165,10 @@ def rate_lane(lane: Lane) -> float:
     return float(1 / (1 + np.exp(-log_odds(lane))))
 
 
-# Variance of the errors relative to the variance that a fit or the filter assumes: constant, and growth with the largest
-# curvature and the largest vertical curvature in view (1/m), tracked and in a single image. Both assume more noise than
-# most roads have, so that worn paint and hairpins do not surprise them. Fitted on variants 2 and 7 of the rendered suite.
+# Variance of the errors relative to the variance that a fit or the filter assumes: a constant, and its growth with the
+# largest curvature and the largest vertical curvature in view (1/m); tracked, and in a single image. Fit and filter
+# assume more noise than most roads have, so that worn paint and hairpins do not surprise them. Fitted on variants 2 and
+# 7 of the rendered suite.
 TRACKED_ERRORS, STILL_ERRORS = (0.1, 150.0, 200.0), (0.5, 40.0, 0.0)
 
 

@@ -297,7 +297,7 @@ def with_given_speed(state: State, speed_mps: float, settings: FilterSettings = 
 
 
 def without_wrong_yaw(state: State, settings: FilterSettings = FILTER) -> State:
-    """The state; with the usual speed and any yaw if a car on a smooth road seems to point away from it and to stand."""
+    """The state, with the usual speed and any yaw if a car on a smooth road seems to stand and point away from it."""
     points_away = abs(float(state.lane[HEADING])) > settings.standing_heading_rad
     smooth = max_curvature(state.lane) < settings.smooth_curvature_per_m
     if not (points_away and smooth and float(state.mean[SPEED]) < settings.standing_mps):
