@@ -77,10 +77,11 @@ class FilterSettings:
     # Standard deviation of the pose's pitch and yaw: a quarter of a degree.
     rest_pitch_std_rad: float = 0.004
     camera_yaw_std_rad: float = 0.004
-    # A smaller speed than this, with a larger heading, on a smooth road: the filter explains a wrong yaw of the pose by
+    # A smaller speed than this, with a larger heading, on a road with less curvature: the filter explains a wrong yaw of the pose by
     # a car that hardly moves. The yaw is then unknown, with this standard deviation, and the speed the usual one.
     standing_mps: float = 9.0
     standing_heading_rad: float = 0.02
+    standing_curvature_per_m: float = 5e-3
     wrong_yaw_std_rad: float = 0.05
     # Time constant with which the springs return the pitch to rest.
     pitch_relaxation_s: float = 0.3
@@ -127,9 +128,6 @@ class FilterSettings:
     inflated_rate_step_per_m2: float = 3e-3
     inflated_pitch_rad: float = 0.015
     inflated_gain: float = 3.0
-    # With less curvature and vertical curvature than this a road is smooth: one fit near the prediction is enough.
-    smooth_curvature_per_m: float = 5e-3
-    smooth_vertical_per_m: float = 1e-3
 
 
 FILTER = FilterSettings()
@@ -299,7 +297,7 @@ def with_given_speed(state: State, speed_mps: float, settings: FilterSettings = 
 def without_wrong_yaw(state: State, settings: FilterSettings = FILTER) -> State:
     """The state, with the usual speed and any yaw if a car on a smooth road seems to stand and point away from it."""
     points_away = abs(float(state.lane[HEADING])) > settings.standing_heading_rad
-    smooth = max_curvature(state.lane) < settings.smooth_curvature_per_m
+    smooth = max_curvature(state.lane) < settings.standing_curvature_per_m
     if not (points_away and smooth and float(state.mean[SPEED]) < settings.standing_mps):
         return state
     stds = {SPEED: settings.usual_speed_std_mps, CAMERA_YAW: settings.wrong_yaw_std_rad}
@@ -321,18 +319,15 @@ def measure(
 ) -> Fit:
     """The lane fitted to the stripes with the prediction as prior: a fit of one lane.
 
-    The fit near the prediction is linearised there. If it leaves many stripes nearby unexplained where the road is not
-    smooth, the lane is also fitted outwards from the car, as in a search: what begins ahead (a bend, a crest) leaves
-    the prediction by more than any standard deviation. If that is still not enough, the covariance is inflated for
+    The fit near the prediction is linearised there. If it leaves many stripes nearby unexplained, the lane is also
+    fitted outwards from the car, as in a search: what begins ahead (a bend, a crest) leaves the prediction by more than
+    any standard deviation. If that is still not enough, the covariance is inflated for
     abrupt changes. The fit that explains most is taken.
     """
     mean, covariance = predicted.lane, predicted.lane_covariance
     best = fit_lanes(
         mean[None], stripes, view, fit_settings, schedule=fit_settings.near, prior=(mean, covariance), linear=True
     )
-    curved = max_curvature(mean) >= settings.smooth_curvature_per_m
-    if not curved and max_vertical_curvature(mean) < settings.smooth_vertical_per_m:
-        return best
     attempts = ((covariance, 0.0), (inflate(predicted, settings).lane_covariance, settings.inflated_gain))
     for assumed, gain in attempts:
         if not best.unexplained[0]:
