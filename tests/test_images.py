@@ -16,7 +16,7 @@ from lanes import canvas, images
 from lanes.camera import undistort
 from lanes.chessboard import Board, draw_board, find_board
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.draw import draw_tracked
+from lanes.draw import draw_lane
 from lanes.errors import PictureError
 from lanes.explain import explain
 from lanes.images import list_pictures, read_image, require_rgb, write_image
@@ -211,7 +211,7 @@ def tracked(image: np.ndarray, _: Path) -> np.ndarray:
     tracker = LaneTracker(SMALL)
     for _ in range(4):
         found = tracker.update(image)
-    return draw_tracked(image, found, SMALL)
+    return draw_lane(image, found, SMALL)
 
 
 LINE_PX = np.array([[60.0, 20.0], [20.0, 80.0]])
@@ -230,7 +230,7 @@ TAKE_IMAGES = {
     "draw_board": lambda image, _: draw_board(image, Board(np.zeros((20, 2), np.float32), 5, 4, SMALL.size)),
     "bird's-eye view": lambda image, _: BirdsEyeView(SMALL).warp(image),
     "find_lane": lambda image, _: find_lane(image, SMALL).model,
-    "LaneTracker and draw_tracked": tracked,
+    "LaneTracker and draw_lane": tracked,
     "explain": lambda image, _: explain(image, SMALL).image,
     "to_gray": lambda image, _: threshold.to_gray(image),
     "channels": lambda image, _: np.array(threshold.split_channels(image, "HLS")),

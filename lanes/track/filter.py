@@ -77,8 +77,8 @@ class FilterSettings:
     # Standard deviation of the pose's pitch and yaw: a quarter of a degree.
     rest_pitch_std_rad: float = 0.004
     camera_yaw_std_rad: float = 0.004
-    # A smaller speed than this, with a larger heading, on a road with less curvature: the filter explains a wrong yaw of the pose by
-    # a car that hardly moves. The yaw is then unknown, with this standard deviation, and the speed the usual one.
+    # A smaller speed than this, with a larger heading, on a road with less curvature: the filter explains a wrong yaw
+    # of the pose by a car that hardly moves. The yaw is then unknown, with this standard deviation.
     standing_mps: float = 9.0
     standing_heading_rad: float = 0.02
     standing_curvature_per_m: float = 5e-3

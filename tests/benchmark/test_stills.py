@@ -21,6 +21,7 @@ from benchmark.labels.stills import (
 )
 from benchmark.labels.tusimple import NO_POINT, LaneColumns, read_labels
 from lanes.camera import save_camera
+from lanes.detect.confidence import error_variance_factor
 from lanes.detect.lane import Lane, LineEvidence
 from lanes.detect.road import lines_on_view
 from lanes.images import write_image
@@ -114,7 +115,7 @@ def test_folders_are_the_first_part_of_the_path(tmp_path):
 
 
 def lane_of(model: np.ndarray, covariance: np.ndarray = np.diag(STD**2)) -> Lane:  # noqa: B008
-    return Lane(model, model, covariance, SEEN, score=1.0)
+    return Lane(model, model, covariance / error_variance_factor(model, tracked=False), SEEN, score=1.0)
 
 
 def label_of(model: np.ndarray, shift_px: np.ndarray | float = 0.0) -> LaneColumns:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lanes.detect.confidence import error_variance_factor
 from lanes.detect.lane import Lane, LineEvidence, telemetry_row
 from lanes.detect.line_type import TypeVotes
 from lanes.detect.road import SIDES, line_y
@@ -22,7 +23,16 @@ BENT = a_lane(centre=0.4, width=3.4, heading=-0.05, curvature=1 / 80, rate=-2e-4
 
 
 def lane_of(model: np.ndarray) -> Lane:
-    return Lane(model, model, np.diag(STD**2), SEEN, score=1.0)
+    """A lane found in a single image, whose errors have the standard deviations `STD`."""
+    assumed = np.diag(STD**2) / error_variance_factor(model, tracked=False)
+    return Lane(model, model, assumed, SEEN, score=1.0)
+
+
+def test_stated_errors_grow_with_curvature_and_are_larger_than_zero():
+    straight, bend = (Lane(m, m, np.diag(STD**2), SEEN, score=1.0) for m in (a_lane(), a_lane(curvature=1 / 20)))
+    assert 0 < straight.offset_std_m < bend.offset_std_m
+    tracked = replace(bend, state="tracking")
+    assert tracked.offset_std_m > bend.offset_std_m
 
 
 @pytest.mark.parametrize("curvature", [0.0, 1 / 300, -1 / 40], ids=["straight", "bend", "hairpin"])

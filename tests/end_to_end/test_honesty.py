@@ -71,7 +71,7 @@ def test_the_tracker_is_never_confident_where_there_is_no_lane(road):
     drive = PaintedDrive(s_bend(), (), camera=SMALL, **BARE_ROADS[road])
     tracker = LaneTracker(SMALL, fps=25)
     tracked = [tracker.update(drive.frame(number / 25)) for number in range(40)]
-    wrong = [bool(lane.lane) and lane.confidence >= CONFIDENT for lane in tracked]
+    wrong = [lane is not None and lane.confidence >= CONFIDENT for lane in tracked]
     assert np.mean(wrong) <= PROMISED[NO_LANE]
 
 
