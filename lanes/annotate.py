@@ -19,7 +19,6 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.detect.lane import LOST, Lane, telemetry_row
-from lanes.detect.paint import FrameEvidence
 from lanes.draw import draw_lane
 from lanes.errors import CameraError, LaneError, PictureError, PoseError, VideoError
 from lanes.field_of_view import FieldOfView, find_field_of_view
@@ -32,9 +31,8 @@ from lanes.sources import Sources, find_sources, require_distinct_outputs, sampl
 from lanes.stills import StillDetection, detect_still
 from lanes.track.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
 from lanes.track.tracker import LaneTracker
-from lanes.video.process import count_missing, progress_bar, read_ahead, write_behind
+from lanes.video.process import process_video, progress_bar, read_ahead
 from lanes.video.reader import TimedFrame, VideoInfo, inspect_video, read_timed_frames
-from lanes.video.writer import VideoWriter
 
 SEVERAL_CAMERAS = " If the pictures are of several cameras, annotate them with --each."
 
@@ -171,10 +169,9 @@ def annotate_sources(sources: Sources, settings: DriveSettings) -> Iterator[Anno
 
 @dataclass(frozen=True, eq=False)
 class TrackedFrame(TimedFrame):
-    """A frame of a drive, the time that the tracker took for it, and what the tracker saw in it."""
+    """A frame of a drive, and the time that the tracker took for it."""
 
     latency_ms: float
-    evidence: FrameEvidence | None
 
 
 def track(
@@ -233,7 +230,7 @@ def track_frames(frames: Iterable[TimedFrame], tracker: LaneTracker) -> Iterator
         began_s = time.perf_counter()
         lane = tracker.update(frame.image, elapsed_s=None if last_s is None else frame.time_s - last_s)
         latency_ms, last_s = 1e3 * (time.perf_counter() - began_s), frame.time_s
-        yield TrackedFrame(frame.number, frame.time_s, frame.image, latency_ms, tracker.evidence), lane
+        yield TrackedFrame(frame.number, frame.time_s, frame.image, latency_ms), lane
 
 
 def prepare_drive(video: Path, settings: DriveSettings) -> tuple[VideoInfo, Camera, PoseEstimate | None]:
@@ -258,11 +255,10 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
     info, camera, pose = prepare_drive(video, settings)
     with exclusive_writer(target):
         began_s = time.perf_counter()
-        # This order renames the telemetry file only after the video, and the report after both.
-        with TelemetryWriter(target.with_suffix(".csv")) as table:
-            has_sound = _write_video(video, target, info, camera, settings, table)
+        table = TelemetryWriter(target.with_suffix(".csv"))
+        written = _write_video(video, target, info, camera, settings, table)
         telemetry, elapsed_s = table.columns(), time.perf_counter() - began_s
-        count, missing = len(telemetry["frame"]), count_missing(info, telemetry["frame"].tolist(), **settings.part)
+        count, missing = written.frames, written.missing
         more = f" ({missing} more {'is' if missing == 1 else 'are'} damaged or missing in the video)" if missing else ""
         outputs: tuple[Path, ...] = (target, table.path)
         if settings.report:
@@ -275,7 +271,7 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
         f"{seconds_lost(telemetry):.1f} s; {count / elapsed_s:.0f} frames/s; wrote {target} with telemetry"
         f"{' and report' if settings.report else ''} next to it"
     )
-    if info.has_audio and not has_sound:
+    if info.has_audio and not written.has_audio:
         lines.append(f"{video}: its sound track cannot be decoded; {target} has no sound")
     if change := find_pose_change(telemetry):
         lines.append(f"{video}: {change.describe()}")
@@ -286,24 +282,21 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
 
 def _write_video(
     video: Path, target: Path, info: VideoInfo, camera: Camera, settings: DriveSettings, table: TelemetryWriter
-) -> bool:
-    """Write the annotated video, and its rows to the table; returns whether it has a sound track."""
-    sound_from = video if info.has_audio else None
-    with (
-        # Decoder, tracker and encoder already run in a thread each.
-        opencv_threads(1),
-        VideoWriter(target, fps=info.fps, colours=info.colours, sound_from=sound_from) as writer,
-        closing(track(video, camera, info=info, progress=settings.progress, **settings.part)) as frames,
-        write_behind(writer.encode) as encode,
-    ):
-        for frame, lane in frames:
-            drawn = draw_lane(
-                frame.image, lane, camera, style=settings.style, evidence=frame.evidence, onto=frame.image
-            )
-            encode(writer.convert(drawn, frame.time_s))
-            row = {"frame": frame.number, "time_s": round(frame.time_s, 6), **telemetry_row(lane)}
-            table.write(row | {"latency_ms": round(frame.latency_ms, 3)})
-    return writer.written.has_audio
+) -> VideoInfo:
+    """Write the annotated video and its telemetry; returns the properties of the annotated video."""
+    tracker = LaneTracker(camera, fps=info.fps)
+
+    def annotate_frame(image: np.ndarray, elapsed_s: float | None) -> tuple[np.ndarray, dict[str, Any]]:
+        began_s = time.perf_counter()
+        lane = tracker.update(image, elapsed_s=elapsed_s)
+        latency_ms = round(1e3 * (time.perf_counter() - began_s), 3)
+        drawn = draw_lane(image, lane, camera, style=settings.style, evidence=tracker.evidence, onto=image)
+        return drawn, telemetry_row(lane) | {"latency_ms": latency_ms}
+
+    # Decoder, tracker and encoder already run in a thread each.
+    with opencv_threads(1):
+        options: dict[str, Any] = {"progress": settings.progress, "telemetry": table, "info": info, **settings.part}
+        return process_video(video, target, annotate_frame, **options)
 
 
 def _describe_settings(

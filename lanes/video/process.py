@@ -39,7 +39,7 @@ def process_video(
     start_s: float = 0.0,
     end_s: float | None = None,
     progress: bool = True,
-    telemetry: str | Path | None = None,
+    telemetry: str | Path | TelemetryWriter | None = None,
     sound: bool = True,
     info: VideoInfo | None = None,
 ) -> VideoInfo:
@@ -59,9 +59,9 @@ def process_video(
         As for `read_timed_frames`.
     progress : bool
         Show frames per second and the remaining time, in a terminal or a notebook only.
-    telemetry : str or Path, optional
+    telemetry : str, Path or TelemetryWriter, optional
         CSV file with a row per frame: frame (counted from the start of `source`), time_s, the telemetry of `function`,
-        and latency_ms, the time that `function` took.
+        and, unless that contains it, latency_ms, the time that `function` took.
     info : VideoInfo, optional
         Result of `inspect_video(source)`, if known; otherwise the file is read twice.
 
@@ -83,6 +83,8 @@ def process_video(
     info = info or inspect_video(source)
     if Path(target).exists() and os.path.samefile(source, target):
         raise VideoError(f"{target}: is the source itself; write the output under another name.")
+    if isinstance(telemetry, str | Path):
+        telemetry = TelemetryWriter(telemetry)
     sound_from = source if sound and info.has_audio else None
     writer = VideoWriter(target, fps=info.fps, colours=info.colours, sound_from=sound_from)
     try:
@@ -92,7 +94,7 @@ def process_video(
     with (
         _sigterm_as_exception(),
         # This order renames the telemetry file only after the video.
-        nullcontext() if telemetry is None else TelemetryWriter(telemetry) as table,
+        telemetry or nullcontext() as table,
         writer,
         closing(read_ahead(read_timed_frames(source, start_s=start_s, end_s=end_s))) as frames,
         write_behind(writer.encode) as encode,
@@ -136,7 +138,7 @@ def _apply(function: Callable, image: np.ndarray, options: Mapping, name: str) -
     if not isinstance(made, np.ndarray) or made.ndim != 3 or made.shape[2] != 3 or made.dtype != np.uint8:
         got = f"{made.dtype} of shape {made.shape}" if isinstance(made, np.ndarray) else type(made).__name__
         raise VideoError(f"{name}: the function returned {got}; it must return an RGB image (height, width, 3), uint8.")
-    return made, {**row, "latency_ms": latency_ms}
+    return made, {**row, "latency_ms": row.get("latency_ms", latency_ms)}
 
 
 def read_ahead(items: Generator) -> Generator:
