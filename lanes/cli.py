@@ -1,7 +1,7 @@
 """The commands of `python -m lanes`, where installed also `lanes`: calibrate, pose, annotate, detect, explain.
 
-Each command is a class whose docstring is its help. The library is imported when a command runs, so that help and wrong
-usage are answered at once.
+Each command is a class whose docstring is its help. Plots and Dask are imported when a command needs them, so that help
+and wrong usage are answered at once.
 """
 
 from __future__ import annotations
@@ -11,16 +11,29 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from lanes import __version__
+from lanes.annotate import Annotation, DriveSettings, annotate_sources
+from lanes.calibration import (
+    calibrate,
+    calibrate_detections,
+    describe_calibration,
+    draw_contact_sheet,
+    find_boards,
+    list_board_pictures,
+)
+from lanes.camera import Camera, CameraPose, load_camera, save_camera
 from lanes.console import bounded_float, bounded_int, error_status, progress_line, run_command, run_program
-
-if TYPE_CHECKING:
-    from lanes.annotate import DriveSettings
-    from lanes.camera import Camera
-    from lanes.errors import LaneError
-    from lanes.sources import Sources
+from lanes.detections import detect_in_sequence, detect_in_stills, detect_in_video, write_detections
+from lanes.errors import LaneError, PictureError, PoseError
+from lanes.explain import explain
+from lanes.field_of_view import FieldOfView, find_field_of_view
+from lanes.files import require_no_input_among
+from lanes.images import PICTURE_SUFFIXES, read_image, write_image
+from lanes.many import annotate_many
+from lanes.pose import LANE_WIDTH_M, PRIOR_HEIGHT_M, ensure_pose, estimate_pose
+from lanes.sources import Sources, find_sources, sample_images
+from lanes.video.reader import read_video
 
 
 class Calibrate:
@@ -36,7 +49,6 @@ class Calibrate:
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
-        """The options of this command."""
         parser.add_argument(
             "pictures", nargs="+", type=Path, metavar="PICTURE", help="picture of a chessboard, or folder of pictures"
         )
@@ -54,18 +66,6 @@ class Calibrate:
 
     @staticmethod
     def run(options: argparse.Namespace) -> int:
-        """Calibrate, print the table, and write the camera file."""
-        from lanes.calibration import (
-            calibrate_detections,
-            describe_calibration,
-            draw_contact_sheet,
-            find_boards,
-            list_board_pictures,
-        )
-        from lanes.camera import save_camera
-        from lanes.files import require_no_input_among
-        from lanes.images import write_image
-
         paths = list_board_pictures(options.pictures)
         require_no_input_among(filter(None, (options.output, options.sheet)), paths)
         detections = find_boards(paths, options.pattern, progress=progress_line("calibrate"))
@@ -92,8 +92,7 @@ class Pose:
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
-        """The options of this command."""
-        add_files(parser, "stills or videos of one drive")
+        parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="stills or videos of one drive")
         add_lens(parser)
         parser.add_argument(
             "--lane-width",
@@ -119,11 +118,6 @@ class Pose:
 
     @staticmethod
     def run(options: argparse.Namespace) -> int:
-        """Estimate the camera pose, print it, and write it with the lens."""
-        from lanes.camera import save_camera
-        from lanes.files import require_no_input_among
-        from lanes.pose import LANE_WIDTH_M, estimate_pose
-
         require_part(options)
         require_no_input_among([options.output], options.files)
         estimate = estimate_pose(
@@ -164,12 +158,10 @@ class Annotate:
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
-        """The options of this command."""
         parser.add_argument(
             "files", nargs="+", metavar="SOURCE", help='video, still, folder, or pattern such as "drives/*.mp4"'
         )
-        add_lens(parser)
-        add_each(parser)
+        add_lens(parser, each=True)
         add_output(parser, "annotated", "output folder")
         add_part(parser)
         parser.add_argument(
@@ -191,9 +183,6 @@ class Annotate:
     @staticmethod
     def run(options: argparse.Namespace) -> int:
         """Annotate all sources. A failed source does not stop the others; errors are printed at the end."""
-        from lanes.annotate import Annotation, annotate_sources
-        from lanes.sources import find_sources
-
         require_part(options)
         sources = find_sources(options.files)
         settings = read_settings(options, sources)
@@ -205,8 +194,6 @@ class Annotate:
                 print(text, flush=True)
 
         if (options.workers or options.scheduler) and sources.videos:
-            from lanes.many import annotate_many
-
             where = {"workers": options.workers, "scheduler": options.scheduler}
             finished, failures = annotate_many(sources.videos, settings, **where, log=say)
             done, sources = len(finished), replace(sources, videos=())
@@ -237,10 +224,8 @@ class Detect:
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
-        """The options of this command."""
-        add_files(parser, "stills or videos of one camera")
-        add_lens(parser)
-        add_each(parser)
+        parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="stills or videos of one camera")
+        add_lens(parser, each=True)
         parser.add_argument(
             "--rows",
             type=row_range,
@@ -257,28 +242,24 @@ class Detect:
     @staticmethod
     def run(options: argparse.Namespace) -> int:
         """Detect the lane in every picture, and write the detections; returns 1 if a still was left out."""
-        from lanes.detections import detect_in_sequence, detect_in_stills, detect_in_video, write_detections
-        from lanes.files import require_no_input_among
-        from lanes.sources import find_sources
-
         sources = find_sources(map(str, options.files))
         if options.each and (options.sequence or sources.videos):
-            fault = (
+            other = (
                 "--sequence is for stills of one camera" if options.sequence else f"{sources.videos[0]}: is no still"
             )
-            raise ValueError(f"{fault}; omit it, or omit --each.")
+            raise ValueError(f"{other}; omit it, or omit --each.")
         require_no_input_among([options.output], sources.videos + sources.stills)
         settings = read_settings(options, sources)
         failures: list[LaneError] = []
         found, missing = [], 0
         for video in sources.videos:
-            frames = list(detect_in_video(video, settings, options.rows, say=print))
+            frames = list(detect_in_video(video, settings, options.rows))
             found += frames
             missing += frames[-1]["frame"] + 1 - len(frames)
         if options.sequence and sources.stills:
-            found += detect_in_sequence(sources.stills, settings, options.rows, fps=options.fps, say=print)
+            found += detect_in_sequence(sources.stills, settings, options.rows, fps=options.fps)
         elif sources.stills:
-            found += detect_in_stills(sources.stills, settings, options.rows, failures, say=print)
+            found += detect_in_stills(sources.stills, settings, options.rows, failures)
         lost = sum(detection["state"] == "lost" for detection in found)
         damaged = f"; {missing} more are damaged or missing in the videos" if missing else ""
         print(f"wrote {write_detections(options.output, found)}: {len(found)} pictures, no lane in {lost}{damaged}")
@@ -299,7 +280,6 @@ class Explain:
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
-        """The options of this command."""
         parser.add_argument("files", nargs=1, type=Path, metavar="FILE", help="picture or video")
         parser.add_argument(
             "--at", type=bounded_float(0), metavar="SECONDS", help="time of the frame in a video (default: first frame)"
@@ -309,15 +289,7 @@ class Explain:
 
     @staticmethod
     def run(options: argparse.Namespace) -> int:
-        """Explain the picture, print the text, and write the figure."""
-        from lanes.camera import CameraPose
-        from lanes.errors import PictureError, PoseError
-        from lanes.explain import explain
         from lanes.figures import figure_kind, save_figure, show_explanation
-        from lanes.files import require_no_input_among
-        from lanes.images import PICTURE_SUFFIXES, read_image
-        from lanes.pose import PRIOR_HEIGHT_M, ensure_pose
-        from lanes.video.reader import read_video
 
         figure_kind(options.output)
         require_no_input_among([options.output], options.files)
@@ -383,13 +355,11 @@ def _command_parser(program: str) -> argparse.ArgumentParser:
 # Options that several commands share.
 
 
-def add_files(parser: argparse.ArgumentParser, what: str) -> None:
-    """Add the FILE arguments, with `what` as their help text."""
-    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help=what)
-
-
-def add_lens(parser: argparse._ActionsContainer) -> None:
-    """Add the options for the lens: one of --camera, --hfov, --boards, or none; see `find_lens`."""
+def add_lens(parser: argparse._ActionsContainer, *, each: bool = False) -> None:
+    """Add the options for the lens: one of --camera, --hfov, --boards, or none; see `find_lens`. Also --each."""
+    if each:
+        words = "the stills are of different cameras: estimate the pose of each on its own"
+        parser.add_argument("--each", action="store_true", help=words)
     lens = parser.add_mutually_exclusive_group()
     lens.add_argument("--camera", type=Path, metavar="YAML", help="camera file written by `calibrate` or `pose`")
     lens.add_argument(
@@ -404,13 +374,6 @@ def add_lens(parser: argparse._ActionsContainer) -> None:
         type=Path,
         metavar="FOLDER",
         help="calibrate the lens from pictures of a chessboard with 9 x 6 inner corners",
-    )
-
-
-def add_each(parser: argparse.ArgumentParser) -> None:
-    """Add --each."""
-    parser.add_argument(
-        "--each", action="store_true", help="the stills are of different cameras: estimate the pose of each on its own"
     )
 
 
@@ -435,8 +398,6 @@ def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None
 
 def find_lens(options: argparse.Namespace) -> Camera:
     """The camera according to the options of `add_lens`, for images of the size of the first file."""
-    from lanes.sources import find_sources, sample_images
-
     sources = find_sources(map(str, options.files))
     settings, files = read_settings(options, sources), [*sources.stills, *sources.videos]
     height, width = next(sample_images(files, 1)).shape[:2]
@@ -448,11 +409,6 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
 
     Prints the field of view of an uncalibrated lens, unless --hfov gives it, or with --each all stills name theirs.
     """
-    from lanes.annotate import DriveSettings
-    from lanes.calibration import calibrate
-    from lanes.camera import load_camera
-    from lanes.field_of_view import FieldOfView, find_field_of_view
-
     camera = field = None
     quiet, each = getattr(options, "quiet", False), getattr(options, "each", False)
     if options.camera:

@@ -8,7 +8,7 @@ of the right line; -2 for no point) and `run_time` (milliseconds). Additional ke
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -26,30 +26,27 @@ from lanes.video.reader import TimedFrame
 NO_POINT = -2.0
 
 
-def detect_in_video(
-    video: Path, settings: DriveSettings, rows: Sequence[int], *, say: Callable[[str], None]
-) -> Iterator[dict]:
-    """Track the lane through a video; yields a detection per frame.
+def detect_in_video(video: Path, settings: DriveSettings, rows: Sequence[int]) -> Iterator[dict]:
+    """Track the lane through a video; yields a detection per frame, with the columns of the lines at image `rows`.
 
-    `rows` are the image rows at which the columns of the lines are returned. `say` is called with a pose that is
-    estimated, in words. Errors are those of `annotate`.
+    Prints the pose if it is estimated. Errors are those of `annotate`.
     """
     info, camera, pose = prepare_drive(video, settings)
     if pose:
-        say(pose.describe())
+        print(pose.describe())
     for frame, lane in track(video, camera, info=info, progress=settings.progress):
         names = {"raw_file": f"{video}#{frame.number}", "frame": frame.number}
         yield names | as_detection(lane, camera, rows, frame.latency_ms)
 
 
 def detect_in_sequence(
-    stills: Sequence[Path], settings: DriveSettings, rows: Sequence[int], *, fps: float, say: Callable[[str], None]
+    stills: Sequence[Path], settings: DriveSettings, rows: Sequence[int], *, fps: float
 ) -> Iterator[dict]:
     """Track the lane through stills that are consecutive frames, `fps` per second; otherwise as `detect_in_video`."""
     height, width = read_image(stills[0]).shape[:2]
     camera, pose = ensure_pose(settings.camera_for((width, height), stills[0]), stills)
     if pose:
-        say(pose.describe())
+        print(pose.describe())
     images = (camera.require_size(read_image(path), path) for path in stills)
     frames = (TimedFrame(number, number / fps, image) for number, image in enumerate(images))
     for frame, lane in track_frames(frames, LaneTracker(camera, fps=fps)):
@@ -57,24 +54,16 @@ def detect_in_sequence(
 
 
 def detect_in_stills(
-    stills: Sequence[Path],
-    settings: DriveSettings,
-    rows: Sequence[int],
-    failures: list[LaneError],
-    *,
-    say: Callable[[str], None],
+    stills: Sequence[Path], settings: DriveSettings, rows: Sequence[int], failures: list[LaneError]
 ) -> Iterator[dict]:
-    """Find the lane in each still independently; yields a detection for each.
-
-    `failures` get an error for each still that cannot be used; for the other parameters see `detect_in_video`.
-    """
+    """Find the lane in each still independently, otherwise as `detect_in_video`; `failures` are those of `annotate`."""
     said = None
     for still in detect_stills(stills, settings, failures):
         if settings.each and still.pose:
-            say(f"{still.path}: {still.pose.summary_line()}{settings.describe_lens(still.path)}")
+            print(f"{still.path}: {still.pose.summary_line()}{settings.describe_lens(still.path)}")
         elif still.pose and still.pose is not said:
             said = still.pose
-            say(said.describe())
+            print(said.describe())
         lane = still.detection.lane
         yield {"raw_file": str(still.path)} | as_detection(lane, still.detection.camera, rows, still.run_time_ms)
 
