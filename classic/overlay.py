@@ -14,13 +14,12 @@ from lanes.canvas import (
     RIGHT_COLOUR,
     WINDOW_COLOUR,
     Colour,
-    draw_line,
+    blend_polygon,
     draw_mosaic,
     draw_polyline,
-    fill_lane,
     finite_points,
+    put_text,
     to_rgb,
-    write_text,
 )
 from lanes.describe import describe_bend, describe_offset
 from lanes.images import require_rgb
@@ -43,7 +42,9 @@ def annotate_image(image: np.ndarray, result: LaneResult, camera: Camera) -> np.
     The lines are projected from the bird's-eye view to the raw image, through the homography and the distortion of
     the lens, so that they coincide with the markings. The pose of the camera is not used.
     """
-    return write_text(_draw_result(image, result, camera), describe_result(result))
+    drawn = _draw_result(image, result, camera)
+    put_text(drawn, describe_result(result))
+    return drawn
 
 
 def draw_search(result: LaneResult) -> np.ndarray:
@@ -78,7 +79,7 @@ def follow_lane(
 def _draw_result(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarray:
     """The image with the lane; a copy of the image if the lane is lost."""
     if result.state == "lost":
-        return image.copy()
+        return require_rgb(image).copy()
     left_px, right_px = result.lines_px
     return draw_lane_between(image, left_px, right_px, camera)
 
@@ -110,11 +111,12 @@ def draw_lane_between(
     PictureError
         If the image is not RGB or not of the camera's size.
     """
-    require_rgb(image)
+    drawn = require_rgb(image).copy()
     if camera is not None:
         camera.require_size(image)
     left, right = (_distort_line(points, camera) for points in (left_px, right_px))
-    drawn = fill_lane(image, left, right, colour=LANE_COLOUR, alpha=0.3)
+    if len(left) >= 2 and len(right) >= 2:
+        blend_polygon(drawn, np.vstack([left, right[::-1]]), LANE_COLOUR, 0.3)
     width_px = image.shape[1] / 160 if line_width_px is None else line_width_px
     if width_px > 0:
         draw_polyline(drawn, left, LEFT_COLOUR, width_px)
@@ -145,7 +147,7 @@ def draw_fit(view: np.ndarray, left_px: np.ndarray | None, right_px: np.ndarray 
     drawn = to_rgb(view)
     for points, colour in ((left_px, LEFT_COLOUR), (right_px, RIGHT_COLOUR)):
         if points is not None:
-            drawn = draw_line(drawn, finite_points(points), colour=colour, width_px=drawn.shape[1] / 200)
+            draw_polyline(drawn, finite_points(points), colour, drawn.shape[1] / 200)
     return drawn
 
 

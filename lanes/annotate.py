@@ -386,49 +386,39 @@ def detect_stills(
     If none of the stills can be used, the errors are raised as one.
     """
     none_used = True
-    for outcome in map(partial(_detect_one, settings), stills) if settings.each else _detect_all(stills, settings):
-        if isinstance(outcome, LaneError):
-            failures.append(outcome)
-        else:
-            none_used = False
-            yield outcome
+    for group in [[path] for path in stills] if settings.each else [stills]:
+        try:
+            for still in _detect_group(group, settings, failures):
+                none_used = False
+                yield still
+        except LaneError as error:
+            failures.append(error)
     if none_used:
-        raise type(failures[0])("\n".join(map(str, failures)))
+        raise type(failures[-1])("\n".join(map(str, failures)))
 
 
-def _detect_all(stills: Sequence[Path], settings: DriveSettings) -> Iterator[DetectedStill | LaneError]:
-    """What is found in each still of one camera, after the errors of the stills that cannot be used."""
+def _detect_group(
+    stills: Sequence[Path], settings: DriveSettings, failures: list[LaneError]
+) -> Iterator[DetectedStill]:
+    """What is found in each still of one camera; raises LaneError if its pose cannot be estimated."""
     sizes: dict[Path, tuple[int, int]] = {}
     for path in stills:
         try:
             sizes[path] = read_image(path).shape[1::-1]
         except PictureError as error:
-            yield error
+            failures.append(error)
     if not sizes:
         return
     width, height = Counter(sizes.values()).most_common(1)[0][0]
     used = f"the others used are {width}x{height}; annotate it alone, or all with --each."
     usable = [path for path, size in sizes.items() if size == (width, height)]
-    yield from (PictureError(f"{p}: is {w}x{h}, {used}") for p, (w, h) in sizes.items() if p not in usable)
+    failures += [PictureError(f"{p}: is {w}x{h}, {used}") for p, (w, h) in sizes.items() if p not in usable]
     try:
         camera, pose = ensure_pose(settings.camera_for((width, height), usable[0]), usable)
     except PoseError as error:
         raise PoseError(f"{error}{SEVERAL_CAMERAS if len(usable) > 1 else ''}") from error
     for path in usable:
-        yield _detect(path, read_image(path), camera, pose)
-
-
-def _detect_one(settings: DriveSettings, path: Path) -> DetectedStill | LaneError:
-    """What is found in a still of a camera of its own; an error if it cannot be used."""
-    try:
-        image = read_image(path)
-        return _detect(path, image, *ensure_pose(settings.camera_for((image.shape[1], image.shape[0]), path), path))
-    except LaneError as error:
-        return error
-
-
-def _detect(path: Path, image: np.ndarray, camera: Camera, pose: PoseEstimate | None) -> DetectedStill:
-    """What is found in a still; the estimate of the pose from a single still has found that already."""
-    began_s = time.perf_counter()
-    detection = pose.still if pose and pose.still else detect_still(image, camera)
-    return DetectedStill(path, image, detection, pose, 1e3 * (time.perf_counter() - began_s))
+        image, began_s = read_image(path), time.perf_counter()
+        # The estimate of the pose from a single still has found the lane already.
+        detection = pose.still if pose and pose.still else detect_still(image, camera)
+        yield DetectedStill(path, image, detection, pose, 1e3 * (time.perf_counter() - began_s))

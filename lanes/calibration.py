@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from lanes.camera import MAX_ASPECT_DIFFERENCE, CalibrationReport, Camera, resize_points
-from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, PANEL_COLOUR, WINDOW_COLOUR, Colour, write_text
+from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, PANEL_COLOUR, WINDOW_COLOUR, Colour, put_text
 from lanes.chessboard import Board, draw_board, find_board
 from lanes.errors import CameraError, PictureError
 from lanes.images import list_pictures, opencv_threads, read_image
@@ -333,5 +333,5 @@ def _draw_tile(image: np.ndarray, label: list[str], colour: Colour) -> np.ndarra
     tile = np.full((TILE_PX[1] + LABEL_PX, TILE_PX[0], 3), PANEL_COLOUR, np.uint8)
     left = (TILE_PX[0] - image.shape[1]) // 2
     tile[LABEL_PX : LABEL_PX + image.shape[0], left : left + image.shape[1]] = image
-    tile[:LABEL_PX] = write_text(tile[:LABEL_PX], label, size_px=13, panel_alpha=0)
+    put_text(tile[:LABEL_PX], label, size_px=13, panel_alpha=0)
     return cv2.copyMakeBorder(tile, 6, 6, 6, 6, cv2.BORDER_CONSTANT, value=colour)

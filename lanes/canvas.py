@@ -1,15 +1,14 @@
 """Lines, areas and text on RGB images.
 
 Points are (column u, row v) in pixels, floats, shape (N, 2), pixel centres at integers, accurate to 1/16 px.
-`draw_polyline`, `blend_polygon` and `put_text` draw in place, the other functions on a copy; those raise PictureError
-if the image is not RGB (height, width, 3), uint8, and leave out points with NaN.
+`draw_polyline`, `blend_polygon` and `put_text` draw in place. `draw_mosaic` and `to_rgb` return a new image; they raise
+PictureError if the image is not RGB (height, width, 3), uint8.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cache, lru_cache
-from typing import Any
 
 import cv2
 import numpy as np
@@ -27,7 +26,6 @@ WINDOW_COLOUR: Colour = (255, 210, 0)
 TEXT_COLOUR: Colour = (255, 255, 255)
 PANEL_COLOUR: Colour = (16, 18, 22)
 
-CORNERS = ("top left", "top right", "bottom left", "bottom right")
 # On OpenCV's scale, where 400 is regular and 600 semi-bold.
 FONT_WEIGHT = 500
 # Fractional bits of OpenCV's drawing coordinates: 1/16 px is finer than anti-aliasing shows.
@@ -69,64 +67,22 @@ def put_text(
     image: np.ndarray,
     lines: str | Sequence[str],
     *,
-    corner: str = "top left",
     size_px: int | None = None,
     panel_alpha: float = 0.6,
 ) -> None:
-    """Write lines of white text into a corner, on a dark panel that keeps them readable on any background.
+    """Write lines of white text at the top left, on a dark panel that keeps them readable on any background.
 
-    Latin, Greek and Cyrillic letters and signs such as ° and ± are supported.
-
-    Parameters
-    ----------
-    corner : str
-        One of `CORNERS`; any other raises ValueError.
-    size_px : int, optional
-        Font size, by default 1/24 of the image's height. Reduced if the text would not fit.
-    panel_alpha : float
-        Opacity of the panel, 0 to 1.
+    Latin, Greek and Cyrillic letters and signs such as ° and ± are supported. The font size is 1/24 of the image's
+    height by default, and smaller if the text would not fit. `panel_alpha` is the opacity of the panel, 0 to 1.
     """
-    if corner not in CORNERS:
-        raise ValueError(f"corner must be one of {', '.join(CORNERS)}; got {corner!r}.")
     lines = [lines] if isinstance(lines, str) else list(lines)
     if not lines:
         return
     height, width = image.shape[:2]
     size, box_width, box_height = _fit_text(lines, size_px or round(height / 24), width, height)
-    left = 0 if "left" in corner else width - box_width
-    top = 0 if "top" in corner else height - box_height
-    _darken(image[top : top + box_height, left : left + box_width], panel_alpha)
-    left, top = left + _margin(size), top + _margin(size) // 2
+    _darken(image[:box_height, :box_width], panel_alpha)
     for number, line in enumerate(lines):
-        _put_line(image, line, left, top + number * _line_height(size), size)
-
-
-def fill_lane(
-    image: np.ndarray, left_px: np.ndarray, right_px: np.ndarray, *, colour: Colour = LANE_COLOUR, alpha: float = 0.3
-) -> np.ndarray:
-    """A copy of the image with the area between two lines tinted with opacity `alpha`, 0 to 1.
-
-    The lines (N, 2) and (M, 2) both run from far to near or both from near to far; with fewer than two points in one of
-    them nothing is drawn.
-    """
-    drawn, left, right = require_rgb(image).copy(), finite_points(left_px), finite_points(right_px)
-    if len(left) >= 2 and len(right) >= 2:
-        blend_polygon(drawn, np.vstack([left, right[::-1]]), colour, alpha)
-    return drawn
-
-
-def draw_line(image: np.ndarray, points_px: np.ndarray, *, colour: Colour, width_px: float = 4.0) -> np.ndarray:
-    """A copy of the image with a polyline through points (N, 2); fewer than two points draw nothing."""
-    drawn = require_rgb(image).copy()
-    draw_polyline(drawn, finite_points(points_px), colour, width_px)
-    return drawn
-
-
-def write_text(image: np.ndarray, lines: str | Sequence[str], **options: Any) -> np.ndarray:
-    """A copy of the image with lines of text; options and exceptions as for `put_text`."""
-    drawn = require_rgb(image).copy()
-    put_text(drawn, lines, **options)
-    return drawn
+        _put_line(image, line, _margin(size), _margin(size) // 2 + number * _line_height(size), size)
 
 
 def draw_mosaic(image: np.ndarray, thumbnails: Mapping[str, np.ndarray], *, lines: Sequence[str] = ()) -> np.ndarray:

@@ -118,7 +118,6 @@ class Pose:
 
     @staticmethod
     def run(options: argparse.Namespace) -> int:
-        require_part(options)
         require_no_input_among([options.output], options.files)
         estimate = estimate_pose(
             options.files,
@@ -183,7 +182,6 @@ class Annotate:
     @staticmethod
     def run(options: argparse.Namespace) -> int:
         """Annotate all sources. A failed source does not stop the others; errors are printed at the end."""
-        require_part(options)
         sources = find_sources(options.files)
         settings = read_settings(options, sources)
         failures: list[Exception] = []
@@ -378,17 +376,11 @@ def add_lens(parser: argparse._ActionsContainer, *, each: bool = False) -> None:
 
 
 def add_part(parser: argparse.ArgumentParser) -> None:
-    """Add the options for a part of the videos; `require_part` checks them."""
+    """Add the options for a part of the videos; `read_settings` checks them."""
     parser.add_argument(
         "--start", type=bounded_float(0), default=0.0, metavar="S", help="start at this second of each video"
     )
     parser.add_argument("--end", type=bounded_float(0), metavar="S", help="stop at this second of each video")
-
-
-def require_part(options: argparse.Namespace) -> None:
-    """Raise ValueError if --end is not after --start."""
-    if options.end is not None and options.end <= options.start:
-        raise ValueError(f"--end {options.end:g} is not after --start {options.start:g}; give a later end.")
 
 
 def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None:
@@ -421,6 +413,8 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
         field = find_field_of_view([] if each else [*sources.stills, *sources.videos])
         if not each or sources.videos or any(find_field_of_view([still]).assumed for still in sources.stills):
             print(f"{'warning: ' if field.assumed else ''}{field.describe()}", file=sys.stderr)
+    if "end" in options and options.end is not None and options.end <= options.start:
+        raise ValueError(f"--end {options.end:g} is not after --start {options.start:g}; give a later end.")
     names = {"start": "start_s", "end": "end_s", "style": "style", "report": "report"}
     more = {field: getattr(options, name) for name, field in names.items() if name in options}
     return DriveSettings(output=options.output, camera=camera, field=field, each=each, progress=not quiet, **more)

@@ -56,7 +56,7 @@ def detect_in_sequence(
 def detect_in_stills(
     stills: Sequence[Path], settings: DriveSettings, rows: Sequence[int], failures: list[LaneError]
 ) -> Iterator[dict]:
-    """Find the lane in each still independently, otherwise as `detect_in_video`; `failures` are those of `annotate`."""
+    """Find the lane in each still independently, as `detect_in_video`; errors of unusable stills go to `failures`."""
     said = None
     for still in detect_stills(stills, settings, failures):
         if settings.each and still.pose:

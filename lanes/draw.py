@@ -15,10 +15,8 @@ from lanes.canvas import (
     RIGHT_COLOUR,
     UNLIKELY_COLOUR,
     blend_polygon,
-    draw_line,
     draw_polyline,
     put_text,
-    write_text,
 )
 from lanes.describe import describe_bend, describe_offset, describe_std
 from lanes.detect.birdseye import BirdsEyeView
@@ -157,22 +155,21 @@ def _arrange_mosaic(main: np.ndarray, panels: Mapping[str, np.ndarray], lines: S
     mosaic[: 2 * third, :split] = cv2.resize(main, (split, 2 * third), interpolation=cv2.INTER_AREA)
     for number, (title, picture) in enumerate(panels.items()):
         panel = cv2.resize(picture, (width - split - 2, third - 2), interpolation=cv2.INTER_LINEAR)
-        panel = write_text(panel, title, size_px=third // 14)
+        put_text(panel, title, size_px=third // 14)
         mosaic[number * third : (number + 1) * third - 2, split + 2 :] = panel
-    text = mosaic[2 * third :, :split]
-    text[:] = write_text(text, lines, size_px=third // 10, panel_alpha=0)
+    put_text(mosaic[2 * third :, :split], lines, size_px=third // 10, panel_alpha=0)
     return mosaic
 
 
 def _draw_fit(image: np.ndarray, lane: Lane | None, view: BirdsEyeView) -> np.ndarray:
-    """The bird's-eye view with the lines, each drawn up to its reach."""
+    """The bird's-eye view, on which the lines are drawn, each up to its reach."""
     if lane is None:
         return image
     lines_y_m = lines_on_view(lane.model[None], view.x_m, view.height_m)[0]
     for line, y_m, colour in zip(lane.lines, lines_y_m, (LEFT_COLOUR, RIGHT_COLOUR), strict=True):
         rows = np.flatnonzero(view.x_m <= max(line.reach_m, view.near_m))
         columns = (view.y_m[0] - y_m[rows]) / view.cell_m
-        image = draw_line(image, np.column_stack([columns, rows]), colour=colour, width_px=3)
+        draw_polyline(image, np.column_stack([columns, rows]), colour, 3)
     return image
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from classic import threshold
+from classic.overlay import draw_lane_between
 from lanes import canvas, images
 from lanes.camera import undistort
 from lanes.chessboard import Board, draw_board, find_board
@@ -221,9 +222,7 @@ TAKE_IMAGES = {
     "write_image": written,
     "VideoWriter": encoded,
     "VideoWriter, BT.709": lambda image, folder: encoded(image, folder, 1),
-    "draw_line": lambda image, _: canvas.draw_line(image, LINE_PX, colour=canvas.LEFT_COLOUR),
-    "fill_lane": lambda image, _: canvas.fill_lane(image, LINE_PX, LINE_PX + 50),
-    "write_text": lambda image, _: canvas.write_text(image, "R 640 m"),
+    "draw_lane_between": lambda image, _: draw_lane_between(image, LINE_PX, LINE_PX + 50),
     "draw_mosaic": lambda image, _: canvas.draw_mosaic(image, {"warp": image}),
     "undistort": lambda image, _: undistort(image, SMALL),
     "find_board": lambda image, _: np.array(find_board(image) is None),

@@ -19,7 +19,7 @@ from classic.overlay import (
 )
 from classic.recipe import get_recipe
 from lanes.camera import Camera
-from lanes.canvas import LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR, fill_lane
+from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR
 from lanes.errors import PictureError
 from tests.support.drawing import assert_draws_on_a_copy, gray_picture
 from tests.support.painted_roads import LANE_WIDTH_M, LaneRoad, paint_lane
@@ -127,14 +127,18 @@ def test_left_is_red_and_right_is_blue_and_the_area_between_is_filled(gray):
     drawn = draw_lane_between(gray, LEFT, RIGHT, line_width_px=4)
     np.testing.assert_array_equal(drawn[50, 40], LEFT_COLOUR)
     np.testing.assert_array_equal(drawn[50, 120], RIGHT_COLOUR)
-    np.testing.assert_array_equal(draw_lane_between(gray, LEFT, RIGHT, line_width_px=0), fill_lane(gray, LEFT, RIGHT))
+    gap = np.insert(LEFT, 1, [np.nan, 50], axis=0)
+    filled = draw_lane_between(gray, gap, RIGHT, line_width_px=0)
+    np.testing.assert_array_equal(filled, draw_lane_between(gray, LEFT, RIGHT, line_width_px=0))
+    np.testing.assert_allclose(filled[50, 80], 70 + 0.3 * np.array(LANE_COLOUR), atol=1)
 
 
 def test_one_line_or_none(gray):
     drawn = draw_lane_between(gray, None, RIGHT, line_width_px=4)
     np.testing.assert_array_equal(drawn[50, 120], RIGHT_COLOUR)
     np.testing.assert_array_equal(drawn[:, :90], gray[:, :90])
-    np.testing.assert_array_equal(draw_lane_between(gray, None, None), gray)
+    for nothing in (None, np.empty((0, 2)), np.full((5, 2), np.nan), LEFT[:1]):
+        np.testing.assert_array_equal(draw_lane_between(gray, nothing, None), gray)
 
 
 def test_an_image_of_another_size_is_refused(gray):
