@@ -76,10 +76,7 @@ class DriveSettings:
 
     def describe_lens(self, file: Path) -> str:
         """Words such as "; field of view 62.6 deg, as a.jpg says (EXIF)"; empty if the camera is given."""
-        if self.camera is not None:
-            return ""
-        field = self.field_of(file)
-        return f"; field of view {field.hfov_deg:.1f} deg, {'assumed' if field.assumed else field.source}"
+        return "" if self.camera else f"; {self.field_of(file).words}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,12 +194,8 @@ def track(
         With its pose, and of the size of the video.
     speed_mps : float, optional
         Speed of the car; estimated if not given.
-    start_s, end_s : float
-        Part of the video, in seconds since its first frame; None reads to the end.
-    progress : bool
-        Show a progress bar if stderr is a terminal or a notebook.
-    info : VideoInfo, optional
-        Result of `inspect_video(path)`, if known; otherwise the file is read twice.
+    start_s, end_s, progress, info
+        As for `process_video`.
 
     Raises
     ------
@@ -304,8 +297,7 @@ def _describe_settings(
 ) -> dict[str, str]:
     """The settings and versions that a drive was annotated with, as texts by name, for the report."""
     if settings.camera is None:
-        field = settings.field_of(video)
-        lens = f"field of view {field.hfov_deg:.3g}°, {field.source}, not calibrated"
+        lens = f"{settings.field_of(video).words}, not calibrated"
     elif camera.report is None:
         lens = "from the camera file"
     else:
@@ -337,8 +329,7 @@ def output_path(video: Path, folder: Path) -> Path:
 def annotate_stills(stills: Sequence[Path], settings: DriveSettings) -> Annotation:
     """Find the lane in each still independently; write annotated pictures of the same names and `pictures.csv`.
 
-    With `settings.each` every still has a camera pose of its own. Otherwise all are of one camera. A still that cannot
-    be used is skipped; see `Annotation.failures`. Errors are those of `annotate`.
+    A still that cannot be used is skipped; see `Annotation.failures`. Errors are those of `annotate`.
     """
     require_distinct_outputs(stills, [settings.output / path.name for path in stills])
     outputs, lines = [], []

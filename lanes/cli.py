@@ -38,8 +38,9 @@ from lanes.video.reader import read_video
 
 class Calibrate:
     """Calibrate the lens from 10 to 20 pictures of a chessboard, and write a camera file. Tilt the board in
-    another direction for each picture, and cover all parts of the picture. A table lists for each picture
-    whether it was used, and its error. The sheet shows the corners found.
+    another direction for each picture, and cover all parts of the picture. The inner corners of the board,
+    columns x rows, are one less than its squares. A table lists for each picture whether it was used, and its
+    error. The sheet shows the corners found.
     """
 
     SUMMARY = "calibrate the lens from pictures of a chessboard"
@@ -53,11 +54,7 @@ class Calibrate:
             "pictures", nargs="+", type=Path, metavar="PICTURE", help="picture of a chessboard, or folder of pictures"
         )
         parser.add_argument(
-            "--pattern",
-            type=pattern,
-            default=(9, 6),
-            metavar="CxR",
-            help="inner corners of the board, columns x rows: one less than its squares (default: 9x6)",
+            "--pattern", type=pattern, default=(9, 6), metavar="CxR", help="inner corners of the board (default: 9x6)"
         )
         parser.add_argument(
             "--sheet", type=Path, metavar="FILE", help="also write a picture of all boards with their corners"
@@ -80,7 +77,8 @@ class Calibrate:
 class Pose:
     """Estimate the camera pose (height, pitch, yaw and roll) from stills or videos of one drive, and write
     it with the lens into a camera file. Use 20 or more pictures of a marked road by day. One picture is
-    enough, but gives larger standard deviations.
+    enough, but gives larger standard deviations. Heights are above the road. The default width of the
+    lanes is that of US Interstates.
     """
 
     SUMMARY = "estimate the camera pose (height, pitch, yaw, roll) from pictures of a drive"
@@ -98,21 +96,14 @@ class Pose:
             "--lane-width",
             type=bounded_float(2, 6),
             metavar="M",
-            help="true width of the lanes, metres (default: 3.66, US Interstates)",
+            help="true width of the lanes, metres (default: 3.66)",
         )
         parser.add_argument(
-            "--height",
-            type=bounded_float(0.5, 4.5),
-            metavar="M",
-            help="measured height of the camera above the road, metres",
+            "--height", type=bounded_float(0.5, 4.5), metavar="M", help="measured height of the camera, metres"
         )
         add_part(parser)
         parser.add_argument(
-            "--pictures",
-            type=bounded_int(1),
-            default=40,
-            metavar="N",
-            help="largest number of pictures to use (default: %(default)s)",
+            "--pictures", type=bounded_int(1), default=40, metavar="N", help="use at most N pictures (default: 40)"
         )
         add_output(parser, "camera.yaml", "camera file to write")
 
@@ -163,13 +154,8 @@ class Annotate:
         add_lens(parser, each=True)
         add_output(parser, "annotated", "output folder")
         add_part(parser)
-        parser.add_argument(
-            "--style",
-            choices=("lane", "lines", "mosaic"),
-            default="lane",
-            help="lane: filled lane; lines: the two lines only; mosaic: with intermediate results "
-            "(default: %(default)s)",
-        )
+        words = "lane: filled lane; lines: the two lines only; mosaic: with intermediate results (default: %(default)s)"
+        parser.add_argument("--style", choices=("lane", "lines", "mosaic"), default="lane", help=words)
         parser.add_argument("--no-report", dest="report", action="store_false", help="write no HTML report")
         parser.add_argument("--quiet", action="store_true", help="print errors only")
         many = parser.add_argument_group("many drives", "require Dask: pip install 'dask[distributed]' bokeh")
@@ -224,13 +210,8 @@ class Detect:
     def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="stills or videos of one camera")
         add_lens(parser, each=True)
-        parser.add_argument(
-            "--rows",
-            type=row_range,
-            default="420:701:10",
-            metavar="FROM:TO:STEP",
-            help="picture rows, TO excluded (default: %(default)s)",
-        )
+        words = "picture rows, TO excluded (default: %(default)s)"
+        parser.add_argument("--rows", type=row_range, default="420:701:10", metavar="FROM:TO:STEP", help=words)
         parser.add_argument("--sequence", action="store_true", help="the stills are consecutive frames in this order")
         parser.add_argument(
             "--fps", type=bounded_float(1), default=25.0, help="frames per second of --sequence (default: %(default)s)"
@@ -360,19 +341,10 @@ def add_lens(parser: argparse._ActionsContainer, *, each: bool = False) -> None:
         parser.add_argument("--each", action="store_true", help=words)
     lens = parser.add_mutually_exclusive_group()
     lens.add_argument("--camera", type=Path, metavar="YAML", help="camera file written by `calibrate` or `pose`")
-    lens.add_argument(
-        "--hfov",
-        type=bounded_float(10, 150),
-        metavar="DEG",
-        help="horizontal field of view of an uncalibrated lens, degrees (default: from the EXIF entries of the stills, "
-        "else 60)",
-    )
-    lens.add_argument(
-        "--boards",
-        type=Path,
-        metavar="FOLDER",
-        help="calibrate the lens from pictures of a chessboard with 9 x 6 inner corners",
-    )
+    words = "horizontal field of view of an uncalibrated lens, degrees (default: from the EXIF of the stills, else 60)"
+    lens.add_argument("--hfov", type=bounded_float(10, 150), metavar="DEG", help=words)
+    words = "calibrate the lens from pictures of a chessboard with 9 x 6 inner corners"
+    lens.add_argument("--boards", type=Path, metavar="FOLDER", help=words)
 
 
 def add_part(parser: argparse.ArgumentParser) -> None:

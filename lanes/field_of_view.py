@@ -35,15 +35,18 @@ class FieldOfView:
     source: str
     assumed: bool = False
 
+    @property
+    def words(self) -> str:
+        """Text such as "field of view 62.6 deg, as a.jpg says (EXIF)"."""
+        return f"field of view {self.hfov_deg:.1f} deg, {'assumed' if self.assumed else self.source}"
+
     def describe(self) -> str:
         """One sentence with value and source; for an assumed value also the effect of an error and what to do."""
-        text = f"field of view {self.hfov_deg:.1f} deg, {self.source}"
-        if not self.assumed:
-            return text
-        return (
-            f"{text}. Offset and lane width do not depend on it, but distances and curvature do: if the true value is "
-            "50 (70) deg, the curvature is 1.5 times too strong (too weak). Give --hfov or --boards."
+        effect = (
+            f", {self.source}. Offset and lane width do not depend on it, but distances and curvature do: if the true "
+            "value is 50 (70) deg, the curvature is 1.5 times too strong (too weak). Give --hfov or --boards."
         )
+        return f"{self.words}{effect if self.assumed else ''}"
 
 
 def find_field_of_view(files: Iterable[Path]) -> FieldOfView:
@@ -52,15 +55,11 @@ def find_field_of_view(files: Iterable[Path]) -> FieldOfView:
         hfov_deg = read_hfov(file) if Path(file).suffix.lower() in PICTURE_SUFFIXES else None
         if hfov_deg is not None:
             return FieldOfView(hfov_deg, f"as {Path(file).name} says (EXIF)")
-    return FieldOfView(DEFAULT_HFOV_DEG, "assumed, because neither the command nor the files name one", assumed=True)
+    return FieldOfView(DEFAULT_HFOV_DEG, "because neither the command nor the files name one", assumed=True)
 
 
 def read_hfov(still: str | Path) -> float | None:
-    """Horizontal field of view of a still in degrees from its EXIF entries, or None if they do not determine it.
-
-    First choice is the focal length in 35 mm film, which refers to the diagonal (CIPA DCG-001). Second choice is the
-    focal length in millimetres together with the resolution of the sensor.
-    """
+    """Horizontal field of view of a still in degrees from its EXIF entries, or None if they do not determine it."""
     # Imported here, because it is needed only for stills without other information about the lens.
     from PIL import ExifTags, Image
 
@@ -76,7 +75,9 @@ def read_hfov(still: str | Path) -> float | None:
 
 
 def _focal_length_px(entries: dict[str, Any], width: int, height: int) -> float:
-    """Focal length from EXIF entries by name; raises an error if it cannot be computed."""
+    """Focal length from EXIF entries by name: that in 35 mm film, which refers to the diagonal (CIPA DCG-001), or else
+    that in millimetres with the resolution of the sensor. Raises an error if it cannot be computed.
+    """
     if (focal_35mm := float(entries.get("FocalLengthIn35mmFilm", 0))) > 0:
         return focal_35mm / FILM_DIAGONAL_MM * float(np.hypot(width, height))
     unit_mm = RESOLUTION_UNIT_MM[int(entries.get("FocalPlaneResolutionUnit", 2))]

@@ -42,14 +42,8 @@ def require_file(
 ) -> Path:
     """The path, if it is a readable, ordinary file; a pipe would block the reader, a device would fill the memory.
 
-    `kind` is the expected content, for the error message: "picture", "video".
-
-    Raises
-    ------
-    FileNotFoundError
-        If the file does not exist.
-    error
-        If it is a folder, a pipe or a device, is not readable, is empty or larger than `max_bytes`.
+    `kind` is the expected content, for the error message: "picture", "video". Raises FileNotFoundError if the file does
+    not exist, otherwise `error`.
     """
     path = Path(path)
     try:
@@ -123,12 +117,7 @@ def atomic_write(path: Path) -> Iterator[Path]:
     """The name of a partial file to write to; it is renamed to `path` after the block, or removed if the block raises.
 
     Of two processes that write the same output, the last one to finish replaces the other's file. A link is replaced at
-    its target and stays a link.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written, or `path` is a folder, a pipe or a device; the folder is created where needed.
+    its target and stays a link. The folder is created where needed. Raises OSError if the file cannot be written.
     """
     with partial_file(path) as partial, translate_write_errors(path):
         yield partial
@@ -176,10 +165,7 @@ def remove_stale_partials(path: Path) -> None:
 def exclusive_writer(path: Path, *, wait: bool = False) -> Iterator[None]:
     """Exclusive writer lock, during the block, on all outputs with the folder and stem of `path`.
 
-    Raises
-    ------
-    OSError
-        If the folder cannot be written to, or if another process holds the lock; with `wait` it waits instead.
+    Raises OSError if the folder cannot be written to, or if another process holds the lock; with `wait` it waits.
     """
     lock_path = Path(os.path.realpath(path))
     lock_path = lock_path.with_name(f"{lock_path.stem}{PARTIAL}lock")
@@ -228,11 +214,7 @@ def _lock(path: Path, *, timeout_s: float = -1) -> FileLock:
 
 
 class TelemetryWriter:
-    """Writer of a CSV table, atomically, in a `with` block.
-
-    The rows are kept in memory and written at the end of the block. If the block raises, an earlier file of that name
-    is unchanged. The folder is created where needed.
-    """
+    """Writer of a CSV table: keeps the rows of a `with` block in memory, and writes them atomically at its end."""
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
@@ -257,10 +239,9 @@ class TelemetryWriter:
             writer.writerows(map(_field, row) for row in zip(*self._columns.values(), strict=True))
 
     def write(self, row: Mapping[str, object]) -> None:
-        """Append a row: column name to value.
+        """Append a row: column name to value. Missing values, None and NaN become empty fields, truth values 1 and 0.
 
-        The table has the columns of all rows, in order of first appearance. Missing values, None and NaN become empty
-        fields, truth values 1 and 0.
+        The table has the columns of all rows, in order of first appearance.
         """
         for name in row:
             self._columns.setdefault(name, [None] * self._rows)
@@ -270,13 +251,11 @@ class TelemetryWriter:
 
     def columns(self) -> dict[str, np.ndarray]:
         """One array (rows,) for each column, as `read_telemetry` returns them."""
-        texts = {name for name, values in self._columns.items() if any(isinstance(value, str) for value in values)}
-        return {
-            name: np.array(
-                [value or "" for value in values] if name in texts else values, str if name in texts else float
-            )
-            for name, values in self._columns.items()
-        }
+        table = {}
+        for name, values in self._columns.items():
+            is_text = any(isinstance(value, str) for value in values)
+            table[name] = np.array([value or "" for value in values]) if is_text else np.array(values, float)
+        return table
 
 
 def write_telemetry(path: str | Path, rows: Iterable[Mapping[str, object]]) -> Path:
@@ -290,12 +269,8 @@ def write_telemetry(path: str | Path, rows: Iterable[Mapping[str, object]]) -> P
 def read_telemetry(path: str | Path) -> dict[str, np.ndarray]:
     """Read a telemetry or truth CSV into one array (rows,) for each column.
 
-    Columns of numbers become float64 with NaN for empty fields, all others str.
-
-    Raises
-    ------
-    FileNotFoundError, ValueError
-        If the file does not exist, or is not a CSV table with a header, a column "frame" and rows of equal length.
+    Columns of numbers become float64 with NaN for empty fields, all others str. Raises FileNotFoundError, or ValueError
+    if the file is not a CSV table with a header, a column "frame" and rows of equal length.
     """
     text = read_text(path, "telemetry")
     try:

@@ -43,10 +43,7 @@ MAX_PICTURE_BYTES = 3 * MAX_PIXELS
 def require_rgb(image: np.ndarray, name: object = "image") -> np.ndarray:
     """The image, contiguous in memory as OpenCV and FFmpeg need it: a copy only of a view with other strides.
 
-    Raises
-    ------
-    PictureError
-        If it is not an array (height, width, 3), uint8, with at least one pixel; the message begins with `name`.
+    Raises PictureError if it is not an array (height, width, 3), uint8, with at least one pixel.
     """
     if not isinstance(image, np.ndarray) or image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
         got = f"shape {image.shape}, dtype {image.dtype}" if isinstance(image, np.ndarray) else type(image).__name__
@@ -69,13 +66,11 @@ def require_size(
     image = require_rgb(image, name)
     height, width = image.shape[:2]
     if (width, height) != size:
-        origin = "was calibrated for" if calibrated else "is that of pictures of"
-        remedy = (
-            "use a picture of that size, or ask for rescaling (rescale=True in undistort, or "
-            "camera.scaled) when it was only resized."
-            if calibrated
-            else "use pictures of one size, or annotate the pictures of several cameras with --each."
-        )
+        origin = "is that of pictures of"
+        remedy = "use pictures of one size, or annotate the pictures of several cameras with --each."
+        if calibrated:
+            origin = "was calibrated for"
+            remedy = "use a picture of that size, or rescale (rescale=True in undistort, camera.scaled) a resized one."
         raise PictureError(f"{name}: is {width}x{height} pixels, but the camera {origin} {size[0]}x{size[1]}; {remedy}")
     return image
 
@@ -83,14 +78,8 @@ def require_size(
 def read_image(path: str | Path) -> np.ndarray:
     """The RGB image (height, width, 3), uint8, of a JPEG, PNG, WebP, BMP or TIFF file.
 
-    Gray images are repeated over three channels; an alpha channel is dropped.
-
-    Raises
-    ------
-    FileNotFoundError
-        If the file does not exist.
-    PictureError
-        If the file is empty, truncated, damaged, too large, or of another format.
+    Gray images are repeated over three channels; an alpha channel is dropped. Raises FileNotFoundError, or PictureError
+    if the file is empty, truncated, damaged, too large, or of another format.
     """
     path = require_file(path, "picture", error=PictureError, max_bytes=MAX_PICTURE_BYTES)
     data = path.read_bytes()
@@ -108,14 +97,8 @@ def write_image(path: str | Path, image: np.ndarray, *, jpeg_quality: int = 92) 
     """Write an RGB image (height, width, 3), uint8, atomically in the format of its suffix; returns the path.
 
     The folder is created where needed. `jpeg_quality`, 1 to 100, is also that of WebP; 92 keeps edges clean at about a
-    fifth of the size of PNG.
-
-    Raises
-    ------
-    PictureError
-        If `image` is not an RGB image or the suffix is none of a format that `read_image` reads.
-    OSError
-        If the folder cannot be written to.
+    fifth of the size of PNG. Raises PictureError if `image` is not RGB or the suffix is none that `read_image` reads,
+    OSError if the file cannot be written.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -133,13 +116,7 @@ def write_image(path: str | Path, image: np.ndarray, *, jpeg_quality: int = 92) 
 
 
 def list_pictures(folder: str | Path) -> list[Path]:
-    """The picture files of a folder in natural order (board2 before board10).
-
-    Raises
-    ------
-    FileNotFoundError
-        If the folder does not exist or holds no picture.
-    """
+    """The picture files of a folder in natural order (board2 before board10); FileNotFoundError if there are none."""
     found = list_files(folder, PICTURE_SUFFIXES)
     if not found:
         raise FileNotFoundError(

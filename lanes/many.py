@@ -89,23 +89,10 @@ def annotate_many(
 ) -> tuple[list[FinishedDrive], list[Exception]]:
     """Annotate the videos that are not finished yet, and write a table of all, failed ones and the worst ones first.
 
-    Returns the finished drives, also those of earlier runs, and an error for each other drive.
-
-    Parameters
-    ----------
-    videos : sequence of Path
-        At least one, with distinct file names: the outputs are named after them.
-    workers : int, optional
-        Number of processes on this machine (default: one per core).
-    scheduler : str, optional
-        Address of a Dask scheduler, whose workers are used instead of processes on this machine.
-    log : callable
-        Called with a message for each event.
-
-    Raises
-    ------
-    OSError
-        If Dask is not installed, no scheduler answers (ClusterError), or the table cannot be written.
+    Returns the finished drives, also those of earlier runs, and an error for each other drive. The videos have distinct
+    file names: the outputs are named after them. `workers` is the number of processes on this machine (default: one per
+    core); those of the Dask scheduler with the address `scheduler` are used instead if it is given. `log` is called
+    with a message for each event. Raises OSError if Dask cannot be used or the table cannot be written.
     """
     settings = replace(settings, output=settings.output.absolute(), progress=False)
     finished: list[FinishedDrive] = []
@@ -203,17 +190,14 @@ def run_job(job: DriveJob) -> FinishedDrive | Exception:
         return finished
     worker, wanted = platform.node(), job.fingerprint["versions"]
     if other := ", ".join(f"{name} {found}" for name, found in all_versions().items() if found != wanted[name]):
-        return ValueError(
-            f"the worker on {worker} has {other}, so that its results would differ; install the same versions on all "
-            "machines."
-        )
+        remedy = "install the same versions on all machines"
+        return ValueError(f"the worker on {worker} has {other}, so that its results would differ; {remedy}.")
     remove_stale_partials(job.manifest)
     try:
         result = annotate_drive(job.video, job.settings)
     except FileNotFoundError as error:
-        return FileNotFoundError(
-            f"{error} (worker on {worker} in {os.getcwd()}; all workers must see the drives by the same path)"
-        )
+        where = f"worker on {worker} in {os.getcwd()}; all workers must see the drives by the same path"
+        return FileNotFoundError(f"{error} ({where})")
     except ValueError as error:
         return error
     time_s, length_s = result.telemetry["time_s"], float(frame_lengths_s(result.telemetry["time_s"]).sum())
@@ -243,10 +227,8 @@ def _outcome(job: DriveJob, future: Future) -> FinishedDrive | Exception:
         unseen = sorted(dict(outcome.outputs.items() - output_sizes(job).items()))
         if not unseen:
             return outcome
-        words = (
-            f"its worker wrote {', '.join(unseen)}, but not into {job.settings.output} as seen from here; use an "
-            "output folder on storage that all workers share."
-        )
+        words = f"its worker wrote {', '.join(unseen)}, but not into {job.settings.output} as seen from here; "
+        words += "use an output folder on storage that all workers share."
     elif isinstance(outcome, OSError | ValueError):
         if str(job.video) in str(outcome):
             return outcome

@@ -35,12 +35,7 @@ def find_sources(names: Iterable[str]) -> Sources:
     """The videos and stills that `names` stand for.
 
     Names are files, folders (the videos and stills in the folder itself, not in its subfolders), or patterns such as
-    ``drives/*.mp4``.
-
-    Raises
-    ------
-    FileNotFoundError
-        If a file or folder does not exist, a pattern matches nothing, or a folder holds no video and no still.
+    ``drives/*.mp4``. Raises FileNotFoundError for a name that stands for no file.
     """
     files = dict.fromkeys(path for name in names for path in _files(name))
     stills = tuple(path for path in files if path.suffix.lower() in PICTURE_SUFFIXES)
@@ -91,12 +86,8 @@ def sample_images(
     """Yield up to `max_images` RGB images (height, width, 3), uint8, evenly spaced over stills and videos.
 
     `require(image, file)` raises if an image cannot be used, as `Camera.require_size` does. `start_s` and `end_s` are
-    the part of each video to sample, seconds since the first frame. Videos in `infos` are not inspected again.
-
-    Raises
-    ------
-    FileNotFoundError, PictureError, VideoError
-        If a file cannot be read, `require` refuses an image, or a video ends before `start_s`.
+    the part of each video to sample, seconds since the first frame. Videos in `infos` are not inspected again. Raises
+    LaneError if a file cannot be read or a video ends before `start_s`.
     """
     candidates: list[tuple[Path, float | None]] = []
     for file in files:

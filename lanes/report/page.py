@@ -53,10 +53,9 @@ def write_report(
     settings: Mapping[str, str],
     max_embedded_bytes: int = MAX_EMBEDDED_BYTES,
 ) -> Path:
-    """Write the report of an annotated mp4 video into its folder; returns the `path`.
+    """Write the report of an annotated mp4 video with its telemetry into its folder; returns the `path`.
 
-    `telemetry` is that of the video, as returned by `read_telemetry`. `settings` are shown as a table. Raises OSError
-    if the video cannot be read or the report cannot be written.
+    `settings` are shown as a table.
     """
     video, script = Path(video), _asset("report.js")
     embedded = video.stat().st_size <= max_embedded_bytes

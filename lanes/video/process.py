@@ -73,12 +73,8 @@ def process_video(
 
     Raises
     ------
-    FileNotFoundError, VideoError
-        If `source` cannot be used, `function` does not return an RGB image, or frames are missing in the output.
-    PictureError
-        If `function` refuses a frame, for instance because its size differs from the camera's.
-    OSError
-        If `target` or `telemetry` cannot be written.
+    FileNotFoundError, LaneError, OSError
+        If `source` cannot be used, `function` refuses a frame or returns no RGB image, or an output cannot be written.
     """
     info = info or inspect_video(source)
     if Path(target).exists() and os.path.samefile(source, target):

@@ -37,6 +37,7 @@ SAME_RATE = 0.02
 UNSPECIFIED = 2
 # Matrices that FFmpeg converts from and to RGB: BT.709, FCC, BT.601 (twice), SMPTE 240M and BT.2020 (H.273, table 4).
 YUV_MATRICES = {1, 4, 5, 6, 7, 9}
+NOT_DECODED = "holds no frame that can be decoded; copy or export it again."
 
 
 @dataclass(frozen=True)
@@ -96,12 +97,7 @@ class TimedFrame:
 def inspect_video(path: str | Path) -> VideoInfo:
     """Properties of a video file, with the frames counted; reads the whole file but decodes one frame.
 
-    Raises
-    ------
-    FileNotFoundError
-        If the file does not exist.
-    VideoError
-        If it is empty, not a video (mp4, mov, avi, mkv, webm, ts and others), without frames, or cut off.
+    Raises FileNotFoundError, or VideoError if the file is empty, not a video, without frames, or cut off.
     """
     with open_video(path) as container:
         stream = container.streams.video[0]
@@ -116,7 +112,7 @@ def inspect_video(path: str | Path) -> VideoInfo:
                     stamps.append(packet.pts)
                 first = first or next(_decoded(packet), None)
         if first is None:
-            raise VideoError(f"{path}: holds no frame that can be decoded; copy or export it again.")
+            raise VideoError(f"{path}: {NOT_DECODED}")
         rate = frame_rate(stream, path)
         _refuse_cut_off(path, container, rate, stored, end_s)
         missing = max(0, stream.frames - stored) or _count_gaps(stamps, rate, stream)
@@ -143,14 +139,8 @@ def read_timed_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | 
     """Yield the frames with start_s <= time < end_s, seconds since the first frame, in order; None reads to the end.
 
     The images are rotated as the file's display matrix says, and the caller may write to them. Damaged frames are
-    skipped; if the frame rate is constant, their numbers are skipped too.
-
-    Raises
-    ------
-    FileNotFoundError
-        If the file does not exist.
-    VideoError
-        If it is not a video, its frame size changes, or it ends before `start_s`.
+    skipped; if the frame rate is constant, their numbers are skipped too. Raises FileNotFoundError, or VideoError if
+    the file is not a video, its frame size changes, or it ends before `start_s`.
     """
     if not 0 <= start_s < (math.inf if end_s is None else end_s):
         raise VideoError(f"{path}: cannot read from {start_s} s to {end_s} s; give 0 <= start_s < end_s.")
@@ -195,11 +185,9 @@ def open_video(path: str | Path) -> av.container.InputContainer:
             f"{path}: cannot be read as a video ({error.strerror}): it is not a video, a playlist, or cut off; copy it "
             "again, or convert it to mp4."
         ) from error
-    try:
-        _require_images(path, container)
-    except VideoError:
+    if fault := _describe_fault(container):
         container.close()
-        raise
+        raise VideoError(f"{path}: {fault}")
     container.streams.video[0].codec_context.options = {"max_pixels": str(MAX_PIXELS)}
     return container
 
@@ -235,19 +223,18 @@ def start_time(stream: av.VideoStream) -> Fraction:
     return stream.start_time * stream.time_base
 
 
-def _require_images(path: Path, container: av.container.InputContainer) -> None:
-    """Refuse a file without a video stream, without a decoder for it, or with too large frames."""
+def _describe_fault(container: av.container.InputContainer) -> str:
+    """What is wrong with a file without a video stream or a decoder for it, or with too large frames; else empty."""
     if not container.streams.video:
         kinds = " and ".join(sorted({stream.type for stream in container.streams})) or "none"
-        raise VideoError(f"{path}: holds no frame of a video (its streams: {kinds}); name a video file.")
+        return f"holds no frame of a video (its streams: {kinds}); name a video file."
     codec = container.streams.video[0].codec_context
     if codec is None:
-        raise VideoError(f"{path}: holds no frame that can be decoded; copy or export it again.")
+        return NOT_DECODED
     if codec.width * codec.height > MAX_PIXELS:
-        raise VideoError(
-            f"{path}: claims {codec.width}x{codec.height} pixels, more than the maximum of "
-            f"{MAX_PIXELS / 1e6:.0f} million; convert it to a smaller size."
-        )
+        most = f"more than the maximum of {MAX_PIXELS / 1e6:.0f} million"
+        return f"claims {codec.width}x{codec.height} pixels, {most}; convert it to a smaller size."
+    return ""
 
 
 def _decoded(packet: av.Packet) -> Iterator[Any]:
@@ -319,7 +306,7 @@ def _refuse_cut_off(
     frame_s = float(1 / rate)
     in_frames_s = float(start_time(stream)) + stream.frames * frame_s
     if announced_s - end_s > CUT_OFF_S or (stored < stream.frames and in_frames_s - end_s > 1.5 * frame_s):
-        announced_s = max(announced_s, in_frames_s)
+        length_s = max(announced_s, in_frames_s)
         raise VideoError(
-            f"{path}: is cut off after {end_s:.2f} of the {announced_s:.2f} s that it announces; copy it again."
+            f"{path}: is cut off after {end_s:.2f} of the {length_s:.2f} s that it announces; copy it again."
         )

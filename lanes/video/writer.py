@@ -46,9 +46,8 @@ class VideoWriter:
     """Writer of an mp4 file that browsers play: H.264, yuv420p, index at the start.
 
     Use it in a `with` block. The file is renamed to `path` at the end of the block, after its frames were counted. If
-    the block raises, the unfinished file is removed and an earlier file of that name is not changed.
-
-    `frames` counts the frames converted so far; after the block `written` has the properties of the finished file.
+    the block raises, the unfinished file is removed and an earlier file of that name is not changed. `frames` counts
+    the frames converted so far; after the block `written` has the properties of the finished file.
 
     Parameters
     ----------
@@ -66,12 +65,8 @@ class VideoWriter:
 
     Raises
     ------
-    VideoError
-        If the name does not end in .mp4, no frame was written, or the frames differ in size.
-    PictureError
-        If a frame is not an RGB image.
-    OSError
-        If the file cannot be written.
+    LaneError, OSError
+        If `path` is no .mp4, no frame was written, frames differ in size or are not RGB, or the file cannot be written.
     """
 
     def __init__(
@@ -132,10 +127,8 @@ class VideoWriter:
         if self._size is None:
             self._size, self._zero_s = (width, height), time_s
         if (width, height) != self._size:
-            raise VideoError(
-                f"{self.path}: frame {self.frames} is {width}x{height} pixels, the first one was "
-                f"{self._size[0]}x{self._size[1]}; all frames of a video must have one size."
-            )
+            words = f"is {width}x{height} pixels, the first one was {self._size[0]}x{self._size[1]}"
+            raise VideoError(f"{self.path}: frame {self.frames} {words}; all frames of a video must have one size.")
         if height % 2 or width % 2:
             image = np.pad(image, ((0, height % 2), (0, width % 2), (0, 0)), "edge")
         frame = self._to_yuv(image)
@@ -196,9 +189,8 @@ class VideoWriter:
             self._container.close()
         self.written = inspect_video(self._partial)
         if self.written.frames != self.frames:
-            raise VideoError(
-                f"{self.path}: only {self.written.frames} of {self.frames} frames are in the output file; try again."
-            )
+            found = f"only {self.written.frames} of {self.frames} frames are in the output file"
+            raise VideoError(f"{self.path}: {found}; try again.")
 
     @contextmanager
     def _ffmpeg_errors(self) -> Iterator[None]:
