@@ -37,8 +37,6 @@ class FitSettings:
     )
     # Start hypotheses that are fitted to all stripes.
     finalists: int = 3
-    # Steps near a prediction.
-    near: Schedule = ((70.0, 1.5), (70.0, 1.0))
     # Variance inflation of the tracker's fits: the errors of stripes in one frame are correlated (same paint and lens).
     variance_inflation: float = 4.0
     # A stripe belongs to a line if its weight is larger than this.
