@@ -311,8 +311,10 @@ def inflate(state: State, settings: FilterSettings = FILTER) -> State:
     """The same mean with extra variance for abrupt changes of vertical curvature, rate steps and pitch."""
     covariance = state.covariance.copy()
     diagonal = covariance.reshape(-1)[:: STATES + 1]
-    for parameters, std in zip((VERTICAL_CURVATURE, RATE_STEPS, PITCH), settings.inflated_std, strict=True):
-        diagonal[parameters] += std**2
+    vertical, rate_step, pitch = np.square(settings.inflated_std).tolist()
+    diagonal[VERTICAL_CURVATURE] += vertical
+    diagonal[RATE_STEPS] += rate_step
+    diagonal[PITCH] += pitch
     return State(state.mean, covariance)
 
 
