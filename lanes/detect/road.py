@@ -158,9 +158,7 @@ def _bends(lanes: np.ndarray, gradients: np.ndarray) -> tuple[np.ndarray, np.nda
     """Direction, curvature and tangent (..., N) of lanes (..., 15), from `bend_gradients` (2, 6, N)."""
     bend = lanes[..., BEND]
     direction, curvature = bend @ gradients[0], bend @ gradients[1]
-    tangent = np.empty(direction.shape, complex)
-    tangent.real, tangent.imag = np.cos(direction), np.sin(direction)
-    return direction, curvature, tangent
+    return direction, curvature, np.cos(direction) + 1j * np.sin(direction)
 
 
 def _chords(length_m, before, after, turn_difference) -> np.ndarray:
