@@ -35,6 +35,8 @@ NEAREST_M = 6.0
 SHARES = np.linspace(0, 1, 20)
 # Line width is the image's width divided by this; a line that is not seen itself is drawn thin.
 SEEN_PX, INFERRED_PX = 128, 320
+# Half width of the views of the road in the mosaic.
+MOSAIC_HALF_WIDTH_M = 5.0
 Row = dict[str, str | float | None]
 STYLES = ("lane", "lines", "mosaic")
 
@@ -131,7 +133,7 @@ def _mosaic(
         evidence = extract_evidence(view.warp(image), view)
     view = evidence.view
     # the tracker uses views of several widths: all are shown with the same one
-    shown = np.abs(view.y_m) <= 5.0
+    shown = np.abs(view.y_m) <= MOSAIC_HALF_WIDTH_M
     birdseye = view.blacken(evidence.view_image)
     # paint in good condition has four times the smallest strength of a stripe
     strength = cv2.convertScaleAbs(evidence.response.strength, alpha=255 / (4 * PAINT.min_strength))

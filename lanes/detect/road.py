@@ -359,22 +359,18 @@ class RoadPrior:
         return std
 
 
-def parameter_vector(
-    *,
-    centre: float = 0.0,
-    width: float = 0.0,
-    heading: float = 0.0,
-    curvature: float = 0.0,
-    rate: float = 0.0,
-    pitch: float = 0.0,
-    vertical: float | Sequence[float] = 0.0,
-    rate_steps: float | Sequence[float] = 0.0,
-    adjacent: float | Sequence[float] = 0.0,
-) -> np.ndarray:
-    """(15,) numbers, one for each lane parameter; the last three take one number for all of theirs, or one for each."""
-    vector = np.empty(PARAMETERS)
-    vector[: VERTICAL_CURVATURE.start] = centre, width, heading, curvature, rate, pitch
-    vector[VERTICAL_CURVATURE], vector[RATE_STEPS], vector[ADJACENT] = vertical, rate_steps, adjacent
+# Names of the parameters, for `parameter_vector`.
+NAMES: dict[str, int | slice] = {
+    **dict(centre=CENTRE, width=WIDTH, heading=HEADING, curvature=CURVATURE, rate=RATE, pitch=PITCH),
+    **dict(vertical=VERTICAL_CURVATURE, rate_steps=RATE_STEPS, adjacent=ADJACENT),
+}
+
+
+def parameter_vector(**numbers: float | Sequence[float]) -> np.ndarray:
+    """(15,) lane parameters by name (`NAMES`), 0 if not given; the last three names take one number or one for each."""
+    vector = np.zeros(PARAMETERS)
+    for name, number in numbers.items():
+        vector[NAMES[name]] = number
     return vector
 
 

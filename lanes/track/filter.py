@@ -52,9 +52,6 @@ LANE, CAR = slice(0, PARAMETERS), slice(PARAMETERS, STATES)
 RATE_CHAIN = np.array([RATE, *range(PARAMETERS)[RATE_STEPS]])
 KNOT_GAPS_M = np.diff(KNOTS_M, prepend=0.0)
 VERTICAL_KNOT_GAPS_M = np.diff(VERTICAL_KNOTS_M)
-
-
-MeanStd = tuple[float, float]
 # A standard deviation on straight roads, and its growth with the road's curvature, 1/m.
 BaseShare = tuple[float, float]
 
@@ -69,7 +66,7 @@ class FilterSettings:
 
     # Speed where it is not given: mean, standard deviation; the maximum; standard deviation of a given speed (clock,
     # speedometer).
-    usual_speed_mps: MeanStd = (24.0, 8.0)
+    usual_speed_mps: tuple[float, float] = (24.0, 8.0)
     max_speed_mps: float = 70.0
     given_speed_std_mps: float = 0.5
     # Lateral acceleration that drivers accept in bends, and that tyres hold, m/s^2.
