@@ -31,12 +31,11 @@ NEAREST_M = 6.0
 # Points of the outlines, at distances that form a geometric series, because distant bends look sharpest in the image:
 # 20 points deviate by less than 0.4 px from bends of 150 m radius over 60 m, half as much as 32 in even image rows.
 SHARES = np.linspace(0, 1, 20)
-ALPHA = 0.3
 # Line width is the image's width divided by this; a line that is not seen itself is drawn thin.
 SEEN_PX, INFERRED_PX = 128, 320
-# Marking response that the mosaic draws white: paint in good condition reaches it. Half width of its views of the road.
-WHITE_STRENGTH = 4 * PAINT.min_strength
+# Half width of the views of the road in the mosaic.
 MOSAIC_HALF_WIDTH_M = 5.0
+Row = dict[str, str | float | None]
 STYLES = ("lane", "lines", "mosaic")
 
 
@@ -79,7 +78,7 @@ def draw_lane(
         left, right = outlines
         if style != "lines" and len(left) and len(right):
             colour = LANE_COLOUR if lane.confidence >= LIKELY_CONFIDENCE else UNLIKELY_COLOUR
-            blend_polygon(drawn, np.vstack([left, right[::-1]]), colour, ALPHA, edge=cv2.LINE_8)
+            blend_polygon(drawn, np.vstack([left, right[::-1]]), colour, 0.3, edge=cv2.LINE_8)
         for points, line, colour in zip(outlines, lane.lines, (LEFT_COLOUR, RIGHT_COLOUR), strict=True):
             draw_polyline(drawn, points, colour, camera.width / (SEEN_PX if line.seen else INFERRED_PX))
     put_text(drawn, describe_lane(lane))
@@ -98,27 +97,23 @@ def describe_lane(lane: Lane | None) -> list[str]:
     if lane is None:
         return ["lane lost"]
     unlikely = " (unlikely)" if lane.confidence < LIKELY_CONFIDENCE else ""
-    types = [line.describe_type() or "unknown" for line in lane.lines]
     lines = [
         describe_bend(lane.curvature_per_m),
         describe_offset(lane.offset_m, lane.offset_std_m),
-        " | ".join(types),
+        " | ".join(line.describe_type() or "unknown" for line in lane.lines),
         f"{lane.state}, confidence {lane.confidence:.2f}{unlikely}",
+        lane.departure.describe() if lane.departure else None,
     ]
-    warning = lane.departure.describe() if lane.departure else None
-    return lines + [warning] if warning else lines
+    return [words for words in lines if words]
 
 
-def track_lane(
-    tracker: LaneTracker, camera: Camera, *, style: str = "lane"
-) -> Callable[..., tuple[np.ndarray, dict[str, str | float | None]]]:
+def track_lane(tracker: LaneTracker, camera: Camera, *, style: str = "lane") -> Callable[..., tuple[np.ndarray, Row]]:
     """A function for `process_video` that tracks the lane, draws on each frame and returns it with its telemetry.
 
     The function is called as process(frame, elapsed_s=None), with the frames in order; it draws on the frame itself.
-    `elapsed_s` is the time since the previous frame; None means 1 / fps.
     """
 
-    def process(frame: np.ndarray, elapsed_s: float | None = None) -> tuple[np.ndarray, dict[str, str | float | None]]:
+    def process(frame: np.ndarray, elapsed_s: float | None = None) -> tuple[np.ndarray, Row]:
         lane = tracker.update(frame, elapsed_s=elapsed_s)
         onto = None if style == "mosaic" else frame
         drawn = draw_lane(frame, lane, camera, style=style, evidence=tracker.evidence, onto=onto)
@@ -138,7 +133,8 @@ def _mosaic(
     # the tracker uses views of several widths: all are shown with the same one
     shown = np.abs(view.y_m) <= MOSAIC_HALF_WIDTH_M
     birdseye = view.blacken(evidence.view_image)
-    strength = cv2.convertScaleAbs(evidence.response.strength, alpha=255 / WHITE_STRENGTH)
+    # paint in good condition has four times the smallest strength of a stripe
+    strength = cv2.convertScaleAbs(evidence.response.strength, alpha=255 / (4 * PAINT.min_strength))
     panels = {
         "bird's-eye view": birdseye[:, shown],
         "marking response": cv2.cvtColor(strength, cv2.COLOR_GRAY2RGB)[:, shown],

@@ -27,6 +27,7 @@ from benchmark.scores import score
 from benchmark.systems import TRACKER
 from lanes.console import bounded_int, progress_line
 from lanes.detect.fit import FIT
+from lanes.track.filter import FILTER
 from lanes.track.tracker import TrackerSettings
 from simulator.processes import run_all
 from simulator.rendering.video import VIDEO_FPS
@@ -58,6 +59,9 @@ NONE, NEVER = 1e-9, float("inf")
 # Mean, standard deviation and limit of a parameter of the road that stays 0.
 STAYS_0 = (0.0, NONE, NONE)
 PRIOR = "detector.fit.prior"
+INFLATED = FILTER.inflated_std
+# Pairs of a standard deviation on straight roads and its growth.
+GROWING = ("path_per_m_per_s", "rate_per_m2_per_m", "rate_step_per_m2_per_m", "vertical_per_m")
 ALL_ON = Mechanism("all on", "the tracker as it is")
 MECHANISMS = (
     Mechanism("double lines", "second width of the band filter", {"detector.paint.double_m": 0.15}),
@@ -66,7 +70,7 @@ MECHANISMS = (
     Mechanism("five starts", "five start hypotheses, not one", {"detector.votes.lanes": 1}),
     Mechanism("undulation fit", "a search also fits a road that undulates", {"detector.fit.undulation_gain": NEVER}),
     Mechanism("small steps", "small steps of fits outwards", {"detector.fit.outwards": FIT.extend}),
-    Mechanism("bend limit", "a radius of 15 m at least, far ahead", {"detector.fit.max_bend_per_m": NEVER}),
+    Mechanism("bend limit", "a radius of 15 m at least, far ahead", {"detector.fit.max_bend_per_m": (NEVER, 1.0)}),
     Mechanism("variance inflation", "stripes of a frame are correlated", {"detector.fit.variance_inflation": 1.0}),
     Mechanism("outward fits", "fits outwards after a poor fit", {"detector.fit.max_unexplained": NEVER}),
     Mechanism("inflated covariance", "a second, freer fit outwards", {"filter.inflated_gain": NEVER}),
@@ -74,15 +78,14 @@ MECHANISMS = (
         "rate steps",
         "three changes of the curvature rate",
         {f"{PRIOR}.rate_step_per_m2": STAYS_0, f"{PRIOR}.rate_step_share": 0.0}
-        | {"filter.rate_step_per_m2_per_m": NONE, "filter.rate_step_share": 0.0}
-        | {"filter.inflated_rate_step_per_m2": 0.0},
+        | {"filter.rate_step_per_m2_per_m": (NONE, 0.0), "filter.inflated_std": (INFLATED[0], 0.0, INFLATED[2])},
     ),
     Mechanism(
         "vertical profile",
         "four vertical curvatures: crests and dips",
         {f"{PRIOR}.vertical_per_m": STAYS_0, f"{PRIOR}.vertical_bend_share": 0.0, f"{PRIOR}.vertical_share": 0.0}
-        | {"filter.vertical_per_m": NONE, "filter.vertical_bend_share": 0.0, "filter.vertical_share": 0.0}
-        | {"filter.inflated_vertical_per_m": 0.0, "detector.fit.undulation_gain": NEVER},
+        | {"filter.vertical_per_m": (NONE, 0.0), "filter.vertical_share": 0.0}
+        | {"filter.inflated_std": (0.0, *INFLATED[1:]), "detector.fit.undulation_gain": NEVER},
     ),
     Mechanism(
         "shares of the prior",
@@ -94,8 +97,7 @@ MECHANISMS = (
     Mechanism(
         "shares of the noise",
         "process noise grows with the curvature",
-        {f"filter.{name}": 0.0 for name in ("path_share_per_s", "rate_square_share", "rate_step_share")}
-        | {f"filter.{name}": 0.0 for name in ("vertical_bend_share", "vertical_share")},
+        {f"filter.{name}": (getattr(FILTER, name)[0], 0.0) for name in GROWING} | {"filter.vertical_share": 0.0},
     ),
     Mechanism("periodic search", "searches while tracking", {"search_period_s": NEVER}),
 )

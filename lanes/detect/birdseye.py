@@ -23,8 +23,6 @@ from lanes.images import require_size
 
 # Enough for pictures of 4000 columns.
 REDUCTIONS = (1, 2, 4, 8, 16)
-# Position of cells that no pixel shows: far outside any picture, so that the remap returns its border value.
-OUTSIDE_PX = -99.0
 # (reduction, rows of the view, map, map fraction): the rows sampled at a reduction, and the pixels to sample.
 LookupTable = tuple[int, slice, np.ndarray, np.ndarray]
 
@@ -156,6 +154,11 @@ class BirdsEyeView:
 
     @cached_property
     def _lookup_tables(self) -> list[LookupTable]:
+        # cells outside the picture repeat the nearest cell of their row inside it
+        columns = self.shape[1]
+        first, last = self.seen.argmax(axis=1), columns - 1 - self.seen[:, ::-1].argmax(axis=1)
+        nearest = np.clip(np.arange(columns), first[:, None], last[:, None])
+        nearest_pixels = np.take_along_axis(self.pixels, nearest[..., None], axis=1)
         cell_px = self.cell_m * self.focal_px / self.x_m
         level = np.floor(np.log2(np.maximum(cell_px, 1))).astype(int)
         level = np.minimum(level, len(REDUCTIONS) - 1)
@@ -164,18 +167,11 @@ class BirdsEyeView:
             rows = np.flatnonzero(level == index)
             if len(rows):
                 part = slice(rows[0], rows[-1] + 1)
-                pixels = np.nan_to_num(self._nearest_pixels[part] - [0, self.first_row_px], nan=OUTSIDE_PX)
+                # far outside any picture, so that the remap returns its border value where the lens does not reach
+                pixels = np.nan_to_num(nearest_pixels[part] - [0, self.first_row_px], nan=-99.0)
                 # pixel centres lie at integers: the first reduced pixel is centred on (reduction - 1) / 2
                 position = (pixels - (reduction - 1) / 2) / reduction
                 # OpenCV's stubs do not say that the second map is optional
                 maps = cv2.convertMaps(position.astype(np.float32), None, cv2.CV_16SC2)  # type: ignore[call-overload]
                 tables.append((reduction, part, *maps))
         return tables
-
-    @cached_property
-    def _nearest_pixels(self) -> np.ndarray:
-        """As `pixels`; for a cell outside the picture, those of the nearest cell of its row inside it."""
-        columns = self.shape[1]
-        first, last = self.seen.argmax(axis=1), columns - 1 - self.seen[:, ::-1].argmax(axis=1)
-        nearest = np.clip(np.arange(columns), first[:, None], last[:, None])
-        return np.take_along_axis(self.pixels, nearest[..., None], axis=1)

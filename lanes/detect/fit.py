@@ -1,9 +1,9 @@
 """Robust fit of both lines of a lane to the stripes: the one estimator of a search and of the tracker.
 
 Iteratively reweighted least squares: each stripe belongs to the nearest line, with a weight that grows with its
-strength and falls with its distance and with the difference of the directions. A search begins near the car and extends
-outwards step by step, so that it stays on lines that bend. The prior is that of roads, or the tracker's prediction.
-Because of it one line or a few dashes are sufficient.
+strength and falls with its distance (Geman-McClure) and with the difference of the directions. A search begins near the
+car and extends outwards step by step, so that it stays on lines that bend. The prior is that of roads, or the tracker's
+prediction. Because of it one line or a few dashes are sufficient.
 """
 
 from __future__ import annotations
@@ -37,17 +37,13 @@ class FitSettings:
     )
     # Start hypotheses that are fitted to all stripes.
     finalists: int = 3
-    # Steps near a prediction.
-    near: Schedule = ((70.0, 1.5), (70.0, 1.0))
     # Variance inflation of the tracker's fits: the errors of stripes in one frame are correlated (same paint and lens).
     variance_inflation: float = 4.0
     # A stripe belongs to a line if its weight is larger than this.
     min_weight: float = 0.25
-    # Stripes nearer to a line than this, in distance and direction, and up to this distance ahead. If their weight
-    # exceeds that of all stripes that the fit explains by `max_unexplained`, the road may bend or undulate more.
-    nearby_m: float = 0.5
-    nearby_rad: float = 0.3
-    nearby_far_m: float = 45.0
+    # Stripes nearer to a line than this, in distance (m) and direction (rad), and up to this distance ahead. If their
+    # weight exceeds that of all stripes that the fit explains by `max_unexplained`, the road may bend or undulate more.
+    nearby: tuple[float, float, float] = (0.5, 0.3, 45.0)
     max_unexplained: float = 8.0
     # Vertical curvature added to the prior's standard deviation for roads that undulate, and the weight of stripes that
     # such a fit must gain.
@@ -56,9 +52,8 @@ class FitSettings:
     # Sharpest bend of most roads, a radius of 15 m, which few mountain roads have; its standard deviation; and the
     # distances at which it is the limit. A fit follows the rate at which a bend begins, but not far ahead: the end of
     # that transition is hidden, or too far away to be measured.
-    max_bend_per_m: float = 1 / 15
-    max_bend_std_per_m: float = 0.01
-    max_bend_at_m: tuple[float, ...] = (24.0, 40.0)
+    max_bend_per_m: tuple[float, float] = (1 / 15, 0.01)
+    max_bend_at_m: tuple[float, float] = (24.0, 40.0)
     # Support of a line is counted up to this distance, over at least this many rows: three rows are no reliable share.
     support_far_m: float = 50.0
     min_support_rows: int = 30
@@ -89,12 +84,6 @@ class Fit:
     view: BirdsEyeView
     settings: FitSettings
 
-    def only(self, index: int) -> Fit:
-        """The fit of one of the lanes, K = 1."""
-        lanes, information = self.lanes[[index]], self.information[[index]]
-        residuals = stripe_residuals(lanes, self.stripes, self.view.height_m)
-        return Fit(lanes, information, residuals, self.stripes, self.view, self.settings)
-
     @cached_property
     def covariance(self) -> np.ndarray:
         """(K, 15, 15) covariance of the parameters for the noise that the fit assumes."""
@@ -113,14 +102,15 @@ class Fit:
     @cached_property
     def unexplained(self) -> np.ndarray:
         """(K,) bool: many stripes near the lines are not explained, so the road may bend or undulate more."""
-        s = self.settings
-        nearby = self.residuals.near(s.nearby_m, s.nearby_rad) & (self.stripes.x_m < s.nearby_far_m)
-        return nearby @ self.stripes.weight - self.explained >= s.max_unexplained
+        distance_m, angle_rad, far_m = self.settings.nearby
+        nearby = (np.abs(self.residuals.residual_m) < distance_m) & (self.stripes.x_m < far_m)
+        nearby &= np.abs(self.residuals.angle_residual_rad) < angle_rad
+        return nearby @ self.stripes.weight - self.explained >= self.settings.max_unexplained
 
     @property
     def inlier_share(self) -> np.ndarray:
-        """(K,) share of the weight of all stripes up to `nearby_far_m` that the lines of the lanes explain."""
-        near = self.stripes.x_m < self.settings.nearby_far_m
+        """(K,) share of the weight of all stripes up to 45 m ahead that the lines of the lanes explain."""
+        near = self.stripes.x_m < self.settings.nearby[2]
         # one stripe more on either side: an image without stripes has no clutter
         return (1 + self.weight @ near) / (1 + float(self.stripes.weight @ near))
 
@@ -187,16 +177,16 @@ def fit_starts(
     """Fit start hypotheses (K, 15) to the near stripes, and the best of them to all: both fits, the second of one lane.
 
     The best lane has the largest sum of the square roots of its lines' supports; lanes that the car is not in come
-    last. If it leaves many stripes nearby unexplained, it is also fitted as a road that undulates; that fit is taken if
-    it explains more.
+    last. If it leaves many stripes nearby unexplained, it is also fitted as a road that undulates.
     """
     s = settings
     near = fit_lanes(starts, near_stripes(stripes, s), view, s, schedule=s.start)
     marked = np.sqrt((near.weight[:, None] * near.on_line).sum(-1)).sum(-1)
     order = np.lexsort((-marked, ~is_ego_lane(near.lanes)))[: s.finalists]
     fits = fit_lanes(near.lanes[order], stripes, view, s)
-    best = int(np.lexsort((-np.sqrt(fits.support).sum(1), ~is_ego_lane(fits.lanes)))[0])
-    fit = fits.only(best)
+    best = np.lexsort((-np.sqrt(fits.support).sum(1), ~is_ego_lane(fits.lanes)))[:1]
+    residuals = stripe_residuals(fits.lanes[best], stripes, view.height_m)
+    fit = Fit(fits.lanes[best], fits.information[best], residuals, stripes, view, s)
     if not fit.unexplained[0]:
         return near, fit
     hills = s.undulation_std_per_m
@@ -215,10 +205,7 @@ def fit_lanes(
     extra_vertical_per_m: float = 0.0,
     linear: bool = False,
 ) -> Fit:
-    """Refine lanes (K, 15) by iteratively reweighted least squares.
-
-    Each step weights a stripe by its strength, by its distance from the nearest line (Geman-McClure) and by the
-    difference of the directions, then solves the normal equations together with the prior.
+    """Refine lanes (K, 15): each step weights the stripes and solves the normal equations together with the prior.
 
     Parameters
     ----------
@@ -261,13 +248,12 @@ def limit_bends(lanes: np.ndarray, information: np.ndarray, settings: FitSetting
     Where a lane bends more than `max_bend_per_m`, that limit is a measurement of the curvature: the update of a Kalman
     filter moves the lane towards it, along the parameters that are least certain.
     """
-    most = settings.max_bend_per_m
+    most, std = settings.max_bend_per_m
     if np.abs(lanes @ settings.bends_ahead.T).max() <= most:
         return lanes
     for gradient in settings.bends_ahead:
         curvature = lanes @ gradient
         excess = curvature - np.clip(curvature, -most, most)
         spread = np.linalg.solve(information, gradient[:, None])[..., 0]
-        gain = spread / (spread @ gradient + settings.max_bend_std_per_m**2)[:, None]
-        lanes = lanes - gain * excess[:, None]
+        lanes = lanes - spread / (spread @ gradient + std**2)[:, None] * excess[:, None]
     return lanes

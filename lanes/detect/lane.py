@@ -43,19 +43,41 @@ OUTLINE_M = np.geomspace(3.0, 400.0, 120)
 
 @dataclass(frozen=True)
 class LineEvidence:
-    """What is seen of one line; the tracker carries the profile and the votes on from frame to frame."""
+    """What is seen of one line.
 
-    # Share of the line's visible rows, up to 50 m, that have markings on them: 0.3 is a good dashed line.
+    Attributes
+    ----------
+    support : float
+        Share of the line's visible rows, up to 50 m, that have markings on them: 0.3 is a good dashed line.
+    seen : bool
+        Whether the support is large enough; otherwise the line is inferred from other lines and the usual lane width.
+    reach_m : float
+        Distance of the farthest marking on it.
+    """
+
     support: float = 0.0
-    # Whether the support is large enough; otherwise the line is inferred from other lines and the usual lane width.
     seen: bool = False
-    # Distance of the farthest stripe on it.
     reach_m: float = 0.0
-    # Number of visible rows; None if not counted yet.
+    # Number of visible rows, None if not counted yet; latest cross-section; votes on the type. The tracker carries them
+    # on from frame to frame.
     rows: int | None = None
-    # Latest cross-section of the marking, and the votes on its type.
     profile: MarkingProfile | None = None
     votes: TypeVotes = TypeVotes()
+
+    @property
+    def kind(self) -> str | None:
+        """ "solid" or "dashed"; None if not seen well enough."""
+        return self.votes.kind
+
+    @property
+    def double(self) -> bool | None:
+        """Whether the line has two stripes side by side; None if not seen well enough."""
+        return self.votes.double
+
+    @property
+    def colour(self) -> str | None:
+        """ "white" or "yellow"; None if not seen well enough."""
+        return self.votes.colour
 
     @property
     def double_profile(self) -> MarkingProfile | None:
@@ -63,8 +85,8 @@ class LineEvidence:
         return self.profile if self.profile and self.profile.double and self.votes.double else None
 
 
-@dataclass(frozen=True, eq=False)
-class Line:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Line(LineEvidence):
     """One line of a lane: where it runs, how certain that is, and what is seen of it.
 
     Attributes
@@ -73,43 +95,11 @@ class Line:
         +1 for the left line, -1 for the right one.
     model, covariance : ndarray (15,), (15, 15)
         Those of the lane.
-    evidence : LineEvidence
     """
 
     side: float
     model: np.ndarray
     covariance: np.ndarray
-    evidence: LineEvidence
-
-    @property
-    def support(self) -> float:
-        """Share of the visible rows, up to 50 m, that have markings on them: 0.3 is a good dashed line."""
-        return self.evidence.support
-
-    @property
-    def seen(self) -> bool:
-        """False if the line is only inferred from other lines and the usual lane width."""
-        return self.evidence.seen
-
-    @property
-    def reach_m(self) -> float:
-        """Distance of the farthest marking on the line, metres."""
-        return self.evidence.reach_m
-
-    @property
-    def kind(self) -> str | None:
-        """ "solid" or "dashed"; None if not seen well enough."""
-        return self.evidence.votes.kind
-
-    @property
-    def double(self) -> bool | None:
-        """Whether the line has two stripes side by side; None if not seen well enough."""
-        return self.evidence.votes.double
-
-    @property
-    def colour(self) -> str | None:
-        """ "white" or "yellow"; None if not seen well enough."""
-        return self.evidence.votes.colour
 
     @cached_property
     def coefficients(self) -> tuple[float, float, float, float]:
@@ -121,7 +111,7 @@ class Line:
         """Lateral position beside the car, positive left."""
         return self.coefficients[0]
 
-    @cached_property
+    @property
     def offset_std_m(self) -> float:
         """Standard deviation of `offset_m`."""
         return float(lateral_std_m(self.covariance, 0.0)[0 if self.side > 0 else 1])
@@ -285,7 +275,10 @@ class Lane:
     @cached_property
     def lines(self) -> tuple[Line, Line]:
         """The left and the right line."""
-        left, right = (Line(side, self.model, self.covariance, e) for side, e in zip(SIDES, self.evidence, strict=True))
+        left, right = (
+            Line(side=side, model=self.model, covariance=self.covariance, **vars(evidence))
+            for side, evidence in zip(SIDES, self.evidence, strict=True)
+        )
         return left, right
 
     @property
@@ -309,10 +302,9 @@ class Lane:
     def columns(self, camera: Camera, rows: np.ndarray) -> np.ndarray:
         """Columns (2, rows) of the left and the right line at rows of the raw image; -2 where they do not pass."""
         columns = np.full((2, len(rows)), -2.0)
-        for k, line in enumerate(self.lines):
-            outline = line.pixels(camera)
-            if len(outline):
-                columns[k] = np.interp(rows, outline[::-1, 1], outline[::-1, 0], left=-2, right=-2)
+        for column, line in zip(columns, self.lines, strict=True):
+            if len(outline := line.pixels(camera)[::-1]):
+                column[:] = np.interp(rows, outline[:, 1], outline[:, 0], left=-2, right=-2)
         return np.where((columns >= 0) & (columns <= camera.width - 1), columns, -2.0)
 
     def summary(self) -> dict[str, str]:
@@ -345,19 +337,17 @@ class Lane:
 
 def telemetry_row(lane: Lane | None) -> dict[str, str | float | None]:
     """Telemetry of a frame, by column name; None where the lane is lost."""
-    row: dict[str, str | float | None] = {
-        "state": LOST if lane is None else lane.state,
-        "confidence": 0.0 if lane is None else lane.confidence,
-    }
+    row: dict[str, str | float | None] = {"state": lane.state if lane else LOST}
+    row["confidence"] = lane.confidence if lane else 0.0
     numbers = ("offset_m", "offset_std_m", "heading_rad", "curvature_per_m", "curvature_std_per_m")
     for name in (*numbers, "width_m", "pitch_rad", "camera_yaw_rad"):
-        row["lane_width_m" if name == "width_m" else name] = None if lane is None else getattr(lane, name)
-    for k, side in enumerate(("left", "right")):
-        line = None if lane is None else lane.lines[k]
+        row["lane_width_m" if name == "width_m" else name] = getattr(lane, name, None)
+    for side in ("left", "right"):
+        line = getattr(lane, side, None)
         for order, name in enumerate(("c0_m", "c1", "c2_per_m", "c3_per_m2")):
-            row[f"{side}_{name}"] = None if line is None else line.coefficients[order]
+            row[f"{side}_{name}"] = line.coefficients[order] if line else None
         for name in ("kind", "colour", "double"):
-            row[f"{side}_{name}"] = None if line is None else getattr(line, name)
+            row[f"{side}_{name}"] = getattr(line, name, None)
     row["departure"] = lane.departure.side if lane and lane.departure and lane.departure.due else None
     return row
 

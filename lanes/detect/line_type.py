@@ -92,14 +92,11 @@ def _profile(values: np.ndarray, *, yellow: bool) -> MarkingProfile | None:
     width_m, gap = float(first - last + STEP_M), 1.0
     if width_m > DOUBLE_FROM_M and not yellow:
         near = _cross_section(values[-max(len(values) // 3, MIN_ROWS) :])
-        gap = _gap(near[painted[0] : painted[-1] + 1])
-    return MarkingProfile(
-        width_m=width_m,
-        centre_m=float(first + last) / 2,
-        yellow=yellow,
-        contrast=float(top / (noise + PAINT.noise_floor)),
-        gap=gap,
-    )
+        band = near[painted[0] : painted[-1] + 1]
+        third, half = len(band) // 3, len(band) // 2
+        peak = min(band[:half].max(), band[-half:].max())
+        gap = float(band[third:-third].min() / peak) if peak > 0 else 1.0
+    return MarkingProfile(width_m, float(first + last) / 2, yellow, float(top / (noise + PAINT.noise_floor)), gap)
 
 
 def _cross_section(values: np.ndarray) -> np.ndarray:
@@ -107,15 +104,6 @@ def _cross_section(values: np.ndarray) -> np.ndarray:
     road = ROAD_SAMPLES
     section = np.median(values, axis=0)
     return section[road:-road] - max(section[:road].mean(), section[-road:].mean())
-
-
-def _gap(band: np.ndarray) -> float:
-    """Smallest value in the middle third of a cross-section, relative to the lower of the peaks of its halves."""
-    third, half = len(band) // 3, len(band) // 2
-    if not third:
-        return 1.0
-    peak = min(band[:half].max(), band[-half:].max())
-    return float(band[third:-third].min() / peak) if peak > 0 else 1.0
 
 
 def _straighten(channels: np.ndarray, view: BirdsEyeView, line_y_m: np.ndarray) -> np.ndarray:
@@ -130,7 +118,6 @@ def _straighten(channels: np.ndarray, view: BirdsEyeView, line_y_m: np.ndarray) 
     rows, slant = rows[chosen], slant[chosen]
     column = ((view.y_m[0] - line_y_m[rows, None] - slant[:, None] * OFFSETS_M) / view.cell_m).astype(np.float32)
     row = np.broadcast_to(np.arange(len(rows), dtype=np.float32)[:, None], column.shape).copy()
-    # only the rows used are converted, not the whole channels
     used = channels[:, rows].astype(np.float32)
     return np.array([cv2.remap(channel, column, row, cv2.INTER_LINEAR) for channel in used])
 

@@ -33,13 +33,10 @@ class PaintSettings:
     # compared with the strips that touch it.
     side_m: float = 0.15
     gap_m: float = 0.05
-    # Window along a row, and rows, over which the noise is averaged.
-    noise_window_m: float = 2.5
-    noise_rows: int = 5
+    # Window along a row (m), and rows, over which the noise is averaged.
+    noise_window: tuple[float, int] = (2.5, 5)
     # Grey levels. Rounding to whole grey levels alone makes about this much noise; less is never assumed.
     noise_floor: float = 1.0
-    # Lower bound for the share of a noise window that lies inside the picture; cells inside the picture have more.
-    min_seen_share: float = 0.2
     # Smallest strength (times the local noise) of a stripe candidate, and the number of candidates kept in a row.
     min_strength: float = 3.0
     stripes_per_row: int = 14
@@ -56,8 +53,6 @@ class PaintSettings:
 
 
 PAINT = PaintSettings()
-# For windows this small a separable filter is faster than cv2.blur.
-MEAN_3, MEAN_5 = np.full(3, 1 / 3, np.float32), np.full(5, 1 / 5, np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,20 +125,19 @@ def yellowness(view_image: np.ndarray) -> np.ndarray:
 
 def marking_response(view_image: np.ndarray, view: BirdsEyeView, settings: PaintSettings = PAINT) -> MarkingResponse:
     """Response of the band filters to an image (rows, columns, 3), uint8, of the view, from `view.warp`."""
-    lengths_m = settings.single_m, settings.double_m, settings.side_m, settings.gap_m, settings.noise_window_m
+    lengths_m = settings.single_m, settings.double_m, settings.side_m, settings.gap_m, settings.noise_window[0]
     single, double, side, gap, window = (round(length / view.cell_m) | 1 for length in lengths_m)
     pad, unit = double // 2 + gap + side + 1, lcm(single, double, side)
     channels = _padded_channels(view_image, pad, unit)
     inside = (..., slice(pad, -pad))
-    road = sums_around(channels, side) * (unit // side)
+    road = _sums_around(channels, side) * (unit // side)
     road[..., :pad], road[..., -pad:] = road[..., pad, None], road[..., -pad - 1, None]
     narrow, wide = (
-        filter_band(sums_around(channels, n) * (unit // n), road, [n // 2 + d + side // 2 + 1 for d in gaps])[inside]
+        _filter_band(_sums_around(channels, n) * (unit // n), road, [n // 2 + d + side // 2 + 1 for d in gaps])[inside]
         for n, gaps in ((single, (0, gap)), (double, (gap,)))
     )
     steps = np.abs(channels[..., pad : 1 - pad] - channels[..., pad - 1 : -pad])
-    noise = local_noise(steps[..., :-1] + steps[..., 1:], window, view, settings)
-    noise *= unit
+    noise = unit * _local_noise(steps[..., :-1] + steps[..., 1:], window, view, settings)
     # large sums are int32, whose quotients numpy makes float64
     strength = np.maximum(np.maximum(*np.maximum(narrow, wide) / noise), 0, dtype=np.float32)
     return MarkingResponse(cv2.copyTo(strength, view.seen.view(np.uint8)), channels[inside])
@@ -161,7 +155,7 @@ def _padded_channels(view_image: np.ndarray, pad: int, unit: int) -> np.ndarray:
     return channels
 
 
-def sums_around(cells: np.ndarray, count: int) -> np.ndarray:
+def _sums_around(cells: np.ndarray, count: int) -> np.ndarray:
     """Sums over `count` (odd) columns around each of the cells (..., columns); not meaningful at the first and last.
 
     Rows are laid end to end, because one long row is added faster than many short ones.
@@ -180,7 +174,7 @@ def _window_sums(row: np.ndarray, count: int) -> np.ndarray:
     return sums + row[count - 1 :] if count % 2 else sums
 
 
-def filter_band(centre: np.ndarray, side: np.ndarray, reaches: Sequence[int]) -> np.ndarray:
+def _filter_band(centre: np.ndarray, side: np.ndarray, reaches: Sequence[int]) -> np.ndarray:
     """`centre` (..., columns) minus the larger of its two sides; in place.
 
     A side is the smallest of `side` (..., columns) at `reaches` columns to the left or right.
@@ -192,16 +186,16 @@ def filter_band(centre: np.ndarray, side: np.ndarray, reaches: Sequence[int]) ->
     return response.reshape(centre.shape)
 
 
-def local_noise(steps: np.ndarray, window: int, view: BirdsEyeView, settings: PaintSettings = PAINT) -> np.ndarray:
+def _local_noise(steps: np.ndarray, window: int, view: BirdsEyeView, settings: PaintSettings) -> np.ndarray:
     """Mean step from column to column around each cell plus the noise floor, (2, rows, columns) float32.
 
     `steps` holds the sum of each cell's two steps, to the left and to the right, so that the mirrored picture has the
     mirrored noise. Steps outside the picture are 0 and are left out of the mean.
     """
-    noise = np.empty(steps.shape, np.float32)
-    for channel, mean in zip(steps, noise, strict=True):
-        cv2.boxFilter(channel, cv2.CV_32F, (window, settings.noise_rows), dst=mean)
-    noise /= 2 * np.maximum(view.seen_share(settings.noise_rows, window), settings.min_seen_share)
+    rows = settings.noise_window[1]
+    noise = np.array([cv2.boxFilter(channel, cv2.CV_32F, (window, rows)) for channel in steps])
+    # cells inside the picture have a larger share than 0.2
+    noise /= 2 * np.maximum(view.seen_share(rows, window), 0.2)
     noise += settings.noise_floor
     return noise
 
@@ -217,7 +211,6 @@ def find_stripes(response: MarkingResponse, view: BirdsEyeView, settings: PaintS
     x_m, step = view.x_m[row], view.row_columns[row]
     angle = _stripe_angle(strength, row, column, step, settings.coarse_columns)
     weight = strength_weight(strength[row, column], settings)
-    # worn paint nearby, one pixel far away
     std_m = np.hypot(settings.position_std_m, settings.position_std_px * x_m / view.focal_px)
     return Stripes(row, x_m, y_m, angle, step, weight, std_m, np.full(len(row), settings.angle_std_rad))
 
@@ -232,18 +225,18 @@ def peak_position(strength: np.ndarray, row: np.ndarray, column: np.ndarray) -> 
 
 def _peaks(strength: np.ndarray, settings: PaintSettings) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of the largest cells within two columns that are strong enough, in order of the rows."""
-    peak = cv2.compare(strength, cv2.dilate(strength, np.ones((1, 5), np.uint8)), cv2.CMP_GE)
+    peak = cv2.compare(strength, cv2.dilate(strength, np.ones((1, 5), np.uint8)), cv2.CMP_GE).view(bool)
     # positions in one long row: numpy finds them six times as fast as rows and columns
-    found = np.flatnonzero(peak.view(bool) & (strength > settings.min_strength))
+    found = np.flatnonzero(peak & (strength > settings.min_strength))
     row, column = np.divmod(found, strength.shape[1])
     inside = (column > 0) & (column < strength.shape[1] - 1)
     row, column = row[inside], column[inside]
-    if np.bincount(row).max(initial=0) <= settings.stripes_per_row:
-        return row, column
-    order = np.lexsort((-strength[row, column], row))
-    row, column = row[order], column[order]
-    keep = np.arange(len(row)) - np.searchsorted(row, row) < settings.stripes_per_row
-    return row[keep], column[keep]
+    if np.bincount(row).max(initial=0) > settings.stripes_per_row:
+        order = np.lexsort((-strength[row, column], row))
+        row, column = row[order], column[order]
+        keep = np.arange(len(row)) - np.searchsorted(row, row) < settings.stripes_per_row
+        row, column = row[keep], column[keep]
+    return row, column
 
 
 def _stripe_angle(
@@ -254,12 +247,13 @@ def _stripe_angle(
     # an odd number of cells, so that a mirrored picture has mirrored directions
     cells = columns // coarse_columns | 1
     coarse = cv2.resize(strength, (cells, rows), interpolation=cv2.INTER_AREA)
-    across = cv2.Scharr(coarse, cv2.CV_32F, 1, 0)
-    along = cv2.Scharr(coarse, cv2.CV_32F, 0, 1)
+    across, along = cv2.Scharr(coarse, cv2.CV_32F, 1, 0), cv2.Scharr(coarse, cv2.CV_32F, 0, 1)
     cell = (2 * column + 1) * cells // (2 * columns)
     # only the tensor's off-diagonal element and the difference of its diagonal are needed
     products = across * along, (across - along) * (across + along)
-    means = (cv2.sepFilter2D(product, -1, MEAN_3, MEAN_5, borderType=cv2.BORDER_REPLICATE) for product in products)
+    # for windows this small a separable filter is faster than cv2.blur
+    window = np.full(3, 1 / 3, np.float32), np.full(5, 1 / 5, np.float32)
+    means = (cv2.sepFilter2D(product, -1, *window, borderType=cv2.BORDER_REPLICATE) for product in products)
     xy, difference = (mean[row, cell] for mean in means)
     normal = 0.5 * np.arctan2(2 * xy, difference)
     # from one row to the next nearer one the stripe moves this many cells to the right, and x falls by the row's depth

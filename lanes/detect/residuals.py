@@ -45,23 +45,11 @@ from lanes.detect.road import (
 # Distances of the lookup table for intersections of rays with the road, farthest first; the error is below a
 # millimetre of height.
 ROAD_M = np.geomspace(350.0, 2.0, 160)
-# Lower bound for how fast a ray approaches the road, relative to a flat road: rays that graze a crest.
-MIN_RELATIVE_FALL = 0.2
 # Lower bound for |1 - k a|: near the centre of the arc a point has no side.
 MIN_SCALE = 0.1
-# The path is tabulated up to this multiple of the points' distance: the length of a half circle over its diameter.
-MAX_DETOUR = 1.6
-# Added to curvatures, to avoid division by zero.
-NO_CURVATURE = 1e-12
 # Lateral movement of a stripe from row to row, in columns, that doubles the standard deviation of its direction. At
 # twice as many columns the direction carries almost no information.
 BLIND_COLUMNS = 8.0
-# Search for the node nearest to a point. The first guess of its arc length is a distance: that of the point from a
-# place `BEHIND_M` behind the car, minus `BEHIND_M`. The search ends when all points are within `MAX_AHEAD_M` of their
-# nodes, where the path is an arc to within millimetres. Roads that bend little need one step.
-BEHIND_M = 20.0
-MAX_AHEAD_M = 1.5
-NODE_STEPS = 2
 _NODE_BORDERS_M = (NODES_M[1:] + NODES_M[:-1]) / 2
 _INVERSE_ROAD_M = 1 / ROAD_M
 _ROAD_HEIGHTS = height_and_grade(ROAD_M)[0]
@@ -105,7 +93,8 @@ def intersect_ground(x_m: np.ndarray, lanes: np.ndarray, height_m: float) -> Gro
     x = 1 / inverse_x
     heights, grades = height_and_grade(x)
     fall = ray_fall + (grades * lanes[..., None, VERTICAL_CURVATURE]).sum(axis=-1)
-    return Ground(x, np.maximum(fall, MIN_RELATIVE_FALL * height_m * inverse_x), heights)
+    # at least a fifth of the fall towards a flat road, for rays that graze a crest
+    return Ground(x, np.maximum(fall, 0.2 * height_m * inverse_x), heights)
 
 
 def flatten(
@@ -180,26 +169,26 @@ class StripeResiduals:
         q = (1 + (self.residual_m / std_m) ** 2) * (1 + (self.angle_residual_rad / angle_std) ** 2)
         return 1 / (q * q)
 
-    def near(self, distance_m: float, angle_rad: float) -> np.ndarray:
-        """(K, stripes) bool: both residuals are smaller than this."""
-        return (np.abs(self.residual_m) < distance_m) & (np.abs(self.angle_residual_rad) < angle_rad)
-
 
 def path_coordinates(lanes: np.ndarray, points: np.ndarray) -> tuple[Path, PathCoordinates]:
     """The paths of lanes (K, 15) as far as points x + iy (K, N) reach, and the points relative to them."""
-    along = np.abs(points + BEHIND_M) - BEHIND_M
-    count = int(np.searchsorted(NODES_M[:-2], MAX_DETOUR * along.max(initial=0.0))) + 2
-    path, borders = path_at_nodes(lanes, count), _NODE_BORDERS_M[: count - 1]
-    backwards, curvatures = path.tangents.conj(), path.curvatures + NO_CURVATURE
-    for _ in range(NODE_STEPS):
-        nearest = np.searchsorted(borders, along)
+    # first guess of the arc length: the distance from a place 20 m behind the car
+    along = np.abs(points + 20) - 20
+    # half a circle is 1.6 times as long as its diameter
+    count = int(np.searchsorted(NODES_M[:-2], 1.6 * along.max(initial=0.0))) + 2
+    path = path_at_nodes(lanes, count)
+    # 1e-12 avoids division by zero
+    backwards, curvatures = path.tangents.conj(), path.curvatures + 1e-12
+    for _ in range(2):
+        nearest = np.searchsorted(_NODE_BORDERS_M[: count - 1], along)
         node = _in_table(nearest, count)
         curvature = curvatures.take(node)
         a, turned = arc_coordinates((points - path.points.take(node)) * backwards.take(node), curvature)
         turn = np.angle(turned)
         ahead = turn / curvature
         along = NODES_M[nearest] + ahead
-        if np.abs(ahead).max(initial=0.0) < MAX_AHEAD_M:
+        # the path is an arc to within millimetres so near a node; roads that bend little need one step
+        if np.abs(ahead).max(initial=0.0) < 1.5:
             break
     return path, PathCoordinates(a, along, path.directions.take(node) + turn, path.tangents.take(node) * turned)
 
@@ -240,13 +229,8 @@ def stripe_residuals(lanes: np.ndarray, stripes: Stripes, height_m: float) -> St
     side = np.copysign(np.where(far, FAR_LINE, 1.0), from_centre)
     extra_width = far * np.where(side > 0, extra_widths[:, :1], -extra_widths[:, 1:])
     residual = from_centre - side * (width / 2) - extra_width
-    angle_std = _angle_std(coordinates.tangent, stripes)
-    return StripeResiduals(residual, side, coordinates.direction - angle, angle_std, path, ground, points, coordinates)
-
-
-def _angle_std(tangent: np.ndarray, stripes: Stripes) -> np.ndarray:
-    """(K, stripes) standard deviation of the stripes' directions, larger where a line moves fast across the columns."""
     # columns per row, with a lower bound for the cosine of a line that runs across
-    columns = stripes.step * np.abs(tangent.imag) / np.maximum(tangent.real, 0.05)
+    columns = stripes.step * np.abs(coordinates.tangent.imag) / np.maximum(coordinates.tangent.real, 0.05)
     steepness = np.square(columns / BLIND_COLUMNS)
-    return stripes.angle_std_rad * (1 + steepness * steepness * steepness)
+    angle_std = stripes.angle_std_rad * (1 + steepness * steepness * steepness)
+    return StripeResiduals(residual, side, coordinates.direction - angle, angle_std, path, ground, points, coordinates)

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -46,25 +46,16 @@ FAR_LINE = 3.0
 
 # Largest curvature of motorways; roads that bend more have transition curves, undulate and change abruptly.
 MOTORWAY_CURVATURE_PER_M = 0.002
-# Sine of the largest angle at which a line passes the car: 64 degrees, 1.6 times the largest heading.
-MAX_SINE = 0.9
 # A line that advances by less than this per metre of the path runs across; it is not followed further.
 MIN_ADVANCE = 0.1
 
 
-def _slopes_of_knots() -> np.ndarray:
-    """(6, 4) matrix from the vertical curvatures to the curvature at the car and its change of slope at each knot."""
-    knots = len(VERTICAL_KNOTS_M)
-    curvatures = np.vstack([np.eye(knots), np.zeros((1, knots))])
-    slopes = np.diff(curvatures, axis=0) / np.diff([*VERTICAL_KNOTS_M, STRAIGHT_FROM_M])[:, None]
-    level = np.zeros((1, knots))
-    return np.vstack([curvatures[:1], np.diff(slopes, axis=0, prepend=level, append=level)])
-
-
-# (4, 6) matrices from powers of the distance beyond the car and beyond each knot.
-_TO_HEIGHTS = _slopes_of_knots().T / [2, 6, 6, 6, 6, 6]
-_TO_GRADES = _slopes_of_knots().T / [1, 2, 2, 2, 2, 2]
 _VERTICAL_BREAKS_M = np.array([*VERTICAL_KNOTS_M, STRAIGHT_FROM_M])
+# (4, 6) matrix from the vertical curvatures to the curvature at the car and its change of slope at each break.
+_SLOPES = np.diff(np.eye(4, 5)) / np.diff(_VERTICAL_BREAKS_M)
+_SLOPES = np.column_stack([np.eye(4, 1), np.diff(_SLOPES, prepend=np.zeros((4, 1)), append=np.zeros((4, 1)))])
+# The same to heights and grades, by powers of the distance beyond the car and beyond each break.
+_TO_HEIGHTS, _TO_GRADES = _SLOPES / [2, 6, 6, 6, 6, 6], _SLOPES / [1, 2, 2, 2, 2, 2]
 
 
 def height_and_grade(x_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -167,9 +158,7 @@ def _bends(lanes: np.ndarray, gradients: np.ndarray) -> tuple[np.ndarray, np.nda
     """Direction, curvature and tangent (..., N) of lanes (..., 15), from `bend_gradients` (2, 6, N)."""
     bend = lanes[..., BEND]
     direction, curvature = bend @ gradients[0], bend @ gradients[1]
-    tangent = np.empty(direction.shape, complex)
-    tangent.real, tangent.imag = np.cos(direction), np.sin(direction)
-    return direction, curvature, tangent
+    return direction, curvature, np.cos(direction) + 1j * np.sin(direction)
 
 
 def _chords(length_m, before, after, turn_difference) -> np.ndarray:
@@ -271,36 +260,31 @@ def lateral_gradients(x_m: float | np.ndarray) -> np.ndarray:
     return gradients
 
 
-# Cached, because every frame asks for the same few distances.
-_cached_gradients = lru_cache(maxsize=16)(lateral_gradients)
-
-
 def lateral_std_m(covariance: np.ndarray, x_m: float | np.ndarray) -> np.ndarray:
     """Standard deviation (2, ...) of the lateral positions of the left and right line at distances x (...), metres.
 
     `covariance` (15, 15) is that of a nearly straight lane; `Lane.lateral_std_m` holds in bends, too.
     """
-    gradients = _cached_gradients(x_m) if isinstance(x_m, float) else lateral_gradients(x_m)
-    return propagated_std(gradients, covariance)
+    return propagated_std(lateral_gradients(x_m), covariance)
 
 
 def line_coefficients(lane: np.ndarray, side: float) -> tuple[float, float, float, float]:
     """(c0, c1, c2, c3) of y = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6: the Taylor series of the line at the car.
 
-    A line that turns back before it would pass the car is taken to pass it at an angle of sine `MAX_SINE`.
+    A line that turns back before it would pass the car is taken to pass it at 64 degrees (sine 0.9).
     """
     centre, width, heading, curvature, rate = lane[:PITCH]
     offset = centre + side * width / 2
     scale = 1 - curvature * offset
     # the concentric circle at x = 0
-    sin, curvature, rate = min(max(np.sin(heading) / scale, -MAX_SINE), MAX_SINE), curvature / scale, rate / scale**3
+    sin, curvature, rate = min(max(np.sin(heading) / scale, -0.9), 0.9), curvature / scale, rate / scale**3
     cos = np.sqrt(1 - sin * sin)
     c0 = offset * (1 + scale) / (np.cos(heading) + scale * cos)
     c3 = rate / cos**4 + 3 * curvature**2 * sin / cos**5
     return float(c0), float(sin / cos), float(curvature / cos**3), float(c3)
 
 
-# A row of the prior's table: mean, standard deviation, and limit of the absolute value.
+# Mean, standard deviation, and limit of the absolute value.
 MeanStdLimit = tuple[float, float, float]
 
 
@@ -338,13 +322,10 @@ class RoadPrior:
     @cached_property
     def _table(self) -> np.ndarray:
         """(3, 15) means, standard deviations and limits."""
-        columns = zip(
-            *(self.centre_m, self.width_m, self.heading_rad, self.curvature_per_m, self.rate_per_m2, self.pitch_rad),
-            *(self.vertical_per_m, self.rate_step_per_m2, self.adjacent_m),
-            strict=True,
-        )
-        names = "centre", "width", "heading", "curvature", "rate", "pitch", "vertical", "rate_steps", "adjacent"
-        return np.array([parameter_vector(**dict(zip(names, column, strict=True))) for column in columns])
+        bend = self.heading_rad, self.curvature_per_m, self.rate_per_m2
+        groups = (self.vertical_per_m, 4), (self.rate_step_per_m2, 3), (self.adjacent_m, 2)
+        rows = [self.centre_m, self.width_m, *bend, self.pitch_rad]
+        return np.array(rows + [row for row, count in groups for _ in range(count)]).T
 
     @property
     def mean(self) -> np.ndarray:
@@ -368,47 +349,30 @@ class RoadPrior:
         """
         curvature, rate = np.abs(lanes[:, CURVATURE]), np.abs(lanes[:, RATE])
         expected_rate = curvature / self.transition_m
-        largest = np.abs(lanes[:, VERTICAL_CURVATURE]).max(axis=1)
         std = np.tile(self.std, (len(lanes), 1))
         std[:, CURVATURE] += self.curvature_share * curvature
         std[:, RATE] += expected_rate
         std[:, RATE_STEPS] += (self.rate_step_share * (expected_rate + rate))[:, None]
-        vertical = (
-            self.vertical_bend_share * np.maximum(curvature - MOTORWAY_CURVATURE_PER_M, 0)
-            + self.vertical_share * largest
-        )
+        vertical = self.vertical_bend_share * np.maximum(curvature - MOTORWAY_CURVATURE_PER_M, 0)
+        vertical += self.vertical_share * np.abs(lanes[:, VERTICAL_CURVATURE]).max(axis=1)
         std[:, VERTICAL_CURVATURE] += extra_vertical_per_m + vertical[:, None]
         return std
 
 
-def parameter_vector(
-    *,
-    centre: float = 0.0,
-    width: float = 0.0,
-    heading: float = 0.0,
-    curvature: float = 0.0,
-    rate: float = 0.0,
-    pitch: float = 0.0,
-    vertical: float | Sequence[float] = 0.0,
-    rate_steps: float | Sequence[float] = 0.0,
-    adjacent: float | Sequence[float] = 0.0,
-) -> np.ndarray:
-    """(15,) numbers, one for each lane parameter; the last three take one number for all of theirs, or one for each."""
-    vector = np.empty(PARAMETERS)
-    vector[: VERTICAL_CURVATURE.start] = centre, width, heading, curvature, rate, pitch
-    vector[VERTICAL_CURVATURE], vector[RATE_STEPS], vector[ADJACENT] = vertical, rate_steps, adjacent
+# Names of the parameters, for `parameter_vector`.
+NAMES: dict[str, int | slice] = {
+    **dict(centre=CENTRE, width=WIDTH, heading=HEADING, curvature=CURVATURE, rate=RATE, pitch=PITCH),
+    **dict(vertical=VERTICAL_CURVATURE, rate_steps=RATE_STEPS, adjacent=ADJACENT),
+}
+
+
+def parameter_vector(**numbers: float | Sequence[float]) -> np.ndarray:
+    """(15,) lane parameters by name (`NAMES`), 0 if not given; the last three names take one number or one for each."""
+    vector = np.zeros(PARAMETERS)
+    for name, number in numbers.items():
+        vector[NAMES[name]] = number
     return vector
 
 
 # Steps of numerical derivatives: about a thousandth of what the parameters vary by on a straight road.
-DIFFERENCE_STEPS = parameter_vector(
-    centre=1e-3,
-    width=5e-4,
-    heading=1e-4,
-    curvature=5e-5,
-    rate=1e-7,
-    pitch=1e-5,
-    vertical=2e-7,
-    rate_steps=1e-7,
-    adjacent=1e-4,
-)
+DIFFERENCE_STEPS = np.array([1e-3, 5e-4, 1e-4, 5e-5, 1e-7, 1e-5, *[2e-7] * 4, *[1e-7] * 3, *[1e-4] * 2])

@@ -55,14 +55,11 @@ def search_lane(evidence: FrameEvidence, settings: DetectorSettings = DETECTOR) 
         return None
     votes, starts = vote_lanes(stripes, view, settings.fit.prior, settings.votes)
     near, fit = fit_starts(starts, stripes, view, settings.fit)
-    return Search(votes, near, fit, found_lane(fit, evidence) if fit.seen[0] else None)
-
-
-def found_lane(fit: Fit, evidence: FrameEvidence) -> Lane:
-    """The fitted lane with what is seen of its lines."""
+    if not fit.seen[0]:
+        return Search(votes, near, fit, None)
     left, right = observe_lines(fit, evidence, (LineEvidence(), LineEvidence()))
     model = fit.lanes[0] + inner_stripe_shift([left.profile, right.profile])
-    return Lane(
+    lane = Lane(
         model=model,
         centres=model - inner_stripe_shift([left.double_profile, right.double_profile]),
         fit_covariance=fit.covariance[0],
@@ -73,6 +70,7 @@ def found_lane(fit: Fit, evidence: FrameEvidence) -> Lane:
         inlier_share=float(fit.inlier_share[0]),
         clear_share=clear_share(fit),
     )
+    return Search(votes, near, fit, lane)
 
 
 def lane_score(lines: Sequence[LineEvidence]) -> float:
@@ -85,9 +83,10 @@ def clear_share(fit: Fit) -> float:
     stripes = fit.stripes.select(fit.stripes.x_m < BETWEEN_FAR_M)
     residuals = stripe_residuals(fit.lanes, stripes, fit.view.height_m)
     side, weight = residuals.side[0], stripes.weight
-    between = np.isin(side, SIDES) & (-side * residuals.residual_m[0] > BETWEEN_M)
+    of_lane = np.isin(side, SIDES)
+    between = of_lane & (-side * residuals.residual_m[0] > BETWEEN_M)
     between_weight = float(weight @ (between * residuals.weights(np.array(np.inf))[0]))
-    on_lines = BETWEEN_STRIPES + float(weight @ (np.isin(side, SIDES) * residuals.weights(stripes.std_m)[0]))
+    on_lines = BETWEEN_STRIPES + float(weight @ (of_lane * residuals.weights(stripes.std_m)[0]))
     return on_lines / (on_lines + between_weight)
 
 
@@ -109,21 +108,17 @@ def observe_lines(
     for k, line in enumerate(previous):
         profile, votes = line.profile, line.votes
         if k in profiles_of:
-            profile = _measure_profile(fit, evidence, k) or profile
+            # over the rows with stripes on the line
+            marked = fit.stripes.row[fit.members[0, k]]
+            line_y_m = np.full(len(fit.view.x_m), np.nan)
+            line_y_m[marked] = fit.lines_y_m[0, k, marked]
+            profile = marking_profile(evidence.response, fit.view, line_y_m) or profile
             votes = votes.add_profile(profile)
         votes = votes.add_gaps(fit.stripes.x_m[fit.members[0, k]])
         support = float(fit.marked_rows[0, k] / rows[k])
         seen = support >= fit.settings.min_support
         lines.append(LineEvidence(support, seen, float(fit.reach_m[0, k]), rows[k], profile, votes))
     return lines[0], lines[1]
-
-
-def _measure_profile(fit: Fit, evidence: FrameEvidence, k: int) -> MarkingProfile | None:
-    """Cross-section of the left (k = 0) or right (1) line, over the rows with stripes; None if there are too few."""
-    rows = fit.stripes.row[fit.members[0, k]]
-    line_y_m = np.full(len(fit.view.x_m), np.nan)
-    line_y_m[rows] = fit.lines_y_m[0, k, rows]
-    return marking_profile(evidence.response, fit.view, line_y_m)
 
 
 def inner_stripe_shift(profiles: Sequence[MarkingProfile | None]) -> np.ndarray:

@@ -25,14 +25,10 @@ class VoteSettings:
 
     # Votes come from stripes nearer than this, where one arc is enough; the fit continues outwards.
     far_m: float = 22.0
-    # Hypotheses to either side of 0, the first step between them, and the relative growth of the steps: dense where
-    # roads usually are, with radii down to 15 m.
-    headings: int = 6
-    heading_step_rad: float = 0.03
-    heading_growth: float = 0.18
-    curvatures: int = 11
-    curvature_step_per_m: float = 0.0015
-    curvature_growth: float = 0.24
+    # Hypotheses of heading (rad) and curvature (1/m) to either side of 0: number, first step, relative growth of the
+    # steps. They are dense where roads usually are; radii go down to 15 m.
+    headings: tuple[int, float, float] = (6, 0.03, 0.18)
+    curvatures: tuple[int, float, float] = (11, 0.0015, 0.24)
     # Pitch hypotheses are 0 and plus or minus this.
     pitch_step_rad: float = 0.018
     bin_m: float = 0.15
@@ -40,27 +36,22 @@ class VoteSettings:
     # Share of a bin's votes that both its neighbours get, for stripes between two bins.
     neighbour_share: float = 0.6
     # Distances from the car to either side between which lines are searched.
-    line_from_m: float = 0.3
-    line_to_m: float = 3.6
+    line_m: tuple[float, float] = (0.3, 3.6)
     # Cost of one squared standard deviation from the prior, relative to the square root of a line's share of votes.
     prior_weight: float = 0.05
     # Hypotheses whose lines are paired, and lanes that are returned.
     paired: int = 300
     lanes: int = 5
     # Two lanes are duplicates, because they lead to the same fit, if centre and width differ by less than this. Their
-    # curvatures must also differ by less than this share of them plus this value.
+    # curvatures must also differ by less than this value (1/m) plus this share of them.
     duplicate_m: float = 0.35
-    duplicate_curvature_share: float = 0.3
-    duplicate_curvature_per_m: float = 0.002
+    duplicate_curvature: tuple[float, float] = (0.002, 0.3)
 
     @cached_property
     def hypotheses(self) -> np.ndarray:
         """(H, 3): heading, curvature and pitch."""
-        values = (
-            _spread(self.headings, self.heading_step_rad, self.heading_growth),
-            _spread(self.curvatures, self.curvature_step_per_m, self.curvature_growth),
-            np.arange(-1, 2) * self.pitch_step_rad,
-        )
+        pitches = np.arange(-1, 2) * self.pitch_step_rad
+        values = _spread(*self.headings), _spread(*self.curvatures), pitches
         return np.stack(np.meshgrid(*values, indexing="ij"), axis=-1).reshape(-1, 3)
 
     @cached_property
@@ -89,8 +80,7 @@ def vote_lanes(
 def count_votes(stripes: Stripes, height_m: float, settings: VoteSettings = VOTES) -> np.ndarray:
     """Histogram (H, bins) of the stripes, weighted, by their distance to the left of each hypothesis' arc.
 
-    The bins are centred on `settings.bin_centres_m`. The height of the camera matters because the pitch is part of a
-    hypothesis.
+    The bins are centred on `settings.bin_centres_m`.
     """
     near = stripes.select(stripes.x_m < settings.far_m)
     weight = near.weight.astype(np.float32)
@@ -98,10 +88,10 @@ def count_votes(stripes: Stripes, height_m: float, settings: VoteSettings = VOTE
     votes = np.zeros((len(heading), settings.bins))
     for angle_rad in np.unique(pitch):
         of = np.flatnonzero(pitch == angle_rad)
-        pitched = parameter_vector(pitch=angle_rad)
-        ground = intersect_ground(near.x_m, pitched, height_m)
+        ground = intersect_ground(near.x_m, parameter_vector(pitch=angle_rad), height_m)
         x, y, angle = flatten(near.x_m, near.y_m, near.angle, ground, height_m)
         a, agreement = _distances_and_agreement(x, y, angle, near.angle_std_rad, heading[of], curvature[of])
+        # in place: half of the time is memory allocation
         a *= 1 / settings.bin_m
         a += settings.bins / 2
         bins = np.clip(a, 0, settings.bins - 1, out=a).astype(np.intp)
@@ -125,12 +115,7 @@ def _distances_and_agreement(x, y, angle, angle_std, heading, curvature) -> tupl
     of_stripes = front / angle_std, across / angle_std, (x * front + y * across) / angle_std
     angle_residual = _sums_of_products((sin, -cos, curvature), of_stripes)
     squared_scale = np.maximum(1 - curvature.astype(np.float32)[:, None] * twice, MIN_SCALE**2)
-    # in place where possible: half of the time is memory allocation
-    a = np.divide(twice, 1 + np.sqrt(squared_scale), out=twice)
-    agreement = np.multiply(angle_residual, angle_residual, out=angle_residual)
-    agreement += squared_scale
-    np.divide(squared_scale, agreement, out=agreement)
-    return a, np.square(agreement, out=agreement)
+    return twice / (1 + np.sqrt(squared_scale)), np.square(squared_scale / (angle_residual**2 + squared_scale))
 
 
 def _sums_of_products(of_hypotheses: tuple, of_stripes: tuple) -> np.ndarray:
@@ -144,8 +129,12 @@ def best_pairs(votes: np.ndarray, rows: int, prior: RoadPrior, settings: VoteSet
     The score of a lane is the sum of the square roots of its lines' shares of `rows`, the votes of a solid line. Two
     fair lines therefore beat one good line alone.
     """
-    hypothesis, support, middle = settings.hypotheses, _line_support(votes, rows, settings), settings.bin_centres_m
-    beside = (np.abs(middle) > settings.line_from_m) & (np.abs(middle) < settings.line_to_m)
+    hypothesis, middle = settings.hypotheses, settings.bin_centres_m
+    shared = votes.copy()
+    shared[:, 1:-1] += settings.neighbour_share * (votes[:, :-2] + votes[:, 2:])
+    # float32, because there are 145,000 pairs of bins
+    support = np.sqrt(shared / rows).astype(np.float32)
+    beside = (np.abs(middle) > settings.line_m[0]) & (np.abs(middle) < settings.line_m[1])
     left, right = np.flatnonzero(beside & (middle > 0)), np.flatnonzero(beside & (middle < 0))
     distance = ((hypothesis / prior.std[[HEADING, CURVATURE, PITCH]]) ** 2).sum(1)
     bound = support[:, left].max(1) + support[:, right].max(1) - settings.prior_weight * distance
@@ -163,23 +152,14 @@ def best_pairs(votes: np.ndarray, rows: int, prior: RoadPrior, settings: VoteSet
     return suppress_non_maxima(lanes[np.argsort(-best, kind="stable")], settings)
 
 
-def _line_support(votes: np.ndarray, rows: int, settings: VoteSettings) -> np.ndarray:
-    """(H, bins) square root of each bin's share of votes; float32, because there are 145,000 pairs of bins."""
-    shared = votes.copy()
-    shared[:, 1:-1] += settings.neighbour_share * (votes[:, :-2] + votes[:, 2:])
-    return np.sqrt(shared / rows).astype(np.float32)
-
-
 def suppress_non_maxima(lanes: np.ndarray, settings: VoteSettings = VOTES) -> np.ndarray:
     """The first `settings.lanes` of the lanes (N, 15), best first, that are no duplicates of an earlier one."""
     chosen: list[int] = []
     free = np.ones(len(lanes), bool)
-    tolerance_per_m = (
-        settings.duplicate_curvature_share * np.abs(lanes[:, CURVATURE]) + settings.duplicate_curvature_per_m
-    )
+    tolerance_per_m, share = settings.duplicate_curvature
     while len(chosen) < settings.lanes and free.any():
         chosen.append(int(free.argmax()))
         difference = np.abs(lanes - lanes[chosen[-1]])
         moved = np.maximum(difference[:, CENTRE], difference[:, WIDTH]) > settings.duplicate_m
-        free &= moved | (difference[:, CURVATURE] > tolerance_per_m)
+        free &= moved | (difference[:, CURVATURE] > tolerance_per_m + share * np.abs(lanes[:, CURVATURE]))
     return lanes[chosen]

@@ -10,23 +10,11 @@ from lanes.detect.lane import Lane
 from lanes.detect.road import CURVATURE
 from lanes.track.filter import CarMotion
 
-
-@dataclass(frozen=True)
-class DepartureParameters:
-    """When a warning is due."""
-
-    # Half of the track of a passenger car: from its centre to the outside of its tyres.
-    half_track_m: float = 0.9
-    # ISO 17361 asks for a warning no later than 0.3 m beyond the line for passenger cars; warnings earlier than about
-    # 1.5 s are perceived as false.
-    warn_s: float = 1.0
-    # Slower lateral motion counts as lane keeping.
-    min_drift_mps: float = 0.05
-    # Crossings later than this are not reported.
-    max_time_s: float = 20.0
-
-
-DEPARTURE = DepartureParameters()
+# Half of the track of a passenger car: from its centre to the outside of its tyres.
+HALF_TRACK_M = 0.9
+# ISO 17361 asks for a warning no later than 0.3 m beyond the line for passenger cars; warnings earlier than about 1.5 s
+# are perceived as false.
+WARN_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -61,16 +49,15 @@ def watch_departure(lane: Lane, motion: CarMotion) -> Departure:
     nearer to those of the lane. The lines move sideways by v sin(h) t + (k - path) (v t)^2 / 2; the crossing is the
     first positive root.
     """
-    left, right = lane.left.offset_m - DEPARTURE.half_track_m, -lane.right.offset_m - DEPARTURE.half_track_m
-    heading = lane.heading_rad - motion.course_rad
+    left, right = lane.left.offset_m - HALF_TRACK_M, -lane.right.offset_m - HALF_TRACK_M
+    speed, heading = motion.speed_mps, lane.heading_rad - motion.course_rad
     turning = float(lane.model[CURVATURE]) - motion.path_per_m
-    speed = motion.speed_mps
     drift = -speed * float(np.sin(heading))
     side, time_s = _crossing(left, right, drift, -turning * speed**2)
     least_drift = -speed * float(np.sin(_towards_zero(heading, motion.course_std_rad)))
     least_turning = _towards_zero(turning, motion.turning_std_per_m)
     _, latest_s = _crossing(left, right, least_drift, -least_turning * speed**2)
-    return Departure(left, right, drift, side, time_s, max(time_s, latest_s) < DEPARTURE.warn_s)
+    return Departure(left, right, drift, side, time_s, max(time_s, latest_s) < WARN_S)
 
 
 def _crossing(left_m: float, right_m: float, drift_mps: float, turning_mps2: float) -> tuple[str | None, float]:
@@ -86,13 +73,14 @@ def _towards_zero(value: float, by: float) -> float:
 
 
 def _time_to(distance_m: float, speed: float, acceleration: float) -> float:
-    """First time at which speed t + acceleration t^2 / 2 reaches the distance; 0 if it is negative, or infinite."""
+    """First time at which speed t + acceleration t^2 / 2 reaches the distance; 0 if it is negative.
+
+    Infinite if it takes more than 20 s, or if the lateral motion is so slow that the car keeps its lane.
+    """
     if distance_m <= 0:
         return 0.0
-    if speed < DEPARTURE.min_drift_mps:
-        return float("inf")
     root = speed**2 + 2 * acceleration * distance_m
-    if root < 0:
+    if speed < 0.05 or root < 0:
         return float("inf")
     time_s = 2 * distance_m / (speed + np.sqrt(root))
-    return float(time_s) if time_s < DEPARTURE.max_time_s else float("inf")
+    return float(time_s) if time_s < 20.0 else float("inf")

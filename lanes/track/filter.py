@@ -52,6 +52,8 @@ LANE, CAR = slice(0, PARAMETERS), slice(PARAMETERS, STATES)
 RATE_CHAIN = np.array([RATE, *range(PARAMETERS)[RATE_STEPS]])
 KNOT_GAPS_M = np.diff(KNOTS_M, prepend=0.0)
 VERTICAL_KNOT_GAPS_M = np.diff(VERTICAL_KNOTS_M)
+# A standard deviation on straight roads, and its growth with the road's curvature, 1/m.
+BaseShare = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -59,74 +61,57 @@ class FilterSettings:
     """Car, process noise and update.
 
     Process noise: standard deviations added in one second (`_per_s`) or in one metre of road (`_per_m`); their squares
-    add up. A `_share` multiplies a curvature of the road, 1/m. Textbook values for cars; the rest was tuned on the
-    rendered suite where no source is given.
+    add up. Textbook values for cars; the rest was tuned on the rendered suite where no source is given.
     """
 
-    # Speed where it is not given: mean, standard deviation and maximum; standard deviation of a given speed (clock,
+    # Speed where it is not given: mean, standard deviation; the maximum; standard deviation of a given speed (clock,
     # speedometer).
-    usual_speed_mps: float = 24.0
-    usual_speed_std_mps: float = 8.0
+    usual_speed_mps: tuple[float, float] = (24.0, 8.0)
     max_speed_mps: float = 70.0
     given_speed_std_mps: float = 0.5
     # Lateral acceleration that drivers accept in bends, and that tyres hold, m/s^2.
-    usual_lateral_mps2: float = 3.0
-    max_lateral_mps2: float = 6.0
-    # Standard deviation of the first path curvature, as a share of the road's curvature.
-    path_share: float = 0.3
+    lateral_mps2: tuple[float, float] = (3.0, 6.0)
     # Standard deviation of the pose's pitch and yaw: a quarter of a degree.
-    rest_pitch_std_rad: float = 0.004
-    camera_yaw_std_rad: float = 0.004
-    # A smaller speed than this, with a larger heading, on a road with less curvature: the filter explains a wrong yaw
-    # of the pose by a car that hardly moves. The yaw is then unknown, with this standard deviation.
-    standing_mps: float = 9.0
-    standing_heading_rad: float = 0.02
-    standing_curvature_per_m: float = 5e-3
+    pose_std_rad: float = 0.004
+    # A smaller speed (m/s) than this, with a larger heading, on a road with less curvature (1/m): the filter explains a
+    # wrong yaw of the pose by a car that hardly moves. The yaw is then unknown, with this standard deviation.
+    standing: tuple[float, float, float] = (9.0, 0.02, 5e-3)
     wrong_yaw_std_rad: float = 0.05
     # Time constant with which the springs return the pitch to rest.
     pitch_relaxation_s: float = 0.3
-    # Decay length of the rate, because transition curves end, and of a predicted rate step: its size and position are
-    # uncertain before it is measured.
+    # Decay lengths of the rate, because transition curves end; of a predicted rate step, whose size and position are
+    # uncertain before it is measured; and of the vertical curvature.
     rate_decay_m: float = 150.0
     rate_step_decay_m: float = 15.0
-    # Crosswind and banked roads; bumps; slow changes of load and of the camera's mounting.
+    vertical_decay_m: float = 20.0
+    # Crosswind and banked roads; bumps; slow changes of load and of the camera's mounting; pedals.
     centre_m_per_s: float = 0.015
     heading_rad_per_s: float = 0.003
     pitch_rad_per_s: float = 0.01
     rest_pitch_rad_per_s: float = 1e-3
-    camera_yaw_rad_per_s: float = 1e-4
-    # Steering, on a straight road and in a bend; pedals.
-    path_per_m_per_s: float = 1e-3
-    path_share_per_s: float = 0.3
     speed_mps_per_s: float = 1.0
+    # Steering, on a straight road and its growth with the curvature.
+    path_per_m_per_s: BaseShare = (1e-3, 0.3)
     # In bends cars do not point along their path: tyre slip, and the distance of the camera from the rear axle.
-    camera_yaw_share_per_s: float = 0.15
+    camera_yaw_rad_per_s: BaseShare = (1e-4, 0.15)
     centre_share_per_m: float = 0.3
     # Width of this lane and of the adjacent ones.
     width_m_per_m: float = 0.004
     # Curvature, and its rate: 5e-5 1/m^2 within 70 m on motorways; on mountain roads more, as the square of the
     # curvature (a transition curve is about as long as the radius of its bend allows).
     curvature_per_m_per_m: float = 3e-6
-    rate_per_m2_per_m: float = 6e-6
-    rate_square_share: float = 1.0
-    # Rate steps: small on motorways, up to those of a hairpin where the road bends more.
-    rate_step_per_m2_per_m: float = 5e-5
-    rate_step_share: float = 0.2
+    rate_per_m2_per_m: BaseShare = (6e-6, 1.0)
+    # Rate steps: small on motorways, up to those of a hairpin (the maximum) where the road bends more.
+    rate_step_per_m2_per_m: BaseShare = (5e-5, 0.2)
     max_rate_step_per_m2_per_m: float = 4e-3
-    # Vertical curvature that comes into view, and what lies between the knots: base value, growth with the curvature
-    # and with the largest vertical curvature of the lane; the maximum is a radius of 170 m, at which cars leave the
-    # ground.
-    vertical_per_m: float = 3e-4
-    vertical_bend_share: float = 0.03
+    # Vertical curvature that comes into view, and what lies between the knots: it also grows with the largest vertical
+    # curvature of the lane; the maximum is a radius of 170 m, at which cars leave the ground.
+    vertical_per_m: BaseShare = (3e-4, 0.03)
     vertical_share: float = 1.0
     max_vertical_per_m: float = 6e-3
-    # Distance over which it is forgotten.
-    vertical_decay_m: float = 20.0
-    # Inflated covariance: extra standard deviations for abrupt changes of vertical curvature, rate steps and pitch, and
-    # the weight of stripes that such a fit must explain in addition, because it is less constrained.
-    inflated_vertical_per_m: float = 6e-3
-    inflated_rate_step_per_m2: float = 3e-3
-    inflated_pitch_rad: float = 0.015
+    # Inflated covariance: extra standard deviations for abrupt changes of vertical curvature (1/m), rate steps (1/m^2)
+    # and pitch, and the weight of stripes that such a fit must explain in addition, because it is less constrained.
+    inflated_std: tuple[float, float, float] = (6e-3, 3e-3, 0.015)
     inflated_gain: float = 3.0
 
 
@@ -135,22 +120,12 @@ FILTER = FilterSettings()
 
 @dataclass(frozen=True)
 class CarMotion:
-    """Motion of the car.
-
-    Attributes
-    ----------
-    speed_mps : float
-    path_per_m : float
-        Curvature of the path, positive left.
-    course_rad : float
-        Direction of motion relative to the camera pose, positive left.
-    turning_std_per_m, course_std_rad : float
-        Standard deviations of the lane's curvature relative to the path, and of its heading relative to the course.
-    """
+    """Motion of the car: speed, curvature of the path (positive left), and course relative to the camera pose."""
 
     speed_mps: float
     path_per_m: float
     course_rad: float
+    # Standard deviations of the lane's curvature relative to the path, and of its heading relative to the course.
     turning_std_per_m: float
     course_std_rad: float
 
@@ -176,17 +151,9 @@ class State:
     def motion(self) -> CarMotion:
         """The car's motion, for departure warnings."""
         path, speed, _, camera_yaw = self.mean[CAR].tolist()
-        return CarMotion(
-            speed_mps=speed,
-            path_per_m=path,
-            course_rad=camera_yaw,
-            turning_std_per_m=self._std_of_difference(CURVATURE, PATH),
-            course_std_rad=self._std_of_difference(HEADING, CAMERA_YAW),
-        )
-
-    def _std_of_difference(self, first: int, second: int) -> float:
-        p = self.covariance
-        return float(np.sqrt(p[first, first] + p[second, second] - 2 * p[first, second]))
+        p, k, c = self.covariance, [CURVATURE, HEADING], [PATH, CAMERA_YAW]
+        turning_std, course_std = np.sqrt(p[k, k] + p[c, c] - 2 * p[k, c]).tolist()
+        return CarMotion(speed, path, camera_yaw, turning_std, course_std)
 
 
 def initial_state(
@@ -196,12 +163,13 @@ def initial_state(
     s = settings
     speed, speed_std = speed_mps, s.given_speed_std_mps
     if speed_mps is None:
-        speed = min(s.usual_speed_mps, max_speed_mps(lane[CURVATURE], s.usual_lateral_mps2, s.max_speed_mps))
-        speed_std = s.usual_speed_std_mps * speed / s.usual_speed_mps
-    path_std = np.hypot(s.path_per_m_per_s, s.path_share * lane[CURVATURE])
+        usual, usual_std = s.usual_speed_mps
+        speed = min(usual, max_speed_mps(lane[CURVATURE], s.lateral_mps2[0], s.max_speed_mps))
+        speed_std = usual_std * speed / usual
+    path_std = np.hypot(s.path_per_m_per_s[0], s.path_per_m_per_s[1] * lane[CURVATURE])
     full = np.zeros((STATES, STATES))
     full[LANE, LANE] = covariance
-    full[CAR, CAR] = np.diag(np.square([path_std, speed_std, s.rest_pitch_std_rad, s.camera_yaw_std_rad]))
+    full[CAR, CAR] = np.diag(np.square([path_std, speed_std, s.pose_std_rad, s.pose_std_rad]))
     return State(np.concatenate([lane, [lane[CURVATURE], speed, 0.0, 0.0]]), full)
 
 
@@ -268,23 +236,23 @@ def _vertical_transition(distance_m: float, settings: FilterSettings) -> np.ndar
 
 def process_noise(state: State, elapsed_s: float, settings: FilterSettings = FILTER) -> np.ndarray:
     """Variances (19,) that one prediction adds."""
-    n, curvature, distance_m = settings, max_curvature(state.lane), float(state.mean[SPEED]) * elapsed_s
-    per_s, per_m = np.zeros(STATES), np.zeros(STATES)
+    n, curvature, distance_m = settings, max_curvature(state.lane), abs(float(state.mean[SPEED]) * elapsed_s)
     excess = max(curvature - MOTORWAY_CURVATURE_PER_M, 0.0)
+
+    def grown(base_and_share: BaseShare, by: float) -> float:
+        return base_and_share[0] + base_and_share[1] * by
+
+    per_s, per_m = np.zeros(STATES), np.zeros(STATES)
     per_s[CENTRE], per_s[HEADING], per_s[PITCH] = n.centre_m_per_s, n.heading_rad_per_s, n.pitch_rad_per_s
-    per_s[REST_PITCH] = n.rest_pitch_rad_per_s
-    per_s[CAMERA_YAW] = n.camera_yaw_rad_per_s + n.camera_yaw_share_per_s * excess
-    per_s[PATH] = n.path_per_m_per_s + n.path_share_per_s * curvature
-    per_s[SPEED] = n.speed_mps_per_s
+    per_s[PATH], per_s[SPEED] = grown(n.path_per_m_per_s, curvature), n.speed_mps_per_s
+    per_s[REST_PITCH], per_s[CAMERA_YAW] = n.rest_pitch_rad_per_s, grown(n.camera_yaw_rad_per_s, excess)
     per_m[CENTRE] = n.centre_share_per_m * excess
     per_m[WIDTH] = per_m[ADJACENT] = n.width_m_per_m
-    per_m[CURVATURE] = n.curvature_per_m_per_m
-    per_m[RATE] = n.rate_per_m2_per_m + n.rate_square_share * curvature**2
-    per_m[RATE_STEPS] = min(n.rate_step_per_m2_per_m + n.rate_step_share * excess, n.max_rate_step_per_m2_per_m)
-    variance = per_s**2 * elapsed_s + per_m**2 * abs(distance_m)
-    vertical = n.vertical_per_m + n.vertical_bend_share * excess
-    vertical += n.vertical_share * max_vertical_curvature(state.lane)
-    forgotten = 1 - exp(-2 * abs(distance_m) / n.vertical_decay_m)
+    per_m[CURVATURE], per_m[RATE] = n.curvature_per_m_per_m, grown(n.rate_per_m2_per_m, curvature**2)
+    per_m[RATE_STEPS] = min(grown(n.rate_step_per_m2_per_m, excess), n.max_rate_step_per_m2_per_m)
+    variance = per_s**2 * elapsed_s + per_m**2 * distance_m
+    vertical = grown(n.vertical_per_m, excess) + n.vertical_share * max_vertical_curvature(state.lane)
+    forgotten = 1 - exp(-2 * distance_m / n.vertical_decay_m)
     variance[VERTICAL_CURVATURE] = min(vertical, n.max_vertical_per_m) ** 2 * forgotten
     return variance
 
@@ -296,12 +264,12 @@ def with_given_speed(state: State, speed_mps: float, settings: FilterSettings = 
 
 def without_wrong_yaw(state: State, settings: FilterSettings = FILTER) -> State:
     """The state, with the usual speed and any yaw if a car on a smooth road seems to stand and point away from it."""
-    points_away = abs(float(state.lane[HEADING])) > settings.standing_heading_rad
-    smooth = max_curvature(state.lane) < settings.standing_curvature_per_m
-    if not (points_away and smooth and float(state.mean[SPEED]) < settings.standing_mps):
+    speed_mps, heading_rad, curvature_per_m = settings.standing
+    stands = float(state.mean[SPEED]) < speed_mps and abs(float(state.lane[HEADING])) > heading_rad
+    if not stands or max_curvature(state.lane) >= curvature_per_m:
         return state
-    stds = {SPEED: settings.usual_speed_std_mps, CAMERA_YAW: settings.wrong_yaw_std_rad}
-    return _with_independent(state, settings.usual_speed_mps, stds)
+    usual, usual_std = settings.usual_speed_mps
+    return _with_independent(state, usual, {SPEED: usual_std, CAMERA_YAW: settings.wrong_yaw_std_rad})
 
 
 def _with_independent(state: State, speed_mps: float, stds: dict[int, float]) -> State:
@@ -321,13 +289,11 @@ def measure(
 
     The fit near the prediction is linearised there. If it leaves many stripes nearby unexplained, the lane is also
     fitted outwards from the car, as in a search: what begins ahead (a bend, a crest) leaves the prediction by more than
-    any standard deviation. If that is still not enough, the covariance is inflated for
-    abrupt changes. The fit that explains most is taken.
+    any standard deviation. If that is still not enough, the covariance is inflated for abrupt changes.
     """
     mean, covariance = predicted.lane, predicted.lane_covariance
-    best = fit_lanes(
-        mean[None], stripes, view, fit_settings, schedule=fit_settings.near, prior=(mean, covariance), linear=True
-    )
+    near = fit_settings.extend[-2:]
+    best = fit_lanes(mean[None], stripes, view, fit_settings, schedule=near, prior=(mean, covariance), linear=True)
     attempts = ((covariance, 0.0), (inflate(predicted, settings).lane_covariance, settings.inflated_gain))
     for assumed, gain in attempts:
         if not best.unexplained[0]:
@@ -342,9 +308,10 @@ def inflate(state: State, settings: FilterSettings = FILTER) -> State:
     """The same mean with extra variance for abrupt changes of vertical curvature, rate steps and pitch."""
     covariance = state.covariance.copy()
     diagonal = covariance.reshape(-1)[:: STATES + 1]
-    diagonal[VERTICAL_CURVATURE] += settings.inflated_vertical_per_m**2
-    diagonal[RATE_STEPS] += settings.inflated_rate_step_per_m2**2
-    diagonal[PITCH] += settings.inflated_pitch_rad**2
+    vertical, rate_step, pitch = np.square(settings.inflated_std).tolist()
+    diagonal[VERTICAL_CURVATURE] += vertical
+    diagonal[RATE_STEPS] += rate_step
+    diagonal[PITCH] += pitch
     return State(state.mean, covariance)
 
 
@@ -356,7 +323,7 @@ def update(predicted: State, lane: np.ndarray, covariance: np.ndarray, settings:
     root = np.linalg.cholesky(predicted.covariance)
     gain = np.linalg.solve(root[LANE, LANE].T, root[CAR, LANE].T).T
     mean = np.concatenate([lane, predicted.mean[CAR] + gain @ (lane - predicted.lane)])
-    fastest = max_speed_mps(lane[CURVATURE], settings.max_lateral_mps2, settings.max_speed_mps)
+    fastest = max_speed_mps(lane[CURVATURE], settings.lateral_mps2[1], settings.max_speed_mps)
     mean[SPEED] = min(max(mean[SPEED], 0.0), fastest)
     # sums of squares, because differences of nearly equal matrices may lose positive definiteness
     regression = np.vstack([np.eye(PARAMETERS), gain])

@@ -18,11 +18,10 @@ from lanes.detect.lane import TRACKING
 
 # Frames are averaged by the second. Both parts must last at least this long, because bumps and bends pass sooner.
 MIN_PART_S = 5
-# A smaller change does not need a new pose: on a rendered drive 0.8 degrees of pitch move the offset by 1 cm.
-MIN_CHANGE_RAD = np.radians(0.8)
-# Smallest change in standard deviations. High, because the best of all splits is taken and because the values of
+# Smallest change: a smaller one does not need a new pose (on a rendered drive 0.8 degrees of pitch move the offset by
+# 1 cm). The number of standard deviations is high because the best of all splits is taken and because the values of
 # successive seconds are correlated.
-MIN_CHANGE_STDS = 6.0
+MIN_CHANGE_RAD, MIN_CHANGE_STDS = np.radians(0.8), 6.0
 # A wrong yaw is larger than this in nearly all frames, those between these percentiles: in bends the estimate is less
 # accurate. Larger than the error of a pose from a drive, and large enough to move a line by 0.5 m at 30 m.
 MIN_WRONG_YAW_RAD, WRONG_YAW_PERCENTILES = np.radians(1.0), (10, 90)
@@ -101,32 +100,25 @@ def _values_per_second(rows: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.n
         np.array([np.median(np.asarray(rows[name])[f]) for f in frames])
         for name in ("pitch_rad", "heading_rad", "offset_m")
     )
-    return seconds, pitch, heading - _weaving_heading(heading, offset)
-
-
-def _weaving_heading(heading: np.ndarray, offset_m: np.ndarray) -> np.ndarray:
-    """Part of the headings (N,) that is proportional to the lateral speed; the factor is fitted (1 / speed)."""
-    if len(heading) < 3:
-        return np.zeros_like(heading)
-    lateral_speed = np.gradient(offset_m)
-    # Fitted to differences between seconds, so that a step of the heading has little influence.
-    differences = np.diff(lateral_speed)
-    slope = differences @ np.diff(heading) / max(differences @ differences, 1e-9)
-    return slope * lateral_speed
+    if len(seconds) >= 3:
+        # weaving is proportional to the lateral speed; the factor (1 / speed) is fitted to differences between seconds,
+        # so that a step of the heading has little influence
+        lateral_speed = np.gradient(offset)
+        differences = np.diff(lateral_speed)
+        heading = heading - differences @ np.diff(heading) / max(differences @ differences, 1e-9) * lateral_speed
+    return seconds, pitch, heading
 
 
 def _largest_step(values: np.ndarray) -> tuple[int, float]:
     """Best split of (N,) values into two constant levels, and the step between these; 0.0 if not significant."""
-    residuals = []
-    for split in range(1, len(values)):
-        levels = np.median(values[:split]), np.median(values[split:])
-        residuals.append(np.abs(values - np.where(np.arange(len(values)) < split, *levels)))
-    if not residuals:
-        return 0, 0.0
-    split = 1 + int(np.argmin([residual.sum() for residual in residuals]))
-    before, after = split, len(values) - split
-    # The median of n normal values has the variance pi / 2n.
-    std = 1.4826 * np.median(residuals[split - 1]) * np.sqrt(np.pi / 2 * (1 / before + 1 / after))
-    step = float(np.median(values[split:]) - np.median(values[:split]))
-    significant = min(before, after) >= MIN_PART_S and abs(step) > max(MIN_CHANGE_RAD, MIN_CHANGE_STDS * std)
-    return split, step if significant else 0.0
+    split, step, least = 0, 0.0, np.full(1, np.inf)
+    for at in range(1, len(values)):
+        before, after = np.median(values[:at]), np.median(values[at:])
+        residuals = np.abs(values - np.where(np.arange(len(values)) < at, before, after))
+        if residuals.sum() < least.sum():
+            split, step, least = at, float(after - before), residuals
+    if not MIN_PART_S <= split <= len(values) - MIN_PART_S:
+        return split, 0.0
+    # the median of n normal values has the variance pi / 2n
+    std = 1.4826 * np.median(least) * np.sqrt(np.pi / 2 * (1 / split + 1 / (len(values) - split)))
+    return split, step if abs(step) > max(MIN_CHANGE_RAD, MIN_CHANGE_STDS * std) else 0.0

@@ -62,18 +62,15 @@ class TrackerSettings:
     search_period_s: float = 1.0
     challenger_margin: float = 0.1
     lost_comparisons: int = 3
-    # Two lanes are the same if their lines lie within this number of the known one's standard deviations of each other,
-    # but never farther apart than the larger of these limits, and always if nearer than the smaller one.
-    same_lane_stds: float = 3.0
-    same_lane_m: tuple[float, ...] = (0.15, 0.3)
-    same_lane_at_m: tuple[float, ...] = (6.0, 12.0, 20.0)
+    # Two lanes are the same if their lines lie within three of the known one's standard deviations of each other 6, 12
+    # and 20 m ahead, but never farther apart than the larger limit, and always if nearer than the smaller one.
+    same_lane_m: tuple[float, float] = (0.15, 0.3)
     # Distance of the car's centre beyond a line at which the adjacent lane becomes the ego lane; a hysteresis.
     lane_change_m: float = 0.1
-    # Half widths of the views while tracking: the narrowest is used that contains both lines at these distances with
+    # Half widths of the views while tracking: the narrowest is used that contains both lines 5, 20 and 35 m ahead with
     # this margin. The search uses the second one.
     half_widths_m: tuple[float, ...] = (5.0, 9.0, 13.0)
     view_margin_m: float = 0.8
-    view_lines_at_m: tuple[float, ...] = (5.0, 20.0, 35.0)
     # Period, in frames, in which the profile of each line is measured, left and right in turn: they seldom change.
     profile_period: int = 10
     # Shortest time between samples of what never moves in the image, and the width of its columns: stripes within 1 to
@@ -132,8 +129,7 @@ class LaneTracker:
 
     def reset(self) -> None:
         """Forget everything, as between two drives."""
-        widest = self._views[-1]
-        self._static = StaticPattern(widest.shape[0], self._static_columns(widest.y_m)[-1] + 1)
+        self._static = StaticPattern(self.view.shape[0], self._static_columns(self._views[-1].y_m)[-1] + 1)
         self._since_static_s, self._lane_moves = self.settings.static_period_s, False
         self._forget_lane()
 
@@ -149,11 +145,10 @@ class LaneTracker:
     def summary(self) -> dict[str, str]:
         """Settings and current result in words, by name."""
         camera = self.view.camera
-        speed = "estimated" if self.speed_mps is None else f"{3.6 * self.speed_mps:.0f} km/h, given"
         return {
             "camera": f"{camera.width}x{camera.height} px, {self.view.height_m:.2f} m above the road",
             "frames a second": f"{self.fps:g}",
-            "speed": speed,
+            "speed": "estimated" if self.speed_mps is None else f"{3.6 * self.speed_mps:.0f} km/h, given",
             **(self._lane.summary() if self._lane else {"state": LOST}),
         }
 
@@ -187,18 +182,26 @@ class LaneTracker:
         LaneError
             If `elapsed_s` is not a number.
         """
+        s = self.settings
         elapsed_s = 1 / self.fps if elapsed_s is None else _number(elapsed_s, "elapsed_s")
-        if not 0 <= elapsed_s <= self.settings.max_coast_s:
+        if not 0 <= elapsed_s <= s.max_coast_s:
             self._forget_lane()
         self._frames += 1
         self._since_search_s += elapsed_s
         search = self._search_is_due()
         view = self.view if search or self._lane is None else self._narrowest_view(self._lane)
-        evidence = extract_evidence(view.warp(image), view, self.settings.detector.paint)
+        evidence = extract_evidence(view.warp(image), view, s.detector.paint)
         evidence, challenger = self._without_static(evidence, max(elapsed_s, 0.0), search=search)
         self.evidence = evidence
         if self._estimate is not None and self._lane is not None:
-            self._follow(self._estimate, self._lane, evidence, elapsed_s)
+            predicted = predict(self._estimate, elapsed_s, s.filter)
+            if self.speed_mps is not None:
+                predicted = with_given_speed(predicted, self.speed_mps, s.filter)
+            fit = measure(evidence.stripes, predicted, view, s.filter, s.detector.fit)
+            estimate = update(predicted, fit.lanes[0], fit.covariance[0], s.filter)
+            if self.speed_mps is None:
+                estimate = without_wrong_yaw(estimate, s.filter)
+            self._follow(estimate, fit, evidence, self._lane, elapsed_s)
         if search:
             self._since_search_s = 0.0
             self._compare(challenger)
@@ -210,61 +213,45 @@ class LaneTracker:
             return True
         return self._lane.score < self.settings.min_score or self._since_search_s >= self.settings.search_period_s
 
-    def _follow(self, estimate: State, last: Lane, evidence: FrameEvidence, elapsed_s: float) -> None:
-        """Update the track with the evidence of the next frame; coast if the lane is not seen, or give it up."""
+    def _follow(self, estimate: State, fit: Fit, evidence: FrameEvidence, last: Lane, elapsed_s: float) -> None:
+        """Take the updated estimate; coast on it if the lane is not seen, or give it up."""
         s = self.settings
-        predicted = predict(estimate, elapsed_s, s.filter)
-        if self.speed_mps is not None:
-            predicted = with_given_speed(predicted, self.speed_mps, s.filter)
-        fit = measure(evidence.stripes, predicted, evidence.view, s.filter, s.detector.fit)
-        estimate = update(predicted, fit.lanes[0], fit.covariance[0], s.filter)
-        if self.speed_mps is None:
-            estimate = without_wrong_yaw(estimate, s.filter)
-        lines = self._observe(fit, evidence, last, float(estimate.mean[SPEED]) * elapsed_s)
-        seen = sum(line.support for line in lines) >= s.min_total_support
-        self._estimate, lines = self._to_ego_lane(estimate, lines)
-        self._count_unseen(seen, elapsed_s)
-        if self._estimate is not None:
-            self._lane = self._describe(self._estimate, lines, inlier_share=float(fit.inlier_share[0]))
-
-    def _observe(self, fit: Fit, evidence: FrameEvidence, last: Lane, distance_m: float) -> Sequence[LineEvidence]:
-        """What both lines show in this frame; if the lane is not seen, what they showed `distance_m` before."""
-        phase, half = self._frames % self.settings.profile_period, self.settings.profile_period // 2
+        phase, half = self._frames % s.profile_period, s.profile_period // 2
         profiles_of = (0,) if phase == 0 else (1,) if phase == half else ()
-        lines = observe_lines(fit, evidence, last.evidence, profiles_of=profiles_of)
-        if sum(line.support for line in lines) >= self.settings.min_total_support:
-            return lines
-        return [
-            replace(line, support=0.0, seen=False, reach_m=max(line.reach_m - distance_m, 0.0))
-            for line in last.evidence
-        ]
-
-    def _to_ego_lane(self, estimate: State, lines: Sequence[LineEvidence]) -> tuple[State, Sequence[LineEvidence]]:
-        """After the car's centre has crossed a line: the adjacent lane, whose lines swap names; else unchanged."""
-        lane, prior = estimate.lane, self.settings.detector.fit.prior
-        if abs(lane[CENTRE]) < lane[WIDTH] / 2 + self.settings.lane_change_m:
-            return estimate, lines
-        if lane[CENTRE] < 0:
-            return to_adjacent_lane(estimate, LEFT_SIDE, prior), (LineEvidence(), lines[0])
-        return to_adjacent_lane(estimate, RIGHT_SIDE, prior), (lines[1], LineEvidence())
-
-    def _count_unseen(self, seen: bool, elapsed_s: float) -> None:
-        """Take the updated track, coast on it if the lane is not seen, or give it up."""
-        s = self.settings
+        lines: Sequence[LineEvidence] = observe_lines(fit, evidence, last.evidence, profiles_of=profiles_of)
+        seen = sum(line.support for line in lines) >= s.min_total_support
+        if not seen:
+            # what they showed before, nearer by the distance driven
+            moved_m = float(estimate.mean[SPEED]) * elapsed_s
+            lines = [
+                replace(line, support=0.0, seen=False, reach_m=max(line.reach_m - moved_m, 0.0))
+                for line in last.evidence
+            ]
+        estimate, lines = self._to_ego_lane(estimate, lines)
         if seen:
             self._unseen_s = 0.0
             self._regained += self._state == COASTING
             if self._regained >= s.confirmations:
                 self._state, self._regained = TRACKING, 0
-            return
-        self._unseen_s += elapsed_s
-        certain = self._estimate is not None and (
-            lateral_std_m(self._estimate.lane_covariance, s.max_std_at_m).max() <= s.max_std_m
-        )
-        if self._state == SEARCHING or self._unseen_s > s.max_coast_s or not certain:
-            self._forget_lane()
         else:
+            self._unseen_s += elapsed_s
+            certain = lateral_std_m(estimate.lane_covariance, s.max_std_at_m).max() <= s.max_std_m
+            if self._state == SEARCHING or self._unseen_s > s.max_coast_s or not certain:
+                self._forget_lane()
+                return
             self._state, self._regained = COASTING, 0
+        self._estimate = estimate
+        self._lane = self._describe(estimate, lines, inlier_share=float(fit.inlier_share[0]))
+
+    def _to_ego_lane(self, estimate: State, lines: Sequence[LineEvidence]) -> tuple[State, Sequence[LineEvidence]]:
+        """After the car's centre has crossed a line: the adjacent lane, whose lines swap names; else unchanged."""
+        centre, width = estimate.lane[[CENTRE, WIDTH]]
+        if abs(centre) < width / 2 + self.settings.lane_change_m:
+            return estimate, lines
+        prior = self.settings.detector.fit.prior
+        if centre < 0:
+            return to_adjacent_lane(estimate, LEFT_SIDE, prior), (LineEvidence(), lines[0])
+        return to_adjacent_lane(estimate, RIGHT_SIDE, prior), (lines[1], LineEvidence())
 
     def _compare(self, challenger: Lane | None) -> None:
         """Compare a lane found without memory with the track, and start with it if it is better."""
@@ -301,10 +288,10 @@ class LaneTracker:
         """The estimate as a lane: double lines are bounded by their inner stripes."""
         left, right = lines
         # single lines are not shifted: the filter estimates their centres better than one profile does
-        model = estimate.lane + inner_stripe_shift([left.double_profile, right.double_profile])
+        shift = inner_stripe_shift([left.double_profile, right.double_profile])
         lane = Lane(
             state=self._state,
-            model=model,
+            model=estimate.lane + shift,
             centres=estimate.lane,
             fit_covariance=estimate.lane_covariance,
             evidence=(left, right),
@@ -353,17 +340,15 @@ class LaneTracker:
 
     def _narrowest_view(self, lane: Lane) -> BirdsEyeView:
         """The narrowest view that contains both lines of a lane."""
-        at_m = np.array(self.settings.view_lines_at_m)
+        powers = np.array([5.0, 20.0, 35.0]) ** np.arange(4)[:, None]
         polynomials = np.array([line.coefficients for line in lane.lines]) / [1, 1, 2, 6]
-        reach_m = float(np.abs(polynomials @ at_m ** np.arange(4)[:, None]).max())
-        wide_enough = (view for view in self._views if reach_m < view.half_width_m - self.settings.view_margin_m)
-        return next(wide_enough, self._views[-1])
+        reach_m = float(np.abs(polynomials @ powers).max()) + self.settings.view_margin_m
+        return next((view for view in self._views if reach_m < view.half_width_m), self._views[-1])
 
     def _is_same_lane(self, found: Lane, known: Lane) -> bool:
         """Whether both lines of a detected lane are those of the known one."""
-        s, at_m = self.settings, np.array(self.settings.same_lane_at_m)
-        std_m = lateral_std_m(known.fit_covariance, at_m)
-        tolerance_m = np.clip(s.same_lane_stds * std_m, s.same_lane_m[0], s.same_lane_m[1])
+        at_m = np.array([6.0, 12.0, 20.0])
+        tolerance_m = np.clip(3.0 * lateral_std_m(known.fit_covariance, at_m), *self.settings.same_lane_m)
         # lines of a hairpin may turn back before these distances: NaN counts as the same
         return not (np.abs(found.lateral_m(at_m) - known.lateral_m(at_m)) > tolerance_m).any()
 

@@ -89,5 +89,5 @@ def test_the_telemetry_of_a_lane_and_of_none():
 def test_types_in_words():
     left, right = lane_of(BENT).lines
     assert (left.describe_type(), right.describe_type()) == ("yellow double solid", "white dashed")
-    assert replace(left, evidence=LineEvidence()).describe_type() == ""
+    assert replace(left, votes=TypeVotes()).describe_type() == ""
     assert ", yellow double solid, paint on 60% of its rows, up to 25 m" in left.describe()

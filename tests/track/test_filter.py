@@ -150,7 +150,7 @@ def test_the_noise_is_the_same_for_any_frame_rate(curvature):
         (FilterSettings(centre_m_per_s=1.0), CENTRE),
         (FilterSettings(heading_rad_per_s=0.1), HEADING),
         (FilterSettings(width_m_per_m=0.1), WIDTH),
-        (FilterSettings(path_per_m_per_s=0.1), PATH),
+        (FilterSettings(path_per_m_per_s=(0.1, 0.3)), PATH),
         (FilterSettings(speed_mps_per_s=10.0), SPEED),
     ],
 )

@@ -324,7 +324,7 @@ def test_other_wrong_arguments_raise():
         TrackerSettings(min_score=5.0),
         TrackerSettings(confirmations=8),
         TrackerSettings(half_widths_m=(4.0, 6.0)),
-        TrackerSettings(filter=FilterSettings(usual_speed_mps=12.0)),
+        TrackerSettings(filter=FilterSettings(usual_speed_mps=(12.0, 8.0))),
         TrackerSettings(filter=FilterSettings(centre_m_per_s=1.0)),
         TrackerSettings(detector=DetectorSettings(paint=replace(DetectorSettings().paint, single_m=0.25))),
         TrackerSettings(detector=DetectorSettings(fit=replace(DetectorSettings().fit, variance_inflation=40.0))),
