@@ -134,9 +134,10 @@ def test_a_change_of_size_is_reported_with_its_time(tmp_path):
     parts = [make_video(tmp_path / f"{n}.ts", 25, size=size) for n, size in enumerate([(160, 96), (320, 192)])]
     path = tmp_path / "both.ts"
     path.write_bytes(b"".join(part.read_bytes() for part in parts))
-    frames = []
+    seen = []
     with pytest.raises(VideoError, match=r"both\.ts: changes from 160x96 to 320x192 pixels at 0\.96 s; cut it there"):
-        frames.extend(frame.number for frame in read_timed_frames(path))
+        process_video(path, tmp_path / "out.mp4", lambda f: seen.append(number_of(f)) or f, progress=False)
+    assert seen == list(range(25))
 
 
 def test_times_continue_after_a_clock_reset(tmp_path):

@@ -33,14 +33,6 @@ class StatefulFunction:
         return self.canvas, {"brightness": float(self.canvas.mean().round(3))}
 
 
-def test_each_frame_once_in_order_and_none_lost(video, tmp_path):
-    seen = []
-    info = process_video(video, tmp_path / "out.mp4", lambda f: seen.append(number_of(f)) or f, progress=False)
-    assert seen == list(range(50))
-    assert (info.frames, info.missing) == (50, 0)
-    assert [number_of(image) for image in read_video(tmp_path / "out.mp4")] == seen
-
-
 @pytest.mark.parametrize(
     ("fps", "frames"), [(25, 1), (NTSC, 20), (Fraction(24000, 1001), 20), (Fraction(60000, 1001), 20), (12, 20)]
 )
@@ -52,9 +44,11 @@ def test_rate_and_duration_are_exact(tmp_path, fps, frames):
     assert (info.fps, info.frames, info.duration_s) == (float(fps), frames, round(float(frames / fps), 6))
 
 
-def test_browsers_can_play_it(video, tmp_path):
-    target = tmp_path / "out.mp4"
-    process_video(video, target, unchanged, progress=False)
+def test_each_frame_is_seen_once_in_order_and_browsers_can_play_the_output(video, tmp_path):
+    seen, target = [], tmp_path / "out.mp4"
+    info = process_video(video, target, lambda f: seen.append(number_of(f)) or f, progress=False)
+    assert seen == [number_of(image) for image in read_video(target)] == list(range(50))
+    assert (info.frames, info.missing) == (50, 0)
     with av.open(str(target)) as container:
         codec = container.streams.video[0].codec_context
         assert (codec.name, codec.pix_fmt, codec.profile) == ("h264", "yuv420p", "High")
@@ -95,23 +89,6 @@ def test_variable_rate_keeps_its_times_and_the_function_can_take_them(tmp_path):
     assert next(read_video(target))[:8].mean() == pytest.approx(255 - numbered(0)[:8].mean(), abs=8)
 
 
-def test_telemetry(video, tmp_path):
-    values = iter(range(100))
-    process_video(
-        video,
-        tmp_path / "out.mp4",
-        lambda image: (image, {"offset_m": next(values) / 10}),
-        start_s=1.0,
-        progress=False,
-        telemetry=tmp_path / "out.csv",
-    )
-    lines = (tmp_path / "out.csv").read_text().splitlines()
-    assert lines[0] == "frame,time_s,offset_m,latency_ms"
-    assert lines[1].startswith("25,1,0,")
-    assert lines[25].startswith("49,1.96,2.4,")
-    assert len(lines) == 26
-
-
 def test_threads_change_nothing(repeatable, tmp_path):
     """A loop without threads gives the same bytes and the same telemetry."""
     plain, rows = StatefulFunction(), []
@@ -124,27 +101,10 @@ def test_threads_change_nothing(repeatable, tmp_path):
     process_video(repeatable, tmp_path / "out.mp4", StatefulFunction(), **options)
     assert (tmp_path / "plain.mp4").read_bytes() == (tmp_path / "out.mp4").read_bytes()
     table = read_telemetry(tmp_path / "rows.csv")
-    del table["latency_ms"]
+    name, latency_ms = table.popitem()
+    assert name == "latency_ms" and (latency_ms > 0).all()
     assert [dict(zip(table, values, strict=True)) for values in zip(*table.values(), strict=True)] == rows
     assert len(rows) == 40
-
-
-def test_same_input_gives_the_same_packets_of_image_and_sound(repeatable, tmp_path):
-    """The interleaving of packets with equal times may vary."""
-    packets = []
-    for name in ("a.mp4", "b.mp4"):
-        process_video(repeatable, tmp_path / name, unchanged, progress=False)
-        with av.open(str(tmp_path / name)) as container:
-            found = [(p.stream.index, p.pts, bytes(p)) for p in container.demux() if p.pts is not None]
-        packets.append(sorted(found))
-    assert len({index for index, _, _ in packets[0]}) == 2
-    assert packets[0] == packets[1]
-
-
-def test_a_video_that_was_inspected_before_is_not_inspected_again(video, tmp_path, monkeypatch):
-    info = inspect_video(video)
-    monkeypatch.setattr("lanes.video.process.inspect_video", lambda path: pytest.fail(f"inspects {path}"))
-    assert process_video(video, tmp_path / "out.mp4", unchanged, progress=False, info=info).frames == 50
 
 
 @pytest.mark.parametrize(
