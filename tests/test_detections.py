@@ -109,23 +109,15 @@ def test_the_time_between_frames_counts(source, folder, detect, tmp_path):
         assert [row["state"] for row in found[-4::3]] == ["tracking", last], fps
 
 
-def test_picture_without_a_lane(folder, detect):
-    status, (row,), *_ = detect("--camera", folder / "camera.yaml", folder / "black.png")
-    assert (status, row["state"], row["confidence"], row["offset_m"]) == (0, "lost", 0.0, None)
-    assert row["lanes"] == [[-2.0] * len(ROWS)] * 2
-
-
-def test_camera_is_rescaled_to_pictures_of_the_same_aspect_ratio(folder, detect):
-    _, (row,), *_ = detect("--camera", folder / "large.yaml", folder / "frame0.png")
-    require_true_columns(row, 0)
-
-
-def test_unusable_stills_are_left_out(folder, detect, tmp_path):
+def test_a_rescaled_camera_a_still_without_a_lane_and_an_unusable_one(folder, detect, tmp_path):
     cut = tmp_path / "cut.png"
     cut.write_bytes((folder / "frame0.png").read_bytes()[:2000])
-    status, found, _, err = detect("--camera", folder / "camera.yaml", folder / "frame1.png", cut)
-    assert status == 1 and [row["raw_file"] for row in found] == [str(folder / "frame1.png")]
-    assert re.search(r"error: .*cut\.png: cannot be decoded", err)
+    stills = [folder / "frame0.png", folder / "black.png", cut]
+    status, (first, black), _, err = detect("--camera", folder / "large.yaml", *stills)
+    assert status == 1 and re.search(r"error: .*cut\.png: cannot be decoded", err)
+    require_true_columns(first, 0)
+    assert (black["state"], black["confidence"], black["offset_m"]) == ("lost", 0.0, None)
+    assert black["lanes"] == [[-2.0] * len(ROWS)] * 2
 
 
 def test_stills_of_different_cameras_have_a_pose_each(folder, detect, tmp_path):
