@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 
@@ -60,6 +59,18 @@ def test_worst_moments():
     assert rounded(kinds["Least certain offset"])[0] == (8.0, "± 0.20 m")
 
 
+def test_worst_moments_of_a_decreasing_uncertainty_and_of_a_single_lost_frame():
+    telemetry = story()
+    for largest_m, words in ((0.5, "± 0.50 m"), (0.0005, "± 0.01 m")):
+        telemetry["offset_std_m"] = np.linspace(largest_m, largest_m / 5, 200)
+        assert rounded(worst_moments(telemetry)["Least certain offset"]) == [(0.0, words)]
+    one = {name: column[100:101] for name, column in story().items()}
+    kinds = worst_moments(one)
+    assert rounded(kinds["Lane not seen"]) == [(0.0, "lost for 0.0 s")]
+    assert kinds["Lowest confidence"] == kinds["Least certain bend"] == []
+    assert share_tracked(one) == 0
+
+
 def test_shares_count_time_not_frames():
     telemetry = story()
     assert share_tracked(telemetry) == pytest.approx(157 / 200)
@@ -67,22 +78,6 @@ def test_shares_count_time_not_frames():
     # Frames dropped while lost: the gap counts.
     kept = np.r_[0:95, 118:200]
     assert seconds_lost({name: column[kept] for name, column in telemetry.items()}) == pytest.approx(1.5)
-
-
-def test_decreasing_uncertainty_gives_one_moment():
-    telemetry = story()
-    telemetry["offset_std_m"] = np.linspace(0.5, 0.1, 200)
-    assert rounded(worst_moments(telemetry)["Least certain offset"]) == [(0.0, "± 0.50 m")]
-    telemetry["offset_std_m"] /= 1000
-    assert rounded(worst_moments(telemetry)["Least certain offset"]) == [(0.0, "± 0.01 m")]
-
-
-def test_moments_of_a_single_lost_frame():
-    one = {name: column[100:101] for name, column in story().items()}
-    kinds = worst_moments(one)
-    assert rounded(kinds["Lane not seen"]) == [(0.0, "lost for 0.0 s")]
-    assert kinds["Lowest confidence"] == kinds["Least certain bend"] == []
-    assert share_tracked(one) == 0
 
 
 def test_types_of_the_lines():
@@ -149,12 +144,9 @@ def test_axes_contain_the_values_and_have_round_ticks(values):
     assert min(ticks) <= min(-0.5, np.nanmin([*values, 0])) and max(ticks) >= max(0.5, np.nanmax([*values, 0]))
     assert 2 <= len(ticks) <= 12 and 0 in ticks
     assert all(len(f"{tick:g}") < 6 for tick in ticks) and "nan" not in svg
-
-
-def test_outlier_does_not_flatten_the_curve():
-    values = np.sin(np.arange(500) / 20)
-    values[77] = 1e4
-    assert max(ticks_of(draw_curve("Value", "m", values, None, (0, 1), np.arange(500) / 25))) < 5
+    # An outlier does not flatten the curve.
+    waves = np.where(np.arange(500) == 77, 1e4, np.sin(np.arange(500) / 20))
+    assert max(ticks_of(draw_curve("Value", "m", waves, None, (0, 1), np.arange(500) / 25))) < 5
 
 
 def test_states_fill_the_strip():
@@ -189,13 +181,6 @@ def test_the_bands_are_one_standard_deviation_wide(name, unit, std, tmp_path):
     np.testing.assert_allclose((low[::-1, 1] + high[:, 1]) / 2, line[:, 1], atol=0.02)
 
 
-def test_line_types_are_in_the_page(tmp_path):
-    page = report(tmp_path, story())
-    assert "the left line is yellow double solid, the right line dashed." in page
-    frames = json.loads(re.search(r'<script type="application/json" id="frames">(.*?)</script>', page)[1])
-    assert frames["left_types"] == [[0, "yellow double solid"], [90, "unknown"], [120, "yellow double solid"]]
-
-
 def test_names_and_settings_are_escaped(tmp_path):
     video = tmp_path / "<img src=x onerror=alert(1)>.mp4"
     video.write_bytes(b"no video, but that is not the report's business")
@@ -215,10 +200,8 @@ def test_large_videos_are_linked_and_small_ones_embedded(tmp_path):
 
 
 def test_report_of_a_drive_without_a_lane(tmp_path):
-    telemetry = story()
+    known = ("frame", "time_s", "state", "confidence")
+    telemetry = {name: column if name in known else np.full(200, np.nan) for name, column in story().items()}
     telemetry["state"][:] = "lost"
-    for name, column in telemetry.items():
-        if name not in ("frame", "time_s", "state", "confidence"):
-            telemetry[name] = np.full(len(column), np.nan)
     page = report(tmp_path, telemetry)
     assert "lost for 10.0 s in total." in page and "nan" not in page.lower()
