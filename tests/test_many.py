@@ -166,11 +166,15 @@ def test_failed_drives_do_not_stop_the_others(drives, tmp_path, in_this_process,
     assert (len(finished), failures) == (4, [])
 
 
-def test_the_worst_drive_is_first_in_the_table(drives, tmp_path, in_this_process):
+def test_a_bug_is_reported_and_the_worst_drive_is_first_in_the_table(drives, tmp_path, in_this_process, monkeypatch):
     grey = write_clip(tmp_path / "a grey=road.mp4", [np.full((432, 768, 3), 128, np.uint8)] * 5)
-    annotate_many([videos_in(drives)[0], grey], settings_for(tmp_path / "out"))
-    worst, best = summary(tmp_path / "out")
-    assert (worst["drive"], best["drive"], worst["source"]) == ("a grey=road", "drive0", str(grey))
+    videos = [*videos_in(drives)[:2], grey]
+    monkeypatch.setattr(many, "annotate_drive", lambda v, s: annotate_drive(v, s) if v != videos[1] else 1 / 0)
+    _, failures = annotate_many(videos, settings_for(tmp_path / "out"))
+    assert [str(error) for error in failures] == [f"{videos[1]}: ZeroDivisionError: division by zero"]
+    failed, worst, best = summary(tmp_path / "out")
+    assert (failed["drive"], worst["drive"], best["drive"]) == ("drive1", "a grey=road", "drive0")
+    assert worst["source"] == str(grey)
     measures = ("tracked_share", "lost_s", "frames", "missing", "length_s")
     assert [float(worst[name]) for name in measures] == pytest.approx([0, 0.2, 5, 0, 0.2])
     assert [float(best[name]) for name in measures] == pytest.approx([0.9, 0, FRAMES, 0, FRAMES / 25], abs=0.11)
@@ -197,48 +201,33 @@ def annotated_again(folder: Path, **changes: object) -> bool:
     return written.stat().st_mtime_ns != before
 
 
-def other_version(path: Path) -> None:
-    content = json.loads(path.read_text())
-    content["fingerprint"]["versions"]["OpenCV"] = "4.0"
-    path.write_text(json.dumps(content))
-
-
 CHANGES = {
     "input grown": lambda folder: (folder / "drive.mp4").write_bytes((folder / "drive.mp4").read_bytes() + b"x"),
     "input touched": lambda folder: os.utime(folder / "drive.mp4", ns=(0, 10**18)),
     "output removed": lambda folder: (folder / "out" / "drive.html").unlink(),
     "output cut": lambda folder: os.truncate(folder / "out" / "drive.mp4", 100),
     "no manifest": lambda folder: (folder / "out" / "drive.json").unlink(),
-    "other version": lambda folder: other_version(folder / "out" / "drive.json"),
+}
+SETTINGS = {
+    "style": {"style": "lines"},
+    "start": {"start_s": 0.04},
+    "end": {"end_s": 0.2},
+    "report": {"report": False},
+    "camera": {"camera": SMALL.with_pose(replace(SMALL.pose, height_m=1.4))},
+    "field": {"camera": None, "field": FieldOfView(60.0, "as given")},
 }
 
 
-@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("change", [*CHANGES, *SETTINGS])
 def test_a_changed_drive_is_annotated_again(change, finished_drive, tmp_path, in_this_process):
     folder = shutil.copytree(finished_drive, tmp_path / "drive")
     assert annotated_again(folder), "the path is part of the input"
     assert not annotated_again(folder, progress=True)
-    CHANGES[change](folder)
-    assert annotated_again(folder)
-    assert not annotated_again(folder)
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"style": "lines"},
-        {"start_s": 0.04},
-        {"end_s": 0.2},
-        {"report": False},
-        {"camera": SMALL.with_pose(replace(SMALL.pose, height_m=1.4))},
-        {"camera": None, "field": FieldOfView(60.0, "as given")},
-    ],
-    ids=lambda changes: "-".join(changes),
-)
-def test_other_settings_annotate_the_drive_again(changes, finished_drive, in_this_process):
-    assert annotated_again(finished_drive, **changes)
-    assert not annotated_again(finished_drive, **changes)
-    assert annotated_again(finished_drive)
+    if change in CHANGES:
+        CHANGES[change](folder)
+    settings = SETTINGS.get(change, {})
+    assert annotated_again(folder, **settings)
+    assert not annotated_again(folder, **settings)
 
 
 def test_invalid_manifests_count_as_none(finished_drive, in_this_process):
@@ -246,7 +235,9 @@ def test_invalid_manifests_count_as_none(finished_drive, in_this_process):
     path = finished_drive / "out" / "drive.json"
     annotated_again(finished_drive)
     good = json.loads(path.read_text())
+    other_versions = good["fingerprint"]["versions"] | {"OpenCV": "4.0"}
     entries = [{"outputs": []}, {"outputs": {"/etc/passwd": 1}}, {"frames": "many"}, {"fingerprint": 3}, {"more": 1}]
+    entries += [{"fingerprint": good["fingerprint"] | {"versions": other_versions}}]
     for text in ["", "7", '{"outputs": [1, 2', "[" * 99_999, *(json.dumps(good | entry) for entry in entries)]:
         path.write_text(text)
         assert annotated_again(finished_drive), text[:99]
@@ -273,14 +264,6 @@ def test_disk_errors_are_retried_a_limited_number_of_times(faults, drives, tmp_p
     assert len(attempts) == many.RETRIES + 1 and len(finished) + len(failures) == 1
     assert bool(failures) == (faults > many.RETRIES)
     assert not failures or f"{video}: " in str(failures[0]) and "No space left" in str(failures[0])
-
-
-def test_bug_is_reported_and_does_not_stop_the_others(drives, tmp_path, in_this_process, monkeypatch):
-    videos = videos_in(drives)[:2]
-    monkeypatch.setattr(many, "annotate_drive", lambda v, s: annotate_drive(v, s) if v == videos[1] else 1 / 0)
-    finished, failures = annotate_many(videos, settings_for(tmp_path))
-    assert [str(error) for error in failures] == [f"{videos[0]}: ZeroDivisionError: division by zero"]
-    assert [drive.fingerprint["source"] for drive in finished] == [str(videos[1])]
 
 
 def test_a_worker_with_other_versions_or_another_disk_is_reported(drives, tmp_path, in_this_process, monkeypatch):

@@ -113,14 +113,11 @@ def locked() -> dict[str, tuple[str, list[str]]]:
     return found
 
 
-def test_the_lock_pins_every_package_with_hashes(locked):
+def test_the_lock_pins_every_package_with_hashes_and_names_no_host(locked):
+    assert not re.search(r"https?://|--(extra-)?index|--find-links|file:|@ ", LOCK.read_text())
     assert len(locked) > 120
     for name, (_, hashes) in locked.items():
         assert hashes and all(re.fullmatch(r"[0-9a-f]{64}", digits) for digits in hashes), name
-
-
-def test_the_lock_names_no_host():
-    assert not re.search(r"https?://|--(extra-)?index|--find-links|file:|@ ", LOCK.read_text())
 
 
 def test_the_lock_is_complete(locked):

@@ -112,15 +112,5 @@ def sound_packets(path: Path) -> list[tuple[float, bytes]]:
         return [(round(float(p.pts * p.time_base), 4), bytes(p)) for p in packets if p.size]
 
 
-def boxes(path: Path) -> list[str]:
-    """Names of the top-level boxes of an mp4 file, in order (ISO 14496-12, 4.2)."""
-    data, at, names = path.read_bytes(), 0, []
-    while at < len(data):
-        length, name = struct.unpack(">I4s", data[at : at + 8])
-        names.append(name.decode())
-        at += length
-    return names
-
-
 def unchanged(frame: np.ndarray) -> np.ndarray:
     return frame
