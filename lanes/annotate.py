@@ -19,7 +19,7 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.detect.lane import LOST, Lane, telemetry_row
-from lanes.draw import draw_lane
+from lanes.draw import draw_lane, track_lane
 from lanes.errors import CameraError, LaneError, PictureError, PoseError, VideoError
 from lanes.field_of_view import FieldOfView, find_field_of_view
 from lanes.files import TelemetryWriter, exclusive_writer
@@ -249,7 +249,11 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
     with exclusive_writer(target):
         began_s = time.perf_counter()
         table = TelemetryWriter(target.with_suffix(".csv"))
-        written = _write_video(video, target, info, camera, settings, table)
+        function = track_lane(LaneTracker(camera, fps=info.fps), camera, style=settings.style)
+        options: dict[str, Any] = {"progress": settings.progress, "telemetry": table, "info": info, **settings.part}
+        # Decoder, tracker and encoder already run in a thread each.
+        with opencv_threads(1):
+            written = process_video(video, target, function, **options)
         telemetry, elapsed_s = table.columns(), time.perf_counter() - began_s
         count, missing = written.frames, written.missing
         more = f" ({missing} more {'is' if missing == 1 else 'are'} damaged or missing in the video)" if missing else ""
@@ -271,25 +275,6 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
     elif (yaw_rad := find_wrong_yaw(telemetry)) is not None:
         lines.append(f"{video}: {describe_wrong_yaw(yaw_rad)}")
     return Annotation(outputs, telemetry, "\n".join(lines), pose, missing)
-
-
-def _write_video(
-    video: Path, target: Path, info: VideoInfo, camera: Camera, settings: DriveSettings, table: TelemetryWriter
-) -> VideoInfo:
-    """Write the annotated video and its telemetry; returns the properties of the annotated video."""
-    tracker = LaneTracker(camera, fps=info.fps)
-
-    def annotate_frame(image: np.ndarray, elapsed_s: float | None) -> tuple[np.ndarray, dict[str, Any]]:
-        began_s = time.perf_counter()
-        lane = tracker.update(image, elapsed_s=elapsed_s)
-        latency_ms = round(1e3 * (time.perf_counter() - began_s), 3)
-        drawn = draw_lane(image, lane, camera, style=settings.style, evidence=tracker.evidence, onto=image)
-        return drawn, telemetry_row(lane) | {"latency_ms": latency_ms}
-
-    # Decoder, tracker and encoder already run in a thread each.
-    with opencv_threads(1):
-        options: dict[str, Any] = {"progress": settings.progress, "telemetry": table, "info": info, **settings.part}
-        return process_video(video, target, annotate_frame, **options)
 
 
 def _describe_settings(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 
 import cv2
@@ -111,13 +112,16 @@ def track_lane(tracker: LaneTracker, camera: Camera, *, style: str = "lane") -> 
     """A function for `process_video` that tracks the lane, draws on each frame and returns it with its telemetry.
 
     The function is called as process(frame, elapsed_s=None), with the frames in order; it draws on the frame itself.
+    The telemetry has the time that the tracker took, `latency_ms`.
     """
 
     def process(frame: np.ndarray, elapsed_s: float | None = None) -> tuple[np.ndarray, Row]:
+        began_s = time.perf_counter()
         lane = tracker.update(frame, elapsed_s=elapsed_s)
+        latency_ms = round(1e3 * (time.perf_counter() - began_s), 3)
         onto = None if style == "mosaic" else frame
         drawn = draw_lane(frame, lane, camera, style=style, evidence=tracker.evidence, onto=onto)
-        return drawn, telemetry_row(lane)
+        return drawn, telemetry_row(lane) | {"latency_ms": latency_ms}
 
     return process
 

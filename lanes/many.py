@@ -47,10 +47,6 @@ SUMMARY = Path("summary", "drives.csv")
 MEASURES = ("tracked_share", "lost_s", "frames", "missing", "length_s")
 
 
-class ClusterError(OSError):
-    """Dask, a worker or the shared storage is not usable; the message says what to do."""
-
-
 @dataclass(frozen=True, eq=False)
 class DriveJob:
     """A drive to annotate, as sent to a worker. All paths are absolute: workers may have other working directories."""
@@ -113,7 +109,12 @@ def annotate_many(
         try:
             with connect(workers, scheduler) as client, exclusive_writer(settings.output / SUMMARY):
                 log(f"{len(client.nthreads())} workers; dashboard: {client.dashboard_link}; {counts}")
-                for job, outcome in run_jobs(client, unfinished):
+                from distributed import as_completed
+
+                large_first = sorted(unfinished, key=lambda job: -job.fingerprint["size_bytes"])
+                pending = {client.submit(run_job, job, retries=RETRIES, pure=False): job for job in large_first}
+                for future in as_completed(pending):
+                    job, outcome = pending[future], _outcome(pending[future], future)
                     if isinstance(outcome, Exception):
                         failed[job.video] = outcome
                     else:
@@ -210,16 +211,6 @@ def run_job(job: DriveJob) -> FinishedDrive | Exception:
 # Dask.
 
 
-def run_jobs(client: Client, jobs: Sequence[DriveJob]) -> Iterator[tuple[DriveJob, FinishedDrive | Exception]]:
-    """Annotate drives, large files first; yields each job with its manifest or error as soon as it is done."""
-    from distributed import as_completed
-
-    jobs = sorted(jobs, key=lambda job: -job.fingerprint["size_bytes"])
-    pending = {client.submit(run_job, job, retries=RETRIES, pure=False): job for job in jobs}
-    for future in as_completed(pending):
-        yield pending[future], _outcome(pending[future], future)
-
-
 def _outcome(job: DriveJob, future: Future) -> FinishedDrive | Exception:
     """The result of a task, whose outputs must be visible on this machine, or an error that names the video."""
     outcome = future.result() if future.status == "finished" else future.exception()
@@ -235,17 +226,17 @@ def _outcome(job: DriveJob, future: Future) -> FinishedDrive | Exception:
         words = str(outcome)
     else:
         words = f"{type(outcome).__name__}: {outcome}" if outcome else "lost by the scheduler; run the command again."
-    return ClusterError(f"{job.video}: {words}")
+    return OSError(f"{job.video}: {words}")
 
 
 @contextmanager
 def connect(workers: int | None = None, scheduler: str | None = None) -> Iterator[Client]:
-    """A Dask client of a scheduler, or of new processes on this machine; raises ClusterError if there is none."""
+    """A Dask client of a scheduler, or of new processes on this machine; raises OSError if there is none."""
     try:
         import dask
         from distributed import Client, LocalCluster
     except ImportError as error:
-        raise ClusterError(
+        raise OSError(
             "--workers and --scheduler need Dask, which is not installed; run "
             "`pip install 'dask[distributed]' bokeh`, or omit them to annotate one drive after the other."
         ) from error
@@ -254,7 +245,7 @@ def connect(workers: int | None = None, scheduler: str | None = None) -> Iterato
             try:
                 client = Client(scheduler, timeout=CONNECT_TIMEOUT_S)
             except (OSError, ValueError) as error:
-                raise ClusterError(
+                raise OSError(
                     f"{scheduler}: no Dask scheduler answers there ({error}); start one with `dask scheduler`, and "
                     "give the address that it prints."
                 ) from error

@@ -66,22 +66,6 @@ def test_files_in_a_folder_without_access_are_refused(tmp_path, monkeypatch):
 # --- out
 
 
-def test_an_interrupted_write_keeps_the_old_file(tmp_path, monkeypatch):
-    target = tmp_path / "a.txt"
-    write_atomically(target, b"old")
-
-    def interrupted(self: Path, data: bytes) -> None:
-        with self.open("wb") as file:
-            file.write(data[:2])
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(Path, "write_bytes", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        write_atomically(target, b"new and longer")
-    assert names(tmp_path) == {"a.txt"}
-    assert target.read_bytes() == b"old"
-
-
 @pytest.mark.parametrize("call", ["replace", "fsync"])
 def test_a_full_disk_is_reported_and_keeps_the_old_file(tmp_path, monkeypatch, call):
     def full(*_: object) -> None:

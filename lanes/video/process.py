@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import replace
@@ -108,14 +108,9 @@ def process_video(
             bar.update()
             numbers.append(frame.number)
             last_s = frame.time_s
-    return replace(writer.written, missing=count_missing(info, numbers, start_s=start_s, end_s=end_s))
-
-
-def count_missing(info: VideoInfo, numbers: Sequence[int], *, start_s: float, end_s: float | None) -> int:
-    """Number of damaged or missing frames in a part of a video, of which those with `numbers` were read."""
     whole = start_s == 0 and (end_s is None or end_s >= info.duration_s)
     expected = info.frames + info.missing if whole else numbers[-1] - numbers[0] + 1
-    return max(0, expected - len(numbers))
+    return replace(writer.written, missing=max(0, expected - len(numbers)))
 
 
 def _apply(function: Callable, image: np.ndarray, options: Mapping, name: str) -> tuple[np.ndarray, Row]:
