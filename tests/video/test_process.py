@@ -120,6 +120,12 @@ def test_progress_is_shown_in_terminals_and_notebooks_only(video, tmp_path, monk
     assert bool(re.search(r"25/25 \[\d\d:\d\d<00:00, +[\d.]+frame/s", last)) == bool(last) == shown
 
 
+def test_a_latency_that_the_function_measured_is_kept(video, tmp_path):
+    rows = tmp_path / "rows.csv"
+    process_video(video, tmp_path / "out.mp4", lambda f: (f, {"latency_ms": 7}), telemetry=rows, progress=False)
+    assert set(read_telemetry(rows)["latency_ms"]) == {7}
+
+
 def test_writer_without_frames(tmp_path):
     with pytest.raises(VideoError, match="no frame was written"), VideoWriter(tmp_path / "out.mp4", fps=25):
         pass
