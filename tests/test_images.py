@@ -66,13 +66,20 @@ def test_round_trip_keeps_red_red(tmp_path, picture, suffix):
 
 
 @pytest.mark.parametrize("suffix", [".jpg", ".png", ".webp", ".bmp", ".tif"])
-@pytest.mark.parametrize("share", [0.3, 0.9, 0.99, 0.9985])
+@pytest.mark.parametrize("share", [0.3, 0.9, 0.99])
 def test_truncated_file_is_refused(tmp_path, suffix, share):
-    """The last share leaves out the end chunk of a PNG only."""
     noisy = np.random.default_rng(3).integers(0, 256, (60, 80, 3), dtype=np.uint8)
     path = write_image(tmp_path / f"cut{suffix}", noisy)
     path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
     with pytest.raises(PictureError, match=f"cut{suffix}.*cut off"):
+        read_image(path)
+
+
+def test_png_without_its_end_chunk_is_refused(tmp_path, picture):
+    """All rows are there, so that Pillow decodes it."""
+    path = write_image(tmp_path / "cut.png", picture)
+    path.write_bytes(path.read_bytes()[:-20])
+    with pytest.raises(PictureError, match=r"cut\.png.*cut off"):
         read_image(path)
 
 
