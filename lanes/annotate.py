@@ -164,7 +164,7 @@ def annotate_sources(sources: Sources, settings: DriveSettings) -> Iterator[Anno
 # Drives.
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class TrackedFrame(TimedFrame):
     """A frame of a drive, and the time that the tracker took for it."""
 
@@ -218,12 +218,10 @@ def track(
 
 def track_frames(frames: Iterable[TimedFrame], tracker: LaneTracker) -> Iterator[tuple[TrackedFrame, Lane | None]]:
     """Each frame with its lane. The tracker gets the time between frames: rates vary, and frames may be missing."""
-    last_s: float | None = None
     for frame in frames:
         began_s = time.perf_counter()
-        lane = tracker.update(frame.image, elapsed_s=None if last_s is None else frame.time_s - last_s)
-        latency_ms, last_s = 1e3 * (time.perf_counter() - began_s), frame.time_s
-        yield TrackedFrame(frame.number, frame.time_s, frame.image, latency_ms), lane
+        lane = tracker.update(frame.image, elapsed_s=frame.elapsed_s)
+        yield TrackedFrame(**vars(frame), latency_ms=1e3 * (time.perf_counter() - began_s)), lane
 
 
 def prepare_drive(video: Path, settings: DriveSettings) -> tuple[VideoInfo, Camera, PoseEstimate | None]:
@@ -345,7 +343,7 @@ def annotate_stills(stills: Sequence[Path], settings: DriveSettings) -> Annotati
 
 @dataclass(frozen=True, eq=False)
 class DetectedStill:
-    """A still, what was found in it, in which time, and its pose estimate (None if the camera had a pose)."""
+    """A still with its detection, the time of the detection, and its pose estimate (None if the camera had a pose)."""
 
     path: Path
     image: np.ndarray

@@ -48,7 +48,7 @@ def detect_in_sequence(
     if pose:
         print(pose.describe())
     images = (camera.require_size(read_image(path), path) for path in stills)
-    frames = (TimedFrame(number, number / fps, image) for number, image in enumerate(images))
+    frames = (TimedFrame(number, number / fps, image, 1 / fps) for number, image in enumerate(images))
     for frame, lane in track_frames(frames, LaneTracker(camera, fps=fps)):
         yield {"raw_file": str(stills[frame.number])} | as_detection(lane, camera, rows, frame.latency_ms)
 

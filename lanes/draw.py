@@ -17,6 +17,7 @@ from lanes.canvas import (
     UNLIKELY_COLOUR,
     blend_polygon,
     draw_polyline,
+    finite_points,
     put_text,
 )
 from lanes.describe import describe_bend, describe_offset, describe_std
@@ -86,11 +87,10 @@ def draw_lane(
     return _mosaic(image, drawn, lane, camera, evidence) if style == "mosaic" else drawn
 
 
-def lane_outlines(lane: Lane, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+def lane_outlines(lane: Lane, camera: Camera) -> list[np.ndarray]:
     """Raw pixels (N, 2) along the left and the right line, near to far, as far as the evidence for either reaches."""
     reach_m = max(lane.left.reach_m, lane.right.reach_m, 2 * NEAREST_M)
-    along_m = NEAREST_M * (reach_m / NEAREST_M) ** SHARES
-    return lane.left.pixels(camera, along_m=along_m), lane.right.pixels(camera, along_m=along_m)
+    return lane.outlines(camera, along_m=NEAREST_M * (reach_m / NEAREST_M) ** SHARES)
 
 
 def describe_lane(lane: Lane | None) -> list[str]:
@@ -169,7 +169,8 @@ def _draw_fit(image: np.ndarray, lane: Lane | None, view: BirdsEyeView) -> np.nd
     for line, y_m, colour in zip(lane.lines, lines_y_m, (LEFT_COLOUR, RIGHT_COLOUR), strict=True):
         rows = np.flatnonzero(view.x_m <= max(line.reach_m, view.near_m))
         columns = (view.y_m[0] - y_m[rows]) / view.cell_m
-        draw_polyline(image, np.column_stack([columns, rows]), colour, 3)
+        # without the rows that a line does not pass
+        draw_polyline(image, finite_points(np.column_stack([columns, rows])), colour, 3)
     return image
 
 

@@ -15,6 +15,7 @@ from lanes.errors import PictureError
 from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker
 from tests.support.painted_drive import BENDS, SMALL, tracked_bends
+from tests.support.shapes import a_lane
 
 
 def test_outlines_lie_on_the_paint():
@@ -154,6 +155,20 @@ def test_mosaic_shows_fit_and_marking_response():
     blue = np.flatnonzero((rows[:, :, 2] - rows[:, :, 0] > 80).any(axis=0))
     assert np.median(red) == pytest.approx(columns[0], abs=6) and np.median(blue) == pytest.approx(columns[1], abs=6)
     assert (np.ptp(response, axis=2) == 0).all() and response.max() > 200
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_mosaic_of_a_hairpin_leaves_out_rows_that_a_line_does_not_pass():
+    """The lines turn back 15 m ahead; paint is said to reach 60 m. Where no line passes, nothing is drawn."""
+    image, lane = tracked_bends()
+    far = tuple(replace(line, reach_m=60.0) for line in lane.evidence)
+    hairpin = replace(lane, model=a_lane(width=3.5, curvature=1 / 15), evidence=far)
+    mosaic = draw_lane(image, hairpin, SMALL, style="mosaic").astype(int)
+    height, width = image.shape[:2]
+    fit = mosaic[2 * height // 3 : height, 2 * width // 3 + 4 :]
+    red, blue = fit[..., 0] - fit[..., 2] > 100, fit[..., 2] - fit[..., 0] > 100
+    assert red.any() and blue.any()
+    assert not (red | blue)[: fit.shape[0] // 3].any()
 
 
 def test_mosaic_shows_the_evidence_of_a_still():

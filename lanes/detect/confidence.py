@@ -62,8 +62,8 @@ def lane_features(lane: Lane) -> np.ndarray:
         [
             1.0,
             # Standard deviation (metres) of the less certain line 30 m ahead, for the noise that the fit assumes; that
-            # of the errors (`Lane.covariance`) separates right and wrong lanes less well. The lines of a floor of tiles
-            # are as certain as those of a road, so small ones of stills are all the same.
+            # of the errors (`Lane.covariance`) separates right and wrong lanes less well. At least 0.05 m in a still:
+            # the lines of a floor of tiles are as certain as those of a road.
             np.log(std_m if tracked else max(std_m, 0.05)),
             # The same 10 m ahead, where the second line of a lane with one line is as uncertain as 30 m ahead, and the
             # lines of a hairpin are much less so.

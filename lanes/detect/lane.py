@@ -131,11 +131,7 @@ class Line(LineEvidence):
 
         They end where the line turns back, dips behind a crest or leaves the lens; at least two points or none.
         """
-        points = line_points(self.model, self.side, along_m)
-        points = np.column_stack([points, road_height(self.model, points[:, 0])])
-        pose = camera.require_pose()
-        pitched = camera.with_pose(replace(pose, pitch_rad=pose.pitch_rad + float(self.model[PITCH])))
-        return _visible_part(pitched.road_to_pixels(points))
+        return _outlines(self.model, np.array([self.side]), camera, along_m)[0]
 
     def describe(self) -> str:
         """Words: lateral position beside the car, type, and the evidence."""
@@ -299,12 +295,16 @@ class Lane:
         """Standard deviations (2, N) of `lateral_m`, metres."""
         return np.array([line.std_m(x_m) for line in self.lines])
 
+    def outlines(self, camera: Camera, *, along_m: np.ndarray = OUTLINE_M) -> list[np.ndarray]:
+        """`Line.pixels` of the left and of the right line."""
+        return _outlines(self.model, SIDES, camera, along_m)
+
     def columns(self, camera: Camera, rows: np.ndarray) -> np.ndarray:
         """Columns (2, rows) of the left and the right line at rows of the raw image; -2 where they do not pass."""
         columns = np.full((2, len(rows)), -2.0)
-        for column, line in zip(columns, self.lines, strict=True):
-            if len(outline := line.pixels(camera)[::-1]):
-                column[:] = np.interp(rows, outline[:, 1], outline[:, 0], left=-2, right=-2)
+        for column, outline in zip(columns, self.outlines(camera), strict=True):
+            if len(outline):
+                column[:] = np.interp(rows, outline[::-1, 1], outline[::-1, 0], left=-2, right=-2)
         return np.where((columns >= 0) & (columns <= camera.width - 1), columns, -2.0)
 
     def summary(self) -> dict[str, str]:
@@ -350,6 +350,17 @@ def telemetry_row(lane: Lane | None) -> dict[str, str | float | None]:
             row[f"{side}_{name}"] = getattr(line, name, None)
     row["departure"] = lane.departure.side if lane and lane.departure and lane.departure.due else None
     return row
+
+
+def _outlines(model: np.ndarray, sides: np.ndarray, camera: Camera, along_m: np.ndarray) -> list[np.ndarray]:
+    """Raw pixels (N, 2) of lines of a lane (15,), for each of the `sides`; see `Line.pixels`."""
+    points = np.empty((len(sides), len(along_m), 3))
+    points[..., :2] = line_points(model, sides, along_m)
+    points[..., 2] = road_height(model, points[..., 0])
+    pose = camera.require_pose()
+    pitched = camera.with_pose(replace(pose, pitch_rad=pose.pitch_rad + float(model[PITCH])))
+    pixels = pitched.road_to_pixels(points.reshape(-1, 3)).reshape(*points.shape[:2], 2)
+    return [_visible_part(line) for line in pixels]
 
 
 def _visible_part(pixels: np.ndarray) -> np.ndarray:

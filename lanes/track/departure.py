@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lanes.detect.lane import Lane
-from lanes.detect.road import CURVATURE
+from lanes.detect.road import CURVATURE, HEADING, LEFT_SIDE, RIGHT_SIDE, line_coefficients
 from lanes.track.filter import CarMotion
 
 # Half of the track of a passenger car: from its centre to the outside of its tyres.
@@ -42,16 +41,17 @@ class Departure:
         return f"lane departure: {crossing} the {self.side} line"
 
 
-def watch_departure(lane: Lane, motion: CarMotion) -> Departure:
-    """Time to line crossing of a car in a lane.
+def watch_departure(lane: np.ndarray, motion: CarMotion) -> Departure:
+    """Time to line crossing of a car in a lane (15,).
 
     A warning is due only if the car would also cross the line with its course and its turning one standard deviation
     nearer to those of the lane. The lines move sideways by v sin(h) t + (k - path) (v t)^2 / 2; the crossing is the
     first positive root.
     """
-    left, right = lane.left.offset_m - HALF_TRACK_M, -lane.right.offset_m - HALF_TRACK_M
-    speed, heading = motion.speed_mps, lane.heading_rad - motion.course_rad
-    turning = float(lane.model[CURVATURE]) - motion.path_per_m
+    left_m, right_m = (line_coefficients(lane, side)[0] for side in (LEFT_SIDE, RIGHT_SIDE))
+    left, right = left_m - HALF_TRACK_M, -right_m - HALF_TRACK_M
+    speed, heading = motion.speed_mps, float(lane[HEADING]) - motion.course_rad
+    turning = float(lane[CURVATURE]) - motion.path_per_m
     drift = -speed * float(np.sin(heading))
     side, time_s = _crossing(left, right, drift, -turning * speed**2)
     least_drift = -speed * float(np.sin(_towards_zero(heading, motion.course_std_rad)))

@@ -294,10 +294,10 @@ def measure(
     mean, covariance = predicted.lane, predicted.lane_covariance
     near = fit_settings.extend[-2:]
     best = fit_lanes(mean[None], stripes, view, fit_settings, schedule=near, prior=(mean, covariance), linear=True)
-    attempts = ((covariance, 0.0), (inflate(predicted, settings).lane_covariance, settings.inflated_gain))
-    for assumed, gain in attempts:
+    for inflated, gain in ((False, 0.0), (True, settings.inflated_gain)):
         if not best.unexplained[0]:
             break
+        assumed = inflate(predicted, settings).lane_covariance if inflated else covariance
         fit = fit_lanes(mean[None], stripes, view, fit_settings, schedule=fit_settings.outwards, prior=(mean, assumed))
         if fit.explained[0] > best.explained[0] + gain:
             best = fit

@@ -51,8 +51,8 @@ class TrackerSettings:
     # number of consecutive detections that confirm it. While a track has less, every frame is searched.
     min_score: float = 0.45
     confirmations: int = 3
-    # Longest time in which the lane is not seen, which is when the supports of both lines together are smaller than
-    # this, and the largest standard deviation of a line at this distance meanwhile.
+    # The lane is not seen if the supports of both lines together are smaller than `min_total_support`. A track is given
+    # up after `max_coast_s` without a seen lane, or earlier if a line has a larger standard deviation at a distance.
     max_coast_s: float = 1.0
     min_total_support: float = 0.06
     max_std_m: float = 0.4
@@ -288,19 +288,20 @@ class LaneTracker:
         """The estimate as a lane: double lines are bounded by their inner stripes."""
         left, right = lines
         # single lines are not shifted: the filter estimates their centres better than one profile does
-        shift = inner_stripe_shift([left.double_profile, right.double_profile])
-        lane = Lane(
+        model = estimate.lane + inner_stripe_shift([left.double_profile, right.double_profile])
+        motion = estimate.motion
+        return Lane(
             state=self._state,
-            model=estimate.lane + shift,
+            model=model,
             centres=estimate.lane,
             fit_covariance=estimate.lane_covariance,
             evidence=(left, right),
             score=lane_score(lines),
             inlier_share=inlier_share,
             camera_yaw_rad=float(estimate.mean[CAMERA_YAW]),
-            motion=estimate.motion,
+            motion=motion,
+            departure=watch_departure(model, motion),
         )
-        return replace(lane, departure=watch_departure(lane, estimate.motion))
 
     def _without_static(
         self, evidence: FrameEvidence, elapsed_s: float, *, search: bool

@@ -97,9 +97,8 @@ def process_video(
         progress_bar(info, start_s=start_s, end_s=end_s, shown=progress) as bar,
     ):
         numbers: list[int] = []
-        last_s: float | None = None
         for frame in frames:
-            options = {"elapsed_s": None if last_s is None else frame.time_s - last_s} if takes_time else {}
+            options = {"elapsed_s": frame.elapsed_s} if takes_time else {}
             image, row = _apply(function, frame.image, options, f"frame {frame.number} of {source}")
             # Converted in this thread: `function` may return the same array every time.
             encode(writer.convert(image, frame.time_s))
@@ -107,7 +106,6 @@ def process_video(
                 table.write({"frame": frame.number, "time_s": round(frame.time_s, 6), **row})
             bar.update()
             numbers.append(frame.number)
-            last_s = frame.time_s
     whole = start_s == 0 and (end_s is None or end_s >= info.duration_s)
     expected = info.frames + info.missing if whole else numbers[-1] - numbers[0] + 1
     return replace(writer.written, missing=max(0, expected - len(numbers)))

@@ -92,6 +92,8 @@ class TimedFrame:
     number: int
     time_s: float
     image: np.ndarray
+    # Seconds since the previous frame that was read, None for the first; they vary in videos of variable rate.
+    elapsed_s: float | None = None
 
 
 def inspect_video(path: str | Path) -> VideoInfo:
@@ -163,7 +165,8 @@ def read_timed_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | 
             number = round(time_s * rate)
             if last is not None:
                 number = last.number + (max(1, round((time_s - last.time_s) * rate)) if constant_rate else 1)
-            last = TimedFrame(number, float(time_s), _upright_rgb(frame, converter))
+            elapsed_s = None if last is None else float(time_s) - last.time_s
+            last = TimedFrame(number, float(time_s), _upright_rgb(frame, converter), elapsed_s)
             yield last
     if last is None:
         raise VideoError(f"{path}: has no frame at or after {start_s} s; start earlier.")

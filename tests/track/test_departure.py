@@ -5,16 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.detect.lane import Lane, LineEvidence
 from lanes.track.departure import watch_departure
 from lanes.track.filter import CarMotion
 from tests.support.shapes import a_lane
 
 
-def lane_at(centre_m: float, heading_rad: float = 0.0, curvature_per_m: float = 0.0) -> Lane:
-    model = a_lane(centre=centre_m, width=3.6, heading=heading_rad, curvature=curvature_per_m)
-    seen = LineEvidence(0.5, True, 30.0)
-    return Lane(model, model, np.eye(len(model)) * 1e-6, (seen, seen), score=1.0)
+def lane_at(centre_m: float, heading_rad: float = 0.0, curvature_per_m: float = 0.0) -> np.ndarray:
+    return a_lane(centre=centre_m, width=3.6, heading=heading_rad, curvature=curvature_per_m)
 
 
 def car(speed_mps: float, **motion: float) -> CarMotion:
