@@ -109,10 +109,6 @@ class FilterSettings:
     vertical_per_m: BaseShare = (3e-4, 0.03)
     vertical_share: float = 1.0
     max_vertical_per_m: float = 6e-3
-    # Inflated covariance: extra standard deviations for abrupt changes of vertical curvature (1/m), rate steps (1/m^2)
-    # and pitch, and the weight of stripes that such a fit must explain in addition, because it is less constrained.
-    inflated_std: tuple[float, float, float] = (6e-3, 3e-3, 0.015)
-    inflated_gain: float = 3.0
 
 
 FILTER = FilterSettings()
@@ -282,37 +278,19 @@ def _with_independent(state: State, speed_mps: float, stds: dict[int, float]) ->
     return State(mean, covariance)
 
 
-def measure(
-    stripes: Stripes, predicted: State, view: BirdsEyeView, settings: FilterSettings, fit_settings: FitSettings
-) -> Fit:
+def measure(stripes: Stripes, predicted: State, view: BirdsEyeView, settings: FitSettings) -> Fit:
     """The lane fitted to the stripes with the prediction as prior: a fit of one lane.
 
     The fit near the prediction is linearised there. If it leaves many stripes nearby unexplained, the lane is also
     fitted outwards from the car, as in a search: what begins ahead (a bend, a crest) leaves the prediction by more than
-    any standard deviation. If that is still not enough, the covariance is inflated for abrupt changes.
+    any standard deviation.
     """
-    mean, covariance = predicted.lane, predicted.lane_covariance
-    near = fit_settings.extend[-2:]
-    best = fit_lanes(mean[None], stripes, view, fit_settings, schedule=near, prior=(mean, covariance), linear=True)
-    for inflated, gain in ((False, 0.0), (True, settings.inflated_gain)):
-        if not best.unexplained[0]:
-            break
-        assumed = inflate(predicted, settings).lane_covariance if inflated else covariance
-        fit = fit_lanes(mean[None], stripes, view, fit_settings, schedule=fit_settings.outwards, prior=(mean, assumed))
-        if fit.explained[0] > best.explained[0] + gain:
-            best = fit
-    return best
-
-
-def inflate(state: State, settings: FilterSettings = FILTER) -> State:
-    """The same mean with extra variance for abrupt changes of vertical curvature, rate steps and pitch."""
-    covariance = state.covariance.copy()
-    diagonal = covariance.reshape(-1)[:: STATES + 1]
-    vertical, rate_step, pitch = np.square(settings.inflated_std).tolist()
-    diagonal[VERTICAL_CURVATURE] += vertical
-    diagonal[RATE_STEPS] += rate_step
-    diagonal[PITCH] += pitch
-    return State(state.mean, covariance)
+    start, prior = predicted.lane[None], (predicted.lane, predicted.lane_covariance)
+    near = fit_lanes(start, stripes, view, settings, schedule=settings.extend[-2:], prior=prior, linear=True)
+    if not near.unexplained[0]:
+        return near
+    outwards = fit_lanes(start, stripes, view, settings, schedule=settings.outwards, prior=prior)
+    return outwards if outwards.explained[0] > near.explained[0] else near
 
 
 def update(predicted: State, lane: np.ndarray, covariance: np.ndarray, settings: FilterSettings = FILTER) -> State:

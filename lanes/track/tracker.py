@@ -197,7 +197,7 @@ class LaneTracker:
             predicted = predict(self._estimate, elapsed_s, s.filter)
             if self.speed_mps is not None:
                 predicted = with_given_speed(predicted, self.speed_mps, s.filter)
-            fit = measure(evidence.stripes, predicted, view, s.filter, s.detector.fit)
+            fit = measure(evidence.stripes, predicted, view, s.detector.fit)
             estimate = update(predicted, fit.lanes[0], fit.covariance[0], s.filter)
             if self.speed_mps is None:
                 estimate = without_wrong_yaw(estimate, s.filter)
