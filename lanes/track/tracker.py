@@ -21,7 +21,7 @@ from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.fit import Fit
 from lanes.detect.lane import COASTING, LOST, SEARCHING, TRACKING, Lane, LineEvidence
 from lanes.detect.paint import FrameEvidence, extract_evidence
-from lanes.detect.road import CENTRE, LEFT_SIDE, RIGHT_SIDE, WIDTH, lateral_std_m
+from lanes.detect.road import CENTRE, LEFT_SIDE, RIGHT_SIDE, WIDTH, lateral_gradients, lateral_std_m
 from lanes.detect.search import DetectorSettings, inner_stripe_shift, lane_score, observe_lines, search_lane
 from lanes.errors import LaneError
 from lanes.track.departure import watch_departure
@@ -39,6 +39,9 @@ from lanes.track.filter import (
     without_wrong_yaw,
 )
 from lanes.track.static_pattern import StaticPattern
+
+# By the parameters of a lane: lateral positions of its lines 5, 20 and 35 m ahead.
+LATERAL_IN_VIEW = lateral_gradients(np.array([5.0, 20.0, 35.0]))
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,7 @@ class TrackerSettings:
     lane_change_m: float = 0.1
     # Half widths of the views while tracking: the narrowest is used that contains both lines 5, 20 and 35 m ahead with
     # this margin. The search uses the second one.
-    half_widths_m: tuple[float, ...] = (5.0, 9.0, 13.0)
+    half_widths_m: tuple[float, ...] = (4.5, 9.0, 13.0)
     view_margin_m: float = 0.8
     # Period, in frames, in which the profile of each line is measured, left and right in turn: they seldom change.
     profile_period: int = 10
@@ -341,9 +344,7 @@ class LaneTracker:
 
     def _narrowest_view(self, lane: Lane) -> BirdsEyeView:
         """The narrowest view that contains both lines of a lane."""
-        powers = np.array([5.0, 20.0, 35.0]) ** np.arange(4)[:, None]
-        polynomials = np.array([line.coefficients for line in lane.lines]) / [1, 1, 2, 6]
-        reach_m = float(np.abs(polynomials @ powers).max()) + self.settings.view_margin_m
+        reach_m = float(np.abs(LATERAL_IN_VIEW @ lane.model).max()) + self.settings.view_margin_m
         return next((view for view in self._views if reach_m < view.half_width_m), self._views[-1])
 
     def _is_same_lane(self, found: Lane, known: Lane) -> bool:
