@@ -30,6 +30,7 @@ from lanes.track.filter import (
     SPEED,
     FilterSettings,
     State,
+    car_motion,
     initial_state,
     measure,
     predict,
@@ -295,7 +296,7 @@ class LaneTracker:
         left, right = lines
         # single lines are not shifted: the filter estimates their centres better than one profile does
         model = estimate.lane + inner_stripe_shift([left.double_profile, right.double_profile])
-        motion = estimate.motion
+        motion = car_motion(estimate, self.settings.filter)
         return Lane(
             state=self._state,
             model=model,
