@@ -167,20 +167,23 @@ def initial_state(
     return State(np.concatenate([lane, [lane[CURVATURE], speed, 0.0, 0.0]]), full)
 
 
-def lever_m(speed_mps: float, settings: FilterSettings = FILTER) -> float:
-    """Distance of the camera from the point of the car that moves along the car's axis."""
-    return settings.lever_m * max(1 - (speed_mps / settings.tangent_mps) ** 2, 0.0)
+def lever(speed_mps: float, settings: FilterSettings = FILTER) -> tuple[float, float]:
+    """Distance of the camera from the point of the car that moves along the car's axis, and its derivative by speed."""
+    share = speed_mps / settings.tangent_mps
+    if share >= 1:
+        return 0.0, 0.0
+    return settings.lever_m * (1 - share * share), -2 * settings.lever_m * share / settings.tangent_mps
 
 
 def car_motion(state: State, settings: FilterSettings = FILTER) -> CarMotion:
     """The car's motion, for departure warnings."""
     path, speed, _, camera_yaw = state.mean[CAR].tolist()
-    lever = lever_m(speed, settings)
+    lever_m, _ = lever(speed, settings)
     differences = np.zeros((2, STATES))
     differences[0, [CURVATURE, PATH]] = 1, -1
-    differences[1, [HEADING, CAMERA_YAW, PATH]] = 1, -1, -lever
+    differences[1, [HEADING, CAMERA_YAW, PATH]] = 1, -1, -lever_m
     turning_std, course_std = propagated_std(differences, state.covariance).tolist()
-    return CarMotion(speed, path, camera_yaw + lever * path, turning_std, course_std)
+    return CarMotion(speed, path, camera_yaw + lever_m * path, turning_std, course_std)
 
 
 def predict(state: State, elapsed_s: float, settings: FilterSettings = FILTER) -> State:
@@ -196,8 +199,8 @@ def transition(mean: np.ndarray, elapsed_s: float, settings: FilterSettings = FI
     # Python floats: for single numbers numpy's overhead would dominate
     _, _, heading, curvature, rate, pitch, *_ = mean.tolist()
     path, speed, rest_pitch, camera_yaw = mean[CAR].tolist()
-    d, turn, lever = speed * elapsed_s, curvature - path, lever_m(speed, settings)
-    slant = heading - camera_yaw - lever * path
+    d, turn, (lever_m, lever_growth) = speed * elapsed_s, curvature - path, lever(speed, settings)
+    slant = heading - camera_yaw - lever_m * path
     pitch_kept = exp(-elapsed_s / settings.pitch_relaxation_s)
     rates_kept, rates_moved = _rate_transition(d, settings)
     vertical = _vertical_transition(d, settings)
@@ -213,8 +216,8 @@ def transition(mean: np.ndarray, elapsed_s: float, settings: FilterSettings = FI
 
     jacobian = np.eye(STATES)
     jacobian[CENTRE, HEADING], jacobian[CENTRE, CAMERA_YAW] = d, -d
-    jacobian[CENTRE, CURVATURE], jacobian[CENTRE, PATH] = d * d / 2, -d * d / 2 - lever * d
-    jacobian[CENTRE, SPEED] = (slant + turn * d) * elapsed_s
+    jacobian[CENTRE, CURVATURE], jacobian[CENTRE, PATH] = d * d / 2, -d * d / 2 - lever_m * d
+    jacobian[CENTRE, SPEED] = (slant + turn * d) * elapsed_s - lever_growth * path * d
     jacobian[HEADING, CURVATURE], jacobian[HEADING, PATH] = d, -d
     jacobian[HEADING, SPEED] = turn * elapsed_s
     jacobian[CURVATURE, RATE], jacobian[CURVATURE, SPEED] = d, rate * elapsed_s

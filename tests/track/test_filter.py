@@ -87,6 +87,17 @@ def test_camera_yaw_does_not_move_the_lane():
     assert after[CENTRE] == pytest.approx(0.3, abs=1e-9)
 
 
+@pytest.mark.parametrize(("speed_mps", "lever_m"), [(2.0, 1.6), (25.0, 0.0)])
+def test_the_camera_of_a_slow_car_swings_to_the_inside_of_a_bend(speed_mps, lever_m):
+    """The rear axle stays on its circle: the camera keeps its place in a road that runs at lever / radius to the car.
+
+    At motorway speed tyre slip turns the whole car along the road.
+    """
+    lane = a_lane(centre=0.3, width=3.6, heading=lever_m / 20, curvature=1 / 20)
+    estimate = initial_state(lane, COVARIANCE, speed_mps)
+    assert predict(estimate, 0.04).mean[CENTRE] == pytest.approx(0.3, abs=1e-3)
+
+
 def test_uncertainty_grows_and_a_standing_car_keeps_the_road():
     estimate = state_with()
     later = predict(estimate, 0.04)
@@ -239,7 +250,7 @@ def stripes_in_view(*places: np.ndarray) -> Stripes:
 
 
 def measured(stripes: Stripes, predicted: State) -> Fit:
-    return measure(stripes, predicted, VIEW, FilterSettings(), FitSettings())
+    return measure(stripes, predicted, VIEW, FitSettings())
 
 
 def test_large_innovations_have_little_weight():
