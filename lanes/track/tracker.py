@@ -147,7 +147,6 @@ class LaneTracker:
         self._state = LOST
         self._confirmed = self._lost_comparisons = self._regained = self._frames = 0
         self._unseen_s = self._since_search_s = 0.0
-        self._began_without_static = False
 
     def summary(self) -> dict[str, str]:
         """Settings and current result in words, by name."""
@@ -263,8 +262,6 @@ class LaneTracker:
     def _compare(self, challenger: Lane | None) -> None:
         """Compare a lane found without memory with the track, and start with it if it is better."""
         s, known = self.settings, self._lane
-        # a track from before static stripes were left out may have begun on them
-        margin = -s.challenger_margin if self._lane_moves and not self._began_without_static else s.challenger_margin
         if challenger is None or challenger.score < s.min_score:
             self._lost_comparisons = 0
         elif known is None:
@@ -275,7 +272,7 @@ class LaneTracker:
             if self._confirmed >= s.confirmations and self._state == SEARCHING:
                 self._state = TRACKING
                 self._lane = replace(known, state=TRACKING)
-        elif self._state == TRACKING and challenger.score <= known.score + margin:
+        elif self._state == TRACKING and challenger.score <= known.score + s.challenger_margin:
             self._lost_comparisons = 0
         else:
             self._lost_comparisons += 1
@@ -288,7 +285,6 @@ class LaneTracker:
         inflated = found.fit_covariance * self.settings.detector.fit.variance_inflation
         self._estimate = initial_state(found.centres, inflated, self.speed_mps, self.settings.filter)
         self._state, self._confirmed = SEARCHING, 1
-        self._began_without_static = self._lane_moves
         self._lane = self._describe(self._estimate, found.evidence, inlier_share=found.inlier_share)
 
     def _describe(self, estimate: State, lines: Sequence[LineEvidence], *, inlier_share: float) -> Lane:
@@ -332,6 +328,9 @@ class LaneTracker:
             if search or (sample and not self._lane_moves):
                 lane = self._search(moving)
                 found = lane is not None and lane.score >= self.settings.min_score
+                if lane and found and not self._lane_moves and self._lane and not self._is_same_lane(lane, self._lane):
+                    # the track began on the stripes that never move
+                    self._start(lane)
                 self._lane_moves = found or (self._lane_moves and self._state != LOST)
             if self._lane_moves:
                 return moving, lane
