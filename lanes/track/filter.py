@@ -153,7 +153,10 @@ class State:
 def initial_state(
     lane: np.ndarray, covariance: np.ndarray, speed_mps: float | None, settings: FilterSettings = FILTER
 ) -> State:
-    """The state after a first detection (15,), (15, 15): the car follows the road at the given or the usual speed."""
+    """The state after a first detection (15,), (15, 15): the car follows the road, at rest on its springs.
+
+    Its speed is the given or the usual one.
+    """
     s = settings
     speed, speed_std = speed_mps, s.given_speed_std_mps
     if speed_mps is None:
@@ -164,7 +167,7 @@ def initial_state(
     full = np.zeros((STATES, STATES))
     full[LANE, LANE] = covariance
     full[CAR, CAR] = np.diag(np.square([path_std, speed_std, s.pose_std_rad, s.pose_std_rad]))
-    return State(np.concatenate([lane, [lane[CURVATURE], speed, 0.0, 0.0]]), full)
+    return State(np.concatenate([lane, [lane[CURVATURE], speed, lane[PITCH], 0.0]]), full)
 
 
 def lever(speed_mps: float, settings: FilterSettings = FILTER) -> tuple[float, float]:
