@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import pytest
 
 from lanes.annotate import Annotation, annotate, track
 from lanes.camera import Camera, CameraPose
-from lanes.errors import CameraError, PictureError, PoseError, VideoError
+from lanes.errors import CameraError, PictureError, PoseError
 from lanes.files import read_telemetry
 from lanes.images import read_image, write_image
 from lanes.video.reader import inspect_video
@@ -162,30 +161,6 @@ def test_lost_sound_is_stated(tmp_path):
     video = make_video_with_unknown_sound(tmp_path / "drive.avi", 3, size=SMALL.size)
     (result,) = quietly(video, tmp_path / "out", report=False)
     assert len(result.telemetry["frame"]) == 3 and "sound track cannot be decoded" in result.description
-
-
-def test_a_video_is_inspected_once(drive, tmp_path, monkeypatch):
-    """Also if the pose is estimated from it: counting the frames reads the whole file."""
-    inspected: list[Path] = []
-    # `lanes.annotate` is the function of that name
-    annotate_module = sys.modules["lanes.annotate"]
-    monkeypatch.setattr(annotate_module, "inspect_video", lambda path: inspected.append(path) or inspect_video(path))
-    for module in ("lanes.sources", "lanes.video.process"):
-        monkeypatch.setattr(f"{module}.inspect_video", lambda path: pytest.fail("again"))
-    monkeypatch.setattr("lanes.files.read_telemetry", lambda path: pytest.fail("read back"))
-    quietly(drive / "drive.mp4", tmp_path, SMALL.with_pose(None), report=False)
-    assert inspected == [drive / "drive.mp4"]
-
-
-def test_failures_are_raised_after_the_others_were_annotated(drive, tmp_path):
-    (tmp_path / "a.mp4").write_text("no video")
-    (tmp_path / "b").mkdir()
-    with pytest.raises(VideoError, match=r"a\.mp4: cannot be read as a video"):
-        quietly([tmp_path / "a.mp4", drive / "drive.mp4"], tmp_path / "out", report=False)
-    assert names(tmp_path / "out") == {"drive.mp4", "drive.csv"}
-    with pytest.raises(ValueError, match=r"drive\.mp4: would be written from .* and from .*"):
-        quietly([drive / "drive.mp4", write_drive(tmp_path / "b" / "drive.mp4", BENDS, 1)], tmp_path / "late")
-    assert names(tmp_path / "late") == set()
 
 
 # --- stills

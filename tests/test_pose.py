@@ -90,10 +90,6 @@ class TestDrive:
         estimate = estimate_pose(drive(lens, (0.0,) * 2), lens)
         assert_near(estimate, lens.pose, pitch_deg=0.15, yaw_deg=0.7, roll_deg=0.3, height_m=0.03)
 
-    def test_dashes_are_enough(self):
-        estimate = estimate_pose(drive(CAMERA, solid=()), CAMERA)
-        assert_near(estimate, TRUE_POSE, pitch_deg=0.2, yaw_deg=0.4, roll_deg=0.4, height_m=0.04)
-
     def test_roll_is_taken_to_be_level_where_only_the_ego_lane_is_marked(self):
         estimate = estimate_pose(drive(CAMERA, (0.0,) * 3, lines=(0, 1), solid=(0, 1)), CAMERA)
         assert estimate.pose.roll_rad == 0
@@ -138,6 +134,13 @@ class TestOneImage:
         assert estimate.still.camera is estimate.camera
         assert estimate.still.lane.same_lane_share == 1.0
         assert estimate.still.lane.offset_m == pytest.approx(0.3, abs=0.1)
+
+    @pytest.mark.parametrize(("pitch_deg", "yaw_deg"), [(2.5, -1.8), (-4.0, 5.0), (6.0, 0.0)])
+    def test_a_street_without_lane_lines_shows_pitch_and_yaw_by_its_edges(self, pitch_deg, yaw_deg):
+        camera = Camera.from_fov((1280, 720), 62, CameraPose(1.5, *np.radians([pitch_deg, yaw_deg])))
+        pose = estimate_pose(paint_street(camera), camera).pose
+        assert np.degrees(pose.pitch_rad) == pytest.approx(pitch_deg, abs=0.6)
+        assert np.degrees(pose.yaw_rad) == pytest.approx(yaw_deg, abs=1.0)
 
     def test_a_pose_from_edges_says_so_and_that_the_height_is_assumed(self):
         camera = Camera.from_fov((1920, 1280), 62, CameraPose(1.5, np.radians(3.0)))
@@ -259,45 +262,32 @@ def test_description_words_the_signs_and_gives_standard_deviations():
     assert "<th>note 1</th><td>roll &lt;unknown&gt;</td>" in estimate._repr_html_()
 
 
-class TestHeight:
-    """Height from the distances of parallel lines: which two of them bound a lane."""
+LANE_M, FULL, FEW = 3.66, 40, 8
+# Height of the camera; lateral position of each line in lane widths, and the rows on which it is seen; pictures.
+HEIGHTS = {
+    "a lane left of the car's middle": (2.0, {-0.64: FULL, 0.36: FULL}, 1),
+    "a lane around the car": (2.0, {-0.5: FULL, 0.5: FULL}, 1),
+    # taken for one lane, the two would be seen from 1 m by a car far from its middle
+    "two lanes whose common line is worn": (2.0, {-0.5: FULL, 0.5: FEW, 1.5: FULL}, 1),
+    "two lanes whose common line is worn, mirrored": (2.0, {-1.5: FULL, -0.5: FEW, 0.5: FULL}, 1),
+    # the seam is as far from its line as a lane of a camera that is 3.3 m high and rolled
+    "a lane and a seam beside it": (1.2, {-0.94: FULL, -0.61: FULL, 0.39: FULL // 2}, 8),
+    "a lane beside a car that changes lanes": (2.0, {-1.5: FULL, -0.5: FULL, 0.5: FEW}, 1),
+}
 
-    LANE_M, HEIGHT_M, FULL, FEW = 3.66, 2.0, 40, 8
 
-    def height_from(
-        self, lateral_m: list[float], rows: list[int], *, height_m: float = HEIGHT_M, images: int = 1
-    ) -> tuple[float, float]:
-        """The height and its standard deviation, from lines at these positions in each image of a camera so high."""
-        lines = RoadLines(0.0, 0.0, 0.0, 0.01, np.array(lateral_m) / height_m, np.array(rows))
-        return estimate_height_and_roll([lines] * images, self.LANE_M, 1.35, 0.0)[0]
+def height_from(height_m: float, lines: dict[float, int], images: int) -> tuple[float, float]:
+    """The height and its standard deviation, from the lines that a camera so high sees in each image."""
+    lateral_m, rows = LANE_M * np.array([*lines]), np.array([*lines.values()])
+    seen = RoadLines(0.0, 0.0, 0.0, 0.01, lateral_m / height_m, rows)
+    return estimate_height_and_roll([seen] * images, LANE_M, 1.35, 0.0)[0]
 
-    @pytest.mark.parametrize("offset_m", [-0.5, 0.0, 0.5])
-    def test_it_is_that_of_a_lane_around_the_car(self, offset_m):
-        found = self.height_from([offset_m - self.LANE_M / 2, offset_m + self.LANE_M / 2], [self.FULL] * 2)
-        assert found[0] == pytest.approx(self.HEIGHT_M, rel=0.03)
 
-    @pytest.mark.parametrize("side", [-1, 1])
-    def test_two_lanes_whose_common_line_is_worn_are_not_one_lane(self, side):
-        """Taken for one lane of 3.66 m, they would be seen from a height of 1 m by a car far from its middle."""
-        lane_m = self.LANE_M
-        lines = [(-side * lane_m / 2, self.FULL), (side * lane_m / 2, self.FEW), (side * 1.5 * lane_m, self.FULL)]
-        found = self.height_from(*map(list, zip(*sorted(lines), strict=True)))
-        assert found[0] == pytest.approx(self.HEIGHT_M, rel=0.03)
+@pytest.mark.parametrize("name", HEIGHTS)
+def test_the_height_comes_from_the_two_lines_that_bound_a_lane(name):
+    assert height_from(*HEIGHTS[name])[0] == pytest.approx(HEIGHTS[name][0], rel=0.03)
 
-    def test_it_is_not_that_of_a_rolled_camera(self):
-        """A seam beside the lane is as far from its line as a lane of a camera that is 3.3 m high and rolled."""
-        right_m = -0.4 - self.LANE_M / 2
-        lateral_m = [right_m - 1.2, right_m, right_m + self.LANE_M]
-        found = self.height_from(lateral_m, [self.FULL, self.FULL, self.FULL // 2], height_m=1.2, images=8)
-        assert found[0] == pytest.approx(1.2, rel=0.03)
 
-    def test_a_lane_beside_the_car_counts_wherever_it_is(self):
-        """The car changes lanes: the lane to its right is a lane all the same."""
-        lateral_m = [-1.5 * self.LANE_M, -self.LANE_M / 2, self.LANE_M / 2]
-        found = self.height_from(lateral_m, [self.FULL, self.FULL, self.FEW])
-        assert found[0] == pytest.approx(self.HEIGHT_M, rel=0.03)
-
-    def test_two_lines_alone_leave_more_doubt_than_four(self):
-        two = self.height_from([-self.LANE_M / 2, self.LANE_M / 2], [self.FULL] * 2)
-        four = self.height_from((self.LANE_M * np.array([-1.5, -0.5, 0.5, 1.5])).tolist(), [self.FULL] * 4)
-        assert two[1] > 2 * four[1]
+def test_two_lines_alone_leave_more_doubt_about_the_height_than_four():
+    four = height_from(2.0, dict.fromkeys((-1.5, -0.5, 0.5, 1.5), FULL), 1)
+    assert height_from(*HEIGHTS["a lane around the car"])[1] > 2 * four[1]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.detect.confidence import CONFIDENCE, FEATURES, feature_weights, lane_features
+from lanes.detect.confidence import CONFIDENCE, FEATURES, lane_features
 from lanes.detect.lane import FOUND, TRACKING, Lane, LineEvidence
 from lanes.detect.road import CURVATURE
 from lanes.stills import find_lane
@@ -41,16 +41,6 @@ def test_unusual_lanes_have_low_confidence(tracked):
         assert rated(lane_with(width_m=width_m), tracked=tracked) < 0.5
     assert rated(lane_with(std_m=0.3), tracked=tracked) < 0.5
     assert rated(lane_with(centre_m=0.7), tracked=tracked) < good - 0.005
-
-
-def test_each_kind_of_lane_has_a_weight_for_each_feature():
-    still, own_pose, tracked = (
-        lane_with(),
-        replace(lane_with(), same_lane_share=1.0),
-        replace(lane_with(), state=TRACKING),
-    )
-    assert {len(feature_weights(lane)) for lane in (still, own_pose, tracked)} == {len(FEATURES)}
-    assert len({feature_weights(lane) for lane in (still, own_pose, tracked)}) == 3
 
 
 def features_of(lane: Lane, *, tracked: bool = False) -> dict[str, float]:

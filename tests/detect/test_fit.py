@@ -28,7 +28,7 @@ from lanes.detect.road import (
     lines_on_view,
     road_height,
 )
-from lanes.detect.votes import VOTES, count_votes, vote_lanes
+from lanes.detect.votes import vote_lanes
 from tests.support.shapes import FOCAL_PX, a_lane, stripes_at
 
 HEIGHT_M = 1.3
@@ -70,27 +70,6 @@ ROADS = {
     "clothoid": a_lane(centre=0.1, width=3.7, curvature=1 / 900, rate=5e-5),
     "hairpin": a_lane(centre=0.2, width=3.2, heading=0.05, curvature=-1 / 18),
 }
-
-
-def test_a_line_piles_up_in_the_bin_of_its_distance():
-    # a straight line 1.9 m to the left, seen by the hypothesis of a straight road
-    stripes = stripes_on(a_lane(width=3.8), (LEFT_SIDE,), noise_m=0.0)
-    votes = count_votes(stripes, HEIGHT_M)
-    straight = votes[np.flatnonzero((VOTES.hypotheses == 0).all(axis=1))[0]]
-    assert VOTES.bin_centres_m[straight.argmax()] == pytest.approx(1.9, abs=VOTES.bin_m / 2)
-    assert straight.max() > 0.95 * straight.sum() > 0.5 * (stripes.x_m < VOTES.far_m).sum()
-
-
-@pytest.mark.parametrize("road", ROADS.values(), ids=ROADS.keys())
-def test_one_of_the_best_pairs_is_near_the_lane(road):
-    lanes = vote_lanes(stripes_on(road, outliers=200), VIEW, PRIOR)[1]
-    x = np.array([6.0, 9.0, 12.0])
-    errors = [
-        max(np.abs(line_y(x, lane, side) - line_y(x, road, side)).max() for side in (LEFT_SIDE, RIGHT_SIDE))
-        for lane in lanes
-    ]
-    assert 0 < len(lanes) <= VOTES.lanes
-    assert min(errors) < 0.5
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -252,15 +231,6 @@ def test_lane_of_an_undulating_road_from_one_picture(phase):
     fit = fit_lanes(start, stripes, VIEW, schedule=FIT.outwards, extra_vertical_per_m=FIT.undulation_std_per_m)
     assert error_m(fit.lanes[0], LINES) < 0.05
     assert np.abs(road_height(fit.lanes[0], AT_M) - wave_m(AT_M, phase)).max() < 0.2
-
-
-def test_a_fit_without_undulations_fails_on_undulating_roads():
-    """Of the eight phases the fit that expects no waves loses the lane at most."""
-    errors = []
-    for phase in PHASES:
-        stripes = seen(LINES, lambda x, phase=phase: wave_m(x, phase))
-        errors.append(error_m(fit_lanes(a_lane(centre=0.1)[None], stripes, VIEW).lanes[0], LINES))
-    assert np.median(errors) > 0.3
 
 
 @pytest.mark.parametrize("side", SIDES)

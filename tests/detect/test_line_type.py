@@ -60,7 +60,7 @@ def paint_at(road, y):
 @pytest.mark.parametrize(("colour", "yellow"), [(WHITE, False), (YELLOW, True)])
 @pytest.mark.parametrize("off", [-0.06, 0.0, 0.08])
 def test_single_stripe(colour, yellow, off):
-    paint = paint_at(Road(CAMERA).line(lambda x: 0 * x - 1.7 + off, colour=colour, width_m=0.12), -1.7)
+    paint = paint_at(Road(CAMERA).lines(-1.7 + off, colour=colour, width_m=0.12), -1.7)
     assert paint.yellow is yellow and not paint.double
     assert paint.width_m == pytest.approx(0.12, abs=0.04)
     assert paint.centre_m == pytest.approx(off, abs=0.015)
@@ -69,23 +69,17 @@ def test_single_stripe(colour, yellow, off):
 
 @pytest.mark.parametrize(("side", "y"), [(1, 1.6), (-1, -1.6)])
 def test_of_a_double_line_the_stripe_next_to_the_lane_counts(side, y):
-    road = Road(CAMERA)
-    for shift in (-0.11, 0.11):
-        road.line(lambda x, s=shift: 0 * x + y + s, colour=YELLOW, width_m=0.1)
-    paint = paint_at(road, y)
+    paint = paint_at(Road(CAMERA).lines(y - 0.11, y + 0.11, colour=YELLOW, width_m=0.1), y)
     assert paint.double and paint.yellow
     assert paint.stripe_m(side) == pytest.approx(-side * 0.11, abs=0.025)
 
 
 def test_a_wide_white_line_is_not_double():
     """The edge line of a motorway is 0.3 m wide, as wide as two stripes with their gap; its centre counts."""
-    wide = paint_at(Road(CAMERA).line(lambda x: 0 * x - 1.7, colour=WHITE, width_m=0.3), -1.7)
+    wide = paint_at(Road(CAMERA).lines(-1.7, colour=WHITE, width_m=0.3), -1.7)
     assert wide.width_m == pytest.approx(0.3, abs=0.04)
     assert not wide.double and wide.stripe_m(-1) == pytest.approx(0.0, abs=0.015)
-    road = Road(CAMERA)
-    for shift in (-0.11, 0.11):
-        road.line(lambda x, s=shift: 0 * x - 1.7 + s, colour=WHITE, width_m=0.1)
-    two = paint_at(road, -1.7)
+    two = paint_at(Road(CAMERA).lines(-1.81, -1.59, colour=WHITE, width_m=0.1), -1.7)
     assert two.double and two.gap < 0.6 < wide.gap
 
 

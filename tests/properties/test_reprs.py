@@ -41,7 +41,7 @@ def test_a_lane_gives_confidence_offset_bend_and_lines(image):
 
 
 def test_an_invisible_line_is_marked_as_inferred():
-    lane = find_lane(Road(CAMERA).line(lambda x: 1.8 + 0 * x).image(), CAMERA)
+    lane = find_lane(Road(CAMERA).lines(1.8).image(), CAMERA)
     assert lane.summary()["right line"].endswith("inferred from other lines")
 
 

@@ -242,12 +242,6 @@ def test_a_wrong_track_is_given_up():
     assert lateral_error_m(*frames[-1][1:]) < 0.1
 
 
-def test_kind_and_colour_of_both_lines():
-    left, right = s_bend_drive()[-1][1].lines
-    assert (left.colour, left.kind, left.double) == ("yellow", "solid", False)
-    assert (right.colour, right.kind, right.double) == ("white", "dashed", False)
-
-
 def test_the_inner_stripe_of_a_double_line_bounds_the_lane_from_the_first_picture_on():
     lines = (*(Stripe(y, 0.10, WORN_YELLOW) for y in (1.7, 1.9)), Stripe(-1.8))
     drive = replace(DRIVE, road=straight_road(), lines=lines, lane_m=(1.7, -1.8), camera=CAMERA)
