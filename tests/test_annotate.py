@@ -95,15 +95,6 @@ def test_the_result_has_what_the_files_have(drive, tmp_path):
     assert "drive.mp4: lane report" in page and "m high, pitch" in page
 
 
-def test_types_of_the_lines_are_in_the_telemetry(tmp_path):
-    """Solid yellow on the left, white dashes on the right; None while too little of a line was seen."""
-    (result,) = quietly(write_drive(tmp_path / "d.mp4", BENDS, 50), tmp_path / "out", report=False)
-    last = {name: result.telemetry[f"{name}"][-1] for name in result.telemetry if name.endswith(("kind", "colour"))}
-    left, right = {"left_kind": "solid", "left_colour": "yellow"}, {"right_kind": "dashed", "right_colour": "white"}
-    assert last == left | right
-    assert (result.telemetry["left_double"][-1], result.telemetry["right_double"][-1]) == (0, 0)
-
-
 def test_time_stamps_of_a_variable_frame_rate_are_used(tmp_path):
     """The tracker coasts for one second: one black frame later it coasts, 1.5 s later the lane is lost."""
     with VideoWriter(tmp_path / "drive.mp4", fps=25) as writer:

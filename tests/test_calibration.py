@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -26,6 +24,7 @@ from lanes.errors import CameraError
 from lanes.images import write_image
 from simulator.chessboards import BOARD_VIEWS, true_corners
 from simulator.scenes.dashcam import DASHCAM
+from tests.support.project import REAL_DATA
 
 SIZE = (1280, 720)
 
@@ -63,7 +62,7 @@ def test_rendered_boards_give_the_lens_they_were_taken_with():
 
 @pytest.mark.slow
 def test_real_boards_are_used_and_fit():
-    folder = Path(os.environ.get("LANES_DATA") or PROJECT_ROOT.parent / "shared" / "real") / "camera_cal"
+    folder = REAL_DATA / "camera_cal"
     if not (folder / "calibration1.jpg").is_file() or (folder / "truth.json").is_file():
         pytest.skip(f"no real boards in {folder}; name their folder with LANES_DATA")
     camera = calibrate(folder)

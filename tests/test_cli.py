@@ -182,7 +182,8 @@ def test_explain_names_the_failed_step(road, tmp_path, run):
     assert "what to do Estimate the camera pose again" in out
 
 
-# --- misuse: a sentence that names the fault, no traceback, nothing written (tests/end_to_end/test_bad_input.py: bad files)
+# --- misuse: a sentence that names the fault, no traceback, nothing written
+# (more bad files: tests/end_to_end/test_bad_input.py)
 
 ANNOTATE = "annotate --camera {drive}/drive.yaml"
 DETECT = "detect --camera {drive}/drive.yaml"

@@ -18,9 +18,10 @@ def test_rows_go_from_far_to_near_and_columns_from_left_to_right():
     np.testing.assert_allclose(view.x_m[:-1] / view.x_m[1:], 1 + view.growth)
 
 
+@pytest.mark.parametrize("width", [1280, 1283, 1921])
 @pytest.mark.parametrize(("x", "y"), [(6.5, 1.2), (12.0, -2.7), (25.0, 3.4), (45.0, -0.6)])
-def test_a_mark_on_the_road_appears_in_its_cells(x, y):
-    camera = dashcam(1280)
+def test_a_mark_on_the_road_appears_in_its_cells(width, x, y):
+    camera = dashcam(width)
     view = BirdsEyeView(camera)
     road = Road(camera, noise=0).paint(lambda px, py: (abs(px - x) < 0.06 * x) & (abs(py - y) < 0.3), (255, 255, 255))
     lightness = view.warp(road.image()).sum(axis=2).astype(float)

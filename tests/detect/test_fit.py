@@ -9,7 +9,7 @@ import pytest
 
 from lanes.camera import Camera, CameraPose
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.fit import FIT, FitSettings, fit_lanes, fit_starts, limit_bends
+from lanes.detect.fit import FIT, fit_lanes, fit_starts, limit_bends
 from lanes.detect.paint import Stripes
 from lanes.detect.residuals import stripe_residuals
 from lanes.detect.road import (
@@ -163,23 +163,6 @@ def test_uncertainty_covers_the_error(prior):
         claims.append(np.sqrt(np.diag(fit.covariance[0])))
     spread = np.sqrt(np.mean(np.square(errors), axis=0)) / np.mean(claims, axis=0)
     assert (spread[:4] < 1.2).all() and (spread[:4] > 0.1).all()
-
-
-@pytest.mark.parametrize(
-    ("settings", "changed"),
-    [
-        (FitSettings(prior=RoadPrior(width_m=(2.8, 0.02, 6.0))), "lanes"),
-        (FitSettings(extend=((12.0, 1.0),)), "lanes"),
-        (FitSettings(support_far_m=15.0), "visible_rows"),
-        (FitSettings(min_weight=0.99), "members"),
-        (FitSettings(min_support=2.0), "seen"),
-    ],
-    ids=["prior", "schedule", "support", "members", "seen"],
-)
-def test_the_settings_count(settings, changed):
-    road = ROADS["left bend"]
-    usual, other = (fit_lanes(road[None], stripes_on(road, noise_m=0.03), VIEW, used) for used in (FIT, settings))
-    assert not np.array_equal(getattr(usual, changed), getattr(other, changed))
 
 
 # Waves 52 m long and 1 m high, from trough to crest.

@@ -10,38 +10,32 @@ from lanes.detect.line_type import MarkingProfile, TypeVotes, looks_dashed, mark
 from lanes.detect.paint import marking_response
 from tests.support.painted_roads import WHITE, YELLOW, Road, dashcam
 
+SOLID = np.arange(5, 30, 0.3)
+WORN = SOLID[(SOLID < 12) | (SOLID > 14)]
 DASHES = np.concatenate([np.arange(6, 9, 0.2), np.arange(18.2, 21.2, 0.4)])
 
 
 @pytest.mark.parametrize(
     ("painted_m", "dashed"),
-    [(np.arange(5, 40, 0.3), False), (DASHES, True), (DASHES[::-1], True), (np.arange(5, 6, 0.3), None)],
+    [(SOLID, False), (WORN, False), (DASHES, True), (DASHES[::-1], True), (SOLID[:4], None)],
+    ids=["solid", "worn", "dashes", "dashes from far to near", "too little"],
 )
 def test_gaps_tell_dashes(painted_m, dashed):
     assert looks_dashed(painted_m) is dashed
 
 
-def test_short_holes_are_no_gaps():
-    places = np.arange(5, 30, 0.3)
-    assert looks_dashed(places[(places < 12) | (places > 14)]) is False
-
-
 def test_the_majority_decides_and_old_votes_fade():
-    wide, thin, solid = (
-        MarkingProfile(0.35, 0.0, True, 5.0),
-        MarkingProfile(0.12, 0.0, False, 5.0),
-        np.arange(5, 30, 0.3),
-    )
+    wide, thin = MarkingProfile(0.35, 0.0, True, 5.0), MarkingProfile(0.12, 0.0, False, 5.0)
     votes = TypeVotes()
     assert (votes.colour, votes.kind, votes.double) == (None, None, None)
     for _ in range(5):
         votes = votes.add_profile(wide).add_gaps(DASHES)
-    votes = votes.add_profile(thin).add_gaps(solid)
+    votes = votes.add_profile(thin).add_gaps(SOLID)
     assert (votes.colour, votes.kind, votes.double) == ("yellow", "dashed", True)
     for _ in range(12):
-        votes = votes.add_profile(thin).add_gaps(solid)
+        votes = votes.add_profile(thin).add_gaps(SOLID)
     assert (votes.colour, votes.kind, votes.double) == ("white", "solid", False)
-    assert votes.add_profile(None).add_gaps(solid[:2]) == votes
+    assert votes.add_profile(None).add_gaps(SOLID[:2]) == votes
     for _ in range(200):
         votes = votes.add_profile(thin)
     for _ in range(15):

@@ -37,7 +37,6 @@ from lanes.track.filter import (
     to_adjacent_lane,
     transition,
     update,
-    with_given_speed,
 )
 from simulator.road.geometry import RoadGeometry, VehiclePose
 from simulator.road.truth import lane_truth
@@ -138,25 +137,6 @@ def test_the_noise_is_the_same_for_any_frame_rate(curvature):
         often = predict(often, 0.5 / 30)
     numbers = [WIDTH, PATH, SPEED, REST_PITCH, CAMERA_YAW, *range(len(start.mean))[ADJACENT]]
     np.testing.assert_allclose(np.diag(often.covariance)[numbers], np.diag(once.covariance)[numbers], rtol=0.02)
-
-
-@pytest.mark.parametrize(
-    ("settings", "number"),
-    [
-        (FilterSettings(centre_m_per_s=1.0), CENTRE),
-        (FilterSettings(heading_rad_per_s=0.1), HEADING),
-        (FilterSettings(width_m_per_m=0.1), WIDTH),
-        (FilterSettings(path_per_m_per_s=(0.1, 0.3)), PATH),
-        (FilterSettings(speed_mps_per_s=10.0), SPEED),
-    ],
-)
-def test_the_settings_count(settings, number):
-    usual, noisy = (predict(state_with(), 0.1, used) for used in (FilterSettings(), settings))
-    assert noisy.covariance[number, number] > 1.5 * usual.covariance[number, number]
-    assert predict(state_with(), 0.1, FilterSettings(pitch_relaxation_s=0.01)).mean[PITCH] < 0.1 * usual.mean[PITCH]
-    given = with_given_speed(state_with(), 21.0, FilterSettings(given_speed_std_mps=0.1))
-    assert (given.mean[SPEED], given.covariance[SPEED, SPEED]) == (21.0, pytest.approx(0.01))
-    assert not np.delete(given.covariance[SPEED], SPEED).any()
 
 
 WAVED = a_lane(width=3.6, vertical=(2e-3, -5e-3, 4e-3, -1e-3))
