@@ -19,14 +19,11 @@ from lanes.video.writer import VideoWriter
 from tests.support.clips import write_clip, write_drive
 from tests.support.painted_drive import BENDS, CAMERA, SMALL, PaintedDrive
 from tests.support.painted_roads import paint_motorway
+from tests.support.project import names
 from tests.video.sample_videos import make_video_with_unknown_sound
 
 GREY = np.full((360, 640, 3), 128, np.uint8)
 BLACK = np.zeros_like(GREY)
-
-
-def names(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir()} if folder.exists() else set()
 
 
 def quietly(sources: object, output: Path, camera: Camera | None = SMALL, **options: object) -> list[Annotation]:

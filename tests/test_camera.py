@@ -35,31 +35,27 @@ poses = st.builds(
 )
 
 
-def see(pose: CameraPose, point_m: tuple[float, float, float]) -> np.ndarray:
-    """Where a camera without distortion, centre (639.5, 359.5), sees a point of the road frame."""
-    return Camera.from_fov((1280, 720), 60, pose).road_to_pixels(np.array([point_m]))[0]
+SLOPE = np.tan(0.05)
+# Poses, a point of the road frame, and how far right of the centre and below it the point is seen, in focal lengths.
+SEEN = {
+    "ahead at the camera's height": (CameraPose(1.5), (20, 0, 1.5), (0, 0)),
+    "on the road, on the left": (CameraPose(1.5), (20, 2, 0), (-0.1, 0.075)),
+    "positive pitch looks down, so the horizon rises": (CameraPose(1.5, pitch_rad=0.05), (20, 0, 1.5), (0, -SLOPE)),
+    "positive yaw looks left": (CameraPose(1.5, yaw_rad=0.05), (20, 0, 1.5), (SLOPE, 0)),
+    "positive roll has the right side down": (
+        CameraPose(1.5, roll_rad=0.05),
+        (20, 5, 1.5),
+        (-0.25 * np.cos(0.05), 0.25 * np.sin(0.05)),
+    ),
+}
 
 
 class TestSigns:
-    def test_level_camera_sees_the_point_ahead_at_its_height_in_the_middle(self):
-        np.testing.assert_allclose(see(CameraPose(1.5), (20, 0, 1.5)), (639.5, 359.5), atol=1e-9)
-
-    def test_left_is_left_and_the_road_is_below_the_horizon(self):
-        u, v = see(CameraPose(1.5), (20, 2, 0))
-        assert u < 639.5 and v > 359.5
-
-    def test_positive_pitch_looks_down_so_the_horizon_rises(self):
-        _, v = see(CameraPose(1.5, pitch_rad=0.05), (20, 0, 1.5))
-        np.testing.assert_allclose(v, 359.5 - FOCAL_PX * np.tan(0.05), atol=1e-9)
-
-    def test_positive_yaw_looks_left_so_what_is_ahead_moves_right(self):
-        u, _ = see(CameraPose(1.5, yaw_rad=0.05), (20, 0, 1.5))
-        np.testing.assert_allclose(u, 639.5 + FOCAL_PX * np.tan(0.05), atol=1e-9)
-
-    def test_positive_roll_has_the_right_side_down_so_the_horizon_falls_to_the_left(self):
-        left, right = (see(CameraPose(1.5, roll_rad=0.05), (20, y, 1.5)) for y in (5, -5))
-        assert left[0] < right[0]
-        np.testing.assert_allclose((left[1] - right[1]) / (right[0] - left[0]), np.tan(0.05), atol=1e-9)
+    @pytest.mark.parametrize("name", SEEN)
+    def test_signs_of_the_pose(self, name):
+        pose, point_m, slopes = SEEN[name]
+        pixel = Camera.from_fov((1280, 720), 60, pose).road_to_pixels(np.array([point_m]))[0]
+        np.testing.assert_allclose(pixel, (639.5, 359.5) + FOCAL_PX * np.array(slopes), atol=1e-9)
 
     @pytest.mark.parametrize("bad", [{"height_m": 0.0}, {"height_m": -1.0}, {"height_m": 1.3, "pitch_rad": np.nan}])
     def test_impossible_pose_is_refused(self, bad):

@@ -16,6 +16,12 @@ BOARDS = PROJECT_ROOT / "camera_cal"
 TRUTH = json.loads((BOARDS / "truth.json").read_text())["boards"]
 
 
+def picture(number: int) -> tuple[np.ndarray, np.ndarray]:
+    """A rendered picture of a board, and its true corners (54, 2)."""
+    name = f"calibration{number}.jpg"
+    return read_image(BOARDS / name), np.array(TRUTH[name]["corners_px"])
+
+
 def errors_px(board: Board, true_px: np.ndarray) -> np.ndarray:
     """Distance of each corner found from the true corner nearest to it."""
     return np.linalg.norm(board.corners_px[:, None] - true_px, axis=2).min(axis=1)
@@ -31,66 +37,62 @@ def is_a_grid_of(board: Board, true_px: np.ndarray) -> bool:
 
 @pytest.mark.parametrize("number", [2, 6, 7, 13, 14, 17, 19])
 def test_whole_boards_are_found_to_a_seventh_of_a_pixel(number):
-    name = f"calibration{number}.jpg"
-    board = find_board(read_image(BOARDS / name))
-    assert {board.columns, board.rows} == {9, 6}
-    assert board.size == (TRUTH[name]["width"], TRUTH[name]["height"])
-    error = errors_px(board, np.array(TRUTH[name]["corners_px"]))
+    image, true_px = picture(number)
+    board = find_board(image)
+    assert {board.columns, board.rows} == {9, 6} and board.size == image.shape[1::-1]
+    error = errors_px(board, true_px)
     assert np.sqrt((error**2).mean()) < 0.15 and error.max() < 0.3
-    assert is_a_grid_of(board, np.array(TRUTH[name]["corners_px"]))
+    assert is_a_grid_of(board, true_px)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("number", "size"), [(1, (9, 5)), (4, (8, 6)), (5, (9, 5))])
 def test_boards_cut_by_the_edge_give_all_their_whole_rows(number, size):
-    name = f"calibration{number}.jpg"
-    board = find_board(read_image(BOARDS / name))
+    image, true_px = picture(number)
+    board = find_board(image)
     assert sorted((board.columns, board.rows)) == sorted(size)
-    assert errors_px(board, np.array(TRUTH[name]["corners_px"])).max() < 0.5
-    assert is_a_grid_of(board, np.array(TRUTH[name]["corners_px"]))
+    assert errors_px(board, true_px).max() < 0.5
+    assert is_a_grid_of(board, true_px)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "keep", "at_least"),
-    [(13, np.s_[:, 430:], 40), (13, np.s_[:, :740], 36), (9, np.s_[:, :800], 30), (17, np.s_[300:], 27)],
+    [(13, np.s_[:, 430:], 40), (13, np.s_[:, :740], 36), (9, np.s_[:, :800], 30), (17, np.s_[300:, :], 27)],
     ids=["turned, cut left", "turned, cut right", "steep, cut right", "cut top"],
 )
 def test_turned_and_cut_boards_have_correct_rows_and_columns(number, keep, at_least):
     """The detector assigns corners to wrong rows here; the result must be a true block of the board."""
-    name = f"calibration{number}.jpg"
-    image = np.ascontiguousarray(read_image(BOARDS / name)[keep])
-    rows, columns = (keep if isinstance(keep, tuple) else (keep, np.s_[:]))[:2]
-    true = np.array(TRUTH[name]["corners_px"]) - [columns.start or 0, rows.start or 0]
-    board = find_board(image)
+    image, true_px = picture(number)
+    rows, columns = keep
+    true = true_px - [columns.start or 0, rows.start or 0]
+    board = find_board(np.ascontiguousarray(image[keep]))
     assert errors_px(board, true).max() < 0.6
     assert is_a_grid_of(board, true)
     assert len(board.corners_px) >= at_least
 
 
 def test_large_pictures_are_searched_small_and_measured_whole():
-    name = "calibration12.jpg"
-    image = cv2.resize(read_image(BOARDS / name), (3840, 2160), interpolation=cv2.INTER_CUBIC)
-    board = find_board(image)
+    image, true_px = picture(12)
+    board = find_board(cv2.resize(image, (3840, 2160), interpolation=cv2.INTER_CUBIC))
     assert board.size == (3840, 2160)
-    error = errors_px(board, (np.array(TRUTH[name]["corners_px"]) + 0.5) * 3 - 0.5)
+    error = errors_px(board, (true_px + 0.5) * 3 - 0.5)
     assert np.sqrt((error**2).mean()) < 3 * 0.15
 
 
 @pytest.mark.parametrize("number", [6, 12, 17])
 def test_a_board_in_the_dark_is_found(number):
     """The sector-based detector finds none of them."""
-    name = f"calibration{number}.jpg"
-    image = read_image(BOARDS / name)
+    image, true_px = picture(number)
     dark = image * 0.15 + np.random.default_rng(0).normal(0, 3, image.shape)
     board = find_board(np.clip(dark, 0, 255).astype(np.uint8))
     assert {board.columns, board.rows} == {9, 6}
-    assert np.sqrt((errors_px(board, np.array(TRUTH[name]["corners_px"])) ** 2).mean()) < 0.3
+    assert np.sqrt((errors_px(board, true_px) ** 2).mean()) < 0.3
 
 
 def test_the_result_does_not_depend_on_what_was_searched_before():
     """The sector-based detector draws random numbers, which decide between parts of a board."""
-    image = read_image(BOARDS / "calibration4.jpg")
+    image, _ = picture(4)
     first = find_board(image)
     cv2.setRNGSeed(7)
     np.testing.assert_array_equal(find_board(image).corners_px, first.corners_px)

@@ -22,6 +22,7 @@ from tests.support.clips import write_drive
 from tests.support.command_line import main
 from tests.support.painted_drive import BENDS, SMALL
 from tests.support.painted_roads import YELLOW, Road, dashcam, paint_motorway
+from tests.support.project import names
 
 FRAMES = 20
 
@@ -55,10 +56,6 @@ def run(capsys):
         return status, *capsys.readouterr()
 
     return run
-
-
-def names(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir()} if folder.exists() else set()
 
 
 # --- annotate

@@ -14,7 +14,6 @@ from lanes.errors import PictureError, PoseError
 from lanes.images import read_image, write_image
 from lanes.pose import PoseEstimate, ensure_pose, estimate_height_and_roll, estimate_pose
 from lanes.vanishing_point import RoadLines
-from lanes.video.writer import VideoWriter
 from tests.support.not_roads import not_a_road
 from tests.support.painted_roads import paint_motorway
 from tests.support.project import ROOT
@@ -190,13 +189,6 @@ class TestSources:
         for source in (tmp_path, str(tmp_path / "*.png"), files, map(str, files), iter(images), bgr):
             assert estimate_pose(source, CAMERA).pose == expected
         assert estimate_pose(files, CAMERA, max_pictures=2).frames_total == 2
-
-    def test_a_part_of_a_video_counts(self, straight, tmp_path):
-        with VideoWriter(tmp_path / "drive.mp4", fps=2) as video:
-            for number, image in enumerate(straight):
-                video.write(image, number / 2)
-        assert estimate_pose(tmp_path / "drive.mp4", CAMERA).frames_total == 6
-        assert estimate_pose(tmp_path / "drive.mp4", CAMERA, start_s=1.0, end_s=2.5).frames_total == 3
 
     def test_two_runs_agree_and_progress_counts(self, straight):
         seen = []
