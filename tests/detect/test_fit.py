@@ -25,7 +25,6 @@ from lanes.detect.road import (
     RoadPrior,
     bend_gradients,
     line_y,
-    lines_on_view,
     road_height,
 )
 from lanes.detect.votes import vote_lanes
@@ -114,18 +113,6 @@ def test_lane_is_found_among_clutter(road):
     x = np.array([6.0, 10.0, 14.0])
     for side in (LEFT_SIDE, RIGHT_SIDE):
         np.testing.assert_allclose(line_y(x, lane, side), line_y(x, road, side), atol=0.06)
-
-
-@pytest.mark.parametrize("side", [LEFT_SIDE, RIGHT_SIDE])
-def test_one_line_suffices_and_the_other_is_uncertain(side):
-    road = a_lane(centre=0.1, heading=0.01, curvature=1 / 500)
-    lane, covariance = search(stripes_on(road, (side,), outliers=60))
-    x = np.array([6.0, 15.0, 30.0])
-    # One line does not determine the pitch, so the lines on the view are compared.
-    shown, true = lines_on_view(np.array([lane, road]), x, HEIGHT_M)[:, 0 if side == LEFT_SIDE else 1]
-    np.testing.assert_allclose(shown, true, atol=0.02)
-    near, far = (a_lane(centre=1.0, width=s / 2) for s in (side, -side))
-    assert np.sqrt(near @ covariance @ near) < 0.15 < 0.2 < np.sqrt(far @ covariance @ far)
 
 
 @pytest.mark.parametrize("curvature", [0.0, 1 / 90])

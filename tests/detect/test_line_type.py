@@ -48,7 +48,7 @@ VIEW = BirdsEyeView(CAMERA)
 
 
 def paint_at(road, y):
-    return marking_profile(marking_response(VIEW.warp(road.image()), VIEW), VIEW, np.full(len(VIEW.x_m), y))
+    return marking_profile(marking_response(VIEW.warp(road.image()), VIEW), VIEW, y + np.zeros(len(VIEW.x_m)))
 
 
 @pytest.mark.parametrize(("colour", "yellow"), [(WHITE, False), (YELLOW, True)])
@@ -77,16 +77,12 @@ def test_a_wide_white_line_is_not_double():
     assert two.double and two.gap < 0.6 < wide.gap
 
 
-def paint_across(width_m, degrees):
-    slope, cos = np.tan(np.radians(degrees)), np.cos(np.radians(degrees))
-    road = Road(CAMERA).paint(lambda x, y: np.abs(y - slope * (x - 9.0)) * cos < width_m / 2, YELLOW)
-    return marking_profile(marking_response(VIEW.warp(road.image()), VIEW), VIEW, slope * (VIEW.x_m - 9.0))
-
-
 @pytest.mark.parametrize(("width_m", "degrees"), [(0.3, -40), (0.3, 40), (0.12, -20), (0.12, 20)])
 def test_a_line_that_runs_across_is_no_wider(width_m, degrees):
     """Rows cut it aslant, where 0.3 m are 0.39 m; its cross-section is measured at right angles."""
-    paint = paint_across(width_m, degrees)
+    slope, cos = np.tan(np.radians(degrees)), np.cos(np.radians(degrees))
+    road = Road(CAMERA).paint(lambda x, y: np.abs(y - slope * (x - 9.0)) * cos < width_m / 2, YELLOW)
+    paint = paint_at(road, slope * (VIEW.x_m - 9.0))
     assert paint.width_m == pytest.approx(width_m, abs=0.04)
     assert paint.centre_m == pytest.approx(0.0, abs=0.03)
     assert paint.yellow and paint.double == (width_m > 0.2)

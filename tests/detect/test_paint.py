@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.paint import PAINT, PaintSettings, extract_evidence, find_stripes, marking_response
+from lanes.detect.paint import PAINT, find_stripes, marking_response
 from tests.support.painted_roads import WHITE, YELLOW, Road, dashcam
 
 CAMERA = dashcam()
@@ -125,23 +125,6 @@ def test_direction_of_a_line_that_runs_across(degrees):
     stripes = near(stripes_of(Road(CAMERA).line(lambda x: slope * (x - 11), width_m=0.2)), lambda x: slope * (x - 11))
     assert len(stripes) > 5
     assert np.median(np.abs(stripes.angle - np.radians(degrees))) < 0.15
-
-
-def test_the_settings_count():
-    image = VIEW.warp(Road(CAMERA).lines(-1.7, 1.7).image())
-    changes = (
-        dict(half_weight_strength=13.2),
-        dict(stripes_per_row=1),
-        dict(min_strength=90.0),
-        dict(position_std_m=0.1),
-    )
-    usual, doubtful, few, deaf, shaky = (
-        extract_evidence(image, VIEW, PaintSettings(**change)).stripes for change in ({}, *changes)
-    )
-    assert len(deaf) == 0
-    assert np.bincount(few.row).max() == 1 < np.bincount(usual.row).max()
-    np.testing.assert_allclose(1 / doubtful.weight - 1, 4 * (1 / usual.weight - 1), rtol=1e-3)
-    np.testing.assert_allclose(shaky.std_m**2 - usual.std_m**2, 0.1**2 - PAINT.position_std_m**2)
 
 
 def test_a_distant_stripe_is_less_certain():

@@ -1,4 +1,4 @@
-"""What never moves in a drive is no marking of the road: places in samples; guide lines, bonnets and captions."""
+"""What never moves in a drive is no marking of the road: places in samples; guide lines and bonnets."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lanes.track.tracker import LaneTracker
 from simulator.rendering.drive import Motion
 from tests.support.motorway import FPS, Motorway
 from tests.support.painted_drive import CAMERA, PaintedDrive, Stripe, straight_road
-from tests.support.static_objects import draw_caption, draw_guide_lines, draw_striped_bonnet
+from tests.support.static_objects import draw_guide_lines, draw_striped_bonnet
 
 SMALL = CAMERA.scaled((640, 360))
 # Time to collect samples, to lose the false lane and to confirm the true one; and the time that is followed.
@@ -77,12 +77,6 @@ def test_the_lane_is_right_once_it_is_known_what_never_moves(motorway, draw):
     assert errors.correct[learnt:].mean() >= 0.98
     assert not errors.confident_and_wrong[learnt:].any()
     assert said[-1].state == TRACKING and said[-1].confidence >= 0.9
-
-
-@pytest.mark.slow
-def test_a_caption_does_not_matter(motorway):
-    _, errors = follow(motorway, lambda frame: draw_caption(frame, second=7))
-    assert errors.correct.all()
 
 
 @pytest.mark.slow
