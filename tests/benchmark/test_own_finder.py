@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import count
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from benchmark.own_finder import estimate_from_lines, load_finder
 from benchmark.scored_drive import PROJECT_ROOT
 from benchmark.systems import column_detector, source_files
 from lanes.camera import Camera, CameraPose
+from lanes.files import read_telemetry
 from tests.benchmark.test_systems import estimator
 
 CAMERA = Camera.from_fov((1280, 720), 60, CameraPose(1.4, pitch_rad=0.0))
@@ -34,9 +37,6 @@ def test_polynomials_become_an_estimate():
     assert estimate.heading_rad == pytest.approx(0.02, rel=1e-3)
     assert estimate.curvature_per_m == pytest.approx(0.002, rel=1e-3)
     assert estimate_from_lines(None).lines_m is None
-
-
-def test_one_line_is_refused():
     with pytest.raises(ValueError, match="two lines or None, but this one returned 1"):
         estimate_from_lines([(0.0, 1.0)])
 
@@ -79,19 +79,15 @@ def test_a_wrong_file_is_named(tmp_path, content, name, message):
 
 
 def test_the_score_of_the_truth_is_full_and_of_a_shifted_lane_is_none():
-    from lanes.files import read_telemetry
-
     truth = read_telemetry(VIDEO.with_suffix(".csv"))
 
     def finder(shift_m: float):
-        frames = iter(range(0, 1000, 5))
+        frames = count(step=5)
 
         def find(image, camera):
-            k = next(frames)
-            return [
-                np.polyfit([5, 10, 15, 20], [truth[f"{side}_y{x:02d}_m"][k] + shift_m for x in (5, 10, 15, 20)], 3)
-                for side in ("left", "right")
-            ]
+            k, x_m = next(frames), (5, 10, 15, 20)
+            lines_m = ([truth[f"{side}_y{x:02d}_m"][k] + shift_m for x in x_m] for side in ("left", "right"))
+            return [np.polyfit(x_m, line_m, 3) for line_m in lines_m]
 
         return find
 

@@ -20,9 +20,9 @@ from tests.support.classic_lane import lane_result
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
 
 SMALL = CAMERA.scaled((640, 360))
-DRIVE = PaintedDrive(
-    s_bend(), lane_lines(right={"dash_m": None}), motion=Motion(60.0, 25.0, offset_m=0.3), camera=SMALL
-)
+SOLID = lane_lines(right={"dash_m": None})
+DRIVE = PaintedDrive(s_bend(), SOLID, motion=Motion(60.0, 25.0, offset_m=0.3), camera=SMALL)
+BLACK = np.zeros((360, 640, 3), np.uint8)
 ROWS = np.arange(240, 311, 10)
 
 
@@ -34,12 +34,9 @@ def estimator(system: str, camera: Camera = SMALL) -> Callable[[np.ndarray], Lan
 
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_estimates_are_in_metres_on_the_road(system):
-    estimate = estimator(system)
+    estimate, row = estimator(system), truth_row(DRIVE.truth(0.0), frame=0)
     estimates = DriveEstimates.from_frames([estimate(DRIVE.frame(0.0))], [1.0])
-    truth = LaneTruth.from_columns(
-        {name: np.array([value]) for name, value in truth_row(DRIVE.truth(0.0), frame=0).items()}
-    )
-    errors = frame_errors(estimates, truth)
+    errors = frame_errors(estimates, LaneTruth.from_columns({name: np.array([value]) for name, value in row.items()}))
     assert errors.lateral_m[0, AHEAD_M == 10] < 0.3
     states = system in ("tracker", "detector")
     for name in ("confidence", "width_m", "covariance", "lines_std_m"):
@@ -47,7 +44,7 @@ def test_estimates_are_in_metres_on_the_road(system):
     if states:
         lateral_m = [np.interp(AHEAD_M, *line.T) for line in estimates.lines_m[0]]
         np.testing.assert_allclose(estimates.lines_y_m[0], lateral_m, atol=0.001)
-    assert estimate(np.zeros((360, 640, 3), np.uint8)) is not None
+    assert estimate(BLACK) is not None
 
 
 @pytest.mark.parametrize("system", SYSTEMS)
@@ -60,7 +57,7 @@ def test_stills_give_columns_of_the_raw_picture(system):
         assert np.abs(columns[side] - true).max() < 8, system
     # no line below and above the picture, and none in a black picture
     assert (column_detector(system, SMALL)(DRIVE.frame(0.0), np.array([20, 359 + 200])) == -2).all()
-    assert (column_detector(system, SMALL)(np.zeros((360, 640, 3), np.uint8), ROWS) == -2).all()
+    assert (column_detector(system, SMALL)(BLACK, ROWS) == -2).all()
 
 
 def test_stated_uncertainties_are_those_of_the_lane():
@@ -77,7 +74,7 @@ def test_stated_uncertainties_are_those_of_the_lane():
 def test_the_detector_has_no_memory():
     estimate = estimator("detector")
     first = estimate(DRIVE.frame(0.0))
-    assert estimate(np.zeros((360, 640, 3), np.uint8)).offset_m is None
+    assert estimate(BLACK).offset_m is None
     assert estimate(DRIVE.frame(0.0)).offset_m == first.offset_m
 
 

@@ -9,11 +9,7 @@ from simulator.objects.object_painter import paint_objects
 from simulator.objects.scene_objects import Car, PlacedWall, Post, Sign, Tree, objects_in_view
 from simulator.objects.shadows import shadow_polygons
 from simulator.objects.walls import Wall
-from simulator.painting.brush import (
-    composite_over,
-    new_canvas,
-    uncovered_window,
-)
+from simulator.painting.brush import composite_over, new_canvas, uncovered_window
 from simulator.road.geometry import RoadGeometry, VehiclePose, offset_point
 
 SUN = np.array([-0.3, -0.5, 0.8]) / np.linalg.norm([-0.3, -0.5, 0.8])
@@ -24,18 +20,17 @@ def camera(*, distortion=(-0.24, -0.02, -0.001, 0.0003, -0.012), yaw=0.0, roll=0
     return Camera(640, 360, matrix, np.array(distortion), CameraPose(1.3, np.radians(-1.5), yaw, roll))
 
 
-def empty() -> np.ndarray:
-    return np.full((360, 640, 3), 0.3, np.float32)
+EMPTY = np.full((360, 640, 3), 0.3, np.float32)
 
 
 def draw(objects, lens=None, sun=SUN, haze=0.0) -> np.ndarray:
     picture = new_canvas(360, 640)
     paint_objects(picture, lens or camera(), objects, sun_direction=sun, haze=haze)
-    return composite_over(picture, empty())
+    return composite_over(picture, EMPTY)
 
 
 def changed(objects, lens=None) -> np.ndarray:
-    return np.abs(draw(objects, lens) - empty()).max(axis=2) > 0.02
+    return np.abs(draw(objects, lens) - EMPTY).max(axis=2) > 0.02
 
 
 def straight_wall(y: float, kind: str, side: int, *, start: float = -4.0) -> Wall:
@@ -105,7 +100,7 @@ def test_objects_are_painted_only_where_nearer_ones_leave_them_visible():
     picture[3][window] = 1
     assert uncovered_window(picture[3]) == window and uncovered_window(picture[3, :150]) is None
     paint_objects(picture, camera(), EVERYTHING, sun_direction=SUN, haze=0.0)
-    seen = composite_over(picture, empty())
+    seen = composite_over(picture, EMPTY)
     np.testing.assert_allclose(seen[window], draw(EVERYTHING)[window], atol=1e-4)
     assert np.ptp(seen[window]) > 0.3
     seen[window] = 0

@@ -32,6 +32,8 @@ def test_a_scene_is_rendered_once_and_again_when_the_renderer_changes(tmp_path, 
     monkeypatch.setattr(suite, "_renderer_hash", lambda: "changed")
     assert render_scene("motorway", tmp_path) != first
     assert calls == [10.0] * 3
+    with pytest.raises(ValueError, match="no scene 'motorwya'.*motorway"):
+        render_scene("motorwya")
 
 
 def test_the_cache_is_outside_the_project_and_can_be_named(tmp_path, monkeypatch):
@@ -42,11 +44,6 @@ def test_the_cache_is_outside_the_project_and_can_be_named(tmp_path, monkeypatch
     assert scene_path("motorway", tmp_path / "own").parent == tmp_path / "own"
 
 
-def test_refuses_unknown_scenes_by_name():
-    with pytest.raises(ValueError, match="no scene 'motorwya'.*motorway"):
-        render_scene("motorwya")
-
-
 @pytest.mark.parametrize("scene", SUITE.values(), ids=SUITE)
 def test_every_drive_has_a_lane_exactly_where_its_difficulty_says_so(scene):
     """The car also stays on the road, off-centre, and the road has a bend."""
@@ -54,7 +51,7 @@ def test_every_drive_has_a_lane_exactly_where_its_difficulty_says_so(scene):
     truths = [drive.truth(t) for t in np.linspace(0, scene.seconds, 9)]
     assert {truth.has_lane for truth in truths} == {scene.difficulty != "no lane"}
     if scene.difficulty != "no lane":
-        assert max(abs(t.offset_m) for t in truths) > 0.05 and max(abs(t.offset_m) for t in truths) < 2.0
+        assert 0.05 < max(abs(t.offset_m) for t in truths) < 2.0
         assert max(abs(t.curvature_per_m) for t in truths) > 1 / 1000
         assert all(np.isfinite(t.line_y(side, np.array([5.0]))).all() for t in truths for side in (0, 1))
     assert truths[-1].pose.s_m > truths[0].pose.s_m + 15
