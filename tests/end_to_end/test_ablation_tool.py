@@ -13,16 +13,13 @@ from lanes.track.tracker import TrackerSettings
 from tests.support.project import ROOT
 from tools.ablation import ALL_ON, MECHANISMS, measure, table_row, with_value
 
-# Ten frames.
-SECONDS = 0.4
-
 
 @pytest.fixture(scope="module")
 def measurements():
     """Without any change, and without rate steps, in a hairpin."""
     drive = prepare_drive(drive_from_video(ROOT / "test_videos" / "harder_challenge_video.mp4"))
     (rate_steps,) = (mechanism for mechanism in MECHANISMS if mechanism.name == "rate steps")
-    return [measure((mechanism, drive), end_s=SECONDS) for mechanism in (ALL_ON, ALL_ON, rate_steps)]
+    return [measure((mechanism, drive), end_s=0.4) for mechanism in (ALL_ON, ALL_ON, rate_steps)]
 
 
 def test_a_strong_mechanism_changes_the_result_and_nothing_else_does(measurements):
@@ -33,10 +30,10 @@ def test_a_strong_mechanism_changes_the_result_and_nothing_else_does(measurement
 
 def test_a_row_shows_what_is_lost(measurements):
     on = measurements[0]
-    wrong = replace(on.errors, near_rms_m=np.where(np.arange(10) < 4, 1.0, 0.0))
-    right = replace(on.errors, near_rms_m=np.zeros(10))
-    row = table_row(MECHANISMS[0], [replace(on, errors=wrong)], [replace(on, errors=right)])
-    cells = [cell.strip() for cell in row.split("|")[1:-1]]
+    off, right = (
+        replace(on, errors=replace(on.errors, near_rms_m=np.where(np.arange(10) < wrong, 1.0, 0.0))) for wrong in (4, 0)
+    )
+    cells = [cell.strip() for cell in table_row(MECHANISMS[0], [off], [right]).split("|")[1:-1]]
     assert cells[0] == MECHANISMS[0].name and cells[2] == "60.0%"
     assert cells[3].startswith("-40.0 (")
 
