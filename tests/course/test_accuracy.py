@@ -1,4 +1,4 @@
-"""The table of methods on stills: with truth, with labels, with neither."""
+"""The table of methods on stills: with truth, with labels, with neither; and that of the reader's own finder."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ import shutil
 import numpy as np
 import pytest
 
+from benchmark.scored_drive import COMMITTED
 from course.accuracy import TwoLines, accuracy_table, label_accuracy
 from course.dataset import Dataset, open_dataset
+from course.own_finder import finder_table, score_finder
 from lanes.camera import Camera, CameraPose
 from tests.support.classic_lane import lane_result
 from tests.support.project import ROOT
@@ -71,3 +73,12 @@ def test_without_truth_and_labels_methods_are_compared(labelled):
 def test_two_lines_are_polynomials_in_metres():
     lines = TwoLines((0.001, 0.02, 1.8), (0.001, 0.02, -1.8))
     assert lines.lateral_m(np.array([0.0, 10.0])) == pytest.approx(np.array([[1.8, 2.1], [-1.8, -1.5]]))
+
+
+def test_a_finder_without_a_lane_scores_zero_in_its_own_column():
+    rows = score_finder(lambda image, camera: None, every=100, name="nothing")
+    assert [row["scene"] for row in rows] == list(COMMITTED)
+    head, _, *lines = finder_table(rows).splitlines()
+    assert head.split("|")[-2].strip() == "nothing"
+    assert len(lines) == len(COMMITTED)
+    assert all(line.split("|")[-2].strip() == "0.0%, lost" for line in lines)

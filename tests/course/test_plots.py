@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-import matplotlib
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
 
-matplotlib.use("Agg")
-
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
-import pytest  # noqa: E402
-
-from course import plots  # noqa: E402
+from course import plots
+from course.sketch import sketch_conventions
 
 
 @pytest.fixture(autouse=True)
 def close_figures():
+    plt.switch_backend("agg")
     yield
     plt.close("all")
 
@@ -138,3 +136,13 @@ def test_a_path_keeps_its_shape():
     assert axis.get_aspect() == 1
     np.testing.assert_array_equal(axis.lines[0].get_xydata(), path)
     assert axis.lines[1].get_linestyle() == "--"
+
+
+def test_three_views_name_every_quantity():
+    _, axes = sketch_conventions()
+    assert [axis.get_title() for axis in axes] == ["From above", "From the side", "From behind"]
+    text = " ".join(note.get_text() for axis in axes for note in axis.texts)
+    for quantity in ("x forward", "y left", "z up", "offset > 0", "heading > 0", "curvature > 0"):
+        assert quantity in text
+    for angle in ("yaw > 0", "pitch > 0", "roll > 0"):
+        assert angle in text
