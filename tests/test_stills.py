@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lanes import stills
 from lanes.camera import Camera, CameraPose
 from lanes.errors import CameraError
 from lanes.stills import StillDetection, detect_still, detect_with_own_pose, find_lane
@@ -19,7 +20,8 @@ CLEAR = Road(DASHCAM).lines(1.8, -1.8).image()
 class TestKnownPose:
     """The band filter finds the lane; where it is not sure, the network searches, too."""
 
-    def test_find_lane_gives_the_lane_of_the_detection(self):
+    def test_a_clear_lane_is_found_without_the_network(self, monkeypatch):
+        monkeypatch.delattr(stills, "learned_evidence")
         found = detect_still(CLEAR, DASHCAM)
         assert not found.evidence.response.learned and found.camera is DASHCAM
         np.testing.assert_array_equal(find_lane(CLEAR, DASHCAM).model, found.lane.model)
