@@ -94,6 +94,8 @@ class TimedFrame:
     image: np.ndarray
     # Seconds since the previous frame that was read, None for the first; they vary in videos of variable rate.
     elapsed_s: float | None = None
+    # Time that a tracker took for it.
+    latency_ms: float = 0.0
 
 
 def inspect_video(path: str | Path) -> VideoInfo:
