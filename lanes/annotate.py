@@ -209,7 +209,7 @@ def track(
 
 
 def track_frames(frames: Iterable[TimedFrame], tracker: LaneTracker) -> Iterator[tuple[TimedFrame, Lane | None]]:
-    """Each frame with its latency, and its lane. The tracker gets the time between frames: rates vary, and frames may be missing."""
+    """Each frame with its latency, and its lane. The tracker gets the time between frames, which varies."""
     for frame in frames:
         began_s = time.perf_counter()
         lane = tracker.update(frame.image, elapsed_s=frame.elapsed_s)

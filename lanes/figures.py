@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -45,27 +45,17 @@ STYLE: dict[Any, Any] = {
 TRUTH_LOOK = {"color": "0.15", "linestyle": "--", "linewidth": 1.3, "zorder": 3}
 # Distances ahead that are marked on pictures of a road grid, metres.
 MARKED_M = (5, 10, 20, 40)
-# Above the axes, where a legend hides no curve.
-LEGEND_ABOVE = {"loc": "lower right", "bbox_to_anchor": (1, 1), "frameon": False, "borderaxespad": 0}
 
 
-class RoadGrid(Protocol):
-    """Distance ahead of each row, farthest first, and lateral position of each column, left first; metres."""
+def draw_on_road_grid(axis: Axes, image: np.ndarray, x_m: np.ndarray, y_m: np.ndarray, **look: Any) -> None:
+    """Show a picture of the road; the distances x of its rows may grow, so the marks ahead are not even.
 
-    @property
-    def x_m(self) -> np.ndarray: ...
-
-    @property
-    def y_m(self) -> np.ndarray: ...
-
-
-def draw_on_road_grid(axis: Axes, image: np.ndarray, grid: RoadGrid, **look: Any) -> None:
-    """Show a picture of a road grid; the distances of its rows may grow, so the marks ahead are not even."""
-    rows = len(grid.x_m)
-    axis.imshow(image, extent=(grid.y_m[0], grid.y_m[-1], rows - 0.5, -0.5), aspect="auto", **look)
-    marked_m = [x_m for x_m in MARKED_M if grid.x_m[-1] <= x_m <= grid.x_m[0]]
-    marks = np.interp(marked_m, grid.x_m[::-1], np.arange(rows)[::-1])
-    axis.set_yticks(marks, [f"{x_m} m" for x_m in marked_m])
+    `x_m` (rows,) are farthest first, `y_m` (columns,) left first.
+    """
+    axis.imshow(image, extent=(y_m[0], y_m[-1], len(x_m) - 0.5, -0.5), aspect="auto", **look)
+    marked_m = [mark_m for mark_m in MARKED_M if x_m[-1] <= mark_m <= x_m[0]]
+    marks = np.interp(marked_m, x_m[::-1], np.arange(len(x_m))[::-1])
+    axis.set_yticks(marks, [f"{mark_m} m" for mark_m in marked_m])
     axis.set(xlabel="left (m)", ylabel="ahead")
 
 
@@ -184,12 +174,12 @@ def _plot_pose(axis: Axes, explanation: Explanation, _: object) -> None:
 
 def _plot_birdseye(axis: Axes, _: Explanation, detection: StillDetection) -> None:
     view = detection.evidence.view
-    draw_on_road_grid(axis, view.blacken(detection.evidence.view_image), view)
+    draw_on_road_grid(axis, view.blacken(detection.evidence.view_image), view.x_m, view.y_m)
 
 
 def _plot_markings(axis: Axes, _: Explanation, detection: StillDetection) -> None:
-    strength = detection.evidence.response.strength
-    draw_on_road_grid(axis, strength, detection.evidence.view, cmap="magma", vmin=0, vmax=12)
+    strength, view = detection.evidence.response.strength, detection.evidence.view
+    draw_on_road_grid(axis, strength, view.x_m, view.y_m, cmap="magma", vmin=0, vmax=12)
 
 
 def _plot_stripes(axis: Axes, _: Explanation, detection: StillDetection) -> None:

@@ -27,11 +27,7 @@ if TYPE_CHECKING:
 _READABLE = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff")
 # Files that are taken for stills, not for videos. `read_image` refuses HEIC and says how to convert it.
 PICTURE_SUFFIXES = (*_READABLE, ".heic", ".heif")
-_QUALITY_OPTIONS = {
-    ".jpg": cv2.IMWRITE_JPEG_QUALITY,
-    ".jpeg": cv2.IMWRITE_JPEG_QUALITY,
-    ".webp": cv2.IMWRITE_WEBP_QUALITY,
-}
+_QUALITY_OPTIONS = {".webp": cv2.IMWRITE_WEBP_QUALITY} | dict.fromkeys((".jpg", ".jpeg"), cv2.IMWRITE_JPEG_QUALITY)
 # First box of a HEIC file (ISO 23008-12, 10.2).
 _HEIC_BOXES = {b"ftypheic", b"ftypheix", b"ftyphevc", b"ftypmif1", b"ftypmsf1"}
 # Four times an 8K video's, and above the 102 million of the largest cameras. A header can claim 4,000 million.
@@ -167,19 +163,15 @@ def _require_complete(path: Path, data: bytes) -> None:
 def _opener(data: bytes) -> type[ImageFile] | None:
     """Pillow's class for the format of a file; `PIL.Image.open` would refuse large pictures without their size."""
     # Imported here: commands that read videos only start sooner.
-    from PIL.BmpImagePlugin import BmpImageFile
-    from PIL.JpegImagePlugin import JpegImageFile
-    from PIL.PngImagePlugin import PngImageFile
-    from PIL.TiffImagePlugin import TiffImageFile
-    from PIL.WebPImagePlugin import WebPImageFile
+    from PIL import BmpImagePlugin, JpegImagePlugin, PngImagePlugin, TiffImagePlugin, WebPImagePlugin
 
     openers = {
-        b"\xff\xd8": JpegImageFile,
-        b"\x89PNG\r\n\x1a\n": PngImageFile,
-        b"RIFF": WebPImageFile,
-        b"BM": BmpImageFile,
-        b"II*\0": TiffImageFile,
-        b"MM\0*": TiffImageFile,
+        b"\xff\xd8": JpegImagePlugin.JpegImageFile,
+        b"\x89PNG\r\n\x1a\n": PngImagePlugin.PngImageFile,
+        b"RIFF": WebPImagePlugin.WebPImageFile,
+        b"BM": BmpImagePlugin.BmpImageFile,
+        b"II*\0": TiffImagePlugin.TiffImageFile,
+        b"MM\0*": TiffImagePlugin.TiffImageFile,
     }
     return next((opener for magic, opener in openers.items() if data.startswith(magic)), None)
 

@@ -207,7 +207,13 @@ def estimate_pose(
         images = sample_images(files, max_pictures, require=camera.require_size, start_s=start_s, end_s=end_s)
     first = list(islice(images, 1))
     try:
-        estimate = _pose_from_images(chain(first, images), camera, lane_width_m, height_m, progress)
+        resized, resized_camera = _resize(chain(first, images), camera)
+        try:
+            estimate = _pose_from_lines(resized, resized_camera, lane_width_m, height_m, progress)
+        except PoseError as error:
+            if len(resized) > 1:
+                raise
+            estimate = _pose_from_edges(resized[0], resized_camera, height_m, error)
     except PoseError as error:
         raise PoseError(f"{files[0]}: {error}" if files else str(error)) from error
     camera = camera.with_pose(estimate.pose)
@@ -237,23 +243,6 @@ def _list_images(source: Any) -> tuple[list[Path], Iterator[np.ndarray]]:
         return [], chain(first, items)
     sources = find_sources(map(str, chain(first, items)))
     return [*sources.stills, *sources.videos], iter(())
-
-
-def _pose_from_images(
-    images: Iterable[np.ndarray],
-    camera: Camera,
-    lane_width_m: float,
-    height_m: float | None,
-    progress: Progress | None,
-) -> PoseEstimate:
-    """The pose from lane lines; that of a single image without them from all its edges."""
-    resized, camera = _resize(images, camera)
-    try:
-        return _pose_from_lines(resized, camera, lane_width_m, height_m, progress)
-    except PoseError as error:
-        if len(resized) > 1:
-            raise
-        return _pose_from_edges(resized[0], camera, height_m, error)
 
 
 def _resize(images: Iterable[np.ndarray], camera: Camera) -> tuple[list[np.ndarray], Camera]:

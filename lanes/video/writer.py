@@ -15,7 +15,7 @@ import numpy as np
 from av.video.reformatter import ColorRange, VideoReformatter
 
 from lanes.errors import VideoError
-from lanes.files import partial_file
+from lanes.files import atomic_write
 from lanes.images import require_rgb
 from lanes.video.reader import (
     CLOCK_RESET_S,
@@ -98,7 +98,7 @@ class VideoWriter:
 
     def __enter__(self) -> VideoWriter:
         # Created at once, so that an unwritable folder is reported before minutes of work.
-        self._partial = self._resources.enter_context(partial_file(self.path))
+        self._partial = self._resources.enter_context(atomic_write(self.path))
         return self
 
     def __exit__(
