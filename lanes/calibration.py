@@ -153,11 +153,12 @@ def _calibrate_without_outliers(boards: dict[str, Board], size: tuple[int, int],
     """Calibrate and remove the worst board until it is not an outlier; the reasons are added to those `rejected`."""
     boards, rejected = dict(boards), dict(rejected)
     while True:
-        camera, errors = _calibrate_once(boards, size)
+        camera = _calibrate_once(boards, size, rejected)
+        errors = camera.require_report().board_rms_px
         worst = max(errors, key=errors.__getitem__)
         # With three boards it cannot be decided which one is wrong.
         if len(boards) == MIN_VIEWS or errors[worst] <= _largest_error_px(errors):
-            return replace(camera, report=replace(camera.require_report(), rejected=rejected))
+            return camera
         median = np.median(list(errors.values()))
         rejected[worst] = (
             f"error {errors[worst]:.2f} px, more than {OUTLIER_RATIO} times the median board's {median:.2f}"
@@ -170,8 +171,8 @@ def _largest_error_px(errors: Mapping[str, float]) -> float:
     return max(OUTLIER_RATIO * float(np.median(list(errors.values()))), MIN_OUTLIER_ERROR_PX)
 
 
-def _calibrate_once(boards: dict[str, Board], size: tuple[int, int]) -> tuple[Camera, dict[str, float]]:
-    """The camera with its report, and the error of each board."""
+def _calibrate_once(boards: dict[str, Board], size: tuple[int, int], rejected: dict[str, str]) -> Camera:
+    """The camera, with the error of each board and the `rejected` ones in its report."""
     views = _count_views(boards)
     if views < MIN_VIEWS:
         raise CameraError(
@@ -195,9 +196,8 @@ def _calibrate_once(boards: dict[str, Board], size: tuple[int, int]) -> tuple[Ca
         raise CameraError(
             f"these boards do not determine the focal length ({focal:.0f} +- {focal_std:.0f} px); {_ADVICE}."
         )
-    board_rms_px = dict(zip(boards, errors.ravel().tolist(), strict=True))
-    report = CalibrationReport(float(rms), board_rms_px)
-    return Camera(*size, matrix, distortion.ravel(), report=report), board_rms_px
+    report = CalibrationReport(float(rms), dict(zip(boards, errors.ravel().tolist(), strict=True)), rejected)
+    return Camera(*size, matrix, distortion.ravel(), report=report)
 
 
 def _count_views(boards: Mapping[str, Board]) -> int:
