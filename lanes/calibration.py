@@ -127,11 +127,7 @@ def calibrate_boards(boards: Mapping[str, Board]) -> Camera:
 
     They are for pictures of the most frequent size. Boards in pictures of another size are used if they fit the camera
     that the others determine: unchanged (the picture was cropped by a pixel or two) or rescaled, whichever fits better.
-
-    Raises
-    ------
-    CameraError
-        If fewer than three different views of the board remain, or they do not determine the intrinsics.
+    Raises CameraError if fewer than three different views of the board remain, or they do not determine the intrinsics.
     """
     sizes = Counter(board.size for board in boards.values())
     size = max(sizes, key=lambda size: (sizes[size], size))

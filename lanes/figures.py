@@ -78,10 +78,7 @@ def rgb(colour: Colour) -> tuple[float, float, float]:
 def save_figure(figure: Figure, path: str | Path) -> Path:
     """Write a figure atomically as .jpg or .png; the folder is created where needed. Returns the path.
 
-    Raises
-    ------
-    ValueError, OSError
-        If the name has another suffix, or the folder cannot be written to.
+    Raises ValueError if the name has another suffix, or OSError if the folder cannot be written to.
     """
     path = Path(path)
     kind = figure_kind(path)

@@ -52,25 +52,6 @@ def require_rgb(image: np.ndarray, name: object = "image") -> np.ndarray:
     return np.ascontiguousarray(image)
 
 
-def require_size(
-    image: np.ndarray, size: tuple[int, int], name: object = "image", *, calibrated: bool = True
-) -> np.ndarray:
-    """As `require_rgb`; also raises PictureError unless the image has the `size` (width, height) of the camera.
-
-    `calibrated` is False if the size is only that of the other images.
-    """
-    image = require_rgb(image, name)
-    height, width = image.shape[:2]
-    if (width, height) != size:
-        origin = "is that of pictures of"
-        remedy = "use pictures of one size, or annotate the pictures of several cameras with --each."
-        if calibrated:
-            origin = "was calibrated for"
-            remedy = "use a picture of that size, or rescale (rescale=True in undistort, camera.scaled) a resized one."
-        raise PictureError(f"{name}: is {width}x{height} pixels, but the camera {origin} {size[0]}x{size[1]}; {remedy}")
-    return image
-
-
 def read_image(path: str | Path) -> np.ndarray:
     """The RGB image (height, width, 3), uint8, of a JPEG, PNG, WebP, BMP or TIFF file.
 
