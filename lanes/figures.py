@@ -119,14 +119,14 @@ def show_explanation(explanation: Explanation) -> tuple[Figure, np.ndarray]:
     result = f"Result: found, confidence {lane.confidence:.0%}" if lane else "Result: no lane"
     # title, function that plots the panel, and what it needs
     panels: dict[str, tuple[str, Callable[[Axes, Explanation, Any], None], object]] = {
-        "picture": (f"Image: {said['picture']}", _plot_image, explanation),
+        "picture": (f"Image: {said['picture']}", _plot_image, explanation.image),
         "pose": (f"Camera pose: {explanation.camera.require_pose().describe()}", _plot_pose, explanation),
         "birdseye": (f"Bird's-eye view: {said['birdseye']}", _plot_birdseye, detection),
         "markings": (f"Marking response: {said['markings']}", _plot_markings, detection),
         "stripes": (f"Stripes: {said['stripes']}", _plot_stripes, detection),
         "votes": (f"Votes: {said['votes']}", _plot_votes, search),
         "fit": (f"Fit: {said['fit']}", _plot_fit, search),
-        "lane": (result, _plot_result, explanation),
+        "lane": (result, _plot_image, draw_lane(explanation.image, lane, explanation.camera)),
         "text": ("In words", _plot_text, explanation),
     }
     figure, axes = new_figure(3, 3, (18, 11.5), height_ratios=(1, 1, 1.2))
@@ -142,8 +142,8 @@ def show_explanation(explanation: Explanation) -> tuple[Figure, np.ndarray]:
     return figure, axes
 
 
-def _plot_image(axis: Axes, explanation: Explanation, _: object) -> None:
-    axis.imshow(explanation.image)
+def _plot_image(axis: Axes, _: Explanation, image: np.ndarray) -> None:
+    axis.imshow(image)
     axis.set_axis_off()
 
 
@@ -236,11 +236,6 @@ def _plot_fit(axis: Axes, explanation: Explanation, search: Search) -> None:
     # room for the legend above the lines
     axis.set_ylim(top=66)
     axis.legend(loc="upper right", fontsize=8, title="bands: two standard deviations", title_fontsize=8)
-
-
-def _plot_result(axis: Axes, explanation: Explanation, _: object) -> None:
-    axis.imshow(draw_lane(explanation.image, explanation.lane, explanation.camera))
-    axis.set_axis_off()
 
 
 def _plot_text(axis: Axes, explanation: Explanation, _: object) -> None:

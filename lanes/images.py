@@ -13,16 +13,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
 from lanes.errors import PictureError
 from lanes.files import list_files, require_file, write_atomically
-
-if TYPE_CHECKING:
-    from PIL.ImageFile import ImageFile
 
 _READABLE = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff")
 # Files that are taken for stills, not for videos. `read_image` refuses HEIC and says how to convert it.
@@ -110,14 +106,26 @@ def natural_key(path: Path) -> list:
 def _require_complete(path: Path, data: bytes) -> None:
     """Refuse files of other formats, too large, cut off or damaged; OpenCV would fill missing rows with gray.
 
-    Pillow decodes at an eighth of a JPEG's size: a third of the time of the full size.
+    Pillow decodes at an eighth of a JPEG's size: a third of the time of the full size. `PIL.Image.open` would refuse
+    large pictures without their size.
     """
+    # Imported here: commands that read videos only start sooner.
+    from PIL import BmpImagePlugin, JpegImagePlugin, PngImagePlugin, TiffImagePlugin, WebPImagePlugin
+
+    openers = {
+        b"\xff\xd8": JpegImagePlugin.JpegImageFile,
+        b"\x89PNG\r\n\x1a\n": PngImagePlugin.PngImageFile,
+        b"RIFF": WebPImagePlugin.WebPImageFile,
+        b"BM": BmpImagePlugin.BmpImageFile,
+        b"II*\0": TiffImagePlugin.TiffImageFile,
+        b"MM\0*": TiffImagePlugin.TiffImageFile,
+    }
     if data[4:12] in _HEIC_BOXES:
         raise PictureError(
             f"{path}: is a HEIC picture, which cannot be read; convert it to JPEG, for instance with ImageMagick "
             f"(magick {path.name} {path.stem}.jpg) or by exporting it from the photo app."
         )
-    opener = _opener(data)
+    opener = next((opener for magic, opener in openers.items() if data.startswith(magic)), None)
     if opener is None:
         raise PictureError(f"{path}: this is not a JPEG, PNG, WebP, BMP or TIFF picture; save it again as JPEG or PNG.")
     try:
@@ -139,22 +147,6 @@ def _require_complete(path: Path, data: bytes) -> None:
             f"{path}: claims {picture.width}x{picture.height} pixels, more than the maximum of "
             f"{MAX_PIXELS / 1e6:.0f} million; make it smaller."
         )
-
-
-def _opener(data: bytes) -> type[ImageFile] | None:
-    """Pillow's class for the format of a file; `PIL.Image.open` would refuse large pictures without their size."""
-    # Imported here: commands that read videos only start sooner.
-    from PIL import BmpImagePlugin, JpegImagePlugin, PngImagePlugin, TiffImagePlugin, WebPImagePlugin
-
-    openers = {
-        b"\xff\xd8": JpegImagePlugin.JpegImageFile,
-        b"\x89PNG\r\n\x1a\n": PngImagePlugin.PngImageFile,
-        b"RIFF": WebPImagePlugin.WebPImageFile,
-        b"BM": BmpImagePlugin.BmpImageFile,
-        b"II*\0": TiffImagePlugin.TiffImageFile,
-        b"MM\0*": TiffImagePlugin.TiffImageFile,
-    }
-    return next((opener for magic, opener in openers.items() if data.startswith(magic)), None)
 
 
 @contextmanager

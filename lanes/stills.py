@@ -48,14 +48,8 @@ SAME_LINE_SHARE = 0.02
 class StillDetection:
     """What was found in a single image, and what it was found in.
 
-    Attributes
-    ----------
-    evidence : FrameEvidence
-        View, marking response and stripes, of the band filter or of the network.
-    search : Search or None
-        Votes and fits; None without stripes near the car.
-    lane : Lane or None
-        None if no lane is seen.
+    `evidence` is that of the band filter or of the network; `search` is None without stripes near the car; `lane` is
+    None if no lane is seen.
     """
 
     evidence: FrameEvidence
@@ -116,17 +110,8 @@ def detect_with_own_pose(image: np.ndarray, camera: Camera, height_log_std: floa
     that show it is taken, and of these poses the most probable one. The share of the poses tried that show this lane is
     `Lane.same_lane_share`.
 
-    Parameters
-    ----------
-    camera : Camera
-        With the estimated pose. It is kept if no pose shows a lane.
-    height_log_std : float
-        Standard deviation of the logarithm of the estimated height.
-
-    Raises
-    ------
-    PictureError, CameraError
-        As for `find_lane`.
+    The pose of `camera` is the estimate; it is kept if no pose shows a lane. `height_log_std` is the standard deviation
+    of the logarithm of its height. Errors are those of `find_lane`.
     """
     tried = list(_try_poses(image, camera, height_log_std))
     shown = [detection for detection, _ in tried if detection.lane is not None]
