@@ -237,11 +237,7 @@ def _reprojection_error_px(board: Board, camera: Camera) -> float:
 # Borders of the 3 x 3 regions of a picture, as shares of width and height, and their names. Distortion is largest in
 # the outer quarters.
 REGION_BORDERS = (0.0, 0.25, 0.75, 1.0)
-REGION_NAMES = (
-    *("upper left", "top", "upper right"),
-    *("left", "middle", "right"),
-    *("lower left", "bottom", "lower right"),
-)
+REGION_NAMES = ("upper left", "top", "upper right", "left", "middle", "right", "lower left", "bottom", "lower right")
 # Contact sheet: size of a tile below its label, pixels.
 TILE_PX, LABEL_PX = (400, 225), 44
 
@@ -255,14 +251,12 @@ def describe_calibration(detections: BoardDetections, camera: Camera) -> str:
     for name, use in uses.items():
         error = f"{errors[name]:8.2f}" if name in errors else f"{'-':>8}"
         lines.append(f"{name:<{width}}  {error}  {use}")
-    return "\n".join(
-        [
-            *lines,
-            f"{len(errors)} of {len(uses)} pictures used, error {report.rms_px:.2f} px (RMS of all corners)",
-            f"focal length {camera.matrix[0, 0]:.1f} px, horizontal field of view {camera.hfov_deg:.1f} deg",
-            describe_coverage([detections.boards[name] for name in errors]),
-        ]
-    )
+    lines += [
+        f"{len(errors)} of {len(uses)} pictures used, error {report.rms_px:.2f} px (RMS of all corners)",
+        f"focal length {camera.matrix[0, 0]:.1f} px, horizontal field of view {camera.hfov_deg:.1f} deg",
+        describe_coverage([detections.boards[name] for name in errors]),
+    ]
+    return "\n".join(lines)
 
 
 def describe_coverage(boards: Iterable[Board]) -> str:
@@ -282,15 +276,13 @@ def describe_coverage(boards: Iterable[Board]) -> str:
 def _describe_uses(detections: BoardDetections, camera: Camera) -> dict[str, str]:
     """Use of each picture, by name: "used", "used, 7x6 corners of the board", or why it was not used."""
     report = camera.require_report()
-    uses = {}
-    for name in detections.paths:
-        if name not in report.board_rms_px:
-            uses[name] = report.rejected[name]
-            continue
+    uses = dict.fromkeys(detections.paths, "used") | report.rejected
+    for name in report.board_rms_px:
         board = detections.boards[name]
-        part = {board.columns, board.rows} != set(detections.pattern)
-        uses[name] = "used" + (f", {board.columns}x{board.rows} corners of the board" if part else "")
-        uses[name] += f", picture of {board.size[0]}x{board.size[1]}" if board.size != camera.size else ""
+        if {board.columns, board.rows} != set(detections.pattern):
+            uses[name] += f", {board.columns}x{board.rows} corners of the board"
+        if board.size != camera.size:
+            uses[name] += f", picture of {board.size[0]}x{board.size[1]}"
     return uses
 
 

@@ -23,7 +23,7 @@ from lanes.calibration import (
     list_board_pictures,
 )
 from lanes.camera import Camera, CameraPose, load_camera, save_camera
-from lanes.console import bounded_float, bounded_int, error_status, progress_line, run_command, run_program
+from lanes.console import bounded, error_status, progress_line, run_command, run_program
 from lanes.detections import detect_in_sequence, detect_in_stills, detect_in_video, write_detections
 from lanes.draw import STYLES
 from lanes.errors import LaneError, PictureError, PoseError
@@ -91,12 +91,12 @@ class Pose:
         parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="stills or videos of one drive")
         add_lens(parser)
         words = "true width of the lanes, metres (default: %(default)s)"
-        parser.add_argument("--lane-width", type=bounded_float(2, 6), default=LANE_WIDTH_M, metavar="M", help=words)
+        parser.add_argument("--lane-width", type=bounded(float, 2, 6), default=LANE_WIDTH_M, metavar="M", help=words)
         words = "measured height of the camera, metres"
-        parser.add_argument("--height", type=bounded_float(*HEIGHT_RANGE_M), metavar="M", help=words)
+        parser.add_argument("--height", type=bounded(float, *HEIGHT_RANGE_M), metavar="M", help=words)
         add_part(parser)
         words = "use at most N pictures (default: %(default)s)"
-        parser.add_argument("--pictures", type=bounded_int(1), default=POSE_PICTURES, metavar="N", help=words)
+        parser.add_argument("--pictures", type=bounded(int, 1), default=POSE_PICTURES, metavar="N", help=words)
         add_output(parser, "camera.yaml", "camera file to write")
 
     @staticmethod
@@ -151,7 +151,7 @@ class Annotate:
         parser.add_argument("--quiet", action="store_true", help="print errors only")
         many = parser.add_argument_group("many drives", "require Dask: pip install 'dask[distributed]' bokeh")
         where = many.add_mutually_exclusive_group()
-        where.add_argument("--workers", type=bounded_int(1), metavar="N", help="number of processes on this machine")
+        where.add_argument("--workers", type=bounded(int, 1), metavar="N", help="number of processes on this machine")
         words = "address of a Dask scheduler, like tcp://10.0.0.1:8786"
         where.add_argument("--scheduler", metavar="ADDRESS", help=words)
 
@@ -204,7 +204,7 @@ class Detect:
         parser.add_argument("--rows", type=row_range, default="420:701:10", metavar="FROM:TO:STEP", help=words)
         parser.add_argument("--sequence", action="store_true", help="the stills are consecutive frames in this order")
         words = "frames per second of --sequence (default: %(default)s)"
-        parser.add_argument("--fps", type=bounded_float(1), default=25.0, help=words)
+        parser.add_argument("--fps", type=bounded(float, 1), default=25.0, help=words)
         add_output(parser, "lanes.jsonl", "file to write")
 
     @staticmethod
@@ -249,7 +249,7 @@ class Explain:
     def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument("files", nargs=1, type=Path, metavar="FILE", help="picture or video")
         words = "time of the frame in a video (default: first frame)"
-        parser.add_argument("--at", type=bounded_float(0), metavar="SECONDS", help=words)
+        parser.add_argument("--at", type=bounded(float, 0), metavar="SECONDS", help=words)
         add_lens(parser)
         add_output(parser, "explained.png", "figure to write")
 
@@ -328,7 +328,7 @@ def add_lens(parser: argparse._ActionsContainer, *, each: bool = False) -> None:
     lens = parser.add_mutually_exclusive_group()
     lens.add_argument("--camera", type=Path, metavar="YAML", help="camera file written by `calibrate` or `pose`")
     words = "horizontal field of view of an uncalibrated lens, degrees (default: from the EXIF of the stills, else 60)"
-    lens.add_argument("--hfov", type=bounded_float(10, 150), metavar="DEG", help=words)
+    lens.add_argument("--hfov", type=bounded(float, 10, 150), metavar="DEG", help=words)
     words = "calibrate the lens from pictures of a chessboard with 9 x 6 inner corners"
     lens.add_argument("--boards", type=Path, metavar="FOLDER", help=words)
 
@@ -336,8 +336,8 @@ def add_lens(parser: argparse._ActionsContainer, *, each: bool = False) -> None:
 def add_part(parser: argparse.ArgumentParser) -> None:
     """Add the options for a part of the videos; `read_settings` checks them."""
     words = "start at this second of each video"
-    parser.add_argument("--start", type=bounded_float(0), default=0.0, metavar="S", help=words)
-    parser.add_argument("--end", type=bounded_float(0), metavar="S", help="stop at this second of each video")
+    parser.add_argument("--start", type=bounded(float, 0), default=0.0, metavar="S", help=words)
+    parser.add_argument("--end", type=bounded(float, 0), metavar="S", help="stop at this second of each video")
 
 
 def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None:

@@ -34,10 +34,7 @@ CLEARLY_MORE_LOG_ODDS = 1.0
 HEIGHT_RANGE_M = 0.5, 4.5
 # Poses that are tried: steps of the logarithm of the height, in standard deviations of the estimate, and of the pitch,
 # degrees. Tuned on rendered photos (docs/ablation.md), as are the two numbers below.
-TRIED_STEPS = (
-    *((0.0, 0.0), (-1.2, 0.0), (1.2, 0.0)),
-    *((-0.6, -0.3), (-0.6, 0.3), (0.6, -0.3), (0.6, 0.3)),
-)
+TRIED_STEPS = ((0.0, 0.0), (-1.2, 0.0), (1.2, 0.0), (-0.6, -0.3), (-0.6, 0.3), (0.6, -0.3), (0.6, 0.3))
 # Standard deviation of the pitch of the road relative to the estimate, degrees.
 PITCH_STD_DEG = 0.5
 # Two lanes are the same if both lines are within this share of the image's width, in four of five rows.
