@@ -21,16 +21,13 @@ from lanes.files import (
     write_atomically,
     write_telemetry,
 )
+from tests.support.project import names
 
 STALE = "0123456789ab"
 
 
 class CustomError(ValueError):
     pass
-
-
-def names(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir()}
 
 
 # --- in: tests/end_to_end/test_bad_input.py has missing, empty and unreadable files, folders, pipes, devices and links
